@@ -1,0 +1,649 @@
+//! From bridge counts to strain, and how zero and gain are found.
+//!
+//! The converter is ratiometric (bridge and converter share their supply), so a count is a fixed
+//! share of the bridge's ratio and supply drift cancels. Zeroing is part of the sensor, not an
+//! extra: 1 µε left on all gauges turns the default strip by 0.7 mrad.
+//!
+//! [`Config::build`] and [`ZeroTracking::build`] validate; [`Calibration::strain`] and
+//! [`ZeroTracker::step`] never fail. [`Standstill::average`] refuses an average that cannot be
+//! trusted and says why.
+
+use super::strip::{GaugeMask, MAX_GAUGES, PerGauge};
+use crate::config::{Allowed, ConfigError, in_range, require};
+use crate::math::trig::{clamp, sqrt};
+use core::fmt;
+
+/// Largest converter range supported: 24 bits.
+const MAX_FULL_SCALE: i32 = (1 << 24) - 1;
+/// A relative gain outside this is a wrong calibration, not a tolerance.
+const GAIN_RANGE: (f32, f32) = (0.5, 2.0);
+
+/// Converter, amplifier and the stored calibration of each gauge.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(deny_unknown_fields, default)
+)]
+pub struct Config {
+    /// Highest count of the converter; the lowest is 0. A count outside means "no conversion".
+    pub full_scale_counts: i32,
+    /// A count this close to either end is saturated.
+    pub rail_margin_counts: i32,
+    /// Strain of one count by the data sheets: 1/(counts × amplification × gauge factor × active
+    /// arms/4). Negative if the bridge is wired so that a left bend lowers the count.
+    pub strain_per_count: f32,
+    /// Count of each gauge when the strip is straight.
+    pub zero_counts: PerGauge,
+    /// True strain over nominal strain of each gauge.
+    pub gain: PerGauge,
+    /// A strain larger than this in magnitude is no strain of this strip.
+    pub max_strain: f32,
+}
+
+impl Default for Config {
+    /// Five full bridges of gauge factor 2, amplified 64 times into 12 bits: ±3900 µε.
+    fn default() -> Self {
+        Self {
+            full_scale_counts: 4095,
+            rail_margin_counts: 4,
+            strain_per_count: 1.0 / (4096.0 * 64.0 * 2.0),
+            zero_counts: PerGauge::uniform(5, 2048.0),
+            gain: PerGauge::uniform(5, 1.0),
+            max_strain: 5e-3,
+        }
+    }
+}
+
+impl Config {
+    /// Checks every field; `gauges` is how many gauges the strip has.
+    pub fn build(&self, gauges: usize) -> Result<Calibration, ConfigError> {
+        let full_scale = self.full_scale_counts;
+        require(
+            (15..=MAX_FULL_SCALE).contains(&full_scale),
+            "full_scale_counts",
+            full_scale as f32,
+            Allowed::Range(15.0, MAX_FULL_SCALE as f32),
+        )?;
+        require(
+            (0..=full_scale / 4).contains(&self.rail_margin_counts),
+            "rail_margin_counts",
+            self.rail_margin_counts as f32,
+            Allowed::Range(0.0, (full_scale / 4) as f32),
+        )?;
+        require(
+            self.strain_per_count.abs() >= 1e-12 && self.strain_per_count.abs() <= 1e-3,
+            "strain_per_count",
+            self.strain_per_count,
+            Allowed::Condition("from 1e-12 to 1e-3 in magnitude"),
+        )?;
+        in_range("max_strain", self.max_strain, 1e-6, 0.1)?;
+        for (field, list) in [("zero_counts", &self.zero_counts), ("gain", &self.gain)] {
+            require(
+                list.count() == gauges,
+                field,
+                list.count() as f32,
+                Allowed::Condition("a list with one entry for each gauge of the strip"),
+            )?;
+        }
+        for zero in self.zero_counts.iter() {
+            in_range("zero_counts", zero, 0.0, full_scale as f32)?;
+        }
+        for gain in self.gain.iter() {
+            in_range("gain", gain, GAIN_RANGE.0, GAIN_RANGE.1)?;
+        }
+        Ok(Calibration {
+            lowest: self.rail_margin_counts,
+            highest: full_scale - self.rail_margin_counts,
+            full_scale,
+            strain_per_count: self.strain_per_count,
+            zero: self.zero_counts.padded(),
+            scale: self.gain.padded().map(|gain| gain * self.strain_per_count),
+            max_strain: self.max_strain,
+        })
+    }
+
+    /// This calibration with the zero of each gauge set so that `average`, taken with the strip at
+    /// the known strains `known` (all zero for a straight strip), reads `known`.
+    pub fn zeroed(&self, average: &Average, known: &[f32; MAX_GAUGES]) -> Self {
+        let mut zero = self.zero_counts.padded();
+        let gain = self.gain.padded();
+        for i in 0..MAX_GAUGES {
+            zero[i] = average.counts[i] - known[i] / (self.strain_per_count * gain[i]);
+        }
+        Self {
+            zero_counts: self.zero_counts.replaced(zero),
+            ..*self
+        }
+    }
+
+    /// This calibration with the gain of each gauge set so that `average`, taken at a known bend
+    /// (the strip laid on a former: strain = half thickness × curvature), reads `known`. The bend
+    /// must be much larger than the error of the zeros; check the result with [`Self::build`].
+    pub fn with_gain(&self, average: &Average, known: &[f32; MAX_GAUGES]) -> Self {
+        let zero = self.zero_counts.padded();
+        let mut gain = self.gain.padded();
+        for i in 0..MAX_GAUGES {
+            gain[i] = known[i] / (self.strain_per_count * (average.counts[i] - zero[i]));
+        }
+        Self {
+            gain: self.gain.replaced(gain),
+            ..*self
+        }
+    }
+}
+
+impl PerGauge {
+    /// A list of the same length with other values.
+    fn replaced(&self, values: [f32; MAX_GAUGES]) -> Self {
+        values
+            .get(..self.count())
+            .and_then(Self::new)
+            .unwrap_or(*self)
+    }
+}
+
+/// What a single count tells.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Conversion {
+    /// A count inside the converter's range.
+    Good,
+    /// A count at either end of the range: the true one may lie beyond.
+    Saturated,
+    /// No count: outside the range of the converter.
+    Missing,
+}
+
+/// Validated calibration.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Calibration {
+    lowest: i32,
+    highest: i32,
+    full_scale: i32,
+    strain_per_count: f32,
+    zero: [f32; MAX_GAUGES],
+    scale: [f32; MAX_GAUGES],
+    max_strain: f32,
+}
+
+impl Calibration {
+    /// Judges a count.
+    pub fn judge(&self, count: i32) -> Conversion {
+        if !(0..=self.full_scale).contains(&count) {
+            Conversion::Missing
+        } else if count < self.lowest || count > self.highest {
+            Conversion::Saturated
+        } else {
+            Conversion::Good
+        }
+    }
+
+    /// Strains for (averaged) counts.
+    pub fn strain(&self, counts: &[f32; MAX_GAUGES]) -> [f32; MAX_GAUGES] {
+        core::array::from_fn(|i| (counts[i] - self.zero[i]) * self.scale[i])
+    }
+
+    /// Nominal strain of one count, without sign.
+    pub fn resolution(&self) -> f32 {
+        self.strain_per_count.abs()
+    }
+
+    /// Whether `strain` can be one of this strip. NaN cannot.
+    pub fn is_plausible(&self, strain: f32) -> bool {
+        strain.abs() <= self.max_strain
+    }
+}
+
+/// When an average may be taken for a calibration.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(deny_unknown_fields, default)
+)]
+pub struct StandstillLimits {
+    /// Fewest samples of each gauge.
+    pub min_samples: u32,
+    /// Largest standard deviation of one sample, strain: more means the robot moves or a bridge is
+    /// loose.
+    pub max_noise_strain: f32,
+    /// Largest difference between the averages of the first and the second half, strain.
+    pub max_drift_strain: f32,
+}
+
+impl Default for StandstillLimits {
+    fn default() -> Self {
+        Self {
+            min_samples: 500,
+            max_noise_strain: 2e-5,
+            max_drift_strain: 2e-6,
+        }
+    }
+}
+
+impl StandstillLimits {
+    /// Checks every field.
+    pub fn build(&self) -> Result<Self, ConfigError> {
+        require(
+            (4..=1_000_000).contains(&self.min_samples),
+            "min_samples",
+            self.min_samples as f32,
+            Allowed::Range(4.0, 1e6),
+        )?;
+        in_range("max_noise_strain", self.max_noise_strain, 1e-9, 1e-2)?;
+        in_range("max_drift_strain", self.max_drift_strain, 1e-9, 1e-2)?;
+        Ok(*self)
+    }
+}
+
+/// Why an average was refused. The number is the gauge, counted from the root.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum StandstillError {
+    /// Not enough samples yet.
+    TooFewSamples(u8),
+    /// A sample was saturated or missing.
+    BadSample(u8),
+    /// Samples scatter too much.
+    Noisy(u8),
+    /// The average moved.
+    Drifting(u8),
+}
+
+impl fmt::Display for StandstillError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::TooFewSamples(i) => write!(f, "gauge {i}: too few samples"),
+            Self::BadSample(i) => write!(f, "gauge {i}: a sample is saturated or missing"),
+            Self::Noisy(i) => write!(f, "gauge {i}: the samples scatter too much for standstill"),
+            Self::Drifting(i) => write!(f, "gauge {i}: the average drifts"),
+        }
+    }
+}
+
+impl core::error::Error for StandstillError {}
+
+/// Average counts at standstill and how sure they are.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Average {
+    /// Mean count of each gauge.
+    pub counts: [f32; MAX_GAUGES],
+    /// Standard deviation of that mean, strain: noise and drift together, at least a twelfth of a
+    /// count squared spread over the samples.
+    pub sigma_strain: [f32; MAX_GAUGES],
+}
+
+/// Sums of counts, exact: integers relative to the first sample.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Moments {
+    count: u32,
+    sum: i64,
+    squares: i64,
+}
+
+impl Moments {
+    fn add(&mut self, deviation: i64) {
+        self.count = self.count.saturating_add(1);
+        self.sum = self.sum.saturating_add(deviation);
+        self.squares = self.squares.saturating_add(deviation * deviation);
+    }
+
+    fn mean(&self) -> f32 {
+        self.sum as f32 / self.count.max(1) as f32
+    }
+
+    /// Unbiased variance of one sample.
+    fn variance(&self) -> f32 {
+        let mean = self.mean();
+        let count = self.count.max(2) as f32;
+        ((self.squares as f32 - count * mean * mean) / (count - 1.0)).max(0.0)
+    }
+}
+
+/// Collects samples while the strip is held still at a known shape.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Standstill {
+    first: Option<[i32; MAX_GAUGES]>,
+    halves: [[Moments; 2]; MAX_GAUGES],
+    bad: GaugeMask,
+    samples: u32,
+}
+
+impl Standstill {
+    /// Adds one sample of every gauge. The two halves are the samples before and after
+    /// `limits.min_samples / 2`.
+    pub fn add(
+        &mut self,
+        calibration: &Calibration,
+        limits: &StandstillLimits,
+        counts: &[i32; MAX_GAUGES],
+    ) {
+        let first = *self.first.get_or_insert(*counts);
+        let late = self.samples >= limits.min_samples / 2;
+        for i in 0..MAX_GAUGES {
+            if calibration.judge(counts[i]) == Conversion::Good
+                && calibration.judge(first[i]) == Conversion::Good
+            {
+                self.halves[i][usize::from(late)].add(i64::from(counts[i]) - i64::from(first[i]));
+            } else {
+                self.bad = self.bad.with(i);
+            }
+        }
+        self.samples = self.samples.saturating_add(1);
+    }
+
+    /// The average over all samples of the gauges `mask`, if it can be trusted.
+    pub fn average(
+        &self,
+        calibration: &Calibration,
+        limits: &StandstillLimits,
+        mask: GaugeMask,
+    ) -> Result<Average, StandstillError> {
+        let resolution = calibration.resolution();
+        let first = self.first.unwrap_or([0; MAX_GAUGES]);
+        let mut average = Average {
+            counts: [0.0; MAX_GAUGES],
+            sigma_strain: [0.0; MAX_GAUGES],
+        };
+        for i in 0..MAX_GAUGES {
+            if !mask.contains(i) {
+                continue;
+            }
+            let gauge = i as u8;
+            if self.bad.contains(i) {
+                return Err(StandstillError::BadSample(gauge));
+            }
+            let [early, late] = &self.halves[i];
+            let count = early.count.saturating_add(late.count);
+            if count < limits.min_samples.max(4) || early.count < 2 || late.count < 2 {
+                return Err(StandstillError::TooFewSamples(gauge));
+            }
+            // Each half by itself, so that drift does not count as noise.
+            let variance = early.variance().max(late.variance());
+            if !(sqrt(variance) * resolution <= limits.max_noise_strain) {
+                return Err(StandstillError::Noisy(gauge));
+            }
+            let drift = late.mean() - early.mean();
+            if !(drift.abs() * resolution <= limits.max_drift_strain) {
+                return Err(StandstillError::Drifting(gauge));
+            }
+            let total = early.sum.saturating_add(late.sum) as f32;
+            average.counts[i] = first[i] as f32 + total / count as f32;
+            let noise = (variance + 1.0 / 12.0) / count as f32;
+            average.sigma_strain[i] = resolution * sqrt(noise + 0.25 * drift * drift);
+        }
+        Ok(average)
+    }
+}
+
+/// Slow tracking of the zeros while the strip is known to be straight and at rest. Off by default:
+/// it must be told when that is so, and being told wrongly would calibrate a bend away; what it can
+/// do is bounded.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(deny_unknown_fields, default)
+)]
+pub struct ZeroTracking {
+    /// Whether zeros are tracked.
+    pub enabled: bool,
+    /// Time constant, s of standstill.
+    pub time_constant_s: f32,
+    /// Largest correction, strain; a gauge whose reading is farther off than this is left alone.
+    pub max_correction_strain: f32,
+}
+
+impl Default for ZeroTracking {
+    fn default() -> Self {
+        Self {
+            enabled: false,
+            time_constant_s: 10.0,
+            max_correction_strain: 1e-5,
+        }
+    }
+}
+
+impl ZeroTracking {
+    /// Checks every field.
+    pub fn build(&self) -> Result<ZeroTracker, ConfigError> {
+        in_range("time_constant_s", self.time_constant_s, 0.1, 1e6)?;
+        in_range(
+            "max_correction_strain",
+            self.max_correction_strain,
+            0.0,
+            1e-3,
+        )?;
+        Ok(ZeroTracker(*self))
+    }
+}
+
+/// Validated zero tracking.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ZeroTracker(ZeroTracking);
+
+impl ZeroTracker {
+    /// Moves `correction` (strain, to be subtracted from the readings) so that `strain`, the
+    /// reading already corrected, tends to zero. `dt_s` is the time since the last call. Gives the
+    /// gauges whose correction stands at its bound. NaN moves nothing.
+    pub fn step(
+        &self,
+        correction: &mut [f32; MAX_GAUGES],
+        strain: &[f32; MAX_GAUGES],
+        mask: GaugeMask,
+        dt_s: f32,
+    ) -> GaugeMask {
+        let limit = self.0.max_correction_strain;
+        let mut at_bound = GaugeMask::NONE;
+        if !self.0.enabled || !(dt_s > 0.0) {
+            return at_bound;
+        }
+        let share = clamp(dt_s / self.0.time_constant_s, 0.0, 1.0);
+        for i in 0..MAX_GAUGES {
+            if mask.contains(i) && strain[i].abs() <= limit {
+                let moved = correction[i] + share * strain[i];
+                correction[i] = clamp(moved, -limit, limit);
+                if moved.abs() >= limit {
+                    at_bound = at_bound.with(i);
+                }
+            }
+        }
+        at_bound
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::reference::Random;
+    use super::*;
+    use proptest::prelude::*;
+
+    fn calibration() -> Calibration {
+        Config::default().build(5).unwrap()
+    }
+
+    fn collect(
+        limits: &StandstillLimits,
+        n: usize,
+        mut count: impl FnMut(usize, usize) -> f64,
+    ) -> Standstill {
+        let mut standstill = Standstill::default();
+        for t in 0..n {
+            let counts = core::array::from_fn(|i| count(t, i).round() as i32);
+            standstill.add(&calibration(), limits, &counts);
+        }
+        standstill
+    }
+
+    const FIVE: GaugeMask = GaugeMask(0b11111);
+
+    #[test]
+    fn zeroing_finds_the_zero_of_noisy_gauges_within_its_own_sigma() {
+        let limits = StandstillLimits::default();
+        let mut random = Random(4);
+        let truth = [
+            2051.3, 2040.8, 2049.5, 2100.0, 1990.2, 2000.0, 2000.0, 2000.0,
+        ];
+        let (mut squared, runs) = (0.0, 60);
+        for _ in 0..runs {
+            let standstill = collect(&limits, 1000, |_, i| truth[i] + 1.5 * random.normal());
+            let average = standstill.average(&calibration(), &limits, FIVE).unwrap();
+            let config = Config::default().zeroed(&average, &[0.0; MAX_GAUGES]);
+            for (i, zero) in config.zero_counts.iter().enumerate() {
+                let error =
+                    (f64::from(zero) - truth[i]) * f64::from(Config::default().strain_per_count);
+                assert!(error.abs() < 0.5e-6);
+                squared += (error / f64::from(average.sigma_strain[i])).powi(2);
+            }
+        }
+        let normalised = squared / (5.0 * f64::from(runs));
+        assert!((0.5..1.3).contains(&normalised), "{normalised}");
+    }
+
+    #[test]
+    fn a_moving_noisy_short_or_saturated_record_is_refused() {
+        let limits = StandstillLimits::default();
+        let refusal = |n, f: &dyn Fn(usize, usize) -> f64| {
+            collect(&limits, n, f)
+                .average(&calibration(), &limits, FIVE)
+                .unwrap_err()
+        };
+        assert_eq!(
+            refusal(1000, &|t, i| 2048.0
+                + if i == 3 { 0.01 * t as f64 } else { 0.0 }),
+            StandstillError::Drifting(3)
+        );
+        assert_eq!(
+            refusal(1000, &|t, i| 2048.0
+                + if i == 1 && t % 2 == 0 { 40.0 } else { 0.0 }),
+            StandstillError::Noisy(1)
+        );
+        assert_eq!(
+            refusal(400, &|_, _| 2048.0),
+            StandstillError::TooFewSamples(0)
+        );
+        assert_eq!(
+            refusal(1000, &|t, i| if i == 4 && t == 77 {
+                4095.0
+            } else {
+                2048.0
+            }),
+            StandstillError::BadSample(4)
+        );
+        assert_eq!(
+            Standstill::default().average(&calibration(), &limits, FIVE),
+            Err(StandstillError::TooFewSamples(0))
+        );
+    }
+
+    #[test]
+    fn gain_from_a_known_bend_restores_the_strain() {
+        let limits = StandstillLimits::default();
+        let gains = [1.03, 0.97, 1.1, 0.92, 1.0, 1.0, 1.0, 1.0];
+        let lsb = f64::from(Config::default().strain_per_count);
+        let counts = |strain: f64, i: usize| 2048.0 + strain / (lsb * gains[i]);
+        let bent = collect(&limits, 600, |_, i| counts(1e-3, i))
+            .average(&calibration(), &limits, FIVE)
+            .unwrap();
+        let config = Config::default().with_gain(&bent, &[1e-3; MAX_GAUGES]);
+        let calibrated = config.build(5).unwrap();
+        let reading: [f32; MAX_GAUGES] = core::array::from_fn(|i| counts(-2e-3, i) as f32);
+        for strain in &calibrated.strain(&reading)[..5] {
+            assert!((strain + 2e-3).abs() < 4e-6, "{strain}");
+        }
+        // A bend that was not there gives an impossible gain, refused by name.
+        let straight = collect(&limits, 600, |_, _| 2048.0)
+            .average(&calibration(), &limits, FIVE)
+            .unwrap();
+        let wrong = Config::default().with_gain(&straight, &[1e-3; MAX_GAUGES]);
+        assert_eq!(wrong.build(5).unwrap_err().field, "gain");
+    }
+
+    #[test]
+    fn counts_are_judged() {
+        let c = calibration();
+        assert_eq!(c.judge(-1), Conversion::Missing);
+        assert_eq!(c.judge(4096), Conversion::Missing);
+        assert_eq!(c.judge(i32::MIN), Conversion::Missing);
+        assert_eq!(c.judge(2), Conversion::Saturated);
+        assert_eq!(c.judge(4093), Conversion::Saturated);
+        assert_eq!(c.judge(2048), Conversion::Good);
+        assert!(!c.is_plausible(f32::NAN) && !c.is_plausible(6e-3) && c.is_plausible(-4e-3));
+    }
+
+    #[test]
+    fn lists_must_match_the_strip() {
+        assert_eq!(Config::default().build(4).unwrap_err().field, "zero_counts");
+        let config = Config {
+            gain: PerGauge::uniform(4, 1.0),
+            ..Config::default()
+        };
+        assert_eq!(config.build(5).unwrap_err().field, "gain");
+        let config = Config {
+            strain_per_count: f32::NAN,
+            ..Config::default()
+        };
+        assert_eq!(config.build(5).unwrap_err().field, "strain_per_count");
+    }
+
+    #[test]
+    fn tracking_is_off_by_default_and_bounded_when_on() {
+        let mut correction = [0.0; MAX_GAUGES];
+        let off = ZeroTracking::default().build().unwrap();
+        off.step(&mut correction, &[5e-6; MAX_GAUGES], FIVE, 0.01);
+        assert_eq!(correction, [0.0; MAX_GAUGES]);
+
+        let tracker = ZeroTracking {
+            enabled: true,
+            ..ZeroTracking::default()
+        }
+        .build()
+        .unwrap();
+        // A drift of 4 µε is followed with the time constant of 10 s.
+        for t in 0..3000 {
+            let strain = [4e-6 - correction[0]; MAX_GAUGES];
+            tracker.step(&mut correction, &strain, FIVE, 0.01);
+            if t == 999 {
+                let expected = 4e-6 * (1.0 - (-1.0f32).exp());
+                assert!((correction[0] - expected).abs() < 2e-8);
+            }
+        }
+        assert!((correction[0] - 4e-6).abs() < 0.3e-6 && correction[6] == 0.0);
+        // A bend is not a drift, and a lasting drift ends at the bound.
+        let before = correction;
+        tracker.step(&mut correction, &[1e-3; MAX_GAUGES], FIVE, 0.01);
+        assert_eq!(correction, before);
+        let mut at_bound = GaugeMask::NONE;
+        for _ in 0..10_000 {
+            at_bound = tracker.step(&mut correction, &[9e-6; MAX_GAUGES], FIVE, 0.01);
+        }
+        assert_eq!((correction[0], at_bound), (1e-5, FIVE));
+    }
+
+    proptest! {
+        #[test]
+        fn tracking_never_leaves_its_bound(
+            strain in proptest::array::uniform8(proptest::num::f32::ANY),
+            dt in proptest::num::f32::ANY,
+        ) {
+            let tracker = ZeroTracking { enabled: true, ..ZeroTracking::default() }.build().unwrap();
+            let mut correction = [0.0; MAX_GAUGES];
+            tracker.step(&mut correction, &strain, GaugeMask(255), dt);
+            prop_assert!(correction.iter().all(|c| c.abs() <= 1e-5));
+        }
+
+        #[test]
+        fn any_counts_average_or_are_refused(
+            a in proptest::array::uniform8(proptest::num::i32::ANY),
+            b in proptest::array::uniform8(0i32..4096),
+        ) {
+            let limits = StandstillLimits { min_samples: 4, ..StandstillLimits::default() };
+            let mut standstill = Standstill::default();
+            for counts in [a, b, b, b, b] {
+                standstill.add(&calibration(), &limits, &counts);
+            }
+            if let Ok(average) = standstill.average(&calibration(), &limits, FIVE) {
+                prop_assert!(average.counts.iter().all(|c| c.is_finite()));
+            }
+        }
+    }
+}

@@ -1,0 +1,32 @@
+//! The instrumented frame: from strains to the relative posture of the axles (paper eq. 11–15).
+//!
+//! Bridge counts become strains ([`calibration`]), strains become the posture of the front axle in
+//! the rear axle's frame ([`polynomial`] as the paper does it, [`elastica`] with the mechanics of
+//! the strip), [`health`] takes failed gauges out, and [`RelativePositionSensor`] runs the whole
+//! chain: one call a sample, one call a posture.
+//!
+//! # Contract
+//!
+//! `Config::build` validates; every call on a built object is infallible: it never panics, its cost
+//! is bounded, and a posture that could not be computed is `None`, never NaN.
+//!
+//! # Conventions
+//!
+//! Root at the rear axle, tip at the front axle; the posture is the front axle's in the rear
+//! axle's frame, rigid ends included. Strain > 0 ⇔ curvature > 0 ⇔ the strip bends left seen from
+//! the root; curvature = strain / half thickness (paper eq. 13). Gauge positions are measured from
+//! the root of the flexible length.
+
+pub mod calibration;
+pub mod elastica;
+pub mod health;
+pub mod polynomial;
+pub mod sensor;
+pub mod strip;
+
+#[cfg(test)]
+mod reference;
+
+pub use elastica::Wrench;
+pub use sensor::{Estimate, Method, RelativePositionSensor};
+pub use strip::{GaugeMask, MAX_GAUGES, PerGauge, RelativePosture, Strip};

@@ -1,0 +1,818 @@
+//! The relative position sensor: samples of the bridges in, posture of the front axle in the rear
+//! axle's frame out.
+//!
+//! [`RelativePositionSensor::sample`] takes each conversion (1 kHz) and only sums;
+//! [`RelativePositionSensor::estimate`] (100 Hz) averages what came since, calibrates, judges the
+//! gauges and computes the posture from those that can be believed. [`Config::build`] validates;
+//! afterwards nothing fails: a posture that cannot be given is `None`.
+
+use super::calibration::{self, Calibration, Conversion, ZeroTracker, ZeroTracking};
+use super::elastica::{Fit, Solver, Wrench};
+use super::health::{self, Fault, Monitor};
+use super::polynomial::{Interpolant, Quadrature, piecewise, quadrature};
+use super::strip::{self, GaugeMask, MAX_GAUGES, RelativePosture, Strip};
+use crate::config::{ConfigError, in_range};
+use crate::math::matrix::scale;
+
+/// Shapes computed for a fit that only looks for the gauge to blame.
+const SEARCH_BUDGET: u8 = 16;
+
+/// How strains become a posture.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(rename_all = "lowercase")
+)]
+pub enum Method {
+    /// Polynomial, integrated segment by segment as in the paper.
+    Piecewise,
+    /// The same polynomial, fast quadrature.
+    Quadrature,
+    /// Fit of the elastica; gives the wrench too.
+    #[default]
+    Elastica,
+}
+
+/// The whole sensor.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(deny_unknown_fields, default)
+)]
+pub struct Config {
+    /// Strip and gauges.
+    pub strip: strip::Config,
+    /// How strains become a posture.
+    pub method: Method,
+    /// Pieces of the piecewise integration, 1 to 10 000.
+    pub segments: u16,
+    /// Whether the estimate is that of the present: on the line fitted to the samples of the period,
+    /// `latency_samples` after the last. Otherwise their mean, half a period old, which has a third
+    /// of the noise but lags 10 mrad behind a frame that bends at its largest rate.
+    pub extrapolate: bool,
+    /// Age of a conversion when it arrives, in sample intervals: amplifier and converter.
+    pub latency_samples: f32,
+    /// Bridge counts to strain.
+    pub calibration: calibration::Config,
+    /// Slow tracking of the zeros.
+    pub zero_tracking: ZeroTracking,
+    /// When gauges are taken out.
+    pub health: health::Config,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            strip: strip::Config::default(),
+            method: Method::default(),
+            segments: 100,
+            extrapolate: true,
+            // 0.8 ms of a 200 Hz amplifier and 1 ms of conversion.
+            latency_samples: 1.8,
+            calibration: calibration::Config::default(),
+            zero_tracking: ZeroTracking::default(),
+            health: health::Config::default(),
+        }
+    }
+}
+
+impl Config {
+    /// Checks every field.
+    pub fn build(&self) -> Result<RelativePositionSensor, ConfigError> {
+        let strip = self.strip.build()?;
+        let latency = in_range("latency_samples", self.latency_samples, 0.0, 100.0)?;
+        Ok(RelativePositionSensor {
+            extrapolation_samples: self.extrapolate.then_some(latency),
+            posture: PostureSolver::new(strip, self.method, self.segments)?,
+            calibration: self.calibration.build(strip.gauges().count() as usize)?,
+            zero_tracking: self.zero_tracking.build()?,
+            monitor: self.health.build()?,
+        })
+    }
+}
+
+/// A posture and what came with it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Solution {
+    /// Front axle in the rear axle's frame.
+    pub relative: RelativePosture,
+    /// End forces; from the elastica only.
+    pub wrench: Option<Wrench>,
+    /// Gauges it was made from.
+    pub used: GaugeMask,
+    /// The method that gave it: the quadrature stands in for an elastica that did not settle.
+    pub method: Method,
+    /// Weighted sum of squared residuals of the elastica, where it was fitted.
+    pub chi_square: Option<f32>,
+}
+
+/// Strains to posture, without memory.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PostureSolver {
+    solver: Solver,
+    method: Method,
+    segments: u16,
+    /// Quadrature through all gauges; one through fewer is made when it is needed.
+    all: Option<Quadrature>,
+}
+
+impl PostureSolver {
+    /// A solver for `strip`.
+    pub fn new(strip: Strip, method: Method, segments: u16) -> Result<Self, ConfigError> {
+        in_range("segments", f32::from(segments), 1.0, 10_000.0)?;
+        Ok(Self {
+            solver: Solver::new(strip),
+            method,
+            segments,
+            all: Interpolant::new(&strip, strip.gauges())
+                .map(|interpolant| Quadrature::new(&strip, interpolant)),
+        })
+    }
+
+    /// The strip.
+    pub fn strip(&self) -> &Strip {
+        self.solver.strip()
+    }
+
+    /// The posture from the strains of the gauges `mask`; readings that are not finite or bend the
+    /// strip beyond reason are left out. `None` if fewer than two are left or nothing sound came
+    /// out.
+    pub fn solve(&self, strain: &[f32; MAX_GAUGES], mask: GaugeMask) -> Option<Solution> {
+        self.solve_watched(strain, mask, false).0
+    }
+
+    /// As [`Self::solve`]; gives the elastica too if it was fitted or `watched` asks for it.
+    fn solve_watched(
+        &self,
+        strain: &[f32; MAX_GAUGES],
+        mask: GaugeMask,
+        watched: bool,
+    ) -> (Option<Solution>, Option<Fit>) {
+        let strip = self.strip();
+        let curvature = strip.curvature(strain);
+        let used = strip.usable(&curvature, mask);
+        let fit = if watched || self.method == Method::Elastica {
+            self.solver
+                .fit(&curvature, used)
+                .filter(|fit| fit.converged)
+        } else {
+            None
+        };
+        let chi_square = fit.map(|fit| fit.chi_square);
+        if let Some(fit) = &fit
+            && self.method == Method::Elastica
+        {
+            let solution = Solution {
+                relative: fit.relative,
+                wrench: Some(fit.wrench),
+                used,
+                method: Method::Elastica,
+                chi_square,
+            };
+            return (Some(solution), Some(*fit));
+        }
+        let method = match self.method {
+            Method::Piecewise => Method::Piecewise,
+            Method::Quadrature | Method::Elastica => Method::Quadrature,
+        };
+        let solution = self
+            .polynomial(&curvature, used, method)
+            .map(|relative| Solution {
+                relative,
+                wrench: None,
+                used,
+                method,
+                chi_square,
+            });
+        (solution, fit)
+    }
+
+    fn polynomial(
+        &self,
+        curvature: &[f32; MAX_GAUGES],
+        used: GaugeMask,
+        method: Method,
+    ) -> Option<RelativePosture> {
+        let strip = self.strip();
+        let fewer;
+        let rule = match &self.all {
+            Some(all) if all.interpolant().mask() == used => all,
+            _ => {
+                fewer = Quadrature::new(strip, Interpolant::new(strip, used)?);
+                &fewer
+            }
+        };
+        let relative = match method {
+            Method::Piecewise => piecewise(strip, rule, curvature, self.segments),
+            _ => quadrature(strip, rule, curvature),
+        };
+        relative.is_sound().then_some(relative)
+    }
+}
+
+/// Validated sensor.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RelativePositionSensor {
+    extrapolation_samples: Option<f32>,
+    posture: PostureSolver,
+    calibration: Calibration,
+    zero_tracking: ZeroTracker,
+    monitor: Monitor,
+}
+
+/// Samples of one gauge since the last estimate.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Period {
+    /// Conversions seen, good or not: the index of the next one.
+    seen: u16,
+    /// Sums over the good samples of the count, the index, its square, and count times index.
+    sum: i64,
+    index_sum: i64,
+    index_square_sum: i64,
+    product_sum: i64,
+    good: u16,
+    saturated: u16,
+    missing: u16,
+}
+
+impl Period {
+    /// The count of a gauge by its good samples, of which there is at least one: on the line fitted
+    /// to them, `ahead` samples after the last conversion; without `ahead` their mean.
+    fn count(&self, ahead: Option<f32>) -> f32 {
+        let n = f32::from(self.good);
+        let mean = self.sum as f32 / n;
+        let good = i64::from(self.good);
+        // In integers, so that nothing cancels: n Σk² − (Σk)² and n Σkc − Σk Σc.
+        let spread = good * self.index_square_sum - self.index_sum * self.index_sum;
+        match ahead {
+            Some(ahead) if spread > 0 => {
+                let slope =
+                    (good * self.product_sum - self.index_sum * self.sum) as f32 / spread as f32;
+                let last = f32::from(self.seen) - 1.0;
+                mean + slope * (last + ahead - self.index_sum as f32 / n)
+            }
+            _ => mean,
+        }
+    }
+}
+
+/// All that changes in the sensor.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct State {
+    periods: [Period; MAX_GAUGES],
+    health: health::State,
+    /// Strain that zero tracking takes off each reading.
+    zero_correction: [f32; MAX_GAUGES],
+    /// Last strains and the gauges they are good for.
+    strain: [f32; MAX_GAUGES],
+    good: GaugeMask,
+}
+
+impl State {
+    /// Strain that zero tracking takes off each reading.
+    pub fn zero_correction(&self) -> &[f32; MAX_GAUGES] {
+        &self.zero_correction
+    }
+
+    /// Ends the faults that last until reset.
+    pub fn clear_faults(&mut self) {
+        self.health = health::State::default();
+    }
+}
+
+/// What the sensor says at the end of a period.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Estimate {
+    /// Front axle in the rear axle's frame; `None` if fewer than two gauges can be believed. It is
+    /// that of the end of the period, or of its middle without extrapolation.
+    pub relative: Option<RelativePosture>,
+    /// End forces, if the elastica gave the posture.
+    pub wrench: Option<Wrench>,
+    /// Average strain of each gauge, zero correction taken off; 0 where there is none.
+    pub strain: [f32; MAX_GAUGES],
+    /// Gauges the posture was made from.
+    pub used: GaugeMask,
+    /// Fault of each gauge.
+    pub faults: [Fault; MAX_GAUGES],
+    /// Method that gave the posture.
+    pub method: Method,
+    /// Weighted sum of squared residuals of the elastica, where it was fitted.
+    pub chi_square: Option<f32>,
+    /// Whether the readings agree with each other. If not, the covariance is enlarged by the
+    /// residual, and the gauge to blame is being searched.
+    pub consistent: bool,
+}
+
+impl RelativePositionSensor {
+    /// The strip.
+    pub fn strip(&self) -> &Strip {
+        self.posture.strip()
+    }
+
+    /// The solver behind it, for strains that come from elsewhere.
+    pub fn posture_solver(&self) -> &PostureSolver {
+        &self.posture
+    }
+
+    /// The calibration in use.
+    pub fn calibration(&self) -> &Calibration {
+        &self.calibration
+    }
+
+    /// Takes one conversion of every gauge (entries beyond the strip's gauges are not read). A
+    /// count outside the converter's range means that there was none. Cost about 100 operations.
+    pub fn sample(&self, state: &mut State, counts: &[i32; MAX_GAUGES]) {
+        let gauges = self.strip().gauges();
+        for i in 0..MAX_GAUGES {
+            if !gauges.contains(i) {
+                continue;
+            }
+            let period = &mut state.periods[i];
+            match self.calibration.judge(counts[i]) {
+                Conversion::Good => {
+                    period.good = period.good.saturating_add(1);
+                    let (count, index) = (i64::from(counts[i]), i64::from(period.seen));
+                    // 2^24 counts times 2^16 samples, squared indices: all far below 2^63.
+                    period.sum = period.sum.saturating_add(count);
+                    period.index_sum = period.index_sum.saturating_add(index);
+                    period.index_square_sum = period.index_square_sum.saturating_add(index * index);
+                    period.product_sum = period.product_sum.saturating_add(count * index);
+                    state.health.see(i, counts[i]);
+                }
+                Conversion::Saturated => period.saturated = period.saturated.saturating_add(1),
+                Conversion::Missing => period.missing = period.missing.saturating_add(1),
+            }
+            period.seen = period.seen.saturating_add(1);
+        }
+    }
+
+    /// Closes the period: the posture from the samples since the last call. Cost: one fit, two while
+    /// something is wrong, three in the period in which a gauge is taken out.
+    pub fn estimate(&self, state: &mut State) -> Estimate {
+        let gauges = self.strip().gauges();
+        let (strain, verdicts) = self.close_period(state);
+        self.monitor
+            .close_period(&mut state.health, gauges, &verdicts);
+        let latched = state.health.latched();
+        let mut good = GaugeMask::NONE;
+        for i in 0..MAX_GAUGES {
+            if gauges.contains(i) && verdicts[i] == Fault::None && !latched.contains(i) {
+                good = good.with(i);
+            }
+        }
+        let watched = self.monitor.config.watch_consistency;
+        let (mut solution, mut fit) = self.posture.solve_watched(&strain, good, watched);
+        if watched && let Some(fit_of_all) = &fit {
+            self.cross_examine(state, &strain, fit_of_all, good);
+            let latched = state.health.latched().and(good);
+            if latched != GaugeMask::NONE {
+                good = GaugeMask(good.0 & !latched.0);
+                (solution, fit) = self.posture.solve_watched(&strain, good, watched);
+            }
+        }
+        state.strain = strain;
+        state.good = good;
+        let consistent =
+            fit.is_none_or(|fit| !watched || fit.chi_square <= self.monitor.config.max_chi_square);
+        let mut relative = solution.map(|solution| solution.relative);
+        if let (Some(relative), Some(fit), false) = (&mut relative, &fit, consistent) {
+            let factor = fit.chi_square / fit.degrees_of_freedom.max(1.0);
+            let enlarged = scale(&relative.covariance, factor.max(1.0));
+            if crate::math::matrix::is_finite(&enlarged) {
+                relative.covariance = enlarged;
+            }
+        }
+        Estimate {
+            relative,
+            wrench: solution.and_then(|solution| solution.wrench),
+            strain,
+            used: solution.map_or(GaugeMask::NONE, |solution| solution.used),
+            faults: state.health.faults(),
+            method: solution.map_or(self.posture.method, |solution| solution.method),
+            chi_square: fit.map(|fit| fit.chi_square),
+            consistent,
+        }
+    }
+
+    /// Moves the zeros by the last estimate's strains, if zero tracking is enabled. To be called
+    /// after an estimate, only while the strip is known to be straight and the robot at rest;
+    /// `dt_s` is the estimate's period.
+    pub fn track_zero(&self, state: &mut State, dt_s: f32) {
+        let at_bound =
+            self.zero_tracking
+                .step(&mut state.zero_correction, &state.strain, state.good, dt_s);
+        state.health.set_zero_drift(at_bound);
+    }
+
+    /// Strain of each gauge and what its samples say of it; starts a new period.
+    fn close_period(&self, state: &mut State) -> ([f32; MAX_GAUGES], [Fault; MAX_GAUGES]) {
+        let gauges = self.strip().gauges();
+        let mut counts = [0.0; MAX_GAUGES];
+        let mut verdicts = [Fault::None; MAX_GAUGES];
+        for i in 0..MAX_GAUGES {
+            let period = &state.periods[i];
+            if period.saturated > 0 {
+                // The average of the rest would be biased.
+                verdicts[i] = Fault::Saturated;
+            } else if period.good == 0 || period.missing > period.good {
+                verdicts[i] = Fault::Missing;
+            } else {
+                counts[i] = period.count(self.extrapolation_samples);
+            }
+        }
+        state.periods = [Period::default(); MAX_GAUGES];
+        let mut strain = self.calibration.strain(&counts);
+        for i in 0..MAX_GAUGES {
+            strain[i] -= state.zero_correction[i];
+            if verdicts[i] == Fault::None && !self.calibration.is_plausible(strain[i]) {
+                verdicts[i] = Fault::OutOfRange;
+            }
+            if verdicts[i] != Fault::None || !gauges.contains(i) {
+                strain[i] = 0.0;
+            }
+        }
+        (strain, verdicts)
+    }
+
+    /// One more fit without a gauge that is under suspicion, if any is.
+    fn cross_examine(
+        &self,
+        state: &mut State,
+        strain: &[f32; MAX_GAUGES],
+        fit: &Fit,
+        good: GaugeMask,
+    ) {
+        let strip = self.strip();
+        let curvature = strip.curvature(strain);
+        let used = strip.usable(&curvature, good);
+        let health = &mut state.health;
+        if let Some(i) = self.monitor.watch(health, used, fit.chi_square) {
+            let without =
+                self.posture
+                    .solver
+                    .fit_within(&curvature, used.without(i), SEARCH_BUDGET);
+            // Without a fit there is nothing to be said for it.
+            let residual = without.map_or(f32::MAX, |fit| fit.chi_square);
+            self.monitor.hear(health, used, i, residual);
+            return;
+        }
+        for i in 0..MAX_GAUGES {
+            if health.suspect() == Some(i) && used.contains(i) {
+                let without =
+                    self.posture
+                        .solver
+                        .fit_within(&curvature, used.without(i), SEARCH_BUDGET);
+                let difference = without.map(|fit| curvature[i] - fit.curvature[i]);
+                self.monitor.judge_flat(
+                    health,
+                    i,
+                    difference.unwrap_or(0.0) * strip.half_thickness,
+                );
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::reference::{Elastica, Random};
+    use super::super::strip::GAUSS_5;
+    use super::*;
+    use proptest::prelude::*;
+
+    const LENGTH: f64 = 0.37;
+    const LSB: f64 = 1.0 / (4096.0 * 64.0 * 2.0);
+
+    /// A strip that swings between bends, its bridges and its converter.
+    struct Bench {
+        random: Random,
+        gain: [f64; 5],
+        offset: [f64; 5],
+        phase: f64,
+    }
+
+    impl Bench {
+        fn new(seed: u64) -> Self {
+            let mut random = Random(seed);
+            let common = 0.75e-6 * random.normal();
+            Self {
+                gain: core::array::from_fn(|_| 1.0 + 3e-3 * random.normal()),
+                offset: core::array::from_fn(|_| 1e-6 * random.normal() + common),
+                phase: random.between(0.0, 6.0),
+                random,
+            }
+        }
+
+        /// Strains and end posture `t` seconds in.
+        fn truth(&self, t: f64) -> ([f64; 5], [f64; 3]) {
+            let w = t + self.phase;
+            let shape = Elastica {
+                root_curvature: 1.2 * (1.9 * w).sin() + 0.4 * (0.7 * w).cos(),
+                force: [-2.0 * (1.3 * w).sin(), 1.5 * (1.1 * w).cos()],
+            };
+            let bent = shape.bent(&GAUSS_5.map(f64::from));
+            let strain = core::array::from_fn(|i| 0.5e-3 * bent.curvature[i] / LENGTH);
+            let [x, y, phi] = bent.end;
+            (strain, [LENGTH * x, LENGTH * y, phi])
+        }
+
+        fn counts(&mut self, strain: &[f64; 5]) -> [i32; MAX_GAUGES] {
+            let mut counts = [0; MAX_GAUGES];
+            for i in 0..5 {
+                let strain = strain[i] * self.gain[i] + self.offset[i];
+                let analog = 2048.0 + strain / LSB + 0.8 * self.random.normal();
+                counts[i] = analog.round() as i32;
+            }
+            counts
+        }
+
+        /// Ten samples around `t`, each passed through `tamper`.
+        fn estimate(
+            &mut self,
+            sensor: &RelativePositionSensor,
+            state: &mut State,
+            t: f64,
+            mut tamper: impl FnMut(&mut [i32; MAX_GAUGES], f64),
+        ) -> (Estimate, [f64; 3]) {
+            let (strain, end) = self.truth(t);
+            for _ in 0..10 {
+                let mut counts = self.counts(&strain);
+                tamper(&mut counts, self.random.unit());
+                sensor.sample(state, &counts);
+            }
+            (sensor.estimate(state), end)
+        }
+    }
+
+    fn sensor() -> RelativePositionSensor {
+        Config::default().build().unwrap()
+    }
+
+    /// Squared error weighed by the covariance (three numbers: 3 on average).
+    fn normalised_error(relative: &RelativePosture, truth: [f64; 3]) -> f64 {
+        let p: [f32; 3] = relative.posture.into();
+        let d: [f32; 3] = core::array::from_fn(|i| (f64::from(p[i]) - truth[i]) as f32);
+        let inverse = crate::math::matrix::inverse_spd(&relative.covariance).unwrap();
+        let weighed = crate::math::matrix::apply(&inverse, &d);
+        (0..3).map(|i| f64::from(d[i] * weighed[i])).sum()
+    }
+
+    /// A bend that grows at a constant rate is seen without lag, gaps in the samples or not.
+    #[test]
+    fn a_moving_frame_is_seen_as_it_is_now() {
+        let config = Config::default();
+        let sensor = config.build().unwrap();
+        let averaging = Config {
+            extrapolate: false,
+            ..config
+        };
+        let averaging = averaging.build().unwrap();
+        // ψ̇ = 1 rad/s: the front axle turns by 2 rad/s against the rear, 1 ms and 0.8 ms late.
+        let strain = |t: f64| 0.5e-3 / LENGTH * 2.0 * (t - 1.8e-3);
+        for gaps in [false, true] {
+            let (mut state, mut slow) = (State::default(), State::default());
+            let mut t = 0.1;
+            let mut last = None;
+            for period in 0..20 {
+                for k in 0..10 {
+                    t += 1e-3;
+                    let count = (2048.0 + strain(t) / LSB + 0.3 * f64::from(k % 3)).round();
+                    let lost = gaps && (k == 3 || k == 7) && period > 0;
+                    let counts = [if lost { -1 } else { count as i32 }; MAX_GAUGES];
+                    sensor.sample(&mut state, &counts);
+                    averaging.sample(&mut slow, &counts);
+                }
+                let phi = |estimate: Estimate| f64::from(estimate.relative.unwrap().posture.phi);
+                last = Some((
+                    phi(sensor.estimate(&mut state)) - 2.0 * t,
+                    phi(averaging.estimate(&mut slow)) - 2.0 * t,
+                ));
+            }
+            let (now, mean) = last.unwrap();
+            assert!(now.abs() < 1.5e-3, "{now}");
+            // 4.5 samples to the middle and 1.8 of latency, at 2 mrad each.
+            assert!((mean + 12.6e-3).abs() < 1.5e-3, "{mean}");
+        }
+    }
+
+    /// No alarm and an honest covariance over many robots and bends.
+    #[test]
+    fn healthy_sensors_raise_no_alarm_and_are_as_good_as_they_claim() {
+        let sensor = sensor();
+        let (mut total, mut n, mut worst_m, mut worst_rad) = (0.0, 0.0, 0.0f64, 0.0f64);
+        for robot in 0..30 {
+            let mut bench = Bench::new(1000 + robot);
+            let mut state = State::default();
+            for period in 0..300 {
+                let t = 0.03 * f64::from(period);
+                let (estimate, truth) = bench.estimate(&sensor, &mut state, t, |_, _| {});
+                assert_eq!(estimate.faults, [Fault::None; MAX_GAUGES]);
+                assert!(estimate.consistent && estimate.used.count() == 5);
+                let relative = estimate.relative.unwrap();
+                total += normalised_error(&relative, truth);
+                n += 1.0;
+                let p = relative.posture;
+                worst_m = worst_m.max((f64::from(p.x) - truth[0]).hypot(f64::from(p.y) - truth[1]));
+                worst_rad = worst_rad.max((f64::from(p.phi) - truth[2]).abs());
+            }
+        }
+        // 30 draws of gain and offset: the mean of 3 has a spread of 0.4.
+        assert!((1.0..4.5).contains(&(total / n)), "{}", total / n);
+        assert!(worst_m < 2e-3 && worst_rad < 8e-3, "{worst_m} {worst_rad}");
+    }
+
+    /// Runs with `tamper` from the second second on; gives the faults and the worst normalised
+    /// error after the fault was found.
+    fn tampered(
+        seed: u64,
+        mut tamper: impl FnMut(&mut [i32; MAX_GAUGES], f64),
+    ) -> (Option<u32>, [Fault; MAX_GAUGES], f64) {
+        let sensor = sensor();
+        let mut bench = Bench::new(seed);
+        let mut state = State::default();
+        let (mut found, mut faults, mut worst) = (None, [Fault::None; MAX_GAUGES], 0.0f64);
+        for period in 0..500 {
+            let t = 0.01 * f64::from(period);
+            let (estimate, truth) = bench.estimate(&sensor, &mut state, t, |counts, unit| {
+                if period >= 100 {
+                    tamper(counts, unit);
+                }
+            });
+            faults = estimate.faults;
+            if faults != [Fault::None; MAX_GAUGES] {
+                found.get_or_insert(period - 100);
+                assert_eq!(estimate.used.count(), 4);
+                worst = worst.max(normalised_error(&estimate.relative.unwrap(), truth));
+            } else {
+                assert!(found.is_none() && (period < 100 || estimate.relative.is_some()));
+            }
+        }
+        (found, faults, worst)
+    }
+
+    fn only(i: usize, fault: Fault) -> [Fault; MAX_GAUGES] {
+        core::array::from_fn(|j| if i == j { fault } else { Fault::None })
+    }
+
+    #[test]
+    fn each_failed_gauge_is_found_and_the_estimate_goes_on() {
+        for seed in 0..2 {
+            for gauge in 0..5 {
+                let (found, faults, worst) = tampered(seed, |counts, _| counts[gauge] = 4095);
+                assert_eq!((found, faults), (Some(4), only(gauge, Fault::Saturated)));
+                assert!(worst < 40.0, "{worst}");
+
+                let (found, faults, _) = tampered(seed, |counts, _| counts[gauge] = -1);
+                assert_eq!((found, faults), (Some(4), only(gauge, Fault::Missing)));
+
+                // Stuck without noise, stuck with noise, a jump of 300 µε.
+                let (found, faults, worst) = tampered(seed, |counts, _| counts[gauge] = 2150);
+                assert!(found.unwrap() < 250, "gauge {gauge}: {found:?}");
+                assert!(matches!(faults[gauge], Fault::Dead | Fault::Inconsistent));
+                assert!(worst < 40.0, "{worst}");
+
+                let (found, faults, worst) = tampered(seed, |counts, unit| {
+                    counts[gauge] = 2150 + (6.0 * unit) as i32
+                });
+                assert!(found.unwrap() < 250, "gauge {gauge}: {found:?}");
+                assert_eq!(faults, only(gauge, Fault::Inconsistent));
+                assert!(worst < 40.0, "{worst}");
+
+                let (found, faults, _) = tampered(seed, |counts, _| counts[gauge] += 157);
+                assert!(found.unwrap() < 100, "gauge {gauge}: {found:?}");
+                assert_eq!(faults, only(gauge, Fault::Inconsistent));
+            }
+        }
+    }
+
+    /// Without the consistency watch, flatness alone finds a stuck gauge on a strip of three.
+    #[test]
+    fn a_flat_gauge_among_three_is_dead() {
+        let mut config = Config::default();
+        config.strip.gauges_m = strip::PerGauge::new(&[0.05, 0.185, 0.32]).unwrap();
+        config.calibration.zero_counts = strip::PerGauge::uniform(3, 2048.0);
+        config.calibration.gain = strip::PerGauge::uniform(3, 1.0);
+        let sensor = config.build().unwrap();
+        let mut state = State::default();
+        let mut faults = [Fault::None; MAX_GAUGES];
+        for t in 0..1000i32 {
+            let moving = 2048 + (t % 200 - 100).abs();
+            sensor.sample(&mut state, &[moving, 2100, moving, 0, 0, 0, 0, 0]);
+            if t % 10 == 9 {
+                let estimate = sensor.estimate(&mut state);
+                faults = estimate.faults;
+                assert!(estimate.relative.is_some());
+            }
+        }
+        assert_eq!(faults, only(1, Fault::Dead));
+        state.clear_faults();
+        sensor.sample(&mut state, &[2048; MAX_GAUGES]);
+        assert_eq!(sensor.estimate(&mut state).faults, only(9, Fault::None));
+    }
+
+    #[test]
+    fn without_two_gauges_there_is_no_posture() {
+        let sensor = sensor();
+        let mut state = State::default();
+        assert_eq!(sensor.estimate(&mut state).relative, None);
+        sensor.sample(&mut state, &[2048, -1, -1, -1, 4095, 0, 0, 0]);
+        assert_eq!(sensor.estimate(&mut state).relative, None);
+        sensor.sample(&mut state, &[2048, -1, -1, 2048, 4095, 0, 0, 0]);
+        let estimate = sensor.estimate(&mut state);
+        assert_eq!(estimate.used, GaugeMask(0b1001));
+        // Two gauges know less than five.
+        let two = estimate.relative.unwrap().covariance;
+        sensor.sample(&mut state, &[2048; MAX_GAUGES]);
+        let five = sensor.estimate(&mut state).relative.unwrap().covariance;
+        assert!(two[1][1] > 1.3 * five[1][1] && two[2][2] > 1.3 * five[2][2]);
+    }
+
+    #[test]
+    fn tracked_zero_takes_a_common_drift_away() {
+        let mut config = Config::default();
+        config.zero_tracking.enabled = true;
+        config.zero_tracking.time_constant_s = 1.0;
+        let sensor = config.build().unwrap();
+        let mut state = State::default();
+        let mut last = None;
+        for _ in 0..1000 {
+            // Three counts are 5.7 µε, 4 mrad.
+            sensor.sample(&mut state, &[2051; MAX_GAUGES]);
+            let estimate = sensor.estimate(&mut state);
+            last = last.or(estimate.relative);
+            sensor.track_zero(&mut state, 0.01);
+        }
+        let first = last.unwrap().posture.phi;
+        assert!((first - 0.37 * 3.0 * LSB as f32 / 0.5e-3).abs() < 1e-4);
+        sensor.sample(&mut state, &[2051; MAX_GAUGES]);
+        let end = sensor.estimate(&mut state).relative.unwrap().posture.phi;
+        assert!(end.abs() < 1e-3 * first, "{end}");
+    }
+
+    #[test]
+    fn the_three_methods_agree_on_gentle_bends() {
+        let strain = [2e-4, 3e-4, 3e-4, 2.5e-4, 2e-4, 0.0, 0.0, 0.0];
+        let postures = [Method::Piecewise, Method::Quadrature, Method::Elastica].map(|method| {
+            let strip = strip::Config::default().build().unwrap();
+            let solver = PostureSolver::new(strip, method, 100).unwrap();
+            let solution = solver.solve(&strain, GaugeMask(255)).unwrap();
+            assert_eq!(solution.method, method);
+            assert_eq!(solution.wrench.is_some(), method == Method::Elastica);
+            solution.relative.posture
+        });
+        for p in postures {
+            assert!(p.distance(postures[2]) < 1e-3 && (p.phi - postures[2].phi).abs() < 4e-3);
+        }
+        let strip = strip::Config::default().build().unwrap();
+        assert_eq!(
+            PostureSolver::new(strip, Method::Piecewise, 0)
+                .unwrap_err()
+                .field,
+            "segments"
+        );
+    }
+
+    fn count() -> impl Strategy<Value = i32> {
+        prop_oneof![3 => 0i32..4096, 1 => proptest::num::i32::ANY]
+    }
+
+    proptest! {
+        #[test]
+        fn any_counts_give_a_sound_posture_or_none(
+            samples in proptest::collection::vec(proptest::array::uniform8(count()), 1..40),
+            method in 0usize..3,
+        ) {
+            let method = [Method::Piecewise, Method::Quadrature, Method::Elastica][method];
+            let sensor = Config { method, segments: 10, ..Config::default() }.build().unwrap();
+            let mut state = State::default();
+            for counts in samples {
+                sensor.sample(&mut state, &counts);
+                let estimate = sensor.estimate(&mut state);
+                if let Some(relative) = estimate.relative {
+                    prop_assert!(relative.is_sound() && estimate.used.count() >= 2);
+                }
+                prop_assert!(estimate.wrench.is_none_or(|wrench| wrench.is_finite()));
+                prop_assert!(estimate.strain.iter().all(|strain| strain.is_finite()));
+            }
+        }
+
+        #[test]
+        fn any_strains_give_a_sound_posture_or_none(
+            strain in proptest::array::uniform8(prop_oneof![
+                3 => -5e-3f32..5e-3,
+                1 => proptest::num::f32::ANY,
+            ]),
+            bits in proptest::num::u8::ANY,
+        ) {
+            for method in [Method::Piecewise, Method::Quadrature, Method::Elastica] {
+                let strip = strip::Config::default().build().unwrap();
+                let solver = PostureSolver::new(strip, method, 20).unwrap();
+                if let Some(solution) = solver.solve(&strain, GaugeMask(bits)) {
+                    prop_assert!(solution.relative.is_sound());
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,500 @@
+//! The strip and its gauges: geometry, stiffness, and how far a strain reading can be trusted.
+
+use crate::config::{Allowed, ConfigError, in_range, non_negative, positive, require};
+use crate::math::Posture;
+use crate::math::matrix::Mat3;
+
+/// The most gauges a strip can carry.
+pub const MAX_GAUGES: usize = 8;
+/// The fewest gauges an estimate can be made from.
+pub const MIN_GAUGES: u32 = 2;
+/// Gauges must be this fraction of the length apart, or the interpolation loses all precision.
+const MIN_SPACING: f32 = 1e-3;
+/// Fractions of the length of the five Gauss–Legendre nodes: the placement that makes the end
+/// angle of the interpolating polynomial exact to the ninth degree.
+pub const GAUSS_5: [f32; 5] = [0.046_910_077, 0.230_765_34, 0.5, 0.769_234_66, 0.953_089_9];
+
+/// One number for each gauge, in the order of the gauges from root to tip: a list of at most
+/// [`MAX_GAUGES`]. A plain list in a configuration file.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PerGauge {
+    values: [f32; MAX_GAUGES],
+    count: usize,
+}
+
+impl PerGauge {
+    /// The list of `values`; `None` if there are more than [`MAX_GAUGES`].
+    pub fn new(values: &[f32]) -> Option<Self> {
+        let mut list = Self {
+            values: [0.0; MAX_GAUGES],
+            count: values.len(),
+        };
+        if values.len() > MAX_GAUGES {
+            return None;
+        }
+        for (slot, value) in list.values.iter_mut().zip(values) {
+            *slot = *value;
+        }
+        Some(list)
+    }
+
+    /// A list of `count` (at most [`MAX_GAUGES`]) times `value`.
+    pub fn uniform(count: usize, value: f32) -> Self {
+        let count = count.min(MAX_GAUGES);
+        let mut values = [0.0; MAX_GAUGES];
+        for slot in values.iter_mut().take(count) {
+            *slot = value;
+        }
+        Self { values, count }
+    }
+
+    /// How many gauges the list has.
+    pub fn count(&self) -> usize {
+        self.count
+    }
+
+    /// The values with zeros after the last.
+    pub fn padded(&self) -> [f32; MAX_GAUGES] {
+        self.values
+    }
+
+    /// The values.
+    pub fn iter(&self) -> impl Iterator<Item = f32> + '_ {
+        self.values.iter().copied().take(self.count)
+    }
+}
+
+#[cfg(feature = "serde")]
+impl serde::Serialize for PerGauge {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_seq(self.iter())
+    }
+}
+
+#[cfg(feature = "serde")]
+impl<'de> serde::Deserialize<'de> for PerGauge {
+    fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct List;
+        impl<'de> serde::de::Visitor<'de> for List {
+            type Value = PerGauge;
+
+            fn expecting(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+                write!(f, "a list of at most {MAX_GAUGES} numbers")
+            }
+
+            fn visit_seq<A: serde::de::SeqAccess<'de>>(
+                self,
+                mut list: A,
+            ) -> Result<PerGauge, A::Error> {
+                let mut values = [0.0; MAX_GAUGES];
+                let mut count = 0;
+                while let Some(value) = list.next_element::<f32>()? {
+                    match values.get_mut(count) {
+                        Some(slot) => *slot = value,
+                        None => return Err(serde::de::Error::invalid_length(count + 1, &self)),
+                    }
+                    count += 1;
+                }
+                Ok(PerGauge { values, count })
+            }
+        }
+        deserializer.deserialize_seq(List)
+    }
+}
+
+/// A set of gauges, bit `i` for gauge `i` counted from the root.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct GaugeMask(pub u8);
+
+impl GaugeMask {
+    /// No gauge.
+    pub const NONE: Self = Self(0);
+
+    /// The first `count` gauges.
+    pub fn first(count: usize) -> Self {
+        let mut bits = 0;
+        for i in 0..MAX_GAUGES {
+            if i < count {
+                bits |= 1 << i;
+            }
+        }
+        Self(bits)
+    }
+
+    /// Whether gauge `i` is in the set.
+    pub fn contains(self, i: usize) -> bool {
+        i < MAX_GAUGES && self.0 & (1 << i) != 0
+    }
+
+    /// The set with gauge `i`.
+    pub fn with(self, i: usize) -> Self {
+        if i < MAX_GAUGES {
+            Self(self.0 | 1 << i)
+        } else {
+            self
+        }
+    }
+
+    /// The set without gauge `i`.
+    pub fn without(self, i: usize) -> Self {
+        if i < MAX_GAUGES {
+            Self(self.0 & !(1 << i))
+        } else {
+            self
+        }
+    }
+
+    /// The gauges in both sets.
+    pub fn and(self, other: Self) -> Self {
+        Self(self.0 & other.0)
+    }
+
+    /// How many gauges are in the set.
+    pub fn count(self) -> u32 {
+        self.0.count_ones()
+    }
+}
+
+/// A posture with its covariance (m, m, rad).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RelativePosture {
+    /// Front axle midpoint in the rear axle's frame.
+    pub posture: Posture,
+    /// Covariance of (x, y, phi) in that frame.
+    pub covariance: Mat3,
+}
+
+impl RelativePosture {
+    /// Whether every number is finite and every variance positive.
+    pub fn is_sound(&self) -> bool {
+        self.posture.is_finite()
+            && crate::math::matrix::is_finite(&self.covariance)
+            && (0..3).all(|i| self.covariance[i][i] > 0.0)
+    }
+}
+
+/// Standard deviations of what separates a strain reading from the truth.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(deny_unknown_fields, default)
+)]
+pub struct Uncertainty {
+    /// Noise of one reading as used for one posture (after averaging), strain.
+    pub noise_strain: f32,
+    /// Zero error of each gauge by itself, strain.
+    pub offset_strain: f32,
+    /// Zero error that all gauges share (temperature, a zeroing posture not quite straight),
+    /// strain. It acts on the posture like a bend: 1 µε is about 0.7 mrad on the default strip.
+    pub common_offset_strain: f32,
+    /// Gain error of each gauge by itself, relative.
+    pub gain: f32,
+    /// Gain error that all gauges share (thickness of the strip, batch of the gauges), relative.
+    pub common_gain: f32,
+    /// Error of the polynomial between the gauges, as a share of its highest Legendre
+    /// coefficients; enters the covariance of the polynomial methods only.
+    pub interpolation: f32,
+    /// Error of x and of y that no strain shows (length of the strip, play of its clamps), m; also
+    /// keeps the covariance regular where x does not depend on the strains (straight strip).
+    pub position_m: f32,
+    /// Error of the heading that no strain shows, rad.
+    pub heading_rad: f32,
+    /// How large an end force the elastica fit expects, in units of EI/L² (6.1 N on the default
+    /// strip). The prior has heavy tails: far larger forces are found without bias where the
+    /// strains show them, and the force stays near zero where they cannot (a straight strip).
+    pub load_prior: f32,
+}
+
+impl Default for Uncertainty {
+    fn default() -> Self {
+        Self {
+            noise_strain: 1e-6,
+            offset_strain: 1e-6,
+            common_offset_strain: 1e-6,
+            gain: 3e-3,
+            common_gain: 1e-3,
+            interpolation: 0.3,
+            position_m: 5e-5,
+            heading_rad: 1e-4,
+            load_prior: 4.0,
+        }
+    }
+}
+
+impl Uncertainty {
+    fn check(&self) -> Result<Self, ConfigError> {
+        in_range("noise_strain", self.noise_strain, 1e-9, 1e-2)?;
+        in_range("offset_strain", self.offset_strain, 0.0, 1e-2)?;
+        in_range("common_offset_strain", self.common_offset_strain, 0.0, 1e-2)?;
+        in_range("gain", self.gain, 0.0, 1.0)?;
+        in_range("common_gain", self.common_gain, 0.0, 1.0)?;
+        in_range("interpolation", self.interpolation, 0.0, 100.0)?;
+        in_range("position_m", self.position_m, 1e-6, 1.0)?;
+        in_range("heading_rad", self.heading_rad, 1e-6, 1.0)?;
+        in_range("load_prior", self.load_prior, 1e-2, 1e3)?;
+        Ok(*self)
+    }
+}
+
+/// Geometry, stiffness and gauges of the strip.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(deny_unknown_fields, default)
+)]
+pub struct Config {
+    /// Flexible length, m (the paper's L; rigid ends are not part of it).
+    #[cfg_attr(feature = "serde", serde(skip))]
+    pub length_m: f32,
+    /// Distance of the gauges from the neutral axis, m: half the thickness (the paper's y in
+    /// eq. 13).
+    #[cfg_attr(feature = "serde", serde(skip))]
+    pub half_thickness_m: f32,
+    /// Rigid length between the rear axle's midpoint and the flexible root, m.
+    #[cfg_attr(feature = "serde", serde(skip))]
+    pub rigid_root_m: f32,
+    /// Rigid length between the flexible tip and the front axle's midpoint, m.
+    #[cfg_attr(feature = "serde", serde(skip))]
+    pub rigid_tip_m: f32,
+    /// Positions of the 2 to 8 gauges from the flexible root, ascending, m (the paper's l_i).
+    pub gauges_m: PerGauge,
+    /// Bending stiffness EI, N m²; scales the wrench, not the posture.
+    #[cfg_attr(feature = "serde", serde(skip))]
+    pub bending_stiffness_n_m2: f32,
+    /// Standard deviations of the strain readings.
+    pub uncertainty: Uncertainty,
+}
+
+impl Default for Config {
+    /// The 0.37 m steel strip of 50 × 1 mm with five gauges at the Gauss–Legendre nodes.
+    fn default() -> Self {
+        let mut gauges_m = PerGauge::uniform(5, 0.0);
+        for (slot, fraction) in gauges_m.values.iter_mut().zip(GAUSS_5) {
+            *slot = 0.37 * fraction;
+        }
+        Self {
+            length_m: 0.37,
+            half_thickness_m: 0.5e-3,
+            rigid_root_m: 0.0,
+            rigid_tip_m: 0.0,
+            gauges_m,
+            bending_stiffness_n_m2: 0.833,
+            uncertainty: Uncertainty::default(),
+        }
+    }
+}
+
+impl Config {
+    /// Checks every field.
+    pub fn build(&self) -> Result<Strip, ConfigError> {
+        let length = in_range("length_m", self.length_m, 1e-3, 100.0)?;
+        positive("half_thickness_m", self.half_thickness_m)?;
+        in_range("half_thickness_m", self.half_thickness_m, 1e-6, length)?;
+        non_negative("rigid_root_m", self.rigid_root_m)?;
+        in_range("rigid_root_m", self.rigid_root_m, 0.0, 100.0)?;
+        non_negative("rigid_tip_m", self.rigid_tip_m)?;
+        in_range("rigid_tip_m", self.rigid_tip_m, 0.0, 100.0)?;
+        in_range(
+            "bending_stiffness_n_m2",
+            self.bending_stiffness_n_m2,
+            1e-6,
+            1e6,
+        )?;
+        let count = self.gauges_m.count();
+        require(
+            count >= MIN_GAUGES as usize,
+            "gauges_m",
+            count as f32,
+            Allowed::Condition("a list of 2 to 8 positions"),
+        )?;
+        let mut previous = None;
+        let mut u = [0.0; MAX_GAUGES];
+        for (slot, position) in u.iter_mut().zip(self.gauges_m.iter()) {
+            in_range("gauges_m", position, 0.0, length)?;
+            if let Some(previous) = previous {
+                require(
+                    position - previous >= MIN_SPACING * length,
+                    "gauges_m",
+                    position,
+                    Allowed::Condition(
+                        "greater than the position before it, by 0.001 of the length or more",
+                    ),
+                )?;
+            }
+            previous = Some(position);
+            *slot = (2.0 * position - length) / length;
+        }
+        Ok(Strip {
+            length,
+            half_thickness: self.half_thickness_m,
+            rigid_root: self.rigid_root_m,
+            rigid_tip: self.rigid_tip_m,
+            stiffness: self.bending_stiffness_n_m2,
+            uncertainty: self.uncertainty.check()?,
+            gauges: GaugeMask::first(count),
+            u,
+        })
+    }
+}
+
+/// A validated strip.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Strip {
+    /// Flexible length, m.
+    pub(super) length: f32,
+    /// Distance of the gauges from the neutral axis, m.
+    pub(super) half_thickness: f32,
+    /// Rigid length at the root, m.
+    pub(super) rigid_root: f32,
+    /// Rigid length at the tip, m.
+    pub(super) rigid_tip: f32,
+    /// Bending stiffness, N m².
+    pub(super) stiffness: f32,
+    /// Standard deviations of the readings.
+    pub(super) uncertainty: Uncertainty,
+    /// The gauges it has.
+    pub(super) gauges: GaugeMask,
+    /// Gauge positions on [−1, 1], root to tip; 0 where there is none.
+    pub(super) u: [f32; MAX_GAUGES],
+}
+
+impl Strip {
+    /// The gauges it has.
+    pub fn gauges(&self) -> GaugeMask {
+        self.gauges
+    }
+
+    /// Flexible length, m.
+    pub fn length(&self) -> f32 {
+        self.length
+    }
+
+    /// Curvature (1/m) for each strain; paper eq. 13.
+    pub fn curvature(&self, strain: &[f32; MAX_GAUGES]) -> [f32; MAX_GAUGES] {
+        strain.map(|strain| strain / self.half_thickness)
+    }
+
+    /// The gauges of `mask` whose curvature is finite and bends the strip by at most eight turns,
+    /// the domain of everything computed from them.
+    pub(super) fn usable(&self, curvature: &[f32; MAX_GAUGES], mask: GaugeMask) -> GaugeMask {
+        let mut usable = mask.and(self.gauges);
+        for i in 0..MAX_GAUGES {
+            if !((curvature[i] * self.length).abs() <= MAX_TURN) {
+                usable = usable.without(i);
+            }
+        }
+        usable
+    }
+
+    /// The posture of the front axle from that of the flexible tip in the frame of the flexible
+    /// root.
+    pub(super) fn with_rigid_ends(&self, flexible: Posture) -> Posture {
+        let (s, c) = crate::math::trig::sin_cos(flexible.phi);
+        Posture::new(
+            self.rigid_root + flexible.x + self.rigid_tip * c,
+            flexible.y + self.rigid_tip * s,
+            flexible.phi,
+        )
+    }
+
+    /// Adds what no strain shows to the covariance of a posture.
+    pub(super) fn with_unseen_error(&self, mut covariance: Mat3) -> Mat3 {
+        let position = self.uncertainty.position_m * self.uncertainty.position_m;
+        covariance[0][0] += position;
+        covariance[1][1] += position;
+        covariance[2][2] += self.uncertainty.heading_rad * self.uncertainty.heading_rad;
+        covariance
+    }
+
+    /// Derivative of [`Self::with_rigid_ends`] with respect to the heading of the tip: what it
+    /// adds to the derivatives of x and y.
+    pub(super) fn rigid_tip_lever(&self, phi: f32) -> (f32, f32) {
+        let (s, c) = crate::math::trig::sin_cos(phi);
+        (-self.rigid_tip * s, self.rigid_tip * c)
+    }
+}
+
+/// Largest |curvature| × length, rad: beyond it the reading is no strain of a strip.
+pub const MAX_TURN: f32 = 50.0;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn with(change: impl Fn(&mut Config)) -> Result<Strip, ConfigError> {
+        let mut config = Config::default();
+        change(&mut config);
+        config.build()
+    }
+
+    fn gauges(list: &[f32]) -> Result<Strip, ConfigError> {
+        with(|c| c.gauges_m = PerGauge::new(list).unwrap())
+    }
+
+    #[test]
+    fn default_is_accepted() {
+        assert_eq!(Config::default().build().unwrap().gauges().count(), 5);
+    }
+
+    #[test]
+    fn gauges_out_of_order_outside_or_not_numbers_are_refused_by_name() {
+        for list in [
+            &[0.1, 0.05][..],
+            &[0.1, 0.1],
+            &[0.1, 0.1001],
+            &[-0.01, 0.1],
+            &[0.1, 0.371],
+            &[0.1, f32::NAN],
+            &[f32::NEG_INFINITY, 0.1],
+            &[0.1],
+            &[],
+        ] {
+            assert_eq!(gauges(list).unwrap_err().field, "gauges_m", "{list:?}");
+        }
+        assert!(gauges(&[0.0, 0.37]).is_ok());
+        assert!(PerGauge::new(&[0.0; 9]).is_none());
+    }
+
+    #[test]
+    fn every_scalar_refuses_zero_or_nan() {
+        type Field = fn(&mut Config) -> &mut f32;
+        let fields: [(&str, Field); 6] = [
+            ("length_m", |c| &mut c.length_m),
+            ("half_thickness_m", |c| &mut c.half_thickness_m),
+            ("bending_stiffness_n_m2", |c| &mut c.bending_stiffness_n_m2),
+            ("noise_strain", |c| &mut c.uncertainty.noise_strain),
+            ("load_prior", |c| &mut c.uncertainty.load_prior),
+            ("rigid_tip_m", |c| &mut c.rigid_tip_m),
+        ];
+        for (name, field) in fields {
+            for bad in [f32::NAN, f32::INFINITY, -1.0] {
+                assert_eq!(with(|c| *field(c) = bad).unwrap_err().field, name);
+            }
+            if name != "rigid_tip_m" {
+                assert_eq!(with(|c| *field(c) = 0.0).unwrap_err().field, name);
+            }
+        }
+    }
+
+    #[test]
+    fn masks_are_sets() {
+        let set = GaugeMask::first(5).without(2);
+        assert_eq!(set.count(), 4);
+        assert!(set.contains(1) && !set.contains(2) && !set.contains(5) && !set.contains(99));
+        assert_eq!(set.with(2), GaugeMask::first(5));
+        assert_eq!(set.with(99), set);
+        assert_eq!(GaugeMask::first(8).0, 255);
+    }
+
+    #[test]
+    fn unusable_readings_are_left_out() {
+        let strip = Config::default().build().unwrap();
+        let mut curvature = [0.0; MAX_GAUGES];
+        curvature[1] = f32::NAN;
+        curvature[3] = 1e9;
+        let usable = strip.usable(&curvature, GaugeMask(0xff));
+        assert_eq!(usable, GaugeMask(0b10101));
+    }
+}

@@ -1,0 +1,555 @@
+//! Messages to bytes and back, by the table of [`super::layout`].
+
+use super::layout::{self, Signal};
+use super::message::{Axle, LeadMode, Message, POSITION_SPAN_M};
+use crate::math::matrix::{Mat3, cholesky};
+use crate::math::trig::{exp, ln, sqrt, wrap_angle};
+use crate::math::{Posture, Wrench};
+use core::fmt;
+
+/// A classic CAN data frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Frame {
+    /// Identifier, 11 bits.
+    pub id: u16,
+    /// Number of data bytes, 0 to 8.
+    pub length: u8,
+    /// Data; bytes from `length` on are zero.
+    pub data: [u8; 8],
+}
+
+/// A value that cannot be sent.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EncodeError {
+    /// Name of the message.
+    pub message: &'static str,
+    /// Name of the signal.
+    pub signal: &'static str,
+    /// The value.
+    pub value: f32,
+}
+
+impl fmt::Display for EncodeError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "{}.{} = {}: not representable",
+            self.message, self.signal, self.value
+        )
+    }
+}
+
+impl core::error::Error for EncodeError {}
+
+/// A frame that is not a message of this bus.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DecodeError {
+    /// No message has this identifier.
+    UnknownId(u16),
+    /// The frame is too short or too long for its message.
+    Length {
+        /// Identifier of the frame.
+        id: u16,
+        /// Bytes it has.
+        found: u8,
+        /// Bytes it must have.
+        expected: u8,
+    },
+    /// A signal holds a value its message does not know.
+    Value {
+        /// Identifier of the frame.
+        id: u16,
+    },
+}
+
+impl fmt::Display for DecodeError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::UnknownId(id) => write!(f, "identifier {id:#05x} is unknown"),
+            Self::Length {
+                id,
+                found,
+                expected,
+            } => write!(f, "frame {id:#05x} has {found} bytes, must have {expected}"),
+            Self::Value { id } => write!(f, "frame {id:#05x} holds an undefined value"),
+        }
+    }
+}
+
+impl core::error::Error for DecodeError {}
+
+const MAX_SIGNALS: usize = 7;
+type Values = [f32; MAX_SIGNALS];
+
+/// Bytes of a message. NaN, infinity and values outside a signal's range are refused.
+///
+/// Positions of odometric and reference postures are sent modulo [`POSITION_SPAN_M`].
+pub fn encode(message: &Message) -> Result<Frame, EncodeError> {
+    let (id, values) = to_values(message);
+    let Some(layout) = layout::find(id) else {
+        return Err(EncodeError {
+            message: "unknown",
+            signal: "id",
+            value: f32::from(id),
+        });
+    };
+    let mut bits = 0u64;
+    let mut position = 0u32;
+    for (signal, &value) in layout.signals.iter().zip(&values) {
+        let raw = to_raw(signal, value).ok_or(EncodeError {
+            message: layout.name,
+            signal: signal.name,
+            value,
+        })?;
+        let mask = (1u64 << signal.bits) - 1;
+        bits |= (u64::from(raw as u32) & mask) << position;
+        position += u32::from(signal.bits);
+    }
+    Ok(Frame {
+        id,
+        length: layout.bytes(),
+        data: bits.to_le_bytes(),
+    })
+}
+
+/// The message in a frame.
+pub fn decode(frame: &Frame) -> Result<Message, DecodeError> {
+    let layout = layout::find(frame.id).ok_or(DecodeError::UnknownId(frame.id))?;
+    if frame.length != layout.bytes() {
+        return Err(DecodeError::Length {
+            id: frame.id,
+            found: frame.length,
+            expected: layout.bytes(),
+        });
+    }
+    let mut bits = u64::from_le_bytes(frame.data);
+    let mut values = [0.0; MAX_SIGNALS];
+    for (signal, value) in layout.signals.iter().zip(&mut values) {
+        let raw = (bits & ((1u64 << signal.bits) - 1)) as u32;
+        bits >>= signal.bits;
+        let shift = 32 - u32::from(signal.bits);
+        let raw = if signal.signed {
+            ((raw << shift) as i32) >> shift
+        } else {
+            raw as i32
+        };
+        *value = raw as f32 * signal.scale + signal.offset;
+    }
+    from_values(frame.id, &values).ok_or(DecodeError::Value { id: frame.id })
+}
+
+/// Nearest raw value; `None` for NaN and out of range.
+fn to_raw(signal: &Signal, value: f32) -> Option<i32> {
+    let scaled = (value - signal.offset) / signal.scale;
+    let (low, high) = signal.raw_range();
+    let rounded = if scaled >= 0.0 {
+        scaled + 0.5
+    } else {
+        scaled - 0.5
+    };
+    // The cast truncates toward zero; bounds are at most 2^24, exact in f32.
+    if rounded > low as f32 - 1.0 && rounded < high as f32 + 1.0 {
+        Some(rounded as i32)
+    } else {
+        None
+    }
+}
+
+fn posture_values(sequence: u8, posture: &Posture) -> Values {
+    [
+        f32::from(sequence),
+        wrap_position(posture.x),
+        wrap_position(posture.y),
+        wrap_angle(posture.phi),
+        0.0,
+        0.0,
+        0.0,
+    ]
+}
+
+/// A position difference or position brought into half a span around zero.
+pub fn wrap_position(x: f32) -> f32 {
+    const HALF: f32 = 0.5 * POSITION_SPAN_M;
+    if x.abs() < HALF {
+        return x;
+    }
+    let reduced = x % POSITION_SPAN_M;
+    if reduced >= HALF {
+        reduced - POSITION_SPAN_M
+    } else if reduced < -HALF {
+        reduced + POSITION_SPAN_M
+    } else {
+        reduced
+    }
+}
+
+/// Smallest standard deviation the bus tells from zero.
+const SIGMA_FLOOR: f32 = 2e-9;
+
+fn covariance_values(sequence: u8, covariance: &Mat3) -> Values {
+    let sigma = [0, 1, 2].map(|i| sqrt(covariance[i][i]).max(SIGMA_FLOOR));
+    let correlation = |i: usize, j: usize| covariance[i][j] / (sigma[i] * sigma[j]);
+    // `max` would turn NaN into the floor; a covariance that is not finite must not be sent.
+    let log = |i: usize| {
+        if covariance[i][i] >= 0.0 {
+            ln(sigma[i])
+        } else {
+            f32::NAN
+        }
+    };
+    [
+        f32::from(sequence),
+        log(0),
+        log(1),
+        log(2),
+        correlation(0, 1),
+        correlation(0, 2),
+        correlation(1, 2),
+    ]
+}
+
+fn covariance_from(values: &Values) -> Mat3 {
+    let sigma = [1, 2, 3].map(|i| exp(values[i]));
+    let mut correlation = [values[4], values[5], values[6]];
+    let mut m = [[0.0; 3]; 3];
+    // Rounded correlations near one can make the matrix indefinite: pull them toward zero.
+    for _ in 0..8 {
+        let [xy, xp, yp] = correlation;
+        let unit = [[1.0, xy, xp], [xy, 1.0, yp], [xp, yp, 1.0]];
+        for i in 0..3 {
+            for j in 0..3 {
+                m[i][j] = unit[i][j] * (sigma[i] * sigma[j]);
+            }
+        }
+        if cholesky(&unit).is_some() {
+            return m;
+        }
+        correlation = correlation.map(|c| 0.97 * c);
+    }
+    for i in 0..3 {
+        for j in 0..3 {
+            if i != j {
+                m[i][j] = 0.0;
+            }
+        }
+    }
+    m
+}
+
+fn to_values(message: &Message) -> (u16, Values) {
+    let pick = |axle: Axle, id: u16| id + axle.index() as u16;
+    match *message {
+        Message::LeadStatus {
+            sequence,
+            mode,
+            steering_rad,
+            velocity_m_s,
+        } => {
+            let mode = match mode {
+                LeadMode::Idle => 0.0,
+                LeadMode::Active => 1.0,
+                LeadMode::Hold => 2.0,
+            };
+            let s = f32::from(sequence);
+            (0x070, [s, mode, steering_rad, velocity_m_s, 0.0, 0.0, 0.0])
+        }
+        Message::ReferencePosture {
+            axle,
+            sequence,
+            posture,
+        } => (pick(axle, 0x080), posture_values(sequence, &posture)),
+        Message::ReferenceMotion {
+            axle,
+            sequence,
+            velocity_m_s,
+            yaw_rate_rad_s,
+            acceleration_m_s2,
+            yaw_acceleration_rad_s2,
+        } => (
+            pick(axle, 0x090),
+            [
+                f32::from(sequence),
+                velocity_m_s,
+                yaw_rate_rad_s,
+                acceleration_m_s2,
+                yaw_acceleration_rad_s2,
+                0.0,
+                0.0,
+            ],
+        ),
+        Message::AxlePosture {
+            axle,
+            sequence,
+            posture,
+        } => (pick(axle, 0x100), posture_values(sequence, &posture)),
+        Message::AxleMotion {
+            axle,
+            sequence,
+            velocity_m_s,
+            yaw_rate_rad_s,
+            refused,
+        } => (
+            pick(axle, 0x110),
+            [
+                f32::from(sequence),
+                velocity_m_s,
+                yaw_rate_rad_s,
+                f32::from(refused),
+                0.0,
+                0.0,
+                0.0,
+            ],
+        ),
+        Message::AxleUncertainty {
+            axle,
+            sequence,
+            covariance,
+        } => (pick(axle, 0x120), covariance_values(sequence, &covariance)),
+        Message::BeamPosture {
+            sequence,
+            posture,
+            gauges,
+        } => (
+            0x200,
+            [
+                f32::from(sequence),
+                posture.x,
+                posture.y,
+                wrap_angle(posture.phi),
+                f32::from(gauges),
+                0.0,
+                0.0,
+            ],
+        ),
+        Message::BeamUncertainty {
+            sequence,
+            covariance,
+        } => (0x201, covariance_values(sequence, &covariance)),
+        Message::BeamWrench { sequence, wrench } => (
+            0x202,
+            [
+                f32::from(sequence),
+                wrench.force_x,
+                wrench.force_y,
+                wrench.moment_root,
+                wrench.moment_end,
+                0.0,
+                0.0,
+            ],
+        ),
+    }
+}
+
+fn from_values(id: u16, values: &Values) -> Option<Message> {
+    let sequence = values[0] as u8;
+    let axle = if id & 1 == 0 { Axle::Front } else { Axle::Rear };
+    let posture = Posture::new(values[1], values[2], values[3]);
+    Some(match id {
+        0x070 => Message::LeadStatus {
+            sequence,
+            mode: match values[1] as u8 {
+                0 => LeadMode::Idle,
+                1 => LeadMode::Active,
+                2 => LeadMode::Hold,
+                _ => return None,
+            },
+            steering_rad: values[2],
+            velocity_m_s: values[3],
+        },
+        0x080 | 0x081 => Message::ReferencePosture {
+            axle,
+            sequence,
+            posture,
+        },
+        0x090 | 0x091 => Message::ReferenceMotion {
+            axle,
+            sequence,
+            velocity_m_s: values[1],
+            yaw_rate_rad_s: values[2],
+            acceleration_m_s2: values[3],
+            yaw_acceleration_rad_s2: values[4],
+        },
+        0x100 | 0x101 => Message::AxlePosture {
+            axle,
+            sequence,
+            posture,
+        },
+        0x110 | 0x111 => Message::AxleMotion {
+            axle,
+            sequence,
+            velocity_m_s: values[1],
+            yaw_rate_rad_s: values[2],
+            refused: values[3] as u8,
+        },
+        0x120 | 0x121 => Message::AxleUncertainty {
+            axle,
+            sequence,
+            covariance: covariance_from(values),
+        },
+        0x200 => Message::BeamPosture {
+            sequence,
+            posture,
+            gauges: values[4] as u8,
+        },
+        0x201 => Message::BeamUncertainty {
+            sequence,
+            covariance: covariance_from(values),
+        },
+        0x202 => Message::BeamWrench {
+            sequence,
+            wrench: Wrench {
+                force_x: values[1],
+                force_y: values[2],
+                moment_root: values[3],
+                moment_end: values[4],
+            },
+        },
+        _ => return None,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::matrix::is_finite;
+    use proptest::prelude::*;
+
+    fn round_trip(message: Message) -> Message {
+        decode(&encode(&message).unwrap()).unwrap()
+    }
+
+    proptest! {
+        #[test]
+        fn posture_survives_to_half_a_unit(
+            x in -52.0f32..52.0, y in -52.0f32..52.0, phi in -3.1f32..3.1, sequence: u8,
+        ) {
+            for axle in Axle::BOTH {
+                let sent = Posture::new(x, y, phi);
+                let received = round_trip(Message::AxlePosture { axle, sequence, posture: sent });
+                let Message::AxlePosture { axle: a, sequence: s, posture } = received else {
+                    panic!("{received:?}");
+                };
+                prop_assert_eq!((a, s), (axle, sequence));
+                let [dx, dy, dphi] = posture.minus(sent);
+                prop_assert!(dx.abs() < 6e-5 && dy.abs() < 6e-5 && dphi.abs() < 5.1e-5);
+            }
+        }
+
+        #[test]
+        fn positions_repeat_and_differences_stay(x in -400.0f32..400.0, step in -0.01f32..0.01) {
+            let sent = |x| match round_trip(Message::AxlePosture {
+                axle: Axle::Rear, sequence: 0, posture: Posture::new(x, 0.0, 0.0),
+            }) {
+                Message::AxlePosture { posture, .. } => posture.x,
+                _ => f32::NAN,
+            };
+            let difference = wrap_position(sent(x + step) - sent(x));
+            prop_assert!((difference - step).abs() < 1.6e-4);
+        }
+
+        #[test]
+        fn covariance_stays_positive_definite_and_close(
+            l in proptest::array::uniform3(proptest::array::uniform3(-1.0f32..1.0)),
+            exponent in -7.0f32..-1.0,
+        ) {
+            let size = exponent.exp2() * 1e-3;
+            let mut m = crate::math::matrix::propagate(&l, &crate::math::matrix::identity());
+            for i in 0..3 {
+                m[i][i] += 1e-3;
+                for j in 0..3 {
+                    m[i][j] *= size * size;
+                }
+            }
+            for i in 0..3 {
+                m[i][i] *= 1.0001;
+            }
+            let Message::BeamUncertainty { covariance, .. } =
+                round_trip(Message::BeamUncertainty { sequence: 1, covariance: m }) else {
+                panic!("another message");
+            };
+            prop_assert!(cholesky(&covariance).is_some());
+            for i in 0..3 {
+                let ratio = covariance[i][i] / m[i][i];
+                prop_assert!((0.975..1.025).contains(&ratio), "{}", ratio);
+            }
+        }
+
+        #[test]
+        fn any_frame_decodes_or_is_refused(id in 0u16..0x800, length in 0u8..16, data: [u8; 8]) {
+            if let Ok(message) = decode(&Frame { id, length, data }) {
+                // What was accepted is finite and can be sent again.
+                match message {
+                    Message::AxleUncertainty { covariance, .. }
+                    | Message::BeamUncertainty { covariance, .. } => {
+                        prop_assert!(is_finite(&covariance));
+                    }
+                    other => prop_assert!(encode(&other).is_ok()),
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn nan_infinity_and_range_are_refused_by_name() {
+        for bad in [f32::NAN, f32::INFINITY, 9.0] {
+            let error = encode(&Message::BeamWrench {
+                sequence: 0,
+                wrench: Wrench {
+                    moment_root: bad,
+                    ..Wrench::ZERO
+                },
+            })
+            .unwrap_err();
+            assert_eq!((error.message, error.signal), ("BeamWrench", "moment_root"));
+        }
+        let mut covariance = [[1e-6, 0.0, 0.0], [0.0, 1e-6, 0.0], [0.0, 0.0, f32::NAN]];
+        let send = |covariance| {
+            encode(&Message::BeamUncertainty {
+                sequence: 0,
+                covariance,
+            })
+        };
+        assert!(send(covariance).is_err());
+        covariance[2][2] = -1.0;
+        assert!(send(covariance).is_err());
+    }
+
+    #[test]
+    fn unknown_and_short_frames_are_refused() {
+        let frame = |id, length| Frame {
+            id,
+            length,
+            data: [0; 8],
+        };
+        assert_eq!(decode(&frame(0x123, 8)), Err(DecodeError::UnknownId(0x123)));
+        assert_eq!(
+            decode(&frame(0x100, 7)),
+            Err(DecodeError::Length {
+                id: 0x100,
+                found: 7,
+                expected: 8
+            })
+        );
+        let mut undefined = frame(0x070, 6);
+        undefined.data[1] = 9;
+        assert_eq!(decode(&undefined), Err(DecodeError::Value { id: 0x070 }));
+    }
+
+    #[test]
+    fn bytes_of_a_known_message() {
+        // sequence 7, force_x 1 N = 20 units, force_y −0.05 N = −1 unit, moments 0.002 and 0.
+        let frame = encode(&Message::BeamWrench {
+            sequence: 7,
+            wrench: Wrench {
+                force_x: 1.0,
+                force_y: -0.05,
+                moment_root: 0.002,
+                moment_end: 0.0,
+            },
+        })
+        .unwrap();
+        assert_eq!((frame.id, frame.length), (0x202, 8));
+        let expected: u64 = 7 | 20 << 8 | 0x3fff << 22 | 2 << 36;
+        assert_eq!(frame.data, expected.to_le_bytes());
+    }
+}

@@ -1,0 +1,138 @@
+//! Errors of configuration and the range checks that raise them.
+//!
+//! Each check refuses NaN and infinity: bounds are written so that an unordered comparison fails.
+
+use core::fmt;
+
+/// The range a parameter must lie in.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Allowed {
+    /// Greater than zero and finite.
+    Positive,
+    /// Zero or greater, and finite.
+    NonNegative,
+    /// Any finite number.
+    Finite,
+    /// Between the two bounds, both included.
+    Range(f32, f32),
+    /// A condition that a range cannot state.
+    Condition(&'static str),
+}
+
+impl fmt::Display for Allowed {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Positive => f.write_str("a finite number greater than 0"),
+            Self::NonNegative => f.write_str("a finite number not less than 0"),
+            Self::Finite => f.write_str("a finite number"),
+            Self::Range(low, high) => write!(f, "a number from {low} to {high}"),
+            Self::Condition(text) => f.write_str(text),
+        }
+    }
+}
+
+/// A parameter outside its allowed range.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ConfigError {
+    /// Name of the parameter, as it stands in the configuration file.
+    pub field: &'static str,
+    /// The value that was refused.
+    pub value: f32,
+    /// What it must be.
+    pub allowed: Allowed,
+}
+
+impl fmt::Display for ConfigError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "{} = {}: must be {}",
+            self.field, self.value, self.allowed
+        )
+    }
+}
+
+impl core::error::Error for ConfigError {}
+
+/// `value` if it is finite and greater than zero.
+pub fn positive(field: &'static str, value: f32) -> Result<f32, ConfigError> {
+    require(
+        value > 0.0 && value.is_finite(),
+        field,
+        value,
+        Allowed::Positive,
+    )
+}
+
+/// `value` if it is finite and not less than zero.
+pub fn non_negative(field: &'static str, value: f32) -> Result<f32, ConfigError> {
+    require(
+        value >= 0.0 && value.is_finite(),
+        field,
+        value,
+        Allowed::NonNegative,
+    )
+}
+
+/// `value` if it is finite.
+pub fn finite(field: &'static str, value: f32) -> Result<f32, ConfigError> {
+    require(value.is_finite(), field, value, Allowed::Finite)
+}
+
+/// `value` if it lies in `[low, high]`.
+pub fn in_range(field: &'static str, value: f32, low: f32, high: f32) -> Result<f32, ConfigError> {
+    require(
+        value >= low && value <= high,
+        field,
+        value,
+        Allowed::Range(low, high),
+    )
+}
+
+/// `value` if `ok`; otherwise an error that names `field` and what is `allowed`.
+pub fn require(
+    ok: bool,
+    field: &'static str,
+    value: f32,
+    allowed: Allowed,
+) -> Result<f32, ConfigError> {
+    if ok {
+        Ok(value)
+    } else {
+        Err(ConfigError {
+            field,
+            value,
+            allowed,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_check_lets_nan_or_infinity_pass() {
+        for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+            assert!(positive("p", bad).is_err());
+            assert!(non_negative("p", bad).is_err());
+            assert!(finite("p", bad).is_err());
+            assert!(in_range("p", bad, -1.0, 1.0).is_err());
+        }
+    }
+
+    #[test]
+    fn message_names_field_value_and_range() {
+        let text = in_range("max_steering_rad", 2.0, 0.0, 1.2)
+            .unwrap_err()
+            .to_string();
+        assert_eq!(text, "max_steering_rad = 2: must be a number from 0 to 1.2");
+    }
+
+    #[test]
+    fn bounds_are_included() {
+        assert!(in_range("p", 1.0, 0.0, 1.0).is_ok());
+        assert!(non_negative("p", 0.0).is_ok());
+        assert!(positive("p", 0.0).is_err());
+    }
+}

@@ -1,0 +1,628 @@
+//! Dynamic motion controller of one axle (paper eq. 7–10): from a reference to wheel torques.
+//!
+//! # The law
+//!
+//! With `S = [cos φ, 0; sin φ, 0; 0, 1]` and, for wheels (left, right),
+//! `E = [cos φ, cos φ; sin φ, sin φ; −d, d]/r_w`,
+//! `(SᵀE)⁻¹ = (r_w/2) [1, −1/d; 1, 1/d]` turns a force along the axle's heading and a moment about
+//! its midpoint into the two torques. Then
+//!
+//! - eq. 10: `e = R(φ)(q_r − q)`, the reference as seen from the axle;
+//! - eq. 9: `v_c = [v_r cos e_φ + k_X e_X; ω_r + k_Y v_r e_Y + k_φ u sin e_φ]`;
+//! - eq. 7: `τ = −(SᵀE)⁻¹ K (v − v_c) ‖ξ‖²`, plus the feedforward described below;
+//! - eq. 8: ξ collects norms.
+//!
+//! # Where this departs from the paper, and why
+//!
+//! - **Reverse.** The paper has `u = v_r`. For e_X = 0 the errors obey
+//!   `ė_Y = v_r sin e_φ, ė_φ = −k_Y v_r e_Y − k_φ u sin e_φ`, characteristic polynomial
+//!   `λ² + k_φ u λ + k_Y v_r²`: stable in reverse only if `u > 0`, hence `u = |v_r|`. The gain k_Y
+//!   keeps the sign of v_r: with |v_r| there the last term would be `k_Y v_r |v_r|`, negative in
+//!   reverse, a saddle. The Lyapunov function `(e_X² + e_Y²)/2 + (1 − cos e_φ)/k_Y` needs the same
+//!   signs.
+//! - **Standstill.** An axle that turns on the spot has v_r = 0, and with it no heading feedback.
+//!   `u = max(|v_r|, heading_speed_floor)`; a floor of 0 is the paper's law.
+//! - **ξ.** The second and fifth entries of (8) are printed alike. Taken here:
+//!   `{‖v_c‖, ‖v‖, ‖v_r‖, ‖v̇_r‖, ‖v‖², 1, ‖F_K‖}`: ‖v_c‖ as printed (its rate would have to be
+//!   differentiated from noise), ‖v‖² because centripetal terms and friction grow so. Norms mix
+//!   m/s with rad/s and N with N m, as the paper's do. ‖ξ‖² is capped, since ‖v̇_r‖² would drive
+//!   chatter at the start of a motion.
+//! - **Feedforward.** (7) is proportional in velocity, so the frame's bending moment leaves an
+//!   error of yaw. The load of the frame is therefore fed forward, from the reference bend or from
+//!   the beam's own estimate, and with it the inertia, `m v̇_r` and `J ω̇_r`.
+//! - **Limits.** Both torques are scaled by one factor, so the direction of (force, moment) is
+//!   kept.
+//!
+//! # Panic contract
+//!
+//! [`Config::build`] validates; [`Dynamic::step`] cannot fail. If any input is not finite the
+//! torques are zero and [`Command::valid`] is false.
+
+use crate::config::{ConfigError, finite, non_negative, positive};
+use crate::control::cascade::AxleReference;
+use crate::math::trig::{cos, hypot, sin};
+use crate::math::{AxleLoad, Posture, Twist};
+
+/// Where the load of the frame on the axle comes from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
+pub enum FrameForce {
+    /// A disturbance: not compensated, not in ξ.
+    Off,
+    /// Pure bending by the reference steering angle.
+    #[default]
+    Reference,
+    /// The wrench estimated from the strains of the frame; where it is missing, pure bending.
+    Beam,
+}
+
+/// Speed–torque line of the motors, at the wheel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
+pub struct Motor {
+    /// Torque at standstill and full voltage, N m.
+    pub stall_torque_nm: f32,
+    /// Speed at which full voltage leaves no torque, rad/s.
+    pub no_load_speed_rad_s: f32,
+}
+
+/// Gains, geometry and limits of one axle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
+pub struct Config {
+    /// Half of the track (d), m.
+    #[cfg_attr(feature = "serde", serde(skip))]
+    pub half_track_m: f32,
+    /// Radius of the wheels (r_w), m.
+    #[cfg_attr(feature = "serde", serde(skip))]
+    pub wheel_radius_m: f32,
+    /// Gain of the longitudinal error (k_X), 1/s.
+    pub longitudinal_gain_per_s: f32,
+    /// Gain of the lateral error (k_Y), rad/m².
+    pub lateral_gain_rad_m2: f32,
+    /// Gain of the heading error (k_φ), rad/m.
+    pub heading_gain_rad_m: f32,
+    /// Least speed that the heading gain is multiplied with, m/s; 0 is the paper's law.
+    pub heading_speed_floor_m_s: f32,
+    /// Gain of the velocity error (K_1), N s/m.
+    pub velocity_gain_n_s_m: f32,
+    /// Gain of the yaw rate error (K_2), N m s/rad.
+    pub yaw_rate_gain_nm_s_rad: f32,
+    /// Largest ‖ξ‖².
+    pub max_xi_squared: f32,
+    /// Whether ‖F_K‖ is an entry of ξ; the frame force must not be off.
+    pub frame_force_in_xi: bool,
+    /// Where the load of the frame comes from.
+    pub frame_force: FrameForce,
+    /// Share of the frame's load that is fed forward.
+    pub frame_feedforward: f32,
+    /// Share of the inertia that is fed forward.
+    pub inertia_feedforward: f32,
+    /// Mass of the axle without the rotation of its wheels (m), kg.
+    pub mass_kg: f32,
+    /// Yaw inertia about the midpoint, without the rotation of the wheels (J), kg m².
+    pub yaw_inertia_kg_m2: f32,
+    /// Inertia of one wheel with its motor about its axis (J_w), kg m².
+    pub wheel_inertia_kg_m2: f32,
+    /// Largest torque of each wheel, N m.
+    pub max_torque_nm: f32,
+    /// Speed–torque line of the motors; without it the torque limit holds at any speed.
+    pub motor: Option<Motor>,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            half_track_m: 0.162,
+            wheel_radius_m: 0.073,
+            longitudinal_gain_per_s: 2.0,
+            lateral_gain_rad_m2: 20.0,
+            heading_gain_rad_m: 16.0,
+            heading_speed_floor_m_s: 0.05,
+            velocity_gain_n_s_m: 300.0,
+            yaw_rate_gain_nm_s_rad: 5.0,
+            max_xi_squared: 2.0,
+            frame_force_in_xi: true,
+            frame_force: FrameForce::Reference,
+            frame_feedforward: 1.0,
+            inertia_feedforward: 1.0,
+            mass_kg: 4.76,
+            yaw_inertia_kg_m2: 0.0186,
+            wheel_inertia_kg_m2: 0.004,
+            max_torque_nm: 2.0,
+            motor: None,
+        }
+    }
+}
+
+impl Config {
+    /// The ready-to-run form; the error names the field that is wrong.
+    pub fn build(&self) -> Result<Dynamic, ConfigError> {
+        let half_track = positive("half_track_m", self.half_track_m)?;
+        let radius = positive("wheel_radius_m", self.wheel_radius_m)?;
+        non_negative("longitudinal_gain_per_s", self.longitudinal_gain_per_s)?;
+        non_negative("lateral_gain_rad_m2", self.lateral_gain_rad_m2)?;
+        non_negative("heading_gain_rad_m", self.heading_gain_rad_m)?;
+        non_negative("heading_speed_floor_m_s", self.heading_speed_floor_m_s)?;
+        positive("velocity_gain_n_s_m", self.velocity_gain_n_s_m)?;
+        positive("yaw_rate_gain_nm_s_rad", self.yaw_rate_gain_nm_s_rad)?;
+        positive("max_xi_squared", self.max_xi_squared)?;
+        finite("frame_feedforward", self.frame_feedforward)?;
+        finite("inertia_feedforward", self.inertia_feedforward)?;
+        non_negative("mass_kg", self.mass_kg)?;
+        non_negative("yaw_inertia_kg_m2", self.yaw_inertia_kg_m2)?;
+        non_negative("wheel_inertia_kg_m2", self.wheel_inertia_kg_m2)?;
+        positive("max_torque_nm", self.max_torque_nm)?;
+        if let Some(motor) = self.motor {
+            positive("motor.stall_torque_nm", motor.stall_torque_nm)?;
+            positive("motor.no_load_speed_rad_s", motor.no_load_speed_rad_s)?;
+        }
+        // Both wheels roll with the axle: their rotation adds to its inertia.
+        let rolling = 2.0 * self.wheel_inertia_kg_m2 / (radius * radius);
+        Ok(Dynamic {
+            config: *self,
+            mass: self.inertia_feedforward * (self.mass_kg + rolling),
+            yaw_inertia: self.inertia_feedforward
+                * (self.yaw_inertia_kg_m2 + rolling * half_track * half_track),
+        })
+    }
+}
+
+/// What the controller of one axle knows at a step.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Input {
+    /// Estimated posture of the axle (q).
+    pub posture: Posture,
+    /// Estimated velocity and yaw rate (v).
+    pub twist: Twist,
+    /// The reference (q_r, v_r, v̇_r).
+    pub reference: AxleReference,
+    /// Load of the frame in the reference bend, on this axle; see [`crate::math::Wrench`].
+    pub reference_load: AxleLoad,
+    /// Load of the frame as estimated from its strains, if there is a valid estimate.
+    pub beam_load: Option<AxleLoad>,
+}
+
+/// Torques of the wheels, and what led to them.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Command {
+    /// Torques (left, right), N m; positive drives forward.
+    pub torque_nm: [f32; 2],
+    /// Factor by which both torques were reduced: 1 within the limits.
+    pub scale: f32,
+    /// False if an input was not finite; the torques are then zero.
+    pub valid: bool,
+    /// Posture error `(e_X, e_Y, e_φ)` in the axle's frame (eq. 10): m, m, rad.
+    pub error: Posture,
+    /// Velocity command v_c (eq. 9).
+    pub velocity: Twist,
+    /// ‖ξ‖² after its cap.
+    pub xi_squared: f32,
+}
+
+/// The dynamic controller of one axle. It has no state.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Dynamic {
+    config: Config,
+    /// Inertia that is fed forward, kg.
+    mass: f32,
+    /// Yaw inertia that is fed forward, kg m².
+    yaw_inertia: f32,
+}
+
+fn norm_squared(twist: Twist) -> f32 {
+    twist.v * twist.v + twist.omega * twist.omega
+}
+
+impl Dynamic {
+    /// Torques (left, right) in N m for a force along the heading (N) and a moment about the
+    /// midpoint (N m): `(SᵀE)⁻¹`.
+    pub fn torques(&self, force: f32, moment: f32) -> [f32; 2] {
+        let half = 0.5 * self.config.wheel_radius_m;
+        let turning = moment / self.config.half_track_m;
+        [half * (force - turning), half * (force + turning)]
+    }
+
+    /// Velocity command v_c (eq. 9) for a posture error (eq. 10).
+    pub fn velocity_command(&self, error: Posture, reference: Twist) -> Twist {
+        let config = &self.config;
+        let floor = config.heading_speed_floor_m_s;
+        Twist {
+            v: reference.v * cos(error.phi) + config.longitudinal_gain_per_s * error.x,
+            omega: reference.omega
+                + config.lateral_gain_rad_m2 * reference.v * error.y
+                + config.heading_gain_rad_m * reference.v.abs().max(floor) * sin(error.phi),
+        }
+    }
+
+    /// ‖ξ‖² (eq. 8), capped.
+    fn xi_squared(&self, command: Twist, input: &Input, load: Option<AxleLoad>) -> f32 {
+        let speed = norm_squared(input.twist);
+        let frame = match load {
+            Some(load) if self.config.frame_force_in_xi => {
+                load.forward * load.forward
+                    + load.lateral * load.lateral
+                    + load.moment * load.moment
+            }
+            _ => 0.0,
+        };
+        let sum = norm_squared(command)
+            + speed
+            + norm_squared(input.reference.twist)
+            + norm_squared(input.reference.acceleration)
+            + speed * speed
+            + 1.0
+            + frame;
+        sum.min(self.config.max_xi_squared)
+    }
+
+    /// Torque a wheel can give in the direction of `torque` at `speed` (rad/s), N m.
+    fn available(&self, torque: f32, speed: f32) -> f32 {
+        let limit = self.config.max_torque_nm;
+        match self.config.motor {
+            None => limit,
+            Some(motor) => {
+                let along = speed * 1.0f32.copysign(torque) / motor.no_load_speed_rad_s;
+                limit.min((motor.stall_torque_nm * (1.0 - along)).max(0.0))
+            }
+        }
+    }
+
+    /// One step: torques for the reference (eq. 7).
+    pub fn step(&self, input: &Input) -> Command {
+        let reference = &input.reference;
+        let error = reference.posture.relative_to(input.posture);
+        let velocity = self.velocity_command(error, reference.twist);
+        let load = match self.config.frame_force {
+            FrameForce::Off => None,
+            FrameForce::Reference => Some(input.reference_load),
+            FrameForce::Beam => Some(
+                input
+                    .beam_load
+                    .filter(AxleLoad::is_finite)
+                    .unwrap_or(input.reference_load),
+            ),
+        };
+        let xi_squared = self.xi_squared(velocity, input, load);
+
+        let mut force = self.mass * reference.acceleration.v
+            - self.config.velocity_gain_n_s_m * (input.twist.v - velocity.v) * xi_squared;
+        let mut moment = self.yaw_inertia * reference.acceleration.omega
+            - self.config.yaw_rate_gain_nm_s_rad
+                * (input.twist.omega - velocity.omega)
+                * xi_squared;
+        if let Some(load) = load {
+            force -= self.config.frame_feedforward * load.forward;
+            moment -= self.config.frame_feedforward * load.moment;
+        }
+        let [left, right] = self.torques(force, moment);
+
+        // `min` and `max` drop NaN, so it is looked for in what has not passed through them.
+        if !(left.is_finite()
+            && right.is_finite()
+            && input.twist.is_finite()
+            && error.is_finite()
+            && hypot(reference.acceleration.v, reference.acceleration.omega).is_finite())
+        {
+            return Command::default();
+        }
+        let turning = self.config.half_track_m * input.twist.omega;
+        let speeds = [input.twist.v - turning, input.twist.v + turning]
+            .map(|speed| speed / self.config.wheel_radius_m);
+        let mut scale = 1.0f32;
+        for (torque, speed) in [(left, speeds[0]), (right, speeds[1])] {
+            let limit = self.available(torque, speed);
+            if torque.abs() > limit {
+                scale = scale.min(limit / torque.abs());
+            }
+        }
+        let limit = self.config.max_torque_nm;
+        Command {
+            // The last rounding may not exceed the limit either.
+            torque_nm: [left, right].map(|t| (scale * t).max(-limit).min(limit)),
+            scale,
+            valid: true,
+            error,
+            velocity,
+            xi_squared,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// A rigid axle in `f64` that rolls without slip, under two wheel torques, one tick late.
+    struct Axle {
+        at: [f64; 3],
+        v: f64,
+        omega: f64,
+        torque: [f64; 2],
+        /// Moment from outside, N m.
+        moment: f64,
+    }
+
+    impl Axle {
+        fn new(at: [f64; 3], v: f64, omega: f64) -> Self {
+            Self {
+                at,
+                v,
+                omega,
+                torque: [0.0; 2],
+                moment: 0.0,
+            }
+        }
+
+        fn tick(&mut self, torque: [f32; 2]) {
+            let (d, r, mass, inertia, wheel) = (0.162, 0.073, 4.76, 0.0186, 0.004);
+            let dt = 1e-3;
+            let [left, right] = self.torque;
+            let rolling = 2.0 * wheel / (r * r);
+            self.v += dt * (left + right) / r / (mass + rolling);
+            self.omega += dt * ((right - left) * d / r + self.moment) / (inertia + rolling * d * d);
+            let middle = self.at[2] + 0.5 * dt * self.omega;
+            self.at[0] += dt * self.v * middle.cos();
+            self.at[1] += dt * self.v * middle.sin();
+            self.at[2] += dt * self.omega;
+            self.torque = torque.map(f64::from);
+        }
+
+        fn posture(&self) -> Posture {
+            Posture::new(self.at[0] as f32, self.at[1] as f32, self.at[2] as f32)
+        }
+    }
+
+    fn controller() -> Dynamic {
+        Config::default().build().unwrap()
+    }
+
+    /// Drives along a circle of constant `twist` for `time`; returns the last command.
+    fn drive(
+        dynamic: &Dynamic,
+        axle: &mut Axle,
+        twist: Twist,
+        load: AxleLoad,
+        time: f32,
+    ) -> Command {
+        let mut last = Command::default();
+        for i in 0..(time * 1e3) as usize {
+            let t = i as f32 * 1e-3;
+            let input = Input {
+                posture: axle.posture(),
+                twist: Twist::new(axle.v as f32, axle.omega as f32),
+                reference: AxleReference {
+                    posture: Posture::ORIGIN.advance(twist.v * t, twist.omega * t),
+                    twist,
+                    acceleration: Twist::REST,
+                },
+                reference_load: load,
+                beam_load: None,
+            };
+            last = dynamic.step(&input);
+            assert!(last.valid);
+            axle.tick(last.torque_nm);
+        }
+        last
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(40))]
+
+        /// Forward and in reverse, from a wrong start, on a circle or straight.
+        #[test]
+        fn axle_converges_to_its_reference(
+            speed in 0.1f32..0.3, reverse: bool, kappa in -2.0f32..2.0,
+            x in -0.05f64..0.05, y in -0.05f64..0.05, phi in -0.4f64..0.4,
+        ) {
+            let v = if reverse { -speed } else { speed };
+            let mut axle = Axle::new([x, y, phi], 0.0, 0.0);
+            let last = drive(
+                &controller(), &mut axle, Twist::new(v, v * kappa), AxleLoad::default(), 45.0,
+            );
+            prop_assert!(last.error.x.abs() < 1e-3 && last.error.y.abs() < 1e-3);
+            prop_assert!(last.error.phi.abs() < 2e-3);
+        }
+
+        /// An axle that follows v_c exactly never raises
+        /// `(e_X² + e_Y²)/2 + (1 − cos e_φ)/k_Y`, whatever the sign of its speed.
+        #[test]
+        fn lyapunov_function_never_rises(
+            v in -0.3f32..0.3, omega in -1.0f32..1.0,
+            x in -0.3f64..0.3, y in -0.3f64..0.3, phi in -3.0f64..3.0,
+        ) {
+            let dynamic = controller();
+            let (mut ex, mut ey, mut ephi) = (x, y, phi);
+            let level = |ex: f64, ey: f64, ephi: f64|
+                0.5 * (ex * ex + ey * ey) + (1.0 - ephi.cos()) / 20.0;
+            let start = level(ex, ey, ephi);
+            let mut last = start;
+            let h = 1e-3;
+            for _ in 0..4000 {
+                let error = Posture::new(ex as f32, ey as f32, ephi as f32);
+                let c = dynamic.velocity_command(error, Twist::new(v, omega));
+                let (cv, cw, v, omega) = (c.v as f64, c.omega as f64, v as f64, omega as f64);
+                let (dx, dy) = (cw * ey - cv + v * ephi.cos(), -cw * ex + v * ephi.sin());
+                ex += h * dx;
+                ey += h * dy;
+                ephi += h * (omega - cw);
+                let now = level(ex, ey, ephi);
+                // Euler's method adds h²/2 of the squared rates.
+                prop_assert!(now <= last + h * h * (cw * cw * (ex * ex + ey * ey) + 1.0));
+                last = now;
+            }
+            prop_assert!(last < start * 1.001 + 1e-9);
+        }
+
+        /// The torques, through `SᵀE` written out as matrices, give back force and moment.
+        #[test]
+        fn torques_realise_force_and_moment(
+            force in -40.0f32..40.0, moment in -5.0f32..5.0, phi in -3.0f64..3.0,
+        ) {
+            let [left, right] = controller().torques(force, moment).map(f64::from);
+            let (s, c) = phi.sin_cos();
+            let (d, r) = (0.162, 0.073);
+            let e = [[c, c], [s, s], [-d, d]].map(|row| (row[0] * left + row[1] * right) / r);
+            prop_assert!((c * e[0] + s * e[1] - force as f64).abs() < 1e-4);
+            prop_assert!((e[2] - moment as f64).abs() < 1e-4);
+        }
+
+        #[test]
+        fn saturation_keeps_the_direction(
+            x in -5.0f32..5.0, omega in -20.0f32..20.0, motor: bool,
+        ) {
+            let config = Config {
+                motor: motor.then_some(Motor { stall_torque_nm: 2.5, no_load_speed_rad_s: 20.0 }),
+                ..Config::default()
+            };
+            let input = Input {
+                twist: Twist::new(0.2, 0.3),
+                reference: AxleReference {
+                    posture: Posture::new(x, 0.0, 0.0),
+                    twist: Twist::new(0.2, omega),
+                    ..AxleReference::default()
+                },
+                ..Input::default()
+            };
+            let limited = config.build().unwrap().step(&input);
+            let free = Config { max_torque_nm: 1e6, motor: None, ..config }.build().unwrap().step(&input);
+            prop_assert!(limited.torque_nm.iter().all(|t| t.abs() <= 2.0));
+            prop_assert!(limited.scale > 0.0 && limited.scale <= 1.0);
+            for i in 0..2 {
+                let gap = limited.torque_nm[i] - limited.scale * free.torque_nm[i];
+                prop_assert!(gap.abs() < 1e-5);
+            }
+            if motor {
+                let fast = (0.2 + 0.162 * 0.3) / 0.073;
+                let right = limited.torque_nm[1];
+                prop_assert!(right <= 2.5 * (1.0 - fast / 20.0) + 1e-5);
+            }
+        }
+
+        #[test]
+        fn any_input_that_is_not_finite_gives_no_torque(which in 0usize..10, kind in 0usize..3) {
+            let bad = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY][kind];
+            let mut input = Input::default();
+            *[
+                &mut input.posture.x,
+                &mut input.posture.y,
+                &mut input.posture.phi,
+                &mut input.twist.v,
+                &mut input.twist.omega,
+                &mut input.reference.posture.phi,
+                &mut input.reference.twist.v,
+                &mut input.reference.twist.omega,
+                &mut input.reference.acceleration.omega,
+                &mut input.reference_load.moment,
+            ][which] = bad;
+            for frame_force in [FrameForce::Reference, FrameForce::Beam] {
+                let config = Config { frame_force, inertia_feedforward: 0.0, ..Config::default() };
+                let command = config.build().unwrap().step(&input);
+                prop_assert!(!command.valid);
+                prop_assert_eq!(command.torque_nm, [0.0; 2]);
+            }
+        }
+    }
+
+    /// A wrong heading at rest is turned back on the spot, which the law without its floor does not.
+    #[test]
+    fn heading_is_held_at_standstill() {
+        let end = |heading_speed_floor_m_s| {
+            let config = Config {
+                heading_speed_floor_m_s,
+                ..Config::default()
+            };
+            let mut axle = Axle::new([0.0, 0.0, 0.2], 0.0, 0.0);
+            drive(
+                &config.build().unwrap(),
+                &mut axle,
+                Twist::REST,
+                AxleLoad::default(),
+                8.0,
+            )
+            .error
+            .phi
+        };
+        assert!(end(0.05).abs() < 1e-3);
+        assert!(end(0.0).abs() > 0.1);
+    }
+
+    /// The frame's moment pushes; the feedforward knows it to 15 %.
+    #[test]
+    fn feedforward_of_the_frame_cuts_the_yaw_error() {
+        let steady = |frame_force| {
+            let config = Config {
+                frame_force,
+                ..Config::default()
+            };
+            let mut axle = Axle::new([0.0; 3], 0.2, 0.0);
+            axle.moment = 1.5;
+            let load = AxleLoad {
+                moment: 1.5 * 0.85,
+                ..AxleLoad::default()
+            };
+            let last = drive(
+                &config.build().unwrap(),
+                &mut axle,
+                Twist::new(0.2, 0.0),
+                load,
+                15.0,
+            );
+            last.error
+        };
+        let (without, with) = (steady(FrameForce::Off), steady(FrameForce::Reference));
+        let size = |e: Posture| hypot(e.y, e.phi);
+        assert!(size(without) > 0.02, "{without:?}");
+        assert!(size(with) * 4.0 < size(without), "{with:?} {without:?}");
+    }
+
+    #[test]
+    fn missing_beam_estimate_falls_back_on_the_reference_bend() {
+        let load = AxleLoad {
+            moment: 1.0,
+            ..AxleLoad::default()
+        };
+        let step = |frame_force, beam_load| {
+            let config = Config {
+                frame_force,
+                ..Config::default()
+            };
+            let input = Input {
+                reference_load: load,
+                beam_load,
+                ..Input::default()
+            };
+            config.build().unwrap().step(&input)
+        };
+        let reference = step(FrameForce::Reference, None);
+        assert!(reference.torque_nm[0] > 0.0 && reference.torque_nm[1] < 0.0);
+        assert_eq!(step(FrameForce::Beam, None), reference);
+        let broken = AxleLoad {
+            moment: f32::NAN,
+            ..load
+        };
+        assert_eq!(step(FrameForce::Beam, Some(broken)), reference);
+        assert_ne!(step(FrameForce::Beam, Some(AxleLoad::default())), reference);
+    }
+
+    #[test]
+    fn bad_configuration_is_named() {
+        let bad = Config {
+            motor: Some(Motor {
+                stall_torque_nm: 2.5,
+                no_load_speed_rad_s: 0.0,
+            }),
+            ..Config::default()
+        };
+        assert_eq!(bad.build().unwrap_err().field, "motor.no_load_speed_rad_s");
+        let bad = Config {
+            half_track_m: f32::NAN,
+            ..Config::default()
+        };
+        assert_eq!(bad.build().unwrap_err().field, "half_track_m");
+    }
+}

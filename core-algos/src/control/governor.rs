@@ -1,0 +1,663 @@
+//! Reference governor: what the kinematic controller asks for, made smooth and within limits.
+//!
+//! # Theory
+//!
+//! The cascade needs v̇, ψ̇ and ψ̈ of its input; differentiating the output of the kinematic
+//! controller would differentiate the noise of the estimate. So the wish `(v, ψ)` drives two small
+//! filters whose states are the reference:
+//!
+//! - ψ follows a critically damped second-order filter (poles placed exactly for the sampling
+//!   interval), its acceleration limited to ψ̈_max, its rate to ψ̇_max, and both so that braking at
+//!   ψ̈_max always stops it before ±ψ_max: |ψ| ≤ ψ_max holds whatever is asked.
+//! - v follows a first-order lag with |v̇| limited. Its target is scaled by
+//!   `max(0, 1 − |ψ_wish − ψ|/tolerance)`: speed waits for steering, which keeps the path; a wish
+//!   may grant some slack. A change of direction passes through zero and rests there for a moment.
+//! - No wheel is asked for more than its speed limit. With bend ψ the fastest wheel (outer, either
+//!   axle) runs at `|v| (1/cos ψ + d |κ|) + (d + ½ |c'|/cos ψ) |ψ̇|`; the last part is taken at
+//!   ψ̇_max, which leaves a speed limit that depends on ψ alone. If v could not brake as fast as a
+//!   bending frame lowers that limit, ψ̇_max is reduced when the governor is built.
+//!
+//! # Panic contract
+//!
+//! [`Config::build`] validates; [`Governor::step`] and [`Governor::stop`] cannot fail. A wish that
+//! is not finite counts as absent: the robot brakes as by [`Governor::stop`].
+
+use super::cascade::{Cascade, Motion};
+use crate::config::{Allowed, ConfigError, in_range, non_negative, positive, require};
+use crate::math::trig::{clamp, exp, sin_cos, sqrt};
+
+/// Bends at which the speed limit is sampled when a governor is built.
+const SAMPLES: usize = 64;
+/// The lag towards a speed ends in a straight ramp at this share of the largest acceleration, so
+/// that it arrives.
+const FINAL_RAMP: f32 = 0.05;
+
+/// Limits and time constants of the reference.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
+pub struct Config {
+    /// Largest |v| of the midpoint O, m/s.
+    #[cfg_attr(feature = "serde", serde(skip))]
+    pub max_speed_m_s: f32,
+    /// Largest |v̇|, m/s².
+    pub max_acceleration_m_s2: f32,
+    /// Deceleration of a stop, m/s²; not less than the largest |v̇|.
+    pub stop_deceleration_m_s2: f32,
+    /// Largest |ψ|, rad; not more than that of the cascade.
+    #[cfg_attr(feature = "serde", serde(skip))]
+    pub max_steering_rad: f32,
+    /// Largest |ψ̇|, rad/s.
+    pub max_steering_rate_rad_s: f32,
+    /// Largest |ψ̈|, rad/s².
+    pub max_steering_acceleration_rad_s2: f32,
+    /// Rate of the first-order lag of v, 1/s.
+    pub speed_rate_per_s: f32,
+    /// Natural frequency of the critically damped filter of ψ, rad/s.
+    pub steering_frequency_rad_s: f32,
+    /// Steering error at which speed is brought to zero, rad.
+    pub steering_tolerance_rad: f32,
+    /// Rest at zero speed when the direction changes, s.
+    pub reversal_hold_s: f32,
+    /// Largest circumferential speed of any wheel, m/s.
+    pub max_wheel_speed_m_s: f32,
+    /// Half of the track of an axle (d), m.
+    #[cfg_attr(feature = "serde", serde(skip))]
+    pub half_track_m: f32,
+    /// Longest interval between steps, s; a longer one is taken as this.
+    pub max_interval_s: f32,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            max_speed_m_s: 0.25,
+            max_acceleration_m_s2: 0.4,
+            stop_deceleration_m_s2: 0.8,
+            max_steering_rad: 0.5,
+            max_steering_rate_rad_s: 1.0,
+            max_steering_acceleration_rad_s2: 8.0,
+            speed_rate_per_s: 6.0,
+            steering_frequency_rad_s: 8.0,
+            steering_tolerance_rad: 0.15,
+            reversal_hold_s: 0.1,
+            max_wheel_speed_m_s: 0.6,
+            half_track_m: 0.162,
+            max_interval_s: 0.02,
+        }
+    }
+}
+
+impl Config {
+    /// The ready-to-run form for a frame; the error names the field that is wrong.
+    pub fn build(&self, cascade: &Cascade) -> Result<Governor, ConfigError> {
+        positive("max_speed_m_s", self.max_speed_m_s)?;
+        positive("max_acceleration_m_s2", self.max_acceleration_m_s2)?;
+        positive("stop_deceleration_m_s2", self.stop_deceleration_m_s2)?;
+        require(
+            self.stop_deceleration_m_s2 >= self.max_acceleration_m_s2,
+            "stop_deceleration_m_s2",
+            self.stop_deceleration_m_s2,
+            Allowed::Condition("not less than max_acceleration_m_s2"),
+        )?;
+        in_range(
+            "max_steering_rad",
+            self.max_steering_rad,
+            1e-3,
+            cascade.max_steering(),
+        )?;
+        positive("max_steering_rate_rad_s", self.max_steering_rate_rad_s)?;
+        positive(
+            "max_steering_acceleration_rad_s2",
+            self.max_steering_acceleration_rad_s2,
+        )?;
+        positive("speed_rate_per_s", self.speed_rate_per_s)?;
+        positive("steering_frequency_rad_s", self.steering_frequency_rad_s)?;
+        positive("steering_tolerance_rad", self.steering_tolerance_rad)?;
+        non_negative("reversal_hold_s", self.reversal_hold_s)?;
+        positive("max_wheel_speed_m_s", self.max_wheel_speed_m_s)?;
+        positive("half_track_m", self.half_track_m)?;
+        in_range("max_interval_s", self.max_interval_s, 1e-4, 0.5)?;
+
+        let mut governor = Governor {
+            config: *self,
+            cascade: *cascade,
+            max_steering_rate: self.max_steering_rate_rad_s,
+            wheel_speed_left: 0.0,
+        };
+        // The share of the wheels' speed that bending takes, at its largest.
+        let bending = self.half_track_m + governor.largest_parting();
+        governor.wheel_speed_left =
+            self.max_wheel_speed_m_s - bending * self.max_steering_rate_rad_s;
+        require(
+            governor.wheel_speed_left > 0.0,
+            "max_wheel_speed_m_s",
+            self.max_wheel_speed_m_s,
+            Allowed::Condition(
+                "more than half_track_m times max_steering_rate_rad_s, and a little",
+            ),
+        )?;
+        let slope = governor.steepest_speed_limit();
+        governor.max_steering_rate = self
+            .max_steering_rate_rad_s
+            .min(self.max_acceleration_m_s2 / slope.max(1e-9));
+        Ok(governor)
+    }
+}
+
+/// What is asked of the robot.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Wish {
+    /// Velocity of O, m/s.
+    pub v: f32,
+    /// Rate at which `v` is going to change where that is known (a trajectory), m/s²; removes the
+    /// lag of the filter. Otherwise 0.
+    pub v_rate: f32,
+    /// Steering angle, rad.
+    pub psi: f32,
+    /// Rate at which `psi` is going to change where that is known (a path ahead), rad/s; removes
+    /// the lag of the filter. Otherwise 0.
+    pub psi_rate: f32,
+    /// Error of steering that speed need not wait for, rad: what feedback on a path puts right
+    /// anyway. Otherwise 0.
+    pub steering_slack: f32,
+}
+
+impl Wish {
+    /// A wish of velocity (m/s) and path curvature (1/m).
+    pub fn from_curvature(cascade: &Cascade, v: f32, kappa: f32) -> Self {
+        // NaN must stay NaN here: the governor takes it as an absent wish.
+        let psi = if kappa.is_finite() {
+            cascade.steering(kappa)
+        } else {
+            f32::NAN
+        };
+        Self {
+            v,
+            psi,
+            ..Self::default()
+        }
+    }
+}
+
+/// Everything that changes: the reference itself, and what a change of direction waits for.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct State {
+    /// The smooth reference.
+    pub motion: Motion,
+    /// Time since v became zero, s; 0 in motion.
+    pub rest_s: f32,
+    /// Direction in which O last moved: 1, −1, or 0 before the first motion.
+    pub direction: f32,
+}
+
+impl State {
+    /// At rest with the frame bent by `psi` (rad); NaN counts as straight.
+    pub fn at_rest(psi: f32) -> Self {
+        Self {
+            motion: Motion {
+                psi: if psi.is_finite() { psi } else { 0.0 },
+                ..Motion::default()
+            },
+            ..Self::default()
+        }
+    }
+}
+
+/// The reference governor.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Governor {
+    config: Config,
+    cascade: Cascade,
+    /// ψ̇_max, reduced where v could not brake as fast as bending lowers its limit.
+    max_steering_rate: f32,
+    /// Wheel speed left for driving while the frame bends at full rate, m/s.
+    wheel_speed_left: f32,
+}
+
+impl Governor {
+    /// Largest |½ c'(ψ)|/cos ψ within the steering limit, m/rad: grows with ψ.
+    fn largest_parting(&self) -> f32 {
+        let motion = Motion {
+            psi: self.config.max_steering_rad,
+            psi_rate: 1.0,
+            ..Motion::default()
+        };
+        let [(front, _), (rear, _)] = self.cascade.axle_twists(&motion);
+        front.v.abs().max(rear.v.abs())
+    }
+
+    /// Largest |v| (m/s) at which no wheel exceeds its limit with the frame bent by `psi` (rad),
+    /// and which the speed limit itself allows.
+    pub fn speed_limit(&self, psi: f32) -> f32 {
+        let psi = clamp(
+            psi,
+            -self.config.max_steering_rad,
+            self.config.max_steering_rad,
+        );
+        let (_, c) = sin_cos(psi);
+        let outer = 1.0 / c + self.config.half_track_m * self.cascade.curvature(psi).abs();
+        (self.wheel_speed_left / outer).min(self.config.max_speed_m_s)
+    }
+
+    /// Largest |d speed_limit/dψ| within the steering limit, m/(s rad).
+    fn steepest_speed_limit(&self) -> f32 {
+        let step = self.config.max_steering_rad / SAMPLES as f32;
+        let mut steepest = 0.0f32;
+        let mut last = self.speed_limit(0.0);
+        for i in 1..=SAMPLES {
+            let next = self.speed_limit(step * i as f32);
+            steepest = steepest.max((last - next) / step);
+            last = next;
+        }
+        // The steepest place lies between two samples.
+        1.05 * steepest
+    }
+
+    /// Largest |ψ̇| the governor will ask for, rad/s.
+    pub fn max_steering_rate(&self) -> f32 {
+        self.max_steering_rate
+    }
+
+    /// The configuration it was built from.
+    pub fn config(&self) -> &Config {
+        &self.config
+    }
+
+    /// One step of `dt` (s) towards `wish`; returns the next state, whose
+    /// [`motion`](State::motion) is the reference. An interval that is not positive changes
+    /// nothing.
+    ///
+    /// `v_rate` and `psi_acceleration` of the motion are those of the step just made.
+    pub fn step(&self, state: &State, wish: &Wish, dt: f32) -> State {
+        let finite = wish.v.is_finite()
+            && wish.v_rate.is_finite()
+            && wish.psi.is_finite()
+            && wish.psi_rate.is_finite()
+            && wish.steering_slack.is_finite();
+        if !finite {
+            return self.stop(state, dt);
+        }
+        if !(dt > 0.0) {
+            return *state;
+        }
+        let dt = dt.min(self.config.max_interval_s);
+        let mut next = *state;
+        let limit = self.config.max_steering_rad;
+        let target_psi = clamp(wish.psi, -limit, limit);
+        let target_rate = clamp(
+            wish.psi_rate,
+            -self.max_steering_rate,
+            self.max_steering_rate,
+        );
+        let wanted = self.filtered_steering(&state.motion, target_psi, target_rate, dt);
+        self.bend(&mut next.motion, wanted, dt);
+
+        let astray = (target_psi - next.motion.psi).abs() - wish.steering_slack.max(0.0);
+        let waiting = 1.0 - astray.max(0.0) / self.config.steering_tolerance_rad;
+        let limit = self.speed_limit(next.motion.psi);
+        let mut target = clamp(wish.v, -limit, limit) * waiting.max(0.0);
+        let mut rate = wish.v_rate * waiting.max(0.0);
+        let heading = if target != 0.0 { target } else { rate };
+        if heading * state.direction < 0.0 {
+            // The other direction: first to zero, then rest, then go.
+            if state.motion.v != 0.0 || state.rest_s < self.config.reversal_hold_s {
+                (target, rate) = (0.0, 0.0);
+            }
+        }
+        let ramp = self.config.max_acceleration_m_s2 * dt;
+        let gap = target - state.motion.v;
+        let lag = gap.abs() * (1.0 - exp(-self.config.speed_rate_per_s * dt));
+        let approach = lag.max((FINAL_RAMP * ramp).min(gap.abs())).copysign(gap);
+        let mut change = clamp(approach + rate * dt, -ramp, ramp);
+        let after = state.motion.v + change;
+        if after * state.motion.v < 0.0 || (state.motion.v == 0.0 && after * heading < 0.0) {
+            change = -state.motion.v;
+        }
+        self.drive(&mut next, change, limit, dt);
+        next
+    }
+
+    /// One step of `dt` (s) of an emergency stop: v ramps to zero at the stop deceleration, ψ̇ to
+    /// zero at ψ̈_max, and ψ stays where that leaves it.
+    pub fn stop(&self, state: &State, dt: f32) -> State {
+        if !(dt > 0.0) {
+            return *state;
+        }
+        let dt = dt.min(self.config.max_interval_s);
+        let mut next = *state;
+        self.bend(&mut next.motion, -state.motion.psi_rate / dt, dt);
+        let v = state.motion.v;
+        let change = (self.config.stop_deceleration_m_s2 * dt).min(v.abs());
+        self.drive(
+            &mut next,
+            -change.copysign(v),
+            self.config.max_speed_m_s,
+            dt,
+        );
+        next
+    }
+
+    /// Acceleration of the critically damped filter, rad/s²: both poles at `e^(−ω dt)` for an
+    /// acceleration that is constant over the step, so the filter is stable at any interval.
+    fn filtered_steering(&self, motion: &Motion, target: f32, target_rate: f32, dt: f32) -> f32 {
+        let decay = 1.0 - exp(-self.config.steering_frequency_rad_s * dt);
+        let stiffness = decay / dt * (decay / dt);
+        let damping = decay * (4.0 - decay) / (2.0 * dt);
+        // The wish is a moving target: it is where the next step finds it.
+        stiffness * (target - motion.psi) + damping * (target_rate - motion.psi_rate)
+    }
+
+    /// Applies the steering acceleration nearest to `wanted` that keeps all three limits.
+    ///
+    /// Braking from rate w takes at most `D(w) = w²/(2A) + w T/2` for steps no longer than T. The
+    /// rate after the step is held where `ψ + (w + w')dt/2 + D(w') ≤ ψ_max`; if that holds before
+    /// the step, full braking fulfils it after the step, so it holds for ever.
+    fn bend(&self, motion: &mut Motion, wanted: f32, dt: f32) {
+        let strongest = self.config.max_steering_acceleration_rad_s2;
+        let limit = self.config.max_steering_rad;
+        let rate = motion.psi_rate;
+        let highest = |room: f32| {
+            let lead = 0.5 * (dt + self.config.max_interval_s);
+            strongest * (sqrt(lead * lead + 2.0 * room.max(0.0) / strongest) - lead)
+        };
+        let up = highest(limit - motion.psi - 0.5 * rate * dt).min(self.max_steering_rate);
+        let down = -highest(limit + motion.psi + 0.5 * rate * dt).min(self.max_steering_rate);
+        let next = clamp(rate + wanted * dt, down, up);
+        let next = clamp(next, rate - strongest * dt, rate + strongest * dt);
+        motion.psi = clamp(motion.psi + 0.5 * (rate + next) * dt, -limit, limit);
+        motion.psi_acceleration = (next - rate) / dt;
+        motion.psi_rate = next;
+    }
+
+    /// Applies a change of speed and the speed limit.
+    fn drive(&self, state: &mut State, change: f32, limit: f32, dt: f32) {
+        let before = state.motion.v;
+        state.motion.v = clamp(before + change, -limit, limit);
+        state.motion.v_rate = (state.motion.v - before) / dt;
+        if state.motion.v == 0.0 {
+            // Bounded, so that a long rest cannot stop the clock of a later one.
+            state.rest_s = (state.rest_s + dt).min(2.0 * self.config.reversal_hold_s + 1.0);
+        } else {
+            state.rest_s = 0.0;
+            state.direction = 1.0f32.copysign(state.motion.v);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::control::cascade;
+    use proptest::prelude::*;
+
+    fn frame() -> Cascade {
+        cascade::Config::default().build().unwrap()
+    }
+
+    fn governor() -> Governor {
+        Config::default().build(&frame()).unwrap()
+    }
+
+    /// Circumferential speed of the fastest wheel.
+    fn fastest_wheel(motion: &Motion, half_track: f32) -> f32 {
+        frame()
+            .axle_twists(motion)
+            .iter()
+            .map(|(twist, _)| twist.v.abs() + half_track * twist.omega.abs())
+            .fold(0.0, f32::max)
+    }
+
+    fn run(governor: &Governor, mut state: State, wish: Wish, dt: f32, time: f32) -> State {
+        for _ in 0..(time / dt).round() as usize {
+            state = governor.step(&state, &wish, dt);
+        }
+        state
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(200))]
+
+        /// Whatever is asked, at whatever interval, and stopped or not: all limits hold.
+        #[test]
+        fn no_limit_is_ever_exceeded(
+            wheel in 0.3f32..0.7, max_speed in 0.1f32..1.0,
+            wishes in prop::collection::vec(
+                (
+                    (-2.0f32..2.0, -1.0f32..1.0), (-1.0f32..1.0, -3.0f32..3.0),
+                    0.0005f32..0.05, 1usize..60, 0u8..8,
+                ),
+                1..30,
+            ),
+        ) {
+            let config = Config {
+                max_wheel_speed_m_s: wheel, max_speed_m_s: max_speed, ..Config::default()
+            };
+            let governor = config.build(&frame()).unwrap();
+            let mut state = State::default();
+            for ((v, v_rate), (psi, psi_rate), dt, steps, kind) in wishes {
+                let wish = Wish { v, v_rate, psi, psi_rate, ..Wish::default() };
+                for _ in 0..steps {
+                    let before = state.motion;
+                    state = match kind {
+                        0 => governor.stop(&state, dt),
+                        1 => governor.step(&state, &Wish { v: f32::NAN, ..wish }, dt),
+                        _ => governor.step(&state, &wish, dt),
+                    };
+                    let now = state.motion;
+                    let acceleration = if kind < 2 { 0.8 } else { 0.4 };
+                    prop_assert!(now.v.abs() <= max_speed + 1e-6);
+                    prop_assert!(now.v_rate.abs() <= acceleration * 1.001 + 1e-4, "{}", now.v_rate);
+                    prop_assert!(now.psi.abs() <= 0.5);
+                    prop_assert!(now.psi_rate.abs() <= 1.0 + 1e-6);
+                    prop_assert!(now.psi_acceleration.abs() <= 8.01);
+                    prop_assert!(fastest_wheel(&now, 0.162) <= wheel * 1.0001);
+                    prop_assert!(before.v * now.v >= 0.0, "direction changes through zero");
+                    // The rates are those of the values.
+                    let dt = dt.min(0.02);
+                    prop_assert!((now.v - before.v - now.v_rate * dt).abs() < 1e-6);
+                    let mean = 0.5 * (before.psi_rate + now.psi_rate);
+                    prop_assert!((now.psi - before.psi - mean * dt).abs() < 1e-6);
+                }
+            }
+        }
+
+        #[test]
+        fn a_constant_wish_is_reached(v in -0.25f32..0.25, psi in -0.5f32..0.5, from in -0.5f32..0.5) {
+            let state = run(&governor(), State::at_rest(from), Wish { v, psi, ..Wish::default() }, 0.01, 6.0);
+            prop_assert!((state.motion.v - v).abs() < 1e-4);
+            prop_assert!((state.motion.psi - psi).abs() < 1e-4);
+        }
+
+        #[test]
+        fn no_overshoot_from_rest(psi in -0.5f32..0.5) {
+            let (governor, mut state) = (governor(), State::default());
+            for _ in 0..300 {
+                state = governor.step(&state, &Wish { v: 0.1, psi, ..Wish::default() }, 0.01);
+                prop_assert!(state.motion.psi * psi >= 0.0);
+                prop_assert!(state.motion.psi.abs() <= psi.abs() + 1e-5);
+            }
+        }
+    }
+
+    /// Inside its limits the filter of ψ is the continuous one: `1 − (1 + ωt) e^(−ωt)`.
+    #[test]
+    fn small_step_follows_the_critically_damped_response() {
+        let governor = governor();
+        for dt in [0.001f32, 0.01, 0.02] {
+            let mut state = State::default();
+            for i in 1..=(1.0 / dt) as usize {
+                let wish = Wish {
+                    v: 0.0,
+                    psi: 0.1,
+                    ..Wish::default()
+                };
+                state = governor.step(&state, &wish, dt);
+                let x = 8.0 * f64::from(dt) * i as f64;
+                let exact = 0.1 * (1.0 - (1.0 + x) * (-x).exp());
+                // A hold over half an interval delays the sampled filter by no more than that.
+                let tolerance = 0.3 * f64::from(dt) * 0.5 + 1e-5;
+                assert!((f64::from(state.motion.psi) - exact).abs() < tolerance);
+            }
+        }
+    }
+
+    #[test]
+    fn known_rate_removes_the_lag() {
+        let governor = governor();
+        let (mut with, mut without) = (State::default(), State::default());
+        for i in 1..=100 {
+            let psi = 0.4 * 0.01 * i as f32;
+            let wish = |psi_rate| Wish {
+                v: 0.1,
+                psi,
+                psi_rate,
+                ..Wish::default()
+            };
+            with = governor.step(&with, &wish(0.4), 0.01);
+            without = governor.step(&without, &wish(0.0), 0.01);
+        }
+        assert!((with.motion.psi - 0.4).abs() < 0.006);
+        // 2/ω behind.
+        assert!((without.motion.psi - (0.4 - 0.4 * 0.25)).abs() < 0.006);
+        assert!(with.motion.v > 2.0 * without.motion.v, "speed waits");
+    }
+
+    #[test]
+    fn known_acceleration_removes_the_lag_of_speed() {
+        let governor = governor();
+        let mut state = State::default();
+        for i in 1..=80 {
+            let wish = Wish {
+                v: 0.25 * 0.01 * i as f32,
+                v_rate: 0.25,
+                ..Wish::default()
+            };
+            state = governor.step(&state, &wish, 0.01);
+        }
+        // Where the wish is at the end of the step.
+        assert!((state.motion.v - 0.2025).abs() < 1e-4, "{}", state.motion.v);
+    }
+
+    #[test]
+    fn speed_waits_for_steering() {
+        let governor = governor();
+        let start = run(
+            &governor,
+            State::default(),
+            Wish {
+                v: 0.25,
+                ..Wish::default()
+            },
+            0.01,
+            3.0,
+        );
+        let turned = Wish {
+            v: 0.25,
+            psi: 0.45,
+            ..Wish::default()
+        };
+        let mut slowest = f32::MAX;
+        let mut state = start;
+        for _ in 0..300 {
+            state = governor.step(&state, &turned, 0.01);
+            slowest = slowest.min(state.motion.v);
+        }
+        assert!(start.motion.v > 0.249 && slowest < 0.15);
+        assert!(state.motion.v > 0.24, "and goes on");
+    }
+
+    #[test]
+    fn change_of_direction_rests_at_zero() {
+        let governor = governor();
+        let wish = |v| Wish {
+            v,
+            ..Wish::default()
+        };
+        let mut state = run(&governor, State::default(), wish(0.2), 0.01, 3.0);
+        let mut resting = 0;
+        for _ in 0..300 {
+            state = governor.step(&state, &wish(-0.2), 0.01);
+            resting += usize::from(state.motion.v == 0.0);
+        }
+        assert!(state.motion.v < -0.19);
+        assert!((10..=12).contains(&resting), "{resting}");
+        // Having rested already, the next change starts at once.
+        state = run(&governor, state, wish(0.0), 0.01, 2.0);
+        assert_eq!(state.motion.v, 0.0);
+        assert!(governor.step(&state, &wish(0.2), 0.01).motion.v > 0.0);
+    }
+
+    #[test]
+    fn stop_is_a_ramp_to_rest() {
+        let governor = governor();
+        let turning = Wish {
+            v: 0.25,
+            psi: 0.4,
+            ..Wish::default()
+        };
+        let moving = run(&governor, State::default(), turning, 0.01, 0.4);
+        assert!(moving.motion.v > 0.01 && moving.motion.psi_rate > 0.1);
+        let mut state = moving;
+        let steps = (moving.motion.v / 0.8 / 0.01).ceil() as usize;
+        for _ in 0..steps.max(13) {
+            state = governor.stop(&state, 0.01);
+        }
+        assert_eq!((state.motion.v, state.motion.psi_rate), (0.0, 0.0));
+        let held = governor.stop(&state, 0.01).motion.psi;
+        assert_eq!(held, state.motion.psi);
+    }
+
+    #[test]
+    fn absent_wish_brakes_and_a_bad_interval_changes_nothing() {
+        let governor = governor();
+        let wish = Wish {
+            v: 0.2,
+            psi: 0.1,
+            ..Wish::default()
+        };
+        let moving = run(&governor, State::default(), wish, 0.01, 2.0);
+        for bad in [f32::NAN, f32::INFINITY] {
+            let absent = Wish { psi: bad, ..wish };
+            assert_eq!(
+                governor.step(&moving, &absent, 0.01),
+                governor.stop(&moving, 0.01)
+            );
+            assert_eq!(
+                governor.step(&moving, &Wish::from_curvature(&frame(), 0.2, bad), 0.01),
+                governor.stop(&moving, 0.01)
+            );
+        }
+        for bad in [f32::NAN, 0.0, -1.0] {
+            assert_eq!(governor.step(&moving, &wish, bad), moving);
+        }
+    }
+
+    #[test]
+    fn impossible_limits_are_named() {
+        let name = |config: Config| config.build(&frame()).unwrap_err().field;
+        let default = Config::default();
+        assert_eq!(
+            name(Config {
+                max_wheel_speed_m_s: 0.1,
+                ..default
+            }),
+            "max_wheel_speed_m_s"
+        );
+        assert_eq!(
+            name(Config {
+                max_steering_rad: 0.6,
+                ..default
+            }),
+            "max_steering_rad"
+        );
+        assert_eq!(
+            name(Config {
+                stop_deceleration_m_s2: 0.1,
+                ..default
+            }),
+            "stop_deceleration_m_s2"
+        );
+    }
+}

@@ -1,0 +1,677 @@
+//! Curvature-based kinematic controller (paper eq. 4).
+//!
+//! One law for posture regulation (reference at rest), path following and trajectory tracking
+//! (reference in motion), in two forms:
+//!
+//! - [`Law::command`] is equation 4: velocity and yaw rate as functions of time;
+//! - [`Law::approach`] is the same law for a reference at rest with its heading gain scaled by
+//!   `|v|/e`, which makes the path independent of the speed profile, so that speed may be limited
+//!   or held back at will without bending the path.
+//!
+//! # Panic contract
+//!
+//! [`Config::build`] and [`LimitsConfig::build`] validate; nothing else can fail. A posture or
+//! reference that is not finite gives [`Command::REST`].
+
+use crate::config::{ConfigError, in_range, non_negative, positive};
+use crate::math::Posture;
+use crate::math::trig::{atan2, clamp, cos, hypot, sin, sin_cos, sqrt, tanh, wrap_angle};
+use core::f32::consts::{PI, SQRT_2};
+
+/// Smallest distance (m) that `1/e` is taken of in [`Law::command`].
+pub const MIN_DISTANCE_M: f32 = 1e-6;
+/// Smallest magnitude of the denominator of eq. 4, m.
+pub const MIN_DENOMINATOR_M: f32 = 1e-9;
+/// Smallest speed (m/s) that the yaw rate is divided by to give a curvature.
+pub const MIN_SPEED_M_S: f32 = 1e-6;
+
+/// Denominator of the velocity in eq. 4.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
+pub enum Form {
+    /// `e s cos α + r√2 sin 2θ sin α`: what the Lyapunov condition δ̇ = −k1 tanh δ gives.
+    #[default]
+    Derived,
+    /// `e s + r√2 sin 2θ sin α`: as the paper prints it, without `cos α`.
+    Printed,
+}
+
+/// Which end of the robot leads.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
+pub enum Direction {
+    /// Front axle first, v > 0.
+    #[default]
+    Forward,
+    /// Rear axle first, v < 0.
+    Reverse,
+}
+
+impl Direction {
+    /// 1 forward, −1 in reverse: the sign of v.
+    pub const fn sign(self) -> f32 {
+        match self {
+            Self::Forward => 1.0,
+            Self::Reverse => -1.0,
+        }
+    }
+
+    /// The other direction.
+    pub const fn opposite(self) -> Self {
+        match self {
+            Self::Forward => Self::Reverse,
+            Self::Reverse => Self::Forward,
+        }
+    }
+}
+
+/// Position error in polar coordinates, as the robot's midpoint O sees its reference R.
+///
+/// With β the direction of the line of sight from O to R: θ = β − φ_r, α = β − φ.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PolarError {
+    /// Distance from O to R, m (the paper's e).
+    pub distance_m: f32,
+    /// Line of sight seen from the reference heading, rad in [−π, π] (θ).
+    pub theta: f32,
+    /// Line of sight seen from the robot's heading, rad in [−π, π] (α).
+    pub alpha: f32,
+}
+
+impl PolarError {
+    /// The error of `posture` against `reference`.
+    ///
+    /// At distance 0 there is no line of sight; the reference heading stands in for it, so θ = 0
+    /// and α is the heading error.
+    pub fn between(posture: Posture, reference: Posture) -> Self {
+        let (dx, dy) = (reference.x - posture.x, reference.y - posture.y);
+        let distance_m = hypot(dx, dy);
+        let sight = if distance_m > 0.0 {
+            atan2(dy, dx)
+        } else {
+            reference.phi
+        };
+        Self {
+            distance_m,
+            theta: wrap_angle(sight - reference.phi),
+            alpha: wrap_angle(sight - posture.phi),
+        }
+    }
+
+    /// The same error for a robot that drives with its rear first: both headings turned by π.
+    pub fn reversed(self) -> Self {
+        Self {
+            distance_m: self.distance_m,
+            theta: wrap_angle(self.theta + PI),
+            alpha: wrap_angle(self.alpha + PI),
+        }
+    }
+
+    /// The error as seen when driving in `direction`.
+    pub fn along(self, direction: Direction) -> Self {
+        match direction {
+            Direction::Forward => self,
+            Direction::Reverse => self.reversed(),
+        }
+    }
+
+    /// Heading error on arrival by the circular arc towards the reference, η = θ + α, rad in
+    /// [−π, π]. The same for both directions.
+    pub fn arrival(self) -> f32 {
+        wrap_angle(self.theta + self.alpha)
+    }
+
+    /// Heading of the robot against the reference, φ − φ_r = θ − α, rad in [−π, π].
+    pub fn heading(self) -> f32 {
+        wrap_angle(self.theta - self.alpha)
+    }
+}
+
+/// What the robot's midpoint should do.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Command {
+    /// Velocity of O along its heading, m/s; negative in reverse.
+    pub v: f32,
+    /// Curvature of O's path, 1/m, positive to the left: yaw rate over velocity.
+    pub kappa: f32,
+    /// Yaw rate, rad/s.
+    pub phi_dot: f32,
+}
+
+impl Command {
+    /// No motion, straight.
+    pub const REST: Self = Self {
+        v: 0.0,
+        kappa: 0.0,
+        phi_dot: 0.0,
+    };
+}
+
+/// A reference posture in motion.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Reference {
+    /// Posture of the reference frame R.
+    pub posture: Posture,
+    /// Velocity along its heading, m/s (v_r); 0 for posture regulation.
+    pub v: f32,
+    /// Curvature of its path, 1/m (κ_r).
+    pub kappa: f32,
+}
+
+impl Reference {
+    /// The reference `distance` metres further along its path (backwards where it backs). Leading
+    /// it by [`Law::rest_distance`] lets O run on the reference instead of trailing it.
+    pub fn led_by(self, distance: f32) -> Self {
+        let ds = if self.v < 0.0 { -distance } else { distance };
+        Self {
+            posture: self.posture.advance(ds, ds * self.kappa),
+            ..self
+        }
+    }
+}
+
+/// Gains of the kinematic controller.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
+pub struct Config {
+    /// Radius of the circular path manifold, m (r). O comes to rest `r√(2ε)` short of the
+    /// reference.
+    pub circle_radius_m: f32,
+    /// Perturbation that keeps the manifold smooth at θ = 0 (ε = ζ − 1).
+    pub epsilon: f32,
+    /// Speed demanded far from the manifold, m/s (k1).
+    pub approach_gain_m_s: f32,
+    /// Rate at which η = θ + α decays, rad/s (k2).
+    pub heading_gain_rad_s: f32,
+    /// Denominator of the velocity.
+    pub form: Form,
+    /// Positive floor of the derived denominator as a fraction of `e s`; 0 leaves it as derived.
+    pub denominator_floor: f32,
+    /// Decay of η along the path in the approach form: dη/ds = −p η/e (p).
+    pub arrival_gain: f32,
+    /// Distance below which the approach form steers ever less, m (σ).
+    pub softening_m: f32,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            circle_radius_m: 0.2,
+            epsilon: 1e-3,
+            approach_gain_m_s: 1.5,
+            heading_gain_rad_s: 2.0,
+            form: Form::Derived,
+            denominator_floor: 0.3,
+            arrival_gain: 3.0,
+            softening_m: 0.03,
+        }
+    }
+}
+
+impl Config {
+    /// Checks the gains.
+    pub fn build(self) -> Result<Law, ConfigError> {
+        positive("circle_radius_m", self.circle_radius_m)?;
+        positive("epsilon", self.epsilon)?;
+        positive("approach_gain_m_s", self.approach_gain_m_s)?;
+        positive("heading_gain_rad_s", self.heading_gain_rad_s)?;
+        in_range("denominator_floor", self.denominator_floor, 0.0, 1.0)?;
+        positive("arrival_gain", self.arrival_gain)?;
+        non_negative("softening_m", self.softening_m)?;
+        Ok(Law {
+            config: self,
+            manifold: self.circle_radius_m * SQRT_2,
+        })
+    }
+}
+
+/// The kinematic controller, ready to run. It has no state.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Law {
+    config: Config,
+    /// r√2, m.
+    manifold: f32,
+}
+
+impl Law {
+    /// The gains this law was built from.
+    pub fn config(&self) -> &Config {
+        &self.config
+    }
+
+    /// Distance at which O rests behind (or trails) a reference it has reached, m: `r√(2ε)`.
+    pub fn rest_distance(&self) -> f32 {
+        self.manifold * sqrt(self.config.epsilon)
+    }
+
+    /// `√(ζ − cos 2θ)`, computed as `√(ε + 2 sin²θ)`: the difference would cancel in `f32`.
+    fn shape(&self, sin_theta: f32) -> f32 {
+        sqrt(self.config.epsilon + 2.0 * sin_theta * sin_theta)
+    }
+
+    /// Distance from the circular path manifold, m: δ = e − r√2 √(ζ − cos 2θ).
+    pub fn manifold_error(&self, error: PolarError) -> f32 {
+        error.distance_m - self.manifold * self.shape(sin(error.theta))
+    }
+
+    /// Velocity, curvature and yaw rate of O by equation 4, before limits.
+    ///
+    /// Metres, radians, seconds; `error` is that of O against the reference posture. Valid for any
+    /// v_r, stable for v_r ≥ 0; [`Self::track`] handles a reference that backs.
+    ///
+    /// Guards, none of which acts at an ordinary point:
+    /// - `1/e` is taken of at least [`MIN_DISTANCE_M`];
+    /// - the derived denominator is at least `denominator_floor · e s` (positive); with floor 0,
+    ///   and for the printed one, its magnitude is at least [`MIN_DENOMINATOR_M`], sign kept;
+    /// - the curvature is the yaw rate over a speed of magnitude at least [`MIN_SPEED_M_S`], sign
+    ///   kept (+ at v = 0): finite at v = 0, and 0 there if the yaw rate is 0.
+    ///
+    /// Input that is not finite gives [`Command::REST`].
+    pub fn command(&self, error: PolarError, v_r: f32, kappa_r: f32) -> Command {
+        let c = &self.config;
+        let e = error.distance_m;
+        let (sin_theta, cos_theta) = sin_cos(error.theta);
+        let (sin_alpha, cos_alpha) = sin_cos(error.alpha);
+        let s = self.shape(sin_theta);
+        let sin_2theta = 2.0 * sin_theta * cos_theta;
+
+        let approach = c.approach_gain_m_s * e * s * tanh(e - self.manifold * s);
+        let feedforward =
+            v_r * (e * cos_theta * s + self.manifold * sin_2theta * (sin_theta + kappa_r * e));
+        let turning = self.manifold * sin_2theta * sin_alpha;
+        let denominator = match c.form {
+            Form::Printed => e * s + turning,
+            Form::Derived if c.denominator_floor > 0.0 => {
+                (e * s * cos_alpha + turning).max(c.denominator_floor * e * s)
+            }
+            Form::Derived => e * s * cos_alpha + turning,
+        };
+        let v = (approach + feedforward) / away_from_zero(denominator, MIN_DENOMINATOR_M);
+        let phi_dot = c.heading_gain_rad_s * tanh(error.theta + error.alpha)
+            + 2.0 / e.max(MIN_DISTANCE_M) * (v * sin_alpha - v_r * sin_theta)
+            - v_r * kappa_r;
+        let kappa = phi_dot / away_from_zero(v, MIN_SPEED_M_S);
+        if v.is_finite() && phi_dot.is_finite() && kappa.is_finite() {
+            Command { v, kappa, phi_dot }
+        } else {
+            Command::REST
+        }
+    }
+
+    /// Equation 4 of `posture` against a reference in motion. A reference that backs (v_r < 0) is
+    /// followed rear first: seen forward its heading would be unstable (θ̇ ≈ −2 v_r θ/e), so both
+    /// headings are turned by π and v, κ negated.
+    pub fn track(&self, posture: Posture, reference: Reference) -> Command {
+        let direction = if reference.v < 0.0 {
+            Direction::Reverse
+        } else {
+            Direction::Forward
+        };
+        let sign = direction.sign();
+        let error = PolarError::between(posture, reference.posture).along(direction);
+        let command = self.command(error, sign * reference.v, sign * reference.kappa);
+        Command {
+            v: sign * command.v,
+            kappa: sign * command.kappa,
+            phi_dot: command.phi_dot,
+        }
+    }
+
+    /// Curvature (1/m) of the path towards a reference at rest: `(2 sin α + p η)/e`.
+    ///
+    /// This is eq. 4 with k2 := p |v| η / (e tanh η). Seen along the driving direction: of a robot
+    /// in reverse, pass the reversed error and negate the result.
+    ///
+    /// Near the goal, where bearings lose meaning, `e/(e² + σ²)` stands for `1/e`.
+    pub fn approach_curvature(&self, error: PolarError) -> f32 {
+        let (e, soft) = (error.distance_m, self.config.softening_m);
+        let inverse = e / (e * e + soft * soft).max(MIN_DISTANCE_M * MIN_DISTANCE_M);
+        (2.0 * sin(error.alpha) + self.config.arrival_gain * error.arrival()) * inverse
+    }
+
+    /// The approach form towards a reference at rest, driving in `direction`; `error` is that of
+    /// the robot as it stands (not reversed). Before limits.
+    ///
+    /// The velocity is that of eq. 4, which near the goal (from four softening lengths down to two)
+    /// passes over into that times `max(0, cos α)`, so that the robot stops abeam of the goal
+    /// instead of circling it. The velocity never opposes `direction`. Input that is not finite
+    /// gives [`Command::REST`].
+    pub fn approach(&self, error: PolarError, direction: Direction) -> Command {
+        let seen = error.along(direction);
+        let kappa = direction.sign() * self.approach_curvature(seen);
+        let soft = self.config.softening_m.max(MIN_DISTANCE_M);
+        let far = clamp(0.5 * seen.distance_m / soft - 1.0, 0.0, 1.0);
+        let slow = far + (1.0 - far) * cos(seen.alpha).max(0.0);
+        let v = direction.sign() * self.command(seen, 0.0, 0.0).v.max(0.0) * slow;
+        if kappa.is_finite() && v.is_finite() {
+            Command {
+                v,
+                kappa,
+                phi_dot: v * kappa,
+            }
+        } else {
+            Command::REST
+        }
+    }
+}
+
+/// `x`, or the number of magnitude `least` on its side of zero if it is closer to zero than that.
+fn away_from_zero(x: f32, least: f32) -> f32 {
+    if x.abs() < least {
+        if x < 0.0 { -least } else { least }
+    } else {
+        x
+    }
+}
+
+/// Curvature (1/m) of O's path when the axles are steered by `psi` (rad) against a frame of length
+/// `frame_length_m`: κ = 2ψ/(L cos ψ) (paper eq. 5). Monotone and finite for |ψ| < π/2.
+pub fn curvature_of_steering(psi: f32, frame_length_m: f32) -> f32 {
+    2.0 * psi / (frame_length_m * cos(psi))
+}
+
+/// Bounds of what the robot is asked to do.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
+pub struct LimitsConfig {
+    /// Greatest speed of O, m/s, both directions.
+    pub max_speed_m_s: f32,
+    /// Greatest steering angle of an axle against the frame's chord, rad (|ψ|).
+    pub max_steering_rad: f32,
+    /// Frame length, m (L).
+    pub frame_length_m: f32,
+}
+
+impl Default for LimitsConfig {
+    fn default() -> Self {
+        Self {
+            max_speed_m_s: 0.25,
+            max_steering_rad: 0.5,
+            frame_length_m: 0.37,
+        }
+    }
+}
+
+impl LimitsConfig {
+    /// Checks the bounds.
+    pub fn build(self) -> Result<Limits, ConfigError> {
+        positive("max_speed_m_s", self.max_speed_m_s)?;
+        in_range("max_steering_rad", self.max_steering_rad, 0.01, 1.4)?;
+        positive("frame_length_m", self.frame_length_m)?;
+        Ok(Limits {
+            max_speed: self.max_speed_m_s,
+            max_curvature: curvature_of_steering(self.max_steering_rad, self.frame_length_m),
+        })
+    }
+}
+
+/// Bounds of speed and curvature that keep the path where they can.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Limits {
+    max_speed: f32,
+    max_curvature: f32,
+}
+
+impl Limits {
+    /// Bounds from a speed (m/s) and a curvature (1/m), both greater than zero.
+    pub fn new(max_speed_m_s: f32, max_curvature_per_m: f32) -> Result<Self, ConfigError> {
+        Ok(Self {
+            max_speed: positive("max_speed_m_s", max_speed_m_s)?,
+            max_curvature: positive("max_curvature_per_m", max_curvature_per_m)?,
+        })
+    }
+
+    /// Greatest curvature, 1/m.
+    pub fn max_curvature(&self) -> f32 {
+        self.max_curvature
+    }
+
+    /// Greatest speed, m/s.
+    pub fn max_speed(&self) -> f32 {
+        self.max_speed
+    }
+
+    /// `command` within the bounds. A velocity beyond its bound is scaled together with the yaw
+    /// rate, so the path stays; a curvature beyond its bound is cut, and the yaw rate follows from
+    /// it. Not finite gives [`Command::REST`].
+    pub fn limit(&self, command: Command) -> Command {
+        if !(command.v.is_finite() && command.kappa.is_finite()) {
+            return Command::REST;
+        }
+        let v = clamp(command.v, -self.max_speed, self.max_speed);
+        let kappa = clamp(command.kappa, -self.max_curvature, self.max_curvature);
+        Command {
+            v,
+            kappa,
+            phi_dot: v * kappa,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn law(form: Form) -> Law {
+        Config {
+            form,
+            denominator_floor: 0.0,
+            ..Config::default()
+        }
+        .build()
+        .unwrap()
+    }
+
+    /// One integration step of unicycle and reference in f64 with fixed inputs, by RK4 of fine
+    /// substeps: the motion the law is about, stated without polar coordinates.
+    fn drive(mut q: [f64; 3], v: f64, omega: f64, time: f64) -> [f64; 3] {
+        let n = 20;
+        let h = time / n as f64;
+        for _ in 0..n {
+            let middle = q[2] + 0.5 * h * omega;
+            q[0] += h * v * middle.cos();
+            q[1] += h * v * middle.sin();
+            q[2] += h * omega;
+        }
+        q
+    }
+
+    /// e, θ, α of a posture against a reference in f64, angles not wrapped by f32 code.
+    fn polar(q: [f64; 3], r: [f64; 3]) -> [f64; 3] {
+        let (dx, dy) = (r[0] - q[0], r[1] - q[1]);
+        let sight = dy.atan2(dx);
+        let wrap = |a: f64| a.sin().atan2(a.cos());
+        [dx.hypot(dy), wrap(sight - r[2]), wrap(sight - q[2])]
+    }
+
+    proptest! {
+        /// The derived form makes δ obey δ̇ = −k1 tanh δ and θ + α obey −k2 tanh(θ + α), for a
+        /// reference at rest or in motion: measured by driving both bodies a little to and fro.
+        #[test]
+        fn errors_decay_as_designed(
+            x in -2.0f32..2.0, y in -2.0f32..2.0, phi in -3.0f32..3.0,
+            v_r in -0.3f32..0.3, kappa_r in -2.0f32..2.0,
+        ) {
+            let law = law(Form::Derived);
+            let posture = Posture::new(x, y, phi);
+            let error = PolarError::between(posture, Posture::new(0.3, -0.2, 0.7));
+            let command = law.command(error, v_r, kappa_r);
+            let (s, c) = (error.theta.sin(), error.alpha.cos());
+            let shape = (1e-3 + 2.0 * s * s).sqrt();
+            let denominator = error.distance_m * shape * c
+                + 0.2 * SQRT_2 * (2.0 * error.theta).sin() * error.alpha.sin();
+            prop_assume!(error.distance_m > 0.3 && denominator.abs() > 0.1);
+            prop_assume!((error.theta + error.alpha).abs() < 3.0);
+            prop_assume!(error.theta.abs() < 3.0 && error.alpha.abs() < 3.0);
+
+            let q = [x, y, phi].map(f64::from);
+            let r = [0.3f32, -0.2, 0.7].map(f64::from);
+            let h = 1e-4;
+            let at = |time: f64| {
+                let q = drive(q, command.v.into(), command.phi_dot.into(), time);
+                let r = drive(r, v_r.into(), f64::from(v_r) * f64::from(kappa_r), time);
+                let [e, theta, alpha] = polar(q, r);
+                let delta = e - 0.2 * (2.0 * (1.001 - (2.0 * theta).cos())).sqrt();
+                [delta, theta + alpha]
+            };
+            let (before, now, after) = (at(-h), at(0.0), at(h));
+            let delta_dot = (after[0] - before[0]) / (2.0 * h);
+            let sum_dot = (after[1] - before[1]) / (2.0 * h);
+            prop_assert!((delta_dot + 1.5 * now[0].tanh()).abs() < 2e-4, "{delta_dot} {}", now[0]);
+            prop_assert!((sum_dot + 2.0 * now[1].tanh()).abs() < 2e-4, "{sum_dot} {}", now[1]);
+        }
+
+        /// Along the approach path η falls as e-folds of distance: dη/ds = −p η/e.
+        #[test]
+        fn approach_path_straightens_arrival(
+            x in -2.0f32..2.0, y in -2.0f32..2.0, phi in -3.0f32..3.0, reverse: bool,
+        ) {
+            let law = Config { softening_m: 0.0, ..Config::default() }.build().unwrap();
+            let direction = if reverse { Direction::Reverse } else { Direction::Forward };
+            let posture = Posture::new(x, y, phi);
+            let error = PolarError::between(posture, Posture::ORIGIN);
+            prop_assume!(error.distance_m > 0.3 && error.arrival().abs() < 3.0);
+            let kappa = f64::from(direction.sign() * law.approach_curvature(error.along(direction)));
+            let h = 1e-4;
+            let eta = |ds: f64| {
+                let signed = ds * f64::from(direction.sign());
+                let q = drive([x, y, phi].map(f64::from), signed / h, signed / h * kappa, h);
+                let [_, theta, alpha] = polar(q, [0.0; 3]);
+                (theta + alpha).sin().atan2((theta + alpha).cos())
+            };
+            let slope = (eta(h) - eta(-h)) / (2.0 * h);
+            let expected = -3.0 * eta(0.0) / f64::from(error.distance_m);
+            prop_assert!((slope - expected).abs() < 1e-3 * (1.0 + expected.abs()), "{slope} {expected}");
+        }
+
+        #[test]
+        fn every_input_gives_a_finite_command(
+            x in proptest::num::f32::ANY, y in proptest::num::f32::ANY,
+            phi in proptest::num::f32::ANY, v_r in proptest::num::f32::ANY,
+            kappa_r in proptest::num::f32::ANY, printed: bool,
+        ) {
+            let law = law(if printed { Form::Printed } else { Form::Derived });
+            let posture = Posture::new(x, y, phi);
+            let limits = LimitsConfig::default().build().unwrap();
+            let error = PolarError::between(posture, Posture::ORIGIN);
+            for command in [
+                law.command(error, v_r, kappa_r),
+                law.approach(error, Direction::Forward),
+                law.approach(error, Direction::Reverse),
+            ] {
+                prop_assert!(command.v.is_finite() && command.kappa.is_finite());
+                prop_assert!(command.phi_dot.is_finite());
+                let limited = limits.limit(command);
+                prop_assert!(limited.v.abs() <= 0.25);
+                prop_assert!(limited.kappa.abs() <= limits.max_curvature());
+            }
+        }
+
+        /// Speed alone beyond its bound: the path (curvature) is what was asked for.
+        #[test]
+        fn limits_keep_the_path(v in -3.0f32..3.0, kappa in -3.0f32..3.0) {
+            let limits = Limits::new(0.25, 3.0).unwrap();
+            let out = limits.limit(Command { v, kappa, phi_dot: v * kappa });
+            prop_assert!((out.phi_dot - out.v * kappa).abs() < 1e-6);
+            prop_assert!(out.v * v >= 0.0);
+        }
+    }
+
+    #[test]
+    fn degenerate_points_are_finite() {
+        for form in [Form::Derived, Form::Printed] {
+            let law = law(form);
+            let at_goal = law.track(Posture::ORIGIN, Reference::default());
+            assert_eq!(at_goal, Command::REST);
+            // Abeam of the goal, where the derived denominator passes zero.
+            let error = PolarError {
+                distance_m: 0.5,
+                theta: 0.0,
+                alpha: PI / 2.0,
+            };
+            let command = law.command(error, 0.0, 0.0);
+            assert!(command.v.is_finite() && command.kappa.is_finite());
+        }
+    }
+
+    #[test]
+    fn floor_keeps_the_velocity_towards_the_goal_bounded() {
+        let law = Config::default().build().unwrap();
+        for i in -300..=300 {
+            let error = PolarError {
+                distance_m: 1.0,
+                theta: 0.3,
+                alpha: i as f32 * 0.01,
+            };
+            let v = law.command(error, 0.0, 0.0).v;
+            assert!((0.0..=1.5 / 0.3).contains(&v), "{v}");
+        }
+    }
+
+    #[test]
+    fn a_reference_ahead_is_trailed_at_the_rest_distance() {
+        let law = Config::default().build().unwrap();
+        let rest = law.rest_distance();
+        assert!((rest - 0.2 * (2.0f32 * 1e-3).sqrt()).abs() < 1e-7);
+        let reference = Reference {
+            posture: Posture::new(rest, 0.0, 0.0),
+            v: 0.2,
+            kappa: 0.0,
+        };
+        let command = law.track(Posture::ORIGIN, reference);
+        assert!((command.v - 0.2).abs() < 1e-5 && command.kappa.abs() < 1e-5);
+    }
+
+    /// A reference on a circle or a line, forward or backing, is caught up with and then followed
+    /// within millimetres once it is led.
+    #[test]
+    fn a_moving_reference_is_followed() {
+        let law = Config::default().build().unwrap();
+        let limits = Limits::new(0.4, 3.0).unwrap();
+        for v_r in [0.2f32, -0.2] {
+            for kappa_r in [0.0f32, 1.0, -0.5] {
+                let (mut q, mut r) = ([-0.3f64 * f64::from(v_r.signum()), 0.15, 0.2], [0.0f64; 3]);
+                for _ in 0..6000 {
+                    let reference = Reference {
+                        posture: r.map(|c| c as f32).into(),
+                        v: v_r,
+                        kappa: kappa_r,
+                    };
+                    let led = reference.led_by(law.rest_distance());
+                    let command = limits.limit(law.track(q.map(|c| c as f32).into(), led));
+                    q = drive(q, command.v.into(), command.phi_dot.into(), 5e-3);
+                    r = drive(r, v_r.into(), f64::from(v_r * kappa_r), 5e-3);
+                }
+                let off = (q[0] - r[0]).hypot(q[1] - r[1]);
+                assert!(off < 3e-3, "{v_r} {kappa_r}: {off}");
+                assert!((q[2] - r[2]).abs() < 0.03, "{v_r} {kappa_r}: {q:?} {r:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn bad_gains_are_named() {
+        let bad = Config {
+            epsilon: f32::NAN,
+            ..Config::default()
+        };
+        assert_eq!(bad.build().unwrap_err().field, "epsilon");
+        let bad = LimitsConfig {
+            max_steering_rad: 1.6,
+            ..LimitsConfig::default()
+        };
+        assert_eq!(bad.build().unwrap_err().field, "max_steering_rad");
+    }
+
+    #[test]
+    fn steering_bound_gives_the_curvature_bound() {
+        // 2 · 0.5 / (0.37 · cos 0.5) by hand.
+        let limits = LimitsConfig::default().build().unwrap();
+        assert!((limits.max_curvature() - 3.079_7).abs() < 1e-3);
+    }
+}

@@ -1,0 +1,17 @@
+//! Control: from a goal to wheel torques.
+//!
+//! [`kinematic`] steers the midpoint of the robot (paper eq. 4); [`funnel`] and [`planner`] bring
+//! any start posture to where that law cannot fail; [`governor`] shapes its output within limits of
+//! speed, acceleration and steering; [`cascade`] turns it into a reference for each axle (eq. 5, 6);
+//! [`dynamic`] turns a reference into wheel torques (eq. 7–10). [`path`] supplies references along
+//! a path.
+
+pub mod cascade;
+pub mod dynamic;
+pub mod funnel;
+pub mod governor;
+pub mod kinematic;
+pub mod path;
+pub mod planner;
+pub mod regulator;
+pub mod wheel_observer;

@@ -1,0 +1,1313 @@
+//! Paths and trajectories, and the reference that runs along them.
+//!
+//! # Theory
+//!
+//! A path is a row of points 1 to 2 cm apart, each with its posture, curvature and arc length,
+//! which can be streamed while the robot drives ([`PathBuffer`]). Between points, position is the
+//! cubic that keeps both headings, curvature is linear, and heading is its integral.
+//!
+//! **Path following** ([`Follower`]) is time-invariant: the reference stands where the robot
+//! stands, at the point of the path nearest to O, and so waits for it. Its speed is the largest
+//! from which, at every point ahead, the limits of steering rate `|dψ/ds| v` and steering
+//! acceleration `|d²ψ/ds²| v² + |dψ/ds| v̇`, and the end of the path, can still be met with the
+//! configured deceleration and reaction time.
+//!
+//! **Trajectory tracking** ([`Tracker`]) takes the reference from time instead.
+//!
+//! In both, law (4) lets O trail its reference by the distance e at which its manifold is met,
+//! `e = r√2 √(ε + 2 sin²θ)`. On a path of curvature κ_r, O itself on the path, `sin θ = −κ_r e/2`,
+//! hence `e = r√(2ε)/√(1 − r²κ_r²)`: the paper's distance on a straight line and more on a bend
+//! (27 % at r = 0.2 m, κ = 3.1 1/m). The reference is led along the path by that much, so that O
+//! runs on the path and stops at its end. A robot at y to the left of the path has
+//! `sin θ = −(y/e + κ_r e/2)`, and the follower leads by the e of that equation: the reference is
+//! then where the robot's circle meets the path, and the robot need not back up to get there.
+//!
+//! The lead makes ε free: on a straight path y decays at the rate `2 v/(r√(2ε))`, which should stay
+//! below what steering can follow. At r = 0.2 m and 0.25 m/s, an ε of 0.1 (e = 9 cm) keeps O three
+//! times nearer to a curved path than the 1e-3 that suits posture regulation.
+//!
+//! Paths are driven forward.
+//!
+//! [`Follower::wish`] and [`Tracker::wish`] apply law (4) to the reference and give the wish for the
+//! governor. Its heading gain k2 is scaled there by |v|/v_0, v_0 the nominal speed: corrections of
+//! heading are then made per length and not per time, so that slow driving does not ask for sharp
+//! bends; at v_0 the law is the paper's.
+//!
+//! # Panic contract
+//!
+//! [`Config::build`] validates the limits and the buffers refuse bad points; following and
+//! tracking cannot fail. An empty buffer and a posture that is not finite give no reference.
+
+use super::cascade::Cascade;
+use super::governor::Wish;
+use super::kinematic::{Law, PolarError, Reference};
+use crate::config::{ConfigError, in_range, non_negative, positive};
+use crate::math::Posture;
+use crate::math::trig::{clamp, sin_cos, sqrt, tanh, wrap_angle};
+use core::fmt;
+
+/// Below this speed (m/s) asked by law (4) its curvature gives way to that of the path: the law's
+/// is a yaw rate over a speed and loses its meaning as both vanish.
+const SLOW_M_S: f32 = 0.03;
+/// Steering error that speed does not wait for, rad: the lag of the governor where the curvature of
+/// a path begins or ceases to grow. It costs some tenths of a millimetre across the path, waiting
+/// several millimetres along a trajectory.
+const STEERING_SLACK_RAD: f32 = 0.03;
+/// How far apart the ends of a closed path may lie, m.
+pub const CLOSURE_M: f32 = 2e-3;
+/// The lead is not raised beyond this share of `1/√(1 − r²κ²)`'s singularity.
+const MAX_BEND_SQUARED: f32 = 0.9;
+
+/// One point of a path.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct PathPoint {
+    /// Position, m, and direction of the path, rad.
+    pub posture: Posture,
+    /// Curvature, 1/m, positive to the left.
+    pub kappa: f32,
+    /// Arc length from the start, m.
+    pub s: f32,
+}
+
+/// One point of a trajectory.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct TrajectoryPoint {
+    /// Time from the start, s.
+    pub time_s: f32,
+    /// Speed along the path, m/s, not negative.
+    pub v: f32,
+    /// Where the reference is.
+    pub point: PathPoint,
+}
+
+/// Why a point was not taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PathError {
+    /// No room: drive on, or give the buffer more points.
+    Full,
+    /// A component is not finite, or a speed negative.
+    NotFinite,
+    /// Arc length (of a trajectory: time) does not grow, or arc length falls.
+    NotAdvancing,
+    /// The path has already been ended.
+    Ended,
+    /// The ends of a path that is to be closed lie too far apart, or it has fewer than 3 points.
+    NotClosed,
+}
+
+impl fmt::Display for PathError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Full => "the path buffer is full",
+            Self::NotFinite => "a component of the point is not a finite number",
+            Self::NotAdvancing => "the point does not lie after the one before it",
+            Self::Ended => "the path has already been ended",
+            Self::NotClosed => "the ends of the closed path do not meet",
+        })
+    }
+}
+
+impl core::error::Error for PathError {}
+
+/// A first-in, first-out row of at most `N` values.
+#[derive(Clone, Debug, PartialEq)]
+struct Ring<T, const N: usize> {
+    slots: [T; N],
+    first: usize,
+    count: usize,
+}
+
+impl<T: Copy + Default, const N: usize> Ring<T, N> {
+    fn new() -> Self {
+        Self {
+            slots: [T::default(); N],
+            first: 0,
+            count: 0,
+        }
+    }
+
+    fn slot(&self, index: usize) -> usize {
+        let place = self.first + index;
+        if place >= N { place - N } else { place }
+    }
+
+    fn get(&self, index: usize) -> Option<T> {
+        if index < self.count {
+            self.slots.get(self.slot(index)).copied()
+        } else {
+            None
+        }
+    }
+
+    fn last(&self) -> Option<T> {
+        self.get(self.count.checked_sub(1)?)
+    }
+
+    /// Whether there was room.
+    fn push(&mut self, value: T) -> bool {
+        if self.count >= N {
+            return false;
+        }
+        let place = self.slot(self.count);
+        match self.slots.get_mut(place) {
+            Some(slot) => {
+                *slot = value;
+                self.count += 1;
+                true
+            }
+            None => false,
+        }
+    }
+
+    fn drop_first(&mut self) {
+        if self.count > 0 {
+            self.first = self.slot(1);
+            self.count -= 1;
+        }
+    }
+
+    /// Index of the segment (a point and the next) whose first point is the last with
+    /// `key ≤ value`, within the row; `None` with fewer than two points.
+    fn segment(&self, value: f32, key: impl Fn(&T) -> f32) -> Option<usize> {
+        let last = self.count.checked_sub(2)?;
+        let (mut low, mut high) = (0, last);
+        while low < high {
+            let middle = low + (high - low).div_ceil(2);
+            let below = self.get(middle).is_some_and(|point| key(&point) <= value);
+            if below {
+                low = middle;
+            } else {
+                high = middle - 1;
+            }
+        }
+        Some(low)
+    }
+}
+
+/// The path at one arc length.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PathSample {
+    /// Position, m, and direction, rad.
+    pub posture: Posture,
+    /// Curvature, 1/m.
+    pub kappa: f32,
+    /// Its rate along the path (dκ/ds), 1/m².
+    pub kappa_slope: f32,
+}
+
+/// The path between `a` and `b` at arc length `s`; beyond them, on the circle of the nearer one.
+fn between(a: PathPoint, b: PathPoint, s: f32) -> PathSample {
+    let length = b.s - a.s;
+    let beyond = |end: PathPoint| PathSample {
+        posture: end.posture.advance(s - end.s, end.kappa * (s - end.s)),
+        kappa: end.kappa,
+        kappa_slope: 0.0,
+    };
+    if !(s > a.s) || !(length > 0.0) {
+        return beyond(a);
+    }
+    if !(s < b.s) {
+        return beyond(b);
+    }
+    let u = (s - a.s) / length;
+    let (sa, ca) = sin_cos(a.posture.phi);
+    let (sb, cb) = sin_cos(b.posture.phi);
+    // Hermite's cubic, written from the nearer point so that no digits are lost.
+    let (dx, dy) = (b.posture.x - a.posture.x, b.posture.y - a.posture.y);
+    let ease = u * u * (3.0 - 2.0 * u);
+    let leave = u * (1.0 - u) * (1.0 - u) * length;
+    let arrive = -u * u * (1.0 - u) * length;
+    let turn = wrap_angle(b.posture.phi - a.posture.phi);
+    // Heading as the integral of linear curvature, closed on the heading of the next point.
+    let rise = b.kappa - a.kappa;
+    let missing = turn - 0.5 * length * (a.kappa + b.kappa);
+    let along = u * length;
+    PathSample {
+        posture: Posture {
+            x: a.posture.x + ease * dx + leave * ca + arrive * cb,
+            y: a.posture.y + ease * dy + leave * sa + arrive * sb,
+            phi: wrap_angle(a.posture.phi + along * (a.kappa + 0.5 * u * rise) + u * missing),
+        },
+        kappa: a.kappa + u * rise,
+        kappa_slope: rise / length,
+    }
+}
+
+/// Whether and how a path ends.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum End {
+    /// More points may come; the robot stops at the last one it knows.
+    #[default]
+    Open,
+    /// The last point is the end of the path.
+    Ended,
+    /// The last point is the first one again.
+    Closed,
+}
+
+/// A path of at most `N` points, filled while it is driven.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PathBuffer<const N: usize> {
+    ring: Ring<PathPoint, N>,
+    end: End,
+}
+
+impl<const N: usize> Default for PathBuffer<N> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl<const N: usize> PathBuffer<N> {
+    /// Without points.
+    pub fn new() -> Self {
+        Self {
+            ring: Ring::new(),
+            end: End::Open,
+        }
+    }
+
+    /// Number of points held.
+    pub fn len(&self) -> usize {
+        self.ring.count
+    }
+
+    /// Whether there is no point.
+    pub fn is_empty(&self) -> bool {
+        self.ring.count == 0
+    }
+
+    /// Number of points that can still be pushed.
+    pub fn room(&self) -> usize {
+        N.saturating_sub(self.ring.count)
+    }
+
+    /// Appends a point; arc length must grow.
+    pub fn push(&mut self, point: PathPoint) -> Result<(), PathError> {
+        if self.end != End::Open {
+            return Err(PathError::Ended);
+        }
+        if !(point.posture.is_finite() && point.kappa.is_finite() && point.s.is_finite()) {
+            return Err(PathError::NotFinite);
+        }
+        if let Some(last) = self.ring.last()
+            && !(point.s > last.s)
+        {
+            return Err(PathError::NotAdvancing);
+        }
+        if self.ring.push(point) {
+            Ok(())
+        } else {
+            Err(PathError::Full)
+        }
+    }
+
+    /// Declares the last point the end of the path.
+    pub fn finish(&mut self) {
+        if self.end == End::Open {
+            self.end = End::Ended;
+        }
+    }
+
+    /// Declares the path a loop whose last point is its first one again. All of a loop must fit
+    /// the buffer, and points are no longer discarded.
+    pub fn close(&mut self) -> Result<(), PathError> {
+        if self.end != End::Open {
+            return Err(PathError::Ended);
+        }
+        let (Some(first), Some(last)) = (self.ring.get(0), self.ring.last()) else {
+            return Err(PathError::NotClosed);
+        };
+        let turn = wrap_angle(last.posture.phi - first.posture.phi).abs();
+        if self.ring.count < 3
+            || !(last.posture.distance(first.posture) <= CLOSURE_M)
+            || !(turn <= 0.01)
+        {
+            return Err(PathError::NotClosed);
+        }
+        self.end = End::Closed;
+        Ok(())
+    }
+
+    /// Whether the path is a loop.
+    pub fn is_closed(&self) -> bool {
+        self.end == End::Closed
+    }
+
+    /// Whether no more points will come.
+    pub fn is_complete(&self) -> bool {
+        self.end != End::Open
+    }
+
+    /// Arc length of the first point held, m; 0 if there is none.
+    pub fn start(&self) -> f32 {
+        self.ring.get(0).map_or(0.0, |point| point.s)
+    }
+
+    /// Arc length of the last point held, m; 0 if there is none.
+    pub fn end(&self) -> f32 {
+        self.ring.last().map_or(0.0, |point| point.s)
+    }
+
+    /// Length between the first and the last point, m: of a loop, one lap.
+    pub fn length(&self) -> f32 {
+        self.end() - self.start()
+    }
+
+    /// Drops the points that lie wholly before arc length `s` (m): the segment around `s` stays.
+    pub fn discard_before(&mut self, s: f32) {
+        if self.end == End::Closed {
+            return;
+        }
+        while self.ring.count > 2 && self.ring.get(1).is_some_and(|second| second.s <= s) {
+            self.ring.drop_first();
+        }
+    }
+
+    /// `s` brought onto the first lap of a loop; unchanged on an open path.
+    fn on_first_lap(&self, s: f32) -> f32 {
+        let length = self.length();
+        if self.end != End::Closed || !(length > 0.0) {
+            return s;
+        }
+        let start = self.start();
+        let within = (s - start) % length;
+        start
+            + if within < 0.0 {
+                within + length
+            } else {
+                within
+            }
+    }
+
+    /// The path at arc length `s` (m). On a loop any `s` lies on some lap; an open path goes on
+    /// beyond its ends on the circle of the end point. `None` if there is no point.
+    pub fn at(&self, s: f32) -> Option<PathSample> {
+        let s = self.on_first_lap(s);
+        match self.ring.segment(s, |point| point.s) {
+            Some(i) => Some(between(self.ring.get(i)?, self.ring.get(i + 1)?, s)),
+            None => {
+                let only = self.ring.get(0)?;
+                Some(between(only, only, s))
+            }
+        }
+    }
+
+    /// Segment at index `i` counted from the one around `s`, with the arc length of both points on
+    /// the lap of `s`. `None` past the end of an open path and after one lap of a loop.
+    fn segment_from(&self, s: f32, i: usize) -> Option<(PathPoint, PathPoint)> {
+        let base = self.on_first_lap(s);
+        let first = self.ring.segment(base, |point| point.s)?;
+        let segments = self.ring.count.checked_sub(1)?;
+        let mut index = first + i;
+        let mut shift = s - base;
+        if index >= segments {
+            if self.end != End::Closed || i >= segments {
+                return None;
+            }
+            index -= segments;
+            shift += self.length();
+        }
+        let (mut a, mut b) = (self.ring.get(index)?, self.ring.get(index + 1)?);
+        a.s += shift;
+        b.s += shift;
+        Some((a, b))
+    }
+}
+
+/// Limits along a path.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
+pub struct Config {
+    /// Speed where nothing limits it, m/s.
+    pub max_speed_m_s: f32,
+    /// Speed at which law (4) has the heading gain k2 it is given, m/s (v_0); at others, k2 |v|/v_0.
+    pub nominal_speed_m_s: f32,
+    /// Deceleration ahead of bends and of the end, m/s²; somewhat below the governor's.
+    pub deceleration_m_s2: f32,
+    /// Largest |ψ̇| the path may ask for, rad/s; somewhat below the governor's.
+    pub max_steering_rate_rad_s: f32,
+    /// Largest |ψ̈| the path may ask for, rad/s²; somewhat below the governor's.
+    pub max_steering_acceleration_rad_s2: f32,
+    /// Speed that is kept even where curvature changes too fast for it, m/s; the governor then
+    /// makes speed wait for steering.
+    pub min_speed_m_s: f32,
+    /// Delay between a lower reference speed and the robot's, s.
+    pub reaction_time_s: f32,
+    /// How far ahead of its last position on the path the robot is looked for, m.
+    pub search_window_m: f32,
+    /// Remaining distance at which the end counts as reached, m.
+    pub end_tolerance_m: f32,
+    /// Laps of a closed path; 0 for no end.
+    pub laps: u32,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            max_speed_m_s: 0.25,
+            nominal_speed_m_s: 0.25,
+            deceleration_m_s2: 0.3,
+            max_steering_rate_rad_s: 0.8,
+            max_steering_acceleration_rad_s2: 6.0,
+            min_speed_m_s: 0.02,
+            reaction_time_s: 0.2,
+            search_window_m: 0.1,
+            end_tolerance_m: 0.002,
+            laps: 1,
+        }
+    }
+}
+
+impl Config {
+    /// The follower of paths for a frame and the law it steers by; the error names the field that
+    /// is wrong.
+    pub fn build(&self, cascade: &Cascade, law: &Law) -> Result<Follower, ConfigError> {
+        positive("max_speed_m_s", self.max_speed_m_s)?;
+        positive("nominal_speed_m_s", self.nominal_speed_m_s)?;
+        positive("deceleration_m_s2", self.deceleration_m_s2)?;
+        positive("max_steering_rate_rad_s", self.max_steering_rate_rad_s)?;
+        positive(
+            "max_steering_acceleration_rad_s2",
+            self.max_steering_acceleration_rad_s2,
+        )?;
+        in_range(
+            "min_speed_m_s",
+            self.min_speed_m_s,
+            1e-3,
+            self.max_speed_m_s,
+        )?;
+        non_negative("reaction_time_s", self.reaction_time_s)?;
+        positive("search_window_m", self.search_window_m)?;
+        positive("end_tolerance_m", self.end_tolerance_m)?;
+        Ok(Follower {
+            config: *self,
+            steering: Steering {
+                cascade: *cascade,
+                law: *law,
+                nominal_speed: self.nominal_speed_m_s,
+            },
+            lead: Lead::of(law),
+        })
+    }
+}
+
+/// How far ahead of the robot the reference must be for O to be where it should.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Lead {
+    /// r√(2ε), m.
+    rest: f32,
+    /// r, m.
+    radius: f32,
+}
+
+impl Lead {
+    fn of(law: &Law) -> Self {
+        Self {
+            rest: law.rest_distance(),
+            radius: law.config().circle_radius_m,
+        }
+    }
+
+    /// Distance along the path from O to the reference on the manifold, m, for a path of curvature
+    /// `kappa` (1/m) and O at `lateral` (m) to its left.
+    ///
+    /// With E = e²: `(1 − r²κ²) E² − (2r²ε + 4r²yκ) E − 4r²y² = 0`.
+    fn distance(&self, kappa: f32, lateral: f32) -> f32 {
+        let square = self.radius * self.radius;
+        let a = 1.0 - (square * kappa * kappa).min(MAX_BEND_SQUARED);
+        let b = self.rest * self.rest + 4.0 * square * lateral * kappa;
+        let c = 4.0 * square * lateral * lateral;
+        let e_squared = (b + sqrt(b * b + 4.0 * a * c)) / (2.0 * a);
+        let ahead = e_squared - lateral * lateral;
+        sqrt(ahead.max(self.rest * self.rest))
+    }
+}
+
+/// Law (4) with the frame it steers.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Steering {
+    cascade: Cascade,
+    law: Law,
+    /// v_0, m/s.
+    nominal_speed: f32,
+}
+
+impl Steering {
+    /// dκ/dψ at a curvature (1/m), 1/(m rad).
+    fn curvature_slope(&self, kappa: f32) -> f32 {
+        let [_, slope, _] = self
+            .cascade
+            .curvature_derivatives(self.cascade.steering(kappa));
+        slope
+    }
+
+    /// The law's velocity and curvature for `reference`; its curvature gives way to `kappa`, that
+    /// of the path at O, as its velocity vanishes.
+    fn wish(&self, center: Posture, reference: Reference, kappa: f32, rates: (f32, f32)) -> Wish {
+        let error = PolarError::between(center, reference.posture);
+        let command = self.law.command(error, reference.v, reference.kappa);
+        let by_heading = self.law.config().heading_gain_rad_s * tanh(error.theta + error.alpha);
+        let direction = 1.0f32.copysign(command.v);
+        let demanded = (command.phi_dot - by_heading) / (direction * command.v.abs().max(1e-3))
+            + direction * by_heading / self.nominal_speed;
+        let bound = self.cascade.max_curvature();
+        let share = (command.v.abs() / SLOW_M_S).min(1.0);
+        let curvature = share * clamp(demanded, -bound, bound) + (1.0 - share) * kappa;
+        Wish {
+            v_rate: rates.0,
+            psi_rate: rates.1,
+            steering_slack: STEERING_SLACK_RAD,
+            ..Wish::from_curvature(&self.cascade, command.v, curvature)
+        }
+    }
+}
+
+/// Progress along a path.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Progress {
+    /// Arc length of the point of the path nearest to O, m; over all laps. It never falls.
+    pub s: f32,
+    /// Whether the robot has been found on the path.
+    pub started: bool,
+    /// Whether the end has been reached; stays true.
+    pub finished: bool,
+}
+
+/// Reference on a path, and where the robot stands to it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PathReference {
+    /// What law (4) is to be given: led so that O runs on the path.
+    pub reference: Reference,
+    /// The point of the path that O should be at.
+    pub target: Posture,
+    /// Curvature of the path there, 1/m.
+    pub kappa: f32,
+    /// Rate of the reference speed while it falls, m/s²: feedforward for the governor.
+    pub v_rate: f32,
+    /// Rate of curvature along the path at O (dκ/ds), 1/m².
+    pub kappa_slope: f32,
+    /// Steering rate the path asks for at the reference speed, rad/s: feedforward for the
+    /// governor.
+    pub psi_rate: f32,
+    /// Distance of O to the left of the path, m.
+    pub lateral_error_m: f32,
+    /// Distance along the path to its end, or to the last point known, m; infinite without end.
+    pub remaining_m: f32,
+}
+
+/// Path follower.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Follower {
+    config: Config,
+    steering: Steering,
+    lead: Lead,
+}
+
+/// Nearest point of the chord from `a` to `b`: its arc length and squared distance.
+fn nearest(a: PathPoint, b: PathPoint, at: Posture) -> (f32, f32) {
+    let (dx, dy) = (b.posture.x - a.posture.x, b.posture.y - a.posture.y);
+    let (px, py) = (at.x - a.posture.x, at.y - a.posture.y);
+    let square = (dx * dx + dy * dy).max(1e-12);
+    let u = clamp((dx * px + dy * py) / square, 0.0, 1.0);
+    let (ex, ey) = (px - u * dx, py - u * dy);
+    (a.s + u * (b.s - a.s), ex * ex + ey * ey)
+}
+
+impl Follower {
+    /// The limits it was built from.
+    pub fn config(&self) -> &Config {
+        &self.config
+    }
+
+    /// What is asked of the governor for O at `center`: law (4) on the reference that
+    /// [`Self::step`] gave for it, with the path's deceleration and steering rate as feedforward.
+    pub fn wish(&self, center: Posture, reference: &PathReference) -> Wish {
+        let rates = (reference.v_rate, reference.psi_rate);
+        self.steering
+            .wish(center, reference.reference, reference.kappa, rates)
+    }
+
+    /// Where the path ends, m; infinite for a loop without end.
+    fn end_of<const N: usize>(&self, path: &PathBuffer<N>) -> f32 {
+        match (path.is_closed(), self.config.laps) {
+            (false, _) => path.end(),
+            (true, 0) => f32::INFINITY,
+            (true, laps) => path.start() + laps as f32 * path.length(),
+        }
+    }
+
+    /// Progress of `center` (the posture of O) along the path: at first the nearest point of all,
+    /// then the nearest at or ahead of the last one within the search window.
+    fn progress<const N: usize>(
+        &self,
+        last: &Progress,
+        path: &PathBuffer<N>,
+        center: Posture,
+    ) -> Progress {
+        let (from, window) = if last.started {
+            (last.s.max(path.start()), self.config.search_window_m)
+        } else {
+            (path.start(), f32::INFINITY)
+        };
+        let (mut s, mut least) = (from, f32::INFINITY);
+        for i in 0..N {
+            let Some((a, b)) = path.segment_from(from, i) else {
+                break;
+            };
+            if !(a.s <= from + window) {
+                break;
+            }
+            let (place, square) = nearest(a, b, center);
+            if square < least {
+                least = square;
+                s = place;
+            }
+        }
+        Progress {
+            s: s.max(from).min(self.end_of(path)),
+            started: true,
+            finished: last.finished,
+        }
+    }
+
+    /// Largest speed (m/s) at `distance` (m) before a point that allows `limit` (m/s), braking at
+    /// the configured deceleration after the reaction time, and its rate as the robot nears that
+    /// point (m/s²).
+    fn braking(&self, limit: f32, distance: f32) -> (f32, f32) {
+        let a = self.config.deceleration_m_s2;
+        let delay = a * self.config.reaction_time_s;
+        let reach = limit + delay;
+        let reach = sqrt(reach * reach + 2.0 * a * distance.max(0.0));
+        let speed = (reach - delay).max(0.0);
+        // v dv/ds of the line above.
+        let rate = if distance > 0.0 && reach > 0.0 {
+            -a * speed / reach
+        } else {
+            0.0
+        };
+        (speed, rate)
+    }
+
+    /// Reference speed at arc length `s`, m/s, and its rate while it falls, m/s².
+    fn speed<const N: usize>(&self, path: &PathBuffer<N>, s: f32, end: f32) -> (f32, f32) {
+        let config = &self.config;
+        let top = config.max_speed_m_s;
+        let lower = |a: (f32, f32), b: (f32, f32)| if b.0 < a.0 { b } else { a };
+        let mut speed = lower((top, 0.0), self.braking(0.0, (end - s).min(1e3)));
+        // Beyond this, even a stop would not have to begin yet.
+        let horizon = top * config.reaction_time_s + 0.5 * top * top / config.deceleration_m_s2;
+        let mut bend = None;
+        let mut before: Option<(f32, f32)> = None;
+        for i in 0..N {
+            let Some((a, b)) = path.segment_from(s, i) else {
+                break;
+            };
+            if !(a.s - s <= horizon) {
+                break;
+            }
+            let length = (b.s - a.s).max(1e-6);
+            let cascade = &self.steering.cascade;
+            let from = bend.unwrap_or_else(|| cascade.steering(a.kappa));
+            let to = cascade.steering(b.kappa);
+            bend = Some(to);
+            let slope = (to - from) / length;
+            let mut limit = config.max_steering_rate_rad_s / slope.abs().max(1e-6);
+            if let Some((last, last_length)) = before {
+                let second = 2.0 * (slope - last).abs() / (last_length + length);
+                let left = config.max_steering_acceleration_rad_s2
+                    - slope.abs().max(last.abs()) * config.deceleration_m_s2;
+                limit = limit.min(sqrt(left.max(0.0) / second.max(1e-6)));
+            }
+            before = Some((slope, length));
+            let limit = limit.max(config.min_speed_m_s);
+            speed = lower(speed, self.braking(limit, a.s - s));
+        }
+        speed
+    }
+
+    /// One step: finds O on the path and gives the reference for it. `None` if there is no path
+    /// or the posture is not finite.
+    pub fn step<const N: usize>(
+        &self,
+        last: &Progress,
+        path: &PathBuffer<N>,
+        center: Posture,
+    ) -> Option<(Progress, PathReference)> {
+        if !center.is_finite() {
+            return None;
+        }
+        let mut progress = self.progress(last, path, center);
+        let end = self.end_of(path);
+        let remaining_m = (end - progress.s).max(0.0);
+        progress.finished |= path.is_complete() && remaining_m <= self.config.end_tolerance_m;
+        if progress.finished {
+            // What is left of the way is left to the law, with its reference at rest.
+            progress.s = end;
+        }
+        let here = path.at(progress.s)?;
+
+        let lateral_error_m = center.relative_to(here.posture).y;
+        let ahead = progress.s + self.lead.distance(here.kappa, lateral_error_m);
+        // A loop goes on behind its end: the last lap leads into the next.
+        let led = path.at(ahead)?;
+        let (v, v_rate) = if progress.finished {
+            (0.0, 0.0)
+        } else {
+            self.speed(path, progress.s, end)
+        };
+        let by_psi = self.steering.curvature_slope(here.kappa);
+        Some((
+            progress,
+            PathReference {
+                reference: Reference {
+                    posture: led.posture,
+                    v,
+                    kappa: led.kappa,
+                },
+                target: here.posture,
+                kappa: here.kappa,
+                v_rate,
+                kappa_slope: here.kappa_slope,
+                psi_rate: here.kappa_slope * v / by_psi,
+                lateral_error_m,
+                remaining_m,
+            },
+        ))
+    }
+}
+
+/// A trajectory of at most `N` points, filled while it is driven.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TrajectoryBuffer<const N: usize> {
+    ring: Ring<TrajectoryPoint, N>,
+}
+
+impl<const N: usize> Default for TrajectoryBuffer<N> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl<const N: usize> TrajectoryBuffer<N> {
+    /// Without points.
+    pub fn new() -> Self {
+        Self { ring: Ring::new() }
+    }
+
+    /// Number of points held.
+    pub fn len(&self) -> usize {
+        self.ring.count
+    }
+
+    /// Whether there is no point.
+    pub fn is_empty(&self) -> bool {
+        self.ring.count == 0
+    }
+
+    /// Number of points that can still be pushed.
+    pub fn room(&self) -> usize {
+        N.saturating_sub(self.ring.count)
+    }
+
+    /// Appends a point; time must grow and arc length may not fall.
+    pub fn push(&mut self, point: TrajectoryPoint) -> Result<(), PathError> {
+        let place = point.point;
+        if !(place.posture.is_finite()
+            && place.kappa.is_finite()
+            && place.s.is_finite()
+            && point.time_s.is_finite()
+            && point.v.is_finite()
+            && point.v >= 0.0)
+        {
+            return Err(PathError::NotFinite);
+        }
+        if let Some(last) = self.ring.last()
+            && !(point.time_s > last.time_s && place.s >= last.point.s)
+        {
+            return Err(PathError::NotAdvancing);
+        }
+        if self.ring.push(point) {
+            Ok(())
+        } else {
+            Err(PathError::Full)
+        }
+    }
+
+    /// Time of the last point, s; 0 if there is none.
+    pub fn end_time(&self) -> f32 {
+        self.ring.last().map_or(0.0, |point| point.time_s)
+    }
+
+    /// Drops the points that lie wholly before `time` (s): the segment around it stays.
+    pub fn discard_before(&mut self, time: f32) {
+        while self.ring.count > 2 && self.ring.get(1).is_some_and(|next| next.time_s <= time) {
+            self.ring.drop_first();
+        }
+    }
+
+    fn place(&self, s: f32) -> Option<PathSample> {
+        match self.ring.segment(s, |point| point.point.s) {
+            Some(i) => Some(between(
+                self.ring.get(i)?.point,
+                self.ring.get(i + 1)?.point,
+                s,
+            )),
+            None => {
+                let only = self.ring.get(0)?.point;
+                Some(between(only, only, s))
+            }
+        }
+    }
+
+    /// Arc length (m), speed (m/s) and acceleration (m/s²) at `time` (s): the cubic through both
+    /// neighbours with their speeds. Before the first and after the last point: at rest there.
+    fn time_law(&self, time: f32) -> Option<[f32; 3]> {
+        let first = self.ring.get(0)?;
+        let last = self.ring.last()?;
+        if !(time > first.time_s) {
+            return Some([first.point.s, 0.0, 0.0]);
+        }
+        if !(time < last.time_s) {
+            return Some([last.point.s, 0.0, 0.0]);
+        }
+        let i = self.ring.segment(time, |point| point.time_s)?;
+        let (a, b) = (self.ring.get(i)?, self.ring.get(i + 1)?);
+        let span = b.time_s - a.time_s;
+        let u = (time - a.time_s) / span;
+        let mean = (b.point.s - a.point.s) / span;
+        let bow = a.v + b.v - 2.0 * mean;
+        let lift = 3.0 * mean - 2.0 * a.v - b.v;
+        Some([
+            a.point.s + u * span * (a.v + u * (lift + u * bow)),
+            a.v + u * (2.0 * lift + 3.0 * u * bow),
+            (2.0 * lift + 6.0 * u * bow) / span,
+        ])
+    }
+}
+
+/// Reference on a trajectory at one time.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct TrajectoryReference {
+    /// What law (4) is to be given: led so that O runs on the trajectory.
+    pub reference: Reference,
+    /// Where O should be.
+    pub target: Posture,
+    /// Curvature of the path there, 1/m.
+    pub kappa: f32,
+    /// Acceleration along the path, m/s².
+    pub acceleration: f32,
+    /// Steering rate the trajectory asks for, rad/s: feedforward for the governor.
+    pub psi_rate: f32,
+    /// Whether the last point known has been reached.
+    pub finished: bool,
+}
+
+/// Trajectory tracker.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tracker {
+    steering: Steering,
+    lead: Lead,
+}
+
+impl Tracker {
+    /// The tracker for a frame, the law it steers by and the usual speed of its trajectories (m/s).
+    pub fn new(cascade: &Cascade, law: &Law, nominal_speed_m_s: f32) -> Result<Self, ConfigError> {
+        Ok(Self {
+            steering: Steering {
+                cascade: *cascade,
+                law: *law,
+                nominal_speed: positive("nominal_speed_m_s", nominal_speed_m_s)?,
+            },
+            lead: Lead::of(law),
+        })
+    }
+
+    /// What is asked of the governor for O at `center`: law (4) on the reference that
+    /// [`Self::at`] gave, with the trajectory's acceleration and steering rate as feedforward.
+    pub fn wish(&self, center: Posture, reference: &TrajectoryReference) -> Wish {
+        let rates = (reference.acceleration, reference.psi_rate);
+        self.steering
+            .wish(center, reference.reference, reference.kappa, rates)
+    }
+
+    /// The reference at `time` (s). `None` if there is no trajectory or the time is NaN.
+    pub fn at<const N: usize>(
+        &self,
+        trajectory: &TrajectoryBuffer<N>,
+        time: f32,
+    ) -> Option<TrajectoryReference> {
+        if time.is_nan() {
+            return None;
+        }
+        let [s, v, acceleration] = trajectory.time_law(time)?;
+        let here = trajectory.place(s)?;
+        let led = trajectory.place(s + self.lead.distance(here.kappa, 0.0))?;
+        let by_psi = self.steering.curvature_slope(here.kappa);
+        Some(TrajectoryReference {
+            reference: Reference {
+                posture: led.posture,
+                v,
+                kappa: led.kappa,
+            },
+            target: here.posture,
+            kappa: here.kappa,
+            acceleration,
+            psi_rate: here.kappa_slope * v / by_psi,
+            finished: time >= trajectory.end_time(),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::control::{cascade, kinematic};
+    use proptest::prelude::*;
+
+    fn frame() -> Cascade {
+        cascade::Config::default().build().unwrap()
+    }
+
+    fn law() -> Law {
+        let config = kinematic::Config {
+            epsilon: 0.1,
+            ..kinematic::Config::default()
+        };
+        config.build().unwrap()
+    }
+
+    fn follower(config: Config) -> Follower {
+        config.build(&frame(), &law()).unwrap()
+    }
+
+    /// A clothoid of curvature `start + slope s`, integrated in `f64`.
+    fn clothoid(start: f64, slope: f64, length: f64, at: f64) -> PathPoint {
+        let (mut x, mut y) = (0.0, 0.0);
+        let n = 400;
+        let heading = |s: f64| start * s + 0.5 * slope * s * s;
+        for i in 0..n {
+            let phi = heading(at * (i as f64 + 0.5) / n as f64);
+            x += at / n as f64 * phi.cos();
+            y += at / n as f64 * phi.sin();
+        }
+        assert!(at <= length);
+        PathPoint {
+            posture: Posture::new(x as f32, y as f32, wrap_angle(heading(at) as f32)),
+            kappa: (start + slope * at) as f32,
+            s: at as f32,
+        }
+    }
+
+    /// A circle of radius 0.5 m to the left from the origin, 100 segments.
+    fn circle() -> PathBuffer<128> {
+        let mut path = PathBuffer::new();
+        let length = std::f64::consts::PI;
+        for i in 0..=100 {
+            path.push(clothoid(2.0, 0.0, length, length * i as f64 / 100.0))
+                .unwrap();
+        }
+        path
+    }
+
+    fn straight<const N: usize>(points: usize, spacing: f32) -> PathBuffer<N> {
+        let mut path = PathBuffer::new();
+        for i in 0..points {
+            let s = i as f32 * spacing;
+            path.push(PathPoint {
+                posture: Posture::new(s, 0.0, 0.0),
+                kappa: 0.0,
+                s,
+            })
+            .unwrap();
+        }
+        path
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+
+        /// Between its points, a path of 2 cm spacing is the curve they were taken from.
+        #[test]
+        fn interpolation_is_the_curve(
+            start in -3.0f64..3.0, slope in -3.0f64..3.0, at in 0.0f64..1.0,
+        ) {
+            let mut path = PathBuffer::<64>::new();
+            for i in 0..=50 {
+                path.push(clothoid(start, slope, 1.0, i as f64 / 50.0)).unwrap();
+            }
+            let exact = clothoid(start, slope, 1.0, at);
+            let sample = path.at(at as f32).unwrap();
+            prop_assert!(sample.posture.distance(exact.posture) < 2e-6);
+            prop_assert!(wrap_angle(sample.posture.phi - exact.posture.phi).abs() < 1e-5);
+            prop_assert!((sample.kappa - exact.kappa).abs() < 1e-4);
+            prop_assert!((sample.kappa_slope - slope as f32).abs() < 1e-2);
+        }
+
+        #[test]
+        fn loop_repeats_every_lap(s in 0.0f32..3.1, lap in -3i32..4) {
+            let mut path = circle();
+            path.close().unwrap();
+            let first = path.at(s).unwrap().posture;
+            let later = path.at(s + lap as f32 * path.length()).unwrap().posture;
+            prop_assert!(first.distance(later) < 1e-5);
+        }
+
+        /// The chord at which law (4) stands still behind a reference on a circle of the path: its
+        /// manifold error, evaluated by the law itself, vanishes.
+        #[test]
+        fn lead_puts_the_robot_on_the_manifold(
+            kappa in -2.5f32..2.5, lateral in -0.05f32..0.05,
+        ) {
+            let (law, lead) = (law(), Lead::of(&law()));
+            // O at the origin of a path along x; the reference on the path's circle.
+            let ahead = lead.distance(kappa, lateral);
+            let center = Posture::new(0.0, lateral, 0.0);
+            let reference = Posture::ORIGIN.advance(ahead, kappa * ahead);
+            let error = kinematic::PolarError::between(center, reference);
+            let tolerance = 5e-3 + 0.15 * lateral.abs();
+            prop_assert!(law.manifold_error(error).abs() < tolerance);
+        }
+
+        #[test]
+        fn nothing_but_finite_references(
+            x in prop::num::f32::ANY, y in prop::num::f32::ANY, phi in prop::num::f32::ANY,
+        ) {
+            let mut path = circle();
+            path.close().unwrap();
+            let follower = follower(Config::default());
+            let center = Posture::new(x, y, phi);
+            match follower.step(&Progress::default(), &path, center) {
+                None => prop_assert!(!center.is_finite()),
+                Some((progress, out)) => {
+                    prop_assert!(progress.s >= 0.0 && progress.s <= path.end());
+                    prop_assert!(out.reference.posture.is_finite() && out.reference.v.is_finite());
+                }
+            }
+        }
+
+        /// Driven at its reference speed with ideal steering, a robot keeps the limits of the
+        /// path's steering, whatever the curvature does.
+        #[test]
+        fn reference_speed_keeps_the_steering_limits(
+            bends in prop::collection::vec(-2.8f32..2.8, 3..10),
+        ) {
+            let mut path = PathBuffer::<512>::new();
+            let mut posture = Posture::ORIGIN;
+            // Curvature swings between the bends by a cosine over 40 cm each.
+            let mut kappa_before = 0.0;
+            let mut s = 0.0f32;
+            for bend in bends {
+                for i in 0..40 {
+                    let u = i as f64 / 40.0;
+                    let blend = 0.5 - 0.5 * (std::f64::consts::PI * u).cos();
+                    let kappa = kappa_before + (bend - kappa_before) * blend as f32;
+                    path.push(PathPoint { posture, kappa, s }).unwrap();
+                    posture = posture.advance(0.01, kappa * 0.01);
+                    s += 0.01;
+                }
+                kappa_before = bend;
+            }
+            path.finish();
+            let config = Config::default();
+            let follower = follower(config);
+            let mut at = 0.0f32;
+            let mut speed = follower.speed(&path, at, path.end()).0;
+            while at < path.end() - 0.01 {
+                let next = follower.speed(&path, at, path.end()).0;
+                // Braking no harder than configured, the steps of the samples apart.
+                prop_assert!(speed - next <= config.deceleration_m_s2 * 0.01 + 0.02);
+                speed = next;
+                let here = path.at(at).unwrap();
+                let by_psi = frame().curvature_derivatives(frame().steering(here.kappa))[1];
+                let rate = (here.kappa_slope * speed / by_psi).abs();
+                prop_assert!(
+                    rate <= config.max_steering_rate_rad_s * 1.02
+                        || speed <= config.min_speed_m_s
+                );
+                at += (speed * 0.01).max(1e-4);
+            }
+            prop_assert!(follower.speed(&path, path.end(), path.end()).0 < 1e-3);
+        }
+    }
+
+    #[test]
+    fn buffer_streams_and_tells_when_it_is_full() {
+        let mut path = straight::<16>(16, 0.02);
+        let point = |s| PathPoint {
+            posture: Posture::new(s, 0.0, 0.0),
+            kappa: 0.0,
+            s,
+        };
+        assert_eq!(path.push(point(0.32)), Err(PathError::Full));
+        path.discard_before(0.1);
+        assert_eq!((path.len(), path.room()), (11, 5));
+        assert!((path.start() - 0.1).abs() < 1e-6);
+        for i in 16..21 {
+            path.push(point(i as f32 * 0.02)).unwrap();
+        }
+        assert_eq!(path.room(), 0);
+        // Across the place where the ring turns.
+        for i in 0..60 {
+            let s = 0.1 + i as f32 * 0.005;
+            assert!((path.at(s).unwrap().posture.x - s).abs() < 1e-6);
+        }
+        assert_eq!(path.push(point(0.3)), Err(PathError::NotAdvancing));
+        path.discard_before(10.0);
+        assert_eq!(path.len(), 2, "the last segment stays");
+        assert_eq!(path.push(point(f32::NAN)), Err(PathError::NotFinite));
+        path.finish();
+        assert_eq!(path.push(point(9.0)), Err(PathError::Ended));
+    }
+
+    #[test]
+    fn a_path_that_does_not_meet_itself_is_not_closed() {
+        assert_eq!(straight::<16>(16, 0.02).close(), Err(PathError::NotClosed));
+        assert_eq!(PathBuffer::<4>::new().close(), Err(PathError::NotClosed));
+        assert!(circle().close().is_ok());
+    }
+
+    #[test]
+    fn open_path_goes_on_beyond_its_ends() {
+        let path = straight::<16>(11, 0.02);
+        assert!((path.at(0.3).unwrap().posture.x - 0.3).abs() < 1e-6);
+        assert!((path.at(-0.1).unwrap().posture.x + 0.1).abs() < 1e-6);
+        assert!(PathBuffer::<4>::new().at(0.0).is_none());
+        let beyond = circle().at(std::f32::consts::PI * 1.25).unwrap().posture;
+        assert!(beyond.distance(Posture::new(0.5, 0.5, 0.0)) < 1e-4);
+    }
+
+    #[test]
+    fn reference_waits_for_the_robot_and_never_goes_back() {
+        let path = straight::<128>(101, 0.02);
+        let follower = follower(Config::default());
+        let mut progress = Progress::default();
+        let mut step = |x: f32, y: f32| {
+            let (next, out) = follower
+                .step(&progress, &path, Posture::new(x, y, 0.0))
+                .unwrap();
+            progress = next;
+            (progress.s, out)
+        };
+        let (s, out) = step(0.7, 0.01);
+        assert!((s - 0.7).abs() < 1e-5 && (out.lateral_error_m - 0.01).abs() < 1e-6);
+        let rest = law().rest_distance();
+        assert!(out.reference.posture.x > 0.7 + rest - 1e-4);
+        assert!((out.remaining_m - 1.3).abs() < 1e-4);
+        assert!((step(0.75, 0.0).0 - 0.75).abs() < 1e-5);
+        assert!((step(0.60, 0.0).0 - 0.75).abs() < 1e-5, "not back");
+        // Further than the window: the robot cannot have gone there in a step.
+        assert!(step(1.9, 0.0).0 < 0.75 + 0.1 + 0.021);
+    }
+
+    #[test]
+    fn laps_are_counted_and_the_crossing_keeps_its_branch() {
+        let mut path = circle();
+        path.close().unwrap();
+        let follower = follower(Config {
+            laps: 2,
+            ..Config::default()
+        });
+        let mut progress = Progress::default();
+        let length = path.length();
+        let mut last = 0.0;
+        for i in 0..1000 {
+            let s = i as f32 * 0.01;
+            if s > 2.0 * length {
+                break;
+            }
+            let center = path.at(s).unwrap().posture;
+            let (next, out) = follower.step(&progress, &path, center).unwrap();
+            assert!((next.s - s).abs() < 2e-3, "{} {s}", next.s);
+            assert!((out.remaining_m - (2.0 * length - s)).abs() < 2e-3);
+            assert_eq!(next.finished, out.remaining_m <= 0.002);
+            progress = next;
+            last = out.reference.v;
+        }
+        assert!(last < 0.05, "slows down at the end of the last lap");
+        // The end stays the end.
+        let past = path.at(0.05).unwrap().posture;
+        let (end, out) = follower
+            .step(
+                &Progress {
+                    s: 2.0 * length,
+                    started: true,
+                    finished: true,
+                },
+                &path,
+                past,
+            )
+            .unwrap();
+        assert!(end.finished && out.reference.v == 0.0);
+    }
+
+    #[test]
+    fn unfinished_path_is_driven_to_its_last_point_but_not_ended() {
+        let mut path = straight::<64>(51, 0.02);
+        let follower = follower(Config::default());
+        let near = Posture::new(0.9995, 0.0, 0.0);
+        let start = Progress {
+            s: 0.95,
+            started: true,
+            finished: false,
+        };
+        let (open, out) = follower.step(&start, &path, near).unwrap();
+        assert!(!open.finished && out.reference.v < 0.01);
+        path.finish();
+        assert!(follower.step(&start, &path, near).unwrap().0.finished);
+    }
+
+    #[test]
+    fn trajectory_is_met_at_its_times() {
+        // Constant acceleration 0.1 m/s² along x for 2 s, in points 0.1 s apart.
+        let mut buffer = TrajectoryBuffer::<32>::new();
+        for i in 0..=20 {
+            let time_s = i as f32 * 0.1;
+            let s = 0.05 * time_s * time_s;
+            let point = TrajectoryPoint {
+                time_s,
+                v: 0.1 * time_s,
+                point: PathPoint {
+                    posture: Posture::new(s, 0.0, 0.0),
+                    kappa: 0.0,
+                    s,
+                },
+            };
+            buffer.push(point).unwrap();
+            assert_eq!(buffer.push(point), Err(PathError::NotAdvancing));
+        }
+        let tracker = Tracker::new(&frame(), &law(), 0.2).unwrap();
+        let rest = law().rest_distance();
+        for i in 1..60 {
+            let t = i as f32 * 0.0333;
+            let out = tracker.at(&buffer, t).unwrap();
+            assert!((out.target.x - 0.05 * t * t).abs() < 1e-5);
+            assert!((out.reference.v - 0.1 * t).abs() < 1e-5);
+            assert!((out.acceleration - 0.1).abs() < 1e-3);
+            assert!((out.reference.posture.x - out.target.x - rest).abs() < 1e-5);
+            assert!(!out.finished);
+        }
+        let end = tracker.at(&buffer, 5.0).unwrap();
+        assert!(end.finished && end.reference.v == 0.0 && (end.target.x - 0.2).abs() < 1e-6);
+        assert!(tracker.at(&buffer, f32::NAN).is_none());
+        assert!(tracker.at(&TrajectoryBuffer::<4>::new(), 0.0).is_none());
+        buffer.discard_before(1.05);
+        assert_eq!(buffer.len(), 11);
+    }
+
+    #[test]
+    fn bad_configuration_is_named() {
+        let bad = Config {
+            min_speed_m_s: 0.5,
+            ..Config::default()
+        };
+        assert_eq!(
+            bad.build(&frame(), &law()).unwrap_err().field,
+            "min_speed_m_s"
+        );
+        assert!(Tracker::new(&frame(), &law(), f32::NAN).is_err());
+    }
+}

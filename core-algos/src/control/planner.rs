@@ -1,0 +1,718 @@
+//! Planner that brings any posture into the funnel of the approach law.
+//!
+//! Turning needs room: a start that is close to the goal and badly turned first has to drive away.
+//! The planner looks for none, one or two segments of constant curvature (left, straight, right;
+//! forward or in reverse) that end in the funnel ([`super::funnel`]), of least estimated length
+//! with a price on each cusp and each stop.
+//!
+//! The search is a branch and bound over segment lengths on a grid, then a refinement of the best
+//! lengths. Its bound: length driven so far plus the distance left never falls along a segment, so a
+//! branch whose sum exceeds the best plan is cut. It is incremental: [`Planner::step`] looks at a
+//! given number of candidate postures (about 150 floating-point operations each) and returns, so a
+//! control tick can afford it. Memory: the fixed-size [`Search`].
+//!
+//! # Panic contract
+//!
+//! [`Config::build`] validates; nothing else can fail. A posture that is not finite yields no plan.
+
+use super::funnel::Candidate;
+use super::kinematic::Direction;
+use crate::config::{ConfigError, in_range, non_negative, positive};
+use crate::math::Posture;
+use crate::math::trig::{sin_cos, sinc, sqrt};
+use core::f32::consts::TAU;
+
+/// A piece of path of constant curvature.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Segment {
+    /// Which end leads.
+    pub direction: Direction,
+    /// Curvature of the path of O, 1/m, positive to the left of the robot's heading.
+    pub curvature: f32,
+    /// Length, m, not negative.
+    pub length_m: f32,
+}
+
+impl Segment {
+    /// The posture `distance` metres into the segment that starts at `from`.
+    pub fn posture_at(&self, from: Posture, distance: f32) -> Posture {
+        let ds = self.direction.sign() * distance;
+        from.advance(ds, ds * self.curvature)
+    }
+}
+
+/// Segments that lead into the funnel.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Plan {
+    first: Option<Segment>,
+    second: Option<Segment>,
+    /// Direction in which to approach the goal from the end of the segments.
+    pub approach: Direction,
+    /// Estimated length of segments and approach plus the price of cusps and stops, m.
+    pub cost_m: f32,
+}
+
+impl Plan {
+    /// A plan without segments: the approach starts at once.
+    pub const fn direct(approach: Direction) -> Self {
+        Self {
+            first: None,
+            second: None,
+            approach,
+            cost_m: 0.0,
+        }
+    }
+
+    /// Segment `index`; `None` past the last one.
+    pub fn segment(&self, index: usize) -> Option<Segment> {
+        match index {
+            0 => self.first,
+            1 => self.second,
+            _ => None,
+        }
+    }
+
+    /// The segments in order.
+    pub fn segments(&self) -> impl Iterator<Item = Segment> {
+        self.first.into_iter().chain(self.second)
+    }
+}
+
+/// Parameters of the search.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
+pub struct Config {
+    /// Share of the greatest curvature that funnel and segments use (κ_d over κ_max); the rest is
+    /// left to feedback.
+    pub curvature_share: f32,
+    /// Grid of segment lengths, m, where the plan has one segment.
+    pub single_step_m: f32,
+    /// Grid of segment lengths, m, where it has two.
+    pub pair_step_m: f32,
+    /// Longest straight segment, m. An arc is at most one full turn.
+    pub max_straight_m: f32,
+    /// Least distance from the goal, m, at which the approach may begin.
+    pub min_approach_m: f32,
+    /// What is left of the funnel's bound `κ_d e` where the approach begins, rad: room for errors of
+    /// execution.
+    pub margin_rad: f32,
+    /// Price of a change of direction, m.
+    pub cusp_price_m: f32,
+    /// Price of each segment (the stop at its end and the wait for steering), m.
+    pub stop_price_m: f32,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            curvature_share: 0.94,
+            single_step_m: 0.04,
+            pair_step_m: 0.08,
+            max_straight_m: 3.0,
+            min_approach_m: 0.15,
+            margin_rad: 0.05,
+            cusp_price_m: 0.15,
+            stop_price_m: 0.08,
+        }
+    }
+}
+
+impl Config {
+    /// Checks the parameters; `max_curvature_per_m` is the bound of the robot (κ_max, 1/m).
+    pub fn build(self, max_curvature_per_m: f32) -> Result<Planner, ConfigError> {
+        in_range("curvature_share", self.curvature_share, 0.1, 1.0)?;
+        in_range("single_step_m", self.single_step_m, 5e-3, 1.0)?;
+        in_range("pair_step_m", self.pair_step_m, 5e-3, 1.0)?;
+        in_range("max_straight_m", self.max_straight_m, 0.1, 100.0)?;
+        positive("min_approach_m", self.min_approach_m)?;
+        non_negative("margin_rad", self.margin_rad)?;
+        non_negative("cusp_price_m", self.cusp_price_m)?;
+        non_negative("stop_price_m", self.stop_price_m)?;
+        positive("max_curvature_per_m", max_curvature_per_m)?;
+        let curvature = self.curvature_share * max_curvature_per_m;
+        let steps = |length_m: f32| {
+            MOTIONS.map(|(direction, share)| {
+                Pose::arc(Segment {
+                    direction,
+                    curvature: share * curvature,
+                    length_m,
+                })
+            })
+        };
+        Ok(Planner {
+            config: self,
+            curvature,
+            single_steps: steps(self.single_step_m),
+            pair_steps: steps(self.pair_step_m),
+        })
+    }
+}
+
+/// The kinds of segment: direction and curvature over κ_d.
+const MOTIONS: [(Direction, f32); 6] = [
+    (Direction::Forward, 0.0),
+    (Direction::Forward, 1.0),
+    (Direction::Forward, -1.0),
+    (Direction::Reverse, 0.0),
+    (Direction::Reverse, 1.0),
+    (Direction::Reverse, -1.0),
+];
+
+/// Heading as a unit vector, so that a step along a segment costs no trigonometry.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Pose {
+    x: f32,
+    y: f32,
+    cos: f32,
+    sin: f32,
+}
+
+impl Pose {
+    fn compose(self, step: Self) -> Self {
+        Self {
+            x: self.x + self.cos * step.x - self.sin * step.y,
+            y: self.y + self.sin * step.x + self.cos * step.y,
+            cos: self.cos * step.cos - self.sin * step.sin,
+            sin: self.sin * step.cos + self.cos * step.sin,
+        }
+    }
+
+    /// The end of a segment that starts at the origin.
+    fn arc(segment: Segment) -> Self {
+        let ds = segment.direction.sign() * segment.length_m;
+        let turn = ds * segment.curvature;
+        let (half_sin, half_cos) = sin_cos(0.5 * turn);
+        let chord = ds * sinc(0.5 * turn);
+        let (sin, cos) = sin_cos(turn);
+        Self {
+            x: chord * half_cos,
+            y: chord * half_sin,
+            cos,
+            sin,
+        }
+    }
+}
+
+/// Where the search stands.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Stage {
+    /// One segment: motion, steps along it.
+    Single { motion: u8, steps: u16 },
+    /// Two segments: steps along the first (all motions advance together), its motion, the motion
+    /// of the second, steps along that.
+    Pair {
+        first_steps: u16,
+        first: u8,
+        second: u8,
+        steps: u16,
+    },
+    /// Lengths of the best plan by descent: which change is tried next, step, whether a change of
+    /// this step helped.
+    Refine {
+        change: u8,
+        step_m: f32,
+        helped: bool,
+    },
+    /// Done.
+    Finished,
+}
+
+/// What a call of [`Planner::step`] came to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Progress {
+    /// The search goes on.
+    Working,
+    /// The best plan of the grid, refined.
+    Found(Plan),
+    /// No plan of at most two segments leads into the funnel.
+    Impossible,
+}
+
+/// A search in progress.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Search {
+    start: Pose,
+    best: Option<Plan>,
+    stage: Stage,
+    /// Ends of the first segments of the current length, by motion, and whether that branch is
+    /// still within the bound.
+    middle: [(Pose, bool); 6],
+    here: Pose,
+    evaluated: u32,
+}
+
+impl Search {
+    /// Candidate postures looked at so far.
+    pub fn evaluated(&self) -> u32 {
+        self.evaluated
+    }
+}
+
+/// The planner, ready to run.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Planner {
+    config: Config,
+    /// κ_d, 1/m.
+    curvature: f32,
+    /// One grid step of each motion, so that a candidate costs no trigonometry.
+    single_steps: [Pose; MOTIONS.len()],
+    pair_steps: [Pose; MOTIONS.len()],
+}
+
+impl Planner {
+    /// Curvature of funnel and segments, 1/m (κ_d).
+    pub fn curvature(&self) -> f32 {
+        self.curvature
+    }
+
+    /// A search from `posture` (m, rad) to `goal`, both in the same frame.
+    pub fn start(&self, posture: Posture, goal: Posture) -> Search {
+        let seen = posture.relative_to(goal);
+        let (sin, cos) = sin_cos(seen.phi);
+        let start = Pose {
+            x: seen.x,
+            y: seen.y,
+            cos,
+            sin,
+        };
+        let mut search = Search {
+            start,
+            best: None,
+            stage: Stage::Finished,
+            middle: [(start, true); 6],
+            here: start,
+            evaluated: 0,
+        };
+        if !seen.is_finite() {
+            return search;
+        }
+        // Already in the funnel: no segment, but one that shortens the path may still be found.
+        if let Some((cost, approach)) = self.evaluate(start, 0.0, None, None).1 {
+            search.best = Some(Plan {
+                cost_m: cost,
+                ..Plan::direct(approach)
+            });
+        }
+        search.stage = Stage::Single {
+            motion: 0,
+            steps: 0,
+        };
+        search
+    }
+
+    /// Looks at up to `budget` candidate postures.
+    pub fn step(&self, search: &mut Search, budget: u32) -> Progress {
+        for _ in 0..budget {
+            match search.stage {
+                Stage::Single { motion, steps } => self.single(search, motion, steps),
+                Stage::Pair {
+                    first_steps,
+                    first,
+                    second,
+                    steps,
+                } => self.pair(search, first_steps, first, second, steps),
+                Stage::Refine {
+                    change,
+                    step_m,
+                    helped,
+                } => self.refine(search, change, step_m, helped),
+                Stage::Finished => break,
+            }
+            search.evaluated = search.evaluated.saturating_add(1);
+        }
+        match (search.stage, search.best) {
+            (Stage::Finished, Some(plan)) => Progress::Found(plan),
+            (Stage::Finished, None) => Progress::Impossible,
+            _ => Progress::Working,
+        }
+    }
+
+    fn segment(&self, motion: u8, length_m: f32) -> Option<Segment> {
+        let &(direction, share) = MOTIONS.get(usize::from(motion))?;
+        Some(Segment {
+            direction,
+            curvature: share * self.curvature,
+            length_m,
+        })
+    }
+
+    fn longest(&self, segment: &Segment) -> f32 {
+        if segment.curvature == 0.0 {
+            self.config.max_straight_m
+        } else {
+            TAU / self.curvature
+        }
+    }
+
+    /// Looks at a posture reached after `spent` metres (prices included), the last of them in
+    /// direction `last`. Returns the least the whole can cost and, if the posture lies in the
+    /// funnel and beats `best`, its cost and the direction of approach.
+    fn evaluate(
+        &self,
+        pose: Pose,
+        spent: f32,
+        last: Option<Direction>,
+        best: Option<f32>,
+    ) -> (f32, Option<(f32, Direction)>) {
+        let e = sqrt(pose.x * pose.x + pose.y * pose.y);
+        let least = spent + e;
+        let best = best.unwrap_or(f32::INFINITY);
+        if !(e >= self.config.min_approach_m && least < best) {
+            return (least, None);
+        }
+        // Line of sight in the goal's frame: (cos θ, sin θ).
+        let (cos_theta, sin_theta) = (-pose.x / e, -pose.y / e);
+        let cos_alpha = pose.cos * cos_theta + pose.sin * sin_theta;
+        let sin_alpha = pose.cos * sin_theta - pose.sin * cos_theta;
+        let candidate = Candidate {
+            distance_m: e,
+            cos_alpha,
+            sin_alpha,
+            cos_eta: cos_theta * cos_alpha - sin_theta * sin_alpha,
+            sin_eta: sin_theta * cos_alpha + cos_theta * sin_alpha,
+        };
+        let mut found = None;
+        let mut limit = best;
+        for (length, approach) in candidate
+            .lengths(self.curvature, self.config.margin_rad)
+            .into_iter()
+            .zip([Direction::Forward, Direction::Reverse])
+        {
+            let Some(length) = length else { continue };
+            let cusp = match last {
+                Some(direction) if direction != approach => self.config.cusp_price_m,
+                _ => 0.0,
+            };
+            let cost = spent + length + cusp;
+            if cost < limit {
+                limit = cost;
+                found = Some((cost, approach));
+            }
+        }
+        (least, found)
+    }
+
+    fn single(&self, search: &mut Search, motion: u8, steps: u16) {
+        let (Some(unit), Some(&step)) = (
+            self.segment(motion, self.config.single_step_m),
+            self.single_steps.get(usize::from(motion)),
+        ) else {
+            search.stage = Stage::Pair {
+                first_steps: 0,
+                first: MOTIONS.len() as u8,
+                second: 0,
+                steps: 0,
+            };
+            search.middle = [(search.start, true); 6];
+            return;
+        };
+        if steps == 0 {
+            search.here = search.start;
+        }
+        search.here = search.here.compose(step);
+        let length = f32::from(steps + 1) * self.config.single_step_m;
+        let spent = length + self.config.stop_price_m;
+        let best = search.best.map(|plan| plan.cost_m);
+        let (least, found) = self.evaluate(search.here, spent, Some(unit.direction), best);
+        if let Some((cost_m, approach)) = found {
+            search.best = Some(Plan {
+                first: Some(Segment {
+                    length_m: length,
+                    ..unit
+                }),
+                second: None,
+                approach,
+                cost_m,
+            });
+        }
+        let exhausted = length >= self.longest(&unit) || best.is_some_and(|best| least >= best);
+        search.stage = if exhausted {
+            Stage::Single {
+                motion: motion + 1,
+                steps: 0,
+            }
+        } else {
+            Stage::Single {
+                motion,
+                steps: steps + 1,
+            }
+        };
+    }
+
+    fn pair(&self, search: &mut Search, first_steps: u16, first: u8, second: u8, steps: u16) {
+        let step_m = self.config.pair_step_m;
+        let best = search.best.map(|plan| plan.cost_m);
+        if usize::from(first) >= MOTIONS.len() {
+            // All motions done at this length of the first segment: one step further on each.
+            let length = f32::from(first_steps + 1) * step_m;
+            let mut alive = false;
+            for (motion, ((pose, open), &step)) in
+                search.middle.iter_mut().zip(&self.pair_steps).enumerate()
+            {
+                let Some(unit) = self.segment(motion as u8, step_m) else {
+                    continue;
+                };
+                *pose = pose.compose(step);
+                let least = length
+                    + 2.0 * self.config.stop_price_m
+                    + sqrt(pose.x * pose.x + pose.y * pose.y);
+                *open =
+                    *open && length <= self.longest(&unit) && best.is_none_or(|best| least < best);
+                alive |= *open;
+            }
+            search.stage = if alive {
+                Stage::Pair {
+                    first_steps: first_steps + 1,
+                    first: 0,
+                    second: 0,
+                    steps: 0,
+                }
+            } else if search.best.is_some() {
+                Stage::Refine {
+                    change: 0,
+                    step_m: 0.5 * step_m,
+                    helped: false,
+                }
+            } else {
+                Stage::Finished
+            };
+            return;
+        }
+        let next_first = Stage::Pair {
+            first_steps,
+            first: first + 1,
+            second: 0,
+            steps: 0,
+        };
+        let next_second = Stage::Pair {
+            first_steps,
+            first,
+            second: second + 1,
+            steps: 0,
+        };
+        let (Some(one), Some(two), Some(&step), Some(&(middle, open))) = (
+            self.segment(first, f32::from(first_steps) * step_m),
+            self.segment(second, step_m),
+            self.pair_steps.get(usize::from(second)),
+            search.middle.get(usize::from(first)),
+        ) else {
+            search.stage = next_first;
+            return;
+        };
+        if !open {
+            search.stage = next_first;
+            return;
+        }
+        if one.curvature == two.curvature {
+            // The same circle again, onward or back: a single segment does that.
+            search.stage = next_second;
+            return;
+        }
+        if steps == 0 {
+            search.here = middle;
+        }
+        search.here = search.here.compose(step);
+        let length = f32::from(steps + 1) * step_m;
+        let spent = one.length_m + length + self.prices(one.direction, two.direction);
+        let (least, found) = self.evaluate(search.here, spent, Some(two.direction), best);
+        if let Some((cost_m, approach)) = found {
+            search.best = Some(Plan {
+                first: Some(one),
+                second: Some(Segment {
+                    length_m: length,
+                    ..two
+                }),
+                approach,
+                cost_m,
+            });
+        }
+        let exhausted = length >= self.longest(&two) || best.is_some_and(|best| least >= best);
+        search.stage = if exhausted {
+            next_second
+        } else {
+            Stage::Pair {
+                first_steps,
+                first,
+                second,
+                steps: steps + 1,
+            }
+        };
+    }
+
+    /// Prices of two segments in these directions.
+    fn prices(&self, one: Direction, two: Direction) -> f32 {
+        let cusp = if one == two {
+            0.0
+        } else {
+            self.config.cusp_price_m
+        };
+        2.0 * self.config.stop_price_m + cusp
+    }
+
+    fn refine(&self, search: &mut Search, change: u8, step_m: f32, helped: bool) {
+        let Some(plan) = search.best else {
+            search.stage = Stage::Finished;
+            return;
+        };
+        let (da, db) = match change {
+            0 => (-step_m, 0.0),
+            1 => (step_m, 0.0),
+            2 => (0.0, -step_m),
+            3 => (0.0, step_m),
+            4 => (-step_m, step_m),
+            5 => (step_m, -step_m),
+            6 => (-step_m, -step_m),
+            _ => (step_m, step_m),
+        };
+        let lengthen = |segment: Option<Segment>, by: f32| {
+            segment.map(|segment| Segment {
+                length_m: segment.length_m + by,
+                ..segment
+            })
+        };
+        let (first, second) = (lengthen(plan.first, da), lengthen(plan.second, db));
+        let allowed =
+            |segment: Option<Segment>| segment.is_none_or(|segment| segment.length_m > 0.0);
+        let improved = if allowed(first) && allowed(second) {
+            let mut pose = search.start;
+            let mut spent = 0.0;
+            let mut last = None;
+            for segment in first.into_iter().chain(second) {
+                pose = pose.compose(Pose::arc(segment));
+                spent += segment.length_m + self.config.stop_price_m;
+                if last.is_some_and(|last| last != segment.direction) {
+                    spent += self.config.cusp_price_m;
+                }
+                last = Some(segment.direction);
+            }
+            self.evaluate(pose, spent, last, Some(plan.cost_m)).1
+        } else {
+            None
+        };
+        if let Some((cost_m, approach)) = improved {
+            search.best = Some(Plan {
+                first,
+                second,
+                approach,
+                cost_m,
+            });
+        }
+        let helped = helped || improved.is_some();
+        search.stage = if change < 7 {
+            Stage::Refine {
+                change: change + 1,
+                step_m,
+                helped,
+            }
+        } else if helped {
+            Stage::Refine {
+                change: 0,
+                step_m,
+                helped: false,
+            }
+        } else if step_m > 2e-3 {
+            Stage::Refine {
+                change: 0,
+                step_m: 0.5 * step_m,
+                helped: false,
+            }
+        } else {
+            Stage::Finished
+        };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::control::funnel;
+    use crate::control::kinematic::PolarError;
+    use proptest::prelude::*;
+
+    fn search(planner: &Planner, from: Posture, budget: u32) -> (Progress, u32) {
+        let mut search = planner.start(from, Posture::ORIGIN);
+        for _ in 0..1_000_000 / budget {
+            match planner.step(&mut search, budget) {
+                Progress::Working => {}
+                done => return (done, search.evaluated()),
+            }
+        }
+        panic!("no end after a million candidates");
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(100))]
+
+        /// Every start within ±2 m is led into the funnel, checked by driving the segments in f64.
+        #[test]
+        fn any_start_is_led_into_the_funnel(
+            x in -2.0f32..2.0, y in -2.0f32..2.0, phi in -3.1f32..3.1, max in 1.5f32..3.3,
+        ) {
+            let planner = Config::default().build(max).unwrap();
+            let (progress, evaluated) = search(&planner, Posture::new(x, y, phi), 1000);
+            let Progress::Found(plan) = progress else { panic!("{progress:?}") };
+            prop_assert!(evaluated < 120_000, "{evaluated}");
+            let mut q = [x, y, phi].map(f64::from);
+            for segment in plan.segments() {
+                prop_assert!(segment.curvature.abs() <= max && segment.length_m > 0.0);
+                let n = 2000;
+                let h = f64::from(segment.direction.sign() * segment.length_m) / n as f64;
+                for _ in 0..n {
+                    let middle = q[2] + 0.5 * h * f64::from(segment.curvature);
+                    q[0] += h * middle.cos();
+                    q[1] += h * middle.sin();
+                    q[2] += h * f64::from(segment.curvature);
+                }
+            }
+            let end = PolarError::between(q.map(|c| c as f32).into(), Posture::ORIGIN);
+            let end = end.along(plan.approach);
+            prop_assert!(funnel::contains(end, planner.curvature() * 1.001));
+            prop_assert!(end.distance_m >= 0.149);
+        }
+
+        /// How the work is cut into ticks does not matter.
+        #[test]
+        fn budget_does_not_change_the_plan(
+            x in -1.0f32..1.0, y in -1.0f32..1.0, phi in -3.1f32..3.1,
+        ) {
+            let planner = Config::default().build(3.0).unwrap();
+            let from = Posture::new(x, y, phi);
+            prop_assert_eq!(search(&planner, from, 7).0, search(&planner, from, 5000).0);
+        }
+
+        /// The goal's frame is all that counts.
+        #[test]
+        fn plan_moves_with_the_goal(phi in -3.0f32..3.0, gx in -5.0f32..5.0, turn in -3.0f32..3.0) {
+            let planner = Config::default().build(2.0).unwrap();
+            let seen = Posture::new(-0.4, 0.3, phi);
+            let goal = Posture::new(gx, 1.0, turn);
+            let mut moved = planner.start(goal.compose(seen), goal);
+            let Progress::Found(a) = planner.step(&mut moved, 1_000_000) else { panic!() };
+            let mut plain = planner.start(seen, Posture::ORIGIN);
+            let Progress::Found(b) = planner.step(&mut plain, 1_000_000) else { panic!() };
+            prop_assert!((a.cost_m - b.cost_m).abs() < 0.02, "{} {}", a.cost_m, b.cost_m);
+        }
+    }
+
+    #[test]
+    fn straight_behind_needs_no_segment() {
+        let planner = Config::default().build(3.0).unwrap();
+        for (x, approach) in [(-1.0, Direction::Forward), (1.0, Direction::Reverse)] {
+            let (progress, _) = search(&planner, Posture::new(x, 0.0, 0.0), 100);
+            let Progress::Found(plan) = progress else {
+                panic!()
+            };
+            assert_eq!(plan.segments().count(), 0);
+            assert_eq!(plan.approach, approach);
+            assert!((plan.cost_m - 1.0).abs() < 1e-5);
+        }
+    }
+
+    #[test]
+    fn a_posture_that_is_not_finite_yields_no_plan() {
+        let planner = Config::default().build(3.0).unwrap();
+        let (progress, evaluated) = search(&planner, Posture::new(f32::NAN, 0.0, 0.0), 100);
+        assert_eq!((progress, evaluated), (Progress::Impossible, 0));
+    }
+}

@@ -1,0 +1,960 @@
+//! Posture regulator: law, funnel, planner and stop rule as one state machine.
+//!
+//! Brings the robot's midpoint O to a goal posture and to rest. Two strategies:
+//!
+//! - [`Strategy::Funnel`] (default) regulates from any start: plan up to two segments of constant
+//!   curvature into the funnel, steer at rest, drive them with feedback on the path, then follow
+//!   the approach law; check at rest, and plan anew if the funnel was left or the goal missed.
+//! - [`Strategy::PaperLaw`] is equation 4 alone with a stop rule, its goal led by the rest distance
+//!   `r√(2ε)` so that O itself stops on the goal. Starts that are close and badly turned stall; the
+//!   regulator then gives up, as it does where the frame, bent by axles that have drifted apart,
+//!   does not turn the robot as asked.
+//!
+//! # Phases
+//!
+//! Stop → Plan → (Steer → Segment → Stop)… → Steer → Approach → Hold → Done, with ways back to
+//! Plan from the end of the segments, from Approach and from Hold, and from Done when the robot is
+//! pushed away.
+//!
+//! # Sans-IO
+//!
+//! [`Regulator::tick`] takes the estimated posture of O, speed and steering as the governor last
+//! commanded them, and the goal; it returns what O should do next, before the governor.
+//!
+//! # Panic contract
+//!
+//! [`Config::build`] validates; nothing else can fail. A posture or goal that is not finite is
+//! taken as absent: the robot is asked to stop with its steering held, and nothing else changes.
+
+use super::funnel;
+use super::kinematic::{
+    self, Command, Direction, Law, Limits, LimitsConfig, PolarError, curvature_of_steering,
+};
+use super::planner::{self, Plan, Planner, Progress, Search};
+use crate::config::{Allowed, ConfigError, in_range, non_negative, positive, require};
+use crate::math::Posture;
+use crate::math::trig::{clamp, cos, sin, sin_cos, sqrt};
+
+/// How the goal is reached.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
+pub enum Strategy {
+    /// Planner, funnel and approach law: any start.
+    #[default]
+    Funnel,
+    /// Equation 4 alone.
+    PaperLaw,
+}
+
+/// Parameters of the regulator.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
+pub struct Config {
+    /// How the goal is reached.
+    pub strategy: Strategy,
+    /// Bounds of speed and steering.
+    #[cfg_attr(feature = "serde", serde(skip))]
+    pub limits: LimitsConfig,
+    /// Gains of equation 4 where it drives alone ([`Strategy::PaperLaw`]).
+    pub law: kinematic::Config,
+    /// Gains of the approach in the funnel: `arrival_gain` 3, `circle_radius_m` below `1/(2 κ_max)`.
+    pub approach: kinematic::Config,
+    /// The planner.
+    pub planner: planner::Config,
+    /// Interval of [`Regulator::tick`], s.
+    pub tick_s: f32,
+    /// Candidate postures the planner looks at in a tick.
+    pub planner_budget: u32,
+    /// Steering error below which a segment is begun, rad.
+    pub steering_tolerance_rad: f32,
+    /// A segment is begun after this time whatever the steering, s.
+    pub steering_timeout_s: f32,
+    /// Steering error at which the speed is held at zero, rad; from half of it down the speed is
+    /// free.
+    pub steering_wait_rad: f32,
+    /// Deceleration of the governor, m/s².
+    pub braking_m_s2: f32,
+    /// Lag of the governor's speed where its deceleration is not at its limit, s.
+    pub speed_lag_s: f32,
+    /// Length over which deviations from a segment's path decay, m.
+    pub path_length_constant_m: f32,
+    /// Commanded speed below which the robot counts as at rest, m/s.
+    pub rest_speed_m_s: f32,
+    /// Commanded speed below which steering for the next segment begins, m/s.
+    pub steer_speed_m_s: f32,
+    /// Time at rest before the posture is judged, s.
+    pub settle_time_s: f32,
+    /// Way left along the path at which the approach ends, m.
+    pub latch_distance_m: f32,
+    /// At rest, the goal counts as reached within this distance, m. Each renewed attempt allows
+    /// 30 % more, up to 90 %.
+    pub accept_distance_m: f32,
+    /// At rest, the goal counts as reached within this heading error, rad; widened likewise.
+    pub accept_heading_rad: f32,
+    /// A reached goal is left when the error exceeds the accepted one by this factor.
+    pub release_factor: f32,
+    /// The funnel counts as left when the needed curvature exceeds κ_max by this factor.
+    pub leave_factor: f32,
+    /// And by this more than the bearings' own error near the goal, rad.
+    pub leave_slack_rad: f32,
+    /// Within this distance of the goal, m, the approach follows the arc it is on to its end:
+    /// bearings lose meaning.
+    pub final_arc_m: f32,
+    /// Length over which deviations from the final arc decay, m.
+    pub final_length_constant_m: f32,
+    /// Renewed attempts before giving up.
+    pub max_attempts: u8,
+    /// Equation 4 alone: stop within this of the rest distance, m.
+    pub stop_margin_m: f32,
+    /// Equation 4 alone: stop below this demanded speed, m/s.
+    pub stop_speed_m_s: f32,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            strategy: Strategy::Funnel,
+            limits: LimitsConfig::default(),
+            law: kinematic::Config::default(),
+            approach: kinematic::Config {
+                circle_radius_m: 0.005,
+                approach_gain_m_s: 2.0,
+                ..kinematic::Config::default()
+            },
+            planner: planner::Config::default(),
+            tick_s: 0.01,
+            planner_budget: 400,
+            steering_tolerance_rad: 0.05,
+            steering_timeout_s: 3.0,
+            steering_wait_rad: 0.2,
+            braking_m_s2: 0.4,
+            speed_lag_s: 1.0 / 6.0,
+            path_length_constant_m: 0.2,
+            rest_speed_m_s: 0.004,
+            steer_speed_m_s: 0.02,
+            settle_time_s: 0.2,
+            latch_distance_m: 0.003,
+            accept_distance_m: 0.01,
+            accept_heading_rad: 0.026,
+            release_factor: 2.5,
+            leave_factor: 1.15,
+            leave_slack_rad: 0.1,
+            final_arc_m: 0.15,
+            final_length_constant_m: 0.06,
+            max_attempts: 8,
+            stop_margin_m: 0.03,
+            stop_speed_m_s: 0.004,
+        }
+    }
+}
+
+impl Config {
+    /// Checks the parameters.
+    pub fn build(self) -> Result<Regulator, ConfigError> {
+        let limits = self.limits.build()?;
+        require(
+            self.approach.arrival_gain == funnel::ARRIVAL_WEIGHT,
+            "approach.arrival_gain",
+            self.approach.arrival_gain,
+            Allowed::Condition("3, the gain whose funnel is invariant"),
+        )?;
+        let radius = self.approach.circle_radius_m;
+        require(
+            2.0 * radius * limits.max_curvature() < 1.0,
+            "approach.circle_radius_m",
+            radius,
+            Allowed::Condition("less than half the smallest turning radius"),
+        )?;
+        positive("tick_s", self.tick_s)?;
+        require(
+            self.planner_budget > 0,
+            "planner_budget",
+            self.planner_budget as f32,
+            Allowed::Positive,
+        )?;
+        positive("steering_tolerance_rad", self.steering_tolerance_rad)?;
+        positive("steering_timeout_s", self.steering_timeout_s)?;
+        require(
+            self.steering_wait_rad > self.steering_tolerance_rad,
+            "steering_wait_rad",
+            self.steering_wait_rad,
+            Allowed::Condition("greater than steering_tolerance_rad"),
+        )?;
+        positive("braking_m_s2", self.braking_m_s2)?;
+        in_range(
+            "path_length_constant_m",
+            self.path_length_constant_m,
+            0.02,
+            10.0,
+        )?;
+        positive("speed_lag_s", self.speed_lag_s)?;
+        positive("rest_speed_m_s", self.rest_speed_m_s)?;
+        positive("steer_speed_m_s", self.steer_speed_m_s)?;
+        positive("settle_time_s", self.settle_time_s)?;
+        positive("latch_distance_m", self.latch_distance_m)?;
+        require(
+            self.accept_distance_m >= self.latch_distance_m && self.accept_distance_m.is_finite(),
+            "accept_distance_m",
+            self.accept_distance_m,
+            Allowed::Condition("at least latch_distance_m"),
+        )?;
+        positive("accept_heading_rad", self.accept_heading_rad)?;
+        in_range("release_factor", self.release_factor, 1.1, 100.0)?;
+        in_range("leave_factor", self.leave_factor, 1.0, 10.0)?;
+        non_negative("leave_slack_rad", self.leave_slack_rad)?;
+        positive("final_arc_m", self.final_arc_m)?;
+        in_range(
+            "final_length_constant_m",
+            self.final_length_constant_m,
+            0.01,
+            10.0,
+        )?;
+        positive("stop_margin_m", self.stop_margin_m)?;
+        positive("stop_speed_m_s", self.stop_speed_m_s)?;
+        Ok(Regulator {
+            law: self.law.build()?,
+            approach: self.approach.build()?,
+            planner: self.planner.build(limits.max_curvature())?,
+            limits,
+            config: self,
+        })
+    }
+}
+
+/// What the regulator is doing.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
+pub enum Phase {
+    /// Coming to rest, steering held.
+    #[default]
+    Stop,
+    /// At rest, searching for a plan.
+    Plan,
+    /// At rest, steering to the next curvature.
+    Steer,
+    /// Driving a segment of the plan.
+    Segment,
+    /// Following the law to the goal.
+    Approach,
+    /// At the goal, coming to rest; the posture is then judged.
+    Hold,
+    /// At rest on the goal.
+    Done,
+    /// At rest off the goal after the last attempt.
+    GaveUp,
+}
+
+/// What the regulator is told each tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Input {
+    /// Estimated posture of O.
+    pub posture: Posture,
+    /// Steering angle that the governor commands now, rad (ψ). Not the estimate: its offset would
+    /// decide when to start.
+    pub steering_rad: f32,
+    /// Velocity of O that the governor commands now, m/s.
+    pub speed_m_s: f32,
+    /// Posture that O is to reach, same frame as `posture`.
+    pub goal: Posture,
+}
+
+/// What the robot should do, before the governor.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Output {
+    /// Velocity and curvature of O within the limits.
+    pub command: Command,
+    /// Which end leads, also at v = 0.
+    pub direction: Direction,
+    /// What the regulator is doing.
+    pub phase: Phase,
+    /// The robot is to stand still: command.v is 0 on purpose, not on the way through 0.
+    pub feed_stop: bool,
+    /// At rest on the goal.
+    pub done: bool,
+}
+
+/// What follows the present stop or steering.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum Next {
+    /// A new plan.
+    #[default]
+    Plan,
+    /// Segment of this index, or the approach after the last.
+    Step(u8),
+}
+
+/// All that changes.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct State {
+    phase: Phase,
+    goal: Option<Posture>,
+    search: Option<Search>,
+    plan: Plan,
+    next: Next,
+    /// Where the present segment began.
+    origin: Posture,
+    /// Where the robot was a tick ago.
+    last: Posture,
+    /// Distance driven along the present segment, m.
+    progress: f32,
+    /// Curvature of the final arc once the approach is on it, 1/m, of the robot's heading.
+    final_curvature: Option<f32>,
+    /// Curvature that is held while the robot stands.
+    kappa: f32,
+    /// Time in the present phase, s.
+    elapsed: f32,
+    /// Time of consecutive ticks outside the funnel or without demand to move, s.
+    doubt: f32,
+    attempts: u8,
+}
+
+impl State {
+    /// What the regulator is doing.
+    pub fn phase(&self) -> Phase {
+        self.phase
+    }
+
+    /// Renewed attempts at the present goal.
+    pub fn attempts(&self) -> u8 {
+        self.attempts
+    }
+
+    /// The plan being driven.
+    pub fn plan(&self) -> &Plan {
+        &self.plan
+    }
+
+    fn enter(&mut self, phase: Phase) {
+        self.phase = phase;
+        self.final_curvature = None;
+        self.elapsed = 0.0;
+        self.doubt = 0.0;
+    }
+
+    fn stop_then(&mut self, next: Next) {
+        self.next = next;
+        self.enter(Phase::Stop);
+    }
+}
+
+/// Change of goal (m, rad) beyond which the regulator starts afresh; below, the goal just moves.
+const NEW_GOAL: (f32, f32) = (0.01, 0.02);
+/// Time (s) outside the funnel, or without demand to move, that counts.
+const DOUBT_S: f32 = 0.1;
+const STALL_S: f32 = 1.0;
+/// Remainder of a segment that counts as driven, m.
+const SEGMENT_END_M: f32 = 2e-3;
+
+/// Curvature (1/m) that lets a deviation `off` from a path (in the frame of its nearest posture)
+/// decay critically over the length constant λ: y'' = −y/λ² − 2 y'/λ with y' = sign · heading error.
+fn path_feedback(off: Posture, sign: f32, length_constant: f32) -> f32 {
+    let inverse = 1.0 / length_constant;
+    -inverse * inverse * off.y - 2.0 * inverse * sign * off.phi
+}
+
+/// The regulator, ready to run.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Regulator {
+    config: Config,
+    limits: Limits,
+    law: Law,
+    approach: Law,
+    planner: Planner,
+}
+
+impl Regulator {
+    /// Bounds of speed and curvature.
+    pub fn limits(&self) -> &Limits {
+        &self.limits
+    }
+
+    /// The parameters this regulator was built from.
+    pub fn config(&self) -> &Config {
+        &self.config
+    }
+
+    /// One step, every `tick_s`.
+    pub fn tick(&self, state: &mut State, input: &Input) -> Output {
+        if !(input.posture.is_finite() && input.goal.is_finite()) {
+            return self.stand(state);
+        }
+        self.accept_goal(state, input.goal);
+        state.elapsed += self.config.tick_s;
+        let output = match self.config.strategy {
+            Strategy::PaperLaw => self.paper(state, input),
+            Strategy::Funnel => match state.phase {
+                Phase::Stop => self.stop(state, input),
+                Phase::Plan => self.plan(state, input),
+                Phase::Steer => self.steer(state, input),
+                Phase::Segment => self.segment(state, input),
+                Phase::Approach => self.follow_approach(state, input),
+                Phase::Hold => self.hold(state, input),
+                Phase::Done => self.done(state, input),
+                Phase::GaveUp => self.stand(state),
+            },
+        };
+        state.last = input.posture;
+        state.kappa = output.command.kappa;
+        output
+    }
+
+    fn accept_goal(&self, state: &mut State, goal: Posture) {
+        let same = state.goal.is_some_and(|old| {
+            let [dx, dy, turn] = goal.minus(old);
+            dx * dx + dy * dy <= NEW_GOAL.0 * NEW_GOAL.0 && turn.abs() <= NEW_GOAL.1
+        });
+        if !same {
+            let kappa = state.kappa;
+            *state = State {
+                goal: Some(goal),
+                kappa,
+                ..State::default()
+            };
+        }
+    }
+
+    /// Output at standstill with the steering held.
+    fn stand(&self, state: &State) -> Output {
+        self.output(state, 0.0, state.kappa)
+    }
+
+    fn output(&self, state: &State, v: f32, kappa: f32) -> Output {
+        let command = self.limits.limit(Command {
+            v,
+            kappa,
+            phi_dot: v * kappa,
+        });
+        let planned = match state.next {
+            Next::Step(index) if matches!(state.phase, Phase::Steer | Phase::Segment) => {
+                state.plan.segment(usize::from(index))
+            }
+            _ => None,
+        };
+        Output {
+            command,
+            direction: planned.map_or(state.plan.approach, |segment| segment.direction),
+            phase: state.phase,
+            feed_stop: !matches!(state.phase, Phase::Segment | Phase::Approach),
+            done: state.phase == Phase::Done,
+        }
+    }
+
+    /// Error of steering (rad) when `kappa` is asked for: the difference in curvature over its
+    /// slope, which needs no inverse of eq. 5.
+    fn steering_error(&self, kappa: f32, psi: f32) -> f32 {
+        let length = self.config.limits.frame_length_m;
+        let (s, c) = sin_cos(psi);
+        let slope = 2.0 * (c + psi * s) / (length * c * c).max(1e-6);
+        let kappa = self.limits.limit(Command {
+            kappa,
+            ..Command::REST
+        });
+        (kappa.kappa - curvature_of_steering(psi, length)) / slope
+    }
+
+    /// Factor of speed while the steering is on its way.
+    fn patience(&self, kappa: f32, psi: f32) -> f32 {
+        let share = self.steering_error(kappa, psi).abs() / self.config.steering_wait_rad;
+        clamp(2.0 * (1.0 - share), 0.0, 1.0)
+    }
+
+    /// Whether the approach may go on (or begin) from `seen`: the funnel, with allowance for the
+    /// error of execution and of the estimate. The curvature itself stays within its limit.
+    fn within_reach(&self, seen: PolarError) -> bool {
+        let slack = self.config.leave_slack_rad / seen.distance_m.max(1e-3);
+        let curvature = self.config.leave_factor * self.limits.max_curvature();
+        funnel::contains(seen, curvature + slack)
+    }
+
+    fn at_rest(&self, input: &Input) -> bool {
+        input.speed_m_s.abs() <= self.config.rest_speed_m_s
+    }
+
+    fn error(&self, input: &Input) -> PolarError {
+        PolarError::between(input.posture, input.goal)
+    }
+
+    /// Whether the goal is reached, bounds widened by `factor`.
+    fn reached(&self, state: &State, error: PolarError, factor: f32) -> bool {
+        let factor = factor * (1.0 + 0.3 * f32::from(state.attempts.min(3)));
+        error.distance_m <= factor * self.config.accept_distance_m
+            && error.heading().abs() <= factor * self.config.accept_heading_rad
+    }
+
+    /// Way (m) that the governor needs from `speed` to rest once zero is commanded: at its
+    /// deceleration down to where the lag takes over, then as the lag has it.
+    fn stopping_distance(&self, speed: f32) -> f32 {
+        let (a, lag) = (self.config.braking_m_s2, self.config.speed_lag_s);
+        let joint = a * lag;
+        if speed > joint {
+            (speed * speed - joint * joint) / (2.0 * a) + joint * lag
+        } else {
+            speed * lag
+        }
+    }
+
+    fn stop(&self, state: &mut State, input: &Input) -> Output {
+        let speed = input.speed_m_s.abs();
+        let rest = speed <= self.config.rest_speed_m_s;
+        let slow = rest || speed <= self.config.steer_speed_m_s;
+        if slow {
+            match state.next {
+                Next::Plan if !rest => {}
+                Next::Plan => {
+                    if self.reached(state, self.error(input), 1.0) {
+                        state.enter(Phase::Hold);
+                    } else {
+                        state.search = Some(self.planner.start(input.posture, input.goal));
+                        state.enter(Phase::Plan);
+                    }
+                }
+                Next::Step(index) => self.proceed(state, input, index),
+            }
+        }
+        self.stand(state)
+    }
+
+    fn plan(&self, state: &mut State, input: &Input) -> Output {
+        let Some(search) = state.search.as_mut() else {
+            state.stop_then(Next::Plan);
+            return self.stand(state);
+        };
+        match self.planner.step(search, self.config.planner_budget) {
+            Progress::Working => {}
+            Progress::Found(plan) => {
+                state.search = None;
+                state.plan = plan;
+                self.proceed(state, input, 0);
+            }
+            Progress::Impossible => {
+                // Out of the planner's reach: let the law, saturated, come as near as it can.
+                state.search = None;
+                let ahead = cos(self.error(input).alpha) >= 0.0;
+                state.plan = Plan::direct(if ahead {
+                    Direction::Forward
+                } else {
+                    Direction::Reverse
+                });
+                state.next = Next::Step(0);
+                state.enter(Phase::Steer);
+            }
+        }
+        self.stand(state)
+    }
+
+    /// At rest before step `index` of the plan.
+    fn proceed(&self, state: &mut State, input: &Input, index: u8) {
+        let is_segment = state.plan.segment(usize::from(index)).is_some();
+        let seen = self.error(input).along(state.plan.approach);
+        if is_segment || self.within_reach(seen) {
+            state.next = Next::Step(index);
+            state.origin = input.posture;
+            state.progress = 0.0;
+            state.enter(Phase::Steer);
+        } else {
+            self.renew(state);
+        }
+    }
+
+    /// Another attempt, if any is left.
+    fn renew(&self, state: &mut State) {
+        if state.attempts >= self.config.max_attempts {
+            state.enter(Phase::GaveUp);
+        } else {
+            state.attempts += 1;
+            state.stop_then(Next::Plan);
+        }
+    }
+
+    fn steer(&self, state: &mut State, input: &Input) -> Output {
+        let segment = match state.next {
+            Next::Step(index) => state.plan.segment(usize::from(index)),
+            Next::Plan => None,
+        };
+        let kappa = match segment {
+            Some(segment) => segment.curvature,
+            None => {
+                self.approach
+                    .approach(self.error(input), state.plan.approach)
+                    .kappa
+            }
+        };
+        let error = self.steering_error(kappa, input.steering_rad).abs();
+        if error <= self.config.steering_tolerance_rad
+            || state.elapsed >= self.config.steering_timeout_s
+        {
+            // Steering at rest may have moved the estimate: the segment begins here.
+            state.origin = input.posture;
+            state.last = input.posture;
+            state.enter(if segment.is_some() {
+                Phase::Segment
+            } else {
+                Phase::Approach
+            });
+        }
+        self.output(state, 0.0, kappa)
+    }
+
+    fn segment(&self, state: &mut State, input: &Input) -> Output {
+        let Next::Step(index) = state.next else {
+            state.stop_then(Next::Plan);
+            return self.stand(state);
+        };
+        let Some(segment) = state.plan.segment(usize::from(index)) else {
+            state.stop_then(Next::Plan);
+            return self.stand(state);
+        };
+        let sign = segment.direction.sign();
+        let (s, c) = sin_cos(input.posture.phi);
+        let (dx, dy) = (
+            input.posture.x - state.last.x,
+            input.posture.y - state.last.y,
+        );
+        state.progress += sign * (c * dx + s * dy);
+        let left = segment.length_m - state.progress;
+        let off = input
+            .posture
+            .relative_to(segment.posture_at(state.origin, state.progress));
+        let kappa =
+            segment.curvature + path_feedback(off, sign, self.config.path_length_constant_m);
+        if left
+            <= self
+                .stopping_distance(input.speed_m_s.abs())
+                .max(SEGMENT_END_M)
+        {
+            state.stop_then(Next::Step(index + 1));
+            return self.output(state, 0.0, kappa);
+        }
+        let braking = sqrt(2.0 * self.config.braking_m_s2 * left).min(2.5 * left + 0.005);
+        let speed = braking.min(self.limits.max_speed()) * self.patience(kappa, input.steering_rad);
+        self.output(state, sign * speed, kappa)
+    }
+
+    fn follow_approach(&self, state: &mut State, input: &Input) -> Output {
+        let error = self.error(input);
+        let direction = state.plan.approach;
+        let seen = error.along(direction);
+        if state.final_curvature.is_none() && error.distance_m <= self.config.final_arc_m {
+            let arc = 2.0 * sin(seen.alpha) / error.distance_m.max(1e-3);
+            let bound = self.limits.max_curvature();
+            state.final_curvature = Some(direction.sign() * clamp(arc, -bound, bound));
+        }
+        if let Some(curvature) = state.final_curvature {
+            return self.final_arc(state, input, curvature);
+        }
+        let command = self.limits.limit(self.approach.approach(error, direction));
+        let outside = !self.within_reach(seen);
+        let idle = command.v.abs() < 0.5 * self.config.rest_speed_m_s;
+        if outside || idle {
+            state.doubt += self.config.tick_s;
+        } else {
+            state.doubt = 0.0;
+        }
+        if outside && state.doubt >= DOUBT_S {
+            self.renew(state);
+            return self.stand(state);
+        }
+        if idle && state.doubt >= STALL_S {
+            state.enter(Phase::Hold);
+            return self.stand(state);
+        }
+        let v = command.v * self.patience(command.kappa, input.steering_rad);
+        self.output(state, v, command.kappa)
+    }
+
+    /// The last piece of the approach: the arc that ends in the goal posture.
+    fn final_arc(&self, state: &mut State, input: &Input, curvature: f32) -> Output {
+        let direction = state.plan.approach;
+        let sign = direction.sign();
+        let arc = planner::Segment {
+            direction,
+            curvature,
+            length_m: self.config.final_arc_m,
+        };
+        // Way left along the arc, then the deviation there: the projection, once corrected.
+        let seen = input.posture.relative_to(input.goal);
+        let first = -sign * seen.x;
+        let off = input
+            .posture
+            .relative_to(arc.posture_at(input.goal, -first));
+        let left = first - sign * off.x;
+        let off = input.posture.relative_to(arc.posture_at(input.goal, -left));
+        if left <= self.config.latch_distance_m {
+            state.enter(Phase::Hold);
+            return self.stand(state);
+        }
+        let kappa = curvature + path_feedback(off, sign, self.config.final_length_constant_m);
+        let v = self.config.approach.approach_gain_m_s * left;
+        self.output(
+            state,
+            sign * v * self.patience(kappa, input.steering_rad),
+            kappa,
+        )
+    }
+
+    fn hold(&self, state: &mut State, input: &Input) -> Output {
+        if !self.at_rest(input) {
+            state.elapsed = 0.0;
+        } else if state.elapsed >= self.config.settle_time_s {
+            if self.reached(state, self.error(input), 1.0) {
+                state.enter(Phase::Done);
+            } else {
+                self.renew(state);
+            }
+        }
+        self.stand(state)
+    }
+
+    fn done(&self, state: &mut State, input: &Input) -> Output {
+        if !self.reached(state, self.error(input), self.config.release_factor) {
+            state.attempts = 0;
+            state.stop_then(Next::Plan);
+        }
+        self.stand(state)
+    }
+
+    /// Equation 4 alone.
+    fn paper(&self, state: &mut State, input: &Input) -> Output {
+        let rest = self.law.rest_distance();
+        let led = input.goal.compose(Posture::new(rest, 0.0, 0.0));
+        let error = PolarError::between(input.posture, led);
+        let command = self.limits.limit(self.law.command(error, 0.0, 0.0));
+        let margin = self.config.stop_margin_m;
+        match state.phase {
+            Phase::Hold | Phase::Done => {
+                if error.distance_m > rest + self.config.release_factor * margin {
+                    state.enter(Phase::Approach);
+                } else {
+                    if self.at_rest(input) {
+                        state.enter(Phase::Done);
+                    }
+                    return self.stand(state);
+                }
+            }
+            Phase::GaveUp => return self.stand(state),
+            Phase::Approach => {
+                let slow = command.v.abs() < self.config.stop_speed_m_s;
+                state.doubt = if slow {
+                    state.doubt + self.config.tick_s
+                } else {
+                    0.0
+                };
+                if slow && error.distance_m < rest + margin {
+                    state.enter(Phase::Hold);
+                    return self.stand(state);
+                }
+                if state.doubt >= STALL_S {
+                    // On the circle manifold with the heading left over: eq. 4 asks to turn on the
+                    // spot, which a bent frame cannot.
+                    state.enter(Phase::GaveUp);
+                    return self.stand(state);
+                }
+            }
+            _ => state.enter(Phase::Approach),
+        }
+        let direction = if command.v < 0.0 {
+            Direction::Reverse
+        } else {
+            Direction::Forward
+        };
+        state.plan = Plan::direct(direction);
+        self.output(state, command.v, command.kappa)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::{ProptestConfig, any, prop, prop_assert, proptest};
+
+    /// A robot that does at once what it is told, except that it steers at 1 rad/s and changes speed
+    /// at 0.4 m/s².
+    struct Robot {
+        q: [f64; 3],
+        v: f64,
+        psi: f64,
+    }
+
+    impl Robot {
+        fn at(posture: Posture) -> Self {
+            Self {
+                q: [posture.x, posture.y, posture.phi].map(f64::from),
+                v: 0.0,
+                psi: 0.0,
+            }
+        }
+
+        fn posture(&self) -> Posture {
+            let [x, y, phi] = self.q;
+            Posture::new(x as f32, y as f32, phi.sin().atan2(phi.cos()) as f32)
+        }
+
+        fn obey(&mut self, command: Command) {
+            let kappa = |psi: f64| 2.0 * psi / (0.37 * psi.cos());
+            let wanted = f64::from(command.kappa);
+            // Towards the steering angle of the wanted curvature, 10 mrad a tick.
+            for _ in 0..10 {
+                let short = wanted - kappa(self.psi);
+                self.psi += 1e-3 * (short / 0.005).clamp(-1.0, 1.0);
+            }
+            self.v += (f64::from(command.v) - self.v).clamp(-0.004, 0.004);
+            let turn = 0.01 * self.v * kappa(self.psi);
+            let direction = self.q[2] + 0.5 * turn;
+            self.q[0] += 0.01 * self.v * direction.cos();
+            self.q[1] += 0.01 * self.v * direction.sin();
+            self.q[2] += turn;
+        }
+    }
+
+    fn run(
+        regulator: &Regulator,
+        state: &mut State,
+        robot: &mut Robot,
+        goal: Posture,
+        ticks: usize,
+    ) -> Output {
+        let mut output = regulator.tick(state, &input(robot, goal));
+        for _ in 0..ticks {
+            robot.obey(output.command);
+            output = regulator.tick(state, &input(robot, goal));
+            if output.done {
+                break;
+            }
+        }
+        output
+    }
+
+    fn input(robot: &Robot, goal: Posture) -> Input {
+        Input {
+            posture: robot.posture(),
+            steering_rad: robot.psi as f32,
+            speed_m_s: robot.v as f32,
+            goal,
+        }
+    }
+
+    fn regulator(strategy: Strategy) -> Regulator {
+        Config {
+            strategy,
+            ..Config::default()
+        }
+        .build()
+        .unwrap()
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(100))]
+
+        /// Any start, any goal.
+        #[test]
+        fn reaches_the_goal_from_anywhere(
+            start in prop::array::uniform3(-2.0f32..2.0), turn in -3.1f32..3.1,
+            goal in prop::array::uniform3(-3.0f32..3.0),
+        ) {
+            let regulator = regulator(Strategy::Funnel);
+            let goal = Posture::from(goal);
+            let start = goal.compose(Posture::new(start[0], start[1], turn));
+            let (mut state, mut robot) = (State::default(), Robot::at(start));
+            let output = run(&regulator, &mut state, &mut robot, goal, 12_000);
+            prop_assert!(output.done, "{:?}", output.phase);
+            let [dx, dy, turn] = robot.posture().minus(goal);
+            prop_assert!(dx.hypot(dy) < 0.01 && turn.abs() < 0.03, "{dx} {dy} {turn}");
+            prop_assert!(robot.v.abs() < 5e-3);
+        }
+
+        /// Whatever it is told, in whatever order, what it asks for is within the limits.
+        #[test]
+        fn output_is_always_within_the_limits(
+            inputs in prop::collection::vec(
+                (prop::array::uniform5(prop::num::f32::ANY), prop::array::uniform3(-3.0f32..3.0), any::<bool>()),
+                1..60,
+            ),
+            paper: bool,
+        ) {
+            let regulator = regulator(if paper { Strategy::PaperLaw } else { Strategy::Funnel });
+            let bound = regulator.limits().max_curvature();
+            let mut state = State::default();
+            for (wild, tame, is_wild) in inputs {
+                let output = regulator.tick(&mut state, &Input {
+                    posture: if is_wild { Posture::new(wild[0], wild[1], wild[2]) } else { tame.into() },
+                    steering_rad: wild[3],
+                    speed_m_s: wild[4],
+                    goal: Posture::ORIGIN,
+                });
+                prop_assert!(output.command.v.abs() <= 0.25);
+                prop_assert!(output.command.kappa.abs() <= bound);
+                prop_assert!(!(output.feed_stop && output.command.v != 0.0));
+            }
+        }
+    }
+
+    #[test]
+    fn the_papers_law_brings_the_papers_start_home() {
+        let regulator = regulator(Strategy::PaperLaw);
+        let mut robot = Robot::at(Posture::new(-1.342, -1.342, 0.0));
+        let mut state = State::default();
+        let output = run(&regulator, &mut state, &mut robot, Posture::ORIGIN, 6000);
+        assert!(output.done);
+        let [x, y, phi] = robot.q;
+        assert!(x.hypot(y) < 0.02 && phi.abs() < 0.05, "{:?}", robot.q);
+    }
+
+    #[test]
+    fn a_robot_pushed_off_its_goal_comes_back() {
+        let regulator = regulator(Strategy::Funnel);
+        let mut robot = Robot::at(Posture::new(-0.6, 0.05, 0.0));
+        let mut state = State::default();
+        assert!(run(&regulator, &mut state, &mut robot, Posture::ORIGIN, 6000).done);
+        // A small push is within the hysteresis; a larger one is not.
+        robot.q[1] += 0.012;
+        let output = regulator.tick(&mut state, &input(&robot, Posture::ORIGIN));
+        assert!(output.done);
+        robot.q[1] += 0.05;
+        let output = regulator.tick(&mut state, &input(&robot, Posture::ORIGIN));
+        assert_eq!(output.phase, Phase::Stop);
+        assert!(run(&regulator, &mut state, &mut robot, Posture::ORIGIN, 12_000).done);
+        assert!(robot.q[0].hypot(robot.q[1]) < 0.01);
+    }
+
+    #[test]
+    fn a_new_goal_starts_afresh_and_a_lost_estimate_stops() {
+        let regulator = regulator(Strategy::Funnel);
+        let mut robot = Robot::at(Posture::new(-1.0, 0.0, 0.0));
+        let mut state = State::default();
+        let output = run(&regulator, &mut state, &mut robot, Posture::ORIGIN, 200);
+        assert_eq!(output.phase, Phase::Approach);
+        let before = state;
+        let mut lost = input(&robot, Posture::ORIGIN);
+        lost.posture.x = f32::NAN;
+        assert_eq!(regulator.tick(&mut state, &lost).command.v, 0.0);
+        assert_eq!(state, before);
+        let other = Posture::new(1.0, 1.0, 2.0);
+        let output = regulator.tick(&mut state, &input(&robot, other));
+        assert_eq!(output.phase, Phase::Stop);
+        assert!(run(&regulator, &mut state, &mut robot, other, 12_000).done);
+        assert!(robot.posture().distance(other) < 0.01);
+    }
+
+    #[test]
+    fn bad_parameters_are_named() {
+        let bad = Config {
+            steering_wait_rad: 0.01,
+            ..Config::default()
+        };
+        assert_eq!(bad.build().unwrap_err().field, "steering_wait_rad");
+        let bad = Config {
+            accept_distance_m: f32::NAN,
+            ..Config::default()
+        };
+        assert_eq!(bad.build().unwrap_err().field, "accept_distance_m");
+        let bad = Config {
+            approach: kinematic::Config::default(),
+            ..Config::default()
+        };
+        let error = bad.build().unwrap_err();
+        assert_eq!(error.field, "approach.circle_radius_m");
+    }
+}

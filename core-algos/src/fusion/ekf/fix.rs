@@ -1,0 +1,106 @@
+//! Measurement model: a posture fix, z = (x, y, φ) with a full noise covariance, from a camera over
+//! the floor, a beacon or a known start.
+//!
+//! The noise is decorrelated by R = L D Lᵀ; the three scalar updates that follow equal the batch
+//! update. The heading innovation is wrapped.
+
+use super::{AxleFilter, N, PHI, State, Verdict, X, Y};
+use crate::math::Posture;
+use crate::math::matrix::{Mat3, Vec3};
+use crate::math::trig::wrap_angle;
+
+/// The decorrelated noise of a posture fix.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Fix {
+    covariance: Mat3,
+    /// Rows 1 and 2 of L⁻¹ below the diagonal: (1, 0), (2, 0), (2, 1).
+    mixing: [f32; 3],
+    variances: [f32; 3],
+}
+
+impl Fix {
+    /// From the covariance of (x, y, φ) (lower triangle read); `None` unless it is positive
+    /// definite.
+    pub fn new(covariance: &Mat3) -> Option<Self> {
+        let r = covariance;
+        let ok = |variance: f32| variance > 0.0 && variance.is_finite();
+        let d0 = r[0][0];
+        if !ok(d0) {
+            return None;
+        }
+        let (l10, l20) = (r[1][0] / d0, r[2][0] / d0);
+        let d1 = r[1][1] - l10 * r[1][0];
+        if !ok(d1) {
+            return None;
+        }
+        let l21 = (r[2][1] - l20 * r[1][0]) / d1;
+        let d2 = r[2][2] - l20 * r[2][0] - l21 * l21 * d1;
+        if !ok(d2) {
+            return None;
+        }
+        Some(Self {
+            covariance: *covariance,
+            mixing: [-l10, l21 * l10 - l20, -l21],
+            variances: [d0, d1, d2],
+        })
+    }
+}
+
+impl AxleFilter {
+    /// Update by a posture in the filter's frame.
+    pub fn update_fix(&self, state: &mut State, posture: &Posture, fix: &Fix) -> Verdict {
+        if !posture.is_finite() {
+            return state.counters.fix.refuse();
+        }
+        let z: Vec3 = [posture.x, posture.y, posture.phi];
+        let mut innovation = [0.0; 3];
+        for i in 0..3 {
+            // z − high first: exact when they are near, then the low part counts.
+            innovation[i] = (z[i] - state.posture[i].high) - state.posture[i].low;
+        }
+        innovation[PHI] = wrap_angle(innovation[PHI]);
+        let nis = || {
+            let mut s = state.covariance.posture();
+            for i in 0..3 {
+                for j in 0..3 {
+                    s[i][j] += fix.covariance[i.max(j)][i.min(j)];
+                }
+            }
+            match crate::math::matrix::cholesky(&s) {
+                Some(factor) => {
+                    let solved = crate::math::matrix::cholesky_solve(&factor, &innovation);
+                    (0..3).map(|i| innovation[i] * solved[i]).sum()
+                }
+                None => f32::INFINITY,
+            }
+        };
+        let verdict = state.counters.fix.judge(nis, self.fix_gate, self.patience);
+        if verdict != Verdict::Used {
+            return verdict;
+        }
+        let [m10, m20, m21] = fix.mixing;
+        let [d0, d1, d2] = fix.variances;
+        let mut shift = [0.0; N];
+        let mut add = |gain: [f32; N], rest: f32| {
+            for i in 0..N {
+                shift[i] += gain[i] * rest;
+            }
+            [
+                innovation[0] - shift[X],
+                innovation[1] - shift[Y],
+                innovation[2] - shift[PHI],
+            ]
+        };
+        let p = &mut state.covariance;
+        let row = |x: f32, y: f32, phi: f32| [x, y, phi, 0.0, 0.0, 0.0, 0.0];
+        let rest = innovation[0];
+        let left = add(p.observe::<X>(&row(1.0, 0.0, 0.0), d0), rest);
+        let rest = m10 * left[0] + left[1];
+        let left = add(p.observe::<X>(&row(m10, 1.0, 0.0), d1), rest);
+        let rest = m20 * left[0] + m21 * left[1] + left[2];
+        let gain = p.observe::<X>(&row(m20, m21, 1.0), d2);
+        add(gain, rest);
+        state.shift(shift);
+        verdict
+    }
+}

@@ -1,0 +1,574 @@
+//! Axle-level filter: an extended Kalman filter of seven states (paper eq. 16–19).
+//!
+//! State x, y, φ, v, φ̇, v̇, φ̈: posture of the axle's midpoint in the global frame (m, m, rad), its
+//! forward speed and yaw rate (m/s, rad/s) and their derivatives (m/s², rad/s²), counter-clockwise
+//! positive. Motion model over one period T, constant accelerations, midpoint heading:
+//! ds = v T + v̇ T²/2, dφ = φ̇ T + φ̈ T²/2, position advanced by ds along φ + dφ/2, φ += dφ,
+//! v += v̇ T, φ̇ += φ̈ T; P = A P Aᵀ + Q (eq. 17).
+//!
+//! Measurements (eq. 18), one file each, any of them absent at any step: [`wheels`], [`gyro`],
+//! [`accelerometer`], and a posture fix ([`fix`]); [`rates`] takes wheels and gyro together. Updates
+//! are scalar and sequential, in Joseph's form with the terms that cancel removed (see
+//! [`covariance`](super::covariance)); the posture is kept in two floats, the covariance as one triangle.
+//!
+//! **Guards.** A measurement that is not finite is counted and ignored. With
+//! [`Config::innovation_gate`] set, one whose normalised innovation squared (NIS) exceeds it is
+//! counted and ignored too; after [`Config::gate_patience`] such rejections in a row the sensor is
+//! believed again, so that a filter that has lost its way is not locked out.
+//!
+//! **Between axles.** [`State::take_increment`] closes an interval for the second tier: it hands out
+//! the odometric posture reached and the covariance gathered since the last call, and restarts the
+//! posture's covariance.
+//!
+//! [`Config::build`] validates; after it nothing fails or panics.
+
+pub mod accelerometer;
+pub mod factors;
+pub mod fix;
+pub mod gyro;
+pub mod rates;
+pub mod wheels;
+
+pub use factors::Covariance;
+pub use fix::Fix;
+
+use self::factors::Motion;
+use super::Estimate;
+use crate::config::{Allowed, ConfigError, non_negative, positive, require};
+use crate::math::matrix::{self, Mat};
+use crate::math::trig::{sin_cos, wrap_angle};
+use crate::math::{Posture, Twist, TwoFloat};
+
+/// Number of states.
+pub const N: usize = 7;
+pub(super) const X: usize = 0;
+pub(super) const Y: usize = 1;
+pub(super) const PHI: usize = 2;
+pub(super) const V: usize = 3;
+pub(super) const OMEGA: usize = 4;
+pub(super) const V_DOT: usize = 5;
+pub(super) const OMEGA_DOT: usize = 6;
+
+/// Steps between two calls of `Covariance::bound`.
+const BOUND_INTERVAL: u8 = 64;
+/// Share of the posture's own covariance that an increment hands out; the rest stays for the next
+/// one and keeps the matrix well conditioned.
+const HANDED_OUT: f32 = 0.9375;
+
+/// Q of eq. 17.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum ProcessNoise {
+    /// The same matrix each step, in the global frame (units of the state squared).
+    Fixed(Mat<N, N>),
+    /// Built each step from densities.
+    Densities(Densities),
+}
+
+/// Noise densities of the motion model. Slip is given along the axle's heading, across it, and in
+/// heading, each per metre driven and per second; the filter turns it into the global frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
+pub struct Densities {
+    /// Slip along the heading, m/√m.
+    pub along_m_per_sqrt_m: f32,
+    /// Slip across the heading, m/√m.
+    pub across_m_per_sqrt_m: f32,
+    /// Slip in heading, rad/√m.
+    pub heading_rad_per_sqrt_m: f32,
+    /// Slip along the heading, m/√s.
+    pub along_m_per_sqrt_s: f32,
+    /// Slip across the heading, m/√s.
+    pub across_m_per_sqrt_s: f32,
+    /// Slip in heading, rad/√s.
+    pub heading_rad_per_sqrt_s: f32,
+    /// Change of the forward acceleration, m/s³/√Hz.
+    pub jerk_m_s3_per_sqrt_hz: f32,
+    /// Change of the yaw acceleration, rad/s³/√Hz.
+    pub yaw_jerk_rad_s3_per_sqrt_hz: f32,
+}
+
+impl Default for Densities {
+    fn default() -> Self {
+        Self {
+            along_m_per_sqrt_m: 5e-4,
+            across_m_per_sqrt_m: 2e-4,
+            heading_rad_per_sqrt_m: 2e-3,
+            along_m_per_sqrt_s: 1e-5,
+            across_m_per_sqrt_s: 1e-5,
+            heading_rad_per_sqrt_s: 5e-5,
+            jerk_m_s3_per_sqrt_hz: 3.0,
+            yaw_jerk_rad_s3_per_sqrt_hz: 20.0,
+        }
+    }
+}
+
+/// Parameters of the axle filter.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
+pub struct Config {
+    /// Time between two steps (the paper's T), s.
+    pub period_s: f32,
+    /// Distance between the wheels (twice the paper's d), m.
+    #[cfg_attr(feature = "serde", serde(skip))]
+    pub track_m: f32,
+    /// Standard deviation of the left wheel's speed, m/s.
+    pub left_sigma_m_s: f32,
+    /// Standard deviation of the right wheel's speed, m/s.
+    pub right_sigma_m_s: f32,
+    /// Standard deviation of the gyro's rate, rad/s.
+    pub gyro_sigma_rad_s: f32,
+    /// Standard deviation of the longitudinal acceleration, m/s².
+    pub accelerometer_sigma_m_s2: f32,
+    /// Process noise.
+    pub noise: Densities,
+    /// Largest accepted NIS of a scalar measurement (one degree of freedom); `None` accepts all.
+    pub innovation_gate: Option<f32>,
+    /// Largest accepted NIS of a posture fix (three degrees of freedom); `None` accepts all.
+    pub fix_gate: Option<f32>,
+    /// Rejections in a row after which a sensor is believed again.
+    pub gate_patience: u16,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            period_s: 1e-3,
+            track_m: 0.324,
+            left_sigma_m_s: 0.02,
+            right_sigma_m_s: 0.02,
+            gyro_sigma_rad_s: 0.005,
+            accelerometer_sigma_m_s2: 0.1,
+            noise: Densities::default(),
+            innovation_gate: Some(36.0),
+            fix_gate: Some(30.0),
+            gate_patience: 20,
+        }
+    }
+}
+
+impl Config {
+    /// The ready form; an error names the parameter out of range.
+    pub fn build(&self) -> Result<AxleFilter, ConfigError> {
+        let noise = &self.noise;
+        non_negative("along_m_per_sqrt_m", noise.along_m_per_sqrt_m)?;
+        non_negative("across_m_per_sqrt_m", noise.across_m_per_sqrt_m)?;
+        non_negative("heading_rad_per_sqrt_m", noise.heading_rad_per_sqrt_m)?;
+        non_negative("along_m_per_sqrt_s", noise.along_m_per_sqrt_s)?;
+        non_negative("across_m_per_sqrt_s", noise.across_m_per_sqrt_s)?;
+        non_negative("heading_rad_per_sqrt_s", noise.heading_rad_per_sqrt_s)?;
+        non_negative("jerk_m_s3_per_sqrt_hz", noise.jerk_m_s3_per_sqrt_hz)?;
+        non_negative(
+            "yaw_jerk_rad_s3_per_sqrt_hz",
+            noise.yaw_jerk_rad_s3_per_sqrt_hz,
+        )?;
+        self.build_with(ProcessNoise::Densities(*noise))
+    }
+
+    /// The ready form with another process noise than [`Self::noise`]; a fixed matrix must be
+    /// symmetric, finite and free of negative diagonal entries.
+    pub fn build_with(&self, noise: ProcessNoise) -> Result<AxleFilter, ConfigError> {
+        let square = |x: f32| x * x;
+        let t = positive("period_s", self.period_s)?;
+        if let Some(gate) = self.innovation_gate {
+            positive("innovation_gate", gate)?;
+        }
+        if let Some(gate) = self.fix_gate {
+            positive("fix_gate", gate)?;
+        }
+        let noise = match noise {
+            ProcessNoise::Fixed(q) => {
+                for i in 0..N {
+                    non_negative("process_noise", q[i][i])?;
+                    for j in 0..i {
+                        require(
+                            q[i][j] == q[j][i] && q[i][j].is_finite(),
+                            "process_noise",
+                            q[i][j],
+                            Allowed::Condition("a symmetric matrix of finite numbers"),
+                        )?;
+                    }
+                }
+                Noise::Fixed(Covariance::from_matrix(&q))
+            }
+            ProcessNoise::Densities(d) => Noise::Densities {
+                per_m: [
+                    square(d.along_m_per_sqrt_m),
+                    square(d.across_m_per_sqrt_m),
+                    square(d.heading_rad_per_sqrt_m),
+                ],
+                per_step: [
+                    t * square(d.along_m_per_sqrt_s),
+                    t * square(d.across_m_per_sqrt_s),
+                    t * square(d.heading_rad_per_sqrt_s),
+                ],
+                jerk: t * square(d.jerk_m_s3_per_sqrt_hz),
+                yaw_jerk: t * square(d.yaw_jerk_rad_s3_per_sqrt_hz),
+            },
+        };
+        let half_track = 0.5 * positive("track_m", self.track_m)?;
+        let left_variance = square(positive("left_sigma_m_s", self.left_sigma_m_s)?);
+        let right_variance = square(positive("right_sigma_m_s", self.right_sigma_m_s)?);
+        let gyro_variance = square(positive("gyro_sigma_rad_s", self.gyro_sigma_rad_s)?);
+        Ok(AxleFilter {
+            t,
+            half_t2: 0.5 * t * t,
+            noise,
+            half_track,
+            left_variance,
+            right_variance,
+            gyro_variance,
+            reductions: AxleFilter::reductions(
+                half_track,
+                [left_variance, right_variance, gyro_variance],
+            ),
+            accelerometer_variance: square(positive(
+                "accelerometer_sigma_m_s2",
+                self.accelerometer_sigma_m_s2,
+            )?),
+            gate: self.innovation_gate,
+            fix_gate: self.fix_gate,
+            patience: self.gate_patience,
+        })
+    }
+}
+
+/// Process noise ready to add.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Noise {
+    Fixed(Covariance),
+    Densities {
+        /// Variance along, across, in heading, per metre.
+        per_m: [f32; 3],
+        /// The same per step.
+        per_step: [f32; 3],
+        /// Variance of v̇'s change in a step: of a jerk that is constant over the step.
+        jerk: f32,
+        /// The same of φ̈.
+        yaw_jerk: f32,
+    },
+}
+
+/// The axle filter, ready to run.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AxleFilter {
+    t: f32,
+    half_t2: f32,
+    noise: Noise,
+    half_track: f32,
+    left_variance: f32,
+    right_variance: f32,
+    gyro_variance: f32,
+    reductions: [rates::Reduction; 4],
+    accelerometer_variance: f32,
+    gate: Option<f32>,
+    fix_gate: Option<f32>,
+    patience: u16,
+}
+
+/// What the sensors of one axle say at one step; `None` where nothing came.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
+pub struct Measurements {
+    /// Speed of the left wheel over ground, m/s, or its advance in the period over the period.
+    pub left_m_s: Option<f32>,
+    /// Speed of the right wheel over ground, m/s.
+    pub right_m_s: Option<f32>,
+    /// Yaw rate, rad/s.
+    pub gyro_rad_s: Option<f32>,
+    /// Acceleration along the heading, m/s².
+    pub acceleration_m_s2: Option<f32>,
+}
+
+/// What became of one measurement.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Verdict {
+    /// There was none.
+    #[default]
+    Absent,
+    /// It took part.
+    Used,
+    /// Refused: not a finite number (or, for a fix, a covariance that is not positive definite).
+    Invalid,
+    /// Refused: its innovation was improbably large.
+    Gated,
+}
+
+/// Refusals of one sensor since the start.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Refusals {
+    /// Samples that were not finite.
+    pub invalid: u32,
+    /// Samples beyond the innovation gate.
+    pub gated: u32,
+    /// Samples beyond the gate since the last accepted one.
+    in_a_row: u16,
+}
+
+impl Refusals {
+    /// Whether a sample with this NIS is to be used.
+    fn judge(&mut self, nis: impl FnOnce() -> f32, gate: Option<f32>, patience: u16) -> Verdict {
+        if let Some(gate) = gate
+            && !(nis() <= gate)
+            && self.in_a_row < patience
+        {
+            self.gated = self.gated.saturating_add(1);
+            self.in_a_row = self.in_a_row.saturating_add(1);
+            return Verdict::Gated;
+        }
+        self.in_a_row = 0;
+        Verdict::Used
+    }
+
+    /// The verdict on a sample that is not a number.
+    fn refuse(&mut self) -> Verdict {
+        self.invalid = self.invalid.saturating_add(1);
+        Verdict::Invalid
+    }
+}
+
+/// Verdicts on the measurements of one step.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Verdicts {
+    /// Left wheel.
+    pub left: Verdict,
+    /// Right wheel.
+    pub right: Verdict,
+    /// Gyro.
+    pub gyro: Verdict,
+    /// Accelerometer.
+    pub accelerometer: Verdict,
+}
+
+/// Refusal counters of all sensors of an axle.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counters {
+    /// Left wheel.
+    pub left: Refusals,
+    /// Right wheel.
+    pub right: Refusals,
+    /// Gyro.
+    pub gyro: Refusals,
+    /// Accelerometer.
+    pub accelerometer: Refusals,
+    /// Posture fix.
+    pub fix: Refusals,
+}
+
+/// What an axle sends to the second tier at the end of an interval.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Keyframe {
+    /// Number of the interval, counting from 0 and wrapping.
+    pub sequence: u16,
+    /// Odometric posture reached, in the frame of the filter. It runs on from interval to interval:
+    /// a receiver takes differences, and a lost keyframe is made good by the next one.
+    pub posture: Posture,
+    /// Covariance gathered in this interval alone, errors along and across the heading and in
+    /// heading.
+    pub covariance: crate::math::matrix::Mat3,
+}
+
+/// All that changes in an axle filter.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct State {
+    posture: [TwoFloat; 3],
+    /// v, φ̇, v̇, φ̈.
+    motion: [TwoFloat; 4],
+    covariance: Covariance,
+    steps_until_bound: u8,
+    sequence: u16,
+    /// Refusals so far.
+    pub counters: Counters,
+}
+
+impl State {
+    /// At rest at a known posture; `speed_sigmas` are the standard deviations of v, φ̇, v̇, φ̈.
+    pub fn at_rest(start: &Estimate, speed_sigmas: [f32; 4]) -> Self {
+        let mut covariance = [[0.0; N]; N];
+        for i in 0..3 {
+            for j in 0..3 {
+                covariance[i][j] = start.covariance[i][j];
+            }
+        }
+        for k in 0..4 {
+            covariance[V + k][V + k] = speed_sigmas[k] * speed_sigmas[k];
+        }
+        let p = start.posture;
+        Self::from_parts([p.x, p.y, p.phi, 0.0, 0.0, 0.0, 0.0], &covariance)
+    }
+
+    /// From all seven states and a full covariance, which should be symmetric and positive
+    /// definite; its upper triangle is read.
+    pub fn from_parts(x: [f32; N], covariance: &Mat<N, N>) -> Self {
+        Self {
+            posture: [x[X], x[Y], wrap_angle(x[PHI])].map(TwoFloat::from_f32),
+            motion: [x[V], x[OMEGA], x[V_DOT], x[OMEGA_DOT]].map(TwoFloat::from_f32),
+            covariance: Covariance::from_matrix(covariance),
+            steps_until_bound: BOUND_INTERVAL,
+            sequence: 0,
+            counters: Counters::default(),
+        }
+    }
+
+    /// Posture of the axle's midpoint; heading within [−π, π].
+    pub fn posture(&self) -> Posture {
+        let [x, y, phi] = self.posture.map(TwoFloat::value);
+        Posture::new(x, y, phi)
+    }
+
+    /// Posture with all its digits.
+    pub fn precise_posture(&self) -> [TwoFloat; 3] {
+        self.posture
+    }
+
+    /// Forward speed and yaw rate.
+    pub fn twist(&self) -> Twist {
+        Twist::new(self.motion[0].value(), self.motion[1].value())
+    }
+
+    /// Forward acceleration (m/s²) and yaw acceleration (rad/s²).
+    pub fn accelerations(&self) -> [f32; 2] {
+        [self.motion[2].value(), self.motion[3].value()]
+    }
+
+    /// The covariance.
+    pub fn covariance(&self) -> &Covariance {
+        &self.covariance
+    }
+
+    /// Posture with its covariance.
+    pub fn estimate(&self) -> Estimate {
+        Estimate::new(self.posture(), self.covariance.posture())
+    }
+
+    /// Whether every number is finite.
+    pub fn is_finite(&self) -> bool {
+        self.posture.iter().all(|p| p.is_finite())
+            && self.motion.iter().all(|m| m.is_finite())
+            && self.covariance.is_finite()
+    }
+
+    /// Adds `gain · innovation`.
+    #[inline]
+    fn correct(&mut self, gain: &[f32; N], innovation: f32) {
+        self.shift(gain.map(|k| k * innovation));
+    }
+
+    #[inline]
+    fn shift(&mut self, by: [f32; N]) {
+        for i in 0..3 {
+            self.posture[i] = self.posture[i].plus(by[i]);
+        }
+        self.posture[PHI] = self.posture[PHI].wrapped_once();
+        for k in 0..4 {
+            self.motion[k] = self.motion[k].plus(by[V + k]);
+        }
+    }
+
+    /// Closes an interval for the second tier.
+    ///
+    /// The posture's error is the sum of a part that follows the errors of speed and acceleration,
+    /// which later measurements still resolve, and a part of its own, Pₚₚ − Pₚᵥ Pᵥᵥ⁻¹ Pᵥₚ. Only the
+    /// latter stays for good: it is what the interval adds, it is independent from interval to
+    /// interval, and it is taken out of the filter here. So the filter goes on smoothing across
+    /// intervals, the sum of all increments carries the whole uncertainty, and the covariance never
+    /// outgrows `f32`.
+    ///
+    /// Meant for an axle without posture fixes: a fix moves the posture, not the odometry.
+    pub fn take_increment(&mut self) -> Keyframe {
+        let covariance = self.covariance.take_posture(HANDED_OUT);
+        let posture = self.posture();
+        let (s, c) = sin_cos(posture.phi);
+        let into_body = [[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]];
+        let keyframe = Keyframe {
+            sequence: self.sequence,
+            posture,
+            covariance: matrix::propagate(&into_body, &covariance),
+        };
+        self.sequence = self.sequence.wrapping_add(1);
+        keyframe
+    }
+}
+
+impl AxleFilter {
+    /// One period: motion model, then the measurements.
+    #[inline]
+    pub fn step(&self, state: &mut State, measurements: &Measurements) -> Verdicts {
+        self.predict(state);
+        self.update(state, measurements)
+    }
+
+    /// Time update (eq. 17): moves the state on by one period.
+    pub fn predict(&self, state: &mut State) {
+        let t = self.t;
+        let [v, omega, v_dot, omega_dot] = state.motion.map(TwoFloat::value);
+        let ds = v * t + v_dot * self.half_t2;
+        let dphi = omega * t + omega_dot * self.half_t2;
+        let (sin, cos) = sin_cos(state.posture[PHI].value() + 0.5 * dphi);
+        let (dx, dy) = (ds * cos, ds * sin);
+
+        state.covariance.propagate(&Motion {
+            t,
+            half_t2: self.half_t2,
+            sin,
+            cos,
+            dx,
+            dy,
+        });
+        self.add_noise(&mut state.covariance, [sin, cos], ds);
+        state.shift([dx, dy, dphi, v_dot * t, omega_dot * t, 0.0, 0.0]);
+
+        state.steps_until_bound = state.steps_until_bound.saturating_sub(1);
+        if state.steps_until_bound == 0 {
+            state.steps_until_bound = BOUND_INTERVAL;
+            state.covariance.bound();
+        }
+    }
+
+    /// + Q.
+    #[inline]
+    fn add_noise(&self, p: &mut Covariance, [sin, cos]: [f32; 2], ds: f32) {
+        match &self.noise {
+            Noise::Fixed(q) => p.add(q),
+            Noise::Densities {
+                per_m,
+                per_step,
+                jerk,
+                yaw_jerk,
+            } => {
+                let half_t = 0.5 * self.t;
+                p.add_rank_one::<OMEGA_DOT>([0.0, 0.0, 0.0, 0.0, half_t, 0.0, 1.0], *yaw_jerk);
+                p.add_rank_one::<V_DOT>([0.0, 0.0, 0.0, half_t, 0.0, 1.0, 0.0], *jerk);
+                let ds = ds.abs();
+                let along = per_m[0] * ds + per_step[0];
+                let across = per_m[1] * ds + per_step[1];
+                let heading = per_m[2] * ds + per_step[2];
+                p.add_rank_one::<PHI>([0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0], heading);
+                p.add_rank_one::<Y>([cos, sin, 0.0, 0.0, 0.0, 0.0, 0.0], along);
+                p.add_rank_one::<Y>([-sin, cos, 0.0, 0.0, 0.0, 0.0, 0.0], across);
+            }
+        }
+    }
+
+    /// Measurement update (eq. 18) by whatever is there.
+    pub fn update(&self, state: &mut State, measurements: &Measurements) -> Verdicts {
+        let [left, right, gyro] = self.update_rates(
+            state,
+            measurements.left_m_s,
+            measurements.right_m_s,
+            measurements.gyro_rad_s,
+        );
+        Verdicts {
+            left,
+            right,
+            gyro,
+            accelerometer: self.update_accelerometer(state, measurements.acceleration_m_s2),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,134 @@
+//! Joint use of the sensors that measure speed and yaw rate: both wheels and the gyro.
+//!
+//! Whatever is at hand is first reduced, by least squares with weights fixed at configuration, to two
+//! uncorrelated measurements: v, and φ̇ − c v; for wheels of equal noise c is 0 and both measure one
+//! state each. That saves an update when a gyro is fitted, and equals the batch update.
+
+use super::{AxleFilter, OMEGA, State, V, Verdict};
+
+/// Least squares over a subset of (left, right, gyro) that determines both v and φ̇.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Reduction {
+    /// Innovation of v as a sum over the sensors, and its variance.
+    speed_weights: [f32; 3],
+    speed_variance: f32,
+    /// c: covariance of φ̇ and v over the variance of v.
+    coupling: f32,
+    /// Innovation of φ̇ − c v as a sum over the sensors, and its variance.
+    yaw_weights: [f32; 3],
+    yaw_variance: f32,
+}
+
+impl Reduction {
+    /// `information` is the inverse variance of left, right and gyro, 0 for one that is absent; at
+    /// least two are present.
+    pub(super) fn new(half_track: f32, information: [f32; 3]) -> Self {
+        let h = half_track;
+        let [left, right, gyro] = information;
+        // Each pair of sensors determines v; its weight is its squared determinant times both
+        // informations (Binet and Cauchy), so that nothing is subtracted.
+        let wheels = 4.0 * h * h * left * right;
+        let (with_left, with_right) = (left * gyro, right * gyro);
+        let total = wheels + with_left + with_right;
+        let yaw = h * h * (left + right) + gyro;
+        Self {
+            speed_weights: [
+                (0.5 * wheels + with_left) / total,
+                (0.5 * wheels + with_right) / total,
+                h * (with_left - with_right) / total,
+            ],
+            speed_variance: yaw / total,
+            coupling: h * (left - right) / yaw,
+            yaw_weights: [-h * left / yaw, h * right / yaw, gyro / yaw],
+            yaw_variance: 1.0 / yaw,
+        }
+    }
+}
+
+/// Measurement row of the yaw rate.
+const YAW: [f32; super::N] = rates(0.0, 1.0);
+
+/// Measurement row of a sum of speed and yaw rate.
+const fn rates(speed: f32, yaw: f32) -> [f32; super::N] {
+    [0.0, 0.0, 0.0, speed, yaw, 0.0, 0.0]
+}
+
+/// `Σ weight · innovation`.
+fn weigh(weights: &[f32; 3], innovations: &[f32; 3]) -> f32 {
+    weights[0] * innovations[0] + weights[1] * innovations[1] + weights[2] * innovations[2]
+}
+
+impl AxleFilter {
+    /// The reductions for all subsets of two or three sensors: both wheels, left and gyro, right
+    /// and gyro, all.
+    pub(super) fn reductions(half_track: f32, variances: [f32; 3]) -> [Reduction; 4] {
+        let [left, right, gyro] = variances.map(|variance| 1.0 / variance);
+        [
+            Reduction::new(half_track, [left, right, 0.0]),
+            Reduction::new(half_track, [left, 0.0, gyro]),
+            Reduction::new(half_track, [0.0, right, gyro]),
+            Reduction::new(half_track, [left, right, gyro]),
+        ]
+    }
+
+    /// Update by wheel speeds (m/s) and yaw rate (rad/s), each of which may be absent.
+    pub fn update_rates(
+        &self,
+        state: &mut State,
+        left: Option<f32>,
+        right: Option<f32>,
+        gyro: Option<f32>,
+    ) -> [Verdict; 3] {
+        let [(left, left_innovation), (right, right_innovation)] =
+            self.judge_wheels(state, left, right);
+        let (gyro, gyro_innovation) = self.judge_gyro(state, gyro);
+        let innovations = [left_innovation, right_innovation, gyro_innovation];
+        let h = self.half_track;
+        let [pair, left_gyro, right_gyro, all] = &self.reductions;
+        let used = [left, right, gyro].map(|verdict| verdict == Verdict::Used);
+        match used {
+            [false, false, false] => {}
+            [false, false, true] => {
+                let gain = state.covariance.observe::<OMEGA>(&YAW, self.gyro_variance);
+                state.correct(&gain, gyro_innovation);
+            }
+            [true, false, false] => {
+                let p = &mut state.covariance;
+                let gain = p.observe::<V>(&rates(1.0, -h), self.left_variance);
+                state.correct(&gain, left_innovation);
+            }
+            [false, true, false] => {
+                let p = &mut state.covariance;
+                let gain = p.observe::<V>(&rates(1.0, h), self.right_variance);
+                state.correct(&gain, right_innovation);
+            }
+            [true, true, false] => Self::update_reduced(state, pair, &innovations),
+            [true, false, true] => Self::update_reduced(state, left_gyro, &innovations),
+            [false, true, true] => Self::update_reduced(state, right_gyro, &innovations),
+            [true, true, true] => Self::update_reduced(state, all, &innovations),
+        }
+        [left, right, gyro]
+    }
+
+    /// Update by v, then by φ̇ − c v.
+    #[inline]
+    fn update_reduced(state: &mut State, reduction: &Reduction, innovations: &[f32; 3]) {
+        let forward = weigh(&reduction.speed_weights, innovations);
+        let yaw = weigh(&reduction.yaw_weights, innovations);
+        let p = &mut state.covariance;
+        let first = p.observe::<V>(&rates(1.0, 0.0), reduction.speed_variance);
+        // What the first update has explained of the second innovation.
+        let c = reduction.coupling;
+        let yaw = yaw - (first[OMEGA] - c * first[V]) * forward;
+        let second = if c == 0.0 {
+            p.observe::<OMEGA>(&YAW, reduction.yaw_variance)
+        } else {
+            p.observe::<V>(&rates(-c, 1.0), reduction.yaw_variance)
+        };
+        let mut shift = [0.0; super::N];
+        for i in 0..super::N {
+            shift[i] = first[i] * forward + second[i] * yaw;
+        }
+        state.shift(shift);
+    }
+}

@@ -1,0 +1,677 @@
+//! The filter against a textbook one: f64, full matrices, one batch update per step.
+
+use super::*;
+use crate::fusion::testing::Random;
+use crate::math::matrix::Mat3;
+use core::f64::consts::TAU;
+
+type Wide<const R: usize, const C: usize> = [[f64; C]; R];
+
+fn mul<const R: usize, const K: usize, const C: usize>(
+    a: &Wide<R, K>,
+    b: &Wide<K, C>,
+) -> Wide<R, C> {
+    let mut m = [[0.0; C]; R];
+    for i in 0..R {
+        for j in 0..C {
+            m[i][j] = (0..K).map(|k| a[i][k] * b[k][j]).sum();
+        }
+    }
+    m
+}
+
+fn transpose<const R: usize, const C: usize>(a: &Wide<R, C>) -> Wide<C, R> {
+    let mut m = [[0.0; R]; C];
+    for i in 0..R {
+        for j in 0..C {
+            m[j][i] = a[i][j];
+        }
+    }
+    m
+}
+
+/// Solves `m x = b` (dynamic size) by elimination with pivoting.
+fn solve(mut m: Vec<Vec<f64>>, mut b: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
+    let n = m.len();
+    for c in 0..n {
+        let p = (c..n)
+            .max_by(|&i, &j| m[i][c].abs().total_cmp(&m[j][c].abs()))
+            .unwrap();
+        m.swap(c, p);
+        b.swap(c, p);
+        for i in 0..n {
+            if i != c {
+                let f = m[i][c] / m[c][c];
+                for k in 0..n {
+                    m[i][k] -= f * m[c][k];
+                }
+                for k in 0..b[i].len() {
+                    b[i][k] -= f * b[c][k];
+                }
+            }
+        }
+    }
+    for i in 0..n {
+        for k in 0..b[i].len() {
+            b[i][k] /= m[i][i];
+        }
+    }
+    b
+}
+
+/// The textbook filter.
+#[derive(Clone)]
+struct Reference {
+    t: f64,
+    track: f64,
+    q: Wide<7, 7>,
+    r: [f64; 4],
+    r_fix: Wide<3, 3>,
+    x: [f64; 7],
+    p: Wide<7, 7>,
+}
+
+fn wrap(a: f64) -> f64 {
+    a - TAU * (a / TAU).round()
+}
+
+impl Reference {
+    fn motion(&self, x: &[f64; 7]) -> [f64; 7] {
+        let t = self.t;
+        let [px, py, phi, v, w, a, b] = *x;
+        let ds = v * t + a * t * t / 2.0;
+        let dphi = w * t + b * t * t / 2.0;
+        let m = phi + dphi / 2.0;
+        [
+            px + ds * m.cos(),
+            py + ds * m.sin(),
+            phi + dphi,
+            v + a * t,
+            w + b * t,
+            a,
+            b,
+        ]
+    }
+
+    fn predict(&mut self) {
+        // Jacobian by central differences: independent of any derivative written by hand.
+        let mut a = [[0.0; 7]; 7];
+        let h = 1e-4;
+        for k in 0..7 {
+            let (mut low, mut high) = (self.x, self.x);
+            low[k] -= h;
+            high[k] += h;
+            let (low, high) = (self.motion(&low), self.motion(&high));
+            for i in 0..7 {
+                a[i][k] = (high[i] - low[i]) / (2.0 * h);
+            }
+        }
+        self.x = self.motion(&self.x);
+        self.p = mul(&mul(&a, &self.p), &transpose(&a));
+        for i in 0..7 {
+            for j in 0..7 {
+                self.p[i][j] += self.q[i][j];
+            }
+        }
+    }
+
+    fn update(&mut self, z: &[Option<f64>; 4], fix: Option<[f64; 3]>) {
+        let half = self.track / 2.0;
+        let rows = [
+            [0.0, 0.0, 0.0, 1.0, -half, 0.0, 0.0],
+            [0.0, 0.0, 0.0, 1.0, half, 0.0, 0.0],
+            [0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0],
+            [0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0],
+        ];
+        let (mut h, mut nu, mut r) = (Vec::new(), Vec::new(), Vec::new());
+        for k in 0..4 {
+            if let Some(z) = z[k] {
+                nu.push(z - (0..7).map(|j| rows[k][j] * self.x[j]).sum::<f64>());
+                h.push(rows[k]);
+                r.push((k, None));
+            }
+        }
+        if let Some(z) = fix {
+            for k in 0..3 {
+                let mut row = [0.0; 7];
+                row[k] = 1.0;
+                let d = z[k] - self.x[k];
+                nu.push(if k == 2 { wrap(d) } else { d });
+                h.push(row);
+                r.push((k, Some(())));
+            }
+        }
+        let n = h.len();
+        if n == 0 {
+            return;
+        }
+        let ph: Vec<[f64; 7]> = h
+            .iter()
+            .map(|row| core::array::from_fn(|i| (0..7).map(|j| self.p[i][j] * row[j]).sum()))
+            .collect();
+        let mut s = vec![vec![0.0; n]; n];
+        for i in 0..n {
+            for j in 0..n {
+                s[i][j] = (0..7).map(|k| h[i][k] * ph[j][k]).sum();
+                s[i][j] += match (r[i], r[j]) {
+                    ((a, None), (b, None)) if a == b => self.r[a],
+                    ((a, Some(())), (b, Some(()))) => self.r_fix[a][b],
+                    _ => 0.0,
+                };
+            }
+        }
+        // Kᵀ = S⁻¹ H P.
+        let gain = solve(s.clone(), ph.iter().map(|row| row.to_vec()).collect());
+        for i in 0..7 {
+            self.x[i] += (0..n).map(|k| gain[k][i] * nu[k]).sum::<f64>();
+            for j in 0..7 {
+                self.p[i][j] -= (0..n).map(|k| gain[k][i] * ph[k][j]).sum::<f64>();
+            }
+        }
+        for i in 0..7 {
+            for j in 0..i {
+                let mean = 0.5 * (self.p[i][j] + self.p[j][i]);
+                self.p[i][j] = mean;
+                self.p[j][i] = mean;
+            }
+        }
+    }
+}
+
+/// The filter and the reference with the same numbers.
+fn pair(
+    period: f32,
+    q: Mat<7, 7>,
+    sigmas: [f32; 4],
+    r_fix: Mat3,
+    x0: [f32; 7],
+    p0: Mat<7, 7>,
+) -> (AxleFilter, Fix, State, Reference) {
+    let track = 0.324f32;
+    let config = Config {
+        period_s: period,
+        track_m: track,
+        left_sigma_m_s: sigmas[0],
+        right_sigma_m_s: sigmas[1],
+        gyro_sigma_rad_s: sigmas[2],
+        accelerometer_sigma_m_s2: sigmas[3],
+        innovation_gate: None,
+        fix_gate: None,
+        ..Config::default()
+    };
+    let wide = |m: &Mat<7, 7>| m.map(|row| row.map(f64::from));
+    let reference = Reference {
+        t: period as f64,
+        track: track as f64,
+        q: wide(&q),
+        r: sigmas.map(|s| s as f64 * s as f64),
+        r_fix: r_fix.map(|row| row.map(f64::from)),
+        x: x0.map(f64::from),
+        p: wide(&p0),
+    };
+    let filter = config.build_with(ProcessNoise::Fixed(q)).unwrap();
+    let fix = Fix::new(&r_fix).unwrap();
+    (filter, fix, State::from_parts(x0, &p0), reference)
+}
+
+/// A random covariance with the given standard deviations and moderate correlations.
+fn random_covariance<const M: usize>(random: &mut Random, sigmas: [f32; M]) -> Mat<M, M> {
+    let mut root = [[0.0; M]; M];
+    for i in 0..M {
+        for j in 0..M {
+            root[i][j] =
+                sigmas[i] * (0.4 * random.normal() as f32 + if i == j { 1.0 } else { 0.0 });
+        }
+    }
+    matrix::propagate(&root, &matrix::identity::<M>())
+}
+
+/// Largest pose error and largest normalised covariance error.
+fn errors(state: &State, reference: &Reference) -> (f64, f64) {
+    let p = state.covariance().matrix();
+    let posture = state.precise_posture();
+    let mut pose = 0.0f64;
+    for k in 0..3 {
+        let d = posture[k].high as f64 + posture[k].low as f64 - reference.x[k];
+        pose = pose.max(if k == 2 { wrap(d).abs() } else { d.abs() });
+    }
+    let mut covariance = 0.0f64;
+    for i in 0..7 {
+        for j in 0..7 {
+            let scale = (reference.p[i][i] * reference.p[j][j]).sqrt();
+            covariance = covariance.max((p[i][j] as f64 - reference.p[i][j]).abs() / scale);
+        }
+    }
+    (pose, covariance)
+}
+
+fn is_positive_definite(state: &State) -> bool {
+    // In f64 and scaled to unit diagonal, so that only the matrix itself is judged.
+    let p = state.covariance().matrix().map(|row| row.map(f64::from));
+    let mut l = [[0.0f64; 7]; 7];
+    for j in 0..7 {
+        let pivot = 1.0 - (0..j).map(|k| l[j][k] * l[j][k]).sum::<f64>();
+        if !(p[j][j] > 0.0 && pivot > 0.0) {
+            return false;
+        }
+        l[j][j] = pivot.sqrt();
+        for i in j + 1..7 {
+            let entry = p[i][j] / (p[i][i] * p[j][j]).sqrt();
+            let rest: f64 = (0..j).map(|k| l[i][k] * l[j][k]).sum();
+            l[i][j] = (entry - rest) / l[j][j];
+        }
+    }
+    true
+}
+
+/// Sensor samples of a drive with changing speed and turning, with noise.
+fn drive(random: &mut Random, time: f64, sigmas: [f32; 4], loss: f64) -> Measurements {
+    let v = 0.3 * (1.3 * time).sin();
+    let w = 0.9 * (0.7 * time).cos();
+    let a = 0.39 * (1.3 * time).cos();
+    let mut sample = |value: f64, sigma: f32| {
+        let noisy = (value + sigma as f64 * random.normal()) as f32;
+        (random.uniform() >= loss).then_some(noisy)
+    };
+    Measurements {
+        left_m_s: sample(v - 0.162 * w, sigmas[0]),
+        right_m_s: sample(v + 0.162 * w, sigmas[1]),
+        gyro_rad_s: sample(w, sigmas[2]),
+        acceleration_m_s2: sample(a, sigmas[3]),
+    }
+}
+
+fn as_wide(m: &Measurements) -> [Option<f64>; 4] {
+    [m.left_m_s, m.right_m_s, m.gyro_rad_s, m.acceleration_m_s2].map(|z| z.map(f64::from))
+}
+
+#[allow(clippy::too_many_arguments)]
+/// 500 steps beside the reference; the worst errors on the way.
+fn compare(
+    seed: u64,
+    period: f32,
+    q_sigmas: [f32; 7],
+    p_sigmas: [f32; 7],
+    sigmas: [f32; 4],
+    fix_sigmas: [f32; 3],
+    fix_every: usize,
+    loss: f64,
+) -> (f64, f64) {
+    let mut random = Random::new(seed);
+    let q = random_covariance(&mut random, q_sigmas);
+    let p0 = random_covariance(&mut random, p_sigmas);
+    let r_fix = random_covariance(&mut random, fix_sigmas);
+    let x0 = [-1.342, 0.7, 3.0, 0.0, 0.9, 0.39, 0.0];
+    let (filter, fix, mut state, mut reference) = pair(period, q, sigmas, r_fix, x0, p0);
+    let (mut pose, mut covariance) = (0.0f64, 0.0f64);
+    for step in 1..=500 {
+        let time = step as f64 * period as f64;
+        let z = drive(&mut random, time, sigmas, loss);
+        filter.step(&mut state, &z);
+        reference.predict();
+        reference.update(&as_wide(&z), None);
+        if fix_every > 0 && step % fix_every == 0 {
+            let mut seen = [0.0f32; 3];
+            for k in 0..3 {
+                seen[k] = (reference.x[k] + fix_sigmas[k] as f64 * random.normal()) as f32;
+            }
+            let seen64 = seen.map(f64::from);
+            filter.update_fix(&mut state, &Posture::from(seen), &fix);
+            reference.update(&[None; 4], Some(seen64));
+        }
+        let (p, c) = errors(&state, &reference);
+        pose = pose.max(p);
+        covariance = covariance.max(c);
+    }
+    (pose, covariance)
+}
+
+/// Noise levels of a case.
+struct Levels {
+    q: [f32; 7],
+    p: [f32; 7],
+    r: [f32; 4],
+    fix: [f32; 3],
+}
+
+const TYPICAL: Levels = Levels {
+    q: [1e-5, 1e-5, 2e-5, 2e-3, 1e-2, 3e-2, 0.2],
+    p: [0.02, 0.02, 0.03, 0.05, 0.1, 0.3, 0.5],
+    r: [0.02, 0.02, 0.005, 0.1],
+    fix: [0.01, 0.01, 0.01],
+};
+
+fn check_against_reference(levels: &Levels, seed: u64) {
+    for period in [1e-3, 5e-3, 2e-2] {
+        for fix_every in [0, 10, 100] {
+            for loss in [0.0, 0.3] {
+                let l = levels;
+                let (pose, covariance) =
+                    compare(seed, period, l.q, l.p, l.r, l.fix, fix_every, loss);
+                assert!(pose < 5e-6, "{period} {fix_every} {loss}: {pose:e}");
+                assert!(
+                    covariance < 2e-4,
+                    "{period} {fix_every} {loss}: {covariance:e}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn equals_the_textbook_filter() {
+    for seed in 0..8 {
+        check_against_reference(&TYPICAL, seed);
+    }
+}
+
+#[test]
+fn equals_the_textbook_filter_for_strong_measurements() {
+    let strong = Levels {
+        p: [0.1, 0.1, 0.1, 1.0, 1.0, 1.0, 1.0],
+        r: [1e-3, 3e-3, 1e-3, 1e-2],
+        ..TYPICAL
+    };
+    for seed in 0..8 {
+        check_against_reference(&strong, seed);
+    }
+}
+
+#[test]
+fn equals_the_textbook_filter_for_good_odometry() {
+    let good = Levels {
+        q: [1e-6, 1e-6, 1e-6, 1e-4, 1e-4, 1e-2, 1e-2],
+        p: [1e-3, 1e-3, 1e-3, 1e-2, 1e-2, 0.1, 0.1],
+        r: [1e-3, 1e-3, 1e-4, 0.03],
+        fix: [2e-3, 2e-3, 2e-3],
+    };
+    for seed in 0..8 {
+        check_against_reference(&good, seed);
+    }
+}
+
+/// A filter as on the node, with its gates on or off.
+fn node_filter(gated: bool) -> AxleFilter {
+    let mut config = Config::default();
+    if !gated {
+        config.innovation_gate = None;
+        config.fix_gate = None;
+    }
+    config.build().unwrap()
+}
+
+fn start() -> State {
+    let start = Estimate::with_sigmas(Posture::ORIGIN, [1e-3, 1e-3, 2e-3]);
+    State::at_rest(&start, [0.01, 0.01, 0.1, 0.1])
+}
+
+#[test]
+fn positive_definite_over_a_million_steps_with_fixes() {
+    let filter = node_filter(false);
+    let fix = Fix::new(&matrix::diagonal([4e-6, 4e-6, 1e-5])).unwrap();
+    let (mut state, mut random) = (start(), Random::new(3));
+    for step in 0..1_000_000u32 {
+        let z = drive(
+            &mut random,
+            step as f64 * 1e-3,
+            [0.02, 0.02, 0.005, 0.1],
+            0.0,
+        );
+        filter.step(&mut state, &z);
+        if step % 100 == 99 {
+            filter.update_fix(&mut state, &Posture::ORIGIN, &fix);
+        }
+        if step % 1009 == 0 {
+            assert!(is_positive_definite(&state), "step {step}");
+        }
+    }
+    assert!(state.is_finite() && is_positive_definite(&state));
+}
+
+#[test]
+fn positive_definite_over_a_million_steps_without_fixes() {
+    let filter = node_filter(false);
+    let (mut state, mut random) = (start(), Random::new(4));
+    let mut last = 0.0;
+    for step in 0..1_000_000u32 {
+        let z = drive(
+            &mut random,
+            step as f64 * 1e-3,
+            [0.02, 0.02, 0.005, 0.1],
+            0.0,
+        );
+        filter.step(&mut state, &z);
+        if step % 1009 == 0 {
+            assert!(is_positive_definite(&state), "step {step}");
+        }
+        if step % 100_000 == 99_999 {
+            // Nothing observes the heading: its variance must not stand still.
+            let heading = state.covariance().posture()[PHI][PHI];
+            assert!(heading > last);
+            last = heading;
+        }
+    }
+}
+
+#[test]
+fn position_and_heading_keep_their_digits_over_a_million_steps() {
+    // Driven by its own motion model alone, on a circle: a slow arc of many turns.
+    let filter = node_filter(false);
+    let (v, omega) = (0.3f32, 0.41f32);
+    let mut state = State::from_parts(
+        [2.0, -1.0, 0.5, v, omega, 0.0, 0.0],
+        &matrix::diagonal([1e-6; 7]),
+    );
+    let (t, v, omega) = (1e-3f32 as f64, v as f64, omega as f64);
+    for _ in 0..1_000_000 {
+        filter.predict(&mut state);
+    }
+    // Equal chords of a regular polygon: the sum of a geometric series of rotations.
+    let (turn, n) = (omega * t, 1e6);
+    let radius = v * t / (2.0 * (turn / 2.0).sin());
+    let (first, last) = (0.5f32 as f64, 0.5 + n * turn);
+    let x = 2.0 + radius * (last.sin() - first.sin());
+    let y = -1.0 - radius * (last.cos() - first.cos());
+    let p = state.posture();
+    assert!((p.x as f64 - x).abs() < 2e-5, "{} {x}", p.x);
+    assert!((p.y as f64 - y).abs() < 2e-5, "{} {y}", p.y);
+    assert!(wrap(p.phi as f64 - last).abs() < 2e-5, "{}", p.phi);
+}
+
+#[test]
+fn heading_wraps_in_state_and_innovation() {
+    let filter = node_filter(false);
+    let fix = Fix::new(&matrix::diagonal([1e-4, 1e-4, 1e-4])).unwrap();
+    let pi = core::f32::consts::PI;
+    for side in [1.0, -1.0] {
+        let at = [0.0, 0.0, side * (pi - 0.01), 0.0, 0.0, 0.0, 0.0];
+        let mut state = State::from_parts(at, &matrix::diagonal([1e-4; 7]));
+        // Seen 0.02 rad further on, beyond the wrap: halfway is the wrap itself.
+        let seen = Posture::new(0.0, 0.0, -side * (pi - 0.01));
+        filter.update_fix(&mut state, &seen, &fix);
+        assert!((state.posture().phi.abs() - pi).abs() < 1e-5);
+        filter.update_fix(&mut state, &seen, &fix);
+        assert!(state.posture().phi * side < 0.0);
+    }
+}
+
+#[test]
+fn nan_is_counted_and_changes_nothing() {
+    let filter = node_filter(true);
+    let reference = start();
+    for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+        let mut state = reference;
+        let z = Measurements {
+            left_m_s: Some(bad),
+            right_m_s: Some(bad),
+            gyro_rad_s: Some(bad),
+            acceleration_m_s2: Some(bad),
+        };
+        let verdicts = filter.update(&mut state, &z);
+        assert_eq!(verdicts.left, Verdict::Invalid);
+        assert_eq!(verdicts.gyro, Verdict::Invalid);
+        let fix = Fix::new(&matrix::diagonal([1e-4; 3])).unwrap();
+        let seen = Posture::new(0.0, bad, 0.0);
+        assert_eq!(filter.update_fix(&mut state, &seen, &fix), Verdict::Invalid);
+        assert_eq!(state.counters.right.invalid, 1);
+        assert_eq!(state.counters.accelerometer.invalid, 1);
+        assert_eq!(state.counters.fix.invalid, 1);
+        state.counters = reference.counters;
+        assert_eq!(state, reference);
+    }
+}
+
+#[test]
+fn an_outlier_is_gated_and_a_sensor_that_insists_is_believed() {
+    let filter = node_filter(true);
+    let mut state = start();
+    let rest = Measurements {
+        left_m_s: Some(0.0),
+        right_m_s: Some(0.0),
+        gyro_rad_s: Some(0.0),
+        acceleration_m_s2: Some(0.0),
+    };
+    for _ in 0..200 {
+        filter.step(&mut state, &rest);
+    }
+    let spike = Measurements {
+        left_m_s: Some(3.0),
+        ..rest
+    };
+    let verdicts = filter.step(&mut state, &spike);
+    assert_eq!(verdicts.left, Verdict::Gated);
+    assert_eq!(verdicts.right, Verdict::Used);
+    assert!(state.twist().v.abs() < 0.01);
+    // One believed sample in between clears the run; then patience runs out.
+    filter.step(&mut state, &rest);
+    let patience = usize::from(Config::default().gate_patience);
+    let verdicts: Vec<_> = (0..=patience)
+        .map(|_| filter.step(&mut state, &spike).left)
+        .collect();
+    assert!(verdicts[..patience].iter().all(|v| *v == Verdict::Gated));
+    assert_eq!(verdicts[patience], Verdict::Used);
+    assert_eq!(state.counters.left.gated as usize, 1 + patience);
+}
+
+#[test]
+fn sequential_fix_equals_the_batch_update() {
+    for seed in 0..50 {
+        let mut random = Random::new(seed);
+        let p0 = random_covariance(&mut random, [0.1, 0.2, 0.05, 0.1, 0.1, 0.1, 0.1]);
+        let r = random_covariance(&mut random, [0.05, 0.02, 0.08]);
+        let (filter, fix, mut state, mut reference) =
+            pair(1e-3, [[0.0; 7]; 7], [0.1; 4], r, [0.0; 7], p0);
+        let seen = [0.1f32, -0.2, 0.05];
+        filter.update_fix(&mut state, &Posture::from(seen), &fix);
+        reference.update(&[None; 4], Some(seen.map(f64::from)));
+        let (pose, covariance) = errors(&state, &reference);
+        assert!(pose < 1e-6 && covariance < 5e-6, "{pose:e} {covariance:e}");
+    }
+}
+
+#[test]
+fn increments_carry_the_whole_drift() {
+    // One filter runs on, the other hands out increments every 10 ms, which are compounded here.
+    let filter = node_filter(false);
+    let (mut whole, mut parts) = (start(), start());
+    let first = parts.take_increment();
+    let mut last = first.posture;
+    let mut total = Estimate::new(first.posture, first.covariance);
+    let mut random = Random::new(8);
+    for step in 1..=5000u32 {
+        let z = drive(
+            &mut random,
+            step as f64 * 1e-3,
+            [0.02, 0.02, 0.005, 0.1],
+            0.0,
+        );
+        filter.step(&mut whole, &z);
+        filter.step(&mut parts, &z);
+        if step % 10 == 0 {
+            let keyframe = parts.take_increment();
+            let delta = keyframe.posture.relative_to(last);
+            last = keyframe.posture;
+            // End frame: turn the noise into the frame of departure.
+            let (s, c) = sin_cos(delta.phi);
+            let turn = [[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]];
+            let noise = matrix::propagate(&turn, &keyframe.covariance);
+            total = crate::fusion::compound::compose(&total, &Estimate::new(delta, noise));
+        }
+    }
+    let (p, q) = (whole.covariance().posture(), total.covariance);
+    for i in 0..3 {
+        // The posture of both filters differs by far less than what they claim not to know.
+        let d = whole.posture().minus(parts.posture())[i];
+        assert!(d * d < 0.01 * p[i][i], "{i}: {d}");
+        assert!(
+            (q[i][i] / p[i][i] - 1.0).abs() < 0.15,
+            "{i}: {} {}",
+            q[i][i],
+            p[i][i]
+        );
+        assert!(parts.covariance().posture()[i][i] < 0.05 * p[i][i]);
+    }
+    assert!(is_positive_definite(&parts));
+}
+
+#[test]
+fn keyframes_are_numbered_and_positive_definite_at_rest() {
+    let filter = node_filter(true);
+    let mut state = start();
+    for k in 0..1000u16 {
+        for _ in 0..10 {
+            filter.step(
+                &mut state,
+                &Measurements {
+                    left_m_s: Some(0.0),
+                    right_m_s: Some(0.0),
+                    ..Measurements::default()
+                },
+            );
+        }
+        let keyframe = state.take_increment();
+        assert_eq!(keyframe.sequence, k);
+        assert!(matrix::cholesky(&keyframe.covariance).is_some());
+        assert!(is_positive_definite(&state));
+    }
+}
+
+#[test]
+fn configuration_is_checked() {
+    let default = Config::default();
+    for (config, field) in [
+        (
+            Config {
+                period_s: 0.0,
+                ..default
+            },
+            "period_s",
+        ),
+        (
+            Config {
+                track_m: f32::NAN,
+                ..default
+            },
+            "track_m",
+        ),
+        (
+            Config {
+                gyro_sigma_rad_s: -1.0,
+                ..default
+            },
+            "gyro_sigma_rad_s",
+        ),
+        (
+            Config {
+                innovation_gate: Some(f32::NAN),
+                ..default
+            },
+            "innovation_gate",
+        ),
+    ] {
+        assert_eq!(config.build().unwrap_err().field, field);
+    }
+    let mut q = [[0.0; 7]; 7];
+    q[0][1] = 1.0;
+    assert!(default.build_with(ProcessNoise::Fixed(q)).is_err());
+}

@@ -1,0 +1,42 @@
+//! Measurement model: speeds of the left and right wheel over ground, z = v ∓ φ̇ · track/2 (left −,
+//! right +), wheel rotation times radius.
+
+use super::{AxleFilter, OMEGA, State, V, Verdict};
+use crate::math::TwoFloat;
+
+impl AxleFilter {
+    /// Innovations of the wheel speeds (m/s), and whether each may be used. Each is judged against
+    /// the prediction, not against the other wheel.
+    pub(super) fn judge_wheels(
+        &self,
+        state: &mut State,
+        left: Option<f32>,
+        right: Option<f32>,
+    ) -> [(Verdict, f32); 2] {
+        let half_track = self.half_track;
+        let p = &state.covariance;
+        let [v, omega, ..] = state.motion;
+        let (gate, patience) = (self.gate, self.patience);
+        let judge = |speed: Option<f32>, lever: f32, noise: f32, refusals: &mut super::Refusals| {
+            let Some(speed) = speed else {
+                return (Verdict::Absent, 0.0);
+            };
+            if !speed.is_finite() {
+                return (refusals.refuse(), 0.0);
+            }
+            let predicted = v + omega * TwoFloat::from_f32(lever);
+            let innovation = (speed - predicted.high) - predicted.low;
+            let nis = || {
+                let turning = lever * p.entry(OMEGA, OMEGA) + 2.0 * p.entry(V, OMEGA);
+                let variance = p.entry(V, V) + lever * turning + noise;
+                innovation * innovation / variance
+            };
+            (refusals.judge(nis, gate, patience), innovation)
+        };
+        let counters = &mut state.counters;
+        [
+            judge(left, -half_track, self.left_variance, &mut counters.left),
+            judge(right, half_track, self.right_variance, &mut counters.right),
+        ]
+    }
+}

@@ -1,0 +1,796 @@
+//! Joint filter of both axles: one extended Kalman filter whose covariance knows how the axles'
+//! errors are correlated.
+//!
+//! The axles' six posture errors are kept as the error of the rear axle in its own frame and of the
+//! front axle as seen from the rear. What the beam measures is then a state itself: the update is
+//! linear, and the drift of the whole robot, which grows without bound, never meets the millimetre
+//! accuracy between the axles in one difference. Seven more states hold what is constant or nearly
+//! so, because such errors add linearly and white noise cannot stand for them:
+//!
+//! | states | meaning |
+//! |---|---|
+//! | 0–2 | error of the rear axle's posture along, across its heading, in heading (m, m, rad) |
+//! | 3–5 | front axle's posture in the rear axle's frame (m, m, rad) |
+//! | 6, 7 | offset of the beam's r_y (m) and r_φ (rad) |
+//! | 8, 9 | heading drift per metre of front and rear odometry: unequal wheels (rad/m) |
+//! | 10, 11 | scale error of front and rear odometry: wheel size |
+//! | 12 | creep: yaw rate of each axle against the bend per radian of bend (1/s); the front axle turns by −creep · r_φ, the rear by +creep · r_φ, unseen by the wheels |
+//!
+//! The two offsets are correlated: a gauge that reads too much both turns and moves the estimated
+//! end. A standard deviation of 0 removes a state. The update takes all three components of r with their
+//! covariance, gated by the NIS. Nothing here panics; see [`Joint`].
+
+use super::covariance::Covariance;
+use super::ekf::Verdict;
+use super::{Estimate, compound};
+use crate::config::{ConfigError, in_range, non_negative, positive};
+use crate::math::Posture;
+use crate::math::matrix::{self, Mat, Mat3};
+use crate::math::trig::{sin_cos, wrap_angle};
+
+/// Number of states.
+pub const N: usize = 13;
+const REL: usize = 3;
+const REL_PHI: usize = 5;
+const OFFSET_Y: usize = 6;
+const OFFSET_PHI: usize = 7;
+const DRIFT: usize = 8;
+const SCALE: usize = 10;
+const CREEP: usize = 12;
+
+/// Parameters of the joint filter beside those of the tier around it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
+pub struct Config {
+    /// Standard deviation of the beam's constant lateral offset, m.
+    pub beam_offset_sigma_m: f32,
+    /// Standard deviation of the beam's constant heading offset, rad.
+    pub beam_offset_sigma_rad: f32,
+    /// Correlation of the two: all zero errors of the gauges bend the estimated frame, which turns
+    /// its end and moves it to the same side.
+    pub beam_offset_correlation: f32,
+    /// Random walk of the lateral offset, m/√s.
+    pub beam_offset_walk_m_per_sqrt_s: f32,
+    /// Random walk of the heading offset, rad/√s.
+    pub beam_offset_walk_rad_per_sqrt_s: f32,
+    /// Standard deviation of an axle's heading drift, rad/m: relative difference of its wheel radii
+    /// over the track.
+    pub heading_drift_sigma_rad_per_m: f32,
+    /// Standard deviation of an axle's scale error (relative error of the mean wheel radius).
+    pub scale_sigma: f32,
+    /// Standard deviation of the creep rate, 1/s.
+    pub creep_sigma_per_s: f32,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            // Zero errors of 1 µε of each gauge and 1 µε of all, on the default strip.
+            beam_offset_sigma_m: 1.45e-4,
+            beam_offset_sigma_rad: 8.1e-4,
+            beam_offset_correlation: 0.978,
+            beam_offset_walk_m_per_sqrt_s: 1e-6,
+            beam_offset_walk_rad_per_sqrt_s: 1e-5,
+            // Wheel radii known to 0.1 % each, 0.324 m apart.
+            heading_drift_sigma_rad_per_m: 4.5e-3,
+            scale_sigma: 1e-3,
+            creep_sigma_per_s: 0.03,
+        }
+    }
+}
+
+impl Config {
+    /// The ready form for one tick of `period_s`; an error names the parameter out of range.
+    pub fn build(&self, period_s: f32) -> Result<Joint, ConfigError> {
+        let square = |x: f32| x * x;
+        let t = positive("period_s", period_s)?;
+        let drift = square(non_negative(
+            "heading_drift_sigma_rad_per_m",
+            self.heading_drift_sigma_rad_per_m,
+        )?);
+        let scale = square(non_negative("scale_sigma", self.scale_sigma)?);
+        let creep = square(non_negative("creep_sigma_per_s", self.creep_sigma_per_s)?);
+        in_range(
+            "beam_offset_correlation",
+            self.beam_offset_correlation,
+            -0.999,
+            0.999,
+        )?;
+        Ok(Joint {
+            t,
+            offset_covariance: self.beam_offset_correlation
+                * self.beam_offset_sigma_m
+                * self.beam_offset_sigma_rad,
+            prior: [
+                square(non_negative(
+                    "beam_offset_sigma_m",
+                    self.beam_offset_sigma_m,
+                )?),
+                square(non_negative(
+                    "beam_offset_sigma_rad",
+                    self.beam_offset_sigma_rad,
+                )?),
+                drift,
+                drift,
+                scale,
+                scale,
+                creep,
+            ],
+            walk: [
+                t * square(non_negative(
+                    "beam_offset_walk_m_per_sqrt_s",
+                    self.beam_offset_walk_m_per_sqrt_s,
+                )?),
+                t * square(non_negative(
+                    "beam_offset_walk_rad_per_sqrt_s",
+                    self.beam_offset_walk_rad_per_sqrt_s,
+                )?),
+            ],
+        })
+    }
+}
+
+/// The joint filter, ready to run.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Joint {
+    t: f32,
+    /// Prior variances of states 6–12.
+    prior: [f32; 7],
+    /// Prior covariance of states 6 and 7.
+    offset_covariance: f32,
+    /// Variance added to states 6 and 7 each tick.
+    walk: [f32; 2],
+}
+
+/// All that changes in the joint filter.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct State {
+    rear: Posture,
+    relative: Posture,
+    /// Estimates of states 6–12.
+    constants: [f32; 7],
+    covariance: Covariance<N>,
+}
+
+impl State {
+    /// The rear axle's posture.
+    pub fn rear(&self) -> Posture {
+        self.rear
+    }
+
+    /// The front axle's posture.
+    pub fn front(&self) -> Posture {
+        self.rear.compose(self.relative)
+    }
+
+    /// The front axle in the rear axle's frame, with its covariance.
+    pub fn relative(&self) -> Estimate {
+        let u = &self.covariance.upper;
+        let mut block = [[0.0; 3]; 3];
+        for i in 0..3 {
+            for j in i..3 {
+                block[i][j] = u[REL + i][REL + j];
+                block[j][i] = u[REL + i][REL + j];
+            }
+        }
+        Estimate::new(self.relative, block)
+    }
+
+    /// Estimated beam offset (m, rad), heading drift of front and rear (rad/m), scale error of front
+    /// and rear, creep (1/s).
+    pub fn constants(&self) -> [f32; 7] {
+        self.constants
+    }
+
+    /// Standard deviations of [`Self::constants`].
+    pub fn constant_sigmas(&self) -> [f32; 7] {
+        let mut sigmas = [0.0; 7];
+        for k in 0..7 {
+            sigmas[k] = crate::math::trig::sqrt(self.covariance.upper[6 + k][6 + k].max(0.0));
+        }
+        sigmas
+    }
+
+    /// The covariance of all states.
+    pub fn covariance(&self) -> &Covariance<N> {
+        &self.covariance
+    }
+
+    /// Estimate of a posture that is `q(relative)` in the rear axle's frame, `jacobian` its
+    /// derivative.
+    fn seen_from_rear(&self, q: Posture, jacobian: &Mat3) -> Estimate {
+        let (sin, cos) = sin_cos(self.rear.phi);
+        let into_world = [[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]];
+        // An error of the rear axle in its own frame carries q along.
+        let by_rear = [[1.0, 0.0, -q.y], [0.0, 1.0, q.x], [0.0, 0.0, 1.0]];
+        let by_rear = matrix::multiply(&into_world, &by_rear);
+        let by_relative = matrix::multiply(&into_world, jacobian);
+        let mut j = [[0.0; 6]; 3];
+        let mut p = [[0.0; 6]; 6];
+        for i in 0..3 {
+            for k in 0..3 {
+                j[i][k] = by_rear[i][k];
+                j[i][k + 3] = by_relative[i][k];
+            }
+        }
+        for i in 0..6 {
+            for k in i..6 {
+                p[i][k] = self.covariance.upper[i][k];
+                p[k][i] = p[i][k];
+            }
+        }
+        Estimate::new(self.rear.compose(q), matrix::propagate(&j, &p))
+    }
+
+    /// The rear axle with its covariance along the global axes.
+    pub fn rear_estimate(&self) -> Estimate {
+        self.seen_from_rear(Posture::ORIGIN, &[[0.0; 3]; 3])
+    }
+
+    /// The front axle with its covariance along the global axes.
+    pub fn front_estimate(&self) -> Estimate {
+        self.seen_from_rear(self.relative, &matrix::identity())
+    }
+
+    /// The robot's midpoint O with its covariance along the global axes.
+    pub fn robot_estimate(&self) -> Estimate {
+        let (q, jacobian) = compound::midpoint_seen_from_rear(self.relative);
+        self.seen_from_rear(q, &jacobian)
+    }
+}
+
+/// Result of the beam's update.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct BeamUpdate {
+    /// What became of the measurement.
+    pub verdict: Verdict,
+    /// Measured minus predicted relative posture (m, m, rad).
+    pub innovation: [f32; 3],
+    /// Normalised innovation squared; 3 on average.
+    pub nis: f32,
+}
+
+impl Joint {
+    /// Start: O's posture with its covariance, and the front axle's posture in the rear axle's frame
+    /// with its own, independent covariance.
+    pub fn start(&self, robot: &Estimate, relative: &Estimate) -> State {
+        let (q, jacobian) = compound::midpoint_seen_from_rear(relative.posture);
+        let back = q.inverse();
+        let rear = robot.posture.compose(back);
+        // rear = O ⊕ back(r). In the rear axle's frame: by O's error, carried along, and by r's.
+        let (sin, cos) = sin_cos(rear.phi);
+        let into_rear = [[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]];
+        let (by_robot, by_back) = robot.posture.compose_jacobians(back);
+        let by_robot = matrix::multiply(&into_rear, &by_robot);
+        let by_back = matrix::multiply(&into_rear, &by_back);
+        let by_relative = matrix::multiply(
+            &by_back,
+            &matrix::multiply(&q.inverse_jacobian(), &jacobian),
+        );
+        let own = matrix::add(
+            &matrix::propagate(&by_robot, &robot.covariance),
+            &matrix::propagate(&by_relative, &relative.covariance),
+        );
+        let cross = matrix::multiply(&by_relative, &relative.covariance);
+        let mut p = [[0.0; N]; N];
+        for i in 0..3 {
+            for j in 0..3 {
+                p[i][j] = own[i][j];
+                p[i][REL + j] = cross[i][j];
+                p[REL + i][REL + j] = relative.covariance[i][j];
+            }
+        }
+        for k in 0..7 {
+            p[6 + k][6 + k] = self.prior[k];
+        }
+        for k in 0..2 {
+            p[6 + k][7 - k] = self.offset_covariance;
+        }
+        State {
+            rear,
+            relative: relative.posture,
+            constants: [0.0; 7],
+            covariance: Covariance::from_matrix(&p),
+        }
+    }
+
+    /// Odometry: increments of front and rear in the axles' own frames, each with the covariance of
+    /// its error in the frame it ends in. `ticks` is the time they span.
+    pub fn predict(&self, state: &mut State, front: &Estimate, rear: &Estimate, ticks: f32) {
+        let dt = ticks * self.t;
+        let c = state.constants;
+        let bend = state.relative.phi;
+        // Corrected increments.
+        let scaled = |p: &Posture, scale: f32, drift: f32, creep: f32| {
+            Posture::new(
+                p.x * (1.0 + scale),
+                p.y * (1.0 + scale),
+                p.phi + drift * p.x + creep,
+            )
+        };
+        let creep = c[CREEP - 6] * bend * dt;
+        let d1 = scaled(&front.posture, c[SCALE - 6], c[DRIFT - 6], -creep);
+        let d2 = scaled(&rear.posture, c[SCALE - 5], c[DRIFT - 5], creep);
+
+        // Derivatives of an increment by its constants, as columns over all states.
+        let by_constants = |p: &Posture, axle: usize, sign: f32| {
+            let mut g: Mat<3, N> = [[0.0; N]; 3];
+            g[2][DRIFT + axle % 2] = p.x;
+            g[0][SCALE + axle % 2] = p.x;
+            g[1][SCALE + axle % 2] = p.y;
+            g[2][CREEP] = sign * bend * dt;
+            g[2][REL_PHI] = sign * c[CREEP - 6] * dt;
+            g
+        };
+        let g1 = by_constants(&front.posture, 0, -1.0);
+        let g2 = by_constants(&rear.posture, 1, 1.0);
+
+        let (sin, cos) = sin_cos(d2.phi);
+        let turn_back: Mat3 = [[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]];
+        // Rear: ε' = turn_back (ε + ε_φ × d2) + turn_back e2.
+        let carried = [[1.0, 0.0, -d2.y], [0.0, 1.0, d2.x], [0.0, 0.0, 1.0]];
+        let by_rear = matrix::multiply(&turn_back, &carried);
+        // Relative: ⊖ d2 ⊕ (r ⊕ d1).
+        let tip = state.relative.compose(d1);
+        let (tip_by_relative, tip_by_front) = state.relative.compose_jacobians(d1);
+        let (by_tip, by_base) = tip.relative_jacobians(d2);
+        let by_relative = matrix::multiply(&by_tip, &tip_by_relative);
+        let by_front = matrix::multiply(&by_tip, &tip_by_front);
+
+        // The six rows of F that are not rows of the identity.
+        let from_rear = matrix::multiply(&turn_back, &g2);
+        let from_both = matrix::add(
+            &matrix::multiply(&by_front, &g1),
+            &matrix::multiply(&by_base, &g2),
+        );
+        let mut f: Mat<6, N> = [[0.0; N]; 6];
+        for i in 0..3 {
+            for j in 0..N {
+                f[i][j] = from_rear[i][j];
+                f[REL + i][j] = from_both[i][j];
+            }
+            for j in 0..3 {
+                f[i][j] += by_rear[i][j];
+                f[REL + i][REL + j] += by_relative[i][j];
+            }
+        }
+        let p = state.covariance.matrix();
+        let fp = matrix::multiply(&f, &p);
+        let pose = multiply_transposed(&fp, &f);
+
+        // Noise of the increments: in the end frames for the rear itself, turned back into the
+        // frames of departure where the increments are added.
+        let (sin1, cos1) = sin_cos(d1.phi);
+        let depart1: Mat3 = [[cos1, -sin1, 0.0], [sin1, cos1, 0.0], [0.0, 0.0, 1.0]];
+        let depart2 = matrix::transpose(&turn_back);
+        let front_noise = matrix::multiply(&by_front, &depart1);
+        let rear_noise = matrix::multiply(&by_base, &depart2);
+        let relative_noise = matrix::add(
+            &matrix::propagate(&front_noise, &front.covariance),
+            &matrix::propagate(&rear_noise, &rear.covariance),
+        );
+        let cross_noise = matrix::multiply(&rear_noise, &rear.covariance);
+
+        let u = &mut state.covariance.upper;
+        for i in 0..6 {
+            for j in i..6 {
+                u[i][j] = pose[i][j];
+            }
+            for j in 6..N {
+                u[i][j] = fp[i][j];
+            }
+        }
+        for i in 0..3 {
+            for j in i..3 {
+                u[i][j] += rear.covariance[i][j];
+                u[REL + i][REL + j] += relative_noise[i][j];
+            }
+            for j in 0..3 {
+                u[i][REL + j] += cross_noise[j][i];
+            }
+        }
+        u[OFFSET_Y][OFFSET_Y] += ticks * self.walk[0];
+        u[OFFSET_PHI][OFFSET_PHI] += ticks * self.walk[1];
+
+        state.rear = state.rear.compose(d2);
+        state.relative = tip.relative_to(d2);
+    }
+
+    /// The beam: `measured` is the front axle's posture in the rear axle's frame with the covariance
+    /// of its noise. `accept` judges the NIS (three degrees of freedom).
+    pub fn update(
+        &self,
+        state: &mut State,
+        measured: &Estimate,
+        accept: impl FnOnce(f32) -> bool,
+    ) -> BeamUpdate {
+        let r = &measured.covariance;
+        let mut innovation = measured.posture.minus(state.relative);
+        innovation[1] -= state.constants[0];
+        innovation[2] = wrap_angle(innovation[2] - state.constants[1]);
+        let Some(noise) = matrix::cholesky(r).filter(|_| measured.is_finite()) else {
+            return BeamUpdate {
+                verdict: Verdict::Invalid,
+                ..BeamUpdate::default()
+            };
+        };
+        let nis = self.nis(state, r, &innovation);
+        let mut outcome = BeamUpdate {
+            verdict: Verdict::Gated,
+            innovation,
+            nis,
+        };
+        if !accept(nis) {
+            return outcome;
+        }
+        outcome.verdict = Verdict::Used;
+        // Decorrelate by R = L Lᵀ: rows of L⁻¹ scaled to a unit diagonal, variances L_kk².
+        let (l10, l20, l21) = (
+            noise[1][0] / noise[0][0],
+            noise[2][0] / noise[0][0],
+            noise[2][1] / noise[1][1],
+        );
+        let (m10, m21) = (-l10, -l21);
+        let m20 = l21 * l10 - l20;
+        let [v0, v1, v2] = [0, 1, 2].map(|k| noise[k][k] * noise[k][k]);
+        let p = &mut state.covariance;
+        let mut shift = [0.0; N];
+        let left = |shift: &[f32; N]| {
+            [
+                innovation[0] - shift[REL],
+                innovation[1] - shift[REL + 1] - shift[OFFSET_Y],
+                innovation[2] - shift[REL_PHI] - shift[OFFSET_PHI],
+            ]
+        };
+        let add = |shift: &mut [f32; N], gain: &[f32; N], rest: f32| {
+            for i in 0..N {
+                shift[i] += gain[i] * rest;
+            }
+        };
+        let gain = p.observe_state::<REL>(v0);
+        add(&mut shift, &gain, innovation[0]);
+        let d = left(&shift);
+        let gain = p.observe_sum([REL, REL + 1, OFFSET_Y], [m10, 1.0, 1.0], v1);
+        add(&mut shift, &gain, m10 * d[0] + d[1]);
+        let d = left(&shift);
+        let gain = p.observe_sum(
+            [REL, REL + 1, OFFSET_Y, REL_PHI, OFFSET_PHI],
+            [m20, m21, m21, 1.0, 1.0],
+            v2,
+        );
+        add(&mut shift, &gain, m20 * d[0] + m21 * d[1] + d[2]);
+        self.shift(state, &shift);
+        outcome
+    }
+
+    fn nis(&self, state: &State, r: &Mat3, innovation: &[f32; 3]) -> f32 {
+        let p = &state.covariance;
+        let h: Mat<3, N> = {
+            let mut h = [[0.0; N]; 3];
+            for k in 0..3 {
+                h[k][REL + k] = 1.0;
+            }
+            h[1][OFFSET_Y] = 1.0;
+            h[2][OFFSET_PHI] = 1.0;
+            h
+        };
+        let s = matrix::add(&matrix::propagate(&h, &p.matrix()), r);
+        match matrix::cholesky(&s) {
+            Some(factor) => {
+                let solved = matrix::cholesky_solve(&factor, innovation);
+                (0..3).map(|k| innovation[k] * solved[k]).sum()
+            }
+            None => f32::INFINITY,
+        }
+    }
+
+    fn shift(&self, state: &mut State, by: &[f32; N]) {
+        state.rear = state.rear.compose(Posture::new(by[0], by[1], by[2]));
+        state.relative = Posture::new(
+            state.relative.x + by[REL],
+            state.relative.y + by[REL + 1],
+            wrap_angle(state.relative.phi + by[REL_PHI]),
+        );
+        for k in 0..7 {
+            state.constants[k] += by[6 + k];
+        }
+    }
+
+    /// Keeps the covariance finite and positive definite; to be called now and then.
+    pub fn condition(&self, state: &mut State) {
+        state.covariance.condition();
+    }
+}
+
+/// `a bᵀ`.
+fn multiply_transposed<const R: usize, const K: usize, const C: usize>(
+    a: &Mat<R, K>,
+    b: &Mat<C, K>,
+) -> Mat<R, C> {
+    let mut m = [[0.0; C]; R];
+    for i in 0..R {
+        for j in 0..C {
+            let mut sum = 0.0;
+            for k in 0..K {
+                sum += a[i][k] * b[j][k];
+            }
+            m[i][j] = sum;
+        }
+    }
+    m
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fusion::testing::Random;
+
+    fn start() -> (Joint, State) {
+        let joint = Config::default().build(0.01).unwrap();
+        let robot = Estimate::with_sigmas(Posture::new(1.0, -0.5, 2.0), [2e-3, 3e-3, 4e-3]);
+        let relative = Estimate::with_sigmas(Posture::new(0.36, 0.02, 0.2), [1e-3, 2e-3, 5e-3]);
+        let state = joint.start(&robot, &relative);
+        (joint, state)
+    }
+
+    fn noise(random: &mut Random, size: f32) -> Mat3 {
+        let mut root = [[0.0; 3]; 3];
+        for i in 0..3 {
+            for j in 0..3 {
+                root[i][j] = size * (0.5 * random.normal() as f32 + if i == j { 1.0 } else { 0.0 });
+            }
+        }
+        matrix::propagate(&root, &matrix::identity())
+    }
+
+    #[test]
+    fn start_gives_back_what_it_was_given() {
+        let (_, state) = start();
+        let robot = state.robot_estimate();
+        assert!(
+            robot
+                .posture
+                .minus(Posture::new(1.0, -0.5, 2.0))
+                .iter()
+                .all(|d| d.abs() < 1e-6)
+        );
+        let sigmas = [2e-3f32, 3e-3, 4e-3];
+        for i in 0..3 {
+            for j in 0..3 {
+                let expected = if i == j { sigmas[i] * sigmas[i] } else { 0.0 };
+                let error = robot.covariance[i][j] - expected;
+                assert!(
+                    error.abs() < 1e-4 * sigmas[i] * sigmas[j],
+                    "{i}{j} {error:e}"
+                );
+            }
+        }
+    }
+
+    /// The error of a state against another, in the filter's own error coordinates.
+    fn error(at: &State, of: &State) -> [f64; N] {
+        let e = at.rear.relative_to(of.rear);
+        let r = at.relative.minus(of.relative);
+        let mut out = [0.0; N];
+        for (k, x) in [e.x, e.y, e.phi, r[0], r[1], r[2]].into_iter().enumerate() {
+            out[k] = f64::from(x);
+        }
+        for k in 0..7 {
+            out[6 + k] = f64::from(at.constants[k] - of.constants[k]);
+        }
+        out
+    }
+
+    /// `state` moved by `by` in error coordinate `k`.
+    fn moved(joint: &Joint, state: &State, k: usize, by: f32) -> State {
+        let mut out = *state;
+        let mut shift = [0.0; N];
+        shift[k] = by;
+        joint.shift(&mut out, &shift);
+        out
+    }
+
+    #[test]
+    fn covariance_follows_the_linear_part_of_the_motion() {
+        let (joint, mut state) = start();
+        state.constants = [1e-4, 5e-4, 3e-3, -4e-3, 2e-3, -1e-3, 0.05];
+        // Correlated covariance, as large steps and updates leave it.
+        let front = Posture::new(0.05, 0.004, 0.03);
+        let rear = Posture::new(0.06, -0.002, -0.04);
+        let mut random = Random::new(1);
+        let noise1 = noise(&mut random, 1e-3);
+        let noise2 = noise(&mut random, 1e-3);
+        let (f1, f2) = (Estimate::new(front, noise1), Estimate::new(rear, noise2));
+        joint.predict(&mut state, &f1, &f2, 5.0);
+
+        // Derivatives by central differences of the mean alone.
+        let go = |s: &State, d1: Posture, d2: Posture| {
+            let mut s = *s;
+            let zero = [[0.0; 3]; 3];
+            joint.predict(
+                &mut s,
+                &Estimate::new(d1, zero),
+                &Estimate::new(d2, zero),
+                5.0,
+            );
+            s
+        };
+        let centre = go(&state, front, rear);
+        let h = 4e-3f32;
+        let difference = |low: State, high: State| {
+            let (a, b) = (error(&low, &centre), error(&high, &centre));
+            core::array::from_fn::<f64, N, _>(|i| (b[i] - a[i]) / (2.0 * h as f64))
+        };
+        let mut columns = Vec::new();
+        for k in 0..N {
+            let low = go(&moved(&joint, &state, k, -h), front, rear);
+            let high = go(&moved(&joint, &state, k, h), front, rear);
+            columns.push(difference(low, high));
+        }
+        // Errors of the increments lie along the headings reached.
+        let reach = |d: Posture, k: usize, by: f32| {
+            let mut e = [0.0; 3];
+            e[k] = by;
+            let (s, c) = sin_cos(d.phi);
+            Posture::new(
+                d.x + c * e[0] - s * e[1],
+                d.y + s * e[0] + c * e[1],
+                d.phi + e[2],
+            )
+        };
+        let by_noise = |front_axle: bool| {
+            core::array::from_fn::<[f64; N], 3, _>(|k| {
+                let at = |by: f32| {
+                    if front_axle {
+                        go(&state, reach(front, k, by), rear)
+                    } else {
+                        go(&state, front, reach(rear, k, by))
+                    }
+                };
+                difference(at(-h), at(h))
+            })
+        };
+        let (by_front, by_rear) = (by_noise(true), by_noise(false));
+
+        let before = state.covariance.matrix();
+        joint.predict(&mut state, &f1, &f2, 5.0);
+        let after = state.covariance.matrix();
+        for i in 0..N {
+            for j in 0..N {
+                let mut sum = 0.0;
+                for k in 0..N {
+                    for l in 0..N {
+                        sum += columns[k][i] * f64::from(before[k][l]) * columns[l][j];
+                    }
+                }
+                for k in 0..3 {
+                    for l in 0..3 {
+                        sum += by_front[k][i] * f64::from(noise1[k][l]) * by_front[l][j]
+                            + by_rear[k][i] * f64::from(noise2[k][l]) * by_rear[l][j];
+                    }
+                }
+                if i == j && (i == OFFSET_Y || i == OFFSET_PHI) {
+                    sum += 5.0 * f64::from(joint.walk[i - OFFSET_Y]);
+                }
+                let scale = f64::from(after[i][i] * after[j][j]).sqrt();
+                let error = (f64::from(after[i][j]) - sum).abs();
+                assert!(error < 2e-3 * scale, "{i} {j}: {error:e} of {scale:e}");
+            }
+        }
+    }
+
+    #[test]
+    fn update_equals_the_batch_update_in_f64() {
+        for seed in 0..30 {
+            let (joint, mut state) = start();
+            let mut random = Random::new(seed);
+            let step = Estimate::new(Posture::new(0.05, 0.0, 0.1), noise(&mut random, 1e-3));
+            for _ in 0..3 {
+                joint.predict(&mut state, &step, &step, 1.0);
+            }
+            let prior = state;
+            let r = noise(&mut random, 2e-4);
+            let innovation = [1e-3, -2e-3, 3e-3];
+            let seen = Posture::new(
+                state.relative.x + innovation[0],
+                state.relative.y + innovation[1] + state.constants[0],
+                state.relative.phi + innovation[2] + state.constants[1],
+            );
+            let outcome = joint.update(&mut state, &Estimate::new(seen, r), |_| true);
+            assert_eq!(outcome.verdict, Verdict::Used);
+
+            let p = prior.covariance.matrix().map(|row| row.map(f64::from));
+            let rows: [&[usize]; 3] = [&[REL], &[REL + 1, OFFSET_Y], &[REL_PHI, OFFSET_PHI]];
+            let ph = rows.map(|row| {
+                core::array::from_fn::<f64, N, _>(|i| row.iter().map(|&j| p[i][j]).sum())
+            });
+            let mut s = [[0.0; 3]; 3];
+            for i in 0..3 {
+                for j in 0..3 {
+                    s[i][j] = rows[i].iter().map(|&k| ph[j][k]).sum::<f64>() + f64::from(r[i][j]);
+                }
+            }
+            let cofactor = |i: usize, j: usize| {
+                let (a, b) = ((i + 1) % 3, (i + 2) % 3);
+                let (c, d) = ((j + 1) % 3, (j + 2) % 3);
+                s[a][c] * s[b][d] - s[a][d] * s[b][c]
+            };
+            let determinant: f64 = (0..3).map(|j| s[0][j] * cofactor(0, j)).sum();
+            let inverse = |i: usize, j: usize| cofactor(j, i) / determinant;
+            let exact = outcome.innovation.map(f64::from);
+            let nis: f64 = (0..9)
+                .map(|k| exact[k / 3] * inverse(k / 3, k % 3) * exact[k % 3])
+                .sum();
+            assert!((f64::from(outcome.nis) / nis - 1.0).abs() < 1e-3);
+            let after = state.covariance.matrix();
+            let shift = error(&state, &prior);
+            for i in 0..N {
+                let gain = |k: usize| -> f64 { (0..3).map(|l| ph[l][i] * inverse(l, k)).sum() };
+                let expected: f64 = (0..3).map(|k| gain(k) * exact[k]).sum();
+                let sigma = p[i][i].sqrt();
+                assert!((shift[i] - expected).abs() < 1e-3 * sigma, "{i}");
+                for j in 0..N {
+                    let fall: f64 = (0..3).map(|k| gain(k) * ph[k][j]).sum();
+                    let scale = f64::from(after[i][i] * after[j][j]).sqrt();
+                    let error = (f64::from(after[i][j]) - (p[i][j] - fall)).abs();
+                    assert!(error < 2e-4 * scale, "{i} {j} {error:e} {scale:e}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn positive_definite_over_a_hundred_thousand_ticks() {
+        let (joint, mut state) = start();
+        let step = Estimate::with_sigmas(Posture::new(0.0025, 0.0, 0.004), [5e-5, 2e-5, 2e-4]);
+        let beam = Estimate::with_sigmas(Posture::new(0.36, 0.02, 0.2), [5e-5, 5e-5, 2e-4]);
+        for tick in 0..100_000 {
+            joint.predict(&mut state, &step, &step, 1.0);
+            joint.update(&mut state, &beam, |_| true);
+            if tick % 64 == 0 {
+                joint.condition(&mut state);
+            }
+            if tick % 997 == 0 {
+                let p = state.covariance.matrix().map(|row| row.map(f64::from));
+                let mut l = [[0.0f64; N]; N];
+                for j in 0..N {
+                    let pivot = 1.0 - (0..j).map(|k| l[j][k] * l[j][k]).sum::<f64>();
+                    assert!(
+                        p[j][j] > 0.0 && pivot > 0.0,
+                        "tick {tick} state {j}: {pivot:e}"
+                    );
+                    l[j][j] = pivot.sqrt();
+                    for i in j + 1..N {
+                        let rest: f64 = (0..j).map(|k| l[i][k] * l[j][k]).sum();
+                        l[i][j] = (p[i][j] / (p[i][i] * p[j][j]).sqrt() - rest) / l[j][j];
+                    }
+                }
+            }
+        }
+        let sigma = crate::math::trig::sqrt(state.rear_estimate().covariance[0][0]);
+        assert!(sigma > 0.05 && sigma.is_finite());
+    }
+
+    #[test]
+    fn bad_measurement_changes_nothing() {
+        let (joint, before) = start();
+        for k in 0..2 {
+            let mut beam = Estimate::with_sigmas(Posture::new(0.36, 0.02, 0.2), [1e-4; 3]);
+            if k == 0 {
+                beam.posture.phi = f32::NAN;
+            } else {
+                beam.covariance[1][1] = -1.0;
+            }
+            let mut state = before;
+            let outcome = joint.update(&mut state, &beam, |_| true);
+            assert_eq!(outcome.verdict, Verdict::Invalid);
+            assert_eq!(state, before);
+        }
+        let config = Config {
+            scale_sigma: f32::NAN,
+            ..Config::default()
+        };
+        assert_eq!(config.build(0.01).unwrap_err().field, "scale_sigma");
+    }
+}

@@ -1,0 +1,1008 @@
+//! Second tier of fusion: both axles and the beam between them (paper section VI-B, figure 6), run
+//! on the lead node at a fixed tick.
+//!
+//! In: an odometric increment of each axle since the last tick, and the beam's relative posture
+//! (front axle in the rear axle's frame); any may be absent. Out: posture and covariance of both
+//! axles and of the robot's midpoint O in the global frame.
+//!
+//! | mode | what it does |
+//! |---|---|
+//! | [`Mode::Odometry`] | increments added up; the beam is not used |
+//! | [`Mode::Intersection`] | the paper's: each axle's posture is intersected with the other's seen through the beam, both from the values before the update |
+//! | [`Mode::IntersectionIpec`] | first [`ipec`] corrects headings and distance, then the same |
+//! | [`Mode::Joint`] | one filter of both axles ([`joint`]) |
+//! | [`Mode::Kalman`] | the paper's scheme with plain Kalman fusion: inconsistent, for comparison |
+//!
+//! **Constant errors.** Wheel radii, the beam's zero, the start and the creep of tyres under the
+//! frame's moment are wrong in the same way throughout a drive, so their effect grows with the way
+//! and not with its root, and part of it is shared by both axles or opposite in them. The joint
+//! filter estimates them. The other modes keep what each posture owes to each of them beside the
+//! rest ([`track`]), so that what they claim contains it, and covariance intersection
+//! can tell whose error has grown: it then follows the axles in turn, and the yaw of the axles
+//! against each other cancels. Plain Kalman fusion forgets it at each update.
+//!
+//! **Noise.** To each increment's own covariance the configured slip is added: the wheels do not
+//! see it. It acts per metre, per second, and per second and radian of bend, for a held bend creeps
+//! even at standstill: the frame turns the axles against each other.
+//!
+//! **Loss.** An axle sends where its odometry has come to, not its last step ([`Receiver`] takes the
+//! difference), so a lost message delays what it carried and loses nothing. While one axle's
+//! increment is missing the beam is not used: it would see a motion that odometry has yet to report.
+//!
+//! [`Config::build`] validates; after it nothing fails or panics. What is not finite counts as
+//! absent.
+
+use super::compound::Chain;
+use super::ekf::{Keyframe, Verdict};
+use super::track::{self, Sensitivity, Track};
+use super::{Estimate, intersection, ipec, joint};
+use crate::config::{ConfigError, in_range, non_negative, positive};
+use crate::math::Posture;
+use crate::math::matrix::{self, Mat3};
+use crate::math::trig::{sqrt, wrap_angle};
+
+/// Constants of odometry as noise of the same size, for the weights of IPEC: over this way, m, and
+/// this time, s.
+const REFERENCE_WAY_M: f32 = 1.0;
+const REFERENCE_TIME_S: f32 = 1.0;
+/// Ticks between two repairs of the joint filter's covariance.
+const CONDITION_INTERVAL: u8 = 64;
+
+/// Which fusion runs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
+pub enum Mode {
+    /// Each axle's odometry alone.
+    Odometry,
+    /// Plain Kalman fusion through the beam; inconsistent.
+    Kalman,
+    /// Covariance intersection through the beam.
+    #[cfg_attr(feature = "serde", serde(alias = "ci"))]
+    Intersection,
+    /// Covariance intersection and internal posture error correction.
+    #[cfg_attr(feature = "serde", serde(alias = "ci+ipec"))]
+    IntersectionIpec,
+    /// One filter of both axles.
+    #[default]
+    Joint,
+}
+
+/// Slip of an axle that its wheels do not see, as random walks.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
+pub struct Slip {
+    /// Along the heading, m/√m.
+    pub along_m_per_sqrt_m: f32,
+    /// Across the heading, m/√m.
+    pub across_m_per_sqrt_m: f32,
+    /// In heading, rad/√m.
+    pub heading_rad_per_sqrt_m: f32,
+    /// In heading, at any speed, rad/√s.
+    pub heading_rad_per_sqrt_s: f32,
+    /// In heading, per radian of bend, rad/√s/rad.
+    pub creep_per_sqrt_s: f32,
+    /// In position, at any speed, m/√s.
+    pub position_m_per_sqrt_s: f32,
+}
+
+impl Default for Slip {
+    fn default() -> Self {
+        Self {
+            along_m_per_sqrt_m: 5e-4,
+            across_m_per_sqrt_m: 2e-4,
+            heading_rad_per_sqrt_m: 2e-3,
+            heading_rad_per_sqrt_s: 2e-4,
+            creep_per_sqrt_s: 1e-2,
+            position_m_per_sqrt_s: 1e-5,
+        }
+    }
+}
+
+/// Parameters of the second tier.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
+pub struct Config {
+    /// Which fusion runs.
+    pub mode: Mode,
+    /// Time between two ticks, s.
+    pub period_s: f32,
+    /// Distance between the axles with the frame straight (the paper's L), m.
+    #[cfg_attr(feature = "serde", serde(skip))]
+    pub frame_length_m: f32,
+    /// Standard deviations of the start posture of O (m, m, rad).
+    pub start_sigmas: [f32; 3],
+    /// Standard deviations of the front axle's posture in the rear axle's frame at the start, the
+    /// frame being taken as straight (m, m, rad).
+    pub frame_sigmas: [f32; 3],
+    /// Slip added to each axle's increments.
+    pub slip: Slip,
+    /// Share of the beam's variance that is noise, new at each measurement. The rest, zero and gain
+    /// of the gauges, stays the same and is what the beam offset of [`Self::joint`] stands for.
+    pub beam_noise_share: f32,
+    /// Largest accepted NIS of the beam's posture (three degrees of freedom); `None` accepts all.
+    pub beam_gate: Option<f32>,
+    /// Rejections of the beam in a row after which it is believed again.
+    pub gate_patience: u16,
+    /// Covariance intersection.
+    pub intersection: intersection::Config,
+    /// Internal posture error correction.
+    pub ipec: ipec::Config,
+    /// Joint filter. Its constant errors count in the other modes too.
+    pub joint: joint::Config,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            mode: Mode::Joint,
+            period_s: 0.01,
+            frame_length_m: 0.37,
+            start_sigmas: [1e-3, 1e-3, 2e-3],
+            frame_sigmas: [1e-3, 1e-3, 4e-3],
+            slip: Slip::default(),
+            beam_noise_share: 0.1,
+            beam_gate: Some(40.0),
+            gate_patience: 50,
+            // The determinant looks at relative sizes and cannot tell which axle's large error
+            // shrinks. A heading error is worth the position error it makes over the next metre.
+            intersection: intersection::Config {
+                criterion: intersection::Criterion::Trace,
+                heading_length_m: 1.0,
+            },
+            ipec: ipec::Config::default(),
+            joint: joint::Config::default(),
+        }
+    }
+}
+
+impl Config {
+    /// The ready form; an error names the parameter out of range.
+    pub fn build(&self) -> Result<Tandem, ConfigError> {
+        let square = |x: f32| x * x;
+        let t = positive("period_s", self.period_s)?;
+        let slip = &self.slip;
+        for sigma in self.start_sigmas {
+            positive("start_sigmas", sigma)?;
+        }
+        for sigma in self.frame_sigmas {
+            positive("frame_sigmas", sigma)?;
+        }
+        in_range("beam_noise_share", self.beam_noise_share, 1e-3, 1.0)?;
+        if let Some(gate) = self.beam_gate {
+            positive("beam_gate", gate)?;
+        }
+        Ok(Tandem {
+            mode: self.mode,
+            period: t,
+            frame_length: positive("frame_length_m", self.frame_length_m)?,
+            start_sigmas: self.start_sigmas,
+            frame_sigmas: self.frame_sigmas,
+            per_m: [
+                square(non_negative("along_m_per_sqrt_m", slip.along_m_per_sqrt_m)?),
+                square(non_negative(
+                    "across_m_per_sqrt_m",
+                    slip.across_m_per_sqrt_m,
+                )?),
+                square(non_negative(
+                    "heading_rad_per_sqrt_m",
+                    slip.heading_rad_per_sqrt_m,
+                )?),
+            ],
+            position_per_tick: t * square(non_negative(
+                "position_m_per_sqrt_s",
+                slip.position_m_per_sqrt_s,
+            )?),
+            heading_per_tick: t * square(non_negative(
+                "heading_rad_per_sqrt_s",
+                slip.heading_rad_per_sqrt_s,
+            )?),
+            creep_per_tick: t * square(non_negative("creep_per_sqrt_s", slip.creep_per_sqrt_s)?),
+            constants: constants(&self.joint),
+            noise_share: self.beam_noise_share,
+            beam_gate: self.beam_gate,
+            patience: self.gate_patience,
+            intersection: self.intersection.build()?,
+            ipec: self.ipec.build()?,
+            joint: self.joint.build(t)?,
+        })
+    }
+}
+
+/// The second tier, ready to run.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tandem {
+    mode: Mode,
+    frame_length: f32,
+    start_sigmas: [f32; 3],
+    frame_sigmas: [f32; 3],
+    per_m: [f32; 3],
+    position_per_tick: f32,
+    heading_per_tick: f32,
+    creep_per_tick: f32,
+    period: f32,
+    constants: Constants,
+    noise_share: f32,
+    beam_gate: Option<f32>,
+    patience: u16,
+    intersection: intersection::Intersection,
+    ipec: ipec::Ipec,
+    joint: joint::Joint,
+}
+
+/// Motion of one axle by its own odometry.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Increment {
+    /// Posture reached, in the axle's frame at the start of the increment (m, m, rad).
+    pub posture: Posture,
+    /// Covariance of its error along, across and in the heading reached.
+    pub covariance: Mat3,
+    /// Ticks it spans.
+    pub ticks: u16,
+}
+
+impl Increment {
+    /// An increment over one tick.
+    pub const fn new(posture: Posture, covariance: Mat3) -> Self {
+        Self {
+            posture,
+            covariance,
+            ticks: 1,
+        }
+    }
+
+    fn is_finite(&self) -> bool {
+        self.posture.is_finite() && matrix::is_finite(&self.covariance)
+    }
+}
+
+/// Turns the odometric postures that an axle sends into increments.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Receiver {
+    last: Option<(u16, Posture)>,
+}
+
+impl Receiver {
+    /// The increment since the last keyframe received; `None` for the first one, one already seen,
+    /// or one that is not finite. Keyframes lost in between are contained in it, each at the cost of
+    /// this one's covariance.
+    pub fn receive(&mut self, keyframe: &Keyframe) -> Option<Increment> {
+        if !(keyframe.posture.is_finite() && matrix::is_finite(&keyframe.covariance)) {
+            return None;
+        }
+        let last = self.last;
+        if let Some((sequence, _)) = last
+            && keyframe.sequence.wrapping_sub(sequence) as i16 <= 0
+        {
+            return None;
+        }
+        self.last = Some((keyframe.sequence, keyframe.posture));
+        let (sequence, posture) = last?;
+        let ticks = keyframe.sequence.wrapping_sub(sequence);
+        Some(Increment {
+            posture: keyframe.posture.relative_to(posture),
+            covariance: matrix::scale(&keyframe.covariance, f32::from(ticks)),
+            ticks,
+        })
+    }
+}
+
+/// What arrived since the last tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Inputs {
+    /// Odometry of the front axle.
+    pub front: Option<Increment>,
+    /// Odometry of the rear axle.
+    pub rear: Option<Increment>,
+    /// Front axle's posture in the rear axle's frame, measured by the beam, with the covariance of
+    /// its noise.
+    pub beam: Option<Estimate>,
+}
+
+/// What the second tier knows after a tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Output {
+    /// Front axle (axle 1), global frame.
+    pub front: Estimate,
+    /// Rear axle (axle 2), global frame.
+    pub rear: Estimate,
+    /// Midpoint O, heading from rear to front, global frame.
+    pub robot: Estimate,
+    /// The beam's update: verdict, innovation and NIS.
+    pub beam: joint::BeamUpdate,
+    /// What IPEC corrected, in the mode that runs it.
+    pub ipec: Option<ipec::Correction>,
+    /// Weights of covariance intersection for front and rear: 1 keeps the axle's own estimate.
+    pub omega: Option<[f32; 2]>,
+}
+
+/// Estimates of both axles, or the joint filter.
+// There is no heap to put the larger variant on.
+#[allow(clippy::large_enum_variant)]
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Tracks {
+    Separate { front: Track, rear: Track },
+    Joint(joint::State),
+}
+
+/// All that changes in the second tier.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct State {
+    tracks: Tracks,
+    /// Last relative posture the beam gave.
+    relative: Estimate,
+    rejected_in_a_row: u16,
+    until_condition: u8,
+    /// Measurements of the beam refused by the gate.
+    pub beam_gated: u32,
+    /// Measurements of the beam refused as not finite or not positive definite.
+    pub beam_invalid: u32,
+}
+
+impl State {
+    /// The joint filter, in the mode that runs it.
+    pub fn joint(&self) -> Option<&joint::State> {
+        match &self.tracks {
+            Tracks::Joint(joint) => Some(joint),
+            Tracks::Separate { .. } => None,
+        }
+    }
+}
+
+impl Tandem {
+    /// Start with O at a known posture and the frame straight.
+    pub fn start(&self, robot: Posture) -> State {
+        let robot = Estimate::with_sigmas(robot, self.start_sigmas);
+        let relative =
+            Estimate::with_sigmas(Posture::new(self.frame_length, 0.0, 0.0), self.frame_sigmas);
+        self.start_at(&robot, &relative)
+    }
+
+    /// Start with O's posture and the front axle's posture in the rear axle's frame, both with their
+    /// covariances.
+    pub fn start_at(&self, robot: &Estimate, relative: &Estimate) -> State {
+        let tracks = match self.mode {
+            Mode::Joint => Tracks::Joint(self.joint.start(robot, relative)),
+            _ => {
+                let (r, o) = (relative.posture, robot.posture);
+                let begin = |chain: Chain| {
+                    let by_robot = matrix::multiply(&chain.by_base, &spread(&robot.covariance));
+                    let by_frame =
+                        matrix::multiply(&chain.by_relative, &spread(&relative.covariance));
+                    let mut constants: Sensitivity = [[0.0; track::CONSTANTS]; 3];
+                    for i in 0..3 {
+                        for k in 0..3 {
+                            constants[i][track::START + k] = by_robot[i][k];
+                            constants[i][track::START + 3 + k] = by_frame[i][k];
+                        }
+                    }
+                    Track::new(chain.posture, constants)
+                };
+                Tracks::Separate {
+                    front: begin(Chain::front_from_midpoint(o, r)),
+                    rear: begin(Chain::rear_from_midpoint(o, r)),
+                }
+            }
+        };
+        State {
+            tracks,
+            relative: *relative,
+            rejected_in_a_row: 0,
+            until_condition: CONDITION_INTERVAL,
+            beam_gated: 0,
+            beam_invalid: 0,
+        }
+    }
+
+    /// One tick.
+    pub fn step(&self, state: &mut State, inputs: &Inputs) -> Output {
+        let front = inputs.front.filter(Increment::is_finite);
+        let rear = inputs.rear.filter(Increment::is_finite);
+        // The relative posture is comparable only when both odometries have come as far.
+        let complete = front.is_some() && rear.is_some();
+        let bend = match &state.tracks {
+            Tracks::Separate { front, rear } => wrap_angle(front.posture.phi - rear.posture.phi),
+            Tracks::Joint(joint) => joint.relative().posture.phi,
+        };
+        let front = self.with_slip(front, bend);
+        let rear = self.with_slip(rear, bend);
+
+        let mut output = Output::default();
+        let beam = inputs
+            .beam
+            .filter(|_| complete && self.mode != Mode::Odometry);
+        let beam = match beam {
+            Some(beam) if !is_usable(&beam) => {
+                state.beam_invalid = state.beam_invalid.saturating_add(1);
+                output.beam.verdict = Verdict::Invalid;
+                None
+            }
+            other => other.map(|beam| {
+                let noise = matrix::scale(&beam.covariance, self.noise_share);
+                Estimate::new(beam.posture, noise)
+            }),
+        };
+        let mut tracks = state.tracks;
+        match &mut tracks {
+            Tracks::Separate { front: f, rear: r } => {
+                self.advance(f, &front, 0, bend);
+                self.advance(r, &rear, 1, bend);
+                if let Some(beam) = beam {
+                    self.join(state, [f, r], &beam, [&front, &rear], &mut output);
+                }
+                output.front = f.estimate();
+                output.rear = r.estimate();
+                output.robot = match output.beam.verdict {
+                    Verdict::Used => self.middle(f, r, &state.relative),
+                    _ => self.middle_unseen(f, r),
+                };
+            }
+            Tracks::Joint(joint) => {
+                let ticks = front.ticks.max(rear.ticks);
+                self.joint
+                    .predict(joint, &front.estimate, &rear.estimate, ticks);
+                if let Some(beam) = beam {
+                    output.beam = self
+                        .joint
+                        .update(joint, &beam, |nis| self.accepts(state, nis));
+                    self.count(state, output.beam.verdict, &beam);
+                }
+                state.until_condition = state.until_condition.saturating_sub(1);
+                if state.until_condition == 0 {
+                    state.until_condition = CONDITION_INTERVAL;
+                    self.joint.condition(joint);
+                }
+                output.front = joint.front_estimate();
+                output.rear = joint.rear_estimate();
+                output.robot = joint.robot_estimate();
+            }
+        }
+        state.tracks = tracks;
+        output
+    }
+
+    /// The increment with slip added; none is a stay.
+    fn with_slip(&self, increment: Option<Increment>, bend: f32) -> Slipping {
+        let Some(increment) = increment else {
+            return Slipping::default();
+        };
+        let ticks = f32::from(increment.ticks);
+        let advance = increment.posture.x;
+        let driven = advance.abs();
+        let position = self.position_per_tick * ticks;
+        let heading = (self.heading_per_tick + self.creep_per_tick * bend * bend) * ticks;
+        let mut covariance = increment.covariance;
+        covariance[0][0] += self.per_m[0] * driven + position;
+        covariance[1][1] += self.per_m[1] * driven + position;
+        covariance[2][2] += self.per_m[2] * driven + heading;
+        let Constants { drift, creep, .. } = self.constants;
+        let (drift, creep) = (drift * drift, creep * bend * creep * bend);
+        Slipping {
+            estimate: Estimate::new(increment.posture, covariance),
+            heading_variance: covariance[2][2]
+                + drift * driven * REFERENCE_WAY_M
+                + creep * ticks * self.period * REFERENCE_TIME_S,
+            advance,
+            ticks,
+        }
+    }
+
+    /// Moves an axle (0 front, 1 rear) by its odometry.
+    fn advance(&self, track: &mut Track, increment: &Slipping, axle: usize, bend: f32) {
+        let moved = into_departure(&increment.estimate);
+        let Constants {
+            drift,
+            scale,
+            creep,
+            ..
+        } = self.constants;
+        let p = moved.posture;
+        // The frame turns the front axle back and the rear axle into the bend.
+        let turned = creep * bend * increment.ticks * self.period;
+        let mut error = Track::random(moved);
+        if axle == 0 {
+            error.constants[2][track::CREEP] = -turned;
+            error.constants[2][track::DRIFT] = drift * p.x;
+            error.constants[0][track::SCALE] = scale * p.x;
+            error.constants[1][track::SCALE] = scale * p.y;
+        } else {
+            error.constants[2][track::CREEP] = turned;
+            error.constants[2][track::DRIFT + 1] = drift * p.x;
+            error.constants[0][track::SCALE + 1] = scale * p.x;
+            error.constants[1][track::SCALE + 1] = scale * p.y;
+        }
+        // An increment follows a posture as the front axle follows the rear.
+        *track = track.through(&Chain::front_from_rear(track.posture, p), &error);
+    }
+
+    /// The beam's posture with its offset.
+    fn beam_track(&self, beam: &Estimate) -> Track {
+        let [[a, b], [c, d]] = self.constants.offset;
+        let mut track = Track::random(*beam);
+        track.constants[1][track::OFFSET] = -a;
+        track.constants[1][track::OFFSET + 1] = -b;
+        track.constants[2][track::OFFSET] = -c;
+        track.constants[2][track::OFFSET + 1] = -d;
+        track
+    }
+
+    /// Both axles from the beam, each from the other's value before the update.
+    fn join(
+        &self,
+        state: &mut State,
+        [front, rear]: [&mut Track; 2],
+        beam: &Estimate,
+        increments: [&Slipping; 2],
+        output: &mut Output,
+    ) {
+        let relative = self.beam_track(beam);
+        let predicted = front.posture.relative_to(rear.posture);
+        let (by_front, by_rear) = front.posture.relative_jacobians(rear.posture);
+        // Correlation of the random parts unknown: twice their sum.
+        let random = matrix::add(
+            &matrix::propagate(&by_front, &front.random),
+            &matrix::propagate(&by_rear, &rear.random),
+        );
+        let constants = matrix::add(
+            &matrix::multiply(&by_front, &front.constants),
+            &matrix::multiply(&by_rear, &rear.constants),
+        );
+        let spread = Track {
+            posture: predicted,
+            random: matrix::add(&matrix::scale(&random, 2.0), &relative.random),
+            constants: matrix::add(&constants, &matrix::scale(&relative.constants, -1.0)),
+        };
+        let spread = spread.estimate().covariance;
+        let innovation = beam.posture.minus(predicted);
+        let nis = match matrix::cholesky(&spread) {
+            Some(factor) => {
+                let solved = matrix::cholesky_solve(&factor, &innovation);
+                (0..3).map(|k| innovation[k] * solved[k]).sum()
+            }
+            None => f32::INFINITY,
+        };
+        output.beam = joint::BeamUpdate {
+            verdict: if self.accepts(state, nis) {
+                Verdict::Used
+            } else {
+                Verdict::Gated
+            },
+            innovation,
+            nis,
+        };
+        self.count(state, output.beam.verdict, beam);
+        if output.beam.verdict != Verdict::Used {
+            return;
+        }
+        if self.mode == Mode::IntersectionIpec {
+            let seen = beam.posture.inverse();
+            let own = increments.map(|increment| increment.heading_variance);
+            let advance = increments.map(|increment| increment.advance);
+            let corrected = self
+                .ipec
+                .weigh([front.posture, rear.posture], advance, own, &seen);
+            if let Some(([f, r], correction)) = corrected {
+                front.posture = f;
+                rear.posture = r;
+                output.ipec = Some(correction);
+            }
+        }
+        let link = Chain::front_from_rear(rear.posture, beam.posture);
+        let front_by_rear = rear.through(&link, &relative);
+        let link = Chain::rear_from_front(front.posture, beam.posture);
+        let rear_by_front = front.through(&link, &relative);
+        if self.mode == Mode::Kalman {
+            let fused = [
+                front.fuse_as_independent(&front_by_rear),
+                rear.fuse_as_independent(&rear_by_front),
+            ];
+            *front = fused[0].unwrap_or(*front);
+            *rear = fused[1].unwrap_or(*rear);
+        } else {
+            let fused = [
+                front.intersect(&front_by_rear, &self.intersection),
+                rear.intersect(&rear_by_front, &self.intersection),
+            ];
+            if let [Some((f, by_front)), Some((r, by_rear))] = fused {
+                *front = f;
+                *rear = r;
+                output.omega = Some([by_front, by_rear]);
+            }
+        }
+    }
+
+    /// O by both axles, each with the beam, intersected.
+    fn middle(&self, front: &Track, rear: &Track, beam: &Estimate) -> Estimate {
+        let relative = self.beam_track(beam);
+        let link = Chain::midpoint_from_front(front.posture, beam.posture);
+        let by_front = front.through(&link, &relative);
+        let link = Chain::midpoint_from_rear(rear.posture, beam.posture);
+        let by_rear = rear.through(&link, &relative);
+        match by_front.intersect(&by_rear, &self.intersection) {
+            Some((fused, _)) => fused.estimate(),
+            None => self.middle_unseen(front, rear),
+        }
+    }
+
+    /// O halfway between the axles.
+    fn middle_unseen(&self, front: &Track, rear: &Track) -> Estimate {
+        let chain = Chain::midpoint(front.posture, rear.posture);
+        let mut middle = front.through(&chain, rear);
+        if self.mode != Mode::Odometry {
+            // Once joined, the random parts are correlated to an unknown degree.
+            middle.random = matrix::scale(&middle.random, 2.0);
+        }
+        middle.estimate()
+    }
+
+    fn accepts(&self, state: &State, nis: f32) -> bool {
+        match self.beam_gate {
+            Some(gate) => nis <= gate || state.rejected_in_a_row >= self.patience,
+            None => nis.is_finite(),
+        }
+    }
+
+    fn count(&self, state: &mut State, verdict: Verdict, beam: &Estimate) {
+        match verdict {
+            Verdict::Used => {
+                state.rejected_in_a_row = 0;
+                state.relative = *beam;
+            }
+            Verdict::Gated => {
+                state.rejected_in_a_row = state.rejected_in_a_row.saturating_add(1);
+                state.beam_gated = state.beam_gated.saturating_add(1);
+            }
+            Verdict::Invalid => state.beam_invalid = state.beam_invalid.saturating_add(1),
+            Verdict::Absent => {}
+        }
+    }
+}
+
+/// An increment with slip.
+#[derive(Clone, Copy, Debug, Default)]
+struct Slipping {
+    /// Covariance along, across and in the heading reached.
+    estimate: Estimate,
+    /// Variance of the heading change with the constant drift as a random walk.
+    heading_variance: f32,
+    advance: f32,
+    ticks: f32,
+}
+
+/// Standard deviations of constant errors that the axles' postures may owe something to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Constants {
+    /// Factor of the covariance of the beam's offset (lateral m, heading rad).
+    offset: [[f32; 2]; 2],
+    /// Heading per metre, rad/m.
+    drift: f32,
+    /// Relative.
+    scale: f32,
+    /// Yaw rate of each axle per radian of bend, 1/s.
+    creep: f32,
+}
+
+/// The constants that the joint filter estimates; the configuration has been checked.
+fn constants(config: &joint::Config) -> Constants {
+    let (y, phi) = (config.beam_offset_sigma_m, config.beam_offset_sigma_rad);
+    let correlation = config.beam_offset_correlation;
+    let own = sqrt((1.0 - correlation * correlation).max(0.0));
+    Constants {
+        offset: [[y, 0.0], [correlation * phi, own * phi]],
+        drift: config.heading_drift_sigma_rad_per_m,
+        scale: config.scale_sigma,
+        creep: config.creep_sigma_per_s,
+    }
+}
+
+/// A factor of a covariance: columns of one standard deviation each. Without correlations if it is
+/// not positive definite.
+fn spread(covariance: &Mat3) -> Mat3 {
+    matrix::cholesky(covariance)
+        .unwrap_or_else(|| matrix::diagonal([0, 1, 2].map(|k| sqrt(covariance[k][k].max(0.0)))))
+}
+
+/// The covariance of an increment along the axes of the frame it starts in.
+fn into_departure(increment: &Estimate) -> Estimate {
+    let (sin, cos) = crate::math::trig::sin_cos(increment.posture.phi);
+    let turn = [[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]];
+    Estimate::new(
+        increment.posture,
+        matrix::propagate(&turn, &increment.covariance),
+    )
+}
+
+/// Whether a relative posture can be used: finite, its covariance positive definite.
+fn is_usable(beam: &Estimate) -> bool {
+    beam.is_finite() && matrix::cholesky(&beam.covariance).is_some()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const BEAM_SIGMAS: [f32; 3] = [5e-5, 5e-5, 2e-4];
+    const MODES: [Mode; 5] = [
+        Mode::Odometry,
+        Mode::Kalman,
+        Mode::Intersection,
+        Mode::IntersectionIpec,
+        Mode::Joint,
+    ];
+
+    fn tandem(mode: Mode) -> Tandem {
+        Config {
+            mode,
+            ..Config::default()
+        }
+        .build()
+        .unwrap()
+    }
+
+    fn straight() -> Estimate {
+        Estimate::with_sigmas(Posture::new(0.37, 0.0, 0.0), BEAM_SIGMAS)
+    }
+
+    fn forward() -> Increment {
+        Increment::new(Posture::new(0.0025, 0.0, 0.0), [[0.0; 3]; 3])
+    }
+
+    fn rest() -> Increment {
+        Increment::new(Posture::ORIGIN, [[0.0; 3]; 3])
+    }
+
+    #[test]
+    fn straight_drive_arrives_in_every_mode() {
+        for mode in MODES {
+            let tandem = tandem(mode);
+            let mut state = tandem.start(Posture::new(-1.0, 0.5, core::f32::consts::FRAC_PI_2));
+            let mut output = Output::default();
+            for _ in 0..400 {
+                output = tandem.step(
+                    &mut state,
+                    &Inputs {
+                        front: Some(forward()),
+                        rear: Some(forward()),
+                        beam: Some(straight()),
+                    },
+                );
+            }
+            let o = output.robot.posture;
+            let error = o.minus(Posture::new(-1.0, 1.5, core::f32::consts::FRAC_PI_2));
+            assert!(error.iter().all(|e| e.abs() < 1e-4), "{mode:?} {error:?}");
+            assert!((output.front.posture.y - 1.685).abs() < 1e-4, "{mode:?}");
+            assert!((output.rear.posture.y - 1.315).abs() < 1e-4, "{mode:?}");
+            for estimate in [output.front, output.rear, output.robot] {
+                assert!(matrix::cholesky(&estimate.covariance).is_some(), "{mode:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn opposite_creep_is_seen_by_the_beam_and_shared_by_both_axles() {
+        // A held bend relaxes while the wheels stand still: both axles turn, O does not.
+        let shape = |bend: f32| {
+            let (sin, cos) = crate::math::trig::sin_cos(0.5 * bend);
+            Estimate::with_sigmas(Posture::new(0.37 * cos, 0.37 * sin, bend), BEAM_SIGMAS)
+        };
+        let robot = Estimate::with_sigmas(Posture::ORIGIN, [1e-3; 3]);
+        let outputs = [Mode::Joint, Mode::IntersectionIpec, Mode::Odometry].map(|mode| {
+            let tandem = tandem(mode);
+            let mut state = tandem.start_at(&robot, &shape(0.3));
+            let mut output = Output::default();
+            for tick in 0..500 {
+                let bend = 0.3 * crate::math::trig::exp(-0.04 * 0.01 * tick as f32);
+                output = tandem.step(
+                    &mut state,
+                    &Inputs {
+                        front: Some(rest()),
+                        rear: Some(rest()),
+                        beam: Some(shape(bend)),
+                    },
+                );
+            }
+            output
+        });
+        let half = 0.15 * crate::math::trig::exp(-0.04 * 4.99);
+        for output in &outputs[..2] {
+            assert!((output.front.posture.phi - half).abs() < 2e-3, "{output:?}");
+            assert!((output.rear.posture.phi + half).abs() < 2e-3, "{output:?}");
+            assert!(output.robot.posture.phi.abs() < 1e-3, "{output:?}");
+        }
+        assert!((outputs[2].front.posture.phi - 0.15).abs() < 1e-5);
+    }
+
+    #[test]
+    fn a_lost_message_only_delays() {
+        let turn = |k: u16| {
+            Posture::new(0.0, 0.0, 0.3).advance(0.0025 * f32::from(k), 0.002 * f32::from(k))
+        };
+        let noise = matrix::diagonal([1e-10, 1e-11, 1e-9]);
+        let keyframe = |sequence: u16| Keyframe {
+            sequence,
+            posture: turn(sequence),
+            covariance: noise,
+        };
+        for mode in MODES {
+            let tandem = tandem(mode);
+            let run = |lost: &dyn Fn(u16, usize) -> bool| {
+                let mut state = tandem.start(Posture::ORIGIN);
+                let mut receivers = [Receiver::default(); 2];
+                let mut output = Output::default();
+                for k in 0..=300u16 {
+                    let mut get = |axle: usize| {
+                        let arrives = !lost(k, axle);
+                        arrives
+                            .then(|| receivers[axle].receive(&keyframe(k)))
+                            .flatten()
+                    };
+                    let inputs = Inputs {
+                        front: get(0),
+                        rear: get(1),
+                        beam: None,
+                    };
+                    output = tandem.step(&mut state, &inputs);
+                }
+                output
+            };
+            let all = run(&|_, _| false);
+            let some =
+                run(&|k, axle| k > 0 && k < 298 && (k as usize * 7 + axle * 3).is_multiple_of(5));
+            for (a, b) in [(all.front, some.front), (all.rear, some.rear)] {
+                let error = a.posture.minus(b.posture);
+                assert!(error.iter().all(|e| e.abs() < 1e-5), "{mode:?} {error:?}");
+                for i in 0..3 {
+                    let ratio = b.covariance[i][i] / a.covariance[i][i];
+                    assert!((ratio - 1.0).abs() < 0.02, "{mode:?} {i} {ratio}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn receiver_takes_each_keyframe_once_and_survives_the_wrap() {
+        let at = |sequence: u16, x: f32| Keyframe {
+            sequence,
+            posture: Posture::new(x, 0.0, 0.0),
+            covariance: matrix::diagonal([1e-8; 3]),
+        };
+        let mut receiver = Receiver::default();
+        assert!(receiver.receive(&at(65_534, 1.0)).is_none());
+        let next = receiver.receive(&at(65_535, 1.5)).unwrap();
+        assert_eq!((next.posture.x, next.ticks), (0.5, 1));
+        assert!(receiver.receive(&at(65_535, 1.5)).is_none());
+        assert!(receiver.receive(&at(65_534, 1.0)).is_none());
+        let mut bad = at(0, f32::NAN);
+        assert!(receiver.receive(&bad).is_none());
+        bad.posture.x = 2.5;
+        bad.sequence = 2;
+        let jump = receiver.receive(&bad).unwrap();
+        assert_eq!((jump.posture.x, jump.ticks), (1.0, 3));
+        assert!((jump.covariance[1][1] - 3e-8).abs() < 1e-14);
+    }
+
+    #[test]
+    fn what_is_not_finite_counts_as_absent() {
+        for mode in MODES {
+            let tandem = tandem(mode);
+            let fresh = tandem.start(Posture::ORIGIN);
+            for bad in [f32::NAN, f32::INFINITY] {
+                let mut state = fresh;
+                let mut increment = forward();
+                increment.posture.y = bad;
+                let mut beam = straight();
+                beam.covariance[0][0] = bad;
+                let output = tandem.step(
+                    &mut state,
+                    &Inputs {
+                        front: Some(increment),
+                        rear: None,
+                        beam: Some(beam),
+                    },
+                );
+                assert!(output.robot.is_finite());
+                let output = tandem.step(
+                    &mut state,
+                    &Inputs {
+                        front: Some(rest()),
+                        rear: Some(rest()),
+                        beam: Some(beam),
+                    },
+                );
+                assert!(output.front.is_finite() && output.rear.is_finite());
+                let expected = if mode == Mode::Odometry {
+                    Verdict::Absent
+                } else {
+                    Verdict::Invalid
+                };
+                assert_eq!(output.beam.verdict, expected);
+            }
+        }
+    }
+
+    #[test]
+    fn a_leaping_beam_is_gated_until_it_insists() {
+        for mode in [Mode::Intersection, Mode::IntersectionIpec, Mode::Joint] {
+            let config = Config {
+                mode,
+                frame_sigmas: [2e-4, 2e-4, 1e-3],
+                start_sigmas: [1e-4, 1e-4, 1e-3],
+                ..Config::default()
+            };
+            let tandem = config.build().unwrap();
+            let mut state = tandem.start(Posture::ORIGIN);
+            let mut step = |phi: f32| {
+                let beam = Estimate::with_sigmas(Posture::new(0.37, 0.0, phi), BEAM_SIGMAS);
+                tandem.step(
+                    &mut state,
+                    &Inputs {
+                        front: Some(rest()),
+                        rear: Some(rest()),
+                        beam: Some(beam),
+                    },
+                )
+            };
+            for _ in 0..20 {
+                assert_eq!(step(0.0).beam.verdict, Verdict::Used, "{mode:?}");
+            }
+            let leap = step(0.5);
+            assert_eq!(leap.beam.verdict, Verdict::Gated, "{mode:?}");
+            assert!(leap.front.posture.phi.abs() < 1e-2, "{mode:?}");
+            let mut refused = 1;
+            while step(0.5).beam.verdict == Verdict::Gated {
+                refused += 1;
+                assert!(refused < 1000, "{mode:?}");
+            }
+            assert!(refused <= usize::from(config.gate_patience), "{mode:?}");
+            assert_eq!(state.beam_gated as usize, refused, "{mode:?}");
+        }
+    }
+
+    #[test]
+    fn held_bend_creeps_at_standstill_in_the_covariance() {
+        for mode in [Mode::Odometry, Mode::Joint] {
+            let growth = |bend: f32| {
+                let tandem = tandem(mode);
+                let relative = Estimate::with_sigmas(
+                    Posture::new(0.36, 0.18 * bend, bend),
+                    [1e-3, 1e-3, 1e-3],
+                );
+                let robot = Estimate::with_sigmas(Posture::ORIGIN, [1e-3; 3]);
+                let mut state = tandem.start_at(&robot, &relative);
+                let inputs = Inputs {
+                    front: Some(rest()),
+                    rear: Some(rest()),
+                    beam: None,
+                };
+                let first = tandem.step(&mut state, &inputs).front.covariance[2][2];
+                let mut last = first;
+                for _ in 0..200 {
+                    last = tandem.step(&mut state, &inputs).front.covariance[2][2];
+                }
+                last - first
+            };
+            assert!(growth(0.5) > 10.0 * growth(0.0), "{mode:?}");
+            assert!(growth(0.0) > 0.0, "{mode:?}");
+        }
+    }
+
+    #[test]
+    fn configuration_is_checked() {
+        let config = Config {
+            period_s: f32::NAN,
+            ..Config::default()
+        };
+        assert_eq!(config.build().unwrap_err().field, "period_s");
+        let mut config = Config::default();
+        config.slip.creep_per_sqrt_s = -1.0;
+        assert_eq!(config.build().unwrap_err().field, "creep_per_sqrt_s");
+        let mut config = Config::default();
+        config.start_sigmas[1] = 0.0;
+        assert_eq!(config.build().unwrap_err().field, "start_sigmas");
+        let mut config = Config::default();
+        config.joint.scale_sigma = f32::INFINITY;
+        assert_eq!(config.build().unwrap_err().field, "scale_sigma");
+    }
+}

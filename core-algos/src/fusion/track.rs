@@ -1,0 +1,265 @@
+//! A posture whose error is kept in two parts: a random one, and the known effect of errors that
+//! are the same throughout a drive.
+//!
+//! e = S c + ε: c are the [`CONSTANTS`] in units of their standard deviations, S what the posture
+//! owes to each, ε the rest with covariance R. The covariance of the whole is S Sᵀ + R.
+//!
+//! Covariance intersection takes nothing for granted about the correlation of its inputs. Where a
+//! part of it is known there is no need to give that away: two axles that yaw against each other
+//! under the frame's moment, or a start that is off for both alike, are told to it through S. The
+//! gains of a fusion are linear, so S goes through it exactly; and because the fused covariance P
+//! is an upper bound of the true one, so is P − S Sᵀ of the random part's.
+//!
+//! Nothing here panics; NaN propagates.
+
+use super::Estimate;
+use super::compound::Chain;
+use super::intersection::Intersection;
+use super::kalman;
+use crate::math::Posture;
+use crate::math::matrix::{self, Mat, Mat3};
+
+/// Number of constants.
+pub const CONSTANTS: usize = 13;
+/// Start posture of O (3), start posture of the front axle seen from the rear (3).
+pub const START: usize = 0;
+/// Offset of the beam (2).
+pub const OFFSET: usize = 6;
+/// Heading drift of front and rear odometry.
+pub const DRIFT: usize = 8;
+/// Scale error of front and rear odometry.
+pub const SCALE: usize = 10;
+/// Creep of the axles against each other.
+pub const CREEP: usize = 12;
+
+/// Effect of each constant, one standard deviation of it, on a posture (m, m, rad).
+pub type Sensitivity = Mat<3, CONSTANTS>;
+
+/// Least variance of the random part: 10 µm, 10 µrad.
+const FLOOR: f32 = 1e-10;
+
+/// A posture with both parts of its error.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Track {
+    /// The posture (m, m, rad).
+    pub posture: Posture,
+    /// R: covariance of the random part.
+    pub random: Mat3,
+    /// S.
+    pub constants: Sensitivity,
+}
+
+impl Track {
+    /// A posture that is known but for the constants.
+    pub fn new(posture: Posture, constants: Sensitivity) -> Self {
+        Self {
+            posture,
+            random: matrix::diagonal([FLOOR; 3]),
+            constants,
+        }
+    }
+
+    /// A posture whose error is all random.
+    pub fn random(estimate: Estimate) -> Self {
+        Self {
+            posture: estimate.posture,
+            random: estimate.covariance,
+            constants: [[0.0; CONSTANTS]; 3],
+        }
+    }
+
+    /// The posture with the covariance of its whole error.
+    pub fn estimate(&self) -> Estimate {
+        Estimate::new(
+            self.posture,
+            matrix::add(&self.random, &outer(&self.constants)),
+        )
+    }
+
+    /// The posture at the end of a chain that begins at this one. `relative` is the error of the
+    /// chain's other part.
+    pub fn through(&self, chain: &Chain, relative: &Track) -> Self {
+        Self {
+            posture: chain.posture,
+            random: matrix::add(
+                &matrix::propagate(&chain.by_base, &self.random),
+                &matrix::propagate(&chain.by_relative, &relative.random),
+            ),
+            constants: matrix::add(
+                &matrix::multiply(&chain.by_base, &self.constants),
+                &matrix::multiply(&chain.by_relative, &relative.constants),
+            ),
+        }
+    }
+
+    /// Covariance intersection of both, and the weight of `self`. `None` if a covariance is not
+    /// positive definite or a number not finite.
+    pub fn intersect(&self, other: &Self, intersection: &Intersection) -> Option<(Self, f32)> {
+        let b = other.estimate();
+        let fused = intersection.fuse(&self.estimate(), &b)?;
+        let omega = fused.omega;
+        if omega >= 1.0 {
+            return Some((*self, omega));
+        }
+        if omega <= 0.0 {
+            return Some((*other, omega));
+        }
+        let p = fused.estimate.covariance;
+        // Gain of b: (1 − ω) P B⁻¹.
+        let factor = matrix::cholesky(&b.covariance)?;
+        let mut gain = p.map(|row| matrix::cholesky_solve(&factor, &row));
+        gain = matrix::scale(&gain, 1.0 - omega);
+        let gap = matrix::add(&other.constants, &matrix::scale(&self.constants, -1.0));
+        let constants = matrix::add(&self.constants, &matrix::multiply(&gain, &gap));
+        let random = matrix::add(&p, &matrix::scale(&outer(&constants), -1.0));
+        let fused = if matrix::cholesky(&random).is_some() {
+            Self {
+                posture: fused.estimate.posture,
+                random,
+                constants,
+            }
+        } else {
+            // Lost in rounding: what is known of the constants is given up, the sum stays.
+            Self::random(fused.estimate)
+        };
+        Some((fused, omega))
+    }
+
+    /// Plain Kalman fusion, which takes all errors as independent.
+    pub fn fuse_as_independent(&self, other: &Self) -> Option<Self> {
+        kalman::fuse(&self.estimate(), &other.estimate()).map(Self::random)
+    }
+}
+
+/// S Sᵀ.
+fn outer(constants: &Sensitivity) -> Mat3 {
+    let mut out = [[0.0; 3]; 3];
+    for i in 0..3 {
+        for j in i..3 {
+            let mut sum = 0.0;
+            for k in 0..CONSTANTS {
+                sum += constants[i][k] * constants[j][k];
+            }
+            out[i][j] = sum;
+            out[j][i] = sum;
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fusion::intersection::{Config, Criterion};
+    use proptest::prelude::*;
+
+    type Column = [f32; 3];
+
+    fn track() -> impl Strategy<Value = Track> {
+        (
+            (-2.0f32..2.0, -2.0f32..2.0, -3.1f32..3.1),
+            proptest::array::uniform3(proptest::array::uniform3(-0.02f32..0.02)),
+            proptest::array::uniform3(proptest::array::uniform13(-0.02f32..0.02)),
+        )
+            .prop_map(|((x, y, phi), root, constants)| {
+                let unit = matrix::diagonal([1e-5; 3]);
+                let spread = matrix::propagate(&root, &matrix::identity());
+                Track {
+                    posture: Posture::new(x, y, phi),
+                    random: matrix::add(&spread, &unit),
+                    constants,
+                }
+            })
+    }
+
+    fn intersection(criterion: Criterion) -> Intersection {
+        Config {
+            criterion,
+            ..Config::default()
+        }
+        .build()
+        .unwrap()
+    }
+
+    proptest! {
+        /// A shift of both inputs by what one constant does to them is, after the fusion, a shift
+        /// by what the fused posture is said to owe to that constant.
+        #[test]
+        fn fused_sensitivity_is_that_of_the_fused_posture(
+            a in track(), mut b in track(), k in 0usize..CONSTANTS, trace in proptest::bool::ANY,
+        ) {
+            b.posture = a.posture;
+            let criterion = if trace { Criterion::Trace } else { Criterion::Determinant };
+            let intersection = intersection(criterion);
+            let shifted = |t: &Track, by: f32| {
+                let d: Column = [0, 1, 2].map(|i| by * t.constants[i][k]);
+                let p = t.posture;
+                Track {
+                    posture: Posture::new(p.x + d[0], p.y + d[1], p.phi + d[2]),
+                    ..*t
+                }
+            };
+            let at = |by| {
+                shifted(&a, by).intersect(&shifted(&b, by), &intersection).unwrap().0
+            };
+            let fused = at(0.0);
+            let moved = at(1.0).posture.minus(fused.posture);
+            for i in 0..3 {
+                prop_assert!((moved[i] - fused.constants[i][k]).abs() < 2e-4, "{i} {moved:?}");
+            }
+        }
+
+        #[test]
+        fn nothing_is_lost_of_the_whole_covariance(a in track(), b in track()) {
+            let intersection = intersection(Criterion::Determinant);
+            let (fused, omega) = a.intersect(&b, &intersection).unwrap();
+            let plain = intersection.fuse(&a.estimate(), &b.estimate()).unwrap();
+            prop_assert_eq!(omega, plain.omega);
+            let whole = fused.estimate().covariance;
+            for i in 0..3 {
+                for j in 0..3 {
+                    let scale = (whole[i][i] * whole[j][j]).sqrt();
+                    let difference = whole[i][j] - plain.estimate.covariance[i][j];
+                    prop_assert!(difference.abs() < 1e-4 * scale);
+                }
+            }
+            prop_assert!(matrix::cholesky(&fused.random).is_some());
+        }
+    }
+
+    /// Two axles yaw against each other at an unknown rate, each increment a little noisy.
+    fn chase(criterion: Criterion) -> Track {
+        let intersection = intersection(criterion);
+        let mut axles = [Track::new(Posture::ORIGIN, [[0.0; CONSTANTS]; 3]); 2];
+        for _ in 0..500 {
+            for (axle, sign) in axles.iter_mut().zip([-1.0, 1.0]) {
+                axle.constants[2][CREEP] += sign * 1e-3;
+                axle.random = matrix::add(&axle.random, &matrix::diagonal([1e-9; 3]));
+            }
+            let [front, rear] = axles;
+            axles = [
+                front.intersect(&rear, &intersection).unwrap().0,
+                rear.intersect(&front, &intersection).unwrap().0,
+            ];
+        }
+        axles[0]
+    }
+
+    #[test]
+    fn what_is_opposite_in_both_axles_cancels() {
+        // Half a radian for each axle by itself.
+        let track = chase(Criterion::Trace);
+        assert!(track.constants[2][CREEP].abs() < 0.02, "{track:?}");
+    }
+
+    #[test]
+    fn constants_that_would_leave_less_than_nothing_are_given_up() {
+        let mut a = Track::random(Estimate::with_sigmas(Posture::ORIGIN, [1e-3; 3]));
+        a.constants[0][0] = 1e3;
+        let mut b = a;
+        b.random = matrix::diagonal([1.1e-6, 0.9e-6, 1e-6]);
+        let (fused, _) = a.intersect(&b, &intersection(Criterion::Trace)).unwrap();
+        assert!(matrix::cholesky(&fused.random).is_some());
+        assert!((fused.estimate().covariance[0][0] / 1e6 - 1.0).abs() < 1e-3);
+    }
+}

@@ -1,0 +1,30 @@
+//! Control, estimation and node state machines of a two-axle compliant-framed wheeled modular
+//! mobile robot (CFMMR).
+//!
+//! # Contract
+//!
+//! - `no_std`, no allocation, no clock, no global state, no `unsafe`: samples and time come in as
+//!   values, commands go out as values.
+//! - **Validate once, then run infallibly.** Every algorithm has a `Config` in SI units whose
+//!   `build()` names the parameter that is wrong and the range it must lie in
+//!   ([`config::ConfigError`]). What it returns has `step`-like methods that never fail, never
+//!   panic, and treat NaN and infinity as absent input.
+//! - All arithmetic is `f32`; transcendental functions come from [`math::trig`] alone, so a host
+//!   and a Cortex-M4F give the same bits.
+//!
+//! # Conventions
+//!
+//! SI units, radians, counter-clockwise positive. A posture is `(x, y, phi)`; body frame x
+//! forward, y left. Axle 1 is the front, axle 2 the rear; the beam's root is at the rear axle and
+//! its tip at the front axle, so the beam measures the front axle's posture in the rear axle's
+//! frame. Wheels are ordered (left, right).
+#![cfg_attr(not(test), no_std)]
+#![forbid(unsafe_code)]
+
+pub mod beam;
+pub mod bus;
+pub mod config;
+pub mod control;
+pub mod fusion;
+pub mod math;
+pub mod node;

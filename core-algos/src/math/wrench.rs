@@ -1,0 +1,145 @@
+//! The wrench of the frame between two axles and what each axle feels of it.
+
+use super::Posture;
+use super::trig::sin_cos;
+
+/// Forces and moments of the frame, in the frame of its root (the rear axle's frame, moved to the
+/// root).
+///
+/// The frame acts on the rear axle with `(+force, +moment_root)` at its root and on the front axle
+/// with `(−force, −moment_end)` at its tip. For a massless frame with its tip at `(x, y)` from the
+/// root, `moment_root = moment_end + x force_y − y force_x`. A frame bent to the left (ψ > 0) in
+/// pure bending has no force and both moments `+EI κ`: it turns the rear axle left and the front
+/// axle right.
+///
+/// The same fields can hold the moments about the two axle midpoints, once a frame with rigid ends
+/// has been reduced to them; the rigid lengths below are then 0.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Wrench {
+    /// Force along the rear axle's forward direction, N.
+    pub force_x: f32,
+    /// Force to the rear axle's left, N.
+    pub force_y: f32,
+    /// Moment at the root, N m.
+    pub moment_root: f32,
+    /// Moment at the tip, N m.
+    pub moment_end: f32,
+}
+
+/// What the frame exerts on one axle, in that axle's own frame, at the axle's midpoint.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct AxleLoad {
+    /// Force along the axle's forward direction, N.
+    pub forward: f32,
+    /// Force to the axle's left, N; the tyres carry it.
+    pub lateral: f32,
+    /// Moment about the axle's midpoint, N m, counter-clockwise positive.
+    pub moment: f32,
+}
+
+impl AxleLoad {
+    /// Whether all components are finite.
+    pub fn is_finite(&self) -> bool {
+        self.forward.is_finite() && self.lateral.is_finite() && self.moment.is_finite()
+    }
+}
+
+impl Wrench {
+    /// No load.
+    pub const ZERO: Self = Self {
+        force_x: 0.0,
+        force_y: 0.0,
+        moment_root: 0.0,
+        moment_end: 0.0,
+    };
+
+    /// Whether all components are finite.
+    pub fn is_finite(&self) -> bool {
+        self.force_x.is_finite()
+            && self.force_y.is_finite()
+            && self.moment_root.is_finite()
+            && self.moment_end.is_finite()
+    }
+
+    /// Pure bending by the steering angle `psi` (rad) of a frame of bending stiffness (N m²) and
+    /// flexible length (m): `M = EI 2ψ/L`.
+    pub fn pure_bending(stiffness: f32, length: f32, psi: f32) -> Self {
+        let moment = stiffness * 2.0 * psi / length;
+        Self {
+            moment_root: moment,
+            moment_end: moment,
+            ..Self::default()
+        }
+    }
+
+    /// Load on the rear axle, whose midpoint is `rigid_root` (m) behind the root.
+    pub fn on_rear(&self, rigid_root: f32) -> AxleLoad {
+        AxleLoad {
+            forward: self.force_x,
+            lateral: self.force_y,
+            moment: self.moment_root + rigid_root * self.force_y,
+        }
+    }
+
+    /// Load on the front axle, whose heading is `relative.phi` from the rear axle's and whose
+    /// midpoint is `rigid_tip` (m) ahead of the tip.
+    pub fn on_front(&self, relative: Posture, rigid_tip: f32) -> AxleLoad {
+        let (s, c) = sin_cos(relative.phi);
+        let lateral = s * self.force_x - c * self.force_y;
+        AxleLoad {
+            forward: -c * self.force_x - s * self.force_y,
+            lateral,
+            moment: -self.moment_end - rigid_tip * lateral,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        /// A massless frame leaves no net force and no net moment on the two axles together.
+        #[test]
+        fn loads_on_both_axles_balance(
+            force_x in -20.0f32..20.0, force_y in -20.0f32..20.0, moment_end in -3.0f32..3.0,
+            x in 0.1f32..0.4, y in -0.2f32..0.2, phi in -1.5f32..1.5,
+            root in 0.0f32..0.1, tip in 0.0f32..0.1,
+        ) {
+            let wrench = Wrench {
+                force_x, force_y, moment_end,
+                moment_root: moment_end + x * force_y - y * force_x,
+            };
+            // Midpoint of the front axle in the rear axle's frame.
+            let relative = Posture::new(root, 0.0, 0.0)
+                .compose(Posture::new(x, y, phi))
+                .compose(Posture::new(tip, 0.0, 0.0));
+            let rear = wrench.on_rear(root);
+            let front = wrench.on_front(relative, tip);
+            let (s, c) = (phi as f64).sin_cos();
+            let (forward, lateral) = (front.forward as f64, front.lateral as f64);
+            let fx = c * forward - s * lateral;
+            let fy = s * forward + c * lateral;
+            prop_assert!((fx + rear.forward as f64).abs() < 2e-5);
+            prop_assert!((fy + rear.lateral as f64).abs() < 2e-5);
+            let about_rear = rear.moment as f64 + front.moment as f64
+                + relative.x as f64 * fy - relative.y as f64 * fx;
+            prop_assert!(about_rear.abs() < 2e-5);
+        }
+    }
+
+    #[test]
+    fn bent_frame_wants_to_straighten() {
+        // 0.833 N m² over 0.37 m at 0.5 rad: 2.25 N m.
+        let wrench = Wrench::pure_bending(0.833, 0.37, 0.5);
+        let relative = Posture::new(0.3, 0.1, 1.0);
+        assert!((wrench.on_rear(0.0).moment - 2.2514).abs() < 1e-3);
+        assert_eq!(
+            wrench.on_front(relative, 0.02).moment,
+            -wrench.on_rear(0.02).moment
+        );
+    }
+}

@@ -1,0 +1,590 @@
+//! Axle node: encoders and inertial sensors in, wheel torques out, once a millisecond.
+//!
+//! The step reads in the order of the data: wheels → filter → report → reference → control. The
+//! posture is odometric, in a frame of its own that begins where the axle was started; the lead
+//! node knows where that frame lies and sends references in it, so a correction of the global
+//! estimate never makes the controller jump.
+//!
+//! # Panic contract
+//!
+//! [`Config::build`] validates; nothing else can fail. Without a fresh reference, or with any
+//! number that is not finite, the torques are zero.
+
+use super::{Micros, Outbox, Stamped, epoch_start, is_epoch_start, seconds, sequence};
+use crate::bus::{Axle, LeadMode, Message};
+use crate::config::{ConfigError, in_range, positive};
+use crate::control::cascade::AxleReference;
+use crate::control::dynamic::{self, Dynamic};
+use crate::control::wheel_observer::{self, WheelObserver};
+use crate::fusion::Estimate;
+use crate::fusion::ekf::{self, AxleFilter, Measurements, Verdict};
+use crate::math::matrix::Mat3;
+use crate::math::{AxleLoad, Posture, Twist, Wrench};
+
+/// Speed the controller uses.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
+pub enum SpeedSource {
+    /// The tracking observers of the wheels: least lag.
+    #[default]
+    Wheels,
+    /// The axle filter.
+    Filter,
+}
+
+/// Parameters of an axle node.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
+pub struct Config {
+    /// Age of a reference after which the motors are switched off, s.
+    pub reference_timeout_s: f32,
+    /// Age of a wrench from the beam after which it is no longer used, s.
+    pub wrench_timeout_s: f32,
+    /// Speed the controller uses.
+    pub speed_source: SpeedSource,
+    /// Wheel observers.
+    pub wheel: wheel_observer::Config,
+    /// Axle filter.
+    pub filter: ekf::Config,
+    /// Dynamic controller.
+    pub controller: dynamic::Config,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            reference_timeout_s: 0.05,
+            wrench_timeout_s: 0.05,
+            speed_source: SpeedSource::Wheels,
+            wheel: wheel_observer::Config::default(),
+            filter: ekf::Config::default(),
+            controller: dynamic::Config::default(),
+        }
+    }
+}
+
+/// What an axle must know of the frame it is fixed to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Frame {
+    /// Bending stiffness EI, N m².
+    pub bending_stiffness_n_m2: f32,
+    /// Flexible length L, m.
+    pub length_m: f32,
+}
+
+impl Config {
+    /// The node of one axle; the error names the parameter that is wrong.
+    pub fn build(&self, axle: Axle, frame: Frame) -> Result<AxleNode, ConfigError> {
+        in_range("reference_timeout_s", self.reference_timeout_s, 0.01, 1.0)?;
+        in_range("wrench_timeout_s", self.wrench_timeout_s, 0.01, 1.0)?;
+        positive("bending_stiffness_n_m2", frame.bending_stiffness_n_m2)?;
+        positive("frame_length_m", frame.length_m)?;
+        let to_micros = |s: f32| (s * 1e6) as Micros;
+        Ok(AxleNode {
+            axle,
+            frame,
+            reference_timeout: to_micros(self.reference_timeout_s),
+            wrench_timeout: to_micros(self.wrench_timeout_s),
+            speed_source: self.speed_source,
+            wheel_radius: positive("wheel_radius_m", self.controller.wheel_radius_m)?,
+            half_track: positive("half_track_m", self.controller.half_track_m)?,
+            period: positive("period_s", self.filter.period_s)?,
+            observer: self.wheel.build()?,
+            filter: self.filter.build()?,
+            controller: self.controller.build()?,
+            state: State::new(),
+        })
+    }
+}
+
+/// What the sensors of an axle board read at a tick; `None` where nothing came.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Samples {
+    /// Encoder counts (left, right); they wrap.
+    pub encoder: [Option<i32>; 2],
+    /// Yaw rate, rad/s.
+    pub gyro_rad_s: Option<f32>,
+    /// Acceleration along the heading, m/s².
+    pub acceleration_m_s2: Option<f32>,
+}
+
+/// What the node did at a tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Output {
+    /// Wheel torques (left, right), N m; positive drives forward.
+    pub torque_nm: [f32; 2],
+    /// Whether a reference is being followed; otherwise the motors are off.
+    pub active: bool,
+    /// Tracking error (e_X, e_Y, e_φ) in the axle's frame; zero when not active.
+    pub error: Posture,
+}
+
+/// All that changes in an axle node.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct State {
+    wheels: [wheel_observer::State; 2],
+    filter: ekf::State,
+    refused: u8,
+    mode: Option<Stamped<LeadMode>>,
+    steering: f32,
+    pending_posture: Option<(u8, Posture)>,
+    pending_motion: Option<(u8, Twist, Twist)>,
+    reference: Option<Stamped<AxleReference>>,
+    wrench: Option<Stamped<Wrench>>,
+    relative: Option<Stamped<Posture>>,
+}
+
+impl State {
+    fn new() -> Self {
+        Self {
+            wheels: [wheel_observer::State::default(); 2],
+            // The odometric frame is where the axle stands: its origin is exact by definition.
+            filter: ekf::State::at_rest(
+                &Estimate::with_sigmas(Posture::ORIGIN, [1e-6; 3]),
+                [1e-3, 1e-3, 1e-2, 1e-2],
+            ),
+            refused: 0,
+            mode: None,
+            steering: 0.0,
+            pending_posture: None,
+            pending_motion: None,
+            reference: None,
+            wrench: None,
+            relative: None,
+        }
+    }
+}
+
+/// The node of one axle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AxleNode {
+    axle: Axle,
+    frame: Frame,
+    reference_timeout: Micros,
+    wrench_timeout: Micros,
+    speed_source: SpeedSource,
+    wheel_radius: f32,
+    half_track: f32,
+    period: f32,
+    observer: WheelObserver,
+    filter: AxleFilter,
+    controller: Dynamic,
+    state: State,
+}
+
+impl AxleNode {
+    /// Which axle this is.
+    pub fn axle(&self) -> Axle {
+        self.axle
+    }
+
+    /// All that changes.
+    pub fn state(&self) -> &State {
+        &self.state
+    }
+
+    /// Odometric posture, in the frame that began where the axle was started.
+    pub fn odometry(&self) -> Posture {
+        self.state.filter.posture()
+    }
+
+    /// Covariance of the filter's seven states and the refusals of its gates.
+    pub fn filter_state(&self) -> &ekf::State {
+        &self.state.filter
+    }
+
+    /// Takes in a message that arrived at `now`. What is not meant for this axle is ignored.
+    pub fn receive(&mut self, now: Micros, message: &Message) {
+        let state = &mut self.state;
+        match *message {
+            Message::LeadStatus {
+                mode, steering_rad, ..
+            } => {
+                state.mode = Some(Stamped::new(mode, now));
+                state.steering = steering_rad;
+            }
+            Message::ReferencePosture {
+                axle,
+                sequence,
+                posture,
+            } if axle == self.axle => {
+                state.pending_posture = Some((sequence, posture));
+                state.pair_reference(now);
+            }
+            Message::ReferenceMotion {
+                axle,
+                sequence,
+                velocity_m_s,
+                yaw_rate_rad_s,
+                acceleration_m_s2,
+                yaw_acceleration_rad_s2,
+            } if axle == self.axle => {
+                state.pending_motion = Some((
+                    sequence,
+                    Twist::new(velocity_m_s, yaw_rate_rad_s),
+                    Twist::new(acceleration_m_s2, yaw_acceleration_rad_s2),
+                ));
+                state.pair_reference(now);
+            }
+            Message::BeamWrench { sequence, wrench } => {
+                state.wrench = Some(Stamped::new(wrench, epoch_start(now, sequence)));
+            }
+            Message::BeamPosture {
+                sequence,
+                posture,
+                gauges,
+            } if gauges > 0 => {
+                state.relative = Some(Stamped::new(posture, epoch_start(now, sequence)));
+            }
+            _ => {}
+        }
+    }
+
+    /// One tick at `now`. Reports go to `outbox` at the beginning of an epoch.
+    pub fn step(&mut self, now: Micros, samples: &Samples, outbox: &mut Outbox) -> Output {
+        let speeds = self.estimate(samples);
+        if is_epoch_start(now) {
+            self.report(now, outbox);
+        }
+        let Some(reference) = self.reference(now) else {
+            return Output::default();
+        };
+        let command = self.controller.step(&dynamic::Input {
+            posture: self.state.filter.posture(),
+            twist: self.twist(speeds),
+            reference,
+            reference_load: self.reference_load(),
+            beam_load: self.beam_load(now),
+        });
+        Output {
+            torque_nm: command.torque_nm,
+            active: command.valid,
+            error: command.error,
+        }
+    }
+
+    /// Wheels and filter; returns the wheels' speeds over ground, m/s.
+    fn estimate(&mut self, samples: &Samples) -> [f32; 2] {
+        let state = &mut self.state;
+        let mut speeds = [0.0; 2];
+        let mut advance = [None; 2];
+        for i in 0..2 {
+            let wheel = self.observer.step(&state.wheels[i], samples.encoder[i]);
+            speeds[i] = self.wheel_radius * wheel.speed_rad_s;
+            // A missing or impossible count is no measurement: the filter then predicts.
+            if samples.encoder[i].is_some() && !wheel.jumped {
+                advance[i] = Some(self.wheel_radius * wheel.increment_rad / self.period);
+            }
+            state.refused = state.refused.saturating_add(u8::from(wheel.jumped));
+            state.wheels[i] = wheel;
+        }
+        let verdicts = self.filter.step(
+            &mut state.filter,
+            &Measurements {
+                left_m_s: advance[0],
+                right_m_s: advance[1],
+                gyro_rad_s: samples.gyro_rad_s,
+                acceleration_m_s2: samples.acceleration_m_s2,
+            },
+        );
+        for verdict in [
+            verdicts.left,
+            verdicts.right,
+            verdicts.gyro,
+            verdicts.accelerometer,
+        ] {
+            if matches!(verdict, Verdict::Invalid | Verdict::Gated) {
+                state.refused = state.refused.saturating_add(1);
+            }
+        }
+        speeds
+    }
+
+    fn report(&mut self, now: Micros, outbox: &mut Outbox) {
+        let (axle, sequence) = (self.axle, sequence(now));
+        let keyframe = self.state.filter.take_increment();
+        let twist = self.state.filter.twist();
+        let covariance: Mat3 = keyframe.covariance;
+        outbox.push(Message::AxlePosture {
+            axle,
+            sequence,
+            posture: keyframe.posture,
+        });
+        outbox.push(Message::AxleMotion {
+            axle,
+            sequence,
+            velocity_m_s: twist.v,
+            yaw_rate_rad_s: twist.omega,
+            refused: self.state.refused,
+        });
+        outbox.push(Message::AxleUncertainty {
+            axle,
+            sequence,
+            covariance,
+        });
+        self.state.refused = 0;
+    }
+
+    fn twist(&self, [left, right]: [f32; 2]) -> Twist {
+        match self.speed_source {
+            SpeedSource::Wheels => {
+                Twist::new(0.5 * (left + right), 0.5 * (right - left) / self.half_track)
+            }
+            SpeedSource::Filter => self.state.filter.twist(),
+        }
+    }
+
+    /// The reference moved on from its epoch to `now`; `None` when the motors are to be off.
+    fn reference(&self, now: Micros) -> Option<AxleReference> {
+        let mode = self.state.mode?;
+        let at_epoch = self.state.reference?;
+        let fresh =
+            mode.age(now) <= self.reference_timeout && at_epoch.age(now) <= self.reference_timeout;
+        if !fresh || mode.value == LeadMode::Idle {
+            return None;
+        }
+        let dt = seconds(at_epoch.age(now));
+        let AxleReference {
+            posture,
+            twist,
+            acceleration,
+        } = at_epoch.value;
+        let v = twist.v + acceleration.v * dt;
+        let omega = twist.omega + acceleration.omega * dt;
+        Some(AxleReference {
+            posture: posture.advance(0.5 * (twist.v + v) * dt, 0.5 * (twist.omega + omega) * dt),
+            twist: Twist::new(v, omega),
+            acceleration,
+        })
+    }
+
+    /// Load of the frame in pure bending by the commanded steering angle.
+    fn reference_load(&self) -> AxleLoad {
+        let psi = self.state.steering;
+        let wrench =
+            Wrench::pure_bending(self.frame.bending_stiffness_n_m2, self.frame.length_m, psi);
+        self.load(&wrench, Posture::new(0.0, 0.0, 2.0 * psi))
+    }
+
+    /// Load of the frame as the beam measured it, if that is fresh.
+    fn beam_load(&self, now: Micros) -> Option<AxleLoad> {
+        let wrench = self
+            .state
+            .wrench
+            .as_ref()?
+            .fresh(now, self.wrench_timeout)?;
+        let relative = self
+            .state
+            .relative
+            .as_ref()?
+            .fresh(now, self.wrench_timeout)?;
+        Some(self.load(wrench, *relative))
+    }
+
+    fn load(&self, wrench: &Wrench, relative: Posture) -> AxleLoad {
+        // Moments are about the axles' midpoints already, rigid ends included.
+        match self.axle {
+            Axle::Front => wrench.on_front(relative, 0.0),
+            Axle::Rear => wrench.on_rear(0.0),
+        }
+    }
+}
+
+impl State {
+    /// A posture and a motion of one epoch make a reference.
+    fn pair_reference(&mut self, now: Micros) {
+        if let (Some((s, posture)), Some((t, twist, acceleration))) =
+            (self.pending_posture, self.pending_motion)
+            && s == t
+        {
+            let reference = AxleReference {
+                posture,
+                twist,
+                acceleration,
+            };
+            self.reference = Some(Stamped::new(reference, epoch_start(now, s)));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::node::{EPOCH, TICK};
+    use core::f64::consts::TAU;
+
+    fn node(axle: Axle) -> AxleNode {
+        let frame = Frame {
+            bending_stiffness_n_m2: 0.833,
+            length_m: 0.37,
+        };
+        Config::default().build(axle, frame).unwrap()
+    }
+
+    /// Counts of wheels turned by these angles (rad).
+    fn counts(angles: [f64; 2]) -> [Option<i32>; 2] {
+        let per_turn = f64::from(Config::default().wheel.counts_per_revolution);
+        angles.map(|angle| Some((angle / TAU * per_turn).floor() as i32))
+    }
+
+    fn reference(node: &mut AxleNode, now: Micros, v: f32, posture: Posture) {
+        let sequence = sequence(now);
+        node.receive(
+            now,
+            &Message::LeadStatus {
+                sequence,
+                mode: LeadMode::Active,
+                steering_rad: 0.0,
+                velocity_m_s: v,
+            },
+        );
+        node.receive(
+            now,
+            &Message::ReferencePosture {
+                axle: node.axle(),
+                sequence,
+                posture,
+            },
+        );
+        node.receive(
+            now,
+            &Message::ReferenceMotion {
+                axle: node.axle(),
+                sequence,
+                velocity_m_s: v,
+                yaw_rate_rad_s: 0.0,
+                acceleration_m_s2: 0.0,
+                yaw_acceleration_rad_s2: 0.0,
+            },
+        );
+    }
+
+    #[test]
+    fn odometry_follows_an_arc() {
+        let mut node = node(Axle::Rear);
+        let mut outbox = Outbox::new();
+        for tick in 0..=4500u64 {
+            // Speed rises for one second, then stays.
+            let t = tick as f64 * 1e-3;
+            let turned = if t < 1.0 { 0.5 * t * t } else { t - 0.5 };
+            let samples = Samples {
+                encoder: counts([3.0 * turned, 4.0 * turned]),
+                ..Samples::default()
+            };
+            outbox.clear();
+            node.step(tick * TICK, &samples, &mut outbox);
+        }
+        // Wheels at 0.219 and 0.292 m/s, 0.324 m apart: an arc of radius 1.134 m.
+        let (v, omega) = (0.2555f64, 0.073 / 0.324);
+        let phi = omega * 4.0;
+        let expected = [v / omega * phi.sin(), v / omega * (1.0 - phi.cos()), phi];
+        let found = node.odometry();
+        assert!(
+            (found.x as f64 - expected[0]).abs() < 2e-3,
+            "{found:?} {expected:?}"
+        );
+        assert!(
+            (found.y as f64 - expected[1]).abs() < 2e-3,
+            "{found:?} {expected:?}"
+        );
+        assert!(
+            (found.phi as f64 - expected[2]).abs() < 4e-3,
+            "{found:?} {expected:?}"
+        );
+    }
+
+    #[test]
+    fn reports_once_an_epoch() {
+        let mut node = node(Axle::Front);
+        let mut reports = 0;
+        for tick in 0..100u64 {
+            let mut outbox = Outbox::new();
+            node.step(tick * TICK, &Samples::default(), &mut outbox);
+            let count = outbox.iter().count();
+            assert_eq!(count, if tick % 10 == 0 { 3 } else { 0 });
+            reports += count;
+        }
+        assert_eq!(reports, 30);
+    }
+
+    #[test]
+    fn drives_toward_its_reference_and_stops_without_one() {
+        let mut node = node(Axle::Front);
+        let mut outbox = Outbox::new();
+        let samples = Samples {
+            encoder: [Some(0); 2],
+            ..Samples::default()
+        };
+        assert!(
+            !node.step(0, &samples, &mut outbox).active,
+            "no reference yet"
+        );
+        reference(&mut node, 20 * TICK, 0.1, Posture::ORIGIN);
+        let output = node.step(21 * TICK, &samples, &mut outbox);
+        assert!(output.active && output.torque_nm[0] > 0.0 && output.torque_nm[1] > 0.0);
+        // 50 ms after the epoch of the last reference the motors are off.
+        assert!(node.step(20 * TICK + 50_000, &samples, &mut outbox).active);
+        let late = node.step(20 * TICK + 51_000, &samples, &mut outbox);
+        assert_eq!(late, Output::default());
+    }
+
+    #[test]
+    fn halves_of_different_epochs_make_no_reference() {
+        let mut node = node(Axle::Front);
+        let mut outbox = Outbox::new();
+        reference(&mut node, 0, 0.1, Posture::ORIGIN);
+        let now = 5 * EPOCH;
+        node.receive(
+            now,
+            &Message::ReferencePosture {
+                axle: Axle::Front,
+                sequence: sequence(now),
+                posture: Posture::new(1.0, 0.0, 0.0),
+            },
+        );
+        let output = node.step(now, &Samples::default(), &mut outbox);
+        assert!(
+            output.error.x.abs() < 0.1,
+            "still the old reference: {output:?}"
+        );
+    }
+
+    #[test]
+    fn messages_for_the_other_axle_are_ignored() {
+        let mut front = node(Axle::Front);
+        let mut rear = node(Axle::Rear);
+        reference(&mut rear, 0, 0.1, Posture::ORIGIN);
+        let before = *front.state();
+        front.receive(
+            0,
+            &Message::ReferencePosture {
+                axle: Axle::Rear,
+                sequence: 0,
+                posture: Posture::ORIGIN,
+            },
+        );
+        assert_eq!(before, *front.state());
+        assert!(rear.state().reference.is_some());
+    }
+
+    #[test]
+    fn nan_in_gives_zero_torque() {
+        let mut node = node(Axle::Front);
+        let mut outbox = Outbox::new();
+        reference(&mut node, 0, f32::NAN, Posture::ORIGIN);
+        let output = node.step(TICK, &Samples::default(), &mut outbox);
+        assert_eq!(output.torque_nm, [0.0; 2]);
+        // A gyro that reads NaN is refused and the odometry stays finite.
+        for tick in 2..50 {
+            let samples = Samples {
+                encoder: [Some(0); 2],
+                gyro_rad_s: Some(f32::NAN),
+                acceleration_m_s2: Some(f32::INFINITY),
+            };
+            node.step(tick * TICK, &samples, &mut outbox);
+        }
+        assert!(node.odometry().is_finite());
+    }
+}

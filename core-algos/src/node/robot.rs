@@ -1,0 +1,287 @@
+//! Configuration of the whole robot: every constant once, handed to the algorithms that need it.
+//!
+//! The configurations of the algorithms have fields for dimensions and limits, so that each can be
+//! used by itself. In a robot they are not read from a file but filled in from [`Geometry`] and
+//! [`Limits`] by [`RobotConfig::completed`]: there is one place to state a wheel radius.
+
+use super::{axle, beam, lead};
+use crate::beam::sensor;
+use crate::bus::Axle;
+use crate::config::{Allowed, non_negative};
+use crate::config::{ConfigError, in_range, positive, require};
+use crate::math::trig::sin_cos;
+
+/// Dimensions and stiffness of the robot as its software believes them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
+pub struct Geometry {
+    /// Flexible length of the frame (the paper's L), m.
+    pub frame_length_m: f32,
+    /// Rigid length between each end of the flexible part and the axle there, m.
+    pub rigid_end_m: f32,
+    /// Distance of the strain gauges from the neutral axis, m: half the strip's thickness.
+    pub half_thickness_m: f32,
+    /// Bending stiffness EI of the frame, N m².
+    pub bending_stiffness_n_m2: f32,
+    /// Half of the distance between the wheels of an axle (the paper's d), m.
+    pub half_track_m: f32,
+    /// Radius of the wheels (the paper's r_w), m.
+    pub wheel_radius_m: f32,
+    /// Encoder counts per revolution of a wheel, gear and edges included.
+    pub encoder_counts_per_revolution: u32,
+}
+
+impl Default for Geometry {
+    fn default() -> Self {
+        Self {
+            frame_length_m: 0.37,
+            rigid_end_m: 0.0,
+            half_thickness_m: 0.5e-3,
+            bending_stiffness_n_m2: 0.833,
+            half_track_m: 0.162,
+            wheel_radius_m: 0.073,
+            encoder_counts_per_revolution: 8192,
+        }
+    }
+}
+
+/// Limits of the midpoint's motion.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
+pub struct Limits {
+    /// Largest speed of the midpoint, m/s.
+    pub max_speed_m_s: f32,
+    /// Largest steering angle |ψ| the frame may be bent to, rad; bounds the curvature by
+    /// 2ψ/(L cos ψ).
+    pub max_steering_rad: f32,
+    /// What of it is never commanded, rad: room for the true bend to exceed the commanded one.
+    ///
+    /// On tyres that creep the frame's moment holds the axles back and the true bend stays some 2 %
+    /// below its command; on tyres that hardly do, lag and the error of the beam let it exceed the
+    /// command, by 3 mrad at most in simulation.
+    pub steering_margin_rad: f32,
+}
+
+impl Limits {
+    /// Largest steering angle that is commanded, rad.
+    pub fn commanded_steering_rad(&self) -> f32 {
+        self.max_steering_rad - self.steering_margin_rad
+    }
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self {
+            max_speed_m_s: 0.25,
+            max_steering_rad: 0.5,
+            steering_margin_rad: 0.005,
+        }
+    }
+}
+
+/// Configuration of all boards of a robot.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
+pub struct RobotConfig {
+    /// Dimensions and stiffness.
+    pub geometry: Geometry,
+    /// Limits of motion.
+    pub limits: Limits,
+    /// Both axle nodes.
+    pub axle: axle::Config,
+    /// Beam node.
+    pub beam: sensor::Config,
+    /// Lead node.
+    pub lead: lead::Config,
+}
+
+/// The nodes of a robot.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Robot {
+    /// Axle nodes, front first.
+    pub axles: [axle::AxleNode; 2],
+    /// Beam node.
+    pub beam: beam::BeamNode,
+    /// Lead node.
+    pub lead: lead::LeadNode,
+}
+
+impl RobotConfig {
+    /// The same configuration with geometry and limits written into every part that has a copy.
+    pub fn completed(mut self) -> Self {
+        let Geometry {
+            frame_length_m,
+            rigid_end_m,
+            half_track_m,
+            wheel_radius_m,
+            encoder_counts_per_revolution,
+            ..
+        } = self.geometry;
+        self.axle.wheel.counts_per_revolution = encoder_counts_per_revolution;
+        self.axle.filter.track_m = 2.0 * half_track_m;
+        self.axle.controller.half_track_m = half_track_m;
+        self.axle.controller.wheel_radius_m = wheel_radius_m;
+
+        self.beam.strip.length_m = frame_length_m;
+        self.beam.strip.half_thickness_m = self.geometry.half_thickness_m;
+        self.beam.strip.rigid_root_m = rigid_end_m;
+        self.beam.strip.rigid_tip_m = rigid_end_m;
+        self.beam.strip.bending_stiffness_n_m2 = self.geometry.bending_stiffness_n_m2;
+
+        let max_speed_m_s = self.limits.max_speed_m_s;
+        let max_steering_rad = self.limits.commanded_steering_rad();
+        self.lead.cascade.frame_length_m = frame_length_m;
+        self.lead.cascade.rigid_end_m = rigid_end_m;
+        self.lead.cascade.max_steering_rad = max_steering_rad;
+        self.lead.fusion.frame_length_m = frame_length_m + 2.0 * rigid_end_m;
+        self.lead.fusion.ipec.track_m = 2.0 * half_track_m;
+        self.lead.governor.half_track_m = half_track_m;
+        self.lead.governor.max_speed_m_s = max_speed_m_s;
+        self.lead.governor.max_steering_rad = max_steering_rad;
+        // Rigid ends make the path straighter: 2 tan ψ/(L sin ψ/ψ + 2a cos ψ) is eq. 5 of this length.
+        let (s, c) = sin_cos(max_steering_rad);
+        self.lead.regulator.limits.frame_length_m =
+            frame_length_m + 2.0 * rigid_end_m * max_steering_rad * c / s.max(1e-6);
+        self.lead.regulator.limits.max_speed_m_s = max_speed_m_s;
+        self.lead.regulator.limits.max_steering_rad = max_steering_rad;
+        let along = &mut self.lead.course.path;
+        along.max_speed_m_s = along.max_speed_m_s.min(max_speed_m_s);
+        self
+    }
+
+    /// The nodes; the error names the parameter that is wrong.
+    pub fn build(&self) -> Result<Robot, ConfigError> {
+        let geometry = &self.geometry;
+        positive("frame_length_m", geometry.frame_length_m)?;
+        non_negative("rigid_end_m", geometry.rigid_end_m)?;
+        positive("bending_stiffness_n_m2", geometry.bending_stiffness_n_m2)?;
+        positive("half_track_m", geometry.half_track_m)?;
+        positive("wheel_radius_m", geometry.wheel_radius_m)?;
+        require(
+            geometry.encoder_counts_per_revolution > 0,
+            "encoder_counts_per_revolution",
+            geometry.encoder_counts_per_revolution as f32,
+            Allowed::Positive,
+        )?;
+        positive("max_speed_m_s", self.limits.max_speed_m_s)?;
+        in_range("max_steering_rad", self.limits.max_steering_rad, 0.05, 1.2)?;
+        in_range(
+            "steering_margin_rad",
+            self.limits.steering_margin_rad,
+            0.0,
+            0.5 * self.limits.max_steering_rad,
+        )?;
+        let config = self.completed();
+        let frame = axle::Frame {
+            bending_stiffness_n_m2: geometry.bending_stiffness_n_m2,
+            length_m: geometry.frame_length_m,
+        };
+        Ok(Robot {
+            axles: [
+                config.axle.build(Axle::Front, frame)?,
+                config.axle.build(Axle::Rear, frame)?,
+            ],
+            beam: beam::BeamNode::new(config.beam.build()?),
+            lead: config.lead.build()?,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::beam::sensor::PostureSolver;
+    use crate::control::kinematic::curvature_of_steering;
+
+    #[test]
+    fn the_margin_is_kept_from_every_command() {
+        let config = RobotConfig::default().completed();
+        for commanded in [
+            config.lead.governor.max_steering_rad,
+            config.lead.cascade.max_steering_rad,
+            config.lead.regulator.limits.max_steering_rad,
+        ] {
+            assert!((commanded - 0.495).abs() < 1e-6);
+        }
+        let mut bad = RobotConfig::default();
+        bad.limits.steering_margin_rad = 0.3;
+        assert_eq!(bad.build().unwrap_err().field, "steering_margin_rad");
+        bad.limits.steering_margin_rad = f32::NAN;
+        assert!(bad.build().is_err());
+    }
+
+    /// Regulator and cascade mean the same curvature by the greatest steering angle.
+    #[test]
+    fn rigid_ends_do_not_part_regulator_and_cascade() {
+        for rigid_end_m in [0.0, 0.02, 0.1] {
+            let mut config = RobotConfig::default();
+            config.geometry.rigid_end_m = rigid_end_m;
+            let lead = config.completed().lead;
+            let limits = lead.regulator.limits;
+            let regulated = curvature_of_steering(limits.max_steering_rad, limits.frame_length_m);
+            let bent = lead.cascade.build().unwrap().max_curvature();
+            assert!((regulated - bent).abs() < 1e-5 * bent, "{regulated} {bent}");
+        }
+    }
+
+    /// Covariance of (y, φ) that the zero errors of the gauges make, by differences.
+    fn zero_covariance(config: &sensor::Config, curvature: f32) -> [[f32; 2]; 2] {
+        let strip = config.strip.build().unwrap();
+        let solver = PostureSolver::new(strip, config.method, config.segments).unwrap();
+        let half_thickness = config.strip.half_thickness_m;
+        let gauges = config.strip.gauges_m.count();
+        let at = |change: &dyn Fn(usize) -> f32| {
+            let mut strain = [0.0; crate::beam::MAX_GAUGES];
+            for i in 0..gauges {
+                strain[i] = curvature * half_thickness + change(i);
+            }
+            let solution = solver.solve(&strain, strip.gauges()).unwrap();
+            let p = solution.relative.posture;
+            [p.y, p.phi]
+        };
+        let step = 2e-5;
+        let base = at(&|_| 0.0);
+        let mut covariance = [[0.0; 2]; 2];
+        let u = config.strip.uncertainty;
+        let mut add = |sigma: f32, to: &dyn Fn(usize) -> bool| {
+            let moved = at(&|i| if to(i) { step } else { 0.0 });
+            let by = [0, 1].map(|k| (moved[k] - base[k]) / step * sigma);
+            for i in 0..2 {
+                for j in 0..2 {
+                    covariance[i][j] += by[i] * by[j];
+                }
+            }
+        };
+        add(u.common_offset_strain, &|_| true);
+        for gauge in 0..gauges {
+            add(u.offset_strain, &|i| i == gauge);
+        }
+        covariance
+    }
+
+    #[test]
+    fn the_filters_expect_the_beam_offset_that_its_gauges_can_have() {
+        let config = RobotConfig::default().completed();
+        let joint = config.lead.fusion.joint;
+        for curvature in [0.0, 1.0, -2.0] {
+            let p = zero_covariance(&config.beam, curvature);
+            let sigmas = [0, 1].map(|k| p[k][k].sqrt());
+            let correlation = p[0][1] / (sigmas[0] * sigmas[1]);
+            assert!(
+                (joint.beam_offset_sigma_m / sigmas[0] - 1.0).abs() < 0.1,
+                "{sigmas:?}"
+            );
+            assert!(
+                (joint.beam_offset_sigma_rad / sigmas[1] - 1.0).abs() < 0.1,
+                "{sigmas:?}"
+            );
+            assert!(
+                (joint.beam_offset_correlation - correlation).abs() < 0.02,
+                "{correlation}"
+            );
+        }
+    }
+}

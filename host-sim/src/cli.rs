@@ -1,0 +1,317 @@
+//! Command line: arguments and their help.
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use core_algos::fusion::tandem::Mode;
+use std::path::PathBuf;
+
+/// Control and sensing of a two-axle compliant-framed mobile robot: the boards' own code against a
+/// simulated robot.
+///
+/// Without a subcommand, `cfmmr` runs `cfmmr posture`: the robot drives from
+/// (-1.342 m, -1.342 m, 0°) to the origin with and without its relative position sensor.
+#[derive(Debug, Parser)]
+#[command(name = "cfmmr", version, args_conflicts_with_subcommands = true)]
+pub struct Cli {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Option<Command>,
+    /// Arguments of `posture` when no subcommand is given.
+    #[command(flatten)]
+    pub posture: PostureArgs,
+}
+
+/// The subcommands.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Posture regulation to the origin: paired trials with and without the relative position
+    /// sensor, table, paths and errors over time
+    Posture(PostureArgs),
+    /// Path following on a line, a circle, a figure eight or waypoints from a CSV file
+    Follow(FollowArgs),
+    /// Trajectory tracking: the same paths with a time law
+    Track(FollowArgs),
+    /// Posture regulation from random starts: success share, map and paths
+    Sweep(SweepArgs),
+    /// How the final error depends on tyres, sensor bias, wheel radius and placement
+    Sensitivity(SensitivityArgs),
+    /// Consistency of the fused axle estimates (normalised estimation error squared)
+    Consistency(ConsistencyArgs),
+    /// Run one on-board algorithm on cases from standard input, one JSON object a line
+    Eval(EvalArgs),
+    /// Print the scenario with all defaults as TOML
+    Config(ConfigArgs),
+    /// Measure the real-time factor of the plant alone
+    PlantBench(PlantBenchArgs),
+}
+
+/// Arguments every experiment takes.
+#[derive(Clone, Debug, Args)]
+pub struct Common {
+    /// Scenario file in TOML; what it leaves out keeps its default (see `cfmmr config`)
+    #[arg(long, value_name = "FILE")]
+    pub scenario: Option<PathBuf>,
+    /// Change one entry of the scenario, for example --set plant.friction=0.5; may be
+    /// repeated
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
+    /// Seed of all random draws; the same seed gives the same bytes
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Directory for pictures, tables and logs [default: out/COMMAND]
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Also write the result as JSON to this file
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+    /// Number of threads; the result does not depend on it [default: one per core]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub threads: Option<u16>,
+}
+
+/// Which fusion runs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum RowSelection {
+    /// Without sensor, covariance intersection, with error correction, joint filter; each also
+    /// with inertial sensors.
+    All,
+    /// Only without the relative position sensor and with it (joint filter), no inertial sensors.
+    Pair,
+}
+
+/// Arguments of `posture`.
+#[derive(Clone, Debug, Args)]
+pub struct PostureArgs {
+    /// Arguments every experiment takes.
+    #[command(flatten)]
+    pub common: Common,
+    /// Number of paired trials in each row
+    #[arg(long, default_value_t = 50, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    pub trials: u32,
+    /// Start posture of the robot's midpoint: metres, metres, heading in radians or with `deg`
+    #[arg(long, value_name = "X,Y,PHI", allow_hyphen_values = true)]
+    pub from: Option<String>,
+    /// Rows of the table
+    #[arg(long, value_enum, default_value_t = RowSelection::All)]
+    pub rows: RowSelection,
+}
+
+/// Arguments of `follow` and `track`.
+#[derive(Clone, Debug, Args)]
+pub struct FollowArgs {
+    /// Arguments every experiment takes.
+    #[command(flatten)]
+    pub common: Common,
+    /// line, circle, figure-eight, or a CSV file of waypoints (columns x,y in metres)
+    #[arg(long, default_value = "figure-eight", value_name = "PATH")]
+    pub path: String,
+    /// Largest speed along the path, m/s; tracking leaves at least a tenth of the robot's speed
+    /// limit for catching up [default: that of the scenario, 0.2]
+    #[arg(long, value_name = "M/S")]
+    pub speed: Option<f64>,
+    /// Size of a built-in path: length of the line, radius of the circle, half width of the
+    /// figure eight, m [default: 3, 1, 1.5]
+    #[arg(long, value_name = "M")]
+    pub size: Option<f64>,
+    /// Laps of a closed path
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    pub laps: u32,
+    /// Start posture of the robot's midpoint, as in `posture` [default: on the path's first point
+    /// and along it]
+    #[arg(long, value_name = "X,Y,PHI", allow_hyphen_values = true)]
+    pub from: Option<String>,
+    /// Run without the relative position sensor
+    #[arg(long)]
+    pub no_rps: bool,
+    /// Run with gyroscopes and accelerometers
+    #[arg(long)]
+    pub imu: bool,
+}
+
+/// Model a sweep runs on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum SweepModel {
+    /// Kinematics of the midpoint with steering dynamics and a perfect estimate.
+    Kinematic,
+    /// Full plant, sensors, bus and estimation.
+    Plant,
+}
+
+/// Arguments of `sweep`.
+#[derive(Clone, Debug, Args)]
+pub struct SweepArgs {
+    /// Arguments every experiment takes.
+    #[command(flatten)]
+    pub common: Common,
+    /// Number of random starts (within 2 m of the goal in x and y, any heading)
+    #[arg(long, default_value_t = 1000, value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
+    pub starts: u32,
+    /// What the robot is simulated with
+    #[arg(long, value_enum, default_value_t = SweepModel::Plant)]
+    pub model: SweepModel,
+    /// Largest curvature of the midpoint's path, 0.5 to 5 1/m [default: that of the scenario, 3.08]
+    #[arg(long, value_name = "1/M")]
+    pub kappa_max: Option<f64>,
+}
+
+/// Arguments of `sensitivity`.
+#[derive(Clone, Debug, Args)]
+pub struct SensitivityArgs {
+    /// Arguments every experiment takes.
+    #[command(flatten)]
+    pub common: Common,
+    /// Number of paired trials at each point
+    #[arg(long, default_value_t = 50, value_parser = clap::value_parser!(u32).range(2..=1_000_000))]
+    pub trials: u32,
+}
+
+/// Arguments of `consistency`.
+#[derive(Clone, Debug, Args)]
+pub struct ConsistencyArgs {
+    /// Arguments every experiment takes.
+    #[command(flatten)]
+    pub common: Common,
+    /// Number of runs
+    #[arg(long, default_value_t = 200, value_parser = clap::value_parser!(u32).range(2..=1_000_000))]
+    pub trials: u32,
+    /// Only these fusions, separated by commas [default: all]
+    #[arg(long, value_enum, value_delimiter = ',', value_name = "LIST")]
+    pub fusion: Vec<Fusion>,
+}
+
+/// Fusions that `consistency` compares.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Fusion {
+    /// Odometry alone, without the relative position sensor
+    Odometry,
+    /// Plain Kalman fusion through the beam
+    Kalman,
+    /// Covariance intersection
+    Ci,
+    /// Covariance intersection and internal posture error correction
+    #[value(name = "ci+ipec")]
+    CiIpec,
+    /// Joint filter of both axles
+    Joint,
+}
+
+impl From<Fusion> for Mode {
+    fn from(fusion: Fusion) -> Self {
+        match fusion {
+            Fusion::Odometry => Self::Odometry,
+            Fusion::Kalman => Self::Kalman,
+            Fusion::Ci => Self::Intersection,
+            Fusion::CiIpec => Self::IntersectionIpec,
+            Fusion::Joint => Self::Joint,
+        }
+    }
+}
+
+/// Algorithms that `eval` runs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Algorithm {
+    /// Relative position sensor: strains to end posture and covariance
+    Rps,
+    /// Covariance intersection of two postures
+    Ci,
+    /// Seven-state axle filter
+    Ekf,
+    /// Internal posture error correction
+    Ipec,
+    /// Curvature-based law before limits
+    Kinematic,
+    /// Midpoint motion to axle velocities
+    Cascade,
+    /// The plant's beam (f64)
+    Frame,
+}
+
+/// Arguments of `eval`.
+#[derive(Clone, Debug, Args)]
+pub struct EvalArgs {
+    /// The algorithm
+    #[arg(value_enum)]
+    pub name: Algorithm,
+}
+
+/// Arguments of `config`.
+#[derive(Clone, Debug, Args)]
+pub struct ConfigArgs {
+    /// Read this scenario first, so that the print shows it completed with defaults
+    #[arg(long, value_name = "FILE")]
+    pub scenario: Option<PathBuf>,
+    /// Change one entry, KEY=VALUE; may be repeated
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
+}
+
+/// Arguments of `plant-bench`.
+#[derive(Clone, Debug, Args)]
+pub struct PlantBenchArgs {
+    /// Simulated time of one run, s
+    #[arg(long, default_value_t = 20.0, value_name = "S")]
+    pub duration: f64,
+    /// Number of runs of each drive; the median is reported
+    #[arg(long, default_value_t = 7, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    pub repeats: u32,
+    /// Also compare with an explicit reference at 20 µs over this time, s; it runs at about real
+    /// time
+    #[arg(long, default_value_t = 0.0, value_name = "S")]
+    pub accuracy: f64,
+    /// Also write the result as JSON to this file
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+/// A posture from `X,Y,PHI`: metres, metres, and a heading in radians, or in degrees when it ends
+/// in `deg` or `°`.
+pub fn parse_posture(text: &str) -> Result<[f64; 3], String> {
+    let parts: Vec<&str> = text.split(',').map(str::trim).collect();
+    let [x, y, phi] = parts[..] else {
+        return Err(format!(
+            "--from {text}: must be three numbers X,Y,PHI, found {}",
+            parts.len()
+        ));
+    };
+    let number = |name: &str, text: &str, limit: f64| match text.parse::<f64>() {
+        Ok(value) if value.abs() <= limit => Ok(value),
+        _ => Err(format!(
+            "--from: {name} = {text}: must be a number from -{limit} to {limit}"
+        )),
+    };
+    let degrees = phi.strip_suffix("deg").or_else(|| phi.strip_suffix('°'));
+    let phi = match degrees {
+        Some(text) => number("PHI", text.trim(), 360.0)?.to_radians(),
+        None => number("PHI", phi, std::f64::consts::TAU)?,
+    };
+    Ok([number("X", x, 50.0)?, number("Y", y, 50.0)?, phi])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn command_line_is_well_formed() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn posture_in_radians_or_degrees() {
+        assert_eq!(parse_posture("-1, 2 ,0.5"), Ok([-1.0, 2.0, 0.5]));
+        let half_turn = parse_posture("0,0,180deg").unwrap()[2];
+        assert!((half_turn - std::f64::consts::PI).abs() < 1e-15);
+        assert_eq!(parse_posture("0,0,90°"), parse_posture("0,0,90 deg"));
+        for bad in ["1,2", "1,2,3,4", "a,0,0", "nan,0,0", "0,inf,0", "0,0,7", ""] {
+            assert!(parse_posture(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn posture_is_the_default_command() {
+        let cli = Cli::parse_from(["cfmmr", "--trials", "3", "--from", "-1,-1,0"]);
+        assert!(cli.command.is_none());
+        assert_eq!(cli.posture.trials, 3);
+        assert_eq!(cli.posture.from.as_deref(), Some("-1,-1,0"));
+    }
+}

@@ -1,0 +1,11 @@
+//! `cfmmr config`: the scenario with all defaults.
+
+use crate::cli::ConfigArgs;
+use crate::error::Error;
+use crate::scenario::Scenario;
+
+/// Prints the scenario as TOML.
+pub fn run(args: &ConfigArgs) -> Result<(), Error> {
+    let scenario = Scenario::load(args.scenario.as_deref(), &args.set)?;
+    super::print(&scenario.to_toml()?)
+}

@@ -1,0 +1,359 @@
+//! `cfmmr follow` and `cfmmr track`: path following and trajectory tracking.
+
+use super::Context;
+use super::posture::Variant;
+use crate::cli::{FollowArgs, parse_posture};
+use crate::driving::{self, Deviation, Errors, Manner, Moment, Outcome, Route};
+use crate::error::Error;
+use crate::figures::{self, FollowErrors, FollowRun, Snapshot};
+use crate::log;
+use crate::output::{Cell, Csv};
+use crate::paths::Path;
+use crate::simulation::Record;
+use crate::table::Table;
+use serde::Serialize;
+use std::fs::File;
+use std::path::Path as FilePath;
+
+/// Most epochs that are kept of a run for log and picture; of a longer one, every n-th is.
+const MOST_ROWS: f64 = 20_000.0;
+/// Least distance between two robots in the picture, m.
+const APART_M: f64 = 0.65;
+
+/// Errors of the true or of the estimated midpoint.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct ErrorReport {
+    /// Root mean square of the distance (following: across the path), m.
+    pub rms_m: f64,
+    /// Largest distance, m.
+    pub max_m: f64,
+    /// Largest distance across the path, m.
+    pub max_cross_track_m: f64,
+    /// Root mean square of the heading error, rad.
+    pub rms_heading_rad: f64,
+    /// Distance from the end of the path at rest, m.
+    pub final_m: f64,
+    /// Heading at rest less that of the end, rad.
+    pub final_heading_rad: f64,
+}
+
+impl From<Errors> for ErrorReport {
+    fn from(errors: Errors) -> Self {
+        let Errors {
+            rms_m,
+            max_m,
+            max_cross_track_m,
+            rms_heading_rad,
+            final_m,
+            final_heading_rad,
+        } = errors;
+        Self {
+            rms_m,
+            max_m,
+            max_cross_track_m,
+            rms_heading_rad,
+            final_m,
+            final_heading_rad,
+        }
+    }
+}
+
+/// The result of the commands.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Report {
+    /// Seed.
+    pub seed: u64,
+    /// The path as given.
+    pub path: String,
+    /// Its length over all laps, m.
+    pub length_m: f64,
+    /// Largest speed, m/s.
+    pub speed_m_s: f64,
+    /// Whether the relative position sensor was fitted.
+    pub rps: bool,
+    /// Whether inertial sensors were fitted.
+    pub imu: bool,
+    /// Which fusion ran.
+    pub fusion: &'static str,
+    /// Errors of the true midpoint.
+    #[serde(flatten)]
+    pub truth: ErrorReport,
+    /// Errors of the midpoint as the robot estimated it.
+    pub estimate: ErrorReport,
+    /// Largest |curvature| of the path, 1/m.
+    pub path_curvature: f64,
+    /// Largest true |curvature| of the midpoint's way, 1/m.
+    pub max_curvature: f64,
+    /// What the frame allows, 1/m.
+    pub curvature_bound: f64,
+    /// Whether the robot came to rest at the end.
+    pub done: bool,
+    /// Time until then, s.
+    pub duration_s: f64,
+}
+
+/// The path that the arguments ask for.
+fn path_of(args: &FollowArgs) -> Result<Path, Error> {
+    let name = args.path.as_str();
+    let size = |default: f64| args.size.unwrap_or(default);
+    let built_in = match name {
+        "line" => Path::line(size(3.0)),
+        "circle" => Path::circle(size(1.0)),
+        "figure-eight" => Path::figure_eight(size(1.5)),
+        file => {
+            if args.size.is_some() {
+                return Err(Error::input(
+                    "--size: only for line, circle and figure-eight; waypoints have their own size",
+                ));
+            }
+            let text = File::open(file).map_err(|error| {
+                Error::input(format!(
+                    "--path {file}: {error} (line, circle, figure-eight, or a CSV file)"
+                ))
+            })?;
+            return Path::from_csv(text).map_err(|error| Error::input(format!("{file}: {error}")));
+        }
+    };
+    built_in.map_err(|error| Error::input(format!("--size: {name}: {error}")))
+}
+
+/// Runs `cfmmr follow` or `cfmmr track`.
+pub fn run(args: &FollowArgs, manner: Manner) -> Result<(), Error> {
+    let (name, title) = match manner {
+        Manner::Follow => ("follow", "Path following"),
+        Manner::Track => ("track", "Trajectory tracking"),
+    };
+    let mut context = Context::new(&args.common, name)?;
+    let path = path_of(args)?;
+    let scenario = &mut context.scenario;
+    if args.no_rps {
+        scenario.mission.rps = false;
+    }
+    if args.imu {
+        scenario.sensors.gyro.fitted = true;
+        scenario.sensors.accelerometer.fitted = true;
+    }
+    let limits = &mut scenario.robot.lead.course.path;
+    let most = f64::from(scenario.robot.limits.max_speed_m_s);
+    if let Some(speed) = args.speed {
+        let least = f64::from(limits.min_speed_m_s);
+        if !(speed >= least && speed <= most) {
+            return Err(Error::input(format!(
+                "--speed {speed}: must be a number from {least} to {most} m/s"
+            )));
+        }
+        limits.max_speed_m_s = speed as f32;
+    }
+    let speed = f64::from(limits.max_speed_m_s).min(most);
+    let route = Route::new(&path, args.laps, scenario)
+        .map_err(|error| Error::input(format!("path {}: {error}", args.path)))?;
+    scenario.mission.start = match &args.from {
+        Some(text) => parse_posture(text).map_err(Error::Input)?,
+        None => route.start(),
+    };
+    scenario.check()?;
+
+    let scenario = &context.scenario;
+    let mut files = context.output()?;
+    let stride = (100.0 * route.expected_duration() / MOST_ROWS)
+        .ceil()
+        .max(1.0) as usize;
+    let mut results = context.run("runs", 1, |_| {
+        let (mut moments, mut epoch) = (Vec::new(), 0);
+        let outcome = driving::drive(scenario, &route, manner, context.seed, 0, |moment| {
+            if epoch % stride == 0 || moment.record.lead.done {
+                moments.push(*moment);
+            }
+            epoch += 1;
+        })?;
+        Ok((outcome, moments))
+    })?;
+    let Some((outcome, moments)) = results.pop() else {
+        return Err(Error::Failure("no run".to_owned()));
+    };
+
+    let variant = Variant {
+        rps: scenario.mission.rps,
+        imu: scenario.sensors.gyro.fitted,
+        mode: match scenario.mission.rps {
+            true => scenario.robot.lead.fusion.mode,
+            false => core_algos::fusion::tandem::Mode::Odometry,
+        },
+    };
+    let report = Report {
+        seed: context.seed,
+        path: args.path.clone(),
+        length_m: route.path().length(),
+        speed_m_s: (speed * 1e6).round() / 1e6,
+        rps: variant.rps,
+        imu: variant.imu,
+        fusion: variant.fusion(),
+        truth: outcome.truth.into(),
+        estimate: outcome.estimate.into(),
+        path_curvature: path.max_curvature(),
+        max_curvature: outcome.max_curvature,
+        curvature_bound: route.curvature_bound(),
+        done: outcome.done,
+        duration_s: outcome.duration_s,
+    };
+    let records: Vec<_> = moments.iter().map(|moment| moment.record).collect();
+    let run = FollowRun {
+        reference: route
+            .path()
+            .samples()
+            .iter()
+            .map(|at| [at.x, at.y])
+            .collect(),
+        driven: moments
+            .iter()
+            .map(|moment| [moment.record.midpoint[0], moment.record.midpoint[1]])
+            .collect(),
+        snapshots: snapshots(&records),
+        distance_label: match manner {
+            Manner::Follow => "distance to the left of the path (mm)",
+            Manner::Track => "distance from the reference (mm)",
+        },
+        truth: over_time(&moments, manner, |moment| &moment.truth),
+        estimate: over_time(&moments, manner, |moment| &moment.estimate),
+    };
+    let shape = FilePath::new(&args.path).file_stem();
+    let shape = shape.map_or(args.path.clone(), |stem| {
+        stem.to_string_lossy().into_owned()
+    });
+    let heading = format!("{title}: {shape}, {}", variant.label());
+    let figure = figures::follow(&heading, &context.body(), &run);
+    files.text(&format!("{name}.svg"), figure.svg());
+    files.bytes(&format!("{name}.png"), figure.png());
+    files.csv("errors.csv", errors(&moments));
+    files.csv("log.csv", log::csv(&records));
+    files.json("result.json", &report);
+    context.finish(&table(&heading, &report, &outcome), &report, files)
+}
+
+/// Every n-th moment, so that a curve has at most this many points.
+const MOST_POINTS: usize = 2_000;
+
+fn over_time(
+    moments: &[Moment],
+    manner: Manner,
+    of: impl Fn(&Moment) -> &Deviation,
+) -> FollowErrors {
+    let mut errors = FollowErrors::default();
+    for moment in moments
+        .iter()
+        .step_by(moments.len().div_ceil(MOST_POINTS).max(1))
+    {
+        let deviation = of(moment);
+        errors.t_s.push(moment.record.time_s);
+        errors.distance_m.push(match manner {
+            Manner::Follow => deviation.lateral_m,
+            Manner::Track => deviation.distance_m,
+        });
+        errors.heading_rad.push(deviation.heading_rad);
+    }
+    errors
+}
+
+/// The robot at the start, at the end and between, where it does not stand on another one.
+fn snapshots(records: &[Record]) -> Vec<Snapshot> {
+    let mut shown: Vec<&Record> = Vec::new();
+    for share in [0.0, 1.0, 0.33, 0.67, 0.17, 0.83, 0.5] {
+        let place = share * records.len().saturating_sub(1) as f64;
+        let Some(record) = records.get(place as usize) else {
+            break;
+        };
+        let apart = |other: &&Record| {
+            let [x, y, _] = other.midpoint;
+            (record.midpoint[0] - x).hypot(record.midpoint[1] - y) > APART_M
+        };
+        if shown.iter().all(apart) {
+            shown.push(record);
+        }
+    }
+    shown
+        .iter()
+        .map(|record| Snapshot {
+            front: record.axles[0],
+            rear: record.axles[1],
+            frame: record.frame.iter().map(|p| p.map(f64::from)).collect(),
+            label: format!("{:.1} s", record.time_s),
+        })
+        .collect()
+}
+
+/// Errors over time as a table.
+fn errors(moments: &[Moment]) -> Csv {
+    let mut csv = Csv::new([
+        "time_s",
+        "target_s_m",
+        "target_x_m",
+        "target_y_m",
+        "target_phi_rad",
+        "target_kappa_per_m",
+        "distance_m",
+        "lateral_m",
+        "heading_rad",
+        "distance_est_m",
+        "lateral_est_m",
+        "heading_est_rad",
+        "kappa_per_m",
+    ]);
+    for moment in moments {
+        let (target, truth, estimate) = (&moment.target, &moment.truth, &moment.estimate);
+        csv.row::<Cell>([
+            moment.record.time_s.into(),
+            target.s.into(),
+            target.x.into(),
+            target.y.into(),
+            target.phi.into(),
+            target.kappa.into(),
+            truth.distance_m.into(),
+            truth.lateral_m.into(),
+            truth.heading_rad.into(),
+            estimate.distance_m.into(),
+            estimate.lateral_m.into(),
+            estimate.heading_rad.into(),
+            moment.curvature.into(),
+        ]);
+    }
+    csv
+}
+
+fn table(heading: &str, report: &Report, outcome: &Outcome) -> String {
+    let mut table = Table::new([
+        "",
+        "rms (mm)",
+        "max (mm)",
+        "max across (mm)",
+        "rms heading (°)",
+        "final (mm)",
+        "final heading (°)",
+    ]);
+    for (name, errors) in [
+        ("true midpoint", &outcome.truth),
+        ("as estimated", &outcome.estimate),
+    ] {
+        table.row([
+            name.to_owned(),
+            format!("{:.2}", 1e3 * errors.rms_m),
+            format!("{:.2}", 1e3 * errors.max_m),
+            format!("{:.2}", 1e3 * errors.max_cross_track_m),
+            format!("{:.2}", errors.rms_heading_rad.to_degrees()),
+            format!("{:.2}", 1e3 * errors.final_m),
+            format!("{:.2}", errors.final_heading_rad.to_degrees()),
+        ]);
+    }
+    let end = match report.done {
+        true => format!("at rest after {:.1} s", report.duration_s),
+        false => format!("NOT at rest after {:.1} s", report.duration_s),
+    };
+    format!(
+        "{heading}\n{:.2} m at up to {} m/s; {end}\n\n{table}\n\
+         curvature: path {:.2}, driven {:.2}, bound of the frame {:.2} 1/m\n",
+        report.length_m,
+        report.speed_m_s,
+        report.path_curvature,
+        report.max_curvature,
+        report.curvature_bound,
+    )
+}

@@ -1,0 +1,123 @@
+//! The commands: each reads its arguments, runs, prints a table and writes its files.
+
+pub mod config;
+pub mod consistency;
+pub mod eval;
+pub mod follow;
+pub mod plant_bench;
+pub mod posture;
+pub mod sensitivity;
+pub mod sweep;
+
+use crate::cli::Common;
+use crate::error::Error;
+use crate::figures::Body;
+use crate::output::{self, OutputDir, OutputError};
+use crate::progress::Progress;
+use crate::scenario::Scenario;
+use rayon::prelude::*;
+use serde::Serialize;
+use std::io::{self, Write};
+use std::path::PathBuf;
+
+impl From<OutputError> for Error {
+    fn from(error: OutputError) -> Self {
+        Self::Failure(error.to_string())
+    }
+}
+
+/// Prints to standard output; a reader that has seen enough is no failure.
+pub fn print(text: &str) -> Result<(), Error> {
+    let mut out = io::stdout().lock();
+    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => Err(error.into()),
+        _ => Ok(()),
+    }
+}
+
+/// What an experiment needs besides its own arguments.
+pub struct Context {
+    /// The scenario with the changes of the command line.
+    pub scenario: Scenario,
+    /// Seed of all draws.
+    pub seed: u64,
+    out: PathBuf,
+    json: Option<PathBuf>,
+    pool: rayon::ThreadPool,
+}
+
+impl Context {
+    /// Reads the scenario and prepares the threads; `name` is the command.
+    pub fn new(common: &Common, name: &str) -> Result<Self, Error> {
+        let scenario = Scenario::load(common.scenario.as_deref(), &common.set)?;
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(common.threads.map_or(0, usize::from))
+            .build()
+            .map_err(|error| Error::Failure(error.to_string()))?;
+        Ok(Self {
+            scenario,
+            seed: common.seed,
+            out: common
+                .out
+                .clone()
+                .unwrap_or_else(|| PathBuf::from("out").join(name)),
+            json: common.json.clone(),
+            pool,
+        })
+    }
+
+    /// Runs `count` independent pieces of work on all threads; results in order of their index,
+    /// the first error by index if any failed.
+    pub fn run<T: Send>(
+        &self,
+        label: &'static str,
+        count: usize,
+        work: impl Fn(usize) -> Result<T, Error> + Sync,
+    ) -> Result<Vec<T>, Error> {
+        let progress = Progress::new(count, label);
+        let results: Vec<Result<T, Error>> = self.pool.install(|| {
+            (0..count)
+                .into_par_iter()
+                .map(|index| {
+                    let result = work(index);
+                    progress.advance();
+                    result
+                })
+                .collect()
+        });
+        results.into_iter().collect()
+    }
+
+    /// The directory for result files.
+    pub fn output(&self) -> Result<OutputDir, Error> {
+        Ok(OutputDir::create(&self.out)?)
+    }
+
+    /// Writes the result where `--json` asked for it, and all files; then prints the table and
+    /// where they are.
+    pub fn finish(
+        &self,
+        table: &str,
+        result: &impl Serialize,
+        files: OutputDir,
+    ) -> Result<(), Error> {
+        if let Some(path) = &self.json {
+            output::write_file(path, output::json(result))?;
+        }
+        let written = files.commit()?;
+        let lines: Vec<String> = written
+            .iter()
+            .map(|path| format!("wrote {}", path.display()))
+            .collect();
+        print(&format!("{table}\n{}\n", lines.join("\n")))
+    }
+
+    /// Dimensions of the robot for pictures.
+    pub fn body(&self) -> Body {
+        Body {
+            half_track_m: self.scenario.plant.half_track_m[0],
+            wheel_radius_m: self.scenario.plant.wheel_radius_m[0][0],
+            wheel_width_m: 0.03,
+        }
+    }
+}

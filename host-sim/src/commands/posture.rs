@@ -1,0 +1,461 @@
+//! `cfmmr posture`: posture regulation with and without the relative position sensor, as the
+//! paper's experiment has it.
+
+use super::Context;
+use crate::cli::{PostureArgs, RowSelection, parse_posture};
+use crate::error::Error;
+use crate::figures::{self, ErrorTrace, ErrorsColumn, PathsPanel, Snapshot};
+use crate::log;
+use crate::scenario::Scenario;
+use crate::simulation::{self, Outcome, Record};
+use crate::statistics::{self, Summary};
+use crate::table::{Table, plus_minus};
+use core_algos::fusion::tandem::Mode;
+use serde::Serialize;
+
+/// A configuration of sensors and fusion: one row of the table.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Variant {
+    /// Whether the relative position sensor is fitted.
+    pub rps: bool,
+    /// Whether the axles carry gyroscopes and accelerometers.
+    pub imu: bool,
+    /// Which fusion runs.
+    pub mode: Mode,
+}
+
+impl Variant {
+    const fn new(rps: bool, imu: bool, mode: Mode) -> Self {
+        Self { rps, imu, mode }
+    }
+
+    /// The rows of the whole table, pairs with and without inertial sensors.
+    pub const ALL: [Self; 8] = [
+        Self::new(false, false, Mode::Odometry),
+        Self::new(true, false, Mode::Intersection),
+        Self::new(true, false, Mode::IntersectionIpec),
+        Self::new(true, false, Mode::Joint),
+        Self::new(false, true, Mode::Odometry),
+        Self::new(true, true, Mode::Intersection),
+        Self::new(true, true, Mode::IntersectionIpec),
+        Self::new(true, true, Mode::Joint),
+    ];
+
+    /// Only with and without the relative position sensor.
+    pub const PAIR: [Self; 2] = [Self::ALL[0], Self::ALL[3]];
+
+    /// The scenario with this configuration.
+    pub fn apply(&self, scenario: &Scenario) -> Scenario {
+        let mut scenario = scenario.clone();
+        scenario.mission.rps = self.rps;
+        scenario.sensors.gyro.fitted = self.imu;
+        scenario.sensors.accelerometer.fitted = self.imu;
+        scenario.robot.lead.fusion.mode = self.mode;
+        scenario
+    }
+
+    /// Short name of the fusion, as in the JSON result.
+    pub fn fusion(&self) -> &'static str {
+        match self.mode {
+            Mode::Odometry => "odometry",
+            Mode::Kalman => "kalman",
+            Mode::Intersection => "ci",
+            Mode::IntersectionIpec => "ci+ipec",
+            Mode::Joint => "joint",
+        }
+    }
+
+    /// The configuration in words.
+    pub fn label(&self) -> String {
+        let name = match self.mode {
+            Mode::Odometry => "without RPS",
+            Mode::Kalman => "RPS, plain Kalman fusion",
+            Mode::Intersection => "RPS, covariance intersection",
+            Mode::IntersectionIpec => "RPS, intersection + IPEC",
+            Mode::Joint => "RPS, joint filter",
+        };
+        match self.imu {
+            true => format!("{name}, IMU"),
+            false => name.to_owned(),
+        }
+    }
+}
+
+/// True final errors of one trial.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct FinalError {
+    /// Distance of O from the goal, m.
+    pub e_m: f64,
+    /// Heading of O less that of the goal, rad.
+    pub heading_rad: f64,
+    /// Line of sight to the goal less the goal's heading, rad.
+    pub theta_rad: f64,
+    /// Line of sight to the goal less the robot's heading, rad.
+    pub alpha_rad: f64,
+}
+
+impl FinalError {
+    /// The errors of a posture against a goal.
+    pub fn of(posture: [f64; 3], goal: [f64; 3]) -> Self {
+        let (dx, dy) = (goal[0] - posture[0], goal[1] - posture[1]);
+        let sight = dy.atan2(dx);
+        Self {
+            e_m: dx.hypot(dy),
+            heading_rad: wrap(posture[2] - goal[2]),
+            theta_rad: wrap(sight - goal[2]),
+            alpha_rad: wrap(sight - posture[2]),
+        }
+    }
+}
+
+fn wrap(angle: f64) -> f64 {
+    let turn = std::f64::consts::TAU;
+    angle - turn * (angle / turn).round()
+}
+
+/// One row of the result.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Row {
+    /// Whether the relative position sensor was fitted.
+    pub rps: bool,
+    /// Whether inertial sensors were fitted.
+    pub imu: bool,
+    /// Which fusion ran.
+    pub fusion: &'static str,
+    /// Distance of O from the goal.
+    pub e_m: Summary,
+    /// Heading error of O.
+    pub heading_rad: Summary,
+    /// θ of the paper.
+    pub theta_rad: Summary,
+    /// α of the paper.
+    pub alpha_rad: Summary,
+    /// Share of trials within 3 cm and 3°.
+    pub within_3cm_3deg: f64,
+    /// Share of trials the robot itself reported as done.
+    pub done: f64,
+    /// Error of the estimated position of the front axle as seen from the rear axle.
+    pub drift_m: Summary,
+    /// Root mean square of the frame's force in a trial.
+    pub force_rms_n: Summary,
+    /// Time of a trial.
+    pub duration_s: Summary,
+}
+
+/// The result of the command.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Report {
+    /// Seed.
+    pub seed: u64,
+    /// Trials in each row.
+    pub trials: u32,
+    /// The rows.
+    pub rows: Vec<Row>,
+}
+
+/// Summarises the trials of one configuration.
+pub fn summarize(variant: &Variant, outcomes: &[Outcome], goal: [f64; 3]) -> Row {
+    let errors: Vec<FinalError> = outcomes
+        .iter()
+        .map(|outcome| FinalError::of(outcome.midpoint, goal))
+        .collect();
+    let of = |pick: fn(&FinalError) -> f64| -> Summary {
+        Summary::of(&errors.iter().map(pick).collect::<Vec<_>>())
+    };
+    let outcome = |pick: fn(&Outcome) -> f64| -> Vec<f64> { outcomes.iter().map(pick).collect() };
+    let near = errors
+        .iter()
+        .filter(|error| error.e_m <= 0.03 && error.heading_rad.abs() <= 3f64.to_radians())
+        .count();
+    Row {
+        rps: variant.rps,
+        imu: variant.imu,
+        fusion: variant.fusion(),
+        e_m: of(|error| error.e_m),
+        heading_rad: of(|error| error.heading_rad),
+        theta_rad: of(|error| error.theta_rad),
+        alpha_rad: of(|error| error.alpha_rad),
+        within_3cm_3deg: near as f64 / errors.len().max(1) as f64,
+        done: statistics::share(&outcome(|o| f64::from(u8::from(o.done))), |v| v > 0.5),
+        drift_m: Summary::of(&outcome(|o| o.relative_error[0].hypot(o.relative_error[1]))),
+        force_rms_n: Summary::of(&outcome(|o| o.force_rms_n)),
+        duration_s: Summary::of(&outcome(|o| o.duration_s)),
+    }
+}
+
+/// Runs the command.
+pub fn run(args: &PostureArgs) -> Result<(), Error> {
+    let mut context = Context::new(&args.common, "posture")?;
+    if let Some(text) = &args.from {
+        context.scenario.mission.start = parse_posture(text).map_err(Error::Input)?;
+        context.scenario.check()?;
+    }
+    let variants: &[Variant] = match args.rows {
+        RowSelection::All => &Variant::ALL,
+        RowSelection::Pair => &Variant::PAIR,
+    };
+    let scenarios: Vec<Scenario> = variants
+        .iter()
+        .map(|variant| variant.apply(&context.scenario))
+        .collect();
+    let trials = args.trials as usize;
+    let goal = context.scenario.mission.goal;
+
+    // Paths are kept for the two configurations the pictures show.
+    let shown = Variant::PAIR;
+    let results = context.run("trials", variants.len() * trials, |index| {
+        let (row, trial) = (index / trials, index % trials);
+        let keep = shown.contains(&variants[row]);
+        let mut path = Vec::new();
+        let mut records = Vec::new();
+        let outcome =
+            simulation::regulate(&scenarios[row], context.seed, trial as u64, |record| {
+                if keep && path.len() * 10 <= records_seen(record) {
+                    path.push([record.midpoint[0], record.midpoint[1]]);
+                }
+                if keep && trial == 0 {
+                    records.push(*record);
+                }
+            })?;
+        Ok((outcome, path, records))
+    })?;
+
+    let rows: Vec<Row> = variants
+        .iter()
+        .enumerate()
+        .map(|(row, variant)| {
+            let outcomes: Vec<Outcome> = results[row * trials..(row + 1) * trials]
+                .iter()
+                .map(|(outcome, ..)| outcome.clone())
+                .collect();
+            summarize(variant, &outcomes, goal)
+        })
+        .collect();
+    let text = table(&rows, variants, trials);
+
+    let mut files = context.output()?;
+    let body = context.body();
+    let mut panels = Vec::new();
+    let mut columns = Vec::new();
+    for variant in shown {
+        let Some(row) = variants.iter().position(|v| *v == variant) else {
+            continue;
+        };
+        let block = &results[row * trials..(row + 1) * trials];
+        let (_, path, records) = &block[0];
+        panels.push(PathsPanel {
+            title: variant.label(),
+            others: block[1..].iter().map(|(_, path, _)| path.clone()).collect(),
+            middle: path.clone(),
+            wheels: wheel_paths(records, body.half_track_m),
+            snapshots: snapshots(records),
+            goal,
+            ends: block.iter().map(|(outcome, ..)| outcome.midpoint).collect(),
+        });
+        columns.push(ErrorsColumn {
+            title: variant.label(),
+            estimate: trace(records, goal, |record| {
+                let p = record.lead.fused.robot.posture;
+                [p.x, p.y, p.phi].map(f64::from)
+            }),
+            truth: trace(records, goal, |record| record.midpoint),
+        });
+        files.csv(&format!("log-{}.csv", variant.fusion()), log::csv(records));
+    }
+    let figure = figures::paths("Robot paths during posture regulation", &body, &panels);
+    files.text("paths.svg", figure.svg());
+    files.bytes("paths.png", figure.png());
+    let figure = figures::errors("Posture errors", &columns);
+    files.text("errors.svg", figure.svg());
+    files.bytes("errors.png", figure.png());
+    let mut csv = crate::output::Csv::new([
+        "rps",
+        "imu",
+        "fusion",
+        "trial",
+        "x_m",
+        "y_m",
+        "phi_rad",
+        "e_m",
+        "heading_rad",
+        "theta_rad",
+        "alpha_rad",
+        "force_rms_n",
+        "duration_s",
+        "done",
+    ]);
+    for (index, (outcome, ..)) in results.iter().enumerate() {
+        let variant = &variants[index / trials];
+        let error = FinalError::of(outcome.midpoint, goal);
+        csv.row::<crate::output::Cell>([
+            variant.rps.into(),
+            variant.imu.into(),
+            variant.fusion().into(),
+            (index % trials).into(),
+            outcome.midpoint[0].into(),
+            outcome.midpoint[1].into(),
+            outcome.midpoint[2].into(),
+            error.e_m.into(),
+            error.heading_rad.into(),
+            error.theta_rad.into(),
+            error.alpha_rad.into(),
+            outcome.force_rms_n.into(),
+            outcome.duration_s.into(),
+            outcome.done.into(),
+        ]);
+    }
+    files.csv("trials.csv", csv);
+    let report = Report {
+        seed: context.seed,
+        trials: args.trials,
+        rows,
+    };
+    files.json("result.json", &report);
+    context.finish(&text, &report, files)
+}
+
+/// Epochs since the start of the simulation.
+fn records_seen(record: &Record) -> usize {
+    (record.time_s * 100.0).round() as usize
+}
+
+/// Paths of the four wheels, at 20 Hz.
+pub fn wheel_paths(records: &[Record], half_track: f64) -> Vec<Vec<[f64; 2]>> {
+    let mut paths = Vec::new();
+    for axle in 0..2 {
+        for side in [half_track, -half_track] {
+            paths.push(
+                records
+                    .iter()
+                    .step_by(5)
+                    .map(|record| {
+                        let [x, y, phi] = record.axles[axle];
+                        [x - side * phi.sin(), y + side * phi.cos()]
+                    })
+                    .collect(),
+            );
+        }
+    }
+    paths
+}
+
+/// The robot at the start, at some instants and at the end.
+pub fn snapshots(records: &[Record]) -> Vec<Snapshot> {
+    let Some(last) = records.len().checked_sub(1) else {
+        return Vec::new();
+    };
+    (0..=4)
+        .map(|part| {
+            let record = &records[last * part / 4];
+            Snapshot {
+                front: record.axles[0],
+                rear: record.axles[1],
+                frame: record.frame.iter().map(|p| p.map(f64::from)).collect(),
+                label: format!("{:.1} s", record.time_s),
+            }
+        })
+        .collect()
+}
+
+fn trace(records: &[Record], goal: [f64; 3], posture: impl Fn(&Record) -> [f64; 3]) -> ErrorTrace {
+    let mut trace = ErrorTrace::default();
+    for record in records.iter().step_by(2) {
+        let error = FinalError::of(posture(record), goal);
+        trace.t_s.push(record.time_s);
+        trace.e_m.push(error.e_m);
+        trace.theta_rad.push(error.theta_rad);
+        trace.alpha_rad.push(error.alpha_rad);
+    }
+    trace
+}
+
+/// The table beside the paper's, with what is to be said of it.
+fn table(rows: &[Row], variants: &[Variant], trials: usize) -> String {
+    let mut table = Table::new([
+        "",
+        "e (cm)",
+        "θ (°)",
+        "α (°)",
+        "heading (°)",
+        "|heading| (°)",
+        "3 cm, 3°",
+        "drift (mm)",
+        "force (N)",
+    ]);
+    table.row([
+        "paper, without RPS",
+        "10.6 ± 3.4",
+        "-31.7 ± 9.4",
+        "-45.4 ± 12.2",
+    ]);
+    table.row([
+        "paper, with RPS",
+        "9.5 ± 2.1",
+        "-13.3 ± 14.2",
+        "-21.6 ± 14.9",
+    ]);
+    table.rule();
+    let degrees = |summary: &Summary, digits| {
+        plus_minus(summary.mean.to_degrees(), summary.sd.to_degrees(), digits)
+    };
+    for (row, variant) in rows.iter().zip(variants) {
+        table.row([
+            variant.label(),
+            plus_minus(100.0 * row.e_m.mean, 100.0 * row.e_m.sd, 2),
+            degrees(&row.theta_rad, 1),
+            degrees(&row.alpha_rad, 1),
+            degrees(&row.heading_rad, 2),
+            format!("{:.2}", row.heading_rad.mean_abs.to_degrees()),
+            format!("{:.0} %", 100.0 * row.within_3cm_3deg),
+            format!("{:.2}", 1e3 * row.drift_m.mean),
+            format!("{:.2}", row.force_rms_n.mean),
+        ]);
+    }
+    let mut text = format!(
+        "True final posture error, mean ± standard deviation, {trials} trials a row\n\n{table}\n\
+         e, θ, α: distance to the goal and directions of the line of sight to it, against the \
+         goal's and the\nrobot's heading. θ and α lose meaning at small e: at a few millimetres \
+         they are the direction of a\nresidue; the heading of O is the better figure there. drift: \
+         error of the estimated position of the\nfront axle seen from the rear; force: of the \
+         frame, rms.\n"
+    );
+    let base = rows.iter().find(|row| !row.rps && !row.imu);
+    let with = rows
+        .iter()
+        .find(|row| row.rps && !row.imu && row.fusion == "joint");
+    if let (Some(base), Some(with)) = (base, with) {
+        let less = |with: f64, base: f64| 100.0 * (1.0 - with / base);
+        text += &format!(
+            "\nWith RPS (joint filter) against without: e {:.0} % less, |heading| {:.0} % less, \
+             frame force {:.0} % less.\nThe paper: e 10 % less, θ 58 % less, α 52 % less.\n",
+            less(with.e_m.mean, base.e_m.mean),
+            less(with.heading_rad.mean_abs, base.heading_rad.mean_abs),
+            less(with.force_rms_n.mean, base.force_rms_n.mean),
+        );
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use core_algos::control::kinematic::PolarError;
+    use core_algos::math::Posture;
+
+    #[test]
+    fn errors_agree_with_the_controllers_own() {
+        // The on-board polar error in f32 is another implementation of the same definitions.
+        for (posture, goal) in [
+            ([-1.3, -1.3, 0.2], [0.0, 0.0, 0.0]),
+            ([0.5, 0.1, 3.0], [1.0, -1.0, -2.5]),
+        ] {
+            let error = FinalError::of(posture, goal);
+            let f = |p: [f64; 3]| Posture::from(p.map(|v| v as f32));
+            let board = PolarError::between(f(posture), f(goal));
+            assert!((error.e_m - f64::from(board.distance_m)).abs() < 1e-5);
+            assert!((error.theta_rad - f64::from(board.theta)).abs() < 1e-5);
+            assert!((error.alpha_rad - f64::from(board.alpha)).abs() < 1e-5);
+            assert!((error.heading_rad - f64::from(board.heading())).abs() < 1e-5);
+        }
+    }
+}

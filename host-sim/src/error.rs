@@ -1,0 +1,49 @@
+//! The error every command ends with.
+
+use std::fmt;
+
+/// Why a command failed.
+#[derive(Debug)]
+pub enum Error {
+    /// Something the user gave is wrong; the text names the field, the value and what is allowed.
+    Input(String),
+    /// Something else failed (a file could not be written, a thread pool not started).
+    Failure(String),
+}
+
+impl Error {
+    /// An error about the user's input.
+    pub fn input(text: impl Into<String>) -> Self {
+        Self::Input(text.into())
+    }
+
+    /// The exit code of the process.
+    pub fn exit_code(&self) -> u8 {
+        match self {
+            Self::Input(_) => 2,
+            Self::Failure(_) => 1,
+        }
+    }
+}
+
+impl fmt::Display for Error {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Input(text) | Self::Failure(text) => f.write_str(text),
+        }
+    }
+}
+
+impl std::error::Error for Error {}
+
+impl From<std::io::Error> for Error {
+    fn from(error: std::io::Error) -> Self {
+        Self::Failure(error.to_string())
+    }
+}
+
+impl From<core_algos::config::ConfigError> for Error {
+    fn from(error: core_algos::config::ConfigError) -> Self {
+        Self::Input(error.to_string())
+    }
+}

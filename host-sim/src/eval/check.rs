@@ -1,0 +1,195 @@
+//! Checks of numbers and covariances from outside; each error names the field, the value and what is
+//! allowed.
+
+use core_algos::math::TwoFloat;
+
+/// A pivot of a covariance scaled to unit variances must exceed this.
+const LEAST_PIVOT: f64 = 1e-12;
+/// Largest difference of two entries that ought to be equal, in units of the standard deviations.
+const ASYMMETRY: f64 = 1e-6;
+
+/// `value` as `f32`, if it is one.
+pub fn number(field: &str, value: f64) -> Result<f32, String> {
+    let narrow = value as f32;
+    if narrow.is_finite() {
+        Ok(narrow)
+    } else {
+        Err(format!(
+            "{field} = {value:e}: must be a number from {:e} to {:e}",
+            f32::MIN,
+            f32::MAX
+        ))
+    }
+}
+
+/// [`number`], greater than zero.
+pub fn positive(field: &str, value: f64) -> Result<f32, String> {
+    let narrow = number(field, value)?;
+    if narrow > 0.0 {
+        Ok(narrow)
+    } else {
+        Err(format!("{field} = {value}: must be greater than 0"))
+    }
+}
+
+/// [`number`], not less than zero.
+pub fn non_negative(field: &str, value: f64) -> Result<f32, String> {
+    let narrow = number(field, value)?;
+    if narrow >= 0.0 {
+        Ok(narrow)
+    } else {
+        Err(format!("{field} = {value}: must be 0 or greater"))
+    }
+}
+
+/// Each component by [`number`].
+pub fn vector<const N: usize>(field: &str, values: &[f64; N]) -> Result<[f32; N], String> {
+    let mut out = [0.0; N];
+    for i in 0..N {
+        out[i] = number(&format!("{field}[{i}]"), values[i])?;
+    }
+    Ok(out)
+}
+
+/// What a matrix must be.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Definite {
+    /// Symmetric, positive definite.
+    Positive,
+    /// Symmetric, positive semidefinite.
+    Semi,
+}
+
+/// A covariance: made exactly symmetric, or refused.
+pub fn covariance<const N: usize>(
+    field: &str,
+    matrix: &[[f64; N]; N],
+    definite: Definite,
+) -> Result<[[f64; N]; N], String> {
+    let mut m = *matrix;
+    for i in 0..N {
+        for j in 0..N {
+            number(&format!("{field}[{i}][{j}]"), m[i][j])?;
+        }
+        let bad = match definite {
+            Definite::Positive => !(m[i][i] as f32 > 0.0),
+            Definite::Semi => !(m[i][i] >= 0.0),
+        };
+        if bad {
+            let bound = match definite {
+                Definite::Positive => "greater than 0",
+                Definite::Semi => "0 or greater",
+            };
+            return Err(format!(
+                "{field}[{i}][{i}] = {}: a variance must be {bound}",
+                m[i][i]
+            ));
+        }
+    }
+    for i in 0..N {
+        for j in 0..i {
+            let scale = (m[i][i] * m[j][j]).sqrt();
+            if !((m[i][j] - m[j][i]).abs() <= ASYMMETRY * scale) {
+                return Err(format!(
+                    "{field}[{i}][{j}] = {}, {field}[{j}][{i}] = {}: must be symmetric",
+                    m[i][j], m[j][i]
+                ));
+            }
+            if scale == 0.0 && m[i][j] != 0.0 {
+                return Err(format!(
+                    "{field}[{i}][{j}] = {}: must be 0 beside a variance of 0",
+                    m[i][j]
+                ));
+            }
+            let mean = 0.5 * (m[i][j] + m[j][i]);
+            m[i][j] = mean;
+            m[j][i] = mean;
+        }
+    }
+    // L D Lᵀ of the matrix scaled to unit variances.
+    let mut scaled = [[0.0; N]; N];
+    for i in 0..N {
+        for j in 0..N {
+            let scale = (m[i][i] * m[j][j]).sqrt();
+            scaled[i][j] = if scale > 0.0 { m[i][j] / scale } else { 0.0 };
+        }
+    }
+    let least = match definite {
+        Definite::Positive => LEAST_PIVOT,
+        Definite::Semi => -1e-9,
+    };
+    for k in 0..N {
+        let pivot = scaled[k][k];
+        let absent = definite == Definite::Semi && m[k][k] == 0.0;
+        if !(pivot > least || absent) {
+            let kind = match definite {
+                Definite::Positive => "positive definite",
+                Definite::Semi => "positive semidefinite",
+            };
+            return Err(format!(
+                "{field}: must be {kind}; pivot {k} of its correlations is {pivot:e}"
+            ));
+        }
+        if pivot > 1e-12 {
+            for i in k + 1..N {
+                let factor = scaled[i][k] / pivot;
+                for j in k + 1..N {
+                    scaled[i][j] -= factor * scaled[k][j];
+                }
+            }
+        }
+    }
+    Ok(m)
+}
+
+/// A matrix in `f32`.
+pub fn narrow<const N: usize>(matrix: &[[f64; N]; N]) -> [[f32; N]; N] {
+    matrix.map(|row| row.map(|entry| entry as f32))
+}
+
+/// A number in two floats.
+pub fn wide(value: f64) -> TwoFloat {
+    let high = value as f32;
+    TwoFloat::from_sum(high, (value - f64::from(high)) as f32)
+}
+
+/// A number from two floats.
+pub fn exact(value: TwoFloat) -> f64 {
+    f64::from(value.high) + f64::from(value.low)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn matrices_are_judged() {
+        let good = [[2.0, 1.0], [1.0, 2.0]];
+        assert_eq!(covariance("A", &good, Definite::Positive), Ok(good));
+        let singular = [[1.0, 1.0], [1.0, 1.0]];
+        assert!(covariance("A", &singular, Definite::Semi).is_ok());
+        let error = covariance("A", &singular, Definite::Positive).unwrap_err();
+        assert!(error.starts_with("A: must be positive definite"), "{error}");
+        let zero = [[0.0, 0.0], [0.0, 1.0]];
+        assert!(covariance("Q", &zero, Definite::Semi).is_ok());
+        assert!(covariance("Q", &zero, Definite::Positive).is_err());
+        for indefinite in [[[1.0, 2.0], [2.0, 1.0]], [[-1.0, 0.0], [0.0, 1.0]]] {
+            assert!(covariance("Q", &indefinite, Definite::Semi).is_err());
+        }
+        let skew = [[1.0, 0.1], [0.2, 1.0]];
+        let error = covariance("Q", &skew, Definite::Semi).unwrap_err();
+        assert!(error.contains("Q[1][0] = 0.2"), "{error}");
+        let coupled_zero = [[0.0, 0.5], [0.5, 1.0]];
+        assert!(covariance("Q", &coupled_zero, Definite::Semi).is_err());
+    }
+
+    #[test]
+    fn numbers_are_judged() {
+        assert!(number("dt", 1e39).unwrap_err().starts_with("dt = 1e39"));
+        assert!(number("dt", f64::NAN).is_err());
+        assert!(positive("dt", 0.0).is_err());
+        // Underflows to zero.
+        assert!(positive("dt", 1e-60).is_err());
+        assert!(non_negative("s", -1.0).is_err());
+    }
+}

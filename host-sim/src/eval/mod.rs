@@ -1,0 +1,108 @@
+//! Single on-board algorithms on cases from standard input: one JSON object a line in, one result
+//! a line out, so that anyone can check this code against their own.
+
+pub mod cascade;
+pub mod check;
+pub mod ci;
+pub mod ekf;
+pub mod frame;
+pub mod ipec;
+pub mod kinematic;
+pub mod rps;
+
+use serde::de::DeserializeOwned;
+use serde_json::{Value, json};
+use std::io::{self, BufRead, Write};
+
+/// An algorithm fed one line at a time.
+pub trait Kernel {
+    /// The result of one input line, or an error that names the field that is wrong. A line that
+    /// only configures has none: [`Value::Null`], for which nothing is written.
+    fn line(&mut self, text: &str) -> Result<Value, String>;
+}
+
+/// Reads one JSON object; an error names the field.
+pub fn parse<T: DeserializeOwned>(text: &str) -> Result<T, String> {
+    let mut reader = serde_json::Deserializer::from_str(text);
+    let value = serde_path_to_error::deserialize(&mut reader).map_err(|error| {
+        let path = error.path().to_string();
+        match path.as_str() {
+            "." => error.inner().to_string(),
+            path => format!("{path}: {}", error.inner()),
+        }
+    })?;
+    reader.end().map_err(|error| error.to_string())?;
+    Ok(value)
+}
+
+/// Feeds each line of `input` to `kernel` and writes one line of JSON for each; a line that fails
+/// gives `{"error": …}` and the rest goes on. Empty lines are skipped. Returns whether every line
+/// was good.
+pub fn run(
+    kernel: &mut dyn Kernel,
+    input: impl BufRead,
+    mut output: impl Write,
+) -> io::Result<bool> {
+    let mut good = true;
+    for line in input.split(b'\n') {
+        let line = line?;
+        let result = std::str::from_utf8(&line)
+            .map_err(|error| format!("line is not UTF-8: {error}"))
+            .and_then(|text| match text.trim() {
+                "" => Ok(None),
+                text => kernel.line(text).map(Some),
+            });
+        match result {
+            Ok(None | Some(Value::Null)) => {}
+            Ok(Some(value)) => writeln!(output, "{value}")?,
+            Err(error) => {
+                good = false;
+                writeln!(output, "{}", json!({ "error": error }))?;
+            }
+        }
+    }
+    output.flush()?;
+    Ok(good)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[derive(serde::Deserialize)]
+    #[serde(deny_unknown_fields)]
+    struct Case {
+        length: f32,
+    }
+
+    struct Double;
+
+    impl Kernel for Double {
+        fn line(&mut self, text: &str) -> Result<Value, String> {
+            let case: Case = parse(text)?;
+            if case.length == 0.0 {
+                return Ok(Value::Null);
+            }
+            Ok(json!({ "twice": 2.0 * case.length }))
+        }
+    }
+
+    #[test]
+    fn a_bad_line_names_the_field_and_the_rest_goes_on() {
+        let input =
+            b"{\"length\": \"a\"}\n\n{\"length\": 0}\n{\"length\": 2}\n{\"width\": 1}\n\xff\n"
+                as &[u8];
+        let mut output = Vec::new();
+        assert!(!run(&mut Double, input, &mut output).unwrap());
+        let lines: Vec<Value> = String::from_utf8(output)
+            .unwrap()
+            .lines()
+            .map(|line| serde_json::from_str(line).unwrap())
+            .collect();
+        assert!(lines[0]["error"].as_str().unwrap().starts_with("length: "));
+        assert_eq!(lines[1]["twice"], 4.0);
+        assert!(lines[2]["error"].as_str().unwrap().contains("width"));
+        assert!(lines[3]["error"].as_str().unwrap().contains("UTF-8"));
+        assert_eq!(lines.len(), 4);
+    }
+}

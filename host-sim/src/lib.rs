@@ -1,0 +1,27 @@
+//! The code the boards run, against a simulated robot.
+//!
+//! [`plant`] is the robot in `f64`; [`sensors`] turns its state into the samples a board would
+//! read; [`eval`] runs single on-board algorithms on cases from standard input. [`statistics`],
+//! [`figures`], [`table`] and [`output`] make results of it.
+
+pub mod cli;
+pub mod commands;
+pub mod driving;
+pub mod error;
+pub mod eval;
+pub mod figures;
+pub mod kinematic_model;
+pub mod log;
+pub mod output;
+pub mod paths;
+pub mod plant;
+pub mod plot;
+pub mod progress;
+pub mod scenario;
+pub mod scenario_file;
+pub mod sensors;
+pub mod shortest_path;
+pub mod simulation;
+pub mod statistics;
+pub mod table;
+pub mod virtual_bus;

@@ -1,0 +1,30 @@
+//! Command line of `cfmmr`.
+
+use clap::Parser;
+use host_sim::cli::{Cli, Command};
+use host_sim::commands;
+use host_sim::driving::Manner;
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    let cli = Cli::parse();
+    let result = match &cli.command {
+        None => commands::posture::run(&cli.posture),
+        Some(Command::Posture(args)) => commands::posture::run(args),
+        Some(Command::Follow(args)) => commands::follow::run(args, Manner::Follow),
+        Some(Command::Track(args)) => commands::follow::run(args, Manner::Track),
+        Some(Command::Consistency(args)) => commands::consistency::run(args),
+        Some(Command::Sweep(args)) => commands::sweep::run(args),
+        Some(Command::Eval(args)) => commands::eval::run(args),
+        Some(Command::Config(args)) => commands::config::run(args),
+        Some(Command::PlantBench(args)) => commands::plant_bench::command(args),
+        Some(Command::Sensitivity(args)) => commands::sensitivity::run(args),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("cfmmr: {error}");
+            ExitCode::from(error.exit_code())
+        }
+    }
+}

@@ -1,0 +1,204 @@
+//! Physical constants of the plant.
+
+use super::frame::Strip;
+use super::integrator::Plant;
+use serde::{Deserialize, Serialize};
+use std::fmt;
+
+/// Physical constants of the robot, SI units. Pairs are (front, rear); wheels are
+/// `[axle][left, right]`. The source paper gives no values: all are chosen.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct PlantConfig {
+    /// Time step, s: 1e-5 to 5e-3.
+    pub step_s: f64,
+    /// Velocity error of the lower-order solution beyond which a step is divided, m/s.
+    pub tolerance_m_s: f64,
+    /// Mass of each axle with its wheels, kg.
+    pub mass_kg: [f64; 2],
+    /// Mass added to the rear axle by the batteries and amplifiers of the strain sensing, kg.
+    pub sensing_mass_kg: f64,
+    /// Yaw inertia of each axle about its midpoint, kg m².
+    pub yaw_inertia_kg_m2: [f64; 2],
+    /// Half the distance between the wheels of an axle (the paper's d), m.
+    pub half_track_m: [f64; 2],
+    /// True radius of each wheel (the paper's r_w), m.
+    pub wheel_radius_m: [[f64; 2]; 2],
+    /// Inertia of a wheel about its axis, gearbox and rotor included, kg m².
+    pub wheel_inertia_kg_m2: f64,
+    /// Friction coefficient μ between tyre and ground.
+    pub friction: f64,
+    /// Slip velocity at which the tyre gives half its friction, m/s: the tyre's creep.
+    pub creep_velocity_m_s: f64,
+    /// Friction above μ at vanishing slip velocity, as a share of μ: 0 turns slip-stick off.
+    pub static_excess: f64,
+    /// Slip velocity over which that excess decays, m/s.
+    pub static_decay_m_s: f64,
+    /// Rolling resistance coefficient: resisting torque over load times radius.
+    pub rolling_resistance: f64,
+    /// Height of the centre of mass, m. Above 0, wheel loads shift with acceleration.
+    pub center_of_mass_height_m: f64,
+    /// Time in which wheel loads follow the acceleration, s.
+    pub load_transfer_time_s: f64,
+    /// Torque of a motor at standstill and full voltage, at the wheel, N m.
+    pub stall_torque_n_m: f64,
+    /// Wheel speed of a motor at full voltage and no load, rad/s.
+    pub no_load_speed_rad_s: f64,
+    /// Largest torque that the current loop allows, at the wheel, N m.
+    pub torque_limit_n_m: f64,
+    /// Time constant of the current loop, s: 0 for an ideal one.
+    pub current_loop_time_s: f64,
+    /// Length of the flexible strip (the paper's L), m.
+    pub strip_length_m: f64,
+    /// Bending stiffness EI of the strip, N m².
+    pub bending_stiffness_n_m2: f64,
+    /// Axial stiffness EA of the strip, N.
+    pub axial_stiffness_n: f64,
+    /// Internal damping β: damping over stiffness, s.
+    pub internal_damping_s: f64,
+    /// Amplitude of the waviness of the unloaded strip, rad.
+    pub natural_slope_rad: f64,
+    /// Rigid part between the rear axle and the strip, m.
+    pub rigid_root_m: f64,
+    /// Rigid part between the strip and the front axle, m.
+    pub rigid_tip_m: f64,
+}
+
+impl Default for PlantConfig {
+    /// Aluminium axles with a spring-steel strip of 50 × 1 mm; sensing fitted; no rolling
+    /// resistance, load transfer or slip-stick.
+    fn default() -> Self {
+        Self {
+            step_s: 1e-3,
+            tolerance_m_s: 6.5e-4,
+            mass_kg: [4.76; 2],
+            sensing_mass_kg: 0.6,
+            yaw_inertia_kg_m2: [0.0186; 2],
+            half_track_m: [0.162; 2],
+            wheel_radius_m: [[0.073; 2]; 2],
+            wheel_inertia_kg_m2: 0.004,
+            friction: 0.7,
+            creep_velocity_m_s: 0.01,
+            static_excess: 0.0,
+            static_decay_m_s: 0.05,
+            rolling_resistance: 0.0,
+            center_of_mass_height_m: 0.0,
+            load_transfer_time_s: 0.02,
+            stall_torque_n_m: 2.5,
+            no_load_speed_rad_s: 20.0,
+            torque_limit_n_m: 2.5,
+            current_loop_time_s: 0.0,
+            strip_length_m: 0.37,
+            bending_stiffness_n_m2: 0.833,
+            axial_stiffness_n: 1e7,
+            internal_damping_s: 1e-3,
+            natural_slope_rad: 1e-3,
+            rigid_root_m: 0.0,
+            rigid_tip_m: 0.0,
+        }
+    }
+}
+
+/// A constant of the plant outside its range.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PlantError {
+    /// Name of the constant, as it stands in the configuration file.
+    pub field: String,
+    /// The value that was refused.
+    pub value: f64,
+    /// Smallest and largest value allowed.
+    pub range: (f64, f64),
+}
+
+impl fmt::Display for PlantError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (low, high) = self.range;
+        write!(
+            f,
+            "{} = {}: must be a number from {low} to {high}",
+            self.field, self.value
+        )
+    }
+}
+
+impl std::error::Error for PlantError {}
+
+fn check(field: &str, value: f64, low: f64, high: f64) -> Result<f64, PlantError> {
+    if value >= low && value <= high {
+        Ok(value)
+    } else {
+        Err(PlantError {
+            field: field.to_owned(),
+            value,
+            range: (low, high),
+        })
+    }
+}
+
+fn check_pair(field: &str, value: [f64; 2], low: f64, high: f64) -> Result<(), PlantError> {
+    for (i, v) in value.into_iter().enumerate() {
+        check(&format!("{field}[{i}]"), v, low, high)?;
+    }
+    Ok(())
+}
+
+impl PlantConfig {
+    /// The plant, at rest at the origin. Every constant is checked here; after that nothing fails.
+    pub fn build(&self) -> Result<Plant, PlantError> {
+        check("step_s", self.step_s, 1e-5, 5e-3)?;
+        check("tolerance_m_s", self.tolerance_m_s, 1e-7, 1.0)?;
+        check_pair("mass_kg", self.mass_kg, 0.1, 1e3)?;
+        check("sensing_mass_kg", self.sensing_mass_kg, 0.0, 1e2)?;
+        check_pair("yaw_inertia_kg_m2", self.yaw_inertia_kg_m2, 1e-4, 1e2)?;
+        check_pair("half_track_m", self.half_track_m, 0.01, 2.0)?;
+        for (i, radius) in self.wheel_radius_m.into_iter().enumerate() {
+            check_pair(&format!("wheel_radius_m[{i}]"), radius, 5e-3, 1.0)?;
+        }
+        check("wheel_inertia_kg_m2", self.wheel_inertia_kg_m2, 1e-6, 10.0)?;
+        check("friction", self.friction, 0.0, 3.0)?;
+        check("creep_velocity_m_s", self.creep_velocity_m_s, 1e-4, 1.0)?;
+        check("static_excess", self.static_excess, 0.0, 1.0)?;
+        check("static_decay_m_s", self.static_decay_m_s, 1e-3, 1.0)?;
+        check("rolling_resistance", self.rolling_resistance, 0.0, 0.5)?;
+        check(
+            "center_of_mass_height_m",
+            self.center_of_mass_height_m,
+            0.0,
+            1.0,
+        )?;
+        check("load_transfer_time_s", self.load_transfer_time_s, 5e-3, 1.0)?;
+        check("stall_torque_n_m", self.stall_torque_n_m, 1e-3, 1e3)?;
+        check("no_load_speed_rad_s", self.no_load_speed_rad_s, 0.1, 1e4)?;
+        check("torque_limit_n_m", self.torque_limit_n_m, 0.0, 1e3)?;
+        check("current_loop_time_s", self.current_loop_time_s, 0.0, 1.0)?;
+        check("strip_length_m", self.strip_length_m, 0.02, 10.0)?;
+        check(
+            "bending_stiffness_n_m2",
+            self.bending_stiffness_n_m2,
+            1e-3,
+            1e4,
+        )?;
+        check("axial_stiffness_n", self.axial_stiffness_n, 1e3, 1e9)?;
+        check("internal_damping_s", self.internal_damping_s, 0.0, 0.1)?;
+        check("natural_slope_rad", self.natural_slope_rad, -0.05, 0.05)?;
+        check("rigid_root_m", self.rigid_root_m, 0.0, 1.0)?;
+        check("rigid_tip_m", self.rigid_tip_m, 0.0, 1.0)?;
+        // A strip as stout as its length is no strip, and its equations would be ill-conditioned.
+        let slender = self.bending_stiffness_n_m2 / self.strip_length_m.powi(2);
+        check(
+            "axial_stiffness_n",
+            self.axial_stiffness_n,
+            1e2 * slender,
+            1e9 * slender,
+        )?;
+
+        let mass = [self.mass_kg[0], self.mass_kg[1] + self.sensing_mass_kg];
+        let strip = Strip::new(
+            self.strip_length_m,
+            self.bending_stiffness_n_m2,
+            self.axial_stiffness_n,
+            self.natural_slope_rad,
+        );
+        Ok(Plant::new(self, mass, strip))
+    }
+}

@@ -1,0 +1,23 @@
+//! Simulated robot: two axles, a compliant frame, tyres and motors, in `f64`.
+//!
+//! [`PlantConfig`] holds the physical constants, [`Plant`] is the robot, stepped at a fixed rate
+//! with wheel torques. The parts: [`frame`] (the strip between the axles), tyres, wheels and
+//! motors, and the integrator. [`elastica`] solves the same strip by another route; the tests
+//! compare the two.
+//!
+//! Frames: global; axle frames x forward, y left; front axle first, left wheel first. The frame's
+//! root is at the rear axle.
+//!
+//! Deterministic to the bit: no fused operations, elementary functions from `libm` or from here.
+
+mod config;
+pub mod elastica;
+pub mod frame;
+mod integrator;
+mod legendre;
+pub mod reference;
+mod sincos;
+mod wheel;
+
+pub use config::{PlantConfig, PlantError};
+pub use integrator::{AxleState, Health, Plant, PlantState, Wrench};

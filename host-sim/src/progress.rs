@@ -1,0 +1,59 @@
+//! Progress of long runs, for people only: nothing is drawn unless standard error is a terminal.
+
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use std::io::{self, IsTerminal};
+
+/// A bar that counts finished pieces of work; threads share it by reference.
+#[derive(Debug)]
+pub struct Progress(ProgressBar);
+
+impl Progress {
+    /// A bar for `total` pieces, named `label`.
+    pub fn new(total: usize, label: &'static str) -> Self {
+        let target = if io::stderr().is_terminal() {
+            ProgressDrawTarget::stderr()
+        } else {
+            ProgressDrawTarget::hidden()
+        };
+        let style = ProgressStyle::with_template("{prefix} {wide_bar} {pos}/{len}, {eta} left")
+            .expect("a valid template");
+        let bar = ProgressBar::with_draw_target(Some(total as u64), target)
+            .with_style(style)
+            .with_prefix(label);
+        Self(bar)
+    }
+
+    /// One more piece is finished.
+    pub fn advance(&self) {
+        self.0.inc(1);
+    }
+
+    /// Number of pieces finished so far.
+    pub fn finished(&self) -> usize {
+        self.0.position() as usize
+    }
+}
+
+impl Drop for Progress {
+    fn drop(&mut self) {
+        // The bar leaves the terminal with its owner, on an error too.
+        self.0.finish_and_clear();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn counts_from_all_threads_and_stays_hidden_where_there_is_no_terminal() {
+        let progress = Progress::new(100, "trials");
+        std::thread::scope(|scope| {
+            for _ in 0..4 {
+                scope.spawn(|| (0..25).for_each(|_| progress.advance()));
+            }
+        });
+        assert_eq!(progress.finished(), 100);
+        assert_eq!(progress.0.is_hidden(), !io::stderr().is_terminal());
+    }
+}

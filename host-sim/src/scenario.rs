@@ -1,0 +1,111 @@
+//! A scenario: everything an experiment depends on, apart from the seed.
+
+use crate::plant::PlantConfig;
+use crate::sensors::SensorConfig;
+use crate::virtual_bus::BusConfig;
+use crate::{error::Error, scenario_file};
+use core_algos::node::robot::RobotConfig;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// What the robot is sent to do, and for how long.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Mission {
+    /// Start posture of the robot's midpoint: m, m, rad.
+    pub start: [f64; 3],
+    /// Goal posture of the robot's midpoint: m, m, rad.
+    pub goal: [f64; 3],
+    /// Whether the relative position sensor is fitted; without it the robot is lighter too.
+    pub rps: bool,
+    /// Time at rest before the task begins, s.
+    pub settle_s: f64,
+    /// Time after which a trial ends in any case, s.
+    pub time_limit_s: f64,
+    /// Time the robot is watched after it reports that it is done, s.
+    pub rest_s: f64,
+}
+
+impl Default for Mission {
+    fn default() -> Self {
+        Self {
+            start: [-1.342, -1.342, 0.0],
+            goal: [0.0, 0.0, 0.0],
+            rps: true,
+            settle_s: 0.5,
+            time_limit_s: 90.0,
+            rest_s: 0.5,
+        }
+    }
+}
+
+/// Everything an experiment depends on, apart from the seed.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Scenario {
+    /// The task.
+    pub mission: Mission,
+    /// The configuration the boards run with.
+    pub robot: RobotConfig,
+    /// The robot as it is.
+    pub plant: PlantConfig,
+    /// Sensors and imperfections.
+    pub sensors: SensorConfig,
+    /// The bus between the boards.
+    pub bus: BusConfig,
+}
+
+impl Scenario {
+    /// Reads a scenario file (none: all defaults) with changes, and checks every value.
+    pub fn load(file: Option<&Path>, changes: &[String]) -> Result<Self, Error> {
+        let scenario: Self = scenario_file::load(file, changes)?;
+        scenario.check()?;
+        Ok(scenario)
+    }
+
+    /// Checks every value.
+    pub fn check(&self) -> Result<(), Error> {
+        let mission = &self.mission;
+        for (name, posture) in [("start", mission.start), ("goal", mission.goal)] {
+            for (i, value) in posture.into_iter().enumerate() {
+                range(&format!("mission.{name}[{i}]"), value, -50.0, 50.0)?;
+            }
+        }
+        range("mission.settle_s", mission.settle_s, 0.0, 60.0)?;
+        range("mission.time_limit_s", mission.time_limit_s, 0.1, 36_000.0)?;
+        range("mission.rest_s", mission.rest_s, 0.0, 60.0)?;
+        self.robot
+            .build()
+            .map_err(|error| Error::input(format!("robot: {error}")))?;
+        self.plant
+            .build()
+            .map_err(|error| Error::input(format!("plant.{error}")))?;
+        self.sensors.validate()?;
+        let (real, believed) = (
+            self.sensors.encoder.counts_per_revolution,
+            self.robot.geometry.encoder_counts_per_revolution,
+        );
+        if real != believed {
+            return Err(Error::input(format!(
+                "robot.geometry.encoder_counts_per_revolution = {believed}: must be \
+                 sensors.encoder.counts_per_revolution, which is {real}"
+            )));
+        }
+        self.bus.check().map_err(Error::Input)
+    }
+
+    /// The scenario as TOML.
+    pub fn to_toml(&self) -> Result<String, Error> {
+        toml::to_string_pretty(self).map_err(|error| Error::Failure(error.to_string()))
+    }
+}
+
+fn range(name: &str, value: f64, low: f64, high: f64) -> Result<(), Error> {
+    if value >= low && value <= high {
+        Ok(())
+    } else {
+        Err(Error::input(format!(
+            "{name} = {value}: must be a number from {low} to {high}"
+        )))
+    }
+}

@@ -1,0 +1,149 @@
+//! Reading a scenario: TOML text, entries changed on the command line, unknown keys refused.
+//!
+//! What is left out keeps the default that `T` as a whole has there, which need not be the default
+//! of the part: the text is laid over the defaults.
+
+use crate::error::Error;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use std::path::Path;
+use toml::{Table, Value};
+
+/// Reads `file` (nothing: all defaults), applies the `KEY=VALUE` changes in order, and builds `T`.
+pub fn load<T>(file: Option<&Path>, changes: &[String]) -> Result<T, Error>
+where
+    T: Default + Serialize + DeserializeOwned,
+{
+    let (text, name) = match file {
+        Some(path) => {
+            let name = path.display().to_string();
+            let text = std::fs::read_to_string(path)
+                .map_err(|error| Error::input(format!("{name}: {error}")))?;
+            (text, name)
+        }
+        None => (String::new(), "scenario".to_owned()),
+    };
+    parse(&text, &name, changes)
+}
+
+/// Builds `T` from TOML text; `name` stands in errors.
+pub fn parse<T>(text: &str, name: &str, changes: &[String]) -> Result<T, Error>
+where
+    T: Default + Serialize + DeserializeOwned,
+{
+    let refuse = |error: toml::de::Error| Error::input(format!("{name}: {error}"));
+    if changes.is_empty() {
+        // Straight from the text, so that an error shows the line.
+        toml::from_str::<T>(text).map_err(refuse)?;
+    }
+    let mut given: Table = toml::from_str(text).map_err(refuse)?;
+    for change in changes {
+        apply(&mut given, change)?;
+    }
+    let mut table =
+        Table::try_from(T::default()).map_err(|error| Error::Failure(error.to_string()))?;
+    lay_over(&mut table, given);
+    serde_path_to_error::deserialize(Value::Table(table)).map_err(|error| {
+        let path = error.path().to_string();
+        Error::input(format!("{name}: {path}: {}", error.into_inner().message()))
+    })
+}
+
+/// Replaces entries of `table` by those of `given`, table by table.
+fn lay_over(table: &mut Table, given: Table) {
+    for (key, value) in given {
+        match (table.get_mut(&key), value) {
+            (Some(Value::Table(below)), Value::Table(above)) => lay_over(below, above),
+            (_, value) => {
+                table.insert(key, value);
+            }
+        }
+    }
+}
+
+fn apply(table: &mut Table, change: &str) -> Result<(), Error> {
+    let Some((key, value)) = change.split_once('=') else {
+        return Err(Error::input(format!(
+            "--set {change}: must be KEY=VALUE, for example mission.rps=false"
+        )));
+    };
+    // A bare word is a string: --set mission.fusion=joint needs no quotes within quotes.
+    let value = toml::from_str::<Table>(&format!("v = {value}"))
+        .ok()
+        .and_then(|mut table| table.remove("v"))
+        .unwrap_or_else(|| Value::String(value.to_owned()));
+    let mut keys: Vec<&str> = key.trim().split('.').collect();
+    let last = keys.pop().unwrap_or_default();
+    let mut place = table;
+    for part in keys {
+        place = place
+            .entry(part)
+            .or_insert_with(|| Value::Table(Table::new()))
+            .as_table_mut()
+            .ok_or_else(|| Error::input(format!("--set {change}: {part} is not a table")))?;
+    }
+    place.insert(last.to_owned(), value);
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde::Deserialize;
+
+    #[derive(Debug, Default, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    struct Inner {
+        loss: f64,
+        kind: String,
+    }
+
+    #[derive(Debug, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    struct Outer {
+        bus: Inner,
+        rps: bool,
+    }
+
+    impl Default for Outer {
+        fn default() -> Self {
+            let kind = "slow".to_owned();
+            Self {
+                bus: Inner { loss: 0.0, kind },
+                rps: false,
+            }
+        }
+    }
+
+    fn changed(changes: &[&str]) -> Result<Outer, Error> {
+        let changes: Vec<String> = changes.iter().map(|&c| c.to_owned()).collect();
+        parse("[bus]\nloss = 0.25\n", "test", &changes)
+    }
+
+    #[test]
+    fn changes_override_the_file() {
+        let outer = changed(&["bus.kind=fast", "rps=true", "bus.loss=0.5"]).unwrap();
+        assert_eq!(outer.bus.loss, 0.5);
+        assert_eq!(outer.bus.kind, "fast");
+        assert!(outer.rps);
+        assert_eq!(changed(&[]).unwrap().bus.loss, 0.25);
+    }
+
+    #[test]
+    fn what_is_left_out_keeps_the_default_of_the_whole() {
+        assert_eq!(changed(&[]).unwrap().bus.kind, "slow");
+        assert_eq!(changed(&["rps=true"]).unwrap().bus.kind, "slow");
+    }
+
+    #[test]
+    fn errors_name_the_key() {
+        let text = |changes: &[&str]| changed(changes).unwrap_err().to_string();
+        assert!(text(&["bus.los=1"]).contains("los"));
+        assert!(text(&["bus.loss=many"]).contains("bus.loss"));
+        assert!(text(&["rps"]).contains("KEY=VALUE"));
+        assert!(text(&["rps.x.y=1", "rps=2"]).contains("rps"));
+        let error = parse::<Outer>("[bus]\nlos = 1\n", "file.toml", &[]).unwrap_err();
+        assert!(error.to_string().contains("los") && error.to_string().contains("file.toml"));
+        assert_eq!(error.exit_code(), 2);
+    }
+}

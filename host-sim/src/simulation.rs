@@ -1,0 +1,510 @@
+//! One trial: plant, sensors, nodes and bus in lockstep at 1 kHz.
+
+use crate::error::Error;
+use crate::kinematic_model::Model;
+use crate::plant::{Plant, PlantConfig};
+use crate::scenario::Scenario;
+use crate::sensors::{Samples, Sensors, TrialImperfections, Truth};
+use crate::virtual_bus::{Board, VirtualBus};
+use core_algos::beam::PerGauge;
+use core_algos::bus::LeadMode;
+use core_algos::control::regulator::Phase;
+use core_algos::fusion::Estimate;
+use core_algos::fusion::tandem::Mode;
+use core_algos::math::Posture;
+use core_algos::node::lead::{self, Task};
+use core_algos::node::robot::{Robot, RobotConfig};
+use core_algos::node::{EPOCH, LEAD_PHASE, Micros, Outbox, TICK, axle};
+use std::f64::consts::{PI, TAU};
+
+/// State of the robot at the beginning of an epoch, for logs and pictures.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Record {
+    /// Time, s.
+    pub time_s: f64,
+    /// True posture of the midpoint.
+    pub midpoint: [f64; 3],
+    /// True postures of the axles, front first.
+    pub axles: [[f64; 3]; 2],
+    /// What the lead node did at the latest step.
+    pub lead: lead::Output,
+    /// Wheel torques `[axle][left, right]`, N m.
+    pub torque: [[f64; 2]; 2],
+    /// Force and moments of the frame: x, y (rear axle's frame, N), root, end (N m).
+    pub wrench: [f64; 4],
+    /// True posture of the front axle in the rear axle's frame.
+    pub relative: [f64; 3],
+    /// Points of the bent frame from rear to front, global, m.
+    pub frame: [[f32; 2]; FRAME_POINTS],
+}
+
+/// Points of the frame's curve in a record.
+pub const FRAME_POINTS: usize = 13;
+
+/// How a trial ended.
+#[derive(Clone, Debug, Default)]
+pub struct Outcome {
+    /// True posture of the midpoint at the end.
+    pub midpoint: [f64; 3],
+    /// Estimated posture of the midpoint at the end.
+    pub estimate: [f64; 3],
+    /// Whether the lead node reported the task done.
+    pub done: bool,
+    /// Whether the regulator gave up.
+    pub gave_up: bool,
+    /// Time from the beginning of the task to its end, s.
+    pub duration_s: f64,
+    /// Root mean square of the magnitude of the frame's force over the task, N.
+    pub force_rms_n: f64,
+    /// Largest true curvature the frame was bent to over the task, at rest too: paper eq. 5 of half
+    /// the angle between the axles, 1/m.
+    pub max_curvature: f64,
+    /// Largest true curvature of the midpoint's path, turning per way, where the robot drove faster
+    /// than [`PATH_CURVATURE_SPEED_M_S`], 1/m.
+    pub max_path_curvature: f64,
+    /// Largest curvature the governor commanded over the task, 1/m.
+    pub max_commanded_curvature: f64,
+    /// Length of the midpoint's path, m.
+    pub path_m: f64,
+    /// Changes of direction while driving.
+    pub cusps: u32,
+    /// Times the regulator searched for a plan.
+    pub plans: u32,
+    /// Longest search, steps of the lead node.
+    pub planning_steps: u32,
+    /// True speed of the faster axle's midpoint at the end, m/s.
+    pub end_speed_m_s: f64,
+    /// Error of the estimated relative posture of the axles at the end: m, m, rad.
+    pub relative_error: [f64; 3],
+}
+
+/// Speed below which the curvature of the driven path is not looked at, m/s.
+pub const PATH_CURVATURE_SPEED_M_S: f64 = 0.05;
+
+/// A trial in progress.
+pub struct Simulation {
+    plant: Plant,
+    sensors: Sensors,
+    truth: Truth,
+    gauges: Vec<f64>,
+    half_thickness: f64,
+    converter_middle: i32,
+    rps: bool,
+    robot: Robot,
+    bus: VirtualBus,
+    outbox: Outbox,
+    torque: [[f64; 2]; 2],
+    tick: u64,
+    last_lead: lead::Output,
+}
+
+impl Simulation {
+    /// A robot at rest on its start, with the imperfections of this trial.
+    pub fn new(scenario: &Scenario, seed: u64, trial: u64) -> Result<Self, Error> {
+        let imperfections = TrialImperfections::draw(&scenario.sensors, seed, trial);
+        let plant = true_plant(&scenario.plant, scenario.mission.rps, &imperfections);
+        let mut plant = plant
+            .build()
+            .map_err(|error| Error::input(format!("plant.{error}")))?;
+        let start = scenario.mission.start;
+        plant.place(std::array::from_fn(|i| {
+            start[i] + imperfections.placement[i]
+        }));
+        let config = calibrated(scenario, &imperfections);
+        let mut robot = config.build()?;
+        let placement = &scenario.sensors.placement;
+        let sigma = (placement.position_sigma_m as f32).max(1e-4);
+        let heading = (placement.heading_sigma_rad as f32).max(1e-4);
+        let straight = config.geometry.frame_length_m + 2.0 * config.geometry.rigid_end_m;
+        robot.lead.initialize(
+            &Estimate::with_sigmas(
+                Posture::from(start.map(|v| v as f32)),
+                [sigma, sigma, heading],
+            ),
+            &Estimate::with_sigmas(
+                Posture::new(straight, 0.0, 0.0),
+                config.lead.fusion.frame_sigmas,
+            ),
+        );
+        // Where the gauges really sit, along the flexible length.
+        let gauges = config.beam.strip.gauges_m.iter();
+        let gauges: Vec<f64> = gauges
+            .zip(imperfections.gauge_shift_m)
+            .map(|(nominal, shift)| {
+                (f64::from(nominal) + shift).clamp(0.0, scenario.plant.strip_length_m)
+            })
+            .collect();
+        Ok(Self {
+            sensors: Sensors::new(&scenario.sensors, &imperfections, seed, trial)?,
+            truth: Truth {
+                gauge_count: gauges.len(),
+                ..Truth::default()
+            },
+            converter_middle: scenario.sensors.bridge.full_scale_counts(),
+            half_thickness: f64::from(config.geometry.half_thickness_m),
+            rps: scenario.mission.rps,
+            gauges,
+            robot,
+            bus: VirtualBus::new(
+                &scenario.bus,
+                seed ^ trial.wrapping_mul(0x9e37_79b9_7f4a_7c15),
+            ),
+            outbox: Outbox::new(),
+            torque: [[0.0; 2]; 2],
+            tick: 0,
+            last_lead: lead::Output::default(),
+            plant,
+        })
+    }
+
+    /// The lead node.
+    pub fn lead(&mut self) -> &mut lead::LeadNode {
+        &mut self.robot.lead
+    }
+
+    /// The robot as it is.
+    pub fn plant(&self) -> &Plant {
+        &self.plant
+    }
+
+    /// Simulated time, µs.
+    pub fn now(&self) -> Micros {
+        self.tick * TICK
+    }
+
+    /// What the lead node did at its latest step.
+    pub fn lead_output(&self) -> &lead::Output {
+        &self.last_lead
+    }
+
+    /// One millisecond: sample, deliver, run the nodes, move the plant. Torques take effect one
+    /// tick late, as on the boards.
+    pub fn step(&mut self) {
+        let now = self.now();
+        let samples = self.sample();
+        let Self {
+            robot, bus, outbox, ..
+        } = self;
+        bus.deliver(now, |board, message| match board {
+            Board::Front => {
+                robot.axles[0].receive(now, message);
+                robot.lead.receive(now, message);
+            }
+            Board::Rear => robot.axles[1].receive(now, message),
+            Board::Beam => {}
+        });
+        let mut torque = [[0.0; 2]; 2];
+        for i in 0..2 {
+            outbox.clear();
+            let output = robot.axles[i].step(
+                now,
+                &axle::Samples {
+                    encoder: samples.encoder_counts[i].map(Some),
+                    gyro_rad_s: samples.gyro[i],
+                    acceleration_m_s2: samples.accelerometer[i],
+                },
+                outbox,
+            );
+            torque[i] = output.torque_nm.map(f64::from);
+            for message in outbox.iter() {
+                bus.send(now, message);
+            }
+        }
+        if self.rps {
+            outbox.clear();
+            // The board's converter counts from the lower rail.
+            let counts = samples.bridge_counts.map(|c| c + self.converter_middle);
+            robot.beam.step(now, &counts, outbox);
+            for message in outbox.iter() {
+                bus.send(now, message);
+            }
+        }
+        if now % EPOCH == LEAD_PHASE {
+            outbox.clear();
+            self.last_lead = robot.lead.step(now, outbox);
+            for message in outbox.iter() {
+                bus.send(now, message);
+            }
+        }
+        self.plant.step(self.torque);
+        self.torque = torque;
+        self.tick += 1;
+    }
+
+    fn sample(&mut self) -> Samples {
+        let state = self.plant.state();
+        for i in 0..2 {
+            let axle = &state.axle[i];
+            self.truth.wheel_angle[i] = axle.wheel_angle;
+            self.truth.yaw_rate[i] = axle.velocity[2];
+            self.truth.forward_acceleration[i] = axle.acceleration[0];
+        }
+        for (strain, &s) in self.truth.gauge_strain.iter_mut().zip(&self.gauges) {
+            *strain = self.half_thickness * self.plant.curvature(s);
+        }
+        self.sensors.sample(&self.truth)
+    }
+
+    /// True bend of the frame, rad: half the angle between the axles (ψ).
+    pub fn bend(&self) -> f64 {
+        let [front, rear] = self.plant.state().axle.map(|axle| axle.posture[2]);
+        0.5 * (front - rear)
+    }
+
+    /// True speed of the faster axle's midpoint, m/s.
+    pub fn speed(&self) -> f64 {
+        let speeds = self.plant.state().axle.map(|axle| {
+            let [forward, across, _] = axle.velocity;
+            forward.hypot(across)
+        });
+        speeds[0].max(speeds[1])
+    }
+
+    /// The state for logs and pictures.
+    pub fn record(&self) -> Record {
+        let state = self.plant.state();
+        let wrench = self.plant.wrench();
+        let mut frame = [[0.0; 2]; FRAME_POINTS];
+        for (slot, point) in frame.iter_mut().zip(self.plant.frame_curve(FRAME_POINTS)) {
+            *slot = point.map(|value| value as f32);
+        }
+        Record {
+            time_s: self.now() as f64 * 1e-6,
+            midpoint: self.plant.midpoint(),
+            axles: [state.axle[0].posture, state.axle[1].posture],
+            lead: self.last_lead,
+            torque: [state.axle[0].torque, state.axle[1].torque],
+            wrench: [
+                wrench.force[0],
+                wrench.force[1],
+                wrench.root_moment,
+                wrench.end_moment,
+            ],
+            relative: self.plant.relative_posture(),
+            frame,
+        }
+    }
+}
+
+/// The plant with the true dimensions of this trial.
+fn true_plant(config: &PlantConfig, rps: bool, imperfections: &TrialImperfections) -> PlantConfig {
+    let mut plant = config.clone();
+    if !rps {
+        plant.sensing_mass_kg = 0.0;
+    }
+    for i in 0..2 {
+        plant.half_track_m[i] *= imperfections.track_factor[i];
+        for j in 0..2 {
+            plant.wheel_radius_m[i][j] *= imperfections.wheel_radius_factor[i][j];
+        }
+    }
+    plant
+}
+
+/// The configuration of this robot's boards: with the zero of its bridges, as found on a straight
+/// edge, and its converter's constants.
+fn calibrated(scenario: &Scenario, imperfections: &TrialImperfections) -> RobotConfig {
+    let bridge = &scenario.sensors.bridge;
+    let mut config = scenario.robot.completed();
+    let middle = f64::from(bridge.full_scale_counts());
+    let calibration = &mut config.beam.calibration;
+    calibration.full_scale_counts = 2 * bridge.full_scale_counts() - 1;
+    calibration.strain_per_count = bridge.strain_per_count() as f32;
+    let gauges = config.beam.strip.gauges_m.count();
+    let zeros = imperfections.zero_counts(bridge);
+    let zeros = zeros.map(|count| (count + middle) as f32);
+    if let Some(zeros) = zeros.get(..gauges).and_then(PerGauge::new) {
+        calibration.zero_counts = zeros;
+    }
+    if !scenario.mission.rps {
+        config.lead.fusion.mode = Mode::Odometry;
+    }
+    config
+}
+
+/// What the drive looked like, gathered along the way.
+#[derive(Clone, Copy, Debug)]
+struct Drive {
+    last: [f64; 3],
+    phase: Phase,
+    direction: f64,
+    bend: f64,
+    commanded_bend: f64,
+    path_curvature: f64,
+    path_m: f64,
+    cusps: u32,
+    plans: u32,
+    planning: u32,
+    planning_steps: u32,
+}
+
+impl Drive {
+    fn new(simulation: &Simulation) -> Self {
+        Self {
+            last: simulation.plant().midpoint(),
+            phase: Phase::Stop,
+            direction: 0.0,
+            bend: 0.0,
+            commanded_bend: 0.0,
+            path_curvature: 0.0,
+            path_m: 0.0,
+            cusps: 0,
+            plans: 0,
+            planning: 0,
+            planning_steps: 0,
+        }
+    }
+
+    /// Takes in the state after one more epoch.
+    fn observe(&mut self, record: &Record) {
+        const EPOCH_S: f64 = EPOCH as f64 * 1e-6;
+        let [x, y, phi] = self.last;
+        let (dx, dy) = (record.midpoint[0] - x, record.midpoint[1] - y);
+        let ahead = dx * phi.cos() + dy * phi.sin();
+        let turned = (record.midpoint[2] - phi + PI).rem_euclid(TAU) - PI;
+        self.path_m += dx.hypot(dy);
+        if ahead.abs() > PATH_CURVATURE_SPEED_M_S * EPOCH_S {
+            self.path_curvature = self.path_curvature.max((turned / ahead).abs());
+        }
+        // Slower than this may be a tremor at rest.
+        if ahead.abs() > 0.01 * EPOCH_S {
+            self.cusps += u32::from(ahead * self.direction < 0.0);
+            self.direction = ahead.signum();
+        }
+        self.last = record.midpoint;
+        let lead = &record.lead;
+        self.commanded_bend = self.commanded_bend.max(f64::from(lead.motion.psi).abs());
+        if lead.phase == Phase::Plan {
+            self.plans += u32::from(self.phase != Phase::Plan);
+            self.planning += 1;
+            self.planning_steps = self.planning_steps.max(self.planning);
+        } else {
+            self.planning = 0;
+        }
+        self.phase = lead.phase;
+    }
+}
+
+/// Regulates to the scenario's goal; `observe` is called once an epoch.
+pub fn regulate(
+    scenario: &Scenario,
+    seed: u64,
+    trial: u64,
+    mut observe: impl FnMut(&Record),
+) -> Result<Outcome, Error> {
+    let mut simulation = Simulation::new(scenario, seed, trial)?;
+    let goal = Posture::from(scenario.mission.goal.map(|v| v as f32));
+    let settle = (scenario.mission.settle_s * 1e6) as Micros;
+    let limit = settle + (scenario.mission.time_limit_s * 1e6) as Micros;
+    let rest = (scenario.mission.rest_s * 1e6) as Micros;
+    let mut outcome = Outcome::default();
+    let (mut force_square, mut count) = (0.0, 0u64);
+    let mut drive = Drive::new(&simulation);
+    let mut done_at = None;
+    while simulation.now() < limit {
+        let now = simulation.now();
+        if now == settle {
+            simulation.lead().command(Task::Regulate { goal });
+        }
+        simulation.step();
+        if now >= settle {
+            let wrench = simulation.plant().wrench();
+            force_square += wrench.force[0].powi(2) + wrench.force[1].powi(2);
+            count += 1;
+            drive.bend = drive.bend.max(simulation.bend().abs());
+        }
+        if simulation.now() % EPOCH != 0 {
+            continue;
+        }
+        let record = simulation.record();
+        drive.observe(&record);
+        observe(&record);
+        let lead = &record.lead;
+        if lead.done && lead.mode == LeadMode::Hold && lead.phase == Phase::Done {
+            let since = *done_at.get_or_insert(now);
+            if now - since >= rest {
+                break;
+            }
+        } else {
+            done_at = None;
+        }
+        if lead.phase == Phase::GaveUp {
+            outcome.gave_up = true;
+            break;
+        }
+    }
+    let record = simulation.record();
+    let fused = &record.lead.fused;
+    let center = fused.robot.posture;
+    let seen = fused.front.posture.relative_to(fused.rear.posture);
+    let seen = [seen.x, seen.y, seen.phi].map(f64::from);
+    outcome.relative_error = std::array::from_fn(|i| seen[i] - record.relative[i]);
+    let frame = Model::of_robot(&scenario.robot);
+    outcome.max_curvature = frame.curvature(drive.bend);
+    outcome.max_commanded_curvature = frame.curvature(drive.commanded_bend);
+    outcome.max_path_curvature = drive.path_curvature;
+    outcome.path_m = drive.path_m;
+    outcome.cusps = drive.cusps;
+    outcome.plans = drive.plans;
+    outcome.planning_steps = drive.planning_steps;
+    outcome.end_speed_m_s = simulation.speed();
+    outcome.midpoint = record.midpoint;
+    outcome.estimate = [center.x, center.y, center.phi].map(f64::from);
+    outcome.done = done_at.is_some();
+    outcome.duration_s = (done_at.unwrap_or(simulation.now()).saturating_sub(settle)) as f64 * 1e-6;
+    outcome.force_rms_n = (force_square / count.max(1) as f64).sqrt();
+    Ok(outcome)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn torques_take_effect_one_tick_late_and_only_when_asked_for() {
+        let mut simulation = Simulation::new(&Scenario::default(), 1, 0).unwrap();
+        let start = simulation.plant().midpoint();
+        for _ in 0..500 {
+            simulation.step();
+        }
+        let rest = simulation.plant().midpoint();
+        assert!(
+            (0..3).all(|i| (rest[i] - start[i]).abs() < 1e-6),
+            "no task, no motion"
+        );
+        let goal = Posture::ORIGIN;
+        simulation.lead().command(Task::Regulate { goal });
+        let moving = |simulation: &Simulation| {
+            let axles = simulation.plant().state().axle;
+            axles.iter().any(|axle| axle.torque != [0.0; 2])
+        };
+        let mut ticks = 0;
+        while !moving(&simulation) {
+            simulation.step();
+            ticks += 1;
+            assert!(ticks < 500, "the task never reached the motors");
+        }
+        // The lead's epoch and the bus come before the axle, and the motors a tick after it.
+        let bus = u64::from(Scenario::default().bus.latency_ms);
+        assert!(ticks > bus + 1, "{ticks}");
+    }
+
+    #[test]
+    fn without_messages_the_motors_go_off() {
+        let mut simulation = Simulation::new(&Scenario::default(), 1, 0).unwrap();
+        simulation.lead().command(Task::Regulate {
+            goal: Posture::ORIGIN,
+        });
+        for _ in 0..3000 {
+            simulation.step();
+        }
+        assert!(simulation.lead_output().motion.v.abs() > 0.05, "under way");
+        simulation.bus.cut();
+        for _ in 0..200 {
+            simulation.step();
+        }
+        let axles = simulation.plant().state().axle;
+        assert!(axles.iter().all(|axle| axle.torque == [0.0; 2]));
+        assert_eq!(simulation.lead_output().mode, LeadMode::Idle);
+    }
+}

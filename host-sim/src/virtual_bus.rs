@@ -1,0 +1,258 @@
+//! Virtual bus: every message goes through its bytes, arrives late and may be lost.
+
+use core_algos::bus::layout::{self, Node};
+use core_algos::bus::{self, EncodeError, Frame, Message};
+use core_algos::node::Micros;
+use rand::RngExt;
+use rand::SeedableRng;
+use rand_pcg::Pcg64;
+use serde::{Deserialize, Serialize};
+use std::collections::VecDeque;
+
+/// Properties of the virtual bus.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct BusConfig {
+    /// Time from sending to receiving, ms. Arbitration and transfer of the fourteen messages at
+    /// 1 Mbit/s take up to 1.9 ms.
+    pub latency_ms: u32,
+    /// Probability that a frame is lost between boards, 0 to 1. The lead node and the front axle
+    /// share a board and lose nothing between them.
+    pub loss: f64,
+}
+
+impl Default for BusConfig {
+    fn default() -> Self {
+        Self {
+            latency_ms: 2,
+            loss: 0.0,
+        }
+    }
+}
+
+impl BusConfig {
+    /// Checks the ranges.
+    pub fn check(&self) -> Result<(), String> {
+        if self.latency_ms > 1000 {
+            return Err(format!(
+                "bus.latency_ms = {}: must be a number from 0 to 1000",
+                self.latency_ms
+            ));
+        }
+        if !(self.loss >= 0.0 && self.loss <= 1.0) {
+            return Err(format!(
+                "bus.loss = {}: must be a number from 0 to 1",
+                self.loss
+            ));
+        }
+        Ok(())
+    }
+}
+
+/// Where a message can be received.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Board {
+    /// Front axle and lead node.
+    Front,
+    /// Rear axle.
+    Rear,
+    /// Beam.
+    Beam,
+}
+
+impl Board {
+    fn of(node: Node) -> Self {
+        match node {
+            Node::Lead | Node::FrontAxle => Self::Front,
+            Node::RearAxle => Self::Rear,
+            Node::Beam => Self::Beam,
+        }
+    }
+}
+
+/// What the bus counted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct BusStatistics {
+    /// Messages sent.
+    pub sent: u64,
+    /// Messages lost between boards, counted once for each receiving board.
+    pub lost: u64,
+    /// Messages that could not be encoded.
+    pub refused: u64,
+}
+
+#[derive(Clone, Debug)]
+struct Transit {
+    due: Micros,
+    message: Message,
+    received: [bool; 3],
+}
+
+/// The bus between the three boards.
+#[derive(Clone, Debug)]
+pub struct VirtualBus {
+    latency: Micros,
+    loss: f64,
+    rng: Pcg64,
+    transit: VecDeque<Transit>,
+    statistics: BusStatistics,
+    last_error: Option<EncodeError>,
+    severed: bool,
+}
+
+impl VirtualBus {
+    /// A bus whose losses follow from `seed`.
+    pub fn new(config: &BusConfig, seed: u64) -> Self {
+        Self {
+            latency: Micros::from(config.latency_ms) * 1_000,
+            loss: config.loss,
+            rng: Pcg64::seed_from_u64(seed),
+            transit: VecDeque::with_capacity(64),
+            statistics: BusStatistics::default(),
+            last_error: None,
+            severed: false,
+        }
+    }
+
+    /// Sends a message at `now`. It is encoded and decoded as between real boards.
+    pub fn send(&mut self, now: Micros, message: &Message) {
+        self.statistics.sent += 1;
+        if self.severed {
+            self.statistics.lost += 1;
+            return;
+        }
+        let frame = match bus::encode(message) {
+            Ok(frame) => frame,
+            Err(error) => {
+                self.statistics.refused += 1;
+                self.last_error = Some(error);
+                return;
+            }
+        };
+        let Ok(message) = bus::decode(&frame) else {
+            self.statistics.refused += 1;
+            return;
+        };
+        let origin = sender(&frame);
+        let mut received = [true; 3];
+        for board in [Board::Front, Board::Rear, Board::Beam] {
+            if Some(board) != origin && self.loss > 0.0 && self.rng.random::<f64>() < self.loss {
+                received[board as usize] = false;
+                self.statistics.lost += 1;
+            }
+        }
+        self.transit.push_back(Transit {
+            due: now + self.latency,
+            message,
+            received,
+        });
+    }
+
+    /// Hands every message that has arrived by `now` to `receive`, once for each board it reaches.
+    pub fn deliver(&mut self, now: Micros, mut receive: impl FnMut(Board, &Message)) {
+        while self.transit.front().is_some_and(|first| first.due <= now) {
+            if let Some(transit) = self.transit.pop_front() {
+                for board in [Board::Front, Board::Rear, Board::Beam] {
+                    if transit.received[board as usize] {
+                        receive(board, &transit.message);
+                    }
+                }
+            }
+        }
+    }
+
+    /// From now on every message is lost, between boards and within them.
+    pub fn cut(&mut self) {
+        self.severed = true;
+        self.transit.clear();
+    }
+
+    /// What was counted so far.
+    pub fn statistics(&self) -> BusStatistics {
+        self.statistics
+    }
+
+    /// The last message that could not be encoded, if any.
+    pub fn last_error(&self) -> Option<EncodeError> {
+        self.last_error
+    }
+}
+
+fn sender(frame: &Frame) -> Option<Board> {
+    layout::find(frame.id).map(|layout| Board::of(layout.sender))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use core_algos::bus::{Axle, LeadMode};
+    use core_algos::math::Posture;
+
+    fn status(sequence: u8) -> Message {
+        Message::LeadStatus {
+            sequence,
+            mode: LeadMode::Active,
+            steering_rad: 0.0,
+            velocity_m_s: 0.0,
+        }
+    }
+
+    #[test]
+    fn messages_arrive_in_order_after_the_latency() {
+        let config = BusConfig {
+            latency_ms: 3,
+            loss: 0.0,
+        };
+        let mut bus = VirtualBus::new(&config, 1);
+        bus.send(0, &status(1));
+        bus.send(0, &status(2));
+        let mut seen = Vec::new();
+        bus.deliver(2_000, |_, _| unreachable!("too early"));
+        bus.deliver(3_000, |board, message| seen.push((board, *message)));
+        assert_eq!(seen.len(), 6);
+        assert_eq!(seen[0], (Board::Front, status(1)));
+        assert_eq!(seen[5], (Board::Beam, status(2)));
+    }
+
+    #[test]
+    fn loss_spares_the_sending_board_and_meets_its_rate() {
+        let config = BusConfig {
+            latency_ms: 0,
+            loss: 0.3,
+        };
+        let mut bus = VirtualBus::new(&config, 7);
+        let mut count = [0; 3];
+        for i in 0..10_000u64 {
+            bus.send(
+                i,
+                &Message::AxlePosture {
+                    axle: Axle::Rear,
+                    sequence: 0,
+                    posture: Posture::ORIGIN,
+                },
+            );
+            bus.deliver(i, |board, _| count[board as usize] += 1);
+        }
+        assert_eq!(count[Board::Rear as usize], 10_000);
+        for board in [Board::Front, Board::Beam] {
+            // Five standard deviations of a binomial count.
+            assert!((count[board as usize] - 7_000i32).abs() < 230);
+        }
+    }
+
+    #[test]
+    fn what_cannot_be_encoded_is_counted() {
+        let mut bus = VirtualBus::new(&BusConfig::default(), 1);
+        bus.send(
+            0,
+            &Message::LeadStatus {
+                sequence: 0,
+                mode: LeadMode::Idle,
+                steering_rad: f32::NAN,
+                velocity_m_s: 0.0,
+            },
+        );
+        assert_eq!(bus.statistics().refused, 1);
+        assert!(bus.last_error().is_some());
+    }
+}

@@ -1,0 +1,295 @@
+//! Path following and trajectory tracking of the whole robot: plant, sensors, bus, nodes.
+
+use core_algos::fusion::tandem::Mode;
+use host_sim::driving::{self, Manner, Moment, Outcome, Route};
+use host_sim::paths::Path;
+use host_sim::scenario::Scenario;
+use std::fs;
+use std::path::Path as FilePath;
+use std::process::{Command, Output};
+
+/// Waypoints with bends both ways, the first of them at once.
+const WAVE: &str = "x,y\n0,0\n0.5,0.12\n0.9,0.5\n1.5,0.6\n2.0,0.3\n";
+
+fn scenario() -> Scenario {
+    let mut scenario = Scenario::default();
+    scenario.mission.settle_s = 0.1;
+    scenario.mission.rest_s = 0.1;
+    scenario
+}
+
+fn run(path: &Path, manner: Manner, scenario: &Scenario, seed: u64) -> (Outcome, Vec<Moment>) {
+    let mut scenario = scenario.clone();
+    let route = Route::new(path, 1, &scenario).unwrap();
+    scenario.mission.start = route.start();
+    let mut moments = Vec::new();
+    let outcome = driving::drive(&scenario, &route, manner, seed, 0, |moment| {
+        moments.push(*moment);
+    });
+    (outcome.unwrap(), moments)
+}
+
+fn paths() -> [(&'static str, Path); 4] {
+    [
+        ("line", Path::line(1.5).unwrap()),
+        ("circle", Path::circle(0.5).unwrap()),
+        ("eight", Path::figure_eight(1.05).unwrap()),
+        ("wave", Path::from_csv(WAVE.as_bytes()).unwrap()),
+    ]
+}
+
+#[test]
+fn robot_follows_every_path_as_well_as_it_knows_where_it_is() {
+    for (name, path) in paths() {
+        let (outcome, _) = run(&path, Manner::Follow, &scenario(), 3);
+        let (truth, seen) = (outcome.truth, outcome.estimate);
+        assert!(outcome.done, "{name}");
+        assert!(seen.rms_m < 1.5e-3 && seen.max_m < 5e-3, "{name}: {seen:?}");
+        assert!(seen.final_m < 3e-3, "{name}: {seen:?}");
+        // Placement alone is 2 mm; the rest is odometry.
+        assert!(truth.rms_m < 0.015, "{name}: {truth:?}");
+        assert!(truth.final_m < 0.025, "{name}: {truth:?}");
+        assert!(truth.final_heading_rad.abs() < 0.035, "{name}: {truth:?}");
+    }
+}
+
+#[test]
+fn robot_tracks_every_trajectory_in_time() {
+    for (name, path) in paths() {
+        let (outcome, moments) = run(&path, Manner::Track, &scenario(), 4);
+        let (truth, seen) = (outcome.truth, outcome.estimate);
+        assert!(outcome.done, "{name}");
+        assert!(seen.rms_m < 3e-3 && seen.max_m < 0.01, "{name}: {seen:?}");
+        assert!(seen.final_m < 3e-3, "{name}: {seen:?}");
+        assert!(truth.rms_m < 0.02, "{name}: {truth:?}");
+        assert!(truth.final_m < 0.025, "{name}: {truth:?}");
+        // Leading by the trailing distance keeps O neither behind nor ahead on the whole.
+        let fast: Vec<f64> = moments
+            .iter()
+            .filter(|moment| moment.record.lead.motion.v > 0.15)
+            .map(|moment| {
+                let center = moment.record.lead.fused.robot.posture;
+                let (s, c) = moment.target.phi.sin_cos();
+                let (dx, dy) = (
+                    f64::from(center.x) - moment.target.x,
+                    f64::from(center.y) - moment.target.y,
+                );
+                // The estimate is one epoch older than the target.
+                c * dx + s * dy + 0.01 * f64::from(moment.record.lead.motion.v)
+            })
+            .collect();
+        let mean = fast.iter().sum::<f64>() / fast.len() as f64;
+        assert!(mean.abs() < 5e-3, "{name}: {mean}");
+    }
+}
+
+#[test]
+fn curvature_keeps_its_bound_on_the_tightest_path() {
+    let path = Path::figure_eight(0.99).unwrap();
+    for manner in [Manner::Follow, Manner::Track] {
+        let (outcome, moments) = run(&path, manner, &scenario(), 5);
+        let bound = driving::bounds(&scenario()).max_curvature();
+        assert!(path.max_curvature() > 0.99 * bound);
+        assert!(
+            outcome.done && outcome.max_curvature <= bound,
+            "{outcome:?}"
+        );
+        assert!(outcome.estimate.rms_m < 5e-3, "{outcome:?}");
+        // The same from the way of the midpoint itself, over tenths of a second.
+        for pair in moments.windows(11).step_by(10) {
+            let [a, b] = [pair[0].record.midpoint, pair[10].record.midpoint];
+            let way = (b[0] - a[0]).hypot(b[1] - a[1]);
+            if way > 0.015 {
+                let turn = (b[2] - a[2] + 9.0).rem_euclid(std::f64::consts::TAU) - 9.0;
+                let turn = turn - std::f64::consts::TAU * (turn / std::f64::consts::TAU).round();
+                assert!((turn / way).abs() < 1.03 * bound, "{}", turn / way);
+            }
+        }
+    }
+}
+
+#[test]
+fn robot_beside_the_path_comes_onto_it() {
+    let path = Path::line(1.5).unwrap();
+    let mut scenario = scenario();
+    let route = Route::new(&path, 1, &scenario).unwrap();
+    scenario.mission.start = [-0.1, 0.12, -0.4];
+    let mut late = 0.0f64;
+    let outcome = driving::drive(&scenario, &route, Manner::Follow, 2, 0, |moment| {
+        if moment.target.s > 0.9 {
+            late = late.max(moment.estimate.lateral_m.abs());
+        }
+    });
+    let outcome = outcome.unwrap();
+    assert!(outcome.done && outcome.estimate.final_m < 2e-3);
+    assert!(late < 2e-3, "{late}");
+}
+
+#[test]
+fn several_laps_are_streamed_through_the_small_buffer() {
+    // A lap is longer than the buffer, and begins where it ends.
+    let path = Path::circle(0.45).unwrap();
+    let mut scenario = scenario();
+    let route = Route::new(&path, 2, &scenario).unwrap();
+    scenario.mission.start = route.start();
+    let mut turned = 0.0;
+    let mut last = scenario.mission.start[2];
+    let outcome = driving::drive(&scenario, &route, Manner::Follow, 6, 0, |moment| {
+        let step = moment.record.midpoint[2] - last;
+        turned += step - std::f64::consts::TAU * (step / std::f64::consts::TAU).round();
+        last = moment.record.midpoint[2];
+    });
+    let outcome = outcome.unwrap();
+    assert!(outcome.done && outcome.estimate.rms_m < 2e-3, "{outcome:?}");
+    assert!(
+        (turned - 2.0 * std::f64::consts::TAU).abs() < 0.1,
+        "{turned}"
+    );
+}
+
+/// What the frame's own sensor is good for: without it the axles creep against each other, unseen,
+/// while the frame is bent.
+#[test]
+fn without_the_sensor_the_bend_is_lost() {
+    let path = Path::circle(0.5).unwrap();
+    let mut scenario = scenario();
+    scenario.mission.rps = false;
+    scenario.robot.lead.fusion.mode = Mode::Odometry;
+    let (without, _) = run(&path, Manner::Follow, &scenario, 3);
+    assert!(without.truth.rms_m > 0.1, "{without:?}");
+    assert!(without.estimate.rms_m < 0.03, "{without:?}");
+}
+
+#[test]
+fn same_seed_same_run() {
+    let path = Path::line(0.4).unwrap();
+    let (one, first) = run(&path, Manner::Track, &scenario(), 7);
+    let (two, second) = run(&path, Manner::Track, &scenario(), 7);
+    assert_eq!(one, two);
+    assert_eq!(first.len(), second.len());
+    for (a, b) in first.iter().zip(&second) {
+        assert_eq!(a.record.midpoint, b.record.midpoint);
+        assert_eq!(a.record.lead, b.record.lead);
+    }
+    let (other, _) = run(&path, Manner::Track, &scenario(), 8);
+    assert_ne!(one, other);
+}
+
+#[test]
+fn path_beyond_the_frame_is_refused_with_place_and_value() {
+    let bend = Path::from_csv("0,0\n1,0\n1.1,0.3\n0.4,0.4\n".as_bytes()).unwrap();
+    let error = Route::new(&bend, 1, &scenario()).unwrap_err().to_string();
+    for word in ["curvature", "x = ", "waypoint 3, line 3", "3.04"] {
+        assert!(error.contains(word), "no {word:?} in {error}");
+    }
+    let circle = Path::circle(0.3).unwrap();
+    let error = Route::new(&circle, 1, &scenario()).unwrap_err().to_string();
+    assert!(error.contains("3.333"), "{error}");
+    let long = Path::line(900.0).unwrap();
+    assert!(Route::new(&long, 2, &scenario()).is_ok(), "open: one lap");
+    let ring = Path::circle(100.0).unwrap();
+    assert!(Route::new(&ring, 8, &scenario()).is_err());
+}
+
+fn cfmmr(folder: &FilePath, arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_cfmmr"))
+        .args(arguments)
+        .current_dir(folder)
+        .output()
+        .unwrap()
+}
+
+#[test]
+fn commands_refuse_bad_paths_by_name_and_write_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = |name: &str, text: &str| fs::write(folder.path().join(name), text).unwrap();
+    file("hook.csv", "x,y\n0,0\n1,0\n1.1,0.3\n0.4,0.4\n");
+    file("word.csv", "x,y\n0,0\none,0\n");
+    file("short.csv", "x,y\n0,0\n");
+    file("nan.csv", "0,0\n1,NaN\n");
+    let before = fs::read_dir(folder.path()).unwrap().count();
+    let cases: [(&[&str], &[&str]); 11] = [
+        (
+            &["--path", "hook.csv"],
+            &["hook.csv", "curvature", "line 4"],
+        ),
+        (&["--path", "word.csv"], &["word.csv", "line 3", "one"]),
+        (&["--path", "short.csv"], &["short.csv", "at least 2"]),
+        (&["--path", "nan.csv"], &["nan.csv", "line 2", "NaN"]),
+        (&["--path", "none.csv"], &["none.csv"]),
+        (&["--path", "circle", "--size", "0.3"], &["circle", "3.333"]),
+        (&["--path", "line", "--size", "0"], &["--size", "0"]),
+        (&["--path", "line", "--size", "NaN"], &["--size", "NaN"]),
+        (&["--path", "hook.csv", "--size", "1"], &["--size"]),
+        (&["--speed", "0.3"], &["--speed", "0.3", "0.25"]),
+        (&["--from", "1,2"], &["--from"]),
+    ];
+    for command in ["follow", "track"] {
+        for (arguments, expected) in cases {
+            let mut all = vec![command, "--json", "result.json"];
+            all.extend(arguments);
+            let output = cfmmr(folder.path(), &all);
+            let error = String::from_utf8_lossy(&output.stderr).into_owned();
+            assert_eq!(output.status.code(), Some(2), "{arguments:?}: {error}");
+            for word in expected {
+                assert!(error.contains(word), "no {word:?} in {error}");
+            }
+            let after = fs::read_dir(folder.path()).unwrap().count();
+            assert_eq!(before, after, "{arguments:?} wrote files");
+        }
+    }
+}
+
+#[test]
+fn commands_write_the_same_bytes_for_the_same_seed() {
+    for command in ["follow", "track"] {
+        let run = |seed: &str| {
+            let folder = tempfile::tempdir().unwrap();
+            let output = cfmmr(
+                folder.path(),
+                &[
+                    command,
+                    "--path",
+                    "line",
+                    "--size",
+                    "0.5",
+                    "--seed",
+                    seed,
+                    "--out",
+                    "out",
+                    "--json",
+                    "result.json",
+                ],
+            );
+            assert!(output.status.success());
+            let mut files: Vec<_> = fs::read_dir(folder.path().join("out"))
+                .unwrap()
+                .map(|entry| entry.unwrap().path())
+                .map(|path| {
+                    (
+                        path.file_name().unwrap().to_owned(),
+                        fs::read(path).unwrap(),
+                    )
+                })
+                .collect();
+            files.sort();
+            let json = fs::read(folder.path().join("result.json")).unwrap();
+            (output.stdout, files, json)
+        };
+        let one = run("3");
+        assert!(one == run("3"), "{command}");
+        assert_ne!(one.0, run("4").0, "{command}");
+        let names: Vec<_> = one
+            .1
+            .iter()
+            .map(|(name, _)| name.to_string_lossy())
+            .collect();
+        for name in ["png", "svg"].map(|ending| format!("{command}.{ending}")) {
+            assert!(names.contains(&name.as_str().into()), "{names:?}");
+        }
+        let result: serde_json::Value = serde_json::from_slice(&one.2).unwrap();
+        for field in ["rms_m", "final_m", "final_heading_rad"] {
+            assert!(result[field].as_f64().unwrap().abs() < 0.02, "{field}");
+        }
+    }
+}

@@ -1,0 +1,333 @@
+//! The whole plant: against the explicit reference, and against what mechanics demands.
+
+use host_sim::commands::plant_bench::{HARSH, NORMAL, compare};
+use host_sim::plant::{Plant, PlantConfig};
+
+fn config() -> PlantConfig {
+    PlantConfig::default()
+}
+
+fn plant(config: &PlantConfig) -> Plant {
+    config.build().expect("the configuration is valid")
+}
+
+/// The bench command compares over 20 s; this is its beginning.
+#[test]
+fn postures_follow_the_explicit_reference() {
+    for (drive, creep) in [
+        (NORMAL, 0.003),
+        (NORMAL, 0.02),
+        (HARSH, 0.003),
+        (HARSH, 0.02),
+    ] {
+        let config = PlantConfig {
+            creep_velocity_m_s: creep,
+            rolling_resistance: 0.01,
+            ..config()
+        };
+        let [position, heading] = compare(&drive, &config, 0.6).unwrap();
+        assert!(position < 5e-5, "{} {creep}: {position} m", drive.name);
+        assert!(heading < 3e-4, "{} {creep}: {heading} rad", drive.name);
+    }
+}
+
+#[test]
+fn error_falls_with_the_square_of_the_step() {
+    let drive = NORMAL;
+    let error = |step: f64| {
+        let config = PlantConfig {
+            step_s: step,
+            tolerance_m_s: 1.0,
+            ..config()
+        };
+        compare(&drive, &config, 0.7).unwrap()[0]
+    };
+    let (coarse, fine) = (error(2e-3), error(1e-3));
+    println!("{coarse} {fine}");
+    assert!(coarse > 2.8 * fine, "{coarse} {fine}");
+}
+
+/// A soft strip that the tyres can buckle, driven at random: many snap-throughs, taut pulls at
+/// metres per second, turns beyond what a robot could do.
+#[test]
+fn snap_through_converges_and_keeps_its_energy_bounded() {
+    let config = PlantConfig {
+        bending_stiffness_n_m2: 0.05,
+        ..config()
+    };
+    let mut snaps = 0;
+    for n in 0..12 {
+        let phase = |k: usize| (1.7 * n as f64 + 2.3 * k as f64).sin();
+        let wave = |k: usize, t: f64| {
+            1.6 * phase(k).abs() * ((1.5 + 4.0 * phase(k + 4).abs()) * t + 6.0 * phase(k + 8)).sin()
+        };
+        let mut plant = plant(&config);
+        let mut energy = 0.0f64;
+        for k in 0..10_000 {
+            let t = k as f64 * 1e-3;
+            plant.step([[wave(0, t), wave(1, t)], [wave(2, t), wave(3, t)]]);
+            energy = energy.max(plant.energy());
+        }
+        // Four wheels at no-load speed and both axles at the speed that goes with it: 13 J.
+        assert!(energy < 60.0, "drive {n}: {energy} J");
+        let health = plant.health();
+        assert_eq!(health.failures, 0, "drive {n}: {health:?}");
+        snaps += health.snap_throughs;
+    }
+    assert!(snaps > 5, "{snaps}");
+}
+
+#[test]
+fn a_placed_robot_is_at_rest_and_stays() {
+    let mut plant = plant(&config());
+    plant.place([-1.342, -1.342, 2.0]);
+    for _ in 0..2000 {
+        plant.step([[0.0; 2]; 2]);
+    }
+    let [x, y, phi] = plant.midpoint();
+    assert!((x + 1.342).abs() < 1e-9 && (y + 1.342).abs() < 1e-9 && (phi - 2.0).abs() < 1e-9);
+    let wrench = plant.wrench();
+    assert!(wrench.force[0].abs() < 1e-6 && wrench.force[1].abs() < 1e-9);
+    assert!((plant.time() - 2.0).abs() < 1e-12);
+    let [dx, dy, turn] = plant.relative_posture();
+    assert!((dx - 0.37).abs() < 1e-6 && dy.abs() < 1e-6 && turn.abs() < 1e-9);
+}
+
+/// Without friction the frame is all that acts between the axles: momentum and angular momentum
+/// are conserved.
+#[test]
+fn momentum_is_conserved_without_friction() {
+    let bent = PlantConfig {
+        rigid_root_m: 0.03,
+        rigid_tip_m: 0.05,
+        ..config()
+    };
+    let mut moving = plant(&bent);
+    for k in 0..700 {
+        moving.step(HARSH.torque(k as f64 * 1e-3));
+    }
+    let mut free = moving.without_friction();
+    let mass = [bent.mass_kg[0], bent.mass_kg[1] + bent.sensing_mass_kg];
+    let momentum = |plant: &Plant| {
+        let mut p = [0.0; 3];
+        for (i, a) in plant.state().axle.iter().enumerate() {
+            let [x, y, phi] = a.posture;
+            let [u, v, w] = a.velocity;
+            let (vx, vy) = (u * phi.cos() - v * phi.sin(), u * phi.sin() + v * phi.cos());
+            p[0] += mass[i] * vx;
+            p[1] += mass[i] * vy;
+            p[2] += bent.yaw_inertia_kg_m2[i] * w + mass[i] * (x * vy - y * vx);
+        }
+        p
+    };
+    let before = momentum(&free);
+    let energy = free.energy();
+    assert!(free.wrench().force[0].hypot(free.wrench().force[1]) > 0.5);
+    for _ in 0..1000 {
+        free.step([[0.0; 2]; 2]);
+    }
+    let after = momentum(&free);
+    for n in 0..2 {
+        assert!((before[n] - after[n]).abs() < 1e-9, "{before:?} {after:?}");
+    }
+    // The moment is applied in the frames of two instants: second order in the step.
+    assert!((before[2] - after[2]).abs() < 2e-3, "{before:?} {after:?}");
+    assert!(free.energy() < energy);
+}
+
+/// With the motors off, energy only falls.
+#[test]
+fn a_coasting_robot_loses_energy() {
+    let mut plant = plant(&config());
+    for k in 0..900 {
+        plant.step(HARSH.torque(k as f64 * 1e-3));
+    }
+    let mut last = plant.energy();
+    let start = last;
+    for _ in 0..1500 {
+        plant.step([[0.0; 2]; 2]);
+        let energy = plant.energy();
+        assert!(energy <= last + 1e-6, "{last} {energy}");
+        last = energy;
+    }
+    assert!(last < start);
+}
+
+/// Left and right exchanged, the mirrored drive gives the mirrored motion.
+#[test]
+fn mirror_image() {
+    let config = PlantConfig {
+        natural_slope_rad: 0.0,
+        ..config()
+    };
+    let (mut one, mut other) = (plant(&config), plant(&config));
+    for k in 0..3000 {
+        let torque = NORMAL.torque(k as f64 * 1e-3);
+        one.step(torque);
+        other.step(torque.map(|[left, right]| [right, left]));
+    }
+    let (a, b) = (one.midpoint(), other.midpoint());
+    assert!((a[0] - b[0]).abs() < 1e-7 && (a[1] + b[1]).abs() < 1e-7 && (a[2] + b[2]).abs() < 1e-7);
+    assert!(a[1].abs() > 1e-3);
+    assert!((one.curvature(0.1) + other.curvature(0.1)).abs() < 1e-6);
+}
+
+/// The robot's motion does not depend on where it stands or how it is turned.
+#[test]
+fn motion_is_the_same_from_any_place() {
+    let (mut one, mut other) = (plant(&config()), plant(&config()));
+    let place = [3.0, -2.0, 1.1];
+    other.place(place);
+    for k in 0..2000 {
+        let torque = NORMAL.torque(k as f64 * 1e-3);
+        one.step(torque);
+        other.step(torque);
+    }
+    let ([x, y, phi], q) = (one.midpoint(), other.midpoint());
+    let (s, c) = place[2].sin_cos();
+    assert!((place[0] + c * x - s * y - q[0]).abs() < 1e-6);
+    assert!((place[1] + s * x + c * y - q[1]).abs() < 1e-6);
+    assert!((place[2] + phi - q[2]).abs() < 1e-6);
+}
+
+#[test]
+fn runs_are_equal_to_the_bit() {
+    let mut first = plant(&config());
+    for k in 0..500 {
+        first.step(HARSH.torque(k as f64 * 1e-3));
+    }
+    let mut copy = first.clone();
+    let run = |plant: &mut Plant| {
+        for k in 0..1500 {
+            plant.step(HARSH.torque(k as f64 * 1e-3));
+        }
+        *plant.state()
+    };
+    let a = run(&mut first);
+    let b = run(&mut copy);
+    first.place([0.0; 3]);
+    let mut fresh = plant(&config());
+    assert_eq!(a, b);
+    assert_eq!(run(&mut first), run(&mut fresh));
+}
+
+/// Full torque on a straight run ends at the no-load speed, less what rolling resistance takes.
+#[test]
+fn top_speed_lies_on_the_speed_torque_line() {
+    let config = PlantConfig {
+        rolling_resistance: 0.02,
+        ..config()
+    };
+    let mut plant = plant(&config);
+    for _ in 0..30_000 {
+        plant.step([[10.0; 2]; 2]);
+    }
+    let mass = 2.0 * 4.76 + 0.6;
+    let resisting = 0.02 * mass * 9.806_65 * 0.073 / 4.0;
+    // The frame shares the load, so the wheels differ a little; their mean does not.
+    let mean: f64 = plant
+        .state()
+        .axle
+        .iter()
+        .flat_map(|a| a.wheel_speed)
+        .sum::<f64>()
+        / 4.0;
+    let expected = 20.0 * (1.0 - resisting / 2.5);
+    assert!((mean - expected).abs() < 1e-3, "{mean} {expected}");
+}
+
+/// Braking hard shifts load to the front, turning left to the right.
+#[test]
+fn loads_follow_the_acceleration() {
+    let config = PlantConfig {
+        center_of_mass_height_m: 0.06,
+        ..config()
+    };
+    let mut plant = plant(&config);
+    let weight: f64 = plant.state().axle.iter().flat_map(|a| a.load).sum();
+    assert!((weight - (2.0 * 4.76 + 0.6) * 9.806_65).abs() < 1e-9);
+    for _ in 0..400 {
+        plant.step([[0.3; 2]; 2]);
+    }
+    let a = plant.state().axle[1].acceleration[0];
+    let shifted: f64 = plant.state().axle[1].load.iter().sum::<f64>() - (4.76 + 0.6) * 9.806_65;
+    let expected = (2.0 * 4.76 + 0.6) * a * 0.06 / 0.37;
+    assert!(a > 0.5 && (shifted - expected).abs() < 0.02 * expected);
+    for _ in 0..300 {
+        plant.step([[-0.3, 0.3], [0.3, -0.3]]);
+    }
+    let axle = plant.state().axle[0];
+    assert!(axle.acceleration[1] > 0.2 && axle.load[1] > axle.load[0]);
+    let total: f64 = plant.state().axle.iter().flat_map(|a| a.load).sum();
+    assert!((total - weight).abs() < 1e-9);
+}
+
+/// A held bend: the strains and the wrench agree with the shape of the frame.
+#[test]
+fn gauges_root_moment_and_shape_agree() {
+    let config = PlantConfig {
+        rigid_root_m: 0.02,
+        rigid_tip_m: 0.03,
+        ..config()
+    };
+    let mut plant = plant(&config);
+    for k in 0..1500 {
+        let steer = 0.25 * (k as f64 / 1200.0).min(1.0);
+        plant.step([[-steer, steer], [steer, -steer]]);
+    }
+    let wrench = plant.elastic_wrench();
+    let [x, y, turn] = plant.relative_posture();
+    assert!(turn > 0.3, "{turn}");
+    let balance = wrench.end_moment + x * wrench.force[1] - y * wrench.force[0];
+    assert!((wrench.root_moment - balance).abs() < 1e-9);
+    // Curvature at the strip's root, from the moment there.
+    let at_strip = wrench.root_moment - 0.02 * wrench.force[1];
+    assert!((plant.curvature(0.0) - at_strip / 0.833).abs() < 1e-9);
+    // The angle that the curvature adds up to is the turn between the axles.
+    let n = 2000;
+    let sum: f64 = (0..n)
+        .map(|k| plant.curvature((k as f64 + 0.5) * 0.37 / n as f64) * 0.37 / n as f64)
+        .sum();
+    assert!((sum - turn).abs() < 1e-4, "{sum} {turn}");
+    // The curve runs from axle to axle, and its length is that of the frame.
+    let curve = plant.frame_curve(400);
+    let [front, rear] = plant.state().axle.map(|a| a.posture);
+    let last = curve[curve.len() - 1];
+    assert!((curve[0][0] - rear[0]).abs() < 1e-12 && (curve[0][1] - rear[1]).abs() < 1e-12);
+    assert!((last[0] - front[0]).hypot(last[1] - front[1]) < 1e-6);
+    let length: f64 = curve
+        .windows(2)
+        .map(|w| (w[1][0] - w[0][0]).hypot(w[1][1] - w[0][1]))
+        .sum();
+    assert!((length - 0.42).abs() < 1e-4, "{length}");
+}
+
+#[test]
+fn a_bad_constant_is_named() {
+    type Spoil = fn(&mut PlantConfig);
+    let spoilt: [(&str, Spoil); 6] = [
+        ("mass_kg[1]", |c| c.mass_kg[1] = f64::NAN),
+        ("strip_length_m", |c| c.strip_length_m = 0.0),
+        ("wheel_radius_m[0][1]", |c| c.wheel_radius_m[0][1] = -0.07),
+        ("friction", |c| c.friction = f64::INFINITY),
+        ("axial_stiffness_n", |c| c.axial_stiffness_n = 1e8 * 1e9),
+        ("step_s", |c| c.step_s = 0.1),
+    ];
+    for (field, spoil) in spoilt {
+        let mut config = config();
+        spoil(&mut config);
+        let error = config.build().unwrap_err();
+        assert_eq!(error.field, field);
+        assert!(error.to_string().contains("must be a number from"));
+    }
+}
+
+#[test]
+fn a_command_that_is_not_finite_counts_as_none() {
+    let (mut one, mut other) = (plant(&config()), plant(&config()));
+    for _ in 0..100 {
+        one.step([[0.2, f64::NAN], [f64::INFINITY, 0.2]]);
+        other.step([[0.2, 0.0], [0.0, 0.2]]);
+    }
+    assert_eq!(one.state(), other.state());
+}

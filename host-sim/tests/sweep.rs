@@ -1,0 +1,170 @@
+//! Posture regulation from random starts through the command: success, the curvature bound,
+//! determinism, refusals.
+
+use host_sim::cli::SweepModel;
+use host_sim::commands::sweep::{Report, Start, Sweep};
+use host_sim::kinematic_model::random_start;
+use host_sim::scenario::Scenario;
+use host_sim::simulation;
+use rayon::prelude::*;
+use serde_json::Value;
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Output};
+
+fn sweep(model: SweepModel, kappa_max: f64) -> Sweep {
+    Sweep::new(Scenario::default(), model, Some(kappa_max)).unwrap()
+}
+
+fn run(sweep: &Sweep, starts: u64) -> Vec<Start> {
+    (0..starts)
+        .into_par_iter()
+        .map(|index| sweep.run(5, index).unwrap().0)
+        .collect()
+}
+
+fn check(report: &Report) {
+    assert_eq!(report.successes, report.starts, "{report:?}");
+    assert_eq!(report.bound_broken, 0, "{report:?}");
+    for largest in [
+        report.max_curvature,
+        report.max_path_curvature,
+        report.max_commanded_curvature,
+    ] {
+        // Used, and never exceeded.
+        let share = largest / report.kappa_max;
+        assert!((0.8..=1.0).contains(&share), "{report:?}");
+    }
+    assert!(report.time_s.max < 30.0, "{report:?}");
+}
+
+#[test]
+fn kinematic_starts_all_come_home_within_the_bound() {
+    for kappa_max in [1.5, 2.5, 3.3] {
+        let sweep = sweep(SweepModel::Kinematic, kappa_max);
+        let report = Report::of(&run(&sweep, 150), &sweep, 5);
+        check(&report);
+        // No path of the bound is shorter than the shortest, but for the last millimetres.
+        assert!(
+            (0.99..1.1).contains(&report.length_ratio.mean),
+            "{report:?}"
+        );
+        assert!(report.max_planning_steps <= 60, "{report:?}");
+    }
+}
+
+#[test]
+fn starts_of_the_whole_robot_come_home_within_the_bound() {
+    for kappa_max in [1.5, 3.3] {
+        let sweep = sweep(SweepModel::Plant, kappa_max);
+        let report = Report::of(&run(&sweep, 6), &sweep, 5);
+        check(&report);
+        assert!(
+            (0.99..1.2).contains(&report.length_ratio.mean),
+            "{report:?}"
+        );
+    }
+}
+
+/// What the sweep reports of a trial, against the same seen in the log of its states.
+#[test]
+fn the_figures_of_a_trial_follow_from_its_states() {
+    let mut scenario = Scenario::default();
+    scenario.mission.start = random_start(5, 3);
+    let (mut length, mut bend, mut commanded) = (0.0, 0.0f64, 0.0f64);
+    let mut turning: f64 = 0.0;
+    let mut last: Option<[f64; 3]> = None;
+    let outcome = simulation::regulate(&scenario, 5, 3, |record| {
+        let [x, y, phi] = record.midpoint;
+        if let Some([x0, y0, phi0]) = last {
+            let step = (x - x0).hypot(y - y0);
+            length += step;
+            if step > 5e-4 {
+                let turned = (phi - phi0).sin().atan2((phi - phi0).cos());
+                turning = turning.max((turned / step).abs());
+            }
+        }
+        last = Some(record.midpoint);
+        bend = bend.max(0.5 * (record.axles[0][2] - record.axles[1][2]).abs());
+        commanded = commanded.max(f64::from(record.lead.motion.psi).abs());
+    })
+    .unwrap();
+    // Chord of a circular frame from its arc: κ = 2 sin ψ/(chord cos ψ).
+    let kappa = |psi: f64| {
+        let radius = 0.37 / (2.0 * psi);
+        2.0 * psi.sin() / (2.0 * radius * psi.sin() * psi.cos())
+    };
+    assert!(outcome.done);
+    assert!(
+        (outcome.path_m - length).abs() < 2e-3,
+        "{outcome:?} {length}"
+    );
+    assert!((outcome.max_commanded_curvature / kappa(commanded) - 1.0).abs() < 1e-6);
+    // The log is ten times coarser.
+    let ratio = outcome.max_curvature / kappa(bend);
+    assert!((1.0..1.01).contains(&ratio), "{ratio}");
+    assert!((outcome.max_path_curvature / turning - 1.0).abs() < 0.02);
+    // O follows the circle that the frame's bend describes: an independent measure of it.
+    assert!((outcome.max_path_curvature / outcome.max_curvature - 1.0).abs() < 0.02);
+}
+
+fn cfmmr(directory: &Path, arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_cfmmr"))
+        .arg("sweep")
+        .args(arguments)
+        .current_dir(directory)
+        .output()
+        .unwrap()
+}
+
+#[test]
+fn threads_do_not_change_a_byte_and_a_start_does_not_know_of_the_others() {
+    let folder = tempfile::tempdir().unwrap();
+    for (out, threads, starts) in [("one", "1", "6"), ("four", "4", "6"), ("few", "3", "2")] {
+        let output = cfmmr(
+            folder.path(),
+            &[
+                "--starts",
+                starts,
+                "--threads",
+                threads,
+                "--seed",
+                "9",
+                "--out",
+                out,
+            ],
+        );
+        assert!(output.status.success(), "{output:?}");
+    }
+    let read = |out: &str, name: &str| fs::read(folder.path().join(out).join(name)).unwrap();
+    for name in ["sweep.png", "sweep.svg", "starts.csv", "result.json"] {
+        assert!(read("one", name) == read("four", name), "{name}");
+    }
+    let lines = |out: &str| {
+        let text = String::from_utf8(read(out, "starts.csv")).unwrap();
+        text.lines().take(3).map(str::to_owned).collect::<Vec<_>>()
+    };
+    assert_eq!(lines("one"), lines("few"));
+    let result: Value = serde_json::from_slice(&read("one", "result.json")).unwrap();
+    assert_eq!(result["starts"], 6);
+    assert_eq!(result["successes"], 6);
+    assert_eq!(result["model"], "plant");
+}
+
+#[test]
+fn a_curvature_out_of_range_is_refused_and_nothing_written() {
+    let folder = tempfile::tempdir().unwrap();
+    for kappa in ["0.1", "nan", "-2", "50", "inf", "much"] {
+        for model in ["kinematic", "plant"] {
+            let option = format!("--kappa-max={kappa}");
+            let output = cfmmr(folder.path(), &["--starts", "1", "--model", model, &option]);
+            let error = String::from_utf8_lossy(&output.stderr).to_lowercase();
+            assert_eq!(output.status.code(), Some(2), "{kappa}: {error}");
+            assert!(
+                error.contains("--kappa-max") && error.contains(kappa),
+                "{error}"
+            );
+            assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
+        }
+    }
+}
