@@ -861,7 +861,11 @@ mod tests {
             let output = run(&regulator, &mut state, &mut robot, goal, 12_000);
             prop_assert!(output.done, "{:?}", output.phase);
             let [dx, dy, turn] = robot.posture().minus(goal);
-            prop_assert!(dx.hypot(dy) < 0.01 && turn.abs() < 0.03, "{dx} {dy} {turn}");
+            // The bounds widen by 0.3 with each of up to three attempts.
+            let widest = 1.0 + 0.3 * f32::from(state.attempts.min(3)) + 1e-3;
+            let Config { accept_distance_m, accept_heading_rad, .. } = regulator.config;
+            prop_assert!(dx.hypot(dy) < widest * accept_distance_m, "{dx} {dy}");
+            prop_assert!(turn.abs() < widest * accept_heading_rad, "{turn}");
             prop_assert!(robot.v.abs() < 5e-3);
         }
 
