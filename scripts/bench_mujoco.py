@@ -1,20 +1,30 @@
 #!/usr/bin/env python3
-"""Speed of the same robot in MuJoCo, for comparison with `cfmmr plant-bench`.
+"""Speed of the plant beside the same robot in MuJoCo, in one run.
 
 Two differential-drive axles in the plane, joined by a strip of hinged segments whose hinge
 stiffness is EI over the segment's length; wheels on a plane with the friction of the plant; the
-drives of the bench. Prints one JSON object.
+drives of the bench. Rounds of `cfmmr plant-bench` and of MuJoCo alternate, so that both meet the
+same machine; the medians are printed as a table, or with --json as one JSON object.
 
-Needs: pip install mujoco
+Needs: pip install mujoco; cargo build --release
 """
 
 import argparse
 import json
 import math
+import pathlib
 import statistics
+import subprocess
+import sys
+import tempfile
 import time
 
-import mujoco
+try:
+    import mujoco
+except ImportError:
+    sys.exit("bench_mujoco.py: the Python package mujoco is missing: pip install mujoco")
+
+ROOT = pathlib.Path(__file__).resolve().parent.parent
 
 # Constants of the plant's default configuration.
 MASS = (4.76, 5.36)  # front, rear with the strain sensing
@@ -117,6 +127,16 @@ def run(compiled, drive, seconds):
     return seconds / taken, finite
 
 
+def plant(binary, seconds):
+    """Real-time factor of each drive in one run of the plant."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = pathlib.Path(folder) / "bench.json"
+        command = [binary, "plant-bench", "--repeats", "1", "--duration", str(seconds)]
+        subprocess.run([*command, "--json", path], check=True, stdout=subprocess.DEVNULL)
+        report = json.loads(path.read_text())
+    return {drive["name"]: drive["real_time_factor"] for drive in report["drives"]}
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--segments", type=int, nargs="+", default=[20])
@@ -124,25 +144,45 @@ def main():
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--timestep", type=float, default=1e-3)
     parser.add_argument("--free", action="store_true", help="six degrees of freedom at the root")
+    parser.add_argument("--binary", default=ROOT / "target" / "release" / "cfmmr")
+    parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     arguments = parser.parse_args()
-    result = {"mujoco": mujoco.__version__, "timestep_s": arguments.timestep, "drives": []}
-    for segments in arguments.segments:
-        text = model(segments, arguments.timestep, not arguments.free)
-        compiled = mujoco.MjModel.from_xml_string(text)
-        for name, drive in DRIVES.items():
-            runs = [run(compiled, drive, arguments.seconds) for _ in range(arguments.repeats)]
-            factors = [factor for factor, _ in runs]
-            result["drives"].append(
-                {
-                    "name": name,
-                    "segments": segments,
-                    "real_time_factor": statistics.median(factors),
-                    "slowest": min(factors),
-                    "fastest": max(factors),
-                    "finite": all(finite for _, finite in runs),
-                }
-            )
-    print(json.dumps(result, indent=2))
+    if not pathlib.Path(arguments.binary).exists():
+        parser.error(f"--binary {arguments.binary}: not there; cargo build --release makes it")
+    compiled = {
+        segments: mujoco.MjModel.from_xml_string(
+            model(segments, arguments.timestep, not arguments.free)
+        )
+        for segments in arguments.segments
+    }
+    factors = {}
+    for _ in range(arguments.repeats):
+        for name, factor in plant(arguments.binary, 4 * arguments.seconds).items():
+            factors.setdefault((name, "cfmmr"), []).append(factor)
+        for segments in arguments.segments:
+            for name, drive in DRIVES.items():
+                factor, finite = run(compiled[segments], drive, arguments.seconds)
+                key = (name, f"MuJoCo, {segments} segments")
+                factors.setdefault(key, []).append(factor if finite else math.nan)
+    rows = [
+        {
+            "name": name,
+            "model": what,
+            "real_time_factor": statistics.median(values),
+            "slowest": min(values),
+            "fastest": max(values),
+        }
+        for (name, what), values in sorted(factors.items())
+    ]
+    if arguments.json:
+        result = {"mujoco": mujoco.__version__, "timestep_s": arguments.timestep, "drives": rows}
+        print(json.dumps(result, indent=2))
+        return
+    print(f"MuJoCo {mujoco.__version__}, {1e3 * arguments.timestep:g} ms, processor time")
+    print(f"{'drive':8} {'model':24} {'real-time factor':>16} {'slowest':>9} {'fastest':>9}")
+    for row in rows:
+        speeds = " ".join(f"{row[k]:9.0f}" for k in ("slowest", "fastest"))
+        print(f"{row['name']:8} {row['model']:24} {row['real_time_factor']:16.0f} {speeds}")
 
 
 if __name__ == "__main__":

@@ -211,7 +211,9 @@ fn robot(panel: &mut Panel, body: &Body, snapshot: &Snapshot) {
     let arrow = [[tip, 0.0], [0.0, 0.6 * tip], [0.0, -0.6 * tip]];
     panel.area(arrow.map(|point| ahead(*front, point)), ORANGE);
     if !label.is_empty() && lowest[1].is_finite() {
-        panel.note(lowest, [-16.0, -13.0], label.clone(), TYRE);
+        // Anchored below the wheel, so that the panel's limits leave room for it.
+        let below = [lowest[0], lowest[1] - body.wheel_radius_m];
+        panel.note(below, [-16.0, -6.0], label.clone(), TYRE);
     }
 }
 

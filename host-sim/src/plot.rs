@@ -1035,7 +1035,17 @@ impl Page {
             }
             Item::Note(at, offset, text, color) if finite(at) => {
                 let (x, y) = frame.place(*at);
-                let at = [x + offset[0], y - offset[1]];
+                let Area {
+                    left,
+                    top,
+                    width,
+                    height,
+                } = frame.area;
+                let right = left + width - text_width(text, TICK_SIZE) - 3.0;
+                let at = [
+                    (x + offset[0]).min(right).max(left + 3.0),
+                    (y - offset[1]).min(top + height - 5.0).max(top + 13.0),
+                ];
                 self.colored_text(at, text, TICK_SIZE, TextAnchor::Start, *color);
             }
             Item::Mark(..) | Item::Needle(..) | Item::Note(..) => {}

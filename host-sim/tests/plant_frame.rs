@@ -90,13 +90,13 @@ fn buckled(strip: &Elastica, share: f64) -> Load {
 #[test]
 fn buckled_shapes_follow_the_exact_elastica() {
     let strip = exact();
-    for share in [0.001, 0.01, 0.05, 0.1, 0.2, 0.3, 0.4] {
+    for share in [0.001, 0.01, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6] {
         let load = buckled(&strip, share);
         for sign in [1.0, -1.0] {
             let load = [sign * load[0], load[1], sign * load[2]];
             let (wrench, strain, stable) = compare(&strip, load);
-            assert!(wrench <= 2e-3, "{share}: wrench {wrench:e}");
-            assert!(strain <= 5e-3, "{share}: strain {strain:e}");
+            assert!(wrench <= 5e-4, "{share}: wrench {wrench:e}");
+            assert!(strain <= 2.5e-3, "{share}: strain {strain:e}");
             assert!(stable);
         }
     }

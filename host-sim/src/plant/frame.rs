@@ -27,7 +27,7 @@ use super::sincos::sin_cos;
 /// Unknown curvature coefficients.
 const MODES: usize = ORDER - 1;
 /// Unknowns: coefficients and two components of the force.
-const UNKNOWNS: usize = MODES + 2;
+pub(super) const UNKNOWNS: usize = MODES + 2;
 /// Newton iterations of one solution.
 const ITERATIONS: u32 = 4;
 /// Error allowed in a force of unit size, for the estimate made from the last correction.
@@ -104,10 +104,10 @@ struct Factor {
 /// laid out flat: rolled up, their counters would cost as much as the arithmetic.
 macro_rules! unrolled {
     (eliminate, $factor:expr, $sides:expr) => {
-        unrolled!(@ eliminate, $factor, $sides, 0 1 2 3 4 5 6 7 8)
+        unrolled!(@ eliminate, $factor, $sides, 0 1 2 3 4 5 6 7 8 9)
     };
     (substitute, $factor:expr, $sides:expr) => {
-        unrolled!(@ substitute, $factor, $sides, 8 7 6 5 4 3 2 1 0)
+        unrolled!(@ substitute, $factor, $sides, 9 8 7 6 5 4 3 2 1 0)
     };
     (@ $step:ident, $factor:expr, $sides:expr, $($k:literal)+) => {
         $($step::<$k, _>($factor, $sides);)+
@@ -171,7 +171,7 @@ impl Factor {
     #[inline(always)]
     fn solve(&self, x: [f64; UNKNOWNS]) -> [f64; UNKNOWNS] {
         let mut x = x.map(|v| [v]);
-        unrolled!(@ forward, self, &mut x, 0 1 2 3 4 5 6 7 8);
+        unrolled!(@ forward, self, &mut x, 0 1 2 3 4 5 6 7 8 9);
         unrolled!(substitute, self, &mut x);
         x.map(|[v]| v)
     }
@@ -403,12 +403,12 @@ impl Strip {
         }
         let (bx, by) = (project(&cxe, &cxo), project(&cye, &cyo));
         let b0 = project(&pe, &po);
-        let (mut equal, mut mixed) = ([0.0; 16], [0.0; 12]);
+        let (mut equal, mut mixed) = ([0.0; 20], [0.0; 16]);
         for k in 0..PAIRS {
-            for n in 0..16 {
+            for n in 0..20 {
                 equal[n] += ge[k] * EQUAL[k][n];
             }
-            for n in 0..12 {
+            for n in 0..16 {
                 mixed[n] += go[k] * MIXED[k][n];
             }
         }

@@ -12,7 +12,7 @@
 //! No allocation and no failure in [`Plant::step`].
 
 use super::config::PlantConfig;
-use super::frame::{Equilibrium, Strip};
+use super::frame::{Equilibrium, Strip, UNKNOWNS};
 use super::wheel::{Contact, Eliminated, Wheels};
 
 type Vec3 = [f64; 3];
@@ -110,7 +110,7 @@ pub struct Plant {
     /// Acceleration that the loads follow.
     load_acceleration: [[f64; 2]; 2],
     equilibrium: Equilibrium,
-    bend: [f64; 9],
+    bend: [f64; UNKNOWNS],
     creeping: bool,
     geometry: Geometry,
     stiffness: Mat3,

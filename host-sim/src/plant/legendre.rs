@@ -5,7 +5,7 @@
 //! odd part of an integrand, at half the cost.
 
 /// Curvature polynomials, orders 0 to `ORDER − 1`.
-pub const ORDER: usize = 8;
+pub const ORDER: usize = 9;
 /// Gauss–Legendre points along the strip.
 pub const POINTS: usize = 12;
 /// Pairs of points.
@@ -13,11 +13,11 @@ pub const PAIRS: usize = POINTS / 2;
 
 /// Order of the polynomial in each row of the frame's equations: orders whose slope function is
 /// even first, each group from the stiffest down, so that a pivot that may vanish comes late.
-pub const MODE: [usize; ORDER - 1] = [7, 5, 3, 1, 6, 4, 2];
+pub const MODE: [usize; ORDER - 1] = [7, 5, 3, 1, 8, 6, 4, 2];
 /// How many of [`MODE`] have an even slope function.
 pub const EVEN: usize = 4;
 /// How many have an odd one.
-pub const ODD: usize = 3;
+pub const ODD: usize = 4;
 
 /// P_n(ξ) and its derivative.
 const fn legendre(n: usize, x: f64) -> (f64, f64) {
@@ -88,7 +88,7 @@ pub const WEIGHTS: [f64; PAIRS] = {
     weights
 };
 
-/// Slope functions at the positive nodes, in the order of [`MODE`] (a zero fills the eighth place).
+/// Slope functions at the positive nodes, in the order of [`MODE`] (a zero fills the last place).
 pub const SLOPES: [[f64; ORDER]; PAIRS] = {
     let mut table = [[0.0; ORDER]; PAIRS];
     let mut k = 0;
@@ -103,9 +103,9 @@ pub const SLOPES: [[f64; ORDER]; PAIRS] = {
     table
 };
 
-/// Products of slope functions of equal parity: 10 pairs of the even group row by row, 6 of the odd.
-pub const EQUAL: [[f64; 16]; PAIRS] = {
-    let mut table = [[0.0; 16]; PAIRS];
+/// Products of slope functions of equal parity: 10 pairs of the even group row by row, 10 of the odd.
+pub const EQUAL: [[f64; 20]; PAIRS] = {
+    let mut table = [[0.0; 20]; PAIRS];
     let mut k = 0;
     while k < PAIRS {
         let mut n = 0;
@@ -126,8 +126,8 @@ pub const EQUAL: [[f64; 16]; PAIRS] = {
 };
 
 /// Products of an even with an odd slope function, row by row.
-pub const MIXED: [[f64; 12]; PAIRS] = {
-    let mut table = [[0.0; 12]; PAIRS];
+pub const MIXED: [[f64; 16]; PAIRS] = {
+    let mut table = [[0.0; 16]; PAIRS];
     let mut k = 0;
     while k < PAIRS {
         let mut i = 0;
