@@ -26,7 +26,8 @@ step "documentation"
 RUSTDOCFLAGS="-D warnings" cargo doc --locked --workspace --no-deps --quiet
 step "tests"
 cargo test --locked --workspace
-step "core-algos for $target"
-RUSTFLAGS="-D warnings" cargo build --locked --release --package core-algos --target "$target" \
-  --target-dir target/board
+step "firmware for $target"
+images=(--locked --release --package firmware-axle --package firmware-beam --target "$target")
+cargo clippy "${images[@]}" --package firmware-common --package core-algos -- -D warnings
+cargo build "${images[@]}"
 step "all passed"

@@ -1,0 +1,11 @@
+//! Image of the axle board.
+#![cfg_attr(target_os = "none", no_std, no_main)]
+
+#[cfg(target_os = "none")]
+mod robot;
+
+#[cfg(not(target_os = "none"))]
+fn main() {
+    eprintln!("this program is for the board: cargo build-axle, or cargo flash-axle");
+    std::process::exit(2);
+}

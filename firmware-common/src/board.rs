@@ -1,0 +1,127 @@
+//! Start of a board: clocks, brown-out level, cause of the reset.
+
+use embassy_stm32::pac::{FLASH, RCC};
+use embassy_stm32::rcc::{
+    AHBPrescaler, APBPrescaler, Hse, HseMode, Pll, PllMul, PllPDiv, PllPreDiv, PllQDiv, PllSource,
+    Sysclk,
+};
+use embassy_stm32::time::Hertz;
+use embassy_stm32::{Config, Peripherals};
+
+use crate::{fault, time_driver};
+
+/// Frequency of the core, Hz.
+pub const CORE_HZ: u32 = 168_000_000;
+
+/// Frequency of the crystal, Hz.
+const CRYSTAL_HZ: u32 = 8_000_000;
+
+/// Brings the board up and gives its peripherals; call it once, first.
+///
+/// Core at 168 MHz from the crystal through the PLL, AHB at the same, APB1 at 42 MHz, APB2 at
+/// 84 MHz, 48 MHz for USB unused. Then the clock of `embassy-time` runs, the brown-out level is set,
+/// and the log says why the board was reset and which faults it had since power came on.
+pub fn start() -> Peripherals {
+    let mut config = Config::default();
+    config.rcc.hse = Some(Hse {
+        freq: Hertz(CRYSTAL_HZ),
+        mode: HseMode::Oscillator,
+    });
+    config.rcc.pll_src = PllSource::HSE;
+    // 8 MHz / 4 · 168 = 336 MHz in the oscillator; /2 for the core, /7 for USB.
+    config.rcc.pll = Some(Pll {
+        prediv: PllPreDiv::DIV4,
+        mul: PllMul::MUL168,
+        divp: Some(PllPDiv::DIV2),
+        divq: Some(PllQDiv::DIV7),
+        divr: None,
+    });
+    config.rcc.sys = Sysclk::PLL1_P;
+    config.rcc.ahb_pre = AHBPrescaler::DIV1;
+    config.rcc.apb1_pre = APBPrescaler::DIV4;
+    config.rcc.apb2_pre = APBPrescaler::DIV2;
+    let peripherals = embassy_stm32::init(config);
+
+    time_driver::start();
+    let cause = ResetCause::take();
+    let faults = fault::begin(cause == ResetCause::PowerOn, cause == ResetCause::Watchdog);
+    defmt::info!(
+        "{} {}: reset by {}, {}",
+        env!("CARGO_PKG_NAME"),
+        env!("CARGO_PKG_VERSION"),
+        cause,
+        faults
+    );
+    brown_out::set();
+    peripherals
+}
+
+/// Why the board started.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, defmt::Format)]
+pub enum ResetCause {
+    /// Power came on, or sagged below the brown-out level.
+    PowerOn,
+    /// The independent watchdog was not fed.
+    Watchdog,
+    /// The program asked for it, after a fault or on command.
+    Software,
+    /// The reset pin, which a debug probe drives too.
+    Pin,
+    /// None of the flags is set.
+    Unknown,
+}
+
+impl ResetCause {
+    /// Reads the flags and clears them.
+    fn take() -> Self {
+        let flags = RCC.csr().read();
+        RCC.csr().modify(|w| w.set_rmvf(true));
+        // The pin's flag accompanies all others, so it comes last.
+        if flags.porrstf() || flags.borrstf() {
+            Self::PowerOn
+        } else if flags.wdgrstf() || flags.wwdgrstf() {
+            Self::Watchdog
+        } else if flags.sftrstf() {
+            Self::Software
+        } else if flags.padrstf() {
+            Self::Pin
+        } else {
+            Self::Unknown
+        }
+    }
+}
+
+/// Brown-out level: below it the chip is held in reset, so that no output is driven by a core that
+/// runs outside its supply range.
+mod brown_out {
+    use super::FLASH;
+
+    /// `BOR_LEV` of level 3: reset below 2.7 V (typical), the lowest supply for 168 MHz without
+    /// flash errors.
+    const LEVEL_3: u8 = 0b00;
+    const BOR_LEV: u32 = 0b11 << 2;
+    const OPTSTRT: u32 = 1 << 1;
+    const OPTLOCK: u32 = 1 << 0;
+    /// Polls of the busy flag; writing option bytes takes milliseconds.
+    const PATIENCE: u32 = 10_000_000;
+
+    /// Writes the level to the option bytes if they hold another; it counts from the next power-on.
+    pub fn set() {
+        let options = FLASH.optcr().read().0;
+        if (options & BOR_LEV) >> 2 == LEVEL_3.into() {
+            return;
+        }
+        FLASH.optkeyr().write_value(0x0819_2a3b);
+        FLASH.optkeyr().write_value(0x4c5d_6e7f);
+        let wanted = (options & !(BOR_LEV | OPTLOCK)) | u32::from(LEVEL_3) << 2;
+        FLASH.optcr().modify(|w| w.0 = wanted);
+        FLASH.optcr().modify(|w| w.0 = wanted | OPTSTRT);
+        let written = (0..PATIENCE).any(|_| !FLASH.sr().read().bsy());
+        FLASH.optcr().modify(|w| w.0 = wanted | OPTLOCK);
+        if written {
+            defmt::info!("brown-out level set to 2.7 V, in force from the next power-on");
+        } else {
+            defmt::error!("brown-out level: the flash stayed busy");
+        }
+    }
+}

@@ -1,0 +1,94 @@
+//! Time of `embassy-time` from SysTick, in microseconds.
+//!
+//! SysTick serves the real board and the emulated one alike (QEMU's timers have no compare
+//! interrupt), and leaves every timer of the chip to motors and encoders. Time is read to the
+//! microsecond; alarms ring on the millisecond.
+
+use core::cell::RefCell;
+use core::sync::atomic::{AtomicU32, Ordering};
+use core::task::Waker;
+
+use cortex_m::peripheral::syst::SystClkSource;
+use cortex_m::peripheral::{SCB, SYST};
+use critical_section::Mutex;
+use embassy_time_driver::Driver;
+use embassy_time_queue_utils::Queue;
+
+use crate::board::CORE_HZ;
+
+/// Core cycles in a microsecond and in a period of SysTick.
+const CYCLES_PER_US: u32 = CORE_HZ / 1_000_000;
+const PERIOD_US: u32 = 1_000;
+const PERIOD: u32 = CYCLES_PER_US * PERIOD_US;
+
+struct SysTickDriver {
+    /// Periods since start, 64 bits in two halves; written by the interrupt alone.
+    low: AtomicU32,
+    high: AtomicU32,
+    queue: Mutex<RefCell<Queue>>,
+}
+
+embassy_time_driver::time_driver_impl!(static DRIVER: SysTickDriver = SysTickDriver {
+    low: AtomicU32::new(0),
+    high: AtomicU32::new(0),
+    queue: Mutex::new(RefCell::new(Queue::new())),
+});
+
+/// Starts the clock.
+pub(crate) fn start() {
+    // SAFETY: only this module uses SysTick.
+    let mut systick = unsafe { cortex_m::Peripherals::steal() }.SYST;
+    systick.set_clock_source(SystClkSource::Core);
+    systick.set_reload(PERIOD - 1);
+    systick.clear_current();
+    systick.enable_counter();
+    systick.enable_interrupt();
+}
+
+impl SysTickDriver {
+    fn periods(&self) -> u64 {
+        u64::from(self.high.load(Ordering::Relaxed)) << 32
+            | u64::from(self.low.load(Ordering::Relaxed))
+    }
+}
+
+impl Driver for SysTickDriver {
+    fn now(&self) -> u64 {
+        critical_section::with(|_| {
+            let before = SYST::get_current();
+            let mut periods = self.periods();
+            let mut remaining = before;
+            // A period that ended while interrupts were masked is not counted yet.
+            if SCB::is_pendst_pending() {
+                periods += 1;
+                remaining = SYST::get_current();
+            }
+            periods * u64::from(PERIOD_US) + u64::from((PERIOD - 1 - remaining) / CYCLES_PER_US)
+        })
+    }
+
+    fn schedule_wake(&self, at: u64, waker: &Waker) {
+        critical_section::with(|cs| {
+            self.queue.borrow(cs).borrow_mut().schedule_wake(at, waker);
+        });
+    }
+}
+
+#[cortex_m_rt::exception]
+fn SysTick() {
+    let (low, carry) = DRIVER.low.load(Ordering::Relaxed).overflowing_add(1);
+    critical_section::with(|cs| {
+        DRIVER.low.store(low, Ordering::Relaxed);
+        if carry {
+            DRIVER
+                .high
+                .store(DRIVER.high.load(Ordering::Relaxed) + 1, Ordering::Relaxed);
+        }
+        // Wakes what is due; the time of the next alarm does not matter to a periodic interrupt.
+        DRIVER
+            .queue
+            .borrow(cs)
+            .borrow_mut()
+            .next_expiration(DRIVER.now());
+    });
+}
