@@ -28,6 +28,7 @@ step "tests"
 cargo test --locked --workspace
 step "firmware for $target"
 images=(--locked --release --package firmware-axle --package firmware-beam --target "$target")
-cargo clippy "${images[@]}" --package firmware-common --package core-algos -- -D warnings
+cargo clippy "${images[@]}" --package firmware-common --package core-algos --features core-algos/hil \
+  -- -D warnings
 cargo build "${images[@]}"
 step "all passed"

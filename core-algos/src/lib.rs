@@ -26,5 +26,7 @@ pub mod bus;
 pub mod config;
 pub mod control;
 pub mod fusion;
+#[cfg(feature = "hil")]
+pub mod hil;
 pub mod math;
 pub mod node;

@@ -37,6 +37,7 @@ impl Axle {
 
 /// What the lead node asks of the axles.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum LeadMode {
     /// Motors off.
     #[default]

@@ -84,6 +84,7 @@ pub struct TrajectoryPoint {
 
 /// Why a point was not taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum PathError {
     /// No room: drive on, or give the buffer more points.
     Full,

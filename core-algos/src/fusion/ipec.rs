@@ -148,6 +148,7 @@ pub type WheelAdvance = [f32; 4];
 
 /// What one interval corrected.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Correction {
     /// Heading correction of axle 1 and axle 2, rad.
     pub heading: [f32; 2],

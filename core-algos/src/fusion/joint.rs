@@ -242,6 +242,7 @@ impl State {
 
 /// Result of the beam's update.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct BeamUpdate {
     /// What became of the measurement.
     pub verdict: Verdict,

@@ -303,6 +303,7 @@ pub struct Inputs {
 
 /// What the second tier knows after a tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Output {
     /// Front axle (axle 1), global frame.
     pub front: Estimate,

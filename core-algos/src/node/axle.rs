@@ -101,6 +101,7 @@ impl Config {
 
 /// What the sensors of an axle board read at a tick; `None` where nothing came.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Samples {
     /// Encoder counts (left, right); they wrap.
     pub encoder: [Option<i32>; 2],

@@ -79,6 +79,7 @@ impl Config {
 
 /// What the robot is to do.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Task {
     /// Motors off.
     #[default]
@@ -143,6 +144,7 @@ impl AxleTrack {
 
 /// What the lead node did at a step.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Output {
     /// Mode sent to the axles.
     pub mode: LeadMode,

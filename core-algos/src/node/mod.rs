@@ -13,6 +13,7 @@
 
 pub mod axle;
 pub mod beam;
+pub mod board;
 pub mod course;
 pub mod lead;
 pub mod outbox;

@@ -152,8 +152,8 @@ impl RobotConfig {
         self
     }
 
-    /// The nodes; the error names the parameter that is wrong.
-    pub fn build(&self) -> Result<Robot, ConfigError> {
+    /// Checks dimensions and limits; the error names the parameter that is wrong.
+    fn check(&self) -> Result<(), ConfigError> {
         let geometry = &self.geometry;
         positive("frame_length_m", geometry.frame_length_m)?;
         non_negative("rigid_end_m", geometry.rigid_end_m)?;
@@ -174,19 +174,38 @@ impl RobotConfig {
             0.0,
             0.5 * self.limits.max_steering_rad,
         )?;
-        let config = self.completed();
-        let frame = axle::Frame {
-            bending_stiffness_n_m2: geometry.bending_stiffness_n_m2,
-            length_m: geometry.frame_length_m,
-        };
+        Ok(())
+    }
+
+    /// The nodes; the error names the parameter that is wrong.
+    pub fn build(&self) -> Result<Robot, ConfigError> {
         Ok(Robot {
-            axles: [
-                config.axle.build(Axle::Front, frame)?,
-                config.axle.build(Axle::Rear, frame)?,
-            ],
-            beam: beam::BeamNode::new(config.beam.build()?),
-            lead: config.lead.build()?,
+            axles: [self.build_axle(Axle::Front)?, self.build_axle(Axle::Rear)?],
+            beam: self.build_beam()?,
+            lead: self.build_lead()?,
         })
+    }
+
+    /// The node of one axle, for a board that runs no other.
+    pub fn build_axle(&self, axle: Axle) -> Result<axle::AxleNode, ConfigError> {
+        self.check()?;
+        let frame = axle::Frame {
+            bending_stiffness_n_m2: self.geometry.bending_stiffness_n_m2,
+            length_m: self.geometry.frame_length_m,
+        };
+        self.completed().axle.build(axle, frame)
+    }
+
+    /// The beam node, for a board that runs no other.
+    pub fn build_beam(&self) -> Result<beam::BeamNode, ConfigError> {
+        self.check()?;
+        Ok(beam::BeamNode::new(self.completed().beam.build()?))
+    }
+
+    /// The lead node.
+    pub fn build_lead(&self) -> Result<lead::LeadNode, ConfigError> {
+        self.check()?;
+        self.completed().lead.build()
     }
 }
 

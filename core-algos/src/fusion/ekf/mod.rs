@@ -284,6 +284,7 @@ pub struct Measurements {
 
 /// What became of one measurement.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Verdict {
     /// There was none.
     #[default]

@@ -1,0 +1,423 @@
+//! The board's side of the link: bytes in, bytes out, and the board's nodes between.
+
+use super::framing::{Counters, Decoder, Frame, crc32c};
+use super::protocol::{
+    self, MAX_CONFIG, MAX_TELEMETRY, PROTOCOL, Packed, Place, Refusal, Reply, Request,
+    TELEMETRY_CHUNK, Telemetry,
+};
+use crate::bus;
+use crate::control::path::PathError;
+use crate::node::board::{Board, Output, Role, Samples};
+use crate::node::lead::LeadNode;
+use crate::node::robot::RobotConfig;
+use crate::node::{Micros, Outbox, TICK};
+use core::fmt::Write;
+
+/// Who a board is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Identity {
+    /// What it was built from, at most 64 bytes.
+    pub build: &'static str,
+    /// Which board.
+    pub role: Role,
+}
+
+/// A board at the end of a link.
+#[derive(Clone, Debug)]
+pub struct Endpoint {
+    decoder: Decoder,
+    session: Session,
+}
+
+impl Endpoint {
+    /// A board that has just been started and knows no parameters.
+    pub fn new(identity: Identity) -> Self {
+        Self {
+            decoder: Decoder::new(),
+            session: Session::new(identity),
+        }
+    }
+
+    /// Takes bytes that arrived; gives each answer to `send`, whole.
+    pub fn receive(&mut self, bytes: &[u8], send: &mut impl FnMut(&[u8])) {
+        for &byte in bytes {
+            let before = self.decoder.counters();
+            if let Some(payload) = self.decoder.push(byte) {
+                let counters = Counters {
+                    received: before.received.wrapping_add(1),
+                    ..before
+                };
+                self.session.handle(payload, counters, send);
+            }
+        }
+    }
+
+    /// Frames that arrived whole, and damaged ones.
+    pub fn counters(&self) -> Counters {
+        self.decoder.counters()
+    }
+
+    /// The nodes, once they have been started.
+    pub fn board(&self) -> Option<&Board> {
+        self.session.board.as_ref()
+    }
+}
+
+#[derive(Clone, Debug)]
+struct Session {
+    identity: Identity,
+    /// Whether a host has said hello in this version.
+    open: bool,
+    /// Number of the last request, and what was answered.
+    last: Option<u8>,
+    answer: Frame,
+    parameters: Parameters,
+    board: Option<Board>,
+    tick: u32,
+    outbox: Outbox,
+    telemetry: Spread,
+}
+
+impl Session {
+    fn new(identity: Identity) -> Self {
+        Self {
+            identity,
+            open: false,
+            last: None,
+            answer: Frame::default(),
+            parameters: Parameters::default(),
+            board: None,
+            tick: 0,
+            outbox: Outbox::new(),
+            telemetry: Spread::default(),
+        }
+    }
+
+    fn handle(&mut self, payload: &[u8], counters: Counters, send: &mut impl FnMut(&[u8])) {
+        let Some(&number) = payload.first() else {
+            return;
+        };
+        let request = protocol::decode::<Request>(payload).map(|(_, request)| request);
+        if let Some(Request::Hello { protocol, nonce }) = request {
+            self.open = protocol == PROTOCOL;
+            self.parameters = Parameters::default();
+            self.board = None;
+            let reply = Reply::Hello {
+                protocol: PROTOCOL,
+                nonce,
+                role: self.identity.role,
+                build: shortened(self.identity.build),
+                counters,
+            };
+            self.respond(number, protocol::encode(number, &reply), send);
+            // The next request is no repetition, whatever its number.
+            self.last = None;
+        } else if self.last == Some(number) {
+            send(self.answer.repeated());
+        } else {
+            self.carry_out(number, request, send);
+        }
+    }
+
+    /// Every reply is bounded to fit a frame; an empty one would make the host ask again.
+    fn respond(&mut self, number: u8, answer: Option<Frame>, send: &mut impl FnMut(&[u8])) {
+        self.answer = answer.unwrap_or_default();
+        self.last = Some(number);
+        send(self.answer.bytes());
+    }
+
+    fn carry_out(&mut self, number: u8, request: Option<Request>, send: &mut impl FnMut(&[u8])) {
+        // What a reply refers to stands here.
+        let (mut text, mut bus) = (Text::default(), Packed::new());
+        let reply = match request {
+            Some(request) if self.open => self.reply_to(request, &mut text, &mut bus),
+            Some(_) => Err(Refusal::NoSession),
+            None => Err(Refusal::Malformed),
+        };
+        let answer = protocol::encode(number, &reply.unwrap_or_else(Reply::Refused));
+        self.respond(number, answer, send);
+    }
+
+    fn reply_to<'a>(
+        &'a mut self,
+        request: Request,
+        text: &'a mut Text,
+        bus: &'a mut Packed,
+    ) -> Result<Reply<'a>, Refusal<'a>> {
+        match request {
+            Request::Hello { .. } => Err(Refusal::Malformed),
+            Request::Configure {
+                total,
+                offset,
+                bytes,
+            } => self.parameters.append(total, offset, bytes),
+            Request::Start { hash, tick, place } => self.start(hash, tick, place, text),
+            Request::Command(task) => self.lead().map(|lead| {
+                lead.command(task);
+                Reply::Done
+            }),
+            Request::Path { points, end } => self.lead().and_then(|lead| {
+                let course = lead.course();
+                append(&points, |point| course.push_path_point(point))?;
+                if end {
+                    course.finish_path();
+                }
+                Ok(Reply::Done)
+            }),
+            Request::Trajectory { points, end } => self.lead().and_then(|lead| {
+                let course = lead.course();
+                append(&points, |point| course.push_trajectory_point(point))?;
+                if end {
+                    course.finish_trajectory();
+                }
+                Ok(Reply::Done)
+            }),
+            Request::Axle {
+                tick,
+                samples,
+                bus: received,
+            } => {
+                self.tick(tick, &Samples::Axle(samples), received, bus)
+                    .map(|(output, refused)| Reply::Axle {
+                        torque_nm: output.torque_nm,
+                        active: output.active,
+                        refused,
+                        bus: bus.bytes(),
+                        telemetry: self.telemetry.next(),
+                    })
+            }
+            Request::Beam { tick, counts } => self
+                .tick(tick, &Samples::Beam(counts), &[], bus)
+                .map(|(_, refused)| Reply::Beam {
+                    refused,
+                    bus: bus.bytes(),
+                }),
+        }
+    }
+
+    fn start<'a>(
+        &mut self,
+        hash: u32,
+        tick: u32,
+        place: Option<Place>,
+        text: &'a mut Text,
+    ) -> Result<Reply<'a>, Refusal<'a>> {
+        self.board = None;
+        self.telemetry = Spread::default();
+        let bytes = self.parameters.complete(hash)?;
+        let config: RobotConfig = postcard::from_bytes(bytes).map_err(|_| Refusal::Undecodable)?;
+        match Board::new(&config, self.identity.role) {
+            Ok(board) => self.board = Some(board),
+            Err(error) => {
+                // What does not fit is left out.
+                let _ = write!(text, "{error}");
+                return Err(Refusal::Parameter {
+                    text: text.as_str(),
+                });
+            }
+        }
+        self.tick = tick;
+        if let (Some(place), Ok(lead)) = (place, self.lead()) {
+            lead.initialize(&place.center, &place.relative);
+        }
+        Ok(Reply::Done)
+    }
+
+    fn lead<'a>(&mut self) -> Result<&mut LeadNode, Refusal<'a>> {
+        let role = self.identity.role;
+        let board = self.board.as_mut().ok_or(Refusal::NotStarted)?;
+        board.lead().ok_or(Refusal::OtherBoard { role })
+    }
+
+    /// One tick; what is sent goes to `bus`. Gives the number of frames that were refused too.
+    fn tick<'a>(
+        &mut self,
+        tick: u32,
+        samples: &Samples,
+        received: &[u8],
+        sent: &mut Packed,
+    ) -> Result<(Output, u8), Refusal<'a>> {
+        let role = self.identity.role;
+        if matches!(samples, Samples::Beam(_)) != (role == Role::Beam) {
+            return Err(Refusal::OtherBoard { role });
+        }
+        let board = self.board.as_mut().ok_or(Refusal::NotStarted)?;
+        if tick != self.tick {
+            return Err(Refusal::Tick {
+                expected: self.tick,
+            });
+        }
+        self.tick = self.tick.wrapping_add(1);
+        let now = Micros::from(tick) * TICK;
+        let mut refused = 0u8;
+        let mut refuse = || refused = refused.saturating_add(1);
+        for frame in protocol::unpack(received) {
+            match bus::decode(&frame) {
+                Ok(message) => board.receive(now, &message),
+                Err(_) => refuse(),
+            }
+        }
+        self.outbox.clear();
+        let output = board.step(now, samples, &mut self.outbox);
+        for message in self.outbox.iter() {
+            match bus::encode(message) {
+                Ok(frame) if sent.push(&frame) => {}
+                _ => refuse(),
+            }
+        }
+        if let (Some(output), Some(lead)) = (output.lead, board.lead()) {
+            self.telemetry.fill(&Telemetry {
+                output,
+                path_room: lead.course().path_room() as u16,
+                trajectory_room: lead.course().trajectory_room() as u16,
+            });
+        }
+        Ok((output, refused))
+    }
+}
+
+/// At most 64 bytes, cut between characters.
+fn shortened(text: &str) -> &str {
+    let end = (0..=64).rev().find(|&end| text.is_char_boundary(end));
+    end.and_then(|end| text.get(..end)).unwrap_or(text)
+}
+
+/// Hands each point on; the first that is not taken is the reason.
+fn append<'a, T: Copy>(
+    points: &[Option<T>],
+    mut push: impl FnMut(T) -> Result<(), PathError>,
+) -> Result<(), Refusal<'a>> {
+    points
+        .iter()
+        .flatten()
+        .try_for_each(|point| push(*point).map_err(Refusal::Point))
+}
+
+/// Encoded parameters as they come in.
+#[derive(Clone, Copy, Debug)]
+struct Parameters {
+    bytes: [u8; MAX_CONFIG],
+    received: usize,
+    total: usize,
+}
+
+impl Default for Parameters {
+    fn default() -> Self {
+        Self {
+            bytes: [0; MAX_CONFIG],
+            received: 0,
+            total: 0,
+        }
+    }
+}
+
+impl Parameters {
+    /// Takes the next part; one at the beginning starts over.
+    fn append<'a>(
+        &mut self,
+        total: u16,
+        offset: u16,
+        part: &[u8],
+    ) -> Result<Reply<'a>, Refusal<'a>> {
+        if offset == 0 {
+            self.received = 0;
+            self.total = usize::from(total);
+        }
+        let refusal = Refusal::Part {
+            received: self.received as u16,
+        };
+        let end = self.received + part.len();
+        let follows = usize::from(offset) == self.received && usize::from(total) == self.total;
+        if !follows || end > self.total {
+            return Err(refusal);
+        }
+        let room = self.bytes.get_mut(self.received..end).ok_or(refusal)?;
+        room.copy_from_slice(part);
+        self.received = end;
+        Ok(Reply::Configured {
+            hash: crc32c(self.bytes.get(..end).unwrap_or_default()),
+        })
+    }
+
+    /// All of them, if they are complete and have this check sum.
+    fn complete<'a>(&self, hash: u32) -> Result<&[u8], Refusal<'a>> {
+        let bytes = self.bytes.get(..self.received).unwrap_or_default();
+        let found = crc32c(bytes);
+        if self.received != self.total || found != hash {
+            return Err(Refusal::Hash { found });
+        }
+        Ok(bytes)
+    }
+}
+
+/// The lead node's output on its way, a part with each reply. It begins with its length.
+#[derive(Clone, Copy, Debug)]
+struct Spread {
+    bytes: [u8; MAX_TELEMETRY],
+    length: usize,
+    sent: usize,
+}
+
+impl Default for Spread {
+    fn default() -> Self {
+        Self {
+            bytes: [0; MAX_TELEMETRY],
+            length: 0,
+            sent: 0,
+        }
+    }
+}
+
+impl Spread {
+    fn fill(&mut self, telemetry: &Telemetry) {
+        let (head, room) = self.bytes.split_at_mut(2);
+        // Its largest size is known to fit; nothing is sent otherwise.
+        let used = postcard::to_slice(telemetry, room).map_or(0, |used| used.len());
+        head.copy_from_slice(&(used as u16).to_le_bytes());
+        self.length = 2 + used;
+        self.sent = 0;
+    }
+
+    fn next(&mut self) -> &[u8] {
+        let end = self.length.min(self.sent + TELEMETRY_CHUNK);
+        let part = self.bytes.get(self.sent..end).unwrap_or_default();
+        self.sent = end;
+        part
+    }
+}
+
+/// A line of text of bounded length.
+#[derive(Clone, Copy, Debug)]
+struct Text {
+    bytes: [u8; 160],
+    length: usize,
+}
+
+impl Default for Text {
+    fn default() -> Self {
+        Self {
+            bytes: [0; 160],
+            length: 0,
+        }
+    }
+}
+
+impl Text {
+    fn as_str(&self) -> &str {
+        let bytes = self.bytes.get(..self.length).unwrap_or_default();
+        core::str::from_utf8(bytes).unwrap_or_default()
+    }
+}
+
+impl Write for Text {
+    fn write_str(&mut self, text: &str) -> core::fmt::Result {
+        let end = self.length + text.len();
+        let room = self
+            .bytes
+            .get_mut(self.length..end)
+            .ok_or(core::fmt::Error)?;
+        room.copy_from_slice(text.as_bytes());
+        self.length = end;
+        Ok(())
+    }
+}

@@ -1,0 +1,31 @@
+//! Hardware in the loop: a board's nodes at the end of a serial link.
+//!
+//! A host simulates robot and bus and sends each board its samples and the messages that arrive;
+//! the board answers with its torques and the messages it sends. The board's time is the time in
+//! the frame, so the result depends neither on the speed of the link nor on that of the board.
+//!
+//! [`framing`] turns payloads into frames of a byte stream and finds them again; [`protocol`] is
+//! what is said; [`endpoint`] is the board's side, without input or output of its own.
+//!
+//! # Order and loss
+//!
+//! The host asks, the board answers, one request at a time. Each request has a number; a board
+//! that sees the number of the last request again answers as before without doing anything a
+//! second time. The host therefore repeats a request until the answer comes, and what is lost or
+//! damaged on the link costs time and nothing else. [`protocol::Request::Hello`] begins a session
+//! and is never taken for a repetition, so either side may restart at any time: a board that did
+//! refuses whatever else comes, and the host says hello to it again.
+//!
+//! # Panic contract
+//!
+//! Nothing here panics, whatever bytes come: wrong ones are counted, requests that do not fit the
+//! session are refused with a reason.
+
+pub mod endpoint;
+pub mod framing;
+pub mod protocol;
+
+#[cfg(test)]
+mod tests;
+
+pub use endpoint::{Endpoint, Identity};

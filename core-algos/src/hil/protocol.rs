@@ -1,0 +1,443 @@
+//! What host and board say to each other: each payload is a number and a [`Request`] or [`Reply`]
+//! as postcard.
+//!
+//! [`Request::Hello`] and [`Reply::Hello`] are the first variants and stay as they are in every
+//! version, so that two sides of different versions can tell.
+
+use super::framing::{Counters, Frame, MAX_PAYLOAD};
+use crate::beam::MAX_GAUGES;
+use crate::bus;
+use crate::control::path::{PathError, PathPoint, TrajectoryPoint};
+use crate::fusion::Estimate;
+use crate::node::axle;
+use crate::node::board::Role;
+use crate::node::lead::{self, Task};
+use serde::{Deserialize, Serialize};
+
+/// Version of the protocol: changes with every change of what is said, or of a configuration.
+pub const PROTOCOL: u16 = 1;
+/// Largest encoded configuration, bytes.
+pub const MAX_CONFIG: usize = 2048;
+/// Bytes of a configuration in one request.
+pub const CONFIG_CHUNK: usize = 200;
+/// Points of a path or trajectory in one request.
+pub const POINTS: usize = 8;
+/// Bytes of the lead node's output that go with one reply. It is spread over the ticks that follow
+/// the lead node's, so that no reply is much longer than another.
+pub const TELEMETRY_CHUNK: usize = 40;
+/// Largest encoded output of the lead node: all of it before the epoch ends.
+pub const MAX_TELEMETRY: usize = 7 * TELEMETRY_CHUNK;
+/// Bus frames that go with one tick.
+pub const MAX_BUS_FRAMES: usize = 18;
+
+/// From host to board.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Request<'a> {
+    /// Begins a session. The board stops what it did and forgets its parameters.
+    Hello {
+        /// Version the host speaks.
+        protocol: u16,
+        /// Comes back in the reply, so that the reply to an earlier hello is not taken for it.
+        nonce: u32,
+    },
+    /// A part of the encoded [`crate::node::robot::RobotConfig`].
+    Configure {
+        /// Bytes of the whole.
+        total: u16,
+        /// Place of the first byte of this part.
+        offset: u16,
+        /// The part.
+        bytes: &'a [u8],
+    },
+    /// Builds the nodes from the parameters.
+    Start {
+        /// CRC-32C of the encoded parameters.
+        hash: u32,
+        /// The first tick that will come, ms.
+        tick: u32,
+        /// Where the robot stands, for the lead node.
+        place: Option<Place>,
+    },
+    /// Gives the lead node something to do.
+    Command(Task),
+    /// Appends to the lead node's path.
+    Path {
+        /// The points.
+        points: [Option<PathPoint>; POINTS],
+        /// Whether they are the last.
+        end: bool,
+    },
+    /// Appends to the lead node's trajectory.
+    Trajectory {
+        /// The points.
+        points: [Option<TrajectoryPoint>; POINTS],
+        /// Whether they are the last.
+        end: bool,
+    },
+    /// One tick of an axle board.
+    Axle {
+        /// Time, ms.
+        tick: u32,
+        /// What its sensors read.
+        samples: axle::Samples,
+        /// Bus frames that arrived, see [`Packed`].
+        bus: &'a [u8],
+    },
+    /// One tick of a beam board.
+    Beam {
+        /// Time, ms.
+        tick: u32,
+        /// Counts of the bridges.
+        counts: [i32; MAX_GAUGES],
+    },
+}
+
+/// Where the robot stands at the start.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Place {
+    /// The midpoint.
+    pub center: Estimate,
+    /// Front axle in the rear axle's frame.
+    pub relative: Estimate,
+}
+
+/// From board to host.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Reply<'a> {
+    /// Who the board is.
+    Hello {
+        /// Version the board speaks.
+        protocol: u16,
+        /// As in the request.
+        nonce: u32,
+        /// Which board.
+        role: Role,
+        /// What it was built from.
+        build: &'a str,
+        /// Frames since the board was started.
+        counters: Counters,
+    },
+    /// The request was carried out.
+    Done,
+    /// CRC-32C of the parameters so far.
+    Configured {
+        /// The check sum.
+        hash: u32,
+    },
+    /// What an axle board did.
+    Axle {
+        /// Wheel torques (left, right), N m.
+        torque_nm: [f32; 2],
+        /// Whether the axle follows a reference.
+        active: bool,
+        /// Bus frames that could not be decoded or encoded at this tick.
+        refused: u8,
+        /// Bus frames that it sends, see [`Packed`].
+        bus: &'a [u8],
+        /// The next part of the lead node's output.
+        telemetry: &'a [u8],
+    },
+    /// What a beam board did.
+    Beam {
+        /// Messages that could not be encoded at this tick.
+        refused: u8,
+        /// Bus frames that it sends, see [`Packed`].
+        bus: &'a [u8],
+    },
+    /// The request was not carried out.
+    Refused(Refusal<'a>),
+}
+
+/// Why a request was not carried out.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Refusal<'a> {
+    /// There is no session, or it is of another protocol: say hello first. A board that was
+    /// restarted answers so.
+    NoSession,
+    /// The request is none of this version.
+    Malformed,
+    /// The request is for another kind of board.
+    OtherBoard {
+        /// What this board is.
+        role: Role,
+    },
+    /// A part of the parameters does not follow the one before, or they are too long.
+    Part {
+        /// Bytes received so far.
+        received: u16,
+    },
+    /// The check sum of the parameters is another one.
+    Hash {
+        /// That of the parameters received.
+        found: u32,
+    },
+    /// The parameters cannot be decoded.
+    Undecodable,
+    /// A parameter is out of range.
+    Parameter {
+        /// Name, value and range.
+        text: &'a str,
+    },
+    /// The nodes have not been started.
+    NotStarted,
+    /// A tick was left out or comes twice.
+    Tick {
+        /// The tick that was expected, ms.
+        expected: u32,
+    },
+    /// A point of a path or trajectory was not taken.
+    Point(PathError),
+}
+
+/// What the lead node did, and the room in its buffers.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Telemetry {
+    /// Its output.
+    pub output: lead::Output,
+    /// Points the path has room for.
+    pub path_room: u16,
+    /// Points the trajectory has room for.
+    pub trajectory_room: u16,
+}
+
+/// The frame of a numbered message; `None` if it does not fit.
+pub fn encode<T: Serialize>(number: u8, message: &T) -> Option<Frame> {
+    let mut payload = [0; MAX_PAYLOAD];
+    let used = postcard::to_slice(&(number, message), &mut payload).ok()?;
+    Frame::new(used)
+}
+
+/// Number and message of a payload; `None` if it is none of this version.
+pub fn decode<'a, T: Deserialize<'a>>(payload: &'a [u8]) -> Option<(u8, T)> {
+    match postcard::take_from_bytes(payload) {
+        Ok((message, [])) => Some(message),
+        _ => None,
+    }
+}
+
+/// Bus frames, each as identifier and length in two bytes and then its data.
+#[derive(Clone, Copy, Debug)]
+pub struct Packed {
+    bytes: [u8; 10 * MAX_BUS_FRAMES],
+    length: usize,
+}
+
+impl Default for Packed {
+    fn default() -> Self {
+        Self {
+            bytes: [0; 10 * MAX_BUS_FRAMES],
+            length: 0,
+        }
+    }
+}
+
+impl Packed {
+    /// No frames.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Appends a frame; `false` if there is no room.
+    pub fn push(&mut self, frame: &bus::Frame) -> bool {
+        let data = frame
+            .data
+            .get(..usize::from(frame.length))
+            .unwrap_or(&frame.data);
+        let head = frame.id & 0x7ff | (data.len() as u16) << 12;
+        let end = self.length + 2 + data.len();
+        let Some(room) = self.bytes.get_mut(self.length..end) else {
+            return false;
+        };
+        let (to_head, to_data) = room.split_at_mut(2);
+        to_head.copy_from_slice(&head.to_le_bytes());
+        to_data.copy_from_slice(data);
+        self.length = end;
+        true
+    }
+
+    /// The bytes.
+    pub fn bytes(&self) -> &[u8] {
+        self.bytes.get(..self.length).unwrap_or_default()
+    }
+}
+
+/// The frames in packed bytes; ends at the first that is cut short.
+pub fn unpack(mut bytes: &[u8]) -> impl Iterator<Item = bus::Frame> {
+    core::iter::from_fn(move || {
+        let (head, rest) = bytes.split_at_checked(2)?;
+        let head = u16::from_le_bytes([*head.first()?, *head.last()?]);
+        let length = head >> 12;
+        let (from, rest) = rest.split_at_checked(usize::from(length))?;
+        let mut data = [0; 8];
+        data.get_mut(..from.len())?.copy_from_slice(from);
+        bytes = rest;
+        Some(bus::Frame {
+            id: head & 0x7ff,
+            length: length as u8,
+            data,
+        })
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bus::layout::MESSAGES;
+    use crate::node::robot::RobotConfig;
+    use proptest::prelude::*;
+
+    /// The encoded message.
+    fn payload<T: Serialize>(message: &T) -> Vec<u8> {
+        let mut room = [0; MAX_PAYLOAD];
+        postcard::to_slice(&(7u8, message), &mut room)
+            .unwrap()
+            .to_vec()
+    }
+
+    #[test]
+    fn the_longest_messages_fit_a_frame() {
+        let far = PathPoint {
+            kappa: f32::MAX,
+            ..PathPoint::default()
+        };
+        let path = Request::Path {
+            points: [Some(far); POINTS],
+            end: true,
+        };
+        let trajectory = Request::Trajectory {
+            points: [Some(TrajectoryPoint::default()); POINTS],
+            end: true,
+        };
+        let configure = Request::Configure {
+            total: u16::MAX,
+            offset: u16::MAX,
+            bytes: &[255; CONFIG_CHUNK],
+        };
+        let full = [255; 10 * MAX_BUS_FRAMES];
+        let axle = Request::Axle {
+            tick: u32::MAX,
+            samples: axle::Samples {
+                encoder: [Some(i32::MIN); 2],
+                gyro_rad_s: Some(1.0),
+                acceleration_m_s2: Some(1.0),
+            },
+            bus: &full,
+        };
+        let beam = Request::Beam {
+            tick: u32::MAX,
+            counts: [i32::MIN; MAX_GAUGES],
+        };
+        for request in [path, trajectory, configure, axle, beam] {
+            assert!(encode(255, &request).is_some(), "{request:?}");
+        }
+        let reply = Reply::Axle {
+            torque_nm: [1.0; 2],
+            active: true,
+            refused: 255,
+            bus: &full,
+            telemetry: &[255; TELEMETRY_CHUNK],
+        };
+        assert!(encode(255, &reply).is_some());
+    }
+
+    #[test]
+    fn the_largest_output_of_the_lead_node_fits_an_epoch() {
+        let output = lead::Output {
+            target: Some(Default::default()),
+            fused: crate::fusion::tandem::Output {
+                ipec: Some(crate::fusion::ipec::Correction::default()),
+                omega: Some([0.5; 2]),
+                ..Default::default()
+            },
+            ..Default::default()
+        };
+        let telemetry = Telemetry {
+            output,
+            path_room: u16::MAX,
+            trajectory_room: u16::MAX,
+        };
+        let mut room = [0; 2 * MAX_TELEMETRY];
+        let used = postcard::to_slice(&telemetry, &mut room).unwrap();
+        assert!(used.len() <= MAX_TELEMETRY - 2, "{}", used.len());
+    }
+
+    #[test]
+    fn a_configuration_survives_and_builds_the_same_robot() {
+        let mut config = RobotConfig::default();
+        config.geometry.wheel_radius_m = 0.0731;
+        config.geometry.rigid_end_m = 0.01;
+        config.geometry.frame_length_m = 0.36;
+        config.limits.max_steering_rad = 0.45;
+        for config in [config, config.completed()] {
+            let mut room = [0; MAX_CONFIG];
+            let bytes = postcard::to_slice(&config, &mut room).unwrap();
+            let back: RobotConfig = postcard::from_bytes(bytes).unwrap();
+            assert_eq!(back.build().unwrap(), config.build().unwrap());
+        }
+    }
+
+    #[test]
+    fn bytes_behind_a_message_are_no_message() {
+        let mut bytes = payload(&Reply::Done);
+        assert_eq!(decode(&bytes), Some((7, Reply::Done)));
+        bytes.push(0);
+        assert_eq!(decode::<Reply>(&bytes), None);
+    }
+
+    #[test]
+    fn packed_frames_are_bounded_and_cut_ones_left_out() {
+        let frame = bus::Frame {
+            id: 0x7ff,
+            length: 8,
+            data: [255; 8],
+        };
+        let mut packed = Packed::new();
+        for _ in 0..MAX_BUS_FRAMES {
+            assert!(packed.push(&frame));
+        }
+        assert!(!packed.push(&frame));
+        assert_eq!(unpack(packed.bytes()).count(), MAX_BUS_FRAMES);
+        let (_, cut) = packed.bytes().split_last().unwrap().1.split_at(0);
+        assert_eq!(unpack(cut).count(), MAX_BUS_FRAMES - 1);
+        // A length that no frame has.
+        assert_eq!(
+            unpack(&[
+                0, 0xf0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16
+            ])
+            .count(),
+            0
+        );
+    }
+
+    proptest! {
+        #[test]
+        fn frames_come_back(list in prop::collection::vec((0..MESSAGES.len(), any::<[u8; 8]>()), 0..MAX_BUS_FRAMES)) {
+            let mut packed = Packed::new();
+            let frames: Vec<bus::Frame> = list.iter().map(|&(k, mut data)| {
+                let length = MESSAGES[k].bytes();
+                data[usize::from(length)..].fill(0);
+                bus::Frame { id: MESSAGES[k].id, length, data }
+            }).collect();
+            for frame in &frames {
+                prop_assert!(packed.push(frame));
+            }
+            prop_assert_eq!(unpack(packed.bytes()).collect::<Vec<_>>(), frames);
+        }
+
+        #[test]
+        fn samples_keep_their_bits(bits: [u32; 2], encoder: [Option<i32>; 2]) {
+            let samples = axle::Samples {
+                encoder,
+                gyro_rad_s: Some(f32::from_bits(bits[0])),
+                acceleration_m_s2: Some(f32::from_bits(bits[1])),
+            };
+            let bytes = payload(&Request::Axle { tick: 5, samples, bus: &[] });
+            let Some((7, Request::Axle { samples: back, .. })) = decode(&bytes) else {
+                panic!("{bytes:?}");
+            };
+            prop_assert_eq!(back.encoder, encoder);
+            prop_assert_eq!(back.gyro_rad_s.map(f32::to_bits), Some(bits[0]));
+            prop_assert_eq!(back.acceleration_m_s2.map(f32::to_bits), Some(bits[1]));
+        }
+    }
+}

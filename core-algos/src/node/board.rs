@@ -1,0 +1,219 @@
+//! What one board runs: an axle node, on the front board with the lead node beside it, or the beam
+//! node.
+//!
+//! A board takes in the messages that arrived, then the samples of a tick. The order is fixed here,
+//! so that every place that runs a board runs it alike: in process, behind a serial link, in
+//! firmware.
+//!
+//! # Panic contract
+//!
+//! [`Board::new`] validates; nothing else can fail.
+
+use super::axle::{self, AxleNode};
+use super::beam::BeamNode;
+use super::lead::{self, LeadNode};
+use super::robot::RobotConfig;
+use super::{EPOCH, LEAD_PHASE, Micros, Outbox};
+use crate::beam::MAX_GAUGES;
+use crate::bus::{Axle, Message};
+use crate::config::ConfigError;
+
+/// Which of the robot's boards one is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
+pub enum Role {
+    /// Front axle and lead node.
+    Front,
+    /// Rear axle.
+    Rear,
+    /// Instrumented frame.
+    Beam,
+}
+
+impl Role {
+    /// All boards of a robot, in the order their messages enter the simulated bus.
+    pub const ALL: [Self; 3] = [Self::Front, Self::Rear, Self::Beam];
+
+    /// Name in lower case.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Front => "front",
+            Self::Rear => "rear",
+            Self::Beam => "beam",
+        }
+    }
+}
+
+/// What the sensors of a board read at a tick.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Samples {
+    /// Encoders and inertial sensors of an axle.
+    Axle(axle::Samples),
+    /// Counts of the strain bridges.
+    Beam([i32; MAX_GAUGES]),
+}
+
+/// What a board did at a tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Output {
+    /// Wheel torques (left, right), N m; zero on the beam board.
+    pub torque_nm: [f32; 2],
+    /// Whether the axle follows a reference; otherwise its motors are off.
+    pub active: bool,
+    /// What the lead node did, at the ticks it works.
+    pub lead: Option<lead::Output>,
+}
+
+/// The nodes of one board.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Board {
+    /// Front axle and lead node.
+    Front {
+        /// The axle.
+        axle: AxleNode,
+        /// The lead node.
+        lead: LeadNode,
+    },
+    /// Rear axle.
+    Rear(AxleNode),
+    /// Instrumented frame.
+    Beam(BeamNode),
+}
+
+impl Board {
+    /// The nodes of a board at rest; the error names the parameter that is wrong.
+    pub fn new(config: &RobotConfig, role: Role) -> Result<Self, ConfigError> {
+        Ok(match role {
+            Role::Front => Self::Front {
+                axle: config.build_axle(Axle::Front)?,
+                lead: config.build_lead()?,
+            },
+            Role::Rear => Self::Rear(config.build_axle(Axle::Rear)?),
+            Role::Beam => Self::Beam(config.build_beam()?),
+        })
+    }
+
+    /// Which board this is.
+    pub fn role(&self) -> Role {
+        match self {
+            Self::Front { .. } => Role::Front,
+            Self::Rear(_) => Role::Rear,
+            Self::Beam(_) => Role::Beam,
+        }
+    }
+
+    /// The lead node, on the front board.
+    pub fn lead(&mut self) -> Option<&mut LeadNode> {
+        match self {
+            Self::Front { lead, .. } => Some(lead),
+            _ => None,
+        }
+    }
+
+    /// Takes in a message that arrived at `now`.
+    pub fn receive(&mut self, now: Micros, message: &Message) {
+        match self {
+            Self::Front { axle, lead } => {
+                axle.receive(now, message);
+                lead.receive(now, message);
+            }
+            Self::Rear(axle) => axle.receive(now, message),
+            Self::Beam(_) => {}
+        }
+    }
+
+    /// One tick at `now`; what the nodes send is appended to `outbox`. Samples of another kind of
+    /// board are taken as none.
+    pub fn step(&mut self, now: Micros, samples: &Samples, outbox: &mut Outbox) -> Output {
+        match self {
+            Self::Front { axle, lead } => {
+                let mut output = step_axle(axle, now, samples, outbox);
+                if now % EPOCH == LEAD_PHASE {
+                    output.lead = Some(lead.step(now, outbox));
+                }
+                output
+            }
+            Self::Rear(axle) => step_axle(axle, now, samples, outbox),
+            Self::Beam(beam) => {
+                if let Samples::Beam(counts) = samples {
+                    beam.step(now, counts, outbox);
+                }
+                Output::default()
+            }
+        }
+    }
+}
+
+fn step_axle(axle: &mut AxleNode, now: Micros, samples: &Samples, outbox: &mut Outbox) -> Output {
+    let none = axle::Samples::default();
+    let samples = match samples {
+        Samples::Axle(samples) => samples,
+        Samples::Beam(_) => &none,
+    };
+    let output = axle.step(now, samples, outbox);
+    Output {
+        torque_nm: output.torque_nm,
+        active: output.active,
+        lead: None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::node::TICK;
+
+    #[test]
+    fn each_role_sends_its_own_messages_and_only_the_front_board_leads() {
+        for role in Role::ALL {
+            let mut board = Board::new(&RobotConfig::default(), role).unwrap();
+            assert_eq!(board.role(), role);
+            assert_eq!(board.lead().is_some(), role == Role::Front);
+            let samples = match role {
+                Role::Beam => Samples::Beam([2048; MAX_GAUGES]),
+                _ => Samples::Axle(axle::Samples {
+                    encoder: [Some(0); 2],
+                    ..axle::Samples::default()
+                }),
+            };
+            let (mut led, mut outbox) = (0, Outbox::new());
+            for tick in 0..10 {
+                led += u32::from(
+                    board
+                        .step(tick * TICK, &samples, &mut outbox)
+                        .lead
+                        .is_some(),
+                );
+            }
+            assert_eq!(led, u32::from(role == Role::Front));
+            let from = |message: &Message| match message {
+                Message::AxlePosture {
+                    axle: Axle::Front, ..
+                }
+                | Message::LeadStatus { .. } => Some(Role::Front),
+                Message::AxlePosture {
+                    axle: Axle::Rear, ..
+                } => Some(Role::Rear),
+                Message::BeamPosture { .. } => Some(Role::Beam),
+                _ => None,
+            };
+            let senders = outbox.iter().filter_map(from).collect::<Vec<_>>();
+            assert!(!senders.is_empty() && senders.iter().all(|sender| *sender == role));
+        }
+    }
+
+    #[test]
+    fn samples_of_another_board_are_none() {
+        let mut board = Board::new(&RobotConfig::default(), Role::Rear).unwrap();
+        let mut same = board.clone();
+        let mut outbox = Outbox::new();
+        let beam = Samples::Beam([1; MAX_GAUGES]);
+        let none = Samples::Axle(axle::Samples::default());
+        assert_eq!(
+            board.step(0, &beam, &mut outbox),
+            same.step(0, &none, &mut outbox)
+        );
+        assert_eq!(board, same);
+    }
+}
