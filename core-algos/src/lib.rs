@@ -30,3 +30,4 @@ pub mod fusion;
 pub mod hil;
 pub mod math;
 pub mod node;
+pub mod safety;

@@ -1,0 +1,308 @@
+//! What can be wrong: the one table of codes, classes, times, meanings and remedies.
+
+use crate::node::Micros;
+
+/// What a condition asks for. The upper two bits of a code are its class.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Class {
+    /// A limit was met or something small was lost; reported only. Codes 0x01 to 0x3f.
+    Notice,
+    /// The robot may drive on for a limited time and distance. Codes 0x40 to 0x7f.
+    Degraded,
+    /// Coordinated stop, then motors off. Codes 0x80 to 0xbf.
+    Stop,
+    /// Motors off at once: control itself cannot be trusted. Codes 0xc0 to 0xff.
+    Cut,
+}
+
+impl Class {
+    /// The class of a code.
+    pub const fn of(code: u8) -> Self {
+        match code >> 6 {
+            0 => Self::Notice,
+            1 => Self::Degraded,
+            2 => Self::Stop,
+            _ => Self::Cut,
+        }
+    }
+
+    /// Whether the condition ends the drive and is latched until cleared.
+    pub const fn is_hard(self) -> bool {
+        matches!(self, Self::Stop | Self::Cut)
+    }
+
+    /// Name in tables.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Notice => "notice",
+            Self::Degraded => "degraded",
+            Self::Stop => "stop",
+            Self::Cut => "cut",
+        }
+    }
+}
+
+/// All that is known of a condition beforehand.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Entry {
+    /// The condition.
+    pub condition: Condition,
+    /// Code on the bus and in reports; never reused for another meaning.
+    pub code: u8,
+    /// Name in reports.
+    pub name: &'static str,
+    /// Time that it must hold without a break before it counts.
+    pub hold: Micros,
+    /// What it means.
+    pub meaning: &'static str,
+    /// What to do about it.
+    pub remedy: &'static str,
+}
+
+macro_rules! conditions {
+    ($($name:ident = $code:literal $text:literal $hold_ms:literal ms: $meaning:literal; $remedy:literal.)+) => {
+        /// Something that can be wrong at a node.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+        #[repr(u8)]
+        pub enum Condition {
+            $(#[doc = $meaning] $name,)+
+        }
+
+        /// Every condition, in the order of the enumeration.
+        pub const TABLE: [Entry; COUNT] = [
+            $(Entry {
+                condition: Condition::$name,
+                code: $code,
+                name: $text,
+                hold: $hold_ms * 1_000,
+                meaning: $meaning,
+                remedy: $remedy,
+            },)+
+        ];
+
+        /// Number of conditions.
+        pub const COUNT: usize = [$($code),+].len();
+
+        impl Condition {
+            /// Every condition.
+            pub const ALL: [Self; COUNT] = [$(Self::$name),+];
+        }
+    };
+}
+
+conditions! {
+    TorqueLimited = 0x01 "torque limited" 100 ms:
+        "the controller asks for more torque than the motors give"; "lower the speed or the acceleration limits".
+    MeasurementRefused = 0x02 "measurement refused" 0 ms:
+        "an innovation gate refused a measurement"; "look for slipping wheels or a loose sensor if it repeats".
+    GaugeLost = 0x03 "gauge lost" 0 ms:
+        "a strain gauge is out and the posture comes from the rest"; "check the bridge named in the beam's report".
+    ZeroDrift = 0x04 "zero drift" 0 ms:
+        "the zeros of the bridges have moved"; "calibrate the gauges at a straight posture".
+    MessageLost = 0x05 "message lost" 0 ms:
+        "an expected message did not come"; "check cable, termination and bus load".
+    InertialLost = 0x06 "inertial sensor lost" 20 ms:
+        "gyro or accelerometer gives no sample"; "check the wiring of the sensor, driving goes on without it".
+    TemperatureHigh = 0x07 "temperature high" 500 ms:
+        "a motor or driver is near its temperature limit, its current is folded back"; "let it cool".
+    SupplyWarning = 0x08 "supply near its limit" 200 ms:
+        "the supply voltage is near its lower limit"; "charge the battery".
+    ParameterDefault = 0x09 "default parameter in use" 0 ms:
+        "a stored parameter was damaged and its default is used"; "set the parameter and save it".
+    ClockStepped = 0x0a "clock stepped" 0 ms:
+        "the node's clock was moved to the bus's by more than its drift explains"; "harmless once after a start".
+    TickLate = 0x0b "tick late" 0 ms:
+        "a tick ended after its time"; "lower the load of the board".
+    BeamLost = 0x40 "relative position sensor lost" 50 ms:
+        "no posture comes from the beam, the estimate goes on from the encoders"; "check the beam board and its cable".
+    EmergencyStop = 0x80 "emergency stop" 0 ms:
+        "the emergency stop was pressed or commanded"; "release it and clear the fault".
+    CommandTimeout = 0x81 "command timeout" 0 ms:
+        "references stopped coming"; "check the lead node and the bus".
+    NeighbourLost = 0x82 "neighbour lost" 0 ms:
+        "the heartbeat of another node is missing"; "check that board's supply and cable".
+    NeighbourFault = 0x83 "neighbour stopped" 0 ms:
+        "another node is stopping or in fault"; "look at that node's code".
+    BusOff = 0x84 "bus off" 20 ms:
+        "the bus controller has left the bus after too many errors"; "check cable, termination and bit rate".
+    EstimateInconsistent = 0x85 "estimate inconsistent" 200 ms:
+        "measurements contradict each other or the covariance is beyond its bound"; "check wheels, gauges and calibration".
+    FrameBent = 0x86 "frame bent" 30 ms:
+        "the frame is bent beyond its limit"; "look for an obstacle or a slipping wheel, straighten the frame".
+    WrenchHigh = 0x87 "wrench high" 30 ms:
+        "the frame pushes or pulls the axles beyond its limit"; "look for a blocked wheel or axles that disagree".
+    TrackingLost = 0x88 "tracking lost" 150 ms:
+        "an axle does not follow its reference"; "look for a weak motor, a lifted or blocked wheel".
+    OverTemperature = 0x89 "over temperature" 200 ms:
+        "a motor or driver is beyond its temperature limit"; "let it cool, lower the load".
+    SupplyLow = 0x8a "supply low" 20 ms:
+        "the supply voltage is below its lower limit"; "charge the battery, check the cable".
+    TickOverrun = 0x8b "ticks overrun" 5 ms:
+        "ticks are missed one after the other"; "lower the load of the board".
+    DegradedTooLong = 0x8c "degraded too long" 0 ms:
+        "time or distance allowed in a degraded state is used up"; "remove the cause of the degradation".
+    WheelSlip = 0x8d "wheel slip" 100 ms:
+        "wheels and inertial sensor or beam disagree on the motion"; "look for a lifted wheel or a slippery floor".
+    NotANumber = 0xc0 "not a number" 0 ms:
+        "a computation of control or estimation left the finite numbers"; "report it with the log, restart the board".
+    EncoderFault = 0xc1 "encoder fault" 5 ms:
+        "an encoder is missing, jumps, or contradicts its motor"; "check the encoder and its cable".
+    OverCurrent = 0xc2 "over current" 2 ms:
+        "a motor takes more current than its limit"; "look for a short or a blocked wheel".
+    MotorStall = 0xc3 "motor stalled" 300 ms:
+        "a motor pushes with full torque and its wheel does not turn"; "look for a blocked wheel or a broken encoder".
+    DriverFault = 0xc4 "driver fault" 0 ms:
+        "a motor driver reports a fault"; "check motor and driver".
+    MotorUnresponsive = 0xc5 "motor unresponsive" 50 ms:
+        "a motor's current does not follow its command"; "check the motor's wires".
+    ParameterError = 0xc6 "parameter error" 0 ms:
+        "the parameters do not make a working node"; "set the parameter named in the report".
+    Restarted = 0xc7 "restarted" 0 ms:
+        "the board came back from a watchdog, a panic or a hard fault"; "read the kept message, report it, clear the fault".
+}
+
+impl Condition {
+    /// Its row of the table.
+    pub const fn entry(self) -> &'static Entry {
+        // The index is in range: TABLE has one row for each variant.
+        &TABLE[self as usize]
+    }
+
+    /// Its code.
+    pub const fn code(self) -> u8 {
+        self.entry().code
+    }
+
+    /// Its class.
+    pub const fn class(self) -> Class {
+        Class::of(self.entry().code)
+    }
+
+    /// The condition of a code; `None` if there is none.
+    pub fn from_code(code: u8) -> Option<Self> {
+        let entry = TABLE.iter().find(|entry| entry.code == code)?;
+        Some(entry.condition)
+    }
+}
+
+/// A set of conditions.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Conditions(u64);
+
+impl Conditions {
+    /// No condition.
+    pub const NONE: Self = Self(0);
+
+    /// The set of one.
+    pub const fn only(condition: Condition) -> Self {
+        Self(1 << condition as u8)
+    }
+
+    /// Adds `condition` if `holds`.
+    pub const fn set(&mut self, condition: Condition, holds: bool) {
+        if holds {
+            self.0 |= 1 << condition as u8;
+        }
+    }
+
+    /// The same set with `condition` if `holds`.
+    #[must_use]
+    pub const fn with(mut self, condition: Condition, holds: bool) -> Self {
+        self.set(condition, holds);
+        self
+    }
+
+    /// Takes `condition` out.
+    pub const fn clear(&mut self, condition: Condition) {
+        self.0 &= !(1 << condition as u8);
+    }
+
+    /// The members of class stop and cut.
+    #[must_use]
+    pub fn hard(self) -> Self {
+        let mut hard = Self::NONE;
+        for condition in self.iter() {
+            hard.set(condition, condition.class().is_hard());
+        }
+        hard
+    }
+
+    /// Whether `condition` is in the set.
+    pub const fn contains(self, condition: Condition) -> bool {
+        self.0 & (1 << condition as u8) != 0
+    }
+
+    /// What is in either set.
+    #[must_use]
+    pub const fn union(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+
+    /// Whether the set is empty.
+    pub const fn is_empty(self) -> bool {
+        self.0 == 0
+    }
+
+    /// The conditions in the set.
+    pub fn iter(self) -> impl Iterator<Item = Condition> {
+        Condition::ALL
+            .into_iter()
+            .filter(move |&c| self.contains(c))
+    }
+
+    /// The most severe condition; the first in the table among equals.
+    pub fn worst(self) -> Option<Condition> {
+        // `max_by_key` keeps the last of equals, so the order is turned round.
+        self.iter()
+            .reduce(|worst, c| if c.class() > worst.class() { c } else { worst })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::{prop, prop_assert_eq, proptest};
+
+    #[test]
+    fn codes_are_unique_and_rise_within_the_table() {
+        for pair in TABLE.windows(2) {
+            assert!(pair[0].code < pair[1].code, "{}", pair[1].name);
+        }
+        assert!(TABLE[0].code > 0, "zero means no code");
+        const { assert!(COUNT <= 64, "a set has 64 places") };
+    }
+
+    #[test]
+    fn every_row_belongs_to_its_condition_and_says_something() {
+        for (condition, entry) in Condition::ALL.into_iter().zip(&TABLE) {
+            assert_eq!(entry.condition, condition);
+            assert_eq!(Condition::from_code(condition.code()), Some(condition));
+            assert!(entry.name.len() > 3 && entry.meaning.len() > 10 && entry.remedy.len() > 5);
+        }
+        assert_eq!(Condition::from_code(0), None);
+        assert_eq!(Condition::from_code(0xff), None);
+    }
+
+    #[test]
+    fn the_worst_is_of_the_highest_class() {
+        let set = Conditions::only(Condition::TickLate)
+            .with(Condition::SupplyLow, true)
+            .with(Condition::FrameBent, true)
+            .with(Condition::NotANumber, false);
+        assert_eq!(set.worst(), Some(Condition::FrameBent));
+        assert_eq!(Conditions::NONE.worst(), None);
+    }
+
+    proptest! {
+        /// A set holds what was put in, against the library's set.
+        #[test]
+        fn a_set_is_a_set(members in prop::collection::btree_set(0..COUNT, 0..COUNT)) {
+            let mut set = Conditions::NONE;
+            for &k in &members {
+                set.set(Condition::ALL[k], true);
+            }
+            let found: std::collections::BTreeSet<usize> = set.iter().map(|c| c as usize).collect();
+            prop_assert_eq!(found, members);
+        }
+    }
+}

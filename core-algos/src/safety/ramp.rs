@@ -1,0 +1,197 @@
+//! The coordinated stop: every axle slows down by the same law, with the steering held.
+//!
+//! With ψ̇ = 0 a midpoint speed v_O bends the frame no further when both axles drive at
+//! v_O / cos ψ and turn at κ(ψ) v_O (paper eq. 5 and 6). All axles heard the same broadcast of v_O
+//! and ψ, and every one of them begins when the stop is announced or the references cease, so each
+//! can compute its own share without hearing from the others again.
+
+use crate::config::{ConfigError, in_range, positive};
+use crate::math::trig::{clamp, sin_cos};
+use crate::math::{Posture, Twist};
+
+/// Steering angle beyond which the paths of the axles are not told apart, rad: cos ψ stays away
+/// from zero.
+const STEEPEST: f32 = 1.2;
+
+/// Parameters of the stop.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(deny_unknown_fields, default)
+)]
+pub struct Config {
+    /// Deceleration of the midpoint, m/s².
+    pub deceleration_m_s2: f32,
+    /// Shortest duration of a stop, s: a slow robot is not jerked to rest.
+    pub shortest_s: f32,
+    /// Time at rest after which the motors are switched off, s: the axles settle together.
+    pub rest_s: f32,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            deceleration_m_s2: 1.0,
+            shortest_s: 0.1,
+            rest_s: 0.1,
+        }
+    }
+}
+
+impl Config {
+    /// The ready form; an error names the parameter out of range.
+    pub fn build(&self) -> Result<Ramp, ConfigError> {
+        Ok(Ramp {
+            deceleration: in_range("deceleration_m_s2", self.deceleration_m_s2, 0.1, 10.0)?,
+            shortest: in_range("shortest_s", self.shortest_s, 0.01, 1.0)?,
+            rest: positive("rest_s", self.rest_s)?,
+        })
+    }
+}
+
+/// The stop, ready to run.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ramp {
+    deceleration: f32,
+    shortest: f32,
+    rest: f32,
+}
+
+/// A stop under way.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct State {
+    /// Twist of the axle when the stop began.
+    start: Twist,
+    /// Reference posture when the stop began.
+    posture: Posture,
+    /// Duration of the deceleration, s.
+    duration: f32,
+    /// Time since the stop began, s.
+    elapsed: f32,
+}
+
+/// The reference of an axle during the stop.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Reference {
+    /// Posture, in the frame of the reference that the stop began at.
+    pub posture: Posture,
+    /// Forward speed (m/s) and yaw rate (rad/s).
+    pub twist: Twist,
+    /// Their derivatives, m/s² and rad/s².
+    pub acceleration: Twist,
+    /// Speed is zero and the time at rest is over: the motors may be switched off.
+    pub halted: bool,
+}
+
+impl Ramp {
+    /// Begins a stop of an axle whose reference posture is `posture`, of a robot whose midpoint
+    /// drives at `speed` (m/s) with the steering angle `psi` (rad) on a frame of `length` (m).
+    /// Numbers that are not finite count as standstill.
+    pub fn begin(&self, posture: Posture, speed: f32, psi: f32, length: f32) -> State {
+        let bend = clamp(psi, -STEEPEST, STEEPEST);
+        let (_, c) = sin_cos(bend);
+        let start = Twist::new(speed / c, 2.0 * bend / (length * c) * speed);
+        if !(posture.is_finite() && psi.is_finite() && start.is_finite()) {
+            return State {
+                start: Twist::default(),
+                posture: Posture::ORIGIN,
+                duration: self.shortest,
+                elapsed: 0.0,
+            };
+        }
+        State {
+            start,
+            posture,
+            duration: (speed.abs() / self.deceleration).max(self.shortest),
+            elapsed: 0.0,
+        }
+    }
+
+    /// The reference `dt` (s) later.
+    pub fn step(&self, state: &mut State, dt: f32) -> Reference {
+        if dt > 0.0 && dt.is_finite() {
+            state.elapsed += dt;
+        }
+        let t = state.elapsed.min(state.duration);
+        let left = 1.0 - t / state.duration;
+        // ∫ of the falling ramp from its beginning.
+        let share = t * (1.0 - 0.5 * t / state.duration);
+        let Twist { v, omega } = state.start;
+        let slowing = if state.elapsed < state.duration {
+            -1.0 / state.duration
+        } else {
+            0.0
+        };
+        Reference {
+            posture: state.posture.advance(v * share, omega * share),
+            twist: Twist::new(v * left, omega * left),
+            acceleration: Twist::new(v * slowing, omega * slowing),
+            halted: state.elapsed >= state.duration + self.rest,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two axles that stop by themselves end where a frame bent by the same ψ holds them.
+    #[test]
+    fn the_frame_keeps_its_bend_through_the_stop() {
+        let (length, psi, speed) = (0.37f64, 0.4f64, 0.25f64);
+        let chord = length * psi.sin() / psi;
+        let ramp = Config::default().build().unwrap();
+        // The midpoint at the origin, heading along x.
+        let front = Posture::new(0.5 * chord as f32, 0.0, psi as f32);
+        let rear = Posture::new(-0.5 * chord as f32, 0.0, -psi as f32);
+        let mut states =
+            [front, rear].map(|p| ramp.begin(p, speed as f32, psi as f32, length as f32));
+        let mut halted = 0;
+        for _ in 0..600 {
+            let [a, b] = states.each_mut().map(|state| ramp.step(state, 1e-3));
+            let d = [a.posture.x - b.posture.x, a.posture.y - b.posture.y].map(f64::from);
+            assert!((d[0].hypot(d[1]) - chord).abs() < 1e-5, "{d:?}");
+            let bend = 0.5 * f64::from(a.posture.phi - b.posture.phi);
+            assert!((bend - psi).abs() < 1e-5);
+            assert_eq!(a.halted, b.halted);
+            halted += usize::from(a.halted);
+        }
+        // 0.25 s to slow down at 1 m/s², 0.1 s of rest.
+        assert!((249..=251).contains(&halted), "{halted}");
+    }
+
+    /// The reference is its own integral and derivative.
+    #[test]
+    fn posture_twist_and_acceleration_belong_together() {
+        let ramp = Config::default().build().unwrap();
+        let mut state = ramp.begin(Posture::new(1.0, 2.0, 0.3), 0.2, -0.3, 0.37);
+        let dt = 1e-3f64;
+        let mut last = ramp.step(&mut state, dt as f32);
+        for _ in 0..190 {
+            let next = ramp.step(&mut state, dt as f32);
+            let [dx, dy, turn] = next.posture.minus(last.posture).map(f64::from);
+            let v = 0.5 * f64::from(next.twist.v + last.twist.v);
+            let omega = 0.5 * f64::from(next.twist.omega + last.twist.omega);
+            assert!((dx.hypot(dy) - v.abs() * dt).abs() < 3e-7);
+            assert!((turn - omega * dt).abs() < 3e-7);
+            let dv = f64::from(next.twist.v - last.twist.v);
+            assert!((dv - f64::from(last.acceleration.v) * dt).abs() < 3e-7);
+            last = next;
+        }
+    }
+
+    #[test]
+    fn what_is_not_finite_is_standstill() {
+        let ramp = Config::default().build().unwrap();
+        for (speed, psi) in [(f32::NAN, 0.1), (0.2, f32::NAN), (f32::INFINITY, 0.0)] {
+            let mut state = ramp.begin(Posture::ORIGIN, speed, psi, 0.37);
+            let reference = ramp.step(&mut state, f32::NAN);
+            assert_eq!(reference.twist, Twist::default());
+            for _ in 0..300 {
+                ramp.step(&mut state, 1e-3);
+            }
+            assert!(ramp.step(&mut state, 1e-3).halted);
+        }
+    }
+}

@@ -1,0 +1,241 @@
+//! Operating states and the table of transitions between them.
+
+use super::condition::{Class, Condition};
+
+/// Where a node stands.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(u8)]
+pub enum OperatingState {
+    /// Checking itself; motors off.
+    #[default]
+    Boot,
+    /// Ready; motors off.
+    Idle,
+    /// Motors hold the robot where it is.
+    Armed,
+    /// Driving.
+    Active,
+    /// Slowing down together with the rest of the robot.
+    SafeStop,
+    /// Motors off until cleared.
+    Fault,
+}
+
+impl OperatingState {
+    /// Every state.
+    pub const ALL: [Self; 6] = [
+        Self::Boot,
+        Self::Idle,
+        Self::Armed,
+        Self::Active,
+        Self::SafeStop,
+        Self::Fault,
+    ];
+
+    /// The state of a number on the bus.
+    pub fn from_number(number: u8) -> Option<Self> {
+        Self::ALL.get(usize::from(number)).copied()
+    }
+
+    /// What the motors may do.
+    pub const fn permit(self) -> Permit {
+        match self {
+            Self::Boot | Self::Idle | Self::Fault => Permit::Off,
+            Self::Armed => Permit::Hold,
+            Self::Active => Permit::Drive,
+            Self::SafeStop => Permit::Brake,
+        }
+    }
+
+    /// Name in tables.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Boot => "Boot",
+            Self::Idle => "Idle",
+            Self::Armed => "Armed",
+            Self::Active => "Active",
+            Self::SafeStop => "SafeStop",
+            Self::Fault => "Fault",
+        }
+    }
+}
+
+/// What the motors may do.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Permit {
+    /// No torque.
+    #[default]
+    Off,
+    /// Torque to stay in place.
+    Hold,
+    /// Torque to come to rest.
+    Brake,
+    /// Torque to follow references.
+    Drive,
+}
+
+/// What a node is asked, by its operator, by the lead node or by itself.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Request {
+    /// The self-check is done.
+    Ready,
+    /// Switch the motors on.
+    Arm,
+    /// Begin to drive.
+    Start,
+    /// Driving is done: hold.
+    Finish,
+    /// Come to rest and switch the motors off.
+    Disarm,
+    /// Forget latched faults.
+    Clear,
+    /// The coordinated stop has come to rest, or took too long.
+    Halted,
+}
+
+impl Request {
+    /// Every request.
+    pub const ALL: [Self; 7] = [
+        Self::Ready,
+        Self::Arm,
+        Self::Start,
+        Self::Finish,
+        Self::Disarm,
+        Self::Clear,
+        Self::Halted,
+    ];
+}
+
+/// What makes a node change its state.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Cause {
+    /// Somebody asks.
+    Request(Request),
+    /// A condition holds and has held for its time.
+    Condition(Condition),
+}
+
+/// The state after `cause` in `state`. `hard` tells whether a condition of class stop or cut is
+/// latched or still holds: arming, clearing and the end of a stop depend on it.
+pub const fn transition(state: OperatingState, cause: Cause, hard: bool) -> OperatingState {
+    use OperatingState::{Active, Armed, Boot, Fault, Idle, SafeStop};
+    match cause {
+        Cause::Condition(condition) => match (condition.class(), state) {
+            (Class::Notice | Class::Degraded, _) => state,
+            // Nothing moves: waiting is enough, and arming is refused while it holds. An emergency
+            // stop is latched wherever it comes.
+            (Class::Stop, Boot | Idle) => match condition {
+                Condition::EmergencyStop => Fault,
+                _ => state,
+            },
+            (Class::Stop, Armed | Active | SafeStop) => SafeStop,
+            (Class::Stop, Fault) | (Class::Cut, _) => Fault,
+        },
+        Cause::Request(request) => match (request, state) {
+            (Request::Ready, Boot) if !hard => Idle,
+            (Request::Arm, Idle) if !hard => Armed,
+            (Request::Start, Armed) => Active,
+            (Request::Finish, Active) => Armed,
+            (Request::Disarm, Armed | Active) => SafeStop,
+            (Request::Halted, SafeStop) if hard => Fault,
+            (Request::Halted, SafeStop) => Idle,
+            (Request::Clear, Fault) if !hard => Idle,
+            _ => state,
+        },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use OperatingState::{Active, Armed, Boot, Fault, Idle, SafeStop};
+
+    fn causes() -> impl Iterator<Item = Cause> {
+        let conditions = Condition::ALL.into_iter().map(Cause::Condition);
+        conditions.chain(Request::ALL.into_iter().map(Cause::Request))
+    }
+
+    fn all() -> impl Iterator<Item = (OperatingState, Cause, bool)> {
+        OperatingState::ALL.into_iter().flat_map(|state| {
+            causes().flat_map(move |cause| [(state, cause, false), (state, cause, true)])
+        })
+    }
+
+    /// Motors come on only along Idle → Armed → Active, each step asked for, none while something
+    /// is wrong.
+    #[test]
+    fn power_comes_by_request_only_and_never_over_a_fault() {
+        for (state, cause, hard) in all() {
+            let next = transition(state, cause, hard);
+            if next == Armed && state != Armed {
+                let asked = matches!(
+                    (state, cause),
+                    (Idle, Cause::Request(Request::Arm))
+                        | (Active, Cause::Request(Request::Finish))
+                );
+                assert!(asked && !(state == Idle && hard), "{state:?} {cause:?}");
+            }
+            if next == Active && state != Active {
+                assert_eq!((state, cause), (Armed, Cause::Request(Request::Start)));
+            }
+        }
+    }
+
+    #[test]
+    fn no_hard_condition_leaves_the_robot_driving() {
+        for (state, cause, hard) in all() {
+            let Cause::Condition(condition) = cause else {
+                continue;
+            };
+            let next = transition(state, cause, hard);
+            match condition.class() {
+                Class::Notice | Class::Degraded => assert_eq!(next, state),
+                Class::Stop => assert!(!matches!(next, Active | Armed), "{state:?} {condition:?}"),
+                Class::Cut => assert_eq!(next, Fault, "{state:?} {condition:?}"),
+            }
+        }
+    }
+
+    #[test]
+    fn a_fault_is_left_by_clearing_alone_and_only_when_its_cause_is_gone() {
+        for (state, cause, hard) in all() {
+            if state == Fault && transition(state, cause, hard) != Fault {
+                assert_eq!(cause, Cause::Request(Request::Clear));
+                assert!(!hard);
+                assert_eq!(transition(state, cause, hard), Idle);
+            }
+        }
+    }
+
+    /// From any state any sequence of stops and halts ends with motors off.
+    #[test]
+    fn stopping_always_ends_with_the_motors_off() {
+        for state in OperatingState::ALL {
+            for condition in Condition::ALL.into_iter().filter(|c| c.class().is_hard()) {
+                let mut now = transition(state, Cause::Condition(condition), true);
+                now = transition(now, Cause::Request(Request::Halted), true);
+                assert_eq!(now.permit(), Permit::Off, "{state:?} {condition:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_way_to_drive_and_back() {
+        let mut state = Boot;
+        for (request, expected) in [
+            (Request::Start, Boot),
+            (Request::Ready, Idle),
+            (Request::Start, Idle),
+            (Request::Arm, Armed),
+            (Request::Start, Active),
+            (Request::Finish, Armed),
+            (Request::Start, Active),
+            (Request::Disarm, SafeStop),
+            (Request::Start, SafeStop),
+            (Request::Halted, Idle),
+        ] {
+            state = transition(state, Cause::Request(request), false);
+            assert_eq!(state, expected, "{request:?}");
+        }
+    }
+}

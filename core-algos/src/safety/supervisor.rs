@@ -1,0 +1,480 @@
+//! The supervisor of a node: conditions and requests in, operating state out, once a tick.
+//!
+//! A condition counts once it has held for its time ([`Entry::hold`](super::condition::Entry)).
+//! Stops and cuts are then latched until they are cleared, and the first of them is kept as the
+//! reason. Degradations start an allowance of time and distance; when it is used up,
+//! [`Condition::DegradedTooLong`] stops the robot.
+
+use super::condition::{COUNT, Class, Condition, Conditions};
+use super::state::{Cause, OperatingState, Permit, Request, transition};
+use crate::config::{ConfigError, in_range, positive};
+use crate::node::Micros;
+
+/// Longest time between two steps that is believed; a longer gap counts as this much. A clock that
+/// stands still or runs back adds nothing.
+const LONGEST_GAP: Micros = 100_000;
+
+/// Parameters of a supervisor.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(deny_unknown_fields, default)
+)]
+pub struct Config {
+    /// Longest time the robot may drive on while degraded, s.
+    pub degraded_time_s: f32,
+    /// Longest way it may drive on while degraded, m.
+    pub degraded_distance_m: f32,
+    /// Time after which a stop that has not come to rest ends with motors off, s.
+    pub stop_timeout_s: f32,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            degraded_time_s: 20.0,
+            degraded_distance_m: 2.0,
+            stop_timeout_s: 1.5,
+        }
+    }
+}
+
+impl Config {
+    /// The ready form; an error names the parameter out of range.
+    pub fn build(&self) -> Result<Supervisor, ConfigError> {
+        let to_micros = |s: f32| (s * 1e6) as Micros;
+        Ok(Supervisor {
+            degraded_time: to_micros(in_range(
+                "degraded_time_s",
+                self.degraded_time_s,
+                0.0,
+                3600.0,
+            )?),
+            degraded_distance: positive("degraded_distance_m", self.degraded_distance_m)?,
+            stop_timeout: to_micros(in_range("stop_timeout_s", self.stop_timeout_s, 0.1, 10.0)?),
+        })
+    }
+}
+
+/// The supervisor, ready to run.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Supervisor {
+    degraded_time: Micros,
+    degraded_distance: f32,
+    stop_timeout: Micros,
+}
+
+/// All that changes in a supervisor.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct State {
+    operating: OperatingState,
+    last: Option<Micros>,
+    /// How long each condition has held without a break, µs.
+    held: [u32; COUNT],
+    /// What holds and has held for its time.
+    present: Conditions,
+    latched: Conditions,
+    first: Option<Condition>,
+    degraded_for: Micros,
+    degraded_way: f32,
+    stopping_for: Micros,
+    /// Times each class was entered by a condition, saturating.
+    counts: [u16; 4],
+}
+
+impl Default for State {
+    fn default() -> Self {
+        Self {
+            operating: OperatingState::Boot,
+            last: None,
+            held: [0; COUNT],
+            present: Conditions::NONE,
+            latched: Conditions::NONE,
+            first: None,
+            degraded_for: 0,
+            degraded_way: 0.0,
+            stopping_for: 0,
+            counts: [0; 4],
+        }
+    }
+}
+
+impl State {
+    /// The operating state.
+    pub fn operating(&self) -> OperatingState {
+        self.operating
+    }
+
+    /// The first hard condition since the last clearing.
+    pub fn first(&self) -> Option<Condition> {
+        self.first
+    }
+
+    /// Every hard condition since the last clearing.
+    pub fn latched(&self) -> Conditions {
+        self.latched
+    }
+
+    /// What holds at present and has held for its time.
+    pub fn present(&self) -> Conditions {
+        self.present
+    }
+
+    /// How often a condition of `class` has come up, saturating.
+    pub fn count(&self, class: Class) -> u16 {
+        self.counts[class as usize]
+    }
+
+    fn hard(&self) -> bool {
+        !self.latched.is_empty()
+    }
+}
+
+/// What the supervisor is told at a tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Input {
+    /// What the monitors see at this instant.
+    pub conditions: Conditions,
+    /// What is asked for, if anything.
+    pub request: Option<Request>,
+    /// Way driven since the last tick, m; what is not finite uses the allowance up.
+    pub moved_m: f32,
+    /// The coordinated stop is over and the node's motors are no longer needed.
+    pub halted: bool,
+}
+
+/// What the supervisor decided.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Output {
+    /// The operating state.
+    pub state: OperatingState,
+    /// What the motors may do.
+    pub permit: Permit,
+    /// The reason of a stop or fault.
+    pub reason: Option<Condition>,
+    /// The state changed at this tick.
+    pub changed: bool,
+}
+
+impl Supervisor {
+    /// One tick at `now`.
+    pub fn step(&self, state: &mut State, now: Micros, input: &Input) -> Output {
+        let before = state.operating;
+        let dt = match state.last {
+            Some(last) => now.saturating_sub(last).min(LONGEST_GAP),
+            None => 0,
+        };
+        state.last = Some(state.last.map_or(now, |last| last.max(now)));
+
+        let conditions = self.allowance(state, dt, input);
+        self.hold(state, dt, conditions);
+        // Clearing forgets what is over; what still holds is latched again below.
+        if input.request == Some(Request::Clear) && state.operating == OperatingState::Fault {
+            state.latched = Conditions::NONE;
+            state.first = None;
+        }
+        for condition in state.present.iter() {
+            if condition.class().is_hard() {
+                state.latched.set(condition, true);
+            }
+        }
+        if state.first.is_none() {
+            state.first = state.latched.worst();
+        }
+        for condition in state.present.iter() {
+            let hard = state.hard();
+            state.operating = transition(state.operating, Cause::Condition(condition), hard);
+        }
+        self.stop(state, dt, input.halted);
+        if let Some(request) = input.request {
+            let hard = state.hard();
+            state.operating = transition(state.operating, Cause::Request(request), hard);
+        }
+        // A stop-class condition that came and went while nothing moved needs no clearing.
+        if matches!(state.operating, OperatingState::Boot | OperatingState::Idle) {
+            state.latched = state.present.hard();
+            state.first = state.latched.worst();
+        }
+        Output {
+            state: state.operating,
+            permit: state.operating.permit(),
+            reason: state.first,
+            changed: state.operating != before,
+        }
+    }
+
+    /// The conditions together with what follows from degradations that last.
+    fn allowance(&self, state: &mut State, dt: Micros, input: &Input) -> Conditions {
+        let degraded = state.present.iter().any(|c| c.class() == Class::Degraded);
+        let moving = matches!(state.operating, OperatingState::Active);
+        if !degraded {
+            state.degraded_for = 0;
+            state.degraded_way = 0.0;
+        } else if moving {
+            state.degraded_for = state.degraded_for.saturating_add(dt);
+            state.degraded_way += input.moved_m.abs();
+        }
+        let within = state.degraded_for <= self.degraded_time
+            && state.degraded_way <= self.degraded_distance;
+        input
+            .conditions
+            .with(Condition::DegradedTooLong, degraded && moving && !within)
+    }
+
+    /// Counts how long each condition has held.
+    fn hold(&self, state: &mut State, dt: Micros, conditions: Conditions) {
+        for (held, condition) in state.held.iter_mut().zip(Condition::ALL) {
+            if !conditions.contains(condition) {
+                *held = 0;
+                state.present.clear(condition);
+                continue;
+            }
+            // The tick at which a condition appears begins its time.
+            if *held == 0 {
+                *held = 1;
+            } else {
+                *held = held.saturating_add(dt as u32);
+            }
+            let counts = Micros::from(*held) > condition.entry().hold;
+            if counts && !state.present.contains(condition) {
+                state.present.set(condition, true);
+                let count = &mut state.counts[condition.class() as usize];
+                *count = count.saturating_add(1);
+            }
+        }
+    }
+
+    /// Ends a stop that is over or takes too long.
+    fn stop(&self, state: &mut State, dt: Micros, halted: bool) {
+        if state.operating != OperatingState::SafeStop {
+            state.stopping_for = 0;
+            return;
+        }
+        state.stopping_for = state.stopping_for.saturating_add(dt);
+        if halted || state.stopping_for > self.stop_timeout {
+            let hard = state.hard();
+            state.operating = transition(state.operating, Cause::Request(Request::Halted), hard);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::{any, prop, prop_assert, prop_assert_eq, proptest};
+
+    const TICK: Micros = 1_000;
+
+    struct Bench {
+        supervisor: Supervisor,
+        state: State,
+        now: Micros,
+    }
+
+    impl Bench {
+        fn new() -> Self {
+            Self {
+                supervisor: Config::default().build().unwrap(),
+                state: State::default(),
+                now: 0,
+            }
+        }
+
+        fn driving() -> Self {
+            let mut bench = Self::new();
+            for request in [Request::Ready, Request::Arm, Request::Start] {
+                bench.ask(request);
+            }
+            assert_eq!(bench.state.operating(), OperatingState::Active);
+            bench
+        }
+
+        fn step(&mut self, input: Input) -> Output {
+            self.now += TICK;
+            self.supervisor.step(&mut self.state, self.now, &input)
+        }
+
+        fn ask(&mut self, request: Request) -> Output {
+            self.step(Input {
+                request: Some(request),
+                ..Input::default()
+            })
+        }
+
+        fn with(&mut self, condition: Condition) -> Output {
+            self.step(Input {
+                conditions: Conditions::only(condition),
+                ..Input::default()
+            })
+        }
+    }
+
+    /// A condition counts after its time, not before, and starts anew after a break.
+    #[test]
+    fn a_condition_counts_after_its_time() {
+        for condition in Condition::ALL.into_iter().filter(|c| c.class().is_hard()) {
+            let ticks = condition.entry().hold / TICK;
+            let mut bench = Bench::driving();
+            for _ in 0..ticks {
+                assert_eq!(
+                    bench.with(condition).state,
+                    OperatingState::Active,
+                    "{condition:?}"
+                );
+            }
+            if ticks > 0 {
+                bench.step(Input::default());
+                for _ in 0..ticks {
+                    assert_eq!(bench.with(condition).state, OperatingState::Active);
+                }
+            }
+            let output = bench.with(condition);
+            let expected = match condition.class() {
+                Class::Stop => OperatingState::SafeStop,
+                _ => OperatingState::Fault,
+            };
+            assert_eq!(
+                (output.state, output.changed),
+                (expected, true),
+                "{condition:?}"
+            );
+            assert_eq!(output.reason, Some(condition));
+        }
+    }
+
+    #[test]
+    fn a_stop_ends_in_a_latched_fault_that_clears_when_its_cause_is_gone() {
+        let mut bench = Bench::driving();
+        while bench.with(Condition::SupplyLow).state == OperatingState::Active {}
+        let halted = Input {
+            halted: true,
+            ..Input::default()
+        };
+        assert_eq!(bench.step(halted).state, OperatingState::Fault);
+        for _ in 0..100 {
+            assert_eq!(bench.step(Input::default()).state, OperatingState::Fault);
+        }
+        for request in [
+            Request::Ready,
+            Request::Arm,
+            Request::Start,
+            Request::Disarm,
+        ] {
+            assert_eq!(bench.ask(request).state, OperatingState::Fault);
+        }
+        // Not while it still holds.
+        for _ in 0..50 {
+            bench.with(Condition::SupplyLow);
+        }
+        let output = bench.step(Input {
+            conditions: Conditions::only(Condition::SupplyLow),
+            request: Some(Request::Clear),
+            ..Input::default()
+        });
+        assert_eq!(output.state, OperatingState::Fault);
+        bench.step(Input::default());
+        let output = bench.ask(Request::Clear);
+        assert_eq!((output.state, output.reason), (OperatingState::Idle, None));
+    }
+
+    #[test]
+    fn a_stop_that_never_comes_to_rest_is_cut() {
+        let mut bench = Bench::driving();
+        bench.ask(Request::Disarm);
+        let ticks = (1..)
+            .find(|_| bench.step(Input::default()).permit == Permit::Off)
+            .unwrap();
+        assert!((1500..=1502).contains(&ticks), "{ticks}");
+        assert_eq!(
+            bench.state.operating(),
+            OperatingState::Idle,
+            "asked for, so no fault"
+        );
+    }
+
+    #[test]
+    fn degraded_driving_ends_by_time_or_by_way() {
+        for (moved_m, least, most) in [(0.0, 20.0, 20.2), (0.25e-3, 8.0, 8.2), (f32::NAN, 0.0, 0.1)]
+        {
+            let mut bench = Bench::driving();
+            let ticks = (1..40_000)
+                .find(|_| {
+                    let output = bench.step(Input {
+                        conditions: Conditions::only(Condition::BeamLost),
+                        moved_m,
+                        ..Input::default()
+                    });
+                    output.state != OperatingState::Active
+                })
+                .unwrap();
+            let seconds = f64::from(ticks) * 1e-3;
+            assert!((least..=most).contains(&seconds), "{moved_m}: {seconds}");
+            assert_eq!(bench.state.first(), Some(Condition::DegradedTooLong));
+        }
+    }
+
+    #[test]
+    fn a_degradation_that_ends_gives_its_allowance_back() {
+        let mut bench = Bench::driving();
+        for round in 0..10 {
+            for _ in 0..7_000 {
+                let output = bench.step(Input {
+                    conditions: Conditions::only(Condition::BeamLost),
+                    moved_m: 0.25e-3,
+                    ..Input::default()
+                });
+                assert_eq!(output.state, OperatingState::Active, "{round}");
+            }
+            bench.step(Input::default());
+        }
+    }
+
+    #[test]
+    fn arming_is_refused_while_a_stop_condition_holds() {
+        let mut bench = Bench::new();
+        bench.ask(Request::Ready);
+        for _ in 0..50 {
+            bench.with(Condition::NeighbourLost);
+        }
+        let output = bench.step(Input {
+            conditions: Conditions::only(Condition::NeighbourLost),
+            request: Some(Request::Arm),
+            ..Input::default()
+        });
+        assert_eq!(output.state, OperatingState::Idle);
+        bench.step(Input::default());
+        assert_eq!(bench.ask(Request::Arm).state, OperatingState::Armed);
+    }
+
+    proptest! {
+        /// Whatever comes, in whatever order, at whatever times: motors never drive while a hard
+        /// condition is latched, and a cut switches them off within the same tick.
+        #[test]
+        fn nothing_drives_over_a_fault(
+            steps in prop::collection::vec(
+                (any::<u64>(), 0u8..8, any::<bool>(), prop::num::f32::ANY, 0u64..5_000), 1..300,
+            ),
+        ) {
+            let supervisor = Config::default().build().unwrap();
+            let mut state = State::default();
+            let mut now: Micros = 10_000;
+            for (bits, request, halted, moved_m, later) in steps {
+                // Now and then the clock stands still or runs back.
+                now = if later < 300 { now.saturating_sub(later) } else { now + later };
+                let mut conditions = Conditions::NONE;
+                for (k, condition) in Condition::ALL.into_iter().enumerate() {
+                    // Rare enough that the robot drives at times.
+                    conditions.set(condition, bits.rotate_left(3 * k as u32) & 0x3f == 0x2a);
+                }
+                let request = Request::ALL.get(usize::from(request)).copied();
+                let output = supervisor.step(&mut state, now, &Input { conditions, request, moved_m, halted });
+                let hard = state.latched().iter().any(|c| c.class().is_hard());
+                prop_assert!(!(hard && matches!(output.permit, Permit::Drive | Permit::Hold)));
+                let cut = conditions.iter().any(|c| c.class() == Class::Cut && c.entry().hold == 0);
+                prop_assert!(!cut || output.permit == Permit::Off);
+                prop_assert_eq!(hard, output.reason.is_some());
+            }
+        }
+    }
+}
