@@ -26,9 +26,12 @@ step "documentation"
 RUSTDOCFLAGS="-D warnings" cargo doc --locked --workspace --no-deps --quiet
 step "tests"
 cargo test --locked --workspace
+step "emulator"
+scripts/install_qemu.sh
 step "firmware for $target"
 images=(--locked --release --package firmware-axle --package firmware-beam --target "$target")
-cargo clippy "${images[@]}" --package firmware-common --package core-algos --features core-algos/hil \
-  -- -D warnings
-cargo build "${images[@]}"
+for features in "" hil emulated; do
+  cargo clippy "${images[@]}" --package firmware-common --features "$features" -- -D warnings
+  cargo build "${images[@]}" --features "$features"
+done
 step "all passed"

@@ -1,7 +1,9 @@
 //! Image of the beam board.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
-#[cfg(target_os = "none")]
+#[cfg(all(target_os = "none", feature = "hil"))]
+mod hil;
+#[cfg(all(target_os = "none", not(feature = "hil")))]
 mod robot;
 
 #[cfg(not(target_os = "none"))]

@@ -22,6 +22,9 @@ const CRYSTAL_HZ: u32 = 8_000_000;
 /// 84 MHz, 48 MHz for USB unused. Then the clock of `embassy-time` runs, the brown-out level is set,
 /// and the log says why the board was reset and which faults it had since power came on.
 pub fn start() -> Peripherals {
+    #[cfg(feature = "emulated")]
+    crate::emulated::shim::install();
+
     let mut config = Config::default();
     config.rcc.hse = Some(Hse {
         freq: Hertz(CRYSTAL_HZ),
@@ -45,13 +48,7 @@ pub fn start() -> Peripherals {
     time_driver::start();
     let cause = ResetCause::take();
     let faults = fault::begin(cause == ResetCause::PowerOn, cause == ResetCause::Watchdog);
-    defmt::info!(
-        "{} {}: reset by {}, {}",
-        env!("CARGO_PKG_NAME"),
-        env!("CARGO_PKG_VERSION"),
-        cause,
-        faults
-    );
+    defmt::info!("reset by {}, {}", cause, faults);
     brown_out::set();
     peripherals
 }

@@ -8,8 +8,6 @@ use core::sync::atomic::{AtomicBool, AtomicPtr, Ordering};
 
 use cortex_m_rt::ExceptionFrame;
 
-use crate::board::CORE_HZ;
-
 /// Faults since power came on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, defmt::Format)]
 pub struct Faults {
@@ -109,7 +107,7 @@ fn restart() -> ! {
 #[cfg(not(feature = "emulated"))]
 fn restart() -> ! {
     // Time for a probe to fetch the log; the watchdog may cut it short.
-    cortex_m::asm::delay(CORE_HZ);
+    cortex_m::asm::delay(crate::board::CORE_HZ);
     cortex_m::peripheral::SCB::sys_reset()
 }
 

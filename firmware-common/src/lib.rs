@@ -6,7 +6,10 @@
 //! | [`fault`] | panics and processor faults: outputs safe, counted, logged, restarted |
 //! | [`watchdog`] | independent watchdog |
 //! | [`time_driver`] | time of `embassy-time` from SysTick |
+//! | [`strap`] | role of an axle board |
 //! | [`stack`] | how much stack was ever used |
+//! | `hil` | hardware in the loop: the node fed from a serial link (feature `hil`) |
+//! | `emulated` | what QEMU needs (feature `emulated`) |
 //!
 //! Everything here is for the board; built for a host the crate is empty.
 
@@ -16,8 +19,14 @@
 pub mod board;
 pub mod fault;
 pub mod stack;
+pub mod strap;
 pub mod time_driver;
 pub mod watchdog;
+
+#[cfg(feature = "emulated")]
+pub mod emulated;
+#[cfg(feature = "hil")]
+pub mod hil;
 
 #[cfg(not(feature = "emulated"))]
 use defmt_rtt as _;

@@ -1,0 +1,10 @@
+//! The image for hardware in the loop: the board's nodes behind a serial link. The strain bridges are not set up.
+
+use embassy_executor::Spawner;
+use firmware_common::board;
+use firmware_common::hil::{Kind, run};
+
+#[embassy_executor::main]
+async fn main(_spawner: Spawner) {
+    run(board::start(), Kind::Beam, env!("BUILD")).await
+}
