@@ -3,20 +3,21 @@
 //! The endpoint in `core-algos` holds the nodes and speaks the protocol; here are the links that
 //! carry its bytes, and the loop between them.
 
+#[cfg(not(feature = "emulated"))]
+mod real;
 pub mod uart;
 
-#[cfg(not(feature = "emulated"))]
-use core_algos::bus::Axle;
 use core_algos::hil::{Endpoint, Identity};
-use core_algos::node::board::Role;
-use embassy_stm32::Peripherals;
 use embassy_time::{Duration, Instant, with_timeout};
 use static_cell::StaticCell;
 
-#[cfg(feature = "emulated")]
-use crate::emulated::{self, options::Options, pipe::Pipe};
 use crate::watchdog::Watchdog;
 use crate::{fault, stack};
+
+#[cfg(feature = "emulated")]
+pub use crate::emulated::run;
+#[cfg(not(feature = "emulated"))]
+pub use real::run;
 
 /// How bytes come and go.
 pub trait Link {
@@ -38,58 +39,18 @@ pub enum Kind {
 
 /// Longest wait for bytes before the watchdog is fed all the same.
 const IDLE: Duration = Duration::from_millis(100);
-/// Time between two reports in the log.
+/// Time of the first report in the log, and between later ones.
+const FIRST_REPORT: Duration = Duration::from_secs(1);
 const REPORT: Duration = Duration::from_secs(10);
-
-/// Runs the board's nodes behind its link, for ever. `build` says what the image was built from.
-#[cfg(not(feature = "emulated"))]
-pub async fn run(p: Peripherals, kind: Kind, build: &'static str) -> ! {
-    let watchdog = Watchdog::start(p.IWDG);
-    let role = match kind {
-        Kind::Axle => match crate::strap::axle(p.PC13) {
-            Axle::Front => Role::Front,
-            Axle::Rear => Role::Rear,
-        },
-        Kind::Beam => Role::Beam,
-    };
-    let link = uart::Uart::new(p.USART3, p.PB11, p.PB10);
-    serve(link, watchdog, Identity { build, role }).await
-}
-
-/// Runs the board's nodes behind the link that the command line names, for ever. `build` says what
-/// the image was built from.
-#[cfg(feature = "emulated")]
-pub async fn run(p: Peripherals, kind: Kind, build: &'static str) -> ! {
-    let watchdog = Watchdog::start(p.IWDG);
-    let options = Options::read();
-    let role = match (kind, options.get("role")) {
-        (Kind::Axle, Some("front")) => Role::Front,
-        (Kind::Axle, Some("rear")) => Role::Rear,
-        (Kind::Beam, Some("beam") | None) => Role::Beam,
-        _ => emulated::refuse("role= must be front or rear for an axle, beam for the beam"),
-    };
-    let identity = Identity { build, role };
-    match options.get("link") {
-        Some("pipe") => match Pipe::open(&options) {
-            Some(pipe) => serve(pipe, watchdog, identity).await,
-            None => emulated::refuse("in= and out= must name two pipes"),
-        },
-        Some("uart") => {
-            let link = uart::Uart::emulated(p.USART2, p.PA3, p.PA2, p.USART3, p.PB11, p.PB10);
-            serve(link, watchdog, identity).await
-        }
-        _ => emulated::refuse("link= must be pipe or uart"),
-    }
-}
 
 /// Answers what the link brings, for ever. The watchdog is fed once a turn: a node that does not
 /// return from a step lets it reset the board.
-async fn serve(mut link: impl Link, mut watchdog: Watchdog, identity: Identity) -> ! {
+pub async fn serve(mut link: impl Link, mut watchdog: Watchdog, identity: Identity) -> ! {
     static ENDPOINT: StaticCell<Endpoint> = StaticCell::new();
     let endpoint = ENDPOINT.init_with(|| Endpoint::new(identity));
     defmt::info!("{}: {} in the loop", identity.build, identity.role.name());
     let mut buffer = [0; 256];
-    let mut next_report = Instant::now() + REPORT;
+    let mut next_report = Instant::now() + FIRST_REPORT;
     loop {
         watchdog.feed();
         if let Ok(count) = with_timeout(IDLE, link.read(&mut buffer)).await {
