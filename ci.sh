@@ -34,4 +34,6 @@ for features in "" hil emulated; do
   cargo clippy "${images[@]}" --package firmware-common --features "$features" -- -D warnings
   cargo build "${images[@]}" --features "$features"
 done
+step "no panic in any node step"
+scripts/check_no_panic.sh
 step "all passed"

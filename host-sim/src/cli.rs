@@ -38,6 +38,8 @@ pub enum Command {
     Consistency(ConsistencyArgs),
     /// Run one on-board algorithm on cases from standard input, one JSON object a line
     Eval(EvalArgs),
+    /// Print the table of conditions, their codes, and the operating states
+    Codes,
     /// Print the scenario with all defaults as TOML
     Config(ConfigArgs),
     /// Measure the real-time factor of the plant alone
