@@ -18,22 +18,25 @@ if ! rustc --print target-libdir --target "$target" 2>/dev/null | xargs test -d;
   }
 fi
 
+step "emulator"
+scripts/install_qemu.sh
+
 step "formatting"
 cargo fmt --all --check
 step "clippy"
 cargo clippy --locked --workspace --all-targets -- -D warnings
 step "documentation"
 RUSTDOCFLAGS="-D warnings" cargo doc --locked --workspace --no-deps --quiet
-step "tests"
-cargo test --locked --workspace
-step "emulator"
-scripts/install_qemu.sh
 step "firmware for $target"
 images=(--locked --release --package firmware-axle --package firmware-beam --target "$target")
 for features in "" hil emulated; do
   cargo clippy "${images[@]}" --package firmware-common --features "$features" -- -D warnings
+  RUSTDOCFLAGS="-D warnings" cargo doc "${images[@]}" --package firmware-common --no-deps --quiet \
+    --features "$features"
   cargo build "${images[@]}" --features "$features"
 done
 step "no panic in any node step"
 scripts/check_no_panic.sh
+step "tests"
+cargo test --locked --workspace
 step "all passed"

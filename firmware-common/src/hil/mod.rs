@@ -46,8 +46,7 @@ const REPORT: Duration = Duration::from_secs(10);
 /// Answers what the link brings, for ever. The watchdog is fed once a turn: a node that does not
 /// return from a step lets it reset the board.
 pub async fn serve(mut link: impl Link, mut watchdog: Watchdog, identity: Identity) -> ! {
-    static ENDPOINT: StaticCell<Endpoint> = StaticCell::new();
-    let endpoint = ENDPOINT.init_with(|| Endpoint::new(identity));
+    let endpoint = endpoint(identity);
     defmt::info!("{}: {} in the loop", identity.build, identity.role.name());
     let mut buffer = [0; 256];
     let mut next_report = Instant::now() + FIRST_REPORT;
@@ -61,6 +60,13 @@ pub async fn serve(mut link: impl Link, mut watchdog: Watchdog, identity: Identi
             report(endpoint);
         }
     }
+}
+
+/// The endpoint in its static place. Not inlined: on its way it lies on the stack, all 15 kB.
+#[inline(never)]
+fn endpoint(identity: Identity) -> &'static mut Endpoint {
+    static ENDPOINT: StaticCell<Endpoint> = StaticCell::new();
+    ENDPOINT.init_with(|| Endpoint::new(identity))
 }
 
 fn report(endpoint: &Endpoint) {
