@@ -39,4 +39,6 @@ step "no panic in any node step"
 scripts/check_no_panic.sh
 step "tests"
 cargo test --locked --workspace
+step "bus description against cantools"
+scripts/check_bus.sh
 step "all passed"

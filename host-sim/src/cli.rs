@@ -42,6 +42,8 @@ pub enum Command {
     Codes,
     /// Print the scenario with all defaults as TOML
     Config(ConfigArgs),
+    /// Print the description of the bus (DBC), or its load
+    Dbc(DbcArgs),
     /// Measure the real-time factor of the plant alone
     PlantBench(PlantBenchArgs),
 }
@@ -223,6 +225,8 @@ pub enum Algorithm {
     Kinematic,
     /// Midpoint motion to axle velocities
     Cascade,
+    /// Messages of the bus to bytes and back
+    Bus,
     /// The plant's beam (f64)
     Frame,
 }
@@ -244,6 +248,17 @@ pub struct ConfigArgs {
     /// Change one entry, KEY=VALUE; may be repeated
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub set: Vec<String>,
+}
+
+/// Arguments of `dbc`.
+#[derive(Clone, Debug, Args)]
+pub struct DbcArgs {
+    /// Write the description to this file instead of printing it
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    /// Print the worst-case load of the bus instead, message by message
+    #[arg(long, conflicts_with = "out")]
+    pub load: bool,
 }
 
 /// Arguments of `plant-bench`.

@@ -6,6 +6,7 @@
 
 pub mod cli;
 pub mod commands;
+pub mod dbc;
 pub mod driving;
 pub mod error;
 pub mod eval;

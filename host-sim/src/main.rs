@@ -17,6 +17,7 @@ fn main() -> ExitCode {
         Some(Command::Sweep(args)) => commands::sweep::run(args),
         Some(Command::Eval(args)) => commands::eval::run(args),
         Some(Command::Codes) => commands::codes::run(),
+        Some(Command::Dbc(args)) => commands::dbc::run(args),
         Some(Command::Config(args)) => commands::config::run(args),
         Some(Command::PlantBench(args)) => commands::plant_bench::command(args),
         Some(Command::Sensitivity(args)) => commands::sensitivity::run(args),

@@ -19,6 +19,9 @@ pub struct BusConfig {
     /// Probability that a frame is lost between boards, 0 to 1. The lead node and the front axle
     /// share a board and lose nothing between them.
     pub loss: f64,
+    /// Whether messages arrive as their bytes hold them. Without it they arrive as they were sent,
+    /// which shows what quantisation costs; no real bus can do that.
+    pub quantise: bool,
 }
 
 impl Default for BusConfig {
@@ -26,6 +29,7 @@ impl Default for BusConfig {
         Self {
             latency_ms: 2,
             loss: 0.0,
+            quantise: true,
         }
     }
 }
@@ -61,11 +65,13 @@ pub enum Board {
 }
 
 impl Board {
-    fn of(node: Node) -> Self {
+    /// The board a node runs on; a service tool has none.
+    fn of(node: Node) -> Option<Self> {
         match node {
-            Node::Lead | Node::FrontAxle => Self::Front,
-            Node::RearAxle => Self::Rear,
-            Node::Beam => Self::Beam,
+            Node::Lead | Node::FrontAxle => Some(Self::Front),
+            Node::RearAxle => Some(Self::Rear),
+            Node::Beam => Some(Self::Beam),
+            Node::Service => None,
         }
     }
 }
@@ -93,6 +99,7 @@ struct Transit {
 pub struct VirtualBus {
     latency: Micros,
     loss: f64,
+    quantise: bool,
     rng: Pcg64,
     transit: VecDeque<Transit>,
     statistics: BusStatistics,
@@ -106,6 +113,7 @@ impl VirtualBus {
         Self {
             latency: Micros::from(config.latency_ms) * 1_000,
             loss: config.loss,
+            quantise: config.quantise,
             rng: Pcg64::seed_from_u64(seed),
             transit: VecDeque::with_capacity(64),
             statistics: BusStatistics::default(),
@@ -129,9 +137,14 @@ impl VirtualBus {
                 return;
             }
         };
-        let Ok(message) = bus::decode(&frame) else {
-            self.statistics.refused += 1;
-            return;
+        let message = if self.quantise {
+            let Ok(message) = bus::decode(&frame) else {
+                self.statistics.refused += 1;
+                return;
+            };
+            message
+        } else {
+            *message
         };
         let origin = sender(&frame);
         let mut received = [true; 3];
@@ -179,7 +192,7 @@ impl VirtualBus {
 }
 
 fn sender(frame: &Frame) -> Option<Board> {
-    layout::find(frame.id).map(|layout| Board::of(layout.sender))
+    layout::find(frame.id).and_then(|layout| Board::of(layout.sender))
 }
 
 #[cfg(test)]
@@ -201,7 +214,7 @@ mod tests {
     fn messages_arrive_in_order_after_the_latency() {
         let config = BusConfig {
             latency_ms: 3,
-            loss: 0.0,
+            ..BusConfig::default()
         };
         let mut bus = VirtualBus::new(&config, 1);
         bus.send(0, &status(1));
@@ -219,6 +232,7 @@ mod tests {
         let config = BusConfig {
             latency_ms: 0,
             loss: 0.3,
+            ..BusConfig::default()
         };
         let mut bus = VirtualBus::new(&config, 7);
         let mut count = [0; 3];
@@ -238,6 +252,35 @@ mod tests {
             // Five standard deviations of a binomial count.
             assert!((count[board as usize] - 7_000i32).abs() < 230);
         }
+    }
+
+    #[test]
+    fn quantisation_can_be_left_out() {
+        let sent = Posture::new(0.123_456_7, 0.0, 0.0);
+        let through = |quantise| {
+            let config = BusConfig {
+                quantise,
+                ..BusConfig::default()
+            };
+            let mut bus = VirtualBus::new(&config, 1);
+            bus.send(
+                0,
+                &Message::AxlePosture {
+                    axle: Axle::Front,
+                    sequence: 0,
+                    posture: sent,
+                },
+            );
+            let mut received = None;
+            bus.deliver(2_000, |_, message| received = Some(*message));
+            match received {
+                Some(Message::AxlePosture { posture, .. }) => posture.x,
+                other => panic!("{other:?}"),
+            }
+        };
+        assert_eq!(through(false), sent.x);
+        let error = (through(true) - sent.x).abs();
+        assert!(error > 1e-5 && error < 5.1e-5, "{error}");
     }
 
     #[test]

@@ -240,6 +240,7 @@ fn help_names_every_command() {
         "consistency",
         "eval",
         "config",
+        "dbc",
         "plant-bench",
     ] {
         assert!(help.contains(command), "{command}");

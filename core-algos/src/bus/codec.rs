@@ -1,7 +1,9 @@
 //! Messages to bytes and back, by the table of [`super::layout`].
 
-use super::layout::{self, Signal};
-use super::message::{Axle, LeadMode, Message, POSITION_SPAN_M};
+use super::layout::{self, Signal, id};
+use super::message::{
+    Axle, Calibrate, CalibrationResult, LeadMode, Message, POSITION_SPAN_M, Role,
+};
 use crate::math::matrix::{Mat3, cholesky};
 use crate::math::trig::{exp, ln, sqrt, wrap_angle};
 use crate::math::{Posture, Wrench};
@@ -78,6 +80,8 @@ impl fmt::Display for DecodeError {
 
 impl core::error::Error for DecodeError {}
 
+/// Raw delay of a [`Message::TimeSync`] that says "not known".
+const UNKNOWN_DELAY: u16 = u16::MAX;
 const MAX_SIGNALS: usize = 7;
 type Values = [f32; MAX_SIGNALS];
 
@@ -133,7 +137,10 @@ pub fn decode(frame: &Frame) -> Result<Message, DecodeError> {
         } else {
             raw as i32
         };
-        *value = raw as f32 * signal.scale + signal.offset;
+        if !signal.labels.is_empty() && raw as usize >= signal.labels.len() {
+            return Err(DecodeError::Value { id: frame.id });
+        }
+        *value = signal.physical(raw);
     }
     from_values(frame.id, &values).ok_or(DecodeError::Value { id: frame.id })
 }
@@ -142,24 +149,37 @@ pub fn decode(frame: &Frame) -> Result<Message, DecodeError> {
 fn to_raw(signal: &Signal, value: f32) -> Option<i32> {
     let scaled = (value - signal.offset) / signal.scale;
     let (low, high) = signal.raw_range();
-    let rounded = if scaled >= 0.0 {
-        scaled + 0.5
-    } else {
-        scaled - 0.5
-    };
-    // The cast truncates toward zero; bounds are at most 2^24, exact in f32.
-    if rounded > low as f32 - 1.0 && rounded < high as f32 + 1.0 {
-        Some(rounded as i32)
-    } else {
-        None
+    // Bounds are at most 2^24, so they, the whole part and the rest are exact in f32.
+    if !(scaled > low as f32 - 1.0 && scaled < high as f32 + 1.0) {
+        return None;
     }
+    let whole = scaled as i32;
+    let rest = scaled - whole as f32;
+    let raw = if rest >= 0.5 {
+        whole + 1
+    } else if rest <= -0.5 {
+        whole - 1
+    } else {
+        whole
+    };
+    (low..=high).contains(&raw).then_some(raw)
 }
 
 fn posture_values(sequence: u8, posture: &Posture) -> Values {
+    // What would round up to half a span is the other end of it.
+    const LAST: f32 = 0.5 * POSITION_SPAN_M - 6e-5;
+    let position = |x: f32| {
+        let wrapped = wrap_position(x);
+        if wrapped > LAST {
+            -0.5 * POSITION_SPAN_M
+        } else {
+            wrapped
+        }
+    };
     [
         f32::from(sequence),
-        wrap_position(posture.x),
-        wrap_position(posture.y),
+        position(posture.x),
+        position(posture.y),
         wrap_angle(posture.phi),
         0.0,
         0.0,
@@ -239,6 +259,21 @@ fn covariance_from(values: &Values) -> Mat3 {
 fn to_values(message: &Message) -> (u16, Values) {
     let pick = |axle: Axle, id: u16| id + axle.index() as u16;
     match *message {
+        Message::TimeSync {
+            epoch,
+            last_delay_us,
+        } => (
+            id::TIME_SYNC,
+            [
+                f32::from(epoch as u8),
+                (epoch >> 8) as f32,
+                f32::from(last_delay_us.unwrap_or(UNKNOWN_DELAY)),
+                0.0,
+                0.0,
+                0.0,
+                0.0,
+            ],
+        ),
         Message::LeadStatus {
             sequence,
             mode,
@@ -251,13 +286,19 @@ fn to_values(message: &Message) -> (u16, Values) {
                 LeadMode::Hold => 2.0,
             };
             let s = f32::from(sequence);
-            (0x070, [s, mode, steering_rad, velocity_m_s, 0.0, 0.0, 0.0])
+            (
+                id::LEAD_STATUS,
+                [s, mode, steering_rad, velocity_m_s, 0.0, 0.0, 0.0],
+            )
         }
         Message::ReferencePosture {
             axle,
             sequence,
             posture,
-        } => (pick(axle, 0x080), posture_values(sequence, &posture)),
+        } => (
+            pick(axle, id::REFERENCE_POSTURE),
+            posture_values(sequence, &posture),
+        ),
         Message::ReferenceMotion {
             axle,
             sequence,
@@ -266,7 +307,7 @@ fn to_values(message: &Message) -> (u16, Values) {
             acceleration_m_s2,
             yaw_acceleration_rad_s2,
         } => (
-            pick(axle, 0x090),
+            pick(axle, id::REFERENCE_MOTION),
             [
                 f32::from(sequence),
                 velocity_m_s,
@@ -281,7 +322,10 @@ fn to_values(message: &Message) -> (u16, Values) {
             axle,
             sequence,
             posture,
-        } => (pick(axle, 0x100), posture_values(sequence, &posture)),
+        } => (
+            pick(axle, id::AXLE_POSTURE),
+            posture_values(sequence, &posture),
+        ),
         Message::AxleMotion {
             axle,
             sequence,
@@ -289,7 +333,7 @@ fn to_values(message: &Message) -> (u16, Values) {
             yaw_rate_rad_s,
             refused,
         } => (
-            pick(axle, 0x110),
+            pick(axle, id::AXLE_MOTION),
             [
                 f32::from(sequence),
                 velocity_m_s,
@@ -304,13 +348,16 @@ fn to_values(message: &Message) -> (u16, Values) {
             axle,
             sequence,
             covariance,
-        } => (pick(axle, 0x120), covariance_values(sequence, &covariance)),
+        } => (
+            pick(axle, id::AXLE_UNCERTAINTY),
+            covariance_values(sequence, &covariance),
+        ),
         Message::BeamPosture {
             sequence,
             posture,
             gauges,
         } => (
-            0x200,
+            id::BEAM_POSTURE,
             [
                 f32::from(sequence),
                 posture.x,
@@ -324,9 +371,12 @@ fn to_values(message: &Message) -> (u16, Values) {
         Message::BeamUncertainty {
             sequence,
             covariance,
-        } => (0x201, covariance_values(sequence, &covariance)),
+        } => (
+            id::BEAM_UNCERTAINTY,
+            covariance_values(sequence, &covariance),
+        ),
         Message::BeamWrench { sequence, wrench } => (
-            0x202,
+            id::BEAM_WRENCH,
             [
                 f32::from(sequence),
                 wrench.force_x,
@@ -337,15 +387,69 @@ fn to_values(message: &Message) -> (u16, Values) {
                 0.0,
             ],
         ),
+        Message::BoardHealth {
+            board,
+            sequence,
+            missed_ticks,
+            tick_jitter_us,
+            tick_worst_us,
+            supply_v,
+            temperature_c,
+        } => (
+            id::BOARD_HEALTH + board as u16,
+            [
+                f32::from(sequence),
+                f32::from(missed_ticks),
+                f32::from(tick_jitter_us),
+                f32::from(tick_worst_us),
+                supply_v,
+                temperature_c,
+                0.0,
+            ],
+        ),
+        Message::BeamCalibration {
+            sequence,
+            calibrate,
+        } => {
+            let (command, curvature) = match calibrate {
+                Calibrate::Zero(curvature) => (0.0, curvature),
+                Calibrate::Gain(curvature) => (1.0, curvature),
+            };
+            let s = f32::from(sequence);
+            (
+                id::BEAM_CALIBRATION,
+                [s, command, curvature, 0.0, 0.0, 0.0, 0.0],
+            )
+        }
+        Message::BeamCalibrated {
+            sequence,
+            result,
+            gauge,
+        } => {
+            let (s, result) = (f32::from(sequence), f32::from(result as u8));
+            (
+                id::BEAM_CALIBRATED,
+                [s, result, f32::from(gauge), 0.0, 0.0, 0.0, 0.0],
+            )
+        }
     }
 }
 
-fn from_values(id: u16, values: &Values) -> Option<Message> {
+fn from_values(identifier: u16, values: &Values) -> Option<Message> {
     let sequence = values[0] as u8;
-    let axle = if id & 1 == 0 { Axle::Front } else { Axle::Rear };
+    let axle = if identifier & 1 == 0 {
+        Axle::Front
+    } else {
+        Axle::Rear
+    };
+    let of_axle = |front: u16| identifier == front || identifier == front + 1;
     let posture = Posture::new(values[1], values[2], values[3]);
-    Some(match id {
-        0x070 => Message::LeadStatus {
+    Some(match identifier {
+        id::TIME_SYNC => Message::TimeSync {
+            epoch: (values[1] as u32) << 8 | u32::from(sequence),
+            last_delay_us: Some(values[2] as u16).filter(|&delay| delay != UNKNOWN_DELAY),
+        },
+        id::LEAD_STATUS => Message::LeadStatus {
             sequence,
             mode: match values[1] as u8 {
                 0 => LeadMode::Idle,
@@ -356,12 +460,12 @@ fn from_values(id: u16, values: &Values) -> Option<Message> {
             steering_rad: values[2],
             velocity_m_s: values[3],
         },
-        0x080 | 0x081 => Message::ReferencePosture {
+        _ if of_axle(id::REFERENCE_POSTURE) => Message::ReferencePosture {
             axle,
             sequence,
             posture,
         },
-        0x090 | 0x091 => Message::ReferenceMotion {
+        _ if of_axle(id::REFERENCE_MOTION) => Message::ReferenceMotion {
             axle,
             sequence,
             velocity_m_s: values[1],
@@ -369,33 +473,33 @@ fn from_values(id: u16, values: &Values) -> Option<Message> {
             acceleration_m_s2: values[3],
             yaw_acceleration_rad_s2: values[4],
         },
-        0x100 | 0x101 => Message::AxlePosture {
+        _ if of_axle(id::AXLE_POSTURE) => Message::AxlePosture {
             axle,
             sequence,
             posture,
         },
-        0x110 | 0x111 => Message::AxleMotion {
+        _ if of_axle(id::AXLE_MOTION) => Message::AxleMotion {
             axle,
             sequence,
             velocity_m_s: values[1],
             yaw_rate_rad_s: values[2],
             refused: values[3] as u8,
         },
-        0x120 | 0x121 => Message::AxleUncertainty {
+        _ if of_axle(id::AXLE_UNCERTAINTY) => Message::AxleUncertainty {
             axle,
             sequence,
             covariance: covariance_from(values),
         },
-        0x200 => Message::BeamPosture {
+        id::BEAM_POSTURE => Message::BeamPosture {
             sequence,
             posture,
             gauges: values[4] as u8,
         },
-        0x201 => Message::BeamUncertainty {
+        id::BEAM_UNCERTAINTY => Message::BeamUncertainty {
             sequence,
             covariance: covariance_from(values),
         },
-        0x202 => Message::BeamWrench {
+        id::BEAM_WRENCH => Message::BeamWrench {
             sequence,
             wrench: Wrench {
                 force_x: values[1],
@@ -404,7 +508,28 @@ fn from_values(id: u16, values: &Values) -> Option<Message> {
                 moment_end: values[4],
             },
         },
-        _ => return None,
+        id::BEAM_CALIBRATION => Message::BeamCalibration {
+            sequence,
+            calibrate: match values[1] as u8 {
+                0 => Calibrate::Zero(values[2]),
+                1 => Calibrate::Gain(values[2]),
+                _ => return None,
+            },
+        },
+        id::BEAM_CALIBRATED => Message::BeamCalibrated {
+            sequence,
+            result: CalibrationResult::from_number(values[1] as u8)?,
+            gauge: values[2] as u8,
+        },
+        _ => Message::BoardHealth {
+            board: *Role::ALL.get(usize::from(identifier.wrapping_sub(id::BOARD_HEALTH)))?,
+            sequence,
+            missed_ticks: values[1] as u8,
+            tick_jitter_us: values[2] as u16,
+            tick_worst_us: values[3] as u16,
+            supply_v: values[4],
+            temperature_c: values[5],
+        },
     })
 }
 
@@ -413,6 +538,38 @@ mod tests {
     use super::*;
     use crate::math::matrix::is_finite;
     use proptest::prelude::*;
+
+    /// Signals that are no enumeration, each with its message.
+    fn quantities() -> impl Iterator<Item = (&'static Signal, &'static layout::Layout)> {
+        layout::MESSAGES.iter().flat_map(|layout| {
+            let signals = layout.signals.iter();
+            signals
+                .filter(|signal| signal.labels.is_empty())
+                .map(move |signal| (signal, layout))
+        })
+    }
+
+    /// Half a unit beyond the range, computed in double precision.
+    fn bounds(signal: &Signal) -> [f64; 2] {
+        let (low, high) = signal.raw_range();
+        let (scale, offset) = (f64::from(signal.scale), f64::from(signal.offset));
+        [
+            (f64::from(low) - 0.5) * scale + offset,
+            (f64::from(high) + 0.5) * scale + offset,
+        ]
+    }
+
+    fn range_holds(signal: &Signal, value: f32) -> bool {
+        let [low, high] = bounds(signal);
+        (low..high).contains(&f64::from(value))
+    }
+
+    /// So close to a bound that single precision may judge either way.
+    fn at_a_bound(signal: &Signal, value: f32) -> bool {
+        bounds(signal)
+            .iter()
+            .any(|bound| (f64::from(value) - bound).abs() <= 1e-6 * bound.abs())
+    }
 
     fn round_trip(message: Message) -> Message {
         decode(&encode(&message).unwrap()).unwrap()
@@ -471,6 +628,70 @@ mod tests {
             for i in 0..3 {
                 let ratio = covariance[i][i] / m[i][i];
                 prop_assert!((0.975..1.025).contains(&ratio), "{}", ratio);
+            }
+        }
+
+        #[test]
+        fn positions_around_the_end_of_the_span_are_sent(turns in -3i32..3, step in -2e-4f32..2e-4) {
+            let x = (turns as f32 + 0.5) * POSITION_SPAN_M + step;
+            let Message::AxlePosture { posture, .. } = round_trip(Message::AxlePosture {
+                axle: Axle::Front, sequence: 0, posture: Posture::new(x, -x, 0.0),
+            }) else {
+                panic!("another message");
+            };
+            // Far from the origin a position is itself no finer than this.
+            let resolution = 1e-4 + x.abs() * f32::EPSILON;
+            prop_assert!(wrap_position(posture.x - wrap_position(x)).abs() <= resolution);
+            prop_assert!(wrap_position(posture.y - wrap_position(-x)).abs() <= resolution);
+        }
+
+        /// Any value at all, of any signal: refused by name, or sent to the nearest unit.
+        #[test]
+        fn a_value_is_refused_or_rounded_to_the_nearest_unit(bits: u32, small in -40.0f32..40.0) {
+            for value in [f32::from_bits(bits), small] {
+                for (signal, layout) in quantities() {
+                    match (to_raw(signal, value), range_holds(signal, value)) {
+                        (Some(raw), true) => {
+                            let off = f64::from(raw) * f64::from(signal.scale)
+                                + f64::from(signal.offset) - f64::from(value);
+                            let unit = f64::from(signal.scale);
+                            // Half a unit, and the rounding of the quotient in single precision.
+                            let slack = 0.5 * unit + 1e-6 * f64::from(value.abs() + signal.offset.abs());
+                            prop_assert!(off.abs() <= slack, "{} {}", layout.name, signal.name);
+                        }
+                        (None, false) => {}
+                        (raw, _) => prop_assert!(
+                            at_a_bound(signal, value), "{} {} {value} {raw:?}", layout.name, signal.name
+                        ),
+                    }
+                }
+            }
+        }
+
+        /// Decoded and encoded again, every valid frame is the same frame.
+        #[test]
+        fn frames_survive_decoding_and_encoding(draws: [u32; MAX_SIGNALS]) {
+            for layout in &layout::MESSAGES {
+                let mut bits = 0u64;
+                let mut position = 0;
+                for (signal, draw) in layout.signals.iter().zip(draws) {
+                    let (low, high) = if signal.name == "phi" {
+                        // The bus carries headings within half a turn.
+                        (-31_415, 31_415)
+                    } else {
+                        signal.raw_range()
+                    };
+                    let raw = i64::from(low) + i64::from(draw) % (i64::from(high) - i64::from(low) + 1);
+                    bits |= (raw as u64 & ((1 << signal.bits) - 1)) << position;
+                    position += u32::from(signal.bits);
+                }
+                let frame = Frame { id: layout.id, length: layout.bytes(), data: bits.to_le_bytes() };
+                let message = decode(&frame);
+                prop_assert!(message.is_ok(), "{message:?}");
+                // A covariance is rebuilt positive definite, so its correlations may change.
+                if layout.signals.last().is_some_and(|signal| signal.name != "correlation_yphi") {
+                    prop_assert_eq!(encode(&message.unwrap()), Ok(frame));
+                }
             }
         }
 

@@ -1,7 +1,43 @@
 //! The one table of messages: identifier, sender, period, timeout and signals.
 //!
 //! Signals are little-endian, packed without gaps in the order of the table; the physical value is
-//! `raw · scale + offset`.
+//! `raw · scale + offset`, and the range follows from width and scale. Periods and timeouts stand
+//! here alone: defaults elsewhere are taken from [`period_ms`] and [`timeout_s`].
+
+use super::message::CalibrationResult;
+
+/// Bit rate of the bus, bit/s.
+pub const BIT_RATE: u32 = 1_000_000;
+
+/// Identifiers; those of the axles are the front one's, plus one for the rear.
+pub mod id {
+    /// Common time.
+    pub const TIME_SYNC: u16 = 0x010;
+    /// Mode and progress of the lead node.
+    pub const LEAD_STATUS: u16 = 0x070;
+    /// Reference posture of the front axle.
+    pub const REFERENCE_POSTURE: u16 = 0x080;
+    /// Reference motion of the front axle.
+    pub const REFERENCE_MOTION: u16 = 0x090;
+    /// Odometric posture of the front axle.
+    pub const AXLE_POSTURE: u16 = 0x100;
+    /// Velocity of the front axle.
+    pub const AXLE_MOTION: u16 = 0x110;
+    /// Covariance of the front axle's increment.
+    pub const AXLE_UNCERTAINTY: u16 = 0x120;
+    /// Relative posture of the axles.
+    pub const BEAM_POSTURE: u16 = 0x200;
+    /// Its covariance.
+    pub const BEAM_UNCERTAINTY: u16 = 0x201;
+    /// Wrench of the frame.
+    pub const BEAM_WRENCH: u16 = 0x202;
+    /// Health of the front board; plus one for the rear, plus two for the beam.
+    pub const BOARD_HEALTH: u16 = 0x300;
+    /// A calibration asked of the beam board.
+    pub const BEAM_CALIBRATION: u16 = 0x600;
+    /// How it ended.
+    pub const BEAM_CALIBRATED: u16 = 0x601;
+}
 
 /// A node of the robot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -14,6 +50,30 @@ pub enum Node {
     RearAxle,
     /// Beam board.
     Beam,
+    /// A person's tool on the bus; not part of a running robot.
+    Service,
+}
+
+impl Node {
+    /// Every node.
+    pub const ALL: [Self; 5] = [
+        Self::Lead,
+        Self::FrontAxle,
+        Self::RearAxle,
+        Self::Beam,
+        Self::Service,
+    ];
+
+    /// Name, as in the bus description.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Lead => "Lead",
+            Self::FrontAxle => "FrontAxle",
+            Self::RearAxle => "RearAxle",
+            Self::Beam => "Beam",
+            Self::Service => "Service",
+        }
+    }
 }
 
 /// One signal of a message.
@@ -31,6 +91,8 @@ pub struct Signal {
     pub offset: f32,
     /// Unit of the physical value; empty for a pure number.
     pub unit: &'static str,
+    /// Names of the raw values 0, 1, 2…, of which no other may occur; empty for a quantity.
+    pub labels: &'static [&'static str],
 }
 
 impl Signal {
@@ -42,6 +104,14 @@ impl Signal {
             scale: 1.0,
             offset: 0.0,
             unit: "",
+            labels: &[],
+        }
+    }
+
+    const fn labelled(name: &'static str, bits: u8, labels: &'static [&'static str]) -> Self {
+        Self {
+            labels,
+            ..Self::unsigned(name, bits)
         }
     }
 
@@ -53,16 +123,34 @@ impl Signal {
             scale,
             offset: 0.0,
             unit,
+            labels: &[],
         }
+    }
+
+    const fn in_unit(self, unit: &'static str) -> Self {
+        Self { unit, ..self }
     }
 
     /// Smallest and largest raw value.
     pub const fn raw_range(&self) -> (i32, i32) {
-        if self.signed {
+        if !self.labels.is_empty() {
+            (0, self.labels.len() as i32 - 1)
+        } else if self.signed {
             (-(1 << (self.bits - 1)), (1 << (self.bits - 1)) - 1)
         } else {
             (0, (1 << self.bits) - 1)
         }
+    }
+
+    /// Physical value of a raw one.
+    pub fn physical(&self, raw: i32) -> f32 {
+        raw as f32 * self.scale + self.offset
+    }
+
+    /// Smallest and largest physical value.
+    pub fn range(&self) -> (f32, f32) {
+        let (low, high) = self.raw_range();
+        (self.physical(low), self.physical(high))
     }
 }
 
@@ -75,9 +163,9 @@ pub struct Layout {
     pub name: &'static str,
     /// Who sends it.
     pub sender: Node,
-    /// Time between two of them, ms.
+    /// Time between two of them, ms; 0 if it is sent on request only.
     pub period_ms: u16,
-    /// Age at which the content no longer counts, ms.
+    /// Age at which the content no longer counts, ms; 0 if it does not age.
     pub timeout_ms: u16,
     /// Signals in order.
     pub signals: &'static [Signal],
@@ -115,6 +203,7 @@ const fn log_sigma(name: &'static str, unit: &'static str) -> Signal {
         scale: 0.02,
         offset: -10.0,
         unit,
+        labels: &[],
     }
 }
 
@@ -145,6 +234,19 @@ const AXLE_MOTION: [Signal; 4] = [
     Signal::unsigned("refused", 8),
 ];
 
+const BOARD_HEALTH: [Signal; 6] = [
+    SEQUENCE,
+    Signal::unsigned("missed_ticks", 8),
+    Signal::unsigned("tick_jitter", 12).in_unit("us"),
+    Signal::unsigned("tick_worst", 12).in_unit("us"),
+    Signal {
+        scale: 0.1,
+        ..Signal::unsigned("supply", 8)
+    }
+    .in_unit("V"),
+    Signal::signed("temperature", 8, 1.0, "degC"),
+];
+
 const fn layout(id: u16, name: &'static str, sender: Node, signals: &'static [Signal]) -> Layout {
     Layout {
         id,
@@ -156,31 +258,101 @@ const fn layout(id: u16, name: &'static str, sender: Node, signals: &'static [Si
     }
 }
 
+impl Layout {
+    const fn every(self, period_ms: u16, timeout_ms: u16) -> Self {
+        Self {
+            period_ms,
+            timeout_ms,
+            ..self
+        }
+    }
+}
+
 /// Every message of the bus.
-pub const MESSAGES: [Layout; 14] = [
+pub const MESSAGES: [Layout; 20] = [
     layout(
-        0x070,
+        id::TIME_SYNC,
+        "TimeSync",
+        Node::FrontAxle,
+        &[
+            SEQUENCE,
+            Signal::unsigned("epoch_high", 24),
+            Signal::unsigned("last_delay", 16).in_unit("us"),
+        ],
+    ),
+    layout(
+        id::LEAD_STATUS,
         "LeadStatus",
         Node::Lead,
         &[
             SEQUENCE,
-            Signal::unsigned("mode", 8),
+            Signal::labelled("mode", 8, &["idle", "active", "hold"]),
             Signal::signed("steering", 16, 1e-4, "rad"),
             Signal::signed("velocity", 16, 1e-4, "m/s"),
         ],
     ),
-    layout(0x080, "ReferencePostureFront", Node::Lead, &POSTURE),
-    layout(0x081, "ReferencePostureRear", Node::Lead, &POSTURE),
-    layout(0x090, "ReferenceMotionFront", Node::Lead, &REFERENCE_MOTION),
-    layout(0x091, "ReferenceMotionRear", Node::Lead, &REFERENCE_MOTION),
-    layout(0x100, "AxlePostureFront", Node::FrontAxle, &POSTURE),
-    layout(0x101, "AxlePostureRear", Node::RearAxle, &POSTURE),
-    layout(0x110, "AxleMotionFront", Node::FrontAxle, &AXLE_MOTION),
-    layout(0x111, "AxleMotionRear", Node::RearAxle, &AXLE_MOTION),
-    layout(0x120, "AxleUncertaintyFront", Node::FrontAxle, &UNCERTAINTY),
-    layout(0x121, "AxleUncertaintyRear", Node::RearAxle, &UNCERTAINTY),
     layout(
-        0x200,
+        id::REFERENCE_POSTURE,
+        "ReferencePostureFront",
+        Node::Lead,
+        &POSTURE,
+    ),
+    layout(
+        id::REFERENCE_POSTURE + 1,
+        "ReferencePostureRear",
+        Node::Lead,
+        &POSTURE,
+    ),
+    layout(
+        id::REFERENCE_MOTION,
+        "ReferenceMotionFront",
+        Node::Lead,
+        &REFERENCE_MOTION,
+    ),
+    layout(
+        id::REFERENCE_MOTION + 1,
+        "ReferenceMotionRear",
+        Node::Lead,
+        &REFERENCE_MOTION,
+    ),
+    layout(
+        id::AXLE_POSTURE,
+        "AxlePostureFront",
+        Node::FrontAxle,
+        &POSTURE,
+    ),
+    layout(
+        id::AXLE_POSTURE + 1,
+        "AxlePostureRear",
+        Node::RearAxle,
+        &POSTURE,
+    ),
+    layout(
+        id::AXLE_MOTION,
+        "AxleMotionFront",
+        Node::FrontAxle,
+        &AXLE_MOTION,
+    ),
+    layout(
+        id::AXLE_MOTION + 1,
+        "AxleMotionRear",
+        Node::RearAxle,
+        &AXLE_MOTION,
+    ),
+    layout(
+        id::AXLE_UNCERTAINTY,
+        "AxleUncertaintyFront",
+        Node::FrontAxle,
+        &UNCERTAINTY,
+    ),
+    layout(
+        id::AXLE_UNCERTAINTY + 1,
+        "AxleUncertaintyRear",
+        Node::RearAxle,
+        &UNCERTAINTY,
+    ),
+    layout(
+        id::BEAM_POSTURE,
         "BeamPosture",
         Node::Beam,
         &[
@@ -191,9 +363,14 @@ pub const MESSAGES: [Layout; 14] = [
             Signal::unsigned("gauges", 4),
         ],
     ),
-    layout(0x201, "BeamUncertainty", Node::Beam, &UNCERTAINTY),
     layout(
-        0x202,
+        id::BEAM_UNCERTAINTY,
+        "BeamUncertainty",
+        Node::Beam,
+        &UNCERTAINTY,
+    ),
+    layout(
+        id::BEAM_WRENCH,
         "BeamWrench",
         Node::Beam,
         &[
@@ -204,11 +381,64 @@ pub const MESSAGES: [Layout; 14] = [
             Signal::signed("moment_end", 14, 1e-3, "N m"),
         ],
     ),
+    layout(
+        id::BOARD_HEALTH,
+        "BoardHealthFront",
+        Node::FrontAxle,
+        &BOARD_HEALTH,
+    )
+    .every(100, 500),
+    layout(
+        id::BOARD_HEALTH + 1,
+        "BoardHealthRear",
+        Node::RearAxle,
+        &BOARD_HEALTH,
+    )
+    .every(100, 500),
+    layout(
+        id::BOARD_HEALTH + 2,
+        "BoardHealthBeam",
+        Node::Beam,
+        &BOARD_HEALTH,
+    )
+    .every(100, 500),
+    layout(
+        id::BEAM_CALIBRATION,
+        "BeamCalibration",
+        Node::Service,
+        &[
+            SEQUENCE,
+            Signal::labelled("command", 8, &["zero", "gain"]),
+            Signal::signed("curvature", 16, 1e-3, "1/m"),
+        ],
+    )
+    .every(0, 0),
+    layout(
+        id::BEAM_CALIBRATED,
+        "BeamCalibrated",
+        Node::Beam,
+        &[
+            SEQUENCE,
+            Signal::labelled("result", 8, &CalibrationResult::NAMES),
+            Signal::unsigned("gauge", 4),
+        ],
+    )
+    .every(0, 0),
 ];
 
 /// The entry of the table for an identifier.
 pub fn find(id: u16) -> Option<&'static Layout> {
     MESSAGES.iter().find(|layout| layout.id == id)
+}
+
+/// Period of a message, ms; 0 for one that is sent on request or is unknown.
+pub fn period_ms(id: u16) -> u16 {
+    find(id).map_or(0, |layout| layout.period_ms)
+}
+
+/// Age at which a message no longer counts, s; 0 for one that does not age or is unknown.
+pub fn timeout_s(id: u16) -> f32 {
+    find(id).map_or(0.0, |layout| f32::from(layout.timeout_ms) / 1000.0)
 }
 
 /// Bits one frame of `bytes` data bytes takes on the bus in the worst case: 47 of frame overhead
@@ -218,13 +448,19 @@ pub const fn frame_bits(bytes: u8) -> u32 {
     47 + data + (34 + data - 1) / 4
 }
 
-/// Worst-case share of the bus all messages of the table take at their periods, 0 to 1.
+impl Layout {
+    /// Worst-case bits a second this message takes at its period; 0 for one sent on request.
+    pub fn bits_per_second(&self) -> f32 {
+        if self.period_ms == 0 {
+            return 0.0;
+        }
+        frame_bits(self.bytes()) as f32 * 1000.0 / f32::from(self.period_ms)
+    }
+}
+
+/// Worst-case share of the bus all periodic messages of the table take, 0 to 1.
 pub fn load(bit_rate: f32) -> f32 {
-    MESSAGES
-        .iter()
-        .map(|layout| frame_bits(layout.bytes()) as f32 * 1000.0 / f32::from(layout.period_ms))
-        .sum::<f32>()
-        / bit_rate
+    MESSAGES.iter().map(Layout::bits_per_second).sum::<f32>() / bit_rate
 }
 
 #[cfg(test)]
@@ -238,6 +474,7 @@ mod tests {
             assert!(layout.id <= 0x7ff);
             for signal in layout.signals {
                 assert!(signal.bits <= 24 && signal.scale > 0.0);
+                assert!(signal.labels.len() <= 1 << signal.bits);
             }
         }
     }
@@ -250,10 +487,22 @@ mod tests {
     }
 
     #[test]
+    fn what_is_sent_every_epoch_is_so_by_the_table() {
+        use crate::node::EPOCH;
+        for layout in MESSAGES {
+            let periodic = u64::from(layout.period_ms) * 1000;
+            assert!(periodic.is_multiple_of(EPOCH), "{}", layout.name);
+            assert!(layout.timeout_ms >= 5 * layout.period_ms, "{}", layout.name);
+        }
+        assert_eq!(timeout_s(id::LEAD_STATUS), 0.05);
+        assert_eq!((period_ms(id::BOARD_HEALTH), period_ms(0x7ff)), (100, 0));
+    }
+
+    #[test]
     fn bus_load_leaves_room() {
         // 135 bits is the textbook worst case of an 8-byte frame with an 11-bit identifier.
         assert_eq!(frame_bits(8), 135);
-        let load = load(1e6);
+        let load = load(BIT_RATE as f32);
         assert!(load > 0.1 && load < 0.5, "{load}");
     }
 }

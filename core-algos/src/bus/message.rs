@@ -35,9 +35,92 @@ impl Axle {
     }
 }
 
+/// Which of the robot's boards one is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
+pub enum Role {
+    /// Front axle and lead node.
+    Front,
+    /// Rear axle.
+    Rear,
+    /// Instrumented frame.
+    Beam,
+}
+
+impl Role {
+    /// All boards of a robot, in the order their messages enter the simulated bus.
+    pub const ALL: [Self; 3] = [Self::Front, Self::Rear, Self::Beam];
+
+    /// Name in lower case.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Front => "front",
+            Self::Rear => "rear",
+            Self::Beam => "beam",
+        }
+    }
+}
+
+/// An enumeration that crosses the bus as its index, with the names of its values.
+macro_rules! wire_enum {
+    ($(#[$doc:meta])* $name:ident { $($(#[$note:meta])* $value:ident = $label:literal,)+ }) => {
+        $(#[$doc])*
+        #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+        #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+        #[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
+        pub enum $name { $($(#[$note])* $value,)+ }
+
+        impl $name {
+            /// Every value, in the order of its number.
+            pub const ALL: [Self; [$($label),+].len()] = [$(Self::$value),+];
+            /// Names of the values.
+            pub const NAMES: [&'static str; Self::ALL.len()] = [$($label),+];
+
+            /// The value with this number.
+            pub fn from_number(number: u8) -> Option<Self> {
+                Self::ALL.get(usize::from(number)).copied()
+            }
+        }
+    };
+}
+
+wire_enum! {
+    /// How a calibration ended.
+    CalibrationResult {
+        /// Taken over and stored.
+        #[default]
+        Stored = "stored",
+        /// Refused: the motors are on.
+        MotorsOn = "motors_on",
+        /// Refused: a sample was saturated or missing.
+        BadSample = "bad_sample",
+        /// Refused: samples scatter too much.
+        Noisy = "noisy",
+        /// Refused: the average moved.
+        Drifting = "drifting",
+        /// Refused: the result is out of range.
+        OutOfRange = "out_of_range",
+        /// In use, but it could not be stored.
+        NotStored = "not_stored",
+    }
+}
+
+/// A calibration the beam board can be asked for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
+pub enum Calibrate {
+    /// The strip is bent to this curvature now (0 for straight), 1/m: find the zeros.
+    Zero(f32),
+    /// The strip is bent to this curvature now, 1/m: find the gains.
+    Gain(f32),
+}
+
 /// What the lead node asks of the axles.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 pub enum LeadMode {
     /// Motors off.
     #[default]
@@ -50,7 +133,18 @@ pub enum LeadMode {
 
 /// A message on the bus.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub enum Message {
+    /// Sent by the front board at the beginning of every epoch, so that all boards count the same
+    /// time.
+    TimeSync {
+        /// Number of the epoch that begins.
+        epoch: u32,
+        /// Time from the beginning of the epoch before to the end of that epoch's `TimeSync` on the
+        /// bus, µs; `None` if it was not sent or not within 65 ms.
+        last_delay_us: Option<u16>,
+    },
     /// Mode and progress of the lead node.
     LeadStatus {
         /// Epoch modulo 256.
@@ -140,5 +234,38 @@ pub enum Message {
         sequence: u8,
         /// The wrench.
         wrench: Wrench,
+    },
+    /// Health of a board.
+    BoardHealth {
+        /// The board.
+        board: Role,
+        /// Epoch modulo 256.
+        sequence: u8,
+        /// Ticks that were missed since the start, at most 255.
+        missed_ticks: u8,
+        /// Largest lateness of a tick since the last report, µs, at most 4095.
+        tick_jitter_us: u16,
+        /// Longest tick since the last report, µs, at most 4095.
+        tick_worst_us: u16,
+        /// Supply of the board, V, at most 25.5.
+        supply_v: f32,
+        /// Highest temperature on the board, °C, −128 to 127.
+        temperature_c: f32,
+    },
+    /// Asks the beam board for a calibration.
+    BeamCalibration {
+        /// Comes back in the answer.
+        sequence: u8,
+        /// What is asked.
+        calibrate: Calibrate,
+    },
+    /// Answer of the beam board.
+    BeamCalibrated {
+        /// Of the request.
+        sequence: u8,
+        /// How it ended.
+        result: CalibrationResult,
+        /// Gauge to blame, counted from the root.
+        gauge: u8,
     },
 }

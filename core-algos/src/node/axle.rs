@@ -11,7 +11,7 @@
 //! number that is not finite, the torques are zero.
 
 use super::{Micros, Outbox, Stamped, epoch_start, is_epoch_start, seconds, sequence};
-use crate::bus::{Axle, LeadMode, Message};
+use crate::bus::{Axle, LeadMode, Message, layout};
 use crate::config::{ConfigError, in_range, positive};
 use crate::control::cascade::AxleReference;
 use crate::control::dynamic::{self, Dynamic};
@@ -55,8 +55,8 @@ pub struct Config {
 impl Default for Config {
     fn default() -> Self {
         Self {
-            reference_timeout_s: 0.05,
-            wrench_timeout_s: 0.05,
+            reference_timeout_s: layout::timeout_s(layout::id::REFERENCE_POSTURE),
+            wrench_timeout_s: layout::timeout_s(layout::id::BEAM_WRENCH),
             speed_source: SpeedSource::Wheels,
             wheel: wheel_observer::Config::default(),
             filter: ekf::Config::default(),

@@ -15,35 +15,9 @@ use super::lead::{self, LeadNode};
 use super::robot::RobotConfig;
 use super::{EPOCH, LEAD_PHASE, Micros, Outbox};
 use crate::beam::MAX_GAUGES;
+pub use crate::bus::message::Role;
 use crate::bus::{Axle, Message};
 use crate::config::ConfigError;
-
-/// Which of the robot's boards one is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
-pub enum Role {
-    /// Front axle and lead node.
-    Front,
-    /// Rear axle.
-    Rear,
-    /// Instrumented frame.
-    Beam,
-}
-
-impl Role {
-    /// All boards of a robot, in the order their messages enter the simulated bus.
-    pub const ALL: [Self; 3] = [Self::Front, Self::Rear, Self::Beam];
-
-    /// Name in lower case.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Front => "front",
-            Self::Rear => "rear",
-            Self::Beam => "beam",
-        }
-    }
-}
 
 /// What the sensors of a board read at a tick.
 #[derive(Clone, Copy, Debug, PartialEq)]

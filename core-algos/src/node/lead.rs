@@ -18,7 +18,7 @@
 use super::course::{self, Course};
 use super::{EPOCH, Micros, Outbox, Stamped, epoch_start, seconds, sequence};
 use crate::bus::codec::wrap_position;
-use crate::bus::{Axle, LeadMode, Message};
+use crate::bus::{Axle, LeadMode, Message, layout};
 use crate::config::{ConfigError, in_range};
 use crate::control::cascade::{self, Cascade, Motion};
 use crate::control::governor::{self, Governor, Wish};
@@ -50,7 +50,7 @@ pub struct Config {
 impl Default for Config {
     fn default() -> Self {
         Self {
-            report_timeout_s: 0.05,
+            report_timeout_s: layout::timeout_s(layout::id::AXLE_POSTURE),
             fusion: tandem::Config::default(),
             regulator: regulator::Config::default(),
             course: course::Config::default(),

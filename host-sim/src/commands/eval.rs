@@ -14,6 +14,7 @@ pub fn run(args: &EvalArgs) -> Result<(), Error> {
         Algorithm::Ipec => Box::new(eval::ipec::Ipec::default()),
         Algorithm::Kinematic => Box::new(eval::kinematic::Kinematic),
         Algorithm::Cascade => Box::new(eval::cascade::Cascade),
+        Algorithm::Bus => Box::new(eval::bus::Bus),
         Algorithm::Frame => Box::new(eval::frame::Frame),
     };
     // Line-buffered: whoever feeds line by line gets each answer at once.

@@ -3,6 +3,7 @@
 pub mod codes;
 pub mod config;
 pub mod consistency;
+pub mod dbc;
 pub mod eval;
 pub mod follow;
 pub mod plant_bench;

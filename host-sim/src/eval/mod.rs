@@ -1,6 +1,7 @@
 //! Single on-board algorithms on cases from standard input: one JSON object a line in, one result
 //! a line out, so that anyone can check this code against their own.
 
+pub mod bus;
 pub mod cascade;
 pub mod check;
 pub mod ci;
