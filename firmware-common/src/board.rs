@@ -44,6 +44,11 @@ pub fn start() -> Peripherals {
     config.rcc.apb1_pre = APBPrescaler::DIV4;
     config.rcc.apb2_pre = APBPrescaler::DIV2;
     let peripherals = embassy_stm32::init(config);
+    let clocks = embassy_stm32::rcc::clocks(&peripherals.RCC);
+    defmt::info!(
+        "core at {} Hz",
+        clocks.sys.to_hertz().map_or(0, |rate| rate.0)
+    );
 
     time_driver::start();
     let cause = ResetCause::take();

@@ -2,33 +2,38 @@
 //!
 //! | module | what it holds |
 //! |---|---|
-//! | [`board`] | clocks, brown-out level, cause of the reset: the first call of every image |
-//! | [`fault`] | panics and processor faults: outputs safe, counted, logged, restarted |
-//! | [`watchdog`] | independent watchdog |
-//! | [`time_driver`] | time of `embassy-time` from SysTick |
-//! | [`strap`] | role of an axle board |
-//! | [`stack`] | how much stack was ever used |
+//! | `board` | clocks, brown-out level, cause of the reset: the first call of every image |
+//! | `fault` | panics and processor faults: outputs safe, counted, logged, restarted |
+//! | `watchdog` | independent watchdog |
+//! | `time_driver` | time of `embassy-time` from SysTick |
+//! | `strap` | role of an axle board |
+//! | `stack` | how much stack was ever used |
 //! | `hil` | hardware in the loop: the node fed from a serial link (feature `hil`) |
 //! | `emulated` | what QEMU needs (feature `emulated`) |
 //!
-//! Everything here is for the board; built for a host the crate is empty.
+//! All but what can be tested on a host is for the board; built for a host the crate is empty.
 
-#![cfg(target_os = "none")]
-#![no_std]
+#![cfg_attr(target_os = "none", no_std)]
 
+#[cfg(target_os = "none")]
 pub mod board;
+#[cfg(target_os = "none")]
 pub mod fault;
+#[cfg(target_os = "none")]
 pub mod stack;
+#[cfg(target_os = "none")]
 pub mod strap;
+#[cfg(target_os = "none")]
 pub mod time_driver;
+#[cfg(target_os = "none")]
 pub mod watchdog;
 
-#[cfg(feature = "emulated")]
+#[cfg(any(test, all(target_os = "none", feature = "emulated")))]
 pub mod emulated;
-#[cfg(feature = "hil")]
+#[cfg(all(target_os = "none", feature = "hil"))]
 pub mod hil;
 
-#[cfg(not(feature = "emulated"))]
+#[cfg(all(target_os = "none", not(feature = "emulated")))]
 use defmt_rtt as _;
-#[cfg(feature = "emulated")]
+#[cfg(all(target_os = "none", feature = "emulated"))]
 use defmt_semihosting as _;

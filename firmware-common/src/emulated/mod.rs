@@ -1,58 +1,18 @@
 //! What QEMU needs beyond hardware in the loop, and nothing else; see `docs/emulation.md`.
 
+mod instruction;
+mod shadow;
+
+#[cfg(target_os = "none")]
 mod options;
+#[cfg(target_os = "none")]
 mod pipe;
+#[cfg(target_os = "none")]
+mod run;
+#[cfg(target_os = "none")]
 pub(crate) mod shim;
+#[cfg(target_os = "none")]
 mod uart;
 
-use core_algos::hil::Identity;
-use core_algos::node::board::Role;
-use embassy_stm32::Peripherals;
-
-use crate::hil::{Kind, serve};
-use crate::watchdog::Watchdog;
-use options::Options;
-use pipe::Pipe;
-use uart::Uart;
-
-/// Runs the board's nodes behind the link that the command line names, for ever. `build` says what
-/// the image was built from.
-pub async fn run(p: Peripherals, kind: Kind, build: &'static str) -> ! {
-    let watchdog = Watchdog::start(p.IWDG);
-    let options = Options::read();
-    let role = match (kind, options.get("role")) {
-        (Kind::Axle, Some("front")) => Role::Front,
-        (Kind::Axle, Some("rear")) => Role::Rear,
-        (Kind::Beam, Some("beam") | None) => Role::Beam,
-        _ => refuse("role= must be front or rear for an axle, beam for the beam"),
-    };
-    let identity = Identity { build, role };
-    match options.get("link") {
-        Some("pipe") => match Pipe::open(&options) {
-            Some(pipe) => serve(pipe, watchdog, identity).await,
-            None => refuse("in= and out= must name two pipes"),
-        },
-        Some("uart") => {
-            let link = Uart::new(p.USART2, p.PA3, p.PA2, p.USART3, p.PB11, p.PB10);
-            serve(
-                link.expect("the rate is fixed and fits"),
-                watchdog,
-                identity,
-            )
-            .await
-        }
-        _ => refuse("link= must be pipe or uart"),
-    }
-}
-
-/// Ends the emulation because of a wrong command line.
-fn refuse(reason: &str) -> ! {
-    defmt::error!("command line: {}", reason);
-    semihosting::process::exit(2)
-}
-
-/// Ends the emulation because the host has closed its end of the link.
-fn host_gone() -> ! {
-    defmt::info!("the host has closed the link");
-    semihosting::process::exit(0)
-}
+#[cfg(target_os = "none")]
+pub use run::run;

@@ -7,6 +7,7 @@ use semihosting::fs::{File, OpenOptions};
 use semihosting::io::{Read, Write};
 
 use super::options::Options;
+use super::run::host_gone;
 use crate::hil::Link;
 
 /// The two pipes, open.
@@ -34,13 +35,13 @@ impl Link for Pipe {
     async fn read(&mut self, buffer: &mut [u8]) -> usize {
         match self.input.read(buffer) {
             Ok(count) if count > 0 => count,
-            _ => super::host_gone(),
+            _ => host_gone(),
         }
     }
 
     fn write(&mut self, bytes: &[u8]) {
         if self.output.write_all(bytes).is_err() {
-            super::host_gone()
+            host_gone()
         }
     }
 }
