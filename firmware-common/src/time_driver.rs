@@ -3,6 +3,8 @@
 //! SysTick serves the real board and the emulated one alike (QEMU's timers have no compare
 //! interrupt), and leaves every timer of the chip to motors and encoders. Time is read to the
 //! microsecond; alarms ring on the millisecond.
+//!
+//! SysTick keeps the highest priority, so that no interrupt sees a period ended and not counted.
 
 use core::cell::RefCell;
 use core::sync::atomic::{AtomicU32, Ordering};
@@ -55,15 +57,16 @@ impl SysTickDriver {
 impl Driver for SysTickDriver {
     fn now(&self) -> u64 {
         critical_section::with(|_| {
-            let before = SYST::get_current();
+            let mut count = SYST::get_current();
             let mut periods = self.periods();
-            let mut remaining = before;
             // A period that ended while interrupts were masked is not counted yet.
             if SCB::is_pendst_pending() {
+                count = SYST::get_current();
                 periods += 1;
-                remaining = SYST::get_current();
             }
-            periods * u64::from(PERIOD_US) + u64::from((PERIOD - 1 - remaining) / CYCLES_PER_US)
+            // The count falls from PERIOD − 1; with 0 the next period begins.
+            let elapsed = (PERIOD - count) % PERIOD;
+            periods * u64::from(PERIOD_US) + u64::from(elapsed / CYCLES_PER_US)
         })
     }
 
