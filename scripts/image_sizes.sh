@@ -9,7 +9,7 @@ command -v readelf >/dev/null || {
   exit 1
 }
 
-echo "| image | flash, bytes | RAM, bytes | left for the stack |"
+echo "| image | flash, KiB of 1024 | RAM, KiB of 128 | left for the stack, KiB |"
 echo "|---|---|---|---|"
 for board in axle beam; do
   for variant in default hil emulated; do
@@ -23,6 +23,6 @@ for board in axle beam; do
       done | awk -v name="firmware-$board, $variant" '
         $2 < 536870912 { flash += $3 }
         $1 >= 536870912 { ram += $4 }
-        END { printf "| %s | %d | %d | %d |\n", name, flash, ram, 131072 - ram }'
+        END { printf "| %s | %.1f | %.1f | %.1f |\n", name, flash / 1024, ram / 1024, 128 - ram / 1024 }'
   done
 done

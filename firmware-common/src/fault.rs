@@ -19,6 +19,14 @@ pub struct Faults {
     pub watchdog: u32,
 }
 
+impl Faults {
+    const NONE: Self = Self {
+        panics: 0,
+        processor: 0,
+        watchdog: 0,
+    };
+}
+
 #[repr(C)]
 struct Record {
     magic: u32,
@@ -48,16 +56,10 @@ pub fn counts() -> Faults {
 
 /// Takes over the record at start: cleared after power-on, a watchdog reset counted.
 pub(crate) fn begin(power_on: bool, by_watchdog: bool) -> Faults {
-    if power_on {
-        with_record(|faults| {
-            *faults = Faults {
-                panics: 0,
-                processor: 0,
-                watchdog: 0,
-            }
-        });
-    }
     with_record(|faults| {
+        if power_on {
+            *faults = Faults::NONE;
+        }
         faults.watchdog = faults.watchdog.saturating_add(by_watchdog.into());
         *faults
     })
@@ -65,20 +67,21 @@ pub(crate) fn begin(power_on: bool, by_watchdog: bool) -> Faults {
 
 fn with_record<T>(f: impl FnOnce(&mut Faults) -> T) -> T {
     critical_section::with(|_| {
-        // SAFETY: the critical section makes the access exclusive; every bit pattern is a valid
-        // record of integers, and one that this program did not write is replaced.
-        let record = unsafe { &mut *addr_of_mut!(RECORD).cast::<Record>() };
+        let place = addr_of_mut!(RECORD).cast::<Record>();
+        // SAFETY: the critical section makes the access exclusive. The memory holds what it held
+        // before the reset, of which every pattern is a record of integers; a volatile read keeps
+        // the compiler from taking it as never written.
+        let mut record = unsafe { place.read_volatile() };
         if record.magic != MAGIC {
-            *record = Record {
+            record = Record {
                 magic: MAGIC,
-                faults: Faults {
-                    panics: 0,
-                    processor: 0,
-                    watchdog: 0,
-                },
+                faults: Faults::NONE,
             };
         }
-        f(&mut record.faults)
+        let result = f(&mut record.faults);
+        // SAFETY: as above.
+        unsafe { place.write_volatile(record) };
+        result
     })
 }
 

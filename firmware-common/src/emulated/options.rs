@@ -1,8 +1,7 @@
 //! What the emulator's command line says: role of the board, and link.
 //!
 //! QEMU joins every `arg=` of `-semihosting-config` with blanks, for example
-//! `role=front link=pipe in=/run/a out=/run/b`. The words are those of [`Options`]; the role is read
-//! by the image that has one.
+//! `role=front link=pipe in=/run/a out=/run/b`.
 
 use core::ffi::CStr;
 use core::mem::MaybeUninit;
