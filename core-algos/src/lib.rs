@@ -21,10 +21,12 @@
 #![cfg_attr(not(test), no_std)]
 #![forbid(unsafe_code)]
 
+pub mod acquisition;
 pub mod beam;
 pub mod bus;
 pub mod config;
 pub mod control;
+pub mod drive;
 pub mod fusion;
 #[cfg(feature = "hil")]
 pub mod hil;

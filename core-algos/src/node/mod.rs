@@ -7,13 +7,14 @@
 //!
 //! # Time
 //!
-//! All boards count microseconds on a common clock (kept together by the bus). An epoch is 10 ms;
+//! All boards count microseconds on a common clock (kept together by the bus, see [`clock`]). An epoch is 10 ms;
 //! axles and beam report the state at the beginning of an epoch, the lead node works on it
 //! [`LEAD_PHASE`] later, when the reports have arrived.
 
 pub mod axle;
 pub mod beam;
 pub mod board;
+pub mod clock;
 pub mod course;
 pub mod lead;
 pub mod outbox;

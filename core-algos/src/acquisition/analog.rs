@@ -1,0 +1,146 @@
+//! Slow analog channels: temperature by a thermistor, supply by a divider.
+
+use crate::config::{ConfigError, in_range};
+use crate::math::trig::ln;
+
+/// A thermistor from the pin to ground, and a fixed resistor from the pin to the converter's
+/// reference: `ln(R/R₂₅) = B (1/T − 1/298.15 K)`. Ratiometric: the reference drops out.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(deny_unknown_fields, default)
+)]
+pub struct ThermistorConfig {
+    /// Resistance at 25 °C (R₂₅), Ω.
+    pub resistance_25_ohm: f32,
+    /// Slope of the logarithm (B), K.
+    pub b_k: f32,
+    /// The fixed resistor, Ω.
+    pub pull_up_ohm: f32,
+}
+
+impl Default for ThermistorConfig {
+    fn default() -> Self {
+        Self {
+            resistance_25_ohm: 10e3,
+            b_k: 3950.0,
+            pull_up_ohm: 10e3,
+        }
+    }
+}
+
+impl ThermistorConfig {
+    /// The ready-to-run form; the error names the field that is wrong.
+    pub fn build(&self) -> Result<Thermistor, ConfigError> {
+        let nominal = in_range("resistance_25_ohm", self.resistance_25_ohm, 10.0, 1e7)?;
+        let pull_up = in_range("pull_up_ohm", self.pull_up_ohm, 10.0, 1e7)?;
+        Ok(Thermistor {
+            per_b: 1.0 / in_range("b_k", self.b_k, 1000.0, 10_000.0)?,
+            ratio: pull_up / nominal,
+        })
+    }
+}
+
+/// A thermistor ready to be read.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Thermistor {
+    per_b: f32,
+    ratio: f32,
+}
+
+/// 25 °C, K.
+const T25_K: f32 = 298.15;
+
+impl Thermistor {
+    /// Temperature, °C, of a reading of `count` of `full` counts; `None` within a hundredth of
+    /// either end: the thermistor is open or short.
+    pub fn read(&self, count: f32, full: f32) -> Option<f32> {
+        let share = count / full;
+        if !(share > 0.01 && share < 0.99) {
+            return None;
+        }
+        let resistance = self.ratio * share / (1.0 - share);
+        Some(1.0 / (1.0 / T25_K + self.per_b * ln(resistance)) - 273.15)
+    }
+}
+
+/// A voltage behind a divider.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(deny_unknown_fields, default)
+)]
+pub struct SupplyConfig {
+    /// Voltage over that at the pin: (upper + lower)/lower resistor.
+    pub divider: f32,
+    /// Reference of the converter, V.
+    pub reference_v: f32,
+}
+
+impl Default for SupplyConfig {
+    /// 47 kΩ over 10 kΩ: up to 18.8 V.
+    fn default() -> Self {
+        Self {
+            divider: 5.7,
+            reference_v: 3.3,
+        }
+    }
+}
+
+impl SupplyConfig {
+    /// The ready-to-run form; the error names the field that is wrong.
+    pub fn build(&self) -> Result<Supply, ConfigError> {
+        let divider = in_range("divider", self.divider, 1.0, 100.0)?;
+        let reference = in_range("reference_v", self.reference_v, 1.0, 5.5)?;
+        Ok(Supply {
+            volts_per_count: divider * reference / 4096.0,
+        })
+    }
+}
+
+/// A divider ready to be read.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Supply {
+    volts_per_count: f32,
+}
+
+impl Supply {
+    /// Voltage of a count of the 12-bit converter, V.
+    pub fn read(&self, count: u16) -> f32 {
+        f32::from(count) * self.volts_per_count
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn temperature_of_a_data_sheet() {
+        let thermistor = ThermistorConfig::default().build().unwrap();
+        // NTC 10 kΩ, B 3950: resistances at temperature from the definition in double precision.
+        for celsius in [-20.0, 0.0, 25.0, 60.0, 100.0, 120.0f64] {
+            let ohm = 10e3 * (3950.0 * (1.0 / (celsius + 273.15) - 1.0 / 298.15)).exp();
+            let count = (4096.0 * ohm / (ohm + 10e3)) as f32;
+            let read = thermistor.read(count, 4096.0).unwrap();
+            assert!((f64::from(read) - celsius).abs() < 0.01, "{celsius} {read}");
+        }
+        for broken in [0.0, 20.0, 4080.0, 4095.0, f32::NAN] {
+            assert_eq!(thermistor.read(broken, 4096.0), None);
+        }
+    }
+
+    #[test]
+    fn supply_by_hand() {
+        let supply = SupplyConfig::default().build().unwrap();
+        // 12 V: 2.105 V at the pin, 2613 counts.
+        assert!((supply.read(2613) - 12.0).abs() < 5e-3);
+        let bad = SupplyConfig {
+            divider: 0.5,
+            ..SupplyConfig::default()
+        };
+        assert_eq!(bad.build().unwrap_err().field, "divider");
+    }
+}

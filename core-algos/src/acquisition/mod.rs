@@ -1,0 +1,10 @@
+//! Raw readings of a board's sensors to SI units: inertial sensor, oversampled bridges, temperature
+//! and supply.
+//!
+//! # Panic contract
+//!
+//! Each `Config::build` validates; nothing else can fail. A reading that cannot be true is `None`.
+
+pub mod analog;
+pub mod inertial;
+pub mod oversampling;

@@ -1,0 +1,72 @@
+//! Duty to the two pins of a bridge in phase/enable mode (DRV8874 and the like): sign on one pin,
+//! magnitude on the other.
+//!
+//! With the enable pin low the bridge brakes (slow decay through both low sides), so the mean
+//! voltage is duty times supply; dead time is the driver's own business. Coasting is its sleep pin's.
+
+/// What the timer and the direction pin are set to.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Pins {
+    /// Compare value of the enable pin's channel, 0 to the timer's top.
+    pub compare: u16,
+    /// Whether the direction pin is high: forward.
+    pub forward: bool,
+}
+
+/// Pins for a signed duty, −1 to 1, of a timer that counts to `top`; what is larger counts as ±1,
+/// NaN as 0. The compare value is the nearest one.
+pub fn pins(duty: f32, top: u16) -> Pins {
+    let magnitude = duty.abs();
+    let magnitude = if magnitude <= 1.0 {
+        magnitude
+    } else if magnitude > 1.0 {
+        1.0
+    } else {
+        0.0
+    };
+    // At most 65 535.5, so the cast, which truncates and saturates, rounds to the nearest.
+    Pins {
+        compare: (magnitude * f32::from(top) + 0.5) as u16,
+        forward: duty > 0.0,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        /// The mean voltage of the pins is the duty to half a count.
+        #[test]
+        fn pins_stand_for_the_duty(duty in -1.0f32..=1.0, top in 100u16..=u16::MAX) {
+            let pins = pins(duty, top);
+            prop_assert!(pins.compare <= top);
+            let magnitude = f64::from(pins.compare) / f64::from(top);
+            let mean = if pins.forward { magnitude } else { -magnitude };
+            prop_assert!((mean - f64::from(duty)).abs() <= 0.501 / f64::from(top));
+        }
+
+        #[test]
+        fn any_duty_is_within_the_timer(bits: u32, top: u16) {
+            let duty = f32::from_bits(bits);
+            let pins = pins(duty, top);
+            prop_assert!(pins.compare <= top);
+            if duty.is_nan() {
+                prop_assert_eq!(pins.compare, 0);
+            }
+        }
+    }
+
+    #[test]
+    fn the_ends_are_reached() {
+        let full = |forward| Pins {
+            compare: 4200,
+            forward,
+        };
+        assert_eq!(pins(1.0, 4200), full(true));
+        assert_eq!(pins(-7.0, 4200), full(false));
+        assert_eq!(pins(f32::NAN, 4200), Pins::default());
+        assert_eq!(pins(f32::INFINITY, u16::MAX).compare, u16::MAX);
+    }
+}

@@ -1,0 +1,190 @@
+//! Counts of the converter to motor current: a shunt in the motor's lead and an amplifier whose
+//! output stands at mid-supply without current (INA240 and the like).
+//!
+//! The converter is referred to the amplifier's own supply, so the middle is ratiometric; what is
+//! left of the amplifier's offset is found while the motors are off.
+//!
+//! [`Config::build`] validates; [`Shunt::read`] and [`Zeroing`] cannot fail.
+
+use crate::config::{Allowed, ConfigError, in_range, require};
+
+/// Amplifier and converter.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(deny_unknown_fields, default)
+)]
+pub struct Config {
+    /// Shunt times amplification, V/A; negative if the shunt is wired the other way round.
+    pub volts_per_ampere: f32,
+    /// Reference of the converter, V.
+    pub reference_v: f32,
+    /// A count this close to either end is no reading.
+    pub rail_margin_counts: u16,
+    /// Largest offset of the middle that is believed, A.
+    pub max_offset_a: f32,
+    /// Largest standard deviation of a reading at rest, A.
+    pub max_noise_a: f32,
+}
+
+impl Default for Config {
+    /// 10 mΩ and an amplification of 20.
+    fn default() -> Self {
+        Self {
+            volts_per_ampere: 0.2,
+            reference_v: 3.3,
+            rail_margin_counts: 20,
+            max_offset_a: 0.2,
+            max_noise_a: 0.1,
+        }
+    }
+}
+
+/// Counts of the 12-bit converter.
+const SPAN: f32 = 4096.0;
+const MIDDLE: f32 = 2048.0;
+/// Samples a zeroing takes: 0.1 s at 20 kHz.
+const SAMPLES: u32 = 2000;
+
+impl Config {
+    /// The ready-to-run form; the error names the field that is wrong.
+    pub fn build(&self) -> Result<Shunt, ConfigError> {
+        let slope = self.volts_per_ampere;
+        require(
+            slope.abs() >= 1e-3 && slope.abs() <= 10.0,
+            "volts_per_ampere",
+            slope,
+            Allowed::Condition("from 0.001 to 10 in magnitude"),
+        )?;
+        let reference = in_range("reference_v", self.reference_v, 1.0, 5.5)?;
+        require(
+            self.rail_margin_counts < 1000,
+            "rail_margin_counts",
+            f32::from(self.rail_margin_counts),
+            Allowed::Range(0.0, 999.0),
+        )?;
+        Ok(Shunt {
+            amperes_per_count: reference / (SPAN * slope),
+            lowest: self.rail_margin_counts,
+            highest: 4095 - self.rail_margin_counts,
+            max_offset: in_range("max_offset_a", self.max_offset_a, 0.0, 100.0)?,
+            max_noise: in_range("max_noise_a", self.max_noise_a, 1e-4, 100.0)?,
+        })
+    }
+}
+
+/// Scale of one current channel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Shunt {
+    amperes_per_count: f32,
+    lowest: u16,
+    highest: u16,
+    max_offset: f32,
+    max_noise: f32,
+}
+
+impl Shunt {
+    /// Current of a count, A, with the count `zero` that stands for none; `None` at either end of
+    /// the converter.
+    pub fn read(&self, count: u16, zero: f32) -> Option<f32> {
+        (count >= self.lowest && count <= self.highest)
+            .then(|| (f32::from(count) - zero) * self.amperes_per_count)
+    }
+}
+
+/// Search for the count without current, while the motors are off.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Zeroing {
+    samples: u32,
+    sum: u32,
+    squares: u64,
+}
+
+/// How a zeroing ended.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Zeroed {
+    /// Not enough samples yet.
+    Pending,
+    /// The count without current.
+    Found(f32),
+    /// The readings scatter too much, or lie too far from the middle. It begins anew.
+    Refused,
+}
+
+impl Zeroing {
+    /// Takes in a count.
+    pub fn step(&mut self, shunt: &Shunt, count: u16) -> Zeroed {
+        self.samples += 1;
+        self.sum += u32::from(count);
+        self.squares += u64::from(count) * u64::from(count);
+        if self.samples < SAMPLES {
+            return Zeroed::Pending;
+        }
+        let n = u64::from(self.samples);
+        let sum = u64::from(self.sum);
+        // In integers, so that nothing cancels: n Σc² − (Σc)², at most 2^46.
+        let spread = (n * self.squares).saturating_sub(sum * sum);
+        let mean = self.sum as f32 / self.samples as f32;
+        let variance = spread as f32 / (self.samples as f32 * self.samples as f32);
+        *self = Self::default();
+        let scale = shunt.amperes_per_count;
+        let sound = ((mean - MIDDLE) * scale).abs() <= shunt.max_offset
+            && variance * scale * scale <= shunt.max_noise * shunt.max_noise;
+        if sound {
+            Zeroed::Found(mean)
+        } else {
+            Zeroed::Refused
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fusion::testing::Random;
+
+    /// Count of the converter for a current, as the circuit makes it.
+    fn count(current: f64, offset_v: f64, noise_v: f64) -> u16 {
+        let volts = 1.65 + 0.010 * 20.0 * current + offset_v + noise_v;
+        (volts / 3.3 * 4096.0).floor().clamp(0.0, 4095.0) as u16
+    }
+
+    fn find(shunt: &Shunt, mut sample: impl FnMut() -> u16) -> Zeroed {
+        let mut zeroing = Zeroing::default();
+        for _ in 0..SAMPLES - 1 {
+            assert_eq!(zeroing.step(shunt, sample()), Zeroed::Pending);
+        }
+        zeroing.step(shunt, sample())
+    }
+
+    #[test]
+    fn offset_is_found_and_current_read() {
+        let shunt = Config::default().build().unwrap();
+        let mut random = Random::new(3);
+        let mut sample = || count(0.0, 0.012, 0.002 * random.normal());
+        let Zeroed::Found(zero) = find(&shunt, &mut sample) else {
+            panic!("not found");
+        };
+        for current in [-7.0, -0.5, 0.0, 0.02, 3.0, 7.5] {
+            let read = shunt.read(count(current, 0.012, 0.0), zero).unwrap();
+            // A count is 4 mA.
+            assert!((f64::from(read) - current).abs() < 5e-3, "{current} {read}");
+        }
+        assert_eq!(shunt.read(count(9.0, 0.0, 0.0), zero), None);
+        assert_eq!(shunt.read(count(-9.0, 0.0, 0.0), zero), None);
+    }
+
+    #[test]
+    fn a_current_or_a_loose_wire_is_no_zero() {
+        let shunt = Config::default().build().unwrap();
+        assert_eq!(find(&shunt, || count(0.5, 0.0, 0.0)), Zeroed::Refused);
+        assert_eq!(find(&shunt, || 4095), Zeroed::Refused);
+        let mut k = 0;
+        let swinging = || {
+            k += 1;
+            count(if k % 2 == 0 { 0.3 } else { -0.3 }, 0.0, 0.0)
+        };
+        assert_eq!(find(&shunt, swinging), Zeroed::Refused);
+    }
+}

@@ -1,0 +1,230 @@
+//! Thermal limit of a motor's current: a model of the winding, and fold-back.
+//!
+//! The winding warms by its own loss and cools towards its surroundings:
+//! `τ dϑ/dt = R_th R i² − ϑ`, ϑ above ambient (the i²t protection of motor drives). Near the limit
+//! the permitted current falls in a line to zero, so that a warm motor grows weak rather than dies.
+//! A board that restarts begins at [`Config::start_c`].
+//!
+//! [`Config::build`] validates; [`Winding::step`] cannot fail. A current that is not finite counts
+//! as the largest one.
+
+use crate::config::{Allowed, ConfigError, in_range, positive, require};
+use crate::math::trig::{clamp, exp};
+
+/// Thermal data.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(deny_unknown_fields, default)
+)]
+pub struct Config {
+    /// Resistance of the winding (R), Ω.
+    pub resistance_ohm: f32,
+    /// Thermal resistance to ambient (R_th), K/W.
+    pub thermal_resistance_k_w: f32,
+    /// Thermal time constant (τ), s.
+    pub time_constant_s: f32,
+    /// Ambient temperature, °C.
+    pub ambient_c: f32,
+    /// Temperature assumed at the start, °C.
+    pub start_c: f32,
+    /// Temperature from which the current is folded back, °C.
+    pub fold_back_c: f32,
+    /// Temperature at which no current is left, °C.
+    pub max_c: f32,
+    /// Time between steps, s.
+    pub period_s: f32,
+    /// Largest current, A.
+    pub max_current_a: f32,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            resistance_ohm: 2.88,
+            thermal_resistance_k_w: 6.0,
+            time_constant_s: 30.0,
+            ambient_c: 30.0,
+            start_c: 60.0,
+            fold_back_c: 100.0,
+            max_c: 120.0,
+            period_s: 1e-3,
+            max_current_a: 4.0,
+        }
+    }
+}
+
+impl Config {
+    /// The ready-to-run form; the error names the field that is wrong.
+    pub fn build(&self) -> Result<Winding, ConfigError> {
+        let resistance = in_range("resistance_ohm", self.resistance_ohm, 1e-3, 1e3)?;
+        let thermal = in_range(
+            "thermal_resistance_k_w",
+            self.thermal_resistance_k_w,
+            1e-3,
+            1e3,
+        )?;
+        let constant = in_range("time_constant_s", self.time_constant_s, 0.1, 1e4)?;
+        let period = in_range("period_s", self.period_s, 1e-5, 0.1)?;
+        let ambient = in_range("ambient_c", self.ambient_c, -40.0, 85.0)?;
+        in_range("start_c", self.start_c, ambient, 200.0)?;
+        in_range("fold_back_c", self.fold_back_c, ambient + 1.0, 200.0)?;
+        in_range("max_c", self.max_c, self.fold_back_c + 1.0, 250.0)?;
+        require(
+            self.start_c < self.max_c,
+            "start_c",
+            self.start_c,
+            Allowed::Condition("less than max_c"),
+        )?;
+        // 1 − e^(−x) cancels for small x; x − x²/2 does not.
+        let x = period / constant;
+        let step = if x < 1e-2 {
+            x - 0.5 * x * x
+        } else {
+            1.0 - exp(-x)
+        };
+        Ok(Winding {
+            rise_per_square: thermal * resistance,
+            step,
+            ambient,
+            start: self.start_c,
+            fold_back: self.fold_back_c,
+            max: self.max_c,
+            max_current: positive("max_current_a", self.max_current_a)?,
+        })
+    }
+}
+
+/// Permitted share of the current at `temperature`: 1 up to `from`, 0 at `to`; 0 for NaN.
+pub fn fold_back(temperature: f32, from: f32, to: f32) -> f32 {
+    let share = (to - temperature) / (to - from);
+    if share > 0.0 { share.min(1.0) } else { 0.0 }
+}
+
+/// All that changes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct State {
+    /// Estimated temperature of the winding, °C.
+    pub temperature_c: f32,
+    /// What a step added that the temperature is too coarse to hold.
+    carry: f32,
+}
+
+/// The thermal model of one motor.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Winding {
+    rise_per_square: f32,
+    step: f32,
+    ambient: f32,
+    start: f32,
+    fold_back: f32,
+    max: f32,
+    max_current: f32,
+}
+
+impl Winding {
+    /// At the start.
+    pub fn at_start(&self) -> State {
+        State {
+            temperature_c: self.start,
+            carry: 0.0,
+        }
+    }
+
+    /// One step with the current that flowed (A, root mean square); gives the largest current
+    /// permitted until the next, A. `driver_share` is the share that the driver's own temperature
+    /// permits (see [`fold_back`]).
+    pub fn step(&self, state: &mut State, current_a: f32, driver_share: f32) -> f32 {
+        let most = 2.0 * self.max_current;
+        let current = if current_a.is_finite() {
+            clamp(current_a, -most, most)
+        } else {
+            self.max_current
+        };
+        let settled = self.ambient + self.rise_per_square * current * current;
+        let add = (settled - state.temperature_c) * self.step + state.carry;
+        let next = state.temperature_c + add;
+        state.carry = add - (next - state.temperature_c);
+        state.temperature_c = next;
+        let share = fold_back(next, self.fold_back, self.max);
+        // NaN is no permission.
+        let driver = if driver_share > 0.0 {
+            driver_share.min(1.0)
+        } else {
+            0.0
+        };
+        self.max_current * share.min(driver)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn temperature_follows_the_exponential() {
+        let config = Config::default();
+        let winding = config.build().unwrap();
+        let mut state = winding.at_start();
+        let settled = 30.0 + 6.0 * 2.88 * 1.5f64 * 1.5;
+        for k in 1..=200_000u32 {
+            winding.step(&mut state, 1.5, 1.0);
+            if k % 10_000 == 0 {
+                let expected = settled + (60.0 - settled) * (-f64::from(k) * 1e-3 / 30.0).exp();
+                let error = (f64::from(state.temperature_c) - expected).abs();
+                assert!(error < 0.01, "{k}: {} {expected}", state.temperature_c);
+            }
+        }
+    }
+
+    /// A motor that always takes what it is permitted never passes its limit.
+    #[test]
+    fn full_load_settles_below_the_limit() {
+        let winding = Config::default().build().unwrap();
+        let mut state = winding.at_start();
+        let mut limit = 4.0;
+        for _ in 0..600_000 {
+            limit = winding.step(&mut state, limit, 1.0);
+            assert!(state.temperature_c < 120.0);
+        }
+        // Where loss and fold-back meet: 30 + 17.28 i² = 120 − 5 i.
+        let expected = (-5.0 + (25.0f64 + 4.0 * 17.28 * 90.0).sqrt()) / (2.0 * 17.28);
+        assert!(
+            (f64::from(limit) - expected).abs() < 1e-3,
+            "{limit} {expected}"
+        );
+    }
+
+    #[test]
+    fn what_is_not_a_number_permits_nothing_more() {
+        let winding = Config::default().build().unwrap();
+        for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+            let (mut state, mut full) = (winding.at_start(), winding.at_start());
+            winding.step(&mut state, bad, 1.0);
+            winding.step(&mut full, 4.0, 1.0);
+            assert_eq!(state, full);
+        }
+        assert_eq!(winding.step(&mut winding.at_start(), 0.0, f32::NAN), 0.0);
+        assert_eq!(fold_back(f32::NAN, 80.0, 100.0), 0.0);
+        assert_eq!(fold_back(90.0, 80.0, 100.0), 0.5);
+        assert_eq!(fold_back(-50.0, 80.0, 100.0), 1.0);
+    }
+
+    #[test]
+    fn bad_parameters_are_named() {
+        type Spoil = fn(&mut Config);
+        let spoiled: [(Spoil, &str); 5] = [
+            (|c| c.max_c = 90.0, "max_c"),
+            (|c| c.start_c = 130.0, "start_c"),
+            (|c| c.fold_back_c = f32::NAN, "fold_back_c"),
+            (|c| c.time_constant_s = 0.0, "time_constant_s"),
+            (|c| c.max_current_a = 0.0, "max_current_a"),
+        ];
+        for (spoil, field) in spoiled {
+            let mut config = Config::default();
+            spoil(&mut config);
+            assert_eq!(config.build().unwrap_err().field, field);
+        }
+    }
+}

@@ -1,0 +1,321 @@
+//! Common time of the boards, from the front board's [`Message::TimeSync`], and ticks in step with
+//! it.
+//!
+//! # Theory
+//!
+//! The front board's local time is the common time. At the beginning of each epoch k it sends k,
+//! and with it the delay d after the beginning of epoch k − 1 at which that epoch's message had left
+//! the bus. Who received message k − 1 at local time t then knows that t was common time
+//! `(k − 1)·10 ms + d`: waiting for the bus and the length of the frame drop out, and only the
+//! reading of two clocks at the end of a frame is left. A tracking loop (offset and rate, poles at
+//! about 1.4 rad/s) averages that; a pair far from the prediction is left out, and when many in a
+//! row are, or at the start, the offset is taken anew.
+//!
+//! The ticks of a board come from a hardware timer of its own. [`tick_trim`] says whether that
+//! timer's period is to be a little longer or shorter, so that ticks meet the whole milliseconds of
+//! the common time.
+//!
+//! Nothing here can fail.
+
+use super::{EPOCH, Micros, TICK};
+use crate::bus::Message;
+
+/// Share of an error that corrects the offset, and the rate (per epoch), of each pair.
+const OFFSET_GAIN: f32 = 0.02;
+const RATE_GAIN: f32 = 1e-4;
+/// Largest rate between two crystals that is believed: 200 ppm.
+const MAX_RATE: f32 = 200e-6 * EPOCH as f32;
+/// Error beyond which a pair is left out, µs.
+const GATE_US: f32 = 100.0;
+/// Pairs left out in a row after which the offset is taken anew.
+const STUBBORN: u8 = 10;
+/// Epochs without a pair after which the time is no longer common: 1 s.
+const LOST: Micros = 100 * EPOCH;
+
+/// The common time of a board that is not the front one.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct CommonClock {
+    /// The last message: its epoch and when it arrived, local.
+    arrived: Option<(u32, Micros)>,
+    fit: Option<Fit>,
+    steps: u16,
+    left_out: u8,
+}
+
+/// Common time as a line over local time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Fit {
+    /// Local time the line is anchored at.
+    local: Micros,
+    /// Common less local time there: whole microseconds, and the rest.
+    offset: i64,
+    rest: f32,
+    /// Microseconds the common time gains in an epoch.
+    rate: f32,
+}
+
+impl Fit {
+    /// The offset at `local`, whole microseconds and the rest.
+    fn at(&self, local: Micros) -> (i64, f32) {
+        let epochs = local.saturating_sub(self.local) as f32 / EPOCH as f32;
+        let rest = self.rest + self.rate * epochs;
+        let whole = rest as i64;
+        (self.offset + whole, rest - whole as f32)
+    }
+}
+
+impl CommonClock {
+    /// Takes in a message that arrived at local time `local`; only [`Message::TimeSync`] counts.
+    pub fn receive(&mut self, local: Micros, message: &Message) {
+        let Message::TimeSync {
+            epoch,
+            last_delay_us,
+        } = *message
+        else {
+            return;
+        };
+        let last = self.arrived.replace((epoch, local));
+        if let (Some((before, arrived)), Some(delay)) = (last, last_delay_us)
+            && epoch == before.wrapping_add(1)
+        {
+            let common = Micros::from(before) * EPOCH + Micros::from(delay);
+            self.pair(arrived, common as i64 - arrived as i64);
+        }
+    }
+
+    /// Takes in that the common time was ahead by `offset` at local time `local`.
+    fn pair(&mut self, local: Micros, offset: i64) {
+        let Some(fit) = &mut self.fit else {
+            self.begin(local, offset);
+            return;
+        };
+        let (whole, rest) = fit.at(local);
+        let error = offset.saturating_sub(whole) as f32 - rest;
+        if !(error.abs() <= GATE_US) {
+            self.left_out += 1;
+            if self.left_out >= STUBBORN {
+                self.steps = self.steps.saturating_add(1);
+                self.begin(local, offset);
+            }
+            return;
+        }
+        self.left_out = 0;
+        fit.local = local;
+        fit.offset = whole;
+        fit.rest = rest + OFFSET_GAIN * error;
+        fit.rate = (fit.rate + RATE_GAIN * error).clamp(-MAX_RATE, MAX_RATE);
+    }
+
+    fn begin(&mut self, local: Micros, offset: i64) {
+        self.left_out = 0;
+        self.fit = Some(Fit {
+            local,
+            offset,
+            rest: 0.0,
+            rate: 0.0,
+        });
+    }
+
+    /// Common time at local time `local`; `None` before the first pair and when none came for a
+    /// second.
+    pub fn common(&self, local: Micros) -> Option<Micros> {
+        let fit = self.fit.as_ref()?;
+        if local.saturating_sub(fit.local) > LOST {
+            return None;
+        }
+        let (whole, rest) = fit.at(local);
+        let round = if rest >= 0.5 {
+            1
+        } else if rest < -0.5 {
+            -1
+        } else {
+            0
+        };
+        Micros::try_from(local as i64 + whole + round).ok()
+    }
+
+    /// How often the offset was taken anew because it did not fit, saturating.
+    pub fn steps(&self) -> u16 {
+        self.steps
+    }
+}
+
+/// A tick in step with the common time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Tick {
+    /// The whole millisecond of common time that the tick stands for.
+    pub now: Micros,
+    /// How much later the tick came, µs; negative if earlier.
+    pub late_us: i16,
+}
+
+impl Tick {
+    /// The tick of common time `common`: the nearest whole millisecond.
+    pub fn of(common: Micros) -> Self {
+        let now = (common + TICK / 2) / TICK * TICK;
+        Self {
+            now,
+            // Within half a tick.
+            late_us: (common as i64 - now as i64) as i16,
+        }
+    }
+
+    /// Whether the tick is close enough to its millisecond to run a node.
+    pub fn in_step(&self) -> bool {
+        self.late_us.abs() <= 100
+    }
+
+    /// Counts by which the period of the board's timer is to differ from the nominal one until the
+    /// next tick: −1, 0 or 1.
+    pub fn trim(&self) -> i8 {
+        // A tick that comes late needs shorter periods.
+        -(self.late_us.signum() as i8)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fusion::testing::Random;
+
+    /// Two clocks and the bus between them, in true time (µs, double precision).
+    struct Bench {
+        random: Random,
+        /// Local time of the follower: `offset + (1 + rate) t`.
+        offset: f64,
+        rate: f64,
+        last_delay: Option<u16>,
+    }
+
+    impl Bench {
+        fn local(&self, common: f64) -> Micros {
+            (self.offset + (1.0 + self.rate) * common) as Micros
+        }
+
+        /// The message of an epoch leaves after waiting for the bus; gives the largest error of the
+        /// follower's time over the epoch.
+        fn epoch(&mut self, clock: &mut CommonClock, epoch: u32, lost: bool) -> f64 {
+            let start = f64::from(epoch) * EPOCH as f64;
+            // Up to a frame of another board, then 111 to 115 bits, then interrupts.
+            let delay = 111.0 + 135.0 * self.random.uniform() + 4.0 * self.random.uniform();
+            let message = Message::TimeSync {
+                epoch,
+                last_delay_us: self.last_delay,
+            };
+            let stamp = |random: &mut Random| 3.0 * random.uniform();
+            self.last_delay = Some((delay + stamp(&mut self.random)) as u16);
+            if !lost {
+                let arrival = start + delay + stamp(&mut self.random);
+                let local = self.local(arrival);
+                clock.receive(local, &message);
+            }
+            (0..10)
+                .filter_map(|tick| {
+                    let now = start + f64::from(tick) * 1e3 + 500.0;
+                    let common = clock.common(self.local(now))?;
+                    Some((common as f64 - now).abs())
+                })
+                .fold(0.0, f64::max)
+        }
+    }
+
+    fn bench(offset: f64, rate: f64) -> Bench {
+        Bench {
+            random: Random::new(11),
+            offset,
+            rate,
+            last_delay: None,
+        }
+    }
+
+    /// Ceramic resonators or two poor crystals: 100 ppm between the clocks.
+    #[test]
+    fn drifting_clocks_are_kept_together_within_microseconds() {
+        for (offset, rate) in [(5e6, 1e-4), (1e3, -1e-4), (3.6e9, 3e-5)] {
+            let mut bench = bench(offset, rate);
+            let mut clock = CommonClock::default();
+            let mut worst = 0.0f64;
+            for epoch in 0..6000 {
+                let error = bench.epoch(&mut clock, epoch, epoch % 7 == 3);
+                if epoch > 1500 {
+                    worst = worst.max(error);
+                }
+            }
+            println!("offset {offset}, rate {rate}: largest error {worst:.1} µs");
+            assert!(worst < 10.0, "{worst}");
+            assert_eq!(clock.steps(), 0);
+        }
+    }
+
+    #[test]
+    fn without_messages_the_time_runs_on_and_is_then_given_up() {
+        let mut bench = bench(1e6, 5e-5);
+        let mut clock = CommonClock::default();
+        for epoch in 0..2000 {
+            bench.epoch(&mut clock, epoch, false);
+        }
+        for epoch in 2000..2090 {
+            let error = bench.epoch(&mut clock, epoch, true);
+            assert!(error < 15.0, "{error}");
+        }
+        assert_eq!(clock.common(bench.local(2102.0 * EPOCH as f64)), None);
+    }
+
+    #[test]
+    fn a_front_board_that_restarts_is_followed_and_counted() {
+        let mut clock = CommonClock::default();
+        let mut before = bench(1e6, 0.0);
+        for epoch in 0..2000 {
+            before.epoch(&mut clock, epoch, false);
+        }
+        // It counts from zero again.
+        let mut after = bench(1e6 + 2000.0 * EPOCH as f64, 0.0);
+        for epoch in 0..200 {
+            let error = after.epoch(&mut clock, epoch, false);
+            if epoch > 50 {
+                assert!(error < 10.0, "{epoch} {error}");
+            }
+        }
+        assert_eq!(clock.steps(), 1);
+    }
+
+    #[test]
+    fn nothing_is_known_before_two_messages_in_a_row() {
+        let mut clock = CommonClock::default();
+        let sync = |epoch, last_delay_us| Message::TimeSync {
+            epoch,
+            last_delay_us,
+        };
+        for (local, epoch, delay) in [
+            (100, 5, Some(120)),
+            (20_100, 7, Some(120)),
+            (30_100, 8, None),
+        ] {
+            clock.receive(local, &sync(epoch, delay));
+            assert_eq!(clock.common(local), None);
+        }
+        clock.receive(40_100, &sync(9, Some(130)));
+        // Message 8 arrived at 30 100 and had left at 80 130.
+        assert_eq!(clock.common(30_100), Some(80_130));
+    }
+
+    /// A timer trimmed by one count in 4200 meets the milliseconds and stays there.
+    #[test]
+    fn ticks_come_in_step_with_the_common_time() {
+        for (start, rate) in [(499.0f64, 1e-4), (-499.0, -1e-4), (30.0, 0.0)] {
+            let mut common = 1e6 + start;
+            let (mut trim, mut last) = (0, None);
+            for k in 0..20_000 {
+                let tick = Tick::of(common as Micros);
+                if k > 5000 {
+                    assert!(tick.late_us.abs() <= 2 && tick.in_step(), "{tick:?}");
+                    assert_eq!(Some(tick.now), last.map(|now: Micros| now + TICK));
+                }
+                last = Some(tick.now);
+                trim = tick.trim();
+                common += 1000.0 * (1.0 + f64::from(trim) / 4200.0) * (1.0 + rate);
+            }
+            assert!(trim.abs() <= 1);
+        }
+    }
+}
