@@ -332,6 +332,7 @@ fn to_values(message: &Message) -> (u16, Values) {
             velocity_m_s,
             yaw_rate_rad_s,
             refused,
+            gyro_samples,
         } => (
             pick(axle, id::AXLE_MOTION),
             [
@@ -339,7 +340,7 @@ fn to_values(message: &Message) -> (u16, Values) {
                 velocity_m_s,
                 yaw_rate_rad_s,
                 f32::from(refused),
-                0.0,
+                f32::from(gyro_samples),
                 0.0,
                 0.0,
             ],
@@ -484,6 +485,7 @@ fn from_values(identifier: u16, values: &Values) -> Option<Message> {
             velocity_m_s: values[1],
             yaw_rate_rad_s: values[2],
             refused: values[3] as u8,
+            gyro_samples: values[4] as u8,
         },
         _ if of_axle(id::AXLE_UNCERTAINTY) => Message::AxleUncertainty {
             axle,

@@ -201,6 +201,8 @@ pub enum Message {
         yaw_rate_rad_s: f32,
         /// Measurements refused by the innovation gate since the last message, at most 255.
         refused: u8,
+        /// Yaw-rate samples that took part in the odometry since the last message, at most 255.
+        gyro_samples: u8,
     },
     /// Covariance of the odometric increment of an axle over the last epoch, in the axle's frame
     /// at the beginning of that epoch.

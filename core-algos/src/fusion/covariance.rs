@@ -58,6 +58,7 @@ impl<const N: usize> Covariance<N> {
     /// Row (or column) `m`.
     #[inline]
     pub(super) fn row(&self, m: usize) -> [f32; N] {
+        let m = m % N;
         let mut row = [0.0; N];
         for j in 0..N {
             row[j] = if j < m {
@@ -110,7 +111,6 @@ impl<const N: usize> Covariance<N> {
         coefficients: [f32; S],
         variance: f32,
     ) -> [f32; N] {
-        let states = states.map(|state| state % N);
         let rows = states.map(|state| self.row(state));
         let mut row = [0.0; N];
         for k in 0..S {
@@ -120,7 +120,7 @@ impl<const N: usize> Covariance<N> {
         }
         let mut total = variance;
         for k in 0..S {
-            total += coefficients[k] * row[states[k]];
+            total += coefficients[k] * at(&row, states[k]);
         }
         let inverse = 1.0 / total;
         let gain = row.map(|entry| entry * inverse);
@@ -128,12 +128,12 @@ impl<const N: usize> Covariance<N> {
         let mut factor = [[0.0; S]; S];
         for i in 0..S {
             for k in 0..S {
-                factor[i][k] = -gain[states[i]] * coefficients[k];
+                factor[i][k] = -at(&gain, states[i]) * coefficients[k];
             }
             let mut rest = variance;
             for l in 0..S {
                 if l != i {
-                    rest += coefficients[l] * row[states[l]];
+                    rest += coefficients[l] * at(&row, states[l]);
                 }
             }
             factor[i][i] = rest * inverse;
@@ -151,9 +151,9 @@ impl<const N: usize> Covariance<N> {
         }
         for i in 0..S {
             for j in i..S {
-                let mut entry = variance * gain[states[i]] * gain[states[j]];
+                let mut entry = variance * at(&gain, states[i]) * at(&gain, states[j]);
                 for l in 0..S {
-                    entry += left[i][states[l]] * factor[j][l];
+                    entry += at(&left[i], states[l]) * factor[j][l];
                 }
                 self.set(states[i], states[j], entry);
             }
@@ -206,4 +206,10 @@ impl<const N: usize> Covariance<N> {
             }
         }
     }
+}
+
+/// Entry `i` of a row, without a panic path where the compiler cannot see that `i` is below `N`.
+#[inline]
+fn at<const N: usize>(row: &[f32; N], i: usize) -> f32 {
+    row.get(i).copied().unwrap_or(0.0)
 }

@@ -4,39 +4,36 @@
 //! The axles' six posture errors are kept as the error of the rear axle in its own frame and of the
 //! front axle as seen from the rear. What the beam measures is then a state itself: the update is
 //! linear, and the drift of the whole robot, which grows without bound, never meets the millimetre
-//! accuracy between the axles in one difference. Seven more states hold what is constant or nearly
-//! so, because such errors add linearly and white noise cannot stand for them:
+//! accuracy between the axles in one difference. The other states hold what is constant or nearly so
+//! ([`constants`]):
 //!
 //! | states | meaning |
 //! |---|---|
 //! | 0–2 | error of the rear axle's posture along, across its heading, in heading (m, m, rad) |
 //! | 3–5 | front axle's posture in the rear axle's frame (m, m, rad) |
-//! | 6, 7 | offset of the beam's r_y (m) and r_φ (rad) |
-//! | 8, 9 | heading drift per metre of front and rear odometry: unequal wheels (rad/m) |
-//! | 10, 11 | scale error of front and rear odometry: wheel size |
-//! | 12 | creep: yaw rate of each axle against the bend per radian of bend (1/s); the front axle turns by −creep · r_φ, the rear by +creep · r_φ, unseen by the wheels |
+//! | 6–18 | the constants, in their order |
 //!
 //! The two offsets are correlated: a gauge that reads too much both turns and moves the estimated
 //! end. A standard deviation of 0 removes a state. The update takes all three components of r with their
 //! covariance, gated by the NIS. Nothing here panics; see [`Joint`].
 
+use super::constants::{self, CREEP, GYRO_BIAS, OFFSET, Step};
 use super::covariance::Covariance;
 use super::ekf::Verdict;
 use super::{Estimate, compound};
 use crate::config::{ConfigError, in_range, non_negative, positive};
 use crate::math::Posture;
 use crate::math::matrix::{self, Mat, Mat3};
-use crate::math::trig::{sin_cos, wrap_angle};
+use crate::math::trig::{sin_cos, sqrt, wrap_angle};
 
 /// Number of states.
-pub const N: usize = 13;
+pub const N: usize = FIRST + constants::COUNT;
 const REL: usize = 3;
 const REL_PHI: usize = 5;
-const OFFSET_Y: usize = 6;
-const OFFSET_PHI: usize = 7;
-const DRIFT: usize = 8;
-const SCALE: usize = 10;
-const CREEP: usize = 12;
+/// The first of the constants.
+const FIRST: usize = 6;
+const OFFSET_Y: usize = FIRST + OFFSET;
+const OFFSET_PHI: usize = OFFSET_Y + 1;
 
 /// Parameters of the joint filter beside those of the tier around it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -61,6 +58,15 @@ pub struct Config {
     pub scale_sigma: f32,
     /// Standard deviation of the creep rate, 1/s.
     pub creep_sigma_per_s: f32,
+    /// Standard deviation of the scale error of the headings that the wheels report: relative error
+    /// of an axle's track.
+    pub turn_scale_sigma: f32,
+    /// Standard deviation of a gyro's bias when the robot sets off, rad/s.
+    pub gyro_bias_sigma_rad_s: f32,
+    /// Random walk of a gyro's bias, rad/s/√s.
+    pub gyro_bias_walk_rad_s_per_sqrt_s: f32,
+    /// Standard deviation of a gyro's scale error.
+    pub gyro_scale_sigma: f32,
 }
 
 impl Default for Config {
@@ -76,6 +82,11 @@ impl Default for Config {
             heading_drift_sigma_rad_per_m: 4.5e-3,
             scale_sigma: 1e-3,
             creep_sigma_per_s: 0.03,
+            turn_scale_sigma: 3e-3,
+            // Zeroed over 0.4 s at rest: 4.9e-5 rad/s/√Hz of noise leave 5.5e-5 rad/s.
+            gyro_bias_sigma_rad_s: 6e-5,
+            gyro_bias_walk_rad_s_per_sqrt_s: 5e-5,
+            gyro_scale_sigma: 5e-3,
         }
     }
 }
@@ -83,50 +94,51 @@ impl Default for Config {
 impl Config {
     /// The ready form for one tick of `period_s`; an error names the parameter out of range.
     pub fn build(&self, period_s: f32) -> Result<Joint, ConfigError> {
-        let square = |x: f32| x * x;
         let t = positive("period_s", period_s)?;
-        let drift = square(non_negative(
-            "heading_drift_sigma_rad_per_m",
-            self.heading_drift_sigma_rad_per_m,
-        )?);
-        let scale = square(non_negative("scale_sigma", self.scale_sigma)?);
-        let creep = square(non_negative("creep_sigma_per_s", self.creep_sigma_per_s)?);
         in_range(
             "beam_offset_correlation",
             self.beam_offset_correlation,
             -0.999,
             0.999,
         )?;
+        macro_rules! variance {
+            ($field:ident) => {{
+                let sigma = non_negative(stringify!($field), self.$field)?;
+                sigma * sigma
+            }};
+        }
+        let drift = variance!(heading_drift_sigma_rad_per_m);
+        let scale = variance!(scale_sigma);
+        let turn = variance!(turn_scale_sigma);
+        let bias = variance!(gyro_bias_sigma_rad_s);
+        let gyro_scale = variance!(gyro_scale_sigma);
+        let bias_walk = t * variance!(gyro_bias_walk_rad_s_per_sqrt_s);
+        let mut walk = [0.0; constants::COUNT];
+        walk[OFFSET] = t * variance!(beam_offset_walk_m_per_sqrt_s);
+        walk[OFFSET + 1] = t * variance!(beam_offset_walk_rad_per_sqrt_s);
+        walk[GYRO_BIAS] = bias_walk;
+        walk[GYRO_BIAS + 1] = bias_walk;
         Ok(Joint {
             t,
             offset_covariance: self.beam_offset_correlation
                 * self.beam_offset_sigma_m
                 * self.beam_offset_sigma_rad,
             prior: [
-                square(non_negative(
-                    "beam_offset_sigma_m",
-                    self.beam_offset_sigma_m,
-                )?),
-                square(non_negative(
-                    "beam_offset_sigma_rad",
-                    self.beam_offset_sigma_rad,
-                )?),
+                variance!(beam_offset_sigma_m),
+                variance!(beam_offset_sigma_rad),
                 drift,
                 drift,
                 scale,
                 scale,
-                creep,
+                variance!(creep_sigma_per_s),
+                turn,
+                turn,
+                bias,
+                bias,
+                gyro_scale,
+                gyro_scale,
             ],
-            walk: [
-                t * square(non_negative(
-                    "beam_offset_walk_m_per_sqrt_s",
-                    self.beam_offset_walk_m_per_sqrt_s,
-                )?),
-                t * square(non_negative(
-                    "beam_offset_walk_rad_per_sqrt_s",
-                    self.beam_offset_walk_rad_per_sqrt_s,
-                )?),
-            ],
+            walk,
         })
     }
 }
@@ -135,12 +147,12 @@ impl Config {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Joint {
     t: f32,
-    /// Prior variances of states 6–12.
-    prior: [f32; 7],
-    /// Prior covariance of states 6 and 7.
+    /// Prior variances of the constants.
+    prior: [f32; constants::COUNT],
+    /// Prior covariance of the two offsets of the beam.
     offset_covariance: f32,
-    /// Variance added to states 6 and 7 each tick.
-    walk: [f32; 2],
+    /// Variance added to the constants each tick.
+    walk: [f32; constants::COUNT],
 }
 
 /// All that changes in the joint filter.
@@ -148,8 +160,7 @@ pub struct Joint {
 pub struct State {
     rear: Posture,
     relative: Posture,
-    /// Estimates of states 6–12.
-    constants: [f32; 7],
+    constants: [f32; constants::COUNT],
     covariance: Covariance<N>,
 }
 
@@ -177,17 +188,16 @@ impl State {
         Estimate::new(self.relative, block)
     }
 
-    /// Estimated beam offset (m, rad), heading drift of front and rear (rad/m), scale error of front
-    /// and rear, creep (1/s).
-    pub fn constants(&self) -> [f32; 7] {
+    /// Estimates of the constants.
+    pub fn constants(&self) -> [f32; constants::COUNT] {
         self.constants
     }
 
     /// Standard deviations of [`Self::constants`].
-    pub fn constant_sigmas(&self) -> [f32; 7] {
-        let mut sigmas = [0.0; 7];
-        for k in 0..7 {
-            sigmas[k] = crate::math::trig::sqrt(self.covariance.upper[6 + k][6 + k].max(0.0));
+    pub fn constant_sigmas(&self) -> [f32; constants::COUNT] {
+        let mut sigmas = [0.0; constants::COUNT];
+        for (k, sigma) in sigmas.iter_mut().enumerate() {
+            *sigma = sqrt(self.covariance.upper[FIRST + k][FIRST + k].max(0.0));
         }
         sigmas
     }
@@ -282,50 +292,55 @@ impl Joint {
                 p[REL + i][REL + j] = relative.covariance[i][j];
             }
         }
-        for k in 0..7 {
-            p[6 + k][6 + k] = self.prior[k];
+        for k in 0..constants::COUNT {
+            p[FIRST + k][FIRST + k] = self.prior[k];
         }
-        for k in 0..2 {
-            p[6 + k][7 - k] = self.offset_covariance;
-        }
+        p[OFFSET_Y][OFFSET_PHI] = self.offset_covariance;
         State {
             rear,
             relative: relative.posture,
-            constants: [0.0; 7],
+            constants: [0.0; constants::COUNT],
             covariance: Covariance::from_matrix(&p),
         }
     }
 
     /// Odometry: increments of front and rear in the axles' own frames, each with the covariance of
-    /// its error in the frame it ends in. `ticks` is the time they span.
-    pub fn predict(&self, state: &mut State, front: &Estimate, rear: &Estimate, ticks: f32) {
+    /// its error in the frame it ends in and the share of the time in which a gyro took part.
+    /// `ticks` is the time they span.
+    pub fn predict(
+        &self,
+        state: &mut State,
+        front: &Estimate,
+        rear: &Estimate,
+        gyro_shares: [f32; 2],
+        ticks: f32,
+    ) {
         let dt = ticks * self.t;
-        let c = state.constants;
-        let bend = state.relative.phi;
-        // Corrected increments.
-        let scaled = |p: &Posture, scale: f32, drift: f32, creep: f32| {
-            Posture::new(
-                p.x * (1.0 + scale),
-                p.y * (1.0 + scale),
-                p.phi + drift * p.x + creep,
-            )
+        let [front_share, rear_share] = gyro_shares;
+        let step = |axle: usize, moved: Posture, gyro_share: f32| Step {
+            axle,
+            moved,
+            bend: state.relative.phi,
+            dt,
+            gyro_share,
         };
-        let creep = c[CREEP - 6] * bend * dt;
-        let d1 = scaled(&front.posture, c[SCALE - 6], c[DRIFT - 6], -creep);
-        let d2 = scaled(&rear.posture, c[SCALE - 5], c[DRIFT - 5], creep);
-
-        // Derivatives of an increment by its constants, as columns over all states.
-        let by_constants = |p: &Posture, axle: usize, sign: f32| {
-            let mut g: Mat<3, N> = [[0.0; N]; 3];
-            g[2][DRIFT + axle % 2] = p.x;
-            g[0][SCALE + axle % 2] = p.x;
-            g[1][SCALE + axle % 2] = p.y;
-            g[2][CREEP] = sign * bend * dt;
-            g[2][REL_PHI] = sign * c[CREEP - 6] * dt;
-            g
+        // Corrected increment, and its derivative by all states.
+        let constants = state.constants;
+        let correct = |step: Step| {
+            let by_constants = step.by_constants();
+            let [x, y, phi] = matrix::apply(&by_constants, &constants);
+            let p = step.moved;
+            let mut by: Mat<3, N> = [[0.0; N]; 3];
+            for i in 0..3 {
+                for k in 0..constants::COUNT {
+                    by[i][FIRST + k] = by_constants[i][k];
+                }
+            }
+            by[2][REL_PHI] = constants[CREEP] * step.creep_time();
+            (Posture::new(p.x + x, p.y + y, p.phi + phi), by)
         };
-        let g1 = by_constants(&front.posture, 0, -1.0);
-        let g2 = by_constants(&rear.posture, 1, 1.0);
+        let (d1, g1) = correct(step(0, front.posture, front_share));
+        let (d2, g2) = correct(step(1, rear.posture, rear_share));
 
         let (sin, cos) = sin_cos(d2.phi);
         let turn_back: Mat3 = [[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]];
@@ -358,7 +373,7 @@ impl Joint {
         }
         let p = state.covariance.matrix();
         let fp = matrix::multiply(&f, &p);
-        let pose = multiply_transposed(&fp, &f);
+        let pose = matrix::multiply_transposed(&fp, &f);
 
         // Noise of the increments: in the end frames for the rear itself, turned back into the
         // frames of departure where the increments are added.
@@ -378,7 +393,7 @@ impl Joint {
             for j in i..6 {
                 u[i][j] = pose[i][j];
             }
-            for j in 6..N {
+            for j in FIRST..N {
                 u[i][j] = fp[i][j];
             }
         }
@@ -391,8 +406,9 @@ impl Joint {
                 u[i][REL + j] += cross_noise[j][i];
             }
         }
-        u[OFFSET_Y][OFFSET_Y] += ticks * self.walk[0];
-        u[OFFSET_PHI][OFFSET_PHI] += ticks * self.walk[1];
+        for k in 0..constants::COUNT {
+            u[FIRST + k][FIRST + k] += ticks * self.walk[k];
+        }
 
         state.rear = state.rear.compose(d2);
         state.relative = tip.relative_to(d2);
@@ -493,8 +509,8 @@ impl Joint {
             state.relative.y + by[REL + 1],
             wrap_angle(state.relative.phi + by[REL_PHI]),
         );
-        for k in 0..7 {
-            state.constants[k] += by[6 + k];
+        for k in 0..constants::COUNT {
+            state.constants[k] += by[FIRST + k];
         }
     }
 
@@ -502,24 +518,6 @@ impl Joint {
     pub fn condition(&self, state: &mut State) {
         state.covariance.condition();
     }
-}
-
-/// `a bᵀ`.
-fn multiply_transposed<const R: usize, const K: usize, const C: usize>(
-    a: &Mat<R, K>,
-    b: &Mat<C, K>,
-) -> Mat<R, C> {
-    let mut m = [[0.0; C]; R];
-    for i in 0..R {
-        for j in 0..C {
-            let mut sum = 0.0;
-            for k in 0..K {
-                sum += a[i][k] * b[j][k];
-            }
-            m[i][j] = sum;
-        }
-    }
-    m
 }
 
 #[cfg(test)]
@@ -577,8 +575,8 @@ mod tests {
         for (k, x) in [e.x, e.y, e.phi, r[0], r[1], r[2]].into_iter().enumerate() {
             out[k] = f64::from(x);
         }
-        for k in 0..7 {
-            out[6 + k] = f64::from(at.constants[k] - of.constants[k]);
+        for k in 0..constants::COUNT {
+            out[FIRST + k] = f64::from(at.constants[k] - of.constants[k]);
         }
         out
     }
@@ -595,7 +593,10 @@ mod tests {
     #[test]
     fn covariance_follows_the_linear_part_of_the_motion() {
         let (joint, mut state) = start();
-        state.constants = [1e-4, 5e-4, 3e-3, -4e-3, 2e-3, -1e-3, 0.05];
+        state.constants = [
+            1e-4, 5e-4, 3e-3, -4e-3, 2e-3, -1e-3, 0.05, 3e-3, -2e-3, 1e-3, 2e-3, -4e-3, 5e-3,
+        ];
+        let shares = [0.3, 0.8];
         // Correlated covariance, as large steps and updates leave it.
         let front = Posture::new(0.05, 0.004, 0.03);
         let rear = Posture::new(0.06, -0.002, -0.04);
@@ -603,7 +604,7 @@ mod tests {
         let noise1 = noise(&mut random, 1e-3);
         let noise2 = noise(&mut random, 1e-3);
         let (f1, f2) = (Estimate::new(front, noise1), Estimate::new(rear, noise2));
-        joint.predict(&mut state, &f1, &f2, 5.0);
+        joint.predict(&mut state, &f1, &f2, shares, 5.0);
 
         // Derivatives by central differences of the mean alone.
         let go = |s: &State, d1: Posture, d2: Posture| {
@@ -613,6 +614,7 @@ mod tests {
                 &mut s,
                 &Estimate::new(d1, zero),
                 &Estimate::new(d2, zero),
+                shares,
                 5.0,
             );
             s
@@ -655,7 +657,7 @@ mod tests {
         let (by_front, by_rear) = (by_noise(true), by_noise(false));
 
         let before = state.covariance.matrix();
-        joint.predict(&mut state, &f1, &f2, 5.0);
+        joint.predict(&mut state, &f1, &f2, shares, 5.0);
         let after = state.covariance.matrix();
         for i in 0..N {
             for j in 0..N {
@@ -671,8 +673,8 @@ mod tests {
                             + by_rear[k][i] * f64::from(noise2[k][l]) * by_rear[l][j];
                     }
                 }
-                if i == j && (i == OFFSET_Y || i == OFFSET_PHI) {
-                    sum += 5.0 * f64::from(joint.walk[i - OFFSET_Y]);
+                if i == j && i >= FIRST {
+                    sum += 5.0 * f64::from(joint.walk[i - FIRST]);
                 }
                 let scale = f64::from(after[i][i] * after[j][j]).sqrt();
                 let error = (f64::from(after[i][j]) - sum).abs();
@@ -688,7 +690,7 @@ mod tests {
             let mut random = Random::new(seed);
             let step = Estimate::new(Posture::new(0.05, 0.0, 0.1), noise(&mut random, 1e-3));
             for _ in 0..3 {
-                joint.predict(&mut state, &step, &step, 1.0);
+                joint.predict(&mut state, &step, &step, [0.5; 2], 1.0);
             }
             let prior = state;
             let r = noise(&mut random, 2e-4);
@@ -747,7 +749,7 @@ mod tests {
         let step = Estimate::with_sigmas(Posture::new(0.0025, 0.0, 0.004), [5e-5, 2e-5, 2e-4]);
         let beam = Estimate::with_sigmas(Posture::new(0.36, 0.02, 0.2), [5e-5, 5e-5, 2e-4]);
         for tick in 0..100_000 {
-            joint.predict(&mut state, &step, &step, 1.0);
+            joint.predict(&mut state, &step, &step, [0.5; 2], 1.0);
             joint.update(&mut state, &beam, |_| true);
             if tick % 64 == 0 {
                 joint.condition(&mut state);

@@ -2,18 +2,21 @@
 //! correction, and the second tier that joins both axles through the beam.
 //!
 //! [`ekf`] runs on each axle at the rate of its sensors and hands odometric increments to
-//! [`tandem`], the second tier on the lead node. That tier is built from [`compound`] (a posture
-//! seen through the beam), [`track`] (what an error owes to constants), [`intersection`] (covariance intersection), [`kalman`] (plain fusion,
-//! for comparison only), [`ipec`] (internal posture error correction) and [`joint`] (one filter of
-//! both axles).
+//! [`tandem`], the second tier on the lead node; [`standstill`] zeroes its inertial sensors. The
+//! second tier is built from [`compound`] (a posture seen through the beam), [`constants`] (errors
+//! that stay the same) and [`track`] (what a posture owes to them), [`intersection`] (covariance
+//! intersection), [`kalman`] (plain fusion, for comparison only), [`ipec`] (internal posture error
+//! correction) and [`joint`] (one filter of both axles).
 
 pub mod compound;
+pub mod constants;
 pub mod covariance;
 pub mod ekf;
 pub mod intersection;
 pub mod ipec;
 pub mod joint;
 pub mod kalman;
+pub mod standstill;
 pub mod tandem;
 #[cfg(test)]
 pub(crate) mod testing;

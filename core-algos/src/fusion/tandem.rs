@@ -35,7 +35,7 @@
 use super::compound::Chain;
 use super::ekf::{Keyframe, Verdict};
 use super::track::{self, Sensitivity, Track};
-use super::{Estimate, intersection, ipec, joint};
+use super::{Estimate, constants, intersection, ipec, joint};
 use crate::config::{ConfigError, in_range, non_negative, positive};
 use crate::math::Posture;
 use crate::math::matrix::{self, Mat3};
@@ -45,6 +45,8 @@ use crate::math::trig::{sqrt, wrap_angle};
 /// this time, s.
 const REFERENCE_WAY_M: f32 = 1.0;
 const REFERENCE_TIME_S: f32 = 1.0;
+/// Time of a drive up to which the walk of a gyro's bias is covered by a constant bias, s.
+const WALK_TIME_S: f32 = 30.0;
 /// Ticks between two repairs of the joint filter's covariance.
 const CONDITION_INTERVAL: u8 = 64;
 
@@ -85,6 +87,9 @@ pub struct Slip {
     pub creep_per_sqrt_s: f32,
     /// In position, at any speed, m/√s.
     pub position_m_per_sqrt_s: f32,
+    /// Speed at which an axle slips under the load of the frame where no beam measures it, m/s; its
+    /// wheels then turn it at this speed over half the track. Constant throughout a drive.
+    pub load_speed_m_s: f32,
 }
 
 impl Default for Slip {
@@ -96,6 +101,8 @@ impl Default for Slip {
             heading_rad_per_sqrt_s: 2e-4,
             creep_per_sqrt_s: 1e-2,
             position_m_per_sqrt_s: 1e-5,
+            // Up to 10 mm/s, where a tyre gives half of its friction, all alike probable.
+            load_speed_m_s: 5.8e-3,
         }
     }
 }
@@ -200,7 +207,15 @@ impl Config {
                 slip.heading_rad_per_sqrt_s,
             )?),
             creep_per_tick: t * square(non_negative("creep_per_sqrt_s", slip.creep_per_sqrt_s)?),
-            constants: constants(&self.joint),
+            constants: Sigmas::new(&self.joint),
+            load: match self.mode {
+                Mode::Odometry => {
+                    let speed = non_negative("load_speed_m_s", slip.load_speed_m_s)?;
+                    let half_track = 0.5 * positive("track_m", self.ipec.track_m)?;
+                    [speed, speed, speed / half_track]
+                }
+                _ => [0.0; 3],
+            },
             noise_share: self.beam_noise_share,
             beam_gate: self.beam_gate,
             patience: self.gate_patience,
@@ -223,7 +238,10 @@ pub struct Tandem {
     heading_per_tick: f32,
     creep_per_tick: f32,
     period: f32,
-    constants: Constants,
+    constants: Sigmas,
+    /// Speed of slip under a load of the frame that nothing measures: along, across (m/s), in
+    /// heading (rad/s).
+    load: [f32; 3],
     noise_share: f32,
     beam_gate: Option<f32>,
     patience: u16,
@@ -241,20 +259,25 @@ pub struct Increment {
     pub covariance: Mat3,
     /// Ticks it spans.
     pub ticks: u16,
+    /// Share of the time in which a gyro took part, 0 to 1: the heading is then the gyro's.
+    pub gyro_share: f32,
 }
 
 impl Increment {
-    /// An increment over one tick.
+    /// An increment over one tick, by wheels alone.
     pub const fn new(posture: Posture, covariance: Mat3) -> Self {
         Self {
             posture,
             covariance,
             ticks: 1,
+            gyro_share: 0.0,
         }
     }
 
     fn is_finite(&self) -> bool {
-        self.posture.is_finite() && matrix::is_finite(&self.covariance)
+        self.posture.is_finite()
+            && matrix::is_finite(&self.covariance)
+            && self.gyro_share.is_finite()
     }
 }
 
@@ -285,6 +308,7 @@ impl Receiver {
             posture: keyframe.posture.relative_to(posture),
             covariance: matrix::scale(&keyframe.covariance, f32::from(ticks)),
             ticks,
+            gyro_share: 0.0,
         })
     }
 }
@@ -442,8 +466,9 @@ impl Tandem {
             }
             Tracks::Joint(joint) => {
                 let ticks = front.ticks.max(rear.ticks);
+                let shares = [front.gyro_share, rear.gyro_share];
                 self.joint
-                    .predict(joint, &front.estimate, &rear.estimate, ticks);
+                    .predict(joint, &front.estimate, &rear.estimate, shares, ticks);
                 if let Some(beam) = beam {
                     output.beam = self
                         .joint
@@ -472,60 +497,63 @@ impl Tandem {
         let ticks = f32::from(increment.ticks);
         let advance = increment.posture.x;
         let driven = advance.abs();
+        let gyro_share = increment.gyro_share.clamp(0.0, 1.0);
+        let by_wheels = 1.0 - gyro_share;
         let position = self.position_per_tick * ticks;
         let heading = (self.heading_per_tick + self.creep_per_tick * bend * bend) * ticks;
         let mut covariance = increment.covariance;
         covariance[0][0] += self.per_m[0] * driven + position;
         covariance[1][1] += self.per_m[1] * driven + position;
-        covariance[2][2] += self.per_m[2] * driven + heading;
-        let Constants { drift, creep, .. } = self.constants;
-        let (drift, creep) = (drift * drift, creep * bend * creep * bend);
+        covariance[2][2] += by_wheels * (self.per_m[2] * driven + heading);
+        let by = |constant: usize| self.constants.own[constant] * by_wheels;
+        let (drift, creep) = (by(constants::DRIFT), by(constants::CREEP) * bend);
+        let bias = self.constants.own[constants::GYRO_BIAS] * gyro_share;
         Slipping {
             estimate: Estimate::new(increment.posture, covariance),
             heading_variance: covariance[2][2]
-                + drift * driven * REFERENCE_WAY_M
-                + creep * ticks * self.period * REFERENCE_TIME_S,
+                + drift * drift * driven * REFERENCE_WAY_M
+                + (creep * creep + bias * bias) * ticks * self.period * REFERENCE_TIME_S,
             advance,
             ticks,
+            gyro_share,
         }
     }
 
     /// Moves an axle (0 front, 1 rear) by its odometry.
     fn advance(&self, track: &mut Track, increment: &Slipping, axle: usize, bend: f32) {
         let moved = into_departure(&increment.estimate);
-        let Constants {
-            drift,
-            scale,
-            creep,
-            ..
-        } = self.constants;
-        let p = moved.posture;
-        // The frame turns the front axle back and the rear axle into the bend.
-        let turned = creep * bend * increment.ticks * self.period;
+        let step = constants::Step {
+            axle,
+            moved: moved.posture,
+            bend,
+            dt: increment.ticks * self.period,
+            gyro_share: increment.gyro_share,
+        };
         let mut error = Track::random(moved);
-        if axle == 0 {
-            error.constants[2][track::CREEP] = -turned;
-            error.constants[2][track::DRIFT] = drift * p.x;
-            error.constants[0][track::SCALE] = scale * p.x;
-            error.constants[1][track::SCALE] = scale * p.y;
-        } else {
-            error.constants[2][track::CREEP] = turned;
-            error.constants[2][track::DRIFT + 1] = drift * p.x;
-            error.constants[0][track::SCALE + 1] = scale * p.x;
-            error.constants[1][track::SCALE + 1] = scale * p.y;
+        let by_constants = step.by_constants();
+        for (row, by) in error.constants.iter_mut().zip(&by_constants) {
+            for k in 0..constants::COUNT {
+                row[track::SHARED + k] = by[k] * self.constants.own[k];
+            }
         }
+        let [along, across, turning] = self.load;
+        let first = track::LOAD + if axle == 0 { 0 } else { 3 };
+        error.constants[0][first] = along * step.dt;
+        error.constants[1][first + 1] = across * step.dt;
+        error.constants[2][first + 2] = turning * step.by_wheels() * step.dt;
         // An increment follows a posture as the front axle follows the rear.
-        *track = track.through(&Chain::front_from_rear(track.posture, p), &error);
+        *track = track.through(&Chain::front_from_rear(track.posture, step.moved), &error);
     }
 
     /// The beam's posture with its offset.
     fn beam_track(&self, beam: &Estimate) -> Track {
         let [[a, b], [c, d]] = self.constants.offset;
         let mut track = Track::random(*beam);
-        track.constants[1][track::OFFSET] = -a;
-        track.constants[1][track::OFFSET + 1] = -b;
-        track.constants[2][track::OFFSET] = -c;
-        track.constants[2][track::OFFSET + 1] = -d;
+        const FIRST: usize = track::SHARED + constants::OFFSET;
+        track.constants[1][FIRST] = -a;
+        track.constants[1][FIRST + 1] = -b;
+        track.constants[2][FIRST] = -c;
+        track.constants[2][FIRST + 1] = -d;
         track
     }
 
@@ -670,31 +698,47 @@ struct Slipping {
     heading_variance: f32,
     advance: f32,
     ticks: f32,
+    gyro_share: f32,
 }
 
-/// Standard deviations of constant errors that the axles' postures may owe something to.
+/// Standard deviations of the constants that the axles' postures may owe something to.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Constants {
+struct Sigmas {
     /// Factor of the covariance of the beam's offset (lateral m, heading rad).
     offset: [[f32; 2]; 2],
-    /// Heading per metre, rad/m.
-    drift: f32,
-    /// Relative.
-    scale: f32,
-    /// Yaw rate of each axle per radian of bend, 1/s.
-    creep: f32,
+    /// Of each constant by itself.
+    own: [f32; constants::COUNT],
 }
 
-/// The constants that the joint filter estimates; the configuration has been checked.
-fn constants(config: &joint::Config) -> Constants {
-    let (y, phi) = (config.beam_offset_sigma_m, config.beam_offset_sigma_rad);
-    let correlation = config.beam_offset_correlation;
-    let own = sqrt((1.0 - correlation * correlation).max(0.0));
-    Constants {
-        offset: [[y, 0.0], [correlation * phi, own * phi]],
-        drift: config.heading_drift_sigma_rad_per_m,
-        scale: config.scale_sigma,
-        creep: config.creep_sigma_per_s,
+impl Sigmas {
+    /// Those of the joint filter, whose configuration has been checked.
+    fn new(config: &joint::Config) -> Self {
+        let (y, phi) = (config.beam_offset_sigma_m, config.beam_offset_sigma_rad);
+        let correlation = config.beam_offset_correlation;
+        let rest = sqrt((1.0 - correlation * correlation).max(0.0));
+        // A bias that walks adds walk²·T³/3 to the heading's variance in a time T; so does a constant
+        // one of variance walk²·T/3.
+        let walk = config.gyro_bias_walk_rad_s_per_sqrt_s;
+        let start = config.gyro_bias_sigma_rad_s;
+        let bias = sqrt(start * start + walk * walk * WALK_TIME_S / 3.0);
+        let mut own = [0.0; constants::COUNT];
+        own[constants::OFFSET] = y;
+        own[constants::OFFSET + 1] = phi;
+        own[constants::CREEP] = config.creep_sigma_per_s;
+        for (first, sigma) in [
+            (constants::DRIFT, config.heading_drift_sigma_rad_per_m),
+            (constants::SCALE, config.scale_sigma),
+            (constants::TURN, config.turn_scale_sigma),
+            (constants::GYRO_BIAS, bias),
+            (constants::GYRO_SCALE, config.gyro_scale_sigma),
+        ] {
+            own[first] = sigma;
+            own[first + 1] = sigma;
+        }
+        Self {
+            offset: [[y, 0.0], [correlation * phi, rest * phi]],
+            own,
+        }
     }
 }
 
@@ -965,7 +1009,13 @@ mod tests {
     fn held_bend_creeps_at_standstill_in_the_covariance() {
         for mode in [Mode::Odometry, Mode::Joint] {
             let growth = |bend: f32| {
-                let tandem = tandem(mode);
+                let mut config = Config {
+                    mode,
+                    ..Config::default()
+                };
+                // Without a beam a load of the frame that nobody knows of would hide it.
+                config.slip.load_speed_m_s = 0.0;
+                let tandem = config.build().unwrap();
                 let relative = Estimate::with_sigmas(
                     Posture::new(0.36, 0.18 * bend, bend),
                     [1e-3, 1e-3, 1e-3],

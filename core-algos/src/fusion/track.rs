@@ -14,23 +14,21 @@
 
 use super::Estimate;
 use super::compound::Chain;
+use super::constants;
 use super::intersection::Intersection;
 use super::kalman;
 use crate::math::Posture;
 use crate::math::matrix::{self, Mat, Mat3};
 
-/// Number of constants.
-pub const CONSTANTS: usize = 13;
 /// Start posture of O (3), start posture of the front axle seen from the rear (3).
 pub const START: usize = 0;
-/// Offset of the beam (2).
-pub const OFFSET: usize = 6;
-/// Heading drift of front and rear odometry.
-pub const DRIFT: usize = 8;
-/// Scale error of front and rear odometry.
-pub const SCALE: usize = 10;
-/// Creep of the axles against each other.
-pub const CREEP: usize = 12;
+/// The constants of [`super::constants`].
+pub const SHARED: usize = START + 6;
+/// Slip of front and rear under a load of the frame that nothing measures: along, across, in
+/// heading (3 each).
+pub const LOAD: usize = SHARED + constants::COUNT;
+/// Number of constants.
+pub const CONSTANTS: usize = LOAD + 6;
 
 /// Effect of each constant, one standard deviation of it, on a posture (m, m, rad).
 pub type Sensitivity = Mat<3, CONSTANTS>;
@@ -159,7 +157,7 @@ mod tests {
         (
             (-2.0f32..2.0, -2.0f32..2.0, -3.1f32..3.1),
             proptest::array::uniform3(proptest::array::uniform3(-0.02f32..0.02)),
-            proptest::array::uniform3(proptest::array::uniform13(-0.02f32..0.02)),
+            proptest::array::uniform3(proptest::array::uniform25(-0.02f32..0.02)),
         )
             .prop_map(|((x, y, phi), root, constants)| {
                 let unit = matrix::diagonal([1e-5; 3]);
@@ -233,7 +231,7 @@ mod tests {
         let mut axles = [Track::new(Posture::ORIGIN, [[0.0; CONSTANTS]; 3]); 2];
         for _ in 0..500 {
             for (axle, sign) in axles.iter_mut().zip([-1.0, 1.0]) {
-                axle.constants[2][CREEP] += sign * 1e-3;
+                axle.constants[2][SHARED + constants::CREEP] += sign * 1e-3;
                 axle.random = matrix::add(&axle.random, &matrix::diagonal([1e-9; 3]));
             }
             let [front, rear] = axles;
@@ -249,7 +247,10 @@ mod tests {
     fn what_is_opposite_in_both_axles_cancels() {
         // Half a radian for each axle by itself.
         let track = chase(Criterion::Trace);
-        assert!(track.constants[2][CREEP].abs() < 0.02, "{track:?}");
+        assert!(
+            track.constants[2][SHARED + constants::CREEP].abs() < 0.02,
+            "{track:?}"
+        );
     }
 
     #[test]

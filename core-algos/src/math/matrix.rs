@@ -45,6 +45,24 @@ pub fn multiply<const R: usize, const K: usize, const C: usize>(
     m
 }
 
+/// `a bᵀ`.
+pub fn multiply_transposed<const R: usize, const K: usize, const C: usize>(
+    a: &Mat<R, K>,
+    b: &Mat<C, K>,
+) -> Mat<R, C> {
+    let mut m = [[0.0; C]; R];
+    for i in 0..R {
+        for j in 0..C {
+            let mut sum = 0.0;
+            for k in 0..K {
+                sum += a[i][k] * b[j][k];
+            }
+            m[i][j] = sum;
+        }
+    }
+    m
+}
+
 /// `a v`.
 pub fn apply<const R: usize, const C: usize>(a: &Mat<R, C>, v: &[f32; C]) -> [f32; R] {
     let mut out = [0.0; R];

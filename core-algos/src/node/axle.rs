@@ -1,6 +1,6 @@
 //! Axle node: encoders and inertial sensors in, wheel torques out, once a millisecond.
 //!
-//! The step reads in the order of the data: wheels → filter → report → reference → control. The
+//! The step reads in the order of the data: wheels → zeroing → filter → report → reference → control. The
 //! posture is odometric, in a frame of its own that begins where the axle was started; the lead
 //! node knows where that frame lies and sends references in it, so a correction of the global
 //! estimate never makes the controller jump.
@@ -18,6 +18,7 @@ use crate::control::dynamic::{self, Dynamic};
 use crate::control::wheel_observer::{self, WheelObserver};
 use crate::fusion::Estimate;
 use crate::fusion::ekf::{self, AxleFilter, Measurements, Verdict};
+use crate::fusion::standstill::{self, Bias, RestDetector, Zeroing};
 use crate::math::matrix::Mat3;
 use crate::math::{AxleLoad, Posture, Twist, Wrench};
 
@@ -46,6 +47,12 @@ pub struct Config {
     pub speed_source: SpeedSource,
     /// Wheel observers.
     pub wheel: wheel_observer::Config,
+    /// Time with motors off and wheels still after which the inertial sensors are zeroed, s.
+    pub rest_hold_s: f32,
+    /// Zeroing of the gyro at standstill.
+    pub gyro_zero: standstill::Config,
+    /// Zeroing of the accelerometer at standstill.
+    pub accelerometer_zero: standstill::Config,
     /// Axle filter.
     pub filter: ekf::Config,
     /// Dynamic controller.
@@ -59,6 +66,9 @@ impl Default for Config {
             wrench_timeout_s: layout::timeout_s(layout::id::BEAM_WRENCH),
             speed_source: SpeedSource::Wheels,
             wheel: wheel_observer::Config::default(),
+            rest_hold_s: 0.1,
+            gyro_zero: standstill::Config::GYRO,
+            accelerometer_zero: standstill::Config::ACCELEROMETER,
             filter: ekf::Config::default(),
             controller: dynamic::Config::default(),
         }
@@ -82,6 +92,8 @@ impl Config {
         positive("bending_stiffness_n_m2", frame.bending_stiffness_n_m2)?;
         positive("frame_length_m", frame.length_m)?;
         let to_micros = |s: f32| (s * 1e6) as Micros;
+        let period = positive("period_s", self.filter.period_s)?;
+        let rest_hold = in_range("rest_hold_s", self.rest_hold_s, 0.01, 10.0)?;
         Ok(AxleNode {
             axle,
             frame,
@@ -90,7 +102,10 @@ impl Config {
             speed_source: self.speed_source,
             wheel_radius: positive("wheel_radius_m", self.controller.wheel_radius_m)?,
             half_track: positive("half_track_m", self.controller.half_track_m)?,
-            period: positive("period_s", self.filter.period_s)?,
+            period,
+            rest_hold: (rest_hold / period).clamp(1.0, f32::from(u16::MAX)) as u16,
+            gyro_zero: self.gyro_zero.build(period)?,
+            accelerometer_zero: self.accelerometer_zero.build(period)?,
             observer: self.wheel.build()?,
             filter: self.filter.build()?,
             controller: self.controller.build()?,
@@ -127,7 +142,13 @@ pub struct Output {
 pub struct State {
     wheels: [wheel_observer::State; 2],
     filter: ekf::State,
+    rest: RestDetector,
+    gyro_bias: Bias,
+    accelerometer_bias: Bias,
+    /// Whether the last step gave torques.
+    active: bool,
     refused: u8,
+    gyro_samples: u8,
     mode: Option<Stamped<LeadMode>>,
     steering: f32,
     pending_posture: Option<(u8, Posture)>,
@@ -146,7 +167,12 @@ impl State {
                 &Estimate::with_sigmas(Posture::ORIGIN, [1e-6; 3]),
                 [1e-3, 1e-3, 1e-2, 1e-2],
             ),
+            rest: RestDetector::default(),
+            gyro_bias: Bias::default(),
+            accelerometer_bias: Bias::default(),
+            active: false,
             refused: 0,
+            gyro_samples: 0,
             mode: None,
             steering: 0.0,
             pending_posture: None,
@@ -169,6 +195,10 @@ pub struct AxleNode {
     wheel_radius: f32,
     half_track: f32,
     period: f32,
+    /// Ticks.
+    rest_hold: u16,
+    gyro_zero: Zeroing,
+    accelerometer_zero: Zeroing,
     observer: WheelObserver,
     filter: AxleFilter,
     controller: Dynamic,
@@ -249,6 +279,13 @@ impl AxleNode {
         if is_epoch_start(now) {
             self.report(now, outbox);
         }
+        let output = self.control(now, speeds);
+        self.state.active = output.active;
+        output
+    }
+
+    /// Torques after the reference; none: motors off.
+    fn control(&self, now: Micros, speeds: [f32; 2]) -> Output {
         let Some(reference) = self.reference(now) else {
             return Output::default();
         };
@@ -281,15 +318,25 @@ impl AxleNode {
             state.refused = state.refused.saturating_add(u8::from(wheel.jumped));
             state.wheels[i] = wheel;
         }
+        let at_rest = state
+            .rest
+            .step(samples.encoder, state.active, self.rest_hold);
+        let (gyro, accelerometer) = (samples.gyro_rad_s, samples.acceleration_m_s2);
         let verdicts = self.filter.step(
             &mut state.filter,
             &Measurements {
                 left_m_s: advance[0],
                 right_m_s: advance[1],
-                gyro_rad_s: samples.gyro_rad_s,
-                acceleration_m_s2: samples.acceleration_m_s2,
+                gyro_rad_s: self.gyro_zero.step(&mut state.gyro_bias, at_rest, gyro),
+                acceleration_m_s2: self.accelerometer_zero.step(
+                    &mut state.accelerometer_bias,
+                    at_rest,
+                    accelerometer,
+                ),
             },
         );
+        let turned = verdicts.gyro == Verdict::Used;
+        state.gyro_samples = state.gyro_samples.saturating_add(u8::from(turned));
         for verdict in [
             verdicts.left,
             verdicts.right,
@@ -319,6 +366,7 @@ impl AxleNode {
             velocity_m_s: twist.v,
             yaw_rate_rad_s: twist.omega,
             refused: self.state.refused,
+            gyro_samples: self.state.gyro_samples,
         });
         outbox.push(Message::AxleUncertainty {
             axle,
@@ -326,6 +374,7 @@ impl AxleNode {
             covariance,
         });
         self.state.refused = 0;
+        self.state.gyro_samples = 0;
     }
 
     fn twist(&self, [left, right]: [f32; 2]) -> Twist {

@@ -16,7 +16,7 @@
 //! switch their motors off.
 
 use super::course::{self, Course};
-use super::{EPOCH, Micros, Outbox, Stamped, epoch_start, seconds, sequence};
+use super::{EPOCH, Micros, Outbox, Stamped, TICK, epoch_start, seconds, sequence};
 use crate::bus::codec::wrap_position;
 use crate::bus::{Axle, LeadMode, Message, layout};
 use crate::config::{ConfigError, in_range};
@@ -27,6 +27,9 @@ use crate::fusion::Estimate;
 use crate::fusion::tandem::{self, Increment, Tandem};
 use crate::math::Posture;
 use crate::math::matrix::{Mat3, scale};
+
+/// Steps of an axle in an epoch.
+const TICKS_PER_EPOCH: f32 = (EPOCH / TICK) as f32;
 
 /// Parameters of the lead node.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -103,6 +106,8 @@ pub enum Task {
 struct AxleReport {
     posture: Option<Stamped<Posture>>,
     uncertainty: Option<Stamped<Mat3>>,
+    /// Share of the axle's ticks in which its gyro took part.
+    gyro_share: f32,
 }
 
 /// One axle as the lead node knows it.
@@ -138,6 +143,7 @@ impl AxleTrack {
             posture: moved.relative_to(Posture::new(0.0, 0.0, last.value.phi)),
             covariance: scale(&covariance, f32::from(ticks)),
             ticks,
+            gyro_share: self.report.gyro_share,
         })
     }
 }
@@ -259,6 +265,12 @@ impl LeadNode {
             } => {
                 let report = &mut self.state.tracks[axle.index()].report;
                 report.posture = Some(Stamped::new(posture, epoch_start(now, sequence)));
+            }
+            Message::AxleMotion {
+                axle, gyro_samples, ..
+            } => {
+                let report = &mut self.state.tracks[axle.index()].report;
+                report.gyro_share = (f32::from(gyro_samples) / TICKS_PER_EPOCH).min(1.0);
             }
             Message::AxleUncertainty {
                 axle,

@@ -1,0 +1,248 @@
+//! Zeroing of inertial sensors at standstill.
+//!
+//! A robot that stands with its motors off and its wheels still does not turn or accelerate: what
+//! gyro and accelerometer read then is their bias (and the slope of the floor). A scalar Kalman
+//! filter of the bias, a random walk seen through white noise, follows it while the robot stands
+//! and remembers it while it drives. Wheels alone do not show rest: a bent frame turns an axle on
+//! creeping tyres, so it takes motors off too.
+//!
+//! Readings beyond [`Config::limit`] are no bias and change nothing. [`Config::build`] validates;
+//! after it nothing fails or panics. Cost: a division a tick at rest, else an addition.
+
+use crate::config::{ConfigError, non_negative, positive};
+
+/// Parameters of one sensor; `u` is its unit (rad/s, m/s²).
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
+pub struct Config {
+    /// Largest magnitude of a bias, u.
+    pub limit: f32,
+    /// White noise, u/√Hz, one-sided.
+    pub noise_per_sqrt_hz: f32,
+    /// Random walk of the bias, u/√s.
+    pub walk_per_sqrt_s: f32,
+}
+
+impl Config {
+    /// For a yaw-rate gyro of the ICM-42688 class, its reading averaged at power-up or not.
+    pub const GYRO: Self = Self {
+        limit: 0.05,
+        noise_per_sqrt_hz: 4.9e-5,
+        walk_per_sqrt_s: 5e-5,
+    };
+    /// For an accelerometer of that class; the limit is that of a floor inclined by 3°.
+    pub const ACCELEROMETER: Self = Self {
+        limit: 0.5,
+        noise_per_sqrt_hz: 6.9e-4,
+        walk_per_sqrt_s: 5e-3,
+    };
+
+    /// The ready form for a sample every `period_s`; an error names the parameter out of range.
+    pub fn build(&self, period_s: f32) -> Result<Zeroing, ConfigError> {
+        let period = positive("period_s", period_s)?;
+        let limit = positive("limit", self.limit)?;
+        let noise = positive("noise_per_sqrt_hz", self.noise_per_sqrt_hz)?;
+        let walk = non_negative("walk_per_sqrt_s", self.walk_per_sqrt_s)?;
+        Ok(Zeroing {
+            limit,
+            // Half the sample rate is the bandwidth.
+            noise: 0.5 * noise * noise / period,
+            walk: walk * walk * period,
+            // Uniform within the limit.
+            unknown: limit * limit / 3.0,
+        })
+    }
+}
+
+/// Zeroing of one sensor, ready to run.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Zeroing {
+    limit: f32,
+    /// Variance of a sample.
+    noise: f32,
+    /// Variance of the bias's change from sample to sample.
+    walk: f32,
+    /// Variance of a bias that was never seen.
+    unknown: f32,
+}
+
+/// Bias of one sensor: estimate and variance.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Bias {
+    value: f32,
+    /// `None` before the first reading at rest.
+    variance: Option<f32>,
+}
+
+impl Bias {
+    /// The bias, u.
+    pub fn value(&self) -> f32 {
+        self.value
+    }
+
+    /// Its variance, u²; `None` before the first reading at rest, until when the bias counts as 0.
+    pub fn variance(&self) -> Option<f32> {
+        self.variance
+    }
+}
+
+impl Zeroing {
+    /// One sample: the reading less the bias. A reading that is not finite is handed on.
+    pub fn step(&self, bias: &mut Bias, at_rest: bool, reading: Option<f32>) -> Option<f32> {
+        let variance = bias.variance.map(|v| (v + self.walk).min(self.unknown));
+        bias.variance = variance;
+        let reading = reading?;
+        if at_rest && reading.abs() <= self.limit {
+            let before = variance.unwrap_or(self.unknown);
+            let gain = before / (before + self.noise);
+            bias.value += gain * (reading - bias.value);
+            bias.variance = Some(gain * self.noise);
+        }
+        Some(reading - bias.value)
+    }
+}
+
+/// Whether an axle has stood still for some time, by its encoders and motors.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct RestDetector {
+    counts: [Option<i32>; 2],
+    ticks: u16,
+}
+
+impl RestDetector {
+    /// One tick: encoder counts of the wheels, and whether the motors are on. True when both wheels
+    /// have kept their counts and the motors have been off for `hold` ticks.
+    pub fn step(&mut self, counts: [Option<i32>; 2], motors_on: bool, hold: u16) -> bool {
+        let still = !motors_on && counts.iter().all(Option::is_some) && counts == self.counts;
+        self.counts = counts;
+        self.ticks = if still {
+            self.ticks.saturating_add(1)
+        } else {
+            0
+        };
+        self.ticks >= hold
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fusion::testing::Random;
+
+    const PERIOD: f32 = 1e-3;
+
+    /// Root mean square of the error of the bias over many robots, after `ticks` at rest.
+    fn remaining(ticks: usize) -> (f64, f64) {
+        let zeroing = Config::GYRO.build(PERIOD).unwrap();
+        let walk = f64::from(Config::GYRO.walk_per_sqrt_s) * f64::from(PERIOD).sqrt();
+        let noise = f64::from(Config::GYRO.noise_per_sqrt_hz) * 500f64.sqrt();
+        let (mut square, mut claimed) = (0.0, 0.0);
+        const ROBOTS: u64 = 300;
+        for robot in 0..ROBOTS {
+            let mut random = Random::new(robot);
+            let mut truth = 4e-3 * random.normal();
+            let mut bias = Bias::default();
+            for _ in 0..ticks {
+                truth += walk * random.normal();
+                let reading = truth + noise * random.normal();
+                zeroing.step(&mut bias, true, Some(reading as f32));
+            }
+            square += (f64::from(bias.value()) - truth).powi(2) / ROBOTS as f64;
+            claimed += f64::from(bias.variance().unwrap()) / ROBOTS as f64;
+        }
+        (square.sqrt(), claimed.sqrt())
+    }
+
+    #[test]
+    fn bias_is_found_as_well_as_claimed() {
+        // White noise averaged over T has a bandwidth of 1/(2T); the walk adds little yet.
+        let (rms, claimed) = remaining(400);
+        let averaged = 4.9e-5 / (2.0f64 * 0.4).sqrt();
+        assert!(claimed > averaged && claimed < 1.1 * averaged, "{claimed}");
+        assert!((rms / claimed - 1.0).abs() < 0.15, "{rms} {claimed}");
+        // In the long run the fourth root of walk² · noise density.
+        let (rms, claimed) = remaining(10_000);
+        let steady = (5e-5 * 4.9e-5 / 2f64.sqrt()).sqrt() * 1.0f64;
+        assert!((claimed / steady - 1.0).abs() < 0.05, "{claimed} {steady}");
+        assert!((rms / claimed - 1.0).abs() < 0.15, "{rms} {claimed}");
+    }
+
+    #[test]
+    fn motion_is_not_taken_for_a_bias() {
+        let zeroing = Config::GYRO.build(PERIOD).unwrap();
+        let mut bias = Bias::default();
+        for _ in 0..1000 {
+            zeroing.step(&mut bias, true, Some(0.002));
+        }
+        let known = bias;
+        for _ in 0..1000 {
+            assert!(zeroing.step(&mut bias, false, Some(0.03)).is_some());
+            assert!(zeroing.step(&mut bias, true, Some(0.5)).is_some());
+        }
+        assert_eq!(bias.value(), known.value());
+        assert!(bias.variance() > known.variance());
+        assert!((zeroing.step(&mut bias, false, Some(0.302)).unwrap() - 0.3).abs() < 1e-5);
+    }
+
+    #[test]
+    fn bad_readings_leave_no_trace() {
+        let zeroing = Config::ACCELEROMETER.build(PERIOD).unwrap();
+        let mut bias = Bias::default();
+        zeroing.step(&mut bias, true, Some(0.1));
+        let value = bias.value();
+        for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+            assert!(
+                !zeroing
+                    .step(&mut bias, true, Some(bad))
+                    .unwrap()
+                    .is_finite()
+            );
+        }
+        assert_eq!(zeroing.step(&mut bias, true, None), None);
+        assert_eq!(bias.value(), value);
+    }
+
+    #[test]
+    fn rest_needs_still_wheels_and_motors_off_for_a_while() {
+        let mut detector = RestDetector::default();
+        let at = |count| [Some(count), Some(7)];
+        assert!(!detector.step(at(0), false, 3), "nothing to compare with");
+        for tick in 0..5 {
+            assert_eq!(detector.step(at(0), false, 3), tick >= 2);
+        }
+        assert!(!detector.step(at(1), false, 3));
+        for _ in 0..3 {
+            detector.step(at(1), false, 3);
+        }
+        assert!(detector.step(at(1), false, 3));
+        assert!(!detector.step(at(1), true, 3), "a held bend creeps");
+        for _ in 0..100 {
+            assert!(!detector.step([None, Some(7)], false, 3), "no encoder");
+        }
+    }
+
+    #[test]
+    fn configuration_is_checked() {
+        let good = Config::GYRO;
+        for (bad, field) in [
+            (Config { limit: 0.0, ..good }, "limit"),
+            (
+                Config {
+                    noise_per_sqrt_hz: f32::NAN,
+                    ..good
+                },
+                "noise_per_sqrt_hz",
+            ),
+            (
+                Config {
+                    walk_per_sqrt_s: -1.0,
+                    ..good
+                },
+                "walk_per_sqrt_s",
+            ),
+        ] {
+            assert_eq!(bad.build(PERIOD).unwrap_err().field, field);
+        }
+    }
+}
