@@ -21,9 +21,9 @@ use std::sync::OnceLock;
 use testing::Random;
 
 const RUNS: usize = 200;
-const EPOCHS: usize = 250;
-const STEPS_PER_EPOCH: usize = 5;
-const STEP_S: f64 = 2e-3;
+const EPOCHS: usize = 125;
+const STEPS_PER_EPOCH: usize = 20;
+const STEP_S: f64 = 1e-3;
 const LENGTH: f64 = 0.37;
 const HALF_TRACK: f64 = 0.162;
 /// White noise of the beam: m, m, rad.
@@ -84,6 +84,7 @@ impl Setting {
     fn tier(&self, mode: Mode) -> tandem::Config {
         let mut config = tandem::Config {
             mode,
+            period_s: (STEPS_PER_EPOCH as f64 * STEP_S) as f32,
             beam_noise_share: 1.0,
             beam_gate: None,
             ..tandem::Config::default()
