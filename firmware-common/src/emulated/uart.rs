@@ -12,9 +12,13 @@ use embassy_stm32::{Peri, bind_interrupts};
 use embedded_io::{Read, ReadReady};
 use static_cell::ConstStaticCell;
 
+use super::run::host_gone;
 use crate::hil::Link;
 use crate::hil::uart::{BAUD, ROOM, send};
 
+/// Interrupts without a byte after which the host is taken as gone: SysTick alone makes 1000 a
+/// second.
+const SILENCE: u32 = 300_000;
 /// The byte that ends a frame.
 const FRAME_END: u8 = 0;
 
@@ -69,8 +73,11 @@ impl Uart {
 impl Link for Uart {
     /// Gives bytes up to the end of a frame, and stops the whole board until they are there: the
     /// executor's wait for an event is none in QEMU, it would keep a core of the host busy.
+    ///
+    /// After five minutes of silence the emulation ends, lest it outlive a host that was killed.
     async fn read(&mut self, buffer: &mut [u8]) -> usize {
         let mut count = 0;
+        let mut silence = 0;
         while count < buffer.len() && buffer[..count].last() != Some(&FRAME_END) {
             // With interrupts masked from the look to the wait, which a pending one ends, no byte
             // is missed.
@@ -79,7 +86,12 @@ impl Link for Uart {
                     cortex_m::asm::wfi();
                 }
             });
+            silence += 1;
+            if silence > SILENCE {
+                host_gone();
+            }
             if self.rx.read_ready() == Ok(true) {
+                silence = 0;
                 count += self.rx.read(&mut buffer[count..]).unwrap_or(0);
             }
         }
