@@ -1,21 +1,124 @@
 //! The image that drives the robot.
+//!
+//! By priority: current loop (interrupt of the converter, 20 kHz) → handlers of the bus → tick
+//! (1 kHz, with the lead node on the front board) → bus → log.
 
-use embassy_executor::Spawner;
-use embassy_time::{Duration, Ticker};
+mod encoders;
+mod inertial;
+mod motors;
+mod operator;
+mod telemetry;
+mod tick;
+
+use core_algos::config::ConfigError;
+use core_algos::drive::winding;
+use core_algos::node::board::Board;
+use core_algos::node::robot::RobotConfig;
+use embassy_executor::{InterruptExecutor, Spawner};
+use embassy_stm32::interrupt::{self, InterruptExt, Priority};
+use embassy_stm32::{Peripherals, interrupt as handler};
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::watch::Watch;
 use firmware_common::watchdog::Watchdog;
-use firmware_common::{board, fault, stack};
+use firmware_common::{board, can, strap};
+use static_cell::StaticCell;
+
+use encoders::Encoders;
+use inertial::Inertial;
+use motors::Motors;
+use operator::Button;
+use tick::{Axis, Report};
+
+// Interrupts of peripherals that the board does not use lend their priority to executors.
+static TICK: InterruptExecutor = InterruptExecutor::new();
+static BUS: InterruptExecutor = InterruptExecutor::new();
+
+#[handler]
+unsafe fn UART4() {
+    // SAFETY: this is the interrupt the executor was started with.
+    unsafe { TICK.on_interrupt() }
+}
+
+#[handler]
+unsafe fn UART5() {
+    // SAFETY: this is the interrupt the executor was started with.
+    unsafe { BUS.on_interrupt() }
+}
 
 #[embassy_executor::main]
 async fn main(_spawner: Spawner) {
     let p = board::start();
-    let mut watchdog = Watchdog::start(p.IWDG);
-    let mut ticker = Ticker::every(Duration::from_millis(100));
-    loop {
-        for _ in 0..100 {
-            ticker.next().await;
-            watchdog.feed();
+    match start(p).await {
+        Ok((reports, watchdog)) => telemetry::run(reports, watchdog).await,
+        Err(error) => {
+            // Nothing was started: the motors stay off, and the watchdog is not fed.
+            defmt::error!("configuration: {} = {}", error.field, error.value);
         }
-        let (used, size) = stack::high_water();
-        defmt::info!("stack {} of {} bytes, {}", used, size, fault::counts());
     }
+}
+
+/// Builds everything and starts it; what is left for the caller is the log.
+async fn start(p: Peripherals) -> Result<(telemetry::Reports, Watchdog), ConfigError> {
+    static REPORTS: Watch<CriticalSectionRawMutex, Report, 1> = Watch::new();
+
+    let role = tick::role(strap::axle(p.PC13));
+    let config = RobotConfig::default();
+    let nodes = nodes(&config, role)?;
+    let geometry = &config.geometry;
+    let straight_m = geometry.frame_length_m + 2.0 * geometry.rigid_end_m;
+    let sigmas = config.lead.fusion.frame_sigmas;
+    let observer = config.completed().axle.wheel.build()?;
+    let winding = winding::Config::default().build()?;
+
+    let (sender, receiver, can_tx, can_rx) = can::start(p.CAN1, p.PB8, p.PB9).await;
+    let encoders = Encoders::start((p.TIM3, p.PC6, p.PC7), (p.TIM4, p.PB6, p.PB7));
+    let inertial = Inertial::start(p.SPI1, p.PA4, p.PA5, p.PA6, p.PA7).await?;
+    let watchdog = Watchdog::start(p.IWDG);
+    let motors = Motors::start(motors::Parts {
+        adc: p.ADC1,
+        timer: p.TIM1,
+        enable: (p.PA8, p.PA9),
+        direction: (p.PB14, p.PB15),
+        sleep: p.PB13,
+        fault: (p.PC8, p.PC9),
+        current: (p.PC0, p.PC1),
+        supply: p.PC2,
+        temperature: p.PC3,
+        stop: p.PB12,
+    })?;
+
+    interrupt::UART4.set_priority(Priority::P5);
+    interrupt::UART5.set_priority(Priority::P7);
+    let ticks = TICK.start(interrupt::UART4);
+    let bus = BUS.start(interrupt::UART5);
+    defmt::info!("{} axle", role.name());
+    // Each of these tasks is spawned once, and has room for one.
+    bus.spawn(can::send(can_tx).expect("spawned once"));
+    bus.spawn(can::receive(can_rx).expect("spawned once"));
+    let axis = Axis {
+        motors,
+        encoders,
+        inertial,
+        button: Button::new(p.PA0, straight_m, sigmas),
+        sender,
+        receiver,
+        nodes,
+        observer,
+        winding,
+        reports: REPORTS.sender(),
+    };
+    ticks.spawn(tick::run(axis).expect("spawned once"));
+    Ok((REPORTS.receiver().expect("the only one"), watchdog))
+}
+
+/// The nodes in their static place, and a copy as they are at the start.
+#[inline(never)]
+fn nodes(
+    config: &RobotConfig,
+    role: core_algos::node::board::Role,
+) -> Result<(&'static mut Board, &'static Board), ConfigError> {
+    static NOW: StaticCell<Board> = StaticCell::new();
+    static AT_START: StaticCell<Board> = StaticCell::new();
+    let at_start = AT_START.init(Board::new(config, role)?);
+    Ok((NOW.init(at_start.clone()), at_start))
 }

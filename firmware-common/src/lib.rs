@@ -8,6 +8,8 @@
 //! | `time_driver` | time of `embassy-time` from SysTick |
 //! | `strap` | role of an axle board |
 //! | `stack` | how much stack was ever used |
+//! | `timing` | how late ticks come and how long they take |
+//! | `can` | the bus (not with `hil`) |
 //! | `hil` | hardware in the loop: the node fed from a serial link (feature `hil`) |
 //! | `emulated` | what QEMU needs (feature `emulated`) |
 //!
@@ -26,7 +28,12 @@ pub mod strap;
 #[cfg(target_os = "none")]
 pub mod time_driver;
 #[cfg(target_os = "none")]
+pub mod timing;
+#[cfg(target_os = "none")]
 pub mod watchdog;
+
+#[cfg(all(target_os = "none", not(feature = "hil")))]
+pub mod can;
 
 #[cfg(any(test, all(target_os = "none", feature = "emulated")))]
 pub mod emulated;

@@ -1,0 +1,426 @@
+//! Both motors: pulse-width modulation, current sensing and the current loop, at 20 kHz.
+//!
+//! TIM1 counts up and down and drives the enable pins of two DRV8874 in phase/enable mode; its
+//! update event, once a period, starts the injected conversions of ADC1: both currents (INA240 on a
+//! shunt in the motor's lead), supply and driver temperature. Their interrupt, the highest of the
+//! board, runs the current loops; what they decide takes effect at the next update. Every twentieth
+//! period is a tick of the board.
+//!
+//! The motors are off (drivers asleep) unless a command with `on` came within the last two
+//! milliseconds and no fault is latched.
+
+use core::cell::{Cell, RefCell};
+
+use core_algos::acquisition::analog::{Supply, SupplyConfig, Thermistor, ThermistorConfig};
+use core_algos::config::ConfigError;
+use core_algos::drive::bridge::{self, Pins};
+use core_algos::drive::current::{self, CurrentLoop};
+use core_algos::drive::shunt::{self, Shunt, Zeroed, Zeroing};
+use core_algos::node::Micros;
+use core_algos::safety::Condition;
+use critical_section::Mutex;
+use embassy_stm32::adc::{Adc, AdcChannel, Exten, InjectedAdc, SampleTime};
+use embassy_stm32::gpio::{AfType, Flex, Input, Level, Output, OutputType, Pull, Speed};
+use embassy_stm32::interrupt::{self, InterruptExt, Priority};
+use embassy_stm32::pac::timer::vals::{Cms, Mms, Ocm};
+use embassy_stm32::pac::{GPIOB, TIM1};
+use embassy_stm32::peripherals::{
+    ADC1, PA8, PA9, PB12, PB13, PB14, PB15, PC0, PC1, PC2, PC3, PC8, PC9,
+};
+use embassy_stm32::{Peri, interrupt as handler, peripherals, rcc, triggers};
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::signal::Signal;
+use embassy_time::Instant;
+use firmware_common::fault;
+
+/// Top of the counter: 168 MHz / (2 · 4200) = 20 kHz.
+const TOP: u16 = 4200;
+/// Periods in a tick.
+const PERIODS: u8 = 20;
+/// Periods without a command after which the motors are switched off: 2 ms.
+const PATIENCE: u8 = 40;
+/// Current that trips at once when it lasts, A, and for how many periods: 2 ms.
+const TRIP_A: f32 = 6.0;
+const TRIP_PERIODS: u8 = 40;
+/// Periods that the drivers take to wake up; no current is asked for meanwhile. 2 ms.
+const WAKE_PERIODS: u8 = 40;
+/// Limits of the supply, V, and for how many periods it may be outside: 20 ms.
+const SUPPLY_V: core::ops::RangeInclusive<f32> = 9.0..=16.8;
+const SUPPLY_PERIODS: u16 = 400;
+
+/// Pins and peripherals of the motors.
+pub struct Parts {
+    /// Converter.
+    pub adc: Peri<'static, ADC1>,
+    /// Timer.
+    pub timer: Peri<'static, peripherals::TIM1>,
+    /// Enable pins (left, right).
+    pub enable: (Peri<'static, PA8>, Peri<'static, PA9>),
+    /// Direction pins (left, right).
+    pub direction: (Peri<'static, PB14>, Peri<'static, PB15>),
+    /// Sleep pin of both drivers, low: asleep; the drivers' own pull-down holds it in reset.
+    pub sleep: Peri<'static, PB13>,
+    /// Fault pins of the drivers (left, right), low: fault.
+    pub fault: (Peri<'static, PC8>, Peri<'static, PC9>),
+    /// Currents (left, right).
+    pub current: (Peri<'static, PC0>, Peri<'static, PC1>),
+    /// Supply behind its divider.
+    pub supply: Peri<'static, PC2>,
+    /// Thermistor between the drivers.
+    pub temperature: Peri<'static, PC3>,
+    /// Emergency stop, a contact to ground that opens: high or a broken wire means stop.
+    pub stop: Peri<'static, PB12>,
+}
+
+/// What the tick asks of the motors.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Command {
+    /// Whether the motors may be on.
+    pub on: bool,
+    /// Wheel torques (left, right), N m, forward positive.
+    pub torque_nm: [f32; 2],
+    /// Wheel speeds (left, right), rad/s, for the back-EMF.
+    pub speed_rad_s: [f32; 2],
+    /// Largest currents, A.
+    pub limit_a: [f32; 2],
+}
+
+/// What the motors report; it holds for the last tick.
+#[derive(Clone, Copy, Debug)]
+pub struct Feedback {
+    /// Currents, root mean square over the tick, A.
+    pub current_a: [f32; 2],
+    /// Supply, V.
+    pub supply_v: f32,
+    /// Between the drivers, °C; `None` if the thermistor is open or short.
+    pub temperature_c: Option<f32>,
+    /// Whether the drivers are awake.
+    pub on: bool,
+    /// Whether the zeros of the current sensors are known.
+    pub ready: bool,
+    /// Why the motors were switched off; lasts until the board restarts.
+    pub fault: Option<Condition>,
+}
+
+const NOTHING: Feedback = Feedback {
+    current_a: [0.0; 2],
+    supply_v: 0.0,
+    temperature_c: None,
+    on: false,
+    ready: false,
+    fault: None,
+};
+
+static DRIVE: Mutex<RefCell<Option<Drive>>> = Mutex::new(RefCell::new(None));
+static COMMAND: Mutex<Cell<Option<Command>>> = Mutex::new(Cell::new(None));
+static FEEDBACK: Mutex<Cell<Feedback>> = Mutex::new(Cell::new(NOTHING));
+static TICK: Signal<CriticalSectionRawMutex, Micros> = Signal::new();
+
+/// The tick's end of the motors.
+pub struct Motors(());
+
+impl Motors {
+    /// Sets everything up, motors off, and starts the current loop.
+    pub fn start(parts: Parts) -> Result<Self, ConfigError> {
+        let drive = Drive::new(parts)?;
+        critical_section::with(|cs| DRIVE.borrow_ref_mut(cs).replace(drive));
+        fault::on_fault(make_safe);
+        interrupt::ADC.set_priority(Priority::P1);
+        // SAFETY: the handler's data are in place.
+        unsafe { interrupt::ADC.enable() };
+        TIM1.cr1().modify(|w| w.set_cen(true));
+        Ok(Self(()))
+    }
+
+    /// Waits for the next tick; gives the local time of its beginning.
+    pub async fn tick(&mut self) -> Micros {
+        TICK.wait().await
+    }
+
+    /// Hands over what is to be done until the next tick.
+    pub fn command(&mut self, command: Command) {
+        critical_section::with(|cs| COMMAND.borrow(cs).set(Some(command)));
+    }
+
+    /// What was measured in the last tick.
+    pub fn feedback(&self) -> Feedback {
+        critical_section::with(|cs| FEEDBACK.borrow(cs).get())
+    }
+
+    /// Makes the periods of the next tick longer or shorter by so many parts in 4200.
+    pub fn trim(&mut self, by: i8) {
+        TIM1.arr()
+            .write(|w| w.set_arr(TOP.wrapping_add_signed(by.into())));
+    }
+}
+
+/// Everything the interrupt works with.
+struct Drive {
+    adc: InjectedAdc<'static, ADC1, 4>,
+    direction: [Output<'static>; 2],
+    sleep: Output<'static>,
+    faults: [Input<'static>; 2],
+    stop: Input<'static>,
+    _enable: [Flex<'static>; 2],
+    shunt: Shunt,
+    supply: Supply,
+    thermistor: Thermistor,
+    current_loop: CurrentLoop,
+    states: [current::State; 2],
+    zeroing: [Zeroing; 2],
+    zeros: [Option<f32>; 2],
+    command: Command,
+    command_age: u8,
+    awake: u8,
+    over: [u8; 2],
+    supply_off: u16,
+    fault: Option<Condition>,
+    squares: [f32; 2],
+    period: u8,
+}
+
+impl Drive {
+    fn new(parts: Parts) -> Result<Self, ConfigError> {
+        let sleep = Output::new(parts.sleep, Level::Low, Speed::Low);
+        let mut enable = [Flex::new(parts.enable.0), Flex::new(parts.enable.1)];
+        for pin in &mut enable {
+            // TIM1 is alternate function 1 on both pins.
+            pin.set_as_af_unchecked(1, AfType::output(OutputType::PushPull, Speed::High));
+        }
+        start_timer(parts.timer);
+        // 28 cycles at 21 MHz settle a source of 10 kΩ; four conversions take 7.6 µs.
+        let time = SampleTime::CYCLES28;
+        let adc = Adc::new(parts.adc).setup_injected_conversions(
+            [
+                (parts.current.0.degrade_adc(), time),
+                (parts.current.1.degrade_adc(), time),
+                (parts.supply.degrade_adc(), time),
+                (parts.temperature.degrade_adc(), time),
+            ],
+            triggers::TIM1_TRGO,
+            Exten::RISING_EDGE,
+            true,
+        );
+        Ok(Self {
+            adc,
+            direction: [
+                Output::new(parts.direction.0, Level::Low, Speed::Low),
+                Output::new(parts.direction.1, Level::Low, Speed::Low),
+            ],
+            sleep,
+            faults: [
+                Input::new(parts.fault.0, Pull::Up),
+                Input::new(parts.fault.1, Pull::Up),
+            ],
+            stop: Input::new(parts.stop, Pull::Up),
+            _enable: enable,
+            shunt: shunt::Config::default().build()?,
+            supply: SupplyConfig::default().build()?,
+            thermistor: ThermistorConfig::default().build()?,
+            current_loop: current::Config::default().build()?,
+            states: [current::State::default(); 2],
+            zeroing: [Zeroing::default(); 2],
+            zeros: [None; 2],
+            command: Command::default(),
+            command_age: PATIENCE,
+            awake: 0,
+            over: [0; 2],
+            supply_off: 0,
+            fault: None,
+            squares: [0.0; 2],
+            period: 0,
+        })
+    }
+
+    /// One period: sample, judge, control, actuate, report.
+    fn step(&mut self) {
+        let [left, right, supply, temperature] = self.adc.read_injected_samples();
+        let counts = [left, right];
+        let supply_v = self.supply.read(supply);
+        self.take_command();
+        let currents = self.currents(counts);
+        self.judge(currents, supply_v);
+
+        let on = self.command.on && self.fault.is_none() && self.zeros.iter().all(Option::is_some);
+        self.set_awake(on);
+        let mut pins = [Pins::default(); 2];
+        for i in 0..2 {
+            // The drivers brake while they wake up and while a current cannot be read.
+            let (Some(current_a), true) = (currents[i], self.awake >= WAKE_PERIODS) else {
+                self.states[i] = current::State::default();
+                continue;
+            };
+            let output = self.current_loop.step(
+                &mut self.states[i],
+                &current::Input {
+                    torque_nm: self.command.torque_nm[i],
+                    current_a,
+                    speed_rad_s: self.command.speed_rad_s[i],
+                    supply_v,
+                    limit_a: self.command.limit_a[i],
+                },
+            );
+            if output.valid {
+                pins[i] = bridge::pins(output.duty, TOP);
+            } else {
+                self.trip(Condition::NotANumber);
+            }
+        }
+        self.set_pins(pins);
+        self.report(currents, supply_v, temperature);
+    }
+
+    fn take_command(&mut self) {
+        match critical_section::with(|cs| COMMAND.borrow(cs).take()) {
+            Some(command) => {
+                self.command = command;
+                self.command_age = 0;
+            }
+            None if self.command_age >= PATIENCE => self.command = Command::default(),
+            None => self.command_age += 1,
+        }
+    }
+
+    /// Currents; while the drivers sleep their zeros are sought.
+    fn currents(&mut self, counts: [u16; 2]) -> [Option<f32>; 2] {
+        let asleep = self.awake == 0;
+        let mut currents = [None; 2];
+        for i in 0..2 {
+            match self.zeros[i] {
+                Some(zero) => currents[i] = self.shunt.read(counts[i], zero),
+                None if asleep => {
+                    if let Zeroed::Found(zero) = self.zeroing[i].step(&self.shunt, counts[i]) {
+                        self.zeros[i] = Some(zero);
+                    }
+                }
+                None => {}
+            }
+        }
+        currents
+    }
+
+    /// Looks for what switches the motors off.
+    fn judge(&mut self, currents: [Option<f32>; 2], supply_v: f32) {
+        for i in 0..2 {
+            // A reading at the rail is a current beyond all range, or a broken sensor.
+            let over = match currents[i] {
+                Some(current) => !(current.abs() <= TRIP_A),
+                None => self.zeros[i].is_some(),
+            };
+            self.over[i] = if over {
+                self.over[i].saturating_add(1)
+            } else {
+                0
+            };
+            if self.over[i] >= TRIP_PERIODS {
+                self.trip(Condition::OverCurrent);
+            }
+        }
+        if self.awake >= WAKE_PERIODS && self.faults.iter().any(Input::is_low) {
+            self.trip(Condition::DriverFault);
+        }
+        if SUPPLY_V.contains(&supply_v) {
+            self.supply_off = 0;
+        } else if self.awake > 0 {
+            self.supply_off = self.supply_off.saturating_add(1);
+            if self.supply_off >= SUPPLY_PERIODS {
+                self.trip(Condition::SupplyLow);
+            }
+        }
+        if self.stop.is_high() && self.awake > 0 {
+            self.trip(Condition::EmergencyStop);
+        }
+    }
+
+    fn trip(&mut self, condition: Condition) {
+        self.fault.get_or_insert(condition);
+        self.set_awake(false);
+    }
+
+    fn set_awake(&mut self, on: bool) {
+        if on {
+            self.sleep.set_high();
+            self.awake = self.awake.saturating_add(1);
+        } else {
+            self.sleep.set_low();
+            self.awake = 0;
+        }
+    }
+
+    fn set_pins(&mut self, pins: [Pins; 2]) {
+        for (i, (pins, direction)) in pins.iter().zip(&mut self.direction).enumerate() {
+            // The direction changes at once, the width at the next update: at most 25 µs in which
+            // the old width, small where a duty changes sign, is applied the other way.
+            direction.set_level(pins.forward.into());
+            TIM1.ccr(i).write(|w| w.set_ccr(pins.compare));
+        }
+    }
+
+    fn report(&mut self, currents: [Option<f32>; 2], supply_v: f32, temperature: u16) {
+        for (square, current) in self.squares.iter_mut().zip(currents) {
+            let current = current.unwrap_or(0.0);
+            *square += current * current;
+        }
+        self.period += 1;
+        if self.period < PERIODS {
+            return;
+        }
+        self.period = 0;
+        let mean = self.squares.map(|square| square / f32::from(PERIODS));
+        self.squares = [0.0; 2];
+        let feedback = Feedback {
+            current_a: mean.map(core_algos::math::trig::sqrt),
+            supply_v,
+            temperature_c: self.thermistor.read(temperature.into(), 4096.0),
+            on: self.awake >= WAKE_PERIODS,
+            ready: self.zeros.iter().all(Option::is_some),
+            fault: self.fault,
+        };
+        critical_section::with(|cs| FEEDBACK.borrow(cs).set(feedback));
+        TICK.signal(Instant::now().as_micros());
+    }
+}
+
+#[handler]
+fn ADC() {
+    critical_section::with(|cs| {
+        if let Some(drive) = DRIVE.borrow_ref_mut(cs).as_mut() {
+            drive.step();
+        }
+    });
+}
+
+/// Two channels of pulses around the counter's zero, an update event once a period; still stopped.
+fn start_timer(_timer: Peri<'static, peripherals::TIM1>) {
+    rcc::enable_and_reset::<peripherals::TIM1>();
+    TIM1.arr().write(|w| w.set_arr(TOP));
+    // Overflow and underflow are two updates; every second one counts.
+    TIM1.rcr().write(|w| w.set_rep(1));
+    TIM1.ccmr_output(0).write(|w| {
+        for channel in 0..2 {
+            w.set_ocm(channel, Ocm::PWM_MODE1);
+            w.set_ocpe(channel, true);
+        }
+    });
+    TIM1.ccer().write(|w| {
+        w.set_cce(0, true);
+        w.set_cce(1, true);
+    });
+    TIM1.cr2().write(|w| w.set_mms(Mms::UPDATE));
+    // Outputs off means driven low, which brakes; the sleep pin lets go.
+    TIM1.bdtr().write(|w| {
+        w.set_ossi(embassy_stm32::pac::timer::vals::Ossi::IDLE_LEVEL);
+        w.set_moe(true);
+    });
+    TIM1.cr1().write(|w| {
+        w.set_cms(Cms::CENTER_ALIGNED1);
+        w.set_arpe(true);
+    });
+    TIM1.egr().write(|w| w.set_ug(true));
+}
+
+/// Motors off by registers alone: drivers asleep, pulses off.
+fn make_safe() {
+    GPIOB.bsrr().write(|w| w.set_br(13, true));
+    TIM1.bdtr().modify(|w| w.set_moe(false));
+}

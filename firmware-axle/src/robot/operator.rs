@@ -1,0 +1,73 @@
+//! The user's button of the front board: press to drive to the goal, press again to stop.
+
+use core_algos::fusion::Estimate;
+use core_algos::math::Posture;
+use core_algos::node::board::Board;
+use core_algos::node::lead::Task;
+use core_algos::node::{EPOCH, Micros, is_epoch_start};
+use embassy_stm32::Peri;
+use embassy_stm32::gpio::{Input, Pull};
+use embassy_stm32::peripherals::PA0;
+
+/// Where the robot is put down before the button is pressed: the start of the paper's experiment,
+/// m, m, rad; the goal is the origin.
+const START: Posture = Posture::new(-1.342, -1.342, 0.0);
+/// How well it is put down, m, m, rad.
+const START_SIGMAS: [f32; 3] = [2e-3, 2e-3, 2e-3];
+/// Time the button must be down, in epochs: 50 ms.
+const HOLD: u8 = 5;
+const _: () = assert!(EPOCH == 10_000);
+
+/// The button; high when pressed.
+pub struct Button {
+    pin: Input<'static>,
+    held: u8,
+    driving: bool,
+    /// Straight frame and how well it is known.
+    relative: Estimate,
+}
+
+impl Button {
+    /// On its pin; `straight_m` is the distance of the axles with a straight frame and `sigmas` how
+    /// well their relative posture is known then.
+    pub fn new(pin: Peri<'static, PA0>, straight_m: f32, sigmas: [f32; 3]) -> Self {
+        Self {
+            pin: Input::new(pin, Pull::Down),
+            held: 0,
+            driving: false,
+            relative: Estimate::with_sigmas(Posture::new(straight_m, 0.0, 0.0), sigmas),
+        }
+    }
+
+    /// The nodes began anew: they are idle.
+    pub fn forget(&mut self) {
+        self.driving = false;
+    }
+
+    /// Looks at the button; on the rear board there is no lead node and it does nothing.
+    pub fn step(&mut self, now: Micros, board: &mut Board) {
+        if !is_epoch_start(now) {
+            return;
+        }
+        self.held = if self.pin.is_high() {
+            self.held.saturating_add(1)
+        } else {
+            0
+        };
+        let Some(lead) = board.lead() else {
+            return;
+        };
+        if self.held != HOLD {
+            return;
+        }
+        self.driving = !self.driving;
+        if self.driving {
+            lead.initialize(&Estimate::with_sigmas(START, START_SIGMAS), &self.relative);
+            lead.command(Task::Regulate {
+                goal: Posture::ORIGIN,
+            });
+        } else {
+            lead.command(Task::Stop);
+        }
+    }
+}

@@ -1,0 +1,69 @@
+//! The log: health once a second, faults at once; feeds the watchdog.
+
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::watch;
+use firmware_common::watchdog::Watchdog;
+use firmware_common::{can, fault, stack};
+
+use super::tick::Report;
+
+/// Where reports come from.
+pub type Reports = watch::Receiver<'static, CriticalSectionRawMutex, Report, 1>;
+
+/// Logs for ever. The watchdog is fed with each report of the tick, of which there are ten a second:
+/// a tick or a current loop that stops lets it reset the board.
+pub async fn run(mut reports: Reports, mut watchdog: Watchdog) -> ! {
+    let mut known = None;
+    let mut count = 0u8;
+    loop {
+        let report = reports.changed().await;
+        watchdog.feed();
+        let feedback = report.feedback;
+        if feedback.fault != known {
+            known = feedback.fault;
+            if let Some(condition) = known {
+                let entry = condition.entry();
+                defmt::error!(
+                    "motors off: {:#04x} {}: {}; {}",
+                    entry.code,
+                    entry.name,
+                    entry.meaning,
+                    entry.remedy
+                );
+            }
+        }
+        count += 1;
+        if count < 10 {
+            continue;
+        }
+        count = 0;
+        let (jitter, worst) = report.timing_us;
+        defmt::info!(
+            "tick jitter {} us, longest {} us, missed {}, restarts {}; in step {}, inertial {}",
+            jitter,
+            worst,
+            report.missed,
+            report.restarts,
+            report.in_step,
+            report.inertial
+        );
+        defmt::info!(
+            "motors on {}, ready {}, {} A, windings {} C, drivers {} C, supply {} V",
+            feedback.on,
+            feedback.ready,
+            feedback.current_a,
+            report.winding_c,
+            feedback.temperature_c,
+            feedback.supply_v
+        );
+        let (used, size) = stack::high_water();
+        defmt::info!(
+            "bus off {}, {}; stack {} of {} bytes; {}",
+            can::is_off(),
+            can::counters(),
+            used,
+            size,
+            fault::counts()
+        );
+    }
+}
