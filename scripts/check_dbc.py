@@ -101,7 +101,10 @@ def to_board(name, signals):
     return {stem: content}
 
 
-WHOLE = {"sequence", "refused", "gyro_samples", "gauges", "gauge", "missed_ticks", "tick_jitter_us", "tick_worst_us"}
+WHOLE = {
+    "sequence", "refused", "gyro_samples", "uptime", "gauges", "gauge", "missed_ticks",
+    "tick_jitter_us", "tick_worst_us",
+}
 
 
 def integral(signal):

@@ -7,8 +7,9 @@ use crate::paths::{
 };
 use crate::scenario::Scenario;
 use crate::simulation::{Record, Simulation};
+use crate::targets::Order;
 use core_algos::control::path::{PathPoint, TrajectoryPoint};
-use core_algos::node::lead::{LeadNode, Task};
+use core_algos::node::lead::Task;
 use core_algos::node::{EPOCH, Micros};
 
 /// How far the robot can get along its path in an epoch, m, with ample reserve; nearest points are
@@ -223,9 +224,20 @@ pub fn drive(
     manner: Manner,
     seed: u64,
     trial: u64,
-    mut observe: impl FnMut(&Moment),
+    observe: impl FnMut(&Moment),
 ) -> Result<Outcome, Error> {
     let mut simulation = Simulation::new(scenario, seed, trial)?;
+    drive_on(&mut simulation, scenario, route, manner, observe)
+}
+
+/// The same with a simulation that has been made for the scenario.
+pub fn drive_on(
+    simulation: &mut Simulation,
+    scenario: &Scenario,
+    route: &Route,
+    manner: Manner,
+    mut observe: impl FnMut(&Moment),
+) -> Result<Outcome, Error> {
     let settle = (scenario.mission.settle_s * 1e6) as Micros / EPOCH * EPOCH;
     let rest = (scenario.mission.rest_s * 1e6) as Micros;
     let expected = PATIENCE.0 * route.trajectory.duration() + PATIENCE.1;
@@ -237,18 +249,18 @@ pub fn drive(
     let mut done_at = None;
     while simulation.now() < limit {
         let now = simulation.now();
-        if now % EPOCH == 0 {
-            stream.feed(simulation.lead())?;
+        if now.is_multiple_of(EPOCH) {
+            stream.feed(simulation)?;
         }
         if now == settle {
-            simulation.lead().command(match manner {
+            simulation.order(&Order::Task(match manner {
                 Manner::Follow => Task::Follow,
                 Manner::Track => Task::Track,
-            });
+            }))?;
         }
-        simulation.step();
+        simulation.step()?;
         let now = simulation.now();
-        if now <= settle || now % EPOCH != 0 {
+        if now <= settle || !now.is_multiple_of(EPOCH) {
             continue;
         }
         let record = simulation.record();
@@ -294,6 +306,9 @@ pub fn drive(
                 break;
             }
         }
+        if simulation.end().is_some() {
+            break;
+        }
     }
     let end = route.end();
     let center = moment.record.lead.fused.robot.posture;
@@ -309,45 +324,51 @@ pub fn drive(
 }
 
 /// The points not yet sent to the robot.
-enum Stream {
-    Path(std::vec::IntoIter<PathPoint>),
-    Trajectory(std::vec::IntoIter<TrajectoryPoint>),
+struct Stream {
+    points: Points,
+    /// Whether the end has been declared.
+    ended: bool,
+}
+
+enum Points {
+    Path(Vec<PathPoint>),
+    Trajectory(Vec<TrajectoryPoint>),
 }
 
 impl Stream {
     fn new(route: &Route, manner: Manner) -> Self {
-        match manner {
-            Manner::Follow => Self::Path(route.path.points().into_iter()),
-            Manner::Track => Self::Trajectory(route.trajectory.to_points().into_iter()),
+        let points = match manner {
+            Manner::Follow => Points::Path(route.path.points()),
+            Manner::Track => Points::Trajectory(route.trajectory.to_points()),
+        };
+        Self {
+            points,
+            ended: false,
         }
     }
 
     /// Fills the robot's buffer and declares the end after the last point.
-    fn feed(&mut self, lead: &mut LeadNode) -> Result<(), Error> {
-        let refused = |error| Error::input(format!("path: {error}"));
-        let course = lead.course();
-        match self {
-            Self::Path(points) => {
-                while course.path_room() > 0
-                    && let Some(point) = points.next()
-                {
-                    course.push_path_point(point).map_err(refused)?;
-                }
-                if points.len() == 0 {
-                    course.finish_path();
-                }
-            }
-            Self::Trajectory(points) => {
-                while course.trajectory_room() > 0
-                    && let Some(point) = points.next()
-                {
-                    course.push_trajectory_point(point).map_err(refused)?;
-                }
-                if points.len() == 0 {
-                    course.finish_trajectory();
-                }
-            }
+    fn feed(&mut self, simulation: &mut Simulation) -> Result<(), Error> {
+        if self.ended {
+            return Ok(());
         }
+        let room = simulation.room();
+        self.ended = match &mut self.points {
+            Points::Path(points) => {
+                let fit = room.path.min(points.len());
+                let end = fit == points.len();
+                let now: Vec<_> = points.drain(..fit).collect();
+                simulation.order(&Order::Path(&now, end))?;
+                end
+            }
+            Points::Trajectory(points) => {
+                let fit = room.trajectory.min(points.len());
+                let end = fit == points.len();
+                let now: Vec<_> = points.drain(..fit).collect();
+                simulation.order(&Order::Trajectory(&now, end))?;
+                end
+            }
+        };
         Ok(())
     }
 }

@@ -2,20 +2,26 @@
 
 use crate::error::Error;
 use crate::kinematic_model::Model;
+use crate::pace::Pace;
 use crate::plant::{Plant, PlantConfig};
 use crate::scenario::Scenario;
-use crate::sensors::{Samples, Sensors, TrialImperfections, Truth};
-use crate::virtual_bus::{Board, VirtualBus};
+use crate::sensors::{Sensors, TrialImperfections, Truth};
+use crate::targets::{self, Boards, Order, Posted, Room, Target};
+use crate::trace::Trace;
+use crate::virtual_bus::VirtualBus;
 use core_algos::beam::PerGauge;
 use core_algos::bus::LeadMode;
 use core_algos::control::regulator::Phase;
 use core_algos::fusion::Estimate;
 use core_algos::fusion::tandem::Mode;
+use core_algos::hil::protocol::Place;
 use core_algos::math::Posture;
+use core_algos::node::board;
 use core_algos::node::lead::{self, Task};
-use core_algos::node::robot::{Robot, RobotConfig};
-use core_algos::node::{EPOCH, LEAD_PHASE, Micros, Outbox, TICK, axle};
+use core_algos::node::robot::RobotConfig;
+use core_algos::node::{EPOCH, Micros, TICK, axle};
 use std::f64::consts::{PI, TAU};
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
 /// State of the robot at the beginning of an epoch, for logs and pictures.
 #[derive(Clone, Copy, Debug, Default)]
@@ -89,18 +95,30 @@ pub struct Simulation {
     gauges: Vec<f64>,
     half_thickness: f64,
     converter_middle: i32,
-    rps: bool,
-    robot: Robot,
+    boards: Boards,
     bus: VirtualBus,
-    outbox: Outbox,
     torque: [[f64; 2]; 2],
     tick: u64,
     last_lead: lead::Output,
+    trace: Option<Trace>,
+    pace: Option<Pace>,
+    interrupt: Option<&'static AtomicBool>,
 }
 
 impl Simulation {
-    /// A robot at rest on its start, with the imperfections of this trial.
+    /// A robot at rest on its start, with the imperfections of this trial; its boards run in this
+    /// process.
     pub fn new(scenario: &Scenario, seed: u64, trial: u64) -> Result<Self, Error> {
+        Self::on(targets::in_process(), scenario, seed, trial)
+    }
+
+    /// The same with boards that run wherever they do.
+    pub fn on(
+        targets: [Box<dyn Target>; 3],
+        scenario: &Scenario,
+        seed: u64,
+        trial: u64,
+    ) -> Result<Self, Error> {
         let imperfections = TrialImperfections::draw(&scenario.sensors, seed, trial);
         let plant = true_plant(&scenario.plant, scenario.mission.rps, &imperfections);
         let mut plant = plant
@@ -111,21 +129,20 @@ impl Simulation {
             start[i] + imperfections.placement[i]
         }));
         let config = calibrated(scenario, &imperfections);
-        let mut robot = config.build()?;
         let placement = &scenario.sensors.placement;
         let sigma = (placement.position_sigma_m as f32).max(1e-4);
         let heading = (placement.heading_sigma_rad as f32).max(1e-4);
         let straight = config.geometry.frame_length_m + 2.0 * config.geometry.rigid_end_m;
-        robot.lead.initialize(
-            &Estimate::with_sigmas(
+        let place = Place {
+            center: Estimate::with_sigmas(
                 Posture::from(start.map(|v| v as f32)),
                 [sigma, sigma, heading],
             ),
-            &Estimate::with_sigmas(
+            relative: Estimate::with_sigmas(
                 Posture::new(straight, 0.0, 0.0),
                 config.lead.fusion.frame_sigmas,
             ),
-        );
+        };
         // Where the gauges really sit, along the flexible length.
         let gauges = config.beam.strip.gauges_m.iter();
         let gauges: Vec<f64> = gauges
@@ -142,24 +159,65 @@ impl Simulation {
             },
             converter_middle: scenario.sensors.bridge.full_scale_counts(),
             half_thickness: f64::from(config.geometry.half_thickness_m),
-            rps: scenario.mission.rps,
             gauges,
-            robot,
+            boards: Boards::start(targets, config, &place, scenario.mission.rps)?,
             bus: VirtualBus::new(
                 &scenario.bus,
                 seed ^ trial.wrapping_mul(0x9e37_79b9_7f4a_7c15),
             ),
-            outbox: Outbox::new(),
             torque: [[0.0; 2]; 2],
             tick: 0,
             last_lead: lead::Output::default(),
+            trace: None,
+            pace: None,
+            interrupt: None,
             plant,
         })
     }
 
-    /// The lead node.
-    pub fn lead(&mut self) -> &mut lead::LeadNode {
-        &mut self.robot.lead
+    /// Tells the lead node something.
+    pub fn order(&mut self, order: &Order) -> Result<(), Error> {
+        self.boards.order(order)
+    }
+
+    /// Points the lead node has room for, at the end of an epoch.
+    pub fn room(&mut self) -> Room {
+        self.boards.room()
+    }
+
+    /// The boards.
+    pub fn boards(&mut self) -> &mut Boards {
+        &mut self.boards
+    }
+
+    /// Why the run cannot go on, if so.
+    pub fn end(&self) -> Option<&str> {
+        self.boards.end(self.tick as u32)
+    }
+
+    /// From now on, keeps what the boards do.
+    pub fn record_trace(&mut self) {
+        self.trace = Some(Trace::default());
+    }
+
+    /// What the boards did since [`Self::record_trace`].
+    pub fn take_trace(&mut self) -> Option<Trace> {
+        self.trace.take()
+    }
+
+    /// From now on, no tick begins before its time on the clock.
+    pub fn keep_pace(&mut self) {
+        self.pace = Some(Pace::new());
+    }
+
+    /// Ticks that began more than a tick late, and the most a tick was late.
+    pub fn pace(&self) -> Option<&Pace> {
+        self.pace.as_ref()
+    }
+
+    /// A flag that ends the run with an error once it is set.
+    pub fn stop_on(&mut self, flag: &'static AtomicBool) {
+        self.interrupt = Some(flag);
     }
 
     /// The robot as it is.
@@ -179,59 +237,49 @@ impl Simulation {
 
     /// One millisecond: sample, deliver, run the nodes, move the plant. Torques take effect one
     /// tick late, as on the boards.
-    pub fn step(&mut self) {
-        let now = self.now();
+    pub fn step(&mut self) -> Result<(), Error> {
+        if let Some(pace) = &mut self.pace {
+            pace.wait();
+        }
+        if self.interrupt.is_some_and(|flag| flag.load(Relaxed)) {
+            return Err(Error::Failure("interrupted".to_owned()));
+        }
+        let (now, tick) = (self.now(), self.tick as u32);
         let samples = self.sample();
         let Self {
-            robot, bus, outbox, ..
+            boards, bus, trace, ..
         } = self;
-        bus.deliver(now, |board, message| match board {
-            Board::Front => {
-                robot.axles[0].receive(now, message);
-                robot.lead.receive(now, message);
-            }
-            Board::Rear => robot.axles[1].receive(now, message),
-            Board::Beam => {}
+        bus.deliver(now, |role, frame, message| {
+            boards.receive(role, now, frame, message);
         });
-        let mut torque = [[0.0; 2]; 2];
-        for i in 0..2 {
-            outbox.clear();
-            let output = robot.axles[i].step(
-                now,
-                &axle::Samples {
-                    encoder: samples.encoder_counts[i].map(Some),
-                    gyro_rad_s: samples.gyro[i],
-                    acceleration_m_s2: samples.accelerometer[i],
-                },
-                outbox,
-            );
-            torque[i] = output.torque_nm.map(f64::from);
-            for message in outbox.iter() {
-                bus.send(now, message);
+        let outputs = boards.tick(tick, &samples, &mut |posted| {
+            let frame = match posted {
+                Posted::Message(message) => bus.send(now, message),
+                Posted::Frame(frame) => bus.send_frame(now, frame),
+            };
+            if let (Some(trace), Some(frame)) = (trace.as_mut(), frame) {
+                trace.frame(tick, frame);
             }
+        })?;
+        let [front, rear, _] = &outputs;
+        if let Some(lead) = front.lead {
+            self.last_lead = lead;
         }
-        if self.rps {
-            outbox.clear();
-            // The board's converter counts from the lower rail.
-            let counts = samples.bridge_counts.map(|c| c + self.converter_middle);
-            robot.beam.step(now, &counts, outbox);
-            for message in outbox.iter() {
-                bus.send(now, message);
-            }
-        }
-        if now % EPOCH == LEAD_PHASE {
-            outbox.clear();
-            self.last_lead = robot.lead.step(now, outbox);
-            for message in outbox.iter() {
-                bus.send(now, message);
-            }
-        }
+        let torque = [front.torque_nm, rear.torque_nm];
         self.plant.step(self.torque);
-        self.torque = torque;
+        self.torque = torque.map(|axle| axle.map(f64::from));
         self.tick += 1;
+        if let Some(trace) = &mut self.trace {
+            trace.torque(torque);
+            if (self.tick * TICK).is_multiple_of(EPOCH) {
+                trace.lead(&self.last_lead);
+            }
+        }
+        Ok(())
     }
 
-    fn sample(&mut self) -> Samples {
+    /// What each board reads, in the order of [`board::Role::ALL`].
+    fn sample(&mut self) -> [board::Samples; 3] {
         let state = self.plant.state();
         for i in 0..2 {
             let axle = &state.axle[i];
@@ -242,7 +290,20 @@ impl Simulation {
         for (strain, &s) in self.truth.gauge_strain.iter_mut().zip(&self.gauges) {
             *strain = self.half_thickness * self.plant.curvature(s);
         }
-        self.sensors.sample(&self.truth)
+        let samples = self.sensors.sample(&self.truth);
+        let axle = |i: usize| {
+            board::Samples::Axle(axle::Samples {
+                encoder: samples.encoder_counts[i].map(Some),
+                gyro_rad_s: samples.gyro[i],
+                acceleration_m_s2: samples.accelerometer[i],
+            })
+        };
+        // The board's converter counts from the lower rail; where there is no gauge it reads none.
+        let mut counts = samples.bridge_counts;
+        for count in counts.iter_mut().take(self.gauges.len()) {
+            *count += self.converter_middle;
+        }
+        [axle(0), axle(1), board::Samples::Beam(counts)]
     }
 
     /// True bend of the frame, rad: half the angle between the axles (ψ).
@@ -390,30 +451,42 @@ pub fn regulate(
     scenario: &Scenario,
     seed: u64,
     trial: u64,
+    observe: impl FnMut(&Record),
+) -> Result<Outcome, Error> {
+    regulate_on(
+        &mut Simulation::new(scenario, seed, trial)?,
+        scenario,
+        observe,
+    )
+}
+
+/// The same with a simulation that has been made for the scenario.
+pub fn regulate_on(
+    simulation: &mut Simulation,
+    scenario: &Scenario,
     mut observe: impl FnMut(&Record),
 ) -> Result<Outcome, Error> {
-    let mut simulation = Simulation::new(scenario, seed, trial)?;
     let goal = Posture::from(scenario.mission.goal.map(|v| v as f32));
     let settle = (scenario.mission.settle_s * 1e6) as Micros;
     let limit = settle + (scenario.mission.time_limit_s * 1e6) as Micros;
     let rest = (scenario.mission.rest_s * 1e6) as Micros;
     let mut outcome = Outcome::default();
     let (mut force_square, mut count) = (0.0, 0u64);
-    let mut drive = Drive::new(&simulation);
+    let mut drive = Drive::new(simulation);
     let mut done_at = None;
     while simulation.now() < limit {
         let now = simulation.now();
         if now == settle {
-            simulation.lead().command(Task::Regulate { goal });
+            simulation.order(&Order::Task(Task::Regulate { goal }))?;
         }
-        simulation.step();
+        simulation.step()?;
         if now >= settle {
             let wrench = simulation.plant().wrench();
             force_square += wrench.force[0].powi(2) + wrench.force[1].powi(2);
             count += 1;
             drive.bend = drive.bend.max(simulation.bend().abs());
         }
-        if simulation.now() % EPOCH != 0 {
+        if !simulation.now().is_multiple_of(EPOCH) {
             continue;
         }
         let record = simulation.record();
@@ -430,6 +503,9 @@ pub fn regulate(
         }
         if lead.phase == Phase::GaveUp {
             outcome.gave_up = true;
+            break;
+        }
+        if simulation.end().is_some() {
             break;
         }
     }
@@ -465,7 +541,7 @@ mod tests {
         let mut simulation = Simulation::new(&Scenario::default(), 1, 0).unwrap();
         let start = simulation.plant().midpoint();
         for _ in 0..500 {
-            simulation.step();
+            simulation.step().unwrap();
         }
         let rest = simulation.plant().midpoint();
         assert!(
@@ -473,14 +549,16 @@ mod tests {
             "no task, no motion"
         );
         let goal = Posture::ORIGIN;
-        simulation.lead().command(Task::Regulate { goal });
+        simulation
+            .order(&Order::Task(Task::Regulate { goal }))
+            .unwrap();
         let moving = |simulation: &Simulation| {
             let axles = simulation.plant().state().axle;
             axles.iter().any(|axle| axle.torque != [0.0; 2])
         };
         let mut ticks = 0;
         while !moving(&simulation) {
-            simulation.step();
+            simulation.step().unwrap();
             ticks += 1;
             assert!(ticks < 500, "the task never reached the motors");
         }
@@ -492,16 +570,16 @@ mod tests {
     #[test]
     fn without_messages_the_motors_go_off() {
         let mut simulation = Simulation::new(&Scenario::default(), 1, 0).unwrap();
-        simulation.lead().command(Task::Regulate {
-            goal: Posture::ORIGIN,
-        });
+        let goal = Posture::ORIGIN;
+        let task = Order::Task(Task::Regulate { goal });
+        simulation.order(&task).unwrap();
         for _ in 0..3000 {
-            simulation.step();
+            simulation.step().unwrap();
         }
         assert!(simulation.lead_output().motion.v.abs() > 0.05, "under way");
         simulation.bus.cut();
         for _ in 0..200 {
-            simulation.step();
+            simulation.step().unwrap();
         }
         let axles = simulation.plant().state().axle;
         assert!(axles.iter().all(|axle| axle.torque == [0.0; 2]));

@@ -3,6 +3,7 @@
 use core_algos::bus::layout::{self, Node};
 use core_algos::bus::{self, EncodeError, Frame, Message};
 use core_algos::node::Micros;
+use core_algos::node::board::Role;
 use rand::RngExt;
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
@@ -53,29 +54,6 @@ impl BusConfig {
     }
 }
 
-/// Where a message can be received.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Board {
-    /// Front axle and lead node.
-    Front,
-    /// Rear axle.
-    Rear,
-    /// Beam.
-    Beam,
-}
-
-impl Board {
-    /// The board a node runs on; a service tool has none.
-    fn of(node: Node) -> Option<Self> {
-        match node {
-            Node::Lead | Node::FrontAxle => Some(Self::Front),
-            Node::RearAxle => Some(Self::Rear),
-            Node::Beam => Some(Self::Beam),
-            Node::Service => None,
-        }
-    }
-}
-
 /// What the bus counted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct BusStatistics {
@@ -90,6 +68,7 @@ pub struct BusStatistics {
 #[derive(Clone, Debug)]
 struct Transit {
     due: Micros,
+    frame: Frame,
     message: Message,
     received: [bool; 3],
 }
@@ -122,33 +101,42 @@ impl VirtualBus {
         }
     }
 
-    /// Sends a message at `now`. It is encoded and decoded as between real boards.
-    pub fn send(&mut self, now: Micros, message: &Message) {
+    /// Sends a message at `now`. It is encoded and decoded as between real boards; gives the frame
+    /// that was on the bus.
+    pub fn send(&mut self, now: Micros, message: &Message) -> Option<Frame> {
+        match bus::encode(message) {
+            Ok(frame) if self.quantise => self.send_frame(now, &frame),
+            Ok(frame) => self.transmit(now, &frame, *message),
+            Err(error) => {
+                self.statistics.sent += 1;
+                self.statistics.refused += 1;
+                self.last_error = Some(error);
+                None
+            }
+        }
+    }
+
+    /// Sends what a board has encoded itself.
+    pub fn send_frame(&mut self, now: Micros, frame: &Frame) -> Option<Frame> {
+        match bus::decode(frame) {
+            Ok(message) => self.transmit(now, frame, message),
+            Err(_) => {
+                self.statistics.sent += 1;
+                self.statistics.refused += 1;
+                None
+            }
+        }
+    }
+
+    fn transmit(&mut self, now: Micros, frame: &Frame, message: Message) -> Option<Frame> {
         self.statistics.sent += 1;
         if self.severed {
             self.statistics.lost += 1;
-            return;
+            return None;
         }
-        let frame = match bus::encode(message) {
-            Ok(frame) => frame,
-            Err(error) => {
-                self.statistics.refused += 1;
-                self.last_error = Some(error);
-                return;
-            }
-        };
-        let message = if self.quantise {
-            let Ok(message) = bus::decode(&frame) else {
-                self.statistics.refused += 1;
-                return;
-            };
-            message
-        } else {
-            *message
-        };
-        let origin = sender(&frame);
+        let origin = sender(frame);
         let mut received = [true; 3];
-        for board in [Board::Front, Board::Rear, Board::Beam] {
+        for board in Role::ALL {
             if Some(board) != origin && self.loss > 0.0 && self.rng.random::<f64>() < self.loss {
                 received[board as usize] = false;
                 self.statistics.lost += 1;
@@ -156,18 +144,20 @@ impl VirtualBus {
         }
         self.transit.push_back(Transit {
             due: now + self.latency,
+            frame: *frame,
             message,
             received,
         });
+        Some(*frame)
     }
 
     /// Hands every message that has arrived by `now` to `receive`, once for each board it reaches.
-    pub fn deliver(&mut self, now: Micros, mut receive: impl FnMut(Board, &Message)) {
+    pub fn deliver(&mut self, now: Micros, mut receive: impl FnMut(Role, &Frame, &Message)) {
         while self.transit.front().is_some_and(|first| first.due <= now) {
             if let Some(transit) = self.transit.pop_front() {
-                for board in [Board::Front, Board::Rear, Board::Beam] {
+                for board in Role::ALL {
                     if transit.received[board as usize] {
-                        receive(board, &transit.message);
+                        receive(board, &transit.frame, &transit.message);
                     }
                 }
             }
@@ -191,8 +181,14 @@ impl VirtualBus {
     }
 }
 
-fn sender(frame: &Frame) -> Option<Board> {
-    layout::find(frame.id).and_then(|layout| Board::of(layout.sender))
+/// The board that sends a frame; a service tool is none.
+fn sender(frame: &Frame) -> Option<Role> {
+    match layout::find(frame.id)?.sender {
+        Node::Lead | Node::FrontAxle => Some(Role::Front),
+        Node::RearAxle => Some(Role::Rear),
+        Node::Beam => Some(Role::Beam),
+        Node::Service => None,
+    }
 }
 
 #[cfg(test)]
@@ -220,11 +216,14 @@ mod tests {
         bus.send(0, &status(1));
         bus.send(0, &status(2));
         let mut seen = Vec::new();
-        bus.deliver(2_000, |_, _| unreachable!("too early"));
-        bus.deliver(3_000, |board, message| seen.push((board, *message)));
+        bus.deliver(2_000, |_, _, _| unreachable!("too early"));
+        bus.deliver(3_000, |board, frame, message| {
+            assert_eq!(bus::decode(frame), Ok(*message));
+            seen.push((board, *message));
+        });
         assert_eq!(seen.len(), 6);
-        assert_eq!(seen[0], (Board::Front, status(1)));
-        assert_eq!(seen[5], (Board::Beam, status(2)));
+        assert_eq!(seen[0], (Role::Front, status(1)));
+        assert_eq!(seen[5], (Role::Beam, status(2)));
     }
 
     #[test]
@@ -245,10 +244,10 @@ mod tests {
                     posture: Posture::ORIGIN,
                 },
             );
-            bus.deliver(i, |board, _| count[board as usize] += 1);
+            bus.deliver(i, |board, _, _| count[board as usize] += 1);
         }
-        assert_eq!(count[Board::Rear as usize], 10_000);
-        for board in [Board::Front, Board::Beam] {
+        assert_eq!(count[Role::Rear as usize], 10_000);
+        for board in [Role::Front, Role::Beam] {
             // Five standard deviations of a binomial count.
             assert!((count[board as usize] - 7_000i32).abs() < 230);
         }
@@ -272,7 +271,7 @@ mod tests {
                 },
             );
             let mut received = None;
-            bus.deliver(2_000, |_, message| received = Some(*message));
+            bus.deliver(2_000, |_, _, message| received = Some(*message));
             match received {
                 Some(Message::AxlePosture { posture, .. }) => posture.x,
                 other => panic!("{other:?}"),

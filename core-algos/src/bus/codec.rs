@@ -333,6 +333,7 @@ fn to_values(message: &Message) -> (u16, Values) {
             yaw_rate_rad_s,
             refused,
             gyro_samples,
+            uptime,
         } => (
             pick(axle, id::AXLE_MOTION),
             [
@@ -341,7 +342,7 @@ fn to_values(message: &Message) -> (u16, Values) {
                 yaw_rate_rad_s,
                 f32::from(refused),
                 f32::from(gyro_samples),
-                0.0,
+                f32::from(uptime),
                 0.0,
             ],
         ),
@@ -486,6 +487,7 @@ fn from_values(identifier: u16, values: &Values) -> Option<Message> {
             yaw_rate_rad_s: values[2],
             refused: values[3] as u8,
             gyro_samples: values[4] as u8,
+            uptime: values[5] as u8,
         },
         _ if of_axle(id::AXLE_UNCERTAINTY) => Message::AxleUncertainty {
             axle,

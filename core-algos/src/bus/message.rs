@@ -203,6 +203,8 @@ pub enum Message {
         refused: u8,
         /// Yaw-rate samples that took part in the odometry since the last message, at most 255.
         gyro_samples: u8,
+        /// Epochs since the axle node was started and its odometric frame began, at most 255.
+        uptime: u8,
     },
     /// Covariance of the odometric increment of an axle over the last epoch, in the axle's frame
     /// at the beginning of that epoch.

@@ -36,6 +36,7 @@ use super::compound::Chain;
 use super::ekf::{Keyframe, Verdict};
 use super::track::{self, Sensitivity, Track};
 use super::{Estimate, constants, intersection, ipec, joint};
+use crate::bus::Axle;
 use crate::config::{ConfigError, in_range, non_negative, positive};
 use crate::math::Posture;
 use crate::math::matrix::{self, Mat3};
@@ -487,6 +488,36 @@ impl Tandem {
         }
         state.tracks = tracks;
         output
+    }
+
+    /// Whether the beam takes part.
+    pub fn uses_beam(&self) -> bool {
+        self.mode != Mode::Odometry
+    }
+
+    /// Starts again from the axle whose estimate still holds and the beam, when the other axle's has
+    /// been lost; `last` is the output of the step before. What was learnt of constants is lost too.
+    pub fn rejoin(&self, state: &mut State, known: Axle, last: &Output, beam: &Estimate) -> Output {
+        let (base, chain) = match known {
+            Axle::Front => (
+                &last.front,
+                Chain::midpoint_from_front(last.front.posture, beam.posture),
+            ),
+            Axle::Rear => (
+                &last.rear,
+                Chain::midpoint_from_rear(last.rear.posture, beam.posture),
+            ),
+        };
+        let covariance = matrix::add(
+            &matrix::propagate(&chain.by_base, &base.covariance),
+            &matrix::propagate(&chain.by_relative, &beam.covariance),
+        );
+        *state = State {
+            beam_gated: state.beam_gated,
+            beam_invalid: state.beam_invalid,
+            ..self.start_at(&Estimate::new(chain.posture, covariance), beam)
+        };
+        self.step(state, &Inputs::default())
     }
 
     /// The increment with slip added; none is a stay.

@@ -10,7 +10,7 @@
 //! [`Config::build`] validates; nothing else can fail. Without a fresh reference, or with any
 //! number that is not finite, the torques are zero.
 
-use super::{Micros, Outbox, Stamped, epoch_start, is_epoch_start, seconds, sequence};
+use super::{EPOCH, Micros, Outbox, Stamped, epoch_start, is_epoch_start, seconds, sequence};
 use crate::bus::{Axle, LeadMode, Message, layout};
 use crate::config::{ConfigError, in_range, positive};
 use crate::control::cascade::AxleReference;
@@ -140,6 +140,8 @@ pub struct Output {
 /// All that changes in an axle node.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct State {
+    /// Time of the first step.
+    started: Option<Micros>,
     wheels: [wheel_observer::State; 2],
     filter: ekf::State,
     rest: RestDetector,
@@ -161,6 +163,7 @@ pub struct State {
 impl State {
     fn new() -> Self {
         Self {
+            started: None,
             wheels: [wheel_observer::State::default(); 2],
             // The odometric frame is where the axle stands: its origin is exact by definition.
             filter: ekf::State::at_rest(
@@ -275,6 +278,7 @@ impl AxleNode {
 
     /// One tick at `now`. Reports go to `outbox` at the beginning of an epoch.
     pub fn step(&mut self, now: Micros, samples: &Samples, outbox: &mut Outbox) -> Output {
+        self.state.started.get_or_insert(now);
         let speeds = self.estimate(samples);
         if is_epoch_start(now) {
             self.report(now, outbox);
@@ -352,6 +356,8 @@ impl AxleNode {
 
     fn report(&mut self, now: Micros, outbox: &mut Outbox) {
         let (axle, sequence) = (self.axle, sequence(now));
+        let started = self.state.started.unwrap_or(now);
+        let epochs = now.saturating_sub(started) / EPOCH;
         let keyframe = self.state.filter.take_increment();
         let twist = self.state.filter.twist();
         let covariance: Mat3 = keyframe.covariance;
@@ -367,6 +373,7 @@ impl AxleNode {
             yaw_rate_rad_s: twist.omega,
             refused: self.state.refused,
             gyro_samples: self.state.gyro_samples,
+            uptime: u8::try_from(epochs).unwrap_or(u8::MAX),
         });
         outbox.push(Message::AxleUncertainty {
             axle,
@@ -462,7 +469,7 @@ impl State {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::node::{EPOCH, TICK};
+    use crate::node::TICK;
     use core::f64::consts::TAU;
 
     fn node(axle: Axle) -> AxleNode {

@@ -26,7 +26,7 @@ use crate::control::regulator::{self, Phase, Regulator};
 use crate::fusion::Estimate;
 use crate::fusion::tandem::{self, Increment, Tandem};
 use crate::math::Posture;
-use crate::math::matrix::{Mat3, scale};
+use crate::math::matrix::{Mat3, diagonal, scale};
 
 /// Steps of an axle in an epoch.
 const TICKS_PER_EPOCH: f32 = (EPOCH / TICK) as f32;
@@ -101,13 +101,67 @@ pub enum Task {
     Track,
 }
 
+/// Time after which the filter of an axle that was restarted on the move, and takes itself to be at
+/// rest, has settled.
+const SETTLING: Micros = 100_000;
+/// Time that is waited for the beam to find a restarted axle by.
+const REJOIN_PATIENCE: Micros = 500_000;
+/// Standard deviations of what an axle may have moved beside the other one while its board was
+/// being restarted (m, m, rad): the frame may have straightened. Only the beam can tell better.
+const RESTART_SIGMAS: [f32; 3] = [0.1, 0.1, 0.3];
+
 /// The latest report of one axle.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct AxleReport {
+    /// Latest posture and time since the start, maybe not of one epoch.
     posture: Option<Stamped<Posture>>,
+    uptime: Option<Stamped<Micros>>,
+    /// Latest posture whose time since the start is known: a posture alone does not tell whether
+    /// it is still one of the same odometric frame.
+    whole: Option<(Stamped<Posture>, Micros)>,
     uncertainty: Option<Stamped<Mat3>>,
     /// Share of the axle's ticks in which its gyro took part.
     gyro_share: f32,
+}
+
+impl AxleReport {
+    fn pair(&mut self) {
+        if let (Some(posture), Some(uptime)) = (self.posture, self.uptime)
+            && posture.time == uptime.time
+        {
+            self.whole = Some((posture, uptime.value));
+        }
+    }
+}
+
+/// How an axle has moved since the last step of the lead node.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Advance {
+    /// Nothing new came, or nothing to compare it with.
+    Unknown,
+    /// By its odometry.
+    Moved(Increment),
+    /// Its odometry began anew on the way, which took this many epochs.
+    Restarted { ticks: u16 },
+}
+
+impl Advance {
+    /// The motion; that of an axle that was restarted is the `other`'s, give or take the frame.
+    fn increment(&self, other: &Self) -> Option<Increment> {
+        match (self, other) {
+            (Self::Unknown, _) => None,
+            (Self::Moved(increment), _) => Some(*increment),
+            (Self::Restarted { ticks }, other) => Some(Increment {
+                posture: match other {
+                    Self::Moved(increment) => increment.posture,
+                    _ => Posture::ORIGIN,
+                },
+                covariance: diagonal(RESTART_SIGMAS.map(|sigma| sigma * sigma)),
+                ticks: *ticks,
+                gyro_share: 0.0,
+            }),
+        }
+    }
 }
 
 /// One axle as the lead node knows it.
@@ -119,27 +173,40 @@ struct AxleTrack {
 }
 
 impl AxleTrack {
-    /// The motion since the last step, however many epochs it spans; `None` if nothing new came.
-    fn advance(&mut self) -> Option<Increment> {
-        let latest = self.report.posture?;
+    /// Time since the axle was started, if that was after the last step. After a silence longer than
+    /// the time it can tell, it may have been.
+    fn restarted(&self) -> Option<Micros> {
+        let (latest, uptime) = self.report.whole?;
+        (uptime < latest.time.saturating_sub(self.odometry?.time)).then_some(uptime)
+    }
+
+    /// The motion since the last step, however many epochs it spans.
+    fn advance(&mut self) -> Advance {
+        let Some((latest, uptime)) = self.report.whole else {
+            return Advance::Unknown;
+        };
         let Some(last) = self.odometry else {
             self.odometry = Some(latest);
-            return None;
+            return Advance::Unknown;
         };
         if latest.time <= last.time {
-            return None;
+            return Advance::Unknown;
         }
         self.odometry = Some(latest);
+        let span = latest.time - last.time;
+        let ticks = (span / EPOCH).min(u64::from(u16::MAX)) as u16;
+        if uptime < span {
+            return Advance::Restarted { ticks };
+        }
         // Positions repeat after a span of the bus, so only their wrapped difference counts.
         let moved = Posture::new(
             wrap_position(latest.value.x - last.value.x),
             wrap_position(latest.value.y - last.value.y),
             latest.value.phi,
         );
-        let ticks = ((latest.time - last.time) / EPOCH).min(u64::from(u16::MAX)) as u16;
         // The tier adds slip of its own, so a covariance that never came leaves some.
         let covariance = self.report.uncertainty.map_or([[0.0; 3]; 3], |u| u.value);
-        Some(Increment {
+        Advance::Moved(Increment {
             posture: moved.relative_to(Posture::new(0.0, 0.0, last.value.phi)),
             covariance: scale(&covariance, f32::from(ticks)),
             ticks,
@@ -265,12 +332,20 @@ impl LeadNode {
             } => {
                 let report = &mut self.state.tracks[axle.index()].report;
                 report.posture = Some(Stamped::new(posture, epoch_start(now, sequence)));
+                report.pair();
             }
             Message::AxleMotion {
-                axle, gyro_samples, ..
+                axle,
+                sequence,
+                gyro_samples,
+                uptime,
+                ..
             } => {
                 let report = &mut self.state.tracks[axle.index()].report;
+                let uptime = Micros::from(uptime) * EPOCH;
+                report.uptime = Some(Stamped::new(uptime, epoch_start(now, sequence)));
                 report.gyro_share = (f32::from(gyro_samples) / TICKS_PER_EPOCH).min(1.0);
+                report.pair();
             }
             Message::AxleUncertainty {
                 axle,
@@ -373,12 +448,10 @@ impl LeadNode {
     fn fuse(&mut self, now: Micros) -> Option<tandem::Output> {
         let state = &mut self.state;
         let fusion = state.fusion.as_mut()?;
-        let mut increments = [None; 2];
-        for (track, increment) in state.tracks.iter_mut().zip(&mut increments) {
-            if track.report.posture?.age(now) > self.report_timeout {
+        for track in &state.tracks {
+            if track.report.whole?.0.age(now) > self.report_timeout {
                 return None;
             }
-            *increment = track.advance();
         }
         // The beam speaks of the same instant as both odometries, or not at all.
         let epoch = epoch_start(now, sequence(now));
@@ -391,11 +464,34 @@ impl LeadNode {
             }
             _ => None,
         };
-        let [front, rear] = increments;
-        Some(
-            self.fusion
-                .step(fusion, &tandem::Inputs { front, rear, beam }),
-        )
+        let restarted = state.tracks.each_ref().map(AxleTrack::restarted);
+        let patience = match beam.is_none() && self.fusion.uses_beam() {
+            true => REJOIN_PATIENCE,
+            false => SETTLING,
+        };
+        if restarted.iter().flatten().any(|uptime| *uptime < patience) {
+            return None;
+        }
+        let [front, rear] = state.tracks.each_mut().map(AxleTrack::advance);
+        let known = match restarted {
+            [None, Some(_)] => Some(Axle::Front),
+            [Some(_), None] => Some(Axle::Rear),
+            _ => None,
+        };
+        let lost = restarted != [None; 2];
+        let inputs = tandem::Inputs {
+            front: front.increment(&rear),
+            rear: rear.increment(&front),
+            // The frame may have bent by more than an update of the estimate can follow.
+            beam: beam.filter(|_| !lost),
+        };
+        let output = self.fusion.step(fusion, &inputs);
+        match (known, beam) {
+            (Some(axle), Some(beam)) if self.fusion.uses_beam() => {
+                Some(self.fusion.rejoin(fusion, axle, &output, &beam))
+            }
+            _ => Some(output),
+        }
     }
 
     fn idle(&mut self, now: Micros, outbox: &mut Outbox) -> Output {
@@ -451,5 +547,92 @@ impl LeadNode {
                 yaw_acceleration_rad_s2: reference.acceleration.omega,
             });
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::node::LEAD_PHASE;
+    use crate::node::robot::RobotConfig;
+
+    /// Reports of both axles at the beginning of an epoch, and the lead node's step.
+    fn epoch(node: &mut LeadNode, number: u64, axles: [(Posture, u8); 2]) -> Output {
+        let now = number * EPOCH;
+        for axle in Axle::BOTH {
+            let (posture, uptime) = axles[axle.index()];
+            let sequence = sequence(now);
+            node.receive(
+                now,
+                &Message::AxlePosture {
+                    axle,
+                    sequence,
+                    posture,
+                },
+            );
+            node.receive(
+                now,
+                &Message::AxleMotion {
+                    axle,
+                    sequence,
+                    velocity_m_s: 0.0,
+                    yaw_rate_rad_s: 0.0,
+                    refused: 0,
+                    gyro_samples: 0,
+                    uptime,
+                },
+            );
+        }
+        node.step(now + LEAD_PHASE, &mut Outbox::new())
+    }
+
+    fn node() -> LeadNode {
+        let mut node = RobotConfig::default().build_lead().unwrap();
+        let relative = Posture::new(0.37, 0.0, 0.0);
+        node.initialize(
+            &Estimate::with_sigmas(Posture::ORIGIN, [1e-3; 3]),
+            &Estimate::with_sigmas(relative, [1e-3; 3]),
+        );
+        node
+    }
+
+    #[test]
+    fn odometry_that_begins_anew_is_no_motion() {
+        let mut node = node();
+        let at = |x: f32| Posture::new(x, 0.0, 0.0);
+        for number in 0..100 {
+            let x = 0.002 * number as f32;
+            epoch(&mut node, number, [(at(x), number as u8); 2]);
+        }
+        let front = at(0.2);
+        let mut last = Output::default();
+        // The rear axle is silent for a while and then back at its origin; there is no beam.
+        for number in 130..200 {
+            let axles = [(front, number as u8), (at(0.0), number as u8 - 130)];
+            let output = epoch(&mut node, number, axles);
+            // Until its filter has settled and the beam has had its time, nothing is assumed.
+            assert_eq!(output.fused == tandem::Output::default(), number < 180);
+            last = output;
+        }
+        let [front, rear] = [last.fused.front.posture, last.fused.rear.posture];
+        assert!((front.x - 0.385).abs() < 5e-3, "{front:?}");
+        assert!((rear.x - 0.015).abs() < 5e-3, "{rear:?}");
+        let sigma = |estimate: &Estimate| estimate.covariance[2][2].max(0.0);
+        assert!(sigma(&last.fused.rear) > 100.0 * sigma(&last.fused.front));
+        // Afterwards it moves as it says.
+        let axles = [(at(0.21), 200), (at(0.01), 70)];
+        let output = epoch(&mut node, 200, axles);
+        assert!((output.fused.rear.posture.x - rear.x - 0.01).abs() < 1e-4);
+    }
+
+    #[test]
+    fn a_long_silence_of_the_bus_is_no_restart() {
+        let mut node = node();
+        let at = |x: f32| Posture::new(x, 0.0, 0.0);
+        epoch(&mut node, 0, [(at(0.0), 0); 2]);
+        let before = epoch(&mut node, 1, [(at(0.0), 1); 2]);
+        let after = epoch(&mut node, 101, [(at(0.25), 101); 2]);
+        let moved = after.fused.robot.posture.x - before.fused.robot.posture.x;
+        assert!((moved - 0.25).abs() < 1e-4, "{moved}");
     }
 }

@@ -1,0 +1,321 @@
+//! The boards of one robot in lockstep, with those that fail and come back.
+//!
+//! # When a board is lost
+//!
+//! A board that is off sends nothing and gives no torque; the others notice by the age of its
+//! messages and switch their motors off. What then can go on, goes on:
+//!
+//! - **Rear axle restarted**: the lead node sees that its odometry began anew, and drives on.
+//! - **Beam restarted or lost**: the robot drives on, meanwhile by odometry alone.
+//! - **Front board restarted**: the estimate of where the robot stands went with its lead node,
+//!   and nothing on the robot can give it back; a guess would send the robot somewhere. The run
+//!   ends, with the motors off.
+//! - **An axle lost for good**: the run ends, at rest.
+
+use super::{Fault, Order, Output, Posted, Report, Room, Target};
+use crate::error::Error;
+use core_algos::bus::{Frame, Message};
+use core_algos::hil::protocol::Place;
+use core_algos::node::Micros;
+use core_algos::node::board::{Role, Samples};
+use core_algos::node::robot::RobotConfig;
+use serde::Serialize;
+use std::fmt;
+
+/// Time the run goes on after it is clear that it must end, ticks: the motors go off within it.
+const GRACE: u32 = 500;
+
+/// A board that is to be switched off, and on again.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Failure {
+    /// Which board.
+    pub role: Role,
+    /// When, ms from the start of the simulation.
+    pub at: u32,
+}
+
+/// What happened to a board.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum What {
+    /// It went off, and why.
+    Lost(String),
+    /// The motors of all other axles were off, this many ms after it was lost.
+    MotorsOff(u32),
+    /// It was started again.
+    Restarted,
+}
+
+/// What happened to a board, and when.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Event {
+    /// Time, s.
+    pub time_s: f64,
+    /// Which board.
+    pub role: &'static str,
+    /// What.
+    pub what: What,
+}
+
+impl fmt::Display for Event {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { time_s, role, what } = self;
+        write!(f, "{time_s:.3} s: ")?;
+        match what {
+            What::Lost(why) => write!(f, "{role} board lost: {why}"),
+            What::MotorsOff(after) => write!(
+                f,
+                "all other motors off {after} ms after the {role} board was lost"
+            ),
+            What::Restarted => write!(f, "{role} board restarted"),
+        }
+    }
+}
+
+struct Slot {
+    role: Role,
+    target: Box<dyn Target>,
+    /// Not fitted, or switched off.
+    on: bool,
+    /// When it is to be switched on again, ms.
+    revival: Option<u32>,
+}
+
+/// The boards.
+pub struct Boards {
+    slots: [Slot; 3],
+    config: RobotConfig,
+    failures: Vec<Failure>,
+    restart_after: Option<u32>,
+    events: Vec<Event>,
+    /// The axle that was lost last, and when, until the other's motors are off.
+    watched: Option<(Role, u32)>,
+    /// Why the run ends, and when.
+    end: Option<(String, u32)>,
+}
+
+impl Boards {
+    /// Starts the boards; without the relative position sensor there is no beam board.
+    pub fn start(
+        targets: [Box<dyn Target>; 3],
+        config: RobotConfig,
+        place: &Place,
+        rps: bool,
+    ) -> Result<Self, Error> {
+        let [front, rear, beam] = targets;
+        let slot = |role, target| Slot {
+            role,
+            target,
+            on: role != Role::Beam || rps,
+            revival: None,
+        };
+        let mut slots = [
+            slot(Role::Front, front),
+            slot(Role::Rear, rear),
+            slot(Role::Beam, beam),
+        ];
+        for slot in slots.iter_mut().filter(|slot| slot.on) {
+            let place = (slot.role == Role::Front).then_some(place);
+            slot.target
+                .start(&config, 0, place)
+                .map_err(|fault| fatal(slot.role, fault))?;
+        }
+        Ok(Self {
+            slots,
+            config,
+            failures: Vec::new(),
+            restart_after: None,
+            events: Vec::new(),
+            watched: None,
+            end: None,
+        })
+    }
+
+    /// Boards to be switched off on the way; any board that is lost is switched on again
+    /// `restart_after` ms later.
+    pub fn plan(&mut self, failures: Vec<Failure>, restart_after: Option<u32>) {
+        self.failures = failures;
+        self.restart_after = restart_after;
+    }
+
+    /// What happened to the boards so far.
+    pub fn events(&self) -> &[Event] {
+        &self.events
+    }
+
+    /// Why the run cannot go on at `tick`, if so.
+    pub fn end(&self, tick: u32) -> Option<&str> {
+        let (why, at) = self.end.as_ref()?;
+        (tick >= *at).then_some(why)
+    }
+
+    /// What is known of each board that was fitted.
+    pub fn reports(&self) -> Vec<Report> {
+        let fitted = |slot: &&Slot| slot.on || slot.revival.is_some() || self.was_lost(slot.role);
+        let slots = self.slots.iter().filter(fitted);
+        slots.map(|slot| slot.target.report()).collect()
+    }
+
+    fn was_lost(&self, role: Role) -> bool {
+        self.events.iter().any(|event| event.role == role.name())
+    }
+
+    /// Tells the lead node something; a front board that is off does not hear it.
+    pub fn order(&mut self, order: &Order) -> Result<(), Error> {
+        let [front, ..] = &mut self.slots;
+        if !front.on {
+            return Ok(());
+        }
+        match front.target.order(order) {
+            // The tick that follows finds out as well, and deals with it.
+            Ok(()) | Err(Fault::Restarted | Fault::Silent(_)) => Ok(()),
+            Err(Fault::Fatal(error)) => Err(error),
+        }
+    }
+
+    /// Room in the lead node's buffers.
+    pub fn room(&mut self) -> Room {
+        let [front, ..] = &mut self.slots;
+        match front.on {
+            true => front.target.room(),
+            false => Room {
+                path: 0,
+                trajectory: 0,
+            },
+        }
+    }
+
+    /// A message that reaches a board at `now`.
+    pub fn receive(&mut self, role: Role, now: Micros, frame: &Frame, message: &Message) {
+        let slot = &mut self.slots[role as usize];
+        if slot.on {
+            slot.target.receive(now, frame, message);
+        }
+    }
+
+    /// One tick of all boards, in the order of [`Role::ALL`].
+    pub fn tick(
+        &mut self,
+        tick: u32,
+        samples: &[Samples; 3],
+        post: &mut dyn FnMut(Posted),
+    ) -> Result<[Output; 3], Error> {
+        self.switch(tick)?;
+        for i in 0..3 {
+            if self.slots[i].on {
+                let begun = self.slots[i].target.begin(tick, &samples[i]);
+                self.judge(i, tick, begun)?;
+            }
+        }
+        let mut outputs = [Output::default(); 3];
+        for (i, output) in outputs.iter_mut().enumerate() {
+            if self.slots[i].on {
+                let finished = self.slots[i].target.finish(post);
+                *output = self.judge(i, tick, finished)?.unwrap_or_default();
+            }
+        }
+        self.watch(tick, &outputs);
+        Ok(outputs)
+    }
+
+    /// Switches boards off and on.
+    fn switch(&mut self, tick: u32) -> Result<(), Error> {
+        for i in 0..3 {
+            let role = self.slots[i].role;
+            if self.slots[i].on && self.failures.contains(&Failure { role, at: tick }) {
+                self.slots[i].target.kill()?;
+                self.lost(i, tick, "switched off".to_owned(), self.restart_after);
+            }
+            if self.slots[i].revival == Some(tick) {
+                self.slots[i].target.revive()?;
+                self.restart(i, tick)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// The value, or what its lack means.
+    fn judge<T>(
+        &mut self,
+        i: usize,
+        tick: u32,
+        result: Result<T, Fault>,
+    ) -> Result<Option<T>, Error> {
+        match result {
+            Ok(value) => Ok(Some(value)),
+            Err(Fault::Fatal(error)) => Err(error),
+            Err(Fault::Silent(why)) => {
+                self.lost(i, tick, why, self.restart_after);
+                Ok(None)
+            }
+            Err(Fault::Restarted) => {
+                self.lost(i, tick, "restarted by itself".to_owned(), Some(1));
+                self.restart(i, tick + 1)?;
+                Ok(None)
+            }
+        }
+    }
+
+    /// A board has gone off, to be switched on again after some ms or not at all.
+    fn lost(&mut self, i: usize, tick: u32, why: String, restart_after: Option<u32>) {
+        let role = self.slots[i].role;
+        self.slots[i].on = false;
+        self.slots[i].revival = restart_after.map(|after| tick + after.max(1));
+        self.record(tick, role, What::Lost(why));
+        if role == Role::Beam {
+            return;
+        }
+        self.watched = Some((role, tick));
+        if restart_after.is_none() {
+            let why = format!("the {} board was lost", role.name());
+            self.end.get_or_insert((why, tick + GRACE));
+        }
+    }
+
+    fn restart(&mut self, i: usize, tick: u32) -> Result<(), Error> {
+        let slot = &mut self.slots[i];
+        let role = slot.role;
+        slot.revival = None;
+        slot.target
+            .start(&self.config, tick, None)
+            .map_err(|fault| fatal(role, fault))?;
+        slot.on = true;
+        self.record(tick, role, What::Restarted);
+        if role == Role::Front {
+            let why = "the front board was restarted, and with its lead node the estimate of where \
+                       the robot stands was lost";
+            self.end.get_or_insert((why.to_owned(), tick + GRACE));
+        }
+        Ok(())
+    }
+
+    /// Notes when the motors of the others are off.
+    fn watch(&mut self, tick: u32, outputs: &[Output; 3]) {
+        // A board that has been lost has no motors that it could drive.
+        let off = outputs.iter().all(|output| output.torque_nm == [0.0; 2]);
+        if let (Some((role, since)), true) = (self.watched, off) {
+            self.record(tick, role, What::MotorsOff(tick - since));
+            self.watched = None;
+        }
+    }
+
+    fn record(&mut self, tick: u32, role: Role, what: What) {
+        let event = Event {
+            time_s: f64::from(tick) * 1e-3,
+            role: role.name(),
+            what,
+        };
+        self.events.push(event);
+    }
+}
+
+fn fatal(role: Role, fault: Fault) -> Error {
+    match fault {
+        Fault::Fatal(error) => error,
+        Fault::Silent(why) => Error::Failure(format!("{} board: {why}", role.name())),
+        Fault::Restarted => Error::Failure(format!(
+            "{} board: was restarted while it was being started",
+            role.name()
+        )),
+    }
+}

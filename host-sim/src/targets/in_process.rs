@@ -1,0 +1,139 @@
+//! A board's nodes called directly.
+
+use super::{Fault, Order, Output, Posted, Report, Room, Target};
+use crate::error::Error;
+use core_algos::bus::{Frame, Message};
+use core_algos::hil::protocol::Place;
+use core_algos::node::board::{Board, Role, Samples};
+use core_algos::node::lead::LeadNode;
+use core_algos::node::robot::RobotConfig;
+use core_algos::node::{Micros, Outbox, TICK};
+
+/// A board in this process.
+pub struct InProcess {
+    role: Role,
+    board: Option<Board>,
+    tick: Option<(u32, Samples)>,
+    outbox: Outbox,
+}
+
+impl InProcess {
+    /// A board that has not been started.
+    pub fn new(role: Role) -> Self {
+        Self {
+            role,
+            board: None,
+            tick: None,
+            outbox: Outbox::new(),
+        }
+    }
+
+    fn off(&self) -> Fault {
+        Fault::Silent(format!("{} board is off", self.role.name()))
+    }
+
+    fn lead(&mut self) -> Option<&mut LeadNode> {
+        self.board.as_mut().and_then(Board::lead)
+    }
+}
+
+impl Target for InProcess {
+    fn start(
+        &mut self,
+        config: &RobotConfig,
+        _tick: u32,
+        place: Option<&Place>,
+    ) -> Result<(), Fault> {
+        self.board = Some(Board::new(config, self.role).map_err(Error::from)?);
+        if let (Some(place), Some(lead)) = (place, self.lead()) {
+            lead.initialize(&place.center, &place.relative);
+        }
+        Ok(())
+    }
+
+    fn order(&mut self, order: &Order) -> Result<(), Fault> {
+        let off = self.off();
+        let lead = self.lead().ok_or(off)?;
+        let refused = |error| Error::input(format!("path: {error}"));
+        match *order {
+            Order::Task(task) => lead.command(task),
+            Order::Path(points, end) => {
+                let course = lead.course();
+                for point in points {
+                    course.push_path_point(*point).map_err(refused)?;
+                }
+                if end {
+                    course.finish_path();
+                }
+            }
+            Order::Trajectory(points, end) => {
+                let course = lead.course();
+                for point in points {
+                    course.push_trajectory_point(*point).map_err(refused)?;
+                }
+                if end {
+                    course.finish_trajectory();
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn room(&mut self) -> Room {
+        let course = self.lead().map(LeadNode::course);
+        Room {
+            path: course.as_ref().map_or(0, |course| course.path_room()),
+            trajectory: course.map_or(0, |course| course.trajectory_room()),
+        }
+    }
+
+    fn receive(&mut self, now: Micros, _frame: &Frame, message: &Message) {
+        if let Some(board) = &mut self.board {
+            board.receive(now, message);
+        }
+    }
+
+    fn begin(&mut self, tick: u32, samples: &Samples) -> Result<(), Fault> {
+        self.tick = Some((tick, *samples));
+        Ok(())
+    }
+
+    fn finish(&mut self, post: &mut dyn FnMut(Posted)) -> Result<Output, Fault> {
+        let off = self.off();
+        let (Some(board), Some((tick, samples))) = (&mut self.board, self.tick.take()) else {
+            return Err(off);
+        };
+        self.outbox.clear();
+        let output = board.step(Micros::from(tick) * TICK, &samples, &mut self.outbox);
+        for message in self.outbox.iter() {
+            post(Posted::Message(message));
+        }
+        Ok(Output {
+            torque_nm: output.torque_nm,
+            lead: output.lead,
+        })
+    }
+
+    fn kill(&mut self) -> Result<(), Error> {
+        self.board = None;
+        Ok(())
+    }
+
+    fn revive(&mut self) -> Result<(), Error> {
+        Ok(())
+    }
+
+    fn report(&self) -> Report {
+        Report {
+            role: self.role.name(),
+            target: "in process",
+            build: env!("CARGO_PKG_VERSION").to_owned(),
+            frames: 0,
+            lost: 0,
+            damaged: 0,
+            sent_per_tick: 0.0,
+            received_per_tick: 0.0,
+            latency: None,
+        }
+    }
+}

@@ -1,0 +1,157 @@
+//! Where a board's nodes run: in this process, or behind a serial link.
+//!
+//! The simulation speaks to all boards alike. Each tick it hands a board the messages that arrived
+//! and its samples ([`Target::receive`], [`Target::begin`]) and then takes its torques and messages
+//! ([`Target::finish`]); boards behind links work at the same time in between. The bus itself is
+//! simulated here, whatever the boards are.
+
+pub mod boards;
+pub mod in_process;
+pub mod link;
+pub mod remote;
+
+pub use boards::{Boards, Event, Failure, What};
+pub use in_process::InProcess;
+pub use remote::Remote;
+
+use crate::error::Error;
+use core_algos::bus::{Frame, Message};
+use core_algos::control::path::{PathPoint, TrajectoryPoint};
+use core_algos::hil::protocol::Place;
+use core_algos::node::Micros;
+use core_algos::node::board::{Role, Samples};
+use core_algos::node::lead::{self, Task};
+use core_algos::node::robot::RobotConfig;
+use serde::Serialize;
+
+/// What a board did at a tick.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Output {
+    /// Wheel torques (left, right), N m.
+    pub torque_nm: [f32; 2],
+    /// What the lead node did at its latest step, once it is known: before the epoch ends.
+    pub lead: Option<lead::Output>,
+}
+
+/// What a board puts on the bus.
+#[derive(Clone, Copy, Debug)]
+pub enum Posted<'a> {
+    /// A message still to be encoded.
+    Message(&'a Message),
+    /// What the board encoded.
+    Frame(&'a Frame),
+}
+
+/// What the lead node is told.
+#[derive(Clone, Copy, Debug)]
+pub enum Order<'a> {
+    /// What to do.
+    Task(Task),
+    /// More of the path, no more than there is room for; whether it ends there.
+    Path(&'a [PathPoint], bool),
+    /// More of the trajectory, no more than there is room for; whether it ends there.
+    Trajectory(&'a [TrajectoryPoint], bool),
+}
+
+/// Points the lead node has room for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Room {
+    /// Of a path.
+    pub path: usize,
+    /// Of a trajectory.
+    pub trajectory: usize,
+}
+
+/// Why a board gave no answer.
+#[derive(Debug)]
+pub enum Fault {
+    /// It has been restarted and knows nothing.
+    Restarted,
+    /// It does not answer, and why.
+    Silent(String),
+    /// The run cannot go on.
+    Fatal(Error),
+}
+
+impl From<Error> for Fault {
+    fn from(error: Error) -> Self {
+        Self::Fatal(error)
+    }
+}
+
+/// What is known of a board after a run.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Report {
+    /// Which board.
+    pub role: &'static str,
+    /// Where its nodes ran.
+    pub target: &'static str,
+    /// What it was built from.
+    pub build: String,
+    /// Frames received from the board.
+    pub frames: u64,
+    /// Requests that had to be repeated because they, or their answers, were lost or damaged.
+    pub lost: u64,
+    /// Damaged frames received from the board.
+    pub damaged: u64,
+    /// Bytes sent to the board at ticks, on average.
+    pub sent_per_tick: f64,
+    /// Bytes received from the board at ticks, on average.
+    pub received_per_tick: f64,
+    /// From sending a tick to its answer.
+    pub latency: Option<Latency>,
+}
+
+/// Distribution of times.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Latency {
+    /// Mean, µs.
+    pub mean_us: f64,
+    /// Half of them are no longer, µs.
+    pub median_us: u32,
+    /// 99 of 100 are no longer, µs.
+    pub p99_us: u32,
+    /// The longest, µs.
+    pub max_us: u32,
+}
+
+/// A board, wherever it runs.
+pub trait Target: Send {
+    /// Starts the nodes afresh with these parameters; `tick` will be the first, ms. The lead node
+    /// begins at `place`, or does not know where it is.
+    fn start(
+        &mut self,
+        config: &RobotConfig,
+        tick: u32,
+        place: Option<&Place>,
+    ) -> Result<(), Fault>;
+
+    /// Tells the lead node something; for the front board only.
+    fn order(&mut self, order: &Order) -> Result<(), Fault>;
+
+    /// Room in the lead node's buffers at the end of an epoch; for the front board only.
+    fn room(&mut self) -> Room;
+
+    /// A message that arrived at `now`.
+    fn receive(&mut self, now: Micros, frame: &Frame, message: &Message);
+
+    /// Hands over the samples of a tick, ms.
+    fn begin(&mut self, tick: u32, samples: &Samples) -> Result<(), Fault>;
+
+    /// Takes what the board did at that tick; its messages go to `post` in order.
+    fn finish(&mut self, post: &mut dyn FnMut(Posted)) -> Result<Output, Fault>;
+
+    /// Switches the board off.
+    fn kill(&mut self) -> Result<(), Error>;
+
+    /// Switches the board on again; it is to be started then.
+    fn revive(&mut self) -> Result<(), Error>;
+
+    /// What is known of it.
+    fn report(&self) -> Report;
+}
+
+/// The boards of a robot: all in this process.
+pub fn in_process() -> [Box<dyn Target>; 3] {
+    Role::ALL.map(|role| Box::new(InProcess::new(role)) as Box<dyn Target>)
+}

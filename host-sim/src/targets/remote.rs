@@ -1,0 +1,444 @@
+//! A board's nodes at the other end of a link.
+//!
+//! One request at a time, repeated until its answer comes; see [`core_algos::hil`].
+
+use super::link::Link;
+use super::{Fault, Latency, Order, Output, Posted, Report, Room, Target};
+use crate::error::Error;
+use core_algos::bus::{Frame, Message};
+use core_algos::hil::framing::{self, Decoder, MAX_FRAME};
+use core_algos::hil::protocol::{
+    self, CONFIG_CHUNK, MAX_CONFIG, PROTOCOL, Packed, Place, Refusal, Reply, Request, Telemetry,
+};
+use core_algos::node::board::{Role, Samples};
+use core_algos::node::course::{PATH_POINTS, TRAJECTORY_POINTS};
+use core_algos::node::robot::RobotConfig;
+use core_algos::node::{EPOCH, LEAD_PHASE, Micros, TICK};
+use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
+use std::time::{Duration, Instant};
+
+/// Time after which a request is repeated: much longer than any answer takes.
+const REPEAT_AFTER: Duration = Duration::from_millis(250);
+/// Times a request is sent before the board counts as lost.
+const ATTEMPTS: u32 = 40;
+/// Answers to earlier requests that are taken for late ones.
+const STALE: u32 = 4;
+/// Ticks in an epoch, and the one at which the lead node works.
+const EPOCH_TICKS: u32 = (EPOCH / TICK) as u32;
+const LEAD_TICK: u32 = (LEAD_PHASE / TICK) as u32;
+
+/// A board at the other end of a link.
+pub struct Remote {
+    role: Role,
+    conversation: Conversation,
+    bus: Packed,
+    build: String,
+    room: Room,
+    /// Parts of the lead node's output.
+    telemetry: Vec<u8>,
+    tick: u32,
+    /// The bus frames of a tick were too many.
+    overflow: bool,
+    tick_bytes: [u64; 2],
+    latencies: Vec<u32>,
+}
+
+impl Remote {
+    /// A board at the end of `link`; nothing is sent yet.
+    pub fn new(role: Role, link: Box<dyn Link>) -> Self {
+        Self {
+            role,
+            conversation: Conversation::new(link),
+            bus: Packed::new(),
+            build: String::new(),
+            room: EMPTY,
+            telemetry: Vec::new(),
+            tick: 0,
+            overflow: false,
+            tick_bytes: [0; 2],
+            latencies: Vec::new(),
+        }
+    }
+
+    /// Begins a session, and checks that the board is the one that is expected.
+    fn hello(&mut self) -> Result<(), Fault> {
+        static NONCE: AtomicU32 = AtomicU32::new(1);
+        let sent = NONCE.fetch_add(1, Relaxed);
+        let request = Request::Hello {
+            protocol: PROTOCOL,
+            nonce: sent,
+        };
+        let expected = self.role;
+        // An answer to what was asked before the hello may still be on its way.
+        for _ in 0..STALE {
+            self.conversation.ask(&request)?;
+            let Reply::Hello {
+                protocol,
+                nonce,
+                role,
+                build,
+                ..
+            } = self.conversation.answer()?
+            else {
+                continue;
+            };
+            if nonce != sent {
+                continue;
+            }
+            if protocol != PROTOCOL {
+                return Err(Fault::Fatal(Error::Failure(format!(
+                    "{} board: its image ({build}) speaks version {protocol} of the protocol, this \
+                     program version {PROTOCOL}: flash the image of this version",
+                    expected.name()
+                ))));
+            }
+            if role != expected {
+                return Err(Fault::Fatal(Error::input(format!(
+                    "{} board: the board at this end is the {} board: check ports and strap",
+                    expected.name(),
+                    role.name()
+                ))));
+            }
+            self.build = build.to_owned();
+            return Ok(());
+        }
+        Err(unexpected(expected, "hello"))
+    }
+
+    /// Sends the parameters; gives their check sum as the board found it.
+    fn configure(&mut self, config: &RobotConfig) -> Result<u32, Fault> {
+        let mut room = [0; MAX_CONFIG];
+        let bytes = postcard::to_slice(config, &mut room)
+            .map_err(|error| Error::Failure(format!("parameters: {error}")))?;
+        let mut found = 0;
+        for (k, part) in bytes.chunks(CONFIG_CHUNK).enumerate() {
+            self.conversation.ask(&Request::Configure {
+                total: bytes.len() as u16,
+                offset: (k * CONFIG_CHUNK) as u16,
+                bytes: part,
+            })?;
+            match self.conversation.answer()? {
+                Reply::Configured { hash } => found = hash,
+                other => return Err(refused(self.role, "parameters", other)),
+            }
+        }
+        let hash = framing::crc32c(bytes);
+        if found != hash {
+            return Err(Fault::Fatal(Error::Failure(format!(
+                "{} board: parameters have check sum {found:08x} there and {hash:08x} here",
+                self.role.name()
+            ))));
+        }
+        Ok(hash)
+    }
+
+    fn carry_out(&mut self, what: &str, request: &Request) -> Result<(), Fault> {
+        self.conversation.ask(request)?;
+        match self.conversation.answer()? {
+            Reply::Done => Ok(()),
+            other => Err(refused(self.role, what, other)),
+        }
+    }
+}
+
+const EMPTY: Room = Room {
+    path: PATH_POINTS,
+    trajectory: TRAJECTORY_POINTS,
+};
+
+/// The first points of a list, as many as one request holds.
+fn batch<T: Copy>(points: &[T]) -> [Option<T>; protocol::POINTS] {
+    std::array::from_fn(|i| points.get(i).copied())
+}
+
+fn unexpected(role: Role, what: &str) -> Fault {
+    Fault::Fatal(Error::Failure(format!(
+        "{} board: {what}: an answer of another kind",
+        role.name()
+    )))
+}
+
+fn refused(role: Role, what: &str, reply: Reply) -> Fault {
+    let reason = match reply {
+        Reply::Refused(Refusal::NoSession | Refusal::NotStarted) => return Fault::Restarted,
+        Reply::Refused(Refusal::Point(error)) => {
+            return Fault::Fatal(Error::input(format!("path: {error}")));
+        }
+        Reply::Refused(Refusal::Parameter { text }) => text.to_owned(),
+        Reply::Refused(Refusal::Hash { found }) => {
+            format!("the parameters received there have check sum {found:08x}")
+        }
+        Reply::Refused(reason) => format!("{reason:?}"),
+        _ => return unexpected(role, what),
+    };
+    Fault::Fatal(Error::Failure(format!(
+        "{} board refuses {what}: {reason}",
+        role.name()
+    )))
+}
+
+impl Target for Remote {
+    fn start(
+        &mut self,
+        config: &RobotConfig,
+        tick: u32,
+        place: Option<&Place>,
+    ) -> Result<(), Fault> {
+        self.hello()?;
+        let hash = self.configure(config)?;
+        let start = Request::Start {
+            hash,
+            tick,
+            place: place.copied(),
+        };
+        self.carry_out("start", &start)?;
+        self.room = EMPTY;
+        self.telemetry.clear();
+        self.bus = Packed::new();
+        Ok(())
+    }
+
+    fn order(&mut self, order: &Order) -> Result<(), Fault> {
+        match *order {
+            Order::Task(task) => self.carry_out("task", &Request::Command(task)),
+            Order::Path(points, end) => {
+                let count = points.len().div_ceil(protocol::POINTS).max(1);
+                for k in 0..count {
+                    let rest = points.get(k * protocol::POINTS..).unwrap_or_default();
+                    let request = Request::Path {
+                        points: batch(rest),
+                        end: end && k + 1 == count,
+                    };
+                    self.carry_out("path", &request)?;
+                }
+                self.room.path = self.room.path.saturating_sub(points.len());
+                Ok(())
+            }
+            Order::Trajectory(points, end) => {
+                let count = points.len().div_ceil(protocol::POINTS).max(1);
+                for k in 0..count {
+                    let rest = points.get(k * protocol::POINTS..).unwrap_or_default();
+                    let request = Request::Trajectory {
+                        points: batch(rest),
+                        end: end && k + 1 == count,
+                    };
+                    self.carry_out("trajectory", &request)?;
+                }
+                self.room.trajectory = self.room.trajectory.saturating_sub(points.len());
+                Ok(())
+            }
+        }
+    }
+
+    fn room(&mut self) -> Room {
+        self.room
+    }
+
+    fn receive(&mut self, _now: Micros, frame: &Frame, _message: &Message) {
+        // The beam board has nothing to hear.
+        if self.role != Role::Beam {
+            self.overflow |= !self.bus.push(frame);
+        }
+    }
+
+    fn begin(&mut self, tick: u32, samples: &Samples) -> Result<(), Fault> {
+        let bus = std::mem::take(&mut self.bus);
+        if std::mem::take(&mut self.overflow) {
+            return Err(Fault::Fatal(Error::Failure(format!(
+                "{} board: more bus frames at tick {tick} than one request holds",
+                self.role.name()
+            ))));
+        }
+        self.tick = tick;
+        let request = match *samples {
+            Samples::Axle(samples) => Request::Axle {
+                tick,
+                samples,
+                bus: bus.bytes(),
+            },
+            Samples::Beam(counts) => Request::Beam { tick, counts },
+        };
+        self.tick_bytes[0] += self.conversation.ask(&request)? as u64;
+        Ok(())
+    }
+
+    fn finish(&mut self, post: &mut dyn FnMut(Posted)) -> Result<Output, Fault> {
+        let reply = self.conversation.answer()?;
+        let (torque_nm, bus, telemetry) = match reply {
+            Reply::Axle {
+                torque_nm,
+                bus,
+                telemetry,
+                ..
+            } => (torque_nm, bus, telemetry),
+            Reply::Beam { bus, .. } => ([0.0; 2], bus, [].as_slice()),
+            other => return Err(refused(self.role, "tick", other)),
+        };
+        for frame in protocol::unpack(bus) {
+            post(Posted::Frame(&frame));
+        }
+        if self.tick % EPOCH_TICKS == LEAD_TICK {
+            self.telemetry.clear();
+        }
+        self.telemetry.extend_from_slice(telemetry);
+        let lead = match complete(&self.telemetry) {
+            Some(latest) if !telemetry.is_empty() => {
+                self.room = Room {
+                    path: latest.path_room.into(),
+                    trajectory: latest.trajectory_room.into(),
+                };
+                Some(latest.output)
+            }
+            _ => None,
+        };
+        self.latencies.push(self.conversation.latency_us);
+        self.tick_bytes[1] += self.conversation.answered_bytes;
+        Ok(Output { torque_nm, lead })
+    }
+
+    fn kill(&mut self) -> Result<(), Error> {
+        self.conversation.link.kill()
+    }
+
+    fn revive(&mut self) -> Result<(), Error> {
+        self.conversation.link.revive()
+    }
+
+    fn report(&self) -> Report {
+        let counters = self.conversation.decoder.counters();
+        let ticks = self.latencies.len().max(1) as f64;
+        Report {
+            role: self.role.name(),
+            target: self.conversation.link.name(),
+            build: self.build.clone(),
+            frames: counters.received.into(),
+            lost: self.conversation.repeated,
+            damaged: counters.damaged.into(),
+            sent_per_tick: self.tick_bytes[0] as f64 / ticks,
+            received_per_tick: self.tick_bytes[1] as f64 / ticks,
+            latency: Latency::of(&self.latencies),
+        }
+    }
+}
+
+/// The lead node's output, once all of it has come.
+fn complete(telemetry: &[u8]) -> Option<Telemetry> {
+    let (length, bytes) = telemetry.split_first_chunk()?;
+    let all = usize::from(u16::from_le_bytes(*length)) == bytes.len();
+    all.then(|| postcard::from_bytes(bytes).ok()).flatten()
+}
+
+impl Latency {
+    /// The distribution; none of no times.
+    pub fn of(times_us: &[u32]) -> Option<Self> {
+        let mut sorted = times_us.to_vec();
+        sorted.sort_unstable();
+        let at = |share: f64| {
+            let place = share * sorted.len().saturating_sub(1) as f64;
+            sorted.get(place.round() as usize).copied()
+        };
+        Some(Self {
+            mean_us: times_us.iter().map(|&t| f64::from(t)).sum::<f64>() / times_us.len() as f64,
+            median_us: at(0.5)?,
+            p99_us: at(0.99)?,
+            max_us: at(1.0)?,
+        })
+    }
+}
+
+/// Requests and answers over a link.
+struct Conversation {
+    link: Box<dyn Link>,
+    decoder: Decoder,
+    number: u8,
+    asked: framing::Frame,
+    asked_at: Instant,
+    payload: Vec<u8>,
+    repeated: u64,
+    latency_us: u32,
+    answered_bytes: u64,
+}
+
+impl Conversation {
+    fn new(link: Box<dyn Link>) -> Self {
+        Self {
+            link,
+            decoder: Decoder::new(),
+            number: 0,
+            asked: framing::Frame::default(),
+            asked_at: Instant::now(),
+            payload: Vec::new(),
+            repeated: 0,
+            latency_us: 0,
+            answered_bytes: 0,
+        }
+    }
+
+    /// Sends a request with the next number; gives the number of bytes.
+    fn ask(&mut self, request: &Request) -> Result<usize, Fault> {
+        self.number = self.number.wrapping_add(1);
+        self.asked = protocol::encode(self.number, request)
+            .ok_or_else(|| Error::Failure(format!("request too long: {request:?}")))?;
+        // What a session before this one left unfinished must not spoil the first frame.
+        let bytes = match request {
+            Request::Hello { .. } => self.asked.repeated(),
+            _ => self.asked.bytes(),
+        };
+        self.asked_at = Instant::now();
+        self.link.send(bytes).map_err(gone)?;
+        Ok(bytes.len())
+    }
+
+    /// Waits for the answer to the latest request, which is repeated as often as needed.
+    fn answer(&mut self) -> Result<Reply<'_>, Fault> {
+        self.answered_bytes = 0;
+        for attempt in 0..ATTEMPTS {
+            if attempt > 0 {
+                self.repeated += 1;
+                self.link.send(self.asked.repeated()).map_err(gone)?;
+            }
+            let deadline = Instant::now() + REPEAT_AFTER;
+            if self.listen(deadline)? {
+                self.latency_us = self.asked_at.elapsed().as_micros() as u32;
+                let (_, reply) = protocol::decode(&self.payload).ok_or_else(|| {
+                    Error::Failure("a board gave an answer that is none of this version".to_owned())
+                })?;
+                return Ok(reply);
+            }
+        }
+        let patience = REPEAT_AFTER * ATTEMPTS;
+        Err(Fault::Silent(format!("no answer in {patience:?}")))
+    }
+
+    /// Whether the answer came by the deadline.
+    fn listen(&mut self, deadline: Instant) -> Result<bool, Fault> {
+        let mut room = [0; 2 * MAX_FRAME];
+        loop {
+            let left = deadline.saturating_duration_since(Instant::now());
+            let count = self.link.receive(&mut room, left).map_err(gone)?;
+            let mut found = false;
+            for &byte in room.get(..count).unwrap_or_default() {
+                if let Some(payload) = self.decoder.push(byte)
+                    && payload.first() == Some(&self.number)
+                {
+                    self.payload.clear();
+                    self.payload.extend_from_slice(payload);
+                    found = true;
+                }
+            }
+            self.answered_bytes += count as u64;
+            if found || count == 0 {
+                return Ok(found);
+            }
+        }
+    }
+}
+
+fn gone(error: std::io::Error) -> Fault {
+    Fault::Silent(match error.kind() {
+        std::io::ErrorKind::UnexpectedEof | std::io::ErrorKind::BrokenPipe => {
+            "the link was closed at its end".to_owned()
+        }
+        _ => error.to_string(),
+    })
+}

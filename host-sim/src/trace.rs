@@ -1,0 +1,234 @@
+//! What the boards of a run did, bit by bit, and where two runs part.
+
+use core_algos::bus::{Frame, layout};
+use core_algos::node::board::Role;
+use core_algos::node::{EPOCH, TICK, lead};
+use serde_json::Value;
+use std::fmt;
+
+/// Ticks in an epoch.
+const EPOCH_TICKS: usize = (EPOCH / TICK) as usize;
+
+/// Torques of every tick, frames on the bus, and the lead node's output at the end of every epoch.
+#[derive(Clone, Debug, Default)]
+pub struct Trace {
+    torques: Vec<[[f32; 2]; 2]>,
+    frames: Vec<(u32, Frame)>,
+    leads: Vec<lead::Output>,
+}
+
+/// The first thing in which two traces differ.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Difference {
+    /// The tick, ms; of the lead node's output, the last of its epoch.
+    pub tick: usize,
+    /// What differs.
+    pub signal: String,
+    /// What the first trace has.
+    pub first: String,
+    /// What the second has.
+    pub second: String,
+}
+
+impl fmt::Display for Difference {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self {
+            tick,
+            signal,
+            first,
+            second,
+        } = self;
+        write!(f, "tick {tick}: {signal} is {first}, in process {second}")
+    }
+}
+
+impl Trace {
+    /// A frame was sent at a tick.
+    pub fn frame(&mut self, tick: u32, frame: Frame) {
+        self.frames.push((tick, frame));
+    }
+
+    /// The torques of the next tick, by axle and wheel.
+    pub fn torque(&mut self, torque: [[f32; 2]; 2]) {
+        self.torques.push(torque);
+    }
+
+    /// The lead node's latest output at the end of the next epoch.
+    pub fn lead(&mut self, output: &lead::Output) {
+        self.leads.push(*output);
+    }
+
+    /// Number of ticks.
+    pub fn ticks(&self) -> usize {
+        self.torques.len()
+    }
+
+    /// Where the traces part first; none if every bit is the same.
+    pub fn difference(&self, other: &Self) -> Option<Difference> {
+        let differences = [
+            self.in_frames(other),
+            self.in_torques(other),
+            self.in_leads(other),
+            self.in_length(other),
+        ];
+        let found = differences.into_iter().flatten();
+        found.min_by_key(|difference| difference.tick)
+    }
+
+    fn in_torques(&self, other: &Self) -> Option<Difference> {
+        let pairs = self.torques.iter().zip(&other.torques).enumerate();
+        for (tick, (a, b)) in pairs {
+            for (i, axle) in [Role::Front, Role::Rear].into_iter().enumerate() {
+                for (k, side) in ["left", "right"].into_iter().enumerate() {
+                    if a[i][k].to_bits() != b[i][k].to_bits() {
+                        return Some(Difference {
+                            tick,
+                            signal: format!("{} axle, {side} wheel torque", axle.name()),
+                            first: format!("{:e} N m", a[i][k]),
+                            second: format!("{:e} N m", b[i][k]),
+                        });
+                    }
+                }
+            }
+        }
+        None
+    }
+
+    fn in_frames(&self, other: &Self) -> Option<Difference> {
+        let count = self.frames.len().max(other.frames.len());
+        let place = (0..count).find(|&i| self.frames.get(i) != other.frames.get(i))?;
+        let (a, b) = (self.frames.get(place), other.frames.get(place));
+        let tick = [a, b].into_iter().flatten().map(|(tick, _)| *tick).min()?;
+        let show = |entry: Option<&(u32, Frame)>| match entry {
+            Some((at, frame)) if *at == tick => {
+                let name = layout::find(frame.id).map_or("unknown", |layout| layout.name);
+                format!("{name} {:02x?}", &frame.data[..usize::from(frame.length)])
+            }
+            _ => "absent".to_owned(),
+        };
+        Some(Difference {
+            tick: tick as usize,
+            signal: "frame on the bus".to_owned(),
+            first: show(a),
+            second: show(b),
+        })
+    }
+
+    fn in_leads(&self, other: &Self) -> Option<Difference> {
+        let pairs = self.leads.iter().zip(&other.leads).enumerate();
+        let (epoch, (a, b)) = pairs.into_iter().find(|(_, (a, b))| bits(a) != bits(b))?;
+        let json = |output| serde_json::to_value(output).unwrap_or_default();
+        let (path, first, second) = parting(&json(a), &json(b))
+            .unwrap_or_else(|| (String::new(), format!("{a:?}"), format!("{b:?}")));
+        Some(Difference {
+            tick: (epoch + 1) * EPOCH_TICKS - 1,
+            signal: format!("lead node{path}"),
+            first,
+            second,
+        })
+    }
+
+    fn in_length(&self, other: &Self) -> Option<Difference> {
+        let (a, b) = (self.ticks(), other.ticks());
+        (a != b).then(|| Difference {
+            tick: a.min(b),
+            signal: "length of the run".to_owned(),
+            first: format!("{a} ticks"),
+            second: format!("{b} ticks"),
+        })
+    }
+}
+
+/// All bits of an output, whatever NaN it holds.
+fn bits(output: &lead::Output) -> Vec<u8> {
+    let mut room = [0; 1024];
+    match postcard::to_slice(output, &mut room) {
+        Ok(used) => used.to_vec(),
+        Err(_) => format!("{output:?}").into_bytes(),
+    }
+}
+
+/// The first leaf in which two values differ, with its path.
+fn parting(a: &Value, b: &Value) -> Option<(String, String, String)> {
+    let below = |key: String, a: &Value, b: &Value| {
+        parting(a, b).map(|(path, a, b)| (format!("{key}{path}"), a, b))
+    };
+    match (a, b) {
+        (Value::Object(a), Value::Object(b)) if a.len() == b.len() => a
+            .iter()
+            .find_map(|(key, value)| below(format!(".{key}"), value, b.get(key)?)),
+        (Value::Array(a), Value::Array(b)) if a.len() == b.len() => a
+            .iter()
+            .zip(b)
+            .enumerate()
+            .find_map(|(i, (a, b))| below(format!("[{i}]"), a, b)),
+        _ => (a != b).then(|| (String::new(), a.to_string(), b.to_string())),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn trace() -> Trace {
+        let mut trace = Trace::default();
+        for tick in 0..20 {
+            trace.frame(
+                tick,
+                Frame {
+                    id: 0x100,
+                    length: 8,
+                    data: [tick as u8; 8],
+                },
+            );
+            trace.torque([[tick as f32; 2]; 2]);
+        }
+        trace.lead(&lead::Output::default());
+        trace.lead(&lead::Output::default());
+        trace
+    }
+
+    #[test]
+    fn equal_traces_have_no_difference() {
+        assert_eq!(trace().difference(&trace()), None);
+        assert_eq!(trace().ticks(), 20);
+    }
+
+    #[test]
+    fn one_bit_anywhere_is_found_with_its_tick_and_name() {
+        let mut other = trace();
+        other.torques[7][1][0] = f32::from_bits(7.0f32.to_bits() + 1);
+        let found = trace().difference(&other).unwrap();
+        assert_eq!(
+            (found.tick, found.signal.as_str()),
+            (7, "rear axle, left wheel torque")
+        );
+        assert_ne!(found.first, found.second);
+
+        let mut other = trace();
+        other.frames[5].1.data[3] ^= 1;
+        other.torques[9][0][0] += 1.0;
+        let found = trace().difference(&other).unwrap();
+        assert_eq!((found.tick, found.signal.as_str()), (5, "frame on the bus"));
+        assert!(found.second.contains("AxlePostureFront"));
+
+        let mut other = trace();
+        other.leads[1].fused.robot.covariance[2][0] = 1e-12;
+        let found = trace().difference(&other).unwrap();
+        assert_eq!(found.tick, 19);
+        assert_eq!(found.signal, "lead node.fused.robot.covariance[2][0]");
+
+        let mut other = trace();
+        other.frames.remove(4);
+        let found = trace().difference(&other).unwrap();
+        assert_eq!((found.tick, found.second.as_str()), (4, "absent"));
+
+        let mut other = trace();
+        other.torque([[0.0; 2]; 2]);
+        assert_eq!(trace().difference(&other).unwrap().tick, 20);
+        // Signs of zero are bits too.
+        let mut other = trace();
+        other.torques[0][0][0] = -0.0;
+        assert!(trace().difference(&other).is_some());
+    }
+}
