@@ -1,21 +1,112 @@
 //! The image that drives the robot.
+//!
+//! By priority: handlers of the bus → tick (1 kHz, when the converter's samples are there) → bus →
+//! log and store.
 
-use embassy_executor::Spawner;
-use embassy_time::{Duration, Ticker};
+mod background;
+mod bridges;
+mod store;
+mod tick;
+
+use core_algos::acquisition::analog::ThermistorConfig;
+use core_algos::beam::calibration::StandstillLimits;
+use core_algos::beam::procedure::Procedure;
+use core_algos::config::ConfigError;
+use embassy_executor::{InterruptExecutor, Spawner};
+use embassy_stm32::adc::AdcChannel;
+use embassy_stm32::interrupt::{self, InterruptExt, Priority};
+use embassy_stm32::{Peripherals, interrupt as handler};
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::signal::Signal;
+use embassy_sync::watch::Watch;
 use firmware_common::watchdog::Watchdog;
-use firmware_common::{board, fault, stack};
+use firmware_common::{board, can};
+
+use bridges::Bridges;
+use store::Store;
+use tick::{Beam, Report, Saving};
+
+// Interrupts of peripherals that the board does not use lend their priority to executors.
+static TICK: InterruptExecutor = InterruptExecutor::new();
+static BUS: InterruptExecutor = InterruptExecutor::new();
+
+#[handler]
+unsafe fn UART4() {
+    // SAFETY: this is the interrupt the executor was started with.
+    unsafe { TICK.on_interrupt() }
+}
+
+#[handler]
+unsafe fn UART5() {
+    // SAFETY: this is the interrupt the executor was started with.
+    unsafe { BUS.on_interrupt() }
+}
 
 #[embassy_executor::main]
 async fn main(_spawner: Spawner) {
-    let p = board::start();
-    let mut watchdog = Watchdog::start(p.IWDG);
-    let mut ticker = Ticker::every(Duration::from_millis(100));
-    loop {
-        for _ in 0..100 {
-            ticker.next().await;
-            watchdog.feed();
-        }
-        let (used, size) = stack::high_water();
-        defmt::info!("stack {} of {} bytes, {}", used, size, fault::counts());
+    if let Err(error) = start(board::start()).await {
+        // Nothing was started, and the watchdog is not fed.
+        defmt::error!("configuration: {} = {}", error.field, error.value);
     }
+}
+
+/// Builds everything, starts it, and goes on with the background.
+async fn start(p: Peripherals) -> Result<(), ConfigError> {
+    static REPORTS: Watch<CriticalSectionRawMutex, Report, 1> = Watch::new();
+    static SAVING: Saving = Saving {
+        wanted: Signal::new(),
+        done: Signal::new(),
+    };
+
+    let mut store = Store::new(p.FLASH);
+    let mut config = tick::config();
+    match store.load(&config.beam.calibration).await {
+        Some(calibration) => config.beam.calibration = calibration,
+        None => defmt::warn!("no calibration is stored: calibrate zeros and gains"),
+    }
+    let node = tick::node(&config)?;
+    let limits = StandstillLimits::default().build()?;
+    let procedure = Procedure::new(limits, config.geometry.half_thickness_m);
+    let thermistor = ThermistorConfig::default().build()?;
+
+    let (sender, receiver, can_tx, can_rx) = can::start(p.CAN1, p.PB8, p.PB9).await;
+    let watchdog = Watchdog::start(p.IWDG);
+    interrupt::DMA2_STREAM0.set_priority(Priority::P4);
+    interrupt::UART4.set_priority(Priority::P5);
+    interrupt::UART5.set_priority(Priority::P7);
+    let ticks = TICK.start(interrupt::UART4);
+    let bus = BUS.start(interrupt::UART5);
+    // Each of these tasks is spawned once, and has room for one.
+    bus.spawn(can::send(can_tx).expect("spawned once"));
+    bus.spawn(can::receive(can_rx).expect("spawned once"));
+    let bridges = Bridges::start(
+        bridges::Parts {
+            adc: p.ADC1,
+            dma: p.DMA2_CH0,
+            timer: p.TIM2,
+            bridges: [
+                p.PC0.degrade_adc(),
+                p.PC1.degrade_adc(),
+                p.PC2.degrade_adc(),
+                p.PC3.degrade_adc(),
+                p.PA1.degrade_adc(),
+            ],
+            excitation: p.PA2,
+            temperature: p.PA3,
+        },
+        thermistor,
+    );
+    let beam = Beam {
+        bridges,
+        sender,
+        receiver,
+        config,
+        node,
+        procedure,
+        saving: &SAVING,
+        reports: REPORTS.sender(),
+    };
+    ticks.spawn(tick::run(beam).expect("spawned once"));
+    let reports = REPORTS.receiver().expect("the only one");
+    background::run(reports, store, &SAVING, watchdog).await
 }

@@ -21,6 +21,7 @@ pub mod calibration;
 pub mod elastica;
 pub mod health;
 pub mod polynomial;
+pub mod procedure;
 pub mod sensor;
 pub mod strip;
 

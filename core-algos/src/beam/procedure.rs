@@ -1,0 +1,290 @@
+//! Calibration on request: average at standstill, then zeros or gains, as a state machine of the
+//! beam board; and the stored form of its result.
+//!
+//! A request is refused while the motors are on, since then the strip is not held at the shape the
+//! request names. [`Procedure::sample`] is given every conversion and says when something is to be
+//! done. Nothing here can fail.
+
+use super::calibration::{self, Standstill, StandstillError, StandstillLimits};
+use super::strip::{GaugeMask, MAX_GAUGES, PerGauge};
+use crate::bus::message::{Calibrate, CalibrationResult};
+
+/// What is to be done.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Event {
+    /// Answer the request `sequence`: it was refused, gauge `gauge` being to blame.
+    Refused {
+        /// Of the request.
+        sequence: u8,
+        /// Why.
+        result: CalibrationResult,
+        /// Gauge, counted from the root.
+        gauge: u8,
+    },
+    /// Take this calibration into use, store it, then answer the request `sequence`.
+    Adopt {
+        /// Of the request.
+        sequence: u8,
+        /// The new calibration; it was built once to check it.
+        config: calibration::Config,
+    },
+}
+
+/// The procedure.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Procedure {
+    limits: StandstillLimits,
+    half_thickness: f32,
+    running: Option<(u8, Calibrate, Standstill)>,
+}
+
+impl Procedure {
+    /// A procedure within `limits`, for a strip of this half thickness, m.
+    pub fn new(limits: StandstillLimits, half_thickness_m: f32) -> Self {
+        Self {
+            limits,
+            half_thickness: half_thickness_m,
+            running: None,
+        }
+    }
+
+    /// Begins a calibration; one that was running is given up.
+    pub fn request(&mut self, sequence: u8, calibrate: Calibrate) {
+        self.running = Some((sequence, calibrate, Standstill::default()));
+    }
+
+    /// Takes in a conversion of every gauge; `config` is the calibration in use.
+    pub fn sample(
+        &mut self,
+        config: &calibration::Config,
+        counts: &[i32; MAX_GAUGES],
+        motors_off: bool,
+    ) -> Option<Event> {
+        let (sequence, calibrate, standstill) = self.running.as_mut()?;
+        let (sequence, calibrate) = (*sequence, *calibrate);
+        let refused = |result, gauge| Event::Refused {
+            sequence,
+            result,
+            gauge,
+        };
+        let gauges = config.zero_counts.count();
+        let event = if !motors_off {
+            refused(CalibrationResult::MotorsOn, 0)
+        } else {
+            let Ok(calibration) = config.build(gauges) else {
+                self.running = None;
+                return Some(refused(CalibrationResult::OutOfRange, 0));
+            };
+            standstill.add(&calibration, &self.limits, counts);
+            let mask = GaugeMask::first(gauges);
+            let average = match standstill.average(&calibration, &self.limits, mask) {
+                Ok(average) => average,
+                Err(StandstillError::TooFewSamples(_)) => return None,
+                Err(error) => {
+                    self.running = None;
+                    return Some(match error {
+                        StandstillError::Noisy(gauge) => refused(CalibrationResult::Noisy, gauge),
+                        StandstillError::Drifting(gauge) => {
+                            refused(CalibrationResult::Drifting, gauge)
+                        }
+                        StandstillError::BadSample(gauge)
+                        | StandstillError::TooFewSamples(gauge) => {
+                            refused(CalibrationResult::BadSample, gauge)
+                        }
+                    });
+                }
+            };
+            let strain = |curvature: f32| [curvature * self.half_thickness; MAX_GAUGES];
+            let found = match calibrate {
+                Calibrate::Zero(curvature) => config.zeroed(&average, &strain(curvature)),
+                Calibrate::Gain(curvature) => config.with_gain(&average, &strain(curvature)),
+            };
+            match found.build(gauges) {
+                Ok(_) => Event::Adopt {
+                    sequence,
+                    config: found,
+                },
+                Err(_) => refused(CalibrationResult::OutOfRange, 0),
+            }
+        };
+        self.running = None;
+        Some(event)
+    }
+}
+
+/// Bytes of a stored calibration.
+pub const STORED_BYTES: usize = 2 + 8 * MAX_GAUGES;
+/// First byte of the stored form; another one is of another version.
+const VERSION: u8 = 1;
+
+impl calibration::Config {
+    /// Zeros and gains as bytes. Guarding them against damage is the store's business.
+    pub fn to_bytes(&self) -> [u8; STORED_BYTES] {
+        let mut bytes = [0; STORED_BYTES];
+        bytes[0] = VERSION;
+        bytes[1] = self.zero_counts.count() as u8;
+        let values = self.zero_counts.padded().into_iter();
+        let values = values.chain(self.gain.padded());
+        for (slot, value) in bytes.split_at_mut(2).1.chunks_exact_mut(4).zip(values) {
+            slot.copy_from_slice(&value.to_le_bytes());
+        }
+        bytes
+    }
+
+    /// This calibration with the zeros and gains of [`Self::to_bytes`]; `None` if the bytes are of
+    /// another version, for another number of gauges, or out of range.
+    pub fn with_bytes(&self, bytes: &[u8]) -> Option<Self> {
+        let gauges = self.zero_counts.count();
+        let (head, values) = bytes.split_at_checked(2)?;
+        if bytes.len() != STORED_BYTES || head != [VERSION, gauges as u8] {
+            return None;
+        }
+        let mut numbers = [0.0; 2 * MAX_GAUGES];
+        for (number, chunk) in numbers.iter_mut().zip(values.chunks_exact(4)) {
+            *number = f32::from_le_bytes(chunk.try_into().ok()?);
+        }
+        let (zeros, gains) = numbers.split_at(MAX_GAUGES);
+        let config = Self {
+            zero_counts: PerGauge::new(zeros.get(..gauges)?)?,
+            gain: PerGauge::new(gains.get(..gauges)?)?,
+            ..*self
+        };
+        config.build(gauges).ok()?;
+        Some(config)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fusion::testing::Random;
+    use proptest::prelude::*;
+
+    const HALF_THICKNESS: f32 = 0.5e-3;
+
+    /// Offset in counts and true gain of each gauge.
+    const REAL: [(f64, f64); 5] = [
+        (120.0, 1.02),
+        (-80.0, 0.99),
+        (5.0, 1.0),
+        (300.0, 0.95),
+        (-33.0, 1.05),
+    ];
+
+    fn counts(random: &mut Random, curvature: f64) -> [i32; MAX_GAUGES] {
+        let per_count = f64::from(calibration::Config::default().strain_per_count);
+        let mut counts = [0; MAX_GAUGES];
+        for (count, (offset, gain)) in counts.iter_mut().zip(REAL) {
+            let strain = curvature * f64::from(HALF_THICKNESS);
+            let exact = 2048.0 + offset + strain / gain / per_count;
+            *count = (exact + 0.7 * random.normal()).round() as i32;
+        }
+        counts
+    }
+
+    /// Runs a request to its end; `curvature(k)` is the true one at sample k.
+    fn run(
+        config: &calibration::Config,
+        calibrate: Calibrate,
+        motors_off: bool,
+        curvature: impl Fn(usize) -> f64,
+    ) -> Event {
+        let mut procedure = Procedure::new(StandstillLimits::default(), HALF_THICKNESS);
+        let mut random = Random::new(4);
+        procedure.request(9, calibrate);
+        (0..2000)
+            .find_map(|k| procedure.sample(config, &counts(&mut random, curvature(k)), motors_off))
+            .unwrap()
+    }
+
+    #[test]
+    fn zeros_and_gains_are_found() {
+        let Event::Adopt {
+            sequence: 9,
+            config,
+        } = run(
+            &calibration::Config::default(),
+            Calibrate::Zero(0.0),
+            true,
+            |_| 0.0,
+        )
+        else {
+            panic!("not adopted");
+        };
+        let Event::Adopt { config, .. } = run(&config, Calibrate::Gain(1.5), true, |_| 1.5) else {
+            panic!("not adopted");
+        };
+        for (i, (offset, gain)) in REAL.into_iter().enumerate() {
+            let zero = f64::from(config.zero_counts.padded()[i]);
+            assert!((zero - 2048.0 - offset).abs() < 0.2, "{i} {zero}");
+            let found = f64::from(config.gain.padded()[i]);
+            assert!((found - gain).abs() < 1e-3, "{i} {found}");
+        }
+    }
+
+    #[test]
+    fn what_cannot_be_trusted_is_refused() {
+        let config = calibration::Config::default();
+        type Motion = fn(usize) -> f64;
+        let cases: [(Calibrate, bool, Motion, CalibrationResult); 4] = [
+            (
+                Calibrate::Zero(0.0),
+                false,
+                |_| 0.0,
+                CalibrationResult::MotorsOn,
+            ),
+            (
+                Calibrate::Zero(0.0),
+                true,
+                |k| 0.01 * (k / 250) as f64,
+                CalibrationResult::Drifting,
+            ),
+            (
+                Calibrate::Zero(0.0),
+                true,
+                |k| 0.1 * (k % 2) as f64,
+                CalibrationResult::Noisy,
+            ),
+            // Straight, but said to be bent: gains near zero.
+            (
+                Calibrate::Gain(1.5),
+                true,
+                |_| 0.0,
+                CalibrationResult::OutOfRange,
+            ),
+        ];
+        for (calibrate, off, motion, expected) in cases {
+            match run(&config, calibrate, off, motion) {
+                Event::Refused {
+                    sequence: 9,
+                    result,
+                    ..
+                } => assert_eq!(result, expected),
+                other => panic!("{other:?}"),
+            }
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn stored_bytes_come_back_or_are_refused(
+            zeros in proptest::array::uniform5(0.0f32..4095.0),
+            gains in proptest::array::uniform5(0.5f32..2.0),
+            position in 0usize..STORED_BYTES, flip in 1u8..=255,
+        ) {
+            let config = calibration::Config {
+                zero_counts: PerGauge::new(&zeros).unwrap(),
+                gain: PerGauge::new(&gains).unwrap(),
+                ..calibration::Config::default()
+            };
+            let mut bytes = config.to_bytes();
+            prop_assert_eq!(calibration::Config::default().with_bytes(&bytes), Some(config));
+            bytes[position] ^= flip;
+            // A damaged value may still be one, but never one out of range.
+            if let Some(other) = config.with_bytes(&bytes) {
+                prop_assert!(other.build(5).is_ok());
+            }
+            prop_assert_eq!(config.with_bytes(&bytes[..STORED_BYTES - 1]), None);
+        }
+    }
+}

@@ -1,0 +1,247 @@
+//! The beam's tick, once a millisecond: sample → receive → node → calibrate → send.
+
+use core_algos::acquisition::oversampling::{FULL_SCALE, SCANS};
+use core_algos::beam::calibration;
+use core_algos::beam::procedure::{Event, Procedure};
+use core_algos::bus::message::{CalibrationResult, Role};
+use core_algos::bus::{LeadMode, Message};
+use core_algos::config::ConfigError;
+use core_algos::node::beam::BeamNode;
+use core_algos::node::clock::{CommonClock, Tick};
+use core_algos::node::robot::RobotConfig;
+use core_algos::node::{Micros, Outbox, TICK, sequence};
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::signal::Signal;
+use embassy_sync::watch;
+use firmware_common::can::{Receiver, Sender};
+use firmware_common::timing::Stopwatch;
+
+use super::bridges::{Block, Bridges};
+
+/// Time between health reports.
+const HEALTH: Micros = 100 * TICK;
+/// Time since the lead node last wanted the motors on, after which they are taken to be off: the
+/// axles' own timeout has passed twice.
+const MOTORS_OFF: Micros = 100 * TICK;
+/// Nominal supply of the board, V; the excitation is measured against it.
+const SUPPLY_V: f32 = 3.3;
+
+/// What the log is told.
+#[derive(Clone, Copy, Debug)]
+pub struct Report {
+    /// Excitation over its nominal value.
+    pub excitation: f32,
+    /// Temperature of the strip, °C.
+    pub temperature_c: Option<f32>,
+    /// Gauges the latest posture was made from.
+    pub gauges: u8,
+    /// Whether the common time is known and ticks are in step with it.
+    pub in_step: bool,
+    /// Largest jitter and longest tick since the last report, µs.
+    pub timing_us: (u16, u16),
+    /// Ticks missed since the start.
+    pub missed: u16,
+}
+
+/// Where the tick leaves its report.
+pub type Reports = watch::Sender<'static, CriticalSectionRawMutex, Report, 1>;
+
+/// A calibration on its way into the store, and whether it got there on the way back.
+pub struct Saving {
+    /// To the store.
+    pub wanted: Signal<CriticalSectionRawMutex, calibration::Config>,
+    /// From the store.
+    pub done: Signal<CriticalSectionRawMutex, bool>,
+}
+
+/// Everything the tick works with.
+pub struct Beam {
+    /// Bridges.
+    pub bridges: Bridges,
+    /// Bus, outwards.
+    pub sender: Sender,
+    /// Bus, inwards.
+    pub receiver: Receiver,
+    /// Configuration, with the calibration in use.
+    pub config: RobotConfig,
+    /// The node.
+    pub node: BeamNode,
+    /// Calibration on request.
+    pub procedure: Procedure,
+    /// The store's two signals.
+    pub saving: &'static Saving,
+    /// Where reports go.
+    pub reports: Reports,
+}
+
+/// All that changes from tick to tick.
+#[derive(Default)]
+struct State {
+    clock: CommonClock,
+    last: Option<Micros>,
+    in_step: bool,
+    motors_on: Option<Micros>,
+    saving: Option<u8>,
+    missed: u16,
+}
+
+/// The configuration of a board with this converter: counts are sums of [`SCANS`] conversions.
+pub fn config() -> RobotConfig {
+    let mut config = RobotConfig::default();
+    let calibration = &mut config.beam.calibration;
+    let scans = SCANS as f32;
+    calibration.full_scale_counts = FULL_SCALE;
+    calibration.rail_margin_counts *= SCANS as i32;
+    calibration.strain_per_count /= scans;
+    let zeros = calibration.zero_counts.padded().map(|zero| zero * scans);
+    if let Some(zeros) = zeros
+        .get(..calibration.zero_counts.count())
+        .and_then(core_algos::beam::PerGauge::new)
+    {
+        calibration.zero_counts = zeros;
+    }
+    config
+}
+
+/// The node of a configuration.
+pub fn node(config: &RobotConfig) -> Result<BeamNode, ConfigError> {
+    config.build_beam()
+}
+
+/// Runs the tick for ever.
+#[embassy_executor::task]
+pub async fn run(mut beam: Beam) -> ! {
+    let mut stopwatch = Stopwatch::new(TICK as u32);
+    let mut state = State::default();
+    loop {
+        let Some(block) = beam.bridges.read().await else {
+            // Which sample is of which bridge is no longer known; a start from nothing is sure.
+            // Counted and logged as every panic is; the axles do without the beam meanwhile.
+            panic!("conversions were lost");
+        };
+        stopwatch.begin();
+        beam.tick(&mut state, &block);
+        stopwatch.end();
+        if block.local / HEALTH != block.local.saturating_sub(TICK) / HEALTH {
+            beam.report_health(&state, &block, stopwatch.take());
+        }
+    }
+}
+
+impl Beam {
+    fn tick(&mut self, state: &mut State, block: &Block) {
+        self.receive(state, block.local);
+        self.run_node(state, block);
+        self.calibrate(state, block);
+    }
+
+    fn receive(&mut self, state: &mut State, local: Micros) {
+        while let Some(arrived) = self.receiver.take() {
+            state.clock.receive(arrived.local, &arrived.message);
+            match arrived.message {
+                Message::LeadStatus { mode, .. } if mode != LeadMode::Idle => {
+                    state.motors_on = Some(local);
+                }
+                Message::BeamCalibration {
+                    sequence,
+                    calibrate,
+                } if state.saving.is_none() => self.procedure.request(sequence, calibrate),
+                _ => {}
+            }
+        }
+    }
+
+    /// The node runs when the common time is known and the tick is in step with it. A gap or a clock
+    /// that was moved does it no harm: it remembers samples, not times.
+    fn run_node(&mut self, state: &mut State, block: &Block) {
+        let tick = state.clock.common(block.local).map(Tick::of);
+        self.bridges.trim(tick.map_or(0, |tick| tick.trim()));
+        let now = tick.filter(Tick::in_step).map(|tick| tick.now);
+        state.in_step = now.is_some();
+        let Some(now) = now else {
+            return;
+        };
+        if let Some(passed) = state.last.and_then(|last| now.checked_sub(last))
+            && (2 * TICK..=100 * TICK).contains(&passed)
+        {
+            state.missed = state.missed.saturating_add((passed / TICK - 1) as u16);
+        }
+        state.last = Some(now);
+        let mut outbox = Outbox::new();
+        self.node.step(now, &block.counts, &mut outbox);
+        for message in outbox.iter() {
+            self.sender.send(message);
+        }
+    }
+
+    fn calibrate(&mut self, state: &mut State, block: &Block) {
+        if let Some(sequence) = state.saving
+            && let Some(stored) = self.saving.done.try_take()
+        {
+            state.saving = None;
+            let result = match stored {
+                true => CalibrationResult::Stored,
+                false => CalibrationResult::NotStored,
+            };
+            self.answer(sequence, result, 0);
+        }
+        let motors_off = state
+            .motors_on
+            .is_none_or(|last| block.local.saturating_sub(last) > MOTORS_OFF);
+        let calibration = &self.config.beam.calibration;
+        match self
+            .procedure
+            .sample(calibration, &block.counts, motors_off)
+        {
+            Some(Event::Refused {
+                sequence,
+                result,
+                gauge,
+            }) => self.answer(sequence, result, gauge),
+            Some(Event::Adopt { sequence, config }) => {
+                let mut robot = self.config;
+                robot.beam.calibration = config;
+                match node(&robot) {
+                    Ok(node) => {
+                        self.node = node;
+                        self.config = robot;
+                        state.saving = Some(sequence);
+                        self.saving.wanted.signal(config);
+                    }
+                    Err(_) => self.answer(sequence, CalibrationResult::OutOfRange, 0),
+                }
+            }
+            None => {}
+        }
+    }
+
+    fn answer(&mut self, sequence: u8, result: CalibrationResult, gauge: u8) {
+        self.sender.send(&Message::BeamCalibrated {
+            sequence,
+            result,
+            gauge,
+        });
+    }
+
+    fn report_health(&mut self, state: &State, block: &Block, timing_us: (u16, u16)) {
+        let temperature_c = self.bridges.temperature();
+        self.sender.send(&Message::BoardHealth {
+            board: Role::Beam,
+            sequence: sequence(state.last.unwrap_or(block.local)),
+            missed_ticks: state.missed.min(255) as u8,
+            tick_jitter_us: timing_us.0,
+            tick_worst_us: timing_us.1,
+            supply_v: (block.excitation * SUPPLY_V).clamp(0.0, 25.5),
+            temperature_c: temperature_c.unwrap_or(-128.0).clamp(-128.0, 127.0),
+        });
+        let gauges = self.node.latest().map_or(0, |latest| latest.used.count());
+        self.reports.send(Report {
+            excitation: block.excitation,
+            temperature_c,
+            gauges: gauges as u8,
+            in_step: state.in_step,
+            timing_us,
+            missed: state.missed,
+        });
+    }
+}
