@@ -37,6 +37,8 @@ for features in "" hil emulated; do
 done
 step "no panic in any node step"
 scripts/check_no_panic.sh
+step "instruction counts"
+scripts/count_instructions.py
 step "tests"
 cargo test --locked --workspace
 step "bus description against cantools"

@@ -1,0 +1,188 @@
+//! The boards' own algorithms.
+
+use super::counter::Counter;
+use super::problem::{self, P0, Q, R, STEPS, T, TRACK, X0};
+use core::hint::black_box;
+use core_algos::beam::sensor::{Method, PostureSolver};
+use core_algos::beam::{MAX_GAUGES, strip};
+use core_algos::control::kinematic::{self, Reference};
+use core_algos::control::{cascade, dynamic, governor};
+use core_algos::fusion::ekf::{self, Measurements, ProcessNoise};
+use core_algos::fusion::{Estimate, compound, intersection};
+use core_algos::math::{AxleLoad, Posture, Twist, trig};
+use core_algos::node::board::{Board, Role, Samples};
+use core_algos::node::robot::RobotConfig;
+use core_algos::node::{EPOCH, LEAD_PHASE, Outbox, TICK, axle};
+use semihosting::println;
+
+/// Measures everything.
+pub fn measure(counter: &mut Counter) {
+    elementary(counter);
+    filter(counter);
+    beam(counter);
+    fusion(counter);
+    control(counter);
+    boards(counter);
+}
+
+fn elementary(counter: &mut Counter) {
+    let angle = |k: u32| k as f32 * 0.39 - 3.1;
+    counter.report("sin_cos", 16, |k| trig::sin_cos(angle(k)));
+    counter.report("sqrt", 16, |k| trig::sqrt(k as f32 + 0.5));
+    counter.report("tanh", 16, |k| trig::tanh(angle(k)));
+    counter.report("atan2", 16, |k| trig::atan2(angle(k), 1.7 - 0.2 * k as f32));
+}
+
+/// The axle filter of the problem.
+pub fn axle_filter() -> (ekf::AxleFilter, ekf::State) {
+    let config = ekf::Config {
+        period_s: T,
+        track_m: TRACK,
+        left_sigma_m_s: trig::sqrt(R[0]),
+        right_sigma_m_s: trig::sqrt(R[1]),
+        gyro_sigma_rad_s: trig::sqrt(R[2]),
+        accelerometer_sigma_m_s2: trig::sqrt(R[3]),
+        innovation_gate: None,
+        ..ekf::Config::default()
+    };
+    let filter = config.build_with(ProcessNoise::Fixed(diagonal(&Q)));
+    let filter = filter.unwrap_or_else(|error| panic!("{error}"));
+    (filter, ekf::State::from_parts(X0, &diagonal(&P0)))
+}
+
+fn diagonal<const N: usize>(values: &[f32; N]) -> [[f32; N]; N] {
+    let mut m = [[0.0; N]; N];
+    for i in 0..N {
+        m[i][i] = values[i];
+    }
+    m
+}
+
+/// The measurements of step `k` in the filter's form.
+pub fn measurements(k: u32) -> Measurements {
+    let [left, right, gyro, acceleration] = problem::measurement(k);
+    Measurements {
+        left_m_s: Some(left),
+        right_m_s: Some(right),
+        gyro_rad_s: Some(gyro),
+        acceleration_m_s2: Some(acceleration),
+    }
+}
+
+fn filter(counter: &mut Counter) {
+    let (filter, mut state) = axle_filter();
+    counter.report("axle_filter_predict_update", STEPS, |k| {
+        filter.step(&mut state, &measurements(k))
+    });
+    let p = state.posture();
+    println!("state ours {} {} {}", p.x, p.y, p.phi);
+}
+
+fn beam(counter: &mut Counter) {
+    let strip = strip::Config::default().build();
+    let strip = strip.unwrap_or_else(|error| panic!("{error}"));
+    let half_thickness = strip::Config::default().half_thickness_m;
+    let strain = |k: u32| {
+        let mut strain = [0.0; MAX_GAUGES];
+        for (i, value) in strain.iter_mut().take(5).enumerate() {
+            *value = half_thickness * (0.2 * k as f32 + 0.3 * i as f32 - 1.0);
+        }
+        strain
+    };
+    for (name, method) in [
+        ("rps_piecewise_100", Method::Piecewise),
+        ("rps_quadrature", Method::Quadrature),
+        ("rps_elastica", Method::Elastica),
+    ] {
+        let solver = PostureSolver::new(strip, method, 100);
+        let solver = solver.unwrap_or_else(|error| panic!("{error}"));
+        counter.report(name, 8, |k| {
+            solver.solve(&black_box(strain(k)), strip.gauges())
+        });
+    }
+}
+
+fn fusion(counter: &mut Counter) {
+    let intersection = intersection::Config::default().build();
+    let intersection = intersection.unwrap_or_else(|error| panic!("{error}"));
+    let a = Estimate::with_sigmas(Posture::new(0.1, 0.2, 0.3), [0.01, 0.02, 0.01]);
+    let b = Estimate::with_sigmas(Posture::new(-0.26, 0.1, 0.25), [0.02, 0.01, 0.02]);
+    let relative = Estimate::with_sigmas(Posture::new(0.36, 0.05, 0.2), [1e-3, 2e-3, 2e-3]);
+    counter.report("covariance_intersection", 4, |_| {
+        intersection.fuse(&black_box(a), &black_box(b))
+    });
+    counter.report("compounding_and_intersection", 4, |_| {
+        let seen = compound::compose(&black_box(b), &black_box(relative));
+        intersection.fuse(&black_box(a), &seen)
+    });
+}
+
+fn control(counter: &mut Counter) {
+    let cascade = cascade::Config::default().build();
+    let cascade = cascade.unwrap_or_else(|error| panic!("{error}"));
+    let dynamic = dynamic::Config::default().build();
+    let dynamic = dynamic.unwrap_or_else(|error| panic!("{error}"));
+    let governor = governor::Config::default().build(&cascade);
+    let governor = governor.unwrap_or_else(|error| panic!("{error}"));
+    let law = kinematic::Config::default().build();
+    let law = law.unwrap_or_else(|error| panic!("{error}"));
+
+    let mut state = governor::State::default();
+    let [reference, _] = cascade.references(Posture::ORIGIN, &state.motion);
+    counter.report("dynamic_controller", 8, |k| {
+        dynamic.step(&black_box(dynamic::Input {
+            posture: Posture::new(0.01 * k as f32, 0.002, 0.01),
+            twist: Twist::new(0.1, 0.05),
+            reference,
+            reference_load: AxleLoad::default(),
+            beam_load: None,
+        }))
+    });
+    let goal = Reference::default();
+    counter.report("kinematic_governor_cascade", 50, |k| {
+        let at = Posture::new(-1.3 + 0.001 * k as f32, -1.2, 0.4);
+        let command = law.track(black_box(at), goal);
+        let wish = governor::Wish::from_curvature(&cascade, command.v, command.kappa);
+        state = governor.step(&state, &wish, 0.01);
+        cascade.references(at, &state.motion)
+    });
+}
+
+/// Whole ticks of each board: plain ones, those that begin an epoch, those of the lead node.
+fn boards(counter: &mut Counter) {
+    let config = RobotConfig::default();
+    for role in Role::ALL {
+        let board = Board::new(&config, role);
+        let mut board = board.unwrap_or_else(|error| panic!("{error}"));
+        let mut outbox = Outbox::new();
+        let (mut plain, mut epoch, mut lead) = ((0, 0), (0, 0), (0, 0));
+        for tick in 0..400u64 {
+            let now = tick * TICK;
+            let samples = match role {
+                Role::Beam => {
+                    let wave = (tick % 3) as i32;
+                    Samples::Beam([2048 + 40 + wave; MAX_GAUGES])
+                }
+                _ => Samples::Axle(axle::Samples {
+                    encoder: [Some(tick as i32 / 4), Some(tick as i32 / 5)],
+                    gyro_rad_s: Some(0.01),
+                    acceleration_m_s2: Some(0.02),
+                }),
+            };
+            outbox.clear();
+            let count = counter.count(|| board.step(now, &black_box(samples), &mut outbox));
+            let slot = match now % EPOCH {
+                0 => &mut epoch,
+                LEAD_PHASE => &mut lead,
+                _ => &mut plain,
+            };
+            *slot = (slot.0 + count, slot.1.max(count));
+        }
+        let name = role.name();
+        println!("count tick_{} {} {}", name, plain.0 / 320, plain.1);
+        println!("count tick_{}_epoch {} {}", name, epoch.0 / 40, epoch.1);
+        if role == Role::Front {
+            println!("count tick_{}_lead {} {}", name, lead.0 / 40, lead.1);
+        }
+    }
+}

@@ -1,0 +1,12 @@
+//! Counts instructions of the boards' algorithms, and of other libraries on the same work, on an
+//! emulated Cortex-M4F: `scripts/count_instructions.py`.
+#![cfg_attr(target_os = "none", no_std, no_main)]
+
+#[cfg(target_os = "none")]
+mod image;
+
+#[cfg(not(target_os = "none"))]
+fn main() {
+    eprintln!("this image runs in an emulator: scripts/count_instructions.py");
+    std::process::exit(2);
+}
