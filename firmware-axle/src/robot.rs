@@ -14,13 +14,12 @@ use core_algos::config::ConfigError;
 use core_algos::drive::winding;
 use core_algos::node::board::Board;
 use core_algos::node::robot::RobotConfig;
-use embassy_executor::{InterruptExecutor, Spawner};
-use embassy_stm32::interrupt::{self, InterruptExt, Priority};
-use embassy_stm32::{Peripherals, interrupt as handler};
+use embassy_executor::Spawner;
+use embassy_stm32::Peripherals;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::watch::Watch;
 use firmware_common::watchdog::Watchdog;
-use firmware_common::{board, can, strap};
+use firmware_common::{board, can, executors, strap};
 use static_cell::StaticCell;
 
 use encoders::Encoders;
@@ -28,22 +27,6 @@ use inertial::Inertial;
 use motors::Motors;
 use operator::Button;
 use tick::{Axis, Report};
-
-// Interrupts of peripherals that the board does not use lend their priority to executors.
-static TICK: InterruptExecutor = InterruptExecutor::new();
-static BUS: InterruptExecutor = InterruptExecutor::new();
-
-#[handler]
-unsafe fn UART4() {
-    // SAFETY: this is the interrupt the executor was started with.
-    unsafe { TICK.on_interrupt() }
-}
-
-#[handler]
-unsafe fn UART5() {
-    // SAFETY: this is the interrupt the executor was started with.
-    unsafe { BUS.on_interrupt() }
-}
 
 #[embassy_executor::main]
 async fn main(_spawner: Spawner) {
@@ -87,14 +70,13 @@ async fn start(p: Peripherals) -> Result<(telemetry::Reports, Watchdog), ConfigE
         stop: p.PB12,
     })?;
 
-    interrupt::UART4.set_priority(Priority::P5);
-    interrupt::UART5.set_priority(Priority::P7);
-    let ticks = TICK.start(interrupt::UART4);
-    let bus = BUS.start(interrupt::UART5);
+    let spawners = executors::start();
     defmt::info!("{} axle", role.name());
     // Each of these tasks is spawned once, and has room for one.
-    bus.spawn(can::send(can_tx).expect("spawned once"));
-    bus.spawn(can::receive(can_rx).expect("spawned once"));
+    spawners.bus.spawn(can::send(can_tx).expect("spawned once"));
+    spawners
+        .bus
+        .spawn(can::receive(can_rx).expect("spawned once"));
     let axis = Axis {
         motors,
         encoders,
@@ -107,7 +89,7 @@ async fn start(p: Peripherals) -> Result<(telemetry::Reports, Watchdog), ConfigE
         winding,
         reports: REPORTS.sender(),
     };
-    ticks.spawn(tick::run(axis).expect("spawned once"));
+    spawners.tick.spawn(tick::run(axis).expect("spawned once"));
     Ok((REPORTS.receiver().expect("the only one"), watchdog))
 }
 

@@ -12,35 +12,19 @@ use core_algos::acquisition::analog::ThermistorConfig;
 use core_algos::beam::calibration::StandstillLimits;
 use core_algos::beam::procedure::Procedure;
 use core_algos::config::ConfigError;
-use embassy_executor::{InterruptExecutor, Spawner};
+use embassy_executor::Spawner;
+use embassy_stm32::Peripherals;
 use embassy_stm32::adc::AdcChannel;
 use embassy_stm32::interrupt::{self, InterruptExt, Priority};
-use embassy_stm32::{Peripherals, interrupt as handler};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use embassy_sync::watch::Watch;
 use firmware_common::watchdog::Watchdog;
-use firmware_common::{board, can};
+use firmware_common::{board, can, executors};
 
 use bridges::Bridges;
 use store::Store;
 use tick::{Beam, Report, Saving};
-
-// Interrupts of peripherals that the board does not use lend their priority to executors.
-static TICK: InterruptExecutor = InterruptExecutor::new();
-static BUS: InterruptExecutor = InterruptExecutor::new();
-
-#[handler]
-unsafe fn UART4() {
-    // SAFETY: this is the interrupt the executor was started with.
-    unsafe { TICK.on_interrupt() }
-}
-
-#[handler]
-unsafe fn UART5() {
-    // SAFETY: this is the interrupt the executor was started with.
-    unsafe { BUS.on_interrupt() }
-}
 
 #[embassy_executor::main]
 async fn main(_spawner: Spawner) {
@@ -72,13 +56,12 @@ async fn start(p: Peripherals) -> Result<(), ConfigError> {
     let (sender, receiver, can_tx, can_rx) = can::start(p.CAN1, p.PB8, p.PB9).await;
     let watchdog = Watchdog::start(p.IWDG);
     interrupt::DMA2_STREAM0.set_priority(Priority::P4);
-    interrupt::UART4.set_priority(Priority::P5);
-    interrupt::UART5.set_priority(Priority::P7);
-    let ticks = TICK.start(interrupt::UART4);
-    let bus = BUS.start(interrupt::UART5);
+    let spawners = executors::start();
     // Each of these tasks is spawned once, and has room for one.
-    bus.spawn(can::send(can_tx).expect("spawned once"));
-    bus.spawn(can::receive(can_rx).expect("spawned once"));
+    spawners.bus.spawn(can::send(can_tx).expect("spawned once"));
+    spawners
+        .bus
+        .spawn(can::receive(can_rx).expect("spawned once"));
     let bridges = Bridges::start(
         bridges::Parts {
             adc: p.ADC1,
@@ -106,7 +89,7 @@ async fn start(p: Peripherals) -> Result<(), ConfigError> {
         saving: &SAVING,
         reports: REPORTS.sender(),
     };
-    ticks.spawn(tick::run(beam).expect("spawned once"));
+    spawners.tick.spawn(tick::run(beam).expect("spawned once"));
     let reports = REPORTS.receiver().expect("the only one");
     background::run(reports, store, &SAVING, watchdog).await
 }

@@ -10,6 +10,7 @@
 //! | `stack` | how much stack was ever used |
 //! | `timing` | how late ticks come and how long they take |
 //! | `can` | the bus (not with `hil`) |
+//! | `executors` | tick above bus above thread (not with `hil`) |
 //! | `hil` | hardware in the loop: the node fed from a serial link (feature `hil`) |
 //! | `emulated` | what QEMU needs (feature `emulated`) |
 //!
@@ -34,6 +35,8 @@ pub mod watchdog;
 
 #[cfg(all(target_os = "none", not(feature = "hil")))]
 pub mod can;
+#[cfg(all(target_os = "none", not(feature = "hil")))]
+pub mod executors;
 
 #[cfg(any(test, all(target_os = "none", feature = "emulated")))]
 pub mod emulated;

@@ -18,6 +18,7 @@ pub mod clock;
 pub mod course;
 pub mod lead;
 pub mod outbox;
+pub mod pace;
 pub mod robot;
 
 pub use outbox::Outbox;

@@ -1,15 +1,14 @@
 //! The axle's tick, once a millisecond: sample → receive → node → limit → command → send.
 //!
 //! The front board's clock is the common time, and its lead node runs here too; the rear board
-//! follows by [`CommonClock`]. A board whose clock was moved begins anew with motors off, since
-//! nothing it remembers has a valid time.
+//! follows by [`Pace`]. A board whose clock was moved begins anew with motors off.
 
 use core_algos::bus::{Axle, Message};
 use core_algos::control::wheel_observer::{self, WheelObserver};
 use core_algos::drive::winding::{self, Winding, fold_back};
 use core_algos::node::board::{Board, Output, Role, Samples};
-use core_algos::node::clock::{CommonClock, Tick};
-use core_algos::node::{EPOCH, Micros, Outbox, TICK, axle, is_epoch_start, sequence};
+use core_algos::node::pace::{Pace, Step};
+use core_algos::node::{Micros, Outbox, TICK, axle, sequence};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::watch;
 use firmware_common::can::{Receiver, Sender};
@@ -24,9 +23,6 @@ use super::operator::Button;
 const DRIVER_C: (f32, f32) = (85.0, 105.0);
 /// Ticks between health reports on the bus.
 const HEALTH: Micros = 100 * TICK;
-/// Ticks missed in a row that the nodes pass over; more of them, or a clock that was moved, and they
-/// begin anew.
-const PASSED_OVER: Micros = 5 * TICK;
 
 /// What the log is told.
 #[derive(Clone, Copy, Debug)]
@@ -39,9 +35,9 @@ pub struct Report {
     pub in_step: bool,
     /// Largest jitter and longest tick since the last report, µs.
     pub timing_us: (u16, u16),
-    /// Ticks missed and times the nodes began anew, since the start.
+    /// Ticks missed since the start.
     pub missed: u16,
-    /// Times the nodes began anew because the clock was moved.
+    /// Times the nodes began anew since the start.
     pub restarts: u16,
     /// Whether the inertial sensor answers.
     pub inertial: bool,
@@ -76,15 +72,11 @@ pub struct Axis {
 
 /// All that changes from tick to tick.
 struct State {
-    clock: CommonClock,
-    last: Option<Micros>,
-    /// When the latest epoch began, on the front board.
-    epoch_began: Micros,
+    pace: Pace,
+    /// What the nodes of this board sent at the last tick, as the others read it.
     own: Outbox,
     wheels: [wheel_observer::State; 2],
     windings: [winding::State; 2],
-    missed: u16,
-    restarts: u16,
 }
 
 /// Runs the tick for ever.
@@ -92,14 +84,13 @@ struct State {
 pub async fn run(mut axis: Axis) -> ! {
     let mut stopwatch = Stopwatch::new(TICK as u32);
     let mut state = State {
-        clock: CommonClock::default(),
-        last: None,
-        epoch_began: 0,
+        pace: match axis.nodes.0.role() {
+            Role::Front => Pace::leading(),
+            _ => Pace::following(),
+        },
         own: Outbox::new(),
         wheels: [wheel_observer::State::default(); 2],
         windings: [axis.winding.at_start(); 2],
-        missed: 0,
-        restarts: 0,
     };
     loop {
         let local = axis.motors.tick().await;
@@ -128,7 +119,9 @@ impl Axis {
         let Some(now) = now else {
             return Command::default();
         };
-        self.synchronise(state, now);
+        if let Some(message) = state.pace.sync(now, self.sender.take_sync_sent()) {
+            self.sender.send(&message);
+        }
         self.button.step(now, self.nodes.0);
         let samples = Samples::Axle(axle::Samples {
             encoder: encoder.map(Some),
@@ -143,32 +136,20 @@ impl Axis {
         self.limited(state, &feedback, &output)
     }
 
-    /// The common time of this tick; `None` while it is not known or the tick is out of step, when
-    /// nothing may be driven.
+    /// The common time of this tick; `None` when nothing may be driven.
     fn now(&mut self, state: &mut State, local: Micros) -> Option<Micros> {
-        let common = match self.nodes.0.role() {
-            Role::Front => Some(local),
-            _ => state.clock.common(local),
-        };
-        let tick = common.map(Tick::of);
-        self.motors.trim(tick.map_or(0, |tick| tick.trim()));
-        let now = tick.filter(Tick::in_step).map(|tick| tick.now);
-        if let (Some(now), Some(last)) = (now, state.last) {
-            let passed = now.saturating_sub(last);
-            if passed > TICK && passed <= PASSED_OVER {
-                let missed = (passed / TICK - 1) as u16;
-                state.missed = state.missed.saturating_add(missed);
-            } else if passed != TICK {
+        let step = state.pace.step(local);
+        self.motors.trim(state.pace.trim());
+        match step {
+            Step::Wait => None,
+            Step::Run(now) => Some(now),
+            Step::Restart(now) => {
                 self.nodes.0.clone_from(self.nodes.1);
                 self.button.forget();
                 state.own.clear();
-                state.restarts = state.restarts.saturating_add(1);
+                Some(now)
             }
         }
-        if now.is_some() {
-            state.last = now;
-        }
-        now
     }
 
     /// Hands the nodes what came since the last tick, and what they sent each other then.
@@ -180,28 +161,11 @@ impl Axis {
         }
         state.own.clear();
         while let Some(arrived) = self.receiver.take() {
-            state.clock.receive(arrived.local, &arrived.message);
+            state.pace.receive(arrived.local, &arrived.message);
             if let Some(now) = now {
                 self.nodes.0.receive(now, &arrived.message);
             }
         }
-    }
-
-    /// On the front board: begins each epoch with the common time.
-    fn synchronise(&mut self, state: &mut State, now: Micros) {
-        if self.nodes.0.role() != Role::Front || !is_epoch_start(now) {
-            return;
-        }
-        let sent = self.sender.take_sync_sent();
-        let last_delay_us = sent
-            .and_then(|sent| sent.checked_sub(state.epoch_began))
-            .filter(|&delay| delay < EPOCH)
-            .map(|delay| delay as u16);
-        state.epoch_began = now;
-        self.sender.send(&Message::TimeSync {
-            epoch: (now / EPOCH) as u32,
-            last_delay_us,
-        });
     }
 
     /// Sends a message; the nodes of this board get it at the next tick, as the others read it.
@@ -236,14 +200,14 @@ impl Axis {
         let feedback = self.motors.feedback();
         let winding_c = state.windings.map(|winding| winding.temperature_c);
         let board = self.nodes.0.role();
-        let now = state.last.unwrap_or(local);
+        let now = state.pace.last().unwrap_or(local);
         let warmest = winding_c[0]
             .max(winding_c[1])
             .max(feedback.temperature_c.unwrap_or(-128.0));
         self.sender.send(&Message::BoardHealth {
             board,
             sequence: sequence(now),
-            missed_ticks: state.missed.min(255) as u8,
+            missed_ticks: state.pace.missed().min(255) as u8,
             tick_jitter_us: timing_us.0,
             tick_worst_us: timing_us.1,
             supply_v: feedback.supply_v.clamp(0.0, 25.5),
@@ -252,10 +216,10 @@ impl Axis {
         self.reports.send(Report {
             feedback,
             winding_c,
-            in_step: state.last.is_some(),
+            in_step: state.pace.in_step(),
             timing_us,
-            missed: state.missed,
-            restarts: state.restarts,
+            missed: state.pace.missed(),
+            restarts: state.pace.restarts(),
             inertial: self.inertial.answers(),
         });
     }

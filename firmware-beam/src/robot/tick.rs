@@ -7,7 +7,7 @@ use core_algos::bus::message::{CalibrationResult, Role};
 use core_algos::bus::{LeadMode, Message};
 use core_algos::config::ConfigError;
 use core_algos::node::beam::BeamNode;
-use core_algos::node::clock::{CommonClock, Tick};
+use core_algos::node::pace::{Pace, Step};
 use core_algos::node::robot::RobotConfig;
 use core_algos::node::{Micros, Outbox, TICK, sequence};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
@@ -75,14 +75,10 @@ pub struct Beam {
 }
 
 /// All that changes from tick to tick.
-#[derive(Default)]
 struct State {
-    clock: CommonClock,
-    last: Option<Micros>,
-    in_step: bool,
+    pace: Pace,
     motors_on: Option<Micros>,
     saving: Option<u8>,
-    missed: u16,
 }
 
 /// The configuration of a board with this converter: counts are sums of [`SCANS`] conversions.
@@ -112,7 +108,11 @@ pub fn node(config: &RobotConfig) -> Result<BeamNode, ConfigError> {
 #[embassy_executor::task]
 pub async fn run(mut beam: Beam) -> ! {
     let mut stopwatch = Stopwatch::new(TICK as u32);
-    let mut state = State::default();
+    let mut state = State {
+        pace: Pace::following(),
+        motors_on: None,
+        saving: None,
+    };
     loop {
         let Some(block) = beam.bridges.read().await else {
             // Which sample is of which bridge is no longer known; a start from nothing is sure.
@@ -137,7 +137,7 @@ impl Beam {
 
     fn receive(&mut self, state: &mut State, local: Micros) {
         while let Some(arrived) = self.receiver.take() {
-            state.clock.receive(arrived.local, &arrived.message);
+            state.pace.receive(arrived.local, &arrived.message);
             match arrived.message {
                 Message::LeadStatus { mode, .. } if mode != LeadMode::Idle => {
                     state.motors_on = Some(local);
@@ -151,22 +151,13 @@ impl Beam {
         }
     }
 
-    /// The node runs when the common time is known and the tick is in step with it. A gap or a clock
-    /// that was moved does it no harm: it remembers samples, not times.
+    /// A restart is no different here: the node remembers samples, not times.
     fn run_node(&mut self, state: &mut State, block: &Block) {
-        let tick = state.clock.common(block.local).map(Tick::of);
-        self.bridges.trim(tick.map_or(0, |tick| tick.trim()));
-        let now = tick.filter(Tick::in_step).map(|tick| tick.now);
-        state.in_step = now.is_some();
-        let Some(now) = now else {
+        let step = state.pace.step(block.local);
+        self.bridges.trim(state.pace.trim());
+        let (Step::Run(now) | Step::Restart(now)) = step else {
             return;
         };
-        if let Some(passed) = state.last.and_then(|last| now.checked_sub(last))
-            && (2 * TICK..=100 * TICK).contains(&passed)
-        {
-            state.missed = state.missed.saturating_add((passed / TICK - 1) as u16);
-        }
-        state.last = Some(now);
         let mut outbox = Outbox::new();
         self.node.step(now, &block.counts, &mut outbox);
         for message in outbox.iter() {
@@ -227,8 +218,8 @@ impl Beam {
         let temperature_c = self.bridges.temperature();
         self.sender.send(&Message::BoardHealth {
             board: Role::Beam,
-            sequence: sequence(state.last.unwrap_or(block.local)),
-            missed_ticks: state.missed.min(255) as u8,
+            sequence: sequence(state.pace.last().unwrap_or(block.local)),
+            missed_ticks: state.pace.missed().min(255) as u8,
             tick_jitter_us: timing_us.0,
             tick_worst_us: timing_us.1,
             supply_v: (block.excitation * SUPPLY_V).clamp(0.0, 25.5),
@@ -239,9 +230,9 @@ impl Beam {
             excitation: block.excitation,
             temperature_c,
             gauges: gauges as u8,
-            in_step: state.in_step,
+            in_step: state.pace.in_step(),
             timing_us,
-            missed: state.missed,
+            missed: state.pace.missed(),
         });
     }
 }

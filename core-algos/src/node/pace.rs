@@ -1,0 +1,319 @@
+//! When the nodes of a board run: its ticks in step with the common time, gaps, and the messages
+//! that keep the boards together.
+//!
+//! The front board's local time is the common one; the other boards follow by [`CommonClock`]. A
+//! tick runs the nodes when it is within a tenth of a millisecond of its whole millisecond. A gap of
+//! a few ticks is counted and passed over; after a longer one, or when the common time was moved,
+//! the nodes begin anew with motors off, since nothing they remember has a valid time.
+//!
+//! Nothing here can fail.
+
+use super::clock::{CommonClock, Tick};
+use super::{EPOCH, Micros, TICK, is_epoch_start};
+use crate::bus::Message;
+
+/// Longest time between two runs that is passed over.
+const PASSED_OVER: Micros = 5 * TICK;
+
+/// What a tick is to do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Step {
+    /// The common time is not known or the tick is not in step with it: nothing may be driven.
+    Wait,
+    /// Run the nodes at this common time.
+    Run(Micros),
+    /// Let the nodes begin anew, then run them at this common time.
+    Restart(Micros),
+}
+
+/// The pace of one board.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pace {
+    /// `None` on the front board.
+    clock: Option<CommonClock>,
+    last: Option<Micros>,
+    in_step: bool,
+    trim: i8,
+    epoch_began: Option<Micros>,
+    sent: Option<Micros>,
+    missed: u16,
+    restarts: u16,
+}
+
+impl Pace {
+    const fn new(clock: Option<CommonClock>) -> Self {
+        Self {
+            clock,
+            last: None,
+            in_step: false,
+            trim: 0,
+            epoch_began: None,
+            sent: None,
+            missed: 0,
+            restarts: 0,
+        }
+    }
+
+    /// The front board, whose clock is the common one.
+    pub const fn leading() -> Self {
+        Self::new(None)
+    }
+
+    /// A board that follows.
+    pub fn following() -> Self {
+        Self::new(Some(CommonClock::default()))
+    }
+
+    /// Takes in a message that arrived at local time `local`.
+    pub fn receive(&mut self, local: Micros, message: &Message) {
+        if let Some(clock) = &mut self.clock {
+            clock.receive(local, message);
+        }
+    }
+
+    /// The tick of local time `local`.
+    pub fn step(&mut self, local: Micros) -> Step {
+        let common = match &self.clock {
+            None => Some(local),
+            Some(clock) => clock.common(local),
+        };
+        let tick = common.map(Tick::of);
+        self.trim = tick.map_or(0, |tick| tick.trim());
+        let now = tick.filter(Tick::in_step).map(|tick| tick.now);
+        self.in_step = now.is_some();
+        let Some(now) = now else {
+            return Step::Wait;
+        };
+        let last = self.last.replace(now);
+        let passed = last.map_or(TICK, |last| now.saturating_sub(last));
+        if passed == TICK {
+            Step::Run(now)
+        } else if passed > TICK && passed <= PASSED_OVER {
+            let missed = (passed / TICK - 1) as u16;
+            self.missed = self.missed.saturating_add(missed);
+            Step::Run(now)
+        } else {
+            self.restarts = self.restarts.saturating_add(1);
+            Step::Restart(now)
+        }
+    }
+
+    /// On the front board, what to send first at `now`; to be called at every tick that runs. `sent`
+    /// is the local time at which the latest [`Message::TimeSync`] had left, once it is known.
+    pub fn sync(&mut self, now: Micros, sent: Option<Micros>) -> Option<Message> {
+        self.sent = sent.or(self.sent);
+        if self.clock.is_some() || !is_epoch_start(now) {
+            return None;
+        }
+        let began = self.epoch_began.replace(now);
+        let last_delay_us = match (began, self.sent.take()) {
+            // Only of the epoch just before.
+            (Some(began), Some(sent)) if began + EPOCH == now => sent
+                .checked_sub(began)
+                .filter(|&delay| delay < EPOCH)
+                .map(|delay| delay as u16),
+            _ => None,
+        };
+        Some(Message::TimeSync {
+            epoch: (now / EPOCH) as u32,
+            last_delay_us,
+        })
+    }
+
+    /// Counts by which the period of the board's timer is to differ from the nominal one until the
+    /// next tick: −1, 0 or 1.
+    pub fn trim(&self) -> i8 {
+        self.trim
+    }
+
+    /// Whether the latest tick ran the nodes.
+    pub fn in_step(&self) -> bool {
+        self.in_step
+    }
+
+    /// Common time of the latest tick that ran the nodes.
+    pub fn last(&self) -> Option<Micros> {
+        self.last
+    }
+
+    /// Ticks missed and passed over, saturating.
+    pub fn missed(&self) -> u16 {
+        self.missed
+    }
+
+    /// Times the nodes began anew, saturating.
+    pub fn restarts(&self) -> u16 {
+        self.restarts
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fusion::testing::Random;
+
+    /// A board with a crystal of its own, in true time (µs, double precision).
+    struct Board {
+        pace: Pace,
+        /// Local time is `offset + (1 + rate) t`.
+        offset: f64,
+        rate: f64,
+        /// True time of the next tick.
+        next: f64,
+        ran: Option<(Micros, f64)>,
+    }
+
+    impl Board {
+        fn new(pace: Pace, offset: f64, rate: f64, phase: f64) -> Self {
+            Self {
+                pace,
+                offset,
+                rate,
+                next: phase,
+                ran: None,
+            }
+        }
+
+        fn local(&self, time: f64) -> Micros {
+            (self.offset + (1.0 + self.rate) * time) as Micros
+        }
+
+        /// One tick; the timer's period is trimmed by parts in 4200.
+        fn tick(&mut self) -> Step {
+            let step = self.pace.step(self.local(self.next));
+            if let Step::Run(now) | Step::Restart(now) = step {
+                self.ran = Some((now, self.next));
+            }
+            let period = 1000.0 * (1.0 + f64::from(self.pace.trim()) / 4200.0);
+            self.next += period / (1.0 + self.rate);
+            step
+        }
+    }
+
+    /// The front board's message, on the bus and off.
+    fn exchange(
+        front: &mut Board,
+        rear: &mut Board,
+        sent: &mut Option<Micros>,
+        random: &mut Random,
+    ) {
+        let Some((now, time)) = front.ran else {
+            return;
+        };
+        let Some(message) = front.pace.sync(now, sent.take()) else {
+            return;
+        };
+        let end = time + 130.0 + 150.0 * random.uniform();
+        *sent = Some(front.local(end + 2.0 * random.uniform()));
+        let arrived = rear.local(end + 2.0 * random.uniform());
+        rear.pace.receive(arrived, &message);
+    }
+
+    /// Runs both boards for some seconds of true time; counts of rear steps (wait, run, restart).
+    fn run(front: &mut Board, rear: &mut Board, until: f64, talk: bool) -> [u32; 3] {
+        let (mut random, mut sent, mut counts) = (Random::new(8), None, [0; 3]);
+        while front.next < until || rear.next < until {
+            if front.next <= rear.next {
+                front.tick();
+                if talk {
+                    exchange(front, rear, &mut sent, &mut random);
+                }
+            } else {
+                counts[match rear.tick() {
+                    Step::Wait => 0,
+                    Step::Run(_) => 1,
+                    Step::Restart(_) => 2,
+                }] += 1;
+            }
+        }
+        counts
+    }
+
+    #[test]
+    fn two_boards_run_the_same_milliseconds_at_the_same_time() {
+        for (rate, phase) in [(4e-5, 437.0), (-4e-5, 912.0)] {
+            let mut front = Board::new(Pace::leading(), 350.0, 2e-5, 0.0);
+            let mut rear = Board::new(Pace::following(), 7.7e6, rate, phase);
+            // The front board first brings its own ticks into step, 0.24 µs each.
+            run(&mut front, &mut rear, 20e6, true);
+            let (missed, restarts) = (rear.pace.missed(), rear.pace.restarts());
+            let mut worst = 0.0f64;
+            for second in 20..40 {
+                let counts = run(&mut front, &mut rear, f64::from(second) * 1e6 + 1e6, true);
+                assert_eq!([counts[0], counts[2]], [0, 0]);
+                let ((a, at), (b, bt)) = (front.ran.unwrap(), rear.ran.unwrap());
+                let apart = (at - bt) - (a as f64 - b as f64) / (1.0 + 2e-5);
+                worst = worst.max(apart.abs());
+            }
+            println!("ticks apart by at most {worst:.1} µs");
+            assert!(worst < 5.0, "{worst}");
+            assert_eq!(
+                (rear.pace.missed(), rear.pace.restarts()),
+                (missed, restarts)
+            );
+            assert!(front.pace.restarts() == 0 && front.pace.missed() == 0);
+        }
+    }
+
+    #[test]
+    fn without_the_front_board_the_others_stop_running() {
+        let mut front = Board::new(Pace::leading(), 0.0, 0.0, 0.0);
+        let mut rear = Board::new(Pace::following(), 1e6, 3e-5, 200.0);
+        run(&mut front, &mut rear, 10e6, true);
+        assert!(rear.pace.in_step());
+        let counts = run(&mut front, &mut rear, 12e6, false);
+        // The time is given up after a second.
+        assert!((950..=1050).contains(&counts[0]), "{counts:?}");
+        assert_eq!((counts[2], rear.pace.in_step()), (0, false));
+    }
+
+    #[test]
+    fn a_front_board_that_restarts_makes_the_others_begin_anew_once() {
+        let mut front = Board::new(Pace::leading(), 0.0, 0.0, 0.0);
+        let mut rear = Board::new(Pace::following(), 1e6, 3e-5, 200.0);
+        run(&mut front, &mut rear, 10e6, true);
+        let mut again = Board::new(Pace::leading(), -10e6, 0.0, 10e6);
+        let counts = run(&mut again, &mut rear, 20e6, true);
+        assert_eq!(counts[2], 1, "{counts:?}");
+        let ((a, at), (b, bt)) = (again.ran.unwrap(), rear.ran.unwrap());
+        assert!((at - bt - (a as f64 - b as f64)).abs() < 5.0);
+    }
+
+    #[test]
+    fn gaps_are_counted_and_long_ones_restart() {
+        let mut pace = Pace::leading();
+        assert_eq!(pace.step(10_000), Step::Run(10_000));
+        assert_eq!(pace.step(11_002), Step::Run(11_000));
+        assert_eq!(pace.trim(), -1);
+        assert_eq!(pace.step(13_998), Step::Run(14_000));
+        assert_eq!((pace.trim(), pace.missed()), (1, 2));
+        assert_eq!(pace.step(20_000), Step::Restart(20_000));
+        assert_eq!(
+            pace.step(20_040),
+            Step::Restart(20_000),
+            "no millisecond runs twice"
+        );
+        assert_eq!(pace.step(21_450), Step::Wait);
+        assert_eq!(pace.step(5_000), Step::Restart(5_000));
+        assert_eq!(pace.restarts(), 3);
+    }
+
+    #[test]
+    fn delays_are_those_of_the_epoch_before() {
+        let mut pace = Pace::leading();
+        let sync = |epoch, last_delay_us| {
+            Some(Message::TimeSync {
+                epoch,
+                last_delay_us,
+            })
+        };
+        assert_eq!(pace.sync(10_000, None), sync(1, None));
+        assert_eq!(pace.sync(11_000, None), None);
+        assert_eq!(pace.sync(20_000, Some(10_130)), sync(2, Some(130)));
+        assert_eq!(pace.sync(30_000, None), sync(3, None));
+        // An epoch was left out, a stamp is from before the epoch.
+        assert_eq!(pace.sync(50_000, Some(30_100)), sync(5, None));
+        assert_eq!(pace.sync(60_000, Some(49_000)), sync(6, None));
+        assert_eq!(Pace::following().sync(10_000, None), None);
+    }
+}
