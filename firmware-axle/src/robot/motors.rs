@@ -18,6 +18,7 @@ use core_algos::drive::current::{self, CurrentLoop};
 use core_algos::drive::shunt::{self, Shunt, Zeroed, Zeroing};
 use core_algos::node::Micros;
 use core_algos::safety::Condition;
+use cortex_m::peripheral::DWT;
 use critical_section::Mutex;
 use embassy_stm32::adc::{Adc, AdcChannel, Exten, InjectedAdc, SampleTime};
 use embassy_stm32::gpio::{AfType, Flex, Input, Level, Output, OutputType, Pull, Speed};
@@ -98,6 +99,8 @@ pub struct Feedback {
     pub on: bool,
     /// Whether the zeros of the current sensors are known.
     pub ready: bool,
+    /// Longest run of the current loop since the start, core cycles.
+    pub longest_cycles: u32,
     /// Why the motors were switched off; lasts until the board restarts.
     pub fault: Option<Condition>,
 }
@@ -108,6 +111,7 @@ const NOTHING: Feedback = Feedback {
     temperature_c: None,
     on: false,
     ready: false,
+    longest_cycles: 0,
     fault: None,
 };
 
@@ -177,6 +181,7 @@ struct Drive {
     fault: Option<Condition>,
     squares: [f32; 2],
     period: u8,
+    longest: u32,
 }
 
 impl Drive {
@@ -229,6 +234,7 @@ impl Drive {
             fault: None,
             squares: [0.0; 2],
             period: 0,
+            longest: 0,
         })
     }
 
@@ -374,6 +380,7 @@ impl Drive {
             temperature_c: self.thermistor.read(temperature.into(), 4096.0),
             on: self.awake >= WAKE_PERIODS,
             ready: self.zeros.iter().all(Option::is_some),
+            longest_cycles: self.longest,
             fault: self.fault,
         };
         critical_section::with(|cs| FEEDBACK.borrow(cs).set(feedback));
@@ -384,8 +391,14 @@ impl Drive {
 #[handler]
 fn ADC() {
     critical_section::with(|cs| {
-        if let Some(drive) = DRIVE.borrow_ref_mut(cs).as_mut() {
+        // Nothing else borrows it once this interrupt is enabled.
+        if let Ok(mut drive) = DRIVE.borrow(cs).try_borrow_mut()
+            && let Some(drive) = drive.as_mut()
+        {
+            let began = DWT::cycle_count();
             drive.step();
+            let took = DWT::cycle_count().wrapping_sub(began);
+            drive.longest = drive.longest.max(took);
         }
     });
 }

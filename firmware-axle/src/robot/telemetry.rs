@@ -2,6 +2,7 @@
 
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::watch;
+use firmware_common::board::CORE_HZ;
 use firmware_common::watchdog::Watchdog;
 use firmware_common::{can, fault, stack};
 
@@ -39,9 +40,10 @@ pub async fn run(mut reports: Reports, mut watchdog: Watchdog) -> ! {
         count = 0;
         let (jitter, worst) = report.timing_us;
         defmt::info!(
-            "tick jitter {} us, longest {} us, missed {}, restarts {}; in step {}, inertial {}",
+            "tick jitter {} us, longest {} us, current loop {} us, missed {}, restarts {}; in step {}, inertial {}",
             jitter,
             worst,
+            feedback.longest_cycles.div_ceil(CORE_HZ / 1_000_000),
             report.missed,
             report.restarts,
             report.in_step,
