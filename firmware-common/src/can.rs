@@ -8,11 +8,11 @@ use core::cell::Cell;
 
 use core_algos::bus::layout::{BIT_RATE, id};
 use core_algos::bus::{self, Message};
-use core_algos::node::Micros;
+use core_algos::node::{EPOCH, Micros};
 use critical_section::Mutex;
 use embassy_stm32::can::filter::Mask32;
 use embassy_stm32::can::{
-    Can, CanRx, CanTx, Fifo, Frame, Id, Rx0InterruptHandler, Rx1InterruptHandler,
+    Can, CanRx, CanTx, Fifo, Frame, Id, Mailbox, Rx0InterruptHandler, Rx1InterruptHandler,
     SceInterruptHandler, TxInterruptHandler,
 };
 use embassy_stm32::interrupt::typelevel;
@@ -22,7 +22,7 @@ use embassy_stm32::peripherals::{CAN1, PB8, PB9};
 use embassy_stm32::{Peri, bind_interrupts};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::channel::Channel;
-use embassy_time::Instant;
+use embassy_time::{Duration, Instant, with_timeout};
 use static_cell::StaticCell;
 
 bind_interrupts!(struct Irqs {
@@ -36,6 +36,9 @@ bind_interrupts!(struct Irqs {
 const SENDING: usize = 24;
 /// Messages that wait for the next tick; a millisecond has room for nine on the bus.
 const ARRIVED: usize = 32;
+
+/// Age at which a message is not worth sending any more: two epochs.
+const STALE: Duration = Duration::from_micros(2 * EPOCH);
 
 /// What became of the bus since the start, saturating.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, defmt::Format)]
@@ -85,7 +88,7 @@ pub struct Arrived {
     pub message: Message,
 }
 
-static TO_SEND: Channel<CriticalSectionRawMutex, bus::Frame, SENDING> = Channel::new();
+static TO_SEND: Channel<CriticalSectionRawMutex, (Instant, bus::Frame), SENDING> = Channel::new();
 static TO_TAKE: Channel<CriticalSectionRawMutex, Arrived, ARRIVED> = Channel::new();
 static SYNC_SENT: Mutex<Cell<Option<Micros>>> = Mutex::new(Cell::new(None));
 
@@ -100,7 +103,7 @@ impl Sender {
             count(|counters| &mut counters.refused);
             return None;
         };
-        if TO_SEND.try_send(frame).is_err() {
+        if TO_SEND.try_send((Instant::now(), frame)).is_err() {
             count(|counters| &mut counters.dropped);
         }
         bus::decode(&frame).ok()
@@ -168,19 +171,37 @@ pub async fn start(
     (Sender(()), Receiver(()), tx, rx)
 }
 
-/// Sends what is queued.
+/// Sends what is queued. What is older than [`STALE`] is dropped, in the queue and in the
+/// controller: on a bus that comes back, an old message must not pass for a new one.
 #[embassy_executor::task]
 pub async fn send(mut can: CanTx<'static>) -> ! {
     loop {
-        let frame = TO_SEND.receive().await;
+        let (queued, frame) = TO_SEND.receive().await;
+        if queued.elapsed() > STALE {
+            count(|counters| &mut counters.dropped);
+            continue;
+        }
         let data = frame.data.get(..usize::from(frame.length)).unwrap_or(&[]);
         let Ok(mut next) = Frame::new_standard(frame.id, data) else {
             count(|counters| &mut counters.refused);
             continue;
         };
-        // A frame of lower priority may have to give up its mailbox; it then goes next.
-        while let Some(displaced) = can.write(&next).await.dequeued_frame() {
-            next = *displaced;
+        loop {
+            match with_timeout(STALE, can.write(&next)).await {
+                // A frame of lower priority had to give up its mailbox; it goes next.
+                Ok(status) => match status.dequeued_frame() {
+                    Some(displaced) => next = *displaced,
+                    None => break,
+                },
+                // No mailbox became free: the bus is stuck.
+                Err(_) => {
+                    for mailbox in [Mailbox::Mailbox0, Mailbox::Mailbox1, Mailbox::Mailbox2] {
+                        can.abort(mailbox);
+                    }
+                    count(|counters| &mut counters.dropped);
+                    break;
+                }
+            }
         }
     }
 }

@@ -74,6 +74,7 @@ impl Bridges {
     pub fn start(parts: Parts, thermistor: Thermistor) -> Self {
         static RING: ConstStaticCell<[u16; 2 * BLOCK]> = ConstStaticCell::new([0; 2 * BLOCK]);
         static SAMPLES: ConstStaticCell<[u16; BLOCK]> = ConstStaticCell::new([0; BLOCK]);
+        prepare_timer(parts.timer);
         let excitation = parts.excitation.degrade_adc();
         let [a, b, c, d, e] = parts.bridges;
         let regular = [a, b, c, d, e, excitation].map(|channel| (channel, SampleTime::CYCLES15));
@@ -90,8 +91,9 @@ impl Bridges {
             Exten::DISABLED,
             false,
         );
-        start_timer(parts.timer);
+        // The stream must run before the first scan: samples it does not fetch are lost for good.
         adc.start();
+        TIM2.cr1().modify(|w| w.set_cen(true));
         Self {
             adc,
             injected,
@@ -132,13 +134,11 @@ impl Bridges {
     }
 }
 
-fn start_timer(_timer: Peri<'static, peripherals::TIM2>) {
+/// The timer, still stopped. Its reset gives a trigger, which must come before the converter listens.
+fn prepare_timer(_timer: Peri<'static, peripherals::TIM2>) {
     rcc::enable_and_reset::<peripherals::TIM2>();
     TIM2.arr().write_value(TOP);
     TIM2.cr2().write(|w| w.set_mms(Mms::UPDATE));
     TIM2.egr().write(|w| w.set_ug(true));
-    TIM2.cr1().write(|w| {
-        w.set_arpe(true);
-        w.set_cen(true);
-    });
+    TIM2.cr1().write(|w| w.set_arpe(true));
 }
