@@ -36,7 +36,7 @@ pub fn ratiometric(sum: u32, measured: u32, nominal: u32) -> Option<i32> {
         return None;
     }
     let scaled = u64::from(sum) * u64::from(nominal) + u64::from(measured) / 2;
-    i32::try_from(scaled / u64::from(measured)).ok()
+    i32::try_from(scaled.checked_div(measured.into())?).ok()
 }
 
 #[cfg(test)]

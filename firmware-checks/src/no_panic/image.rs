@@ -1,9 +1,18 @@
 //! The image.
 
 use core::hint::black_box;
-use core_algos::beam::MAX_GAUGES;
-use core_algos::bus::{self, Frame};
+use core_algos::acquisition::analog::{Supply, Thermistor};
+use core_algos::acquisition::{inertial, oversampling};
+use core_algos::beam::procedure::{Event, Procedure};
+use core_algos::beam::{MAX_GAUGES, calibration};
+use core_algos::bus::{self, Frame, Message};
+use core_algos::drive::bridge;
+use core_algos::drive::count::Extended;
+use core_algos::drive::current::{self, CurrentLoop};
+use core_algos::drive::shunt::{Shunt, Zeroing};
+use core_algos::drive::winding::{self, Winding};
 use core_algos::node::board::{Board, Samples};
+use core_algos::node::pace::Pace;
 use core_algos::node::{Outbox, axle};
 use cortex_m_rt::entry;
 
@@ -42,13 +51,79 @@ fn tick(board: &mut Board, outbox: &mut Outbox) {
     }
 }
 
+/// What stands between a board's peripherals and its nodes.
+struct Periphery {
+    pace: Pace,
+    current_loop: (CurrentLoop, current::State),
+    winding: (Winding, winding::State),
+    shunt: (Shunt, Zeroing),
+    encoder: Extended,
+    gyro: inertial::Channel,
+    thermistor: Thermistor,
+    supply: Supply,
+    procedure: Procedure,
+    calibration: calibration::Config,
+}
+
+/// A tick of the periphery, again with values that the compiler knows nothing of.
+#[inline(never)]
+fn peripheral_tick(p: &mut Periphery) {
+    if let Ok(message) = bus::decode(&black_box(Frame {
+        id: 0,
+        length: 0,
+        data: [0; 8],
+    })) {
+        p.pace.receive(black_box(0), &message);
+        if let Message::BeamCalibration {
+            sequence,
+            calibrate,
+        } = message
+        {
+            p.procedure.request(sequence, calibrate);
+        }
+    }
+    black_box(p.pace.step(black_box(0)));
+    black_box(p.pace.sync(black_box(0), black_box(None)));
+    let output = p
+        .current_loop
+        .0
+        .step(&mut p.current_loop.1, &black_box(current::Input::default()));
+    black_box(bridge::pins(output.duty, black_box(0)));
+    black_box(
+        p.winding
+            .0
+            .step(&mut p.winding.1, black_box(0.0), black_box(0.0)),
+    );
+    black_box(p.shunt.1.step(&p.shunt.0, black_box(0)));
+    black_box(p.shunt.0.read(black_box(0), black_box(0.0)));
+    black_box(p.encoder.step(black_box(0)));
+    black_box(p.gyro.step(black_box(0), black_box(false)));
+    black_box(p.thermistor.read(black_box(0.0), black_box(0.0)));
+    black_box(p.supply.read(black_box(0)));
+    let samples = black_box([0u16; 6 * oversampling::SCANS]);
+    let sums = oversampling::sums::<6>(&samples);
+    black_box(oversampling::ratiometric(sums[0], sums[5], black_box(0)));
+    let counts = black_box([0; MAX_GAUGES]);
+    let event = p
+        .procedure
+        .sample(&p.calibration, &counts, black_box(false));
+    if let Some(Event::Adopt { config, .. }) = event {
+        p.calibration = config;
+        black_box(p.calibration.with_bytes(&black_box(config.to_bytes())));
+    }
+}
+
 #[entry]
 fn main() -> ! {
     static mut BOARD: Option<Board> = None;
+    static mut PERIPHERY: Option<Periphery> = None;
     let mut outbox = Outbox::new();
     loop {
         if let Some(board) = black_box(&mut *BOARD) {
             tick(board, &mut outbox);
+        }
+        if let Some(periphery) = black_box(&mut *PERIPHERY) {
+            peripheral_tick(periphery);
         }
     }
 }
