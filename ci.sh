@@ -43,4 +43,12 @@ step "tests"
 cargo test --locked --workspace
 step "bus description against cantools"
 scripts/check_bus.sh
+step "the paper's experiment on emulated boards"
+cargo build --locked --release
+hil() {
+  timeout 600 target/release/cfmmr hil --emulated --compare --out target/hil "$@" | grep -A1 "ticks ("
+}
+hil
+hil --no-rps
+hil --link uart --stop-after 2
 step "all passed"

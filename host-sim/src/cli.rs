@@ -30,6 +30,9 @@ pub enum Command {
     Follow(FollowArgs),
     /// Trajectory tracking: the same paths with a time law
     Track(FollowArgs),
+    /// Hardware in the loop: the experiments with the boards' images in an emulator, or with real
+    /// boards on serial ports
+    Hil(HilArgs),
     /// Posture regulation from random starts: success share, map and paths
     Sweep(SweepArgs),
     /// How the final error depends on tyres, sensor bias, wheel radius and placement
@@ -129,6 +132,92 @@ pub struct FollowArgs {
     /// Run with gyroscopes and accelerometers
     #[arg(long)]
     pub imu: bool,
+}
+
+/// How frames reach an emulated board.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum LinkKind {
+    /// Named pipes through semihosting: fast
+    Pipe,
+    /// The board's serial port
+    Uart,
+}
+
+/// Arguments of `hil`.
+#[derive(Clone, Debug, Args)]
+pub struct HilArgs {
+    /// Arguments every experiment takes.
+    #[command(flatten)]
+    pub common: Common,
+    /// Run the images of the boards in QEMU; they are built if needed
+    #[arg(long, conflicts_with_all = ["front", "rear", "beam"])]
+    pub emulated: bool,
+    /// How frames reach emulated boards
+    #[arg(long, value_enum, default_value_t = LinkKind::Pipe, requires = "emulated")]
+    pub link: LinkKind,
+    /// The emulator
+    #[arg(long, value_name = "PROGRAM", default_value = "qemu-system-arm")]
+    pub qemu: String,
+    /// Serial port of the front board; a board that is not given runs in this process
+    #[arg(long, value_name = "PORT")]
+    pub front: Option<PathBuf>,
+    /// Serial port of the rear board
+    #[arg(long, value_name = "PORT")]
+    pub rear: Option<PathBuf>,
+    /// Serial port of the beam board
+    #[arg(long, value_name = "PORT")]
+    pub beam: Option<PathBuf>,
+    /// Rate of the serial ports
+    #[arg(long, default_value_t = 921_600, value_parser = clap::value_parser!(u32).range(9_600..=12_000_000))]
+    pub baud: u32,
+    /// Keep pace with the clock: no tick begins before its time
+    #[arg(long)]
+    pub real_time: bool,
+    /// Run the same in process and compare every bit
+    #[arg(long)]
+    pub compare: bool,
+    /// Probability that a frame is lost on the bus between boards [default: that of the scenario, 0]
+    #[arg(long, value_name = "P")]
+    pub link_loss: Option<f64>,
+    /// Time from sending to receiving on the bus, ms [default: that of the scenario, 2]
+    #[arg(long, value_name = "MS")]
+    pub link_delay: Option<u32>,
+    /// Run without the relative position sensor; there is no beam board then
+    #[arg(long)]
+    pub no_rps: bool,
+    /// Run with gyroscopes and accelerometers
+    #[arg(long)]
+    pub imu: bool,
+    /// Start posture of the robot's midpoint, as in `posture`
+    #[arg(long, value_name = "X,Y,PHI", allow_hyphen_values = true)]
+    pub from: Option<String>,
+    /// Follow a path instead, as `follow --path`
+    #[arg(long, value_name = "PATH", conflicts_with = "track")]
+    pub follow: Option<String>,
+    /// Track a trajectory instead, as `track --path`
+    #[arg(long, value_name = "PATH")]
+    pub track: Option<String>,
+    /// Largest speed along a path, m/s
+    #[arg(long, value_name = "M/S")]
+    pub speed: Option<f64>,
+    /// Size of a built-in path, m
+    #[arg(long, value_name = "M")]
+    pub size: Option<f64>,
+    /// Laps of a closed path
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    pub laps: u32,
+    /// Watch a robot that is done at least until this time, s
+    #[arg(long, value_name = "S", default_value_t = 20.0)]
+    pub duration: f64,
+    /// End at this time, done or not, s
+    #[arg(long, value_name = "S")]
+    pub stop_after: Option<f64>,
+    /// Switch a board off in the middle of the run, for example front@8.0 (s); may be repeated
+    #[arg(long, value_name = "BOARD@S")]
+    pub kill: Vec<String>,
+    /// Switch a board that was lost on again after this time, s
+    #[arg(long, value_name = "S")]
+    pub restart_after: Option<f64>,
 }
 
 /// Model a sweep runs on.

@@ -302,11 +302,11 @@ pub fn drive_on(
         }
         if moment.record.lead.done {
             let since = *done_at.get_or_insert(now);
-            if now - since >= rest {
+            if now - since >= rest && simulation.watched_enough() {
                 break;
             }
         }
-        if simulation.end().is_some() {
+        if simulation.must_end() {
             break;
         }
     }

@@ -13,6 +13,7 @@ fn main() -> ExitCode {
         Some(Command::Posture(args)) => commands::posture::run(args),
         Some(Command::Follow(args)) => commands::follow::run(args, Manner::Follow),
         Some(Command::Track(args)) => commands::follow::run(args, Manner::Track),
+        Some(Command::Hil(args)) => commands::hil::run(args),
         Some(Command::Consistency(args)) => commands::consistency::run(args),
         Some(Command::Sweep(args)) => commands::sweep::run(args),
         Some(Command::Eval(args)) => commands::eval::run(args),

@@ -21,6 +21,7 @@ use core_algos::node::lead::{self, Task};
 use core_algos::node::robot::RobotConfig;
 use core_algos::node::{EPOCH, Micros, TICK, axle};
 use std::f64::consts::{PI, TAU};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
 /// State of the robot at the beginning of an epoch, for logs and pictures.
@@ -87,6 +88,15 @@ pub struct Outcome {
 /// Speed below which the curvature of the driven path is not looked at, m/s.
 pub const PATH_CURVATURE_SPEED_M_S: f64 = 0.05;
 
+/// Bounds of the time of a run, µs from the start of the simulation.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Span {
+    /// A robot that is done is watched at least until then.
+    pub least: Micros,
+    /// The run ends then, done or not.
+    pub most: Option<Micros>,
+}
+
 /// A trial in progress.
 pub struct Simulation {
     plant: Plant,
@@ -102,7 +112,8 @@ pub struct Simulation {
     last_lead: lead::Output,
     trace: Option<Trace>,
     pace: Option<Pace>,
-    interrupt: Option<&'static AtomicBool>,
+    interrupt: Option<Arc<AtomicBool>>,
+    span: Span,
 }
 
 impl Simulation {
@@ -171,6 +182,7 @@ impl Simulation {
             trace: None,
             pace: None,
             interrupt: None,
+            span: Span::default(),
             plant,
         })
     }
@@ -190,8 +202,23 @@ impl Simulation {
         &mut self.boards
     }
 
-    /// Why the run cannot go on, if so.
-    pub fn end(&self) -> Option<&str> {
+    /// Bounds the time of the run.
+    pub fn limit(&mut self, span: Span) {
+        self.span = span;
+    }
+
+    /// Whether the robot, at rest for long enough, need not be watched any longer.
+    pub fn watched_enough(&self) -> bool {
+        self.now() >= self.span.least
+    }
+
+    /// Whether the run must end before its task.
+    pub fn must_end(&self) -> bool {
+        self.failure().is_some() || self.span.most.is_some_and(|most| self.now() >= most)
+    }
+
+    /// Why the boards cannot go on, if so.
+    pub fn failure(&self) -> Option<&str> {
         self.boards.end(self.tick as u32)
     }
 
@@ -216,7 +243,7 @@ impl Simulation {
     }
 
     /// A flag that ends the run with an error once it is set.
-    pub fn stop_on(&mut self, flag: &'static AtomicBool) {
+    pub fn stop_on(&mut self, flag: Arc<AtomicBool>) {
         self.interrupt = Some(flag);
     }
 
@@ -241,7 +268,8 @@ impl Simulation {
         if let Some(pace) = &mut self.pace {
             pace.wait();
         }
-        if self.interrupt.is_some_and(|flag| flag.load(Relaxed)) {
+        let interrupted = |flag: &Arc<AtomicBool>| flag.load(Relaxed);
+        if self.interrupt.as_ref().is_some_and(interrupted) {
             return Err(Error::Failure("interrupted".to_owned()));
         }
         let (now, tick) = (self.now(), self.tick as u32);
@@ -495,7 +523,7 @@ pub fn regulate_on(
         let lead = &record.lead;
         if lead.done && lead.mode == LeadMode::Hold && lead.phase == Phase::Done {
             let since = *done_at.get_or_insert(now);
-            if now - since >= rest {
+            if now - since >= rest && simulation.watched_enough() {
                 break;
             }
         } else {
@@ -505,7 +533,7 @@ pub fn regulate_on(
             outcome.gave_up = true;
             break;
         }
-        if simulation.end().is_some() {
+        if simulation.must_end() {
             break;
         }
     }

@@ -71,8 +71,11 @@ impl fmt::Display for Table {
     }
 }
 
-/// `mean ± spread` with `digits` decimals each.
+/// `mean ± spread` with `digits` decimals each; the mean alone where one value has no spread.
 pub fn plus_minus(mean: f64, spread: f64, digits: usize) -> String {
+    if spread.is_nan() {
+        return format!("{mean:.digits$}");
+    }
     format!("{mean:.digits$} ± {spread:.digits$}")
 }
 

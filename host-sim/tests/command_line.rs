@@ -235,6 +235,7 @@ fn help_names_every_command() {
         "posture",
         "follow",
         "track",
+        "hil",
         "sweep",
         "sensitivity",
         "consistency",

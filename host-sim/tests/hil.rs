@@ -1,6 +1,6 @@
 //! Hardware in the loop: boards behind frames do what boards in the process do.
 
-use core_algos::hil::Identity;
+use core_algos::hil::{Endpoint, Identity};
 use core_algos::node::board::Role;
 use host_sim::commands::posture::Variant;
 use host_sim::driving::{self, Manner, Route};
@@ -9,11 +9,16 @@ use host_sim::paths::Path;
 use host_sim::scenario::Scenario;
 use host_sim::simulation::{Outcome, Simulation, regulate_on};
 use host_sim::targets::link::{Link, Loopback};
+use host_sim::targets::serial::Serial;
 use host_sim::targets::{self, Failure, InProcess, Remote, Target, What};
 use host_sim::trace::Trace;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use std::io;
+use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+use std::fs::File;
+use std::io::{self, Read, Write};
+use std::path::PathBuf;
+use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 fn loopback(role: Role) -> Loopback {
@@ -239,7 +244,7 @@ fn a_front_board_that_restarts_ends_the_run_with_motors_off() {
         let off = motors_off(&mut simulation).unwrap();
         assert!((35..=60).contains(&off), "{off} ms");
         assert!(!outcome.done);
-        assert!(simulation.end().unwrap().contains("front board"));
+        assert!(simulation.failure().unwrap().contains("front board"));
         assert_torques_zero(&simulation);
         assert!(simulation.now() < 4_200_000);
     }
@@ -249,12 +254,75 @@ fn a_front_board_that_restarts_ends_the_run_with_motors_off() {
 fn an_axle_lost_for_good_ends_the_run_with_motors_off_and_a_lost_beam_does_not() {
     let (outcome, mut simulation) = with_failure(Role::ALL.map(framed), Role::Rear, None);
     assert!(motors_off(&mut simulation).unwrap() < 80);
-    assert!(!outcome.done && simulation.end().unwrap().contains("rear board was lost"));
+    assert!(
+        !outcome.done
+            && simulation
+                .failure()
+                .unwrap()
+                .contains("rear board was lost")
+    );
     assert_torques_zero(&simulation);
 
     for restart_after in [None, Some(500)] {
         let (outcome, simulation) = with_failure(Role::ALL.map(framed), Role::Beam, restart_after);
-        assert!(outcome.done && simulation.end().is_none());
+        assert!(outcome.done && simulation.failure().is_none());
+    }
+}
+
+/// A pseudo-terminal with an endpoint behind it, until its other end is closed.
+fn terminal(role: Role) -> (PathBuf, JoinHandle<()>) {
+    let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
+    grantpt(&master).unwrap();
+    unlockpt(&master).unwrap();
+    let name = ptsname(&master, Vec::new()).unwrap();
+    let path = PathBuf::from(name.to_str().unwrap());
+    // Kept open until the board's thread ends, so that the terminal does not hang up between.
+    let keep = File::options().read(true).write(true).open(&path).unwrap();
+    let mut port = File::from(master);
+    let mut endpoint = Endpoint::new(Identity {
+        build: "terminal",
+        role,
+    });
+    let board = thread::spawn(move || {
+        let mut room = [0; 512];
+        let mut keep = Some(keep);
+        while let Ok(count @ 1..) = port.read(&mut room) {
+            keep = None;
+            endpoint.receive(&room[..count], &mut |answer| {
+                port.write_all(answer).unwrap();
+            });
+        }
+        drop(keep);
+    });
+    (path, board)
+}
+
+#[test]
+fn boards_on_serial_ports_are_the_same() {
+    let mut scenario = short();
+    scenario.mission.time_limit_s = 1.5;
+    let mut boards = Vec::new();
+    let targets = Role::ALL.map(|role| {
+        let (path, board) = terminal(role);
+        boards.push(board);
+        let port = Serial::open(&path, 921_600).unwrap();
+        Box::new(Remote::new(role, Box::new(port))) as Box<dyn Target>
+    });
+    let (_, serial) = run(targets, &scenario, 6);
+    let (_, direct) = run(targets::in_process(), &scenario, 6);
+    assert_eq!(serial.ticks(), 2000);
+    assert_same(&serial, &direct);
+    for board in boards {
+        board.join().unwrap();
+    }
+}
+
+#[test]
+fn a_port_that_is_none_is_named() {
+    for path in ["/no/such/port", "/dev/null"] {
+        let error = Serial::open(path.as_ref(), 921_600).err().unwrap();
+        assert_eq!(error.exit_code(), 2);
+        assert!(error.to_string().contains(path), "{error}");
     }
 }
 

@@ -7,7 +7,7 @@ use crate::driving::{self, Deviation, Errors, Manner, Moment, Outcome, Route};
 use crate::error::Error;
 use crate::figures::{self, FollowErrors, FollowRun, Snapshot};
 use crate::log;
-use crate::output::{Cell, Csv};
+use crate::output::{Cell, Csv, OutputDir};
 use crate::paths::Path;
 use crate::simulation::Record;
 use crate::table::Table;
@@ -117,13 +117,53 @@ fn path_of(args: &FollowArgs) -> Result<Path, Error> {
     built_in.map_err(|error| Error::input(format!("--size: {name}: {error}")))
 }
 
-/// Runs `cfmmr follow` or `cfmmr track`.
-pub fn run(args: &FollowArgs, manner: Manner) -> Result<(), Error> {
-    let (name, title) = match manner {
+/// Name of the command, and what it does.
+fn names(manner: Manner) -> (&'static str, &'static str) {
+    match manner {
         Manner::Follow => ("follow", "Path following"),
         Manner::Track => ("track", "Trajectory tracking"),
-    };
+    }
+}
+
+/// Runs `cfmmr follow` or `cfmmr track`.
+pub fn run(args: &FollowArgs, manner: Manner) -> Result<(), Error> {
+    let (name, _) = names(manner);
     let mut context = Context::new(&args.common, name)?;
+    let course = prepare(args, &mut context)?;
+    let mut results = context.run("runs", 1, |_| {
+        let mut kept = Kept::new(&course.route);
+        let outcome = driving::drive(
+            &context.scenario,
+            &course.route,
+            manner,
+            context.seed,
+            0,
+            |moment| kept.see(moment),
+        )?;
+        Ok((outcome, kept))
+    })?;
+    let Some((outcome, kept)) = results.pop() else {
+        return Err(Error::Failure("no run".to_owned()));
+    };
+    let (text, report, files) = publish(&context, &course, manner, &outcome, &kept)?;
+    context.finish(&text, &report, files)
+}
+
+/// A path and how it is to be driven.
+#[derive(Clone, Debug)]
+pub struct Course {
+    /// As given.
+    pub name: String,
+    /// One lap.
+    pub path: Path,
+    /// What is driven.
+    pub route: Route,
+    /// Largest speed, m/s.
+    pub speed_m_s: f64,
+}
+
+/// Reads path, speed and start, and writes them into the scenario.
+pub fn prepare(args: &FollowArgs, context: &mut Context) -> Result<Course, Error> {
     let path = path_of(args)?;
     let scenario = &mut context.scenario;
     if args.no_rps {
@@ -152,26 +192,54 @@ pub fn run(args: &FollowArgs, manner: Manner) -> Result<(), Error> {
         None => route.start(),
     };
     scenario.check()?;
+    context.output()?;
+    Ok(Course {
+        name: args.path.clone(),
+        path,
+        route,
+        speed_m_s: speed,
+    })
+}
 
-    let scenario = &context.scenario;
+/// Moments of a run for log and picture.
+#[derive(Clone, Debug)]
+pub struct Kept {
+    moments: Vec<Moment>,
+    stride: usize,
+    epoch: usize,
+}
+
+impl Kept {
+    /// Nothing yet; of a long route every n-th moment will be kept.
+    pub fn new(route: &Route) -> Self {
+        let share = 100.0 * route.expected_duration() / MOST_ROWS;
+        Self {
+            moments: Vec::new(),
+            stride: share.ceil().max(1.0) as usize,
+            epoch: 0,
+        }
+    }
+
+    /// Takes in the next moment.
+    pub fn see(&mut self, moment: &Moment) {
+        if self.epoch.is_multiple_of(self.stride) || moment.record.lead.done {
+            self.moments.push(*moment);
+        }
+        self.epoch += 1;
+    }
+}
+
+/// Table, result and files of a run.
+pub fn publish(
+    context: &Context,
+    course: &Course,
+    manner: Manner,
+    outcome: &Outcome,
+    kept: &Kept,
+) -> Result<(String, Report, OutputDir), Error> {
+    let (name, title) = names(manner);
+    let (scenario, route, moments) = (&context.scenario, &course.route, &kept.moments);
     let mut files = context.output()?;
-    let stride = (100.0 * route.expected_duration() / MOST_ROWS)
-        .ceil()
-        .max(1.0) as usize;
-    let mut results = context.run("runs", 1, |_| {
-        let (mut moments, mut epoch) = (Vec::new(), 0);
-        let outcome = driving::drive(scenario, &route, manner, context.seed, 0, |moment| {
-            if epoch % stride == 0 || moment.record.lead.done {
-                moments.push(*moment);
-            }
-            epoch += 1;
-        })?;
-        Ok((outcome, moments))
-    })?;
-    let Some((outcome, moments)) = results.pop() else {
-        return Err(Error::Failure("no run".to_owned()));
-    };
-
     let variant = Variant {
         rps: scenario.mission.rps,
         imu: scenario.sensors.gyro.fitted,
@@ -182,15 +250,15 @@ pub fn run(args: &FollowArgs, manner: Manner) -> Result<(), Error> {
     };
     let report = Report {
         seed: context.seed,
-        path: args.path.clone(),
+        path: course.name.clone(),
         length_m: route.path().length(),
-        speed_m_s: (speed * 1e6).round() / 1e6,
+        speed_m_s: (course.speed_m_s * 1e6).round() / 1e6,
         rps: variant.rps,
         imu: variant.imu,
         fusion: variant.fusion(),
         truth: outcome.truth.into(),
         estimate: outcome.estimate.into(),
-        path_curvature: path.max_curvature(),
+        path_curvature: course.path.max_curvature(),
         max_curvature: outcome.max_curvature,
         curvature_bound: route.curvature_bound(),
         done: outcome.done,
@@ -213,21 +281,21 @@ pub fn run(args: &FollowArgs, manner: Manner) -> Result<(), Error> {
             Manner::Follow => "distance to the left of the path (mm)",
             Manner::Track => "distance from the reference (mm)",
         },
-        truth: over_time(&moments, manner, |moment| &moment.truth),
-        estimate: over_time(&moments, manner, |moment| &moment.estimate),
+        truth: over_time(moments, manner, |moment| &moment.truth),
+        estimate: over_time(moments, manner, |moment| &moment.estimate),
     };
-    let shape = FilePath::new(&args.path).file_stem();
-    let shape = shape.map_or(args.path.clone(), |stem| {
+    let shape = FilePath::new(&course.name).file_stem();
+    let shape = shape.map_or(course.name.clone(), |stem| {
         stem.to_string_lossy().into_owned()
     });
     let heading = format!("{title}: {shape}, {}", variant.label());
     let figure = figures::follow(&heading, &context.body(), &run);
     files.text(&format!("{name}.svg"), figure.svg());
     files.bytes(&format!("{name}.png"), figure.png());
-    files.csv("errors.csv", errors(&moments));
+    files.csv("errors.csv", errors(moments));
     files.csv("log.csv", log::csv(&records));
     files.json("result.json", &report);
-    context.finish(&table(&heading, &report, &outcome), &report, files)
+    Ok((table(&heading, &report, outcome), report, files))
 }
 
 /// Every n-th moment, so that a curve has at most this many points.

@@ -6,6 +6,7 @@ pub mod consistency;
 pub mod dbc;
 pub mod eval;
 pub mod follow;
+pub mod hil;
 pub mod plant_bench;
 pub mod posture;
 pub mod sensitivity;

@@ -6,6 +6,7 @@ use crate::cli::{PostureArgs, RowSelection, parse_posture};
 use crate::error::Error;
 use crate::figures::{self, ErrorTrace, ErrorsColumn, PathsPanel, Snapshot};
 use crate::log;
+use crate::output::OutputDir;
 use crate::scenario::Scenario;
 use crate::simulation::{self, Outcome, Record};
 use crate::statistics::{self, Summary};
@@ -206,27 +207,59 @@ pub fn run(args: &PostureArgs) -> Result<(), Error> {
     let results = context.run("trials", variants.len() * trials, |index| {
         let (row, trial) = (index / trials, index % trials);
         let keep = shown.contains(&variants[row]);
-        let mut path = Vec::new();
-        let mut records = Vec::new();
-        let outcome =
+        let mut kept = Trial::default();
+        kept.outcome =
             simulation::regulate(&scenarios[row], context.seed, trial as u64, |record| {
-                if keep && path.len() * 10 <= records_seen(record) {
-                    path.push([record.midpoint[0], record.midpoint[1]]);
-                }
-                if keep && trial == 0 {
-                    records.push(*record);
+                if keep {
+                    kept.see(record, trial == 0);
                 }
             })?;
-        Ok((outcome, path, records))
+        Ok(kept)
     })?;
+    let (text, report, files) = publish(&context, variants, &shown, &results, goal)?;
+    context.finish(&text, &report, files)
+}
 
+/// What is kept of a trial.
+#[derive(Clone, Debug, Default)]
+pub struct Trial {
+    /// How it ended.
+    pub outcome: Outcome,
+    /// The midpoint's path, at 10 Hz.
+    pub path: Vec<[f64; 2]>,
+    /// Every epoch.
+    pub records: Vec<Record>,
+}
+
+impl Trial {
+    /// Takes in the state after one more epoch; `all` keeps it.
+    pub fn see(&mut self, record: &Record, all: bool) {
+        if self.path.len() * 10 <= records_seen(record) {
+            self.path.push([record.midpoint[0], record.midpoint[1]]);
+        }
+        if all {
+            self.records.push(*record);
+        }
+    }
+}
+
+/// Table, result and files of trials, as many of each variant; pictures and logs are those of the
+/// variants that are `shown`.
+pub fn publish(
+    context: &Context,
+    variants: &[Variant],
+    shown: &[Variant],
+    results: &[Trial],
+    goal: [f64; 3],
+) -> Result<(String, Report, OutputDir), Error> {
+    let trials = results.len() / variants.len().max(1);
     let rows: Vec<Row> = variants
         .iter()
         .enumerate()
         .map(|(row, variant)| {
             let outcomes: Vec<Outcome> = results[row * trials..(row + 1) * trials]
                 .iter()
-                .map(|(outcome, ..)| outcome.clone())
+                .map(|trial| trial.outcome.clone())
                 .collect();
             summarize(variant, &outcomes, goal)
         })
@@ -238,19 +271,21 @@ pub fn run(args: &PostureArgs) -> Result<(), Error> {
     let mut panels = Vec::new();
     let mut columns = Vec::new();
     for variant in shown {
-        let Some(row) = variants.iter().position(|v| *v == variant) else {
+        let Some(row) = variants.iter().position(|v| v == variant) else {
             continue;
         };
         let block = &results[row * trials..(row + 1) * trials];
-        let (_, path, records) = &block[0];
+        let Some(Trial { path, records, .. }) = block.first() else {
+            continue;
+        };
         panels.push(PathsPanel {
             title: variant.label(),
-            others: block[1..].iter().map(|(_, path, _)| path.clone()).collect(),
+            others: block[1..].iter().map(|trial| trial.path.clone()).collect(),
             middle: path.clone(),
             wheels: wheel_paths(records, body.half_track_m),
             snapshots: snapshots(records),
             goal,
-            ends: block.iter().map(|(outcome, ..)| outcome.midpoint).collect(),
+            ends: block.iter().map(|trial| trial.outcome.midpoint).collect(),
         });
         columns.push(ErrorsColumn {
             title: variant.label(),
@@ -284,7 +319,7 @@ pub fn run(args: &PostureArgs) -> Result<(), Error> {
         "duration_s",
         "done",
     ]);
-    for (index, (outcome, ..)) in results.iter().enumerate() {
+    for (index, Trial { outcome, .. }) in results.iter().enumerate() {
         let variant = &variants[index / trials];
         let error = FinalError::of(outcome.midpoint, goal);
         csv.row::<crate::output::Cell>([
@@ -307,11 +342,11 @@ pub fn run(args: &PostureArgs) -> Result<(), Error> {
     files.csv("trials.csv", csv);
     let report = Report {
         seed: context.seed,
-        trials: args.trials,
+        trials: trials as u32,
         rows,
     };
     files.json("result.json", &report);
-    context.finish(&text, &report, files)
+    Ok((text, report, files))
 }
 
 /// Epochs since the start of the simulation.

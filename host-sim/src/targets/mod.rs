@@ -5,10 +5,13 @@
 //! ([`Target::finish`]); boards behind links work at the same time in between. The bus itself is
 //! simulated here, whatever the boards are.
 
+pub mod board_log;
 pub mod boards;
+pub mod emulated;
 pub mod in_process;
 pub mod link;
 pub mod remote;
+pub mod serial;
 
 pub use boards::{Boards, Event, Failure, What};
 pub use in_process::InProcess;

@@ -1,0 +1,463 @@
+//! `cfmmr hil`: an experiment with emulated or real boards in the loop.
+
+use super::posture::{self, Trial, Variant};
+use super::{Context, follow};
+use crate::cli::{FollowArgs, HilArgs, LinkKind, parse_posture};
+use crate::driving::{self, Manner};
+use crate::error::Error;
+use crate::output::OutputDir;
+use crate::scenario::Scenario;
+use crate::simulation::{self, Simulation, Span};
+use crate::table::Table;
+use crate::targets::board_log::BoardLog;
+use crate::targets::emulated::{self, Emulated, Images, Wire};
+use crate::targets::link::Link;
+use crate::targets::serial::Serial;
+use crate::targets::{self, Event, Failure, InProcess, Remote, Report as BoardReport, Target};
+use crate::trace::{Difference, Trace};
+use core_algos::fusion::tandem::Mode;
+use core_algos::node::Micros;
+use core_algos::node::board::Role;
+use serde::Serialize;
+use serde_json::Value;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use std::time::Instant;
+
+/// What the boards add to the result of an experiment.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Report {
+    /// Result of the experiment.
+    #[serde(flatten)]
+    pub experiment: Value,
+    /// Whether every bit was the same as in process; none if that was not asked for.
+    pub identical: Option<bool>,
+    /// Where the two parted first.
+    pub difference: Option<String>,
+    /// Ticks of the run.
+    pub ticks: usize,
+    /// Time the run took, s: from the first tick to the last.
+    pub wall_s: f64,
+    /// The boards.
+    pub boards: Vec<BoardReport>,
+    /// Boards lost and restarted.
+    pub events: Vec<Event>,
+    /// Why the run ended before its task, if a board was the reason.
+    pub ended: Option<String>,
+    /// Ticks that began more than a tick late, when pace was to be kept.
+    pub late_ticks: Option<u32>,
+}
+
+/// The experiment.
+enum Task {
+    Posture(Variant),
+    Course(Box<follow::Course>, Manner),
+}
+
+/// What came of it.
+enum Outcome {
+    Posture(Box<Trial>),
+    Course(driving::Outcome, follow::Kept),
+}
+
+/// Runs the command.
+pub fn run(args: &HilArgs) -> Result<(), Error> {
+    let mut context = Context::new(&args.common, "hil")?;
+    let task = prepare(args, &mut context)?;
+    let plan = Plan::new(args)?;
+    if !context.scenario.bus.quantise && (args.emulated || args.any_port()) {
+        return Err(Error::input(
+            "bus.quantise = false: must be true with boards that send frames",
+        ));
+    }
+    context.output()?;
+    let interrupt = watch_for_interrupt()?;
+    let logs = Role::ALL.map(|_| BoardLog::default());
+    let result = measure(args, &context, &task, &plan, &interrupt, &logs);
+    let measured = match result {
+        Ok(measured) => measured,
+        Err(error) => {
+            // What the boards said may tell why.
+            let mut files = context.output()?;
+            if put_logs(&mut files, &logs) {
+                files.commit()?;
+            }
+            return Err(error);
+        }
+    };
+    let Measured {
+        outcome,
+        difference,
+        mut report,
+    } = measured;
+    let (text, experiment, mut files) = match (&task, &outcome) {
+        (Task::Posture(variant), Outcome::Posture(trial)) => {
+            let variants = [*variant];
+            let goal = context.scenario.mission.goal;
+            let trials = std::slice::from_ref(&**trial);
+            let (text, report, files) =
+                posture::publish(&context, &variants, &variants, trials, goal)?;
+            (text, serde_json::to_value(report), files)
+        }
+        (Task::Course(course, manner), Outcome::Course(outcome, kept)) => {
+            let (text, report, files) = follow::publish(&context, course, *manner, outcome, kept)?;
+            (text, serde_json::to_value(report), files)
+        }
+        _ => return Err(Error::Failure("another task's outcome".to_owned())),
+    };
+    report.experiment = experiment.map_err(|error| Error::Failure(error.to_string()))?;
+    put_logs(&mut files, &logs);
+    files.json("result.json", &report);
+    let text = format!("{text}\n{}", summary(&report));
+    context.finish(&text, &report, files)?;
+    match (difference, report.ended) {
+        (Some(difference), _) => Err(Error::Failure(format!("not identical: {difference}"))),
+        (None, Some(why)) => Err(Error::Failure(format!(
+            "the run ended with the motors off before its task was done: {why}"
+        ))),
+        (None, None) => Ok(()),
+    }
+}
+
+impl HilArgs {
+    fn port(&self, role: Role) -> Option<&std::path::Path> {
+        match role {
+            Role::Front => self.front.as_deref(),
+            Role::Rear => self.rear.as_deref(),
+            Role::Beam => self.beam.as_deref(),
+        }
+    }
+
+    fn any_port(&self) -> bool {
+        Role::ALL.iter().any(|role| self.port(*role).is_some())
+    }
+}
+
+/// The experiment that the arguments ask for; what they change is written into the scenario.
+fn prepare(args: &HilArgs, context: &mut Context) -> Result<Task, Error> {
+    if !args.emulated && !args.any_port() {
+        return Err(Error::input(
+            "hil: --emulated, or a serial port for a board (--front, --rear, --beam), must be given",
+        ));
+    }
+    let scenario = &mut context.scenario;
+    if let Some(loss) = args.link_loss {
+        scenario.bus.loss = loss;
+    }
+    if let Some(delay) = args.link_delay {
+        scenario.bus.latency_ms = delay;
+    }
+    scenario.mission.rps &= !args.no_rps;
+    scenario.sensors.gyro.fitted |= args.imu;
+    scenario.sensors.accelerometer.fitted |= args.imu;
+    if !scenario.mission.rps && args.beam.is_some() {
+        return Err(Error::input(
+            "--beam: there is no beam board without the relative position sensor",
+        ));
+    }
+    let (path, manner) = match (&args.follow, &args.track) {
+        (Some(path), _) => (path, Manner::Follow),
+        (None, Some(path)) => (path, Manner::Track),
+        (None, None) => {
+            if args.speed.is_some() || args.size.is_some() {
+                return Err(Error::input(
+                    "--speed, --size: only with --follow or --track",
+                ));
+            }
+            if let Some(text) = &args.from {
+                scenario.mission.start = parse_posture(text).map_err(Error::Input)?;
+            }
+            scenario.check()?;
+            return Ok(Task::Posture(variant_of(scenario)));
+        }
+    };
+    let args = FollowArgs {
+        common: args.common.clone(),
+        path: path.clone(),
+        speed: args.speed,
+        size: args.size,
+        laps: args.laps,
+        from: args.from.clone(),
+        no_rps: args.no_rps,
+        imu: args.imu,
+    };
+    let course = follow::prepare(&args, context)?;
+    Ok(Task::Course(Box::new(course), manner))
+}
+
+fn variant_of(scenario: &Scenario) -> Variant {
+    Variant {
+        rps: scenario.mission.rps,
+        imu: scenario.sensors.gyro.fitted,
+        mode: match scenario.mission.rps {
+            true => scenario.robot.lead.fusion.mode,
+            false => Mode::Odometry,
+        },
+    }
+}
+
+/// When the run ends, and which boards fail on the way.
+struct Plan {
+    span: Span,
+    failures: Vec<Failure>,
+    restart_after: Option<u32>,
+}
+
+impl Plan {
+    fn new(args: &HilArgs) -> Result<Self, Error> {
+        let micros =
+            |name: &str, value: f64| seconds(name, value, 0.0).map(|s| (s * 1e6) as Micros);
+        let failures = args.kill.iter().map(|text| failure(text));
+        let restart_after = args
+            .restart_after
+            .map(|value| seconds("--restart-after", value, 0.001).map(|s| (s * 1e3) as u32));
+        let most = args.stop_after.map(|value| micros("--stop-after", value));
+        Ok(Self {
+            span: Span {
+                least: micros("--duration", args.duration)?,
+                most: most.transpose()?,
+            },
+            failures: failures.collect::<Result<_, _>>()?,
+            restart_after: restart_after.transpose()?,
+        })
+    }
+}
+
+fn seconds(name: &str, value: f64, least: f64) -> Result<f64, Error> {
+    if value >= least && value <= 36_000.0 {
+        Ok(value)
+    } else {
+        Err(Error::input(format!(
+            "{name} {value}: must be a number from {least} to 36000"
+        )))
+    }
+}
+
+/// A failure from `BOARD@S`.
+fn failure(text: &str) -> Result<Failure, Error> {
+    let parts = text.split_once('@').and_then(|(board, time)| {
+        let role = Role::ALL.into_iter().find(|role| role.name() == board)?;
+        Some((role, time.parse::<f64>().ok()?))
+    });
+    let Some((role, time)) = parts else {
+        return Err(Error::input(format!(
+            "--kill {text}: must be front, rear or beam, then @ and a time in seconds"
+        )));
+    };
+    let at = (seconds("--kill", time, 0.0)? * 1e3).round() as u32;
+    Ok(Failure { role, at })
+}
+
+/// A flag that Ctrl-C sets; a second one ends the program at once.
+fn watch_for_interrupt() -> Result<Arc<AtomicBool>, Error> {
+    let flag = Arc::new(AtomicBool::new(false));
+    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
+        signal_hook::flag::register_conditional_shutdown(signal, 130, flag.clone())?;
+        signal_hook::flag::register(signal, flag.clone())?;
+    }
+    Ok(flag)
+}
+
+/// The boards that the arguments ask for.
+fn boards(args: &HilArgs, rps: bool, logs: &[BoardLog; 3]) -> Result<[Box<dyn Target>; 3], Error> {
+    let images = match args.emulated {
+        true => {
+            emulated::check_qemu(&args.qemu)?;
+            Some(Images::build()?)
+        }
+        false => None,
+    };
+    let wire = match args.link {
+        LinkKind::Pipe => Wire::Pipe,
+        LinkKind::Uart => Wire::Uart,
+    };
+    let board = |role: Role| -> Result<Box<dyn Target>, Error> {
+        let link: Box<dyn Link> = match (&images, args.port(role)) {
+            (Some(images), _) if rps || role != Role::Beam => {
+                let log = logs[role as usize].clone();
+                Box::new(Emulated::start(&args.qemu, role, wire, images, log)?)
+            }
+            (None, Some(port)) => Box::new(Serial::open(port, args.baud)?),
+            _ => return Ok(Box::new(InProcess::new(role))),
+        };
+        Ok(Box::new(Remote::new(role, link)))
+    };
+    Ok([board(Role::Front)?, board(Role::Rear)?, board(Role::Beam)?])
+}
+
+struct Measured {
+    outcome: Outcome,
+    difference: Option<Difference>,
+    report: Report,
+}
+
+/// Runs the experiment on the boards, and again in process if that is to be compared.
+fn measure(
+    args: &HilArgs,
+    context: &Context,
+    task: &Task,
+    plan: &Plan,
+    interrupt: &Arc<AtomicBool>,
+    logs: &[BoardLog; 3],
+) -> Result<Measured, Error> {
+    let scenario = match task {
+        Task::Posture(variant) => variant.apply(&context.scenario),
+        Task::Course(..) => context.scenario.clone(),
+    };
+    let prepare = |targets: [Box<dyn Target>; 3]| -> Result<Simulation, Error> {
+        let mut simulation = Simulation::on(targets, &scenario, context.seed, 0)?;
+        simulation
+            .boards()
+            .plan(plan.failures.clone(), plan.restart_after);
+        simulation.limit(plan.span);
+        simulation.stop_on(interrupt.clone());
+        simulation.record_trace();
+        Ok(simulation)
+    };
+    let mut simulation = prepare(boards(args, scenario.mission.rps, logs)?)?;
+    if args.real_time {
+        simulation.keep_pace();
+    }
+    let start = Instant::now();
+    let outcome = experiment(&mut simulation, &scenario, task)?;
+    let wall_s = start.elapsed().as_secs_f64();
+    let trace = simulation.take_trace().unwrap_or_default();
+    let difference = match args.compare {
+        true => {
+            let mut reference = prepare(targets::in_process())?;
+            experiment(&mut reference, &scenario, task)?;
+            Some(trace.difference(&reference.take_trace().unwrap_or_default()))
+        }
+        false => None,
+    };
+    let report = report(&mut simulation, &trace, wall_s, difference.as_ref());
+    Ok(Measured {
+        outcome,
+        difference: difference.flatten(),
+        report,
+    })
+}
+
+fn experiment(
+    simulation: &mut Simulation,
+    scenario: &Scenario,
+    task: &Task,
+) -> Result<Outcome, Error> {
+    match task {
+        Task::Posture(_) => {
+            let mut trial = Trial::default();
+            let outcome =
+                simulation::regulate_on(simulation, scenario, |record| trial.see(record, true))?;
+            trial.outcome = outcome;
+            Ok(Outcome::Posture(Box::new(trial)))
+        }
+        Task::Course(course, manner) => {
+            let mut kept = follow::Kept::new(&course.route);
+            let see = |moment: &driving::Moment| kept.see(moment);
+            let outcome = driving::drive_on(simulation, scenario, &course.route, *manner, see)?;
+            Ok(Outcome::Course(outcome, kept))
+        }
+    }
+}
+
+fn report(
+    simulation: &mut Simulation,
+    trace: &Trace,
+    wall_s: f64,
+    difference: Option<&Option<Difference>>,
+) -> Report {
+    Report {
+        experiment: Value::Null,
+        identical: difference.map(Option::is_none),
+        difference: difference
+            .and_then(Option::as_ref)
+            .map(Difference::to_string),
+        ticks: trace.ticks(),
+        wall_s,
+        events: simulation.boards().events().to_vec(),
+        boards: simulation.boards().reports(),
+        ended: simulation.failure().map(str::to_owned),
+        late_ticks: simulation.pace().map(|pace| pace.late()),
+    }
+}
+
+/// Adds the boards' logs; whether there is anything in them.
+fn put_logs(files: &mut OutputDir, logs: &[BoardLog; 3]) -> bool {
+    let mut any = false;
+    for (role, log) in Role::ALL.into_iter().zip(logs) {
+        let text = log.text();
+        if !text.is_empty() {
+            files.text(&format!("board-{}.log", role.name()), text);
+            any = true;
+        }
+    }
+    any
+}
+
+/// What is to be said of the boards.
+fn summary(report: &Report) -> String {
+    let mut table = Table::new([
+        "board",
+        "where",
+        "image",
+        "frames",
+        "lost",
+        "bytes a tick",
+        "mean (µs)",
+        "99 % (µs)",
+        "max (µs)",
+    ]);
+    for board in &report.boards {
+        let mut row = vec![
+            board.role.to_owned(),
+            board.target.to_owned(),
+            board.build.clone(),
+            board.frames.to_string(),
+            board.lost.to_string(),
+            format!(
+                "{:.0} + {:.0}",
+                board.sent_per_tick, board.received_per_tick
+            ),
+        ];
+        if let Some(latency) = &board.latency {
+            row.push(format!("{:.0}", latency.mean_us));
+            row.push(latency.p99_us.to_string());
+            row.push(latency.max_us.to_string());
+        }
+        table.row(row);
+    }
+    let simulated = report.ticks as f64 * 1e-3;
+    let mut text = format!(
+        "{table}\nlost: requests repeated; bytes: to and from the board; times: from sending a tick \
+         to its answer,\nwith the other boards' in between.\n\n{} ticks ({simulated:.1} s) in {:.1} s\n",
+        report.ticks, report.wall_s
+    );
+    if let Some(late) = report.late_ticks {
+        text += &format!("{late} ticks began more than a tick late\n");
+    }
+    for event in &report.events {
+        text += &format!("{event}\n");
+    }
+    match (&report.difference, report.identical) {
+        (Some(difference), _) => text += &format!("NOT identical: {difference}\n"),
+        (None, Some(_)) => text += &format!("identical over {} ticks\n", report.ticks),
+        (None, None) => {}
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn failures_name_a_board_and_a_time() {
+        let found = failure("front@8.0").unwrap();
+        assert_eq!((found.role, found.at), (Role::Front, 8000));
+        for bad in [
+            "front", "middle@1", "rear@", "rear@nan", "beam@-1", "beam@1e9",
+        ] {
+            assert_eq!(failure(bad).unwrap_err().exit_code(), 2, "{bad}");
+        }
+    }
+}

@@ -1,0 +1,62 @@
+//! Log of an emulated board: defmt frames on its standard output, decoded line by line.
+
+use core_algos::node::board::Role;
+use defmt_decoder::{DecodeError, Table};
+use defmt_parser::Level;
+use std::io::Read;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::{self, JoinHandle};
+
+/// Lines of a board's log, over all its starts.
+#[derive(Clone, Debug, Default)]
+pub struct BoardLog(Arc<Mutex<String>>);
+
+impl BoardLog {
+    /// The lines so far.
+    pub fn text(&self) -> String {
+        self.0
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .clone()
+    }
+
+    fn append(&self, line: &str) {
+        let mut text = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        text.push_str(line);
+        text.push('\n');
+    }
+
+    /// Decodes what a board with this image writes until it ends. Warnings and errors go to
+    /// standard error too.
+    pub fn follow(
+        &self,
+        role: Role,
+        image: Arc<Vec<u8>>,
+        mut from: impl Read + Send + 'static,
+    ) -> JoinHandle<()> {
+        let log = self.clone();
+        thread::spawn(move || {
+            let Ok(Some(table)) = Table::parse(&image) else {
+                return log.append("the image has no table of log messages");
+            };
+            let mut decoder = table.new_stream_decoder();
+            let mut room = [0; 1024];
+            while let Ok(count @ 1..) = from.read(&mut room) {
+                decoder.received(room.get(..count).unwrap_or_default());
+                loop {
+                    match decoder.decode() {
+                        Ok(frame) => {
+                            let line = frame.display(false).to_string();
+                            if frame.level().is_some_and(|level| level >= Level::Warn) {
+                                eprintln!("{} board: {line}", role.name());
+                            }
+                            log.append(&line);
+                        }
+                        Err(DecodeError::UnexpectedEof) => break,
+                        Err(DecodeError::Malformed) => log.append("a damaged log message"),
+                    }
+                }
+            }
+        })
+    }
+}
