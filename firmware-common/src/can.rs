@@ -171,7 +171,7 @@ pub async fn start(
     (Sender(()), Receiver(()), tx, rx)
 }
 
-/// Sends what is queued. What is older than [`STALE`] is dropped, in the queue and in the
+/// Sends what is queued. What is older than 20 ms is dropped, in the queue and in the
 /// controller: on a bus that comes back, an old message must not pass for a new one.
 #[embassy_executor::task]
 pub async fn send(mut can: CanTx<'static>) -> ! {

@@ -11,7 +11,7 @@
 //! about 1.4 rad/s) averages that; a pair far from the prediction is left out, and when many in a
 //! row are, or at the start, the offset is taken anew.
 //!
-//! The ticks of a board come from a hardware timer of its own. [`tick_trim`] says whether that
+//! The ticks of a board come from a hardware timer of its own. [`Tick::trim`] says whether that
 //! timer's period is to be a little longer or shorter, so that ticks meet the whole milliseconds of
 //! the common time.
 //!
