@@ -51,4 +51,6 @@ hil() {
 hil
 hil --no-rps
 hil --link uart --stop-after 2
+step "serial ports"
+scripts/check_serial_ports.py --stop-after 1 | grep "identical"
 step "all passed"
