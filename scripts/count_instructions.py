@@ -31,6 +31,8 @@ TITLES = {
     "rps_elastica": ("relative posture, elastica fit, with covariance", None),
     "covariance_intersection": ("covariance intersection, 3×3", None),
     "compounding_and_intersection": ("the same with compounding", 900),
+    "covariance_intersection_trace": ("covariance intersection of least trace", None),
+    "covariance_intersection_two_floats": ("covariance intersection, correlation 0.999", None),
     "dynamic_controller": ("dynamic controller", 250),
     "kinematic_governor_cascade": ("kinematic controller, governor and cascade", 600),
     "tick_front": ("front board, plain tick", 1800),

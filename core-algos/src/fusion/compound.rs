@@ -7,19 +7,42 @@
 
 use super::Estimate;
 use crate::math::Posture;
-use crate::math::matrix::{Mat3, add, identity, multiply, propagate};
-use crate::math::trig::atan2;
+use crate::math::matrix::{Mat3, add, identity, multiply};
+use crate::math::trig::{atan2, sin_cos, wrap_angle};
 
 /// `base ⊕ relative`: the posture that is `relative` as seen from `base`. With the rear axle and
-/// the beam this is the front axle.
+/// the beam this is the front axle. Lower triangles are read.
+///
+/// J A Jᵀ + K R Kᵀ for J = [1 0 −dy; 0 1 dx; 0 0 1] and K the rotation by the base's heading,
+/// (dx, dy) = K (r_x, r_y), without the products by zero and one.
 pub fn compose(base: &Estimate, relative: &Estimate) -> Estimate {
-    let (by_base, by_relative) = base.posture.compose_jacobians(relative.posture);
+    let (s, c) = sin_cos(base.posture.phi);
+    let (r, a, b) = (relative.posture, &base.covariance, &relative.covariance);
+    let (dx, dy) = (c * r.x - s * r.y, s * r.x + c * r.y);
+    // Of the base: (x, phi) and (y, phi), then what they make of the rest.
+    let (x_phi, y_phi) = (a[2][0] - dy * a[2][2], a[2][1] + dx * a[2][2]);
+    let xx = a[0][0] - dy * (a[2][0] + x_phi);
+    let yy = a[1][1] + dx * (a[2][1] + y_phi);
+    let xy = a[1][0] - dy * a[2][1] + dx * x_phi;
+    // Of the relative posture, its rows turned.
+    let (ahead_x, ahead_y) = (c * b[0][0] - s * b[1][0], c * b[1][0] - s * b[1][1]);
+    let (left_x, left_y) = (s * b[0][0] + c * b[1][0], s * b[1][0] + c * b[1][1]);
+    let xx = xx + (c * ahead_x - s * ahead_y);
+    let xy = xy + (s * ahead_x + c * ahead_y);
+    let yy = yy + (s * left_x + c * left_y);
+    let x_phi = x_phi + (c * b[2][0] - s * b[2][1]);
+    let y_phi = y_phi + (s * b[2][0] + c * b[2][1]);
     Estimate {
-        posture: base.posture.compose(relative.posture),
-        covariance: add(
-            &propagate(&by_base, &base.covariance),
-            &propagate(&by_relative, &relative.covariance),
+        posture: Posture::new(
+            base.posture.x + dx,
+            base.posture.y + dy,
+            wrap_angle(base.posture.phi + r.phi),
         ),
+        covariance: [
+            [xx, xy, x_phi],
+            [xy, yy, y_phi],
+            [x_phi, y_phi, a[2][2] + b[2][2]],
+        ],
     }
 }
 
@@ -128,6 +151,7 @@ impl Chain {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::math::matrix::propagate;
     use proptest::prelude::*;
 
     fn estimate() -> impl Strategy<Value = Estimate> {

@@ -1,11 +1,13 @@
 //! Small fixed-size mathematics: elementary functions, planar rigid motion, small matrices.
 
 pub mod matrix;
+pub mod order;
 pub mod se2;
 pub mod trig;
 pub mod twofloat;
 pub mod wrench;
 
+pub use order::{greater, lesser};
 pub use se2::{Posture, Twist};
 pub use twofloat::TwoFloat;
 pub use wrench::{AxleLoad, Wrench};

@@ -115,6 +115,22 @@ fn fusion(counter: &mut Counter) {
         let seen = compound::compose(&black_box(b), &black_box(relative));
         intersection.fuse(&black_box(a), &seen)
     });
+    let least_trace = intersection::Config {
+        criterion: intersection::Criterion::Trace,
+        ..intersection::Config::default()
+    };
+    let least_trace = least_trace.build();
+    let least_trace = least_trace.unwrap_or_else(|error| panic!("{error}"));
+    counter.report("covariance_intersection_trace", 4, |_| {
+        least_trace.fuse(&black_box(a), &black_box(b))
+    });
+    // A correlation of 0.999.
+    let mut slender = a;
+    slender.covariance[1][0] = 0.999 * 0.01 * 0.02;
+    slender.covariance[0][1] = slender.covariance[1][0];
+    counter.report("covariance_intersection_two_floats", 4, |_| {
+        intersection.fuse(&black_box(slender), &black_box(b))
+    });
 }
 
 fn control(counter: &mut Counter) {
