@@ -331,3 +331,31 @@ fn a_command_that_is_not_finite_counts_as_none() {
     }
     assert_eq!(one.state(), other.state());
 }
+
+/// Whichever instructions the processor has, through snap-through, slip-stick and rolling
+/// resistance.
+#[test]
+fn vector_and_portable_code_agree_to_the_bit() {
+    let soft = PlantConfig {
+        bending_stiffness_n_m2: 0.05,
+        static_excess: 0.2,
+        rolling_resistance: 0.01,
+        ..config()
+    };
+    let mut snaps = 0;
+    for (config, torque) in [(config(), 0.4), (soft, 1.6)] {
+        let mut one = plant(&config);
+        let mut other = one.portable();
+        for k in 0..8000 {
+            let t = k as f64 * 1e-3;
+            let wave = |rate: f64| torque * libm::sin(rate * t);
+            let torque = [[wave(2.1), wave(3.7)], [wave(4.3), wave(1.3)]];
+            one.step(torque);
+            other.step(torque);
+            assert_eq!(one.state(), other.state(), "step {k}");
+            assert_eq!(one.wrench(), other.wrench(), "step {k}");
+        }
+        snaps += one.health().snap_throughs;
+    }
+    assert!(snaps > 0);
+}

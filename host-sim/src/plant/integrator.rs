@@ -12,7 +12,11 @@
 //! No allocation and no failure in [`Plant::step`].
 
 use super::config::PlantConfig;
-use super::frame::{Equilibrium, Strip, UNKNOWNS};
+use super::frame::{Column, Equilibrium, Strip};
+#[cfg(target_arch = "x86_64")]
+use super::lanes::Wide;
+use super::lanes::{Lanes, Narrow};
+use super::sincos::directions;
 use super::wheel::{Contact, Eliminated, Wheels};
 
 type Vec3 = [f64; 3];
@@ -90,6 +94,9 @@ pub struct Health {
 pub struct Plant {
     wheels: Wheels,
     strip: Strip,
+    /// Whether the processor works on four numbers at once. The results are the same.
+    #[cfg(target_arch = "x86_64")]
+    wide: bool,
     mass: [f64; 2],
     inertia: [f64; 2],
     static_load: [f64; 4],
@@ -110,7 +117,7 @@ pub struct Plant {
     /// Acceleration that the loads follow.
     load_acceleration: [[f64; 2]; 2],
     equilibrium: Equilibrium,
-    bend: [f64; UNKNOWNS],
+    bend: Column,
     creeping: bool,
     geometry: Geometry,
     stiffness: Mat3,
@@ -221,6 +228,11 @@ fn add(a: &Vec3, k: f64, b: &Vec3) -> Vec3 {
     [a[0] + k * b[0], a[1] + k * b[1], a[2] + k * b[2]]
 }
 
+#[inline(always)]
+fn scaled(k: f64, v: &Vec3) -> Vec3 {
+    [k * v[0], k * v[1], k * v[2]]
+}
+
 /// Inverse, by cofactors: the matrices here are far from singular.
 #[inline(always)]
 fn inverse(m: &Mat3) -> Mat3 {
@@ -239,23 +251,25 @@ fn inverse(m: &Mat3) -> Mat3 {
 }
 
 /// The linear equations of one (full or half) step of length `h`.
-struct Implicit {
+struct Implicit<V> {
     h: f64,
-    wheels: Eliminated,
+    wheels: Eliminated<V>,
     axle: [Mat3; 2],
     /// Change of the frame's wrench for a unit change of the end's rate.
     frame: Mat3,
     reduced: Mat3,
 }
 
-impl Implicit {
+impl<V: Lanes> Implicit<V> {
     #[inline(always)]
-    fn new(plant: &Plant, at: &Contact, h: f64) -> Self {
+    fn new(plant: &Plant, at: &Contact<V>, h: f64) -> Self {
         let wheels = plant.wheels.eliminate(at, h);
         let d = plant.wheels.damping(&wheels);
         let mut axle = [[[0.0; 3]; 3]; 2];
         for i in 0..2 {
-            let [xx, xy, xt, yy, yt, tt] = d[i].map(|v| h * v);
+            let [xx, xy, xt, yy, yt, tt] = d[i];
+            let (xx, xy, xt) = (h * xx, h * xy, h * xt);
+            let (yy, yt, tt) = (h * yy, h * yt, h * tt);
             axle[i] = inverse(&[
                 [plant.mass[i] + xx, xy, xt],
                 [xy, plant.mass[i] + yy, yt],
@@ -294,10 +308,9 @@ impl Implicit {
     /// Change of the axles' velocities for the loads `b`, which hold the frame's wrench.
     #[inline(always)]
     fn solve(&self, geometry: &Geometry, b: &[Vec3; 2]) -> [Vec3; 2] {
-        let load = b.map(|v| v.map(|x| self.h * x));
         let free = [
-            times(&self.axle[0], &load[0]),
-            times(&self.axle[1], &load[1]),
+            times(&self.axle[0], &scaled(self.h, &b[0])),
+            times(&self.axle[1], &scaled(self.h, &b[1])),
         ];
         let rate = times(&self.reduced, &geometry.rate(&free));
         let [f, r] = geometry.transpose(&times(&self.frame, &rate));
@@ -316,6 +329,8 @@ impl Plant {
         let static_load = Wheels::static_load(mass);
         let mut plant = Self {
             wheels: Wheels::new(config),
+            #[cfg(target_arch = "x86_64")]
+            wide: std::arch::is_x86_feature_detected!("avx2"),
             mass,
             inertia: config.yaw_inertia_kg_m2,
             static_load,
@@ -333,7 +348,7 @@ impl Plant {
             load: static_load,
             load_acceleration: [[0.0; 2]; 2],
             equilibrium,
-            bend: Equilibrium::STRAIGHT_ON,
+            bend: Column::ZERO,
             creeping: false,
             geometry: Geometry::default(),
             stiffness: [[0.0; 3]; 3],
@@ -364,24 +379,26 @@ impl Plant {
         self.command = [0.0; 4];
         self.load = self.static_load;
         self.load_acceleration = [[0.0; 2]; 2];
-        self.bend = Equilibrium::STRAIGHT_ON;
+        self.bend = Column::ZERO;
         self.creeping = false;
         self.health = Health::default();
-        self.locate();
+        self.locate::<Narrow>();
         // Rounding of the global position must not load the stiff strip.
         let end = self.strip_end();
         let _ = self
             .strip
-            .follow(&mut self.equilibrium, end, &Equilibrium::STRAIGHT_ON);
+            .follow::<Narrow>(&mut self.equilibrium, end, &Column::ZERO);
         self.linearise();
         self.publish_loads();
     }
 
     /// Geometry from the postures.
     #[inline(always)]
-    fn locate(&mut self) {
-        let [f, r] = self.state.axle.map(|a| a.posture);
-        let (front, rear) = (direction(f[2]), direction(r[2]));
+    fn locate<V: Lanes>(&mut self) {
+        let (f, r) = (self.state.axle[0].posture, self.state.axle[1].posture);
+        let (s, c) = directions(V::load(&[f[2], r[2], 0.0, 0.0]));
+        let (s, c) = (s.store(), c.store());
+        let (front, rear) = ([c[0], s[0]], [c[1], s[1]]);
         let turn = [
             front[0] * rear[0] + front[1] * rear[1],
             front[1] * rear[0] - front[0] * rear[1],
@@ -428,6 +445,23 @@ impl Plant {
     /// Advances one time step under the commanded wheel torques (N m, `[axle][left, right]`, held;
     /// a command that is not finite counts as none).
     pub fn step(&mut self, torque: [[f64; 2]; 2]) {
+        #[cfg(target_arch = "x86_64")]
+        if self.wide {
+            // SAFETY: the processor has AVX2.
+            #[allow(unsafe_code)]
+            return unsafe { self.step_wide(torque) };
+        }
+        self.step_in::<Narrow>(torque);
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2")]
+    fn step_wide(&mut self, torque: [[f64; 2]; 2]) {
+        self.step_in::<Wide>(torque);
+    }
+
+    #[inline(always)]
+    fn step_in<V: Lanes>(&mut self, torque: [[f64; 2]; 2]) {
         for w in 0..4 {
             let wanted = torque[w / 2][w % 2];
             let wanted = if wanted.is_finite() { wanted } else { 0.0 };
@@ -435,11 +469,11 @@ impl Plant {
         }
         let before = [self.state.axle[0].velocity, self.state.axle[1].velocity];
         let turned = [self.state.axle[0].posture[2], self.state.axle[1].posture[2]];
-        self.divide();
+        self.divide::<V>();
         for i in 0..2 {
             let axle = &mut self.state.axle[i];
             let was = unturned(&before[i], small_turn(axle.posture[2] - turned[i]));
-            axle.acceleration = add(&axle.velocity, -1.0, &was).map(|x| x / self.step);
+            axle.acceleration = scaled(1.0 / self.step, &add(&axle.velocity, -1.0, &was));
         }
         self.health.steps += 1;
         if self.height > 0.0 {
@@ -450,13 +484,13 @@ impl Plant {
     /// Covers one step in as few parts as the error allows: 1, or powers of 2 around an impact or
     /// a tyre that breaks away.
     #[inline(always)]
-    fn divide(&mut self) {
+    fn divide<V: Lanes>(&mut self) {
         const WHOLE: u32 = 1 << FINEST;
         let mut done = 0;
         let mut part = WHOLE;
         while done < WHOLE {
             let h = self.step * f64::from(part) / f64::from(WHOLE);
-            if self.advance(h, part == 1) {
+            if self.advance::<V>(h, part == 1) {
                 done += part;
                 self.health.parts += 1;
                 // The largest power of two that `done` is a multiple of, at most twice the last.
@@ -471,7 +505,7 @@ impl Plant {
 
     /// Advances by `h`, unless the error is too large and `force` is not set.
     #[inline(always)]
-    fn advance(&mut self, h: f64, force: bool) -> bool {
+    fn advance<V: Lanes>(&mut self, h: f64, force: bool) -> bool {
         const G: f64 = GAMMA;
         let start = [self.state.axle[0].velocity, self.state.axle[1].velocity];
         let speed = self.speeds();
@@ -480,8 +514,10 @@ impl Plant {
 
         // First stage: u = γh·k, (I − γhA) k = f(start).
         let hub = self.wheels.hub(&start);
-        let now = self.wheels.contact(&hub, &speed, &self.load, &self.command);
-        let implicit = Implicit::new(self, &now, g);
+        let now = self
+            .wheels
+            .contact(&hub, V::load(&speed), &self.load, &self.command);
+        let implicit = Implicit::<V>::new(self, &now, g);
         let pull = add(
             &self.total,
             g,
@@ -492,13 +528,13 @@ impl Plant {
         let spin1 = self
             .wheels
             .spin(&implicit.wheels, &now, &now, &self.wheels.hub(&gain1));
-        let k1 = gain1.map(|v| v.map(|x| x / g));
+        let k1 = [scaled(1.0 / g, &gain1[0]), scaled(1.0 / g, &gain1[1])];
         let move1 = sum(&start, &gain1);
 
         // Forces after half a step of it, in the axles' frames there.
         let a = 0.5 * h;
         let there_v = [add(&start[0], a, &k1[0]), add(&start[1], a, &k1[1])];
-        let there_speed: [f64; 4] = std::array::from_fn(|w| speed[w] + 0.5 / G * spin1[w]);
+        let there_speed = V::load(&speed) + spin1 * V::splat(0.5 / G);
         let (there, turns) = self.moved(&geometry, &move1, a);
         let body = [
             unturned(&there_v[0], turns[0]),
@@ -510,7 +546,7 @@ impl Plant {
             there.end[1],
             turn + a * (move1[0][2] - move1[1][2]),
         ];
-        let Some(elastic) = self.wrench_near(end, force) else {
+        let Some(elastic) = self.wrench_near::<V>(end, force) else {
             return false;
         };
         let total = add(
@@ -521,12 +557,10 @@ impl Plant {
         let hub = self.wheels.hub(&body);
         let mut then = self
             .wheels
-            .contact(&hub, &there_speed, &self.load, &self.command);
+            .contact(&hub, there_speed, &self.load, &self.command);
 
         // Second stage: (I − γhA) k = f(there) − k₁.
-        for w in 0..4 {
-            then.torque[w] -= self.wheels.inertia * spin1[w] / g;
-        }
+        then.torque = then.torque - spin1 * V::splat(self.wheels.inertia / g);
         let load = self.wheels.load(&implicit.wheels, &now, &then);
         let load = minus(&load, &there.transpose(&total));
         let mut load = [turned(&load[0], turns[0]), turned(&load[1], turns[1])];
@@ -542,7 +576,7 @@ impl Plant {
                 move2[i][n] = there_v[i][n] - move1[i][n];
             }
         }
-        let stiff = times(&self.stiffness, &geometry.rate(&move2)).map(|x| g * x);
+        let stiff = scaled(g, &times(&self.stiffness, &geometry.rate(&move2)));
         let gain2 = implicit.solve(&geometry, &minus(&load, &geometry.transpose(&stiff)));
         let spin2 = self
             .wheels
@@ -563,12 +597,13 @@ impl Plant {
         }
 
         let (before, shape) = (self.state.axle, self.equilibrium.shape());
+        let gained = ((spin1 + spin2) * V::splat(1.0 / G)).store();
+        let motor = now.motor.store();
         for w in 0..4 {
-            let gained = (spin1[w] + spin2[w]) / G;
             let axle = &mut self.state.axle[w / 2];
-            axle.wheel_angle[w % 2] += h * (speed[w] + 0.5 * gained);
-            axle.wheel_speed[w % 2] += gained;
-            axle.torque[w % 2] = now.motor[w];
+            axle.wheel_angle[w % 2] += h * (speed[w] + 0.5 * gained[w]);
+            axle.wheel_speed[w % 2] += gained[w];
+            axle.torque[w % 2] = motor[w];
         }
         let directions = [geometry.front, geometry.rear];
         for i in 0..2 {
@@ -584,8 +619,8 @@ impl Plant {
             axle.posture[2] += moved[2];
             axle.velocity = unturned(&velocity, small_turn(moved[2]));
         }
-        self.locate();
-        if !self.settle(h, force) {
+        self.locate::<V>();
+        if !self.settle::<V>(h, force) {
             self.state.axle = before;
             self.geometry = geometry;
             self.strip.restore(&mut self.equilibrium, shape);
@@ -636,17 +671,17 @@ impl Plant {
     /// Elastic wrench at an end near the present one; if it cannot be found there, its tangent
     /// under `force`, or nothing.
     #[inline(always)]
-    fn wrench_near(&mut self, end: Vec3, force: bool) -> Option<Vec3> {
+    fn wrench_near<V: Lanes>(&mut self, end: Vec3, force: bool) -> Option<Vec3> {
         if !self.creeping {
-            if let Some((wrench, bend)) = self.strip.near(&self.equilibrium, end) {
-                self.bend = bend.map(|b| 4.0 * b);
+            if let Some((wrench, bend)) = self.strip.near::<V>(&self.equilibrium, end) {
+                self.bend = Column(bend.0.map(|g| g.map(|b| 4.0 * b)));
                 return Some(wrench);
             }
             if !force {
                 return None;
             }
         }
-        self.bend = Equilibrium::STRAIGHT_ON;
+        self.bend = Column::ZERO;
         self.health.linear_wrenches += 1;
         Some(self.strip.linear_wrench(&self.equilibrium, end))
     }
@@ -654,9 +689,12 @@ impl Plant {
     /// Finds the frame's equilibrium. If there is none near, either the part of the step was too
     /// long (the result is false), or, under `force`, the strip snaps through, slowly.
     #[inline(always)]
-    fn settle(&mut self, h: f64, force: bool) -> bool {
+    fn settle<V: Lanes>(&mut self, h: f64, force: bool) -> bool {
         let end = self.strip_end();
-        match self.strip.follow(&mut self.equilibrium, end, &self.bend) {
+        match self
+            .strip
+            .follow::<V>(&mut self.equilibrium, end, &self.bend)
+        {
             Some(solved) => {
                 self.creeping = false;
                 self.health.factorisations += u64::from(solved.iterations);
@@ -705,6 +743,17 @@ impl Plant {
             self.load[w] = (self.static_load[w] + lengthwise + across).max(0.0);
         }
         self.publish_loads();
+    }
+
+    /// The same robot computed without vector instructions, for checks that nothing depends on
+    /// them.
+    pub fn portable(&self) -> Self {
+        let mut portable = self.clone();
+        #[cfg(target_arch = "x86_64")]
+        {
+            portable.wide = false;
+        }
+        portable
     }
 
     /// The same robot on frictionless ground, for checks of what the frame alone does.

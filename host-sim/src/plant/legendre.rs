@@ -6,6 +6,8 @@
 
 /// Curvature polynomials, orders 0 to `ORDER − 1`.
 pub const ORDER: usize = 9;
+/// Those that are unknown: all but order 0, which the turn of the end gives.
+pub const MODES: usize = ORDER - 1;
 /// Gauss–Legendre points along the strip.
 pub const POINTS: usize = 12;
 /// Pairs of points.
@@ -13,11 +15,9 @@ pub const PAIRS: usize = POINTS / 2;
 
 /// Order of the polynomial in each row of the frame's equations: orders whose slope function is
 /// even first, each group from the stiffest down, so that a pivot that may vanish comes late.
-pub const MODE: [usize; ORDER - 1] = [7, 5, 3, 1, 8, 6, 4, 2];
-/// How many of [`MODE`] have an even slope function.
+pub const MODE: [usize; MODES] = [7, 5, 3, 1, 8, 6, 4, 2];
+/// How many of [`MODE`] have an even slope function; as many have an odd one.
 pub const EVEN: usize = 4;
-/// How many have an odd one.
-pub const ODD: usize = 4;
 
 /// P_n(ξ) and its derivative.
 const fn legendre(n: usize, x: f64) -> (f64, f64) {
@@ -88,13 +88,13 @@ pub const WEIGHTS: [f64; PAIRS] = {
     weights
 };
 
-/// Slope functions at the positive nodes, in the order of [`MODE`] (a zero fills the last place).
-pub const SLOPES: [[f64; ORDER]; PAIRS] = {
-    let mut table = [[0.0; ORDER]; PAIRS];
+/// Slope functions at the positive nodes, in the order of [`MODE`].
+pub const SLOPES: [[f64; MODES]; PAIRS] = {
+    let mut table = [[0.0; MODES]; PAIRS];
     let mut k = 0;
     while k < PAIRS {
         let mut i = 0;
-        while i < ORDER - 1 {
+        while i < MODES {
             table[k][i] = slope(MODE[i], NODES[k]);
             i += 1;
         }
@@ -103,53 +103,95 @@ pub const SLOPES: [[f64; ORDER]; PAIRS] = {
     table
 };
 
-/// Products of slope functions of equal parity: 10 pairs of the even group row by row, 10 of the odd.
-pub const EQUAL: [[f64; 20]; PAIRS] = {
-    let mut table = [[0.0; 20]; PAIRS];
-    let mut k = 0;
-    while k < PAIRS {
-        let mut n = 0;
-        let mut i = 0;
-        while i < EVEN + ODD {
-            let end = if i < EVEN { EVEN } else { EVEN + ODD };
-            let mut j = i;
-            while j < end {
-                table[k][n] = SLOPES[k][i] * SLOPES[k][j];
-                n += 1;
-                j += 1;
-            }
-            i += 1;
-        }
-        k += 1;
+/// Twelve values along the strip, in lanes: the four outermost positive nodes; the other two and
+/// their mirrors; the mirrors of the first four.
+pub type Strand = [[f64; 4]; 3];
+
+/// Number of the positive node in each lane of a [`Strand`], and its side.
+const LANES: [[(usize, f64); 4]; 3] = [
+    [(0, 1.0), (1, 1.0), (2, 1.0), (3, 1.0)],
+    [(4, 1.0), (5, 1.0), (4, -1.0), (5, -1.0)],
+    [(0, -1.0), (1, -1.0), (2, -1.0), (3, -1.0)],
+];
+
+/// Weights along the strip.
+pub const STRAND_WEIGHTS: Strand = {
+    let mut table = [[0.0; 4]; 3];
+    let mut n = 0;
+    while n < 12 {
+        table[n / 4][n % 4] = WEIGHTS[LANES[n / 4][n % 4].0];
+        n += 1;
     }
     table
 };
 
-/// Products of an even with an odd slope function, row by row.
-pub const MIXED: [[f64; 16]; PAIRS] = {
-    let mut table = [[0.0; 16]; PAIRS];
-    let mut k = 0;
-    while k < PAIRS {
-        let mut i = 0;
-        while i < EVEN {
-            let mut j = 0;
-            while j < ODD {
-                table[k][i * ODD + j] = SLOPES[k][i] * SLOPES[k][EVEN + j];
-                j += 1;
-            }
-            i += 1;
-        }
-        k += 1;
+/// Slope function of order 0, (1 + ξ)/2, along the strip.
+pub const STRAND_RISE: Strand = {
+    let mut table = [[0.0; 4]; 3];
+    let mut n = 0;
+    while n < 12 {
+        let (node, side) = LANES[n / 4][n % 4];
+        table[n / 4][n % 4] = 0.5 * (1.0 + side * NODES[node]);
+        n += 1;
     }
     table
 };
 
-/// Bending stiffness of each row, 1/(2n + 1), on a strip of unit length and stiffness.
-pub const BENDING: [f64; ORDER - 1] = {
-    let mut table = [0.0; ORDER - 1];
+/// Slope functions along the first eight values of a [`Strand`], in the order of [`MODE`]; the
+/// last four follow by parity.
+pub const STRAND_SLOPES: [[[f64; 4]; 2]; MODES] = {
+    let mut table = [[[0.0; 4]; 2]; MODES];
     let mut i = 0;
-    while i < ORDER - 1 {
-        table[i] = 1.0 / (2 * MODE[i] + 1) as f64;
+    while i < MODES {
+        let mut n = 0;
+        while n < 8 {
+            let (node, side) = LANES[n / 4][n % 4];
+            let side = if i < EVEN { 1.0 } else { side };
+            table[i][n / 4][n % 4] = side * SLOPES[node][i];
+            n += 1;
+        }
+        i += 1;
+    }
+    table
+};
+
+/// Products of slope functions at each positive node, in lanes. Rows 0 to 3: even ones with each
+/// other, row 3 left out, its last entry in place of the first of row 1 (symmetry says the rest).
+/// Rows 3 to 6: odd ones in the same way. Rows 6 to 10: even ones with the odd ones.
+pub const PRODUCTS: [[[f64; 4]; 10]; PAIRS] = {
+    let mut table = [[[0.0; 4]; 10]; PAIRS];
+    let mut k = 0;
+    while k < PAIRS {
+        let s = &SLOPES[k];
+        let mut n = 0;
+        while n < 4 {
+            let mut i = 0;
+            while i < 3 {
+                table[k][i][n] = s[i] * s[n];
+                table[k][3 + i][n] = s[EVEN + i] * s[EVEN + n];
+                i += 1;
+            }
+            let mut i = 0;
+            while i < EVEN {
+                table[k][6 + i][n] = s[i] * s[EVEN + n];
+                i += 1;
+            }
+            n += 1;
+        }
+        table[k][1][0] = s[3] * s[3];
+        table[k][4][0] = s[EVEN + 3] * s[EVEN + 3];
+        k += 1;
+    }
+    table
+};
+
+/// Bending stiffness of each row, 1/(2n + 1), on a strip of unit length and stiffness; even and odd
+/// slope functions.
+pub const BENDING: [[f64; 4]; 2] = {
+    let mut table = [[0.0; 4]; 2];
+    let mut i = 0;
+    while i < MODES {
+        table[i / 4][i % 4] = 1.0 / (2 * MODE[i] + 1) as f64;
         i += 1;
     }
     table

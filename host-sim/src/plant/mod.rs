@@ -14,6 +14,7 @@ mod config;
 pub mod elastica;
 pub mod frame;
 mod integrator;
+mod lanes;
 mod legendre;
 pub mod reference;
 mod sincos;

@@ -1,6 +1,6 @@
 //! Sine and cosine of all quadrature angles at once.
 
-use super::legendre::POINTS;
+use super::lanes::{Lanes, Twelve};
 
 const S: [f64; 6] = [
     -1.666_666_666_666_663_2e-1,
@@ -25,49 +25,125 @@ const FAST: f64 = 3.1;
 /// `(sin, cos)` of each angle, to about 4e-16.
 ///
 /// A quarter of the angle goes through the polynomials of the classic kernels (|x| ≤ π/4), then
-/// two doublings: no branch and no table, so the loop runs in vector registers. Angles beyond
-/// ±3.1 rad (or NaN) go one by one through `libm`. The bits do not depend on the machine.
+/// two doublings: no branch and no table. Angles beyond ±3.1 rad (or NaN) go one by one through
+/// `libm`. The bits do not depend on the machine.
 #[inline(always)]
-pub fn sin_cos(angle: &[f64; POINTS]) -> ([f64; POINTS], [f64; POINTS]) {
-    let (mut sin, mut cos) = ([0.0; POINTS], [0.0; POINTS]);
-    let mut fast = true;
-    for k in 0..POINTS {
-        fast &= angle[k].abs() <= FAST;
-        let x = 0.25 * angle[k];
-        let z = x * x;
-        let w = z * z;
-        let s = x + x * z * ((S[0] + z * S[1]) + w * ((S[2] + z * S[3]) + w * (S[4] + z * S[5])));
-        let c = 1.0 - 0.5 * z
-            + w * ((C[0] + z * C[1]) + w * ((C[2] + z * C[3]) + w * (C[4] + z * C[5])));
-        let (s, c) = (2.0 * s * c, 1.0 - 2.0 * s * s);
-        sin[k] = 2.0 * s * c;
-        cos[k] = 1.0 - 2.0 * s * s;
+pub fn sin_cos<V: Lanes>(angle: Twelve<V>) -> (Twelve<V>, Twelve<V>) {
+    let ([a, b, c], [x, y, z]) = (
+        angle.0,
+        [angle.0[0].abs(), angle.0[1].abs(), angle.0[2].abs()],
+    );
+    if !(x.all_at_most(FAST) && y.all_at_most(FAST) && z.all_at_most(FAST)) {
+        let [sin, cos] = each(&angle.store());
+        return (Twelve::load(&sin), Twelve::load(&cos));
     }
-    if !fast {
-        return far(angle);
+    let (a, b, c) = (near(a), near(b), near(c));
+    (Twelve([a.0, b.0, c.0]), Twelve([a.1, b.1, c.1]))
+}
+
+/// Largest angle of [`directions`] that is reduced here, rad.
+const TURNS: f64 = 1e5;
+/// 2π in two parts: the first has zeros at its end, so that its multiples up to 2²⁰ are exact.
+const WHOLE_TURN: [f64; 2] = [6.283_185_306_936_502_5, 2.430_840_202_602_477e-10];
+/// Adding and subtracting it rounds to the nearest integer.
+const ROUND: f64 = 6_755_399_441_055_744.0;
+
+/// `(sin, cos)` of four angles of any size, to about 1e-15 up to 1e5 rad.
+#[inline(always)]
+pub fn directions<V: Lanes>(angle: V) -> (V, V) {
+    if !angle.abs().all_at_most(TURNS) {
+        let [sin, cos] = each(&[angle.store()]);
+        return (V::load(&sin[0]), V::load(&cos[0]));
     }
-    (sin, cos)
+    let round = V::splat(ROUND);
+    let turns = (angle * V::splat(1.0 / std::f64::consts::TAU) + round) - round;
+    near(angle - turns * V::splat(WHOLE_TURN[0]) - turns * V::splat(WHOLE_TURN[1]))
+}
+
+#[inline(always)]
+fn near<V: Lanes>(angle: V) -> (V, V) {
+    let (one, two) = (V::splat(1.0), V::splat(2.0));
+    let x = V::splat(0.25) * angle;
+    let z = x * x;
+    let w = z * z;
+    let s = polynomial(&S, z, w);
+    let c = polynomial(&C, z, w);
+    let (s, c) = (x + x * z * s, one - V::splat(0.5) * z + w * c);
+    let (s, c) = (two * s * c, one - two * s * s);
+    (two * s * c, one - two * s * s)
+}
+
+/// Σ kᵢ zⁱ, w = z².
+#[inline(always)]
+fn polynomial<V: Lanes>(k: &[f64; 6], z: V, w: V) -> V {
+    let (a, b, c) = (
+        V::splat(k[0]) + z * V::splat(k[1]),
+        V::splat(k[2]) + z * V::splat(k[3]),
+        V::splat(k[4]) + z * V::splat(k[5]),
+    );
+    a + w * (b + w * c)
 }
 
 #[cold]
 #[inline(never)]
-fn far(angle: &[f64; POINTS]) -> ([f64; POINTS], [f64; POINTS]) {
-    (angle.map(libm::sin), angle.map(libm::cos))
+fn each<const N: usize>(angle: &[[f64; 4]; N]) -> [[[f64; 4]; N]; 2] {
+    [
+        angle.map(|a| a.map(libm::sin)),
+        angle.map(|a| a.map(libm::cos)),
+    ]
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::lanes::Narrow;
     use super::*;
 
     #[test]
     fn agrees_with_the_standard_library() {
         for k in 0..100_000 {
             let x = (k as f64 - 5e4) * 1e-4;
-            let angle = std::array::from_fn(|i| x * (1.0 - 0.07 * i as f64));
-            let (sin, cos) = sin_cos(&angle);
-            for i in 0..POINTS {
-                assert!((sin[i] - angle[i].sin()).abs() < 2e-15, "{}", angle[i]);
-                assert!((cos[i] - angle[i].cos()).abs() < 2e-15, "{}", angle[i]);
+            let angle: [[f64; 4]; 3] = std::array::from_fn(|i| {
+                std::array::from_fn(|j| x * (1.0 - 0.07 * (4 * i + j) as f64))
+            });
+            let (sin, cos) = sin_cos(Twelve::<Narrow>::load(&angle));
+            for i in 0..12 {
+                let a = angle[i / 4][i % 4];
+                assert!((sin.0[i / 4].lane(i % 4) - a.sin()).abs() < 2e-15, "{a}");
+                assert!((cos.0[i / 4].lane(i % 4) - a.cos()).abs() < 2e-15, "{a}");
+            }
+        }
+    }
+
+    #[test]
+    fn directions_agree_with_the_standard_library() {
+        let mut largest = 0.0f64;
+        for k in 0..400_000 {
+            let x = (k as f64 - 2e5) * 1.000_1e-3;
+            let angle = [x, 10.0 * x, 700.0 * x, std::f64::consts::PI * (k as f64)];
+            let (sin, cos) = directions(Narrow::load(&angle));
+            for (i, a) in angle.iter().enumerate() {
+                // The angle itself is known to half a unit in its last place.
+                let allowed = 1e-15 + 1e-16 * if a.abs() <= TURNS { 0.0 } else { 10.0 };
+                let error = (sin.lane(i) - a.sin())
+                    .abs()
+                    .max((cos.lane(i) - a.cos()).abs());
+                assert!(error < allowed, "{a}: {error}");
+                largest = largest.max(error);
+            }
+        }
+        assert!(largest > 0.0);
+    }
+
+    #[test]
+    fn passes_what_is_not_a_number_on() {
+        for i in 0..12 {
+            for bad in [f64::NAN, f64::INFINITY, -f64::INFINITY] {
+                let mut angle = [[0.3; 4]; 3];
+                angle[i / 4][i % 4] = bad;
+                let (sin, cos) = sin_cos(Twelve::<Narrow>::load(&angle));
+                assert!(sin.0[i / 4].lane(i % 4).is_nan() && cos.0[i / 4].lane(i % 4).is_nan());
+                let other = (i + 1) % 12;
+                assert!((sin.0[other / 4].lane(other % 4) - 0.3f64.sin()).abs() < 1e-15);
             }
         }
     }

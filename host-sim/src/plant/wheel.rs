@@ -1,6 +1,7 @@
 //! Tyres, wheels and motors of one axle.
 
 use super::config::PlantConfig;
+use super::lanes::Lanes;
 
 /// Standard gravity, m/s².
 const GRAVITY: f64 = 9.806_65;
@@ -26,28 +27,28 @@ pub struct Wheels {
     pub arm: [f64; 4],
 }
 
-/// What the wheels do at one instant, and its linearisation.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Contact {
+/// What the wheels do at one instant, and its linearisation, wheel by wheel.
+#[derive(Clone, Copy, Debug)]
+pub struct Contact<V> {
     /// Force of the ground on the tyre, forward and left, N.
-    pub force: [[f64; 4]; 2],
+    pub force: [V; 2],
     /// −∂force/∂slip, N s/m: forward-forward, forward-left, left-left.
-    pub slope: [[f64; 4]; 3],
+    pub slope: [V; 3],
     /// Torque on the wheel from motor, rolling resistance and ground, N m.
-    pub torque: [f64; 4],
+    pub torque: V,
     /// −∂torque/∂speed without the tyre's part, N m s.
-    pub drag: [f64; 4],
+    pub drag: V,
     /// Torque of the motor, N m.
-    pub motor: [f64; 4],
+    pub motor: V,
 }
 
 /// Motion of the wheels' hubs: forward and left velocity of each contact point if it did not roll.
 #[derive(Clone, Copy, Debug)]
-pub struct Hub {
+pub struct Hub<V> {
     /// Forward, m/s.
-    pub forward: [f64; 4],
+    pub forward: V,
     /// Left, m/s.
-    pub left: [f64; 4],
+    pub left: V,
 }
 
 impl Wheels {
@@ -83,17 +84,12 @@ impl Wheels {
 
     /// Velocities at the wheels for body velocities (forward, left, yaw rate) of the two axles.
     #[inline(always)]
-    pub fn hub(&self, body: &[[f64; 3]; 2]) -> Hub {
-        let mut hub = Hub {
-            forward: [0.0; 4],
-            left: [0.0; 4],
-        };
-        for w in 0..4 {
-            let v = &body[w / 2];
-            hub.forward[w] = v[0] + self.arm[w] * v[2];
-            hub.left[w] = v[1];
+    pub fn hub<V: Lanes>(&self, [f, r]: &[[f64; 3]; 2]) -> Hub<V> {
+        let turn = V::load(&[f[2], f[2], r[2], r[2]]);
+        Hub {
+            forward: V::load(&[f[0], f[0], r[0], r[0]]) + V::load(&self.arm) * turn,
+            left: V::load(&[f[1], f[1], r[1], r[1]]),
         }
-        hub
     }
 
     /// Forces and torques. Tyre: force = −μ(|s|)·N·s/(|s| + v_eps) with slip
@@ -101,141 +97,148 @@ impl Wheels {
     /// commanded torque within the speed–torque line τ_stall·(±1 − speed/no-load speed) and the
     /// current limit.
     #[inline(always)]
-    pub fn contact(
+    pub fn contact<V: Lanes>(
         &self,
-        hub: &Hub,
-        speed: &[f64; 4],
+        hub: &Hub<V>,
+        speed: V,
         load: &[f64; 4],
         command: &[f64; 4],
-    ) -> Contact {
-        let mut c = Contact::default();
-        for w in 0..4 {
-            let sx = hub.forward[w] - self.radius[w] * speed[w];
-            let sy = hub.left[w];
-            let s = (sx * sx + sy * sy).sqrt();
-            let grip = self.friction * load[w];
-            let inverse = 1.0 / (s + self.creep);
-            let f = grip * inverse;
-            c.force[0][w] = -f * sx;
-            c.force[1][w] = -f * sy;
-            // d(f)/ds / s; the floor only matters where sx and sy vanish too.
-            let h = f * inverse / (s + 1e-30);
-            c.slope[0][w] = f - h * sx * sx;
-            c.slope[1][w] = -h * sx * sy;
-            c.slope[2][w] = f - h * sy * sy;
-        }
+    ) -> Contact<V> {
+        let (radius, load, none) = (V::load(&self.radius), V::load(load), V::splat(0.0));
+        let (sx, sy) = (hub.forward - radius * speed, hub.left);
+        let s = (sx * sx + sy * sy).sqrt();
+        let inverse = V::splat(1.0) / (s + V::splat(self.creep));
+        let f = V::splat(self.friction) * load * inverse;
+        // d(f)/ds / s; the floor only matters where sx and sy vanish too.
+        let h = f * inverse / (s + V::splat(1e-30));
+        let mut force = [none - f * sx, none - f * sy];
+        let mut slope = [f - h * sx * sx, none - h * sx * sy, f - h * sy * sy];
         if self.excess > 0.0 {
-            self.slip_stick(hub, speed, &mut c);
-        }
-        for w in 0..4 {
-            let back = self.slope * speed[w];
-            let (low, high) = (-self.stall - back, self.stall - back);
-            let lined = command[w].max(low).min(high);
-            let motor = lined.max(-self.limit).min(self.limit);
-            let on_line = lined != command[w] && motor == lined;
-            c.motor[w] = motor;
-            c.drag[w] = if on_line { self.slope } else { 0.0 };
-            c.torque[w] = motor - self.radius[w] * c.force[0][w];
-        }
-        if self.rolling > 0.0 {
-            for w in 0..4 {
-                let resist = self.rolling * load[w] * self.radius[w];
-                let inverse = 1.0 / (speed[w].abs() + ROLLING_FADE);
-                c.torque[w] -= resist * speed[w] * inverse;
-                c.drag[w] += resist * ROLLING_FADE * inverse * inverse;
-            }
-        }
-        c
-    }
-
-    /// The excess of static friction. Its falling part has a negative slope, which is left out of
-    /// the linearisation: the solver then still meets a positive definite system.
-    #[cold]
-    fn slip_stick(&self, hub: &Hub, speed: &[f64; 4], c: &mut Contact) {
-        for w in 0..4 {
-            let sx = hub.forward[w] - self.radius[w] * speed[w];
-            let sy = hub.left[w];
-            let share = self.excess * libm::exp(-(sx * sx + sy * sy) * self.decay * self.decay);
+            let share = V::load(&self.slip_stick(sx.store(), sy.store()));
             for n in 0..2 {
-                c.force[n][w] *= 1.0 + share;
+                force[n] = force[n] * share;
             }
             for n in 0..3 {
-                c.slope[n][w] *= 1.0 + share;
+                slope[n] = slope[n] * share;
             }
         }
+        let (stall, limit) = (V::splat(self.stall), V::splat(self.limit));
+        let (gain, wanted) = (V::splat(self.slope), V::load(command));
+        let back = gain * speed;
+        let lined = wanted.max(none - stall - back).min(stall - back);
+        let motor = lined.max(none - limit).min(limit);
+        // The slope of the speed–torque line where that is what limits the torque.
+        let free = gain.where_equal(lined, wanted);
+        let mut drag = (gain - free).where_equal(motor, lined);
+        let mut torque = motor - radius * force[0];
+        if self.rolling > 0.0 {
+            let resist = V::splat(self.rolling) * load * radius;
+            let fade = V::splat(ROLLING_FADE);
+            let inverse = V::splat(1.0) / (speed.abs() + fade);
+            torque = torque - resist * speed * inverse;
+            drag = drag + resist * fade * inverse * inverse;
+        }
+        Contact {
+            force,
+            slope,
+            torque,
+            drag,
+            motor,
+        }
+    }
+
+    /// The excess of static friction, as a factor of force and slope. Its falling part has a
+    /// negative slope, which is left out of the linearisation: the solver then still meets a
+    /// positive definite system.
+    #[cold]
+    #[inline(never)]
+    fn slip_stick(&self, sx: [f64; 4], sy: [f64; 4]) -> [f64; 4] {
+        let mut share = [1.0; 4];
+        for w in 0..4 {
+            let square = sx[w] * sx[w] + sy[w] * sy[w];
+            share[w] += self.excess * libm::exp(-square * self.decay * self.decay);
+        }
+        share
     }
 }
 
 /// The wheels' part of a linearly implicit step, with the wheel speeds eliminated: the axles see
 /// tyres of reduced slope.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Eliminated {
+#[derive(Clone, Copy, Debug)]
+pub struct Eliminated<V> {
     /// h over the wheel's effective inertia.
-    gain: [f64; 4],
+    gain: V,
     /// Reduced slope, forward-forward, forward-left, left-left.
-    slope: [[f64; 4]; 3],
+    slope: [V; 3],
+}
+
+/// Sums over the two wheels of each axle of four quantities: `[axle][quantity]`.
+#[inline(always)]
+fn axles<V: Lanes>(v: [V; 4]) -> [[f64; 4]; 2] {
+    let [a, b, c, d] = V::transposed(v);
+    [(a + b).store(), (c + d).store()]
 }
 
 impl Wheels {
     /// Eliminates the wheel speeds for a step `h`.
     #[inline(always)]
-    pub fn eliminate(&self, c: &Contact, h: f64) -> Eliminated {
-        let mut e = Eliminated::default();
-        for w in 0..4 {
-            let r = self.radius[w];
-            let own = self.inertia + h * c.drag[w];
-            let inverse = 1.0 / (own + h * r * r * c.slope[0][w]);
-            let keep = own * inverse;
-            e.gain[w] = h * inverse;
-            e.slope[0][w] = keep * c.slope[0][w];
-            e.slope[1][w] = keep * c.slope[1][w];
-            e.slope[2][w] = c.slope[2][w] - h * r * r * inverse * c.slope[1][w] * c.slope[1][w];
+    pub fn eliminate<V: Lanes>(&self, c: &Contact<V>, h: f64) -> Eliminated<V> {
+        let (r, h) = (V::load(&self.radius), V::splat(h));
+        let lever = h * r * r;
+        let own = V::splat(self.inertia) + h * c.drag;
+        let inverse = V::splat(1.0) / (own + lever * c.slope[0]);
+        let keep = own * inverse;
+        Eliminated {
+            gain: h * inverse,
+            slope: [
+                keep * c.slope[0],
+                keep * c.slope[1],
+                c.slope[2] - lever * inverse * c.slope[1] * c.slope[1],
+            ],
         }
-        e
     }
 
     /// Damping matrix of each axle (forward, left, yaw; xx, xy, xφ, yy, yφ, φφ).
     #[inline(always)]
-    pub fn damping(&self, e: &Eliminated) -> [[f64; 6]; 2] {
-        let mut d = [[0.0; 6]; 2];
-        for w in 0..4 {
-            let (arm, out) = (self.arm[w], &mut d[w / 2]);
-            out[0] += e.slope[0][w];
-            out[1] += e.slope[1][w];
-            out[2] += arm * e.slope[0][w];
-            out[3] += e.slope[2][w];
-            out[4] += arm * e.slope[1][w];
-            out[5] += arm * arm * e.slope[0][w];
-        }
-        d
+    pub fn damping<V: Lanes>(&self, e: &Eliminated<V>) -> [[f64; 6]; 2] {
+        let (arm, none) = (V::load(&self.arm), V::splat(0.0));
+        let [xx, xy, yy] = e.slope;
+        let turn = arm * xx;
+        let [f, r] = axles([xx, xy, turn, yy]);
+        let [g, s] = axles([arm * xy, arm * turn, none, none]);
+        [
+            [f[0], f[1], f[2], f[3], g[0], g[1]],
+            [r[0], r[1], r[2], r[3], s[0], s[1]],
+        ]
     }
 
     /// Force (forward, left) and yaw moment on each axle of the tyre forces in `now`, with what
     /// the wheels' own acceleration adds to them; `at` is the point of linearisation.
     #[inline(always)]
-    pub fn load(&self, e: &Eliminated, at: &Contact, now: &Contact) -> [[f64; 3]; 2] {
-        let mut sum = [[0.0; 3]; 2];
-        for w in 0..4 {
-            let spin = self.radius[w] * e.gain[w] * now.torque[w];
-            let x = now.force[0][w] + at.slope[0][w] * spin;
-            let y = now.force[1][w] + at.slope[1][w] * spin;
-            let out = &mut sum[w / 2];
-            out[0] += x;
-            out[1] += y;
-            out[2] += self.arm[w] * x;
-        }
-        sum
+    pub fn load<V: Lanes>(
+        &self,
+        e: &Eliminated<V>,
+        at: &Contact<V>,
+        now: &Contact<V>,
+    ) -> [[f64; 3]; 2] {
+        let spin = V::load(&self.radius) * e.gain * now.torque;
+        let x = now.force[0] + at.slope[0] * spin;
+        let y = now.force[1] + at.slope[1] * spin;
+        let [f, r] = axles([x, y, V::load(&self.arm) * x, V::splat(0.0)]);
+        [[f[0], f[1], f[2]], [r[0], r[1], r[2]]]
     }
 
     /// Change of the wheel speeds for a change `d` of the hub velocities.
     #[inline(always)]
-    pub fn spin(&self, e: &Eliminated, at: &Contact, now: &Contact, d: &Hub) -> [f64; 4] {
-        let mut out = [0.0; 4];
-        for w in 0..4 {
-            let pull = at.slope[0][w] * d.forward[w] + at.slope[1][w] * d.left[w];
-            out[w] = e.gain[w] * (now.torque[w] + self.radius[w] * pull);
-        }
-        out
+    pub fn spin<V: Lanes>(
+        &self,
+        e: &Eliminated<V>,
+        at: &Contact<V>,
+        now: &Contact<V>,
+        d: &Hub<V>,
+    ) -> V {
+        let pull = at.slope[0] * d.forward + at.slope[1] * d.left;
+        e.gain * (now.torque + V::load(&self.radius) * pull)
     }
 }
 
