@@ -23,6 +23,7 @@ scripts/install_qemu.sh
 
 step "formatting"
 cargo fmt --all --check
+cargo fmt --manifest-path fuzz/Cargo.toml --check
 step "clippy"
 cargo clippy --locked --workspace --all-targets -- -D warnings
 step "documentation"
@@ -41,6 +42,8 @@ step "instruction counts"
 scripts/count_instructions.py
 step "tests"
 cargo test --locked --workspace
+step "hostile input"
+scripts/fuzz.sh
 step "bus description against cantools"
 scripts/check_bus.sh
 step "the paper's experiment on emulated boards"

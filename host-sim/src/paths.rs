@@ -305,6 +305,49 @@ fn arc(curve: &Curve, from: f64, to: f64) -> f64 {
         .sum()
 }
 
+/// The waypoints of a CSV file: two columns, x and y in metres, with or without the header `x,y`.
+/// Empty lines are skipped.
+pub fn waypoints(csv: &[u8]) -> Result<Vec<Waypoint>, PathError> {
+    let mut waypoints = Vec::new();
+    let mut first = true;
+    let content = csv.strip_prefix(b"\xef\xbb\xbf").unwrap_or(csv);
+    for (row, line) in content.split(|&byte| byte == b'\n').zip(1..) {
+        let refuse = |problem: String| PathError::Row { line, problem };
+        let row = std::str::from_utf8(row)
+            .map_err(|_| refuse("not UTF-8".to_owned()))?
+            .trim();
+        if row.is_empty() {
+            continue;
+        }
+        let fields: Vec<&str> = row
+            .split(',')
+            .map(|field| field.trim().trim_matches('"'))
+            .collect();
+        let &[x, y] = fields.as_slice() else {
+            return Err(refuse(format!(
+                "{} field(s): must be 2, x and y",
+                fields.len()
+            )));
+        };
+        if std::mem::take(&mut first) && x.eq_ignore_ascii_case("x") && y.eq_ignore_ascii_case("y")
+        {
+            continue;
+        }
+        let number = |name: &str, text: &str| {
+            text.parse::<f64>().map_err(|_| {
+                let shown: String = text.chars().take(40).collect();
+                refuse(format!("{name} = {shown:?}: must be a number"))
+            })
+        };
+        waypoints.push(Waypoint {
+            x: number("x", x)?,
+            y: number("y", y)?,
+            line: Some(line),
+        });
+    }
+    Ok(waypoints)
+}
+
 fn positive(name: &'static str, value: f64) -> Result<f64, PathError> {
     if value > 0.0 && value <= MAX_COORDINATE_M {
         Ok(value)
@@ -500,51 +543,13 @@ impl Path {
         Ok(path)
     }
 
-    /// A path through the waypoints of a CSV file: two columns, x and y in metres, with or without
-    /// the header `x,y`. Empty lines are skipped.
+    /// A path through the waypoints of a CSV file, see [`waypoints`].
     pub fn from_csv(mut input: impl Read) -> Result<Self, PathError> {
         let mut bytes = Vec::new();
         input
             .read_to_end(&mut bytes)
             .map_err(|error| PathError::Read(error.to_string()))?;
-        let mut waypoints = Vec::new();
-        let mut first = true;
-        let content = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes);
-        for (row, line) in content.split(|&byte| byte == b'\n').zip(1..) {
-            let refuse = |problem: String| PathError::Row { line, problem };
-            let row = std::str::from_utf8(row)
-                .map_err(|_| refuse("not UTF-8".to_owned()))?
-                .trim();
-            if row.is_empty() {
-                continue;
-            }
-            let fields: Vec<&str> = row
-                .split(',')
-                .map(|field| field.trim().trim_matches('"'))
-                .collect();
-            let &[x, y] = fields.as_slice() else {
-                return Err(refuse(format!(
-                    "{} field(s): must be 2, x and y",
-                    fields.len()
-                )));
-            };
-            if std::mem::take(&mut first)
-                && x.eq_ignore_ascii_case("x")
-                && y.eq_ignore_ascii_case("y")
-            {
-                continue;
-            }
-            let number = |name: &str, text: &str| {
-                text.parse::<f64>()
-                    .map_err(|_| refuse(format!("{name} = {text:?}: must be a number")))
-            };
-            waypoints.push(Waypoint {
-                x: number("x", x)?,
-                y: number("y", y)?,
-                line: Some(line),
-            });
-        }
-        Self::through(&waypoints)
+        Self::through(&waypoints(&bytes)?)
     }
 
     /// The samples, evenly spaced; of a closed path the last is the first again.

@@ -43,10 +43,41 @@ where
     let mut table =
         Table::try_from(T::default()).map_err(|error| Error::Failure(error.to_string()))?;
     lay_over(&mut table, given);
-    serde_path_to_error::deserialize(Value::Table(table)).map_err(|error| {
+    let built: T = serde_path_to_error::deserialize(Value::Table(table)).map_err(|error| {
         let path = error.path().to_string();
         Error::input(format!("{name}: {path}: {}", error.into_inner().message()))
-    })
+    })?;
+    // As it is stored: a number may be finite in the text and too large for its field.
+    let stored = Value::try_from(&built).map_err(|error| Error::Failure(error.to_string()))?;
+    match not_finite(&stored) {
+        Some((path, value)) => Err(Error::input(format!(
+            "{name}: {path} = {value}: must be a finite number within its field's precision"
+        ))),
+        None => Ok(built),
+    }
+}
+
+/// Path and value of the first number that is not finite. Not every number is checked where it is
+/// used: some are replaced by what follows from others.
+fn not_finite(value: &Value) -> Option<(String, f64)> {
+    let within = |key: &str, inner: &Value| {
+        let (path, number) = not_finite(inner)?;
+        let dot = if path.is_empty() || path.starts_with('[') {
+            ""
+        } else {
+            "."
+        };
+        Some((format!("{key}{dot}{path}"), number))
+    };
+    match value {
+        Value::Float(number) if !number.is_finite() => Some((String::new(), *number)),
+        Value::Array(values) => {
+            let mut numbered = values.iter().enumerate();
+            numbered.find_map(|(i, inner)| within(&format!("[{i}]"), inner))
+        }
+        Value::Table(table) => table.iter().find_map(|(key, inner)| within(key, inner)),
+        _ => None,
+    }
 }
 
 /// Replaces entries of `table` by those of `given`, table by table.
@@ -133,6 +164,25 @@ mod tests {
     fn what_is_left_out_keeps_the_default_of_the_whole() {
         assert_eq!(changed(&[]).unwrap().bus.kind, "slow");
         assert_eq!(changed(&["rps=true"]).unwrap().bus.kind, "slow");
+    }
+
+    #[test]
+    fn numbers_must_be_finite_as_they_are_stored() {
+        #[derive(Debug, Default, PartialEq, Serialize, Deserialize)]
+        #[serde(default)]
+        struct Narrow {
+            sigmas: [f32; 2],
+            inner: Inner,
+        }
+        let text = |change: &str| {
+            let read = parse::<Narrow>("", "test", &[change.to_owned()]);
+            read.unwrap_err().to_string()
+        };
+        assert!(text("inner.loss=nan").contains("test: inner.loss = NaN: must be"));
+        assert!(text("inner.loss=-inf").contains("inner.loss = -inf"));
+        assert!(text("sigmas=[1, 1e39]").contains("sigmas[1] = inf"));
+        let large = parse::<Narrow>("inner.loss = 1e300", "test", &[]).unwrap();
+        assert_eq!(large.inner.loss, 1e300);
     }
 
     #[test]

@@ -1,0 +1,149 @@
+//! The serial link of a board: any bytes, and any content in frames whose check sums are right.
+#![no_main]
+
+use cfmmr_fuzz::numbers::Bytes;
+use core_algos::bus;
+use core_algos::hil::framing::{Frame, MAX_FRAME, crc32c};
+use core_algos::hil::protocol::{
+    self, CONFIG_CHUNK, MAX_CONFIG, MAX_TELEMETRY, PROTOCOL, Reply, Request,
+};
+use core_algos::hil::{Endpoint, Identity};
+use core_algos::node::board::Role;
+use core_algos::node::robot::RobotConfig;
+use libfuzzer_sys::fuzz_target;
+use std::sync::LazyLock;
+
+/// Boards whose nodes run.
+static STARTED: LazyLock<[Endpoint; 3]> = LazyLock::new(|| Role::ALL.map(started));
+
+fn identity(role: Role) -> Identity {
+    Identity {
+        build: "fuzz",
+        role,
+    }
+}
+
+fn started(role: Role) -> Endpoint {
+    let mut room = [0; MAX_CONFIG];
+    let config = postcard::to_slice(&RobotConfig::default(), &mut room).unwrap();
+    let hello = Request::Hello {
+        protocol: PROTOCOL,
+        nonce: 1,
+    };
+    let mut requests = vec![hello];
+    for (i, bytes) in config.chunks(CONFIG_CHUNK).enumerate() {
+        let (total, offset) = (config.len() as u16, (i * CONFIG_CHUNK) as u16);
+        requests.push(Request::Configure {
+            total,
+            offset,
+            bytes,
+        });
+    }
+    requests.push(Request::Start {
+        hash: crc32c(config),
+        tick: 0,
+        place: None,
+    });
+    let mut board = Endpoint::new(identity(role));
+    for (number, request) in (0..).zip(&requests) {
+        board.receive(
+            protocol::encode(number, request).unwrap().bytes(),
+            &mut |_| {},
+        );
+    }
+    assert!(board.board().is_some());
+    board
+}
+
+fuzz_target!(|data: &[u8]| {
+    let mut bytes = Bytes(data);
+    let kind = bytes.byte();
+    let role = Role::ALL[usize::from(kind) % 3];
+    let mut board = match kind & 0x80 {
+        0 => Endpoint::new(identity(role)),
+        _ => STARTED[usize::from(kind) % 3].clone(),
+    };
+    if kind & 0x40 == 0 {
+        let ends = bytes.0.iter().filter(|&&byte| byte == 0).count();
+        let before = board.counters();
+        let mut answers = 0;
+        board.receive(bytes.0, &mut |answer| {
+            answers += 1;
+            check(answer, role);
+        });
+        let counters = board.counters();
+        let (received, damaged) = (
+            counters.received - before.received,
+            counters.damaged - before.damaged,
+        );
+        assert!(answers == received as usize && (received + damaged) as usize <= ends);
+        return;
+    }
+    while !bytes.is_empty() {
+        let length = usize::from(bytes.byte());
+        let payload = bytes.take(length);
+        let Some(frame) = Frame::new(payload) else {
+            continue;
+        };
+        let first = answer(&mut board, frame.bytes(), role);
+        assert_eq!(
+            first.first(),
+            payload.first(),
+            "an answer bears its request's number"
+        );
+        // Asked again, a board answers the same and does nothing; a hello is never a repetition.
+        if !matches!(protocol::decode(payload), Some((_, Request::Hello { .. }))) {
+            assert_eq!(answer(&mut board, frame.repeated(), role), first);
+        }
+    }
+});
+
+/// The payload of the one answer to a frame.
+fn answer(board: &mut Endpoint, frame: &[u8], role: Role) -> Vec<u8> {
+    let mut payloads = Vec::new();
+    board.receive(frame, &mut |answer| payloads.push(check(answer, role)));
+    assert_eq!(payloads.len(), 1, "one answer to one request");
+    payloads.remove(0)
+}
+
+/// An answer is one whole frame, and what is in it makes sense.
+fn check(answer: &[u8], role: Role) -> Vec<u8> {
+    assert!(answer.len() <= MAX_FRAME && answer.last() == Some(&0));
+    let mut decoder = core_algos::hil::framing::Decoder::new();
+    let mut payload = None;
+    for &byte in answer {
+        if let Some(found) = decoder.push(byte) {
+            assert!(payload.replace(found.to_vec()).is_none(), "one frame");
+        }
+    }
+    let payload = payload.expect("a whole frame");
+    let (_, reply) = protocol::decode::<Reply>(&payload).expect("a reply");
+    let frames = match reply {
+        Reply::Axle {
+            torque_nm,
+            active,
+            bus,
+            telemetry,
+            ..
+        } => {
+            assert_ne!(role, Role::Beam);
+            let limit = RobotConfig::default().axle.controller.max_torque_nm;
+            assert!(
+                torque_nm.iter().all(|torque| torque.abs() <= limit),
+                "{torque_nm:?}"
+            );
+            assert!(active || torque_nm == [0.0; 2]);
+            assert!(telemetry.len() <= MAX_TELEMETRY);
+            bus
+        }
+        Reply::Beam { bus, .. } => {
+            assert_eq!(role, Role::Beam);
+            bus
+        }
+        _ => &[],
+    };
+    for frame in protocol::unpack(frames) {
+        bus::decode(&frame).expect("what a board sends, others can read");
+    }
+    payload
+}

@@ -1,0 +1,76 @@
+//! Waypoint files: a path that is accepted is sound in every sample and passes its waypoints; what
+//! is refused is refused by line.
+#![no_main]
+
+use cfmmr_fuzz::paths::{Bounds, MAX_COORDINATE_M, Path, PathError, SPACING_M, waypoints};
+use libfuzzer_sys::fuzz_target;
+
+/// Chords beyond this are not sampled here: half a million samples take a second.
+const LONGEST_M: f64 = 3.0;
+
+fuzz_target!(|data: &[u8]| {
+    let points = match waypoints(data) {
+        Ok(points) => points,
+        Err(error) => {
+            let PathError::Row { line, .. } = error else {
+                panic!("{error}");
+            };
+            let lines = data.split(|&byte| byte == b'\n').count() as u64;
+            assert!((1..=lines).contains(&line), "{error}");
+            return assert!(error.to_string().len() <= 600);
+        }
+    };
+    let chords: f64 = points
+        .windows(2)
+        .map(|pair| (pair[1].x - pair[0].x).hypot(pair[1].y - pair[0].y))
+        .sum();
+    if chords > LONGEST_M
+        && points
+            .iter()
+            .all(|p| p.x.abs().max(p.y.abs()) <= MAX_COORDINATE_M)
+    {
+        return;
+    }
+    let path = match Path::through(&points) {
+        Ok(path) => path,
+        Err(PathError::TooFew(count)) => return assert!(count < 2 && count == points.len()),
+        Err(PathError::Waypoint { number, line, .. }) => {
+            assert_eq!(points[number - 1].line, line);
+            return assert!(line.is_some());
+        }
+        Err(PathError::TooLong(length)) => return assert!(length > LONGEST_M),
+        Err(error) => panic!("{error}"),
+    };
+    let samples = path.samples();
+    assert!(samples.len() as f64 <= path.length() / SPACING_M + 4.0);
+    assert!(
+        path.length() >= 0.999 * chords,
+        "no shorter than its chords"
+    );
+    for pair in samples.windows(2) {
+        assert!(pair[1].s > pair[0].s);
+        let step = (pair[1].x - pair[0].x).hypot(pair[1].y - pair[0].y);
+        assert!(step <= 1.05 * (pair[1].s - pair[0].s) + 1e-6, "{pair:?}");
+    }
+    for at in samples {
+        assert!(at.x.is_finite() && at.y.is_finite() && at.phi.is_finite() && !at.kappa.is_nan());
+    }
+    for point in &points {
+        let gap = path.distance(point.x, point.y);
+        assert!(gap <= SPACING_M, "{point:?} is {gap} m off");
+    }
+    let bounds = Bounds::default();
+    match path.check(&bounds) {
+        Ok(()) => {
+            assert!(path.max_curvature() <= bounds.max_curvature() * (1.0 + 1e-9));
+            assert_eq!(path.points().len(), samples.len());
+        }
+        Err(
+            PathError::Curvature { value, bound, .. }
+            | PathError::SteeringRate { value, bound, .. },
+        ) => {
+            assert!(!(value.abs() <= bound));
+        }
+        Err(error) => panic!("{error}"),
+    }
+});
