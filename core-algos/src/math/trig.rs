@@ -1,13 +1,15 @@
 //! The elementary functions every algorithm uses.
 //!
-//! One module, so that a host and a Cortex-M4F compute the same bits: sine and cosine are one
-//! `f32` polynomial pair of our own (`libm` computes them in `f64`, which costs fifty times as
-//! much without a double-precision unit); the rest is `libm`, plain Rust on both sides. A product
-//! is never contracted with a sum.
+//! One module, so that a host and a Cortex-M4F compute the same bits: sine, cosine, tangent's
+//! inverse and hyperbolic tangent are `f32` polynomials of our own (`libm` takes twice to fifty
+//! times the instructions), the square root is the processor's, correctly rounded everywhere;
+//! exponential and logarithm are `libm`, plain Rust on both sides. A product is never contracted
+//! with a sum.
 
-use core::f32::consts::{FRAC_2_PI, PI, TAU};
+use core::f32::consts::{FRAC_2_PI, FRAC_PI_2, PI, TAU};
 
-/// Adding and then subtracting 1.5 · 2^23 rounds to the nearest integer.
+/// Adding and then subtracting 1.5 · 2^23 rounds to the nearest integer, which then stands in the
+/// lowest bits.
 const ROUND: f32 = 12_582_912.0;
 /// π/2 in three parts. The first two have 10 and 11 significant bits, so that `n` times them is
 /// exact for |n| < 2^13 (Cody and Waite).
@@ -16,6 +18,14 @@ const HALF_PI_MIDDLE: f32 = 4.837_513e-4;
 const HALF_PI_LOW: f32 = 7.549_79e-8;
 /// Beyond this the three-part reduction is no longer exact.
 const REDUCTION_LIMIT: f32 = 8192.0;
+/// The sign of an `f32`.
+const SIGN: u32 = 1 << 31;
+
+/// The size of `size`, which is positive, with the sign of `sign`.
+#[inline(always)]
+fn with_sign(size: f32, sign: f32) -> f32 {
+    f32::from_bits(size.to_bits() | sign.to_bits() & SIGN)
+}
 
 /// Sine and cosine of `x` (radians).
 ///
@@ -23,22 +33,37 @@ const REDUCTION_LIMIT: f32 = 8192.0;
 /// nearest 2π. NaN and infinity give NaN.
 #[inline]
 pub fn sin_cos(x: f32) -> (f32, f32) {
-    let x = if x.abs() <= REDUCTION_LIMIT {
-        x
+    if x.abs() <= REDUCTION_LIMIT {
+        sin_cos_near(x)
     } else {
-        x % TAU
-    };
-    let n = (x * FRAC_2_PI + ROUND) - ROUND;
+        sin_cos_far(x)
+    }
+}
+
+#[cold]
+#[inline(never)]
+fn sin_cos_far(x: f32) -> (f32, f32) {
+    sin_cos_near(x % TAU)
+}
+
+/// For |x| ≤ 8192, or NaN.
+#[inline(always)]
+fn sin_cos_near(x: f32) -> (f32, f32) {
+    let rounded = x * FRAC_2_PI + ROUND;
+    let n = rounded - ROUND;
+    let quarters = rounded.to_bits();
     let y = ((x - n * HALF_PI_HIGH) - n * HALF_PI_MIDDLE) - n * HALF_PI_LOW;
     let y2 = y * y;
+    // Half a turn changes both signs.
+    let sign = f32::from_bits(1.0f32.to_bits() | (quarters & 2) << 30);
+    let y = y * sign;
     let sin = y + y * y2 * (-1.666_665_5e-1 + y2 * (8.332_161e-3 + y2 * -1.951_529_6e-4));
-    let cos =
-        1.0 - 0.5 * y2 + y2 * y2 * (4.166_664_6e-2 + y2 * (-1.388_731_6e-3 + y2 * 2.443_315_7e-5));
-    match n as i32 & 3 {
-        0 => (sin, cos),
-        1 => (cos, -sin),
-        2 => (-sin, -cos),
-        _ => (-cos, sin),
+    let cos = sign
+        + sign * y2 * (-0.5 + y2 * (4.166_664_6e-2 + y2 * (-1.388_731_6e-3 + y2 * 2.443_315_7e-5)));
+    if quarters & 1 == 0 {
+        (sin, cos)
+    } else {
+        (cos, -sin)
     }
 }
 
@@ -54,16 +79,52 @@ pub fn cos(x: f32) -> f32 {
     sin_cos(x).1
 }
 
-/// Angle of the vector `(x, y)` in (−π, π]; `atan2(0, 0)` is 0. NaN gives NaN.
+/// Arc tangent of a number within [−1, 1], to 2e-7.
+#[inline(always)]
+fn atan_unit(x: f32) -> f32 {
+    let z = x * x;
+    x * (ATAN[0]
+        + z * (ATAN[1]
+            + z * (ATAN[2]
+                + z * (ATAN[3] + z * (ATAN[4] + z * (ATAN[5] + z * (ATAN[6] + z * ATAN[7])))))))
+}
+
+/// Minimax on [0, 1], error 3.8e-8.
+const ATAN: [f32; 8] = [
+    9.999_993_4e-1,
+    -3.332_986_1e-1,
+    1.994_656_6e-1,
+    -1.390_862_9e-1,
+    9.642_196e-2,
+    -5.591_23e-2,
+    2.186_294e-2,
+    -4.054_56e-3,
+];
+
+/// Angle of the vector `(x, y)` in [−π, π], with the sign of `y`; `atan2(0, 0)` is 0 whatever the
+/// signs.
+///
+/// Absolute error at most 5e-7 for any finite vector. NaN gives NaN, and so do two infinities.
 #[inline]
 pub fn atan2(y: f32, x: f32) -> f32 {
-    libm::atan2f(y, x)
+    if y.abs() <= x.abs() {
+        let angle = atan_unit(y / x);
+        if x > 0.0 {
+            angle
+        } else if x < 0.0 {
+            angle + with_sign(PI, y)
+        } else {
+            0.0
+        }
+    } else {
+        with_sign(FRAC_PI_2, y) - atan_unit(x / y)
+    }
 }
 
 /// Square root, correctly rounded; NaN below zero.
-#[inline]
+#[inline(always)]
 pub fn sqrt(x: f32) -> f32 {
-    libm::sqrtf(x)
+    square_root::sqrt(x)
 }
 
 /// Length of the vector `(x, y)`. No guard against overflow: meant for lengths in metres.
@@ -72,10 +133,27 @@ pub fn hypot(x: f32, y: f32) -> f32 {
     sqrt(x * x + y * y)
 }
 
+/// Beyond this tanh is ±1 to 2.8e-7.
+const TANH_LIMIT: f32 = 7.9;
+/// tanh x = x A(x²)/B(x²): A, and B but for its leading 1; minimax up to the limit, error 1.3e-7.
+const TANH_ABOVE: [f32; 4] = [4_043_941.5, 522_797.4, 11_945.103, 46.369_97];
+const TANH_BELOW: [f32; 4] = [4_043_942.8, 1_870_771.9, 96_351.05, 966.956_24];
+
 /// Hyperbolic tangent.
+///
+/// Absolute error at most 5e-7 everywhere (so that a value may pass 1 by as much); relative error
+/// at most 1e-6. NaN gives NaN, ±∞ gives ±1.
 #[inline]
 pub fn tanh(x: f32) -> f32 {
-    libm::tanhf(x)
+    if x.abs() < TANH_LIMIT {
+        let z = x * x;
+        x * (TANH_ABOVE[0] + z * (TANH_ABOVE[1] + z * (TANH_ABOVE[2] + z * TANH_ABOVE[3])))
+            / (TANH_BELOW[0] + z * (TANH_BELOW[1] + z * (TANH_BELOW[2] + z * (TANH_BELOW[3] + z))))
+    } else if x.is_nan() {
+        x
+    } else {
+        with_sign(1.0, x)
+    }
 }
 
 /// `e^x`.
@@ -108,6 +186,11 @@ pub fn sinc(x: f32) -> f32 {
 pub fn wrap_angle(angle: f32) -> f32 {
     if angle.abs() <= PI {
         return angle;
+    }
+    // Within three half turns one addition, exact, does it.
+    let near = angle - with_sign(TAU, angle);
+    if near.abs() <= PI {
+        return near;
     }
     let reduced = angle % TAU;
     if reduced > PI {
@@ -142,6 +225,96 @@ mod tests {
         assert!(worst < 1e-7, "{worst:e}");
     }
 
+    /// Points of a dense grid over [−limit, limit] and, between them, as many at random.
+    fn points(limit: f32) -> impl Iterator<Item = f32> {
+        let mut random = crate::fusion::testing::Random::new(17);
+        (-200_000..=200_000i32).flat_map(move |i| {
+            let anywhere = limit * (2.0 * random.uniform() as f32 - 1.0);
+            [i as f32 * (limit / 200_000.0), anywhere]
+        })
+    }
+
+    #[test]
+    fn sin_cos_of_small_angles_is_within_1e_7_of_f64() {
+        for x in points(7.0) {
+            let (s, c) = sin_cos(x);
+            let (rs, rc) = (x as f64).sin_cos();
+            assert!(
+                (s as f64 - rs).abs() < 1e-7 && (c as f64 - rc).abs() < 1e-7,
+                "{x}"
+            );
+        }
+    }
+
+    #[test]
+    fn sin_cos_beyond_the_exact_reduction_stays_on_the_unit_circle() {
+        for x in [8192.5f32, 1e5, -3e7, 1e20, -1e38, f32::MAX] {
+            let (s, c) = sin_cos(x);
+            assert!((s * s + c * c - 1.0).abs() < 1e-6, "{x}");
+        }
+    }
+
+    #[test]
+    fn tanh_is_within_5e_7_of_f64() {
+        for limit in [0.1, 1.0, 12.0] {
+            for x in points(limit) {
+                let (found, exact) = (tanh(x) as f64, (x as f64).tanh());
+                assert!((found - exact).abs() < 5e-7, "{x}: {found} {exact}");
+                assert!(
+                    (found - exact).abs() <= 1e-6 * exact.abs(),
+                    "{x}: {found} {exact}"
+                );
+            }
+        }
+        assert_eq!(tanh(f32::INFINITY), 1.0);
+        assert_eq!(tanh(f32::NEG_INFINITY), -1.0);
+        assert!(tanh(f32::NAN).is_nan());
+    }
+
+    #[test]
+    fn atan2_is_within_5e_7_of_f64() {
+        let mut random = crate::fusion::testing::Random::new(5);
+        let mut worst = 0.0f64;
+        for i in 0..2_000_000 {
+            // All directions, lengths of many orders of size.
+            let length = 10f64.powf(60.0 * random.uniform() - 30.0);
+            let direction = if i % 2 == 0 {
+                core::f64::consts::TAU * random.uniform()
+            } else {
+                core::f64::consts::PI * i as f64 * 1e-6
+            };
+            let (y, x) = (
+                (length * direction.sin()) as f32,
+                (length * direction.cos()) as f32,
+            );
+            let exact = (y as f64).atan2(x as f64);
+            worst = worst.max((atan2(y, x) as f64 - exact).abs());
+        }
+        assert!(worst < 5e-7, "{worst:e}");
+    }
+
+    #[test]
+    fn atan2_on_the_axes() {
+        let half = core::f32::consts::FRAC_PI_2;
+        let tiny = f32::from_bits(1);
+        for size in [tiny, 1.0, f32::MAX] {
+            assert_eq!(atan2(0.0, size), 0.0);
+            assert_eq!(atan2(size, 0.0), half);
+            assert_eq!(atan2(-size, 0.0), -half);
+            assert_eq!(atan2(size, -0.0), half);
+            assert_eq!(atan2(0.0, -size), PI);
+            assert_eq!(atan2(-0.0, -size), -PI);
+        }
+        for (y, x) in [(0.0, 0.0), (-0.0, 0.0), (0.0, -0.0), (-0.0, -0.0)] {
+            assert_eq!(atan2(y, x), 0.0);
+        }
+        assert_eq!(atan2(1.0, f32::INFINITY), 0.0);
+        assert_eq!(atan2(1.0, f32::NEG_INFINITY), PI);
+        assert_eq!(atan2(f32::INFINITY, 1.0), half);
+        assert!(atan2(f32::NAN, 1.0).is_nan() && atan2(1.0, f32::NAN).is_nan());
+        assert!(atan2(f32::INFINITY, f32::INFINITY).is_nan());
+    }
+
     #[test]
     fn non_finite_input_gives_nan() {
         for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
@@ -172,6 +345,9 @@ mod tests {
             let (s, c) = (angle as f64).sin_cos();
             let (ws, wc) = (wrapped as f64).sin_cos();
             prop_assert!((s - ws).abs() < 1e-4 && (c - wc).abs() < 1e-4);
+            // A whole number of turns of the f32 next to 2π was taken off.
+            let turns = (angle as f64 - wrapped as f64) / f64::from(TAU);
+            prop_assert!((turns - turns.round()).abs() < 1e-6);
         }
 
         #[test]

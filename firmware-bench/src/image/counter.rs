@@ -63,6 +63,28 @@ impl Counter {
         println!("count {} {} {}", name, (sum + repeats / 2) / repeats, most);
     }
 
+    /// The same for a function of numbers alone: what it costs to bring the arguments to a call and
+    /// to take its result away, as for `nothing`, is taken off.
+    pub fn report_function<A: Copy, T>(
+        &mut self,
+        name: &str,
+        repeats: u32,
+        arguments: impl Fn(u32) -> A,
+        function: impl Fn(A) -> T,
+        nothing: impl Fn(A) -> T,
+    ) {
+        let (mut sum, mut most) = (0, 0);
+        for k in 0..repeats {
+            let argument = arguments(k);
+            let count = self.count(|| function(black_box(argument)));
+            let empty = self.count(|| nothing(black_box(argument)));
+            let count = count.saturating_sub(empty);
+            sum += count;
+            most = most.max(count);
+        }
+        println!("count {} {} {}", name, (sum + repeats / 2) / repeats, most);
+    }
+
     /// What a hundred instructions that do nothing are counted as.
     pub fn nops_100(&mut self) -> u32 {
         // SAFETY: nothing happens.

@@ -27,10 +27,12 @@ pub fn measure(counter: &mut Counter) {
 
 fn elementary(counter: &mut Counter) {
     let angle = |k: u32| k as f32 * 0.39 - 3.1;
-    counter.report("sin_cos", 16, |k| trig::sin_cos(angle(k)));
-    counter.report("sqrt", 16, |k| trig::sqrt(k as f32 + 0.5));
-    counter.report("tanh", 16, |k| trig::tanh(angle(k)));
-    counter.report("atan2", 16, |k| trig::atan2(angle(k), 1.7 - 0.2 * k as f32));
+    let vector = |k: u32| (angle(k), 1.7 - 0.2 * k as f32);
+    counter.report_function("sin_cos", 16, angle, trig::sin_cos, |x| (x, x));
+    counter.report_function("sqrt", 16, |k| k as f32 + 0.5, trig::sqrt, |x| x);
+    counter.report_function("tanh", 16, angle, trig::tanh, |x| x);
+    let atan2 = |(y, x)| trig::atan2(y, x);
+    counter.report_function("atan2", 16, vector, atan2, |(y, _)| y);
 }
 
 /// The axle filter of the problem.
