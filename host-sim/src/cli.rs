@@ -49,6 +49,8 @@ pub enum Command {
     Dbc(DbcArgs),
     /// Measure the real-time factor of the plant alone
     PlantBench(PlantBenchArgs),
+    /// Measure the real-time factor of the whole closed loop
+    LoopBench(LoopBenchArgs),
 }
 
 /// Arguments every experiment takes.
@@ -363,6 +365,17 @@ pub struct PlantBenchArgs {
     /// time
     #[arg(long, default_value_t = 0.0, value_name = "S")]
     pub accuracy: f64,
+    /// Also write the result as JSON to this file
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+/// Arguments of `loop-bench`.
+#[derive(Clone, Debug, Args)]
+pub struct LoopBenchArgs {
+    /// Number of runs; the median is reported
+    #[arg(long, default_value_t = 7, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    pub repeats: u32,
     /// Also write the result as JSON to this file
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,

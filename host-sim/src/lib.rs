@@ -27,5 +27,6 @@ pub mod simulation;
 pub mod statistics;
 pub mod table;
 pub mod targets;
+pub mod timing;
 pub mod trace;
 pub mod virtual_bus;

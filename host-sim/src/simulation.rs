@@ -3,7 +3,7 @@
 use crate::error::Error;
 use crate::kinematic_model::Model;
 use crate::pace::Pace;
-use crate::plant::{Plant, PlantConfig};
+use crate::plant::{Outline, Plant, PlantConfig, Station};
 use crate::scenario::Scenario;
 use crate::sensors::{Sensors, TrialImperfections, Truth};
 use crate::targets::{self, Boards, Order, Posted, Room, Target};
@@ -102,7 +102,8 @@ pub struct Simulation {
     plant: Plant,
     sensors: Sensors,
     truth: Truth,
-    gauges: Vec<f64>,
+    gauges: Vec<Station>,
+    outline: Outline,
     half_thickness: f64,
     converter_middle: i32,
     boards: Boards,
@@ -156,11 +157,9 @@ impl Simulation {
         };
         // Where the gauges really sit, along the flexible length.
         let gauges = config.beam.strip.gauges_m.iter();
-        let gauges: Vec<f64> = gauges
+        let gauges: Vec<Station> = gauges
             .zip(imperfections.gauge_shift_m)
-            .map(|(nominal, shift)| {
-                (f64::from(nominal) + shift).clamp(0.0, scenario.plant.strip_length_m)
-            })
+            .map(|(nominal, shift)| plant.gauge(f64::from(nominal) + shift))
             .collect();
         Ok(Self {
             sensors: Sensors::new(&scenario.sensors, &imperfections, seed, trial)?,
@@ -171,6 +170,7 @@ impl Simulation {
             converter_middle: scenario.sensors.bridge.full_scale_counts(),
             half_thickness: f64::from(config.geometry.half_thickness_m),
             gauges,
+            outline: plant.outline(FRAME_POINTS),
             boards: Boards::start(targets, config, &place, scenario.mission.rps)?,
             bus: VirtualBus::new(
                 &scenario.bus,
@@ -315,9 +315,12 @@ impl Simulation {
             self.truth.yaw_rate[i] = axle.velocity[2];
             self.truth.forward_acceleration[i] = axle.acceleration[0];
         }
-        for (strain, &s) in self.truth.gauge_strain.iter_mut().zip(&self.gauges) {
-            *strain = self.half_thickness * self.plant.curvature(s);
-        }
+        let (strain, half) = (&mut self.truth.gauge_strain, self.half_thickness);
+        self.plant.gauges(&self.gauges, |i, curvature| {
+            if let Some(strain) = strain.get_mut(i) {
+                *strain = half * curvature;
+            }
+        });
         let samples = self.sensors.sample(&self.truth);
         let axle = |i: usize| {
             board::Samples::Axle(axle::Samples {
@@ -354,9 +357,7 @@ impl Simulation {
         let state = self.plant.state();
         let wrench = self.plant.wrench();
         let mut frame = [[0.0; 2]; FRAME_POINTS];
-        for (slot, point) in frame.iter_mut().zip(self.plant.frame_curve(FRAME_POINTS)) {
-            *slot = point.map(|value| value as f32);
-        }
+        self.plant.draw(&self.outline, &mut frame);
         Record {
             time_s: self.now() as f64 * 1e-6,
             midpoint: self.plant.midpoint(),
@@ -370,7 +371,7 @@ impl Simulation {
                 wrench.end_moment,
             ],
             relative: self.plant.relative_posture(),
-            frame,
+            frame: frame.map(|point| point.map(|value| value as f32)),
         }
     }
 }

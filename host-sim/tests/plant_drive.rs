@@ -302,6 +302,34 @@ fn gauges_root_moment_and_shape_agree() {
     assert!((length - 0.42).abs() < 1e-4, "{length}");
 }
 
+/// The gauges' shared nodes against nodes laid for each place anew, also where the frame is bent
+/// far and pulled hard.
+#[test]
+fn prepared_places_agree_with_any_place() {
+    for (drive, allowed) in [(NORMAL, 1e-10), (HARSH, 1e-6)] {
+        let mut plant = plant(&drive.config(&config()));
+        let places: Vec<f64> = (0..9).map(|i| 0.37 * f64::from(i) / 8.0).collect();
+        let stations: Vec<_> = places.iter().map(|s| plant.gauge(*s)).collect();
+        let (mut worst, mut largest) = (0.0f64, 0.0f64);
+        for k in 0..6000 {
+            plant.step(drive.torque(f64::from(k) * 1e-3));
+            if k % 20 == 0 {
+                plant.gauges(&stations, |i, curvature| {
+                    let exact = plant.curvature(places[i]);
+                    worst = worst.max((curvature - exact).abs());
+                    largest = largest.max(exact.abs());
+                });
+            }
+        }
+        assert!(
+            worst <= allowed * largest,
+            "{}: {worst} {largest}",
+            drive.name
+        );
+        assert!(largest > 1.0);
+    }
+}
+
 #[test]
 fn a_bad_constant_is_named() {
     type Spoil = fn(&mut PlantConfig);

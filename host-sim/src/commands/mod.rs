@@ -7,6 +7,7 @@ pub mod dbc;
 pub mod eval;
 pub mod follow;
 pub mod hil;
+pub mod loop_bench;
 pub mod plant_bench;
 pub mod posture;
 pub mod sensitivity;

@@ -6,8 +6,8 @@ use crate::output;
 use crate::plant::reference::Reference;
 use crate::plant::{Health, Plant, PlantConfig, PlantError};
 use crate::table::Table;
+use crate::timing::{self, Speed};
 use serde::Serialize;
-use std::time::Instant;
 
 /// What to measure.
 #[derive(Clone, Copy, Debug)]
@@ -46,16 +46,9 @@ pub struct Report {
 pub struct Measured {
     /// Name of the drive.
     pub name: &'static str,
-    /// Simulated time over time taken, median of the runs.
-    pub real_time_factor: f64,
-    /// Slowest run.
-    pub slowest: f64,
-    /// Fastest run.
-    pub fastest: f64,
-    /// The same median by the wall clock.
-    pub wall_real_time_factor: f64,
-    /// Runs.
-    pub repeats: usize,
+    /// Simulated time over time taken.
+    #[serde(flatten)]
+    pub speed: Speed,
     /// Step, s.
     pub step_s: f64,
     /// Largest bend of the frame, rad.
@@ -118,21 +111,8 @@ impl Drive {
     }
 }
 
-/// Time that this thread has run, s, where the system tells it.
-fn thread_time() -> Option<f64> {
-    let text = std::fs::read_to_string("/proc/thread-self/schedstat").ok()?;
-    let nanoseconds: f64 = text.split_whitespace().next()?.parse().ok()?;
-    Some(nanoseconds * 1e-9)
-}
-
 fn steps(plant: &Plant, seconds: f64) -> usize {
     (seconds / plant.step_s()).round().max(1.0) as usize
-}
-
-fn median(values: &mut [f64]) -> f64 {
-    values.sort_by(f64::total_cmp);
-    let n = values.len();
-    0.5 * (values[(n - 1) / 2] + values[n / 2])
 }
 
 fn measure(drive: &Drive, config: &PlantConfig, options: &Options) -> Result<Measured, PlantError> {
@@ -151,30 +131,19 @@ fn measure(drive: &Drive, config: &PlantConfig, options: &Options) -> Result<Mea
         let [fx, fy] = plant.wrench().force;
         force = force.max(fx.hypot(fy));
     }
-    let repeats = options.repeats.max(1);
-    let (mut cpu, mut wall) = (Vec::new(), Vec::new());
-    for _ in 0..repeats {
+    let simulated = count as f64 * plant.step_s();
+    let speed = Speed::measure(options.repeats, simulated, || {
         plant.place([0.0; 3]);
-        let (started, at) = (Instant::now(), thread_time());
         for torque in &torques {
             plant.step(*torque);
         }
-        let taken = started.elapsed().as_secs_f64();
-        let simulated = count as f64 * plant.step_s();
-        wall.push(simulated / taken);
-        let ran = at.zip(thread_time()).map_or(taken, |(a, b)| b - a);
-        cpu.push(simulated / ran);
-    }
+    });
     let error = (options.accuracy_seconds > 0.0)
         .then(|| compare(drive, &config, options.accuracy_seconds))
         .transpose()?;
     Ok(Measured {
         name: drive.name,
-        real_time_factor: median(&mut cpu),
-        slowest: cpu[0],
-        fastest: cpu[cpu.len() - 1],
-        wall_real_time_factor: median(&mut wall),
-        repeats,
+        speed,
         step_s: plant.step_s(),
         largest_bend_rad: bend,
         largest_force_n: force,
@@ -212,11 +181,7 @@ pub fn run(config: &PlantConfig, options: &Options) -> Result<Report, PlantError
         .map(|drive| measure(drive, config, options))
         .collect::<Result<Vec<_>, _>>()?;
     Ok(Report {
-        clock: if thread_time().is_some() {
-            "cpu"
-        } else {
-            "wall"
-        },
+        clock: timing::clock(),
         drives,
     })
 }
@@ -251,9 +216,9 @@ pub fn command(args: &PlantBenchArgs) -> Result<(), Error> {
     for drive in &report.drives {
         table.row([
             drive.name.to_owned(),
-            format!("{:.0}", drive.real_time_factor),
-            format!("{:.0}", drive.slowest),
-            format!("{:.0}", drive.fastest),
+            format!("{:.0}", drive.speed.real_time_factor),
+            format!("{:.0}", drive.speed.slowest),
+            format!("{:.0}", drive.speed.fastest),
             format!("{:.0}", drive.largest_bend_rad.to_degrees()),
             format!("{:.1}", drive.largest_force_n),
             drive

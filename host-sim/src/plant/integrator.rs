@@ -12,7 +12,7 @@
 //! No allocation and no failure in [`Plant::step`].
 
 use super::config::PlantConfig;
-use super::frame::{Column, Equilibrium, Strip};
+use super::frame::{Column, Equilibrium, Station, Strip};
 #[cfg(target_arch = "x86_64")]
 use super::lanes::Wide;
 use super::lanes::{Lanes, Narrow};
@@ -67,6 +67,10 @@ pub struct Wrench {
     /// Moment about the midpoint of the front axle, N m.
     pub end_moment: f64,
 }
+
+/// Places along the frame, prepared by [`Plant::outline`]: on the strip, and how far beyond it.
+#[derive(Clone, Debug)]
+pub struct Outline(Vec<(Station, f64)>);
 
 /// How the solution of the frame has fared since [`Plant::place`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
@@ -824,28 +828,64 @@ impl Plant {
         }
     }
 
-    /// Points along the frame from the rear axle to the front axle, global, m.
-    pub fn frame_curve(&self, points: usize) -> Vec<[f64; 2]> {
-        let rear = self.state.axle[1].posture;
+    /// The place of a gauge at arc length `s` (m, clamped to the strip), for [`Self::gauges`].
+    pub fn gauge(&self, s: f64) -> Station {
+        self.strip.station(s)
+    }
+
+    /// Elastic curvature (1/m) at each gauge: [`Self::curvature`] by the same nodes for all.
+    pub fn gauges(&self, stations: &[Station], mut visit: impl FnMut(usize, f64)) {
+        if self.creeping {
+            for (i, station) in stations.iter().enumerate() {
+                visit(
+                    i,
+                    self.strip.series_curvature_at(&self.equilibrium, station),
+                );
+            }
+            return;
+        }
+        let tangents = self.strip.tangents(&self.equilibrium);
+        for (i, station) in stations.iter().enumerate() {
+            let curvature = self
+                .strip
+                .curvature_at(&self.equilibrium, &tangents, station);
+            visit(i, curvature);
+        }
+    }
+
+    /// `points` places along the frame, evenly from the rear axle to the front axle, for
+    /// [`Self::draw`].
+    pub fn outline(&self, points: usize) -> Outline {
         let length = self.strip.length();
         let whole = self.root + length + self.tip;
-        (0..points)
-            .map(|k| {
-                let along = whole * k as f64 / points.saturating_sub(1).max(1) as f64;
-                let s = (along - self.root).clamp(0.0, length);
-                let [mut x, mut y, angle] = self.strip.point(&self.equilibrium, s);
-                let rest = along - self.root - s;
-                let [c, sn] = if rest > 0.0 {
-                    direction(angle)
-                } else {
-                    [1.0, 0.0]
-                };
-                x += self.root + rest * c;
-                y += rest * sn;
-                let [x, y] = rotate(&[x, y], self.geometry.rear);
-                [rear[0] + x, rear[1] + y]
-            })
-            .collect()
+        let place = |k: usize| {
+            let along = whole * k as f64 / points.saturating_sub(1).max(1) as f64;
+            let s = (along - self.root).clamp(0.0, length);
+            (self.strip.station(s), along - self.root - s)
+        };
+        Outline((0..points).map(place).collect())
+    }
+
+    /// Points of the frame, global, m; as many as `out` and the outline both have.
+    pub fn draw(&self, outline: &Outline, out: &mut [[f64; 2]]) {
+        let rear = self.state.axle[1].posture;
+        let tangents = self.strip.tangents(&self.equilibrium);
+        let turn = self.geometry.turn;
+        for ((station, rest), out) in outline.0.iter().zip(out) {
+            let [x, y] = self.strip.position(&tangents, station);
+            // The rigid end at the rear points ahead, the one at the front as the front axle does.
+            let [c, s] = if *rest > 0.0 { turn } else { [1.0, 0.0] };
+            let point = [x + self.root + rest * c, y + rest * s];
+            let [x, y] = rotate(&point, self.geometry.rear);
+            *out = [rear[0] + x, rear[1] + y];
+        }
+    }
+
+    /// Points along the frame from the rear axle to the front axle, global, m.
+    pub fn frame_curve(&self, points: usize) -> Vec<[f64; 2]> {
+        let mut out = vec![[0.0; 2]; points];
+        self.draw(&self.outline(points), &mut out);
+        out
     }
 
     /// Kinetic energy of axles and wheels and elastic energy of the frame, J.

@@ -108,7 +108,7 @@ pub const SLOPES: [[f64; MODES]; PAIRS] = {
 pub type Strand = [[f64; 4]; 3];
 
 /// Number of the positive node in each lane of a [`Strand`], and its side.
-const LANES: [[(usize, f64); 4]; 3] = [
+pub const LANES: [[(usize, f64); 4]; 3] = [
     [(0, 1.0), (1, 1.0), (2, 1.0), (3, 1.0)],
     [(4, 1.0), (5, 1.0), (4, -1.0), (5, -1.0)],
     [(0, -1.0), (1, -1.0), (2, -1.0), (3, -1.0)],

@@ -21,4 +21,5 @@ mod sincos;
 mod wheel;
 
 pub use config::{PlantConfig, PlantError};
-pub use integrator::{AxleState, Health, Plant, PlantState, Wrench};
+pub use frame::Station;
+pub use integrator::{AxleState, Health, Outline, Plant, PlantState, Wrench};

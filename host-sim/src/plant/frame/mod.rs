@@ -18,6 +18,7 @@
 //! Inside this module lengths are in L, forces in EI/L², moments in EI/L.
 
 mod newton;
+mod station;
 
 use super::elastica;
 use super::lanes::{Lanes, Narrow, Twelve};
@@ -26,6 +27,7 @@ use super::legendre::{
 };
 pub use newton::Column;
 use newton::{Factor, Points, Viscous};
+pub use station::{Station, Tangents};
 
 /// Unknowns: coefficients and two components of the force.
 const UNKNOWNS: usize = MODES + 2;

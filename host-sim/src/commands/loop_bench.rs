@@ -1,0 +1,95 @@
+//! Speed of the whole closed loop on one core: plant, sensors, the nodes of all three boards at
+//! their full rate, and the bus.
+
+use crate::cli::LoopBenchArgs;
+use crate::error::Error;
+use crate::log;
+use crate::output;
+use crate::scenario::Scenario;
+use crate::simulation::{self, Record};
+use crate::table::Table;
+use crate::timing::{self, Speed};
+use serde::Serialize;
+
+/// Result of the bench.
+#[derive(Clone, Debug, Serialize)]
+pub struct Report {
+    /// As in [`timing::clock`].
+    pub clock: &'static str,
+    /// Without and with a log.
+    pub loops: Vec<Measured>,
+}
+
+/// One way of running the loop.
+#[derive(Clone, Debug, Serialize)]
+pub struct Measured {
+    /// Name.
+    pub name: &'static str,
+    /// Simulated time over time taken.
+    #[serde(flatten)]
+    pub speed: Speed,
+    /// Simulated time of one run, s.
+    pub simulated_s: f64,
+    /// Bytes of the log.
+    pub log_bytes: usize,
+}
+
+/// Runs the scenario's first trial `repeats` times each way.
+pub fn measure(scenario: &Scenario, seed: u64, repeats: usize) -> Result<Report, Error> {
+    // The same trial takes the same simulated time in every run.
+    let mut epochs: u64 = 0;
+    simulation::regulate(scenario, seed, 0, |_| epochs += 1)?;
+    let simulated_s = epochs as f64 * core_algos::node::EPOCH as f64 * 1e-6;
+    let (mut failed, mut log_bytes) = (None, 0);
+    let plain = Speed::measure(repeats, simulated_s, || {
+        failed = simulation::regulate(scenario, seed, 0, |_| ()).err();
+    });
+    let logged = Speed::measure(repeats, simulated_s, || {
+        let mut records: Vec<Record> = Vec::new();
+        failed = simulation::regulate(scenario, seed, 0, |record| records.push(*record)).err();
+        log_bytes = log::csv(&records).into_bytes().len();
+    });
+    if let Some(error) = failed {
+        return Err(error);
+    }
+    let of = |name, speed, log_bytes| Measured {
+        name,
+        speed,
+        simulated_s,
+        log_bytes,
+    };
+    Ok(Report {
+        clock: timing::clock(),
+        loops: vec![of("plain", plain, 0), of("logged", logged, log_bytes)],
+    })
+}
+
+/// `cfmmr loop-bench`.
+pub fn run(args: &LoopBenchArgs) -> Result<(), Error> {
+    let report = measure(&Scenario::default(), 1, args.repeats as usize)?;
+    let mut table = Table::new([
+        "closed loop",
+        "real-time factor",
+        "slowest",
+        "fastest",
+        "simulated (s)",
+        "log (kB)",
+    ]);
+    for row in &report.loops {
+        table.row([
+            row.name.to_owned(),
+            format!("{:.0}", row.speed.real_time_factor),
+            format!("{:.0}", row.speed.slowest),
+            format!("{:.0}", row.speed.fastest),
+            format!("{:.1}", row.simulated_s),
+            format!("{:.0}", row.log_bytes as f64 * 1e-3),
+        ]);
+    }
+    if let Some(path) = &args.json {
+        output::write_file(path, output::json(&report))?;
+    }
+    super::print(&format!(
+        "Plant, sensors, three boards and bus at 1 kHz, one core, median of {} runs ({} time)\n\n{table}",
+        args.repeats, report.clock
+    ))
+}
