@@ -16,6 +16,7 @@ import cantools
 
 RELATIVE = 1e-6  # single precision on the boards, double in cantools
 AXLES = {"Front": "front", "Rear": "rear"}
+NODES = {"Lead": "lead", "FrontAxle": "front-axle", "RearAxle": "rear-axle", "Beam": "beam"}
 BOARDS = {"Front": "front", "Rear": "rear", "Beam": "beam"}
 POSTURE = {"x": ("posture", 0), "y": ("posture", 1), "phi": ("posture", 2)}
 # Signal names of the description -> where the value stands in the boards' message.
@@ -45,6 +46,8 @@ FIELDS = {
 
 def split(name):
     """The boards' name of a message, and whose it is."""
+    if name.startswith("NodeStatus"):
+        return "NodeStatus", {"node": NODES[name.removeprefix("NodeStatus")]}
     for suffix in ("Front", "Rear", "Beam"):
         if name.endswith(suffix):
             stem = name[: -len(suffix)]
@@ -102,8 +105,8 @@ def to_board(name, signals):
 
 
 WHOLE = {
-    "sequence", "refused", "gyro_samples", "uptime", "gauges", "gauge", "missed_ticks",
-    "tick_jitter_us", "tick_worst_us",
+    "sequence", "reason", "notices", "refused", "gyro_samples", "uptime", "gauges", "gauge",
+    "missed_ticks", "tick_jitter_us", "tick_worst_us",
 }
 
 

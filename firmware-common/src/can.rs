@@ -32,7 +32,7 @@ bind_interrupts!(struct Irqs {
     CAN1_TX => SyncStamp, TxInterruptHandler<CAN1>;
 });
 
-/// Messages that wait to be sent; an epoch has at most twelve of one board.
+/// Messages that wait to be sent; an epoch has at most fourteen of one board.
 const SENDING: usize = 24;
 /// Messages that wait for the next tick; a millisecond has room for nine on the bus.
 const ARRIVED: usize = 32;

@@ -139,7 +139,7 @@ mod tests {
              Lead,FrontAxle,RearAxle,Service\n"
         ));
         assert!(text.contains("BA_ \"GenMsgCycleTime\" BO_ 768 100;\n"));
-        assert!(text.contains("VAL_ 112 mode 0 \"idle\" 1 \"active\" 2 \"hold\" ;\n"));
+        assert!(text.contains("VAL_ 112 mode 0 \"idle\" 1 \"active\" 2 \"hold\" 3 \"clear\" ;\n"));
     }
 
     #[test]

@@ -25,6 +25,7 @@ pub mod sensors;
 pub mod shortest_path;
 pub mod simulation;
 pub mod statistics;
+pub mod supervision;
 pub mod table;
 pub mod targets;
 pub mod timing;

@@ -6,11 +6,13 @@ use crate::pace::Pace;
 use crate::plant::{Outline, Plant, PlantConfig, Station};
 use crate::scenario::Scenario;
 use crate::sensors::{Sensors, TrialImperfections, Truth};
+use crate::supervision::{Monitor, Recovery, Status};
 use crate::targets::{self, Boards, Order, Posted, Room, Target};
 use crate::trace::Trace;
 use crate::virtual_bus::VirtualBus;
 use core_algos::beam::PerGauge;
 use core_algos::bus::LeadMode;
+use core_algos::bus::layout::Node;
 use core_algos::control::regulator::Phase;
 use core_algos::fusion::Estimate;
 use core_algos::fusion::tandem::Mode;
@@ -20,6 +22,7 @@ use core_algos::node::board;
 use core_algos::node::lead::{self, Task};
 use core_algos::node::robot::RobotConfig;
 use core_algos::node::{EPOCH, Micros, TICK, axle};
+use core_algos::safety::Conditions;
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
@@ -83,6 +86,8 @@ pub struct Outcome {
     pub end_speed_m_s: f64,
     /// Error of the estimated relative posture of the axles at the end: m, m, rad.
     pub relative_error: [f64; 3],
+    /// The heartbeat that first told of a stop or a cut, if one did.
+    pub fault: Option<Status>,
 }
 
 /// Speed below which the curvature of the driven path is not looked at, m/s.
@@ -96,6 +101,9 @@ pub struct Span {
     /// The run ends then, done or not.
     pub most: Option<Micros>,
 }
+
+/// Time a run goes on after the lead node's fault, ticks: what follows from it can be seen.
+const GRACE: u64 = 1000;
 
 /// A trial in progress.
 pub struct Simulation {
@@ -115,6 +123,10 @@ pub struct Simulation {
     pace: Option<Pace>,
     interrupt: Option<Arc<AtomicBool>>,
     span: Span,
+    monitor: Monitor,
+    recovery: Option<Recovery>,
+    /// What the robot is to do, as ordered last.
+    task: Task,
 }
 
 impl Simulation {
@@ -183,12 +195,18 @@ impl Simulation {
             pace: None,
             interrupt: None,
             span: Span::default(),
+            monitor: Monitor::default(),
+            recovery: None,
+            task: Task::Idle,
             plant,
         })
     }
 
     /// Tells the lead node something.
     pub fn order(&mut self, order: &Order) -> Result<(), Error> {
+        if let Order::Task(task) = *order {
+            self.task = task;
+        }
         self.boards.order(order)
     }
 
@@ -217,9 +235,30 @@ impl Simulation {
         self.failure().is_some() || self.span.most.is_some_and(|most| self.now() >= most)
     }
 
-    /// Why the boards cannot go on, if so.
-    pub fn failure(&self) -> Option<&str> {
-        self.boards.end(self.tick as u32)
+    /// Why the robot cannot go on, if so: a board is lost, or the lead node has been in fault for a
+    /// while and nobody is about to clear it.
+    pub fn failure(&self) -> Option<String> {
+        if let Some(why) = self.boards.end(self.tick as u32) {
+            return Some(why.to_owned());
+        }
+        let fault = self.monitor.fault_since(Node::Lead)?;
+        let over = self.tick.saturating_sub(fault) >= GRACE;
+        if !over || self.recovery.as_ref().is_some_and(Recovery::pending) {
+            return None;
+        }
+        let first = self.monitor.first_fault()?;
+        Some(format!("the robot stopped for a fault at {first}"))
+    }
+
+    /// Has the host clear the faults and give the task again, so long after a board was restarted
+    /// and the robot stopped for that.
+    pub fn recover_after(&mut self, pause: Micros) {
+        self.recovery = Some(Recovery::after(pause));
+    }
+
+    /// What the nodes say of themselves.
+    pub fn monitor(&self) -> &Monitor {
+        &self.monitor
     }
 
     /// From now on, keeps what the boards do.
@@ -273,9 +312,14 @@ impl Simulation {
             return Err(Error::Failure("interrupted".to_owned()));
         }
         let (now, tick) = (self.now(), self.tick as u32);
+        self.recover(tick)?;
         let samples = self.sample();
         let Self {
-            boards, bus, trace, ..
+            boards,
+            bus,
+            trace,
+            monitor,
+            ..
         } = self;
         bus.deliver(now, |role, frame, message| {
             boards.receive(role, now, frame, message);
@@ -285,7 +329,11 @@ impl Simulation {
                 Posted::Message(message) => bus.send(now, message),
                 Posted::Frame(frame) => bus.send_frame(now, frame),
             };
-            if let (Some(trace), Some(frame)) = (trace.as_mut(), frame) {
+            let Some(frame) = frame else {
+                return;
+            };
+            monitor.see(tick, &frame);
+            if let Some(trace) = trace.as_mut() {
                 trace.frame(tick, frame);
             }
         })?;
@@ -304,6 +352,16 @@ impl Simulation {
             }
         }
         Ok(())
+    }
+
+    /// What the host does about a robot that stopped because a board was restarted.
+    fn recover(&mut self, tick: u32) -> Result<(), Error> {
+        let (boards, task) = (&mut self.boards, self.task);
+        let recovery = self.recovery.as_mut();
+        match recovery.and_then(|recovery| recovery.step(tick, &self.monitor, boards, task)) {
+            Some(order) => boards.order(&order),
+            None => Ok(()),
+        }
     }
 
     /// What each board reads, in the order of [`board::Role::ALL`].
@@ -327,6 +385,7 @@ impl Simulation {
                 encoder: samples.encoder_counts[i].map(Some),
                 gyro_rad_s: samples.gyro[i],
                 acceleration_m_s2: samples.accelerometer[i],
+                conditions: Conditions::NONE,
             })
         };
         // The board's converter counts from the lower rail; where there is no gauge it reads none.
@@ -553,6 +612,7 @@ pub fn regulate_on(
     outcome.plans = drive.plans;
     outcome.planning_steps = drive.planning_steps;
     outcome.end_speed_m_s = simulation.speed();
+    outcome.fault = simulation.monitor().first_fault().copied();
     outcome.midpoint = record.midpoint;
     outcome.estimate = [center.x, center.y, center.phi].map(f64::from);
     outcome.done = done_at.is_some();
@@ -607,7 +667,8 @@ mod tests {
         }
         assert!(simulation.lead_output().motion.v.abs() > 0.05, "under way");
         simulation.bus.cut();
-        for _ in 0..200 {
+        // 50 ms until it is noticed, 250 to slow down, 100 at rest.
+        for _ in 0..450 {
             simulation.step().unwrap();
         }
         let axles = simulation.plant().state().axle;

@@ -14,8 +14,8 @@ use std::collections::VecDeque;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct BusConfig {
-    /// Time from sending to receiving, ms. Arbitration and transfer of the fourteen messages at
-    /// 1 Mbit/s take up to 1.9 ms.
+    /// Time from sending to receiving, ms. Arbitration and transfer of the thirteen messages at the
+    /// beginning of an epoch take up to 1.7 ms at 1 Mbit/s.
     pub latency_ms: u32,
     /// Probability that a frame is lost between boards, 0 to 1. The lead node and the front axle
     /// share a board and lose nothing between them.

@@ -1,7 +1,9 @@
 //! Hardware in the loop: boards behind frames do what boards in the process do.
 
+use core_algos::bus::layout::Node;
 use core_algos::hil::{Endpoint, Identity};
 use core_algos::node::board::Role;
+use core_algos::safety::{Condition, OperatingState};
 use host_sim::commands::posture::Variant;
 use host_sim::driving::{self, Manner, Route};
 use host_sim::error::Error;
@@ -17,6 +19,7 @@ use rand_pcg::Pcg64;
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use std::fs::File;
 use std::io::{self, Read, Write};
+use std::ops::RangeInclusive;
 use std::path::PathBuf;
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
@@ -187,19 +190,35 @@ fn loss_and_damage_on_the_serial_link_cost_repetitions_and_nothing_else() {
     assert_same(&trace, &run(targets::in_process(), &scenario, 5).1);
 }
 
-/// Events of a mission in which a board is switched off after 3 s, and what came of it.
+/// Events of a mission in which a board is switched off after 3 s, and what came of it; the host
+/// clears faults a second after a restart.
 fn with_failure(
     targets: [Box<dyn Target>; 3],
     role: Role,
     restart_after: Option<u32>,
 ) -> (Outcome, Simulation) {
+    with_failure_and(targets, role, restart_after, true)
+}
+
+fn with_failure_and(
+    targets: [Box<dyn Target>; 3],
+    role: Role,
+    restart_after: Option<u32>,
+    clear: bool,
+) -> (Outcome, Simulation) {
     let scenario = Scenario::default();
     let mut simulation = Simulation::on(targets, &scenario, 1, 0).unwrap();
     let failure = Failure { role, at: 3000 };
     simulation.boards().plan(vec![failure], restart_after);
+    if restart_after.is_some() && clear {
+        simulation.recover_after(1_000_000);
+    }
     let outcome = regulate_on(&mut simulation, &scenario, |_| {}).unwrap();
     for event in simulation.boards().events() {
         println!("{event}");
+    }
+    for status in simulation.monitor().changes() {
+        println!("{status}");
     }
     (outcome, simulation)
 }
@@ -219,13 +238,34 @@ fn motors_off(simulation: &mut Simulation) -> Option<u32> {
     times.next()
 }
 
+/// A lost board is noticed 35 to 60 ms later: messages count for 50 ms from the beginning of their
+/// epoch. Slowing down takes 0.1 to 0.25 s, and 0.1 s at rest follow.
+const STOP_MS: RangeInclusive<u32> = 35 + 200..=60 + 350;
+
+#[test]
+fn a_robot_that_stopped_for_a_restart_stays_at_rest_until_it_is_cleared() {
+    let (outcome, simulation) =
+        with_failure_and(targets::in_process(), Role::Rear, Some(100), false);
+    assert!(!outcome.done);
+    assert_torques_zero(&simulation);
+    assert!(simulation.failure().unwrap().contains("neighbour lost"));
+    let monitor = simulation.monitor();
+    for (node, state) in [
+        (Node::Lead, OperatingState::Fault),
+        (Node::FrontAxle, OperatingState::Fault),
+        // It has come up anew, and waits.
+        (Node::RearAxle, OperatingState::Idle),
+    ] {
+        assert_eq!(monitor.latest(node).unwrap().state, state, "{node:?}");
+    }
+}
+
 #[test]
 fn a_rear_board_that_restarts_stops_the_robot_which_then_drives_on() {
     for targets in [Role::ALL.map(framed), targets::in_process()] {
         let (outcome, mut simulation) = with_failure(targets, Role::Rear, Some(500));
-        // Reports count for 50 ms from the beginning of their epoch.
         let off = motors_off(&mut simulation).unwrap();
-        assert!((35..=60).contains(&off), "{off} ms");
+        assert!(STOP_MS.contains(&off), "{off} ms");
         let restarted = |event: &targets::Event| event.what == What::Restarted;
         assert!(simulation.boards().events().iter().any(restarted));
         assert!(outcome.done, "the robot goes on to its goal");
@@ -242,7 +282,7 @@ fn a_front_board_that_restarts_ends_the_run_with_motors_off() {
     for targets in [Role::ALL.map(framed), targets::in_process()] {
         let (outcome, mut simulation) = with_failure(targets, Role::Front, Some(500));
         let off = motors_off(&mut simulation).unwrap();
-        assert!((35..=60).contains(&off), "{off} ms");
+        assert!(STOP_MS.contains(&off), "{off} ms");
         assert!(!outcome.done);
         assert!(simulation.failure().unwrap().contains("front board"));
         assert_torques_zero(&simulation);
@@ -253,7 +293,10 @@ fn a_front_board_that_restarts_ends_the_run_with_motors_off() {
 #[test]
 fn an_axle_lost_for_good_ends_the_run_with_motors_off_and_a_lost_beam_does_not() {
     let (outcome, mut simulation) = with_failure(Role::ALL.map(framed), Role::Rear, None);
-    assert!(motors_off(&mut simulation).unwrap() < 80);
+    let off = motors_off(&mut simulation).unwrap();
+    assert!(STOP_MS.contains(&off), "{off} ms");
+    let fault = simulation.monitor().first_fault().unwrap();
+    assert_eq!(fault.reason, Some(Condition::NeighbourLost));
     assert!(
         !outcome.done
             && simulation

@@ -1,12 +1,13 @@
 //! Messages to bytes and back, by the table of [`super::layout`].
 
-use super::layout::{self, Signal, id};
+use super::layout::{self, Node, Signal, id};
 use super::message::{
     Axle, Calibrate, CalibrationResult, LeadMode, Message, POSITION_SPAN_M, Role,
 };
 use crate::math::matrix::{Mat3, cholesky};
 use crate::math::trig::{exp, ln, sqrt, wrap_angle};
 use crate::math::{Posture, Wrench};
+use crate::safety::OperatingState;
 use core::fmt;
 
 /// A classic CAN data frame.
@@ -280,17 +281,30 @@ fn to_values(message: &Message) -> (u16, Values) {
             steering_rad,
             velocity_m_s,
         } => {
-            let mode = match mode {
-                LeadMode::Idle => 0.0,
-                LeadMode::Active => 1.0,
-                LeadMode::Hold => 2.0,
-            };
-            let s = f32::from(sequence);
+            let (s, mode) = (f32::from(sequence), f32::from(mode as u8));
             (
                 id::LEAD_STATUS,
                 [s, mode, steering_rad, velocity_m_s, 0.0, 0.0, 0.0],
             )
         }
+        Message::NodeStatus {
+            node,
+            sequence,
+            state,
+            reason,
+            notices,
+        } => (
+            id::NODE_STATUS + node as u16,
+            [
+                f32::from(sequence),
+                f32::from(state as u8),
+                f32::from(reason),
+                f32::from(notices),
+                0.0,
+                0.0,
+                0.0,
+            ],
+        ),
         Message::ReferencePosture {
             axle,
             sequence,
@@ -453,14 +467,16 @@ fn from_values(identifier: u16, values: &Values) -> Option<Message> {
         },
         id::LEAD_STATUS => Message::LeadStatus {
             sequence,
-            mode: match values[1] as u8 {
-                0 => LeadMode::Idle,
-                1 => LeadMode::Active,
-                2 => LeadMode::Hold,
-                _ => return None,
-            },
+            mode: LeadMode::from_number(values[1] as u8)?,
             steering_rad: values[2],
             velocity_m_s: values[3],
+        },
+        id::NODE_STATUS..=0x043 => Message::NodeStatus {
+            node: *Node::ALL.get(usize::from(identifier - id::NODE_STATUS))?,
+            sequence,
+            state: OperatingState::from_number(values[1] as u8)?,
+            reason: values[2] as u8,
+            notices: values[3] as u16,
         },
         _ if of_axle(id::REFERENCE_POSTURE) => Message::ReferencePosture {
             axle,

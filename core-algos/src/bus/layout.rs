@@ -4,7 +4,8 @@
 //! `raw · scale + offset`, and the range follows from width and scale. Periods and timeouts stand
 //! here alone: defaults elsewhere are taken from [`period_ms`] and [`timeout_s`].
 
-use super::message::CalibrationResult;
+use super::message::{CalibrationResult, LeadMode};
+use crate::safety::OperatingState;
 
 /// Bit rate of the bus, bit/s.
 pub const BIT_RATE: u32 = 1_000_000;
@@ -13,6 +14,8 @@ pub const BIT_RATE: u32 = 1_000_000;
 pub mod id {
     /// Common time.
     pub const TIME_SYNC: u16 = 0x010;
+    /// Operating state of the lead node; then front axle, rear axle, beam.
+    pub const NODE_STATUS: u16 = 0x040;
     /// Mode and progress of the lead node.
     pub const LEAD_STATUS: u16 = 0x070;
     /// Reference posture of the front axle.
@@ -41,6 +44,8 @@ pub mod id {
 
 /// A node of the robot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 pub enum Node {
     /// Central node, on the front board.
     Lead,
@@ -236,6 +241,13 @@ const AXLE_MOTION: [Signal; 6] = [
     Signal::unsigned("uptime", 8),
 ];
 
+const NODE_STATUS: [Signal; 4] = [
+    SEQUENCE,
+    Signal::labelled("state", 8, &OperatingState::NAMES),
+    Signal::unsigned("reason", 8),
+    Signal::unsigned("notices", 16),
+];
+
 const BOARD_HEALTH: [Signal; 6] = [
     SEQUENCE,
     Signal::unsigned("missed_ticks", 8),
@@ -271,7 +283,7 @@ impl Layout {
 }
 
 /// Every message of the bus.
-pub const MESSAGES: [Layout; 20] = [
+pub const MESSAGES: [Layout; 24] = [
     layout(
         id::TIME_SYNC,
         "TimeSync",
@@ -282,13 +294,32 @@ pub const MESSAGES: [Layout; 20] = [
             Signal::unsigned("last_delay", 16).in_unit("us"),
         ],
     ),
+    layout(id::NODE_STATUS, "NodeStatusLead", Node::Lead, &NODE_STATUS),
+    layout(
+        id::NODE_STATUS + 1,
+        "NodeStatusFrontAxle",
+        Node::FrontAxle,
+        &NODE_STATUS,
+    ),
+    layout(
+        id::NODE_STATUS + 2,
+        "NodeStatusRearAxle",
+        Node::RearAxle,
+        &NODE_STATUS,
+    ),
+    layout(
+        id::NODE_STATUS + 3,
+        "NodeStatusBeam",
+        Node::Beam,
+        &NODE_STATUS,
+    ),
     layout(
         id::LEAD_STATUS,
         "LeadStatus",
         Node::Lead,
         &[
             SEQUENCE,
-            Signal::labelled("mode", 8, &["idle", "active", "hold"]),
+            Signal::labelled("mode", 8, &LeadMode::NAMES),
             Signal::signed("steering", 16, 1e-4, "rad"),
             Signal::signed("velocity", 16, 1e-4, "m/s"),
         ],

@@ -4,9 +4,11 @@
 //! refers to. Odometric postures are cumulative, so a lost message delays information and loses
 //! none; their positions are sent modulo [`POSITION_SPAN_M`], and only differences are used.
 
+use super::layout::Node;
 use crate::math::Posture;
 use crate::math::matrix::Mat3;
 use crate::math::wrench::Wrench;
+use crate::safety::OperatingState;
 
 /// Span after which a transmitted odometric position repeats, m.
 pub const POSITION_SPAN_M: f32 = 104.857_6;
@@ -117,18 +119,19 @@ pub enum Calibrate {
     Gain(f32),
 }
 
-/// What the lead node asks of the axles.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
-pub enum LeadMode {
-    /// Motors off.
-    #[default]
-    Idle,
-    /// Follow the references.
-    Active,
-    /// Standstill at the end of a task: hold the references.
-    Hold,
+wire_enum! {
+    /// What the lead node asks of the axles.
+    LeadMode {
+        /// Motors off.
+        #[default]
+        Idle = "idle",
+        /// Follow the references.
+        Active = "active",
+        /// Standstill at the end of a task: hold the references.
+        Hold = "hold",
+        /// Motors off, and forget latched faults.
+        Clear = "clear",
+    }
 }
 
 /// A message on the bus.
@@ -155,6 +158,21 @@ pub enum Message {
         steering_rad: f32,
         /// Commanded velocity of the midpoint, m/s.
         velocity_m_s: f32,
+    },
+    /// Operating state of a node: its heartbeat.
+    NodeStatus {
+        /// The node.
+        node: Node,
+        /// Epoch modulo 256.
+        sequence: u8,
+        /// Where it stands.
+        state: OperatingState,
+        /// Code of the first stop or cut since the last clearing, see
+        /// [`Condition`](crate::safety::Condition); of a node that is not armed, what arming waits
+        /// for; 0 if there is none.
+        reason: u8,
+        /// What else holds: bit k is row k of the table of conditions.
+        notices: u16,
     },
     /// Reference posture of an axle in that axle's odometric frame.
     ReferencePosture {

@@ -838,6 +838,11 @@ impl<const N: usize> TrajectoryBuffer<N> {
         }
     }
 
+    /// Time of the first point held, s; 0 if there is none.
+    pub fn start_time(&self) -> f32 {
+        self.ring.get(0).map_or(0.0, |point| point.time_s)
+    }
+
     /// Time of the last point, s; 0 if there is none.
     pub fn end_time(&self) -> f32 {
         self.ring.last().map_or(0.0, |point| point.time_s)

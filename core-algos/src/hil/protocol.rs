@@ -15,7 +15,7 @@ use crate::node::lead::{self, Task};
 use serde::{Deserialize, Serialize};
 
 /// Version of the protocol: changes with every change of what is said, or of a configuration.
-pub const PROTOCOL: u16 = 1;
+pub const PROTOCOL: u16 = 2;
 /// Largest encoded configuration, bytes.
 pub const MAX_CONFIG: usize = 2048;
 /// Bytes of a configuration in one request.
@@ -284,6 +284,7 @@ mod tests {
     use super::*;
     use crate::bus::layout::MESSAGES;
     use crate::node::robot::RobotConfig;
+    use crate::safety::{Condition, Conditions};
     use proptest::prelude::*;
 
     /// The encoded message.
@@ -320,6 +321,7 @@ mod tests {
                 encoder: [Some(i32::MIN); 2],
                 gyro_rad_s: Some(1.0),
                 acceleration_m_s2: Some(1.0),
+                conditions: Conditions::only(Condition::Restarted),
             },
             bus: &full,
         };
@@ -430,6 +432,7 @@ mod tests {
                 encoder,
                 gyro_rad_s: Some(f32::from_bits(bits[0])),
                 acceleration_m_s2: Some(f32::from_bits(bits[1])),
+                conditions: Conditions::NONE,
             };
             let bytes = payload(&Request::Axle { tick: 5, samples, bus: &[] });
             let Some((7, Request::Axle { samples: back, .. })) = decode(&bytes) else {

@@ -16,6 +16,7 @@ use crate::node::board::{Board, Role, Samples};
 use crate::node::lead::Task;
 use crate::node::robot::RobotConfig;
 use crate::node::{EPOCH, LEAD_PHASE, Outbox, TICK};
+use crate::safety::Conditions;
 
 /// A host that speaks to an endpoint without loss.
 struct Host {
@@ -123,8 +124,9 @@ fn place() -> Place {
 fn axle_samples(tick: u32) -> axle::Samples {
     axle::Samples {
         encoder: [Some(tick as i32 / 7), Some(tick as i32 / 5)],
-        gyro_rad_s: Some(0.01 * tick as f32),
+        gyro_rad_s: Some(0.001 * tick as f32),
         acceleration_m_s2: None,
+        conditions: Conditions::NONE,
     }
 }
 
@@ -162,7 +164,7 @@ fn a_front_board_behind_frames_does_what_it_does_without() {
         let frames: Vec<_> = outbox.iter().map(|m| bus::encode(m).unwrap()).collect();
         for frame in &frames {
             waiting.push(*frame);
-            if (0x100..0x200).contains(&frame.id) {
+            if (0x100..0x200).contains(&frame.id) || frame.id == 0x041 {
                 waiting.push(bus::Frame {
                     id: frame.id + 1,
                     ..*frame

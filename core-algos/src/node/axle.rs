@@ -1,16 +1,19 @@
 //! Axle node: encoders and inertial sensors in, wheel torques out, once a millisecond.
 //!
-//! The step reads in the order of the data: wheels → zeroing → filter → report → reference → control. The
-//! posture is odometric, in a frame of its own that begins where the axle was started; the lead
+//! The step reads in the order of the data: wheels → zeroing → filter → report → supervision →
+//! reference → control. The posture is odometric, in a frame of its own that begins where the axle was started; the lead
 //! node knows where that frame lies and sends references in it, so a correction of the global
 //! estimate never makes the controller jump.
 //!
 //! # Panic contract
 //!
-//! [`Config::build`] validates; nothing else can fail. Without a fresh reference, or with any
-//! number that is not finite, the torques are zero.
+//! [`Config::build`] validates; nothing else can fail. Without a fresh reference the axle brakes by
+//! itself, along the path it is on, and switches its motors off; with any number that is not finite
+//! the torques are zero at once.
 
-use super::{EPOCH, Micros, Outbox, Stamped, epoch_start, is_epoch_start, seconds, sequence};
+use super::peers::{self, Peers};
+use super::{EPOCH, Micros, Outbox, Stamped, TICK, epoch_start, is_epoch_start, seconds, sequence};
+use crate::bus::layout::Node;
 use crate::bus::{Axle, LeadMode, Message, layout};
 use crate::config::{ConfigError, in_range, positive};
 use crate::control::cascade::AxleReference;
@@ -21,6 +24,8 @@ use crate::fusion::ekf::{self, AxleFilter, Measurements, Verdict};
 use crate::fusion::standstill::{self, Bias, RestDetector, Zeroing};
 use crate::math::matrix::Mat3;
 use crate::math::{AxleLoad, Posture, Twist, Wrench};
+use crate::safety::supervisor::{self, Supervisor};
+use crate::safety::{Condition, Conditions, OperatingState, Permit, Request, ramp};
 
 /// Speed the controller uses.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -33,6 +38,9 @@ pub enum SpeedSource {
     /// The axle filter.
     Filter,
 }
+
+/// Age from which a reference is late: the lead node and the bus have had two epochs for it.
+const LATE: Micros = 3 * EPOCH;
 
 /// Parameters of an axle node.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -57,6 +65,52 @@ pub struct Config {
     pub filter: ekf::Config,
     /// Dynamic controller.
     pub controller: dynamic::Config,
+    /// When the axle stops because something is wrong.
+    pub limits: Limits,
+    /// How it stops.
+    pub stop: ramp::Config,
+    /// Supervisor.
+    pub supervisor: supervisor::Config,
+}
+
+/// Bounds of what a sound axle does; each counts only after the time of its condition.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
+pub struct Limits {
+    /// Distance from the reference, m.
+    pub tracking_m: f32,
+    /// Difference in heading from the reference, rad.
+    pub tracking_rad: f32,
+    /// Share of the largest torque from which a wheel that stands still is blocked.
+    pub stall_share: f32,
+    /// Speed below which a wheel stands still, rad/s.
+    pub stall_rad_s: f32,
+    /// Difference of the yaw rates by the wheels and by the gyro, rad/s.
+    pub slip_rad_s: f32,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self {
+            tracking_m: 0.08,
+            tracking_rad: 0.35,
+            stall_share: 0.9,
+            stall_rad_s: 0.2,
+            slip_rad_s: 0.8,
+        }
+    }
+}
+
+impl Limits {
+    fn check(&self) -> Result<(), ConfigError> {
+        positive("tracking_m", self.tracking_m)?;
+        positive("tracking_rad", self.tracking_rad)?;
+        in_range("stall_share", self.stall_share, 0.1, 1.0)?;
+        positive("stall_rad_s", self.stall_rad_s)?;
+        positive("slip_rad_s", self.slip_rad_s)?;
+        Ok(())
+    }
 }
 
 impl Default for Config {
@@ -71,6 +125,9 @@ impl Default for Config {
             accelerometer_zero: standstill::Config::ACCELEROMETER,
             filter: ekf::Config::default(),
             controller: dynamic::Config::default(),
+            limits: Limits::default(),
+            stop: ramp::Config::default(),
+            supervisor: supervisor::Config::default(),
         }
     }
 }
@@ -91,6 +148,7 @@ impl Config {
         in_range("wrench_timeout_s", self.wrench_timeout_s, 0.01, 1.0)?;
         positive("bending_stiffness_n_m2", frame.bending_stiffness_n_m2)?;
         positive("frame_length_m", frame.length_m)?;
+        self.limits.check()?;
         let to_micros = |s: f32| (s * 1e6) as Micros;
         let period = positive("period_s", self.filter.period_s)?;
         let rest_hold = in_range("rest_hold_s", self.rest_hold_s, 0.01, 10.0)?;
@@ -109,6 +167,10 @@ impl Config {
             observer: self.wheel.build()?,
             filter: self.filter.build()?,
             controller: self.controller.build()?,
+            stall_torque: self.limits.stall_share * self.controller.max_torque_nm,
+            limits: self.limits,
+            ramp: self.stop.build()?,
+            supervisor: self.supervisor.build()?,
             state: State::new(),
         })
     }
@@ -124,6 +186,8 @@ pub struct Samples {
     pub gyro_rad_s: Option<f32>,
     /// Acceleration along the heading, m/s².
     pub acceleration_m_s2: Option<f32>,
+    /// What the board's drivers find wrong: motors, supply, temperature, bus, time.
+    pub conditions: Conditions,
 }
 
 /// What the node did at a tick.
@@ -135,6 +199,10 @@ pub struct Output {
     pub active: bool,
     /// Tracking error (e_X, e_Y, e_φ) in the axle's frame; zero when not active.
     pub error: Posture,
+    /// A computation left the finite numbers.
+    pub invalid: bool,
+    /// The controller asks for more than the motors give.
+    pub limited: bool,
 }
 
 /// All that changes in an axle node.
@@ -147,12 +215,23 @@ pub struct State {
     rest: RestDetector,
     gyro_bias: Bias,
     accelerometer_bias: Bias,
-    /// Whether the last step gave torques.
-    active: bool,
+    /// What the last step gave.
+    output: Output,
+    /// Reference of the last step.
+    followed: Option<AxleReference>,
+    /// The stop under way.
+    stop: Option<ramp::State>,
+    /// The stop is over.
+    halted: bool,
+    peers: Peers,
+    supervisor: supervisor::State,
     refused: u8,
     gyro_samples: u8,
     mode: Option<Stamped<LeadMode>>,
+    /// The lead node has been heard while it did not drive.
+    paused: bool,
     steering: f32,
+    velocity: f32,
     pending_posture: Option<(u8, Posture)>,
     pending_motion: Option<(u8, Twist, Twist)>,
     reference: Option<Stamped<AxleReference>>,
@@ -173,11 +252,18 @@ impl State {
             rest: RestDetector::default(),
             gyro_bias: Bias::default(),
             accelerometer_bias: Bias::default(),
-            active: false,
+            output: Output::default(),
+            followed: None,
+            stop: None,
+            halted: false,
+            peers: Peers::default(),
+            supervisor: supervisor::State::default(),
             refused: 0,
             gyro_samples: 0,
             mode: None,
+            paused: false,
             steering: 0.0,
+            velocity: 0.0,
             pending_posture: None,
             pending_motion: None,
             reference: None,
@@ -205,6 +291,11 @@ pub struct AxleNode {
     observer: WheelObserver,
     filter: AxleFilter,
     controller: Dynamic,
+    limits: Limits,
+    /// N m.
+    stall_torque: f32,
+    ramp: ramp::Ramp,
+    supervisor: Supervisor,
     state: State,
 }
 
@@ -229,15 +320,32 @@ impl AxleNode {
         &self.state.filter
     }
 
+    /// Where the axle stands, and why.
+    pub fn supervision(&self) -> &supervisor::State {
+        &self.state.supervisor
+    }
+
+    /// Whether the lead node asks to forget faults; the board's drivers forget theirs too.
+    pub fn clears(&self, now: Micros) -> bool {
+        let mode = self.state.mode.as_ref();
+        mode.and_then(|mode| mode.fresh(now, self.reference_timeout)) == Some(&LeadMode::Clear)
+    }
+
     /// Takes in a message that arrived at `now`. What is not meant for this axle is ignored.
     pub fn receive(&mut self, now: Micros, message: &Message) {
         let state = &mut self.state;
+        state.peers.receive(now, message);
         match *message {
             Message::LeadStatus {
-                mode, steering_rad, ..
+                mode,
+                steering_rad,
+                velocity_m_s,
+                ..
             } => {
                 state.mode = Some(Stamped::new(mode, now));
+                state.paused |= matches!(mode, LeadMode::Idle | LeadMode::Clear);
                 state.steering = steering_rad;
+                state.velocity = velocity_m_s;
             }
             Message::ReferencePosture {
                 axle,
@@ -283,16 +391,152 @@ impl AxleNode {
         if is_epoch_start(now) {
             self.report(now, outbox);
         }
-        let output = self.control(now, speeds);
-        self.state.active = output.active;
-        output
+        let permit = self.supervise(now, samples, outbox);
+        let reference = match permit {
+            Permit::Off => None,
+            Permit::Hold | Permit::Drive => self.reference(now),
+            Permit::Brake => Some(self.brake()),
+        };
+        if permit != Permit::Brake {
+            self.state.stop = None;
+            self.state.halted = false;
+        }
+        self.state.followed = reference;
+        self.state.output = reference.map_or(Output::default(), |reference| {
+            self.control(now, speeds, reference)
+        });
+        self.state.output
     }
 
-    /// Torques after the reference; none: motors off.
-    fn control(&self, now: Micros, speeds: [f32; 2]) -> Output {
-        let Some(reference) = self.reference(now) else {
-            return Output::default();
+    /// Which node this is.
+    fn node(&self) -> Node {
+        match self.axle {
+            Axle::Front => Node::FrontAxle,
+            Axle::Rear => Node::RearAxle,
+        }
+    }
+
+    /// What the motors may do at this tick; the heartbeat goes out with it.
+    fn supervise(&mut self, now: Micros, samples: &Samples, outbox: &mut Outbox) -> Permit {
+        let mut input = supervisor::Input {
+            conditions: self.watch(now, samples),
+            halted: self.state.halted,
+            ..supervisor::Input::default()
         };
+        let before = self.state.supervisor.operating();
+        let mut permit = Permit::Off;
+        // From rest to driving in one tick: arm and start.
+        for _ in 0..3 {
+            input.request = self.request(now);
+            permit = self
+                .supervisor
+                .step(&mut self.state.supervisor, now, &input)
+                .permit;
+            if self.request(now).is_none() {
+                break;
+            }
+        }
+        let node = self.node();
+        let state = &mut self.state.supervisor;
+        if is_epoch_start(now) || state.operating() != before {
+            outbox.push(peers::heartbeat(node, now, state));
+        }
+        permit
+    }
+
+    /// What the lead node's mode asks of this axle.
+    fn request(&self, now: Micros) -> Option<Request> {
+        let mode = self.state.mode?.fresh(now, self.reference_timeout).copied();
+        let driving = matches!(mode, Some(LeadMode::Active | LeadMode::Hold));
+        match self.state.supervisor.operating() {
+            OperatingState::Boot => Some(Request::Ready),
+            // A board that starts while the robot drives stays off until the robot has stopped.
+            OperatingState::Idle
+                if driving && self.state.paused && self.reference(now).is_some() =>
+            {
+                Some(Request::Arm)
+            }
+            OperatingState::Armed if driving => Some(Request::Start),
+            OperatingState::Armed => Some(Request::Disarm),
+            OperatingState::Active if matches!(mode, Some(LeadMode::Idle | LeadMode::Clear)) => {
+                Some(Request::Disarm)
+            }
+            OperatingState::Fault if mode == Some(LeadMode::Clear) => Some(Request::Clear),
+            _ => None,
+        }
+    }
+
+    /// What is wrong at this tick.
+    fn watch(&self, now: Micros, samples: &Samples) -> Conditions {
+        let state = &self.state;
+        let other = match self.axle {
+            Axle::Front => Node::RearAxle,
+            Axle::Rear => Node::FrontAxle,
+        };
+        let operating = state.supervisor.operating();
+        let powered = operating.permit() != Permit::Off;
+        let active = operating == OperatingState::Active;
+        let error = state.output.error;
+        let lost = state.output.active
+            && !(error.x.abs() <= self.limits.tracking_m
+                && error.y.abs() <= self.limits.tracking_m
+                && error.phi.abs() <= self.limits.tracking_rad);
+        let mut stalled = false;
+        let mut blind = false;
+        for i in 0..2 {
+            let wheel = &state.wheels[i];
+            let pushes = state.output.torque_nm[i].abs() >= self.stall_torque;
+            stalled |= pushes && wheel.speed_rad_s.abs() <= self.limits.stall_rad_s;
+            blind |= samples.encoder[i].is_none() || wheel.jumped;
+        }
+        let by_wheels = self.wheel_radius * 0.5 / self.half_track
+            * (state.wheels[1].speed_rad_s - state.wheels[0].speed_rad_s);
+        let slips = samples
+            .gyro_rad_s
+            .is_some_and(|rate| (rate - by_wheels).abs() > self.limits.slip_rad_s);
+        let unsound = !state.filter.posture().is_finite();
+        let late = state
+            .reference
+            .is_none_or(|reference| reference.age(now) > LATE);
+        let failed = state.peers.failed(other, now) || state.peers.failed(Node::Lead, now);
+        samples
+            .conditions
+            .with(
+                Condition::CommandTimeout,
+                active && self.reference(now).is_none(),
+            )
+            .with(Condition::NeighbourLost, state.peers.lost(other, now))
+            .with(Condition::NeighbourFault, powered && failed)
+            .with(Condition::NotANumber, state.output.invalid || unsound)
+            .with(Condition::EncoderFault, blind)
+            .with(Condition::TrackingLost, lost)
+            .with(Condition::MotorStall, stalled)
+            .with(Condition::WheelSlip, slips)
+            .with(Condition::MeasurementRefused, state.refused > 0)
+            .with(Condition::TorqueLimited, state.output.limited)
+            .with(Condition::MessageLost, active && late)
+    }
+
+    /// The reference of the coordinated stop at this tick.
+    fn brake(&mut self) -> AxleReference {
+        let state = &mut self.state;
+        let ramp = &self.ramp;
+        let (velocity, steering, length) = (state.velocity, state.steering, self.frame.length_m);
+        let stop = state.stop.get_or_insert_with(|| match state.followed {
+            Some(reference) => ramp.begin(reference.posture, velocity, steering, length),
+            None => ramp.begin(state.filter.posture(), 0.0, 0.0, length),
+        });
+        let reference = ramp.step(stop, seconds(TICK));
+        state.halted = reference.halted;
+        AxleReference {
+            posture: reference.posture,
+            twist: reference.twist,
+            acceleration: reference.acceleration,
+        }
+    }
+
+    /// Torques after the reference.
+    fn control(&self, now: Micros, speeds: [f32; 2], reference: AxleReference) -> Output {
         let command = self.controller.step(&dynamic::Input {
             posture: self.state.filter.posture(),
             twist: self.twist(speeds),
@@ -304,6 +548,8 @@ impl AxleNode {
             torque_nm: command.torque_nm,
             active: command.valid,
             error: command.error,
+            invalid: !command.valid,
+            limited: command.scale < 1.0,
         }
     }
 
@@ -324,7 +570,7 @@ impl AxleNode {
         }
         let at_rest = state
             .rest
-            .step(samples.encoder, state.active, self.rest_hold);
+            .step(samples.encoder, state.output.active, self.rest_hold);
         let (gyro, accelerometer) = (samples.gyro_rad_s, samples.acceleration_m_s2);
         let verdicts = self.filter.step(
             &mut state.filter,
@@ -477,7 +723,9 @@ mod tests {
             bending_stiffness_n_m2: 0.833,
             length_m: 0.37,
         };
-        Config::default().build(axle, frame).unwrap()
+        let mut node = Config::default().build(axle, frame).unwrap();
+        lead(&mut node, 0, LeadMode::Idle);
+        node
     }
 
     /// Counts of wheels turned by these angles (rad).
@@ -488,6 +736,20 @@ mod tests {
 
     fn reference(node: &mut AxleNode, now: Micros, v: f32, posture: Posture) {
         let sequence = sequence(now);
+        let other = match node.axle() {
+            Axle::Front => Node::RearAxle,
+            Axle::Rear => Node::FrontAxle,
+        };
+        node.receive(
+            now,
+            &Message::NodeStatus {
+                node: other,
+                sequence,
+                state: OperatingState::Active,
+                reason: 0,
+                notices: 0,
+            },
+        );
         node.receive(
             now,
             &Message::LeadStatus {
@@ -558,12 +820,16 @@ mod tests {
         let mut reports = 0;
         for tick in 0..100u64 {
             let mut outbox = Outbox::new();
-            node.step(tick * TICK, &Samples::default(), &mut outbox);
+            let samples = Samples {
+                encoder: [Some(0); 2],
+                ..Samples::default()
+            };
+            node.step(tick * TICK, &samples, &mut outbox);
             let count = outbox.iter().count();
-            assert_eq!(count, if tick % 10 == 0 { 3 } else { 0 });
+            assert_eq!(count, if tick % 10 == 0 { 4 } else { 0 });
             reports += count;
         }
-        assert_eq!(reports, 30);
+        assert_eq!(reports, 40);
     }
 
     #[test]
@@ -581,10 +847,170 @@ mod tests {
         reference(&mut node, 20 * TICK, 0.1, Posture::ORIGIN);
         let output = node.step(21 * TICK, &samples, &mut outbox);
         assert!(output.active && output.torque_nm[0] > 0.0 && output.torque_nm[1] > 0.0);
-        // 50 ms after the epoch of the last reference the motors are off.
+        // 50 ms after the epoch of the last reference it brakes by itself, and stays off.
         assert!(node.step(20 * TICK + 50_000, &samples, &mut outbox).active);
-        let late = node.step(20 * TICK + 51_000, &samples, &mut outbox);
-        assert_eq!(late, Output::default());
+        let state = |node: &AxleNode| node.supervision().operating();
+        assert_eq!(state(&node), OperatingState::Active);
+        node.step(20 * TICK + 51_000, &samples, &mut outbox);
+        assert_eq!(state(&node), OperatingState::SafeStop);
+        assert_eq!(node.supervision().first(), Some(Condition::CommandTimeout));
+        for tick in 72..290 {
+            node.step(tick * TICK, &samples, &mut outbox);
+        }
+        assert_eq!(state(&node), OperatingState::Fault);
+        reference(&mut node, 290 * TICK, 0.1, Posture::ORIGIN);
+        let off = node.step(291 * TICK, &samples, &mut outbox);
+        assert_eq!(off, Output::default(), "latched");
+    }
+
+    fn lead(node: &mut AxleNode, now: Micros, mode: LeadMode) {
+        node.receive(
+            now,
+            &Message::LeadStatus {
+                sequence: sequence(now),
+                mode,
+                steering_rad: 0.0,
+                velocity_m_s: 0.0,
+            },
+        );
+    }
+
+    /// A board that comes up in the middle of a drive is not to join in.
+    #[test]
+    fn an_axle_that_starts_while_the_robot_drives_waits_for_it_to_stop() {
+        let mut node = node(Axle::Rear);
+        node.state = State::new();
+        let mut outbox = Outbox::new();
+        let samples = Samples {
+            encoder: [Some(0); 2],
+            ..Samples::default()
+        };
+        for tick in 0..200u64 {
+            let now = tick * TICK;
+            if is_epoch_start(now) {
+                reference(&mut node, now, 0.1, Posture::ORIGIN);
+                if tick == 100 {
+                    lead(&mut node, now, LeadMode::Idle);
+                }
+            }
+            let output = node.step(now, &samples, &mut outbox);
+            assert_eq!(output.active, tick >= 110, "{tick}");
+        }
+    }
+
+    /// Every reason to stop, from outside and from the samples, each from driving.
+    #[test]
+    fn stops_for_every_reason_and_drives_again_once_cleared() {
+        let wheels = |counts: i32| Samples {
+            encoder: [Some(counts); 2],
+            ..Samples::default()
+        };
+        let cases: [(Condition, Samples); 5] = [
+            (Condition::EncoderFault, Samples::default()),
+            (
+                Condition::WheelSlip,
+                Samples {
+                    gyro_rad_s: Some(3.0),
+                    ..wheels(0)
+                },
+            ),
+            (
+                Condition::OverCurrent,
+                Samples {
+                    conditions: Conditions::only(Condition::OverCurrent),
+                    ..wheels(0)
+                },
+            ),
+            (
+                Condition::EmergencyStop,
+                Samples {
+                    conditions: Conditions::only(Condition::EmergencyStop),
+                    ..wheels(0)
+                },
+            ),
+            (Condition::TrackingLost, wheels(0)),
+        ];
+        for (condition, samples) in cases {
+            let mut node = node(Axle::Rear);
+            let mut outbox = Outbox::new();
+            let ahead = match condition {
+                Condition::TrackingLost => 0.2,
+                _ => 0.0,
+            };
+            for tick in 0..1500u64 {
+                let now = tick * TICK;
+                if is_epoch_start(now) && tick < 600 {
+                    reference(&mut node, now, 0.0, Posture::new(ahead, 0.0, 0.0));
+                }
+                let bad = (100..600).contains(&tick);
+                let given = if bad { samples } else { wheels(0) };
+                node.step(now, &given, &mut outbox);
+                if tick == 20 {
+                    assert_eq!(node.supervision().operating(), OperatingState::Active);
+                }
+            }
+            assert_eq!(node.supervision().first(), Some(condition));
+            assert_eq!(node.supervision().operating(), OperatingState::Fault);
+            for tick in 1500..1600u64 {
+                let now = tick * TICK;
+                if is_epoch_start(now) {
+                    reference(&mut node, now, 0.0, Posture::ORIGIN);
+                }
+                let mode = if tick < 1530 {
+                    LeadMode::Clear
+                } else {
+                    LeadMode::Active
+                };
+                lead(&mut node, now, mode);
+                node.step(now, &wheels(0), &mut outbox);
+            }
+            assert_eq!(
+                node.supervision().operating(),
+                OperatingState::Active,
+                "{condition:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_neighbour_that_stops_or_falls_silent_stops_this_axle() {
+        for (silent, expected) in [
+            (true, Condition::NeighbourLost),
+            (false, Condition::NeighbourFault),
+        ] {
+            let mut node = node(Axle::Front);
+            let mut outbox = Outbox::new();
+            let samples = Samples {
+                encoder: [Some(0); 2],
+                ..Samples::default()
+            };
+            for tick in 0..300u64 {
+                let now = tick * TICK;
+                if is_epoch_start(now) {
+                    let beat = node.state.peers;
+                    reference(&mut node, now, 0.0, Posture::ORIGIN);
+                    if tick >= 100 && silent {
+                        node.state.peers = beat;
+                    } else if tick >= 100 {
+                        node.receive(
+                            now,
+                            &Message::NodeStatus {
+                                node: Node::RearAxle,
+                                sequence: 0,
+                                state: OperatingState::SafeStop,
+                                reason: Condition::SupplyLow.code(),
+                                notices: 0,
+                            },
+                        );
+                    }
+                }
+                node.step(now, &samples, &mut outbox);
+                if tick == 99 {
+                    assert_eq!(node.supervision().operating(), OperatingState::Active);
+                }
+            }
+            assert_eq!(node.supervision().first(), Some(expected));
+        }
     }
 
     #[test]
@@ -639,6 +1065,7 @@ mod tests {
                 encoder: [Some(0); 2],
                 gyro_rad_s: Some(f32::NAN),
                 acceleration_m_s2: Some(f32::INFINITY),
+                ..Samples::default()
             };
             node.step(tick * TICK, &samples, &mut outbox);
         }

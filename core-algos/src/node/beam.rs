@@ -5,11 +5,15 @@
 //! [`crate::beam::sensor::Config::build`] validates; nothing else can fail. When no posture can be
 //! computed the message says so with zero gauges.
 
-use super::{Micros, Outbox, is_epoch_start, sequence};
+use super::{Micros, Outbox, is_epoch_start, peers, sequence};
+use crate::beam::health::Fault;
 use crate::beam::sensor::State;
 use crate::beam::{Estimate, MAX_GAUGES, RelativePositionSensor};
-use crate::bus::Message;
+use crate::bus::layout::Node;
+use crate::bus::{LeadMode, Message};
 use crate::math::{Posture, Wrench};
+use crate::safety::supervisor::{self, Supervisor};
+use crate::safety::{Condition, Conditions, OperatingState, Request};
 
 /// The node of the instrumented frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -17,13 +21,23 @@ pub struct BeamNode {
     sensor: RelativePositionSensor,
     state: State,
     latest: Option<Estimate>,
+    supervisor: Supervisor,
+    supervision: supervisor::State,
+    /// What the board's drivers have found wrong in this epoch.
+    found: Conditions,
+    /// Faults are to be forgotten at the next step.
+    clear: bool,
 }
 
 impl BeamNode {
     /// A node around a sensor.
-    pub fn new(sensor: RelativePositionSensor) -> Self {
+    pub fn new(sensor: RelativePositionSensor, supervisor: Supervisor) -> Self {
         Self {
             sensor,
+            supervisor,
+            supervision: supervisor::State::default(),
+            found: Conditions::NONE,
+            clear: false,
             state: State::default(),
             latest: None,
         }
@@ -39,6 +53,46 @@ impl BeamNode {
         self.latest.as_ref()
     }
 
+    /// Where the node stands, and why.
+    pub fn supervision(&self) -> &supervisor::State {
+        &self.supervision
+    }
+
+    /// Takes in what the board's drivers find wrong at a tick.
+    pub fn note(&mut self, conditions: Conditions) {
+        self.found = self.found.union(conditions);
+    }
+
+    /// Takes in a message: the lead node's wish to forget faults is all it listens to.
+    pub fn receive(&mut self, message: &Message) {
+        if let Message::LeadStatus { mode, .. } = *message {
+            self.clear = mode == LeadMode::Clear;
+        }
+    }
+
+    /// The board has no motors, so all it does is tell.
+    fn supervise(&mut self, now: Micros, estimate: &Estimate, outbox: &mut Outbox) {
+        let out = |fault: Fault| !matches!(fault, Fault::None | Fault::ZeroDrift);
+        let faults = estimate.faults;
+        let found = core::mem::take(&mut self.found);
+        let conditions = found
+            .with(Condition::GaugeLost, faults.into_iter().any(out))
+            .with(Condition::ZeroDrift, faults.contains(&Fault::ZeroDrift))
+            .with(Condition::BeamLost, estimate.relative.is_none());
+        let request = match self.supervision.operating() {
+            OperatingState::Boot => Some(Request::Ready),
+            OperatingState::Fault if self.clear => Some(Request::Clear),
+            _ => None,
+        };
+        let input = supervisor::Input {
+            conditions,
+            request,
+            ..supervisor::Input::default()
+        };
+        self.supervisor.step(&mut self.supervision, now, &input);
+        outbox.push(peers::heartbeat(Node::Beam, now, &mut self.supervision));
+    }
+
     /// One tick: the counts of all bridges. At the beginning of an epoch the posture of that
     /// instant goes to `outbox`.
     pub fn step(&mut self, now: Micros, counts: &[i32; MAX_GAUGES], outbox: &mut Outbox) {
@@ -48,6 +102,7 @@ impl BeamNode {
         }
         let estimate = self.sensor.estimate(&mut self.state);
         self.latest = Some(estimate);
+        self.supervise(now, &estimate, outbox);
         let sequence = sequence(now);
         let Some(relative) = estimate.relative else {
             outbox.push(Message::BeamPosture {
@@ -88,13 +143,16 @@ mod tests {
     use crate::node::TICK;
 
     fn node() -> BeamNode {
-        BeamNode::new(Config::default().build().unwrap())
+        BeamNode::new(
+            Config::default().build().unwrap(),
+            supervisor::Config::default().build().unwrap(),
+        )
     }
 
     /// Messages of two epochs with the same counts.
     fn run(node: &mut BeamNode, counts: impl Fn(u64) -> [i32; MAX_GAUGES]) -> Vec<Message> {
         let mut outbox = Outbox::new();
-        for tick in 1..=20u64 {
+        for tick in 1..=200u64 {
             outbox.clear();
             node.step(tick * TICK, &counts(tick), &mut outbox);
         }
@@ -124,12 +182,65 @@ mod tests {
         assert!((posture.y as f64 - 0.5 * (1.0 - phi.cos())).abs() < 5e-4);
     }
 
+    /// A fault of the board's drivers is told until the lead node has it forgotten, and a notice of
+    /// one tick once.
+    #[test]
+    fn what_the_drivers_find_goes_out() {
+        let mut node = node();
+        let mut told = Vec::new();
+        for tick in 1..=100u64 {
+            if tick == 15 {
+                node.note(Conditions::only(Condition::Restarted));
+                node.note(Conditions::only(Condition::ConversionsLost));
+            }
+            let mode = match tick {
+                ..60 => LeadMode::Idle,
+                _ => LeadMode::Clear,
+            };
+            node.receive(&Message::LeadStatus {
+                sequence: 0,
+                mode,
+                steering_rad: 0.0,
+                velocity_m_s: 0.0,
+            });
+            let mut outbox = Outbox::new();
+            node.step(tick * TICK, &[2048; MAX_GAUGES], &mut outbox);
+            for message in outbox.iter() {
+                if let Message::NodeStatus {
+                    state,
+                    reason,
+                    notices,
+                    ..
+                } = *message
+                {
+                    told.push((tick, state, reason, notices));
+                }
+            }
+        }
+        let lost = Conditions::only(Condition::ConversionsLost).low_rows();
+        let code = Condition::Restarted.code();
+        for (tick, state, reason, notices) in told {
+            let faulty = (20..60).contains(&tick);
+            let expected = if faulty { code } else { 0 };
+            assert_eq!((reason, state == OperatingState::Fault), (expected, faulty));
+            assert_eq!(notices & lost != 0, (20..=30).contains(&tick), "{tick}");
+        }
+    }
+
     #[test]
     fn without_a_valid_gauge_it_says_so() {
         let messages = run(&mut node(), |_| [0; MAX_GAUGES]);
-        assert_eq!(messages.len(), 1);
+        assert_eq!(messages.len(), 2);
+        let Message::NodeStatus { state, notices, .. } = messages[0] else {
+            panic!("no heartbeat");
+        };
+        assert_eq!(state, OperatingState::Idle);
+        assert_ne!(
+            notices & Conditions::only(Condition::GaugeLost).low_rows(),
+            0
+        );
         assert!(matches!(
-            messages[0],
+            messages[1],
             Message::BeamPosture { gauges: 0, .. }
         ));
     }

@@ -35,6 +35,8 @@ pub struct Output {
     pub torque_nm: [f32; 2],
     /// Whether the axle follows a reference; otherwise its motors are off.
     pub active: bool,
+    /// Whether latched faults of the board's drivers are to be forgotten.
+    pub clear: bool,
     /// What the lead node did, at the ticks it works.
     pub lead: Option<lead::Output>,
 }
@@ -129,6 +131,7 @@ fn step_axle(axle: &mut AxleNode, now: Micros, samples: &Samples, outbox: &mut O
     Output {
         torque_nm: output.torque_nm,
         active: output.active,
+        clear: axle.clears(now),
         lead: None,
     }
 }

@@ -97,8 +97,8 @@ pub struct State {
     /// Whether the last point of the trajectory is its end.
     trajectory_ended: bool,
     progress: Progress,
-    /// When the trajectory began.
-    start: Option<Micros>,
+    /// When the trajectory began, and at which of its times.
+    start: Option<(Micros, f32)>,
     /// The end has been reached and the robot is being brought to rest.
     resting: bool,
 }
@@ -205,8 +205,10 @@ impl Course {
         if state.trajectory.is_empty() {
             return Step::default();
         }
-        let start = *state.start.get_or_insert(epoch);
-        let time = seconds(epoch.saturating_sub(start));
+        // What lies behind has been dropped: a task given again goes on where it was left.
+        let begin = state.trajectory.start_time();
+        let (start, first) = *state.start.get_or_insert((epoch, begin));
+        let time = first + seconds(epoch.saturating_sub(start));
         let Some(reference) = self.tracker.at(&state.trajectory, time) else {
             return Step::default();
         };
@@ -356,6 +358,31 @@ mod tests {
         assert_eq!(step, Step::default());
         // And time has not begun to run.
         assert_eq!(state.start, None);
+    }
+
+    #[test]
+    fn a_trajectory_given_again_goes_on_where_it_was_left() {
+        let (course, mut state) = (course(), State::default());
+        for i in 0..100 {
+            let time_s = i as f32 * 0.05;
+            let point = TrajectoryPoint {
+                time_s,
+                v: 0.1,
+                point: on_line(0.1 * time_s),
+            };
+            state.push_trajectory_point(point).unwrap();
+        }
+        state.restart();
+        let at = |state: &mut State, epoch: u64| {
+            let step = course.track(state, epoch, Posture::ORIGIN, &moving(0.1));
+            step.target.unwrap().x
+        };
+        at(&mut state, 1_000_000);
+        assert!((at(&mut state, 3_020_000) - 0.202).abs() < 1e-4);
+        state.restart();
+        // Points are 5 mm apart.
+        assert!((at(&mut state, 9_000_000) - 0.2).abs() < 1e-4);
+        assert!((at(&mut state, 9_100_000) - 0.21).abs() < 1e-4);
     }
 
     #[test]

@@ -11,22 +11,31 @@
 //!
 //! # Panic contract
 //!
-//! [`Config::build`] validates; nothing else can fail. While reports are missing the governor
-//! brakes; when they are older than the timeout the mode is [`LeadMode::Idle`] and the axles
+//! [`Config::build`] validates; nothing else can fail. When reports are older than the timeout, or
+//! anything else is wrong, the mode is [`LeadMode::Idle`], on which the axles brake together and
 //! switch their motors off.
 
 use super::course::{self, Course};
+use super::peers::{self, Peers};
 use super::{EPOCH, Micros, Outbox, Stamped, TICK, epoch_start, seconds, sequence};
 use crate::bus::codec::wrap_position;
+use crate::bus::layout::Node;
 use crate::bus::{Axle, LeadMode, Message, layout};
-use crate::config::{ConfigError, in_range};
+use crate::config::{ConfigError, in_range, positive};
 use crate::control::cascade::{self, Cascade, Motion};
 use crate::control::governor::{self, Governor, Wish};
 use crate::control::regulator::{self, Phase, Regulator};
 use crate::fusion::Estimate;
+use crate::fusion::ekf::Verdict;
 use crate::fusion::tandem::{self, Increment, Tandem};
-use crate::math::Posture;
 use crate::math::matrix::{Mat3, diagonal, scale};
+use crate::math::trig::wrap_angle;
+use crate::math::{Posture, Twist, Wrench};
+use crate::safety::supervisor::{self, Supervisor};
+use crate::safety::{Condition, Conditions, OperatingState, Permit, Request, ramp};
+
+/// Age from which a report is late: the bus has had a whole epoch for it.
+const LATE: Micros = 2 * EPOCH;
 
 /// Steps of an axle in an epoch.
 const TICKS_PER_EPOCH: f32 = (EPOCH / TICK) as f32;
@@ -48,6 +57,69 @@ pub struct Config {
     pub governor: governor::Config,
     /// Cascade to the axles.
     pub cascade: cascade::Config,
+    /// When the robot stops because something is wrong.
+    pub limits: Limits,
+    /// How it stops.
+    pub stop: ramp::Config,
+    /// Supervisor.
+    pub supervisor: supervisor::Config,
+}
+
+/// Bounds of what a sound robot does; each counts only after the time of its condition.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
+pub struct Limits {
+    /// Bend of the frame, half the angle between the axles, rad.
+    pub bend_rad: f32,
+    /// Force of the frame on an axle, N.
+    pub force_n: f32,
+    /// Moment of the frame on an axle, N m.
+    pub moment_n_m: f32,
+    /// Standard deviation of the position of O, m; not looked at where the fusion is configured
+    /// without the relative position sensor.
+    pub position_sigma_m: f32,
+    /// Standard deviation of the heading of O, rad; likewise.
+    pub heading_sigma_rad: f32,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self {
+            bend_rad: 0.7,
+            force_n: 25.0,
+            moment_n_m: 6.0,
+            position_sigma_m: 0.5,
+            heading_sigma_rad: 0.5,
+        }
+    }
+}
+
+impl Limits {
+    fn check(&self) -> Result<(), ConfigError> {
+        in_range("bend_rad", self.bend_rad, 0.05, 1.5)?;
+        positive("force_n", self.force_n)?;
+        positive("moment_n_m", self.moment_n_m)?;
+        positive("position_sigma_m", self.position_sigma_m)?;
+        positive("heading_sigma_rad", self.heading_sigma_rad)?;
+        Ok(())
+    }
+
+    /// Whether the frame pushes, pulls or turns an axle too hard. NaN does.
+    fn exceeded_by(&self, wrench: &Wrench) -> bool {
+        let force = wrench.force_x * wrench.force_x + wrench.force_y * wrench.force_y;
+        !(force <= self.force_n * self.force_n
+            && wrench.moment_root.abs() <= self.moment_n_m
+            && wrench.moment_end.abs() <= self.moment_n_m)
+    }
+
+    /// Whether an estimate is too uncertain to drive by.
+    fn uncertain(&self, robot: &Estimate) -> bool {
+        let p = &robot.covariance;
+        let position = self.position_sigma_m * self.position_sigma_m;
+        let heading = self.heading_sigma_rad * self.heading_sigma_rad;
+        !(p[0][0] <= position && p[1][1] <= position && p[2][2] <= heading)
+    }
 }
 
 impl Default for Config {
@@ -59,6 +131,9 @@ impl Default for Config {
             course: course::Config::default(),
             governor: governor::Config::default(),
             cascade: cascade::Config::default(),
+            limits: Limits::default(),
+            stop: ramp::Config::default(),
+            supervisor: supervisor::Config::default(),
         }
     }
 }
@@ -67,8 +142,13 @@ impl Config {
     /// The node; the error names the parameter that is wrong.
     pub fn build(&self) -> Result<LeadNode, ConfigError> {
         in_range("report_timeout_s", self.report_timeout_s, 0.02, 1.0)?;
+        self.limits.check()?;
         let cascade = self.cascade.build()?;
         Ok(LeadNode {
+            limits: self.limits,
+            ramp: self.stop.build()?,
+            frame_length: self.cascade.frame_length_m,
+            supervisor: self.supervisor.build()?,
             report_timeout: (self.report_timeout_s * 1e6) as Micros,
             fusion: self.fusion.build()?,
             regulator: self.regulator.build()?,
@@ -89,6 +169,8 @@ pub enum Task {
     Idle,
     /// Brake and hold.
     Stop,
+    /// Motors off, and forget latched faults whose causes are gone.
+    Clear,
     /// Bring the midpoint to a posture and to rest.
     Regulate {
         /// The goal.
@@ -110,6 +192,16 @@ const REJOIN_PATIENCE: Micros = 500_000;
 /// being restarted (m, m, rad): the frame may have straightened. Only the beam can tell better.
 const RESTART_SIGMAS: [f32; 3] = [0.1, 0.1, 0.3];
 
+/// Speed and yaw rate below which an axle counts as at rest before the robot drives, m/s, rad/s.
+const STILL: Twist = Twist::new(0.02, 0.1);
+/// Difference from the commanded bend beyond which a frame whose motors are off has let go of it, rad.
+const LET_GO: f32 = 0.05;
+
+/// Estimated bend of the frame, rad: half the angle between the axles (ψ).
+fn bend(fused: &tandem::Output) -> f32 {
+    0.5 * wrap_angle(fused.front.posture.phi - fused.rear.posture.phi)
+}
+
 /// The latest report of one axle.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct AxleReport {
@@ -120,6 +212,8 @@ struct AxleReport {
     /// it is still one of the same odometric frame.
     whole: Option<(Stamped<Posture>, Micros)>,
     uncertainty: Option<Stamped<Mat3>>,
+    /// Latest speed and yaw rate.
+    twist: Twist,
     /// Share of the axle's ticks in which its gyro took part.
     gyro_share: f32,
 }
@@ -231,6 +325,8 @@ pub struct Output {
     pub target: Option<Posture>,
     /// The task is fulfilled and the robot at rest.
     pub done: bool,
+    /// Where the lead node stands, and why.
+    pub supervision: supervisor::Output,
 }
 
 /// All that changes in the lead node.
@@ -244,6 +340,13 @@ pub struct State {
     regulator: regulator::State,
     course: course::State,
     governor: governor::State,
+    wrench: Option<Stamped<Wrench>>,
+    /// The task is fulfilled, as of the last step.
+    done: bool,
+    /// The stop under way.
+    stop: Option<ramp::State>,
+    peers: Peers,
+    supervisor: supervisor::State,
 }
 
 /// What the task asks for at a step.
@@ -287,6 +390,10 @@ pub struct LeadNode {
     course: Course,
     governor: Governor,
     cascade: Cascade,
+    limits: Limits,
+    ramp: ramp::Ramp,
+    frame_length: f32,
+    supervisor: Supervisor,
     state: State,
 }
 
@@ -308,7 +415,13 @@ impl LeadNode {
     /// Gives the robot something to do; the present motion is taken over.
     pub fn command(&mut self, task: Task) {
         self.state.task = task;
+        self.state.done = false;
         self.state.course.restart();
+    }
+
+    /// Where the node stands, and why.
+    pub fn supervision(&self) -> &supervisor::State {
+        &self.state.supervisor
     }
 
     /// The buffers of path and trajectory, to be filled before [`Task::Follow`] or [`Task::Track`]
@@ -324,7 +437,11 @@ impl LeadNode {
 
     /// Takes in a message that arrived at `now`.
     pub fn receive(&mut self, now: Micros, message: &Message) {
+        self.state.peers.receive(now, message);
         match *message {
+            Message::BeamWrench { sequence, wrench } => {
+                self.state.wrench = Some(Stamped::new(wrench, epoch_start(now, sequence)));
+            }
             Message::AxlePosture {
                 axle,
                 sequence,
@@ -337,6 +454,8 @@ impl LeadNode {
             Message::AxleMotion {
                 axle,
                 sequence,
+                velocity_m_s,
+                yaw_rate_rad_s,
                 gyro_samples,
                 uptime,
                 ..
@@ -344,6 +463,7 @@ impl LeadNode {
                 let report = &mut self.state.tracks[axle.index()].report;
                 let uptime = Micros::from(uptime) * EPOCH;
                 report.uptime = Some(Stamped::new(uptime, epoch_start(now, sequence)));
+                report.twist = Twist::new(velocity_m_s, yaw_rate_rad_s);
                 report.gyro_share = (f32::from(gyro_samples) / TICKS_PER_EPOCH).min(1.0);
                 report.pair();
             }
@@ -375,20 +495,32 @@ impl LeadNode {
 
     /// One step at `now`; references go to `outbox`.
     pub fn step(&mut self, now: Micros, outbox: &mut Outbox) -> Output {
-        let Some(fused) = self.fuse(now) else {
-            return self.idle(now, outbox);
+        let fused = self.fuse(now);
+        let supervision = self.supervise(now, fused.as_ref(), outbox);
+        let driving = matches!(supervision.permit, Permit::Hold | Permit::Drive);
+        let Some(fused) = fused.filter(|_| driving) else {
+            return self.idle(now, fused, supervision, outbox);
         };
         let center = fused.robot.posture;
         let dt = seconds(EPOCH);
 
-        let decision = self.decide(now, center);
+        // Before it drives the robot holds still: a frame that swings has to come to rest.
+        let decision = match supervision.permit {
+            Permit::Hold if !self.state.done => Decision {
+                mode: LeadMode::Hold,
+                ..Decision::default()
+            },
+            _ => self.decide(now, center),
+        };
         self.state.governor = match decision.wish {
             Some(wish) => self.governor.step(&self.state.governor, &wish, dt),
             None => self.governor.stop(&self.state.governor, dt),
         };
         let motion = self.state.governor.motion;
+        self.state.done = decision.done;
         self.send_references(now, decision.mode, &motion, &fused, outbox);
         Output {
+            supervision,
             mode: decision.mode,
             fused,
             motion,
@@ -407,7 +539,7 @@ impl LeadNode {
             ..Decision::default()
         };
         match state.task {
-            Task::Idle => Decision::default(),
+            Task::Idle | Task::Clear => Decision::default(),
             Task::Stop => active,
             Task::Regulate { goal } => {
                 let output = self.regulator.tick(
@@ -494,17 +626,161 @@ impl LeadNode {
         }
     }
 
-    fn idle(&mut self, now: Micros, outbox: &mut Outbox) -> Output {
-        self.state.governor = self.governor.stop(&self.state.governor, seconds(EPOCH));
+    /// Decides whether the robot may drive; the heartbeat goes out with it.
+    fn supervise(
+        &mut self,
+        now: Micros,
+        fused: Option<&tandem::Output>,
+        outbox: &mut Outbox,
+    ) -> supervisor::Output {
         let motion = self.state.governor.motion;
+        let mut input = supervisor::Input {
+            conditions: self.watch(now, fused),
+            moved_m: motion.v * seconds(EPOCH),
+            halted: self.brake(motion),
+            ..supervisor::Input::default()
+        };
+        let mut output = supervisor::Output::default();
+        // From rest to driving in one step: ready, arm and start.
+        for _ in 0..3 {
+            input.request = self.request(fused);
+            output = self
+                .supervisor
+                .step(&mut self.state.supervisor, now, &input);
+            if self.request(fused).is_none() {
+                break;
+            }
+        }
+        outbox.push(peers::heartbeat(
+            Node::Lead,
+            now,
+            &mut self.state.supervisor,
+        ));
+        output
+    }
+
+    /// What the task asks of the supervisor.
+    fn request(&self, fused: Option<&tandem::Output>) -> Option<Request> {
+        let state = &self.state;
+        let resting = matches!(state.task, Task::Idle | Task::Clear);
+        match state.supervisor.operating() {
+            OperatingState::Boot => Some(Request::Ready),
+            OperatingState::Idle if !resting => Some(Request::Arm),
+            OperatingState::Armed | OperatingState::Active if resting => Some(Request::Disarm),
+            OperatingState::Armed if !state.done && self.still(fused) => Some(Request::Start),
+            OperatingState::Active if state.done => Some(Request::Finish),
+            OperatingState::Fault if state.task == Task::Clear => Some(Request::Clear),
+            _ => None,
+        }
+    }
+
+    /// Whether the axles are at rest and the beam agrees with them.
+    fn still(&self, fused: Option<&tandem::Output>) -> bool {
+        let at_rest = |track: &AxleTrack| {
+            let Twist { v, omega } = track.report.twist;
+            v.abs() <= STILL.v && omega.abs() <= STILL.omega
+        };
+        self.state.tracks.iter().all(at_rest)
+            && fused.is_some_and(|fused| fused.beam.verdict != Verdict::Gated)
+    }
+
+    /// What is wrong at this step; `fused` is there if the axles' reports are.
+    fn watch(&self, now: Micros, fused: Option<&tandem::Output>) -> Conditions {
+        let state = &self.state;
+        let axles = [Node::FrontAxle, Node::RearAxle];
+        let powered = state.supervisor.operating().permit() != Permit::Off;
+        let lost = axles.iter().any(|&node| state.peers.lost(node, now));
+        let failed = axles.iter().any(|&node| state.peers.failed(node, now));
+        let fresh = |time: Micros| now.saturating_sub(time) <= self.report_timeout;
+        let reports = state.tracks.iter().map(|track| track.report.whole);
+        let late = powered
+            && reports
+                .flatten()
+                .any(|(posture, _)| posture.age(now) > LATE);
+        let beam = state.beam_posture.filter(|posture| fresh(posture.time));
+        let strained = state
+            .wrench
+            .is_some_and(|wrench| fresh(wrench.time) && self.limits.exceeded_by(&wrench.value));
+        // What the beam sees counts most; without it, what the axles think.
+        let bend = beam
+            .map(|posture| posture.value.phi)
+            .or(fused.map(|fused| 2.0 * self::bend(fused)));
+        let bent = bend.is_some_and(|bend| !(0.5 * bend.abs() <= self.limits.bend_rad));
+        let unsound = fused.is_some_and(|fused| !fused.robot.posture.is_finite());
+        // Without the sensor the operator has chosen to drive by ever less.
+        let uncertain = fused.is_some_and(|fused| {
+            let vague = self.fusion.uses_beam() && self.limits.uncertain(&fused.robot);
+            // Wheels may slip while a swinging frame is brought to rest, before the drive.
+            let refused = fused.beam.verdict == Verdict::Gated;
+            vague || (refused && state.supervisor.operating() == OperatingState::Active)
+        });
+        Conditions::NONE
+            .with(
+                Condition::NeighbourLost,
+                lost || (powered && fused.is_none()),
+            )
+            .with(Condition::NeighbourFault, powered && failed)
+            .with(
+                Condition::BeamLost,
+                self.fusion.uses_beam() && beam.is_none(),
+            )
+            .with(Condition::MessageLost, late)
+            .with(Condition::FrameBent, bent)
+            .with(Condition::WrenchHigh, strained)
+            .with(Condition::NotANumber, unsound)
+            .with(Condition::EstimateInconsistent, uncertain)
+    }
+
+    /// Runs the time of a stop; whether it is over.
+    fn brake(&mut self, motion: Motion) -> bool {
+        let state = &mut self.state;
+        if state.supervisor.operating() != OperatingState::SafeStop {
+            state.stop = None;
+            return false;
+        }
+        let (ramp, length) = (&self.ramp, self.frame_length);
+        let stop = state
+            .stop
+            .get_or_insert_with(|| ramp.begin(Posture::ORIGIN, motion.v, motion.psi, length));
+        ramp.step(stop, seconds(EPOCH)).halted
+    }
+
+    /// Once the motors are off the frame does not stay as it was commanded to be: the next drive
+    /// begins with the bend that it has.
+    fn settle(&mut self, fused: &tandem::Output) {
+        let bend = bend(fused);
+        if !((bend - self.state.governor.motion.psi).abs() <= LET_GO) {
+            self.state.governor = governor::State::at_rest(bend);
+        }
+    }
+
+    fn idle(
+        &mut self,
+        now: Micros,
+        fused: Option<tandem::Output>,
+        supervision: supervisor::Output,
+        outbox: &mut Outbox,
+    ) -> Output {
+        self.state.governor = self.governor.stop(&self.state.governor, seconds(EPOCH));
+        if let (Permit::Off, Some(fused)) = (supervision.permit, &fused) {
+            self.settle(fused);
+        }
+        let motion = self.state.governor.motion;
+        let mode = match self.state.task {
+            Task::Clear => LeadMode::Clear,
+            _ => LeadMode::Idle,
+        };
         outbox.push(Message::LeadStatus {
             sequence: sequence(now),
-            mode: LeadMode::Idle,
+            mode,
             steering_rad: motion.psi,
             velocity_m_s: motion.v,
         });
         Output {
+            mode,
+            fused: fused.unwrap_or_default(),
             motion,
+            supervision,
             ..Output::default()
         }
     }

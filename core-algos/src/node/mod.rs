@@ -19,6 +19,7 @@ pub mod course;
 pub mod lead;
 pub mod outbox;
 pub mod pace;
+pub mod peers;
 pub mod robot;
 
 pub use outbox::Outbox;

@@ -11,6 +11,7 @@
 use super::clock::{CommonClock, Tick};
 use super::{EPOCH, Micros, TICK, is_epoch_start};
 use crate::bus::Message;
+use crate::safety::{Condition, Conditions};
 
 /// Longest time between two runs that is passed over.
 const PASSED_OVER: Micros = 5 * TICK;
@@ -38,6 +39,7 @@ pub struct Pace {
     sent: Option<Micros>,
     missed: u16,
     restarts: u16,
+    conditions: Conditions,
 }
 
 impl Pace {
@@ -51,6 +53,7 @@ impl Pace {
             sent: None,
             missed: 0,
             restarts: 0,
+            conditions: Conditions::NONE,
         }
     }
 
@@ -81,6 +84,7 @@ impl Pace {
         self.trim = tick.map_or(0, |tick| tick.trim());
         let now = tick.filter(Tick::in_step).map(|tick| tick.now);
         self.in_step = now.is_some();
+        self.conditions = Conditions::NONE;
         let Some(now) = now else {
             return Step::Wait;
         };
@@ -91,11 +95,19 @@ impl Pace {
         } else if passed > TICK && passed <= PASSED_OVER {
             let missed = (passed / TICK - 1) as u16;
             self.missed = self.missed.saturating_add(missed);
+            self.conditions.set(Condition::TickLate, true);
+            self.conditions.set(Condition::TickOverrun, true);
             Step::Run(now)
         } else {
             self.restarts = self.restarts.saturating_add(1);
+            self.conditions.set(Condition::ClockStepped, true);
             Step::Restart(now)
         }
+    }
+
+    /// What was wrong with the latest tick.
+    pub fn conditions(&self) -> Conditions {
+        self.conditions
     }
 
     /// On the front board, what to send first at `now`; to be called at every tick that runs. `sent`
@@ -284,15 +296,19 @@ mod tests {
         let mut pace = Pace::leading();
         assert_eq!(pace.step(10_000), Step::Run(10_000));
         assert_eq!(pace.step(11_002), Step::Run(11_000));
+        assert_eq!(pace.conditions(), Conditions::NONE);
         assert_eq!(pace.trim(), -1);
         assert_eq!(pace.step(13_998), Step::Run(14_000));
         assert_eq!((pace.trim(), pace.missed()), (1, 2));
+        assert!(pace.conditions().contains(Condition::TickLate));
         assert_eq!(pace.step(20_000), Step::Restart(20_000));
         assert_eq!(
             pace.step(20_040),
             Step::Restart(20_000),
             "no millisecond runs twice"
         );
+        let stepped = Conditions::only(Condition::ClockStepped);
+        assert_eq!(pace.conditions(), stepped);
         assert_eq!(pace.step(21_450), Step::Wait);
         assert_eq!(pace.step(5_000), Step::Restart(5_000));
         assert_eq!(pace.restarts(), 3);

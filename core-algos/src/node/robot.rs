@@ -10,6 +10,7 @@ use crate::bus::Axle;
 use crate::config::{Allowed, non_negative};
 use crate::config::{ConfigError, in_range, positive, require};
 use crate::math::trig::sin_cos;
+use crate::safety::supervisor;
 
 /// Dimensions and stiffness of the robot as its software believes them.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -199,7 +200,12 @@ impl RobotConfig {
     /// The beam node, for a board that runs no other.
     pub fn build_beam(&self) -> Result<beam::BeamNode, ConfigError> {
         self.check()?;
-        Ok(beam::BeamNode::new(self.completed().beam.build()?))
+        // Its board has no motors, so no parameter of its supervisor matters.
+        let supervisor = supervisor::Config::default().build()?;
+        Ok(beam::BeamNode::new(
+            self.completed().beam.build()?,
+            supervisor,
+        ))
     }
 
     /// The lead node.

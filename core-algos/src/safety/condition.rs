@@ -63,6 +63,8 @@ macro_rules! conditions {
     ($($name:ident = $code:literal $text:literal $hold_ms:literal ms: $meaning:literal; $remedy:literal.)+) => {
         /// Something that can be wrong at a node.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+        #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+        #[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
         #[repr(u8)]
         pub enum Condition {
             $(#[doc = $meaning] $name,)+
@@ -113,6 +115,8 @@ conditions! {
         "the node's clock was moved to the bus's by more than its drift explains"; "harmless once after a start".
     TickLate = 0x0b "tick late" 0 ms:
         "a tick ended after its time"; "lower the load of the board".
+    ConversionsLost = 0x0c "conversions lost" 0 ms:
+        "samples of the strain bridges were lost and their scan began anew"; "look for a faulty converter or an overload if it repeats".
     BeamLost = 0x40 "relative position sensor lost" 50 ms:
         "no posture comes from the beam, the estimate goes on from the encoders"; "check the beam board and its cable".
     EmergencyStop = 0x80 "emergency stop" 0 ms:
@@ -143,6 +147,8 @@ conditions! {
         "time or distance allowed in a degraded state is used up"; "remove the cause of the degradation".
     WheelSlip = 0x8d "wheel slip" 100 ms:
         "wheels and inertial sensor or beam disagree on the motion"; "look for a lifted wheel or a slippery floor".
+    SupplyHigh = 0x8e "supply high" 20 ms:
+        "the supply voltage is above its upper limit"; "check battery or charger, braking feeds back".
     NotANumber = 0xc0 "not a number" 0 ms:
         "a computation of control or estimation left the finite numbers"; "report it with the log, restart the board".
     EncoderFault = 0xc1 "encoder fault" 5 ms:
@@ -187,6 +193,7 @@ impl Condition {
 
 /// A set of conditions.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Conditions(u64);
 
 impl Conditions {
@@ -238,6 +245,16 @@ impl Conditions {
         Self(self.0 | other.0)
     }
 
+    /// The first sixteen rows of the table as bits: every notice and degradation.
+    pub const fn low_rows(self) -> u16 {
+        self.0 as u16
+    }
+
+    /// The set of these bits: the reverse of [`Self::low_rows`]. Bits of no condition are left out.
+    pub const fn from_low_rows(rows: u16) -> Self {
+        Self(rows as u64 & ((1 << COUNT) - 1))
+    }
+
     /// Whether the set is empty.
     pub const fn is_empty(self) -> bool {
         self.0 == 0
@@ -270,6 +287,10 @@ mod tests {
         }
         assert!(TABLE[0].code > 0, "zero means no code");
         const { assert!(COUNT <= 64, "a set has 64 places") };
+        let soft = TABLE
+            .iter()
+            .filter(|entry| !Class::of(entry.code).is_hard());
+        assert!(soft.count() <= 16, "a heartbeat has 16 places");
     }
 
     #[test]

@@ -4,6 +4,8 @@ use super::condition::{Class, Condition};
 
 /// Where a node stands.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 #[repr(u8)]
 pub enum OperatingState {
     /// Checking itself; motors off.
@@ -31,6 +33,9 @@ impl OperatingState {
         Self::SafeStop,
         Self::Fault,
     ];
+
+    /// Names on the bus, in the order of the numbers.
+    pub const NAMES: [&'static str; 6] = ["boot", "idle", "armed", "active", "safe_stop", "fault"];
 
     /// The state of a number on the bus.
     pub fn from_number(number: u8) -> Option<Self> {
@@ -62,6 +67,7 @@ impl OperatingState {
 
 /// What the motors may do.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Permit {
     /// No torque.
     #[default]

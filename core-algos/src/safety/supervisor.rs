@@ -74,6 +74,8 @@ pub struct State {
     held: [u32; COUNT],
     /// What holds and has held for its time.
     present: Conditions,
+    /// What has been present since it was last taken.
+    seen: Conditions,
     latched: Conditions,
     first: Option<Condition>,
     degraded_for: Micros,
@@ -90,6 +92,7 @@ impl Default for State {
             last: None,
             held: [0; COUNT],
             present: Conditions::NONE,
+            seen: Conditions::NONE,
             latched: Conditions::NONE,
             first: None,
             degraded_for: 0,
@@ -121,6 +124,11 @@ impl State {
         self.present
     }
 
+    /// What has been present since the last call, or still is.
+    pub fn take_seen(&mut self) -> Conditions {
+        core::mem::replace(&mut self.seen, self.present)
+    }
+
     /// How often a condition of `class` has come up, saturating.
     pub fn count(&self, class: Class) -> u16 {
         self.counts[class as usize]
@@ -146,6 +154,7 @@ pub struct Input {
 
 /// What the supervisor decided.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Output {
     /// The operating state.
     pub state: OperatingState,
@@ -169,6 +178,7 @@ impl Supervisor {
 
         let conditions = self.allowance(state, dt, input);
         self.hold(state, dt, conditions);
+        state.seen = state.seen.union(state.present);
         // Clearing forgets what is over; what still holds is latched again below.
         if input.request == Some(Request::Clear) && state.operating == OperatingState::Fault {
             state.latched = Conditions::NONE;
@@ -376,6 +386,20 @@ mod tests {
         bench.step(Input::default());
         let output = bench.ask(Request::Clear);
         assert_eq!((output.state, output.reason), (OperatingState::Idle, None));
+    }
+
+    #[test]
+    fn what_was_present_for_a_tick_is_told_once() {
+        let mut bench = Bench::new();
+        bench.with(Condition::ClockStepped);
+        bench.with(Condition::ZeroDrift);
+        let drift = Conditions::only(Condition::ZeroDrift);
+        let seen = bench.state.take_seen();
+        assert_eq!(seen, drift.with(Condition::ClockStepped, true));
+        assert_eq!(bench.state.take_seen(), drift, "still present");
+        bench.step(Input::default());
+        bench.state.take_seen();
+        assert_eq!(bench.state.take_seen(), Conditions::NONE);
     }
 
     #[test]

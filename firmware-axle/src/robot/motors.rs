@@ -45,8 +45,9 @@ const TRIP_A: f32 = 6.0;
 const TRIP_PERIODS: u8 = 40;
 /// Periods that the drivers take to wake up; no current is asked for meanwhile. 2 ms.
 const WAKE_PERIODS: u8 = 40;
-/// Limits of the supply, V, and for how many periods it may be outside: 20 ms.
-const SUPPLY_V: core::ops::RangeInclusive<f32> = 9.0..=16.8;
+/// Limits of the supply, V, and for how many periods it may be outside: 20 ms. They lie beyond those
+/// at which the robot stops in order, see [`super::tick`].
+const SUPPLY_V: core::ops::RangeInclusive<f32> = 8.0..=18.0;
 const SUPPLY_PERIODS: u16 = 400;
 
 /// Pins and peripherals of the motors.
@@ -78,6 +79,8 @@ pub struct Parts {
 pub struct Command {
     /// Whether the motors may be on.
     pub on: bool,
+    /// Whether a latched fault is to be forgotten.
+    pub clear: bool,
     /// Wheel torques (left, right), N m, forward positive.
     pub torque_nm: [f32; 2],
     /// Wheel speeds (left, right), rad/s, for the back-EMF.
@@ -99,9 +102,11 @@ pub struct Feedback {
     pub on: bool,
     /// Whether the zeros of the current sensors are known.
     pub ready: bool,
+    /// Whether the emergency stop is pressed at present.
+    pub stopped: bool,
     /// Longest run of the current loop since the start, core cycles.
     pub longest_cycles: u32,
-    /// Why the motors were switched off; lasts until the board restarts.
+    /// Why the motors were switched off; lasts until it is cleared.
     pub fault: Option<Condition>,
 }
 
@@ -111,6 +116,7 @@ const NOTHING: Feedback = Feedback {
     temperature_c: None,
     on: false,
     ready: false,
+    stopped: false,
     longest_cycles: 0,
     fault: None,
 };
@@ -281,6 +287,10 @@ impl Drive {
             Some(command) => {
                 self.command = command;
                 self.command_age = 0;
+                // What still holds trips again.
+                if command.clear {
+                    self.fault = None;
+                }
             }
             None if self.command_age >= PATIENCE => self.command = Command::default(),
             None => self.command_age += 1,
@@ -330,7 +340,12 @@ impl Drive {
         } else if self.awake > 0 {
             self.supply_off = self.supply_off.saturating_add(1);
             if self.supply_off >= SUPPLY_PERIODS {
-                self.trip(Condition::SupplyLow);
+                // NaN counts as low.
+                let high = supply_v > *SUPPLY_V.end();
+                self.trip(match high {
+                    true => Condition::SupplyHigh,
+                    false => Condition::SupplyLow,
+                });
             }
         }
         if self.stop.is_high() && self.awake > 0 {
@@ -380,6 +395,7 @@ impl Drive {
             temperature_c: self.thermistor.read(temperature.into(), 4096.0),
             on: self.awake >= WAKE_PERIODS,
             ready: self.zeros.iter().all(Option::is_some),
+            stopped: self.stop.is_high(),
             longest_cycles: self.longest,
             fault: self.fault,
         };

@@ -1,10 +1,12 @@
-//! The user's button of the front board: press to drive to the goal, press again to stop.
+//! The user's button of the front board: press to drive to the goal, press again to stop; after a
+//! fault, the first press clears it.
 
 use core_algos::fusion::Estimate;
 use core_algos::math::Posture;
 use core_algos::node::board::Board;
 use core_algos::node::lead::Task;
 use core_algos::node::{EPOCH, Micros, is_epoch_start};
+use core_algos::safety::OperatingState;
 use embassy_stm32::Peri;
 use embassy_stm32::gpio::{Input, Pull};
 use embassy_stm32::peripherals::PA0;
@@ -58,6 +60,11 @@ impl Button {
             return;
         };
         if self.held != HOLD {
+            return;
+        }
+        if lead.supervision().operating() == OperatingState::Fault {
+            lead.command(Task::Clear);
+            self.driving = false;
             return;
         }
         self.driving = !self.driving;

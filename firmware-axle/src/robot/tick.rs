@@ -9,9 +9,10 @@ use core_algos::drive::winding::{self, Winding, fold_back};
 use core_algos::node::board::{Board, Output, Role, Samples};
 use core_algos::node::pace::{Pace, Step};
 use core_algos::node::{Micros, Outbox, TICK, axle, sequence};
+use core_algos::safety::{Condition, Conditions};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::watch;
-use firmware_common::can::{Receiver, Sender};
+use firmware_common::can::{self, Receiver, Sender};
 use firmware_common::timing::Stopwatch;
 
 use super::encoders::Encoders;
@@ -21,6 +22,10 @@ use super::operator::Button;
 
 /// Temperatures of the driver, °C: fold-back begins, nothing is left.
 const DRIVER_C: (f32, f32) = (85.0, 105.0);
+/// Supply, V: below the first the robot stops, below the second it says so.
+const SUPPLY_LOW_V: (f32, f32) = (9.0, 10.5);
+/// Supply above which the robot stops, V.
+const SUPPLY_HIGH_V: f32 = 16.8;
 /// Ticks between health reports on the bus.
 const HEALTH: Micros = 100 * TICK;
 
@@ -127,6 +132,7 @@ impl Axis {
             encoder: encoder.map(Some),
             gyro_rad_s: inertial.gyro_rad_s,
             acceleration_m_s2: inertial.acceleration_m_s2,
+            conditions: self.conditions(&state.pace, &feedback),
         });
         let mut outbox = Outbox::new();
         let output = self.nodes.0.step(now, &samples, &mut outbox);
@@ -134,6 +140,26 @@ impl Axis {
             self.send(state, message);
         }
         self.limited(state, &feedback, &output)
+    }
+
+    /// What the drivers find wrong.
+    fn conditions(&self, pace: &Pace, feedback: &Feedback) -> Conditions {
+        let hotter = |bound: f32| feedback.temperature_c.is_some_and(|t| !(t <= bound));
+        let below = |bound: f32| feedback.ready && !(feedback.supply_v >= bound);
+        let conditions = Conditions::NONE
+            .with(Condition::EmergencyStop, feedback.stopped)
+            .with(Condition::InertialLost, !self.inertial.answers())
+            .with(Condition::TemperatureHigh, hotter(DRIVER_C.0))
+            .with(Condition::OverTemperature, hotter(DRIVER_C.1))
+            .with(Condition::SupplyWarning, below(SUPPLY_LOW_V.1))
+            .with(Condition::SupplyLow, below(SUPPLY_LOW_V.0))
+            .with(Condition::SupplyHigh, feedback.supply_v > SUPPLY_HIGH_V)
+            .with(Condition::BusOff, can::is_off())
+            .union(pace.conditions());
+        match feedback.fault {
+            Some(fault) => conditions.with(fault, true),
+            None => conditions,
+        }
     }
 
     /// The common time of this tick; `None` when nothing may be driven.
@@ -184,6 +210,7 @@ impl Axis {
         };
         let mut command = Command {
             on: output.active,
+            clear: output.clear,
             torque_nm: output.torque_nm,
             ..Command::default()
         };

@@ -10,18 +10,19 @@ use core_algos::node::beam::BeamNode;
 use core_algos::node::pace::{Pace, Step};
 use core_algos::node::robot::RobotConfig;
 use core_algos::node::{Micros, Outbox, TICK, sequence};
+use core_algos::safety::{Condition, Permit};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use embassy_sync::watch;
-use firmware_common::can::{Receiver, Sender};
+use firmware_common::can::{self, Receiver, Sender};
 use firmware_common::timing::Stopwatch;
 
 use super::bridges::{Block, Bridges};
 
 /// Time between health reports.
 const HEALTH: Micros = 100 * TICK;
-/// Time since the lead node last wanted the motors on, after which they are taken to be off: the
-/// axles' own timeout has passed twice.
+/// Time since an axle last said that its motors are on, or the lead node wanted them on, after which
+/// they are taken to be off: the axles' own timeout has passed twice.
 const MOTORS_OFF: Micros = 100 * TICK;
 /// Nominal supply of the board, V; the excitation is measured against it.
 const SUPPLY_V: f32 = 3.3;
@@ -138,8 +139,13 @@ impl Beam {
     fn receive(&mut self, state: &mut State, local: Micros) {
         while let Some(arrived) = self.receiver.take() {
             state.pace.receive(arrived.local, &arrived.message);
+            self.node.receive(&arrived.message);
             match arrived.message {
-                Message::LeadStatus { mode, .. } if mode != LeadMode::Idle => {
+                Message::LeadStatus {
+                    mode: LeadMode::Active | LeadMode::Hold,
+                    ..
+                } => state.motors_on = Some(local),
+                Message::NodeStatus { state: other, .. } if other.permit() != Permit::Off => {
                     state.motors_on = Some(local);
                 }
                 Message::BeamCalibration {
@@ -158,6 +164,9 @@ impl Beam {
         let (Step::Run(now) | Step::Restart(now)) = step else {
             return;
         };
+        let conditions = state.pace.conditions();
+        self.node
+            .note(conditions.with(Condition::BusOff, can::is_off()));
         let mut outbox = Outbox::new();
         self.node.step(now, &block.counts, &mut outbox);
         for message in outbox.iter() {

@@ -8,21 +8,28 @@ use crate::error::Error;
 use crate::output::OutputDir;
 use crate::scenario::Scenario;
 use crate::simulation::{self, Simulation, Span};
+use crate::supervision::Status;
 use crate::table::Table;
 use crate::targets::board_log::BoardLog;
 use crate::targets::emulated::{self, Emulated, Images, Wire};
 use crate::targets::link::Link;
 use crate::targets::serial::Serial;
-use crate::targets::{self, Event, Failure, InProcess, Remote, Report as BoardReport, Target};
+use crate::targets::{
+    self, Event, Failure, InProcess, Remote, Report as BoardReport, Target, What,
+};
 use crate::trace::{Difference, Trace};
 use core_algos::fusion::tandem::Mode;
 use core_algos::node::Micros;
 use core_algos::node::board::Role;
+use core_algos::safety::OperatingState;
 use serde::Serialize;
 use serde_json::Value;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
+
+/// Time between the stop for a restarted board and the host's clearing of the faults.
+const RECOVERY_PAUSE: Micros = 1_000_000;
 
 /// What the boards add to the result of an experiment.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -42,7 +49,9 @@ pub struct Report {
     pub boards: Vec<BoardReport>,
     /// Boards lost and restarted.
     pub events: Vec<Event>,
-    /// Why the run ended before its task, if a board was the reason.
+    /// What the nodes said of themselves: the first heartbeat of each, and every change of state.
+    pub nodes: Vec<Status>,
+    /// Why the run ended before its task, if a board or a fault was the reason.
     pub ended: Option<String>,
     /// Ticks that began more than a tick late, when pace was to be kept.
     pub late_ticks: Option<u32>,
@@ -309,6 +318,9 @@ fn measure(
         simulation
             .boards()
             .plan(plan.failures.clone(), plan.restart_after);
+        if plan.restart_after.is_some() {
+            simulation.recover_after(RECOVERY_PAUSE);
+        }
         simulation.limit(plan.span);
         simulation.stop_on(interrupt.clone());
         simulation.record_trace();
@@ -376,7 +388,8 @@ fn report(
         wall_s,
         events: simulation.boards().events().to_vec(),
         boards: simulation.boards().reports(),
-        ended: simulation.failure().map(str::to_owned),
+        nodes: simulation.monitor().changes().to_vec(),
+        ended: simulation.failure(),
         late_ticks: simulation.pace().map(|pace| pace.late()),
     }
 }
@@ -437,6 +450,21 @@ fn summary(report: &Report) -> String {
     }
     for event in &report.events {
         text += &format!("{event}\n");
+    }
+    if report
+        .events
+        .iter()
+        .any(|event| event.what == What::Cleared)
+    {
+        let pause = RECOVERY_PAUSE as f64 * 1e-6;
+        text += &format!(
+            "a fault lasts until it is cleared: after a restart the host waits {pause} s, clears the \
+             faults\nand gives the task again; the robot by itself would have stayed at rest\n"
+        );
+    }
+    let faults = report.nodes.iter();
+    for status in faults.filter(|status| status.state == OperatingState::Fault) {
+        text += &format!("{status}\n");
     }
     match (&report.difference, report.identical) {
         (Some(difference), _) => text += &format!("NOT identical: {difference}\n"),

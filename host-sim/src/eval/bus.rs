@@ -4,9 +4,12 @@
 //! byte). Output: the other of the two, `{"id","data"}` or `{"message":MESSAGE}`.
 //!
 //! `MESSAGE` is one of, with postures as `[x,y,phi]`, covariances as 3×3, axles `"front"|"rear"`,
-//! boards with `"beam"` too, modes `"idle"|"active"|"hold"`:
+//! boards with `"beam"` too, modes `"idle"|"active"|"hold"|"clear"`,
+//! nodes `"lead"|"front-axle"|"rear-axle"|"beam"`, states `"boot"|"idle"|"armed"|"active"|
+//! "safe-stop"|"fault"`:
 //! `{"TimeSync":{"epoch","last_delay_us"}}`,
 //! `{"LeadStatus":{"sequence","mode","steering_rad","velocity_m_s"}}`,
+//! `{"NodeStatus":{"node","sequence","state","reason","notices"}}`,
 //! `{"ReferencePosture":{"axle","sequence","posture"}}`,
 //! `{"ReferenceMotion":{"axle","sequence","velocity_m_s","yaw_rate_rad_s","acceleration_m_s2",
 //! "yaw_acceleration_rad_s2"}}`,

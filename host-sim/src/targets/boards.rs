@@ -3,9 +3,10 @@
 //! # When a board is lost
 //!
 //! A board that is off sends nothing and gives no torque; the others notice by the age of its
-//! messages and switch their motors off. What then can go on, goes on:
+//! messages, slow down together and switch their motors off. What then can go on, goes on:
 //!
-//! - **Rear axle restarted**: the lead node sees that its odometry began anew, and drives on.
+//! - **Rear axle restarted**: the robot has stopped and stays so until the host clears its faults
+//!   and commands anew; the lead node sees that the axle's odometry began anew, and drives on.
 //! - **Beam restarted or lost**: the robot drives on, meanwhile by odometry alone.
 //! - **Front board restarted**: the estimate of where the robot stands went with its lead node,
 //!   and nothing on the robot can give it back; a guess would send the robot somewhere. The run
@@ -44,6 +45,10 @@ pub enum What {
     MotorsOff(u32),
     /// It was started again.
     Restarted,
+    /// The host had the nodes forget their faults.
+    Cleared,
+    /// The host gave the task again.
+    Resumed,
 }
 
 /// What happened to a board, and when.
@@ -51,7 +56,7 @@ pub enum What {
 pub struct Event {
     /// Time, s.
     pub time_s: f64,
-    /// Which board.
+    /// Which board, or the host.
     pub role: &'static str,
     /// What.
     pub what: What,
@@ -68,6 +73,8 @@ impl fmt::Display for Event {
                 "all other motors off {after} ms after the {role} board was lost"
             ),
             What::Restarted => write!(f, "{role} board restarted"),
+            What::Cleared => write!(f, "faults cleared by the {role}"),
+            What::Resumed => write!(f, "task given again by the {role}"),
         }
     }
 }
@@ -88,6 +95,8 @@ pub struct Boards {
     failures: Vec<Failure>,
     restart_after: Option<u32>,
     events: Vec<Event>,
+    /// When a board was last restarted, ms.
+    restarted: Option<u32>,
     /// The axle that was lost last, and when, until the other's motors are off.
     watched: Option<(Role, u32)>,
     /// Why the run ends, and when.
@@ -126,6 +135,7 @@ impl Boards {
             failures: Vec::new(),
             restart_after: None,
             events: Vec::new(),
+            restarted: None,
             watched: None,
             end: None,
         })
@@ -141,6 +151,16 @@ impl Boards {
     /// What happened to the boards so far.
     pub fn events(&self) -> &[Event] {
         &self.events
+    }
+
+    /// When a board was last restarted, ms.
+    pub fn last_restart(&self) -> Option<u32> {
+        self.restarted
+    }
+
+    /// Notes what the host did.
+    pub fn note(&mut self, tick: u32, what: What) {
+        self.record_of(tick, "host", what);
     }
 
     /// Why the run cannot go on at `tick`, if so.
@@ -280,6 +300,7 @@ impl Boards {
             .start(&self.config, tick, None)
             .map_err(|fault| fatal(role, fault))?;
         slot.on = true;
+        self.restarted = Some(tick);
         self.record(tick, role, What::Restarted);
         if role == Role::Front {
             let why = "the front board was restarted, and with its lead node the estimate of where \
@@ -300,9 +321,13 @@ impl Boards {
     }
 
     fn record(&mut self, tick: u32, role: Role, what: What) {
+        self.record_of(tick, role.name(), what);
+    }
+
+    fn record_of(&mut self, tick: u32, role: &'static str, what: What) {
         let event = Event {
             time_s: f64::from(tick) * 1e-3,
-            role: role.name(),
+            role,
             what,
         };
         self.events.push(event);

@@ -1,0 +1,269 @@
+//! What the nodes say of themselves, as a listener on the bus hears it, and what the host does after
+//! a board was restarted.
+
+use crate::targets::{Boards, Order, What};
+use core_algos::bus::layout::Node;
+use core_algos::bus::{self, Frame, Message};
+use core_algos::node::lead::Task;
+use core_algos::node::{Micros, TICK};
+use core_algos::safety::{Condition, Conditions, OperatingState};
+use serde::{Serialize, Serializer};
+use std::fmt;
+
+/// Nodes that send heartbeats.
+pub const NODES: [Node; 4] = [Node::Lead, Node::FrontAxle, Node::RearAxle, Node::Beam];
+
+/// What a node said of itself in a heartbeat.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Status {
+    /// When, s.
+    pub time_s: f64,
+    /// Who.
+    pub node: Node,
+    /// Where it stands.
+    pub state: OperatingState,
+    /// The first stop or cut since the last clearing; of a node that is not armed, what arming waits
+    /// for.
+    #[serde(serialize_with = "name_and_code")]
+    pub reason: Option<Condition>,
+    /// Notices and degradations since the heartbeat before.
+    #[serde(serialize_with = "names")]
+    pub notices: Conditions,
+}
+
+impl Status {
+    /// The heartbeat in a frame of a tick (ms); none if the frame is something else.
+    pub fn of(tick: u32, frame: &Frame) -> Option<Self> {
+        match bus::decode(frame) {
+            Ok(Message::NodeStatus {
+                node,
+                state,
+                reason,
+                notices,
+                ..
+            }) => Some(Self {
+                time_s: f64::from(tick) * 1e-3,
+                node,
+                state,
+                reason: Condition::from_code(reason),
+                notices: Conditions::from_low_rows(notices),
+            }),
+            _ => None,
+        }
+    }
+}
+
+impl fmt::Display for Status {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (node, state) = (self.node.name(), self.state.name());
+        write!(f, "{:.3} s: {node}: {state}", self.time_s)?;
+        match self.reason {
+            Some(condition) => {
+                let entry = condition.entry();
+                write!(f, ", {} ({:#04x})", entry.name, entry.code)
+            }
+            None => Ok(()),
+        }
+    }
+}
+
+fn name_and_code<S: Serializer>(reason: &Option<Condition>, to: S) -> Result<S::Ok, S::Error> {
+    let entry = reason.map(|condition| condition.entry());
+    entry.map(|entry| (entry.code, entry.name)).serialize(to)
+}
+
+fn names<S: Serializer>(conditions: &Conditions, to: S) -> Result<S::Ok, S::Error> {
+    to.collect_seq(conditions.iter().map(|condition| condition.entry().name))
+}
+
+/// A listener on the bus.
+#[derive(Clone, Debug, Default)]
+pub struct Monitor {
+    latest: [Option<Status>; NODES.len()],
+    changes: Vec<Status>,
+    noticed: [Conditions; NODES.len()],
+}
+
+impl Monitor {
+    /// Takes in a frame that was sent at a tick (ms).
+    pub fn see(&mut self, tick: u32, frame: &Frame) {
+        let Some(status) = Status::of(tick, frame) else {
+            return;
+        };
+        let place = status.node as usize;
+        let noticed = &mut self.noticed[place];
+        *noticed = noticed.union(status.notices);
+        let before = self.latest[place].replace(status);
+        let same = |before: Status| (before.state, before.reason) == (status.state, status.reason);
+        if !before.is_some_and(same) {
+            self.changes.push(status);
+        }
+    }
+
+    /// The latest heartbeat of a node.
+    pub fn latest(&self, node: Node) -> Option<&Status> {
+        self.latest.get(node as usize)?.as_ref()
+    }
+
+    /// The first heartbeat of each node, and those in which a state or reason changed.
+    pub fn changes(&self) -> &[Status] {
+        &self.changes
+    }
+
+    /// Since which tick (ms) a node has been in fault, if it is.
+    pub fn fault_since(&self, node: Node) -> Option<u64> {
+        let of_node = |status: &&Status| status.node == node;
+        let last = self.changes.iter().rev().find(of_node)?;
+        (last.state == OperatingState::Fault).then_some((last.time_s * 1e3).round() as u64)
+    }
+
+    /// Every notice and degradation of a node so far.
+    pub fn noticed(&self, node: Node) -> Conditions {
+        let noticed = self.noticed.get(node as usize).copied();
+        noticed.unwrap_or_default()
+    }
+
+    /// The heartbeat that first told of a stop or a cut.
+    pub fn first_fault(&self) -> Option<&Status> {
+        let stopped = |state| matches!(state, OperatingState::SafeStop | OperatingState::Fault);
+        let mut changes = self.changes.iter();
+        changes.find(|status| stopped(status.state) && status.reason.is_some())
+    }
+
+    fn state(&self, node: Node) -> Option<OperatingState> {
+        self.latest(node).map(|status| status.state)
+    }
+}
+
+/// Time in which faults must be cleared, ticks.
+const CLEARING: u32 = 500;
+
+/// What the host does after a board was restarted and the robot stopped for that: it waits, clears
+/// the faults, and gives the task again. The robot itself never drives on after a fault.
+#[derive(Clone, Debug)]
+pub struct Recovery {
+    /// Ticks.
+    pause: u32,
+    stage: Stage,
+    /// The latest restart that has been dealt with, ms.
+    done: Option<u32>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Stage {
+    Watching,
+    Pausing { until: u32 },
+    Clearing { until: u32 },
+    GivenUp,
+}
+
+impl Recovery {
+    /// With this pause before faults are cleared.
+    pub fn after(pause: Micros) -> Self {
+        Self {
+            pause: (pause / TICK) as u32,
+            stage: Stage::Watching,
+            done: None,
+        }
+    }
+
+    /// Whether the robot may yet drive on.
+    pub fn pending(&self) -> bool {
+        matches!(self.stage, Stage::Pausing { .. } | Stage::Clearing { .. })
+    }
+
+    /// What is to be ordered at a tick; `task` is what the robot was to do.
+    pub fn step(
+        &mut self,
+        tick: u32,
+        monitor: &Monitor,
+        boards: &mut Boards,
+        task: Task,
+    ) -> Option<Order<'static>> {
+        match self.stage {
+            Stage::Watching => {
+                let restart = boards.last_restart().filter(|at| Some(*at) != self.done)?;
+                if monitor.state(Node::Lead) == Some(OperatingState::Fault) {
+                    self.done = Some(restart);
+                    self.stage = Stage::Pausing {
+                        until: tick + self.pause,
+                    };
+                }
+                None
+            }
+            Stage::Pausing { until } => {
+                if tick < until {
+                    return None;
+                }
+                self.stage = Stage::Clearing {
+                    until: tick + CLEARING,
+                };
+                boards.note(tick, What::Cleared);
+                Some(Order::Task(Task::Clear))
+            }
+            Stage::Clearing { until } => {
+                let idle = |node| monitor.state(node) == Some(OperatingState::Idle);
+                if [Node::Lead, Node::FrontAxle, Node::RearAxle]
+                    .into_iter()
+                    .all(idle)
+                {
+                    self.stage = Stage::Watching;
+                    boards.note(tick, What::Resumed);
+                    return Some(Order::Task(task));
+                }
+                if tick >= until {
+                    self.stage = Stage::GivenUp;
+                }
+                None
+            }
+            Stage::GivenUp => None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn frame(node: Node, state: OperatingState, reason: u8, notices: u16) -> Frame {
+        let message = Message::NodeStatus {
+            node,
+            sequence: 0,
+            state,
+            reason,
+            notices,
+        };
+        bus::encode(&message).unwrap()
+    }
+
+    #[test]
+    fn changes_are_kept_and_repetitions_are_not() {
+        let mut monitor = Monitor::default();
+        let low = Condition::SupplyLow.code();
+        let drift = Conditions::only(Condition::ZeroDrift).low_rows();
+        for tick in 0..30 {
+            monitor.see(tick, &frame(Node::Lead, OperatingState::Idle, 0, 0));
+            let (state, reason) = match tick {
+                ..10 => (OperatingState::Active, 0),
+                10..20 => (OperatingState::SafeStop, low),
+                _ => (OperatingState::Fault, low),
+            };
+            let notices = if tick == 5 { drift } else { 0 };
+            monitor.see(tick, &frame(Node::RearAxle, state, reason, notices));
+        }
+        let times: Vec<f64> = monitor.changes().iter().map(|c| c.time_s).collect();
+        assert_eq!(times, [0.0, 0.0, 0.01, 0.02]);
+        let first = monitor.first_fault().unwrap();
+        assert_eq!((first.node, first.time_s), (Node::RearAxle, 0.01));
+        assert_eq!(first.reason, Some(Condition::SupplyLow));
+        assert!(first.to_string().contains("SafeStop, supply low (0x8a)"));
+        let latest = monitor.latest(Node::RearAxle).unwrap();
+        assert_eq!(latest.state, OperatingState::Fault);
+        assert!(
+            monitor
+                .noticed(Node::RearAxle)
+                .contains(Condition::ZeroDrift)
+        );
+        assert_eq!(monitor.latest(Node::Beam), None);
+    }
+}
