@@ -90,6 +90,14 @@ impl TwoFloat {
         fast_two_sum(sum.high, sum.low + self.low)
     }
 
+    /// `self + increment` for an increment that is small beside the number: in a third of the
+    /// operations of [`Self::plus`], and as exact while it is. When the increment is the larger one,
+    /// an error of half a unit in its own last place remains.
+    #[inline(always)]
+    pub fn advanced(self, increment: f32) -> Self {
+        fast_two_sum(self.high, increment + self.low)
+    }
+
     /// `self − other` rounded to `f32`.
     #[inline]
     pub fn minus(self, other: Self) -> f32 {
@@ -226,6 +234,17 @@ mod tests {
         let truth = 3.0 + 1e6 * 1e-5f32 as f64;
         assert!((exact(compensated) - truth).abs() < 1e-8);
         assert!((plain as f64 - truth).abs() > 1e-3);
+    }
+
+    #[test]
+    fn advancing_through_zero_a_million_times_loses_nothing() {
+        let (mut sum, mut truth) = (TwoFloat::ZERO, 0.0f64);
+        for k in 0..1_000_000 {
+            let step = 1e-4 * crate::math::trig::sin(k as f32 * 1e-3);
+            sum = sum.advanced(step);
+            truth += step as f64;
+        }
+        assert!((exact(sum) - truth).abs() < 1e-8, "{}", exact(sum) - truth);
     }
 
     #[test]

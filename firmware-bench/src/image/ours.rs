@@ -1,13 +1,13 @@
 //! The boards' own algorithms.
 
 use super::counter::Counter;
-use super::problem::{self, P0, Q, R, STEPS, T, TRACK, X0};
+use super::problem::{self, JERK, P0, R, SLIP, STEPS, T, TRACK, X0, YAW_JERK};
 use core::hint::black_box;
 use core_algos::beam::sensor::{Method, PostureSolver};
 use core_algos::beam::{MAX_GAUGES, strip};
 use core_algos::control::kinematic::{self, Reference};
 use core_algos::control::{cascade, dynamic, governor};
-use core_algos::fusion::ekf::{self, Measurements, ProcessNoise};
+use core_algos::fusion::ekf::{self, Measurements};
 use core_algos::fusion::{Estimate, compound, intersection};
 use core_algos::math::{AxleLoad, Posture, Twist, trig};
 use core_algos::node::board::{Board, Role, Samples};
@@ -44,10 +44,20 @@ pub fn axle_filter() -> (ekf::AxleFilter, ekf::State) {
         right_sigma_m_s: trig::sqrt(R[1]),
         gyro_sigma_rad_s: trig::sqrt(R[2]),
         accelerometer_sigma_m_s2: trig::sqrt(R[3]),
+        noise: ekf::Densities {
+            along_m_per_sqrt_m: 0.0,
+            across_m_per_sqrt_m: 0.0,
+            heading_rad_per_sqrt_m: 0.0,
+            along_m_per_sqrt_s: SLIP,
+            across_m_per_sqrt_s: SLIP,
+            heading_rad_per_sqrt_s: SLIP,
+            jerk_m_s3_per_sqrt_hz: JERK,
+            yaw_jerk_rad_s3_per_sqrt_hz: YAW_JERK,
+        },
         innovation_gate: None,
         ..ekf::Config::default()
     };
-    let filter = config.build_with(ProcessNoise::Fixed(diagonal(&Q)));
+    let filter = config.build();
     let filter = filter.unwrap_or_else(|error| panic!("{error}"));
     (filter, ekf::State::from_parts(X0, &diagonal(&P0)))
 }

@@ -36,7 +36,7 @@ fn show(name: &str, x: &[f32]) {
 /// The equations of a textbook with nalgebra's matrices: P − K S Kᵀ by a Cholesky factor of S.
 fn textbook(counter: &mut Counter) {
     let (h, r) = (rows(&H), M4::from_diagonal(&R.into()));
-    let q = M7::from_diagonal(&Q.into());
+    let q = M7::from_fn(|i, j| Q[i][j]);
     let (mut x, mut p) = (V7::from(X0), M7::from_diagonal(&P0.into()));
     counter.report("peer_nalgebra_textbook", STEPS, |k| {
         let (next, entries) = motion(&x.into());
@@ -105,7 +105,7 @@ fn with_adskalman(counter: &mut Counter) {
         ht: h.transpose(),
         r: M4::from_diagonal(&R.into()),
     };
-    let q = M7::from_diagonal(&Q.into());
+    let q = M7::from_fn(|i, j| Q[i][j]);
     let mut estimate = StateAndCovariance::new(V7::from(X0), M7::from_diagonal(&P0.into()));
     counter.report("peer_adskalman", STEPS, |k| {
         let (next, entries) = motion(&(*estimate.state()).into());
@@ -137,7 +137,7 @@ fn kfilter_step(x: older::SVector<f32, 7>, _: older::SVector<f32, 0>) -> StepRet
     StepReturn {
         state: next.into(),
         jacobian: older::SMatrix::from_fn(|i, j| a[i][j]),
-        covariance: older::SMatrix::from_diagonal(&Q.into()),
+        covariance: older::SMatrix::from_fn(|i, j| Q[i][j]),
     }
 }
 
@@ -175,7 +175,9 @@ fn with_minikalman(counter: &mut Counter) {
     filter.direct_process_noise_mut().apply(|q| {
         q.clear();
         for i in 0..7 {
-            q.set_at(i, i, Q[i]);
+            for j in 0..7 {
+                q.set_at(i, j, Q[i][j]);
+            }
         }
     });
     sensors.measurement_noise_covariance_mut().apply(|r| {

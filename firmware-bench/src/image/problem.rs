@@ -6,8 +6,30 @@ pub const T: f32 = 0.001;
 pub const TRACK: f32 = 0.324;
 /// Variances of left wheel, right wheel, gyro, accelerometer.
 pub const R: [f32; 4] = [4e-4, 4e-4, 2.5e-5, 1e-2];
-/// Process noise, diagonal.
-pub const Q: [f32; 7] = [1e-9, 1e-9, 1e-9, 1e-8, 1e-8, 1e-3, 4e-2];
+/// Slip in any direction (m/√s) and in heading (rad/√s).
+pub const SLIP: f32 = 1e-3;
+/// Jerk, m/s³/√Hz.
+pub const JERK: f32 = 1.0;
+/// Yaw jerk, rad/s³/√Hz.
+pub const YAW_JERK: f32 = 6.0;
+/// Process noise: slip, and jerks that are constant over a step.
+pub const Q: [[f32; 7]; 7] = {
+    let mut q = [[0.0; 7]; 7];
+    let (slip, half) = (T * SLIP * SLIP, 0.5 * T);
+    let (jerk, yaw_jerk) = (T * JERK * JERK, T * YAW_JERK * YAW_JERK);
+    q[0][0] = slip;
+    q[1][1] = slip;
+    q[2][2] = slip;
+    q[3][3] = jerk * half * half;
+    q[3][5] = jerk * half;
+    q[5][3] = jerk * half;
+    q[5][5] = jerk;
+    q[4][4] = yaw_jerk * half * half;
+    q[4][6] = yaw_jerk * half;
+    q[6][4] = yaw_jerk * half;
+    q[6][6] = yaw_jerk;
+    q
+};
 /// First state.
 pub const X0: [f32; 7] = [0.1, -0.2, 0.3, 0.2, 0.1, 0.0, 0.0];
 /// Its covariance, diagonal.

@@ -1,6 +1,7 @@
 //! Measurement model: acceleration along the heading, z = v̇, gravity removed (level floor).
 
-use super::{AxleFilter, State, V_DOT, Verdict};
+use super::factors::ACCELERATION;
+use super::{AxleFilter, State, Verdict};
 
 impl AxleFilter {
     /// Update by a forward acceleration (m/s²).
@@ -11,15 +12,14 @@ impl AxleFilter {
         if !acceleration.is_finite() {
             return state.counters.accelerometer.refuse();
         }
-        let innovation = (acceleration - state.motion[2].high) - state.motion[2].low;
+        let innovation = acceleration - state.motion[ACCELERATION];
         let (p, noise) = (&state.covariance, self.accelerometer_variance);
-        let nis = || innovation * innovation / (p.entry(V_DOT, V_DOT) + noise);
+        let variance = || p.motion_variance(&[0.0, 0.0, 1.0, 0.0]);
         let refusals = &mut state.counters.accelerometer;
-        let verdict = refusals.judge(nis, self.gate, self.patience);
+        let verdict = refusals.judge_scalar(innovation, noise, variance, self.gate, self.patience);
         if verdict == Verdict::Used {
-            let h = [0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0];
-            let gain = state.covariance.observe::<V_DOT>(&h, noise);
-            state.correct(&gain, innovation);
+            let gain = state.covariance.observe::<ACCELERATION>(noise);
+            state.correct(&gain.map(|gain| gain * innovation));
         }
         verdict
     }

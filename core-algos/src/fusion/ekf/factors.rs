@@ -1,29 +1,46 @@
-//! Covariance of the axle filter as P = U D Uᵀ, U unit upper triangular, D diagonal (Bierman,
-//! Thornton), with its time and measurement updates.
+//! Covariance of the axle filter, split where the model is split.
 //!
-//! What filters lose in single precision they lose when a small variance is formed as the
+//! The motion states m = (v, φ̇, v̇, φ̈) move by themselves and are all that the axle's sensors see;
+//! the posture p only follows. So the error of the posture is kept as p = G m + e with e independent
+//! of m: what a measurement says about m it says about p by G, and G and the covariance of e stay as
+//! they are. An update therefore costs as much as in a filter of four states.
+//!
+//! Both covariances, of m and of e, are kept as U D Uᵀ, U unit upper triangular, D diagonal (Bierman,
+//! Thornton). What filters lose in single precision they lose when a small variance is formed as the
 //! difference of large ones: by a measurement much stronger than the prediction, by two wheels that
 //! tie speed and yaw rate together, by a position that swings out and back with an unknown heading.
-//! In factors no such difference is ever taken, P is positive semidefinite by construction, and
-//! single precision gives what the matrix itself would need twice the digits for.
+//! Here no such difference is ever taken, P is positive semidefinite by construction, and single
+//! precision gives what the matrix itself would need twice the digits for.
 //!
-//! The order of the states (paper eq. 19) suits the model: each state is driven only by later ones,
-//! so that A is unit upper triangular, A U is again of the form wanted, and D is untouched. Process
-//! noise is added as rank-one terms (Agee and Turner), measurements one by one (Bierman); both equal
-//! Joseph's form in exact arithmetic.
+//! The order of the states (paper eq. 19) suits the model: each is driven only by later ones, so
+//! that Φ U is again of the form wanted and D is untouched. Process noise is added as rank-one terms
+//! (Agee and Turner), measurements one by one (Bierman). With m' = Φ m the posture's dependence is
+//! G Φ⁻¹; with noise, m' = m + b w, the regression of w on m', w = κᵀ m' + rest, is taken from the
+//! same terms: p = (G + γ κᵀ) m' + e + γ rest for γ = a − G b, a being the noise's share in p.
 
-use super::{N, OMEGA, OMEGA_DOT, PHI, V, V_DOT, X, Y};
+use super::{N, PHI, X, Y};
 use crate::math::TwoFloat;
 use crate::math::matrix::{Mat, Mat3};
 
 /// Variances are scaled back to this (in squared state units) when they pass it.
 const MAX_VARIANCE: f32 = 1e6;
 
-/// A symmetric positive semidefinite 7×7 covariance in factors: 28 numbers.
+/// Motion states, and where each stands among them.
+pub(super) const M: usize = 4;
+pub(super) const SPEED: usize = 0;
+pub(super) const YAW_RATE: usize = 1;
+pub(super) const ACCELERATION: usize = 2;
+pub(super) const YAW_ACCELERATION: usize = 3;
+
+/// A symmetric positive semidefinite 7×7 covariance: 28 numbers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Covariance {
-    /// D on the diagonal, U above it, zeros below.
-    factors: Mat<N, N>,
+    /// Covariance of the motion states: D on the diagonal, U above it, zeros below.
+    motion: Mat<M, M>,
+    /// G.
+    follow: Mat<3, M>,
+    /// Covariance of e, in the form of `motion`.
+    own: Mat3,
 }
 
 /// A step of the motion model, as its covariance needs it.
@@ -39,37 +56,41 @@ pub(super) struct Motion {
     pub dy: f32,
 }
 
-/// variance · a aᵀ on its way into the factors.
-struct RankOne {
-    a: [f32; N],
-    variance: f32,
+/// Column `J` of a factorised matrix takes its share of `variance · a aᵀ`; `a` and `variance` are
+/// what remains for the columns before it. Returns β and the ratio of the diagonal entries.
+#[inline(always)]
+fn absorb<const K: usize, const J: usize>(
+    factors: &mut Mat<K, K>,
+    a: &mut [f32; K],
+    variance: &mut f32,
+) -> (f32, f32) {
+    let before = factors[J][J];
+    let scaled = *variance * a[J];
+    // Nothing known and nothing added: the least variance there is, rather than a division by zero.
+    let after = before + scaled * a[J] + f32::MIN_POSITIVE;
+    let inverse = 1.0 / after;
+    let (beta, ratio) = (scaled * inverse, before * inverse);
+    for i in 0..J {
+        a[i] -= a[J] * factors[i][J];
+        factors[i][J] += beta * a[i];
+    }
+    *variance *= ratio;
+    factors[J][J] = after;
+    (beta, ratio)
 }
 
-impl RankOne {
-    /// Puts the share of state `J` into the factors; what remains lies in the states before it.
-    #[inline(always)]
-    fn absorb<const J: usize>(&mut self, u: &mut Mat<N, N>) {
-        let before = u[J][J];
-        let scaled = self.variance * self.a[J];
-        let after = before + scaled * self.a[J];
-        if !(after > 0.0) {
-            return;
-        }
-        let inverse = 1.0 / after;
-        let beta = scaled * inverse;
-        for i in 0..J {
-            self.a[i] -= self.a[J] * u[i][J];
-            u[i][J] += beta * self.a[i];
-        }
-        self.variance *= before * inverse;
-        u[J][J] = after;
-    }
+/// `Σ a[k] b[k]` of a row of G and a motion.
+#[inline(always)]
+fn dot(a: &[f32; M], b: &[f32; M]) -> f32 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
 }
 
 impl Covariance {
     /// Nothing unknown.
     pub const ZERO: Self = Self {
-        factors: [[0.0; N]; N],
+        motion: [[0.0; M]; M],
+        follow: [[0.0; M]; 3],
+        own: [[0.0; 3]; 3],
     };
 
     /// From a symmetric positive semidefinite matrix; its upper triangle is read. A state whose
@@ -91,13 +112,76 @@ impl Covariance {
                 }
             }
         }
-        Self { factors }
+        Self::from_factors(&factors)
     }
 
-    /// Entry of U: row `i`, column `j` ≥ `i`.
-    #[inline]
+    /// From the factors of the whole matrix: D on the diagonal, U above it.
+    fn from_factors(factors: &Mat<N, N>) -> Self {
+        let mut p = Self::ZERO;
+        for i in 0..M {
+            for j in i..M {
+                p.motion[i][j] = factors[3 + i][3 + j];
+            }
+        }
+        for i in 0..3 {
+            for j in i..3 {
+                p.own[i][j] = factors[i][j];
+            }
+            // G U = the upper right block.
+            for j in 0..M {
+                let mut sum = factors[i][3 + j];
+                for k in 0..j {
+                    sum -= p.follow[i][k] * p.motion[k][j];
+                }
+                p.follow[i][j] = sum;
+            }
+        }
+        p
+    }
+
+    /// The factors of the whole matrix.
+    pub(super) fn factors(&self) -> Mat<N, N> {
+        let mut factors = [[0.0; N]; N];
+        for i in 0..N {
+            for j in i..N {
+                factors[i][j] = if i == j {
+                    self.pivot(i)
+                } else {
+                    self.unit(i, j)
+                };
+            }
+        }
+        factors
+    }
+
+    /// Entry of D.
+    fn pivot(&self, i: usize) -> f32 {
+        match i {
+            0..3 => self.own[i][i],
+            _ => self.motion[i - 3][i - 3],
+        }
+    }
+
+    /// Entry of U: row `i`, column `j`.
     fn unit(&self, i: usize, j: usize) -> f32 {
-        if i == j { 1.0 } else { self.factors[i][j] }
+        self.wide_unit(i, j).value()
+    }
+
+    fn wide_unit(&self, i: usize, j: usize) -> TwoFloat {
+        let entry = |value| TwoFloat::from_f32(value);
+        match (i, j) {
+            _ if i == j => TwoFloat::ONE,
+            _ if i > j => TwoFloat::ZERO,
+            (0..3, 0..3) => entry(self.own[i][j]),
+            (0..3, _) => {
+                let mut sum = entry(self.follow[i][j - 3]);
+                for k in 0..j - 3 {
+                    sum = sum + entry(self.follow[i][k]) * entry(self.motion[k][j - 3]);
+                }
+                sum
+            }
+            _ => entry(self.motion[i - 3][j - 3]),
+        }
     }
 
     /// One entry of P.
@@ -105,7 +189,22 @@ impl Covariance {
         let (i, j) = (i % N, j % N);
         let mut sum = 0.0;
         for k in i.max(j)..N {
-            sum += self.unit(i, k) * self.unit(j, k) * self.factors[k][k];
+            sum += self.unit(i, k) * self.unit(j, k) * self.pivot(k);
+        }
+        sum
+    }
+
+    /// Variance of `row · m`.
+    #[inline]
+    pub(super) fn motion_variance(&self, row: &[f32; M]) -> f32 {
+        let u = &self.motion;
+        let mut sum = 0.0;
+        for j in 0..M {
+            let mut f = row[j];
+            for i in 0..j {
+                f += row[i] * u[i][j];
+            }
+            sum += f * f * u[j][j];
         }
         sum
     }
@@ -130,9 +229,9 @@ impl Covariance {
             for j in i..N {
                 let mut sum = TwoFloat::ZERO;
                 for k in j..N {
-                    let term = TwoFloat::from_f32(self.unit(i, k))
-                        * TwoFloat::from_f32(self.unit(j, k))
-                        * TwoFloat::from_f32(self.factors[k][k]);
+                    let term = self.wide_unit(i, k)
+                        * self.wide_unit(j, k)
+                        * TwoFloat::from_f32(self.pivot(k));
                     sum = sum + term;
                 }
                 full[i][j] = sum;
@@ -157,11 +256,20 @@ impl Covariance {
 
     /// Whether every number is finite.
     pub fn is_finite(&self) -> bool {
-        crate::math::matrix::is_finite(&self.factors)
+        crate::math::matrix::is_finite(&self.motion)
+            && crate::math::matrix::is_finite(&self.follow)
+            && crate::math::matrix::is_finite(&self.own)
     }
 
-    /// A P Aᵀ (eq. 17): A U in place, with the zeros and ones of both left out.
-    #[inline]
+    /// How the posture follows a change of the motion: G · `change`.
+    #[inline(always)]
+    pub(super) fn follow(&self, change: &[f32; M]) -> [f32; 3] {
+        let [x, y, phi] = &self.follow;
+        [dot(x, change), dot(y, change), dot(phi, change)]
+    }
+
+    /// A P Aᵀ (eq. 17).
+    #[inline(always)]
     pub(super) fn propagate(&mut self, motion: &Motion) {
         let Motion {
             t,
@@ -171,120 +279,180 @@ impl Covariance {
             dx,
             dy,
         } = *motion;
-        let row = |u: &Mat<N, N>, i: usize, j: usize| match i.cmp(&j) {
-            core::cmp::Ordering::Less => u[i][j],
-            core::cmp::Ordering::Equal => 1.0,
-            core::cmp::Ordering::Greater => 0.0,
-        };
-        let u = &mut self.factors;
-        for j in PHI..N {
-            let distance = t * row(u, V, j) + half_t2 * row(u, V_DOT, j);
-            let turn = t * row(u, OMEGA, j) + half_t2 * row(u, OMEGA_DOT, j);
-            let middle = row(u, PHI, j) + 0.5 * turn;
-            u[X][j] += cos * distance - dy * middle;
-            u[Y][j] += sin * distance + dx * middle;
-            if j >= OMEGA {
-                u[PHI][j] += turn;
+        let [x, y, phi] = &mut self.follow;
+        // The heading halfway, and what the motion itself adds.
+        let turn = [0.0, t, 0.0, half_t2];
+        let distance = [t, 0.0, half_t2, 0.0];
+        for j in 0..M {
+            let middle = if j % 2 == 0 {
+                phi[j]
+            } else {
+                phi[j] + 0.5 * turn[j]
+            };
+            x[j] -= dy * middle;
+            y[j] += dx * middle;
+            if j % 2 == 0 {
+                x[j] += cos * distance[j];
+                y[j] += sin * distance[j];
+            } else {
+                phi[j] += turn[j];
             }
         }
-        u[V][V_DOT] += t;
-        u[V][OMEGA_DOT] += t * u[V_DOT][OMEGA_DOT];
-        u[OMEGA][OMEGA_DOT] += t;
+        // In terms of the motion after the step.
+        for row in &mut self.follow {
+            row[ACCELERATION] -= t * row[SPEED];
+            row[YAW_ACCELERATION] -= t * row[YAW_RATE];
+        }
+        self.own[X][PHI] -= dy;
+        self.own[Y][PHI] += dx;
+        let u = &mut self.motion;
+        u[SPEED][ACCELERATION] += t;
+        u[SPEED][YAW_ACCELERATION] += t * u[ACCELERATION][YAW_ACCELERATION];
+        u[YAW_RATE][YAW_ACCELERATION] += t;
     }
 
-    /// P + variance · a aᵀ, for a vector whose components after `LAST` are zero (Agee and Turner).
-    #[inline]
-    pub(super) fn add_rank_one<const LAST: usize>(&mut self, a: [f32; N], variance: f32) {
-        let mut term = RankOne { a, variance };
-        if LAST >= 6 {
-            term.absorb::<6>(&mut self.factors);
-        }
-        if LAST >= 5 {
-            term.absorb::<5>(&mut self.factors);
-        }
-        if LAST >= 4 {
-            term.absorb::<4>(&mut self.factors);
-        }
+    /// Adds noise that moves the motion states by `b` and the posture by `a`, with this variance;
+    /// components of `b` after `LAST` are zero. `along` is row · b, given apart so that zeros of `b`
+    /// cost nothing.
+    #[inline(always)]
+    pub(super) fn add_motion_noise<const LAST: usize>(
+        &mut self,
+        a: [f32; 3],
+        b: [f32; M],
+        variance: f32,
+        along: impl Fn(&[f32; M]) -> f32,
+    ) {
+        let before = self.motion;
+        let (mut beta, mut ratio) = ([0.0; M], [1.0; M]);
+        let (mut rest, mut remaining) = (b, variance);
         if LAST >= 3 {
-            term.absorb::<3>(&mut self.factors);
+            (beta[3], ratio[3]) = absorb::<M, 3>(&mut self.motion, &mut rest, &mut remaining);
         }
         if LAST >= 2 {
-            term.absorb::<2>(&mut self.factors);
+            (beta[2], ratio[2]) = absorb::<M, 2>(&mut self.motion, &mut rest, &mut remaining);
         }
         if LAST >= 1 {
-            term.absorb::<1>(&mut self.factors);
+            (beta[1], ratio[1]) = absorb::<M, 1>(&mut self.motion, &mut rest, &mut remaining);
         }
-        self.factors[0][0] += term.variance * term.a[0] * term.a[0];
-    }
-
-    /// P + Q for a Q given in factors.
-    pub(super) fn add(&mut self, noise: &Self) {
-        let q = &noise.factors;
-        let column = |j: usize| {
-            let mut a = [0.0; N];
+        (beta[0], ratio[0]) = absorb::<M, 0>(&mut self.motion, &mut rest, &mut remaining);
+        // κ = U⁻ᵀ w with w[j] = β[j] · (product of the ratios before j).
+        let mut kappa = [0.0; M];
+        let mut product = 1.0;
+        for j in 0..M {
+            let mut sum = if j <= LAST { beta[j] * product } else { 0.0 };
+            product *= ratio[j];
             for i in 0..j {
-                a[i] = q[i][j];
+                sum -= before[i][j] * kappa[i];
             }
-            a[j] = 1.0;
-            a
-        };
-        self.add_rank_one::<0>(column(0), q[0][0]);
-        self.add_rank_one::<1>(column(1), q[1][1]);
-        self.add_rank_one::<2>(column(2), q[2][2]);
-        self.add_rank_one::<3>(column(3), q[3][3]);
-        self.add_rank_one::<4>(column(4), q[4][4]);
-        self.add_rank_one::<5>(column(5), q[5][5]);
-        self.add_rank_one::<6>(column(6), q[6][6]);
-    }
-
-    /// Update by a measurement of h · state with noise of the given variance (eq. 18, Bierman); the
-    /// components of h before `FIRST` are zero. Returns the gain.
-    #[inline]
-    pub(super) fn observe<const FIRST: usize>(&mut self, h: &[f32; N], variance: f32) -> [f32; N] {
-        let u = &mut self.factors;
-        let mut gain = [0.0; N];
-        // Innovation variance so far and its inverse.
-        let mut total = variance;
-        let mut inverse = 1.0 / total;
-        for j in FIRST..N {
-            let mut f = h[j];
-            for i in FIRST..j {
-                f += u[i][j] * h[i];
-            }
-            let g = u[j][j] * f;
-            let before = total;
-            let shrink = -f * inverse;
-            total += f * g;
-            inverse = 1.0 / total;
-            u[j][j] *= before * inverse;
-            for i in 0..j {
-                let entry = u[i][j];
-                u[i][j] = entry + gain[i] * shrink;
-                gain[i] += entry * g;
-            }
-            gain[j] = g;
+            kappa[j] = sum;
         }
-        gain.map(|entry| entry * inverse)
+        let mut gamma = a;
+        for i in 0..3 {
+            let row = &mut self.follow[i];
+            gamma[i] -= along(row);
+            for j in 0..M {
+                row[j] += gamma[i] * kappa[j];
+            }
+        }
+        self.add_own_noise(gamma, remaining);
     }
 
-    /// Takes the given share of the posture's own covariance out and returns it.
-    ///
-    /// The leading block of the factors is the posture's covariance given all other states: what
-    /// remains of its error when speeds and accelerations are known.
+    /// Adds noise that moves the posture alone.
+    #[inline(always)]
+    pub(super) fn add_own_noise(&mut self, mut a: [f32; 3], mut variance: f32) {
+        absorb::<3, PHI>(&mut self.own, &mut a, &mut variance);
+        self.add_position_noise(a, variance);
+    }
+
+    /// Adds noise that moves the position alone.
+    #[inline(always)]
+    pub(super) fn add_position_noise(&mut self, mut a: [f32; 3], mut variance: f32) {
+        absorb::<3, Y>(&mut self.own, &mut a, &mut variance);
+        self.own[X][X] += variance * a[X] * a[X];
+    }
+
+    /// P + Q for a Q given by the factors of the whole matrix.
+    #[inline(never)]
+    pub(super) fn add(&mut self, q: &Mat<N, N>) {
+        let posture = |j: usize| [q[X][j], q[Y][j], q[PHI][j]];
+        let by = |b: [f32; M]| move |row: &[f32; M]| dot(row, &b);
+        let b = [1.0, 0.0, 0.0, 0.0];
+        self.add_motion_noise::<0>(posture(3), b, q[3][3], by(b));
+        let b = [q[3][4], 1.0, 0.0, 0.0];
+        self.add_motion_noise::<1>(posture(4), b, q[4][4], by(b));
+        let b = [q[3][5], q[4][5], 1.0, 0.0];
+        self.add_motion_noise::<2>(posture(5), b, q[5][5], by(b));
+        let b = [q[3][6], q[4][6], q[5][6], 1.0];
+        self.add_motion_noise::<3>(posture(6), b, q[6][6], by(b));
+        self.add_own_noise([q[X][PHI], q[Y][PHI], 1.0], q[PHI][PHI]);
+        self.add_position_noise([q[X][Y], 1.0, 0.0], q[Y][Y]);
+        self.own[X][X] += q[X][X];
+    }
+
+    /// Update by a measurement of `speed · v + yaw · φ̇` with noise of the given variance (eq. 18).
+    /// Returns the gain.
+    #[inline(always)]
+    pub(super) fn observe_rates(&mut self, speed: f32, yaw: f32, variance: f32) -> [f32; M] {
+        bierman::<M, SPEED>(&mut self.motion, variance, |u, j| match j {
+            SPEED => speed,
+            YAW_RATE => u[SPEED][YAW_RATE] * speed + yaw,
+            _ => u[SPEED][j] * speed + u[YAW_RATE][j] * yaw,
+        })
+    }
+
+    /// The same for a measurement of the motion state `STATE`.
+    #[inline(always)]
+    pub(super) fn observe<const STATE: usize>(&mut self, variance: f32) -> [f32; M] {
+        bierman::<M, STATE>(&mut self.motion, variance, |u, j| {
+            if j == STATE { 1.0 } else { u[STATE][j] }
+        })
+    }
+
+    /// Update by measurements row · p, one after the other, given the innovations of p. Returns the
+    /// change of all states.
+    pub(super) fn observe_posture(
+        &mut self,
+        rows: &Mat3,
+        variances: &[f32; 3],
+        innovation: &[f32; 3],
+    ) -> [f32; N] {
+        let mut factors = self.factors();
+        let mut change = [0.0; N];
+        for (row, variance) in rows.iter().zip(variances) {
+            let mut h = [0.0; N];
+            let mut rest = 0.0;
+            for i in 0..3 {
+                h[i] = row[i];
+                rest += row[i] * (innovation[i] - change[i]);
+            }
+            let gain = bierman::<N, X>(&mut factors, *variance, |u, j| {
+                (0..j).fold(h[j], |sum, i| sum + u[i][j] * h[i])
+            });
+            for i in 0..N {
+                change[i] += gain[i] * rest;
+            }
+        }
+        *self = Self::from_factors(&factors);
+        change
+    }
+
+    /// Takes the given share of the posture's own covariance out and returns it: what remains of its
+    /// error when speeds and accelerations are known.
     pub(super) fn take_posture(&mut self, share: f32) -> Mat3 {
         let mut own = [[0.0; 3]; 3];
         for i in 0..3 {
             for j in i..3 {
                 let mut sum = 0.0;
                 for k in j..3 {
-                    sum += self.unit(i, k) * self.unit(j, k) * self.factors[k][k];
+                    let unit = |i: usize| if i == k { 1.0 } else { self.own[i][k] };
+                    sum += unit(i) * unit(j) * self.own[k][k];
                 }
                 own[i][j] = share * sum;
                 own[j][i] = share * sum;
             }
         }
         for k in 0..3 {
-            self.factors[k][k] *= 1.0 - share;
+            self.own[k][k] *= 1.0 - share;
         }
         own
     }
@@ -292,17 +460,68 @@ impl Covariance {
     /// Scales back variances that have grown without bound, correlations kept.
     pub(super) fn bound(&mut self) {
         for i in 0..N {
-            let variance = self.entry(i, i);
+            let variance = self.variance(i);
             if !(variance <= MAX_VARIANCE) {
-                let shrink = crate::math::trig::sqrt(MAX_VARIANCE / variance);
-                for k in 0..i {
-                    self.factors[k][i] /= shrink;
-                }
-                for j in i + 1..N {
-                    self.factors[i][j] *= shrink;
-                }
-                self.factors[i][i] *= shrink * shrink;
+                self.shrink(i, crate::math::trig::sqrt(MAX_VARIANCE / variance));
             }
         }
     }
+
+    /// Variance of a state.
+    fn variance(&self, i: usize) -> f32 {
+        if i < 3 {
+            let mut own = self.own[i][i];
+            for k in i + 1..3 {
+                own += self.own[i][k] * self.own[i][k] * self.own[k][k];
+            }
+            own + self.motion_variance(&self.follow[i])
+        } else {
+            let mut row = [0.0; M];
+            row[i - 3] = 1.0;
+            self.motion_variance(&row)
+        }
+    }
+
+    #[cold]
+    fn shrink(&mut self, i: usize, factor: f32) {
+        let mut factors = self.factors();
+        for k in 0..i {
+            factors[k][i] /= factor;
+        }
+        for j in i + 1..N {
+            factors[i][j] *= factor;
+        }
+        factors[i][i] *= factor * factor;
+        *self = Self::from_factors(&factors);
+    }
+}
+
+/// The measurement update of a factorised covariance (Bierman): `row` gives the entries of Uᵀ h, of
+/// which those before `FIRST` are zero. Returns the gain.
+#[inline(always)]
+fn bierman<const K: usize, const FIRST: usize>(
+    u: &mut Mat<K, K>,
+    variance: f32,
+    row: impl Fn(&Mat<K, K>, usize) -> f32,
+) -> [f32; K] {
+    let mut gain = [0.0; K];
+    // Innovation variance so far and its inverse.
+    let mut total = variance;
+    let mut inverse = 1.0 / total;
+    for j in FIRST..K {
+        let f = row(u, j);
+        let g = u[j][j] * f;
+        let before = total;
+        let shrink = -f * inverse;
+        total += f * g;
+        inverse = 1.0 / total;
+        u[j][j] *= before * inverse;
+        for i in 0..j {
+            let entry = u[i][j];
+            u[i][j] = entry + gain[i] * shrink;
+            gain[i] += entry * g;
+        }
+        gain[j] = g;
+    }
+    gain.map(|entry| entry * inverse)
 }

@@ -4,7 +4,8 @@
 //! The noise is decorrelated by R = L D Lᵀ; the three scalar updates that follow equal the batch
 //! update. The heading innovation is wrapped.
 
-use super::{AxleFilter, N, PHI, State, Verdict, X, Y};
+use super::factors::M;
+use super::{AxleFilter, PHI, State, V, Verdict, X, Y};
 use crate::math::Posture;
 use crate::math::matrix::{Mat3, Vec3};
 use crate::math::trig::wrap_angle;
@@ -79,28 +80,13 @@ impl AxleFilter {
             return verdict;
         }
         let [m10, m20, m21] = fix.mixing;
-        let [d0, d1, d2] = fix.variances;
-        let mut shift = [0.0; N];
-        let mut add = |gain: [f32; N], rest: f32| {
-            for i in 0..N {
-                shift[i] += gain[i] * rest;
-            }
-            [
-                innovation[0] - shift[X],
-                innovation[1] - shift[Y],
-                innovation[2] - shift[PHI],
-            ]
-        };
+        let rows = [[1.0, 0.0, 0.0], [m10, 1.0, 0.0], [m20, m21, 1.0]];
         let p = &mut state.covariance;
-        let row = |x: f32, y: f32, phi: f32| [x, y, phi, 0.0, 0.0, 0.0, 0.0];
-        let rest = innovation[0];
-        let left = add(p.observe::<X>(&row(1.0, 0.0, 0.0), d0), rest);
-        let rest = m10 * left[0] + left[1];
-        let left = add(p.observe::<X>(&row(m10, 1.0, 0.0), d1), rest);
-        let rest = m20 * left[0] + m21 * left[1] + left[2];
-        let gain = p.observe::<X>(&row(m20, m21, 1.0), d2);
-        add(gain, rest);
-        state.shift(shift);
+        let change = p.observe_posture(&rows, &fix.variances, &innovation);
+        state.advance([change[X], change[Y], change[PHI]]);
+        for k in 0..M {
+            state.motion[k] += change[V + k];
+        }
         verdict
     }
 }

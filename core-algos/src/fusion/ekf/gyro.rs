@@ -1,6 +1,6 @@
 //! Measurement model: yaw rate from a gyro, z = φ̇.
 
-use super::{AxleFilter, OMEGA, State, Verdict};
+use super::{AxleFilter, State, Verdict};
 
 impl AxleFilter {
     /// Innovation of a yaw rate (rad/s, counter-clockwise positive), and whether it may be used.
@@ -11,10 +11,11 @@ impl AxleFilter {
         if !rate.is_finite() {
             return (state.counters.gyro.refuse(), 0.0);
         }
-        let innovation = (rate - state.motion[1].high) - state.motion[1].low;
-        let p = &state.covariance;
-        let nis = || innovation * innovation / (p.entry(OMEGA, OMEGA) + self.gyro_variance);
-        let verdict = state.counters.gyro.judge(nis, self.gate, self.patience);
+        let innovation = rate - state.motion[1];
+        let (p, noise) = (&state.covariance, self.gyro_variance);
+        let variance = || p.motion_variance(&[0.0, 1.0, 0.0, 0.0]);
+        let refusals = &mut state.counters.gyro;
+        let verdict = refusals.judge_scalar(innovation, noise, variance, self.gate, self.patience);
         (verdict, innovation)
     }
 }

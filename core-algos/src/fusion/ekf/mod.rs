@@ -8,8 +8,8 @@
 //!
 //! Measurements (eq. 18), one file each, any of them absent at any step: [`wheels`], [`gyro`],
 //! [`accelerometer`], and a posture fix ([`fix`]); [`rates`] takes wheels and gyro together. Updates
-//! are scalar and sequential, in Joseph's form with the terms that cancel removed (see
-//! [`covariance`](super::covariance)); the posture is kept in two floats, the covariance as one triangle.
+//! are scalar and sequential. The posture is kept in two floats; how the covariance is kept, and why
+//! the sensors of the axle cost no more than in a filter of four states, stands in [`factors`].
 //!
 //! **Guards.** A measurement that is not finite is counted and ignored. With
 //! [`Config::innovation_gate`] set, one whose normalised innovation squared (NIS) exceeds it is
@@ -32,7 +32,7 @@ pub mod wheels;
 pub use factors::Covariance;
 pub use fix::Fix;
 
-use self::factors::Motion;
+use self::factors::{ACCELERATION, M, Motion, SPEED, YAW_ACCELERATION, YAW_RATE};
 use super::Estimate;
 use crate::config::{Allowed, ConfigError, non_negative, positive, require};
 use crate::math::matrix::{self, Mat};
@@ -44,10 +44,8 @@ pub const N: usize = 7;
 pub(super) const X: usize = 0;
 pub(super) const Y: usize = 1;
 pub(super) const PHI: usize = 2;
+/// The first of the motion states.
 pub(super) const V: usize = 3;
-pub(super) const OMEGA: usize = 4;
-pub(super) const V_DOT: usize = 5;
-pub(super) const OMEGA_DOT: usize = 6;
 
 /// Steps between two calls of `Covariance::bound`.
 const BOUND_INTERVAL: u8 = 64;
@@ -190,7 +188,7 @@ impl Config {
                         )?;
                     }
                 }
-                Noise::Fixed(Covariance::from_matrix(&q))
+                Noise::Fixed(Covariance::from_matrix(&q).factors())
             }
             ProcessNoise::Densities(d) => Noise::Densities {
                 per_m: [
@@ -211,6 +209,10 @@ impl Config {
         let left_variance = square(positive("left_sigma_m_s", self.left_sigma_m_s)?);
         let right_variance = square(positive("right_sigma_m_s", self.right_sigma_m_s)?);
         let gyro_variance = square(positive("gyro_sigma_rad_s", self.gyro_sigma_rad_s)?);
+        let accelerometer_variance = square(positive(
+            "accelerometer_sigma_m_s2",
+            self.accelerometer_sigma_m_s2,
+        )?);
         Ok(AxleFilter {
             t,
             half_t2: 0.5 * t * t,
@@ -223,10 +225,15 @@ impl Config {
                 half_track,
                 [left_variance, right_variance, gyro_variance],
             ),
-            accelerometer_variance: square(positive(
-                "accelerometer_sigma_m_s2",
-                self.accelerometer_sigma_m_s2,
-            )?),
+            accelerometer_variance,
+            information: [
+                left_variance,
+                right_variance,
+                gyro_variance,
+                accelerometer_variance,
+            ]
+            .map(|variance| 1.0 / variance),
+            surely_accepted: self.innovation_gate.unwrap_or(f32::MAX),
             gate: self.innovation_gate,
             fix_gate: self.fix_gate,
             patience: self.gate_patience,
@@ -237,7 +244,8 @@ impl Config {
 /// Process noise ready to add.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Noise {
-    Fixed(Covariance),
+    /// In factors.
+    Fixed(Mat<N, N>),
     Densities {
         /// Variance along, across, in heading, per metre.
         per_m: [f32; 3],
@@ -262,6 +270,10 @@ pub struct AxleFilter {
     gyro_variance: f32,
     reductions: [rates::Reduction; 4],
     accelerometer_variance: f32,
+    /// Inverse variances of left, right, gyro, accelerometer.
+    information: [f32; 4],
+    /// A sum of squared innovations over variances of noise alone at which no gate can close.
+    surely_accepted: f32,
     gate: Option<f32>,
     fix_gate: Option<f32>,
     patience: u16,
@@ -323,6 +335,28 @@ impl Refusals {
         Verdict::Used
     }
 
+    /// The same for a scalar measurement: its innovation, the variance of its noise, and, looked at
+    /// only if need be, that of its prediction.
+    fn judge_scalar(
+        &mut self,
+        innovation: f32,
+        noise: f32,
+        predicted: impl FnOnce() -> f32,
+        gate: Option<f32>,
+        patience: u16,
+    ) -> Verdict {
+        let square = innovation * innovation;
+        let nis = || {
+            // With no doubt about the prediction the NIS would be larger.
+            let most = square / noise;
+            match gate {
+                Some(gate) if most <= gate => most,
+                _ => square / (predicted() + noise),
+            }
+        };
+        self.judge(nis, gate, patience)
+    }
+
     /// The verdict on a sample that is not a number.
     fn refuse(&mut self) -> Verdict {
         self.invalid = self.invalid.saturating_add(1);
@@ -377,7 +411,7 @@ pub struct Keyframe {
 pub struct State {
     posture: [TwoFloat; 3],
     /// v, φ̇, v̇, φ̈.
-    motion: [TwoFloat; 4],
+    motion: [f32; M],
     covariance: Covariance,
     steps_until_bound: u8,
     sequence: u16,
@@ -406,7 +440,7 @@ impl State {
     pub fn from_parts(x: [f32; N], covariance: &Mat<N, N>) -> Self {
         Self {
             posture: [x[X], x[Y], wrap_angle(x[PHI])].map(TwoFloat::from_f32),
-            motion: [x[V], x[OMEGA], x[V_DOT], x[OMEGA_DOT]].map(TwoFloat::from_f32),
+            motion: [x[V], x[V + 1], x[V + 2], x[V + 3]],
             covariance: Covariance::from_matrix(covariance),
             steps_until_bound: BOUND_INTERVAL,
             sequence: 0,
@@ -427,12 +461,12 @@ impl State {
 
     /// Forward speed and yaw rate.
     pub fn twist(&self) -> Twist {
-        Twist::new(self.motion[0].value(), self.motion[1].value())
+        Twist::new(self.motion[SPEED], self.motion[YAW_RATE])
     }
 
     /// Forward acceleration (m/s²) and yaw acceleration (rad/s²).
     pub fn accelerations(&self) -> [f32; 2] {
-        [self.motion[2].value(), self.motion[3].value()]
+        [self.motion[ACCELERATION], self.motion[YAW_ACCELERATION]]
     }
 
     /// The covariance.
@@ -452,20 +486,21 @@ impl State {
             && self.covariance.is_finite()
     }
 
-    /// Adds `gain · innovation`.
-    #[inline]
-    fn correct(&mut self, gain: &[f32; N], innovation: f32) {
-        self.shift(gain.map(|k| k * innovation));
-    }
-
-    #[inline]
-    fn shift(&mut self, by: [f32; N]) {
+    /// Moves the posture on.
+    #[inline(always)]
+    fn advance(&mut self, by: [f32; 3]) {
         for i in 0..3 {
-            self.posture[i] = self.posture[i].plus(by[i]);
+            self.posture[i] = self.posture[i].advanced(by[i]);
         }
         self.posture[PHI] = self.posture[PHI].wrapped_once();
-        for k in 0..4 {
-            self.motion[k] = self.motion[k].plus(by[V + k]);
+    }
+
+    /// Takes in what measurements of the motion have shown of its error.
+    #[inline(always)]
+    fn correct(&mut self, change: &[f32; M]) {
+        self.advance(self.covariance.follow(change));
+        for k in 0..M {
+            self.motion[k] += change[k];
         }
     }
 
@@ -505,10 +540,10 @@ impl AxleFilter {
     /// Time update (eq. 17): moves the state on by one period.
     pub fn predict(&self, state: &mut State) {
         let t = self.t;
-        let [v, omega, v_dot, omega_dot] = state.motion.map(TwoFloat::value);
+        let [v, omega, v_dot, omega_dot] = state.motion;
         let ds = v * t + v_dot * self.half_t2;
         let dphi = omega * t + omega_dot * self.half_t2;
-        let (sin, cos) = sin_cos(state.posture[PHI].value() + 0.5 * dphi);
+        let (sin, cos) = sin_cos(state.posture[PHI].high + 0.5 * dphi);
         let (dx, dy) = (ds * cos, ds * sin);
 
         state.covariance.propagate(&Motion {
@@ -520,7 +555,9 @@ impl AxleFilter {
             dy,
         });
         self.add_noise(&mut state.covariance, [sin, cos], ds);
-        state.shift([dx, dy, dphi, v_dot * t, omega_dot * t, 0.0, 0.0]);
+        state.advance([dx, dy, dphi]);
+        state.motion[SPEED] = v + v_dot * t;
+        state.motion[YAW_RATE] = omega + omega_dot * t;
 
         state.steps_until_bound = state.steps_until_bound.saturating_sub(1);
         if state.steps_until_bound == 0 {
@@ -541,21 +578,82 @@ impl AxleFilter {
                 yaw_jerk,
             } => {
                 let half_t = 0.5 * self.t;
-                p.add_rank_one::<OMEGA_DOT>([0.0, 0.0, 0.0, 0.0, half_t, 0.0, 1.0], *yaw_jerk);
-                p.add_rank_one::<V_DOT>([0.0, 0.0, 0.0, half_t, 0.0, 1.0, 0.0], *jerk);
+                p.add_motion_noise::<YAW_ACCELERATION>(
+                    [0.0; 3],
+                    [0.0, half_t, 0.0, 1.0],
+                    *yaw_jerk,
+                    |row| row[YAW_RATE] * half_t + row[YAW_ACCELERATION],
+                );
+                p.add_motion_noise::<ACCELERATION>(
+                    [0.0; 3],
+                    [half_t, 0.0, 1.0, 0.0],
+                    *jerk,
+                    |row| row[SPEED] * half_t + row[ACCELERATION],
+                );
                 let ds = ds.abs();
                 let along = per_m[0] * ds + per_step[0];
                 let across = per_m[1] * ds + per_step[1];
                 let heading = per_m[2] * ds + per_step[2];
-                p.add_rank_one::<PHI>([0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0], heading);
-                p.add_rank_one::<Y>([cos, sin, 0.0, 0.0, 0.0, 0.0, 0.0], along);
-                p.add_rank_one::<Y>([-sin, cos, 0.0, 0.0, 0.0, 0.0, 0.0], across);
+                p.add_own_noise([0.0, 0.0, 1.0], heading);
+                p.add_position_noise([cos, sin, 0.0], along);
+                p.add_position_noise([-sin, cos, 0.0], across);
             }
         }
     }
 
     /// Measurement update (eq. 18) by whatever is there.
+    #[inline(always)]
     pub fn update(&self, state: &mut State, measurements: &Measurements) -> Verdicts {
+        match self.update_all(state, measurements) {
+            Some(verdicts) => verdicts,
+            None => self.update_some(state, measurements),
+        }
+    }
+
+    /// The update when all sensors are there and each is so near to its prediction that its gate
+    /// need not be looked at; `None`, and nothing done, otherwise.
+    #[inline(always)]
+    fn update_all(&self, state: &mut State, measurements: &Measurements) -> Option<Verdicts> {
+        let [v, omega, v_dot, _] = state.motion;
+        let turning = self.half_track * omega;
+        let rates = [
+            measurements.left_m_s? - (v - turning),
+            measurements.right_m_s? - (v + turning),
+            measurements.gyro_rad_s? - omega,
+        ];
+        let acceleration = measurements.acceleration_m_s2? - v_dot;
+        let [left, right, gyro, accelerometer] = self.information;
+        let surprise = rates[0] * rates[0] * left
+            + rates[1] * rates[1] * right
+            + rates[2] * rates[2] * gyro
+            + acceleration * acceleration * accelerometer;
+        // The NIS of each is below this sum, which is NaN or infinite if a sample is.
+        if !(surprise <= self.surely_accepted) {
+            return None;
+        }
+        let mut change = Self::change_by_rates(state, &self.reductions[3], &rates);
+        let rest = acceleration - change[ACCELERATION];
+        let noise = self.accelerometer_variance;
+        let gain = state.covariance.observe::<ACCELERATION>(noise);
+        for k in 0..M {
+            change[k] += gain[k] * rest;
+        }
+        state.correct(&change);
+        let counters = &mut state.counters;
+        counters.left.in_a_row = 0;
+        counters.right.in_a_row = 0;
+        counters.gyro.in_a_row = 0;
+        counters.accelerometer.in_a_row = 0;
+        Some(Verdicts {
+            left: Verdict::Used,
+            right: Verdict::Used,
+            gyro: Verdict::Used,
+            accelerometer: Verdict::Used,
+        })
+    }
+
+    #[inline(never)]
+    fn update_some(&self, state: &mut State, measurements: &Measurements) -> Verdicts {
         let [left, right, gyro] = self.update_rates(
             state,
             measurements.left_m_s,

@@ -4,7 +4,8 @@
 //! uncorrelated measurements: v, and φ̇ − c v; for wheels of equal noise c is 0 and both measure one
 //! state each. That saves an update when a gyro is fitted, and equals the batch update.
 
-use super::{AxleFilter, OMEGA, State, V, Verdict};
+use super::factors::{M, SPEED, YAW_RATE};
+use super::{AxleFilter, State, Verdict};
 
 /// Least squares over a subset of (left, right, gyro) that determines both v and φ̇.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -45,14 +46,6 @@ impl Reduction {
     }
 }
 
-/// Measurement row of the yaw rate.
-const YAW: [f32; super::N] = rates(0.0, 1.0);
-
-/// Measurement row of a sum of speed and yaw rate.
-const fn rates(speed: f32, yaw: f32) -> [f32; super::N] {
-    [0.0, 0.0, 0.0, speed, yaw, 0.0, 0.0]
-}
-
 /// `Σ weight · innovation`.
 fn weigh(weights: &[f32; 3], innovations: &[f32; 3]) -> f32 {
     weights[0] * innovations[0] + weights[1] * innovations[1] + weights[2] * innovations[2]
@@ -89,18 +82,18 @@ impl AxleFilter {
         match used {
             [false, false, false] => {}
             [false, false, true] => {
-                let gain = state.covariance.observe::<OMEGA>(&YAW, self.gyro_variance);
-                state.correct(&gain, gyro_innovation);
+                let gain = state.covariance.observe::<YAW_RATE>(self.gyro_variance);
+                state.correct(&gain.map(|gain| gain * gyro_innovation));
             }
             [true, false, false] => {
                 let p = &mut state.covariance;
-                let gain = p.observe::<V>(&rates(1.0, -h), self.left_variance);
-                state.correct(&gain, left_innovation);
+                let gain = p.observe_rates(1.0, -h, self.left_variance);
+                state.correct(&gain.map(|gain| gain * left_innovation));
             }
             [false, true, false] => {
                 let p = &mut state.covariance;
-                let gain = p.observe::<V>(&rates(1.0, h), self.right_variance);
-                state.correct(&gain, right_innovation);
+                let gain = p.observe_rates(1.0, h, self.right_variance);
+                state.correct(&gain.map(|gain| gain * right_innovation));
             }
             [true, true, false] => Self::update_reduced(state, pair, &innovations),
             [true, false, true] => Self::update_reduced(state, left_gyro, &innovations),
@@ -111,24 +104,34 @@ impl AxleFilter {
     }
 
     /// Update by v, then by φ̇ − c v.
-    #[inline]
     fn update_reduced(state: &mut State, reduction: &Reduction, innovations: &[f32; 3]) {
+        let change = Self::change_by_rates(state, reduction, innovations);
+        state.correct(&change);
+    }
+
+    /// The same of the covariance alone; returns the change of the motion.
+    #[inline(always)]
+    pub(super) fn change_by_rates(
+        state: &mut State,
+        reduction: &Reduction,
+        innovations: &[f32; 3],
+    ) -> [f32; M] {
         let forward = weigh(&reduction.speed_weights, innovations);
         let yaw = weigh(&reduction.yaw_weights, innovations);
         let p = &mut state.covariance;
-        let first = p.observe::<V>(&rates(1.0, 0.0), reduction.speed_variance);
+        let first = p.observe::<SPEED>(reduction.speed_variance);
         // What the first update has explained of the second innovation.
         let c = reduction.coupling;
-        let yaw = yaw - (first[OMEGA] - c * first[V]) * forward;
+        let yaw = yaw - (first[YAW_RATE] - c * first[SPEED]) * forward;
         let second = if c == 0.0 {
-            p.observe::<OMEGA>(&YAW, reduction.yaw_variance)
+            p.observe::<YAW_RATE>(reduction.yaw_variance)
         } else {
-            p.observe::<V>(&rates(-c, 1.0), reduction.yaw_variance)
+            p.observe_rates(-c, 1.0, reduction.yaw_variance)
         };
-        let mut shift = [0.0; super::N];
-        for i in 0..super::N {
-            shift[i] = first[i] * forward + second[i] * yaw;
+        let mut change = [0.0; M];
+        for k in 0..M {
+            change[k] = first[k] * forward + second[k] * yaw;
         }
-        state.shift(shift);
+        change
     }
 }

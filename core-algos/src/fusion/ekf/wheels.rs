@@ -1,8 +1,7 @@
 //! Measurement model: speeds of the left and right wheel over ground, z = v ∓ φ̇ · track/2 (left −,
 //! right +), wheel rotation times radius.
 
-use super::{AxleFilter, OMEGA, State, V, Verdict};
-use crate::math::TwoFloat;
+use super::{AxleFilter, State, Verdict};
 
 impl AxleFilter {
     /// Innovations of the wheel speeds (m/s), and whether each may be used. Each is judged against
@@ -24,14 +23,10 @@ impl AxleFilter {
             if !speed.is_finite() {
                 return (refusals.refuse(), 0.0);
             }
-            let predicted = v + omega * TwoFloat::from_f32(lever);
-            let innovation = (speed - predicted.high) - predicted.low;
-            let nis = || {
-                let turning = lever * p.entry(OMEGA, OMEGA) + 2.0 * p.entry(V, OMEGA);
-                let variance = p.entry(V, V) + lever * turning + noise;
-                innovation * innovation / variance
-            };
-            (refusals.judge(nis, gate, patience), innovation)
+            let innovation = speed - (v + omega * lever);
+            let variance = || p.motion_variance(&[1.0, lever, 0.0, 0.0]);
+            let verdict = refusals.judge_scalar(innovation, noise, variance, gate, patience);
+            (verdict, innovation)
         };
         let counters = &mut state.counters;
         [
