@@ -32,4 +32,5 @@ pub mod fusion;
 pub mod hil;
 pub mod math;
 pub mod node;
+pub mod params;
 pub mod safety;

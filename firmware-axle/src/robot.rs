@@ -14,10 +14,12 @@ use core_algos::config::ConfigError;
 use core_algos::drive::winding;
 use core_algos::node::board::Board;
 use core_algos::node::robot::RobotConfig;
+use core_algos::params::Settings;
 use embassy_executor::Spawner;
 use embassy_stm32::Peripherals;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::watch::Watch;
+use firmware_common::store::chip::Parameters;
 use firmware_common::watchdog::Watchdog;
 use firmware_common::{board, can, executors, strap};
 use static_cell::StaticCell;
@@ -45,7 +47,9 @@ async fn start(p: Peripherals) -> Result<(telemetry::Reports, Watchdog), ConfigE
     static REPORTS: Watch<CriticalSectionRawMutex, Report, 1> = Watch::new();
 
     let role = tick::role(strap::axle(p.PC13));
-    let config = RobotConfig::default();
+    let base = Settings::new(RobotConfig::default());
+    let (settings, parameters) = Parameters::load(p.FLASH, base, role).await;
+    let config = settings.robot;
     let nodes = nodes(&config, role)?;
     let geometry = &config.geometry;
     let straight_m = geometry.frame_length_m + 2.0 * geometry.rigid_end_m;
@@ -55,7 +59,7 @@ async fn start(p: Peripherals) -> Result<(telemetry::Reports, Watchdog), ConfigE
 
     let (sender, receiver, can_tx, can_rx) = can::start(p.CAN1, p.PB8, p.PB9).await;
     let encoders = Encoders::start((p.TIM3, p.PC6, p.PC7), (p.TIM4, p.PB6, p.PB7));
-    let inertial = Inertial::start(p.SPI1, p.PA4, p.PA5, p.PA6, p.PA7).await?;
+    let inertial = Inertial::start(p.SPI1, p.PA4, p.PA5, p.PA6, p.PA7, &settings.inertial).await?;
     let watchdog = Watchdog::start(p.IWDG);
     let motors = Motors::start(motors::Parts {
         adc: p.ADC1,
@@ -87,6 +91,7 @@ async fn start(p: Peripherals) -> Result<(telemetry::Reports, Watchdog), ConfigE
         nodes,
         observer,
         winding,
+        parameters: parameters.report.conditions(),
         reports: REPORTS.sender(),
     };
     spawners.tick.spawn(tick::run(axis).expect("spawned once"));

@@ -5,13 +5,14 @@
 
 mod background;
 mod bridges;
-mod store;
 mod tick;
 
 use core_algos::acquisition::analog::ThermistorConfig;
 use core_algos::beam::calibration::StandstillLimits;
 use core_algos::beam::procedure::Procedure;
+use core_algos::bus::message::Role;
 use core_algos::config::ConfigError;
+use core_algos::params::Settings;
 use embassy_executor::Spawner;
 use embassy_stm32::Peripherals;
 use embassy_stm32::adc::AdcChannel;
@@ -19,11 +20,11 @@ use embassy_stm32::interrupt::{self, InterruptExt, Priority};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use embassy_sync::watch::Watch;
+use firmware_common::store::chip::Parameters;
 use firmware_common::watchdog::Watchdog;
 use firmware_common::{board, can, executors};
 
 use bridges::Bridges;
-use store::Store;
 use tick::{Beam, Report, Saving};
 
 #[embassy_executor::main]
@@ -42,12 +43,9 @@ async fn start(p: Peripherals) -> Result<(), ConfigError> {
         done: Signal::new(),
     };
 
-    let mut store = Store::new(p.FLASH);
-    let mut config = tick::config();
-    match store.load(&config.beam.calibration).await {
-        Some(calibration) => config.beam.calibration = calibration,
-        None => defmt::warn!("no calibration is stored: calibrate zeros and gains"),
-    }
+    let base = Settings::new(tick::config());
+    let (settings, parameters) = Parameters::load(p.FLASH, base, Role::Beam).await;
+    let config = settings.robot;
     let node = tick::node(&config)?;
     let limits = StandstillLimits::default().build()?;
     let procedure = Procedure::new(limits, config.geometry.half_thickness_m);
@@ -87,9 +85,10 @@ async fn start(p: Peripherals) -> Result<(), ConfigError> {
         node,
         procedure,
         saving: &SAVING,
+        parameters: parameters.report.conditions(),
         reports: REPORTS.sender(),
     };
     spawners.tick.spawn(tick::run(beam).expect("spawned once"));
     let reports = REPORTS.receiver().expect("the only one");
-    background::run(reports, store, &SAVING, watchdog).await
+    background::run(reports, parameters, settings, &SAVING, watchdog).await
 }

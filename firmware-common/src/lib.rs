@@ -6,6 +6,7 @@
 //! | `fault` | panics and processor faults: outputs safe, counted, logged, restarted |
 //! | `watchdog` | independent watchdog |
 //! | `time_driver` | time of `embassy-time` from SysTick |
+//! | `store` | parameters in flash |
 //! | `strap` | role of an axle board |
 //! | `stack` | how much stack was ever used |
 //! | `timing` | how late ticks come and how long they take |
@@ -14,7 +15,7 @@
 //! | `hil` | hardware in the loop: the node fed from a serial link (feature `hil`) |
 //! | `emulated` | what QEMU needs (feature `emulated`) |
 //!
-//! All but what can be tested on a host is for the board; built for a host the crate is empty.
+//! All but what can be tested on a host is for the board.
 
 #![cfg_attr(target_os = "none", no_std)]
 
@@ -32,6 +33,8 @@ pub mod time_driver;
 pub mod timing;
 #[cfg(target_os = "none")]
 pub mod watchdog;
+
+pub mod store;
 
 #[cfg(all(target_os = "none", not(feature = "hil")))]
 pub mod can;

@@ -41,6 +41,8 @@ pub enum Command {
     Consistency(ConsistencyArgs),
     /// Run one on-board algorithm on cases from standard input, one JSON object a line
     Eval(EvalArgs),
+    /// Print the table of the parameters a board keeps in its flash
+    Parameters,
     /// Print the table of conditions, their codes, and the operating states
     Codes,
     /// Print the scenario with all defaults as TOML

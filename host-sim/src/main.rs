@@ -17,6 +17,7 @@ fn main() -> ExitCode {
         Some(Command::Consistency(args)) => commands::consistency::run(args),
         Some(Command::Sweep(args)) => commands::sweep::run(args),
         Some(Command::Eval(args)) => commands::eval::run(args),
+        Some(Command::Parameters) => commands::parameters::run(),
         Some(Command::Codes) => commands::codes::run(),
         Some(Command::Dbc(args)) => commands::dbc::run(args),
         Some(Command::Config(args)) => commands::config::run(args),

@@ -1,12 +1,12 @@
 //! Calibration on request: average at standstill, then zeros or gains, as a state machine of the
-//! beam board; and the stored form of its result.
+//! beam board.
 //!
 //! A request is refused while the motors are on, since then the strip is not held at the shape the
 //! request names. [`Procedure::sample`] is given every conversion and says when something is to be
 //! done. Nothing here can fail.
 
 use super::calibration::{self, Standstill, StandstillError, StandstillLimits};
-use super::strip::{GaugeMask, MAX_GAUGES, PerGauge};
+use super::strip::{GaugeMask, MAX_GAUGES};
 use crate::bus::message::{Calibrate, CalibrationResult};
 
 /// What is to be done.
@@ -112,53 +112,10 @@ impl Procedure {
     }
 }
 
-/// Bytes of a stored calibration.
-pub const STORED_BYTES: usize = 2 + 8 * MAX_GAUGES;
-/// First byte of the stored form; another one is of another version.
-const VERSION: u8 = 1;
-
-impl calibration::Config {
-    /// Zeros and gains as bytes. Guarding them against damage is the store's business.
-    pub fn to_bytes(&self) -> [u8; STORED_BYTES] {
-        let mut bytes = [0; STORED_BYTES];
-        bytes[0] = VERSION;
-        bytes[1] = self.zero_counts.count() as u8;
-        let values = self.zero_counts.padded().into_iter();
-        let values = values.chain(self.gain.padded());
-        for (slot, value) in bytes.split_at_mut(2).1.chunks_exact_mut(4).zip(values) {
-            slot.copy_from_slice(&value.to_le_bytes());
-        }
-        bytes
-    }
-
-    /// This calibration with the zeros and gains of [`Self::to_bytes`]; `None` if the bytes are of
-    /// another version, for another number of gauges, or out of range.
-    pub fn with_bytes(&self, bytes: &[u8]) -> Option<Self> {
-        let gauges = self.zero_counts.count();
-        let (head, values) = bytes.split_at_checked(2)?;
-        if bytes.len() != STORED_BYTES || head != [VERSION, gauges as u8] {
-            return None;
-        }
-        let mut numbers = [0.0; 2 * MAX_GAUGES];
-        for (number, chunk) in numbers.iter_mut().zip(values.chunks_exact(4)) {
-            *number = f32::from_le_bytes(chunk.try_into().ok()?);
-        }
-        let (zeros, gains) = numbers.split_at(MAX_GAUGES);
-        let config = Self {
-            zero_counts: PerGauge::new(zeros.get(..gauges)?)?,
-            gain: PerGauge::new(gains.get(..gauges)?)?,
-            ..*self
-        };
-        config.build(gauges).ok()?;
-        Some(config)
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::fusion::testing::Random;
-    use proptest::prelude::*;
 
     const HALF_THICKNESS: f32 = 0.5e-3;
 
@@ -262,29 +219,6 @@ mod tests {
                 } => assert_eq!(result, expected),
                 other => panic!("{other:?}"),
             }
-        }
-    }
-
-    proptest! {
-        #[test]
-        fn stored_bytes_come_back_or_are_refused(
-            zeros in proptest::array::uniform5(0.0f32..4095.0),
-            gains in proptest::array::uniform5(0.5f32..2.0),
-            position in 0usize..STORED_BYTES, flip in 1u8..=255,
-        ) {
-            let config = calibration::Config {
-                zero_counts: PerGauge::new(&zeros).unwrap(),
-                gain: PerGauge::new(&gains).unwrap(),
-                ..calibration::Config::default()
-            };
-            let mut bytes = config.to_bytes();
-            prop_assert_eq!(calibration::Config::default().with_bytes(&bytes), Some(config));
-            bytes[position] ^= flip;
-            // A damaged value may still be one, but never one out of range.
-            if let Some(other) = config.with_bytes(&bytes) {
-                prop_assert!(other.build(5).is_ok());
-            }
-            prop_assert_eq!(config.with_bytes(&bytes[..STORED_BYTES - 1]), None);
         }
     }
 }

@@ -53,6 +53,13 @@ impl PerGauge {
         self.count
     }
 
+    /// Replaces the value of gauge `i`; nothing happens beyond the last gauge.
+    pub fn set(&mut self, i: usize, value: f32) {
+        if let Some(slot) = self.values.get_mut(..self.count).and_then(|v| v.get_mut(i)) {
+            *slot = value;
+        }
+    }
+
     /// The values with zeros after the last.
     pub fn padded(&self) -> [f32; MAX_GAUGES] {
         self.values

@@ -2,6 +2,7 @@
 
 use core_algos::acquisition::inertial::{Channel, Config};
 use core_algos::config::ConfigError;
+use core_algos::params;
 use embassy_stm32::Peri;
 use embassy_stm32::gpio::{Level, Output, Speed};
 use embassy_stm32::mode::Blocking;
@@ -56,14 +57,15 @@ impl Inertial {
         clock: Peri<'static, PA5>,
         miso: Peri<'static, PA6>,
         mosi: Peri<'static, PA7>,
+        scale: &params::Inertial,
     ) -> Result<Self, ConfigError> {
         let mut config = spi::Config::default();
         config.frequency = Hertz(10_500_000);
         let mut sensor = Self {
             spi: Spi::new_blocking(spi, clock, mosi, miso, config),
             select: Output::new(select, Level::High, Speed::High),
-            gyro: Config::GYRO.build()?,
-            accelerometer: Config::ACCELEROMETER.build()?,
+            gyro: scaled(Config::GYRO, scale.gyro_gain)?,
+            accelerometer: scaled(Config::ACCELEROMETER, scale.accelerometer_gain)?,
             answers: false,
             last: [0; 13],
             repeats: 0,
@@ -120,4 +122,14 @@ impl Inertial {
         self.select.set_high();
         done
     }
+}
+
+/// A channel whose counts are worth `gain` times what the data sheet says.
+fn scaled(config: Config, gain: f32) -> Result<Channel, ConfigError> {
+    let unit_per_count = gain * config.unit_per_count;
+    Config {
+        unit_per_count,
+        ..config
+    }
+    .build()
 }

@@ -71,6 +71,8 @@ pub struct Axis {
     pub observer: WheelObserver,
     /// Thermal model of the motors.
     pub winding: Winding,
+    /// How the parameters were found at the start.
+    pub parameters: Conditions,
     /// Where reports go.
     pub reports: Reports,
 }
@@ -155,7 +157,8 @@ impl Axis {
             .with(Condition::SupplyLow, below(SUPPLY_LOW_V.0))
             .with(Condition::SupplyHigh, feedback.supply_v > SUPPLY_HIGH_V)
             .with(Condition::BusOff, can::is_off())
-            .union(pace.conditions());
+            .union(pace.conditions())
+            .union(self.parameters);
         match feedback.fault {
             Some(fault) => conditions.with(fault, true),
             None => conditions,

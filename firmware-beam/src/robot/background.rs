@@ -1,11 +1,12 @@
 //! What has time: the log, the store, the watchdog.
 
+use core_algos::params::Settings;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::watch;
+use firmware_common::store::chip::Parameters;
 use firmware_common::watchdog::Watchdog;
 use firmware_common::{can, fault, stack};
 
-use super::store::Store;
 use super::tick::{Report, Saving};
 
 /// Where reports come from.
@@ -15,7 +16,8 @@ pub type Reports = watch::Receiver<'static, CriticalSectionRawMutex, Report, 1>;
 /// a tick that stops lets it reset the board.
 pub async fn run(
     mut reports: Reports,
-    mut store: Store,
+    mut parameters: Parameters,
+    mut settings: Settings,
     saving: &'static Saving,
     mut watchdog: Watchdog,
 ) -> ! {
@@ -23,9 +25,10 @@ pub async fn run(
     loop {
         let report = reports.changed().await;
         watchdog.feed();
-        if let Some(config) = saving.wanted.try_take() {
+        if let Some((calibration, off)) = saving.wanted.try_take() {
+            settings.robot.beam.calibration = calibration;
             watchdog.lengthen();
-            let saved = store.save(&config).await;
+            let saved = parameters.save(&settings, off).await;
             watchdog.shorten();
             defmt::info!("calibration saved: {}", saved);
             saving.done.signal(saved);

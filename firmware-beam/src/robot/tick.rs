@@ -10,7 +10,8 @@ use core_algos::node::beam::BeamNode;
 use core_algos::node::pace::{Pace, Step};
 use core_algos::node::robot::RobotConfig;
 use core_algos::node::{Micros, Outbox, TICK, sequence};
-use core_algos::safety::{Condition, Permit};
+use core_algos::params::Disarmed;
+use core_algos::safety::{Condition, Conditions, Permit};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use embassy_sync::watch;
@@ -50,7 +51,7 @@ pub type Reports = watch::Sender<'static, CriticalSectionRawMutex, Report, 1>;
 /// A calibration on its way into the store, and whether it got there on the way back.
 pub struct Saving {
     /// To the store.
-    pub wanted: Signal<CriticalSectionRawMutex, calibration::Config>,
+    pub wanted: Signal<CriticalSectionRawMutex, (calibration::Config, Disarmed)>,
     /// From the store.
     pub done: Signal<CriticalSectionRawMutex, bool>,
 }
@@ -71,6 +72,8 @@ pub struct Beam {
     pub procedure: Procedure,
     /// The store's two signals.
     pub saving: &'static Saving,
+    /// How the parameters were found at the start.
+    pub parameters: Conditions,
     /// Where reports go.
     pub reports: Reports,
 }
@@ -164,7 +167,7 @@ impl Beam {
         let (Step::Run(now) | Step::Restart(now)) = step else {
             return;
         };
-        let conditions = state.pace.conditions();
+        let conditions = state.pace.conditions().union(self.parameters);
         self.node
             .note(conditions.with(Condition::BusOff, can::is_off()));
         let mut outbox = Outbox::new();
@@ -201,14 +204,15 @@ impl Beam {
             Some(Event::Adopt { sequence, config }) => {
                 let mut robot = self.config;
                 robot.beam.calibration = config;
-                match node(&robot) {
-                    Ok(node) => {
+                match (node(&robot), Disarmed::when(motors_off)) {
+                    (Ok(node), Some(off)) => {
                         self.node = node;
                         self.config = robot;
                         state.saving = Some(sequence);
-                        self.saving.wanted.signal(config);
+                        self.saving.wanted.signal((config, off));
                     }
-                    Err(_) => self.answer(sequence, CalibrationResult::OutOfRange, 0),
+                    (Ok(_), None) => self.answer(sequence, CalibrationResult::MotorsOn, 0),
+                    (Err(_), _) => self.answer(sequence, CalibrationResult::OutOfRange, 0),
                 }
             }
             None => {}

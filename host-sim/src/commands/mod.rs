@@ -8,6 +8,7 @@ pub mod eval;
 pub mod follow;
 pub mod hil;
 pub mod loop_bench;
+pub mod parameters;
 pub mod plant_bench;
 pub mod posture;
 pub mod sensitivity;

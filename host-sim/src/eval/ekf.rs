@@ -134,7 +134,10 @@ impl Run {
         if let Some((posture, fix)) = pose {
             self.filter.update_fix(&mut state, &posture, &fix);
         }
-        if !state.is_finite() {
+        // A covariance is kept as its factors, whose product can be out of range while they are not.
+        let covariance = state.covariance().wide_matrix();
+        let covariance = covariance.map(|row| row.map(check::exact));
+        if !state.is_finite() || !covariance.iter().flatten().all(|entry| entry.is_finite()) {
             return Err("the state has left the range of single precision".to_owned());
         }
         self.state = state;
@@ -146,7 +149,7 @@ impl Run {
                 x, y, phi,
                 f64::from(twist.v), f64::from(twist.omega), f64::from(v_dot), f64::from(omega_dot),
             ],
-            "P": state.covariance().wide_matrix().map(|row| row.map(check::exact)),
+            "P": covariance,
         }))
     }
 }

@@ -1,0 +1,364 @@
+//! What holds of the nodes and filters whatever comes in: numbers that are none, messages of any
+//! content, a clock that stands still or runs back.
+//!
+//! Single algorithms are held to the same beside their code; here they run together.
+
+use core_algos::beam::MAX_GAUGES;
+use core_algos::bus::message::{Axle, LeadMode, Message};
+use core_algos::bus::{self};
+use core_algos::control::path::{PathPoint, TrajectoryPoint};
+use core_algos::fusion::ekf::{self, Measurements};
+use core_algos::fusion::{Estimate, intersection};
+use core_algos::math::matrix::Mat3;
+use core_algos::math::{Posture, Wrench};
+use core_algos::node::board::{Board, Role, Samples};
+use core_algos::node::lead::Task;
+use core_algos::node::robot::RobotConfig;
+use core_algos::node::{EPOCH, LEAD_PHASE, Micros, Outbox, TICK, axle};
+use proptest::prelude::*;
+
+/// Numbers of which some are none.
+fn number() -> impl Strategy<Value = f32> {
+    prop_oneof![
+        8 => -2.0f32..2.0,
+        1 => Just(f32::NAN),
+        1 => Just(f32::INFINITY),
+        1 => Just(f32::NEG_INFINITY),
+        1 => prop_oneof![Just(f32::MAX), Just(f32::MIN), Just(1e-40f32), Just(0.0f32)],
+        1 => any::<u32>().prop_map(f32::from_bits),
+    ]
+}
+
+/// What a broken sensor may give: within its units, or no number.
+fn measured() -> impl Strategy<Value = f32> {
+    number().prop_map(|x| {
+        if x.is_finite() {
+            x.clamp(-20.0, 20.0)
+        } else {
+            x
+        }
+    })
+}
+
+fn numbers<const N: usize>() -> impl Strategy<Value = [f32; N]> {
+    prop::collection::vec(number(), N).prop_map(|v| v.try_into().unwrap())
+}
+
+/// Messages of any content.
+fn message() -> impl Strategy<Value = Message> {
+    let axle = prop_oneof![Just(Axle::Front), Just(Axle::Rear)];
+    let mode = prop_oneof![
+        Just(LeadMode::Idle),
+        Just(LeadMode::Active),
+        Just(LeadMode::Hold)
+    ];
+    (0..8u8, numbers::<9>(), any::<u8>(), any::<u8>(), axle, mode).prop_map(
+        |(kind, n, sequence, byte, axle, mode)| {
+            let posture = Posture::new(n[0], n[1], n[2]);
+            let covariance: Mat3 = [[n[0], n[1], n[2]], [n[3], n[4], n[5]], [n[6], n[7], n[8]]];
+            match kind {
+                0 => Message::LeadStatus {
+                    sequence,
+                    mode,
+                    steering_rad: n[0],
+                    velocity_m_s: n[1],
+                },
+                1 => Message::ReferencePosture {
+                    axle,
+                    sequence,
+                    posture,
+                },
+                2 => Message::ReferenceMotion {
+                    axle,
+                    sequence,
+                    velocity_m_s: n[0],
+                    yaw_rate_rad_s: n[1],
+                    acceleration_m_s2: n[2],
+                    yaw_acceleration_rad_s2: n[3],
+                },
+                3 => Message::AxlePosture {
+                    axle,
+                    sequence,
+                    posture,
+                },
+                4 => Message::AxleMotion {
+                    axle,
+                    sequence,
+                    velocity_m_s: n[0],
+                    yaw_rate_rad_s: n[1],
+                    refused: byte,
+                    gyro_samples: byte,
+                    uptime: byte,
+                },
+                5 => Message::AxleUncertainty {
+                    axle,
+                    sequence,
+                    covariance,
+                },
+                6 => Message::BeamPosture {
+                    sequence,
+                    posture,
+                    gauges: byte % 6,
+                },
+                _ => Message::BeamWrench {
+                    sequence,
+                    wrench: Wrench {
+                        force_x: n[0],
+                        force_y: n[1],
+                        moment_root: n[2],
+                        moment_end: n[3],
+                    },
+                },
+            }
+        },
+    )
+}
+
+#[derive(Clone, Debug)]
+struct Tick {
+    /// Usually one tick; 0 stands still, negative runs back.
+    passed: i64,
+    encoder: [Option<i32>; 2],
+    inertial: [Option<f32>; 2],
+    counts: [i32; MAX_GAUGES],
+    received: Vec<Message>,
+    task: Option<Task>,
+}
+
+fn tick() -> impl Strategy<Value = Tick> {
+    let passed = prop_oneof![
+        20 => Just(TICK as i64),
+        1 => Just(0),
+        1 => -50_000i64..50_000,
+        1 => -5_000_000i64..5_000_000,
+    ];
+    let encoder =
+        prop_oneof![6 => Just(Some(0)), 1 => Just(None), 1 => any::<i32>().prop_map(Some)];
+    let counts = prop_oneof![4 => 2000i32..2100, 1 => any::<i32>()];
+    let task = prop_oneof![
+        20 => Just(None),
+        1 => Just(Some(Task::Stop)),
+        1 => Just(Some(Task::Follow)),
+        1 => Just(Some(Task::Track)),
+        1 => numbers::<3>().prop_map(|g| Some(Task::Regulate { goal: g.into() })),
+    ];
+    (
+        passed,
+        [encoder.clone(), encoder],
+        [prop::option::of(number()), prop::option::of(number())],
+        prop::collection::vec(counts, MAX_GAUGES),
+        prop::collection::vec(message(), 0..3),
+        task,
+    )
+        .prop_map(|(passed, encoder, inertial, counts, received, task)| Tick {
+            passed,
+            encoder,
+            inertial,
+            counts: counts.try_into().unwrap(),
+            received,
+            task,
+        })
+}
+
+fn finite(posture: Posture) -> bool {
+    posture.x.is_finite() && posture.y.is_finite() && posture.phi.is_finite()
+}
+
+fn known() -> Estimate {
+    Estimate::with_sigmas(Posture::ORIGIN, [1e-3; 3])
+}
+
+/// Runs every board on the same ticks and checks what comes out.
+fn drive(ticks: &[Tick]) -> Result<(), TestCaseError> {
+    let config = RobotConfig::default();
+    let torque = config.axle.controller.max_torque_nm;
+    let (speed, steering) = (config.limits.max_speed_m_s, config.limits.max_steering_rad);
+    for role in Role::ALL {
+        let mut board = Board::new(&config, role).unwrap();
+        if let Some(lead) = board.lead() {
+            let straight = config.geometry.frame_length_m;
+            let relative = Estimate::with_sigmas(Posture::new(straight, 0.0, 0.0), [1e-3; 3]);
+            lead.initialize(&known(), &relative);
+        }
+        let (mut now, mut outbox): (Micros, _) = (20_000_000, Outbox::new());
+        for tick in ticks {
+            now = now.saturating_add_signed(tick.passed);
+            // The lead node works once an epoch: here as often as every other tick.
+            let at = if tick.passed % 2 == 0 {
+                now / EPOCH * EPOCH + LEAD_PHASE
+            } else {
+                now
+            };
+            if let (Some(lead), Some(task)) = (board.lead(), tick.task) {
+                let n = tick.inertial.map(|n| n.unwrap_or(0.1));
+                let point = PathPoint {
+                    posture: Posture::new(n[0], n[1], 0.0),
+                    kappa: n[0],
+                    s: n[1],
+                };
+                // Refused or not, what was pushed must not do harm.
+                let _ = lead.course().push_path_point(point);
+                let timed = TrajectoryPoint {
+                    time_s: n[0],
+                    v: n[1],
+                    point,
+                };
+                let _ = lead.course().push_trajectory_point(timed);
+                lead.command(task);
+            }
+            for message in &tick.received {
+                board.receive(at, message);
+            }
+            let samples = match role {
+                Role::Beam => Samples::Beam(tick.counts),
+                _ => Samples::Axle(axle::Samples {
+                    encoder: tick.encoder,
+                    gyro_rad_s: tick.inertial[0],
+                    acceleration_m_s2: tick.inertial[1],
+                    ..axle::Samples::default()
+                }),
+            };
+            outbox.clear();
+            let output = board.step(at, &samples, &mut outbox);
+            for wheel in output.torque_nm {
+                prop_assert!(wheel.abs() <= torque, "{role:?} {output:?}");
+            }
+            prop_assert!(output.active || output.torque_nm == [0.0; 2]);
+            for message in outbox.iter() {
+                // What is out of range is not sent; what is no number must not come this far.
+                if let Err(error) = bus::encode(message) {
+                    prop_assert!(error.value.is_finite(), "{role:?} {message:?}");
+                }
+            }
+            if let Some(lead) = output.lead {
+                let motion = lead.motion;
+                prop_assert!(motion.v.abs() <= speed * 1.0001, "{motion:?}");
+                prop_assert!(motion.psi.abs() <= steering, "{motion:?}");
+                prop_assert!(motion.psi_rate.is_finite());
+                prop_assert!(finite(lead.fused.robot.posture), "{:?}", lead.fused);
+            }
+        }
+    }
+    Ok(())
+}
+
+type Wide = [[f64; 3]; 3];
+
+fn wide(m: &Mat3) -> Wide {
+    m.map(|row| row.map(f64::from))
+}
+
+/// Inverse by cofactors, in `f64`.
+fn inverse(m: &Wide) -> Wide {
+    let minor = |i: usize, j: usize| {
+        let (a, b) = ((i + 1) % 3, (i + 2) % 3);
+        let (c, d) = ((j + 1) % 3, (j + 2) % 3);
+        m[a][c] * m[b][d] - m[a][d] * m[b][c]
+    };
+    let det: f64 = (0..3).map(|j| m[0][j] * minor(0, j)).sum();
+    std::array::from_fn(|i| std::array::from_fn(|j| minor(j, i) / det))
+}
+
+fn along(m: &Wide, u: &[f64; 3]) -> f64 {
+    (0..3)
+        .map(|i| (0..3).map(|j| u[i] * m[i][j] * u[j]).sum::<f64>())
+        .sum()
+}
+
+/// A covariance with given standard deviations and correlations of a random factor.
+fn covariance() -> impl Strategy<Value = Mat3> {
+    let sigma = prop::array::uniform3(-4.0f64..0.0);
+    let factor = prop::array::uniform3(-1.5f64..1.5);
+    (sigma, factor).prop_map(|(sigma, [a, b, c])| {
+        let s = sigma.map(|log| 10f64.powf(log));
+        let l = [[1.0, 0.0, 0.0], [a, 1.0, 0.0], [b, c, 1.0]];
+        std::array::from_fn(|i| {
+            std::array::from_fn(|j| {
+                let dot: f64 = (0..3).map(|k| l[i][k] * l[j][k]).sum();
+                (s[i] * s[j] * dot) as f32
+            })
+        })
+    })
+}
+
+/// Whether a matrix is symmetric and positive definite, by Cholesky in `f64`.
+fn is_definite<const N: usize>(m: &[[f64; N]; N]) -> bool {
+    let mut l = [[0.0; N]; N];
+    for i in 0..N {
+        for j in 0..=i {
+            if m[i][j] != m[j][i] {
+                return false;
+            }
+            let sum = m[i][j] - (0..j).map(|k| l[i][k] * l[j][k]).sum::<f64>();
+            if i == j {
+                if !(sum > 0.0 && sum.is_finite()) {
+                    return false;
+                }
+                l[i][i] = f64::sqrt(sum);
+            } else {
+                l[i][j] = sum / l[j][j];
+            }
+        }
+    }
+    true
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn no_input_moves_a_node_beyond_its_limits(ticks in prop::collection::vec(tick(), 1..120)) {
+        drive(&ticks)?;
+    }
+
+    /// In no direction does the result claim more than the better of the two, and nowhere less than
+    /// the worse.
+    #[test]
+    fn covariance_intersection_claims_no_more_than_its_inputs(
+        a in covariance(), b in covariance(), offset in prop::array::uniform3(-0.1f32..0.1),
+        trace in any::<bool>(),
+        directions in prop::collection::vec(prop::array::uniform3(-1.0f64..1.0), 16),
+    ) {
+        let criterion = match trace {
+            true => intersection::Criterion::Trace,
+            false => intersection::Criterion::Determinant,
+        };
+        let config = intersection::Config { criterion, ..Default::default() };
+        let estimates = [
+            Estimate { posture: Posture::ORIGIN, covariance: a },
+            Estimate { posture: offset.into(), covariance: b },
+        ];
+        let fused = config.build().unwrap().fuse(&estimates[0], &estimates[1]);
+        let Some(fused) = fused else { return Ok(()); };
+        let p = fused.estimate.covariance;
+        prop_assert!(is_definite(&wide(&p)));
+        let [ia, ib, ip] = [a, b, p].map(|m| inverse(&wide(&m)));
+        for u in &directions {
+            let (most, least) = (along(&ia, u).max(along(&ib, u)), along(&ia, u).min(along(&ib, u)));
+            let claimed = along(&ip, u);
+            prop_assert!(claimed <= most * 1.002, "{claimed} of {most}");
+            prop_assert!(claimed >= least * 0.998, "{claimed} of {least}");
+        }
+    }
+
+    /// The axle filter under any measurements within its sensors, whose gates let contradictions in
+    /// when they persist: what is no number counts as absent, and the covariance stays what a
+    /// covariance is.
+    #[test]
+    fn the_axle_filter_stays_sound(
+        steps in prop::collection::vec(prop::array::uniform4(prop::option::of(measured())), 1..400),
+    ) {
+        let filter = ekf::Config::default().build().unwrap();
+        let mut state = ekf::State::at_rest(&known(), [1e-2; 4]);
+        for [left_m_s, right_m_s, gyro_rad_s, acceleration_m_s2] in steps {
+            let measurements = Measurements { left_m_s, right_m_s, gyro_rad_s, acceleration_m_s2 };
+            filter.step(&mut state, &measurements);
+            prop_assert!(state.is_finite());
+            let entry = |t: core_algos::math::TwoFloat| f64::from(t.high) + f64::from(t.low);
+            let p = state.covariance().wide_matrix().map(|row| row.map(entry));
+            prop_assert!(is_definite(&p), "{p:?}");
+            let heading = state.posture().phi;
+            prop_assert!(heading.abs() <= std::f32::consts::PI + 1e-6, "{heading}");
+        }
+    }
+}

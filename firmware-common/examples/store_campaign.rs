@@ -1,0 +1,13 @@
+//! Prints what power cuts and damaged bytes do to the store of parameters, on a simulated flash with
+//! the sectors of the chip: `cargo run --release -p firmware-common --example store_campaign`.
+
+#[cfg(not(target_os = "none"))]
+fn main() {
+    use firmware_common::store::campaign::{damage, power_cuts};
+
+    println!("{:#?}", power_cuts::<16_384>(400, 9, 1));
+    println!("{:#?}", damage::<16_384>(20_000, 64, 2));
+}
+
+#[cfg(target_os = "none")]
+fn main() {}

@@ -1,0 +1,183 @@
+//! A flash in memory that loses its power when told to.
+
+use core::future::Future;
+use core::pin::pin;
+use core::task::{Context, Poll, Waker};
+use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
+
+/// Random numbers (splitmix64).
+#[derive(Clone, Debug)]
+pub struct Random(pub u64);
+
+impl Random {
+    /// The next 64 bits.
+    pub fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+
+    /// A whole number below `end`.
+    pub fn below(&mut self, end: usize) -> usize {
+        (self.next() % end as u64) as usize
+    }
+}
+
+/// What a word that was being written, or a sector that was being erased, holds after a power cut.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Torn {
+    /// What it held before.
+    Untouched,
+    /// Some bits of it are done.
+    Bits,
+    /// A sector: the first part is erased. A word: done.
+    Front,
+    /// A sector: the last part is erased. A word: done.
+    Back,
+}
+
+impl Torn {
+    /// Every kind.
+    pub const ALL: [Self; 4] = [Self::Untouched, Self::Bits, Self::Front, Self::Back];
+}
+
+/// Sectors of `SECTOR` bytes, written word by word as the chip's are: a write clears bits, an erase
+/// sets them.
+#[derive(Clone, Debug)]
+pub struct Flash<const SECTOR: usize> {
+    /// What it holds.
+    pub bytes: Vec<u8>,
+    /// Words written and sectors erased.
+    pub steps: u64,
+    /// Sectors erased.
+    pub erases: u64,
+    /// The step at which the power fails, and how that step ends.
+    pub cut: Option<(u64, Torn)>,
+    /// Whether the power failed during an erase.
+    pub cut_in_erase: bool,
+    /// Writes of 1 where a 0 stands: the caller's mistake, or what a cut left.
+    pub overwritten: u64,
+    random: Random,
+}
+
+impl<const SECTOR: usize> Flash<SECTOR> {
+    /// Blank sectors.
+    pub fn new(sectors: usize, seed: u64) -> Self {
+        Self {
+            bytes: vec![0xff; sectors * SECTOR],
+            steps: 0,
+            erases: 0,
+            cut: None,
+            cut_in_erase: false,
+            overwritten: 0,
+            random: Random(seed),
+        }
+    }
+
+    /// All of it.
+    pub fn range(&self) -> core::ops::Range<u32> {
+        0..self.bytes.len() as u32
+    }
+
+    /// The next step; how it ends if the power fails in it, an error if it has failed already.
+    fn step(&mut self) -> Result<Option<Torn>, NorFlashErrorKind> {
+        let step = self.steps;
+        self.steps += 1;
+        match self.cut {
+            Some((at, _)) if step > at => Err(NorFlashErrorKind::Other),
+            Some((at, torn)) if step == at => Ok(Some(torn)),
+            _ => Ok(None),
+        }
+    }
+}
+
+impl<const SECTOR: usize> ErrorType for Flash<SECTOR> {
+    type Error = NorFlashErrorKind;
+}
+
+impl<const SECTOR: usize> ReadNorFlash for Flash<SECTOR> {
+    const READ_SIZE: usize = 1;
+
+    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), NorFlashErrorKind> {
+        let start = offset as usize;
+        let from = self.bytes.get(start..start + bytes.len());
+        bytes.copy_from_slice(from.ok_or(NorFlashErrorKind::OutOfBounds)?);
+        Ok(())
+    }
+
+    fn capacity(&self) -> usize {
+        self.bytes.len()
+    }
+}
+
+impl<const SECTOR: usize> NorFlash for Flash<SECTOR> {
+    const WRITE_SIZE: usize = 4;
+    const ERASE_SIZE: usize = SECTOR;
+
+    async fn erase(&mut self, from: u32, to: u32) -> Result<(), NorFlashErrorKind> {
+        for start in (from as usize..to as usize).step_by(SECTOR) {
+            let torn = self.step()?;
+            self.erases += 1;
+            self.cut_in_erase |= torn.is_some();
+            let part = 1 + self.random.below(SECTOR - 1);
+            let random = &mut self.random;
+            let sector = self
+                .bytes
+                .get_mut(start..start + SECTOR)
+                .ok_or(NorFlashErrorKind::OutOfBounds)?;
+            match torn {
+                None => sector.fill(0xff),
+                Some(Torn::Untouched) => {}
+                Some(Torn::Bits) => sector
+                    .iter_mut()
+                    .for_each(|byte| *byte |= random.next() as u8),
+                Some(Torn::Front) => sector[..part].fill(0xff),
+                Some(Torn::Back) => sector[part..].fill(0xff),
+            }
+            if torn.is_some() {
+                return Err(NorFlashErrorKind::Other);
+            }
+        }
+        Ok(())
+    }
+
+    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {
+        if offset % 4 != 0 || bytes.len() % 4 != 0 {
+            return Err(NorFlashErrorKind::NotAligned);
+        }
+        for (start, word) in (offset as usize..).step_by(4).zip(bytes.chunks(4)) {
+            let torn = self.step()?;
+            let random = &mut self.random;
+            let slots = self
+                .bytes
+                .get_mut(start..start + 4)
+                .ok_or(NorFlashErrorKind::OutOfBounds)?;
+            for (slot, &byte) in slots.iter_mut().zip(word) {
+                self.overwritten += u64::from(byte & !*slot != 0);
+                *slot &= match torn {
+                    Some(Torn::Untouched) => 0xff,
+                    Some(Torn::Bits) => byte | random.next() as u8,
+                    _ => byte,
+                };
+            }
+            if torn.is_some() {
+                return Err(NorFlashErrorKind::Other);
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Runs a future that never waits.
+pub fn run<T>(future: impl Future<Output = T>) -> T {
+    let mut future = pin!(future);
+    match future
+        .as_mut()
+        .poll(&mut Context::from_waker(Waker::noop()))
+    {
+        Poll::Ready(value) => value,
+        Poll::Pending => unreachable!("a flash in memory never waits"),
+    }
+}

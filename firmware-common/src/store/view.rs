@@ -1,0 +1,90 @@
+//! One sector of a flash as the library would see it if it were the one in use and the others blank;
+//! nothing can be written through it.
+
+use core::ops::Range;
+use embedded_storage_async::nor_flash::{
+    ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,
+};
+
+/// Byte of a mark at either end of a sector; a blank byte is no mark.
+const MARK: u8 = 0;
+const BLANK: u8 = 0xff;
+
+/// Error of a [`View`].
+#[derive(Clone, Copy, Debug)]
+pub struct Refused(NorFlashErrorKind);
+
+impl NorFlashError for Refused {
+    fn kind(&self) -> NorFlashErrorKind {
+        self.0
+    }
+}
+
+/// The view of a sector.
+pub struct View<'a, F> {
+    flash: &'a mut F,
+    sector: Range<u32>,
+}
+
+impl<'a, F: NorFlash> View<'a, F> {
+    /// Shows one sector.
+    pub fn new(flash: &'a mut F, sector: Range<u32>) -> Self {
+        Self { flash, sector }
+    }
+
+    /// What stands at an address instead of what is there.
+    fn replaced(&self, address: u32) -> Option<u8> {
+        let word = F::WRITE_SIZE.max(F::READ_SIZE) as u32;
+        let Range { start, end } = self.sector;
+        match address {
+            _ if address < start || address >= end - word => Some(BLANK),
+            _ if address < start + word => Some(MARK),
+            _ => None,
+        }
+    }
+}
+
+impl<F: NorFlash> ErrorType for View<'_, F> {
+    type Error = Refused;
+}
+
+impl<F: NorFlash> ReadNorFlash for View<'_, F> {
+    const READ_SIZE: usize = F::READ_SIZE;
+
+    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Refused> {
+        let read = self.flash.read(offset, bytes).await;
+        read.map_err(|error| Refused(error.kind()))?;
+        for (address, byte) in (offset..).zip(bytes) {
+            *byte = self.replaced(address).unwrap_or(*byte);
+        }
+        Ok(())
+    }
+
+    fn capacity(&self) -> usize {
+        self.flash.capacity()
+    }
+}
+
+impl<F: NorFlash> NorFlash for View<'_, F> {
+    const WRITE_SIZE: usize = F::WRITE_SIZE;
+    const ERASE_SIZE: usize = F::ERASE_SIZE;
+
+    async fn erase(&mut self, _from: u32, _to: u32) -> Result<(), Refused> {
+        Err(Refused(NorFlashErrorKind::Other))
+    }
+
+    async fn write(&mut self, _offset: u32, _bytes: &[u8]) -> Result<(), Refused> {
+        Err(Refused(NorFlashErrorKind::Other))
+    }
+}
+
+/// Whether the library takes what stands at `address` for a mark: half of the bits of a byte.
+pub async fn is_marked<F: NorFlash>(flash: &mut F, address: u32) -> bool {
+    let mut bytes = [BLANK; 32];
+    let Some(bytes) = bytes.get_mut(..F::READ_SIZE) else {
+        return false;
+    };
+    let read = flash.read(address, bytes).await;
+    let zeros: u32 = bytes.iter().map(|byte| byte.count_zeros()).sum();
+    read.is_ok() && zeros >= 4
+}
