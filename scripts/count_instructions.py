@@ -122,7 +122,7 @@ def page(counts):
             "The same filter: seven states, four measurements, predict and update, 100 steps, measured in",
             "the same image. All are given the same motion model and Jacobian, whose cost is included, and",
             "end at the same state to 1e-6; each uses its own interface in the cheapest way it offers.",
-            "The boards' filter also keeps the posture in two floats and its covariance in symmetric form.",
+            "The boards' filter also keeps the posture in two floats and its covariance in factors.",
             "",
             *peers,
             "",

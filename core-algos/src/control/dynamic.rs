@@ -40,7 +40,7 @@
 
 use crate::config::{ConfigError, finite, non_negative, positive};
 use crate::control::cascade::AxleReference;
-use crate::math::trig::{cos, hypot, sin};
+use crate::math::trig::{clamp, sin_cos};
 use crate::math::{AxleLoad, Posture, Twist};
 
 /// Where the load of the frame on the axle comes from.
@@ -160,6 +160,7 @@ impl Config {
             positive("motor.stall_torque_nm", motor.stall_torque_nm)?;
             positive("motor.no_load_speed_rad_s", motor.no_load_speed_rad_s)?;
         }
+        let half_radius = 0.5 * radius;
         // Both wheels roll with the axle: their rotation adds to its inertia.
         let rolling = 2.0 * self.wheel_inertia_kg_m2 / (radius * radius);
         Ok(Dynamic {
@@ -167,6 +168,12 @@ impl Config {
             mass: self.inertia_feedforward * (self.mass_kg + rolling),
             yaw_inertia: self.inertia_feedforward
                 * (self.yaw_inertia_kg_m2 + rolling * half_track * half_track),
+            torque_per_force: half_radius,
+            torque_per_moment: half_radius / half_track,
+            torque_line: self.motor.map(|motor| {
+                let per_speed = motor.stall_torque_nm / (motor.no_load_speed_rad_s * radius);
+                [motor.stall_torque_nm, per_speed]
+            }),
         })
     }
 }
@@ -211,6 +218,13 @@ pub struct Dynamic {
     mass: f32,
     /// Yaw inertia that is fed forward, kg m².
     yaw_inertia: f32,
+    /// Torque of each wheel for a force along the heading, m.
+    torque_per_force: f32,
+    /// Torque of the right wheel for a moment.
+    torque_per_moment: f32,
+    /// Torque of a motor at standstill (N m), and what it loses with the speed of its wheel over
+    /// ground (N m s/m).
+    torque_line: Option<[f32; 2]>,
 }
 
 fn norm_squared(twist: Twist) -> f32 {
@@ -221,20 +235,28 @@ impl Dynamic {
     /// Torques (left, right) in N m for a force along the heading (N) and a moment about the
     /// midpoint (N m): `(SᵀE)⁻¹`.
     pub fn torques(&self, force: f32, moment: f32) -> [f32; 2] {
-        let half = 0.5 * self.config.wheel_radius_m;
-        let turning = moment / self.config.half_track_m;
-        [half * (force - turning), half * (force + turning)]
+        let (ahead, turning) = (
+            self.torque_per_force * force,
+            self.torque_per_moment * moment,
+        );
+        [ahead - turning, ahead + turning]
     }
 
     /// Velocity command v_c (eq. 9) for a posture error (eq. 10).
     pub fn velocity_command(&self, error: Posture, reference: Twist) -> Twist {
         let config = &self.config;
-        let floor = config.heading_speed_floor_m_s;
+        let (sin, cos) = sin_cos(error.phi);
+        let speed = reference.v.abs();
+        let speed = if speed < config.heading_speed_floor_m_s {
+            config.heading_speed_floor_m_s
+        } else {
+            speed
+        };
         Twist {
-            v: reference.v * cos(error.phi) + config.longitudinal_gain_per_s * error.x,
+            v: reference.v * cos + config.longitudinal_gain_per_s * error.x,
             omega: reference.omega
                 + config.lateral_gain_rad_m2 * reference.v * error.y
-                + config.heading_gain_rad_m * reference.v.abs().max(floor) * sin(error.phi),
+                + config.heading_gain_rad_m * speed * sin,
         }
     }
 
@@ -256,18 +278,25 @@ impl Dynamic {
             + speed * speed
             + 1.0
             + frame;
-        sum.min(self.config.max_xi_squared)
+        let most = self.config.max_xi_squared;
+        if sum <= most { sum } else { most }
     }
 
-    /// Torque a wheel can give in the direction of `torque` at `speed` (rad/s), N m.
+    /// Torque a wheel can give in the direction of `torque` at `speed` (m/s over ground), N m.
+    #[inline(always)]
     fn available(&self, torque: f32, speed: f32) -> f32 {
         let limit = self.config.max_torque_nm;
-        match self.config.motor {
-            None => limit,
-            Some(motor) => {
-                let along = speed * 1.0f32.copysign(torque) / motor.no_load_speed_rad_s;
-                limit.min((motor.stall_torque_nm * (1.0 - along)).max(0.0))
-            }
+        let Some([stall, per_speed]) = self.torque_line else {
+            return limit;
+        };
+        let along = if torque < 0.0 { -speed } else { speed };
+        let line = stall - per_speed * along;
+        if line >= limit {
+            limit
+        } else if line > 0.0 {
+            line
+        } else {
+            0.0
         }
     }
 
@@ -300,29 +329,30 @@ impl Dynamic {
         }
         let [left, right] = self.torques(force, moment);
 
-        // `min` and `max` drop NaN, so it is looked for in what has not passed through them.
-        if !(left.is_finite()
-            && right.is_finite()
-            && input.twist.is_finite()
-            && error.is_finite()
-            && hypot(reference.acceleration.v, reference.acceleration.omega).is_finite())
-        {
-            return Command::default();
-        }
         let turning = self.config.half_track_m * input.twist.omega;
-        let speeds = [input.twist.v - turning, input.twist.v + turning]
-            .map(|speed| speed / self.config.wheel_radius_m);
-        let mut scale = 1.0f32;
-        for (torque, speed) in [(left, speeds[0]), (right, speeds[1])] {
-            let limit = self.available(torque, speed);
-            if torque.abs() > limit {
-                scale = scale.min(limit / torque.abs());
+        let limits = [
+            self.available(left, input.twist.v - turning),
+            self.available(right, input.twist.v + turning),
+        ];
+        let sizes = [left.abs(), right.abs()];
+        let (mut torque_nm, mut scale) = ([left, right], 1.0f32);
+        if !(sizes[0] <= limits[0] && sizes[1] <= limits[1]) {
+            // Each input reaches a torque through sums and products alone, ‖ξ‖² being positive
+            // whatever it is, and none of those loses NaN or infinity.
+            if !(sizes[0] <= f32::MAX && sizes[1] <= f32::MAX) {
+                return Command::default();
             }
-        }
-        let limit = self.config.max_torque_nm;
-        Command {
+            for (limit, size) in limits.into_iter().zip(sizes) {
+                if size > limit && limit < scale * size {
+                    scale = limit / size;
+                }
+            }
             // The last rounding may not exceed the limit either.
-            torque_nm: [left, right].map(|t| (scale * t).max(-limit).min(limit)),
+            let limit = self.config.max_torque_nm;
+            torque_nm = torque_nm.map(|torque| clamp(scale * torque, -limit, limit));
+        }
+        Command {
+            torque_nm,
             scale,
             valid: true,
             error,
@@ -335,6 +365,7 @@ impl Dynamic {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::math::trig::hypot;
     use proptest::prelude::*;
 
     /// A rigid axle in `f64` that rolls without slip, under two wheel torques, one tick late.

@@ -63,6 +63,7 @@ impl Posture {
     }
 
     /// `⊖ base ⊕ self`: this posture as seen from `base`. Heading wrapped.
+    #[inline(always)]
     pub fn relative_to(&self, base: Self) -> Self {
         let (s, c) = sin_cos(base.phi);
         let (dx, dy) = (self.x - base.x, self.y - base.y);

@@ -205,7 +205,14 @@ pub fn wrap_angle(angle: f32) -> f32 {
 /// `x` limited to `[low, high]`. Unlike `f32::clamp` it cannot panic; NaN gives `low`.
 #[inline]
 pub fn clamp(x: f32, low: f32, high: f32) -> f32 {
-    x.max(low).min(high)
+    // By comparisons: a Cortex-M4F has no instruction for `max` and `min`.
+    if !(x >= low) {
+        low
+    } else if x > high {
+        high
+    } else {
+        x
+    }
 }
 
 #[cfg(test)]

@@ -74,17 +74,36 @@ pub const fn epoch_start(now: Micros, number: u8) -> Micros {
 
 /// Whether `now` is the beginning of an epoch.
 pub const fn is_epoch_start(now: Micros) -> bool {
-    now.is_multiple_of(EPOCH)
+    // In words of 32 bits: the processor divides no longer ones.
+    const EPOCH_WORD: u32 = EPOCH as u32;
+    const CARRY: u32 = ((1u64 << 32) % EPOCH) as u32;
+    let (high, low) = ((now >> 32) as u32, now as u32);
+    (high % EPOCH_WORD * CARRY + low % EPOCH_WORD).is_multiple_of(EPOCH_WORD)
 }
 
 /// Microseconds as seconds; meant for short spans.
 pub fn seconds(span: Micros) -> f32 {
-    span as f32 * 1e-6
+    // One word is enough for an hour, and is converted by one instruction.
+    if span <= u32::MAX as u64 {
+        span as u32 as f32 * 1e-6
+    } else {
+        span as f32 * 1e-6
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn every_ten_milliseconds_an_epoch_begins() {
+        for epoch in [0u64, 1, 429_496, 429_497, 858_993_459, u64::MAX / EPOCH] {
+            for offset in [0, 1, EPOCH - 1, 5_000] {
+                let now = (epoch * EPOCH).saturating_add(offset);
+                assert_eq!(is_epoch_start(now), now % EPOCH == 0, "{now}");
+            }
+        }
+    }
 
     #[test]
     fn sequence_number_finds_its_epoch_again() {

@@ -224,14 +224,33 @@ impl Conditions {
         self.0 &= !(1 << condition as u8);
     }
 
+    /// Every condition from class `least` to class `most`.
+    const fn between(least: Class, most: Class) -> Self {
+        let mut set = Self::NONE;
+        let mut i = 0;
+        while i < COUNT {
+            let class = Condition::ALL[i].class() as u8;
+            set.set(
+                Condition::ALL[i],
+                least as u8 <= class && class <= most as u8,
+            );
+            i += 1;
+        }
+        set
+    }
+
     /// The members of class stop and cut.
     #[must_use]
-    pub fn hard(self) -> Self {
-        let mut hard = Self::NONE;
-        for condition in self.iter() {
-            hard.set(condition, condition.class().is_hard());
-        }
-        hard
+    pub const fn hard(self) -> Self {
+        const HARD: Conditions = Conditions::between(Class::Stop, Class::Cut);
+        self.both(HARD)
+    }
+
+    /// The members of class degraded.
+    #[must_use]
+    pub const fn degraded(self) -> Self {
+        const DEGRADED: Conditions = Conditions::between(Class::Degraded, Class::Degraded);
+        self.both(DEGRADED)
     }
 
     /// Whether `condition` is in the set.
@@ -243,6 +262,12 @@ impl Conditions {
     #[must_use]
     pub const fn union(self, other: Self) -> Self {
         Self(self.0 | other.0)
+    }
+
+    /// What is in both sets.
+    #[must_use]
+    pub const fn both(self, other: Self) -> Self {
+        Self(self.0 & other.0)
     }
 
     /// The first sixteen rows of the table as bits: every notice and degradation.
@@ -262,14 +287,16 @@ impl Conditions {
 
     /// The conditions in the set.
     pub fn iter(self) -> impl Iterator<Item = Condition> {
-        Condition::ALL
-            .into_iter()
-            .filter(move |&c| self.contains(c))
+        let mut rest = self.0;
+        core::iter::from_fn(move || {
+            let condition = *Condition::ALL.get(rest.trailing_zeros() as usize)?;
+            rest &= rest - 1;
+            Some(condition)
+        })
     }
 
     /// The most severe condition; the first in the table among equals.
     pub fn worst(self) -> Option<Condition> {
-        // `max_by_key` keeps the last of equals, so the order is turned round.
         self.iter()
             .reduce(|worst, c| if c.class() > worst.class() { c } else { worst })
     }

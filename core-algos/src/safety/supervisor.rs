@@ -72,6 +72,8 @@ pub struct State {
     last: Option<Micros>,
     /// How long each condition has held without a break, µs.
     held: [u32; COUNT],
+    /// Those that held at the last step.
+    holding: Conditions,
     /// What holds and has held for its time.
     present: Conditions,
     /// What has been present since it was last taken.
@@ -91,6 +93,7 @@ impl Default for State {
             operating: OperatingState::Boot,
             last: None,
             held: [0; COUNT],
+            holding: Conditions::NONE,
             present: Conditions::NONE,
             seen: Conditions::NONE,
             latched: Conditions::NONE,
@@ -184,11 +187,7 @@ impl Supervisor {
             state.latched = Conditions::NONE;
             state.first = None;
         }
-        for condition in state.present.iter() {
-            if condition.class().is_hard() {
-                state.latched.set(condition, true);
-            }
-        }
+        state.latched = state.latched.union(state.present.hard());
         if state.first.is_none() {
             state.first = state.latched.worst();
         }
@@ -216,7 +215,7 @@ impl Supervisor {
 
     /// The conditions together with what follows from degradations that last.
     fn allowance(&self, state: &mut State, dt: Micros, input: &Input) -> Conditions {
-        let degraded = state.present.iter().any(|c| c.class() == Class::Degraded);
+        let degraded = !state.present.degraded().is_empty();
         let moving = matches!(state.operating, OperatingState::Active);
         if !degraded {
             state.degraded_for = 0;
@@ -234,12 +233,19 @@ impl Supervisor {
 
     /// Counts how long each condition has held.
     fn hold(&self, state: &mut State, dt: Micros, conditions: Conditions) {
-        for (held, condition) in state.held.iter_mut().zip(Condition::ALL) {
-            if !conditions.contains(condition) {
+        for condition in state.holding.iter() {
+            if !conditions.contains(condition)
+                && let Some(held) = state.held.get_mut(condition as usize)
+            {
                 *held = 0;
-                state.present.clear(condition);
-                continue;
             }
+        }
+        state.holding = conditions;
+        state.present = state.present.both(conditions);
+        for condition in conditions.iter() {
+            let Some(held) = state.held.get_mut(condition as usize) else {
+                continue;
+            };
             // The tick at which a condition appears begins its time.
             if *held == 0 {
                 *held = 1;

@@ -63,15 +63,15 @@ impl Counter {
         println!("count {} {} {}", name, (sum + repeats / 2) / repeats, most);
     }
 
-    /// The same for a function of numbers alone: what it costs to bring the arguments to a call and
-    /// to take its result away, as for `nothing`, is taken off.
-    pub fn report_function<A: Copy, T>(
+    /// The same for a function without a state: what it costs to bring the arguments to a call, and
+    /// to take a result away as `nothing` does, is taken off.
+    pub fn report_function<A: Copy, T, E>(
         &mut self,
         name: &str,
         repeats: u32,
         arguments: impl Fn(u32) -> A,
         function: impl Fn(A) -> T,
-        nothing: impl Fn(A) -> T,
+        nothing: impl Fn(A) -> E,
     ) {
         let (mut sum, mut most) = (0, 0);
         for k in 0..repeats {

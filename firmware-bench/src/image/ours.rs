@@ -157,15 +157,15 @@ fn control(counter: &mut Counter) {
 
     let mut state = governor::State::default();
     let [reference, _] = cascade.references(Posture::ORIGIN, &state.motion);
-    counter.report("dynamic_controller", 8, |k| {
-        dynamic.step(&black_box(dynamic::Input {
-            posture: Posture::new(0.01 * k as f32, 0.002, 0.01),
-            twist: Twist::new(0.1, 0.05),
-            reference,
-            reference_load: AxleLoad::default(),
-            beam_load: None,
-        }))
-    });
+    let input = |k: u32| dynamic::Input {
+        posture: Posture::new(0.01 * k as f32, 0.002, 0.01),
+        twist: Twist::new(0.1, 0.05),
+        reference,
+        reference_load: AxleLoad::default(),
+        beam_load: None,
+    };
+    let step = |input| dynamic.step(&input);
+    counter.report_function("dynamic_controller", 8, input, step, |_| ());
     let goal = Reference::default();
     counter.report("kinematic_governor_cascade", 50, |k| {
         let at = Posture::new(-1.3 + 0.001 * k as f32, -1.2, 0.4);
@@ -195,6 +195,7 @@ fn boards(counter: &mut Counter) {
                     encoder: [Some(tick as i32 / 4), Some(tick as i32 / 5)],
                     gyro_rad_s: Some(0.01),
                     acceleration_m_s2: Some(0.02),
+                    ..axle::Samples::default()
                 }),
             };
             outbox.clear();

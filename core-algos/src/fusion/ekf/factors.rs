@@ -41,6 +41,26 @@ pub struct Covariance {
     follow: Mat<3, M>,
     /// Covariance of e, in the form of `motion`.
     own: Mat3,
+    /// Whether an entry of U ties (v, v̇) to (φ̇, φ̈). Wheels and gyro together see v and φ̇ apart, so
+    /// that the two pairs are as a rule two filters of two states.
+    coupled: bool,
+}
+
+/// Noise that moves the posture: what of it moves the heading is taken in, the rest gathered here.
+struct PositionNoise {
+    xx: f32,
+    xy: f32,
+    yy: f32,
+}
+
+impl PositionNoise {
+    #[inline(always)]
+    fn add(&mut self, a: [f32; 3], variance: f32) {
+        let scaled = variance * a[Y];
+        self.yy += scaled * a[Y];
+        self.xy += scaled * a[X];
+        self.xx += variance * a[X] * a[X];
+    }
 }
 
 /// A step of the motion model, as its covariance needs it.
@@ -91,7 +111,11 @@ impl Covariance {
         motion: [[0.0; M]; M],
         follow: [[0.0; M]; 3],
         own: [[0.0; 3]; 3],
+        coupled: false,
     };
+
+    /// Correlation below which the two pairs of motion states pass for independent.
+    const NEGLIGIBLE: f32 = 1e-6;
 
     /// From a symmetric positive semidefinite matrix; its upper triangle is read. A state whose
     /// variance is, up to rounding, explained by later ones gets none of its own.
@@ -136,7 +160,34 @@ impl Covariance {
                 p.follow[i][j] = sum;
             }
         }
+        p.find_coupling(0.0);
         p
+    }
+
+    /// Whether a correlation larger than `limit` ties the two pairs together.
+    fn find_coupling(&mut self, limit: f32) {
+        const TIES: [[usize; 2]; 4] = [
+            [SPEED, YAW_RATE],
+            [SPEED, YAW_ACCELERATION],
+            [YAW_RATE, ACCELERATION],
+            [ACCELERATION, YAW_ACCELERATION],
+        ];
+        let u = &self.motion;
+        self.coupled = TIES.iter().any(|&[i, j]| {
+            let tie = u[i][j];
+            !(tie * tie * u[j][j] <= limit * limit * u[i][i])
+        });
+        if !self.coupled {
+            for [i, j] in TIES {
+                self.motion[i][j] = 0.0;
+            }
+        }
+    }
+
+    /// Whether (v, v̇) and (φ̇, φ̈) are correlated.
+    #[inline(always)]
+    pub(super) fn is_coupled(&self) -> bool {
+        self.coupled
     }
 
     /// The factors of the whole matrix.
@@ -307,21 +358,24 @@ impl Covariance {
         self.own[Y][PHI] += dx;
         let u = &mut self.motion;
         u[SPEED][ACCELERATION] += t;
-        u[SPEED][YAW_ACCELERATION] += t * u[ACCELERATION][YAW_ACCELERATION];
+        if self.coupled {
+            u[SPEED][YAW_ACCELERATION] += t * u[ACCELERATION][YAW_ACCELERATION];
+        }
         u[YAW_RATE][YAW_ACCELERATION] += t;
     }
 
     /// Adds noise that moves the motion states by `b` and the posture by `a`, with this variance;
     /// components of `b` after `LAST` are zero. `along` is row · b, given apart so that zeros of `b`
-    /// cost nothing.
+    /// cost nothing. Returns what the posture is moved by that the motion does not show, and its
+    /// variance.
     #[inline(always)]
-    pub(super) fn add_motion_noise<const LAST: usize>(
+    fn add_motion_noise<const LAST: usize>(
         &mut self,
         a: [f32; 3],
         b: [f32; M],
         variance: f32,
         along: impl Fn(&[f32; M]) -> f32,
-    ) {
+    ) -> ([f32; 3], f32) {
         let before = self.motion;
         let (mut beta, mut ratio) = ([0.0; M], [1.0; M]);
         let (mut rest, mut remaining) = (b, variance);
@@ -354,45 +408,139 @@ impl Covariance {
                 row[j] += gamma[i] * kappa[j];
             }
         }
-        self.add_own_noise(gamma, remaining);
+        (gamma, remaining)
     }
 
-    /// Adds noise that moves the posture alone.
+    /// The same for noise that moves state `I` by `b` and state `K` > `I` by 1, when no other state
+    /// is correlated with these two.
     #[inline(always)]
-    pub(super) fn add_own_noise(&mut self, mut a: [f32; 3], mut variance: f32) {
+    fn add_pair_noise<const I: usize, const K: usize>(
+        &mut self,
+        b: f32,
+        variance: f32,
+    ) -> ([f32; 3], f32) {
+        let u = self.motion[I][K];
+        let mut pair = [[self.motion[I][I], u], [0.0, self.motion[K][K]]];
+        let (mut rest, mut remaining) = ([b, 1.0], variance);
+        let (beta, _) = absorb::<2, 1>(&mut pair, &mut rest, &mut remaining);
+        let (first, ratio) = absorb::<2, 0>(&mut pair, &mut rest, &mut remaining);
+        self.motion[I][I] = pair[0][0];
+        self.motion[I][K] = pair[0][1];
+        self.motion[K][K] = pair[1][1];
+        let second = beta * ratio - u * first;
+        let mut gamma = [0.0; 3];
+        for i in 0..3 {
+            let row = &mut self.follow[i];
+            gamma[i] = -(row[I] * b + row[K]);
+            row[I] += gamma[i] * first;
+            row[K] += gamma[i] * second;
+        }
+        (gamma, remaining)
+    }
+
+    /// Adds the noise of the motion model: jerk and yaw jerk (variances of the change of v̇ and φ̈,
+    /// while v and φ̇ change by `half_t` times as much), slip along and across the heading, whose
+    /// cosine and sine are given, and in heading.
+    #[inline(always)]
+    pub(super) fn add_model_noise(
+        &mut self,
+        half_t: f32,
+        [jerk, yaw_jerk]: [f32; 2],
+        [cos, sin]: [f32; 2],
+        [along, across, heading]: [f32; 3],
+    ) {
+        let (forward, turning) = if self.coupled {
+            let turning = self.add_motion_noise::<YAW_ACCELERATION>(
+                [0.0; 3],
+                [0.0, half_t, 0.0, 1.0],
+                yaw_jerk,
+                |row| row[YAW_RATE] * half_t + row[YAW_ACCELERATION],
+            );
+            let forward = self.add_motion_noise::<ACCELERATION>(
+                [0.0; 3],
+                [half_t, 0.0, 1.0, 0.0],
+                jerk,
+                |row| row[SPEED] * half_t + row[ACCELERATION],
+            );
+            (forward, turning)
+        } else {
+            let forward = self.add_pair_noise::<SPEED, ACCELERATION>(half_t, jerk);
+            let turning = self.add_pair_noise::<YAW_RATE, YAW_ACCELERATION>(half_t, yaw_jerk);
+            (forward, turning)
+        };
+        let mut position = PositionNoise {
+            xx: along * cos * cos + across * sin * sin,
+            xy: (along - across) * cos * sin,
+            yy: along * sin * sin + across * cos * cos,
+        };
+        self.add_own_noise(forward, &mut position);
+        self.add_own_noise(turning, &mut position);
+        self.add_own_noise(([0.0, 0.0, 1.0], heading), &mut position);
+        self.add_position_noise(&position);
+    }
+
+    /// Takes in what a noise of the posture moves the heading by; the rest goes to `position`.
+    #[inline(always)]
+    fn add_own_noise(
+        &mut self,
+        (mut a, mut variance): ([f32; 3], f32),
+        position: &mut PositionNoise,
+    ) {
         absorb::<3, PHI>(&mut self.own, &mut a, &mut variance);
-        self.add_position_noise(a, variance);
+        position.add(a, variance);
     }
 
     /// Adds noise that moves the position alone.
     #[inline(always)]
-    pub(super) fn add_position_noise(&mut self, mut a: [f32; 3], mut variance: f32) {
-        absorb::<3, Y>(&mut self.own, &mut a, &mut variance);
-        self.own[X][X] += variance * a[X] * a[X];
+    fn add_position_noise(&mut self, noise: &PositionNoise) {
+        let u = self.own[X][Y];
+        let after = self.own[Y][Y] + noise.yy + f32::MIN_POSITIVE;
+        // The noise of x − u y, and its covariance with that of y.
+        let mixed = noise.xy - u * noise.yy;
+        let shift = mixed / after;
+        let rest = noise.xx - u * (noise.xy + mixed) - mixed * shift;
+        self.own[X][Y] = u + shift;
+        self.own[Y][Y] = after;
+        // By rounding alone it could be below zero.
+        if rest > 0.0 {
+            self.own[X][X] += rest;
+        }
     }
 
     /// P + Q for a Q given by the factors of the whole matrix.
     #[inline(never)]
     pub(super) fn add(&mut self, q: &Mat<N, N>) {
         let posture = |j: usize| [q[X][j], q[Y][j], q[PHI][j]];
+        let mut position = PositionNoise {
+            xx: q[X][X],
+            xy: 0.0,
+            yy: 0.0,
+        };
+        position.add([q[X][Y], 1.0, 0.0], q[Y][Y]);
         let by = |b: [f32; M]| move |row: &[f32; M]| dot(row, &b);
         let b = [1.0, 0.0, 0.0, 0.0];
-        self.add_motion_noise::<0>(posture(3), b, q[3][3], by(b));
+        let noise = self.add_motion_noise::<0>(posture(3), b, q[3][3], by(b));
+        self.add_own_noise(noise, &mut position);
         let b = [q[3][4], 1.0, 0.0, 0.0];
-        self.add_motion_noise::<1>(posture(4), b, q[4][4], by(b));
+        let noise = self.add_motion_noise::<1>(posture(4), b, q[4][4], by(b));
+        self.add_own_noise(noise, &mut position);
         let b = [q[3][5], q[4][5], 1.0, 0.0];
-        self.add_motion_noise::<2>(posture(5), b, q[5][5], by(b));
+        let noise = self.add_motion_noise::<2>(posture(5), b, q[5][5], by(b));
+        self.add_own_noise(noise, &mut position);
         let b = [q[3][6], q[4][6], q[5][6], 1.0];
-        self.add_motion_noise::<3>(posture(6), b, q[6][6], by(b));
-        self.add_own_noise([q[X][PHI], q[Y][PHI], 1.0], q[PHI][PHI]);
-        self.add_position_noise([q[X][Y], 1.0, 0.0], q[Y][Y]);
-        self.own[X][X] += q[X][X];
+        let noise = self.add_motion_noise::<3>(posture(6), b, q[6][6], by(b));
+        self.add_own_noise(noise, &mut position);
+        let noise = ([q[X][PHI], q[Y][PHI], 1.0], q[PHI][PHI]);
+        self.add_own_noise(noise, &mut position);
+        self.add_position_noise(&position);
+        self.find_coupling(0.0);
     }
 
     /// Update by a measurement of `speed · v + yaw · φ̇` with noise of the given variance (eq. 18).
     /// Returns the gain.
     #[inline(always)]
     pub(super) fn observe_rates(&mut self, speed: f32, yaw: f32, variance: f32) -> [f32; M] {
+        self.coupled = true;
         bierman::<M, SPEED>(&mut self.motion, variance, |u, j| match j {
             SPEED => speed,
             YAW_RATE => u[SPEED][YAW_RATE] * speed + yaw,
@@ -406,6 +554,41 @@ impl Covariance {
         bierman::<M, STATE>(&mut self.motion, variance, |u, j| {
             if j == STATE { 1.0 } else { u[STATE][j] }
         })
+    }
+
+    /// The same when no other state than `K` > `I` is correlated with the one measured, `I`. Returns
+    /// the gains of these two.
+    #[inline(always)]
+    pub(super) fn observe_first<const I: usize, const K: usize>(
+        &mut self,
+        variance: f32,
+    ) -> [f32; 2] {
+        let mut pair = [
+            [self.motion[I][I], self.motion[I][K]],
+            [0.0, self.motion[K][K]],
+        ];
+        let gain = bierman::<2, 0>(
+            &mut pair,
+            variance,
+            |u, j| if j == 0 { 1.0 } else { u[0][1] },
+        );
+        self.motion[I][I] = pair[0][0];
+        self.motion[I][K] = pair[0][1];
+        self.motion[K][K] = pair[1][1];
+        gain
+    }
+
+    /// The same for a measurement of `K`.
+    #[inline(always)]
+    pub(super) fn observe_second<const I: usize, const K: usize>(
+        &mut self,
+        variance: f32,
+    ) -> [f32; 2] {
+        let before = self.motion[K][K];
+        let inverse = 1.0 / (before + variance);
+        let gain = before * inverse;
+        self.motion[K][K] = gain * variance;
+        [self.motion[I][K] * gain, gain]
     }
 
     /// Update by measurements row · p, one after the other, given the innovations of p. Returns the
@@ -459,6 +642,9 @@ impl Covariance {
 
     /// Scales back variances that have grown without bound, correlations kept.
     pub(super) fn bound(&mut self) {
+        if self.coupled {
+            self.find_coupling(Self::NEGLIGIBLE);
+        }
         for i in 0..N {
             let variance = self.variance(i);
             if !(variance <= MAX_VARIANCE) {
@@ -504,11 +690,19 @@ fn bierman<const K: usize, const FIRST: usize>(
     variance: f32,
     row: impl Fn(&Mat<K, K>, usize) -> f32,
 ) -> [f32; K] {
-    let mut gain = [0.0; K];
+    // The first column has nothing before it to correct.
+    let f = row(u, FIRST);
+    let g = u[FIRST][FIRST] * f;
     // Innovation variance so far and its inverse.
-    let mut total = variance;
+    let mut total = variance + f * g;
     let mut inverse = 1.0 / total;
-    for j in FIRST..K {
+    u[FIRST][FIRST] *= variance * inverse;
+    let mut gain = [0.0; K];
+    for i in 0..FIRST {
+        gain[i] = u[i][FIRST] * g;
+    }
+    gain[FIRST] = g;
+    for j in FIRST + 1..K {
         let f = row(u, j);
         let g = u[j][j] * f;
         let before = total;

@@ -533,12 +533,25 @@ impl AxleFilter {
     /// One period: motion model, then the measurements.
     #[inline]
     pub fn step(&self, state: &mut State, measurements: &Measurements) -> Verdicts {
-        self.predict(state);
-        self.update(state, measurements)
+        let by = self.move_on(state);
+        match self.update_all(state, measurements, by) {
+            Some(verdicts) => verdicts,
+            None => {
+                state.advance(by);
+                self.update_some(state, measurements)
+            }
+        }
     }
 
     /// Time update (eq. 17): moves the state on by one period.
     pub fn predict(&self, state: &mut State) {
+        let by = self.move_on(state);
+        state.advance(by);
+    }
+
+    /// The same but for the posture, whose displacement is returned.
+    #[inline(always)]
+    fn move_on(&self, state: &mut State) -> [f32; 3] {
         let t = self.t;
         let [v, omega, v_dot, omega_dot] = state.motion;
         let ds = v * t + v_dot * self.half_t2;
@@ -555,7 +568,6 @@ impl AxleFilter {
             dy,
         });
         self.add_noise(&mut state.covariance, [sin, cos], ds);
-        state.advance([dx, dy, dphi]);
         state.motion[SPEED] = v + v_dot * t;
         state.motion[YAW_RATE] = omega + omega_dot * t;
 
@@ -564,6 +576,7 @@ impl AxleFilter {
             state.steps_until_bound = BOUND_INTERVAL;
             state.covariance.bound();
         }
+        [dx, dy, dphi]
     }
 
     /// + Q.
@@ -578,42 +591,30 @@ impl AxleFilter {
                 yaw_jerk,
             } => {
                 let half_t = 0.5 * self.t;
-                p.add_motion_noise::<YAW_ACCELERATION>(
-                    [0.0; 3],
-                    [0.0, half_t, 0.0, 1.0],
-                    *yaw_jerk,
-                    |row| row[YAW_RATE] * half_t + row[YAW_ACCELERATION],
-                );
-                p.add_motion_noise::<ACCELERATION>(
-                    [0.0; 3],
-                    [half_t, 0.0, 1.0, 0.0],
-                    *jerk,
-                    |row| row[SPEED] * half_t + row[ACCELERATION],
-                );
                 let ds = ds.abs();
-                let along = per_m[0] * ds + per_step[0];
-                let across = per_m[1] * ds + per_step[1];
-                let heading = per_m[2] * ds + per_step[2];
-                p.add_own_noise([0.0, 0.0, 1.0], heading);
-                p.add_position_noise([cos, sin, 0.0], along);
-                p.add_position_noise([-sin, cos, 0.0], across);
+                let slip = [0, 1, 2].map(|k: usize| per_m[k] * ds + per_step[k]);
+                p.add_model_noise(half_t, [*jerk, *yaw_jerk], [cos, sin], slip);
             }
         }
     }
 
     /// Measurement update (eq. 18) by whatever is there.
-    #[inline(always)]
     pub fn update(&self, state: &mut State, measurements: &Measurements) -> Verdicts {
-        match self.update_all(state, measurements) {
+        match self.update_all(state, measurements, [0.0; 3]) {
             Some(verdicts) => verdicts,
             None => self.update_some(state, measurements),
         }
     }
 
     /// The update when all sensors are there and each is so near to its prediction that its gate
-    /// need not be looked at; `None`, and nothing done, otherwise.
+    /// need not be looked at; moves the posture by `by` too. `None`, and nothing done, otherwise.
     #[inline(always)]
-    fn update_all(&self, state: &mut State, measurements: &Measurements) -> Option<Verdicts> {
+    fn update_all(
+        &self,
+        state: &mut State,
+        measurements: &Measurements,
+        by: [f32; 3],
+    ) -> Option<Verdicts> {
         let [v, omega, v_dot, _] = state.motion;
         let turning = self.half_track * omega;
         let rates = [
@@ -631,14 +632,24 @@ impl AxleFilter {
         if !(surprise <= self.surely_accepted) {
             return None;
         }
-        let mut change = Self::change_by_rates(state, &self.reductions[3], &rates);
-        let rest = acceleration - change[ACCELERATION];
+        let all = &self.reductions[3];
         let noise = self.accelerometer_variance;
-        let gain = state.covariance.observe::<ACCELERATION>(noise);
+        let change = if state.covariance.is_coupled() || all.couples() {
+            let mut change = Self::change_by_rates(state, all, &rates);
+            let rest = acceleration - change[ACCELERATION];
+            let gain = state.covariance.observe::<ACCELERATION>(noise);
+            for k in 0..M {
+                change[k] += gain[k] * rest;
+            }
+            change
+        } else {
+            all.change_by_pairs(&mut state.covariance, &rates, acceleration, noise)
+        };
+        let follow = state.covariance.follow(&change);
+        state.advance([by[X] + follow[X], by[Y] + follow[Y], by[PHI] + follow[PHI]]);
         for k in 0..M {
-            change[k] += gain[k] * rest;
+            state.motion[k] += change[k];
         }
-        state.correct(&change);
         let counters = &mut state.counters;
         counters.left.in_a_row = 0;
         counters.right.in_a_row = 0;

@@ -4,7 +4,7 @@
 //! uncorrelated measurements: v, and φ̇ − c v; for wheels of equal noise c is 0 and both measure one
 //! state each. That saves an update when a gyro is fitted, and equals the batch update.
 
-use super::factors::{M, SPEED, YAW_RATE};
+use super::factors::{ACCELERATION, Covariance, M, SPEED, YAW_ACCELERATION, YAW_RATE};
 use super::{AxleFilter, State, Verdict};
 
 /// Least squares over a subset of (left, right, gyro) that determines both v and φ̇.
@@ -43,6 +43,36 @@ impl Reduction {
             yaw_weights: [-h * left / yaw, h * right / yaw, gyro / yaw],
             yaw_variance: 1.0 / yaw,
         }
+    }
+
+    /// Whether the second of the two measurements sees v too.
+    #[inline(always)]
+    pub(super) fn couples(&self) -> bool {
+        self.coupling != 0.0
+    }
+
+    /// Change of the motion by the sensors' innovations and that of the acceleration, for
+    /// measurements and a covariance that do not tie (v, v̇) to (φ̇, φ̈).
+    #[inline(always)]
+    pub(super) fn change_by_pairs(
+        &self,
+        p: &mut Covariance,
+        innovations: &[f32; 3],
+        acceleration: f32,
+        acceleration_noise: f32,
+    ) -> [f32; M] {
+        let forward = weigh(&self.speed_weights, innovations);
+        let yaw = weigh(&self.yaw_weights, innovations);
+        let [v, v_dot] = p.observe_first::<SPEED, ACCELERATION>(self.speed_variance);
+        let rest = acceleration - v_dot * forward;
+        let [v_more, v_dot_more] = p.observe_second::<SPEED, ACCELERATION>(acceleration_noise);
+        let [omega, omega_dot] = p.observe_first::<YAW_RATE, YAW_ACCELERATION>(self.yaw_variance);
+        [
+            v * forward + v_more * rest,
+            omega * yaw,
+            v_dot * forward + v_dot_more * rest,
+            omega_dot * yaw,
+        ]
     }
 }
 

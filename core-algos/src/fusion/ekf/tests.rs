@@ -390,6 +390,69 @@ fn equals_the_textbook_filter_for_good_odometry() {
     }
 }
 
+/// The noise as densities, equal wheels: speed and turning are two filters, until a wheel is lost
+/// and ties them together, and some time after it is back.
+#[test]
+fn equals_the_textbook_filter_with_speed_and_turning_apart() {
+    let noise = Densities {
+        along_m_per_sqrt_m: 0.0,
+        across_m_per_sqrt_m: 0.0,
+        heading_rad_per_sqrt_m: 0.0,
+        along_m_per_sqrt_s: 3e-4,
+        across_m_per_sqrt_s: 3e-4,
+        heading_rad_per_sqrt_s: 5e-4,
+        jerk_m_s3_per_sqrt_hz: 3.0,
+        yaw_jerk_rad_s3_per_sqrt_hz: 20.0,
+    };
+    let sigmas = [0.02, 0.02, 0.005, 0.1];
+    for (period, loss) in [(1e-3f32, 0.0), (1e-3, 0.01), (5e-3, 0.3), (2e-2, 0.0)] {
+        let config = Config {
+            period_s: period,
+            noise,
+            ..Config::default()
+        };
+        let t = period as f64;
+        let variance = |density: f32| t * (density as f64).powi(2);
+        let mut q = [[0.0; 7]; 7];
+        for k in 0..3 {
+            q[k][k] = variance([3e-4, 3e-4, 5e-4][k]);
+        }
+        for (state, density) in [(3, 3.0), (4, 20.0)] {
+            let jerk = variance(density);
+            q[state][state] = jerk * t * t / 4.0;
+            q[state][state + 2] = jerk * t / 2.0;
+            q[state + 2][state] = jerk * t / 2.0;
+            q[state + 2][state + 2] = jerk;
+        }
+        let p0 = matrix::diagonal([1e-4, 1e-4, 1e-3, 1e-3, 1e-2, 1e-1, 0.5]);
+        let r_fix = matrix::diagonal([1e-4; 3]);
+        let x0 = [-1.342, 0.7, 3.0, 0.0, 0.9, 0.39, 0.0];
+        let (_, _, mut state, mut reference) = pair(period, [[0.0; 7]; 7], sigmas, r_fix, x0, p0);
+        reference.q = q;
+        let filter = config.build().unwrap();
+        let mut random = Random::new(23);
+        let mut coupled = [0, 0];
+        for step in 1..=2000 {
+            // Losses for a while only, so that the ties can fade.
+            let loss = if step < 300 { loss } else { 0.0 };
+            let z = drive(&mut random, step as f64 * t, sigmas, loss);
+            filter.step(&mut state, &z);
+            reference.predict();
+            reference.update(&as_wide(&z), None);
+            let (pose, covariance) = errors(&state, &reference);
+            let most = if step <= 100 { 1e-5 } else { 2e-4 };
+            assert!(
+                pose < 1e-6 && covariance < most,
+                "{step}: {pose:e} {covariance:e}"
+            );
+            coupled[usize::from(state.covariance().is_coupled())] += 1;
+        }
+        // Both ways were taken, and the ties do fade.
+        assert_eq!(coupled[1] > 0, loss > 0.0);
+        assert!(!state.covariance().is_coupled(), "{period} {loss}");
+    }
+}
+
 /// A filter as on the node, with its gates on or off.
 fn node_filter(gated: bool) -> AxleFilter {
     let mut config = Config::default();
