@@ -10,6 +10,8 @@ mod operator;
 mod telemetry;
 mod tick;
 
+use core::sync::atomic::AtomicU32;
+
 use core_algos::config::ConfigError;
 use core_algos::drive::winding;
 use core_algos::node::board::Board;
@@ -34,7 +36,7 @@ use tick::{Axis, Report};
 async fn main(_spawner: Spawner) {
     let p = board::start();
     match start(p).await {
-        Ok((reports, watchdog)) => telemetry::run(reports, watchdog).await,
+        Ok((reports, attendance)) => telemetry::run(reports, attendance).await,
         Err(error) => {
             // Nothing was started: the motors stay off, and the watchdog is not fed.
             defmt::error!("configuration: {} = {}", error.field, error.value);
@@ -43,8 +45,10 @@ async fn main(_spawner: Spawner) {
 }
 
 /// Builds everything and starts it; what is left for the caller is the log.
-async fn start(p: Peripherals) -> Result<(telemetry::Reports, Watchdog), ConfigError> {
+async fn start(p: Peripherals) -> Result<(telemetry::Reports, telemetry::Attendance), ConfigError> {
     static REPORTS: Watch<CriticalSectionRawMutex, Report, 1> = Watch::new();
+    static COUNTS: [AtomicU32; telemetry::TASKS.len()] =
+        [const { AtomicU32::new(0) }; telemetry::TASKS.len()];
 
     let role = tick::role(strap::axle(p.PC13));
     let base = Settings::new(RobotConfig::default());
@@ -60,7 +64,9 @@ async fn start(p: Peripherals) -> Result<(telemetry::Reports, Watchdog), ConfigE
     let (sender, receiver, can_tx, can_rx) = can::start(p.CAN1, p.PB8, p.PB9).await;
     let encoders = Encoders::start((p.TIM3, p.PC6, p.PC7), (p.TIM4, p.PB6, p.PB7));
     let inertial = Inertial::start(p.SPI1, p.PA4, p.PA5, p.PA6, p.PA7, &settings.inertial).await?;
-    let watchdog = Watchdog::start(p.IWDG);
+    let (attendance, badges) =
+        telemetry::Attendance::start(&COUNTS, telemetry::TASKS, Watchdog::start(p.IWDG));
+    let [of_drive, of_tick, of_send, of_receive] = badges;
     let motors = Motors::start(motors::Parts {
         adc: p.ADC1,
         timer: p.TIM1,
@@ -72,15 +78,18 @@ async fn start(p: Peripherals) -> Result<(telemetry::Reports, Watchdog), ConfigE
         supply: p.PC2,
         temperature: p.PC3,
         stop: p.PB12,
+        badge: of_drive,
     })?;
 
     let spawners = executors::start();
     defmt::info!("{} axle", role.name());
     // Each of these tasks is spawned once, and has room for one.
-    spawners.bus.spawn(can::send(can_tx).expect("spawned once"));
     spawners
         .bus
-        .spawn(can::receive(can_rx).expect("spawned once"));
+        .spawn(can::send(can_tx, of_send).expect("spawned once"));
+    spawners
+        .bus
+        .spawn(can::receive(can_rx, of_receive).expect("spawned once"));
     let axis = Axis {
         motors,
         encoders,
@@ -93,9 +102,10 @@ async fn start(p: Peripherals) -> Result<(telemetry::Reports, Watchdog), ConfigE
         winding,
         parameters: parameters.report.conditions(),
         reports: REPORTS.sender(),
+        badge: of_tick,
     };
     spawners.tick.spawn(tick::run(axis).expect("spawned once"));
-    Ok((REPORTS.receiver().expect("the only one"), watchdog))
+    Ok((REPORTS.receiver().expect("the only one"), attendance))
 }
 
 /// The nodes in their static place, and a copy as they are at the start.

@@ -7,6 +7,8 @@ mod background;
 mod bridges;
 mod tick;
 
+use core::sync::atomic::AtomicU32;
+
 use core_algos::acquisition::analog::ThermistorConfig;
 use core_algos::beam::calibration::StandstillLimits;
 use core_algos::beam::procedure::Procedure;
@@ -38,6 +40,8 @@ async fn main(_spawner: Spawner) {
 /// Builds everything, starts it, and goes on with the background.
 async fn start(p: Peripherals) -> Result<(), ConfigError> {
     static REPORTS: Watch<CriticalSectionRawMutex, Report, 1> = Watch::new();
+    static COUNTS: [AtomicU32; background::TASKS.len()] =
+        [const { AtomicU32::new(0) }; background::TASKS.len()];
     static SAVING: Saving = Saving {
         wanted: Signal::new(),
         done: Signal::new(),
@@ -52,14 +56,18 @@ async fn start(p: Peripherals) -> Result<(), ConfigError> {
     let thermistor = ThermistorConfig::default().build()?;
 
     let (sender, receiver, can_tx, can_rx) = can::start(p.CAN1, p.PB8, p.PB9).await;
-    let watchdog = Watchdog::start(p.IWDG);
+    let (attendance, badges) =
+        background::Attendance::start(&COUNTS, background::TASKS, Watchdog::start(p.IWDG));
+    let [of_tick, of_send, of_receive] = badges;
     interrupt::DMA2_STREAM0.set_priority(Priority::P4);
     let spawners = executors::start();
     // Each of these tasks is spawned once, and has room for one.
-    spawners.bus.spawn(can::send(can_tx).expect("spawned once"));
     spawners
         .bus
-        .spawn(can::receive(can_rx).expect("spawned once"));
+        .spawn(can::send(can_tx, of_send).expect("spawned once"));
+    spawners
+        .bus
+        .spawn(can::receive(can_rx, of_receive).expect("spawned once"));
     let bridges = Bridges::start(
         bridges::Parts {
             adc: p.ADC1,
@@ -87,8 +95,9 @@ async fn start(p: Peripherals) -> Result<(), ConfigError> {
         saving: &SAVING,
         parameters: parameters.report.conditions(),
         reports: REPORTS.sender(),
+        badge: of_tick,
     };
     spawners.tick.spawn(tick::run(beam).expect("spawned once"));
     let reports = REPORTS.receiver().expect("the only one");
-    background::run(reports, parameters, settings, &SAVING, watchdog).await
+    background::run(reports, parameters, settings, &SAVING, attendance).await
 }

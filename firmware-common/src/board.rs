@@ -52,8 +52,12 @@ pub fn start() -> Peripherals {
 
     time_driver::start();
     let cause = ResetCause::take();
-    let faults = fault::begin(cause == ResetCause::PowerOn, cause == ResetCause::Watchdog);
+    let (faults, message) =
+        fault::begin(cause == ResetCause::PowerOn, cause == ResetCause::Watchdog);
     defmt::info!("reset by {}, {}", cause, faults);
+    if let Some(text) = message.as_str().filter(|text| !text.is_empty()) {
+        defmt::error!("before the reset: {}", text);
+    }
     brown_out::set();
     peripherals
 }

@@ -25,6 +25,8 @@ use embassy_sync::channel::Channel;
 use embassy_time::{Duration, Instant, with_timeout};
 use static_cell::StaticCell;
 
+use crate::attendance::Badge;
+
 bind_interrupts!(struct Irqs {
     CAN1_RX0 => Rx0InterruptHandler<CAN1>;
     CAN1_RX1 => Rx1InterruptHandler<CAN1>;
@@ -36,6 +38,11 @@ bind_interrupts!(struct Irqs {
 const SENDING: usize = 24;
 /// Messages that wait for the next tick; a millisecond has room for nine on the bus.
 const ARRIVED: usize = 32;
+
+/// Longest wait of a task before it reports that it goes on.
+const REPORT: Duration = Duration::from_millis(50);
+/// Time within which the two tasks report at least, µs: a wait, and a bus that is stuck.
+pub const REPORTS_WITHIN: Micros = 200_000;
 
 /// Age at which a message is not worth sending any more: two epochs.
 const STALE: Duration = Duration::from_micros(2 * EPOCH);
@@ -174,9 +181,12 @@ pub async fn start(
 /// Sends what is queued. What is older than 20 ms is dropped, in the queue and in the
 /// controller: on a bus that comes back, an old message must not pass for a new one.
 #[embassy_executor::task]
-pub async fn send(mut can: CanTx<'static>) -> ! {
+pub async fn send(mut can: CanTx<'static>, mut badge: Badge) -> ! {
     loop {
-        let (queued, frame) = TO_SEND.receive().await;
+        badge.report();
+        let Ok((queued, frame)) = with_timeout(REPORT, TO_SEND.receive()).await else {
+            continue;
+        };
         if queued.elapsed() > STALE {
             count(|counters| &mut counters.dropped);
             continue;
@@ -208,9 +218,13 @@ pub async fn send(mut can: CanTx<'static>) -> ! {
 
 /// Takes in what arrives.
 #[embassy_executor::task]
-pub async fn receive(mut can: CanRx<'static>) -> ! {
+pub async fn receive(mut can: CanRx<'static>, mut badge: Badge) -> ! {
     loop {
-        let envelope = match can.read().await {
+        badge.report();
+        let Ok(read) = with_timeout(REPORT, can.read()).await else {
+            continue;
+        };
+        let envelope = match read {
             Ok(envelope) => envelope,
             Err(_) => {
                 count(|counters| &mut counters.errors);

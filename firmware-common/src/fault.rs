@@ -1,43 +1,24 @@
-//! Panics and processor faults: outputs made safe, the fault counted and logged, the board restarted.
+//! Panics and processor faults: outputs made safe, the fault counted, kept and logged, the board
+//! restarted.
 //!
-//! The counts stand in memory that a reset does not clear, so that the next start reports them.
+//! Counts and message stand in memory that a reset does not clear ([`kept`](crate::kept)), so that the
+//! next start reports them.
 
+use core::fmt::{Arguments, Write};
 use core::panic::PanicInfo;
 use core::ptr::addr_of_mut;
 use core::sync::atomic::{AtomicBool, AtomicPtr, Ordering};
 
 use cortex_m_rt::ExceptionFrame;
 
-/// Faults since power came on.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, defmt::Format)]
-pub struct Faults {
-    /// Panics of the program.
-    pub panics: u32,
-    /// Faults of the processor and interrupts without a handler.
-    pub processor: u32,
-    /// Resets by the watchdog.
-    pub watchdog: u32,
-}
-
-impl Faults {
-    const NONE: Self = Self {
-        panics: 0,
-        processor: 0,
-        watchdog: 0,
-    };
-}
-
-#[repr(C)]
-struct Record {
-    magic: u32,
-    faults: Faults,
-}
-
-/// Says that the record was written by this program, not by chance.
-const MAGIC: u32 = 0x6661_756c;
+pub use crate::kept::Faults;
+use crate::kept::{Record, Text};
 
 #[unsafe(link_section = ".uninit.FAULTS")]
 static mut RECORD: core::mem::MaybeUninit<Record> = core::mem::MaybeUninit::uninit();
+
+/// Whether the program was started again because of a fault or by the watchdog.
+static RESTARTED: AtomicBool = AtomicBool::new(false);
 
 /// What to call to make the outputs safe; null before [`on_fault`].
 static MAKE_SAFE: AtomicPtr<()> = AtomicPtr::new(core::ptr::null_mut());
@@ -51,42 +32,45 @@ pub fn on_fault(make_safe: fn()) {
 
 /// Counts of faults since power came on.
 pub fn counts() -> Faults {
-    with_record(|faults| *faults)
+    with_record(|record| record.faults)
 }
 
-/// Takes over the record at start: cleared after power-on, a watchdog reset counted.
-pub(crate) fn begin(power_on: bool, by_watchdog: bool) -> Faults {
-    with_record(|faults| {
+/// Whether the program was started again because of a fault or by the watchdog.
+pub fn restarted() -> bool {
+    RESTARTED.load(Ordering::Relaxed)
+}
+
+/// Takes over the record at start: cleared after power-on, a watchdog reset counted. Gives the counts
+/// and what the last fault said, once.
+pub(crate) fn begin(power_on: bool, by_watchdog: bool) -> (Faults, Text) {
+    with_record(|record| {
         if power_on {
-            *faults = Faults::NONE;
+            *record = Record::new();
         }
-        faults.watchdog = faults.watchdog.saturating_add(by_watchdog.into());
-        *faults
+        record.faults.watchdog = record.faults.watchdog.saturating_add(by_watchdog.into());
+        let message = core::mem::replace(&mut record.message, Text::EMPTY);
+        let told = message.as_str().is_some_and(|text| !text.is_empty());
+        RESTARTED.store(by_watchdog || told, Ordering::Relaxed);
+        (record.faults, message)
     })
 }
 
-fn with_record<T>(f: impl FnOnce(&mut Faults) -> T) -> T {
+fn with_record<T>(f: impl FnOnce(&mut Record) -> T) -> T {
     critical_section::with(|_| {
         let place = addr_of_mut!(RECORD).cast::<Record>();
         // SAFETY: the critical section makes the access exclusive. The memory holds what it held
         // before the reset, of which every pattern is a record of integers; a volatile read keeps
         // the compiler from taking it as never written.
-        let mut record = unsafe { place.read_volatile() };
-        if record.magic != MAGIC {
-            record = Record {
-                magic: MAGIC,
-                faults: Faults::NONE,
-            };
-        }
-        let result = f(&mut record.faults);
+        let mut record = unsafe { place.read_volatile() }.or_new();
+        let result = f(&mut record);
         // SAFETY: as above.
-        unsafe { place.write_volatile(record) };
+        unsafe { place.write_volatile(record.sealed()) };
         result
     })
 }
 
-/// Outputs safe, then `count` and `log`, then restart.
-fn stop(count: impl FnOnce(&mut Faults), log: impl FnOnce()) -> ! {
+/// Outputs safe, then `count`, keep and log `what`, then restart.
+fn stop(count: impl FnOnce(&mut Faults) -> &mut u32, what: Arguments) -> ! {
     cortex_m::interrupt::disable();
     let make_safe = MAKE_SAFE.load(Ordering::Acquire);
     if !make_safe.is_null() {
@@ -95,8 +79,14 @@ fn stop(count: impl FnOnce(&mut Faults), log: impl FnOnce()) -> ! {
     }
     // A fault while stopping, such as one inside the log, ends without another word.
     if !STOPPING.swap(true, Ordering::AcqRel) {
-        with_record(count);
-        log();
+        with_record(|record| {
+            let count = count(&mut record.faults);
+            *count = count.saturating_add(1);
+            record.message = Text::EMPTY;
+            // What does not fit is cut off.
+            let _ = record.message.write_fmt(what);
+        });
+        defmt::error!("{}", defmt::Display2Format(&what));
         defmt::flush();
     }
     restart()
@@ -116,10 +106,7 @@ fn restart() -> ! {
 
 #[panic_handler]
 fn panic(info: &PanicInfo) -> ! {
-    stop(
-        |faults| faults.panics = faults.panics.saturating_add(1),
-        || defmt::error!("{}", defmt::Display2Format(info)),
-    )
+    stop(|faults| &mut faults.panics, format_args!("{info}"))
 }
 
 /// Ends the program on a fault of the processor; `frame` holds the registers at the fault.
@@ -127,15 +114,12 @@ pub(crate) fn hard_fault(frame: &ExceptionFrame) -> ! {
     // SAFETY: a read of the fault status register.
     let status = unsafe { (*cortex_m::peripheral::SCB::PTR).cfsr.read() };
     stop(
-        |faults| faults.processor = faults.processor.saturating_add(1),
-        || {
-            defmt::error!(
-                "hard fault: status {:#010x}, pc {:#010x}, lr {:#010x}",
-                status,
-                frame.pc(),
-                frame.lr()
-            )
-        },
+        |faults| &mut faults.processor,
+        format_args!(
+            "hard fault: status {status:#010x}, pc {:#010x}, lr {:#010x}",
+            frame.pc(),
+            frame.lr()
+        ),
     )
 }
 
@@ -148,7 +132,7 @@ unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
 #[cortex_m_rt::exception]
 unsafe fn DefaultHandler(number: i16) -> ! {
     stop(
-        |faults| faults.processor = faults.processor.saturating_add(1),
-        || defmt::error!("interrupt {} has no handler", number),
+        |faults| &mut faults.processor,
+        format_args!("interrupt {number} has no handler"),
     )
 }

@@ -3,8 +3,9 @@
 //! | module | what it holds |
 //! |---|---|
 //! | `board` | clocks, brown-out level, cause of the reset: the first call of every image |
-//! | `fault` | panics and processor faults: outputs safe, counted, logged, restarted |
-//! | `watchdog` | independent watchdog |
+//! | `fault` | panics and processor faults: outputs safe, counted, kept, logged, restarted |
+//! | `kept` | what is kept over a reset |
+//! | `watchdog`, `attendance` | independent watchdog, fed only while every task reports |
 //! | `time_driver` | time of `embassy-time` from SysTick |
 //! | `store` | parameters in flash |
 //! | `strap` | role of an axle board |
@@ -19,10 +20,14 @@
 
 #![cfg_attr(target_os = "none", no_std)]
 
+#[cfg(all(target_os = "none", not(feature = "hil")))]
+pub mod attendance;
 #[cfg(target_os = "none")]
 pub mod board;
 #[cfg(target_os = "none")]
 pub mod fault;
+#[cfg(any(test, target_os = "none"))]
+pub mod kept;
 #[cfg(target_os = "none")]
 pub mod stack;
 #[cfg(target_os = "none")]

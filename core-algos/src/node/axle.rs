@@ -205,6 +205,32 @@ pub struct Output {
     pub limited: bool,
 }
 
+/// A coordinated stop under way.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Stop {
+    ramp: ramp::State,
+    /// Share of the torque at rest that may still be used.
+    hold: f32,
+    /// Larger of the wheels' torques when letting go began, N m.
+    held_nm: f32,
+}
+
+impl Stop {
+    /// Bounds the torques, with their direction kept, once the frame is being let go.
+    fn let_go(&mut self, torque_nm: &mut [f32; 2]) {
+        let [left, right] = *torque_nm;
+        let largest = left.abs().max(right.abs());
+        if self.hold >= 1.0 {
+            self.held_nm = largest;
+            return;
+        }
+        let bound = self.hold * self.held_nm;
+        if largest > bound {
+            *torque_nm = torque_nm.map(|torque| torque * (bound / largest));
+        }
+    }
+}
+
 /// All that changes in an axle node.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct State {
@@ -220,7 +246,7 @@ pub struct State {
     /// Reference of the last step.
     followed: Option<AxleReference>,
     /// The stop under way.
-    stop: Option<ramp::State>,
+    stop: Option<Stop>,
     /// The stop is over.
     halted: bool,
     peers: Peers,
@@ -405,6 +431,9 @@ impl AxleNode {
         self.state.output = reference.map_or(Output::default(), |reference| {
             self.control(now, speeds, reference)
         });
+        if let Some(stop) = &mut self.state.stop {
+            stop.let_go(&mut self.state.output.torque_nm);
+        }
         self.state.output
     }
 
@@ -477,7 +506,9 @@ impl AxleNode {
         let powered = operating.permit() != Permit::Off;
         let active = operating == OperatingState::Active;
         let error = state.output.error;
-        let lost = state.output.active
+        // An axle that is let go is not to stay.
+        let lost = active
+            && state.output.active
             && !(error.x.abs() <= self.limits.tracking_m
                 && error.y.abs() <= self.limits.tracking_m
                 && error.phi.abs() <= self.limits.tracking_rad);
@@ -522,11 +553,16 @@ impl AxleNode {
         let state = &mut self.state;
         let ramp = &self.ramp;
         let (velocity, steering, length) = (state.velocity, state.steering, self.frame.length_m);
-        let stop = state.stop.get_or_insert_with(|| match state.followed {
-            Some(reference) => ramp.begin(reference.posture, velocity, steering, length),
-            None => ramp.begin(state.filter.posture(), 0.0, 0.0, length),
+        let stop = state.stop.get_or_insert_with(|| Stop {
+            ramp: match state.followed {
+                Some(reference) => ramp.begin(reference.posture, velocity, steering, length),
+                None => ramp.begin(state.filter.posture(), 0.0, 0.0, length),
+            },
+            hold: 1.0,
+            held_nm: 0.0,
         });
-        let reference = ramp.step(stop, seconds(TICK));
+        let reference = ramp.step(&mut stop.ramp, seconds(TICK));
+        stop.hold = reference.hold;
         state.halted = reference.halted;
         AxleReference {
             posture: reference.posture,
@@ -854,12 +890,12 @@ mod tests {
         node.step(20 * TICK + 51_000, &samples, &mut outbox);
         assert_eq!(state(&node), OperatingState::SafeStop);
         assert_eq!(node.supervision().first(), Some(Condition::CommandTimeout));
-        for tick in 72..290 {
+        for tick in 72..1100 {
             node.step(tick * TICK, &samples, &mut outbox);
         }
         assert_eq!(state(&node), OperatingState::Fault);
-        reference(&mut node, 290 * TICK, 0.1, Posture::ORIGIN);
-        let off = node.step(291 * TICK, &samples, &mut outbox);
+        reference(&mut node, 1100 * TICK, 0.1, Posture::ORIGIN);
+        let off = node.step(1101 * TICK, &samples, &mut outbox);
         assert_eq!(off, Output::default(), "latched");
     }
 
@@ -937,7 +973,7 @@ mod tests {
                 Condition::TrackingLost => 0.2,
                 _ => 0.0,
             };
-            for tick in 0..1500u64 {
+            for tick in 0..2000u64 {
                 let now = tick * TICK;
                 if is_epoch_start(now) && tick < 600 {
                     reference(&mut node, now, 0.0, Posture::new(ahead, 0.0, 0.0));
@@ -951,12 +987,12 @@ mod tests {
             }
             assert_eq!(node.supervision().first(), Some(condition));
             assert_eq!(node.supervision().operating(), OperatingState::Fault);
-            for tick in 1500..1600u64 {
+            for tick in 2000..2100u64 {
                 let now = tick * TICK;
                 if is_epoch_start(now) {
                     reference(&mut node, now, 0.0, Posture::ORIGIN);
                 }
-                let mode = if tick < 1530 {
+                let mode = if tick < 2030 {
                     LeadMode::Clear
                 } else {
                     LeadMode::Active

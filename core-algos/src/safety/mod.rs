@@ -13,6 +13,7 @@
 
 pub mod condition;
 pub mod ramp;
+pub mod roll_call;
 pub mod state;
 pub mod supervisor;
 

@@ -4,6 +4,9 @@
 //! v_O / cos ψ and turn at κ(ψ) v_O (paper eq. 5 and 6). All axles heard the same broadcast of v_O
 //! and ψ, and every one of them begins when the stop is announced or the references cease, so each
 //! can compute its own share without hearing from the others again.
+//!
+//! A frame that is bent at rest pushes the axles: with the motors off at once it would spring back and
+//! swing them about for seconds. So the torque that holds it is let go gradually.
 
 use crate::config::{ConfigError, in_range, positive};
 use crate::math::trig::{clamp, sin_cos};
@@ -25,8 +28,11 @@ pub struct Config {
     pub deceleration_m_s2: f32,
     /// Shortest duration of a stop, s: a slow robot is not jerked to rest.
     pub shortest_s: f32,
-    /// Time at rest after which the motors are switched off, s: the axles settle together.
+    /// Time at rest before the frame is let go, s: the axles settle together.
     pub rest_s: f32,
+    /// Time in which the torque that holds the bent frame fades, s; then the motors are off. Over
+    /// about a period of its swing a spring that is let go evenly does not swing on.
+    pub release_s: f32,
 }
 
 impl Default for Config {
@@ -35,6 +41,7 @@ impl Default for Config {
             deceleration_m_s2: 1.0,
             shortest_s: 0.1,
             rest_s: 0.1,
+            release_s: 0.75,
         }
     }
 }
@@ -46,6 +53,7 @@ impl Config {
             deceleration: in_range("deceleration_m_s2", self.deceleration_m_s2, 0.1, 10.0)?,
             shortest: in_range("shortest_s", self.shortest_s, 0.01, 1.0)?,
             rest: positive("rest_s", self.rest_s)?,
+            release: in_range("release_s", self.release_s, 0.01, 5.0)?,
         })
     }
 }
@@ -56,6 +64,7 @@ pub struct Ramp {
     deceleration: f32,
     shortest: f32,
     rest: f32,
+    release: f32,
 }
 
 /// A stop under way.
@@ -80,7 +89,10 @@ pub struct Reference {
     pub twist: Twist,
     /// Their derivatives, m/s² and rad/s².
     pub acceleration: Twist,
-    /// Speed is zero and the time at rest is over: the motors may be switched off.
+    /// Share of the torque that held the axle at rest that it may still use: 1 until the time at
+    /// rest is over, then falling to 0.
+    pub hold: f32,
+    /// The stop is over: the motors may be switched off.
     pub halted: bool,
 }
 
@@ -123,11 +135,13 @@ impl Ramp {
         } else {
             0.0
         };
+        let rested = state.duration + self.rest;
         Reference {
             posture: state.posture.advance(v * share, omega * share),
             twist: Twist::new(v * left, omega * left),
             acceleration: Twist::new(v * slowing, omega * slowing),
-            halted: state.elapsed >= state.duration + self.rest,
+            hold: clamp(1.0 - (state.elapsed - rested) / self.release, 0.0, 1.0),
+            halted: state.elapsed >= rested + self.release,
         }
     }
 }
@@ -148,17 +162,21 @@ mod tests {
         let mut states =
             [front, rear].map(|p| ramp.begin(p, speed as f32, psi as f32, length as f32));
         let mut halted = 0;
-        for _ in 0..600 {
+        let mut holding = 0;
+        for _ in 0..1200 {
             let [a, b] = states.each_mut().map(|state| ramp.step(state, 1e-3));
             let d = [a.posture.x - b.posture.x, a.posture.y - b.posture.y].map(f64::from);
             assert!((d[0].hypot(d[1]) - chord).abs() < 1e-5, "{d:?}");
             let bend = 0.5 * f64::from(a.posture.phi - b.posture.phi);
             assert!((bend - psi).abs() < 1e-5);
             assert_eq!(a.halted, b.halted);
+            assert_eq!(a.hold, b.hold);
+            holding += usize::from(a.hold == 1.0);
             halted += usize::from(a.halted);
         }
-        // 0.25 s to slow down at 1 m/s², 0.1 s of rest.
-        assert!((249..=251).contains(&halted), "{halted}");
+        // 0.25 s to slow down at 1 m/s², 0.1 s of rest, 0.75 s to let go.
+        assert!((349..=351).contains(&holding), "{holding}");
+        assert!((99..=102).contains(&halted), "{halted}");
     }
 
     /// The reference is its own integral and derivative.
@@ -188,7 +206,7 @@ mod tests {
             let mut state = ramp.begin(Posture::ORIGIN, speed, psi, 0.37);
             let reference = ramp.step(&mut state, f32::NAN);
             assert_eq!(reference.twist, Twist::default());
-            for _ in 0..300 {
+            for _ in 0..1000 {
                 ramp.step(&mut state, 1e-3);
             }
             assert!(ramp.step(&mut state, 1e-3).halted);

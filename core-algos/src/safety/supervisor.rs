@@ -35,7 +35,7 @@ impl Default for Config {
         Self {
             degraded_time_s: 20.0,
             degraded_distance_m: 2.0,
-            stop_timeout_s: 1.5,
+            stop_timeout_s: 2.0,
         }
     }
 }
@@ -415,7 +415,7 @@ mod tests {
         let ticks = (1..)
             .find(|_| bench.step(Input::default()).permit == Permit::Off)
             .unwrap();
-        assert!((1500..=1502).contains(&ticks), "{ticks}");
+        assert!((2000..=2002).contains(&ticks), "{ticks}");
         assert_eq!(
             bench.state.operating(),
             OperatingState::Idle,

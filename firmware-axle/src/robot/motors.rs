@@ -32,6 +32,7 @@ use embassy_stm32::{Peri, interrupt as handler, peripherals, rcc, triggers};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use embassy_time::Instant;
+use firmware_common::attendance::Badge;
 use firmware_common::fault;
 
 /// Top of the counter: 168 MHz / (2 · 4200) = 20 kHz.
@@ -72,6 +73,8 @@ pub struct Parts {
     pub temperature: Peri<'static, PC3>,
     /// Emergency stop, a contact to ground that opens: high or a broken wire means stop.
     pub stop: Peri<'static, PB12>,
+    /// For the watchdog.
+    pub badge: Badge,
 }
 
 /// What the tick asks of the motors.
@@ -171,6 +174,7 @@ struct Drive {
     sleep: Output<'static>,
     faults: [Input<'static>; 2],
     stop: Input<'static>,
+    badge: Badge,
     _enable: [Flex<'static>; 2],
     shunt: Shunt,
     supply: Supply,
@@ -224,6 +228,7 @@ impl Drive {
                 Input::new(parts.fault.1, Pull::Up),
             ],
             stop: Input::new(parts.stop, Pull::Up),
+            badge: parts.badge,
             _enable: enable,
             shunt: shunt::Config::default().build()?,
             supply: SupplyConfig::default().build()?,
@@ -387,6 +392,7 @@ impl Drive {
             return;
         }
         self.period = 0;
+        self.badge.report();
         let mean = self.squares.map(|square| square / f32::from(PERIODS));
         self.squares = [0.0; 2];
         let feedback = Feedback {

@@ -1,24 +1,37 @@
-//! The log: health once a second, faults at once; feeds the watchdog.
+//! The log: health once a second, faults at once; feeds the watchdog while every task reports.
 
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::watch;
 use firmware_common::board::CORE_HZ;
-use firmware_common::watchdog::Watchdog;
-use firmware_common::{can, fault, stack};
+use firmware_common::{attendance, can, fault, stack};
 
 use super::tick::Report;
 
 /// Where reports come from.
 pub type Reports = watch::Receiver<'static, CriticalSectionRawMutex, Report, 1>;
 
-/// Logs for ever. The watchdog is fed with each report of the tick, of which there are ten a second:
-/// a tick or a current loop that stops lets it reset the board.
-pub async fn run(mut reports: Reports, mut watchdog: Watchdog) -> ! {
+/// Tasks that must report for the watchdog to be fed, and how often, µs. The log itself feeds it: were
+/// it starved, nobody would.
+pub const TASKS: [(&str, u64); 4] = [
+    ("current loop", 10_000),
+    ("tick", 10_000),
+    ("bus, sending", can::REPORTS_WITHIN),
+    ("bus, receiving", can::REPORTS_WITHIN),
+];
+
+/// Who reports.
+pub type Attendance = attendance::Attendance<{ TASKS.len() }>;
+
+/// Logs for ever. The watchdog is looked after with each report of the tick, of which there are ten a
+/// second.
+pub async fn run(mut reports: Reports, mut attendance: Attendance) -> ! {
     let mut known = None;
     let mut count = 0u8;
     loop {
         let report = reports.changed().await;
-        watchdog.feed();
+        if let Err(task) = attendance.check() {
+            defmt::error!("{} does not report: the watchdog is not fed", task);
+        }
         let feedback = report.feedback;
         if feedback.fault != known {
             known = feedback.fault;

@@ -12,7 +12,9 @@ use core_algos::node::{Micros, Outbox, TICK, axle, sequence};
 use core_algos::safety::{Condition, Conditions};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::watch;
+use firmware_common::attendance::Badge;
 use firmware_common::can::{self, Receiver, Sender};
+use firmware_common::fault;
 use firmware_common::timing::Stopwatch;
 
 use super::encoders::Encoders;
@@ -75,6 +77,8 @@ pub struct Axis {
     pub parameters: Conditions,
     /// Where reports go.
     pub reports: Reports,
+    /// For the watchdog.
+    pub badge: Badge,
 }
 
 /// All that changes from tick to tick.
@@ -84,6 +88,8 @@ struct State {
     own: Outbox,
     wheels: [wheel_observer::State; 2],
     windings: [winding::State; 2],
+    /// The board came back from a fault that nobody has cleared yet.
+    restarted: bool,
 }
 
 /// Runs the tick for ever.
@@ -98,9 +104,11 @@ pub async fn run(mut axis: Axis) -> ! {
         own: Outbox::new(),
         wheels: [wheel_observer::State::default(); 2],
         windings: [axis.winding.at_start(); 2],
+        restarted: fault::restarted(),
     };
     loop {
         let local = axis.motors.tick().await;
+        axis.badge.report();
         stopwatch.begin();
         let command = axis.tick(&mut state, local);
         axis.motors.command(command);
@@ -134,10 +142,13 @@ impl Axis {
             encoder: encoder.map(Some),
             gyro_rad_s: inertial.gyro_rad_s,
             acceleration_m_s2: inertial.acceleration_m_s2,
-            conditions: self.conditions(&state.pace, &feedback),
+            conditions: self
+                .conditions(&state.pace, &feedback)
+                .with(Condition::Restarted, state.restarted),
         });
         let mut outbox = Outbox::new();
         let output = self.nodes.0.step(now, &samples, &mut outbox);
+        state.restarted &= !output.clear;
         for message in outbox.iter() {
             self.send(state, message);
         }

@@ -4,32 +4,44 @@ use core_algos::params::Settings;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::watch;
 use firmware_common::store::chip::Parameters;
-use firmware_common::watchdog::Watchdog;
-use firmware_common::{can, fault, stack};
+use firmware_common::{attendance, can, fault, stack};
 
 use super::tick::{Report, Saving};
 
 /// Where reports come from.
 pub type Reports = watch::Receiver<'static, CriticalSectionRawMutex, Report, 1>;
 
-/// Runs for ever. The watchdog is fed with each report of the tick, of which there are ten a second:
-/// a tick that stops lets it reset the board.
+/// Tasks that must report for the watchdog to be fed, and how often, µs. The background itself feeds
+/// it: were it starved, nobody would.
+pub const TASKS: [(&str, u64); 3] = [
+    ("tick", 10_000),
+    ("bus, sending", can::REPORTS_WITHIN),
+    ("bus, receiving", can::REPORTS_WITHIN),
+];
+
+/// Who reports.
+pub type Attendance = attendance::Attendance<{ TASKS.len() }>;
+
+/// Runs for ever. The watchdog is looked after with each report of the tick, of which there are ten a
+/// second.
 pub async fn run(
     mut reports: Reports,
     mut parameters: Parameters,
     mut settings: Settings,
     saving: &'static Saving,
-    mut watchdog: Watchdog,
+    mut attendance: Attendance,
 ) -> ! {
     let mut count = 0u8;
     loop {
         let report = reports.changed().await;
-        watchdog.feed();
+        if let Err(task) = attendance.check() {
+            defmt::error!("{} does not report: the watchdog is not fed", task);
+        }
         if let Some((calibration, off)) = saving.wanted.try_take() {
             settings.robot.beam.calibration = calibration;
-            watchdog.lengthen();
+            attendance.watchdog().lengthen();
             let saved = parameters.save(&settings, off).await;
-            watchdog.shorten();
+            attendance.watchdog().shorten();
             defmt::info!("calibration saved: {}", saved);
             saving.done.signal(saved);
         }
@@ -40,10 +52,11 @@ pub async fn run(
         count = 0;
         let (jitter, worst) = report.timing_us;
         defmt::info!(
-            "tick jitter {} us, longest {} us, missed {}; in step {}, gauges {}, excitation {}, {} C",
+            "tick jitter {} us, longest {} us, missed {}, conversions lost {}; in step {}, gauges {}, excitation {}, {} C",
             jitter,
             worst,
             report.missed,
+            report.lost,
             report.in_step,
             report.gauges,
             report.excitation,

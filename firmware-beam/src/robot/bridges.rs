@@ -11,11 +11,11 @@ use core_algos::node::Micros;
 use embassy_stm32::adc::{
     Adc, AdcChannel, AnyAdcChannel, Exten, InjectedAdc, RingBufferedAdc, SampleTime,
 };
-use embassy_stm32::pac::TIM2;
 use embassy_stm32::pac::timer::vals::Mms;
+use embassy_stm32::pac::{ADC1 as ADC1_REGISTERS, TIM2};
 use embassy_stm32::peripherals::{ADC1, DMA2_CH0, PA2, PA3};
 use embassy_stm32::{Peri, bind_interrupts, dma, peripherals, rcc, triggers};
-use embassy_time::Instant;
+use embassy_time::{Duration, Instant, with_timeout};
 use static_cell::ConstStaticCell;
 
 bind_interrupts!(struct Irqs {
@@ -32,6 +32,8 @@ const BLOCK: usize = SCANS * CHANNELS;
 const TOP: u32 = 874;
 /// The excitation comes back from the strip halved, and is the converter's own reference.
 const EXCITATION: u32 = FULL_SCALE as u32 / 2;
+/// Time without samples after which the stream has stopped.
+const PATIENCE: Duration = Duration::from_millis(3);
 /// A count that says "no conversion".
 const MISSING: i32 = -1;
 
@@ -103,9 +105,11 @@ impl Bridges {
     }
 
     /// Waits for the readings of a millisecond; `None` if conversions were lost, after which nobody
-    /// knows which sample is of which bridge.
+    /// knows which sample is of which bridge. A converter that lost one stops asking for its stream, so
+    /// a stream that stands still is the same.
     pub async fn read(&mut self) -> Option<Block> {
-        self.adc.read(self.samples).await.ok()?;
+        let read = with_timeout(PATIENCE, self.adc.read(self.samples));
+        read.await.ok()?.ok()?;
         let local = Instant::now().as_micros();
         let sums = sums::<CHANNELS>(self.samples);
         let measured = sums[BRIDGES];
@@ -118,6 +122,23 @@ impl Bridges {
             counts,
             excitation: measured as f32 / EXCITATION as f32,
         })
+    }
+
+    /// Begins sampling anew, with the first bridge.
+    pub fn restart(&mut self) {
+        TIM2.cr1().modify(|w| w.set_cen(false));
+        self.adc.stop();
+        // Switched off, the converter forgets where in its scan it was; the flag of the lost conversion
+        // and the stream's request are cleared before it may ask again.
+        ADC1_REGISTERS.cr2().modify(|w| {
+            w.set_adon(false);
+            w.set_dma(false);
+        });
+        ADC1_REGISTERS.sr().modify(|w| w.set_ovr(false));
+        ADC1_REGISTERS.cr2().modify(|w| w.set_adon(true));
+        self.adc.clear();
+        self.adc.start();
+        TIM2.cr1().modify(|w| w.set_cen(true));
     }
 
     /// Temperature of the strip at the last call, °C, and the beginning of a new conversion; `None`

@@ -15,7 +15,9 @@ use core_algos::safety::{Condition, Conditions, Permit};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use embassy_sync::watch;
+use firmware_common::attendance::Badge;
 use firmware_common::can::{self, Receiver, Sender};
+use firmware_common::fault;
 use firmware_common::timing::Stopwatch;
 
 use super::bridges::{Block, Bridges};
@@ -43,6 +45,8 @@ pub struct Report {
     pub timing_us: (u16, u16),
     /// Ticks missed since the start.
     pub missed: u16,
+    /// Times conversions were lost since the start.
+    pub lost: u16,
 }
 
 /// Where the tick leaves its report.
@@ -76,6 +80,8 @@ pub struct Beam {
     pub parameters: Conditions,
     /// Where reports go.
     pub reports: Reports,
+    /// For the watchdog.
+    pub badge: Badge,
 }
 
 /// All that changes from tick to tick.
@@ -83,6 +89,8 @@ struct State {
     pace: Pace,
     motors_on: Option<Micros>,
     saving: Option<u8>,
+    /// Times conversions were lost.
+    lost: u16,
 }
 
 /// The configuration of a board with this converter: counts are sums of [`SCANS`] conversions.
@@ -116,12 +124,21 @@ pub async fn run(mut beam: Beam) -> ! {
         pace: Pace::following(),
         motors_on: None,
         saving: None,
+        lost: 0,
     };
+    if fault::restarted() {
+        beam.node.note(Conditions::only(Condition::Restarted));
+    }
     loop {
-        let Some(block) = beam.bridges.read().await else {
-            // Which sample is of which bridge is no longer known; a start from nothing is sure.
-            // Counted and logged as every panic is; the axles do without the beam meanwhile.
-            panic!("conversions were lost");
+        let block = beam.bridges.read().await;
+        beam.badge.report();
+        let Some(block) = block else {
+            // Which sample is of which bridge is no longer known: the scan begins anew, and the axles
+            // do without the beam for a few milliseconds.
+            state.lost = state.lost.saturating_add(1);
+            beam.node.note(Conditions::only(Condition::ConversionsLost));
+            beam.bridges.restart();
+            continue;
         };
         stopwatch.begin();
         beam.tick(&mut state, &block);
@@ -246,6 +263,7 @@ impl Beam {
             in_step: state.pace.in_step(),
             timing_us,
             missed: state.pace.missed(),
+            lost: state.lost,
         });
     }
 }

@@ -24,7 +24,7 @@ use serde::Serialize;
 use std::fmt;
 
 /// Time the run goes on after it is clear that it must end, ticks: the motors go off within it.
-const GRACE: u32 = 500;
+const GRACE: u32 = 1500;
 
 /// A board that is to be switched off, and on again.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,0 +1,113 @@
+//! Which of a board's tasks are alive: decides whether the watchdog may be fed.
+//!
+//! A task that stops, or is starved by one above it, misses its time and the watchdog is no longer
+//! fed, whatever the others do. The driver of the watchdog asks [`RollCall::complete`] and feeds only
+//! if it says so; nothing else feeds.
+//!
+//! # Panic contract
+//!
+//! [`RollCall::new`] takes any times; nothing here can fail.
+
+use crate::node::Micros;
+
+/// The tasks of a board, each with the longest time between two of its reports.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RollCall<const N: usize> {
+    within: [Micros; N],
+    /// Count of reports at the latest look, and when it last changed.
+    heard: [(u32, Micros); N],
+}
+
+impl<const N: usize> RollCall<N> {
+    /// Tasks that are to report within these times (µs), the first time so long after `now`.
+    pub const fn new(within: [Micros; N], now: Micros) -> Self {
+        Self {
+            within,
+            heard: [(0, now); N],
+        }
+    }
+
+    /// Looks at how often each task has reported since the start; the counts may wrap. Whether every
+    /// task has reported within its time before `now`. A clock that runs back counts as standing
+    /// still.
+    pub fn complete(&mut self, now: Micros, reports: [u32; N]) -> bool {
+        for (heard, count) in self.heard.iter_mut().zip(reports) {
+            if heard.0 != count {
+                *heard = (count, now);
+            }
+        }
+        self.late(now).is_none()
+    }
+
+    /// The first task that is late at `now`.
+    pub fn late(&self, now: Micros) -> Option<usize> {
+        let mut tasks = self.heard.iter().zip(self.within);
+        tasks.position(|(&(_, last), within)| now.saturating_sub(last) > within)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::{prop, prop_assert, prop_assert_eq, proptest};
+
+    #[test]
+    fn one_silent_task_among_busy_ones_is_enough() {
+        for silent in 0..3 {
+            let mut call = RollCall::new([5_000, 20_000, 100_000], 0);
+            let mut reports = [u32::MAX - 3; 3];
+            let mut refused = None;
+            for tick in 1..=300u64 {
+                for (task, count) in reports.iter_mut().enumerate() {
+                    if task != silent || tick <= 50 {
+                        *count = count.wrapping_add(1);
+                    }
+                }
+                if !call.complete(tick * 1_000, reports) {
+                    refused.get_or_insert(tick);
+                    assert_eq!(call.late(tick * 1_000), Some(silent));
+                }
+            }
+            let within = [5, 20, 100][silent];
+            assert_eq!(refused, Some(50 + within + 1));
+        }
+    }
+
+    #[test]
+    fn a_task_that_never_reports_has_its_time_from_the_start() {
+        let mut call = RollCall::new([10_000], 1_000_000);
+        assert!(call.complete(1_010_000, [0]));
+        assert!(!call.complete(1_010_001, [0]));
+        assert!(call.complete(1_020_000, [1]), "it is back");
+    }
+
+    proptest! {
+        /// Against the plain definition, with reports at any times and looks at any times.
+        #[test]
+        fn complete_is_all_within_their_times(
+            events in prop::collection::vec((0usize..4, 1u64..4_000), 1..200),
+        ) {
+            let within = [1_000, 5_000, 30_000];
+            let mut call = RollCall::new(within, 0);
+            let (mut now, mut counts) = (0, [0u32; 3]);
+            // Reports are seen at the next look, which is when they count from.
+            let (mut pending, mut last) = ([false; 3], [0u64; 3]);
+            for (event, later) in events {
+                now += later;
+                if let Some(count) = counts.get_mut(event) {
+                    *count += 1;
+                    pending[event] = true;
+                    continue;
+                }
+                for task in 0..3 {
+                    if core::mem::take(&mut pending[task]) {
+                        last[task] = now;
+                    }
+                }
+                let all = (0..3).all(|task| now - last[task] <= within[task]);
+                prop_assert_eq!(call.complete(now, counts), all);
+                prop_assert!(call.late(now).is_none() == all);
+            }
+        }
+    }
+}

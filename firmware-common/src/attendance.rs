@@ -1,0 +1,67 @@
+//! The tasks of a board report here, and the watchdog is fed only while all of them do.
+//!
+//! A task gets a [`Badge`] and reports with it each time round its loop. [`Attendance`] belongs to the
+//! task that feeds; which task has been silent for too long is decided by
+//! [`core_algos::safety::roll_call`].
+
+use core::sync::atomic::{AtomicU32, Ordering};
+
+use core_algos::safety::roll_call::RollCall;
+use embassy_time::Instant;
+
+use crate::watchdog::Watchdog;
+
+/// A task's way to say that it goes on.
+pub struct Badge(&'static AtomicU32);
+
+impl Badge {
+    /// The task has come round once more.
+    pub fn report(&mut self) {
+        // One writer, so no update is lost.
+        let count = self.0.load(Ordering::Relaxed).wrapping_add(1);
+        self.0.store(count, Ordering::Relaxed);
+    }
+}
+
+/// All tasks of a board, and the watchdog that waits for them.
+pub struct Attendance<const N: usize> {
+    names: [&'static str; N],
+    counts: &'static [AtomicU32; N],
+    call: RollCall<N>,
+    watchdog: Watchdog,
+}
+
+impl<const N: usize> Attendance<N> {
+    /// Tasks by name, each with the longest time between two reports, µs; a badge for each, in order.
+    pub fn start(
+        counts: &'static [AtomicU32; N],
+        tasks: [(&'static str, u64); N],
+        watchdog: Watchdog,
+    ) -> (Self, [Badge; N]) {
+        let attendance = Self {
+            names: tasks.map(|(name, _)| name),
+            counts,
+            call: RollCall::new(tasks.map(|(_, within)| within), Instant::now().as_micros()),
+            watchdog,
+        };
+        (attendance, counts.each_ref().map(Badge))
+    }
+
+    /// Feeds the watchdog if every task has reported in time; names one that has not.
+    pub fn check(&mut self) -> Result<(), &'static str> {
+        let now = Instant::now().as_micros();
+        let counts = self.counts.each_ref();
+        let reports = counts.map(|count| count.load(Ordering::Relaxed));
+        if self.call.complete(now, reports) {
+            self.watchdog.feed();
+            return Ok(());
+        }
+        let late = self.call.late(now).and_then(|task| self.names.get(task));
+        Err(late.copied().unwrap_or("unknown"))
+    }
+
+    /// The watchdog, for work that holds the whole core.
+    pub fn watchdog(&mut self) -> &mut Watchdog {
+        &mut self.watchdog
+    }
+}

@@ -1,0 +1,181 @@
+//! What is kept over a reset: counts of faults and the last message, with a check sum.
+//!
+//! The memory holds chance after power-on, and half a record after a reset in the middle of a write;
+//! the check sum tells both from a record.
+
+use core::fmt::{self, Write};
+
+/// Faults since power came on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(target_os = "none", derive(defmt::Format))]
+pub struct Faults {
+    /// Panics of the program.
+    pub panics: u32,
+    /// Faults of the processor and interrupts without a handler.
+    pub processor: u32,
+    /// Resets by the watchdog.
+    pub watchdog: u32,
+}
+
+impl Faults {
+    /// None yet.
+    pub const NONE: Self = Self {
+        panics: 0,
+        processor: 0,
+        watchdog: 0,
+    };
+}
+
+/// Longest message that is kept, bytes.
+pub const ROOM: usize = 160;
+
+/// Says that the record was written by this program, not by chance; another layout has another one.
+const MAGIC: u32 = 0x6661_7532;
+
+/// A text of bounded length; what does not fit is cut off.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(C)]
+pub struct Text {
+    bytes: [u8; ROOM],
+    length: u32,
+}
+
+impl Text {
+    /// No text.
+    pub const EMPTY: Self = Self {
+        bytes: [0; ROOM],
+        length: 0,
+    };
+
+    /// The text; none if the memory holds something else.
+    pub fn as_str(&self) -> Option<&str> {
+        core::str::from_utf8(self.bytes.get(..self.length as usize)?).ok()
+    }
+}
+
+impl Write for Text {
+    fn write_str(&mut self, text: &str) -> fmt::Result {
+        let from = self.length as usize;
+        let room = ROOM.saturating_sub(from);
+        let fit = text.floor_char_boundary(room);
+        let places = self.bytes.iter_mut().skip(from);
+        for (place, byte) in places.zip(text.as_bytes().iter().take(fit)) {
+            *place = *byte;
+        }
+        self.length += fit as u32;
+        if fit == text.len() {
+            Ok(())
+        } else {
+            Err(fmt::Error)
+        }
+    }
+}
+
+/// What is kept.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(C)]
+pub struct Record {
+    magic: u32,
+    /// Counts.
+    pub faults: Faults,
+    /// What the last fault said.
+    pub message: Text,
+    sum: u32,
+}
+
+impl Record {
+    /// Nothing has happened.
+    pub fn new() -> Self {
+        Self {
+            magic: MAGIC,
+            faults: Faults::NONE,
+            message: Text::EMPTY,
+            sum: 0,
+        }
+        .sealed()
+    }
+
+    /// The same with its check sum as it must be.
+    pub fn sealed(mut self) -> Self {
+        self.sum = self.check_sum();
+        self
+    }
+
+    /// The record, or a new one in place of memory that holds none.
+    pub fn or_new(self) -> Self {
+        let sound =
+            self.magic == MAGIC && self.sum == self.check_sum() && self.message.as_str().is_some();
+        if sound { self } else { Self::new() }
+    }
+
+    /// FNV-1a of everything before the sum.
+    fn check_sum(&self) -> u32 {
+        let Faults {
+            panics,
+            processor,
+            watchdog,
+        } = self.faults;
+        let words = [self.magic, panics, processor, watchdog, self.message.length];
+        let bytes = words.iter().flat_map(|word| word.to_le_bytes());
+        bytes
+            .chain(self.message.bytes)
+            .fold(0x811c_9dc5, |sum: u32, byte| {
+                (sum ^ u32::from(byte)).wrapping_mul(0x0100_0193)
+            })
+    }
+}
+
+impl Default for Record {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn record() -> Record {
+        let mut record = Record::new();
+        record.faults.panics = 3;
+        write!(record.message, "panicked at {}:{}", "tick.rs", 120).unwrap();
+        record.sealed()
+    }
+
+    #[test]
+    fn a_record_is_kept_as_it_was() {
+        let kept = record().or_new();
+        assert_eq!(kept, record());
+        assert_eq!(kept.message.as_str(), Some("panicked at tick.rs:120"));
+    }
+
+    /// One changed bit anywhere, or memory of one pattern, is no record.
+    #[test]
+    fn damage_and_chance_are_no_record() {
+        const SIZE: usize = size_of::<Record>();
+        // SAFETY: a record is integers and arrays of them without gaps, so any bytes are one.
+        let to_bytes =
+            |record: Record| unsafe { core::mem::transmute::<Record, [u8; SIZE]>(record) };
+        // SAFETY: as above.
+        let from_bytes = |bytes| unsafe { core::mem::transmute::<[u8; SIZE], Record>(bytes) };
+        for bit in 0..8 * SIZE {
+            let mut bytes = to_bytes(record());
+            bytes[bit / 8] ^= 1 << (bit % 8);
+            assert_eq!(from_bytes(bytes).or_new(), Record::new(), "bit {bit}");
+        }
+        for pattern in [0x00, 0xff, 0x55, 0xaa] {
+            assert_eq!(from_bytes([pattern; SIZE]).or_new(), Record::new());
+        }
+    }
+
+    #[test]
+    fn a_long_message_is_cut_at_a_whole_character() {
+        let mut text = Text::EMPTY;
+        let long = "µ".repeat(ROOM);
+        assert!(write!(text, "a{long}").is_err());
+        let kept = text.as_str().unwrap();
+        assert_eq!(kept.len(), ROOM - 1);
+        assert!(kept.starts_with("aµ") && kept.ends_with('µ'));
+        assert!(write!(text, "b").is_ok() && write!(text, "c").is_err());
+    }
+}

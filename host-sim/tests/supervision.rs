@@ -1,0 +1,280 @@
+//! What the robot does when something fails on the way: it drives on with less, or stops in order.
+
+use core_algos::beam::MAX_GAUGES;
+use core_algos::bus::layout::Node;
+use core_algos::bus::{Frame, Message};
+use core_algos::hil::protocol::Place;
+use core_algos::node::Micros;
+use core_algos::node::board::{Role, Samples};
+use core_algos::node::robot::RobotConfig;
+use core_algos::safety::{Condition, OperatingState};
+use host_sim::error::Error;
+use host_sim::scenario::Scenario;
+use host_sim::simulation::{Outcome, Record, Simulation, regulate_on};
+use host_sim::supervision::Status;
+use host_sim::targets::{
+    self, Failure, Fault, InProcess, Order, Output, Posted, Report, Room, Target,
+};
+
+/// When things fail, ms: in the middle of the drive.
+const AT: u32 = 3000;
+
+/// A board whose samples are changed and whose messages are withheld from some tick on.
+struct Tampered {
+    board: InProcess,
+    tick: u32,
+    samples: fn(&mut Samples),
+    keeps: fn(&Message) -> bool,
+}
+
+impl Tampered {
+    fn new(role: Role) -> Self {
+        Self {
+            board: InProcess::new(role),
+            tick: 0,
+            samples: |_| {},
+            keeps: |_| true,
+        }
+    }
+}
+
+impl Target for Tampered {
+    fn start(
+        &mut self,
+        config: &RobotConfig,
+        tick: u32,
+        place: Option<&Place>,
+    ) -> Result<(), Fault> {
+        self.board.start(config, tick, place)
+    }
+
+    fn order(&mut self, order: &Order) -> Result<(), Fault> {
+        self.board.order(order)
+    }
+
+    fn room(&mut self) -> Room {
+        self.board.room()
+    }
+
+    fn receive(&mut self, now: Micros, frame: &Frame, message: &Message) {
+        self.board.receive(now, frame, message);
+    }
+
+    fn begin(&mut self, tick: u32, samples: &Samples) -> Result<(), Fault> {
+        self.tick = tick;
+        let mut samples = *samples;
+        if tick >= AT {
+            (self.samples)(&mut samples);
+        }
+        self.board.begin(tick, &samples)
+    }
+
+    fn finish(&mut self, post: &mut dyn FnMut(Posted)) -> Result<Output, Fault> {
+        let Self { tick, keeps, .. } = *self;
+        self.board.finish(&mut |posted| match posted {
+            Posted::Message(message) if tick >= AT && !keeps(message) => {}
+            posted => post(posted),
+        })
+    }
+
+    fn kill(&mut self) -> Result<(), Error> {
+        self.board.kill()
+    }
+
+    fn revive(&mut self) -> Result<(), Error> {
+        self.board.revive()
+    }
+
+    fn report(&self) -> Report {
+        self.board.report()
+    }
+}
+
+/// A mission and all its records.
+struct Run {
+    outcome: Outcome,
+    records: Vec<Record>,
+    simulation: Simulation,
+}
+
+impl Run {
+    fn new(scenario: &Scenario, prepare: impl FnOnce(&mut [Tampered; 3])) -> Self {
+        let mut boards = Role::ALL.map(Tampered::new);
+        prepare(&mut boards);
+        let targets = boards.map(|board| Box::new(board) as Box<dyn Target>);
+        Self::on(targets, scenario, |_| {})
+    }
+
+    fn on(
+        targets: [Box<dyn Target>; 3],
+        scenario: &Scenario,
+        prepare: impl FnOnce(&mut Simulation),
+    ) -> Self {
+        let mut simulation = Simulation::on(targets, scenario, 1, 0).unwrap();
+        prepare(&mut simulation);
+        let mut records = Vec::new();
+        let outcome =
+            regulate_on(&mut simulation, scenario, |record| records.push(*record)).unwrap();
+        for change in simulation.monitor().changes() {
+            println!("{change}");
+        }
+        Self {
+            outcome,
+            records,
+            simulation,
+        }
+    }
+
+    fn without_beam(scenario: &Scenario) -> Self {
+        Self::on(targets::in_process(), scenario, |simulation| {
+            let failure = Failure {
+                role: Role::Beam,
+                at: AT,
+            };
+            simulation.boards().plan(vec![failure], None);
+        })
+    }
+
+    /// The first change of a node to a state.
+    fn change(&self, node: Node, state: OperatingState) -> Status {
+        let mut changes = self.simulation.monitor().changes().iter();
+        let found = changes.find(|change| change.node == node && change.state == state);
+        *found.unwrap_or_else(|| panic!("{node:?} was never {state:?}"))
+    }
+
+    /// Largest true bend from a time on, rad.
+    fn bend_from(&self, time_s: f64) -> f64 {
+        let late = self.records.iter().filter(|record| record.time_s >= time_s);
+        late.map(|record| 0.5 * record.relative[2].abs())
+            .fold(0.0, f64::max)
+    }
+
+    /// Way of the true midpoint from a time on, m.
+    fn way_from(&self, time_s: f64) -> f64 {
+        let pairs = self.records.windows(2);
+        let late = pairs.filter(|pair| pair[0].time_s >= time_s);
+        late.map(|pair| {
+            let [a, b] = [pair[0].midpoint, pair[1].midpoint];
+            (b[0] - a[0]).hypot(b[1] - a[1])
+        })
+        .sum()
+    }
+
+    /// The robot has stopped in order: no further bent on the way, motors off, at rest.
+    fn assert_stopped(&self, since: f64) {
+        let before = self.records.iter().rfind(|record| record.time_s <= since);
+        let bend = 0.5 * before.unwrap().relative[2].abs();
+        let later = self.bend_from(since);
+        assert!(later < bend + 0.03, "bent from {bend:.3} to {later:.3} rad");
+        let axles = self.simulation.plant().state().axle;
+        assert!(axles.iter().all(|axle| axle.torque == [0.0; 2]));
+        println!("speed at the end {:.4} m/s", self.simulation.speed());
+        assert!(self.simulation.speed() < 0.02);
+        assert!(!self.outcome.done);
+    }
+}
+
+#[test]
+fn without_the_beam_the_robot_drives_on() {
+    let run = Run::without_beam(&Scenario::default());
+    assert!(run.outcome.done && run.outcome.fault.is_none());
+    let noticed = run.simulation.monitor().noticed(Node::Lead);
+    assert!(noticed.contains(Condition::BeamLost));
+    let [x, y, _] = run.outcome.midpoint;
+    println!("{:.3} m from the goal", x.hypot(y));
+    assert!(x.hypot(y) < 0.3, "{x} {y}");
+}
+
+#[test]
+fn without_the_beam_the_robot_drives_no_longer_than_it_may() {
+    // Until the loss counts, twice the 50 ms of a report and of the condition.
+    let counts = f64::from(AT) * 1e-3 + 0.1;
+    let mut scenario = Scenario::default();
+    scenario.robot.lead.supervisor.degraded_time_s = 1.5;
+    let run = Run::without_beam(&scenario);
+    let stop = run.change(Node::Lead, OperatingState::SafeStop);
+    assert_eq!(stop.reason, Some(Condition::DegradedTooLong));
+    assert!((stop.time_s - counts - 1.5).abs() < 0.03, "{stop}");
+    run.assert_stopped(stop.time_s);
+
+    let mut scenario = Scenario::default();
+    scenario.robot.lead.supervisor.degraded_distance_m = 0.4;
+    let run = Run::without_beam(&scenario);
+    let stop = run.change(Node::Lead, OperatingState::SafeStop);
+    assert_eq!(stop.reason, Some(Condition::DegradedTooLong));
+    // What is left of 0.25 m/s at 1 m/s² are 3 cm.
+    let way = run.way_from(counts);
+    assert!((0.38..0.47).contains(&way), "{way} m");
+    run.assert_stopped(stop.time_s);
+    for axle in [Node::FrontAxle, Node::RearAxle] {
+        let latest = run.simulation.monitor().latest(axle).unwrap();
+        assert_eq!(latest.state.permit(), core_algos::safety::Permit::Off);
+    }
+}
+
+#[test]
+fn the_allowance_is_checked() {
+    let mut scenario = Scenario::default();
+    scenario.robot.lead.supervisor.degraded_distance_m = f32::NAN;
+    let error = Simulation::new(&scenario, 1, 0).err().unwrap();
+    assert!(error.to_string().contains("degraded_distance_m"), "{error}");
+}
+
+#[test]
+fn with_one_gauge_less_the_robot_arrives() {
+    for gauge in [0, 2, 4] {
+        let dead: fn(&mut Samples) = match gauge {
+            0 => |samples| dead_gauge::<0>(samples),
+            2 => |samples| dead_gauge::<2>(samples),
+            _ => |samples| dead_gauge::<4>(samples),
+        };
+        let run = Run::new(&Scenario::default(), |[_, _, beam]| beam.samples = dead);
+        assert!(run.outcome.done && run.outcome.fault.is_none(), "{gauge}");
+        let monitor = run.simulation.monitor();
+        assert!(monitor.noticed(Node::Beam).contains(Condition::GaugeLost));
+        assert!(!monitor.noticed(Node::Lead).contains(Condition::BeamLost));
+        let [x, y, phi] = run.outcome.midpoint;
+        println!("gauge {gauge}: {:.4} m, {phi:.4} rad", x.hypot(y));
+        assert!(x.hypot(y) < 0.03 && phi.abs() < 0.052, "{gauge}");
+    }
+}
+
+/// The bridge's cable is off: the converter reads its lower rail.
+fn dead_gauge<const K: usize>(samples: &mut Samples) {
+    const { assert!(K < MAX_GAUGES) };
+    if let Samples::Beam(counts) = samples {
+        counts[K] = 0;
+    }
+}
+
+#[test]
+fn without_the_lead_node_both_axles_stop_together() {
+    let run = Run::new(&Scenario::default(), |[front, ..]| {
+        front.keeps = |message| {
+            !matches!(
+                message,
+                Message::LeadStatus { .. }
+                    | Message::ReferencePosture { .. }
+                    | Message::ReferenceMotion { .. }
+                    | Message::NodeStatus {
+                        node: Node::Lead,
+                        ..
+                    }
+            )
+        };
+    });
+    let axles = [Node::FrontAxle, Node::RearAxle];
+    let [front, rear] = axles.map(|axle| run.change(axle, OperatingState::SafeStop));
+    assert_eq!(front.reason, Some(Condition::CommandTimeout));
+    assert_eq!(
+        (front.time_s, front.reason),
+        (rear.time_s, rear.reason),
+        "they begin to stop in the same millisecond"
+    );
+    assert!(front.time_s - f64::from(AT) * 1e-3 < 0.06);
+    let [front_off, rear_off] = axles.map(|axle| run.change(axle, OperatingState::Fault));
+    assert_eq!(front_off.time_s, rear_off.time_s, "and end it likewise");
+    // 0.25 s to slow down, 0.1 s at rest, 0.75 s to let the frame go.
+    assert!(front_off.time_s - front.time_s < 1.11);
+    run.assert_stopped(front.time_s);
+}
