@@ -47,9 +47,9 @@ found=$(mktemp -d)
 trap 'rm -rf "$found"' EXIT
 for name in ${*:-$all}; do
   mkdir "$found/$name"
-  # A scenario or an equilibrium of the frame takes a millisecond.
+  # A scenario, an equilibrium of the frame or a save takes milliseconds.
   case $name in
-    scenario | eval) few=3000 ;;
+    scenario | eval | params) few=3000 ;;
     *) few=50000 ;;
   esac
   start=$SECONDS

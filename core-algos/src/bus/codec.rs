@@ -92,9 +92,10 @@ type Values = [f32; MAX_SIGNALS];
 pub fn encode(message: &Message) -> Result<Frame, EncodeError> {
     let (id, values) = to_values(message);
     let Some(layout) = layout::find(id) else {
+        // The one message without an identifier: the service tool has no status.
         return Err(EncodeError {
-            message: "unknown",
-            signal: "id",
+            message: "NodeStatus",
+            signal: "node",
             value: f32::from(id),
         });
     };
