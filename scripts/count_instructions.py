@@ -28,7 +28,9 @@ TITLES = {
     "axle_filter_predict_update": ("axle filter, predict and update, 4 measurements", 700),
     "rps_piecewise_100": ("relative posture, piecewise, 100 segments, with covariance", None),
     "rps_quadrature": ("relative posture, quadrature, with covariance", 1200),
+    "rps_quadrature_posture": ("the same without covariance", 600),
     "rps_elastica": ("relative posture, elastica fit, with covariance", None),
+    "rps_elastica_contradiction": ("the same of readings no strip can give", None),
     "covariance_intersection": ("covariance intersection, 3×3", None),
     "compounding_and_intersection": ("the same with compounding", 900),
     "covariance_intersection_trace": ("covariance intersection of least trace", None),
@@ -62,7 +64,7 @@ def measure():
     if shutil.which("qemu-system-arm") is None:
         fail("qemu-system-arm is missing: scripts/install_qemu.sh")
     command = ["qemu-system-arm", "-M", "olimex-stm32-h405", "-kernel", str(IMAGE)]
-    command += ["-icount", "shift=10,align=off,sleep=off", "-display", "none"]
+    command += ["-icount", "shift=7,align=off,sleep=off", "-display", "none"]
     command += ["-monitor", "none", "-serial", "null"]
     command += ["-semihosting-config", "enable=on,target=native"]
     try:

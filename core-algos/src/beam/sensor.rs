@@ -140,7 +140,14 @@ impl PostureSolver {
     /// strip beyond reason are left out. `None` if fewer than two are left or nothing sound came
     /// out.
     pub fn solve(&self, strain: &[f32; MAX_GAUGES], mask: GaugeMask) -> Option<Solution> {
-        self.solve_watched(strain, mask, false).0
+        match self.method {
+            Method::Elastica => self.solve_watched(strain, mask, false).0,
+            method => {
+                let curvature = self.strip().curvature(strain);
+                let used = self.strip().usable(&curvature, mask);
+                self.polynomial(&curvature, used, method, None)
+            }
+        }
     }
 
     /// As [`Self::solve`]; gives the elastica too if it was fitted or `watched` asks for it.
@@ -177,16 +184,7 @@ impl PostureSolver {
             Method::Piecewise => Method::Piecewise,
             Method::Quadrature | Method::Elastica => Method::Quadrature,
         };
-        let solution = self
-            .polynomial(&curvature, used, method)
-            .map(|relative| Solution {
-                relative,
-                wrench: None,
-                used,
-                method,
-                chi_square,
-            });
-        (solution, fit)
+        (self.polynomial(&curvature, used, method, chi_square), fit)
     }
 
     fn polynomial(
@@ -194,7 +192,8 @@ impl PostureSolver {
         curvature: &[f32; MAX_GAUGES],
         used: GaugeMask,
         method: Method,
-    ) -> Option<RelativePosture> {
+        chi_square: Option<f32>,
+    ) -> Option<Solution> {
         let strip = self.strip();
         let fewer;
         let rule = match &self.all {
@@ -208,7 +207,13 @@ impl PostureSolver {
             Method::Piecewise => piecewise(strip, rule, curvature, self.segments),
             _ => quadrature(strip, rule, curvature),
         };
-        relative.is_sound().then_some(relative)
+        relative.is_sound().then_some(Solution {
+            relative,
+            wrench: None,
+            used,
+            method,
+            chi_square,
+        })
     }
 }
 

@@ -174,9 +174,15 @@ pub struct RelativePosture {
 impl RelativePosture {
     /// Whether every number is finite and every variance positive.
     pub fn is_sound(&self) -> bool {
-        self.posture.is_finite()
-            && crate::math::matrix::is_finite(&self.covariance)
-            && (0..3).all(|i| self.covariance[i][i] > 0.0)
+        // What is not finite makes the sum so; so do only numbers as large.
+        let mut sum = self.posture.x + self.posture.y + self.posture.phi;
+        for row in &self.covariance {
+            for entry in row {
+                sum += entry;
+            }
+        }
+        let p = &self.covariance;
+        sum.is_finite() && p[0][0] > 0.0 && p[1][1] > 0.0 && p[2][2] > 0.0
     }
 }
 
@@ -333,13 +339,21 @@ impl Config {
             previous = Some(position);
             *slot = (2.0 * position - length) / length;
         }
+        let uncertainty = self.uncertainty.check()?;
+        let still = |strain: f32| strain / self.half_thickness_m;
+        let (noise, offset) = (
+            still(uncertainty.noise_strain),
+            still(uncertainty.offset_strain),
+        );
         Ok(Strip {
             length,
             half_thickness: self.half_thickness_m,
             rigid_root: self.rigid_root_m,
             rigid_tip: self.rigid_tip_m,
             stiffness: self.bending_stiffness_n_m2,
-            uncertainty: self.uncertainty.check()?,
+            still_variance: noise * noise + offset * offset,
+            common_offset: still(uncertainty.common_offset_strain),
+            uncertainty,
             gauges: GaugeMask::first(count),
             u,
         })
@@ -361,6 +375,11 @@ pub struct Strip {
     pub(super) stiffness: f32,
     /// Standard deviations of the readings.
     pub(super) uncertainty: Uncertainty,
+    /// Variance of a gauge's curvature on a straight strip, what it shares with the others left
+    /// out, 1/m².
+    pub(super) still_variance: f32,
+    /// Standard deviation of the offset all gauges share, 1/m.
+    pub(super) common_offset: f32,
     /// The gauges it has.
     pub(super) gauges: GaugeMask,
     /// Gauge positions on [−1, 1], root to tip; 0 where there is none.

@@ -22,10 +22,14 @@
 
 use crate::config::{ConfigError, in_range, non_negative, positive};
 use crate::math::trig::{clamp, hypot, sin_cos, wrap_angle};
-use crate::math::{Posture, Twist, trig};
+use crate::math::{Posture, Twist, lesser, trig};
 
-/// Iterations of Newton's method; it stops earlier once a step changes nothing.
+/// Most iterations of Newton's method.
 const MAX_ITERATIONS: usize = 12;
+/// A step this small, rad, is the last: what it leaves is less than a third of its square.
+const SETTLED: f32 = 2e-4;
+/// Below this steering angle, rad, the start of the iteration is exact.
+const STRAIGHT: f32 = 1e-3;
 /// Largest steering angle that can be configured, rad. Beyond, 1/cos ψ loses its digits.
 pub const MAX_STEERING: f32 = 1.5;
 
@@ -84,8 +88,16 @@ impl Config {
                 MAX_STEERING,
             )?,
             max_curvature: 0.0,
+            start: [0.0; 2],
             form: self.form,
         };
+        // tan ψ/(c(ψ)/c(0)) = ψ + A ψ³ + B ψ⁵ + …, c(ψ)/c(0) = 1 − α ψ² + β ψ⁴ − ….
+        let share = 2.0 * self.rigid_end_m / (self.frame_length_m + 2.0 * self.rigid_end_m);
+        let (alpha, beta) = ((1.0 + 2.0 * share) / 6.0, (1.0 + 4.0 * share) / 120.0);
+        let third = 1.0 / 3.0 + alpha;
+        let fifth = 2.0 / 15.0 + alpha / 3.0 + alpha * alpha - beta;
+        let below = 3.0 * third - fifth / third;
+        cascade.start = [below - third, below];
         cascade.max_curvature = cascade.curvature(cascade.max_steering);
         Ok(cascade)
     }
@@ -145,31 +157,36 @@ pub struct Cascade {
     rigid_end: f32,
     max_steering: f32,
     max_curvature: f32,
+    /// Coefficients that start [`Cascade::steering`].
+    start: [f32; 2],
     form: Form,
 }
 
-/// `sin ψ/ψ` and its first two derivatives for |ψ| ≤ π/2, each to 2e-7.
-///
-/// Power series: the closed forms of the derivatives lose all digits near zero.
-fn sinc_derivatives(psi: f32) -> [f32; 3] {
-    const K: [f32; 7] = [
-        1.0,
-        -1.0 / 6.0,
-        1.0 / 120.0,
-        -1.0 / 5040.0,
-        1.0 / 362_880.0,
-        -1.0 / 39_916_800.0,
-        1.0 / 6_227_020_800.0,
+/// `sinc'(ψ)/ψ` for sinc ψ = sin ψ/ψ and ψ² = `p`, |ψ| ≤ π/2, to 1e-7: a power series, since the
+/// closed form loses all digits near zero. The rest follows from it without a loss:
+/// sinc = cos ψ − ψ sinc' and sinc'' = −sinc − 2 sinc'/ψ.
+#[inline(always)]
+fn sinc_slope_over(p: f32) -> f32 {
+    const K: [f32; 6] = [
+        -1.0 / 3.0,
+        1.0 / 30.0,
+        -1.0 / 840.0,
+        1.0 / 45_360.0,
+        -1.0 / 3_991_680.0,
+        1.0 / 518_918_400.0,
     ];
-    let p = psi * psi;
-    let (mut value, mut slope, mut second) = (0.0, 0.0, 0.0);
-    for i in (1..7).rev() {
-        let n = 2.0 * i as f32;
-        value = (value + K[i]) * p;
-        slope = slope * p + n * K[i];
-        second = second * p + n * (n - 1.0) * K[i];
-    }
-    [K[0] + value, psi * slope, second]
+    K[0] + p * (K[1] + p * (K[2] + p * (K[3] + p * (K[4] + p * K[5]))))
+}
+
+/// The frame bent by one steering angle.
+struct Bend {
+    /// 1/cos ψ and tan ψ.
+    sec: f32,
+    tan: f32,
+    chord: Chord,
+    /// Path curvature and its derivative by ψ.
+    kappa: f32,
+    kappa_slope: f32,
 }
 
 impl Cascade {
@@ -202,39 +219,56 @@ impl Cascade {
         }
     }
 
-    fn chord_at(&self, psi: f32) -> Chord {
-        let [value, slope, second] = sinc_derivatives(psi);
-        let (s, c) = sin_cos(psi);
+    #[inline(always)]
+    fn chord_of(&self, psi: f32, s: f32, c: f32) -> Chord {
+        let p = psi * psi;
+        let over = sinc_slope_over(p);
+        let value = c - p * over;
         let ends = 2.0 * self.rigid_end;
         Chord {
             length: self.length * value + ends * c,
-            slope: self.length * slope - ends * s,
-            second: self.length * second - ends * c,
+            slope: self.length * (psi * over) - ends * s,
+            second: -(self.length * (value + 2.0 * over)) - ends * c,
+        }
+    }
+
+    /// For |ψ| within the limit.
+    #[inline(always)]
+    fn bent(&self, psi: f32) -> Bend {
+        let (s, c) = sin_cos(psi);
+        let chord = self.chord_of(psi, s, c);
+        let sec = 1.0 / c;
+        let tan = s * sec;
+        let inverse = 1.0 / chord.length;
+        let kappa = 2.0 * tan * inverse;
+        Bend {
+            sec,
+            tan,
+            kappa,
+            kappa_slope: (2.0 * (sec * sec) - kappa * chord.slope) * inverse,
+            chord,
         }
     }
 
     /// Distance between the axle midpoints at steering angle `psi` (rad), m.
     pub fn chord(&self, psi: f32) -> f32 {
-        self.chord_at(self.limited(psi)).length
+        self.bent(self.limited(psi)).chord.length
     }
 
     /// Path curvature of O at steering angle `psi` (rad), 1/m (paper eq. 5).
     pub fn curvature(&self, psi: f32) -> f32 {
-        self.curvature_derivatives(psi)[0]
+        self.bent(self.limited(psi)).kappa
     }
 
     /// κ(ψ) and its first two derivatives by ψ: 1/m, 1/(m rad), 1/(m rad²).
     pub fn curvature_derivatives(&self, psi: f32) -> [f32; 3] {
-        let psi = self.limited(psi);
-        let chord = self.chord_at(psi);
-        let (s, c) = sin_cos(psi);
-        let tan = s / c;
-        let sec2 = 1.0 + tan * tan;
-        let kappa = 2.0 * tan / chord.length;
-        let first = (2.0 * sec2 - kappa * chord.slope) / chord.length;
-        let second =
-            (4.0 * tan * sec2 - 2.0 * first * chord.slope - kappa * chord.second) / chord.length;
-        [kappa, first, second]
+        let bend = self.bent(self.limited(psi));
+        let chord = &bend.chord;
+        let second = (4.0 * bend.tan * (bend.sec * bend.sec)
+            - 2.0 * bend.kappa_slope * chord.slope
+            - bend.kappa * chord.second)
+            / chord.length;
+        [bend.kappa, bend.kappa_slope, second]
     }
 
     /// Steering angle for a path curvature (1/m): the inverse of [`Self::curvature`], by Newton's
@@ -252,20 +286,26 @@ impl Cascade {
                 self.max_steering
             };
         }
-        // Starts at or above the root of a convex function, so the iterates descend onto it.
         let ends = 2.0 * self.rigid_end;
-        let highest = (0.5 * bend * (self.length + ends)).min(self.max_steering);
-        let mut psi = highest;
+        let reach = 0.5 * bend * (self.length + ends);
+        // ψ + A ψ³ + … = `reach`, its inverse as a quotient that is right to the fifth power.
+        let r2 = reach * reach;
+        let start = reach * (1.0 + self.start[0] * r2) / (1.0 + self.start[1] * r2);
+        let mut psi = lesser(start, self.max_steering);
         for _ in 0..MAX_ITERATIONS {
+            if psi <= STRAIGHT {
+                break;
+            }
             let (s, c) = sin_cos(psi);
-            let [sinc, slope, _] = sinc_derivatives(psi);
-            let reach = self.length + ends * c / sinc;
+            let sinc = s / psi;
+            let slope = (c - sinc) / psi;
+            let share = c / sinc;
+            let reach = self.length + ends * share;
             let value = 2.0 * psi - bend * c * reach;
-            let rate = 2.0 + bend * (s * reach + ends * c * (s + c * slope / sinc) / sinc);
-            let next = clamp(psi - value / rate, 0.0, highest);
-            let settled = (next - psi).abs() <= 1e-7 * psi;
-            psi = next;
-            if settled {
+            let rate = 2.0 + bend * (s * reach + ends * share * (s + share * slope));
+            let step = value / rate;
+            psi = clamp(psi - step, 0.0, self.max_steering);
+            if step.abs() <= SETTLED {
                 break;
             }
         }
@@ -289,11 +329,21 @@ impl Cascade {
 
     /// Velocity and acceleration of both axles, front first (paper eq. 6 in the configured form).
     pub fn axle_twists(&self, motion: &Motion) -> [(Twist, Twist); 2] {
-        let psi = self.limited(motion.psi);
+        self.twists_of(motion, self.limited(motion.psi)).1
+    }
+
+    /// The frame bent by the limited `psi`, and the twists of both axles.
+    #[inline(always)]
+    fn twists_of(&self, motion: &Motion, psi: f32) -> (Bend, [(Twist, Twist); 2]) {
         let (psi_rate, psi_acceleration) = (motion.psi_rate, motion.psi_acceleration);
-        let (s, c) = sin_cos(psi);
-        let (sec, tan) = (1.0 / c, s / c);
-        let [kappa, kappa_slope, _] = self.curvature_derivatives(psi);
+        let bend = self.bent(psi);
+        let Bend {
+            sec,
+            tan,
+            kappa,
+            kappa_slope,
+            ..
+        } = bend;
         let yaw_rate = motion.v * kappa;
         let yaw_acceleration = motion.v_rate * kappa + motion.v * kappa_slope * psi_rate;
 
@@ -302,7 +352,7 @@ impl Cascade {
         // Half of the rate at which the axles part, as each axle feels it, and its own rate.
         let (parting, parting_rate) = match self.form {
             Form::Exact => {
-                let chord = self.chord_at(psi);
+                let chord = &bend.chord;
                 let half = 0.5 * chord.slope * psi_rate;
                 let half_rate =
                     0.5 * (chord.second * psi_rate * psi_rate + chord.slope * psi_acceleration);
@@ -313,40 +363,54 @@ impl Cascade {
                 -self.length / 6.0 * (psi_rate * psi_rate + psi * psi_acceleration),
             ),
         };
-        [1.0f32, -1.0].map(|side| {
-            (
-                Twist::new(common + side * parting, yaw_rate + side * psi_rate),
-                Twist::new(
-                    common_rate + side * parting_rate,
-                    yaw_acceleration + side * psi_acceleration,
-                ),
-            )
-        })
+        let front = (
+            Twist::new(common + parting, yaw_rate + psi_rate),
+            Twist::new(
+                common_rate + parting_rate,
+                yaw_acceleration + psi_acceleration,
+            ),
+        );
+        let rear = (
+            Twist::new(common - parting, yaw_rate - psi_rate),
+            Twist::new(
+                common_rate - parting_rate,
+                yaw_acceleration - psi_acceleration,
+            ),
+        );
+        (bend, [front, rear])
     }
 
     /// Velocity of O across its heading, m/s, left positive: `½ tan ψ ċ`. It is what remains of
     /// the axles' motion once their midpoint moves along the line between them.
     pub fn lateral_velocity(&self, motion: &Motion) -> f32 {
         let psi = self.limited(motion.psi);
-        let (s, c) = sin_cos(psi);
-        0.5 * s / c * self.chord_at(psi).slope * motion.psi_rate
+        let bend = self.bent(psi);
+        0.5 * bend.tan * bend.chord.slope * motion.psi_rate
     }
 
     /// Postures of both axles, front first, from the posture of O and the steering angle (rad):
     /// half a chord ahead and behind, turned by +ψ and −ψ.
     pub fn axle_postures(&self, center: Posture, psi: f32) -> [Posture; 2] {
         let psi = self.limited(psi);
-        let half = 0.5 * self.chord(psi);
+        Self::postures_of(center, psi, self.bent(psi).chord.length)
+    }
+
+    #[inline(always)]
+    fn postures_of(center: Posture, psi: f32, chord: f32) -> [Posture; 2] {
+        let (s, c) = sin_cos(center.phi);
+        let (dx, dy) = (0.5 * chord * c, 0.5 * chord * s);
         [
-            center.compose(Posture::new(half, 0.0, psi)),
-            center.compose(Posture::new(-half, 0.0, -psi)),
+            Posture::new(center.x + dx, center.y + dy, wrap_angle(center.phi + psi)),
+            Posture::new(center.x - dx, center.y - dy, wrap_angle(center.phi - psi)),
         ]
     }
 
     /// Complete references of both axles, front first.
     pub fn references(&self, center: Posture, motion: &Motion) -> [AxleReference; 2] {
-        let [front, rear] = self.axle_postures(center, motion.psi);
-        let [(front_twist, front_rate), (rear_twist, rear_rate)] = self.axle_twists(motion);
+        let psi = self.limited(motion.psi);
+        let (bend, [(front_twist, front_rate), (rear_twist, rear_rate)]) =
+            self.twists_of(motion, psi);
+        let [front, rear] = Self::postures_of(center, psi, bend.chord.length);
         [
             AxleReference {
                 posture: front,

@@ -24,10 +24,13 @@
 
 use super::cascade::{Cascade, Motion};
 use crate::config::{Allowed, ConfigError, in_range, non_negative, positive, require};
-use crate::math::trig::{clamp, exp, sin_cos, sqrt};
+use crate::math::trig::{clamp, sin_cos, sqrt};
+use crate::math::{decay, greater, lesser};
 
 /// Bends at which the speed limit is sampled when a governor is built.
 const SAMPLES: usize = 64;
+/// Interval of the lead node's steps, s; others are as good, but cost more.
+const USUAL_INTERVAL_S: f32 = 0.01;
 /// The lag towards a speed ends in a straight ramp at this share of the largest acceleration, so
 /// that it arrives.
 const FINAL_RAMP: f32 = 0.05;
@@ -124,6 +127,8 @@ impl Config {
             cascade: *cascade,
             max_steering_rate: self.max_steering_rate_rad_s,
             wheel_speed_left: 0.0,
+            unlimited_steering: 0.0,
+            usual: Pace::new(self, USUAL_INTERVAL_S),
         };
         // The share of the wheels' speed that bending takes, at its largest.
         let bending = self.half_track_m + governor.largest_parting();
@@ -141,7 +146,35 @@ impl Config {
         governor.max_steering_rate = self
             .max_steering_rate_rad_s
             .min(self.max_acceleration_m_s2 / slope.max(1e-9));
+        governor.unlimited_steering = governor.last_unlimited_steering();
         Ok(governor)
+    }
+}
+
+/// What depends on the interval alone.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Pace {
+    /// The interval, s.
+    dt: f32,
+    /// Acceleration of the steering filter by its error (1/s²) and by that of its rate (1/s): both
+    /// poles at `e^(−ω dt)` for an acceleration that is constant over the step, so the filter is
+    /// stable at any interval.
+    stiffness: f32,
+    damping: f32,
+    /// Share of the way to its target that the lag of v makes in a step.
+    speed_share: f32,
+}
+
+impl Pace {
+    fn new(config: &Config, dt: f32) -> Self {
+        let steering = decay(config.steering_frequency_rad_s * dt);
+        let rate = steering / dt;
+        Self {
+            dt,
+            stiffness: rate * rate,
+            damping: 0.5 * rate * (4.0 - steering),
+            speed_share: decay(config.speed_rate_per_s * dt),
+        }
     }
 }
 
@@ -214,6 +247,10 @@ pub struct Governor {
     max_steering_rate: f32,
     /// Wheel speed left for driving while the frame bends at full rate, m/s.
     wheel_speed_left: f32,
+    /// Up to this |ψ|, rad, the wheels allow the largest speed.
+    unlimited_steering: f32,
+    /// For steps of [`USUAL_INTERVAL_S`].
+    usual: Pace,
 }
 
 impl Governor {
@@ -231,14 +268,32 @@ impl Governor {
     /// Largest |v| (m/s) at which no wheel exceeds its limit with the frame bent by `psi` (rad),
     /// and which the speed limit itself allows.
     pub fn speed_limit(&self, psi: f32) -> f32 {
-        let psi = clamp(
-            psi,
-            -self.config.max_steering_rad,
-            self.config.max_steering_rad,
-        );
+        let limit = self.config.max_steering_rad;
+        let psi = lesser(psi.abs(), limit);
+        if psi < self.unlimited_steering {
+            return self.config.max_speed_m_s;
+        }
         let (_, c) = sin_cos(psi);
-        let outer = 1.0 / c + self.config.half_track_m * self.cascade.curvature(psi).abs();
-        (self.wheel_speed_left / outer).min(self.config.max_speed_m_s)
+        let outer = 1.0 / c + self.config.half_track_m * self.cascade.curvature(psi);
+        lesser(self.wheel_speed_left / outer, self.config.max_speed_m_s)
+    }
+
+    /// The largest |ψ| at which no wheel limits the speed: the limit falls as the frame bends.
+    fn last_unlimited_steering(&self) -> f32 {
+        let unlimited = |psi| self.speed_limit(psi) >= self.config.max_speed_m_s;
+        let (mut good, mut bad) = (0.0, self.config.max_steering_rad);
+        if unlimited(bad) {
+            return bad;
+        }
+        for _ in 0..24 {
+            let middle = 0.5 * (good + bad);
+            *(if unlimited(middle) {
+                &mut good
+            } else {
+                &mut bad
+            }) = middle;
+        }
+        good
     }
 
     /// Largest |d speed_limit/dψ| within the steering limit, m/(s rad).
@@ -271,18 +326,20 @@ impl Governor {
     ///
     /// `v_rate` and `psi_acceleration` of the motion are those of the step just made.
     pub fn step(&self, state: &State, wish: &Wish, dt: f32) -> State {
-        let finite = wish.v.is_finite()
-            && wish.v_rate.is_finite()
-            && wish.psi.is_finite()
-            && wish.psi_rate.is_finite()
-            && wish.steering_slack.is_finite();
-        if !finite {
+        // What is not finite makes the sum so; so do only numbers as large.
+        let sum = wish.v + wish.v_rate + wish.psi + wish.psi_rate + wish.steering_slack;
+        if !sum.is_finite() {
             return self.stop(state, dt);
         }
         if !(dt > 0.0) {
             return *state;
         }
-        let dt = dt.min(self.config.max_interval_s);
+        let dt = lesser(dt, self.config.max_interval_s);
+        let pace = if dt == self.usual.dt {
+            self.usual
+        } else {
+            Pace::new(&self.config, dt)
+        };
         let mut next = *state;
         let limit = self.config.max_steering_rad;
         let target_psi = clamp(wish.psi, -limit, limit);
@@ -291,14 +348,18 @@ impl Governor {
             -self.max_steering_rate,
             self.max_steering_rate,
         );
-        let wanted = self.filtered_steering(&state.motion, target_psi, target_rate, dt);
+        // A critically damped filter. The wish is a moving target: it is where the next step finds
+        // it.
+        let wanted = pace.stiffness * (target_psi - state.motion.psi)
+            + pace.damping * (target_rate - state.motion.psi_rate);
         self.bend(&mut next.motion, wanted, dt);
 
-        let astray = (target_psi - next.motion.psi).abs() - wish.steering_slack.max(0.0);
-        let waiting = 1.0 - astray.max(0.0) / self.config.steering_tolerance_rad;
+        let astray = (target_psi - next.motion.psi).abs() - greater(wish.steering_slack, 0.0);
+        let waiting = 1.0 - greater(astray, 0.0) / self.config.steering_tolerance_rad;
+        let waiting = greater(waiting, 0.0);
         let limit = self.speed_limit(next.motion.psi);
-        let mut target = clamp(wish.v, -limit, limit) * waiting.max(0.0);
-        let mut rate = wish.v_rate * waiting.max(0.0);
+        let mut target = clamp(wish.v, -limit, limit) * waiting;
+        let mut rate = wish.v_rate * waiting;
         let heading = if target != 0.0 { target } else { rate };
         if heading * state.direction < 0.0 {
             // The other direction: first to zero, then rest, then go.
@@ -308,8 +369,8 @@ impl Governor {
         }
         let ramp = self.config.max_acceleration_m_s2 * dt;
         let gap = target - state.motion.v;
-        let lag = gap.abs() * (1.0 - exp(-self.config.speed_rate_per_s * dt));
-        let approach = lag.max((FINAL_RAMP * ramp).min(gap.abs())).copysign(gap);
+        let lag = gap.abs() * pace.speed_share;
+        let approach = greater(lag, lesser(FINAL_RAMP * ramp, gap.abs())).copysign(gap);
         let mut change = clamp(approach + rate * dt, -ramp, ramp);
         let after = state.motion.v + change;
         if after * state.motion.v < 0.0 || (state.motion.v == 0.0 && after * heading < 0.0) {
@@ -325,11 +386,11 @@ impl Governor {
         if !(dt > 0.0) {
             return *state;
         }
-        let dt = dt.min(self.config.max_interval_s);
+        let dt = lesser(dt, self.config.max_interval_s);
         let mut next = *state;
         self.bend(&mut next.motion, -state.motion.psi_rate / dt, dt);
         let v = state.motion.v;
-        let change = (self.config.stop_deceleration_m_s2 * dt).min(v.abs());
+        let change = lesser(self.config.stop_deceleration_m_s2 * dt, v.abs());
         self.drive(
             &mut next,
             -change.copysign(v),
@@ -337,16 +398,6 @@ impl Governor {
             dt,
         );
         next
-    }
-
-    /// Acceleration of the critically damped filter, rad/s²: both poles at `e^(−ω dt)` for an
-    /// acceleration that is constant over the step, so the filter is stable at any interval.
-    fn filtered_steering(&self, motion: &Motion, target: f32, target_rate: f32, dt: f32) -> f32 {
-        let decay = 1.0 - exp(-self.config.steering_frequency_rad_s * dt);
-        let stiffness = decay / dt * (decay / dt);
-        let damping = decay * (4.0 - decay) / (2.0 * dt);
-        // The wish is a moving target: it is where the next step finds it.
-        stiffness * (target - motion.psi) + damping * (target_rate - motion.psi_rate)
     }
 
     /// Applies the steering acceleration nearest to `wanted` that keeps all three limits.
@@ -358,13 +409,15 @@ impl Governor {
         let strongest = self.config.max_steering_acceleration_rad_s2;
         let limit = self.config.max_steering_rad;
         let rate = motion.psi_rate;
-        let highest = |room: f32| {
-            let lead = 0.5 * (dt + self.config.max_interval_s);
-            strongest * (sqrt(lead * lead + 2.0 * room.max(0.0) / strongest) - lead)
-        };
-        let up = highest(limit - motion.psi - 0.5 * rate * dt).min(self.max_steering_rate);
-        let down = -highest(limit + motion.psi + 0.5 * rate * dt).min(self.max_steering_rate);
-        let next = clamp(rate + wanted * dt, down, up);
+        // The highest rate away from straight is at least zero: only that on the side that is
+        // wanted can bind.
+        let asked = rate + wanted * dt;
+        let toward = 1.0f32.copysign(asked);
+        let room = greater(limit - toward * (motion.psi + 0.5 * rate * dt), 0.0);
+        let lead = 0.5 * (dt + self.config.max_interval_s);
+        let highest = sqrt(strongest * (strongest * (lead * lead) + 2.0 * room)) - strongest * lead;
+        let highest = lesser(highest, self.max_steering_rate);
+        let next = toward * lesser(asked.abs(), highest);
         let next = clamp(next, rate - strongest * dt, rate + strongest * dt);
         motion.psi = clamp(motion.psi + 0.5 * (rate + next) * dt, -limit, limit);
         motion.psi_acceleration = (next - rate) / dt;
@@ -378,7 +431,7 @@ impl Governor {
         state.motion.v_rate = (state.motion.v - before) / dt;
         if state.motion.v == 0.0 {
             // Bounded, so that a long rest cannot stop the clock of a later one.
-            state.rest_s = (state.rest_s + dt).min(2.0 * self.config.reversal_hold_s + 1.0);
+            state.rest_s = lesser(state.rest_s + dt, 2.0 * self.config.reversal_hold_s + 1.0);
         } else {
             state.rest_s = 0.0;
             state.direction = 1.0f32.copysign(state.motion.v);

@@ -14,8 +14,8 @@
 //! reference that is not finite gives [`Command::REST`].
 
 use crate::config::{ConfigError, in_range, non_negative, positive};
-use crate::math::Posture;
 use crate::math::trig::{atan2, clamp, cos, hypot, sin, sin_cos, sqrt, tanh, wrap_angle};
+use crate::math::{Posture, greater};
 use core::f32::consts::{PI, SQRT_2};
 
 /// Smallest distance (m) that `1/e` is taken of in [`Law::command`].
@@ -285,13 +285,13 @@ impl Law {
         let denominator = match c.form {
             Form::Printed => e * s + turning,
             Form::Derived if c.denominator_floor > 0.0 => {
-                (e * s * cos_alpha + turning).max(c.denominator_floor * e * s)
+                greater(e * s * cos_alpha + turning, c.denominator_floor * e * s)
             }
             Form::Derived => e * s * cos_alpha + turning,
         };
         let v = (approach + feedforward) / away_from_zero(denominator, MIN_DENOMINATOR_M);
         let phi_dot = c.heading_gain_rad_s * tanh(error.theta + error.alpha)
-            + 2.0 / e.max(MIN_DISTANCE_M) * (v * sin_alpha - v_r * sin_theta)
+            + 2.0 / greater(e, MIN_DISTANCE_M) * (v * sin_alpha - v_r * sin_theta)
             - v_r * kappa_r;
         let kappa = phi_dot / away_from_zero(v, MIN_SPEED_M_S);
         if v.is_finite() && phi_dot.is_finite() && kappa.is_finite() {
@@ -328,7 +328,7 @@ impl Law {
     /// Near the goal, where bearings lose meaning, `e/(e² + σ²)` stands for `1/e`.
     pub fn approach_curvature(&self, error: PolarError) -> f32 {
         let (e, soft) = (error.distance_m, self.config.softening_m);
-        let inverse = e / (e * e + soft * soft).max(MIN_DISTANCE_M * MIN_DISTANCE_M);
+        let inverse = e / greater(e * e + soft * soft, MIN_DISTANCE_M * MIN_DISTANCE_M);
         (2.0 * sin(error.alpha) + self.config.arrival_gain * error.arrival()) * inverse
     }
 
@@ -342,10 +342,10 @@ impl Law {
     pub fn approach(&self, error: PolarError, direction: Direction) -> Command {
         let seen = error.along(direction);
         let kappa = direction.sign() * self.approach_curvature(seen);
-        let soft = self.config.softening_m.max(MIN_DISTANCE_M);
+        let soft = greater(self.config.softening_m, MIN_DISTANCE_M);
         let far = clamp(0.5 * seen.distance_m / soft - 1.0, 0.0, 1.0);
-        let slow = far + (1.0 - far) * cos(seen.alpha).max(0.0);
-        let v = direction.sign() * self.command(seen, 0.0, 0.0).v.max(0.0) * slow;
+        let slow = far + (1.0 - far) * greater(cos(seen.alpha), 0.0);
+        let v = direction.sign() * greater(self.command(seen, 0.0, 0.0).v, 0.0) * slow;
         if kappa.is_finite() && v.is_finite() {
             Command {
                 v,

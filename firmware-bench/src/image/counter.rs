@@ -1,4 +1,4 @@
-//! Instructions by the emulator's clock: it is told to let 1024 ns pass with each instruction, and
+//! Instructions by the emulator's clock: it is told to let 128 ns pass with each instruction, and
 //! SysTick counts at 168 MHz.
 
 use core::arch::asm;
@@ -8,8 +8,8 @@ use cortex_m::peripheral::{Peripherals, SYST};
 use semihosting::println;
 
 /// Thousandths of a tick of SysTick in an instruction.
-const MILLITICKS: u64 = 172_032;
-/// SysTick counts down from here; one count spans at most 97 000 instructions.
+const MILLITICKS: u64 = 21_504;
+/// SysTick counts down from here; one count spans at most 780 000 instructions.
 const RELOAD: u32 = 0x00ff_ffff;
 
 /// Counts instructions.
