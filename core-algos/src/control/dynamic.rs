@@ -40,7 +40,7 @@
 
 use crate::config::{ConfigError, finite, non_negative, positive};
 use crate::control::cascade::AxleReference;
-use crate::math::trig::{clamp, sin_cos};
+use crate::math::trig::{clamp, sin_cos_near};
 use crate::math::{AxleLoad, Posture, Twist};
 
 /// Where the load of the frame on the axle comes from.
@@ -160,16 +160,23 @@ impl Config {
             positive("motor.stall_torque_nm", motor.stall_torque_nm)?;
             positive("motor.no_load_speed_rad_s", motor.no_load_speed_rad_s)?;
         }
-        let half_radius = 0.5 * radius;
+        // (SᵀE)⁻¹.
+        let (per_force, per_moment) = (0.5 * radius, 0.5 * radius / half_track);
         // Both wheels roll with the axle: their rotation adds to its inertia.
         let rolling = 2.0 * self.wheel_inertia_kg_m2 / (radius * radius);
         Ok(Dynamic {
             config: *self,
-            mass: self.inertia_feedforward * (self.mass_kg + rolling),
-            yaw_inertia: self.inertia_feedforward
+            mass: per_force * self.inertia_feedforward * (self.mass_kg + rolling),
+            yaw_inertia: per_moment
+                * self.inertia_feedforward
                 * (self.yaw_inertia_kg_m2 + rolling * half_track * half_track),
-            torque_per_force: half_radius,
-            torque_per_moment: half_radius / half_track,
+            velocity_gain: per_force * self.velocity_gain_n_s_m,
+            yaw_rate_gain: per_moment * self.yaw_rate_gain_nm_s_rad,
+            force_share: per_force * self.frame_feedforward,
+            moment_share: per_moment * self.frame_feedforward,
+            frame_in_xi: if self.frame_force_in_xi { 1.0 } else { 0.0 },
+            torque_per_force: per_force,
+            torque_per_moment: per_moment,
             torque_line: self.motor.map(|motor| {
                 let per_speed = motor.stall_torque_nm / (motor.no_load_speed_rad_s * radius);
                 [motor.stall_torque_nm, per_speed]
@@ -214,10 +221,17 @@ pub struct Command {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Dynamic {
     config: Config,
-    /// Inertia that is fed forward, kg.
+    /// Mean torque of the wheels for an acceleration, a velocity error, and the frame's force.
     mass: f32,
-    /// Yaw inertia that is fed forward, kg m².
+    velocity_gain: f32,
+    force_share: f32,
+    /// Half the difference of the torques for a yaw acceleration, a yaw rate error, and the frame's
+    /// moment.
     yaw_inertia: f32,
+    yaw_rate_gain: f32,
+    moment_share: f32,
+    /// Share of ‖F_K‖² in ‖ξ‖².
+    frame_in_xi: f32,
     /// Torque of each wheel for a force along the heading, m.
     torque_per_force: f32,
     /// Torque of the right wheel for a moment.
@@ -235,17 +249,18 @@ impl Dynamic {
     /// Torques (left, right) in N m for a force along the heading (N) and a moment about the
     /// midpoint (N m): `(SᵀE)⁻¹`.
     pub fn torques(&self, force: f32, moment: f32) -> [f32; 2] {
-        let (ahead, turning) = (
+        let (ahead, across) = (
             self.torque_per_force * force,
             self.torque_per_moment * moment,
         );
-        [ahead - turning, ahead + turning]
+        [ahead - across, ahead + across]
     }
 
-    /// Velocity command v_c (eq. 9) for a posture error (eq. 10).
+    /// Velocity command v_c (eq. 9) for a posture error (eq. 10), heading within half a turn.
     pub fn velocity_command(&self, error: Posture, reference: Twist) -> Twist {
         let config = &self.config;
-        let (sin, cos) = sin_cos(error.phi);
+        // The heading error of a posture is within half a turn.
+        let (sin, cos) = sin_cos_near(error.phi);
         let speed = reference.v.abs();
         let speed = if speed < config.heading_speed_floor_m_s {
             config.heading_speed_floor_m_s
@@ -261,23 +276,17 @@ impl Dynamic {
     }
 
     /// ‖ξ‖² (eq. 8), capped.
-    fn xi_squared(&self, command: Twist, input: &Input, load: Option<AxleLoad>) -> f32 {
+    fn xi_squared(&self, command: Twist, input: &Input, load: &AxleLoad) -> f32 {
         let speed = norm_squared(input.twist);
-        let frame = match load {
-            Some(load) if self.config.frame_force_in_xi => {
-                load.forward * load.forward
-                    + load.lateral * load.lateral
-                    + load.moment * load.moment
-            }
-            _ => 0.0,
-        };
+        let frame =
+            load.forward * load.forward + load.lateral * load.lateral + load.moment * load.moment;
         let sum = norm_squared(command)
             + speed
             + norm_squared(input.reference.twist)
             + norm_squared(input.reference.acceleration)
             + speed * speed
             + 1.0
-            + frame;
+            + self.frame_in_xi * frame;
         let most = self.config.max_xi_squared;
         if sum <= most { sum } else { most }
     }
@@ -306,28 +315,23 @@ impl Dynamic {
         let error = reference.posture.relative_to(input.posture);
         let velocity = self.velocity_command(error, reference.twist);
         let load = match self.config.frame_force {
-            FrameForce::Off => None,
-            FrameForce::Reference => Some(input.reference_load),
-            FrameForce::Beam => Some(
-                input
-                    .beam_load
-                    .filter(AxleLoad::is_finite)
-                    .unwrap_or(input.reference_load),
-            ),
+            FrameForce::Off => AxleLoad::default(),
+            FrameForce::Reference => input.reference_load,
+            FrameForce::Beam => match input.beam_load {
+                Some(load) if load.is_finite() => load,
+                _ => input.reference_load,
+            },
         };
-        let xi_squared = self.xi_squared(velocity, input, load);
+        let xi_squared = self.xi_squared(velocity, input, &load);
 
-        let mut force = self.mass * reference.acceleration.v
-            - self.config.velocity_gain_n_s_m * (input.twist.v - velocity.v) * xi_squared;
-        let mut moment = self.yaw_inertia * reference.acceleration.omega
-            - self.config.yaw_rate_gain_nm_s_rad
-                * (input.twist.omega - velocity.omega)
-                * xi_squared;
-        if let Some(load) = load {
-            force -= self.config.frame_feedforward * load.forward;
-            moment -= self.config.frame_feedforward * load.moment;
-        }
-        let [left, right] = self.torques(force, moment);
+        // (SᵀE)⁻¹ is in the gains: the mean of the torques, and half their difference.
+        let ahead = self.mass * reference.acceleration.v
+            - self.velocity_gain * (input.twist.v - velocity.v) * xi_squared
+            - self.force_share * load.forward;
+        let across = self.yaw_inertia * reference.acceleration.omega
+            - self.yaw_rate_gain * (input.twist.omega - velocity.omega) * xi_squared
+            - self.moment_share * load.moment;
+        let (left, right) = (ahead - across, ahead + across);
 
         let turning = self.config.half_track_m * input.twist.omega;
         let limits = [

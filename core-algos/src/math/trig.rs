@@ -46,9 +46,9 @@ fn sin_cos_far(x: f32) -> (f32, f32) {
     sin_cos_near(x % TAU)
 }
 
-/// For |x| ≤ 8192, or NaN.
+/// The same for |x| ≤ 8192, or NaN, which costs five instructions less.
 #[inline(always)]
-fn sin_cos_near(x: f32) -> (f32, f32) {
+pub fn sin_cos_near(x: f32) -> (f32, f32) {
     let rounded = x * FRAC_2_PI + ROUND;
     let n = rounded - ROUND;
     let quarters = rounded.to_bits();
