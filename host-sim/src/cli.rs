@@ -49,6 +49,8 @@ pub enum Command {
     Config(ConfigArgs),
     /// Print the description of the bus (DBC), or its load
     Dbc(DbcArgs),
+    /// Put faults into the simulated robot and see how it ends
+    Faults(FaultsArgs),
     /// Measure the real-time factor of the plant alone
     PlantBench(PlantBenchArgs),
     /// Measure the real-time factor of the whole closed loop
@@ -367,6 +369,23 @@ pub struct PlantBenchArgs {
     /// time
     #[arg(long, default_value_t = 0.0, value_name = "S")]
     pub accuracy: f64,
+    /// Also write the result as JSON to this file
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+/// Arguments of `faults`.
+#[derive(Clone, Debug, Args)]
+pub struct FaultsArgs {
+    /// Number of seeds
+    #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    pub seeds: u32,
+    /// Only faults with this in their name
+    #[arg(long, value_name = "TEXT", conflicts_with = "bless")]
+    pub only: Option<String>,
+    /// Rewrite the committed table, docs/faults.md
+    #[arg(long)]
+    pub bless: bool,
     /// Also write the result as JSON to this file
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,

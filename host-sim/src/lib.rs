@@ -10,6 +10,7 @@ pub mod dbc;
 pub mod driving;
 pub mod error;
 pub mod eval;
+pub mod faults;
 pub mod figures;
 pub mod kinematic_model;
 pub mod log;

@@ -22,6 +22,7 @@ fn main() -> ExitCode {
         Some(Command::Dbc(args)) => commands::dbc::run(args),
         Some(Command::Config(args)) => commands::config::run(args),
         Some(Command::PlantBench(args)) => commands::plant_bench::command(args),
+        Some(Command::Faults(args)) => commands::faults::run(args),
         Some(Command::LoopBench(args)) => commands::loop_bench::run(args),
         Some(Command::Sensitivity(args)) => commands::sensitivity::run(args),
     };

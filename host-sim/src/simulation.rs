@@ -1,13 +1,14 @@
 //! One trial: plant, sensors, nodes and bus in lockstep at 1 kHz.
 
 use crate::error::Error;
+use crate::faults::{Fault, Injector};
 use crate::kinematic_model::Model;
 use crate::pace::Pace;
 use crate::plant::{Outline, Plant, PlantConfig, Station};
 use crate::scenario::Scenario;
 use crate::sensors::{Sensors, TrialImperfections, Truth};
 use crate::supervision::{Monitor, Recovery, Status};
-use crate::targets::{self, Boards, Order, Posted, Room, Target};
+use crate::targets::{self, Boards, Failure, Order, Posted, Room, Target};
 use crate::trace::Trace;
 use crate::virtual_bus::VirtualBus;
 use core_algos::beam::PerGauge;
@@ -125,6 +126,8 @@ pub struct Simulation {
     span: Span,
     monitor: Monitor,
     recovery: Option<Recovery>,
+    injector: Option<Injector>,
+    full_scale: i32,
     /// What the robot is to do, as ordered last.
     task: Task,
 }
@@ -197,6 +200,8 @@ impl Simulation {
             span: Span::default(),
             monitor: Monitor::default(),
             recovery: None,
+            injector: None,
+            full_scale: 2 * scenario.sensors.bridge.full_scale_counts() - 1,
             task: Task::Idle,
             plant,
         })
@@ -256,6 +261,22 @@ impl Simulation {
         self.recovery = Some(Recovery::after(pause));
     }
 
+    /// From `tick` on, this goes wrong.
+    pub fn inject(&mut self, fault: Fault, tick: u32) {
+        let failure = |role| Failure { role, at: tick };
+        match fault {
+            Fault::Reset(role, after) => self.boards.plan(vec![failure(role)], Some(after)),
+            Fault::Loss(role) => self.boards.plan(vec![failure(role)], None),
+            _ => {}
+        }
+        self.injector = Some(Injector::new(fault, tick, self.full_scale));
+    }
+
+    /// The torques that the boards commanded last, `[axle][left, right]`, N m.
+    pub fn torque(&self) -> [[f64; 2]; 2] {
+        self.torque
+    }
+
     /// What the nodes say of themselves.
     pub fn monitor(&self) -> &Monitor {
         &self.monitor
@@ -313,7 +334,8 @@ impl Simulation {
         }
         let (now, tick) = (self.now(), self.tick as u32);
         self.recover(tick)?;
-        let samples = self.sample();
+        let mut samples = self.sample();
+        self.disturb(tick, &mut samples);
         let Self {
             boards,
             bus,
@@ -342,7 +364,11 @@ impl Simulation {
             self.last_lead = lead;
         }
         let torque = [front.torque_nm, rear.torque_nm];
-        self.plant.step(self.torque);
+        let mut given = self.torque;
+        if let Some(injector) = &self.injector {
+            injector.torque(tick, &mut given);
+        }
+        self.plant.step(given);
         self.torque = torque.map(|axle| axle.map(f64::from));
         self.tick += 1;
         if let Some(trace) = &mut self.trace {
@@ -352,6 +378,29 @@ impl Simulation {
             }
         }
         Ok(())
+    }
+
+    /// Puts the fault in.
+    fn disturb(&mut self, tick: u32, samples: &mut [board::Samples; 3]) {
+        let Some(injector) = &mut self.injector else {
+            return;
+        };
+        injector.samples(tick, samples);
+        if let Some((axle, side)) = injector.lifts(tick) {
+            self.plant.lift_wheel(axle, side);
+        }
+        if injector.snaps(tick) {
+            self.plant.snap_frame();
+        }
+        for role in board::Role::ALL {
+            let frozen = injector.frozen(role, tick);
+            self.boards.hold(role, frozen, injector.behind(role, tick));
+        }
+        match injector.fault() {
+            (Fault::Bus(disturbance), at) if at == tick => self.bus.disturb(disturbance),
+            (Fault::Partition(role), at) if at == tick => self.bus.part(role),
+            _ => {}
+        }
     }
 
     /// What the host does about a robot that stopped because a board was restarted.

@@ -1,5 +1,6 @@
 //! Virtual bus: every message goes through its bytes, arrives late and may be lost.
 
+use crate::faults::Disturbance;
 use core_algos::bus::layout::{self, Node};
 use core_algos::bus::{self, EncodeError, Frame, Message};
 use core_algos::node::Micros;
@@ -84,6 +85,8 @@ pub struct VirtualBus {
     statistics: BusStatistics,
     last_error: Option<EncodeError>,
     severed: bool,
+    disturbance: Option<Disturbance>,
+    parted: Option<Role>,
 }
 
 impl VirtualBus {
@@ -98,6 +101,8 @@ impl VirtualBus {
             statistics: BusStatistics::default(),
             last_error: None,
             severed: false,
+            disturbance: None,
+            parted: None,
         }
     }
 
@@ -136,19 +141,89 @@ impl VirtualBus {
         }
         let origin = sender(frame);
         let mut received = [true; 3];
+        let parted = |board| {
+            let parted = self.parted.is_some() && Some(board) != origin;
+            parted && (self.parted == Some(board) || self.parted == origin)
+        };
         for board in Role::ALL {
-            if Some(board) != origin && self.loss > 0.0 && self.rng.random::<f64>() < self.loss {
+            let lost = self.loss > 0.0 && Some(board) != origin;
+            if parted(board) || (lost && self.rng.random::<f64>() < self.loss) {
                 received[board as usize] = false;
                 self.statistics.lost += 1;
             }
         }
-        self.transit.push_back(Transit {
+        let transit = Transit {
             due: now + self.latency,
             frame: *frame,
             message,
             received,
-        });
+        };
+        match self.disturbance {
+            Some(disturbance) => self.carry(transit, origin, &disturbance),
+            None => self.transit.push_back(transit),
+        }
         Some(*frame)
+    }
+
+    /// The way of a frame over a disturbed bus.
+    fn carry(&mut self, mut transit: Transit, origin: Option<Role>, how: &Disturbance) {
+        for board in Role::ALL {
+            if Some(board) != origin && self.rng.random::<f64>() < how.loss {
+                transit.received[board as usize] = false;
+                self.statistics.lost += 1;
+            }
+        }
+        // What stays on its own board is not disturbed.
+        let mut own = transit.clone();
+        own.received =
+            Role::ALL.map(|board| transit.received[board as usize] && Some(board) == origin);
+        for board in Role::ALL {
+            transit.received[board as usize] &= Some(board) != origin;
+        }
+        self.queue(own);
+        let jitter = self.rng.random_range(0..=how.jitter_ms);
+        transit.due += Micros::from(how.late_ms + jitter) * 1_000;
+        if self.rng.random::<f64>() < how.corruption {
+            let (len, bits) = (
+                usize::from(transit.frame.length),
+                self.rng.random_range(1..=3),
+            );
+            for _ in 0..bits {
+                let (byte, bit) = (self.rng.random_range(0..8), self.rng.random_range(0..8));
+                if byte < len {
+                    transit.frame.data[byte] ^= 1 << bit;
+                }
+            }
+            match bus::decode(&transit.frame) {
+                Ok(message) => transit.message = message,
+                Err(_) => {
+                    self.statistics.refused += 1;
+                    return;
+                }
+            }
+        }
+        if self.rng.random::<f64>() < how.doubling {
+            self.queue(transit.clone());
+        }
+        self.queue(transit);
+    }
+
+    /// In order of arrival; frames of one time in order of sending.
+    fn queue(&mut self, transit: Transit) {
+        let place = self
+            .transit
+            .partition_point(|other| other.due <= transit.due);
+        self.transit.insert(place, transit);
+    }
+
+    /// From now on frames are disturbed between boards.
+    pub fn disturb(&mut self, disturbance: Disturbance) {
+        self.disturbance = Some(disturbance);
+    }
+
+    /// From now on nothing reaches or leaves this board.
+    pub fn part(&mut self, board: Role) {
+        self.parted = Some(board);
     }
 
     /// Hands every message that has arrived by `now` to `receive`, once for each board it reaches.

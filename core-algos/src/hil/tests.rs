@@ -121,10 +121,12 @@ fn place() -> Place {
     }
 }
 
+/// An axle at rest, as the lead node wants it before it drives, and then on the move.
 fn axle_samples(tick: u32) -> axle::Samples {
+    let moving = tick.saturating_sub(200);
     axle::Samples {
-        encoder: [Some(tick as i32 / 7), Some(tick as i32 / 5)],
-        gyro_rad_s: Some(0.001 * tick as f32),
+        encoder: [Some(moving as i32 / 7), Some(moving as i32 / 5)],
+        gyro_rad_s: Some(0.001 * moving as f32),
         acceleration_m_s2: None,
         conditions: Conditions::NONE,
     }
@@ -145,13 +147,16 @@ fn a_front_board_behind_frames_does_what_it_does_without() {
     lead.initialize(&place().center, &place().relative);
     let goal = Posture::ORIGIN;
     let command = Task::Regulate { goal };
-    lead.command(command);
-    host.expect(&Request::Command(command), Reply::Done);
 
     let (mut outbox, mut waiting) = (Outbox::new(), Vec::<bus::Frame>::new());
     let (mut received, mut wanted, mut outputs, mut driven) = (Vec::new(), Vec::new(), 0, 0);
     for tick in 0..400u32 {
         let now = u64::from(tick) * TICK;
+        // A board that comes up while the robot is driven would stay off.
+        if tick == 100 {
+            board.lead().unwrap().command(command);
+            host.expect(&Request::Command(command), Reply::Done);
+        }
         // The bus brings back what the board sent a tick ago, and the other axle's reports.
         let arriving = core::mem::take(&mut waiting);
         let mut packed = Packed::new();

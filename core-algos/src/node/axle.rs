@@ -325,6 +325,9 @@ pub struct AxleNode {
     state: State,
 }
 
+/// Wheel speed above which an axle that is let go after a stop is being driven, rad/s.
+const LET_GO_RAD_S: f32 = 5.0;
+
 impl AxleNode {
     /// Which axle this is.
     pub fn axle(&self) -> Axle {
@@ -506,12 +509,24 @@ impl AxleNode {
         let powered = operating.permit() != Permit::Off;
         let active = operating == OperatingState::Active;
         let error = state.output.error;
-        // An axle that is let go is not to stay.
-        let lost = active
-            && state.output.active
-            && !(error.x.abs() <= self.limits.tracking_m
-                && error.y.abs() <= self.limits.tracking_m
-                && error.phi.abs() <= self.limits.tracking_rad);
+        let astray = |times: f32| {
+            let (way, turn) = (
+                times * self.limits.tracking_m,
+                times * self.limits.tracking_rad,
+            );
+            let near = error.x.abs() <= way && error.y.abs() <= way && error.phi.abs() <= turn;
+            state.output.active && !near
+        };
+        // An axle that is let go is not to stay, but it is not to be driven either.
+        let runs = |wheel: &wheel_observer::State| !(wheel.speed_rad_s.abs() <= LET_GO_RAD_S);
+        let unstopped = operating == OperatingState::SafeStop
+            && state
+                .stop
+                .as_ref()
+                .is_some_and(|stop| match stop.hold < 1.0 {
+                    true => state.wheels.iter().any(runs),
+                    false => astray(2.0),
+                });
         let mut stalled = false;
         let mut blind = false;
         for i in 0..2 {
@@ -540,7 +555,8 @@ impl AxleNode {
             .with(Condition::NeighbourFault, powered && failed)
             .with(Condition::NotANumber, state.output.invalid || unsound)
             .with(Condition::EncoderFault, blind)
-            .with(Condition::TrackingLost, lost)
+            .with(Condition::TrackingLost, active && astray(1.0))
+            .with(Condition::StopNotFollowed, unstopped)
             .with(Condition::MotorStall, stalled)
             .with(Condition::WheelSlip, slips)
             .with(Condition::MeasurementRefused, state.refused > 0)

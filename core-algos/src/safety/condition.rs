@@ -165,6 +165,8 @@ conditions! {
         "the parameters do not make a working node"; "set the parameter named in the report".
     Restarted = 0xc7 "restarted" 0 ms:
         "the board came back from a watchdog, a panic or a hard fault"; "read the kept message, report it, clear the fault".
+    StopNotFollowed = 0xc8 "stop not followed" 20 ms:
+        "an axle does not slow down as the coordinated stop wants"; "look for a motor that is stuck on, check the driver".
 }
 
 impl Condition {

@@ -5,6 +5,7 @@ pub mod config;
 pub mod consistency;
 pub mod dbc;
 pub mod eval;
+pub mod faults;
 pub mod follow;
 pub mod hil;
 pub mod loop_bench;

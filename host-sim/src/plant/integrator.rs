@@ -123,6 +123,7 @@ pub struct Plant {
     equilibrium: Equilibrium,
     bend: Column,
     creeping: bool,
+    snapped: bool,
     geometry: Geometry,
     stiffness: Mat3,
     viscosity: Mat3,
@@ -354,6 +355,7 @@ impl Plant {
             equilibrium,
             bend: Column::ZERO,
             creeping: false,
+            snapped: false,
             geometry: Geometry::default(),
             stiffness: [[0.0; 3]; 3],
             viscosity: [[0.0; 3]; 3],
@@ -432,6 +434,11 @@ impl Plant {
     /// Wrench and stiffness of the frame as it is now.
     #[inline(always)]
     fn linearise(&mut self) {
+        if self.snapped {
+            (self.stiffness, self.viscosity) = ([[0.0; 3]; 3], [[0.0; 3]; 3]);
+            (self.elastic, self.total) = ([0.0; 3], [0.0; 3]);
+            return;
+        }
         self.stiffness = self.strip.stiffness(&self.equilibrium);
         self.viscosity = self.strip.viscosity(&self.equilibrium);
         self.elastic = self.strip.wrench(&self.equilibrium);
@@ -676,6 +683,9 @@ impl Plant {
     /// under `force`, or nothing.
     #[inline(always)]
     fn wrench_near<V: Lanes>(&mut self, end: Vec3, force: bool) -> Option<Vec3> {
+        if self.snapped {
+            return Some([0.0; 3]);
+        }
         if !self.creeping {
             if let Some((wrench, bend)) = self.strip.near::<V>(&self.equilibrium, end) {
                 self.bend = Column(bend.0.map(|g| g.map(|b| 4.0 * b)));
@@ -747,6 +757,17 @@ impl Plant {
             self.load[w] = (self.static_load[w] + lengthwise + across).max(0.0);
         }
         self.publish_loads();
+    }
+
+    /// From now on a wheel (axle 0 front, 1 rear; side 0 left, 1 right) does not touch the ground.
+    pub fn lift_wheel(&mut self, axle: usize, side: usize) {
+        self.wheels.lift(2 * axle + side);
+    }
+
+    /// From now on the frame is in two pieces: it exerts nothing and is not bent.
+    pub fn snap_frame(&mut self) {
+        self.snapped = true;
+        self.linearise();
     }
 
     /// The same robot computed without vector instructions, for checks that nothing depends on
@@ -835,6 +856,10 @@ impl Plant {
 
     /// Elastic curvature (1/m) at each gauge: [`Self::curvature`] by the same nodes for all.
     pub fn gauges(&self, stations: &[Station], mut visit: impl FnMut(usize, f64)) {
+        if self.snapped {
+            (0..stations.len()).for_each(|i| visit(i, 0.0));
+            return;
+        }
         if self.creeping {
             for (i, station) in stations.iter().enumerate() {
                 visit(

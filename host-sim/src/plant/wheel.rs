@@ -11,7 +11,7 @@ const ROLLING_FADE: f64 = 0.05;
 /// Constants of the four wheels, in the order front left, front right, rear left, rear right.
 #[derive(Clone, Debug)]
 pub struct Wheels {
-    friction: f64,
+    friction: [f64; 4],
     creep: f64,
     excess: f64,
     decay: f64,
@@ -57,7 +57,7 @@ impl Wheels {
         let [a, b] = config.wheel_radius_m;
         let [front, rear] = config.half_track_m;
         Self {
-            friction: config.friction,
+            friction: [config.friction; 4],
             creep: config.creep_velocity_m_s,
             excess: config.static_excess,
             decay: 1.0 / config.static_decay_m_s,
@@ -71,9 +71,14 @@ impl Wheels {
         }
     }
 
+    /// From here on the ground exerts nothing along itself on this wheel.
+    pub fn lift(&mut self, wheel: usize) {
+        self.friction[wheel] = 0.0;
+    }
+
     /// From here on the ground exerts no force along itself.
     pub fn remove_friction(&mut self) {
-        self.friction = 0.0;
+        self.friction = [0.0; 4];
     }
 
     /// Load of each wheel at rest for the two axle masses, N.
@@ -108,7 +113,7 @@ impl Wheels {
         let (sx, sy) = (hub.forward - radius * speed, hub.left);
         let s = (sx * sx + sy * sy).sqrt();
         let inverse = V::splat(1.0) / (s + V::splat(self.creep));
-        let f = V::splat(self.friction) * load * inverse;
+        let f = V::load(&self.friction) * load * inverse;
         // d(f)/ds / s; the floor only matters where sx and sy vanish too.
         let h = f * inverse / (s + V::splat(1e-30));
         let mut force = [none - f * sx, none - f * sy];

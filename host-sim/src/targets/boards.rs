@@ -17,9 +17,9 @@ use super::{Fault, Order, Output, Posted, Report, Room, Target};
 use crate::error::Error;
 use core_algos::bus::{Frame, Message};
 use core_algos::hil::protocol::Place;
-use core_algos::node::Micros;
 use core_algos::node::board::{Role, Samples};
 use core_algos::node::robot::RobotConfig;
+use core_algos::node::{Micros, TICK};
 use serde::Serialize;
 use std::fmt;
 
@@ -86,6 +86,11 @@ struct Slot {
     on: bool,
     /// When it is to be switched on again, ms.
     revival: Option<u32>,
+    /// Stands still.
+    held: bool,
+    /// Ticks that its clock is behind.
+    behind: u32,
+    last: Output,
 }
 
 /// The boards.
@@ -117,6 +122,9 @@ impl Boards {
             target,
             on: role != Role::Beam || rps,
             revival: None,
+            held: false,
+            behind: 0,
+            last: Output::default(),
         };
         let mut slots = [
             slot(Role::Front, front),
@@ -146,6 +154,13 @@ impl Boards {
     pub fn plan(&mut self, failures: Vec<Failure>, restart_after: Option<u32>) {
         self.failures = failures;
         self.restart_after = restart_after;
+    }
+
+    /// A board in this process that stands still, with its outputs as they are, or whose clock is
+    /// some ticks behind.
+    pub fn hold(&mut self, role: Role, held: bool, behind: u32) {
+        let slot = &mut self.slots[role as usize];
+        (slot.held, slot.behind) = (held, behind);
     }
 
     /// What happened to the boards so far.
@@ -208,8 +223,10 @@ impl Boards {
     /// A message that reaches a board at `now`.
     pub fn receive(&mut self, role: Role, now: Micros, frame: &Frame, message: &Message) {
         let slot = &mut self.slots[role as usize];
-        if slot.on {
-            slot.target.receive(now, frame, message);
+        if slot.on && !slot.held {
+            let behind = Micros::from(slot.behind) * TICK;
+            slot.target
+                .receive(now.saturating_sub(behind), frame, message);
         }
     }
 
@@ -222,16 +239,24 @@ impl Boards {
     ) -> Result<[Output; 3], Error> {
         self.switch(tick)?;
         for i in 0..3 {
-            if self.slots[i].on {
-                let begun = self.slots[i].target.begin(tick, &samples[i]);
+            let slot = &mut self.slots[i];
+            if slot.on && !slot.held {
+                let begun = slot.target.begin(tick - slot.behind, &samples[i]);
                 self.judge(i, tick, begun)?;
             }
         }
         let mut outputs = [Output::default(); 3];
         for (i, output) in outputs.iter_mut().enumerate() {
-            if self.slots[i].on {
-                let finished = self.slots[i].target.finish(post);
+            let slot = &mut self.slots[i];
+            if slot.on && slot.held {
+                *output = Output {
+                    lead: None,
+                    ..slot.last
+                };
+            } else if slot.on {
+                let finished = slot.target.finish(post);
                 *output = self.judge(i, tick, finished)?.unwrap_or_default();
+                self.slots[i].last = *output;
             }
         }
         self.watch(tick, &outputs);

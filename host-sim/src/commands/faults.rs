@@ -1,0 +1,221 @@
+//! `cfmmr faults`: every fault of the catalogue, at several times and with several seeds.
+
+use crate::cli::FaultsArgs;
+use crate::error::Error;
+use crate::faults::{self, Bounds, CATALOGUE, End, Entry, Outcome};
+use crate::output;
+use crate::progress::Progress;
+use crate::scenario::Scenario;
+use core_algos::node::Micros;
+use rayon::prelude::*;
+use serde::Serialize;
+use std::collections::BTreeSet;
+use std::fmt::Write;
+use std::path::Path;
+
+/// When the faults come, µs after the task began: while the robot plans and starts, under way with
+/// the frame bent, and close to the goal.
+pub const TIMES: [Micros; 3] = [300_000, 4_000_000, 9_000_000];
+/// Page that holds the committed table.
+pub const PAGE: &str = "docs/faults.md";
+
+/// All runs of one fault.
+#[derive(Clone, Debug, Serialize)]
+pub struct Row {
+    /// Name of the fault.
+    pub fault: &'static str,
+    /// Number of runs.
+    pub runs: usize,
+    /// Runs that finished the task.
+    pub finished: usize,
+    /// Runs that stopped in time and for the right reason.
+    pub stopped: usize,
+    /// Runs that ended in any other way.
+    pub wrong: Vec<End>,
+    /// Names of the first reasons.
+    pub reasons: BTreeSet<&'static str>,
+    /// Longest time from the fault to rest with motors off, s.
+    pub stop_s: Option<f64>,
+    /// Time allowed for it, s.
+    pub stop_within_s: f64,
+    /// Largest distance from the goal of the finished runs, m.
+    pub error_m: Option<f64>,
+    /// Largest speed, m/s.
+    pub speed_m_s: f64,
+    /// Largest bend of the frame, rad.
+    pub bend_rad: f64,
+    /// Largest force of the frame, N.
+    pub force_n: f64,
+    /// Each run.
+    pub outcomes: Vec<Outcome>,
+}
+
+impl Row {
+    fn of(entry: &Entry, runs: &[Outcome]) -> Self {
+        let count = |end: End| runs.iter().filter(|run| run.end == end).count();
+        let largest = |pick: fn(&Outcome) -> f64| runs.iter().map(pick).fold(0.0, f64::max);
+        let finished = runs.iter().filter(|run| run.end == End::Finished);
+        Self {
+            fault: entry.name,
+            runs: runs.len(),
+            finished: count(End::Finished),
+            stopped: count(End::Stopped),
+            wrong: runs
+                .iter()
+                .map(|run| run.end)
+                .filter(|end| !end.is_right())
+                .collect(),
+            reasons: runs
+                .iter()
+                .filter_map(Outcome::code)
+                .map(|code| code.entry().name)
+                .collect(),
+            stop_s: runs.iter().filter_map(|run| run.stop_s).reduce(f64::max),
+            stop_within_s: entry.stop_within_s,
+            error_m: finished.map(|run| run.error_m).reduce(f64::max),
+            speed_m_s: largest(|run| run.speed_m_s),
+            bend_rad: largest(|run| run.bend_rad),
+            force_n: largest(|run| run.force_n),
+            outcomes: runs.to_vec(),
+        }
+    }
+}
+
+/// The result of the campaign.
+#[derive(Clone, Debug, Serialize)]
+pub struct Report {
+    /// Seeds 1 to this.
+    pub seeds: u64,
+    /// What no run may exceed for more than a moment.
+    pub bounds: Bounds,
+    /// Fault by fault.
+    pub rows: Vec<Row>,
+}
+
+/// The robot with everything fitted, on tyres that roll with a little resistance: with its motors
+/// off it comes to rest.
+fn scenario() -> Scenario {
+    let mut scenario = Scenario::default();
+    scenario.plant.rolling_resistance = 0.02;
+    scenario.sensors.gyro.fitted = true;
+    scenario.sensors.accelerometer.fitted = true;
+    scenario.mission.time_limit_s = 60.0;
+    scenario
+}
+
+/// Runs the campaign on the threads of the current pool.
+pub fn campaign(seeds: u64, only: Option<&str>) -> Result<Report, Error> {
+    let (scenario, bounds) = (scenario(), Bounds::default());
+    let chosen = |entry: &&Entry| only.is_none_or(|only| entry.name.contains(only));
+    let entries: Vec<&Entry> = CATALOGUE.iter().filter(chosen).collect();
+    let each = TIMES.len() * seeds as usize;
+    let progress = Progress::new(entries.len() * each, "runs");
+    let outcomes: Vec<Result<Outcome, Error>> = (0..entries.len() * each)
+        .into_par_iter()
+        .map(|i| {
+            let (time, seed) = (
+                TIMES[i % each % TIMES.len()],
+                (i % each / TIMES.len()) as u64,
+            );
+            let outcome = faults::run(&scenario, entries[i / each], &bounds, time, 1 + seed);
+            progress.advance();
+            outcome
+        })
+        .collect();
+    let outcomes: Vec<Outcome> = outcomes.into_iter().collect::<Result<_, _>>()?;
+    let rows = entries.iter().zip(outcomes.chunks(each));
+    Ok(Report {
+        seeds,
+        bounds,
+        rows: rows.map(|(entry, runs)| Row::of(entry, runs)).collect(),
+    })
+}
+
+impl Report {
+    /// Number of runs that ended in a way they may not.
+    pub fn wrong(&self) -> usize {
+        self.rows.iter().map(|row| row.wrong.len()).sum()
+    }
+
+    /// The page.
+    pub fn markdown(&self) -> String {
+        let bounds = &self.bounds;
+        let runs: usize = self.rows.iter().map(|row| row.runs).sum();
+        let mut text = format!(
+            "# Faults\n\n\
+             Written by `cfmmr faults --bless`. Each fault is put into the simulated robot {} s, {} s and\n\
+             {} s after its task began, with {} seeds each. A run is right if the robot finishes its task\n\
+             within {:.0} cm and {:.0}°, or stops, motors off, within the time stated and for a reason that\n\
+             fits the fault; and if at no time speed ({} m/s), bend of the frame ({:.0}°) or force of the\n\
+             frame ({} N) is exceeded for more than {} s. Reasons are explained in [codes.md](codes.md).\n\n\
+             | fault | finished | stopped | other | reasons | to rest (s) | allowed (s) | error (cm) | speed (m/s) | bend (°) | force (N) |\n\
+             |---|---|---|---|---|---|---|---|---|---|---|\n",
+            TIMES[0] as f64 * 1e-6,
+            TIMES[1] as f64 * 1e-6,
+            TIMES[2] as f64 * 1e-6,
+            self.seeds,
+            1e2 * faults::TOLERANCE[0],
+            faults::TOLERANCE[1].to_degrees(),
+            bounds.speed_m_s,
+            bounds.bend_rad.to_degrees(),
+            bounds.force_n,
+            bounds.moment_s,
+        );
+        for row in &self.rows {
+            let reasons: Vec<&str> = row.reasons.iter().copied().collect();
+            let number = |value: Option<f64>, scale: f64, digits: usize| {
+                value.map_or(String::new(), |v| format!("{:.digits$}", v * scale))
+            };
+            let wrong: Vec<String> = row.wrong.iter().map(|end| format!("{end:?}")).collect();
+            let allowed = (row.stop_within_s > 0.0).then_some(row.stop_within_s);
+            // Writing to a string does not fail.
+            let _ = writeln!(
+                text,
+                "| {} | {} | {} | {} | {} | {} | {} | {} | {:.2} | {:.0} | {:.0} |",
+                row.fault,
+                row.finished,
+                row.stopped,
+                if wrong.is_empty() {
+                    "0".to_owned()
+                } else {
+                    wrong.join(", ")
+                },
+                reasons.join(", "),
+                number(row.stop_s, 1.0, 2),
+                number(allowed, 1.0, 1),
+                number(row.error_m, 1e2, 1),
+                row.speed_m_s,
+                row.bend_rad.to_degrees(),
+                row.force_n,
+            );
+        }
+        let _ = writeln!(text, "\n{runs} runs, {} of them not right.", self.wrong());
+        text
+    }
+}
+
+/// `cfmmr faults`.
+pub fn run(args: &FaultsArgs) -> Result<(), Error> {
+    let only = args.only.as_deref();
+    if only.is_some_and(|only| !CATALOGUE.iter().any(|entry| entry.name.contains(only))) {
+        let names: Vec<&str> = CATALOGUE.iter().map(|entry| entry.name).collect();
+        return Err(Error::input(format!(
+            "--only {}: no fault has this in its name; the faults are: {}",
+            only.unwrap_or_default(),
+            names.join(", ")
+        )));
+    }
+    let report = campaign(u64::from(args.seeds), only)?;
+    if let Some(path) = &args.json {
+        output::write_file(path, output::json(&report))?;
+    }
+    let page = report.markdown();
+    if args.bless {
+        output::write_file(Path::new(PAGE), &page)?;
+    }
+    super::print(&page)?;
+    match report.wrong() {
+        0 => Ok(()),
+        wrong => Err(Error::Failure(format!("{wrong} runs were not right"))),
+    }
+}
