@@ -138,7 +138,7 @@ mod tests {
     fn record() -> Record {
         let mut record = Record::new();
         record.faults.panics = 3;
-        write!(record.message, "panicked at {}:{}", "tick.rs", 120).unwrap();
+        write!(record.message, "panicked at tick.rs:{}", 120).unwrap();
         record.sealed()
     }
 

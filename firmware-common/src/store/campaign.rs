@@ -189,7 +189,7 @@ pub fn damage<const N: usize>(rounds: u64, most: usize, seed: u64) -> Damage {
                 0 => 0,
                 1 => 0xff,
                 2 => damaged.bytes[place] ^ 1 << random.below(8),
-                _ => random.next() as u8,
+                _ => random.draw() as u8,
             };
         }
         let held = damaged.bytes.clone();

@@ -11,7 +11,7 @@ pub struct Random(pub u64);
 
 impl Random {
     /// The next 64 bits.
-    pub fn next(&mut self) -> u64 {
+    pub fn draw(&mut self) -> u64 {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mut z = self.0;
         z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -21,7 +21,7 @@ impl Random {
 
     /// A whole number below `end`.
     pub fn below(&mut self, end: usize) -> usize {
-        (self.next() % end as u64) as usize
+        (self.draw() % end as u64) as usize
     }
 }
 
@@ -132,7 +132,7 @@ impl<const SECTOR: usize> NorFlash for Flash<SECTOR> {
                 Some(Torn::Untouched) => {}
                 Some(Torn::Bits) => sector
                     .iter_mut()
-                    .for_each(|byte| *byte |= random.next() as u8),
+                    .for_each(|byte| *byte |= random.draw() as u8),
                 Some(Torn::Front) => sector[..part].fill(0xff),
                 Some(Torn::Back) => sector[part..].fill(0xff),
             }
@@ -144,7 +144,7 @@ impl<const SECTOR: usize> NorFlash for Flash<SECTOR> {
     }
 
     async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {
-        if offset % 4 != 0 || bytes.len() % 4 != 0 {
+        if !offset.is_multiple_of(4) || !bytes.len().is_multiple_of(4) {
             return Err(NorFlashErrorKind::NotAligned);
         }
         for (start, word) in (offset as usize..).step_by(4).zip(bytes.chunks(4)) {
@@ -158,7 +158,7 @@ impl<const SECTOR: usize> NorFlash for Flash<SECTOR> {
                 self.overwritten += u64::from(byte & !*slot != 0);
                 *slot &= match torn {
                     Some(Torn::Untouched) => 0xff,
-                    Some(Torn::Bits) => byte | random.next() as u8,
+                    Some(Torn::Bits) => byte | random.draw() as u8,
                     _ => byte,
                 };
             }
