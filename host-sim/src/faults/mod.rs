@@ -2,11 +2,10 @@
 //!
 //! [`CATALOGUE`] says what each fault does and how a run with it may end; [`Injector`] does it.
 
-mod bus;
 mod inject;
 mod run;
 
-pub use bus::Disturbance;
+pub use crate::virtual_bus::Disturbance;
 pub use inject::{Drift, Injector};
 pub use run::{Bounds, End, Outcome, TOLERANCE, run};
 
