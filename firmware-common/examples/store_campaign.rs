@@ -3,9 +3,10 @@
 
 #[cfg(not(target_os = "none"))]
 fn main() {
-    use firmware_common::store::campaign::{damage, power_cuts};
+    use firmware_common::store::campaign::{compactions, damage, power_cuts};
 
-    println!("{:#?}", power_cuts::<16_384>(400, 9, 1));
+    println!("{:#?}", power_cuts::<16_384>(60, 1, 1));
+    println!("{:#?}", compactions::<16_384>(25, 3));
     println!("{:#?}", damage::<16_384>(20_000, 64, 2));
 }
 

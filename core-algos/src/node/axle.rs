@@ -169,7 +169,7 @@ impl Config {
             controller: self.controller.build()?,
             stall_torque: self.limits.stall_share * self.controller.max_torque_nm,
             limits: self.limits,
-            ramp: self.stop.build()?,
+            ramp: self.stop.build(self.supervisor.stop_timeout_s)?,
             supervisor: self.supervisor.build()?,
             state: State::new(),
         })

@@ -47,6 +47,9 @@ const TICKS_PER_EPOCH: f32 = (EPOCH / TICK) as f32;
 pub struct Config {
     /// Age of an axle's report after which the motors are switched off, s.
     pub report_timeout_s: f32,
+    /// Longest time that the motors hold the robot where it is, before a drive or after it, s; then
+    /// they are let go until the next command.
+    pub hold_s: f32,
     /// Second tier of fusion.
     pub fusion: tandem::Config,
     /// Posture regulation.
@@ -126,6 +129,7 @@ impl Default for Config {
     fn default() -> Self {
         Self {
             report_timeout_s: layout::timeout_s(layout::id::AXLE_POSTURE),
+            hold_s: 60.0,
             fusion: tandem::Config::default(),
             regulator: regulator::Config::default(),
             course: course::Config::default(),
@@ -146,10 +150,11 @@ impl Config {
         let cascade = self.cascade.build()?;
         Ok(LeadNode {
             limits: self.limits,
-            ramp: self.stop.build()?,
+            ramp: self.stop.build(self.supervisor.stop_timeout_s)?,
             frame_length: self.cascade.frame_length_m,
             supervisor: self.supervisor.build()?,
             report_timeout: (self.report_timeout_s * 1e6) as Micros,
+            longest_hold: (in_range("hold_s", self.hold_s, 0.1, 3600.0)? * 1e6) as Micros,
             fusion: self.fusion.build()?,
             regulator: self.regulator.build()?,
             course: self.course.build(&cascade)?,
@@ -343,6 +348,10 @@ pub struct State {
     wrench: Option<Stamped<Wrench>>,
     /// The task is fulfilled, as of the last step.
     done: bool,
+    /// Time for which the motors have held the robot where it is.
+    held: Micros,
+    /// They held it for as long as they may: the next command is waited for.
+    released: bool,
     /// The stop under way.
     stop: Option<ramp::State>,
     peers: Peers,
@@ -385,6 +394,7 @@ impl From<course::Step> for Decision {
 #[derive(Clone, Debug, PartialEq)]
 pub struct LeadNode {
     report_timeout: Micros,
+    longest_hold: Micros,
     fusion: Tandem,
     regulator: Regulator,
     course: Course,
@@ -416,6 +426,7 @@ impl LeadNode {
     pub fn command(&mut self, task: Task) {
         self.state.task = task;
         self.state.done = false;
+        self.state.released = false;
         self.state.course.restart();
     }
 
@@ -651,6 +662,7 @@ impl LeadNode {
                 break;
             }
         }
+        self.hold(output.state);
         outbox.push(peers::heartbeat(
             Node::Lead,
             now,
@@ -659,10 +671,20 @@ impl LeadNode {
         output
     }
 
+    /// Counts how long the robot is held.
+    fn hold(&mut self, operating: OperatingState) {
+        let state = &mut self.state;
+        match operating {
+            OperatingState::Armed => state.held += EPOCH,
+            _ => state.held = 0,
+        }
+        state.released |= state.held > self.longest_hold;
+    }
+
     /// What the task asks of the supervisor.
     fn request(&self, fused: Option<&tandem::Output>) -> Option<Request> {
         let state = &self.state;
-        let resting = matches!(state.task, Task::Idle | Task::Clear);
+        let resting = state.released || matches!(state.task, Task::Idle | Task::Clear);
         match state.supervisor.operating() {
             OperatingState::Boot => Some(Request::Ready),
             OperatingState::Idle if !resting => Some(Request::Arm),
@@ -910,5 +932,45 @@ mod tests {
         let after = epoch(&mut node, 101, [(at(0.25), 101); 2]);
         let moved = after.fused.robot.posture.x - before.fused.robot.posture.x;
         assert!((moved - 0.25).abs() < 1e-4, "{moved}");
+    }
+
+    /// Held for as long as they may be, the motors are let go; the next command has them back.
+    #[test]
+    fn the_robot_is_not_held_for_ever() {
+        let mut node = node();
+        let mut number = 0;
+        let mut state = |node: &mut LeadNode| {
+            for sender in [Node::FrontAxle, Node::RearAxle] {
+                let beat = Message::NodeStatus {
+                    node: sender,
+                    sequence: sequence(number * EPOCH),
+                    state: OperatingState::Active,
+                    reason: 0,
+                    notices: 0,
+                };
+                node.receive(number * EPOCH, &beat);
+            }
+            let axles = [(Posture::ORIGIN, number.min(255) as u8); 2];
+            let output = epoch(node, number, axles);
+            number += 1;
+            output.supervision.state
+        };
+        let center = Posture::new(0.0, 0.0, 0.0);
+        for _ in 0..2 {
+            node.command(Task::Regulate { goal: center });
+            let held = (0..20_000)
+                .map(|_| state(&mut node))
+                .skip_while(|state| *state != OperatingState::Armed)
+                .take_while(|state| *state != OperatingState::SafeStop)
+                .filter(|state| *state == OperatingState::Armed)
+                .count();
+            assert!((6_000..6_010).contains(&held), "{held}");
+            // Until then nothing drives, and nothing is wrong.
+            for _ in 0..300 {
+                state(&mut node);
+            }
+            assert_eq!(state(&mut node), OperatingState::Idle);
+            assert_eq!(node.supervision().first(), None);
+        }
     }
 }

@@ -8,13 +8,16 @@
 //! A frame that is bent at rest pushes the axles: with the motors off at once it would spring back and
 //! swing them about for seconds. So the torque that holds it is let go gradually.
 
-use crate::config::{ConfigError, in_range, positive};
+use crate::config::{Allowed, ConfigError, in_range, positive, require};
 use crate::math::trig::{clamp, sin_cos};
 use crate::math::{Posture, Twist};
 
 /// Steering angle beyond which the paths of the axles are not told apart, rad: cos ψ stays away
 /// from zero.
 const STEEPEST: f32 = 1.2;
+
+/// Time by which a stop is over before the supervisor would end it, s.
+const MARGIN: f32 = 0.1;
 
 /// Parameters of the stop.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -24,7 +27,8 @@ const STEEPEST: f32 = 1.2;
     serde(deny_unknown_fields, default)
 )]
 pub struct Config {
-    /// Deceleration of the midpoint, m/s².
+    /// Deceleration of the midpoint, m/s²; more from a speed at which the stop would outlast the
+    /// supervisor's patience.
     pub deceleration_m_s2: f32,
     /// Shortest duration of a stop, s: a slow robot is not jerked to rest.
     pub shortest_s: f32,
@@ -47,13 +51,25 @@ impl Default for Config {
 }
 
 impl Config {
-    /// The ready form; an error names the parameter out of range.
-    pub fn build(&self) -> Result<Ramp, ConfigError> {
+    /// The ready form of a stop that the supervisor waits `timeout_s` for; an error names the
+    /// parameter out of range.
+    pub fn build(&self, timeout_s: f32) -> Result<Ramp, ConfigError> {
+        let shortest = in_range("shortest_s", self.shortest_s, 0.01, 1.0)?;
+        let rest = positive("rest_s", self.rest_s)?;
+        let release = in_range("release_s", self.release_s, 0.01, 5.0)?;
+        let longest = timeout_s - MARGIN - rest - release;
+        require(
+            longest >= shortest,
+            "release_s",
+            self.release_s,
+            Allowed::Condition("with shortest_s, rest_s and 0.1 s at most stop_timeout_s"),
+        )?;
         Ok(Ramp {
             deceleration: in_range("deceleration_m_s2", self.deceleration_m_s2, 0.1, 10.0)?,
-            shortest: in_range("shortest_s", self.shortest_s, 0.01, 1.0)?,
-            rest: positive("rest_s", self.rest_s)?,
-            release: in_range("release_s", self.release_s, 0.01, 5.0)?,
+            shortest,
+            longest,
+            rest,
+            release,
         })
     }
 }
@@ -63,6 +79,7 @@ impl Config {
 pub struct Ramp {
     deceleration: f32,
     shortest: f32,
+    longest: f32,
     rest: f32,
     release: f32,
 }
@@ -115,7 +132,7 @@ impl Ramp {
         State {
             start,
             posture,
-            duration: (speed.abs() / self.deceleration).max(self.shortest),
+            duration: clamp(speed.abs() / self.deceleration, self.shortest, self.longest),
             elapsed: 0.0,
         }
     }
@@ -150,12 +167,14 @@ impl Ramp {
 mod tests {
     use super::*;
 
+    const TIMEOUT: f32 = 2.0;
+
     /// Two axles that stop by themselves end where a frame bent by the same ψ holds them.
     #[test]
     fn the_frame_keeps_its_bend_through_the_stop() {
         let (length, psi, speed) = (0.37f64, 0.4f64, 0.25f64);
         let chord = length * psi.sin() / psi;
-        let ramp = Config::default().build().unwrap();
+        let ramp = Config::default().build(TIMEOUT).unwrap();
         // The midpoint at the origin, heading along x.
         let front = Posture::new(0.5 * chord as f32, 0.0, psi as f32);
         let rear = Posture::new(-0.5 * chord as f32, 0.0, -psi as f32);
@@ -182,7 +201,7 @@ mod tests {
     /// The reference is its own integral and derivative.
     #[test]
     fn posture_twist_and_acceleration_belong_together() {
-        let ramp = Config::default().build().unwrap();
+        let ramp = Config::default().build(TIMEOUT).unwrap();
         let mut state = ramp.begin(Posture::new(1.0, 2.0, 0.3), 0.2, -0.3, 0.37);
         let dt = 1e-3f64;
         let mut last = ramp.step(&mut state, dt as f32);
@@ -201,7 +220,7 @@ mod tests {
 
     #[test]
     fn what_is_not_finite_is_standstill() {
-        let ramp = Config::default().build().unwrap();
+        let ramp = Config::default().build(TIMEOUT).unwrap();
         for (speed, psi) in [(f32::NAN, 0.1), (0.2, f32::NAN), (f32::INFINITY, 0.0)] {
             let mut state = ramp.begin(Posture::ORIGIN, speed, psi, 0.37);
             let reference = ramp.step(&mut state, f32::NAN);
@@ -211,5 +230,25 @@ mod tests {
             }
             assert!(ramp.step(&mut state, 1e-3).halted);
         }
+    }
+
+    /// Whatever the speed, the supervisor does not have to cut the stop short.
+    #[test]
+    fn every_stop_ends_before_the_supervisor_loses_patience() {
+        let ramp = Config::default().build(TIMEOUT).unwrap();
+        for speed in [0.0, 0.3, -0.9, 1.5, 50.0, f32::MAX] {
+            let mut state = ramp.begin(Posture::ORIGIN, speed, 0.2, 0.37);
+            let ticks = (1..5_000)
+                .find(|_| ramp.step(&mut state, 1e-3).halted)
+                .unwrap();
+            assert!(ticks <= 1_901, "{speed}: {ticks}");
+        }
+        let slow = Config {
+            release_s: 1.9,
+            ..Config::default()
+        };
+        assert_eq!(slow.build(TIMEOUT).unwrap_err().field, "release_s");
+        assert!(slow.build(2.5).is_ok());
+        assert!(Config::default().build(f32::NAN).is_err());
     }
 }

@@ -15,6 +15,7 @@ use core_algos::acquisition::analog::{Supply, SupplyConfig, Thermistor, Thermist
 use core_algos::config::ConfigError;
 use core_algos::drive::bridge::{self, Pins};
 use core_algos::drive::current::{self, CurrentLoop};
+use core_algos::drive::response::{self, Response};
 use core_algos::drive::shunt::{self, Shunt, Zeroed, Zeroing};
 use core_algos::node::Micros;
 use core_algos::safety::Condition;
@@ -107,6 +108,8 @@ pub struct Feedback {
     pub ready: bool,
     /// Whether the emergency stop is pressed at present.
     pub stopped: bool,
+    /// Whether a motor's current does not answer to its voltage.
+    pub unresponsive: bool,
     /// Longest run of the current loop since the start, core cycles.
     pub longest_cycles: u32,
     /// Why the motors were switched off; lasts until it is cleared.
@@ -120,6 +123,7 @@ const NOTHING: Feedback = Feedback {
     on: false,
     ready: false,
     stopped: false,
+    unresponsive: false,
     longest_cycles: 0,
     fault: None,
 };
@@ -181,6 +185,8 @@ struct Drive {
     thermistor: Thermistor,
     current_loop: CurrentLoop,
     states: [current::State; 2],
+    response: Response,
+    answers: [response::State; 2],
     zeroing: [Zeroing; 2],
     zeros: [Option<f32>; 2],
     command: Command,
@@ -235,6 +241,8 @@ impl Drive {
             thermistor: ThermistorConfig::default().build()?,
             current_loop: current::Config::default().build()?,
             states: [current::State::default(); 2],
+            response: response::Config::default().build()?,
+            answers: [response::State::default(); 2],
             zeroing: [Zeroing::default(); 2],
             zeros: [None; 2],
             command: Command::default(),
@@ -265,6 +273,7 @@ impl Drive {
             // The drivers brake while they wake up and while a current cannot be read.
             let (Some(current_a), true) = (currents[i], self.awake >= WAKE_PERIODS) else {
                 self.states[i] = current::State::default();
+                self.answers[i] = response::State::default();
                 continue;
             };
             let output = self.current_loop.step(
@@ -277,6 +286,10 @@ impl Drive {
                     limit_a: self.command.limit_a[i],
                 },
             );
+            let (voltage_v, speed_rad_s) = (output.duty * supply_v, self.command.speed_rad_s[i]);
+            let answer = &mut self.answers[i];
+            self.response
+                .step(answer, voltage_v, current_a, speed_rad_s);
             if output.valid {
                 pins[i] = bridge::pins(output.duty, TOP);
             } else {
@@ -402,6 +415,7 @@ impl Drive {
             on: self.awake >= WAKE_PERIODS,
             ready: self.zeros.iter().all(Option::is_some),
             stopped: self.stop.is_high(),
+            unresponsive: self.answers.iter().any(response::State::unexplained),
             longest_cycles: self.longest,
             fault: self.fault,
         };

@@ -167,6 +167,7 @@ impl Axis {
             .with(Condition::SupplyWarning, below(SUPPLY_LOW_V.1))
             .with(Condition::SupplyLow, below(SUPPLY_LOW_V.0))
             .with(Condition::SupplyHigh, feedback.supply_v > SUPPLY_HIGH_V)
+            .with(Condition::MotorUnresponsive, feedback.unresponsive)
             .with(Condition::BusOff, can::is_off())
             .union(pace.conditions())
             .union(self.parameters);

@@ -90,51 +90,112 @@ fn change(settings: &mut Settings, count: usize, random: &mut Random) {
 /// Cuts the power at every `stride`-th step of each of `saves` saves, in every way a step can end.
 /// Saves that erase a sector are cut at every step.
 pub fn power_cuts<const N: usize>(saves: u64, stride: usize, seed: u64) -> PowerCuts {
-    let mut counts = PowerCuts::default();
-    let mut random = Random(seed);
-    let mut settings = Settings::default();
-    change(&mut settings, 30, &mut random);
-    let mut flash = save(Flash::<N>::new(SECTORS, seed), &settings).0;
+    let mut campaign = Campaign::<N>::new(seed);
     for _ in 0..saves {
-        let before = settings;
-        let many = 1 + random.below(3);
-        change(&mut settings, many, &mut random);
-        let (first, erased) = (flash.steps, flash.erases);
-        let (after, saved) = save(flash.clone(), &settings);
-        counts.saves += 1;
-        counts.failed += u64::from(!saved);
-        counts.erases += after.erases - erased;
-        let stride = if after.erases > erased { 1 } else { stride };
-        for step in (first..after.steps).step_by(stride) {
+        let save = campaign.next();
+        let stride = if save.erases() { 1 } else { stride };
+        campaign.cut(&save, stride);
+    }
+    campaign.counts
+}
+
+/// Saves until `compactions` of the saves have erased a sector, and cuts those at every step, in every
+/// way a step can end.
+pub fn compactions<const N: usize>(compactions: u64, seed: u64) -> PowerCuts {
+    let mut campaign = Campaign::<N>::new(seed);
+    let mut done = 0;
+    while done < compactions {
+        let save = campaign.next();
+        if save.erases() {
+            done += 1;
+            campaign.cut(&save, 1);
+        }
+    }
+    campaign.counts
+}
+
+/// A store that is saved to again and again.
+struct Campaign<const N: usize> {
+    counts: PowerCuts,
+    random: Random,
+    settings: Settings,
+    flash: Flash<N>,
+}
+
+/// A save without a cut.
+struct Save<const N: usize> {
+    before: (Flash<N>, Settings),
+    after: (Flash<N>, Settings),
+}
+
+impl<const N: usize> Save<N> {
+    fn erases(&self) -> bool {
+        self.after.0.erases > self.before.0.erases
+    }
+}
+
+impl<const N: usize> Campaign<N> {
+    fn new(seed: u64) -> Self {
+        let mut random = Random(seed);
+        let mut settings = Settings::default();
+        change(&mut settings, 30, &mut random);
+        Self {
+            counts: PowerCuts::default(),
+            flash: save(Flash::new(SECTORS, seed), &settings).0,
+            random,
+            settings,
+        }
+    }
+
+    /// The next save, of one to three changed values.
+    fn next(&mut self) -> Save<N> {
+        let before = (self.flash.clone(), self.settings);
+        let many = 1 + self.random.below(3);
+        change(&mut self.settings, many, &mut self.random);
+        let (after, saved) = save(self.flash.clone(), &self.settings);
+        self.counts.saves += 1;
+        self.counts.failed += u64::from(!saved);
+        self.counts.erases += after.erases - self.flash.erases;
+        self.flash = after.clone();
+        Save {
+            before,
+            after: (after, self.settings),
+        }
+    }
+
+    /// Does a save anew with the power cut at every `stride`-th of its steps.
+    fn cut(&mut self, done: &Save<N>, stride: usize) {
+        let (flash, before) = &done.before;
+        let (after, wanted) = &done.after;
+        let (counts, random) = (&mut self.counts, &mut self.random);
+        for step in (flash.steps..after.steps).step_by(stride) {
             for torn in Torn::ALL {
                 let mut failing = flash.clone();
                 failing.cut = Some((step, torn));
                 failing.cut_in_erase = false;
-                let (mut stopped, _) = save(failing, &settings);
+                let (mut stopped, _) = save(failing, wanted);
                 counts.cuts += 1;
                 counts.erase_cuts += u64::from(stopped.cut_in_erase);
                 stopped.cut = None;
-                let restarted = judge(stopped, &before, &settings, &mut counts);
+                let restarted = judge(stopped, before, wanted, counts);
                 // Once more, and the power fails again somewhere in the repair.
                 let mut again = restarted.clone();
                 again.cut = Some((
                     again.steps + random.below(40) as u64,
                     Torn::ALL[random.below(4)],
                 ));
-                let (mut again, _) = save(again, &settings);
+                let (mut again, _) = save(again, wanted);
                 again.cut = None;
-                let again = judge(again, &before, &settings, &mut counts);
+                let again = judge(again, before, wanted, counts);
                 for repaired in [restarted, again] {
-                    let (repaired, saved) = save(repaired, &settings);
+                    let (repaired, saved) = save(repaired, wanted);
                     let (_, found, report) = load(repaired);
-                    let good = saved && found == settings && report.conditions().is_empty();
+                    let good = saved && found == *wanted && report.conditions().is_empty();
                     counts.failed += u64::from(!good);
                 }
             }
         }
-        flash = after;
     }
-    counts
 }
 
 /// Starts after a cut and compares what is found with what was there before and what was to be.

@@ -132,9 +132,9 @@ impl<F: NorFlash> Store<F> {
     /// without losing a value.
     async fn tidy(&mut self) -> bool {
         for sector in self.sectors() {
-            let needed = self.is_needed(&sector).await;
             let (begun, blank) = self.state(&sector).await;
-            if !begun && !blank && !needed && self.erase(sector.clone()).await.is_err() {
+            let spoiled = !begun && !blank;
+            if spoiled && !self.is_needed(&sector).await && self.erase(sector).await.is_err() {
                 return false;
             }
         }

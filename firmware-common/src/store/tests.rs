@@ -71,6 +71,15 @@ fn a_power_cut_loses_at_most_the_value_being_written() {
 }
 
 #[test]
+fn a_power_cut_while_a_sector_is_erased_loses_no_more() {
+    let counts = campaign::compactions::<4096>(2, 5);
+    println!("{counts:?}");
+    assert!(counts.erases >= 2 && counts.erase_cuts >= 8 && counts.cuts > 1000);
+    assert_eq!((counts.lost, counts.others_lost), (0, 0));
+    assert_eq!((counts.failed, counts.changed_by_loading), (0, 0));
+}
+
+#[test]
 fn damage_gives_defaults_with_a_notice_and_erases_nothing() {
     let [single, many] = [(1500, 1), (1500, 60)].map(|(rounds, most)| {
         let counts = campaign::damage::<4096>(rounds, most, 4);
