@@ -1308,7 +1308,7 @@ mod tests {
 
         /// One tick of 10 ms.
         fn tick(&mut self, wish: Wish) {
-            self.state = self.governor.step(&self.state, &wish, 0.01);
+            self.governor.step(&mut self.state, &wish, 0.01);
             let motion = self.state.motion;
             let v = f64::from(motion.v);
             let across = f64::from(self.cascade.lateral_velocity(&motion));

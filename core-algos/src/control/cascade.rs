@@ -20,16 +20,13 @@
 //! [`Config::build`] validates the geometry; nothing else here can fail. Steering angles outside
 //! ±[`Config::max_steering_rad`] are limited to it, NaN counts as zero.
 
+use super::bend::{Arc, Bend};
 use crate::config::{ConfigError, in_range, non_negative, positive};
-use crate::math::trig::{clamp, hypot, sin_cos, wrap_angle};
-use crate::math::{Posture, Twist, lesser, trig};
+use crate::math::trig::{self, hypot, wrap_angle};
+use crate::math::{Posture, Transform, Twist};
+use core::f32::consts::PI;
+use core::hint::cold_path;
 
-/// Most iterations of Newton's method.
-const MAX_ITERATIONS: usize = 12;
-/// A step this small, rad, is the last: what it leaves is less than a third of its square.
-const SETTLED: f32 = 2e-4;
-/// Below this steering angle, rad, the start of the iteration is exact.
-const STRAIGHT: f32 = 1e-3;
 /// Largest steering angle that can be configured, rad. Beyond, 1/cos ψ loses its digits.
 pub const MAX_STEERING: f32 = 1.5;
 
@@ -78,9 +75,10 @@ impl Default for Config {
 impl Config {
     /// The ready-to-run form; the error names the field that is wrong.
     pub fn build(&self) -> Result<Cascade, ConfigError> {
+        let length = positive("frame_length_m", self.frame_length_m)?;
+        let rigid_end = non_negative("rigid_end_m", self.rigid_end_m)?;
         let mut cascade = Cascade {
-            length: positive("frame_length_m", self.frame_length_m)?,
-            rigid_end: non_negative("rigid_end_m", self.rigid_end_m)?,
+            arc: Arc::new(length, rigid_end),
             max_steering: in_range(
                 "max_steering_rad",
                 self.max_steering_rad,
@@ -88,16 +86,8 @@ impl Config {
                 MAX_STEERING,
             )?,
             max_curvature: 0.0,
-            start: [0.0; 2],
             form: self.form,
         };
-        // tan ψ/(c(ψ)/c(0)) = ψ + A ψ³ + B ψ⁵ + …, c(ψ)/c(0) = 1 − α ψ² + β ψ⁴ − ….
-        let share = 2.0 * self.rigid_end_m / (self.frame_length_m + 2.0 * self.rigid_end_m);
-        let (alpha, beta) = ((1.0 + 2.0 * share) / 6.0, (1.0 + 4.0 * share) / 120.0);
-        let third = 1.0 / 3.0 + alpha;
-        let fifth = 2.0 / 15.0 + alpha / 3.0 + alpha * alpha - beta;
-        let below = 3.0 * third - fifth / third;
-        cascade.start = [below - third, below];
         cascade.max_curvature = cascade.curvature(cascade.max_steering);
         Ok(cascade)
     }
@@ -142,62 +132,24 @@ pub struct Steering {
     pub acceleration: f32,
 }
 
-/// Chord between the axle midpoints and its derivatives by ψ.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Chord {
-    length: f32,
-    slope: f32,
-    second: f32,
-}
-
 /// The cascade connection of one frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cascade {
-    length: f32,
-    rigid_end: f32,
+    arc: Arc,
     max_steering: f32,
     max_curvature: f32,
-    /// Coefficients that start [`Cascade::steering`].
-    start: [f32; 2],
     form: Form,
-}
-
-/// `sinc'(ψ)/ψ` for sinc ψ = sin ψ/ψ and ψ² = `p`, |ψ| ≤ π/2, to 1e-7: a power series, since the
-/// closed form loses all digits near zero. The rest follows from it without a loss:
-/// sinc = cos ψ − ψ sinc' and sinc'' = −sinc − 2 sinc'/ψ.
-#[inline(always)]
-fn sinc_slope_over(p: f32) -> f32 {
-    const K: [f32; 6] = [
-        -1.0 / 3.0,
-        1.0 / 30.0,
-        -1.0 / 840.0,
-        1.0 / 45_360.0,
-        -1.0 / 3_991_680.0,
-        1.0 / 518_918_400.0,
-    ];
-    K[0] + p * (K[1] + p * (K[2] + p * (K[3] + p * (K[4] + p * K[5]))))
-}
-
-/// The frame bent by one steering angle.
-struct Bend {
-    /// 1/cos ψ and tan ψ.
-    sec: f32,
-    tan: f32,
-    chord: Chord,
-    /// Path curvature and its derivative by ψ.
-    kappa: f32,
-    kappa_slope: f32,
 }
 
 impl Cascade {
     /// Length of the flexible part (L), m.
     pub fn frame_length(&self) -> f32 {
-        self.length
+        self.arc.length()
     }
 
     /// Length of the rigid section at each end, m.
     pub fn rigid_end(&self) -> f32 {
-        self.rigid_end
+        self.arc.rigid_end()
     }
 
     /// Largest steering angle, rad.
@@ -211,105 +163,57 @@ impl Cascade {
     }
 
     /// `psi` limited to what the frame may be asked for; NaN gives 0.
+    #[inline(always)]
     fn limited(&self, psi: f32) -> f32 {
-        if psi.is_nan() {
+        if psi.abs() <= self.max_steering {
+            psi
+        } else if psi.is_nan() {
+            cold_path();
             0.0
         } else {
-            clamp(psi, -self.max_steering, self.max_steering)
+            cold_path();
+            self.max_steering.copysign(psi)
         }
     }
 
+    /// The frame bent by `psi` (rad), limited.
     #[inline(always)]
-    fn chord_of(&self, psi: f32, s: f32, c: f32) -> Chord {
-        let p = psi * psi;
-        let over = sinc_slope_over(p);
-        let value = c - p * over;
-        let ends = 2.0 * self.rigid_end;
-        Chord {
-            length: self.length * value + ends * c,
-            slope: self.length * (psi * over) - ends * s,
-            second: -(self.length * (value + 2.0 * over)) - ends * c,
-        }
-    }
-
-    /// For |ψ| within the limit.
-    #[inline(always)]
-    fn bent(&self, psi: f32) -> Bend {
-        let (s, c) = sin_cos(psi);
-        let chord = self.chord_of(psi, s, c);
-        let sec = 1.0 / c;
-        let tan = s * sec;
-        let inverse = 1.0 / chord.length;
-        let kappa = 2.0 * tan * inverse;
-        Bend {
-            sec,
-            tan,
-            kappa,
-            kappa_slope: (2.0 * (sec * sec) - kappa * chord.slope) * inverse,
-            chord,
-        }
+    pub(super) fn bent(&self, psi: f32) -> Bend {
+        self.arc.bent(self.limited(psi))
     }
 
     /// Distance between the axle midpoints at steering angle `psi` (rad), m.
     pub fn chord(&self, psi: f32) -> f32 {
-        self.bent(self.limited(psi)).chord.length
+        2.0 * self.bent(psi).half
     }
 
     /// Path curvature of O at steering angle `psi` (rad), 1/m (paper eq. 5).
     pub fn curvature(&self, psi: f32) -> f32 {
-        self.bent(self.limited(psi)).kappa
+        self.bent(psi).kappa
     }
 
     /// κ(ψ) and its first two derivatives by ψ: 1/m, 1/(m rad), 1/(m rad²).
     pub fn curvature_derivatives(&self, psi: f32) -> [f32; 3] {
-        let bend = self.bent(self.limited(psi));
-        let chord = &bend.chord;
-        let second = (4.0 * bend.tan * (bend.sec * bend.sec)
-            - 2.0 * bend.kappa_slope * chord.slope
-            - bend.kappa * chord.second)
-            / chord.length;
+        let bend = self.bent(psi);
+        let second = (2.0 * (bend.tan * (bend.sec * bend.sec) - bend.kappa_slope * bend.slope)
+            - bend.kappa * bend.second)
+            / bend.half;
         [bend.kappa, bend.kappa_slope, second]
     }
 
     /// Steering angle for a path curvature (1/m): the inverse of [`Self::curvature`], by Newton's
-    /// method on `2ψ = κ cos ψ (L + 2a ψ/tan ψ)`, which is monotone on |ψ| < π/2. Curvature beyond
-    /// the bound gives the largest steering angle of its sign; NaN gives 0.
+    /// method. Curvature beyond the bound gives the largest steering angle of its sign; NaN gives 0.
+    #[inline(always)]
     pub fn steering(&self, kappa: f32) -> f32 {
-        let bend = kappa.abs();
-        if bend.is_nan() {
-            return 0.0;
+        if kappa.abs() < self.max_curvature {
+            self.arc.steering(kappa, self.max_steering)
+        } else if kappa.is_nan() {
+            cold_path();
+            0.0
+        } else {
+            cold_path();
+            self.max_steering.copysign(kappa)
         }
-        if bend >= self.max_curvature {
-            return if kappa < 0.0 {
-                -self.max_steering
-            } else {
-                self.max_steering
-            };
-        }
-        let ends = 2.0 * self.rigid_end;
-        let reach = 0.5 * bend * (self.length + ends);
-        // ψ + A ψ³ + … = `reach`, its inverse as a quotient that is right to the fifth power.
-        let r2 = reach * reach;
-        let start = reach * (1.0 + self.start[0] * r2) / (1.0 + self.start[1] * r2);
-        let mut psi = lesser(start, self.max_steering);
-        for _ in 0..MAX_ITERATIONS {
-            if psi <= STRAIGHT {
-                break;
-            }
-            let (s, c) = sin_cos(psi);
-            let sinc = s / psi;
-            let slope = (c - sinc) / psi;
-            let share = c / sinc;
-            let reach = self.length + ends * share;
-            let value = 2.0 * psi - bend * c * reach;
-            let rate = 2.0 + bend * (s * reach + ends * share * (s + share * slope));
-            let step = value / rate;
-            psi = clamp(psi - step, 0.0, self.max_steering);
-            if step.abs() <= SETTLED {
-                break;
-            }
-        }
-        if kappa < 0.0 { -psi } else { psi }
     }
 
     /// Steering angle and its derivatives for a path curvature (1/m) that changes at `rate`
@@ -335,47 +239,42 @@ impl Cascade {
     /// The frame bent by the limited `psi`, and the twists of both axles.
     #[inline(always)]
     fn twists_of(&self, motion: &Motion, psi: f32) -> (Bend, [(Twist, Twist); 2]) {
+        let (v, v_rate) = (motion.v, motion.v_rate);
         let (psi_rate, psi_acceleration) = (motion.psi_rate, motion.psi_acceleration);
-        let bend = self.bent(psi);
-        let Bend {
-            sec,
-            tan,
-            kappa,
-            kappa_slope,
-            ..
-        } = bend;
-        let yaw_rate = motion.v * kappa;
-        let yaw_acceleration = motion.v_rate * kappa + motion.v * kappa_slope * psi_rate;
+        let bend = self.arc.bent(psi);
+        let yaw_rate = v * bend.kappa;
+        let yaw_acceleration = v_rate * bend.kappa + v * bend.kappa_slope * psi_rate;
 
-        let common = motion.v * sec;
-        let common_rate = (motion.v_rate + motion.v * tan * psi_rate) * sec;
-        // Half of the rate at which the axles part, as each axle feels it, and its own rate.
-        let (parting, parting_rate) = match self.form {
+        // Rate of 1/cos ψ over itself.
+        let growth = bend.tan * psi_rate;
+        let along = v_rate + v * growth;
+        // Half of the rate at which the axles part, and its own rate, along the chord; then all
+        // seen along the axles' headings.
+        let [front, rear] = match self.form {
             Form::Exact => {
-                let chord = &bend.chord;
-                let half = 0.5 * chord.slope * psi_rate;
-                let half_rate =
-                    0.5 * (chord.second * psi_rate * psi_rate + chord.slope * psi_acceleration);
-                (half * sec, (half_rate + half * tan * psi_rate) * sec)
+                let parting = bend.slope * psi_rate;
+                let rate = bend.second * (psi_rate * psi_rate)
+                    + bend.slope * psi_acceleration
+                    + parting * growth;
+                [(parting, rate), (-parting, -rate)]
+                    .map(|(part, rate)| ((v + part) * bend.sec, (along + rate) * bend.sec))
             }
-            Form::Printed => (
-                -self.length / 6.0 * psi * psi_rate,
-                -self.length / 6.0 * (psi_rate * psi_rate + psi * psi_acceleration),
-            ),
+            Form::Printed => {
+                cold_path();
+                let sixth = -self.arc.length() / 6.0;
+                let parting = sixth * psi * psi_rate;
+                let rate = sixth * (psi_rate * psi_rate + psi * psi_acceleration);
+                [(parting, rate), (-parting, -rate)]
+                    .map(|(part, rate)| (v * bend.sec + part, along * bend.sec + rate))
+            }
         };
         let front = (
-            Twist::new(common + parting, yaw_rate + psi_rate),
-            Twist::new(
-                common_rate + parting_rate,
-                yaw_acceleration + psi_acceleration,
-            ),
+            Twist::new(front.0, yaw_rate + psi_rate),
+            Twist::new(front.1, yaw_acceleration + psi_acceleration),
         );
         let rear = (
-            Twist::new(common - parting, yaw_rate - psi_rate),
-            Twist::new(
-                common_rate - parting_rate,
-                yaw_acceleration - psi_acceleration,
-            ),
+            Twist::new(rear.0, yaw_rate - psi_rate),
+            Twist::new(rear.1, yaw_acceleration - psi_acceleration),
         );
         (bend, [front, rear])
     }
@@ -383,34 +282,39 @@ impl Cascade {
     /// Velocity of O across its heading, m/s, left positive: `½ tan ψ ċ`. It is what remains of
     /// the axles' motion once their midpoint moves along the line between them.
     pub fn lateral_velocity(&self, motion: &Motion) -> f32 {
-        let psi = self.limited(motion.psi);
-        let bend = self.bent(psi);
-        0.5 * bend.tan * bend.chord.slope * motion.psi_rate
+        let bend = self.bent(motion.psi);
+        bend.tan * bend.slope * motion.psi_rate
     }
 
     /// Postures of both axles, front first, from the posture of O and the steering angle (rad):
     /// half a chord ahead and behind, turned by +ψ and −ψ.
     pub fn axle_postures(&self, center: Posture, psi: f32) -> [Posture; 2] {
         let psi = self.limited(psi);
-        Self::postures_of(center, psi, self.bent(psi).chord.length)
+        Self::postures_of(&center.into(), psi, self.arc.bent(psi).half)
     }
 
     #[inline(always)]
-    fn postures_of(center: Posture, psi: f32, chord: f32) -> [Posture; 2] {
-        let (s, c) = sin_cos(center.phi);
-        let (dx, dy) = (0.5 * chord * c, 0.5 * chord * s);
+    fn postures_of(center: &Transform, psi: f32, half_chord: f32) -> [Posture; 2] {
+        let (dx, dy) = (half_chord * center.cos, half_chord * center.sin);
+        let Posture { x, y, phi } = center.posture;
+        let (mut left, mut right) = (phi + psi, phi - psi);
+        if !(phi.abs() + psi.abs() <= PI) {
+            cold_path();
+            (left, right) = (wrap_angle(left), wrap_angle(right));
+        }
         [
-            Posture::new(center.x + dx, center.y + dy, wrap_angle(center.phi + psi)),
-            Posture::new(center.x - dx, center.y - dy, wrap_angle(center.phi - psi)),
+            Posture::new(x + dx, y + dy, left),
+            Posture::new(x - dx, y - dy, right),
         ]
     }
 
     /// Complete references of both axles, front first.
-    pub fn references(&self, center: Posture, motion: &Motion) -> [AxleReference; 2] {
+    #[inline(always)]
+    pub fn references(&self, center: impl Into<Transform>, motion: &Motion) -> [AxleReference; 2] {
         let psi = self.limited(motion.psi);
         let (bend, [(front_twist, front_rate), (rear_twist, rear_rate)]) =
             self.twists_of(motion, psi);
-        let [front, rear] = Self::postures_of(center, psi, bend.chord.length);
+        let [front, rear] = Self::postures_of(&center.into(), psi, bend.half);
         [
             AxleReference {
                 posture: front,

@@ -24,8 +24,9 @@
 
 use super::cascade::{Cascade, Motion};
 use crate::config::{Allowed, ConfigError, in_range, non_negative, positive, require};
-use crate::math::trig::{clamp, sin_cos, sqrt};
-use crate::math::{decay, greater, lesser};
+use crate::math::trig::sqrt;
+use crate::math::{bounded, decay, greater, lesser};
+use core::hint::cold_path;
 
 /// Bends at which the speed limit is sampled when a governor is built.
 const SAMPLES: usize = 64;
@@ -128,7 +129,10 @@ impl Config {
             max_steering_rate: self.max_steering_rate_rad_s,
             wheel_speed_left: 0.0,
             unlimited_steering: 0.0,
-            usual: Pace::new(self, USUAL_INTERVAL_S),
+            per_steering_tolerance: 1.0 / self.steering_tolerance_rad,
+            twice_bending: 2.0 * self.max_steering_acceleration_rad_s2,
+            longest_rest: 2.0 * self.reversal_hold_s + 1.0,
+            usual: Pace::new(self, self.max_steering_rate_rad_s, self.max_interval_s),
         };
         // The share of the wheels' speed that bending takes, at its largest.
         let bending = self.half_track_m + governor.largest_parting();
@@ -147,6 +151,7 @@ impl Config {
             .max_steering_rate_rad_s
             .min(self.max_acceleration_m_s2 / slope.max(1e-9));
         governor.unlimited_steering = governor.last_unlimited_steering();
+        governor.usual = governor.unusual(USUAL_INTERVAL_S);
         Ok(governor)
     }
 }
@@ -154,26 +159,49 @@ impl Config {
 /// What depends on the interval alone.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Pace {
-    /// The interval, s.
+    /// The interval, s, half of it, and its inverse, 1/s.
     dt: f32,
-    /// Acceleration of the steering filter by its error (1/s²) and by that of its rate (1/s): both
-    /// poles at `e^(−ω dt)` for an acceleration that is constant over the step, so the filter is
-    /// stable at any interval.
+    half_dt: f32,
+    per_dt: f32,
+    /// Change of ψ̇ in a step by the error of ψ (1/s) and by that of its rate: both poles of the
+    /// filter at `e^(−ω dt)` for an acceleration that is constant over the step, so it is stable at
+    /// any interval.
     stiffness: f32,
     damping: f32,
+    /// Largest change of ψ̇, rad/s.
+    bending: f32,
+    /// Rate that full braking takes away in half of this and the longest interval, rad/s, and its
+    /// square.
+    lead: f32,
+    lead_square: f32,
+    /// Way to the limit of ψ, rad, from which on the rate alone is bounded.
+    free: f32,
     /// Share of the way to its target that the lag of v makes in a step.
     speed_share: f32,
+    /// Largest change of v, and the one at which it ends, m/s.
+    ramp: f32,
+    final_ramp: f32,
 }
 
 impl Pace {
-    fn new(config: &Config, dt: f32) -> Self {
+    fn new(config: &Config, max_steering_rate: f32, dt: f32) -> Self {
         let steering = decay(config.steering_frequency_rad_s * dt);
-        let rate = steering / dt;
+        let strongest = config.max_steering_acceleration_rad_s2;
+        let lead = strongest * (0.5 * (dt + config.max_interval_s));
+        let ramp = config.max_acceleration_m_s2 * dt;
         Self {
             dt,
-            stiffness: rate * rate,
-            damping: 0.5 * rate * (4.0 - steering),
+            half_dt: 0.5 * dt,
+            per_dt: 1.0 / dt,
+            stiffness: steering * steering / dt,
+            damping: 0.5 * steering * (4.0 - steering),
+            bending: strongest * dt,
+            lead,
+            lead_square: lead * lead,
+            free: max_steering_rate * (0.5 * max_steering_rate + lead) / strongest,
             speed_share: decay(config.speed_rate_per_s * dt),
+            ramp,
+            final_ramp: FINAL_RAMP * ramp,
         }
     }
 }
@@ -199,11 +227,13 @@ pub struct Wish {
 
 impl Wish {
     /// A wish of velocity (m/s) and path curvature (1/m).
+    #[inline(always)]
     pub fn from_curvature(cascade: &Cascade, v: f32, kappa: f32) -> Self {
-        // NaN must stay NaN here: the governor takes it as an absent wish.
-        let psi = if kappa.is_finite() {
+        // What is not finite must stay so: the governor takes it as an absent wish.
+        let psi = if kappa.abs() < cascade.max_curvature() || kappa.is_finite() {
             cascade.steering(kappa)
         } else {
+            cold_path();
             f32::NAN
         };
         Self {
@@ -249,6 +279,12 @@ pub struct Governor {
     wheel_speed_left: f32,
     /// Up to this |ψ|, rad, the wheels allow the largest speed.
     unlimited_steering: f32,
+    /// 1/rad.
+    per_steering_tolerance: f32,
+    /// Twice the largest |ψ̈|, rad/s².
+    twice_bending: f32,
+    /// The clock of a rest stops here, s, so that a long one cannot stop that of a later one.
+    longest_rest: f32,
     /// For steps of [`USUAL_INTERVAL_S`].
     usual: Pace,
 }
@@ -268,13 +304,13 @@ impl Governor {
     /// Largest |v| (m/s) at which no wheel exceeds its limit with the frame bent by `psi` (rad),
     /// and which the speed limit itself allows.
     pub fn speed_limit(&self, psi: f32) -> f32 {
-        let limit = self.config.max_steering_rad;
-        let psi = lesser(psi.abs(), limit);
-        if psi < self.unlimited_steering {
+        if psi.abs() < self.unlimited_steering {
             return self.config.max_speed_m_s;
         }
-        let (_, c) = sin_cos(psi);
-        let outer = 1.0 / c + self.config.half_track_m * self.cascade.curvature(psi);
+        let bend = self
+            .cascade
+            .bent(bounded(psi, self.config.max_steering_rad));
+        let outer = bend.sec + self.config.half_track_m * bend.kappa.abs();
         lesser(self.wheel_speed_left / outer, self.config.max_speed_m_s)
     }
 
@@ -320,121 +356,150 @@ impl Governor {
         &self.config
     }
 
-    /// One step of `dt` (s) towards `wish`; returns the next state, whose
-    /// [`motion`](State::motion) is the reference. An interval that is not positive changes
-    /// nothing.
+    /// One step of `dt` (s) towards `wish`, after which the state's [`motion`](State::motion) is the
+    /// reference. An interval that is not positive changes nothing.
     ///
     /// `v_rate` and `psi_acceleration` of the motion are those of the step just made.
-    pub fn step(&self, state: &State, wish: &Wish, dt: f32) -> State {
+    #[inline(always)]
+    pub fn step(&self, state: &mut State, wish: &Wish, dt: f32) {
         // What is not finite makes the sum so; so do only numbers as large.
-        let sum = wish.v + wish.v_rate + wish.psi + wish.psi_rate + wish.steering_slack;
-        if !sum.is_finite() {
+        let sum = (wish.v + wish.psi) + (wish.v_rate + wish.psi_rate + wish.steering_slack);
+        if !(sum.abs() <= f32::MAX) {
+            cold_path();
             return self.stop(state, dt);
         }
-        if !(dt > 0.0) {
-            return *state;
+        let mut other = None;
+        if let Some(pace) = self.pace(dt, &mut other) {
+            self.pursue(state, wish, pace);
         }
+    }
+
+    /// What depends on the interval, which is put into `other` if it is not the usual one; none if
+    /// it is not positive.
+    #[inline(always)]
+    fn pace<'a>(&'a self, dt: f32, other: &'a mut Option<Pace>) -> Option<&'a Pace> {
+        if dt == self.usual.dt {
+            return Some(&self.usual);
+        }
+        cold_path();
+        if !(dt > 0.0) {
+            return None;
+        }
+        Some(other.insert(self.unusual(dt)))
+    }
+
+    #[cold]
+    fn unusual(&self, dt: f32) -> Pace {
         let dt = lesser(dt, self.config.max_interval_s);
-        let pace = if dt == self.usual.dt {
-            self.usual
-        } else {
-            Pace::new(&self.config, dt)
+        Pace::new(&self.config, self.max_steering_rate, dt)
+    }
+
+    #[inline(always)]
+    fn pursue(&self, state: &mut State, wish: &Wish, pace: &Pace) {
+        let before = state.motion;
+        let target_psi = bounded(wish.psi, self.config.max_steering_rad);
+        let target_rate = match wish.psi_rate {
+            0.0 => 0.0,
+            rate => bounded(rate, self.max_steering_rate),
         };
-        let mut next = *state;
-        let limit = self.config.max_steering_rad;
-        let target_psi = clamp(wish.psi, -limit, limit);
-        let target_rate = clamp(
-            wish.psi_rate,
-            -self.max_steering_rate,
-            self.max_steering_rate,
-        );
         // A critically damped filter. The wish is a moving target: it is where the next step finds
         // it.
-        let wanted = pace.stiffness * (target_psi - state.motion.psi)
-            + pace.damping * (target_rate - state.motion.psi_rate);
-        self.bend(&mut next.motion, wanted, dt);
+        let wanted = pace.stiffness * (target_psi - before.psi)
+            + pace.damping * (target_rate - before.psi_rate);
+        self.bend(&mut state.motion, wanted, pace);
 
-        let astray = (target_psi - next.motion.psi).abs() - greater(wish.steering_slack, 0.0);
-        let waiting = 1.0 - greater(astray, 0.0) / self.config.steering_tolerance_rad;
-        let waiting = greater(waiting, 0.0);
-        let limit = self.speed_limit(next.motion.psi);
-        let mut target = clamp(wish.v, -limit, limit) * waiting;
-        let mut rate = wish.v_rate * waiting;
+        let astray = (target_psi - state.motion.psi).abs() - wish.steering_slack;
+        let limit = self.speed_limit(state.motion.psi);
+        let (mut target, mut rate) = (bounded(wish.v, limit), wish.v_rate);
+        if astray > 0.0 {
+            let waiting = greater(1.0 - astray * self.per_steering_tolerance, 0.0);
+            (target, rate) = (target * waiting, rate * waiting);
+        }
         let heading = if target != 0.0 { target } else { rate };
         if heading * state.direction < 0.0 {
+            cold_path();
             // The other direction: first to zero, then rest, then go.
             if state.motion.v != 0.0 || state.rest_s < self.config.reversal_hold_s {
                 (target, rate) = (0.0, 0.0);
             }
         }
-        let ramp = self.config.max_acceleration_m_s2 * dt;
-        let gap = target - state.motion.v;
-        let lag = gap.abs() * pace.speed_share;
-        let approach = greater(lag, lesser(FINAL_RAMP * ramp, gap.abs())).copysign(gap);
-        let mut change = clamp(approach + rate * dt, -ramp, ramp);
-        let after = state.motion.v + change;
-        if after * state.motion.v < 0.0 || (state.motion.v == 0.0 && after * heading < 0.0) {
-            change = -state.motion.v;
+        let gap = target - before.v;
+        let mut approach = gap.abs() * pace.speed_share;
+        if approach < pace.final_ramp {
+            approach = lesser(pace.final_ramp, gap.abs());
         }
-        self.drive(&mut next, change, limit, dt);
-        next
+        let approach = if gap < 0.0 { -approach } else { approach };
+        let mut change = bounded(approach + rate * pace.dt, pace.ramp);
+        let after = before.v + change;
+        if after * before.v < 0.0 || (before.v == 0.0 && after * heading < 0.0) {
+            cold_path();
+            change = -before.v;
+        }
+        self.drive(state, change, limit, pace);
     }
 
     /// One step of `dt` (s) of an emergency stop: v ramps to zero at the stop deceleration, ψ̇ to
     /// zero at ψ̈_max, and ψ stays where that leaves it.
-    pub fn stop(&self, state: &State, dt: f32) -> State {
-        if !(dt > 0.0) {
-            return *state;
-        }
-        let dt = lesser(dt, self.config.max_interval_s);
-        let mut next = *state;
-        self.bend(&mut next.motion, -state.motion.psi_rate / dt, dt);
-        let v = state.motion.v;
-        let change = lesser(self.config.stop_deceleration_m_s2 * dt, v.abs());
-        self.drive(
-            &mut next,
-            -change.copysign(v),
-            self.config.max_speed_m_s,
-            dt,
-        );
-        next
+    pub fn stop(&self, state: &mut State, dt: f32) {
+        let mut other = None;
+        let Some(pace) = self.pace(dt, &mut other) else {
+            return;
+        };
+        let Motion { v, psi_rate, .. } = state.motion;
+        self.bend(&mut state.motion, -psi_rate, pace);
+        let change = lesser(self.config.stop_deceleration_m_s2 * pace.dt, v.abs());
+        let limit = self.config.max_speed_m_s;
+        self.drive(state, -change.copysign(v), limit, pace);
     }
 
-    /// Applies the steering acceleration nearest to `wanted` that keeps all three limits.
+    /// Applies the change of ψ̇ nearest to `wanted` (rad/s) that keeps all three limits.
     ///
     /// Braking from rate w takes at most `D(w) = w²/(2A) + w T/2` for steps no longer than T. The
     /// rate after the step is held where `ψ + (w + w')dt/2 + D(w') ≤ ψ_max`; if that holds before
     /// the step, full braking fulfils it after the step, so it holds for ever.
-    fn bend(&self, motion: &mut Motion, wanted: f32, dt: f32) {
-        let strongest = self.config.max_steering_acceleration_rad_s2;
+    #[inline(always)]
+    fn bend(&self, motion: &mut Motion, wanted: f32, pace: &Pace) {
         let limit = self.config.max_steering_rad;
         let rate = motion.psi_rate;
         // The highest rate away from straight is at least zero: only that on the side that is
         // wanted can bind.
-        let asked = rate + wanted * dt;
-        let toward = 1.0f32.copysign(asked);
-        let room = greater(limit - toward * (motion.psi + 0.5 * rate * dt), 0.0);
-        let lead = 0.5 * (dt + self.config.max_interval_s);
-        let highest = sqrt(strongest * (strongest * (lead * lead) + 2.0 * room)) - strongest * lead;
-        let highest = lesser(highest, self.max_steering_rate);
-        let next = toward * lesser(asked.abs(), highest);
-        let next = clamp(next, rate - strongest * dt, rate + strongest * dt);
-        motion.psi = clamp(motion.psi + 0.5 * (rate + next) * dt, -limit, limit);
-        motion.psi_acceleration = (next - rate) / dt;
+        let asked = rate + wanted;
+        let ahead = motion.psi + rate * pace.half_dt;
+        let room = if asked < 0.0 {
+            limit + ahead
+        } else {
+            limit - ahead
+        };
+        let highest = if room >= pace.free {
+            self.max_steering_rate
+        } else {
+            cold_path();
+            let braking = pace.lead_square + self.twice_bending * greater(room, 0.0);
+            lesser(sqrt(braking) - pace.lead, self.max_steering_rate)
+        };
+        let mut next = bounded(asked, highest);
+        if !((next - rate).abs() <= pace.bending) {
+            cold_path();
+            next = rate + pace.bending.copysign(next - rate);
+        }
+        motion.psi = bounded(motion.psi + pace.half_dt * (rate + next), limit);
+        motion.psi_acceleration = (next - rate) * pace.per_dt;
         motion.psi_rate = next;
     }
 
     /// Applies a change of speed and the speed limit.
-    fn drive(&self, state: &mut State, change: f32, limit: f32, dt: f32) {
+    #[inline(always)]
+    fn drive(&self, state: &mut State, change: f32, limit: f32, pace: &Pace) {
         let before = state.motion.v;
-        state.motion.v = clamp(before + change, -limit, limit);
-        state.motion.v_rate = (state.motion.v - before) / dt;
-        if state.motion.v == 0.0 {
-            // Bounded, so that a long rest cannot stop the clock of a later one.
-            state.rest_s = lesser(state.rest_s + dt, 2.0 * self.config.reversal_hold_s + 1.0);
+        let v = bounded(before + change, limit);
+        state.motion.v = v;
+        state.motion.v_rate = (v - before) * pace.per_dt;
+        if v == 0.0 {
+            cold_path();
+            state.rest_s = lesser(state.rest_s + pace.dt, self.longest_rest);
         } else {
             state.rest_s = 0.0;
-            state.direction = 1.0f32.copysign(state.motion.v);
+            state.direction = if v < 0.0 { -1.0 } else { 1.0 };
         }
     }
 }
@@ -453,6 +518,18 @@ mod tests {
         Config::default().build(&frame()).unwrap()
     }
 
+    fn stepped(governor: &Governor, state: &State, wish: &Wish, dt: f32) -> State {
+        let mut state = *state;
+        governor.step(&mut state, wish, dt);
+        state
+    }
+
+    fn stopped(governor: &Governor, state: &State, dt: f32) -> State {
+        let mut state = *state;
+        governor.stop(&mut state, dt);
+        state
+    }
+
     /// Circumferential speed of the fastest wheel.
     fn fastest_wheel(motion: &Motion, half_track: f32) -> f32 {
         frame()
@@ -464,7 +541,7 @@ mod tests {
 
     fn run(governor: &Governor, mut state: State, wish: Wish, dt: f32, time: f32) -> State {
         for _ in 0..(time / dt).round() as usize {
-            state = governor.step(&state, &wish, dt);
+            state = stepped(governor, &state, &wish, dt);
         }
         state
     }
@@ -494,9 +571,9 @@ mod tests {
                 for _ in 0..steps {
                     let before = state.motion;
                     state = match kind {
-                        0 => governor.stop(&state, dt),
-                        1 => governor.step(&state, &Wish { v: f32::NAN, ..wish }, dt),
-                        _ => governor.step(&state, &wish, dt),
+                        0 => stopped(&governor, &state, dt),
+                        1 => stepped(&governor, &state, &Wish { v: f32::NAN, ..wish }, dt),
+                        _ => stepped(&governor, &state, &wish, dt),
                     };
                     let now = state.motion;
                     let acceleration = if kind < 2 { 0.8 } else { 0.4 };
@@ -527,7 +604,7 @@ mod tests {
         fn no_overshoot_from_rest(psi in -0.5f32..0.5) {
             let (governor, mut state) = (governor(), State::default());
             for _ in 0..300 {
-                state = governor.step(&state, &Wish { v: 0.1, psi, ..Wish::default() }, 0.01);
+                state = stepped(&governor, &state, &Wish { v: 0.1, psi, ..Wish::default() }, 0.01);
                 prop_assert!(state.motion.psi * psi >= 0.0);
                 prop_assert!(state.motion.psi.abs() <= psi.abs() + 1e-5);
             }
@@ -546,7 +623,7 @@ mod tests {
                     psi: 0.1,
                     ..Wish::default()
                 };
-                state = governor.step(&state, &wish, dt);
+                state = stepped(&governor, &state, &wish, dt);
                 let x = 8.0 * f64::from(dt) * i as f64;
                 let exact = 0.1 * (1.0 - (1.0 + x) * (-x).exp());
                 // A hold over half an interval delays the sampled filter by no more than that.
@@ -568,8 +645,8 @@ mod tests {
                 psi_rate,
                 ..Wish::default()
             };
-            with = governor.step(&with, &wish(0.4), 0.01);
-            without = governor.step(&without, &wish(0.0), 0.01);
+            with = stepped(&governor, &with, &wish(0.4), 0.01);
+            without = stepped(&governor, &without, &wish(0.0), 0.01);
         }
         assert!((with.motion.psi - 0.4).abs() < 0.006);
         // 2/ω behind.
@@ -587,7 +664,7 @@ mod tests {
                 v_rate: 0.25,
                 ..Wish::default()
             };
-            state = governor.step(&state, &wish, 0.01);
+            state = stepped(&governor, &state, &wish, 0.01);
         }
         // Where the wish is at the end of the step.
         assert!((state.motion.v - 0.2025).abs() < 1e-4, "{}", state.motion.v);
@@ -614,7 +691,7 @@ mod tests {
         let mut slowest = f32::MAX;
         let mut state = start;
         for _ in 0..300 {
-            state = governor.step(&state, &turned, 0.01);
+            state = stepped(&governor, &state, &turned, 0.01);
             slowest = slowest.min(state.motion.v);
         }
         assert!(start.motion.v > 0.249 && slowest < 0.15);
@@ -631,7 +708,7 @@ mod tests {
         let mut state = run(&governor, State::default(), wish(0.2), 0.01, 3.0);
         let mut resting = 0;
         for _ in 0..300 {
-            state = governor.step(&state, &wish(-0.2), 0.01);
+            state = stepped(&governor, &state, &wish(-0.2), 0.01);
             resting += usize::from(state.motion.v == 0.0);
         }
         assert!(state.motion.v < -0.19);
@@ -639,7 +716,7 @@ mod tests {
         // Having rested already, the next change starts at once.
         state = run(&governor, state, wish(0.0), 0.01, 2.0);
         assert_eq!(state.motion.v, 0.0);
-        assert!(governor.step(&state, &wish(0.2), 0.01).motion.v > 0.0);
+        assert!(stepped(&governor, &state, &wish(0.2), 0.01).motion.v > 0.0);
     }
 
     #[test]
@@ -655,10 +732,10 @@ mod tests {
         let mut state = moving;
         let steps = (moving.motion.v / 0.8 / 0.01).ceil() as usize;
         for _ in 0..steps.max(13) {
-            state = governor.stop(&state, 0.01);
+            state = stopped(&governor, &state, 0.01);
         }
         assert_eq!((state.motion.v, state.motion.psi_rate), (0.0, 0.0));
-        let held = governor.stop(&state, 0.01).motion.psi;
+        let held = stopped(&governor, &state, 0.01).motion.psi;
         assert_eq!(held, state.motion.psi);
     }
 
@@ -674,16 +751,21 @@ mod tests {
         for bad in [f32::NAN, f32::INFINITY] {
             let absent = Wish { psi: bad, ..wish };
             assert_eq!(
-                governor.step(&moving, &absent, 0.01),
-                governor.stop(&moving, 0.01)
+                stepped(&governor, &moving, &absent, 0.01),
+                stopped(&governor, &moving, 0.01)
             );
             assert_eq!(
-                governor.step(&moving, &Wish::from_curvature(&frame(), 0.2, bad), 0.01),
-                governor.stop(&moving, 0.01)
+                stepped(
+                    &governor,
+                    &moving,
+                    &Wish::from_curvature(&frame(), 0.2, bad),
+                    0.01
+                ),
+                stopped(&governor, &moving, 0.01)
             );
         }
         for bad in [f32::NAN, 0.0, -1.0] {
-            assert_eq!(governor.step(&moving, &wish, bad), moving);
+            assert_eq!(stepped(&governor, &moving, &wish, bad), moving);
         }
     }
 

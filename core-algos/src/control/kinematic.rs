@@ -14,9 +14,12 @@
 //! reference that is not finite gives [`Command::REST`].
 
 use crate::config::{ConfigError, in_range, non_negative, positive};
-use crate::math::trig::{atan2, clamp, cos, hypot, sin, sin_cos, sqrt, tanh, wrap_angle};
-use crate::math::{Posture, greater};
+use crate::math::trig::{
+    atan2, clamp, cos, hypot, sin, sin_cos, sqrt, tanh_and_of_angle, wrap_angle,
+};
+use crate::math::{Posture, Transform, greater};
 use core::f32::consts::{PI, SQRT_2};
+use core::hint::cold_path;
 
 /// Smallest distance (m) that `1/e` is taken of in [`Law::command`].
 pub const MIN_DISTANCE_M: f32 = 1e-6;
@@ -129,6 +132,70 @@ impl PolarError {
     }
 }
 
+/// The same error in the terms of eq. 4.
+#[derive(Clone, Copy, Debug)]
+struct Sight {
+    /// e, m, and its inverse, 1/m, of at least [`MIN_DISTANCE_M`].
+    distance: f32,
+    inverse: f32,
+    sin_theta: f32,
+    cos_theta: f32,
+    sin_alpha: f32,
+    cos_alpha: f32,
+    /// θ + α, rad in [−2π, 2π].
+    sum: f32,
+}
+
+impl From<PolarError> for Sight {
+    fn from(error: PolarError) -> Self {
+        let (sin_theta, cos_theta) = sin_cos(error.theta);
+        let (sin_alpha, cos_alpha) = sin_cos(error.alpha);
+        Self {
+            distance: error.distance_m,
+            inverse: 1.0 / greater(error.distance_m, MIN_DISTANCE_M),
+            sin_theta,
+            cos_theta,
+            sin_alpha,
+            cos_alpha,
+            sum: error.theta + error.alpha,
+        }
+    }
+}
+
+impl Sight {
+    /// By the angles: where there is hardly a line of sight.
+    #[cold]
+    #[inline(never)]
+    fn at(posture: Posture, reference: Posture) -> Self {
+        PolarError::between(posture, reference).into()
+    }
+
+    /// Of `center` against `reference`: θ and α themselves are not needed, and their sines and
+    /// cosines follow from those of the headings.
+    #[inline(always)]
+    fn between(center: &Transform, reference: &Transform) -> Self {
+        let (from, to) = (&center.posture, &reference.posture);
+        let (dx, dy) = (to.x - from.x, to.y - from.y);
+        let distance = hypot(dx, dy);
+        if !(distance > MIN_DISTANCE_M) {
+            cold_path();
+            return Self::at(*from, *to);
+        }
+        let inverse = 1.0 / distance;
+        let (x, y) = (dx * inverse, dy * inverse);
+        let sight = atan2(dy, dx);
+        Self {
+            distance,
+            inverse,
+            sin_theta: y * reference.cos - x * reference.sin,
+            cos_theta: x * reference.cos + y * reference.sin,
+            sin_alpha: y * center.cos - x * center.sin,
+            cos_alpha: x * center.cos + y * center.sin,
+            sum: wrap_angle(sight - to.phi) + wrap_angle(sight - from.phi),
+        }
+    }
+}
+
 /// What the robot's midpoint should do.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Command {
@@ -147,6 +214,12 @@ impl Command {
         kappa: 0.0,
         phi_dot: 0.0,
     };
+}
+
+/// A command, and the yaw rate (rad/s) of it that the heading error asks for: k2 tanh(θ + α).
+struct Demand {
+    command: Command,
+    by_heading: f32,
 }
 
 /// A reference posture in motion.
@@ -224,6 +297,8 @@ impl Config {
         Ok(Law {
             config: self,
             manifold: self.circle_radius_m * SQRT_2,
+            twice_manifold: 2.0 * (self.circle_radius_m * SQRT_2),
+            floored: self.form == Form::Derived && self.denominator_floor > 0.0,
         })
     }
 }
@@ -232,8 +307,11 @@ impl Config {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Law {
     config: Config,
-    /// r√2, m.
+    /// r√2, m, and twice that.
     manifold: f32,
+    twice_manifold: f32,
+    /// The denominator has a positive floor.
+    floored: bool,
 }
 
 impl Law {
@@ -271,52 +349,83 @@ impl Law {
     ///
     /// Input that is not finite gives [`Command::REST`].
     pub fn command(&self, error: PolarError, v_r: f32, kappa_r: f32) -> Command {
-        let c = &self.config;
-        let e = error.distance_m;
-        let (sin_theta, cos_theta) = sin_cos(error.theta);
-        let (sin_alpha, cos_alpha) = sin_cos(error.alpha);
-        let s = self.shape(sin_theta);
-        let sin_2theta = 2.0 * sin_theta * cos_theta;
+        self.demand(&error.into(), v_r, kappa_r).command
+    }
 
-        let approach = c.approach_gain_m_s * e * s * tanh(e - self.manifold * s);
+    #[inline(always)]
+    fn demand(&self, sight: &Sight, v_r: f32, kappa_r: f32) -> Demand {
+        let c = &self.config;
+        let Sight {
+            distance,
+            inverse,
+            sin_theta,
+            cos_theta,
+            sin_alpha,
+            cos_alpha,
+            sum,
+        } = *sight;
+        let s = self.shape(sin_theta);
+        let es = distance * s;
+        let manifold_sin_2theta = self.twice_manifold * (sin_theta * cos_theta);
+
+        let (approach, by_heading) = tanh_and_of_angle(distance - self.manifold * s, sum);
+        let approach = c.approach_gain_m_s * es * approach;
         let feedforward =
-            v_r * (e * cos_theta * s + self.manifold * sin_2theta * (sin_theta + kappa_r * e));
-        let turning = self.manifold * sin_2theta * sin_alpha;
-        let denominator = match c.form {
-            Form::Printed => e * s + turning,
-            Form::Derived if c.denominator_floor > 0.0 => {
-                greater(e * s * cos_alpha + turning, c.denominator_floor * e * s)
-            }
-            Form::Derived => e * s * cos_alpha + turning,
+            v_r * (es * cos_theta + manifold_sin_2theta * (sin_theta + kappa_r * distance));
+        let by_heading = c.heading_gain_rad_s * by_heading;
+        let turning = manifold_sin_2theta * sin_alpha;
+        let denominator = if self.floored {
+            greater(es * cos_alpha + turning, c.denominator_floor * es)
+        } else {
+            let along = match c.form {
+                Form::Printed => es,
+                Form::Derived => es * cos_alpha,
+            };
+            away_from_zero(along + turning, MIN_DENOMINATOR_M)
         };
-        let v = (approach + feedforward) / away_from_zero(denominator, MIN_DENOMINATOR_M);
-        let phi_dot = c.heading_gain_rad_s * tanh(error.theta + error.alpha)
-            + 2.0 / greater(e, MIN_DISTANCE_M) * (v * sin_alpha - v_r * sin_theta)
-            - v_r * kappa_r;
+        let v = (approach + feedforward) / denominator;
+        let phi_dot =
+            by_heading + 2.0 * inverse * (v * sin_alpha - v_r * sin_theta) - v_r * kappa_r;
         let kappa = phi_dot / away_from_zero(v, MIN_SPEED_M_S);
-        if v.is_finite() && phi_dot.is_finite() && kappa.is_finite() {
+        // A velocity or yaw rate that is not finite leaves no curvature that is.
+        let command = if kappa.abs() <= f32::MAX {
             Command { v, kappa, phi_dot }
         } else {
+            cold_path();
             Command::REST
+        };
+        Demand {
+            command,
+            by_heading,
         }
     }
 
-    /// Equation 4 of `posture` against a reference in motion. A reference that backs (v_r < 0) is
+    /// Equation 4 of `center` against a reference that does not back, and the yaw rate (rad/s) of
+    /// it that the heading error asks for, k2 tanh(θ + α).
+    #[inline(always)]
+    pub(super) fn ahead(&self, center: &Transform, reference: Reference) -> (Command, f32) {
+        let sight = Sight::between(center, &reference.posture.into());
+        let demand = self.demand(&sight, reference.v, reference.kappa);
+        (demand.command, demand.by_heading)
+    }
+
+    /// Equation 4 of `center` against a reference in motion. A reference that backs (v_r < 0) is
     /// followed rear first: seen forward its heading would be unstable (θ̇ ≈ −2 v_r θ/e), so both
     /// headings are turned by π and v, κ negated.
-    pub fn track(&self, posture: Posture, reference: Reference) -> Command {
-        let direction = if reference.v < 0.0 {
-            Direction::Reverse
+    #[inline(always)]
+    pub fn track(&self, center: impl Into<Transform>, reference: Reference) -> Command {
+        let (center, goal) = (&center.into(), &Transform::from(reference.posture));
+        if reference.v < 0.0 {
+            let sight = Sight::between(&center.turned(), &goal.turned());
+            let command = self.demand(&sight, -reference.v, -reference.kappa).command;
+            Command {
+                v: -command.v,
+                kappa: -command.kappa,
+                phi_dot: command.phi_dot,
+            }
         } else {
-            Direction::Forward
-        };
-        let sign = direction.sign();
-        let error = PolarError::between(posture, reference.posture).along(direction);
-        let command = self.command(error, sign * reference.v, sign * reference.kappa);
-        Command {
-            v: sign * command.v,
-            kappa: sign * command.kappa,
-            phi_dot: command.phi_dot,
+            let sight = Sight::between(center, goal);
+            self.demand(&sight, reference.v, reference.kappa).command
         }
     }
 
@@ -327,9 +436,13 @@ impl Law {
     ///
     /// Near the goal, where bearings lose meaning, `e/(e² + σ²)` stands for `1/e`.
     pub fn approach_curvature(&self, error: PolarError) -> f32 {
+        self.arc_curvature(error, sin(error.alpha))
+    }
+
+    fn arc_curvature(&self, error: PolarError, sin_alpha: f32) -> f32 {
         let (e, soft) = (error.distance_m, self.config.softening_m);
         let inverse = e / greater(e * e + soft * soft, MIN_DISTANCE_M * MIN_DISTANCE_M);
-        (2.0 * sin(error.alpha) + self.config.arrival_gain * error.arrival()) * inverse
+        (2.0 * sin_alpha + self.config.arrival_gain * error.arrival()) * inverse
     }
 
     /// The approach form towards a reference at rest, driving in `direction`; `error` is that of
@@ -341,11 +454,13 @@ impl Law {
     /// gives [`Command::REST`].
     pub fn approach(&self, error: PolarError, direction: Direction) -> Command {
         let seen = error.along(direction);
-        let kappa = direction.sign() * self.approach_curvature(seen);
+        let sight = Sight::from(seen);
+        let kappa = direction.sign() * self.arc_curvature(seen, sight.sin_alpha);
         let soft = greater(self.config.softening_m, MIN_DISTANCE_M);
         let far = clamp(0.5 * seen.distance_m / soft - 1.0, 0.0, 1.0);
-        let slow = far + (1.0 - far) * greater(cos(seen.alpha), 0.0);
-        let v = direction.sign() * greater(self.command(seen, 0.0, 0.0).v, 0.0) * slow;
+        let slow = far + (1.0 - far) * greater(sight.cos_alpha, 0.0);
+        let v = self.demand(&sight, 0.0, 0.0).command.v;
+        let v = direction.sign() * greater(v, 0.0) * slow;
         if kappa.is_finite() && v.is_finite() {
             Command {
                 v,
@@ -361,6 +476,7 @@ impl Law {
 /// `x`, or the number of magnitude `least` on its side of zero if it is closer to zero than that.
 fn away_from_zero(x: f32, least: f32) -> f32 {
     if x.abs() < least {
+        cold_path();
         if x < 0.0 { -least } else { least }
     } else {
         x
@@ -643,7 +759,7 @@ mod tests {
                         kappa: kappa_r,
                     };
                     let led = reference.led_by(law.rest_distance());
-                    let command = limits.limit(law.track(q.map(|c| c as f32).into(), led));
+                    let command = limits.limit(law.track(Posture::from(q.map(|c| c as f32)), led));
                     q = drive(q, command.v.into(), command.phi_dot.into(), 5e-3);
                     r = drive(r, v_r.into(), f64::from(v_r * kappa_r), 5e-3);
                 }

@@ -40,10 +40,10 @@
 
 use super::cascade::Cascade;
 use super::governor::Wish;
-use super::kinematic::{Law, PolarError, Reference};
+use super::kinematic::{Law, Reference};
 use crate::config::{ConfigError, in_range, non_negative, positive};
-use crate::math::Posture;
-use crate::math::trig::{clamp, sin_cos, sqrt, tanh, wrap_angle};
+use crate::math::trig::{clamp, sin_cos, sqrt, wrap_angle};
+use crate::math::{Posture, Transform};
 use core::fmt;
 
 /// Below this speed (m/s) asked by law (4) its curvature gives way to that of the path: the law's
@@ -548,10 +548,14 @@ impl Steering {
 
     /// The law's velocity and curvature for `reference`; its curvature gives way to `kappa`, that
     /// of the path at O, as its velocity vanishes.
-    fn wish(&self, center: Posture, reference: Reference, kappa: f32, rates: (f32, f32)) -> Wish {
-        let error = PolarError::between(center, reference.posture);
-        let command = self.law.command(error, reference.v, reference.kappa);
-        let by_heading = self.law.config().heading_gain_rad_s * tanh(error.theta + error.alpha);
+    fn wish(
+        &self,
+        center: &Transform,
+        reference: Reference,
+        kappa: f32,
+        rates: (f32, f32),
+    ) -> Wish {
+        let (command, by_heading) = self.law.ahead(center, reference);
         let direction = 1.0f32.copysign(command.v);
         let demanded = (command.phi_dot - by_heading) / (direction * command.v.abs().max(1e-3))
             + direction * by_heading / self.nominal_speed;
@@ -626,10 +630,10 @@ impl Follower {
 
     /// What is asked of the governor for O at `center`: law (4) on the reference that
     /// [`Self::step`] gave for it, with the path's deceleration and steering rate as feedforward.
-    pub fn wish(&self, center: Posture, reference: &PathReference) -> Wish {
+    pub fn wish(&self, center: impl Into<Transform>, reference: &PathReference) -> Wish {
         let rates = (reference.v_rate, reference.psi_rate);
         self.steering
-            .wish(center, reference.reference, reference.kappa, rates)
+            .wish(&center.into(), reference.reference, reference.kappa, rates)
     }
 
     /// Where the path ends, m; infinite for a loop without end.
@@ -934,10 +938,10 @@ impl Tracker {
 
     /// What is asked of the governor for O at `center`: law (4) on the reference that
     /// [`Self::at`] gave, with the trajectory's acceleration and steering rate as feedforward.
-    pub fn wish(&self, center: Posture, reference: &TrajectoryReference) -> Wish {
+    pub fn wish(&self, center: impl Into<Transform>, reference: &TrajectoryReference) -> Wish {
         let rates = (reference.acceleration, reference.psi_rate);
         self.steering
-            .wish(center, reference.reference, reference.kappa, rates)
+            .wish(&center.into(), reference.reference, reference.kappa, rates)
     }
 
     /// The reference at `time` (s). `None` if there is no trajectory or the time is NaN.

@@ -10,7 +10,7 @@ pub mod twofloat;
 pub mod wrench;
 
 pub use decay::decay;
-pub use order::{greater, lesser};
-pub use se2::{Posture, Twist};
+pub use order::{bounded, greater, lesser};
+pub use se2::{Posture, Transform, Twist};
 pub use twofloat::TwoFloat;
 pub use wrench::{AxleLoad, Wrench};

@@ -1,7 +1,10 @@
 //! The greater and the lesser of two numbers.
 //!
 //! `f32::max` and `f32::min` are function calls on a Cortex-M4F, which has no such instruction;
-//! a comparison and a move are four instructions.
+//! a comparison and a move are four instructions. A number that mostly lies within its bounds is
+//! best compared once, by its magnitude.
+
+use core::hint::cold_path;
 
 /// The greater of two numbers; `b` if one of them is NaN.
 #[inline(always)]
@@ -15,9 +18,29 @@ pub fn lesser(a: f32, b: f32) -> f32 {
     if a < b { a } else { b }
 }
 
+/// `x` limited to ±`bound`, which is not negative; cheap where `x` lies within. NaN becomes ±`bound`.
+#[inline(always)]
+pub fn bounded(x: f32, bound: f32) -> f32 {
+    if x.abs() <= bound {
+        x
+    } else {
+        cold_path();
+        bound.copysign(x)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn bounds_hold_on_both_sides_and_for_everything_that_is_no_number() {
+        for (x, limited) in [(0.5, 0.5), (-2.0, -2.0), (2.5, 2.0), (-9.0, -2.0)] {
+            assert_eq!(bounded(x, 2.0), limited);
+        }
+        assert_eq!(bounded(f32::NEG_INFINITY, 2.0), -2.0);
+        assert_eq!(bounded(f32::NAN, 2.0).abs(), 2.0);
+    }
 
     #[test]
     fn they_order_numbers_and_pass_a_second_nan_on() {

@@ -7,6 +7,7 @@
 //! with a sum.
 
 use core::f32::consts::{FRAC_2_PI, FRAC_PI_2, PI, TAU};
+use core::hint::cold_path;
 
 /// Adding and then subtracting 1.5 · 2^23 rounds to the nearest integer, which then stands in the
 /// lowest bits.
@@ -146,13 +147,30 @@ const TANH_BELOW: [f32; 4] = [4_043_942.8, 1_870_771.9, 96_351.05, 966.956_24];
 #[inline]
 pub fn tanh(x: f32) -> f32 {
     if x.abs() < TANH_LIMIT {
-        let z = x * x;
-        x * (TANH_ABOVE[0] + z * (TANH_ABOVE[1] + z * (TANH_ABOVE[2] + z * TANH_ABOVE[3])))
-            / (TANH_BELOW[0] + z * (TANH_BELOW[1] + z * (TANH_BELOW[2] + z * (TANH_BELOW[3] + z))))
+        tanh_near(x)
     } else if x.is_nan() {
         x
     } else {
         with_sign(1.0, x)
+    }
+}
+
+#[inline(always)]
+fn tanh_near(x: f32) -> f32 {
+    let z = x * x;
+    x * (TANH_ABOVE[0] + z * (TANH_ABOVE[1] + z * (TANH_ABOVE[2] + z * TANH_ABOVE[3])))
+        / (TANH_BELOW[0] + z * (TANH_BELOW[1] + z * (TANH_BELOW[2] + z * (TANH_BELOW[3] + z))))
+}
+
+/// Hyperbolic tangents of any `x` and of an `angle` (radians) within a turn either way; as two
+/// calls of [`tanh`], for the constants of one.
+#[inline(always)]
+pub fn tanh_and_of_angle(x: f32, angle: f32) -> (f32, f32) {
+    if x.abs() < TANH_LIMIT {
+        (tanh_near(x), tanh_near(angle))
+    } else {
+        cold_path();
+        (tanh(x), tanh(angle))
     }
 }
 
@@ -276,6 +294,14 @@ mod tests {
         assert_eq!(tanh(f32::INFINITY), 1.0);
         assert_eq!(tanh(f32::NEG_INFINITY), -1.0);
         assert!(tanh(f32::NAN).is_nan());
+    }
+
+    #[test]
+    fn tanh_of_two_is_twice_tanh() {
+        for x in points(12.0) {
+            let angle = x * (TAU / 12.0);
+            assert_eq!(tanh_and_of_angle(x, angle), (tanh(x), tanh(angle)));
+        }
     }
 
     #[test]

@@ -36,7 +36,7 @@ use crate::control::path::{
     self, Follower, PathBuffer, PathError, PathPoint, Progress, Tracker, TrajectoryBuffer,
     TrajectoryPoint,
 };
-use crate::math::Posture;
+use crate::math::{Posture, Transform};
 
 /// Points of a path that are held at a time: 2.56 m at 1 cm. What braking and the lead of the
 /// reference look ahead is 0.3 m.
@@ -182,9 +182,12 @@ pub struct Course {
 
 impl Course {
     /// One epoch along the path, with O estimated at `center` and `motion` as last commanded.
-    pub fn follow(&self, state: &mut State, center: Posture, motion: &Motion) -> Step {
-        let Some((progress, reference)) = self.follower.step(&state.progress, &state.path, center)
-        else {
+    pub fn follow(&self, state: &mut State, center: impl Into<Transform>, motion: &Motion) -> Step {
+        let center = center.into();
+        let step = self
+            .follower
+            .step(&state.progress, &state.path, center.posture);
+        let Some((progress, reference)) = step else {
             return Step::default();
         };
         state.progress = progress;
@@ -199,7 +202,7 @@ impl Course {
         &self,
         state: &mut State,
         epoch: Micros,
-        center: Posture,
+        center: impl Into<Transform>,
         motion: &Motion,
     ) -> Step {
         if state.trajectory.is_empty() {

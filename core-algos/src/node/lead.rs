@@ -22,7 +22,7 @@ use crate::bus::codec::wrap_position;
 use crate::bus::layout::Node;
 use crate::bus::{Axle, LeadMode, Message, layout};
 use crate::config::{ConfigError, in_range, positive};
-use crate::control::cascade::{self, Cascade, Motion};
+use crate::control::cascade::{self, AxleReference, Cascade, Motion};
 use crate::control::governor::{self, Governor, Wish};
 use crate::control::regulator::{self, Phase, Regulator};
 use crate::fusion::Estimate;
@@ -30,7 +30,7 @@ use crate::fusion::ekf::Verdict;
 use crate::fusion::tandem::{self, Increment, Tandem};
 use crate::math::matrix::{Mat3, diagonal, scale};
 use crate::math::trig::wrap_angle;
-use crate::math::{Posture, Twist, Wrench};
+use crate::math::{Posture, Transform, Twist, Wrench};
 use crate::safety::supervisor::{self, Supervisor};
 use crate::safety::{Condition, Conditions, OperatingState, Permit, Request, ramp};
 
@@ -512,7 +512,7 @@ impl LeadNode {
         let Some(fused) = fused.filter(|_| driving) else {
             return self.idle(now, fused, supervision, outbox);
         };
-        let center = fused.robot.posture;
+        let center = Transform::from(fused.robot.posture);
         let dt = seconds(EPOCH);
 
         // Before it drives the robot holds still: a frame that swings has to come to rest.
@@ -521,15 +521,16 @@ impl LeadNode {
                 mode: LeadMode::Hold,
                 ..Decision::default()
             },
-            _ => self.decide(now, center),
+            _ => self.decide(now, &center),
         };
-        self.state.governor = match decision.wish {
-            Some(wish) => self.governor.step(&self.state.governor, &wish, dt),
-            None => self.governor.stop(&self.state.governor, dt),
-        };
+        match decision.wish {
+            Some(wish) => self.governor.step(&mut self.state.governor, &wish, dt),
+            None => self.governor.stop(&mut self.state.governor, dt),
+        }
         let motion = self.state.governor.motion;
         self.state.done = decision.done;
-        self.send_references(now, decision.mode, &motion, &fused, outbox);
+        let references = self.cascade.references(center, &motion);
+        self.send_references(now, decision.mode, &references, &fused, outbox);
         Output {
             supervision,
             mode: decision.mode,
@@ -542,7 +543,7 @@ impl LeadNode {
     }
 
     /// What the task asks for with O at `center`.
-    fn decide(&mut self, now: Micros, center: Posture) -> Decision {
+    fn decide(&mut self, now: Micros, center: &Transform) -> Decision {
         let state = &mut self.state;
         let motion = state.governor.motion;
         let active = Decision {
@@ -556,7 +557,7 @@ impl LeadNode {
                 let output = self.regulator.tick(
                     &mut state.regulator,
                     &regulator::Input {
-                        posture: center,
+                        posture: center.posture,
                         steering_rad: motion.psi,
                         speed_m_s: motion.v,
                         goal,
@@ -576,12 +577,14 @@ impl LeadNode {
                 }
             }
             Task::Follow => {
-                let step = self.course.follow(&mut state.course, center, &motion);
+                let step = self.course.follow(&mut state.course, *center, &motion);
                 Decision::from(step)
             }
             Task::Track => {
                 let epoch = epoch_start(now, sequence(now));
-                let step = self.course.track(&mut state.course, epoch, center, &motion);
+                let step = self
+                    .course
+                    .track(&mut state.course, epoch, *center, &motion);
                 Decision::from(step)
             }
         }
@@ -783,7 +786,8 @@ impl LeadNode {
         supervision: supervisor::Output,
         outbox: &mut Outbox,
     ) -> Output {
-        self.state.governor = self.governor.stop(&self.state.governor, seconds(EPOCH));
+        let dt = seconds(EPOCH);
+        self.governor.stop(&mut self.state.governor, dt);
         if let (Permit::Off, Some(fused)) = (supervision.permit, &fused) {
             self.settle(fused);
         }
@@ -811,18 +815,18 @@ impl LeadNode {
         &self,
         now: Micros,
         mode: LeadMode,
-        motion: &Motion,
+        references: &[AxleReference; 2],
         fused: &tandem::Output,
         outbox: &mut Outbox,
     ) {
         let sequence = sequence(now);
+        let motion = &self.state.governor.motion;
         outbox.push(Message::LeadStatus {
             sequence,
             mode,
             steering_rad: motion.psi,
             velocity_m_s: motion.v,
         });
-        let references = self.cascade.references(fused.robot.posture, motion);
         let axles = [fused.front.posture, fused.rear.posture];
         for axle in Axle::BOTH {
             let reference = references[axle.index()];

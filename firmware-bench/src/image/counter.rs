@@ -1,10 +1,11 @@
 //! Instructions by the emulator's clock: it is told to let 128 ns pass with each instruction, and
-//! SysTick counts at 168 MHz.
+//! SysTick counts at 168 MHz. Stack by a pattern written below the stack pointer before a call.
 
 use core::arch::asm;
 use core::hint::black_box;
 use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m::peripheral::{Peripherals, SYST};
+use cortex_m::register::{msp, pc};
 use semihosting::println;
 
 /// Thousandths of a tick of SysTick in an instruction.
@@ -12,12 +13,82 @@ const MILLITICKS: u64 = 21_504;
 /// SysTick counts down from here; one count spans at most 780 000 instructions.
 const RELOAD: u32 = 0x00ff_ffff;
 
+/// Words that are painted; no measured call may need more.
+const PAINTED: usize = 8192;
+/// What an untouched word holds.
+const PAINT: u32 = 0xc5a3_3a5c;
+
+/// What a call takes.
+#[derive(Clone, Copy, Default)]
+pub struct Cost {
+    /// Instructions, the call itself included.
+    pub instructions: u32,
+    /// Bytes of stack.
+    pub stack: u32,
+    /// Address within the function that makes the call, and into which it may be compiled.
+    pub code: u32,
+}
+
+/// Costs of several calls.
+#[derive(Clone, Copy, Default)]
+pub struct Total {
+    calls: u32,
+    sum: u32,
+    most: u32,
+    stack: u32,
+    code: u32,
+}
+
+impl Total {
+    /// Takes a call in.
+    pub fn add(&mut self, cost: Cost) {
+        self.calls += 1;
+        self.sum += cost.instructions;
+        self.most = self.most.max(cost.instructions);
+        self.stack = self.stack.max(cost.stack);
+        self.code = cost.code;
+    }
+
+    /// Prints mean and largest count, largest stack and where the code begins.
+    pub fn print(&self, name: &str) {
+        let mean = (self.sum + self.calls / 2) / self.calls.max(1);
+        let Self {
+            most, stack, code, ..
+        } = self;
+        println!("count {name} {mean} {most} {stack} {code:x}");
+    }
+}
+
 /// Counts instructions.
 pub struct Counter {
     /// Kept so that nobody else starts it anew.
     _clock: SYST,
-    /// Ticks that a measurement of nothing takes.
-    empty: u32,
+    /// What a measurement of nothing takes.
+    empty_ticks: u32,
+    empty_stack: u32,
+}
+
+/// Fills the memory below the stack pointer, which nothing uses: there are no interrupts.
+#[inline(always)]
+fn paint() -> *mut u32 {
+    let top = msp::read() as *mut u32;
+    for i in 1..=PAINTED {
+        // SAFETY: the stack has this room, and nothing lives below the stack pointer.
+        unsafe { top.sub(i).write_volatile(PAINT) }
+    }
+    top
+}
+
+/// Bytes below `top` down to the lowest that has been written to.
+#[inline(always)]
+fn depth(top: *mut u32) -> u32 {
+    let mut words = PAINTED;
+    // SAFETY: as above.
+    while words > 0 && unsafe { top.sub(words).read_volatile() } == PAINT {
+        words -= 1;
+    }
+    assert!(words < PAINTED, "deeper than what is painted");
+    4 * words as u32
 }
 
 impl Counter {
@@ -31,36 +102,56 @@ impl Counter {
         clock.enable_counter();
         let mut counter = Self {
             _clock: clock,
-            empty: 0,
+            empty_ticks: 0,
+            empty_stack: 0,
         };
-        counter.empty = counter.ticks(|| ());
+        let empty = counter.measure(|| ());
+        counter.empty_ticks = empty.instructions;
+        counter.empty_stack = empty.stack;
+        println!("empty {:x}", empty.code);
         counter
     }
 
+    /// Ticks, not instructions yet, and the stack of the measurement itself.
+    #[inline(always)]
+    fn measure<T>(&mut self, call: impl FnOnce() -> T) -> Cost {
+        let top = paint();
+        let (instructions, code) = self.ticks(call);
+        Cost {
+            instructions,
+            stack: depth(top),
+            code,
+        }
+    }
+
     #[inline(never)]
-    fn ticks<T>(&mut self, call: impl FnOnce() -> T) -> u32 {
+    fn ticks<T>(&mut self, call: impl FnOnce() -> T) -> (u32, u32) {
         cortex_m::asm::dsb();
         let before = SYST::get_current();
         black_box(call());
         let after = SYST::get_current();
-        before.wrapping_sub(after) & RELOAD
+        (before.wrapping_sub(after) & RELOAD, pc::read())
     }
 
-    /// Instructions of a call, its share of calling it included.
-    pub fn count<T>(&mut self, call: impl FnOnce() -> T) -> u32 {
-        let ticks = u64::from(self.ticks(call).saturating_sub(self.empty));
-        ((1000 * ticks + MILLITICKS / 2) / MILLITICKS) as u32
-    }
-
-    /// Measures one call after another and prints the mean and the largest count.
-    pub fn report<T>(&mut self, name: &str, repeats: u32, mut call: impl FnMut(u32) -> T) {
-        let (mut sum, mut most) = (0, 0);
-        for k in 0..repeats {
-            let count = self.count(|| call(black_box(k)));
-            sum += count;
-            most = most.max(count);
+    /// What a call takes, its share of calling it included.
+    #[inline(always)]
+    pub fn cost<T>(&mut self, call: impl FnOnce() -> T) -> Cost {
+        let cost = self.measure(call);
+        let ticks = u64::from(cost.instructions.saturating_sub(self.empty_ticks));
+        Cost {
+            instructions: ((1000 * ticks + MILLITICKS / 2) / MILLITICKS) as u32,
+            stack: cost.stack.saturating_sub(self.empty_stack),
+            code: cost.code,
         }
-        println!("count {} {} {}", name, (sum + repeats / 2) / repeats, most);
+    }
+
+    /// Measures one call after another and prints what they take.
+    pub fn report<T>(&mut self, name: &str, repeats: u32, mut call: impl FnMut(u32) -> T) {
+        let mut total = Total::default();
+        for k in 0..repeats {
+            total.add(self.cost(|| call(black_box(k))));
+        }
+        total.print(name);
     }
 
     /// The same for a function without a state: what it costs to bring the arguments to a call, and
@@ -73,27 +164,28 @@ impl Counter {
         function: impl Fn(A) -> T,
         nothing: impl Fn(A) -> E,
     ) {
-        let (mut sum, mut most) = (0, 0);
+        let mut total = Total::default();
         for k in 0..repeats {
             let argument = arguments(k);
-            let count = self.count(|| function(black_box(argument)));
-            let empty = self.count(|| nothing(black_box(argument)));
-            let count = count.saturating_sub(empty);
-            sum += count;
-            most = most.max(count);
+            let mut cost = self.cost(|| function(black_box(argument)));
+            let empty = self.cost(|| nothing(black_box(argument)));
+            cost.instructions = cost.instructions.saturating_sub(empty.instructions);
+            total.add(cost);
         }
-        println!("count {} {} {}", name, (sum + repeats / 2) / repeats, most);
+        total.print(name);
     }
 
     /// What a hundred instructions that do nothing are counted as.
     pub fn nops_100(&mut self) -> u32 {
         // SAFETY: nothing happens.
-        self.count(|| unsafe { asm!(".rept 100", "nop", ".endr") })
+        let nops = || unsafe { asm!(".rept 100", "nop", ".endr") };
+        self.cost(nops).instructions
     }
 
     /// What a thousand of them are counted as.
     pub fn nops_1000(&mut self) -> u32 {
         // SAFETY: nothing happens.
-        self.count(|| unsafe { asm!(".rept 1000", "nop", ".endr") })
+        let nops = || unsafe { asm!(".rept 1000", "nop", ".endr") };
+        self.cost(nops).instructions
     }
 }

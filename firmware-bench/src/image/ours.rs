@@ -1,17 +1,19 @@
 //! The boards' own algorithms.
 
-use super::counter::Counter;
+use super::counter::{Counter, Total};
 use super::problem::{self, JERK, P0, R, SLIP, STEPS, T, TRACK, X0, YAW_JERK};
 use core::hint::black_box;
 use core_algos::beam::polynomial::{self, Interpolant, Quadrature};
 use core_algos::beam::sensor::{Method, PostureSolver};
 use core_algos::beam::strip::Strip;
 use core_algos::beam::{MAX_GAUGES, strip};
-use core_algos::control::kinematic::{self, Reference};
-use core_algos::control::{cascade, dynamic, governor};
+use core_algos::control::cascade::{self, Cascade};
+use core_algos::control::dynamic;
+use core_algos::control::governor::{self, Governor};
+use core_algos::control::kinematic::{self, Law, Reference};
 use core_algos::fusion::ekf::{self, Measurements};
 use core_algos::fusion::{Estimate, compound, intersection};
-use core_algos::math::{AxleLoad, Posture, Twist, trig};
+use core_algos::math::{AxleLoad, Posture, Transform, Twist, trig};
 use core_algos::node::board::{Board, Role, Samples};
 use core_algos::node::robot::RobotConfig;
 use core_algos::node::{EPOCH, LEAD_PHASE, Outbox, TICK, axle};
@@ -194,7 +196,7 @@ fn control(counter: &mut Counter) {
     let law = kinematic::Config::default().build();
     let law = law.unwrap_or_else(|error| panic!("{error}"));
 
-    let mut state = governor::State::default();
+    let state = governor::State::default();
     let [reference, _] = cascade.references(Posture::ORIGIN, &state.motion);
     let input = |k: u32| dynamic::Input {
         posture: Posture::new(0.01 * k as f32, 0.002, 0.01),
@@ -205,14 +207,31 @@ fn control(counter: &mut Counter) {
     };
     let step = |input| dynamic.step(&input);
     counter.report_function("dynamic_controller", 8, input, step, |_| ());
-    let goal = Reference::default();
-    counter.report("kinematic_governor_cascade", 50, |k| {
-        let at = Posture::new(-1.3 + 0.001 * k as f32, -1.2, 0.4);
-        let command = law.track(black_box(at), goal);
-        let wish = governor::Wish::from_curvature(&cascade, command.v, command.kappa);
-        state = governor.step(&state, &wish, 0.01);
-        cascade.references(at, &state.motion)
-    });
+    midpoint(
+        counter,
+        &black_box(law),
+        &black_box(governor),
+        &black_box(cascade),
+    );
+}
+
+/// From the posture of the midpoint to the references of both axles, as the robot sets off.
+fn midpoint(counter: &mut Counter, law: &Law, governor: &Governor, cascade: &Cascade) {
+    let goal = black_box(Reference::default());
+    let postures = |k: u32| black_box(Posture::new(-1.3 + 0.001 * k as f32, -1.2, 0.4));
+    let mut state = governor::State::default();
+    let mut total = Total::default();
+    for k in 0..50 {
+        let posture = postures(k);
+        total.add(counter.cost(|| {
+            let center = Transform::from(posture);
+            let command = law.track(center, goal);
+            let wish = governor::Wish::from_curvature(cascade, command.v, command.kappa);
+            governor.step(&mut state, &wish, 0.01);
+            cascade.references(center, &state.motion)
+        }));
+    }
+    total.print("kinematic_governor_cascade");
 }
 
 /// Whole ticks of each board: plain ones, those that begin an epoch, those of the lead node.
@@ -222,7 +241,7 @@ fn boards(counter: &mut Counter) {
         let board = Board::new(&config, role);
         let mut board = board.unwrap_or_else(|error| panic!("{error}"));
         let mut outbox = Outbox::new();
-        let (mut plain, mut epoch, mut lead) = ((0, 0), (0, 0), (0, 0));
+        let [mut plain, mut epoch, mut lead] = [Total::default(); 3];
         for tick in 0..400u64 {
             let now = tick * TICK;
             let samples = match role {
@@ -238,19 +257,22 @@ fn boards(counter: &mut Counter) {
                 }),
             };
             outbox.clear();
-            let count = counter.count(|| board.step(now, &black_box(samples), &mut outbox));
-            let slot = match now % EPOCH {
-                0 => &mut epoch,
-                LEAD_PHASE => &mut lead,
-                _ => &mut plain,
-            };
-            *slot = (slot.0 + count, slot.1.max(count));
+            let cost = counter.cost(|| board.step(now, &black_box(samples), &mut outbox));
+            match now % EPOCH {
+                0 => epoch.add(cost),
+                LEAD_PHASE => lead.add(cost),
+                _ => plain.add(cost),
+            }
         }
-        let name = role.name();
-        println!("count tick_{} {} {}", name, plain.0 / 320, plain.1);
-        println!("count tick_{}_epoch {} {}", name, epoch.0 / 40, epoch.1);
-        if role == Role::Front {
-            println!("count tick_{}_lead {} {}", name, lead.0 / 40, lead.1);
+        let names = match role {
+            Role::Front => ["tick_front", "tick_front_epoch", "tick_front_lead"],
+            Role::Rear => ["tick_rear", "tick_rear_epoch", ""],
+            Role::Beam => ["tick_beam", "tick_beam_epoch", ""],
+        };
+        for (total, name) in [plain, epoch, lead].iter().zip(names) {
+            if !name.is_empty() {
+                total.print(name);
+            }
         }
     }
 }

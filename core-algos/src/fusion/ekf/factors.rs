@@ -640,16 +640,17 @@ impl Covariance {
         own
     }
 
-    /// Scales back variances that have grown without bound, correlations kept.
-    pub(super) fn bound(&mut self) {
-        if self.coupled {
-            self.find_coupling(Self::NEGLIGIBLE);
-        }
-        for i in 0..N {
-            let variance = self.variance(i);
+    /// One part of the upkeep, of which each is due now and then: parts 0 to 6 scale the variance
+    /// of a state back if it has grown without bound, correlations kept; part 7 looks whether what
+    /// ties the pairs has become negligible. Others do nothing.
+    pub(super) fn keep_up(&mut self, part: usize) {
+        if part < N {
+            let variance = self.variance(part);
             if !(variance <= MAX_VARIANCE) {
-                self.shrink(i, crate::math::trig::sqrt(MAX_VARIANCE / variance));
+                self.shrink(part, crate::math::trig::sqrt(MAX_VARIANCE / variance));
             }
+        } else if part == N && self.coupled {
+            self.find_coupling(Self::NEGLIGIBLE);
         }
     }
 

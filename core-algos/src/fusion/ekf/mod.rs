@@ -47,8 +47,9 @@ pub(super) const PHI: usize = 2;
 /// The first of the motion states.
 pub(super) const V: usize = 3;
 
-/// Steps between two calls of `Covariance::bound`.
-const BOUND_INTERVAL: u8 = 64;
+/// Steps in which every part of `Covariance::keep_up` comes up once, a part a step so that none
+/// takes much longer than another.
+const UPKEEP_INTERVAL: u8 = 64;
 /// Share of the posture's own covariance that an increment hands out; the rest stays for the next
 /// one and keeps the matrix well conditioned.
 const HANDED_OUT: f32 = 0.9375;
@@ -413,7 +414,8 @@ pub struct State {
     /// v, φ̇, v̇, φ̈.
     motion: [f32; M],
     covariance: Covariance,
-    steps_until_bound: u8,
+    /// Step within that interval.
+    upkeep: u8,
     sequence: u16,
     /// Refusals so far.
     pub counters: Counters,
@@ -442,7 +444,7 @@ impl State {
             posture: [x[X], x[Y], wrap_angle(x[PHI])].map(TwoFloat::from_f32),
             motion: [x[V], x[V + 1], x[V + 2], x[V + 3]],
             covariance: Covariance::from_matrix(covariance),
-            steps_until_bound: BOUND_INTERVAL,
+            upkeep: 0,
             sequence: 0,
             counters: Counters::default(),
         }
@@ -571,10 +573,9 @@ impl AxleFilter {
         state.motion[SPEED] = v + v_dot * t;
         state.motion[YAW_RATE] = omega + omega_dot * t;
 
-        state.steps_until_bound = state.steps_until_bound.saturating_sub(1);
-        if state.steps_until_bound == 0 {
-            state.steps_until_bound = BOUND_INTERVAL;
-            state.covariance.bound();
+        state.upkeep = (state.upkeep + 1) % UPKEEP_INTERVAL;
+        if usize::from(state.upkeep) <= N {
+            state.covariance.keep_up(usize::from(state.upkeep));
         }
         [dx, dy, dphi]
     }
