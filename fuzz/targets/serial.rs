@@ -5,7 +5,7 @@ use cfmmr_fuzz::numbers::Bytes;
 use core_algos::bus;
 use core_algos::hil::framing::{Frame, MAX_FRAME, crc32c};
 use core_algos::hil::protocol::{
-    self, CONFIG_CHUNK, MAX_CONFIG, MAX_TELEMETRY, PROTOCOL, Reply, Request,
+    self, CONFIG_CHUNK, MAX_CONFIG, MAX_TELEMETRY, PROTOCOL, Reply, Request, StackUse,
 };
 use core_algos::hil::{Endpoint, Identity};
 use core_algos::node::board::Role;
@@ -44,7 +44,7 @@ fn started(role: Role) -> Endpoint {
         tick: 0,
         place: None,
     });
-    let mut board = Endpoint::new(identity(role));
+    let mut board = Endpoint::new(identity(role), StackUse::unknown);
     for (number, request) in (0..).zip(&requests) {
         board.receive(
             protocol::encode(number, request).unwrap().bytes(),
@@ -60,7 +60,7 @@ fuzz_target!(|data: &[u8]| {
     let kind = bytes.byte();
     let role = Role::ALL[usize::from(kind) % 3];
     let mut board = match kind & 0x80 {
-        0 => Endpoint::new(identity(role)),
+        0 => Endpoint::new(identity(role), StackUse::unknown),
         _ => STARTED[usize::from(kind) % 3].clone(),
     };
     if kind & 0x40 == 0 {

@@ -51,6 +51,8 @@ pub enum Command {
     Dbc(DbcArgs),
     /// Put faults into the simulated robot and see how it ends
     Faults(FaultsArgs),
+    /// Drive for hours and see whether the estimator's health drifts or memory grows
+    Soak(SoakArgs),
     /// Measure the real-time factor of the plant alone
     PlantBench(PlantBenchArgs),
     /// Measure the real-time factor of the whole closed loop
@@ -380,12 +382,36 @@ pub struct FaultsArgs {
     /// Number of seeds
     #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=1000))]
     pub seeds: u32,
-    /// Only faults with this in their name
+    /// Only faults with this in their name; may be repeated
     #[arg(long, value_name = "TEXT", conflicts_with = "bless")]
-    pub only: Option<String>,
-    /// Rewrite the committed table, docs/faults.md
+    pub only: Vec<String>,
+    /// On boards in QEMU instead, with one seed and at one time, each run compared with the same run
+    /// in process
+    #[arg(long, conflicts_with = "seeds")]
+    pub emulated: bool,
+    /// QEMU for --emulated, 9.0 or newer
+    #[arg(long, value_name = "PROGRAM", default_value = "qemu-system-arm")]
+    pub qemu: String,
+    /// Fail if a row is not as in the committed table
+    #[arg(long, requires = "emulated", conflicts_with = "bless")]
+    pub check: bool,
+    /// Rewrite the committed table, docs/faults.md or docs/faults_emulated.md
     #[arg(long)]
     pub bless: bool,
+    /// Also write the result as JSON to this file
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+/// Arguments of `soak`.
+#[derive(Clone, Debug, Args)]
+pub struct SoakArgs {
+    /// Axle ticks (ms)
+    #[arg(long, default_value_t = 10_000_000, value_parser = clap::value_parser!(u64).range(10_000..=4_000_000_000))]
+    pub ticks: u64,
+    /// Seed of all random draws
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
     /// Also write the result as JSON to this file
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,

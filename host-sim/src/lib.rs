@@ -25,6 +25,7 @@ pub mod scenario_file;
 pub mod sensors;
 pub mod shortest_path;
 pub mod simulation;
+pub mod soak;
 pub mod statistics;
 pub mod supervision;
 pub mod table;

@@ -24,6 +24,7 @@ fn main() -> ExitCode {
         Some(Command::PlantBench(args)) => commands::plant_bench::command(args),
         Some(Command::Faults(args)) => commands::faults::run(args),
         Some(Command::LoopBench(args)) => commands::loop_bench::run(args),
+        Some(Command::Soak(args)) => commands::soak::run(args),
         Some(Command::Sensitivity(args)) => commands::sensitivity::run(args),
     };
     match result {

@@ -1,14 +1,14 @@
 //! One trial: plant, sensors, nodes and bus in lockstep at 1 kHz.
 
 use crate::error::Error;
-use crate::faults::{Fault, Injector};
+use crate::faults::{Fault, Injector, Readings};
 use crate::kinematic_model::Model;
 use crate::pace::Pace;
 use crate::plant::{Outline, Plant, PlantConfig, Station};
 use crate::scenario::Scenario;
 use crate::sensors::{Sensors, TrialImperfections, Truth};
 use crate::supervision::{Monitor, Recovery, Status};
-use crate::targets::{self, Boards, Failure, Order, Posted, Room, Target};
+use crate::targets::{self, Boards, Failure, FailureMode, Order, Posted, Room, Target};
 use crate::trace::Trace;
 use crate::virtual_bus::VirtualBus;
 use core_algos::beam::PerGauge;
@@ -263,7 +263,11 @@ impl Simulation {
 
     /// From `tick` on, this goes wrong.
     pub fn inject(&mut self, fault: Fault, tick: u32) {
-        let failure = |role| Failure { role, at: tick };
+        let failure = |role| Failure {
+            role,
+            at: tick,
+            mode: FailureMode::Off,
+        };
         match fault {
             Fault::Reset(role, after) => self.boards.plan(vec![failure(role)], Some(after)),
             Fault::Loss(role) => self.boards.plan(vec![failure(role)], None),
@@ -280,6 +284,11 @@ impl Simulation {
     /// What the nodes say of themselves.
     pub fn monitor(&self) -> &Monitor {
         &self.monitor
+    }
+
+    /// Forgets the changes of state that the nodes told of so far.
+    pub fn forget_changes(&mut self) {
+        self.monitor.forget_changes();
     }
 
     /// From now on, keeps what the boards do.
@@ -334,8 +343,9 @@ impl Simulation {
         }
         let (now, tick) = (self.now(), self.tick as u32);
         self.recover(tick)?;
-        let mut samples = self.sample();
-        self.disturb(tick, &mut samples);
+        let mut readings = self.sample();
+        self.disturb(tick, &mut readings)?;
+        let samples = readings.samples();
         let Self {
             boards,
             bus,
@@ -381,11 +391,11 @@ impl Simulation {
     }
 
     /// Puts the fault in.
-    fn disturb(&mut self, tick: u32, samples: &mut [board::Samples; 3]) {
+    fn disturb(&mut self, tick: u32, readings: &mut Readings) -> Result<(), Error> {
         let Some(injector) = &mut self.injector else {
-            return;
+            return Ok(());
         };
-        injector.samples(tick, samples);
+        injector.readings(tick, readings);
         if let Some((axle, side)) = injector.lifts(tick) {
             self.plant.lift_wheel(axle, side);
         }
@@ -394,13 +404,15 @@ impl Simulation {
         }
         for role in board::Role::ALL {
             let frozen = injector.frozen(role, tick);
-            self.boards.hold(role, frozen, injector.behind(role, tick));
+            let behind = injector.behind(role, tick);
+            self.boards.hold(role, frozen, behind)?;
         }
         match injector.fault() {
             (Fault::Bus(disturbance), at) if at == tick => self.bus.disturb(disturbance),
             (Fault::Partition(role), at) if at == tick => self.bus.part(role),
             _ => {}
         }
+        Ok(())
     }
 
     /// What the host does about a robot that stopped because a board was restarted.
@@ -413,8 +425,8 @@ impl Simulation {
         }
     }
 
-    /// What each board reads, in the order of [`board::Role::ALL`].
-    fn sample(&mut self) -> [board::Samples; 3] {
+    /// What each board reads.
+    fn sample(&mut self) -> Readings {
         let state = self.plant.state();
         for i in 0..2 {
             let axle = &state.axle[i];
@@ -429,20 +441,21 @@ impl Simulation {
             }
         });
         let samples = self.sensors.sample(&self.truth);
-        let axle = |i: usize| {
-            board::Samples::Axle(axle::Samples {
-                encoder: samples.encoder_counts[i].map(Some),
-                gyro_rad_s: samples.gyro[i],
-                acceleration_m_s2: samples.accelerometer[i],
-                conditions: Conditions::NONE,
-            })
+        let axle = |i: usize| axle::Samples {
+            encoder: samples.encoder_counts[i].map(Some),
+            gyro_rad_s: samples.gyro[i],
+            acceleration_m_s2: samples.accelerometer[i],
+            conditions: Conditions::NONE,
         };
         // The board's converter counts from the lower rail; where there is no gauge it reads none.
         let mut counts = samples.bridge_counts;
         for count in counts.iter_mut().take(self.gauges.len()) {
             *count += self.converter_middle;
         }
-        [axle(0), axle(1), board::Samples::Beam(counts)]
+        Readings {
+            axles: [axle(0), axle(1)],
+            counts,
+        }
     }
 
     /// True bend of the frame, rad: half the angle between the axles (ψ).

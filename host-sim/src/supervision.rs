@@ -130,6 +130,11 @@ impl Monitor {
         changes.find(|status| stopped(status.state) && status.reason.is_some())
     }
 
+    /// Forgets the changes so far; the latest heartbeats stay.
+    pub fn forget_changes(&mut self) {
+        self.changes.clear();
+    }
+
     fn state(&self, node: Node) -> Option<OperatingState> {
         self.latest(node).map(|status| status.state)
     }

@@ -1,18 +1,20 @@
 //! Hardware in the loop: boards behind frames do what boards in the process do.
 
 use core_algos::bus::layout::Node;
+use core_algos::hil::protocol::StackUse;
 use core_algos::hil::{Endpoint, Identity};
 use core_algos::node::board::Role;
 use core_algos::safety::{Condition, OperatingState};
 use host_sim::commands::posture::Variant;
 use host_sim::driving::{self, Manner, Route};
 use host_sim::error::Error;
+use host_sim::faults::{self, Bounds, CATALOGUE, Case};
 use host_sim::paths::Path;
 use host_sim::scenario::Scenario;
 use host_sim::simulation::{Outcome, Simulation, regulate_on};
 use host_sim::targets::link::{Link, Loopback};
 use host_sim::targets::serial::Serial;
-use host_sim::targets::{self, Failure, InProcess, Remote, Target, What};
+use host_sim::targets::{self, Failure, FailureMode, InProcess, Remote, Target, What};
 use host_sim::trace::Trace;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -208,7 +210,11 @@ fn with_failure_and(
 ) -> (Outcome, Simulation) {
     let scenario = Scenario::default();
     let mut simulation = Simulation::on(targets, &scenario, 1, 0).unwrap();
-    let failure = Failure { role, at: 3000 };
+    let failure = Failure {
+        role,
+        at: 3000,
+        mode: FailureMode::Off,
+    };
     simulation.boards().plan(vec![failure], restart_after);
     if restart_after.is_some() && clear {
         simulation.recover_after(1_000_000);
@@ -312,6 +318,52 @@ fn an_axle_lost_for_good_ends_the_run_with_motors_off_and_a_lost_beam_does_not()
     }
 }
 
+/// A run with a fault, recorded.
+fn faulty(
+    targets: [Box<dyn Target>; 3],
+    case: &Case,
+    unannounced: Option<(Role, FailureMode)>,
+) -> (faults::Outcome, Trace) {
+    let scenario = Scenario::default();
+    let mut simulation = Simulation::on(targets, &scenario, case.seed, 0).unwrap();
+    let at = case.tick(&scenario);
+    simulation.inject(case.entry.fault, at);
+    if let Some((role, mode)) = unannounced {
+        let failure = Failure { role, at, mode };
+        simulation.boards().plan(vec![failure], None);
+    }
+    simulation.record_trace();
+    let outcome = faults::run_on(&mut simulation, &scenario, case, &Bounds::default()).unwrap();
+    (outcome, simulation.take_trace().unwrap())
+}
+
+#[test]
+fn faults_of_boards_and_bus_are_the_same_behind_frames() {
+    let (crash, hang) = (FailureMode::Crash, FailureMode::Hang);
+    for (name, unannounced) in [
+        ("front board resets", None),
+        ("front board freezes 0.3 s", None),
+        ("rear clock slow by 0.2 %, no common time", None),
+        ("bus corrupts 5 %", None),
+        ("encoder missing", None),
+        ("rear board lost", Some((Role::Rear, crash))),
+        ("front board lost", Some((Role::Front, hang))),
+    ] {
+        let entry = CATALOGUE.iter().find(|entry| entry.name == name).unwrap();
+        // Not at the beginning of an epoch.
+        let (after, seed) = (2_003_000, 3);
+        let case = Case { entry, after, seed };
+        let (outcome, trace) = faulty(Role::ALL.map(framed), &case, unannounced);
+        let (reference, expected) = faulty(targets::in_process(), &case, None);
+        assert_same(&trace, &expected);
+        assert_eq!(outcome, reference, "{name}");
+        assert!(
+            outcome.first.is_some() && outcome.stop_s.is_some(),
+            "{name}"
+        );
+    }
+}
+
 /// A pseudo-terminal with an endpoint behind it, until its other end is closed.
 fn terminal(role: Role) -> (PathBuf, JoinHandle<()>) {
     let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
@@ -322,10 +374,11 @@ fn terminal(role: Role) -> (PathBuf, JoinHandle<()>) {
     // Kept open until the board's thread ends, so that the terminal does not hang up between.
     let keep = File::options().read(true).write(true).open(&path).unwrap();
     let mut port = File::from(master);
-    let mut endpoint = Endpoint::new(Identity {
+    let identity = Identity {
         build: "terminal",
         role,
-    });
+    };
+    let mut endpoint = Endpoint::new(identity, StackUse::unknown);
     let board = thread::spawn(move || {
         let mut room = [0; 512];
         let mut keep = Some(keep);

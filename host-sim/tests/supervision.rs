@@ -13,7 +13,7 @@ use host_sim::scenario::Scenario;
 use host_sim::simulation::{Outcome, Record, Simulation, regulate_on};
 use host_sim::supervision::Status;
 use host_sim::targets::{
-    self, Failure, Fault, InProcess, Order, Output, Posted, Report, Room, Target,
+    self, Failure, FailureMode, Fault, InProcess, Order, Output, Posted, Report, Room, Target,
 };
 
 /// When things fail, ms: in the middle of the drive.
@@ -130,6 +130,7 @@ impl Run {
             let failure = Failure {
                 role: Role::Beam,
                 at: AT,
+                mode: FailureMode::Off,
             };
             simulation.boards().plan(vec![failure], None);
         })

@@ -2,7 +2,7 @@
 
 use super::framing::{Counters, Decoder, Frame, crc32c};
 use super::protocol::{
-    self, MAX_CONFIG, MAX_TELEMETRY, PROTOCOL, Packed, Place, Refusal, Reply, Request,
+    self, MAX_CONFIG, MAX_TELEMETRY, PROTOCOL, Packed, Place, Refusal, Reply, Request, StackUse,
     TELEMETRY_CHUNK, Telemetry,
 };
 use crate::bus;
@@ -30,11 +30,11 @@ pub struct Endpoint {
 }
 
 impl Endpoint {
-    /// A board that has just been started and knows no parameters.
-    pub fn new(identity: Identity) -> Self {
+    /// A board that has just been started and knows no parameters; `stack` measures its stack.
+    pub fn new(identity: Identity, stack: fn() -> StackUse) -> Self {
         Self {
             decoder: Decoder::new(),
-            session: Session::new(identity),
+            session: Session::new(identity, stack),
         }
     }
 
@@ -66,6 +66,7 @@ impl Endpoint {
 #[derive(Clone, Debug)]
 struct Session {
     identity: Identity,
+    stack: fn() -> StackUse,
     /// Whether a host has said hello in this version.
     open: bool,
     /// Number of the last request, and what was answered.
@@ -79,9 +80,10 @@ struct Session {
 }
 
 impl Session {
-    fn new(identity: Identity) -> Self {
+    fn new(identity: Identity, stack: fn() -> StackUse) -> Self {
         Self {
             identity,
+            stack,
             open: false,
             last: None,
             answer: Frame::default(),
@@ -192,6 +194,8 @@ impl Session {
                     refused,
                     bus: bus.bytes(),
                 }),
+            Request::Resume { tick } => self.resume(tick),
+            Request::Stack => Ok(Reply::Stack((self.stack)())),
         }
     }
 
@@ -220,6 +224,20 @@ impl Session {
         if let (Some(place), Ok(lead)) = (place, self.lead()) {
             lead.initialize(&place.center, &place.relative);
         }
+        Ok(Reply::Done)
+    }
+
+    /// Leaves out the ticks up to `tick`.
+    fn resume<'a>(&mut self, tick: u32) -> Result<Reply<'a>, Refusal<'a>> {
+        if self.board.is_none() {
+            return Err(Refusal::NotStarted);
+        }
+        if tick < self.tick {
+            return Err(Refusal::Tick {
+                expected: self.tick,
+            });
+        }
+        self.tick = tick;
         Ok(Reply::Done)
     }
 

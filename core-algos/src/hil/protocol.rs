@@ -90,6 +90,13 @@ pub enum Request<'a> {
         /// Counts of the bridges.
         counts: [i32; MAX_GAUGES],
     },
+    /// The board stood still, and goes on with this tick: time has passed without it.
+    Resume {
+        /// The tick that will come next, ms; none that was already carried out.
+        tick: u32,
+    },
+    /// Asks for [`Reply::Stack`].
+    Stack,
 }
 
 /// Where the robot stands at the start.
@@ -146,6 +153,35 @@ pub enum Reply<'a> {
     },
     /// The request was not carried out.
     Refused(Refusal<'a>),
+    /// What the board's stack has taken.
+    Stack(StackUse),
+}
+
+/// What a board's stack has taken since its start.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct StackUse {
+    /// Most bytes in use at any time.
+    pub used_bytes: u32,
+    /// Bytes that it may use.
+    pub budget_bytes: u32,
+    /// Bytes there are; 0 where the stack is not measured.
+    pub size_bytes: u32,
+}
+
+impl StackUse {
+    /// Where the stack is not measured.
+    pub const fn unknown() -> Self {
+        Self {
+            used_bytes: 0,
+            budget_bytes: 0,
+            size_bytes: 0,
+        }
+    }
+
+    /// Whether it was measured, and more was used than may be.
+    pub fn is_beyond(&self) -> bool {
+        self.size_bytes > 0 && self.used_bytes > self.budget_bytes
+    }
 }
 
 /// Why a request was not carried out.

@@ -3,7 +3,8 @@
 use super::endpoint::{Endpoint, Identity};
 use super::framing::{Counters, Decoder, Frame, MAX_FRAME, crc32c};
 use super::protocol::{
-    self, CONFIG_CHUNK, MAX_CONFIG, PROTOCOL, Packed, Place, Refusal, Reply, Request, Telemetry,
+    self, CONFIG_CHUNK, MAX_CONFIG, PROTOCOL, Packed, Place, Refusal, Reply, Request, StackUse,
+    Telemetry,
 };
 use crate::beam::MAX_GAUGES;
 use crate::bus;
@@ -18,6 +19,13 @@ use crate::node::robot::RobotConfig;
 use crate::node::{EPOCH, LEAD_PHASE, Outbox, TICK};
 use crate::safety::Conditions;
 
+/// What the board says of its stack.
+const STACK: StackUse = StackUse {
+    used_bytes: 17_001,
+    budget_bytes: 17_000,
+    size_bytes: 90_000,
+};
+
 /// A host that speaks to an endpoint without loss.
 struct Host {
     board: Endpoint,
@@ -27,10 +35,13 @@ struct Host {
 impl Host {
     fn new(role: Role) -> Self {
         Self {
-            board: Endpoint::new(Identity {
-                build: "test build",
-                role,
-            }),
+            board: Endpoint::new(
+                Identity {
+                    build: "test build",
+                    role,
+                },
+                || STACK,
+            ),
             number: 0,
         }
     }
@@ -408,6 +419,54 @@ fn what_does_not_fit_is_refused_with_its_reason() {
 }
 
 #[test]
+fn a_board_that_stood_still_goes_on_with_the_tick_it_is_told() {
+    let axle = |tick| Request::Axle {
+        tick,
+        samples: axle_samples(tick),
+        bus: &[],
+    };
+    let mut host = Host::new(Role::Rear);
+    host.hello();
+    host.refused(&Request::Resume { tick: 7 }, Refusal::NotStarted);
+    let config = RobotConfig::default();
+    let mut host = Host::started(Role::Rear, &config, None);
+    let mut board = Board::new(&config, Role::Rear).unwrap();
+    let mut outbox = Outbox::new();
+    for tick in (0..300).chain(600..900) {
+        if tick == 600 {
+            host.refused(&axle(600), Refusal::Tick { expected: 300 });
+            host.expect(&Request::Resume { tick: 600 }, Reply::Done);
+        }
+        outbox.clear();
+        let samples = Samples::Axle(axle_samples(tick));
+        let expected = board.step(u64::from(tick) * TICK, &samples, &mut outbox);
+        let payload = host.ask(&axle(tick));
+        let Some((_, Reply::Axle { torque_nm, bus, .. })) = protocol::decode(&payload) else {
+            panic!("tick {tick}");
+        };
+        assert_eq!(torque_nm, expected.torque_nm);
+        assert_eq!(protocol::unpack(bus).count(), outbox.iter().count());
+    }
+    // Time does not go back.
+    let expected = 900;
+    host.refused(&Request::Resume { tick: 899 }, Refusal::Tick { expected });
+}
+
+#[test]
+fn the_stack_is_told_in_a_session() {
+    let mut host = Host::new(Role::Beam);
+    host.refused(&Request::Stack, Refusal::NoSession);
+    host.hello();
+    host.expect(&Request::Stack, Reply::Stack(STACK));
+    assert!(STACK.is_beyond() && !StackUse::unknown().is_beyond());
+    let within = StackUse {
+        used_bytes: STACK.budget_bytes,
+        ..STACK
+    };
+    assert!(!within.is_beyond());
+}
+
+#[test]
 fn bus_frames_that_cannot_be_decoded_are_counted() {
     let mut host = Host::started(Role::Rear, &RobotConfig::default(), None);
     let mut packed = Packed::new();
@@ -548,8 +607,8 @@ fn no_request_does_harm_whatever_it_holds() {
             let mut payload: Vec<u8> = (0..length).map(|_| below(&mut random, 256) as u8).collect();
             payload[1] = match round % 8 {
                 // A hello now and then, or a start, would leave little to try.
-                0 => below(&mut random, 9) as u8,
-                _ => 3 + below(&mut random, 6) as u8,
+                0 => below(&mut random, 11) as u8,
+                _ => 3 + below(&mut random, 8) as u8,
             };
             let answer = host.send(Frame::new(&payload).unwrap().bytes());
             answered += u32::from(protocol::decode::<Reply>(&answer).is_some());

@@ -71,13 +71,11 @@ pub async fn run(mut reports: Reports, mut attendance: Attendance) -> ! {
             feedback.temperature_c,
             feedback.supply_v
         );
-        let (used, size) = stack::high_water();
         defmt::info!(
-            "bus off {}, {}; stack {} of {} bytes; {}",
+            "bus off {}, {}; {}; {}",
             can::is_off(),
             can::counters(),
-            used,
-            size,
+            stack::high_water(),
             fault::counts()
         );
     }

@@ -62,13 +62,11 @@ pub async fn run(
             report.excitation,
             report.temperature_c
         );
-        let (used, size) = stack::high_water();
         defmt::info!(
-            "bus off {}, {}; stack {} of {} bytes; {}",
+            "bus off {}, {}; {}; {}",
             can::is_off(),
             can::counters(),
-            used,
-            size,
+            stack::high_water(),
             fault::counts()
         );
     }

@@ -7,6 +7,7 @@
 mod real;
 pub mod uart;
 
+use core_algos::hil::protocol::StackUse;
 use core_algos::hil::{Endpoint, Identity};
 use embassy_time::{Duration, Instant, with_timeout};
 use static_cell::StaticCell;
@@ -66,18 +67,27 @@ pub async fn serve(mut link: impl Link, mut watchdog: Watchdog, identity: Identi
 #[inline(never)]
 fn endpoint(identity: Identity) -> &'static mut Endpoint {
     static ENDPOINT: StaticCell<Endpoint> = StaticCell::new();
-    ENDPOINT.init_with(|| Endpoint::new(identity))
+    ENDPOINT.init_with(|| Endpoint::new(identity, stack_use))
+}
+
+/// What the host is told of the stack, and the log too.
+fn stack_use() -> StackUse {
+    let stack = stack::high_water();
+    defmt::info!("{}", stack);
+    StackUse {
+        used_bytes: stack.used as u32,
+        budget_bytes: stack.budget as u32,
+        size_bytes: stack.size as u32,
+    }
 }
 
 fn report(endpoint: &Endpoint) {
     let frames = endpoint.counters();
-    let (used, size) = stack::high_water();
     defmt::info!(
-        "frames {} whole, {} damaged; stack {} of {} bytes; {}",
+        "frames {} whole, {} damaged; {}; {}",
         frames.received,
         frames.damaged,
-        used,
-        size,
+        stack::high_water(),
         fault::counts()
     );
 }

@@ -2,7 +2,7 @@
 
 use crate::cli::FaultsArgs;
 use crate::error::Error;
-use crate::faults::{self, Bounds, CATALOGUE, End, Entry, Outcome};
+use crate::faults::{self, Bounds, CATALOGUE, Case, End, Entry, Outcome};
 use crate::output;
 use crate::progress::Progress;
 use crate::scenario::Scenario;
@@ -94,7 +94,7 @@ pub struct Report {
 
 /// The robot with everything fitted, on tyres that roll with a little resistance: with its motors
 /// off it comes to rest.
-fn scenario() -> Scenario {
+pub(super) fn scenario() -> Scenario {
     let mut scenario = Scenario::default();
     scenario.plant.rolling_resistance = 0.02;
     scenario.sensors.gyro.fitted = true;
@@ -104,9 +104,9 @@ fn scenario() -> Scenario {
 }
 
 /// Runs the campaign on the threads of the current pool.
-pub fn campaign(seeds: u64, only: Option<&str>) -> Result<Report, Error> {
+pub fn campaign(seeds: u64, only: &[String]) -> Result<Report, Error> {
     let (scenario, bounds) = (scenario(), Bounds::default());
-    let chosen = |entry: &&Entry| only.is_none_or(|only| entry.name.contains(only));
+    let chosen = |entry: &&Entry| is_chosen(entry.name, only);
     let entries: Vec<&Entry> = CATALOGUE.iter().filter(chosen).collect();
     let each = TIMES.len() * seeds as usize;
     let progress = Progress::new(entries.len() * each, "runs");
@@ -117,7 +117,12 @@ pub fn campaign(seeds: u64, only: Option<&str>) -> Result<Report, Error> {
                 TIMES[i % each % TIMES.len()],
                 (i % each / TIMES.len()) as u64,
             );
-            let outcome = faults::run(&scenario, entries[i / each], &bounds, time, 1 + seed);
+            let case = Case {
+                entry: entries[i / each],
+                after: time,
+                seed: 1 + seed,
+            };
+            let outcome = faults::run(&scenario, &case, &bounds);
             progress.advance();
             outcome
         })
@@ -194,18 +199,31 @@ impl Report {
     }
 }
 
+/// Whether `--only` leaves a fault of this name in.
+pub(super) fn is_chosen(name: &str, only: &[String]) -> bool {
+    only.is_empty() || only.iter().any(|only| name.contains(only.as_str()))
+}
+
+/// Checks that each `--only` is in a name.
+pub(super) fn check_choice(only: &[String], names: &[&str]) -> Result<(), Error> {
+    let unknown = |only: &&String| !names.iter().any(|name| name.contains(only.as_str()));
+    match only.iter().find(unknown) {
+        Some(only) => Err(Error::input(format!(
+            "--only {only}: no fault has this in its name; the faults are: {}",
+            names.join(", ")
+        ))),
+        None => Ok(()),
+    }
+}
+
 /// `cfmmr faults`.
 pub fn run(args: &FaultsArgs) -> Result<(), Error> {
-    let only = args.only.as_deref();
-    if only.is_some_and(|only| !CATALOGUE.iter().any(|entry| entry.name.contains(only))) {
-        let names: Vec<&str> = CATALOGUE.iter().map(|entry| entry.name).collect();
-        return Err(Error::input(format!(
-            "--only {}: no fault has this in its name; the faults are: {}",
-            only.unwrap_or_default(),
-            names.join(", ")
-        )));
+    if args.emulated {
+        return super::faults_emulated::run(args);
     }
-    let report = campaign(u64::from(args.seeds), only)?;
+    let names: Vec<&str> = CATALOGUE.iter().map(|entry| entry.name).collect();
+    check_choice(&args.only, &names)?;
+    let report = campaign(u64::from(args.seeds), &args.only)?;
     if let Some(path) = &args.json {
         output::write_file(path, output::json(&report))?;
     }

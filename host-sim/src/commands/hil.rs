@@ -15,7 +15,7 @@ use crate::targets::emulated::{self, Emulated, Images, Wire};
 use crate::targets::link::Link;
 use crate::targets::serial::Serial;
 use crate::targets::{
-    self, Event, Failure, InProcess, Remote, Report as BoardReport, Target, What,
+    self, Event, Failure, FailureMode, InProcess, Remote, Report as BoardReport, Target, What,
 };
 use crate::trace::{Difference, Trace};
 use core_algos::fusion::tandem::Mode;
@@ -119,6 +119,10 @@ pub fn run(args: &HilArgs) -> Result<(), Error> {
     files.json("result.json", &report);
     let text = format!("{text}\n{}", summary(&report));
     context.finish(&text, &report, files)?;
+    let mut excess = report.boards.iter().filter_map(BoardReport::stack_excess);
+    if let Some(excess) = excess.next() {
+        return Err(Error::Failure(excess));
+    }
     match (difference, report.ended) {
         (Some(difference), _) => Err(Error::Failure(format!("not identical: {difference}"))),
         (None, Some(why)) => Err(Error::Failure(format!(
@@ -254,11 +258,15 @@ fn failure(text: &str) -> Result<Failure, Error> {
         )));
     };
     let at = (seconds("--kill", time, 0.0)? * 1e3).round() as u32;
-    Ok(Failure { role, at })
+    Ok(Failure {
+        role,
+        at,
+        mode: FailureMode::Off,
+    })
 }
 
 /// A flag that Ctrl-C sets; a second one ends the program at once.
-fn watch_for_interrupt() -> Result<Arc<AtomicBool>, Error> {
+pub(super) fn watch_for_interrupt() -> Result<Arc<AtomicBool>, Error> {
     let flag = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
         signal_hook::flag::register_conditional_shutdown(signal, 130, flag.clone())?;
@@ -419,6 +427,7 @@ fn summary(report: &Report) -> String {
         "mean (µs)",
         "99 % (µs)",
         "max (µs)",
+        "stack (bytes)",
     ]);
     for board in &report.boards {
         let mut row = vec![
@@ -432,17 +441,24 @@ fn summary(report: &Report) -> String {
                 board.sent_per_tick, board.received_per_tick
             ),
         ];
-        if let Some(latency) = &board.latency {
-            row.push(format!("{:.0}", latency.mean_us));
-            row.push(latency.p99_us.to_string());
-            row.push(latency.max_us.to_string());
+        match &board.latency {
+            Some(latency) => row.extend([
+                format!("{:.0}", latency.mean_us),
+                latency.p99_us.to_string(),
+                latency.max_us.to_string(),
+            ]),
+            None => row.extend([const { String::new() }; 3]),
+        }
+        if let Some(stack) = &board.stack {
+            row.push(format!("{} of {}", stack.used_bytes, stack.budget_bytes));
         }
         table.row(row);
     }
     let simulated = report.ticks as f64 * 1e-3;
     let mut text = format!(
         "{table}\nlost: requests repeated; bytes: to and from the board; times: from sending a tick \
-         to its answer,\nwith the other boards' in between.\n\n{} ticks ({simulated:.1} s) in {:.1} s\n",
+         to its answer,\nwith the other boards' in between; stack: most used since the board's latest \
+         start, of its budget.\n\n{} ticks ({simulated:.1} s) in {:.1} s\n",
         report.ticks, report.wall_s
     );
     if let Some(late) = report.late_ticks {

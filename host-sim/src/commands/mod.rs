@@ -6,6 +6,7 @@ pub mod consistency;
 pub mod dbc;
 pub mod eval;
 pub mod faults;
+pub mod faults_emulated;
 pub mod follow;
 pub mod hil;
 pub mod loop_bench;
@@ -13,6 +14,7 @@ pub mod parameters;
 pub mod plant_bench;
 pub mod posture;
 pub mod sensitivity;
+pub mod soak;
 pub mod sweep;
 
 use crate::cli::Common;

@@ -9,6 +9,23 @@ use core_algos::safety::Conditions;
 /// Ticks a board's slow clock has lost.
 pub type Drift = u32;
 
+/// What the boards read at a tick.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Readings {
+    /// Front and rear axle.
+    pub axles: [axle::Samples; 2],
+    /// Counts of the beam's bridges.
+    pub counts: [i32; MAX_GAUGES],
+}
+
+impl Readings {
+    /// In the order of [`Role::ALL`].
+    pub fn samples(&self) -> [Samples; 3] {
+        let [front, rear] = self.axles.map(Samples::Axle);
+        [front, rear, Samples::Beam(self.counts)]
+    }
+}
+
 /// A fault from a time on.
 #[derive(Clone, Debug)]
 pub struct Injector {
@@ -38,58 +55,46 @@ impl Injector {
     }
 
     /// Changes what the boards read at a tick.
-    pub fn samples(&mut self, tick: u32, samples: &mut [Samples; 3]) {
-        let since = match tick.checked_sub(self.at) {
-            Some(since) => since,
-            None => {
-                self.remember(samples);
-                return;
-            }
+    pub fn readings(&mut self, tick: u32, readings: &mut Readings) {
+        let Some(since) = tick.checked_sub(self.at) else {
+            self.held = readings.counts;
+            self.encoder = readings.axles.map(|axle| axle.encoder);
+            return;
         };
+        let Readings { axles, counts } = readings;
         match self.fault {
             Fault::GaugeRail(count, high) => {
                 let rail = if high { self.full_scale } else { 0 };
-                let gauges = beam(samples).iter_mut().take(count);
+                let gauges = counts.iter_mut().take(count);
                 gauges.for_each(|gauge| *gauge = rail);
             }
-            Fault::GaugeStuck(i) => beam(samples)[i] = self.held[i],
+            Fault::GaugeStuck(i) => counts[i] = self.held[i],
             Fault::GaugeDrift(i, counts_s) => {
                 let drift = counts_s * f64::from(since) * 1e-3;
-                let gauge = &mut beam(samples)[i];
+                let gauge = &mut counts[i];
                 *gauge = (*gauge + drift.round() as i32).clamp(0, self.full_scale);
             }
             Fault::EncoderStuck((i, side)) => {
-                let held = self.encoder[i][side];
-                axle(samples, i).encoder[side] = held;
+                axles[i].encoder[side] = self.encoder[i][side];
             }
             Fault::EncoderJumps((i, side), by) => {
                 let jumps = (since / 50 + 1) as i32;
-                let count = &mut axle(samples, i).encoder[side];
+                let count = &mut axles[i].encoder[side];
                 *count = count.map(|count| count.wrapping_add(by.wrapping_mul(jumps)));
             }
-            Fault::EncodersSwapped(i) => axle(samples, i).encoder.reverse(),
-            Fault::EncoderMissing((i, side)) => axle(samples, i).encoder[side] = None,
-            Fault::GyroNotANumber(i) => axle(samples, i).gyro_rad_s = Some(f32::NAN),
+            Fault::EncodersSwapped(i) => axles[i].encoder.reverse(),
+            Fault::EncoderMissing((i, side)) => axles[i].encoder[side] = None,
+            Fault::GyroNotANumber(i) => axles[i].gyro_rad_s = Some(f32::NAN),
             Fault::GyroBias(i, bias) => {
-                let gyro = &mut axle(samples, i).gyro_rad_s;
+                let gyro = &mut axles[i].gyro_rad_s;
                 *gyro = gyro.map(|rate| rate + bias);
             }
-            Fault::AccelerometerMissing(i) => axle(samples, i).acceleration_m_s2 = None,
+            Fault::AccelerometerMissing(i) => axles[i].acceleration_m_s2 = None,
             Fault::Reported(i, condition, ms, _) if ms == 0 || since < ms => {
-                let conditions = &mut axle(samples, i).conditions;
+                let conditions = &mut axles[i].conditions;
                 *conditions = conditions.union(Conditions::only(condition));
             }
             _ => {}
-        }
-    }
-
-    fn remember(&mut self, samples: &[Samples; 3]) {
-        for sample in samples.iter().enumerate() {
-            match sample {
-                (i, Samples::Axle(axle)) if i < 2 => self.encoder[i] = axle.encoder,
-                (_, Samples::Beam(counts)) => self.held = *counts,
-                _ => {}
-            }
         }
     }
 
@@ -146,19 +151,5 @@ impl Injector {
             }
             _ => 0,
         }
-    }
-}
-
-fn axle(samples: &mut [Samples; 3], i: usize) -> &mut axle::Samples {
-    match &mut samples[i] {
-        Samples::Axle(axle) => axle,
-        Samples::Beam(_) => unreachable!("the first two boards are axles"),
-    }
-}
-
-fn beam(samples: &mut [Samples; 3]) -> &mut [i32; MAX_GAUGES] {
-    match &mut samples[2] {
-        Samples::Beam(counts) => counts,
-        Samples::Axle(_) => unreachable!("the last board is the beam"),
     }
 }

@@ -6,8 +6,8 @@ mod inject;
 mod run;
 
 pub use crate::virtual_bus::Disturbance;
-pub use inject::{Drift, Injector};
-pub use run::{Bounds, End, Outcome, TOLERANCE, run};
+pub use inject::{Drift, Injector, Readings};
+pub use run::{Bounds, Case, End, Outcome, TOLERANCE, run, run_on};
 
 use core_algos::node::board::Role;
 use core_algos::safety::Condition;

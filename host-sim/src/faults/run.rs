@@ -10,7 +10,7 @@ use core_algos::bus::LeadMode;
 use core_algos::control::regulator::Phase;
 use core_algos::math::Posture;
 use core_algos::node::lead::Task;
-use core_algos::node::{Micros, TICK};
+use core_algos::node::{EPOCH, Micros, TICK};
 use core_algos::safety::Condition;
 use serde::Serialize;
 
@@ -75,7 +75,7 @@ impl End {
 }
 
 /// What a run showed.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Outcome {
     /// Time of the fault, s.
     pub at_s: f64,
@@ -112,20 +112,47 @@ impl Outcome {
     }
 }
 
-/// Regulates to the scenario's goal, with the fault from `after` (µs after the task began) on.
-pub fn run(
+/// A fault, when it comes, and the seed of all draws.
+#[derive(Clone, Copy, Debug)]
+pub struct Case<'a> {
+    /// The fault and how the run may end.
+    pub entry: &'a Entry,
+    /// When, µs after the task began.
+    pub after: Micros,
+    /// Seed.
+    pub seed: u64,
+}
+
+impl Case<'_> {
+    /// When, µs from the start of the simulation.
+    fn at(&self, scenario: &Scenario) -> Micros {
+        (scenario.mission.settle_s * 1e6) as Micros + self.after
+    }
+
+    /// First tick of the fault.
+    pub fn tick(&self, scenario: &Scenario) -> u32 {
+        (self.at(scenario) / TICK) as u32
+    }
+}
+
+/// Regulates to the scenario's goal, with the boards in this process.
+pub fn run(scenario: &Scenario, case: &Case, bounds: &Bounds) -> Result<Outcome, Error> {
+    let mut simulation = Simulation::new(scenario, case.seed, 0)?;
+    simulation.inject(case.entry.fault, case.tick(scenario));
+    run_on(&mut simulation, scenario, case, bounds)
+}
+
+/// The same with a simulation into which the fault has been put.
+pub fn run_on(
+    simulation: &mut Simulation,
     scenario: &Scenario,
-    entry: &Entry,
+    case: &Case,
     bounds: &Bounds,
-    after: Micros,
-    seed: u64,
 ) -> Result<Outcome, Error> {
     let mission = &scenario.mission;
     let settle = (mission.settle_s * 1e6) as Micros;
     let limit = settle + (mission.time_limit_s * 1e6) as Micros;
-    let at = settle + after;
-    let mut simulation = Simulation::new(scenario, seed, 0)?;
-    simulation.inject(entry.fault, (at / TICK) as u32);
+    let at = case.at(scenario);
     let [mut speed, mut bend, mut force] = [0.0f64; 3];
     let moment = (bounds.moment_s * 1e3) as u32;
     let mut beyond = [0u32; 3];
@@ -179,10 +206,14 @@ pub fn run(
                 break;
             }
         }
+        // What the lead node did comes from a board in parts, all of it by the end of the epoch.
+        if !simulation.now().is_multiple_of(EPOCH) {
+            continue;
+        }
         let lead = simulation.lead_output();
         let finished = lead.done && lead.mode == LeadMode::Hold && lead.phase == Phase::Done;
         done = if finished { done + 1 } else { 0 };
-        if f64::from(done) * 1e-3 >= mission.rest_s {
+        if f64::from(done) * EPOCH as f64 * 1e-6 >= mission.rest_s {
             end = End::Finished;
             break;
         }
@@ -191,7 +222,7 @@ pub fn run(
     let goal = mission.goal;
     let mut outcome = Outcome {
         at_s: at as f64 * 1e-6,
-        seed,
+        seed: case.seed,
         end,
         first: simulation.monitor().first_fault().copied(),
         stop_s: stopped_at.map(|since| since.saturating_sub(at) as f64 * 1e-6),
@@ -204,7 +235,7 @@ pub fn run(
         end_speed_m_s: simulation.speed(),
         nodes: simulation.monitor().changes().to_vec(),
     };
-    outcome.end = judged(entry, &outcome);
+    outcome.end = judged(case.entry, &outcome);
     Ok(outcome)
 }
 

@@ -26,13 +26,27 @@ use std::fmt;
 /// Time the run goes on after it is clear that it must end, ticks: the motors go off within it.
 const GRACE: u32 = 1500;
 
-/// A board that is to be switched off, and on again.
+/// A board that is to fail, and may be switched on again.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Failure {
     /// Which board.
     pub role: Role,
     /// When, ms from the start of the simulation.
     pub at: u32,
+    /// How.
+    pub mode: FailureMode,
+}
+
+/// How a board fails.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum FailureMode {
+    /// The host switches it off, and knows.
+    #[default]
+    Off,
+    /// It ends; the host finds its link closed.
+    Crash,
+    /// It stands still; the host finds that it does not answer.
+    Hang,
 }
 
 /// What happened to a board.
@@ -90,7 +104,21 @@ struct Slot {
     held: bool,
     /// Ticks that its clock is behind.
     behind: u32,
+    /// The tick that it expects.
+    next: u32,
     last: Output,
+}
+
+impl Slot {
+    /// The samples of a tick; a board that stood still is told that time has passed.
+    fn begin(&mut self, tick: u32, samples: &Samples) -> Result<(), Fault> {
+        let tick = tick - self.behind;
+        if tick != self.next {
+            self.target.resume(tick)?;
+        }
+        self.next = tick + 1;
+        self.target.begin(tick, samples)
+    }
 }
 
 /// The boards.
@@ -124,6 +152,7 @@ impl Boards {
             revival: None,
             held: false,
             behind: 0,
+            next: 0,
             last: Output::default(),
         };
         let mut slots = [
@@ -156,11 +185,14 @@ impl Boards {
         self.restart_after = restart_after;
     }
 
-    /// A board in this process that stands still, with its outputs as they are, or whose clock is
-    /// some ticks behind.
-    pub fn hold(&mut self, role: Role, held: bool, behind: u32) {
+    /// Has a board stand still, with its outputs as they are, or its clock be some ticks behind.
+    pub fn hold(&mut self, role: Role, held: bool, behind: u32) -> Result<(), Error> {
         let slot = &mut self.slots[role as usize];
+        if slot.held != held && slot.on {
+            slot.target.halt(held)?;
+        }
         (slot.held, slot.behind) = (held, behind);
+        Ok(())
     }
 
     /// What happened to the boards so far.
@@ -184,11 +216,21 @@ impl Boards {
         (tick >= *at).then_some(why)
     }
 
-    /// What is known of each board that was fitted.
-    pub fn reports(&self) -> Vec<Report> {
-        let fitted = |slot: &&Slot| slot.on || slot.revival.is_some() || self.was_lost(slot.role);
-        let slots = self.slots.iter().filter(fitted);
-        slots.map(|slot| slot.target.report()).collect()
+    /// What is known of each board that was fitted; those that are on are asked for their stack.
+    pub fn reports(&mut self) -> Vec<Report> {
+        let mut reports = Vec::new();
+        for i in 0..3 {
+            let lost = self.was_lost(self.slots[i].role);
+            let slot = &mut self.slots[i];
+            if slot.on || slot.revival.is_some() || lost {
+                let stack = slot.on.then(|| slot.target.stack()).flatten();
+                reports.push(Report {
+                    stack,
+                    ..slot.target.report()
+                });
+            }
+        }
+        reports
     }
 
     fn was_lost(&self, role: Role) -> bool {
@@ -241,7 +283,7 @@ impl Boards {
         for i in 0..3 {
             let slot = &mut self.slots[i];
             if slot.on && !slot.held {
-                let begun = slot.target.begin(tick - slot.behind, &samples[i]);
+                let begun = slot.begin(tick, &samples[i]);
                 self.judge(i, tick, begun)?;
             }
         }
@@ -267,9 +309,18 @@ impl Boards {
     fn switch(&mut self, tick: u32) -> Result<(), Error> {
         for i in 0..3 {
             let role = self.slots[i].role;
-            if self.slots[i].on && self.failures.contains(&Failure { role, at: tick }) {
-                self.slots[i].target.kill()?;
-                self.lost(i, tick, "switched off".to_owned(), self.restart_after);
+            let due = |failure: &&Failure| failure.role == role && failure.at == tick;
+            let failure = self.failures.iter().find(due);
+            if let (true, Some(failure)) = (self.slots[i].on, failure) {
+                let target = &mut self.slots[i].target;
+                match failure.mode {
+                    FailureMode::Off => {
+                        target.kill()?;
+                        self.lost(i, tick, "switched off".to_owned(), self.restart_after);
+                    }
+                    FailureMode::Crash => target.crash()?,
+                    FailureMode::Hang => target.halt(true)?,
+                }
             }
             if self.slots[i].revival == Some(tick) {
                 self.slots[i].target.revive()?;
@@ -325,6 +376,7 @@ impl Boards {
             .start(&self.config, tick, None)
             .map_err(|fault| fatal(role, fault))?;
         slot.on = true;
+        slot.next = tick;
         self.restarted = Some(tick);
         self.record(tick, role, What::Restarted);
         if role == Role::Front {

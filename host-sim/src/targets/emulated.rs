@@ -2,9 +2,11 @@
 
 use super::board_log::BoardLog;
 use super::link::{Descriptors, Link};
+use super::{Remote, Target};
 use crate::error::Error;
 use core_algos::node::board::Role;
 use rustix::fs::{CWD, Mode, OFlags};
+use rustix::process::{Pid, Signal, WaitId, WaitIdOptions};
 use std::fs::{self, File};
 use std::io::{self, ErrorKind};
 use std::os::fd::OwnedFd;
@@ -12,6 +14,7 @@ use std::os::unix::net::UnixListener;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
@@ -108,6 +111,21 @@ impl Images {
         })
     }
 
+    /// Starts all boards of a robot, behind links of this kind.
+    pub fn start(
+        &self,
+        qemu: &str,
+        wire: Wire,
+        logs: &[BoardLog; 3],
+    ) -> Result<[Box<dyn Target>; 3], Error> {
+        let board = |role: Role| -> Result<Box<dyn Target>, Error> {
+            let log = logs[role as usize].clone();
+            let link = Emulated::start(qemu, role, wire, self, log)?;
+            Ok(Box::new(Remote::new(role, Box::new(link))))
+        };
+        Ok([board(Role::Front)?, board(Role::Rear)?, board(Role::Beam)?])
+    }
+
     fn of(&self, role: Role) -> (PathBuf, Arc<Vec<u8>>) {
         match role {
             Role::Front | Role::Rear => {
@@ -156,7 +174,8 @@ pub struct Emulated {
     wire: Wire,
     images: Images,
     log: BoardLog,
-    starts: u32,
+    /// Number of this start among all that share the images.
+    start: u32,
     running: Option<Running>,
 }
 
@@ -194,7 +213,7 @@ impl Emulated {
             wire,
             images: images.clone(),
             log,
-            starts: 0,
+            start: 0,
             running: None,
         };
         board.revive()?;
@@ -203,7 +222,7 @@ impl Emulated {
 
     /// A path for this start of the board, of no other and without blanks and commas.
     fn path(&self, name: &str) -> PathBuf {
-        let (role, start) = (self.role.name(), self.starts);
+        let (role, start) = (self.role.name(), self.start);
         self.images
             .directory
             .path
@@ -302,6 +321,22 @@ impl Emulated {
         Ok(running)
     }
 
+    /// Sends the emulator a signal, if it runs, and waits until it has stopped or ended by it.
+    fn signal(&self, signal: Signal) -> Result<(), Error> {
+        let Some(running) = &self.running else {
+            return Ok(());
+        };
+        let (process, role) = (Pid::from_child(&running.child), self.role.name());
+        let failure = |error| Error::Failure(format!("{role} board: {error}"));
+        rustix::process::kill_process(process, signal).map_err(failure)?;
+        if signal != Signal::CONT {
+            // What there is to know stays for the one that waits for its end.
+            let options = WaitIdOptions::STOPPED | WaitIdOptions::EXITED | WaitIdOptions::NOWAIT;
+            rustix::process::waitid(WaitId::Pid(process), options).map_err(failure)?;
+        }
+        Ok(())
+    }
+
     /// Tries until the board has opened its end, unless QEMU ends before that.
     fn await_start<T>(
         &self,
@@ -352,14 +387,26 @@ impl Link for Emulated {
         running.ok_or(ErrorKind::BrokenPipe)?.receive(room, timeout)
     }
 
+    fn crash(&mut self) -> Result<(), Error> {
+        self.signal(Signal::KILL)
+    }
+
+    fn halt(&mut self, halted: bool) -> Result<(), Error> {
+        self.signal(match halted {
+            true => Signal::STOP,
+            false => Signal::CONT,
+        })
+    }
+
     fn kill(&mut self) -> Result<(), Error> {
         self.running = None;
         Ok(())
     }
 
     fn revive(&mut self) -> Result<(), Error> {
+        static STARTS: AtomicU32 = AtomicU32::new(0);
         self.running = None;
-        self.starts += 1;
+        self.start = STARTS.fetch_add(1, Relaxed);
         self.running = Some(match self.wire {
             Wire::Pipe => self.start_with_pipes()?,
             Wire::Uart => self.start_with_uart()?,

@@ -134,6 +134,7 @@ impl Target for InProcess {
             sent_per_tick: 0.0,
             received_per_tick: 0.0,
             latency: None,
+            stack: None,
         }
     }
 }

@@ -1,6 +1,7 @@
 //! Byte links to boards: in this process, or through file descriptors.
 
 use crate::error::Error;
+use core_algos::hil::protocol::StackUse;
 use core_algos::hil::{Endpoint, Identity};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use std::collections::VecDeque;
@@ -27,6 +28,19 @@ pub trait Link: Send {
         )))
     }
 
+    /// Ends the board as if it had failed by itself; only the link may tell.
+    fn crash(&mut self) -> Result<(), Error> {
+        self.kill()
+    }
+
+    /// Stops the board's processor with its link open, or lets it go on.
+    fn halt(&mut self, _halted: bool) -> Result<(), Error> {
+        let name = self.name();
+        Err(Error::input(format!(
+            "{name}: the board cannot be stopped from here"
+        )))
+    }
+
     /// Switches the board on again.
     fn revive(&mut self) -> Result<(), Error> {
         let name = self.name();
@@ -40,6 +54,7 @@ pub trait Link: Send {
 pub struct Loopback {
     identity: Identity,
     endpoint: Option<Endpoint>,
+    halted: bool,
     waiting: VecDeque<u8>,
 }
 
@@ -48,7 +63,8 @@ impl Loopback {
     pub fn new(identity: Identity) -> Self {
         Self {
             identity,
-            endpoint: Some(Endpoint::new(identity)),
+            endpoint: Some(Endpoint::new(identity, StackUse::unknown)),
+            halted: false,
             waiting: VecDeque::new(),
         }
     }
@@ -61,6 +77,9 @@ impl Link for Loopback {
 
     fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
         let endpoint = self.endpoint.as_mut().ok_or(ErrorKind::BrokenPipe)?;
+        if self.halted {
+            return Ok(());
+        }
         endpoint.receive(bytes, &mut |answer| self.waiting.extend(answer));
         Ok(())
     }
@@ -75,8 +94,13 @@ impl Link for Loopback {
         Ok(())
     }
 
+    fn halt(&mut self, halted: bool) -> Result<(), Error> {
+        self.halted = halted;
+        Ok(())
+    }
+
     fn revive(&mut self) -> Result<(), Error> {
-        self.endpoint = Some(Endpoint::new(self.identity));
+        self.endpoint = Some(Endpoint::new(self.identity, StackUse::unknown));
         Ok(())
     }
 }

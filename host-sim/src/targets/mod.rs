@@ -13,14 +13,14 @@ pub mod link;
 pub mod remote;
 pub mod serial;
 
-pub use boards::{Boards, Event, Failure, What};
+pub use boards::{Boards, Event, Failure, FailureMode, What};
 pub use in_process::InProcess;
 pub use remote::Remote;
 
 use crate::error::Error;
 use core_algos::bus::{Frame, Message};
 use core_algos::control::path::{PathPoint, TrajectoryPoint};
-use core_algos::hil::protocol::Place;
+use core_algos::hil::protocol::{Place, StackUse};
 use core_algos::node::Micros;
 use core_algos::node::board::{Role, Samples};
 use core_algos::node::lead::{self, Task};
@@ -103,6 +103,19 @@ pub struct Report {
     pub received_per_tick: f64,
     /// From sending a tick to its answer.
     pub latency: Option<Latency>,
+    /// What its stack took at most since its latest start; none if it does not measure that.
+    pub stack: Option<StackUse>,
+}
+
+impl Report {
+    /// What is wrong with the use of its stack, if anything.
+    pub fn stack_excess(&self) -> Option<String> {
+        let stack = self.stack.filter(StackUse::is_beyond)?;
+        Some(format!(
+            "{} board: its stack took {} bytes: must be at most its budget of {} bytes (memory.x)",
+            self.role, stack.used_bytes, stack.budget_bytes
+        ))
+    }
 }
 
 /// Distribution of times.
@@ -144,13 +157,33 @@ pub trait Target: Send {
     /// Takes what the board did at that tick; its messages go to `post` in order.
     fn finish(&mut self, post: &mut dyn FnMut(Posted)) -> Result<Output, Fault>;
 
+    /// The board stood still; its next tick will be this one, ms.
+    fn resume(&mut self, _tick: u32) -> Result<(), Fault> {
+        Ok(())
+    }
+
+    /// Stops the board's processor, or lets it go on; one in this process has none of its own.
+    fn halt(&mut self, _halted: bool) -> Result<(), Error> {
+        Ok(())
+    }
+
+    /// Ends the board as if it had failed by itself.
+    fn crash(&mut self) -> Result<(), Error> {
+        self.kill()
+    }
+
     /// Switches the board off.
     fn kill(&mut self) -> Result<(), Error>;
 
     /// Switches the board on again; it is to be started then.
     fn revive(&mut self) -> Result<(), Error>;
 
-    /// What is known of it.
+    /// What its stack took at most so far, if that is measured and the board answers.
+    fn stack(&mut self) -> Option<StackUse> {
+        None
+    }
+
+    /// What is known of it without asking.
     fn report(&self) -> Report;
 }
 

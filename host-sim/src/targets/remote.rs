@@ -8,7 +8,8 @@ use crate::error::Error;
 use core_algos::bus::{Frame, Message};
 use core_algos::hil::framing::{self, Decoder, MAX_FRAME};
 use core_algos::hil::protocol::{
-    self, CONFIG_CHUNK, MAX_CONFIG, PROTOCOL, Packed, Place, Refusal, Reply, Request, Telemetry,
+    self, CONFIG_CHUNK, MAX_CONFIG, PROTOCOL, Packed, Place, Refusal, Reply, Request, StackUse,
+    Telemetry,
 };
 use core_algos::node::board::{Role, Samples};
 use core_algos::node::course::{PATH_POINTS, TRAJECTORY_POINTS};
@@ -296,6 +297,26 @@ impl Target for Remote {
         Ok(Output { torque_nm, lead })
     }
 
+    fn resume(&mut self, tick: u32) -> Result<(), Fault> {
+        self.carry_out("its next tick", &Request::Resume { tick })
+    }
+
+    fn halt(&mut self, halted: bool) -> Result<(), Error> {
+        self.conversation.link.halt(halted)
+    }
+
+    fn crash(&mut self) -> Result<(), Error> {
+        self.conversation.link.crash()
+    }
+
+    fn stack(&mut self) -> Option<StackUse> {
+        self.conversation.ask(&Request::Stack).ok()?;
+        match self.conversation.answer().ok()? {
+            Reply::Stack(stack) if stack.size_bytes > 0 => Some(stack),
+            _ => None,
+        }
+    }
+
     fn kill(&mut self) -> Result<(), Error> {
         self.conversation.link.kill()
     }
@@ -317,6 +338,7 @@ impl Target for Remote {
             sent_per_tick: self.tick_bytes[0] as f64 / ticks,
             received_per_tick: self.tick_bytes[1] as f64 / ticks,
             latency: Latency::of(&self.latencies),
+            stack: None,
         }
     }
 }

@@ -1,0 +1,128 @@
+//! `cfmmr soak`: hours of driving, and whether anything drifts or grows.
+
+use crate::cli::SoakArgs;
+use crate::error::Error;
+use crate::output;
+use crate::progress::Progress;
+use crate::soak::{self, Drift, MEMORY_KIB, Report};
+use core_algos::node::lead::Limits;
+use serde::Serialize;
+use std::fmt::Write;
+use std::time::Instant;
+
+/// Parts that are reported.
+const WINDOWS: u64 = 10;
+
+/// What is written as JSON.
+#[derive(Clone, Debug, Serialize)]
+struct Measured {
+    #[serde(flatten)]
+    report: Report,
+    /// Simulated time over time taken.
+    real_time_factor: f64,
+    problems: Vec<String>,
+}
+
+/// The page.
+fn markdown(measured: &Measured) -> String {
+    let report = &measured.report;
+    let limits = Limits::default();
+    let mut text = format!(
+        "# Soak\n\n\
+         Written by `cfmmr soak --ticks {} > docs/soak.md`. {:.2} hours of robot time: {} axle ticks\n\
+         with all sensors, all noise and a bus that loses 1 % of the frames, from goal to goal in a\n\
+         square of 3 m, with the boards in process and no restart. It is dead reckoning throughout: σ is the\n\
+         largest standard deviation that the robot claims for its position and heading (usually it stops at\n\
+         {} m and {} rad, here it may not know its place), *error* that of its position at the goals (rms),\n\
+         NEES the squared error in terms of what is claimed: 3 of a consistent estimator, but each value\n\
+         goes with those before. NIS: of the beam's measurements, 3 of a consistent estimator. Pair: error\n\
+         (rms) of the posture of one axle seen from the other. Memory: resident, of the whole process.\n\n\
+         | ticks | NIS | gated | NEES | error (cm) | σ (cm) | σ (°) | pair (mm) | pair (mrad) | goals reached | missed | memory (KiB) |\n\
+         |---|---|---|---|---|---|---|---|---|---|---|---|\n",
+        report.ticks,
+        soak::seconds(report.ticks) / 3600.0,
+        report.ticks,
+        limits.position_sigma_m,
+        limits.heading_sigma_rad,
+    );
+    for window in &report.windows {
+        let number = |value: Option<f64>| value.map_or(String::new(), |v| format!("{v:.2}"));
+        let error = window.position_m.map(|error| 1e2 * error);
+        // Writing to a string does not fail.
+        let _ = writeln!(
+            text,
+            "| {} | {:.3} | {} of {} | {} | {} | {:.1} | {:.1} | {:.2} | {:.2} | {} | {} | {} |",
+            window.end,
+            window.nis,
+            window.gated,
+            window.innovations,
+            number(window.nees),
+            number(error),
+            1e2 * window.sigma_m,
+            window.sigma_rad.to_degrees(),
+            1e3 * window.relative_m,
+            1e3 * window.relative_rad,
+            window.reached,
+            window.missed,
+            window.resident_kib,
+        );
+    }
+    text += "\nDrift (line of least squares, gain over the whole run ± standard error):\n\n\
+             | | mean | gain |\n|---|---|---|\n";
+    let rows = [("NIS", report.nis, 1.0), ("pair (mm²)", report.pair, 1e6)];
+    for (name, drift, scale) in rows {
+        if let Some(drift) = drift {
+            let Drift { mean, gain, error } = drift;
+            let [mean, gain, error] = [mean, gain, error].map(|value| scale * value);
+            let _ = writeln!(text, "| {name} | {mean:.3} | {gain:.3} ± {error:.3} |");
+        }
+    }
+    let faults: Vec<String> = report
+        .faults
+        .iter()
+        .map(|(reason, count)| format!("{reason}: {count}"))
+        .collect();
+    let faults = match faults.is_empty() {
+        true => "none".to_owned(),
+        false => faults.join(", "),
+    };
+    let _ = writeln!(
+        text,
+        "\nStops for a fault: {faults}. Speed: {:.0} times real time.",
+        measured.real_time_factor
+    );
+    match measured.problems.as_slice() {
+        [] => {
+            let _ = writeln!(
+                text,
+                "Nothing drifts (three standard errors, or a tenth of the mean), and memory grows by no\n\
+                 more than {MEMORY_KIB} KiB after the first window."
+            );
+        }
+        problems => {
+            let _ = writeln!(text, "Not as it should be: {}.", problems.join("; "));
+        }
+    }
+    text
+}
+
+/// Runs the command.
+pub fn run(args: &SoakArgs) -> Result<(), Error> {
+    let progress = Progress::new(soak::pieces(), "soak");
+    let started = Instant::now();
+    let report = soak::run(args.ticks, WINDOWS, args.seed, || progress.advance())?;
+    drop(progress);
+    let measured = Measured {
+        real_time_factor: soak::seconds(args.ticks) / started.elapsed().as_secs_f64(),
+        problems: report.problems(),
+        report,
+    };
+    if let Some(path) = &args.json {
+        output::write_file(path, output::json(&measured))?;
+    }
+    super::print(&markdown(&measured))?;
+    match measured.problems.as_slice() {
+        [] => Ok(()),
+        problems => Err(Error::Failure(problems.join("; "))),
+    }
+}
