@@ -1,10 +1,14 @@
 #!/usr/bin/env python3
 """Speeds on this machine, as one page: docs/benchmarks.md.
 
-Plant alone beside MuJoCo in the same run, the whole closed loop, and how Monte Carlo runs scale
-with threads and memory. Takes about four minutes; let nothing else run meanwhile.
+Plant alone beside MuJoCo in the same run, the whole closed loop, how Monte Carlo runs scale with
+threads and memory, and the kernels (`cargo bench`). One command, on a machine with nothing else to
+do; about five minutes and, the first time, the build of the kernels:
 
-Needs: pip install mujoco; cargo build --release
+    pip install mujoco && cargo build --release && scripts/benchmarks.py
+
+`--quick --print` tries everything in a minute, with figures that are worth nothing. Where the time
+of the loop goes is written by hand in docs/profile.md, to which the page links.
 """
 
 import argparse
@@ -12,6 +16,7 @@ import json
 import os
 import pathlib
 import platform
+import re
 import subprocess
 import sys
 import tempfile
@@ -43,6 +48,45 @@ def bench(name, *extra):
         return json.loads(path.read_text())
 
 
+# What the kernels are, as they are called in host-sim/benches/kernels.rs.
+KERNELS = {
+    "plant_second normal": "plant, 1000 steps of the normal drive",
+    "plant_second harsh": "plant, 1000 steps of the harsh drive",
+    "plant_second normal, portable": "plant, 1000 steps of the normal drive, without vector instructions",
+    "plant_five_gauges": "curvature at five gauges",
+    "closed_loop_100_ticks": "whole closed loop, 100 ticks of 1 ms",
+    "axle_filter": "axle filter, predict and update",
+    "relative_posture piecewise": "relative posture, piecewise, 100 segments",
+    "relative_posture quadrature": "relative posture, quadrature",
+    "relative_posture elastica": "relative posture, elastica fit",
+    "covariance_intersection": "covariance intersection, 3×3",
+    "sine_and_cosine": "sine and cosine together",
+}
+
+
+def kernels(quick):
+    """Rows of a table of the kernels: fastest and median, as divan prints them."""
+    command = ["cargo", "bench", "--locked", "--quiet", "--package", "host-sim", "--bench", "kernels"]
+    command += ["--", "--sample-count", "5" if quick else "100"]
+    found, parent = {}, ""
+    for line in output(*command).splitlines():
+        if line[:1] not in ("├", "╰", "│", " "):
+            continue
+        cells = line.split("│")
+        # Branches of the tree are drawn before the names: one more level is three characters.
+        nested = line[:1] in ("│", " ")
+        name, *fastest = re.split(r"\s{2,}", line.strip("│ ").lstrip("├╰─ ").split("│")[0].strip())
+        if not nested and line[:1] in ("├", "╰"):
+            parent = name
+        cells = cells[1:] if line[:1] == "│" else cells
+        if fastest and len(cells) >= 5:
+            found[f"{parent} {name}" if nested else name] = (fastest[0], cells[2].strip())
+    if found.keys() != KERNELS.keys():
+        odd = ", ".join(sorted(found.keys() ^ KERNELS.keys()))
+        fail(f"kernels measured and described are not the same: {odd}")
+    return [f"| {title} | {found[name][1]} | {found[name][0]} |" for name, title in KERNELS.items()]
+
+
 def monte_carlo(trials, threads):
     """Wall time (s), processor time (s) and largest memory (MB) of a paired experiment."""
     with tempfile.TemporaryDirectory() as folder:
@@ -63,17 +107,23 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--trials", type=int, default=200, help="trials of the Monte Carlo runs")
     parser.add_argument("--print", action="store_true", help="print the page, do not write it")
+    parser.add_argument("--quick", action="store_true", help="few repeats, for a trial of the script")
     arguments = parser.parse_args()
     if not BINARY.exists():
         fail(f"{BINARY} is not there; cargo build --release makes it")
     if arguments.trials < 20:
         parser.error(f"--trials {arguments.trials}: must be at least 20")
+    if arguments.quick:
+        arguments.trials = 20
+    repeats = ["--repeats", "3" if arguments.quick else "15"]
 
     try:
-        beside = json.loads(output(sys.executable, "scripts/bench_mujoco.py", "--json"))
+        rounds = ["--repeats", "2"] if arguments.quick else []
+        beside = json.loads(output(sys.executable, "scripts/bench_mujoco.py", "--json", *rounds))
+        times = kernels(arguments.quick)
     except subprocess.CalledProcessError as error:
         fail(error.stderr.strip())
-    plant, loop = bench("plant-bench", "--repeats", "15"), bench("loop-bench", "--repeats", "15")
+    plant, loop = bench("plant-bench", *repeats), bench("loop-bench", *repeats)
 
     few, many = arguments.trials // 10, arguments.trials
     rows, results = [], {}
@@ -122,6 +172,18 @@ def main():
     ]
     names = {"plain": "without a log", "logged": "with a log of every epoch as CSV"}
     page += [f"| {names[row['name']]} | {span.format(**row)} |" for row in loop["loops"]]
+    page += [
+        "",
+        "Where the time goes, before and after: [profile.md](profile.md).",
+        "",
+        "## Kernels",
+        "",
+        "`cargo bench`, one core.",
+        "",
+        "| | median | fastest |",
+        "|---|---|---|",
+        *times,
+    ]
     page += [
         "",
         "## Monte Carlo",

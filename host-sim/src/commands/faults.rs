@@ -112,6 +112,7 @@ pub fn campaign(seeds: u64, only: &[String]) -> Result<Report, Error> {
     let progress = Progress::new(entries.len() * each, "runs");
     let outcomes: Vec<Result<Outcome, Error>> = (0..entries.len() * each)
         .into_par_iter()
+        .with_max_len(1)
         .map(|i| {
             let (time, seed) = (
                 TIMES[i % each % TIMES.len()],

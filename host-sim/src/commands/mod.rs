@@ -86,6 +86,8 @@ impl Context {
         let results: Vec<Result<T, Error>> = self.pool.install(|| {
             (0..count)
                 .into_par_iter()
+                // A thread that is done takes over single pieces: no other is left with a long rest.
+                .with_max_len(1)
                 .map(|index| {
                     let result = work(index);
                     progress.advance();

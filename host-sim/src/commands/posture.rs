@@ -184,6 +184,10 @@ pub fn summarize(variant: &Variant, outcomes: &[Outcome], goal: [f64; 3]) -> Row
     }
 }
 
+/// Trials of a row whose paths are kept for the picture, which shows no more: so the memory does not
+/// grow with their number, but for the outcome of each.
+const PICTURED: usize = 200;
+
 /// Runs the command.
 pub fn run(args: &PostureArgs) -> Result<(), Error> {
     let mut context = Context::new(&args.common, "posture")?;
@@ -206,7 +210,7 @@ pub fn run(args: &PostureArgs) -> Result<(), Error> {
     let shown = Variant::PAIR;
     let results = context.run("trials", variants.len() * trials, |index| {
         let (row, trial) = (index / trials, index % trials);
-        let keep = shown.contains(&variants[row]);
+        let keep = shown.contains(&variants[row]) && trial < PICTURED;
         let mut kept = Trial::default();
         kept.outcome =
             simulation::regulate(&scenarios[row], context.seed, trial as u64, |record| {
@@ -280,7 +284,11 @@ pub fn publish(
         };
         panels.push(PathsPanel {
             title: variant.label(),
-            others: block[1..].iter().map(|trial| trial.path.clone()).collect(),
+            others: block[1..]
+                .iter()
+                .filter(|trial| !trial.path.is_empty())
+                .map(|trial| trial.path.clone())
+                .collect(),
             middle: path.clone(),
             wheels: wheel_paths(records, body.half_track_m),
             snapshots: snapshots(records),
