@@ -55,7 +55,7 @@ hil
 hil --no-rps
 hil --link uart --stop-after 2
 step "faults on emulated boards"
-timeout 600 target/release/cfmmr faults --emulated --only "board resets" --only freezes \
+timeout 600 target/release/cfmmr faults --emulated --check --only "board resets" --only freezes \
   --only corrupts --only "encoder stuck" --only "encoder missing" --only "gyro off" --only "motor stuck" \
   --only "supply dips" --only "ends by itself" --only "rear board hangs" | tail -5
 step "serial ports"
