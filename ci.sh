@@ -46,12 +46,17 @@ step "hostile input"
 scripts/fuzz.sh
 step "bus description against cantools"
 scripts/check_bus.sh
+step "logs against the Python reader of MCAP"
+scripts/check_mcap.sh
+step "report pages in Chromium"
+scripts/check_report.sh
 step "the paper's experiment on emulated boards"
 cargo build --locked --release
 hil() {
   timeout 600 target/release/cfmmr hil --emulated --compare --out target/hil "$@" | grep -A1 "ticks ("
 }
-hil
+hil --log target/hil/run.mcap
+target/release/cfmmr replay target/hil/run.mcap | grep "identical over"
 hil --no-rps
 hil --link uart --stop-after 2
 step "faults on emulated boards"

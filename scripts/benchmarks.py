@@ -170,7 +170,11 @@ def main():
         "| | real-time factor |",
         "|---|---|",
     ]
-    names = {"plain": "without a log", "logged": "with a log of every epoch as CSV"}
+    names = {
+        "plain": "without a log",
+        "logged": "with a log of every epoch as CSV",
+        "recorded": "with everything the boards got and did as MCAP",
+    }
     page += [f"| {names[row['name']]} | {span.format(**row)} |" for row in loop["loops"]]
     page += [
         "",

@@ -4,13 +4,7 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
-python=target/python
-if ! "$python/bin/python" -c 'import cantools' 2>/dev/null; then
-  python3 -m venv "$python" && "$python/bin/pip" install --quiet cantools || {
-    echo "check_bus.sh: cantools could not be installed: it needs Python 3 with venv and pip" \
-      "(Debian: apt-get install python3-venv python3-pip)" >&2
-    exit 1
-  }
-fi
+. scripts/python_tools.sh
+python_tools check_bus.sh cantools cantools==45.1.0
 cargo build --locked --release --package host-sim
-"$python/bin/python" scripts/check_dbc.py target/release/cfmmr "$@"
+"$python" scripts/check_dbc.py target/release/cfmmr "$@"

@@ -13,6 +13,7 @@ pub mod eval;
 pub mod paths;
 #[path = "../../host-sim/src/plant/mod.rs"]
 pub mod plant;
+pub mod recording;
 #[path = "../../host-sim/src/scenario.rs"]
 pub mod scenario;
 #[path = "../../host-sim/src/scenario_file.rs"]

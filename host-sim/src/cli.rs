@@ -1,5 +1,6 @@
 //! Command line: arguments and their help.
 
+use crate::recording::LogArgs;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use core_algos::fusion::tandem::Mode;
 use std::path::PathBuf;
@@ -33,6 +34,9 @@ pub enum Command {
     /// Hardware in the loop: the experiments with the boards' images in an emulator, or with real
     /// boards on serial ports
     Hil(HilArgs),
+    /// Put a log through the nodes again: whether every bit is the same, or how well other
+    /// parameters would have estimated
+    Replay(ReplayArgs),
     /// Posture regulation from random starts: success share, map and paths
     Sweep(SweepArgs),
     /// How the final error depends on tyres, sensor bias, wheel radius and placement
@@ -45,6 +49,8 @@ pub enum Command {
     Parameters,
     /// Print the table of conditions, their codes, and the operating states
     Codes,
+    /// Print the table of what a log holds
+    Topics,
     /// Print the scenario with all defaults as TOML
     Config(ConfigArgs),
     /// Print the description of the bus (DBC), or its load
@@ -99,6 +105,9 @@ pub struct PostureArgs {
     /// Arguments every experiment takes.
     #[command(flatten)]
     pub common: Common,
+    /// Where the run is recorded.
+    #[command(flatten)]
+    pub log: LogArgs,
     /// Number of paired trials in each row
     #[arg(long, default_value_t = 50, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub trials: u32,
@@ -116,6 +125,9 @@ pub struct FollowArgs {
     /// Arguments every experiment takes.
     #[command(flatten)]
     pub common: Common,
+    /// Where the run is recorded.
+    #[command(flatten)]
+    pub log: LogArgs,
     /// line, circle, figure-eight, or a CSV file of waypoints (columns x,y in metres)
     #[arg(long, default_value = "figure-eight", value_name = "PATH")]
     pub path: String,
@@ -157,6 +169,9 @@ pub struct HilArgs {
     /// Arguments every experiment takes.
     #[command(flatten)]
     pub common: Common,
+    /// Where the run is recorded.
+    #[command(flatten)]
+    pub log: LogArgs,
     /// Run the images of the boards in QEMU; they are built if needed
     #[arg(long, conflicts_with_all = ["front", "rear", "beam"])]
     pub emulated: bool,
@@ -226,6 +241,21 @@ pub struct HilArgs {
     /// Switch a board that was lost on again after this time, s
     #[arg(long, value_name = "S")]
     pub restart_after: Option<f64>,
+}
+
+/// Arguments of `replay`.
+#[derive(Clone, Debug, Args)]
+pub struct ReplayArgs {
+    /// The log, as `--log` writes it
+    #[arg(value_name = "LOG")]
+    pub file: PathBuf,
+    /// Estimate again with the parameters in this file, [robot] of a scenario, in place of the
+    /// recorded ones
+    #[arg(long, value_name = "FILE")]
+    pub with: Option<PathBuf>,
+    /// Also write the result as JSON to this file
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
 }
 
 /// Model a sweep runs on.

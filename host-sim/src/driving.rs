@@ -98,6 +98,16 @@ impl Route {
         posture(&self.path.samples()[0])
     }
 
+    /// Posture of the last point.
+    pub fn goal(&self) -> [f64; 3] {
+        posture(&self.end())
+    }
+
+    /// Postures of all points.
+    pub fn postures(&self) -> Vec<[f64; 3]> {
+        self.path.samples().iter().map(posture).collect()
+    }
+
     /// Time that trajectory tracking takes, s; path following takes about as long.
     pub fn expected_duration(&self) -> f64 {
         self.trajectory.duration()
@@ -358,14 +368,18 @@ impl Stream {
                 let fit = room.path.min(points.len());
                 let end = fit == points.len();
                 let now: Vec<_> = points.drain(..fit).collect();
-                simulation.order(&Order::Path(&now, end))?;
+                if fit > 0 || end {
+                    simulation.order(&Order::Path(&now, end))?;
+                }
                 end
             }
             Points::Trajectory(points) => {
                 let fit = room.trajectory.min(points.len());
                 let end = fit == points.len();
                 let now: Vec<_> = points.drain(..fit).collect();
-                simulation.order(&Order::Trajectory(&now, end))?;
+                if fit > 0 || end {
+                    simulation.order(&Order::Trajectory(&now, end))?;
+                }
                 end
             }
         };

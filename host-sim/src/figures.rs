@@ -2,6 +2,7 @@
 //!
 //! Postures are (x, y, heading) in metres and radians.
 
+use crate::plant::PlantConfig;
 use crate::plot::palette::{BLACK, BLUE, GREY, ORANGE, SERIES, SKY, VERMILION};
 use crate::plot::{
     Dash, Figure, Height, Legend, Mark, Panel, Rgb, Shape, Stroke, color_scale, extent,
@@ -16,6 +17,17 @@ pub struct Body {
     pub wheel_radius_m: f64,
     /// Width of a wheel, m.
     pub wheel_width_m: f64,
+}
+
+impl Body {
+    /// The robot of a plant.
+    pub fn of(plant: &PlantConfig) -> Self {
+        Self {
+            half_track_m: plant.half_track_m[0],
+            wheel_radius_m: plant.wheel_radius_m[0][0],
+            wheel_width_m: 0.03,
+        }
+    }
 }
 
 /// The robot at one instant.

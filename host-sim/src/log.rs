@@ -3,7 +3,7 @@
 use crate::output::{Cell, Csv};
 use crate::simulation::Record;
 
-const COLUMNS: [&str; 43] = [
+const COLUMNS: [&str; 55] = [
     "time_s",
     "x_m",
     "y_m",
@@ -47,6 +47,18 @@ const COLUMNS: [&str; 43] = [
     "beam_innovation_x_m",
     "beam_innovation_y_m",
     "beam_innovation_phi_rad",
+    "wheel_speed_front_left_rad_s",
+    "wheel_speed_front_right_rad_s",
+    "wheel_speed_rear_left_rad_s",
+    "wheel_speed_rear_right_rad_s",
+    "strain_1",
+    "strain_2",
+    "strain_3",
+    "strain_4",
+    "strain_5",
+    "strain_6",
+    "strain_7",
+    "strain_8",
 ];
 
 /// The records as CSV with a header; names carry the unit, `_est` marks the robot's own estimate.
@@ -86,6 +98,9 @@ pub fn csv(records: &[Record]) -> Csv {
         put(&record.wrench);
         put(&[f64::from(fused.beam.nis)]);
         put(&fused.beam.innovation.map(f64::from));
+        put(&record.wheel_speed[0]);
+        put(&record.wheel_speed[1]);
+        put(&record.strain.map(f64::from));
         csv.row(row);
     }
     csv

@@ -149,18 +149,23 @@ pub fn write_file(path: &Path, content: impl AsRef<[u8]>) -> Result<(), OutputEr
     if special {
         return fs::write(path, content).map_err(failed("write", path));
     }
-    let directory = match path.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent,
-        _ => Path::new("."),
-    };
-    let name = path.file_name().unwrap_or_default().to_string_lossy();
-    let temporary = tempfile_in(directory, &name)?;
+    let temporary = temporary_beside(path)?;
     fs::write(&temporary, content)
         .and_then(|()| fs::rename(&temporary, path))
         .map_err(|error| {
             let _ = fs::remove_file(&temporary);
             failed("write", path)(error)
         })
+}
+
+/// A hidden name in the directory of `path` that no other process uses.
+pub fn temporary_beside(path: &Path) -> Result<PathBuf, OutputError> {
+    let directory = match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    };
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    tempfile_in(directory, &name)
 }
 
 /// Creates `path` and its missing parents; gives those that were missing, innermost first.

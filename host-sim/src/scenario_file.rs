@@ -81,7 +81,7 @@ fn not_finite(value: &Value) -> Option<(String, f64)> {
 }
 
 /// Replaces entries of `table` by those of `given`, table by table.
-fn lay_over(table: &mut Table, given: Table) {
+pub fn lay_over(table: &mut Table, given: Table) {
     for (key, value) in given {
         match (table.get_mut(&key), value) {
             (Some(Value::Table(below)), Value::Table(above)) => lay_over(below, above),

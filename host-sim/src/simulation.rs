@@ -5,13 +5,15 @@ use crate::faults::{Fault, Injector, Readings};
 use crate::kinematic_model::Model;
 use crate::pace::Pace;
 use crate::plant::{Outline, Plant, PlantConfig, Station};
+use crate::recording::Session;
 use crate::scenario::Scenario;
 use crate::sensors::{Sensors, TrialImperfections, Truth};
 use crate::supervision::{Monitor, Recovery, Status};
 use crate::targets::{self, Boards, Failure, FailureMode, Order, Posted, Room, Target};
 use crate::trace::Trace;
 use crate::virtual_bus::VirtualBus;
-use core_algos::beam::PerGauge;
+use core_algos::beam::calibration::Calibration;
+use core_algos::beam::{MAX_GAUGES, PerGauge};
 use core_algos::bus::LeadMode;
 use core_algos::bus::layout::Node;
 use core_algos::control::regulator::Phase;
@@ -47,6 +49,10 @@ pub struct Record {
     pub relative: [f64; 3],
     /// Points of the bent frame from rear to front, global, m.
     pub frame: [[f32; 2]; FRAME_POINTS],
+    /// True wheel speeds `[axle][left, right]`, rad/s.
+    pub wheel_speed: [[f64; 2]; 2],
+    /// Strains as measured, from the root; zero where there is no gauge.
+    pub strain: [f32; MAX_GAUGES],
 }
 
 /// Points of the frame's curve in a record.
@@ -121,6 +127,12 @@ pub struct Simulation {
     tick: u64,
     last_lead: lead::Output,
     trace: Option<Trace>,
+    recording: Option<Session>,
+    calibration: Calibration,
+    /// Whether the relative position sensor is fitted.
+    sensed: bool,
+    /// What the strain bridges read last.
+    counts: [i32; MAX_GAUGES],
     pace: Option<Pace>,
     interrupt: Option<Arc<AtomicBool>>,
     span: Span,
@@ -176,6 +188,7 @@ impl Simulation {
             .zip(imperfections.gauge_shift_m)
             .map(|(nominal, shift)| plant.gauge(f64::from(nominal) + shift))
             .collect();
+        let calibration = config.beam.calibration.build(gauges.len())?;
         Ok(Self {
             sensors: Sensors::new(&scenario.sensors, &imperfections, seed, trial)?,
             truth: Truth {
@@ -195,6 +208,10 @@ impl Simulation {
             tick: 0,
             last_lead: lead::Output::default(),
             trace: None,
+            recording: None,
+            calibration,
+            sensed: scenario.mission.rps,
+            counts: [0; MAX_GAUGES],
             pace: None,
             interrupt: None,
             span: Span::default(),
@@ -301,6 +318,11 @@ impl Simulation {
         self.trace.take()
     }
 
+    /// Has the recording see the state once an epoch.
+    pub fn record_to(&mut self, session: Session) {
+        self.recording = Some(session);
+    }
+
     /// From now on, no tick begins before its time on the clock.
     pub fn keep_pace(&mut self) {
         self.pace = Some(Pace::new());
@@ -387,6 +409,11 @@ impl Simulation {
                 trace.lead(&self.last_lead);
             }
         }
+        if let Some(recording) = &self.recording
+            && (self.tick * TICK).is_multiple_of(EPOCH)
+        {
+            recording.see(&self.record());
+        }
         Ok(())
     }
 
@@ -452,6 +479,7 @@ impl Simulation {
         for count in counts.iter_mut().take(self.gauges.len()) {
             *count += self.converter_middle;
         }
+        self.counts = counts;
         Readings {
             axles: [axle(0), axle(1)],
             counts,
@@ -471,6 +499,19 @@ impl Simulation {
             forward.hypot(across)
         });
         speeds[0].max(speeds[1])
+    }
+
+    /// Strains of the latest sample; zero where there is no gauge, and of all without the sensor.
+    fn strain(&self) -> [f32; MAX_GAUGES] {
+        let mut strain = self
+            .calibration
+            .strain(&self.counts.map(|count| count as f32));
+        let gauges = if self.sensed { self.gauges.len() } else { 0 };
+        strain
+            .iter_mut()
+            .skip(gauges)
+            .for_each(|strain| *strain = 0.0);
+        strain
     }
 
     /// The state for logs and pictures.
@@ -493,6 +534,8 @@ impl Simulation {
             ],
             relative: self.plant.relative_posture(),
             frame: frame.map(|point| point.map(|value| value as f32)),
+            wheel_speed: [state.axle[0].wheel_speed, state.axle[1].wheel_speed],
+            strain: self.strain(),
         }
     }
 }

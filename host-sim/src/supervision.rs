@@ -34,14 +34,19 @@ pub struct Status {
 impl Status {
     /// The heartbeat in a frame of a tick (ms); none if the frame is something else.
     pub fn of(tick: u32, frame: &Frame) -> Option<Self> {
-        match bus::decode(frame) {
-            Ok(Message::NodeStatus {
+        Self::of_message(tick, &bus::decode(frame).ok()?)
+    }
+
+    /// The same of a message that has been decoded.
+    pub fn of_message(tick: u32, message: &Message) -> Option<Self> {
+        match *message {
+            Message::NodeStatus {
                 node,
                 state,
                 reason,
                 notices,
                 ..
-            }) => Some(Self {
+            } => Some(Self {
                 time_s: f64::from(tick) * 1e-3,
                 node,
                 state,

@@ -107,10 +107,7 @@ impl Trace {
         let (a, b) = (self.frames.get(place), other.frames.get(place));
         let tick = [a, b].into_iter().flatten().map(|(tick, _)| *tick).min()?;
         let show = |entry: Option<&(u32, Frame)>| match entry {
-            Some((at, frame)) if *at == tick => {
-                let name = layout::find(frame.id).map_or("unknown", |layout| layout.name);
-                format!("{name} {:02x?}", &frame.data[..usize::from(frame.length)])
-            }
+            Some((at, frame)) if *at == tick => show_frame(frame),
             _ => "absent".to_owned(),
         };
         Some(Difference {
@@ -122,11 +119,9 @@ impl Trace {
     }
 
     fn in_leads(&self, other: &Self) -> Option<Difference> {
-        let pairs = self.leads.iter().zip(&other.leads).enumerate();
-        let (epoch, (a, b)) = pairs.into_iter().find(|(_, (a, b))| bits(a) != bits(b))?;
-        let json = |output| serde_json::to_value(output).unwrap_or_default();
-        let (path, first, second) = parting(&json(a), &json(b))
-            .unwrap_or_else(|| (String::new(), format!("{a:?}"), format!("{b:?}")));
+        let mut pairs = self.leads.iter().zip(&other.leads).enumerate();
+        let (epoch, (path, first, second)) =
+            pairs.find_map(|(epoch, (a, b))| Some((epoch, lead_difference(a, b)?)))?;
         Some(Difference {
             tick: (epoch + 1) * EPOCH_TICKS - 1,
             signal: format!("lead node{path}"),
@@ -144,6 +139,23 @@ impl Trace {
             second: format!("{b} ticks"),
         })
     }
+}
+
+/// A frame in words.
+pub fn show_frame(frame: &Frame) -> String {
+    let name = layout::find(frame.id).map_or("unknown", |layout| layout.name);
+    let data = frame.data.get(..usize::from(frame.length));
+    format!("{name} {:02x?}", data.unwrap_or(&frame.data))
+}
+
+/// Where two outputs of the lead node differ in a bit, and the values there.
+pub fn lead_difference(a: &lead::Output, b: &lead::Output) -> Option<(String, String, String)> {
+    if bits(a) == bits(b) {
+        return None;
+    }
+    let json = |output| serde_json::to_value(output).unwrap_or_default();
+    let found = parting(&json(a), &json(b));
+    Some(found.unwrap_or_else(|| (String::new(), format!("{a:?}"), format!("{b:?}"))))
 }
 
 /// All bits of an output, whatever NaN it holds.

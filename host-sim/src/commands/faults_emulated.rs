@@ -4,7 +4,7 @@
 //! frames and samples. Boards that fail are processes that are killed, stopped and started again.
 
 use super::faults::{check_choice, is_chosen, scenario};
-use super::hil::watch_for_interrupt;
+use super::watch_for_interrupt;
 use crate::cli::FaultsArgs;
 use crate::error::Error;
 use crate::faults::{self, Bounds, CATALOGUE, Case, End, Entry, Fault, Outcome};

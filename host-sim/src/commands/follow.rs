@@ -9,6 +9,8 @@ use crate::figures::{self, FollowErrors, FollowRun, Snapshot};
 use crate::log;
 use crate::output::{Cell, Csv, OutputDir};
 use crate::paths::Path;
+use crate::recording::{About, Recorder};
+use crate::report;
 use crate::simulation::Record;
 use crate::table::Table;
 use serde::Serialize;
@@ -130,23 +132,27 @@ pub fn run(args: &FollowArgs, manner: Manner) -> Result<(), Error> {
     let (name, _) = names(manner);
     let mut context = Context::new(&args.common, name)?;
     let course = prepare(args, &mut context)?;
+    let (scenario, route) = (&context.scenario, &course.route);
+    let about = About {
+        command: name,
+        seed: context.seed,
+        trial: 0,
+        scenario,
+    };
+    let recorder = Recorder::begin(&args.log, &about, route.goal(), &route.postures())?;
     let mut results = context.run("runs", 1, |_| {
-        let mut kept = Kept::new(&course.route);
-        let outcome = driving::drive(
-            &context.scenario,
-            &course.route,
-            manner,
-            context.seed,
-            0,
-            |moment| kept.see(moment),
-        )?;
+        let mut kept = Kept::new(route);
+        let mut simulation = recorder.simulation(scenario, context.seed, 0)?;
+        let see = |moment: &Moment| kept.see(moment);
+        let outcome = driving::drive_on(&mut simulation, scenario, route, manner, see)?;
         Ok((outcome, kept))
     })?;
+    let recorded = recorder.close()?;
     let Some((outcome, kept)) = results.pop() else {
         return Err(Error::Failure("no run".to_owned()));
     };
     let (text, report, files) = publish(&context, &course, manner, &outcome, &kept)?;
-    context.finish(&text, &report, files)
+    context.finish_with(&text, &report, files, recorded)
 }
 
 /// A path and how it is to be driven.
@@ -295,7 +301,73 @@ pub fn publish(
     files.csv("errors.csv", errors(moments));
     files.csv("log.csv", log::csv(&records));
     files.json("result.json", &report);
+    let both = |moment: &Moment| {
+        [&moment.truth, &moment.estimate].map(|deviation| {
+            let distance = match manner {
+                Manner::Follow => deviation.lateral_m,
+                Manner::Track => deviation.distance_m,
+            };
+            [distance, deviation.heading_rad]
+        })
+    };
+    let shown = report::Run {
+        title: heading.clone(),
+        name: variant.label(),
+        goal: Some(route.goal()),
+        reference: run.reference.clone(),
+        errors: moments.iter().map(both).collect(),
+        records: moments.iter().map(|moment| &moment.record).collect(),
+        distance: match manner {
+            Manner::Follow => "Distance to the left of the path",
+            Manner::Track => "Distance from the reference",
+        },
+        summary: summary(&report),
+        scenario,
+    };
+    report::add(
+        &mut files,
+        &context.name,
+        context.seed,
+        &context.body(),
+        &[shown],
+    );
     Ok((table(&heading, &report, outcome), report, files))
+}
+
+/// Rows of the page's summary.
+fn summary(report: &Report) -> Vec<(String, String)> {
+    let row = |name: &str, value: String| (name.to_owned(), value);
+    let errors = |errors: &ErrorReport| {
+        format!(
+            "rms {:.2} mm, largest {:.2} mm, at the end {:.2} mm and {:.2}°",
+            1e3 * errors.rms_m,
+            1e3 * errors.max_m,
+            1e3 * errors.final_m,
+            errors.final_heading_rad.to_degrees()
+        )
+    };
+    let end = if report.done {
+        "at rest"
+    } else {
+        "NOT at rest"
+    };
+    vec![
+        row("Path", report.path.clone()),
+        row(
+            "Length",
+            format!("{:.2} m at up to {} m/s", report.length_m, report.speed_m_s),
+        ),
+        row("End", format!("{end} after {:.1} s", report.duration_s)),
+        row("Errors of the midpoint", errors(&report.truth)),
+        row("Errors as estimated", errors(&report.estimate)),
+        row(
+            "Largest curvature",
+            format!(
+                "path {:.2}, driven {:.2}, bound of the frame {:.2} 1/m",
+                report.path_curvature, report.max_curvature, report.curvature_bound
+            ),
+        ),
+    ]
 }
 
 /// Every n-th moment, so that a curve has at most this many points.

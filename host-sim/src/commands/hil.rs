@@ -1,11 +1,12 @@
 //! `cfmmr hil`: an experiment with emulated or real boards in the loop.
 
 use super::posture::{self, Trial, Variant};
-use super::{Context, follow};
+use super::{Context, follow, watch_for_interrupt};
 use crate::cli::{FollowArgs, HilArgs, LinkKind, parse_posture};
 use crate::driving::{self, Manner};
 use crate::error::Error;
 use crate::output::OutputDir;
+use crate::recording::{About, Session};
 use crate::scenario::Scenario;
 use crate::simulation::{self, Simulation, Span};
 use crate::supervision::Status;
@@ -24,6 +25,7 @@ use core_algos::node::board::Role;
 use core_algos::safety::OperatingState;
 use serde::Serialize;
 use serde_json::Value;
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
@@ -98,6 +100,7 @@ pub fn run(args: &HilArgs) -> Result<(), Error> {
         outcome,
         difference,
         mut report,
+        recorded,
     } = measured;
     let (text, experiment, mut files) = match (&task, &outcome) {
         (Task::Posture(variant), Outcome::Posture(trial)) => {
@@ -118,7 +121,7 @@ pub fn run(args: &HilArgs) -> Result<(), Error> {
     put_logs(&mut files, &logs);
     files.json("result.json", &report);
     let text = format!("{text}\n{}", summary(&report));
-    context.finish(&text, &report, files)?;
+    context.finish_with(&text, &report, files, recorded)?;
     let mut excess = report.boards.iter().filter_map(BoardReport::stack_excess);
     if let Some(excess) = excess.next() {
         return Err(Error::Failure(excess));
@@ -186,6 +189,7 @@ fn prepare(args: &HilArgs, context: &mut Context) -> Result<Task, Error> {
     };
     let args = FollowArgs {
         common: args.common.clone(),
+        log: args.log.clone(),
         path: path.clone(),
         speed: args.speed,
         size: args.size,
@@ -265,16 +269,6 @@ fn failure(text: &str) -> Result<Failure, Error> {
     })
 }
 
-/// A flag that Ctrl-C sets; a second one ends the program at once.
-pub(super) fn watch_for_interrupt() -> Result<Arc<AtomicBool>, Error> {
-    let flag = Arc::new(AtomicBool::new(false));
-    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
-        signal_hook::flag::register_conditional_shutdown(signal, 130, flag.clone())?;
-        signal_hook::flag::register(signal, flag.clone())?;
-    }
-    Ok(flag)
-}
-
 /// The boards that the arguments ask for.
 fn boards(args: &HilArgs, rps: bool, logs: &[BoardLog; 3]) -> Result<[Box<dyn Target>; 3], Error> {
     let images = match args.emulated {
@@ -306,6 +300,7 @@ struct Measured {
     outcome: Outcome,
     difference: Option<Difference>,
     report: Report,
+    recorded: Vec<PathBuf>,
 }
 
 /// Runs the experiment on the boards, and again in process if that is to be compared.
@@ -321,6 +316,13 @@ fn measure(
         Task::Posture(variant) => variant.apply(&context.scenario),
         Task::Course(..) => context.scenario.clone(),
     };
+    let about = About {
+        command: "hil",
+        seed: context.seed,
+        trial: 0,
+        scenario: &scenario,
+    };
+    let session = Session::begin(&args.log, &about)?;
     let prepare = |targets: [Box<dyn Target>; 3]| -> Result<Simulation, Error> {
         let mut simulation = Simulation::on(targets, &scenario, context.seed, 0)?;
         simulation
@@ -334,13 +336,28 @@ fn measure(
         simulation.record_trace();
         Ok(simulation)
     };
-    let mut simulation = prepare(boards(args, scenario.mission.rps, logs)?)?;
+    let mut targets = boards(args, scenario.mission.rps, logs)?;
+    if let Some(session) = &session {
+        targets = session.tap(targets, &scenario);
+        match task {
+            Task::Posture(_) => session.plan(scenario.mission.goal, &[]),
+            Task::Course(course, _) => session.plan(course.route.goal(), &course.route.postures()),
+        }
+    }
+    let mut simulation = prepare(targets)?;
+    if let Some(session) = &session {
+        simulation.record_to(session.clone());
+    }
     if args.real_time {
         simulation.keep_pace();
     }
     let start = Instant::now();
     let outcome = experiment(&mut simulation, &scenario, task)?;
     let wall_s = start.elapsed().as_secs_f64();
+    let recorded = match &session {
+        Some(session) => session.close(simulation.failure().as_deref())?,
+        None => Vec::new(),
+    };
     let trace = simulation.take_trace().unwrap_or_default();
     let difference = match args.compare {
         true => {
@@ -355,6 +372,7 @@ fn measure(
         outcome,
         difference: difference.flatten(),
         report,
+        recorded,
     })
 }
 

@@ -5,9 +5,11 @@ use crate::cli::LoopBenchArgs;
 use crate::error::Error;
 use crate::log;
 use crate::output;
+use crate::recording::{About, Session};
 use crate::scenario::Scenario;
-use crate::simulation::{self, Record};
+use crate::simulation::{self, Record, Simulation};
 use crate::table::Table;
+use crate::targets;
 use crate::timing::{self, Speed};
 use serde::Serialize;
 
@@ -16,7 +18,7 @@ use serde::Serialize;
 pub struct Report {
     /// As in [`timing::clock`].
     pub clock: &'static str,
-    /// Without and with a log.
+    /// Without a log, with a table of the epochs, and with everything the boards got and did.
     pub loops: Vec<Measured>,
 }
 
@@ -40,7 +42,7 @@ pub fn measure(scenario: &Scenario, seed: u64, repeats: usize) -> Result<Report,
     let mut epochs: u64 = 0;
     simulation::regulate(scenario, seed, 0, |_| epochs += 1)?;
     let simulated_s = epochs as f64 * core_algos::node::EPOCH as f64 * 1e-6;
-    let (mut failed, mut log_bytes) = (None, 0);
+    let (mut failed, mut log_bytes, mut recorded_bytes) = (None, 0, 0);
     let plain = Speed::measure(repeats, simulated_s, || {
         failed = simulation::regulate(scenario, seed, 0, |_| ()).err();
     });
@@ -48,6 +50,26 @@ pub fn measure(scenario: &Scenario, seed: u64, repeats: usize) -> Result<Report,
         let mut records: Vec<Record> = Vec::new();
         failed = simulation::regulate(scenario, seed, 0, |record| records.push(*record)).err();
         log_bytes = log::csv(&records).into_bytes().len();
+    });
+    let recorded = Speed::measure(repeats, simulated_s, || {
+        let about = About {
+            command: "loop-bench",
+            seed,
+            trial: 0,
+            scenario,
+        };
+        let run = || {
+            let session = Session::counted(&about)?;
+            let targets = session.tap(targets::in_process(), scenario);
+            let mut simulation = Simulation::on(targets, scenario, seed, 0)?;
+            simulation.record_to(session.clone());
+            simulation::regulate_on(&mut simulation, scenario, |_| ())?;
+            session.count()
+        };
+        match run() {
+            Ok(bytes) => recorded_bytes = bytes as usize,
+            Err(error) => failed = Some(error),
+        }
     });
     if let Some(error) = failed {
         return Err(error);
@@ -60,7 +82,11 @@ pub fn measure(scenario: &Scenario, seed: u64, repeats: usize) -> Result<Report,
     };
     Ok(Report {
         clock: timing::clock(),
-        loops: vec![of("plain", plain, 0), of("logged", logged, log_bytes)],
+        loops: vec![
+            of("plain", plain, 0),
+            of("logged", logged, log_bytes),
+            of("recorded", recorded, recorded_bytes),
+        ],
     })
 }
 

@@ -13,9 +13,11 @@ pub mod loop_bench;
 pub mod parameters;
 pub mod plant_bench;
 pub mod posture;
+pub mod replay;
 pub mod sensitivity;
 pub mod soak;
 pub mod sweep;
+pub mod topics;
 
 use crate::cli::Common;
 use crate::error::Error;
@@ -27,6 +29,8 @@ use rayon::prelude::*;
 use serde::Serialize;
 use std::io::{self, Write};
 use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 impl From<OutputError> for Error {
     fn from(error: OutputError) -> Self {
@@ -43,12 +47,24 @@ pub fn print(text: &str) -> Result<(), Error> {
     }
 }
 
+/// A flag that Ctrl-C sets; a second one ends the program at once.
+pub fn watch_for_interrupt() -> Result<Arc<AtomicBool>, Error> {
+    let flag = Arc::new(AtomicBool::new(false));
+    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
+        signal_hook::flag::register_conditional_shutdown(signal, 130, flag.clone())?;
+        signal_hook::flag::register(signal, flag.clone())?;
+    }
+    Ok(flag)
+}
+
 /// What an experiment needs besides its own arguments.
 pub struct Context {
     /// The scenario with the changes of the command line.
     pub scenario: Scenario,
     /// Seed of all draws.
     pub seed: u64,
+    /// The command.
+    pub name: String,
     out: PathBuf,
     json: Option<PathBuf>,
     pool: rayon::ThreadPool,
@@ -65,6 +81,7 @@ impl Context {
         Ok(Self {
             scenario,
             seed: common.seed,
+            name: name.to_owned(),
             out: common
                 .out
                 .clone()
@@ -111,10 +128,22 @@ impl Context {
         result: &impl Serialize,
         files: OutputDir,
     ) -> Result<(), Error> {
+        self.finish_with(table, result, files, Vec::new())
+    }
+
+    /// The same after a recording, whose files are named too.
+    pub fn finish_with(
+        &self,
+        table: &str,
+        result: &impl Serialize,
+        files: OutputDir,
+        recorded: Vec<PathBuf>,
+    ) -> Result<(), Error> {
         if let Some(path) = &self.json {
             output::write_file(path, output::json(result))?;
         }
-        let written = files.commit()?;
+        let mut written = files.commit()?;
+        written.extend(recorded);
         let lines: Vec<String> = written
             .iter()
             .map(|path| format!("wrote {}", path.display()))
@@ -124,10 +153,6 @@ impl Context {
 
     /// Dimensions of the robot for pictures.
     pub fn body(&self) -> Body {
-        Body {
-            half_track_m: self.scenario.plant.half_track_m[0],
-            wheel_radius_m: self.scenario.plant.wheel_radius_m[0][0],
-            wheel_width_m: 0.03,
-        }
+        Body::of(&self.scenario.plant)
     }
 }

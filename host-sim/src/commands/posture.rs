@@ -7,12 +7,15 @@ use crate::error::Error;
 use crate::figures::{self, ErrorTrace, ErrorsColumn, PathsPanel, Snapshot};
 use crate::log;
 use crate::output::OutputDir;
+use crate::recording::{About, Recorder};
+use crate::report;
 use crate::scenario::Scenario;
 use crate::simulation::{self, Outcome, Record};
 use crate::statistics::{self, Summary};
 use crate::table::{Table, plus_minus};
 use core_algos::fusion::tandem::Mode;
 use serde::Serialize;
+use std::path::PathBuf;
 
 /// A configuration of sensors and fusion: one row of the table.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -206,6 +209,9 @@ pub fn run(args: &PostureArgs) -> Result<(), Error> {
     let trials = args.trials as usize;
     let goal = context.scenario.mission.goal;
 
+    // Refused now rather than after the trials.
+    args.log.check()?;
+
     // Paths are kept for the two configurations the pictures show.
     let shown = Variant::PAIR;
     let results = context.run("trials", variants.len() * trials, |index| {
@@ -221,7 +227,27 @@ pub fn run(args: &PostureArgs) -> Result<(), Error> {
         Ok(kept)
     })?;
     let (text, report, files) = publish(&context, variants, &shown, &results, goal)?;
-    context.finish(&text, &report, files)
+    let recorded = record(args, &context)?;
+    context.finish_with(&text, &report, files, recorded)
+}
+
+/// Runs the first trial with the sensor once more, and records it.
+fn record(args: &PostureArgs, context: &Context) -> Result<Vec<PathBuf>, Error> {
+    if !args.log.any() {
+        return Ok(Vec::new());
+    }
+    let scenario = Variant::PAIR[1].apply(&context.scenario);
+    let about = About {
+        command: "posture",
+        seed: context.seed,
+        trial: 0,
+        scenario: &scenario,
+    };
+    let recorder = Recorder::begin(&args.log, &about, scenario.mission.goal, &[])?;
+    let mut simulation = recorder.simulation(&scenario, context.seed, 0)?;
+    simulation::regulate_on(&mut simulation, &scenario, |_| ())?;
+    drop(simulation);
+    recorder.close()
 }
 
 /// What is kept of a trial.
@@ -274,7 +300,9 @@ pub fn publish(
     let body = context.body();
     let mut panels = Vec::new();
     let mut columns = Vec::new();
-    for variant in shown {
+    let applied: Vec<Scenario> = shown.iter().map(|v| v.apply(&context.scenario)).collect();
+    let mut runs = Vec::new();
+    for (variant, scenario) in shown.iter().zip(&applied) {
         let Some(row) = variants.iter().position(|v| v == variant) else {
             continue;
         };
@@ -304,7 +332,9 @@ pub fn publish(
             truth: trace(records, goal, |record| record.midpoint),
         });
         files.csv(&format!("log-{}.csv", variant.fusion()), log::csv(records));
+        runs.push(shown_run(variant, scenario, &rows[row], block));
     }
+    report::add(&mut files, &context.name, context.seed, &body, &runs);
     let figure = figures::paths("Robot paths during posture regulation", &body, &panels);
     files.text("paths.svg", figure.svg());
     files.bytes("paths.png", figure.png());
@@ -355,6 +385,80 @@ pub fn publish(
     };
     files.json("result.json", &report);
     Ok((text, report, files))
+}
+
+/// A trial for the page.
+fn shown_run<'a>(
+    variant: &Variant,
+    scenario: &'a Scenario,
+    row: &Row,
+    trials: &'a [Trial],
+) -> report::Run<'a> {
+    let goal = scenario.mission.goal;
+    let error = |posture: [f64; 3]| {
+        let error = FinalError::of(posture, goal);
+        [error.e_m, error.heading_rad]
+    };
+    let estimate = |record: &Record| {
+        let p = record.lead.fused.robot.posture;
+        [p.x, p.y, p.phi].map(f64::from)
+    };
+    let (outcome, records) = (&trials[0].outcome, &trials[0].records);
+    let last = FinalError::of(outcome.midpoint, goal);
+    let line = |name: &str, value: String| (name.to_owned(), value);
+    let mut summary = vec![
+        line(
+            "Error at the end",
+            format!(
+                "{:.2} mm, {:.2}°",
+                1e3 * last.e_m,
+                last.heading_rad.to_degrees()
+            ),
+        ),
+        line(
+            "Time",
+            match outcome.done {
+                true => format!("at rest on the goal after {:.1} s", outcome.duration_s),
+                false => format!("NOT at rest on the goal after {:.1} s", outcome.duration_s),
+            },
+        ),
+        line(
+            "Way",
+            format!("{:.2} m, {} cusps", outcome.path_m, outcome.cusps),
+        ),
+        line(
+            "Force of the frame, rms",
+            format!("{:.2} N", outcome.force_rms_n),
+        ),
+    ];
+    if trials.len() > 1 {
+        summary.push(line(
+            &format!("Error of all {} trials", trials.len()),
+            format!(
+                "{} mm, {}°",
+                plus_minus(1e3 * row.e_m.mean, 1e3 * row.e_m.sd, 2),
+                plus_minus(
+                    row.heading_rad.mean.to_degrees(),
+                    row.heading_rad.sd.to_degrees(),
+                    2
+                )
+            ),
+        ));
+    }
+    report::Run {
+        title: format!("Posture regulation: {}", variant.label()),
+        name: variant.label(),
+        goal: Some(goal),
+        reference: Vec::new(),
+        errors: records
+            .iter()
+            .map(|record| [error(record.midpoint), error(estimate(record))])
+            .collect(),
+        records: records.iter().collect(),
+        distance: "Distance to the goal",
+        summary,
+        scenario,
+    }
 }
 
 /// Epochs since the start of the simulation.

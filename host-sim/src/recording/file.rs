@@ -1,0 +1,354 @@
+//! The MCAP file: a channel for each topic.
+
+use super::entry::{ABOUT, BusEntry, Can, END, FORMAT, LeadEntry, Pose, Said, TruthEntry};
+use super::sink::Sink;
+use super::topics::TOPICS;
+use super::{About, BUILD, Line, standard};
+use crate::dbc;
+use crate::error::Error;
+use crate::figures::Body;
+use crate::simulation::Record;
+use crate::supervision::Status;
+use crate::targets::Report;
+use core_algos::bus::layout::{self, Node};
+use core_algos::bus::{self, Frame};
+use core_algos::hil::framing::crc32c;
+use core_algos::math::Posture;
+use core_algos::node::board::Role;
+use core_algos::safety::{Class, OperatingState};
+use foxglove::messages::{
+    FrameTransforms, Log, PoseInFrame, PosesInFrame, SceneUpdate, log::Level,
+};
+use foxglove::{Channel, ChannelBuilder, Encode, PartialMetadata, RawChannel};
+use serde::Serialize;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// Epochs between two pictures of the scene.
+const SCENE_EPOCHS: u64 = 5;
+/// Epochs between two points of the way so far, and between two messages of it.
+const WAY_EPOCHS: [u64; 2] = [10, 100];
+/// Most points of the way in a message, about; of a longer one every n-th is sent.
+const WAY_POINTS: usize = 300;
+
+/// Most points of the path to be driven, about.
+const REFERENCE_POINTS: usize = 2_000;
+
+/// A simulated time in ns as that of a message.
+fn at(nanos: u64) -> PartialMetadata {
+    PartialMetadata::with_log_time(nanos)
+}
+
+fn nanos(tick: u32) -> u64 {
+    u64::from(tick) * 1_000_000
+}
+
+fn failed(error: impl std::fmt::Display) -> Error {
+    Error::Failure(format!("log: {error}"))
+}
+
+/// A channel of messages in JSON.
+struct Json(Arc<RawChannel>);
+
+impl Json {
+    fn new(sink: &Sink, topic: &str) -> Result<Self, Error> {
+        let known = TOPICS.iter().find(|known| known.name == topic);
+        let schema = known.map(|known| &known.schema);
+        let schema = schema.ok_or_else(|| failed(format!("no topic {topic}")))?;
+        ChannelBuilder::new(topic)
+            .context(sink.context())
+            .message_encoding("json")
+            .schema(foxglove::Schema::new(
+                schema.name,
+                "jsonschema",
+                schema.json().into_bytes(),
+            ))
+            .build_raw()
+            .map(Self)
+            .map_err(failed)
+    }
+
+    fn of_boards(sink: &Sink, what: &str) -> Result<[Self; 3], Error> {
+        let one = |role: Role| Self::new(sink, &format!("/boards/{}/{what}", role.name()));
+        Ok([one(Role::Front)?, one(Role::Rear)?, one(Role::Beam)?])
+    }
+
+    fn write(&self, room: &mut Vec<u8>, tick: u32, entry: &impl Serialize) {
+        room.clear();
+        // No entry's `Serialize` fails, and memory can be written to.
+        if serde_json::to_writer(&mut *room, entry).is_ok() {
+            self.0.log_with_meta(room, at(nanos(tick)));
+        }
+    }
+}
+
+/// A channel of Foxglove's messages.
+fn standard_channel<T: Encode>(sink: &Sink, topic: &str) -> Channel<T> {
+    ChannelBuilder::new(topic).context(sink.context()).build()
+}
+
+/// An MCAP file that is being written.
+pub struct Mcap {
+    sink: Sink,
+    about: Vec<(&'static str, String)>,
+    boards: [String; 3],
+    body: Body,
+    transforms: Channel<FrameTransforms>,
+    truth_robot: Channel<PoseInFrame>,
+    estimate_robot: Channel<PoseInFrame>,
+    way: Channel<PosesInFrame>,
+    goal: Channel<PoseInFrame>,
+    reference: Channel<PosesInFrame>,
+    scene: Channel<SceneUpdate>,
+    log: Channel<Log>,
+    lead: Json,
+    truth: Json,
+    bus: Json,
+    order: Json,
+    start: [Json; 3],
+    ticks: [Json; 3],
+    off: [Json; 3],
+    room: Vec<u8>,
+    /// What each node said of itself last.
+    statuses: [Option<Status>; Node::ALL.len()],
+    estimate: Option<(u32, Posture)>,
+    way_so_far: Vec<Pose>,
+    epochs: u64,
+    ended: Option<String>,
+    whole: bool,
+}
+
+impl Mcap {
+    /// A file whose metadata are those of the run.
+    pub fn new(sink: Sink, about: &About) -> Result<Self, Error> {
+        let scenario = about.scenario.to_toml()?;
+        let sum = |text: &str| format!("{:08x}", crc32c(text.as_bytes()));
+        Ok(Self {
+            about: vec![
+                ("format", FORMAT.to_owned()),
+                ("build", BUILD.to_owned()),
+                ("version", env!("CARGO_PKG_VERSION").to_owned()),
+                ("command", about.command.to_owned()),
+                ("seed", about.seed.to_string()),
+                ("trial", about.trial.to_string()),
+                ("scenario_hash", sum(&scenario)),
+                ("scenario", scenario),
+                ("messages_hash", sum(&dbc::description())),
+            ],
+            boards: Default::default(),
+            body: Body::of(&about.scenario.plant),
+            transforms: standard_channel(&sink, "/tf"),
+            truth_robot: standard_channel(&sink, "/truth/robot"),
+            estimate_robot: standard_channel(&sink, "/estimate/robot"),
+            way: standard_channel(&sink, "/truth/path"),
+            goal: standard_channel(&sink, "/goal"),
+            reference: standard_channel(&sink, "/reference/path"),
+            scene: standard_channel(&sink, "/scene"),
+            log: standard_channel(&sink, "/log"),
+            lead: Json::new(&sink, "/lead")?,
+            truth: Json::new(&sink, "/truth")?,
+            bus: Json::new(&sink, "/bus")?,
+            order: Json::new(&sink, "/host/order")?,
+            start: Json::of_boards(&sink, "start")?,
+            ticks: Json::of_boards(&sink, "tick")?,
+            off: Json::of_boards(&sink, "off")?,
+            room: Vec::with_capacity(1024),
+            statuses: [None; Node::ALL.len()],
+            estimate: None,
+            way_so_far: Vec::new(),
+            epochs: 0,
+            ended: Some("interrupted".to_owned()),
+            whole: false,
+            sink,
+        })
+    }
+
+    /// Where the robot is to go, and along which path.
+    pub fn plan(&self, goal: [f64; 3], path: &[[f64; 3]]) {
+        let goal = standard::in_world(0, &goal.into());
+        self.goal.log_with_meta(&goal, at(0));
+        if !path.is_empty() {
+            let stride = path.len().div_ceil(REFERENCE_POINTS);
+            let points = path.iter().step_by(stride).copied();
+            let poses: Vec<Pose> = points.map(Pose::from).collect();
+            let path = standard::path(0, &poses);
+            self.reference.log_with_meta(&path, at(0));
+        }
+    }
+
+    /// What a tap heard.
+    pub fn note(&mut self, line: &Line) {
+        let Self { room, .. } = self;
+        match line {
+            Line::Axle(role, entry) => self.ticks[*role as usize].write(room, entry.tick, entry),
+            Line::Beam(entry) => self.ticks[Role::Beam as usize].write(room, entry.tick, entry),
+            Line::Lead(tick, output) => {
+                let entry = LeadEntry::new(*tick, output);
+                self.lead.write(room, *tick, &entry);
+                self.estimate = Some((*tick, output.fused.robot.posture));
+            }
+            Line::Frames(role, tick, frames) => self.frames(*role, *tick, frames),
+            Line::Order(entry) => self.order.write(room, entry.tick, entry),
+            Line::Start(role, entry, report) => {
+                self.start[*role as usize].write(room, entry.tick, entry);
+                self.started(*role, &entry.parameters_hash, report);
+            }
+            Line::Off(role, entry) => {
+                self.off[*role as usize].write(room, entry.tick, entry);
+                let text = format!("{} board off: {}", role.name(), entry.reason);
+                self.say(entry.tick, Level::Error, role.name(), text);
+            }
+        }
+    }
+
+    /// The boards are started one after the other; the last one completes what is known of the run.
+    fn started(&mut self, role: Role, parameters: &str, report: &Report) {
+        let board = &mut self.boards[role as usize];
+        if board.is_empty() {
+            *board = format!("{}, {}", report.target, report.build);
+        }
+        if self.epochs == 0 && role == Role::Front {
+            self.about.push(("parameters_hash", parameters.to_owned()));
+        }
+    }
+
+    fn frames(&mut self, role: Role, tick: u32, frames: &[Frame]) {
+        let said = frames.iter().map(|frame| Said {
+            name: layout::find(frame.id).map_or("unknown", |layout| layout.name),
+            frame: Can(*frame),
+            message: bus::decode(frame).ok(),
+        });
+        let entry = BusEntry {
+            tick,
+            board: role,
+            frames: said.collect(),
+        };
+        self.bus.write(&mut self.room, tick, &entry);
+        let messages = entry.frames.iter().filter_map(|said| said.message.as_ref());
+        for status in messages.filter_map(|message| Status::of_message(tick, message)) {
+            self.status(tick, status);
+        }
+    }
+
+    /// Tells of a node that has changed.
+    fn status(&mut self, tick: u32, status: Status) {
+        let last = self.statuses[status.node as usize].replace(status);
+        let same =
+            last.is_some_and(|last| (last.state, last.reason) == (status.state, status.reason));
+        if same {
+            return;
+        }
+        let level = match (status.state, status.reason.map(|reason| reason.class())) {
+            (OperatingState::Fault, _) | (_, Some(Class::Cut)) => Level::Error,
+            (OperatingState::SafeStop, _) | (_, Some(_)) => Level::Warning,
+            _ => Level::Info,
+        };
+        self.say(tick, level, status.node.name(), status.to_string());
+    }
+
+    fn say(&self, tick: u32, level: Level, name: &str, message: String) {
+        let time = nanos(tick);
+        let log = Log {
+            timestamp: Some(standard::stamp(time)),
+            level: level as i32,
+            message,
+            name: name.to_owned(),
+            ..Log::default()
+        };
+        self.log.log_with_meta(&log, at(time));
+    }
+
+    /// The true state at the end of an epoch.
+    pub fn see(&mut self, record: &Record) {
+        let tick = (record.time_s * 1e3).round() as u32;
+        let time = nanos(tick);
+        let robot = Pose::from(record.midpoint);
+        let [front, rear] = record.axles.map(Pose::from);
+        let mut frames = vec![("robot", robot), ("front_axle", front), ("rear_axle", rear)];
+        if let Some((at_tick, posture)) = self.estimate {
+            let estimate = Pose::from(posture);
+            let held = nanos(super::entry::epoch_of(at_tick));
+            let pose = standard::in_world(held, &estimate);
+            self.estimate_robot.log_with_meta(&pose, at(time));
+            frames.push(("robot_estimate", estimate));
+        }
+        let transforms = standard::transforms(time, &frames);
+        self.transforms.log_with_meta(&transforms, at(time));
+        let pose = standard::in_world(time, &robot);
+        self.truth_robot.log_with_meta(&pose, at(time));
+        let [force_x, force_y, root, end] = record.wrench;
+        let four = |pairs: [[f64; 2]; 2]| [pairs[0][0], pairs[0][1], pairs[1][0], pairs[1][1]];
+        let truth = TruthEntry {
+            time_s: record.time_s,
+            robot,
+            front,
+            rear,
+            relative: record.relative.into(),
+            wheel_speed_rad_s: four(record.wheel_speed),
+            torque_nm: four(record.torque),
+            force_n: [force_x, force_y],
+            moment_nm: [root, end],
+            strain: record.strain.to_vec(),
+        };
+        self.truth.write(&mut self.room, tick, &truth);
+        if self.epochs.is_multiple_of(SCENE_EPOCHS) {
+            let scene = standard::scene(time, record, &self.body);
+            self.scene.log_with_meta(&scene, at(time));
+        }
+        if self.epochs.is_multiple_of(WAY_EPOCHS[0]) {
+            self.way_so_far.push(robot);
+        }
+        if self.epochs.is_multiple_of(WAY_EPOCHS[1]) {
+            let stride = self.way_so_far.len().div_ceil(WAY_POINTS).max(1);
+            let way = standard::path(time, self.way_so_far.iter().step_by(stride));
+            self.way.log_with_meta(&way, at(time));
+        }
+        self.epochs += 1;
+    }
+
+    /// What is known of the run, at its end.
+    fn metadata(&mut self) {
+        for role in Role::ALL {
+            let board = std::mem::take(&mut self.boards[role as usize]);
+            let key = match role {
+                Role::Front => "board_front",
+                Role::Rear => "board_rear",
+                Role::Beam => "board_beam",
+            };
+            if !board.is_empty() {
+                self.about.push((key, board));
+            }
+        }
+        self.sink.metadata(ABOUT, &self.about);
+        let ended = self.ended.take().unwrap_or_default();
+        let end = [
+            ("whole", self.whole.to_string()),
+            ("ended", ended),
+            ("epochs", self.epochs.to_string()),
+        ];
+        self.sink.metadata(END, &end);
+    }
+
+    /// Finishes the file of a run; `ended` says why one ended before its task. Gives its length.
+    pub fn close(&mut self, ended: Option<&str>) -> Result<u64, Error> {
+        self.ended = ended.map(str::to_owned);
+        self.whole = true;
+        self.metadata();
+        let closed = self.sink.close();
+        self.about.clear();
+        Ok(closed?)
+    }
+
+    /// Where the file is.
+    pub fn path(&self) -> Option<PathBuf> {
+        self.sink.path()
+    }
+}
+
+impl Drop for Mcap {
+    fn drop(&mut self) {
+        if !self.about.is_empty() {
+            self.metadata();
+        }
+    }
+}

@@ -1,0 +1,268 @@
+//! Recording a run: everything its boards got and did, and what the robot really did meanwhile, as
+//! an MCAP file, as tables, or both.
+//!
+//! A [`Session`] is one recording. [`Session::tap`] puts a listener on each board, wherever it runs;
+//! [`Session::see`] takes in the true state once an epoch. [`topics`] is the table of what is
+//! written, [`entry`] what the messages hold, [`read`] the way back.
+//!
+//! Times are simulated time since the start, in a log as nanoseconds: one run gives the same bytes
+//! every time.
+
+pub mod entry;
+mod file;
+pub mod read;
+mod sink;
+mod standard;
+pub mod tables;
+mod tap;
+pub mod topics;
+
+use crate::commands::watch_for_interrupt;
+use crate::error::Error;
+use crate::scenario::Scenario;
+use crate::simulation::{Record, Simulation};
+use crate::targets::{self, Report, Target};
+use core_algos::bus::Frame;
+use core_algos::node::board::Role;
+use core_algos::node::lead::{self, Task};
+use entry::{AxleTick, BeamTick, Given, Off, OrderEntry, Start};
+use file::Mcap;
+use sink::Sink;
+use std::path::PathBuf;
+use std::sync::atomic::AtomicBool;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use tables::Tables;
+
+/// What this program was built from.
+pub const BUILD: &str = env!("BUILD");
+
+/// Where a recording goes.
+#[derive(Clone, Debug, Default, PartialEq, Eq, clap::Args)]
+pub struct LogArgs {
+    /// Write everything the boards got and did to this MCAP file (see docs/logs.md); of several
+    /// runs, the one of the robot as configured that is drawn
+    #[arg(long, value_name = "FILE")]
+    pub log: Option<PathBuf>,
+    /// Write the same run as CSV: the epochs into a FILE that ends in .csv, or epochs, ticks and bus
+    /// frames into a DIR
+    #[arg(long, value_name = "DIR|FILE")]
+    pub csv: Option<PathBuf>,
+}
+
+impl LogArgs {
+    /// Whether anything is to be recorded.
+    pub fn any(&self) -> bool {
+        self.log.is_some() || self.csv.is_some()
+    }
+
+    /// Whether the files can be written, tried before hours of work.
+    pub fn check(&self) -> Result<(), Error> {
+        if let Some(path) = &self.csv {
+            Tables::new(path)?;
+        }
+        if let Some(path) = &self.log {
+            Sink::try_file(path)?;
+        }
+        Ok(())
+    }
+}
+
+/// A run in this process that is recorded, if that is asked for; Ctrl-C then ends it with what there
+/// is.
+pub struct Recorder {
+    session: Option<Session>,
+    interrupt: Option<Arc<AtomicBool>>,
+}
+
+impl Recorder {
+    /// Begins the recording of a run to `goal`, along a path if it has points.
+    pub fn begin(
+        args: &LogArgs,
+        about: &About,
+        goal: [f64; 3],
+        path: &[[f64; 3]],
+    ) -> Result<Self, Error> {
+        let session = Session::begin(args, about)?;
+        if let Some(session) = &session {
+            session.plan(goal, path);
+        }
+        let interrupt = session.as_ref().map(|_| watch_for_interrupt());
+        Ok(Self {
+            interrupt: interrupt.transpose()?,
+            session,
+        })
+    }
+
+    /// The run.
+    pub fn simulation(
+        &self,
+        scenario: &Scenario,
+        seed: u64,
+        trial: u64,
+    ) -> Result<Simulation, Error> {
+        let Some(session) = &self.session else {
+            return Simulation::new(scenario, seed, trial);
+        };
+        let targets = session.tap(targets::in_process(), scenario);
+        let mut simulation = Simulation::on(targets, scenario, seed, trial)?;
+        simulation.record_to(session.clone());
+        if let Some(flag) = &self.interrupt {
+            simulation.stop_on(flag.clone());
+        }
+        Ok(simulation)
+    }
+
+    /// Ends the recording; gives the files.
+    pub fn close(self) -> Result<Vec<PathBuf>, Error> {
+        match &self.session {
+            Some(session) => session.close(None),
+            None => Ok(Vec::new()),
+        }
+    }
+}
+
+/// What a recording is of.
+#[derive(Clone, Debug)]
+pub struct About<'a> {
+    /// The command.
+    pub command: &'a str,
+    /// Seed of all draws.
+    pub seed: u64,
+    /// Number of the trial.
+    pub trial: u64,
+    /// The scenario as it was run.
+    pub scenario: &'a Scenario,
+}
+
+/// A recording; its clones are the same one.
+#[derive(Clone)]
+pub struct Session(Arc<Mutex<Inner>>);
+
+struct Inner {
+    mcap: Option<Mcap>,
+    tables: Option<Tables>,
+}
+
+impl Session {
+    /// Begins a recording, if one is asked for.
+    pub fn begin(args: &LogArgs, about: &About) -> Result<Option<Self>, Error> {
+        if !args.any() {
+            return Ok(None);
+        }
+        let tables = args.csv.as_deref().map(Tables::new).transpose()?;
+        let mcap = match &args.log {
+            Some(path) => Some(Mcap::new(Sink::to_file(path)?, about)?),
+            None => None,
+        };
+        Ok(Some(Self::of(Inner { mcap, tables })))
+    }
+
+    /// A recording whose bytes are only counted.
+    pub fn counted(about: &About) -> Result<Self, Error> {
+        let mcap = Some(Mcap::new(Sink::counted()?, about)?);
+        Ok(Self::of(Inner { mcap, tables: None }))
+    }
+
+    fn of(inner: Inner) -> Self {
+        Self(Arc::new(Mutex::new(inner)))
+    }
+
+    fn inner(&self) -> MutexGuard<'_, Inner> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Listens to these boards, which run in this scenario.
+    pub fn tap(&self, targets: [Box<dyn Target>; 3], scenario: &Scenario) -> [Box<dyn Target>; 3] {
+        let encoded = scenario.bus.quantise;
+        let mut roles = Role::ALL.into_iter();
+        targets.map(|target| {
+            let role = roles.next().unwrap_or(Role::Beam);
+            Box::new(tap::Tap::new(role, target, self.clone(), encoded)) as Box<dyn Target>
+        })
+    }
+
+    /// Where the robot is to go, and along which path.
+    pub fn plan(&self, goal: [f64; 3], path: &[[f64; 3]]) {
+        if let Some(mcap) = &self.inner().mcap {
+            mcap.plan(goal, path);
+        }
+    }
+
+    /// The true state at the end of an epoch.
+    pub fn see(&self, record: &Record) {
+        let mut inner = self.inner();
+        if let Some(mcap) = &mut inner.mcap {
+            mcap.see(record);
+        }
+        if let Some(tables) = &mut inner.tables {
+            tables.epoch(record);
+        }
+    }
+
+    /// Ends the recording; gives the files. `ended` says why a run ended before its task.
+    pub fn close(&self, ended: Option<&str>) -> Result<Vec<PathBuf>, Error> {
+        let mut inner = self.inner();
+        let mut files = Vec::new();
+        if let Some(mut mcap) = inner.mcap.take() {
+            mcap.close(ended)?;
+            files.extend(mcap.path());
+        }
+        if let Some(tables) = inner.tables.take() {
+            files.extend(tables.write()?);
+        }
+        Ok(files)
+    }
+
+    /// Ends a recording that was only counted; gives its length, bytes.
+    pub fn count(&self) -> Result<u64, Error> {
+        match &mut self.inner().mcap {
+            Some(mcap) => mcap.close(None),
+            None => Ok(0),
+        }
+    }
+
+    /// Hands a line of the recording to those who write it down.
+    fn note(&self, line: &Line) {
+        let mut inner = self.inner();
+        if let Some(mcap) = &mut inner.mcap {
+            mcap.note(line);
+        }
+        if let Some(tables) = &mut inner.tables {
+            tables.note(line);
+        }
+    }
+}
+
+/// What a tap hears.
+enum Line<'a> {
+    /// A board's nodes were started.
+    Start(Role, Start, &'a Report),
+    /// A board went off.
+    Off(Role, Off),
+    /// The host told the lead node something.
+    Order(OrderEntry),
+    /// A board put frames on the bus.
+    Frames(Role, u32, &'a [Frame]),
+    /// The front board's answer brought the lead node's output.
+    Lead(u32, &'a lead::Output),
+    /// A tick of an axle board.
+    Axle(Role, AxleTick),
+    /// A tick of the beam board.
+    Beam(BeamTick),
+}
+
+/// A command in words.
+fn in_words(given: &Given) -> String {
+    let list = |count: usize, what: &str, end: bool| {
+        let end = if end { ", the last" } else { "" };
+        format!("{count} points of the {what}{end}")
+    };
+    match given {
+        Given::Task(Task::Regulate { goal }) => {
+            format!("regulate to {} m, {} m, {} rad", goal.x, goal.y, goal.phi)
+        }
+        Given::Task(task) => format!("{task:?}").to_lowercase(),
+        Given::Path(points, end) => list(points.len(), "path", *end),
+        Given::Trajectory(points, end) => list(points.len(), "trajectory", *end),
+    }
+}

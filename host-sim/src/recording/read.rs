@@ -1,0 +1,305 @@
+//! Reading a log again: what each board got and did, in order.
+//!
+//! A file that is cut short, damaged, or none of this program is refused as bad input with what is
+//! wrong with it and where; nothing in a file can make the reader panic or take much more memory
+//! than the file.
+
+use super::entry::{
+    ABOUT, AxleTick, BeamTick, BusFrames, Can, END, Exact, FORMAT, Given, LeadBits, Off,
+    OrderEntry, Start, TruthEntry,
+};
+use crate::error::Error;
+use core_algos::beam::MAX_GAUGES;
+use core_algos::bus::Frame;
+use core_algos::hil::protocol::Place;
+use core_algos::node::board::{Role, Samples};
+use core_algos::node::robot::RobotConfig;
+use core_algos::node::{axle, lead};
+use mcap::McapError;
+use mcap::read::ChunkFlattener;
+use mcap::records::Record;
+use serde::de::DeserializeOwned;
+use std::collections::{BTreeMap, HashMap};
+
+/// What happened to a board.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Event {
+    /// Its nodes were started.
+    Start {
+        /// The first tick, ms.
+        tick: u32,
+        /// Parameters.
+        config: Box<RobotConfig>,
+        /// Where the lead node takes the robot to be.
+        place: Option<Box<Place>>,
+    },
+    /// It was switched off or lost, at this tick, ms.
+    Off(u32),
+    /// The lead node was told something before this tick, ms.
+    Order(u32, Given),
+    /// A tick.
+    Tick(Box<Step>),
+}
+
+impl Event {
+    /// The parameters, of a start.
+    pub fn config(&self) -> Option<&RobotConfig> {
+        match self {
+            Self::Start { config, .. } => Some(config),
+            _ => None,
+        }
+    }
+
+    /// When, ms.
+    pub fn tick(&self) -> u32 {
+        match self {
+            Self::Start { tick, .. } | Self::Off(tick) | Self::Order(tick, _) => *tick,
+            Self::Tick(step) => step.tick,
+        }
+    }
+}
+
+/// One tick of a board.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Step {
+    /// Time, ms.
+    pub tick: u32,
+    /// What its sensors read.
+    pub samples: Samples,
+    /// Frames that arrived.
+    pub received: Vec<Frame>,
+    /// Torques it commanded, N m.
+    pub torque_nm: [Exact; 2],
+    /// Frames it sent.
+    pub sent: Vec<Frame>,
+    /// The lead node's output, when it came with this tick's answer.
+    pub lead: Option<Box<lead::Output>>,
+}
+
+/// A log.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Recording {
+    /// Metadata of the run.
+    pub about: BTreeMap<String, String>,
+    /// How it ended.
+    pub end: BTreeMap<String, String>,
+    /// What happened to each board, in the order of [`Role::ALL`].
+    pub boards: [Vec<Event>; 3],
+    /// The true state, by time, ms.
+    pub truth: BTreeMap<u32, TruthEntry>,
+}
+
+impl Recording {
+    /// Ticks of the board that has most.
+    pub fn ticks(&self) -> usize {
+        let ticks = |events: &Vec<Event>| {
+            let ticks = events
+                .iter()
+                .filter(|event| matches!(event, Event::Tick(_)));
+            ticks.count()
+        };
+        self.boards.iter().map(ticks).max().unwrap_or_default()
+    }
+}
+
+/// What is not yet complete while a log is read.
+#[derive(Default)]
+struct Pending {
+    /// Frames that each board sent at the tick whose entry comes next.
+    sent: [Vec<(u32, Frame)>; 3],
+    lead: Option<LeadBits>,
+}
+
+/// Reads a log; `name` stands in errors.
+pub fn read(bytes: &[u8], name: &str) -> Result<Recording, Error> {
+    let refuse = |what: String| Error::input(format!("{name}: {what}"));
+    let mut recording = Recording::default();
+    let mut pending = Pending::default();
+    let mut topics: HashMap<u16, String> = HashMap::new();
+    let mut position = 0u64;
+    let records = ChunkFlattener::new(bytes).map_err(|error| refuse(explain(&error)))?;
+    for record in records {
+        let record = record
+            .map_err(|error| refuse(format!("after {position} messages: {}", explain(&error))))?;
+        match record {
+            Record::Channel(channel) => {
+                topics.insert(channel.id, channel.topic);
+            }
+            Record::Message { header, data } => {
+                position += 1;
+                let Some(topic) = topics.get(&header.channel_id) else {
+                    return Err(refuse(format!("message {position}: of an unknown channel")));
+                };
+                recording
+                    .take(&mut pending, topic, &data)
+                    .map_err(|what| refuse(format!("message {position} on {topic}: {what}")))?;
+            }
+            Record::Metadata(metadata) if metadata.name == ABOUT => {
+                recording.about = metadata.metadata;
+            }
+            Record::Metadata(metadata) if metadata.name == END => {
+                recording.end = metadata.metadata;
+            }
+            _ => {}
+        }
+    }
+    match recording.about.get("format").map(String::as_str) {
+        Some(FORMAT) => {}
+        Some(other) => {
+            return Err(refuse(format!(
+                "a log of format {other}: this program reads format {FORMAT}"
+            )));
+        }
+        None => {
+            return Err(refuse(
+                "not a log of cfmmr: it has no metadata record of that name".to_owned(),
+            ));
+        }
+    }
+    if recording.ticks() == 0 {
+        return Err(refuse("no board ran in it".to_owned()));
+    }
+    Ok(recording)
+}
+
+/// An error of the file's format in plain words.
+fn explain(error: &McapError) -> String {
+    match error {
+        McapError::BadMagic => {
+            "not a whole MCAP file: its first or last bytes are not those of one, \
+                                so it is another kind of file or was cut short"
+                .to_owned()
+        }
+        McapError::UnexpectedEof | McapError::UnexpectedEoc | McapError::BadFooter => {
+            "the file is cut short".to_owned()
+        }
+        McapError::UnsupportedCompression(which) => {
+            format!("compressed by {which}: cfmmr writes its logs without")
+        }
+        error => format!("damaged: {error}"),
+    }
+}
+
+fn parse<T: DeserializeOwned>(data: &[u8]) -> Result<T, String> {
+    serde_json::from_slice(data).map_err(|error| error.to_string())
+}
+
+impl Recording {
+    /// Takes in a message; one on a topic that replay does not need is left alone.
+    fn take(&mut self, pending: &mut Pending, topic: &str, data: &[u8]) -> Result<(), String> {
+        match topic {
+            "/truth" => {
+                let entry: TruthEntry = parse(data)?;
+                let tick = (entry.time_s * 1e3).round() as u32;
+                self.truth.insert(tick, entry);
+            }
+            "/bus" => {
+                let entry: BusFrames = parse(data)?;
+                let frames = entry.frames.into_iter();
+                pending.sent[entry.board as usize]
+                    .extend(frames.map(|said| (entry.tick, said.frame.0)));
+            }
+            "/lead" => pending.lead = Some(parse(data)?),
+            "/host/order" => {
+                let entry: OrderEntry = parse(data)?;
+                let given = entry.bits.value().ok_or("its bits are none of a command")?;
+                self.push(Role::Front, Event::Order(entry.tick, given))?;
+            }
+            _ => {
+                let board = topic.strip_prefix("/boards/");
+                let parts = board.and_then(|rest| rest.split_once('/'));
+                let named = |(board, what)| {
+                    let role = Role::ALL.into_iter().find(|role| role.name() == board)?;
+                    Some((role, what))
+                };
+                if let Some((role, what)) = parts.and_then(named) {
+                    self.of_board(pending, role, what, data)?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn of_board(
+        &mut self,
+        pending: &mut Pending,
+        role: Role,
+        what: &str,
+        data: &[u8],
+    ) -> Result<(), String> {
+        let frames = |received: Vec<Can>| received.into_iter().map(|can| can.0).collect();
+        let event = match (what, role) {
+            ("start", _) => {
+                let entry: Start = parse(data)?;
+                let config = entry.parameters.value();
+                let place = entry.place.as_ref().map(|bits| bits.value());
+                Event::Start {
+                    tick: entry.tick,
+                    config: Box::new(config.ok_or("its parameters are none of this version")?),
+                    place: match place {
+                        Some(place) => Some(Box::new(place.ok_or("its place is none")?)),
+                        None => None,
+                    },
+                }
+            }
+            ("off", _) => Event::Off(parse::<Off>(data)?.tick),
+            ("tick", Role::Beam) => {
+                let entry: BeamTick = parse(data)?;
+                let counts: [i32; MAX_GAUGES] = entry.counts;
+                Event::Tick(Box::new(Step {
+                    tick: entry.tick,
+                    samples: Samples::Beam(counts),
+                    received: frames(entry.received),
+                    torque_nm: [Exact(0.0); 2],
+                    sent: sent_at(&mut pending.sent[role as usize], entry.tick),
+                    lead: None,
+                }))
+            }
+            ("tick", _) => {
+                let entry: AxleTick = parse(data)?;
+                let lead = match pending
+                    .lead
+                    .take_if(|lead| role == Role::Front && lead.tick == entry.tick)
+                {
+                    Some(lead) => {
+                        let output = lead.bits.value();
+                        Some(Box::new(
+                            output.ok_or("the lead node's bits are none of its output")?,
+                        ))
+                    }
+                    None => None,
+                };
+                Event::Tick(Box::new(Step {
+                    tick: entry.tick,
+                    samples: Samples::Axle(axle::Samples {
+                        encoder: entry.encoder,
+                        gyro_rad_s: entry.gyro_rad_s.map(|value| value.0),
+                        acceleration_m_s2: entry.acceleration_m_s2.map(|value| value.0),
+                        conditions: entry.conditions,
+                    }),
+                    received: frames(entry.received),
+                    torque_nm: entry.torque_nm,
+                    sent: sent_at(&mut pending.sent[role as usize], entry.tick),
+                    lead,
+                }))
+            }
+            _ => return Ok(()),
+        };
+        self.push(role, event)
+    }
+
+    fn push(&mut self, role: Role, event: Event) -> Result<(), String> {
+        let events = &mut self.boards[role as usize];
+        if events.last().is_some_and(|last| last.tick() > event.tick()) {
+            return Err("its time lies before that of the message before".to_owned());
+        }
+        events.push(event);
+        Ok(())
+    }
+}
+
+/// The frames of a tick; those of others belong to ticks whose answers never came.
+fn sent_at(sent: &mut Vec<(u32, Frame)>, tick: u32) -> Vec<Frame> {
+    let frames = sent.drain(..).filter(|(at, _)| *at == tick);
+    frames.map(|(_, frame)| frame).collect()
+}

@@ -1,0 +1,207 @@
+//! The file of a log: a temporary one until it is whole, then renamed.
+//!
+//! A log that is dropped before it was closed is finished and renamed too, so that a run that was
+//! interrupted leaves a readable file of what there was. What cannot be written is told at the end:
+//! a log is no reason to stop a robot.
+
+use crate::output::{self, OutputError};
+use foxglove::{Context, McapWriter, McapWriterHandle};
+use std::fs::{self, File};
+use std::io::{self, BufWriter, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// The first error of a writer, which its user does not hear of.
+type FirstError = Arc<Mutex<Option<io::Error>>>;
+
+/// What a log is written to: a file, or nowhere but counted.
+enum Medium {
+    File(BufWriter<File>),
+    /// Place and length.
+    Counter(u64, u64),
+}
+
+struct Watched {
+    medium: Medium,
+    error: FirstError,
+}
+
+impl Watched {
+    fn note<T>(&self, result: io::Result<T>) -> io::Result<T> {
+        result.map_err(|error| {
+            let kind = error.kind();
+            let mut first = self.error.lock().unwrap_or_else(PoisonError::into_inner);
+            first.get_or_insert(error);
+            kind.into()
+        })
+    }
+}
+
+impl Write for Watched {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let written = match &mut self.medium {
+            Medium::File(file) => file.write(bytes),
+            Medium::Counter(place, length) => {
+                *place += bytes.len() as u64;
+                *length = (*length).max(*place);
+                Ok(bytes.len())
+            }
+        };
+        self.note(written)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        let flushed = match &mut self.medium {
+            Medium::File(file) => file.flush(),
+            Medium::Counter(..) => Ok(()),
+        };
+        self.note(flushed)
+    }
+}
+
+impl Seek for Watched {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        let place = match &mut self.medium {
+            Medium::File(file) => file.seek(to),
+            Medium::Counter(place, length) => {
+                *place = match to {
+                    SeekFrom::Start(place) => place,
+                    SeekFrom::End(by) => length.saturating_add_signed(by),
+                    SeekFrom::Current(by) => place.saturating_add_signed(by),
+                };
+                Ok(*place)
+            }
+        };
+        self.note(place)
+    }
+}
+
+fn failed(path: &Path) -> impl FnOnce(io::Error) -> OutputError + use<> {
+    let path = path.to_path_buf();
+    move |source| OutputError {
+        action: "write",
+        path,
+        source,
+    }
+}
+
+/// The file under its temporary name.
+fn create(path: &Path) -> Result<(PathBuf, File), OutputError> {
+    if path.is_dir() {
+        return Err(failed(path)(io::ErrorKind::IsADirectory.into()));
+    }
+    let temporary = output::temporary_beside(path)?;
+    let file = File::create_new(&temporary).map_err(failed(path))?;
+    Ok((temporary, file))
+}
+
+/// An open log.
+pub struct Sink {
+    context: Arc<Context>,
+    handle: Option<McapWriterHandle<Watched>>,
+    error: FirstError,
+    /// Where it is while it is written, and where it will be.
+    paths: Option<(PathBuf, PathBuf)>,
+    length: u64,
+}
+
+impl Sink {
+    /// A log in a file, which appears when it is closed or dropped.
+    pub fn to_file(path: &Path) -> Result<Self, OutputError> {
+        let (temporary, file) = create(path)?;
+        let medium = Medium::File(BufWriter::new(file));
+        let paths = Some((temporary, path.to_path_buf()));
+        Self::open(medium, paths).map_err(failed(path))
+    }
+
+    /// Whether a log can be written there; leaves no trace.
+    pub fn try_file(path: &Path) -> Result<(), OutputError> {
+        let (temporary, _) = create(path)?;
+        fs::remove_file(temporary).map_err(failed(path))
+    }
+
+    /// A log that is only counted, to measure its speed.
+    pub fn counted() -> io::Result<Self> {
+        Self::open(Medium::Counter(0, 0), None)
+    }
+
+    fn open(medium: Medium, paths: Option<(PathBuf, PathBuf)>) -> io::Result<Self> {
+        let context = Context::new();
+        let error = FirstError::default();
+        let watched = Watched {
+            medium,
+            error: error.clone(),
+        };
+        let handle = McapWriter::with_options(foxglove::McapWriteOptions::new().profile("cfmmr"))
+            .context(&context)
+            .create(watched)
+            .map_err(io::Error::other)?;
+        Ok(Self {
+            context,
+            handle: Some(handle),
+            error,
+            paths,
+            length: 0,
+        })
+    }
+
+    /// Where the file is, or will be.
+    pub fn path(&self) -> Option<PathBuf> {
+        self.paths.as_ref().map(|(_, path)| path.clone())
+    }
+
+    /// Where channels are made.
+    pub fn context(&self) -> &Arc<Context> {
+        &self.context
+    }
+
+    /// Writes a metadata record.
+    pub fn metadata(&self, name: &str, entries: &[(&str, String)]) {
+        let entries = entries.iter();
+        let map = entries.map(|(key, value)| ((*key).to_owned(), value.clone()));
+        if let Some(handle) = &self.handle {
+            // Told at the end, as of all that is written.
+            let _ = handle.write_metadata(name, map.collect());
+        }
+    }
+
+    /// Finishes the log and gives its length, bytes; an error if not all of it could be written, and
+    /// then there is no file.
+    pub fn close(&mut self) -> Result<u64, OutputError> {
+        let Some(handle) = self.handle.take() else {
+            return Ok(self.length);
+        };
+        let mut result = match handle.close() {
+            Ok(mut watched) => {
+                let _ = watched.flush();
+                if let Medium::Counter(_, length) = watched.medium {
+                    self.length = length;
+                }
+                Ok(())
+            }
+            Err(error) => Err(io::Error::other(error)),
+        };
+        let mut first = self.error.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(error) = first.take() {
+            result = Err(error);
+        }
+        let Some((temporary, path)) = &self.paths else {
+            return Ok(self.length);
+        };
+        let result = result.and_then(|()| {
+            self.length = fs::metadata(temporary)?.len();
+            fs::rename(temporary, path)
+        });
+        result.map(|()| self.length).map_err(|source| {
+            let _ = fs::remove_file(temporary);
+            failed(path)(source)
+        })
+    }
+}
+
+impl Drop for Sink {
+    fn drop(&mut self) {
+        // Nobody is left to be told.
+        let _ = self.close();
+    }
+}

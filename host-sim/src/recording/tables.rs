@@ -1,0 +1,144 @@
+//! A log as tables for a spreadsheet.
+
+use super::Line;
+use super::entry::AxleTick;
+use crate::error::Error;
+use crate::log;
+use crate::output::{Cell, Csv, OutputDir, write_file};
+use crate::simulation::Record;
+use core_algos::beam::MAX_GAUGES;
+use core_algos::bus::{Frame, layout};
+use core_algos::node::board::Role;
+use std::path::{Path, PathBuf};
+
+/// Where the tables go: one file, or a folder.
+#[derive(Clone, Debug, PartialEq, Eq)]
+enum Place {
+    /// The epochs only.
+    File(PathBuf),
+    /// Epochs, ticks and frames.
+    Folder(PathBuf),
+}
+
+/// The tables of a run.
+pub struct Tables {
+    place: Place,
+    records: Vec<Record>,
+    axles: Csv,
+    beam: Csv,
+    bus: Csv,
+}
+
+impl Tables {
+    /// Tables that will be written to `path`: one file if its name ends in `.csv`, otherwise a
+    /// folder.
+    pub fn new(path: &Path) -> Result<Self, Error> {
+        let is_file = path
+            .extension()
+            .is_some_and(|end| end.eq_ignore_ascii_case("csv"));
+        let place = match is_file && !path.is_dir() {
+            true => Place::File(path.to_path_buf()),
+            false => {
+                OutputDir::create(path)?;
+                Place::Folder(path.to_path_buf())
+            }
+        };
+        let counts = (1..=MAX_GAUGES).map(|i| format!("bridge_{i}_counts"));
+        let header = [
+            "time_s",
+            "axle",
+            "encoder_left_counts",
+            "encoder_right_counts",
+            "gyro_rad_s",
+            "acceleration_m_s2",
+            "conditions_bits",
+            "torque_left_nm",
+            "torque_right_nm",
+        ];
+        Ok(Self {
+            place,
+            records: Vec::new(),
+            axles: Csv::new(header),
+            beam: Csv::new(std::iter::once("time_s".to_owned()).chain(counts)),
+            bus: Csv::new(["time_s", "board", "identifier_hex", "message", "data_hex"]),
+        })
+    }
+
+    /// One more epoch.
+    pub fn epoch(&mut self, record: &Record) {
+        self.records.push(*record);
+    }
+
+    fn all(&self) -> bool {
+        matches!(self.place, Place::Folder(_))
+    }
+
+    /// One more line of the recording.
+    pub(super) fn note(&mut self, line: &Line) {
+        match line {
+            _ if !self.all() => {}
+            Line::Axle(role, tick) => self.axle(*role, tick),
+            Line::Beam(tick) => {
+                let counts = tick.counts.into_iter().map(Cell::from);
+                self.beam
+                    .row(std::iter::once(seconds(tick.tick)).chain(counts));
+            }
+            Line::Frames(role, tick, frames) => {
+                frames
+                    .iter()
+                    .for_each(|frame| self.frame(*role, *tick, frame));
+            }
+            Line::Start(..) | Line::Off(..) | Line::Order(_) | Line::Lead(..) => {}
+        }
+    }
+
+    fn axle(&mut self, role: Role, tick: &AxleTick) {
+        let [left, right] = tick.encoder;
+        self.axles.row::<Cell>([
+            seconds(tick.tick),
+            role.name().into(),
+            left.into(),
+            right.into(),
+            tick.gyro_rad_s.map(|value| value.0).into(),
+            tick.acceleration_m_s2.map(|value| value.0).into(),
+            Cell::Text(serde_json::to_string(&tick.conditions).unwrap_or_default()),
+            tick.torque_nm[0].0.into(),
+            tick.torque_nm[1].0.into(),
+        ]);
+    }
+
+    fn frame(&mut self, role: Role, tick: u32, frame: &Frame) {
+        let data = frame.data.iter().take(usize::from(frame.length));
+        let name = layout::find(frame.id).map_or("unknown", |layout| layout.name);
+        self.bus.row::<Cell>([
+            seconds(tick),
+            role.name().into(),
+            Cell::Text(format!("{:03x}", frame.id)),
+            name.into(),
+            Cell::Text(data.map(|byte| format!("{byte:02x}")).collect()),
+        ]);
+    }
+
+    /// Writes the tables; gives where.
+    pub fn write(self) -> Result<Vec<PathBuf>, Error> {
+        let epochs = log::csv(&self.records);
+        match self.place {
+            Place::File(path) => {
+                write_file(&path, epochs.into_bytes())?;
+                Ok(vec![path])
+            }
+            Place::Folder(path) => {
+                let mut files = OutputDir::create(path)?;
+                files.csv("epochs.csv", epochs);
+                files.csv("axles.csv", self.axles);
+                files.csv("beam.csv", self.beam);
+                files.csv("bus.csv", self.bus);
+                Ok(files.commit()?)
+            }
+        }
+    }
+}
+
+fn seconds(tick: u32) -> Cell {
+    (f64::from(tick) * 1e-3).into()
+}

@@ -1,0 +1,205 @@
+//! A board whose inputs and outputs are written down on their way, wherever it runs.
+
+use super::entry::{AxleTick, BeamTick, Can, Exact, Given, Hex, Off, OrderEntry, Start};
+use super::{Line, Session, in_words};
+use crate::error::Error;
+use crate::targets::{Fault, Order, Output, Posted, Report, Room, Target};
+use core_algos::bus::{self, Frame, Message};
+use core_algos::hil::framing::crc32c;
+use core_algos::hil::protocol::{Place, StackUse};
+use core_algos::node::Micros;
+use core_algos::node::board::{Role, Samples};
+use core_algos::node::robot::RobotConfig;
+
+/// A board that is listened to.
+pub struct Tap {
+    role: Role,
+    target: Box<dyn Target>,
+    session: Session,
+    /// What a board in this process sends goes to the bus as it is encoded here.
+    encoded: bool,
+    /// The tick whose answer is awaited, ms, and its samples.
+    begun: Option<(u32, Samples)>,
+    /// The tick that comes next, ms.
+    next: u32,
+    received: Vec<Can>,
+    sent: Vec<Frame>,
+}
+
+impl Tap {
+    /// Listens to a board.
+    pub fn new(role: Role, target: Box<dyn Target>, session: Session, encoded: bool) -> Self {
+        Self {
+            role,
+            target,
+            session,
+            encoded,
+            sent: Vec::new(),
+            begun: None,
+            next: 0,
+            received: Vec::new(),
+        }
+    }
+
+    fn off(&mut self, tick: u32, reason: String) {
+        self.begun = None;
+        self.received.clear();
+        self.sent.clear();
+        self.session
+            .note(&Line::Off(self.role, Off { tick, reason }));
+    }
+
+    /// The board gave no answer to the latest tick.
+    fn failed(&mut self, fault: &Fault) {
+        let reason = match fault {
+            Fault::Restarted => "restarted by itself".to_owned(),
+            Fault::Silent(why) => why.clone(),
+            Fault::Fatal(error) => error.to_string(),
+        };
+        self.off(self.next.saturating_sub(1), reason);
+    }
+
+    /// The board answered.
+    fn answered(&mut self, output: &Output) {
+        let Some((tick, samples)) = self.begun.take() else {
+            return;
+        };
+        if !self.sent.is_empty() {
+            let frames = Line::Frames(self.role, tick, &self.sent);
+            self.session.note(&frames);
+            self.sent.clear();
+        }
+        if let Some(lead) = &output.lead {
+            self.session.note(&Line::Lead(tick, lead));
+        }
+        let received = std::mem::take(&mut self.received);
+        self.session.note(&match samples {
+            Samples::Axle(samples) => Line::Axle(
+                self.role,
+                AxleTick {
+                    tick,
+                    encoder: samples.encoder,
+                    gyro_rad_s: samples.gyro_rad_s.map(Exact),
+                    acceleration_m_s2: samples.acceleration_m_s2.map(Exact),
+                    conditions: samples.conditions,
+                    received,
+                    torque_nm: output.torque_nm.map(Exact),
+                },
+            ),
+            Samples::Beam(counts) => Line::Beam(BeamTick {
+                tick,
+                counts,
+                received,
+            }),
+        });
+    }
+}
+
+impl Target for Tap {
+    fn start(
+        &mut self,
+        config: &RobotConfig,
+        tick: u32,
+        place: Option<&Place>,
+    ) -> Result<(), Fault> {
+        self.target.start(config, tick, place)?;
+        self.received.clear();
+        self.next = tick;
+        let parameters = Hex::of(config);
+        let entry = Start {
+            tick,
+            parameters_hash: format!("{:08x}", crc32c(&parameters.0)),
+            parameters,
+            place: place.map(Hex::of),
+        };
+        let report = self.target.report();
+        self.session.note(&Line::Start(self.role, entry, &report));
+        Ok(())
+    }
+
+    fn order(&mut self, order: &Order) -> Result<(), Fault> {
+        self.target.order(order)?;
+        let given = match *order {
+            Order::Task(task) => Given::Task(task),
+            Order::Path(points, end) => Given::Path(points.to_vec(), end),
+            Order::Trajectory(points, end) => Given::Trajectory(points.to_vec(), end),
+        };
+        self.session.note(&Line::Order(OrderEntry {
+            tick: self.next,
+            text: in_words(&given),
+            bits: Hex::of(&given),
+        }));
+        Ok(())
+    }
+
+    fn room(&mut self) -> Room {
+        self.target.room()
+    }
+
+    fn receive(&mut self, now: Micros, frame: &Frame, message: &Message) {
+        self.received.push(Can(*frame));
+        self.target.receive(now, frame, message);
+    }
+
+    fn begin(&mut self, tick: u32, samples: &Samples) -> Result<(), Fault> {
+        self.next = tick + 1;
+        self.begun = Some((tick, *samples));
+        let begun = self.target.begin(tick, samples);
+        begun.inspect_err(|fault| self.failed(fault))
+    }
+
+    fn finish(&mut self, post: &mut dyn FnMut(Posted)) -> Result<Output, Fault> {
+        let Self {
+            target,
+            sent,
+            encoded,
+            ..
+        } = self;
+        let finished = target.finish(&mut |posted| {
+            let frame = match posted {
+                Posted::Message(message) => bus::encode(message).ok(),
+                Posted::Frame(frame) => Some(*frame),
+            };
+            sent.extend(frame);
+            match (&frame, posted) {
+                // Encoded once is enough.
+                (Some(frame), Posted::Message(_)) if *encoded => post(Posted::Frame(frame)),
+                _ => post(posted),
+            }
+        });
+        match &finished {
+            Ok(output) => self.answered(output),
+            Err(fault) => self.failed(fault),
+        }
+        finished
+    }
+
+    fn resume(&mut self, tick: u32) -> Result<(), Fault> {
+        self.target.resume(tick)
+    }
+
+    fn halt(&mut self, halted: bool) -> Result<(), Error> {
+        self.target.halt(halted)
+    }
+
+    fn crash(&mut self) -> Result<(), Error> {
+        self.target.crash()
+    }
+
+    fn stack(&mut self) -> Option<StackUse> {
+        self.target.stack()
+    }
+
+    fn kill(&mut self) -> Result<(), Error> {
+        self.off(self.next, "switched off".to_owned());
+        self.target.kill()
+    }
+
+    fn revive(&mut self) -> Result<(), Error> {
+        self.target.revive()
+    }
+
+    fn report(&self) -> Report {
+        self.target.report()
+    }
+}

@@ -1,0 +1,462 @@
+//! The topics of a log: one table, from which schemas and documentation follow.
+
+use serde_json::{Value, json};
+
+/// What a field holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// A whole number.
+    Integer,
+    /// A number; of the boards one that is not finite stands as its bits in hexadecimal.
+    Number,
+    /// Yes or no.
+    Truth,
+    /// Text.
+    Text,
+    /// A list of so many whole numbers; those missing are null.
+    Integers(usize),
+    /// A list of so many numbers.
+    Numbers(usize),
+    /// A list of numbers.
+    List,
+    /// A list of texts.
+    Texts,
+    /// x_m, y_m (m) and phi_rad (rad).
+    Pose,
+    /// A posture and its covariance.
+    Estimate,
+    /// A list of frames, each with name, frame and message, whose fields depend on the name.
+    Frames,
+}
+
+/// One field of a message.
+#[derive(Clone, Copy, Debug)]
+pub struct Field {
+    /// Name.
+    pub name: &'static str,
+    /// What it holds.
+    pub kind: Kind,
+    /// Whether it may be null.
+    pub optional: bool,
+    /// Unit and meaning.
+    pub text: &'static str,
+}
+
+const fn field(name: &'static str, kind: Kind, text: &'static str) -> Field {
+    let optional = false;
+    Field {
+        name,
+        kind,
+        optional,
+        text,
+    }
+}
+
+const fn optional(name: &'static str, kind: Kind, text: &'static str) -> Field {
+    let optional = true;
+    Field {
+        name,
+        kind,
+        optional,
+        text,
+    }
+}
+
+/// A kind of message.
+#[derive(Clone, Copy, Debug)]
+pub struct Schema {
+    /// Name; those of Foxglove are encoded as protobuf, ours as JSON.
+    pub name: &'static str,
+    /// What a message is.
+    pub text: &'static str,
+    /// Fields; none where the schema is Foxglove's.
+    pub fields: &'static [Field],
+}
+
+const TICK: Field = field(
+    "tick",
+    Kind::Integer,
+    "ms, time since the start of the simulation",
+);
+const RECEIVED: Field = field(
+    "received",
+    Kind::Texts,
+    "frames that arrived before the tick, each as identifier#data in hexadecimal",
+);
+
+/// A board's nodes were started.
+pub const START: Schema = Schema {
+    name: "cfmmr.Start",
+    text: "The nodes of a board were started",
+    fields: &[
+        TICK,
+        field(
+            "parameters",
+            Kind::Text,
+            "parameters of the robot, postcard in hexadecimal",
+        ),
+        field("parameters_hash", Kind::Text, "CRC-32C of these bytes"),
+        optional(
+            "place",
+            Kind::Text,
+            "where the lead node takes the robot to be, postcard in hexadecimal",
+        ),
+    ],
+};
+
+/// A board was switched off.
+pub const OFF: Schema = Schema {
+    name: "cfmmr.Off",
+    text: "A board went off",
+    fields: &[TICK, field("reason", Kind::Text, "why")],
+};
+
+/// One tick of an axle board.
+pub const AXLE_TICK: Schema = Schema {
+    name: "cfmmr.AxleTick",
+    text: "One tick of an axle board: what it got and the torques it commanded",
+    fields: &[
+        TICK,
+        field(
+            "encoder",
+            Kind::Integers(2),
+            "counts of the encoders (left, right), wrapping; null where none came",
+        ),
+        optional("gyro_rad_s", Kind::Number, "rad/s, yaw rate"),
+        optional("acceleration_m_s2", Kind::Number, "m/s², along the heading"),
+        field(
+            "conditions",
+            Kind::Integer,
+            "what the drivers find wrong, bit k is row k of the table of conditions",
+        ),
+        RECEIVED,
+        field(
+            "torque_nm",
+            Kind::Numbers(2),
+            "N m, wheel torques commanded (left, right)",
+        ),
+    ],
+};
+
+/// One tick of the beam board.
+pub const BEAM_TICK: Schema = Schema {
+    name: "cfmmr.BeamTick",
+    text: "One tick of the beam board: what it got",
+    fields: &[
+        TICK,
+        field(
+            "counts",
+            Kind::Integers(core_algos::beam::MAX_GAUGES),
+            "counts of the strain bridges from the root on; 0 where there is none",
+        ),
+        RECEIVED,
+    ],
+};
+
+/// A command of the host.
+pub const ORDER: Schema = Schema {
+    name: "cfmmr.Order",
+    text: "What the host told the lead node before a tick",
+    fields: &[
+        TICK,
+        field("text", Kind::Text, "the command in words"),
+        field("bits", Kind::Text, "the command, postcard in hexadecimal"),
+    ],
+};
+
+/// Frames on the bus.
+pub const BUS: Schema = Schema {
+    name: "cfmmr.BusFrames",
+    text: "What a board put on the bus at a tick",
+    fields: &[
+        TICK,
+        field("board", Kind::Text, "front, rear or beam"),
+        field(
+            "frames",
+            Kind::Frames,
+            "frames in order: name of the message as in the DBC, frame as identifier#data in hexadecimal, and message as the receivers decode it, in SI units as in its names",
+        ),
+    ],
+};
+
+/// The lead node's output.
+pub const LEAD: Schema = Schema {
+    name: "cfmmr.Lead",
+    text: "What the lead node estimated and commanded in an epoch",
+    fields: &[
+        TICK,
+        field(
+            "epoch_s",
+            Kind::Number,
+            "s, the instant at which the estimates hold",
+        ),
+        field(
+            "mode",
+            Kind::Text,
+            "mode sent to the axles: idle, active, hold, clear",
+        ),
+        field(
+            "phase",
+            Kind::Text,
+            "phase of the regulator: stop, plan, steer, segment, approach, hold, done, gave-up",
+        ),
+        field("state", Kind::Text, "operating state of the lead node"),
+        field(
+            "reason",
+            Kind::Integer,
+            "code of the condition that stopped it, 0 if none",
+        ),
+        field(
+            "done",
+            Kind::Truth,
+            "whether the task is fulfilled and the robot at rest",
+        ),
+        field("robot", Kind::Estimate, "midpoint, global frame"),
+        field("front", Kind::Estimate, "front axle, global frame"),
+        field("rear", Kind::Estimate, "rear axle, global frame"),
+        field(
+            "innovation",
+            Kind::Numbers(3),
+            "m, m, rad: measured less predicted posture of the front axle in the rear axle's frame",
+        ),
+        field(
+            "nis",
+            Kind::Number,
+            "1, normalised innovation squared of the beam; 3 on average",
+        ),
+        field(
+            "velocity_m_s",
+            Kind::Number,
+            "m/s, commanded velocity of the midpoint",
+        ),
+        field("acceleration_m_s2", Kind::Number, "m/s², commanded"),
+        field(
+            "steering_rad",
+            Kind::Number,
+            "rad, commanded half angle between the axles",
+        ),
+        field("steering_rate_rad_s", Kind::Number, "rad/s, commanded"),
+        optional(
+            "target",
+            Kind::Pose,
+            "where the midpoint should be on a path or trajectory, global frame",
+        ),
+        field(
+            "bits",
+            Kind::Text,
+            "the whole output, postcard in hexadecimal",
+        ),
+    ],
+};
+
+/// The true state.
+pub const TRUTH: Schema = Schema {
+    name: "cfmmr.Truth",
+    text: "The simulated robot as it is, and the strains as measured",
+    fields: &[
+        field("time_s", Kind::Number, "s"),
+        field("robot", Kind::Pose, "midpoint, global frame"),
+        field("front", Kind::Pose, "front axle, global frame"),
+        field("rear", Kind::Pose, "rear axle, global frame"),
+        field(
+            "relative",
+            Kind::Pose,
+            "front axle in the rear axle's frame",
+        ),
+        field(
+            "wheel_speed_rad_s",
+            Kind::Numbers(4),
+            "rad/s: front left, front right, rear left, rear right",
+        ),
+        field(
+            "torque_nm",
+            Kind::Numbers(4),
+            "N m at the wheels, in the same order",
+        ),
+        field(
+            "force_n",
+            Kind::Numbers(2),
+            "N, of the frame on the rear axle, in its frame",
+        ),
+        field(
+            "moment_nm",
+            Kind::Numbers(2),
+            "N m, of the frame at root and end",
+        ),
+        field("strain", Kind::List, "1, measured strains from the root on"),
+    ],
+};
+
+const fn foxglove(name: &'static str, text: &'static str) -> Schema {
+    let fields = &[];
+    Schema { name, text, fields }
+}
+
+/// A topic.
+#[derive(Clone, Copy, Debug)]
+pub struct Topic {
+    /// Name.
+    pub name: &'static str,
+    /// Its messages.
+    pub schema: Schema,
+    /// How often.
+    pub rate: &'static str,
+}
+
+const fn topic(name: &'static str, schema: Schema, rate: &'static str) -> Topic {
+    Topic { name, schema, rate }
+}
+
+/// Every topic.
+pub const TOPICS: [Topic; 21] = [
+    topic(
+        "/tf",
+        foxglove(
+            "foxglove.FrameTransforms",
+            "robot, front_axle, rear_axle as they are, robot_estimate as the lead node takes it to be, in the frame world",
+        ),
+        "100 Hz",
+    ),
+    topic(
+        "/truth/robot",
+        foxglove("foxglove.PoseInFrame", "midpoint as it is"),
+        "100 Hz",
+    ),
+    topic(
+        "/estimate/robot",
+        foxglove(
+            "foxglove.PoseInFrame",
+            "midpoint as the lead node takes it to be",
+        ),
+        "100 Hz",
+    ),
+    topic(
+        "/truth/path",
+        foxglove("foxglove.PosesInFrame", "way of the midpoint so far"),
+        "1 Hz",
+    ),
+    topic(
+        "/goal",
+        foxglove("foxglove.PoseInFrame", "where the run is to end"),
+        "once",
+    ),
+    topic(
+        "/reference/path",
+        foxglove("foxglove.PosesInFrame", "path to be driven"),
+        "once",
+    ),
+    topic(
+        "/scene",
+        foxglove("foxglove.SceneUpdate", "wheels, axles and the bent frame"),
+        "20 Hz",
+    ),
+    topic(
+        "/log",
+        foxglove(
+            "foxglove.Log",
+            "changes of the nodes' operating states, and their reasons",
+        ),
+        "changes",
+    ),
+    topic("/lead", LEAD, "100 Hz"),
+    topic("/truth", TRUTH, "100 Hz"),
+    topic("/bus", BUS, "frames"),
+    topic("/host/order", ORDER, "commands"),
+    topic("/boards/front/start", START, "starts"),
+    topic("/boards/rear/start", START, "starts"),
+    topic("/boards/beam/start", START, "starts"),
+    topic("/boards/front/tick", AXLE_TICK, "1 kHz"),
+    topic("/boards/rear/tick", AXLE_TICK, "1 kHz"),
+    topic("/boards/beam/tick", BEAM_TICK, "1 kHz"),
+    topic("/boards/front/off", OFF, "failures"),
+    topic("/boards/rear/off", OFF, "failures"),
+    topic("/boards/beam/off", OFF, "failures"),
+];
+
+impl Kind {
+    fn schema(self) -> Value {
+        let number = json!({ "type": ["number", "string", "null"] });
+        let pose = [("x_m", "m"), ("y_m", "m"), ("phi_rad", "rad")];
+        let mut properties: serde_json::Map<String, Value> = pose
+            .into_iter()
+            .map(|(name, unit)| {
+                (
+                    name.to_owned(),
+                    json!({ "type": "number", "description": unit }),
+                )
+            })
+            .collect();
+        match self {
+            Self::Integer => json!({ "type": "integer" }),
+            Self::Number => number,
+            Self::Truth => json!({ "type": "boolean" }),
+            Self::Text => json!({ "type": "string" }),
+            Self::Integers(n) => json!({
+                "type": "array", "minItems": n, "maxItems": n,
+                "items": { "type": ["integer", "null"] },
+            }),
+            Self::Numbers(n) => {
+                json!({ "type": "array", "minItems": n, "maxItems": n, "items": number })
+            }
+            Self::List => json!({ "type": "array", "items": number }),
+            Self::Texts => json!({ "type": "array", "items": { "type": "string" } }),
+            Self::Pose => json!({
+                "type": "object", "additionalProperties": false,
+                "required": ["x_m", "y_m", "phi_rad"], "properties": properties,
+            }),
+            Self::Estimate => {
+                let row = json!({ "type": "array", "minItems": 3, "maxItems": 3, "items": number });
+                let covariance = json!({
+                    "description": "m², m rad, rad²: covariance of (x, y, phi)",
+                    "type": "array", "minItems": 3, "maxItems": 3, "items": row,
+                });
+                properties.insert("covariance".to_owned(), covariance);
+                json!({
+                    "type": "object", "additionalProperties": false,
+                    "required": ["x_m", "y_m", "phi_rad", "covariance"], "properties": properties,
+                })
+            }
+            Self::Frames => {
+                let text = json!({ "type": "string" });
+                json!({
+                    "type": "array",
+                    "items": {
+                        "type": "object", "additionalProperties": false,
+                        "required": ["name", "frame", "message"],
+                        "properties": {
+                            "name": text, "frame": text, "message": { "type": ["object", "null"] },
+                        },
+                    },
+                })
+            }
+        }
+    }
+}
+
+impl Schema {
+    /// As JSON schema.
+    pub fn json(&self) -> String {
+        let property = |field: &Field| {
+            let mut schema = field.kind.schema();
+            schema["description"] = field.text.into();
+            if field.optional
+                && let Some(text) = schema["type"].as_str()
+            {
+                schema["type"] = json!([text, "null"]);
+            }
+            (field.name.to_owned(), schema)
+        };
+        let properties: serde_json::Map<_, _> = self.fields.iter().map(property).collect();
+        let required: Vec<_> = self.fields.iter().map(|field| field.name).collect();
+        json!({
+            "$schema": "http://json-schema.org/draft-07/schema#",
+            "title": self.name,
+            "description": self.text,
+            "type": "object",
+            "additionalProperties": false,
+            "required": required,
+            "properties": properties,
+        })
+        .to_string()
+    }
+}

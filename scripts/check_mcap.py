@@ -1,0 +1,287 @@
+"""Reads logs of cfmmr with the Python reader of MCAP and compares them with what the same runs say
+elsewhere: their own tables, cantools for every frame on the bus, wheel speeds from encoder counts.
+
+Needs the Python packages mcap, mcap-protobuf-support, jsonschema and cantools.
+
+    check_mcap.py CFMMR      CFMMR: the program
+"""
+
+import csv
+import json
+import math
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import tomllib
+from collections import defaultdict
+from pathlib import Path
+
+import cantools
+import jsonschema
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+
+from check_dbc import RELATIVE, same, to_board
+
+EACH_TICK = ["/boards/front/tick", "/boards/rear/tick", "/boards/beam/tick"]
+EACH_EPOCH = ["/lead", "/truth", "/tf", "/truth/robot"]
+ONCE = ["/goal", "/boards/front/start", "/boards/rear/start", "/boards/beam/start"]
+COUNTS_PER_REVOLUTION = 8192
+
+
+def crc32c(data):
+    """CRC-32C, bit by bit."""
+    crc = 0xFFFFFFFF
+    for byte in data:
+        crc ^= byte
+        for _ in range(8):
+            crc = crc >> 1 ^ (0x82F63B78 if crc & 1 else 0)
+    return f"{crc ^ 0xFFFFFFFF:08x}"
+
+
+class Log:
+    """A log, and what holds for each."""
+
+    def __init__(self, path):
+        self.messages = defaultdict(list)  # topic -> (log time, content)
+        self.schemas = {}
+        with open(path, "rb") as file:
+            reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
+            summary = reader.get_summary()
+            for channel in summary.channels.values():
+                self.schemas[channel.topic] = summary.schemas[channel.schema_id]
+            for schema, channel, message in reader.iter_messages(log_time_order=False):
+                content = message.data
+                if channel.message_encoding == "json":
+                    content = json.loads(content)
+                self.messages[channel.topic].append((message.log_time, content))
+            counts = summary.statistics.channel_message_counts
+            for channel in summary.channels.values():
+                assert counts[channel.id] == len(self.messages[channel.topic]), channel.topic
+            self.metadata = {record.name: record.metadata for record in reader.iter_metadata()}
+            file.seek(0)
+            self.standard = defaultdict(list)
+            for decoded in make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages(
+                topics=[topic for topic in self.schemas if self.schemas[topic].encoding == "protobuf"],
+                log_time_order=False,
+            ):
+                self.standard[decoded.channel.topic].append(decoded.decoded_message)
+        self.check()
+
+    def check(self):
+        for topic, messages in self.messages.items():
+            times = [at for at, _ in messages]
+            assert times == sorted(times), f"{topic}: times go back"
+        for topic, schema in self.schemas.items():
+            if schema.name.startswith("foxglove."):
+                assert schema.encoding == "protobuf", topic
+                continue
+            assert schema.encoding == "jsonschema", topic
+            described = json.loads(schema.data)
+            assert described["title"] == schema.name, topic
+            for name, field in described["properties"].items():
+                assert field["description"], f"{topic}.{name} has no description"
+            validator = jsonschema.Draft7Validator(described)
+            messages = [content for _, content in self.messages[topic]]
+            # A thousand a second are alike: some of them are enough.
+            for content in messages[:: max(1, len(messages) // 500)]:
+                validator.validate(content)
+        for topic in EACH_TICK:
+            ticks = [content["tick"] for _, content in self.messages[topic]]
+            if ticks:
+                assert ticks == list(range(len(ticks))), f"{topic}: ticks are missing"
+        for topic in EACH_TICK + ["/bus", "/lead"]:
+            for at, content in self.messages[topic]:
+                assert at == content["tick"] * 1_000_000, topic
+        about = self.metadata["cfmmr"]
+        scenario = tomllib.loads(about["scenario"])
+        assert scenario["mission"] and about["build"].startswith("host-sim "), about
+        assert about["scenario_hash"] == crc32c(about["scenario"].encode())
+        start = self.messages["/boards/front/start"][0][1]
+        assert about["parameters_hash"] == start["parameters_hash"] == crc32c(bytes.fromhex(start["parameters"]))
+
+
+def table(path):
+    with open(path, newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def near(a, b, slack, where):
+    a, b = float(a), float(b)
+    assert a == b or abs(a - b) <= slack * max(1.0, abs(a), abs(b)), (where, a, b)
+
+
+def pose_of(message):
+    """x, y and heading of a pose message."""
+    q = message.orientation
+    return [message.position.x, message.position.y, 2.0 * math.atan2(q.z, q.w)]
+
+
+def heading_near(a, b, where):
+    assert abs(math.remainder(a - b, math.tau)) < 1e-9, (where, a, b)
+
+
+def compare_epochs(log, rows):
+    """The messages of an epoch against a row of the table of the same run."""
+    truth = {round(m["time_s"] * 1e3): m for _, m in log.messages["/truth"]}
+    lead = {m["tick"] // 10: m for _, m in log.messages["/lead"]}
+    robot = {at // 1_000_000: m for (at, _), m in zip(log.messages["/truth/robot"], log.standard["/truth/robot"])}
+    wheels = ["front_left", "front_right", "rear_left", "rear_right"]
+    for row in rows:
+        tick = round(float(row["time_s"]) * 1e3)
+        m, led = truth[tick], lead[tick // 10 - 1]
+        for group, prefix in (("robot", ""), ("front", "front_"), ("rear", "rear_"), ("relative", "relative_")):
+            for key in ("x_m", "y_m", "phi_rad"):
+                near(m[group][key], row[prefix + key], 0.0, (tick, group, key))
+        for i, wheel in enumerate(wheels):
+            near(m["torque_nm"][i], row[f"torque_{wheel}_nm"], 0.0, (tick, wheel))
+            near(m["wheel_speed_rad_s"][i], row[f"wheel_speed_{wheel}_rad_s"], 0.0, (tick, wheel))
+        for i, strain in enumerate(m["strain"]):
+            near(strain, row[f"strain_{i + 1}"], 1e-9, (tick, "strain", i))
+        near(m["force_n"][0], row["force_x_n"], 0.0, tick)
+        near(m["moment_nm"][1], row["moment_end_nm"], 0.0, tick)
+        for group, prefix in (("robot", ""), ("front", "front_"), ("rear", "rear_")):
+            for key in ("x", "y", "phi"):
+                unit = "rad" if key == "phi" else "m"
+                near(led[group][f"{key}_{unit}"], row[f"{prefix}{key}_est_{unit}"], 1e-6, (tick, group, key))
+        for i, key in enumerate(("x_m", "y_m", "phi_rad")):
+            near(math.sqrt(led["robot"]["covariance"][i][i]), row[f"sigma_{key}"], 1e-6, (tick, key))
+            near(led["innovation"][i], row[f"beam_innovation_{key}"], 1e-6, (tick, key))
+        near(led["nis"], row["beam_nis"], 1e-6, tick)
+        near(led["velocity_m_s"], row["v_m_s"], 1e-6, tick)
+        x, y, phi = pose_of(robot[tick].pose)
+        near(x, row["x_m"], 1e-12, tick)
+        near(y, row["y_m"], 1e-12, tick)
+        heading_near(phi, float(row["phi_rad"]), tick)
+
+
+def compare_wheels(log):
+    """Wheel speeds by the counts of the encoders against the true ones, epoch by epoch."""
+    worst = 0.0
+    for topic, places in (("/boards/front/tick", (0, 1)), ("/boards/rear/tick", (2, 3))):
+        ticks = {m["tick"]: m["encoder"] for _, m in log.messages[topic]}
+        truth = {round(m["time_s"] * 1e3): m["wheel_speed_rad_s"] for _, m in log.messages["/truth"]}
+        for tick in range(600, max(ticks) - 20, 50):
+            for side, place in enumerate(places):
+                turned = ticks[tick + 10][side] - ticks[tick][side]
+                measured = turned * math.tau / COUNTS_PER_REVOLUTION / 0.010
+                mean = 0.5 * (truth[tick][place] + truth[tick + 10][place])
+                worst = max(worst, abs(measured - mean))
+    # A count in 10 ms is 0.08 rad/s, and a speed may change within them.
+    assert worst < 0.35, f"wheel speeds differ by {worst} rad/s"
+
+
+def compare_bus(log, database):
+    """Every frame as cantools decodes it against the decoded message in the log."""
+    frames = [frame for _, entry in log.messages["/bus"] for frame in entry["frames"]]
+    for entry in frames:
+        identifier, data = entry["frame"].split("#")
+        message = database.get_message_by_frame_id(int(identifier, 16))
+        assert message.name == entry["name"], entry
+        signals = message.decode(bytes.fromhex(data))
+        known = {s.name for s in message.signals if s.choices}
+        signals = {key: str(v) if key in known else v for key, v in signals.items()}
+        slack = 2e-5 if "Uncertainty" in message.name else 10 * RELATIVE
+        same(to_board(message.name, signals), entry["message"], message.name, slack)
+    sent = {entry["frame"] for entry in frames}
+    for topic in EACH_TICK:
+        for _, m in log.messages[topic]:
+            assert sent.issuperset(m["received"]), "a frame arrived that was never sent"
+    return len(frames)
+
+
+def compare_tables(log, folder):
+    """The tables of ticks and frames against the log."""
+    axles = table(folder / "axles.csv")
+    for board in ("front", "rear"):
+        rows = [row for row in axles if row["axle"] == board]
+        messages = log.messages[f"/boards/{board}/tick"]
+        assert len(rows) == len(messages)
+        for row, (_, m) in zip(rows, messages):
+            near(float(row["time_s"]) * 1e3, m["tick"], 1e-9, board)
+            assert int(row["encoder_left_counts"]) == m["encoder"][0]
+            near(row["torque_right_nm"], m["torque_nm"][1], 1e-6, (board, row))
+    beam = table(folder / "beam.csv")
+    assert [int(row["bridge_1_counts"]) for row in beam] == [m["counts"][0] for _, m in log.messages["/boards/beam/tick"]]
+    frames = [f"{row['identifier_hex']}#{row['data_hex']}" for row in table(folder / "bus.csv")]
+    assert frames == [frame["frame"] for _, m in log.messages["/bus"] for frame in m["frames"]]
+
+
+def interrupted(program, folder):
+    """A run that is interrupted leaves a readable log of what there was."""
+    path = folder / "interrupted.mcap"
+    run = subprocess.Popen(
+        [program, "follow", "--path", "circle", "--laps", "200", "--log", path, "--out", folder / "no"],
+        stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+    )
+    for _ in range(600):
+        partial = list(folder.glob(".interrupted.mcap.*"))
+        if partial and partial[0].stat().st_size > 3_000_000:
+            break
+        time.sleep(0.1)
+    run.send_signal(signal.SIGINT)
+    _, said = run.communicate(timeout=120)
+    assert run.returncode == 1 and "interrupted" in said, (run.returncode, said)
+    assert not list(folder.glob(".interrupted*")), "a temporary file was left"
+    log = Log(path)
+    assert log.metadata["cfmmr.end"]["whole"] == "false"
+    assert len(log.messages["/boards/front/tick"]) > 1000
+
+
+def main():
+    if len(sys.argv) != 2:
+        sys.exit(__doc__)
+    program = sys.argv[1]
+    call = lambda *arguments: subprocess.run(
+        [program, *map(str, arguments)], capture_output=True, text=True, check=True
+    ).stdout
+    database = cantools.database.load_string(call("dbc"), "dbc", strict=True)
+    topics = call("topics")
+    frames = 0
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        runs = {
+            "posture": (["posture", "--trials", "1", "--rows", "pair", "--seed", "7"], "log-joint.csv"),
+            "follow": (["follow", "--path", "circle", "--size", "0.8", "--imu"], "log.csv"),
+            "track": (["track", "--path", "line", "--size", "1.5", "--set", "bus.loss=0.02"], "log.csv"),
+        }
+        for run, (arguments, rows) in runs.items():
+            path, tables = folder / f"{run}.mcap", folder / f"{run}-tables"
+            call(*arguments, "--log", path, "--csv", tables, "--out", folder / run)
+            log = Log(path)
+            about, end = log.metadata["cfmmr"], log.metadata["cfmmr.end"]
+            assert about["command"] == run and end["whole"] == "true"
+            assert about["messages_hash"] == crc32c(call("dbc").encode())
+            assert about["board_front"].startswith("in process")
+            assert about["seed"] == ("7" if run == "posture" else "1")
+            for topic, schema in log.schemas.items():
+                assert f"| `{topic}` | `{schema.name}` |" in topics, f"{topic} is not in the table"
+            epochs = int(end["epochs"])
+            for topic in EACH_TICK:
+                assert len(log.messages[topic]) == 10 * epochs, topic
+            for topic in EACH_EPOCH:
+                assert len(log.messages[topic]) == epochs, topic
+            for topic in ONCE:
+                assert len(log.messages[topic]) == 1, topic
+            names = [t.child_frame_id for t in log.standard["/tf"][50].transforms]
+            assert names == ["robot", "front_axle", "rear_axle", "robot_estimate"], names
+            assert len(log.standard["/scene"][0].entities[0].cubes) == 4
+            assert len(log.standard["/truth/path"][-1].poses) > 20
+            assert any("Active" in entry.message or "active" in entry.message for entry in log.standard["/log"])
+            compare_epochs(log, table(folder / run / rows))
+            compare_epochs(log, table(tables / "epochs.csv"))
+            compare_tables(log, tables)
+            compare_wheels(log)
+            frames += compare_bus(log, database)
+            assert "identical over" in call("replay", path)
+        one = folder / "one.csv"
+        call("track", "--path", "line", "--size", "1", "--csv", one, "--out", folder / "one")
+        assert table(one) and not (folder / "one.mcap").exists()
+        interrupted(program, folder)
+    print(f"{len(runs)} runs: logs, tables and cantools ({frames} frames) agree")
+
+
+if __name__ == "__main__":
+    main()
