@@ -71,7 +71,7 @@ for name in ${*:-$all}; do
   # The parameters in a log alone are two thousand characters.
   [ "$name" = log ] && length=8192 || length=1024
   start=$SECONDS
-  if ! "$directory/$target/release/$name" -runs="${runs:-$few}" -seed=1 -max_len=$length -timeout=20 -rss_limit_mb=1024 \
+  if ! "$directory/$target/release/$name" -runs="${runs:-$few}" -seed=1 -max_len=$length ${fast:+-entropic=0} -timeout=20 -rss_limit_mb=1024 \
     -artifact_prefix="fuzz/artifacts/$name-" "$found/$name" "fuzz/seeds/$name" >"$found/$name.log" 2>&1; then
     grep -A4 panicked "$found/$name.log" >&2 || tail -20 "$found/$name.log" >&2
     echo "fuzz.sh: $name failed; the input is $(ls -t fuzz/artifacts/"$name"-* | head -1)" >&2

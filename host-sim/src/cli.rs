@@ -39,6 +39,8 @@ pub enum Command {
     Replay(ReplayArgs),
     /// Posture regulation from random starts: success share, map and paths
     Sweep(SweepArgs),
+    /// A Monte Carlo study over variations of a scenario, in any number of parts: run, status, merge
+    Campaign(CampaignArgs),
     /// How the final error depends on tyres, sensor bias, wheel radius and placement
     Sensitivity(SensitivityArgs),
     /// Consistency of the fused axle estimates (normalised estimation error squared)
@@ -510,4 +512,63 @@ mod tests {
         assert_eq!(cli.posture.trials, 3);
         assert_eq!(cli.posture.from.as_deref(), Some("-1,-1,0"));
     }
+}
+
+/// Arguments of `campaign`.
+#[derive(Clone, Debug, Args)]
+#[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
+pub struct CampaignArgs {
+    /// What to do with the parts' files
+    #[command(subcommand)]
+    pub action: Option<CampaignAction>,
+    /// The study, a TOML file (docs/campaigns.md)
+    #[arg(value_name = "FILE", required = true)]
+    pub file: Option<PathBuf>,
+    /// Part I of N, from 0 [default: that of a Slurm array's task or an indexed Kubernetes job; else
+    /// all]
+    #[arg(long, value_name = "I/N")]
+    pub shard: Option<String>,
+    /// Directory of the study's files [default: out/FILE]
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Number of threads; the result does not depend on it [default: one per core]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub threads: Option<u16>,
+}
+
+/// What to do with the files of a campaign.
+#[derive(Clone, Debug, Subcommand)]
+pub enum CampaignAction {
+    /// Put all runs into one Parquet file, with a table and pictures
+    Merge(CampaignMerge),
+    /// Tell which runs are there
+    Status(CampaignStatus),
+}
+
+/// Arguments of `campaign merge`.
+#[derive(Clone, Debug, Args)]
+pub struct CampaignMerge {
+    /// Directory of the study's files
+    #[arg(value_name = "DIR")]
+    pub directory: PathBuf,
+    /// Directory for the result [default: DIR/merged]
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Also write the result as JSON to this file
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+/// Arguments of `campaign status`.
+#[derive(Clone, Debug, Args)]
+pub struct CampaignStatus {
+    /// Directory of the study's files
+    #[arg(value_name = "DIR")]
+    pub directory: PathBuf,
+    /// List the missing blocks and their runs
+    #[arg(long)]
+    pub missing: bool,
+    /// Also write the result as JSON to this file
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
 }

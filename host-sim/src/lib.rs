@@ -4,6 +4,7 @@
 //! read; [`eval`] runs single on-board algorithms on cases from standard input. [`statistics`],
 //! [`figures`], [`table`] and [`output`] make results of it.
 
+pub mod campaign;
 pub mod cli;
 pub mod commands;
 pub mod dbc;

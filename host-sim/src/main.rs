@@ -27,6 +27,7 @@ fn main() -> ExitCode {
         Some(Command::Faults(args)) => commands::faults::run(args),
         Some(Command::LoopBench(args)) => commands::loop_bench::run(args),
         Some(Command::Soak(args)) => commands::soak::run(args),
+        Some(Command::Campaign(args)) => commands::campaign::run(args),
         Some(Command::Sensitivity(args)) => commands::sensitivity::run(args),
     };
     match result {

@@ -476,9 +476,15 @@ impl AxleNode {
         permit
     }
 
+    /// The lead node's mode, if it was heard lately.
+    fn heard_mode(&self, now: Micros) -> Option<LeadMode> {
+        let mode = self.state.mode.as_ref()?;
+        mode.fresh(now, self.reference_timeout).copied()
+    }
+
     /// What the lead node's mode asks of this axle.
     fn request(&self, now: Micros) -> Option<Request> {
-        let mode = self.state.mode?.fresh(now, self.reference_timeout).copied();
+        let mode = self.heard_mode(now);
         let driving = matches!(mode, Some(LeadMode::Active | LeadMode::Hold));
         match self.state.supervisor.operating() {
             OperatingState::Boot => Some(Request::Ready),
@@ -544,12 +550,15 @@ impl AxleNode {
         let late = state
             .reference
             .is_none_or(|reference| reference.age(now) > LATE);
+        // A lead node that lets the axle go sends no more references, and that is no fault.
+        let mode = self.heard_mode(now);
+        let dismissed = matches!(mode, Some(LeadMode::Idle | LeadMode::Clear));
         let failed = state.peers.failed(other, now) || state.peers.failed(Node::Lead, now);
         samples
             .conditions
             .with(
                 Condition::CommandTimeout,
-                active && self.reference(now).is_none(),
+                active && !dismissed && self.reference(now).is_none(),
             )
             .with(Condition::NeighbourLost, state.peers.lost(other, now))
             .with(Condition::NeighbourFault, powered && failed)
@@ -925,6 +934,40 @@ mod tests {
                 velocity_m_s: 0.0,
             },
         );
+    }
+
+    /// A lead node that wants nothing more is no fault: the axle brakes, lets go and is idle.
+    #[test]
+    fn a_dismissed_axle_comes_to_rest_without_a_fault() {
+        let mut node = node(Axle::Front);
+        let mut outbox = Outbox::new();
+        let samples = Samples {
+            encoder: [Some(0); 2],
+            ..Samples::default()
+        };
+        let mut braked = 0;
+        for tick in 20..1500u64 {
+            let now = tick * TICK;
+            if is_epoch_start(now) {
+                reference(&mut node, now, 0.0, Posture::ORIGIN);
+                if tick >= 100 {
+                    lead(&mut node, now, LeadMode::Idle);
+                }
+            }
+            let output = node.step(now, &samples, &mut outbox);
+            outbox.clear();
+            let state = node.supervision().operating();
+            braked += u32::from(state == OperatingState::SafeStop && output.active);
+            assert_eq!(node.supervision().first(), None, "{tick}");
+            assert_eq!(
+                state == OperatingState::Active,
+                (20..100).contains(&tick),
+                "{tick}"
+            );
+        }
+        // Ramp, rest and release.
+        assert!((900..1100).contains(&braked), "{braked}");
+        assert_eq!(node.supervision().operating(), OperatingState::Idle);
     }
 
     /// A board that comes up in the middle of a drive is not to join in.

@@ -24,10 +24,25 @@ use core_algos::params::stored::{Contents, MANIFEST_BYTES, MANIFEST_KEY};
 use core_algos::params::{Disarmed, Settings};
 use embedded_storage_async::nor_flash::NorFlash;
 use sequential_storage::cache::{Cache, Uncached};
-use sequential_storage::map::{MapConfig, MapStorage};
+use sequential_storage::map::{Key, MapConfig, MapStorage, SerializationError};
 use view::View;
 
-type Map<F> = MapStorage<u8, F, Cache<Uncached, Uncached, Uncached, u8>>;
+type Map<K, F> = MapStorage<K, F, Cache<Uncached, Uncached, Uncached, K>>;
+
+/// The key of an item that is being read, left with its value: the library would cut it off an item
+/// of no bytes, and panic.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Uncut;
+
+impl Key for Uncut {
+    fn serialize_into(&self, _buffer: &mut [u8]) -> Result<usize, SerializationError> {
+        Err(SerializationError::InvalidData)
+    }
+
+    fn deserialize_from(_buffer: &[u8]) -> Result<(Self, usize), SerializationError> {
+        Ok((Self, 0))
+    }
+}
 
 /// Key and longest item, in whole words.
 const BUFFER: usize = (1 + MANIFEST_BYTES).next_multiple_of(4);
@@ -122,7 +137,8 @@ impl<F: NorFlash> Store<F> {
     }
 
     async fn append(&mut self, key: u8, bytes: &[u8]) -> Result<(), SaveError> {
-        let mut map = map(&mut self.flash, self.range.clone()).ok_or(SaveError::Flash)?;
+        let map = map::<u8, _>(&mut self.flash, self.range.clone());
+        let mut map = map.ok_or(SaveError::Flash)?;
         let mut buffer = [0; BUFFER];
         let stored = map.store_item(&mut buffer, &key, &bytes).await;
         stored.map_err(|_| SaveError::Flash)
@@ -199,7 +215,7 @@ impl<F: NorFlash> Store<F> {
     /// Takes in every sound item of a sector.
     async fn read_sector(&mut self, sector: Range<u32>, contents: &mut Contents) {
         let view = View::new(&mut self.flash, sector);
-        let Some(mut map) = map(view, self.range.clone()) else {
+        let Some(mut map) = map::<Uncut, _>(view, self.range.clone()) else {
             return;
         };
         let mut buffer = [0; BUFFER];
@@ -207,8 +223,10 @@ impl<F: NorFlash> Store<F> {
             return;
         };
         // An item that cannot be read ends the sector; the manifest tells what was lost with it.
-        while let Ok(Some((key, bytes))) = items.next::<&[u8]>(&mut buffer).await {
-            contents.take(key, bytes);
+        while let Ok(Some((Uncut, item))) = items.next::<&[u8]>(&mut buffer).await {
+            if let Some((&key, bytes)) = item.split_first() {
+                contents.take(key, bytes);
+            }
         }
     }
 
@@ -233,7 +251,7 @@ impl<F: NorFlash> Store<F> {
     }
 }
 
-fn map<F: NorFlash>(flash: F, range: Range<u32>) -> Option<Map<F>> {
+fn map<K: Key, F: NorFlash>(flash: F, range: Range<u32>) -> Option<Map<K, F>> {
     let config = MapConfig::try_new(range).ok()?;
     Some(MapStorage::new(flash, config, Cache::new_uncached()))
 }

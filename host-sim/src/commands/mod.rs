@@ -1,5 +1,6 @@
 //! The commands: each reads its arguments, runs, prints a table and writes its files.
 
+pub mod campaign;
 pub mod codes;
 pub mod config;
 pub mod consistency;

@@ -1,0 +1,180 @@
+use super::directory::{Block, Directory, Finished};
+use super::report::{Report, rank_correlation, wilson};
+use super::study::Study;
+use crate::simulation::Outcome;
+
+const TEXT: &str = r#"
+name = "test"
+seed = 3
+trials = 4
+block = 3
+
+[[vary]]
+key = "plant.creep_velocity_m_s"
+values = [0.003, 0.01]
+
+[[vary]]
+key = "mission.rps"
+values = [true, false]
+
+[[vary]]
+key = "sensors.geometry.wheel_radius_sigma"
+uniform = [0.0, 0.002]
+
+[scenario.mission]
+start = [-0.5, 0.1, 0.0]
+"#;
+
+fn study() -> Study {
+    Study::parse(TEXT, "test").unwrap()
+}
+
+#[test]
+fn every_combination_has_the_same_trials() {
+    let study = study();
+    assert_eq!((study.runs(), study.blocks()), (16, 6));
+    let runs: Vec<_> = (0..16).map(|i| study.run(i).unwrap()).collect();
+    for (i, run) in runs.iter().enumerate() {
+        assert_eq!((run.cell, run.trial), (i as u64 / 4, i as u32 % 4));
+        let [creep, rps] = [[0.003, 0.01][i / 8], [1.0, 0.0][i / 4 % 2]];
+        assert_eq!(run.scenario.plant.creep_velocity_m_s, creep);
+        assert_eq!(f64::from(u8::from(run.scenario.mission.rps)), rps);
+        assert_eq!(run.scenario.mission.start[0], -0.5);
+        // What is drawn belongs to the trial.
+        let drawn = run.scenario.sensors.geometry.wheel_radius_sigma;
+        assert!((0.0..0.002).contains(&drawn));
+        assert_eq!(
+            drawn,
+            runs[i % 4].scenario.sensors.geometry.wheel_radius_sigma
+        );
+    }
+    let drawn: Vec<f64> = (0..4)
+        .map(|i| runs[i].scenario.sensors.geometry.wheel_radius_sigma)
+        .collect();
+    assert!(drawn.windows(2).all(|pair| pair[0] != pair[1]), "{drawn:?}");
+}
+
+#[test]
+fn a_study_is_refused_by_the_name_of_what_is_wrong() {
+    for (from, to, named) in [
+        ("trials = 4", "trials = 0", "trials"),
+        ("block = 3", "block = 0", "block"),
+        ("trials = 4", "trials = 9000000", "runs"),
+        (
+            "uniform = [0.0, 0.002]",
+            "uniform = [0.002, 0.0]",
+            "uniform",
+        ),
+        (
+            "uniform = [0.0, 0.002]",
+            "log_uniform = [0.0, 0.002]",
+            "log_uniform",
+        ),
+        ("uniform = [0.0, 0.002]", "normal = [0.0, 0.0]", "normal"),
+        ("uniform = [0.0, 0.002]", "", "exactly one"),
+        ("values = [true, false]", "values = []", "values"),
+        (
+            "values = [true, false]",
+            "values = [true, 3]",
+            "mission.rps",
+        ),
+        ("mission.rps", "mission.rsp", "rsp"),
+        ("mission.rps", "plant.creep_velocity_m_s", "twice"),
+        ("[-0.5, 0.1, 0.0]", "[-0.5, 0.1]", "start"),
+        ("seed = 3", "sede = 3", "sede"),
+    ] {
+        let text = TEXT.replace(from, to);
+        assert_ne!(text, TEXT);
+        let error = Study::parse(&text, "file.toml").unwrap_err();
+        assert!(error.to_string().contains(named), "{to}: {error}");
+        assert!(
+            error.to_string().contains("file.toml") && error.exit_code() == 2,
+            "{error}"
+        );
+    }
+}
+
+fn finished(study: &Study, block: u64) -> Vec<Finished> {
+    study
+        .block_runs(block)
+        .map(|index| Finished {
+            index,
+            run: study.run(index).unwrap(),
+            outcome: Outcome {
+                midpoint: [0.001 * index as f64, 0.0, 0.0],
+                done: true,
+                ..Outcome::default()
+            },
+        })
+        .collect()
+}
+
+#[test]
+fn blocks_are_kept_and_spoiled_ones_noticed() {
+    let folder = tempfile::tempdir().unwrap();
+    let directory = Directory::open_for(study(), folder.path()).unwrap();
+    assert_eq!(directory.block(2).unwrap(), Block::Missing);
+    directory.write(2, &finished(&study(), 2)).unwrap();
+    let Block::Complete(columns) = directory.block(2).unwrap() else {
+        panic!("{:?}", directory.block(2));
+    };
+    assert_eq!(columns.integers("run"), [6, 7, 8]);
+    assert_eq!(columns.doubles("e_m"), [0.006, 0.007, 0.008]);
+    assert_eq!(columns.words("mission.rps"), ["false", "false", "true"]);
+    // Under another number it is not that block, and cut short it is none.
+    let path = folder.path().join("block-000002.parquet");
+    std::fs::copy(&path, folder.path().join("block-000003.parquet")).unwrap();
+    assert!(matches!(directory.block(3).unwrap(), Block::Spoiled(_)));
+    let content = std::fs::read(&path).unwrap();
+    std::fs::write(&path, &content[..content.len() / 2]).unwrap();
+    assert!(matches!(directory.block(2).unwrap(), Block::Spoiled(_)));
+    // Another study does not mix with it.
+    let other = Study::parse(&TEXT.replace("seed = 3", "seed = 4"), "other").unwrap();
+    let error = Directory::open_for(other, folder.path()).unwrap_err();
+    assert!(error.exit_code() == 2 && error.to_string().contains("another study"));
+    assert_eq!(Directory::open(folder.path()).unwrap().study(), &study());
+    assert!(Directory::open(&folder.path().join("none")).is_err());
+}
+
+#[test]
+fn the_report_counts_what_is_there() {
+    let study = study();
+    let folder = tempfile::tempdir().unwrap();
+    let directory = Directory::open_for(study.clone(), folder.path()).unwrap();
+    let mut all = super::columns::Columns::default();
+    for block in 0..study.blocks() {
+        directory.write(block, &finished(&study, block)).unwrap();
+        let Block::Complete(columns) = directory.block(block).unwrap() else {
+            panic!()
+        };
+        assert!(all.append(&columns));
+    }
+    let report = Report::of(&study, &all);
+    assert_eq!((report.runs, report.cells.len()), (16, 4));
+    // Runs 4 to 7 end 4 to 7 mm away.
+    assert!((report.cells[1].e_m.mean - 0.0055).abs() < 1e-12);
+    assert_eq!(report.cells[1].within_3cm_3deg, 1.0);
+    assert_eq!(
+        report.cells[1].values[1],
+        ("mission.rps".to_owned(), "false".to_owned())
+    );
+    assert_eq!(report.influences.len(), 1);
+}
+
+#[test]
+fn intervals_and_correlations_are_the_textbook_ones() {
+    // Wilson's interval of 8 of 10, as tabulated.
+    let [low, high] = wilson(8, 10);
+    assert!(
+        (low - 0.4902).abs() < 1e-4 && (high - 0.9433).abs() < 1e-4,
+        "{low} {high}"
+    );
+    // Spearman's example with d² summing to 194 over 10 pairs: 1 − 6·194/990.
+    let iq = [
+        106.0, 100.0, 86.0, 101.0, 99.0, 103.0, 97.0, 113.0, 112.0, 110.0,
+    ];
+    let hours = [7.0, 27.0, 2.0, 50.0, 28.0, 29.0, 20.0, 12.0, 6.0, 17.0];
+    assert!((rank_correlation(&iq, &hours) + 29.0 / 165.0).abs() < 1e-12);
+    // Equal values share a rank.
+    assert!((rank_correlation(&[1.0, 1.0, 2.0, 3.0], &[1.0, 1.0, 2.0, 3.0]) - 1.0).abs() < 1e-12);
+}
