@@ -251,7 +251,7 @@ pub struct ReplayArgs {
     /// The log, as `--log` writes it
     #[arg(value_name = "LOG")]
     pub file: PathBuf,
-    /// Estimate again with the parameters in this file, [robot] of a scenario, in place of the
+    /// Estimate again with the parameters in this file (the robot part of a scenario) in place of the
     /// recorded ones
     #[arg(long, value_name = "FILE")]
     pub with: Option<PathBuf>,

@@ -1,7 +1,7 @@
 //! The report page: a run as one HTML file that needs nothing else.
 //!
 //! `report.html` beside this file holds the page; a run's data are put into it as JSON, at most
-//! [`MOST_SAMPLES`] samples and about 50 a second.
+//! `MOST_SAMPLES` samples and about 50 a second.
 
 use crate::figures::Body;
 use crate::output::OutputDir;

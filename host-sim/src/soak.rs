@@ -341,7 +341,7 @@ impl Soak {
 }
 
 /// Drives for so many ticks, reported in `windows` equal parts; `advance` is called once for each of
-/// [`PIECES`] pieces.
+/// `PIECES` pieces.
 pub fn run(
     ticks: u64,
     windows: u64,
