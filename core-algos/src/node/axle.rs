@@ -476,15 +476,9 @@ impl AxleNode {
         permit
     }
 
-    /// The lead node's mode, if it was heard lately.
-    fn heard_mode(&self, now: Micros) -> Option<LeadMode> {
-        let mode = self.state.mode.as_ref()?;
-        mode.fresh(now, self.reference_timeout).copied()
-    }
-
     /// What the lead node's mode asks of this axle.
     fn request(&self, now: Micros) -> Option<Request> {
-        let mode = self.heard_mode(now);
+        let mode = self.state.mode?.fresh(now, self.reference_timeout).copied();
         let driving = matches!(mode, Some(LeadMode::Active | LeadMode::Hold));
         match self.state.supervisor.operating() {
             OperatingState::Boot => Some(Request::Ready),
@@ -551,8 +545,9 @@ impl AxleNode {
             .reference
             .is_none_or(|reference| reference.age(now) > LATE);
         // A lead node that lets the axle go sends no more references, and that is no fault.
-        let mode = self.heard_mode(now);
-        let dismissed = matches!(mode, Some(LeadMode::Idle | LeadMode::Clear));
+        let dismissed = state
+            .mode
+            .is_some_and(|mode| matches!(mode.value, LeadMode::Idle | LeadMode::Clear));
         let failed = state.peers.failed(other, now) || state.peers.failed(Node::Lead, now);
         samples
             .conditions
