@@ -420,7 +420,7 @@ mod tests {
         scenario
     }
 
-    /// The bytes of a log of so many ticks, driving from the first one on.
+    /// The bytes of a log of so many ticks; the robot drives after the first fifth of a second.
     fn recorded(ticks: u32, prepare: impl FnOnce(&mut Simulation)) -> Vec<u8> {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("run.mcap");
@@ -441,10 +441,12 @@ mod tests {
         simulation.record_to(session.clone());
         prepare(&mut simulation);
         let goal = Posture::ORIGIN;
-        simulation
-            .order(&Order::Task(Task::Regulate { goal }))
-            .unwrap();
-        for _ in 0..ticks {
+        for tick in 0..ticks {
+            // The boards must have heard each other at rest.
+            if tick == 200 {
+                let task = Task::Regulate { goal };
+                simulation.order(&Order::Task(task)).unwrap();
+            }
             simulation.step().unwrap();
         }
         assert!(!path.exists(), "not before it is whole");
@@ -551,7 +553,8 @@ mod tests {
             steps.sum::<f64>()
         };
         let ratio = way(&wrong) / way(&estimates);
-        assert!((1.008..1.012).contains(&ratio), "{ratio}");
+        // Noise at rest is in both, and what the beam measures of the way does not change.
+        assert!((1.003..1.012).contains(&ratio), "{ratio}");
         let good = Quality::of(&estimates, &recording.truth);
         let bad = Quality::of(&wrong, &recording.truth);
         assert!(bad.position_rms_m > good.position_rms_m);
@@ -578,7 +581,7 @@ mod tests {
             damaged[place] ^= 0x10;
             found += u32::from(read::read(&damaged, "log").is_err());
         }
-        assert!(found > 150, "{found}");
+        assert!(found > 60, "{found}");
         assert!(refused(b"time_s,x_m\n0.0,1.0\n").contains("another kind of file"));
         let mut empty = mcap::Writer::new(std::io::Cursor::new(Vec::new())).unwrap();
         empty.finish().unwrap();

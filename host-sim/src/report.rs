@@ -104,7 +104,7 @@ impl Run<'_> {
         let time = |record: &&Record| record.time_s;
         let span = self.records.last().map_or(0.0, time) - self.records.first().map_or(0.0, time);
         let wanted = ((span * RATE) as usize).clamp(1, MOST_SAMPLES);
-        let stride = count.div_ceil(wanted).max(1);
+        let stride = count.saturating_sub(1).div_ceil(wanted).max(1);
         // The last epoch is always there.
         let last = count.checked_sub(1).filter(|last| last % stride != 0);
         (0..count).step_by(stride).chain(last)

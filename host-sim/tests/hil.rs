@@ -357,10 +357,9 @@ fn faults_of_boards_and_bus_are_the_same_behind_frames() {
         let (reference, expected) = faulty(targets::in_process(), &case, None);
         assert_same(&trace, &expected);
         assert_eq!(outcome, reference, "{name}");
-        assert!(
-            outcome.first.is_some() && outcome.stop_s.is_some(),
-            "{name}"
-        );
+        // A bus that spoils some frames may be driven on with.
+        let stopped = outcome.first.is_some() && outcome.stop_s.is_some();
+        assert!(stopped || name.starts_with("bus"), "{name}");
     }
 }
 
