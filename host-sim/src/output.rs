@@ -158,14 +158,35 @@ pub fn write_file(path: &Path, content: impl AsRef<[u8]>) -> Result<(), OutputEr
         })
 }
 
-/// A hidden name in the directory of `path` that no other process uses.
+/// A hidden name in the directory of `path`, which is made if it is missing, that no other process
+/// uses.
 pub fn temporary_beside(path: &Path) -> Result<PathBuf, OutputError> {
-    let directory = match path.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent,
-        _ => Path::new("."),
-    };
+    let directory = directory_of(path);
+    create_missing(directory)?;
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     tempfile_in(directory, &name)
+}
+
+fn directory_of(path: &Path) -> &Path {
+    match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    }
+}
+
+/// Whether a file can be written there; leaves no trace.
+pub fn try_file(path: &Path) -> Result<(), OutputError> {
+    if path.is_dir() {
+        return Err(failed("write", path)(io::ErrorKind::IsADirectory.into()));
+    }
+    let made = create_missing(directory_of(path))?;
+    let tried = temporary_beside(path).and_then(|temporary| {
+        fs::File::create_new(&temporary)
+            .and_then(|_| fs::remove_file(temporary))
+            .map_err(failed("write", path))
+    });
+    remove_all(&made);
+    tried
 }
 
 /// Creates `path` and its missing parents; gives those that were missing, innermost first.
@@ -386,6 +407,21 @@ mod tests {
         assert!(error.to_string().contains("second"), "{error}");
         assert_eq!(names(root.path()), ["first", "second"]);
         assert_eq!(fs::read(root.path().join("first")).unwrap(), b"old");
+    }
+
+    #[test]
+    fn a_single_file_brings_its_directory_and_a_trial_leaves_nothing() {
+        let root = tempfile::tempdir().unwrap();
+        let path = root.path().join("a/b/table.json");
+        try_file(&path).unwrap();
+        assert!(names(root.path()).is_empty());
+        write_file(&path, "{}").unwrap();
+        try_file(&path).unwrap();
+        assert_eq!(names(path.parent().unwrap()), ["table.json"]);
+        assert_eq!(fs::read(&path).unwrap(), b"{}");
+        // A directory's name, and a way through a file.
+        assert!(try_file(root.path()).is_err());
+        assert!(try_file(&path.join("below")).is_err());
     }
 
     #[test]

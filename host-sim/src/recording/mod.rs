@@ -19,6 +19,7 @@ pub mod topics;
 
 use crate::commands::watch_for_interrupt;
 use crate::error::Error;
+use crate::output;
 use crate::scenario::Scenario;
 use crate::simulation::{Record, Simulation};
 use crate::targets::{self, Report, Target};
@@ -61,7 +62,7 @@ impl LogArgs {
             Tables::new(path)?;
         }
         if let Some(path) = &self.log {
-            Sink::try_file(path)?;
+            output::try_file(path)?;
         }
         Ok(())
     }

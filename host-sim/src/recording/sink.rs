@@ -114,12 +114,6 @@ impl Sink {
         Self::open(medium, paths).map_err(failed(path))
     }
 
-    /// Whether a log can be written there; leaves no trace.
-    pub fn try_file(path: &Path) -> Result<(), OutputError> {
-        let (temporary, _) = create(path)?;
-        fs::remove_file(temporary).map_err(failed(path))
-    }
-
     /// A log that is only counted, to measure its speed.
     pub fn counted() -> io::Result<Self> {
         Self::open(Medium::Counter(0, 0), None)
