@@ -1,8 +1,11 @@
 //! Command line: arguments and their help.
 
+mod numbers;
+
 use crate::recording::LogArgs;
-use clap::{Args, Parser, Subcommand, ValueEnum};
+use clap::{Arg, Args, CommandFactory, FromArgMatches, Parser, Subcommand, ValueEnum};
 use core_algos::fusion::tandem::Mode;
+use numbers::{number, whole};
 use std::path::PathBuf;
 
 /// Control and sensing of a two-axle compliant-framed mobile robot: the boards' own code against a
@@ -19,6 +22,26 @@ pub struct Cli {
     /// Arguments of `posture` when no subcommand is given.
     #[command(flatten)]
     pub posture: PostureArgs,
+}
+
+impl Cli {
+    /// The command line of this process; the process ends if it is wrong or asks for help.
+    pub fn read() -> Self {
+        let cli = Self::from_arg_matches(&command().get_matches());
+        cli.unwrap_or_else(|error| error.exit())
+    }
+}
+
+/// The command with what is said once for the arguments of all subcommands: a negative number is a
+/// value, so that it is refused with the range that is allowed.
+pub fn command() -> clap::Command {
+    let value = |argument: Arg| match argument.get_action().takes_values() {
+        true => argument.allow_negative_numbers(true),
+        false => argument,
+    };
+    Cli::command()
+        .mut_args(value)
+        .mut_subcommands(move |subcommand| subcommand.mut_args(value))
 }
 
 /// The subcommands.
@@ -65,6 +88,10 @@ pub enum Command {
     PlantBench(PlantBenchArgs),
     /// Measure the real-time factor of the whole closed loop
     LoopBench(LoopBenchArgs),
+    /// Check toolchain, emulator, probe and serial ports, and say what to do about what is missing
+    Doctor(DoctorArgs),
+    /// Print the completions of a shell, for example for `source <(cfmmr completions bash)`
+    Completions(CompletionsArgs),
 }
 
 /// Arguments every experiment takes.
@@ -78,7 +105,7 @@ pub struct Common {
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub set: Vec<String>,
     /// Seed of all random draws; the same seed gives the same bytes
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = 1, value_parser = whole::<u64>(0..=u64::MAX))]
     pub seed: u64,
     /// Directory for pictures, tables and logs [default: out/COMMAND]
     #[arg(long, value_name = "DIR")]
@@ -87,7 +114,7 @@ pub struct Common {
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
     /// Number of threads; the result does not depend on it [default: one per core]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    #[arg(long, value_name = "N", value_parser = whole::<u16>(1..=1024))]
     pub threads: Option<u16>,
 }
 
@@ -111,13 +138,13 @@ pub struct PostureArgs {
     #[command(flatten)]
     pub log: LogArgs,
     /// Number of paired trials in each row
-    #[arg(long, default_value_t = 50, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    #[arg(long, default_value_t = 50, value_parser = whole::<u32>(1..=1_000_000), conflicts_with_all = ["dashboard", "live"])]
     pub trials: u32,
     /// Start posture of the robot's midpoint: metres, metres, heading in radians or with `deg`
     #[arg(long, value_name = "X,Y,PHI", allow_hyphen_values = true)]
     pub from: Option<String>,
     /// Rows of the table
-    #[arg(long, value_enum, default_value_t = RowSelection::All)]
+    #[arg(long, value_enum, default_value_t = RowSelection::All, conflicts_with_all = ["dashboard", "live"])]
     pub rows: RowSelection,
 }
 
@@ -135,14 +162,14 @@ pub struct FollowArgs {
     pub path: String,
     /// Largest speed along the path, m/s; tracking leaves at least a tenth of the robot's speed
     /// limit for catching up [default: that of the scenario, 0.2]
-    #[arg(long, value_name = "M/S")]
+    #[arg(long, value_name = "M/S", value_parser = number)]
     pub speed: Option<f64>,
     /// Size of a built-in path: length of the line, radius of the circle, half width of the
     /// figure eight, m [default: 3, 1, 1.5]
-    #[arg(long, value_name = "M")]
+    #[arg(long, value_name = "M", value_parser = number)]
     pub size: Option<f64>,
     /// Laps of a closed path
-    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    #[arg(long, default_value_t = 1, value_parser = whole::<u32>(1..=10_000))]
     pub laps: u32,
     /// Start posture of the robot's midpoint, as in `posture` [default: on the path's first point
     /// and along it]
@@ -193,7 +220,7 @@ pub struct HilArgs {
     #[arg(long, value_name = "PORT")]
     pub beam: Option<PathBuf>,
     /// Rate of the serial ports
-    #[arg(long, default_value_t = 921_600, value_parser = clap::value_parser!(u32).range(9_600..=12_000_000))]
+    #[arg(long, default_value_t = 921_600, value_parser = whole::<u32>(9_600..=12_000_000))]
     pub baud: u32,
     /// Keep pace with the clock: no tick begins before its time
     #[arg(long)]
@@ -202,7 +229,7 @@ pub struct HilArgs {
     #[arg(long)]
     pub compare: bool,
     /// Probability that a frame is lost on the bus between boards [default: that of the scenario, 0]
-    #[arg(long, value_name = "P")]
+    #[arg(long, value_name = "P", value_parser = number)]
     pub link_loss: Option<f64>,
     /// Time from sending to receiving on the bus, ms [default: that of the scenario, 2]
     #[arg(long, value_name = "MS")]
@@ -223,25 +250,25 @@ pub struct HilArgs {
     #[arg(long, value_name = "PATH")]
     pub track: Option<String>,
     /// Largest speed along a path, m/s
-    #[arg(long, value_name = "M/S")]
+    #[arg(long, value_name = "M/S", value_parser = number)]
     pub speed: Option<f64>,
     /// Size of a built-in path, m
-    #[arg(long, value_name = "M")]
+    #[arg(long, value_name = "M", value_parser = number)]
     pub size: Option<f64>,
     /// Laps of a closed path
-    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    #[arg(long, default_value_t = 1, value_parser = whole::<u32>(1..=10_000))]
     pub laps: u32,
     /// Watch a robot that is done at least until this time, s
-    #[arg(long, value_name = "S", default_value_t = 20.0)]
+    #[arg(long, value_name = "S", default_value_t = 20.0, value_parser = number)]
     pub duration: f64,
     /// End at this time, done or not, s
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", value_parser = number)]
     pub stop_after: Option<f64>,
     /// Switch a board off in the middle of the run, for example front@8.0 (s); may be repeated
     #[arg(long, value_name = "BOARD@S")]
     pub kill: Vec<String>,
     /// Switch a board that was lost on again after this time, s
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", value_parser = number)]
     pub restart_after: Option<f64>,
 }
 
@@ -276,13 +303,13 @@ pub struct SweepArgs {
     #[command(flatten)]
     pub common: Common,
     /// Number of random starts (within 2 m of the goal in x and y, any heading)
-    #[arg(long, default_value_t = 1000, value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
+    #[arg(long, default_value_t = 1000, value_parser = whole::<u32>(1..=10_000_000))]
     pub starts: u32,
     /// What the robot is simulated with
     #[arg(long, value_enum, default_value_t = SweepModel::Plant)]
     pub model: SweepModel,
     /// Largest curvature of the midpoint's path, 0.5 to 5 1/m [default: that of the scenario, 3.08]
-    #[arg(long, value_name = "1/M")]
+    #[arg(long, value_name = "1/M", value_parser = number)]
     pub kappa_max: Option<f64>,
 }
 
@@ -293,7 +320,7 @@ pub struct SensitivityArgs {
     #[command(flatten)]
     pub common: Common,
     /// Number of paired trials at each point
-    #[arg(long, default_value_t = 50, value_parser = clap::value_parser!(u32).range(2..=1_000_000))]
+    #[arg(long, default_value_t = 50, value_parser = whole::<u32>(2..=1_000_000))]
     pub trials: u32,
 }
 
@@ -304,7 +331,7 @@ pub struct ConsistencyArgs {
     #[command(flatten)]
     pub common: Common,
     /// Number of runs
-    #[arg(long, default_value_t = 200, value_parser = clap::value_parser!(u32).range(2..=1_000_000))]
+    #[arg(long, default_value_t = 200, value_parser = whole::<u32>(2..=1_000_000))]
     pub trials: u32,
     /// Only these fusions, separated by commas [default: all]
     #[arg(long, value_enum, value_delimiter = ',', value_name = "LIST")]
@@ -394,14 +421,14 @@ pub struct DbcArgs {
 #[derive(Clone, Debug, Args)]
 pub struct PlantBenchArgs {
     /// Simulated time of one run, s
-    #[arg(long, default_value_t = 20.0, value_name = "S")]
+    #[arg(long, default_value_t = 20.0, value_name = "S", value_parser = number)]
     pub duration: f64,
     /// Number of runs of each drive; the median is reported
-    #[arg(long, default_value_t = 7, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    #[arg(long, default_value_t = 7, value_parser = whole::<u32>(1..=1000))]
     pub repeats: u32,
     /// Also compare with an explicit reference at 20 µs over this time, s; it runs at about real
     /// time
-    #[arg(long, default_value_t = 0.0, value_name = "S")]
+    #[arg(long, default_value_t = 0.0, value_name = "S", value_parser = number)]
     pub accuracy: f64,
     /// Also write the result as JSON to this file
     #[arg(long, value_name = "FILE")]
@@ -412,7 +439,7 @@ pub struct PlantBenchArgs {
 #[derive(Clone, Debug, Args)]
 pub struct FaultsArgs {
     /// Number of seeds
-    #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    #[arg(long, default_value_t = 2, value_parser = whole::<u32>(1..=1000))]
     pub seeds: u32,
     /// Only faults with this in their name; may be repeated
     #[arg(long, value_name = "TEXT", conflicts_with = "bless")]
@@ -439,21 +466,40 @@ pub struct FaultsArgs {
 #[derive(Clone, Debug, Args)]
 pub struct SoakArgs {
     /// Axle ticks (ms)
-    #[arg(long, default_value_t = 10_000_000, value_parser = clap::value_parser!(u64).range(10_000..=4_000_000_000))]
+    #[arg(long, default_value_t = 10_000_000, value_parser = whole::<u64>(10_000..=4_000_000_000))]
     pub ticks: u64,
     /// Seed of all random draws
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = 1, value_parser = whole::<u64>(0..=u64::MAX))]
     pub seed: u64,
     /// Also write the result as JSON to this file
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
 }
 
+/// Arguments of `doctor`.
+#[derive(Clone, Debug, Args)]
+pub struct DoctorArgs {
+    /// The emulator
+    #[arg(long, value_name = "PROGRAM", default_value = "qemu-system-arm")]
+    pub qemu: String,
+    /// Also write the result as JSON to this file
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+/// Arguments of `completions`.
+#[derive(Clone, Debug, Args)]
+pub struct CompletionsArgs {
+    /// The shell
+    #[arg(value_enum)]
+    pub shell: clap_complete::Shell,
+}
+
 /// Arguments of `loop-bench`.
 #[derive(Clone, Debug, Args)]
 pub struct LoopBenchArgs {
     /// Number of runs; the median is reported
-    #[arg(long, default_value_t = 7, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    #[arg(long, default_value_t = 7, value_parser = whole::<u32>(1..=1000))]
     pub repeats: u32,
     /// Also write the result as JSON to this file
     #[arg(long, value_name = "FILE")]
@@ -466,32 +512,38 @@ pub fn parse_posture(text: &str) -> Result<[f64; 3], String> {
     let parts: Vec<&str> = text.split(',').map(str::trim).collect();
     let [x, y, phi] = parts[..] else {
         return Err(format!(
-            "--from {text}: must be three numbers X,Y,PHI, found {}",
+            "--from {text}: must be three numbers X,Y,PHI (m, m, rad), found {}: for example \
+             --from -1.5,0.2,90deg",
             parts.len()
         ));
     };
-    let number = |name: &str, text: &str, limit: f64| match text.parse::<f64>() {
+    let number = |name: &str, text: &str, limit: f64, unit: &str| match text.parse::<f64>() {
         Ok(value) if value.abs() <= limit => Ok(value),
         _ => Err(format!(
-            "--from: {name} = {text}: must be a number from -{limit} to {limit}"
+            "--from: {name} = {text}: must be a number from -{limit:.5} to {limit:.5} {unit}, for \
+             example --from -1.5,0.2,90deg"
         )),
     };
     let degrees = phi.strip_suffix("deg").or_else(|| phi.strip_suffix('°'));
     let phi = match degrees {
-        Some(text) => number("PHI", text.trim(), 360.0)?.to_radians(),
-        None => number("PHI", phi, std::f64::consts::TAU)?,
+        Some(text) => number("PHI", text.trim(), 360.0, "degrees")?.to_radians(),
+        None => number(
+            "PHI",
+            phi,
+            std::f64::consts::TAU,
+            "rad (degrees end in deg)",
+        )?,
     };
-    Ok([number("X", x, 50.0)?, number("Y", y, 50.0)?, phi])
+    Ok([number("X", x, 50.0, "m")?, number("Y", y, 50.0, "m")?, phi])
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use clap::CommandFactory;
 
     #[test]
     fn command_line_is_well_formed() {
-        Cli::command().debug_assert();
+        command().debug_assert();
     }
 
     #[test]
@@ -532,7 +584,7 @@ pub struct CampaignArgs {
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Number of threads; the result does not depend on it [default: one per core]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    #[arg(long, value_name = "N", value_parser = whole::<u16>(1..=1024))]
     pub threads: Option<u16>,
 }
 

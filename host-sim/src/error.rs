@@ -9,6 +9,8 @@ pub enum Error {
     Input(String),
     /// Something else failed (a file could not be written, a thread pool not started).
     Failure(String),
+    /// The user ended the command.
+    Quit(String),
 }
 
 impl Error {
@@ -22,6 +24,7 @@ impl Error {
         match self {
             Self::Input(_) => 2,
             Self::Failure(_) => 1,
+            Self::Quit(_) => 0,
         }
     }
 }
@@ -29,7 +32,7 @@ impl Error {
 impl fmt::Display for Error {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Input(text) | Self::Failure(text) => f.write_str(text),
+            Self::Input(text) | Self::Failure(text) | Self::Quit(text) => f.write_str(text),
         }
     }
 }

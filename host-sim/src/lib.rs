@@ -4,9 +4,11 @@
 //! read; [`eval`] runs single on-board algorithms on cases from standard input. [`statistics`],
 //! [`figures`], [`table`] and [`output`] make results of it.
 
+pub mod advice;
 pub mod campaign;
 pub mod cli;
 pub mod commands;
+pub mod dashboard;
 pub mod dbc;
 pub mod driving;
 pub mod error;

@@ -1,13 +1,12 @@
 //! Command line of `cfmmr`.
 
-use clap::Parser;
 use host_sim::cli::{Cli, Command};
 use host_sim::commands;
 use host_sim::driving::Manner;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let cli = Cli::read();
     let result = match &cli.command {
         None => commands::posture::run(&cli.posture),
         Some(Command::Posture(args)) => commands::posture::run(args),
@@ -28,6 +27,8 @@ fn main() -> ExitCode {
         Some(Command::LoopBench(args)) => commands::loop_bench::run(args),
         Some(Command::Soak(args)) => commands::soak::run(args),
         Some(Command::Campaign(args)) => commands::campaign::run(args),
+        Some(Command::Doctor(args)) => commands::doctor::run(args),
+        Some(Command::Completions(args)) => commands::completions::run(args),
         Some(Command::Sensitivity(args)) => commands::sensitivity::run(args),
     };
     match result {

@@ -10,7 +10,8 @@ pub struct Progress(ProgressBar);
 impl Progress {
     /// A bar for `total` pieces, named `label`.
     pub fn new(total: usize, label: &'static str) -> Self {
-        let target = if io::stderr().is_terminal() {
+        // One piece has no progress to show.
+        let target = if total > 1 && io::stderr().is_terminal() {
             ProgressDrawTarget::stderr()
         } else {
             ProgressDrawTarget::hidden()

@@ -433,7 +433,7 @@ mod tests {
         };
         let args = LogArgs {
             log: Some(path.clone()),
-            csv: None,
+            ..LogArgs::default()
         };
         let session = Session::begin(&args, &about).unwrap().unwrap();
         let targets = session.tap(targets::in_process(), &scenario);

@@ -9,9 +9,11 @@ use crate::recording::Session;
 use crate::scenario::Scenario;
 use crate::sensors::{Sensors, TrialImperfections, Truth};
 use crate::supervision::{Monitor, Recovery, Status};
-use crate::targets::{self, Boards, Failure, FailureMode, Order, Posted, Room, Target};
+use crate::targets::{
+    self, BoardTraffic, Boards, Failure, FailureMode, Order, Posted, Room, Target,
+};
 use crate::trace::Trace;
-use crate::virtual_bus::VirtualBus;
+use crate::virtual_bus::{BusStatistics, VirtualBus};
 use core_algos::beam::calibration::Calibration;
 use core_algos::beam::{MAX_GAUGES, PerGauge};
 use core_algos::bus::LeadMode;
@@ -53,6 +55,12 @@ pub struct Record {
     pub wheel_speed: [[f64; 2]; 2],
     /// Strains as measured, from the root; zero where there is no gauge.
     pub strain: [f32; MAX_GAUGES],
+}
+
+/// Somebody who looks at a simulation while it runs.
+pub trait Observer: Send {
+    /// The state at the end of an epoch; an error ends the run.
+    fn epoch(&mut self, simulation: &Simulation, record: &Record) -> Result<(), Error>;
 }
 
 /// Points of the frame's curve in a record.
@@ -128,6 +136,7 @@ pub struct Simulation {
     last_lead: lead::Output,
     trace: Option<Trace>,
     recording: Option<Session>,
+    observer: Option<Box<dyn Observer>>,
     calibration: Calibration,
     /// Whether the relative position sensor is fitted.
     sensed: bool,
@@ -209,6 +218,7 @@ impl Simulation {
             last_lead: lead::Output::default(),
             trace: None,
             recording: None,
+            observer: None,
             calibration,
             sensed: scenario.mission.rps,
             counts: [0; MAX_GAUGES],
@@ -323,6 +333,21 @@ impl Simulation {
         self.recording = Some(session);
     }
 
+    /// Has an observer see the state once an epoch, until the simulation goes or there is another.
+    pub fn observe(&mut self, observer: Option<Box<dyn Observer>>) {
+        self.observer = observer;
+    }
+
+    /// What the bus between the boards counted.
+    pub fn bus(&self) -> BusStatistics {
+        self.bus.statistics()
+    }
+
+    /// What went over the links to the boards.
+    pub fn traffic(&self) -> Vec<BoardTraffic> {
+        self.boards.traffic()
+    }
+
     /// From now on, no tick begins before its time on the clock.
     pub fn keep_pace(&mut self) {
         self.pace = Some(Pace::new());
@@ -409,11 +434,26 @@ impl Simulation {
                 trace.lead(&self.last_lead);
             }
         }
-        if let Some(recording) = &self.recording
-            && (self.tick * TICK).is_multiple_of(EPOCH)
-        {
-            recording.see(&self.record());
+        if (self.tick * TICK).is_multiple_of(EPOCH) {
+            self.show()?;
         }
+        Ok(())
+    }
+
+    /// Shows those who look on the state at the end of an epoch.
+    fn show(&mut self) -> Result<(), Error> {
+        if self.recording.is_none() && self.observer.is_none() {
+            return Ok(());
+        }
+        let record = self.record();
+        if let Some(recording) = &self.recording {
+            recording.see(&record);
+        }
+        let Some(mut observer) = self.observer.take() else {
+            return Ok(());
+        };
+        observer.epoch(self, &record)?;
+        self.observer = Some(observer);
         Ok(())
     }
 

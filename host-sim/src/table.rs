@@ -2,9 +2,10 @@
 
 use std::fmt;
 
-/// A table: the first column stands left, all others right.
+/// A table: the first column stands left, all others right unless all stand left.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Table {
+    left: bool,
     header: Vec<String>,
     rows: Vec<Vec<String>>,
 }
@@ -13,9 +14,16 @@ impl Table {
     /// A table without rows.
     pub fn new<S: Into<String>>(header: impl IntoIterator<Item = S>) -> Self {
         Self {
+            left: false,
             header: header.into_iter().map(Into::into).collect(),
             rows: Vec::new(),
         }
+    }
+
+    /// The same with all columns to the left, for words.
+    #[must_use]
+    pub fn left_aligned(self) -> Self {
+        Self { left: true, ..self }
     }
 
     /// Adds a row: cells beyond the header get a column without a name, missing ones stay empty.
@@ -50,10 +58,11 @@ impl fmt::Display for Table {
         let line = |f: &mut fmt::Formatter<'_>, row: &[String]| {
             let mut text = String::new();
             for (column, (cell, &width)) in row.iter().zip(&widths).enumerate() {
-                text += &if column == 0 {
-                    format!("{cell:<width$}")
+                let gap = if column == 0 { "" } else { "  " };
+                text += &if column == 0 || self.left {
+                    format!("{gap}{cell:<width$}")
                 } else {
-                    format!("  {cell:>width$}")
+                    format!("{gap}{cell:>width$}")
                 };
             }
             writeln!(f, "{}", text.trim_end())
@@ -99,5 +108,7 @@ mod tests {
         let lines: Vec<&str> = text.lines().collect();
         assert!(lines[2].starts_with("with RPS  9.5 ± 2.1  "));
         assert!(lines[4].ends_with("  −2"));
+        let text = table.left_aligned().to_string();
+        assert!(text.lines().nth(4).unwrap().ends_with("  1          −2"));
     }
 }

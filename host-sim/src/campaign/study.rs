@@ -174,8 +174,11 @@ impl Study {
     /// Reads a study; what is refused is named.
     pub fn load(path: &Path) -> Result<Self, Error> {
         let name = path.display();
-        let text = std::fs::read_to_string(path)
-            .map_err(|error| Error::input(format!("{name}: {error}")))?;
+        let text = std::fs::read_to_string(path).map_err(|error| {
+            Error::input(format!(
+                "{name}: {error}: must be a study in TOML (docs/campaigns.md)"
+            ))
+        })?;
         Self::parse(&text, &name.to_string())
     }
 

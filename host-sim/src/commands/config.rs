@@ -2,10 +2,9 @@
 
 use crate::cli::ConfigArgs;
 use crate::error::Error;
-use crate::scenario::Scenario;
 
 /// Prints the scenario as TOML.
 pub fn run(args: &ConfigArgs) -> Result<(), Error> {
-    let scenario = Scenario::load(args.scenario.as_deref(), &args.set)?;
+    let scenario = super::scenario(args.scenario.as_deref(), &args.set)?;
     super::print(&scenario.to_toml()?)
 }

@@ -110,7 +110,8 @@ fn path_of(args: &FollowArgs) -> Result<Path, Error> {
             }
             let text = File::open(file).map_err(|error| {
                 Error::input(format!(
-                    "--path {file}: {error} (line, circle, figure-eight, or a CSV file)"
+                    "--path {file}: {error}: must be line, circle, figure-eight, or a CSV file with \
+                     the columns x,y in metres"
                 ))
             })?;
             return Path::from_csv(text).map_err(|error| Error::input(format!("{file}: {error}")));
@@ -142,7 +143,7 @@ pub fn run(args: &FollowArgs, manner: Manner) -> Result<(), Error> {
     let recorder = Recorder::begin(&args.log, &about, route.goal(), &route.postures())?;
     let mut results = context.run("runs", 1, |_| {
         let mut kept = Kept::new(route);
-        let mut simulation = recorder.simulation(scenario, context.seed, 0)?;
+        let mut simulation = recorder.simulation()?;
         let see = |moment: &Moment| kept.see(moment);
         let outcome = driving::drive_on(&mut simulation, scenario, route, manner, see)?;
         Ok((outcome, kept))
@@ -182,10 +183,10 @@ pub fn prepare(args: &FollowArgs, context: &mut Context) -> Result<Course, Error
     let limits = &mut scenario.robot.lead.course.path;
     let most = f64::from(scenario.robot.limits.max_speed_m_s);
     if let Some(speed) = args.speed {
-        let least = f64::from(limits.min_speed_m_s);
-        if !(speed >= least && speed <= most) {
+        if !(speed >= f64::from(limits.min_speed_m_s) && speed <= most) {
             return Err(Error::input(format!(
-                "--speed {speed}: must be a number from {least} to {most} m/s"
+                "--speed {speed}: must be a number from {} to {} m/s",
+                limits.min_speed_m_s, scenario.robot.limits.max_speed_m_s
             )));
         }
         limits.max_speed_m_s = speed as f32;

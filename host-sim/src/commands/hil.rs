@@ -153,7 +153,8 @@ impl HilArgs {
 fn prepare(args: &HilArgs, context: &mut Context) -> Result<Task, Error> {
     if !args.emulated && !args.any_port() {
         return Err(Error::input(
-            "hil: --emulated, or a serial port for a board (--front, --rear, --beam), must be given",
+            "hil: --emulated, or a serial port for a board (--front, --rear, --beam), must be given, \
+             for example `cfmmr hil --emulated`; `cfmmr doctor` says whether QEMU and ports are here",
         ));
     }
     let scenario = &mut context.scenario;
@@ -288,7 +289,10 @@ fn boards(args: &HilArgs, rps: bool, logs: &[BoardLog; 3]) -> Result<[Box<dyn Ta
                 let log = logs[role as usize].clone();
                 Box::new(Emulated::start(&args.qemu, role, wire, images, log)?)
             }
-            (None, Some(port)) => Box::new(Serial::open(port, args.baud)?),
+            (None, Some(port)) => Box::new(
+                Serial::open(port, args.baud)
+                    .map_err(|error| Error::input(format!("--{} {error}", role.name())))?,
+            ),
             _ => return Ok(Box::new(InProcess::new(role))),
         };
         Ok(Box::new(Remote::new(role, link)))
@@ -322,6 +326,7 @@ fn measure(
         trial: 0,
         scenario: &scenario,
     };
+    args.log.check()?;
     let session = Session::begin(&args.log, &about)?;
     let prepare = |targets: [Box<dyn Target>; 3]| -> Result<Simulation, Error> {
         let mut simulation = Simulation::on(targets, &scenario, context.seed, 0)?;
@@ -336,24 +341,28 @@ fn measure(
         simulation.record_trace();
         Ok(simulation)
     };
+    let (goal, path) = match task {
+        Task::Posture(_) => (scenario.mission.goal, Vec::new()),
+        Task::Course(course, _) => (course.route.goal(), course.route.postures()),
+    };
     let mut targets = boards(args, scenario.mission.rps, logs)?;
     if let Some(session) = &session {
         targets = session.tap(targets, &scenario);
-        match task {
-            Task::Posture(_) => session.plan(scenario.mission.goal, &[]),
-            Task::Course(course, _) => session.plan(course.route.goal(), &course.route.postures()),
-        }
+        session.plan(goal, &path);
+        session.await_viewer(interrupt)?;
     }
     let mut simulation = prepare(targets)?;
     if let Some(session) = &session {
         simulation.record_to(session.clone());
     }
-    if args.real_time {
+    simulation.observe(args.log.observer(&about, goal)?);
+    if args.real_time || args.log.is_watched() {
         simulation.keep_pace();
     }
     let start = Instant::now();
     let outcome = experiment(&mut simulation, &scenario, task)?;
     let wall_s = start.elapsed().as_secs_f64();
+    simulation.observe(None);
     let recorded = match &session {
         Some(session) => session.close(simulation.failure().as_deref())?,
         None => Vec::new(),

@@ -2,9 +2,11 @@
 
 pub mod campaign;
 pub mod codes;
+pub mod completions;
 pub mod config;
 pub mod consistency;
 pub mod dbc;
+pub mod doctor;
 pub mod eval;
 pub mod faults;
 pub mod faults_emulated;
@@ -20,6 +22,7 @@ pub mod soak;
 pub mod sweep;
 pub mod topics;
 
+use crate::advice;
 use crate::cli::Common;
 use crate::error::Error;
 use crate::figures::Body;
@@ -29,9 +32,10 @@ use crate::scenario::Scenario;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::io::{self, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
+use toml::Table;
 
 impl From<OutputError> for Error {
     fn from(error: OutputError) -> Self {
@@ -46,6 +50,14 @@ pub fn print(text: &str) -> Result<(), Error> {
         Err(error) if error.kind() != io::ErrorKind::BrokenPipe => Err(error.into()),
         _ => Ok(()),
     }
+}
+
+/// The scenario in a file with the changes of the command line; an error says what to type instead.
+pub fn scenario(file: Option<&Path>, changes: &[String]) -> Result<Scenario, Error> {
+    Scenario::load(file, changes).map_err(|error| {
+        let defaults = Table::try_from(Scenario::default()).unwrap_or_default();
+        advice::on_scenario(error, file, &defaults)
+    })
 }
 
 /// A flag that Ctrl-C sets; a second one ends the program at once.
@@ -74,7 +86,7 @@ pub struct Context {
 impl Context {
     /// Reads the scenario and prepares the threads; `name` is the command.
     pub fn new(common: &Common, name: &str) -> Result<Self, Error> {
-        let scenario = Scenario::load(common.scenario.as_deref(), &common.set)?;
+        let scenario = scenario(common.scenario.as_deref(), &common.set)?;
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(common.threads.map_or(0, usize::from))
             .build()

@@ -198,6 +198,9 @@ pub fn run(args: &PostureArgs) -> Result<(), Error> {
         context.scenario.mission.start = parse_posture(text).map_err(Error::Input)?;
         context.scenario.check()?;
     }
+    if args.log.is_watched() {
+        return watch(args, &context);
+    }
     let variants: &[Variant] = match args.rows {
         RowSelection::All => &Variant::ALL,
         RowSelection::Pair => &Variant::PAIR,
@@ -231,11 +234,32 @@ pub fn run(args: &PostureArgs) -> Result<(), Error> {
     context.finish_with(&text, &report, files, recorded)
 }
 
+/// Runs the first trial with the sensor alone, for those who look on.
+fn watch(args: &PostureArgs, context: &Context) -> Result<(), Error> {
+    context.output()?;
+    let mut trial = Trial::default();
+    let (outcome, recorded) = first_trial(args, context, |record| trial.see(record, true))?;
+    trial.outcome = outcome;
+    let shown = [Variant::PAIR[1]];
+    let goal = context.scenario.mission.goal;
+    let (text, report, files) = publish(context, &shown, &shown, &[trial], goal)?;
+    context.finish_with(&text, &report, files, recorded)
+}
+
 /// Runs the first trial with the sensor once more, and records it.
 fn record(args: &PostureArgs, context: &Context) -> Result<Vec<PathBuf>, Error> {
-    if !args.log.any() {
-        return Ok(Vec::new());
+    match args.log.any() {
+        true => Ok(first_trial(args, context, |_| ())?.1),
+        false => Ok(Vec::new()),
     }
+}
+
+/// The first trial with the sensor, recorded and shown as asked for; how it went, and the files.
+fn first_trial(
+    args: &PostureArgs,
+    context: &Context,
+    observe: impl FnMut(&Record),
+) -> Result<(Outcome, Vec<PathBuf>), Error> {
     let scenario = Variant::PAIR[1].apply(&context.scenario);
     let about = About {
         command: "posture",
@@ -244,10 +268,10 @@ fn record(args: &PostureArgs, context: &Context) -> Result<Vec<PathBuf>, Error> 
         scenario: &scenario,
     };
     let recorder = Recorder::begin(&args.log, &about, scenario.mission.goal, &[])?;
-    let mut simulation = recorder.simulation(&scenario, context.seed, 0)?;
-    simulation::regulate_on(&mut simulation, &scenario, |_| ())?;
+    let mut simulation = recorder.simulation()?;
+    let outcome = simulation::regulate_on(&mut simulation, &scenario, observe)?;
     drop(simulation);
-    recorder.close()
+    Ok((outcome, recorder.close()?))
 }
 
 /// What is kept of a trial.

@@ -31,7 +31,11 @@ pub struct Report {
 /// Runs the command.
 pub fn run(args: &ReplayArgs) -> Result<(), Error> {
     let name = args.file.display().to_string();
-    let bytes = fs::read(&args.file).map_err(|error| Error::input(format!("{name}: {error}")))?;
+    let bytes = fs::read(&args.file).map_err(|error| {
+        Error::input(format!(
+            "{name}: {error}: must be a log, as `cfmmr posture --log FILE` writes it"
+        ))
+    })?;
     let recording = read::read(&bytes, &name)?;
     let scenario = recording.about.get("scenario").map(String::as_str);
     let scenario: Scenario = scenario_file::parse(scenario.unwrap_or_default(), &name, &[])?;

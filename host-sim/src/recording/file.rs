@@ -23,6 +23,7 @@ use foxglove::{Channel, ChannelBuilder, Encode, PartialMetadata, RawChannel};
 use serde::Serialize;
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 /// Epochs between two pictures of the scene.
 const SCENE_EPOCHS: u64 = 5;
@@ -74,6 +75,10 @@ impl Json {
     }
 
     fn write(&self, room: &mut Vec<u8>, tick: u32, entry: &impl Serialize) {
+        // A viewer need not want all topics.
+        if !self.0.has_sinks() {
+            return;
+        }
         room.clear();
         // No entry's `Serialize` fails, and memory can be written to.
         if serde_json::to_writer(&mut *room, entry).is_ok() {
@@ -116,6 +121,15 @@ pub struct Mcap {
     epochs: u64,
     ended: Option<String>,
     whole: bool,
+    /// What was planned, for viewers that come later.
+    planned: Planned,
+}
+
+/// Where the robot is to go, and along which path.
+#[derive(Default)]
+struct Planned {
+    goal: Option<PoseInFrame>,
+    reference: Option<PosesInFrame>,
 }
 
 impl Mcap {
@@ -159,20 +173,53 @@ impl Mcap {
             epochs: 0,
             ended: Some("interrupted".to_owned()),
             whole: false,
+            planned: Planned::default(),
             sink,
         })
     }
 
     /// Where the robot is to go, and along which path.
-    pub fn plan(&self, goal: [f64; 3], path: &[[f64; 3]]) {
+    pub fn plan(&mut self, goal: [f64; 3], path: &[[f64; 3]]) {
         let goal = standard::in_world(0, &goal.into());
         self.goal.log_with_meta(&goal, at(0));
+        self.planned.goal = Some(goal);
         if !path.is_empty() {
             let stride = path.len().div_ceil(REFERENCE_POINTS);
             let points = path.iter().step_by(stride).copied();
             let poses: Vec<Pose> = points.map(Pose::from).collect();
             let path = standard::path(0, &poses);
             self.reference.log_with_meta(&path, at(0));
+            self.planned.reference = Some(path);
+        }
+    }
+
+    /// Waits for a viewer of a run that is served; an error if the flag is set meanwhile.
+    pub fn await_viewer(&self, interrupt: &AtomicBool) -> Result<(), Error> {
+        match self.sink.server() {
+            Some(server) => server.await_viewer(interrupt),
+            None => Ok(()),
+        }
+    }
+
+    /// Tells viewers the time, and those that have just come where the robot is to go.
+    fn serve(&self, time: u64) {
+        let Some(server) = self.sink.server() else {
+            return;
+        };
+        server.time(time);
+        for (channel, viewer) in server.joined() {
+            let (goal, reference) = (&self.planned.goal, &self.planned.reference);
+            if let Some(goal) = goal.as_ref().filter(|_| channel == self.goal.id()) {
+                self.goal
+                    .log_with_meta_to_sink(goal, at(time), Some(viewer));
+            }
+            if let Some(path) = reference
+                .as_ref()
+                .filter(|_| channel == self.reference.id())
+            {
+                self.reference
+                    .log_with_meta_to_sink(path, at(time), Some(viewer));
+            }
         }
     }
 
@@ -262,6 +309,7 @@ impl Mcap {
     pub fn see(&mut self, record: &Record) {
         let tick = (record.time_s * 1e3).round() as u32;
         let time = nanos(tick);
+        self.serve(time);
         let robot = Pose::from(record.midpoint);
         let [front, rear] = record.axles.map(Pose::from);
         let mut frames = vec![("robot", robot), ("front_axle", front), ("rear_axle", rear)];

@@ -10,6 +10,7 @@
 
 pub mod entry;
 mod file;
+mod live;
 pub mod read;
 mod sink;
 mod standard;
@@ -18,10 +19,12 @@ mod tap;
 pub mod topics;
 
 use crate::commands::watch_for_interrupt;
+use crate::dashboard::Dashboard;
+use crate::dashboard::terminal::Terminal;
 use crate::error::Error;
 use crate::output;
 use crate::scenario::Scenario;
-use crate::simulation::{Record, Simulation};
+use crate::simulation::{Observer, Record, Simulation};
 use crate::targets::{self, Report, Target};
 use core_algos::bus::Frame;
 use core_algos::node::board::Role;
@@ -29,6 +32,7 @@ use core_algos::node::lead::{self, Task};
 use entry::{AxleTick, BeamTick, Given, Off, OrderEntry, Start};
 use file::Mcap;
 use sink::Sink;
+use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -37,7 +41,7 @@ use tables::Tables;
 /// What this program was built from.
 pub const BUILD: &str = env!("BUILD");
 
-/// Where a recording goes.
+/// What becomes of a run besides its result: it is written down, shown, served.
 #[derive(Clone, Debug, Default, PartialEq, Eq, clap::Args)]
 pub struct LogArgs {
     /// Write everything the boards got and did to this MCAP file (see docs/logs.md); of several
@@ -48,16 +52,47 @@ pub struct LogArgs {
     /// frames into a DIR
     #[arg(long, value_name = "DIR|FILE")]
     pub csv: Option<PathBuf>,
+    /// Show the run on the terminal while it goes, in step with the clock; q ends it
+    #[arg(long)]
+    pub dashboard: bool,
+    /// Serve the run to Foxglove by websocket, in step with the clock, once a viewer has come; ADDR
+    /// is ADDRESS:PORT or a port (127.0.0.1:8765 if left out); see docs/live.md
+    #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = "127.0.0.1:8765", value_parser = live::address)]
+    pub live: Option<SocketAddr>,
 }
 
 impl LogArgs {
     /// Whether anything is to be recorded.
     pub fn any(&self) -> bool {
-        self.log.is_some() || self.csv.is_some()
+        self.log.is_some() || self.csv.is_some() || self.live.is_some()
     }
 
-    /// Whether the files can be written, tried before hours of work.
+    /// Whether somebody looks on, so that the run keeps pace with the clock.
+    pub fn is_watched(&self) -> bool {
+        self.dashboard || self.live.is_some()
+    }
+
+    /// What shows the run, if that is asked for.
+    pub fn observer(
+        &self,
+        about: &About,
+        goal: [f64; 3],
+    ) -> Result<Option<Box<dyn Observer>>, Error> {
+        if !self.dashboard {
+            return Ok(None);
+        }
+        let title = format!("cfmmr {}, seed {}", about.command, about.seed);
+        Ok(Some(Box::new(Dashboard::open(title, goal)?)))
+    }
+
+    /// Whether all that is possible, tried before hours of work.
     pub fn check(&self) -> Result<(), Error> {
+        if self.dashboard {
+            Terminal::check()?;
+        }
+        if self.live.is_some() {
+            live::check()?;
+        }
         if let Some(path) = &self.csv {
             Tables::new(path)?;
         }
@@ -68,47 +103,65 @@ impl LogArgs {
     }
 }
 
-/// A run in this process that is recorded, if that is asked for; Ctrl-C then ends it with what there
-/// is.
-pub struct Recorder {
+/// A run in this process that is recorded or shown, if that is asked for; Ctrl-C then ends it with
+/// what there is.
+pub struct Recorder<'a> {
+    args: &'a LogArgs,
+    about: &'a About<'a>,
+    goal: [f64; 3],
     session: Option<Session>,
     interrupt: Option<Arc<AtomicBool>>,
 }
 
-impl Recorder {
+impl<'a> Recorder<'a> {
     /// Begins the recording of a run to `goal`, along a path if it has points.
     pub fn begin(
-        args: &LogArgs,
-        about: &About,
+        args: &'a LogArgs,
+        about: &'a About<'a>,
         goal: [f64; 3],
         path: &[[f64; 3]],
     ) -> Result<Self, Error> {
+        args.check()?;
         let session = Session::begin(args, about)?;
-        if let Some(session) = &session {
+        let interrupt = match args.any() || args.is_watched() {
+            true => Some(watch_for_interrupt()?),
+            false => None,
+        };
+        if let (Some(session), Some(flag)) = (&session, &interrupt) {
             session.plan(goal, path);
+            session.await_viewer(flag)?;
         }
-        let interrupt = session.as_ref().map(|_| watch_for_interrupt());
         Ok(Self {
-            interrupt: interrupt.transpose()?,
+            args,
+            about,
+            goal,
+            interrupt,
             session,
         })
     }
 
     /// The run.
-    pub fn simulation(
-        &self,
-        scenario: &Scenario,
-        seed: u64,
-        trial: u64,
-    ) -> Result<Simulation, Error> {
-        let Some(session) = &self.session else {
-            return Simulation::new(scenario, seed, trial);
-        };
-        let targets = session.tap(targets::in_process(), scenario);
+    pub fn simulation(&self) -> Result<Simulation, Error> {
+        let About {
+            scenario,
+            seed,
+            trial,
+            ..
+        } = *self.about;
+        let mut targets = targets::in_process();
+        if let Some(session) = &self.session {
+            targets = session.tap(targets, scenario);
+        }
         let mut simulation = Simulation::on(targets, scenario, seed, trial)?;
-        simulation.record_to(session.clone());
+        if let Some(session) = &self.session {
+            simulation.record_to(session.clone());
+        }
         if let Some(flag) = &self.interrupt {
             simulation.stop_on(flag.clone());
+        }
+        simulation.observe(self.args.observer(self.about, self.goal)?);
+        if self.args.is_watched() {
+            simulation.keep_pace();
         }
         Ok(simulation)
     }
@@ -151,10 +204,11 @@ impl Session {
             return Ok(None);
         }
         let tables = args.csv.as_deref().map(Tables::new).transpose()?;
-        let mcap = match &args.log {
-            Some(path) => Some(Mcap::new(Sink::to_file(path)?, about)?),
-            None => None,
-        };
+        let mut sink = args.log.as_deref().map(Sink::to_file).transpose()?;
+        if let Some(address) = args.live {
+            sink.get_or_insert_with(Sink::nowhere).serve(address)?;
+        }
+        let mcap = sink.map(|sink| Mcap::new(sink, about)).transpose()?;
         Ok(Some(Self::of(Inner { mcap, tables })))
     }
 
@@ -184,8 +238,16 @@ impl Session {
 
     /// Where the robot is to go, and along which path.
     pub fn plan(&self, goal: [f64; 3], path: &[[f64; 3]]) {
-        if let Some(mcap) = &self.inner().mcap {
+        if let Some(mcap) = &mut self.inner().mcap {
             mcap.plan(goal, path);
+        }
+    }
+
+    /// Waits for a viewer of a run that is served; an error if the flag is set meanwhile.
+    pub fn await_viewer(&self, interrupt: &AtomicBool) -> Result<(), Error> {
+        match &self.inner().mcap {
+            Some(mcap) => mcap.await_viewer(interrupt),
+            None => Ok(()),
         }
     }
 

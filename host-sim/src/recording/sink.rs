@@ -4,10 +4,13 @@
 //! interrupted leaves a readable file of what there was. What cannot be written is told at the end:
 //! a log is no reason to stop a robot.
 
+use super::live::Server;
+use crate::error::Error;
 use crate::output::{self, OutputError};
 use foxglove::{Context, McapWriter, McapWriterHandle};
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -99,6 +102,7 @@ fn create(path: &Path) -> Result<(PathBuf, File), OutputError> {
 pub struct Sink {
     context: Arc<Context>,
     handle: Option<McapWriterHandle<Watched>>,
+    server: Option<Server>,
     error: FirstError,
     /// Where it is while it is written, and where it will be.
     paths: Option<(PathBuf, PathBuf)>,
@@ -119,6 +123,29 @@ impl Sink {
         Self::open(Medium::Counter(0, 0), None)
     }
 
+    /// A log that is not written, to be served.
+    pub fn nowhere() -> Self {
+        Self {
+            context: Context::new(),
+            handle: None,
+            server: None,
+            error: FirstError::default(),
+            paths: None,
+            length: 0,
+        }
+    }
+
+    /// Serves to viewers at this address what is written from now on.
+    pub fn serve(&mut self, address: SocketAddr) -> Result<(), Error> {
+        self.server = Some(Server::start(&self.context, address)?);
+        Ok(())
+    }
+
+    /// What serves it, if it is served.
+    pub fn server(&self) -> Option<&Server> {
+        self.server.as_ref()
+    }
+
     fn open(medium: Medium, paths: Option<(PathBuf, PathBuf)>) -> io::Result<Self> {
         let context = Context::new();
         let error = FirstError::default();
@@ -133,6 +160,7 @@ impl Sink {
         Ok(Self {
             context,
             handle: Some(handle),
+            server: None,
             error,
             paths,
             length: 0,
@@ -162,6 +190,9 @@ impl Sink {
     /// Finishes the log and gives its length, bytes; an error if not all of it could be written, and
     /// then there is no file.
     pub fn close(&mut self) -> Result<u64, OutputError> {
+        if let Some(server) = self.server.take() {
+            server.stop();
+        }
         let Some(handle) = self.handle.take() else {
             return Ok(self.length);
         };

@@ -3,7 +3,7 @@
 use super::entry::{AxleTick, BeamTick, Can, Exact, Given, Hex, Off, OrderEntry, Start};
 use super::{Line, Session, in_words};
 use crate::error::Error;
-use crate::targets::{Fault, Order, Output, Posted, Report, Room, Target};
+use crate::targets::{Fault, Order, Output, Posted, Report, Room, Target, Traffic};
 use core_algos::bus::{self, Frame, Message};
 use core_algos::hil::framing::crc32c;
 use core_algos::hil::protocol::{Place, StackUse};
@@ -197,6 +197,10 @@ impl Target for Tap {
 
     fn revive(&mut self) -> Result<(), Error> {
         self.target.revive()
+    }
+
+    fn traffic(&self) -> Option<Traffic> {
+        self.target.traffic()
     }
 
     fn report(&self) -> Report {

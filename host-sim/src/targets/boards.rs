@@ -13,7 +13,7 @@
 //!   ends, with the motors off.
 //! - **An axle lost for good**: the run ends, at rest.
 
-use super::{Fault, Order, Output, Posted, Report, Room, Target};
+use super::{BoardTraffic, Fault, Order, Output, Posted, Report, Room, Target};
 use crate::error::Error;
 use core_algos::bus::{Frame, Message};
 use core_algos::hil::protocol::Place;
@@ -231,6 +231,16 @@ impl Boards {
             }
         }
         reports
+    }
+
+    /// What went over the links so far.
+    pub fn traffic(&self) -> Vec<BoardTraffic> {
+        let of = |slot: &Slot| BoardTraffic {
+            role: slot.role,
+            on: slot.on,
+            traffic: slot.target.traffic(),
+        };
+        self.slots.iter().map(of).collect()
     }
 
     fn was_lost(&self, role: Role) -> bool {

@@ -20,7 +20,8 @@ use std::time::{Duration, Instant};
 
 /// The oldest QEMU whose model of the chip does.
 pub const OLDEST_QEMU: u32 = 9;
-const TARGET: &str = "thumbv7em-none-eabihf";
+/// The boards' target.
+pub const TARGET: &str = "thumbv7em-none-eabihf";
 /// Time in which an emulated board opens its link.
 const START: Duration = Duration::from_secs(20);
 
@@ -33,18 +34,24 @@ pub enum Wire {
     Uart,
 }
 
-/// Checks that `program` is QEMU and new enough; gives its version.
-pub fn check_qemu(program: &str) -> Result<String, Error> {
-    let need = format!(
-        "emulated boards need qemu-system-arm {OLDEST_QEMU}.0 or newer: scripts/install_qemu.sh \
-         installs it on Debian (from the backports suite where the release's own is older), other \
-         systems have it in their package qemu or qemu-system-arm"
-    );
+/// Why a program does not do as the emulator.
+#[derive(Debug)]
+pub enum QemuFault {
+    /// It cannot be started.
+    Absent(io::Error),
+    /// It is something else.
+    Other,
+    /// It is this version.
+    TooOld(String),
+}
+
+/// Version of QEMU, if `program` is that and new enough.
+pub fn find_qemu(program: &str) -> Result<String, QemuFault> {
     let output = Command::new(program)
         .arg("--version")
         .stdin(Stdio::null())
         .output()
-        .map_err(|error| Error::Failure(format!("{program}: {error}; {need}")))?;
+        .map_err(QemuFault::Absent)?;
     let text = String::from_utf8_lossy(&output.stdout).into_owned();
     let version = text
         .split_once("version ")
@@ -53,11 +60,26 @@ pub fn check_qemu(program: &str) -> Result<String, Error> {
     let major = version.split('.').next().and_then(|n| n.parse().ok());
     match major {
         Some(major) if u32::ge(&major, &OLDEST_QEMU) => Ok(version.to_owned()),
-        Some(_) => Err(Error::Failure(format!(
-            "{program} is version {version}, too old; {need}"
-        ))),
-        None => Err(Error::Failure(format!("{program} is not QEMU; {need}"))),
+        Some(_) => Err(QemuFault::TooOld(version.to_owned())),
+        None => Err(QemuFault::Other),
     }
+}
+
+/// The same with an error that says what is needed.
+pub fn check_qemu(program: &str) -> Result<String, Error> {
+    let need = format!(
+        "emulated boards need qemu-system-arm {OLDEST_QEMU}.0 or newer: scripts/install_qemu.sh \
+         installs it on Debian (from the backports suite where the release's own is older), other \
+         systems have it in their package qemu or qemu-system-arm"
+    );
+    find_qemu(program).map_err(|fault| {
+        let found = match fault {
+            QemuFault::Absent(error) => format!("{program}: {error}"),
+            QemuFault::Other => format!("{program} is not QEMU"),
+            QemuFault::TooOld(version) => format!("{program} is version {version}, too old"),
+        };
+        Error::Failure(format!("{found}; {need}"))
+    })
 }
 
 /// Images of both kinds of board, built for emulation.

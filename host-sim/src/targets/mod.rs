@@ -82,6 +82,28 @@ impl From<Error> for Fault {
     }
 }
 
+/// What went over the link to a board so far.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Traffic {
+    /// Frames received from the board.
+    pub frames: u64,
+    /// Requests that had to be repeated because they, or their answers, were lost or damaged.
+    pub lost: u64,
+    /// Damaged frames received from the board.
+    pub damaged: u64,
+}
+
+/// The link to one of a robot's boards.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BoardTraffic {
+    /// The board.
+    pub role: Role,
+    /// Whether it is fitted and on.
+    pub on: bool,
+    /// What went over its link; none of a board in this process.
+    pub traffic: Option<Traffic>,
+}
+
 /// What is known of a board after a run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Report {
@@ -180,6 +202,11 @@ pub trait Target: Send {
 
     /// What its stack took at most so far, if that is measured and the board answers.
     fn stack(&mut self) -> Option<StackUse> {
+        None
+    }
+
+    /// What went over its link so far, if it has one.
+    fn traffic(&self) -> Option<Traffic> {
         None
     }
 

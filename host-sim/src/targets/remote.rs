@@ -3,7 +3,7 @@
 //! One request at a time, repeated until its answer comes; see [`core_algos::hil`].
 
 use super::link::Link;
-use super::{Fault, Latency, Order, Output, Posted, Report, Room, Target};
+use super::{Fault, Latency, Order, Output, Posted, Report, Room, Target, Traffic};
 use crate::error::Error;
 use core_algos::bus::{Frame, Message};
 use core_algos::hil::framing::{self, Decoder, MAX_FRAME};
@@ -325,16 +325,25 @@ impl Target for Remote {
         self.conversation.link.revive()
     }
 
-    fn report(&self) -> Report {
+    fn traffic(&self) -> Option<Traffic> {
         let counters = self.conversation.decoder.counters();
+        Some(Traffic {
+            frames: counters.received.into(),
+            lost: self.conversation.repeated,
+            damaged: counters.damaged.into(),
+        })
+    }
+
+    fn report(&self) -> Report {
+        let traffic = self.traffic().unwrap_or_default();
         let ticks = self.latencies.len().max(1) as f64;
         Report {
             role: self.role.name(),
             target: self.conversation.link.name(),
             build: self.build.clone(),
-            frames: counters.received.into(),
-            lost: self.conversation.repeated,
-            damaged: counters.damaged.into(),
+            frames: traffic.frames,
+            lost: traffic.lost,
+            damaged: traffic.damaged,
             sent_per_tick: self.tick_bytes[0] as f64 / ticks,
             received_per_tick: self.tick_bytes[1] as f64 / ticks,
             latency: Latency::of(&self.latencies),

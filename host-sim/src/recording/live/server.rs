@@ -1,0 +1,93 @@
+//! The server.
+
+use crate::error::Error;
+use foxglove::websocket::{Capability, ChannelView, Client, ServerListener};
+use foxglove::{ChannelId, Context, SinkId, WebSocketServer, WebSocketServerHandle};
+use std::mem;
+use std::net::SocketAddr;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread;
+use std::time::Duration;
+
+/// Time between two looks at whether a viewer has come.
+const LOOK: Duration = Duration::from_millis(20);
+
+/// What viewers asked for since it was last looked at, and whether one ever did.
+#[derive(Default)]
+struct Viewers {
+    joined: Mutex<Vec<(ChannelId, SinkId)>>,
+    came: AtomicBool,
+}
+
+impl ServerListener for Viewers {
+    fn on_subscribe(&self, client: Client, channel: ChannelView) {
+        let mut joined = self.joined.lock().unwrap_or_else(PoisonError::into_inner);
+        joined.extend(client.sink_id().map(|viewer| (channel.id(), viewer)));
+        self.came.store(true, Relaxed);
+    }
+}
+
+/// A server of all channels of a context.
+pub struct Server {
+    handle: WebSocketServerHandle,
+    viewers: Arc<Viewers>,
+    address: SocketAddr,
+}
+
+impl Server {
+    /// Serves from now on; port 0 is any that is free.
+    pub fn start(context: &Arc<Context>, address: SocketAddr) -> Result<Self, Error> {
+        let viewers = Arc::new(Viewers::default());
+        let handle = WebSocketServer::new()
+            .name("cfmmr")
+            .context(context)
+            .bind(address.ip().to_string(), address.port())
+            .capabilities([Capability::Time])
+            .listener(viewers.clone())
+            .start_blocking()
+            .map_err(|error| {
+                Error::input(format!(
+                    "--live {address}: {error}: must be an address of this machine with a port that \
+                     is free"
+                ))
+            })?;
+        let address = SocketAddr::new(address.ip(), handle.port());
+        Ok(Self {
+            handle,
+            viewers,
+            address,
+        })
+    }
+
+    /// Says where it is, and waits for a viewer; an error if the flag is set meanwhile.
+    pub fn await_viewer(&self, interrupt: &AtomicBool) -> Result<(), Error> {
+        eprintln!(
+            "live: ws://{}, waiting for a viewer (Foxglove: Open connection, Foxglove WebSocket)",
+            self.address
+        );
+        while !self.viewers.came.load(Relaxed) {
+            if interrupt.load(Relaxed) {
+                return Err(Error::Failure("interrupted".to_owned()));
+            }
+            thread::sleep(LOOK);
+        }
+        Ok(())
+    }
+
+    /// Tells viewers the simulated time, ns.
+    pub fn time(&self, nanos: u64) {
+        self.handle.broadcast_time(nanos);
+    }
+
+    /// What viewers asked for since the last call.
+    pub fn joined(&self) -> Vec<(ChannelId, SinkId)> {
+        let joined = self.viewers.joined.lock();
+        mem::take(&mut *joined.unwrap_or_else(PoisonError::into_inner))
+    }
+
+    /// Hands out what waits, and ends.
+    pub fn stop(self) {
+        self.handle.stop().wait_blocking();
+    }
+}

@@ -1,0 +1,377 @@
+//! What a new user meets: mistakes, help, completions and the doctor.
+
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::fs;
+use std::os::unix::fs::PermissionsExt;
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+
+const CFMMR: &str = env!("CARGO_BIN_EXE_cfmmr");
+
+fn cfmmr(folder: &Path, arguments: &[&str]) -> Output {
+    let mut command = Command::new(CFMMR);
+    command.args(arguments).current_dir(folder);
+    command.stdin(Stdio::null()).output().unwrap()
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+#[test]
+fn a_mistake_is_answered_with_what_to_type() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, content: &str| fs::write(folder.path().join(name), content).unwrap();
+    write("key.toml", "[plant]\nfrictoin = 0.5\n");
+    write("unit.toml", "[plant]\nstrip_length_m = \"370 mm\"\n");
+    write("range.toml", "[bus]\nloss = 1.5\n");
+    write("other.csv", "a\n1\n");
+    let cases: [(&[&str], &[&str]); 24] = [
+        (&["postur"], &["postur", "posture", "--help"]),
+        (&["posture", "--trial", "3"], &["--trial'", "--trials"]),
+        (
+            &["posture", "--trials", "many"],
+            &["--trials", "many", "1 to 1000000"],
+        ),
+        (
+            &["posture", "--trials", "-3"],
+            &["--trials", "-3", "1 to 1000000"],
+        ),
+        (
+            &["posture", "--seed", "one"],
+            &["--seed", "one", "whole number from 0 to"],
+        ),
+        (
+            &["posture", "--seed", "-1"],
+            &["--seed", "-1", "whole number from 0 to"],
+        ),
+        (
+            &["posture", "--rows", "both"],
+            &["--rows", "both", "all, pair"],
+        ),
+        (&["posture", "--json"], &["--json", "<FILE>"]),
+        (
+            &["posture", "--scenario", "none.toml"],
+            &["--scenario none.toml", "TOML", "cfmmr config > FILE"],
+        ),
+        (
+            &["posture", "--scenario", "key.toml"],
+            &[
+                "key.toml",
+                "line 2",
+                "frictoin",
+                "did you mean plant.friction?",
+                "cfmmr config",
+            ],
+        ),
+        (
+            &["posture", "--scenario", "unit.toml"],
+            &[
+                "unit.toml",
+                "strip_length_m = \"370 mm\"",
+                "expected a number",
+            ],
+        ),
+        (
+            &["posture", "--scenario", "range.toml"],
+            &["bus.loss", "1.5", "0", "1"],
+        ),
+        (
+            &["posture", "--set", "friction=1"],
+            &["friction", "did you mean plant.friction?"],
+        ),
+        (
+            &["posture", "--set", "plant.friction=high"],
+            &["plant.friction", "high", "expected a number"],
+        ),
+        (
+            &["posture", "--set", "plant.friction"],
+            &["--set plant.friction", "KEY=VALUE", "for example"],
+        ),
+        (
+            &["posture", "--from", "1m,2m,0"],
+            &[
+                "--from",
+                "X = 1m",
+                "-50",
+                "50",
+                " m,",
+                "--from -1.5,0.2,90deg",
+            ],
+        ),
+        (
+            &["posture", "--from", "1,2,90"],
+            &["--from", "PHI = 90", "-6.28319", "6.28319 rad", "90deg"],
+        ),
+        (
+            &["follow", "--path", "fig8"],
+            &["--path fig8", "line, circle, figure-eight", "CSV"],
+        ),
+        (
+            &["follow", "--path", "other.csv"],
+            &["other.csv", "line 1", "x and y"],
+        ),
+        (
+            &["follow", "--speed", "20cm"],
+            &["--speed <M/S>", "20cm", "plain number"],
+        ),
+        (
+            &["follow", "--speed", "-0.1"],
+            &["--speed -0.1", "from 0.02 to 0.25 m/s"],
+        ),
+        (
+            &["hil"],
+            &[
+                "--emulated",
+                "--front",
+                "cfmmr hil --emulated",
+                "cfmmr doctor",
+            ],
+        ),
+        (
+            &["hil", "--front", "/dev/no-such-port"],
+            &["--front /dev/no-such-port", "serial port", "cfmmr doctor"],
+        ),
+        (
+            &["replay", "none.mcap"],
+            &["none.mcap", "cfmmr posture --log FILE"],
+        ),
+    ];
+    for (arguments, words) in cases {
+        let output = cfmmr(folder.path(), arguments);
+        let error = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {error}");
+        for word in words {
+            assert!(
+                error.contains(word),
+                "{arguments:?}: no {word:?} in {error}"
+            );
+        }
+    }
+    let kept = fs::read_dir(folder.path()).unwrap().count();
+    assert_eq!(kept, 4, "a refused command wrote something");
+}
+
+/// Names of all subcommands.
+fn commands() -> Vec<String> {
+    let command = host_sim::cli::command();
+    let names = command
+        .get_subcommands()
+        .map(|sub| sub.get_name().to_owned());
+    names.collect()
+}
+
+#[test]
+fn completions_are_read_by_bash_and_name_every_command() {
+    let folder = tempfile::tempdir().unwrap();
+    for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
+        let output = cfmmr(folder.path(), &["completions", shell]);
+        assert!(output.status.success(), "{shell}: {}", text(&output.stderr));
+        let script = text(&output.stdout);
+        for name in commands() {
+            assert!(script.contains(&name), "{shell}: no {name}");
+        }
+        fs::write(folder.path().join(shell), script).unwrap();
+    }
+    let bash = |script: &str| {
+        let mut command = Command::new("bash");
+        let output = command
+            .args(["-c", script])
+            .current_dir(folder.path())
+            .output();
+        output.unwrap()
+    };
+    let parsed = bash("bash -n bash");
+    assert!(parsed.status.success(), "{}", text(&parsed.stderr));
+    let complete = |words: &str, place: usize| {
+        let script = format!(
+            "source ./bash; COMP_WORDS=({words}); COMP_CWORD={place}; \
+             _cfmmr cfmmr \"${{COMP_WORDS[COMP_CWORD]}}\" \"${{COMP_WORDS[COMP_CWORD-1]}}\"; \
+             echo \"${{COMPREPLY[@]}}\""
+        );
+        text(&bash(&script).stdout).trim().to_owned()
+    };
+    assert_eq!(complete("cfmmr pos", 1), "posture");
+    assert_eq!(complete("cfmmr hil --emu", 2), "--emulated");
+    let unknown = cfmmr(folder.path(), &["completions", "tcl"]);
+    assert_eq!(unknown.status.code(), Some(2));
+    assert!(text(&unknown.stderr).contains("bash"));
+}
+
+/// A folder of programs of this machine as a test wants them, and nothing else.
+struct Machine(tempfile::TempDir);
+
+impl Machine {
+    fn new() -> Self {
+        let machine = Self(tempfile::tempdir().unwrap());
+        machine.says("rustc", "rustc 99.1.0 (abcdef 2026-01-01)");
+        machine.says("cargo", "cargo 99.1.0 (abcdef 2026-01-01)");
+        machine.says("cc", "cc (Debian) 12.2.0");
+        machine.says("qemu-system-arm", "QEMU emulator version 10.0.2 (Debian)");
+        machine.with_target(true);
+        machine
+    }
+
+    fn program(&self, name: &str, script: &str) {
+        let path = self.0.path().join(name);
+        fs::write(&path, format!("#!/bin/sh\n{script}\n")).unwrap();
+        fs::set_permissions(&path, fs::Permissions::from_mode(0o755)).unwrap();
+    }
+
+    fn says(&self, name: &str, line: &str) {
+        self.program(name, &format!("echo '{line}'"));
+    }
+
+    /// A compiler with the libraries of the boards' target, or without.
+    fn with_target(&self, there: bool) {
+        let libraries = match there {
+            true => self.0.path().to_owned(),
+            false => self.0.path().join("no-such-libraries"),
+        };
+        self.program(
+            "rustc",
+            &format!(
+                "case \"$1\" in --print) echo {} ;; *) echo 'rustc 99.1.0 (a b)' ;; esac",
+                libraries.display()
+            ),
+        );
+    }
+
+    fn without(&self, name: &str) {
+        fs::remove_file(self.0.path().join(name)).unwrap();
+    }
+
+    /// Exit code, what was said of each check, and all of the output.
+    fn doctor(&self) -> (i32, BTreeMap<String, Value>, String) {
+        let result = self.0.path().join("result.json");
+        let output = Command::new(CFMMR)
+            .args(["doctor", "--json"])
+            .arg(&result)
+            .env("PATH", self.0.path())
+            .output()
+            .unwrap();
+        let result: Value = serde_json::from_slice(&fs::read(result).unwrap()).unwrap();
+        let code = output.status.code().unwrap();
+        assert_eq!(result["ok"], code == 0);
+        let checks = result["checks"].as_array().unwrap().iter();
+        let checks =
+            checks.map(|check| (check["name"].as_str().unwrap().to_owned(), check.clone()));
+        let said = text(&output.stdout) + &text(&output.stderr);
+        (code, checks.collect(), said)
+    }
+}
+
+#[test]
+fn the_doctor_finds_what_is_needed_and_says_what_to_type() {
+    let machine = Machine::new();
+    let (code, checks, said) = machine.doctor();
+    assert_eq!(code, 0, "{said}");
+    for name in ["rustc", "cargo", "cc", "target", "qemu"] {
+        assert_eq!(checks[name]["finding"], "ok", "{said}");
+        assert_eq!(checks[name]["needed"], true);
+    }
+    for name in ["probe-rs", "debug probe", "python3"] {
+        assert_eq!(checks[name]["finding"], "missing", "{said}");
+        assert_eq!(checks[name]["needed"], false);
+        assert!(!checks[name]["remedy"].as_str().unwrap().is_empty());
+    }
+    assert!(said.contains("missing (optional)"), "{said}");
+    let lines = |name: &str| said.lines().filter(|line| line.starts_with(name)).count();
+    assert!(
+        checks.keys().all(|name| lines(&format!("{name}  ")) == 1),
+        "{said}"
+    );
+
+    machine.says("python3", "Python 3.11.2");
+    machine.program(
+        "probe-rs",
+        "case \"$1\" in list) echo 'The following debug probes were found:'; \
+         echo '[0]: STLink V3 -- 0483:374e:001A (ST-LINK)' ;; *) echo 'probe-rs 0.29.1' ;; esac",
+    );
+    let (_, checks, _) = machine.doctor();
+    assert_eq!(checks["python3"]["found"], "3.11.2");
+    assert_eq!(checks["probe-rs"]["finding"], "ok");
+    assert_eq!(checks["debug probe"]["found"], "STLink V3");
+}
+
+#[test]
+fn the_doctor_fails_for_each_thing_that_is_needed_and_for_nothing_else() {
+    let case = |spoil: &dyn Fn(&Machine), name: &str, finding: &str, remedy: &str| {
+        let machine = Machine::new();
+        spoil(&machine);
+        let (code, checks, said) = machine.doctor();
+        assert_eq!(code, 1, "{name}: {said}");
+        assert_eq!(checks[name]["finding"], finding, "{said}");
+        let told = checks[name]["remedy"].as_str().unwrap();
+        assert!(told.contains(remedy), "{name}: {told}");
+        assert!(said.contains(remedy), "{name}: {said}");
+        let last = said.lines().last().unwrap();
+        assert!(last.starts_with("cfmmr:") && last.contains(name), "{last}");
+    };
+    let missing = |name: &'static str| move |machine: &Machine| machine.without(name);
+    case(&missing("rustc"), "rustc", "missing", "https://rustup.rs");
+    case(&missing("cargo"), "cargo", "missing", "https://rustup.rs");
+    case(&missing("cc"), "cc", "missing", "C compiler");
+    case(
+        &missing("qemu-system-arm"),
+        "qemu",
+        "missing",
+        "scripts/install_qemu.sh",
+    );
+    let old = |name: &'static str, line: &'static str| move |m: &Machine| m.says(name, line);
+    case(
+        &old("cargo", "cargo 1.80.0 (a b)"),
+        "cargo",
+        "too-old",
+        "1.95.0",
+    );
+    case(
+        &|machine: &Machine| {
+            machine.says("cargo", "cargo 1.80.0 (a b)");
+            machine.says("rustup", "rustup 1.28.0");
+        },
+        "cargo",
+        "too-old",
+        "rustup toolchain install 1.95.0",
+    );
+    case(
+        &old("qemu-system-arm", "QEMU emulator version 7.2.19"),
+        "qemu",
+        "too-old",
+        "scripts/install_qemu.sh",
+    );
+    case(&old("qemu-system-arm", "hello"), "qemu", "unusable", "9.0");
+    case(
+        &|machine: &Machine| machine.with_target(false),
+        "target",
+        "missing",
+        "rustup target add thumbv7em-none-eabihf",
+    );
+
+    let machine = Machine::new();
+    machine.says("python3", "Python 3.5.1");
+    machine.program("probe-rs", "echo broken >&2; exit 3");
+    let (code, checks, said) = machine.doctor();
+    assert_eq!(code, 0, "optional things never fail: {said}");
+    assert_eq!(checks["python3"]["finding"], "too-old");
+    assert_eq!(checks["probe-rs"]["finding"], "unusable");
+}
+
+#[cfg(not(feature = "live"))]
+#[test]
+fn a_program_without_the_server_says_how_to_get_one() {
+    let folder = tempfile::tempdir().unwrap();
+    for command in ["posture", "follow", "track"] {
+        let output = cfmmr(folder.path(), &[command, "--live"]);
+        assert_eq!(output.status.code(), Some(2), "{command}");
+        let error = text(&output.stderr);
+        assert!(
+            error.contains("--live") && error.contains("--features live"),
+            "{error}"
+        );
+    }
+    let output = cfmmr(folder.path(), &["posture", "--live", "here"]);
+    assert!(text(&output.stderr).contains("ADDRESS:PORT"));
+    assert_eq!(folder.path().read_dir().unwrap().count(), 0);
+}
