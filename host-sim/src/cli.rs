@@ -76,6 +76,8 @@ pub enum Command {
     Codes,
     /// Print the table of what a log holds
     Topics,
+    /// Print the table of what host and board say to each other on the serial link
+    Serial,
     /// Print the scenario with all defaults as TOML
     Config(ConfigArgs),
     /// Print the description of the bus (DBC), or its load

@@ -21,6 +21,7 @@ fn main() -> ExitCode {
         Some(Command::Codes) => commands::codes::run(),
         Some(Command::Dbc(args)) => commands::dbc::run(args),
         Some(Command::Topics) => commands::topics::run(),
+        Some(Command::Serial) => commands::serial::run(),
         Some(Command::Config(args)) => commands::config::run(args),
         Some(Command::PlantBench(args)) => commands::plant_bench::command(args),
         Some(Command::Faults(args)) => commands::faults::run(args),

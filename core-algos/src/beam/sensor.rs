@@ -5,6 +5,35 @@
 //! [`RelativePositionSensor::estimate`] (100 Hz) averages what came since, calibrates, judges the
 //! gauges and computes the posture from those that can be believed. [`Config::build`] validates;
 //! afterwards nothing fails: a posture that cannot be given is `None`.
+//!
+//! # Example
+//!
+//! ```
+//! use core_algos::beam::MAX_GAUGES;
+//! use core_algos::beam::sensor::{Config, State};
+//!
+//! let config = Config::default();
+//! let sensor = config.build()?;
+//! // Bent to a circle of 0.5 m radius: what the converter gives of each bridge.
+//! let strain = 2.0 * config.strip.half_thickness_m;
+//! let zero = config.calibration.zero_counts.padded();
+//! let counts = zero.map(|zero| (zero + strain / config.calibration.strain_per_count) as i32);
+//! let mut state = State::default();
+//! for _ in 0..10 {
+//!     sensor.sample(&mut state, &counts);
+//! }
+//! let estimate = sensor.estimate(&mut state);
+//! let posture = estimate.relative.expect("five good gauges").posture;
+//! let turn = 2.0 * config.strip.length_m;
+//! assert!((posture.phi - turn).abs() < 2e-3);
+//! assert!((posture.x - 0.5 * turn.sin()).abs() < 1e-3);
+//! assert!((posture.y - 0.5 * (1.0 - turn.cos())).abs() < 1e-3);
+//! assert!(estimate.wrench.is_some() && estimate.consistent);
+//! // Bridges that are not there give no posture.
+//! sensor.sample(&mut state, &[-1; MAX_GAUGES]);
+//! assert!(sensor.estimate(&mut state).relative.is_none());
+//! # Ok::<(), core_algos::config::ConfigError>(())
+//! ```
 
 use super::calibration::{self, Calibration, Conversion, ZeroTracker, ZeroTracking};
 use super::elastica::{Fit, Solver, Wrench};

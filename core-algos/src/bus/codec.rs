@@ -1,4 +1,27 @@
 //! Messages to bytes and back, by the table of [`super::layout`].
+//!
+//! # Example
+//!
+//! ```
+//! use core_algos::bus::{Frame, LeadMode, Message, decode, encode};
+//!
+//! let message = Message::LeadStatus {
+//!     sequence: 7,
+//!     mode: LeadMode::Active,
+//!     steering_rad: 0.25,
+//!     velocity_m_s: f32::NAN,
+//! };
+//! let refused = encode(&message).unwrap_err();
+//! assert_eq!((refused.message, refused.signal), ("LeadStatus", "velocity"));
+//!
+//! let Message::LeadStatus { sequence, mode, steering_rad, .. } = message else { unreachable!() };
+//! let message = Message::LeadStatus { sequence, mode, steering_rad, velocity_m_s: -0.125 };
+//! let frame = encode(&message).unwrap();
+//! // 2500 and -1250 units of 1e-4, little-endian.
+//! assert_eq!(frame.data[..6], [7, 1, 0xc4, 0x09, 0x1e, 0xfb]);
+//! assert_eq!(decode(&frame), Ok(message));
+//! assert!(decode(&Frame { length: 3, ..frame }).is_err());
+//! ```
 
 use super::layout::{self, Node, Signal, id};
 use super::message::{

@@ -37,6 +37,30 @@
 //!
 //! [`Config::build`] validates; [`Dynamic::step`] cannot fail. If any input is not finite the
 //! torques are zero and [`Command::valid`] is false.
+//!
+//! # Example
+//!
+//! ```
+//! use core_algos::control::cascade::AxleReference;
+//! use core_algos::control::dynamic::{Config, Input};
+//! use core_algos::math::Posture;
+//!
+//! let config = Config::default();
+//! let controller = config.build()?;
+//! // At rest, 2 cm behind the reference and turned 0.1 rad too far to the right.
+//! let posture = Posture::new(0.02, 0.0, 0.1);
+//! let reference = AxleReference { posture, ..AxleReference::default() };
+//! let command = controller.step(&Input { reference, ..Input::default() });
+//!
+//! let [left, right] = command.torque_nm;
+//! assert!(command.valid && left + right > 0.0 && right > left);
+//! // Within the limits that is equation 7.
+//! let force = config.velocity_gain_n_s_m * command.velocity.v * command.xi_squared;
+//! let moment = config.yaw_rate_gain_nm_s_rad * command.velocity.omega * command.xi_squared;
+//! let [expected, _] = controller.torques(force, moment);
+//! assert!(command.scale == 1.0 && (left - expected).abs() < 1e-5);
+//! # Ok::<(), core_algos::config::ConfigError>(())
+//! ```
 
 use crate::config::{ConfigError, finite, non_negative, positive};
 use crate::control::cascade::AxleReference;

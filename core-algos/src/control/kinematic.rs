@@ -12,6 +12,26 @@
 //!
 //! [`Config::build`] and [`LimitsConfig::build`] validate; nothing else can fail. A posture or
 //! reference that is not finite gives [`Command::REST`].
+//!
+//! # Example
+//!
+//! ```
+//! use core_algos::control::kinematic::{Config, PolarError};
+//! use core_algos::math::Posture;
+//!
+//! let law = Config::default().build()?;
+//! let (mut robot, goal) = (Posture::new(-1.3, -1.3, 0.0), Posture::ORIGIN);
+//! for _ in 0..2000 {
+//!     // Steps of 10 ms, without the limits that a robot has.
+//!     let command = law.command(PolarError::between(robot, goal), 0.0, 0.0);
+//!     robot = robot.advance(0.01 * command.v, 0.01 * command.phi_dot);
+//! }
+//! let error = PolarError::between(robot, goal);
+//! // It rests on the circle manifold, some r√(2ε) short of the goal.
+//! assert!(law.manifold_error(error).abs() < 1e-5);
+//! assert!(error.distance_m < 0.02 && error.heading().abs() < 0.05);
+//! # Ok::<(), core_algos::config::ConfigError>(())
+//! ```
 
 use crate::config::{ConfigError, in_range, non_negative, positive};
 use crate::math::trig::{

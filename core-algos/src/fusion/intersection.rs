@@ -21,6 +21,24 @@
 //! a ratio of 1000, in any direction. Either way ω and the normalised covariance are within 5e-6.
 //!
 //! Nothing here panics; an input that is not finite or not positive definite gives `None`.
+//!
+//! # Example
+//!
+//! ```
+//! use core_algos::fusion::Estimate;
+//! use core_algos::fusion::intersection::Config;
+//! use core_algos::math::Posture;
+//!
+//! let a = Estimate::with_sigmas(Posture::new(1.0, 0.0, 0.0), [0.01, 0.1, 0.02]);
+//! let b = Estimate::with_sigmas(Posture::new(1.2, 0.1, 0.0), [0.1, 0.01, 0.02]);
+//! let fused = Config::default().build()?.fuse(&a, &b).expect("both are positive definite");
+//! // Each coordinate comes from the one that knows it, and is not claimed to be known better.
+//! assert!((fused.omega - 0.5).abs() < 1e-3);
+//! let Estimate { posture, covariance } = fused.estimate;
+//! assert!((posture.x - 1.0).abs() < 5e-3 && (posture.y - 0.1).abs() < 5e-3);
+//! assert!(covariance[0][0] > 0.01 * 0.01 && covariance[1][1] > 0.01 * 0.01);
+//! # Ok::<(), core_algos::config::ConfigError>(())
+//! ```
 
 use super::Estimate;
 use crate::config::{ConfigError, positive};

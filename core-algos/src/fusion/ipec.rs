@@ -25,6 +25,24 @@
 //!
 //! Nothing here panics. A relative posture that is not finite or shorter than
 //! [`MIN_BASELINE_M`] leaves the odometry as it is.
+//!
+//! # Example
+//!
+//! ```
+//! use core_algos::fusion::ipec::{Config, State};
+//! use core_algos::math::Posture;
+//!
+//! let ipec = Config::default().build()?;
+//! let (front, rear) = (Posture::new(0.37, 0.0, 0.0), Posture::ORIGIN);
+//! let mut state = State::new(front, rear);
+//! let seen = rear.relative_to(front);
+//! // A bump lengthens the way of the front axle's right wheel by 2 mm; the beam is as it was.
+//! let correction = ipec.step(&mut state, &[0.01, 0.012, 0.01, 0.01], &seen).expect("a direction");
+//! let [front, _] = state.postures();
+//! assert!(front.phi.abs() < 2e-4, "by its wheels it would have turned by 6.2e-3");
+//! assert!((correction.heading[0] + 6.2e-3).abs() < 2e-4);
+//! # Ok::<(), core_algos::config::ConfigError>(())
+//! ```
 
 use crate::config::{ConfigError, non_negative, positive};
 use crate::math::trig::{atan2, hypot, sin_cos, wrap_angle};

@@ -16,6 +16,29 @@
 //! The two offsets are correlated: a gauge that reads too much both turns and moves the estimated
 //! end. A standard deviation of 0 removes a state. The update takes all three components of r with their
 //! covariance, gated by the NIS. Nothing here panics; see [`Joint`].
+//!
+//! # Example
+//!
+//! ```
+//! use core_algos::fusion::Estimate;
+//! use core_algos::fusion::joint::Config;
+//! use core_algos::math::Posture;
+//!
+//! let filter = Config::default().build(0.01)?;
+//! let robot = Estimate::with_sigmas(Posture::ORIGIN, [1e-3, 1e-3, 2e-3]);
+//! let frame = Estimate::with_sigmas(Posture::new(0.37, 0.0, 0.0), [1e-3, 1e-3, 4e-3]);
+//! let mut state = filter.start(&robot, &frame);
+//! let step = Estimate::with_sigmas(Posture::new(2e-3, 0.0, 0.0), [5e-5, 2e-5, 1e-4]);
+//! filter.predict(&mut state, &step, &step, [0.0; 2], 1.0);
+//! // The beam sees the front axle turned to the left; the estimate follows as far as it must.
+//! let seen = Estimate::with_sigmas(Posture::new(0.37, 0.001, 0.006), [1e-4, 1e-4, 5e-4]);
+//! let update = filter.update(&mut state, &seen, |nis| nis < 40.0);
+//! assert!((update.innovation[2] - 0.006).abs() < 1e-6);
+//! let turned = state.relative().posture.phi;
+//! assert!(turned > 0.004 && turned < 0.006);
+//! assert!(state.front_estimate().covariance[2][2] < frame.covariance[2][2]);
+//! # Ok::<(), core_algos::config::ConfigError>(())
+//! ```
 
 use super::constants::{self, CREEP, GYRO_BIAS, OFFSET, Step};
 use super::covariance::Covariance;

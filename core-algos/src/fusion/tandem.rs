@@ -31,6 +31,32 @@
 //!
 //! [`Config::build`] validates; after it nothing fails or panics. What is not finite counts as
 //! absent.
+//!
+//! # Example
+//!
+//! ```
+//! use core_algos::fusion::Estimate;
+//! use core_algos::fusion::tandem::{Config, Increment, Inputs, Output};
+//! use core_algos::math::{Posture, matrix};
+//!
+//! let fusion = Config::default().build()?;
+//! let mut state = fusion.start(Posture::ORIGIN);
+//! let moved = |turn| Increment::new(Posture::new(2e-3, 0.0, turn), matrix::diagonal([1e-9; 3]));
+//! let straight = Estimate::with_sigmas(Posture::new(0.37, 0.0, 0.0), [1e-4, 1e-4, 1e-3]);
+//! let mut output = Output::default();
+//! for _ in 0..100 {
+//!     // The wheels say that the axles turn against each other, the beam says that they do not.
+//!     output = fusion.step(&mut state, &Inputs {
+//!         front: Some(moved(1e-4)),
+//!         rear: Some(moved(-1e-4)),
+//!         beam: Some(straight),
+//!     });
+//! }
+//! let apart = output.front.posture.phi - output.rear.posture.phi;
+//! assert!(apart.abs() < 2e-3, "by the wheels it would be 0.02");
+//! assert!((output.robot.posture.x - 0.2).abs() < 2e-3);
+//! # Ok::<(), core_algos::config::ConfigError>(())
+//! ```
 
 use super::compound::Chain;
 use super::ekf::{Keyframe, Verdict};

@@ -8,6 +8,29 @@
 //! # Panic contract
 //!
 //! [`Board::new`] validates; nothing else can fail.
+//!
+//! # Example
+//!
+//! ```
+//! use core_algos::bus::Message;
+//! use core_algos::node::board::{Board, Role, Samples};
+//! use core_algos::node::robot::RobotConfig;
+//! use core_algos::node::{Outbox, TICK, axle};
+//!
+//! let mut board = Board::new(&RobotConfig::default(), Role::Rear)?;
+//! let mut outbox = Outbox::new();
+//! for tick in 0..11 {
+//!     outbox.clear();
+//!     let samples = axle::Samples { encoder: [Some(0); 2], ..axle::Samples::default() };
+//!     // What arrived on the bus would go to board.receive before.
+//!     let output = board.step(tick * TICK, &Samples::Axle(samples), &mut outbox);
+//!     assert_eq!(output.torque_nm, [0.0; 2], "nobody asks it to drive");
+//! }
+//! // The eleventh tick begins an epoch: it tells where it is and how it is.
+//! assert!(outbox.iter().any(|message| matches!(message, Message::AxlePosture { .. })));
+//! assert!(outbox.iter().any(|message| matches!(message, Message::NodeStatus { .. })));
+//! # Ok::<(), core_algos::config::ConfigError>(())
+//! ```
 
 use super::axle::{self, AxleNode};
 use super::beam::BeamNode;

@@ -9,6 +9,23 @@
 //!
 //! Nothing here panics, whatever bytes come. A value reaches a configuration only if it lies in its
 //! range, and all of them together only if the nodes can be built from them.
+//!
+//! # Example
+//!
+//! ```
+//! use core_algos::node::board::Role;
+//! use core_algos::params::{Settings, find};
+//!
+//! let mut settings = Settings::default();
+//! let radius = find("robot.geometry.wheel_radius_m").expect("a parameter");
+//! radius.set(&mut settings, 0.0731)?;
+//! assert_eq!(settings.robot.geometry.wheel_radius_m, 0.0731);
+//! settings.check(Role::Front)?;
+//! // Millimetres are refused, and nothing is changed.
+//! assert_eq!(radius.set(&mut settings, 73.1).unwrap_err().field, radius.name);
+//! assert_eq!(radius.get(&settings), 0.0731);
+//! # Ok::<(), core_algos::config::ConfigError>(())
+//! ```
 
 pub mod stored;
 pub mod table;

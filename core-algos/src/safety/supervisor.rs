@@ -4,6 +4,34 @@
 //! Stops and cuts are then latched until they are cleared, and the first of them is kept as the
 //! reason. Degradations start an allowance of time and distance; when it is used up,
 //! [`Condition::DegradedTooLong`] stops the robot.
+//!
+//! # Example
+//!
+//! ```
+//! use core_algos::safety::supervisor::{Config, Input, State};
+//! use core_algos::safety::{Condition, Conditions, OperatingState, Permit, Request};
+//!
+//! let supervisor = Config::default().build()?;
+//! let (mut state, mut now) = (State::default(), 0);
+//! let mut tick = |input: Input| {
+//!     now += 1_000;
+//!     supervisor.step(&mut state, now, &input)
+//! };
+//! for request in [Request::Ready, Request::Arm, Request::Start] {
+//!     tick(Input { request: Some(request), ..Input::default() });
+//! }
+//! // A bent frame counts after 30 ms.
+//! let bent = Input { conditions: Conditions::only(Condition::FrameBent), ..Input::default() };
+//! assert_eq!(tick(bent).permit, Permit::Drive);
+//! let output = (0..40).map(|_| tick(bent)).last().expect("forty of them");
+//! assert_eq!(output.state, OperatingState::SafeStop);
+//! assert_eq!(output.reason, Some(Condition::FrameBent));
+//! // It stays when the cause is gone; once the robot rests, the motors are off until it is cleared.
+//! assert_eq!(tick(Input { halted: true, ..Input::default() }).state, OperatingState::Fault);
+//! let clear = Input { request: Some(Request::Clear), ..Input::default() };
+//! assert_eq!(tick(clear).state, OperatingState::Idle);
+//! # Ok::<(), core_algos::config::ConfigError>(())
+//! ```
 
 use super::condition::{COUNT, Class, Condition, Conditions};
 use super::state::{Cause, OperatingState, Permit, Request, transition};

@@ -18,6 +18,7 @@ pub mod plant_bench;
 pub mod posture;
 pub mod replay;
 pub mod sensitivity;
+pub mod serial;
 pub mod soak;
 pub mod sweep;
 pub mod topics;

@@ -21,6 +21,37 @@
 //! posture's covariance.
 //!
 //! [`Config::build`] validates; after it nothing fails or panics.
+//!
+//! # Example
+//!
+//! ```
+//! use core_algos::fusion::Estimate;
+//! use core_algos::fusion::ekf::{Config, Measurements, State, Verdict};
+//! use core_algos::math::Posture;
+//!
+//! let filter = Config::default().build()?;
+//! let start = Estimate::with_sigmas(Posture::ORIGIN, [1e-3; 3]);
+//! let mut state = State::at_rest(&start, [0.3, 0.6, 1.0, 1.0]);
+//! // Two seconds at 0.2 m/s and 0.25 rad/s; the gyro gives nothing in every third tick.
+//! for tick in 0..2000 {
+//!     filter.step(&mut state, &Measurements {
+//!         left_m_s: Some(0.2 - 0.25 * 0.162),
+//!         right_m_s: Some(0.2 + 0.25 * 0.162),
+//!         gyro_rad_s: (tick % 3 != 0).then_some(0.25),
+//!         acceleration_m_s2: None,
+//!     });
+//! }
+//! let posture = state.posture();
+//! let arc = [0.8 * f32::sin(0.5), 0.8 * (1.0 - f32::cos(0.5)), 0.5];
+//! assert!((posture.x - arc[0]).abs() < 2e-3);
+//! assert!((posture.y - arc[1]).abs() < 2e-3);
+//! assert!((posture.phi - arc[2]).abs() < 2e-3);
+//!
+//! let bad = Measurements { gyro_rad_s: Some(f32::NAN), ..Measurements::default() };
+//! assert_eq!(filter.step(&mut state, &bad).gyro, Verdict::Invalid);
+//! assert!(state.is_finite());
+//! # Ok::<(), core_algos::config::ConfigError>(())
+//! ```
 
 pub mod accelerometer;
 pub mod factors;
