@@ -34,7 +34,10 @@ class Viewer:
     """A client that subscribes to all topics there are when it comes."""
 
     def __init__(self, address):
-        self.socket = connect(address, subprotocols=["foxglove.sdk.v1"], max_size=None, open_timeout=20)
+        # A viewer that is done is not read any more, and need not tell whether it lives.
+        self.socket = connect(
+            address, subprotocols=["foxglove.sdk.v1"], max_size=None, open_timeout=20, ping_interval=None
+        )
         assert self.socket.subprotocol == "foxglove.sdk.v1"
         info = json.loads(self.socket.recv(timeout=20))
         assert info["op"] == "serverInfo" and info["name"] == "cfmmr" and "time" in info["capabilities"], info
@@ -88,10 +91,11 @@ class Viewer:
         return [(at, decode(data)) for at, data in self.messages[topic]]
 
 
-def start(program, folder, *more):
+def start(program, folder, command, *more):
     """A run that is served; the program and its address."""
     run = subprocess.Popen(
-        [program, "posture", "--live", "127.0.0.1:0", "--seed", "4", "--out", folder / "out", *more],
+        [program, command, "--live", "127.0.0.1:0", "--seed", "4", "--out", folder / "out", *more],
+        cwd=folder,
         stderr=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
         text=True,
@@ -119,7 +123,7 @@ def check(program):
     with tempfile.TemporaryDirectory() as folder:
         folder = Path(folder)
         log = folder / "run.mcap"
-        run, address = start(program, folder, "--log", log)
+        run, address = start(program, folder, "posture", "--log", log)
         viewer = Viewer(address)
         viewer.look_for(21)
         viewer.watch(SECONDS)
@@ -170,10 +174,25 @@ def check(program):
     print(f"live: {len(viewer.channels)} topics, {counts} messages in {SECONDS} s, as in the log")
 
 
+def check_boards(program):
+    """Emulated boards in the loop are served alike, from the first tick to the end of the run."""
+    with tempfile.TemporaryDirectory() as folder:
+        run, address = start(program, Path(folder), "hil", "--emulated", "--stop-after", "0.5")
+        viewer = Viewer(address)
+        viewer.look_for(21)
+        viewer.watch(math.inf)
+        assert run.wait(timeout=60) == 0, run.stderr.read()
+    for board in ["front", "rear", "beam"]:
+        ticks = [content["tick"] for _, content in viewer.decoded(f"/boards/{board}/tick")]
+        # What waits for a viewer when the server ends need not reach it any more.
+        assert ticks == list(range(len(ticks))) and len(ticks) > 400, (board, len(ticks))
+    print(f"live: emulated boards, {len(ticks)} of 500 ticks of each")
+
+
 def check_refusals(program):
     """An address that is taken, and one that is none."""
     with tempfile.TemporaryDirectory() as folder:
-        run, address = start(program, Path(folder))
+        run, address = start(program, Path(folder), "posture")
         port = address.rsplit(":", 1)[1]
         for given, words in [(port, [port, "free"]), ("here", ["--live", "here", "ADDRESS:PORT"])]:
             second = subprocess.run(
@@ -187,4 +206,5 @@ def check_refusals(program):
 if __name__ == "__main__":
     program = Path(sys.argv[1]).resolve()
     check(program)
+    check_boards(program)
     check_refusals(program)

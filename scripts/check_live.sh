@@ -13,4 +13,4 @@ mkdir -p target/live
 cp target/release/cfmmr target/live/cfmmr
 # The one that all other checks use, which is still there.
 cargo build --locked --release --package host-sim --bin cfmmr
-timeout 120 "$python" scripts/check_live.py target/live/cfmmr
+timeout 600 "$python" scripts/check_live.py target/live/cfmmr

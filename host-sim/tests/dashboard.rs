@@ -1,6 +1,9 @@
 //! The dashboard on a pseudo-terminal: it draws the run, ends when asked, and leaves the terminal as it
 //! was.
 
+use core_algos::hil::protocol::StackUse;
+use core_algos::hil::{Endpoint, Identity};
+use core_algos::node::board::Role;
 use host_sim::dashboard::Dashboard;
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{LocalModes, Winsize, tcgetattr, tcsetwinsize};
@@ -17,6 +20,16 @@ const PATIENCE: Duration = Duration::from_secs(120);
 const ENTER: &str = "\x1b[?1049h";
 const LEAVE: &str = "\x1b[?1049l";
 
+/// The outer end of a pseudo-terminal, and the path of the inner one.
+fn pseudo_terminal() -> (OwnedFd, String) {
+    let flags = OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC;
+    let master = openpt(flags).unwrap();
+    grantpt(&master).unwrap();
+    unlockpt(&master).unwrap();
+    let path = ptsname(&master, Vec::new()).unwrap();
+    (master, path.into_string().unwrap())
+}
+
 /// A program on a terminal of its own.
 struct Session {
     keyboard: File,
@@ -29,11 +42,7 @@ struct Session {
 
 impl Session {
     fn start(command: &mut Command, columns: u16, lines: u16) -> Self {
-        let master =
-            openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
-        grantpt(&master).unwrap();
-        unlockpt(&master).unwrap();
-        let path = ptsname(&master, Vec::new()).unwrap();
+        let (master, path) = pseudo_terminal();
         let size = Winsize {
             ws_row: lines,
             ws_col: columns,
@@ -42,11 +51,7 @@ impl Session {
         };
         tcsetwinsize(&master, size).unwrap();
         let mut options = OpenOptions::new();
-        let terminal = options
-            .read(true)
-            .write(true)
-            .open(path.to_str().unwrap())
-            .unwrap();
+        let terminal = options.read(true).write(true).open(path).unwrap();
         let end = || Stdio::from(OwnedFd::from(terminal.try_clone().unwrap()));
         let child = command
             .stdin(end())
@@ -71,6 +76,23 @@ impl Session {
             screen,
             shown: String::new(),
             child,
+        }
+    }
+
+    /// Waits until a line of the screen has these words, one after the other; gives the line.
+    fn expect_line(&mut self, has: impl Fn(&[&str]) -> bool) -> String {
+        let deadline = Instant::now() + PATIENCE;
+        loop {
+            let screen = screen(&self.shown);
+            let words = |line: &String| has(&line.split_whitespace().collect::<Vec<_>>());
+            if let Some(line) = screen.iter().find(|line| words(line)) {
+                return line.clone();
+            }
+            let left = deadline.saturating_duration_since(Instant::now());
+            let Ok(bytes) = self.screen.recv_timeout(left) else {
+                panic!("not on the screen:\n{}", screen.join("\n"));
+            };
+            self.shown += &String::from_utf8_lossy(&bytes);
         }
     }
 
@@ -111,6 +133,34 @@ impl Session {
         let modes = tcgetattr(&self.terminal).unwrap().local_modes;
         modes.contains(LocalModes::ICANON | LocalModes::ECHO | LocalModes::ISIG)
     }
+}
+
+/// What a terminal shows after these characters, as far as the dashboard uses one.
+fn screen(shown: &str) -> Vec<String> {
+    let mut lines = vec![vec![' '; 80]; 24];
+    let (mut row, mut column) = (0, 0);
+    let mut rest = shown.chars();
+    while let Some(c) = rest.next() {
+        if c != '\x1b' {
+            if let Some(cell) = lines.get_mut(row).and_then(|line| line.get_mut(column)) {
+                *cell = c;
+            }
+            column += 1;
+            continue;
+        }
+        // ESC [ numbers letter: where to go is all that matters here.
+        let mut sequence = String::new();
+        for c in rest.by_ref().skip(1) {
+            sequence.push(c);
+            if c.is_ascii_alphabetic() {
+                break;
+            }
+        }
+        if let Some((r, c)) = sequence.strip_suffix('H').and_then(|at| at.split_once(';')) {
+            (row, column) = (r.parse().unwrap_or(1) - 1, c.parse().unwrap_or(1) - 1);
+        }
+    }
+    lines.into_iter().map(String::from_iter).collect()
 }
 
 impl Drop for Session {
@@ -164,6 +214,69 @@ fn a_signal_ends_the_run_and_the_terminal_is_as_it_was() {
     assert!(session.is_sane());
     let (_, after) = session.shown.rsplit_once(LEAVE).expect("left the screen");
     assert!(after.contains("interrupted"), "{after:?}");
+}
+
+/// A front board at the end of a serial port, whose path is given. Of the answers, one is damaged.
+fn front_board(damaged: usize) -> String {
+    let (master, path) = pseudo_terminal();
+    let identity = Identity {
+        role: Role::Front,
+        build: "test",
+    };
+    let mut port = File::from(master);
+    thread::spawn(move || {
+        let mut endpoint = Endpoint::new(identity, StackUse::unknown);
+        let (mut room, mut answers) = ([0; 4096], 0);
+        loop {
+            match port.read(&mut room) {
+                Ok(count) => {
+                    let mut answer = Vec::new();
+                    endpoint.receive(&room[..count], &mut |bytes| answer.extend_from_slice(bytes));
+                    answers += usize::from(!answer.is_empty());
+                    if answers == damaged {
+                        // Neither of the two becomes the end of a frame.
+                        answer[1] = if answer[1] == 1 { 2 } else { 1 };
+                        answers += 1;
+                    }
+                    port.write_all(&answer).unwrap();
+                }
+                // Nobody has opened the other end yet, or any more.
+                Err(_) => thread::sleep(Duration::from_millis(5)),
+            }
+        }
+    });
+    path
+}
+
+#[test]
+fn a_board_at_a_serial_port_is_shown_with_its_frames_and_losses() {
+    let folder = tempfile::tempdir().unwrap();
+    let port = front_board(300);
+    let mut command = Command::new(env!("CARGO_BIN_EXE_cfmmr"));
+    command.args(["hil", "--dashboard", "--front", &port]);
+    let mut session = Session::start(command.current_dir(folder.path()), 80, 24);
+    // Nodes stand to the left of the links, in the same lines.
+    let inside = ["rear", "in", "this", "process"];
+    session.expect_line(|words| words.windows(4).any(|words| words == inside));
+    let counts = |words: &[&str]| -> Option<[u32; 3]> {
+        let place = words.iter().position(|word| *word == "front")?;
+        let counts: Vec<_> = words
+            .get(place + 1..)?
+            .iter()
+            .map(|word| word.parse())
+            .collect();
+        let counts: Result<Vec<u32>, _> = counts.into_iter().collect();
+        counts.ok()?.try_into().ok()
+    };
+    // The damaged answer was asked for once more.
+    session.expect_line(|words| {
+        counts(words)
+            .is_some_and(|[frames, lost, damaged]| frames >= 300 && lost >= 1 && damaged == 1)
+    });
+    session.expect_line(|words| words.contains(&"Active"));
+    session.press(b"q");
+    assert!(session.end().success(), "{:?}", session.shown);
+    assert!(session.is_sane());
 }
 
 /// Run by the test below on a terminal of its own.
