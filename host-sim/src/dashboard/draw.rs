@@ -92,7 +92,13 @@ fn header(view: &View, width: u16) -> Line<'static> {
 fn footer(view: &View) -> Line<'static> {
     let late = match view.late_ticks {
         0 => Span::raw(""),
-        late => Span::styled(format!("   {late} ticks late"), CAUTION),
+        late => {
+            let most = 1e3 * view.most_late_s;
+            Span::styled(
+                format!("   {late} late ticks, at most {most:.0} ms"),
+                CAUTION,
+            )
+        }
     };
     Line::from(vec![Span::raw(" q: end the run"), late])
 }
@@ -328,6 +334,7 @@ mod tests {
             title: "posture: RPS, joint filter, seed 1".to_owned(),
             time_s: 12.34,
             late_ticks: 7,
+            most_late_s: 0.012,
             truth: [-1.0, 0.5, 0.1],
             goal: [0.0, 0.5, 0.0],
             wheel_speed: [[1.25, -2.5], [3.75, 4.5]],
@@ -408,7 +415,7 @@ mod tests {
                 "rear 3.75 4.50 rad/s",
                 "none so far",
                 "q: end the run",
-                "7 ticks late",
+                "7 late ticks, at most 12 ms",
             ] {
                 let there = lines
                     .iter()

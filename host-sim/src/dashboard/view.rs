@@ -16,6 +16,8 @@ pub struct View {
     pub time_s: f64,
     /// Ticks that began more than a tick late.
     pub late_ticks: u32,
+    /// The most a tick was late, s.
+    pub most_late_s: f64,
     /// Latest heartbeats, in the order of [`NODES`].
     pub nodes: [Option<Status>; NODES.len()],
     /// Notices and degradations so far, in the same order.
@@ -43,6 +45,9 @@ impl View {
         Self {
             time_s: record.time_s,
             late_ticks: simulation.pace().map_or(0, |pace| pace.late()),
+            most_late_s: simulation
+                .pace()
+                .map_or(0.0, |pace| pace.worst().as_secs_f64()),
             nodes: NODES.map(|node| monitor.latest(node).copied()),
             noticed: NODES.map(|node| monitor.noticed(node)),
             faults: faults(monitor.changes()),
