@@ -105,7 +105,7 @@ def to_board(name, signals):
 
 
 WHOLE = {
-    "sequence", "reason", "notices", "refused", "gyro_samples", "uptime", "gauges", "gauge",
+    "sequence", "reason", "notices", "refused", "gyro_samples", "gyro_zeroed", "uptime", "gauges", "gauge",
     "missed_ticks", "tick_jitter_us", "tick_worst_us",
 }
 

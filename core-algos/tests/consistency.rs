@@ -98,6 +98,7 @@ impl Setting {
                 beam_offset_correlation: 0.0,
                 beam_offset_walk_m_per_sqrt_s: 0.0,
                 beam_offset_walk_rad_per_sqrt_s: 0.0,
+                beam_offset_walk_correlation: 0.0,
                 heading_drift_sigma_rad_per_m: 0.0,
                 scale_sigma: 0.0,
                 creep_sigma_per_s: 0.0,

@@ -87,7 +87,8 @@ fn message() -> impl Strategy<Value = Message> {
                     velocity_m_s: n[0],
                     yaw_rate_rad_s: n[1],
                     refused: byte,
-                    gyro_samples: byte,
+                    gyro_samples: byte & 0x7f,
+                    gyro_zeroed: byte & 1 == 1,
                     uptime: byte,
                 },
                 5 => Message::AxleUncertainty {

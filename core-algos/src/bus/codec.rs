@@ -371,6 +371,7 @@ fn to_values(message: &Message) -> (u16, Values) {
             yaw_rate_rad_s,
             refused,
             gyro_samples,
+            gyro_zeroed,
             uptime,
         } => (
             pick(axle, id::AXLE_MOTION),
@@ -380,8 +381,8 @@ fn to_values(message: &Message) -> (u16, Values) {
                 yaw_rate_rad_s,
                 f32::from(refused),
                 f32::from(gyro_samples),
+                f32::from(u8::from(gyro_zeroed)),
                 f32::from(uptime),
-                0.0,
             ],
         ),
         Message::AxleUncertainty {
@@ -527,7 +528,8 @@ fn from_values(identifier: u16, values: &Values) -> Option<Message> {
             yaw_rate_rad_s: values[2],
             refused: values[3] as u8,
             gyro_samples: values[4] as u8,
-            uptime: values[5] as u8,
+            gyro_zeroed: values[5] != 0.0,
+            uptime: values[6] as u8,
         },
         _ if of_axle(id::AXLE_UNCERTAINTY) => Message::AxleUncertainty {
             axle,

@@ -232,12 +232,13 @@ const REFERENCE_MOTION: [Signal; 5] = [
     Signal::signed("yaw_acceleration", 14, 0.02, "rad/s2"),
 ];
 
-const AXLE_MOTION: [Signal; 6] = [
+const AXLE_MOTION: [Signal; 7] = [
     SEQUENCE,
     Signal::signed("velocity", 16, 1e-4, "m/s"),
     Signal::signed("yaw_rate", 16, 1e-3, "rad/s"),
     Signal::unsigned("refused", 8),
-    Signal::unsigned("gyro_samples", 8),
+    Signal::unsigned("gyro_samples", 7),
+    Signal::unsigned("gyro_zeroed", 1),
     Signal::unsigned("uptime", 8),
 ];
 

@@ -219,8 +219,10 @@ pub enum Message {
         yaw_rate_rad_s: f32,
         /// Measurements refused by the innovation gate since the last message, at most 255.
         refused: u8,
-        /// Yaw-rate samples that took part in the odometry since the last message, at most 255.
+        /// Yaw-rate samples that took part in the odometry since the last message, at most 127.
         gyro_samples: u8,
+        /// Whether the gyro was zeroed at rest since the last message.
+        gyro_zeroed: bool,
         /// Epochs since the axle node was started and its odometric frame began, at most 255.
         uptime: u8,
     },

@@ -74,6 +74,8 @@ pub struct Config {
     pub beam_offset_walk_m_per_sqrt_s: f32,
     /// Random walk of the heading offset, rad/√s.
     pub beam_offset_walk_rad_per_sqrt_s: f32,
+    /// Correlation of the two walks: each gauge walks by itself, those at the root move the end most.
+    pub beam_offset_walk_correlation: f32,
     /// Standard deviation of an axle's heading drift, rad/m: relative difference of its wheel radii
     /// over the track.
     pub heading_drift_sigma_rad_per_m: f32,
@@ -99,8 +101,10 @@ impl Default for Config {
             beam_offset_sigma_m: 1.45e-4,
             beam_offset_sigma_rad: 8.1e-4,
             beam_offset_correlation: 0.978,
-            beam_offset_walk_m_per_sqrt_s: 1e-6,
-            beam_offset_walk_rad_per_sqrt_s: 1e-5,
+            // A walk of 0.05 µε/√s of each of five gauges.
+            beam_offset_walk_m_per_sqrt_s: 3.5e-6,
+            beam_offset_walk_rad_per_sqrt_s: 1.7e-5,
+            beam_offset_walk_correlation: 0.87,
             // Wheel radii known to 0.1 % each, 0.324 m apart.
             heading_drift_sigma_rad_per_m: 4.5e-3,
             scale_sigma: 1e-3,
@@ -121,6 +125,12 @@ impl Config {
         in_range(
             "beam_offset_correlation",
             self.beam_offset_correlation,
+            -0.999,
+            0.999,
+        )?;
+        let walk_correlation = in_range(
+            "beam_offset_walk_correlation",
+            self.beam_offset_walk_correlation,
             -0.999,
             0.999,
         )?;
@@ -146,6 +156,10 @@ impl Config {
             offset_covariance: self.beam_offset_correlation
                 * self.beam_offset_sigma_m
                 * self.beam_offset_sigma_rad,
+            offset_walk_covariance: t
+                * walk_correlation
+                * self.beam_offset_walk_m_per_sqrt_s
+                * self.beam_offset_walk_rad_per_sqrt_s,
             prior: [
                 variance!(beam_offset_sigma_m),
                 variance!(beam_offset_sigma_rad),
@@ -174,6 +188,8 @@ pub struct Joint {
     prior: [f32; constants::COUNT],
     /// Prior covariance of the two offsets of the beam.
     offset_covariance: f32,
+    /// Covariance of the two offsets added each tick.
+    offset_walk_covariance: f32,
     /// Variance added to the constants each tick.
     walk: [f32; constants::COUNT],
 }
@@ -327,6 +343,17 @@ impl Joint {
         }
     }
 
+    /// The gyro of an axle (0 front, 1 rear) was zeroed: its bias is another one.
+    pub fn forget_gyro_bias(&self, state: &mut State, axle: usize) {
+        let k = GYRO_BIAS + axle.min(1);
+        let u = &mut state.covariance.upper;
+        for i in 0..N {
+            u[i.min(FIRST + k)][i.max(FIRST + k)] = 0.0;
+        }
+        u[FIRST + k][FIRST + k] = self.prior[k];
+        state.constants[k] = 0.0;
+    }
+
     /// Odometry: increments of front and rear in the axles' own frames, each with the covariance of
     /// its error in the frame it ends in and the share of the time in which a gyro took part.
     /// `ticks` is the time they span.
@@ -432,6 +459,7 @@ impl Joint {
         for k in 0..constants::COUNT {
             u[FIRST + k][FIRST + k] += ticks * self.walk[k];
         }
+        u[OFFSET_Y][OFFSET_PHI] += ticks * self.offset_walk_covariance;
 
         state.rear = state.rear.compose(d2);
         state.relative = tip.relative_to(d2);
@@ -818,5 +846,43 @@ mod tests {
             ..Config::default()
         };
         assert_eq!(config.build(0.01).unwrap_err().field, "scale_sigma");
+    }
+
+    #[test]
+    fn a_gyro_that_was_zeroed_is_unknown_again_and_nothing_else_is() {
+        let (joint, mut state) = start();
+        let moved = Estimate::with_sigmas(Posture::new(0.002, 0.0, 0.003), [1e-5; 3]);
+        for _ in 0..300 {
+            joint.predict(&mut state, &moved, &moved, [1.0; 2], 1.0);
+            let relative = state.relative();
+            let beam = Estimate::with_sigmas(
+                Posture::new(relative.posture.x, 0.02, 0.2),
+                [1e-4, 1e-4, 2e-4],
+            );
+            joint.update(&mut state, &beam, |_| true);
+        }
+        let before = state;
+        let learnt = before.constants()[GYRO_BIAS];
+        assert!(learnt.abs() > 1e-6, "{learnt}");
+        joint.forget_gyro_bias(&mut state, 0);
+        assert_eq!(state.constants()[GYRO_BIAS], 0.0);
+        let sigma = state.constant_sigmas()[GYRO_BIAS];
+        assert!((sigma / Config::default().gyro_bias_sigma_rad_s - 1.0).abs() < 1e-5);
+        let forgotten = FIRST + GYRO_BIAS;
+        let (now, then) = (state.covariance().matrix(), before.covariance().matrix());
+        for i in 0..N {
+            for j in 0..N {
+                match (i == forgotten, j == forgotten) {
+                    (false, false) => assert_eq!(now[i][j], then[i][j]),
+                    (true, true) => {}
+                    _ => assert_eq!(now[i][j], 0.0),
+                }
+            }
+        }
+        assert_eq!(state.robot_estimate(), before.robot_estimate());
+        assert_eq!(
+            state.constants()[GYRO_BIAS + 1],
+            before.constants()[GYRO_BIAS + 1]
+        );
     }
 }

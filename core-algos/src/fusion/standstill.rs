@@ -3,10 +3,13 @@
 //! A robot that stands with its motors off and its wheels still does not turn or accelerate: what
 //! gyro and accelerometer read then is their bias (and the slope of the floor). A scalar Kalman
 //! filter of the bias, a random walk seen through white noise, follows it while the robot stands
-//! and remembers it while it drives. Wheels alone do not show rest: a bent frame turns an axle on
-//! creeping tyres, so it takes motors off too.
+//! and remembers it while it drives. Still wheels alone do not show that an axle does not turn, for
+//! a bent frame turns it on creeping tyres: the gyro takes motors off too. Creep is steady, so that
+//! for the accelerometer still wheels are enough.
 //!
-//! Readings beyond [`Config::limit`] are no bias and change nothing. [`Config::build`] validates;
+//! Readings beyond [`Config::limit`] are no bias and change nothing. A bias that was last seen so
+//! long ago that it may be anything makes the reading worse than none: it is then withheld, see
+//! [`Config::largest_sigma`]. [`Config::build`] validates;
 //! after it nothing fails or panics. Cost: a division a tick at rest, else an addition.
 
 use crate::config::{ConfigError, non_negative, positive};
@@ -22,6 +25,9 @@ pub struct Config {
     pub noise_per_sqrt_hz: f32,
     /// Random walk of the bias, u/√s.
     pub walk_per_sqrt_s: f32,
+    /// Standard deviation of a bias once seen from which on readings are withheld until it is seen
+    /// again, u.
+    pub largest_sigma: f32,
 }
 
 impl Config {
@@ -30,12 +36,16 @@ impl Config {
         limit: 0.05,
         noise_per_sqrt_hz: 4.9e-5,
         walk_per_sqrt_s: 5e-5,
+        // Wheels on creeping tyres are worse than that.
+        largest_sigma: 0.01,
     };
     /// For an accelerometer of that class; the limit is that of a floor inclined by 3°.
     pub const ACCELEROMETER: Self = Self {
         limit: 0.5,
         noise_per_sqrt_hz: 6.9e-4,
         walk_per_sqrt_s: 5e-3,
+        // Makes an axle at rest seem to move at some mm/s; after half a minute without rest.
+        largest_sigma: 0.03,
     };
 
     /// The ready form for a sample every `period_s`; an error names the parameter out of range.
@@ -44,6 +54,7 @@ impl Config {
         let limit = positive("limit", self.limit)?;
         let noise = positive("noise_per_sqrt_hz", self.noise_per_sqrt_hz)?;
         let walk = non_negative("walk_per_sqrt_s", self.walk_per_sqrt_s)?;
+        let largest = positive("largest_sigma", self.largest_sigma)?;
         Ok(Zeroing {
             limit,
             // Half the sample rate is the bandwidth.
@@ -51,6 +62,7 @@ impl Config {
             walk: walk * walk * period,
             // Uniform within the limit.
             unknown: limit * limit / 3.0,
+            largest: largest * largest,
         })
     }
 }
@@ -65,6 +77,8 @@ pub struct Zeroing {
     walk: f32,
     /// Variance of a bias that was never seen.
     unknown: f32,
+    /// Variance from which on a bias once seen is no longer known.
+    largest: f32,
 }
 
 /// Bias of one sensor: estimate and variance.
@@ -88,7 +102,8 @@ impl Bias {
 }
 
 impl Zeroing {
-    /// One sample: the reading less the bias. A reading that is not finite is handed on.
+    /// One sample: the reading less the bias, or `None` while the bias is no longer known. A reading
+    /// that is not finite is handed on.
     pub fn step(&self, bias: &mut Bias, at_rest: bool, reading: Option<f32>) -> Option<f32> {
         let variance = bias.variance.map(|v| (v + self.walk).min(self.unknown));
         bias.variance = variance;
@@ -99,7 +114,10 @@ impl Zeroing {
             bias.value += gain * (reading - bias.value);
             bias.variance = Some(gain * self.noise);
         }
-        Some(reading - bias.value)
+        let known = bias
+            .variance
+            .is_none_or(|variance| variance <= self.largest);
+        (known || !reading.is_finite()).then_some(reading - bias.value)
     }
 }
 
@@ -107,21 +125,32 @@ impl Zeroing {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RestDetector {
     counts: [Option<i32>; 2],
-    ticks: u16,
+    still: u16,
+    off: u16,
+}
+
+/// What rests.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Rest {
+    /// Both wheels have kept their counts for the whole time.
+    pub wheels: bool,
+    /// And the motors have been off: the axle does not turn either.
+    pub axle: bool,
 }
 
 impl RestDetector {
-    /// One tick: encoder counts of the wheels, and whether the motors are on. True when both wheels
-    /// have kept their counts and the motors have been off for `hold` ticks.
-    pub fn step(&mut self, counts: [Option<i32>; 2], motors_on: bool, hold: u16) -> bool {
-        let still = !motors_on && counts.iter().all(Option::is_some) && counts == self.counts;
+    /// One tick: encoder counts of the wheels, and whether the motors are on; `hold` is the time of
+    /// rest asked for, in ticks.
+    pub fn step(&mut self, counts: [Option<i32>; 2], motors_on: bool, hold: u16) -> Rest {
+        let still = counts.iter().all(Option::is_some) && counts == self.counts;
         self.counts = counts;
-        self.ticks = if still {
-            self.ticks.saturating_add(1)
-        } else {
-            0
-        };
-        self.ticks >= hold
+        let count = |before: u16, still: bool| if still { before.saturating_add(1) } else { 0 };
+        self.still = count(self.still, still);
+        self.off = count(self.off, still && !motors_on);
+        Rest {
+            wheels: self.still >= hold,
+            axle: self.off >= hold,
+        }
     }
 }
 
@@ -186,6 +215,40 @@ mod tests {
     }
 
     #[test]
+    fn a_bias_seen_too_long_ago_withholds_the_reading_until_it_is_seen_again() {
+        let config = Config::ACCELEROMETER;
+        let zeroing = config.build(PERIOD).unwrap();
+        let mut bias = Bias::default();
+        for _ in 0..10_000 {
+            // Never seen: it counts as none, as it does after the calibration.
+            assert_eq!(zeroing.step(&mut bias, false, Some(0.2)), Some(0.2));
+        }
+        for _ in 0..1000 {
+            zeroing.step(&mut bias, true, Some(0.1));
+        }
+        let at_rest = f64::from(bias.variance().unwrap());
+        // A walk's variance grows with time.
+        let [largest, walk] = [config.largest_sigma, config.walk_per_sqrt_s].map(f64::from);
+        let known_s = (largest * largest - at_rest) / (walk * walk);
+        let mut ticks = 0u32;
+        while zeroing.step(&mut bias, false, Some(0.1)).is_some() {
+            ticks += 1;
+            assert!(ticks < 100_000);
+        }
+        assert!(
+            (f64::from(ticks) * 1e-3 / known_s - 1.0).abs() < 0.01,
+            "{ticks}"
+        );
+        // Damage is not withheld but handed on, to be counted.
+        assert!(
+            zeroing
+                .step(&mut bias, false, Some(f32::NAN))
+                .is_some_and(f32::is_nan)
+        );
+        assert!(zeroing.step(&mut bias, true, Some(0.1)).is_some());
+    }
+
+    #[test]
     fn bad_readings_leave_no_trace() {
         let zeroing = Config::ACCELEROMETER.build(PERIOD).unwrap();
         let mut bias = Bias::default();
@@ -207,18 +270,38 @@ mod tests {
     fn rest_needs_still_wheels_and_motors_off_for_a_while() {
         let mut detector = RestDetector::default();
         let at = |count| [Some(count), Some(7)];
-        assert!(!detector.step(at(0), false, 3), "nothing to compare with");
+        let (none, wheels) = (
+            Rest::default(),
+            Rest {
+                wheels: true,
+                axle: false,
+            },
+        );
+        let both = Rest {
+            wheels: true,
+            axle: true,
+        };
+        assert_eq!(
+            detector.step(at(0), false, 3),
+            none,
+            "nothing to compare with"
+        );
         for tick in 0..5 {
-            assert_eq!(detector.step(at(0), false, 3), tick >= 2);
+            let expected = if tick >= 2 { both } else { none };
+            assert_eq!(detector.step(at(0), false, 3), expected);
         }
-        assert!(!detector.step(at(1), false, 3));
+        assert_eq!(detector.step(at(1), false, 3), none);
         for _ in 0..3 {
             detector.step(at(1), false, 3);
         }
-        assert!(detector.step(at(1), false, 3));
-        assert!(!detector.step(at(1), true, 3), "a held bend creeps");
+        assert_eq!(detector.step(at(1), false, 3), both);
+        assert_eq!(detector.step(at(1), true, 3), wheels, "a held bend creeps");
+        for tick in 0..3 {
+            let expected = if tick >= 2 { both } else { wheels };
+            assert_eq!(detector.step(at(1), false, 3), expected);
+        }
         for _ in 0..100 {
-            assert!(!detector.step([None, Some(7)], false, 3), "no encoder");
+            assert_eq!(detector.step([None, Some(7)], false, 3), none, "no encoder");
         }
     }
 
@@ -240,6 +323,13 @@ mod tests {
                     ..good
                 },
                 "walk_per_sqrt_s",
+            ),
+            (
+                Config {
+                    largest_sigma: 0.0,
+                    ..good
+                },
+                "largest_sigma",
             ),
         ] {
             assert_eq!(bad.build(PERIOD).unwrap_err().field, field);

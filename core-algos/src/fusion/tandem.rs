@@ -288,6 +288,8 @@ pub struct Increment {
     pub ticks: u16,
     /// Share of the time in which a gyro took part, 0 to 1: the heading is then the gyro's.
     pub gyro_share: f32,
+    /// The gyro was zeroed at rest: what was learnt of its bias no longer holds.
+    pub gyro_zeroed: bool,
 }
 
 impl Increment {
@@ -298,6 +300,7 @@ impl Increment {
             covariance,
             ticks: 1,
             gyro_share: 0.0,
+            gyro_zeroed: false,
         }
     }
 
@@ -336,6 +339,7 @@ impl Receiver {
             covariance: matrix::scale(&keyframe.covariance, f32::from(ticks)),
             ticks,
             gyro_share: 0.0,
+            gyro_zeroed: false,
         })
     }
 }
@@ -494,6 +498,11 @@ impl Tandem {
             Tracks::Joint(joint) => {
                 let ticks = front.ticks.max(rear.ticks);
                 let shares = [front.gyro_share, rear.gyro_share];
+                for (axle, increment) in [inputs.front, inputs.rear].iter().enumerate() {
+                    if increment.is_some_and(|increment| increment.gyro_zeroed) {
+                        self.joint.forget_gyro_bias(joint, axle);
+                    }
+                }
                 self.joint
                     .predict(joint, &front.estimate, &rear.estimate, shares, ticks);
                 if let Some(beam) = beam {

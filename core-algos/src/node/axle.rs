@@ -55,7 +55,8 @@ pub struct Config {
     pub speed_source: SpeedSource,
     /// Wheel observers.
     pub wheel: wheel_observer::Config,
-    /// Time with motors off and wheels still after which the inertial sensors are zeroed, s.
+    /// Time of rest after which the inertial sensors are zeroed, s: wheels still for the
+    /// accelerometer, motors off too for the gyro.
     pub rest_hold_s: f32,
     /// Zeroing of the gyro at standstill.
     pub gyro_zero: standstill::Config,
@@ -253,6 +254,7 @@ pub struct State {
     supervisor: supervisor::State,
     refused: u8,
     gyro_samples: u8,
+    gyro_zeroed: bool,
     mode: Option<Stamped<LeadMode>>,
     /// The lead node has been heard while it did not drive.
     paused: bool,
@@ -286,6 +288,7 @@ impl State {
             supervisor: supervisor::State::default(),
             refused: 0,
             gyro_samples: 0,
+            gyro_zeroed: false,
             mode: None,
             paused: false,
             steering: 0.0,
@@ -624,19 +627,20 @@ impl AxleNode {
             state.refused = state.refused.saturating_add(u8::from(wheel.jumped));
             state.wheels[i] = wheel;
         }
-        let at_rest = state
+        let rest = state
             .rest
             .step(samples.encoder, state.output.active, self.rest_hold);
+        state.gyro_zeroed |= rest.axle;
         let (gyro, accelerometer) = (samples.gyro_rad_s, samples.acceleration_m_s2);
         let verdicts = self.filter.step(
             &mut state.filter,
             &Measurements {
                 left_m_s: advance[0],
                 right_m_s: advance[1],
-                gyro_rad_s: self.gyro_zero.step(&mut state.gyro_bias, at_rest, gyro),
+                gyro_rad_s: self.gyro_zero.step(&mut state.gyro_bias, rest.axle, gyro),
                 acceleration_m_s2: self.accelerometer_zero.step(
                     &mut state.accelerometer_bias,
-                    at_rest,
+                    rest.wheels,
                     accelerometer,
                 ),
             },
@@ -675,6 +679,7 @@ impl AxleNode {
             yaw_rate_rad_s: twist.omega,
             refused: self.state.refused,
             gyro_samples: self.state.gyro_samples,
+            gyro_zeroed: self.state.gyro_zeroed,
             uptime: u8::try_from(epochs).unwrap_or(u8::MAX),
         });
         outbox.push(Message::AxleUncertainty {
@@ -684,6 +689,7 @@ impl AxleNode {
         });
         self.state.refused = 0;
         self.state.gyro_samples = 0;
+        self.state.gyro_zeroed = false;
     }
 
     fn twist(&self, [left, right]: [f32; 2]) -> Twist {

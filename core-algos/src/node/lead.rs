@@ -221,6 +221,7 @@ struct AxleReport {
     twist: Twist,
     /// Share of the axle's ticks in which its gyro took part.
     gyro_share: f32,
+    gyro_zeroed: bool,
 }
 
 impl AxleReport {
@@ -258,6 +259,7 @@ impl Advance {
                 covariance: diagonal(RESTART_SIGMAS.map(|sigma| sigma * sigma)),
                 ticks: *ticks,
                 gyro_share: 0.0,
+                gyro_zeroed: true,
             }),
         }
     }
@@ -310,6 +312,7 @@ impl AxleTrack {
             covariance: scale(&covariance, f32::from(ticks)),
             ticks,
             gyro_share: self.report.gyro_share,
+            gyro_zeroed: self.report.gyro_zeroed,
         })
     }
 }
@@ -468,6 +471,7 @@ impl LeadNode {
                 velocity_m_s,
                 yaw_rate_rad_s,
                 gyro_samples,
+                gyro_zeroed,
                 uptime,
                 ..
             } => {
@@ -476,6 +480,7 @@ impl LeadNode {
                 report.uptime = Some(Stamped::new(uptime, epoch_start(now, sequence)));
                 report.twist = Twist::new(velocity_m_s, yaw_rate_rad_s);
                 report.gyro_share = (f32::from(gyro_samples) / TICKS_PER_EPOCH).min(1.0);
+                report.gyro_zeroed = gyro_zeroed;
                 report.pair();
             }
             Message::AxleUncertainty {
@@ -881,6 +886,7 @@ mod tests {
                     yaw_rate_rad_s: 0.0,
                     refused: 0,
                     gyro_samples: 0,
+                    gyro_zeroed: false,
                     uptime,
                 },
             );

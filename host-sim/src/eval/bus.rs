@@ -14,7 +14,7 @@
 //! `{"ReferenceMotion":{"axle","sequence","velocity_m_s","yaw_rate_rad_s","acceleration_m_s2",
 //! "yaw_acceleration_rad_s2"}}`,
 //! `{"AxlePosture":{"axle","sequence","posture"}}`,
-//! `{"AxleMotion":{"axle","sequence","velocity_m_s","yaw_rate_rad_s","refused","gyro_samples",
+//! `{"AxleMotion":{"axle","sequence","velocity_m_s","yaw_rate_rad_s","refused","gyro_samples","gyro_zeroed",
 //! "uptime"}}`,
 //! `{"AxleUncertainty":{"axle","sequence","covariance"}}`,
 //! `{"BeamPosture":{"sequence","posture","gauges"}}`,

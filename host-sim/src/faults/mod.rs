@@ -109,6 +109,8 @@ const CORRUPTION: &[Condition] = &[
     C::WrenchHigh,
     C::FrameBent,
     C::WheelSlip,
+    // A stop begins from the last reference, which may be a wrong one: then the motors are cut.
+    C::StopNotFollowed,
 ];
 /// What wheels that do not do as they should lead to.
 const WHEELS: &[Condition] = &[
