@@ -20,6 +20,7 @@ use core_algos::fusion::ekf::Verdict;
 use core_algos::math::Posture;
 use core_algos::node::lead::Task;
 use core_algos::node::{EPOCH, TICK};
+use core_algos::safety::OperatingState;
 use rand::RngExt;
 use rand_pcg::Pcg64;
 use serde::Serialize;
@@ -273,8 +274,14 @@ impl Soak {
         Ok(())
     }
 
-    /// Gives the robot a goal.
+    /// Gives the robot a goal, or clears its fault, as often as it takes: what is still wrong is not
+    /// cleared.
     fn next(&mut self, tick: u64) -> Result<(), Error> {
+        let lead = self.simulation.monitor().latest(Node::Lead);
+        if lead.is_some_and(|lead| lead.state == OperatingState::Fault) {
+            self.stage = Stage::Resting(tick + RECOVERY);
+            return self.simulation.order(&Order::Task(Task::Clear));
+        }
         let mut uniform = |half: f64| self.random.random_range(-half..half);
         let [x, y] = [uniform(SQUARE_M), uniform(SQUARE_M)];
         let goal = Posture::from([x, y, uniform(3.1)].map(|value| value as f32));
