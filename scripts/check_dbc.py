@@ -96,6 +96,8 @@ def to_board(name, signals):
                 content.setdefault(group, [0.0] * 3)[key] = value
             else:
                 content.setdefault(group, {})[key] = value
+        elif place in FLAGS:
+            content[place] = bool(value)
         elif isinstance(value, str):
             content[place] = value.replace("_", "-")
         else:
@@ -104,8 +106,9 @@ def to_board(name, signals):
     return {stem: content}
 
 
+FLAGS = {"gyro_zeroed"}
 WHOLE = {
-    "sequence", "reason", "notices", "refused", "gyro_samples", "gyro_zeroed", "uptime", "gauges", "gauge",
+    "sequence", "reason", "notices", "refused", "gyro_samples", "uptime", "gauges", "gauge",
     "missed_ticks", "tick_jitter_us", "tick_worst_us",
 }
 
