@@ -51,7 +51,7 @@ async fn start(p: Peripherals) -> Result<(telemetry::Reports, telemetry::Attenda
         [const { AtomicU32::new(0) }; telemetry::TASKS.len()];
 
     let role = tick::role(strap::axle(p.PC13));
-    let base = Settings::new(RobotConfig::default());
+    let base = Settings::of(role);
     let (settings, parameters) = Parameters::load(p.FLASH, base, role).await;
     let config = settings.robot;
     let nodes = nodes(&config, role)?;

@@ -47,7 +47,7 @@ async fn start(p: Peripherals) -> Result<(), ConfigError> {
         done: Signal::new(),
     };
 
-    let base = Settings::new(tick::config());
+    let base = Settings::of(Role::Beam);
     let (settings, parameters) = Parameters::load(p.FLASH, base, Role::Beam).await;
     let config = settings.robot;
     let node = tick::node(&config)?;

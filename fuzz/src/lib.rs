@@ -9,6 +9,8 @@ pub mod numbers;
 pub mod error;
 #[path = "../../host-sim/src/eval/mod.rs"]
 pub mod eval;
+#[path = "../../host-sim/src/overlay.rs"]
+pub mod overlay;
 #[path = "../../host-sim/src/paths.rs"]
 pub mod paths;
 #[path = "../../host-sim/src/plant/mod.rs"]

@@ -67,10 +67,14 @@ fuzz_target!(|data: &[u8]| {
         let ends = bytes.0.iter().filter(|&&byte| byte == 0).count();
         let before = board.counters();
         let mut answers = 0;
-        board.receive(bytes.0, &mut |answer| {
-            answers += 1;
-            check(answer, role);
-        });
+        for byte in bytes.0 {
+            let mut send = |answer: &[u8]| {
+                answers += 1;
+                check(answer, role);
+            };
+            board.receive(&[*byte], &mut send);
+            fail_to_save(&mut board, &mut send);
+        }
         let counters = board.counters();
         let (received, damaged) = (
             counters.received - before.received,
@@ -101,9 +105,19 @@ fuzz_target!(|data: &[u8]| {
 /// The payload of the one answer to a frame.
 fn answer(board: &mut Endpoint, frame: &[u8], role: Role) -> Vec<u8> {
     let mut payloads = Vec::new();
-    board.receive(frame, &mut |answer| payloads.push(check(answer, role)));
+    let mut send = |answer: &[u8]| payloads.push(check(answer, role));
+    board.receive(frame, &mut send);
+    fail_to_save(board, &mut send);
     assert_eq!(payloads.len(), 1, "one answer to one request");
     payloads.remove(0)
+}
+
+/// A store that cannot be written.
+fn fail_to_save(board: &mut Endpoint, send: &mut impl FnMut(&[u8])) {
+    if let Some(save) = board.save() {
+        assert!(save.settings.check(board.kept().role()).is_ok());
+        board.saved(None, send);
+    }
 }
 
 /// An answer is one whole frame, and what is in it makes sense.

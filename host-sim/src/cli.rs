@@ -5,6 +5,7 @@ mod numbers;
 use crate::recording::LogArgs;
 use clap::{Arg, Args, CommandFactory, FromArgMatches, Parser, Subcommand, ValueEnum};
 use core_algos::fusion::tandem::Mode;
+use core_algos::node::board::Role;
 use numbers::{number, whole};
 use std::path::PathBuf;
 
@@ -72,6 +73,10 @@ pub enum Command {
     Eval(EvalArgs),
     /// Print the table of the parameters a board keeps in its flash
     Parameters,
+    /// List, read, change and save the parameters of boards
+    Params(ParamsArgs),
+    /// Calibrate wheels, strain gauges or gyros, and save what was found
+    Calibrate(CalibrateArgs),
     /// Print the table of conditions, their codes, and the operating states
     Codes,
     /// Print the table of what a log holds
@@ -194,15 +199,9 @@ pub enum LinkKind {
     Uart,
 }
 
-/// Arguments of `hil`.
+/// Where boards are: emulated, on serial ports, or in this process.
 #[derive(Clone, Debug, Args)]
-pub struct HilArgs {
-    /// Arguments every experiment takes.
-    #[command(flatten)]
-    pub common: Common,
-    /// Where the run is recorded.
-    #[command(flatten)]
-    pub log: LogArgs,
+pub struct BoardArgs {
     /// Run the images of the boards in QEMU; they are built if needed
     #[arg(long, conflicts_with_all = ["front", "rear", "beam"])]
     pub emulated: bool,
@@ -224,6 +223,26 @@ pub struct HilArgs {
     /// Rate of the serial ports
     #[arg(long, default_value_t = 921_600, value_parser = whole::<u32>(9_600..=12_000_000))]
     pub baud: u32,
+}
+
+/// Arguments of `hil`.
+#[derive(Clone, Debug, Args)]
+pub struct HilArgs {
+    /// Arguments every experiment takes.
+    #[command(flatten)]
+    pub common: Common,
+    /// Where the run is recorded.
+    #[command(flatten)]
+    pub log: LogArgs,
+    /// Where the boards are.
+    #[command(flatten)]
+    pub boards: BoardArgs,
+    /// Run with the parameters that the boards keep in their flash, laid over those of the scenario
+    #[arg(long)]
+    pub stored: bool,
+    /// Directory of files with the flash of emulated boards
+    #[arg(long, value_name = "DIR", requires = "emulated")]
+    pub flash: Option<PathBuf>,
     /// Keep pace with the clock: no tick begins before its time
     #[arg(long)]
     pub real_time: bool,
@@ -622,6 +641,169 @@ pub struct CampaignStatus {
     /// List the missing blocks and their runs
     #[arg(long)]
     pub missing: bool,
+    /// Also write the result as JSON to this file
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+/// Arguments of `params`.
+#[derive(Clone, Debug, Args)]
+pub struct ParamsArgs {
+    /// What to do
+    #[command(subcommand)]
+    pub action: ParamsAction,
+}
+
+/// What to do with the parameters of boards.
+#[derive(Clone, Debug, Subcommand)]
+pub enum ParamsAction {
+    /// Show all parameters with units and ranges
+    List(ParamsTarget),
+    /// Show some
+    Get(ParamsGet),
+    /// Give some another value, until the board is reset or they are saved
+    Set(ParamsSet),
+    /// Save in the flash what was set
+    Save(ParamsTarget),
+    /// Write those that differ from what the boards were built with to a file
+    Export(ParamsExport),
+    /// Set those of a file
+    Import(ParamsImport),
+}
+
+/// Boards whose parameters are meant.
+#[derive(Clone, Debug, Args)]
+pub struct ParamsTarget {
+    /// Where the boards are; with none of these, in this process with their flash in files.
+    #[command(flatten)]
+    pub boards: BoardArgs,
+    /// Directory of files with the flash of boards that are emulated or in this process
+    #[arg(long, value_name = "DIR", default_value = "out/flash")]
+    pub flash: PathBuf,
+    /// Only these boards, separated by commas [default: all that there are]
+    #[arg(long, value_enum, value_delimiter = ',', value_name = "LIST")]
+    pub board: Vec<BoardName>,
+    /// Also write the result as JSON to this file
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+/// A board of the robot.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum BoardName {
+    /// Front axle and lead node
+    Front,
+    /// Rear axle
+    Rear,
+    /// Instrumented frame
+    Beam,
+}
+
+impl From<BoardName> for Role {
+    fn from(name: BoardName) -> Self {
+        match name {
+            BoardName::Front => Self::Front,
+            BoardName::Rear => Self::Rear,
+            BoardName::Beam => Self::Beam,
+        }
+    }
+}
+
+/// Arguments of `params get`.
+#[derive(Clone, Debug, Args)]
+pub struct ParamsGet {
+    /// Names, as in `cfmmr parameters`
+    #[arg(value_name = "NAME", required = true)]
+    pub names: Vec<String>,
+    /// Which boards.
+    #[command(flatten)]
+    pub target: ParamsTarget,
+}
+
+/// Arguments of `params set`.
+#[derive(Clone, Debug, Args)]
+pub struct ParamsSet {
+    /// New values, for example robot.geometry.wheel_radius_m=0.0731
+    #[arg(value_name = "NAME=VALUE", required = true)]
+    pub values: Vec<String>,
+    /// Save them in the flash
+    #[arg(long)]
+    pub save: bool,
+    /// Which boards.
+    #[command(flatten)]
+    pub target: ParamsTarget,
+}
+
+/// Arguments of `params export`.
+#[derive(Clone, Debug, Args)]
+pub struct ParamsExport {
+    /// File to write instead of printing
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    /// All parameters, not only those that differ
+    #[arg(long)]
+    pub all: bool,
+    /// Which boards.
+    #[command(flatten)]
+    pub target: ParamsTarget,
+}
+
+/// Arguments of `params import`.
+#[derive(Clone, Debug, Args)]
+pub struct ParamsImport {
+    /// The file, as `params export` and `calibrate` write it
+    #[arg(value_name = "FILE")]
+    pub file: PathBuf,
+    /// Save them in the flash
+    #[arg(long)]
+    pub save: bool,
+    /// Which boards.
+    #[command(flatten)]
+    pub target: ParamsTarget,
+}
+
+/// What is calibrated.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum CalibrateWhat {
+    /// Radius, ratio and track of the wheels of each axle: a straight way, then squares both ways
+    /// (UMBmark)
+    Wheels,
+    /// Zeros and gains of the strain gauges: strip held straight, then on formers
+    Gauges,
+    /// Scale and bias of the gyros: known turns, and rests
+    Imu,
+}
+
+/// Arguments of `calibrate`.
+#[derive(Clone, Debug, Args)]
+pub struct CalibrateArgs {
+    /// What to calibrate
+    #[arg(value_enum)]
+    pub what: CalibrateWhat,
+    /// Where the boards are; with none of these, in this process with their flash in files.
+    #[command(flatten)]
+    pub boards: BoardArgs,
+    /// Directory of files with the flash of boards that are emulated or in this process
+    #[arg(long, value_name = "DIR", default_value = "out/flash")]
+    pub flash: PathBuf,
+    /// Scenario file in TOML, see `cfmmr config`
+    #[arg(long, value_name = "FILE")]
+    pub scenario: Option<PathBuf>,
+    /// Change one entry of the scenario; may be repeated
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
+    /// Seed of the robot's errors and of all noise
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Squares each way and at each speed
+    #[arg(long, default_value_t = 6, value_parser = whole::<u32>(1..=100))]
+    pub laps: u32,
+    /// Save without asking
+    #[arg(long)]
+    pub yes: bool,
+    /// Write what was found to this file, for `params import` and as a scenario
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
     /// Also write the result as JSON to this file
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,

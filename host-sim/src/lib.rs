@@ -5,6 +5,7 @@
 //! [`figures`], [`table`] and [`output`] make results of it.
 
 pub mod advice;
+pub mod calibration;
 pub mod campaign;
 pub mod cli;
 pub mod commands;
@@ -18,6 +19,7 @@ pub mod figures;
 pub mod kinematic_model;
 pub mod log;
 pub mod output;
+pub mod overlay;
 pub mod pace;
 pub mod paths;
 pub mod plant;

@@ -17,6 +17,8 @@ fn main() -> ExitCode {
         Some(Command::Consistency(args)) => commands::consistency::run(args),
         Some(Command::Sweep(args)) => commands::sweep::run(args),
         Some(Command::Eval(args)) => commands::eval::run(args),
+        Some(Command::Calibrate(args)) => commands::calibrate::run(args),
+        Some(Command::Params(args)) => commands::params::run(args),
         Some(Command::Parameters) => commands::parameters::run(),
         Some(Command::Codes) => commands::codes::run(),
         Some(Command::Dbc(args)) => commands::dbc::run(args),

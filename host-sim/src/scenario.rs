@@ -1,10 +1,13 @@
 //! A scenario: everything an experiment depends on, apart from the seed.
 
+use crate::overlay::Overlays;
 use crate::plant::PlantConfig;
 use crate::sensors::SensorConfig;
 use crate::virtual_bus::BusConfig;
 use crate::{error::Error, scenario_file};
+use core_algos::node::board::Role;
 use core_algos::node::robot::RobotConfig;
+use core_algos::params::Settings;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -47,6 +50,8 @@ pub struct Scenario {
     pub mission: Mission,
     /// The configuration the boards run with.
     pub robot: RobotConfig,
+    /// What single boards have otherwise.
+    pub boards: Overlays,
     /// The robot as it is.
     pub plant: PlantConfig,
     /// Sensors and imperfections.
@@ -77,6 +82,16 @@ impl Scenario {
         self.robot
             .build()
             .map_err(|error| Error::input(format!("robot: {error}")))?;
+        for role in Role::ALL {
+            let mut settings = Settings::new(self.robot);
+            self.boards.apply(role, &mut settings)?;
+            // The zeros of the gauges are counts of another converter than that of the default.
+            let calibration = &mut settings.robot.beam.calibration;
+            calibration.zero_counts = self.robot.beam.calibration.zero_counts;
+            settings
+                .check(role)
+                .map_err(|error| Error::input(format!("boards.{}: {error}", role.name())))?;
+        }
         self.plant
             .build()
             .map_err(|error| Error::input(format!("plant.{error}")))?;

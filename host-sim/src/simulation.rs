@@ -27,6 +27,7 @@ use core_algos::node::board;
 use core_algos::node::lead::{self, Task};
 use core_algos::node::robot::RobotConfig;
 use core_algos::node::{EPOCH, Micros, TICK, axle};
+use core_algos::params::{Inertial, Settings};
 use core_algos::safety::Conditions;
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
@@ -129,6 +130,8 @@ pub struct Simulation {
     outline: Outline,
     half_thickness: f64,
     converter_middle: i32,
+    /// What the drivers of the axle boards make of the inertial sensors.
+    inertial: [Inertial; 2],
     boards: Boards,
     bus: VirtualBus,
     torque: [[f64; 2]; 2],
@@ -168,7 +171,18 @@ impl Simulation {
         trial: u64,
     ) -> Result<Self, Error> {
         let imperfections = TrialImperfections::draw(&scenario.sensors, seed, trial);
-        let plant = true_plant(&scenario.plant, scenario.mission.rps, &imperfections);
+        Self::with(targets, scenario, &imperfections, seed, trial)
+    }
+
+    /// The same of a robot with these imperfections.
+    pub fn with(
+        targets: [Box<dyn Target>; 3],
+        scenario: &Scenario,
+        imperfections: &TrialImperfections,
+        seed: u64,
+        trial: u64,
+    ) -> Result<Self, Error> {
+        let plant = true_plant(&scenario.plant, scenario.mission.rps, imperfections);
         let mut plant = plant
             .build()
             .map_err(|error| Error::input(format!("plant.{error}")))?;
@@ -176,7 +190,12 @@ impl Simulation {
         plant.place(std::array::from_fn(|i| {
             start[i] + imperfections.placement[i]
         }));
-        let config = calibrated(scenario, &imperfections);
+        let config = calibrated(scenario, imperfections);
+        let mut settings = [Settings::new(config); 3];
+        for role in board::Role::ALL {
+            scenario.boards.apply(role, &mut settings[role as usize])?;
+        }
+        let [front, rear, beam] = &settings;
         let placement = &scenario.sensors.placement;
         let sigma = (placement.position_sigma_m as f32).max(1e-4);
         let heading = (placement.heading_sigma_rad as f32).max(1e-4);
@@ -197,9 +216,9 @@ impl Simulation {
             .zip(imperfections.gauge_shift_m)
             .map(|(nominal, shift)| plant.gauge(f64::from(nominal) + shift))
             .collect();
-        let calibration = config.beam.calibration.build(gauges.len())?;
+        let calibration = beam.robot.beam.calibration.build(gauges.len())?;
         Ok(Self {
-            sensors: Sensors::new(&scenario.sensors, &imperfections, seed, trial)?,
+            sensors: Sensors::new(&scenario.sensors, imperfections, seed, trial)?,
             truth: Truth {
                 gauge_count: gauges.len(),
                 ..Truth::default()
@@ -208,7 +227,11 @@ impl Simulation {
             half_thickness: f64::from(config.geometry.half_thickness_m),
             gauges,
             outline: plant.outline(FRAME_POINTS),
-            boards: Boards::start(targets, config, &place, scenario.mission.rps)?,
+            inertial: [front.inertial, rear.inertial],
+            boards: {
+                let configs = settings.map(|settings| settings.robot);
+                Boards::start(targets, configs, &place, scenario.mission.rps)?
+            },
             bus: VirtualBus::new(
                 &scenario.bus,
                 seed ^ trial.wrapping_mul(0x9e37_79b9_7f4a_7c15),
@@ -250,6 +273,11 @@ impl Simulation {
     /// The boards.
     pub fn boards(&mut self) -> &mut Boards {
         &mut self.boards
+    }
+
+    /// Gives the boards back, for another simulation.
+    pub fn release(self) -> [Box<dyn Target>; 3] {
+        self.boards.release()
     }
 
     /// Bounds the time of the run.
@@ -510,8 +538,9 @@ impl Simulation {
         let samples = self.sensors.sample(&self.truth);
         let axle = |i: usize| axle::Samples {
             encoder: samples.encoder_counts[i].map(Some),
-            gyro_rad_s: samples.gyro[i],
-            acceleration_m_s2: samples.accelerometer[i],
+            gyro_rad_s: samples.gyro[i].map(|rate| self.inertial[i].gyro_gain * rate),
+            acceleration_m_s2: samples.accelerometer[i]
+                .map(|value| self.inertial[i].accelerometer_gain * value),
             conditions: Conditions::NONE,
         };
         // The board's converter counts from the lower rail; where there is no gauge it reads none.

@@ -65,6 +65,11 @@ impl Trace {
         frames.filter_map(|(tick, frame)| Status::of(*tick, frame))
     }
 
+    /// The frames on the bus, in the order of sending.
+    pub fn frames(&self) -> impl Iterator<Item = &Frame> {
+        self.frames.iter().map(|(_, frame)| frame)
+    }
+
     /// Number of ticks.
     pub fn ticks(&self) -> usize {
         self.torques.len()

@@ -1,16 +1,23 @@
 //! The board's side of the link: bytes in, bytes out, and the board's nodes between.
+//!
+//! Writing the board's store takes time and hardware, so it is not done here: whoever feeds the bytes
+//! asks [`Endpoint::save`] after each lot whether something is to be written, and answers with
+//! [`Endpoint::saved`]. Until then other requests stay without an answer, and the host repeats them.
 
 use super::framing::{Counters, Decoder, Frame, crc32c};
+use super::kept::{KeepError, Kept, Save};
 use super::protocol::{
     self, MAX_CONFIG, MAX_TELEMETRY, PROTOCOL, Packed, Place, Refusal, Reply, Request, StackUse,
     TELEMETRY_CHUNK, Telemetry,
 };
 use crate::bus;
+use crate::config::ConfigError;
 use crate::control::path::PathError;
 use crate::node::board::{Board, Output, Role, Samples};
 use crate::node::lead::LeadNode;
 use crate::node::robot::RobotConfig;
 use crate::node::{Micros, Outbox, TICK};
+use crate::params::{COUNT, Contents, Disarmed};
 use core::fmt::Write;
 
 /// Who a board is.
@@ -30,12 +37,35 @@ pub struct Endpoint {
 }
 
 impl Endpoint {
-    /// A board that has just been started and knows no parameters; `stack` measures its stack.
+    /// A board that has just been started and has no configuration, with nothing in its store;
+    /// `stack` measures its stack.
     pub fn new(identity: Identity, stack: fn() -> StackUse) -> Self {
         Self {
             decoder: Decoder::new(),
             session: Session::new(identity, stack),
         }
+    }
+
+    /// Takes in what the board's store held at its start.
+    pub fn load(&mut self, contents: &Contents) {
+        self.session.kept.load(contents);
+    }
+
+    /// What is to be written to the store now, once; to be answered by [`Self::saved`].
+    pub fn save(&mut self) -> Option<Save> {
+        let off = self.session.saving.as_mut()?.off.take()?;
+        Some(self.session.kept.save(off))
+    }
+
+    /// Tells the host how the save ended: the number of values written and what the store holds, or
+    /// none if it failed.
+    pub fn saved(&mut self, done: Option<(usize, &Contents)>, send: &mut impl FnMut(&[u8])) {
+        self.session.saved(done, send);
+    }
+
+    /// The parameters that the board keeps.
+    pub fn kept(&self) -> &Kept {
+        &self.session.kept
     }
 
     /// Takes bytes that arrived; gives each answer to `send`, whole.
@@ -72,11 +102,22 @@ struct Session {
     /// Number of the last request, and what was answered.
     last: Option<u8>,
     answer: Frame,
-    parameters: Parameters,
+    configuration: Configuration,
+    kept: Kept,
+    saving: Option<Saving>,
     board: Option<Board>,
     tick: u32,
     outbox: Outbox,
     telemetry: Spread,
+}
+
+/// A save under way.
+#[derive(Clone, Copy, Debug)]
+struct Saving {
+    /// Number of the request.
+    number: u8,
+    /// That the motors were off then, until what is to be written has been taken.
+    off: Option<Disarmed>,
 }
 
 impl Session {
@@ -87,7 +128,9 @@ impl Session {
             open: false,
             last: None,
             answer: Frame::default(),
-            parameters: Parameters::default(),
+            configuration: Configuration::default(),
+            kept: Kept::new(identity.role),
+            saving: None,
             board: None,
             tick: 0,
             outbox: Outbox::new(),
@@ -99,10 +142,13 @@ impl Session {
         let Some(&number) = payload.first() else {
             return;
         };
+        if self.saving.is_some() {
+            return;
+        }
         let request = protocol::decode::<Request>(payload).map(|(_, request)| request);
         if let Some(Request::Hello { protocol, nonce }) = request {
             self.open = protocol == PROTOCOL;
-            self.parameters = Parameters::default();
+            self.configuration = Configuration::default();
             self.board = None;
             let reply = Reply::Hello {
                 protocol: PROTOCOL,
@@ -129,6 +175,14 @@ impl Session {
     }
 
     fn carry_out(&mut self, number: u8, request: Option<Request>, send: &mut impl FnMut(&[u8])) {
+        if let (Some(Request::SaveParameters), true) = (request, self.open)
+            && let Some(off) = Disarmed::of(self.board.as_ref())
+            && self.kept.check().is_ok()
+        {
+            let off = Some(off);
+            self.saving = Some(Saving { number, off });
+            return;
+        }
         // What a reply refers to stands here.
         let (mut text, mut bus) = (Text::default(), Packed::new());
         let reply = match request {
@@ -138,6 +192,22 @@ impl Session {
         };
         let answer = protocol::encode(number, &reply.unwrap_or_else(Reply::Refused));
         self.respond(number, answer, send);
+    }
+
+    fn saved(&mut self, done: Option<(usize, &Contents)>, send: &mut impl FnMut(&[u8])) {
+        let Some(Saving { number, .. }) = self.saving.take() else {
+            return;
+        };
+        let reply = match done {
+            Some((values, contents)) => {
+                self.kept.saved(contents);
+                Reply::Saved {
+                    values: u8::try_from(values).unwrap_or(u8::MAX),
+                }
+            }
+            None => Reply::Refused(Refusal::NotSaved),
+        };
+        self.respond(number, protocol::encode(number, &reply), send);
     }
 
     fn reply_to<'a>(
@@ -152,7 +222,7 @@ impl Session {
                 total,
                 offset,
                 bytes,
-            } => self.parameters.append(total, offset, bytes),
+            } => self.configuration.append(total, offset, bytes),
             Request::Start { hash, tick, place } => self.start(hash, tick, place, text),
             Request::Command(task) => self.lead().map(|lead| {
                 lead.command(task);
@@ -196,6 +266,23 @@ impl Session {
                 }),
             Request::Resume { tick } => self.resume(tick),
             Request::Stack => Ok(Reply::Stack((self.stack)())),
+            Request::Parameters => Ok(self.kept.summary()),
+            Request::Parameter { index } => self.kept.get(index),
+            Request::SetParameter { index, value } => {
+                let off = Disarmed::of(self.board.as_ref()).ok_or(Refusal::Armed)?;
+                match self.kept.set(index, value, off) {
+                    Ok(()) => Ok(Reply::Done),
+                    Err(error) => Err(not_kept(error, text)),
+                }
+            }
+            // One that can be carried out does not come here.
+            Request::SaveParameters => {
+                Disarmed::of(self.board.as_ref()).ok_or(Refusal::Armed)?;
+                Err(match self.kept.check() {
+                    Ok(()) => Refusal::NotSaved,
+                    Err(error) => not_kept(error, text),
+                })
+            }
         }
     }
 
@@ -208,17 +295,11 @@ impl Session {
     ) -> Result<Reply<'a>, Refusal<'a>> {
         self.board = None;
         self.telemetry = Spread::default();
-        let bytes = self.parameters.complete(hash)?;
+        let bytes = self.configuration.complete(hash)?;
         let config: RobotConfig = postcard::from_bytes(bytes).map_err(|_| Refusal::Undecodable)?;
         match Board::new(&config, self.identity.role) {
             Ok(board) => self.board = Some(board),
-            Err(error) => {
-                // What does not fit is left out.
-                let _ = write!(text, "{error}");
-                return Err(Refusal::Parameter {
-                    text: text.as_str(),
-                });
-            }
+            Err(error) => return Err(out_of_range(&error, text)),
         }
         self.tick = tick;
         if let (Some(place), Ok(lead)) = (place, self.lead()) {
@@ -294,6 +375,22 @@ impl Session {
     }
 }
 
+/// A refusal that names the field, its value and what is allowed.
+fn out_of_range<'a>(error: &ConfigError, text: &'a mut Text) -> Refusal<'a> {
+    // What does not fit is left out.
+    let _ = write!(text, "{error}");
+    Refusal::Parameter {
+        text: text.as_str(),
+    }
+}
+
+fn not_kept(error: KeepError, text: &mut Text) -> Refusal<'_> {
+    match error {
+        KeepError::Index => Refusal::Index { count: COUNT as u8 },
+        KeepError::Value(error) => out_of_range(&error, text),
+    }
+}
+
 /// At most 64 bytes, cut between characters.
 fn shortened(text: &str) -> &str {
     let end = (0..=64).rev().find(|&end| text.is_char_boundary(end));
@@ -311,15 +408,15 @@ fn append<'a, T: Copy>(
         .try_for_each(|point| push(*point).map_err(Refusal::Point))
 }
 
-/// Encoded parameters as they come in.
+/// Encoded configuration as it comes in.
 #[derive(Clone, Copy, Debug)]
-struct Parameters {
+struct Configuration {
     bytes: [u8; MAX_CONFIG],
     received: usize,
     total: usize,
 }
 
-impl Default for Parameters {
+impl Default for Configuration {
     fn default() -> Self {
         Self {
             bytes: [0; MAX_CONFIG],
@@ -329,7 +426,7 @@ impl Default for Parameters {
     }
 }
 
-impl Parameters {
+impl Configuration {
     /// Takes the next part; one at the beginning starts over.
     fn append<'a>(
         &mut self,

@@ -12,10 +12,11 @@ use crate::fusion::Estimate;
 use crate::node::axle;
 use crate::node::board::Role;
 use crate::node::lead::{self, Task};
+use crate::params::Source;
 use serde::{Deserialize, Serialize};
 
 /// Version of the protocol: changes with every change of what is said, or of a configuration.
-pub const PROTOCOL: u16 = 4;
+pub const PROTOCOL: u16 = 5;
 /// Largest encoded configuration, bytes.
 pub const MAX_CONFIG: usize = 2048;
 /// Bytes of a configuration in one request.
@@ -33,7 +34,8 @@ pub const MAX_BUS_FRAMES: usize = 18;
 /// From host to board.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Request<'a> {
-    /// Begins a session. The board stops what it did and forgets its parameters.
+    /// Begins a session. The board stops what it did and forgets the configuration it was sent, but
+    /// not the parameters that it keeps.
     Hello {
         /// Version the host speaks.
         protocol: u16,
@@ -97,6 +99,25 @@ pub enum Request<'a> {
     },
     /// Asks for [`Reply::Stack`].
     Stack,
+    /// Asks for [`Reply::Parameters`]. The parameters that a board keeps are those of its store, and
+    /// what [`Self::SetParameter`] changed since. Its nodes run with what [`Self::Configure`] sent
+    /// and nothing else: a host that wants the kept ones asks for them and sends them.
+    Parameters,
+    /// Asks for [`Reply::Parameter`].
+    Parameter {
+        /// Place in [`crate::params::TABLE`].
+        index: u8,
+    },
+    /// Gives a parameter another value, until the board is reset or [`Self::SaveParameters`]. Motors
+    /// must be off.
+    SetParameter {
+        /// Place in the table.
+        index: u8,
+        /// The value.
+        value: f32,
+    },
+    /// Writes what has changed to the store. Motors must be off.
+    SaveParameters,
 }
 
 /// Where the robot stands at the start.
@@ -155,6 +176,29 @@ pub enum Reply<'a> {
     Refused(Refusal<'a>),
     /// What the board's stack has taken.
     Stack(StackUse),
+    /// The parameters that the board keeps.
+    Parameters {
+        /// Hash of its table, see [`crate::params::fingerprint`].
+        table: u32,
+        /// How many there are.
+        count: u8,
+        /// Whether those of its store together made no working node, so that it uses none of them.
+        unusable: bool,
+    },
+    /// One of them.
+    Parameter {
+        /// The value.
+        value: f32,
+        /// Where it came from at the board's start, or at the latest save.
+        source: Source,
+        /// Whether the board would have this value after a reset.
+        saved: bool,
+    },
+    /// The store holds them.
+    Saved {
+        /// Values that were written.
+        values: u8,
+    },
 }
 
 /// What a board's stack has taken since its start.
@@ -223,6 +267,16 @@ pub enum Refusal<'a> {
     },
     /// A point of a path or trajectory was not taken.
     Point(PathError),
+    /// Motors may be on: parameters are changed and saved before the nodes are started, or while an
+    /// axle gives no torque.
+    Armed,
+    /// There is no such parameter.
+    Index {
+        /// How many there are.
+        count: u8,
+    },
+    /// The store could not be written, or did not hold afterwards what was written.
+    NotSaved,
 }
 
 /// What the lead node did, and the room in its buffers.

@@ -17,6 +17,7 @@ use crate::node::board::{Board, Role, Samples};
 use crate::node::lead::Task;
 use crate::node::robot::RobotConfig;
 use crate::node::{EPOCH, LEAD_PHASE, Outbox, TICK};
+use crate::params::{COUNT, Contents, Settings, Source, TABLE, fingerprint};
 use crate::safety::Conditions;
 
 /// What the board says of its stack.
@@ -30,32 +31,61 @@ const STACK: StackUse = StackUse {
 struct Host {
     board: Endpoint,
     number: u8,
+    /// What the board's store holds, and how often it was written; a store that is broken is not.
+    store: Contents,
+    saves: u32,
+    broken: bool,
 }
 
 impl Host {
     fn new(role: Role) -> Self {
         Self {
-            board: Endpoint::new(
-                Identity {
-                    build: "test build",
-                    role,
-                },
-                || STACK,
-            ),
+            board: board(role, &Contents::EMPTY),
             number: 0,
+            store: Contents::EMPTY,
+            saves: 0,
+            broken: false,
         }
+    }
+
+    /// Switches the board off and on again.
+    fn reset(&mut self, role: Role) {
+        self.board = board(role, &self.store);
+    }
+
+    /// Writes the store, if the board asks for that.
+    fn serve(&mut self, send: &mut impl FnMut(&[u8])) {
+        let Some(save) = self.board.save() else {
+            return;
+        };
+        if self.broken {
+            return self.board.saved(None, send);
+        }
+        self.saves += 1;
+        let before = self.store;
+        let mut values = 0;
+        for (key, item) in before.changes(&save.settings, &save.base) {
+            self.store.take(key, &item.to_bytes());
+            values += 1;
+        }
+        if let Some(manifest) = self.store.manifest() {
+            self.store.take(0, &manifest.to_bytes());
+        }
+        self.board.saved(Some((values, &self.store)), send);
     }
 
     /// The answer's payload to raw bytes.
     fn send(&mut self, bytes: &[u8]) -> Vec<u8> {
         let (mut decoder, mut payload) = (Decoder::new(), Vec::new());
-        self.board.receive(bytes, &mut |answer| {
+        let mut take = |answer: &[u8]| {
             for &byte in answer {
                 if let Some(found) = decoder.push(byte) {
                     payload = found.to_vec();
                 }
             }
-        });
+        };
+        self.board.receive(bytes, &mut take);
+        self.serve(&mut take);
         payload
     }
 
@@ -123,6 +153,13 @@ impl Host {
         host.expect(&start, Reply::Done);
         host
     }
+}
+
+fn board(role: Role, contents: &Contents) -> Endpoint {
+    let build = "test build";
+    let mut board = Endpoint::new(Identity { build, role }, || STACK);
+    board.load(contents);
+    board
 }
 
 fn place() -> Place {
@@ -292,7 +329,7 @@ fn either_side_may_start_again() {
         host.ask(&tick(k));
     }
     // The board: whatever the host goes on to say, it is told to say hello.
-    host.board = Host::new(Role::Rear).board;
+    host.reset(Role::Rear);
     host.refused(&tick(20), Refusal::NoSession);
     host.hello();
     host.refused(&tick(20), Refusal::NotStarted);
@@ -452,6 +489,167 @@ fn a_board_that_stood_still_goes_on_with_the_tick_it_is_told() {
     host.refused(&Request::Resume { tick: 899 }, Refusal::Tick { expected });
 }
 
+/// Place of a parameter in the table.
+fn index(name: &str) -> u8 {
+    TABLE.iter().position(|p| p.name == name).unwrap() as u8
+}
+
+fn kept(value: f32, source: Source, saved: bool) -> Reply<'static> {
+    Reply::Parameter {
+        value,
+        source,
+        saved,
+    }
+}
+
+#[test]
+fn parameters_are_kept_from_set_to_reset_and_from_save_for_good() {
+    let radius = index("robot.geometry.wheel_radius_m");
+    let get = Request::Parameter { index: radius };
+    let set = |value| Request::SetParameter {
+        index: radius,
+        value,
+    };
+    let mut host = Host::new(Role::Rear);
+    host.refused(&get, Refusal::NoSession);
+    host.refused(&Request::SaveParameters, Refusal::NoSession);
+    host.hello();
+    let summary = Reply::Parameters {
+        table: fingerprint(),
+        count: COUNT as u8,
+        unusable: false,
+    };
+    host.expect(&Request::Parameters, summary);
+    host.expect(&get, kept(0.073, Source::Default, true));
+    host.expect(&set(0.0735), Reply::Done);
+    host.expect(&get, kept(0.0735, Source::Default, false));
+    // Another session finds it, a reset does not.
+    host.hello();
+    host.expect(&get, kept(0.0735, Source::Default, false));
+    host.reset(Role::Rear);
+    host.hello();
+    host.expect(&get, kept(0.073, Source::Default, true));
+    host.expect(&set(0.0735), Reply::Done);
+    host.expect(&Request::SaveParameters, Reply::Saved { values: 1 });
+    host.expect(&get, kept(0.0735, Source::Stored, true));
+    host.expect(&Request::SaveParameters, Reply::Saved { values: 0 });
+    // A request that is repeated is answered again and not carried out again.
+    let frame = protocol::encode(host.number, &Request::SaveParameters).unwrap();
+    let answer = host.send(frame.repeated());
+    assert_eq!(
+        protocol::decode(&answer),
+        Some((host.number, Reply::Saved { values: 0 }))
+    );
+    assert_eq!(host.saves, 2);
+    host.reset(Role::Rear);
+    host.hello();
+    host.expect(&get, kept(0.0735, Source::Stored, true));
+    // What the host sends counts for the nodes, whatever is kept.
+    let started = Host::started(Role::Rear, &RobotConfig::default(), None);
+    let hash = host.configure(&RobotConfig::default());
+    let start = Request::Start {
+        hash,
+        tick: 0,
+        place: None,
+    };
+    host.expect(&start, Reply::Done);
+    assert_eq!(host.board.board(), started.board.board());
+    host.broken = true;
+    host.expect(&set(0.074), Reply::Done);
+    host.refused(&Request::SaveParameters, Refusal::NotSaved);
+    host.expect(&get, kept(0.074, Source::Stored, false));
+}
+
+#[test]
+fn parameters_out_of_range_or_of_no_node_are_refused_by_name() {
+    let mut host = Host::new(Role::Beam);
+    host.hello();
+    let count = COUNT as u8;
+    for request in [
+        Request::Parameter { index: count },
+        Request::SetParameter {
+            index: 255,
+            value: 1.0,
+        },
+    ] {
+        host.refused(&request, Refusal::Index { count });
+    }
+    for (i, parameter) in TABLE.iter().enumerate() {
+        let value = parameter.get(&Settings::of(Role::Beam));
+        let (_, high) = parameter.range;
+        for bad in [f32::NAN, f32::NEG_INFINITY, 1.01 * high + 1.0] {
+            let index = i as u8;
+            let text = &parameter.validate(bad).unwrap_err().to_string();
+            assert!(text.contains(parameter.name));
+            let refusal = Refusal::Parameter { text };
+            host.refused(&Request::SetParameter { index, value: bad }, refusal);
+            let get = Request::Parameter { index };
+            host.expect(&get, kept(value, Source::Default, true));
+        }
+    }
+    // In range, but behind the gauge after it.
+    let set = Request::SetParameter {
+        index: index("robot.beam.strip.gauges_m[0]"),
+        value: 0.2,
+    };
+    host.expect(&set, Reply::Done);
+    let payload = host.ask(&Request::SaveParameters);
+    let Some((_, Reply::Refused(Refusal::Parameter { text }))) = protocol::decode(&payload) else {
+        panic!("saved");
+    };
+    assert!(text.contains("gauges_m"), "{text}");
+    assert_eq!(host.saves, 0);
+}
+
+#[test]
+fn parameters_are_neither_set_nor_saved_while_motors_may_be_on() {
+    let set = Request::SetParameter {
+        index: 0,
+        value: 0.08,
+    };
+    let mut host = Host::started(Role::Front, &RobotConfig::default(), Some(place()));
+    host.expect(&set, Reply::Done);
+    let mut waiting = Vec::<bus::Frame>::new();
+    let mut drives = false;
+    for tick in 0..400u32 {
+        if tick == 100 {
+            let goal = Posture::ORIGIN;
+            host.expect(&Request::Command(Task::Regulate { goal }), Reply::Done);
+        }
+        // The bus brings back what the board sent a tick ago, and as if from the other axle.
+        let mut packed = Packed::new();
+        for frame in waiting.drain(..) {
+            packed.push(&frame);
+            if (0x100..0x200).contains(&frame.id) || frame.id == 0x041 {
+                let id = frame.id + 1;
+                packed.push(&bus::Frame { id, ..frame });
+            }
+        }
+        let payload = host.ask(&Request::Axle {
+            tick,
+            samples: axle_samples(0),
+            bus: packed.bytes(),
+        });
+        let Some((_, Reply::Axle { active, bus, .. })) = protocol::decode(&payload) else {
+            panic!("tick {tick}");
+        };
+        drives = active;
+        waiting.extend(protocol::unpack(bus));
+    }
+    assert!(drives, "the motors are on");
+    host.refused(&set, Refusal::Armed);
+    host.refused(&Request::SaveParameters, Refusal::Armed);
+    assert_eq!(host.saves, 0);
+    // The nodes end with the session.
+    host.hello();
+    host.expect(&Request::SaveParameters, Reply::Saved { values: 1 });
+    // A beam board behind a link cannot know.
+    let mut host = Host::started(Role::Beam, &RobotConfig::default(), None);
+    host.refused(&set, Refusal::Armed);
+    host.hello();
+    host.expect(&set, Reply::Done);
+}
+
 #[test]
 fn the_stack_is_told_in_a_session() {
     let mut host = Host::new(Role::Beam);
@@ -607,8 +805,8 @@ fn no_request_does_harm_whatever_it_holds() {
             let mut payload: Vec<u8> = (0..length).map(|_| below(&mut random, 256) as u8).collect();
             payload[1] = match round % 8 {
                 // A hello now and then, or a start, would leave little to try.
-                0 => below(&mut random, 11) as u8,
-                _ => 3 + below(&mut random, 8) as u8,
+                0 => below(&mut random, 15) as u8,
+                _ => 3 + below(&mut random, 12) as u8,
             };
             let answer = host.send(Frame::new(&payload).unwrap().bytes());
             answered += u32::from(protocol::decode::<Reply>(&answer).is_some());

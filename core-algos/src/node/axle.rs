@@ -55,6 +55,9 @@ pub struct Config {
     pub speed_source: SpeedSource,
     /// Wheel observers.
     pub wheel: wheel_observer::Config,
+    /// Radius of the right wheel over that of the left.
+    #[cfg_attr(feature = "serde", serde(skip))]
+    pub wheel_ratio: f32,
     /// Time of rest after which the inertial sensors are zeroed, s: wheels still for the
     /// accelerometer, motors off too for the gyro.
     pub rest_hold_s: f32,
@@ -121,6 +124,7 @@ impl Default for Config {
             wrench_timeout_s: layout::timeout_s(layout::id::BEAM_WRENCH),
             speed_source: SpeedSource::Wheels,
             wheel: wheel_observer::Config::default(),
+            wheel_ratio: 1.0,
             rest_hold_s: 0.1,
             gyro_zero: standstill::Config::GYRO,
             accelerometer_zero: standstill::Config::ACCELEROMETER,
@@ -153,13 +157,17 @@ impl Config {
         let to_micros = |s: f32| (s * 1e6) as Micros;
         let period = positive("period_s", self.filter.period_s)?;
         let rest_hold = in_range("rest_hold_s", self.rest_hold_s, 0.01, 10.0)?;
+        let wheel_radius = positive("wheel_radius_m", self.controller.wheel_radius_m)?;
+        let ratio = in_range("wheel_ratio", self.wheel_ratio, 0.8, 1.25)?;
+        let left = 2.0 * wheel_radius / (1.0 + ratio);
         Ok(AxleNode {
             axle,
             frame,
             reference_timeout: to_micros(self.reference_timeout_s),
             wrench_timeout: to_micros(self.wrench_timeout_s),
             speed_source: self.speed_source,
-            wheel_radius: positive("wheel_radius_m", self.controller.wheel_radius_m)?,
+            wheel_radius,
+            wheel_radii: [left, ratio * left],
             half_track: positive("half_track_m", self.controller.half_track_m)?,
             period,
             rest_hold: (rest_hold / period).clamp(1.0, f32::from(u16::MAX)) as u16,
@@ -310,7 +318,10 @@ pub struct AxleNode {
     reference_timeout: Micros,
     wrench_timeout: Micros,
     speed_source: SpeedSource,
+    /// Mean of the two.
     wheel_radius: f32,
+    /// Left and right.
+    wheel_radii: [f32; 2],
     half_track: f32,
     period: f32,
     /// Ticks.
@@ -619,10 +630,11 @@ impl AxleNode {
         let mut advance = [None; 2];
         for i in 0..2 {
             let wheel = self.observer.step(&state.wheels[i], samples.encoder[i]);
-            speeds[i] = self.wheel_radius * wheel.speed_rad_s;
+            let radius = self.wheel_radii[i];
+            speeds[i] = radius * wheel.speed_rad_s;
             // A missing or impossible count is no measurement: the filter then predicts.
             if samples.encoder[i].is_some() && !wheel.jumped {
-                advance[i] = Some(self.wheel_radius * wheel.increment_rad / self.period);
+                advance[i] = Some(radius * wheel.increment_rad / self.period);
             }
             state.refused = state.refused.saturating_add(u8::from(wheel.jumped));
             state.wheels[i] = wheel;

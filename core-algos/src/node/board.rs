@@ -83,14 +83,16 @@ pub enum Board {
 impl Board {
     /// The nodes of a board at rest; the error names the parameter that is wrong.
     pub fn new(config: &RobotConfig, role: Role) -> Result<Self, ConfigError> {
-        Ok(match role {
-            Role::Front => Self::Front {
-                axle: config.build_axle(Axle::Front)?,
-                lead: config.build_lead()?,
-            },
-            Role::Rear => Self::Rear(config.build_axle(Axle::Rear)?),
-            Role::Beam => Self::Beam(config.build_beam()?),
-        })
+        // Without a value of the whole between, so that fewer copies of it lie on the stack.
+        match role {
+            Role::Front => {
+                let axle = config.build_axle(Axle::Front)?;
+                let lead = config.build_lead();
+                lead.map(|lead| Self::Front { axle, lead })
+            }
+            Role::Rear => config.build_axle(Axle::Rear).map(Self::Rear),
+            Role::Beam => config.build_beam().map(Self::Beam),
+        }
     }
 
     /// Which board this is.

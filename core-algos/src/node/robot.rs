@@ -29,6 +29,8 @@ pub struct Geometry {
     pub half_track_m: f32,
     /// Radius of the wheels (the paper's r_w), m.
     pub wheel_radius_m: f32,
+    /// Radius of the right wheel over that of the left; `wheel_radius_m` is their mean.
+    pub wheel_ratio: f32,
     /// Encoder counts per revolution of a wheel, gear and edges included.
     pub encoder_counts_per_revolution: u32,
 }
@@ -42,6 +44,7 @@ impl Default for Geometry {
             bending_stiffness_n_m2: 0.833,
             half_track_m: 0.162,
             wheel_radius_m: 0.073,
+            wheel_ratio: 1.0,
             encoder_counts_per_revolution: 8192,
         }
     }
@@ -118,9 +121,11 @@ impl RobotConfig {
             rigid_end_m,
             half_track_m,
             wheel_radius_m,
+            wheel_ratio,
             encoder_counts_per_revolution,
             ..
         } = self.geometry;
+        self.axle.wheel_ratio = wheel_ratio;
         self.axle.wheel.counts_per_revolution = encoder_counts_per_revolution;
         self.axle.filter.track_m = 2.0 * half_track_m;
         self.axle.controller.half_track_m = half_track_m;
@@ -161,6 +166,7 @@ impl RobotConfig {
         positive("bending_stiffness_n_m2", geometry.bending_stiffness_n_m2)?;
         positive("half_track_m", geometry.half_track_m)?;
         positive("wheel_radius_m", geometry.wheel_radius_m)?;
+        in_range("wheel_ratio", geometry.wheel_ratio, 0.8, 1.25)?;
         require(
             geometry.encoder_counts_per_revolution > 0,
             "encoder_counts_per_revolution",

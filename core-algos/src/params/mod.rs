@@ -31,8 +31,11 @@ pub mod stored;
 pub mod table;
 
 pub use stored::{Contents, Item, Report, Source};
-pub use table::{COUNT, Parameter, TABLE, find};
+pub use table::{COUNT, Parameter, TABLE, find, fingerprint};
 
+use crate::acquisition::oversampling::{FULL_SCALE, SCANS};
+use crate::beam::PerGauge;
+use crate::bus::Axle;
 use crate::config::{ConfigError, in_range};
 use crate::node::board::{Board, Role};
 use crate::node::robot::RobotConfig;
@@ -80,13 +83,57 @@ impl Settings {
         }
     }
 
+    /// Settings of a board when nothing is stored. The beam board's converter gives sums of
+    /// [`SCANS`] conversions.
+    pub fn of(role: Role) -> Self {
+        let mut robot = RobotConfig::default();
+        if role == Role::Beam {
+            let calibration = &mut robot.beam.calibration;
+            calibration.full_scale_counts = FULL_SCALE;
+            calibration.rail_margin_counts *= SCANS as i32;
+            calibration.strain_per_count /= SCANS as f32;
+            let zeros = &mut calibration.zero_counts;
+            let scaled = zeros.padded().map(|zero| zero * SCANS as f32);
+            *zeros = scaled
+                .get(..zeros.count())
+                .and_then(PerGauge::new)
+                .unwrap_or(*zeros);
+        }
+        Self::new(robot)
+    }
+
     /// Whether the nodes of a board can be built from them; the error names the field.
     pub fn check(&self, role: Role) -> Result<(), ConfigError> {
         in_range("gyro_gain", self.inertial.gyro_gain, 0.5, 2.0)?;
         let gain = self.inertial.accelerometer_gain;
         in_range("accelerometer_gain", gain, 0.5, 2.0)?;
-        Board::new(&self.robot, role).map(|_| ())
+        match role {
+            Role::Front => {
+                check_axle(&self.robot, Axle::Front)?;
+                check_lead(&self.robot)
+            }
+            Role::Rear => check_axle(&self.robot, Axle::Rear),
+            Role::Beam => check_beam(&self.robot),
+        }
     }
+}
+
+// Nodes are large and a board's stack is not: not inlined, so that it holds one of them at a time,
+// and none once it is known to be good.
+
+#[inline(never)]
+fn check_axle(robot: &RobotConfig, axle: Axle) -> Result<(), ConfigError> {
+    robot.build_axle(axle).map(|_| ())
+}
+
+#[inline(never)]
+fn check_lead(robot: &RobotConfig) -> Result<(), ConfigError> {
+    robot.build_lead().map(|_| ())
+}
+
+#[inline(never)]
+fn check_beam(robot: &RobotConfig) -> Result<(), ConfigError> {
+    robot.build_beam().map(|_| ())
 }
 
 /// Proof that the motors are off: writing a flash holds the core, an erase for half a second.
@@ -102,8 +149,59 @@ impl Disarmed {
         }
     }
 
+    /// The proof for a board with these nodes, or with none yet. The beam board learns from the bus
+    /// whether the motors of the others are off, which a board behind a link does not hear: there it
+    /// is enough only that its node has not been started.
+    pub fn of(board: Option<&Board>) -> Option<Self> {
+        match board {
+            None => Some(Self(())),
+            Some(Board::Front { axle, .. } | Board::Rear(axle)) => {
+                Self::by(axle.supervision().operating())
+            }
+            Some(Board::Beam(_)) => None,
+        }
+    }
+
     /// The proof on a board without motors, which knows from the bus whether they are off.
     pub const fn when(motors_off: bool) -> Option<Self> {
         if motors_off { Some(Self(())) } else { None }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Settings are good for a board exactly if its nodes can be built, whichever value is wrong.
+    #[test]
+    fn a_check_says_what_building_the_board_says() {
+        let mut wrong = vec![Settings::default()];
+        for parameter in &TABLE {
+            for value in [parameter.range.0, parameter.range.1] {
+                let mut settings = Settings::default();
+                parameter.set(&mut settings, value).unwrap();
+                wrong.push(settings);
+            }
+        }
+        let spoils: [fn(&mut RobotConfig); 4] = [
+            |robot| robot.geometry.frame_length_m = -1.0,
+            |robot| robot.axle.rest_hold_s = -1.0,
+            |robot| robot.lead.report_timeout_s = 9.0,
+            |robot| robot.beam.strip.half_thickness_m = 0.0,
+        ];
+        for spoil in spoils {
+            let mut settings = Settings::default();
+            spoil(&mut settings.robot);
+            wrong.push(settings);
+        }
+        let mut refused = 0;
+        for settings in &wrong {
+            for role in Role::ALL {
+                let built = Board::new(&settings.robot, role).map(|_| ());
+                assert_eq!(settings.check(role), built);
+                refused += usize::from(built.is_err());
+            }
+        }
+        assert!(refused >= spoils.len() + 2, "{refused}");
     }
 }

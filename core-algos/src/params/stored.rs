@@ -94,6 +94,8 @@ impl Manifest {
 
 /// Where the value of a parameter comes from.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 pub enum Source {
     /// Nothing was ever stored.
     #[default]

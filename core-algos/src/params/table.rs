@@ -61,6 +61,26 @@ impl Parameter {
     }
 }
 
+/// A hash of the table: with the same one, an index means the same parameter, unit and range.
+pub fn fingerprint() -> u32 {
+    // FNV-1a.
+    let mut hash = 0x811c_9dc5u32;
+    let mut add = |bytes: &[u8]| {
+        for &byte in bytes {
+            hash = (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193);
+        }
+    };
+    for parameter in &TABLE {
+        add(&[parameter.id, parameter.version, u8::from(parameter.whole)]);
+        add(parameter.name.as_bytes());
+        add(&[0]);
+        add(parameter.unit.as_bytes());
+        add(&parameter.range.0.to_le_bytes());
+        add(&parameter.range.1.to_le_bytes());
+    }
+    hash
+}
+
 /// The parameter of a name.
 pub fn find(name: &str) -> Option<&'static Parameter> {
     TABLE.iter().find(|parameter| parameter.name == name)
@@ -177,6 +197,7 @@ parameters! {
     40 v 1 number robot.lead.course.law.heading_gain_rad_s, "rad/s" 0.01 to 20.0: "heading along a path (k2)";
     41 v 1 number robot.lead.course.path.nominal_speed_m_s, "m/s" 0.01 to 2.0: "speed along a path";
     42 v 1 number robot.lead.course.path.deceleration_m_s2, "m/s2" 0.01 to 5.0: "deceleration toward bends and the end";
+    43 v 1 number robot.geometry.wheel_ratio, "" 0.8 to 1.25: "radius of the axle's right wheel over that of the left";
     50 v 1 (0) robot.beam.strip.gauges_m, "m" 0.0 to 5.0: "distance of the gauge from the root";
     51 v 1 (1) robot.beam.strip.gauges_m, "m" 0.0 to 5.0: "distance of the gauge from the root";
     52 v 1 (2) robot.beam.strip.gauges_m, "m" 0.0 to 5.0: "distance of the gauge from the root";

@@ -1,6 +1,5 @@
 //! The beam's tick, once a millisecond: sample → receive → node → calibrate → send.
 
-use core_algos::acquisition::oversampling::{FULL_SCALE, SCANS};
 use core_algos::beam::calibration;
 use core_algos::beam::procedure::{Event, Procedure};
 use core_algos::bus::message::{CalibrationResult, Role};
@@ -91,24 +90,6 @@ struct State {
     saving: Option<u8>,
     /// Times conversions were lost.
     lost: u16,
-}
-
-/// The configuration of a board with this converter: counts are sums of [`SCANS`] conversions.
-pub fn config() -> RobotConfig {
-    let mut config = RobotConfig::default();
-    let calibration = &mut config.beam.calibration;
-    let scans = SCANS as f32;
-    calibration.full_scale_counts = FULL_SCALE;
-    calibration.rail_margin_counts *= SCANS as i32;
-    calibration.strain_per_count /= scans;
-    let zeros = calibration.zero_counts.padded().map(|zero| zero * scans);
-    if let Some(zeros) = zeros
-        .get(..calibration.zero_counts.count())
-        .and_then(core_algos::beam::PerGauge::new)
-    {
-        calibration.zero_counts = zeros;
-    }
-    config
 }
 
 /// The node of a configuration.

@@ -4,6 +4,8 @@ mod instruction;
 mod shadow;
 
 #[cfg(target_os = "none")]
+mod flash;
+#[cfg(target_os = "none")]
 mod options;
 #[cfg(target_os = "none")]
 mod pipe;

@@ -4,6 +4,7 @@ use core_algos::hil::Identity;
 use core_algos::node::board::Role;
 use embassy_stm32::Peripherals;
 
+use super::flash;
 use super::options::Options;
 use super::pipe::Pipe;
 use super::uart::Uart;
@@ -22,9 +23,12 @@ pub async fn run(p: Peripherals, kind: Kind, build: &'static str) -> ! {
         _ => refuse("role= must be front or rear for an axle, beam for the beam"),
     };
     let identity = Identity { build, role };
+    let Some(store) = flash::open(&options) else {
+        refuse("flash= must name a file of the flash's size")
+    };
     match options.get("link") {
         Some("pipe") => match Pipe::open(&options) {
-            Some(pipe) => serve(pipe, watchdog, identity).await,
+            Some(pipe) => serve(pipe, watchdog, identity, store).await,
             None => refuse("in= and out= must name two pipes"),
         },
         Some("uart") => {
@@ -33,6 +37,7 @@ pub async fn run(p: Peripherals, kind: Kind, build: &'static str) -> ! {
                 link.expect("the rate is fixed and fits"),
                 watchdog,
                 identity,
+                store,
             )
             .await
         }

@@ -10,8 +10,10 @@ pub mod uart;
 use core_algos::hil::protocol::StackUse;
 use core_algos::hil::{Endpoint, Identity};
 use embassy_time::{Duration, Instant, with_timeout};
+use embedded_storage_async::nor_flash::NorFlash;
 use static_cell::StaticCell;
 
+use crate::store::Store;
 use crate::watchdog::Watchdog;
 use crate::{fault, stack};
 
@@ -46,8 +48,14 @@ const REPORT: Duration = Duration::from_secs(10);
 
 /// Answers what the link brings, for ever. The watchdog is fed once a turn: a node that does not
 /// return from a step lets it reset the board.
-pub async fn serve(mut link: impl Link, mut watchdog: Watchdog, identity: Identity) -> ! {
+pub async fn serve(
+    mut link: impl Link,
+    mut watchdog: Watchdog,
+    identity: Identity,
+    mut store: Store<impl NorFlash>,
+) -> ! {
     let endpoint = endpoint(identity);
+    endpoint.load(store.load().await);
     defmt::info!("{}: {} in the loop", identity.build, identity.role.name());
     let mut buffer = [0; 256];
     let mut next_report = Instant::now() + FIRST_REPORT;
@@ -55,6 +63,16 @@ pub async fn serve(mut link: impl Link, mut watchdog: Watchdog, identity: Identi
         watchdog.feed();
         if let Ok(count) = with_timeout(IDLE, link.read(&mut buffer)).await {
             endpoint.receive(&buffer[..count], &mut |reply| link.write(reply));
+            if let Some(save) = endpoint.save() {
+                watchdog.lengthen();
+                let saved = store.save(&save.settings, &save.base, save.off).await;
+                watchdog.shorten();
+                if let Err(error) = saved {
+                    defmt::warn!("parameters not saved: {}", defmt::Debug2Format(&error));
+                }
+                let done = saved.ok().map(|values| (values, store.contents()));
+                endpoint.saved(done, &mut |reply| link.write(reply));
+            }
         }
         if Instant::now() >= next_report {
             next_report += REPORT;
@@ -63,7 +81,7 @@ pub async fn serve(mut link: impl Link, mut watchdog: Watchdog, identity: Identi
     }
 }
 
-/// The endpoint in its static place. Not inlined: on its way it lies on the stack, all 15 kB.
+/// The endpoint in its static place. Not inlined: on its way it lies on the stack, all 20 kB.
 #[inline(never)]
 fn endpoint(identity: Identity) -> &'static mut Endpoint {
     static ENDPOINT: StaticCell<Endpoint> = StaticCell::new();

@@ -14,6 +14,7 @@ use core_algos::node::board::Role;
 
 use super::uart::{BAUD, ROOM, send};
 use super::{Kind, Link, serve};
+use crate::store::chip::open;
 use crate::strap;
 use crate::watchdog::Watchdog;
 
@@ -32,7 +33,7 @@ pub async fn run(p: Peripherals, kind: Kind, build: &'static str) -> ! {
         Kind::Beam => Role::Beam,
     };
     let link = Uart::new(p.USART3, p.PB11, p.PB10).expect("the rate is fixed and fits");
-    serve(link, watchdog, Identity { build, role }).await
+    serve(link, watchdog, Identity { build, role }, open(p.FLASH)).await
 }
 
 /// The UART, ready.

@@ -18,6 +18,18 @@ pub type Region = BlockingAsync<Bank1Region1<'static, Blocking>>;
 /// Within the region; sector 0 holds the vectors.
 const RANGE: core::ops::Range<u32> = 16 * 1024..64 * 1024;
 
+/// The store.
+pub fn open(flash: Peri<'static, FLASH>) -> Store<Region> {
+    let region = Flash::new_blocking(flash)
+        .into_blocking_regions()
+        .bank1_region1;
+    Store::of(
+        BlockingAsync::new(region),
+        const { MapConfig::new(RANGE) },
+        RANGE,
+    )
+}
+
 /// The board's parameters.
 pub struct Parameters {
     store: Store<Region>,
@@ -31,14 +43,7 @@ impl Parameters {
     /// Loads them: the settings to run with, and where later ones can be saved. Values that are lost
     /// or cannot be used have their defaults; the report and the log say so.
     pub async fn load(flash: Peri<'static, FLASH>, base: Settings, role: Role) -> (Settings, Self) {
-        let region = Flash::new_blocking(flash)
-            .into_blocking_regions()
-            .bank1_region1;
-        let mut store = Store::of(
-            BlockingAsync::new(region),
-            const { MapConfig::new(RANGE) },
-            RANGE,
-        );
+        let mut store = open(flash);
         let contents = store.load().await;
         let (settings, report) = contents.settle(&base, |settings| settings.check(role));
         log(&report);

@@ -10,7 +10,7 @@
 
 #[cfg(not(target_os = "none"))]
 pub mod campaign;
-#[cfg(all(target_os = "none", not(feature = "hil")))]
+#[cfg(all(target_os = "none", not(feature = "emulated")))]
 pub mod chip;
 #[cfg(not(target_os = "none"))]
 pub mod simulated;
@@ -71,12 +71,17 @@ impl<F: NorFlash> Store<F> {
     }
 
     /// The same of a range that was checked before; `_checked` was made from it.
-    const fn of(flash: F, _checked: MapConfig<F>, range: Range<u32>) -> Self {
+    pub(crate) const fn of(flash: F, _checked: MapConfig<F>, range: Range<u32>) -> Self {
         Self {
             flash,
             range,
             contents: Contents::EMPTY,
         }
+    }
+
+    /// What was found at the latest reading.
+    pub fn contents(&self) -> &Contents {
+        &self.contents
     }
 
     /// What the store holds. Nothing is written or erased.
@@ -243,6 +248,11 @@ impl<F: NorFlash> Store<F> {
             false => self.range.start,
         };
         start..start + size
+    }
+
+    /// The flash.
+    pub fn flash(&self) -> &F {
+        &self.flash
     }
 
     /// Gives the flash back.

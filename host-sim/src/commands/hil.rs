@@ -1,8 +1,9 @@
 //! `cfmmr hil`: an experiment with emulated or real boards in the loop.
 
+use super::boards::{DEFAULT_FLASH, Links};
 use super::posture::{self, Trial, Variant};
 use super::{Context, follow, watch_for_interrupt};
-use crate::cli::{FollowArgs, HilArgs, LinkKind, parse_posture};
+use crate::cli::{FollowArgs, HilArgs, parse_posture};
 use crate::driving::{self, Manner};
 use crate::error::Error;
 use crate::output::OutputDir;
@@ -12,9 +13,6 @@ use crate::simulation::{self, Simulation, Span};
 use crate::supervision::Status;
 use crate::table::Table;
 use crate::targets::board_log::BoardLog;
-use crate::targets::emulated::{self, Emulated, Images, Wire};
-use crate::targets::link::Link;
-use crate::targets::serial::Serial;
 use crate::targets::{
     self, Event, Failure, FailureMode, InProcess, Remote, Report as BoardReport, Target, What,
 };
@@ -76,7 +74,7 @@ pub fn run(args: &HilArgs) -> Result<(), Error> {
     let mut context = Context::new(&args.common, "hil")?;
     let task = prepare(args, &mut context)?;
     let plan = Plan::new(args)?;
-    if !context.scenario.bus.quantise && (args.emulated || args.any_port()) {
+    if !context.scenario.bus.quantise && args.boards.any() {
         return Err(Error::input(
             "bus.quantise = false: must be true with boards that send frames",
         ));
@@ -135,23 +133,9 @@ pub fn run(args: &HilArgs) -> Result<(), Error> {
     }
 }
 
-impl HilArgs {
-    fn port(&self, role: Role) -> Option<&std::path::Path> {
-        match role {
-            Role::Front => self.front.as_deref(),
-            Role::Rear => self.rear.as_deref(),
-            Role::Beam => self.beam.as_deref(),
-        }
-    }
-
-    fn any_port(&self) -> bool {
-        Role::ALL.iter().any(|role| self.port(*role).is_some())
-    }
-}
-
 /// The experiment that the arguments ask for; what they change is written into the scenario.
 fn prepare(args: &HilArgs, context: &mut Context) -> Result<Task, Error> {
-    if !args.emulated && !args.any_port() {
+    if !args.boards.any() {
         return Err(Error::input(
             "hil: --emulated, or a serial port for a board (--front, --rear, --beam), must be given, \
              for example `cfmmr hil --emulated`; `cfmmr doctor` says whether QEMU and ports are here",
@@ -167,7 +151,7 @@ fn prepare(args: &HilArgs, context: &mut Context) -> Result<Task, Error> {
     scenario.mission.rps &= !args.no_rps;
     scenario.sensors.gyro.fitted |= args.imu;
     scenario.sensors.accelerometer.fitted |= args.imu;
-    if !scenario.mission.rps && args.beam.is_some() {
+    if !scenario.mission.rps && args.boards.beam.is_some() {
         return Err(Error::input(
             "--beam: there is no beam board without the relative position sensor",
         ));
@@ -270,34 +254,32 @@ fn failure(text: &str) -> Result<Failure, Error> {
     })
 }
 
-/// The boards that the arguments ask for.
-fn boards(args: &HilArgs, rps: bool, logs: &[BoardLog; 3]) -> Result<[Box<dyn Target>; 3], Error> {
-    let images = match args.emulated {
-        true => {
-            emulated::check_qemu(&args.qemu)?;
-            Some(Images::build()?)
-        }
-        false => None,
-    };
-    let wire = match args.link {
-        LinkKind::Pipe => Wire::Pipe,
-        LinkKind::Uart => Wire::Uart,
-    };
-    let board = |role: Role| -> Result<Box<dyn Target>, Error> {
-        let link: Box<dyn Link> = match (&images, args.port(role)) {
-            (Some(images), _) if rps || role != Role::Beam => {
-                let log = logs[role as usize].clone();
-                Box::new(Emulated::start(&args.qemu, role, wire, images, log)?)
-            }
-            (None, Some(port)) => Box::new(
-                Serial::open(port, args.baud)
-                    .map_err(|error| Error::input(format!("--{} {error}", role.name())))?,
-            ),
-            _ => return Ok(Box::new(InProcess::new(role))),
+/// The boards that the arguments ask for. What they keep is laid over the scenario, if that is wanted.
+fn boards(
+    args: &HilArgs,
+    scenario: &mut Scenario,
+    logs: &[BoardLog; 3],
+) -> Result<[Box<dyn Target>; 3], Error> {
+    let kept = args.stored.then(|| PathBuf::from(DEFAULT_FLASH));
+    let links = Links::new(&args.boards, args.flash.clone().or(kept))?;
+    let mut board = |role: Role| -> Result<Box<dyn Target>, Error> {
+        let link = match scenario.mission.rps || role != Role::Beam {
+            true => links.open(role, &logs[role as usize])?,
+            false => None,
         };
-        Ok(Box::new(Remote::new(role, link)))
+        let Some(link) = link else {
+            return Ok(Box::new(InProcess::new(role)));
+        };
+        let mut remote = Remote::new(role, link);
+        if args.stored {
+            remote.greet()?;
+            scenario.boards.put(role, &remote.own_parameters()?);
+        }
+        Ok(Box::new(remote))
     };
-    Ok([board(Role::Front)?, board(Role::Rear)?, board(Role::Beam)?])
+    let targets = [board(Role::Front)?, board(Role::Rear)?, board(Role::Beam)?];
+    scenario.check()?;
+    Ok(targets)
 }
 
 struct Measured {
@@ -316,10 +298,11 @@ fn measure(
     interrupt: &Arc<AtomicBool>,
     logs: &[BoardLog; 3],
 ) -> Result<Measured, Error> {
-    let scenario = match task {
+    let mut scenario = match task {
         Task::Posture(variant) => variant.apply(&context.scenario),
         Task::Course(..) => context.scenario.clone(),
     };
+    let mut targets = boards(args, &mut scenario, logs)?;
     let about = About {
         command: "hil",
         seed: context.seed,
@@ -345,7 +328,6 @@ fn measure(
         Task::Posture(_) => (scenario.mission.goal, Vec::new()),
         Task::Course(course, _) => (course.route.goal(), course.route.postures()),
     };
-    let mut targets = boards(args, scenario.mission.rps, logs)?;
     if let Some(session) = &session {
         targets = session.tap(targets, &scenario);
         session.plan(goal, &path);

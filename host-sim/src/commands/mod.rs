@@ -1,5 +1,7 @@
 //! The commands: each reads its arguments, runs, prints a table and writes its files.
 
+pub mod boards;
+pub mod calibrate;
 pub mod campaign;
 pub mod codes;
 pub mod completions;
@@ -14,6 +16,7 @@ pub mod follow;
 pub mod hil;
 pub mod loop_bench;
 pub mod parameters;
+pub mod params;
 pub mod plant_bench;
 pub mod posture;
 pub mod replay;

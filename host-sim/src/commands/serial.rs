@@ -106,6 +106,29 @@ const REQUESTS: &[Row] = &[
         "the board stood still and goes on → Done",
     ),
     row("Stack", &[], "asks for the use of the stack → Stack"),
+    row(
+        "Parameters",
+        &[],
+        "asks how many parameters the board keeps → Parameters",
+    ),
+    row(
+        "Parameter",
+        &[("index", "u8: place in the table of parameters")],
+        "asks for one → Parameter",
+    ),
+    row(
+        "SetParameter",
+        &[
+            ("index", "u8: place in the table of parameters"),
+            ("value", "f32"),
+        ],
+        "gives one another value until a reset or a save; motors off → Done",
+    ),
+    row(
+        "SaveParameters",
+        &[],
+        "writes what has changed to the flash; motors off → Saved",
+    ),
 ];
 
 const REPLIES: &[Row] = &[
@@ -152,6 +175,32 @@ const REPLIES: &[Row] = &[
         &[("", "3 u32, bytes: used at most, budget, size")],
         "use of the stack since the start",
     ),
+    row(
+        "Parameters",
+        &[
+            ("table", "u32: hash of the table"),
+            ("count", "u8"),
+            ("unusable", "bool: what is stored makes no working node"),
+        ],
+        "what the board keeps, apart from the configuration of a session",
+    ),
+    row(
+        "Parameter",
+        &[
+            ("value", "f32"),
+            (
+                "source",
+                "where it came from at the start or the latest save",
+            ),
+            ("saved", "bool: it would be the same after a reset"),
+        ],
+        "one of them",
+    ),
+    row(
+        "Saved",
+        &[("values", "u8: values written")],
+        "the flash holds them",
+    ),
 ];
 
 const REFUSALS: &[Row] = &[
@@ -193,6 +242,21 @@ const REFUSALS: &[Row] = &[
         "Point",
         &[("", "Full, NotFinite, NotAdvancing, Ended, NotClosed")],
         "a point of a path or trajectory was not taken",
+    ),
+    row(
+        "Armed",
+        &[],
+        "motors may be on: an axle is driven, or the beam board's node has been started",
+    ),
+    row(
+        "Index",
+        &[("count", "u8: how many there are")],
+        "there is no such parameter",
+    ),
+    row(
+        "NotSaved",
+        &[],
+        "the flash could not be written, or does not hold what was written",
     ),
 ];
 

@@ -124,7 +124,7 @@ impl Slot {
 /// The boards.
 pub struct Boards {
     slots: [Slot; 3],
-    config: RobotConfig,
+    configs: [RobotConfig; 3],
     failures: Vec<Failure>,
     restart_after: Option<u32>,
     events: Vec<Event>,
@@ -140,7 +140,7 @@ impl Boards {
     /// Starts the boards; without the relative position sensor there is no beam board.
     pub fn start(
         targets: [Box<dyn Target>; 3],
-        config: RobotConfig,
+        configs: [RobotConfig; 3],
         place: &Place,
         rps: bool,
     ) -> Result<Self, Error> {
@@ -163,12 +163,12 @@ impl Boards {
         for slot in slots.iter_mut().filter(|slot| slot.on) {
             let place = (slot.role == Role::Front).then_some(place);
             slot.target
-                .start(&config, 0, place)
+                .start(&configs[slot.role as usize], 0, place)
                 .map_err(|fault| fatal(slot.role, fault))?;
         }
         Ok(Self {
             slots,
-            config,
+            configs,
             failures: Vec::new(),
             restart_after: None,
             events: Vec::new(),
@@ -176,6 +176,11 @@ impl Boards {
             watched: None,
             end: None,
         })
+    }
+
+    /// Gives the boards back as they are.
+    pub fn release(self) -> [Box<dyn Target>; 3] {
+        self.slots.map(|slot| slot.target)
     }
 
     /// Boards to be switched off on the way; any board that is lost is switched on again
@@ -383,7 +388,7 @@ impl Boards {
         let role = slot.role;
         slot.revival = None;
         slot.target
-            .start(&self.config, tick, None)
+            .start(&self.configs[role as usize], tick, None)
             .map_err(|fault| fatal(role, fault))?;
         slot.on = true;
         slot.next = tick;
@@ -421,7 +426,7 @@ impl Boards {
     }
 }
 
-fn fatal(role: Role, fault: Fault) -> Error {
+pub(super) fn fatal(role: Role, fault: Fault) -> Error {
     match fault {
         Fault::Fatal(error) => error,
         Fault::Silent(why) => Error::Failure(format!("{} board: {why}", role.name())),

@@ -1,7 +1,7 @@
 //! Boards in QEMU; see `docs/emulation.md` for what of a board is emulated.
 
 use super::board_log::BoardLog;
-use super::link::{Descriptors, Link};
+use super::link::{Descriptors, Link, make_flash_file};
 use super::{Remote, Target};
 use crate::error::Error;
 use core_algos::node::board::Role;
@@ -142,7 +142,7 @@ impl Images {
     ) -> Result<[Box<dyn Target>; 3], Error> {
         let board = |role: Role| -> Result<Box<dyn Target>, Error> {
             let log = logs[role as usize].clone();
-            let link = Emulated::start(qemu, role, wire, self, log)?;
+            let link = Emulated::start(qemu, role, wire, self, log, None)?;
             Ok(Box::new(Remote::new(role, Box::new(link))))
         };
         Ok([board(Role::Front)?, board(Role::Rear)?, board(Role::Beam)?])
@@ -196,6 +196,8 @@ pub struct Emulated {
     wire: Wire,
     images: Images,
     log: BoardLog,
+    /// File with the flash of the board.
+    flash: Option<PathBuf>,
     /// Number of this start among all that share the images.
     start: u32,
     running: Option<Running>,
@@ -221,20 +223,27 @@ impl Drop for Running {
 }
 
 impl Emulated {
-    /// Starts a board; its log goes to `log`.
+    /// Starts a board; its log goes to `log`, its flash is in the file `flash`. Without one it is
+    /// blank and cannot be written.
     pub fn start(
         qemu: &str,
         role: Role,
         wire: Wire,
         images: &Images,
         log: BoardLog,
+        flash: Option<&Path>,
     ) -> Result<Self, Error> {
+        if let Some(file) = flash {
+            make_flash_file(file)?;
+        }
+        let flash = flash.map(std::path::absolute).transpose()?;
         let mut board = Self {
             qemu: qemu.to_owned(),
             role,
             wire,
             images: images.clone(),
             log,
+            flash,
             start: 0,
             running: None,
         };
@@ -253,10 +262,16 @@ impl Emulated {
 
     fn spawn(&self, arguments: &[String], command_line: &str) -> Result<Running, Error> {
         let (image, bytes) = self.images.of(self.role);
-        let semihosting = format!(
+        let mut semihosting = format!(
             "enable=on,target=native,arg=role={},{command_line}",
             self.role.name()
         );
+        if let Some(file) = &self.flash {
+            // By another name: the file's own may have blanks and commas in it.
+            let path = self.path("flash");
+            std::os::unix::fs::symlink(file, &path)?;
+            semihosting += &format!(",arg=flash={}", path.display());
+        }
         let mut child = Command::new(&self.qemu)
             .args([
                 "-M",

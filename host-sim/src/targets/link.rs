@@ -1,12 +1,16 @@
 //! Byte links to boards: in this process, or through file descriptors.
 
 use crate::error::Error;
+use crate::output;
 use core_algos::hil::protocol::StackUse;
 use core_algos::hil::{Endpoint, Identity};
+use firmware_common::store::Store;
+use firmware_common::store::simulated::{Flash, run};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use std::collections::VecDeque;
 use std::fs::File;
 use std::io::{self, ErrorKind, Read, Write};
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// A link to one board.
@@ -50,24 +54,78 @@ pub trait Link: Send {
     }
 }
 
-/// An endpoint in this process, behind its frames.
+/// Sectors of a board's store, as on the chip.
+const SECTORS: usize = 3;
+const SECTOR: usize = 16 * 1024;
+
+/// An endpoint in this process, behind its frames, with the board's store in a simulated flash.
 pub struct Loopback {
     identity: Identity,
     endpoint: Option<Endpoint>,
     halted: bool,
     waiting: VecDeque<u8>,
+    store: Store<Flash<SECTOR>>,
+    /// Where the flash is kept when the program ends.
+    file: Option<PathBuf>,
 }
 
 impl Loopback {
-    /// A board that has just been started.
+    /// A board that has just been started, with a blank flash.
     pub fn new(identity: Identity) -> Self {
-        Self {
+        Self::with(identity, Flash::new(SECTORS, 1), None)
+    }
+
+    /// The same with its flash in a file, blank if there is none.
+    pub fn keeping(identity: Identity, file: &Path) -> Result<Self, Error> {
+        let mut flash = Flash::new(SECTORS, 1);
+        if let Some(bytes) = flash_file(file)? {
+            flash.bytes = bytes;
+        }
+        Ok(Self::with(identity, flash, Some(file.to_owned())))
+    }
+
+    fn with(identity: Identity, flash: Flash<SECTOR>, file: Option<PathBuf>) -> Self {
+        let range = flash.range();
+        let mut board = Self {
             identity,
-            endpoint: Some(Endpoint::new(identity, StackUse::unknown)),
+            endpoint: None,
             halted: false,
             waiting: VecDeque::new(),
-        }
+            store: Store::new(flash, range).expect("whole sectors"),
+            file,
+        };
+        board.start();
+        board
     }
+
+    fn start(&mut self) {
+        let mut endpoint = Endpoint::new(self.identity, StackUse::unknown);
+        endpoint.load(run(self.store.load()));
+        self.endpoint = Some(endpoint);
+    }
+}
+
+/// What a file holds that is the flash of a board; none if it is not there.
+pub fn flash_file(path: &Path) -> Result<Option<Vec<u8>>, Error> {
+    let wrong = |why: String| Error::input(format!("{}: {why}", path.display()));
+    match std::fs::read(path) {
+        Ok(bytes) if bytes.len() == SECTORS * SECTOR => Ok(Some(bytes)),
+        Ok(bytes) => Err(wrong(format!(
+            "{} bytes: the flash of a board must have {}",
+            bytes.len(),
+            SECTORS * SECTOR
+        ))),
+        Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
+        Err(error) => Err(wrong(error.to_string())),
+    }
+}
+
+/// Makes a file that is a blank flash, if there is none.
+pub fn make_flash_file(path: &Path) -> Result<(), Error> {
+    if flash_file(path)?.is_none() {
+        output::write_file(path, vec![0xff; SECTORS * SECTOR])?;
+    }
+    Ok(())
 }
 
 impl Link for Loopback {
@@ -80,7 +138,17 @@ impl Link for Loopback {
         if self.halted {
             return Ok(());
         }
-        endpoint.receive(bytes, &mut |answer| self.waiting.extend(answer));
+        let mut answer = |bytes: &[u8]| self.waiting.extend(bytes);
+        endpoint.receive(bytes, &mut answer);
+        if let Some(save) = endpoint.save() {
+            let saved = run(self.store.save(&save.settings, &save.base, save.off));
+            if let Some(file) = &self.file {
+                let written = output::write_file(file, &self.store.flash().bytes);
+                written.map_err(|error| io::Error::other(error.to_string()))?;
+            }
+            let done = saved.ok().map(|values| (values, self.store.contents()));
+            endpoint.saved(done, &mut answer);
+        }
         Ok(())
     }
 
@@ -100,7 +168,7 @@ impl Link for Loopback {
     }
 
     fn revive(&mut self) -> Result<(), Error> {
-        self.endpoint = Some(Endpoint::new(self.identity, StackUse::unknown));
+        self.start();
         Ok(())
     }
 }

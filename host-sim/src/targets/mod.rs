@@ -10,6 +10,7 @@ pub mod boards;
 pub mod emulated;
 pub mod in_process;
 pub mod link;
+pub mod parameters;
 pub mod remote;
 pub mod serial;
 

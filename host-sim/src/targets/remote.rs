@@ -30,8 +30,8 @@ const LEAD_TICK: u32 = (LEAD_PHASE / TICK) as u32;
 
 /// A board at the other end of a link.
 pub struct Remote {
-    role: Role,
-    conversation: Conversation,
+    pub(super) role: Role,
+    pub(super) conversation: Conversation,
     bus: Packed,
     build: String,
     room: Room,
@@ -62,7 +62,7 @@ impl Remote {
     }
 
     /// Begins a session, and checks that the board is the one that is expected.
-    fn hello(&mut self) -> Result<(), Fault> {
+    pub(super) fn hello(&mut self) -> Result<(), Fault> {
         static NONCE: AtomicU32 = AtomicU32::new(1);
         let sent = NONCE.fetch_add(1, Relaxed);
         let request = Request::Hello {
@@ -133,7 +133,7 @@ impl Remote {
         Ok(hash)
     }
 
-    fn carry_out(&mut self, what: &str, request: &Request) -> Result<(), Fault> {
+    pub(super) fn carry_out(&mut self, what: &str, request: &Request) -> Result<(), Fault> {
         self.conversation.ask(request)?;
         match self.conversation.answer()? {
             Reply::Done => Ok(()),
@@ -159,13 +159,19 @@ fn unexpected(role: Role, what: &str) -> Fault {
     )))
 }
 
-fn refused(role: Role, what: &str, reply: Reply) -> Fault {
+pub(super) fn refused(role: Role, what: &str, reply: Reply) -> Fault {
     let reason = match reply {
         Reply::Refused(Refusal::NoSession | Refusal::NotStarted) => return Fault::Restarted,
         Reply::Refused(Refusal::Point(error)) => {
             return Fault::Fatal(Error::input(format!("path: {error}")));
         }
         Reply::Refused(Refusal::Parameter { text }) => text.to_owned(),
+        Reply::Refused(Refusal::Armed) => {
+            "its motors may be on: parameters are changed and saved at rest".to_owned()
+        }
+        Reply::Refused(Refusal::NotSaved) => {
+            "its flash could not be written, or does not hold what was written".to_owned()
+        }
         Reply::Refused(Refusal::Hash { found }) => {
             format!("the parameters received there have check sum {found:08x}")
         }
@@ -378,7 +384,7 @@ impl Latency {
 }
 
 /// Requests and answers over a link.
-struct Conversation {
+pub(super) struct Conversation {
     link: Box<dyn Link>,
     decoder: Decoder,
     number: u8,
@@ -406,7 +412,7 @@ impl Conversation {
     }
 
     /// Sends a request with the next number; gives the number of bytes.
-    fn ask(&mut self, request: &Request) -> Result<usize, Fault> {
+    pub(super) fn ask(&mut self, request: &Request) -> Result<usize, Fault> {
         self.number = self.number.wrapping_add(1);
         self.asked = protocol::encode(self.number, request)
             .ok_or_else(|| Error::Failure(format!("request too long: {request:?}")))?;
@@ -421,7 +427,7 @@ impl Conversation {
     }
 
     /// Waits for the answer to the latest request, which is repeated as often as needed.
-    fn answer(&mut self) -> Result<Reply<'_>, Fault> {
+    pub(super) fn answer(&mut self) -> Result<Reply<'_>, Fault> {
         self.answered_bytes = 0;
         for attempt in 0..ATTEMPTS {
             if attempt > 0 {
