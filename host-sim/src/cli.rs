@@ -793,8 +793,17 @@ pub struct CalibrateArgs {
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub set: Vec<String>,
     /// Seed of the robot's errors and of all noise
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = 1, value_parser = whole::<u64>(0..=u64::MAX))]
     pub seed: u64,
+    /// The robots of several seeds, separated by commas: rms errors before and after; nothing is saved
+    #[arg(
+        long,
+        value_name = "LIST",
+        value_delimiter = ',',
+        value_parser = whole::<u64>(0..=u64::MAX),
+        conflicts_with_all = ["seed", "yes", "out", "emulated", "front", "rear", "beam"]
+    )]
+    pub seeds: Vec<u64>,
     /// Squares each way and at each speed
     #[arg(long, default_value_t = 6, value_parser = whole::<u32>(1..=100))]
     pub laps: u32,

@@ -1,9 +1,13 @@
 //! Calibration of the simulated robot: what it does not know of itself is found.
 
+mod terminal;
+
 use serde_json::Value;
-use std::fs;
+use std::fs::{self, File};
+use std::io::{Read, Write};
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
+use terminal::pseudo_terminal;
 
 fn cfmmr(directory: &Path, arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_cfmmr"))
@@ -96,6 +100,62 @@ fn radius_and_ratio_are_found_and_odometry_less_creep_comes_back() {
             let number = |key: &str| effect[key].as_f64().unwrap();
             assert!(number("after") < 0.2 * number("before"), "{effect}");
         }
+    }
+}
+
+/// Wheels take a minute: there the bounds above stand for the table.
+#[test]
+fn tables_of_the_docs_are_what_the_command_prints() {
+    let folder = tempfile::tempdir().unwrap();
+    let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/calibration.md");
+    let page = fs::read_to_string(page).unwrap();
+    for what in ["gauges", "imu"] {
+        let command = ["calibrate", what, "--seeds", "1,2,3,4,5,6"];
+        let line = format!("cargo cfmmr {}\n", command.join(" "));
+        assert!(page.contains(&line), "{line}");
+        let output = cfmmr(folder.path(), &command);
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        let shown = text(&output.stdout);
+        assert!(page.contains(&shown), "not in the page:\n{shown}");
+    }
+    assert!(!folder.path().join("out/flash").exists());
+}
+
+/// What a program shows on a terminal where this is typed.
+fn at_a_terminal(directory: &Path, arguments: &[&str], typed: &str) -> String {
+    let (master, path) = pseudo_terminal();
+    let inner = File::options().read(true).write(true).open(path).unwrap();
+    let mut child = Command::new(env!("CARGO_BIN_EXE_cfmmr"))
+        .args(arguments)
+        .current_dir(directory)
+        .stdin(inner.try_clone().unwrap())
+        .stdout(inner)
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let mut outer = File::from(master);
+    // It is there when the program asks.
+    outer.write_all(typed.as_bytes()).unwrap();
+    let (mut shown, mut room) = (Vec::new(), [0; 4096]);
+    // Ends with an error once nobody has the terminal open.
+    while let Ok(count @ 1..) = outer.read(&mut room) {
+        shown.extend_from_slice(&room[..count]);
+    }
+    assert!(child.wait().unwrap().success());
+    text(&shown)
+}
+
+#[test]
+fn at_a_terminal_it_asks_and_does_as_it_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let flash = folder.path().join("out/flash");
+    for (typed, saved) in [("n\n", false), ("\n", false), ("y\n", true)] {
+        let shown = at_a_terminal(folder.path(), &["calibrate", "imu"], typed);
+        let (before, after) = shown.split_once("save to the boards? [y/N]").unwrap();
+        assert!(before.contains("error after"), "{shown}");
+        assert_eq!(after.contains("not saved"), !saved, "{shown}");
+        assert_eq!(after.contains("2 values written"), saved, "{shown}");
+        assert_eq!(flash.join("rear.flash").exists(), saved);
     }
 }
 

@@ -1,11 +1,12 @@
 //! The dashboard on a pseudo-terminal: it draws the run, ends when asked, and leaves the terminal as it
 //! was.
 
+mod terminal;
+
 use core_algos::hil::protocol::StackUse;
 use core_algos::hil::{Endpoint, Identity};
 use core_algos::node::board::Role;
 use host_sim::dashboard::Dashboard;
-use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{LocalModes, Winsize, tcgetattr, tcsetwinsize};
 use std::fs::{File, OpenOptions};
 use std::io::{Read, Write};
@@ -14,21 +15,12 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::mpsc::{Receiver, channel};
 use std::thread;
 use std::time::{Duration, Instant};
+use terminal::pseudo_terminal;
 
 /// Longest time that a step is waited for.
 const PATIENCE: Duration = Duration::from_secs(120);
 const ENTER: &str = "\x1b[?1049h";
 const LEAVE: &str = "\x1b[?1049l";
-
-/// The outer end of a pseudo-terminal, and the path of the inner one.
-fn pseudo_terminal() -> (OwnedFd, String) {
-    let flags = OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC;
-    let master = openpt(flags).unwrap();
-    grantpt(&master).unwrap();
-    unlockpt(&master).unwrap();
-    let path = ptsname(&master, Vec::new()).unwrap();
-    (master, path.into_string().unwrap())
-}
 
 /// A program on a terminal of its own.
 struct Session {

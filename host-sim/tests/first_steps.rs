@@ -27,7 +27,7 @@ fn a_mistake_is_answered_with_what_to_type() {
     write("unit.toml", "[plant]\nstrip_length_m = \"370 mm\"\n");
     write("range.toml", "[bus]\nloss = 1.5\n");
     write("other.csv", "a\n1\n");
-    let cases: [(&[&str], &[&str]); 24] = [
+    let cases: [(&[&str], &[&str]); 28] = [
         (&["postur"], &["postur", "posture", "--help"]),
         (&["posture", "--trial", "3"], &["--trial'", "--trials"]),
         (
@@ -132,6 +132,16 @@ fn a_mistake_is_answered_with_what_to_type() {
         (
             &["hil", "--front", "/dev/no-such-port"],
             &["--front /dev/no-such-port", "serial port", "cfmmr doctor"],
+        ),
+        (&["params", "lst"], &["lst", "list", "--help"]),
+        (&["calibrate", "wheel"], &["wheel", "wheels, gauges, imu"]),
+        (
+            &["calibrate", "imu", "--seeds", "1,x"],
+            &["--seeds", "'x'", "whole number from 0 to"],
+        ),
+        (
+            &["calibrate", "imu", "--seeds", "1,2", "--yes"],
+            &["--seeds", "cannot be used with", "--yes"],
         ),
         (
             &["replay", "none.mcap"],

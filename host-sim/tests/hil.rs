@@ -1,5 +1,7 @@
 //! Hardware in the loop: boards behind frames do what boards in the process do.
 
+mod terminal;
+
 use core_algos::bus::layout::Node;
 use core_algos::hil::protocol::StackUse;
 use core_algos::hil::{Endpoint, Identity};
@@ -18,13 +20,13 @@ use host_sim::targets::{self, Failure, FailureMode, InProcess, Remote, Target, W
 use host_sim::trace::Trace;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use std::fs::File;
 use std::io::{self, Read, Write};
 use std::ops::RangeInclusive;
 use std::path::PathBuf;
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
+use terminal::pseudo_terminal;
 
 fn loopback(role: Role) -> Loopback {
     Loopback::new(Identity {
@@ -365,11 +367,8 @@ fn faults_of_boards_and_bus_are_the_same_behind_frames() {
 
 /// A pseudo-terminal with an endpoint behind it, until its other end is closed.
 fn terminal(role: Role) -> (PathBuf, JoinHandle<()>) {
-    let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
-    grantpt(&master).unwrap();
-    unlockpt(&master).unwrap();
-    let name = ptsname(&master, Vec::new()).unwrap();
-    let path = PathBuf::from(name.to_str().unwrap());
+    let (master, path) = pseudo_terminal();
+    let path = PathBuf::from(path);
     // Kept open until the board's thread ends, so that the terminal does not hang up between.
     let keep = File::options().read(true).write(true).open(&path).unwrap();
     let mut port = File::from(master);

@@ -18,6 +18,7 @@ use crate::targets::board_log::BoardLog;
 use crate::targets::{InProcess, Remote, Target};
 use core_algos::node::board::Role;
 use core_algos::params::{Parameter, Settings, find};
+use rayon::prelude::*;
 use serde::Serialize;
 use std::io::{self, IsTerminal, Write};
 
@@ -66,14 +67,10 @@ struct Report {
 /// Runs the command.
 pub fn run(args: &CalibrateArgs) -> Result<(), Error> {
     let scenario = Scenario::load(args.scenario.as_deref(), &args.set)?;
-    let mut bench = Bench::new(&scenario, args.seed, boards(args)?);
-    let mut report = match args.what {
-        CalibrateWhat::Wheels => calibrate_wheels(&scenario, &mut bench, args.laps)?,
-        CalibrateWhat::Gauges => calibrate_gauges(&scenario, &mut bench)?,
-        CalibrateWhat::Imu => calibrate_gyros(&scenario, &mut bench)?,
-    };
-    report.seed = args.seed;
-    drop(bench);
+    if !args.seeds.is_empty() {
+        return run_several(args, &scenario);
+    }
+    let mut report = calibrate(args, &scenario, args.seed)?;
     print(&text(&report))?;
     if let Some(path) = &args.out {
         output::write_file(path, report.found.to_toml()?)?;
@@ -88,6 +85,17 @@ pub fn run(args: &CalibrateArgs) -> Result<(), Error> {
         output::write_file(path, output::json(&report))?;
     }
     Ok(())
+}
+
+fn calibrate(args: &CalibrateArgs, scenario: &Scenario, seed: u64) -> Result<Report, Error> {
+    let mut bench = Bench::new(scenario, seed, boards(args)?);
+    let mut report = match args.what {
+        CalibrateWhat::Wheels => calibrate_wheels(scenario, &mut bench, args.laps)?,
+        CalibrateWhat::Gauges => calibrate_gauges(scenario, &mut bench)?,
+        CalibrateWhat::Imu => calibrate_gyros(scenario, &mut bench)?,
+    };
+    report.seed = seed;
+    Ok(report)
 }
 
 /// Whether to save.
@@ -386,6 +394,102 @@ fn calibrate_gyros(scenario: &Scenario, bench: &mut Bench) -> Result<Report, Err
     let errors = [&before, &after].map(|run| 1e3 * run.robot[0].hypot(run.robot[1]));
     report.effect("robot's estimate after a lap", "mm", errors);
     Ok(report)
+}
+
+/// What calibrating several robots left, by seed those that it failed on.
+#[derive(Debug, Serialize)]
+struct Several {
+    seeds: Vec<u64>,
+    /// Root mean squares.
+    rms: Vec<Effect>,
+    failed: Vec<(u64, String)>,
+}
+
+/// Calibrates the robots of several seeds, and prints a table in Markdown.
+fn run_several(args: &CalibrateArgs, scenario: &Scenario) -> Result<(), Error> {
+    let mut several = Several {
+        seeds: Vec::new(),
+        rms: Vec::new(),
+        failed: Vec::new(),
+    };
+    let mut reports = Vec::new();
+    let calibrated = args.seeds.par_iter();
+    let calibrated: Vec<_> = calibrated
+        .map(|&seed| (seed, calibrate(args, scenario, seed)))
+        .collect();
+    for (seed, result) in calibrated {
+        match result {
+            Ok(report) => {
+                several.seeds.push(seed);
+                reports.push(report);
+            }
+            // What the user got wrong is wrong for all of them.
+            Err(error @ Error::Input(_)) => return Err(error),
+            Err(error) => several.failed.push((seed, error.to_string())),
+        }
+    }
+    several.rms = rms(&reports);
+    let mut text = String::from("| rms | unit | before | after |\n|---|---|---|---|\n");
+    for row in &several.rms {
+        let [before, after] = [row.before, row.after].map(two_digits);
+        text += &format!("| {} | {} | {before} | {after} |\n", row.what, row.unit);
+    }
+    text += &format!("\n{} of {} robots.", reports.len(), args.seeds.len());
+    for (seed, error) in &several.failed {
+        text += &format!(" Seed {seed}: {error}.");
+    }
+    print(&format!("{text}\n"))?;
+    if let Some(path) = &args.json {
+        output::write_file(path, output::json(&several))?;
+    }
+    match reports.is_empty() {
+        true => Err(Error::Failure("no robot was calibrated".to_owned())),
+        false => Ok(()),
+    }
+}
+
+/// Over all robots, and over the boards and gauges that have the same parameter.
+fn rms(reports: &[Report]) -> Vec<Effect> {
+    let mut sums: Vec<(Effect, f64)> = Vec::new();
+    let mut add = |what: &str, unit, [before, after]: [f64; 2]| {
+        let known = sums.iter().position(|(sum, _)| sum.what == what);
+        let place = known.unwrap_or_else(|| {
+            let (what, before, after) = (what.to_owned(), 0.0, 0.0);
+            let sum = Effect {
+                what,
+                unit,
+                before,
+                after,
+            };
+            sums.push((sum, 0.0));
+            sums.len() - 1
+        });
+        let (sum, count) = &mut sums[place];
+        sum.before += before * before;
+        sum.after += after * after;
+        *count += 1.0;
+    };
+    for report in reports {
+        for row in &report.parameters {
+            let errors = [row.before - row.truth, row.after - row.truth];
+            let name = row.name.split('[').next().unwrap_or(row.name);
+            add(&format!("`{name}`"), row.unit, errors);
+        }
+        for effect in &report.effects {
+            add(&effect.what, effect.unit, [effect.before, effect.after]);
+        }
+    }
+    let finish = |(mut sum, count): (Effect, f64)| {
+        (sum.before, sum.after) = ((sum.before / count).sqrt(), (sum.after / count).sqrt());
+        sum
+    };
+    sums.into_iter().map(finish).collect()
+}
+
+/// A number with two digits that count, or as a whole one.
+fn two_digits(value: f64) -> String {
+    let digits = 1.0 - value.abs().max(1e-9).log10().floor();
+    format!("{value:.0$}", digits.max(0.0) as usize)
 }
 
 fn text(report: &Report) -> String {

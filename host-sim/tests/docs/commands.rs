@@ -25,6 +25,11 @@ const SHORTER: &[(&str, Options, &str)] = &[
     ),
     ("sweep", &[("--starts", "4")], "nor do starts"),
     (
+        "calibrate wheels",
+        &[("--laps", "1")],
+        "more laps are more of the same",
+    ),
+    (
         "hil --emulated",
         &[("--stop-after", "0.4")],
         "what follows are more ticks of the same kind",
