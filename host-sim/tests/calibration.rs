@@ -2,6 +2,13 @@
 
 mod terminal;
 
+use core_algos::node::board::Role;
+use core_algos::params::find;
+use host_sim::calibration::Bench;
+use host_sim::scenario::Scenario;
+use host_sim::targets::board_log::BoardLog;
+use host_sim::targets::emulated::{Emulated, Images, Wire};
+use host_sim::targets::{Remote, Target};
 use serde_json::Value;
 use std::fs::{self, File};
 use std::io::{Read, Write};
@@ -101,6 +108,35 @@ fn radius_and_ratio_are_found_and_odometry_less_creep_comes_back() {
             assert!(number("after") < 0.2 * number("before"), "{effect}");
         }
     }
+}
+
+/// Calibration is the same bits on the boards' images, with what was found laid over as well; saving on
+/// them is in the tests of the parameters.
+#[test]
+fn runs_on_emulated_boards_are_those_of_boards_in_this_process() {
+    let images = Images::build().unwrap();
+    let boards = Role::ALL.map(|role| -> Box<dyn Target> {
+        let log = BoardLog::default();
+        let board = Emulated::start("qemu-system-arm", role, Wire::Pipe, &images, log, None);
+        Box::new(Remote::new(role, Box::new(board.unwrap())))
+    });
+    let nominal = Scenario::default();
+    let mut found = nominal.clone();
+    let ratio = find("robot.geometry.wheel_ratio").unwrap();
+    found.boards.put(Role::Rear, &[(ratio, 0.995)]);
+    let mut emulated = Bench::new(&nominal, 1, Some(boards));
+    let mut here = Bench::new(&nominal, 1, None);
+    let line = host_sim::paths::Path::line(0.3).unwrap();
+    let [before, after] = [&nominal, &found].map(|scenario| {
+        let run = emulated.drive(scenario, &line, 1).unwrap();
+        assert_eq!(run, here.drive(scenario, &line, 1).unwrap());
+        run.axles
+    });
+    let turned = [&before, &after].map(|axles| [0, 1].map(|i| axles[i].lap.end()[2]));
+    // A right wheel smaller by 0.5 % on 0.3 m and a track of 0.324 m.
+    let change = turned[1][1] - turned[0][1];
+    assert!((change + 0.005 * 0.3 / 0.324).abs() < 1e-3, "{change}");
+    assert!((turned[1][0] - turned[0][0]).abs() < 1e-3);
 }
 
 /// Wheels take a minute: there the bounds above stand for the table.

@@ -44,7 +44,7 @@ pub struct Bench {
 }
 
 /// What a run on a path showed.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Run {
     /// Odometry of the axles and their true ends.
     pub axles: [Return; 2],

@@ -17,14 +17,14 @@ use crate::plant::elastica::solve;
 const MARK_M: f64 = 1e-3;
 
 /// The odometry of one run, step by step.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Lap {
     place: Option<[f64; 3]>,
     steps: Vec<Step>,
 }
 
 /// Way ahead and aside (m) and turn (rad) by odometry, and what the unit of each error turns besides.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 struct Step {
     way: [f64; 2],
     turn: f64,
@@ -89,7 +89,7 @@ fn wrapped(angle: f64) -> f64 {
 }
 
 /// A run and where it really ended, in the frame in which the axle began: m, m, rad.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Return {
     /// The odometry.
     pub lap: Lap,
