@@ -71,6 +71,13 @@ pub fn run(args: &CalibrateArgs) -> Result<(), Error> {
         return run_several(args, &scenario);
     }
     let mut report = calibrate(args, &scenario, args.seed)?;
+    if args.boards.any_port() {
+        report.notes.push(
+            "these are the constants of the simulated robot: a board that is put back into a real one \
+             must not keep them (cfmmr params export before, import after)"
+                .to_owned(),
+        );
+    }
     print(&text(&report))?;
     if let Some(path) = &args.out {
         output::write_file(path, report.found.to_toml()?)?;
