@@ -238,8 +238,10 @@ fn drive(setting: Setting, seed: u64) -> Drive {
                 + (square(slip.heading_rad_per_sqrt_s)
                     + square(slip.creep_per_sqrt_s) * bend * bend)
                     * STEP_S;
-            let mut noise = [0, 1, 2]
-                .map(|k| (per_m[k] * ds.abs() + per_s[k] * STEP_S).sqrt() * random.normal());
+            let by_bend = [0.0, square(slip.side_m_per_sqrt_m) * bend * bend, 0.0];
+            let mut noise = [0, 1, 2].map(|k| {
+                ((per_m[k] + by_bend[k]) * ds.abs() + per_s[k] * STEP_S).sqrt() * random.normal()
+            });
             let seen_by_gyro = by_tier.sqrt() * random.normal();
             noise[2] += seen_by_gyro;
             let turned = dphi + lasting_turn + noise[2];

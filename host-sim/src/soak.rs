@@ -159,10 +159,12 @@ impl Report {
             }
         }
         let last = self.windows.iter().rev().find_map(|window| window.nees);
-        if !last.is_some_and(|nees| nees <= WORST) {
-            problems.push(format!(
-                "NEES at the end is {last:?}: must be at most {WORST}"
-            ));
+        match last {
+            Some(nees) if nees <= WORST => {}
+            Some(nees) => problems.push(format!(
+                "NEES at the end is {nees:.1}: must be at most {WORST}"
+            )),
+            None => problems.push("NEES: no goal was come to, the run is too short".to_owned()),
         }
         if let [first, .., last] = self.windows.as_slice() {
             let grown = last.resident_kib.saturating_sub(first.resident_kib);

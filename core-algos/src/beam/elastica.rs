@@ -12,11 +12,13 @@
 use super::polynomial::Interpolant;
 use super::strip::{GaugeMask, MAX_GAUGES, RelativePosture, Strip};
 use crate::math::matrix::{
-    Mat3, apply, cholesky, cholesky_solve, inverse_spd, is_finite, propagate,
+    Mat3, apply, cholesky, cholesky_solve, inverse_spd, is_finite, propagate, subtract,
 };
 use crate::math::trig::{cos, ln, sin_cos, sinc, sqrt};
 use crate::math::{Posture, small_angle};
 
+/// Standard deviations within which a force may be none.
+const VOUCHED: f32 = 2.0;
 /// Most shapes computed for one fit.
 pub const MAX_EVALUATIONS: u8 = 40;
 /// Most shapes computed from one start.
@@ -76,6 +78,26 @@ impl Wrench {
             && self.root_moment.is_finite()
             && self.tip_moment.is_finite()
             && is_finite(&self.covariance)
+    }
+
+    /// What the strains vouch for: each force less what may be error, to nothing where it is within
+    /// [`VOUCHED`] standard deviations. `posture` is that of the front axle, which the balance of
+    /// moments needs. Of a strip that is nearly straight the strains do not tell the axial force, and
+    /// what the fit gives then must neither stop the robot nor drive its motors.
+    pub fn vouched(&self, posture: Posture) -> Self {
+        let sure = |force: f32, variance: f32| {
+            let share = 1.0 - VOUCHED * VOUCHED * variance / (force * force);
+            // Not a number for no force.
+            if share > 0.0 { share * force } else { 0.0 }
+        };
+        let fx = sure(self.fx, self.covariance[0][0]);
+        let fy = sure(self.fy, self.covariance[1][1]);
+        Self {
+            fx,
+            fy,
+            tip_moment: self.root_moment + fx * posture.y - fy * posture.x,
+            ..*self
+        }
     }
 }
 
@@ -220,6 +242,8 @@ struct Readings {
     k: [f32; MAX_GAUGES],
     /// Inverse variances; 0 outside the mask.
     weights: [f32; MAX_GAUGES],
+    /// Variance that the walk of the zeros added to each reading, (curvature × length)².
+    drift: f32,
     /// Weight of the prior.
     tail: f32,
     /// Most shapes computed.
@@ -360,13 +384,15 @@ impl Solver {
         }
     }
 
-    /// Weights of the readings `k` (curvature × length): inverse variances, 0 outside the mask.
-    fn weights(&self, k: &[f32; MAX_GAUGES], mask: GaugeMask) -> [f32; MAX_GAUGES] {
+    /// Weights of the readings `k` (curvature × length): inverse variances, 0 outside the mask;
+    /// `drift` is what the walk of the zeros added to them.
+    fn weights(&self, k: &[f32; MAX_GAUGES], mask: GaugeMask, drift: f32) -> [f32; MAX_GAUGES] {
         let length = self.strip.length;
         let mut weights = [0.0; MAX_GAUGES];
         for i in 0..MAX_GAUGES {
             if mask.contains(i) {
-                weights[i] = 1.0 / (length * length * self.strip.gauge_variance(k[i] / length));
+                let variance = self.strip.gauge_variance(k[i] / length);
+                weights[i] = 1.0 / (length * length * variance + drift);
             }
         }
         weights
@@ -469,17 +495,24 @@ impl Solver {
     /// [`MAX_EVALUATIONS`]. What was tried to lower it: sine and cosine without reduction (a tenth
     /// less), and no shape for the last step before the prior is withdrawn (a shape less).
     pub fn fit(&self, curvature: &[f32; MAX_GAUGES], mask: GaugeMask) -> Option<Fit> {
-        self.fit_within(curvature, mask, MAX_EVALUATIONS)
+        self.fit_within(curvature, mask, 0.0, MAX_EVALUATIONS)
     }
 
-    /// As [`Self::fit`] with at most `budget` shapes (4 to [`MAX_EVALUATIONS`]).
+    /// As [`Self::fit`] with zeros that have walked, each by itself, and at most `budget` shapes (4 to
+    /// [`MAX_EVALUATIONS`]). `drift` is the variance of that walk, strain². It makes the readings weigh
+    /// less and the wrench less certain; the posture's covariance stays that of a sensor whose zeros are
+    /// fresh, for what walks is no noise and whoever follows the posture must follow it
+    /// ([`crate::fusion::joint`]).
     pub fn fit_within(
         &self,
         curvature: &[f32; MAX_GAUGES],
         mask: GaugeMask,
+        drift: f32,
         budget: u8,
     ) -> Option<Fit> {
         let strip = &self.strip;
+        let scale = strip.length / strip.half_thickness;
+        let drift = drift * scale * scale;
         let mask = strip.usable(curvature, mask);
         let interpolant = Interpolant::new(strip, mask)?;
         let mut k = [0.0; MAX_GAUGES];
@@ -488,12 +521,13 @@ impl Solver {
                 k[i] = curvature[i] * strip.length;
             }
         }
-        let weights = self.weights(&k, mask);
+        let weights = self.weights(&k, mask, drift);
         let mut evaluations = 0;
         let start = self.start(&interpolant, &k, &weights);
         let mut readings = Readings {
             k,
             weights,
+            drift,
             tail: TAIL,
             budget: budget.clamp(4, MAX_EVALUATIONS) - REFINEMENTS,
         };
@@ -543,7 +577,7 @@ impl Solver {
                 }
             }
         }
-        self.result(&best, mask, &k, &weights, evaluations)
+        self.result(&best, mask, &readings, evaluations)
     }
 
     /// Starts from small-deflection theory: at a given axial load the curvature is a wave,
@@ -698,11 +732,13 @@ impl Solver {
         &self,
         minimum: &Minimum,
         mask: GaugeMask,
-        k: &[f32; MAX_GAUGES],
-        weights: &[f32; MAX_GAUGES],
+        readings: &Readings,
         evaluations: u8,
     ) -> Option<Fit> {
         let strip = &self.strip;
+        let Readings {
+            k, weights, drift, ..
+        } = readings;
         let Minimum {
             parameters,
             shape,
@@ -732,6 +768,18 @@ impl Solver {
                 spread[r][c] += by_offset[r] * by_offset[c] + by_gain[r] * by_gain[c];
             }
         }
+        // What the walk of the zeros makes of it.
+        let mut walked: Mat3 = [[0.0; 3]; 3];
+        for i in 0..MAX_GAUGES {
+            let share = weights[i] * weights[i] * drift;
+            let gradient = &shape.gradient[i];
+            for r in 0..3 {
+                for c in 0..3 {
+                    walked[r][c] += share * gradient[r] * gradient[c];
+                }
+            }
+        }
+        let fresh = subtract(&spread, &propagate(&inverse, &walked));
 
         // Posture of the tip in the root's frame.
         let (s, c) = sin_cos(root.theta);
@@ -771,7 +819,7 @@ impl Solver {
         let posture = strip.with_rigid_ends(flexible);
         let relative = RelativePosture {
             posture,
-            covariance: strip.with_unseen_error(propagate(&jacobian, &spread)),
+            covariance: strip.with_unseen_error(propagate(&jacobian, &fresh)),
         };
         let root_moment = moment_unit * (root_curvature + arm * load_y);
         let (force_x, force_y) = (force_unit * load_x, force_unit * load_y);
@@ -1069,6 +1117,97 @@ mod tests {
                 "{wrench:?}"
             );
             assert!(wrench.fy.abs() < 1.0);
+        }
+    }
+
+    /// Zeros that have walked make a straight strip look buckled. Told so, the fit vouches for no force;
+    /// not told, it finds some that are large.
+    #[test]
+    fn walked_zeros_of_a_straight_strip_are_no_force() {
+        let solver = solver(&gauss(), |_| {});
+        let all = solver.strip.gauges;
+        let mut random = Random(7);
+        let (mut trusting, mut told) = (0, 0);
+        for _ in 0..400 {
+            let zeros: [f32; MAX_GAUGES] =
+                core::array::from_fn(|_| (4e-6 / 0.5e-3 * random.normal()) as f32);
+            let large = |wrench: Wrench| usize::from(wrench.fx.hypot(wrench.fy) > 25.0);
+            trusting += large(solver.fit(&zeros, all).unwrap().wrench);
+            let fit = solver
+                .fit_within(&zeros, all, 16e-12, MAX_EVALUATIONS)
+                .unwrap();
+            let vouched = fit.wrench.vouched(fit.relative.posture);
+            told += large(vouched);
+            // A line through the gauges' readings: about their mean, 0.7 mrad a microstrain.
+            assert!(fit.relative.posture.phi.abs() < 0.02);
+        }
+        assert!(trusting > 40 && told == 0, "{trusting} {told}");
+    }
+
+    /// A strip that is bent tells its force even by zeros that have walked, and stays in balance.
+    #[test]
+    fn the_force_of_a_bent_strip_is_vouched_for() {
+        let at = gauss();
+        let solver = solver(&at, |_| {});
+        let mut random = Random(8);
+        let unit = 0.833 / (LENGTH * LENGTH);
+        let (mut square, mut claimed) = (0.0, 0.0);
+        for _ in 0..400 {
+            // 40 N push the axles apart or together.
+            let sign = random.normal().signum();
+            let shape = Elastica {
+                root_curvature: 2.5,
+                force: [sign * 40.0 / unit, 0.5 * random.normal()],
+            };
+            let readings = curvature(&shape.bent(&at)).map(|k| {
+                let own = 1.4e-6f64.hypot(4e-6) / 0.5e-3 * random.normal();
+                let gain = 3e-3 * random.normal();
+                (f64::from(k) * (1.0 + gain) + own) as f32
+            });
+            let fit = solver
+                .fit_within(&readings, solver.strip.gauges, 16e-12, MAX_EVALUATIONS)
+                .unwrap();
+            let error = f64::from(fit.wrench.fx) - sign * 40.0;
+            square += error * error / 400.0;
+            claimed += f64::from(fit.wrench.covariance[0][0]) / 400.0;
+            let (p, w) = (
+                fit.relative.posture,
+                fit.wrench.vouched(fit.relative.posture),
+            );
+            assert!((f64::from(w.fx) - sign * 40.0).abs() < 12.0, "{w:?}");
+            let balance = w.root_moment + w.fx * p.y - w.fy * p.x - w.tip_moment;
+            assert!(balance.abs() < 1e-4, "{w:?}");
+        }
+        assert!((square / claimed).sqrt() < 1.3, "{square} {claimed}");
+    }
+
+    /// What walks counts in the wrench's covariance, and not in the posture's.
+    #[test]
+    fn walked_zeros_leave_the_covariance_of_the_posture() {
+        let at = gauss();
+        let solver = solver(&at, |c| {
+            (c.uncertainty.position_m, c.uncertainty.heading_rad) = (1e-6, 1e-6);
+            c.uncertainty.common_offset_strain = 0.0;
+            (c.uncertainty.gain, c.uncertainty.common_gain) = (0.0, 0.0);
+        });
+        let shape = Elastica {
+            root_curvature: 2.5,
+            force: [-9.0, 5.0],
+        };
+        let readings = curvature(&shape.bent(&at));
+        let fit = |drift| {
+            let all = solver.strip.gauges;
+            solver
+                .fit_within(&readings, all, drift, MAX_EVALUATIONS)
+                .unwrap()
+        };
+        let (fresh, walked) = (fit(0.0), fit(25e-12));
+        // 1 µε of noise and zero each, and 5 µε of walk.
+        let ratio = walked.wrench.covariance[0][0] / fresh.wrench.covariance[0][0];
+        assert!((ratio / 13.5 - 1.0).abs() < 0.1, "{ratio}");
+        for i in 0..3 {
+            let ratio = walked.relative.covariance[i][i] / fresh.relative.covariance[i][i];
+            assert!((0.9..1.1).contains(&ratio), "{i}: {ratio}");
         }
     }
 

@@ -36,7 +36,7 @@
 //! ```
 
 use super::calibration::{self, Calibration, Conversion, ZeroTracker, ZeroTracking};
-use super::elastica::{Fit, Solver, Wrench};
+use super::elastica::{Fit, MAX_EVALUATIONS, Solver, Wrench};
 use super::health::{self, Fault, Monitor};
 use super::polynomial::{Interpolant, Quadrature, piecewise, quadrature};
 use super::strip::{self, GaugeMask, MAX_GAUGES, RelativePosture, Strip};
@@ -73,6 +73,8 @@ pub enum Method {
 pub struct Config {
     /// Strip and gauges.
     pub strip: strip::Config,
+    /// Time between two estimates, s.
+    pub period_s: f32,
     /// How strains become a posture.
     pub method: Method,
     /// Pieces of the piecewise integration, 1 to 10 000.
@@ -95,6 +97,7 @@ impl Default for Config {
     fn default() -> Self {
         Self {
             strip: strip::Config::default(),
+            period_s: 0.01,
             method: Method::default(),
             segments: 100,
             extrapolate: true,
@@ -111,8 +114,11 @@ impl Config {
     /// Checks every field.
     pub fn build(&self) -> Result<RelativePositionSensor, ConfigError> {
         let strip = self.strip.build()?;
+        let period = in_range("period_s", self.period_s, 1e-4, 10.0)?;
+        let walk = self.strip.uncertainty.zero_walk_strain_per_sqrt_s;
         let latency = in_range("latency_samples", self.latency_samples, 0.0, 100.0)?;
         Ok(RelativePositionSensor {
+            drift: walk * walk * period,
             extrapolation_samples: self.extrapolate.then_some(latency),
             posture: PostureSolver::new(strip, self.method, self.segments)?,
             calibration: self.calibration.build(strip.gauges().count() as usize)?,
@@ -170,7 +176,7 @@ impl PostureSolver {
     /// out.
     pub fn solve(&self, strain: &[f32; MAX_GAUGES], mask: GaugeMask) -> Option<Solution> {
         match self.method {
-            Method::Elastica => self.solve_watched(strain, mask, false).0,
+            Method::Elastica => self.solve_watched(strain, mask, 0.0, false).0,
             method => {
                 let curvature = self.strip().curvature(strain);
                 let used = self.strip().usable(&curvature, mask);
@@ -179,11 +185,13 @@ impl PostureSolver {
         }
     }
 
-    /// As [`Self::solve`]; gives the elastica too if it was fitted or `watched` asks for it.
+    /// As [`Self::solve`]; `drift` is the variance of the walk of the zeros, strain². Gives the elastica
+    /// too if it was fitted or `watched` asks for it.
     fn solve_watched(
         &self,
         strain: &[f32; MAX_GAUGES],
         mask: GaugeMask,
+        drift: f32,
         watched: bool,
     ) -> (Option<Solution>, Option<Fit>) {
         let strip = self.strip();
@@ -191,7 +199,7 @@ impl PostureSolver {
         let used = strip.usable(&curvature, mask);
         let fit = if watched || self.method == Method::Elastica {
             self.solver
-                .fit(&curvature, used)
+                .fit_within(&curvature, used, drift, MAX_EVALUATIONS)
                 .filter(|fit| fit.converged)
         } else {
             None
@@ -249,6 +257,8 @@ impl PostureSolver {
 /// Validated sensor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RelativePositionSensor {
+    /// Variance that the walk of a gauge's zero adds in a period, strain².
+    drift: f32,
     extrapolation_samples: Option<f32>,
     posture: PostureSolver,
     calibration: Calibration,
@@ -299,6 +309,8 @@ pub struct State {
     health: health::State,
     /// Strain that zero tracking takes off each reading.
     zero_correction: [f32; MAX_GAUGES],
+    /// Periods since the zeros were known.
+    age: u32,
     /// Last strains and the gauges they are good for.
     strain: [f32; MAX_GAUGES],
     good: GaugeMask,
@@ -386,6 +398,8 @@ impl RelativePositionSensor {
     /// something is wrong, three in the period in which a gauge is taken out.
     pub fn estimate(&self, state: &mut State) -> Estimate {
         let gauges = self.strip().gauges();
+        let drift = self.drift(state);
+        state.age = state.age.saturating_add(1);
         let (strain, verdicts) = self.close_period(state);
         self.monitor
             .close_period(&mut state.health, gauges, &verdicts);
@@ -397,13 +411,13 @@ impl RelativePositionSensor {
             }
         }
         let watched = self.monitor.config.watch_consistency;
-        let (mut solution, mut fit) = self.posture.solve_watched(&strain, good, watched);
+        let (mut solution, mut fit) = self.posture.solve_watched(&strain, good, drift, watched);
         if watched && let Some(fit_of_all) = &fit {
             self.cross_examine(state, &strain, fit_of_all, good);
             let latched = state.health.latched().and(good);
             if latched != GaugeMask::NONE {
                 good = GaugeMask(good.0 & !latched.0);
-                (solution, fit) = self.posture.solve_watched(&strain, good, watched);
+                (solution, fit) = self.posture.solve_watched(&strain, good, drift, watched);
             }
         }
         state.strain = strain;
@@ -428,6 +442,11 @@ impl RelativePositionSensor {
             chi_square: fit.map(|fit| fit.chi_square),
             consistent,
         }
+    }
+
+    /// Variance that the walk of the zeros has added to each gauge, strain².
+    fn drift(&self, state: &State) -> f32 {
+        self.drift * state.age as f32
     }
 
     /// Moves the zeros by the last estimate's strains, if zero tracking is enabled. To be called
@@ -481,12 +500,13 @@ impl RelativePositionSensor {
         let strip = self.strip();
         let curvature = strip.curvature(strain);
         let used = strip.usable(&curvature, good);
+        let drift = self.drift(state);
         let health = &mut state.health;
         if let Some(i) = self.monitor.watch(health, used, fit.chi_square) {
             let without =
                 self.posture
                     .solver
-                    .fit_within(&curvature, used.without(i), SEARCH_BUDGET);
+                    .fit_within(&curvature, used.without(i), drift, SEARCH_BUDGET);
             // Without a fit there is nothing to be said for it.
             let residual = without.map_or(f32::MAX, |fit| fit.chi_square);
             self.monitor.hear(health, used, i, residual);
@@ -494,10 +514,12 @@ impl RelativePositionSensor {
         }
         for i in 0..MAX_GAUGES {
             if health.suspect() == Some(i) && used.contains(i) {
-                let without =
-                    self.posture
-                        .solver
-                        .fit_within(&curvature, used.without(i), SEARCH_BUDGET);
+                let without = self.posture.solver.fit_within(
+                    &curvature,
+                    used.without(i),
+                    drift,
+                    SEARCH_BUDGET,
+                );
                 let difference = without.map(|fit| curvature[i] - fit.curvature[i]);
                 self.monitor.judge_flat(
                     health,

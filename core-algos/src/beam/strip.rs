@@ -198,6 +198,9 @@ pub struct Uncertainty {
     pub noise_strain: f32,
     /// Zero error of each gauge by itself, strain.
     pub offset_strain: f32,
+    /// Walk of the zero of each gauge by itself, strain/√s. It counts from the start of the node, and
+    /// where the elastica is fitted only.
+    pub zero_walk_strain_per_sqrt_s: f32,
     /// Zero error that all gauges share (temperature, a zeroing posture not quite straight),
     /// strain. It acts on the posture like a bend: 1 µε is about 0.7 mrad on the default strip.
     pub common_offset_strain: f32,
@@ -224,6 +227,7 @@ impl Default for Uncertainty {
         Self {
             noise_strain: 1e-6,
             offset_strain: 1e-6,
+            zero_walk_strain_per_sqrt_s: 0.05e-6,
             common_offset_strain: 1e-6,
             gain: 3e-3,
             common_gain: 1e-3,
@@ -239,6 +243,12 @@ impl Uncertainty {
     fn check(&self) -> Result<Self, ConfigError> {
         in_range("noise_strain", self.noise_strain, 1e-9, 1e-2)?;
         in_range("offset_strain", self.offset_strain, 0.0, 1e-2)?;
+        in_range(
+            "zero_walk_strain_per_sqrt_s",
+            self.zero_walk_strain_per_sqrt_s,
+            0.0,
+            1e-4,
+        )?;
         in_range("common_offset_strain", self.common_offset_strain, 0.0, 1e-2)?;
         in_range("gain", self.gain, 0.0, 1.0)?;
         in_range("common_gain", self.common_gain, 0.0, 1.0)?;

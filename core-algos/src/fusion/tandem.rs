@@ -106,6 +106,9 @@ pub struct Slip {
     pub along_m_per_sqrt_m: f32,
     /// Across the heading, m/√m.
     pub across_m_per_sqrt_m: f32,
+    /// Across the heading, per radian of bend, m/√m/rad: tyres slip under the side force of a turn, for
+    /// as long as it lasts to the same side.
+    pub side_m_per_sqrt_m: f32,
     /// In heading, rad/√m.
     pub heading_rad_per_sqrt_m: f32,
     /// In heading, at any speed, rad/√s.
@@ -124,6 +127,7 @@ impl Default for Slip {
         Self {
             along_m_per_sqrt_m: 5e-4,
             across_m_per_sqrt_m: 2e-4,
+            side_m_per_sqrt_m: 1e-3,
             heading_rad_per_sqrt_m: 2e-3,
             heading_rad_per_sqrt_s: 2e-4,
             creep_per_sqrt_s: 1e-2,
@@ -225,6 +229,7 @@ impl Config {
                     slip.heading_rad_per_sqrt_m,
                 )?),
             ],
+            side_per_m: square(non_negative("side_m_per_sqrt_m", slip.side_m_per_sqrt_m)?),
             position_per_tick: t * square(non_negative(
                 "position_m_per_sqrt_s",
                 slip.position_m_per_sqrt_s,
@@ -261,6 +266,8 @@ pub struct Tandem {
     start_sigmas: [f32; 3],
     frame_sigmas: [f32; 3],
     per_m: [f32; 3],
+    /// Variance across the heading, per metre and squared bend.
+    side_per_m: f32,
     position_per_tick: f32,
     heading_per_tick: f32,
     creep_per_tick: f32,
@@ -569,7 +576,8 @@ impl Tandem {
         let heading = (self.heading_per_tick + self.creep_per_tick * bend * bend) * ticks;
         let mut covariance = increment.covariance;
         covariance[0][0] += self.per_m[0] * driven + position;
-        covariance[1][1] += self.per_m[1] * driven + position;
+        let across = self.per_m[1] + self.side_per_m * bend * bend;
+        covariance[1][1] += across * driven + position;
         covariance[2][2] += by_wheels * (self.per_m[2] * driven + heading);
         let by = |constant: usize| self.constants.own[constant] * by_wheels;
         let (drift, creep) = (by(constants::DRIFT), by(constants::CREEP) * bend);

@@ -98,6 +98,17 @@ pub fn add<const R: usize, const C: usize>(a: &Mat<R, C>, b: &Mat<R, C>) -> Mat<
     m
 }
 
+/// a − b.
+pub fn subtract<const R: usize, const C: usize>(a: &Mat<R, C>, b: &Mat<R, C>) -> Mat<R, C> {
+    let mut m = *a;
+    for i in 0..R {
+        for j in 0..C {
+            m[i][j] -= b[i][j];
+        }
+    }
+    m
+}
+
 /// `s a`.
 pub fn scale<const R: usize, const C: usize>(a: &Mat<R, C>, s: f32) -> Mat<R, C> {
     a.map(|row| row.map(|entry| s * entry))

@@ -123,6 +123,7 @@ impl BeamNode {
             gauges: estimate.used.count() as u8,
         });
         if let Some(wrench) = estimate.wrench {
+            let wrench = wrench.vouched(relative.posture);
             outbox.push(Message::BeamWrench {
                 sequence,
                 wrench: Wrench {

@@ -120,7 +120,7 @@ impl Board {
                 lead.receive(now, message);
             }
             Self::Rear(axle) => axle.receive(now, message),
-            Self::Beam(_) => {}
+            Self::Beam(beam) => beam.receive(message),
         }
     }
 

@@ -944,6 +944,80 @@ mod tests {
         assert!((moved - 0.25).abs() < 1e-4, "{moved}");
     }
 
+    /// What a gyro was learnt to read too little is forgotten when its axle zeroes it, and only then.
+    #[test]
+    fn an_axle_that_zeroes_its_gyro_has_the_filter_forget_its_bias() {
+        use crate::fusion::constants::GYRO_BIAS;
+        let mut node = node();
+        let rate = 4e-4;
+        // The frame stays straight, and the front gyro says that its axle turns.
+        let mut known = |number: u64, zeroed: [bool; 2]| {
+            let now = number * EPOCH;
+            let sequence = sequence(now);
+            for axle in Axle::BOTH {
+                let front = if axle == Axle::Front { 1.0 } else { 0.0 };
+                let turned = front * rate * 0.01 * number as f32;
+                for message in [
+                    Message::AxlePosture {
+                        axle,
+                        sequence,
+                        posture: Posture::new(0.0, 0.0, turned),
+                    },
+                    Message::AxleMotion {
+                        axle,
+                        sequence,
+                        velocity_m_s: 0.0,
+                        yaw_rate_rad_s: 0.0,
+                        refused: 0,
+                        gyro_samples: 10,
+                        gyro_zeroed: zeroed[axle.index()],
+                        uptime: number.min(255) as u8,
+                    },
+                    Message::AxleUncertainty {
+                        axle,
+                        sequence,
+                        covariance: diagonal([1e-12; 3]),
+                    },
+                ] {
+                    node.receive(now, &message);
+                }
+            }
+            node.receive(
+                now,
+                &Message::BeamUncertainty {
+                    sequence,
+                    covariance: diagonal([1e-8, 1e-8, 1e-7]),
+                },
+            );
+            node.receive(
+                now,
+                &Message::BeamPosture {
+                    sequence,
+                    posture: Posture::new(0.37, 0.0, 0.0),
+                    gauges: 5,
+                },
+            );
+            node.step(now + LEAD_PHASE, &mut Outbox::new());
+            let joint = node.fusion().unwrap().joint().unwrap();
+            [0, 1].map(|axle| {
+                let k = GYRO_BIAS + axle;
+                (joint.constants()[k], joint.constant_sigmas()[k])
+            })
+        };
+        let mut before = known(0, [false; 2]);
+        let prior = before.map(|(_, sigma)| sigma);
+        for number in 1..1000 {
+            before = known(number, [false; 2]);
+        }
+        // An axle that turned would have moved aside.
+        assert!((before[0].0 / rate + 1.0).abs() < 0.1, "{before:?}");
+        assert!(before.iter().all(|(_, sigma)| *sigma < 0.95 * prior[0]));
+        let after = known(1000, [true, false]);
+        assert!(after[0].0.abs() < 0.05 * rate, "{after:?}");
+        assert!((after[0].1 / prior[0] - 1.0).abs() < 0.02, "{after:?}");
+        assert!((after[1].1 / before[1].1 - 1.0).abs() < 0.02, "{after:?}");
+    }
+
     /// Held for as long as they may be, the motors are let go; the next command has them back.
     #[test]
     fn the_robot_is_not_held_for_ever() {
