@@ -81,7 +81,7 @@ impl Wrench {
     }
 
     /// What the strains vouch for: each force less what may be error, to nothing where it is within
-    /// [`VOUCHED`] standard deviations. `posture` is that of the front axle, which the balance of
+    /// two standard deviations. `posture` is that of the front axle, which the balance of
     /// moments needs. Of a strip that is nearly straight the strains do not tell the axial force, and
     /// what the fit gives then must neither stop the robot nor drive its motors.
     pub fn vouched(&self, posture: Posture) -> Self {
