@@ -4,8 +4,10 @@
 //! gyro and accelerometer read then is their bias (and the slope of the floor). A scalar Kalman
 //! filter of the bias, a random walk seen through white noise, follows it while the robot stands
 //! and remembers it while it drives. Still wheels alone do not show that an axle does not turn, for
-//! a bent frame turns it on creeping tyres: the gyro takes motors off too. Creep is steady, so that
-//! for the accelerometer still wheels are enough.
+//! a bent frame turns it on creeping tyres: the gyro takes motors off too, and for some time, in which
+//! the frame unwinds. A frame between wheels that roll freely swings for long, too little for the
+//! encoders at its turning points: readings then lie further apart than noise. Creep is steady, so
+//! that for the accelerometer still wheels are enough.
 //!
 //! Readings beyond [`Config::limit`] are no bias and change nothing. A bias that was last seen so
 //! long ago that it may be anything makes the reading worse than none: it is then withheld, see
@@ -13,6 +15,7 @@
 //! after it nothing fails or panics. Cost: a division a tick at rest, else an addition.
 
 use crate::config::{ConfigError, non_negative, positive};
+use crate::math::trig::sqrt;
 
 /// Parameters of one sensor; `u` is its unit (rad/s, m/s²).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -101,7 +104,15 @@ impl Bias {
     }
 }
 
+/// Readings of noise alone differ by no more than so many standard deviations, for days.
+const SPREAD: f32 = 14.0;
+
 impl Zeroing {
+    /// Largest difference between readings at rest, u.
+    pub fn spread(&self) -> f32 {
+        SPREAD * sqrt(self.noise)
+    }
+
     /// One sample: the reading less the bias, or `None` while the bias is no longer known. A reading
     /// that is not finite is handed on.
     pub fn step(&self, bias: &mut Bias, at_rest: bool, reading: Option<f32>) -> Option<f32> {
@@ -121,12 +132,40 @@ impl Zeroing {
     }
 }
 
-/// Whether an axle has stood still for some time, by its encoders and motors.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+/// What is asked of rest; times in ticks.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RestTimes {
+    /// Wheels still, and for the gyro motors off.
+    pub hold: u16,
+    /// Since the motors were last on, for the gyro.
+    pub settle: u32,
+    /// Largest difference of the gyro's readings meanwhile, rad/s.
+    pub spread: f32,
+}
+
+/// Whether an axle has stood still for some time, by its encoders, motors and gyro.
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RestDetector {
     counts: [Option<i32>; 2],
     still: u16,
     off: u16,
+    /// Since the motors were on.
+    since_on: u32,
+    /// Lowest and highest reading of the gyro since `off` was 0.
+    readings: [f32; 2],
+}
+
+impl Default for RestDetector {
+    /// Switched on: the motors never were.
+    fn default() -> Self {
+        Self {
+            counts: [None; 2],
+            still: 0,
+            off: 0,
+            since_on: u32::MAX,
+            readings: [0.0; 2],
+        }
+    }
 }
 
 /// What rests.
@@ -134,22 +173,44 @@ pub struct RestDetector {
 pub struct Rest {
     /// Both wheels have kept their counts for the whole time.
     pub wheels: bool,
-    /// And the motors have been off: the axle does not turn either.
+    /// And the motors have been off for long and the gyro's readings are alike: the axle does not
+    /// turn either.
     pub axle: bool,
 }
 
 impl RestDetector {
-    /// One tick: encoder counts of the wheels, and whether the motors are on; `hold` is the time of
-    /// rest asked for, in ticks.
-    pub fn step(&mut self, counts: [Option<i32>; 2], motors_on: bool, hold: u16) -> Rest {
+    /// One tick: encoder counts of the wheels, whether the motors are on, and the gyro's reading.
+    pub fn step(
+        &mut self,
+        counts: [Option<i32>; 2],
+        motors_on: bool,
+        gyro: Option<f32>,
+        times: &RestTimes,
+    ) -> Rest {
         let still = counts.iter().all(Option::is_some) && counts == self.counts;
         self.counts = counts;
         let count = |before: u16, still: bool| if still { before.saturating_add(1) } else { 0 };
         self.still = count(self.still, still);
-        self.off = count(self.off, still && !motors_on);
+        self.since_on = if motors_on {
+            0
+        } else {
+            self.since_on.saturating_add(1)
+        };
+        let mut quiet = still && !motors_on;
+        if let Some(reading) = gyro {
+            let [low, high] = self.readings;
+            let (low, high) = (low.min(reading), high.max(reading));
+            // Not a number is not quiet either.
+            quiet &= reading.is_finite() && (self.off == 0 || high - low <= times.spread);
+            self.readings = match self.off {
+                0 => [reading; 2],
+                _ => [low, high],
+            };
+        }
+        self.off = count(self.off, quiet);
         Rest {
-            wheels: self.still >= hold,
-            axle: self.off >= hold,
+            wheels: self.still >= times.hold,
+            axle: self.off >= times.hold && self.since_on >= times.settle,
         }
     }
 }
@@ -266,43 +327,111 @@ mod tests {
         assert_eq!(bias.value(), value);
     }
 
+    const TIMES: RestTimes = RestTimes {
+        hold: 3,
+        settle: 10,
+        spread: 0.01,
+    };
+    const WHEELS: Rest = Rest {
+        wheels: true,
+        axle: false,
+    };
+    const BOTH: Rest = Rest {
+        wheels: true,
+        axle: true,
+    };
+
     #[test]
     fn rest_needs_still_wheels_and_motors_off_for_a_while() {
         let mut detector = RestDetector::default();
-        let at = |count| [Some(count), Some(7)];
-        let (none, wheels) = (
-            Rest::default(),
-            Rest {
-                wheels: true,
-                axle: false,
-            },
-        );
-        let both = Rest {
-            wheels: true,
-            axle: true,
+        let mut step = |count, motors_on| {
+            detector.step([Some(count), Some(7)], motors_on, Some(0.003), &TIMES)
         };
-        assert_eq!(
-            detector.step(at(0), false, 3),
-            none,
-            "nothing to compare with"
-        );
+        assert_eq!(step(0, false), Rest::default(), "nothing to compare with");
+        // Motors that never were on need not settle.
         for tick in 0..5 {
-            let expected = if tick >= 2 { both } else { none };
-            assert_eq!(detector.step(at(0), false, 3), expected);
+            let expected = if tick >= 2 { BOTH } else { Rest::default() };
+            assert_eq!(step(0, false), expected);
         }
-        assert_eq!(detector.step(at(1), false, 3), none);
+        assert_eq!(step(1, false), Rest::default());
         for _ in 0..3 {
-            detector.step(at(1), false, 3);
+            step(1, false);
         }
-        assert_eq!(detector.step(at(1), false, 3), both);
-        assert_eq!(detector.step(at(1), true, 3), wheels, "a held bend creeps");
-        for tick in 0..3 {
-            let expected = if tick >= 2 { both } else { wheels };
-            assert_eq!(detector.step(at(1), false, 3), expected);
+        assert_eq!(step(1, false), BOTH);
+        assert_eq!(step(1, true), WHEELS, "a held bend creeps");
+        for tick in 1..20 {
+            let expected = if tick >= 10 { BOTH } else { WHEELS };
+            assert_eq!(step(1, false), expected, "{tick}");
         }
         for _ in 0..100 {
-            assert_eq!(detector.step([None, Some(7)], false, 3), none, "no encoder");
+            let rest = detector.step([None, Some(7)], false, Some(0.003), &TIMES);
+            assert_eq!(rest, Rest::default(), "no encoder");
         }
+    }
+
+    #[test]
+    fn a_frame_that_swings_is_not_at_rest_whatever_the_encoders_say() {
+        let settled = |amplitude: f64, periods: i32| {
+            let mut detector = RestDetector::default();
+            let mut longest = 0;
+            for tick in 0..periods * 900 {
+                let rate = amplitude * (f64::from(tick) * std::f64::consts::TAU / 900.0).sin();
+                // A count is 0.1 mrad of turning.
+                let angle =
+                    0.143 * amplitude * (f64::from(tick) * std::f64::consts::TAU / 900.0).cos();
+                let count = Some((angle / 1e-4).round() as i32);
+                let times = RestTimes {
+                    hold: 100,
+                    settle: 0,
+                    ..TIMES
+                };
+                let rest = detector.step([count; 2], false, Some(rate as f32), &times);
+                longest += i32::from(rest.axle);
+            }
+            longest
+        };
+        // At its turning points it rests by the encoders for a tenth of a second.
+        assert_eq!(settled(0.03, 20), 0);
+        assert!(settled(1e-5, 20) > 17_000);
+    }
+
+    #[test]
+    fn readings_that_are_none_do_not_rest() {
+        let mut detector = RestDetector::default();
+        let at = [Some(1), Some(2)];
+        for _ in 0..20 {
+            assert!(!detector.step(at, false, Some(f32::NAN), &TIMES).axle);
+        }
+        let rests: Vec<bool> = (0..6)
+            .map(|_| detector.step(at, false, None, &TIMES).axle)
+            .collect();
+        assert_eq!(
+            rests,
+            [false, false, true, true, true, true],
+            "no gyro is none that moves"
+        );
+    }
+
+    #[test]
+    fn noise_alone_does_not_end_rest() {
+        let zeroing = Config::GYRO.build(PERIOD).unwrap();
+        let sigma = 4.9e-5 * 500f64.sqrt();
+        let mut random = Random::new(4);
+        let mut detector = RestDetector::default();
+        let times = RestTimes {
+            spread: zeroing.spread(),
+            ..TIMES
+        };
+        let mut rests = 0;
+        for _ in 0..100_000 {
+            let reading = (0.004 + sigma * random.normal()) as f32;
+            rests += i32::from(
+                detector
+                    .step([Some(1); 2], false, Some(reading), &times)
+                    .axle,
+            );
+        }
+        assert_eq!(rests, 100_000 - 3);
     }
 
     #[test]

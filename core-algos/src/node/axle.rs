@@ -21,7 +21,7 @@ use crate::control::dynamic::{self, Dynamic};
 use crate::control::wheel_observer::{self, WheelObserver};
 use crate::fusion::Estimate;
 use crate::fusion::ekf::{self, AxleFilter, Measurements, Verdict};
-use crate::fusion::standstill::{self, Bias, RestDetector, Zeroing};
+use crate::fusion::standstill::{self, Bias, RestDetector, RestTimes, Zeroing};
 use crate::math::matrix::Mat3;
 use crate::math::{AxleLoad, Posture, Twist, Wrench};
 use crate::safety::supervisor::{self, Supervisor};
@@ -61,6 +61,9 @@ pub struct Config {
     /// Time of rest after which the inertial sensors are zeroed, s: wheels still for the
     /// accelerometer, motors off too for the gyro.
     pub rest_hold_s: f32,
+    /// Time for which the motors must have been off before the gyro is zeroed, s, unless they never
+    /// were on: a bent frame unwinds over creeping tyres.
+    pub rest_settle_s: f32,
     /// Zeroing of the gyro at standstill.
     pub gyro_zero: standstill::Config,
     /// Zeroing of the accelerometer at standstill.
@@ -126,6 +129,7 @@ impl Default for Config {
             wheel: wheel_observer::Config::default(),
             wheel_ratio: 1.0,
             rest_hold_s: 0.1,
+            rest_settle_s: 60.0,
             gyro_zero: standstill::Config::GYRO,
             accelerometer_zero: standstill::Config::ACCELEROMETER,
             filter: ekf::Config::default(),
@@ -157,6 +161,8 @@ impl Config {
         let to_micros = |s: f32| (s * 1e6) as Micros;
         let period = positive("period_s", self.filter.period_s)?;
         let rest_hold = in_range("rest_hold_s", self.rest_hold_s, 0.01, 10.0)?;
+        let rest_settle = in_range("rest_settle_s", self.rest_settle_s, 0.0, 3600.0)?;
+        let gyro_zero = self.gyro_zero.build(period)?;
         let wheel_radius = positive("wheel_radius_m", self.controller.wheel_radius_m)?;
         let ratio = in_range("wheel_ratio", self.wheel_ratio, 0.8, 1.25)?;
         let left = 2.0 * wheel_radius / (1.0 + ratio);
@@ -170,8 +176,12 @@ impl Config {
             wheel_radii: [left, ratio * left],
             half_track: positive("half_track_m", self.controller.half_track_m)?,
             period,
-            rest_hold: (rest_hold / period).clamp(1.0, f32::from(u16::MAX)) as u16,
-            gyro_zero: self.gyro_zero.build(period)?,
+            rest: RestTimes {
+                hold: (rest_hold / period).clamp(1.0, f32::from(u16::MAX)) as u16,
+                settle: (rest_settle / period) as u32,
+                spread: gyro_zero.spread(),
+            },
+            gyro_zero,
             accelerometer_zero: self.accelerometer_zero.build(period)?,
             observer: self.wheel.build()?,
             filter: self.filter.build()?,
@@ -325,7 +335,7 @@ pub struct AxleNode {
     half_track: f32,
     period: f32,
     /// Ticks.
-    rest_hold: u16,
+    rest: RestTimes,
     gyro_zero: Zeroing,
     accelerometer_zero: Zeroing,
     observer: WheelObserver,
@@ -639,11 +649,12 @@ impl AxleNode {
             state.refused = state.refused.saturating_add(u8::from(wheel.jumped));
             state.wheels[i] = wheel;
         }
+        let (gyro, accelerometer) = (samples.gyro_rad_s, samples.acceleration_m_s2);
+        let motors_on = state.output.active;
         let rest = state
             .rest
-            .step(samples.encoder, state.output.active, self.rest_hold);
+            .step(samples.encoder, motors_on, gyro, &self.rest);
         state.gyro_zeroed |= rest.axle;
-        let (gyro, accelerometer) = (samples.gyro_rad_s, samples.acceleration_m_s2);
         let verdicts = self.filter.step(
             &mut state.filter,
             &Measurements {

@@ -45,14 +45,6 @@ mod tests {
     use crate::{scenario::Scenario, scenario_file};
     use core_algos::params::Settings;
 
-    #[test]
-    fn the_page_in_the_docs_is_the_page_of_this_version() {
-        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/parameters.md");
-        let committed = std::fs::read_to_string(path).unwrap_or_default();
-        let hint = "run `cfmmr parameters > docs/parameters.md`";
-        assert!(committed == markdown(), "{hint}");
-    }
-
     /// Each name is the way to the same number in a scenario.
     #[test]
     fn names_are_those_of_a_scenario() {

@@ -49,16 +49,3 @@ fn fields(schema: &Schema) -> String {
 pub fn run() -> Result<(), Error> {
     super::print(&markdown())
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_page_in_the_docs_is_the_page_of_this_version() {
-        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/topics.md");
-        let committed = std::fs::read_to_string(path).unwrap_or_default();
-        let hint = "run `cfmmr topics > docs/topics.md`";
-        assert!(committed == markdown(), "{hint}");
-    }
-}

@@ -82,11 +82,12 @@ impl Hex {
 
 const DIGITS: &[u8; 16] = b"0123456789abcdef";
 
-fn push_hex(text: &mut String, bytes: &[u8]) {
-    for byte in bytes {
-        text.push(char::from(DIGITS[usize::from(byte >> 4)]));
-        text.push(char::from(DIGITS[usize::from(byte & 15)]));
-    }
+/// Two digits of each byte.
+fn in_hex(bytes: &[u8]) -> String {
+    let digits = |byte: &u8| [byte >> 4, byte & 15].map(|digit| DIGITS[usize::from(digit)]);
+    let text: Vec<u8> = bytes.iter().flat_map(digits).collect();
+    // Digits are text.
+    String::from_utf8(text).unwrap_or_default()
 }
 
 fn from_hex(text: &str) -> Option<Vec<u8>> {
@@ -101,9 +102,7 @@ fn from_hex(text: &str) -> Option<Vec<u8>> {
 
 impl Serialize for Hex {
     fn serialize<S: Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
-        let mut text = String::with_capacity(2 * self.0.len());
-        push_hex(&mut text, &self.0);
-        to.serialize_str(&text)
+        to.serialize_str(&in_hex(&self.0))
     }
 }
 

@@ -49,7 +49,11 @@ fn failed(error: impl std::fmt::Display) -> Error {
 }
 
 /// A channel of messages in JSON.
-struct Json(Arc<RawChannel>);
+struct Json {
+    channel: Arc<RawChannel>,
+    /// A file takes them all; a viewer need not want them.
+    filed: bool,
+}
 
 impl Json {
     fn new(sink: &Sink, topic: &str) -> Result<Self, Error> {
@@ -65,7 +69,10 @@ impl Json {
                 schema.json().into_bytes(),
             ))
             .build_raw()
-            .map(Self)
+            .map(|channel| Self {
+                channel,
+                filed: sink.is_file(),
+            })
             .map_err(failed)
     }
 
@@ -75,14 +82,13 @@ impl Json {
     }
 
     fn write(&self, room: &mut Vec<u8>, tick: u32, entry: &impl Serialize) {
-        // A viewer need not want all topics.
-        if !self.0.has_sinks() {
+        if !self.filed && !self.channel.has_sinks() {
             return;
         }
         room.clear();
         // No entry's `Serialize` fails, and memory can be written to.
         if serde_json::to_writer(&mut *room, entry).is_ok() {
-            self.0.log_with_meta(room, at(nanos(tick)));
+            self.channel.log_with_meta(room, at(nanos(tick)));
         }
     }
 }

@@ -135,6 +135,11 @@ impl Sink {
         }
     }
 
+    /// Whether a file, or what counts its bytes, takes what is written.
+    pub fn is_file(&self) -> bool {
+        self.handle.is_some()
+    }
+
     /// Serves to viewers at this address what is written from now on.
     pub fn serve(&mut self, address: SocketAddr) -> Result<(), Error> {
         self.server = Some(Server::start(&self.context, address)?);

@@ -5,13 +5,13 @@
 //! [`NOT_RUN`] with its reason, what is run shorter in [`SHORTER`].
 
 use crate::pages::{self, Page, root};
+use crate::program::cfmmr;
 use clap::Parser;
 use clap::error::ErrorKind;
 use host_sim::cli::Cli;
 use std::fs;
-use std::io::Write;
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::Command;
 
 /// Options with their values.
 type Options = &'static [(&'static str, &'static str)];
@@ -188,17 +188,7 @@ fn lines(text: &str) -> Vec<String> {
 }
 
 fn run(folder: &Path, arguments: &[String], input: &str) -> Result<(), String> {
-    let mut child = Command::new(env!("CARGO_BIN_EXE_cfmmr"))
-        .args(arguments)
-        .current_dir(folder)
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
-    // A command that does not read may be gone before all is written.
-    let _ = child.stdin.take().unwrap().write_all(input.as_bytes());
-    let output = child.wait_with_output().unwrap();
+    let output = cfmmr(folder, arguments, input);
     if output.status.success() {
         return Ok(());
     }

@@ -2,5 +2,8 @@
 //! commands.
 
 mod commands;
+mod generated;
 mod pages;
+#[path = "../shared/program.rs"]
+mod program;
 mod references;
