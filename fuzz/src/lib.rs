@@ -13,8 +13,7 @@ pub mod eval;
 pub mod overlay;
 #[path = "../../host-sim/src/paths.rs"]
 pub mod paths;
-#[path = "../../host-sim/src/plant/mod.rs"]
-pub mod plant;
+pub use plant;
 pub mod recording;
 #[path = "../../host-sim/src/scenario.rs"]
 pub mod scenario;

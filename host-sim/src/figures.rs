@@ -456,37 +456,121 @@ pub struct SweepStart {
     pub path: Vec<[f64; 2]>,
 }
 
-/// Map of random starts: place, heading, success, and `value_label` by colour, beside the paths of
-/// some. The scale ends at the 98th percentile.
-pub fn sweep(title: &str, value_label: &str, starts: &[SweepStart], goal_at: [f64; 3]) -> Figure {
+const FAILED: Mark = Mark {
+    shape: Shape::Cross,
+    radius: 6.5,
+    color: VERMILION,
+};
+
+/// Limits of the colours of starts that succeeded: up to the 98th percentile.
+fn color_limits<'a>(starts: impl Iterator<Item = &'a SweepStart>) -> [f64; 2] {
     let values: Vec<f64> = starts
-        .iter()
         .filter(|start| start.success)
         .map(|start| start.value)
         .filter(|value| value.is_finite())
         .collect();
-    let (low, high) = if values.is_empty() {
-        (0.0, 1.0)
+    let [low, high] = if values.is_empty() {
+        [0.0, 1.0]
     } else {
-        let percentile = |share| crate::statistics::percentile(&values, share);
-        (percentile(0.0), percentile(0.98))
+        [0.0, 0.98].map(|share| crate::statistics::percentile(&values, share))
     };
-    let high = if high > low { high } else { low + 1.0 };
-    let failed = Mark {
-        shape: Shape::Cross,
-        radius: 6.5,
-        color: VERMILION,
-    };
-    // Marks shrink so that thousands of them leave some white.
-    let alone = starts.iter().all(|start| start.path.is_empty());
-    let room = if alone { 75.0 } else { 45.0 };
-    let radius = (room / (starts.len() as f64).max(1.0).sqrt()).clamp(0.9, 3.5);
-    let reached = Mark {
+    [low, if high > low { high } else { low + 1.0 }]
+}
+
+fn reached(radius: f64, color: Rgb) -> Mark {
+    Mark {
         shape: Shape::Disc,
         radius,
-        color: color_scale(0.5),
+        color,
+    }
+}
+
+/// Starts: place, heading, success, and value by colour; `room` is for all marks.
+fn starts_panel(starts: &[SweepStart], limits: [f64; 2], room: f64, goal_at: [f64; 3]) -> Panel {
+    // Marks shrink so that thousands of them leave some white.
+    let size = room / (starts.len() as f64).max(1.0).sqrt();
+    let radius = size.clamp(0.9, 3.5);
+    let cross = FAILED.radius * (0.4 * size).clamp(0.4, 1.0);
+    let mut panel = Panel::new("x (m)", "y (m)").equal_axes();
+    for start in starts.iter().filter(|start| start.success) {
+        let [x, y, heading] = start.posture;
+        let color = color_scale((start.value - limits[0]) / (limits[1] - limits[0]));
+        let stroke = Stroke::solid(color, 0.45 * radius);
+        panel.needle([x, y], heading, 3.2 * radius, stroke);
+        panel.mark([x, y], reached(radius, color));
+    }
+    for start in starts.iter().filter(|start| !start.success) {
+        let [x, y, heading] = start.posture;
+        panel.needle([x, y], heading, 2.2 * cross, Stroke::solid(VERMILION, 1.5));
+        let mark = Mark {
+            radius: cross,
+            ..FAILED
+        };
+        panel.mark([x, y], mark);
+    }
+    let halo = reached(9.0, Rgb(255, 255, 255));
+    panel.mark([goal_at[0], goal_at[1]], halo);
+    goal(&mut panel, goal_at);
+    panel
+}
+
+/// Adds panels to a figure, so many a row.
+pub fn in_rows(
+    mut figure: Figure,
+    height: Height,
+    panels: impl IntoIterator<Item = Panel>,
+    columns: usize,
+) -> Figure {
+    let panels: Vec<Panel> = panels.into_iter().collect();
+    for row in panels.chunks(columns.max(1)) {
+        figure = figure.row(height, row.to_vec());
+    }
+    figure
+}
+
+fn succeeded(starts: &[SweepStart]) -> usize {
+    starts.iter().filter(|start| start.success).count()
+}
+
+/// Maps of random starts beside each other, each with its label, on one scale of colours.
+pub fn maps(
+    title: &str,
+    value_label: &str,
+    maps: &[(String, Vec<SweepStart>)],
+    goal_at: [f64; 3],
+) -> Figure {
+    let limits = color_limits(maps.iter().flat_map(|(_, starts)| starts));
+    let columns = maps.len().clamp(1, 2);
+    let panels = maps.iter().map(|(label, starts)| {
+        let count = format!("{} of {} reach the goal", succeeded(starts), starts.len());
+        let title = match label.as_str() {
+            "" => count,
+            label => format!("{label}: {count}"),
+        };
+        starts_panel(starts, limits, 75.0 / columns as f64, goal_at)
+            .title(title)
+            .color_bar(value_label, limits)
+    });
+    let figure = Figure::new(title)
+        .legend(Legend::mark(
+            "reached the goal",
+            reached(3.5, color_scale(0.5)),
+        ))
+        .legend(Legend::mark("failed", FAILED))
+        .legend(Legend::mark("goal", GOAL));
+    let height = Height::Data {
+        least: 240.0,
+        greatest: 660.0,
     };
-    let scale = |start: &SweepStart| color_scale((start.value - low) / (high - low));
+    in_rows(figure, height, panels, columns)
+}
+
+/// Map of random starts: place, heading, success, and `value_label` by colour, beside the paths of
+/// some. The scale ends at the 98th percentile.
+pub fn sweep(title: &str, value_label: &str, starts: &[SweepStart], goal_at: [f64; 3]) -> Figure {
+    let limits = color_limits(starts.iter());
+    let scale =
+        |start: &SweepStart| color_scale((start.value - limits[0]) / (limits[1] - limits[0]));
     let mut paths = Panel::new("x (m)", "y (m)").equal_axes();
     let shown: Vec<&SweepStart> = starts.iter().filter(|s| !s.path.is_empty()).collect();
     for start in shown.iter().filter(|start| start.success) {
@@ -503,44 +587,14 @@ pub fn sweep(title: &str, value_label: &str, starts: &[SweepStart], goal_at: [f6
             VERMILION
         };
         paths.needle([x, y], heading, 10.0, Stroke::solid(color, 1.6));
-        paths.mark(
-            [x, y],
-            Mark {
-                color,
-                radius: 3.2,
-                ..reached
-            },
-        );
+        paths.mark([x, y], reached(3.2, color));
     }
     goal(&mut paths, goal_at);
-    let mut panel = Panel::new("x (m)", "y (m)")
-        .equal_axes()
+    let room = if shown.is_empty() { 75.0 } else { 45.0 };
+    let panel = starts_panel(starts, limits, room, goal_at)
         .title("starts")
-        .color_bar(value_label, [low, high]);
-    for start in starts.iter().filter(|start| start.success) {
-        let [x, y, heading] = start.posture;
-        let color = scale(start);
-        panel.needle(
-            [x, y],
-            heading,
-            3.2 * radius,
-            Stroke::solid(color, 0.45 * radius),
-        );
-        panel.mark([x, y], Mark { color, ..reached });
-    }
-    for start in starts.iter().filter(|start| !start.success) {
-        let [x, y, heading] = start.posture;
-        panel.needle([x, y], heading, 14.0, Stroke::solid(VERMILION, 1.5));
-        panel.mark([x, y], failed);
-    }
-    let halo = Mark {
-        shape: Shape::Disc,
-        radius: 9.0,
-        color: Rgb(255, 255, 255),
-    };
-    panel.mark([goal_at[0], goal_at[1]], halo);
-    goal(&mut panel, goal_at);
-    let count = starts.iter().filter(|start| start.success).count();
+        .color_bar(value_label, limits);
+    let count = succeeded(starts);
     let panels = if shown.is_empty() {
         vec![panel]
     } else {
@@ -554,14 +608,11 @@ pub fn sweep(title: &str, value_label: &str, starts: &[SweepStart], goal_at: [f6
     Figure::new(title)
         .legend(Legend::mark(
             format!("reached the goal: {count}"),
-            Mark {
-                radius: 3.5,
-                ..reached
-            },
+            reached(3.5, color_scale(0.5)),
         ))
         .legend(Legend::mark(
             format!("failed: {}", starts.len() - count),
-            failed,
+            FAILED,
         ))
         .legend(Legend::mark("goal", GOAL))
         .row(

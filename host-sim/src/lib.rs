@@ -22,7 +22,6 @@ pub mod output;
 pub mod overlay;
 pub mod pace;
 pub mod paths;
-pub mod plant;
 pub mod plot;
 pub mod progress;
 pub mod recording;
@@ -41,3 +40,5 @@ pub mod targets;
 pub mod timing;
 pub mod trace;
 pub mod virtual_bus;
+
+pub use plant;

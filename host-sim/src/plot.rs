@@ -252,6 +252,7 @@ pub struct Panel {
     equal: bool,
     hide_x: bool,
     decades: bool,
+    x_decades: bool,
     right: Option<RightAxis>,
     bar: Option<ColorBar>,
     legend: Vec<Legend>,
@@ -295,6 +296,12 @@ impl Panel {
     /// The vertical axis holds decimal logarithms; its numbers are those they are of.
     pub fn decades(mut self) -> Self {
         self.decades = true;
+        self
+    }
+
+    /// The horizontal axis holds decimal logarithms; its numbers are those they are of.
+    pub fn x_decades(mut self) -> Self {
+        self.x_decades = true;
         self
     }
 
@@ -363,12 +370,7 @@ impl Panel {
 
     /// Distance of the numbers of the vertical axis; whole powers of ten on a logarithmic one.
     fn y_step(&self, limits: [f64; 2], count: usize) -> (f64, f64) {
-        let (factor, power) = tick_step(limits, count);
-        if self.decades && power < 0.0 {
-            (1.0, 0.0)
-        } else {
-            (factor, power)
-        }
+        axis_step(limits, count, self.decades)
     }
 
     fn y_ticks(&self, limits: [f64; 2], count: usize) -> Ticks {
@@ -640,6 +642,16 @@ fn tick_step([low, high]: [f64; 2], count: usize) -> (f64, f64) {
         .map_or((1.0, power + 1.0), |factor| (factor, power))
 }
 
+/// The same for an axis that may be logarithmic: whole powers of ten then.
+fn axis_step(limits: [f64; 2], count: usize, decades: bool) -> (f64, f64) {
+    let (factor, power) = tick_step(limits, count);
+    if decades && power < 0.0 {
+        (1.0, 0.0)
+    } else {
+        (factor, power)
+    }
+}
+
 impl Ticks {
     /// About `count` round numbers within the limits.
     fn new(limits: [f64; 2], count: usize) -> Self {
@@ -889,7 +901,7 @@ impl Page {
         let (right, bottom) = (left + width, top + height);
         let middle = left + 0.5 * width;
         let y_count = (height / 40.0).max(2.0) as usize;
-        let x_step = tick_step(frame.x, (width / 65.0) as usize);
+        let x_step = axis_step(frame.x, (width / 65.0) as usize, panel.x_decades);
         let y_step = panel.y_step(frame.y, y_count);
         let larger = if x_step.1 > y_step.1 || (x_step.1 == y_step.1 && x_step.0 > y_step.0) {
             x_step
@@ -897,11 +909,11 @@ impl Page {
             y_step
         };
         // Equal axes get a square grid.
-        let [x_ticks, mut y_ticks] =
+        let [mut x_ticks, mut y_ticks] =
             [(frame.x, x_step), (frame.y, y_step)].map(|(limits, step)| {
                 Ticks::with_step(limits, if panel.equal { larger } else { step })
             });
-        y_ticks.decades = panel.decades;
+        (x_ticks.decades, y_ticks.decades) = (panel.x_decades, panel.decades);
 
         let grid = Stroke::solid(GRID, 1.0);
         for &value in &x_ticks.values {
@@ -1342,10 +1354,10 @@ pub(crate) mod tests {
 
     #[test]
     fn a_logarithmic_axis_is_labelled_with_powers_of_ten() {
-        let mut panel = Panel::new("t (s)", "ratio").decades();
-        panel.line([[0.0, -2.2], [1.0, 3.1]], Stroke::solid(palette::BLUE, 1.0));
+        let mut panel = Panel::new("t (s)", "ratio").decades().x_decades();
+        panel.line([[3.9, -2.2], [5.1, 3.1]], Stroke::solid(palette::BLUE, 1.0));
         let svg = Figure::new("").row(Height::Fixed(200.0), [panel]).svg();
-        for text in ["0.01", "1", "100"] {
+        for text in ["0.01", "1", "100", "10000", "100000"] {
             assert!(svg.contains(&format!(">{text}<")), "{text}");
         }
         assert!(!svg.contains(">−2<"));

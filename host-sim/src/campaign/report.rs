@@ -4,13 +4,15 @@ use super::columns::Columns;
 use super::study::{Starts, Study, Vary};
 use crate::figures::{self, SweepStart};
 use crate::plot::palette::{BLACK, BLUE, GREY, SERIES, VERMILION};
-use crate::plot::{Figure, Height, Legend, Mark, Panel, Shape, Stroke};
+use crate::plot::{Figure, Height, Legend, Mark, Panel, Rgb, Shape, Stroke};
 use crate::statistics::{Summary, percentile};
 use crate::table::{Table, plus_minus};
 use serde::Serialize;
 
-/// Combinations that are told apart in a picture.
-const SHOWN: usize = 6;
+/// Least error that has a place on a logarithmic axis, cm and degrees.
+const LEAST: f64 = 0.01;
+/// Maps beside each other.
+const MAPS: usize = 2;
 
 /// What came out of one combination.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -273,7 +275,63 @@ fn cell(study: &Study, runs: &Columns, rows: &[usize]) -> Cell {
     }
 }
 
-/// Share of the trials below an error, one line for each of the first combinations.
+/// An error on a logarithmic axis.
+fn decade(error: f64) -> f64 {
+    error.max(LEAST).log10()
+}
+
+/// A listed quantity with its values, in the order of the file.
+struct Listed<'a> {
+    key: &'a str,
+    /// Place of each run's value among them.
+    place: Vec<usize>,
+    values: Vec<String>,
+}
+
+impl<'a> Listed<'a> {
+    fn of(vary: &'a Vary, runs: &Columns) -> Self {
+        let mut values: Vec<String> = Vec::new();
+        let place = runs.words(&vary.key).into_iter().map(|word| {
+            let known = values.iter().position(|value| *value == word);
+            known.unwrap_or_else(|| {
+                values.push(word);
+                values.len() - 1
+            })
+        });
+        Self {
+            key: &vary.key,
+            place: place.collect(),
+            values,
+        }
+    }
+
+    fn label(&self, value: usize) -> String {
+        format!("{} = {}", short(self.key), self.values[value])
+    }
+
+    fn rows(&self, value: usize) -> Vec<usize> {
+        let rows = self.place.iter().enumerate();
+        rows.filter_map(|(row, &place)| (place == value).then_some(row))
+            .collect()
+    }
+}
+
+/// Colour of the n-th value.
+fn color(n: usize) -> Rgb {
+    SERIES[n % SERIES.len()]
+}
+
+/// Pattern of the n-th value.
+fn dashed(color: Rgb, n: usize) -> Stroke {
+    match n {
+        0 => Stroke::solid(color, 1.8),
+        1 => Stroke::dashed(color, 1.8),
+        _ => Stroke::dotted(color, 1.8),
+    }
+}
+
+/// Share of the trials below an error, one line for each combination: the last list by colour, the
+/// one before by pattern; combinations of more lists look like those of the last two.
 pub fn distributions(study: &Study, report: &Report, runs: &Columns) -> Figure {
     let panels = [
         ("e (cm)", "e_m", 100.0),
@@ -283,156 +341,231 @@ pub fn distributions(study: &Study, report: &Report, runs: &Columns) -> Figure {
             180.0 / std::f64::consts::PI,
         ),
     ];
+    let lists: Vec<Listed> = listed(study)
+        .into_iter()
+        .map(|vary| Listed::of(vary, runs))
+        .collect();
+    let (by_color, by_dash) = (lists.last(), lists.iter().rev().nth(1));
     let mut figure = Figure::new(format!(
         "{}: share of runs with at most this error",
         study.name
     ));
-    let shown: Vec<(usize, &Cell)> = report.cells.iter().enumerate().take(SHOWN).collect();
-    for &(i, cell) in &shown {
-        let values: Vec<String> = cell
-            .values
-            .iter()
-            .map(|(key, value)| format!("{} = {value}", short(key)))
-            .collect();
-        let label = if values.is_empty() {
-            "all runs".to_owned()
-        } else {
-            values.join(", ")
-        };
-        figure = figure.legend(Legend::line(
-            label,
-            Stroke::solid(SERIES[i % SERIES.len()], 2.0),
-        ));
+    for (list, stroke) in [
+        (
+            by_color,
+            (|n| Stroke::solid(color(n), 1.8)) as fn(usize) -> Stroke,
+        ),
+        (by_dash, |n| dashed(BLACK, n)),
+    ] {
+        for value in 0..list.map_or(0, |list| list.values.len()) {
+            let label = list.map_or(String::new(), |list| list.label(value));
+            figure = figure.legend(Legend::line(label, stroke(value)));
+        }
     }
     let trials = study.trials as usize;
+    let place = |list: Option<&Listed>, row: usize| list.map_or(0, |list| list.place[row]);
     let panels = panels.map(|(label, name, factor)| {
-        let mut panel = Panel::new(label, "share of runs").y_limits([0.0, 1.0]);
-        for &(i, _) in &shown {
-            let values = runs.doubles(name).chunks(trials).nth(i).unwrap_or(&[]);
-            let mut sorted: Vec<f64> = values.iter().map(|v| factor * v.abs()).collect();
+        let mut panel = Panel::new(label, "share of runs")
+            .y_limits([0.0, 1.0])
+            .x_decades();
+        for cell in 0..report.cells.len() {
+            let values = runs.doubles(name).chunks(trials).nth(cell).unwrap_or(&[]);
+            let mut sorted: Vec<f64> = values.iter().map(|v| decade(factor * v.abs())).collect();
             sorted.sort_by(f64::total_cmp);
             let count = sorted.len() as f64;
             let steps = sorted.iter().enumerate().flat_map(|(k, &value)| {
                 [[value, k as f64 / count], [value, (k + 1) as f64 / count]]
             });
-            let color = SERIES[i % SERIES.len()];
-            panel.line(
-                std::iter::once([0.0, 0.0]).chain(steps),
-                Stroke::solid(color, 1.8),
-            );
+            let row = cell * trials;
+            let stroke = dashed(color(place(by_color, row)), place(by_dash, row));
+            panel.line(std::iter::once([LEAST.log10(), 0.0]).chain(steps), stroke);
         }
         panel
     });
     figure.row(Height::Fixed(300.0), panels)
 }
 
-/// Where the runs started and how they ended, or where they ended if they started in one place.
+/// Where the runs started and how they ended, or where they ended if they started in one place; a map
+/// for each value of the first list, if it has few.
 pub fn map(study: &Study, runs: &Columns) -> Figure {
-    let column = |name: &str| runs.doubles(name);
-    let within = runs.flags("within_3cm_3deg");
+    let first = listed(study).first().map(|vary| Listed::of(vary, runs));
+    let maps: Vec<(String, Vec<usize>)> = match first {
+        Some(list) if (2..=2 * MAPS).contains(&list.values.len()) => (0..list.values.len())
+            .map(|value| (list.label(value), list.rows(value)))
+            .collect(),
+        _ => vec![(String::new(), (0..runs.rows()).collect())],
+    };
     let goal = study
         .run(0)
         .map_or([0.0; 3], |run| run.scenario.mission.goal);
     if study.starts == Starts::Random {
-        let starts: Vec<SweepStart> = (0..runs.rows())
-            .map(|row| SweepStart {
-                posture: ["start_x_m", "start_y_m", "start_phi_rad"].map(|name| column(name)[row]),
-                success: within[row],
-                value: 100.0 * column("e_m")[row],
-                path: Vec::new(),
-            })
-            .collect();
-        let title = format!("{}: starts, and the error they end with", study.name);
-        return figures::sweep(&title, "e (cm)", &starts, goal);
+        return map_of_starts(study, runs, &maps, goal);
     }
-    let mut panel = Panel::new("x from the goal (cm)", "y from the goal (cm)").equal_axes();
-    for row in 0..runs.rows() {
-        let [x, y] = ["x_m", "y_m"].map(|name| column(name)[row]);
-        let color = if within[row] { BLUE } else { VERMILION };
-        let at = [100.0 * (x - goal[0]), 100.0 * (y - goal[1])];
-        panel.mark(
-            at,
-            Mark {
+    map_of_ends(study, runs, &maps, goal)
+}
+
+/// Each start with the largest error that any combination of the rest ends with.
+fn map_of_starts(
+    study: &Study,
+    runs: &Columns,
+    maps: &[(String, Vec<usize>)],
+    goal: [f64; 3],
+) -> Figure {
+    let (trials, e_m) = (study.trials as usize, runs.doubles("e_m"));
+    let within = runs.flags("within_3cm_3deg");
+    let start = ["start_x_m", "start_y_m", "start_phi_rad"].map(|name| runs.doubles(name));
+    let starts = maps.iter().map(|(label, rows)| {
+        let mut starts: Vec<SweepStart> = Vec::new();
+        for trial in 0..trials {
+            let runs = || rows.iter().filter(|row| **row % trials == trial);
+            let Some(&row) = runs().next() else { continue };
+            starts.push(SweepStart {
+                posture: start.map(|column| column[row]),
+                success: runs().all(|&row| within[row]),
+                value: runs().map(|&row| 100.0 * e_m[row]).fold(0.0, f64::max),
+                path: Vec::new(),
+            });
+        }
+        (label.clone(), starts)
+    });
+    let title = format!(
+        "{}: starts, and the largest error they end with",
+        study.name
+    );
+    figures::maps(&title, "e (cm)", &starts.collect::<Vec<_>>(), goal)
+}
+
+fn map_of_ends(
+    study: &Study,
+    runs: &Columns,
+    maps: &[(String, Vec<usize>)],
+    goal: [f64; 3],
+) -> Figure {
+    let within = runs.flags("within_3cm_3deg");
+    let panels = maps.iter().map(|(label, rows)| {
+        let mut panel = Panel::new("x from the goal (cm)", "y from the goal (cm)")
+            .title(label.clone())
+            .equal_axes();
+        for &row in rows {
+            let [x, y] = ["x_m", "y_m"].map(|name| runs.doubles(name)[row]);
+            let mark = Mark {
                 shape: Shape::Disc,
                 radius: 1.6,
-                color,
-            },
-        );
-    }
-    let circle = (0..=90).map(|k| {
-        let (s, c) = (f64::from(k) * 4f64.to_radians()).sin_cos();
-        [3.0 * c, 3.0 * s]
+                color: if within[row] { BLUE } else { VERMILION },
+            };
+            panel.mark([100.0 * (x - goal[0]), 100.0 * (y - goal[1])], mark);
+        }
+        let circle = (0..=90).map(|k| {
+            let (s, c) = (f64::from(k) * 4f64.to_radians()).sin_cos();
+            [3.0 * c, 3.0 * s]
+        });
+        panel.line(circle, Stroke::dashed(GREY, 1.2));
+        panel
     });
-    panel.line(circle, Stroke::dashed(GREY, 1.2));
     let mark = |color| Mark {
         shape: Shape::Disc,
         radius: 3.0,
         color,
     };
-    Figure::new(format!("{}: where the runs ended", study.name))
+    let figure = Figure::new(format!("{}: where the runs ended", study.name))
         .legend(Legend::mark("within 3 cm and 3°", mark(BLUE)))
         .legend(Legend::mark("not", mark(VERMILION)))
-        .legend(Legend::line("3 cm", Stroke::dashed(GREY, 1.2)))
-        .row(Height::Fixed(420.0), [panel])
+        .legend(Legend::line("3 cm", Stroke::dashed(GREY, 1.2)));
+    let height = if maps.len() > 1 { 300.0 } else { 420.0 };
+    figures::in_rows(figure, Height::Fixed(height), panels, MAPS)
 }
 
 /// How the error depends on each quantity: its median and 5th to 95th percentile at each listed
-/// number, or every run over a drawn one. `None` if no quantity is a number.
+/// number, or every run over a drawn one; by colour for each value of the first list. `None` if no
+/// quantity is a number.
 pub fn sensitivity(study: &Study, runs: &Columns) -> Option<Figure> {
     let e_cm: Vec<f64> = runs.doubles("e_m").iter().map(|v| 100.0 * v).collect();
+    let first = listed(study).first().map(|vary| Listed::of(vary, runs));
     let mut panels = Vec::new();
     for vary in study.vary.iter().filter(|vary| vary.is_numeric()) {
         let at = runs.doubles(&vary.key);
-        let mut panel = Panel::new(short(&vary.key), "e (cm)");
-        if vary.values.is_none() {
-            for (&x, &e) in at.iter().zip(&e_cm) {
-                panel.mark(
-                    [x, e],
-                    Mark {
+        let Some(&any) = at.first() else { continue };
+        let [low, high] = [f64::min, f64::max].map(|pick| at.iter().copied().fold(any, pick));
+        let even = vary.uniform.is_some() || vary.normal.is_some();
+        let logarithmic = !even && low > 0.0 && high >= 10.0 * low;
+        let along = |x: f64| if logarithmic { x.log10() } else { x };
+        let mut panel = Panel::new(short(&vary.key), "e (cm)").decades();
+        if logarithmic {
+            panel = panel.x_decades();
+        }
+        let groups = match first.as_ref().filter(|list| list.key != vary.key) {
+            Some(list) => (0..list.values.len())
+                .map(|value| list.rows(value))
+                .collect(),
+            None => vec![(0..runs.rows()).collect::<Vec<usize>>()],
+        };
+        let several = groups.len() > 1;
+        let mut ends = [f64::INFINITY, f64::NEG_INFINITY];
+        for (n, rows) in groups.iter().enumerate() {
+            let color = if several { color(n) } else { BLACK };
+            let (at, e_cm) = (pick(at, rows), pick(&e_cm, rows));
+            if vary.values.is_none() {
+                for (&x, &e) in at.iter().zip(&e_cm) {
+                    let mark = Mark {
                         shape: Shape::Disc,
                         radius: 1.4,
-                        color: BLUE,
-                    },
-                );
-            }
-        } else {
-            let mut values = at.to_vec();
-            values.sort_by(f64::total_cmp);
-            values.dedup();
-            let of = |value: f64, share: f64| {
-                let rows = at.iter().zip(&e_cm).filter(|(x, _)| **x == value);
-                percentile(&rows.map(|(_, &e)| e).collect::<Vec<_>>(), share)
-            };
-            for &value in &values {
-                let [low, high] = [0.05, 0.95].map(|share| [value, of(value, share)]);
-                panel.line([low, high], Stroke::solid(GREY, 1.6));
-                let mark = Mark {
-                    shape: Shape::Disc,
-                    radius: 3.0,
-                    color: BLACK,
+                        color,
+                    };
+                    panel.mark([along(x), decade(e)], mark);
+                }
+            } else {
+                let mut values = at.clone();
+                values.sort_by(f64::total_cmp);
+                values.dedup();
+                let of = |value: f64, share: f64| {
+                    let rows = at.iter().zip(&e_cm).filter(|(x, _)| **x == value);
+                    decade(percentile(
+                        &rows.map(|(_, &e)| e).collect::<Vec<_>>(),
+                        share,
+                    ))
                 };
-                panel.mark([value, of(value, 0.5)], mark);
+                for &value in &values {
+                    let x = along(value);
+                    let [low, high] = [0.05, 0.95].map(|share| [x, of(value, share)]);
+                    panel.line([low, high], Stroke::solid(color.lighter(0.5), 2.4));
+                    let mark = Mark {
+                        shape: Shape::Disc,
+                        radius: 3.0,
+                        color,
+                    };
+                    panel.mark([x, of(value, 0.5)], mark);
+                }
+                let medians = values.iter().map(|&value| [along(value), of(value, 0.5)]);
+                panel.line(medians, Stroke::solid(color, 1.4));
             }
-            let medians = values.iter().map(|&value| [value, of(value, 0.5)]);
-            panel.line(medians, Stroke::solid(BLUE, 1.4));
+            ends = [ends[0].min(along(low)), ends[1].max(along(high))];
         }
-        panels.push(panel);
+        // What lies at the ends is not cut by the axes.
+        let room = 0.04 * (ends[1] - ends[0]);
+        panels.push(panel.x_limits([ends[0] - room, ends[1] + room]));
     }
     if panels.is_empty() {
         return None;
     }
-    let mut figure = Figure::new(format!("{}: error against what was varied", study.name))
-        .legend(Legend::line("median", Stroke::solid(BLUE, 1.4)))
-        .legend(Legend::line(
-            "5 to 95 % of the runs",
-            Stroke::solid(GREY, 1.6),
-        ));
-    let mut panels = panels.into_iter().peekable();
-    while panels.peek().is_some() {
-        figure = figure.row(
-            Height::Fixed(240.0),
-            panels.by_ref().take(3).collect::<Vec<_>>(),
-        );
+    let disc = |color| Mark {
+        shape: Shape::Disc,
+        radius: 3.0,
+        color,
+    };
+    let mut figure = Figure::new(format!("{}: error against what was varied", study.name));
+    if let Some(list) = &first {
+        for value in 0..list.values.len() {
+            figure = figure.legend(Legend::mark(list.label(value), disc(color(value))));
+        }
     }
-    Some(figure)
+    figure = figure
+        .legend(Legend::line(
+            "through the medians of listed values",
+            Stroke::solid(BLACK, 1.4),
+        ))
+        .legend(Legend::line(
+            "5 to 95 % of their runs",
+            Stroke::solid(BLACK.lighter(0.5), 2.4),
+        ));
+    Some(figures::in_rows(figure, Height::Fixed(260.0), panels, 3))
 }

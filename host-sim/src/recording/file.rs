@@ -3,7 +3,7 @@
 use super::entry::{ABOUT, BusEntry, Can, END, FORMAT, LeadEntry, Pose, Said, TruthEntry};
 use super::sink::Sink;
 use super::topics::TOPICS;
-use super::{About, BUILD, Line, standard};
+use super::{About, BUILD, Line, failed, standard};
 use crate::dbc;
 use crate::error::Error;
 use crate::figures::Body;
@@ -42,10 +42,6 @@ fn at(nanos: u64) -> PartialMetadata {
 
 fn nanos(tick: u32) -> u64 {
     u64::from(tick) * 1_000_000
-}
-
-fn failed(error: impl std::fmt::Display) -> Error {
-    Error::Failure(format!("log: {error}"))
 }
 
 /// A channel of messages in JSON.
@@ -242,7 +238,8 @@ impl Mcap {
             }
             Line::Frames(role, tick, frames) => self.frames(*role, *tick, frames),
             Line::Order(entry) => self.order.write(room, entry.tick, entry),
-            Line::Start(role, entry, report) => {
+            Line::Start(role, started) => {
+                let (entry, report) = &**started;
                 self.start[*role as usize].write(room, entry.tick, entry);
                 self.started(*role, &entry.parameters_hash, report);
             }

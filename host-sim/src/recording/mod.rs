@@ -17,6 +17,7 @@ mod standard;
 pub mod tables;
 mod tap;
 pub mod topics;
+mod writer;
 
 use crate::commands::watch_for_interrupt;
 use crate::dashboard::Dashboard;
@@ -37,6 +38,7 @@ use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tables::Tables;
+use writer::{Files, Note, Writer};
 
 /// What this program was built from.
 pub const BUILD: &str = env!("BUILD");
@@ -188,14 +190,14 @@ pub struct About<'a> {
     pub scenario: &'a Scenario,
 }
 
-/// A recording; its clones are the same one.
-#[derive(Clone)]
-pub struct Session(Arc<Mutex<Inner>>);
-
-struct Inner {
-    mcap: Option<Mcap>,
-    tables: Option<Tables>,
+/// What went wrong with a log.
+fn failed(error: impl std::fmt::Display) -> Error {
+    Error::Failure(format!("log: {error}"))
 }
+
+/// A recording; its clones are the same one. It is written down on a thread of its own.
+#[derive(Clone)]
+pub struct Session(Arc<Mutex<Writer>>);
 
 impl Session {
     /// Begins a recording, if one is asked for.
@@ -209,20 +211,20 @@ impl Session {
             sink.get_or_insert_with(Sink::nowhere).serve(address)?;
         }
         let mcap = sink.map(|sink| Mcap::new(sink, about)).transpose()?;
-        Ok(Some(Self::of(Inner { mcap, tables })))
+        Ok(Some(Self::of(Files { mcap, tables }, args.live.is_some())))
     }
 
     /// A recording whose bytes are only counted.
     pub fn counted(about: &About) -> Result<Self, Error> {
         let mcap = Some(Mcap::new(Sink::counted()?, about)?);
-        Ok(Self::of(Inner { mcap, tables: None }))
+        Ok(Self::of(Files { mcap, tables: None }, false))
     }
 
-    fn of(inner: Inner) -> Self {
-        Self(Arc::new(Mutex::new(inner)))
+    fn of(files: Files, prompt: bool) -> Self {
+        Self(Arc::new(Mutex::new(Writer::new(files, prompt))))
     }
 
-    fn inner(&self) -> MutexGuard<'_, Inner> {
+    fn writer(&self) -> MutexGuard<'_, Writer> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -238,14 +240,18 @@ impl Session {
 
     /// Where the robot is to go, and along which path.
     pub fn plan(&self, goal: [f64; 3], path: &[[f64; 3]]) {
-        if let Some(mcap) = &mut self.inner().mcap {
-            mcap.plan(goal, path);
+        let mut writer = self.writer();
+        match writer.files().map(|files| &mut files.mcap) {
+            Some(Some(mcap)) => mcap.plan(goal, path),
+            Some(None) => {}
+            None => writer.take(Note::Plan(goal, path.to_vec())),
         }
     }
 
-    /// Waits for a viewer of a run that is served; an error if the flag is set meanwhile.
+    /// Waits for a viewer of a run that is served and has not begun; an error if the flag is set
+    /// meanwhile.
     pub fn await_viewer(&self, interrupt: &AtomicBool) -> Result<(), Error> {
-        match &self.inner().mcap {
+        match self.writer().files().and_then(|files| files.mcap.as_ref()) {
             Some(mcap) => mcap.await_viewer(interrupt),
             None => Ok(()),
         }
@@ -253,61 +259,43 @@ impl Session {
 
     /// The true state at the end of an epoch.
     pub fn see(&self, record: &Record) {
-        let mut inner = self.inner();
-        if let Some(mcap) = &mut inner.mcap {
-            mcap.see(record);
-        }
-        if let Some(tables) = &mut inner.tables {
-            tables.epoch(record);
-        }
+        self.writer().take(Note::Epoch(Box::new(*record)));
     }
 
     /// Ends the recording; gives the files. `ended` says why a run ended before its task.
     pub fn close(&self, ended: Option<&str>) -> Result<Vec<PathBuf>, Error> {
-        let mut inner = self.inner();
-        let mut files = Vec::new();
-        if let Some(mut mcap) = inner.mcap.take() {
-            mcap.close(ended)?;
-            files.extend(mcap.path());
+        match self.writer().finish()? {
+            Some(files) => files.close(ended),
+            None => Ok(Vec::new()),
         }
-        if let Some(tables) = inner.tables.take() {
-            files.extend(tables.write()?);
-        }
-        Ok(files)
     }
 
     /// Ends a recording that was only counted; gives its length, bytes.
     pub fn count(&self) -> Result<u64, Error> {
-        match &mut self.inner().mcap {
-            Some(mcap) => mcap.close(None),
+        match self.writer().finish()?.and_then(|files| files.mcap) {
+            Some(mut mcap) => mcap.close(None),
             None => Ok(0),
         }
     }
 
-    /// Hands a line of the recording to those who write it down.
-    fn note(&self, line: &Line) {
-        let mut inner = self.inner();
-        if let Some(mcap) = &mut inner.mcap {
-            mcap.note(line);
-        }
-        if let Some(tables) = &mut inner.tables {
-            tables.note(line);
-        }
+    /// Has a line written down.
+    fn note(&self, line: Line) {
+        self.writer().take(Note::Line(line));
     }
 }
 
 /// What a tap hears.
-enum Line<'a> {
+enum Line {
     /// A board's nodes were started.
-    Start(Role, Start, &'a Report),
+    Start(Role, Box<(Start, Report)>),
     /// A board went off.
     Off(Role, Off),
     /// The host told the lead node something.
     Order(OrderEntry),
     /// A board put frames on the bus.
-    Frames(Role, u32, &'a [Frame]),
+    Frames(Role, u32, Vec<Frame>),
     /// The front board's answer brought the lead node's output.
-    Lead(u32, &'a lead::Output),
+    Lead(u32, Box<lead::Output>),
     /// A tick of an axle board.
     Axle(Role, AxleTick),
     /// A tick of the beam board.

@@ -46,7 +46,7 @@ impl Tap {
         self.received.clear();
         self.sent.clear();
         self.session
-            .note(&Line::Off(self.role, Off { tick, reason }));
+            .note(Line::Off(self.role, Off { tick, reason }));
     }
 
     /// The board gave no answer to the latest tick.
@@ -65,15 +65,14 @@ impl Tap {
             return;
         };
         if !self.sent.is_empty() {
-            let frames = Line::Frames(self.role, tick, &self.sent);
-            self.session.note(&frames);
-            self.sent.clear();
+            let sent = std::mem::take(&mut self.sent);
+            self.session.note(Line::Frames(self.role, tick, sent));
         }
         if let Some(lead) = &output.lead {
-            self.session.note(&Line::Lead(tick, lead));
+            self.session.note(Line::Lead(tick, Box::new(*lead)));
         }
         let received = std::mem::take(&mut self.received);
-        self.session.note(&match samples {
+        self.session.note(match samples {
             Samples::Axle(samples) => Line::Axle(
                 self.role,
                 AxleTick {
@@ -113,7 +112,8 @@ impl Target for Tap {
             place: place.map(Hex::of),
         };
         let report = self.target.report();
-        self.session.note(&Line::Start(self.role, entry, &report));
+        let line = Line::Start(self.role, Box::new((entry, report)));
+        self.session.note(line);
         Ok(())
     }
 
@@ -124,7 +124,7 @@ impl Target for Tap {
             Order::Path(points, end) => Given::Path(points.to_vec(), end),
             Order::Trajectory(points, end) => Given::Trajectory(points.to_vec(), end),
         };
-        self.session.note(&Line::Order(OrderEntry {
+        self.session.note(Line::Order(OrderEntry {
             tick: self.next,
             text: in_words(&given),
             bits: Hex::of(&given),
