@@ -6,5 +6,5 @@ cd "$(dirname "$0")/.."
 
 . scripts/python_tools.sh
 python_tools check_bus.sh cantools cantools==45.1.0
-cargo build --locked --release --package host-sim
+[ -n "${CFMMR_BUILT:-}" ] || cargo build --locked --release --package host-sim
 "$python" scripts/check_dbc.py target/release/cfmmr "$@"

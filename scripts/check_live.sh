@@ -6,11 +6,18 @@ cd "$(dirname "$0")/.."
 . scripts/python_tools.sh
 python_tools check_live.sh "websockets, mcap_protobuf, jsonschema" \
   websockets==15.0.1 mcap==1.6.0 mcap-protobuf-support==0.6.0 jsonschema==4.26.0
+mkdir -p target/live
+if [ -n "${CFMMR_BUILT:-}" ]; then
+  cp target/release/cfmmr target/live/other
+fi
 # Only host-sim and what the server needs are built anew, and not optimised: fast enough for one robot.
 cargo build --locked --release --package host-sim --bin cfmmr --features live \
   --config profile.release.package.host-sim.opt-level=0
-mkdir -p target/live
 cp target/release/cfmmr target/live/cfmmr
-# The one that all other checks use, which is still there.
-cargo build --locked --release --package host-sim --bin cfmmr
+# The one that all other checks use.
+if [ -n "${CFMMR_BUILT:-}" ]; then
+  mv -f target/live/other target/release/cfmmr
+else
+  cargo build --locked --release --package host-sim --bin cfmmr
+fi
 timeout 600 "$python" scripts/check_live.py target/live/cfmmr

@@ -7,5 +7,5 @@ cd "$(dirname "$0")/.."
 . scripts/python_tools.sh
 python_tools check_mcap.sh "mcap_protobuf, jsonschema, cantools" \
   mcap==1.6.0 mcap-protobuf-support==0.6.0 jsonschema==4.26.0 cantools==45.1.0
-cargo build --locked --release --package host-sim
+[ -n "${CFMMR_BUILT:-}" ] || cargo build --locked --release --package host-sim
 "$python" scripts/check_mcap.py target/release/cfmmr "$@"

@@ -7,5 +7,5 @@ cd "$(dirname "$0")/.."
 scripts/install_chromium.sh
 . scripts/python_tools.sh
 python_tools check_report.sh websocket websocket-client==1.9.2
-cargo build --locked --release --package host-sim
+[ -n "${CFMMR_BUILT:-}" ] || cargo build --locked --release --package host-sim
 "$python" scripts/check_report.py target/release/cfmmr "$@"
