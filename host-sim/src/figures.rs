@@ -542,9 +542,10 @@ pub fn maps(
     let limits = color_limits(maps.iter().flat_map(|(_, starts)| starts));
     let columns = maps.len().clamp(1, 2);
     let panels = maps.iter().map(|(label, starts)| {
-        let count = format!("{} of {} reach the goal", succeeded(starts), starts.len());
+        let count = format!("{} of {}", succeeded(starts), starts.len());
         let title = match label.as_str() {
-            "" => count,
+            "" => format!("{count} reach the goal"),
+            // Half a page has no room for more words.
             label => format!("{label}: {count}"),
         };
         starts_panel(starts, limits, 75.0 / columns as f64, goal_at)

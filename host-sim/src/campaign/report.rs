@@ -275,9 +275,13 @@ fn cell(study: &Study, runs: &Columns, rows: &[usize]) -> Cell {
     }
 }
 
-/// An error on a logarithmic axis.
+/// An error on a logarithmic axis; not a number stays one, and is not drawn.
 fn decade(error: f64) -> f64 {
-    error.max(LEAST).log10()
+    if error < LEAST {
+        LEAST.log10()
+    } else {
+        error.log10()
+    }
 }
 
 /// A listed quantity with its values, in the order of the file.
@@ -321,7 +325,7 @@ fn color(n: usize) -> Rgb {
     SERIES[n % SERIES.len()]
 }
 
-/// Pattern of the n-th value.
+/// Pattern of the n-th value; the third and those behind it look alike.
 fn dashed(color: Rgb, n: usize) -> Stroke {
     match n {
         0 => Stroke::solid(color, 1.8),
@@ -415,17 +419,28 @@ fn map_of_starts(
     let within = runs.flags("within_3cm_3deg");
     let start = ["start_x_m", "start_y_m", "start_phi_rad"].map(|name| runs.doubles(name));
     let starts = maps.iter().map(|(label, rows)| {
-        let mut starts: Vec<SweepStart> = Vec::new();
-        for trial in 0..trials {
-            let runs = || rows.iter().filter(|row| **row % trials == trial);
-            let Some(&row) = runs().next() else { continue };
-            starts.push(SweepStart {
-                posture: start.map(|column| column[row]),
-                success: runs().all(|&row| within[row]),
-                value: runs().map(|&row| 100.0 * e_m[row]).fold(0.0, f64::max),
-                path: Vec::new(),
-            });
+        let mut starts: Vec<Option<SweepStart>> = vec![None; trials];
+        for &row in rows {
+            let (success, value) = (within[row], 100.0 * e_m[row]);
+            match &mut starts[row % trials] {
+                Some(known) => {
+                    known.success &= success;
+                    // Not a number is the worst.
+                    if !(value <= known.value) {
+                        known.value = value;
+                    }
+                }
+                none => {
+                    *none = Some(SweepStart {
+                        posture: start.map(|column| column[row]),
+                        success,
+                        value,
+                        path: Vec::new(),
+                    });
+                }
+            }
         }
+        let starts: Vec<SweepStart> = starts.into_iter().flatten().collect();
         (label.clone(), starts)
     });
     let title = format!(
@@ -481,7 +496,13 @@ fn map_of_ends(
 pub fn sensitivity(study: &Study, runs: &Columns) -> Option<Figure> {
     let e_cm: Vec<f64> = runs.doubles("e_m").iter().map(|v| 100.0 * v).collect();
     let first = listed(study).first().map(|vary| Listed::of(vary, runs));
-    let mut panels = Vec::new();
+    // Whole decades, so that the axis has numbers.
+    let decades = e_cm.iter().map(|&e| decade(e)).filter(|e| e.is_finite());
+    let [low, high] = decades.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], e| {
+        [low.min(e.floor()), high.max(e.ceil())]
+    });
+    let e_limits = [low, high.max(low + 1.0)];
+    let (mut panels, mut colored) = (Vec::new(), false);
     for vary in study.vary.iter().filter(|vary| vary.is_numeric()) {
         let at = runs.doubles(&vary.key);
         let Some(&any) = at.first() else { continue };
@@ -489,7 +510,9 @@ pub fn sensitivity(study: &Study, runs: &Columns) -> Option<Figure> {
         let even = vary.uniform.is_some() || vary.normal.is_some();
         let logarithmic = !even && low > 0.0 && high >= 10.0 * low;
         let along = |x: f64| if logarithmic { x.log10() } else { x };
-        let mut panel = Panel::new(short(&vary.key), "e (cm)").decades();
+        let mut panel = Panel::new(short(&vary.key), "e (cm)")
+            .decades()
+            .y_limits(e_limits);
         if logarithmic {
             panel = panel.x_decades();
         }
@@ -500,6 +523,7 @@ pub fn sensitivity(study: &Study, runs: &Columns) -> Option<Figure> {
             None => vec![(0..runs.rows()).collect::<Vec<usize>>()],
         };
         let several = groups.len() > 1;
+        colored |= several;
         let mut ends = [f64::INFINITY, f64::NEG_INFINITY];
         for (n, rows) in groups.iter().enumerate() {
             let color = if several { color(n) } else { BLACK };
@@ -553,7 +577,7 @@ pub fn sensitivity(study: &Study, runs: &Columns) -> Option<Figure> {
         color,
     };
     let mut figure = Figure::new(format!("{}: error against what was varied", study.name));
-    if let Some(list) = &first {
+    if let Some(list) = first.as_ref().filter(|_| colored) {
         for value in 0..list.values.len() {
             figure = figure.legend(Legend::mark(list.label(value), disc(color(value))));
         }

@@ -1,6 +1,8 @@
+use super::columns::Columns;
 use super::directory::{Block, Directory, Finished};
-use super::report::{Report, rank_correlation, wilson};
+use super::report::{Report, distributions, map, rank_correlation, sensitivity, wilson};
 use super::study::Study;
+use crate::plot::tests::{check_svg, check_texts};
 use crate::simulation::Outcome;
 
 const TEXT: &str = r#"
@@ -136,19 +138,25 @@ fn blocks_are_kept_and_spoiled_ones_noticed() {
     assert!(Directory::open(&folder.path().join("none")).is_err());
 }
 
-#[test]
-fn the_report_counts_what_is_there() {
-    let study = study();
+/// All runs of a study.
+fn all_runs(study: &Study) -> Columns {
     let folder = tempfile::tempdir().unwrap();
     let directory = Directory::open_for(study.clone(), folder.path()).unwrap();
-    let mut all = super::columns::Columns::default();
+    let mut all = Columns::default();
     for block in 0..study.blocks() {
-        directory.write(block, &finished(&study, block)).unwrap();
+        directory.write(block, &finished(study, block)).unwrap();
         let Block::Complete(columns) = directory.block(block).unwrap() else {
             panic!()
         };
         assert!(all.append(&columns));
     }
+    all
+}
+
+#[test]
+fn the_report_counts_what_is_there() {
+    let study = study();
+    let all = all_runs(&study);
     let report = Report::of(&study, &all);
     assert_eq!((report.runs, report.cells.len()), (16, 4));
     // Runs 4 to 7 end 4 to 7 mm away.
@@ -159,6 +167,38 @@ fn the_report_counts_what_is_there() {
         ("mission.rps".to_owned(), "false".to_owned())
     );
     assert_eq!(report.influences.len(), 1);
+}
+
+#[test]
+fn pictures_are_whole_whatever_a_study_varies() {
+    let lists = |count: usize| {
+        let blocks: Vec<&str> = TEXT.split("[[vary]]").collect();
+        let kept: Vec<&str> = [&blocks[..1], &blocks[3 - count..]].concat();
+        kept.join("[[vary]]")
+    };
+    let mut lines = Vec::new();
+    for count in 0..=2 {
+        for (from, to) in [
+            ("block = 3", "block = 3"),
+            ("block = 3", "block = 3\nstarts = \"random\""),
+            ("trials = 4", "trials = 1"),
+        ] {
+            let study = Study::parse(&lists(count).replace(from, to), "test").unwrap();
+            let runs = all_runs(&study);
+            let report = Report::of(&study, &runs);
+            let shares = distributions(&study, &report, &runs).svg();
+            let influences = sensitivity(&study, &runs).unwrap().svg();
+            for svg in [&shares, &map(&study, &runs).svg(), &influences] {
+                check_svg(svg);
+                check_texts(svg);
+            }
+            // Errors of 0 to 15 mm: an axis has the numbers of its ends.
+            assert!(influences.contains(">0.01<"), "{influences}");
+            lines.push(shares.matches("stroke-width=\"1.8\"").count());
+        }
+    }
+    // More combinations, more lines; those of the first list are dashed.
+    assert!(lines[0] < lines[3] && lines[3] < lines[6], "{lines:?}");
 }
 
 #[test]
