@@ -33,7 +33,7 @@ fn in_a_file(lines: &[u8]) -> Vec<u8> {
     let room = std::io::Cursor::new(Vec::new());
     let options = mcap::WriteOptions::new().compression(None);
     let mut writer = options.create(room).expect("memory can be written to");
-    let about = [("format".to_owned(), "1".to_owned())];
+    let about = [("format".to_owned(), "2".to_owned())];
     let metadata = mcap::records::Metadata {
         name: "cfmmr".to_owned(),
         metadata: about.into_iter().collect(),

@@ -9,6 +9,7 @@
 //! ```
 
 use crate::error::Error;
+use crate::scenario_file;
 use core_algos::node::board::Role;
 use core_algos::params::{Parameter, Settings, TABLE, find};
 use serde::{Deserialize, Serialize};
@@ -39,7 +40,7 @@ impl Overlays {
             boards: Overlays,
         }
         let file: File =
-            toml::from_str(text).map_err(|error| Error::input(format!("{name}: {error}")))?;
+            toml::from_str(text).map_err(|error| scenario_file::refusal(name, text, &error))?;
         for role in Role::ALL {
             file.boards.values(role)?;
         }

@@ -9,6 +9,9 @@ use serde::de::DeserializeOwned;
 use std::path::Path;
 use toml::{Table, Value};
 
+/// Parts of a key on the command line, at most.
+const DEPTH: usize = 16;
+
 /// Reads `file` (nothing: all defaults), applies the `KEY=VALUE` changes in order, and builds `T`.
 pub fn load<T>(file: Option<&Path>, changes: &[String]) -> Result<T, Error>
 where
@@ -31,7 +34,7 @@ pub fn parse<T>(text: &str, name: &str, changes: &[String]) -> Result<T, Error>
 where
     T: Default + Serialize + DeserializeOwned,
 {
-    let refuse = |error: toml::de::Error| Error::input(format!("{name}: {error}"));
+    let refuse = |error: toml::de::Error| refusal(name, text, &error);
     if changes.is_empty() {
         // Straight from the text, so that an error shows the line.
         toml::from_str::<T>(text).map_err(refuse)?;
@@ -55,6 +58,26 @@ where
         ))),
         None => Ok(built),
     }
+}
+
+/// Why TOML text is refused, with the line.
+pub fn refusal(name: &str, text: &str, error: &toml::de::Error) -> Error {
+    if error.span().is_some() {
+        return Error::input(format!("{name}: {error}"));
+    }
+    // Nesting beyond what the parser bears has no place in its error: the line is the first with
+    // which the text is refused so.
+    let message = error.message();
+    let refused = |end: usize| {
+        toml::from_str::<Table>(&text[..end])
+            .is_err_and(|part| part.span().is_none() && part.message() == message)
+    };
+    let ends = text.match_indices('\n').map(|(end, _)| end);
+    let line = ends
+        .chain([text.len()])
+        .position(refused)
+        .map_or_else(String::new, |before| format!("line {}: ", before + 1));
+    Error::input(format!("{name}: {line}{message}"))
 }
 
 /// Path and value of the first number that is not finite. Not every number is checked where it is
@@ -104,6 +127,12 @@ fn apply(table: &mut Table, change: &str) -> Result<(), Error> {
         .and_then(|mut table| table.remove("v"))
         .unwrap_or_else(|| Value::String(value.to_owned()));
     let mut keys: Vec<&str> = key.trim().split('.').collect();
+    if keys.len() > DEPTH {
+        return Err(Error::input(format!(
+            "--set {change}: a key of {} parts: must be at most {DEPTH}",
+            keys.len()
+        )));
+    }
     let last = keys.pop().unwrap_or_default();
     let mut place = table;
     for part in keys {
@@ -192,6 +221,11 @@ mod tests {
         assert!(text(&["bus.loss=many"]).contains("bus.loss"));
         assert!(text(&["rps"]).contains("KEY=VALUE"));
         assert!(text(&["rps.x.y=1", "rps=2"]).contains("rps"));
+        let long = vec!["a"; 10_000].join(".");
+        assert!(text(&[&format!("{long}=1")]).contains("10000 parts: must be at most 16"));
+        let deep = format!("[bus]\nloss = 1\n[{long}]\nloss = 2\n");
+        let error = parse::<Outer>(&deep, "file.toml", &[]).unwrap_err();
+        assert_eq!(error.to_string(), "file.toml: line 3: recursion limit");
         let error = parse::<Outer>("[bus]\nlos = 1\n", "file.toml", &[]).unwrap_err();
         assert!(error.to_string().contains("los") && error.to_string().contains("file.toml"));
         assert_eq!(error.exit_code(), 2);

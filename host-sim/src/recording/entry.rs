@@ -22,7 +22,7 @@ pub const ABOUT: &str = "cfmmr";
 /// Name of the metadata record that says how the run ended.
 pub const END: &str = "cfmmr.end";
 /// Version of what a log holds: changes with every change of its messages.
-pub const FORMAT: &str = "1";
+pub const FORMAT: &str = "2";
 
 /// A number of the boards; what is not finite stands as its bits, `"0x7fc00000"`.
 #[derive(Clone, Copy, Debug, Default)]
