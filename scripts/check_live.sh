@@ -25,8 +25,8 @@ cargo build --locked --release --package host-sim --bin cfmmr --features live \
   --config profile.release.package.host-sim.opt-level=0
 cp target/release/cfmmr target/live/cfmmr
 # The one that all other checks use.
-restore
 trap - EXIT
+restore
 if [ -z "${CFMMR_BUILT:-}" ]; then
   cargo build --locked --release --package host-sim --bin cfmmr
 fi

@@ -11,6 +11,8 @@ use toml::{Table, Value};
 
 /// Parts of a key on the command line, at most.
 const DEPTH: usize = 16;
+/// Text in which the line of what is nested too deeply is looked for, bytes.
+const LONGEST_SEARCHED: usize = 100_000;
 
 /// Reads `file` (nothing: all defaults), applies the `KEY=VALUE` changes in order, and builds `T`.
 pub fn load<T>(file: Option<&Path>, changes: &[String]) -> Result<T, Error>
@@ -66,17 +68,20 @@ pub fn refusal(name: &str, text: &str, error: &toml::de::Error) -> Error {
         return Error::input(format!("{name}: {error}"));
     }
     // Nesting beyond what the parser bears has no place in its error: the line is the first with
-    // which the text is refused so.
+    // which the text is refused so. Each is tried, so of a long text it is not told.
     let message = error.message();
     let refused = |end: usize| {
         toml::from_str::<Table>(&text[..end])
             .is_err_and(|part| part.span().is_none() && part.message() == message)
     };
-    let ends = text.match_indices('\n').map(|(end, _)| end);
-    let line = ends
-        .chain([text.len()])
-        .position(refused)
-        .map_or_else(String::new, |before| format!("line {}: ", before + 1));
+    let ends = text
+        .match_indices('\n')
+        .map(|(start, end)| start + end.len());
+    let line = match text.len() {
+        ..=LONGEST_SEARCHED => ends.chain([text.len()]).position(refused),
+        _ => None,
+    };
+    let line = line.map_or_else(String::new, |before| format!("line {}: ", before + 1));
     Error::input(format!("{name}: {line}{message}"))
 }
 
@@ -225,6 +230,8 @@ mod tests {
         assert!(text(&[&format!("{long}=1")]).contains("10000 parts: must be at most 16"));
         let deep = format!("[bus]\nloss = 1\n[{long}]\nloss = 2\n");
         let error = parse::<Outer>(&deep, "file.toml", &[]).unwrap_err();
+        assert_eq!(error.to_string(), "file.toml: line 3: recursion limit");
+        let error = parse::<Outer>(&deep.replace('\n', "\r\n"), "file.toml", &[]).unwrap_err();
         assert_eq!(error.to_string(), "file.toml: line 3: recursion limit");
         let error = parse::<Outer>("[bus]\nlos = 1\n", "file.toml", &[]).unwrap_err();
         assert!(error.to_string().contains("los") && error.to_string().contains("file.toml"));

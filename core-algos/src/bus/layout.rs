@@ -262,10 +262,6 @@ const BOARD_HEALTH: [Signal; 6] = [
     Signal::signed("temperature", 8, 1.0, "degC"),
 ];
 
-/// A reference is two frames, of which one is lost twice as often as a message of one: it may miss one
-/// epoch more. At 1 % of frames lost that is one stop in hundreds of hours instead of in ten.
-const REFERENCE_TIMEOUT_MS: u16 = 60;
-
 const fn layout(id: u16, name: &'static str, sender: Node, signals: &'static [Signal]) -> Layout {
     Layout {
         id,
@@ -334,29 +330,25 @@ pub const MESSAGES: [Layout; 24] = [
         "ReferencePostureFront",
         Node::Lead,
         &POSTURE,
-    )
-    .every(10, REFERENCE_TIMEOUT_MS),
+    ),
     layout(
         id::REFERENCE_POSTURE + 1,
         "ReferencePostureRear",
         Node::Lead,
         &POSTURE,
-    )
-    .every(10, REFERENCE_TIMEOUT_MS),
+    ),
     layout(
         id::REFERENCE_MOTION,
         "ReferenceMotionFront",
         Node::Lead,
         &REFERENCE_MOTION,
-    )
-    .every(10, REFERENCE_TIMEOUT_MS),
+    ),
     layout(
         id::REFERENCE_MOTION + 1,
         "ReferenceMotionRear",
         Node::Lead,
         &REFERENCE_MOTION,
-    )
-    .every(10, REFERENCE_TIMEOUT_MS),
+    ),
     layout(
         id::AXLE_POSTURE,
         "AxlePostureFront",

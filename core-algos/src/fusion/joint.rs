@@ -13,13 +13,9 @@
 //! | 3–5 | front axle's posture in the rear axle's frame (m, m, rad) |
 //! | 6–18 | the constants, in their order |
 //!
-//! Two more errors turn the robot as a whole and nothing on board tells them from errors of the gyros.
-//! Tyres under load slip sideways steadily, which looks like a common bias. A beam that reads a bend of a
-//! radian as 1.002 says that the axles turn against each other by as much more than their gyros do,
-//! which looks like a common scale error. They are considered (Schmidt 1966): not estimated, but their
-//! share is in every covariance that is given out ([`Config::steady_slip_sigma_rad_per_m`],
-//! [`Config::beam_gain_sigma`]). With a state for the beam's gain the filter would have to find the
-//! scale from the axles' sideways motion, where a part in 10⁵ that is not modelled weighs more.
+//! Tyres under load slip sideways steadily, and this turns the robot as a whole: nothing on board tells
+//! that from a common bias of the gyros. It is a consider parameter (Schmidt 1966): not estimated, but
+//! its share is in every covariance that is given out ([`Config::steady_slip_sigma_rad_per_m`]).
 //!
 //! The two offsets are correlated: a gauge that reads too much both turns and moves the estimated
 //! end. A standard deviation of 0 removes a state. The update takes all three components of r with their
@@ -29,19 +25,15 @@
 //!
 //! ```
 //! use core_algos::fusion::Estimate;
-//! use core_algos::fusion::joint::{Config, Moved};
+//! use core_algos::fusion::joint::Config;
 //! use core_algos::math::Posture;
 //!
 //! let filter = Config::default().build(0.01)?;
 //! let robot = Estimate::with_sigmas(Posture::ORIGIN, [1e-3, 1e-3, 2e-3]);
 //! let frame = Estimate::with_sigmas(Posture::new(0.37, 0.0, 0.0), [1e-3, 1e-3, 4e-3]);
 //! let mut state = filter.start(&robot, &frame);
-//! let step = Moved {
-//!     estimate: Estimate::with_sigmas(Posture::new(2e-3, 0.0, 0.0), [5e-5, 2e-5, 1e-4]),
-//!     twist: None,
-//!     gyro_share: 0.0,
-//! };
-//! filter.predict(&mut state, &step, &step, 1.0);
+//! let step = Estimate::with_sigmas(Posture::new(2e-3, 0.0, 0.0), [5e-5, 2e-5, 1e-4]);
+//! filter.predict(&mut state, &step, &step, [0.0; 2], 1.0);
 //! // The beam sees the front axle turned to the left; the estimate follows as far as it must.
 //! let seen = Estimate::with_sigmas(Posture::new(0.37, 0.001, 0.006), [1e-4, 1e-4, 5e-4]);
 //! let update = filter.update(&mut state, &seen, |nis| nis < 40.0);
@@ -57,9 +49,9 @@ use super::covariance::Covariance;
 use super::ekf::Verdict;
 use super::{Estimate, compound};
 use crate::config::{ConfigError, in_range, non_negative, positive};
+use crate::math::Posture;
 use crate::math::matrix::{self, Mat, Mat3};
 use crate::math::trig::{sin_cos, sqrt, wrap_angle};
-use crate::math::{Posture, Twist};
 
 /// Number of states.
 pub const N: usize = FIRST + constants::COUNT;
@@ -108,9 +100,6 @@ pub struct Config {
     /// slip sideways steadily; it cannot be told from a common bias of the gyros, so it is not learnt,
     /// only taken into account.
     pub steady_slip_sigma_rad_per_m: f32,
-    /// Standard deviation of the gain with which the beam measures a bend: share by which the angles
-    /// that both axles turn are learnt wrong; not learnt, only taken into account.
-    pub beam_gain_sigma: f32,
 }
 
 impl Default for Config {
@@ -135,8 +124,6 @@ impl Default for Config {
             gyro_scale_sigma: 5e-3,
             // Some 10 µm/s between axles 0.37 m apart at 0.12 m/s.
             steady_slip_sigma_rad_per_m: 3e-4,
-            // Gains known to 0.3 % each, places to 0.3 mm, five gauges.
-            beam_gain_sigma: 1.5e-3,
         }
     }
 }
@@ -199,10 +186,7 @@ impl Config {
                 gyro_scale,
             ],
             walk,
-            considered: [
-                variance!(steady_slip_sigma_rad_per_m),
-                variance!(beam_gain_sigma),
-            ],
+            steady_slip: variance!(steady_slip_sigma_rad_per_m),
         })
     }
 }
@@ -219,8 +203,8 @@ pub struct Joint {
     offset_walk_covariance: f32,
     /// Variance added to the constants each tick.
     walk: [f32; constants::COUNT],
-    /// Variances of the heading that a metre adds, (rad/m)², and that a radian turned adds.
-    considered: [f32; 2],
+    /// Variance of the heading that a metre adds, (rad/m)².
+    steady_slip: f32,
 }
 
 /// All that changes in the joint filter.
@@ -230,11 +214,10 @@ pub struct State {
     relative: Posture,
     constants: [f32; constants::COUNT],
     covariance: Covariance<N>,
-    /// Derivatives of the rear axle's posture, in its own frame, by the heading that a metre adds
-    /// (m², m², m) and by that which a radian turned adds (m, m, rad).
-    by_considered: [[f32; 3]; 2],
-    /// Variances of these.
-    considered: [f32; 2],
+    /// Derivative of the rear axle's posture, in its own frame, by the heading that a metre adds
+    /// (m², m², m), and the variance of that.
+    by_slip: [f32; 3],
+    steady_slip: f32,
 }
 
 impl State {
@@ -289,7 +272,7 @@ impl State {
         let by_rear = [[1.0, 0.0, -q.y], [0.0, 1.0, q.x], [0.0, 0.0, 1.0]];
         let by_rear = matrix::multiply(&into_world, &by_rear);
         let by_relative = matrix::multiply(&into_world, jacobian);
-        let by_considered = self.by_considered.map(|by| matrix::apply(&by_rear, &by));
+        let by_slip = matrix::apply(&by_rear, &self.by_slip);
         let mut j = [[0.0; 6]; 3];
         let mut p = [[0.0; 6]; 6];
         for i in 0..3 {
@@ -305,11 +288,9 @@ impl State {
             }
         }
         let mut covariance = matrix::propagate(&j, &p);
-        for (by, variance) in by_considered.iter().zip(self.considered) {
-            for i in 0..3 {
-                for k in 0..3 {
-                    covariance[i][k] += variance * (by[i] * by[k]);
-                }
+        for i in 0..3 {
+            for k in 0..3 {
+                covariance[i][k] += self.steady_slip * (by_slip[i] * by_slip[k]);
             }
         }
         Estimate::new(self.rear.compose(q), covariance)
@@ -330,17 +311,6 @@ impl State {
         let (q, jacobian) = compound::midpoint_seen_from_rear(self.relative);
         self.seen_from_rear(q, &jacobian)
     }
-}
-
-/// Odometry of one axle.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Moved {
-    /// Increment in the axle's own frame, with the covariance of its error in the frame it ends in.
-    pub estimate: Estimate,
-    /// Speed and yaw rate (m/s, rad/s); of no use, and left out, where the increment is not rounded.
-    pub twist: Option<Twist>,
-    /// Share of the time in which a gyro took part.
-    pub gyro_share: f32,
 }
 
 /// Result of the beam's update.
@@ -394,8 +364,8 @@ impl Joint {
             relative: relative.posture,
             constants: [0.0; constants::COUNT],
             covariance: Covariance::from_matrix(&p),
-            by_considered: [[0.0; 3]; 2],
-            considered: self.considered,
+            by_slip: [0.0; 3],
+            steady_slip: self.steady_slip,
         }
     }
 
@@ -410,34 +380,32 @@ impl Joint {
         state.constants[k] = 0.0;
     }
 
-    /// Odometry of front and rear; `ticks` is the time it spans.
-    pub fn predict(&self, state: &mut State, front: &Moved, rear: &Moved, ticks: f32) {
+    /// Odometry: increments of front and rear in the axles' own frames, each with the covariance of
+    /// its error in the frame it ends in and the share of the time in which a gyro took part.
+    /// `ticks` is the time they span.
+    pub fn predict(
+        &self,
+        state: &mut State,
+        front: &Estimate,
+        rear: &Estimate,
+        gyro_shares: [f32; 2],
+        ticks: f32,
+    ) {
         let dt = ticks * self.t;
-        // Constants are told by what they do to a motion. Taken from the increment, whose rounding is in
-        // the innovation too, that motion would be correlated with it, and errors of a few thousandths
-        // would be learnt from nothing.
-        let step = |axle: usize, of: &Moved| {
-            let moved = match of.twist {
-                Some(twist) => {
-                    let (way, turn) = (twist.v * dt, twist.omega * dt);
-                    Posture::new(way, 0.5 * way * turn, turn)
-                }
-                None => of.estimate.posture,
-            };
-            Step {
-                axle,
-                moved,
-                bend: state.relative.phi,
-                dt,
-                gyro_share: of.gyro_share,
-            }
+        let [front_share, rear_share] = gyro_shares;
+        let step = |axle: usize, moved: Posture, gyro_share: f32| Step {
+            axle,
+            moved,
+            bend: state.relative.phi,
+            dt,
+            gyro_share,
         };
         // Corrected increment, and its derivative by all states.
         let constants = state.constants;
-        let correct = |of: &Moved, step: Step| {
+        let correct = |step: Step| {
             let by_constants = step.by_constants();
             let [x, y, phi] = matrix::apply(&by_constants, &constants);
-            let p = of.estimate.posture;
+            let p = step.moved;
             let mut by: Mat<3, N> = [[0.0; N]; 3];
             for i in 0..3 {
                 for k in 0..constants::COUNT {
@@ -447,20 +415,16 @@ impl Joint {
             by[2][REL_PHI] = constants[CREEP] * step.creep_time();
             (Posture::new(p.x + x, p.y + y, p.phi + phi), by)
         };
-        let (d1, g1) = correct(front, step(0, front));
-        let (d2, g2) = correct(rear, step(1, rear));
-        let (front, rear) = (&front.estimate, &rear.estimate);
+        let (d1, g1) = correct(step(0, front.posture, front_share));
+        let (d2, g2) = correct(step(1, rear.posture, rear_share));
 
         let (sin, cos) = sin_cos(d2.phi);
         let turn_back: Mat3 = [[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]];
         // Rear: ε' = turn_back (ε + ε_φ × d2) + turn_back e2.
         let carried = [[1.0, 0.0, -d2.y], [0.0, 1.0, d2.x], [0.0, 0.0, 1.0]];
         let by_rear = matrix::multiply(&turn_back, &carried);
-        for by in &mut state.by_considered {
-            *by = matrix::apply(&by_rear, by);
-        }
-        state.by_considered[0][2] += sqrt(d2.x * d2.x + d2.y * d2.y);
-        state.by_considered[1][2] += d2.phi;
+        state.by_slip = matrix::apply(&by_rear, &state.by_slip);
+        state.by_slip[2] += sqrt(d2.x * d2.x + d2.y * d2.y);
         // Relative: ⊖ d2 ⊕ (r ⊕ d1).
         let tip = state.relative.compose(d1);
         let (tip_by_relative, tip_by_front) = state.relative.compose_jacobians(d1);
@@ -638,18 +602,7 @@ impl Joint {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fusion::constants::SCALE;
     use crate::fusion::testing::Random;
-
-    /// Odometry of a tick of 10 ms that says the same by its increment and by its twist.
-    fn moved_by(estimate: Estimate, gyro_share: f32, ticks: f32) -> Moved {
-        let d = estimate.posture;
-        Moved {
-            estimate,
-            twist: Some(Twist::new(d.x / (0.01 * ticks), d.phi / (0.01 * ticks))),
-            gyro_share,
-        }
-    }
 
     fn start() -> (Joint, State) {
         let joint = Config::default().build(0.01).unwrap();
@@ -730,23 +683,19 @@ mod tests {
         let noise1 = noise(&mut random, 1e-3);
         let noise2 = noise(&mut random, 1e-3);
         let (f1, f2) = (Estimate::new(front, noise1), Estimate::new(rear, noise2));
-        joint.predict(
-            &mut state,
-            &moved_by(f1, shares[0], 5.0),
-            &moved_by(f2, shares[1], 5.0),
-            5.0,
-        );
+        joint.predict(&mut state, &f1, &f2, shares, 5.0);
 
         // Derivatives by central differences of the mean alone.
         let go = |s: &State, d1: Posture, d2: Posture| {
             let mut s = *s;
             let zero = [[0.0; 3]; 3];
-            let step = |axle: usize, d: Posture, of: Posture| Moved {
-                estimate: Estimate::new(d, zero),
-                ..moved_by(Estimate::new(of, zero), shares[axle], 5.0)
-            };
-            let (d1, d2) = (step(0, d1, front), step(1, d2, rear));
-            joint.predict(&mut s, &d1, &d2, 5.0);
+            joint.predict(
+                &mut s,
+                &Estimate::new(d1, zero),
+                &Estimate::new(d2, zero),
+                shares,
+                5.0,
+            );
             s
         };
         let centre = go(&state, front, rear);
@@ -787,12 +736,7 @@ mod tests {
         let (by_front, by_rear) = (by_noise(true), by_noise(false));
 
         let before = state.covariance.matrix();
-        joint.predict(
-            &mut state,
-            &moved_by(f1, shares[0], 5.0),
-            &moved_by(f2, shares[1], 5.0),
-            5.0,
-        );
+        joint.predict(&mut state, &f1, &f2, shares, 5.0);
         let after = state.covariance.matrix();
         for i in 0..N {
             for j in 0..N {
@@ -824,9 +768,8 @@ mod tests {
             let (joint, mut state) = start();
             let mut random = Random::new(seed);
             let step = Estimate::new(Posture::new(0.05, 0.0, 0.1), noise(&mut random, 1e-3));
-            let step = moved_by(step, 0.5, 1.0);
             for _ in 0..3 {
-                joint.predict(&mut state, &step, &step, 1.0);
+                joint.predict(&mut state, &step, &step, [0.5; 2], 1.0);
             }
             let prior = state;
             let r = noise(&mut random, 2e-4);
@@ -883,10 +826,9 @@ mod tests {
     fn positive_definite_over_a_hundred_thousand_ticks() {
         let (joint, mut state) = start();
         let step = Estimate::with_sigmas(Posture::new(0.0025, 0.0, 0.004), [5e-5, 2e-5, 2e-4]);
-        let step = moved_by(step, 0.5, 1.0);
         let beam = Estimate::with_sigmas(Posture::new(0.36, 0.02, 0.2), [5e-5, 5e-5, 2e-4]);
         for tick in 0..100_000 {
-            joint.predict(&mut state, &step, &step, 1.0);
+            joint.predict(&mut state, &step, &step, [0.5; 2], 1.0);
             joint.update(&mut state, &beam, |_| true);
             if tick % 64 == 0 {
                 joint.condition(&mut state);
@@ -938,9 +880,8 @@ mod tests {
     fn a_gyro_that_was_zeroed_is_unknown_again_and_nothing_else_is() {
         let (joint, mut state) = start();
         let moved = Estimate::with_sigmas(Posture::new(0.002, 0.0, 0.003), [1e-5; 3]);
-        let moved = moved_by(moved, 1.0, 1.0);
         for _ in 0..300 {
-            joint.predict(&mut state, &moved, &moved, 1.0);
+            joint.predict(&mut state, &moved, &moved, [1.0; 2], 1.0);
             let relative = state.relative();
             let beam = Estimate::with_sigmas(
                 Posture::new(relative.posture.x, 0.02, 0.2),
@@ -973,136 +914,59 @@ mod tests {
         );
     }
 
-    /// What steady slip and the beam's gain add to the covariance is that of the derivative of the path
-    /// by a turn of the robot as a whole, per metre and per radian, which is found by driving it twice.
+    /// The covariance that steady slip adds is that of the derivative of the path by a turn per metre
+    /// of the robot as a whole, which is found by driving it twice.
     #[test]
-    fn what_is_considered_adds_what_a_turn_per_metre_or_radian_does() {
-        let with = |steady_slip_sigma_rad_per_m, beam_gain_sigma| {
+    fn steady_slip_adds_what_a_turn_per_metre_does() {
+        let sigma = 3e-4;
+        let with = |steady_slip_sigma_rad_per_m| {
             let config = Config {
                 steady_slip_sigma_rad_per_m,
-                beam_gain_sigma,
                 ..Config::default()
             };
             config.build(0.01).unwrap()
         };
-        let drive = |joint: &Joint, per_metre: f32, per_radian: f32| {
+        let drive = |joint: &Joint, turn: f32| {
             let robot = Estimate::with_sigmas(Posture::new(1.0, -0.5, 2.0), [1e-4; 3]);
             let bend = Posture::new(0.36, 0.02, 0.2);
             let mut state = joint.start(&robot, &Estimate::with_sigmas(bend, [1e-4; 3]));
             for i in 0..600 {
                 let forward = if i < 450 { 2e-3 } else { -2e-3f32 };
-                let bent = if i < 400 { 2e-3 } else { -1e-3 };
-                let turned = bent * (1.0 + per_radian) + per_metre * forward.abs();
-                let rear = Posture::new(forward, 0.0, turned);
+                let bent = 1e-3 + turn * forward.abs();
+                let rear = Posture::new(forward, 0.0, bent);
                 // The frame keeps its bend.
                 let front = bend.inverse().compose(rear.compose(bend));
-                let [front, rear] =
-                    [front, rear].map(|d| moved_by(Estimate::with_sigmas(d, [1e-6; 3]), 1.0, 1.0));
-                joint.predict(&mut state, &front, &rear, 1.0);
+                let [front, rear] = [front, rear].map(|d| Estimate::with_sigmas(d, [1e-6; 3]));
+                joint.predict(&mut state, &front, &rear, [1.0; 2], 1.0);
             }
             state
         };
-        let none = with(0.0, 0.0);
-        let plain = drive(&none, 0.0, 0.0);
-        // 1.2 m driven, 0.6 rad turned.
-        for (slip, gain, turned) in [(3e-4, 0.0, 1.2), (0.0, 2e-3, 0.6)] {
-            let wider = drive(&with(slip, gain), 0.0, 0.0);
-            assert_eq!(plain.rear(), wider.rear());
-            assert_eq!(plain.relative().covariance, wider.relative().covariance);
-            let by = if slip > 0.0 { [5e-3, 0.0] } else { [0.0, 5e-3] };
-            let [left, right] = [-1.0, 1.0].map(|k| drive(&none, k * by[0], k * by[1]));
-            let sigma: f32 = slip + gain;
-            for of in [
-                State::rear_estimate,
-                State::front_estimate,
-                State::robot_estimate,
-            ] {
-                let d = of(&right).posture.minus(of(&left).posture);
-                let d = d.map(|d| d / 1e-2);
-                assert!((d[2] - turned).abs() < 0.01, "{d:?}");
-                let (before, after) = (of(&plain).covariance, of(&wider).covariance);
-                for i in 0..3 {
-                    for k in 0..3 {
-                        let added = after[i][k] - before[i][k];
-                        let expected = sigma * sigma * d[i] * d[k];
-                        let scale = sigma * sigma * turned;
-                        assert!(
-                            (added - expected).abs() < 0.02 * scale,
-                            "{i}{k} {added:e} {expected:e}"
-                        );
-                    }
+        let (none, some) = (with(0.0), with(sigma));
+        let [plain, wider] = [drive(&none, 0.0), drive(&some, 0.0)];
+        assert_eq!(plain.rear(), wider.rear());
+        assert_eq!(plain.relative().covariance, wider.relative().covariance);
+        let by = 5e-3;
+        let [left, right] = [drive(&none, -by), drive(&none, by)];
+        for of in [
+            State::rear_estimate,
+            State::front_estimate,
+            State::robot_estimate,
+        ] {
+            let d = of(&right).posture.minus(of(&left).posture);
+            let d = d.map(|d| d / (2.0 * by));
+            assert!((d[2] - 1.2).abs() < 0.01, "{d:?}");
+            let (before, after) = (of(&plain).covariance, of(&wider).covariance);
+            for i in 0..3 {
+                for k in 0..3 {
+                    let added = after[i][k] - before[i][k];
+                    let expected = sigma * sigma * d[i] * d[k];
+                    let scale = sigma * sigma * 1.2;
+                    assert!(
+                        (added - expected).abs() < 0.02 * scale,
+                        "{i}{k} {added:e} {expected:e}"
+                    );
                 }
             }
         }
-    }
-
-    /// A robot whose axles do not slip and whose sensors have no error, driven in bends to and fro; its
-    /// odometric postures come rounded to 0.1 mm and 0.1 mrad, as over the bus. The largest error that
-    /// is learnt of a wheel's size.
-    fn scale_learnt_from_rounding(with_twist: bool) -> f32 {
-        let arc = |bend: f64| {
-            let half = 0.5 * bend;
-            let chord = 0.37 * if half == 0.0 { 1.0 } else { half.sin() / half };
-            [chord * half.cos(), chord * half.sin(), bend]
-        };
-        let bend_at = |t: f64| 0.55 * (0.3 * t).sin() + 0.35 * (0.71 * t).sin();
-        let joint = Config::default().build(0.01).unwrap();
-        let relative = Estimate::with_sigmas(Posture::new(0.37, 0.0, 0.0), [1e-3, 1e-3, 4e-3]);
-        let robot = Estimate::with_sigmas(Posture::ORIGIN, [1e-3, 1e-3, 2e-3]);
-        let mut state = joint.start(&robot, &relative);
-        let mut axles = [[0.0f64; 3]; 2];
-        let rounded =
-            |axle: [f64; 3]| Posture::from(axle.map(|value| ((value * 1e4).round() * 1e-4) as f32));
-        for tick in 0..30_000 {
-            let before = axles.map(rounded);
-            let mut twists = [[0.0; 2]; 2];
-            for part in 0..10 {
-                let t = 0.01 * (f64::from(tick) + (f64::from(part) + 0.5) / 10.0);
-                let v = if t % 12.0 < 6.0 { 0.17 } else { -0.17 };
-                let (low, high) = (arc(bend_at(t - 1e-4)), arc(bend_at(t + 1e-4)));
-                let [dx, dy, turning] = [0, 1, 2].map(|k| (high[k] - low[k]) / 2e-4);
-                let [x, y, bend] = arc(bend_at(t));
-                // No axle slips sideways: dx = v₁ cos − v₂ + ω₂ y, dy = v₁ sin − ω₂ x, and the mean of
-                // v₁ and v₂ is v.
-                let (sin, cos) = bend.sin_cos();
-                let (a, b) = (dx - v * (cos - 1.0), dy - v * sin);
-                let determinant = -(cos + 1.0) * x - sin * y;
-                let apart = (-a * x - b * y) / determinant;
-                let rear = ((cos + 1.0) * b - sin * a) / determinant;
-                twists = [[v + apart, rear + turning], [v - apart, rear]];
-                for (axle, [v, omega]) in axles.iter_mut().zip(twists) {
-                    let heading = axle[2] + 0.5e-3 * omega;
-                    axle[0] += 1e-3 * v * heading.cos();
-                    axle[1] += 1e-3 * v * heading.sin();
-                    axle[2] += 1e-3 * omega;
-                }
-            }
-            let moved = [0, 1].map(|axle| {
-                let step = rounded(axles[axle]).relative_to(before[axle]);
-                let [v, omega] = twists[axle].map(|value| value as f32);
-                Moved {
-                    estimate: Estimate::with_sigmas(step, [3e-5; 3]),
-                    twist: with_twist.then_some(Twist::new(v, omega)),
-                    gyro_share: 1.0,
-                }
-            });
-            joint.predict(&mut state, &moved[0], &moved[1], 1.0);
-            let end = arc(bend_at(0.01 * f64::from(tick + 1))).map(|value| value as f32);
-            let seen = Estimate::with_sigmas(Posture::from(end), [3e-5, 3e-5, 1e-4]);
-            joint.update(&mut state, &seen, |_| true);
-        }
-        let learnt = [SCALE, SCALE + 1].map(|k| state.constants()[k].abs());
-        learnt[0].max(learnt[1])
-    }
-
-    #[test]
-    fn rounding_of_postures_is_not_taken_for_a_wheel_of_another_size() {
-        let by_twist = scale_learnt_from_rounding(true);
-        assert!(by_twist < 2e-4, "{by_twist:e}");
-        let by_increment = scale_learnt_from_rounding(false);
-        assert!(
-            by_increment > 2e-3,
-            "{by_increment:e}: twists are not needed"
-        );
     }
 }

@@ -64,9 +64,9 @@ use super::track::{self, Sensitivity, Track};
 use super::{Estimate, constants, intersection, ipec, joint};
 use crate::bus::Axle;
 use crate::config::{ConfigError, in_range, non_negative, positive};
+use crate::math::Posture;
 use crate::math::matrix::{self, Mat3};
 use crate::math::trig::{sqrt, wrap_angle};
-use crate::math::{Posture, Twist};
 
 /// Constants of odometry as noise of the same size, for the weights of IPEC: over this way, m, and
 /// this time, s.
@@ -293,8 +293,6 @@ pub struct Increment {
     pub covariance: Mat3,
     /// Ticks it spans.
     pub ticks: u16,
-    /// Speed and yaw rate as the axle's filter has them (m/s, rad/s), where the posture comes rounded.
-    pub twist: Option<Twist>,
     /// Share of the time in which a gyro took part, 0 to 1: the heading is then the gyro's.
     pub gyro_share: f32,
     /// The gyro was zeroed at rest: what was learnt of its bias no longer holds.
@@ -308,7 +306,6 @@ impl Increment {
             posture,
             covariance,
             ticks: 1,
-            twist: None,
             gyro_share: 0.0,
             gyro_zeroed: false,
         }
@@ -318,7 +315,6 @@ impl Increment {
         self.posture.is_finite()
             && matrix::is_finite(&self.covariance)
             && self.gyro_share.is_finite()
-            && self.twist.is_none_or(|twist| twist.is_finite())
     }
 }
 
@@ -349,7 +345,6 @@ impl Receiver {
             posture: keyframe.posture.relative_to(posture),
             covariance: matrix::scale(&keyframe.covariance, f32::from(ticks)),
             ticks,
-            twist: None,
             gyro_share: 0.0,
             gyro_zeroed: false,
         })
@@ -509,17 +504,14 @@ impl Tandem {
             }
             Tracks::Joint(joint) => {
                 let ticks = front.ticks.max(rear.ticks);
-                let moved = [&front, &rear].map(|of| joint::Moved {
-                    estimate: of.estimate,
-                    twist: of.twist,
-                    gyro_share: of.gyro_share,
-                });
+                let shares = [front.gyro_share, rear.gyro_share];
                 for (axle, increment) in [inputs.front, inputs.rear].iter().enumerate() {
                     if increment.is_some_and(|increment| increment.gyro_zeroed) {
                         self.joint.forget_gyro_bias(joint, axle);
                     }
                 }
-                self.joint.predict(joint, &moved[0], &moved[1], ticks);
+                self.joint
+                    .predict(joint, &front.estimate, &rear.estimate, shares, ticks);
                 if let Some(beam) = beam {
                     output.beam = self
                         .joint
@@ -597,7 +589,6 @@ impl Tandem {
                 + (creep * creep + bias * bias) * ticks * self.period * REFERENCE_TIME_S,
             advance,
             ticks,
-            twist: increment.twist,
             gyro_share,
         }
     }
@@ -781,7 +772,6 @@ struct Slipping {
     heading_variance: f32,
     advance: f32,
     ticks: f32,
-    twist: Option<Twist>,
     gyro_share: f32,
 }
 

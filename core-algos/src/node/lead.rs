@@ -258,10 +258,6 @@ impl Advance {
                 },
                 covariance: diagonal(RESTART_SIGMAS.map(|sigma| sigma * sigma)),
                 ticks: *ticks,
-                twist: match other {
-                    Self::Moved(increment) => increment.twist,
-                    _ => None,
-                },
                 gyro_share: 0.0,
                 gyro_zeroed: true,
             }),
@@ -315,7 +311,6 @@ impl AxleTrack {
             posture: moved.relative_to(Posture::new(0.0, 0.0, last.value.phi)),
             covariance: scale(&covariance, f32::from(ticks)),
             ticks,
-            twist: Some(self.report.twist),
             gyro_share: self.report.gyro_share,
             gyro_zeroed: self.report.gyro_zeroed,
         })

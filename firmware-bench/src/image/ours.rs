@@ -47,7 +47,6 @@ pub fn axle_filter() -> (ekf::AxleFilter, ekf::State) {
         left_sigma_m_s: trig::sqrt(R[0]),
         right_sigma_m_s: trig::sqrt(R[1]),
         gyro_sigma_rad_s: trig::sqrt(R[2]),
-        gyro_delay_s: 0.0,
         accelerometer_sigma_m_s2: trig::sqrt(R[3]),
         noise: ekf::Densities {
             along_m_per_sqrt_m: 0.0,

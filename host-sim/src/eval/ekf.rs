@@ -86,7 +86,6 @@ impl Run {
             left_sigma_m_s: sigmas[0],
             right_sigma_m_s: sigmas[1],
             gyro_sigma_rad_s: sigmas[2],
-            gyro_delay_s: 0.0,
             accelerometer_sigma_m_s2: sigmas[3],
             innovation_gate: None,
             fix_gate: None,

@@ -11,9 +11,7 @@ impl AxleFilter {
         if !rate.is_finite() {
             return (state.counters.gyro.refuse(), 0.0);
         }
-        // The rate is that of some time ago; what that does to the derivative is beneath the noise.
-        let then = state.motion[1] - self.gyro_delay * state.motion[3];
-        let innovation = rate - then;
+        let innovation = rate - state.motion[1];
         let (p, noise) = (&state.covariance, self.gyro_variance);
         let variance = || p.motion_variance(&[0.0, 1.0, 0.0, 0.0]);
         let refusals = &mut state.counters.gyro;

@@ -65,7 +65,7 @@ pub use fix::Fix;
 
 use self::factors::{ACCELERATION, M, Motion, SPEED, YAW_ACCELERATION, YAW_RATE};
 use super::Estimate;
-use crate::config::{Allowed, ConfigError, in_range, non_negative, positive, require};
+use crate::config::{Allowed, ConfigError, non_negative, positive, require};
 use crate::math::matrix::{self, Mat};
 use crate::math::trig::{sin_cos, wrap_angle};
 use crate::math::{Posture, Twist, TwoFloat};
@@ -149,9 +149,6 @@ pub struct Config {
     pub right_sigma_m_s: f32,
     /// Standard deviation of the gyro's rate, rad/s.
     pub gyro_sigma_rad_s: f32,
-    /// Age of the gyro's rate when it comes, s: its own low-pass filter and the way to the board. A
-    /// heading that lags behind the beam's looks like a gyro's scale error to who fuses the two.
-    pub gyro_delay_s: f32,
     /// Standard deviation of the longitudinal acceleration, m/s².
     pub accelerometer_sigma_m_s2: f32,
     /// Process noise.
@@ -172,7 +169,6 @@ impl Default for Config {
             left_sigma_m_s: 0.02,
             right_sigma_m_s: 0.02,
             gyro_sigma_rad_s: 0.005,
-            gyro_delay_s: 1e-3,
             accelerometer_sigma_m_s2: 0.1,
             noise: Densities::default(),
             innovation_gate: Some(36.0),
@@ -257,7 +253,6 @@ impl Config {
             left_variance,
             right_variance,
             gyro_variance,
-            gyro_delay: in_range("gyro_delay_s", self.gyro_delay_s, 0.0, 0.02)?,
             reductions: AxleFilter::reductions(
                 half_track,
                 [left_variance, right_variance, gyro_variance],
@@ -305,7 +300,6 @@ pub struct AxleFilter {
     left_variance: f32,
     right_variance: f32,
     gyro_variance: f32,
-    gyro_delay: f32,
     reductions: [rates::Reduction; 4],
     accelerometer_variance: f32,
     /// Inverse variances of left, right, gyro, accelerometer.

@@ -194,7 +194,6 @@ fn pair(
         left_sigma_m_s: sigmas[0],
         right_sigma_m_s: sigmas[1],
         gyro_sigma_rad_s: sigmas[2],
-        gyro_delay_s: 0.0,
         accelerometer_sigma_m_s2: sigmas[3],
         innovation_gate: None,
         fix_gate: None,
@@ -409,7 +408,6 @@ fn equals_the_textbook_filter_with_speed_and_turning_apart() {
     for (period, loss) in [(1e-3f32, 0.0), (1e-3, 0.01), (5e-3, 0.3), (2e-2, 0.0)] {
         let config = Config {
             period_s: period,
-            gyro_delay_s: 0.0,
             noise,
             ..Config::default()
         };
@@ -728,13 +726,6 @@ fn configuration_is_checked() {
         ),
         (
             Config {
-                gyro_delay_s: 0.5,
-                ..default
-            },
-            "gyro_delay_s",
-        ),
-        (
-            Config {
                 innovation_gate: Some(f32::NAN),
                 ..default
             },
@@ -746,44 +737,4 @@ fn configuration_is_checked() {
     let mut q = [[0.0; 7]; 7];
     q[0][1] = 1.0;
     assert!(default.build_with(ProcessNoise::Fixed(q)).is_err());
-}
-
-/// An axle that swings to and fro, whose gyro tells the rate of a while ago: the heading lags behind by
-/// what it turns in that time, unless the filter knows.
-#[test]
-fn heading_does_not_lag_behind_a_gyro_that_does() {
-    let delay = 4;
-    let lag = |gyro_delay_s: f32| {
-        let config = Config {
-            gyro_delay_s,
-            ..Config::default()
-        };
-        let filter = config.build().unwrap();
-        let start = Estimate::with_sigmas(Posture::ORIGIN, [1e-6; 3]);
-        let mut state = State::at_rest(&start, [1e-3; 4]);
-        let heading = |tick: i32| 0.3 * (1.0 - (0.004 * f64::from(tick.max(0))).cos());
-        let rate = |tick: i32| match tick {
-            ..=0 => 0.0,
-            _ => 0.3 * 4.0 * (0.004 * f64::from(tick)).sin(),
-        };
-        // Least squares of the error over the rate: the lag.
-        let (mut products, mut squares) = (0.0, 0.0);
-        for tick in 1..=6000 {
-            let wheel = |side: f64| Some((side * 0.162 * rate(tick)) as f32);
-            filter.step(
-                &mut state,
-                &Measurements {
-                    left_m_s: wheel(-1.0),
-                    right_m_s: wheel(1.0),
-                    gyro_rad_s: Some(rate(tick - delay) as f32),
-                    acceleration_m_s2: None,
-                },
-            );
-            products += (heading(tick) - f64::from(state.posture().phi)) * rate(tick);
-            squares += rate(tick) * rate(tick);
-        }
-        products / squares
-    };
-    assert!((lag(0.0) - 4e-3).abs() < 3e-4, "{}", lag(0.0));
-    assert!(lag(4e-3).abs() < 3e-4, "{}", lag(4e-3));
 }
