@@ -1,7 +1,7 @@
 //! Logs: a file of any content, or a good log with changed messages, is read or refused as bad input.
 #![no_main]
 
-use cfmmr_fuzz::recording::read;
+use cfmmr_fuzz::recording::{entry, read};
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|data: &[u8]| {
@@ -33,9 +33,9 @@ fn in_a_file(lines: &[u8]) -> Vec<u8> {
     let room = std::io::Cursor::new(Vec::new());
     let options = mcap::WriteOptions::new().compression(None);
     let mut writer = options.create(room).expect("memory can be written to");
-    let about = [("format".to_owned(), "2".to_owned())];
+    let about = [("format".to_owned(), entry::FORMAT.to_owned())];
     let metadata = mcap::records::Metadata {
-        name: "cfmmr".to_owned(),
+        name: entry::ABOUT.to_owned(),
         metadata: about.into_iter().collect(),
     };
     writer.write_metadata(&metadata).expect("memory");
