@@ -107,6 +107,7 @@ impl Setting {
                 gyro_bias_walk_rad_s_per_sqrt_s: 0.0,
                 gyro_scale_sigma: 0.0,
                 steady_slip_sigma_rad_per_m: 0.0,
+                beam_gain_sigma: 0.0,
             };
             config.ipec = ipec::Config {
                 drift_rad_per_sqrt_m: 0.0,

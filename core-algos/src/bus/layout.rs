@@ -262,6 +262,10 @@ const BOARD_HEALTH: [Signal; 6] = [
     Signal::signed("temperature", 8, 1.0, "degC"),
 ];
 
+/// What the lead node asks of an axle is three frames, of which one is lost three times as often as a
+/// message of one: it may miss one epoch more than other messages.
+const COMMAND_TIMEOUT_MS: u16 = 60;
+
 const fn layout(id: u16, name: &'static str, sender: Node, signals: &'static [Signal]) -> Layout {
     Layout {
         id,
@@ -324,31 +328,36 @@ pub const MESSAGES: [Layout; 24] = [
             Signal::signed("steering", 16, 1e-4, "rad"),
             Signal::signed("velocity", 16, 1e-4, "m/s"),
         ],
-    ),
+    )
+    .every(10, COMMAND_TIMEOUT_MS),
     layout(
         id::REFERENCE_POSTURE,
         "ReferencePostureFront",
         Node::Lead,
         &POSTURE,
-    ),
+    )
+    .every(10, COMMAND_TIMEOUT_MS),
     layout(
         id::REFERENCE_POSTURE + 1,
         "ReferencePostureRear",
         Node::Lead,
         &POSTURE,
-    ),
+    )
+    .every(10, COMMAND_TIMEOUT_MS),
     layout(
         id::REFERENCE_MOTION,
         "ReferenceMotionFront",
         Node::Lead,
         &REFERENCE_MOTION,
-    ),
+    )
+    .every(10, COMMAND_TIMEOUT_MS),
     layout(
         id::REFERENCE_MOTION + 1,
         "ReferenceMotionRear",
         Node::Lead,
         &REFERENCE_MOTION,
-    ),
+    )
+    .every(10, COMMAND_TIMEOUT_MS),
     layout(
         id::AXLE_POSTURE,
         "AxlePostureFront",
@@ -528,7 +537,15 @@ mod tests {
             assert!(periodic.is_multiple_of(EPOCH), "{}", layout.name);
             assert!(layout.timeout_ms >= 5 * layout.period_ms, "{}", layout.name);
         }
-        assert_eq!(timeout_s(id::LEAD_STATUS), 0.05);
+        assert_eq!(timeout_s(id::AXLE_POSTURE), 0.05);
+        // One limit stands for mode and reference in the axle node.
+        for id in [
+            id::LEAD_STATUS,
+            id::REFERENCE_MOTION,
+            id::REFERENCE_MOTION + 1,
+        ] {
+            assert_eq!(timeout_s(id), timeout_s(id::REFERENCE_POSTURE));
+        }
         assert_eq!((period_ms(id::BOARD_HEALTH), period_ms(0x7ff)), (100, 0));
     }
 

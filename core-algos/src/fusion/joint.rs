@@ -13,9 +13,13 @@
 //! | 3–5 | front axle's posture in the rear axle's frame (m, m, rad) |
 //! | 6–18 | the constants, in their order |
 //!
-//! Tyres under load slip sideways steadily, and this turns the robot as a whole: nothing on board tells
-//! that from a common bias of the gyros. It is a consider parameter (Schmidt 1966): not estimated, but
-//! its share is in every covariance that is given out ([`Config::steady_slip_sigma_rad_per_m`]).
+//! Two more errors turn the robot as a whole, and nothing on board tells them from errors of the gyros.
+//! Tyres under load slip sideways steadily, which looks like a common bias. A beam that reads a bend of a
+//! radian as 1.002 says that the axles turn against each other by as much more than their gyros do,
+//! which looks like a common scale error. They are considered (Schmidt 1966): not estimated, but their
+//! share is in every covariance that is given out ([`Config::steady_slip_sigma_rad_per_m`],
+//! [`Config::beam_gain_sigma`]). With a state for the beam's gain the filter would have to find the
+//! scale from the axles' sideways motion, where a part in 10⁵ that is not modelled weighs more.
 //!
 //! The two offsets are correlated: a gauge that reads too much both turns and moves the estimated
 //! end. A standard deviation of 0 removes a state. The update takes all three components of r with their
@@ -44,7 +48,7 @@
 //! # Ok::<(), core_algos::config::ConfigError>(())
 //! ```
 
-use super::constants::{self, CREEP, GYRO_BIAS, OFFSET, Step};
+use super::constants::{self, CREEP, GYRO_BIAS, GYRO_SCALE, OFFSET, Step, TURN};
 use super::covariance::Covariance;
 use super::ekf::Verdict;
 use super::{Estimate, compound};
@@ -100,6 +104,10 @@ pub struct Config {
     /// slip sideways steadily; it cannot be told from a common bias of the gyros, so it is not learnt,
     /// only taken into account.
     pub steady_slip_sigma_rad_per_m: f32,
+    /// Standard deviation of the gain with which the beam measures a bend: share by which the angles
+    /// that both axles turn are learnt wrong; not learnt, only taken into account, as far as the scale
+    /// of these angles was learnt.
+    pub beam_gain_sigma: f32,
 }
 
 impl Default for Config {
@@ -124,6 +132,8 @@ impl Default for Config {
             gyro_scale_sigma: 5e-3,
             // Some 10 µm/s between axles 0.37 m apart at 0.12 m/s.
             steady_slip_sigma_rad_per_m: 3e-4,
+            // Five gauges, whose gains are known to 0.3 % each; not all of it gets into the scale.
+            beam_gain_sigma: 1e-3,
         }
     }
 }
@@ -186,7 +196,10 @@ impl Config {
                 gyro_scale,
             ],
             walk,
-            steady_slip: variance!(steady_slip_sigma_rad_per_m),
+            considered: [
+                variance!(steady_slip_sigma_rad_per_m),
+                variance!(beam_gain_sigma),
+            ],
         })
     }
 }
@@ -203,8 +216,8 @@ pub struct Joint {
     offset_walk_covariance: f32,
     /// Variance added to the constants each tick.
     walk: [f32; constants::COUNT],
-    /// Variance of the heading that a metre adds, (rad/m)².
-    steady_slip: f32,
+    /// Variances of the heading that a metre adds, (rad/m)², and that a radian turned adds.
+    considered: [f32; 2],
 }
 
 /// All that changes in the joint filter.
@@ -214,10 +227,11 @@ pub struct State {
     relative: Posture,
     constants: [f32; constants::COUNT],
     covariance: Covariance<N>,
-    /// Derivative of the rear axle's posture, in its own frame, by the heading that a metre adds
-    /// (m², m², m), and the variance of that.
-    by_slip: [f32; 3],
-    steady_slip: f32,
+    /// Derivatives of the rear axle's posture, in its own frame, by the heading that a metre adds
+    /// (m², m², m) and by that which a radian turned adds (m, m, rad).
+    by_considered: [[f32; 3]; 2],
+    /// Variances of these.
+    considered: [f32; 2],
 }
 
 impl State {
@@ -272,7 +286,7 @@ impl State {
         let by_rear = [[1.0, 0.0, -q.y], [0.0, 1.0, q.x], [0.0, 0.0, 1.0]];
         let by_rear = matrix::multiply(&into_world, &by_rear);
         let by_relative = matrix::multiply(&into_world, jacobian);
-        let by_slip = matrix::apply(&by_rear, &self.by_slip);
+        let by_considered = self.by_considered.map(|by| matrix::apply(&by_rear, &by));
         let mut j = [[0.0; 6]; 3];
         let mut p = [[0.0; 6]; 6];
         for i in 0..3 {
@@ -288,9 +302,11 @@ impl State {
             }
         }
         let mut covariance = matrix::propagate(&j, &p);
-        for i in 0..3 {
-            for k in 0..3 {
-                covariance[i][k] += self.steady_slip * (by_slip[i] * by_slip[k]);
+        for (by, variance) in by_considered.iter().zip(self.considered) {
+            for i in 0..3 {
+                for k in 0..3 {
+                    covariance[i][k] += variance * (by[i] * by[k]);
+                }
             }
         }
         Estimate::new(self.rear.compose(q), covariance)
@@ -364,8 +380,8 @@ impl Joint {
             relative: relative.posture,
             constants: [0.0; constants::COUNT],
             covariance: Covariance::from_matrix(&p),
-            by_slip: [0.0; 3],
-            steady_slip: self.steady_slip,
+            by_considered: [[0.0; 3]; 2],
+            considered: self.considered,
         }
     }
 
@@ -423,8 +439,11 @@ impl Joint {
         // Rear: ε' = turn_back (ε + ε_φ × d2) + turn_back e2.
         let carried = [[1.0, 0.0, -d2.y], [0.0, 1.0, d2.x], [0.0, 0.0, 1.0]];
         let by_rear = matrix::multiply(&turn_back, &carried);
-        state.by_slip = matrix::apply(&by_rear, &state.by_slip);
-        state.by_slip[2] += sqrt(d2.x * d2.x + d2.y * d2.y);
+        for by in &mut state.by_considered {
+            *by = matrix::apply(&by_rear, by);
+        }
+        state.by_considered[0][2] += sqrt(d2.x * d2.x + d2.y * d2.y);
+        state.by_considered[1][2] += self.learnt_from_beam(state, gyro_shares[1]) * d2.phi;
         // Relative: ⊖ d2 ⊕ (r ⊕ d1).
         let tip = state.relative.compose(d1);
         let (tip_by_relative, tip_by_front) = state.relative.compose_jacobians(d1);
@@ -491,6 +510,20 @@ impl Joint {
 
         state.rear = state.rear.compose(d2);
         state.relative = tip.relative_to(d2);
+    }
+
+    /// Share of the scale of the rear axle's heading that was learnt, 0 to 1: what was not learnt from the
+    /// beam does not have the error of its gain. In P = (1 − K) P₀ that share is K.
+    fn learnt_from_beam(&self, state: &State, gyro_share: f32) -> f32 {
+        let learnt = |k: usize| {
+            let (prior, now) = (self.prior[k], state.covariance.upper[FIRST + k][FIRST + k]);
+            match prior > 0.0 {
+                true => (1.0 - now / prior).clamp(0.0, 1.0),
+                false => 0.0,
+            }
+        };
+        let by_wheels = learnt(TURN + 1);
+        by_wheels + gyro_share * (learnt(GYRO_SCALE + 1) - by_wheels)
     }
 
     /// The beam: `measured` is the front axle's posture in the rear axle's frame with the covariance
@@ -914,26 +947,30 @@ mod tests {
         );
     }
 
-    /// The covariance that steady slip adds is that of the derivative of the path by a turn per metre
-    /// of the robot as a whole, which is found by driving it twice.
+    /// What steady slip and the beam's gain add to the covariance is that of the derivative of the path
+    /// by a turn of the robot as a whole, per metre and per radian, which is found by driving it twice.
     #[test]
-    fn steady_slip_adds_what_a_turn_per_metre_does() {
-        let sigma = 3e-4;
-        let with = |steady_slip_sigma_rad_per_m| {
+    fn what_is_considered_adds_what_a_turn_per_metre_or_radian_does() {
+        let with = |steady_slip_sigma_rad_per_m, beam_gain_sigma| {
             let config = Config {
                 steady_slip_sigma_rad_per_m,
+                beam_gain_sigma,
                 ..Config::default()
             };
             config.build(0.01).unwrap()
         };
-        let drive = |joint: &Joint, turn: f32| {
+        // `unknown`: share of the variance of the scale that is not learnt yet.
+        let drive = |joint: &Joint, unknown: f32, per_metre: f32, per_radian: f32| {
             let robot = Estimate::with_sigmas(Posture::new(1.0, -0.5, 2.0), [1e-4; 3]);
             let bend = Posture::new(0.36, 0.02, 0.2);
             let mut state = joint.start(&robot, &Estimate::with_sigmas(bend, [1e-4; 3]));
+            let scale = FIRST + GYRO_SCALE + 1;
+            state.covariance.upper[scale][scale] *= unknown;
             for i in 0..600 {
                 let forward = if i < 450 { 2e-3 } else { -2e-3f32 };
-                let bent = 1e-3 + turn * forward.abs();
-                let rear = Posture::new(forward, 0.0, bent);
+                let bent = if i < 400 { 2e-3 } else { -1e-3 };
+                let turned = bent * (1.0 + per_radian) + per_metre * forward.abs();
+                let rear = Posture::new(forward, 0.0, turned);
                 // The frame keeps its bend.
                 let front = bend.inverse().compose(rear.compose(bend));
                 let [front, rear] = [front, rear].map(|d| Estimate::with_sigmas(d, [1e-6; 3]));
@@ -941,30 +978,40 @@ mod tests {
             }
             state
         };
-        let (none, some) = (with(0.0), with(sigma));
-        let [plain, wider] = [drive(&none, 0.0), drive(&some, 0.0)];
-        assert_eq!(plain.rear(), wider.rear());
-        assert_eq!(plain.relative().covariance, wider.relative().covariance);
-        let by = 5e-3;
-        let [left, right] = [drive(&none, -by), drive(&none, by)];
-        for of in [
-            State::rear_estimate,
-            State::front_estimate,
-            State::robot_estimate,
+        let none = with(0.0, 0.0);
+        // 1.2 m driven, 0.6 rad turned; of the gain only what was learnt counts.
+        for (slip, gain, unknown, turned, share) in [
+            (3e-4, 0.0, 1.0, 1.2, 1.0),
+            (0.0, 2e-3, 0.0, 0.6, 1.0),
+            (0.0, 2e-3, 0.75, 0.6, 0.25),
+            (0.0, 2e-3, 1.0, 0.6, 0.0),
         ] {
-            let d = of(&right).posture.minus(of(&left).posture);
-            let d = d.map(|d| d / (2.0 * by));
-            assert!((d[2] - 1.2).abs() < 0.01, "{d:?}");
-            let (before, after) = (of(&plain).covariance, of(&wider).covariance);
-            for i in 0..3 {
-                for k in 0..3 {
-                    let added = after[i][k] - before[i][k];
-                    let expected = sigma * sigma * d[i] * d[k];
-                    let scale = sigma * sigma * 1.2;
-                    assert!(
-                        (added - expected).abs() < 0.02 * scale,
-                        "{i}{k} {added:e} {expected:e}"
-                    );
+            let plain = drive(&none, unknown, 0.0, 0.0);
+            let wider = drive(&with(slip, gain), unknown, 0.0, 0.0);
+            assert_eq!(plain.rear(), wider.rear());
+            assert_eq!(plain.relative().covariance, wider.relative().covariance);
+            let by = if slip > 0.0 { [5e-3, 0.0] } else { [0.0, 5e-3] };
+            let [left, right] = [-1.0, 1.0].map(|k| drive(&none, unknown, k * by[0], k * by[1]));
+            let sigma: f32 = share * (slip + gain);
+            for of in [
+                State::rear_estimate,
+                State::front_estimate,
+                State::robot_estimate,
+            ] {
+                let d = of(&right).posture.minus(of(&left).posture);
+                let d = d.map(|d| d / 1e-2);
+                assert!((d[2] - turned).abs() < 0.01, "{d:?}");
+                let (before, after) = (of(&plain).covariance, of(&wider).covariance);
+                for i in 0..3 {
+                    for k in 0..3 {
+                        let added = after[i][k] - before[i][k];
+                        let expected = sigma * sigma * d[i] * d[k];
+                        let scale = (slip + gain).powi(2) * turned;
+                        assert!(
+                            (added - expected).abs() < 0.02 * scale,
+                            "{i}{k} {added:e} {expected:e}"
+                        );
+                    }
                 }
             }
         }

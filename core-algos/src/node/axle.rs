@@ -47,7 +47,7 @@ const LATE: Micros = 3 * EPOCH;
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
 pub struct Config {
-    /// Age of a reference after which the motors are switched off, s.
+    /// Age of a mode or a reference after which the motors are switched off, s.
     pub reference_timeout_s: f32,
     /// Age of a wrench from the beam after which it is no longer used, s.
     pub wrench_timeout_s: f32,
@@ -932,19 +932,28 @@ mod tests {
         reference(&mut node, 20 * TICK, 0.1, Posture::ORIGIN);
         let output = node.step(21 * TICK, &samples, &mut outbox);
         assert!(output.active && output.torque_nm[0] > 0.0 && output.torque_nm[1] > 0.0);
-        // 50 ms after the epoch of the last reference it brakes by itself, and stays off.
-        assert!(node.step(20 * TICK + 50_000, &samples, &mut outbox).active);
+        // 60 ms after the epoch of the last reference it brakes by itself, and stays off. The other axle
+        // is well throughout.
+        let well = Message::NodeStatus {
+            node: Node::RearAxle,
+            sequence: sequence(50 * TICK),
+            state: OperatingState::Active,
+            reason: 0,
+            notices: 0,
+        };
+        node.receive(50 * TICK, &well);
+        assert!(node.step(20 * TICK + 60_000, &samples, &mut outbox).active);
         let state = |node: &AxleNode| node.supervision().operating();
         assert_eq!(state(&node), OperatingState::Active);
-        node.step(20 * TICK + 51_000, &samples, &mut outbox);
+        node.step(20 * TICK + 61_000, &samples, &mut outbox);
         assert_eq!(state(&node), OperatingState::SafeStop);
         assert_eq!(node.supervision().first(), Some(Condition::CommandTimeout));
-        for tick in 72..1100 {
+        for tick in 82..1110 {
             node.step(tick * TICK, &samples, &mut outbox);
         }
         assert_eq!(state(&node), OperatingState::Fault);
-        reference(&mut node, 1100 * TICK, 0.1, Posture::ORIGIN);
-        let off = node.step(1101 * TICK, &samples, &mut outbox);
+        reference(&mut node, 1110 * TICK, 0.1, Posture::ORIGIN);
+        let off = node.step(1111 * TICK, &samples, &mut outbox);
         assert_eq!(off, Output::default(), "latched");
     }
 

@@ -738,3 +738,51 @@ fn configuration_is_checked() {
     q[0][1] = 1.0;
     assert!(default.build_with(ProcessNoise::Fixed(q)).is_err());
 }
+
+/// Whoever steers a bent frame at the motors' limit turns an axle from rest at 36 rad/s². Neither wheels
+/// nor gyro are taken for broken then, and the heading does not lag behind.
+#[test]
+fn steering_as_hard_as_motors_can_is_believed() {
+    let run = |yaw_jerk_rad_s3_per_sqrt_hz: f32| {
+        let config = Config {
+            noise: Densities {
+                yaw_jerk_rad_s3_per_sqrt_hz,
+                ..Densities::default()
+            },
+            ..Config::default()
+        };
+        let filter = config.build().unwrap();
+        let start = Estimate::with_sigmas(Posture::ORIGIN, [1e-6; 3]);
+        let mut state = State::at_rest(&start, [1e-3; 4]);
+        // At rest, turning faster for 28 ms, at 1 rad/s, and back.
+        let rate = |t: f64| {
+            let (up, down) = ((t - 0.5) * 36.0, (1.0 - t) * 36.0);
+            up.min(down).clamp(0.0, 1.0)
+        };
+        let (mut heading, mut worst) = (0.0f64, 0.0f64);
+        for tick in 1..=1500 {
+            let t = 1e-3 * f64::from(tick);
+            heading += 1e-3 * rate(t - 0.5e-3);
+            // Wheels report the mean of the period.
+            let wheel = |side: f64| Some((side * 0.162 * rate(t - 0.5e-3)) as f32);
+            filter.step(
+                &mut state,
+                &Measurements {
+                    left_m_s: wheel(-1.0),
+                    right_m_s: wheel(1.0),
+                    gyro_rad_s: Some(rate(t) as f32),
+                    acceleration_m_s2: None,
+                },
+            );
+            worst = worst.max((heading - f64::from(state.posture().phi)).abs());
+        }
+        let counters = &state.counters;
+        let refused = [counters.left, counters.right, counters.gyro].map(|sensor| sensor.gated);
+        (refused.iter().sum::<u32>(), worst)
+    };
+    let (refused, worst) = run(Densities::default().yaw_jerk_rad_s3_per_sqrt_hz);
+    assert_eq!(refused, 0);
+    assert!(worst < 5e-4, "{worst}");
+    let (refused, _) = run(20.0);
+    assert!(refused > 0, "the test cannot fail");
+}
