@@ -841,7 +841,7 @@ mod tests {
         }
         assert!(simulation.lead_output().motion.v.abs() > 0.05, "under way");
         simulation.bus.cut();
-        // 50 to 60 ms until it is noticed, 250 to slow down, 100 at rest, 750 to let the frame go.
+        // 50 ms until it is noticed, 250 to slow down, 100 at rest, 750 to let the frame go.
         for _ in 0..1200 {
             simulation.step().unwrap();
         }

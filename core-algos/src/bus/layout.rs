@@ -262,8 +262,8 @@ const BOARD_HEALTH: [Signal; 6] = [
     Signal::signed("temperature", 8, 1.0, "degC"),
 ];
 
-/// What the lead node asks of an axle is three frames, of which one is lost three times as often as a
-/// message of one: it may miss one epoch more than other messages.
+/// A reference is two frames of one epoch, and one of them is lost twice as often as a message of one
+/// frame: it may miss one epoch more. The mode shares its limit.
 const COMMAND_TIMEOUT_MS: u16 = 60;
 
 const fn layout(id: u16, name: &'static str, sender: Node, signals: &'static [Signal]) -> Layout {
@@ -541,10 +541,12 @@ mod tests {
         // One limit stands for mode and reference in the axle node.
         for id in [
             id::LEAD_STATUS,
+            id::REFERENCE_POSTURE,
+            id::REFERENCE_POSTURE + 1,
             id::REFERENCE_MOTION,
             id::REFERENCE_MOTION + 1,
         ] {
-            assert_eq!(timeout_s(id), timeout_s(id::REFERENCE_POSTURE));
+            assert_eq!(timeout_s(id), 0.06);
         }
         assert_eq!((period_ms(id::BOARD_HEALTH), period_ms(0x7ff)), (100, 0));
     }

@@ -105,8 +105,7 @@ pub struct Config {
     /// only taken into account.
     pub steady_slip_sigma_rad_per_m: f32,
     /// Standard deviation of the gain with which the beam measures a bend: share by which the angles
-    /// that both axles turn are learnt wrong; not learnt, only taken into account, as far as the scale
-    /// of these angles was learnt.
+    /// that both axles turn are learnt wrong; not learnt, only taken into account.
     pub beam_gain_sigma: f32,
 }
 
@@ -132,7 +131,7 @@ impl Default for Config {
             gyro_scale_sigma: 5e-3,
             // Some 10 µm/s between axles 0.37 m apart at 0.12 m/s.
             steady_slip_sigma_rad_per_m: 3e-4,
-            // Five gauges, whose gains are known to 0.3 % each; not all of it gets into the scale.
+            // Five gauges, whose gains are known to 0.3 % each, would be 1.3e-3; bends tell of it a little.
             beam_gain_sigma: 1e-3,
         }
     }
@@ -232,7 +231,12 @@ pub struct State {
     by_considered: [[f32; 3]; 2],
     /// Variances of these.
     considered: [f32; 2],
+    /// Variances of the scales ([`SCALES`]) at the start.
+    scales: [f32; 4],
 }
+
+/// The scales of turns.
+const SCALES: [usize; 4] = [TURN, TURN + 1, GYRO_SCALE, GYRO_SCALE + 1];
 
 impl State {
     /// The rear axle's posture.
@@ -286,7 +290,9 @@ impl State {
         let by_rear = [[1.0, 0.0, -q.y], [0.0, 1.0, q.x], [0.0, 0.0, 1.0]];
         let by_rear = matrix::multiply(&into_world, &by_rear);
         let by_relative = matrix::multiply(&into_world, jacobian);
-        let by_considered = self.by_considered.map(|by| matrix::apply(&by_rear, &by));
+        let [by_slip, by_gain] = self.by_considered;
+        let by_gain = self.by_gain(by_gain);
+        let by_considered = [by_slip, by_gain].map(|by| matrix::apply(&by_rear, &by));
         let mut j = [[0.0; 6]; 3];
         let mut p = [[0.0; 6]; 6];
         for i in 0..3 {
@@ -315,6 +321,23 @@ impl State {
     /// The rear axle with its covariance along the global axes.
     pub fn rear_estimate(&self) -> Estimate {
         self.seen_from_rear(Posture::ORIGIN, &[[0.0; 3]; 3])
+    }
+
+    /// Derivative of the rear axle's error, in its own frame, by the beam's gain, where `all` is what it
+    /// would be if every turn had been measured in the beam's radians. A beam whose gain is 1 + g is, to
+    /// first order in the bend, a right one beside scales whose mean was g at the start instead of 0, and
+    /// P P₀⁻¹ is what is left of a mean. Large bends tell the gain from the scales, so it is no less than
+    /// what a gain does.
+    fn by_gain(&self, all: [f32; 3]) -> [f32; 3] {
+        let mut by = all;
+        for (k, prior) in SCALES.into_iter().zip(self.scales) {
+            if prior > 0.0 {
+                for (i, by) in by.iter_mut().enumerate() {
+                    *by -= self.covariance.upper[i][FIRST + k] / prior;
+                }
+            }
+        }
+        by
     }
 
     /// The front axle with its covariance along the global axes.
@@ -382,6 +405,7 @@ impl Joint {
             covariance: Covariance::from_matrix(&p),
             by_considered: [[0.0; 3]; 2],
             considered: self.considered,
+            scales: SCALES.map(|k| self.prior[k]),
         }
     }
 
@@ -394,6 +418,12 @@ impl Joint {
         }
         u[FIRST + k][FIRST + k] = self.prior[k];
         state.constants[k] = 0.0;
+    }
+
+    /// Share of a turn whose scale is not known for certain.
+    fn of_unknown_scale(&self, gyro_share: f32) -> f32 {
+        let [turn, gyro] = [TURN, GYRO_SCALE].map(|k| f32::from(self.prior[k] > 0.0));
+        turn + gyro_share * (gyro - turn)
     }
 
     /// Odometry: increments of front and rear in the axles' own frames, each with the covariance of
@@ -443,7 +473,7 @@ impl Joint {
             *by = matrix::apply(&by_rear, by);
         }
         state.by_considered[0][2] += sqrt(d2.x * d2.x + d2.y * d2.y);
-        state.by_considered[1][2] += self.learnt_from_beam(state, gyro_shares[1]) * d2.phi;
+        state.by_considered[1][2] += self.of_unknown_scale(gyro_shares[1]) * d2.phi;
         // Relative: ⊖ d2 ⊕ (r ⊕ d1).
         let tip = state.relative.compose(d1);
         let (tip_by_relative, tip_by_front) = state.relative.compose_jacobians(d1);
@@ -510,20 +540,6 @@ impl Joint {
 
         state.rear = state.rear.compose(d2);
         state.relative = tip.relative_to(d2);
-    }
-
-    /// Share of the scale of the rear axle's heading that was learnt, 0 to 1: what was not learnt from the
-    /// beam does not have the error of its gain. In P = (1 − K) P₀ that share is K.
-    fn learnt_from_beam(&self, state: &State, gyro_share: f32) -> f32 {
-        let learnt = |k: usize| {
-            let (prior, now) = (self.prior[k], state.covariance.upper[FIRST + k][FIRST + k]);
-            match prior > 0.0 {
-                true => (1.0 - now / prior).clamp(0.0, 1.0),
-                false => 0.0,
-            }
-        };
-        let by_wheels = learnt(TURN + 1);
-        by_wheels + gyro_share * (learnt(GYRO_SCALE + 1) - by_wheels)
     }
 
     /// The beam: `measured` is the front axle's posture in the rear axle's frame with the covariance
@@ -947,30 +963,27 @@ mod tests {
         );
     }
 
-    /// What steady slip and the beam's gain add to the covariance is that of the derivative of the path
-    /// by a turn of the robot as a whole, per metre and per radian, which is found by driving it twice.
+    /// What steady slip adds to the covariance is that of the derivative of the path by a turn of the
+    /// robot as a whole per metre, which is found by driving it twice.
     #[test]
-    fn what_is_considered_adds_what_a_turn_per_metre_or_radian_does() {
-        let with = |steady_slip_sigma_rad_per_m, beam_gain_sigma| {
+    fn steady_slip_adds_what_a_turn_per_metre_does() {
+        let sigma = 3e-4;
+        let with = |steady_slip_sigma_rad_per_m| {
             let config = Config {
                 steady_slip_sigma_rad_per_m,
-                beam_gain_sigma,
+                beam_gain_sigma: 0.0,
                 ..Config::default()
             };
             config.build(0.01).unwrap()
         };
-        // `unknown`: share of the variance of the scale that is not learnt yet.
-        let drive = |joint: &Joint, unknown: f32, per_metre: f32, per_radian: f32| {
+        let drive = |joint: &Joint, turn: f32| {
             let robot = Estimate::with_sigmas(Posture::new(1.0, -0.5, 2.0), [1e-4; 3]);
             let bend = Posture::new(0.36, 0.02, 0.2);
             let mut state = joint.start(&robot, &Estimate::with_sigmas(bend, [1e-4; 3]));
-            let scale = FIRST + GYRO_SCALE + 1;
-            state.covariance.upper[scale][scale] *= unknown;
             for i in 0..600 {
                 let forward = if i < 450 { 2e-3 } else { -2e-3f32 };
-                let bent = if i < 400 { 2e-3 } else { -1e-3 };
-                let turned = bent * (1.0 + per_radian) + per_metre * forward.abs();
-                let rear = Posture::new(forward, 0.0, turned);
+                let bent = 1e-3 + turn * forward.abs();
+                let rear = Posture::new(forward, 0.0, bent);
                 // The frame keeps its bend.
                 let front = bend.inverse().compose(rear.compose(bend));
                 let [front, rear] = [front, rear].map(|d| Estimate::with_sigmas(d, [1e-6; 3]));
@@ -978,40 +991,130 @@ mod tests {
             }
             state
         };
-        let none = with(0.0, 0.0);
-        // 1.2 m driven, 0.6 rad turned; of the gain only what was learnt counts.
-        for (slip, gain, unknown, turned, share) in [
-            (3e-4, 0.0, 1.0, 1.2, 1.0),
-            (0.0, 2e-3, 0.0, 0.6, 1.0),
-            (0.0, 2e-3, 0.75, 0.6, 0.25),
-            (0.0, 2e-3, 1.0, 0.6, 0.0),
+        let (none, some) = (with(0.0), with(sigma));
+        let [plain, wider] = [drive(&none, 0.0), drive(&some, 0.0)];
+        assert_eq!(plain.rear(), wider.rear());
+        assert_eq!(plain.relative().covariance, wider.relative().covariance);
+        let by = 5e-3;
+        let [left, right] = [drive(&none, -by), drive(&none, by)];
+        for of in [
+            State::rear_estimate,
+            State::front_estimate,
+            State::robot_estimate,
         ] {
-            let plain = drive(&none, unknown, 0.0, 0.0);
-            let wider = drive(&with(slip, gain), unknown, 0.0, 0.0);
-            assert_eq!(plain.rear(), wider.rear());
-            assert_eq!(plain.relative().covariance, wider.relative().covariance);
-            let by = if slip > 0.0 { [5e-3, 0.0] } else { [0.0, 5e-3] };
-            let [left, right] = [-1.0, 1.0].map(|k| drive(&none, unknown, k * by[0], k * by[1]));
-            let sigma: f32 = share * (slip + gain);
-            for of in [
-                State::rear_estimate,
-                State::front_estimate,
-                State::robot_estimate,
-            ] {
-                let d = of(&right).posture.minus(of(&left).posture);
-                let d = d.map(|d| d / 1e-2);
-                assert!((d[2] - turned).abs() < 0.01, "{d:?}");
-                let (before, after) = (of(&plain).covariance, of(&wider).covariance);
-                for i in 0..3 {
-                    for k in 0..3 {
-                        let added = after[i][k] - before[i][k];
-                        let expected = sigma * sigma * d[i] * d[k];
-                        let scale = (slip + gain).powi(2) * turned;
-                        assert!(
-                            (added - expected).abs() < 0.02 * scale,
-                            "{i}{k} {added:e} {expected:e}"
-                        );
-                    }
+            let d = of(&right).posture.minus(of(&left).posture);
+            let d = d.map(|d| d / (2.0 * by));
+            assert!((d[2] - 1.2).abs() < 0.01, "{d:?}");
+            let (before, after) = (of(&plain).covariance, of(&wider).covariance);
+            for i in 0..3 {
+                for k in 0..3 {
+                    let added = after[i][k] - before[i][k];
+                    let expected = sigma * sigma * d[i] * d[k];
+                    let scale = sigma * sigma * 1.2;
+                    assert!(
+                        (added - expected).abs() < 0.02 * scale,
+                        "{i}{k} {added:e} {expected:e}"
+                    );
+                }
+            }
+        }
+    }
+
+    /// A robot that neither slips nor measures wrong, except that its beam reads every bend 1 + `gain` as
+    /// large; bend and speed over time (rad, m/s). The state at the end and the angle turned.
+    fn drive_with_beam_gain(
+        joint: &Joint,
+        gain: f64,
+        share: f32,
+        bend: &dyn Fn(f64) -> f64,
+        speed: &dyn Fn(f64) -> f64,
+    ) -> (State, f64) {
+        let arc = |bend: f64| {
+            let half = 0.5 * bend;
+            let chord = 0.37 * if half == 0.0 { 1.0 } else { half.sin() / half };
+            [chord * half.cos(), chord * half.sin(), bend]
+        };
+        let single = |of: [f64; 3]| Posture::from(of.map(|value| value as f32));
+        let robot = Estimate::with_sigmas(Posture::ORIGIN, [1e-4; 3]);
+        let relative = Estimate::with_sigmas(single(arc(bend(0.0))), [1e-4; 3]);
+        let mut state = joint.start(&robot, &relative);
+        let mut turned = 0.0;
+        for tick in 0..3000 {
+            let mut moved = [[0.0f64; 3]; 2];
+            for part in 0..10 {
+                let t = 0.01 * (f64::from(tick) + (f64::from(part) + 0.5) / 10.0);
+                let (low, high) = (arc(bend(t - 1e-4)), arc(bend(t + 1e-4)));
+                let [dx, dy, turning] = [0, 1, 2].map(|k| (high[k] - low[k]) / 2e-4);
+                let [x, y, angle] = arc(bend(t));
+                // No axle slips sideways: dx = v₁ cos − v₂ + ω₂ y, dy = v₁ sin − ω₂ x, and the mean of
+                // v₁ and v₂ is v.
+                let (sin, cos) = angle.sin_cos();
+                let v = speed(t);
+                let (a, b) = (dx - v * (cos - 1.0), dy - v * sin);
+                let determinant = -(cos + 1.0) * x - sin * y;
+                let apart = (-a * x - b * y) / determinant;
+                let rear = ((cos + 1.0) * b - sin * a) / determinant;
+                for (axle, [v, omega]) in moved
+                    .iter_mut()
+                    .zip([[v + apart, rear + turning], [v - apart, rear]])
+                {
+                    let heading = axle[2] + 0.5e-3 * omega;
+                    axle[0] += 1e-3 * v * heading.cos();
+                    axle[1] += 1e-3 * v * heading.sin();
+                    axle[2] += 1e-3 * omega;
+                }
+            }
+            turned += moved[1][2];
+            let [front, rear] = moved.map(|step| Estimate::with_sigmas(single(step), [3e-5; 3]));
+            joint.predict(&mut state, &front, &rear, [share; 2], 1.0);
+            let seen = arc((1.0 + gain) * bend(0.01 * f64::from(tick + 1)));
+            joint.update(
+                &mut state,
+                &Estimate::with_sigmas(single(seen), [3e-5, 3e-5, 1e-4]),
+                |_| true,
+            );
+        }
+        (state, turned)
+    }
+
+    /// What the beam's gain adds to the covariance is no less than what a beam with another gain does to
+    /// the heading, by gyros and by wheels, and no more than a turn in the beam's radians; on the spot,
+    /// where nothing but the beam tells scales, it is just that.
+    #[test]
+    fn gain_of_the_beam_adds_what_a_beam_with_another_gain_does() {
+        let with = |beam_gain_sigma| {
+            let config = Config {
+                steady_slip_sigma_rad_per_m: 0.0,
+                beam_gain_sigma,
+                ..Config::default()
+            };
+            config.build(0.01).unwrap()
+        };
+        let sigma = 2e-3f32;
+        let (none, some) = (with(0.0), with(sigma));
+        type Course<'a> = (&'a dyn Fn(f64) -> f64, &'a dyn Fn(f64) -> f64);
+        let drive = |t: f64| 0.15 + 0.05 * (0.5 * t).sin();
+        let courses: [Course; 3] = [
+            (&|t| 0.3 + 0.5 * (0.9 * t).sin(), &drive),
+            (&|_| 0.4, &drive),
+            (&|t| 0.5 * (0.9 * t).sin(), &|_| 0.0),
+        ];
+        for (course, (bend, speed)) in courses.into_iter().enumerate() {
+            for share in [0.0, 0.5, 1.0] {
+                let (plain, turned) = drive_with_beam_gain(&none, 0.0, share, bend, speed);
+                let (wider, _) = drive_with_beam_gain(&some, 0.0, share, bend, speed);
+                assert_eq!(plain.rear(), wider.rear());
+                let [low, high] = [-3e-3, 3e-3]
+                    .map(|gain| drive_with_beam_gain(&none, gain, share, bend, speed).0);
+                let by = wrap_angle(high.rear().phi - low.rear().phi) / 6e-3;
+                let added =
+                    wider.rear_estimate().covariance[2][2] - plain.rear_estimate().covariance[2][2];
+                let counted = sqrt(added.max(0.0)) / sigma;
+                let told = format!("{course} {share}: {turned:.3} {by:.4} {counted:.4}");
+                assert!(by.abs() > 0.2 && counted >= 0.99 * by.abs(), "{told}");
+                assert!(f64::from(counted) <= 1.01 * turned.abs(), "{told}");
+                if course == 2 {
+                    assert!((counted - by.abs()).abs() < 0.01 * by.abs(), "{told}");
                 }
             }
         }

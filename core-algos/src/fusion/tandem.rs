@@ -168,7 +168,8 @@ pub struct Config {
     pub intersection: intersection::Config,
     /// Internal posture error correction.
     pub ipec: ipec::Config,
-    /// Joint filter. Its constant errors count in the other modes too.
+    /// Joint filter. Its constant errors count in the other modes too, but for
+    /// those that are only taken into account.
     pub joint: joint::Config,
 }
 

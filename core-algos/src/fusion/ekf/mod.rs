@@ -128,9 +128,9 @@ impl Default for Densities {
             across_m_per_sqrt_s: 1e-5,
             heading_rad_per_sqrt_s: 5e-5,
             jerk_m_s3_per_sqrt_hz: 3.0,
-            // An axle that steers goes from rest to 36 rad/s² at once: a third of this, and the gate
-            // takes the gyro for broken.
-            yaw_jerk_rad_s3_per_sqrt_hz: 60.0,
+            // An axle that steers goes from rest to 36 rad/s² and more at once: with a seventh of this the
+            // gate takes the gyro for broken.
+            yaw_jerk_rad_s3_per_sqrt_hz: 150.0,
         }
     }
 }
