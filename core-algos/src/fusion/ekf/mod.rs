@@ -523,7 +523,9 @@ impl State {
 
     /// Moves the posture on.
     #[inline(always)]
-    fn advance(&mut self, by: [f32; 3]) {
+    fn advance(&mut self, mut by: [f32; 3]) {
+        // Once its gates let in what it does not believe, a filter may turn by more than once.
+        by[PHI] = wrap_angle(by[PHI]);
         for i in 0..3 {
             self.posture[i] = self.posture[i].advanced(by[i]);
         }
