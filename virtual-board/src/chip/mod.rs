@@ -1,0 +1,1 @@
+//! The STM32F405 around the core: memories, clocks, peripherals.

@@ -1,0 +1,5 @@
+//! Cortex-M4F: instructions, exceptions and the private peripherals.
+
+mod system;
+
+pub use system::{BusError, System, Width};

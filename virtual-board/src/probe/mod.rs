@@ -1,0 +1,1 @@
+//! What a debug probe would see.

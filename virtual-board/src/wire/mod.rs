@@ -1,0 +1,1 @@
+//! The CAN bus between boards.
