@@ -1,1 +1,674 @@
 //! The STM32F405 around the core: memories, clocks, peripherals.
+//!
+//! Each peripheral is a file: its registers as a table (name, place, bits), then what reads, writes
+//! and the passing of time do. Peripherals know nothing of each other; what one tells another, a
+//! trigger or the level of a pin, is an effect that [`Chip`] carries. Access to a peripheral whose
+//! clock is off, reserved bits, widths and places without a register are judged here, once for all.
+
+mod adc;
+mod can;
+mod debug;
+mod dma;
+mod exti;
+mod flash;
+mod gpio;
+mod interrupt;
+mod map;
+mod pin;
+mod pwr;
+mod rcc;
+mod register;
+mod shared;
+mod spi;
+mod surroundings;
+mod timer;
+mod usart;
+mod watchdog;
+
+pub use interrupt::Interrupt;
+pub use pin::{Drive, Pin, Signal};
+pub use rcc::Cause;
+pub use shared::{Clocks, Request, Trigger};
+pub use surroundings::{Inputs, Surroundings};
+
+use crate::core::{BusError, System, Width};
+use crate::finding::{Findings, Kind};
+use crate::time::{Cycles, NEVER, Time, Timebase};
+use map::Unit;
+use register::Register;
+use shared::{Effect, Shared, Source};
+
+/// A peripheral.
+pub(crate) trait Peripheral {
+    /// Its registers, in the order of their places.
+    fn registers(&self) -> &'static [Register];
+    /// Reads the register at `offset`, with what that does.
+    fn read(&mut self, offset: u32, shared: &mut Shared) -> u32;
+    /// Writes the bits in `mask` of the register at `offset`; the others are zero in `value`.
+    fn write(&mut self, offset: u32, value: u32, mask: u32, shared: &mut Shared);
+    /// What it has due at `shared.now`; it is off the schedule until it puts itself there again.
+    fn event(&mut self, source: Source, shared: &mut Shared) {
+        let _ = (source, shared);
+    }
+    /// The clocks of the buses have changed; places in the schedule that follow other clocks move.
+    fn clocks_changed(&mut self, old: &Timebase, shared: &mut Shared) {
+        let _ = (old, shared);
+    }
+}
+
+/// First address of SRAM1, and the length of SRAM1 and SRAM2 together.
+const SRAM: u32 = 0x2000_0000;
+const SRAM_LENGTH: usize = 128 << 10;
+/// First address of the core-coupled memory, and its length.
+const CCM: u32 = 0x1000_0000;
+const CCM_LENGTH: usize = 64 << 10;
+/// First address of the flash.
+const FLASH: u32 = 0x0800_0000;
+
+/// All peripherals in their state after a reset.
+struct Units {
+    rcc: rcc::Rcc,
+    pwr: pwr::Pwr,
+    gpio: gpio::Gpio,
+    exti: exti::Exti,
+    syscfg: exti::Syscfg,
+    tim1: timer::Timer,
+    tim2: timer::Timer,
+    tim3: timer::Timer,
+    tim4: timer::Timer,
+    tim5: timer::Timer,
+    adc: adc::Adc,
+    dma1: dma::Dma,
+    dma2: dma::Dma,
+    spi1: spi::Spi,
+    can1: can::Can,
+    usart3: usart::Usart,
+    watchdog: watchdog::Watchdog,
+    debug: debug::Debug,
+}
+
+impl Units {
+    fn new() -> Self {
+        use timer::{Kind, Timer};
+        Self {
+            rcc: rcc::Rcc::default(),
+            pwr: pwr::Pwr::default(),
+            gpio: gpio::Gpio::default(),
+            exti: exti::Exti::default(),
+            syscfg: exti::Syscfg::default(),
+            tim1: Timer::new(Kind::Tim1),
+            tim2: Timer::new(Kind::Tim2),
+            tim3: Timer::new(Kind::Tim3),
+            tim4: Timer::new(Kind::Tim4),
+            tim5: Timer::new(Kind::Tim5),
+            adc: adc::Adc::default(),
+            dma1: dma::Dma::new(dma::Controller::Dma1),
+            dma2: dma::Dma::new(dma::Controller::Dma2),
+            spi1: spi::Spi::default(),
+            can1: can::Can::default(),
+            usart3: usart::Usart::default(),
+            watchdog: watchdog::Watchdog::default(),
+            debug: debug::Debug::default(),
+        }
+    }
+}
+
+/// Everything of the chip but its core.
+pub struct Chip {
+    shared: Shared,
+    units: Units,
+    flash: flash::Flash,
+    sram: Vec<u8>,
+    ccm: Vec<u8>,
+    /// A reset that is due.
+    reset: Option<Cause>,
+    /// The clock security system asks for the non-maskable interrupt.
+    nmi: bool,
+}
+
+impl Chip {
+    /// A chip with an erased flash, its power just on. Its clocks are fast by `fast_ppb` parts in 10⁹.
+    pub fn new(surroundings: Box<dyn Surroundings>, fast_ppb: i64) -> Self {
+        let mut chip = Self {
+            shared: Shared::new(surroundings, fast_ppb),
+            units: Units::new(),
+            flash: flash::Flash::default(),
+            sram: vec![0; SRAM_LENGTH],
+            ccm: vec![0; CCM_LENGTH],
+            reset: None,
+            nmi: false,
+        };
+        chip.restart(Cause::PowerOn);
+        chip
+    }
+
+    /// What is around it.
+    pub fn surroundings<T: Surroundings>(&mut self) -> Option<&mut T> {
+        let any: &mut dyn std::any::Any = &mut *self.shared.surroundings;
+        any.downcast_mut()
+    }
+
+    /// What was found so far.
+    pub fn findings(&self) -> &Findings {
+        &self.shared.findings
+    }
+
+    /// The time at which a cycle begins.
+    pub fn time_of(&self, cycle: Cycles) -> Time {
+        self.shared.base.time_of(cycle)
+    }
+
+    /// The first cycle that begins at a time or later.
+    pub fn cycle_of(&self, time: Time) -> Cycles {
+        self.shared.base.cycle_of(time)
+    }
+
+    /// The clocks in force.
+    pub fn clocks(&self) -> Clocks {
+        self.shared.clocks
+    }
+
+    /// The bytes of the flash.
+    pub fn flash(&mut self) -> &mut Vec<u8> {
+        self.flash.bytes_mut()
+    }
+
+    /// The bytes of SRAM1 and SRAM2.
+    pub fn sram(&mut self) -> &mut [u8] {
+        &mut self.sram
+    }
+
+    /// Takes the reset that is due.
+    pub fn take_reset(&mut self) -> Option<Cause> {
+        self.reset.take()
+    }
+
+    /// Begins anew after a reset: peripherals as the manual says, memories as they were, or after power
+    /// was off with what static memory shows then.
+    pub fn restart(&mut self, cause: Cause) {
+        let old = self.shared.base;
+        let backup = self.units.rcc.kept(cause);
+        self.units = Units::new();
+        self.units.rcc.begin(backup, cause);
+        if cause == Cause::PowerOn {
+            self.scramble();
+        }
+        self.shared.lines = 0;
+        self.shared.effects.clear();
+        for source in Source::ALL {
+            self.shared.schedule(source, NEVER);
+        }
+        self.flash.reset();
+        self.set_frequency(Clocks::RESET.hclk_hz);
+        self.shared.clocks = Clocks::RESET;
+        let _ = old;
+        self.refresh();
+    }
+
+    /// What static memory shows after power came on: nothing that a program may rely on.
+    fn scramble(&mut self) {
+        let mut state = 0x2545_f491_4f6c_dd1du64;
+        for byte in self.sram.iter_mut().chain(&mut self.ccm) {
+            state ^= state << 13;
+            state ^= state >> 7;
+            state ^= state << 17;
+            *byte = state as u8;
+        }
+    }
+
+    /// Looks anew when something around the chip changes; to be called after it was changed from
+    /// outside.
+    pub fn refresh(&mut self) {
+        let at = self.shared.surroundings.next();
+        let cycle = self.shared.base.cycle_of(at);
+        self.shared.schedule(Source::Surroundings, cycle);
+    }
+
+    fn set_frequency(&mut self, hz: u64) {
+        let now = self.shared.now;
+        self.shared.base.set_frequency(now, hz);
+        self.shared.clocks.hclk_hz = hz;
+    }
+
+    /// Calls what is around the chip for what is due now.
+    fn advance_surroundings(&mut self) {
+        let mut inputs = Inputs::default();
+        let at = self.shared.time();
+        self.shared.surroundings.advance(at, &mut inputs);
+        for (pin, drive) in inputs.pins {
+            self.units.gpio.external(pin, drive, &mut self.shared);
+        }
+        for byte in inputs.serial {
+            self.units.usart3.receive(byte, &mut self.shared);
+        }
+        if let Some(works) = inputs.crystal {
+            self.units.rcc.crystal(works, &mut self.shared);
+        }
+        if inputs.supply {
+            let volts = self.shared.surroundings.supply(at);
+            self.units.pwr.supply(volts, &mut self.shared);
+        }
+        self.settle();
+        self.refresh();
+    }
+
+    /// Carries effects to those they concern until there are none.
+    fn settle(&mut self) {
+        while let Some(effect) = self.shared.effects.pop_front() {
+            let (units, shared) = (&mut self.units, &mut self.shared);
+            match effect {
+                Effect::Trigger(trigger) => units.adc.trigger(trigger, shared),
+                Effect::Dma(request) => self.serve(request),
+                Effect::Output(signal, drive) => units.gpio.output(signal, drive, shared),
+                Effect::Level(pin, level) => self.level(pin, level),
+                Effect::Driven(pin, drive) => {
+                    let at = shared.time();
+                    shared.surroundings.pin(pin, drive, at);
+                    self.refresh();
+                }
+                Effect::Frequency(hz) => {
+                    let old = self.shared.base;
+                    self.set_frequency(hz);
+                    self.clocks_changed(&old);
+                }
+                Effect::ClockFailure => self.nmi = true,
+                Effect::Reset(cause) => {
+                    self.reset = Some(cause);
+                    self.shared.limit = 0;
+                }
+            }
+        }
+    }
+
+    fn clocks_changed(&mut self, old: &Timebase) {
+        let (units, shared) = (&mut self.units, &mut self.shared);
+        units.rcc.clocks_changed(old, shared);
+        units.watchdog.clocks_changed(old, shared);
+        units.can1.clocks_changed(old, shared);
+        self.flash.clocks_changed(old, shared);
+        self.refresh();
+    }
+
+    /// A pin has another level.
+    fn level(&mut self, pin: Pin, level: bool) {
+        let (units, shared) = (&mut self.units, &mut self.shared);
+        let port = units.syscfg.port_of(pin.number());
+        if port == pin.port() {
+            units.exti.level(pin.number(), level, shared);
+        }
+        match units.gpio.signal_at(pin) {
+            Some(signal @ Signal::Tim1Bkin) => units.tim1.input(signal, level, shared),
+            Some(signal @ (Signal::Tim3Ch1 | Signal::Tim3Ch2)) => {
+                units.tim3.input(signal, level, shared)
+            }
+            Some(signal @ (Signal::Tim4Ch1 | Signal::Tim4Ch2)) => {
+                units.tim4.input(signal, level, shared)
+            }
+            _ => {}
+        }
+    }
+
+    /// One transfer of a DMA controller: it says from where to where, the chip moves the datum.
+    fn serve(&mut self, request: Request) {
+        for controller in [dma::Controller::Dma1, dma::Controller::Dma2] {
+            let dma = match controller {
+                dma::Controller::Dma1 => &mut self.units.dma1,
+                dma::Controller::Dma2 => &mut self.units.dma2,
+            };
+            let Some(transfer) = dma.begin(request, &mut self.shared) else {
+                continue;
+            };
+            let value = self.dma_read(transfer.from, transfer.width);
+            let written =
+                value.and_then(|value| self.dma_write(transfer.to, transfer.width, value));
+            let dma = match controller {
+                dma::Controller::Dma1 => &mut self.units.dma1,
+                dma::Controller::Dma2 => &mut self.units.dma2,
+            };
+            dma.end(transfer, written.is_ok(), &mut self.shared);
+        }
+    }
+
+    fn dma_read(&mut self, address: u32, width: Width) -> Result<u32, BusError> {
+        match Unit::at(address) {
+            Some((unit, offset)) => self.read_unit(unit, offset, width),
+            None => self.memory_read(address, width),
+        }
+    }
+
+    fn dma_write(&mut self, address: u32, width: Width, value: u32) -> Result<(), BusError> {
+        match Unit::at(address) {
+            Some((unit, offset)) => self.write_unit(unit, offset, width, value),
+            // The core-coupled memory is the core's alone.
+            None if address >= SRAM => self.memory_write(address, width, value),
+            None => Err(BusError),
+        }
+    }
+
+    fn memory(&mut self, address: u32) -> Option<(&mut Vec<u8>, usize)> {
+        let at = address.wrapping_sub(SRAM) as usize;
+        if at < SRAM_LENGTH {
+            return Some((&mut self.sram, at));
+        }
+        let at = address.wrapping_sub(CCM) as usize;
+        (at < CCM_LENGTH).then_some((&mut self.ccm, at))
+    }
+
+    fn memory_read(&mut self, address: u32, width: Width) -> Result<u32, BusError> {
+        if let Some(value) = self.flash.peek(address, width) {
+            return Ok(value);
+        }
+        let (bytes, at) = self.memory(address).ok_or(BusError)?;
+        Ok(get(bytes, at, width))
+    }
+
+    fn memory_write(&mut self, address: u32, width: Width, value: u32) -> Result<(), BusError> {
+        let (bytes, at) = self.memory(address).ok_or(BusError)?;
+        put(bytes, at, width, value);
+        Ok(())
+    }
+
+    fn unit(&mut self, unit: Unit) -> (&mut dyn Peripheral, &mut Shared) {
+        let u = &mut self.units;
+        let peripheral: &mut dyn Peripheral = match unit {
+            Unit::Rcc => &mut u.rcc,
+            Unit::Pwr => &mut u.pwr,
+            Unit::Gpio => &mut u.gpio,
+            Unit::Exti => &mut u.exti,
+            Unit::Syscfg => &mut u.syscfg,
+            Unit::Tim1 => &mut u.tim1,
+            Unit::Tim2 => &mut u.tim2,
+            Unit::Tim3 => &mut u.tim3,
+            Unit::Tim4 => &mut u.tim4,
+            Unit::Tim5 => &mut u.tim5,
+            Unit::Adc => &mut u.adc,
+            Unit::Dma1 => &mut u.dma1,
+            Unit::Dma2 => &mut u.dma2,
+            Unit::Spi1 => &mut u.spi1,
+            Unit::Can1 => &mut u.can1,
+            Unit::Usart3 => &mut u.usart3,
+            Unit::Watchdog => &mut u.watchdog,
+            Unit::Debug => &mut u.debug,
+            Unit::Flash => &mut self.flash,
+        };
+        (peripheral, &mut self.shared)
+    }
+
+    /// Judges an access; whether it may go on.
+    fn judge(
+        &mut self,
+        unit: Unit,
+        offset: u32,
+        width: Width,
+        write: Option<u32>,
+    ) -> Option<Register> {
+        let name = unit.name_at(offset);
+        if let Some((register, bit)) = unit.gate(offset)
+            && !self.units.rcc.is_enabled(register, bit)
+        {
+            self.shared
+                .note(Kind::ClockGated, format!("{name}: its clock is off"));
+            return None;
+        }
+        let place = unit.register_offset(offset) & !3;
+        let (peripheral, shared) = self.unit(unit);
+        let registers = peripheral.registers();
+        let Ok(found) = registers.binary_search_by_key(&place, |register| register.offset) else {
+            shared.note(Kind::Unmapped, format!("{name}: no register at {place:#x}"));
+            return None;
+        };
+        let register = registers[found];
+        if width != Width::Word && !register.narrow {
+            let text = format!(
+                "{name}_{}: {} bits wide access",
+                register.name,
+                8 * width.bytes()
+            );
+            shared.note(Kind::Alignment, text);
+        }
+        if let Some(value) = write
+            && value & !register.bits != 0
+        {
+            let extra = value & !register.bits;
+            let text = format!(
+                "{name}_{}: reserved bits {extra:#010x} written",
+                register.name
+            );
+            shared.note(Kind::ReservedBit, text);
+        }
+        Some(register)
+    }
+
+    fn read_unit(&mut self, unit: Unit, offset: u32, width: Width) -> Result<u32, BusError> {
+        let shift = 8 * (offset & 3);
+        if self.judge(unit, offset, width, None).is_none() {
+            return Ok(0);
+        }
+        let (peripheral, shared) = self.unit(unit);
+        let value = peripheral.read(offset & !3, shared) >> shift;
+        self.settle();
+        Ok(match width {
+            Width::Byte => value & 0xff,
+            Width::Half => value & 0xffff,
+            Width::Word => value,
+        })
+    }
+
+    fn write_unit(
+        &mut self,
+        unit: Unit,
+        offset: u32,
+        width: Width,
+        value: u32,
+    ) -> Result<(), BusError> {
+        let shift = 8 * (offset & 3);
+        let mask = match width {
+            Width::Byte => 0xff << shift,
+            Width::Half => 0xffff << shift,
+            Width::Word => !0,
+        };
+        let value = value << shift & mask;
+        if self.judge(unit, offset, width, Some(value)).is_none() {
+            return Ok(());
+        }
+        let (peripheral, shared) = self.unit(unit);
+        peripheral.write(offset & !3, value, mask, shared);
+        self.settle();
+        Ok(())
+    }
+
+    /// Brings everything up to the moment of an access.
+    fn arrive(&mut self, pc: u32, cycle: Cycles) {
+        if self.shared.next().1 <= cycle {
+            self.advance(cycle, cycle);
+            self.shared.limit = 0;
+        }
+        (self.shared.now, self.shared.pc) = (cycle, pc);
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn read_cold(
+        &mut self,
+        address: u32,
+        width: Width,
+        pc: u32,
+        cycle: &mut Cycles,
+    ) -> Result<u32, BusError> {
+        if let Some((unit, offset)) = Unit::at(address) {
+            self.arrive(pc, *cycle);
+            *cycle += unit.bus_cycles(&self.shared.clocks);
+            return self.read_unit(unit, offset, width);
+        }
+        if let Some(value) = self.flash.read(address, width, pc, cycle, &mut self.shared) {
+            return value;
+        }
+        let found = self.memory_read(address, width);
+        if found.is_err() {
+            self.arrive(pc, *cycle);
+            self.shared
+                .note(Kind::Unmapped, format!("read at {address:#010x}"));
+        }
+        found
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn write_cold(
+        &mut self,
+        address: u32,
+        width: Width,
+        value: u32,
+        pc: u32,
+        cycle: &mut Cycles,
+    ) -> Result<(), BusError> {
+        self.arrive(pc, *cycle);
+        if let Some((unit, offset)) = Unit::at(address) {
+            *cycle += unit.bus_cycles(&self.shared.clocks);
+            return self.write_unit(unit, offset, width, value);
+        }
+        if let Some(done) = self
+            .flash
+            .program(address, width, value, cycle, &mut self.shared)
+        {
+            self.settle();
+            return done;
+        }
+        let done = self.memory_write(address, width, value);
+        if done.is_err() {
+            self.shared
+                .note(Kind::Unmapped, format!("write at {address:#010x}"));
+        }
+        done
+    }
+}
+
+fn get(bytes: &[u8], at: usize, width: Width) -> u32 {
+    match width {
+        Width::Byte => bytes.get(at).copied().unwrap_or(0).into(),
+        Width::Half => bytes
+            .get(at..at + 2)
+            .map_or(0, |b| u16::from_le_bytes([b[0], b[1]]).into()),
+        Width::Word => bytes
+            .get(at..at + 4)
+            .map_or(0, |b| u32::from_le_bytes([b[0], b[1], b[2], b[3]])),
+    }
+}
+
+fn put(bytes: &mut [u8], at: usize, width: Width, value: u32) {
+    let value = value.to_le_bytes();
+    let length = width.bytes() as usize;
+    if let Some(place) = bytes.get_mut(at..at + length) {
+        place.copy_from_slice(&value[..length]);
+    }
+}
+
+impl System for Chip {
+    fn fetch(&mut self, address: u32) -> Result<u16, BusError> {
+        self.memory_read(address, Width::Half)
+            .map(|value| value as u16)
+    }
+
+    #[inline]
+    fn enter_line(&mut self, address: u32, cycle: &mut Cycles) {
+        self.flash.enter_line(address, cycle);
+    }
+
+    #[inline]
+    fn read(
+        &mut self,
+        address: u32,
+        width: Width,
+        pc: u32,
+        cycle: &mut Cycles,
+    ) -> Result<u32, BusError> {
+        let at = address.wrapping_sub(SRAM) as usize;
+        if at < SRAM_LENGTH {
+            return Ok(get(&self.sram, at, width));
+        }
+        if address.wrapping_sub(FLASH) < 1 << 20
+            && let Some(value) = self.flash.read(address, width, pc, cycle, &mut self.shared)
+        {
+            return value;
+        }
+        self.read_cold(address, width, pc, cycle)
+    }
+
+    #[inline]
+    fn write(
+        &mut self,
+        address: u32,
+        width: Width,
+        value: u32,
+        pc: u32,
+        cycle: &mut Cycles,
+    ) -> Result<(), BusError> {
+        let at = address.wrapping_sub(SRAM) as usize;
+        if at < SRAM_LENGTH {
+            put(&mut self.sram, at, width, value);
+            return Ok(());
+        }
+        self.write_cold(address, width, value, pc, cycle)
+    }
+
+    #[inline]
+    fn limit(&self) -> Cycles {
+        self.shared.limit
+    }
+
+    fn advance(&mut self, cycle: Cycles, until: Cycles) -> Cycles {
+        loop {
+            let (source, at) = self.shared.next();
+            if at > cycle || self.reset.is_some() {
+                self.shared.limit = at.min(until);
+                return at;
+            }
+            self.shared.now = at;
+            self.shared.schedule(source, NEVER);
+            let (units, shared) = (&mut self.units, &mut self.shared);
+            match source {
+                Source::Surroundings => self.advance_surroundings(),
+                Source::Rcc => units.rcc.event(source, shared),
+                Source::Flash => self.flash.event(source, shared),
+                Source::Watchdog => units.watchdog.event(source, shared),
+                Source::Tim1 => units.tim1.event(source, shared),
+                Source::Tim2 => units.tim2.event(source, shared),
+                Source::Tim3 => units.tim3.event(source, shared),
+                Source::Tim4 => units.tim4.event(source, shared),
+                Source::Tim5 => units.tim5.event(source, shared),
+                Source::Adc | Source::AdcInjected => units.adc.event(source, shared),
+                Source::Dma1 => units.dma1.event(source, shared),
+                Source::Dma2 => units.dma2.event(source, shared),
+                Source::Spi1 => units.spi1.event(source, shared),
+                Source::Can1 => units.can1.event(source, shared),
+                Source::Usart3 => units.usart3.event(source, shared),
+            }
+            self.settle();
+        }
+    }
+
+    fn lines(&self) -> u128 {
+        self.shared.lines
+    }
+
+    fn take_nmi(&mut self) -> bool {
+        std::mem::take(&mut self.nmi)
+    }
+
+    fn take_changed_code(&mut self) -> Option<(u32, u32)> {
+        self.flash.take_changed()
+    }
+
+    fn must_stop(&self) -> bool {
+        self.reset.is_some()
+    }
+
+    fn request_reset(&mut self) {
+        self.reset = Some(Cause::Software);
+    }
+
+    fn note(&mut self, kind: Kind, pc: u32, cycle: Cycles, text: String) {
+        let at = self.shared.base.time_of(cycle);
+        self.shared.findings.note(kind, pc, at, text);
+    }
+}

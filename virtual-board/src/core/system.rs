@@ -65,9 +65,19 @@ pub trait System {
     fn advance(&mut self, cycle: Cycles, until: Cycles) -> Cycles;
     /// Levels of the interrupt lines, line n at bit n.
     fn lines(&self) -> u128;
+    /// Whether the non-maskable interrupt was asked for since the last call; looked at after
+    /// [`Self::advance`].
+    fn take_nmi(&mut self) -> bool {
+        false
+    }
     /// Addresses of program that changed since the last call, first and last: decoded instructions of
     /// these are forgotten.
     fn take_changed_code(&mut self) -> Option<(u32, u32)>;
+    /// Whether the core must stop at once, because the chip is to be reset; looked at after
+    /// [`Self::advance`].
+    fn must_stop(&self) -> bool {
+        false
+    }
     /// The program asked for a reset (SYSRESETREQ).
     fn request_reset(&mut self);
     /// Notes what the program does wrong.

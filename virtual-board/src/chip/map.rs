@@ -1,0 +1,182 @@
+//! Where the peripherals are, and which bit switches their clock on.
+
+use super::shared::Clocks;
+
+/// A peripheral; all ports are one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Unit {
+    Rcc,
+    Pwr,
+    Gpio,
+    Exti,
+    Syscfg,
+    Tim1,
+    Tim2,
+    Tim3,
+    Tim4,
+    Tim5,
+    Adc,
+    Dma1,
+    Dma2,
+    Spi1,
+    Can1,
+    Usart3,
+    Watchdog,
+    Debug,
+    Flash,
+}
+
+/// Offsets of the registers of the RCC that switch clocks on.
+const AHB1ENR: u32 = 0x30;
+const APB1ENR: u32 = 0x40;
+const APB2ENR: u32 = 0x44;
+
+/// Length of a port's registers.
+const PORT: u32 = 0x400;
+
+/// A peripheral's place.
+struct Place {
+    first: u32,
+    last: u32,
+    unit: Unit,
+    name: &'static str,
+    gate: Option<(u32, u32)>,
+}
+
+const fn place(
+    first: u32,
+    length: u32,
+    unit: Unit,
+    name: &'static str,
+    gate: Option<(u32, u32)>,
+) -> Place {
+    Place {
+        first,
+        last: first + length - 1,
+        unit,
+        name,
+        gate,
+    }
+}
+
+/// In the order of addresses.
+const PLACES: [Place; 21] = [
+    place(0x1fff_7a10, 0x14, Unit::Debug, "UID", None),
+    place(0x4000_0000, 0x400, Unit::Tim2, "TIM2", Some((APB1ENR, 0))),
+    place(0x4000_0400, 0x400, Unit::Tim3, "TIM3", Some((APB1ENR, 1))),
+    place(0x4000_0800, 0x400, Unit::Tim4, "TIM4", Some((APB1ENR, 2))),
+    place(0x4000_0c00, 0x400, Unit::Tim5, "TIM5", Some((APB1ENR, 3))),
+    place(0x4000_3000, 0x400, Unit::Watchdog, "IWDG", None),
+    place(
+        0x4000_4800,
+        0x400,
+        Unit::Usart3,
+        "USART3",
+        Some((APB1ENR, 18)),
+    ),
+    place(0x4000_6400, 0x400, Unit::Can1, "CAN1", Some((APB1ENR, 25))),
+    place(0x4000_7000, 0x400, Unit::Pwr, "PWR", Some((APB1ENR, 28))),
+    place(0x4001_0000, 0x400, Unit::Tim1, "TIM1", Some((APB2ENR, 0))),
+    place(0x4001_2000, 0x400, Unit::Adc, "ADC1", Some((APB2ENR, 8))),
+    place(0x4001_3000, 0x400, Unit::Spi1, "SPI1", Some((APB2ENR, 12))),
+    place(
+        0x4001_3800,
+        0x400,
+        Unit::Syscfg,
+        "SYSCFG",
+        Some((APB2ENR, 14)),
+    ),
+    place(0x4001_3c00, 0x400, Unit::Exti, "EXTI", None),
+    place(0x4002_0000, 9 * PORT, Unit::Gpio, "GPIO", None),
+    place(0x4002_3800, 0x400, Unit::Rcc, "RCC", None),
+    place(0x4002_3c00, 0x400, Unit::Flash, "FLASH", None),
+    place(0x4002_6000, 0x400, Unit::Dma1, "DMA1", Some((AHB1ENR, 21))),
+    place(0x4002_6400, 0x400, Unit::Dma2, "DMA2", Some((AHB1ENR, 22))),
+    place(0xe004_2000, 0x400, Unit::Debug, "DBGMCU", None),
+    place(0xf000_0000, 1, Unit::Debug, "", None),
+];
+
+impl Unit {
+    /// The peripheral at an address, and the place within it.
+    pub fn at(address: u32) -> Option<(Self, u32)> {
+        let k = PLACES.partition_point(|place| place.last < address);
+        let place = PLACES.get(k)?;
+        (address >= place.first).then_some((
+            place.unit,
+            address - place.first + place.unit.bias(place.first),
+        ))
+    }
+
+    /// The debug unit has two places: that of the identity comes behind the other.
+    fn bias(self, first: u32) -> u32 {
+        if first == 0x1fff_7a10 { 0x800 } else { 0 }
+    }
+
+    fn place(self) -> &'static Place {
+        let found = PLACES.iter().rev().find(|place| place.unit == self);
+        found.unwrap_or(&PLACES[0])
+    }
+
+    /// Its name, of a port with the letter.
+    pub fn name_at(self, offset: u32) -> String {
+        match self {
+            Self::Gpio => format!("GPIO{}", char::from(b'A' + (offset / PORT) as u8)),
+            Self::Debug if offset >= 0x800 => "UID".to_owned(),
+            Self::Debug => "DBGMCU".to_owned(),
+            _ => self.place().name.to_owned(),
+        }
+    }
+
+    /// The RCC's register and bit that switch its clock on.
+    pub fn gate(self, offset: u32) -> Option<(u32, u32)> {
+        match self {
+            Self::Gpio => Some((AHB1ENR, offset / PORT)),
+            _ => self.place().gate,
+        }
+    }
+
+    /// Place of a register within one port or peripheral.
+    pub fn register_offset(self, offset: u32) -> u32 {
+        match self {
+            Self::Gpio => offset % PORT,
+            _ => offset,
+        }
+    }
+
+    /// What an access takes beyond the core's own time, cycles: the bridge waits for an edge of the
+    /// slower clock and for the access itself.
+    pub fn bus_cycles(self, clocks: &Clocks) -> u64 {
+        match self.place().first {
+            0x4000_0000..=0x4000_ffff => 2 * clocks.apb1,
+            0x4001_0000..=0x4001_ffff => 2 * clocks.apb2,
+            _ => 1,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn places_are_in_order_and_do_not_overlap() {
+        for pair in PLACES.windows(2) {
+            assert!(
+                pair[0].last < pair[1].first,
+                "{} {}",
+                pair[0].name,
+                pair[1].name
+            );
+        }
+    }
+
+    #[test]
+    fn addresses_of_the_manual_are_found() {
+        assert_eq!(Unit::at(0x4002_0414), Some((Unit::Gpio, 0x414)));
+        assert_eq!(Unit::Gpio.name_at(0x414), "GPIOB");
+        assert_eq!(Unit::Gpio.gate(0x414), Some((AHB1ENR, 1)));
+        assert_eq!(Unit::at(0x4001_2304), Some((Unit::Adc, 0x304)));
+        assert_eq!(Unit::at(0x4000_5400), None);
+        assert_eq!(Unit::at(0xe004_2000), Some((Unit::Debug, 0)));
+    }
+}

@@ -1,0 +1,135 @@
+//! Pins, who drives them, and what peripherals put on them.
+
+use std::fmt;
+
+/// A pin of the chip.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Pin(u8);
+
+/// Ports of the chip, A to I.
+pub const PORTS: usize = 9;
+
+impl Pin {
+    /// Pin `number` (0 to 15) of the port with this letter (A to I).
+    pub const fn new(port: char, number: u8) -> Self {
+        let port = port as u8 - b'A';
+        assert!((port as usize) < PORTS && number < 16);
+        Self(port * 16 + number)
+    }
+
+    /// Number of the port: 0 for A.
+    pub const fn port(self) -> usize {
+        (self.0 / 16) as usize
+    }
+
+    /// Number within the port.
+    pub const fn number(self) -> u32 {
+        (self.0 % 16) as u32
+    }
+
+    /// All pins at their index.
+    pub const fn index(self) -> usize {
+        self.0 as usize
+    }
+
+    pub(crate) const fn of(port: usize, number: u32) -> Self {
+        Self((port as u8) * 16 + number as u8)
+    }
+}
+
+impl fmt::Display for Pin {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "P{}{}", char::from(b'A' + self.0 / 16), self.0 % 16)
+    }
+}
+
+/// How one side drives a pin.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Drive {
+    /// Not at all.
+    #[default]
+    Open,
+    /// Through a resistor to ground.
+    PullDown,
+    /// Through a resistor to the supply.
+    PullUp,
+    /// To ground.
+    Low,
+    /// To the supply.
+    High,
+}
+
+impl Drive {
+    /// Strongly to a level.
+    pub const fn to(level: bool) -> Self {
+        if level { Self::High } else { Self::Low }
+    }
+
+    /// Whether it is more than a resistor.
+    pub const fn is_strong(self) -> bool {
+        matches!(self, Self::Low | Self::High)
+    }
+}
+
+/// What a peripheral has on a pin.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[allow(missing_docs, reason = "the manual's names")]
+pub enum Signal {
+    Tim1Ch1,
+    Tim1Ch2,
+    Tim1Ch3,
+    Tim1Ch4,
+    Tim1Ch1N,
+    Tim1Ch2N,
+    Tim1Ch3N,
+    Tim1Bkin,
+    Tim3Ch1,
+    Tim3Ch2,
+    Tim4Ch1,
+    Tim4Ch2,
+    Spi1Sck,
+    Spi1Miso,
+    Spi1Mosi,
+    Can1Rx,
+    Can1Tx,
+    Usart3Rx,
+    Usart3Tx,
+}
+
+/// Alternate functions of the STM32F405 (its data sheet's table 9), as far as they are modelled.
+pub(crate) const ALTERNATE: &[(Pin, u32, Signal)] = &[
+    (Pin::new('A', 8), 1, Signal::Tim1Ch1),
+    (Pin::new('A', 9), 1, Signal::Tim1Ch2),
+    (Pin::new('A', 10), 1, Signal::Tim1Ch3),
+    (Pin::new('A', 11), 1, Signal::Tim1Ch4),
+    (Pin::new('A', 6), 1, Signal::Tim1Bkin),
+    (Pin::new('A', 7), 1, Signal::Tim1Ch1N),
+    (Pin::new('B', 0), 1, Signal::Tim1Ch2N),
+    (Pin::new('B', 1), 1, Signal::Tim1Ch3N),
+    (Pin::new('B', 12), 1, Signal::Tim1Bkin),
+    (Pin::new('B', 13), 1, Signal::Tim1Ch1N),
+    (Pin::new('B', 14), 1, Signal::Tim1Ch2N),
+    (Pin::new('B', 15), 1, Signal::Tim1Ch3N),
+    (Pin::new('A', 6), 2, Signal::Tim3Ch1),
+    (Pin::new('A', 7), 2, Signal::Tim3Ch2),
+    (Pin::new('B', 4), 2, Signal::Tim3Ch1),
+    (Pin::new('B', 5), 2, Signal::Tim3Ch2),
+    (Pin::new('C', 6), 2, Signal::Tim3Ch1),
+    (Pin::new('C', 7), 2, Signal::Tim3Ch2),
+    (Pin::new('B', 6), 2, Signal::Tim4Ch1),
+    (Pin::new('B', 7), 2, Signal::Tim4Ch2),
+    (Pin::new('A', 5), 5, Signal::Spi1Sck),
+    (Pin::new('A', 6), 5, Signal::Spi1Miso),
+    (Pin::new('A', 7), 5, Signal::Spi1Mosi),
+    (Pin::new('B', 3), 5, Signal::Spi1Sck),
+    (Pin::new('B', 4), 5, Signal::Spi1Miso),
+    (Pin::new('B', 5), 5, Signal::Spi1Mosi),
+    (Pin::new('A', 11), 9, Signal::Can1Rx),
+    (Pin::new('A', 12), 9, Signal::Can1Tx),
+    (Pin::new('B', 8), 9, Signal::Can1Rx),
+    (Pin::new('B', 9), 9, Signal::Can1Tx),
+    (Pin::new('B', 10), 7, Signal::Usart3Tx),
+    (Pin::new('B', 11), 7, Signal::Usart3Rx),
+    (Pin::new('C', 10), 7, Signal::Usart3Tx),
+    (Pin::new('C', 11), 7, Signal::Usart3Rx),
+];

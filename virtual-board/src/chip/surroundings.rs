@@ -1,0 +1,55 @@
+//! What is soldered around the chip, as the chip meets it.
+
+use super::pin::{Drive, Pin};
+use crate::time::Time;
+use std::any::Any;
+
+/// Everything around one chip: sensors, drivers, switches, supply.
+///
+/// The chip calls it at exact times; between two calls nothing of it may change what the chip sees,
+/// but by [`Self::advance`] at the time that [`Self::next`] announced.
+pub trait Surroundings: Any + Send {
+    /// The chip drives this pin in another way now.
+    fn pin(&mut self, pin: Pin, drive: Drive, at: Time);
+
+    /// Voltage at an analogue input at the instant at which the converter's sampling ends, V.
+    fn voltage(&mut self, pin: Pin, at: Time) -> f64;
+
+    /// Exchanges a word over SPI1 that ends at `at`; what comes back where nothing is selected is all
+    /// ones.
+    fn spi(&mut self, word: u16, bits: u32, at: Time) -> u16;
+
+    /// A byte was sent by USART3; its stop bit ends at `at`.
+    fn serial(&mut self, byte: u8, at: Time) {
+        let _ = (byte, at);
+    }
+
+    /// When something changes by itself next.
+    fn next(&self) -> Time {
+        Time::NEVER
+    }
+
+    /// Does what is due at `at`.
+    fn advance(&mut self, at: Time, inputs: &mut Inputs) {
+        let _ = (at, inputs);
+    }
+
+    /// Supply of the chip (VDD and VDDA), V. Below 1.7 V it is off.
+    fn supply(&mut self, at: Time) -> f64 {
+        let _ = at;
+        3.3
+    }
+}
+
+/// What changes at the chip's inputs.
+#[derive(Debug, Default)]
+pub struct Inputs {
+    /// Pins and how they are driven from outside now.
+    pub pins: Vec<(Pin, Drive)>,
+    /// Bytes whose stop bit ends now at USART3.
+    pub serial: Vec<u8>,
+    /// Whether the crystal works, when that changes.
+    pub crystal: Option<bool>,
+    /// Whether the supply has changed.
+    pub supply: bool,
+}
