@@ -121,6 +121,41 @@ pub struct Span {
 /// Time a run goes on after the lead node's fault, ticks: what follows from it can be seen.
 const GRACE: u64 = 1000;
 
+/// A robot that an experiment drives, wherever its boards run.
+pub trait Robot {
+    /// Simulated time, µs.
+    fn now(&self) -> Micros;
+    /// Gives the lead node a task.
+    fn command(&mut self, task: Task) -> Result<(), Error>;
+    /// One millisecond.
+    fn step(&mut self) -> Result<(), Error>;
+    /// The state for logs and pictures.
+    fn record(&self) -> Record;
+    /// The robot as it is.
+    fn plant(&self) -> &Plant;
+    /// What the nodes say of themselves.
+    fn monitor(&self) -> &Monitor;
+    /// Whether the robot, at rest for long enough, need not be watched any longer.
+    fn watched_enough(&self) -> bool;
+    /// Whether the run must end before its task.
+    fn must_end(&self) -> bool;
+
+    /// True bend of the frame, rad: half the angle between the axles (ψ).
+    fn bend(&self) -> f64 {
+        let [front, rear] = self.plant().state().axle.map(|axle| axle.posture[2]);
+        0.5 * (front - rear)
+    }
+
+    /// True speed of the faster axle's midpoint, m/s.
+    fn speed(&self) -> f64 {
+        let speeds = self.plant().state().axle.map(|axle| {
+            let [forward, across, _] = axle.velocity;
+            forward.hypot(across)
+        });
+        speeds[0].max(speeds[1])
+    }
+}
+
 /// A trial in progress.
 pub struct Simulation {
     plant: Plant,
@@ -555,21 +590,6 @@ impl Simulation {
         }
     }
 
-    /// True bend of the frame, rad: half the angle between the axles (ψ).
-    pub fn bend(&self) -> f64 {
-        let [front, rear] = self.plant.state().axle.map(|axle| axle.posture[2]);
-        0.5 * (front - rear)
-    }
-
-    /// True speed of the faster axle's midpoint, m/s.
-    pub fn speed(&self) -> f64 {
-        let speeds = self.plant.state().axle.map(|axle| {
-            let [forward, across, _] = axle.velocity;
-            forward.hypot(across)
-        });
-        speeds[0].max(speeds[1])
-    }
-
     /// Strains of the latest sample; zero where there is no gauge, and of all without the sensor.
     fn strain(&self) -> [f32; MAX_GAUGES] {
         let mut strain = self
@@ -609,8 +629,46 @@ impl Simulation {
     }
 }
 
+impl Robot for Simulation {
+    fn now(&self) -> Micros {
+        self.now()
+    }
+
+    fn command(&mut self, task: Task) -> Result<(), Error> {
+        self.order(&Order::Task(task))
+    }
+
+    fn step(&mut self) -> Result<(), Error> {
+        self.step()
+    }
+
+    fn record(&self) -> Record {
+        self.record()
+    }
+
+    fn plant(&self) -> &Plant {
+        self.plant()
+    }
+
+    fn monitor(&self) -> &Monitor {
+        self.monitor()
+    }
+
+    fn watched_enough(&self) -> bool {
+        self.watched_enough()
+    }
+
+    fn must_end(&self) -> bool {
+        self.must_end()
+    }
+}
+
 /// The plant with the true dimensions of this trial.
-fn true_plant(config: &PlantConfig, rps: bool, imperfections: &TrialImperfections) -> PlantConfig {
+pub fn true_plant(
+    config: &PlantConfig,
+    rps: bool,
+    imperfections: &TrialImperfections,
+) -> PlantConfig {
     let mut plant = config.clone();
     if !rps {
         plant.sensing_mass_kg = 0.0;
@@ -662,9 +720,9 @@ struct Drive {
 }
 
 impl Drive {
-    fn new(simulation: &Simulation) -> Self {
+    fn new(robot: &impl Robot) -> Self {
         Self {
-            last: simulation.plant().midpoint(),
+            last: robot.plant().midpoint(),
             phase: Phase::Stop,
             direction: 0.0,
             bend: 0.0,
@@ -722,9 +780,9 @@ pub fn regulate(
     )
 }
 
-/// The same with a simulation that has been made for the scenario.
+/// The same with a robot that has been made for the scenario.
 pub fn regulate_on(
-    simulation: &mut Simulation,
+    simulation: &mut impl Robot,
     scenario: &Scenario,
     mut observe: impl FnMut(&Record),
 ) -> Result<Outcome, Error> {
@@ -739,7 +797,7 @@ pub fn regulate_on(
     while simulation.now() < limit {
         let now = simulation.now();
         if now == settle {
-            simulation.order(&Order::Task(Task::Regulate { goal }))?;
+            simulation.command(Task::Regulate { goal })?;
         }
         simulation.step()?;
         if now >= settle {

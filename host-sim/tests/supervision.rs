@@ -10,7 +10,7 @@ use core_algos::node::robot::RobotConfig;
 use core_algos::safety::{Condition, OperatingState};
 use host_sim::error::Error;
 use host_sim::scenario::Scenario;
-use host_sim::simulation::{Outcome, Record, Simulation, regulate_on};
+use host_sim::simulation::{Outcome, Record, Robot as _, Simulation, regulate_on};
 use host_sim::supervision::Status;
 use host_sim::targets::{
     self, Failure, FailureMode, Fault, InProcess, Order, Output, Posted, Report, Room, Target,

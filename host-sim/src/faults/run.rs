@@ -3,7 +3,7 @@
 use super::{Entry, Fault};
 use crate::error::Error;
 use crate::scenario::Scenario;
-use crate::simulation::Simulation;
+use crate::simulation::{Robot as _, Simulation};
 use crate::supervision::Status;
 use crate::targets::Order;
 use core_algos::bus::LeadMode;

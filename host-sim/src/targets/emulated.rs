@@ -1,6 +1,7 @@
 //! Boards in QEMU; see `docs/emulation.md` for what of a board is emulated.
 
 use super::board_log::BoardLog;
+use super::images;
 use super::link::{Descriptors, Link, make_flash_file};
 use super::{Remote, Target};
 use crate::error::Error;
@@ -20,8 +21,6 @@ use std::time::{Duration, Instant};
 
 /// The oldest QEMU whose model of the chip does.
 pub const OLDEST_QEMU: u32 = 9;
-/// The boards' target.
-pub const TARGET: &str = "thumbv7em-none-eabihf";
 /// Time in which an emulated board opens its link.
 const START: Duration = Duration::from_secs(20);
 
@@ -93,38 +92,12 @@ pub struct Images {
 impl Images {
     /// Builds what is not up to date.
     pub fn build() -> Result<Self, Error> {
-        let workspace = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
-        let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
         let directory = Arc::new(Scratch::new()?);
         let image = |package: &str| -> Result<Arc<Vec<u8>>, Error> {
-            let status = Command::new(&cargo)
-                .args([
-                    "build",
-                    "--quiet",
-                    "--locked",
-                    "--release",
-                    "--features",
-                    "emulated",
-                ])
-                .args(["--target", TARGET, "--package", package])
-                .current_dir(&workspace)
-                .stdin(Stdio::null())
-                .status()
-                .map_err(|error| Error::Failure(format!("cargo: {error}")))?;
-            if !status.success() {
-                return Err(Error::Failure(format!(
-                    "{package} cannot be built for emulation ({status}); the Rust target {TARGET} \
-                     is needed: rustup target add {TARGET}"
-                )));
-            }
             // A copy, so that another build does not exchange it in the middle of a run.
-            let target = std::env::var_os("CARGO_TARGET_DIR").map(PathBuf::from);
-            let target = target.unwrap_or_else(|| workspace.join("target"));
-            let built = target.join(TARGET).join("release").join(package);
-            let copy = directory.path.join(package);
-            fs::copy(&built, &copy)
-                .map_err(|error| Error::Failure(format!("{}: {error}", built.display())))?;
-            Ok(Arc::new(fs::read(copy)?))
+            let bytes = images::build(package, Some("emulated"))?;
+            fs::write(directory.path.join(package), &bytes)?;
+            Ok(Arc::new(bytes))
         };
         Ok(Self {
             axle: image("firmware-axle")?,

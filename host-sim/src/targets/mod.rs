@@ -8,6 +8,7 @@
 pub mod board_log;
 pub mod boards;
 pub mod emulated;
+pub mod images;
 pub mod in_process;
 pub mod link;
 pub mod parameters;

@@ -8,6 +8,13 @@ use super::shared::{Shared, Source};
 #[derive(Default)]
 pub(crate) struct Can {}
 
+impl Can {
+    /// The program resets the controller by its clock unit.
+    pub fn reset(&mut self, shared: &mut Shared) {
+        let _ = shared;
+    }
+}
+
 impl Peripheral for Can {
     fn registers(&self) -> &'static [Register] {
         &[]

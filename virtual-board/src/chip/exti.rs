@@ -1,66 +1,170 @@
 //! External interrupts and the choice of their ports.
+//!
+//! Source: reference manual RM0090, chapters 9 and 12. Lines 0 to 15 are pins, 16 is the voltage
+//! detector. Not modelled: events for WFE, and the lines of the real-time clock, USB and Ethernet;
+//! switching one on is a finding.
 
 use super::Peripheral;
-use super::register::Register;
-use super::shared::{Shared, Source};
+use super::interrupt::Interrupt;
+use super::register::{Register, merge, word};
+use super::shared::Shared;
+use crate::finding::Kind;
+
+#[rustfmt::skip]
+const REGISTERS: &[Register] = &[
+    word(0x00, "IMR", 0x7f_ffff), word(0x04, "EMR", 0x7f_ffff), word(0x08, "RTSR", 0x7f_ffff),
+    word(0x0c, "FTSR", 0x7f_ffff), word(0x10, "SWIER", 0x7f_ffff), word(0x14, "PR", 0x7f_ffff),
+];
+
+/// Lines that are modelled.
+const LINES: u32 = 0x1_ffff;
 
 /// Edges of pins become interrupts.
 #[derive(Default)]
-pub(crate) struct Exti {}
+pub(crate) struct Exti {
+    mask: u32,
+    rising: u32,
+    falling: u32,
+    pending: u32,
+    levels: u32,
+    software: u32,
+}
 
 impl Exti {
-    /// The pin that is chosen for a line has another level.
+    /// What a line listens to has another level.
     pub fn level(&mut self, line: u32, level: bool, shared: &mut Shared) {
-        let _ = (line, level, shared);
+        let bit = 1 << line;
+        let before = self.levels & bit != 0;
+        self.levels = if level {
+            self.levels | bit
+        } else {
+            self.levels & !bit
+        };
+        let edges = if level { self.rising } else { self.falling };
+        if before != level && edges & bit != 0 {
+            self.pending |= bit;
+            self.update(shared);
+        }
+    }
+
+    fn update(&self, shared: &mut Shared) {
+        let active = self.pending & self.mask;
+        for (lines, interrupt) in [
+            (1, Interrupt::Exti0),
+            (1 << 1, Interrupt::Exti1),
+            (1 << 2, Interrupt::Exti2),
+            (1 << 3, Interrupt::Exti3),
+            (1 << 4, Interrupt::Exti4),
+            (0x3e0, Interrupt::Exti9To5),
+            (0xfc00, Interrupt::Exti15To10),
+            (1 << 16, Interrupt::Pvd),
+        ] {
+            shared.line(interrupt, active & lines != 0);
+        }
     }
 }
 
 impl Peripheral for Exti {
     fn registers(&self) -> &'static [Register] {
-        &[]
+        REGISTERS
     }
 
-    fn read(&mut self, offset: u32, shared: &mut Shared) -> u32 {
-        let _ = (offset, shared);
-        0
+    fn read(&mut self, offset: u32, _shared: &mut Shared) -> u32 {
+        match offset {
+            0x00 => self.mask,
+            0x08 => self.rising,
+            0x0c => self.falling,
+            0x10 => self.software,
+            0x14 => self.pending,
+            _ => 0,
+        }
     }
 
     fn write(&mut self, offset: u32, value: u32, mask: u32, shared: &mut Shared) {
-        let _ = (offset, value, mask, shared);
-    }
-
-    fn event(&mut self, source: Source, shared: &mut Shared) {
-        let _ = (source, shared);
+        if offset < 0x10 && value & !LINES != 0 || offset == 0x04 && value != 0 {
+            shared.note(Kind::NotModelled, "EXTI: events, and lines beyond 16");
+        }
+        match offset {
+            0x00 => self.mask = merge(self.mask, value, mask),
+            0x08 => self.rising = merge(self.rising, value, mask),
+            0x0c => self.falling = merge(self.falling, value, mask),
+            0x10 => {
+                self.pending |= value & !self.software & self.mask;
+                self.software |= value;
+            }
+            0x14 => {
+                self.pending &= !value;
+                self.software &= !value;
+            }
+            _ => {}
+        }
+        self.update(shared);
     }
 }
 
+#[rustfmt::skip]
+const CONFIGURATION: &[Register] = &[
+    word(0x00, "MEMRMP", 3), word(0x04, "PMC", 0x80_0000), word(0x08, "EXTICR1", 0xffff), word(0x0c, "EXTICR2", 0xffff),
+    word(0x10, "EXTICR3", 0xffff), word(0x14, "EXTICR4", 0xffff), word(0x20, "CMPCR", 0x101),
+];
+
 /// System configuration: which port each line listens to.
 #[derive(Default)]
-pub(crate) struct Syscfg {}
+pub(crate) struct Syscfg {
+    ports: [u32; 4],
+}
 
 impl Syscfg {
     /// The port that a line listens to.
     pub fn port_of(&self, line: u32) -> usize {
-        let _ = line;
-        0
+        (self.ports[line as usize / 4] >> (4 * (line % 4)) & 15) as usize
     }
 }
 
 impl Peripheral for Syscfg {
     fn registers(&self) -> &'static [Register] {
-        &[]
+        CONFIGURATION
     }
 
-    fn read(&mut self, offset: u32, shared: &mut Shared) -> u32 {
-        let _ = (offset, shared);
-        0
+    fn read(&mut self, offset: u32, _shared: &mut Shared) -> u32 {
+        match offset {
+            0x08..=0x14 => self.ports[offset as usize / 4 - 2],
+            _ => 0,
+        }
     }
 
     fn write(&mut self, offset: u32, value: u32, mask: u32, shared: &mut Shared) {
-        let _ = (offset, value, mask, shared);
+        match offset {
+            0x08..=0x14 => {
+                let register = &mut self.ports[offset as usize / 4 - 2];
+                *register = merge(*register, value, mask);
+            }
+            _ if value != 0 => {
+                shared.note(Kind::NotModelled, "SYSCFG: memory remap, compensation cell")
+            }
+            _ => {}
+        }
     }
+}
 
-    fn event(&mut self, source: Source, shared: &mut Shared) {
-        let _ = (source, shared);
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::chip::testing::shared;
+
+    #[test]
+    fn chosen_edges_pend_until_they_are_cleared() {
+        let (mut exti, mut shared) = (Exti::default(), shared());
+        exti.write(0x00, 1 << 7, !0, &mut shared);
+        exti.write(0x0c, 1 << 7, !0, &mut shared);
+        exti.level(7, true, &mut shared);
+        assert_eq!(shared.lines, 0);
+        exti.level(7, false, &mut shared);
+        assert_eq!(shared.lines, 1 << Interrupt::Exti9To5 as u32);
+        exti.write(0x14, 1 << 7, !0, &mut shared);
+        assert_eq!(shared.lines, 0);
+        let mut syscfg = Syscfg::default();
+        syscfg.write(0x0c, 2 << 12, !0, &mut shared);
+        assert_eq!((syscfg.port_of(7), syscfg.port_of(6)), (2, 0));
     }
 }

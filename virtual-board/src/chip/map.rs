@@ -1,6 +1,7 @@
 //! Where the peripherals are, and which bit switches their clock on.
 
-use super::shared::Clocks;
+use super::interrupt::Interrupt;
+use super::shared::{Clocks, Source};
 
 /// A peripheral; all ports are one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -30,6 +31,9 @@ pub(crate) enum Unit {
 const AHB1ENR: u32 = 0x30;
 const APB1ENR: u32 = 0x40;
 const APB2ENR: u32 = 0x44;
+
+/// Place of the unique identifier behind the registers of the debug unit.
+pub(crate) const IDENTITY: u32 = 0x800;
 
 /// Length of a port's registers.
 const PORT: u32 = 0x400;
@@ -101,15 +105,13 @@ impl Unit {
     pub fn at(address: u32) -> Option<(Self, u32)> {
         let k = PLACES.partition_point(|place| place.last < address);
         let place = PLACES.get(k)?;
-        (address >= place.first).then_some((
-            place.unit,
-            address - place.first + place.unit.bias(place.first),
-        ))
+        let offset = address.checked_sub(place.first)?;
+        Some((place.unit, offset + place.unit.bias(place.first)))
     }
 
     /// The debug unit has two places: that of the identity comes behind the other.
     fn bias(self, first: u32) -> u32 {
-        if first == 0x1fff_7a10 { 0x800 } else { 0 }
+        if first == 0x1fff_7a10 { IDENTITY } else { 0 }
     }
 
     fn place(self) -> &'static Place {
@@ -121,7 +123,7 @@ impl Unit {
     pub fn name_at(self, offset: u32) -> String {
         match self {
             Self::Gpio => format!("GPIO{}", char::from(b'A' + (offset / PORT) as u8)),
-            Self::Debug if offset >= 0x800 => "UID".to_owned(),
+            Self::Debug if offset >= IDENTITY => "UID".to_owned(),
             Self::Debug => "DBGMCU".to_owned(),
             _ => self.place().name.to_owned(),
         }
@@ -132,6 +134,44 @@ impl Unit {
         match self {
             Self::Gpio => Some((AHB1ENR, offset / PORT)),
             _ => self.place().gate,
+        }
+    }
+
+    /// The peripheral whose clock this bit of an enable register switches on, and which the same bit of
+    /// the reset register resets, with what it may have on the schedule.
+    pub fn reset_by(register: u32, bit: u32) -> Option<(Self, &'static [Source])> {
+        let place = PLACES
+            .iter()
+            .find(|place| place.gate == Some((register, bit)))?;
+        let sources: &[Source] = match place.unit {
+            Self::Tim1 => &[Source::Tim1],
+            Self::Tim2 => &[Source::Tim2],
+            Self::Tim3 => &[Source::Tim3],
+            Self::Tim4 => &[Source::Tim4],
+            Self::Tim5 => &[Source::Tim5],
+            Self::Adc => &[Source::Adc, Source::AdcInjected],
+            Self::Dma1 => &[Source::Dma1],
+            Self::Dma2 => &[Source::Dma2],
+            Self::Spi1 => &[Source::Spi1],
+            Self::Usart3 => &[Source::Usart3],
+            _ => &[],
+        };
+        Some((place.unit, sources))
+    }
+
+    /// Its interrupt lines.
+    pub fn interrupts(self) -> &'static [Interrupt] {
+        use Interrupt::*;
+        match self {
+            Self::Tim1 => &[Tim1Break, Tim1Update, Tim1Trigger, Tim1Compare],
+            Self::Tim2 => &[Tim2],
+            Self::Tim3 => &[Tim3],
+            Self::Tim4 => &[Tim4],
+            Self::Tim5 => &[Tim5],
+            Self::Adc => &[Adc],
+            Self::Spi1 => &[Spi1],
+            Self::Usart3 => &[Usart3],
+            _ => &[],
         }
     }
 

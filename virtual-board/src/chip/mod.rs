@@ -25,6 +25,9 @@ mod timer;
 mod usart;
 mod watchdog;
 
+#[cfg(test)]
+mod testing;
+
 pub use interrupt::Interrupt;
 pub use pin::{Drive, Pin, Signal};
 pub use rcc::Cause;
@@ -35,6 +38,7 @@ use crate::core::{BusError, System, Width};
 use crate::finding::{Findings, Kind};
 use crate::time::{Cycles, NEVER, Time, Timebase};
 use map::Unit;
+use pwr::Supplied;
 use register::Register;
 use shared::{Effect, Shared, Source};
 
@@ -63,7 +67,7 @@ const SRAM_LENGTH: usize = 128 << 10;
 const CCM: u32 = 0x1000_0000;
 const CCM_LENGTH: usize = 64 << 10;
 /// First address of the flash.
-const FLASH: u32 = 0x0800_0000;
+pub(crate) const FLASH: u32 = 0x0800_0000;
 
 /// All peripherals in their state after a reset.
 struct Units {
@@ -122,6 +126,8 @@ pub struct Chip {
     ccm: Vec<u8>,
     /// A reset that is due.
     reset: Option<Cause>,
+    /// The supply is too low: the chip is held in reset.
+    held: bool,
     /// The clock security system asks for the non-maskable interrupt.
     nmi: bool,
 }
@@ -136,6 +142,7 @@ impl Chip {
             sram: vec![0; SRAM_LENGTH],
             ccm: vec![0; CCM_LENGTH],
             reset: None,
+            held: false,
             nmi: false,
         };
         chip.restart(Cause::PowerOn);
@@ -186,10 +193,9 @@ impl Chip {
     /// Begins anew after a reset: peripherals as the manual says, memories as they were, or after power
     /// was off with what static memory shows then.
     pub fn restart(&mut self, cause: Cause) {
-        let old = self.shared.base;
-        let backup = self.units.rcc.kept(cause);
-        self.units = Units::new();
-        self.units.rcc.begin(backup, cause);
+        let kept = self.units.rcc.kept(cause);
+        let before = std::mem::replace(&mut self.units, Units::new());
+        self.units.rcc.begin(kept, cause);
         if cause == Cause::PowerOn {
             self.scramble();
         }
@@ -199,10 +205,23 @@ impl Chip {
             self.shared.schedule(source, NEVER);
         }
         self.flash.reset();
-        self.set_frequency(Clocks::RESET.hclk_hz);
         self.shared.clocks = Clocks::RESET;
-        let _ = old;
+        self.set_frequency(Clocks::RESET.hclk_hz);
+        self.reset = None;
+        self.nmi = false;
+        self.units.gpio.begin(&before.gpio, &mut self.shared);
+        self.settle();
         self.refresh();
+    }
+
+    /// The power goes: all pins are let go, and an operation of the flash is cut short.
+    pub fn power_off(&mut self) {
+        self.restart(Cause::PowerOn);
+    }
+
+    /// Whether the supply is too low for the chip to run.
+    pub fn is_held(&self) -> bool {
+        self.held
     }
 
     /// What static memory shows after power came on: nothing that a program may rely on.
@@ -245,11 +264,26 @@ impl Chip {
             self.units.rcc.crystal(works, &mut self.shared);
         }
         if inputs.supply {
-            let volts = self.shared.surroundings.supply(at);
-            self.units.pwr.supply(volts, &mut self.shared);
+            self.supply(at);
         }
         self.settle();
         self.refresh();
+    }
+
+    /// The supply has changed.
+    fn supply(&mut self, at: Time) {
+        let volts = self.shared.surroundings.supply(at);
+        let level = self.flash.brown_out();
+        let pwr = &mut self.units.pwr;
+        let supplied = pwr.supply(volts, level, self.held, &mut self.shared);
+        let was = std::mem::replace(&mut self.held, supplied != Supplied::On);
+        match (was, supplied) {
+            (_, Supplied::Forgetting) => self.scramble(),
+            (false, Supplied::Held) => self.restart(Cause::BrownOut),
+            (true, Supplied::On) => self.reset = Some(Cause::BrownOut),
+            _ => {}
+        }
+        self.shared.limit = 0;
     }
 
     /// Carries effects to those they concern until there are none.
@@ -272,6 +306,8 @@ impl Chip {
                     self.clocks_changed(&old);
                 }
                 Effect::ClockFailure => self.nmi = true,
+                Effect::VoltageDetector(low) => units.exti.level(16, low, shared),
+                Effect::ResetUnit(register, bit) => self.reset_unit(register, bit),
                 Effect::Reset(cause) => {
                     self.reset = Some(cause);
                     self.shared.limit = 0;
@@ -280,7 +316,54 @@ impl Chip {
         }
     }
 
+    /// The program resets a peripheral.
+    fn reset_unit(&mut self, register: u32, bit: u32) {
+        let Some((unit, sources)) = Unit::reset_by(register, bit) else {
+            return;
+        };
+        let new = Units::new();
+        let units = &mut self.units;
+        match unit {
+            Unit::Tim1 => units.tim1 = new.tim1,
+            Unit::Tim2 => units.tim2 = new.tim2,
+            Unit::Tim3 => units.tim3 = new.tim3,
+            Unit::Tim4 => units.tim4 = new.tim4,
+            Unit::Tim5 => units.tim5 = new.tim5,
+            Unit::Adc => units.adc = new.adc,
+            Unit::Dma1 => units.dma1 = new.dma1,
+            Unit::Dma2 => units.dma2 = new.dma2,
+            Unit::Spi1 => units.spi1 = new.spi1,
+            Unit::Can1 => units.can1.reset(&mut self.shared),
+            Unit::Usart3 => units.usart3 = new.usart3,
+            Unit::Syscfg => units.syscfg = new.syscfg,
+            Unit::Pwr => units.pwr = new.pwr,
+            _ => {}
+        }
+        for &source in sources {
+            self.shared.schedule(source, NEVER);
+        }
+        for &interrupt in unit.interrupts() {
+            self.shared.line(interrupt, false);
+        }
+    }
+
+    /// Whether the flash and the regulator can follow the core's clock (RM0090, tables 10 and 11).
+    fn judge_clock(&mut self) {
+        let hz = self.shared.clocks.hclk_hz;
+        let needed = hz.saturating_sub(1) / 30_000_000;
+        let set = self.flash.wait_states();
+        if set < needed {
+            let text = format!("{set} wait states at {hz} Hz: must be {needed}");
+            self.shared.note(Kind::ClockLimit, text);
+        }
+        if hz > 144_000_000 && !self.units.pwr.is_scale_1() {
+            self.shared
+                .note(Kind::ClockLimit, format!("regulator at scale 2 at {hz} Hz"));
+        }
+    }
+
     fn clocks_changed(&mut self, old: &Timebase) {
+        self.judge_clock();
         let (units, shared) = (&mut self.units, &mut self.shared);
         units.rcc.clocks_changed(old, shared);
         units.watchdog.clocks_changed(old, shared);
@@ -474,6 +557,9 @@ impl Chip {
         let (peripheral, shared) = self.unit(unit);
         peripheral.write(offset & !3, value, mask, shared);
         self.settle();
+        if unit == Unit::Flash {
+            self.judge_clock();
+        }
         Ok(())
     }
 
@@ -500,7 +586,7 @@ impl Chip {
             *cycle += unit.bus_cycles(&self.shared.clocks);
             return self.read_unit(unit, offset, width);
         }
-        if let Some(value) = self.flash.read(address, width, pc, cycle, &mut self.shared) {
+        if let Some(value) = self.flash.load(address, width, cycle, &mut self.shared) {
             return value;
         }
         let found = self.memory_read(address, width);
@@ -571,7 +657,7 @@ impl System for Chip {
 
     #[inline]
     fn enter_line(&mut self, address: u32, cycle: &mut Cycles) {
-        self.flash.enter_line(address, cycle);
+        self.flash.enter_line(address, cycle, &mut self.shared);
     }
 
     #[inline]
@@ -587,7 +673,7 @@ impl System for Chip {
             return Ok(get(&self.sram, at, width));
         }
         if address.wrapping_sub(FLASH) < 1 << 20
-            && let Some(value) = self.flash.read(address, width, pc, cycle, &mut self.shared)
+            && let Some(value) = self.flash.load(address, width, cycle, &mut self.shared)
         {
             return value;
         }

@@ -96,6 +96,11 @@ pub enum Signal {
     Usart3Tx,
 }
 
+impl Signal {
+    /// How many there are.
+    pub(crate) const COUNT: usize = Self::Usart3Tx as usize + 1;
+}
+
 /// Alternate functions of the STM32F405 (its data sheet's table 9), as far as they are modelled.
 pub(crate) const ALTERNATE: &[(Pin, u32, Signal)] = &[
     (Pin::new('A', 8), 1, Signal::Tim1Ch1),

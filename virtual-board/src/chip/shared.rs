@@ -120,6 +120,10 @@ pub(crate) enum Effect {
     Frequency(u64),
     /// The crystal failed and the clock security system saw it.
     ClockFailure,
+    /// The voltage detector says whether the supply is low.
+    VoltageDetector(bool),
+    /// The program resets a peripheral by the bit of this enable register that belongs to it.
+    ResetUnit(u32, u32),
     /// The chip is reset.
     Reset(super::rcc::Cause),
 }

@@ -1,0 +1,37 @@
+//! Images of the boards, built from this workspace.
+
+use crate::error::Error;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+/// The boards' target.
+pub const TARGET: &str = "thumbv7em-none-eabihf";
+
+/// Builds a package's image if it is not up to date, with this feature, and gives the ELF file's bytes.
+pub fn build(package: &str, feature: Option<&str>) -> Result<Vec<u8>, Error> {
+    let workspace = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
+    let status = Command::new(&cargo)
+        .args(["build", "--quiet", "--locked", "--release"])
+        .args(["--target", TARGET, "--package", package])
+        .args(
+            feature
+                .into_iter()
+                .flat_map(|feature| ["--features", feature]),
+        )
+        .current_dir(&workspace)
+        .stdin(Stdio::null())
+        .status()
+        .map_err(|error| Error::Failure(format!("cargo: {error}")))?;
+    if !status.success() {
+        return Err(Error::Failure(format!(
+            "{package} cannot be built for the board ({status}); the Rust target {TARGET} is needed: \
+             rustup target add {TARGET}"
+        )));
+    }
+    let target = std::env::var_os("CARGO_TARGET_DIR").map(PathBuf::from);
+    let target = target.unwrap_or_else(|| workspace.join("target"));
+    let built = target.join(TARGET).join("release").join(package);
+    fs::read(&built).map_err(|error| Error::Failure(format!("{}: {error}", built.display())))
+}

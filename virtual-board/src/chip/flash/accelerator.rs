@@ -1,0 +1,273 @@
+//! The flash's accelerator: what a read takes.
+//!
+//! The flash is read by lines of 16 bytes; a read takes one cycle and the wait states. While a line is
+//! executed the next one is fetched ahead, if prefetch is on. Lines that were met by a jump stand in an
+//! instruction cache of 64 lines, those read as data in a cache of 8; the least recently used goes
+//! first (RM0090, 3.5.2). A line that comes by prefetch is not put into the cache.
+
+use crate::time::Cycles;
+
+/// Lines of the flash.
+const LINES: usize = (1 << 20) / 16;
+/// No line.
+const NONE: u32 = u32::MAX;
+
+/// A cache of whole lines; the least recently used goes first.
+#[derive(Clone, Debug)]
+struct Cache<const N: usize> {
+    /// Place of each line in the cache plus one; zero if it is not there.
+    place: Vec<u8>,
+    line: [u32; N],
+    /// Neighbours by use: towards the latest, and towards the oldest.
+    newer: [u8; N],
+    older: [u8; N],
+    latest: u8,
+    oldest: u8,
+    on: bool,
+}
+
+impl<const N: usize> Cache<N> {
+    fn new() -> Self {
+        let mut cache = Self {
+            place: vec![0; LINES],
+            line: [NONE; N],
+            newer: [0; N],
+            older: [0; N],
+            latest: N as u8 - 1,
+            oldest: 0,
+            on: false,
+        };
+        for i in 0..N as u8 {
+            cache.newer[i as usize] = (i + 1).min(N as u8 - 1);
+            cache.older[i as usize] = i.saturating_sub(1);
+        }
+        cache
+    }
+
+    fn clear(&mut self) {
+        for line in self.line {
+            if let Some(place) = self.place.get_mut(line as usize) {
+                *place = 0;
+            }
+        }
+        self.line = [NONE; N];
+    }
+
+    /// Makes an entry the latest.
+    fn touch(&mut self, entry: u8) {
+        if entry == self.latest {
+            return;
+        }
+        let (newer, older) = (self.newer[entry as usize], self.older[entry as usize]);
+        if entry == self.oldest {
+            self.oldest = newer;
+        } else {
+            self.newer[older as usize] = newer;
+        }
+        self.older[newer as usize] = older;
+        self.newer[self.latest as usize] = entry;
+        self.older[entry as usize] = self.latest;
+        self.latest = entry;
+    }
+
+    /// Whether a line is there; it is then the latest used.
+    #[inline]
+    fn hit(&mut self, line: u32) -> bool {
+        let place = self.place[line as usize % LINES];
+        if place == 0 {
+            return false;
+        }
+        self.touch(place - 1);
+        true
+    }
+
+    fn fill(&mut self, line: u32) {
+        let entry = self.oldest;
+        if let Some(place) = self.place.get_mut(self.line[entry as usize] as usize) {
+            *place = 0;
+        }
+        self.line[entry as usize] = line;
+        self.place[line as usize % LINES] = entry + 1;
+        self.touch(entry);
+    }
+}
+
+/// The accelerator.
+#[derive(Clone, Debug)]
+pub(super) struct Accelerator {
+    pub wait_states: u64,
+    prefetch: bool,
+    instructions: Cache<64>,
+    data: Cache<8>,
+    /// Contents of the data cache: what the program reads even after the flash was changed.
+    stale: [[u8; 16]; 8],
+    current: u32,
+    /// The line fetched ahead, and when it is there.
+    ahead: (u32, Cycles),
+}
+
+impl Accelerator {
+    pub fn new() -> Self {
+        Self {
+            wait_states: 0,
+            prefetch: false,
+            instructions: Cache::new(),
+            data: Cache::new(),
+            stale: [[0; 16]; 8],
+            current: NONE,
+            ahead: (NONE, 0),
+        }
+    }
+
+    /// New settings by ACR.
+    pub fn set(&mut self, acr: u32) {
+        self.wait_states = u64::from(acr & 7);
+        self.prefetch = acr & 1 << 8 != 0;
+        self.instructions.on = acr & 1 << 9 != 0;
+        self.data.on = acr & 1 << 10 != 0;
+        if acr & 1 << 11 != 0 {
+            self.instructions.clear();
+            (self.current, self.ahead) = (NONE, (NONE, 0));
+        }
+        if acr & 1 << 12 != 0 {
+            self.data.clear();
+        }
+    }
+
+    /// The program enters a line.
+    #[inline]
+    pub fn enter(&mut self, line: u32, cycle: &mut Cycles) {
+        if line == self.current {
+            return;
+        }
+        self.current = line;
+        if self.wait_states == 0 {
+            return;
+        }
+        self.enter_slow(line, cycle);
+    }
+
+    fn enter_slow(&mut self, line: u32, cycle: &mut Cycles) {
+        if self.ahead.0 == line {
+            *cycle = (*cycle).max(self.ahead.1);
+        } else if !(self.instructions.on && self.instructions.hit(line)) {
+            // A read under way ends first.
+            let free = if self.ahead.0 == NONE {
+                0
+            } else {
+                self.ahead.1
+            };
+            *cycle = (*cycle).max(free) + self.wait_states;
+            if self.instructions.on {
+                self.instructions.fill(line);
+            }
+        }
+        if self.prefetch {
+            let next = line + 1;
+            let there = self.instructions.on && self.instructions.place[next as usize % LINES] != 0;
+            self.ahead = if there {
+                (NONE, 0)
+            } else {
+                (next, *cycle + self.wait_states + 1)
+            };
+        }
+    }
+
+    /// The program reads data in a line of these bytes; gives the bytes that it sees.
+    #[inline]
+    pub fn load<'a>(&'a mut self, line: u32, bytes: &'a [u8], cycle: &mut Cycles) -> &'a [u8] {
+        if self.wait_states == 0 && !self.data.on {
+            return bytes;
+        }
+        if self.data.on && self.data.hit(line) {
+            return &self.stale[self.data.latest as usize];
+        }
+        *cycle += self.wait_states;
+        if self.data.on {
+            self.data.fill(line);
+            if let Ok(bytes) = bytes.try_into() {
+                self.stale[self.data.latest as usize] = bytes;
+            }
+        }
+        bytes
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Cycles to enter lines one after the other, each taking `work` cycles to execute.
+    fn run(art: &mut Accelerator, lines: impl Iterator<Item = u32>, work: u64) -> Vec<u64> {
+        let mut cycle = 1000;
+        lines
+            .map(|line| {
+                let before = cycle;
+                art.enter(line, &mut cycle);
+                let took = cycle - before;
+                cycle += work;
+                took
+            })
+            .collect()
+    }
+
+    #[test]
+    fn each_line_waits_without_the_accelerator() {
+        let mut art = Accelerator::new();
+        art.set(5);
+        assert_eq!(run(&mut art, 0..4, 8), [5, 5, 5, 5]);
+    }
+
+    #[test]
+    fn prefetch_hides_the_wait_of_lines_in_a_row() {
+        let mut art = Accelerator::new();
+        art.set(5 | 1 << 8);
+        // Eight instructions of one cycle: the next line is there after six.
+        assert_eq!(run(&mut art, 0..4, 8), [5, 0, 0, 0]);
+        // Four of them: two cycles are missing each time.
+        let mut art = Accelerator::new();
+        art.set(5 | 1 << 8);
+        assert_eq!(run(&mut art, 100..104, 4), [5, 2, 2, 2]);
+    }
+
+    #[test]
+    fn a_loop_runs_from_the_cache_and_64_lines_fit() {
+        let mut art = Accelerator::new();
+        art.set(5 | 1 << 9);
+        let lap: Vec<u32> = (0..64).map(|k| 7 * k).collect();
+        assert!(
+            run(&mut art, lap.iter().copied(), 1)
+                .iter()
+                .all(|&took| took == 5)
+        );
+        assert!(
+            run(&mut art, lap.iter().copied(), 1)
+                .iter()
+                .all(|&took| took == 0)
+        );
+        // With one more line, always the one that is needed next has gone.
+        let lap: Vec<u32> = (0..65).map(|k| 7 * k + 3).collect();
+        for _ in 0..2 {
+            assert!(
+                run(&mut art, lap.iter().copied(), 1)
+                    .iter()
+                    .all(|&took| took == 5)
+            );
+        }
+        art.set(5 | 1 << 11);
+        art.set(5 | 1 << 9);
+        assert_eq!(run(&mut art, std::iter::once(3), 1), [5]);
+    }
+
+    #[test]
+    fn cached_data_stay_until_the_cache_is_reset() {
+        let mut art = Accelerator::new();
+        art.set(5 | 1 << 10);
+        let mut cycle = 0;
+        assert_eq!(art.load(9, &[1; 16], &mut cycle)[0], 1);
+        assert_eq!((art.load(9, &[2; 16], &mut cycle)[0], cycle), (1, 5));
+        art.set(5 | 1 << 12);
+        art.set(5 | 1 << 10);
+        assert_eq!((art.load(9, &[2; 16], &mut cycle)[0], cycle), (2, 10));
+    }
+}
