@@ -41,7 +41,7 @@ pub mod watchdog;
 
 pub mod store;
 
-#[cfg(all(target_os = "none", not(feature = "hil")))]
+#[cfg(any(test, all(target_os = "none", not(feature = "hil"))))]
 pub mod can;
 #[cfg(all(target_os = "none", not(feature = "hil")))]
 pub mod executors;
