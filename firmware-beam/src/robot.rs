@@ -55,10 +55,10 @@ async fn start(p: Peripherals) -> Result<(), ConfigError> {
     let procedure = Procedure::new(limits, config.geometry.half_thickness_m);
     let thermistor = ThermistorConfig::default().build()?;
 
-    let (sender, receiver) = can::start(p.CAN1, p.PB8, p.PB9);
     let (attendance, badges) =
         background::Attendance::start(&COUNTS, background::TASKS, Watchdog::start(p.IWDG));
     let [of_tick, of_bus] = badges;
+    let (sender, receiver) = can::start(p.CAN1, p.PB8, p.PB9);
     interrupt::DMA2_STREAM0.set_priority(Priority::P4);
     let spawners = executors::start();
     // Each of these tasks is spawned once, and has room for one.
