@@ -28,6 +28,7 @@ mod watchdog;
 #[cfg(test)]
 mod testing;
 
+pub use adc::Counts as Conversions;
 pub use interrupt::Interrupt;
 pub use pin::{Drive, Pin, Signal};
 pub use rcc::Cause;
@@ -170,6 +171,11 @@ impl Chip {
         self.shared.base.cycle_of(time)
     }
 
+    /// Conversions of ADC1 since the latest reset.
+    pub fn conversions(&self) -> Conversions {
+        self.units.adc.counts()
+    }
+
     /// The clocks in force.
     pub fn clocks(&self) -> Clocks {
         self.shared.clocks
@@ -210,6 +216,7 @@ impl Chip {
         self.reset = None;
         self.nmi = false;
         self.units.gpio.begin(&before.gpio, &mut self.shared);
+        self.units.adc.set_reference(self.units.pwr.volts());
         self.settle();
         self.refresh();
     }
@@ -276,6 +283,7 @@ impl Chip {
         let level = self.flash.brown_out();
         let pwr = &mut self.units.pwr;
         let supplied = pwr.supply(volts, level, self.held, &mut self.shared);
+        self.units.adc.set_reference(volts);
         let was = std::mem::replace(&mut self.held, supplied != Supplied::On);
         match (was, supplied) {
             (_, Supplied::Forgetting) => self.scramble(),
@@ -306,6 +314,11 @@ impl Chip {
                     self.clocks_changed(&old);
                 }
                 Effect::ClockFailure => self.nmi = true,
+                Effect::Sampled(pin) => {
+                    if !units.gpio.is_analogue(pin) {
+                        shared.note(Kind::Pin, format!("{pin} is converted and not analogue"));
+                    }
+                }
                 Effect::VoltageDetector(low) => units.exti.level(16, low, shared),
                 Effect::ResetUnit(register, bit) => self.reset_unit(register, bit),
                 Effect::Reset(cause) => {
@@ -398,7 +411,7 @@ impl Chip {
                 dma::Controller::Dma1 => &mut self.units.dma1,
                 dma::Controller::Dma2 => &mut self.units.dma2,
             };
-            let Some(transfer) = dma.begin(request, &mut self.shared) else {
+            let Some(transfer) = dma.begin(request) else {
                 continue;
             };
             let value = self.dma_read(transfer.from, transfer.width);
@@ -408,7 +421,10 @@ impl Chip {
                 dma::Controller::Dma1 => &mut self.units.dma1,
                 dma::Controller::Dma2 => &mut self.units.dma2,
             };
-            dma.end(transfer, written.is_ok(), &mut self.shared);
+            let last = dma.end(transfer, written.is_ok(), &mut self.shared);
+            if last && request == Request::Adc1 {
+                self.units.adc.block_ended();
+            }
         }
     }
 
@@ -557,8 +573,14 @@ impl Chip {
         let (peripheral, shared) = self.unit(unit);
         peripheral.write(offset & !3, value, mask, shared);
         self.settle();
-        if unit == Unit::Flash {
-            self.judge_clock();
+        match unit {
+            Unit::Flash => self.judge_clock(),
+            // A stream that was just switched on finds the request that waits.
+            Unit::Dma1 | Unit::Dma2 => {
+                self.units.adc.ask(&mut self.shared);
+                self.settle();
+            }
+            _ => {}
         }
         Ok(())
     }

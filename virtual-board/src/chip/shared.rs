@@ -122,6 +122,8 @@ pub(crate) enum Effect {
     ClockFailure,
     /// The voltage detector says whether the supply is low.
     VoltageDetector(bool),
+    /// The converter has sampled a pin for the first time since it was switched on.
+    Sampled(Pin),
     /// The program resets a peripheral by the bit of this enable register that belongs to it.
     ResetUnit(u32, u32),
     /// The chip is reset.
