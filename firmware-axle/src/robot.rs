@@ -61,12 +61,12 @@ async fn start(p: Peripherals) -> Result<(telemetry::Reports, telemetry::Attenda
     let observer = config.completed().axle.wheel.build()?;
     let winding = winding::Config::default().build()?;
 
-    let (sender, receiver, can_tx, can_rx) = can::start(p.CAN1, p.PB8, p.PB9).await;
-    let encoders = Encoders::start((p.TIM3, p.PC6, p.PC7), (p.TIM4, p.PB6, p.PB7));
-    let inertial = Inertial::start(p.SPI1, p.PA4, p.PA5, p.PA6, p.PA7, &settings.inertial).await?;
     let (attendance, badges) =
         telemetry::Attendance::start(&COUNTS, telemetry::TASKS, Watchdog::start(p.IWDG));
-    let [of_drive, of_tick, of_send, of_receive] = badges;
+    let [of_drive, of_tick, of_bus] = badges;
+    let (sender, receiver) = can::start(p.CAN1, p.PB8, p.PB9);
+    let encoders = Encoders::start((p.TIM3, p.PC6, p.PC7), (p.TIM4, p.PB6, p.PB7));
+    let inertial = Inertial::start(p.SPI1, p.PA4, p.PA5, p.PA6, p.PA7, &settings.inertial).await?;
     let motors = Motors::start(motors::Parts {
         adc: p.ADC1,
         timer: p.TIM1,
@@ -86,10 +86,7 @@ async fn start(p: Peripherals) -> Result<(telemetry::Reports, telemetry::Attenda
     // Each of these tasks is spawned once, and has room for one.
     spawners
         .bus
-        .spawn(can::send(can_tx, of_send).expect("spawned once"));
-    spawners
-        .bus
-        .spawn(can::receive(can_rx, of_receive).expect("spawned once"));
+        .spawn(can::supervise(of_bus).expect("spawned once"));
     let axis = Axis {
         motors,
         encoders,

@@ -55,19 +55,16 @@ async fn start(p: Peripherals) -> Result<(), ConfigError> {
     let procedure = Procedure::new(limits, config.geometry.half_thickness_m);
     let thermistor = ThermistorConfig::default().build()?;
 
-    let (sender, receiver, can_tx, can_rx) = can::start(p.CAN1, p.PB8, p.PB9).await;
     let (attendance, badges) =
         background::Attendance::start(&COUNTS, background::TASKS, Watchdog::start(p.IWDG));
-    let [of_tick, of_send, of_receive] = badges;
+    let [of_tick, of_bus] = badges;
+    let (sender, receiver) = can::start(p.CAN1, p.PB8, p.PB9);
     interrupt::DMA2_STREAM0.set_priority(Priority::P4);
     let spawners = executors::start();
     // Each of these tasks is spawned once, and has room for one.
     spawners
         .bus
-        .spawn(can::send(can_tx, of_send).expect("spawned once"));
-    spawners
-        .bus
-        .spawn(can::receive(can_rx, of_receive).expect("spawned once"));
+        .spawn(can::supervise(of_bus).expect("spawned once"));
     let bridges = Bridges::start(
         bridges::Parts {
             adc: p.ADC1,

@@ -12,6 +12,7 @@
 //! | `stack` | how much stack was ever used |
 //! | `timing` | how late ticks come and how long they take |
 //! | `can` | the bus (not with `hil`) |
+//! | `halves` | bookkeeping of a buffer that a DMA stream fills |
 //! | `executors` | tick above bus above thread (not with `hil`) |
 //! | `hil` | hardware in the loop: the node fed from a serial link (feature `hil`) |
 //! | `emulated` | what QEMU needs (feature `emulated`) |
@@ -39,9 +40,10 @@ pub mod timing;
 #[cfg(target_os = "none")]
 pub mod watchdog;
 
+pub mod halves;
 pub mod store;
 
-#[cfg(all(target_os = "none", not(feature = "hil")))]
+#[cfg(any(test, all(target_os = "none", not(feature = "hil"))))]
 pub mod can;
 #[cfg(all(target_os = "none", not(feature = "hil")))]
 pub mod executors;

@@ -12,11 +12,10 @@ pub type Reports = watch::Receiver<'static, CriticalSectionRawMutex, Report, 1>;
 
 /// Tasks that must report for the watchdog to be fed, and how often, µs. The log itself feeds it: were
 /// it starved, nobody would.
-pub const TASKS: [(&str, u64); 4] = [
+pub const TASKS: [(&str, u64); 3] = [
     ("current loop", 10_000),
     ("tick", 10_000),
-    ("bus, sending", can::REPORTS_WITHIN),
-    ("bus, receiving", can::REPORTS_WITHIN),
+    ("bus", can::REPORTS_WITHIN),
 ];
 
 /// Who reports.

@@ -21,8 +21,8 @@ use firmware_common::timing::Stopwatch;
 
 use super::bridges::{Block, Bridges};
 
-/// Time between health reports.
-const HEALTH: Micros = 100 * TICK;
+/// Ticks between health reports.
+const HEALTH: u8 = 100;
 /// Time since an axle last said that its motors are on, or the lead node wanted them on, after which
 /// they are taken to be off: the axles' own timeout has passed twice.
 const MOTORS_OFF: Micros = 100 * TICK;
@@ -88,6 +88,8 @@ struct State {
     pace: Pace,
     motors_on: Option<Micros>,
     saving: Option<u8>,
+    /// Ticks since the latest health report.
+    since_health: u8,
     /// Times conversions were lost.
     lost: u16,
 }
@@ -105,6 +107,7 @@ pub async fn run(mut beam: Beam) -> ! {
         pace: Pace::following(),
         motors_on: None,
         saving: None,
+        since_health: 0,
         lost: 0,
     };
     if fault::restarted() {
@@ -124,7 +127,10 @@ pub async fn run(mut beam: Beam) -> ! {
         stopwatch.begin();
         beam.tick(&mut state, &block);
         stopwatch.end();
-        if block.local / HEALTH != block.local.saturating_sub(TICK) / HEALTH {
+        // Counted, for the local time of a tick may stay at the edge of a hundred milliseconds.
+        state.since_health += 1;
+        if state.since_health >= HEALTH {
+            state.since_health = 0;
             beam.report_health(&state, &block, stopwatch.take());
         }
     }

@@ -1,0 +1,260 @@
+//! The converter's registers: scans of ADC1 at the pace of TIM2, fetched by DMA2 stream 0 (RM0090,
+//! chapters 13, 18 and 10).
+//!
+//! TIM2's update starts a scan; the stream fetches each conversion into a circular buffer of two
+//! blocks. Its handler, at the end of each, stamps the block and starts the injected conversion: the
+//! next scan is 2.7 µs away, and the injected conversion takes 1.3 µs. A handler that comes late lets it
+//! cut into the scan, whose conversion is then done again: 10.3 of 10.4 µs, still in time.
+//!
+//! A converter whose result is not fetched in time (overrun) asks for its stream no more, and a stream
+//! that met an error stops: both are seen as samples that do not come. Everything is then stopped and
+//! set up as at the start, where alone scan and buffer begin together.
+//!
+//! The errata sheet (ES0182) asks here only that the sequence is not changed while it runs; it is
+//! written once, with the converter off. Its corruption of DMA2's data needs a second stream.
+
+use core::sync::atomic::{AtomicU16, AtomicU32, Ordering, compiler_fence};
+
+use core_algos::acquisition::oversampling::SCANS;
+use core_algos::node::{Micros, TICK};
+use embassy_stm32::adc::SampleTime;
+use embassy_stm32::interrupt::InterruptExt;
+use embassy_stm32::pac::adc::regs::Sr;
+use embassy_stm32::pac::adc::vals::{Dds, Exten};
+use embassy_stm32::pac::adccommon::vals::Adcpre;
+use embassy_stm32::pac::dma::vals::{Pl, Size};
+use embassy_stm32::pac::timer::vals::Mms;
+use embassy_stm32::pac::{self, DMA2};
+use embassy_stm32::peripherals::{ADC1, DMA2_CH0, TIM2};
+use embassy_stm32::{Peri, interrupt, interrupt as handler, rcc};
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::signal::Signal;
+use embassy_time::{Duration, Instant, with_timeout};
+use firmware_common::board::CORE_HZ;
+use firmware_common::halves::{self, Half};
+use static_cell::ConstStaticCell;
+
+/// Channels of a scan.
+pub const CHANNELS: usize = 6;
+/// Conversions of a block.
+pub const BLOCK: usize = SCANS * CHANNELS;
+
+/// Clock of TIM2, counts in a microsecond.
+const COUNTS_PER_US: u32 = CORE_HZ / 2 / 1_000_000;
+/// Top of the timer: 84 MHz / 875 = 96 kHz.
+const TOP: u32 = 874;
+/// Code of TIM2's trigger output among the converter's triggers.
+const TIM2_TRGO: u8 = 6;
+/// With the conversion itself 27 cycles at 21 MHz.
+const SAMPLING: SampleTime = SampleTime::CYCLES15;
+/// From the first trigger to the end of the block, µs: 95 periods and a scan.
+const BLOCK_US: Micros = 997;
+/// Time that the converter takes to settle after it is switched on, µs.
+const SETTLING_US: u32 = 3;
+/// Time without samples after which the stream has stopped.
+const PATIENCE: Duration = Duration::from_millis(3);
+/// Looks at the stream until it has stopped; it ends the transfer it is at.
+const STOP_LOOKS: u32 = 1000;
+/// Flag of the injected conversion's end; writing 1 leaves a flag as it is.
+const FLAGS: u32 = 0x3f;
+const JEOC: u32 = 1 << 2;
+
+/// Two blocks, written by the stream.
+static RING: [AtomicU16; 2 * BLOCK] = [const { AtomicU16::new(0) }; 2 * BLOCK];
+/// Blocks that became full since the start.
+static FULL: AtomicU32 = AtomicU32::new(0);
+static READY: Signal<CriticalSectionRawMutex, Ready> = Signal::new();
+
+/// A block that is full.
+#[derive(Clone, Copy)]
+struct Ready {
+    half: Half,
+    number: u32,
+    local: Micros,
+}
+
+/// The converter.
+pub struct Converter {
+    samples: &'static mut [u16; BLOCK],
+    /// When the latest block was full.
+    last: Option<Micros>,
+}
+
+impl Converter {
+    /// Starts the scans of these channels; `injected` is converted between them.
+    pub fn start(
+        _adc: Peri<'static, ADC1>,
+        _stream: Peri<'static, DMA2_CH0>,
+        _timer: Peri<'static, TIM2>,
+        scan: [u8; CHANNELS],
+        injected: u8,
+    ) -> Self {
+        static SAMPLES: ConstStaticCell<[u16; BLOCK]> = ConstStaticCell::new([0; BLOCK]);
+        // The clock of DMA2 runs since the HAL was started.
+        rcc::enable_and_reset::<ADC1>();
+        rcc::enable_and_reset::<TIM2>();
+        configure(scan, injected);
+        pac::TIM2.cr1().write(|w| w.set_arpe(true));
+        pac::TIM2.cr2().write(|w| w.set_mms(Mms::UPDATE));
+        run(0);
+        Self {
+            samples: SAMPLES.take(),
+            last: None,
+        }
+    }
+
+    /// Waits for the next block that is whole, and gives the local time at which it was full; `None` if
+    /// none comes. A block that was overwritten before it was read is passed over.
+    pub async fn read(&mut self) -> Option<(Micros, &[u16; BLOCK])> {
+        loop {
+            let ready = with_timeout(PATIENCE, READY.wait()).await.ok()?;
+            let half = RING.iter().skip(ready.half.begins(BLOCK));
+            for (sample, cell) in self.samples.iter_mut().zip(half) {
+                *sample = cell.load(Ordering::Relaxed);
+            }
+            compiler_fence(Ordering::SeqCst);
+            if FULL.load(Ordering::Relaxed) == ready.number {
+                self.last = Some(ready.local);
+                return Some((ready.local, self.samples));
+            }
+        }
+    }
+
+    /// Begins anew with the first channel, in phase with the blocks before.
+    pub fn restart(&mut self) {
+        if !stop() {
+            // Called again when no samples come.
+            return;
+        }
+        let now = Instant::now().as_micros();
+        run(self
+            .last
+            .map_or(0, |last| halves::until_in_phase(now, BLOCK_US, last, TICK)));
+    }
+
+    /// The latest result of the injected conversion; `None` if there was none since the last call.
+    pub fn injected(&mut self) -> Option<u16> {
+        let converted = pac::ADC1.sr().read().jeoc();
+        pac::ADC1.sr().write_value(Sr(FLAGS & !JEOC));
+        converted.then(|| pac::ADC1.jdr(0).read().jdata())
+    }
+
+    /// Makes the scans from the next one on closer or wider by so many parts in 875.
+    pub fn trim(&mut self, by: i8) {
+        pac::TIM2
+            .arr()
+            .write_value(TOP.wrapping_add_signed(by.into()));
+    }
+}
+
+/// What never changes; the converter is still off.
+fn configure(scan: [u8; CHANNELS], injected: u8) {
+    // 84 MHz / 4.
+    pac::ADC123_COMMON
+        .ccr()
+        .modify(|w| w.set_adcpre(Adcpre::DIV4));
+    pac::ADC1.cr1().write(|w| w.set_scan(true));
+    for channel in scan.into_iter().chain([injected]) {
+        let channel = usize::from(channel);
+        match channel.checked_sub(10) {
+            None => pac::ADC1.smpr2().modify(|w| w.set_smp(channel, SAMPLING)),
+            Some(n) => pac::ADC1.smpr1().modify(|w| w.set_smp(n, SAMPLING)),
+        }
+    }
+    pac::ADC1.sqr1().write(|w| w.set_l(CHANNELS as u8 - 1));
+    pac::ADC1.sqr3().write(|w| {
+        for (rank, channel) in scan.into_iter().enumerate() {
+            w.set_sq(rank, channel);
+        }
+    });
+    // The only one of a sequence of one is the last of four.
+    pac::ADC1.jsqr().write(|w| w.set_jsq(3, injected));
+}
+
+/// Sets stream, converter and timer going, all of which stand still; the first scan comes after `wait`
+/// µs, or a period if that is less.
+fn run(wait: Micros) {
+    let stream = DMA2.st(0);
+    stream.par().write_value(pac::ADC1.dr().as_ptr() as u32);
+    stream.m0ar().write_value(RING.as_ptr() as u32);
+    stream.ndtr().write(|w| w.set_ndt(2 * BLOCK as u16));
+    // Channel 0, from the peripheral, without FIFO: as after a reset.
+    stream.cr().write(|w| {
+        w.set_pl(Pl::VERY_HIGH);
+        w.set_psize(Size::BITS16);
+        w.set_msize(Size::BITS16);
+        w.set_minc(true);
+        w.set_circ(true);
+        w.set_htie(true);
+        w.set_tcie(true);
+    });
+    stream.cr().modify(|w| w.set_en(true));
+
+    // The first period is taken over at once by an update, while the converter does not listen to its
+    // trigger; the ones that follow wait in the preload register.
+    let first = (wait as u32 * COUNTS_PER_US).saturating_sub(1).max(TOP);
+    pac::TIM2.arr().write_value(first);
+    pac::TIM2.egr().write(|w| w.set_ug(true));
+    pac::TIM2.arr().write_value(TOP);
+
+    pac::ADC1.cr2().write(|w| {
+        w.set_adon(true);
+        w.set_dma(true);
+        w.set_dds(Dds::CONTINUOUS);
+        w.set_extsel(TIM2_TRGO);
+        w.set_exten(Exten::RISING_EDGE);
+    });
+    cortex_m::asm::delay(SETTLING_US * (CORE_HZ / 1_000_000));
+    pac::TIM2.cr1().modify(|w| w.set_cen(true));
+}
+
+/// Stops everything; whether the stream did.
+fn stop() -> bool {
+    let stream = DMA2.st(0);
+    // Without its interrupts: the handler changes the converter's registers too.
+    stream.cr().modify(|w| {
+        w.set_htie(false);
+        w.set_tcie(false);
+        w.set_en(false);
+    });
+    let stopped = (0..STOP_LOOKS).any(|_| !stream.cr().read().en());
+    pac::TIM2.cr1().modify(|w| w.set_cen(false));
+    // Switched off, the converter forgets where in its scan it was; the request that the stream did not
+    // take and the overrun's flag would keep it from asking again.
+    pac::ADC1.cr2().write(|_| {});
+    pac::ADC1.sr().write_value(Sr(0));
+    // A stream that is stopped says that it is complete, and does not start with a flag up.
+    DMA2.ifcr(0).write(|w| {
+        w.set_feif(0, true);
+        w.set_dmeif(0, true);
+        w.set_teif(0, true);
+        w.set_htif(0, true);
+        w.set_tcif(0, true);
+    });
+    interrupt::DMA2_STREAM0.unpend();
+    READY.reset();
+    stopped
+}
+
+#[handler]
+fn DMA2_STREAM0() {
+    let local = Instant::now().as_micros();
+    pac::ADC1.cr2().modify(|w| w.set_jswstart(true));
+    let flags = DMA2.isr(0).read();
+    let (half, complete) = (flags.htif(0), flags.tcif(0));
+    DMA2.ifcr(0).write(|w| {
+        w.set_htif(0, half);
+        w.set_tcif(0, complete);
+    });
+    let (blocks, half) = halves::full(half, complete);
+    // Nobody else writes it.
+    let number = FULL.load(Ordering::Relaxed).wrapping_add(blocks);
+    FULL.store(number, Ordering::Relaxed);
+    if let Some(half) = half {
+        READY.signal(Ready {
+            half,
+            number,
+            local,
+        });
+    }
+}

@@ -1,0 +1,158 @@
+//! The three transmit mailboxes of the controller.
+//!
+//! Of the mailboxes that are full the controller sends the one with the lowest identifier first, and
+//! of equal identifiers the one with the lowest number (RM0090, 32.7.1). A frame is therefore put
+//! above every waiting one of its own identifier, so that none overtakes another, and never in the
+//! place of one that waits.
+//!
+//! Nothing here can fail.
+
+use core_algos::node::Micros;
+
+/// Mailboxes of the controller.
+pub const COUNT: usize = 3;
+
+/// A frame in a mailbox.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Waiting {
+    /// Its identifier.
+    pub id: u16,
+    /// When it was handed over for sending, µs.
+    pub since: Micros,
+}
+
+/// What is in the mailboxes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Mailboxes([Option<Waiting>; COUNT]);
+
+impl Mailboxes {
+    /// All free.
+    pub const fn new() -> Self {
+        Self([None; COUNT])
+    }
+
+    /// The mailbox for a frame of this identifier; `None` as long as it has to wait.
+    pub fn choose(&self, id: u16) -> Option<usize> {
+        let same = |waiting: &Option<Waiting>| waiting.is_some_and(|waiting| waiting.id == id);
+        let above = self.0.iter().rposition(same).map_or(0, |last| last + 1);
+        let mut free = self.0.iter().skip(above).map(Option::is_none);
+        free.position(|free| free).map(|place| above + place)
+    }
+
+    /// A frame was put in a mailbox.
+    pub fn fill(&mut self, mailbox: usize, waiting: Waiting) {
+        if let Some(place) = self.0.get_mut(mailbox) {
+            *place = Some(waiting);
+        }
+    }
+
+    /// A mailbox has become free; gives what was in it.
+    pub fn release(&mut self, mailbox: usize) -> Option<Waiting> {
+        self.0.get_mut(mailbox)?.take()
+    }
+
+    /// Mailboxes whose frame is older than `age` at `now`.
+    pub fn stale(&self, now: Micros, age: Micros) -> impl Iterator<Item = usize> {
+        let old = move |waiting: &Waiting| now.saturating_sub(waiting.since) > age;
+        let all = self.0.iter().enumerate();
+        all.filter_map(move |(mailbox, waiting)| {
+            waiting.as_ref().filter(|w| old(w)).map(|_| mailbox)
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::VecDeque;
+
+    /// A deterministic sequence; the tests want variety, not quality.
+    struct Lot(u64);
+
+    impl Lot {
+        fn below(&mut self, n: u64) -> u64 {
+            self.0 = self
+                .0
+                .wrapping_mul(6364136223846793005)
+                .wrapping_add(1442695040888963407);
+            (self.0 >> 33) % n
+        }
+    }
+
+    /// The controller as the manual describes it: what it would send next.
+    fn next(hardware: &[Option<(u16, u32)>; COUNT]) -> Option<usize> {
+        let full = (0..COUNT).filter(|&m| hardware[m].is_some());
+        full.min_by_key(|&m| (hardware[m].map(|(id, _)| id), m))
+    }
+
+    #[test]
+    fn equal_identifiers_leave_in_order_and_none_is_displaced() {
+        let mut lot = Lot(7);
+        let (mut mailboxes, mut hardware) = (Mailboxes::new(), [None; COUNT]);
+        let mut queue = VecDeque::new();
+        let (mut number, mut sent) = (0u32, Vec::new());
+        for step in 0..200_000 {
+            if queue.len() < 24 && lot.below(3) == 0 {
+                queue.push_back((lot.below(4) as u16, number));
+                number += 1;
+            }
+            while let Some(&(id, number)) = queue.front() {
+                let Some(mailbox) = mailboxes.choose(id) else {
+                    break;
+                };
+                assert_eq!(hardware[mailbox], None, "displaced in step {step}");
+                hardware[mailbox] = Some((id, number));
+                mailboxes.fill(mailbox, Waiting { id, since: 0 });
+                queue.pop_front();
+            }
+            if lot.below(3) == 0
+                && let Some(mailbox) = next(&hardware)
+            {
+                let (id, number) = hardware[mailbox].take().expect("full");
+                assert_eq!(mailboxes.release(mailbox), Some(Waiting { id, since: 0 }));
+                sent.push((id, number));
+            }
+        }
+        assert!(sent.len() > 50_000, "{}", sent.len());
+        for id in 0..4 {
+            let of_id = sent.iter().filter(|frame| frame.0 == id);
+            assert!(of_id.map(|frame| frame.1).is_sorted(), "identifier {id}");
+        }
+    }
+
+    #[test]
+    fn three_different_frames_go_in_and_a_fourth_waits() {
+        let mut mailboxes = Mailboxes::new();
+        for (expected, id) in [0x300, 0x200, 0x100].into_iter().enumerate() {
+            assert_eq!(mailboxes.choose(id), Some(expected));
+            mailboxes.fill(expected, Waiting { id, since: 0 });
+        }
+        // Not even the most urgent takes another's place.
+        assert_eq!(mailboxes.choose(0), None);
+        mailboxes.release(1);
+        assert_eq!(mailboxes.choose(0), Some(1));
+    }
+
+    #[test]
+    fn an_equal_one_in_the_last_mailbox_has_to_leave_first() {
+        let mut mailboxes = Mailboxes::new();
+        mailboxes.fill(2, Waiting { id: 5, since: 0 });
+        assert_eq!(mailboxes.choose(5), None);
+        assert_eq!(mailboxes.choose(4), Some(0));
+        mailboxes.release(2);
+        assert_eq!(mailboxes.choose(5), Some(0));
+    }
+
+    #[test]
+    fn what_is_older_than_the_limit_is_named() {
+        let mut mailboxes = Mailboxes::new();
+        for (mailbox, since) in [(0, 1_000), (2, 30_000)] {
+            mailboxes.fill(mailbox, Waiting { id: 1, since });
+        }
+        let stale = |now| mailboxes.stale(now, 20_000).collect::<Vec<_>>();
+        assert_eq!(stale(0), []);
+        assert_eq!(stale(21_000), []);
+        assert_eq!(stale(21_001), [0]);
+        assert_eq!(stale(50_001), [0, 2]);
+    }
+}

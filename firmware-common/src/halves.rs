@@ -1,0 +1,121 @@
+//! Bookkeeping of a circular buffer that is filled by a DMA stream and read by halves.
+//!
+//! The stream raises one flag when the first half is full and another when the second is. Blocks are
+//! numbered through; a block that was read is whole only if none has become full meanwhile, since the
+//! stream then writes into its half again.
+//!
+//! Nothing here can fail.
+
+/// Half of the buffer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Half {
+    /// From its beginning.
+    First,
+    /// From its middle.
+    Second,
+}
+
+impl Half {
+    /// Where it begins in a buffer of blocks of this length.
+    pub const fn begins(self, block: usize) -> usize {
+        match self {
+            Self::First => 0,
+            Self::Second => block,
+        }
+    }
+}
+
+/// Blocks that became full between two looks at the flags, and the half that is whole: none if both
+/// flags are up, for then the look came so late that the stream may be in either.
+pub const fn full(half_transfer: bool, transfer_complete: bool) -> (u32, Option<Half>) {
+    match (half_transfer, transfer_complete) {
+        (false, false) => (0, None),
+        (true, false) => (1, Some(Half::First)),
+        (false, true) => (1, Some(Half::Second)),
+        (true, true) => (2, None),
+    }
+}
+
+/// Time from `now` until work that takes `lead` is to begin, so that its end lies whole periods behind
+/// `last`; less than a period. All in µs.
+pub const fn until_in_phase(now: u64, lead: u64, last: u64, period: u64) -> u64 {
+    let end = (now + lead) % period;
+    (last % period + period - end) % period
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const BLOCK: usize = 6;
+
+    /// A stream and a reader that is called up late: no block with samples of two rounds is taken.
+    #[test]
+    fn a_late_reader_takes_no_torn_block() {
+        let (mut taken, mut late) = (0, 0);
+        for delay in 0..5 * BLOCK {
+            for reading in 1..3 * BLOCK {
+                let mut buffer = [0usize; 2 * BLOCK];
+                let mut number = 0;
+                let mut reader: Option<(u32, usize, usize)> = None;
+                let mut copy = [0; BLOCK];
+                for sample in 1..40 * BLOCK {
+                    // The stream writes, the handler runs at once.
+                    let place = (sample - 1) % (2 * BLOCK);
+                    buffer[place] = sample;
+                    let (blocks, half) = full(place + 1 == BLOCK, place + 1 == 2 * BLOCK);
+                    number += blocks;
+                    if let Some(half) = half
+                        && reader.is_none()
+                    {
+                        reader = Some((number, half.begins(BLOCK), sample + delay));
+                    }
+                    // The reader copies its block during `reading` samples.
+                    let Some((of, begins, from)) = reader else {
+                        continue;
+                    };
+                    let done = sample.saturating_sub(from) * BLOCK / reading;
+                    let before = sample.saturating_sub(from + 1) * BLOCK / reading;
+                    let now = before.min(BLOCK)..done.min(BLOCK);
+                    let from = begins + now.start..begins + now.end;
+                    copy[now].copy_from_slice(&buffer[from]);
+                    if done < BLOCK {
+                        continue;
+                    }
+                    reader = None;
+                    if number == of {
+                        taken += 1;
+                        let whole = copy.is_sorted() && copy[BLOCK - 1] - copy[0] == BLOCK - 1;
+                        assert!(whole, "{copy:?} after {delay}, {reading}");
+                    } else {
+                        late += 1;
+                    }
+                }
+            }
+        }
+        assert!(taken > 500 && late > 500, "{taken} {late}");
+    }
+
+    #[test]
+    fn flags_that_are_both_up_name_no_half() {
+        assert_eq!(full(true, true), (2, None));
+        assert_eq!(full(false, false), (0, None));
+    }
+
+    #[test]
+    fn the_end_keeps_its_phase() {
+        for now in [0, 1, 999, 1000, 123_456_789] {
+            for lead in [0, 1, 997, 1000, 2500] {
+                for last in [0, 1, 500, 999, 7_654_321] {
+                    let wait = until_in_phase(now, lead, last, 1000);
+                    assert!(wait < 1000);
+                    assert_eq!(
+                        (now + wait + lead) % 1000,
+                        last % 1000,
+                        "{now} {lead} {last}"
+                    );
+                }
+            }
+        }
+    }
+}
