@@ -32,7 +32,7 @@ pub use interrupt::Interrupt;
 pub use pin::{Drive, Pin, Signal};
 pub use rcc::Cause;
 pub use shared::{Clocks, Request, Trigger};
-pub use surroundings::{Inputs, Surroundings};
+pub use surroundings::{Inputs, SpiMode, Surroundings};
 
 use crate::core::{BusError, System, Width};
 use crate::finding::{Findings, Kind};
@@ -293,6 +293,11 @@ impl Chip {
             match effect {
                 Effect::Trigger(trigger) => units.adc.trigger(trigger, shared),
                 Effect::Dma(request) => self.serve(request),
+                Effect::Uses(signal) => {
+                    if units.gpio.pin_of(signal).is_none() {
+                        shared.note(Kind::Pin, format!("{signal:?} is on no pin"));
+                    }
+                }
                 Effect::Output(signal, drive) => units.gpio.output(signal, drive, shared),
                 Effect::Level(pin, level) => self.level(pin, level),
                 Effect::Driven(pin, drive) => {

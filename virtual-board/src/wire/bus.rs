@@ -2,7 +2,7 @@
 
 use super::controller::{Controller, Statistics};
 use super::frame::Frame;
-use super::node::{Action, ErrorKind, Event, Node, Settings};
+use super::node::{Action, ErrorKind, Event, Node, Settings, What};
 use super::timing::{BitClock, BitTiming};
 use crate::time::Time;
 
@@ -176,6 +176,8 @@ pub struct Wire {
     faults: Vec<(Time, Fault)>,
     records: Option<Vec<Record>>,
     levels: Option<Vec<(Time, Level)>>,
+    /// Sleeping nodes that saw a dominant level.
+    woken: Vec<(usize, Time)>,
     busy: usize,
     busy_since: Time,
     busy_time: Time,
@@ -202,6 +204,7 @@ impl Wire {
             faults: Vec::new(),
             records: None,
             levels: None,
+            woken: Vec::new(),
             busy: 0,
             busy_since: Time(0),
             busy_time: Time(0),
@@ -293,6 +296,10 @@ impl Wire {
             } else {
                 self.step(station, due, nodes);
             }
+            while let Some((node, at)) = self.woken.pop() {
+                self.stations[node].controller.happened.push(What::Woken);
+                self.deliver(node, at, nodes);
+            }
         }
     }
 
@@ -300,13 +307,14 @@ impl Wire {
     fn collect(&mut self, nodes: &mut [&mut dyn Node]) {
         for (i, (node, station)) in nodes.iter_mut().zip(&mut self.stations).enumerate() {
             while let Some((at, action)) = node.take_action() {
-                match action {
-                    Action::Request { mailbox, frame } => {
-                        station.controller.request(mailbox, frame, at);
-                    }
-                    Action::Abort { mailbox } => station.controller.abort(mailbox),
-                    Action::Reset | Action::Set(_) => self.actions.push((at, i, action)),
-                }
+                let Action::Abort { mailbox } = action else {
+                    self.actions.push((at, i, action));
+                    continue;
+                };
+                let is_same = |action: &Action| matches!(action, Action::Request { mailbox: m, .. } if *m == mailbox);
+                self.actions
+                    .retain(|(_, node, a)| *node != i || !is_same(a));
+                station.controller.abort(mailbox);
             }
         }
         self.actions.sort_by_key(|&(at, _, _)| at);
@@ -454,8 +462,11 @@ impl Wire {
             return;
         }
         let delay = self.delay;
-        for station in &mut self.stations {
+        for (i, station) in self.stations.iter_mut().enumerate() {
             let reads = station.piece == piece && station.is_reading();
+            if reads && station.controller.wakes() {
+                self.woken.push((i, at + delay));
+            }
             if reads && !station.read && station.controller.is_in() {
                 let hard = station.controller.is_hard();
                 station.clock.edge(at + delay, hard, !station.dominant);
@@ -490,7 +501,7 @@ impl Wire {
         true
     }
 
-    /// A node takes part in another way.
+    /// What a node did takes effect.
     fn act(&mut self, i: usize, action: Action, nodes: &mut [&mut dyn Node]) {
         let now = self.now;
         self.rouse();
@@ -506,7 +517,11 @@ impl Wire {
                     station.read = true;
                 }
             }
-            _ => station.controller.reset(),
+            Action::Request { mailbox, frame } => {
+                return station.controller.request(mailbox, frame, now);
+            }
+            Action::Abort { mailbox } => return station.controller.abort(mailbox),
+            Action::Reset => station.controller.reset(),
         }
         let dominant = station.dominant && station.controller.is_in();
         station.plan(self.delay);

@@ -161,7 +161,9 @@ impl Controller {
 
     /// Error counters as they are shown.
     pub fn counters(&self) -> (u8, u8) {
-        (self.tec.min(255) as u8, self.rec.min(255) as u8)
+        // Off the bus the bxCAN shows the last value that fits.
+        let tec = if self.tec >= OFF { OFF - 8 } else { self.tec };
+        (tec as u8, self.rec as u8)
     }
 
     /// Whether it samples at all.
@@ -174,11 +176,7 @@ impl Controller {
         match self.state {
             State::Out => Time::NEVER,
             State::BusOff(..) if !self.recovers() => Time::NEVER,
-            State::Idle if !self.can_send() => Time::NEVER,
-            State::Idle => {
-                let since = self.pending.iter().map(|p| p.since);
-                since.min().unwrap_or(Time::NEVER)
-            }
+            State::Idle if self.pending.is_empty() || !self.can_send() => Time::NEVER,
             _ => Time(0),
         }
     }
@@ -251,17 +249,32 @@ impl Controller {
                 }
             }
             (false, false) => {
+                self.settings = Some(settings);
                 self.happened.push(What::Left);
             }
             (true, true) => {
                 self.settings = Some(settings);
                 self.leaving = false;
             }
-            (true, false) => self.leave(),
+            (true, false) => self.leave(settings.wakes),
         }
     }
 
-    fn leave(&mut self) {
+    /// Whether it sleeps and is to be told of a dominant level; each sleep once.
+    pub fn wakes(&mut self) -> bool {
+        let wakes = !self.is_in() && self.with(|s| s.wakes);
+        if let Some(settings) = &mut self.settings
+            && wakes
+        {
+            settings.wakes = false;
+        }
+        wakes
+    }
+
+    fn leave(&mut self, wakes: bool) {
+        if let Some(settings) = &mut self.settings {
+            settings.wakes = wakes;
+        }
         if self.is_hard() {
             self.out();
         } else {
@@ -296,14 +309,13 @@ impl Controller {
         }
     }
 
-    /// The mailbox that goes first of those requested before `now`.
-    fn choose(&mut self, now: Time) -> Option<Pending> {
+    /// The mailbox that goes first of those requested.
+    fn choose(&mut self) -> Option<Pending> {
         if !self.can_send() {
             return None;
         }
         let chronological = self.with(|s| s.chronological);
-        let ready = self.pending.iter().enumerate();
-        let (place, _) = ready.filter(|(_, p)| p.since < now).min_by_key(|(_, p)| {
+        let (place, _) = self.pending.iter().enumerate().min_by_key(|(_, p)| {
             let order = if chronological { p.since } else { Time(0) };
             (order, p.frame.priority(), p.mailbox)
         })?;
@@ -362,7 +374,7 @@ impl Controller {
     /// A bit in which a frame may begin.
     fn between(&mut self, dominant: bool, now: Time, may: bool) {
         self.state = State::Idle;
-        let chosen = if may { self.choose(now) } else { None };
+        let chosen = if may { self.choose() } else { None };
         if dominant {
             self.begin(now, None);
             self.receiver.step(true);

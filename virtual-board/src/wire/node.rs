@@ -58,6 +58,8 @@ pub struct Settings {
     pub chronological: bool,
     /// It leaves bus-off by itself.
     pub recover: bool,
+    /// It is told of the first dominant level while it takes no part.
+    pub wakes: bool,
     /// It sends nothing dominant.
     pub silent: bool,
     /// It hears itself alone.
@@ -77,6 +79,7 @@ impl Settings {
             retransmit: true,
             chronological: false,
             recover: true,
+            wakes: false,
             silent: false,
             loopback: false,
             sends: true,
@@ -150,6 +153,8 @@ pub enum What {
     Off,
     /// It is back from bus-off.
     Recovered,
+    /// The bus became dominant while it slept.
+    Woken,
 }
 
 /// What happens to a node, with its error counters then.
