@@ -290,7 +290,8 @@ impl Peripheral for Spi {
                 self.write_cr1(merge(self.cr1, value, mask) & 0xffff, shared);
             }
             0x04 => {
-                let old = std::mem::replace(&mut self.cr2, merge(self.cr2, value, mask) & 0xf7);
+                let old = self.cr2;
+                self.cr2 = merge(old, value, mask) & 0xf7;
                 if self.cr2 & FRF != 0 {
                     shared.note(Kind::NotModelled, "SPI1: TI frame format");
                 }
