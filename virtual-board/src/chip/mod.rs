@@ -195,6 +195,7 @@ impl Chip {
     pub fn restart(&mut self, cause: Cause) {
         let kept = self.units.rcc.kept(cause);
         let before = std::mem::replace(&mut self.units, Units::new());
+        self.units.can1 = before.can1;
         self.units.rcc.begin(kept, cause);
         if cause == Cause::PowerOn {
             self.scramble();
@@ -205,6 +206,7 @@ impl Chip {
             self.shared.schedule(source, NEVER);
         }
         self.flash.reset();
+        self.units.can1.reset(&mut self.shared);
         self.shared.clocks = Clocks::RESET;
         self.set_frequency(Clocks::RESET.hclk_hz);
         self.reset = None;

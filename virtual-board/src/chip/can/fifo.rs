@@ -21,8 +21,6 @@ pub(super) struct Fifo {
     flags: u32,
     /// When the release that was asked for is done.
     pub release: Cycles,
-    /// Messages lost.
-    pub lost: u64,
 }
 
 impl Default for Fifo {
@@ -32,7 +30,6 @@ impl Default for Fifo {
             count: 0,
             flags: 0,
             release: NEVER,
-            lost: 0,
         }
     }
 }
@@ -78,7 +75,6 @@ impl Fifo {
             return false;
         }
         self.flags |= FOVR;
-        self.lost += 1;
         if !locked {
             self.messages[DEPTH - 1] = message;
         }

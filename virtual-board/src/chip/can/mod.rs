@@ -167,6 +167,8 @@ pub(crate) struct Can {
     filters: Filters,
     /// The beginning of the time-triggered mode's counter.
     epoch: Time,
+    /// Messages lost since the power came on first.
+    lost: u64,
     actions: VecDeque<(Time, Action)>,
     events: VecDeque<Event>,
 }
@@ -189,6 +191,7 @@ impl Default for Can {
             fifos: Default::default(),
             filters: Filters::default(),
             epoch: Time(0),
+            lost: 0,
             actions: VecDeque::new(),
             events: VecDeque::new(),
         }
@@ -196,17 +199,19 @@ impl Default for Can {
 }
 
 impl Can {
-    /// A controller that was reset at this time.
-    pub fn restarted(at: Time) -> Self {
-        Self {
-            actions: VecDeque::from([(at, Action::Reset)]),
-            ..Self::default()
-        }
+    /// A reset, of the chip or of the controller alone. What the program did before still reaches the
+    /// wire, and then the reset.
+    pub fn reset(&mut self, shared: &mut Shared) {
+        let old = std::mem::take(self);
+        (self.actions, self.lost) = (old.actions, old.lost);
+        self.act(Action::Reset, shared);
+        self.plan(shared);
+        self.lines(shared);
     }
 
     /// Messages lost in the FIFOs.
     pub fn lost(&self) -> u64 {
-        self.fifos.iter().map(|fifo| fifo.lost).sum()
+        self.lost
     }
 
     fn act(&mut self, action: Action, shared: &Shared) {
@@ -297,11 +302,10 @@ impl Can {
     }
 
     fn master_reset(&mut self, shared: &mut Shared) {
-        let old = std::mem::take(self);
-        (self.ier, self.btr, self.filters) = (old.ier, old.btr, old.filters);
-        self.actions = old.actions;
-        self.act(Action::Reset, shared);
-        self.plan(shared);
+        let (ier, btr) = (self.ier, self.btr);
+        let filters = std::mem::take(&mut self.filters);
+        self.reset(shared);
+        (self.ier, self.btr, self.filters) = (ier, btr, filters);
     }
 
     fn msr(&self) -> u32 {
@@ -572,6 +576,7 @@ impl Can {
         ];
         let locked = self.mcr & RFLM != 0;
         if self.fifos[found.fifo].push(message, locked) {
+            self.lost += 1;
             let text = format!("CAN1: FIFO {} overrun", found.fifo);
             shared.note(Kind::Lost, text);
         }
