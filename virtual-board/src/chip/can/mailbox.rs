@@ -14,9 +14,6 @@ pub(super) const TXRQ: u32 = 1;
 const RTR: u32 = 1 << 1;
 const IDE: u32 = 1 << 2;
 
-/// TDTxR: the bits to write, and that of the global time.
-pub(super) const TGT: u32 = 1 << 8;
-
 /// A mailbox.
 #[derive(Debug, Default)]
 pub(super) struct Mailbox {
@@ -46,10 +43,11 @@ impl Mailbox {
         Frame::raw(identifier, id & RTR != 0, (control & 15) as u8, data)
     }
 
-    /// It is empty again, with these flags.
+    /// It is empty again, with what became of the last attempt; nothing, if there was none.
     pub fn complete(&mut self, flags: u32) {
         self.words[0] &= !TXRQ;
-        self.flags = (self.flags & !ABRQ) | RQCP | flags;
+        let kept = if flags == 0 { ALST | TERR } else { 0 };
+        self.flags = self.flags & kept | RQCP | flags;
     }
 }
 

@@ -165,8 +165,6 @@ pub(crate) struct Can {
     sending: Option<usize>,
     fifos: [Fifo; 2],
     filters: Filters,
-    /// The beginning of the time-triggered mode's counter.
-    epoch: Time,
     /// Messages lost since the power came on first.
     lost: u64,
     actions: VecDeque<(Time, Action)>,
@@ -190,7 +188,6 @@ impl Default for Can {
             sending: None,
             fifos: Default::default(),
             filters: Filters::default(),
-            epoch: Time(0),
             lost: 0,
             actions: VecDeque::new(),
             events: VecDeque::new(),
@@ -250,8 +247,9 @@ impl Can {
         }
         let changed = self.mcr ^ value;
         self.mcr = value;
-        if changed & TTCM != 0 {
-            self.epoch = shared.time();
+        if changed & value & TTCM != 0 {
+            let text = "CAN1: time-triggered mode, which errata sheet ES0182 forbids on this chip";
+            shared.note(Kind::Forbidden, text);
         }
         let target = self.wanted();
         if target != self.target {
@@ -285,14 +283,11 @@ impl Can {
             self.act(Action::Set(self.settings(shared)), shared);
         }
         if target != Mode::Normal && self.mode != Mode::Normal {
-            self.arrive(target, shared);
+            self.arrive(target);
         }
     }
 
-    fn arrive(&mut self, mode: Mode, shared: &mut Shared) {
-        if mode == Mode::Normal {
-            self.epoch = shared.time();
-        }
+    fn arrive(&mut self, mode: Mode) {
         if mode == Mode::Sleep && self.mode != Mode::Sleep {
             self.msr |= SLAKI;
         } else if mode != Mode::Sleep {
@@ -348,12 +343,6 @@ impl Can {
             return shared.note(Kind::Forbidden, text);
         }
         mailbox.words[which] = merge(mailbox.words[which], value, mask);
-        if which == 1 && self.mcr & TTCM != 0 && mailbox.words[1] & mailbox::TGT != 0 {
-            shared.note(
-                Kind::NotModelled,
-                "CAN1: transmission of the global time (TGT)",
-            );
-        }
         if which == 0 && mailbox.is_pending() {
             self.requests += 1;
             mailbox.order = self.requests;
@@ -459,16 +448,14 @@ impl Can {
     fn happen(&mut self, event: Event, shared: &mut Shared) {
         let Event { what, tec, rec, .. } = event;
         match what {
-            What::Joined if self.target == Mode::Normal => self.arrive(Mode::Normal, shared),
-            What::Left if self.target != Mode::Normal => self.arrive(self.target, shared),
+            What::Joined if self.target == Mode::Normal => self.arrive(Mode::Normal),
+            What::Left if self.target != Mode::Normal => self.arrive(self.target),
             What::Joined | What::Left | What::Counted => {}
             What::Started { mailbox } => self.sending = Some(mailbox.into()),
-            What::Sent { mailbox, start } => {
+            What::Sent { mailbox, .. } => {
                 self.sending = None;
                 self.esr &= !LEC;
-                let time = self.stamp(start, shared);
                 if let Some(mailbox) = self.mailboxes.get_mut(usize::from(mailbox)) {
-                    mailbox.words[1] = mailbox.words[1] & 0xffff | time << 16;
                     mailbox.complete(TXOK);
                 }
             }
@@ -477,9 +464,9 @@ impl Can {
                 lost,
                 again,
             } => self.failed(mailbox.into(), lost, again),
-            What::Received { frame, start } => {
+            What::Received { frame, .. } => {
                 self.esr &= !LEC;
-                self.receive(&frame, start, shared);
+                self.receive(&frame, shared);
             }
             What::Error(kind) => self.error(kind),
             What::Off => self.raise(BOFF, BOFIE),
@@ -550,24 +537,14 @@ impl Can {
         }
     }
 
-    /// The counter of the time-triggered mode at a start of frame, in bits.
-    fn stamp(&self, start: Time, shared: &Shared) -> u32 {
-        if self.mcr & TTCM == 0 {
-            return 0;
-        }
-        let bit = self.timing(shared).bit().0.max(1);
-        ((start - self.epoch).0 / bit) as u32 & 0xffff
-    }
-
-    fn receive(&mut self, frame: &Frame, start: Time, shared: &mut Shared) {
+    fn receive(&mut self, frame: &Frame, shared: &mut Shared) {
         let Some(found) = self.filters.find(frame) else {
             return;
         };
         let mut data = [0; 8];
         data[..frame.data().len()].copy_from_slice(frame.data());
         let data = u64::from_le_bytes(data);
-        let control =
-            self.stamp(start, shared) << 16 | u32::from(found.index) << 8 | u32::from(frame.code());
+        let control = u32::from(found.index) << 8 | u32::from(frame.code());
         let message = [
             filter::wide(frame),
             control,
