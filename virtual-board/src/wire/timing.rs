@@ -48,7 +48,7 @@ impl BitTiming {
 
     /// The largest difference of clocks, as a part of one, at which two nodes with this timing
     /// understand each other (CAN specification 2.0, section 9: ten bits between edges, thirteen bits
-    /// to the sample behind an error flag), without propagation.
+    /// to the sample behind an error flag), without propagation and the quantum to which edges are seen.
     pub fn tolerance(&self) -> f64 {
         let (bit, jump) = (f64::from(self.quanta()), f64::from(self.jump));
         let phase = f64::from(self.segment1.min(self.segment2));
