@@ -98,6 +98,11 @@ impl Timebase {
         self.rate = ((nano_hz << 32) / 1_000_000_000_000_000_000_000u128) as u64;
     }
 
+    /// Length of a cycle, 2⁻³² ps.
+    pub fn fine_period(&self) -> u64 {
+        self.period
+    }
+
     /// The time at which a cycle begins.
     pub fn time_of(&self, cycle: Cycles) -> Time {
         let cycles = cycle.saturating_sub(self.cycle);

@@ -33,7 +33,7 @@ pub use interrupt::Interrupt;
 pub use pin::{Drive, Pin, Signal};
 pub use rcc::Cause;
 pub use shared::{Clocks, Request, Trigger};
-pub use surroundings::{Inputs, Surroundings};
+pub use surroundings::{Inputs, SpiMode, Surroundings};
 
 use crate::core::{BusError, System, Width};
 use crate::finding::{Findings, Kind};
@@ -201,6 +201,7 @@ impl Chip {
     pub fn restart(&mut self, cause: Cause) {
         let kept = self.units.rcc.kept(cause);
         let before = std::mem::replace(&mut self.units, Units::new());
+        self.units.can1 = before.can1;
         self.units.rcc.begin(kept, cause);
         if cause == Cause::PowerOn {
             self.scramble();
@@ -211,6 +212,7 @@ impl Chip {
             self.shared.schedule(source, NEVER);
         }
         self.flash.reset();
+        self.units.can1.reset(&mut self.shared);
         self.shared.clocks = Clocks::RESET;
         self.set_frequency(Clocks::RESET.hclk_hz);
         self.reset = None;
@@ -301,6 +303,11 @@ impl Chip {
             match effect {
                 Effect::Trigger(trigger) => units.adc.trigger(trigger, shared),
                 Effect::Dma(request) => self.serve(request),
+                Effect::Uses(signal) => {
+                    if units.gpio.pin_of(signal).is_none() {
+                        shared.note(Kind::Pin, format!("{signal:?} is on no pin"));
+                    }
+                }
                 Effect::Output(signal, drive) => units.gpio.output(signal, drive, shared),
                 Effect::Level(pin, level) => self.level(pin, level),
                 Effect::Driven(pin, drive) => {

@@ -110,6 +110,8 @@ pub(crate) enum Effect {
     Trigger(Trigger),
     /// One transfer is wanted.
     Dma(Request),
+    /// A peripheral begins to use a signal, which must be on a pin.
+    Uses(Signal),
     /// A peripheral drives its output in another way.
     Output(Signal, Drive),
     /// A pin has another level now.

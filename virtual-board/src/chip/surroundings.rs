@@ -19,6 +19,11 @@ pub trait Surroundings: Any + Send {
     /// ones.
     fn spi(&mut self, word: u16, bits: u32, at: Time) -> u16;
 
+    /// SPI1 exchanges its words in this way from now on.
+    fn spi_mode(&mut self, mode: SpiMode, at: Time) {
+        let _ = (mode, at);
+    }
+
     /// A byte was sent by USART3; its stop bit ends at `at`.
     fn serial(&mut self, byte: u8, at: Time) {
         let _ = (byte, at);
@@ -39,6 +44,19 @@ pub trait Surroundings: Any + Send {
         let _ = at;
         3.3
     }
+}
+
+/// How SPI1 clocks its words.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SpiMode {
+    /// The clock idles high (CPOL).
+    pub idles_high: bool,
+    /// Data are sampled at the second edge (CPHA).
+    pub second_edge: bool,
+    /// The lowest bit goes first.
+    pub low_first: bool,
+    /// Frequency of the clock, Hz.
+    pub clock_hz: u64,
 }
 
 /// What changes at the chip's inputs.

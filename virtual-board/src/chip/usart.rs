@@ -1,35 +1,322 @@
-//! USART3.
+//! USART3, asynchronous.
 
 use super::Peripheral;
-use super::register::Register;
-use super::shared::{Shared, Source};
+use super::interrupt::Interrupt;
+use super::pin::Signal;
+use super::register::{Register, merge, narrow};
+use super::shared::{Effect, Request, Shared, Source};
+use crate::finding::Kind;
+use crate::time::{Cycles, NEVER};
+
+/// SR.
+const ORE: u32 = 1 << 3;
+const IDLE: u32 = 1 << 4;
+const RXNE: u32 = 1 << 5;
+const TC: u32 = 1 << 6;
+const TXE: u32 = 1 << 7;
+/// Flags that reading SR and then DR clears.
+const BY_READING: u32 = 0x1f;
+
+/// CR1.
+const SBK: u32 = 1;
+const RWU: u32 = 1 << 1;
+const RE: u32 = 1 << 2;
+const TE: u32 = 1 << 3;
+const IDLEIE: u32 = 1 << 4;
+const RXNEIE: u32 = 1 << 5;
+const TCIE: u32 = 1 << 6;
+const TXEIE: u32 = 1 << 7;
+const PCE: u32 = 1 << 10;
+const M: u32 = 1 << 12;
+const UE: u32 = 1 << 13;
+const OVER8: u32 = 1 << 15;
+const CR1_BITS: u32 = 0xbfff;
+
+/// CR2.
+const CLKEN: u32 = 1 << 11;
+const LINEN: u32 = 1 << 14;
+const CR2_BITS: u32 = 0x7f6f;
+
+/// CR3.
+const EIE: u32 = 1;
+const IREN: u32 = 1 << 1;
+const HDSEL: u32 = 1 << 3;
+const SCEN: u32 = 1 << 5;
+const DMAR: u32 = 1 << 6;
+const DMAT: u32 = 1 << 7;
+const RTSE: u32 = 1 << 8;
+const CTSE: u32 = 1 << 9;
+const CR3_BITS: u32 = 0xfff;
+
+const REGISTERS: [Register; 7] = [
+    narrow(0x00, "SR", 0x3ff),
+    narrow(0x04, "DR", 0x1ff),
+    narrow(0x08, "BRR", 0xffff),
+    narrow(0x0c, "CR1", CR1_BITS),
+    narrow(0x10, "CR2", CR2_BITS),
+    narrow(0x14, "CR3", CR3_BITS),
+    narrow(0x18, "GTPR", 0xffff),
+];
 
 /// The asynchronous serial interface.
-#[derive(Default)]
-pub(crate) struct Usart {}
+pub(crate) struct Usart {
+    /// IDLE, ORE, RXNE, TC.
+    sr: u32,
+    brr: u32,
+    cr1: u32,
+    cr2: u32,
+    cr3: u32,
+    gtpr: u32,
+    /// SR was read with these flags set.
+    seen: u32,
+    received: u8,
+    waiting: Option<u8>,
+    /// What is on the line, nothing for the idle frame of a transmitter that was just enabled, and
+    /// when it ends.
+    shift: Option<(Option<u8>, Cycles)>,
+    /// When the line counts as idle.
+    idle: Cycles,
+}
+
+impl Default for Usart {
+    fn default() -> Self {
+        Self {
+            sr: TC,
+            brr: 0,
+            cr1: 0,
+            cr2: 0,
+            cr3: 0,
+            gtpr: 0,
+            seen: 0,
+            received: 0,
+            waiting: None,
+            shift: None,
+            idle: NEVER,
+        }
+    }
+}
 
 impl Usart {
-    /// A byte has arrived.
+    /// A byte has arrived; its stop bit ends now.
     pub fn receive(&mut self, byte: u8, shared: &mut Shared) {
-        let _ = (byte, shared);
+        if self.cr1 & (UE | RE) != UE | RE {
+            return;
+        }
+        self.idle = shared.now + self.frame(shared);
+        if self.sr & RXNE != 0 {
+            self.sr |= ORE;
+            shared.note(Kind::Lost, "USART3: overrun");
+        } else {
+            self.received = byte & self.mask();
+            self.sr |= RXNE;
+            if self.cr3 & DMAR != 0 {
+                shared.effect(Effect::Dma(Request::Usart3Rx));
+            }
+        }
+        self.plan(shared);
+    }
+
+    /// Data bits, without parity.
+    fn mask(&self) -> u8 {
+        if self.cr1 & (M | PCE) == PCE {
+            0x7f
+        } else {
+            0xff
+        }
+    }
+
+    /// Length of a frame, core cycles.
+    fn frame(&self, shared: &Shared) -> Cycles {
+        let clocks = if self.cr1 & OVER8 != 0 {
+            (self.brr >> 4) * 8 + (self.brr & 7)
+        } else {
+            self.brr
+        };
+        let data = if self.cr1 & M != 0 { 9 } else { 8 };
+        let stop_halves = [2, 1, 4, 3][(self.cr2 >> 12 & 3) as usize];
+        let halves = 2 * (1 + data) + stop_halves;
+        (Cycles::from(clocks) * shared.clocks.apb1 * halves / 2).max(1)
+    }
+
+    fn status(&self) -> u32 {
+        self.sr | if self.waiting.is_none() { TXE } else { 0 }
+    }
+
+    fn write_cr1(&mut self, value: u32, shared: &mut Shared) {
+        let changed = self.cr1 ^ value;
+        for (bit, name) in [(SBK, "break"), (RWU, "mute mode")] {
+            if changed & value & bit != 0 {
+                shared.note(Kind::NotModelled, format!("USART3: {name}"));
+            }
+        }
+        if changed & (M | PCE) != 0 && value & (M | PCE) == M {
+            shared.note(Kind::NotModelled, "USART3: nine data bits");
+        }
+        if self.shift.is_some() && changed & (M | PCE | OVER8 | UE) != 0 {
+            shared.note(Kind::Forbidden, "USART3: CR1 changed during a transmission");
+        }
+        self.cr1 = value;
+        if value & UE == 0 {
+            (self.waiting, self.shift, self.idle) = (None, None, NEVER);
+            self.sr |= TC;
+        } else {
+            self.begin(
+                changed | if changed & UE != 0 { TE | RE } else { 0 },
+                shared,
+            );
+        }
+    }
+
+    /// The transmitter or the receiver was switched.
+    fn begin(&mut self, changed: u32, shared: &mut Shared) {
+        if changed & (TE | RE) != 0 && self.cr1 & (TE | RE) != 0 && self.brr < 16 {
+            shared.note(Kind::Forbidden, "USART3: enabled with a divider below 16");
+        }
+        if changed & self.cr1 & TE != 0 {
+            shared.effect(Effect::Uses(Signal::Usart3Tx));
+            self.shift = Some((None, shared.now + self.frame(shared)));
+            self.request_transmit(shared);
+        }
+        if changed & self.cr1 & RE != 0 {
+            shared.effect(Effect::Uses(Signal::Usart3Rx));
+        }
+    }
+
+    fn write_data(&mut self, value: u8, shared: &mut Shared) {
+        if self.cr1 & (UE | TE) != UE | TE {
+            return shared.note(Kind::Forbidden, "USART3: DR written while disabled");
+        }
+        if self.waiting.is_some() {
+            shared.note(Kind::Lost, "USART3: DR written while it is full");
+        }
+        self.waiting = Some(value & self.mask());
+        self.sr &= !TC;
+        self.load(shared);
+    }
+
+    fn load(&mut self, shared: &mut Shared) {
+        if self.shift.is_none()
+            && let Some(byte) = self.waiting.take()
+        {
+            self.shift = Some((Some(byte), shared.now + self.frame(shared)));
+            self.request_transmit(shared);
+        }
+    }
+
+    fn request_transmit(&self, shared: &mut Shared) {
+        let on = self.cr1 & (UE | TE) == UE | TE && self.cr3 & DMAT != 0;
+        if on && self.waiting.is_none() {
+            shared.effect(Effect::Dma(Request::Usart3Tx));
+        }
+    }
+
+    fn write_cr3(&mut self, value: u32, shared: &mut Shared) {
+        let old = std::mem::replace(&mut self.cr3, value);
+        for (bit, name) in [
+            (IREN, "infrared"),
+            (HDSEL, "half duplex"),
+            (SCEN, "smartcard"),
+            (RTSE, "RTS"),
+            (CTSE, "CTS"),
+        ] {
+            if value & !old & bit != 0 {
+                shared.note(Kind::NotModelled, format!("USART3: {name}"));
+            }
+        }
+        if value & !old & DMAT != 0 {
+            self.request_transmit(shared);
+        }
+        if value & !old & DMAR != 0 && self.sr & RXNE != 0 {
+            shared.effect(Effect::Dma(Request::Usart3Rx));
+        }
+    }
+
+    fn write_cr2(&mut self, value: u32, shared: &mut Shared) {
+        for (bit, name) in [(LINEN, "LIN"), (CLKEN, "synchronous mode")] {
+            if value & !self.cr2 & bit != 0 {
+                shared.note(Kind::NotModelled, format!("USART3: {name}"));
+            }
+        }
+        self.cr2 = value;
+    }
+
+    fn plan(&self, shared: &mut Shared) {
+        let at = self.shift.map_or(NEVER, |(_, end)| end).min(self.idle);
+        if shared.due(Source::Usart3) != at {
+            shared.schedule(Source::Usart3, at);
+        }
+        let status = self.status();
+        let by_cr1 = (self.cr1 & TXEIE != 0 && status & TXE != 0)
+            || (self.cr1 & TCIE != 0 && status & TC != 0)
+            || (self.cr1 & RXNEIE != 0 && status & (RXNE | ORE) != 0)
+            || (self.cr1 & IDLEIE != 0 && status & IDLE != 0);
+        let by_dma = self.cr3 & (EIE | DMAR) == EIE | DMAR && status & ORE != 0;
+        shared.line(Interrupt::Usart3, by_cr1 || by_dma);
     }
 }
 
 impl Peripheral for Usart {
     fn registers(&self) -> &'static [Register] {
-        &[]
+        &REGISTERS
     }
 
     fn read(&mut self, offset: u32, shared: &mut Shared) -> u32 {
-        let _ = (offset, shared);
-        0
+        match offset {
+            0x00 => {
+                self.seen = self.sr & BY_READING;
+                self.status()
+            }
+            0x04 => {
+                self.sr &= !(RXNE | std::mem::take(&mut self.seen));
+                self.plan(shared);
+                self.received.into()
+            }
+            0x08 => self.brr,
+            0x0c => self.cr1,
+            0x10 => self.cr2,
+            0x14 => self.cr3,
+            _ => self.gtpr,
+        }
     }
 
     fn write(&mut self, offset: u32, value: u32, mask: u32, shared: &mut Shared) {
-        let _ = (offset, value, mask, shared);
+        match offset {
+            // Written with zero these are cleared.
+            0x00 => self.sr &= value | !(mask & (RXNE | TC)),
+            0x04 => self.write_data(value as u8, shared),
+            0x08 => {
+                if self.shift.is_some() {
+                    shared.note(Kind::Forbidden, "USART3: BRR changed during a transmission");
+                }
+                self.brr = merge(self.brr, value, mask) & 0xffff;
+            }
+            0x0c => self.write_cr1(merge(self.cr1, value, mask) & CR1_BITS, shared),
+            0x10 => self.write_cr2(merge(self.cr2, value, mask) & CR2_BITS, shared),
+            0x14 => self.write_cr3(merge(self.cr3, value, mask) & CR3_BITS, shared),
+            _ => self.gtpr = merge(self.gtpr, value, mask) & 0xffff,
+        }
+        self.plan(shared);
     }
 
     fn event(&mut self, source: Source, shared: &mut Shared) {
-        let _ = (source, shared);
+        let _ = source;
+        if self.idle <= shared.now {
+            self.idle = NEVER;
+            self.sr |= IDLE;
+        }
+        if let Some((byte, end)) = self.shift
+            && end <= shared.now
+        {
+            self.shift = None;
+            if let Some(byte) = byte {
+                let at = shared.time();
+                shared.surroundings.serial(byte, at);
+            }
+            if self.waiting.is_none() && byte.is_some() {
+                self.sr |= TC;
+            }
+            self.load(shared);
+        }
+        self.plan(shared);
     }
 }

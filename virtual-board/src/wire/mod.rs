@@ -1,1 +1,29 @@
-//! The CAN bus between boards.
+//! The CAN bus between boards, exact to the bit and, within a bit, to the time quantum.
+//!
+//! | file | what it holds |
+//! |---|---|
+//! | [`frame`] | frames, their bits on the wire with checksum and stuff bits |
+//! | [`timing`] | bit timing, synchronisation, tolerance of clocks |
+//! | `receiver` | a frame taken apart bit by bit |
+//! | `controller` | the protocol of one node: arbitration, errors, counters |
+//! | [`bus`] | the wire: levels, time, faults |
+//! | [`node`] | what a wire and its nodes tell each other |
+//! | [`virtual_node`] | nodes without a board: a sender, a babbling node, a listener |
+
+pub mod bus;
+mod controller;
+pub mod frame;
+pub mod node;
+mod receiver;
+pub mod timing;
+pub mod virtual_node;
+
+pub use bus::{Fault, Level, Record, Wire};
+pub use controller::Statistics;
+pub use frame::{Bits, Frame, Id};
+pub use node::{Action, ErrorKind, Event, Node, Settings, What};
+pub use timing::BitTiming;
+pub use virtual_node::VirtualNode;
+
+#[cfg(test)]
+mod tests;

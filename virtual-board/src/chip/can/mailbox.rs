@@ -1,0 +1,75 @@
+//! Transmit mailboxes.
+
+use crate::wire::{Frame, Id};
+
+/// Bits of TSR of mailbox 0; those of the next lie 8 bits higher.
+pub(super) const RQCP: u32 = 1;
+pub(super) const TXOK: u32 = 1 << 1;
+pub(super) const ALST: u32 = 1 << 2;
+pub(super) const TERR: u32 = 1 << 3;
+pub(super) const ABRQ: u32 = 1 << 7;
+
+/// TIxR: request, remote, extended.
+pub(super) const TXRQ: u32 = 1;
+const RTR: u32 = 1 << 1;
+const IDE: u32 = 1 << 2;
+
+/// A mailbox.
+#[derive(Debug, Default)]
+pub(super) struct Mailbox {
+    /// TIxR, TDTxR, TDLxR, TDHxR.
+    pub words: [u32; 4],
+    /// RQCP, TXOK, ALST, TERR, ABRQ.
+    pub flags: u32,
+    /// The order of the requests.
+    pub order: u64,
+}
+
+impl Mailbox {
+    /// Whether it waits to be sent or is being sent.
+    pub fn is_pending(&self) -> bool {
+        self.words[0] & TXRQ != 0
+    }
+
+    /// What it holds.
+    pub fn frame(&self) -> Frame {
+        let [id, control, low, high] = self.words;
+        let data = (u64::from(high) << 32 | u64::from(low)).to_le_bytes();
+        let identifier = if id & IDE != 0 {
+            Id::Extended(id >> 3)
+        } else {
+            Id::Standard((id >> 21) as u16)
+        };
+        Frame::raw(identifier, id & RTR != 0, (control & 15) as u8, data)
+    }
+
+    /// It is empty again, with what became of the last attempt; nothing, if there was none.
+    pub fn complete(&mut self, flags: u32) {
+        self.words[0] &= !TXRQ;
+        let kept = if flags == 0 { ALST | TERR } else { 0 };
+        self.flags = self.flags & kept | RQCP | flags;
+    }
+}
+
+/// The mailboxes' part of TSR.
+pub(super) fn status(mailboxes: &[Mailbox; 3], chronological: bool) -> u32 {
+    let mut status = 0;
+    for (k, mailbox) in mailboxes.iter().enumerate() {
+        status |= mailbox.flags << (8 * k);
+        status |= u32::from(!mailbox.is_pending()) << (26 + k);
+    }
+    let waiting = mailboxes.iter().enumerate().filter(|(_, m)| m.is_pending());
+    let last = waiting.max_by_key(|(k, m)| {
+        let order = if chronological { m.order } else { 0 };
+        (order, m.frame().priority(), *k)
+    });
+    let free = mailboxes.iter().position(|m| !m.is_pending());
+    let pending = mailboxes.iter().filter(|m| m.is_pending()).count();
+    if let Some((last, _)) = last
+        && pending > 1
+    {
+        status |= 1 << (29 + last);
+    }
+    let code = free.or(last.map(|(k, _)| k)).unwrap_or(0);
+    status | (code as u32) << 24
+}

@@ -1,0 +1,650 @@
+//! CAN controller CAN1 (bxCAN): registers, mailboxes, FIFOs, filters, interrupts.
+//!
+//! The protocol itself is run by [`crate::wire`]; what the program asks for goes there as actions,
+//! what happens on the bus comes back as events at their times.
+
+mod fifo;
+mod filter;
+mod mailbox;
+mod node;
+
+use super::Peripheral;
+use super::interrupt::Interrupt;
+use super::register::{Register, merge, word};
+use super::shared::{Shared, Source};
+use crate::finding::Kind;
+use crate::time::{NEVER, Time};
+use crate::wire::{Action, BitTiming, ErrorKind, Event, Frame, Settings, What};
+use fifo::{FOVR, FULL, Fifo, RFOM};
+use filter::{ALL, FINIT, Filters};
+use mailbox::{ABRQ, ALST, Mailbox, RQCP, TERR, TXOK};
+use std::collections::VecDeque;
+
+/// MCR.
+const INRQ: u32 = 1;
+const SLEEP: u32 = 1 << 1;
+const TXFP: u32 = 1 << 2;
+const RFLM: u32 = 1 << 3;
+const NART: u32 = 1 << 4;
+const AWUM: u32 = 1 << 5;
+const ABOM: u32 = 1 << 6;
+const TTCM: u32 = 1 << 7;
+const RESET: u32 = 1 << 15;
+const MCR_BITS: u32 = 0x0001_80ff;
+const MCR_RESET: u32 = 1 << 16 | SLEEP;
+
+/// MSR.
+const INAK: u32 = 1;
+const SLAK: u32 = 1 << 1;
+const ERRI: u32 = 1 << 2;
+const WKUI: u32 = 1 << 3;
+const SLAKI: u32 = 1 << 4;
+const TXM: u32 = 1 << 8;
+/// The last sample and the level of the pin: recessive.
+const RECESSIVE: u32 = 3 << 10;
+
+/// IER.
+const TMEIE: u32 = 1;
+const FMPIE: [u32; 2] = [1 << 1, 1 << 4];
+const FFIE: [u32; 2] = [1 << 2, 1 << 5];
+const FOVIE: [u32; 2] = [1 << 3, 1 << 6];
+const EWGIE: u32 = 1 << 8;
+const EPVIE: u32 = 1 << 9;
+const BOFIE: u32 = 1 << 10;
+const LECIE: u32 = 1 << 11;
+const ERRIE: u32 = 1 << 15;
+const WKUIE: u32 = 1 << 16;
+const SLKIE: u32 = 1 << 17;
+const IER_BITS: u32 = 0x0003_8f7f;
+
+/// ESR.
+const EWGF: u32 = 1;
+const EPVF: u32 = 1 << 1;
+const BOFF: u32 = 1 << 2;
+const LEC: u32 = 7 << 4;
+
+/// BTR.
+const SILM: u32 = 1 << 31;
+const LBKM: u32 = 1 << 30;
+const BTR_BITS: u32 = 0xc37f_03ff;
+
+const TDTR_BITS: u32 = 0xffff_010f;
+const FMR_BITS: u32 = 0x2a1c_0e01 | 0x3f01;
+
+const MAILBOXES: u32 = 0x180;
+const OUTPUTS: u32 = 0x1b0;
+const BANKS: u32 = 0x240;
+
+macro_rules! banks {
+    ($($n:literal)*) => {
+        [$(
+            word(BANKS + 8 * $n, concat!("F", $n, "R1"), !0),
+            word(BANKS + 8 * $n + 4, concat!("F", $n, "R2"), !0),
+        )*]
+    };
+}
+
+/// Registers before the filter banks.
+const HEAD: [Register; 33] = [
+    word(0x00, "MCR", MCR_BITS),
+    word(0x04, "MSR", 0xf1f),
+    word(0x08, "TSR", 0xff8f_8f8f),
+    word(0x0c, "RF0R", 0x3b),
+    word(0x10, "RF1R", 0x3b),
+    word(0x14, "IER", IER_BITS),
+    word(0x18, "ESR", 0xffff_0077),
+    word(0x1c, "BTR", BTR_BITS),
+    word(0x180, "TI0R", !0),
+    word(0x184, "TDT0R", TDTR_BITS),
+    word(0x188, "TDL0R", !0),
+    word(0x18c, "TDH0R", !0),
+    word(0x190, "TI1R", !0),
+    word(0x194, "TDT1R", TDTR_BITS),
+    word(0x198, "TDL1R", !0),
+    word(0x19c, "TDH1R", !0),
+    word(0x1a0, "TI2R", !0),
+    word(0x1a4, "TDT2R", TDTR_BITS),
+    word(0x1a8, "TDL2R", !0),
+    word(0x1ac, "TDH2R", !0),
+    word(0x1b0, "RI0R", !1),
+    word(0x1b4, "RDT0R", 0xffff_ff0f),
+    word(0x1b8, "RDL0R", !0),
+    word(0x1bc, "RDH0R", !0),
+    word(0x1c0, "RI1R", !1),
+    word(0x1c4, "RDT1R", 0xffff_ff0f),
+    word(0x1c8, "RDL1R", !0),
+    word(0x1cc, "RDH1R", !0),
+    word(0x200, "FMR", FMR_BITS),
+    word(0x204, "FM1R", ALL),
+    word(0x20c, "FS1R", ALL),
+    word(0x214, "FFA1R", ALL),
+    word(0x21c, "FA1R", ALL),
+];
+
+const FILTERS: [Register; 56] = banks!(
+    0 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19 20 21 22 23 24 25 26 27
+);
+
+/// All registers.
+const REGISTERS: [Register; 89] = {
+    let mut all = [HEAD[0]; 89];
+    let mut k = 0;
+    while k < 89 {
+        all[k] = if k < 33 { HEAD[k] } else { FILTERS[k - 33] };
+        k += 1;
+    }
+    all
+};
+
+/// How the controller takes part.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Mode {
+    Sleep,
+    Initialisation,
+    Normal,
+}
+
+/// The controller.
+pub(crate) struct Can {
+    mcr: u32,
+    /// ERRI, WKUI, SLAKI.
+    msr: u32,
+    ier: u32,
+    /// Flags and last error.
+    esr: u32,
+    btr: u32,
+    tec: u8,
+    rec: u8,
+    /// What is acknowledged, and where it is to go.
+    mode: Mode,
+    target: Mode,
+    mailboxes: [Mailbox; 3],
+    /// Requests so far.
+    requests: u64,
+    /// The mailbox on the bus, as far as is known here.
+    sending: Option<usize>,
+    fifos: [Fifo; 2],
+    filters: Filters,
+    /// Messages lost since the power came on first.
+    lost: u64,
+    actions: VecDeque<(Time, Action)>,
+    events: VecDeque<Event>,
+}
+
+impl Default for Can {
+    fn default() -> Self {
+        Self {
+            mcr: MCR_RESET,
+            msr: 0,
+            ier: 0,
+            esr: 0,
+            btr: 0x0123_0000,
+            tec: 0,
+            rec: 0,
+            mode: Mode::Sleep,
+            target: Mode::Sleep,
+            mailboxes: Default::default(),
+            requests: 0,
+            sending: None,
+            fifos: Default::default(),
+            filters: Filters::default(),
+            lost: 0,
+            actions: VecDeque::new(),
+            events: VecDeque::new(),
+        }
+    }
+}
+
+impl Can {
+    /// A reset, of the chip or of the controller alone. What the program did before still reaches the
+    /// wire, and then the reset.
+    pub fn reset(&mut self, shared: &mut Shared) {
+        let old = std::mem::take(self);
+        (self.actions, self.lost) = (old.actions, old.lost);
+        self.act(Action::Reset, shared);
+        self.plan(shared);
+        self.lines(shared);
+    }
+
+    /// Messages lost in the FIFOs.
+    pub fn lost(&self) -> u64 {
+        self.lost
+    }
+
+    fn act(&mut self, action: Action, shared: &Shared) {
+        self.actions.push_back((shared.time(), action));
+    }
+
+    fn timing(&self, shared: &Shared) -> BitTiming {
+        let btr = self.btr;
+        let prescaler = u64::from(btr & 0x3ff) + 1;
+        BitTiming {
+            quantum: shared.base.fine_period() * prescaler * shared.clocks.apb1,
+            segment1: (btr >> 16 & 15) + 1,
+            segment2: (btr >> 20 & 7) + 1,
+            jump: (btr >> 24 & 3) + 1,
+        }
+    }
+
+    fn settings(&self, shared: &Shared) -> Settings {
+        Settings {
+            on: self.target == Mode::Normal,
+            timing: self.timing(shared),
+            retransmit: self.mcr & NART == 0,
+            chronological: self.mcr & TXFP != 0,
+            recover: self.mcr & ABOM != 0,
+            wakes: self.target == Mode::Sleep,
+            silent: self.btr & SILM != 0,
+            loopback: self.btr & LBKM != 0,
+            sends: true,
+            hears: true,
+        }
+    }
+
+    fn write_mcr(&mut self, value: u32, shared: &mut Shared) {
+        if value & RESET != 0 {
+            return self.master_reset(shared);
+        }
+        let changed = self.mcr ^ value;
+        self.mcr = value;
+        if changed & value & TTCM != 0 {
+            let text = "CAN1: time-triggered mode, which errata sheet ES0182 forbids on this chip";
+            shared.note(Kind::Forbidden, text);
+        }
+        let target = self.wanted();
+        if target != self.target {
+            self.go(target, shared);
+        } else if changed & (TXFP | NART | ABOM) != 0 && target == Mode::Normal {
+            self.act(Action::Set(self.settings(shared)), shared);
+        }
+    }
+
+    /// Where the bits INRQ and SLEEP lead from where it is.
+    fn wanted(&self) -> Mode {
+        let (init, sleep) = (self.mcr & INRQ != 0, self.mcr & SLEEP != 0);
+        match self.mode {
+            Mode::Sleep if sleep => Mode::Sleep,
+            _ if init => Mode::Initialisation,
+            _ if sleep => Mode::Sleep,
+            _ => Mode::Normal,
+        }
+    }
+
+    /// Begins to go to a mode. To leave the bus takes until what goes on has ended, to join it eleven
+    /// recessive bits; all else is done at once.
+    fn go(&mut self, target: Mode, shared: &mut Shared) {
+        let was = std::mem::replace(&mut self.target, target);
+        self.events
+            .retain(|e| !matches!(e.what, What::Joined | What::Left));
+        if was == Mode::Normal || target == Mode::Normal {
+            self.act(Action::Set(self.settings(shared)), shared);
+        } else if target == Mode::Sleep {
+            // Asleep from the beginning: it sees what the bus does from now on.
+            self.act(Action::Set(self.settings(shared)), shared);
+        }
+        if target != Mode::Normal && self.mode != Mode::Normal {
+            self.arrive(target);
+        }
+    }
+
+    fn arrive(&mut self, mode: Mode) {
+        if mode == Mode::Sleep && self.mode != Mode::Sleep {
+            self.msr |= SLAKI;
+        } else if mode != Mode::Sleep {
+            self.msr &= !SLAKI;
+        }
+        self.mode = mode;
+    }
+
+    fn master_reset(&mut self, shared: &mut Shared) {
+        let (ier, btr) = (self.ier, self.btr);
+        let filters = std::mem::take(&mut self.filters);
+        self.reset(shared);
+        (self.ier, self.btr, self.filters) = (ier, btr, filters);
+    }
+
+    fn msr(&self) -> u32 {
+        let mode = match self.mode {
+            Mode::Sleep => SLAK,
+            Mode::Initialisation => INAK,
+            Mode::Normal => 0,
+        };
+        let sending = if self.sending.is_some() { TXM } else { 0 };
+        self.msr | mode | sending | RECESSIVE
+    }
+
+    fn esr(&self) -> u32 {
+        u32::from(self.rec) << 24 | u32::from(self.tec) << 16 | self.esr
+    }
+
+    fn write_tsr(&mut self, value: u32, shared: &mut Shared) {
+        for k in 0..3 {
+            let bits = value >> (8 * k);
+            let mailbox = &mut self.mailboxes[k];
+            if bits & RQCP != 0 {
+                mailbox.flags &= !(RQCP | TXOK | ALST | TERR);
+            }
+            mailbox.flags &= !(bits & (TXOK | ALST | TERR));
+            if bits & ABRQ != 0 && mailbox.is_pending() {
+                mailbox.flags |= ABRQ;
+                if self.sending != Some(k) {
+                    mailbox.complete(0);
+                }
+                self.act(Action::Abort { mailbox: k as u8 }, shared);
+            }
+        }
+    }
+
+    fn write_mailbox(&mut self, place: u32, value: u32, mask: u32, shared: &mut Shared) {
+        let (k, which) = ((place / 16) as usize, (place / 4 % 4) as usize);
+        let mailbox = &mut self.mailboxes[k];
+        if mailbox.is_pending() {
+            let text = format!("CAN1: mailbox {k} written while its request is pending");
+            return shared.note(Kind::Forbidden, text);
+        }
+        mailbox.words[which] = merge(mailbox.words[which], value, mask);
+        if which == 0 && mailbox.is_pending() {
+            self.requests += 1;
+            mailbox.order = self.requests;
+            mailbox.flags = 0;
+            let frame = mailbox.frame();
+            let mailbox = k as u8;
+            self.act(Action::Request { mailbox, frame }, shared);
+        }
+    }
+
+    fn write_fifo(&mut self, k: usize, value: u32, shared: &mut Shared) {
+        // The release takes the controller two cycles of its clock.
+        let release = shared.now + 2 * shared.clocks.apb1;
+        self.fifos[k].write(value, release);
+        self.plan(shared);
+    }
+
+    fn write_btr(&mut self, value: u32, shared: &mut Shared) {
+        if self.mode != Mode::Initialisation {
+            let text = "CAN1_BTR written outside of the initialisation mode";
+            return shared.note(Kind::Forbidden, text);
+        }
+        self.btr = value;
+    }
+
+    fn write_filter(&mut self, offset: u32, value: u32, shared: &mut Shared) {
+        let filters = &mut self.filters;
+        let frozen = filters.fmr & FINIT == 0;
+        let register = match offset {
+            0x200 => {
+                let kept = 0x2a1c_0000;
+                if (value ^ filters.fmr) & kept != 0 {
+                    let text = "CAN1_FMR: reserved bits not kept at their reset value";
+                    shared.note(Kind::ReservedBit, text);
+                }
+                filters.fmr = (value & 0x3f01) | (0x2a1c_0e01 & !0x3f01);
+                return;
+            }
+            0x21c => {
+                filters.active = value;
+                return;
+            }
+            0x204 => &mut filters.mode,
+            0x20c => &mut filters.scale,
+            0x214 => &mut filters.assignment,
+            _ => {
+                let place = (offset - BANKS) as usize / 4;
+                if frozen && filters.active >> (place / 2) & 1 == 1 {
+                    let text =
+                        format!("CAN1: filter bank {} written while it is active", place / 2);
+                    return shared.note(Kind::Forbidden, text);
+                }
+                filters.banks[place / 2][place % 2] = value;
+                return;
+            }
+        };
+        if frozen {
+            let text = "CAN1: filters set up outside of their initialisation mode";
+            return shared.note(Kind::Forbidden, text);
+        }
+        *register = value;
+    }
+
+    /// Levels of the four interrupt lines.
+    fn lines(&self, shared: &mut Shared) {
+        let enabled = |bit: u32| self.ier & bit != 0;
+        let complete = self.mailboxes.iter().any(|m| m.flags & RQCP != 0);
+        shared.line(Interrupt::Can1Tx, enabled(TMEIE) && complete);
+        for (k, line) in [Interrupt::Can1Rx0, Interrupt::Can1Rx1]
+            .into_iter()
+            .enumerate()
+        {
+            let status = self.fifos[k].status();
+            let level = enabled(FMPIE[k]) && status & 3 != 0
+                || enabled(FFIE[k]) && status & FULL != 0
+                || enabled(FOVIE[k]) && status & FOVR != 0;
+            shared.line(line, level);
+        }
+        let change = enabled(ERRIE) && self.msr & ERRI != 0
+            || enabled(WKUIE) && self.msr & WKUI != 0
+            || enabled(SLKIE) && self.msr & SLAKI != 0;
+        shared.line(Interrupt::Can1Sce, change);
+    }
+
+    /// Puts the next event or release on the schedule.
+    fn plan(&self, shared: &mut Shared) {
+        let event = self.events.front().map(|e| shared.base.cycle_of(e.at));
+        let releases = self.fifos.iter().map(|fifo| fifo.release);
+        let at = releases.chain(event).min().unwrap_or(NEVER);
+        if shared.due(Source::Can1) != at {
+            shared.schedule(Source::Can1, at);
+        }
+    }
+
+    /// Takes what will happen on the bus.
+    pub fn post(&mut self, event: Event, shared: &mut Shared) {
+        self.events.push_back(event);
+        if self.events.len() == 1 {
+            self.plan(shared);
+        }
+    }
+
+    fn happen(&mut self, event: Event, shared: &mut Shared) {
+        let Event { what, tec, rec, .. } = event;
+        match what {
+            What::Joined if self.target == Mode::Normal => self.arrive(Mode::Normal),
+            What::Left if self.target != Mode::Normal => self.arrive(self.target),
+            What::Joined | What::Left | What::Counted => {}
+            What::Started { mailbox } => self.sending = Some(mailbox.into()),
+            What::Sent { mailbox, .. } => {
+                self.sending = None;
+                self.esr &= !LEC;
+                if let Some(mailbox) = self.mailboxes.get_mut(usize::from(mailbox)) {
+                    mailbox.complete(TXOK);
+                }
+            }
+            What::Failed {
+                mailbox,
+                lost,
+                again,
+            } => self.failed(mailbox.into(), lost, again),
+            What::Received { frame, .. } => {
+                self.esr &= !LEC;
+                self.receive(&frame, shared);
+            }
+            What::Error(kind) => self.error(kind),
+            What::Off => self.raise(BOFF, BOFIE),
+            What::Recovered => self.esr &= !BOFF,
+            What::Woken => self.wake(shared),
+        }
+        self.count(tec, rec);
+    }
+
+    fn failed(&mut self, mailbox: usize, lost: bool, again: bool) {
+        self.sending = None;
+        if let Some(mailbox) = self.mailboxes.get_mut(mailbox)
+            && mailbox.is_pending()
+        {
+            let flag = if lost { ALST } else { TERR };
+            if again {
+                mailbox.flags = mailbox.flags & !(ALST | TERR) | flag;
+            } else {
+                mailbox.complete(flag);
+            }
+        }
+    }
+
+    fn error(&mut self, kind: ErrorKind) {
+        let code = match kind {
+            ErrorKind::Stuff => 1,
+            ErrorKind::Form => 2,
+            ErrorKind::Acknowledgement => 3,
+            ErrorKind::BitRecessive => 4,
+            ErrorKind::BitDominant => 5,
+            ErrorKind::Crc => 6,
+        };
+        self.esr = self.esr & !LEC | code << 4;
+        if self.ier & LECIE != 0 {
+            self.msr |= ERRI;
+        }
+    }
+
+    /// Sets a flag of ESR; its interrupt follows the flag's edge.
+    fn raise(&mut self, flag: u32, enable: u32) {
+        if self.esr & flag == 0 && self.ier & enable != 0 {
+            self.msr |= ERRI;
+        }
+        self.esr |= flag;
+    }
+
+    fn count(&mut self, tec: u8, rec: u8) {
+        (self.tec, self.rec) = (tec, rec);
+        let highest = tec.max(rec);
+        for (flag, enable, limit) in [(EWGF, EWGIE, 96), (EPVF, EPVIE, 128)] {
+            if highest >= limit {
+                self.raise(flag, enable);
+            } else {
+                self.esr &= !flag;
+            }
+        }
+    }
+
+    fn wake(&mut self, shared: &mut Shared) {
+        if self.mode != Mode::Sleep {
+            return;
+        }
+        self.msr |= WKUI;
+        if self.mcr & AWUM != 0 && self.target == Mode::Sleep {
+            self.mcr &= !SLEEP;
+            let target = self.wanted();
+            self.go(target, shared);
+        }
+    }
+
+    fn receive(&mut self, frame: &Frame, shared: &mut Shared) {
+        let Some(found) = self.filters.find(frame) else {
+            return;
+        };
+        let mut data = [0; 8];
+        data[..frame.data().len()].copy_from_slice(frame.data());
+        let data = u64::from_le_bytes(data);
+        let control = u32::from(found.index) << 8 | u32::from(frame.code());
+        let message = [
+            filter::wide(frame),
+            control,
+            data as u32,
+            (data >> 32) as u32,
+        ];
+        let locked = self.mcr & RFLM != 0;
+        if self.fifos[found.fifo].push(message, locked) {
+            self.lost += 1;
+            let text = format!("CAN1: FIFO {} overrun", found.fifo);
+            shared.note(Kind::Lost, text);
+        }
+    }
+}
+
+impl Peripheral for Can {
+    fn registers(&self) -> &'static [Register] {
+        &REGISTERS
+    }
+
+    fn read(&mut self, offset: u32, shared: &mut Shared) -> u32 {
+        let _ = shared;
+        match offset {
+            0x00 => self.mcr,
+            0x04 => self.msr(),
+            0x08 => mailbox::status(&self.mailboxes, self.mcr & TXFP != 0),
+            0x0c | 0x10 => self.fifos[(offset as usize - 0x0c) / 4].status(),
+            0x14 => self.ier,
+            0x18 => self.esr(),
+            0x1c => self.btr,
+            MAILBOXES..OUTPUTS => {
+                let place = (offset - MAILBOXES) as usize;
+                self.mailboxes[place / 16].words[place / 4 % 4]
+            }
+            OUTPUTS..0x1d0 => {
+                let place = (offset - OUTPUTS) as usize;
+                self.fifos[place / 16].output(place / 4 % 4)
+            }
+            0x200 => self.filters.fmr,
+            0x204 => self.filters.mode,
+            0x20c => self.filters.scale,
+            0x214 => self.filters.assignment,
+            0x21c => self.filters.active,
+            BANKS.. => {
+                let place = (offset - BANKS) as usize / 4;
+                self.filters.banks[place / 2][place % 2]
+            }
+            _ => 0,
+        }
+    }
+
+    fn write(&mut self, offset: u32, value: u32, mask: u32, shared: &mut Shared) {
+        match offset {
+            0x00 => self.write_mcr(merge(self.mcr, value, mask) & MCR_BITS, shared),
+            0x04 => self.msr &= !(value & (ERRI | WKUI | SLAKI)),
+            0x08 => self.write_tsr(value, shared),
+            0x0c | 0x10 => self.write_fifo(
+                (offset as usize - 0x0c) / 4,
+                value & (RFOM | FULL | FOVR),
+                shared,
+            ),
+            0x14 => self.ier = merge(self.ier, value, mask) & IER_BITS,
+            0x18 => self.esr = merge(self.esr, value & LEC, mask & LEC),
+            0x1c => self.write_btr(merge(self.btr, value, mask) & BTR_BITS, shared),
+            MAILBOXES..OUTPUTS => self.write_mailbox(offset - MAILBOXES, value, mask, shared),
+            OUTPUTS..0x1d0 => shared.note(Kind::Forbidden, "CAN1: a receive mailbox written"),
+            _ => {
+                let old = self.read(offset, shared);
+                self.write_filter(offset, merge(old, value, mask), shared);
+            }
+        }
+        self.lines(shared);
+    }
+
+    fn event(&mut self, source: Source, shared: &mut Shared) {
+        let _ = source;
+        for fifo in &mut self.fifos {
+            if fifo.release <= shared.now {
+                fifo.released();
+            }
+        }
+        while let Some(&event) = self.events.front() {
+            if shared.base.cycle_of(event.at) > shared.now {
+                break;
+            }
+            self.events.pop_front();
+            self.happen(event, shared);
+        }
+        self.plan(shared);
+        self.lines(shared);
+    }
+
+    fn clocks_changed(&mut self, old: &crate::time::Timebase, shared: &mut Shared) {
+        let _ = old;
+        if self.target == Mode::Normal {
+            self.act(Action::Set(self.settings(shared)), shared);
+        }
+        self.plan(shared);
+    }
+}
+
+#[cfg(test)]
+mod tests;

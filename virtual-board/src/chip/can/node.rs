@@ -1,0 +1,41 @@
+//! The chip as a node of the wire.
+
+use super::super::{Chip, Signal};
+use crate::finding::Kind;
+use crate::time::Time;
+use crate::wire::{Action, Event, Node};
+
+impl Chip {
+    /// Messages that its controller lost because a FIFO was full.
+    pub fn can_overruns(&self) -> u64 {
+        self.units.can1.lost()
+    }
+
+    /// Whether a signal of the controller is on a pin; a finding, if not.
+    fn is_routed(&mut self, signal: Signal, name: &str) -> bool {
+        let found = self.units.gpio.pin_of(signal).is_some();
+        if !found {
+            let text = format!("CAN1 takes part without a pin for {name}");
+            self.shared.note(Kind::Pin, text);
+        }
+        found
+    }
+}
+
+impl Node for Chip {
+    fn take_action(&mut self) -> Option<(Time, Action)> {
+        let (at, mut action) = self.units.can1.actions.pop_front()?;
+        if let Action::Set(settings) = &mut action
+            && settings.on
+            && !settings.loopback
+        {
+            settings.sends = self.is_routed(Signal::Can1Tx, "CAN1_TX");
+            settings.hears = self.is_routed(Signal::Can1Rx, "CAN1_RX");
+        }
+        Some((at, action))
+    }
+
+    fn event(&mut self, event: Event) {
+        self.units.can1.post(event, &mut self.shared);
+    }
+}

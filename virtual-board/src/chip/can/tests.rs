@@ -1,0 +1,532 @@
+//! The controller through its registers, on a wire with others.
+
+use super::*;
+use crate::chip::testing;
+use crate::time::Cycles;
+use crate::wire::{Fault, Id, Level, Node, VirtualNode, Wire};
+
+/// Core cycles in a microsecond; APB1 has a quarter of them.
+const MICRO: Cycles = 168;
+/// A quantum, core cycles.
+const QUANTUM: Cycles = 20 * MICRO;
+
+const MCR: u32 = 0x00;
+const MSR: u32 = 0x04;
+const TSR: u32 = 0x08;
+const RF0R: u32 = 0x0c;
+const IER: u32 = 0x14;
+const ESR: u32 = 0x18;
+const BTR: u32 = 0x1c;
+const RDT0R: u32 = 0x1b4;
+const FMR: u32 = 0x200;
+
+/// A board with nothing but its controller.
+struct Board {
+    can: Can,
+    shared: Shared,
+}
+
+impl Board {
+    fn new() -> Self {
+        let mut shared = testing::shared();
+        shared.base.set_frequency(0, 1_000_000 * MICRO);
+        shared.clocks.hclk_hz = 1_000_000 * MICRO;
+        shared.clocks.apb1 = 4;
+        let mut board = Self {
+            can: Can::default(),
+            shared,
+        };
+        board.write(MCR, INRQ | ABOM);
+        assert_eq!(board.read(MSR) & 3, INAK);
+        // One filter that takes all into FIFO 0.
+        board.write(FMR, 0x2a1c_0e01);
+        board.write(0x20c, 1);
+        board.write(0x21c, 1);
+        board.write(FMR, 0x2a1c_0e00);
+        // 42 MHz in six, seven quanta.
+        board.write(BTR, 4 << 16 | 5);
+        board
+    }
+
+    fn read(&mut self, offset: u32) -> u32 {
+        self.can.read(offset, &mut self.shared)
+    }
+
+    fn write(&mut self, offset: u32, value: u32) {
+        self.can.write(offset, value, !0, &mut self.shared);
+    }
+
+    fn request(&mut self, mailbox: u32, id: u32, data: u32) {
+        let place = MAILBOXES + 16 * mailbox;
+        self.write(place + 4, 4);
+        self.write(place + 8, data);
+        self.write(place, id << 21 | 1);
+    }
+
+    fn run(&mut self, until: Cycles) {
+        while self.shared.due(Source::Can1) <= until {
+            self.shared.now = self.shared.now.max(self.shared.due(Source::Can1));
+            self.shared.schedule(Source::Can1, NEVER);
+            self.can.event(Source::Can1, &mut self.shared);
+        }
+        self.shared.now = until;
+    }
+
+    fn line(&self, interrupt: Interrupt) -> bool {
+        self.shared.lines >> (interrupt as u32) & 1 == 1
+    }
+
+    fn found(&self, kind: Kind) -> usize {
+        let list = self.shared.findings.list();
+        list.iter().filter(|f| f.kind == kind).count()
+    }
+}
+
+impl Node for Board {
+    fn take_action(&mut self) -> Option<(Time, Action)> {
+        self.can.actions.pop_front()
+    }
+
+    fn event(&mut self, event: Event) {
+        self.can.post(event, &mut self.shared);
+    }
+}
+
+/// Boards and one virtual node at a wire.
+struct Bench {
+    wire: Wire,
+    boards: Vec<Board>,
+    other: VirtualNode,
+    now: Cycles,
+}
+
+impl Bench {
+    fn new(boards: usize) -> Self {
+        let mut wire = Wire::new(boards + 1, Time::from_micros(20), 1);
+        wire.record();
+        let mut off = Settings::new(BitTiming::megabit());
+        off.on = false;
+        Self {
+            wire,
+            boards: (0..boards).map(|_| Board::new()).collect(),
+            other: VirtualNode::new(off),
+            now: 0,
+        }
+    }
+
+    /// Boards that have joined, and the virtual node if asked for.
+    fn joined(boards: usize, other: bool) -> Self {
+        let mut bench = Self::new(boards);
+        if other {
+            let on = Settings::new(BitTiming::megabit());
+            bench.other.set(Time(0), on);
+        }
+        for board in &mut bench.boards {
+            board.write(MCR, ABOM);
+        }
+        bench.run(100);
+        for board in &mut bench.boards {
+            assert_eq!(board.read(MSR) & 3, 0);
+        }
+        bench
+    }
+
+    /// Runs to this many microseconds.
+    fn run(&mut self, micros: u64) {
+        while self.now < micros * MICRO {
+            self.now += QUANTUM;
+            let mut nodes: Vec<&mut dyn Node> = Vec::new();
+            for board in &mut self.boards {
+                board.run(self.now);
+                nodes.push(board);
+            }
+            nodes.push(&mut self.other);
+            let until = Time::from_micros(self.now / MICRO);
+            self.wire.advance(until, &mut nodes);
+        }
+    }
+
+    fn board(&mut self) -> &mut Board {
+        &mut self.boards[0]
+    }
+}
+
+#[test]
+fn it_leaves_its_initialisation_after_eleven_recessive_bits_and_not_before() {
+    let mut bench = Bench::new(1);
+    bench
+        .wire
+        .inject(Time(0), Fault::Level(Some(Level::Dominant)));
+    bench.board().write(MCR, ABOM);
+    bench.run(10_000);
+    assert_eq!(bench.board().read(MSR) & 3, INAK);
+    // The way back to the initialisation does not need the bus.
+    bench.board().write(MCR, ABOM | INRQ);
+    assert_eq!(bench.board().read(MSR) & 3, INAK);
+    bench.board().write(MCR, ABOM);
+    let free = Time::from_micros(10_060);
+    bench.wire.inject(free, Fault::Level(None));
+    bench.run(10_060);
+    assert_eq!(bench.board().read(MSR) & 3, INAK);
+    // 11 bits, to the next quantum.
+    bench.run(10_080);
+    bench.board().run(10_080 * MICRO + 1);
+    assert_eq!(bench.board().read(MSR) & 3, 0);
+}
+
+#[test]
+fn a_frame_is_sent_received_and_told_to_the_cycle() {
+    let mut bench = Bench::joined(2, false);
+    let begin = bench.now;
+    for board in &mut bench.boards {
+        board.write(IER, TMEIE | FMPIE[0]);
+    }
+    bench.board().request(0, 0x123, 0x0403_0201);
+    assert_eq!(bench.board().read(TSR) >> 24, 0b0001_1001);
+    let frame = Frame::new(Id::Standard(0x123), &[1, 2, 3, 4]);
+    let mut changes = Vec::new();
+    // Boards look at every cycle.
+    while changes.len() < 2 {
+        let quantum = bench.now;
+        for cycle in quantum..quantum + QUANTUM {
+            for (k, line) in [Interrupt::Can1Tx, Interrupt::Can1Rx0]
+                .into_iter()
+                .enumerate()
+            {
+                let board = &mut bench.boards[k];
+                let before = board.line(line);
+                board.run(cycle);
+                if !before && board.line(line) {
+                    changes.push((k, cycle - begin));
+                }
+            }
+        }
+        bench.run((quantum + QUANTUM) / MICRO);
+        assert!(bench.now < begin + 20 * QUANTUM);
+    }
+    let [(1, received), (0, sent)] = changes[..] else {
+        panic!("{changes:?}");
+    };
+    // From the first edge to the sample point of the last bit, the first edge a bit after the request
+    // at most.
+    let bits = frame.bits().length() as u64;
+    let earliest = (bits - 1) * MICRO + MICRO * 6 / 7;
+    assert!(
+        (earliest..earliest + 2 * MICRO).contains(&sent),
+        "{sent} {bits}"
+    );
+    assert!((sent - received).abs_diff(MICRO) < MICRO / 2);
+    let board = bench.board();
+    assert_eq!(board.read(TSR) & 0xff, RQCP | TXOK);
+    board.write(TSR, RQCP);
+    assert_eq!(board.read(TSR), 0x1c00_0000);
+    assert!(!board.line(Interrupt::Can1Tx));
+    let board = &mut bench.boards[1];
+    assert_eq!(board.read(RF0R), 1);
+    assert_eq!(board.read(OUTPUTS), 0x123 << 21);
+    assert_eq!(board.read(RDT0R), 4);
+    assert_eq!(board.read(RDT0R + 4), 0x0403_0201);
+    board.write(RF0R, RFOM);
+    assert_eq!(board.read(RF0R), 1 | RFOM);
+    board.run(board.shared.now + 8);
+    assert_eq!(board.read(RF0R), 0);
+    assert!(!board.line(Interrupt::Can1Rx0));
+    assert!(board.shared.findings.list().is_empty());
+}
+
+fn order(bench: &mut Bench) -> Vec<Id> {
+    let records = bench.wire.take_records();
+    records.iter().map(|r| r.frame.id()).collect()
+}
+
+#[test]
+fn mailboxes_go_by_identifier_or_by_time() {
+    for (mcr, expected, lowest) in [
+        (ABOM, [0x100, 0x200, 0x300], 0b001),
+        (ABOM | TXFP, [0x300, 0x100, 0x200], 0b100),
+    ] {
+        let mut bench = Bench::joined(2, false);
+        let board = bench.board();
+        board.write(MCR, mcr);
+        board.request(0, 0x300, 0);
+        board.run(board.shared.now + 10);
+        board.request(1, 0x100, 0);
+        board.run(board.shared.now + 10);
+        board.request(2, 0x200, 0);
+        let status = board.read(TSR);
+        assert_eq!(status >> 26 & 7, 0, "no mailbox is free");
+        assert_eq!(status >> 29, lowest);
+        assert_eq!(1 << (status >> 24 & 3), lowest);
+        // All three are asked for within one bit: the first bit decides.
+        bench.run(1000);
+        assert_eq!(order(&mut bench), expected.map(Id::Standard));
+    }
+}
+
+#[test]
+fn equal_identifiers_go_by_the_number_of_the_mailbox() {
+    let mut bench = Bench::joined(2, false);
+    for mailbox in [2, 1, 0] {
+        bench.board().request(mailbox, 0x100, mailbox);
+    }
+    bench.run(1000);
+    let records = bench.wire.take_records();
+    let data: Vec<_> = records.iter().map(|r| r.frame.data()[0]).collect();
+    assert_eq!(data, [0, 1, 2]);
+}
+
+#[test]
+fn nobody_acknowledges_counts_to_128_and_no_further() {
+    let mut bench = Bench::joined(1, false);
+    let board = bench.board();
+    board.write(IER, ERRIE | EPVIE);
+    board.request(0, 0x100, 0);
+    bench.run(400);
+    let board = bench.board();
+    assert_eq!(board.read(ESR) & LEC, 3 << 4);
+    assert!(!board.line(Interrupt::Can1Sce));
+    bench.run(20_000);
+    let board = bench.board();
+    assert_eq!(board.read(ESR), 128 << 16 | 3 << 4 | EPVF | EWGF);
+    assert!(board.line(Interrupt::Can1Sce));
+    board.write(MSR, ERRI);
+    assert!(!board.line(Interrupt::Can1Sce));
+    assert_eq!(board.read(TSR) >> 26 & 7, 0b110);
+    // Another comes: the frame gets through.
+    let on = Settings::new(BitTiming::megabit());
+    bench.other.set(Time::from_micros(20_000), on);
+    bench.run(20_400);
+    let board = bench.board();
+    assert_eq!(board.read(TSR) & 3, RQCP | TXOK);
+    assert_eq!(board.read(ESR), 127 << 16 | EWGF);
+}
+
+#[test]
+fn an_abort_frees_what_waits_at_once_and_what_is_sent_at_its_end() {
+    let mut bench = Bench::joined(1, true);
+    bench.board().request(0, 0x100, 0);
+    bench.board().request(1, 0x101, 0);
+    bench.run(120);
+    let now = bench.now;
+    let board = bench.board();
+    board.run(now);
+    board.write(TSR, ABRQ | ABRQ << 8);
+    // Mailbox 0 is on the wire, mailbox 1 waits.
+    let status = board.read(TSR);
+    assert_eq!(status & 0xff, ABRQ);
+    assert_eq!(status >> 8 & 0xff, RQCP);
+    bench.run(1000);
+    let status = bench.board().read(TSR);
+    assert_eq!(status & 0xff, RQCP | TXOK);
+    assert_eq!(status >> 26 & 7, 7);
+    assert_eq!(order(&mut bench), [Id::Standard(0x100)]);
+
+    // Without an acknowledgement it is given up with the first error.
+    let mut bench = Bench::joined(1, false);
+    bench.board().request(0, 0x100, 0);
+    bench.run(140);
+    bench.board().run(140 * MICRO);
+    bench.board().write(TSR, ABRQ);
+    assert_eq!(bench.board().read(TSR) & 0xff, ABRQ);
+    bench.run(400);
+    assert_eq!(bench.board().read(TSR) & 0xff, RQCP | TERR);
+    assert_eq!(bench.wire.take_records().len(), 1);
+}
+
+#[test]
+fn without_retransmission_a_lost_arbitration_is_the_end() {
+    let mut bench = Bench::joined(1, true);
+    bench.board().write(MCR, ABOM | NART);
+    bench.board().request(0, 0x100, 0);
+    let now = bench.boards[0].shared.time();
+    bench.other.send(now, Frame::new(Id::Standard(0x0ff), &[]));
+    bench.run(1000);
+    assert_eq!(bench.board().read(TSR) & 0xff, RQCP | ALST);
+    assert_eq!(bench.wire.statistics(0).lost, 1);
+    assert_eq!(bench.board().read(RF0R) & 3, 1);
+}
+
+#[test]
+fn off_the_bus_it_comes_back_by_itself_or_when_the_program_says_so() {
+    for recover in [true, false] {
+        let mut bench = Bench::joined(2, false);
+        let mcr = if recover { ABOM } else { 0 };
+        bench.board().write(MCR, mcr);
+        bench.board().write(IER, ERRIE | BOFIE);
+        // It sends but reads recessive.
+        bench.wire.inject(
+            Time::from_micros(200),
+            Fault::Transceiver {
+                node: 0,
+                sends: true,
+                hears: false,
+            },
+        );
+        bench.run(240);
+        bench.board().request(0, 0x100, 0);
+        while bench.board().read(ESR) & BOFF == 0 {
+            bench.run(bench.now / MICRO + 20);
+            assert!(bench.now < 1200 * MICRO);
+        }
+        let mut from = bench.now / MICRO;
+        let board = bench.board();
+        assert_eq!(board.read(ESR) & (BOFF | LEC), BOFF | 5 << 4);
+        assert!(board.line(Interrupt::Can1Sce));
+        bench.wire.inject(
+            Time::from_micros(from),
+            Fault::Transceiver {
+                node: 0,
+                sends: true,
+                hears: true,
+            },
+        );
+        if !recover {
+            bench.run(10_000);
+            let board = bench.board();
+            assert_eq!(board.read(ESR) & BOFF, BOFF);
+            board.write(MCR, INRQ);
+            bench.run(10_100);
+            assert_eq!(bench.board().read(MSR) & 3, INAK);
+            bench.board().write(MCR, 0);
+            // Eleven bits to join.
+            from = bench.now / MICRO + 11;
+        }
+        // 128 times eleven bits; the quanta before and after.
+        bench.run(from + 128 * 11 - 60);
+        assert_eq!(bench.board().read(ESR) & BOFF, BOFF);
+        bench.run(from + 128 * 11 + 120);
+        let board = bench.board();
+        assert_eq!(board.read(ESR), 0);
+        // The frame that was to be sent is sent now.
+        assert_eq!(board.read(TSR) & 0xff, RQCP | TXOK);
+    }
+}
+
+#[test]
+fn a_fourth_frame_overruns_and_is_found() {
+    let mut bench = Bench::joined(1, true);
+    bench.board().write(IER, FFIE[0]);
+    for id in 0..4 {
+        bench.other.send(Time(0), Frame::new(Id::Standard(id), &[]));
+    }
+    bench.run(280);
+    assert!(bench.board().line(Interrupt::Can1Rx0));
+    bench.run(1000);
+    let board = bench.board();
+    assert_eq!(board.read(RF0R), 3 | FULL | FOVR);
+    assert_eq!(board.can.lost(), 1);
+    assert_eq!(board.found(Kind::Lost), 1);
+    board.write(RF0R, FULL);
+    assert!(!board.line(Interrupt::Can1Rx0));
+    board.write(IER, FOVIE[0]);
+    assert!(board.line(Interrupt::Can1Rx0));
+}
+
+#[test]
+fn what_the_manual_forbids_is_found_and_changes_nothing() {
+    let mut bench = Bench::joined(1, false);
+    let board = bench.board();
+    let btr = board.read(BTR);
+    board.write(BTR, 7);
+    assert_eq!(board.read(BTR), btr);
+    board.write(0x204, 1);
+    assert_eq!(board.read(0x204), 0);
+    board.write(BANKS, 1);
+    assert_eq!(board.read(BANKS), 0);
+    board.request(0, 0x100, 1);
+    board.write(MAILBOXES + 8, 2);
+    assert_eq!(board.read(MAILBOXES + 8), 1);
+    assert_eq!(board.found(Kind::Forbidden), 4);
+    board.write(MCR, ABOM | TTCM);
+    assert_eq!(board.found(Kind::Forbidden), 5);
+}
+
+#[test]
+fn asleep_it_is_woken_by_the_bus() {
+    let mut bench = Bench::joined(1, true);
+    bench.board().write(IER, SLKIE | WKUIE);
+    bench.board().write(MCR, ABOM | AWUM | SLEEP);
+    bench.run(200);
+    let board = bench.board();
+    assert_eq!(board.read(MSR) & 0x1f, SLAK | SLAKI);
+    assert!(board.line(Interrupt::Can1Sce));
+    board.write(MSR, SLAKI);
+    assert!(!board.line(Interrupt::Can1Sce));
+    for _ in 0..2 {
+        let frame = Frame::new(Id::Standard(1), &[]);
+        bench.other.send(Time::from_micros(240), frame);
+    }
+    bench.run(280);
+    let board = bench.board();
+    assert_eq!(board.read(MCR) & SLEEP, 0);
+    assert!(board.line(Interrupt::Can1Sce));
+    // The first frame is over before it takes part; without an acknowledgement it is sent again.
+    bench.run(1000);
+    let board = bench.board();
+    assert_eq!(board.read(MSR) & 0x1f, WKUI);
+    assert_eq!(board.read(RF0R) & 3, 2);
+}
+
+#[test]
+fn to_leave_the_bus_it_waits_for_the_end_of_its_frame() {
+    let mut bench = Bench::joined(1, true);
+    bench.board().request(0, 0x100, 0);
+    bench.run(120);
+    bench.board().write(MCR, INRQ | ABOM);
+    assert_eq!(bench.board().read(MSR) & 3, 0);
+    bench.run(240);
+    let board = bench.board();
+    assert_eq!(board.read(MSR) & 3, INAK);
+    assert_eq!(board.read(TSR) & 0xff, RQCP | TXOK);
+}
+
+#[test]
+fn a_reset_in_the_middle_of_a_frame_cuts_it() {
+    let mut bench = Bench::joined(2, false);
+    bench.board().request(0, 0x100, 0);
+    bench.run(120);
+    let board = bench.board();
+    board.can.reset(&mut board.shared);
+    bench.run(1000);
+    let board = bench.board();
+    assert_eq!(board.read(MSR) & 3, SLAK);
+    assert_eq!(board.read(TSR), 0x1c00_0000);
+    let other = bench.wire.statistics(1);
+    assert_eq!((other.received, other.error_frames()), (0, 1));
+}
+
+#[test]
+fn in_loopback_it_hears_itself_and_silent_it_disturbs_nobody() {
+    let mut bench = Bench::new(1);
+    let board = bench.board();
+    board.write(BTR, LBKM | SILM | 4 << 16 | 5);
+    board.write(MCR, 0);
+    bench.run(100);
+    bench.board().request(0, 0x100, 7);
+    bench.run(1000);
+    let board = bench.board();
+    assert_eq!(board.read(TSR) & 0xff, RQCP | TXOK);
+    assert_eq!(board.read(RF0R) & 3, 1);
+    assert_eq!(board.read(ESR), 0);
+
+    // A silent node alone does not acknowledge, and does not send.
+    let mut bench = Bench::new(1);
+    let board = bench.board();
+    board.write(BTR, SILM | 4 << 16 | 5);
+    board.write(MCR, 0);
+    let on = Settings::new(BitTiming::megabit());
+    bench.other.set(Time(0), on);
+    bench.run(100);
+    bench.board().request(0, 0x100, 7);
+    let frame = Frame::new(Id::Standard(1), &[]);
+    bench.other.send(Time::from_micros(100), frame);
+    bench.run(1000);
+    assert!(
+        bench
+            .wire
+            .statistics(1)
+            .errors_of(ErrorKind::Acknowledgement)
+            > 5
+    );
+    assert_eq!(bench.wire.statistics(0).sent, 0);
+}

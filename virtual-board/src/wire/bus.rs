@@ -1,0 +1,583 @@
+//! The wire: what all nodes drive, what each of them reads, when.
+
+use super::controller::{Controller, Statistics};
+use super::frame::Frame;
+use super::node::{Action, ErrorKind, Event, Node, Settings, What};
+use super::timing::{BitClock, BitTiming};
+use crate::time::Time;
+
+/// A level of the bus.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Level {
+    /// Driven; wins.
+    Dominant,
+    /// Not driven.
+    Recessive,
+}
+
+/// What can be wrong with the wire and the transceivers.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Fault {
+    /// The bus has this level whatever the nodes drive; none: as they drive.
+    Level(Option<Level>),
+    /// What a node's transceiver still does.
+    Transceiver {
+        /// The node.
+        node: usize,
+        /// It puts on the bus what the controller sends.
+        sends: bool,
+        /// It gives the controller what is on the bus; if not, the controller reads recessive.
+        hears: bool,
+    },
+    /// A node hangs on another piece of the cut wire; all are on piece 0 at first.
+    Piece {
+        /// The node.
+        node: usize,
+        /// The piece, below 256.
+        piece: u8,
+    },
+    /// Each node reads each bit wrongly with this probability.
+    Noise(f64),
+}
+
+/// A sending that ended.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Record {
+    /// The node that sent.
+    pub node: usize,
+    /// What it sent.
+    pub frame: Frame,
+    /// Sample point of the start of frame.
+    pub start: Time,
+    /// Sample point of the last bit, or of the bit in which the error was seen.
+    pub end: Time,
+    /// The error that ended it.
+    pub error: Option<ErrorKind>,
+}
+
+/// A node at the wire.
+struct Station {
+    controller: Controller,
+    clock: BitClock,
+    /// What it drives.
+    dominant: bool,
+    /// What it read last.
+    read: bool,
+    sends: bool,
+    hears: bool,
+    piece: usize,
+    /// When it has to do something next, as the bus sees it.
+    due: Time,
+}
+
+impl Station {
+    fn new() -> Self {
+        Self {
+            controller: Controller::new(),
+            clock: BitClock::new(BitTiming::megabit(), Time(0)),
+            dominant: false,
+            read: false,
+            sends: true,
+            hears: true,
+            piece: 0,
+            due: Time::NEVER,
+        }
+    }
+
+    fn with(&self, of: impl Fn(&Settings) -> bool) -> bool {
+        self.controller.settings().is_some_and(of)
+    }
+
+    /// Whether what it drives is on the bus.
+    fn is_driving(&self) -> bool {
+        self.dominant && self.sends && self.with(|s| s.sends && !s.silent)
+    }
+
+    /// Whether it reads the bus.
+    fn is_reading(&self) -> bool {
+        self.hears && self.with(|s| s.hears && !s.loopback)
+    }
+
+    fn plan(&mut self, delay: Time) {
+        self.due = if !self.controller.is_in() {
+            Time::NEVER
+        } else if self.clock.sampled {
+            self.clock.next_time()
+        } else {
+            self.clock.sample_time() - delay
+        };
+    }
+}
+
+/// Bits read wrongly.
+struct Noise {
+    rate: f64,
+    state: u64,
+    /// Bits that are still read rightly.
+    left: u64,
+}
+
+impl Noise {
+    fn set(&mut self, rate: f64) {
+        self.rate = rate;
+        self.draw();
+    }
+
+    /// A geometric distribution: the number of right bits before a wrong one.
+    fn draw(&mut self) {
+        self.state ^= self.state << 13;
+        self.state ^= self.state >> 7;
+        self.state ^= self.state << 17;
+        let uniform = ((self.state >> 11) as f64 + 0.5) / (1u64 << 53) as f64;
+        self.left = if self.rate > 0.0 {
+            (uniform.ln() / (1.0 - self.rate.min(1.0)).ln()) as u64
+        } else {
+            u64::MAX
+        };
+    }
+
+    fn strikes(&mut self) -> bool {
+        if self.left > 0 {
+            self.left -= 1;
+            return false;
+        }
+        self.draw();
+        true
+    }
+}
+
+/// The wire with its nodes.
+///
+/// # Causality
+///
+/// Boards run by themselves for a quantum of time at most `quantum`, then the wire follows with
+/// [`Wire::advance`]. It knows then when each mailbox was requested. A frame that began before is
+/// followed for a quantum more, so that its end, which is 44 bits after its beginning at least, is
+/// told before the boards get there. So, at any quantum up to 42 bits:
+///
+/// - exact: starts of frames, who wins the arbitration, ends of sending and receiving;
+/// - told up to a quantum late, while the time told is exact: starts of frames, lost arbitrations,
+///   errors in the first quantum of a frame, the end of waiting for eleven recessive bits. The wire
+///   itself goes on exactly;
+/// - obeyed up to a quantum late: a reset or a new mode of a node, and a fault injected for now, while
+///   a frame goes on; so a node that was reset in the middle of a frame may still acknowledge it;
+/// - a mailbox that is aborted in the same quantum in which it would have begun does not begin.
+pub struct Wire {
+    stations: Vec<Station>,
+    /// Dominant drivers at each piece.
+    drivers: Vec<u16>,
+    forced: Option<Level>,
+    noise: Noise,
+    delay: Time,
+    quantum: Time,
+    now: Time,
+    asleep: bool,
+    actions: Vec<(Time, usize, Action)>,
+    faults: Vec<(Time, Fault)>,
+    records: Option<Vec<Record>>,
+    levels: Option<Vec<(Time, Level)>>,
+    /// Sleeping nodes that saw a dominant level.
+    woken: Vec<(usize, Time)>,
+    busy: usize,
+    busy_since: Time,
+    busy_time: Time,
+}
+
+impl Wire {
+    /// A wire for so many nodes, whose boards run in quanta of at most `quantum`. The seed is that of
+    /// [`Fault::Noise`].
+    pub fn new(nodes: usize, quantum: Time, seed: u64) -> Self {
+        Self {
+            stations: (0..nodes).map(|_| Station::new()).collect(),
+            drivers: vec![0; 256],
+            forced: None,
+            noise: Noise {
+                rate: 0.0,
+                state: seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1,
+                left: u64::MAX,
+            },
+            delay: Time::from_nanos(150),
+            quantum,
+            now: Time(0),
+            asleep: true,
+            actions: Vec::new(),
+            faults: Vec::new(),
+            records: None,
+            levels: None,
+            woken: Vec::new(),
+            busy: 0,
+            busy_since: Time(0),
+            busy_time: Time(0),
+        }
+    }
+
+    /// Sets the delay from a controller's output to all inputs, 150 ns if not set: twice that of a
+    /// transceiver and of the wire between. It must be shorter than half a bit.
+    pub fn set_delay(&mut self, delay: Time) {
+        self.delay = delay;
+    }
+
+    /// Keeps what was sent from now on, for [`Self::take_records`].
+    pub fn record(&mut self) {
+        self.records.get_or_insert_default();
+    }
+
+    /// What was sent since the last call.
+    pub fn take_records(&mut self) -> Vec<Record> {
+        self.records
+            .as_mut()
+            .map(std::mem::take)
+            .unwrap_or_default()
+    }
+
+    /// Keeps the changes of the level of piece 0 from now on, for [`Self::take_levels`].
+    pub fn trace(&mut self) {
+        self.levels.get_or_insert_default();
+    }
+
+    /// The changes of the level since the last call.
+    pub fn take_levels(&mut self) -> Vec<(Time, Level)> {
+        self.levels.as_mut().map(std::mem::take).unwrap_or_default()
+    }
+
+    /// Counts of a node.
+    pub fn statistics(&self, node: usize) -> Statistics {
+        self.stations
+            .get(node)
+            .map(|station| station.controller.statistics)
+            .unwrap_or_default()
+    }
+
+    /// Time during which the bus was not idle.
+    pub fn busy(&self) -> Time {
+        if self.busy > 0 {
+            self.busy_time + (self.now - self.busy_since)
+        } else {
+            self.busy_time
+        }
+    }
+
+    /// Brings a fault about at this time, at the earliest where the wire is: up to a quantum ahead of
+    /// the boards.
+    pub fn inject(&mut self, at: Time, fault: Fault) {
+        let at = at.max(self.now);
+        let place = self.faults.partition_point(|&(time, _)| time <= at);
+        self.faults.insert(place, (at, fault));
+    }
+
+    /// Forces the bus to a level for some time: one bit time of it corrupts the frame that goes on.
+    pub fn disturb(&mut self, from: Time, span: Time, level: Level) {
+        self.inject(from, Fault::Level(Some(level)));
+        self.inject(from.max(self.now) + span, Fault::Level(None));
+    }
+
+    /// Goes on to `until`, to where all nodes have run.
+    pub fn advance(&mut self, until: Time, nodes: &mut [&mut dyn Node]) {
+        self.collect(nodes);
+        let horizon = until + self.quantum;
+        loop {
+            let (station, due) = self.next(until);
+            let closed = self.stations.iter().any(|s| s.controller.is_closed());
+            let limit = if closed { horizon } else { until };
+            let action = self.actions.first().map_or(Time::NEVER, |a| a.0);
+            let fault = self.faults.first().map_or(Time::NEVER, |f| f.0);
+            let at = due.min(action).min(fault);
+            if at >= limit {
+                self.now = self.now.max(limit);
+                return;
+            }
+            self.now = self.now.max(at);
+            if fault == at {
+                let (_, fault) = self.faults.remove(0);
+                self.strike(fault);
+            } else if action == at {
+                let (_, node, action) = self.actions.remove(0);
+                self.act(node, action, nodes);
+            } else {
+                self.step(station, due, nodes);
+            }
+            while let Some((node, at)) = self.woken.pop() {
+                self.stations[node].controller.happened.push(What::Woken);
+                self.deliver(node, at, nodes);
+            }
+        }
+    }
+
+    /// Takes what the nodes did.
+    fn collect(&mut self, nodes: &mut [&mut dyn Node]) {
+        for (i, (node, station)) in nodes.iter_mut().zip(&mut self.stations).enumerate() {
+            while let Some((at, action)) = node.take_action() {
+                let Action::Abort { mailbox } = action else {
+                    self.actions.push((at, i, action));
+                    continue;
+                };
+                let is_same = |action: &Action| matches!(action, Action::Request { mailbox: m, .. } if *m == mailbox);
+                self.actions
+                    .retain(|(_, node, a)| *node != i || !is_same(a));
+                station.controller.abort(mailbox);
+            }
+        }
+        self.actions.sort_by_key(|&(at, _, _)| at);
+    }
+
+    /// The station that has something to do next, and when; never, if that is not before `until`.
+    fn next(&mut self, until: Time) -> (usize, Time) {
+        if self.asleep {
+            let wake = self.quiet_until();
+            if wake >= until {
+                return (0, Time::NEVER);
+            }
+            self.wake(wake.max(self.now));
+        }
+        let mut best = (0, Time::NEVER);
+        for (i, station) in self.stations.iter().enumerate() {
+            if station.due < best.1 {
+                best = (i, station.due);
+            }
+        }
+        best
+    }
+
+    fn quiet_until(&self) -> Time {
+        let quiet = self.stations.iter().map(|s| s.controller.quiet_until());
+        quiet.min().unwrap_or(Time::NEVER)
+    }
+
+    /// After a time in which nothing happened, all stations' bits go on.
+    fn wake(&mut self, now: Time) {
+        self.asleep = false;
+        let delay = self.delay;
+        for station in &mut self.stations {
+            station.clock.skip(now);
+            station.plan(delay);
+        }
+    }
+
+    /// A station samples a bit or begins one.
+    fn step(&mut self, i: usize, at: Time, nodes: &mut [&mut dyn Node]) {
+        let station = &mut self.stations[i];
+        if station.clock.sampled {
+            let drives = station.controller.dominant;
+            station.clock.advance(station.controller.is_hard(), !drives);
+            let changes = drives != station.dominant;
+            station.plan(self.delay);
+            if changes {
+                self.drive(i, drives, at);
+            }
+            return;
+        }
+        let level = self.input(i);
+        let station = &mut self.stations[i];
+        let (busy, now) = (station.controller.is_busy(), station.clock.sample_time());
+        station.controller.sample(level, now);
+        station.clock.sample();
+        station.read = level;
+        station.plan(self.delay);
+        let is_busy = station.controller.is_busy();
+        if station.dominant && !station.controller.is_in() {
+            self.drive(i, false, at);
+        }
+        let happened = self.deliver(i, now, nodes);
+        if busy != is_busy {
+            self.occupy(is_busy, at);
+        }
+        if self.busy == 0 && (happened || busy) {
+            self.doze(at);
+        }
+    }
+
+    /// Sleeps when nothing goes on.
+    fn doze(&mut self, at: Time) {
+        let still = self.forced.is_none() && self.noise.rate == 0.0;
+        let driven = self.stations.iter().any(|s| s.dominant);
+        self.asleep = still && !driven && self.quiet_until() > at;
+    }
+
+    /// Counts the time during which the bus is not idle.
+    fn occupy(&mut self, is_busy: bool, at: Time) {
+        if is_busy {
+            if self.busy == 0 {
+                self.busy_since = at;
+            }
+            self.busy += 1;
+            return;
+        }
+        self.busy -= 1;
+        if self.busy == 0 {
+            self.busy_time = self.busy_time + (at - self.busy_since);
+        }
+    }
+
+    /// The level that a station reads, true for dominant.
+    fn input(&mut self, i: usize) -> bool {
+        let station = &self.stations[i];
+        let own = station.dominant && station.with(|s| s.silent || s.loopback);
+        let level = own || station.is_reading() && self.level(station.piece);
+        level != (self.noise.rate > 0.0 && self.noise.strikes())
+    }
+
+    fn level(&self, piece: usize) -> bool {
+        match self.forced {
+            Some(level) => level == Level::Dominant,
+            None => self.drivers[piece] > 0,
+        }
+    }
+
+    /// A station drives another level from now on.
+    fn drive(&mut self, i: usize, dominant: bool, at: Time) {
+        let station = &mut self.stations[i];
+        let before = station.is_driving();
+        station.dominant = dominant;
+        let after = station.is_driving();
+        let piece = station.piece;
+        if before == after {
+            return;
+        }
+        let level = self.level(piece);
+        if after {
+            self.drivers[piece] += 1;
+        } else {
+            self.drivers[piece] -= 1;
+        }
+        self.changed(piece, level, at);
+    }
+
+    /// The level of a piece may have changed: all that read it follow an edge to dominant.
+    fn changed(&mut self, piece: usize, before: bool, at: Time) {
+        let level = self.level(piece);
+        if level == before {
+            return;
+        }
+        if piece == 0
+            && let Some(levels) = &mut self.levels
+        {
+            let level = if level {
+                Level::Dominant
+            } else {
+                Level::Recessive
+            };
+            levels.push((at, level));
+        }
+        if !level {
+            return;
+        }
+        let delay = self.delay;
+        for (i, station) in self.stations.iter_mut().enumerate() {
+            let reads = station.piece == piece && station.is_reading();
+            if reads && station.controller.wakes() {
+                self.woken.push((i, at + delay));
+            }
+            if reads && !station.read && station.controller.is_in() {
+                let hard = station.controller.is_hard();
+                station.clock.edge(at + delay, hard, !station.dominant);
+                station.plan(delay);
+            }
+        }
+    }
+
+    /// Tells a node what happened to it, if anything did.
+    fn deliver(&mut self, i: usize, at: Time, nodes: &mut [&mut dyn Node]) -> bool {
+        let controller = &mut self.stations[i].controller;
+        if controller.happened.is_empty() {
+            return false;
+        }
+        let (tec, rec) = controller.counters();
+        for what in controller.happened.drain(..) {
+            if let Some(node) = nodes.get_mut(i) {
+                node.event(Event { at, what, tec, rec });
+            }
+        }
+        if let Some(ended) = controller.ended.take()
+            && let Some(records) = &mut self.records
+        {
+            records.push(Record {
+                node: i,
+                frame: ended.frame,
+                start: ended.start,
+                end: at,
+                error: ended.error,
+            });
+        }
+        true
+    }
+
+    /// What a node did takes effect.
+    fn act(&mut self, i: usize, action: Action, nodes: &mut [&mut dyn Node]) {
+        let now = self.now;
+        self.rouse();
+        let station = &mut self.stations[i];
+        let busy = station.controller.is_busy();
+        let timing = station.controller.settings().map(|s| s.timing);
+        let was_in = station.controller.is_in();
+        match action {
+            Action::Set(settings) => {
+                station.controller.set(settings);
+                if station.controller.is_in() && (!was_in || timing != Some(settings.timing)) {
+                    station.clock = BitClock::new(settings.timing, now);
+                    station.read = true;
+                }
+            }
+            Action::Request { mailbox, frame } => {
+                return station.controller.request(mailbox, frame, now);
+            }
+            Action::Abort { mailbox } => return station.controller.abort(mailbox),
+            Action::Reset => station.controller.reset(),
+        }
+        let dominant = station.dominant && station.controller.is_in();
+        station.plan(self.delay);
+        let is_busy = station.controller.is_busy();
+        self.redrive(|stations| stations[i].dominant = dominant);
+        if busy != is_busy {
+            self.occupy(is_busy, now);
+        }
+        self.deliver(i, now, nodes);
+    }
+
+    fn rouse(&mut self) {
+        if std::mem::take(&mut self.asleep) {
+            self.wake(self.now);
+        }
+    }
+
+    /// Changes something about the stations and looks at all levels anew.
+    fn redrive(&mut self, change: impl FnOnce(&mut Vec<Station>)) {
+        let before: Vec<bool> = (0..self.drivers.len()).map(|p| self.level(p)).collect();
+        change(&mut self.stations);
+        self.drivers.fill(0);
+        for station in &self.stations {
+            if station.is_driving() {
+                self.drivers[station.piece] += 1;
+            }
+        }
+        let now = self.now;
+        for (piece, level) in before.into_iter().enumerate() {
+            self.changed(piece, level, now);
+        }
+    }
+
+    /// A fault comes about.
+    fn strike(&mut self, fault: Fault) {
+        self.rouse();
+        match fault {
+            Fault::Level(level) => {
+                let before: Vec<bool> = (0..self.drivers.len()).map(|p| self.level(p)).collect();
+                self.forced = level;
+                let now = self.now;
+                for (piece, level) in before.into_iter().enumerate() {
+                    self.changed(piece, level, now);
+                }
+            }
+            Fault::Transceiver { node, sends, hears } => self.redrive(|stations| {
+                if let Some(station) = stations.get_mut(node) {
+                    (station.sends, station.hears) = (sends, hears);
+                }
+            }),
+            Fault::Piece { node, piece } => self.redrive(|stations| {
+                if let Some(station) = stations.get_mut(node) {
+                    station.piece = piece.into();
+                }
+            }),
+            Fault::Noise(rate) => self.noise.set(rate),
+        }
+    }
+}

@@ -1,0 +1,202 @@
+//! Takes a frame apart bit by bit as it arrives.
+
+use super::frame::{Frame, Id, crc_step};
+use super::node::ErrorKind;
+
+/// What a bit meant to a receiver.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Step {
+    /// Nothing in particular.
+    More,
+    /// The checksum is complete and right: the bit after the next acknowledges.
+    Acknowledge,
+    /// The frame is valid for a receiver: the last but one bit of the end of frame.
+    Valid,
+    /// The last bit of the end of frame.
+    End,
+    /// The last bit of the end of frame was dominant: no error, but an overload frame follows.
+    Overload,
+    /// An error, which is signalled from the next bit on.
+    Error(ErrorKind),
+}
+
+/// Bits of a data frame before its data, from the start of frame on.
+const STANDARD: u16 = 19;
+const EXTENDED: u16 = 39;
+
+/// A frame on its way in.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Receiver {
+    run: u8,
+    last: bool,
+    /// Bits so far without stuff bits.
+    count: u16,
+    /// Bits without stuff bits up to the end of the checksum; until the length code has arrived, more
+    /// than any frame has.
+    total: u16,
+    crc: u16,
+    identifier: u32,
+    extended: bool,
+    remote: bool,
+    code: u8,
+    data: u64,
+    /// Bits after the checksum.
+    tail: u8,
+}
+
+impl Receiver {
+    /// Before the start of frame.
+    pub fn new() -> Self {
+        Self {
+            run: 0,
+            last: false,
+            count: 0,
+            total: u16::MAX,
+            crc: 0,
+            identifier: 0,
+            extended: false,
+            remote: false,
+            code: 0,
+            data: 0,
+            tail: 0,
+        }
+    }
+
+    /// Bits so far without stuff bits.
+    pub fn count(&self) -> u16 {
+        self.count
+    }
+
+    /// The frame as it arrived.
+    pub fn frame(&self) -> Frame {
+        let id = if self.extended {
+            Id::Extended(self.identifier)
+        } else {
+            Id::Standard(self.identifier as u16)
+        };
+        let bytes = 8 * u32::from(self.code.min(8));
+        let data = if bytes == 0 || self.remote {
+            0
+        } else {
+            self.data << (64 - bytes)
+        };
+        Frame::raw(id, self.remote, self.code, data.to_be_bytes())
+    }
+
+    /// The next bit.
+    pub fn step(&mut self, dominant: bool) -> Step {
+        if self.count == self.total && self.run != 5 {
+            return self.tail(dominant);
+        }
+        if self.run == 5 {
+            if dominant == self.last {
+                return Step::Error(ErrorKind::Stuff);
+            }
+            (self.run, self.last) = (1, dominant);
+            return Step::More;
+        }
+        self.run = if self.run > 0 && dominant == self.last {
+            self.run + 1
+        } else {
+            1
+        };
+        self.last = dominant;
+        self.crc = crc_step(self.crc, !dominant);
+        self.field(!dominant);
+        self.count += 1;
+        Step::More
+    }
+
+    fn field(&mut self, bit: bool) {
+        let value = u32::from(bit);
+        let head = if self.extended { EXTENDED } else { STANDARD };
+        match self.count {
+            0 => {}
+            1..=11 => self.identifier = self.identifier << 1 | value,
+            12 => self.remote = bit,
+            13 => self.extended = bit,
+            14..=31 if self.extended => self.identifier = self.identifier << 1 | value,
+            32 if self.extended => self.remote = bit,
+            n if n >= head => {
+                if n < self.total - 15 {
+                    self.data = self.data << 1 | u64::from(bit);
+                }
+            }
+            n if n >= head - 4 => {
+                self.code = self.code << 1 | bit as u8;
+                if n == head - 1 {
+                    let bytes = if self.remote { 0 } else { self.code.min(8) };
+                    self.total = head + 8 * u16::from(bytes) + 15;
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn tail(&mut self, dominant: bool) -> Step {
+        self.tail += 1;
+        self.run = 0;
+        match self.tail {
+            1 if dominant => Step::Error(ErrorKind::Form),
+            1 if self.crc == 0 => Step::Acknowledge,
+            1 | 2 => Step::More,
+            3 if dominant => Step::Error(ErrorKind::Form),
+            3 if self.crc != 0 => Step::Error(ErrorKind::Crc),
+            10 if dominant => Step::Overload,
+            10 => Step::End,
+            _ if dominant => Step::Error(ErrorKind::Form),
+            9 => Step::Valid,
+            _ => Step::More,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn receive(bits: impl Iterator<Item = bool>) -> (Vec<Step>, Receiver) {
+        let mut receiver = Receiver::new();
+        let steps = bits.map(|recessive| receiver.step(!recessive)).collect();
+        (steps, receiver)
+    }
+
+    #[test]
+    fn what_was_sent_arrives() {
+        let frames = [
+            Frame::new(Id::Standard(0), &[0; 8]),
+            Frame::new(Id::Standard(0x7ff), &[0xff; 8]),
+            Frame::new(Id::Standard(0x123), &[1, 2, 3]),
+            Frame::new(Id::Extended(0x1fff_ffff), &[0x1f, 0x07, 0xe0]),
+            Frame::remote(Id::Extended(0x0012_3456), 5),
+            Frame::remote(Id::Standard(0x321), 0),
+            Frame::raw(Id::Standard(0x10), false, 13, [9; 8]),
+        ];
+        for frame in frames {
+            let bits = frame.bits();
+            let (steps, receiver) = receive(bits.iter());
+            assert_eq!(receiver.frame(), frame);
+            let n = bits.length();
+            assert_eq!(steps[n - 1], Step::End);
+            assert_eq!(steps[n - 2], Step::Valid);
+            assert_eq!(steps[n - 10], Step::Acknowledge);
+            assert_eq!(steps.iter().filter(|&&s| s != Step::More).count(), 3);
+        }
+    }
+
+    #[test]
+    fn every_single_flipped_bit_is_an_error_or_harmless_where_the_standard_says_so() {
+        let frame = Frame::new(Id::Standard(0x2a5), &[0x12, 0x34, 0x5f]);
+        let bits = frame.bits();
+        let n = bits.length();
+        for flipped in 1..n {
+            let line = (0..n + 40).map(|i| (i >= n || bits.recessive(i)) != (i == flipped));
+            let (steps, _) = receive(line.take(n.max(flipped + 1)));
+            let error = steps.iter().any(|s| matches!(s, Step::Error(_)));
+            let valid = steps.contains(&Step::Valid);
+            // The acknowledgement slot may have either level, the last bit too.
+            let harmless = flipped == n - 9 || flipped == n - 1;
+            assert_eq!(valid && !error, harmless, "bit {flipped}");
+        }
+    }
+}

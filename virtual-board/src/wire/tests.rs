@@ -1,0 +1,476 @@
+//! The wire with virtual nodes.
+
+use super::*;
+use crate::time::Time;
+
+/// Quantum of the boards.
+const QUANTUM: Time = Time::from_micros(20);
+/// A bit at 1 Mbit/s.
+const BIT: u64 = 1_000_000;
+
+/// A wire with nodes at it.
+struct Bench {
+    wire: Wire,
+    nodes: Vec<VirtualNode>,
+    now: Time,
+}
+
+impl Bench {
+    fn new(settings: &[Settings]) -> Self {
+        let mut wire = Wire::new(settings.len(), QUANTUM, 1);
+        wire.record();
+        let mut nodes: Vec<_> = settings.iter().map(|&s| VirtualNode::new(s)).collect();
+        nodes.iter_mut().for_each(VirtualNode::keep_events);
+        Self {
+            wire,
+            nodes,
+            now: Time(0),
+        }
+    }
+
+    fn equal(count: usize) -> Self {
+        Self::new(&vec![Settings::new(BitTiming::megabit()); count])
+    }
+
+    fn run(&mut self, until: Time) {
+        while self.now < until {
+            self.now = self.now + QUANTUM;
+            let mut nodes: Vec<&mut dyn Node> = Vec::new();
+            for node in &mut self.nodes {
+                nodes.push(node);
+            }
+            self.wire.advance(self.now, &mut nodes);
+        }
+    }
+
+    fn events(&mut self, node: usize, of: impl Fn(&What) -> bool) -> Vec<Event> {
+        let events = self.nodes[node].take_events();
+        events.into_iter().filter(|e| of(&e.what)).collect()
+    }
+}
+
+fn micros(n: u64) -> Time {
+    Time::from_micros(n)
+}
+
+fn standard(id: u16, data: &[u8]) -> Frame {
+    Frame::new(Id::Standard(id), data)
+}
+
+#[test]
+fn a_frame_takes_its_bits_and_arrives_at_all() {
+    for data in [&[][..], &[0; 8], &[0xff; 8], &[0x55, 0xaa]] {
+        let mut bench = Bench::equal(3);
+        let frame = standard(0x123, data);
+        bench.nodes[0].send(micros(100), frame);
+        bench.run(micros(400));
+        let sent = bench.events(0, |w| matches!(w, What::Sent { .. }));
+        let [sent] = sent[..] else {
+            panic!("{sent:?}");
+        };
+        let What::Sent { start, .. } = sent.what else {
+            panic!();
+        };
+        // From the sample point of the first bit to that of the last.
+        let bits = frame.bits().length() as u64;
+        // The acknowledgement comes late by twice the delay, which the sender follows by its jump
+        // width, a seventh of a bit.
+        let span = (sent.at - start).0.abs_diff((bits - 1) * BIT + BIT / 7);
+        assert!(span < 10, "{span}");
+        // The start of frame: a bit after the request at most, sampled at 6/7 of it.
+        assert!(start > micros(100) && start < micros(102), "{start}");
+        for node in [1, 2] {
+            let received = bench.nodes[node].take_received();
+            assert_eq!(received.len(), 1);
+            assert_eq!(received[0].1, frame);
+            // A bit before the sender's last, but for delay and quanta.
+            let before = sent.at.0 as i64 - received[0].0.0 as i64;
+            assert!((before - BIT as i64).abs() < 300_000, "{before}");
+        }
+        assert_eq!(bench.wire.statistics(0).sent, 1);
+        assert_eq!(bench.wire.statistics(0).error_frames(), 0);
+    }
+}
+
+#[test]
+fn the_lowest_identifier_wins_and_the_others_follow() {
+    let mut bench = Bench::equal(4);
+    let frames = [
+        standard(0x200, &[1]),
+        standard(0x1ff, &[2]),
+        Frame::new(Id::Extended(0x1ff << 18), &[3]),
+        Frame::remote(Id::Standard(0x1ff), 1),
+    ];
+    for (node, &frame) in bench.nodes.iter_mut().zip(&frames) {
+        node.send(micros(50), frame);
+    }
+    bench.run(micros(1000));
+    let records = bench.wire.take_records();
+    let order: Vec<_> = records.iter().map(|r| (r.node, r.error)).collect();
+    assert_eq!(order, [(1, None), (3, None), (2, None), (0, None)]);
+    // Back to back: a frame, three bits of intermission, the next.
+    for pair in records.windows(2) {
+        let bits = pair[0].frame.bus_bits() as u64;
+        let span = (pair[1].start - pair[0].start).0;
+        assert!(span.abs_diff(bits * BIT) < 300_000, "{span}");
+    }
+    assert_eq!(bench.wire.statistics(0).lost, 3);
+    assert_eq!(bench.wire.statistics(1).lost, 0);
+}
+
+/// A small generator of pseudo-random numbers.
+struct Random(u64);
+
+impl Random {
+    fn next(&mut self) -> u64 {
+        self.0 = self
+            .0
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        self.0 >> 33
+    }
+
+    fn frame(&mut self, id: u16) -> Frame {
+        let data: Vec<u8> = (0..self.next() % 9).map(|_| self.next() as u8).collect();
+        standard(id, &data)
+    }
+}
+
+#[test]
+fn what_happens_does_not_depend_on_the_quantum_and_is_told_ahead() {
+    let mut outcomes = Vec::new();
+    for quantum in [1, 7, 20, 40] {
+        let quantum = micros(quantum);
+        let settings = Settings::new(BitTiming::megabit());
+        let mut wire = Wire::new(3, quantum, 1);
+        wire.record();
+        let mut nodes: Vec<_> = (0..3).map(|_| VirtualNode::new(settings)).collect();
+        let mut random = Random(1);
+        for i in 0..300u64 {
+            let at = Time(micros(100).0 + i * 70_000_000 + random.next() % 60_000_000);
+            let id = (random.next() % 64) as u16 * 8 + (i % 3) as u16;
+            let frame = random.frame(id);
+            nodes[(i % 3) as usize].send(at, frame);
+        }
+        nodes.iter_mut().for_each(VirtualNode::keep_events);
+        let mut now = Time(0);
+        while now < micros(50_000) {
+            now = now + quantum;
+            let mut all: Vec<&mut dyn Node> = Vec::new();
+            for node in &mut nodes {
+                all.push(node);
+            }
+            wire.advance(now, &mut all);
+            for node in &mut nodes {
+                for event in node.take_events() {
+                    if matches!(event.what, What::Sent { .. } | What::Received { .. }) {
+                        assert!(event.at >= now, "{event:?} told at {now}");
+                    }
+                }
+            }
+        }
+        let records = wire.take_records();
+        assert_eq!(records.len(), 300);
+        outcomes.push(records);
+    }
+    for outcome in &outcomes[1..] {
+        assert_eq!(outcome, &outcomes[0]);
+    }
+}
+
+#[test]
+fn a_corrupted_frame_is_sent_again_within_the_recovery_time() {
+    let mut bench = Bench::equal(3);
+    bench.nodes[0].send(micros(100), standard(0x123, &[0xff; 8]));
+    // A recessive bit of the data becomes dominant for all.
+    bench.wire.disturb(micros(150), micros(1), Level::Dominant);
+    bench.run(micros(600));
+    let records = bench.wire.take_records();
+    let [bad, good] = records[..] else {
+        panic!("{records:?}");
+    };
+    assert_eq!(bad.error, Some(ErrorKind::BitRecessive));
+    assert_eq!(good.error, None);
+    // Error frame and intermission: 17 to 23 bits from the error to the next start of frame.
+    let bits = (good.start - bad.end).0 as f64 / BIT as f64;
+    assert!((17.0..=24.5).contains(&bits), "{bits}");
+    let counters: Vec<_> = (0..3)
+        .map(|k| {
+            let error = bench.events(k, |w| matches!(w, What::Error(_)));
+            (error.len(), error[0].tec, error[0].rec)
+        })
+        .collect();
+    // The sender's error counts 8, those of its hearers, whom its flag tells, 1.
+    assert_eq!(counters, [(1, 8, 0), (1, 0, 1), (1, 0, 1)]);
+    for node in [1, 2] {
+        assert_eq!(bench.nodes[node].take_received().len(), 1);
+        let statistics = bench.wire.statistics(node);
+        assert_eq!(statistics.errors_of(ErrorKind::Stuff), 1);
+        assert_eq!(statistics.active_flags, 1);
+    }
+}
+
+#[test]
+fn a_receiver_that_alone_sees_an_error_counts_nine() {
+    let mut bench = Bench::equal(3);
+    // Node 2 misses the beginning, then hears the middle of a frame.
+    let deaf = |hears| Fault::Transceiver {
+        node: 2,
+        sends: true,
+        hears,
+    };
+    bench.nodes[0].send(micros(100), standard(0x555, &[0x55; 8]));
+    bench.wire.inject(micros(131), deaf(false));
+    bench.wire.inject(micros(137), deaf(true));
+    bench.run(micros(600));
+    let errors = bench.events(2, |w| matches!(w, What::Error(_) | What::Counted));
+    let counts: Vec<_> = errors.iter().map(|e| (e.what, e.rec)).collect();
+    // Its own flag, then a dominant bit behind it: the others' flags.
+    assert_eq!(
+        counts,
+        [(What::Error(ErrorKind::Stuff), 1), (What::Counted, 9)]
+    );
+    assert_eq!(bench.wire.statistics(0).sent, 1);
+    assert_eq!(bench.wire.statistics(0).error_frames(), 1);
+}
+
+#[test]
+fn equal_identifiers_with_other_data_are_an_error() {
+    let mut bench = Bench::equal(3);
+    bench.nodes[0].send(micros(100), standard(0x123, &[0x00]));
+    bench.nodes[1].send(micros(100), standard(0x123, &[0x01]));
+    bench.run(micros(180));
+    let errors = bench.events(1, |w| matches!(w, What::Error(_)));
+    assert_eq!(errors[0].what, What::Error(ErrorKind::BitRecessive));
+    let errors = bench.events(0, |w| matches!(w, What::Error(_)));
+    assert!(!errors.is_empty());
+    // Equal data: both have sent it.
+    let mut bench = Bench::equal(3);
+    for node in [0, 1] {
+        bench.nodes[node].send(micros(100), standard(0x123, &[0x01]));
+    }
+    bench.run(micros(1000));
+    for node in [0, 1] {
+        let statistics = bench.wire.statistics(node);
+        assert_eq!((statistics.sent, statistics.error_frames()), (1, 0));
+    }
+    assert_eq!(bench.nodes[2].take_received().len(), 1);
+}
+
+#[test]
+fn a_sender_alone_becomes_passive_and_waits_longer() {
+    let mut bench = Bench::equal(1);
+    let frame = standard(0x123, &[1]);
+    bench.nodes[0].send(micros(100), frame);
+    bench.run(micros(10_000));
+    let records = bench.wire.take_records();
+    // From the acknowledgement slot: delimiter and end of frame do not come; a flag of 6, a delimiter
+    // of 8, 3 of intermission; passive, 8 more.
+    let slot = frame.bits().acknowledgement() as u64;
+    for (k, pair) in records.windows(2).enumerate() {
+        let bits = (pair[1].start - pair[0].start).0.div_ceil(1000) / (BIT / 1000);
+        let waited = if k < 15 { 0 } else { 8 };
+        assert_eq!(bits, slot + 1 + 6 + 8 + 3 + waited, "{k}");
+    }
+    let last = bench.events(0, |w| matches!(w, What::Error(_))).pop();
+    assert_eq!(last.map(|e| e.tec), Some(128));
+    assert_eq!(bench.wire.statistics(0).bus_offs, 0);
+}
+
+#[test]
+fn a_bus_held_dominant_takes_the_sender_off_and_it_comes_back() {
+    let mut bench = Bench::equal(2);
+    bench.nodes[0].send(micros(100), standard(0x123, &[1]));
+    bench
+        .wire
+        .disturb(micros(120), micros(2000), Level::Dominant);
+    bench.run(micros(2000));
+    let off = bench.events(0, |w| *w == What::Off);
+    // 8 for the error, then 8 for each 8 dominant bits behind the flag of 6: 32 times 8.
+    let bits = off[0].at.micros() - 120;
+    assert!((6 + 31 * 8 - 3..6 + 31 * 8 + 12).contains(&bits), "{bits}");
+    let receiver = bench.events(1, |_| true).pop().map(|e| (e.tec, e.rec));
+    assert_eq!(receiver, Some((0, 255)));
+    assert_eq!(bench.wire.statistics(1).bus_offs, 0);
+    bench.run(micros(6000));
+    assert_eq!(bench.wire.statistics(0).sent, 1);
+    let back = bench.events(0, |w| *w == What::Recovered);
+    let bits = back[0].at.micros() - 2120;
+    assert!((1407..1440).contains(&bits), "{bits}");
+}
+
+#[test]
+fn an_open_bus_takes_the_sender_off() {
+    let mut bench = Bench::equal(2);
+    let open = Fault::Level(Some(Level::Recessive));
+    bench.wire.inject(micros(50), open);
+    bench.nodes[0].send(micros(100), standard(0x123, &[1]));
+    bench.run(micros(1500));
+    let statistics = bench.wire.statistics(0);
+    assert_eq!(statistics.bus_offs, 1);
+    assert_eq!(
+        statistics.errors_of(ErrorKind::BitDominant),
+        statistics.errors.iter().sum::<u64>()
+    );
+    assert_eq!(bench.wire.statistics(1).errors, [0; 6]);
+}
+
+#[test]
+fn pieces_of_a_cut_wire_live_by_themselves() {
+    let mut bench = Bench::equal(4);
+    for node in [2, 3] {
+        bench
+            .wire
+            .inject(micros(50), Fault::Piece { node, piece: 1 });
+    }
+    bench.nodes[0].send(micros(100), standard(1, &[1]));
+    bench.nodes[2].send(micros(100), standard(2, &[2]));
+    bench.run(micros(400));
+    for node in 0..4 {
+        let received = bench.nodes[node].take_received();
+        let expected = usize::from(node % 2 == 1);
+        assert_eq!(received.len(), expected, "{node}");
+        assert!(
+            received
+                .iter()
+                .all(|(_, f)| f.data()[0] as usize == node / 2 + 1)
+        );
+    }
+    // A node alone is not acknowledged.
+    bench
+        .wire
+        .inject(micros(400), Fault::Piece { node: 3, piece: 2 });
+    bench.nodes[3].send(micros(500), standard(3, &[]));
+    bench.run(micros(1000));
+    assert!(
+        bench
+            .wire
+            .statistics(3)
+            .errors_of(ErrorKind::Acknowledgement)
+            > 1
+    );
+}
+
+#[test]
+fn a_babbling_node_starves_lower_priorities_only() {
+    for (id, passes) in [(0x000, false), (0x7ff, true)] {
+        let mut bench = Bench::equal(3);
+        bench.run(micros(100));
+        bench.nodes[2].babble(Some(standard(id, &[0xaa; 8])));
+        bench.nodes[0].send(micros(1000), standard(0x123, &[1]));
+        let before = bench.wire.busy();
+        bench.run(micros(10_100));
+        let load = (bench.wire.busy() - before).seconds() / 0.01;
+        assert!((0.98..1.003).contains(&load), "{load}");
+        assert_eq!(bench.wire.statistics(0).sent, u64::from(passes));
+        assert!(bench.wire.statistics(2).sent > 70);
+    }
+}
+
+#[test]
+fn another_bit_rate_spoils_the_bus_until_that_node_is_passive() {
+    let normal = Settings::new(BitTiming::megabit());
+    let slow = Settings::new(BitTiming::new(500_000, (5, 1), 1, 0));
+    let mut bench = Bench::new(&[normal, normal, slow]);
+    for i in 0..50 {
+        let frame = standard(i * 3, &[i as u8; 8]);
+        bench.nodes[0].send(micros(100), frame);
+    }
+    bench.run(micros(40_000));
+    let [sender, _, other] = [0, 1, 2].map(|k| bench.wire.statistics(k));
+    assert!(sender.error_frames() > 3, "{sender:?}");
+    assert!(other.errors.iter().sum::<u64>() > 10, "{other:?}");
+    assert_eq!(other.received, 0);
+}
+
+#[test]
+fn clocks_may_differ_as_far_as_the_specification_says() {
+    let spoiled = |timing: (u32, u32, u32), part: f64| {
+        let (one, two, jump) = timing;
+        let tolerance = BitTiming::new(500_000, (one, two), jump, 0).tolerance();
+        let ppb = (tolerance * part * 1e9) as i64;
+        let node = |sign: i64| Settings::new(BitTiming::new(500_000, (one, two), jump, sign * ppb));
+        let mut bench = Bench::new(&[node(1), node(-1), node(1)]);
+        bench.wire.set_delay(Time(0));
+        let mut random = Random(7);
+        for i in 0..200 {
+            let sender = (i % 2) as usize;
+            let frame = random.frame(i);
+            bench.nodes[sender].send(micros(100 + 600 * u64::from(i)), frame);
+        }
+        bench.run(micros(125_000));
+        (0..3)
+            .map(|k| bench.wire.statistics(k).error_frames())
+            .sum::<u64>()
+    };
+    // Second segments of more than a quantum more than is used, as edges are seen to a quantum.
+    for timing in [(13, 2, 1), (11, 4, 3), (11, 4, 4), (10, 5, 1)] {
+        assert_eq!(spoiled(timing, 0.7), 0, "{timing:?}");
+        assert!(spoiled(timing, 2.5) > 0, "{timing:?}");
+    }
+}
+
+#[test]
+fn noise_costs_time_and_never_gives_wrong_frames() {
+    let mut bench = Bench::equal(3);
+    bench.wire.inject(micros(50), Fault::Noise(2e-4));
+    let mut random = Random(3);
+    let frames: Vec<_> = (0..100).map(|i| random.frame(i)).collect();
+    for (i, &frame) in frames.iter().enumerate() {
+        bench.nodes[0].send(micros(100 + 400 * i as u64), frame);
+    }
+    bench.run(micros(60_000));
+    assert_eq!(bench.wire.statistics(0).sent, 100);
+    let errors: u64 = (0..3)
+        .map(|k| bench.wire.statistics(k).error_frames())
+        .sum();
+    // 60 000 bits at three nodes, 36 read wrongly, on the idle bus too; each is seen by three at most.
+    assert!((18..160).contains(&errors), "{errors}");
+    for node in [1, 2] {
+        let received = bench.nodes[node].take_received();
+        assert!(received.iter().all(|(_, frame)| frames.contains(frame)));
+        assert!(received.len() >= 99);
+    }
+}
+
+#[test]
+fn a_dominant_bit_in_the_intermission_is_an_overload_and_no_error() {
+    let two = || {
+        let mut bench = Bench::equal(2);
+        for id in [0x123, 0x124] {
+            bench.nodes[0].send(micros(100), standard(id, &[1]));
+        }
+        bench
+    };
+    let mut bench = two();
+    bench.run(micros(600));
+    let end = bench.events(0, |w| matches!(w, What::Sent { .. }))[0].at;
+    let mut bench = two();
+    let within = end + Time::from_nanos(300);
+    bench.wire.disturb(within, micros(1), Level::Dominant);
+    bench.run(micros(600));
+    for node in [0, 1] {
+        let statistics = bench.wire.statistics(node);
+        assert_eq!(statistics.overloads, 1);
+        assert_eq!(statistics.error_frames(), 0);
+    }
+    let records = bench.wire.take_records();
+    let bits = (records[1].start - records[0].end).0 / BIT;
+    // One bit of the intermission, flag 6, delimiter 8, intermission 3, then the start.
+    assert!((18..=20).contains(&bits), "{bits}");
+}
+
+#[test]
+fn the_bus_is_busy_as_long_as_its_frames_are() {
+    let mut bench = Bench::equal(2);
+    let mut random = Random(5);
+    let mut bits = 0;
+    for i in 0..100 {
+        let frame = random.frame(i);
+        bits += frame.bus_bits() as u64;
+        bench.nodes[0].send(micros(100 + 200 * u64::from(i)), frame);
+    }
+    bench.run(micros(21_000));
+    let busy = bench.wire.busy().micros();
+    assert!(busy.abs_diff(bits) < 120, "{busy} {bits}");
+}

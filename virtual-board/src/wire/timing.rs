@@ -1,0 +1,242 @@
+//! Bit timing: quanta, segments, synchronisation (ISO 11898-1, section on bit timing).
+
+use crate::time::Time;
+
+/// How a controller divides a bit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BitTiming {
+    /// A time quantum, 2⁻³² ps.
+    pub quantum: u64,
+    /// Quanta of the propagation and first phase segment together.
+    pub segment1: u32,
+    /// Quanta of the second phase segment.
+    pub segment2: u32,
+    /// Quanta by which a bit is made longer or shorter to follow an edge, at most.
+    pub jump: u32,
+}
+
+impl BitTiming {
+    /// A timing with `segment1 + segment2 + 1` quanta in a bit at this rate, the controller's clock
+    /// too fast by `fast_ppb` parts in 10⁹.
+    pub fn new(rate_hz: u64, segments: (u32, u32), jump: u32, fast_ppb: i64) -> Self {
+        let (segment1, segment2) = segments;
+        let quanta = u64::from(1 + segment1 + segment2);
+        let nano_hz = i128::from(rate_hz * quanta) * (1_000_000_000 + i128::from(fast_ppb)).max(1);
+        let quantum = (1_000_000_000_000_000_000_000u128 << 32) / nano_hz.max(1) as u128;
+        Self {
+            quantum: quantum as u64,
+            segment1,
+            segment2,
+            jump,
+        }
+    }
+
+    /// 1 Mbit/s, sampled at 6/7 of a bit, exact clock.
+    pub fn megabit() -> Self {
+        Self::new(1_000_000, (5, 1), 1, 0)
+    }
+
+    /// Quanta in a bit.
+    pub fn quanta(&self) -> u32 {
+        1 + self.segment1 + self.segment2
+    }
+
+    /// Length of a bit.
+    pub fn bit(&self) -> Time {
+        Time(((u128::from(self.quantum) * u128::from(self.quanta())) >> 32) as u64)
+    }
+
+    /// The largest difference of clocks, as a part of one, at which two nodes with this timing
+    /// understand each other (CAN specification 2.0, section 9: ten bits between edges, thirteen bits
+    /// to the sample behind an error flag), without propagation and the quantum to which edges are seen.
+    pub fn tolerance(&self) -> f64 {
+        let (bit, jump) = (f64::from(self.quanta()), f64::from(self.jump));
+        let phase = f64::from(self.segment1.min(self.segment2));
+        (jump / (20.0 * bit)).min(phase / (2.0 * (13.0 * bit - f64::from(self.segment2))))
+    }
+}
+
+/// Where a controller is in its bits. Quanta are counted from the origin; they do not move when it
+/// follows an edge, only the bits do.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct BitClock {
+    timing: BitTiming,
+    origin: Time,
+    /// First quantum of the bit.
+    first: u64,
+    /// Quantum at whose beginning the bit is sampled, and at which the next bit begins.
+    sample: u64,
+    next: u64,
+    /// Whether the bit was sampled.
+    pub sampled: bool,
+    /// An edge was followed since the last sample.
+    followed: bool,
+    /// An edge was seen whose quantum lies beyond the bit.
+    early: Option<u64>,
+}
+
+impl BitClock {
+    /// A bit begins now.
+    pub fn new(timing: BitTiming, now: Time) -> Self {
+        let mut clock = Self {
+            timing,
+            origin: now,
+            first: 0,
+            sample: 0,
+            next: 0,
+            sampled: false,
+            followed: false,
+            early: None,
+        };
+        clock.begin(0);
+        clock
+    }
+
+    fn begin(&mut self, first: u64) {
+        self.first = first;
+        self.sample = first + 1 + u64::from(self.timing.segment1);
+        self.next = self.sample + u64::from(self.timing.segment2);
+        self.sampled = false;
+    }
+
+    fn time(&self, quantum: u64) -> Time {
+        let span = (u128::from(quantum) * u128::from(self.timing.quantum)) >> 32;
+        Time(self.origin.0 + span as u64)
+    }
+
+    /// The first quantum that begins at a time or later.
+    fn quantum(&self, time: Time) -> u64 {
+        let span = u128::from((time - self.origin).0) << 32;
+        span.div_ceil(u128::from(self.timing.quantum)) as u64
+    }
+
+    /// When the bit is sampled.
+    pub fn sample_time(&self) -> Time {
+        self.time(self.sample)
+    }
+
+    /// When the next bit begins.
+    pub fn next_time(&self) -> Time {
+        self.time(self.next)
+    }
+
+    /// Begins the next bit. `hard` and `behind` are as in [`Self::edge`], for an edge seen before.
+    pub fn advance(&mut self, hard: bool, behind: bool) {
+        let edge = self.early.take();
+        self.begin(self.next);
+        if let Some(edge) = edge {
+            self.follow(edge, hard, behind);
+        }
+    }
+
+    /// After the bit was sampled nothing was followed yet in what comes.
+    pub fn sample(&mut self) {
+        self.sampled = true;
+        self.followed = false;
+    }
+
+    /// Follows an edge from recessive to dominant that the controller sees at `time`. `hard`: a bit
+    /// begins anew with it; `behind`: it may follow an edge that comes late.
+    pub fn edge(&mut self, time: Time, hard: bool, behind: bool) {
+        let edge = self.quantum(time);
+        if edge >= self.next && self.sampled {
+            self.early = Some(edge);
+        } else {
+            self.follow(edge, hard, behind);
+        }
+    }
+
+    fn follow(&mut self, edge: u64, hard: bool, behind: bool) {
+        if self.followed {
+            return;
+        }
+        let jump = u64::from(self.timing.jump);
+        if hard {
+            self.followed = true;
+            self.begin(edge);
+        } else if self.sampled {
+            // Too early for the next bit: the rest of this one is shortened.
+            self.followed = true;
+            self.next = (self.next - jump).max(edge);
+        } else if edge > self.first && behind {
+            self.followed = true;
+            let late = (edge - self.first).min(jump);
+            self.sample += late;
+            self.next += late;
+        }
+    }
+
+    /// Goes on by whole bits to the bit in which `now` is, after a time in which nothing happened.
+    pub fn skip(&mut self, now: Time) {
+        let bit = u64::from(self.timing.quanta());
+        let quantum = self.quantum(now);
+        if quantum > self.next + bit {
+            self.begin(self.next + (quantum - self.next) / bit * bit);
+            (self.followed, self.early) = (false, None);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Ten quanta of 100 ns in a bit.
+    fn clock(jump: u32) -> BitClock {
+        BitClock::new(BitTiming::new(1_000_000, (6, 3), jump, 0), Time(0))
+    }
+
+    #[test]
+    fn a_bit_has_its_sample_point_and_its_length() {
+        let mut clock = clock(1);
+        assert_eq!(clock.sample_time(), Time::from_nanos(700));
+        assert_eq!(clock.next_time(), Time::from_nanos(1000));
+        clock.sample();
+        clock.advance(false, true);
+        assert_eq!(clock.sample_time(), Time::from_nanos(1700));
+    }
+
+    #[test]
+    fn edges_move_the_sample_point_by_the_jump_width_at_most() {
+        // Late by three quanta.
+        for (jump, sample) in [(1, 800), (2, 900), (4, 1000)] {
+            let mut clock = clock(jump);
+            clock.edge(Time::from_nanos(300), false, true);
+            assert_eq!(clock.sample_time(), Time::from_nanos(sample));
+            // One edge a bit.
+            clock.edge(Time::from_nanos(500), false, true);
+            assert_eq!(clock.sample_time(), Time::from_nanos(sample));
+        }
+        // Early by two quanta.
+        for (jump, next) in [(1, 900), (2, 800), (3, 800)] {
+            let mut clock = clock(jump);
+            clock.sample();
+            clock.edge(Time::from_nanos(800), false, true);
+            assert_eq!(clock.next_time(), Time::from_nanos(next));
+        }
+        // A sender of a dominant bit does not wait for its own edge.
+        let mut sender = clock(4);
+        sender.edge(Time::from_nanos(300), false, false);
+        assert_eq!(sender.sample_time(), Time::from_nanos(700));
+        // A start of frame begins the bit anew, on a quantum.
+        let mut idle = clock(1);
+        idle.edge(Time::from_nanos(430), true, true);
+        assert_eq!(idle.sample_time(), Time::from_nanos(1200));
+    }
+
+    #[test]
+    fn tolerance_is_that_of_the_specification_for_the_widest_jump() {
+        // The specification's example: SJW = PS1 = PS2 = 4 of 10 quanta: 1.58 %... by 13 bits.
+        let timing = BitTiming::new(1_000_000, (5, 4), 4, 0);
+        assert!((timing.tolerance() - 4.0 / (2.0 * 126.0)).abs() < 1e-12);
+        assert!((timing.tolerance() - 0.0158).abs() < 1e-4);
+    }
+
+    #[test]
+    fn a_skip_keeps_the_grid() {
+        let mut clock = clock(1);
+        clock.skip(Time::from_nanos(12_345_678));
+        assert_eq!(clock.first % 10, 0);
+        assert!(clock.first * 100 <= 12_345_678 && clock.next * 100 > 12_345_000);
+    }
+}

@@ -1,0 +1,96 @@
+//! Nodes without a board.
+
+use super::frame::Frame;
+use super::node::{Action, Event, Node, Settings, What};
+use crate::time::Time;
+use std::collections::VecDeque;
+
+/// Mailboxes of a virtual node.
+const MAILBOXES: u8 = 3;
+
+/// A controller without a board: it sends what it is given, and keeps what happens to it.
+pub struct VirtualNode {
+    actions: VecDeque<(Time, Action)>,
+    waiting: VecDeque<(Time, Frame)>,
+    free: Vec<u8>,
+    babble: Option<Frame>,
+    received: Vec<(Time, Frame)>,
+    events: Vec<Event>,
+    keeps: bool,
+}
+
+impl VirtualNode {
+    /// A controller with these settings, on the bus from the beginning.
+    pub fn new(settings: Settings) -> Self {
+        Self {
+            actions: VecDeque::from([(Time(0), Action::Set(settings))]),
+            waiting: VecDeque::new(),
+            free: (0..MAILBOXES).rev().collect(),
+            babble: None,
+            received: Vec::new(),
+            events: Vec::new(),
+            keeps: false,
+        }
+    }
+
+    /// Takes part in another way from a time on.
+    pub fn set(&mut self, at: Time, settings: Settings) {
+        self.actions.push_back((at, Action::Set(settings)));
+    }
+
+    /// Sends a frame, not before this time. Frames are sent in the order given.
+    pub fn send(&mut self, at: Time, frame: Frame) {
+        self.waiting.push_back((at, frame));
+    }
+
+    /// Sends this frame without end, as often as the bus lets it, or stops doing so.
+    pub fn babble(&mut self, frame: Option<Frame>) {
+        self.babble = frame;
+    }
+
+    /// Keeps all that happens from now on, for [`Self::take_events`].
+    pub fn keep_events(&mut self) {
+        self.keeps = true;
+    }
+
+    /// What happened since the last call.
+    pub fn take_events(&mut self) -> Vec<Event> {
+        std::mem::take(&mut self.events)
+    }
+
+    /// What arrived since the last call, with the time of its end.
+    pub fn take_received(&mut self) -> Vec<(Time, Frame)> {
+        std::mem::take(&mut self.received)
+    }
+}
+
+impl Node for VirtualNode {
+    fn take_action(&mut self) -> Option<(Time, Action)> {
+        if let Some(action) = self.actions.pop_front() {
+            return Some(action);
+        }
+        let mailbox = *self.free.last()?;
+        let (at, frame) = match self.waiting.pop_front() {
+            Some(next) => next,
+            None => (Time(0), self.babble?),
+        };
+        self.free.pop();
+        Some((at, Action::Request { mailbox, frame }))
+    }
+
+    fn event(&mut self, event: Event) {
+        match event.what {
+            What::Sent { mailbox, .. }
+            | What::Failed {
+                mailbox,
+                again: false,
+                ..
+            } => self.free.push(mailbox),
+            What::Received { frame, .. } => self.received.push((event.at, frame)),
+            _ => {}
+        }
+        if self.keeps {
+            self.events.push(event);
+        }
+    }
+}
