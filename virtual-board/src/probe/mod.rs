@@ -1,1 +1,15 @@
 //! What a debug probe would see.
+//!
+//! | module | what it holds |
+//! |---|---|
+//! | [`image`] | an ELF file: what goes into the flash, symbols, source lines |
+//! | [`rtt`] | the log channel in the target's memory |
+//! | [`vcd`] | signals over time as a Value Change Dump |
+//! | [`coverage`] | source lines that ran, without instrumenting the image |
+//! | [`profile`] | time by function and by interrupt |
+
+pub mod coverage;
+pub mod image;
+pub mod profile;
+pub mod rtt;
+pub mod vcd;

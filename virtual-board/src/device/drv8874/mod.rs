@@ -1,0 +1,535 @@
+//! DRV8874 H-bridge driver in phase/enable mode (PMODE low), with its motor.
+//!
+//! Data sheet: Texas Instruments SLVSF66, "DRV8874 H-Bridge Motor Driver With Integrated Current Sense
+//! and Regulation".
+//!
+//! | nSLEEP | EN/IN1 | PH/IN2 | OUT1 | OUT2 | |
+//! |---|---|---|---|---|---|
+//! | 0 | – | – | off | off | coast: current flows back through the diodes |
+//! | 1 | 0 | – | low | low | brake, slow decay |
+//! | 1 | 1 | 0 | low | high | reverse |
+//! | 1 | 1 | 1 | high | low | forward |
+//!
+//! Modelled: propagation delay, dead time (the diodes conduct, so it takes voltage), resistance of the
+//! transistors, wake and sleep times, over-current (retry or latch), undervoltage lockout, thermal
+//! shutdown, current regulation with fixed off-time or cycle by cycle, nFAULT, and transistors that
+//! stay on. Not modelled: rise and fall times (150 ns), the charge pump, sensing delay of the current
+//! regulation, what nFAULT shows while the driver wakes up (the data sheet does not say; it is high
+//! here).
+
+mod config;
+
+use super::motor::{Motor, Source, Work};
+use super::{later, span_s};
+use crate::chip::Drive;
+use crate::time::Time;
+pub use config::{DriverConfig, OverCurrent, Regulation};
+use std::collections::VecDeque;
+
+/// A half bridge.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Half {
+    /// OUT1.
+    One,
+    /// OUT2.
+    Two,
+}
+
+/// What a half bridge does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Gate {
+    Off,
+    Low,
+    High,
+}
+
+/// A half bridge: what it is to do, and until when both transistors are still off.
+#[derive(Clone, Copy, Debug)]
+struct Leg {
+    target: Gate,
+    dead_until: Time,
+    stuck: Option<Gate>,
+}
+
+impl Leg {
+    const OFF: Self = Self {
+        target: Gate::Off,
+        dead_until: Time(0),
+        stuck: None,
+    };
+
+    fn gate(&self, at: Time) -> Gate {
+        match self.stuck {
+            Some(gate) => gate,
+            None if at < self.dead_until => Gate::Off,
+            None => self.target,
+        }
+    }
+
+    fn set(&mut self, target: Gate, at: Time, dead: Time) {
+        if target != self.target {
+            let crosses = target != Gate::Off && self.target != Gate::Off;
+            self.target = target;
+            self.dead_until = if crosses { at + dead } else { at };
+        }
+    }
+
+    /// A transistor that stays on against one that is switched on.
+    fn is_short(&self) -> bool {
+        matches!(
+            (self.stuck, self.target),
+            (Some(Gate::High), Gate::Low) | (Some(Gate::Low), Gate::High)
+        )
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Power {
+    Asleep,
+    Waking(Time),
+    Awake,
+    /// nSLEEP is low, the driver works on until then.
+    Dozing(Time),
+}
+
+/// Driver and motor.
+#[derive(Clone, Debug)]
+pub struct Drv8874 {
+    config: DriverConfig,
+    motor: Motor,
+    now: Time,
+    due: Time,
+    /// Inputs on their way through the driver: when they arrive, EN, PH.
+    edges: VecDeque<(Time, bool, bool)>,
+    /// EN and PH at the pins.
+    pins: (bool, bool),
+    /// EN and PH as the bridge has them.
+    inputs: (bool, bool),
+    power: Power,
+    supply_v: f64,
+    locked_out: bool,
+    hot: bool,
+    /// Over-current: since when it lasts, and until when the driver is off for it.
+    over_since: Option<Time>,
+    over_until: Option<Time>,
+    /// The current regulation brakes until then ([`Time::NEVER`]: until the next edge).
+    braking: Option<Time>,
+    /// Since when the bridge drives.
+    driving_since: Time,
+    /// nFAULT held low, and the bridge off, from outside.
+    forced: Option<(Time, Time)>,
+    legs: [Leg; 2],
+    /// Voltage of OUT1, and its latest edge: when, and by how much.
+    lead_v: f64,
+    edge: (Time, f64),
+}
+
+impl Drv8874 {
+    /// Asleep, its supply at `supply_v`.
+    pub fn new(config: DriverConfig, motor: Motor, supply_v: f64) -> Self {
+        let mut driver = Self {
+            config,
+            motor,
+            now: Time(0),
+            due: Time::NEVER,
+            edges: VecDeque::with_capacity(8),
+            pins: (false, false),
+            inputs: (false, false),
+            power: Power::Asleep,
+            supply_v,
+            locked_out: supply_v < config.lockout_v.1,
+            hot: false,
+            over_since: None,
+            over_until: None,
+            braking: None,
+            driving_since: Time(0),
+            forced: None,
+            legs: [Leg::OFF; 2],
+            lead_v: 0.0,
+            edge: (Time(0), 0.0),
+        };
+        driver.settle();
+        driver
+    }
+
+    /// EN/IN1 has this level from now on.
+    pub fn enable(&mut self, level: bool, at: Time) {
+        self.input((level, self.pins.1), at);
+    }
+
+    /// PH/IN2 has this level from now on.
+    pub fn phase(&mut self, level: bool, at: Time) {
+        self.input((self.pins.0, level), at);
+    }
+
+    fn input(&mut self, pins: (bool, bool), at: Time) {
+        self.advance(at);
+        if pins != self.pins {
+            self.pins = pins;
+            let arrives = at + self.config.propagation;
+            self.edges.push_back((arrives, pins.0, pins.1));
+            self.due = self.due.min(arrives);
+        }
+    }
+
+    /// nSLEEP has this level from now on.
+    pub fn awake(&mut self, level: bool, at: Time) {
+        self.advance(at);
+        self.power = match (self.power, level) {
+            (Power::Asleep, true) => Power::Waking(at + self.config.wake),
+            (Power::Dozing(_), true) => Power::Awake,
+            (Power::Awake, false) => Power::Dozing(at + self.config.sleep),
+            (Power::Waking(_), false) => Power::Asleep,
+            (power, _) => power,
+        };
+        self.settle();
+    }
+
+    /// The supply at VM, V, from now on.
+    pub fn supply(&mut self, volts: f64, at: Time) {
+        self.advance(at);
+        self.supply_v = volts;
+        if volts < self.config.lockout_v.0 {
+            self.locked_out = true;
+            self.over_until = None;
+        } else if volts > self.config.lockout_v.1 {
+            self.locked_out = false;
+        }
+        self.settle();
+    }
+
+    /// Temperature of the driver, °C, from now on.
+    pub fn junction(&mut self, celsius: f64, at: Time) {
+        self.advance(at);
+        if celsius > self.config.hot_c.0 {
+            self.hot = true;
+        } else if celsius < self.config.hot_c.1 {
+            self.hot = false;
+        }
+        self.settle();
+    }
+
+    /// Speed of the wheel, rad/s, from now on.
+    pub fn speed(&mut self, rad_s: f64, at: Time) {
+        self.advance(at);
+        self.motor.set_speed(rad_s);
+        self.settle();
+    }
+
+    /// Breaks a lead of the motor, or mends it.
+    pub fn set_motor_open(&mut self, open: bool, at: Time) {
+        self.advance(at);
+        self.motor.set_open(open);
+        self.settle();
+    }
+
+    /// A transistor of a half bridge stays on, the upper or the lower one; `None` mends it.
+    pub fn set_stuck(&mut self, half: Half, upper: Option<bool>, at: Time) {
+        self.advance(at);
+        self.legs[half as usize].stuck = upper.map(|up| if up { Gate::High } else { Gate::Low });
+        self.settle();
+    }
+
+    /// From one time to another the driver reports a fault and is off.
+    pub fn force_fault(&mut self, from: Time, to: Time) {
+        self.forced = Some((from, to));
+        self.settle();
+    }
+
+    /// Current from OUT1 through the motor to OUT2, A: positive forward.
+    pub fn current(&mut self, at: Time) -> f64 {
+        self.advance(at);
+        self.motor.current_a()
+    }
+
+    /// Derivative of the current at the time of the latest call, A/s.
+    pub fn current_slope(&self) -> f64 {
+        self.motor.slope_a_s()
+    }
+
+    /// The latest edge of OUT1, to which the shunt's amplifier answers: when, and by how much, V.
+    pub fn latest_edge(&self) -> (Time, f64) {
+        self.edge
+    }
+
+    /// What the motor did since the last call.
+    pub fn take_work(&mut self, at: Time) -> Work {
+        self.advance(at);
+        self.motor.take_work()
+    }
+
+    /// The motor.
+    pub fn motor(&self) -> &Motor {
+        &self.motor
+    }
+
+    /// How nFAULT is driven: an open drain.
+    pub fn fault_pin(&self) -> Drive {
+        if self.faults() {
+            Drive::Low
+        } else {
+            Drive::Open
+        }
+    }
+
+    fn faults(&self) -> bool {
+        let works = matches!(self.power, Power::Awake | Power::Dozing(_));
+        let chops = self.braking.is_some() && self.config.regulation == Regulation::CycleByCycle;
+        let own = self.locked_out || self.hot || self.over_until.is_some() || chops;
+        (works && own) || self.is_forced()
+    }
+
+    fn is_forced(&self) -> bool {
+        self.forced
+            .is_some_and(|(from, to)| from <= self.now && self.now < to)
+    }
+
+    /// When something of it changes by itself.
+    pub fn next(&self) -> Time {
+        self.due
+    }
+
+    /// Goes on until a time, with all that happens by itself until then.
+    pub fn advance(&mut self, to: Time) {
+        while self.due <= to {
+            self.integrate(self.due);
+            self.settle();
+        }
+        self.integrate(to);
+    }
+
+    /// Voltage at an output and its resistance; `flow` is the current's direction out of it.
+    fn output(&self, leg: usize, flow: f64) -> (f64, f64) {
+        let DriverConfig {
+            on_ohm, diode_v, ..
+        } = self.config;
+        match self.legs[leg].gate(self.now) {
+            Gate::Low => (0.0, on_ohm),
+            Gate::High => (self.supply_v, on_ohm),
+            Gate::Off if flow > 0.0 => (-diode_v, 0.0),
+            Gate::Off => (self.supply_v + diode_v, 0.0),
+        }
+    }
+
+    /// Whether the supply is at this output.
+    fn is_at_supply(&self, leg: usize, flow: f64) -> bool {
+        match self.legs[leg].gate(self.now) {
+            Gate::Low => false,
+            Gate::High => true,
+            Gate::Off => flow < 0.0,
+        }
+    }
+
+    /// What the motor sees while its current flows in a direction.
+    fn source(&self, flow: f64) -> Source {
+        let (first, second) = (self.output(0, flow), self.output(1, -flow));
+        let share = |leg, flow| f64::from(u8::from(self.is_at_supply(leg, flow)));
+        Source {
+            volts: first.0 - second.0,
+            ohms: first.1 + second.1,
+            share: share(0, flow) - share(1, -flow),
+        }
+    }
+
+    /// Goes on under constant conditions.
+    fn integrate(&mut self, to: Time) {
+        if to <= self.now {
+            return;
+        }
+        let mut span = span_s(self.now, to);
+        let diodes = [0, 1]
+            .map(|leg| self.legs[leg].gate(self.now))
+            .contains(&Gate::Off);
+        if !diodes {
+            self.motor.advance(self.source(1.0), span);
+            span = 0.0;
+        }
+        while span > 0.0 {
+            let current = self.motor.current_a();
+            let (forward, backward) = (self.source(1.0), self.source(-1.0));
+            let emf = self.motor.emf_v();
+            let source = if current > 0.0 || (current == 0.0 && forward.volts > emf) {
+                forward
+            } else if current < 0.0 || backward.volts < emf {
+                backward
+            } else {
+                // Neither diode conducts.
+                self.motor.idle(span);
+                break;
+            };
+            let stop = self.motor.time_to(0.0, source);
+            if stop < span {
+                self.motor.advance(source, stop);
+                self.motor.idle(0.0);
+                span -= stop;
+            } else {
+                self.motor.advance(source, span);
+                if self.motor.is_open() {
+                    self.motor.idle(0.0);
+                }
+                break;
+            }
+        }
+        self.now = to;
+    }
+
+    /// Brings everything to the present moment and finds out when it changes next.
+    fn settle(&mut self) {
+        self.take_inputs();
+        self.take_power();
+        self.switch();
+        self.watch_current();
+        self.switch();
+        let lead_v = self.output(0, self.motor.current_a()).0;
+        if lead_v != self.lead_v {
+            self.edge = (self.now, lead_v - self.lead_v);
+            self.lead_v = lead_v;
+        }
+        self.due = self.find_due();
+    }
+
+    /// Has the half bridges do what they are to do now.
+    fn switch(&mut self) {
+        let [first, second] = self.targets();
+        let was_driving = self.is_driving();
+        self.legs[0].set(first, self.now, self.config.dead);
+        self.legs[1].set(second, self.now, self.config.dead);
+        if self.is_driving() && !was_driving {
+            self.driving_since = self.now;
+        }
+    }
+
+    fn take_inputs(&mut self) {
+        while let Some(&(at, enable, phase)) = self.edges.front() {
+            if at > self.now {
+                break;
+            }
+            self.edges.pop_front();
+            self.inputs = (enable, phase);
+            if self.braking == Some(Time::NEVER) {
+                self.braking = None;
+            }
+        }
+    }
+
+    fn take_power(&mut self) {
+        match self.power {
+            Power::Waking(at) if at <= self.now => self.power = Power::Awake,
+            Power::Dozing(at) if at <= self.now => {
+                self.power = Power::Asleep;
+                (self.over_until, self.over_since, self.braking) = (None, None, None);
+            }
+            _ => {}
+        }
+        if self.over_until.is_some_and(|until| until <= self.now) {
+            self.over_until = None;
+        }
+        if self.braking.is_some_and(|until| until <= self.now) {
+            self.braking = None;
+        }
+    }
+
+    /// Over-current and the regulation's limit.
+    fn watch_current(&mut self) {
+        let current = self.motor.current_a().abs();
+        let works = matches!(self.power, Power::Awake | Power::Dozing(_));
+        let transistors = self.legs.iter().any(|leg| leg.target != Gate::Off);
+        let shorted = self.legs.iter().any(Leg::is_short);
+        let over = current >= self.config.over_current_a * (1.0 - 1e-12) || shorted;
+        if !(works && transistors && over) {
+            self.over_since = None;
+        } else if let Some(since) = self.over_since {
+            if since + self.config.deglitch <= self.now && self.over_until.is_none() {
+                self.over_since = None;
+                self.over_until = Some(match self.config.over_current {
+                    OverCurrent::Retry => self.now + self.config.retry,
+                    OverCurrent::Latched => Time::NEVER,
+                });
+            }
+        } else {
+            self.over_since = Some(self.now);
+        }
+        let trips = self.config.regulation != Regulation::Off
+            && self.is_driving()
+            && self.braking.is_none()
+            && current >= self.config.trip_a * (1.0 - 1e-12)
+            && self.driving_since + self.config.blank <= self.now;
+        if trips {
+            self.braking = Some(match self.config.regulation {
+                Regulation::FixedOffTime => self.now + self.config.off_time,
+                _ => Time::NEVER,
+            });
+        }
+    }
+
+    fn is_driving(&self) -> bool {
+        let [a, b] = self.legs.map(|leg| leg.target);
+        a != Gate::Off && b != Gate::Off && a != b
+    }
+
+    fn targets(&self) -> [Gate; 2] {
+        let works = matches!(self.power, Power::Awake | Power::Dozing(_));
+        let off =
+            !works || self.locked_out || self.hot || self.over_until.is_some() || self.is_forced();
+        match self.inputs {
+            _ if off => [Gate::Off; 2],
+            _ if self.braking.is_some() => [Gate::Low; 2],
+            (false, _) => [Gate::Low; 2],
+            (true, false) => [Gate::Low, Gate::High],
+            (true, true) => [Gate::High, Gate::Low],
+        }
+    }
+
+    fn find_due(&self) -> Time {
+        let mut due = Time::NEVER;
+        let mut see = |at: Time| {
+            if at > self.now && at < due {
+                due = at;
+            }
+        };
+        if let Some(edge) = self.edges.front() {
+            see(edge.0);
+        }
+        for leg in &self.legs {
+            see(leg.dead_until);
+        }
+        if let Power::Waking(at) | Power::Dozing(at) = self.power {
+            see(at);
+        }
+        if let Some((from, to)) = self.forced {
+            see(from);
+            see(to);
+        }
+        for at in [self.over_until, self.braking].into_iter().flatten() {
+            see(at);
+        }
+        if let Some(since) = self.over_since {
+            see(since + self.config.deglitch);
+        }
+        let current = self.motor.current_a();
+        let source = self.source(if current < 0.0 { -1.0 } else { 1.0 });
+        let mut reach = |level: f64, earliest: Time| {
+            let up = self.motor.time_to(level, source);
+            let down = self.motor.time_to(-level, source);
+            let at = later(self.now, up.min(down));
+            if at != Time::NEVER {
+                // Not before it is really there: the time was rounded down.
+                see((at + Time(1)).max(earliest));
+            }
+            if current.abs() >= level {
+                see(earliest);
+            }
+        };
+        if self.legs.iter().any(|leg| leg.target != Gate::Off) && self.over_since.is_none() {
+            reach(self.config.over_current_a, Time(0));
+        }
+        let regulates = self.config.regulation != Regulation::Off && self.braking.is_none();
+        if regulates && self.is_driving() {
+            reach(self.config.trip_a, self.driving_since + self.config.blank);
+        }
+        due
+    }
+}
+
+#[cfg(test)]
+mod tests;

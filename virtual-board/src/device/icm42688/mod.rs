@@ -1,0 +1,564 @@
+//! ICM-42688-P inertial sensor at an SPI.
+//!
+//! Data sheet: TDK InvenSense DS-000347, "ICM-42688-P".
+//!
+//! Modelled: register banks 0 to 2, soft reset, power modes with their start times, ranges and data
+//! rates of the low-noise mode, the anti-alias filter (second order) and the user-interface filter
+//! (order and bandwidth; Butterworth, since the data sheet states orders and corners alone), samples at
+//! the instants of the part's own oscillator, noise, bias and scale, quantisation and saturation, data
+//! that stand still while the chip is selected, INT_STATUS that a read clears, INT1, temperature.
+//!
+//! Not modelled, and remarked when the program switches it on ([`Icm42688::unknown`]): the FIFO, time
+//! stamps, FSYNC, the low-power mode, motion detection, self test, offsets (bank 4), INT2, little
+//! endian data, other clock sources; nor the notch filter, whatever its setting.
+
+mod path;
+mod registers;
+
+use super::{Remarks, span_s};
+use crate::chip::Drive;
+use crate::time::Time;
+use path::{Errors, Path, Settings, Truth};
+use registers::*;
+
+/// Standard gravity, m/s².
+const GRAVITY: f64 = 9.80665;
+/// A reset takes so long.
+const RESET_TIME: Time = Time::from_micros(1000);
+/// No register may be written for so long after gyroscope or accelerometer were switched on.
+const QUIET_TIME: Time = Time::from_micros(200);
+/// A gyroscope must stay on for so long.
+const LEAST_ON: Time = Time::from_micros(45_000);
+
+// Bits of INT_STATUS and INT_SOURCE0.
+const RESET_DONE: u8 = 0x10;
+const DATA_READY: u8 = 0x08;
+
+/// Errors of a sensor and its start times.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct InertialConfig {
+    /// Noise of the gyroscope, rad/s/√Hz. Data sheet: 2.8 millidegree/s/√Hz.
+    pub gyro_density: f64,
+    /// Bias of the gyroscope, rad/s. Data sheet: ±0.5 °/s.
+    pub gyro_bias: [f64; 3],
+    /// Relative error of its scale. Data sheet: ±0.5 %.
+    pub gyro_scale: [f64; 3],
+    /// Noise of the accelerometer, m/s²/√Hz. Data sheet: 65 to 70 µg/√Hz.
+    pub accel_density: f64,
+    /// Bias of the accelerometer, m/s². Data sheet: ±20 mg.
+    pub accel_bias: [f64; 3],
+    /// Relative error of its scale. Data sheet: ±0.5 %.
+    pub accel_scale: [f64; 3],
+    /// The part's oscillator is fast by this share. Data sheet: up to ±1 % at 25 °C.
+    pub clock_error: f64,
+    /// From switching the gyroscope on to its first sample. Data sheet: 30 ms typical; the default is
+    /// the 45 ms for which it must stay on.
+    pub gyro_start: Time,
+    /// From switching the accelerometer on to its first sample. Data sheet: 10 ms.
+    pub accel_start: Time,
+}
+
+impl Default for InertialConfig {
+    fn default() -> Self {
+        Self {
+            gyro_density: 2.8e-3f64.to_radians(),
+            gyro_bias: [0.0; 3],
+            gyro_scale: [0.0; 3],
+            accel_density: 70e-6 * GRAVITY,
+            accel_bias: [0.0; 3],
+            accel_scale: [0.0; 3],
+            clock_error: 0.0,
+            gyro_start: Time::from_micros(45_000),
+            accel_start: Time::from_micros(10_000),
+        }
+    }
+}
+
+/// What the sensor feels, in its own axes, and how it changes from there.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Motion {
+    /// Angular rates, rad/s.
+    pub rate: [f64; 3],
+    /// Their derivatives, rad/s².
+    pub rate_slope: [f64; 3],
+    /// Specific forces, m/s²: acceleration less gravity, so at rest with z up +9.81 on z.
+    pub force: [f64; 3],
+    /// Their derivatives, m/s³.
+    pub force_slope: [f64; 3],
+}
+
+/// What can be wrong with it. Several may be at once.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct InertialFault {
+    /// Its output line stands at this level.
+    pub stuck_output: Option<bool>,
+    /// The data registers stand still; everything else works.
+    pub frozen: bool,
+    /// Neither the bit nor the pin tells that data are ready.
+    pub no_data_ready: bool,
+}
+
+/// Where in a transfer the chip is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Transfer {
+    Idle,
+    Address,
+    Read(u8),
+    Write(u8),
+}
+
+/// The sensor.
+#[derive(Clone, Debug)]
+pub struct Icm42688 {
+    config: InertialConfig,
+    fault: InertialFault,
+    unknown: Remarks,
+    banks: [[u8; 128]; 3],
+    bank: u8,
+    transfer: Transfer,
+    now: Time,
+    /// A reset lasts until then.
+    resetting: Option<Time>,
+    status: u8,
+    /// INT1 is active until then.
+    pulse_until: Option<Time>,
+    gyro: Path,
+    accel: Path,
+    celsius: f64,
+    /// The data registers from TEMP_DATA1 on, and what is shown of them during a transfer.
+    data: [i16; 7],
+    shown: [i16; 7],
+    quiet_until: Time,
+    gyro_on_since: Option<Time>,
+}
+
+impl Icm42688 {
+    /// Its power comes on at time 0.
+    pub fn new(config: InertialConfig, seed: u64) -> Self {
+        let settings = Settings {
+            rate_hz: 1000.0,
+            unit: 1.0,
+            anti_alias_hz: f64::INFINITY,
+            corner_hz: f64::INFINITY,
+            order: 1,
+        };
+        let gyro = Errors {
+            density: config.gyro_density,
+            bias: config.gyro_bias,
+            scale: config.gyro_scale,
+        };
+        let accel = Errors {
+            density: config.accel_density,
+            bias: config.accel_bias,
+            scale: config.accel_scale,
+        };
+        let mut sensor = Self {
+            config,
+            fault: InertialFault::default(),
+            unknown: Remarks::default(),
+            banks: [[0; 128]; 3],
+            bank: 0,
+            transfer: Transfer::Idle,
+            now: Time(0),
+            resetting: None,
+            status: 0,
+            pulse_until: None,
+            gyro: Path::new(gyro, settings, config.clock_error, seed),
+            accel: Path::new(accel, settings, config.clock_error, !seed),
+            celsius: 25.0,
+            data: [i16::MIN; 7],
+            shown: [i16::MIN; 7],
+            quiet_until: Time(0),
+            gyro_on_since: None,
+        };
+        sensor.reset(Time(0));
+        sensor
+    }
+
+    /// What it feels from now on.
+    pub fn motion(&mut self, at: Time, motion: Motion) {
+        self.advance(at);
+        self.gyro.truth = Truth {
+            at,
+            value: motion.rate,
+            slope: motion.rate_slope,
+        };
+        self.accel.truth = Truth {
+            at,
+            value: motion.force,
+            slope: motion.force_slope,
+        };
+    }
+
+    /// Its temperature from now on, °C.
+    pub fn temperature(&mut self, at: Time, celsius: f64) {
+        self.advance(at);
+        self.celsius = celsius;
+    }
+
+    /// Breaks it, or mends it.
+    pub fn set_fault(&mut self, at: Time, fault: InertialFault) {
+        self.advance(at);
+        self.fault = fault;
+    }
+
+    /// It resets: asked to by the program, because its power came back, or by itself.
+    pub fn reset(&mut self, at: Time) {
+        self.advance(at);
+        self.banks = [[0; 128]; 3];
+        for r in REGISTERS {
+            self.banks[usize::from(r.bank)][usize::from(r.address)] = r.reset;
+        }
+        self.bank = 0;
+        self.status = 0;
+        self.pulse_until = None;
+        self.gyro.switch(None);
+        self.accel.switch(None);
+        self.gyro_on_since = None;
+        self.quiet_until = at;
+        self.data = [i16::MIN; 7];
+        self.shown = self.data;
+        self.resetting = Some(at + RESET_TIME);
+        self.apply(at);
+    }
+
+    /// What was asked of it that is not modelled, or that its data sheet forbids.
+    pub fn unknown(&self) -> &Remarks {
+        &self.unknown
+    }
+
+    /// Its select line is low (selected) or high.
+    pub fn select(&mut self, low: bool, at: Time) {
+        self.advance(at);
+        let was = self.transfer != Transfer::Idle;
+        if low && !was {
+            // Data that a transfer reads belong together: they are latched while the bus is busy.
+            self.shown = self.data;
+            self.transfer = Transfer::Address;
+        } else if !low {
+            self.transfer = Transfer::Idle;
+        }
+    }
+
+    /// Exchanges a byte that ends at a time.
+    pub fn exchange(&mut self, byte: u8, at: Time) -> u8 {
+        self.advance(at);
+        let answer = match self.transfer {
+            // It does not drive the line.
+            Transfer::Idle => return 0xff,
+            Transfer::Address => {
+                let address = byte & 0x7f;
+                self.transfer = if byte & 0x80 != 0 {
+                    Transfer::Read(address)
+                } else {
+                    Transfer::Write(address)
+                };
+                0xff
+            }
+            Transfer::Read(address) => {
+                self.transfer = Transfer::Read(next_address(address));
+                self.read(address, at)
+            }
+            Transfer::Write(address) => {
+                self.transfer = Transfer::Write(next_address(address));
+                self.write(address, byte, at);
+                0xff
+            }
+        };
+        match self.fault.stuck_output {
+            Some(level) => u8::from(level) * 0xff,
+            None => answer,
+        }
+    }
+
+    /// How INT1 is driven at the time of the latest call.
+    pub fn int1(&self) -> Drive {
+        let config = self.banks[0][usize::from(INT_CONFIG)];
+        let level = self.is_interrupting() == (config & 1 != 0);
+        match config & 2 != 0 {
+            true => Drive::to(level),
+            false if level => Drive::Open,
+            false => Drive::Low,
+        }
+    }
+
+    fn is_interrupting(&self) -> bool {
+        let latched = self.banks[0][usize::from(INT_CONFIG)] & 4 != 0;
+        if latched {
+            self.status & self.sources() != 0
+        } else {
+            self.pulse_until.is_some()
+        }
+    }
+
+    fn sources(&self) -> u8 {
+        self.banks[0][usize::from(INT_SOURCE0)]
+    }
+
+    /// When INT1 may change next. What happens inside without being seen there is done when it is
+    /// looked at.
+    pub fn next(&self) -> Time {
+        let mut next = self.resetting.unwrap_or(Time::NEVER);
+        if self.sources() & DATA_READY != 0 {
+            next = next.min(self.gyro.next()).min(self.accel.next());
+        }
+        next.min(self.pulse_until.unwrap_or(Time::NEVER))
+    }
+
+    /// Goes on until a time.
+    pub fn advance(&mut self, to: Time) {
+        while self.next() <= to {
+            self.advance_within(self.next());
+        }
+        self.advance_within(to);
+    }
+
+    /// Goes on without passing anything that INT1 shows.
+    fn advance_within(&mut self, to: Time) {
+        if let Some(until) = self.resetting.filter(|&until| until <= to) {
+            self.resetting = None;
+            self.announce(RESET_DONE, until);
+        }
+        if self.pulse_until.is_some_and(|until| until <= to) {
+            self.pulse_until = None;
+        }
+        let (gyro, accel) = (self.gyro.advance(to), self.accel.advance(to));
+        let latest = gyro.map(|s| s.0).max(accel.map(|s| s.0));
+        if let Some(at) = latest {
+            if !self.fault.frozen {
+                self.take(gyro.map(|s| s.1), accel.map(|s| s.1));
+            }
+            if !self.fault.no_data_ready {
+                self.announce(DATA_READY, at);
+            }
+        }
+        self.now = self.now.max(to);
+    }
+
+    fn take(&mut self, gyro: Option<[i16; 3]>, accel: Option<[i16; 3]>) {
+        if let Some(sample) = accel {
+            self.data[1..4].copy_from_slice(&sample);
+        }
+        if let Some(sample) = gyro {
+            self.data[4..7].copy_from_slice(&sample);
+        }
+        if self.banks[0][usize::from(PWR_MGMT0)] & 0x20 == 0 {
+            // Data sheet: TEMP_DATA/132.48 + 25.
+            let counts = (self.celsius - 25.0) * 132.48;
+            self.data[0] = counts.round().clamp(-32_767.0, 32_767.0) as i16;
+        }
+        if self.transfer == Transfer::Idle {
+            self.shown = self.data;
+        }
+    }
+
+    /// Something that INT_STATUS tells, and INT1 if it is routed there.
+    fn announce(&mut self, bit: u8, at: Time) {
+        self.status |= bit;
+        if self.sources() & bit != 0 {
+            let short = self.banks[0][usize::from(INT_CONFIG1)] & 0x40 != 0;
+            let span = Time::from_micros(if short { 8 } else { 100 });
+            self.pulse_until = Some(at + span);
+        }
+    }
+
+    fn read(&mut self, address: u8, at: Time) -> u8 {
+        if self.resetting.is_some() {
+            self.unknown.note(at, "a read during a reset".into());
+            return 0;
+        }
+        if register(self.bank, address).is_none() {
+            let text = format!("a read of {address:#04x} in bank {}", self.bank);
+            self.unknown.note(at, text);
+            return 0;
+        }
+        match (self.bank, address) {
+            (_, REG_BANK_SEL) => self.bank,
+            (0, TEMP_DATA1..=GYRO_DATA_Z0) => {
+                let place = address - TEMP_DATA1;
+                self.shown[usize::from(place / 2)].to_be_bytes()[usize::from(place % 2)]
+            }
+            (0, INT_STATUS) => std::mem::take(&mut self.status),
+            (bank, address) => self.banks[usize::from(bank)][usize::from(address)],
+        }
+    }
+
+    fn write(&mut self, address: u8, value: u8, at: Time) {
+        if self.resetting.is_some() {
+            return self.unknown.note(at, "a write during a reset".into());
+        }
+        let Some(register) = register(self.bank, address) else {
+            let text = format!("a write to {address:#04x} in bank {}", self.bank);
+            return self.unknown.note(at, text);
+        };
+        if at < self.quiet_until && address != REG_BANK_SEL {
+            let text = format!("{} written within 200 µs of switching on", register.name);
+            self.unknown.note(at, text);
+        }
+        if address == REG_BANK_SEL {
+            self.bank = value & 7;
+            return;
+        }
+        let old = self.banks[usize::from(self.bank)][usize::from(address)];
+        let new = old & !register.writable | value & register.writable;
+        let changed = old ^ value;
+        self.remark(register, changed, new, at);
+        if (self.bank, address) == (0, DEVICE_CONFIG) && value & 1 != 0 {
+            return self.reset(at);
+        }
+        self.banks[usize::from(self.bank)][usize::from(address)] = new;
+        if (self.bank, address) == (0, PWR_MGMT0) {
+            self.switch(old, new, at);
+        }
+        self.apply(at);
+    }
+
+    /// Remarks what a write changes without a model of it.
+    fn remark(&mut self, register: &Register, changed: u8, value: u8, at: Time) {
+        let name = register.name;
+        let foreign = changed & register.writable & !register.modelled;
+        if foreign != 0 {
+            let text = format!("{name}: bits {foreign:#04x} are not modelled ({value:#04x})");
+            self.unknown.note(at, text);
+        }
+        let reserved = changed & !register.writable;
+        if reserved != 0 {
+            let text = format!("{name}: reserved bits {reserved:#04x} changed");
+            self.unknown.note(at, text);
+        }
+        if (register.bank, register.address) == (0, INTF_CONFIG0) && value & 3 == 2 {
+            self.unknown.note(at, format!("{name}: SPI switched off"));
+        }
+        let routed = (register.bank, register.address) == (0, INT_SOURCE0)
+            && value & DATA_READY != 0
+            && self.banks[0][usize::from(INT_CONFIG1)] & 0x10 != 0;
+        if routed {
+            let text = "INT1 in use without INT_ASYNC_RESET cleared".into();
+            self.unknown.note(at, text);
+        }
+    }
+
+    /// PWR_MGMT0 has another value.
+    fn switch(&mut self, old: u8, new: u8, at: Time) {
+        let is_on = |value: u8| value & 0x0f != 0;
+        if !is_on(old) && is_on(new) {
+            self.quiet_until = at + QUIET_TIME;
+        }
+        let (was, is) = (old >> 2 & 3, new >> 2 & 3);
+        if is == 2 || new & 3 == 2 {
+            let text = format!("PWR_MGMT0: {new:#04x}: low-power or reserved mode");
+            self.unknown.note(at, text);
+        }
+        if was == 0 && is != 0 {
+            self.gyro_on_since = Some(at);
+        } else if is == 0
+            && let Some(since) = self.gyro_on_since.take()
+            && at < since + LEAST_ON
+        {
+            let text = format!("gyroscope off after {:.1} ms", 1e3 * span_s(since, at));
+            self.unknown.note(at, text);
+        }
+        if (was == 3) != (is == 3) {
+            // From standby it takes no longer than from the beginning.
+            let started = self.gyro_on_since.unwrap_or(at) + self.config.gyro_start;
+            self.gyro.switch((is == 3).then_some(started.max(at)));
+        }
+        if (old & 3 == 3) != (new & 3 == 3) {
+            let started = at + self.config.accel_start;
+            self.accel.switch((new & 3 == 3).then_some(started));
+        }
+    }
+
+    /// Has the signal paths do what the registers say.
+    fn apply(&mut self, at: Time) {
+        let [zero, one, two] = self.banks;
+        let of = |bank: &[u8; 128], address: u8| bank[usize::from(address)];
+        let filter = of(&zero, GYRO_ACCEL_CONFIG0);
+        let aaf = GYRO_CONFIG_STATIC3;
+        let gyro = Choice {
+            name: "gyroscope",
+            config: of(&zero, GYRO_CONFIG0),
+            bandwidth: filter & 15,
+            order: of(&zero, GYRO_CONFIG1) >> 2 & 3,
+            delt: of(&one, aaf),
+            square: u16::from(of(&one, aaf + 1)) | u16::from(of(&one, aaf + 2) & 15) << 8,
+            shift: of(&one, aaf + 2) >> 4,
+            unfiltered: of(&one, GYRO_CONFIG_STATIC2) & 2 != 0,
+            widest: 2000f64.to_radians(),
+        };
+        let aaf = ACCEL_CONFIG_STATIC2;
+        let accel = Choice {
+            name: "accelerometer",
+            config: of(&zero, ACCEL_CONFIG0),
+            bandwidth: filter >> 4,
+            order: of(&zero, ACCEL_CONFIG1) >> 3 & 3,
+            delt: of(&two, aaf) >> 1,
+            square: u16::from(of(&two, aaf + 1)) | u16::from(of(&two, aaf + 2) & 15) << 8,
+            shift: of(&two, aaf + 2) >> 4,
+            unfiltered: of(&two, aaf) & 1 != 0,
+            widest: 16.0 * GRAVITY,
+        };
+        if let Some(settings) = gyro.settings(&mut self.unknown, self.gyro.is_on(), at) {
+            self.gyro.set(settings, at);
+        }
+        if let Some(settings) = accel.settings(&mut self.unknown, self.accel.is_on(), at) {
+            self.accel.set(settings, at);
+        }
+    }
+}
+
+/// The address after this one in a burst.
+fn next_address(address: u8) -> u8 {
+    (address + 1) & 0x7f
+}
+
+/// What the registers say about one of the paths.
+struct Choice {
+    name: &'static str,
+    config: u8,
+    bandwidth: u8,
+    order: u8,
+    delt: u8,
+    square: u16,
+    shift: u8,
+    unfiltered: bool,
+    /// Full scale of range 0, u.
+    widest: f64,
+}
+
+impl Choice {
+    /// The settings; `None` and a remark, if the path is on, where they are none of the data sheet's.
+    fn settings(&self, unknown: &mut Remarks, is_on: bool, at: Time) -> Option<Settings> {
+        let mut need = |found: Option<f64>, what: &str, value: u16| {
+            if found.is_none() && is_on {
+                unknown.note(at, format!("{}: {what} {value}", self.name));
+            }
+            found
+        };
+        let range = self.config >> 5;
+        let known = self.name == "gyroscope" || range < 4;
+        let full_scale = known.then(|| self.widest / f64::from(1u32 << range));
+        let full_scale = need(full_scale, "range", range.into())?;
+        let rate_hz = need(rate_hz(self.config), "data rate", self.config.into())?;
+        let corner = bandwidth_hz(self.bandwidth, rate_hz);
+        let corner_hz = need(corner, "filter bandwidth", self.bandwidth.into())?;
+        let order = (self.order < 3).then_some(f64::from(self.order) + 1.0);
+        let order = need(order, "filter order", self.order.into())? as u32;
+        let anti_alias = if self.unfiltered {
+            Some(f64::INFINITY)
+        } else {
+            anti_alias_hz(self.delt, self.square, self.shift)
+        };
+        let anti_alias_hz = need(anti_alias, "anti-alias filter", self.delt.into())?;
+        Some(Settings {
+            rate_hz,
+            unit: full_scale / 32_768.0,
+            anti_alias_hz,
+            corner_hz,
+            order,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,182 @@
+//! The signal path of gyroscope or accelerometer: from the truth to counts.
+
+use super::super::filter::{LowPass, Memory};
+use super::super::{later, noise::Noise, span_s};
+use crate::time::Time;
+
+/// The filters run at least at this rate, Hz, and the output takes what it needs of it.
+const LEAST_RATE_HZ: f64 = 8000.0;
+
+/// A quantity about three axes and how it changes.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Truth {
+    pub at: Time,
+    pub value: [f64; 3],
+    pub slope: [f64; 3],
+}
+
+/// Errors of three axes.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Errors {
+    /// White noise, u/√Hz.
+    pub density: f64,
+    pub bias: [f64; 3],
+    pub scale: [f64; 3],
+}
+
+/// What the registers say.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Settings {
+    pub rate_hz: f64,
+    /// Value of a count, u.
+    pub unit: f64,
+    pub anti_alias_hz: f64,
+    pub corner_hz: f64,
+    pub order: u32,
+}
+
+/// A signal path.
+#[derive(Clone, Debug)]
+pub(super) struct Path {
+    pub truth: Truth,
+    errors: Errors,
+    noise: Noise,
+    clock_error: f64,
+    settings: Settings,
+    /// When the first sample is due, if it is on.
+    first: Option<Time>,
+    /// Steps of the filters done since, and how many make a sample.
+    steps: u64,
+    steps_per_sample: u64,
+    period_ps: f64,
+    sigma: f64,
+    filters: [LowPass; 2],
+    memory: [[Memory; 2]; 3],
+}
+
+impl Path {
+    pub fn new(errors: Errors, settings: Settings, clock_error: f64, seed: u64) -> Self {
+        let mut path = Self {
+            truth: Truth::default(),
+            errors,
+            noise: Noise::new(seed),
+            clock_error,
+            settings,
+            first: None,
+            steps: 0,
+            steps_per_sample: 1,
+            period_ps: 0.0,
+            sigma: 0.0,
+            filters: Default::default(),
+            memory: Default::default(),
+        };
+        path.set_up();
+        path
+    }
+
+    fn set_up(&mut self) {
+        let Settings {
+            rate_hz,
+            anti_alias_hz,
+            corner_hz,
+            order,
+            ..
+        } = self.settings;
+        self.steps_per_sample = (LEAST_RATE_HZ / rate_hz).ceil().max(1.0) as u64;
+        let step_hz = rate_hz * self.steps_per_sample as f64;
+        self.period_ps = 1e12 / (step_hz * (1.0 + self.clock_error));
+        self.sigma = self.errors.density * (step_hz / 2.0).sqrt();
+        self.filters = [
+            LowPass::new(2, anti_alias_hz, step_hz),
+            LowPass::new(order, corner_hz, step_hz),
+        ];
+        for (axis, memory) in self.memory.iter_mut().enumerate() {
+            *memory = self
+                .filters
+                .each_ref()
+                .map(|f| f.settled(self.truth.value[axis]));
+        }
+    }
+
+    /// Takes other settings at a time; a path that is on goes on from there.
+    pub fn set(&mut self, settings: Settings, at: Time) {
+        if settings == self.settings {
+            return;
+        }
+        let same_path = Settings {
+            unit: self.settings.unit,
+            ..settings
+        } == self.settings;
+        self.settings = settings;
+        if !same_path {
+            self.set_up();
+            if self.first.is_some_and(|first| first <= at) {
+                let period = self.period_ps * self.steps_per_sample as f64;
+                self.first = Some(later(at, period * 1e-12));
+            }
+            self.steps = 0;
+        }
+    }
+
+    /// Switches on, with the first sample due at a time, or off.
+    pub fn switch(&mut self, first: Option<Time>) {
+        self.first = first;
+        self.steps = 0;
+        self.set_up();
+    }
+
+    pub fn is_on(&self) -> bool {
+        self.first.is_some()
+    }
+
+    /// When the next sample is due.
+    pub fn next(&self) -> Time {
+        let left = self.steps.next_multiple_of(self.steps_per_sample);
+        self.time_of(left)
+    }
+
+    fn time_of(&self, step: u64) -> Time {
+        match self.first {
+            Some(first) => first + Time((step as f64 * self.period_ps) as u64),
+            None => Time::NEVER,
+        }
+    }
+
+    /// Goes on until a time; the latest sample if there was one, and when.
+    pub fn advance(&mut self, to: Time) -> Option<(Time, [i16; 3])> {
+        let mut latest = None;
+        loop {
+            let at = self.time_of(self.steps);
+            if at > to || at == Time::NEVER {
+                return latest;
+            }
+            let sample = self.step(at);
+            if self.steps.is_multiple_of(self.steps_per_sample) {
+                latest = Some((at, sample.map(|x| self.quantised(x))));
+            }
+            self.steps += 1;
+        }
+    }
+
+    fn step(&mut self, at: Time) -> [f64; 3] {
+        let span = span_s(self.truth.at, at);
+        let mut sample = [0.0; 3];
+        for (axis, out) in sample.iter_mut().enumerate() {
+            let truth = self.truth.value[axis] + span * self.truth.slope[axis];
+            let Errors { bias, scale, .. } = self.errors;
+            let mut x = truth * (1.0 + scale[axis]) + bias[axis] + self.sigma * self.noise.normal();
+            for (filter, memory) in self.filters.iter().zip(&mut self.memory[axis]) {
+                x = filter.step(memory, x);
+            }
+            *out = x;
+        }
+        sample
+    }
+
+    /// Counts; −32768 stands for no sample.
+    fn quantised(&self, value: f64) -> i16 {
+        (value / self.settings.unit)
+            .round()
+            .clamp(-32_766.0, 32_767.0) as i16
+    }
+}

@@ -1,0 +1,251 @@
+//! The register map, as far as it is in the data sheet and of use to a driver.
+
+/// A register.
+pub(super) struct Register {
+    pub bank: u8,
+    pub address: u8,
+    /// The data sheet's name.
+    pub name: &'static str,
+    /// Value after a reset.
+    pub reset: u8,
+    /// Bits that a write changes.
+    pub writable: u8,
+    /// Bits of them whose effect is modelled, or that have none that could be seen here.
+    pub modelled: u8,
+}
+
+const fn r(bank: u8, address: u8, name: &'static str, bits: [u8; 3]) -> Register {
+    let [reset, writable, modelled] = bits;
+    Register {
+        bank,
+        address,
+        name,
+        reset,
+        writable,
+        modelled,
+    }
+}
+
+pub(super) const DEVICE_CONFIG: u8 = 0x11;
+pub(super) const INT_CONFIG: u8 = 0x14;
+pub(super) const TEMP_DATA1: u8 = 0x1d;
+pub(super) const GYRO_DATA_Z0: u8 = 0x2a;
+pub(super) const INT_STATUS: u8 = 0x2d;
+pub(super) const INTF_CONFIG0: u8 = 0x4c;
+pub(super) const PWR_MGMT0: u8 = 0x4e;
+pub(super) const GYRO_CONFIG0: u8 = 0x4f;
+pub(super) const ACCEL_CONFIG0: u8 = 0x50;
+pub(super) const GYRO_CONFIG1: u8 = 0x51;
+pub(super) const GYRO_ACCEL_CONFIG0: u8 = 0x52;
+pub(super) const ACCEL_CONFIG1: u8 = 0x53;
+pub(super) const INT_CONFIG1: u8 = 0x64;
+pub(super) const INT_SOURCE0: u8 = 0x65;
+pub(super) const REG_BANK_SEL: u8 = 0x76;
+/// Bank 1: bit 1 switches the gyroscope's anti-alias filter off.
+pub(super) const GYRO_CONFIG_STATIC2: u8 = 0x0b;
+/// Bank 1: first of three registers of the anti-alias filter.
+pub(super) const GYRO_CONFIG_STATIC3: u8 = 0x0c;
+/// Bank 2: likewise of the accelerometer; bit 0 of the first switches it off.
+pub(super) const ACCEL_CONFIG_STATIC2: u8 = 0x03;
+
+/// Registers: reset value, writable bits, modelled bits.
+pub(super) const REGISTERS: &[Register] = &[
+    r(0, DEVICE_CONFIG, "DEVICE_CONFIG", [0x00, 0x11, 0x01]),
+    // Slew rates are not seen here.
+    r(0, 0x13, "DRIVE_CONFIG", [0x05, 0x3f, 0x3f]),
+    r(0, INT_CONFIG, "INT_CONFIG", [0x00, 0x3f, 0x07]),
+    r(0, 0x16, "FIFO_CONFIG", [0x00, 0xc0, 0x00]),
+    r(0, 0x1d, "TEMP_DATA1", [0x80, 0, 0]),
+    r(0, 0x1e, "TEMP_DATA0", [0x00, 0, 0]),
+    r(0, 0x1f, "ACCEL_DATA_X1", [0x80, 0, 0]),
+    r(0, 0x20, "ACCEL_DATA_X0", [0x00, 0, 0]),
+    r(0, 0x21, "ACCEL_DATA_Y1", [0x80, 0, 0]),
+    r(0, 0x22, "ACCEL_DATA_Y0", [0x00, 0, 0]),
+    r(0, 0x23, "ACCEL_DATA_Z1", [0x80, 0, 0]),
+    r(0, 0x24, "ACCEL_DATA_Z0", [0x00, 0, 0]),
+    r(0, 0x25, "GYRO_DATA_X1", [0x80, 0, 0]),
+    r(0, 0x26, "GYRO_DATA_X0", [0x00, 0, 0]),
+    r(0, 0x27, "GYRO_DATA_Y1", [0x80, 0, 0]),
+    r(0, 0x28, "GYRO_DATA_Y0", [0x00, 0, 0]),
+    r(0, 0x29, "GYRO_DATA_Z1", [0x80, 0, 0]),
+    r(0, 0x2a, "GYRO_DATA_Z0", [0x00, 0, 0]),
+    r(0, 0x2b, "TMST_FSYNCH", [0x00, 0, 0]),
+    r(0, 0x2c, "TMST_FSYNCL", [0x00, 0, 0]),
+    r(0, INT_STATUS, "INT_STATUS", [0x10, 0, 0]),
+    r(0, 0x2e, "FIFO_COUNTH", [0x00, 0, 0]),
+    r(0, 0x2f, "FIFO_COUNTL", [0x00, 0, 0]),
+    r(0, 0x30, "FIFO_DATA", [0xff, 0, 0]),
+    r(0, 0x37, "INT_STATUS2", [0x00, 0, 0]),
+    r(0, 0x38, "INT_STATUS3", [0x00, 0, 0]),
+    r(0, 0x4b, "SIGNAL_PATH_RESET", [0x00, 0x6e, 0x00]),
+    r(0, INTF_CONFIG0, "INTF_CONFIG0", [0x30, 0xf3, 0x03]),
+    r(0, 0x4d, "INTF_CONFIG1", [0x91, 0x0f, 0x00]),
+    r(0, PWR_MGMT0, "PWR_MGMT0", [0x00, 0x3f, 0x3f]),
+    r(0, GYRO_CONFIG0, "GYRO_CONFIG0", [0x06, 0xef, 0xef]),
+    r(0, ACCEL_CONFIG0, "ACCEL_CONFIG0", [0x06, 0xef, 0xef]),
+    r(0, GYRO_CONFIG1, "GYRO_CONFIG1", [0x16, 0xef, 0x0c]),
+    r(
+        0,
+        GYRO_ACCEL_CONFIG0,
+        "GYRO_ACCEL_CONFIG0",
+        [0x11, 0xff, 0xff],
+    ),
+    r(0, ACCEL_CONFIG1, "ACCEL_CONFIG1", [0x0d, 0x1e, 0x18]),
+    r(0, 0x54, "TMST_CONFIG", [0x23, 0x1f, 0x00]),
+    r(0, 0x56, "APEX_CONFIG0", [0x82, 0xfb, 0x00]),
+    r(0, 0x57, "SMD_CONFIG", [0x00, 0x0f, 0x00]),
+    r(0, 0x5f, "FIFO_CONFIG1", [0x00, 0x7f, 0x00]),
+    r(0, 0x60, "FIFO_CONFIG2", [0x00, 0xff, 0x00]),
+    r(0, 0x61, "FIFO_CONFIG3", [0x00, 0x0f, 0x00]),
+    r(0, 0x62, "FSYNC_CONFIG", [0x10, 0x73, 0x00]),
+    r(0, 0x63, "INT_CONFIG0", [0x00, 0x3f, 0x00]),
+    r(0, INT_CONFIG1, "INT_CONFIG1", [0x10, 0x70, 0x70]),
+    r(0, INT_SOURCE0, "INT_SOURCE0", [0x10, 0x7f, 0x18]),
+    r(0, 0x66, "INT_SOURCE1", [0x00, 0x4f, 0x00]),
+    r(0, 0x68, "INT_SOURCE3", [0x00, 0x7f, 0x00]),
+    r(0, 0x69, "INT_SOURCE4", [0x00, 0x4f, 0x00]),
+    r(0, 0x6c, "FIFO_LOST_PKT0", [0x00, 0, 0]),
+    r(0, 0x6d, "FIFO_LOST_PKT1", [0x00, 0, 0]),
+    r(0, 0x70, "SELF_TEST_CONFIG", [0x00, 0x7f, 0x00]),
+    r(0, 0x75, "WHO_AM_I", [0x47, 0, 0]),
+    // The notch filter is not modelled, so switching it off is.
+    r(
+        1,
+        GYRO_CONFIG_STATIC2,
+        "GYRO_CONFIG_STATIC2",
+        [0xa0, 0x03, 0x03],
+    ),
+    r(1, 0x0c, "GYRO_CONFIG_STATIC3", [0x0d, 0x3f, 0x3f]),
+    r(1, 0x0d, "GYRO_CONFIG_STATIC4", [0xaa, 0xff, 0xff]),
+    r(1, 0x0e, "GYRO_CONFIG_STATIC5", [0x80, 0xff, 0xff]),
+    r(2, 0x03, "ACCEL_CONFIG_STATIC2", [0x30, 0x7f, 0x7f]),
+    r(2, 0x04, "ACCEL_CONFIG_STATIC3", [0x40, 0xff, 0xff]),
+    r(2, 0x05, "ACCEL_CONFIG_STATIC4", [0x62, 0xff, 0xff]),
+];
+
+/// The register at an address of a bank. The bank's own selection is in all of them.
+pub(super) fn register(bank: u8, address: u8) -> Option<&'static Register> {
+    const SELECT: Register = r(0, REG_BANK_SEL, "REG_BANK_SEL", [0x00, 0x07, 0x07]);
+    if address == REG_BANK_SEL {
+        return Some(&SELECT);
+    }
+    REGISTERS
+        .iter()
+        .find(|r| r.bank == bank && r.address == address)
+}
+
+/// Output data rate of GYRO_ODR or ACCEL_ODR in the low-noise mode, Hz.
+pub(super) fn rate_hz(code: u8) -> Option<f64> {
+    Some(match code & 15 {
+        1 => 32_000.0,
+        2 => 16_000.0,
+        3 => 8000.0,
+        4 => 4000.0,
+        5 => 2000.0,
+        6 => 1000.0,
+        7 => 200.0,
+        8 => 100.0,
+        9 => 50.0,
+        10 => 25.0,
+        11 => 12.5,
+        15 => 500.0,
+        _ => return None,
+    })
+}
+
+/// Bandwidth of the user-interface filter by GYRO_UI_FILT_BW or ACCEL_UI_FILT_BW, Hz.
+pub(super) fn bandwidth_hz(code: u8, rate_hz: f64) -> Option<f64> {
+    let divisor = match code & 15 {
+        0 => return Some(rate_hz / 2.0),
+        1 => 4.0,
+        2 => 5.0,
+        3 => 8.0,
+        4 => 10.0,
+        5 => 16.0,
+        6 => 20.0,
+        7 => 40.0,
+        _ => return None,
+    };
+    Some(rate_hz.max(400.0) / divisor)
+}
+
+/// Bandwidth of the anti-alias filter by AAF_DELT from 1, Hz (data sheet 5.3).
+const ANTI_ALIAS_HZ: [u16; 63] = [
+    42, 84, 126, 170, 213, 258, 303, 348, 394, 441, 488, 536, 585, 634, 684, 734, 785, 837, 890,
+    943, 997, 1051, 1107, 1163, 1220, 1277, 1336, 1395, 1454, 1515, 1577, 1639, 1702, 1766, 1830,
+    1896, 1962, 2029, 2097, 2166, 2235, 2306, 2377, 2449, 2522, 2596, 2671, 2746, 2823, 2900, 2978,
+    3057, 3137, 3217, 3299, 3381, 3464, 3548, 3633, 3718, 3805, 3892, 3979,
+];
+/// The smallest AAF_DELT of each AAF_BITSHIFT from 15 down to 3.
+const FIRST_OF_SHIFT: [u8; 13] = [1, 2, 2, 3, 4, 5, 7, 10, 14, 19, 27, 37, 54];
+
+/// Bandwidth that AAF_DELT, AAF_DELTSQR and AAF_BITSHIFT stand for together, Hz; `None` if they do not
+/// belong together.
+pub(super) fn anti_alias_hz(delt: u8, square: u16, shift: u8) -> Option<f64> {
+    let hz = ANTI_ALIAS_HZ.get(usize::from(delt).checked_sub(1)?)?;
+    // The table rounds the square to steps that grow with it.
+    let exact = i32::from(delt) * i32::from(delt);
+    let square_fits = (exact - i32::from(square)).abs() <= exact / 32 + 1;
+    // Where one shift ends and the next begins, editions of the table differ by one line.
+    let first = FIRST_OF_SHIFT.get(usize::from(15u8.checked_sub(shift)?))?;
+    let last = match shift {
+        0..=3 => 63,
+        _ => FIRST_OF_SHIFT[usize::from(16 - shift)],
+    };
+    (square_fits && delt + 1 >= *first && delt <= last).then(|| f64::from(*hz))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn anti_alias_settings_of_the_data_sheet_are_known_and_others_not() {
+        for (hz, delt, square, shift) in [
+            (42.0, 1, 1, 15),
+            (84.0, 2, 4, 13),
+            (126.0, 3, 9, 12),
+            (170.0, 4, 16, 11),
+            (258.0, 6, 36, 10),
+            (536.0, 12, 144, 8),
+            (585.0, 13, 170, 8),
+            (734.0, 16, 256, 7),
+            (997.0, 21, 440, 6),
+            (1163.0, 24, 576, 6),
+            (1962.0, 37, 1376, 4),
+            (3057.0, 52, 2720, 4),
+            (3979.0, 63, 3968, 3),
+        ] {
+            assert_eq!(anti_alias_hz(delt, square, shift), Some(hz), "{hz}");
+        }
+        for (delt, square, shift) in [(0, 0, 15), (12, 200, 8), (12, 144, 6), (64, 4096, 3)] {
+            assert_eq!(anti_alias_hz(delt, square, shift), None, "{delt}");
+        }
+    }
+
+    #[test]
+    fn reset_values_of_the_filters_are_a_line_of_the_table() {
+        let at = |bank, address| register(bank, address).map_or(0, |r| r.reset);
+        let square = u16::from(at(1, 13)) | u16::from(at(1, 14) & 15) << 8;
+        assert_eq!(
+            anti_alias_hz(at(1, 12), square, at(1, 14) >> 4),
+            Some(585.0)
+        );
+        let square = u16::from(at(2, 4)) | u16::from(at(2, 5) & 15) << 8;
+        assert_eq!(
+            anti_alias_hz(at(2, 3) >> 1, square, at(2, 5) >> 4),
+            Some(1163.0)
+        );
+    }
+
+    #[test]
+    fn modelled_bits_are_writable_and_no_place_is_taken_twice() {
+        for (i, r) in REGISTERS.iter().enumerate() {
+            assert_eq!(r.modelled & !r.writable, 0, "{}", r.name);
+            let again = REGISTERS[..i]
+                .iter()
+                .any(|q| (q.bank, q.address) == (r.bank, r.address));
+            assert!(!again, "{}", r.name);
+        }
+    }
+}

@@ -1,0 +1,350 @@
+//! Tests by what a driver sees.
+
+use super::*;
+
+const US: u64 = 1_000_000;
+const MS: u64 = 1_000 * US;
+
+/// A driver with a clock of its own: a byte takes 0.76 µs at 10.5 MHz.
+struct Bus {
+    sensor: Icm42688,
+    at: Time,
+}
+
+impl Bus {
+    fn new(config: InertialConfig) -> Self {
+        Self {
+            sensor: Icm42688::new(config, 1),
+            at: Time(2 * MS),
+        }
+    }
+
+    fn frame<const N: usize>(&mut self, bytes: [u8; N]) -> [u8; N] {
+        self.sensor.select(true, self.at);
+        let answer = bytes.map(|byte| {
+            self.at = self.at + Time(761_905);
+            self.sensor.exchange(byte, self.at)
+        });
+        self.sensor.select(false, self.at);
+        answer
+    }
+
+    fn read(&mut self, address: u8) -> u8 {
+        self.frame([address | 0x80, 0])[1]
+    }
+
+    fn write(&mut self, address: u8, value: u8) {
+        self.frame([address, value]);
+    }
+
+    fn wait(&mut self, us: u64) {
+        self.at = self.at + Time(us * US);
+    }
+
+    /// Accelerometer x, y, z, gyroscope x, y, z.
+    fn sample(&mut self) -> [i16; 6] {
+        let mut frame = [0; 13];
+        frame[0] = 0x9f;
+        let answer = self.frame(frame);
+        std::array::from_fn(|k| i16::from_be_bytes([answer[2 * k + 1], answer[2 * k + 2]]))
+    }
+
+    /// As the axle's firmware does: ±250 °/s, ±2 g, 8 kHz, 400 Hz of second order, 536 Hz.
+    fn set_up(&mut self) {
+        for (address, value) in [
+            (0x76, 1),
+            (0x0c, 0x0c),
+            (0x0d, 0x90),
+            (0x0e, 0x80),
+            (0x76, 2),
+            (0x03, 0x18),
+            (0x04, 0x90),
+            (0x05, 0x80),
+            (0x76, 0),
+            (0x4f, 0x63),
+            (0x50, 0x63),
+            (0x51, 0x16),
+            (0x52, 0x66),
+            (0x53, 0x0d),
+            (0x4e, 0x0f),
+        ] {
+            self.write(address, value);
+            self.wait(1000);
+        }
+        self.wait(60_000);
+    }
+
+    /// The first bytes of all remarks.
+    fn remarks(&self) -> Vec<&str> {
+        let list = self.sensor.unknown().list();
+        list.iter().map(|r| r.text.as_str()).collect()
+    }
+}
+
+fn silent() -> InertialConfig {
+    InertialConfig {
+        gyro_density: 0.0,
+        accel_density: 0.0,
+        ..InertialConfig::default()
+    }
+}
+
+#[test]
+fn identity_reset_values_and_a_reset() {
+    let mut bus = Bus::new(silent());
+    for (address, value) in [
+        (0x75, 0x47),
+        (0x4f, 0x06),
+        (0x51, 0x16),
+        (0x52, 0x11),
+        (0x53, 0x0d),
+    ] {
+        assert_eq!(bus.read(address), value, "{address:#x}");
+    }
+    // INT_STATUS tells that the reset is done, once.
+    assert_eq!([bus.read(0x2d), bus.read(0x2d)], [0x10, 0]);
+    assert_eq!(bus.sample(), [i16::MIN; 6]);
+    bus.write(0x4f, 0x63);
+    bus.write(0x11, 0x01);
+    assert_eq!(bus.read(0x75), 0);
+    bus.wait(1000);
+    assert_eq!((bus.read(0x4f), bus.read(0x2d)), (0x06, 0x10));
+    assert_eq!(bus.remarks(), ["a read during a reset"]);
+}
+
+#[test]
+fn the_firmwares_set_up_leaves_no_remark_and_scales_as_the_data_sheet_says() {
+    let mut bus = Bus::new(silent());
+    bus.sensor.motion(
+        Time(2 * MS),
+        Motion {
+            rate: [0.0, 0.0, 100f64.to_radians()],
+            force: [0.5 * GRAVITY, 0.0, GRAVITY],
+            ..Motion::default()
+        },
+    );
+    bus.set_up();
+    assert_eq!(bus.remarks(), [""; 0]);
+    // 131 LSB/(°/s), 16 384 LSB/g.
+    assert_eq!(bus.sample(), [8192, 0, 16_384, 0, 0, 13_107]);
+    // Everything reads back.
+    for (address, value) in [(0x4e, 0x0f), (0x4f, 0x63), (0x50, 0x63), (0x52, 0x66)] {
+        assert_eq!(bus.read(address), value);
+    }
+    bus.sensor.motion(
+        bus.at,
+        Motion {
+            rate: [-9.0, 9.0, 0.0],
+            ..Motion::default()
+        },
+    );
+    bus.wait(20_000);
+    assert_eq!(bus.sample()[3..5], [-32_766, 32_767]);
+}
+
+#[test]
+fn start_times_and_the_rate_of_the_samples() {
+    let config = InertialConfig {
+        clock_error: -0.01,
+        ..InertialConfig::default()
+    };
+    let mut bus = Bus::new(config);
+    bus.write(0x4f, 0x66);
+    bus.write(0x4e, 0x0f);
+    let on = bus.at;
+    bus.at = on + Time(9 * MS);
+    assert_eq!(bus.sample()[0], i16::MIN);
+    bus.at = on + Time(11 * MS);
+    assert!(bus.sample()[0] != i16::MIN);
+    bus.at = on + Time(44 * MS);
+    assert_eq!(bus.sample()[3], i16::MIN);
+    bus.at = on + Time(46 * MS);
+    assert!(bus.sample()[3] != i16::MIN);
+    // At 1 kHz less 1 % a second has 990 samples, each of which is seen once.
+    let mut last = bus.sample();
+    let mut changes = 0;
+    for k in 0..10_000 {
+        bus.at = on + Time(100 * MS + k * 100 * US);
+        let next = bus.sample();
+        changes += u32::from(next[3..] != last[3..]);
+        last = next;
+    }
+    assert!((989..=991).contains(&changes), "{changes}");
+}
+
+#[test]
+fn noise_has_the_density_of_the_data_sheet() {
+    let mut bus = Bus::new(InertialConfig::default());
+    bus.set_up();
+    let n = 4000;
+    let mut squares = [0.0; 2];
+    for _ in 0..n {
+        bus.wait(5000);
+        let s = bus.sample().map(f64::from);
+        squares[0] += s[5] * s[5];
+        squares[1] += s[0] * s[0];
+    }
+    // Noise bandwidth of a fourth-order low-pass of two Butterworth pairs at 536 Hz and 400 Hz: by
+    // the trapezoidal rule over |H|² = 1/((1 + (f/536)⁴)(1 + (f/400)⁴)).
+    let power = |f: f64| 1.0 / ((1.0 + (f / 536.0).powi(4)) * (1.0 + (f / 400.0).powi(4)));
+    let bandwidth: f64 = (0..40_000).map(|k| 0.1 * power(0.1 * f64::from(k))).sum();
+    let rms = |square: f64| (square / f64::from(n)).sqrt();
+    let gyro = 2.8e-3 * bandwidth.sqrt() * 131.072;
+    let accel = 70e-6 * bandwidth.sqrt() * 16_384.0;
+    let found = squares.map(rms);
+    assert!((found[0] / gyro - 1.0).abs() < 0.05, "{found:?} {gyro}");
+    assert!((found[1] / accel - 1.0).abs() < 0.05, "{found:?} {accel}");
+}
+
+#[test]
+fn a_ramp_comes_late_by_the_filters_delay() {
+    let mut bus = Bus::new(silent());
+    bus.set_up();
+    let from = bus.at;
+    bus.sensor.motion(
+        from,
+        Motion {
+            rate_slope: [0.0, 0.0, 100f64.to_radians()],
+            ..Motion::default()
+        },
+    );
+    bus.at = from + Time(1000 * MS);
+    let asked = bus.at;
+    let counts = f64::from(bus.sample()[5]);
+    // A Butterworth pair delays slow signals by √2/ω: 0.563 ms at 400 Hz, 0.420 ms at 536 Hz; the
+    // latest sample is 0 to 125 µs old.
+    let delay = 2f64.sqrt() / std::f64::consts::TAU * (1.0 / 400.0 + 1.0 / 536.0);
+    let age = span_s(from, asked) - counts / 131.072 / 100.0;
+    // A count is 76 µs of this ramp.
+    assert!(age > delay - 40e-6 && age < delay + 170e-6, "{age} {delay}");
+}
+
+#[test]
+fn a_burst_is_coherent() {
+    let mut bus = Bus::new(silent());
+    bus.set_up();
+    bus.sensor.motion(
+        bus.at,
+        Motion {
+            rate_slope: [2.0, 2.0, 2.0],
+            ..Motion::default()
+        },
+    );
+    bus.wait(500_000);
+    // A transfer that takes 10 ms: 80 samples pass, none is seen.
+    bus.sensor.select(true, bus.at);
+    bus.sensor.exchange(0x80 | 0x25, bus.at);
+    let mut bytes = [0; 6];
+    for byte in &mut bytes {
+        bus.wait(2000);
+        *byte = bus.sensor.exchange(0, bus.at);
+    }
+    bus.sensor.select(false, bus.at);
+    assert!(bytes[..2] == bytes[2..4] && bytes[..2] == bytes[4..]);
+    let later = bus.sample();
+    assert!(later[3] > i16::from_be_bytes([bytes[0], bytes[1]]) + 100);
+}
+
+#[test]
+fn data_ready_at_the_pin() {
+    let mut bus = Bus::new(silent());
+    // Push-pull, active high, pulses of 8 µs, data ready.
+    for (address, value) in [(0x14, 0x03), (0x64, 0x60), (0x65, 0x08), (0x4e, 0x0c)] {
+        bus.write(address, value);
+    }
+    assert_eq!(bus.sensor.next(), bus.at + Time(45 * MS));
+    let mut edges = Vec::new();
+    while edges.len() < 6 {
+        let at = bus.sensor.next();
+        bus.sensor.advance(at);
+        edges.push((at.0 - bus.at.0, bus.sensor.int1() == Drive::High));
+    }
+    let first = 45 * MS;
+    let expected: Vec<_> = (0..3)
+        .flat_map(|k| [(first + k * MS, true), (first + k * MS + 8 * US, false)])
+        .collect();
+    assert_eq!(edges, expected);
+    // Latched: until INT_STATUS is read.
+    bus.wait(60_000);
+    bus.write(0x14, 0x07);
+    bus.wait(2_000);
+    bus.sensor.advance(bus.at);
+    assert_eq!(bus.sensor.int1(), Drive::High);
+    assert_eq!(bus.read(0x2d) & 0x08, 0x08);
+    assert_eq!(bus.sensor.int1(), Drive::Low);
+    assert_eq!(bus.remarks(), [""; 0]);
+}
+
+#[test]
+fn temperature_in_its_units() {
+    let mut bus = Bus::new(silent());
+    bus.sensor.temperature(Time(2 * MS), 45.0);
+    bus.set_up();
+    let [_, high, low] = bus.frame([0x9d, 0, 0]);
+    assert_eq!(i16::from_be_bytes([high, low]), 2650);
+}
+
+#[test]
+fn broken_sensors() {
+    let mut bus = Bus::new(InertialConfig::default());
+    bus.set_up();
+    let set = |bus: &mut Bus, fault| bus.sensor.set_fault(bus.at, fault);
+    for level in [false, true] {
+        set(
+            &mut bus,
+            InertialFault {
+                stuck_output: Some(level),
+                ..InertialFault::default()
+            },
+        );
+        assert_eq!(bus.read(0x75), u8::from(level) * 0xff);
+    }
+    set(
+        &mut bus,
+        InertialFault {
+            frozen: true,
+            ..InertialFault::default()
+        },
+    );
+    let first = bus.sample();
+    bus.wait(100_000);
+    assert_eq!(bus.sample(), first);
+    assert_eq!(bus.read(0x2d) & 0x08, 0x08);
+    set(
+        &mut bus,
+        InertialFault {
+            no_data_ready: true,
+            ..InertialFault::default()
+        },
+    );
+    bus.read(0x2d);
+    bus.wait(100_000);
+    assert_eq!(bus.read(0x2d), 0);
+    assert!(bus.sample() != first);
+    // It resets by itself: the bit tells, the settings are gone.
+    bus.sensor.reset(bus.at);
+    bus.wait(1100);
+    assert_eq!((bus.read(0x2d), bus.read(0x4e)), (0x10, 0));
+    assert_eq!(bus.sample(), [i16::MIN; 6]);
+}
+
+#[test]
+fn what_is_not_modelled_or_forbidden_is_told() {
+    let mut bus = Bus::new(silent());
+    bus.write(0x16, 0x40);
+    bus.write(0x7f, 1);
+    bus.write(0x4f, 0x16);
+    bus.write(0x4e, 0x0f);
+    bus.write(0x50, 0x86);
+    bus.wait(10_000);
+    bus.write(0x4e, 0x00);
+    let expected = [
+        "FIFO_CONFIG: bits 0x40 are not modelled (0x40)",
+        "a write to 0x7f in bank 0",
+        "GYRO_CONFIG0: reserved bits 0x10 changed",
+        "ACCEL_CONFIG0 written within 200 µs of switching on",
+        "accelerometer: range 4",
+        "gyroscope off after 10.0 ms",
+    ];
+    assert_eq!(bus.remarks(), expected);
+}

@@ -1,0 +1,166 @@
+//! Contacts (button, strap, emergency stop) with bounce, and a light-emitting diode that is watched.
+
+use super::noise::Noise;
+use crate::time::Time;
+use std::collections::VecDeque;
+
+/// A mechanical contact.
+///
+/// It closes and opens with bounce: for up to the bounce time it makes and breaks at random, as the
+/// data sheets of small switches state as their largest bounce (5 ms for a tactile switch).
+#[derive(Clone, Debug)]
+pub struct Contact {
+    closed: bool,
+    bounce: Time,
+    noise: Noise,
+    edges: VecDeque<(Time, bool)>,
+}
+
+impl Contact {
+    /// A contact with its state and the largest time for which it bounces.
+    pub fn new(closed: bool, bounce: Time, seed: u64) -> Self {
+        Self {
+            closed,
+            bounce,
+            noise: Noise::new(seed),
+            edges: VecDeque::new(),
+        }
+    }
+
+    /// Moves it at a time, which is not before earlier movements have ended.
+    pub fn set(&mut self, closed: bool, at: Time) {
+        let last = self.edges.back().map_or(self.closed, |e| e.1);
+        if closed == last {
+            return;
+        }
+        self.edges.push_back((at, closed));
+        // Even numbers of bounces, each somewhere in what is left of the time.
+        let mut from = at;
+        let end = at + self.bounce;
+        for _ in 0..self.noise.bits() % 6 {
+            for level in [!closed, closed] {
+                let left = (end - from).0 as f64;
+                let share = 0.3 * self.noise.uniform();
+                from = from + Time((left * share) as u64);
+                if from > at {
+                    self.edges.push_back((from, level));
+                }
+            }
+        }
+    }
+
+    /// Whether it conducts at the time of the latest call.
+    pub fn is_closed(&self) -> bool {
+        self.closed
+    }
+
+    /// When it changes next.
+    pub fn next(&self) -> Time {
+        self.edges.front().map_or(Time::NEVER, |e| e.0)
+    }
+
+    /// Goes on until a time.
+    pub fn advance(&mut self, to: Time) {
+        while let Some(&(at, closed)) = self.edges.front() {
+            if at > to {
+                break;
+            }
+            self.closed = closed;
+            self.edges.pop_front();
+        }
+    }
+}
+
+/// A light-emitting diode: how long it was lit, and how often it went on.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Led {
+    lit: bool,
+    since: Time,
+    lit_for: Time,
+    count: u64,
+}
+
+impl Led {
+    /// It is lit, or not, from now on.
+    pub fn set(&mut self, lit: bool, at: Time) {
+        if lit == self.lit {
+            return;
+        }
+        if self.lit {
+            self.lit_for = self.lit_for + (at - self.since);
+        } else {
+            self.count += 1;
+        }
+        (self.lit, self.since) = (lit, at);
+    }
+
+    /// Whether it is lit.
+    pub fn is_lit(&self) -> bool {
+        self.lit
+    }
+
+    /// How often it went on.
+    pub fn count(&self) -> u64 {
+        self.count
+    }
+
+    /// How long it was lit until a time.
+    pub fn lit_for(&self, at: Time) -> Time {
+        if self.lit {
+            self.lit_for + (at - self.since)
+        } else {
+            self.lit_for
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MS: u64 = 1_000_000_000;
+
+    #[test]
+    fn a_button_bounces_within_its_time_and_then_stands() {
+        let mut longest = 0;
+        for seed in 0..50 {
+            let mut button = Contact::new(false, Time(5 * MS), seed);
+            button.set(true, Time(MS));
+            assert_eq!(button.next(), Time(MS));
+            let (mut edges, mut last) = (0, false);
+            while button.next() != Time::NEVER {
+                let at = button.next();
+                assert!(at <= Time(6 * MS));
+                button.advance(at);
+                edges += u32::from(button.is_closed() != last);
+                last = button.is_closed();
+            }
+            assert!(button.is_closed() && edges % 2 == 1);
+            longest = longest.max(edges);
+        }
+        assert!((3..=11).contains(&longest), "{longest}");
+    }
+
+    #[test]
+    fn without_bounce_one_edge_and_none_for_the_same_state() {
+        let mut strap = Contact::new(true, Time(0), 1);
+        strap.set(true, Time(MS));
+        assert_eq!(strap.next(), Time::NEVER);
+        strap.set(false, Time(2 * MS));
+        strap.advance(Time(2 * MS));
+        assert!(!strap.is_closed() && strap.next() == Time::NEVER);
+    }
+
+    #[test]
+    fn a_blinking_diode_is_counted() {
+        let mut led = Led::default();
+        for k in 0..10 {
+            led.set(true, Time(2 * k * MS));
+            led.set(false, Time((2 * k + 1) * MS));
+        }
+        assert_eq!(
+            (led.count(), led.lit_for(Time(99 * MS))),
+            (10, Time(10 * MS))
+        );
+    }
+}

@@ -1,0 +1,90 @@
+//! A thermistor from a pin to ground, with a resistor from the pin to the supply.
+//!
+//! NTC of 10 kΩ at 25 °C and B 3950, after the data sheets of such parts:
+//! `R = R₂₅ exp(B (1/T − 1/298.15 K))`.
+
+/// What can be wrong with it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ThermistorFault {
+    /// Nothing.
+    #[default]
+    None,
+    /// A lead is open.
+    Open,
+    /// It is shorted.
+    Short,
+}
+
+/// A thermistor and its resistor.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Thermistor {
+    /// Resistance at 25 °C, Ω.
+    pub resistance_25_ohm: f64,
+    /// Slope of the logarithm, K.
+    pub b_k: f64,
+    /// The resistor to the supply, Ω.
+    pub pull_up_ohm: f64,
+    /// What is wrong.
+    pub fault: ThermistorFault,
+}
+
+impl Default for Thermistor {
+    fn default() -> Self {
+        Self {
+            resistance_25_ohm: 10e3,
+            b_k: 3950.0,
+            pull_up_ohm: 10e3,
+            fault: ThermistorFault::None,
+        }
+    }
+}
+
+impl Thermistor {
+    /// Resistance at a temperature, Ω.
+    pub fn resistance(&self, celsius: f64) -> f64 {
+        match self.fault {
+            ThermistorFault::None => {
+                let inverse = 1.0 / (celsius + 273.15) - 1.0 / 298.15;
+                self.resistance_25_ohm * (self.b_k * inverse).exp()
+            }
+            ThermistorFault::Open => f64::INFINITY,
+            ThermistorFault::Short => 0.0,
+        }
+    }
+
+    /// Voltage at the pin, V.
+    pub fn voltage(&self, celsius: f64, supply_v: f64) -> f64 {
+        // Written so that an infinite resistance gives the supply.
+        supply_v / (1.0 + self.pull_up_ohm / self.resistance(celsius))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn resistances_of_a_table_for_10_k_b_3950() {
+        // From the table of a maker of such parts, to its last digit or the spread of B.
+        let thermistor = Thermistor::default();
+        for (celsius, ohm) in [
+            (0.0, 33_620.0),
+            (25.0, 10_000.0),
+            (50.0, 3_588.0),
+            (85.0, 1_088.0),
+        ] {
+            let found = thermistor.resistance(celsius);
+            assert!((found / ohm - 1.0).abs() < 0.03, "{celsius} {found}");
+        }
+    }
+
+    #[test]
+    fn half_the_supply_at_room_temperature_and_the_rails_when_broken() {
+        let mut thermistor = Thermistor::default();
+        assert!((thermistor.voltage(25.0, 3.3) - 1.65).abs() < 1e-12);
+        thermistor.fault = ThermistorFault::Open;
+        assert_eq!(thermistor.voltage(25.0, 3.3), 3.3);
+        thermistor.fault = ThermistorFault::Short;
+        assert_eq!(thermistor.voltage(25.0, 3.3), 0.0);
+    }
+}

@@ -1,0 +1,408 @@
+//! An image: the ELF file that a debug probe would write into the flash.
+//!
+//! [`Image::parse`] checks everything that running it relies on; what is wrong is told with the field,
+//! its value and what is allowed. Symbols and debug information may be missing: then functions or
+//! source lines are not known, and [`Image::missing`] says so.
+
+mod lines;
+
+pub use lines::{Place, Rows};
+
+use lines::Lines;
+use object::LittleEndian;
+use object::read::elf::{ElfFile32, FileHeader, ProgramHeader};
+use object::{Object, ObjectSection, ObjectSymbol, SymbolKind};
+use std::collections::HashMap;
+use std::fmt;
+use std::ops::Range;
+use std::path::Path;
+use std::sync::OnceLock;
+
+/// Flash of the STM32F405xG.
+pub const FLASH: Range<u32> = 0x0800_0000..0x0810_0000;
+/// SRAM1 and SRAM2.
+pub const SRAM: Range<u32> = 0x2000_0000..0x2002_0000;
+/// Core-coupled memory.
+pub const CCM: Range<u32> = 0x1000_0000..0x1001_0000;
+
+/// Why a file is no image for this chip.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ImageError {
+    /// The file.
+    pub file: String,
+    /// What of it is wrong.
+    pub field: &'static str,
+    /// What it is.
+    pub value: String,
+    /// What it must be.
+    pub allowed: &'static str,
+}
+
+impl fmt::Display for ImageError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self {
+            file,
+            field,
+            value,
+            allowed,
+        } = self;
+        write!(f, "{file}: {field} is {value}: must be {allowed}")
+    }
+}
+
+impl std::error::Error for ImageError {}
+
+/// Something that makes a part of the tools less telling.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Missing {
+    /// No symbol table: functions have no names, and no variable is found by its name.
+    Symbols,
+    /// No line table: places in the program have no source line.
+    Lines,
+}
+
+impl fmt::Display for Missing {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Symbols => "no symbols (.symtab): functions have no names",
+            Self::Lines => "no debug information (.debug_line): places have no source lines",
+        })
+    }
+}
+
+/// Bytes that go into the flash.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Segment {
+    /// Where they go.
+    pub address: u32,
+    /// What they are.
+    pub data: Vec<u8>,
+}
+
+impl Segment {
+    fn contains(&self, address: u32) -> bool {
+        let place = address.wrapping_sub(self.address);
+        (place as usize) < self.data.len()
+    }
+}
+
+/// A function or a variable.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Symbol {
+    /// Its name as one writes it in the source, without hash.
+    pub name: String,
+    /// Its first address (of a function, without the Thumb bit).
+    pub address: u32,
+    /// Its length in bytes; 0 if it is not known.
+    pub size: u32,
+}
+
+/// An image.
+#[derive(Debug)]
+pub struct Image {
+    bytes: Vec<u8>,
+    segments: Vec<Segment>,
+    initial_sp: u32,
+    reset_vector: u32,
+    /// By address.
+    functions: Vec<Symbol>,
+    /// By the name in the file and by the readable one.
+    names: HashMap<String, (u32, u32)>,
+    has_lines: bool,
+    lines: OnceLock<Lines>,
+}
+
+impl Image {
+    /// Reads a file.
+    pub fn open(path: &Path) -> Result<Self, ImageError> {
+        let file = path.display().to_string();
+        match std::fs::read(path) {
+            Ok(bytes) => Self::parse(&file, bytes),
+            Err(error) => Err(ImageError {
+                file,
+                field: "the file",
+                value: format!("not readable ({error})"),
+                allowed: "a readable ELF file",
+            }),
+        }
+    }
+
+    /// Checks the bytes of a file; `file` is its name in errors.
+    pub fn parse(file: &str, bytes: Vec<u8>) -> Result<Self, ImageError> {
+        Self::check(bytes).map_err(|(field, value, allowed)| ImageError {
+            file: file.to_owned(),
+            field,
+            value,
+            allowed,
+        })
+    }
+
+    fn check(bytes: Vec<u8>) -> Result<Self, Wrong> {
+        check_header(&bytes)?;
+        let elf = ElfFile32::<LittleEndian>::parse(&*bytes).map_err(|e| cut(e, &bytes))?;
+        let segments = segments(&elf, &bytes)?;
+        let (initial_sp, reset_vector) = vectors(&segments)?;
+        let (functions, names) = symbols(&elf);
+        let has_lines = elf
+            .section_by_name(".debug_line")
+            .is_some_and(|section| section.size() > 0);
+        Ok(Self {
+            segments,
+            initial_sp,
+            reset_vector,
+            functions,
+            names,
+            has_lines,
+            lines: OnceLock::new(),
+            bytes,
+        })
+    }
+
+    /// The file itself, for those who read more of it (the log's format strings, say).
+    pub fn bytes(&self) -> &[u8] {
+        &self.bytes
+    }
+
+    /// What goes into the flash.
+    pub fn segments(&self) -> &[Segment] {
+        &self.segments
+    }
+
+    /// Writes it into the bytes of a flash whose first has the address of [`FLASH`].
+    pub fn load(&self, flash: &mut [u8]) {
+        for segment in &self.segments {
+            let start = (segment.address - FLASH.start) as usize;
+            if let Some(bytes) = flash.get_mut(start..start + segment.data.len()) {
+                bytes.copy_from_slice(&segment.data);
+            }
+        }
+    }
+
+    /// The stack pointer after a reset.
+    pub fn initial_sp(&self) -> u32 {
+        self.initial_sp
+    }
+
+    /// Where the program begins (with the Thumb bit).
+    pub fn reset_vector(&self) -> u32 {
+        self.reset_vector
+    }
+
+    /// What the file lacks.
+    pub fn missing(&self) -> Vec<Missing> {
+        let symbols = self.names.is_empty().then_some(Missing::Symbols);
+        let lines = (!self.has_lines).then_some(Missing::Lines);
+        symbols.into_iter().chain(lines).collect()
+    }
+
+    /// The address of a function or variable by its name, as it is in the file or in the source.
+    pub fn symbol(&self, name: &str) -> Option<u32> {
+        self.names.get(name).map(|s| s.0)
+    }
+
+    /// The length of a function or variable in bytes.
+    pub fn symbol_size(&self, name: &str) -> Option<u32> {
+        self.names.get(name).map(|s| s.1)
+    }
+
+    /// Functions by address. Several names may stand for the same.
+    pub fn functions(&self) -> &[Symbol] {
+        &self.functions
+    }
+
+    /// The function in which an address lies.
+    pub fn function(&self, pc: u32) -> Option<&Symbol> {
+        let pc = pc & !1;
+        let after = self.functions.partition_point(|s| s.address <= pc);
+        let symbol = self.functions.get(after.checked_sub(1)?)?;
+        // One that does not say how long it is reaches to the next.
+        (symbol.size == 0 || pc - symbol.address < symbol.size).then_some(symbol)
+    }
+
+    /// The source line of an address; where functions were inlined, the innermost.
+    pub fn line(&self, pc: u32) -> Option<Place<'_>> {
+        self.lines().find(pc & !1)
+    }
+
+    /// All stretches of code with their source lines, by address.
+    pub fn lines_of_code(&self) -> Rows<'_> {
+        self.lines().rows()
+    }
+
+    /// A place in the program in words: function and source line as far as they are known.
+    pub fn describe(&self, pc: u32) -> String {
+        let mut text = format!("{pc:#010x}");
+        if let Some(symbol) = self.function(pc) {
+            text += &format!(" {}+{:#x}", symbol.name, (pc & !1) - symbol.address);
+        }
+        if let Some(place) = self.line(pc) {
+            text += &format!(" ({place})");
+        }
+        text
+    }
+
+    /// The raw bytes of a section; a section that takes no room in the file has none.
+    pub fn section(&self, name: &str) -> Option<&[u8]> {
+        let elf = ElfFile32::<LittleEndian>::parse(&*self.bytes).ok()?;
+        let (start, length) = elf.section_by_name(name)?.file_range()?;
+        let start = usize::try_from(start).ok()?;
+        let length = usize::try_from(length).ok()?;
+        self.bytes.get(start..start.checked_add(length)?)
+    }
+
+    fn lines(&self) -> &Lines {
+        self.lines.get_or_init(|| {
+            let section = |name: &str| self.section(name).unwrap_or_default();
+            Lines::read(section, |pc| self.segments.iter().any(|s| s.contains(pc)))
+        })
+    }
+}
+
+/// Field, value, what is allowed.
+type Wrong = (&'static str, String, &'static str);
+
+fn cut(error: object::Error, bytes: &[u8]) -> Wrong {
+    let value = format!("damaged or cut ({error}, {} bytes)", bytes.len());
+    ("the file", value, "a whole ELF file")
+}
+
+/// Whether it is a linked program for a 32-bit Arm.
+fn check_header(bytes: &[u8]) -> Result<(), Wrong> {
+    if bytes.is_empty() {
+        return Err(("the file", "empty".into(), "an ELF file"));
+    }
+    if !bytes.starts_with(b"\x7fELF") {
+        let first = bytes.iter().take(4).map(|b| format!("{b:02x}"));
+        let value = first.collect::<Vec<_>>().join(" ");
+        return Err(("its beginning", value, "7f 45 4c 46 (ELF)"));
+    }
+    if bytes.len() < 52 {
+        let value = format!("{} bytes long", bytes.len());
+        return Err(("the file", value, "a whole ELF file"));
+    }
+    let half = |at: usize| u16::from_le_bytes([bytes[at], bytes[at + 1]]);
+    for (field, value, right, allowed) in [
+        ("its class", u16::from(bytes[4]), 1, "1 (32 bits)"),
+        (
+            "its data encoding",
+            u16::from(bytes[5]),
+            1,
+            "1 (little endian)",
+        ),
+        ("its machine", half(18), object::elf::EM_ARM, "40 (Arm)"),
+        (
+            "its type",
+            half(16),
+            object::elf::ET_EXEC,
+            "2 (a linked program)",
+        ),
+    ] {
+        if value != right {
+            return Err((field, value.to_string(), allowed));
+        }
+    }
+    Ok(())
+}
+
+fn segments(elf: &ElfFile32<'_, LittleEndian>, bytes: &[u8]) -> Result<Vec<Segment>, Wrong> {
+    let endian = LittleEndian;
+    let headers = elf.elf_header().program_headers(endian, bytes);
+    let headers = headers.map_err(|e| cut(e, bytes))?;
+    let mut segments = Vec::new();
+    for (number, header) in headers.iter().enumerate() {
+        if header.p_type(endian) != object::elf::PT_LOAD || header.p_filesz(endian) == 0 {
+            continue;
+        }
+        let (address, length) = (header.p_paddr(endian), header.p_filesz(endian));
+        let Ok(data) = header.data(endian, bytes) else {
+            let place = header.p_offset(endian);
+            let value = format!(
+                "{length} bytes at {place} of {} (number {number})",
+                bytes.len()
+            );
+            return Err(("a segment", value, "within the file: it is cut"));
+        };
+        let end = u64::from(address) + u64::from(length);
+        if address < FLASH.start || end > u64::from(FLASH.end) {
+            return Err((
+                "a segment's physical address",
+                format!("{address:#010x} to {end:#010x} (number {number})"),
+                "within the flash of the STM32F405 (0x08000000 to 0x08100000)",
+            ));
+        }
+        segments.push(Segment {
+            address,
+            data: data.to_vec(),
+        });
+    }
+    segments.sort_by_key(|s| s.address);
+    if segments.is_empty() {
+        let nothing = "without anything to load".into();
+        return Err(("the file", nothing, "a linked program"));
+    }
+    Ok(segments)
+}
+
+/// The stack pointer and the program's beginning, checked.
+fn vectors(segments: &[Segment]) -> Result<(u32, u32), Wrong> {
+    let first = segments
+        .iter()
+        .find(|s| s.address == FLASH.start)
+        .map_or(&[][..], |s| &s.data);
+    let Some((&[a, b, c, d, e, f, g, h], _)) = first.split_first_chunk::<8>() else {
+        let begin = segments.first().map_or(0, |s| s.address);
+        let value = format!("missing: the image begins at {begin:#010x}");
+        return Err(("the vector table", value, "at 0x08000000"));
+    };
+    let sp = u32::from_le_bytes([a, b, c, d]);
+    let reset = u32::from_le_bytes([e, f, g, h]);
+    // The stack grows down from its first address, which may be the memory's end.
+    let in_memory = [SRAM, CCM].iter().any(|m| sp > m.start && sp <= m.end);
+    if !in_memory || sp % 4 != 0 {
+        return Err((
+            "the initial stack pointer",
+            format!("{sp:#010x}"),
+            "in the STM32F405's memory (up to 0x20020000, or 0x10010000), a multiple of 4",
+        ));
+    }
+    if reset % 2 == 0 || !segments.iter().any(|s| s.contains(reset & !1)) {
+        return Err((
+            "the reset vector",
+            format!("{reset:#010x}"),
+            "an odd address (Thumb) within the image",
+        ));
+    }
+    Ok((sp, reset))
+}
+
+type Names = HashMap<String, (u32, u32)>;
+
+fn symbols(elf: &ElfFile32<'_, LittleEndian>) -> (Vec<Symbol>, Names) {
+    let (mut functions, mut names) = (Vec::new(), Names::new());
+    for symbol in elf.symbols() {
+        let Ok(raw) = symbol.name() else { continue };
+        // `$t`, `$d` and so on mark what is code and what is data.
+        if raw.is_empty() || raw.starts_with('$') || !symbol.is_definition() {
+            continue;
+        }
+        let is_function = symbol.kind() == SymbolKind::Text;
+        let thumb = u32::from(is_function);
+        let address = symbol.address() as u32 & !thumb;
+        let size = symbol.size() as u32;
+        let name = format!("{:#}", rustc_demangle::demangle(raw));
+        names.entry(raw.to_owned()).or_insert((address, size));
+        names.entry(name.clone()).or_insert((address, size));
+        if is_function {
+            functions.push(Symbol {
+                name,
+                address,
+                size,
+            });
+        }
+    }
+    functions.sort_by(|a, b| (a.address, &a.name).cmp(&(b.address, &b.name)));
+    (functions, names)
+}
+
+#[cfg(test)]
+pub(crate) mod tests;

@@ -1,0 +1,367 @@
+//! Images made by hand and by another writer of debug information.
+
+use super::*;
+use gimli::write::{
+    Address, AttributeValue, Dwarf as WriteDwarf, EndianVec, LineProgram, LineString, Sections,
+    Unit,
+};
+use gimli::{Encoding, Format, LineEncoding};
+
+/// Parts of an ELF file.
+#[derive(Clone)]
+pub(crate) struct Builder {
+    /// Physical address, virtual address, bytes.
+    pub segments: Vec<(u32, u32, Vec<u8>)>,
+    /// Name, address, size, whether it is a function.
+    pub symbols: Vec<(String, u32, u32, bool)>,
+    /// Name, bytes.
+    pub sections: Vec<(String, Vec<u8>)>,
+}
+
+impl Builder {
+    /// Vectors, then `code` at 0x08000100; the stack at the end of the SRAM.
+    pub fn new(code: &[u8]) -> Self {
+        let mut flash = vec![0xff; 0x100];
+        flash[..4].copy_from_slice(&0x2002_0000u32.to_le_bytes());
+        flash[4..8].copy_from_slice(&0x0800_0101u32.to_le_bytes());
+        flash.extend_from_slice(code);
+        Self {
+            segments: vec![(0x0800_0000, 0x0800_0000, flash)],
+            symbols: Vec::new(),
+            sections: Vec::new(),
+        }
+    }
+
+    pub fn function(mut self, name: &str, address: u32, size: u32) -> Self {
+        self.symbols.push((name.into(), address | 1, size, true));
+        self
+    }
+
+    pub fn variable(mut self, name: &str, address: u32, size: u32) -> Self {
+        self.symbols.push((name.into(), address, size, false));
+        self
+    }
+
+    /// A line table (DWARF 5, by gimli's writer): address, file, line; the last address ends it.
+    pub fn lines(mut self, rows: &[(u32, &str, u64)], end: u32) -> Self {
+        let encoding = Encoding {
+            address_size: 4,
+            format: Format::Dwarf32,
+            version: 5,
+        };
+        let root = b"/root/source".to_vec();
+        let first = LineString::String(b"main.rs".to_vec());
+        let directory = LineString::String(root.clone());
+        let mut program =
+            LineProgram::new(encoding, LineEncoding::default(), directory, first, None);
+        let base = program.default_directory();
+        program.begin_sequence(Some(Address::Constant(rows[0].0.into())));
+        for &(address, file, line) in rows {
+            let file = LineString::String(file.as_bytes().to_vec());
+            let file = program.add_file(file, base, None);
+            let row = program.row();
+            row.file = file;
+            row.line = line;
+            row.address_offset = u64::from(address - rows[0].0);
+            program.generate_row();
+        }
+        program.end_sequence(u64::from(end - rows[0].0));
+        let mut dwarf = WriteDwarf::default();
+        let unit = dwarf.units.add(Unit::new(encoding, program));
+        let unit = dwarf.units.get_mut(unit);
+        let entry = unit.root();
+        let directory = AttributeValue::String(root);
+        unit.get_mut(entry).set(gimli::DW_AT_comp_dir, directory);
+        let mut sections = Sections::new(EndianVec::new(gimli::LittleEndian));
+        dwarf.write(&mut sections).unwrap();
+        sections
+            .for_each(|id, data| -> Result<(), ()> {
+                if !data.slice().is_empty() {
+                    self.sections
+                        .push((id.name().into(), data.slice().to_vec()));
+                }
+                Ok(())
+            })
+            .unwrap();
+        self
+    }
+
+    pub fn build(&self) -> Vec<u8> {
+        let mut file = vec![0u8; 52 + 32 * self.segments.len()];
+        let mut headers = vec![[0u32; 10]];
+        let mut names = vec![0u8];
+        let mut name = |text: &str| {
+            let at = names.len() as u32;
+            names.extend_from_slice(text.as_bytes());
+            names.push(0);
+            at
+        };
+        for (k, (physical, virt, data)) in self.segments.iter().enumerate() {
+            let length = data.len() as u32;
+            let fields = [1, file.len() as u32, *virt, *physical, length, length, 5, 4];
+            put(&mut file, 52 + 32 * k, &fields);
+            file.extend_from_slice(data);
+        }
+        for (title, data) in &self.sections {
+            let place = [file.len() as u32, data.len() as u32];
+            headers.push([name(title), 1, 0, 0, place[0], place[1], 0, 0, 1, 0]);
+            file.extend_from_slice(data);
+        }
+        if !self.symbols.is_empty() {
+            let (mut table, mut strings) = (vec![0u8; 16], vec![0u8]);
+            for (title, address, size, function) in &self.symbols {
+                let at = strings.len() as u32;
+                strings.extend_from_slice(title.as_bytes());
+                strings.push(0);
+                // Global function or object, in section 1 whatever it is.
+                let info = if *function { 0x12 } else { 0x11 } | 1 << 16;
+                for field in [at, *address, *size, info] {
+                    table.extend_from_slice(&field.to_le_bytes());
+                }
+            }
+            let index = headers.len() as u32;
+            let place = [file.len() as u32, table.len() as u32];
+            headers.push([
+                name(".symtab"),
+                2,
+                0,
+                0,
+                place[0],
+                place[1],
+                index + 1,
+                1,
+                4,
+                16,
+            ]);
+            file.extend_from_slice(&table);
+            let place = [file.len() as u32, strings.len() as u32];
+            headers.push([name(".strtab"), 3, 0, 0, place[0], place[1], 0, 0, 1, 0]);
+            file.extend_from_slice(&strings);
+        }
+        let title = name(".shstrtab");
+        let place = [file.len() as u32, names.len() as u32];
+        headers.push([title, 3, 0, 0, place[0], place[1], 0, 0, 1, 0]);
+        file.extend_from_slice(&names);
+        let table = file.len() as u32;
+        for header in &headers {
+            for field in header {
+                file.extend_from_slice(&field.to_le_bytes());
+            }
+        }
+        file[..7].copy_from_slice(b"\x7fELF\x01\x01\x01");
+        let counts = [
+            0x0028_0002,
+            1,
+            0x0800_0101,
+            52,
+            table,
+            0x0500_0400,
+            0x0020_0034,
+        ];
+        put(&mut file, 16, &counts);
+        let last = [
+            self.segments.len() as u16,
+            40,
+            headers.len() as u16,
+            headers.len() as u16 - 1,
+        ];
+        for (k, field) in last.iter().enumerate() {
+            file[44 + 2 * k..46 + 2 * k].copy_from_slice(&field.to_le_bytes());
+        }
+        file
+    }
+
+    pub fn image(&self) -> Image {
+        Image::parse("test.elf", self.build()).unwrap()
+    }
+}
+
+fn put(file: &mut [u8], at: usize, words: &[u32]) {
+    for (k, word) in words.iter().enumerate() {
+        file[at + 4 * k..at + 4 * k + 4].copy_from_slice(&word.to_le_bytes());
+    }
+}
+
+const CODE: [u8; 64] = [0; 64];
+
+fn error(bytes: Vec<u8>) -> String {
+    Image::parse("x.elf", bytes).unwrap_err().to_string()
+}
+
+#[test]
+fn segments_go_to_their_physical_addresses() {
+    let mut builder = Builder::new(&CODE);
+    // Initial values of variables: loaded behind the code, to be copied to the SRAM by the program.
+    builder
+        .segments
+        .push((0x0801_0000, 0x2000_0000, vec![1, 2, 3]));
+    let image = builder.image();
+    let mut flash = vec![0xff; 1 << 20];
+    image.load(&mut flash);
+    assert_eq!(flash[..8], [0, 0, 2, 0x20, 1, 1, 0, 8]);
+    assert_eq!(flash[0x1_0000..0x1_0004], [1, 2, 3, 0xff]);
+    assert_eq!(
+        (image.initial_sp(), image.reset_vector()),
+        (0x2002_0000, 0x0800_0101)
+    );
+}
+
+#[test]
+fn without_symbols_and_lines_it_works_and_says_so() {
+    let image = Builder::new(&CODE).image();
+    assert_eq!(image.missing(), [Missing::Symbols, Missing::Lines]);
+    assert_eq!(image.describe(0x0800_0110), "0x08000110");
+    assert_eq!(image.symbol("main"), None);
+    let whole = Builder::new(&CODE)
+        .function("main", 0x0800_0100, 8)
+        .lines(&[(0x0800_0100, "a.rs", 1)], 0x0800_0108);
+    assert_eq!(whole.image().missing(), []);
+}
+
+#[test]
+fn functions_and_variables_have_their_names() {
+    let image = Builder::new(&CODE)
+        .function(
+            "_ZN4core3fmt5Write9write_fmt17h0123456789abcdefE",
+            0x0800_0110,
+            16,
+        )
+        .function("main", 0x0800_0100, 0x10)
+        .function("endless", 0x0800_0130, 0)
+        .variable("_SEGGER_RTT", 0x2000_0010, 48)
+        .image();
+    let name = |pc| image.function(pc).map(|s| s.name.as_str());
+    assert_eq!(name(0x0800_0101), Some("main"));
+    assert_eq!(name(0x0800_010e), Some("main"));
+    assert_eq!(name(0x0800_0110), Some("core::fmt::Write::write_fmt"));
+    assert_eq!(name(0x0800_0120), None);
+    assert_eq!(name(0x0800_013c), Some("endless"));
+    assert_eq!(name(0x0800_00fe), None);
+    assert_eq!(image.symbol("_SEGGER_RTT"), Some(0x2000_0010));
+    assert_eq!(image.symbol_size("_SEGGER_RTT"), Some(48));
+    assert_eq!(
+        image.symbol("core::fmt::Write::write_fmt"),
+        Some(0x0800_0110)
+    );
+    assert_eq!(image.describe(0x0800_0105), "0x08000105 main+0x4");
+}
+
+#[test]
+fn lines_are_those_of_the_table() {
+    let rows = [
+        (0x0800_0100, "main.rs", 10),
+        (0x0800_0104, "lib/inlined.rs", 77),
+        (0x0800_0108, "main.rs", 0),
+        (0x0800_010c, "main.rs", 12),
+    ];
+    let image = Builder::new(&CODE).lines(&rows, 0x0800_0110).image();
+    let line = |pc| image.line(pc).map(|p| p.to_string());
+    assert_eq!(
+        line(0x0800_0103).as_deref(),
+        Some("/root/source/main.rs:10")
+    );
+    assert_eq!(
+        line(0x0800_0104).as_deref(),
+        Some("/root/source/lib/inlined.rs:77")
+    );
+    // Line 0 belongs to no line; beyond the end of the sequence there is nothing.
+    assert_eq!(line(0x0800_0108), None);
+    assert_eq!(
+        line(0x0800_010e).as_deref(),
+        Some("/root/source/main.rs:12")
+    );
+    assert_eq!(line(0x0800_0110), None);
+    let rows: Vec<_> = image
+        .lines_of_code()
+        .map(|(r, p)| (r.start, r.end, p.line))
+        .collect();
+    let expected = [
+        (0x0800_0100, 0x0800_0104, 10),
+        (0x0800_0104, 0x0800_0108, 77),
+        (0x0800_010c, 0x0800_0110, 12),
+    ];
+    assert_eq!(rows, expected);
+}
+
+#[test]
+fn lines_of_code_that_the_linker_threw_away_are_left_out() {
+    let image = Builder::new(&CODE).lines(&[(0, "gone.rs", 3)], 64).image();
+    assert_eq!(image.lines_of_code().count(), 0);
+}
+
+#[test]
+fn sections_are_given_raw() {
+    let mut builder = Builder::new(&CODE);
+    builder.sections.push((".defmt".into(), vec![7, 8, 9]));
+    let image = builder.image();
+    assert_eq!(image.section(".defmt"), Some(&[7u8, 8, 9][..]));
+    assert_eq!(image.section(".nothing"), None);
+}
+
+#[test]
+fn what_is_no_image_is_told_with_its_field_and_value() {
+    let good = Builder::new(&CODE).build();
+    let with = |at: usize, bytes: &[u8]| {
+        let mut file = good.clone();
+        file[at..at + bytes.len()].copy_from_slice(bytes);
+        error(file)
+    };
+    assert_eq!(
+        error(Vec::new()),
+        "x.elf: the file is empty: must be an ELF file"
+    );
+    assert_eq!(
+        error(b"#!/bin/sh\n".to_vec()),
+        "x.elf: its beginning is 23 21 2f 62: must be 7f 45 4c 46 (ELF)"
+    );
+    assert_eq!(with(4, &[2]), "x.elf: its class is 2: must be 1 (32 bits)");
+    assert_eq!(
+        with(18, &[62]),
+        "x.elf: its machine is 62: must be 40 (Arm)"
+    );
+    assert_eq!(
+        with(16, &[1]),
+        "x.elf: its type is 1: must be 2 (a linked program)"
+    );
+    let cut = error(good[..15].to_vec());
+    assert_eq!(
+        cut,
+        "x.elf: the file is 15 bytes long: must be a whole ELF file"
+    );
+    // Cut anywhere, it is an error or, where only names of sections are gone, still an image.
+    let vectors_end = 52 + 32 + 0x100 + CODE.len();
+    for length in 0..vectors_end {
+        assert!(
+            Image::parse("x", good[..length].to_vec()).is_err(),
+            "{length}"
+        );
+    }
+}
+
+#[test]
+fn images_for_other_chips_are_refused() {
+    let change = |at: usize, value: u32| {
+        let mut builder = Builder::new(&CODE);
+        builder.segments[0].2[at..at + 4].copy_from_slice(&value.to_le_bytes());
+        error(builder.build())
+    };
+    // 192 KiB of contiguous memory; no memory at all; a reset vector in Arm state; one elsewhere.
+    assert!(change(0, 0x2003_0000).contains("the initial stack pointer is 0x20030000"));
+    assert!(change(0, 0x0000_0000).contains("the initial stack pointer is 0x00000000"));
+    assert!(change(4, 0x0800_0100).contains("the reset vector is 0x08000100"));
+    assert!(change(4, 0x0900_0101).contains("the reset vector is 0x09000101"));
+    let moved = |address: u32| {
+        let mut builder = Builder::new(&CODE);
+        builder.segments[0].0 = address;
+        error(builder.build())
+    };
+    assert!(moved(0x0800_4000).contains("the vector table is missing"));
+    assert!(moved(0x1000_0000).contains("physical address is 0x10000000 to 0x10000140"));
+    assert!(moved(0x080f_fff0).contains("0x080ffff0 to 0x08100130"));
+    assert!(moved(0xffff_fff0).contains("0xfffffff0 to 0x100000130"));
+    let empty = Builder {
+        segments: Vec::new(),
+        ..Builder::new(&CODE)
+    };
+    assert!(error(empty.build()).contains("without anything to load"));
+}
