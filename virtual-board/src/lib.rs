@@ -19,10 +19,12 @@
 //!
 //! Everything is deterministic: the same image with the same surroundings gives the same bytes.
 
+pub mod board;
 pub mod chip;
 pub mod core;
 pub mod device;
 pub mod finding;
+pub mod network;
 pub mod probe;
 pub mod time;
 pub mod wire;
