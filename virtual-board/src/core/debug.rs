@@ -1,0 +1,123 @@
+//! What a debugger sets: breakpoints, watchpoints, single steps.
+
+use super::{Core, Stop, Width};
+use std::collections::BTreeSet;
+
+/// Which accesses a watchpoint stops.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Access {
+    /// Loads.
+    Read,
+    /// Stores.
+    Write,
+    /// Both.
+    Any,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Watch {
+    address: u32,
+    length: u32,
+    access: Access,
+}
+
+#[derive(Clone, Debug, Default)]
+pub(super) struct Debug {
+    /// A debugger is there: BKPT stops instead of faulting.
+    pub(super) attached: bool,
+    breakpoints: BTreeSet<u32>,
+    watches: Vec<Watch>,
+    /// One instruction and stop.
+    pub(super) step: bool,
+    /// The breakpoint that the last run stopped at is passed once.
+    passing: Option<u32>,
+}
+
+impl Debug {
+    /// The loop has to look at every instruction.
+    pub(super) fn per_instruction(&self) -> bool {
+        self.step || !self.breakpoints.is_empty()
+    }
+
+    /// Accesses to this page of 16 MiB have to be looked at.
+    pub(super) fn watches_page(&self, page: u32) -> bool {
+        self.watches.iter().any(|w| {
+            let last = w.address.saturating_add(w.length.saturating_sub(1));
+            (w.address >> 24..=last >> 24).contains(&page)
+        })
+    }
+
+    /// True if the core must stop before this instruction.
+    pub(super) fn stops_at(&mut self, pc: u32) -> bool {
+        if self.passing.take() == Some(pc) || !self.breakpoints.contains(&pc) {
+            return false;
+        }
+        self.passing = Some(pc);
+        true
+    }
+}
+
+impl Core {
+    /// Tells that a debugger is there or gone: with one, BKPT stops the core.
+    pub fn attach_debugger(&mut self, attached: bool) {
+        self.debug.attached = attached;
+    }
+
+    /// True if a debugger is there.
+    pub fn debugger_attached(&self) -> bool {
+        self.debug.attached
+    }
+
+    /// The core stops before the instruction at this address.
+    pub fn add_breakpoint(&mut self, address: u32) {
+        self.debug.breakpoints.insert(address & !1);
+    }
+
+    /// Removes a breakpoint; false if there was none.
+    pub fn remove_breakpoint(&mut self, address: u32) -> bool {
+        self.debug.breakpoints.remove(&(address & !1))
+    }
+
+    /// The core stops after an instruction that accesses these addresses.
+    pub fn add_watchpoint(&mut self, address: u32, length: u32, access: Access) {
+        self.debug.watches.push(Watch {
+            address,
+            length,
+            access,
+        });
+        self.update_view(true);
+    }
+
+    /// Removes a watchpoint; false if there was none like this.
+    pub fn remove_watchpoint(&mut self, address: u32, length: u32, access: Access) -> bool {
+        let watch = Watch {
+            address,
+            length,
+            access,
+        };
+        let place = self.debug.watches.iter().position(|w| *w == watch);
+        if let Some(place) = place {
+            self.debug.watches.remove(place);
+        }
+        self.update_view(true);
+        place.is_some()
+    }
+
+    /// Notes an access to what is watched.
+    pub(super) fn watch(&mut self, address: u32, width: Width, pc: u32, write: bool) {
+        let hit = self.debug.watches.iter().find(|w| {
+            let kind = match w.access {
+                Access::Read => !write,
+                Access::Write => write,
+                Access::Any => true,
+            };
+            let before = address < w.address.saturating_add(w.length);
+            kind && before && address.saturating_add(width.bytes()) > w.address
+        });
+        if let Some(watch) = hit {
+            let address = watch.address;
+            self.stop = Some(Stop::Watchpoint { address, pc, write });
+            self.attend = true;
+        }
+    }
+}

@@ -1,0 +1,391 @@
+//! Exceptions: taking, returning, faults and their escalation (ARMv7-M Architecture Reference
+//! Manual, B1.5).
+
+use super::nvic::exception as number;
+use super::scb::{ccr, cfsr, hfsr, scr};
+use super::{Core, NO_LINE, Sleep, Stop, System, Width, timing};
+use crate::finding::Kind;
+
+/// Why an instruction did not go on to the next one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Trap {
+    Undefined,
+    Unpredictable,
+    NoCoprocessor,
+    Unaligned,
+    DivideByZero,
+    /// A load or store at `trap_value`.
+    DataBus,
+    DataMpu,
+    /// Saving floating-point registers that were left unsaved.
+    LazyBus,
+    LazyMpu,
+    FetchBus,
+    FetchMpu,
+    SupervisorCall,
+    Breakpoint,
+    /// A jump to the value in `trap_value`.
+    ExceptionReturn,
+}
+
+/// Where a pending fault of stacking or unstacking came from.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Stage {
+    Stacking,
+    Unstacking,
+}
+
+impl Core {
+    /// The priority that an exception must beat to be taken.
+    pub(super) fn execution_priority(&self) -> i32 {
+        self.masked_priority(self.primask)
+    }
+
+    /// The same with another PRIMASK.
+    pub(super) fn masked_priority(&self, primask: bool) -> i32 {
+        let mut priority = self.nvic.active_priority();
+        if self.basepri != 0 {
+            priority = priority.min(self.nvic.group_of(i32::from(self.basepri)));
+        }
+        if primask {
+            priority = priority.min(0);
+        }
+        if self.faultmask {
+            priority = priority.min(-1);
+        }
+        priority
+    }
+
+    /// Deals with what stopped an instruction at `pc`; `it` is the IT state it had.
+    pub(super) fn trap<S: System>(&mut self, system: &mut S, trap: Trap, it: u8) {
+        let address = self.trap_value;
+        let (exception, status) = match trap {
+            Trap::ExceptionReturn => return self.exception_return(system, address),
+            Trap::SupervisorCall => {
+                self.pc = self.pc.wrapping_add(2);
+                return self.raise(system, number::SVCALL);
+            }
+            Trap::Breakpoint => {
+                self.it = it;
+                return self.breakpoint(system);
+            }
+            Trap::Unpredictable => {
+                let text = format!("unpredictable instruction {}", self.encoding(system));
+                system.note(Kind::NotModelled, self.pc, self.cycles, text);
+                (number::USAGE_FAULT, cfsr::UNDEFINSTR)
+            }
+            Trap::Undefined => (number::USAGE_FAULT, cfsr::UNDEFINSTR),
+            Trap::NoCoprocessor => (number::USAGE_FAULT, cfsr::NOCP),
+            Trap::Unaligned => (number::USAGE_FAULT, cfsr::UNALIGNED),
+            Trap::DivideByZero => (number::USAGE_FAULT, cfsr::DIVBYZERO),
+            Trap::DataBus => {
+                self.scb.bfar = address;
+                (number::BUS_FAULT, cfsr::PRECISERR | cfsr::BFARVALID)
+            }
+            Trap::DataMpu => {
+                self.scb.mmfar = address;
+                (number::MEM_MANAGE, cfsr::DACCVIOL | cfsr::MMARVALID)
+            }
+            Trap::LazyBus => (number::BUS_FAULT, cfsr::LSPERR),
+            Trap::LazyMpu => {
+                self.scb.mmfar = address;
+                (number::MEM_MANAGE, cfsr::MLSPERR | cfsr::MMARVALID)
+            }
+            Trap::FetchBus => (number::BUS_FAULT, cfsr::IBUSERR),
+            Trap::FetchMpu => (number::MEM_MANAGE, cfsr::IACCVIOL),
+        };
+        self.it = it;
+        self.scb.cfsr |= status;
+        self.raise(system, exception);
+    }
+
+    /// The instruction at the program counter, in hexadecimal.
+    fn encoding<S: System>(&self, system: &mut S) -> String {
+        match (system.fetch(self.pc), system.fetch(self.pc.wrapping_add(2))) {
+            (Ok(first), Ok(second)) if super::decode32::is_wide(first) => {
+                format!("{first:04x} {second:04x}")
+            }
+            (Ok(first), _) => format!("{first:04x}"),
+            _ => String::new(),
+        }
+    }
+
+    /// BKPT: stops for a debugger, else it is a hard fault.
+    fn breakpoint<S: System>(&mut self, system: &mut S) {
+        if self.debug.attached {
+            self.stop = Some(Stop::Breakpoint(self.pc));
+            return;
+        }
+        self.scb.dfsr |= 2;
+        self.scb.hfsr |= hfsr::DEBUGEVT;
+        if self.execution_priority() <= -1 {
+            return self.lock_up(system, "breakpoint without debugger in a fault handler");
+        }
+        self.nvic.pend(number::HARD_FAULT, self.cycles);
+        self.enter(system, number::HARD_FAULT);
+    }
+
+    /// Takes an exception that the program itself caused, at once; escalates it to a hard fault if
+    /// it is disabled or not urgent enough.
+    pub(super) fn raise<S: System>(&mut self, system: &mut S, exception: u16) {
+        let exception = match self.escalated(exception) {
+            Some(exception) => exception,
+            None => return self.lock_up(system, "fault while no fault can be taken"),
+        };
+        self.nvic.pend(exception, self.cycles);
+        self.enter(system, exception);
+    }
+
+    /// The exception itself, the hard fault instead, or none: lock-up.
+    fn escalated(&mut self, exception: u16) -> Option<u16> {
+        let current = self.execution_priority();
+        let priority = self.nvic.group_of(self.nvic.priority(exception));
+        if self.nvic.is_enabled(exception) && priority < current {
+            return Some(exception);
+        }
+        if current <= -1 {
+            return None;
+        }
+        self.scb.hfsr |= hfsr::FORCED;
+        Some(number::HARD_FAULT)
+    }
+
+    /// Lock-up: the core does nothing more.
+    pub(super) fn lock_up<S: System>(&mut self, system: &mut S, why: &str) {
+        let status = format!("CFSR {:#010x}, HFSR {:#010x}", self.scb.cfsr, self.scb.hfsr);
+        let text = format!("lock-up: {why} ({status})");
+        system.note(Kind::Fault, self.pc, self.cycles, text);
+        self.sleep = Sleep::LockedUp;
+        self.stop = Some(Stop::LockUp);
+        self.attend = true;
+    }
+
+    /// Takes the most urgent pending exception if it beats what runs.
+    pub(super) fn take_pending<S: System>(&mut self, system: &mut S) {
+        let Some((exception, priority)) = self.nvic.first() else {
+            return;
+        };
+        let priority = self.nvic.group_of(priority);
+        if priority >= self.execution_priority() {
+            return;
+        }
+        if self.sleep == Sleep::LockedUp && exception != number::NMI {
+            return;
+        }
+        self.enter(system, exception);
+    }
+
+    /// Saves registers and takes an exception, which is pending; returns come back to the program
+    /// counter.
+    fn enter<S: System>(&mut self, system: &mut S, exception: u16) {
+        let begin = self.cycles;
+        let (value, stacked) = self.push_frame(system);
+        let mut exception = exception;
+        if let Err(trap) = stacked {
+            match self.derived(exception, trap, Stage::Stacking) {
+                Some(other) => exception = other,
+                None => return self.lock_up(system, "the stack cannot be written"),
+            }
+        } else {
+            // Late arrival: what became pending in the meantime may come first.
+            self.refresh(system);
+            if let Some((other, priority)) = self.nvic.first()
+                && self.nvic.group_of(priority) < self.nvic.group_of(self.nvic.priority(exception))
+            {
+                exception = other;
+            }
+        }
+        self.cycles += timing::ENTRY - timing::STACKING;
+        self.take(system, exception, value, begin);
+    }
+
+    /// Interrupt lines and the system timer as they are now.
+    pub(super) fn refresh<S: System>(&mut self, system: &mut S) {
+        if self.systick.advance(self.cycles) {
+            self.nvic.pend(number::SYSTICK, self.cycles);
+        }
+        self.nvic.set_lines(system.lines(), self.cycles);
+    }
+
+    /// A fault of stacking or unstacking: what is taken now, none for lock-up. What was to be taken
+    /// stays pending.
+    fn derived(&mut self, original: u16, trap: Trap, stage: Stage) -> Option<u16> {
+        let bus = trap == Trap::DataBus;
+        self.scb.cfsr |= match (bus, stage) {
+            (true, Stage::Stacking) => cfsr::STKERR,
+            (true, Stage::Unstacking) => cfsr::UNSTKERR,
+            (false, Stage::Stacking) => cfsr::MSTKERR,
+            (false, Stage::Unstacking) => cfsr::MUNSTKERR,
+        };
+        let fault = if bus {
+            number::BUS_FAULT
+        } else {
+            number::MEM_MANAGE
+        };
+        let fault = self.escalated(fault)?;
+        let before = self.nvic.group_of(self.nvic.priority(original));
+        let mut after = self.nvic.group_of(self.nvic.priority(fault));
+        let mut fault = fault;
+        if original != 0 && after >= before && fault != number::HARD_FAULT {
+            self.scb.hfsr |= hfsr::FORCED;
+            fault = number::HARD_FAULT;
+            after = -1;
+        }
+        self.nvic.pend(fault, self.cycles);
+        if original == 0 || after < before {
+            return Some(fault);
+        }
+        // The original is a hard fault itself, or the non-maskable interrupt, which goes first.
+        (original == number::NMI).then_some(original)
+    }
+
+    /// Enters the handler of an exception; registers are saved already.
+    fn take<S: System>(&mut self, system: &mut S, exception: u16, value: u32, begin: u64) {
+        let mut exception = exception;
+        let mut vector = self.vector(system, exception);
+        if vector.is_none() && exception != number::HARD_FAULT {
+            self.scb.hfsr |= hfsr::VECTTBL;
+            exception = number::HARD_FAULT;
+            vector = self.vector(system, exception);
+        }
+        let Some(vector) = vector else {
+            self.scb.hfsr |= hfsr::VECTTBL;
+            return self.lock_up(system, "the vector of the hard fault cannot be read");
+        };
+        if self.process_stack {
+            std::mem::swap(&mut self.r[13], &mut self.other_sp);
+            self.process_stack = false;
+        }
+        self.r[14] = value;
+        self.pc = vector & !1;
+        self.thumb = vector & 1 != 0;
+        self.ipsr = exception;
+        self.it = 0;
+        self.fp_active = false;
+        self.fp_ready = false;
+        self.nvic.unpend(exception);
+        self.nvic.active |= 1 << exception;
+        self.event = true;
+        self.exclusive = false;
+        self.sleep = Sleep::Awake;
+        self.line = NO_LINE;
+        self.update_view(false);
+        let index = usize::from(exception & 127);
+        self.taken[index] += 1;
+        let since = self.nvic.since[index];
+        if let Some(profile) = &mut self.profile {
+            profile.enter(exception, begin, self.cycles - since.min(self.cycles));
+        }
+        self.attend = true;
+        if exception == number::HARD_FAULT {
+            self.note_hard_fault(system, value);
+        }
+    }
+
+    #[cold]
+    fn note_hard_fault<S: System>(&mut self, system: &mut S, value: u32) {
+        let frame = if value & 4 != 0 {
+            self.other_sp
+        } else {
+            self.r[13]
+        };
+        let mut cycle = self.cycles;
+        let pc = system
+            .read(frame.wrapping_add(24) & !3, Width::Word, self.pc, &mut cycle)
+            .unwrap_or(self.pc);
+        let text = format!(
+            "hard fault: CFSR {:#010x}, HFSR {:#010x}, BFAR {:#010x}, MMFAR {:#010x}",
+            self.scb.cfsr, self.scb.hfsr, self.scb.bfar, self.scb.mmfar
+        );
+        system.note(Kind::Fault, pc, self.cycles, text);
+    }
+
+    fn vector<S: System>(&mut self, system: &mut S, exception: u16) -> Option<u32> {
+        let address = self.scb.vtor.wrapping_add(4 * u32::from(exception));
+        system
+            .read(address, Width::Word, self.pc, &mut self.cycles)
+            .ok()
+    }
+
+    /// A jump to EXC_RETURN in handler mode.
+    fn exception_return<S: System>(&mut self, system: &mut S, value: u32) {
+        let returning = self.ipsr;
+        if value & 0x0fff_ffe0 != 0x0fff_ffe0 {
+            let text = format!("exception return with {value:#010x}");
+            system.note(Kind::NotModelled, self.pc, self.cycles, text);
+        }
+        let nested = self.nvic.active.count_ones() > 1;
+        let base = self.scb.ccr & ccr::NONBASETHRDENA != 0;
+        let legal = match value & 15 {
+            1 => nested,
+            9 | 13 => !nested || base,
+            _ => false,
+        };
+        if !self.nvic.is_active(returning) || !legal {
+            self.deactivate(returning);
+            return self.refuse_return(system, value);
+        }
+        self.deactivate(returning);
+        self.refresh(system);
+        self.event = true;
+        self.exclusive = false;
+        if let Some((next, priority)) = self.nvic.first()
+            && self.nvic.group_of(priority) < self.execution_priority()
+        {
+            let begin = self.cycles;
+            self.cycles += timing::TAIL_CHAIN;
+            return self.take(system, next, value, begin);
+        }
+        match self.pop_frame(system, value) {
+            Ok(true) => self.returned(),
+            Ok(false) => {
+                // The frame belongs to the other mode.
+                self.scb.cfsr |= cfsr::INVPC;
+                self.raise(system, number::USAGE_FAULT);
+            }
+            Err(trap) => match self.derived(0, trap, Stage::Unstacking) {
+                Some(fault) => self.chain(system, fault, value),
+                None => self.lock_up(system, "the stack cannot be read"),
+            },
+        }
+    }
+
+    fn returned(&mut self) {
+        self.line = NO_LINE;
+        self.attend = true;
+        if self.ipsr == 0 && self.scb.scr & scr::SLEEPONEXIT != 0 {
+            self.sleep = Sleep::Interrupt;
+        }
+    }
+
+    /// The exception ends.
+    fn deactivate(&mut self, exception: u16) {
+        self.nvic.active &= !(1 << exception);
+        if exception != number::NMI {
+            self.faultmask = false;
+        }
+        if let Some(profile) = &mut self.profile {
+            profile.leave(exception, self.cycles + timing::RETURN);
+        }
+    }
+
+    /// An exception return that does not fit: a usage fault on the same frame.
+    fn refuse_return<S: System>(&mut self, system: &mut S, value: u32) {
+        self.scb.cfsr |= cfsr::INVPC;
+        let value = 0xf000_0000 | value & 0x0fff_ffff;
+        match self.escalated(number::USAGE_FAULT) {
+            Some(fault) => {
+                self.nvic.pend(fault, self.cycles);
+                self.chain(system, fault, value);
+            }
+            None => self.lock_up(system, "exception return that does not fit"),
+        }
+    }
+
+    /// Goes on with another exception on the frame that is there.
+    fn chain<S: System>(&mut self, system: &mut S, exception: u16, value: u32) {
+        let begin = self.cycles;
+        self.cycles += timing::TAIL_CHAIN;
+        self.take(system, exception, value, begin);
+    }
+}

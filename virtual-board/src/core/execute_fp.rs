@@ -1,0 +1,321 @@
+//! Floating-point instructions.
+
+use super::exception::Trap;
+use super::float::{self, Fixed, fpscr};
+use super::instruction::{Float, Insn, Op};
+use super::{Core, System, timing};
+
+impl Core {
+    #[inline(always)]
+    pub(super) fn single_reg(&self, number: u8) -> u32 {
+        self.s[usize::from(number & 31)]
+    }
+
+    #[inline(always)]
+    pub(super) fn set_single_reg(&mut self, number: u8, bits: u32) {
+        self.s[usize::from(number & 31)] = bits;
+    }
+
+    /// May floating point be used, and is its unit free.
+    #[inline(always)]
+    pub(super) fn begin_fp<S: System>(&mut self, system: &mut S) -> Result<(), Trap> {
+        if !self.fp_ready {
+            self.prepare_fp(system)?;
+        }
+        if self.cycles < self.fp_busy {
+            self.cycles = self.fp_busy;
+        }
+        Ok(())
+    }
+
+    /// d = operation(n, m).
+    #[inline(always)]
+    pub(super) fn binary<S: System>(
+        &mut self,
+        system: &mut S,
+        insn: &Insn,
+        operation: impl Fn(u32, u32, &mut u32) -> u32,
+    ) -> Result<(), Trap> {
+        self.begin_fp(system)?;
+        let (n, m) = (self.single_reg(insn.n), self.single_reg(insn.m));
+        let value = operation(n, m, &mut self.fpscr);
+        self.set_single_reg(insn.d, value);
+        Ok(())
+    }
+
+    /// d = operation(d, n, m).
+    #[inline(always)]
+    pub(super) fn ternary<S: System>(
+        &mut self,
+        system: &mut S,
+        insn: &Insn,
+        operation: impl Fn(u32, u32, u32, &mut u32) -> u32,
+    ) -> Result<(), Trap> {
+        self.begin_fp(system)?;
+        let (n, m) = (self.single_reg(insn.n), self.single_reg(insn.m));
+        let value = operation(self.single_reg(insn.d), n, m, &mut self.fpscr);
+        self.set_single_reg(insn.d, value);
+        Ok(())
+    }
+
+    /// The unit divides on while integer instructions go on.
+    fn occupy(&mut self) {
+        self.fp_busy = self.cycles + timing::FP_DIVISION - 1;
+    }
+
+    #[inline(never)]
+    pub(super) fn divide_single<S: System>(
+        &mut self,
+        system: &mut S,
+        insn: &Insn,
+    ) -> Result<(), Trap> {
+        self.binary(system, insn, float::div)?;
+        self.occupy();
+        Ok(())
+    }
+
+    /// VMLS rounds the product, VFMS does not.
+    #[inline(never)]
+    pub(super) fn subtract_product<S: System>(
+        &mut self,
+        system: &mut S,
+        insn: &Insn,
+    ) -> Result<(), Trap> {
+        if insn.op == Op::Vfms {
+            return self.ternary(system, insn, |d, n, m, status| {
+                float::fma(d, n ^ float::SIGN, m, status)
+            });
+        }
+        self.ternary(system, insn, |d, n, m, status| {
+            let product = float::mul(n, m, status);
+            float::add(d, product ^ float::SIGN, status)
+        })
+    }
+
+    #[inline(always)]
+    pub(super) fn load_store_single<S: System>(
+        &mut self,
+        system: &mut S,
+        insn: &Insn,
+        pc: u32,
+    ) -> Result<(), Trap> {
+        self.begin_fp(system)?;
+        let address = if insn.n == 15 {
+            insn.imm
+        } else {
+            self.reg(insn.n).wrapping_add(insn.imm)
+        };
+        if address & 3 != 0 {
+            return Err(Trap::Unaligned);
+        }
+        if insn.op == Op::Vldr {
+            let value = self.load(system, address, super::Width::Word, pc)?;
+            self.set_single_reg(insn.d, value);
+            return Ok(());
+        }
+        let value = self.single_reg(insn.d);
+        self.store(system, address, super::Width::Word, value, pc)
+    }
+
+    #[inline(never)]
+    pub(super) fn execute_rare_float<S: System>(
+        &mut self,
+        system: &mut S,
+        insn: &Insn,
+        op: Float,
+        pc: u32,
+    ) -> Result<(), Trap> {
+        self.begin_fp(system)?;
+        let (d, n, m) = (
+            self.single_reg(insn.d),
+            self.single_reg(insn.n),
+            self.single_reg(insn.m),
+        );
+        let (sign, status) = (float::SIGN, &mut self.fpscr);
+        let value = match op {
+            Float::Nmul => float::mul(n, m, status) ^ sign,
+            Float::Nmla => {
+                let product = float::mul(n, m, status) ^ sign;
+                float::add(d ^ sign, product, status)
+            }
+            Float::Nmls => {
+                let product = float::mul(n, m, status);
+                float::add(d ^ sign, product, status)
+            }
+            Float::Fnma => float::fma(d ^ sign, n ^ sign, m, status),
+            Float::Fnms => float::fma(d ^ sign, n, m, status),
+            Float::Sqrt => {
+                let root = float::sqrt(m, status);
+                self.occupy();
+                root
+            }
+            Float::FromHalf => float::from_half((m >> (16 * insn.imm)) as u16, status),
+            Float::ToHalf => {
+                let half = u32::from(float::to_half(m, status));
+                let shift = 16 * insn.imm;
+                d & !(0xffff << shift) | half << shift
+            }
+            Float::ToInteger | Float::FromInteger | Float::ToFixed | Float::FromFixed => {
+                self.convert(insn, op)
+            }
+            _ => return self.move_float(system, insn, op, pc),
+        };
+        self.set_single_reg(insn.d, value);
+        Ok(())
+    }
+
+    fn convert(&mut self, insn: &Insn, op: Float) -> u32 {
+        let (d, m, status) = (
+            self.single_reg(insn.d),
+            self.single_reg(insn.m),
+            &mut self.fpscr,
+        );
+        let unsigned = insn.imm & 1 != 0;
+        let integer = Fixed {
+            fraction: 0,
+            bits: 32,
+            unsigned,
+        };
+        let fixed = Fixed {
+            fraction: insn.imm,
+            bits: if insn.x & 2 != 0 { 32 } else { 16 },
+            unsigned: insn.x & 1 != 0,
+        };
+        match op {
+            Float::ToInteger => {
+                let mode = if insn.imm & 2 != 0 {
+                    float::mode(*status)
+                } else {
+                    float::TOWARDS_ZERO
+                };
+                float::to_fixed(m, integer, mode, status)
+            }
+            Float::FromInteger => {
+                let value = if unsigned {
+                    i64::from(m)
+                } else {
+                    i64::from(m as i32)
+                };
+                float::from_fixed(value, 0, float::mode(*status), status)
+            }
+            Float::ToFixed => {
+                let value = float::to_fixed(d, fixed, float::TOWARDS_ZERO, status);
+                // Sixteen bits are extended to the whole register.
+                match (fixed.bits, fixed.unsigned) {
+                    (16, false) => value as i16 as u32,
+                    _ => value,
+                }
+            }
+            _ => {
+                let value = match (fixed.bits, fixed.unsigned) {
+                    (16, true) => i64::from(d as u16),
+                    (16, false) => i64::from(d as i16),
+                    (_, true) => i64::from(d),
+                    (_, false) => i64::from(d as i32),
+                };
+                float::from_fixed(value, fixed.fraction, 0, status)
+            }
+        }
+    }
+
+    fn move_float<S: System>(
+        &mut self,
+        system: &mut S,
+        insn: &Insn,
+        op: Float,
+        pc: u32,
+    ) -> Result<(), Trap> {
+        match op {
+            Float::Compare => {
+                let d = self.single_reg(insn.d);
+                let m = if insn.imm & 2 != 0 {
+                    0
+                } else {
+                    self.single_reg(insn.m)
+                };
+                let flags = float::compare(d, m, insn.imm & 1 != 0, &mut self.fpscr);
+                self.fpscr = self.fpscr & !fpscr::NZCV | flags << 28;
+            }
+            Float::MovTwo => {
+                let second = insn.m + 1;
+                if insn.x != 0 {
+                    self.set(insn.d, self.single_reg(insn.m));
+                    self.set(insn.n, self.single_reg(second));
+                } else {
+                    self.set_single_reg(insn.m, self.reg(insn.d));
+                    self.set_single_reg(second, self.reg(insn.n));
+                }
+            }
+            Float::ReadStatus if insn.d == 15 => self.set_nzcv(self.fpscr),
+            Float::ReadStatus => self.set(insn.d, self.fpscr),
+            Float::WriteStatus => self.fpscr = self.reg(insn.d) & fpscr::WRITABLE,
+            Float::LoadMultiple | Float::StoreMultiple => {
+                return self.multiple_float(system, insn, op, pc);
+            }
+            Float::LoadDouble | Float::StoreDouble => {
+                let address = if insn.n == 15 {
+                    insn.imm
+                } else {
+                    self.reg(insn.n).wrapping_add(insn.imm)
+                };
+                let load = op == Float::LoadDouble;
+                return self.singles(system, insn.d, 2, (address, load), pc);
+            }
+            _ => return Err(Trap::Undefined),
+        }
+        Ok(())
+    }
+
+    fn multiple_float<S: System>(
+        &mut self,
+        system: &mut S,
+        insn: &Insn,
+        op: Float,
+        pc: u32,
+    ) -> Result<(), Trap> {
+        let base = self.reg(insn.n);
+        let bytes = 4 * insn.imm;
+        let lower = base.wrapping_sub(bytes);
+        let (address, moved) = if insn.x & 2 != 0 {
+            (lower, lower)
+        } else {
+            (base, base.wrapping_add(bytes))
+        };
+        let load = op == Float::LoadMultiple;
+        self.singles(system, insn.d, insn.imm as u8, (address, load), pc)?;
+        if insn.x & 1 != 0 {
+            if insn.n == 13 {
+                self.set_sp(moved);
+            } else {
+                self.set(insn.n, moved);
+            }
+        }
+        Ok(())
+    }
+
+    /// Loads or stores singles in a row.
+    fn singles<S: System>(
+        &mut self,
+        system: &mut S,
+        first: u8,
+        count: u8,
+        (address, load): (u32, bool),
+        pc: u32,
+    ) -> Result<(), Trap> {
+        if address & 3 != 0 {
+            return Err(Trap::Unaligned);
+        }
+        let mut address = address;
+        for register in first..first + count {
+            if load {
+                let word = self.load_word(system, address, pc)?;
+                self.set_single_reg(register, word);
+            } else {
+                let word = self.single_reg(register);
+                self.store_word_at(system, address, word, pc)?;
+            }
+            address = address.wrapping_add(4);
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,148 @@
+//! Where instructions come from: decoded ones by address, the lines of the flash interface.
+
+use super::exception::Trap;
+use super::instruction::{Insn, Op};
+use super::{Core, NO_LINE, System, decode16, decode32, timing};
+
+/// Where the flash begins.
+pub(super) const FLASH: u32 = 0x0800_0000;
+/// Halfwords of flash.
+const FLASH_HALVES: usize = 1 << 19;
+/// Entries for code elsewhere.
+const CACHED: usize = 1024;
+
+/// A decoded instruction outside the flash, with what it was decoded from.
+#[derive(Clone, Copy)]
+pub(super) struct Cached {
+    pc: u32,
+    halves: [u16; 2],
+    insn: Insn,
+}
+
+impl Cached {
+    const EMPTY: Self = Self {
+        pc: u32::MAX,
+        halves: [0; 2],
+        insn: Insn::EMPTY,
+    };
+}
+
+impl Core {
+    /// The instruction at an address, without its time; none if it cannot be read.
+    fn decode_raw<S: System>(system: &mut S, pc: u32) -> Option<(Insn, [u16; 2])> {
+        let first = system.fetch(pc).ok()?;
+        if !decode32::is_wide(first) {
+            return Some((decode16::decode(pc, u32::from(first)), [first, 0]));
+        }
+        let second = system.fetch(pc.wrapping_add(2)).ok()?;
+        let insn = decode32::decode(pc, u32::from(first), u32::from(second));
+        Some((insn, [first, second]))
+    }
+
+    /// The instruction at an address with its cycles, which depend on what follows and where it
+    /// jumps to.
+    fn decode<S: System>(system: &mut S, pc: u32) -> Option<(Insn, [u16; 2])> {
+        let (mut insn, halves) = Self::decode_raw(system, pc)?;
+        let next = pc.wrapping_add(u32::from(insn.size));
+        let follower = if timing::depends_on_follower(&insn) {
+            Self::decode_raw(system, next).map(|(insn, _)| insn)
+        } else {
+            None
+        };
+        let unaligned = timing::is_direct_branch(&insn)
+            && insn.imm & 2 != 0
+            && system.fetch(insn.imm).is_ok_and(decode32::is_wide);
+        timing::set_cycles(&mut insn, follower.as_ref(), unaligned);
+        Some((insn, halves))
+    }
+
+    /// Decodes an instruction of the flash for good.
+    #[cold]
+    #[inline(never)]
+    pub(super) fn decode_flash<S: System>(&mut self, system: &mut S, pc: u32) -> Result<(), Trap> {
+        let (insn, _) = Self::decode(system, pc).ok_or(Trap::FetchBus)?;
+        let index = (pc.wrapping_sub(FLASH) >> 1) as usize;
+        if let Some(entry) = self.decoded.get_mut(index) {
+            *entry = insn;
+        }
+        Ok(())
+    }
+
+    /// An instruction that the table of the flash does not reach.
+    #[inline(never)]
+    pub(super) fn fetch_elsewhere<S: System>(
+        &mut self,
+        system: &mut S,
+        pc: u32,
+    ) -> Result<Insn, Trap> {
+        let index = (pc.wrapping_sub(FLASH) >> 1) as usize;
+        if index < FLASH_HALVES {
+            let length = (index + 1).next_multiple_of(4096);
+            self.decoded.resize(length, Insn::EMPTY);
+            return Ok(Insn::EMPTY);
+        }
+        self.check_fetch(pc)?;
+        if self.cached.is_empty() {
+            self.cached.resize(CACHED, Cached::EMPTY);
+        }
+        let first = system.fetch(pc).map_err(|_| Trap::FetchBus)?;
+        let second = if decode32::is_wide(first) {
+            system
+                .fetch(pc.wrapping_add(2))
+                .map_err(|_| Trap::FetchBus)?
+        } else {
+            0
+        };
+        let entry = &mut self.cached[(pc >> 1) as usize % CACHED];
+        if entry.pc != pc || entry.halves != [first, second] {
+            let (insn, halves) = Self::decode(system, pc).ok_or(Trap::FetchBus)?;
+            *entry = Cached { pc, halves, insn };
+        }
+        Ok(entry.insn)
+    }
+
+    /// Decoded instructions of these addresses are forgotten, and those before them, which may
+    /// reach into them or owe their time to what follows.
+    pub(super) fn forget_code(&mut self, first: u32, last: u32) {
+        let index = |address: u32| (address.saturating_sub(FLASH) >> 1) as usize;
+        let end = (index(last) + 1).min(self.decoded.len());
+        let begin = index(first).saturating_sub(4).min(end);
+        self.decoded[begin..end].fill(Insn::EMPTY);
+        self.line = NO_LINE;
+    }
+
+    /// Execution enters another line of 16 bytes; `last` is the last halfword of the instruction.
+    #[inline(never)]
+    pub(super) fn enter_line<S: System>(
+        &mut self,
+        system: &mut S,
+        pc: u32,
+        last: u32,
+    ) -> Result<(), Trap> {
+        if pc >> 4 != self.line {
+            self.check_fetch(pc)?;
+            self.line = pc >> 4;
+            system.enter_line(pc, &mut self.cycles);
+        }
+        if last >> 4 != self.line {
+            self.check_fetch(last)?;
+            self.line = last >> 4;
+            system.enter_line(last, &mut self.cycles);
+        }
+        Ok(())
+    }
+
+    fn check_fetch(&self, pc: u32) -> Result<(), Trap> {
+        if self.mpu.allows_fetch(pc, self.view) {
+            Ok(())
+        } else {
+            Err(Trap::FetchMpu)
+        }
+    }
+
+    /// True if an entry of the table stands for an instruction yet to decode.
+    #[inline(always)]
+    pub(super) fn is_empty(insn: &Insn) -> bool {
+        insn.op == Op::Empty
+    }
+}

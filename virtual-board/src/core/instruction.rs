@@ -1,0 +1,407 @@
+//! A decoded instruction.
+//!
+//! Everything that depends on the place is bound when it is decoded: targets of branches and
+//! addresses of literals are absolute, a program counter that is read as an operand is a constant.
+
+/// Arithmetic and logic of two operands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub(super) enum Alu {
+    And,
+    Bic,
+    Orr,
+    Orn,
+    Eor,
+    Add,
+    Adc,
+    Sbc,
+    Sub,
+    Rsb,
+    Mov,
+    Mvn,
+}
+
+/// Comparisons: flags only.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub(super) enum Test {
+    Tst,
+    Teq,
+    Cmp,
+    Cmn,
+}
+
+/// Shifts and rotations.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub(super) enum Shift {
+    Lsl,
+    Lsr,
+    Asr,
+    Ror,
+}
+
+impl Shift {
+    pub(super) const fn of(bits: u32) -> Self {
+        match bits & 3 {
+            0 => Self::Lsl,
+            1 => Self::Lsr,
+            2 => Self::Asr,
+            _ => Self::Ror,
+        }
+    }
+}
+
+/// Type of a shift by a constant as `x` holds it: the four of [`Shift`], and rotate with extend.
+pub(super) const RRX: u8 = 4;
+
+/// What a load or store moves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub(super) enum Size {
+    Word,
+    Half,
+    Byte,
+    SignedHalf,
+    SignedByte,
+}
+
+/// How a load whose result is the stack pointer or the program counter finds its address.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub(super) enum Mode {
+    Offset,
+    Pre,
+    Post,
+    Register,
+    Literal,
+}
+
+/// Instructions that are rare in control code: bit fields, saturation, DSP.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub(super) enum Dsp {
+    Bfi,
+    Bfc,
+    Rbit,
+    Rev16,
+    Revsh,
+    /// `x`: 0 SXTAH, 1 UXTAH, 2 SXTAB16, 3 UXTAB16, 4 SXTAB, 5 UXTAB; n 15 adds nothing.
+    Extend,
+    Ssat,
+    Usat,
+    Ssat16,
+    Usat16,
+    /// `imm`: 0 BT, 1 TB; `x` holds the shift.
+    Pkh,
+    Sel,
+    /// `x`: operation, `imm`: prefix, as encoded.
+    Parallel,
+    /// `x`: 0 QADD, 1 QDADD, 2 QSUB, 3 QDSUB.
+    Saturating,
+    Usad,
+    /// `imm`: bit 1 top of n, bit 0 top of m.
+    SmulHalf,
+    SmlaHalf,
+    /// `imm`: bit 0 top of m.
+    SmulWide,
+    SmlaWide,
+    /// `imm`: bit 0 exchanges the halves of m, bit 1 subtracts.
+    SmulDual,
+    SmlaDual,
+    SmlalDual,
+    SmlalHalf,
+    /// `imm`: bit 0 rounds.
+    Smmul,
+    Smmla,
+    Smmls,
+    Umaal,
+}
+
+/// Instructions that touch the state of the processor.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub(super) enum Special {
+    Nop,
+    Yield,
+    Wfe,
+    Wfi,
+    Sev,
+    Barrier,
+    Clrex,
+    Svc,
+    Bkpt,
+    Mrs,
+    Msr,
+    /// `x`: bit 0 disables, `imm`: bit 0 FAULTMASK, bit 1 PRIMASK.
+    Cps,
+}
+
+/// Floating point beyond the frequent operations.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub(super) enum Float {
+    Nmul,
+    Nmla,
+    Nmls,
+    Fnma,
+    Fnms,
+    Sqrt,
+    /// `imm` bit 0: a quiet NaN is invalid; bit 1: against zero.
+    Compare,
+    /// `imm` bit 0: unsigned; bit 1: rounding mode of FPSCR instead of towards zero.
+    ToInteger,
+    /// `imm` bit 0: unsigned.
+    FromInteger,
+    /// `imm`: fraction bits, `x` bit 0 unsigned, bit 1 32 bits.
+    ToFixed,
+    FromFixed,
+    /// `imm` bit 0: upper half.
+    FromHalf,
+    ToHalf,
+    /// Two core registers and two single registers (m, m + 1); `x` bit 0 to the core.
+    MovTwo,
+    ReadStatus,
+    WriteStatus,
+    /// Multiple; `imm` registers, `x` bit 0 write back, bit 1 decrement before, bit 2 doubles.
+    LoadMultiple,
+    StoreMultiple,
+    LoadDouble,
+    StoreDouble,
+}
+
+/// What an instruction does. Names follow the manual; an `S` at the end sets the flags.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Op {
+    /// Not decoded yet.
+    Empty,
+    Undefined,
+    Unpredictable,
+    NoCoprocessor,
+    MovImm,
+    MovImmS,
+    MovReg,
+    MovRegS,
+    MovTop,
+    /// d = n + imm, also for subtractions.
+    AddImm,
+    AddImmS,
+    SubImmS,
+    AddReg,
+    AddRegS,
+    SubReg,
+    SubRegS,
+    /// d = n + (m << imm).
+    AddLsl,
+    LslImm,
+    LslImmS,
+    LsrImm,
+    LsrImmS,
+    AsrImm,
+    AsrImmS,
+    CmpImm,
+    CmpReg,
+    /// `x`: carry, 0 unchanged, 1 cleared, 2 set.
+    TstImm,
+    AluImm(Alu),
+    AluImmS(Alu),
+    AluReg(Alu),
+    AluRegS(Alu),
+    /// `x`: type of the shift, `imm`: by how much.
+    AluShift(Alu),
+    AluShiftS(Alu),
+    ShiftReg(Shift),
+    ShiftRegS(Shift),
+    TestImm(Test),
+    TestReg(Test),
+    TestShift(Test),
+    /// The stack pointer = n + imm.
+    SpImm,
+    /// The stack pointer from a shifted operand; bit 7 of `x` sets the flags.
+    SpShift(Alu),
+    SpMov,
+    Mul,
+    MulS,
+    Mla,
+    Mls,
+    Umull,
+    Smull,
+    Umlal,
+    Smlal,
+    Udiv,
+    Sdiv,
+    Ubfx,
+    Sbfx,
+    Clz,
+    Rev,
+    Uxtb,
+    Uxth,
+    Sxtb,
+    Sxth,
+    Dsp(Dsp),
+    LdrImm,
+    LdrbImm,
+    LdrhImm,
+    LdrsbImm,
+    LdrshImm,
+    LdrReg,
+    LdrbReg,
+    LdrhReg,
+    LdrsbReg,
+    LdrshReg,
+    LdrLit,
+    LoadLit(Size),
+    LoadPre(Size),
+    LoadPost(Size),
+    /// Destination 13 or 15.
+    LoadTo(Mode),
+    LoadUser(Size),
+    StrImm,
+    StrbImm,
+    StrhImm,
+    StrReg,
+    StrbReg,
+    StrhReg,
+    StorePre(Size),
+    StorePost(Size),
+    StoreUser(Size),
+    /// `x`: bit 0 indexes, bit 1 writes back; n 15: `imm` is the address.
+    Ldrd,
+    Strd,
+    /// `x`: bit 0 writes back, bit 1 decrements before.
+    Ldm,
+    Stm,
+    Push,
+    Pop,
+    PopPc,
+    Ldrex(Size),
+    Strex(Size),
+    /// `x`: bit 0 halfwords; n 15: `imm` is the base.
+    Table,
+    B,
+    Beq,
+    Bne,
+    Bcs,
+    Bcc,
+    Bmi,
+    Bpl,
+    Bvs,
+    Bvc,
+    Bhi,
+    Bls,
+    Bge,
+    Blt,
+    Bgt,
+    Ble,
+    Bl,
+    Bx,
+    Blx,
+    MovPc,
+    AddPc,
+    Cbz,
+    Cbnz,
+    It,
+    Special(Special),
+    Vldr,
+    Vstr,
+    VmovToCore,
+    VmovFromCore,
+    VmovReg,
+    VmovImm,
+    Vabs,
+    Vneg,
+    Vadd,
+    Vsub,
+    Vmul,
+    Vdiv,
+    Vmla,
+    Vmls,
+    Vfma,
+    Vfms,
+    Float(Float),
+}
+
+/// A decoded instruction: what it does and its operands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Insn {
+    pub(super) op: Op,
+    /// Cycles without wait states; of a branch, when it is not taken.
+    pub(super) cycles: u8,
+    /// Bytes.
+    pub(super) size: u8,
+    pub(super) d: u8,
+    pub(super) n: u8,
+    pub(super) m: u8,
+    /// The third source, or what the operation says; of a branch the cycles to refill the pipeline.
+    pub(super) x: u8,
+    pub(super) imm: u32,
+}
+
+impl Insn {
+    /// Not decoded yet.
+    pub(super) const EMPTY: Self = Self {
+        op: Op::Empty,
+        cycles: 0,
+        size: 2,
+        d: 0,
+        n: 0,
+        m: 0,
+        x: 0,
+        imm: 0,
+    };
+
+    /// An instruction without operands.
+    pub(super) const fn new(op: Op) -> Self {
+        Self { op, ..Self::EMPTY }
+    }
+
+    /// With registers as encoded.
+    pub(super) const fn regs(op: Op, d: u32, n: u32, m: u32) -> Self {
+        Self {
+            op,
+            d: d as u8,
+            n: n as u8,
+            m: m as u8,
+            ..Self::EMPTY
+        }
+    }
+
+    /// With a constant.
+    pub(super) const fn imm(mut self, imm: u32) -> Self {
+        self.imm = imm;
+        self
+    }
+
+    /// With the third source or the variant.
+    pub(super) const fn x(mut self, x: u32) -> Self {
+        self.x = x as u8;
+        self
+    }
+
+    /// The same inside an IT block, where 16-bit instructions but comparisons set no flags.
+    pub(super) fn in_block(mut self) -> Self {
+        if self.size != 2 {
+            return self;
+        }
+        self.op = match self.op {
+            Op::MovImmS => Op::MovImm,
+            Op::MovRegS => Op::MovReg,
+            Op::AddImmS => Op::AddImm,
+            Op::SubImmS => {
+                self.imm = self.imm.wrapping_neg();
+                Op::AddImm
+            }
+            Op::AddRegS => Op::AddReg,
+            Op::SubRegS => Op::SubReg,
+            Op::LslImmS => Op::LslImm,
+            Op::LsrImmS => Op::LsrImm,
+            Op::AsrImmS => Op::AsrImm,
+            Op::AluImmS(alu) => Op::AluImm(alu),
+            Op::AluRegS(alu) => Op::AluReg(alu),
+            Op::ShiftRegS(shift) => Op::ShiftReg(shift),
+            Op::MulS => Op::Mul,
+            other => other,
+        };
+        self
+    }
+}

@@ -1,0 +1,219 @@
+//! Registers as a debugger sees them, and what the core counted.
+
+use super::instruction::Op;
+use super::{Core, Sleep, fetch};
+use crate::time::Cycles;
+
+impl Core {
+    /// Cycles since power came on first; resets do not begin anew.
+    pub fn cycles(&self) -> Cycles {
+        self.cycles
+    }
+
+    /// Lets cycles pass in which the core does nothing, for instance while reset is held.
+    pub fn add_cycles(&mut self, cycles: Cycles) {
+        self.cycles += cycles;
+        self.attend = true;
+    }
+
+    /// Instructions executed.
+    pub fn instructions(&self) -> u64 {
+        self.instructions
+    }
+
+    /// Cycles in which the core slept.
+    pub fn asleep(&self) -> Cycles {
+        self.asleep
+    }
+
+    /// True while the core sleeps or is locked up.
+    pub fn is_asleep(&self) -> bool {
+        self.sleep != Sleep::Awake
+    }
+
+    /// How often an exception was entered.
+    pub fn taken(&self, exception: u16) -> u64 {
+        self.taken.get(usize::from(exception)).copied().unwrap_or(0)
+    }
+
+    /// The lowest that the main stack pointer ever was.
+    pub fn lowest_msp(&self) -> u32 {
+        self.lowest_msp
+    }
+
+    /// Forgets how low the main stack pointer was.
+    pub fn reset_lowest_msp(&mut self) {
+        self.lowest_msp = u32::MAX;
+        self.note_stack();
+    }
+
+    /// Addresses of the flash whose instruction was executed since it was last programmed.
+    pub fn executed(&self) -> impl Iterator<Item = u32> {
+        let addresses = (fetch::FLASH..).step_by(2);
+        let known = |insn: &super::Insn| insn.op != Op::Empty;
+        addresses
+            .zip(&self.decoded)
+            .filter(move |(_, insn)| known(insn))
+            .map(|(address, _)| address)
+    }
+
+    /// A register: 13 the stack pointer in use, 14 the link register, 15 the program counter.
+    pub fn register(&self, number: usize) -> u32 {
+        match number {
+            15 => self.pc,
+            _ => self.r[number & 15],
+        }
+    }
+
+    /// Sets a register.
+    pub fn set_register(&mut self, number: usize, value: u32) {
+        match number {
+            15 => {
+                self.pc = value & !1;
+                self.line = super::NO_LINE;
+            }
+            13 => self.r[13] = value & !3,
+            _ => self.r[number & 15] = value,
+        }
+    }
+
+    /// The address of the next instruction.
+    pub fn pc(&self) -> u32 {
+        self.pc
+    }
+
+    /// A single-precision register, as bits.
+    pub fn single(&self, number: usize) -> u32 {
+        self.s[number & 31]
+    }
+
+    /// Sets a single-precision register.
+    pub fn set_single(&mut self, number: usize, bits: u32) {
+        self.s[number & 31] = bits;
+    }
+
+    /// Status and control of floating point.
+    pub fn fpscr(&self) -> u32 {
+        self.fpscr
+    }
+
+    /// Sets status and control of floating point.
+    pub fn set_fpscr(&mut self, value: u32) {
+        self.fpscr = value & super::float::fpscr::WRITABLE;
+    }
+
+    /// The main stack pointer.
+    pub fn msp(&self) -> u32 {
+        if self.process_stack {
+            self.other_sp
+        } else {
+            self.r[13]
+        }
+    }
+
+    /// The process stack pointer.
+    pub fn psp(&self) -> u32 {
+        if self.process_stack {
+            self.r[13]
+        } else {
+            self.other_sp
+        }
+    }
+
+    pub(super) fn set_msp(&mut self, value: u32) {
+        if self.process_stack {
+            self.other_sp = value & !3;
+            self.lowest_msp = self.lowest_msp.min(value & !3);
+        } else {
+            self.set_sp(value);
+        }
+    }
+
+    pub(super) fn set_psp(&mut self, value: u32) {
+        if self.process_stack {
+            self.r[13] = value & !3;
+        } else {
+            self.other_sp = value & !3;
+        }
+    }
+
+    /// The stack pointer in use gets a value.
+    #[inline(always)]
+    pub(super) fn set_sp(&mut self, value: u32) {
+        self.r[13] = value & !3;
+        self.note_stack();
+    }
+
+    /// The stack pointer may be lower than ever.
+    #[inline(always)]
+    pub(super) fn note_stack(&mut self) {
+        if self.r[13] < self.lowest_msp && !self.process_stack {
+            self.lowest_msp = self.r[13];
+        }
+    }
+
+    /// PRIMASK, FAULTMASK, BASEPRI and CONTROL, as a debugger packs them: bits 0, 8, 16 and 24 on.
+    pub fn masks(&self) -> u32 {
+        u32::from(self.primask)
+            | u32::from(self.basepri) << 8
+            | u32::from(self.faultmask) << 16
+            | self.control() << 24
+    }
+
+    pub(super) fn control(&self) -> u32 {
+        u32::from(self.user_thread)
+            | u32::from(self.process_stack) << 1
+            | u32::from(self.fp_active) << 2
+    }
+
+    /// The number of the exception that is handled; 0 in thread mode.
+    pub fn exception(&self) -> u16 {
+        self.ipsr
+    }
+
+    /// Flags, exception and execution state in one.
+    pub fn xpsr(&self) -> u32 {
+        let it = u32::from(self.it);
+        self.apsr()
+            | (it & 3) << 25
+            | u32::from(self.thumb) << 24
+            | (it >> 2) << 10
+            | u32::from(self.ipsr)
+    }
+
+    /// Sets flags and state of the IT block; the exception stays.
+    pub fn set_xpsr(&mut self, value: u32) {
+        self.set_apsr(value);
+        self.it = it_state(value);
+        self.thumb = value >> 24 & 1 != 0;
+    }
+
+    pub(super) fn apsr(&self) -> u32 {
+        self.n & 1 << 31
+            | u32::from(self.z == 0) << 30
+            | u32::from(self.c) << 29
+            | u32::from(self.v) << 28
+            | u32::from(self.q) << 27
+            | self.ge << 16
+    }
+
+    pub(super) fn set_nzcv(&mut self, value: u32) {
+        self.n = value;
+        self.z = !value & 1 << 30;
+        self.c = value >> 29 & 1 != 0;
+        self.v = value >> 28 & 1 != 0;
+    }
+
+    pub(super) fn set_apsr(&mut self, value: u32) {
+        self.set_nzcv(value);
+        self.q = value >> 27 & 1 != 0;
+        self.ge = value >> 16 & 15;
+    }
+}
+
+/// The state of the IT block in a program status register; what an interrupted LDM leaves there is
+/// none.
+pub(super) fn it_state(psr: u32) -> u8 {
+    let it = (psr >> 25 & 3 | psr >> 8 & 0xfc) as u8;
+    if it & 15 == 0 { 0 } else { it }
+}

@@ -1,0 +1,206 @@
+//! The loop: look up, take exceptions, execute until there is something to look at, sleep.
+
+use super::exception::Trap;
+use super::nvic::exception as number;
+use super::scb::{cfsr, scr};
+use super::{Core, Sleep, Stop, System, fetch};
+use crate::finding::Kind;
+use crate::time::Cycles;
+
+impl Core {
+    /// Runs until a cycle, or until something stops the core. The last instruction may end a few
+    /// cycles later.
+    pub fn run<S: System>(&mut self, system: &mut S, until: Cycles) -> Stop {
+        loop {
+            let due = self.look_up(system, until);
+            if let Some(stop) = self.stop.take() {
+                return stop;
+            }
+            if self.cycles >= until {
+                return Stop::Until;
+            }
+            self.wake();
+            self.take_pending(system);
+            if self.stop.is_some() {
+                continue;
+            }
+            if std::mem::take(&mut self.deep_sleep) {
+                system.note(Kind::NotModelled, self.pc, self.cycles, "deep sleep".into());
+            }
+            if self.sleep != Sleep::Awake {
+                self.pass(due.min(until));
+                continue;
+            }
+            if !self.thumb {
+                self.scb.cfsr |= cfsr::INVSTATE;
+                self.raise(system, number::USAGE_FAULT);
+                continue;
+            }
+            let trap = if self.profile.is_some() || self.debug.per_instruction() {
+                self.execute_until_limit::<S, true>(system)
+            } else {
+                self.execute_until_limit::<S, false>(system)
+            };
+            if let Some((trap, it)) = trap {
+                self.attend = true;
+                self.trap(system, trap, it);
+            }
+            if self.debug.step {
+                self.stop.get_or_insert(Stop::Step);
+            }
+        }
+    }
+
+    /// Executes one instruction, or takes one exception; sleeps until `until` at most.
+    pub fn step<S: System>(&mut self, system: &mut S, until: Cycles) -> Stop {
+        self.debug.step = true;
+        let stop = self.run(system, until);
+        self.debug.step = false;
+        stop
+    }
+
+    /// Lets the chip go on until a cycle while the core stands still, as under a debugger.
+    pub fn stand_still<S: System>(&mut self, system: &mut S, until: Cycles) {
+        while self.cycles < until {
+            let due = self.look_up(system, until);
+            self.cycles = due.clamp(self.cycles + 1, until);
+        }
+        self.look_up(system, until);
+        self.attend = true;
+    }
+
+    /// Lets the chip do what is due and looks at what it did; gives when the next thing is due.
+    fn look_up<S: System>(&mut self, system: &mut S, until: Cycles) -> Cycles {
+        self.attend = false;
+        if self.systick.advance(self.cycles) {
+            self.nvic.pend(number::SYSTICK, self.cycles);
+        }
+        let until = until.min(self.systick.deadline());
+        let due = system.advance(self.cycles, until);
+        if let Some((first, last)) = system.take_changed_code() {
+            self.forget_code(first, last);
+        }
+        self.nvic.set_lines(system.lines(), self.cycles);
+        if std::mem::take(&mut self.nvic.arrived) && self.scb.scr & scr::SEVONPEND != 0 {
+            self.event = true;
+        }
+        due.min(until)
+    }
+
+    /// Ends sleep if there is a reason; an exception that is taken ends it too.
+    fn wake(&mut self) {
+        let awake = match self.sleep {
+            Sleep::Awake | Sleep::LockedUp => return,
+            // What PRIMASK alone holds back wakes without being taken.
+            Sleep::Interrupt => self.nvic.first().is_some_and(|(_, priority)| {
+                self.nvic.group_of(priority) < self.masked_priority(false)
+            }),
+            Sleep::Event => std::mem::take(&mut self.event),
+        };
+        if awake {
+            self.sleep = Sleep::Awake;
+        }
+    }
+
+    /// Time passes in sleep.
+    fn pass(&mut self, until: Cycles) {
+        let until = until.max(self.cycles + 1);
+        self.asleep += until - self.cycles;
+        self.cycles = until;
+    }
+
+    /// Executes instructions until something is to be looked at. A trap comes with the IT state
+    /// that its instruction had.
+    fn execute_until_limit<S: System, const PROBE: bool>(
+        &mut self,
+        system: &mut S,
+    ) -> Option<(Trap, u8)> {
+        let mut pc = self.pc;
+        let mut count = 0;
+        let mut it = 0;
+        let trap = loop {
+            if self.cycles >= system.limit() || self.attend {
+                break None;
+            }
+            let before = self.cycles;
+            it = self.it;
+            if PROBE && self.probe(pc, count) {
+                break None;
+            }
+            let index = (pc.wrapping_sub(fetch::FLASH) >> 1) as usize;
+            let mut insn = match self.decoded.get(index) {
+                Some(insn) => *insn,
+                None => match self.fetch_elsewhere(system, pc) {
+                    Ok(insn) => insn,
+                    Err(trap) => break Some(trap),
+                },
+            };
+            let last = pc.wrapping_add(u32::from(insn.size) - 2);
+            if last >> 4 != self.line
+                && let Err(trap) = self.enter_line(system, pc, last)
+            {
+                break Some(trap);
+            }
+            if (PROBE || it != 0) && Self::is_empty(&insn) {
+                match self.decode_flash(system, pc) {
+                    Ok(()) => continue,
+                    Err(trap) => break Some(trap),
+                }
+            }
+            if it != 0 {
+                self.it = advance_it(it);
+                if !self.condition(it >> 4) && !insn.is_breakpoint() {
+                    self.cycles += 1;
+                    count += 1;
+                    pc = pc.wrapping_add(u32::from(insn.size));
+                    continue;
+                }
+                insn = insn.in_block();
+            }
+            self.cycles += u64::from(insn.cycles);
+            count += 1;
+            match self.execute(system, &insn, pc) {
+                Ok(next) => {
+                    if PROBE {
+                        self.account(pc, before);
+                    }
+                    pc = next;
+                }
+                Err(trap) => break Some(trap),
+            }
+        };
+        self.pc = pc;
+        self.instructions += count;
+        trap.map(|trap| (trap, it))
+    }
+
+    /// True if a debugger wants the core to stop before this instruction.
+    #[inline(never)]
+    fn probe(&mut self, pc: u32, count: u64) -> bool {
+        if self.debug.step {
+            return count > 0;
+        }
+        if self.debug.stops_at(pc) {
+            self.stop = Some(Stop::Breakpoint(pc));
+            return true;
+        }
+        false
+    }
+
+    #[inline(never)]
+    fn account(&mut self, pc: u32, before: Cycles) {
+        let cycles = self.cycles - before;
+        if let Some(profile) = &mut self.profile {
+            profile.instruction(pc, cycles);
+        }
+    }
+}
+
+/// The next state of an IT block (ITAdvance).
+fn advance_it(it: u8) -> u8 {
+    if it & 7 == 0 {
+        0
+    } else {
+        it & 0xe0 | it << 1 & 0x1f
+    }
+}

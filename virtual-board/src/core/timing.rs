@@ -1,0 +1,272 @@
+//! Cycles of instructions (Cortex-M4 Technical Reference Manual r0p1, table 3-1 and section 3.3.2).
+//!
+//! An instruction has its cycles from when it is decoded. Three things depend on the neighbour that
+//! follows and are charged to the first of the two:
+//!
+//! - a load of one register, followed by a load or store whose address does not depend on it, takes
+//!   1 cycle instead of 2;
+//! - a data-processing result that the next instruction uses as an address costs 1 cycle;
+//! - a floating-point result that the next floating-point instruction uses costs 1 cycle.
+//!
+//! The cycles to refill the pipeline, which the manual gives as 1 to 3, are: 1 for a branch whose
+//! target the instruction holds, 2 for one to a register, 3 if the target comes from memory; one
+//! more if a branch of the first sort lands on a 32-bit instruction that is not aligned to 4.
+
+use super::instruction::{Dsp, Float, Insn, Mode, Op, Special};
+
+/// Refill of the pipeline after a jump to a register.
+pub(super) const REFILL_REGISTER: u64 = 2;
+/// Refill of the pipeline after a jump to an address from memory.
+pub(super) const REFILL_LOADED: u64 = 3;
+/// From the exception until its first instruction, with memory that does not wait.
+pub(super) const ENTRY: u64 = 12;
+/// Of these, what stacking takes.
+pub(super) const STACKING: u64 = 8;
+/// From the return of an exception until the interrupted instruction.
+pub(super) const RETURN: u64 = 10;
+/// From the return of an exception until the first instruction of the next one.
+pub(super) const TAIL_CHAIN: u64 = 6;
+/// Saving or restoring 16 singles and the status register.
+pub(super) const FP_CONTEXT: u64 = 17;
+/// Cycles of division and square root.
+pub(super) const FP_DIVISION: u64 = 14;
+
+/// Branches whose target is a constant.
+pub(super) fn is_direct_branch(insn: &Insn) -> bool {
+    matches!(insn.op, Op::B | Op::Bl | Op::Cbz | Op::Cbnz) || is_conditional(insn)
+}
+
+fn is_conditional(insn: &Insn) -> bool {
+    matches!(
+        insn.op,
+        Op::Beq
+            | Op::Bne
+            | Op::Bcs
+            | Op::Bcc
+            | Op::Bmi
+            | Op::Bpl
+            | Op::Bvs
+            | Op::Bvc
+            | Op::Bhi
+            | Op::Bls
+            | Op::Bge
+            | Op::Blt
+            | Op::Bgt
+            | Op::Ble
+    )
+}
+
+fn is_load(insn: &Insn) -> bool {
+    matches!(
+        insn.op,
+        Op::LdrImm
+            | Op::LdrbImm
+            | Op::LdrhImm
+            | Op::LdrsbImm
+            | Op::LdrshImm
+            | Op::LdrReg
+            | Op::LdrbReg
+            | Op::LdrhReg
+            | Op::LdrsbReg
+            | Op::LdrshReg
+            | Op::LdrLit
+            | Op::LoadLit(_)
+            | Op::LoadPre(_)
+            | Op::LoadPost(_)
+            | Op::LoadUser(_)
+            | Op::Ldrex(_)
+            | Op::Strex(_)
+    )
+}
+
+fn is_store(insn: &Insn) -> bool {
+    matches!(
+        insn.op,
+        Op::StrImm | Op::StrbImm | Op::StrhImm | Op::StorePre(_) | Op::StorePost(_)
+    ) || is_register_store(insn)
+}
+
+fn is_register_store(insn: &Insn) -> bool {
+    matches!(insn.op, Op::StrReg | Op::StrbReg | Op::StrhReg)
+}
+
+/// Integer operations whose result is a core register d.
+fn is_data(insn: &Insn) -> bool {
+    matches!(
+        insn.op,
+        Op::MovImm
+            | Op::MovImmS
+            | Op::MovReg
+            | Op::MovRegS
+            | Op::MovTop
+            | Op::AddImm
+            | Op::AddImmS
+            | Op::SubImmS
+            | Op::AddReg
+            | Op::AddRegS
+            | Op::SubReg
+            | Op::SubRegS
+            | Op::AddLsl
+            | Op::LslImm
+            | Op::LslImmS
+            | Op::LsrImm
+            | Op::LsrImmS
+            | Op::AsrImm
+            | Op::AsrImmS
+            | Op::AluImm(_)
+            | Op::AluImmS(_)
+            | Op::AluReg(_)
+            | Op::AluRegS(_)
+            | Op::AluShift(_)
+            | Op::AluShiftS(_)
+            | Op::ShiftReg(_)
+            | Op::ShiftRegS(_)
+            | Op::Mul
+            | Op::MulS
+            | Op::Mla
+            | Op::Mls
+            | Op::Ubfx
+            | Op::Sbfx
+            | Op::Uxtb
+            | Op::Uxth
+            | Op::Sxtb
+            | Op::Sxth
+            | Op::Dsp(_)
+    )
+}
+
+/// Floating-point arithmetic whose result is d.
+fn is_float(insn: &Insn) -> bool {
+    use Float::{
+        Fnma, Fnms, FromFixed, FromHalf, FromInteger, Nmla, Nmls, Nmul, ToFixed, ToHalf, ToInteger,
+    };
+    match insn.op {
+        Op::Vadd | Op::Vsub | Op::Vmul | Op::Vmla | Op::Vmls | Op::Vfma | Op::Vfms => true,
+        Op::Float(op) => matches!(
+            op,
+            Fnma | Fnms
+                | FromFixed
+                | FromHalf
+                | FromInteger
+                | Nmla
+                | Nmls
+                | Nmul
+                | ToFixed
+                | ToHalf
+                | ToInteger
+        ),
+        _ => false,
+    }
+}
+
+/// Singles that a floating-point instruction reads.
+fn reads_single(insn: &Insn, register: u8) -> bool {
+    use Float::{Compare, Fnma, Fnms, FromFixed, Nmla, Nmls, Nmul, ToFixed};
+    let Insn { d, n, m, .. } = *insn;
+    match insn.op {
+        Op::Vadd | Op::Vsub | Op::Vmul | Op::Vdiv | Op::Float(Nmul) => {
+            n == register || m == register
+        }
+        Op::Vmla
+        | Op::Vmls
+        | Op::Vfma
+        | Op::Vfms
+        | Op::Float(Fnma | Fnms | Nmla | Nmls) => n == register || m == register || d == register,
+        Op::Vabs | Op::Vneg | Op::VmovReg => m == register,
+        Op::Vstr | Op::Float(ToFixed | FromFixed) => d == register,
+        Op::VmovToCore => n == register,
+        Op::Float(Compare) => d == register || m == register,
+        Op::Float(Float::MovTwo) => insn.x != 0 && (m == register || m + 1 == register),
+        Op::Float(Float::StoreMultiple | Float::LoadMultiple | Float::LoadDouble) => false,
+        Op::Float(Float::StoreDouble) => d == register || d + 1 == register,
+        Op::Float(_) => m == register,
+        _ => false,
+    }
+}
+
+/// Whether a load or store has its address from a register.
+fn address_from(insn: &Insn, register: u8) -> bool {
+    let by_register = matches!(
+        insn.op,
+        Op::LdrReg
+            | Op::LdrbReg
+            | Op::LdrhReg
+            | Op::LdrsbReg
+            | Op::LdrshReg
+            | Op::StrReg
+            | Op::StrbReg
+            | Op::StrhReg
+    );
+    let base = is_load(insn)
+        || is_store(insn)
+        || matches!(
+            insn.op,
+            Op::Ldrd | Op::Strd | Op::Ldm | Op::Stm | Op::Vldr | Op::Vstr
+        );
+    (base && insn.n == register) || (by_register && insn.m == register)
+}
+
+/// Whether the cycles of an instruction depend on the one behind it.
+pub(super) fn depends_on_follower(insn: &Insn) -> bool {
+    is_load(insn) || is_data(insn) || is_float(insn)
+}
+
+/// Gives an instruction its cycles, and a branch those to refill the pipeline; `unaligned`: it
+/// jumps to a 32-bit instruction that is not aligned to 4.
+pub(super) fn set_cycles(insn: &mut Insn, follower: Option<&Insn>, unaligned: bool) {
+    let mut cycles = alone(insn);
+    if is_direct_branch(insn) {
+        let refill = 1 + u32::from(unaligned);
+        insn.x = refill as u8;
+        if matches!(insn.op, Op::B | Op::Bl) {
+            cycles += refill;
+        }
+    }
+    if let Some(follower) = follower {
+        let on_address = address_from(follower, insn.d);
+        if is_load(insn) && (is_load(follower) || is_store(follower)) && !on_address {
+            cycles -= 1;
+        }
+        if (is_data(insn) && on_address) || (is_float(insn) && reads_single(follower, insn.d)) {
+            cycles += 1;
+        }
+    }
+    insn.cycles = cycles.min(255) as u8;
+}
+
+/// Cycles of an instruction by itself.
+fn alone(insn: &Insn) -> u32 {
+    let registers = insn.imm.count_ones();
+    match insn.op {
+        Op::Empty => 0,
+        _ if is_load(insn) => 2,
+        Op::StrReg | Op::StrbReg | Op::StrhReg => 2,
+        Op::StoreUser(_) => 2,
+        Op::LoadTo(Mode::Literal | Mode::Offset | Mode::Pre | Mode::Post | Mode::Register) => 2,
+        Op::Ldrd | Op::Strd => 3,
+        Op::Ldm | Op::Stm | Op::Push | Op::Pop => 1 + registers,
+        // With the program counter, which the list does not name.
+        Op::PopPc => 2 + registers,
+        Op::Table => 3,
+        Op::Mla | Op::Mls => 1,
+        // The rest depends on the operands.
+        Op::Udiv | Op::Sdiv => 2,
+        Op::Dsp(Dsp::Usad) => 1,
+        Op::Special(Special::Mrs | Special::Msr) => 2,
+        Op::Special(Special::Cps) => 2,
+        Op::Vldr | Op::Vstr => 2,
+        Op::Vmla | Op::Vmls | Op::Vfma | Op::Vfms => 3,
+        Op::Float(float) => float_alone(insn, float),
+        _ => 1,
+    }
+}
+
+fn float_alone(insn: &Insn, float: Float) -> u32 {
+    match float {
+        Float::Nmla | Float::Nmls | Float::Fnma | Float::Fnms => 3,
+        Float::MovTwo => 2,
+        Float::LoadMultiple | Float::StoreMultiple => 1 + insn.imm,
+        Float::LoadDouble | Float::StoreDouble => 3,
+        _ => 1,
+    }
+}
