@@ -40,14 +40,7 @@ impl Board {
 
     /// Writes an image into the flash, as a debug probe does.
     pub fn flash(&mut self, image: &Image) {
-        let flash = self.chip.flash();
-        for segment in image.segments() {
-            let first = segment.address.saturating_sub(crate::chip::FLASH) as usize;
-            let place = flash.get_mut(first..first + segment.bytes.len());
-            if let Some(place) = place {
-                place.copy_from_slice(&segment.bytes);
-            }
-        }
+        image.load(self.chip.flash());
     }
 
     /// Switches the power on or off.
@@ -130,12 +123,12 @@ impl Board {
                 return;
             }
             if !self.powered {
-                self.core.skip_to(until);
+                self.core.add_cycles(until - cycle);
                 return;
             }
-            if self.locked || self.chip.is_held() {
+            if self.chip.is_held() {
                 let next = self.chip.advance(cycle, until);
-                self.core.skip_to(next.min(until));
+                self.core.add_cycles(next.min(until).max(cycle + 1) - cycle);
             } else if self.core.run(&mut self.chip, until) == Stop::LockUp {
                 self.locked = true;
             }

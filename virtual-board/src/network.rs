@@ -129,8 +129,7 @@ fn run(boards: &mut [(usize, &mut Board)], until: Time) {
 
 /// The wire to `until`, between these boards.
 fn carry<'a>(wire: &mut Wire, until: Time, boards: impl Iterator<Item = &'a mut Board>) {
-    let mut nodes: Vec<&mut dyn Node> =
-        boards.map(|board| board.chip() as &mut dyn Node).collect();
+    let mut nodes: Vec<&mut dyn Node> = boards.map(|board| board.chip() as &mut dyn Node).collect();
     wire.advance(until, &mut nodes);
 }
 
@@ -147,7 +146,10 @@ fn spread(boards: &mut [Board], threads: usize) -> Vec<Group<'_>> {
             group.push((place, board));
         }
     }
-    groups.into_iter().map(|(_, group)| Mutex::new(group)).collect()
+    groups
+        .into_iter()
+        .map(|(_, group)| Mutex::new(group))
+        .collect()
 }
 
 /// A worker: runs its boards quantum by quantum until told to stop.
@@ -159,7 +161,10 @@ fn work(group: &Group, signals: &Signals) {
         if signals.stop.load(Ordering::Relaxed) {
             return;
         }
-        run(&mut lock(group), Time(signals.until.load(Ordering::Relaxed)));
+        run(
+            &mut lock(group),
+            Time(signals.until.load(Ordering::Relaxed)),
+        );
         signals.done.fetch_add(1, Ordering::Release);
     }
 }

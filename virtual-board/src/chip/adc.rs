@@ -11,7 +11,7 @@
 use super::Peripheral;
 use super::interrupt::Interrupt;
 use super::pin::Pin;
-use super::register::{Register, merge, word};
+use super::register::{Register, merge, narrow, word};
 use super::shared::{Effect, Request, Shared, Source, Trigger};
 use crate::finding::Kind;
 use crate::time::{Cycles, NEVER, Time};
@@ -23,7 +23,7 @@ const REGISTERS: &[Register] = &[
     word(0x20, "JOFR4", 0xfff), word(0x24, "HTR", 0xfff), word(0x28, "LTR", 0xfff), word(0x2c, "SQR1", 0x00ff_ffff),
     word(0x30, "SQR2", 0x3fff_ffff), word(0x34, "SQR3", 0x3fff_ffff), word(0x38, "JSQR", 0x003f_ffff),
     word(0x3c, "JDR1", 0xffff), word(0x40, "JDR2", 0xffff), word(0x44, "JDR3", 0xffff), word(0x48, "JDR4", 0xffff),
-    word(0x4c, "DR", 0xffff), word(0x300, "CSR", 0x003f_3f3f), word(0x304, "CCR", 0x00c3_ef1f), word(0x308, "CDR", !0),
+    narrow(0x4c, "DR", 0xffff), word(0x300, "CSR", 0x003f_3f3f), word(0x304, "CCR", 0x00c3_ef1f), word(0x308, "CDR", !0),
 ];
 
 // Bits of SR.

@@ -83,6 +83,8 @@ const REGISTERS: &[Register] = &[
     word(0x60, "APB1LPENR", 0x36fe_c9ff), word(0x64, "APB2LPENR", 0x0007_5f33),
     word(0x70, "BDCR", 0x0001_8307), word(0x74, "CSR", 0xff00_0003), word(0x80, "SSCGR", 0xcfff_ffff),
     word(0x84, "PLLI2SCFGR", 0x7000_7fc0),
+    // Of the STM32F42x; here it reads as zero, and drivers for the whole family look at it.
+    word(0x8c, "DCKCFGR", 0),
 ];
 
 /// What comes up some time after it is switched on: its enable bit in CR (or CSR), and its ready bit.
@@ -109,7 +111,7 @@ pub(crate) struct Kept {
 /// Reset and clock control.
 pub(crate) struct Rcc {
     /// Registers that only hold what is written, by offset over 4.
-    plain: [u32; 34],
+    plain: [u32; 36],
     oscillators: [Oscillator; 4],
     /// What the core runs on: 0 internal, 1 crystal, 2 PLL.
     system: u32,
@@ -122,7 +124,7 @@ pub(crate) struct Rcc {
 
 impl Default for Rcc {
     fn default() -> Self {
-        let mut plain = [0; 34];
+        let mut plain = [0; 36];
         for (offset, value) in [
             (0x00, 0x81),
             (0x04, 0x2400_3010),
@@ -463,8 +465,11 @@ impl Peripheral for Rcc {
                 }
                 self.plain[place] = value & 1;
             }
-            0x70 if value & 0x8001 != 0 => {
-                shared.note(Kind::NotModelled, "real-time clock and its oscillator");
+            0x70 => {
+                if value & 1 != 0 {
+                    shared.note(Kind::NotModelled, "the slow crystal (LSE)");
+                }
+                self.plain[place] = value & 0x0001_8304;
             }
             0x80 if value & 1 << 31 != 0 => shared.note(Kind::NotModelled, "spread spectrum"),
             _ => self.plain[place] = value,

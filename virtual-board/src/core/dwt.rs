@@ -25,7 +25,8 @@ impl Dwt {
 
     fn count(&self, awake: Cycles) -> u32 {
         if self.runs() {
-            self.value.wrapping_add(awake.wrapping_sub(self.from) as u32)
+            self.value
+                .wrapping_add(awake.wrapping_sub(self.from) as u32)
         } else {
             self.value
         }

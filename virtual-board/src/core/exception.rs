@@ -291,7 +291,12 @@ impl Core {
         };
         let mut cycle = self.cycles;
         let pc = system
-            .read(frame.wrapping_add(24) & !3, Width::Word, self.pc, &mut cycle)
+            .read(
+                frame.wrapping_add(24) & !3,
+                Width::Word,
+                self.pc,
+                &mut cycle,
+            )
             .unwrap_or(self.pc);
         let text = format!(
             "hard fault: CFSR {:#010x}, HFSR {:#010x}, BFAR {:#010x}, MMFAR {:#010x}",

@@ -172,8 +172,7 @@ impl Core {
             }
             Dsp::Umaal => {
                 let product = u64::from(self.reg(insn.n)) * u64::from(self.reg(insn.m));
-                let value =
-                    product + u64::from(self.reg(insn.x)) + u64::from(self.reg(insn.d));
+                let value = product + u64::from(self.reg(insn.x)) + u64::from(self.reg(insn.d));
                 self.set_long(insn, value);
             }
             _ => {}

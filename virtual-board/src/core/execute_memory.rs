@@ -137,7 +137,8 @@ impl Core {
             Op::LoadPre(size) => (offset, size),
             Op::LoadPost(size) => (self.reg(insn.n), size),
             Op::LoadUser(size) => {
-                let value = self.unprivileged(|core| core.load(system, offset, size.width(), pc))?;
+                let value =
+                    self.unprivileged(|core| core.load(system, offset, size.width(), pc))?;
                 self.set(insn.d, size.extend(value));
                 return Ok(());
             }

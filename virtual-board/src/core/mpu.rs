@@ -163,7 +163,8 @@ impl Mpu {
             let Some(last) = self.regions.iter().rfind(|r| r.overlaps_page(page)) else {
                 return false;
             };
-            let whole = last.exponent() >= 27 || (last.exponent() >= 24 && last.control & 0xff00 == 0);
+            let whole =
+                last.exponent() >= 27 || (last.exponent() >= 24 && last.control & 0xff00 == 0);
             let open = last.permissions(mode == Mode::Privileged) == READ | WRITE;
             return whole && open && last.matches(page << 24);
         }
@@ -266,7 +267,10 @@ mod tests {
     #[test]
     fn the_highest_region_wins_and_subregions_fall_through() {
         // 64 KiB writable; above it 2 KiB read-only with the subregions 0 and 7 off.
-        let regions = [(0x2000_0000, RW | size(16)), (0x2000_0800, RO | 0x81 << 8 | size(11))];
+        let regions = [
+            (0x2000_0000, RW | size(16)),
+            (0x2000_0800, RO | 0x81 << 8 | size(11)),
+        ];
         let mut mpu = unit(&regions, ENABLE);
         for address in (0x2000_0000..0x2001_0000u32).step_by(32) {
             let read_only = (0x2000_0900..0x2000_0f00).contains(&address);
@@ -299,15 +303,25 @@ mod tests {
             ];
             for (k, (access, mode)) in asked.into_iter().enumerate() {
                 let expected = bits >> (3 - k) & 1 != 0;
-                assert_eq!(mpu.allows_data(0x6000_0040, access, mode), expected, "{ap} {k}");
+                assert_eq!(
+                    mpu.allows_data(0x6000_0040, access, mode),
+                    expected,
+                    "{ap} {k}"
+                );
             }
-            assert_eq!(mpu.allows_fetch(0x6000_0040, Mode::Privileged), bits & 8 != 0);
+            assert_eq!(
+                mpu.allows_fetch(0x6000_0040, Mode::Privileged),
+                bits & 8 != 0
+            );
         }
     }
 
     #[test]
     fn execute_never_and_the_default_map_forbid_fetching() {
-        let regions = [(0x2000_0000, 1 << 28 | RW | size(17)), (0x4000_0000, RW | size(20))];
+        let regions = [
+            (0x2000_0000, 1 << 28 | RW | size(17)),
+            (0x4000_0000, RW | size(20)),
+        ];
         let mpu = unit(&regions, ENABLE | PRIVDEFENA);
         assert!(!mpu.allows_fetch(0x2000_0000, Mode::Privileged));
         assert!(mpu.allows_fetch(0x4000_0000, Mode::Privileged));

@@ -198,8 +198,8 @@ impl Nvic {
                 continue;
             }
             let number = first + k;
-            let exists = matches!(number, 4..=6 | 11 | 12 | 14 | 15)
-                || (16..16 + LINES).contains(&number);
+            let exists =
+                matches!(number, 4..=6 | 11 | 12 | 14 | 15) || (16..16 + LINES).contains(&number);
             if exists {
                 self.priorities[(number & 127) as usize] = (value >> (8 * k)) as u8 & 0xf0;
             }

@@ -16,7 +16,7 @@ impl Core {
             if let Some(stop) = self.stop.take() {
                 return stop;
             }
-            if self.cycles >= until {
+            if self.cycles >= until || system.must_stop() {
                 return Stop::Until;
             }
             self.wake();
@@ -81,6 +81,9 @@ impl Core {
             self.forget_code(first, last);
         }
         self.nvic.set_lines(system.lines(), self.cycles);
+        if system.take_nmi() {
+            self.nvic.pend(number::NMI, self.cycles);
+        }
         if std::mem::take(&mut self.nvic.arrived) && self.scb.scr & scr::SEVONPEND != 0 {
             self.event = true;
         }

@@ -201,7 +201,8 @@ impl Core {
             self.s[k as usize & 31] = self.load(system, address, Width::Word, self.pc)?;
         }
         let address = frame.wrapping_add(BASIC + 0x40);
-        self.fpscr = self.load(system, address, Width::Word, self.pc)? & super::float::fpscr::WRITABLE;
+        self.fpscr =
+            self.load(system, address, Width::Word, self.pc)? & super::float::fpscr::WRITABLE;
         Ok(words)
     }
 

@@ -167,11 +167,9 @@ fn reads_single(insn: &Insn, register: u8) -> bool {
         Op::Vadd | Op::Vsub | Op::Vmul | Op::Vdiv | Op::Float(Nmul) => {
             n == register || m == register
         }
-        Op::Vmla
-        | Op::Vmls
-        | Op::Vfma
-        | Op::Vfms
-        | Op::Float(Fnma | Fnms | Nmla | Nmls) => n == register || m == register || d == register,
+        Op::Vmla | Op::Vmls | Op::Vfma | Op::Vfms | Op::Float(Fnma | Fnms | Nmla | Nmls) => {
+            n == register || m == register || d == register
+        }
         Op::Vabs | Op::Vneg | Op::VmovReg => m == register,
         Op::Vstr | Op::Float(ToFixed | FromFixed) => d == register,
         Op::VmovToCore => n == register,
