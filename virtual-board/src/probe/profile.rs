@@ -1,1 +1,214 @@
-//! x
+//! Where the time of a board goes: by function, by source line and by interrupt.
+
+use super::image::Image;
+use crate::time::Cycles;
+use std::collections::BTreeMap;
+use std::fmt;
+
+/// What an interrupt or another exception took.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct InterruptTime {
+    /// Its name.
+    pub name: String,
+    /// How often it ran.
+    pub count: u64,
+    /// Cycles of all of them, without what preempted them.
+    pub total: Cycles,
+    /// The longest from entry to return, with what preempted it.
+    pub longest: Cycles,
+    /// The longest without what preempted it.
+    pub longest_own: Cycles,
+    /// The longest from pending to the first instruction.
+    pub longest_latency: Cycles,
+}
+
+/// Cycles of a function.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct FunctionTime {
+    /// Its name; where there are no symbols its address.
+    pub name: String,
+    /// Cycles in it, without what it called.
+    pub cycles: Cycles,
+}
+
+/// Where the time of a board went.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Times {
+    functions: Vec<FunctionTime>,
+    /// Function, source line, cycles.
+    lines: BTreeMap<(String, String), Cycles>,
+    interrupts: Vec<InterruptTime>,
+    frequency_hz: f64,
+}
+
+impl Times {
+    /// From the cycles of each instruction (address, cycles), and those of interrupts. Both tables come
+    /// with the greatest first.
+    pub fn new(
+        image: &Image,
+        instructions: impl IntoIterator<Item = (u32, Cycles)>,
+        interrupts: impl IntoIterator<Item = InterruptTime>,
+        frequency_hz: f64,
+    ) -> Self {
+        let mut functions: BTreeMap<String, Cycles> = BTreeMap::new();
+        let mut lines = BTreeMap::new();
+        for (pc, cycles) in instructions {
+            let name = image
+                .function(pc)
+                .map_or_else(|| format!("{:#010x}", pc & !1), |s| s.name.clone());
+            let line = image.line(pc).map_or_else(String::new, |p| p.to_string());
+            *functions.entry(name.clone()).or_default() += cycles;
+            *lines.entry((name, line)).or_default() += cycles;
+        }
+        let functions = functions.into_iter();
+        let mut functions: Vec<_> = functions
+            .map(|(name, cycles)| FunctionTime { name, cycles })
+            .collect();
+        // Stable: equals stay in the order of their names.
+        functions.sort_by_key(|f| std::cmp::Reverse(f.cycles));
+        let mut interrupts: Vec<_> = interrupts.into_iter().filter(|i| i.count > 0).collect();
+        interrupts.sort_by_key(|i| std::cmp::Reverse(i.total));
+        Self {
+            functions,
+            lines,
+            interrupts,
+            frequency_hz,
+        }
+    }
+
+    /// Functions, the one that took most first.
+    pub fn functions(&self) -> &[FunctionTime] {
+        &self.functions
+    }
+
+    /// Interrupts that ran, the one that took most first.
+    pub fn interrupts(&self) -> &[InterruptTime] {
+        &self.interrupts
+    }
+
+    /// Cycles of all instructions.
+    pub fn total(&self) -> Cycles {
+        self.functions.iter().map(|f| f.cycles).sum()
+    }
+
+    /// Folded stacks, a line each: `board;function;file:line cycles`. Speedscope and flamegraph tools
+    /// read it. Callers are not known, so a stack is a function and the line in it.
+    pub fn folded(&self, board: &str) -> String {
+        // `;` divides frames, the last space the number.
+        let frame = |text: &str| text.replace(';', ":");
+        let lines = self.lines.iter().map(|((function, line), cycles)| {
+            let mut stack = format!("{};{}", frame(board), frame(function));
+            if !line.is_empty() {
+                stack += &format!(";{}", frame(line));
+            }
+            format!("{stack} {cycles}\n")
+        });
+        lines.collect()
+    }
+}
+
+/// Two tables: the functions that take most, and the interrupts.
+impl fmt::Display for Times {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        const SHOWN: usize = 30;
+        let total = self.total().max(1) as f64;
+        let us = |cycles: Cycles| cycles as f64 / self.frequency_hz * 1e6;
+        writeln!(f, "{:>7} {:>14}  function", "%", "cycles")?;
+        for FunctionTime { name, cycles } in self.functions.iter().take(SHOWN) {
+            let share = 100.0 * *cycles as f64 / total;
+            writeln!(f, "{share:>7.2} {cycles:>14}  {name}")?;
+        }
+        if self.functions.len() > SHOWN {
+            let rest: Cycles = self.functions[SHOWN..].iter().map(|f| f.cycles).sum();
+            let share = 100.0 * rest as f64 / total;
+            let others = self.functions.len() - SHOWN;
+            writeln!(f, "{share:>7.2} {rest:>14}  {others} others")?;
+        }
+        writeln!(
+            f,
+            "\n{:>9} {:>9} {:>9} {:>9} {:>9}  interrupt (µs: mean, longest, with preemption, latency)",
+            "times", "mean", "longest", "whole", "latency"
+        )?;
+        for i in &self.interrupts {
+            let (count, mean) = (i.count, us(i.total) / i.count as f64);
+            let (own, whole) = (us(i.longest_own), us(i.longest));
+            let (latency, name) = (us(i.longest_latency), &i.name);
+            writeln!(
+                f,
+                "{count:>9} {mean:>9.2} {own:>9.2} {whole:>9.2} {latency:>9.2}  {name}"
+            )?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::image::tests::Builder;
+    use super::*;
+
+    fn times() -> Times {
+        let image = Builder::new(&[0; 64])
+            .function("tick", 0x0800_0100, 8)
+            .function("a;b", 0x0800_0108, 8)
+            .lines(
+                &[(0x0800_0100, "m.rs", 1), (0x0800_0104, "m.rs", 2)],
+                0x0800_0108,
+            )
+            .image();
+        let instructions = [
+            (0x0800_0100, 10),
+            (0x0800_0102, 5),
+            (0x0800_0106, 20),
+            (0x0800_010a, 100),
+            (0x0800_0130, 1),
+        ];
+        let interrupt = |name: &str, count, total| InterruptTime {
+            name: name.into(),
+            count,
+            total,
+            longest: 3360,
+            longest_own: 1680,
+            longest_latency: 168,
+        };
+        let interrupts = [
+            interrupt("never", 0, 0),
+            interrupt("SysTick", 4, 672),
+            interrupt("ADC", 2, 1680),
+        ];
+        Times::new(&image, instructions, interrupts, 168e6)
+    }
+
+    #[test]
+    fn cycles_are_added_up_by_function() {
+        let times = times();
+        let found: Vec<_> = times
+            .functions()
+            .iter()
+            .map(|f| (&*f.name, f.cycles))
+            .collect();
+        assert_eq!(found, [("a;b", 100), ("tick", 35), ("0x08000130", 1)]);
+        assert_eq!(times.total(), 136);
+        let names: Vec<_> = times.interrupts().iter().map(|i| &*i.name).collect();
+        assert_eq!(names, ["ADC", "SysTick"]);
+    }
+
+    #[test]
+    fn folded_stacks_have_a_number_after_the_last_space() {
+        let folded = times().folded("front");
+        let expected = "front;0x08000130 1\nfront;a:b 100\nfront;tick;/root/source/m.rs:1 15\n\
+                        front;tick;/root/source/m.rs:2 20\n";
+        assert_eq!(folded, expected);
+    }
+
+    #[test]
+    fn the_table_has_microseconds() {
+        let text = times().to_string();
+        let line = text.lines().find(|l| l.ends_with("ADC"));
+        assert_eq!(
+            line,
+            Some("        2      5.00     10.00     20.00      1.00  ADC")
+        );
+        assert!(text.contains("  73.53            100  a;b"));
+    }
+}

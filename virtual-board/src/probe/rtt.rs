@@ -1,1 +1,306 @@
-//! x
+//! SEGGER RTT: the log that a program writes into a ring in its memory and a probe reads out.
+//!
+//! After SEGGER UM08001, "Real Time Transfer". The control block begins with `SEGGER RTT`, then the
+//! numbers of up and down channels, then the channels of six words each: name, buffer, size, write
+//! offset (the target's), read offset (the host's), flags. What the target does when the ring is full
+//! is its own matter, by the flags, which a host may set ([`Rtt::set_mode`]) and may forget to set back.
+
+/// First bytes of the control block.
+const IDENTITY: &[u8; 16] = b"SEGGER RTT\0\0\0\0\0\0";
+/// Offset of the first up channel, and the length of a channel.
+const CHANNEL: usize = 24;
+const CHANNEL_LENGTH: usize = 24;
+
+/// What the target does when the ring is full.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Mode {
+    /// Drops what does not fit as a whole.
+    Skip,
+    /// Writes what fits.
+    Trim,
+    /// Waits for the host.
+    Block,
+}
+
+/// What was seen at the latest call.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum State {
+    /// The control block was not found yet: the program did not get so far.
+    #[default]
+    Absent,
+    /// All is well.
+    Present,
+    /// The control block is there, the channel in it is no ring in the memory.
+    Damaged,
+}
+
+/// The host's side of up channel 0.
+#[derive(Clone, Debug)]
+pub struct Rtt {
+    /// First address of the memory.
+    base: u32,
+    /// Where the control block is, if it is known.
+    block: Option<u32>,
+    /// By a symbol, so that it is not looked for.
+    fixed: bool,
+    reading: bool,
+    state: State,
+    bytes: u64,
+}
+
+/// The fields of the channel.
+#[derive(Clone, Copy)]
+struct Channel {
+    /// Offsets in the memory of the fields and of the ring.
+    fields: usize,
+    ring: usize,
+    size: usize,
+    write: usize,
+    read: usize,
+}
+
+impl Rtt {
+    /// For a memory that begins at `base`; `block` is the address of `_SEGGER_RTT`. Without it the
+    /// memory is searched.
+    pub fn new(base: u32, block: Option<u32>) -> Self {
+        Self {
+            base,
+            block,
+            fixed: block.is_some(),
+            reading: true,
+            state: State::Absent,
+            bytes: 0,
+        }
+    }
+
+    /// The host stops reading, or goes on. The channel's mode stays as it is.
+    pub fn set_reading(&mut self, reading: bool) {
+        self.reading = reading;
+    }
+
+    /// What was seen at the latest [`Self::poll`].
+    pub fn state(&self) -> State {
+        self.state
+    }
+
+    /// Bytes read so far.
+    pub fn bytes(&self) -> u64 {
+        self.bytes
+    }
+
+    /// Reads what is there and appends it to `out`.
+    pub fn poll(&mut self, memory: &mut [u8], out: &mut Vec<u8>) {
+        let Some(channel) = self.channel(memory) else {
+            return;
+        };
+        if !self.reading {
+            return;
+        }
+        let Channel {
+            fields,
+            ring,
+            size,
+            write,
+            read,
+        } = channel;
+        let before = out.len();
+        if write < read {
+            out.extend_from_slice(&memory[ring + read..ring + size]);
+            out.extend_from_slice(&memory[ring..ring + write]);
+        } else {
+            out.extend_from_slice(&memory[ring + read..ring + write]);
+        }
+        self.bytes += (out.len() - before) as u64;
+        if write != read {
+            memory[fields + 16..fields + 20].copy_from_slice(&(write as u32).to_le_bytes());
+        }
+    }
+
+    /// The mode that the channel is in.
+    pub fn mode(&mut self, memory: &[u8]) -> Option<Mode> {
+        let fields = self.channel(memory)?.fields;
+        match word(memory, fields + 20)? & 3 {
+            0 => Some(Mode::Skip),
+            1 => Some(Mode::Trim),
+            2 => Some(Mode::Block),
+            _ => None,
+        }
+    }
+
+    /// Sets the mode, as a host does that begins to read (usually to [`Mode::Block`]) or that leaves.
+    pub fn set_mode(&mut self, memory: &mut [u8], mode: Mode) {
+        if let Some(channel) = self.channel(memory) {
+            let at = channel.fields + 20;
+            memory[at] = memory[at] & !3 | mode as u8;
+        }
+    }
+
+    fn channel(&mut self, memory: &[u8]) -> Option<Channel> {
+        self.state = State::Absent;
+        let start = self.find(memory)?;
+        self.state = State::Damaged;
+        let fields = start + CHANNEL;
+        let field = |index: usize| word(memory, fields + 4 * index);
+        let channel = Channel {
+            fields,
+            ring: field(1)?.wrapping_sub(self.base) as usize,
+            size: field(2)? as usize,
+            write: field(3)? as usize,
+            read: field(4)? as usize,
+        };
+        let end = channel.ring.checked_add(channel.size)?;
+        let channels = word(memory, start + 16)?;
+        let sound = channels > 0
+            && end <= memory.len()
+            && fields + CHANNEL_LENGTH <= memory.len()
+            && channel.write < channel.size
+            && channel.read < channel.size;
+        self.state = if sound {
+            State::Present
+        } else {
+            State::Damaged
+        };
+        sound.then_some(channel)
+    }
+
+    /// Offset of the control block in the memory.
+    fn find(&mut self, memory: &[u8]) -> Option<usize> {
+        let is_there = |at: usize| memory.get(at..at + 16) == Some(&IDENTITY[..]);
+        if let Some(block) = self.block {
+            let at = block.wrapping_sub(self.base) as usize;
+            if at < memory.len() && is_there(at) {
+                return Some(at);
+            }
+            if self.fixed {
+                return None;
+            }
+        }
+        let at = (0..memory.len()).step_by(4).find(|&at| is_there(at))?;
+        self.block = Some(self.base + at as u32);
+        Some(at)
+    }
+}
+
+fn word(memory: &[u8], at: usize) -> Option<u32> {
+    let bytes = memory.get(at..at.checked_add(4)?)?;
+    Some(u32::from_le_bytes(bytes.try_into().ok()?))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const BASE: u32 = 0x2000_0000;
+    const BLOCK: usize = 0x40;
+    const RING: usize = 0x100;
+    const SIZE: usize = 16;
+
+    /// The target's side, written after the manual.
+    struct Target {
+        memory: Vec<u8>,
+    }
+
+    impl Target {
+        fn new() -> Self {
+            let mut target = Self {
+                memory: vec![0xaa; 0x200],
+            };
+            target.memory[BLOCK..BLOCK + 16].copy_from_slice(IDENTITY);
+            let ring = BASE + RING as u32;
+            for (k, word) in [1, 0, 0, ring, SIZE as u32, 0, 0, 0]
+                .into_iter()
+                .enumerate()
+            {
+                target.set(BLOCK + 16 + 4 * k, word);
+            }
+            target
+        }
+
+        fn set(&mut self, at: usize, word: u32) {
+            self.memory[at..at + 4].copy_from_slice(&word.to_le_bytes());
+        }
+
+        /// Writes what fits; how much that was.
+        fn write(&mut self, bytes: &[u8]) -> usize {
+            let (at, read) = (BLOCK + 36, word(&self.memory, BLOCK + 40).unwrap() as usize);
+            for (k, &byte) in bytes.iter().enumerate() {
+                let write = word(&self.memory, at).unwrap() as usize;
+                let next = (write + 1) % SIZE;
+                if next == read {
+                    return k;
+                }
+                self.memory[RING + write] = byte;
+                self.set(at, next as u32);
+            }
+            bytes.len()
+        }
+    }
+
+    #[test]
+    fn every_byte_comes_once_and_in_order_whatever_the_pieces() {
+        for block in [None, Some(BASE + BLOCK as u32)] {
+            let mut target = Target::new();
+            let mut rtt = Rtt::new(BASE, block);
+            let sent: Vec<u8> = (0..=255).collect();
+            let (mut out, mut done) = (Vec::new(), 0);
+            for k in 1.. {
+                let end = (done + k % 23).min(sent.len());
+                done += target.write(&sent[done..end]);
+                if k % 3 == 0 {
+                    rtt.poll(&mut target.memory, &mut out);
+                }
+                if done == sent.len() {
+                    break;
+                }
+            }
+            rtt.poll(&mut target.memory, &mut out);
+            assert_eq!(out, sent);
+            assert_eq!((rtt.bytes(), rtt.state()), (256, State::Present));
+        }
+    }
+
+    #[test]
+    fn a_host_that_stops_reading_lets_the_ring_fill() {
+        let mut target = Target::new();
+        let mut rtt = Rtt::new(BASE, None);
+        let mut out = Vec::new();
+        rtt.set_mode(&mut target.memory, Mode::Block);
+        assert_eq!(rtt.mode(&target.memory), Some(Mode::Block));
+        rtt.set_reading(false);
+        assert_eq!(target.write(&[7; 20]), SIZE - 1);
+        rtt.poll(&mut target.memory, &mut out);
+        assert_eq!((out.len(), target.write(&[7])), (0, 0));
+        // It left without setting the mode back: it stays.
+        assert_eq!(word(&target.memory, BLOCK + 44), Some(2));
+        rtt.set_reading(true);
+        rtt.poll(&mut target.memory, &mut out);
+        assert_eq!((out.len(), target.write(&[7])), (SIZE - 1, 1));
+    }
+
+    #[test]
+    fn memory_without_a_channel_is_left_alone() {
+        let mut rtt = Rtt::new(BASE, None);
+        let (mut memory, mut out) = (vec![0x55u8; 0x200], Vec::new());
+        rtt.poll(&mut memory, &mut out);
+        assert_eq!(rtt.state(), State::Absent);
+        for (offset, value) in [
+            (16, 0),
+            (28, 0x2100_0000),
+            (32, 0x8000_0000),
+            (36, 16),
+            (40, 99),
+        ] {
+            let mut target = Target::new();
+            target.set(BLOCK + offset, value);
+            let before = target.memory.clone();
+            rtt.poll(&mut target.memory, &mut out);
+            assert_eq!(rtt.state(), State::Damaged, "{offset}");
+            assert!(target.memory == before && out.is_empty());
+        }
+        // A control block at the very end of the memory.
+        let mut end = vec![0; 0x200];
+        end[0x1f0..].copy_from_slice(IDENTITY);
+        rtt.poll(&mut end, &mut out);
+        assert_eq!(rtt.state(), State::Damaged);
+    }
+}
