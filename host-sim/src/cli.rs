@@ -225,6 +225,23 @@ pub struct BoardArgs {
     pub baud: u32,
 }
 
+/// What virtual boards have no use for: they are told nothing but by their pins.
+const VIRTUAL_CONFLICTS: [&str; 13] = [
+    "emulated",
+    "front",
+    "rear",
+    "beam",
+    "stored",
+    "flash",
+    "real_time",
+    "compare",
+    "link_loss",
+    "link_delay",
+    "from",
+    "follow",
+    "track",
+];
+
 /// Arguments of `hil`.
 #[derive(Clone, Debug, Args)]
 pub struct HilArgs {
@@ -237,6 +254,21 @@ pub struct HilArgs {
     /// Where the boards are.
     #[command(flatten)]
     pub boards: BoardArgs,
+    /// Run the images that users flash on virtual STM32F405 boards; they are built if needed
+    #[arg(long = "virtual", conflicts_with_all = VIRTUAL_CONFLICTS)]
+    pub on_virtual: bool,
+    /// Image (ELF) of both axles' boards instead
+    #[arg(long, value_name = "ELF", requires = "on_virtual")]
+    pub axle_image: Option<PathBuf>,
+    /// Image of the front board instead
+    #[arg(long, value_name = "ELF", requires = "on_virtual")]
+    pub front_image: Option<PathBuf>,
+    /// Image of the rear board instead
+    #[arg(long, value_name = "ELF", requires = "on_virtual")]
+    pub rear_image: Option<PathBuf>,
+    /// Image of the beam board instead
+    #[arg(long, value_name = "ELF", requires = "on_virtual")]
+    pub beam_image: Option<PathBuf>,
     /// Run with the parameters that the boards keep in their flash, laid over those of the scenario
     #[arg(long)]
     pub stored: bool,

@@ -40,5 +40,6 @@ pub mod targets;
 pub mod timing;
 pub mod trace;
 pub mod virtual_bus;
+pub mod virtual_robot;
 
 pub use plant;

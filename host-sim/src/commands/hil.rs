@@ -71,6 +71,9 @@ enum Outcome {
 
 /// Runs the command.
 pub fn run(args: &HilArgs) -> Result<(), Error> {
+    if args.on_virtual {
+        return super::hil_virtual::run(args);
+    }
     let mut context = Context::new(&args.common, "hil")?;
     let task = prepare(args, &mut context)?;
     let plan = Plan::new(args)?;
@@ -187,7 +190,7 @@ fn prepare(args: &HilArgs, context: &mut Context) -> Result<Task, Error> {
     Ok(Task::Course(Box::new(course), manner))
 }
 
-fn variant_of(scenario: &Scenario) -> Variant {
+pub(super) fn variant_of(scenario: &Scenario) -> Variant {
     Variant {
         rps: scenario.mission.rps,
         imu: scenario.sensors.gyro.fitted,
@@ -412,7 +415,7 @@ fn report(
 }
 
 /// Adds the boards' logs; whether there is anything in them.
-fn put_logs(files: &mut OutputDir, logs: &[BoardLog; 3]) -> bool {
+pub(super) fn put_logs(files: &mut OutputDir, logs: &[BoardLog; 3]) -> bool {
     let mut any = false;
     for (role, log) in Role::ALL.into_iter().zip(logs) {
         let text = log.text();

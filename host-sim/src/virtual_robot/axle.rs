@@ -1,6 +1,5 @@
 //! What is soldered to an axle's board, wired as docs/wiring.md says.
 
-use super::Fitted;
 use virtual_board::Time;
 use virtual_board::chip::{Drive, Inputs, Pin, Surroundings};
 use virtual_board::device::{
@@ -164,13 +163,14 @@ impl AxleBoard {
     }
 }
 
-impl Fitted for AxleBoard {}
-
 impl Surroundings for AxleBoard {
     fn pin(&mut self, pin: Pin, drive: Drive, at: Time) {
         let level = drive == Drive::High;
         match pin {
-            AWAKE => self.drivers.iter_mut().for_each(|driver| driver.awake(level, at)),
+            AWAKE => self
+                .drivers
+                .iter_mut()
+                .for_each(|driver| driver.awake(level, at)),
             SELECT => {
                 if let Some(inertial) = &mut self.inertial {
                     inertial.select(drive == Drive::Low, at);
@@ -232,16 +232,22 @@ impl Surroundings for AxleBoard {
         if self.fresh || self.stop.next() <= at {
             self.stop.advance(at);
             let closed = self.stop.is_closed();
-            inputs.pins.push((STOP, if closed { Drive::Low } else { Drive::Open }));
+            inputs
+                .pins
+                .push((STOP, if closed { Drive::Low } else { Drive::Open }));
         }
         if self.fresh || self.button.next() <= at {
             self.button.advance(at);
             let closed = self.button.is_closed();
-            inputs.pins.push((BUTTON, if closed { Drive::High } else { Drive::Open }));
+            inputs
+                .pins
+                .push((BUTTON, if closed { Drive::High } else { Drive::Open }));
         }
         let faults = self.fault_pins();
         if self.fresh || faults != self.faults {
-            inputs.pins.extend([(FAULT[0], faults[0]), (FAULT[1], faults[1])]);
+            inputs
+                .pins
+                .extend([(FAULT[0], faults[0]), (FAULT[1], faults[1])]);
             self.faults = faults;
         }
         if self.fresh && self.rear {

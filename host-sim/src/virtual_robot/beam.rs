@@ -1,6 +1,5 @@
 //! What is soldered to the beam's board, wired as docs/wiring.md says.
 
-use super::Fitted;
 use crate::sensors::{BridgeConfig, Stream, generator, normal};
 use rand_pcg::Pcg64;
 use virtual_board::Time;
@@ -92,7 +91,12 @@ impl BeamBoard {
         };
         let step = (f64::from(DRIFT_MS) * 1e-3).sqrt();
         Self {
-            bridges: parts.iter().take(BRIDGES.len()).enumerate().map(bridge).collect(),
+            bridges: parts
+                .iter()
+                .take(BRIDGES.len())
+                .enumerate()
+                .map(bridge)
+                .collect(),
             thermistor: Thermistor::default(),
             walk: config.drift_walk_strain * step,
             countdown: DRIFT_MS,
@@ -116,8 +120,6 @@ impl BeamBoard {
         }
     }
 }
-
-impl Fitted for BeamBoard {}
 
 impl Surroundings for BeamBoard {
     fn pin(&mut self, _pin: Pin, _drive: Drive, _at: Time) {}

@@ -1,0 +1,61 @@
+//! The images that the boards run.
+
+use crate::error::Error;
+use crate::targets::images;
+use core_algos::node::board::Role;
+use std::path::Path;
+use std::sync::Arc;
+use virtual_board::probe::image::Image;
+
+/// An axle's image and the beam's.
+#[derive(Clone)]
+pub struct Images {
+    front: Arc<Image>,
+    rear: Arc<Image>,
+    beam: Arc<Image>,
+}
+
+impl Images {
+    /// The images that users flash, built if they are not up to date; a file that is given takes the
+    /// place of one.
+    pub fn open(
+        front: Option<&Path>,
+        rear: Option<&Path>,
+        beam: Option<&Path>,
+    ) -> Result<Self, Error> {
+        let given = |file: &Path| {
+            let image = Image::open(file).map_err(|error| Error::input(error.to_string()))?;
+            Ok::<_, Error>(Arc::new(image))
+        };
+        let built = |package: &str| {
+            let bytes = images::build(package, None)?;
+            let image = Image::parse(package, bytes);
+            Ok::<_, Error>(Arc::new(
+                image.map_err(|error| Error::Failure(error.to_string()))?,
+            ))
+        };
+        let axle = match (front, rear) {
+            (Some(_), Some(_)) => None,
+            _ => Some(built("firmware-axle")?),
+        };
+        let axle_or = |file: Option<&Path>| match (file, &axle) {
+            (Some(file), _) => given(file),
+            (None, Some(axle)) => Ok(axle.clone()),
+            (None, None) => built("firmware-axle"),
+        };
+        Ok(Self {
+            front: axle_or(front)?,
+            rear: axle_or(rear)?,
+            beam: beam.map_or_else(|| built("firmware-beam"), given)?,
+        })
+    }
+
+    /// The image of a board.
+    pub fn of(&self, role: Role) -> &Image {
+        match role {
+            Role::Front => &self.front,
+            Role::Rear => &self.rear,
+            Role::Beam => &self.beam,
+        }
+    }
+}

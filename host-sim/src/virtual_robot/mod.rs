@@ -1,0 +1,521 @@
+//! The robot with its boards as users flash them: the boards' default images on virtual STM32F405
+//! boards, with everything that is wired to them, in the simulated plant.
+//!
+//! Nothing connects the host with the boards but the robot: motors turn wheels, wheels turn encoders,
+//! the bent frame strains gauges, a button is pressed. What the host knows of the nodes it hears on the
+//! bus, as a tool on the real bus would; see [`listener`].
+
+pub mod axle;
+pub mod beam;
+mod images;
+pub mod listener;
+mod log;
+pub mod report;
+mod store;
+
+pub use images::Images;
+pub use report::BoardReport;
+
+use crate::error::Error;
+use crate::plant::{Outline, Plant, Station};
+use crate::scenario::Scenario;
+use crate::sensors::{Stream, TrialImperfections, generator};
+use crate::simulation::{FRAME_POINTS, Record, Robot, Span, true_plant};
+use crate::supervision::{Monitor, NODES};
+use crate::targets::board_log::BoardLog;
+use axle::{AxleBoard, AxleMotion, AxleParts, WheelMotion};
+use beam::{BeamBoard, BridgeParts};
+use core_algos::beam::MAX_GAUGES;
+use core_algos::bus::layout::Node;
+use core_algos::bus::{self, Message};
+use core_algos::fusion::Estimate;
+use core_algos::math::Posture;
+use core_algos::node::Micros;
+use core_algos::node::board::Role;
+use core_algos::node::lead::Task;
+use core_algos::safety::OperatingState;
+use listener::Listener;
+use log::Reader;
+use rand::RngExt;
+use report::Watch;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use virtual_board::Time;
+use virtual_board::board::Board;
+use virtual_board::device::{InertialConfig, Motion};
+use virtual_board::network::Network;
+use virtual_board::wire::{Id, Wire};
+
+/// A tick of the plant.
+const TICK: Time = Time::from_micros(1_000);
+/// Time for which the boards run by themselves.
+const QUANTUM: Time = Time::from_micros(20);
+/// Time within which all nodes must be ready after power came on, and for which they must stay so.
+const BOOT: Time = Time::from_micros(5_000_000);
+const READY_TICKS: u32 = 100;
+/// Time for which the button is held.
+const PRESS: Time = Time::from_micros(150_000);
+/// Crystals are off by this at most, parts in 10⁹.
+const CRYSTAL_PPB: i64 = 20_000;
+/// Voltage of the battery, V.
+const BATTERY_V: f64 = 12.0;
+/// Ticks that a run goes on after the lead node's fault: what follows from it can be seen.
+const GRACE: u64 = 1000;
+/// Standard gravity, m/s².
+const GRAVITY: f64 = 9.806_65;
+/// How well the image takes the robot to be put down, m, m, rad.
+const START_SIGMAS: [f32; 3] = [2e-3; 3];
+
+/// How the boards are run.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// Threads that the boards are spread over.
+    pub threads: usize,
+    /// Each board's power comes on so long after the first one's, ms.
+    pub power_on_ms: [u64; 3],
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        let threads = std::thread::available_parallelism().map_or(1, usize::from);
+        Self {
+            threads: threads.min(2),
+            power_on_ms: [0; 3],
+        }
+    }
+}
+
+/// The robot.
+pub struct VirtualRobot {
+    network: Network,
+    roles: Vec<Role>,
+    images: Images,
+    readers: Vec<Reader>,
+    watches: Vec<Watch>,
+    plant: Plant,
+    gauges: Vec<Station>,
+    outline: Outline,
+    half_thickness: f64,
+    listener: Listener,
+    monitor: Monitor,
+    frames: u64,
+    /// Time from power on to the beginning of the experiment.
+    booted: Time,
+    tick: u64,
+    span: Span,
+    interrupt: Option<Arc<AtomicBool>>,
+    failure: Option<String>,
+}
+
+impl VirtualRobot {
+    /// Builds a robot with the imperfections of a trial, switches its boards on and waits until all
+    /// nodes are ready.
+    pub fn new(
+        scenario: &Scenario,
+        images: &Images,
+        seed: u64,
+        trial: u64,
+        options: &Options,
+        logs: &[BoardLog; 3],
+    ) -> Result<Self, Error> {
+        check(scenario)?;
+        let drawn = TrialImperfections::draw(&scenario.sensors, seed, trial);
+        let plant = true_plant(&scenario.plant, scenario.mission.rps, &drawn);
+        let mut plant = plant
+            .build()
+            .map_err(|error| Error::input(format!("plant.{error}")))?;
+        let start = scenario.mission.start;
+        plant.place(std::array::from_fn(|i| start[i] + drawn.placement[i]));
+        let config = scenario.robot.completed();
+        let gauges = config.beam.strip.gauges_m.iter().zip(drawn.gauge_shift_m);
+        let gauges: Vec<Station> = gauges
+            .map(|(nominal, shift)| plant.gauge(f64::from(nominal) + shift))
+            .collect();
+        let bridges: Vec<BridgeParts> = (0..gauges.len())
+            .map(|k| BridgeParts {
+                gain_error: drawn.bridge_gain_error[k],
+                offset: drawn.bridge_offset[k],
+                drift: drawn.bridge_drift[k],
+            })
+            .collect();
+        let roles: Vec<Role> = Role::ALL
+            .into_iter()
+            .filter(|role| scenario.mission.rps || *role != Role::Beam)
+            .collect();
+        let mut random = generator(seed, trial, Stream::Other(0x200));
+        let mut boards = Vec::new();
+        for &role in &roles {
+            let fast_ppb = random.random_range(-CRYSTAL_PPB..=CRYSTAL_PPB);
+            let part_seed: u64 = random.random();
+            let mut board = match role {
+                Role::Beam => {
+                    let parts = BeamBoard::new(&scenario.sensors.bridge, &bridges, seed, trial);
+                    Board::new(Box::new(parts), fast_ppb)
+                }
+                Role::Front | Role::Rear => {
+                    let parts = axle_parts(scenario, &drawn, role, part_seed);
+                    Board::new(Box::new(AxleBoard::new(&parts)), fast_ppb)
+                }
+            };
+            board.flash(images.of(role));
+            let kept = store::sectors(scenario, role, &bridges)?;
+            let flash = board.chip().flash();
+            flash[store::FIRST..store::FIRST + kept.len()].copy_from_slice(&kept);
+            boards.push(board);
+        }
+        let mut wire = Wire::new(boards.len(), QUANTUM, seed);
+        wire.record();
+        let straight = config.geometry.frame_length_m + 2.0 * config.geometry.rigid_end_m;
+        let places = (
+            Estimate::with_sigmas(Posture::from(start.map(|v| v as f32)), START_SIGMAS),
+            Estimate::with_sigmas(
+                Posture::new(straight, 0.0, 0.0),
+                config.lead.fusion.frame_sigmas,
+            ),
+        );
+        let task = Task::Regulate {
+            goal: Posture::ORIGIN,
+        };
+        let mut robot = Self {
+            network: Network::new(boards, wire, QUANTUM, options.threads),
+            readers: roles
+                .iter()
+                .map(|&role| Reader::new(role, images.of(role), &logs[role as usize]))
+                .collect(),
+            watches: roles.iter().map(|_| Watch::default()).collect(),
+            half_thickness: f64::from(config.geometry.half_thickness_m),
+            outline: plant.outline(FRAME_POINTS),
+            listener: Listener::new(&config, places, task)?,
+            monitor: Monitor::default(),
+            images: images.clone(),
+            roles,
+            gauges,
+            plant,
+            frames: 0,
+            booted: Time(0),
+            tick: 0,
+            span: Span::default(),
+            interrupt: None,
+            failure: None,
+        };
+        robot.boot(options)?;
+        Ok(robot)
+    }
+
+    /// Bounds the time of the run.
+    pub fn limit(&mut self, span: Span) {
+        self.span = span;
+    }
+
+    /// A flag that ends the run with an error once it is set.
+    pub fn stop_on(&mut self, flag: Arc<AtomicBool>) {
+        self.interrupt = Some(flag);
+    }
+
+    /// Why the robot cannot go on, if so.
+    pub fn failure(&self) -> Option<&str> {
+        self.failure.as_deref()
+    }
+
+    /// Time that the boards took from power on until all nodes were ready, s.
+    pub fn boot_s(&self) -> f64 {
+        self.booted.seconds()
+    }
+
+    /// Frames on the bus so far.
+    pub fn frames(&self) -> u64 {
+        self.frames
+    }
+
+    /// The boards and their bus.
+    pub fn network(&mut self) -> &mut Network {
+        &mut self.network
+    }
+
+    /// What is to be said of each board.
+    pub fn reports(&mut self) -> Vec<BoardReport> {
+        let mut reports = Vec::new();
+        for (place, &role) in self.roles.iter().enumerate() {
+            let can = self.network.wire().statistics(place);
+            let Some(board) = self.network.board(place) else {
+                continue;
+            };
+            reports.push(report::of(
+                role,
+                self.images.of(role),
+                board,
+                &self.watches[place],
+                &can,
+            ));
+        }
+        reports
+    }
+
+    fn place(&self, role: Role) -> Option<usize> {
+        self.roles.iter().position(|other| *other == role)
+    }
+
+    fn axle(&mut self, role: Role) -> Option<&mut AxleBoard> {
+        let place = self.place(role)?;
+        self.network
+            .board(place)?
+            .chip()
+            .surroundings::<AxleBoard>()
+    }
+
+    /// Switches the boards on and runs them until all nodes are ready.
+    fn boot(&mut self, options: &Options) -> Result<(), Error> {
+        let mut ready = 0;
+        while ready < READY_TICKS {
+            let now = self.network.now();
+            for place in 0..self.roles.len() {
+                let after = options.power_on_ms[self.roles[place] as usize];
+                if now >= Time::from_micros(1000 * after)
+                    && let Some(board) = self.network.board(place)
+                    && !board.is_powered()
+                {
+                    board.power(true);
+                }
+            }
+            self.advance();
+            ready = if self.waits_for().is_none() {
+                ready + 1
+            } else {
+                0
+            };
+            if now >= BOOT {
+                let why = self.waits_for().unwrap_or_default();
+                return Err(Error::Failure(format!(
+                    "the boards were not ready {} s after power on: {why}",
+                    BOOT.seconds()
+                )));
+            }
+        }
+        self.booted = self.network.now();
+        self.watches
+            .iter_mut()
+            .zip(self.network.boards())
+            .for_each(|(watch, board)| {
+                watch.booted(board.core().lowest_msp());
+            });
+        Ok(())
+    }
+
+    /// What the robot is not ready for, if so.
+    fn waits_for(&self) -> Option<String> {
+        let fitted = |node: &Node| *node != Node::Beam || self.roles.contains(&Role::Beam);
+        for node in NODES.into_iter().filter(fitted) {
+            let name = node.name();
+            match self.monitor.latest(node) {
+                None => return Some(format!("nothing was heard of {name}")),
+                Some(status) if status.state != OperatingState::Idle || status.reason.is_some() => {
+                    return Some(status.to_string());
+                }
+                Some(_) => {}
+            }
+        }
+        None
+    }
+
+    /// One millisecond of boards, bus and plant.
+    fn advance(&mut self) {
+        let from = self.network.now();
+        self.show_motion(from);
+        self.network.run_until(from + TICK);
+        let until = self.network.now();
+        let torque = [Role::Front, Role::Rear].map(|role| {
+            let axle = self.axle(role);
+            axle.map_or([0.0; 2], |axle| axle.take_torque(until))
+        });
+        self.plant.step(torque);
+        self.hear();
+        for (reader, board) in self.readers.iter_mut().zip(self.network.boards()) {
+            reader.read(board);
+        }
+    }
+
+    /// The parts around the boards move as the plant does.
+    fn show_motion(&mut self, at: Time) {
+        let state = *self.plant.state();
+        for (role, axle) in [Role::Front, Role::Rear].into_iter().zip(&state.axle) {
+            let wheel = |k: usize| WheelMotion {
+                angle_rad: axle.wheel_angle[k],
+                speed_rad_s: axle.wheel_speed[k],
+            };
+            let motion = AxleMotion {
+                wheels: [wheel(0), wheel(1)],
+                inertial: Motion {
+                    rate: [0.0, 0.0, axle.velocity[2]],
+                    rate_slope: [0.0, 0.0, axle.acceleration[2]],
+                    force: [axle.acceleration[0], axle.acceleration[1], GRAVITY],
+                    force_slope: [0.0; 3],
+                },
+            };
+            if let Some(board) = self.axle(role) {
+                board.motion(at, &motion);
+            }
+        }
+        let mut strains = [0.0; MAX_GAUGES];
+        let half = self.half_thickness;
+        self.plant.gauges(&self.gauges, |i, curvature| {
+            if let Some(strain) = strains.get_mut(i) {
+                *strain = half * curvature;
+            }
+        });
+        if let Some(place) = self.place(Role::Beam)
+            && let Some(board) = self.network.board(place)
+            && let Some(beam) = board.chip().surroundings::<BeamBoard>()
+        {
+            beam.strain(at, &strains);
+        }
+        for board in self.network.boards() {
+            board.chip().refresh();
+        }
+    }
+
+    /// Listens to the bus.
+    fn hear(&mut self) {
+        for record in self.network.wire().take_records() {
+            if record.error.is_some() {
+                continue;
+            }
+            self.frames += 1;
+            let Id::Standard(id) = record.frame.id() else {
+                continue;
+            };
+            let bytes = record.frame.data();
+            let mut data = [0; 8];
+            data[..bytes.len()].copy_from_slice(bytes);
+            let frame = bus::Frame {
+                id,
+                length: bytes.len() as u8,
+                data,
+            };
+            let at = record.end - self.booted;
+            self.monitor.see((at.micros() / 1000) as u32, &frame);
+            let Ok(message) = bus::decode(&frame) else {
+                continue;
+            };
+            self.listener.hear(record.end.micros(), &message);
+            if let Message::BoardHealth {
+                board,
+                missed_ticks,
+                tick_worst_us,
+                tick_jitter_us,
+                ..
+            } = message
+                && let Some(place) = self.place(board)
+            {
+                self.watches[place].health(missed_ticks, tick_worst_us, tick_jitter_us);
+            }
+        }
+    }
+}
+
+impl Robot for VirtualRobot {
+    fn now(&self) -> Micros {
+        self.tick * core_algos::node::TICK
+    }
+
+    fn command(&mut self, _task: Task) -> Result<(), Error> {
+        let now = self.network.now();
+        let front = self.axle(Role::Front);
+        let front = front.ok_or_else(|| Error::Failure("no front board".to_owned()))?;
+        front.press(true, now);
+        front.press(false, now + PRESS);
+        Ok(())
+    }
+
+    fn step(&mut self) -> Result<(), Error> {
+        let interrupted = |flag: &Arc<AtomicBool>| flag.load(Relaxed);
+        if self.interrupt.as_ref().is_some_and(interrupted) {
+            return Err(Error::Failure("interrupted".to_owned()));
+        }
+        self.advance();
+        self.tick += 1;
+        if let Some(fault) = self.monitor.fault_since(Node::Lead)
+            && self.tick.saturating_sub(fault) >= GRACE
+            && let Some(first) = self.monitor.first_fault()
+        {
+            let why = format!("the robot stopped for a fault at {first}");
+            self.failure.get_or_insert(why);
+        }
+        Ok(())
+    }
+
+    fn record(&self) -> Record {
+        let state = self.plant.state();
+        let wrench = self.plant.wrench();
+        let mut frame = [[0.0; 2]; FRAME_POINTS];
+        self.plant.draw(&self.outline, &mut frame);
+        Record {
+            time_s: self.now() as f64 * 1e-6,
+            midpoint: self.plant.midpoint(),
+            axles: [state.axle[0].posture, state.axle[1].posture],
+            lead: *self.listener.output(),
+            torque: [state.axle[0].torque, state.axle[1].torque],
+            wrench: [
+                wrench.force[0],
+                wrench.force[1],
+                wrench.root_moment,
+                wrench.end_moment,
+            ],
+            relative: self.plant.relative_posture(),
+            frame: frame.map(|point| point.map(|value| value as f32)),
+            wheel_speed: [state.axle[0].wheel_speed, state.axle[1].wheel_speed],
+            strain: [0.0; MAX_GAUGES],
+        }
+    }
+
+    fn plant(&self) -> &Plant {
+        &self.plant
+    }
+
+    fn monitor(&self) -> &Monitor {
+        &self.monitor
+    }
+
+    fn watched_enough(&self) -> bool {
+        self.now() >= self.span.least
+    }
+
+    fn must_end(&self) -> bool {
+        self.failure.is_some() || self.span.most.is_some_and(|most| self.now() >= most)
+    }
+}
+
+/// What of a scenario the boards' own images cannot be told.
+fn check(scenario: &Scenario) -> Result<(), Error> {
+    let mission = &scenario.mission;
+    let expected = crate::scenario::Mission::default();
+    if mission.start != expected.start || mission.goal != expected.goal {
+        return Err(Error::input(format!(
+            "mission.start, mission.goal = {:?}, {:?}: the boards' own images drive from {:?} to {:?}",
+            mission.start, mission.goal, expected.start, expected.goal
+        )));
+    }
+    Ok(())
+}
+
+fn axle_parts(scenario: &Scenario, drawn: &TrialImperfections, role: Role, seed: u64) -> AxleParts {
+    let k = role as usize;
+    let (gyro, accelerometer) = (&scenario.sensors.gyro, &scenario.sensors.accelerometer);
+    let third = |value: f64| [0.0, 0.0, value];
+    let first = |value: f64| [value, 0.0, 0.0];
+    AxleParts {
+        rear: role == Role::Rear,
+        lines: scenario.sensors.encoder.counts_per_revolution / 4,
+        phase: drawn.encoder_phase[k],
+        inertial: gyro.fitted.then(|| InertialConfig {
+            gyro_density: gyro.noise_density,
+            gyro_bias: third(drawn.gyro_bias[k]),
+            gyro_scale: third(drawn.gyro_scale_error[k]),
+            accel_density: accelerometer.noise_density,
+            accel_bias: first(drawn.accelerometer_bias[k]),
+            accel_scale: first(drawn.accelerometer_scale_error[k]),
+            ..InertialConfig::default()
+        }),
+        battery_v: BATTERY_V,
+        seed,
+    }
+}

@@ -1,0 +1,146 @@
+//! What is to be said of a virtual board after a run.
+
+use core_algos::node::board::Role;
+use serde::Serialize;
+use virtual_board::board::Board;
+use virtual_board::probe::image::Image;
+use virtual_board::wire::Statistics;
+
+/// Numbers of the exceptions whose handlers are the current loop and the tick.
+const ADC: u16 = 16 + 18;
+
+/// What is gathered of a board along the way.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Watch {
+    missed_ticks: u8,
+    longest_tick_us: u16,
+    latest_tick_us: u16,
+    boot_sp: u32,
+}
+
+impl Watch {
+    /// The board has told of its health.
+    pub fn health(&mut self, missed: u8, longest_us: u16, latest_us: u16) {
+        self.missed_ticks = self.missed_ticks.max(missed);
+        self.longest_tick_us = self.longest_tick_us.max(longest_us);
+        self.latest_tick_us = self.latest_tick_us.max(latest_us);
+    }
+
+    /// The board is ready; the lowest that its stack pointer has been.
+    pub fn booted(&mut self, lowest_sp: u32) {
+        self.boot_sp = lowest_sp;
+    }
+}
+
+/// Something that a board does wrong.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct BoardFinding {
+    /// Sort of thing.
+    pub kind: &'static str,
+    /// What it is.
+    pub text: String,
+    /// Where: function and line of the program.
+    pub place: String,
+    /// First time, s since power on.
+    pub time_s: f64,
+    /// How often.
+    pub count: u64,
+}
+
+/// A board at the bus.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Can {
+    /// Frames sent and acknowledged.
+    pub sent: u64,
+    /// Frames received.
+    pub received: u64,
+    /// Frames lost because nobody fetched those before.
+    pub overrun: u64,
+    /// Arbitrations lost.
+    pub lost: u64,
+    /// Error frames.
+    pub error_frames: u64,
+}
+
+/// What is to be said of a board.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct BoardReport {
+    /// Name.
+    pub name: &'static str,
+    /// Resets since power on, with time (s) and cause.
+    pub resets: Vec<(f64, &'static str)>,
+    /// What it did wrong.
+    pub findings: Vec<BoardFinding>,
+    /// Longest tick, as the board measures it, µs.
+    pub longest_tick_us: u16,
+    /// Largest lateness of a tick, as the board measures it, µs.
+    pub latest_tick_us: u16,
+    /// Ticks missed.
+    pub missed_ticks: u8,
+    /// Longest time from the converter's trigger to the new duty, µs; only of a board with motors.
+    pub longest_current_loop_us: Option<f64>,
+    /// Share of the time in which the core was awake.
+    pub load: f64,
+    /// Most stack that was in use, bytes; none if the image does not tell where its stack is.
+    pub stack_used: Option<u32>,
+    /// Size of the stack, bytes.
+    pub stack_size: Option<u32>,
+    /// Most stack that was in use until the board was ready, bytes.
+    pub boot_stack: Option<u32>,
+    /// Instructions executed.
+    pub instructions: u64,
+    /// The bus.
+    pub can: Can,
+}
+
+/// What is to be said of a board with this image.
+pub fn of(
+    role: Role,
+    image: &Image,
+    board: &mut Board,
+    watch: &Watch,
+    can: &Statistics,
+) -> BoardReport {
+    let top = image.symbol("_stack_start");
+    let size = top
+        .zip(image.symbol("_stack_end"))
+        .map(|(top, end)| top.saturating_sub(end));
+    let used = |lowest: u32| top.map(|top| top.saturating_sub(lowest));
+    let findings = board.chip().findings().list().iter();
+    let findings = findings.map(|finding| BoardFinding {
+        kind: finding.kind.name(),
+        text: finding.text.clone(),
+        place: image.describe(finding.pc),
+        time_s: finding.at.seconds(),
+        count: finding.count,
+    });
+    let findings = findings.collect();
+    let resets = board.resets().iter();
+    let resets = resets
+        .map(|reset| (reset.at.seconds(), reset.cause.name()))
+        .collect();
+    let overrun = board.chip().can_overruns();
+    let core = board.core();
+    let loops = (role != Role::Beam && core.taken(ADC) > 0).then_some(());
+    BoardReport {
+        name: role.name(),
+        resets,
+        findings,
+        longest_tick_us: watch.longest_tick_us,
+        latest_tick_us: watch.latest_tick_us,
+        missed_ticks: watch.missed_ticks,
+        longest_current_loop_us: loops.and(None),
+        load: 1.0 - core.asleep() as f64 / core.cycles().max(1) as f64,
+        stack_used: used(core.lowest_msp()),
+        stack_size: size,
+        boot_stack: used(watch.boot_sp),
+        instructions: core.instructions(),
+        can: Can {
+            sent: can.sent,
+            received: can.received,
+            overrun,
+            lost: can.lost,
+            error_frames: can.error_frames(),
+        },
+    }
+}
