@@ -14,8 +14,7 @@ use core::sync::atomic::AtomicU32;
 
 use core_algos::config::ConfigError;
 use core_algos::drive::winding;
-use core_algos::node::board::Board;
-use core_algos::node::robot::RobotConfig;
+use core_algos::node::board::{Board, Ready};
 use core_algos::params::Settings;
 use embassy_executor::Spawner;
 use embassy_stm32::Peripherals;
@@ -54,7 +53,7 @@ async fn start(p: Peripherals) -> Result<(telemetry::Reports, telemetry::Attenda
     let base = Settings::of(role);
     let (settings, parameters) = Parameters::load(p.FLASH, base, role).await;
     let config = settings.robot;
-    let nodes = nodes(&config, role)?;
+    let nodes = nodes(Ready::new(&config, role)?);
     let geometry = &config.geometry;
     let straight_m = geometry.frame_length_m + 2.0 * geometry.rigid_end_m;
     let sigmas = config.lead.fusion.frame_sigmas;
@@ -105,14 +104,10 @@ async fn start(p: Peripherals) -> Result<(telemetry::Reports, telemetry::Attenda
     Ok((REPORTS.receiver().expect("the only one"), attendance))
 }
 
-/// The nodes in their static place, and a copy as they are at the start.
+/// The nodes in their static place. Not inlined: on their way there they may lie on the stack, all
+/// 15 kB, and then nothing else of the start does.
 #[inline(never)]
-fn nodes(
-    config: &RobotConfig,
-    role: core_algos::node::board::Role,
-) -> Result<(&'static mut Board, &'static Board), ConfigError> {
-    static NOW: StaticCell<Board> = StaticCell::new();
-    static AT_START: StaticCell<Board> = StaticCell::new();
-    let at_start = AT_START.init(Board::new(config, role)?);
-    Ok((NOW.init(at_start.clone()), at_start))
+fn nodes(ready: Ready) -> &'static mut Board {
+    static NODES: StaticCell<Board> = StaticCell::new();
+    NODES.init_with(|| ready.begin())
 }

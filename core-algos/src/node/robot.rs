@@ -189,7 +189,7 @@ impl RobotConfig {
         Ok(Robot {
             axles: [self.build_axle(Axle::Front)?, self.build_axle(Axle::Rear)?],
             beam: self.build_beam()?,
-            lead: self.build_lead()?,
+            lead: lead::LeadNode::new(self.build_lead()?),
         })
     }
 
@@ -214,8 +214,8 @@ impl RobotConfig {
         ))
     }
 
-    /// The lead node.
-    pub fn build_lead(&self) -> Result<lead::LeadNode, ConfigError> {
+    /// The algorithms of the lead node.
+    pub fn build_lead(&self) -> Result<lead::Algorithms, ConfigError> {
         self.check()?;
         self.completed().lead.build()
     }
