@@ -9,6 +9,8 @@ use crate::beam::sensor;
 use crate::bus::Axle;
 use crate::config::{Allowed, non_negative};
 use crate::config::{ConfigError, in_range, positive, require};
+use crate::fusion::Estimate;
+use crate::math::Posture;
 use crate::math::trig::sin_cos;
 use crate::safety::supervisor;
 
@@ -102,6 +104,12 @@ pub struct RobotConfig {
     pub lead: lead::Config,
 }
 
+/// Where an operator who has only a button puts the robot's midpoint down before pressing it (m, m,
+/// rad): the start of the paper's experiment; the goal is the origin.
+pub const START: Posture = Posture::new(-1.342, -1.342, 0.0);
+/// How well it is put down, standard deviations (m, m, rad).
+pub const START_SIGMAS: [f32; 3] = [2e-3; 3];
+
 /// The nodes of a robot.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Robot {
@@ -156,6 +164,20 @@ impl RobotConfig {
         let along = &mut self.lead.course.path;
         along.max_speed_m_s = along.max_speed_m_s.min(max_speed_m_s);
         self
+    }
+
+    /// Start of a robot that was put down on [`START`] with its frame straight: the midpoint, and the
+    /// front axle in the rear axle's frame.
+    pub fn put_down(&self) -> (Estimate, Estimate) {
+        let geometry = &self.geometry;
+        let straight_m = geometry.frame_length_m + 2.0 * geometry.rigid_end_m;
+        (
+            Estimate::with_sigmas(START, START_SIGMAS),
+            Estimate::with_sigmas(
+                Posture::new(straight_m, 0.0, 0.0),
+                self.lead.fusion.frame_sigmas,
+            ),
+        )
     }
 
     /// Checks dimensions and limits; the error names the parameter that is wrong.
