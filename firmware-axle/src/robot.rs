@@ -13,10 +13,10 @@ mod tick;
 use core::sync::atomic::AtomicU32;
 
 use core_algos::config::ConfigError;
-use core_algos::drive::winding;
-use core_algos::node::board::Board;
+use core_algos::control::wheel_observer::WheelObserver;
+use core_algos::drive::winding::{self, Winding};
+use core_algos::node::board::{Board, Ready, Role};
 use core_algos::node::robot::RobotConfig;
-use core_algos::params::Settings;
 use embassy_executor::Spawner;
 use embassy_stm32::Peripherals;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
@@ -33,10 +33,12 @@ use operator::Button;
 use tick::{Axis, Report};
 
 #[embassy_executor::main]
-async fn main(_spawner: Spawner) {
-    let p = board::start();
-    match start(p).await {
-        Ok((reports, attendance)) => telemetry::run(reports, attendance).await,
+async fn main(spawner: Spawner) {
+    match start(board::start()).await {
+        // In a task of its own, so that the stack of the start is free again.
+        Ok((reports, attendance)) => {
+            spawner.spawn(telemetry::run(reports, attendance).expect("spawned once"));
+        }
         Err(error) => {
             // Nothing was started: the motors stay off, and the watchdog is not fed.
             defmt::error!("configuration: {} = {}", error.field, error.value);
@@ -51,15 +53,11 @@ async fn start(p: Peripherals) -> Result<(telemetry::Reports, telemetry::Attenda
         [const { AtomicU32::new(0) }; telemetry::TASKS.len()];
 
     let role = tick::role(strap::axle(p.PC13));
-    let base = Settings::of(role);
-    let (settings, parameters) = Parameters::load(p.FLASH, base, role).await;
-    let config = settings.robot;
-    let nodes = nodes(&config, role)?;
-    let geometry = &config.geometry;
-    let straight_m = geometry.frame_length_m + 2.0 * geometry.rigid_end_m;
-    let sigmas = config.lead.fusion.frame_sigmas;
-    let observer = config.completed().axle.wheel.build()?;
-    let winding = winding::Config::default().build()?;
+    let parameters = Parameters::load(p.FLASH, role);
+    let settings = &parameters.settings;
+    let built = build(&settings.robot, role)?;
+    let nodes = begin(built.nodes);
+    let button = Button::new(p.PA0, settings.robot.put_down());
 
     let (attendance, badges) =
         telemetry::Attendance::start(&COUNTS, telemetry::TASKS, Watchdog::start(p.IWDG));
@@ -91,12 +89,12 @@ async fn start(p: Peripherals) -> Result<(telemetry::Reports, telemetry::Attenda
         motors,
         encoders,
         inertial,
-        button: Button::new(p.PA0, straight_m, sigmas),
+        button,
         sender,
         receiver,
         nodes,
-        observer,
-        winding,
+        observer: built.observer,
+        winding: built.winding,
         parameters: parameters.report.conditions(),
         reports: REPORTS.sender(),
         badge: of_tick,
@@ -105,14 +103,27 @@ async fn start(p: Peripherals) -> Result<(telemetry::Reports, telemetry::Attenda
     Ok((REPORTS.receiver().expect("the only one"), attendance))
 }
 
-/// The nodes in their static place, and a copy as they are at the start.
+/// What is made of the configuration.
+struct Built {
+    nodes: Ready,
+    observer: WheelObserver,
+    winding: Winding,
+}
+
+/// Not inlined, so that the configurations of all the parts do not stay on the stack.
 #[inline(never)]
-fn nodes(
-    config: &RobotConfig,
-    role: core_algos::node::board::Role,
-) -> Result<(&'static mut Board, &'static Board), ConfigError> {
-    static NOW: StaticCell<Board> = StaticCell::new();
-    static AT_START: StaticCell<Board> = StaticCell::new();
-    let at_start = AT_START.init(Board::new(config, role)?);
-    Ok((NOW.init(at_start.clone()), at_start))
+fn build(config: &RobotConfig, role: Role) -> Result<Built, ConfigError> {
+    Ok(Built {
+        nodes: Ready::new(config, role)?,
+        observer: config.completed().axle.wheel.build()?,
+        winding: winding::Config::default().build()?,
+    })
+}
+
+/// The nodes in their static place. Not inlined: on their way there they may lie on the stack, all
+/// 15 kB, and then nothing else of the start does.
+#[inline(never)]
+fn begin(nodes: Ready) -> &'static mut Board {
+    static NODES: StaticCell<Board> = StaticCell::new();
+    NODES.init_with(|| nodes.begin())
 }

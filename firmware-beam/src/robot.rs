@@ -14,7 +14,6 @@ use core_algos::beam::calibration::StandstillLimits;
 use core_algos::beam::procedure::Procedure;
 use core_algos::bus::message::Role;
 use core_algos::config::ConfigError;
-use core_algos::params::Settings;
 use embassy_executor::Spawner;
 use embassy_stm32::Peripherals;
 use embassy_stm32::adc::AdcChannel;
@@ -30,15 +29,16 @@ use bridges::Bridges;
 use tick::{Beam, Report, Saving};
 
 #[embassy_executor::main]
-async fn main(_spawner: Spawner) {
-    if let Err(error) = start(board::start()).await {
+async fn main(spawner: Spawner) {
+    if let Err(error) = start(board::start(), spawner) {
         // Nothing was started, and the watchdog is not fed.
         defmt::error!("configuration: {} = {}", error.field, error.value);
     }
 }
 
-/// Builds everything, starts it, and goes on with the background.
-async fn start(p: Peripherals) -> Result<(), ConfigError> {
+/// Builds everything and starts it. The background is a task too, so that the stack of the start is
+/// free again.
+fn start(p: Peripherals, spawner: Spawner) -> Result<(), ConfigError> {
     static REPORTS: Watch<CriticalSectionRawMutex, Report, 1> = Watch::new();
     static COUNTS: [AtomicU32; background::TASKS.len()] =
         [const { AtomicU32::new(0) }; background::TASKS.len()];
@@ -47,12 +47,11 @@ async fn start(p: Peripherals) -> Result<(), ConfigError> {
         done: Signal::new(),
     };
 
-    let base = Settings::of(Role::Beam);
-    let (settings, parameters) = Parameters::load(p.FLASH, base, Role::Beam).await;
-    let config = settings.robot;
-    let node = tick::node(&config)?;
+    let parameters = Parameters::load(p.FLASH, Role::Beam);
+    let settings = &parameters.settings;
+    let node = tick::node(&settings.robot)?;
     let limits = StandstillLimits::default().build()?;
-    let procedure = Procedure::new(limits, config.geometry.half_thickness_m);
+    let procedure = Procedure::new(limits, settings.robot.geometry.half_thickness_m);
     let thermistor = ThermistorConfig::default().build()?;
 
     let (attendance, badges) =
@@ -86,7 +85,7 @@ async fn start(p: Peripherals) -> Result<(), ConfigError> {
         bridges,
         sender,
         receiver,
-        config,
+        config: settings.robot,
         node,
         procedure,
         saving: &SAVING,
@@ -96,5 +95,7 @@ async fn start(p: Peripherals) -> Result<(), ConfigError> {
     };
     spawners.tick.spawn(tick::run(beam).expect("spawned once"));
     let reports = REPORTS.receiver().expect("the only one");
-    background::run(reports, parameters, settings, &SAVING, attendance).await
+    let background = background::run(reports, parameters, &SAVING, attendance);
+    spawner.spawn(background.expect("spawned once"));
+    Ok(())
 }

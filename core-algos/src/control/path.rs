@@ -70,6 +70,15 @@ pub struct PathPoint {
     pub s: f32,
 }
 
+impl PathPoint {
+    /// The beginning of a straight path from the origin.
+    const START: Self = Self {
+        posture: Posture::ORIGIN,
+        kappa: 0.0,
+        s: 0.0,
+    };
+}
+
 /// One point of a trajectory.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -120,10 +129,11 @@ struct Ring<T, const N: usize> {
     count: usize,
 }
 
-impl<T: Copy + Default, const N: usize> Ring<T, N> {
-    fn new() -> Self {
+impl<T: Copy, const N: usize> Ring<T, N> {
+    /// Without values; `blank` fills the room.
+    const fn new(blank: T) -> Self {
         Self {
-            slots: [T::default(); N],
+            slots: [blank; N],
             first: 0,
             count: 0,
         }
@@ -263,9 +273,9 @@ impl<const N: usize> Default for PathBuffer<N> {
 
 impl<const N: usize> PathBuffer<N> {
     /// Without points.
-    pub fn new() -> Self {
+    pub const fn new() -> Self {
         Self {
-            ring: Ring::new(),
+            ring: Ring::new(PathPoint::START),
             end: End::Open,
         }
     }
@@ -799,8 +809,15 @@ impl<const N: usize> Default for TrajectoryBuffer<N> {
 
 impl<const N: usize> TrajectoryBuffer<N> {
     /// Without points.
-    pub fn new() -> Self {
-        Self { ring: Ring::new() }
+    pub const fn new() -> Self {
+        let blank = TrajectoryPoint {
+            time_s: 0.0,
+            v: 0.0,
+            point: PathPoint::START,
+        };
+        Self {
+            ring: Ring::new(blank),
+        }
     }
 
     /// Number of points held.

@@ -353,6 +353,11 @@ pub struct AxleNode {
 const LET_GO_RAD_S: f32 = 5.0;
 
 impl AxleNode {
+    /// Begins anew, as it was built.
+    pub fn restart(&mut self) {
+        self.state = State::new();
+    }
+
     /// Which axle this is.
     pub fn axle(&self) -> Axle {
         self.axle

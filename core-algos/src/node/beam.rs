@@ -43,6 +43,24 @@ impl BeamNode {
         }
     }
 
+    /// Begins anew, as it was built.
+    pub fn restart(&mut self) {
+        let Self {
+            sensor: _,
+            state,
+            latest,
+            supervisor: _,
+            supervision,
+            found,
+            clear,
+        } = self;
+        *state = State::default();
+        *latest = None;
+        *supervision = supervisor::State::default();
+        *found = Conditions::NONE;
+        *clear = false;
+    }
+
     /// The sensor with its calibration.
     pub fn sensor(&self) -> &RelativePositionSensor {
         &self.sensor

@@ -7,7 +7,7 @@
 //!
 //! # Panic contract
 //!
-//! [`Board::new`] validates; nothing else can fail.
+//! [`Ready::new`] validates, and [`Board::new`] by it; nothing else can fail.
 //!
 //! # Example
 //!
@@ -80,18 +80,66 @@ pub enum Board {
     Beam(BeamNode),
 }
 
+/// What a board is to run, checked: nothing can fail any more. Nodes are large and the stack of a
+/// board is not, so there [`Self::begin`] is called where the nodes are to stay.
+// There is no heap to put the larger variant on.
+#[allow(clippy::large_enum_variant)]
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Ready {
+    /// For [`Board::Front`].
+    Front {
+        /// The axle.
+        axle: AxleNode,
+        /// What the lead node works with.
+        lead: lead::Algorithms,
+    },
+    /// For [`Board::Rear`].
+    Rear(AxleNode),
+    /// For [`Board::Beam`].
+    Beam(BeamNode),
+}
+
+impl Ready {
+    /// Checks a configuration; the error names the parameter that is wrong.
+    pub fn new(config: &RobotConfig, role: Role) -> Result<Self, ConfigError> {
+        Ok(match role {
+            Role::Front => Self::Front {
+                axle: config.build_axle(Axle::Front)?,
+                lead: config.build_lead()?,
+            },
+            Role::Rear => Self::Rear(config.build_axle(Axle::Rear)?),
+            Role::Beam => Self::Beam(config.build_beam()?),
+        })
+    }
+
+    /// The nodes at rest.
+    pub fn begin(self) -> Board {
+        match self {
+            Self::Front { axle, lead } => Board::Front {
+                axle,
+                lead: LeadNode::new(lead),
+            },
+            Self::Rear(axle) => Board::Rear(axle),
+            Self::Beam(beam) => Board::Beam(beam),
+        }
+    }
+}
+
 impl Board {
     /// The nodes of a board at rest; the error names the parameter that is wrong.
     pub fn new(config: &RobotConfig, role: Role) -> Result<Self, ConfigError> {
-        // Without a value of the whole between, so that fewer copies of it lie on the stack.
-        match role {
-            Role::Front => {
-                let axle = config.build_axle(Axle::Front)?;
-                let lead = config.build_lead();
-                lead.map(|lead| Self::Front { axle, lead })
+        Ready::new(config, role).map(Ready::begin)
+    }
+
+    /// Begins anew: as [`Self::new`] with the same configuration.
+    pub fn restart(&mut self) {
+        match self {
+            Self::Front { axle, lead } => {
+                axle.restart();
+                lead.restart();
             }
-            Role::Rear => config.build_axle(Axle::Rear).map(Self::Rear),
-            Role::Beam => config.build_beam().map(Self::Beam),
+            Self::Rear(axle) => axle.restart(),
+            Self::Beam(beam) => beam.restart(),
         }
     }
 
@@ -202,6 +250,45 @@ mod tests {
             };
             let senders = outbox.iter().filter_map(from).collect::<Vec<_>>();
             assert!(!senders.is_empty() && senders.iter().all(|sender| *sender == role));
+        }
+    }
+
+    /// Whatever a board has been through, it begins anew as it was built.
+    #[test]
+    fn a_board_that_began_anew_is_a_new_one() {
+        use crate::control::path::PathPoint;
+        use crate::fusion::Estimate;
+        use crate::math::Posture;
+        for role in Role::ALL {
+            let new = Board::new(&RobotConfig::default(), role).unwrap();
+            let mut board = new.clone();
+            if let Some(lead) = board.lead() {
+                let sure = |x| Estimate::with_sigmas(Posture::new(x, 0.0, 0.0), [1e-3; 3]);
+                lead.initialize(&sure(1.0), &sure(0.37));
+                lead.course().push_path_point(PathPoint::default()).unwrap();
+                lead.command(lead::Task::Regulate {
+                    goal: Posture::ORIGIN,
+                });
+            }
+            let mut outbox = Outbox::new();
+            for tick in 0..200u64 {
+                for message in core::mem::take(&mut outbox).iter() {
+                    board.receive(tick * TICK, message);
+                }
+                let samples = match role {
+                    Role::Beam => Samples::Beam([2040 + (tick % 3) as i32; MAX_GAUGES]),
+                    _ => Samples::Axle(axle::Samples {
+                        encoder: [Some(tick as i32), Some(2 * tick as i32)],
+                        gyro_rad_s: Some(0.2),
+                        acceleration_m_s2: Some(0.1),
+                        ..axle::Samples::default()
+                    }),
+                };
+                board.step(tick * TICK, &samples, &mut outbox);
+            }
+            assert_ne!(board, new, "{role:?}");
+            board.restart();
+            assert_eq!(board, new, "{role:?}");
         }
     }
 

@@ -90,7 +90,7 @@ impl Config {
 }
 
 /// Path and trajectory, and how far the robot is along them.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct State {
     path: PathBuffer<PATH_POINTS>,
     trajectory: TrajectoryBuffer<TRAJECTORY_POINTS>,
@@ -103,10 +103,30 @@ pub struct State {
     resting: bool,
 }
 
+impl Default for State {
+    fn default() -> Self {
+        Self::EMPTY
+    }
+}
+
 impl State {
+    /// No path, no trajectory. A constant goes to its place without a copy on the stack.
+    pub const EMPTY: Self = Self {
+        path: PathBuffer::new(),
+        trajectory: TrajectoryBuffer::new(),
+        trajectory_ended: false,
+        progress: Progress {
+            s: 0.0,
+            started: false,
+            finished: false,
+        },
+        start: None,
+        resting: false,
+    };
+
     /// Forgets path and trajectory.
     pub fn clear(&mut self) {
-        *self = Self::default();
+        *self = Self::EMPTY;
     }
 
     /// Goes to the beginning of what the buffers hold.

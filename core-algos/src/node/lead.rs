@@ -143,12 +143,12 @@ impl Default for Config {
 }
 
 impl Config {
-    /// The node; the error names the parameter that is wrong.
-    pub fn build(&self) -> Result<LeadNode, ConfigError> {
+    /// The algorithms of the node; the error names the parameter that is wrong.
+    pub fn build(&self) -> Result<Algorithms, ConfigError> {
         in_range("report_timeout_s", self.report_timeout_s, 0.02, 1.0)?;
         self.limits.check()?;
         let cascade = self.cascade.build()?;
-        Ok(LeadNode {
+        Ok(Algorithms {
             limits: self.limits,
             ramp: self.stop.build(self.supervisor.stop_timeout_s)?,
             frame_length: self.cascade.frame_length_m,
@@ -160,7 +160,6 @@ impl Config {
             course: self.course.build(&cascade)?,
             governor: self.governor.build(&cascade)?,
             cascade,
-            state: State::default(),
         })
     }
 }
@@ -346,7 +345,6 @@ pub struct State {
     beam_uncertainty: Option<Stamped<Mat3>>,
     fusion: Option<tandem::State>,
     regulator: regulator::State,
-    course: course::State,
     governor: governor::State,
     wrench: Option<Stamped<Wrench>>,
     /// The task is fulfilled, as of the last step.
@@ -393,9 +391,9 @@ impl From<course::Step> for Decision {
     }
 }
 
-/// The lead node.
-#[derive(Clone, Debug, PartialEq)]
-pub struct LeadNode {
+/// The algorithms of a lead node, ready to run: all that does not change.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Algorithms {
     report_timeout: Micros,
     longest_hold: Micros,
     fusion: Tandem,
@@ -407,17 +405,38 @@ pub struct LeadNode {
     ramp: ramp::Ramp,
     frame_length: f32,
     supervisor: Supervisor,
+}
+
+/// The lead node.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LeadNode {
+    with: Algorithms,
+    /// Beside the state, which passes over the stack: the buffers are three times as large.
+    course: course::State,
     state: State,
 }
 
 impl LeadNode {
+    /// A node that does not know yet where the robot stands, and has nothing to do.
+    pub fn new(algorithms: Algorithms) -> Self {
+        Self {
+            with: algorithms,
+            course: course::State::EMPTY,
+            state: State::default(),
+        }
+    }
+
+    /// Begins anew, as [`Self::new`] does.
+    pub fn restart(&mut self) {
+        self.course.clear();
+        self.state = State::default();
+    }
+
     /// Begins with the robot at rest, its midpoint at `center` and the front axle at `relative` in
     /// the rear axle's frame.
     pub fn initialize(&mut self, center: &Estimate, relative: &Estimate) {
-        self.state = State {
-            fusion: Some(self.fusion.start_at(center, relative)),
-            ..State::default()
-        };
+        self.restart();
+        self.state.fusion = Some(self.with.fusion.start_at(center, relative));
     }
 
     /// The second tier of fusion in its present state.
@@ -430,7 +449,7 @@ impl LeadNode {
         self.state.task = task;
         self.state.done = false;
         self.state.released = false;
-        self.state.course.restart();
+        self.course.restart();
     }
 
     /// Where the node stands, and why.
@@ -441,12 +460,12 @@ impl LeadNode {
     /// The buffers of path and trajectory, to be filled before [`Task::Follow`] or [`Task::Track`]
     /// and while it runs.
     pub fn course(&mut self) -> &mut course::State {
-        &mut self.state.course
+        &mut self.course
     }
 
     /// The cascade, with the frame's geometry.
     pub fn cascade(&self) -> &Cascade {
-        &self.cascade
+        &self.with.cascade
     }
 
     /// Takes in a message that arrived at `now`.
@@ -529,12 +548,12 @@ impl LeadNode {
             _ => self.decide(now, &center),
         };
         match decision.wish {
-            Some(wish) => self.governor.step(&mut self.state.governor, &wish, dt),
-            None => self.governor.stop(&mut self.state.governor, dt),
+            Some(wish) => self.with.governor.step(&mut self.state.governor, &wish, dt),
+            None => self.with.governor.stop(&mut self.state.governor, dt),
         }
         let motion = self.state.governor.motion;
         self.state.done = decision.done;
-        let references = self.cascade.references(center, &motion);
+        let references = self.with.cascade.references(center, &motion);
         self.send_references(now, decision.mode, &references, &fused, outbox);
         Output {
             supervision,
@@ -559,7 +578,7 @@ impl LeadNode {
             Task::Idle | Task::Clear => Decision::default(),
             Task::Stop => active,
             Task::Regulate { goal } => {
-                let output = self.regulator.tick(
+                let output = self.with.regulator.tick(
                     &mut state.regulator,
                     &regulator::Input {
                         posture: center.posture,
@@ -571,7 +590,7 @@ impl LeadNode {
                 let command = output.command;
                 Decision {
                     wish: Some(Wish::from_curvature(
-                        &self.cascade,
+                        &self.with.cascade,
                         command.v,
                         command.kappa,
                     )),
@@ -582,14 +601,15 @@ impl LeadNode {
                 }
             }
             Task::Follow => {
-                let step = self.course.follow(&mut state.course, *center, &motion);
+                let step = self.with.course.follow(&mut self.course, *center, &motion);
                 Decision::from(step)
             }
             Task::Track => {
                 let epoch = epoch_start(now, sequence(now));
                 let step = self
+                    .with
                     .course
-                    .track(&mut state.course, epoch, *center, &motion);
+                    .track(&mut self.course, epoch, *center, &motion);
                 Decision::from(step)
             }
         }
@@ -600,7 +620,7 @@ impl LeadNode {
         let state = &mut self.state;
         let fusion = state.fusion.as_mut()?;
         for track in &state.tracks {
-            if track.report.whole?.0.age(now) > self.report_timeout {
+            if track.report.whole?.0.age(now) > self.with.report_timeout {
                 return None;
             }
         }
@@ -616,7 +636,7 @@ impl LeadNode {
             _ => None,
         };
         let restarted = state.tracks.each_ref().map(AxleTrack::restarted);
-        let patience = match beam.is_none() && self.fusion.uses_beam() {
+        let patience = match beam.is_none() && self.with.fusion.uses_beam() {
             true => REJOIN_PATIENCE,
             false => SETTLING,
         };
@@ -636,10 +656,10 @@ impl LeadNode {
             // The frame may have bent by more than an update of the estimate can follow.
             beam: beam.filter(|_| !lost),
         };
-        let output = self.fusion.step(fusion, &inputs);
+        let output = self.with.fusion.step(fusion, &inputs);
         match (known, beam) {
-            (Some(axle), Some(beam)) if self.fusion.uses_beam() => {
-                Some(self.fusion.rejoin(fusion, axle, &output, &beam))
+            (Some(axle), Some(beam)) if self.with.fusion.uses_beam() => {
+                Some(self.with.fusion.rejoin(fusion, axle, &output, &beam))
             }
             _ => Some(output),
         }
@@ -664,6 +684,7 @@ impl LeadNode {
         for _ in 0..3 {
             input.request = self.request(fused);
             output = self
+                .with
                 .supervisor
                 .step(&mut self.state.supervisor, now, &input);
             if self.request(fused).is_none() {
@@ -686,7 +707,7 @@ impl LeadNode {
             OperatingState::Armed => state.held += EPOCH,
             _ => state.held = 0,
         }
-        state.released |= state.held > self.longest_hold;
+        state.released |= state.held > self.with.longest_hold;
     }
 
     /// What the task asks of the supervisor.
@@ -721,25 +742,25 @@ impl LeadNode {
         let powered = state.supervisor.operating().permit() != Permit::Off;
         let lost = axles.iter().any(|&node| state.peers.lost(node, now));
         let failed = axles.iter().any(|&node| state.peers.failed(node, now));
-        let fresh = |time: Micros| now.saturating_sub(time) <= self.report_timeout;
+        let fresh = |time: Micros| now.saturating_sub(time) <= self.with.report_timeout;
         let reports = state.tracks.iter().map(|track| track.report.whole);
         let late = powered
             && reports
                 .flatten()
                 .any(|(posture, _)| posture.age(now) > LATE);
         let beam = state.beam_posture.filter(|posture| fresh(posture.time));
-        let strained = state
-            .wrench
-            .is_some_and(|wrench| fresh(wrench.time) && self.limits.exceeded_by(&wrench.value));
+        let strained = state.wrench.is_some_and(|wrench| {
+            fresh(wrench.time) && self.with.limits.exceeded_by(&wrench.value)
+        });
         // What the beam sees counts most; without it, what the axles think.
         let bend = beam
             .map(|posture| posture.value.phi)
             .or(fused.map(|fused| 2.0 * self::bend(fused)));
-        let bent = bend.is_some_and(|bend| !(0.5 * bend.abs() <= self.limits.bend_rad));
+        let bent = bend.is_some_and(|bend| !(0.5 * bend.abs() <= self.with.limits.bend_rad));
         let unsound = fused.is_some_and(|fused| !fused.robot.posture.is_finite());
         // Without the sensor the operator has chosen to drive by ever less.
         let uncertain = fused.is_some_and(|fused| {
-            let vague = self.fusion.uses_beam() && self.limits.uncertain(&fused.robot);
+            let vague = self.with.fusion.uses_beam() && self.with.limits.uncertain(&fused.robot);
             // Wheels may slip while a swinging frame is brought to rest, before the drive.
             let refused = fused.beam.verdict == Verdict::Gated;
             vague || (refused && state.supervisor.operating() == OperatingState::Active)
@@ -752,7 +773,7 @@ impl LeadNode {
             .with(Condition::NeighbourFault, powered && failed)
             .with(
                 Condition::BeamLost,
-                self.fusion.uses_beam() && beam.is_none(),
+                self.with.fusion.uses_beam() && beam.is_none(),
             )
             .with(Condition::MessageLost, late)
             .with(Condition::FrameBent, bent)
@@ -768,7 +789,7 @@ impl LeadNode {
             state.stop = None;
             return false;
         }
-        let (ramp, length) = (&self.ramp, self.frame_length);
+        let (ramp, length) = (&self.with.ramp, self.with.frame_length);
         let stop = state
             .stop
             .get_or_insert_with(|| ramp.begin(Posture::ORIGIN, motion.v, motion.psi, length));
@@ -792,7 +813,7 @@ impl LeadNode {
         outbox: &mut Outbox,
     ) -> Output {
         let dt = seconds(EPOCH);
-        self.governor.stop(&mut self.state.governor, dt);
+        self.with.governor.stop(&mut self.state.governor, dt);
         if let (Permit::Off, Some(fused)) = (supervision.permit, &fused) {
             self.settle(fused);
         }
@@ -895,7 +916,7 @@ mod tests {
     }
 
     fn node() -> LeadNode {
-        let mut node = RobotConfig::default().build_lead().unwrap();
+        let mut node = LeadNode::new(RobotConfig::default().build_lead().unwrap());
         let relative = Posture::new(0.37, 0.0, 0.0);
         node.initialize(
             &Estimate::with_sigmas(Posture::ORIGIN, [1e-3; 3]),

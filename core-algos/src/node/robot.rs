@@ -9,6 +9,8 @@ use crate::beam::sensor;
 use crate::bus::Axle;
 use crate::config::{Allowed, non_negative};
 use crate::config::{ConfigError, in_range, positive, require};
+use crate::fusion::Estimate;
+use crate::math::Posture;
 use crate::math::trig::sin_cos;
 use crate::safety::supervisor;
 
@@ -102,6 +104,12 @@ pub struct RobotConfig {
     pub lead: lead::Config,
 }
 
+/// Where an operator who has only a button puts the robot's midpoint down before pressing it (m, m,
+/// rad): the start of the paper's experiment; the goal is the origin.
+pub const START: Posture = Posture::new(-1.342, -1.342, 0.0);
+/// How well it is put down, standard deviations (m, m, rad).
+pub const START_SIGMAS: [f32; 3] = [2e-3; 3];
+
 /// The nodes of a robot.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Robot {
@@ -158,6 +166,20 @@ impl RobotConfig {
         self
     }
 
+    /// Start of a robot that was put down on [`START`] with its frame straight: the midpoint, and the
+    /// front axle in the rear axle's frame.
+    pub fn put_down(&self) -> (Estimate, Estimate) {
+        let geometry = &self.geometry;
+        let straight_m = geometry.frame_length_m + 2.0 * geometry.rigid_end_m;
+        (
+            Estimate::with_sigmas(START, START_SIGMAS),
+            Estimate::with_sigmas(
+                Posture::new(straight_m, 0.0, 0.0),
+                self.lead.fusion.frame_sigmas,
+            ),
+        )
+    }
+
     /// Checks dimensions and limits; the error names the parameter that is wrong.
     fn check(&self) -> Result<(), ConfigError> {
         let geometry = &self.geometry;
@@ -189,7 +211,7 @@ impl RobotConfig {
         Ok(Robot {
             axles: [self.build_axle(Axle::Front)?, self.build_axle(Axle::Rear)?],
             beam: self.build_beam()?,
-            lead: self.build_lead()?,
+            lead: lead::LeadNode::new(self.build_lead()?),
         })
     }
 
@@ -214,8 +236,8 @@ impl RobotConfig {
         ))
     }
 
-    /// The lead node.
-    pub fn build_lead(&self) -> Result<lead::LeadNode, ConfigError> {
+    /// The algorithms of the lead node.
+    pub fn build_lead(&self) -> Result<lead::Algorithms, ConfigError> {
         self.check()?;
         self.completed().lead.build()
     }

@@ -128,6 +128,17 @@ pub struct Report {
     pub unusable: Option<ConfigError>,
 }
 
+impl Default for Report {
+    /// Nothing is stored.
+    fn default() -> Self {
+        Self {
+            sources: [Source::Default; COUNT],
+            unverified: false,
+            unusable: None,
+        }
+    }
+}
+
 impl Report {
     /// How many parameters have their default although something was stored.
     pub fn defaults(&self) -> usize {

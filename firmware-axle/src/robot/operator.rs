@@ -11,11 +11,6 @@ use embassy_stm32::Peri;
 use embassy_stm32::gpio::{Input, Pull};
 use embassy_stm32::peripherals::PA0;
 
-/// Where the robot is put down before the button is pressed: the start of the paper's experiment,
-/// m, m, rad; the goal is the origin.
-const START: Posture = Posture::new(-1.342, -1.342, 0.0);
-/// How well it is put down, m, m, rad.
-const START_SIGMAS: [f32; 3] = [2e-3, 2e-3, 2e-3];
 /// Time the button must be down, in epochs: 50 ms.
 const HOLD: u8 = 5;
 const _: () = assert!(EPOCH == 10_000);
@@ -25,19 +20,18 @@ pub struct Button {
     pin: Input<'static>,
     held: u8,
     driving: bool,
-    /// Straight frame and how well it is known.
-    relative: Estimate,
+    /// Where a drive begins: midpoint, and front axle seen from the rear.
+    start: (Estimate, Estimate),
 }
 
 impl Button {
-    /// On its pin; `straight_m` is the distance of the axles with a straight frame and `sigmas` how
-    /// well their relative posture is known then.
-    pub fn new(pin: Peri<'static, PA0>, straight_m: f32, sigmas: [f32; 3]) -> Self {
+    /// On its pin; a press begins a drive at `start`: midpoint, and front axle seen from the rear.
+    pub fn new(pin: Peri<'static, PA0>, start: (Estimate, Estimate)) -> Self {
         Self {
             pin: Input::new(pin, Pull::Down),
             held: 0,
             driving: false,
-            relative: Estimate::with_sigmas(Posture::new(straight_m, 0.0, 0.0), sigmas),
+            start,
         }
     }
 
@@ -69,7 +63,8 @@ impl Button {
         }
         self.driving = !self.driving;
         if self.driving {
-            lead.initialize(&Estimate::with_sigmas(START, START_SIGMAS), &self.relative);
+            let (center, relative) = &self.start;
+            lead.initialize(center, relative);
             lead.command(Task::Regulate {
                 goal: Posture::ORIGIN,
             });

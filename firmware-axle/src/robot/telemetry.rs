@@ -23,6 +23,7 @@ pub type Attendance = attendance::Attendance<{ TASKS.len() }>;
 
 /// Logs for ever. The watchdog is looked after with each report of the tick, of which there are ten a
 /// second.
+#[embassy_executor::task]
 pub async fn run(mut reports: Reports, mut attendance: Attendance) -> ! {
     let mut known = None;
     let mut count = 0u8;

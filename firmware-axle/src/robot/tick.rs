@@ -67,8 +67,8 @@ pub struct Axis {
     pub sender: Sender,
     /// Bus, inwards.
     pub receiver: Receiver,
-    /// The nodes, and the same as they were at the start.
-    pub nodes: (&'static mut Board, &'static Board),
+    /// The nodes.
+    pub nodes: &'static mut Board,
     /// Wheel observers for the back-EMF.
     pub observer: WheelObserver,
     /// Thermal model of the motors.
@@ -97,7 +97,7 @@ struct State {
 pub async fn run(mut axis: Axis) -> ! {
     let mut stopwatch = Stopwatch::new(TICK as u32);
     let mut state = State {
-        pace: match axis.nodes.0.role() {
+        pace: match axis.nodes.role() {
             Role::Front => Pace::leading(),
             _ => Pace::following(),
         },
@@ -137,7 +137,7 @@ impl Axis {
         if let Some(message) = state.pace.sync(now, self.sender.take_sync_sent()) {
             self.sender.send(&message);
         }
-        self.button.step(now, self.nodes.0);
+        self.button.step(now, self.nodes);
         let samples = Samples::Axle(axle::Samples {
             encoder: encoder.map(Some),
             gyro_rad_s: inertial.gyro_rad_s,
@@ -147,7 +147,7 @@ impl Axis {
                 .with(Condition::Restarted, state.restarted),
         });
         let mut outbox = Outbox::new();
-        let output = self.nodes.0.step(now, &samples, &mut outbox);
+        let output = self.nodes.step(now, &samples, &mut outbox);
         state.restarted &= !output.clear;
         for message in outbox.iter() {
             self.send(state, message);
@@ -185,7 +185,7 @@ impl Axis {
             Step::Wait => None,
             Step::Run(now) => Some(now),
             Step::Restart(now) => {
-                self.nodes.0.clone_from(self.nodes.1);
+                self.nodes.restart();
                 self.button.forget();
                 state.own.clear();
                 Some(now)
@@ -197,14 +197,14 @@ impl Axis {
     fn receive(&mut self, state: &mut State, now: Option<Micros>) {
         if let Some(now) = now {
             for message in state.own.iter() {
-                self.nodes.0.receive(now, message);
+                self.nodes.receive(now, message);
             }
         }
         state.own.clear();
         while let Some(arrived) = self.receiver.take() {
             state.pace.receive(arrived.local, &arrived.message);
             if let Some(now) = now {
-                self.nodes.0.receive(now, &arrived.message);
+                self.nodes.receive(now, &arrived.message);
             }
         }
     }
@@ -241,7 +241,7 @@ impl Axis {
     fn report_health(&mut self, state: &mut State, local: Micros, timing_us: (u16, u16)) {
         let feedback = self.motors.feedback();
         let winding_c = state.windings.map(|winding| winding.temperature_c);
-        let board = self.nodes.0.role();
+        let board = self.nodes.role();
         let now = state.pace.last().unwrap_or(local);
         let warmest = winding_c[0]
             .max(winding_c[1])

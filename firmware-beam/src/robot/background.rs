@@ -1,6 +1,5 @@
 //! What has time: the log, the store, the watchdog.
 
-use core_algos::params::Settings;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::watch;
 use firmware_common::store::chip::Parameters;
@@ -20,10 +19,10 @@ pub type Attendance = attendance::Attendance<{ TASKS.len() }>;
 
 /// Runs for ever. The watchdog is looked after with each report of the tick, of which there are ten a
 /// second.
+#[embassy_executor::task]
 pub async fn run(
     mut reports: Reports,
-    mut parameters: Parameters,
-    mut settings: Settings,
+    parameters: &'static mut Parameters,
     saving: &'static Saving,
     mut attendance: Attendance,
 ) -> ! {
@@ -34,9 +33,9 @@ pub async fn run(
             defmt::error!("{} does not report: the watchdog is not fed", task);
         }
         if let Some((calibration, off)) = saving.wanted.try_take() {
-            settings.robot.beam.calibration = calibration;
+            parameters.settings.robot.beam.calibration = calibration;
             attendance.watchdog().lengthen();
-            let saved = parameters.save(&settings, off).await;
+            let saved = parameters.save(off).await;
             attendance.watchdog().shorten();
             defmt::info!("calibration saved: {}", saved);
             saving.done.signal(saved);

@@ -4,13 +4,15 @@
 
 use super::Store;
 use core_algos::node::board::Role;
-use core_algos::params::{Report, Settings};
+use core_algos::params::{Disarmed, Report, Settings};
 use defmt::{info, warn};
 use embassy_embedded_hal::adapter::BlockingAsync;
+use embassy_futures::block_on;
 use embassy_stm32::Peri;
 use embassy_stm32::flash::{Bank1Region1, Blocking, Flash};
 use embassy_stm32::peripherals::FLASH;
 use sequential_storage::map::MapConfig;
+use static_cell::StaticCell;
 
 /// The region of the 16 KiB sectors.
 pub type Region = BlockingAsync<Bank1Region1<'static, Blocking>>;
@@ -34,30 +36,55 @@ pub fn open(flash: Peri<'static, FLASH>) -> Store<Region> {
 pub struct Parameters {
     store: Store<Region>,
     /// The board's settings when nothing is stored.
-    pub base: Settings,
+    base: Settings,
+    /// The settings to run with.
+    pub settings: Settings,
     /// How the store was found at the start.
     pub report: Report,
 }
 
 impl Parameters {
-    /// Loads them: the settings to run with, and where later ones can be saved. Values that are lost
-    /// or cannot be used have their defaults; the report and the log say so.
-    pub async fn load(flash: Peri<'static, FLASH>, base: Settings, role: Role) -> (Settings, Self) {
-        let mut store = open(flash);
-        let contents = store.load().await;
-        let (settings, report) = contents.settle(&base, |settings| settings.check(role));
-        log(&report);
-        let parameters = Self {
-            store,
-            base,
-            report,
-        };
-        (settings, parameters)
+    /// Loads them, once. Values that are lost or cannot be used have their defaults; the report and
+    /// the log say so. The core does the reading, so nothing is waited for.
+    pub fn load(flash: Peri<'static, FLASH>, role: Role) -> &'static mut Self {
+        let parameters = Self::unread(flash, role);
+        parameters.read();
+        parameters.settle(role);
+        log(&parameters.report);
+        parameters
     }
 
-    /// Saves `settings`; whether that worked.
-    pub async fn save(&mut self, settings: &Settings, off: core_algos::params::Disarmed) -> bool {
-        match self.store.save(settings, &self.base, off).await {
+    // One after the other and not inlined: what each takes of the stack is free again for the next.
+
+    #[inline(never)]
+    fn unread(flash: Peri<'static, FLASH>, role: Role) -> &'static mut Self {
+        static PARAMETERS: StaticCell<Parameters> = StaticCell::new();
+        PARAMETERS.init_with(|| {
+            let base = Settings::of(role);
+            Self {
+                store: open(flash),
+                base,
+                settings: base,
+                report: Report::default(),
+            }
+        })
+    }
+
+    #[inline(never)]
+    fn read(&mut self) {
+        block_on(self.store.load());
+    }
+
+    #[inline(never)]
+    fn settle(&mut self, role: Role) {
+        let contents = self.store.contents();
+        let check = |settings: &Settings| settings.check(role);
+        (self.settings, self.report) = contents.settle(&self.base, check);
+    }
+
+    /// Saves the settings; whether that worked.
+    pub async fn save(&mut self, off: Disarmed) -> bool {
+        match self.store.save(&self.settings, &self.base, off).await {
             Ok(_) => true,
             Err(error) => {
                 warn!("parameters not saved: {}", defmt::Debug2Format(&error));

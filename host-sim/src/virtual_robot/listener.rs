@@ -53,7 +53,7 @@ impl Listener {
         task: Task,
     ) -> Result<Self, ConfigError> {
         Ok(Self {
-            node: config.build_lead()?,
+            node: LeadNode::new(config.build_lead()?),
             start,
             task,
             clock: None,
