@@ -2,8 +2,8 @@
 //! and what the board reads, from counts to SI units.
 //!
 //! Data goes [`shunt`] (count → current) → [`winding`] (current → limit) → [`current`] (torque →
-//! voltage) → [`bridge`] (voltage → compare value); [`response`] sees whether the motor answers, and
-//! [`count`] extends an encoder's counter.
+//! voltage) → [`bridge`] (voltage → compare value) → [`sampling`] (when to convert next);
+//! [`response`] sees whether the motor answers, and [`count`] extends an encoder's counter.
 //!
 //! # Panic contract
 //!
@@ -14,5 +14,6 @@ pub mod bridge;
 pub mod count;
 pub mod current;
 pub mod response;
+pub mod sampling;
 pub mod shunt;
 pub mod winding;
