@@ -380,9 +380,9 @@ mod tests {
             if !self.frozen {
                 self.sample();
             }
-            let mut address = usize::from(bytes[0] & 0x7f);
+            let first = usize::from(bytes[0] & 0x7f);
             let read = bytes[0] & 0x80 != 0;
-            for byte in &mut bytes[1..] {
+            for (address, byte) in (first..).zip(&mut bytes[1..]) {
                 let bank = if address == 0x76 { 0 } else { self.bank };
                 let cell = &mut self.banks[bank][address];
                 match (read, self.mute) {
@@ -402,7 +402,6 @@ mod tests {
                     }
                     (false, false) => *cell = *byte,
                 }
-                address += 1;
             }
             true
         }
@@ -523,7 +522,8 @@ mod tests {
         };
         let fails = |_: &mut [u8]| false;
         // Low: by the registers read back; no transfer at all: as if nothing changed.
-        let broken: [(fn(&mut [u8]) -> bool, usize); 2] = [(low, 18), (fails, 51)];
+        type Transfer = fn(&mut [u8]) -> bool;
+        let broken: [(Transfer, usize); 2] = [(low, 18), (fails, 51)];
         for (transfer, within) in broken {
             let (mut sensor, _) = after(1200);
             let steps = (1..).find(|_| {
