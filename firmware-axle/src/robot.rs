@@ -13,7 +13,6 @@ mod tick;
 use core::sync::atomic::AtomicU32;
 
 use core_algos::config::ConfigError;
-use core_algos::drive::winding;
 use core_algos::node::board::Board;
 use core_algos::node::robot::RobotConfig;
 use core_algos::params::Settings;
@@ -59,7 +58,7 @@ async fn start(p: Peripherals) -> Result<(telemetry::Reports, telemetry::Attenda
     let straight_m = geometry.frame_length_m + 2.0 * geometry.rigid_end_m;
     let sigmas = config.lead.fusion.frame_sigmas;
     let observer = config.completed().axle.wheel.build()?;
-    let winding = winding::Config::default().build()?;
+    let winding = settings.drive.winding().build()?;
 
     let (attendance, badges) =
         telemetry::Attendance::start(&COUNTS, telemetry::TASKS, Watchdog::start(p.IWDG));
@@ -67,7 +66,7 @@ async fn start(p: Peripherals) -> Result<(telemetry::Reports, telemetry::Attenda
     let (sender, receiver) = can::start(p.CAN1, p.PB8, p.PB9);
     let encoders = Encoders::start((p.TIM3, p.PC6, p.PC7), (p.TIM4, p.PB6, p.PB7));
     let inertial = Inertial::start(p.SPI1, p.PA4, p.PA5, p.PA6, p.PA7, &settings.inertial).await?;
-    let motors = Motors::start(motors::Parts {
+    let parts = motors::Parts {
         adc: p.ADC1,
         timer: p.TIM1,
         enable: (p.PA8, p.PA9),
@@ -79,7 +78,8 @@ async fn start(p: Peripherals) -> Result<(telemetry::Reports, telemetry::Attenda
         temperature: p.PC3,
         stop: p.PB12,
         badge: of_drive,
-    })?;
+    };
+    let motors = Motors::start(parts, &settings.drive)?;
 
     let spawners = executors::start();
     defmt::info!("{} axle", role.name());
@@ -97,6 +97,7 @@ async fn start(p: Peripherals) -> Result<(telemetry::Reports, telemetry::Attenda
         nodes,
         observer,
         winding,
+        drive: settings.drive,
         parameters: parameters.report.conditions(),
         reports: REPORTS.sender(),
         badge: of_tick,

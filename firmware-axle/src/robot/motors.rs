@@ -9,17 +9,20 @@
 //! The motors are off (drivers asleep) unless a command with `on` came within the last two
 //! milliseconds and no fault is latched.
 
+mod exchange;
 mod timer;
 
-use core::cell::{Cell, RefCell};
+use core::cell::RefCell;
 
-use core_algos::acquisition::analog::{Supply, SupplyConfig, Thermistor, ThermistorConfig};
+use core_algos::acquisition::analog::{Supply, Thermistor, ThermistorConfig};
 use core_algos::config::ConfigError;
 use core_algos::drive::bridge::{self, Pins};
 use core_algos::drive::current::{self, CurrentLoop};
+use core_algos::drive::protection::{self, Limits, Protection};
 use core_algos::drive::response::{self, Response};
-use core_algos::drive::shunt::{self, Shunt, Zeroed, Zeroing};
+use core_algos::drive::shunt::{Shunt, Zeroed, Zeroing};
 use core_algos::node::Micros;
+use core_algos::params;
 use core_algos::safety::Condition;
 use cortex_m::peripheral::DWT;
 use critical_section::Mutex;
@@ -37,23 +40,21 @@ use embassy_time::Instant;
 use firmware_common::attendance::Badge;
 use firmware_common::fault;
 
+pub use exchange::{Command, Feedback};
 use timer::{Pwm, TOP};
 
 /// Periods in a tick.
 const PERIODS: u8 = 20;
 /// Periods without a command after which the motors are switched off: 2 ms.
 const PATIENCE: u8 = 40;
-/// Current that trips at once when it lasts, A, and for how many periods: 2 ms.
-const TRIP_A: f32 = 6.0;
-const TRIP_PERIODS: u8 = 40;
+/// Current that trips when it lasts, A, and for how many periods: 2 ms.
+const TRIP: (f32, u16) = (6.0, 40);
 /// Periods that the drivers take to wake up; no current is asked for meanwhile. 2 ms.
 const WAKE_PERIODS: u8 = 40;
 /// Periods in a row that a driver must report a fault: 200 µs. A driver that switched itself off says
 /// so for milliseconds; a spike from the bridges lasts for one sample.
-const FAULT_PERIODS: u8 = 4;
-/// Limits of the supply, V, and for how many periods it may be outside: 20 ms. They lie beyond those
-/// at which the robot stops in order, see [`super::tick`].
-const SUPPLY_V: core::ops::RangeInclusive<f32> = 8.0..=18.0;
+const FAULT_PERIODS: u16 = 4;
+/// For how many periods the supply may be beyond its limits: 20 ms.
 const SUPPLY_PERIODS: u16 = 400;
 
 /// Pins and peripherals of the motors.
@@ -83,59 +84,7 @@ pub struct Parts {
     pub badge: Badge,
 }
 
-/// What the tick asks of the motors.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Command {
-    /// Whether the motors may be on.
-    pub on: bool,
-    /// Whether a latched fault is to be forgotten.
-    pub clear: bool,
-    /// Wheel torques (left, right), N m, forward positive.
-    pub torque_nm: [f32; 2],
-    /// Wheel speeds (left, right), rad/s, for the back-EMF.
-    pub speed_rad_s: [f32; 2],
-    /// Largest currents, A.
-    pub limit_a: [f32; 2],
-}
-
-/// What the motors report; it holds for the last tick.
-#[derive(Clone, Copy, Debug)]
-pub struct Feedback {
-    /// Currents, root mean square over the tick, A.
-    pub current_a: [f32; 2],
-    /// Supply, V.
-    pub supply_v: f32,
-    /// Between the drivers, °C; `None` if the thermistor is open or short.
-    pub temperature_c: Option<f32>,
-    /// Whether the drivers are awake.
-    pub on: bool,
-    /// Whether the zeros of the current sensors are known.
-    pub ready: bool,
-    /// Whether the emergency stop is pressed at present.
-    pub stopped: bool,
-    /// Whether a motor's current does not answer to its voltage.
-    pub unresponsive: bool,
-    /// Longest run of the current loop since the start, core cycles.
-    pub longest_cycles: u32,
-    /// Why the motors were switched off; lasts until it is cleared.
-    pub fault: Option<Condition>,
-}
-
-const NOTHING: Feedback = Feedback {
-    current_a: [0.0; 2],
-    supply_v: 0.0,
-    temperature_c: None,
-    on: false,
-    ready: false,
-    stopped: false,
-    unresponsive: false,
-    longest_cycles: 0,
-    fault: None,
-};
-
 static DRIVE: Mutex<RefCell<Option<Drive>>> = Mutex::new(RefCell::new(None));
-static COMMAND: Mutex<Cell<Option<Command>>> = Mutex::new(Cell::new(None));
-static FEEDBACK: Mutex<Cell<Feedback>> = Mutex::new(Cell::new(NOTHING));
 static TICK: Signal<CriticalSectionRawMutex, Micros> = Signal::new();
 
 /// The tick's end of the motors.
@@ -143,8 +92,8 @@ pub struct Motors(());
 
 impl Motors {
     /// Sets everything up, motors off, and starts the current loop.
-    pub fn start(parts: Parts) -> Result<Self, ConfigError> {
-        let drive = Drive::new(parts)?;
+    pub fn start(parts: Parts, config: &params::Drive) -> Result<Self, ConfigError> {
+        let drive = Drive::new(parts, config)?;
         critical_section::with(|cs| DRIVE.borrow_ref_mut(cs).replace(drive));
         fault::on_fault(make_safe);
         interrupt::ADC.set_priority(Priority::P1);
@@ -161,12 +110,12 @@ impl Motors {
 
     /// Hands over what is to be done until the next tick.
     pub fn command(&mut self, command: Command) {
-        critical_section::with(|cs| COMMAND.borrow(cs).set(Some(command)));
+        exchange::put_command(command);
     }
 
     /// What was measured in the last tick.
     pub fn feedback(&self) -> Feedback {
-        critical_section::with(|cs| FEEDBACK.borrow(cs).get())
+        exchange::feedback()
     }
 
     /// Makes the periods of the next tick longer or shorter by so many parts in 4200.
@@ -195,9 +144,7 @@ struct Drive {
     command: Command,
     command_age: u8,
     awake: u8,
-    over: [u8; 2],
-    faulty: [u8; 2],
-    supply_off: u16,
+    protection: Protection,
     fault: Option<Condition>,
     squares: [f32; 2],
     period: u8,
@@ -205,7 +152,7 @@ struct Drive {
 }
 
 impl Drive {
-    fn new(parts: Parts) -> Result<Self, ConfigError> {
+    fn new(parts: Parts, config: &params::Drive) -> Result<Self, ConfigError> {
         let sleep = Output::new(parts.sleep, Level::Low, Speed::Low);
         let pwm = Pwm::new(parts.timer, parts.enable, parts.stop);
         // 28 cycles at 21 MHz settle a source of 10 kΩ; four conversions take 7.6 µs, the currents
@@ -235,21 +182,24 @@ impl Drive {
             ],
             pwm,
             badge: parts.badge,
-            shunt: shunt::Config::default().build()?,
-            supply: SupplyConfig::default().build()?,
+            shunt: config.shunt().build()?,
+            supply: config.supply().build()?,
             thermistor: ThermistorConfig::default().build()?,
-            current_loop: current::Config::default().build()?,
+            current_loop: config.current_loop().build()?,
             states: [current::State::default(); 2],
-            response: response::Config::default().build()?,
+            response: config.response().build()?,
             answers: [response::State::default(); 2],
             zeroing: [Zeroing::default(); 2],
             zeros: [None; 2],
             command: Command::default(),
             command_age: PATIENCE,
             awake: 0,
-            over: [0; 2],
-            faulty: [0; 2],
-            supply_off: 0,
+            protection: Protection::new(Limits {
+                current: TRIP,
+                fault_periods: FAULT_PERIODS,
+                supply_v: config.supply_trip_v(),
+                supply_periods: SUPPLY_PERIODS,
+            }),
             fault: None,
             squares: [0.0; 2],
             period: 0,
@@ -301,7 +251,7 @@ impl Drive {
     }
 
     fn take_command(&mut self) {
-        match critical_section::with(|cs| COMMAND.borrow(cs).take()) {
+        match exchange::take_command() {
             Some(command) => {
                 self.command = command;
                 self.command_age = 0;
@@ -335,38 +285,20 @@ impl Drive {
 
     /// Looks for what switches the motors off.
     fn judge(&mut self, currents: [Option<f32>; 2], supply_v: f32) {
-        for i in 0..2 {
-            // A reading at the rail is a current beyond all range, or a broken sensor.
-            let over = match currents[i] {
-                Some(current) => !(current.abs() <= TRIP_A),
-                None => self.zeros[i].is_some(),
-            };
-            self.over[i] = count(self.over[i], over);
-            if self.over[i] >= TRIP_PERIODS {
-                self.trip(Condition::OverCurrent);
-            }
-            // A driver that wakes up says that it is faulty.
-            let faulty = self.awake >= WAKE_PERIODS && self.faults[i].is_low();
-            self.faulty[i] = count(self.faulty[i], faulty);
-            if self.faulty[i] >= FAULT_PERIODS {
-                self.trip(Condition::DriverFault);
-            }
-        }
-        if SUPPLY_V.contains(&supply_v) {
-            self.supply_off = 0;
-        } else if self.awake > 0 {
-            self.supply_off = self.supply_off.saturating_add(1);
-            if self.supply_off >= SUPPLY_PERIODS {
-                // NaN counts as low.
-                let high = supply_v > *SUPPLY_V.end();
-                self.trip(match high {
-                    true => Condition::SupplyHigh,
-                    false => Condition::SupplyLow,
-                });
-            }
-        }
-        if self.awake > 0 && (self.pwm.contact_open() || self.pwm.broken()) {
-            self.trip(Condition::EmergencyStop);
+        let motor = |i: usize| protection::Motor {
+            current_a: currents[i],
+            zeroed: self.zeros[i].is_some(),
+            faulty: self.faults[i].is_low(),
+        };
+        let sample = protection::Sample {
+            motors: [motor(0), motor(1)],
+            supply_v,
+            stopped: self.pwm.contact_open() || self.pwm.broken(),
+            awake: self.awake > 0,
+            ready: self.awake >= WAKE_PERIODS,
+        };
+        if let Some(condition) = self.protection.step(&sample) {
+            self.trip(condition);
         }
     }
 
@@ -422,7 +354,7 @@ impl Drive {
             longest_cycles: self.longest,
             fault: self.fault,
         };
-        critical_section::with(|cs| FEEDBACK.borrow(cs).set(feedback));
+        exchange::put_feedback(feedback);
         let now = Instant::now().as_micros();
         TICK.signal(now.saturating_sub(self.pwm.phase_us()));
     }
@@ -441,11 +373,6 @@ fn ADC() {
             drive.longest = drive.longest.max(took);
         }
     });
-}
-
-/// How often in a row something was so.
-fn count(before: u8, so: bool) -> u8 {
-    if so { before.saturating_add(1) } else { 0 }
 }
 
 /// Motors off by registers alone: drivers asleep, pulses off.
