@@ -14,9 +14,9 @@ use core::sync::atomic::AtomicU32;
 
 use core_algos::config::ConfigError;
 use core_algos::control::wheel_observer::WheelObserver;
-use core_algos::drive::winding::{self, Winding};
+use core_algos::drive::winding::Winding;
 use core_algos::node::board::{Board, Ready, Role};
-use core_algos::node::robot::RobotConfig;
+use core_algos::params::Settings;
 use embassy_executor::Spawner;
 use embassy_stm32::Peripherals;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
@@ -55,7 +55,7 @@ async fn start(p: Peripherals) -> Result<(telemetry::Reports, telemetry::Attenda
     let role = tick::role(strap::axle(p.PC13));
     let parameters = Parameters::load(p.FLASH, role);
     let settings = &parameters.settings;
-    let built = build(&settings.robot, role)?;
+    let built = build(settings, role)?;
     let nodes = begin(built.nodes);
     let button = Button::new(p.PA0, settings.robot.put_down());
 
@@ -65,7 +65,7 @@ async fn start(p: Peripherals) -> Result<(telemetry::Reports, telemetry::Attenda
     let (sender, receiver) = can::start(p.CAN1, p.PB8, p.PB9);
     let encoders = Encoders::start((p.TIM3, p.PC6, p.PC7), (p.TIM4, p.PB6, p.PB7));
     let inertial = Inertial::start(p.SPI1, p.PA4, p.PA5, p.PA6, p.PA7, &settings.inertial).await?;
-    let motors = Motors::start(motors::Parts {
+    let parts = motors::Parts {
         adc: p.ADC1,
         timer: p.TIM1,
         enable: (p.PA8, p.PA9),
@@ -77,7 +77,8 @@ async fn start(p: Peripherals) -> Result<(telemetry::Reports, telemetry::Attenda
         temperature: p.PC3,
         stop: p.PB12,
         badge: of_drive,
-    })?;
+    };
+    let motors = Motors::start(parts, &settings.drive)?;
 
     let spawners = executors::start();
     defmt::info!("{} axle", role.name());
@@ -95,6 +96,7 @@ async fn start(p: Peripherals) -> Result<(telemetry::Reports, telemetry::Attenda
         nodes,
         observer: built.observer,
         winding: built.winding,
+        drive: settings.drive,
         parameters: parameters.report.conditions(),
         reports: REPORTS.sender(),
         badge: of_tick,
@@ -112,11 +114,12 @@ struct Built {
 
 /// Not inlined, so that the configurations of all the parts do not stay on the stack.
 #[inline(never)]
-fn build(config: &RobotConfig, role: Role) -> Result<Built, ConfigError> {
+fn build(settings: &Settings, role: Role) -> Result<Built, ConfigError> {
+    let config = &settings.robot;
     Ok(Built {
         nodes: Ready::new(config, role)?,
         observer: config.completed().axle.wheel.build()?,
-        winding: winding::Config::default().build()?,
+        winding: settings.drive.winding().build()?,
     })
 }
 

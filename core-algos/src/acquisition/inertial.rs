@@ -112,6 +112,11 @@ impl Channel {
         self.state.bias_counts.is_some()
     }
 
+    /// Forgets the bias and what was gathered for it.
+    pub fn forget(&mut self) {
+        self.state = State::default();
+    }
+
     /// Why the latest window was refused, if it was.
     pub fn refused(&self) -> Option<Refused> {
         self.state.refused

@@ -6,5 +6,6 @@
 //! Each `Config::build` validates; nothing else can fail. A reading that cannot be true is `None`.
 
 pub mod analog;
+pub mod icm42688;
 pub mod inertial;
 pub mod oversampling;

@@ -2,8 +2,9 @@
 //! and what the board reads, from counts to SI units.
 //!
 //! Data goes [`shunt`] (count → current) → [`winding`] (current → limit) → [`current`] (torque →
-//! voltage) → [`bridge`] (voltage → compare value); [`response`] sees whether the motor answers, and
-//! [`count`] extends an encoder's counter.
+//! voltage) → [`bridge`] (voltage → compare value) → [`sampling`] (when to convert next);
+//! [`response`] sees whether the motor answers, [`protection`] switches off, and [`count`] extends an
+//! encoder's counter.
 //!
 //! # Panic contract
 //!
@@ -13,6 +14,8 @@
 pub mod bridge;
 pub mod count;
 pub mod current;
+pub mod protection;
 pub mod response;
+pub mod sampling;
 pub mod shunt;
 pub mod winding;

@@ -1,7 +1,7 @@
 //! Parameters a user calibrates or tunes: one table of names, units and ranges, and the form in
 //! which a board keeps them over a power cut.
 //!
-//! [`table`] holds the table; [`stored`] turns a value into the bytes of an item and decides, after a
+//! [`table`] holds the table; [`drive`] what is behind the pins of an axle's board; [`stored`] turns a value into the bytes of an item and decides, after a
 //! start, which of the items found are to be used. Reading and writing a flash is left to whoever
 //! has one.
 //!
@@ -27,9 +27,11 @@
 //! # Ok::<(), core_algos::config::ConfigError>(())
 //! ```
 
+pub mod drive;
 pub mod stored;
 pub mod table;
 
+pub use drive::Drive;
 pub use stored::{Contents, Item, Report, Source};
 pub use table::{COUNT, Parameter, TABLE, find, fingerprint};
 
@@ -48,6 +50,8 @@ pub struct Settings {
     pub robot: RobotConfig,
     /// Scale of the board's inertial sensor.
     pub inertial: Inertial,
+    /// Motors, drivers and supply of an axle's board.
+    pub drive: Drive,
 }
 
 /// Scale of an inertial sensor; its biases are found anew at every standstill.
@@ -80,6 +84,7 @@ impl Settings {
         Self {
             robot,
             inertial: Inertial::default(),
+            drive: Drive::default(),
         }
     }
 
@@ -107,6 +112,9 @@ impl Settings {
         in_range("gyro_gain", self.inertial.gyro_gain, 0.5, 2.0)?;
         let gain = self.inertial.accelerometer_gain;
         in_range("accelerometer_gain", gain, 0.5, 2.0)?;
+        if role != Role::Beam {
+            self.drive.check()?;
+        }
         match role {
             Role::Front => {
                 check_axle(&self.robot, Axle::Front)?;

@@ -198,6 +198,12 @@ parameters! {
     41 v 1 number robot.lead.course.path.nominal_speed_m_s, "m/s" 0.01 to 2.0: "speed along a path";
     42 v 1 number robot.lead.course.path.deceleration_m_s2, "m/s2" 0.01 to 5.0: "deceleration toward bends and the end";
     43 v 1 number robot.geometry.wheel_ratio, "" 0.8 to 1.25: "radius of the axle's right wheel over that of the left";
+    44 v 1 number drive.supply_gain, "" 0.9 to 1.1: "true supply voltage over the one read";
+    45 v 1 number drive.supply_minimum_v, "V" 6.0 to 15.0: "supply below which the robot stops; 3.3 V a cell: 9.9 for three, 13.2 for four";
+    46 v 1 number drive.supply_warning_v, "V" 6.0 to 17.0: "supply below which it says so; 3.5 V a cell: 10.5 for three, 14.0 for four";
+    47 v 1 number drive.supply_maximum_v, "V" 10.0 to 17.6: "supply above which the robot stops; a full pack and 3 %: 13.0 for three cells, 17.4 for four";
+    48 v 1 number drive.shunt_ohm, "ohm" 0.001 to 0.1: "shunt in a motor's lead";
+    49 v 1 number drive.amplifier_gain, "" 1.0 to 100.0: "gain of the amplifier across it";
     50 v 1 (0) robot.beam.strip.gauges_m, "m" 0.0 to 5.0: "distance of the gauge from the root";
     51 v 1 (1) robot.beam.strip.gauges_m, "m" 0.0 to 5.0: "distance of the gauge from the root";
     52 v 1 (2) robot.beam.strip.gauges_m, "m" 0.0 to 5.0: "distance of the gauge from the root";
@@ -217,6 +223,17 @@ parameters! {
     81 v 1 number robot.beam.strip.uncertainty.common_offset_strain, "" 0.0 to 0.01: "uncertainty common to all zeros";
     82 v 1 number robot.beam.strip.uncertainty.gain, "" 0.0 to 1.0: "uncertainty of each gain";
     83 v 1 number robot.beam.strip.uncertainty.common_gain, "" 0.0 to 1.0: "uncertainty common to all gains";
+    84 v 1 number drive.resistance_ohm, "ohm" 0.05 to 100.0: "resistance of a motor's winding, leads and bridge";
+    85 v 1 number drive.inductance_h, "H" 0.00001 to 0.1: "inductance of a motor's winding";
+    86 v 1 number drive.torque_constant_nm_a, "N m/A" 0.001 to 1.0: "torque per current of a motor before its gear";
+    87 v 1 number drive.gear_ratio, "" 1.0 to 500.0: "turns of a motor for one of its wheel";
+    88 v 1 number drive.max_current_a, "A" 0.2 to 5.5: "largest current of a motor";
+    89 v 1 number drive.thermal_resistance_k_w, "K/W" 0.1 to 100.0: "thermal resistance from winding to ambient";
+    90 v 1 number drive.thermal_time_constant_s, "s" 1.0 to 1000.0: "thermal time constant of a winding";
+    91 v 1 number drive.winding_max_c, "degC" 70.0 to 180.0: "temperature of a winding at which no current is left";
+    92 v 1 number drive.winding_fold_back_k, "K" 5.0 to 35.0: "how far below that the current is folded back";
+    93 v 1 number drive.driver_max_c, "degC" 60.0 to 150.0: "temperature between the drivers at which no current is left";
+    94 v 1 number drive.driver_fold_back_k, "K" 5.0 to 35.0: "how far below that the current is folded back";
 }
 
 #[cfg(test)]
@@ -295,7 +312,7 @@ mod tests {
             let mut settings = start;
             assert_eq!(
                 parameter.set(&mut settings, 16.5).is_err(),
-                parameter.whole || high < 16.5
+                parameter.whole || !(low..=high).contains(&16.5)
             );
         }
     }

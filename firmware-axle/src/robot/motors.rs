@@ -1,55 +1,60 @@
 //! Both motors: pulse-width modulation, current sensing and the current loop, at 20 kHz.
 //!
-//! TIM1 counts up and down and drives the enable pins of two DRV8874 in phase/enable mode; its
-//! update event, once a period, starts the injected conversions of ADC1: both currents (INA240 on a
+//! TIM1 drives the enable pins of two DRV8874 in phase/enable mode and starts the injected
+//! conversions of ADC1 once a period, where no edge is near ([`timer`]): both currents (INA240 on a
 //! shunt in the motor's lead), supply and driver temperature. Their interrupt, the highest of the
-//! board, runs the current loops; what they decide takes effect at the next update. Every twentieth
-//! period is a tick of the board.
+//! board, runs the current loops; what they decide takes effect at the next update of the timer.
+//! Every twentieth period is a tick of the board.
 //!
 //! The motors are off (drivers asleep) unless a command with `on` came within the last two
 //! milliseconds and no fault is latched.
 
-use core::cell::{Cell, RefCell};
+mod exchange;
+mod timer;
 
-use core_algos::acquisition::analog::{Supply, SupplyConfig, Thermistor, ThermistorConfig};
+use core::cell::RefCell;
+
+use core_algos::acquisition::analog::{Supply, Thermistor, ThermistorConfig};
 use core_algos::config::ConfigError;
 use core_algos::drive::bridge::{self, Pins};
 use core_algos::drive::current::{self, CurrentLoop};
+use core_algos::drive::protection::{self, Limits, Protection};
 use core_algos::drive::response::{self, Response};
-use core_algos::drive::shunt::{self, Shunt, Zeroed, Zeroing};
+use core_algos::drive::shunt::{Shunt, Zeroed, Zeroing};
 use core_algos::node::Micros;
+use core_algos::params;
 use core_algos::safety::Condition;
 use cortex_m::peripheral::DWT;
 use critical_section::Mutex;
 use embassy_stm32::adc::{Adc, AdcChannel, Exten, InjectedAdc, SampleTime};
-use embassy_stm32::gpio::{AfType, Flex, Input, Level, Output, OutputType, Pull, Speed};
+use embassy_stm32::gpio::{Input, Level, Output, Pull, Speed};
 use embassy_stm32::interrupt::{self, InterruptExt, Priority};
-use embassy_stm32::pac::timer::vals::{Cms, Mms, Ocm};
-use embassy_stm32::pac::{GPIOB, TIM1};
+use embassy_stm32::pac::GPIOB;
 use embassy_stm32::peripherals::{
     ADC1, PA8, PA9, PB12, PB13, PB14, PB15, PC0, PC1, PC2, PC3, PC8, PC9,
 };
-use embassy_stm32::{Peri, interrupt as handler, peripherals, rcc, triggers};
+use embassy_stm32::{Peri, interrupt as handler, peripherals, triggers};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use embassy_time::Instant;
 use firmware_common::attendance::Badge;
 use firmware_common::fault;
 
-/// Top of the counter: 168 MHz / (2 · 4200) = 20 kHz.
-const TOP: u16 = 4200;
+pub use exchange::{Command, Feedback};
+use timer::{Pwm, TOP};
+
 /// Periods in a tick.
 const PERIODS: u8 = 20;
 /// Periods without a command after which the motors are switched off: 2 ms.
 const PATIENCE: u8 = 40;
-/// Current that trips at once when it lasts, A, and for how many periods: 2 ms.
-const TRIP_A: f32 = 6.0;
-const TRIP_PERIODS: u8 = 40;
+/// Current that trips when it lasts, A, and for how many periods: 2 ms.
+const TRIP: (f32, u16) = (6.0, 40);
 /// Periods that the drivers take to wake up; no current is asked for meanwhile. 2 ms.
 const WAKE_PERIODS: u8 = 40;
-/// Limits of the supply, V, and for how many periods it may be outside: 20 ms. They lie beyond those
-/// at which the robot stops in order, see [`super::tick`].
-const SUPPLY_V: core::ops::RangeInclusive<f32> = 8.0..=18.0;
+/// Periods in a row that a driver must report a fault: 200 µs. A driver that switched itself off says
+/// so for milliseconds; a spike from the bridges lasts for one sample.
+const FAULT_PERIODS: u16 = 4;
+/// For how many periods the supply may be beyond its limits: 20 ms.
 const SUPPLY_PERIODS: u16 = 400;
 
 /// Pins and peripherals of the motors.
@@ -72,65 +77,14 @@ pub struct Parts {
     pub supply: Peri<'static, PC2>,
     /// Thermistor between the drivers.
     pub temperature: Peri<'static, PC3>,
-    /// Emergency stop, a contact to ground that opens: high or a broken wire means stop.
+    /// Emergency stop, a contact to ground that opens: high or a broken wire means stop. The timer's
+    /// break input.
     pub stop: Peri<'static, PB12>,
     /// For the watchdog.
     pub badge: Badge,
 }
 
-/// What the tick asks of the motors.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Command {
-    /// Whether the motors may be on.
-    pub on: bool,
-    /// Whether a latched fault is to be forgotten.
-    pub clear: bool,
-    /// Wheel torques (left, right), N m, forward positive.
-    pub torque_nm: [f32; 2],
-    /// Wheel speeds (left, right), rad/s, for the back-EMF.
-    pub speed_rad_s: [f32; 2],
-    /// Largest currents, A.
-    pub limit_a: [f32; 2],
-}
-
-/// What the motors report; it holds for the last tick.
-#[derive(Clone, Copy, Debug)]
-pub struct Feedback {
-    /// Currents, root mean square over the tick, A.
-    pub current_a: [f32; 2],
-    /// Supply, V.
-    pub supply_v: f32,
-    /// Between the drivers, °C; `None` if the thermistor is open or short.
-    pub temperature_c: Option<f32>,
-    /// Whether the drivers are awake.
-    pub on: bool,
-    /// Whether the zeros of the current sensors are known.
-    pub ready: bool,
-    /// Whether the emergency stop is pressed at present.
-    pub stopped: bool,
-    /// Whether a motor's current does not answer to its voltage.
-    pub unresponsive: bool,
-    /// Longest run of the current loop since the start, core cycles.
-    pub longest_cycles: u32,
-    /// Why the motors were switched off; lasts until it is cleared.
-    pub fault: Option<Condition>,
-}
-
-const NOTHING: Feedback = Feedback {
-    current_a: [0.0; 2],
-    supply_v: 0.0,
-    temperature_c: None,
-    on: false,
-    ready: false,
-    stopped: false,
-    unresponsive: false,
-    longest_cycles: 0,
-    fault: None,
-};
-
 static DRIVE: Mutex<RefCell<Option<Drive>>> = Mutex::new(RefCell::new(None));
-static COMMAND: Mutex<Cell<Option<Command>>> = Mutex::new(Cell::new(None));
-static FEEDBACK: Mutex<Cell<Feedback>> = Mutex::new(Cell::new(NOTHING));
 static TICK: Signal<CriticalSectionRawMutex, Micros> = Signal::new();
 
 /// The tick's end of the motors.
@@ -138,14 +92,14 @@ pub struct Motors(());
 
 impl Motors {
     /// Sets everything up, motors off, and starts the current loop.
-    pub fn start(parts: Parts) -> Result<Self, ConfigError> {
-        let drive = Drive::new(parts)?;
+    pub fn start(parts: Parts, config: &params::Drive) -> Result<Self, ConfigError> {
+        let drive = Drive::new(parts, config)?;
         critical_section::with(|cs| DRIVE.borrow_ref_mut(cs).replace(drive));
         fault::on_fault(make_safe);
         interrupt::ADC.set_priority(Priority::P1);
         // SAFETY: the handler's data are in place.
         unsafe { interrupt::ADC.enable() };
-        TIM1.cr1().modify(|w| w.set_cen(true));
+        Pwm::start();
         Ok(Self(()))
     }
 
@@ -156,18 +110,17 @@ impl Motors {
 
     /// Hands over what is to be done until the next tick.
     pub fn command(&mut self, command: Command) {
-        critical_section::with(|cs| COMMAND.borrow(cs).set(Some(command)));
+        exchange::put_command(command);
     }
 
     /// What was measured in the last tick.
     pub fn feedback(&self) -> Feedback {
-        critical_section::with(|cs| FEEDBACK.borrow(cs).get())
+        exchange::feedback()
     }
 
     /// Makes the periods of the next tick longer or shorter by so many parts in 4200.
     pub fn trim(&mut self, by: i8) {
-        TIM1.arr()
-            .write(|w| w.set_arr(TOP.wrapping_add_signed(by.into())));
+        Pwm::trim(by);
     }
 }
 
@@ -177,9 +130,8 @@ struct Drive {
     direction: [Output<'static>; 2],
     sleep: Output<'static>,
     faults: [Input<'static>; 2],
-    stop: Input<'static>,
+    pwm: Pwm,
     badge: Badge,
-    _enable: [Flex<'static>; 2],
     shunt: Shunt,
     supply: Supply,
     thermistor: Thermistor,
@@ -192,8 +144,7 @@ struct Drive {
     command: Command,
     command_age: u8,
     awake: u8,
-    over: [u8; 2],
-    supply_off: u16,
+    protection: Protection,
     fault: Option<Condition>,
     squares: [f32; 2],
     period: u8,
@@ -201,15 +152,11 @@ struct Drive {
 }
 
 impl Drive {
-    fn new(parts: Parts) -> Result<Self, ConfigError> {
+    fn new(parts: Parts, config: &params::Drive) -> Result<Self, ConfigError> {
         let sleep = Output::new(parts.sleep, Level::Low, Speed::Low);
-        let mut enable = [Flex::new(parts.enable.0), Flex::new(parts.enable.1)];
-        for pin in &mut enable {
-            // TIM1 is alternate function 1 on both pins.
-            pin.set_as_af_unchecked(1, AfType::output(OutputType::PushPull, Speed::High));
-        }
-        start_timer(parts.timer);
-        // 28 cycles at 21 MHz settle a source of 10 kΩ; four conversions take 7.6 µs.
+        let pwm = Pwm::new(parts.timer, parts.enable, parts.stop);
+        // 28 cycles at 21 MHz settle a source of 10 kΩ; four conversions take 7.6 µs, the currents
+        // first: they must not be near an edge.
         let time = SampleTime::CYCLES28;
         let adc = Adc::new(parts.adc).setup_injected_conversions(
             [
@@ -233,23 +180,26 @@ impl Drive {
                 Input::new(parts.fault.0, Pull::Up),
                 Input::new(parts.fault.1, Pull::Up),
             ],
-            stop: Input::new(parts.stop, Pull::Up),
+            pwm,
             badge: parts.badge,
-            _enable: enable,
-            shunt: shunt::Config::default().build()?,
-            supply: SupplyConfig::default().build()?,
+            shunt: config.shunt().build()?,
+            supply: config.supply().build()?,
             thermistor: ThermistorConfig::default().build()?,
-            current_loop: current::Config::default().build()?,
+            current_loop: config.current_loop().build()?,
             states: [current::State::default(); 2],
-            response: response::Config::default().build()?,
+            response: config.response().build()?,
             answers: [response::State::default(); 2],
             zeroing: [Zeroing::default(); 2],
             zeros: [None; 2],
             command: Command::default(),
             command_age: PATIENCE,
             awake: 0,
-            over: [0; 2],
-            supply_off: 0,
+            protection: Protection::new(Limits {
+                current: TRIP,
+                fault_periods: FAULT_PERIODS,
+                supply_v: config.supply_trip_v(),
+                supply_periods: SUPPLY_PERIODS,
+            }),
             fault: None,
             squares: [0.0; 2],
             period: 0,
@@ -301,7 +251,7 @@ impl Drive {
     }
 
     fn take_command(&mut self) {
-        match critical_section::with(|cs| COMMAND.borrow(cs).take()) {
+        match exchange::take_command() {
             Some(command) => {
                 self.command = command;
                 self.command_age = 0;
@@ -335,39 +285,20 @@ impl Drive {
 
     /// Looks for what switches the motors off.
     fn judge(&mut self, currents: [Option<f32>; 2], supply_v: f32) {
-        for i in 0..2 {
-            // A reading at the rail is a current beyond all range, or a broken sensor.
-            let over = match currents[i] {
-                Some(current) => !(current.abs() <= TRIP_A),
-                None => self.zeros[i].is_some(),
-            };
-            self.over[i] = if over {
-                self.over[i].saturating_add(1)
-            } else {
-                0
-            };
-            if self.over[i] >= TRIP_PERIODS {
-                self.trip(Condition::OverCurrent);
-            }
-        }
-        if self.awake >= WAKE_PERIODS && self.faults.iter().any(Input::is_low) {
-            self.trip(Condition::DriverFault);
-        }
-        if SUPPLY_V.contains(&supply_v) {
-            self.supply_off = 0;
-        } else if self.awake > 0 {
-            self.supply_off = self.supply_off.saturating_add(1);
-            if self.supply_off >= SUPPLY_PERIODS {
-                // NaN counts as low.
-                let high = supply_v > *SUPPLY_V.end();
-                self.trip(match high {
-                    true => Condition::SupplyHigh,
-                    false => Condition::SupplyLow,
-                });
-            }
-        }
-        if self.stop.is_high() && self.awake > 0 {
-            self.trip(Condition::EmergencyStop);
+        let motor = |i: usize| protection::Motor {
+            current_a: currents[i],
+            zeroed: self.zeros[i].is_some(),
+            faulty: self.faults[i].is_low(),
+        };
+        let sample = protection::Sample {
+            motors: [motor(0), motor(1)],
+            supply_v,
+            stopped: self.pwm.contact_open() || self.pwm.broken(),
+            awake: self.awake > 0,
+            ready: self.awake >= WAKE_PERIODS,
+        };
+        if let Some(condition) = self.protection.step(&sample) {
+            self.trip(condition);
         }
     }
 
@@ -378,21 +309,25 @@ impl Drive {
 
     fn set_awake(&mut self, on: bool) {
         if on {
+            if self.awake == 0 {
+                self.pwm.enable();
+            }
             self.sleep.set_high();
             self.awake = self.awake.saturating_add(1);
         } else {
             self.sleep.set_low();
+            Pwm::disable();
             self.awake = 0;
         }
     }
 
     fn set_pins(&mut self, pins: [Pins; 2]) {
-        for (i, (pins, direction)) in pins.iter().zip(&mut self.direction).enumerate() {
+        for (pins, direction) in pins.iter().zip(&mut self.direction) {
             // The direction changes at once, the width at the next update: at most 25 µs in which
             // the old width, small where a duty changes sign, is applied the other way.
             direction.set_level(pins.forward.into());
-            TIM1.ccr(i).write(|w| w.set_ccr(pins.compare));
         }
+        self.pwm.set(pins.map(|pins| pins.compare));
     }
 
     fn report(&mut self, currents: [Option<f32>; 2], supply_v: f32, temperature: u16) {
@@ -414,13 +349,14 @@ impl Drive {
             temperature_c: self.thermistor.read(temperature.into(), 4096.0),
             on: self.awake >= WAKE_PERIODS,
             ready: self.zeros.iter().all(Option::is_some),
-            stopped: self.stop.is_high(),
+            stopped: self.pwm.contact_open(),
             unresponsive: self.answers.iter().any(response::State::unexplained),
             longest_cycles: self.longest,
             fault: self.fault,
         };
-        critical_section::with(|cs| FEEDBACK.borrow(cs).set(feedback));
-        TICK.signal(Instant::now().as_micros());
+        exchange::put_feedback(feedback);
+        let now = Instant::now().as_micros();
+        TICK.signal(now.saturating_sub(self.pwm.phase_us()));
     }
 }
 
@@ -439,37 +375,8 @@ fn ADC() {
     });
 }
 
-/// Two channels of pulses around the counter's zero, an update event once a period; still stopped.
-fn start_timer(_timer: Peri<'static, peripherals::TIM1>) {
-    rcc::enable_and_reset::<peripherals::TIM1>();
-    TIM1.arr().write(|w| w.set_arr(TOP));
-    // Overflow and underflow are two updates; every second one counts.
-    TIM1.rcr().write(|w| w.set_rep(1));
-    TIM1.ccmr_output(0).write(|w| {
-        for channel in 0..2 {
-            w.set_ocm(channel, Ocm::PWM_MODE1);
-            w.set_ocpe(channel, true);
-        }
-    });
-    TIM1.ccer().write(|w| {
-        w.set_cce(0, true);
-        w.set_cce(1, true);
-    });
-    TIM1.cr2().write(|w| w.set_mms(Mms::UPDATE));
-    // Outputs off means driven low, which brakes; the sleep pin lets go.
-    TIM1.bdtr().write(|w| {
-        w.set_ossi(embassy_stm32::pac::timer::vals::Ossi::IDLE_LEVEL);
-        w.set_moe(true);
-    });
-    TIM1.cr1().write(|w| {
-        w.set_cms(Cms::CENTER_ALIGNED1);
-        w.set_arpe(true);
-    });
-    TIM1.egr().write(|w| w.set_ug(true));
-}
-
 /// Motors off by registers alone: drivers asleep, pulses off.
 fn make_safe() {
     GPIOB.bsrr().write(|w| w.set_br(13, true));
-    TIM1.bdtr().modify(|w| w.set_moe(false));
+    Pwm::disable();
 }

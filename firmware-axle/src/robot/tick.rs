@@ -5,10 +5,11 @@
 
 use core_algos::bus::{Axle, Message};
 use core_algos::control::wheel_observer::{self, WheelObserver};
-use core_algos::drive::winding::{self, Winding, fold_back};
+use core_algos::drive::winding::{self, Winding};
 use core_algos::node::board::{Board, Output, Role, Samples};
 use core_algos::node::pace::{Pace, Step};
 use core_algos::node::{Micros, Outbox, TICK, axle, sequence};
+use core_algos::params::Drive;
 use core_algos::safety::{Condition, Conditions};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::watch;
@@ -22,12 +23,6 @@ use super::inertial::Inertial;
 use super::motors::{Command, Feedback, Motors};
 use super::operator::Button;
 
-/// Temperatures of the driver, °C: fold-back begins, nothing is left.
-const DRIVER_C: (f32, f32) = (85.0, 105.0);
-/// Supply, V: below the first the robot stops, below the second it says so.
-const SUPPLY_LOW_V: (f32, f32) = (9.0, 10.5);
-/// Supply above which the robot stops, V.
-const SUPPLY_HIGH_V: f32 = 16.8;
 /// Ticks between health reports on the bus.
 const HEALTH: Micros = 100 * TICK;
 
@@ -73,6 +68,8 @@ pub struct Axis {
     pub observer: WheelObserver,
     /// Thermal model of the motors.
     pub winding: Winding,
+    /// Limits of drivers and supply.
+    pub drive: Drive,
     /// How the parameters were found at the start.
     pub parameters: Conditions,
     /// Where reports go.
@@ -157,16 +154,23 @@ impl Axis {
 
     /// What the drivers find wrong.
     fn conditions(&self, pace: &Pace, feedback: &Feedback) -> Conditions {
+        let drive = &self.drive;
         let hotter = |bound: f32| feedback.temperature_c.is_some_and(|t| !(t <= bound));
         let below = |bound: f32| feedback.ready && !(feedback.supply_v >= bound);
         let conditions = Conditions::NONE
             .with(Condition::EmergencyStop, feedback.stopped)
             .with(Condition::InertialLost, !self.inertial.answers())
-            .with(Condition::TemperatureHigh, hotter(DRIVER_C.0))
-            .with(Condition::OverTemperature, hotter(DRIVER_C.1))
-            .with(Condition::SupplyWarning, below(SUPPLY_LOW_V.1))
-            .with(Condition::SupplyLow, below(SUPPLY_LOW_V.0))
-            .with(Condition::SupplyHigh, feedback.supply_v > SUPPLY_HIGH_V)
+            .with(
+                Condition::TemperatureHigh,
+                hotter(drive.driver_fold_back_c()),
+            )
+            .with(Condition::OverTemperature, hotter(drive.driver_max_c))
+            .with(Condition::SupplyWarning, below(drive.supply_warning_v))
+            .with(Condition::SupplyLow, below(drive.supply_minimum_v))
+            .with(
+                Condition::SupplyHigh,
+                feedback.supply_v > drive.supply_maximum_v,
+            )
             .with(Condition::MotorUnresponsive, feedback.unresponsive)
             .with(Condition::BusOff, can::is_off())
             .union(pace.conditions())
@@ -218,11 +222,7 @@ impl Axis {
 
     /// What the node asks for, within what motors and drivers stand.
     fn limited(&self, state: &mut State, feedback: &Feedback, output: &Output) -> Command {
-        // Without its thermistor a driver is taken as half warm.
-        let driver = match feedback.temperature_c {
-            Some(temperature) => fold_back(temperature, DRIVER_C.0, DRIVER_C.1),
-            None => 0.5,
-        };
+        let driver = self.drive.driver_share(feedback.temperature_c);
         let mut command = Command {
             on: output.active,
             clear: output.clear,

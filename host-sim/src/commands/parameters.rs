@@ -11,7 +11,8 @@ pub fn markdown() -> String {
          Written by `cfmmr parameters`. Each board keeps these in its own flash, one item each, so an\n\
          axle's wheels and track are those of its own board. A parameter that was never saved has its\n\
          default, which on the beam board is of that board's converter (readings are sums of 96\n\
-         conversions). Names are places in a scenario, apart from those of the inertial sensor. The\n\
+         conversions). Names are places in a scenario, apart from those of the inertial sensor and of\n\
+         motors, drivers and supply (`drive`, see [wiring.md](wiring.md)). The\n\
          identifier is the key in the flash; a value saved under another version is not used.\n\
          [store.md](store.md) says what a power cut or damaged flash does.\n\n\
          | id | version | name | unit | from | to | default | meaning |\n|---|---|---|---|---|---|---|---|\n",

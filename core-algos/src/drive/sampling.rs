@@ -1,0 +1,234 @@
+//! When to sample the motor currents within a period of the pulse-width modulation.
+//!
+//! The counter goes up to its top and down again, the pulses stand around zero, and the converter is
+//! started when the counter passes a compare value on the way up. The readings of both currents
+//! follow one another in one *window*; an edge of either motor within it, or so shortly before that
+//! driver and amplifier have not settled, spoils them. The edges on the way up are at the compare
+//! values of the motors, those on the way down lie opposite.
+//!
+//! The window stands around the top, the middle of both OFF, wherever that is clean; else it begins
+//! just after zero, in the middle of both ON; else one motor is nearly off and the other nearly
+//! full, and there is room half-way between their edges. Around the middle of ON or OFF a reading is
+//! the mean of the ripple; half-way it is off by about a third of the ripple of a small duty.
+//!
+//! # Panic contract
+//!
+//! [`Timing::build`] validates at compile time; [`Sampling::compare`] cannot fail.
+
+/// Counts of the timer that converter, drivers and amplifiers need.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Timing {
+    /// Top of the counter.
+    pub top: u16,
+    /// How far the top may be moved from that, either way.
+    pub trim: u16,
+    /// From the trigger to the end of the last reading.
+    pub window: u16,
+    /// From an edge of the timer until a reading is true.
+    pub settling: u16,
+    /// From the end of the last reading to the next edge, at least.
+    pub margin: u16,
+    /// Earliest compare value that still gives a pulse the converter sees.
+    pub earliest: u16,
+}
+
+impl Timing {
+    /// The ready-to-run form; `None` if a pair of duties would find no clean place.
+    pub const fn build(self) -> Option<Sampling> {
+        let Some(lowest_top) = self.top.checked_sub(self.trim) else {
+            return None;
+        };
+        let half = self.window / 2;
+        // In wide numbers, so that nothing overflows.
+        let (lowest, half_wide) = (lowest_top as u32, half as u32);
+        let window = self.window as u32;
+        let on_from = self.earliest as u32 + window + self.margin as u32;
+        if lowest <= half_wide + self.settling as u32 || self.earliest == 0 {
+            return None;
+        }
+        let off = self.top - half;
+        let off_up_to = off as u32 - self.settling as u32;
+        let between = self.top as u32 / 2 - half_wide;
+        // Around a top that is trimmed down, the edge on the way down comes earlier.
+        let around_top =
+            off_up_to + off as u32 + window + self.margin as u32 <= 2 * lowest && off < lowest_top;
+        let after_zero = on_from >= self.settling as u32;
+        let half_way = on_from + self.settling as u32 <= between
+            && between + window + self.margin as u32 <= off_up_to;
+        if !(around_top && after_zero && half_way) {
+            return None;
+        }
+        Some(Sampling {
+            off,
+            off_up_to: off_up_to as u16,
+            on: self.earliest,
+            on_from: on_from as u16,
+            between: between as u16,
+        })
+    }
+}
+
+/// The three places and where they are clean.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Sampling {
+    off: u16,
+    off_up_to: u16,
+    on: u16,
+    on_from: u16,
+    between: u16,
+}
+
+impl Sampling {
+    /// Compare value of the trigger for a period in which the motors' are `compares`.
+    pub const fn compare(&self, compares: [u16; 2]) -> u16 {
+        let [a, b] = compares;
+        let (shorter, longer) = if a < b { (a, b) } else { (b, a) };
+        if longer <= self.off_up_to {
+            self.off
+        } else if shorter >= self.on_from {
+            self.on
+        } else {
+            self.between
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TIMING: Timing = Timing {
+        top: 4200,
+        trim: 127,
+        window: 544,
+        settling: 504,
+        margin: 34,
+        earliest: 84,
+    };
+
+    /// Levels of the timer's outputs by the reference manual's rule for a counter that goes up and
+    /// down: active below the compare value. The counter at every clock cycle of `periods` periods.
+    fn counter(top: u16, periods: usize) -> Vec<u16> {
+        let up = 0..top;
+        let down = (1..=top).rev();
+        let period: Vec<u16> = up.chain(down).collect();
+        period.repeat(periods)
+    }
+
+    fn edges(counter: &[u16], level: impl Fn(u16) -> bool) -> Vec<usize> {
+        (1..counter.len())
+            .filter(|&t| level(counter[t - 1]) != level(counter[t]))
+            .collect()
+    }
+
+    /// Edges of the motors and beginnings of the windows, by walking through the periods.
+    fn check(top: u16, compares: [u16; 2]) {
+        let sampling = TIMING.build().unwrap();
+        let compare = sampling.compare(compares);
+        let counter = counter(top, 3);
+        let begins: Vec<usize> = edges(&counter, |count| count >= compare)
+            .into_iter()
+            .filter(|&t| counter[t] > counter[t - 1])
+            .collect();
+        assert_eq!(begins.len(), 3, "{top} {compares:?}: one window a period");
+        let begin = begins[1];
+        for motor in compares {
+            for edge in edges(&counter, |count| count < motor) {
+                let before = edge + usize::from(TIMING.settling) <= begin;
+                let after = edge >= begin + usize::from(TIMING.window + TIMING.margin);
+                assert!(
+                    before || after,
+                    "{top} {compares:?}: edge {edge}, window {begin}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn no_edge_is_near_at_any_pair_of_duties() {
+        for top in [4073, 4200, 4327] {
+            for left in (0..=4200).step_by(200) {
+                for right in (left..=4200).step_by(140) {
+                    check(top, [left, right]);
+                }
+            }
+        }
+    }
+
+    /// Where one place takes over from another, to the count.
+    #[test]
+    fn no_edge_is_near_where_the_place_changes() {
+        let limits = [0, 1, 661, 662, 663, 3423, 3424, 3425, 4116, 4199, 4200];
+        for top in [4073, 4200, 4327] {
+            for left in limits {
+                for right in limits {
+                    check(top, [left, right]);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn places_by_hand() {
+        let sampling = TIMING.build().unwrap();
+        // Up to 81.5 % both: half a window before the top.
+        assert_eq!(sampling.compare([0, 0]), 4200 - 272);
+        assert_eq!(sampling.compare([3424, 10]), 3928);
+        // Beyond that, from 15.8 % on: after zero.
+        assert_eq!(sampling.compare([3425, 662]), 84);
+        assert_eq!(sampling.compare([4200, 4200]), 84);
+        // One nearly off, one nearly full.
+        assert_eq!(sampling.compare([661, 4116]), 2100 - 272);
+    }
+
+    /// The ripple, summed up from the volt-seconds of each clock cycle, moves a reading by less than
+    /// 20 mA (five counts) of a full pack on the default motor.
+    #[test]
+    fn a_reading_is_the_mean_current() {
+        let sampling = TIMING.build().unwrap();
+        let (supply, inductance, clock) = (16.8, 2.3e-3, 168e6);
+        let mut worst: f64 = 0.0;
+        for left in (0..=4116u16).step_by(84) {
+            for right in (0..=4116u16).step_by(84) {
+                let counter = counter(4200, 2);
+                let begin = usize::from(sampling.compare([left, right]));
+                // Middles of both sampling times: 14 cycles of the converter, then 40 more.
+                for (motor, offset) in [(left, 112), (right, 432)] {
+                    let duty = f64::from(motor) / 4200.0;
+                    let mut current = 0.0;
+                    let triangle: Vec<f64> = counter[..8400]
+                        .iter()
+                        .map(|&count| {
+                            let on = if count < motor { 1.0 } else { 0.0 };
+                            current += (on - duty) * supply / (inductance * clock);
+                            current
+                        })
+                        .collect();
+                    let mean = triangle.iter().sum::<f64>() / 8400.0;
+                    let read = triangle[(begin + offset) % 8400];
+                    worst = worst.max((read - mean).abs());
+                }
+            }
+        }
+        assert!(worst < 0.02, "{worst}");
+        assert!(worst > 0.005, "{worst}");
+    }
+
+    #[test]
+    fn what_leaves_no_clean_place_is_refused() {
+        type Spoil = fn(&mut Timing);
+        let spoiled: [Spoil; 6] = [
+            |timing| timing.settling = 1500,
+            |timing| timing.window = 2000,
+            |timing| timing.earliest = 0,
+            |timing| timing.trim = 2000,
+            |timing| timing.trim = 5000,
+            |timing| timing.earliest = 4000,
+        ];
+        for (k, spoil) in spoiled.iter().enumerate() {
+            let mut timing = TIMING;
+            spoil(&mut timing);
+            assert_eq!(timing.build(), None, "{k}");
+        }
+    }
+}

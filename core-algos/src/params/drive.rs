@@ -1,0 +1,276 @@
+//! Motors, drivers and supply of an axle board, in the numbers of their data sheets.
+//!
+//! One set of numbers; what current loop, its monitor, thermal model and converter need is derived
+//! from it. A test asks that the defaults give the defaults of each.
+
+use crate::acquisition::analog::SupplyConfig;
+use crate::config::{Allowed, ConfigError, in_range, require};
+use crate::drive::winding::fold_back;
+use crate::drive::{current, response, shunt, winding};
+
+/// How far beyond its limits the supply may be before the motors are switched off at once, V below
+/// and above; in between the robot stops in order.
+const BEYOND_V: (f32, f32) = (1.0, 0.8);
+/// Share of the converter's range that a supply can be told from a broken divider.
+const READABLE: f32 = 0.98;
+
+/// What is behind the pins of an axle board.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Drive {
+    /// True supply voltage over the one read.
+    pub supply_gain: f32,
+    /// Supply below which the robot stops, V.
+    pub supply_minimum_v: f32,
+    /// Supply below which it says so, V.
+    pub supply_warning_v: f32,
+    /// Supply above which it stops, V.
+    pub supply_maximum_v: f32,
+    /// Shunt in a motor's lead, Ω.
+    pub shunt_ohm: f32,
+    /// Gain of the amplifier across it.
+    pub amplifier_gain: f32,
+    /// Resistance of winding, leads and bridge, Ω.
+    pub resistance_ohm: f32,
+    /// Inductance of the winding, H.
+    pub inductance_h: f32,
+    /// Torque per current of the motor before its gear, N m/A.
+    pub torque_constant_nm_a: f32,
+    /// Turns of the motor for one of the wheel.
+    pub gear_ratio: f32,
+    /// Largest current of a motor, A.
+    pub max_current_a: f32,
+    /// Thermal resistance from winding to ambient, K/W.
+    pub thermal_resistance_k_w: f32,
+    /// Thermal time constant of the winding, s.
+    pub thermal_time_constant_s: f32,
+    /// Temperature of the winding at which no current is left, °C.
+    pub winding_max_c: f32,
+    /// How far below that the current is folded back, K.
+    pub winding_fold_back_k: f32,
+    /// Temperature between the drivers at which no current is left, °C.
+    pub driver_max_c: f32,
+    /// How far below that the current is folded back, K.
+    pub driver_fold_back_k: f32,
+}
+
+impl Default for Drive {
+    /// A 12 V gear motor of 2.5 N m at standstill and 20 rad/s without load, INA240A1 on 10 mΩ, and
+    /// a battery of three cells: 3.3 V and 3.5 V a cell below; above, four full cells are no reason
+    /// to stop.
+    fn default() -> Self {
+        Self {
+            supply_gain: 1.0,
+            supply_minimum_v: 9.9,
+            supply_warning_v: 10.5,
+            supply_maximum_v: 17.4,
+            shunt_ohm: 0.01,
+            amplifier_gain: 20.0,
+            resistance_ohm: 2.88,
+            inductance_h: 2.3e-3,
+            torque_constant_nm_a: 0.02,
+            gear_ratio: 30.0,
+            max_current_a: 4.0,
+            thermal_resistance_k_w: 6.0,
+            thermal_time_constant_s: 30.0,
+            winding_max_c: 120.0,
+            winding_fold_back_k: 20.0,
+            driver_max_c: 105.0,
+            driver_fold_back_k: 20.0,
+        }
+    }
+}
+
+impl Drive {
+    /// The current loops.
+    pub fn current_loop(&self) -> current::Config {
+        current::Config {
+            resistance_ohm: self.resistance_ohm,
+            inductance_h: self.inductance_h,
+            torque_constant_nm_a: self.wheel_torque_constant(),
+            max_current_a: self.max_current_a,
+            ..current::Config::default()
+        }
+    }
+
+    /// The monitors of whether the motors answer.
+    pub fn response(&self) -> response::Config {
+        response::Config {
+            resistance_ohm: self.resistance_ohm,
+            inductance_h: self.inductance_h,
+            torque_constant_nm_a: self.wheel_torque_constant(),
+            ..response::Config::default()
+        }
+    }
+
+    /// The thermal model of the windings.
+    pub fn winding(&self) -> winding::Config {
+        winding::Config {
+            resistance_ohm: self.resistance_ohm,
+            thermal_resistance_k_w: self.thermal_resistance_k_w,
+            time_constant_s: self.thermal_time_constant_s,
+            fold_back_c: self.winding_max_c - self.winding_fold_back_k,
+            max_c: self.winding_max_c,
+            max_current_a: self.max_current_a,
+            ..winding::Config::default()
+        }
+    }
+
+    /// The current sensors.
+    pub fn shunt(&self) -> shunt::Config {
+        shunt::Config {
+            volts_per_ampere: self.shunt_ohm * self.amplifier_gain,
+            ..shunt::Config::default()
+        }
+    }
+
+    /// The reading of the supply.
+    pub fn supply(&self) -> SupplyConfig {
+        let plain = SupplyConfig::default();
+        SupplyConfig {
+            divider: self.supply_gain * plain.divider,
+            ..plain
+        }
+    }
+
+    /// Limits of the supply at which the motors are switched off at once, V: beyond those of a stop,
+    /// and what the converter can read.
+    pub fn supply_trip_v(&self) -> (f32, f32) {
+        let supply = self.supply();
+        let readable = READABLE * supply.divider * supply.reference_v;
+        (
+            self.supply_minimum_v - BEYOND_V.0,
+            readable.min(self.supply_maximum_v + BEYOND_V.1),
+        )
+    }
+
+    /// Temperature between the drivers above which the current is folded back, °C.
+    pub fn driver_fold_back_c(&self) -> f32 {
+        self.driver_max_c - self.driver_fold_back_k
+    }
+
+    /// Permitted share of the current at a temperature between the drivers, °C. Without its thermistor a
+    /// driver is taken as half warm.
+    pub fn driver_share(&self, temperature_c: Option<f32>) -> f32 {
+        temperature_c.map_or(0.5, |temperature| {
+            fold_back(temperature, self.driver_fold_back_c(), self.driver_max_c)
+        })
+    }
+
+    /// Whether everything can be built from it; the error names the field.
+    pub fn check(&self) -> Result<(), ConfigError> {
+        self.current_loop().build()?;
+        self.response().build()?;
+        self.winding().build()?;
+        self.shunt().build()?;
+        self.supply().build()?;
+        in_range("driver_fold_back_k", self.driver_fold_back_k, 1.0, 100.0)?;
+        in_range("driver_max_c", self.driver_max_c, 0.0, 200.0)?;
+        require(
+            self.supply_minimum_v < self.supply_maximum_v,
+            "supply_minimum_v",
+            self.supply_minimum_v,
+            Allowed::Condition("less than supply_maximum_v"),
+        )
+        .map(|_| ())
+    }
+
+    /// Torque per current at the wheel, N m/A.
+    fn wheel_torque_constant(&self) -> f32 {
+        self.torque_constant_nm_a * self.gear_ratio
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::params::TABLE;
+
+    fn close(a: f32, b: f32) -> bool {
+        (a - b).abs() <= 1e-6 * b.abs()
+    }
+
+    /// What the parameters say is what each part says for itself.
+    #[test]
+    fn defaults_are_those_of_the_parts() {
+        let drive = Drive::default();
+        let (wheel, own) = (drive.current_loop(), current::Config::default());
+        assert!(close(wheel.torque_constant_nm_a, own.torque_constant_nm_a));
+        let torque_constant_nm_a = own.torque_constant_nm_a;
+        let same = current::Config {
+            torque_constant_nm_a,
+            ..wheel
+        };
+        assert_eq!(same, own);
+        let same = response::Config {
+            torque_constant_nm_a,
+            ..drive.response()
+        };
+        assert_eq!(same, response::Config::default());
+        assert_eq!(drive.winding(), winding::Config::default());
+        assert_eq!(drive.supply(), SupplyConfig::default());
+        let own = shunt::Config::default();
+        assert!(close(drive.shunt().volts_per_ampere, own.volts_per_ampere));
+    }
+
+    /// Voltages of lithium cells by hand: a full pack of four does not stop the robot, an empty one of
+    /// three does; the trips lie beyond the stops, and a converter at its rail is a trip.
+    #[test]
+    fn supply_of_three_and_four_cells() {
+        let drive = Drive::default();
+        assert!(drive.supply_maximum_v > 4.0 * 4.2 * 1.02);
+        assert!(drive.supply_minimum_v >= 3.0 * 3.2 && drive.supply_warning_v <= 3.0 * 3.6);
+        let (low, high) = drive.supply_trip_v();
+        assert!(low < drive.supply_minimum_v && high > drive.supply_maximum_v);
+        for gain in [0.9, 1.0, 1.1] {
+            let drive = Drive {
+                supply_gain: gain,
+                supply_maximum_v: 17.6,
+                ..drive
+            };
+            let rail = drive.supply().build().unwrap().read(4095);
+            assert!(rail > drive.supply_trip_v().1, "{gain} {rail}");
+        }
+    }
+
+    #[test]
+    fn the_drivers_fold_back_in_a_line() {
+        let drive = Drive::default();
+        for (temperature, share) in [(25.0, 1.0), (85.0, 1.0), (95.0, 0.5), (105.0, 0.0)] {
+            assert!((drive.driver_share(Some(temperature)) - share).abs() < 1e-6);
+        }
+        assert_eq!(drive.driver_share(None), 0.5);
+        assert_eq!(drive.driver_share(Some(f32::NAN)), 0.0);
+    }
+
+    /// Any two parameters may stand at any two ends of their ranges, but for the limits of the
+    /// supply that exclude each other.
+    #[test]
+    fn every_value_of_the_ranges_can_be_built() {
+        let own = || TABLE.iter().filter(|p| p.name.starts_with("drive."));
+        assert_eq!(own().count() * 4, core::mem::size_of::<Drive>());
+        let mut refused = 0;
+        for first in own() {
+            for second in own() {
+                for a in [first.range.0, first.range.1] {
+                    for b in [second.range.0, second.range.1] {
+                        let mut settings = crate::params::Settings::default();
+                        first.set(&mut settings, a).unwrap();
+                        second.set(&mut settings, b).unwrap();
+                        let drive = settings.drive;
+                        let sound = drive.supply_minimum_v < drive.supply_maximum_v;
+                        assert_eq!(
+                            drive.check().is_ok(),
+                            sound,
+                            "{} {}",
+                            first.name,
+                            second.name
+                        );
+                        refused += usize::from(!sound);
+                    }
+                }
+            }
+        }
+        // The lowest maximum with the highest minimum, in either order.
+        assert_eq!(refused, 2);
+    }
+}

@@ -1,0 +1,190 @@
+//! TIM1: pulses of both drivers, the break input of the emergency stop and the trigger of the
+//! converter.
+//!
+//! # Pulses
+//!
+//! The counter goes up and down between zero and [`TOP`], 168 MHz / (2 · 4200) = 20 kHz. An output is
+//! high around zero: the middle of ON is the underflow, the middle of OFF the overflow. Both update
+//! the compare values and the top, so that a new duty waits for 25 µs at most and a pulse always ends
+//! as it began.
+//!
+//! # When the currents are sampled
+//!
+//! The first current is sampled during 1.33 µs from the trigger on, the second from 1.90 to 3.24 µs:
+//! 28 cycles of the converter at 21 MHz each, 12 of conversion between them. Within that window, and
+//! so long before it that driver (propagation and dead time, 1 µs) and amplifier (an INA240A1 of
+//! 400 kHz settles to a part in 150 in 2 µs) have settled, there must be no edge. [`Sampling`] says
+//! where: around the overflow while both duties are at most 81.5 %, just after the underflow when
+//! both are beyond 15.8 %, half-way otherwise. So there is a clean place at every pair of duties.
+//!
+//! The trigger is the reference signal of channel 4 (OC4REF) as TRGO. It is taken before the outputs'
+//! enable, other than the converter's own input TIM1_CC4: a stop must not end the conversions, which
+//! make the board's tick.
+//!
+//! # Emergency stop
+//!
+//! The contact's pin is the timer's break input, so that an open contact drives both outputs low
+//! (the drivers brake) without any program. The program then puts the drivers to sleep and latches
+//! the stop; outputs are enabled again by [`Pwm::enable`] alone. The break input of this chip has no
+//! filter: a pulse of nanoseconds stops the robot. That is the safe side of the two, and the
+//! capacitor at the pin (see the wiring) keeps such pulses away.
+
+use core_algos::drive::sampling::{Sampling, Timing};
+use embassy_stm32::gpio::{AfType, Flex, OutputType, Pull, Speed};
+use embassy_stm32::pac::TIM1;
+use embassy_stm32::pac::timer::vals::{Bkp, Cms, Mms, Ocm, Ossi};
+use embassy_stm32::peripherals::{self, PA8, PA9, PB12};
+use embassy_stm32::{Peri, rcc};
+
+/// Top of the counter.
+pub const TOP: u16 = 4200;
+/// Counts in a microsecond.
+const COUNTS_PER_US: u16 = 168;
+/// TIM1 is alternate function 1 on all of its pins.
+const ALTERNATE: u8 = 1;
+/// Channel of the trigger.
+const TRIGGER: usize = 3;
+
+/// Where to sample, see above.
+const SAMPLING: Sampling = match (Timing {
+    top: TOP,
+    trim: i8::MAX as u16,
+    // 3.24 µs.
+    window: 544,
+    settling: 3 * COUNTS_PER_US,
+    // Delay of the trigger: the converter's clock is an eighth of the timer's.
+    margin: 34,
+    // The trigger is low for twice that, 1 µs, and the converter's clock sees it.
+    earliest: COUNTS_PER_US / 2,
+})
+.build()
+{
+    Some(sampling) => sampling,
+    None => panic!("no clean place to sample"),
+};
+
+/// The timer; its outputs are low until they are enabled.
+pub struct Pwm {
+    _enable: [Flex<'static>; 2],
+    stop: Flex<'static>,
+    /// Compare values that start the next conversions and started those before.
+    trigger: (u16, u16),
+}
+
+impl Pwm {
+    /// Sets everything up on the enable pins (left, right) and that of the emergency stop, the counter
+    /// still stopped.
+    pub fn new(
+        _timer: Peri<'static, peripherals::TIM1>,
+        enable: (Peri<'static, PA8>, Peri<'static, PA9>),
+        stop: Peri<'static, PB12>,
+    ) -> Self {
+        let mut stop = Flex::new(stop);
+        // The level of a pin can be read whatever its function is.
+        stop.set_as_af_unchecked(ALTERNATE, AfType::input(Pull::Up));
+        let trigger = SAMPLING.compare([0; 2]);
+        set_up(trigger);
+        let mut enable = [Flex::new(enable.0), Flex::new(enable.1)];
+        for pin in &mut enable {
+            let push_pull = AfType::output(OutputType::PushPull, Speed::High);
+            pin.set_as_af_unchecked(ALTERNATE, push_pull);
+        }
+        Self {
+            _enable: enable,
+            stop,
+            trigger: (trigger, trigger),
+        }
+    }
+
+    /// Lets the counter run: conversions begin.
+    pub fn start() {
+        TIM1.cr1().modify(|w| w.set_cen(true));
+    }
+
+    /// Whether the contact of the emergency stop is open at present.
+    pub fn contact_open(&self) -> bool {
+        self.stop.is_high()
+    }
+
+    /// Whether the break input switched the outputs off since they were enabled, even if the contact
+    /// has closed again.
+    pub fn broken(&self) -> bool {
+        !TIM1.bdtr().read().moe()
+    }
+
+    /// Enables the outputs. While the contact is open this does nothing.
+    pub fn enable(&mut self) {
+        // Zeros clear the flags: that of the break must not stand when the next one comes, the
+        // others nobody reads.
+        TIM1.sr().write(|_| ());
+        TIM1.bdtr().modify(|w| w.set_moe(true));
+    }
+
+    /// Drives the outputs low, by the register alone.
+    pub fn disable() {
+        TIM1.bdtr().modify(|w| w.set_moe(false));
+    }
+
+    /// Compare values (left, right), and with them the place of the next conversions.
+    pub fn set(&mut self, compares: [u16; 2]) {
+        for (i, compare) in compares.into_iter().enumerate() {
+            TIM1.ccr(i).write(|w| w.set_ccr(compare));
+        }
+        let trigger = SAMPLING.compare(compares);
+        TIM1.ccr(TRIGGER).write(|w| w.set_ccr(trigger));
+        self.trigger = (trigger, self.trigger.0);
+    }
+
+    /// From the beginning of the period to the conversions before the latest [`Pwm::set`], µs. They
+    /// wander by 23 µs with the duties, the periods do not.
+    pub fn phase_us(&self) -> u64 {
+        u64::from(self.trigger.1 / COUNTS_PER_US)
+    }
+
+    /// Makes the next periods longer or shorter by so many parts in 4200.
+    pub fn trim(by: i8) {
+        TIM1.arr()
+            .write(|w| w.set_arr(TOP.wrapping_add_signed(by.into())));
+    }
+}
+
+fn set_up(trigger: u16) {
+    rcc::enable_and_reset::<peripherals::TIM1>();
+    TIM1.arr().write(|w| w.set_arr(TOP));
+    TIM1.ccmr_output(0).write(|w| {
+        for channel in 0..2 {
+            w.set_ocm(channel, Ocm::PWM_MODE1);
+            w.set_ocpe(channel, true);
+        }
+    });
+    // High from the compare value on: it rises on the way up.
+    TIM1.ccmr_output(TRIGGER / 2).write(|w| {
+        w.set_ocm(TRIGGER % 2, Ocm::PWM_MODE2);
+        w.set_ocpe(TRIGGER % 2, true);
+    });
+    TIM1.ccr(TRIGGER).write(|w| w.set_ccr(trigger));
+    TIM1.ccer().write(|w| {
+        w.set_cce(0, true);
+        w.set_cce(1, true);
+    });
+    TIM1.cr2().write(|w| {
+        w.set_mms(Mms::COMPARE_OC4);
+        // Disabled outputs are low, which brakes; the sleep pin lets go.
+        for channel in 0..2 {
+            w.set_ois(channel, false);
+        }
+    });
+    TIM1.bdtr().write(|w| {
+        // Disabled outputs are driven, not floating.
+        w.set_ossi(Ossi::IDLE_LEVEL);
+        // A high level breaks, and only the program enables again.
+        w.set_bke(0, true);
+        w.set_bkp(0, Bkp::ACTIVE_HIGH);
+        w.set_aoe(false);
+    });
+    TIM1.cr1().write(|w| {
+        w.set_cms(Cms::CENTER_ALIGNED1);
+        w.set_arpe(true);
+    });
+    TIM1.egr().write(|w| w.set_ug(true));
+}
