@@ -516,7 +516,7 @@ impl Timer {
         self.plain[0x20 / 4] = value;
         for k in 0..4 {
             let on = value >> (4 * k) & 1 != 0;
-            if on && self.selection(k) != 0 && self.encoder().is_none() {
+            if on && self.selection(k) != 0 && self.reg(0) & 1 != 0 && self.encoder().is_none() {
                 shared.note(finding::Kind::NotModelled, "timer: input capture");
             }
         }
