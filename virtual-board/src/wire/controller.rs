@@ -4,6 +4,7 @@
 use super::frame::{Bits, Frame};
 use super::node::{ErrorKind, Settings, What};
 use super::receiver::{Receiver, Step};
+use super::statistics::Statistics;
 use crate::time::Time;
 
 /// Recessive bits after which a controller takes part.
@@ -62,39 +63,6 @@ enum Flag {
     Active,
     Passive,
     Overload,
-}
-
-/// Counts of one node since the beginning.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Statistics {
-    /// Frames sent and acknowledged.
-    pub sent: u64,
-    /// Frames received without error.
-    pub received: u64,
-    /// Arbitrations lost.
-    pub lost: u64,
-    /// Errors by kind, in the order of [`ErrorKind::ALL`].
-    pub errors: [u64; 6],
-    /// Error flags sent, active ones and passive ones.
-    pub active_flags: u64,
-    /// Passive error flags.
-    pub passive_flags: u64,
-    /// Overload flags sent.
-    pub overloads: u64,
-    /// How often it went off the bus.
-    pub bus_offs: u64,
-}
-
-impl Statistics {
-    /// Error frames begun.
-    pub fn error_frames(&self) -> u64 {
-        self.active_flags + self.passive_flags
-    }
-
-    /// Errors of a kind.
-    pub fn errors_of(&self, kind: ErrorKind) -> u64 {
-        self.errors[kind as usize]
-    }
 }
 
 /// A sending that ended, for the record of the wire.
@@ -209,6 +177,32 @@ impl Controller {
     /// The settings while it takes part.
     pub fn settings(&self) -> Option<&Settings> {
         self.settings.as_ref()
+    }
+
+    /// The frame that it sends, and the bit that comes next.
+    pub fn sending(&self) -> Option<(&Bits, usize)> {
+        let (pending, place) = self.sending.as_ref()?;
+        Some((&pending.bits, usize::from(*place)))
+    }
+
+    /// What has arrived of the frame that goes on.
+    pub fn arrived(&self) -> &Receiver {
+        &self.receiver
+    }
+
+    /// Whether it receives a frame of which so much has arrived, and does nothing else.
+    pub fn follows(&self, arrived: &Receiver) -> bool {
+        let receives = self.state == State::Frame && self.sending.is_none();
+        receives && !self.dominant && self.receiver == *arrived
+    }
+
+    /// So much has arrived now of a frame without errors; a sender goes on with this bit.
+    pub fn leap(&mut self, arrived: Receiver, next: usize) {
+        self.receiver = arrived;
+        if let Some((pending, place)) = &mut self.sending {
+            *place = next as u8;
+            self.dominant = !pending.bits.recessive(next);
+        }
     }
 
     fn passive(&self) -> bool {

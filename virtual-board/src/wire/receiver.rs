@@ -25,7 +25,7 @@ const STANDARD: u16 = 19;
 const EXTENDED: u16 = 39;
 
 /// A frame on its way in.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Receiver {
     run: u8,
     last: bool,
