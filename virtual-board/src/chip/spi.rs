@@ -490,6 +490,11 @@ mod tests {
             clock_hz: 84_000_000 / 8,
         };
         assert_eq!(bench.mirror().modes, [mode]);
+        // Once, not with each transfer.
+        bench.write(CR1, cr1);
+        bench.write(CR1, cr1 | SPE);
+        let signals = [Signal::Spi1Sck, Signal::Spi1Miso, Signal::Spi1Mosi];
+        assert_eq!(bench.shared.effects, signals.map(Effect::Uses));
     }
 
     #[test]
