@@ -2,6 +2,11 @@
 //!
 //! The protocol itself is run by [`crate::wire`]; what the program asks for goes there as actions,
 //! what happens on the bus comes back as events at their times.
+//!
+//! Not modelled: the bits RXM, SAMP and RX of MSR, which read as on an idle bus; the freeze while a
+//! debugger halts the core (DBF with its bit of DBGMCU); a clock that is switched off while the
+//! controller takes part, which goes on then. The time stamps are always 0, as the time-triggered mode
+//! does not work on this chip.
 
 mod fifo;
 mod filter;
@@ -21,6 +26,9 @@ use filter::{FINIT, Filters};
 use mailbox::{ABRQ, ALST, Mailbox, RQCP, TERR, TXOK};
 use registers::*;
 use std::collections::VecDeque;
+
+/// The highest bit rate, bit/s.
+const MAX_RATE: u64 = 1_000_000;
 
 /// How the controller takes part.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -112,6 +120,17 @@ impl Can {
         }
     }
 
+    /// The bit rate is within what the controller can do.
+    fn judge_rate(&self, shared: &mut Shared) {
+        let clock = shared.clocks.hclk_hz / shared.clocks.apb1;
+        let timing = self.timing(shared);
+        let divider = (u64::from(self.btr & 0x3ff) + 1) * u64::from(timing.quanta());
+        if clock > MAX_RATE * divider {
+            let text = format!("CAN1: {} bit/s, {MAX_RATE} at most", clock / divider);
+            shared.note(Kind::ClockLimit, text);
+        }
+    }
+
     fn settings(&self, shared: &Shared) -> Settings {
         Settings {
             on: self.target == Mode::Normal,
@@ -159,15 +178,13 @@ impl Can {
     /// Begins to go to a mode. To leave the bus takes until what goes on has ended, to join it eleven
     /// recessive bits; all else is done at once.
     fn go(&mut self, target: Mode, shared: &mut Shared) {
-        let was = std::mem::replace(&mut self.target, target);
+        self.target = target;
         self.events
             .retain(|e| !matches!(e.what, What::Joined | What::Left));
-        if was == Mode::Normal || target == Mode::Normal {
-            self.act(Action::Set(self.settings(shared)), shared);
-        } else if target == Mode::Sleep {
-            // Asleep from the beginning: it sees what the bus does from now on.
-            self.act(Action::Set(self.settings(shared)), shared);
+        if target == Mode::Normal {
+            self.judge_rate(shared);
         }
+        self.act(Action::Set(self.settings(shared)), shared);
         if target != Mode::Normal && self.mode != Mode::Normal {
             self.arrive(target);
         }
