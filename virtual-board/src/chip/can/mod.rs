@@ -181,9 +181,6 @@ impl Can {
         self.target = target;
         self.events
             .retain(|e| !matches!(e.what, What::Joined | What::Left));
-        if target == Mode::Normal {
-            self.judge_rate(shared);
-        }
         self.act(Action::Set(self.settings(shared)), shared);
         if target != Mode::Normal && self.mode != Mode::Normal {
             self.arrive(target);
@@ -351,7 +348,10 @@ impl Can {
     fn happen(&mut self, event: Event, shared: &mut Shared) {
         let Event { what, tec, rec, .. } = event;
         match what {
-            What::Joined if self.target == Mode::Normal => self.arrive(Mode::Normal),
+            What::Joined if self.target == Mode::Normal => {
+                self.arrive(Mode::Normal);
+                self.judge_rate(shared);
+            }
             What::Left if self.target != Mode::Normal => self.arrive(self.target),
             What::Joined | What::Left | What::Counted => {}
             What::Started { mailbox } => self.sending = Some(mailbox.into()),
