@@ -1,9 +1,10 @@
 //! The wire: what all nodes drive, what each of them reads, when.
 
-use super::controller::{Controller, Statistics};
 use super::frame::Frame;
-use super::node::{Action, ErrorKind, Event, Node, Settings, What};
-use super::timing::{BitClock, BitTiming};
+use super::node::{Action, ErrorKind, Event, Node, What};
+use super::station::{Noise, Station};
+use super::statistics::Statistics;
+use super::timing::BitClock;
 use crate::time::Time;
 
 /// A level of the bus.
@@ -13,6 +14,16 @@ pub enum Level {
     Dominant,
     /// Not driven.
     Recessive,
+}
+
+impl Level {
+    pub(super) fn of(dominant: bool) -> Self {
+        if dominant {
+            Self::Dominant
+        } else {
+            Self::Recessive
+        }
+    }
 }
 
 /// What can be wrong with the wire and the transceivers.
@@ -55,97 +66,6 @@ pub struct Record {
     pub error: Option<ErrorKind>,
 }
 
-/// A node at the wire.
-struct Station {
-    controller: Controller,
-    clock: BitClock,
-    /// What it drives.
-    dominant: bool,
-    /// What it read last.
-    read: bool,
-    sends: bool,
-    hears: bool,
-    piece: usize,
-    /// When it has to do something next, as the bus sees it.
-    due: Time,
-}
-
-impl Station {
-    fn new() -> Self {
-        Self {
-            controller: Controller::new(),
-            clock: BitClock::new(BitTiming::megabit(), Time(0)),
-            dominant: false,
-            read: false,
-            sends: true,
-            hears: true,
-            piece: 0,
-            due: Time::NEVER,
-        }
-    }
-
-    fn with(&self, of: impl Fn(&Settings) -> bool) -> bool {
-        self.controller.settings().is_some_and(of)
-    }
-
-    /// Whether what it drives is on the bus.
-    fn is_driving(&self) -> bool {
-        self.dominant && self.sends && self.with(|s| s.sends && !s.silent)
-    }
-
-    /// Whether it reads the bus.
-    fn is_reading(&self) -> bool {
-        self.hears && self.with(|s| s.hears && !s.loopback)
-    }
-
-    fn plan(&mut self, delay: Time) {
-        self.due = if !self.controller.is_in() {
-            Time::NEVER
-        } else if self.clock.sampled {
-            self.clock.next_time()
-        } else {
-            self.clock.sample_time() - delay
-        };
-    }
-}
-
-/// Bits read wrongly.
-struct Noise {
-    rate: f64,
-    state: u64,
-    /// Bits that are still read rightly.
-    left: u64,
-}
-
-impl Noise {
-    fn set(&mut self, rate: f64) {
-        self.rate = rate;
-        self.draw();
-    }
-
-    /// A geometric distribution: the number of right bits before a wrong one.
-    fn draw(&mut self) {
-        self.state ^= self.state << 13;
-        self.state ^= self.state >> 7;
-        self.state ^= self.state << 17;
-        let uniform = ((self.state >> 11) as f64 + 0.5) / (1u64 << 53) as f64;
-        self.left = if self.rate > 0.0 {
-            (uniform.ln() / (1.0 - self.rate.min(1.0)).ln()) as u64
-        } else {
-            u64::MAX
-        };
-    }
-
-    fn strikes(&mut self) -> bool {
-        if self.left > 0 {
-            self.left -= 1;
-            return false;
-        }
-        self.draw();
-        true
-    }
-}
-
 /// The wire with its nodes.
 ///
 /// # Causality
@@ -163,19 +83,19 @@ impl Noise {
 ///   a frame goes on; so a node that was reset in the middle of a frame may still acknowledge it;
 /// - a mailbox that is aborted in the same quantum in which it would have begun does not begin.
 pub struct Wire {
-    stations: Vec<Station>,
+    pub(super) stations: Vec<Station>,
     /// Dominant drivers at each piece.
-    drivers: Vec<u16>,
-    forced: Option<Level>,
-    noise: Noise,
-    delay: Time,
+    pub(super) drivers: Vec<u16>,
+    pub(super) forced: Option<Level>,
+    pub(super) noise: Noise,
+    pub(super) delay: Time,
     quantum: Time,
     now: Time,
     asleep: bool,
     actions: Vec<(Time, usize, Action)>,
     faults: Vec<(Time, Fault)>,
     records: Option<Vec<Record>>,
-    levels: Option<Vec<(Time, Level)>>,
+    pub(super) levels: Option<Vec<(Time, Level)>>,
     /// Sleeping nodes that saw a dominant level.
     woken: Vec<(usize, Time)>,
     busy: usize,
@@ -191,11 +111,7 @@ impl Wire {
             stations: (0..nodes).map(|_| Station::new()).collect(),
             drivers: vec![0; 256],
             forced: None,
-            noise: Noise {
-                rate: 0.0,
-                state: seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1,
-                left: u64::MAX,
-            },
+            noise: Noise::new(seed),
             delay: Time::from_nanos(150),
             quantum,
             now: Time(0),
@@ -277,14 +193,16 @@ impl Wire {
         let horizon = until + self.quantum;
         loop {
             let (station, due) = self.next(until);
-            let closed = self.stations.iter().any(|s| s.controller.is_closed());
-            let limit = if closed { horizon } else { until };
             let action = self.actions.first().map_or(Time::NEVER, |a| a.0);
             let fault = self.faults.first().map_or(Time::NEVER, |f| f.0);
             let at = due.min(action).min(fault);
-            if at >= limit {
-                self.now = self.now.max(limit);
-                return;
+            if at >= until {
+                let closed = self.stations.iter().any(|s| s.controller.is_closed());
+                let limit = if closed { horizon } else { until };
+                if at >= limit {
+                    self.now = self.now.max(limit);
+                    return;
+                }
             }
             self.now = self.now.max(at);
             if fault == at {
@@ -293,7 +211,7 @@ impl Wire {
             } else if action == at {
                 let (_, node, action) = self.actions.remove(0);
                 self.act(node, action, nodes);
-            } else {
+            } else if !self.leap(station, action.min(fault).min(horizon)) {
                 self.step(station, due, nodes);
             }
             while let Some((node, at)) = self.woken.pop() {
@@ -348,7 +266,7 @@ impl Wire {
         self.asleep = false;
         let delay = self.delay;
         for station in &mut self.stations {
-            station.clock.skip(now);
+            station.clock.skip(now, delay);
             station.plan(delay);
         }
     }
@@ -388,7 +306,7 @@ impl Wire {
 
     /// Sleeps when nothing goes on.
     fn doze(&mut self, at: Time) {
-        let still = self.forced.is_none() && self.noise.rate == 0.0;
+        let still = self.forced.is_none() && self.noise.is_off();
         let driven = self.stations.iter().any(|s| s.dominant);
         self.asleep = still && !driven && self.quiet_until() > at;
     }
@@ -413,10 +331,10 @@ impl Wire {
         let station = &self.stations[i];
         let own = station.dominant && station.with(|s| s.silent || s.loopback);
         let level = own || station.is_reading() && self.level(station.piece);
-        level != (self.noise.rate > 0.0 && self.noise.strikes())
+        level != (!self.noise.is_off() && self.noise.strikes())
     }
 
-    fn level(&self, piece: usize) -> bool {
+    pub(super) fn level(&self, piece: usize) -> bool {
         match self.forced {
             Some(level) => level == Level::Dominant,
             None => self.drivers[piece] > 0,
@@ -451,12 +369,7 @@ impl Wire {
         if piece == 0
             && let Some(levels) = &mut self.levels
         {
-            let level = if level {
-                Level::Dominant
-            } else {
-                Level::Recessive
-            };
-            levels.push((at, level));
+            levels.push((at, Level::of(level)));
         }
         if !level {
             return;

@@ -6,22 +6,27 @@
 //! | [`timing`] | bit timing, synchronisation, tolerance of clocks |
 //! | `receiver` | a frame taken apart bit by bit |
 //! | `controller` | the protocol of one node: arbitration, errors, counters |
+//! | `station` | a node at the wire: clock, transceiver |
 //! | [`bus`] | the wire: levels, time, faults |
+//! | `leap` | the undisturbed middle of a frame in one go |
 //! | [`node`] | what a wire and its nodes tell each other |
 //! | [`virtual_node`] | nodes without a board: a sender, a babbling node, a listener |
 
 pub mod bus;
 mod controller;
 pub mod frame;
+mod leap;
 pub mod node;
 mod receiver;
+mod station;
+mod statistics;
 pub mod timing;
 pub mod virtual_node;
 
 pub use bus::{Fault, Level, Record, Wire};
-pub use controller::Statistics;
 pub use frame::{Bits, Frame, Id};
 pub use node::{Action, ErrorKind, Event, Node, Settings, What};
+pub use statistics::Statistics;
 pub use timing::BitTiming;
 pub use virtual_node::VirtualNode;
 

@@ -25,7 +25,7 @@ const STANDARD: u16 = 19;
 const EXTENDED: u16 = 39;
 
 /// A frame on its way in.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Receiver {
     run: u8,
     last: bool,
@@ -117,11 +117,9 @@ impl Receiver {
             13 => self.extended = bit,
             14..=31 if self.extended => self.identifier = self.identifier << 1 | value,
             32 if self.extended => self.remote = bit,
-            n if n >= head => {
-                if n < self.total - 15 {
-                    self.data = self.data << 1 | u64::from(bit);
-                }
-            }
+            // The checksum.
+            n if n >= head.max(self.total - 15) => {}
+            n if n >= head => self.data = self.data << 1 | u64::from(bit),
             n if n >= head - 4 => {
                 self.code = self.code << 1 | bit as u8;
                 if n == head - 1 {

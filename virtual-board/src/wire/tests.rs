@@ -474,3 +474,39 @@ fn the_bus_is_busy_as_long_as_its_frames_are() {
     let busy = bench.wire.busy().micros();
     assert!(busy.abs_diff(bits) < 120, "{busy} {bits}");
 }
+
+#[test]
+fn leaps_and_single_steps_come_to_the_same() {
+    let outcome = |leaps: bool| {
+        let node = |ppb| Settings::new(BitTiming::new(1_000_000, (5, 1), 1, ppb));
+        let mut bench = Bench::new(&[node(0), node(120_000), node(-90_000), node(700)]);
+        bench.wire.trace();
+        if !leaps {
+            // Noise that never strikes: the wire may not sleep or leap.
+            bench.wire.inject(Time(0), Fault::Noise(1e-300));
+        }
+        let mut random = Random(11);
+        for i in 0..400u16 {
+            let at = micros(100 + 97 * u64::from(i));
+            let frame = random.frame(i % 7 * 16 + i % 4);
+            bench.nodes[usize::from(i % 4)].send(at, frame);
+        }
+        // Corrupted here and there.
+        for i in 0..40 {
+            let at = micros(500 + 1003 * i);
+            bench.wire.disturb(at, micros(1), Level::Dominant);
+        }
+        bench.run(micros(60_000));
+        let events: Vec<_> = (0..4).map(|k| bench.events(k, |_| true)).collect();
+        (bench.wire.take_records(), bench.wire.take_levels(), events)
+    };
+    let (leaps, steps) = (outcome(true), outcome(false));
+    assert!(leaps.0.len() > 420);
+    let differs = leaps.0.iter().zip(&steps.0).find(|(a, b)| a != b);
+    assert_eq!(differs, None);
+    assert_eq!(leaps.0.len(), steps.0.len());
+    let differs = leaps.1.iter().zip(&steps.1).find(|(a, b)| a != b);
+    assert_eq!(differs, None);
+    assert_eq!(leaps.1.len(), steps.1.len());
+    assert_eq!(leaps.2, steps.2);
+}

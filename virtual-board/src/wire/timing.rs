@@ -92,6 +92,11 @@ impl BitClock {
         clock
     }
 
+    /// Length of a bit.
+    pub fn bit(&self) -> Time {
+        self.timing.bit()
+    }
+
     fn begin(&mut self, first: u64) {
         self.first = first;
         self.sample = first + 1 + u64::from(self.timing.segment1);
@@ -166,14 +171,16 @@ impl BitClock {
         }
     }
 
-    /// Goes on by whole bits to the bit in which `now` is, after a time in which nothing happened.
-    pub fn skip(&mut self, now: Time) {
+    /// Goes on by whole bits to the one in which `now` is, after a time in which nothing happened. Bits
+    /// are sampled earlier by `delay`.
+    pub fn skip(&mut self, now: Time, delay: Time) {
         let bit = u64::from(self.timing.quanta());
         let quantum = self.quantum(now);
-        if quantum > self.next + bit {
-            self.begin(self.next + (quantum - self.next) / bit * bit);
+        if quantum > self.next {
+            self.begin(self.next + ((quantum - self.next).div_ceil(bit) - 1) * bit);
             (self.followed, self.early) = (false, None);
         }
+        self.sampled = self.sample_time() - delay < now;
     }
 }
 
@@ -235,8 +242,11 @@ mod tests {
     #[test]
     fn a_skip_keeps_the_grid() {
         let mut clock = clock(1);
-        clock.skip(Time::from_nanos(12_345_678));
-        assert_eq!(clock.first % 10, 0);
-        assert!(clock.first * 100 <= 12_345_678 && clock.next * 100 > 12_345_000);
+        for (now, sampled) in [(12_345_600, false), (12_346_778, true), (12_346_999, true)] {
+            clock.skip(Time::from_nanos(now), Time::from_nanos(50));
+            assert_eq!(clock.first % 10, 0);
+            assert!(clock.first * 100 <= now && clock.next * 100 > now);
+            assert_eq!(clock.sampled, sampled, "{now}");
+        }
     }
 }

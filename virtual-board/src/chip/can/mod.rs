@@ -2,139 +2,33 @@
 //!
 //! The protocol itself is run by [`crate::wire`]; what the program asks for goes there as actions,
 //! what happens on the bus comes back as events at their times.
+//!
+//! Not modelled: the bits RXM, SAMP and RX of MSR, which read as on an idle bus; the freeze while a
+//! debugger halts the core (DBF with its bit of DBGMCU); a clock that is switched off while the
+//! controller takes part, which goes on then. The time stamps are always 0, as the time-triggered mode
+//! does not work on this chip.
 
 mod fifo;
 mod filter;
 mod mailbox;
 mod node;
+mod registers;
 
 use super::Peripheral;
 use super::interrupt::Interrupt;
-use super::register::{Register, merge, word};
+use super::register::{Register, merge};
 use super::shared::{Shared, Source};
 use crate::finding::Kind;
 use crate::time::{NEVER, Time};
 use crate::wire::{Action, BitTiming, ErrorKind, Event, Frame, Settings, What};
 use fifo::{FOVR, FULL, Fifo, RFOM};
-use filter::{ALL, FINIT, Filters};
+use filter::{FINIT, Filters};
 use mailbox::{ABRQ, ALST, Mailbox, RQCP, TERR, TXOK};
+use registers::*;
 use std::collections::VecDeque;
 
-/// MCR.
-const INRQ: u32 = 1;
-const SLEEP: u32 = 1 << 1;
-const TXFP: u32 = 1 << 2;
-const RFLM: u32 = 1 << 3;
-const NART: u32 = 1 << 4;
-const AWUM: u32 = 1 << 5;
-const ABOM: u32 = 1 << 6;
-const TTCM: u32 = 1 << 7;
-const RESET: u32 = 1 << 15;
-const MCR_BITS: u32 = 0x0001_80ff;
-const MCR_RESET: u32 = 1 << 16 | SLEEP;
-
-/// MSR.
-const INAK: u32 = 1;
-const SLAK: u32 = 1 << 1;
-const ERRI: u32 = 1 << 2;
-const WKUI: u32 = 1 << 3;
-const SLAKI: u32 = 1 << 4;
-const TXM: u32 = 1 << 8;
-/// The last sample and the level of the pin: recessive.
-const RECESSIVE: u32 = 3 << 10;
-
-/// IER.
-const TMEIE: u32 = 1;
-const FMPIE: [u32; 2] = [1 << 1, 1 << 4];
-const FFIE: [u32; 2] = [1 << 2, 1 << 5];
-const FOVIE: [u32; 2] = [1 << 3, 1 << 6];
-const EWGIE: u32 = 1 << 8;
-const EPVIE: u32 = 1 << 9;
-const BOFIE: u32 = 1 << 10;
-const LECIE: u32 = 1 << 11;
-const ERRIE: u32 = 1 << 15;
-const WKUIE: u32 = 1 << 16;
-const SLKIE: u32 = 1 << 17;
-const IER_BITS: u32 = 0x0003_8f7f;
-
-/// ESR.
-const EWGF: u32 = 1;
-const EPVF: u32 = 1 << 1;
-const BOFF: u32 = 1 << 2;
-const LEC: u32 = 7 << 4;
-
-/// BTR.
-const SILM: u32 = 1 << 31;
-const LBKM: u32 = 1 << 30;
-const BTR_BITS: u32 = 0xc37f_03ff;
-
-const TDTR_BITS: u32 = 0xffff_010f;
-const FMR_BITS: u32 = 0x2a1c_0e01 | 0x3f01;
-
-const MAILBOXES: u32 = 0x180;
-const OUTPUTS: u32 = 0x1b0;
-const BANKS: u32 = 0x240;
-
-macro_rules! banks {
-    ($($n:literal)*) => {
-        [$(
-            word(BANKS + 8 * $n, concat!("F", $n, "R1"), !0),
-            word(BANKS + 8 * $n + 4, concat!("F", $n, "R2"), !0),
-        )*]
-    };
-}
-
-/// Registers before the filter banks.
-const HEAD: [Register; 33] = [
-    word(0x00, "MCR", MCR_BITS),
-    word(0x04, "MSR", 0xf1f),
-    word(0x08, "TSR", 0xff8f_8f8f),
-    word(0x0c, "RF0R", 0x3b),
-    word(0x10, "RF1R", 0x3b),
-    word(0x14, "IER", IER_BITS),
-    word(0x18, "ESR", 0xffff_0077),
-    word(0x1c, "BTR", BTR_BITS),
-    word(0x180, "TI0R", !0),
-    word(0x184, "TDT0R", TDTR_BITS),
-    word(0x188, "TDL0R", !0),
-    word(0x18c, "TDH0R", !0),
-    word(0x190, "TI1R", !0),
-    word(0x194, "TDT1R", TDTR_BITS),
-    word(0x198, "TDL1R", !0),
-    word(0x19c, "TDH1R", !0),
-    word(0x1a0, "TI2R", !0),
-    word(0x1a4, "TDT2R", TDTR_BITS),
-    word(0x1a8, "TDL2R", !0),
-    word(0x1ac, "TDH2R", !0),
-    word(0x1b0, "RI0R", !1),
-    word(0x1b4, "RDT0R", 0xffff_ff0f),
-    word(0x1b8, "RDL0R", !0),
-    word(0x1bc, "RDH0R", !0),
-    word(0x1c0, "RI1R", !1),
-    word(0x1c4, "RDT1R", 0xffff_ff0f),
-    word(0x1c8, "RDL1R", !0),
-    word(0x1cc, "RDH1R", !0),
-    word(0x200, "FMR", FMR_BITS),
-    word(0x204, "FM1R", ALL),
-    word(0x20c, "FS1R", ALL),
-    word(0x214, "FFA1R", ALL),
-    word(0x21c, "FA1R", ALL),
-];
-
-const FILTERS: [Register; 56] = banks!(
-    0 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19 20 21 22 23 24 25 26 27
-);
-
-/// All registers.
-const REGISTERS: [Register; 89] = {
-    let mut all = [HEAD[0]; 89];
-    let mut k = 0;
-    while k < 89 {
-        all[k] = if k < 33 { HEAD[k] } else { FILTERS[k - 33] };
-        k += 1;
-    }
-    all
-};
+/// The highest bit rate, bit/s.
+const MAX_RATE: u64 = 1_000_000;
 
 /// How the controller takes part.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -226,6 +120,17 @@ impl Can {
         }
     }
 
+    /// The bit rate is within what the controller can do.
+    fn judge_rate(&self, shared: &mut Shared) {
+        let clock = shared.clocks.hclk_hz / shared.clocks.apb1;
+        let timing = self.timing(shared);
+        let divider = (u64::from(self.btr & 0x3ff) + 1) * u64::from(timing.quanta());
+        if clock > MAX_RATE * divider {
+            let text = format!("CAN1: {} bit/s, {MAX_RATE} at most", clock / divider);
+            shared.note(Kind::ClockLimit, text);
+        }
+    }
+
     fn settings(&self, shared: &Shared) -> Settings {
         Settings {
             on: self.target == Mode::Normal,
@@ -273,15 +178,10 @@ impl Can {
     /// Begins to go to a mode. To leave the bus takes until what goes on has ended, to join it eleven
     /// recessive bits; all else is done at once.
     fn go(&mut self, target: Mode, shared: &mut Shared) {
-        let was = std::mem::replace(&mut self.target, target);
+        self.target = target;
         self.events
             .retain(|e| !matches!(e.what, What::Joined | What::Left));
-        if was == Mode::Normal || target == Mode::Normal {
-            self.act(Action::Set(self.settings(shared)), shared);
-        } else if target == Mode::Sleep {
-            // Asleep from the beginning: it sees what the bus does from now on.
-            self.act(Action::Set(self.settings(shared)), shared);
-        }
+        self.act(Action::Set(self.settings(shared)), shared);
         if target != Mode::Normal && self.mode != Mode::Normal {
             self.arrive(target);
         }
@@ -448,7 +348,10 @@ impl Can {
     fn happen(&mut self, event: Event, shared: &mut Shared) {
         let Event { what, tec, rec, .. } = event;
         match what {
-            What::Joined if self.target == Mode::Normal => self.arrive(Mode::Normal),
+            What::Joined if self.target == Mode::Normal => {
+                self.arrive(Mode::Normal);
+                self.judge_rate(shared);
+            }
             What::Left if self.target != Mode::Normal => self.arrive(self.target),
             What::Joined | What::Left | What::Counted => {}
             What::Started { mailbox } => self.sending = Some(mailbox.into()),

@@ -439,6 +439,14 @@ fn what_the_manual_forbids_is_found_and_changes_nothing() {
     assert_eq!(board.found(Kind::Forbidden), 4);
     board.write(MCR, ABOM | TTCM);
     assert_eq!(board.found(Kind::Forbidden), 5);
+    assert_eq!(board.found(Kind::ClockLimit), 0);
+    // The divider as it is after a reset: 42 MHz by eight.
+    let mut bench = Bench::new(1);
+    let board = bench.board();
+    board.write(BTR, 0x0123_0000);
+    board.write(MCR, ABOM);
+    bench.run(100);
+    assert_eq!(bench.board().found(Kind::ClockLimit), 1);
 }
 
 #[test]

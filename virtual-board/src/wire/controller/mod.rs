@@ -1,10 +1,13 @@
 //! The protocol as one controller runs it, bit by bit: arbitration, sending, receiving, errors and
 //! their counters (ISO 11898-1; where that leaves room, as the bxCAN does).
 
-use super::frame::{Bits, Frame};
-use super::node::{ErrorKind, Settings, What};
-use super::receiver::{Receiver, Step};
+mod errors;
+
 use crate::time::Time;
+use crate::wire::frame::{Bits, Frame};
+use crate::wire::node::{ErrorKind, Settings, What};
+use crate::wire::receiver::{Receiver, Step};
+use crate::wire::statistics::Statistics;
 
 /// Recessive bits after which a controller takes part.
 const IDLE_BITS: u8 = 11;
@@ -62,39 +65,6 @@ enum Flag {
     Active,
     Passive,
     Overload,
-}
-
-/// Counts of one node since the beginning.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Statistics {
-    /// Frames sent and acknowledged.
-    pub sent: u64,
-    /// Frames received without error.
-    pub received: u64,
-    /// Arbitrations lost.
-    pub lost: u64,
-    /// Errors by kind, in the order of [`ErrorKind::ALL`].
-    pub errors: [u64; 6],
-    /// Error flags sent, active ones and passive ones.
-    pub active_flags: u64,
-    /// Passive error flags.
-    pub passive_flags: u64,
-    /// Overload flags sent.
-    pub overloads: u64,
-    /// How often it went off the bus.
-    pub bus_offs: u64,
-}
-
-impl Statistics {
-    /// Error frames begun.
-    pub fn error_frames(&self) -> u64 {
-        self.active_flags + self.passive_flags
-    }
-
-    /// Errors of a kind.
-    pub fn errors_of(&self, kind: ErrorKind) -> u64 {
-        self.errors[kind as usize]
-    }
 }
 
 /// A sending that ended, for the record of the wire.
@@ -209,6 +179,32 @@ impl Controller {
     /// The settings while it takes part.
     pub fn settings(&self) -> Option<&Settings> {
         self.settings.as_ref()
+    }
+
+    /// The frame that it sends, and the bit that comes next.
+    pub fn sending(&self) -> Option<(&Bits, usize)> {
+        let (pending, place) = self.sending.as_ref()?;
+        Some((&pending.bits, usize::from(*place)))
+    }
+
+    /// What has arrived of the frame that goes on.
+    pub fn arrived(&self) -> &Receiver {
+        &self.receiver
+    }
+
+    /// Whether it receives a frame of which so much has arrived, and does nothing else.
+    pub fn follows(&self, arrived: &Receiver) -> bool {
+        let receives = self.state == State::Frame && self.sending.is_none();
+        receives && !self.dominant && self.receiver == *arrived
+    }
+
+    /// So much has arrived now of a frame without errors; a sender goes on with this bit.
+    pub fn leap(&mut self, arrived: Receiver, next: usize) {
+        self.receiver = arrived;
+        if let Some((pending, place)) = &mut self.sending {
+            *place = next as u8;
+            self.dominant = !pending.bits.recessive(next);
+        }
     }
 
     fn passive(&self) -> bool {
@@ -528,118 +524,6 @@ impl Controller {
             Step::End => self.rest(),
             Step::Overload => self.raise(Flag::Overload),
             Step::Error(kind) => self.error(kind),
-        }
-    }
-
-    fn raise(&mut self, flag: Flag) {
-        match flag {
-            Flag::Active => self.statistics.active_flags += 1,
-            Flag::Passive => self.statistics.passive_flags += 1,
-            Flag::Overload => self.statistics.overloads += 1,
-        }
-        self.flag = flag;
-        self.state = State::Flag(0);
-        self.dominant = flag != Flag::Passive;
-    }
-
-    /// An error outside a flag: it is counted, a flag begins with the next bit.
-    fn error(&mut self, kind: ErrorKind) {
-        self.statistics.errors[kind as usize] += 1;
-        let passive = self.passive();
-        self.spared = false;
-        if !self.sender {
-            self.rec += 1;
-        } else if kind == ErrorKind::Acknowledgement && passive {
-            self.spared = true;
-        } else if kind != ErrorKind::Stuff {
-            // The stuff error of a sender is one in the arbitration field, where it does not count.
-            self.tec += 8;
-        }
-        self.failed(Some(kind));
-        self.happened.push(What::Error(kind));
-        self.raise(if passive { Flag::Passive } else { Flag::Active });
-        self.limit();
-    }
-
-    /// Eight more errors for the counter of its part, without another flag.
-    fn count(&mut self) {
-        if self.sender {
-            self.tec += 8;
-        } else {
-            self.rec += 8;
-        }
-        self.happened.push(What::Counted);
-        self.limit();
-    }
-
-    fn limit(&mut self) {
-        self.rec = self.rec.min(255);
-        if self.tec >= OFF {
-            self.tec = OFF;
-            self.off = true;
-            self.dominant = false;
-            self.statistics.bus_offs += 1;
-            self.state = State::BusOff(0, 0);
-            self.happened.push(What::Off);
-            if self.leaving {
-                self.out();
-            }
-        }
-    }
-
-    fn flag(&mut self, count: u8, dominant: bool) {
-        if self.flag == Flag::Passive {
-            return self.passive_flag(count, dominant);
-        }
-        if !dominant {
-            let kind = ErrorKind::BitDominant;
-            self.statistics.errors[kind as usize] += 1;
-            self.happened.push(What::Error(kind));
-            let passive = self.passive();
-            self.raise(if passive { Flag::Passive } else { Flag::Active });
-            return self.count();
-        }
-        self.dominant = count + 1 < FLAG;
-        self.state = if self.dominant {
-            State::Flag(count + 1)
-        } else {
-            State::Await(0)
-        };
-    }
-
-    /// A passive flag ends with six equal bits of either level.
-    fn passive_flag(&mut self, count: u8, dominant: bool) {
-        let equal = count > 0 && dominant == self.flag_level;
-        let count = if equal { count + 1 } else { 1 };
-        self.flag_level = dominant;
-        self.state = if count == FLAG {
-            State::Await(0)
-        } else {
-            State::Flag(count)
-        };
-        if dominant && std::mem::take(&mut self.spared) {
-            self.count();
-        }
-    }
-
-    fn wait(&mut self, count: u8, dominant: bool) {
-        if !dominant {
-            self.state = State::Delimiter(1);
-            return;
-        }
-        self.state = State::Await(count % 8 + 1);
-        let first = count == 0 && self.flag != Flag::Overload && !self.sender;
-        if first || count == 7 {
-            self.count();
-        }
-    }
-
-    fn delimiter(&mut self, count: u8, dominant: bool) {
-        match (dominant, count + 1) {
-            (true, DELIMITER) => self.raise(Flag::Overload),
-            (true, _) => self.error(ErrorKind::Form),
-            (false, DELIMITER) => self.rest(),
-            (false, count) => self.state = State::Delimiter(count),
         }
     }
 

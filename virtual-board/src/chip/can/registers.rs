@@ -1,0 +1,120 @@
+//! Places and bits of the registers (RM0090, "CAN registers").
+
+use super::super::register::{Register, word};
+use super::filter::ALL;
+
+/// MCR.
+pub(super) const INRQ: u32 = 1;
+pub(super) const SLEEP: u32 = 1 << 1;
+pub(super) const TXFP: u32 = 1 << 2;
+pub(super) const RFLM: u32 = 1 << 3;
+pub(super) const NART: u32 = 1 << 4;
+pub(super) const AWUM: u32 = 1 << 5;
+pub(super) const ABOM: u32 = 1 << 6;
+pub(super) const TTCM: u32 = 1 << 7;
+pub(super) const RESET: u32 = 1 << 15;
+pub(super) const MCR_BITS: u32 = 0x0001_80ff;
+pub(super) const MCR_RESET: u32 = 1 << 16 | SLEEP;
+
+/// MSR.
+pub(super) const INAK: u32 = 1;
+pub(super) const SLAK: u32 = 1 << 1;
+pub(super) const ERRI: u32 = 1 << 2;
+pub(super) const WKUI: u32 = 1 << 3;
+pub(super) const SLAKI: u32 = 1 << 4;
+pub(super) const TXM: u32 = 1 << 8;
+/// The last sample and the level of the pin: recessive.
+pub(super) const RECESSIVE: u32 = 3 << 10;
+
+/// IER.
+pub(super) const TMEIE: u32 = 1;
+pub(super) const FMPIE: [u32; 2] = [1 << 1, 1 << 4];
+pub(super) const FFIE: [u32; 2] = [1 << 2, 1 << 5];
+pub(super) const FOVIE: [u32; 2] = [1 << 3, 1 << 6];
+pub(super) const EWGIE: u32 = 1 << 8;
+pub(super) const EPVIE: u32 = 1 << 9;
+pub(super) const BOFIE: u32 = 1 << 10;
+pub(super) const LECIE: u32 = 1 << 11;
+pub(super) const ERRIE: u32 = 1 << 15;
+pub(super) const WKUIE: u32 = 1 << 16;
+pub(super) const SLKIE: u32 = 1 << 17;
+pub(super) const IER_BITS: u32 = 0x0003_8f7f;
+
+/// ESR.
+pub(super) const EWGF: u32 = 1;
+pub(super) const EPVF: u32 = 1 << 1;
+pub(super) const BOFF: u32 = 1 << 2;
+pub(super) const LEC: u32 = 7 << 4;
+
+/// BTR.
+pub(super) const SILM: u32 = 1 << 31;
+pub(super) const LBKM: u32 = 1 << 30;
+pub(super) const BTR_BITS: u32 = 0xc37f_03ff;
+
+const TDTR_BITS: u32 = 0xffff_010f;
+const FMR_BITS: u32 = 0x2a1c_0e01 | 0x3f01;
+
+pub(super) const MAILBOXES: u32 = 0x180;
+pub(super) const OUTPUTS: u32 = 0x1b0;
+pub(super) const BANKS: u32 = 0x240;
+
+macro_rules! banks {
+    ($($n:literal)*) => {
+        [$(
+            word(BANKS + 8 * $n, concat!("F", $n, "R1"), !0),
+            word(BANKS + 8 * $n + 4, concat!("F", $n, "R2"), !0),
+        )*]
+    };
+}
+
+/// Registers before the filter banks.
+const HEAD: [Register; 33] = [
+    word(0x00, "MCR", MCR_BITS),
+    word(0x04, "MSR", 0xf1f),
+    word(0x08, "TSR", 0xff8f_8f8f),
+    word(0x0c, "RF0R", 0x3b),
+    word(0x10, "RF1R", 0x3b),
+    word(0x14, "IER", IER_BITS),
+    word(0x18, "ESR", 0xffff_0077),
+    word(0x1c, "BTR", BTR_BITS),
+    word(0x180, "TI0R", !0),
+    word(0x184, "TDT0R", TDTR_BITS),
+    word(0x188, "TDL0R", !0),
+    word(0x18c, "TDH0R", !0),
+    word(0x190, "TI1R", !0),
+    word(0x194, "TDT1R", TDTR_BITS),
+    word(0x198, "TDL1R", !0),
+    word(0x19c, "TDH1R", !0),
+    word(0x1a0, "TI2R", !0),
+    word(0x1a4, "TDT2R", TDTR_BITS),
+    word(0x1a8, "TDL2R", !0),
+    word(0x1ac, "TDH2R", !0),
+    word(0x1b0, "RI0R", !1),
+    word(0x1b4, "RDT0R", 0xffff_ff0f),
+    word(0x1b8, "RDL0R", !0),
+    word(0x1bc, "RDH0R", !0),
+    word(0x1c0, "RI1R", !1),
+    word(0x1c4, "RDT1R", 0xffff_ff0f),
+    word(0x1c8, "RDL1R", !0),
+    word(0x1cc, "RDH1R", !0),
+    word(0x200, "FMR", FMR_BITS),
+    word(0x204, "FM1R", ALL),
+    word(0x20c, "FS1R", ALL),
+    word(0x214, "FFA1R", ALL),
+    word(0x21c, "FA1R", ALL),
+];
+
+const FILTERS: [Register; 56] = banks!(
+    0 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19 20 21 22 23 24 25 26 27
+);
+
+/// All registers.
+pub(super) const REGISTERS: [Register; 89] = {
+    let mut all = [HEAD[0]; 89];
+    let mut k = 0;
+    while k < 89 {
+        all[k] = if k < 33 { HEAD[k] } else { FILTERS[k - 33] };
+        k += 1;
+    }
+    all
+};

@@ -1,0 +1,127 @@
+//! The undisturbed middle of a frame in one go.
+//!
+//! While one node sends and all others receive the same without error, nothing of the protocol can
+//! happen before the checksum's end: bits are only handed on. What is left is when each node samples
+//! and which edges it follows, which is computed as in the single steps. Where any condition does not
+//! hold, the wire takes single steps; the outcome is the same.
+
+use super::bus::{Level, Wire};
+use crate::time::Time;
+
+/// Fewer bits are not worth it.
+const FEWEST: usize = 4;
+/// Bits at the end of a frame in which nodes answer: from the last bit before the delimiter of the
+/// checksum on.
+const TAIL: usize = 11;
+
+impl Wire {
+    /// Goes over bits that the station sends, all of them sampled before `limit`, if that is possible
+    /// just now: the station is about to begin a bit, and all others have sampled the one before.
+    pub(super) fn leap(&mut self, sender: usize, limit: Time) -> bool {
+        let Some((from, to)) = self.stretch(sender, limit) else {
+            return false;
+        };
+        let Some((bits, _)) = self.stations[sender].controller.sending() else {
+            return false;
+        };
+        let bits = *bits;
+        // Beginnings of the bits, with that of the one behind.
+        let mut begins = [Time(0); 160];
+        let mut clock = self.stations[sender].clock;
+        for begin in &mut begins[from..to] {
+            *begin = clock.next_time();
+            clock.advance(false, false);
+            clock.sample();
+        }
+        begins[to] = clock.next_time();
+        let mut clocks = [clock; 8];
+        for (station, clock) in self.stations.iter().zip(&mut clocks) {
+            if !station.controller.is_in() || station.controller.sending().is_some() {
+                continue;
+            }
+            *clock = station.clock;
+            for i in from..to {
+                if bits.recessive(i - 1) && !bits.recessive(i) {
+                    clock.edge(begins[i] + self.delay, false, true);
+                }
+                clock.advance(false, true);
+                let sample = clock.sample_time() - self.delay;
+                if sample < begins[i] || sample >= begins[i + 1] {
+                    return false;
+                }
+                clock.sample();
+            }
+        }
+        let mut arrived = *self.stations[sender].controller.arrived();
+        for i in from..to {
+            arrived.step(!bits.recessive(i));
+        }
+        for (station, clock) in self.stations.iter_mut().zip(clocks) {
+            if station.controller.is_in() {
+                station.clock = clock;
+                station.read = !bits.recessive(to - 1);
+                station.controller.leap(arrived, to);
+                station.plan(self.delay);
+            }
+        }
+        self.drove(sender, from, to, &begins);
+        true
+    }
+
+    /// The bits that can be gone over: from the one that the sender begins next to before another.
+    fn stretch(&self, sender: usize, limit: Time) -> Option<(usize, usize)> {
+        let station = &self.stations[sender];
+        let (bits, from) = station.controller.sending()?;
+        let to = bits.length().saturating_sub(TAIL);
+        let calm = self.forced.is_none() && self.noise.is_off() && self.stations.len() <= 8;
+        if !calm || !station.clock.sampled || from == 0 || to < from + FEWEST {
+            return None;
+        }
+        let heard = station.sends && station.is_reading() && station.with(|s| s.sends && !s.silent);
+        let arrived = station.controller.arrived();
+        let follow = self.stations.iter().enumerate().all(|(i, other)| {
+            i == sender
+                || !other.controller.is_in()
+                || other.clock.sampled
+                    && !other.dominant
+                    && other.is_reading()
+                    && other.piece == station.piece
+                    && other.controller.follows(arrived)
+        });
+        if !heard || !follow {
+            return None;
+        }
+        // Others sample a bit later than the sender by less than a bit.
+        let span = limit - station.clock.next_time();
+        let fit = (span.0 / station.clock.bit().0.max(1)).saturating_sub(2);
+        let to = to.min(from + fit as usize);
+        (to >= from + FEWEST).then_some((from, to))
+    }
+
+    /// What the sender drove in these bits.
+    fn drove(&mut self, sender: usize, from: usize, to: usize, begins: &[Time; 160]) {
+        let station = &mut self.stations[sender];
+        let piece = station.piece;
+        let before = station.dominant;
+        let after = station.read;
+        station.dominant = after;
+        match (before, after) {
+            (false, true) => self.drivers[piece] += 1,
+            (true, false) => self.drivers[piece] -= 1,
+            _ => {}
+        }
+        if piece != 0 {
+            return;
+        }
+        if let (Some(levels), Some((bits, _))) = (&mut self.levels, station.controller.sending()) {
+            let mut last = before;
+            for (i, &begin) in begins.iter().enumerate().take(to).skip(from) {
+                let dominant = !bits.recessive(i);
+                if dominant != last {
+                    levels.push((begin, Level::of(dominant)));
+                }
+                last = dominant;
+            }
+        }
+    }
+}

@@ -1,0 +1,109 @@
+//! A node as it hangs on the wire: clock, levels, transceiver.
+
+use super::controller::Controller;
+use super::node::Settings;
+use super::timing::{BitClock, BitTiming};
+use crate::time::Time;
+
+/// A node at the wire.
+pub(super) struct Station {
+    pub controller: Controller,
+    pub clock: BitClock,
+    /// What it drives.
+    pub dominant: bool,
+    /// What it read last.
+    pub read: bool,
+    pub sends: bool,
+    pub hears: bool,
+    pub piece: usize,
+    /// When it has to do something next, as the bus sees it.
+    pub due: Time,
+}
+
+impl Station {
+    pub fn new() -> Self {
+        Self {
+            controller: Controller::new(),
+            clock: BitClock::new(BitTiming::megabit(), Time(0)),
+            dominant: false,
+            read: false,
+            sends: true,
+            hears: true,
+            piece: 0,
+            due: Time::NEVER,
+        }
+    }
+
+    pub fn with(&self, of: impl Fn(&Settings) -> bool) -> bool {
+        self.controller.settings().is_some_and(of)
+    }
+
+    /// Whether what it drives is on the bus.
+    pub fn is_driving(&self) -> bool {
+        self.dominant && self.sends && self.with(|s| s.sends && !s.silent)
+    }
+
+    /// Whether it reads the bus.
+    pub fn is_reading(&self) -> bool {
+        self.hears && self.with(|s| s.hears && !s.loopback)
+    }
+
+    pub fn plan(&mut self, delay: Time) {
+        self.due = if !self.controller.is_in() {
+            Time::NEVER
+        } else if self.clock.sampled {
+            self.clock.next_time()
+        } else {
+            self.clock.sample_time() - delay
+        };
+    }
+}
+
+/// Bits read wrongly.
+pub(super) struct Noise {
+    rate: f64,
+    state: u64,
+    /// Bits that are still read rightly.
+    left: u64,
+}
+
+impl Noise {
+    pub fn new(seed: u64) -> Self {
+        Self {
+            rate: 0.0,
+            state: seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1,
+            left: u64::MAX,
+        }
+    }
+
+    pub fn is_off(&self) -> bool {
+        self.rate == 0.0
+    }
+
+    pub fn set(&mut self, rate: f64) {
+        self.rate = rate;
+        self.draw();
+    }
+
+    /// A geometric distribution: the number of right bits before a wrong one.
+    fn draw(&mut self) {
+        self.state ^= self.state << 13;
+        self.state ^= self.state >> 7;
+        self.state ^= self.state << 17;
+        let uniform = ((self.state >> 11) as f64 + 0.5) / (1u64 << 53) as f64;
+        self.left = if self.rate > 0.0 {
+            (uniform.ln() / (-self.rate.min(1.0)).ln_1p()) as u64
+        } else {
+            u64::MAX
+        };
+    }
+
+    pub fn strikes(&mut self) -> bool {
+        if self.left > 0 {
+            self.left -= 1;
+            return false;
+        }
+        self.draw();
+        true
+    }
+}
