@@ -3,7 +3,7 @@
 use crate::chip::{Cause, Chip, Surroundings};
 use crate::core::{Core, Stop, System};
 use crate::probe::image::Image;
-use crate::time::Time;
+use crate::time::{Cycles, Time};
 
 /// A reset of a board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -23,6 +23,14 @@ pub struct Board {
     locked: bool,
     resets: Vec<Reset>,
     now: Time,
+    /// Why a debugger has it stand still, and time with it.
+    stopped: Option<Stop>,
+    /// One instruction, then it stops.
+    steps: bool,
+    /// The core stands still while time goes on.
+    held: bool,
+    #[cfg(feature = "gdb")]
+    pub(crate) gdb: crate::probe::gdb::State,
 }
 
 impl Board {
@@ -35,6 +43,11 @@ impl Board {
             locked: false,
             resets: Vec::new(),
             now: Time(0),
+            stopped: None,
+            steps: false,
+            held: false,
+            #[cfg(feature = "gdb")]
+            gdb: Default::default(),
         }
     }
 
@@ -95,6 +108,28 @@ impl Board {
         self.locked
     }
 
+    /// A debugger stops it at the instruction that it has come to: [`Self::run_until`] does nothing
+    /// until [`Self::resume`].
+    pub fn stop(&mut self) {
+        self.stopped.get_or_insert(Stop::Until);
+    }
+
+    /// Why it was stopped: by a breakpoint, a watchpoint, after a step, or from outside
+    /// ([`Stop::Until`]).
+    pub fn stopped(&self) -> Option<Stop> {
+        self.stopped
+    }
+
+    /// Goes on after a stop, for one instruction if `step`.
+    pub fn resume(&mut self, step: bool) {
+        (self.stopped, self.steps) = (None, step);
+    }
+
+    /// The core stands still while time and the chip go on, as under a debug probe, until told to go on.
+    pub fn hold(&mut self, held: bool) {
+        self.held = held;
+    }
+
     /// The time it has come to.
     pub fn now(&self) -> Time {
         self.now
@@ -112,29 +147,51 @@ impl Board {
         self.core.reset(&mut self.chip);
     }
 
-    /// Runs to `time`; the board may end up to an instruction later.
+    /// Runs to `time`; the board may end up to an instruction later, or earlier where a debugger stops
+    /// it.
     pub fn run_until(&mut self, time: Time) {
-        self.now = time;
-        loop {
+        while self.stopped.is_none() {
             // The length of a cycle may have changed on the way.
             let until = self.chip.cycle_of(time);
             let cycle = self.core.cycles();
             if cycle >= until {
+                self.now = time;
                 return;
             }
             if !self.powered {
                 self.core.add_cycles(until - cycle);
-                return;
+                continue;
             }
             if self.chip.is_held() {
                 let next = self.chip.advance(cycle, until);
                 self.core.add_cycles(next.min(until).max(cycle + 1) - cycle);
-            } else if self.core.run(&mut self.chip, until) == Stop::LockUp {
-                self.locked = true;
+            } else if self.held {
+                self.core.stand_still(&mut self.chip, until);
+            } else {
+                self.execute(until);
             }
             if let Some(cause) = self.chip.take_reset() {
                 self.restart(cause);
             }
+        }
+        self.now = self.chip.time_of(self.core.cycles());
+    }
+
+    fn execute(&mut self, until: Cycles) {
+        let stop = if self.steps {
+            self.core.step(&mut self.chip, until)
+        } else {
+            self.core.run(&mut self.chip, until)
+        };
+        match stop {
+            Stop::LockUp => {
+                self.locked = true;
+                self.stopped = self.core.debugger_attached().then_some(stop);
+            }
+            Stop::Breakpoint(_) | Stop::Watchpoint { .. } | Stop::Step => {
+                self.stopped = Some(stop);
+            }
+            Stop::Until | Stop::Reset => {}
         }
     }
 }
