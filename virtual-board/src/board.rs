@@ -195,3 +195,81 @@ impl Board {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::chip::{Drive, Pin};
+    use crate::probe::image::tests::Builder;
+
+    struct Nothing;
+
+    impl Surroundings for Nothing {
+        fn pin(&mut self, _: Pin, _: Drive, _: Time) {}
+
+        fn voltage(&mut self, _: Pin, _: Time) -> f64 {
+            0.0
+        }
+
+        fn spi(&mut self, _: u16, _: u32, _: Time) -> u16 {
+            0xff
+        }
+    }
+
+    /// `1: adds r0, #1; b 1b`.
+    fn counting() -> Board {
+        let mut board = Board::new(Box::new(Nothing), 0);
+        board.flash(&Builder::new(&[0x40, 0x1c, 0xfd, 0xe7]).image());
+        board.power(true);
+        board
+    }
+
+    const fn ms(count: u64) -> Time {
+        Time::from_micros(1000 * count)
+    }
+
+    #[test]
+    fn a_held_core_stands_still_while_time_goes_on() {
+        let mut board = counting();
+        board.run_until(ms(10));
+        let before = board.core().register(0);
+        board.hold(true);
+        board.run_until(ms(20));
+        assert_eq!(board.core().register(0), before);
+        assert_eq!(board.core().cycles(), board.chip().cycle_of(ms(20)));
+        board.hold(false);
+        board.run_until(ms(30));
+        // It goes on as fast as before.
+        let after = board.core().register(0);
+        assert!(after.abs_diff(2 * before) <= 2, "{before} {after}");
+    }
+
+    #[test]
+    fn for_a_stopped_board_time_stands_still() {
+        let mut board = counting();
+        board.run_until(ms(10));
+        board.stop();
+        board.run_until(ms(20));
+        assert_eq!(board.stopped(), Some(Stop::Until));
+        assert!(board.now() < ms(10) + Time::from_micros(1));
+        board.resume(true);
+        let pc = board.core().pc();
+        board.run_until(ms(20));
+        assert_eq!(board.stopped(), Some(Stop::Step));
+        assert!(board.core().pc() != pc && board.now() < ms(10) + Time::from_micros(1));
+        board.resume(false);
+        board.run_until(ms(20));
+        assert_eq!((board.stopped(), board.now()), (None, ms(20)));
+    }
+
+    #[test]
+    fn without_power_time_goes_on_and_nothing_happens() {
+        let mut board = counting();
+        board.power(false);
+        board.run_until(ms(5));
+        assert_eq!(board.now(), ms(5));
+        board.power(true);
+        board.run_until(ms(6));
+        assert!(board.core().register(0) > 1000);
+    }
+}

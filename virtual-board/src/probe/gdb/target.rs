@@ -127,12 +127,15 @@ fn flash(board: &mut Board, start: u32) -> Option<&[u8]> {
     board.chip().flash().get(place as usize..)
 }
 
+/// One access of a width.
+type Each<'a> = &'a mut dyn FnMut(&mut Board, u32, Width, &mut [u8]) -> Option<()>;
+
 /// Accesses in pieces as wide as they may be; how many bytes that did.
 fn access_memory(
     board: &mut Board,
     start: u32,
     data: &mut [u8],
-    each: &mut dyn FnMut(&mut Board, u32, Width, &mut [u8]) -> Option<()>,
+    each: Each<'_>,
 ) -> TargetResult<usize, Board> {
     let mut done = 0;
     while done < data.len() {
@@ -140,7 +143,8 @@ fn access_memory(
         let is_memory = SRAM.contains(&address) || CCM.contains(&address);
         // What lies in the core itself is not on the bus.
         let is_peripheral = matches!(address >> 28, 4..=5) || address >> 16 == 0x1fff;
-        if !is_memory && !(is_peripheral && board.gdb.peripherals) {
+        let is_readable = is_memory || is_peripheral && board.gdb.peripherals;
+        if !is_readable {
             break;
         }
         let width = match (address % 4, data.len() - done) {
