@@ -3,7 +3,7 @@
 use crate::chip::{Cause, Chip, Surroundings};
 use crate::core::{Core, Stop, System};
 use crate::probe::image::Image;
-use crate::time::Time;
+use crate::time::{Cycles, Time};
 
 /// A reset of a board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -23,6 +23,14 @@ pub struct Board {
     locked: bool,
     resets: Vec<Reset>,
     now: Time,
+    /// Why a debugger has it stand still, and time with it.
+    stopped: Option<Stop>,
+    /// One instruction, then it stops.
+    steps: bool,
+    /// The core stands still while time goes on.
+    held: bool,
+    #[cfg(feature = "gdb")]
+    pub(crate) gdb: crate::probe::gdb::State,
 }
 
 impl Board {
@@ -35,6 +43,11 @@ impl Board {
             locked: false,
             resets: Vec::new(),
             now: Time(0),
+            stopped: None,
+            steps: false,
+            held: false,
+            #[cfg(feature = "gdb")]
+            gdb: Default::default(),
         }
     }
 
@@ -95,6 +108,28 @@ impl Board {
         self.locked
     }
 
+    /// A debugger stops it at the instruction that it has come to: [`Self::run_until`] does nothing
+    /// until [`Self::resume`].
+    pub fn stop(&mut self) {
+        self.stopped.get_or_insert(Stop::Until);
+    }
+
+    /// Why it was stopped: by a breakpoint, a watchpoint, after a step, or from outside
+    /// ([`Stop::Until`]).
+    pub fn stopped(&self) -> Option<Stop> {
+        self.stopped
+    }
+
+    /// Goes on after a stop, for one instruction if `step`.
+    pub fn resume(&mut self, step: bool) {
+        (self.stopped, self.steps) = (None, step);
+    }
+
+    /// The core stands still while time and the chip go on, as under a debug probe, until told to go on.
+    pub fn hold(&mut self, held: bool) {
+        self.held = held;
+    }
+
     /// The time it has come to.
     pub fn now(&self) -> Time {
         self.now
@@ -112,29 +147,129 @@ impl Board {
         self.core.reset(&mut self.chip);
     }
 
-    /// Runs to `time`; the board may end up to an instruction later.
+    /// Runs to `time`; the board may end up to an instruction later, or earlier where a debugger stops
+    /// it.
     pub fn run_until(&mut self, time: Time) {
-        self.now = time;
-        loop {
+        while self.stopped.is_none() {
             // The length of a cycle may have changed on the way.
             let until = self.chip.cycle_of(time);
             let cycle = self.core.cycles();
             if cycle >= until {
+                self.now = time;
                 return;
             }
             if !self.powered {
                 self.core.add_cycles(until - cycle);
-                return;
+                continue;
             }
             if self.chip.is_held() {
                 let next = self.chip.advance(cycle, until);
                 self.core.add_cycles(next.min(until).max(cycle + 1) - cycle);
-            } else if self.core.run(&mut self.chip, until) == Stop::LockUp {
-                self.locked = true;
+            } else if self.held {
+                self.core.stand_still(&mut self.chip, until);
+            } else {
+                self.execute(until);
             }
             if let Some(cause) = self.chip.take_reset() {
                 self.restart(cause);
             }
         }
+        self.now = self.chip.time_of(self.core.cycles());
+    }
+
+    fn execute(&mut self, until: Cycles) {
+        let stop = if self.steps {
+            self.core.step(&mut self.chip, until)
+        } else {
+            self.core.run(&mut self.chip, until)
+        };
+        match stop {
+            Stop::LockUp => {
+                self.locked = true;
+                self.stopped = self.core.debugger_attached().then_some(stop);
+            }
+            Stop::Breakpoint(_) | Stop::Watchpoint { .. } | Stop::Step => {
+                self.stopped = Some(stop);
+            }
+            Stop::Until | Stop::Reset => {}
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::chip::{Drive, Pin};
+    use crate::probe::image::tests::Builder;
+
+    struct Nothing;
+
+    impl Surroundings for Nothing {
+        fn pin(&mut self, _: Pin, _: Drive, _: Time) {}
+
+        fn voltage(&mut self, _: Pin, _: Time) -> f64 {
+            0.0
+        }
+
+        fn spi(&mut self, _: u16, _: u32, _: Time) -> u16 {
+            0xff
+        }
+    }
+
+    /// `1: adds r0, #1; b 1b`.
+    fn counting() -> Board {
+        let mut board = Board::new(Box::new(Nothing), 0);
+        board.flash(&Builder::new(&[0x40, 0x1c, 0xfd, 0xe7]).image());
+        board.power(true);
+        board
+    }
+
+    const fn ms(count: u64) -> Time {
+        Time::from_micros(1000 * count)
+    }
+
+    #[test]
+    fn a_held_core_stands_still_while_time_goes_on() {
+        let mut board = counting();
+        board.run_until(ms(10));
+        let before = board.core().register(0);
+        board.hold(true);
+        board.run_until(ms(20));
+        assert_eq!(board.core().register(0), before);
+        assert_eq!(board.core().cycles(), board.chip().cycle_of(ms(20)));
+        board.hold(false);
+        board.run_until(ms(30));
+        // It goes on as fast as before.
+        let after = board.core().register(0);
+        assert!(after.abs_diff(2 * before) <= 2, "{before} {after}");
+    }
+
+    #[test]
+    fn for_a_stopped_board_time_stands_still() {
+        let mut board = counting();
+        board.run_until(ms(10));
+        board.stop();
+        board.run_until(ms(20));
+        assert_eq!(board.stopped(), Some(Stop::Until));
+        assert!(board.now() < ms(10) + Time::from_micros(1));
+        board.resume(true);
+        let pc = board.core().pc();
+        board.run_until(ms(20));
+        assert_eq!(board.stopped(), Some(Stop::Step));
+        assert!(board.core().pc() != pc && board.now() < ms(10) + Time::from_micros(1));
+        board.resume(false);
+        board.run_until(ms(20));
+        assert_eq!((board.stopped(), board.now()), (None, ms(20)));
+    }
+
+    #[test]
+    fn without_power_time_goes_on_and_nothing_happens() {
+        let mut board = counting();
+        board.power(false);
+        board.run_until(ms(5));
+        assert_eq!(board.now(), ms(5));
+        board.power(true);
+        board.run_until(ms(6));
+        assert!(board.core().register(0) > 1000);
     }
 }

@@ -70,13 +70,17 @@ impl Network {
         &mut self.wire
     }
 
-    /// Runs everything to `time`.
+    /// Runs everything to `time`, or until a debugger stops a board; then the others may be up to a
+    /// quantum ahead of it, and wait for it.
     pub fn run_until(&mut self, time: Time) {
         if self.threads.min(self.boards.len()) < 2 {
             while self.now < time {
                 let next = time.min(self.now + self.quantum);
                 for board in &mut self.boards {
                     board.run_until(next);
+                }
+                if self.boards.iter().any(|board| board.stopped().is_some()) {
+                    return;
                 }
                 carry(&mut self.wire, next, self.boards.iter_mut());
                 self.now = next;
@@ -87,7 +91,7 @@ impl Network {
     }
 
     fn run_on_threads(&mut self, time: Time) {
-        let (quantum, start) = (self.quantum, self.now);
+        let (quantum, mut reached) = (self.quantum, self.now);
         let groups = spread(&mut self.boards, self.threads);
         let (wire, signals) = (&mut self.wire, &Signals::default());
         let Some((own, others)) = groups.split_first() else {
@@ -97,9 +101,8 @@ impl Network {
             for group in others {
                 scope.spawn(move || work(group, signals));
             }
-            let mut now = start;
-            while now < time {
-                now = time.min(now + quantum);
+            while reached < time {
+                let now = time.min(reached + quantum);
                 signals.done.store(0, Ordering::Relaxed);
                 signals.until.store(now.0, Ordering::Relaxed);
                 signals.quantum.fetch_add(1, Ordering::Release);
@@ -107,13 +110,17 @@ impl Network {
                 wait(|| signals.done.load(Ordering::Acquire) == others.len());
                 let mut guards: Vec<_> = groups.iter().map(lock).collect();
                 let mut boards: Vec<_> = guards.iter_mut().flat_map(|g| g.iter_mut()).collect();
+                if boards.iter().any(|(_, board)| board.stopped().is_some()) {
+                    break;
+                }
                 boards.sort_by_key(|(place, _)| *place);
                 carry(wire, now, boards.into_iter().map(|(_, board)| &mut **board));
+                reached = now;
             }
             signals.stop.store(true, Ordering::Relaxed);
             signals.quantum.fetch_add(1, Ordering::Release);
         });
-        self.now = time;
+        self.now = reached;
     }
 }
 

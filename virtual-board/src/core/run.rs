@@ -127,9 +127,6 @@ impl Core {
             }
             let before = self.cycles;
             it = self.it;
-            if PROBE && self.probe(pc, count) {
-                break None;
-            }
             let index = (pc.wrapping_sub(fetch::FLASH) >> 1) as usize;
             let mut insn = match self.decoded.get(index) {
                 Some(insn) => *insn,
@@ -149,6 +146,10 @@ impl Core {
                     Ok(()) => continue,
                     Err(trap) => break Some(trap),
                 }
+            }
+            // After decoding, so that each instruction is asked about once.
+            if PROBE && self.probe(pc, count) {
+                break None;
             }
             if it != 0 {
                 self.it = advance_it(it);
@@ -173,7 +174,7 @@ impl Core {
             }
         };
         self.pc = pc;
-        self.instructions += count;
+        self.instructions = self.instructions.wrapping_add(count);
         trap.map(|trap| (trap, it))
     }
 

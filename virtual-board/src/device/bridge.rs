@@ -62,6 +62,8 @@ pub struct Bridge {
     config: BridgeConfig,
     noise: Noise,
     fault: BridgeFault,
+    /// Time constant of the low-pass, s.
+    tau_s: f64,
     supply_v: f64,
     excitation_v: f64,
     /// Strain and its slope since a time.
@@ -83,6 +85,7 @@ impl Bridge {
             config,
             noise: Noise::new(seed),
             fault: BridgeFault::None,
+            tau_s: 1.0 / (std::f64::consts::TAU * config.bandwidth_hz),
             supply_v,
             excitation_v: supply_v,
             since: Time(0),
@@ -154,10 +157,9 @@ impl Bridge {
         if span == 0.0 {
             return;
         }
-        let tau = 1.0 / (std::f64::consts::TAU * self.config.bandwidth_hz);
         // τ ẏ + y = u with u a straight line: y = u − τ u̇ + (y₀ − u₀ + τ u̇) e^(−t/τ).
-        let lag = tau * self.slope_v_s;
-        let left = decay(span / tau);
+        let lag = self.tau_s * self.slope_v_s;
+        let left = decay(span / self.tau_s);
         let difference = self.output_v - self.input_v + lag;
         self.input_v += self.slope_v_s * span;
         self.output_v = self.input_v - lag + difference * left;

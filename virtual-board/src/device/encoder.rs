@@ -218,29 +218,27 @@ impl Encoder {
         } else if down > ROUNDING {
             (self.now + CATCH_UP, self.count - 1)
         } else {
-            let (up, down) = (
-                self.reach(up.max(0.0), speed),
-                self.reach(down.min(0.0), speed),
-            );
-            if up <= down {
-                (later(self.now, up) + Time(1), self.count + 1)
+            // The edge ahead, unless the wheel turns round before it.
+            let (ahead, behind) = ((up.max(0.0), 1), (-down.min(0.0), -1));
+            let (ahead, behind) = if speed >= 0.0 {
+                (ahead, behind)
             } else {
-                (later(self.now, down) + Time(1), self.count - 1)
+                (behind, ahead)
+            };
+            let mut found = (self.reach(ahead, speed), ahead.1);
+            if found.0 == f64::INFINITY {
+                found = (self.reach(behind, speed), behind.1);
             }
+            (later(self.now, found.0) + Time(1), self.count + found.1)
         };
     }
 
-    /// When the wheel has gone a distance (counts) outwards, s from now; infinite if never.
-    fn reach(&self, distance: f64, speed: f64) -> f64 {
-        // Seen so that outwards is positive.
-        let sign = if distance > 0.0 || (distance == 0.0 && speed > 0.0) {
-            1.0
-        } else if distance < 0.0 || speed < 0.0 {
-            -1.0
-        } else {
-            self.acceleration.signum()
-        };
-        let (d, v, a) = (distance.abs(), sign * speed, sign * self.acceleration);
+    /// When the wheel has gone a distance (counts, not negative) in a direction (1 or −1), s from now;
+    /// infinite if never.
+    fn reach(&self, (distance, direction): (f64, i64), speed: f64) -> f64 {
+        // Seen so that the direction is positive.
+        let sign = direction as f64;
+        let (d, v, a) = (distance, sign * speed, sign * self.acceleration);
         let square = v * v + 2.0 * a * d;
         if square < 0.0 || (v <= 0.0 && a <= 0.0) {
             return f64::INFINITY;
@@ -350,6 +348,22 @@ mod tests {
         assert!((found.0 as f64 - 50e9).abs() < 1e4, "{found:?}");
         encoder.advance(found);
         assert_eq!(encoder.count(), -1);
+    }
+
+    #[test]
+    fn a_wheel_that_goes_on_as_told_makes_no_edge_twice() {
+        let mut encoder = Encoder::new(EncoderConfig {
+            phase: 0.0,
+            ..EncoderConfig::default()
+        });
+        // A whole number of counts a millisecond: each piece begins at an edge, but for rounding.
+        let step = 64.0 * TAU / 8192.0;
+        let mut edges = 0;
+        for k in 0..500u64 {
+            encoder.motion(Time(k * MS), k as f64 * step, step * 1e3, 0.0);
+            edges += Decoder::default().run(&mut encoder, Time((k + 1) * MS));
+        }
+        assert!((31_999..=32_000).contains(&edges), "{edges}");
     }
 
     #[test]

@@ -140,6 +140,12 @@ impl Motor {
         )
     }
 
+    /// Whether the current stays below a level with this source; cheaper than to ask when.
+    pub(super) fn stays_below(&self, level_a: f64, source: Source) -> bool {
+        let ohms = self.config.resistance_ohm + source.ohms;
+        (source.volts - self.emf_v()).abs() < level_a * ohms && self.current_a.abs() < level_a
+    }
+
     /// When the current reaches a level with this source, s from now; infinite if never.
     pub(super) fn time_to(&self, level_a: f64, source: Source) -> f64 {
         let (limit, tau) = self.limit(source);
@@ -159,8 +165,7 @@ impl Motor {
         }
         let (limit, tau) = self.limit(source);
         let first = self.current_a - limit;
-        // 1 − e^(−x) without cancellation.
-        let rise = -(-span_s / tau).exp_m1();
+        let rise = rise(span_s / tau);
         let left = 1.0 - rise;
         let charge = limit * span_s + first * tau * rise;
         self.work.charge_as += charge;
@@ -180,6 +185,16 @@ impl Motor {
 
     pub(super) fn take_work(&mut self) -> Work {
         std::mem::take(&mut self.work)
+    }
+}
+
+/// 1 − e^(−x) without cancellation: by its series where x is small, as between two edges.
+fn rise(x: f64) -> f64 {
+    if x < 0.04 {
+        // The next term is below 10⁻¹² of the first.
+        x * (1.0 - x / 2.0 * (1.0 - x / 3.0 * (1.0 - x / 4.0 * (1.0 - x / 5.0 * (1.0 - x / 6.0)))))
+    } else {
+        -(-x).exp_m1()
     }
 }
 

@@ -7,8 +7,11 @@
 //! | [`vcd`] | signals over time as a Value Change Dump |
 //! | [`coverage`] | source lines that ran, without instrumenting the image |
 //! | [`profile`] | time by function and by interrupt |
+//! | `gdb` | a server for the debugger gdb (feature `gdb`) |
 
 pub mod coverage;
+#[cfg(feature = "gdb")]
+pub mod gdb;
 pub mod image;
 pub mod profile;
 pub mod rtt;

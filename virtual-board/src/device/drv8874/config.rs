@@ -39,7 +39,7 @@ pub struct DriverConfig {
     pub sleep: Time,
     /// How the current is regulated, by the resistor at IMODE.
     pub regulation: Regulation,
-    /// Where, A: V(VREF) over R(IPROPI) over 455 µA/A. Default 6.5: above 6 A.
+    /// Where, A: V(VREF) over R(IPROPI) over 455 µA/A. Default 6.6: 3.3 V and 1.1 kΩ.
     pub trip_a: f64,
     /// Off-time of the regulation. Data sheet: 25 µs.
     pub off_time: Time,
@@ -69,7 +69,7 @@ impl Default for DriverConfig {
             wake: Time::from_micros(1000),
             sleep: Time::from_micros(1000),
             regulation: Regulation::FixedOffTime,
-            trip_a: 6.5,
+            trip_a: 3.3 / (1.1e3 * 455e-6),
             off_time: Time::from_micros(25),
             blank: Time::from_nanos(1100),
             over_current: OverCurrent::Retry,

@@ -508,6 +508,10 @@ impl Drv8874 {
         }
         let current = self.motor.current_a();
         let source = self.source(if current < 0.0 { -1.0 } else { 1.0 });
+        let lowest = self.config.trip_a.min(self.config.over_current_a);
+        if self.motor.stays_below(lowest, source) {
+            return due;
+        }
         let mut reach = |level: f64, earliest: Time| {
             let up = self.motor.time_to(level, source);
             let down = self.motor.time_to(-level, source);
