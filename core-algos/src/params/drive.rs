@@ -157,6 +157,8 @@ impl Drive {
     }
 
     /// Whether everything can be built from it; the error names the field.
+    // Not inlined: the nodes are checked by the same caller, and a board's stack is small.
+    #[inline(never)]
     pub fn check(&self) -> Result<(), ConfigError> {
         self.current_loop().build()?;
         self.response().build()?;
