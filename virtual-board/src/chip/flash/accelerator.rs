@@ -1,9 +1,14 @@
 //! The flash's accelerator: what a read takes.
 //!
 //! The flash is read by lines of 16 bytes; a read takes one cycle and the wait states. While a line is
-//! executed the next one is fetched ahead, if prefetch is on. Lines that were met by a jump stand in an
-//! instruction cache of 64 lines, those read as data in a cache of 8; the least recently used goes
-//! first (RM0090, 3.5.2). A line that comes by prefetch is not put into the cache.
+//! executed the next one is fetched ahead, if prefetch is on. Lines that the core had to wait for stand
+//! in an instruction cache of 64 lines, those read as data in a cache of 8; the least recently used
+//! goes first (RM0090, 3.5.2).
+//!
+//! The manual copies a line into the cache when it is "not present in the currently used instruction
+//! line, in the prefetched instruction line or in the instruction cache". So a prefetched line that is
+//! there in time is not copied; one that is still being read when the core wants it counts as not
+//! present. A read under way is never broken off: what comes next waits for it.
 
 use crate::time::Cycles;
 
@@ -102,7 +107,7 @@ pub(super) struct Accelerator {
     /// Contents of the data cache: what the program reads even after the flash was changed.
     stale: [[u8; 16]; 8],
     current: u32,
-    /// The line fetched ahead, and when it is there.
+    /// The line fetched ahead, and when the flash is free.
     ahead: (u32, Cycles),
 }
 
@@ -148,19 +153,18 @@ impl Accelerator {
     }
 
     fn enter_slow(&mut self, line: u32, cycle: &mut Cycles) {
-        if self.ahead.0 == line {
+        let missed = if self.ahead.0 == line {
+            let late = *cycle < self.ahead.1;
             *cycle = (*cycle).max(self.ahead.1);
-        } else if !(self.instructions.on && self.instructions.hit(line)) {
-            // A read under way ends first.
-            let free = if self.ahead.0 == NONE {
-                0
-            } else {
-                self.ahead.1
-            };
-            *cycle = (*cycle).max(free) + self.wait_states;
-            if self.instructions.on {
-                self.instructions.fill(line);
-            }
+            late
+        } else if self.instructions.on && self.instructions.hit(line) {
+            false
+        } else {
+            *cycle = (*cycle).max(self.ahead.1) + self.wait_states;
+            true
+        };
+        if missed && self.instructions.on {
+            self.instructions.fill(line);
         }
         if self.prefetch {
             let next = line + 1;
@@ -182,7 +186,7 @@ impl Accelerator {
         if self.data.on && self.data.hit(line) {
             return &self.stale[self.data.latest as usize];
         }
-        *cycle += self.wait_states;
+        *cycle = (*cycle).max(self.ahead.1) + self.wait_states;
         if self.data.on {
             self.data.fill(line);
             if let Ok(bytes) = bytes.try_into() {
@@ -228,6 +232,58 @@ mod tests {
         let mut art = Accelerator::new();
         art.set(5 | 1 << 8);
         assert_eq!(run(&mut art, 100..104, 4), [5, 2, 2, 2]);
+    }
+
+    #[test]
+    fn lines_in_a_row_that_prefetch_brings_too_late_are_cached() {
+        let mut art = Accelerator::new();
+        art.set(5 | 3 << 8);
+        // Four cycles in each line: prefetch needs six.
+        assert_eq!(run(&mut art, 100..104, 4), [5, 2, 2, 2]);
+        assert_eq!(run(&mut art, 100..104, 4), [0, 0, 0, 0]);
+        // Eight cycles in each: only the first was missed, and stands in the cache.
+        let mut art = Accelerator::new();
+        art.set(5 | 3 << 8);
+        run(&mut art, 100..104, 8);
+        let cached: Vec<_> = (100..104)
+            .map(|line| art.instructions.place[line] != 0)
+            .collect();
+        assert_eq!(cached, [true, false, false, false]);
+    }
+
+    #[test]
+    fn a_jump_waits_for_the_read_that_is_under_way() {
+        let mut art = Accelerator::new();
+        art.set(5 | 1 << 8);
+        // One cycle after line 100 was entered the prefetch of 101 has five to go.
+        assert_eq!(run(&mut art, [100, 200].into_iter(), 1), [5, 5 + 5]);
+        let mut art = Accelerator::new();
+        art.set(5 | 1 << 8);
+        assert_eq!(run(&mut art, [100, 200].into_iter(), 6), [5, 5]);
+    }
+
+    #[test]
+    fn the_cache_forgets_what_was_used_longest_ago_as_a_list_would() {
+        let mut art = Accelerator::new();
+        art.set(5 | 1 << 9);
+        let mut list: Vec<u32> = Vec::new();
+        let mut state = 1u32;
+        let mut cycle = 0;
+        for _ in 0..20_000 {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            let line = state >> 16 & 0x7f;
+            if art.current == line {
+                continue;
+            }
+            let before = cycle;
+            art.enter(line, &mut cycle);
+            let place = list.iter().position(|&known| known == line);
+            assert_eq!(cycle == before, place.is_some());
+            if let Some(place) = place.or((list.len() == 64).then_some(0)) {
+                list.remove(place);
+            }
+            list.push(line);
+        }
     }
 
     #[test]
