@@ -61,7 +61,7 @@ impl Board {
         if on && !self.powered {
             self.begin(Cause::PowerOn);
         } else if !on && self.powered {
-            self.chip.power_off();
+            self.chip.power_off(self.core.cycles());
         }
         self.powered = on;
     }
@@ -143,7 +143,7 @@ impl Board {
 
     fn begin(&mut self, cause: Cause) {
         self.locked = false;
-        self.chip.restart(cause);
+        self.chip.restart(cause, self.core.cycles());
         self.core.reset(&mut self.chip);
     }
 

@@ -1,29 +1,67 @@
 //! Debug unit and device signature.
 //!
 //! Source: reference manual RM0090, chapters 38 and 39. The identity is that of revision Y, on which
-//! prefetch may be used (the errata sheet forbids it on revision A).
+//! prefetch may be used (the errata sheet forbids it on revision A). A system reset leaves the debug
+//! unit as it is. What a debugger's halt stops is modelled for the independent watchdog; asking for
+//! another peripheral, or for trace pins, is a finding.
 
 use super::Peripheral;
 use super::map::IDENTITY;
+use super::part::Random;
 use super::register::{Register, merge, narrow, word};
 use super::shared::Shared;
+use crate::finding::Kind;
 
 /// Device 0x413, revision Y.
 const IDCODE: u32 = 0x100f_6413;
 /// Size of the flash, KiB.
 const FLASH_KIB: u32 = 1024;
+/// Codes of the internal reference (1.21 V) and of the temperature sensor at 30 and 110 °C (0.76 V at
+/// 25 °C, 2.5 mV/°C), converted at the factory with 3.3 V.
+const REFERENCE: u32 = 1502;
+const TEMPERATURE: [u32; 2] = [959, 1207];
+
+/// APB1_FZ: real-time clock, window watchdog and independent watchdog; the first two are not there.
+const FREEZE_RTC: u32 = 1 << 10;
+const FREEZE_WWDG: u32 = 1 << 11;
+const FREEZE_IWDG: u32 = 1 << 12;
+/// CR: pins for trace.
+const TRACE: u32 = 0xe0;
 
 #[rustfmt::skip]
 const REGISTERS: &[Register] = &[
     word(0x00, "IDCODE", !0), word(0x04, "CR", 0xe7), word(0x08, "APB1_FZ", 0x06e0_1dff), word(0x0c, "APB2_FZ", 0x0007_0003),
     narrow(IDENTITY, "ID1", !0), narrow(IDENTITY + 4, "ID2", !0), narrow(IDENTITY + 8, "ID3", !0),
-    narrow(IDENTITY + 16, "FLASH_SIZE", !0),
+    narrow(IDENTITY + 16, "FLASH_SIZE", !0), narrow(IDENTITY + 24, "VREFINT_CAL", !0), narrow(IDENTITY + 28, "TS_CAL", !0),
 ];
 
-/// DBGMCU, unique identifier, size of the flash.
+/// DBGMCU, unique identifier, size of the flash, calibration.
 #[derive(Default)]
 pub(crate) struct Debug {
     settings: [u32; 3],
+}
+
+impl Debug {
+    /// Whether a halted core stops the independent watchdog.
+    pub fn stops_watchdog(&self) -> bool {
+        self.settings[1] & FREEZE_IWDG != 0
+    }
+
+    /// Place on the wafer, number of the wafer and lot, as letters and digits.
+    fn identity(shared: &Shared) -> [u32; 3] {
+        let mut random = Random::new(shared.part.seed);
+        let mut draw = |most: u64| (random.next() >> 16) % most;
+        let place = draw(100) << 16 | draw(100);
+        let wafer = 1 + draw(25);
+        let mut lot = || u64::from(b'0') + draw(10);
+        let lot: [u64; 7] = std::array::from_fn(|_| lot());
+        let word = |bytes: [u64; 4]| bytes.iter().rev().fold(0, |word, byte| word << 8 | byte);
+        [
+            place as u32,
+            word([wafer, lot[0], lot[1], lot[2]]) as u32,
+            word([lot[3], lot[4], lot[5], lot[6]]) as u32,
+        ]
+    }
 }
 
 impl Peripheral for Debug {
@@ -31,23 +69,83 @@ impl Peripheral for Debug {
         REGISTERS
     }
 
-    fn read(&mut self, offset: u32, _shared: &mut Shared) -> u32 {
+    fn read(&mut self, offset: u32, shared: &mut Shared) -> u32 {
+        if let Some(offset) = offset.checked_sub(IDENTITY) {
+            return match offset {
+                0..=8 => Self::identity(shared)[offset as usize / 4],
+                // In the upper half, as is the reference.
+                16 => FLASH_KIB << 16,
+                24 => REFERENCE << 16,
+                _ => TEMPERATURE[0] | TEMPERATURE[1] << 16,
+            };
+        }
         match offset {
             0x00 => IDCODE,
-            0x04..=0x0c => self.settings[offset as usize / 4 - 1],
-            // A lot and wafer that no chip has.
-            IDENTITY => 0x0042_0017,
-            _ if offset == IDENTITY + 4 => 0x3436_5102,
-            _ if offset == IDENTITY + 8 => 0x3034_3832,
-            // The half above the one that holds the size.
-            _ => FLASH_KIB << 16,
+            _ => self.settings[offset as usize / 4 - 1],
         }
     }
 
-    fn write(&mut self, offset: u32, value: u32, mask: u32, _shared: &mut Shared) {
-        if let 0x04..=0x0c = offset {
-            let register = &mut self.settings[offset as usize / 4 - 1];
-            *register = merge(*register, value, mask);
+    fn write(&mut self, offset: u32, value: u32, mask: u32, shared: &mut Shared) {
+        if !(0x04..=0x0c).contains(&offset) {
+            return shared.note(Kind::Forbidden, "the device signature is read only");
         }
+        let register = &mut self.settings[offset as usize / 4 - 1];
+        let old = std::mem::replace(register, merge(*register, value, mask));
+        let unknown = match offset {
+            0x04 => TRACE,
+            0x08 => !(FREEZE_RTC | FREEZE_WWDG | FREEZE_IWDG),
+            _ => !0,
+        };
+        if *register & !old & unknown != 0 {
+            let text = "DBGMCU: trace pins, stopping peripherals of a halted core";
+            shared.note(Kind::NotModelled, text);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::chip::testing::shared;
+
+    #[test]
+    fn it_is_a_device_0x413_with_a_mebibyte() {
+        let (mut debug, mut shared) = (Debug::default(), shared());
+        assert_eq!(debug.read(0, &mut shared) & 0xfff, 0x413);
+        // 0x1fff_7a22.
+        let size = debug.read(IDENTITY + 0x10, &mut shared) >> 16;
+        assert_eq!(size, 1024);
+    }
+
+    #[test]
+    fn identities_differ_by_seed_and_hold_a_lot_in_ascii() {
+        let (mut debug, mut shared) = (Debug::default(), shared());
+        let mut read = |seed: u64| {
+            shared.part.seed = seed;
+            [0, 4, 8].map(|at| debug.read(IDENTITY + at, &mut shared))
+        };
+        let mut seen: Vec<_> = (0..200).map(&mut read).collect();
+        assert_eq!(read(7), seen[7]);
+        for id in &seen {
+            let lot = id[1].to_le_bytes()[1..]
+                .iter()
+                .chain(&id[2].to_le_bytes())
+                .copied()
+                .collect::<Vec<_>>();
+            assert!(lot.iter().all(u8::is_ascii_digit), "{lot:?}");
+        }
+        seen.sort_unstable();
+        seen.dedup();
+        assert_eq!(seen.len(), 200);
+    }
+
+    #[test]
+    fn only_the_watchdog_can_be_stopped_and_the_rest_is_found() {
+        let (mut debug, mut shared) = (Debug::default(), shared());
+        debug.write(0x08, FREEZE_IWDG, !0, &mut shared);
+        debug.write(0x04, 7, !0, &mut shared);
+        assert!(debug.stops_watchdog() && shared.findings.list().is_empty());
+        debug.write(0x0c, 1, !0, &mut shared);
+        assert_eq!(shared.findings.list()[0].kind, Kind::NotModelled);
     }
 }

@@ -2,7 +2,9 @@
 //!
 //! Source: reference manual RM0090, chapter 8. A pin's level is that of the strongest side that drives
 //! it: chip or world, then the resistors of either. An output and the world against each other is a
-//! finding, and so is reading a pin that nobody drives.
+//! finding. So is listening to a pin that nobody drives, by a peripheral or as a line of the external
+//! interrupts; by the input register only where something is soldered to the pin, because a load of it
+//! does not say which of its pins is meant. Such a pin reads low.
 //!
 //! Not modelled: speeds (kept), analogue levels between the thresholds.
 
@@ -30,9 +32,75 @@ struct Port {
     pull: u32,
     output: u32,
     alternate: [u32; 2],
+    lock: Lock,
 }
 
+/// Pins whose settings stay until the next reset.
+#[derive(Clone, Copy, Debug, Default)]
+struct Lock {
+    pins: u32,
+    /// Writes of the sequence that were right so far; three lock.
+    steps: u8,
+}
+
+/// LCKR: the key's bit.
+const LCKK: u32 = 1 << 16;
+
+impl Lock {
+    fn is_locked(self) -> bool {
+        self.steps == 3
+    }
+
+    /// With the key set, without, with, the same pins each time (RM0090, 8.3.6).
+    fn write(&mut self, value: u32) {
+        if self.is_locked() {
+            return;
+        }
+        let (pins, key) = (value & 0xffff, value & LCKK != 0);
+        let wanted = self.steps != 1;
+        let same = self.steps == 0 || pins == self.pins;
+        self.steps = match (key == wanted && same, key) {
+            (true, _) => self.steps + 1,
+            (false, true) => 1,
+            (false, false) => 0,
+        };
+        self.pins = pins;
+    }
+
+    /// Locked pins, each with so many bits.
+    fn mask(self, bits: u32) -> u64 {
+        if !self.is_locked() {
+            return 0;
+        }
+        let field = (1u64 << bits) - 1;
+        (0..16)
+            .filter(|pin| self.pins >> pin & 1 != 0)
+            .fold(0, |mask, pin| mask | field << (bits * pin))
+    }
+}
+
+// Modes.
+const INPUT: u32 = 0;
+const OUTPUT: u32 = 1;
+const ALTERNATE_FUNCTION: u32 = 2;
+const ANALOGUE: u32 = 3;
+
 impl Port {
+    /// After a reset; the debug port's pins are in use.
+    fn new(index: usize) -> Self {
+        let (mode, speed, pull) = match index {
+            0 => (0xa800_0000, 0x0c00_0000, 0x6400_0000),
+            1 => (0x0000_0280, 0x0000_00c0, 0x0000_0100),
+            _ => (0, 0, 0),
+        };
+        Self {
+            mode,
+            speed,
+            pull,
+            ..Self::default()
+        }
+    }
+
     fn mode_of(&self, number: u32) -> u32 {
         self.mode >> (2 * number) & 3
     }
@@ -56,11 +124,45 @@ fn meet(chip: Drive, world: Drive) -> Option<bool> {
     }
 }
 
+/// No pin.
+const NOWHERE: u8 = u8::MAX;
+/// Pins that a signal can be on.
+const CHOICES: usize = 4;
+
+/// Which signal is on which pin, by modes and alternate functions.
+struct Routes {
+    signals: [Option<Signal>; PINS],
+    pins: [[u8; CHOICES]; Signal::COUNT],
+}
+
+impl Routes {
+    fn of(ports: &[Port; PORTS]) -> Self {
+        let mut routes = Self {
+            signals: [None; PINS],
+            pins: [[NOWHERE; CHOICES]; Signal::COUNT],
+        };
+        for &(pin, function, signal) in ALTERNATE {
+            let (port, number) = (&ports[pin.port()], pin.number());
+            if port.mode_of(number) == ALTERNATE_FUNCTION && port.alternate_of(number) == function {
+                routes.signals[pin.index()] = Some(signal);
+                let places = &mut routes.pins[signal as usize];
+                if let Some(place) = places.iter_mut().find(|place| **place == NOWHERE) {
+                    *place = pin.index() as u8;
+                }
+            }
+        }
+        routes
+    }
+}
+
 /// All ports.
 pub(crate) struct Gpio {
     ports: [Port; PORTS],
+    routes: Routes,
     /// How the world drives each pin; it outlives a reset.
     world: [Drive; PINS],
+    /// Pins that the world has driven.
+    soldered: [bool; PINS],
     /// How the chip does.
     chip: [Drive; PINS],
     level: [bool; PINS],
@@ -70,13 +172,12 @@ pub(crate) struct Gpio {
 
 impl Default for Gpio {
     fn default() -> Self {
-        let mut ports = [Port::default(); PORTS];
-        // The debug port's pins.
-        (ports[0].mode, ports[0].speed, ports[0].pull) = (0xa800_0000, 0x0c00_0000, 0x6400_0000);
-        (ports[1].mode, ports[1].speed, ports[1].pull) = (0x0000_0280, 0x0000_00c0, 0x0000_0100);
+        let ports = std::array::from_fn(Port::new);
         Self {
             ports,
+            routes: Routes::of(&ports),
             world: [Drive::Open; PINS],
+            soldered: [false; PINS],
             chip: [Drive::Open; PINS],
             level: [false; PINS],
             signals: [Drive::Open; Signal::COUNT],
@@ -87,14 +188,23 @@ impl Default for Gpio {
 impl Gpio {
     /// After a reset of a chip whose pins were as `before`.
     pub fn begin(&mut self, before: &Self, shared: &mut Shared) {
-        (self.world, self.chip, self.level) = (before.world, before.chip, before.level);
+        (self.world, self.soldered) = (before.world, before.soldered);
+        (self.chip, self.level) = (before.chip, before.level);
         for port in 0..PORTS {
             self.update(port, shared);
         }
     }
 
+    /// The program resets a port.
+    pub fn reset(&mut self, port: usize, shared: &mut Shared) {
+        self.ports[port] = Port::new(port);
+        self.routes = Routes::of(&self.ports);
+        self.update(port, shared);
+    }
+
     /// The world drives a pin in another way.
     pub fn external(&mut self, pin: Pin, drive: Drive, shared: &mut Shared) {
+        self.soldered[pin.index()] |= drive != Drive::Open;
         self.world[pin.index()] = drive;
         self.settle(pin, shared);
     }
@@ -102,39 +212,31 @@ impl Gpio {
     /// A peripheral drives its output in another way.
     pub fn output(&mut self, signal: Signal, drive: Drive, shared: &mut Shared) {
         self.signals[signal as usize] = drive;
-        for &(pin, _, of) in ALTERNATE {
-            if of == signal && self.signal_at(pin) == Some(signal) {
-                self.drive(pin, shared);
+        for at in self.routes.pins[signal as usize] {
+            if at == NOWHERE {
+                return;
             }
+            self.drive(Pin::at(at), shared);
         }
     }
 
     /// The peripheral's signal that a pin is connected to.
     pub fn signal_at(&self, pin: Pin) -> Option<Signal> {
-        let port = &self.ports[pin.port()];
-        if port.mode_of(pin.number()) != 2 {
-            return None;
-        }
-        let function = port.alternate_of(pin.number());
-        let found = ALTERNATE
-            .iter()
-            .find(|(at, number, _)| *at == pin && *number == function);
-        found.map(|(_, _, signal)| *signal)
+        self.routes.signals[pin.index()]
     }
 
-    /// The pin that a peripheral's signal is on.
+    /// The pin that a peripheral's signal is on, the first of several.
     pub fn pin_of(&self, signal: Signal) -> Option<Pin> {
-        let mut pins = ALTERNATE.iter().filter(|(_, _, of)| *of == signal);
-        pins.find(|(pin, _, _)| self.signal_at(*pin) == Some(signal))
-            .map(|(pin, _, _)| *pin)
+        let at = self.routes.pins[signal as usize][0];
+        (at != NOWHERE).then(|| Pin::at(at))
     }
 
     /// Whether a pin is set to be analogue.
     pub fn is_analogue(&self, pin: Pin) -> bool {
-        self.ports[pin.port()].mode_of(pin.number()) == 3
+        self.ports[pin.port()].mode_of(pin.number()) == ANALOGUE
     }
 
-    /// Level of a pin.
+    /// Level of a pin as the chip's digital inputs have it.
     pub fn level(&self, pin: Pin) -> bool {
         self.level[pin.index()]
     }
@@ -142,6 +244,19 @@ impl Gpio {
     /// How the chip drives a pin.
     pub fn driven(&self, pin: Pin) -> Drive {
         self.chip[pin.index()]
+    }
+
+    /// Whether nobody drives a pin that the chip has as a digital input.
+    pub fn floats(&self, pin: Pin) -> bool {
+        let drives = (self.chip[pin.index()], self.world[pin.index()]);
+        !self.is_analogue(pin) && drives == (Drive::Open, Drive::Open)
+    }
+
+    /// Notes that something listens to a pin that nobody drives.
+    pub fn judge(&self, pin: Pin, shared: &mut Shared) {
+        if self.floats(pin) {
+            shared.note(Kind::Pin, format!("{pin} floats and is listened to"));
+        }
     }
 
     /// The pins of a port anew.
@@ -154,17 +269,17 @@ impl Gpio {
     /// How the chip drives a pin, anew.
     fn drive(&mut self, pin: Pin, shared: &mut Shared) {
         let (port, number) = (&self.ports[pin.port()], pin.number());
-        let wanted = match port.mode_of(number) {
-            1 => Drive::to(port.output >> number & 1 != 0),
-            2 => self
+        let mode = port.mode_of(number);
+        let wanted = match mode {
+            OUTPUT => Drive::to(port.output >> number & 1 != 0),
+            ALTERNATE_FUNCTION => self
                 .signal_at(pin)
                 .map_or(Drive::Open, |signal| self.signals[signal as usize]),
             _ => Drive::Open,
         };
-        let pull = match (port.mode_of(number), port.pull >> (2 * number) & 3) {
-            (3, _) => Drive::Open,
-            (_, 1) => Drive::PullUp,
-            (_, 2) => Drive::PullDown,
+        let pull = match port.pull >> (2 * number) & 3 {
+            1 if mode != ANALOGUE => Drive::PullUp,
+            2 if mode != ANALOGUE => Drive::PullDown,
             _ => Drive::Open,
         };
         let open_drain = port.open_drain >> number & 1 != 0;
@@ -184,12 +299,11 @@ impl Gpio {
     fn settle(&mut self, pin: Pin, shared: &mut Shared) {
         let (chip, world) = (self.chip[pin.index()], self.world[pin.index()]);
         if chip.is_strong() && world.is_strong() && chip != world {
-            shared.note(
-                Kind::Pin,
-                format!("{pin} is driven against what is soldered to it"),
-            );
+            let text = format!("{pin} is driven against what is soldered to it");
+            shared.note(Kind::Pin, text);
         }
-        let level = meet(chip, world).unwrap_or(false);
+        // The digital input is cut off from an analogue pin.
+        let level = !self.is_analogue(pin) && meet(chip, world).unwrap_or(false);
         if self.level[pin.index()] != level {
             self.level[pin.index()] = level;
             shared.effect(Effect::Level(pin, level));
@@ -197,12 +311,41 @@ impl Gpio {
     }
 
     /// Levels of a port as its input register shows them.
-    fn input(&self, port: usize) -> u32 {
-        (0..16)
-            .filter(|&number| self.ports[port].mode_of(number) != 3)
-            .fold(0, |bits, number| {
-                bits | u32::from(self.level(Pin::of(port, number))) << number
-            })
+    fn input(&self, port: usize, shared: &mut Shared) -> u32 {
+        let mut bits = 0;
+        for number in 0..16 {
+            let pin = Pin::of(port, number);
+            bits |= u32::from(self.level(pin)) << number;
+            if self.soldered[pin.index()] && self.ports[port].mode_of(number) == INPUT {
+                self.judge(pin, shared);
+            }
+        }
+        bits
+    }
+
+    /// Outputs by the register that sets and resets single ones; setting wins where both are asked for.
+    fn set_and_reset(&mut self, index: usize, value: u32, shared: &mut Shared) {
+        let output = &mut self.ports[index].output;
+        let before = *output;
+        *output = before & !(value >> 16) | value & 0xffff;
+        let mut changed = *output ^ before;
+        while changed != 0 {
+            let number = changed.trailing_zeros();
+            changed &= changed - 1;
+            self.drive(Pin::of(index, number), shared);
+        }
+    }
+
+    /// Inputs whose mode or function has changed hear the level that is there.
+    fn announce(&self, index: usize, before: &Port, shared: &mut Shared) {
+        let now = &self.ports[index];
+        for number in 0..16 {
+            let setting = |port: &Port| (port.mode_of(number), port.alternate_of(number));
+            if setting(before) != setting(now) && now.mode_of(number) == ALTERNATE_FUNCTION {
+                let pin = Pin::of(index, number);
+                shared.effect(Effect::Level(pin, self.level(pin)));
+            }
+        }
     }
 }
 
@@ -211,7 +354,7 @@ impl Peripheral for Gpio {
         REGISTERS
     }
 
-    fn read(&mut self, offset: u32, _shared: &mut Shared) -> u32 {
+    fn read(&mut self, offset: u32, shared: &mut Shared) -> u32 {
         let (index, offset) = (offset as usize / 0x400, offset % 0x400);
         let port = &self.ports[index];
         match offset {
@@ -219,8 +362,9 @@ impl Peripheral for Gpio {
             0x04 => port.open_drain,
             0x08 => port.speed,
             0x0c => port.pull,
-            0x10 => self.input(index),
+            0x10 => self.input(index, shared),
             0x14 => port.output,
+            0x1c => port.lock.pins | u32::from(port.lock.is_locked()) << 16,
             0x20 => port.alternate[0],
             0x24 => port.alternate[1],
             _ => 0,
@@ -231,42 +375,29 @@ impl Peripheral for Gpio {
         let (index, offset) = (offset as usize / 0x400, offset % 0x400);
         let port = &mut self.ports[index];
         let before = *port;
-        let set = |register: &mut u32| *register = merge(*register, value, mask);
-        match offset {
-            0x00 => set(&mut port.mode),
-            0x04 => set(&mut port.open_drain),
-            0x08 => return set(&mut port.speed),
-            0x0c => set(&mut port.pull),
-            0x14 => set(&mut port.output),
-            0x18 => {
-                // Setting wins where both are asked for.
-                port.output = port.output & !(value >> 16) | value & 0xffff;
-                let mut changed = port.output ^ before.output;
-                while changed != 0 {
-                    let number = changed.trailing_zeros();
-                    changed &= changed - 1;
-                    self.drive(Pin::of(index, number), shared);
-                }
-                return;
-            }
-            0x1c => shared.note(Kind::NotModelled, "GPIO_LCKR"),
-            0x20 => set(&mut port.alternate[0]),
-            0x24 => set(&mut port.alternate[1]),
-            _ => shared.note(Kind::Forbidden, "GPIO_IDR is read only"),
+        let (register, locked) = match offset {
+            0x00 => (&mut port.mode, before.lock.mask(2)),
+            0x04 => (&mut port.open_drain, before.lock.mask(1)),
+            0x08 => (&mut port.speed, before.lock.mask(2)),
+            0x0c => (&mut port.pull, before.lock.mask(2)),
+            0x14 => (&mut port.output, 0),
+            0x18 => return self.set_and_reset(index, value, shared),
+            0x1c => return port.lock.write(value),
+            0x20 => (&mut port.alternate[0], before.lock.mask(4)),
+            0x24 => (&mut port.alternate[1], before.lock.mask(4) >> 32),
+            _ => return shared.note(Kind::Forbidden, "GPIO_IDR is read only"),
+        };
+        let locked = locked as u32;
+        let new = merge(*register, value, mask);
+        if (new ^ *register) & locked != 0 {
+            shared.note(Kind::Forbidden, "GPIO: settings of a locked pin written");
+        }
+        *register = merge(new, *register, locked);
+        if matches!(offset, 0x00 | 0x20 | 0x24) {
+            self.routes = Routes::of(&self.ports);
         }
         self.update(index, shared);
-        // An input that a peripheral listens to now hears the level that is there.
-        for number in 0..16 {
-            let pin = Pin::of(index, number);
-            let was = (before.mode_of(number), before.alternate_of(number));
-            let is = (
-                self.ports[index].mode_of(number),
-                self.ports[index].alternate_of(number),
-            );
-            if was != is && is.0 == 2 {
-                shared.effect(Effect::Level(pin, self.level(pin)));
-            }
-        }
+        self.announce(index, &before, shared);
     }
 }
 
@@ -333,5 +464,84 @@ mod tests {
         after.begin(&gpio, &mut shared);
         assert!(shared.effects.contains(&Effect::Driven(PB13, Drive::Open)));
         assert_eq!(after.world[Pin::new('C', 13).index()], Drive::Low);
+    }
+
+    #[test]
+    fn an_open_drain_pulls_down_only() {
+        let (mut gpio, mut shared) = (Gpio::default(), shared());
+        gpio.write(PORT_B + 0x04, 1 << 13, !0, &mut shared);
+        gpio.write(PORT_B, 0x280 | 1 << 26, !0, &mut shared);
+        assert_eq!(gpio.driven(PB13), Drive::Low);
+        gpio.write(PORT_B + 0x18, 1 << 13, !0, &mut shared);
+        assert_eq!(gpio.driven(PB13), Drive::Open);
+        gpio.external(PB13, Drive::PullUp, &mut shared);
+        assert!(gpio.level(PB13) && shared.findings.list().is_empty());
+    }
+
+    #[test]
+    fn an_analogue_pin_reads_low_whatever_is_soldered_to_it() {
+        let (mut gpio, mut shared) = (Gpio::default(), shared());
+        gpio.begin(&Gpio::default(), &mut shared);
+        gpio.external(PB13, Drive::High, &mut shared);
+        assert!(gpio.level(PB13));
+        shared.effects.clear();
+        gpio.write(PORT_B, 0x280 | 3 << 26, !0, &mut shared);
+        assert_eq!(gpio.read(PORT_B + 0x10, &mut shared) >> 13 & 1, 0);
+        assert!(shared.effects.iter().eq(&[Effect::Level(PB13, false)]));
+        assert!(gpio.is_analogue(PB13) && !gpio.floats(PB13));
+    }
+
+    #[test]
+    fn a_pin_that_is_let_go_is_found_when_it_is_read() {
+        let (mut gpio, mut shared) = (Gpio::default(), shared());
+        gpio.read(PORT_B + 0x10, &mut shared);
+        gpio.external(PB13, Drive::High, &mut shared);
+        gpio.read(PORT_B + 0x10, &mut shared);
+        assert!(shared.findings.list().is_empty());
+        gpio.external(PB13, Drive::Open, &mut shared);
+        gpio.read(PORT_B + 0x10, &mut shared);
+        let found = shared.findings.list();
+        assert!(
+            found.len() == 1 && found[0].text.starts_with("PB13"),
+            "{found:?}"
+        );
+    }
+
+    #[test]
+    fn a_locked_pin_keeps_its_settings_and_its_neighbours_do_not() {
+        let (mut gpio, mut shared) = (Gpio::default(), shared());
+        let lckr = PORT_B + 0x1c;
+        for value in [LCKK | 1 << 13, LCKK | 1 << 13] {
+            gpio.write(lckr, value, !0, &mut shared);
+        }
+        assert_eq!(gpio.read(lckr, &mut shared) & LCKK, 0, "not the sequence");
+        for value in [1 << 13, LCKK | 1 << 13] {
+            gpio.write(lckr, value, !0, &mut shared);
+        }
+        assert_ne!(gpio.read(lckr, &mut shared) & LCKK, 0);
+        gpio.write(PORT_B, 0x280 | 5 << 26, !0, &mut shared);
+        assert_eq!(gpio.read(PORT_B, &mut shared), 0x280 | 4 << 26);
+        gpio.write(PORT_B + 0x24, 0x0990_0000, !0, &mut shared);
+        assert_eq!(gpio.read(PORT_B + 0x24, &mut shared), 0x0900_0000);
+        assert_eq!(shared.findings.list().len(), 1);
+    }
+
+    #[test]
+    fn a_reset_of_a_port_lets_its_pins_go() {
+        let (mut gpio, mut shared) = (Gpio::default(), shared());
+        gpio.write(PORT_B, 0x280 | 1 << 26, !0, &mut shared);
+        gpio.reset(1, &mut shared);
+        assert_eq!(gpio.driven(PB13), Drive::Open);
+        // JTRST and JTDO are pins of the debug port.
+        assert_eq!(gpio.read(PORT_B, &mut shared), 0x280);
+        assert_eq!(gpio.driven(Pin::new('B', 4)), Drive::PullUp);
+    }
+
+    #[test]
+    fn no_signal_has_more_pins_than_there_is_room_for() {
+        for &(_, _, signal) in ALTERNATE {
+            let pins = ALTERNATE.iter().filter(|(_, _, of)| *of == signal);
+            assert!(pins.count() <= CHOICES, "{signal:?}");
+        }
     }
 }

@@ -1,6 +1,7 @@
 //! Where the peripherals are, and which bit switches their clock on.
 
 use super::interrupt::Interrupt;
+use super::pin::{PORTS, Signal};
 use super::shared::{Clocks, Source};
 
 /// A peripheral; all ports are one.
@@ -34,6 +35,31 @@ const APB2ENR: u32 = 0x44;
 
 /// Place of the unique identifier behind the registers of the debug unit.
 pub(crate) const IDENTITY: u32 = 0x800;
+
+/// Peripherals of the chip that are not modelled: first and last address, name.
+#[rustfmt::skip]
+const NOT_MODELLED: &[(u32, u32, &str)] = &[
+    (0x4000_1000, 0x4000_13ff, "TIM6"), (0x4000_1400, 0x4000_17ff, "TIM7"), (0x4000_1800, 0x4000_1bff, "TIM12"),
+    (0x4000_1c00, 0x4000_1fff, "TIM13"), (0x4000_2000, 0x4000_23ff, "TIM14"), (0x4000_2800, 0x4000_2bff, "RTC"),
+    (0x4000_2c00, 0x4000_2fff, "WWDG"), (0x4000_3400, 0x4000_37ff, "I2S2ext"), (0x4000_3800, 0x4000_3bff, "SPI2"),
+    (0x4000_3c00, 0x4000_3fff, "SPI3"), (0x4000_4000, 0x4000_43ff, "I2S3ext"), (0x4000_4400, 0x4000_47ff, "USART2"),
+    (0x4000_4c00, 0x4000_4fff, "UART4"), (0x4000_5000, 0x4000_53ff, "UART5"), (0x4000_5400, 0x4000_5fff, "I2C"),
+    (0x4000_6800, 0x4000_6bff, "CAN2"), (0x4000_7400, 0x4000_77ff, "DAC"), (0x4001_0400, 0x4001_07ff, "TIM8"),
+    (0x4001_1000, 0x4001_13ff, "USART1"), (0x4001_1400, 0x4001_17ff, "USART6"), (0x4001_2c00, 0x4001_2fff, "SDIO"),
+    (0x4001_4000, 0x4001_43ff, "TIM9"), (0x4001_4400, 0x4001_47ff, "TIM10"), (0x4001_4800, 0x4001_4bff, "TIM11"),
+    (0x4002_3000, 0x4002_33ff, "CRC"), (0x4002_4000, 0x4002_4fff, "BKPSRAM"), (0x4004_0000, 0x4007_ffff, "USB OTG HS"),
+    (0x5000_0000, 0x5003_ffff, "USB OTG FS"), (0x5006_0800, 0x5006_0bff, "RNG"), (0x6000_0000, 0x9fff_ffff, "FSMC banks"),
+    (0xa000_0000, 0xa000_0fff, "FSMC"), (0x4002_8000, 0x4002_93ff, "ETH"),
+    (0x5005_0000, 0x5005_03ff, "DCMI"),
+];
+
+/// The peripheral at an address that the chip has but the model has not.
+pub(crate) fn not_modelled(address: u32) -> Option<&'static str> {
+    let found = NOT_MODELLED
+        .iter()
+        .find(|(first, last, _)| (*first..=*last).contains(&address));
+    found.map(|(_, _, name)| *name)
+}
 
 /// Length of a port's registers.
 const PORT: u32 = 0x400;
@@ -140,6 +166,9 @@ impl Unit {
     /// The peripheral whose clock this bit of an enable register switches on, and which the same bit of
     /// the reset register resets, with what it may have on the schedule.
     pub fn reset_by(register: u32, bit: u32) -> Option<(Self, &'static [Source])> {
+        if register == AHB1ENR && (bit as usize) < PORTS {
+            return Some((Self::Gpio, &[]));
+        }
         let place = PLACES
             .iter()
             .find(|place| place.gate == Some((register, bit)))?;
@@ -169,8 +198,53 @@ impl Unit {
             Self::Tim4 => &[Tim4],
             Self::Tim5 => &[Tim5],
             Self::Adc => &[Adc],
+            Self::Dma1 => &[
+                Dma1Stream0,
+                Dma1Stream1,
+                Dma1Stream2,
+                Dma1Stream3,
+                Dma1Stream4,
+                Dma1Stream5,
+                Dma1Stream6,
+                Dma1Stream7,
+            ],
+            Self::Dma2 => &[
+                Dma2Stream0,
+                Dma2Stream1,
+                Dma2Stream2,
+                Dma2Stream3,
+                Dma2Stream4,
+                Dma2Stream5,
+                Dma2Stream6,
+                Dma2Stream7,
+            ],
             Self::Spi1 => &[Spi1],
+            Self::Can1 => &[Can1Tx, Can1Rx0, Can1Rx1, Can1Sce],
             Self::Usart3 => &[Usart3],
+            _ => &[],
+        }
+    }
+
+    /// Signals that it drives.
+    pub fn outputs(self) -> &'static [Signal] {
+        use Signal::*;
+        match self {
+            Self::Tim1 => &[
+                Tim1Ch1, Tim1Ch2, Tim1Ch3, Tim1Ch4, Tim1Ch1N, Tim1Ch2N, Tim1Ch3N,
+            ],
+            Self::Spi1 => &[Spi1Sck, Spi1Mosi],
+            Self::Usart3 => &[Usart3Tx],
+            _ => &[],
+        }
+    }
+
+    /// Signals that it listens to.
+    pub fn inputs(self) -> &'static [Signal] {
+        use Signal::*;
+        match self {
+            Self::Tim1 => &[Tim1Bkin],
+            Self::Tim3 => &[Tim3Ch1, Tim3Ch2],
+            Self::Tim4 => &[Tim4Ch1, Tim4Ch2],
             _ => &[],
         }
     }

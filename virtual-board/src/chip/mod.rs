@@ -14,6 +14,7 @@ mod flash;
 mod gpio;
 mod interrupt;
 mod map;
+mod part;
 mod pin;
 mod pwr;
 mod rcc;
@@ -30,6 +31,7 @@ mod testing;
 
 pub use adc::Counts as Conversions;
 pub use interrupt::Interrupt;
+pub use part::Part;
 pub use pin::{Drive, Pin, Signal};
 pub use rcc::Cause;
 pub use shared::{Clocks, Request, Trigger};
@@ -39,7 +41,7 @@ use crate::core::{BusError, System, Width};
 use crate::finding::{Findings, Kind};
 use crate::time::{Cycles, NEVER, Time, Timebase};
 use map::Unit;
-use pwr::Supplied;
+use part::Random;
 use register::Register;
 use shared::{Effect, Shared, Source};
 
@@ -127,10 +129,15 @@ pub struct Chip {
     ccm: Vec<u8>,
     /// A reset that is due.
     reset: Option<Cause>,
-    /// The supply is too low: the chip is held in reset.
-    held: bool,
+    /// The supply is too low, and the chip held in reset: the lowest supply since.
+    sagged: Option<f64>,
     /// The clock security system asks for the non-maskable interrupt.
     nmi: bool,
+    /// The core's clock has changed since it looked up last, and before that.
+    clock_changed: bool,
+    must_pause: bool,
+    /// How often memory has forgotten.
+    scrambles: u64,
 }
 
 impl Chip {
@@ -143,11 +150,20 @@ impl Chip {
             sram: vec![0; SRAM_LENGTH],
             ccm: vec![0; CCM_LENGTH],
             reset: None,
-            held: false,
+            sagged: None,
             nmi: false,
+            clock_changed: false,
+            must_pause: false,
+            scrambles: 0,
         };
-        chip.restart(Cause::PowerOn);
+        chip.power_off(0);
         chip
+    }
+
+    /// Has the chip be another than a typical one; to be called while its power is off.
+    pub fn set_part(&mut self, part: Part) {
+        self.shared.part = part;
+        self.power_off(0);
     }
 
     /// What is around it.
@@ -196,51 +212,75 @@ impl Chip {
         self.reset.take()
     }
 
-    /// Begins anew after a reset: peripherals as the manual says, memories as they were, or after power
-    /// was off with what static memory shows then.
-    pub fn restart(&mut self, cause: Cause) {
-        let kept = self.units.rcc.kept(cause);
+    /// Begins anew after a reset at this cycle: peripherals as the manual says, memories as they were.
+    /// The core is not let go at once, see [`Self::is_held`].
+    pub fn restart(&mut self, cause: Cause, cycle: Cycles) {
+        self.shared.now = self.shared.now.max(cycle);
+        self.begin(cause);
+    }
+
+    /// The power goes: all pins are let go, memories forget, and an operation of the flash is cut short.
+    pub fn power_off(&mut self, cycle: Cycles) {
+        self.scramble();
+        self.restart(Cause::PowerOn, cycle);
+    }
+
+    fn begin(&mut self, cause: Cause) {
+        let power_on = cause == Cause::PowerOn;
         let before = std::mem::replace(&mut self.units, Units::new());
         self.units.can1 = before.can1;
-        self.units.rcc.begin(kept, cause);
-        if cause == Cause::PowerOn {
-            self.scramble();
-        }
-        self.shared.lines = 0;
-        self.shared.effects.clear();
+        let shared = &mut self.shared;
+        shared.lines = 0;
+        shared.effects.clear();
         for source in Source::ALL {
-            self.shared.schedule(source, NEVER);
+            shared.schedule(source, NEVER);
         }
-        self.flash.reset();
-        self.units.can1.reset(&mut self.shared);
-        self.shared.clocks = Clocks::RESET;
+        self.flash.reset(power_on, shared);
+        self.units.can1.reset(shared);
+        shared.clocks = Clocks::RESET;
         self.set_frequency(Clocks::RESET.hclk_hz);
-        self.reset = None;
-        self.nmi = false;
-        self.units.gpio.begin(&before.gpio, &mut self.shared);
-        self.units.adc.set_reference(self.units.pwr.volts());
+        let (units, shared) = (&mut self.units, &mut self.shared);
+        units.rcc.begin(before.rcc.kept(cause), cause, shared);
+        if !power_on {
+            units.debug = before.debug;
+        }
+        units.gpio.begin(&before.gpio, shared);
+        if self.flash.starts_watchdog() {
+            units.watchdog.start(shared);
+        }
+        for line in 0..16 {
+            units.exti.begin(line, units.gpio.level(Pin::of(0, line)));
+        }
+        shared.volts = shared.surroundings.supply(shared.time());
+        units.adc.set_reference(shared.volts);
+        let low = pwr::holds(shared.volts, self.flash.brown_out(), power_on);
+        self.sagged = low.then_some(shared.volts);
+        (self.reset, self.nmi) = (None, false);
         self.settle();
         self.refresh();
     }
 
-    /// The power goes: all pins are let go, and an operation of the flash is cut short.
-    pub fn power_off(&mut self) {
-        self.restart(Cause::PowerOn);
+    /// Whether the core stands still although it has power: the supply is too low, the reset is not let
+    /// go yet, or the core's clock has failed.
+    pub fn is_held(&self) -> bool {
+        self.sagged.is_some() || self.units.rcc.is_held()
     }
 
-    /// Whether the supply is too low for the chip to run.
-    pub fn is_held(&self) -> bool {
-        self.held
+    /// A debugger halts the core at this cycle, or lets it go on: peripherals stop that the program has
+    /// chosen in DBGMCU.
+    pub fn halt(&mut self, halted: bool, cycle: Cycles) {
+        self.shared.now = self.shared.now.max(cycle);
+        if !halted || self.units.debug.stops_watchdog() {
+            self.units.watchdog.freeze(halted, &mut self.shared);
+        }
     }
 
     /// What static memory shows after power came on: nothing that a program may rely on.
     fn scramble(&mut self) {
-        let mut state = 0x2545_f491_4f6c_dd1du64;
+        self.scrambles += 1;
+        let mut random = Random::new(self.shared.part.seed ^ self.scrambles << 48);
         for byte in self.sram.iter_mut().chain(&mut self.ccm) {
-            state ^= state << 13;
-            state ^= state >> 7;
-            state ^= state << 17;
-            *byte = state as u8;
+            *byte = random.next() as u8;
         }
     }
 
@@ -282,16 +322,33 @@ impl Chip {
     /// The supply has changed.
     fn supply(&mut self, at: Time) {
         let volts = self.shared.surroundings.supply(at);
+        let before = std::mem::replace(&mut self.shared.volts, volts);
+        if before >= pwr::RETENTION_V && !(volts >= pwr::RETENTION_V) {
+            self.scramble();
+        }
         let level = self.flash.brown_out();
-        let pwr = &mut self.units.pwr;
-        let supplied = pwr.supply(volts, level, self.held, &mut self.shared);
         self.units.adc.set_reference(volts);
-        let was = std::mem::replace(&mut self.held, supplied != Supplied::On);
-        match (was, supplied) {
-            (_, Supplied::Forgetting) => self.scramble(),
-            (false, Supplied::Held) => self.restart(Cause::BrownOut),
-            (true, Supplied::On) => self.reset = Some(Cause::BrownOut),
-            _ => {}
+        match (self.sagged, pwr::holds(volts, level, self.sagged.is_some())) {
+            (None, true) => {
+                self.begin(Cause::BrownOut);
+                self.sagged = Some(volts);
+            }
+            (Some(lowest), true) => self.sagged = Some(lowest.min(volts)),
+            (Some(lowest), false) => {
+                self.sagged = None;
+                self.reset = Some(if pwr::is_off(lowest) {
+                    Cause::PowerOn
+                } else {
+                    Cause::BrownOut
+                });
+            }
+            (None, false) => {
+                self.units.pwr.detect(&mut self.shared);
+                self.judge_clock(false);
+            }
+        }
+        if self.sagged.is_some_and(pwr::is_off) {
+            self.flash.power_failed();
         }
         self.shared.limit = 0;
     }
@@ -317,10 +374,18 @@ impl Chip {
                 }
                 Effect::Frequency(hz) => {
                     let old = self.shared.base;
+                    let before = self.shared.clocks.hclk_hz;
                     self.set_frequency(hz);
+                    self.clock_changed = true;
+                    self.shared.limit = 0;
+                    self.judge_clock(hz > before);
                     self.clocks_changed(&old);
                 }
-                Effect::ClockFailure => self.nmi = true,
+                Effect::ClockFailure => {
+                    self.nmi = true;
+                    shared.limit = 0;
+                    units.tim1.clock_failure(shared);
+                }
                 Effect::Sampled(pin) => {
                     if !units.gpio.is_analogue(pin) {
                         shared.note(Kind::Pin, format!("{pin} is converted and not analogue"));
@@ -341,6 +406,12 @@ impl Chip {
         let Some((unit, sources)) = Unit::reset_by(register, bit) else {
             return;
         };
+        for &source in sources {
+            self.shared.schedule(source, NEVER);
+        }
+        for &interrupt in unit.interrupts() {
+            self.shared.line(interrupt, false);
+        }
         let new = Units::new();
         let units = &mut self.units;
         match unit {
@@ -356,39 +427,87 @@ impl Chip {
             Unit::Can1 => units.can1.reset(&mut self.shared),
             Unit::Usart3 => units.usart3 = new.usart3,
             Unit::Syscfg => units.syscfg = new.syscfg,
-            Unit::Pwr => units.pwr = new.pwr,
+            Unit::Pwr => {
+                units.pwr = new.pwr;
+                // The detector is off.
+                self.shared.effect(Effect::VoltageDetector(false));
+            }
+            Unit::Gpio => units.gpio.reset(bit as usize, &mut self.shared),
             _ => {}
         }
-        for &source in sources {
-            self.shared.schedule(source, NEVER);
+        for &signal in unit.outputs() {
+            self.shared.effect(Effect::Output(signal, Drive::Open));
         }
-        for &interrupt in unit.interrupts() {
-            self.shared.line(interrupt, false);
+        for &signal in unit.inputs() {
+            if let Some(pin) = self.units.gpio.pin_of(signal) {
+                let level = self.units.gpio.level(pin);
+                self.shared.effect(Effect::Level(pin, level));
+            }
+        }
+        self.route_lines();
+    }
+
+    /// Lines of the external interrupts hear the ports that they listen to.
+    fn route_lines(&mut self) {
+        let (units, shared) = (&mut self.units, &mut self.shared);
+        for line in 0..16 {
+            let port = units.syscfg.port_of(line);
+            let level = port < pin::PORTS && units.gpio.level(Pin::of(port, line));
+            units.exti.level(line, level, shared);
         }
     }
 
-    /// Whether the flash and the regulator can follow the core's clock (RM0090, tables 10 and 11).
-    fn judge_clock(&mut self) {
-        let hz = self.shared.clocks.hclk_hz;
-        let needed = hz.saturating_sub(1) / 30_000_000;
+    /// Whether the flash and the regulator can follow the core's clock at this supply (RM0090, tables
+    /// 10 and 11). Wait states that are not needed are judged where the clock gets faster: before, they
+    /// are in place for the clock to come.
+    fn judge_clock(&mut self, faster: bool) {
+        let (hz, volts) = (self.shared.clocks.hclk_hz, self.shared.volts);
+        let step = match volts {
+            2.7.. => 30_000_000,
+            2.4.. => 24_000_000,
+            2.1.. => 22_000_000,
+            _ => 20_000_000,
+        };
+        let needed = hz.saturating_sub(1) / step;
         let set = self.flash.wait_states();
-        if set < needed {
-            let text = format!("{set} wait states at {hz} Hz: must be {needed}");
-            self.shared.note(Kind::ClockLimit, text);
+        let mut found = Vec::new();
+        if set < needed || faster && set > needed {
+            found.push(format!(
+                "{set} wait states at {hz} Hz and {volts:.1} V: must be {needed}"
+            ));
+        }
+        if volts < 2.1 && self.flash.prefetches() {
+            found.push(format!("prefetch at {volts:.1} V: must be off"));
         }
         if hz > 144_000_000 && !self.units.pwr.is_scale_1() {
-            self.shared
-                .note(Kind::ClockLimit, format!("regulator at scale 2 at {hz} Hz"));
+            found.push(format!("regulator at scale 2 at {hz} Hz"));
+        }
+        for text in found {
+            self.shared.note(Kind::ClockLimit, text);
         }
     }
 
     fn clocks_changed(&mut self, old: &Timebase) {
-        self.judge_clock();
-        let (units, shared) = (&mut self.units, &mut self.shared);
-        units.rcc.clocks_changed(old, shared);
-        units.watchdog.clocks_changed(old, shared);
-        units.can1.clocks_changed(old, shared);
-        self.flash.clocks_changed(old, shared);
+        let (u, shared) = (&mut self.units, &mut self.shared);
+        let units: [&mut dyn Peripheral; 14] = [
+            &mut u.rcc,
+            &mut u.watchdog,
+            &mut u.tim1,
+            &mut u.tim2,
+            &mut u.tim3,
+            &mut u.tim4,
+            &mut u.tim5,
+            &mut u.adc,
+            &mut u.dma1,
+            &mut u.dma2,
+            &mut u.spi1,
+            &mut u.can1,
+            &mut u.usart3,
+            &mut self.flash,
+        ];
+        for unit in units {
+            unit.clocks_changed(old, shared);
+        }
         self.refresh();
     }
 
@@ -516,6 +635,13 @@ impl Chip {
                 .note(Kind::ClockGated, format!("{name}: its clock is off"));
             return None;
         }
+        if let Some((register, bit)) = unit.gate(offset)
+            && self.units.rcc.is_in_reset(register, bit)
+        {
+            let text = format!("{name}: the program holds it in reset");
+            self.shared.note(Kind::Forbidden, text);
+            return None;
+        }
         let place = unit.register_offset(offset) & !3;
         let (peripheral, shared) = self.unit(unit);
         let registers = peripheral.registers();
@@ -577,11 +703,18 @@ impl Chip {
         if self.judge(unit, offset, width, Some(value)).is_none() {
             return Ok(());
         }
+        if unit == Unit::Rcc && offset & !3 == rcc::BDCR && !self.units.pwr.is_backup_open() {
+            let text = "RCC_BDCR written while PWR_CR.DBP is clear";
+            self.shared.note(Kind::Forbidden, text);
+            return Ok(());
+        }
         let (peripheral, shared) = self.unit(unit);
         peripheral.write(offset & !3, value, mask, shared);
         self.settle();
         match unit {
-            Unit::Flash => self.judge_clock(),
+            Unit::Flash | Unit::Pwr => self.judge_clock(false),
+            Unit::Syscfg => self.route_lines(),
+            Unit::Exti => self.judge_lines(),
             // A stream that was just switched on finds the request that waits.
             Unit::Dma1 | Unit::Dma2 => {
                 self.units.adc.ask(&mut self.shared);
@@ -589,7 +722,21 @@ impl Chip {
             }
             _ => {}
         }
+        if std::mem::take(&mut self.shared.bus_error) {
+            return Err(BusError);
+        }
         Ok(())
+    }
+
+    /// Whether pins float that the program waits for as external interrupts.
+    fn judge_lines(&mut self) {
+        let units = &self.units;
+        for line in (0..16).filter(|&line| units.exti.listens(line)) {
+            let port = units.syscfg.port_of(line);
+            if port < pin::PORTS {
+                units.gpio.judge(Pin::of(port, line), &mut self.shared);
+            }
+        }
     }
 
     /// Brings everything up to the moment of an access.
@@ -599,6 +746,15 @@ impl Chip {
             self.shared.limit = 0;
         }
         (self.shared.now, self.shared.pc) = (cycle, pc);
+    }
+
+    /// Notes an access to a peripheral that the chip has but the model has not.
+    fn is_not_modelled(&mut self, address: u32) -> bool {
+        let name = map::not_modelled(address);
+        if let Some(name) = name {
+            self.shared.note(Kind::NotModelled, name);
+        }
+        name.is_some()
     }
 
     #[cold]
@@ -621,6 +777,9 @@ impl Chip {
         let found = self.memory_read(address, width);
         if found.is_err() {
             self.arrive(pc, *cycle);
+            if self.is_not_modelled(address) {
+                return Ok(0);
+            }
             self.shared
                 .note(Kind::Unmapped, format!("read at {address:#010x}"));
         }
@@ -640,7 +799,9 @@ impl Chip {
         self.arrive(pc, *cycle);
         if let Some((unit, offset)) = Unit::at(address) {
             *cycle += unit.bus_cycles(&self.shared.clocks);
-            return self.write_unit(unit, offset, width, value);
+            let done = self.write_unit(unit, offset, width, value);
+            *cycle = (*cycle).max(std::mem::take(&mut self.shared.held_until));
+            return done;
         }
         if let Some(done) = self
             .flash
@@ -651,6 +812,9 @@ impl Chip {
         }
         let done = self.memory_write(address, width, value);
         if done.is_err() {
+            if self.is_not_modelled(address) {
+                return Ok(());
+            }
             self.shared
                 .note(Kind::Unmapped, format!("write at {address:#010x}"));
         }
@@ -732,6 +896,7 @@ impl System for Chip {
     }
 
     fn advance(&mut self, cycle: Cycles, until: Cycles) -> Cycles {
+        self.must_pause = std::mem::take(&mut self.clock_changed);
         loop {
             let (source, at) = self.shared.next();
             if at > cycle || self.reset.is_some() {
@@ -775,11 +940,14 @@ impl System for Chip {
     }
 
     fn must_stop(&self) -> bool {
-        self.reset.is_some()
+        // With another clock it is another cycle at which the core has come far enough.
+        self.reset.is_some() || self.must_pause || self.clock_changed || self.sagged.is_some()
     }
 
     fn request_reset(&mut self) {
+        self.shared.note(Kind::Reset, "by the program");
         self.reset = Some(Cause::Software);
+        self.shared.limit = 0;
     }
 
     fn note(&mut self, kind: Kind, pc: u32, cycle: Cycles, text: String) {

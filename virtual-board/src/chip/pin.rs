@@ -32,6 +32,11 @@ impl Pin {
         self.0 as usize
     }
 
+    /// The pin with this index.
+    pub(crate) const fn at(index: u8) -> Self {
+        Self(index)
+    }
+
     pub(crate) const fn of(port: usize, number: u32) -> Self {
         Self((port as u8) * 16 + number as u8)
     }

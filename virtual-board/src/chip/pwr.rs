@@ -1,87 +1,121 @@
 //! Power control: voltage scaling, voltage detector, brown-out.
 //!
-//! Source: reference manual RM0090, chapter 5; thresholds are typical ones of the data sheet. Not
-//! modelled: stop and standby modes, backup regulator; asking for one is a finding.
+//! Source: reference manual RM0090, chapter 5; thresholds are typical ones of the data sheet (embedded
+//! reset and power control block). The regulator is ready at once.
+//!
+//! Not modelled: stop and standby modes, wake-up pin, backup regulator; asking for one is a finding.
 
 use super::Peripheral;
-use super::register::{Register, merge, word};
+use super::register::{Register, merge, narrow};
 use super::shared::{Effect, Shared};
 use crate::finding::Kind;
 
+// The part has one bit of VOS; HALs of the family write the two of its larger relatives, so that bit 15
+// counts as one.
 const REGISTERS: &[Register] = &[
-    word(0x00, "CR", 0x0000_ffff),
-    word(0x04, "CSR", 0x0000_430f),
+    narrow(0x00, "CR", 0x0000_c3ff),
+    narrow(0x04, "CSR", 0x0000_430f),
 ];
 
-/// Reset below this supply, by the brown-out level of the option bytes (0 is level 3), falling, V.
-const BROWN_OUT_V: [f64; 4] = [2.70, 2.40, 2.12, 1.70];
-/// It is let go when the supply has risen by so much above that, V.
-const HYSTERESIS_V: f64 = 0.1;
-/// Below this supply static memory forgets, V.
-const RETENTION_V: f64 = 1.2;
-/// Thresholds of the voltage detector by PLS, falling, V.
-const DETECTOR_V: [f64; 8] = [2.0, 2.1, 2.3, 2.5, 2.6, 2.7, 2.8, 2.9];
+// Bits of CR.
+const LPDS: u32 = 1;
+const PDDS: u32 = 1 << 1;
+const PVDE: u32 = 1 << 4;
+const PLS: u32 = 7 << 5;
+const DBP: u32 = 1 << 8;
+const FPDS: u32 = 1 << 9;
+const VOS: u32 = 1 << 14;
+// Bits of CSR.
+const PVDO: u32 = 1 << 2;
+const EWUP: u32 = 1 << 8;
+const BRE: u32 = 1 << 9;
+const VOSRDY: u32 = 1 << 14;
 
-/// What the supply does to the chip.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Supplied {
-    /// It runs.
-    On,
-    /// It is held in reset.
-    Held,
-    /// It is held in reset and has forgotten its memory.
-    Forgetting,
+/// Below the lower one the detector or reset acts, above the upper one it lets go, V.
+#[derive(Clone, Copy)]
+struct Threshold {
+    falls: f64,
+    rises: f64,
+}
+
+const fn threshold(falls: f64, rises: f64) -> Threshold {
+    Threshold { falls, rises }
+}
+
+/// Of the reset, by the brown-out level of the option bytes: 0 is level 3, 3 is off.
+const BROWN_OUT: [Threshold; 4] = [
+    threshold(2.83, 2.92),
+    threshold(2.50, 2.59),
+    threshold(2.19, 2.29),
+    POWER,
+];
+/// Of the power-on and power-down reset, which is always there.
+const POWER: Threshold = threshold(1.68, 1.72);
+/// Of the voltage detector by PLS.
+const DETECTOR: [Threshold; 8] = [
+    threshold(2.04, 2.14),
+    threshold(2.19, 2.30),
+    threshold(2.35, 2.45),
+    threshold(2.51, 2.60),
+    threshold(2.66, 2.76),
+    threshold(2.84, 2.93),
+    threshold(2.93, 3.03),
+    threshold(3.03, 3.14),
+];
+
+/// Below this supply static memory forgets, V.
+pub(crate) const RETENTION_V: f64 = 1.2;
+
+/// Whether a supply holds the chip in reset, which was so before or not, at this brown-out level.
+pub(crate) fn holds(volts: f64, level: u32, held: bool) -> bool {
+    let Threshold { falls, rises } = BROWN_OUT[level as usize & 3];
+    // Also where it is not a number.
+    !(volts >= if held { rises } else { falls })
+}
+
+/// Whether a supply is so low that the next start is a power-on.
+pub(crate) fn is_off(volts: f64) -> bool {
+    !(volts >= POWER.falls)
 }
 
 /// Power control.
 pub(crate) struct Pwr {
     cr: u32,
     csr: u32,
-    volts: f64,
+    /// The voltage detector has seen the supply fall below its threshold, and not rise above it since.
+    low: bool,
 }
 
 impl Default for Pwr {
     fn default() -> Self {
         Self {
-            cr: 0x4000,
+            cr: VOS,
             csr: 0,
-            volts: 3.3,
+            low: false,
         }
     }
 }
 
 impl Pwr {
-    /// The supply, V.
-    pub fn volts(&self) -> f64 {
-        self.volts
-    }
-
-    /// The supply is another, V; what that does with this brown-out level to a chip that was held in
-    /// reset or not.
-    pub fn supply(&mut self, volts: f64, level: u32, held: bool, shared: &mut Shared) -> Supplied {
-        self.volts = volts;
-        let limit = BROWN_OUT_V[level as usize & 3] + if held { HYSTERESIS_V } else { 0.0 };
-        self.detect(shared);
-        if volts >= limit {
-            Supplied::On
-        } else if volts >= RETENTION_V {
-            Supplied::Held
-        } else {
-            Supplied::Forgetting
+    /// The supply or the threshold is another.
+    pub fn detect(&mut self, shared: &mut Shared) {
+        let Threshold { falls, rises } = DETECTOR[(self.cr & PLS) as usize >> 5];
+        let limit = if self.low { rises } else { falls };
+        let low = self.cr & PVDE != 0 && shared.volts < limit;
+        if low != self.low {
+            self.low = low;
+            shared.effect(Effect::VoltageDetector(low));
         }
-    }
-
-    fn is_low(&self) -> bool {
-        self.cr & 1 << 4 != 0 && self.volts < DETECTOR_V[(self.cr >> 5 & 7) as usize]
-    }
-
-    fn detect(&self, shared: &mut Shared) {
-        shared.effect(Effect::VoltageDetector(self.is_low()));
     }
 
     /// Whether scale 1 is set, which clocks above 144 MHz need.
     pub fn is_scale_1(&self) -> bool {
-        self.cr & 1 << 14 != 0
+        self.cr & VOS != 0
+    }
+
+    /// Whether the program may write the backup domain.
+    pub fn is_backup_open(&self) -> bool {
+        self.cr & DBP != 0
     }
 }
 
@@ -92,22 +126,28 @@ impl Peripheral for Pwr {
 
     fn read(&mut self, offset: u32, _shared: &mut Shared) -> u32 {
         match offset {
-            // The regulator is ready at once.
-            0x04 => self.csr | 1 << 14 | u32::from(self.is_low()) << 2,
+            0x04 => self.csr | VOSRDY | if self.low { PVDO } else { 0 },
             _ => self.cr,
         }
     }
 
     fn write(&mut self, offset: u32, value: u32, mask: u32, shared: &mut Shared) {
-        if offset == 0x04 {
-            if value & 0x300 != 0 {
-                shared.note(Kind::NotModelled, "PWR: wake-up pin, backup regulator");
-            }
-            return;
+        let (old, off) = match offset {
+            0x04 => (self.csr, EWUP | BRE),
+            _ => (self.cr, LPDS | PDDS | FPDS),
+        };
+        let value = merge(old, value, mask);
+        if value & !old & off != 0 {
+            let text = "PWR: stop and standby modes, wake-up pin, backup regulator";
+            shared.note(Kind::NotModelled, text);
         }
-        // CWUF and CSBF only clear.
-        self.cr = merge(self.cr, value, mask) & 0x43f3;
-        self.detect(shared);
+        if offset == 0x04 {
+            self.csr = value & (EWUP | BRE);
+        } else {
+            // CWUF and CSBF only clear.
+            self.cr = value & (LPDS | PDDS | PVDE | PLS | DBP | FPDS | VOS);
+            self.detect(shared);
+        }
     }
 }
 
@@ -118,21 +158,46 @@ mod tests {
 
     #[test]
     fn brown_out_holds_until_the_supply_has_risen_above_its_hysteresis() {
-        let (mut pwr, mut shared) = (Pwr::default(), shared());
-        assert_eq!(pwr.supply(2.71, 0, false, &mut shared), Supplied::On);
-        assert_eq!(pwr.supply(2.69, 0, false, &mut shared), Supplied::Held);
-        assert_eq!(pwr.supply(2.75, 0, true, &mut shared), Supplied::Held);
-        assert_eq!(pwr.supply(2.81, 0, true, &mut shared), Supplied::On);
-        assert_eq!(pwr.supply(2.0, 3, false, &mut shared), Supplied::On);
-        assert_eq!(pwr.supply(1.0, 3, false, &mut shared), Supplied::Forgetting);
+        // Level 3 by the data sheet: 2.75 to 2.88 V falling, 2.85 to 2.97 V rising.
+        assert!(!holds(2.89, 0, false));
+        assert!(holds(2.74, 0, false));
+        assert!(holds(2.84, 0, true));
+        assert!(!holds(2.98, 0, true));
+        // Off: only the power-down reset at 1.60 to 1.76 V.
+        assert!(!holds(1.77, 3, false));
+        assert!(holds(1.59, 3, false));
+        assert!(holds(f64::NAN, 3, false));
+        assert!(is_off(1.59) && !is_off(1.77));
     }
 
     #[test]
-    fn the_detector_shows_a_low_supply() {
+    fn the_detector_shows_a_low_supply_with_hysteresis() {
         let (mut pwr, mut shared) = (Pwr::default(), shared());
-        pwr.write(0x00, 0x4000 | 1 << 4 | 7 << 5, !0, &mut shared);
-        pwr.supply(2.85, 0, false, &mut shared);
-        assert_ne!(pwr.read(0x04, &mut shared) & 1 << 2, 0);
+        shared.volts = 3.2;
+        pwr.write(0x00, VOS | PVDE | PLS, !0, &mut shared);
+        assert!(shared.effects.is_empty());
+        // Level 7 by the data sheet: 2.95 to 3.09 V falling, 3.07 to 3.21 V rising.
+        let mut seen = Vec::new();
+        for volts in [3.1, 2.94, 3.06, 3.22] {
+            shared.volts = volts;
+            pwr.detect(&mut shared);
+            seen.push(pwr.read(0x04, &mut shared) & PVDO != 0);
+        }
+        assert_eq!(seen, [false, true, true, false]);
+        let told = [
+            Effect::VoltageDetector(true),
+            Effect::VoltageDetector(false),
+        ];
+        assert!(shared.effects.iter().eq(&told));
+    }
+
+    #[test]
+    fn the_detector_that_is_switched_on_at_a_low_supply_tells_at_once() {
+        let (mut pwr, mut shared) = (Pwr::default(), shared());
+        shared.volts = 2.0;
+        pwr.detect(&mut shared);
+        assert!(shared.effects.is_empty(), "it is off");
+        pwr.write(0x00, VOS | PVDE, !0, &mut shared);
         assert_eq!(shared.effects.back(), Some(&Effect::VoltageDetector(true)));
     }
 }

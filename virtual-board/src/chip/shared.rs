@@ -1,6 +1,7 @@
 //! What all peripherals of a chip share: the moment, the clocks, interrupt lines, the schedule.
 
 use super::interrupt::Interrupt;
+use super::part::Part;
 use super::pin::{Drive, Pin, Signal};
 use super::surroundings::Surroundings;
 use crate::finding::{Findings, Kind};
@@ -176,6 +177,14 @@ pub(crate) struct Shared {
     pub findings: Findings,
     /// What is around the chip.
     pub surroundings: Box<dyn Surroundings>,
+    /// What differs from one chip to the next.
+    pub part: Part,
+    /// Supply of the chip, V.
+    pub volts: f64,
+    /// The access ends in a bus error.
+    pub bus_error: bool,
+    /// The bus holds the access until this cycle.
+    pub held_until: Cycles,
     /// What other parts must be told.
     pub effects: VecDeque<Effect>,
     schedule: [Cycles; Source::COUNT],
@@ -192,6 +201,10 @@ impl Shared {
             limit: 0,
             findings: Findings::default(),
             surroundings,
+            part: Part::default(),
+            volts: 3.3,
+            bus_error: false,
+            held_until: 0,
             effects: VecDeque::new(),
             schedule: [NEVER; Source::COUNT],
         }

@@ -1,8 +1,9 @@
 //! Independent watchdog.
 //!
-//! Source: reference manual RM0090, chapter 21. It counts the slow oscillator, 32 kHz typically and 17
-//! to 47 kHz by the data sheet. Changes of prescaler and reload take effect at once; the busy flags
-//! never show.
+//! Source: reference manual RM0090, chapter 21. It counts the slow oscillator, which runs as long as it
+//! needs it. Writes to prescaler and reload are taken over after five of its periods; the flags say so.
+//! When it is started, it counts from 0xfff, whatever the reload register holds (21.3); the reload
+//! counts from the first feeding. The prescaler's phase is not modelled: it begins anew at each feeding.
 
 use super::Peripheral;
 use super::rcc::Cause;
@@ -18,50 +19,106 @@ const REGISTERS: &[Register] = &[
     narrow(0x0c, "SR", 3),
 ];
 
-/// Period of the slow oscillator, ps.
-const SLOW_PS: u64 = 1_000_000_000_000 / 32_000;
+/// Periods of the slow oscillator until a write is taken over.
+const UPDATE: u64 = 5;
+
+/// A register that lies in the slow oscillator's domain.
+#[derive(Clone, Copy, Debug)]
+struct Slow {
+    value: u32,
+    /// What will stand there, and from when on.
+    next: Option<(u32, Time)>,
+}
+
+impl Slow {
+    const fn new(value: u32) -> Self {
+        Self { value, next: None }
+    }
+
+    fn write(&mut self, value: u32, name: &str, shared: &mut Shared) {
+        if self.next.is_some() {
+            let text = format!("IWDG_{name} written before the last write was taken over");
+            return shared.note(Kind::Forbidden, text);
+        }
+        self.next = Some((value, shared.time() + shared.part.slow(UPDATE)));
+    }
+
+    /// Takes over what is due.
+    fn settle(&mut self, now: Time) -> bool {
+        match self.next {
+            Some((value, at)) if at <= now => {
+                *self = Self::new(value);
+                true
+            }
+            _ => false,
+        }
+    }
+}
 
 /// The independent watchdog.
 pub(crate) struct Watchdog {
-    prescaler: u32,
-    reload: u32,
+    prescaler: Slow,
+    reload: Slow,
     open: bool,
     /// When it bites, once it was started.
     bites: Option<Time>,
-    /// Times it was fed.
-    fed: u64,
+    /// Time that was left when a debugger halted the core.
+    frozen: Option<Time>,
 }
 
 impl Default for Watchdog {
     fn default() -> Self {
         Self {
-            prescaler: 0,
-            reload: 0xfff,
+            prescaler: Slow::new(0),
+            reload: Slow::new(0xfff),
             open: false,
             bites: None,
-            fed: 0,
+            frozen: None,
         }
     }
 }
 
 impl Watchdog {
-    /// Time from being fed to the bite.
-    fn span(&self) -> Time {
-        let divider = 4u64 << self.prescaler.min(6);
-        Time(divider * u64::from(self.reload + 1) * SLOW_PS)
+    /// Starts it, by the program or by the option bytes.
+    pub fn start(&mut self, shared: &mut Shared) {
+        if self.bites.is_none() {
+            self.count_from(0xfff, shared);
+        }
     }
 
-    fn feed(&mut self, shared: &mut Shared) {
-        self.fed += 1;
-        self.bites = Some(shared.time() + self.span());
+    /// A debugger halts the core, or lets it go on, while its bit in DBGMCU stops the watchdog.
+    pub fn freeze(&mut self, frozen: bool, shared: &mut Shared) {
+        if frozen && self.frozen.is_none() {
+            self.frozen = self.bites.map(|at| at - shared.time());
+        } else if !frozen && let Some(left) = self.frozen.take() {
+            self.bites = Some(shared.time() + left);
+        }
+        self.plan(shared);
+    }
+
+    /// Periods of the slow oscillator in one count.
+    fn divider(&self) -> u64 {
+        4 << self.prescaler.value.min(6)
+    }
+
+    fn count_from(&mut self, count: u32, shared: &mut Shared) {
+        let periods = self.divider() * u64::from(count + 1);
+        let span = shared.part.slow(periods);
+        if self.frozen.is_some() {
+            self.frozen = Some(span);
+        } else {
+            self.bites = Some(shared.time() + span);
+        }
         self.plan(shared);
     }
 
     fn plan(&self, shared: &mut Shared) {
-        if let Some(at) = self.bites {
-            let cycle = shared.base.cycle_of(at);
-            shared.schedule(Source::Watchdog, cycle);
-        }
+        let bites = self.bites.filter(|_| self.frozen.is_none());
+        let updates = [self.prescaler.next, self.reload.next];
+        let updates = updates.into_iter().flatten().map(|(_, at)| at);
+        let next = updates.chain(bites).min().unwrap_or(Time::NEVER);
+        let cycle = shared.base.cycle_of(next);
+        shared.schedule(Source::Watchdog, cycle);
     }
 }
 
@@ -72,36 +129,53 @@ impl Peripheral for Watchdog {
 
     fn read(&mut self, offset: u32, _shared: &mut Shared) -> u32 {
         match offset {
-            0x04 => self.prescaler,
-            0x08 => self.reload,
+            0x04 => self.prescaler.value,
+            0x08 => self.reload.value,
+            0x0c => {
+                let busy = |register: &Slow| u32::from(register.next.is_some());
+                busy(&self.prescaler) | busy(&self.reload) << 1
+            }
             _ => 0,
         }
     }
 
     fn write(&mut self, offset: u32, value: u32, _mask: u32, shared: &mut Shared) {
         match (offset, value) {
-            (0x00, 0xaaaa) => {
+            (0x00, 0x5555) => self.open = true,
+            (0x00, _) => {
                 self.open = false;
-                if self.bites.is_some() {
-                    self.feed(shared);
+                match value {
+                    0xaaaa if self.bites.is_some() => self.count_from(self.reload.value, shared),
+                    0xcccc => self.start(shared),
+                    _ => {}
                 }
             }
-            (0x00, 0xcccc) => {
-                self.open = false;
-                self.feed(shared);
-            }
-            (0x00, _) => self.open = value == 0x5555,
             (0x04 | 0x08, _) if !self.open => {
                 shared.note(Kind::Forbidden, "IWDG written without its key");
             }
-            (0x04, _) => self.prescaler = value & 7,
-            (0x08, _) => self.reload = value & 0xfff,
-            _ => {}
+            (0x04, _) => self.prescaler.write(value & 7, "PR", shared),
+            (0x08, _) => self.reload.write(value & 0xfff, "RLR", shared),
+            _ => shared.note(Kind::Forbidden, "IWDG_SR is read only"),
         }
+        self.plan(shared);
     }
 
     fn event(&mut self, _source: Source, shared: &mut Shared) {
-        shared.effect(Effect::Reset(Cause::Watchdog));
+        let now = shared.time();
+        if self.frozen.is_none() && self.bites.is_some_and(|at| at <= now) {
+            shared.note(Kind::Reset, "by the independent watchdog");
+            return shared.effect(Effect::Reset(Cause::Watchdog));
+        }
+        let before = self.divider();
+        if self.prescaler.settle(now) {
+            // The counts that are left take longer or shorter now.
+            let after = self.divider();
+            let scale = |left: Time| Time(left.0 / before * after);
+            self.bites = self.bites.map(|at| now + scale(at - now));
+            self.frozen = self.frozen.map(scale);
+        }
+        self.reload.settle(now);
+        self.plan(shared);
     }
 
     fn clocks_changed(&mut self, _old: &Timebase, shared: &mut Shared) {
@@ -113,26 +187,117 @@ impl Peripheral for Watchdog {
 mod tests {
     use super::*;
     use crate::chip::testing::shared;
+    use crate::time::NEVER;
+
+    /// Lets so many microseconds pass; whether it has bitten.
+    fn pass(dog: &mut Watchdog, shared: &mut Shared, micros: u64) -> bool {
+        let end = shared.after(Time::from_micros(micros));
+        while shared.due(Source::Watchdog) <= end {
+            shared.now = shared.due(Source::Watchdog);
+            shared.schedule(Source::Watchdog, NEVER);
+            dog.event(Source::Watchdog, shared);
+            if shared.effects.pop_back().is_some() {
+                return true;
+            }
+        }
+        shared.now = end;
+        false
+    }
+
+    /// Prescaler 32, 500 counts: 500 ms; started and fed.
+    fn started(shared: &mut Shared) -> Watchdog {
+        let mut dog = Watchdog::default();
+        for (offset, value) in [(0x00, 0x5555), (0x04, 3), (0x08, 499)] {
+            dog.write(offset, value, !0, shared);
+        }
+        assert_eq!(dog.read(0x0c, shared), 3);
+        // Five periods of 32 kHz.
+        pass(&mut dog, shared, 156);
+        assert_eq!((dog.read(0x0c, shared), dog.read(0x08, shared)), (3, 0xfff));
+        pass(&mut dog, shared, 1);
+        assert_eq!((dog.read(0x0c, shared), dog.read(0x08, shared)), (0, 499));
+        for key in [0xcccc, 0xaaaa] {
+            dog.write(0x00, key, !0, shared);
+        }
+        dog
+    }
 
     #[test]
     fn it_bites_when_it_was_not_fed_for_its_time() {
-        let (mut dog, mut shared) = (Watchdog::default(), shared());
-        // Prescaler 32, 500 counts: 500 ms.
-        for (offset, value) in [(0x00, 0x5555), (0x04, 3), (0x08, 499), (0x00, 0xcccc)] {
-            dog.write(offset, value, !0, &mut shared);
-        }
-        assert_eq!(shared.due(Source::Watchdog), 8_000_000);
-        shared.now = 4_000_000;
+        let mut shared = shared();
+        let mut dog = started(&mut shared);
+        let fed = shared.now;
+        assert_eq!(shared.due(Source::Watchdog), fed + 8_000_000);
+        shared.now = fed + 4_000_000;
         dog.write(0x00, 0xaaaa, !0, &mut shared);
-        assert_eq!(shared.due(Source::Watchdog), 12_000_000);
+        assert_eq!(shared.due(Source::Watchdog), fed + 12_000_000);
         let old = shared.base;
-        shared.base.set_frequency(4_000_000, 168_000_000);
+        shared.base.set_frequency(fed + 4_000_000, 168_000_000);
         dog.clocks_changed(&old, &mut shared);
         let bites = shared.due(Source::Watchdog);
-        assert!(bites.abs_diff(4_000_000 + 84_000_000) <= 1, "{bites}");
+        assert!(bites.abs_diff(fed + 4_000_000 + 84_000_000) <= 1, "{bites}");
+        shared.now = bites;
         dog.event(Source::Watchdog, &mut shared);
         assert_eq!(shared.effects.back(), Some(&Effect::Reset(Cause::Watchdog)));
         dog.write(0x08, 1, !0, &mut shared);
+        let found: Vec<_> = shared.findings.list().iter().map(|f| f.kind).collect();
+        assert_eq!(found, [Kind::Reset, Kind::Forbidden]);
+    }
+
+    #[test]
+    fn a_start_alone_counts_from_the_longest() {
+        let mut shared = shared();
+        let mut dog = Watchdog::default();
+        dog.write(0x00, 0xcccc, !0, &mut shared);
+        // Table of the manual: 512 ms at the prescaler 4.
+        assert!(!pass(&mut dog, &mut shared, 511_999));
+        assert!(pass(&mut dog, &mut shared, 2));
+    }
+
+    #[test]
+    fn the_slow_oscillator_may_be_fast_or_slow() {
+        for (hz, millis) in [(17_000, 941), (47_000, 340)] {
+            let mut shared = shared();
+            let mut dog = started(&mut shared);
+            shared.part.slow_hz = hz;
+            dog.write(0x00, 0xaaaa, !0, &mut shared);
+            assert!(!pass(&mut dog, &mut shared, millis * 1000), "{hz}");
+            assert!(pass(&mut dog, &mut shared, 1000), "{hz}");
+        }
+    }
+
+    #[test]
+    fn another_prescaler_stretches_what_is_left() {
+        let mut shared = shared();
+        let mut dog = started(&mut shared);
+        dog.write(0x00, 0x5555, !0, &mut shared);
+        dog.write(0x04, 4, !0, &mut shared);
+        // Half of 500 ms goes by at the old rate but for the five periods, so 999.8 ms are ahead.
+        assert!(!pass(&mut dog, &mut shared, 999_800));
+        assert!(pass(&mut dog, &mut shared, 100));
+    }
+
+    #[test]
+    fn a_halted_core_stops_it_where_the_debug_unit_says_so() {
+        let mut shared = shared();
+        let mut dog = started(&mut shared);
+        assert!(!pass(&mut dog, &mut shared, 200_000));
+        dog.freeze(true, &mut shared);
+        assert!(!pass(&mut dog, &mut shared, 1_000_000));
+        dog.freeze(false, &mut shared);
+        assert!(!pass(&mut dog, &mut shared, 299_990));
+        assert!(pass(&mut dog, &mut shared, 20));
+    }
+
+    #[test]
+    fn a_write_on_top_of_another_is_found() {
+        let mut shared = shared();
+        let mut dog = Watchdog::default();
+        for (offset, value) in [(0x00, 0x5555), (0x08, 499), (0x08, 500)] {
+            dog.write(offset, value, !0, &mut shared);
+        }
         assert_eq!(shared.findings.list().len(), 1);
+        pass(&mut dog, &mut shared, 200);
+        assert_eq!(dog.read(0x08, &mut shared), 499);
     }
 }

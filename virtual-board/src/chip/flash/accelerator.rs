@@ -1,9 +1,14 @@
 //! The flash's accelerator: what a read takes.
 //!
 //! The flash is read by lines of 16 bytes; a read takes one cycle and the wait states. While a line is
-//! executed the next one is fetched ahead, if prefetch is on. Lines that were met by a jump stand in an
-//! instruction cache of 64 lines, those read as data in a cache of 8; the least recently used goes
-//! first (RM0090, 3.5.2). A line that comes by prefetch is not put into the cache.
+//! executed the next one is fetched ahead, if prefetch is on. Lines that the core had to wait for stand
+//! in an instruction cache of 64 lines, those read as data in a cache of 8; the least recently used
+//! goes first (RM0090, 3.5.2).
+//!
+//! The manual copies a line into the cache when it is "not present in the currently used instruction
+//! line, in the prefetched instruction line or in the instruction cache". So a prefetched line that is
+//! there in time is not copied; one that is still being read when the core wants it counts as not
+//! present. A read under way is never broken off: what comes next waits for it.
 
 use crate::time::Cycles;
 
@@ -12,36 +17,33 @@ const LINES: usize = (1 << 20) / 16;
 /// No line.
 const NONE: u32 = u32::MAX;
 
-/// A cache of whole lines; the least recently used goes first.
+/// Bits of an entry's number; a cache has 64 entries at most.
+const ENTRY_BITS: u32 = 6;
+/// After so many uses the stamps begin anew, before they leave their 31 bits.
+const LAST_USE: i32 = (1 << (31 - ENTRY_BITS)) - 1;
+
+/// A cache of whole lines; the least recently used goes first. A hit costs a look-up and a stamp; who
+/// was used longest ago is only looked for when a line comes in.
 #[derive(Clone, Debug)]
 struct Cache<const N: usize> {
     /// Place of each line in the cache plus one; zero if it is not there.
     place: Vec<u8>,
     line: [u32; N],
-    /// Neighbours by use: towards the latest, and towards the oldest.
-    newer: [u8; N],
-    older: [u8; N],
-    latest: u8,
-    oldest: u8,
+    /// When each entry was used, in uses of the cache, over its number: the least tells both.
+    stamps: [i32; N],
+    uses: i32,
     on: bool,
 }
 
 impl<const N: usize> Cache<N> {
     fn new() -> Self {
-        let mut cache = Self {
+        Self {
             place: vec![0; LINES],
             line: [NONE; N],
-            newer: [0; N],
-            older: [0; N],
-            latest: N as u8 - 1,
-            oldest: 0,
+            stamps: std::array::from_fn(|entry| entry as i32),
+            uses: 0,
             on: false,
-        };
-        for i in 0..N as u8 {
-            cache.newer[i as usize] = (i + 1).min(N as u8 - 1);
-            cache.older[i as usize] = i.saturating_sub(1);
         }
-        cache
     }
 
     fn clear(&mut self) {
@@ -53,42 +55,50 @@ impl<const N: usize> Cache<N> {
         self.line = [NONE; N];
     }
 
-    /// Makes an entry the latest.
-    fn touch(&mut self, entry: u8) {
-        if entry == self.latest {
-            return;
-        }
-        let (newer, older) = (self.newer[entry as usize], self.older[entry as usize]);
-        if entry == self.oldest {
-            self.oldest = newer;
-        } else {
-            self.newer[older as usize] = newer;
-        }
-        self.older[newer as usize] = older;
-        self.newer[self.latest as usize] = entry;
-        self.older[entry as usize] = self.latest;
-        self.latest = entry;
-    }
-
-    /// Whether a line is there; it is then the latest used.
     #[inline]
-    fn hit(&mut self, line: u32) -> bool {
-        let place = self.place[line as usize % LINES];
-        if place == 0 {
-            return false;
+    fn touch(&mut self, entry: usize) {
+        if self.uses == LAST_USE {
+            self.begin_anew();
         }
-        self.touch(place - 1);
-        true
+        self.uses += 1;
+        self.stamps[entry] = self.uses << ENTRY_BITS | entry as i32;
     }
 
-    fn fill(&mut self, line: u32) {
-        let entry = self.oldest;
-        if let Some(place) = self.place.get_mut(self.line[entry as usize] as usize) {
+    /// Small stamps in the same order.
+    #[cold]
+    fn begin_anew(&mut self) {
+        let mut order = self.stamps;
+        order.sort_unstable();
+        for (place, stamp) in (0..).zip(order) {
+            let entry = stamp & ((1 << ENTRY_BITS) - 1);
+            self.stamps[entry as usize] = place << ENTRY_BITS | entry;
+        }
+        self.uses = N as i32;
+    }
+
+    fn holds(&self, line: u32) -> bool {
+        self.place[line as usize % LINES] != 0
+    }
+
+    /// Where a line is, which is then the latest used.
+    #[inline]
+    fn hit(&mut self, line: u32) -> Option<usize> {
+        let entry = usize::from(self.place[line as usize % LINES]).checked_sub(1)?;
+        self.touch(entry);
+        Some(entry)
+    }
+
+    /// Puts a line that is not there in the place of the one used longest ago; gives the place.
+    fn fill(&mut self, line: u32) -> usize {
+        let oldest = self.stamps.iter().fold(i32::MAX, |a, &b| a.min(b));
+        let entry = (oldest & ((1 << ENTRY_BITS) - 1)) as usize;
+        if let Some(place) = self.place.get_mut(self.line[entry] as usize) {
             *place = 0;
         }
-        self.line[entry as usize] = line;
-        self.place[line as usize % LINES] = entry + 1;
+        self.line[entry] = line;
+        self.place[line as usize % LINES] = entry as u8 + 1;
         self.touch(entry);
+        entry
     }
 }
 
@@ -102,7 +112,7 @@ pub(super) struct Accelerator {
     /// Contents of the data cache: what the program reads even after the flash was changed.
     stale: [[u8; 16]; 8],
     current: u32,
-    /// The line fetched ahead, and when it is there.
+    /// The line fetched ahead, and when the flash is free.
     ahead: (u32, Cycles),
 }
 
@@ -148,23 +158,22 @@ impl Accelerator {
     }
 
     fn enter_slow(&mut self, line: u32, cycle: &mut Cycles) {
-        if self.ahead.0 == line {
+        let missed = if self.ahead.0 == line {
+            let late = *cycle < self.ahead.1;
             *cycle = (*cycle).max(self.ahead.1);
-        } else if !(self.instructions.on && self.instructions.hit(line)) {
-            // A read under way ends first.
-            let free = if self.ahead.0 == NONE {
-                0
-            } else {
-                self.ahead.1
-            };
-            *cycle = (*cycle).max(free) + self.wait_states;
-            if self.instructions.on {
-                self.instructions.fill(line);
-            }
+            late
+        } else if self.instructions.on && self.instructions.hit(line).is_some() {
+            false
+        } else {
+            *cycle = (*cycle).max(self.ahead.1) + self.wait_states;
+            true
+        };
+        if missed && self.instructions.on {
+            self.instructions.fill(line);
         }
         if self.prefetch {
             let next = line + 1;
-            let there = self.instructions.on && self.instructions.place[next as usize % LINES] != 0;
+            let there = self.instructions.on && self.instructions.holds(next);
             self.ahead = if there {
                 (NONE, 0)
             } else {
@@ -179,14 +188,16 @@ impl Accelerator {
         if self.wait_states == 0 && !self.data.on {
             return bytes;
         }
-        if self.data.on && self.data.hit(line) {
-            return &self.stale[self.data.latest as usize];
+        if self.data.on
+            && let Some(entry) = self.data.hit(line)
+        {
+            return &self.stale[entry];
         }
-        *cycle += self.wait_states;
+        *cycle = (*cycle).max(self.ahead.1) + self.wait_states;
         if self.data.on {
-            self.data.fill(line);
+            let entry = self.data.fill(line);
             if let Ok(bytes) = bytes.try_into() {
-                self.stale[self.data.latest as usize] = bytes;
+                self.stale[entry] = bytes;
             }
         }
         bytes
@@ -228,6 +239,60 @@ mod tests {
         let mut art = Accelerator::new();
         art.set(5 | 1 << 8);
         assert_eq!(run(&mut art, 100..104, 4), [5, 2, 2, 2]);
+    }
+
+    #[test]
+    fn lines_in_a_row_that_prefetch_brings_too_late_are_cached() {
+        let mut art = Accelerator::new();
+        art.set(5 | 3 << 8);
+        // Four cycles in each line: prefetch needs six.
+        assert_eq!(run(&mut art, 100..104, 4), [5, 2, 2, 2]);
+        assert_eq!(run(&mut art, 100..104, 4), [0, 0, 0, 0]);
+        // Eight cycles in each: only the first was missed, and stands in the cache.
+        let mut art = Accelerator::new();
+        art.set(5 | 3 << 8);
+        run(&mut art, 100..104, 8);
+        let cached: Vec<_> = (100..104)
+            .map(|line| art.instructions.holds(line))
+            .collect();
+        assert_eq!(cached, [true, false, false, false]);
+    }
+
+    #[test]
+    fn a_jump_waits_for_the_read_that_is_under_way() {
+        let mut art = Accelerator::new();
+        art.set(5 | 1 << 8);
+        // One cycle after line 100 was entered the prefetch of 101 has five to go.
+        assert_eq!(run(&mut art, [100, 200].into_iter(), 1), [5, 5 + 5]);
+        let mut art = Accelerator::new();
+        art.set(5 | 1 << 8);
+        assert_eq!(run(&mut art, [100, 200].into_iter(), 6), [5, 5]);
+    }
+
+    #[test]
+    fn the_cache_forgets_what_was_used_longest_ago_as_a_list_would() {
+        let mut art = Accelerator::new();
+        art.set(5 | 1 << 9);
+        let mut list: Vec<u32> = Vec::new();
+        let mut state = 1u32;
+        let mut cycle = 0;
+        // The stamps begin anew on the way.
+        art.instructions.uses = LAST_USE - 10_000;
+        for _ in 0..20_000 {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            let line = state >> 16 & 0x7f;
+            if art.current == line {
+                continue;
+            }
+            let before = cycle;
+            art.enter(line, &mut cycle);
+            let place = list.iter().position(|&known| known == line);
+            assert_eq!(cycle == before, place.is_some());
+            if let Some(place) = place.or((list.len() == 64).then_some(0)) {
+                list.remove(place);
+            }
+            list.push(line);
+        }
     }
 
     #[test]

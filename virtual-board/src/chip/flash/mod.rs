@@ -1,143 +1,166 @@
 //! The flash: bytes, wait states, erasing and programming, option bytes.
 //!
-//! Source: reference manual RM0090, chapter 3; times are typical ones of the data sheet (x32 at 3.3 V).
-//! Erasing sets bits, programming clears them. While an operation runs, the core waits at its next
-//! fetch or load from the flash. When the power fails during an operation, bits of the word are
-//! programmed at random, and bytes of the sector are erased at random.
+//! Source: reference manual RM0090, chapter 3; times are typical ones of the data sheet. Erasing sets
+//! bits, programming clears them. While an operation runs, the core waits at its next fetch or load
+//! from the flash, cached or not. A reset during an operation leaves contents that nobody can rely on:
+//! bits of the word programmed at random, bytes of the sector old, erased or something between.
 //!
-//! Not modelled: bank 2, programming of 64 bits, the OTP area's locks, PCROP.
+//! The manual gives no time for writing the option bytes; the one used is that of erasing the smallest
+//! sector. An instruction cache that is not reset after an erase does no harm here, a data cache gives
+//! the old bytes.
+//!
+//! Not modelled: programming of 64 bits, the boot loader, what read protection keeps from a debugger.
 
 mod accelerator;
+mod layout;
+mod options;
 
 use super::Peripheral;
 use super::interrupt::Interrupt;
-use super::register::{Register, merge, word};
+use super::part::Random;
+use super::register::{Register, merge, narrow, word};
 use super::shared::{Shared, Source};
 use crate::core::{BusError, Width};
 use crate::finding::Kind;
 use crate::time::{Cycles, NEVER, Time, Timebase};
 use accelerator::Accelerator;
+use layout::{BASE, LENGTH, ONCE_LENGTH, ONCE_LOCKS, PROGRAM, Parallelism, Place, SECTORS};
+use options::{OPTLOCK, OPTSTRT, Options, Protection};
 
 #[rustfmt::skip]
 const REGISTERS: &[Register] = &[
-    word(0x00, "ACR", 0x1f07), word(0x04, "KEYR", !0), word(0x08, "OPTKEYR", !0), word(0x0c, "SR", 0x0001_00f3),
-    word(0x10, "CR", 0x8301_037f), word(0x14, "OPTCR", 0x0fff_ffef),
+    narrow(0x00, "ACR", 0x1f07), word(0x04, "KEYR", !0), word(0x08, "OPTKEYR", !0), narrow(0x0c, "SR", 0x0001_00f3),
+    narrow(0x10, "CR", 0x8301_037f), narrow(0x14, "OPTCR", 0x0fff_ffef),
 ];
-
-const LENGTH: usize = 1 << 20;
-const BASE: u32 = 0x0800_0000;
-/// Option bytes as the program can read them.
-const OPTIONS: u32 = 0x1fff_c000;
 
 // Bits of SR.
 const EOP: u32 = 1;
+const OPERR: u32 = 1 << 1;
 const WRPERR: u32 = 1 << 4;
 const PGAERR: u32 = 1 << 5;
 const PGPERR: u32 = 1 << 6;
 const PGSERR: u32 = 1 << 7;
 const BSY: u32 = 1 << 16;
-const ERRORS: u32 = 0xf2;
+const CLEARED_BY_ONE: u32 = EOP | OPERR | WRPERR | PGAERR | PGPERR | PGSERR;
 // Bits of CR.
 const PG: u32 = 1;
 const SER: u32 = 1 << 1;
 const MER: u32 = 1 << 2;
 const STRT: u32 = 1 << 16;
+const EOPIE: u32 = 1 << 24;
+const ERRIE: u32 = 1 << 25;
 const LOCK: u32 = 1 << 31;
-// Bits of OPTCR.
-const OPTLOCK: u32 = 1;
-const OPTSTRT: u32 = 1 << 1;
+// Bits of ACR.
+const PRFTEN: u32 = 1 << 8;
+const ICEN: u32 = 1 << 9;
+const DCEN: u32 = 1 << 10;
+const ICRST: u32 = 1 << 11;
+const DCRST: u32 = 1 << 12;
 
-/// Programming a byte, half or word.
-const PROGRAM: Time = Time::from_micros(16);
-/// Writing the option bytes.
-const PROGRAM_OPTIONS: Time = Time::from_micros(20_000);
+/// The slowest clock of the core for programming and erasing, Hz.
+const SLOWEST_HZ: u64 = 1_000_000;
 
-/// First and last byte, and time to erase, of a sector.
-fn sector(number: u32) -> Option<(usize, usize, Time)> {
-    let kib = |k: usize| k << 10;
-    let (first, length, millis) = match number {
-        0..=3 => (kib(16) * number as usize, kib(16), 250),
-        4 => (kib(64), kib(64), 550),
-        5..=11 => (kib(128) * (number as usize - 4), kib(128), 1000),
-        _ => return None,
-    };
-    Some((first, first + length - 1, Time::from_micros(1000 * millis)))
-}
-
-/// What is being done.
+/// What is being done, and takes effect at its end.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Operation {
-    /// A place, its length, and what stood there.
-    Program(usize, usize, u32),
+    /// A place and a value, and the bits of it that are being cleared.
+    Program {
+        place: Place,
+        width: Width,
+        clears: u32,
+    },
     /// First and last byte.
-    Erase(usize, usize),
-    Options,
+    Erase { first: usize, last: usize },
+    /// What is to stand in the option bytes.
+    Options(u32),
+}
+
+/// Keys given so far to a lock.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+enum Keys {
+    #[default]
+    None,
+    First,
+    /// A wrong one: no key opens it until a reset.
+    Broken,
 }
 
 /// The flash and its interface.
 pub(crate) struct Flash {
     bytes: Vec<u8>,
+    /// The area that is programmed once.
+    once: Vec<u8>,
     accelerator: Accelerator,
     acr: u32,
     sr: u32,
     cr: u32,
     optcr: u32,
-    /// Option bytes as they will be found at the next reset.
-    options: u32,
-    /// Keys given so far to KEYR and OPTKEYR; two open, a wrong one closes until a reset.
-    keys: [u8; 2],
+    options: Options,
+    /// Of KEYR and OPTKEYR.
+    keys: [Keys; 2],
     operation: Option<Operation>,
     busy_until: Time,
     changed: Option<(u32, u32)>,
-    random: u64,
+    /// Operations that a reset cut short.
+    cuts: u64,
 }
-
-/// A lock that no key opens until a reset.
-const BROKEN: u8 = 9;
-/// Option bytes of a new chip: no write protection, no read protection, brown-out off.
-const BLANK_OPTIONS: u32 = 0x0fff_aaec;
 
 impl Default for Flash {
     fn default() -> Self {
+        let options = Options::default();
         Self {
             bytes: vec![0xff; LENGTH],
+            once: vec![0xff; ONCE_LENGTH],
             accelerator: Accelerator::new(),
             acr: 0,
             sr: 0,
             cr: LOCK,
-            optcr: BLANK_OPTIONS | OPTLOCK,
-            options: BLANK_OPTIONS,
-            keys: [0; 2],
+            optcr: options.register(),
+            options,
+            keys: [Keys::None; 2],
             operation: None,
             busy_until: Time(0),
             changed: None,
-            random: 0x9e37_79b9_7f4a_7c15,
+            cuts: 0,
         }
     }
 }
 
 impl Flash {
-    /// The interface after a reset; the bytes stay. An operation under way was cut short if the power
-    /// was off.
-    pub fn reset(&mut self) {
+    /// The interface after a reset, at which the power came on or not. The bytes stay, but for an
+    /// operation that was under way.
+    pub fn reset(&mut self, power: bool, shared: &mut Shared) {
+        if let Some(operation) = self.operation.take() {
+            self.tear(operation, shared);
+        }
+        if power {
+            self.options.load();
+        }
         self.accelerator = Accelerator::new();
         (self.acr, self.sr, self.cr) = (0, 0, LOCK);
-        self.optcr = self.options | OPTLOCK;
-        self.keys = [0; 2];
-        if let Some(operation) = self.operation.take() {
-            self.tear(operation);
-        }
-        self.changed = Some((BASE, BASE + LENGTH as u32 - 1));
+        self.optcr = self.options.register();
+        self.keys = [Keys::None; 2];
+        self.change(0, LENGTH - 1);
     }
 
-    /// Brown-out level by the option bytes in force: 3 is off.
+    /// The power has failed: what counts from the next power-on does so now.
+    pub fn power_failed(&mut self) {
+        self.options.load();
+    }
+
+    /// Brown-out level in force, by the option bytes: 3 is off.
     pub fn brown_out(&self) -> u32 {
-        self.options >> 2 & 3
+        self.options.brown_out()
+    }
+
+    /// Whether the option bytes have the watchdog start by itself.
+    pub fn starts_watchdog(&self) -> bool {
+        self.options.starts_watchdog()
     }
 
     /// Its bytes.
     pub fn bytes_mut(&mut self) -> &mut Vec<u8> {
-        self.changed = Some((BASE, BASE + LENGTH as u32 - 1));
+        self.change(0, LENGTH - 1);
         &mut self.bytes
     }
 
@@ -146,55 +169,49 @@ impl Flash {
         self.accelerator.wait_states
     }
 
+    /// Whether lines are fetched ahead.
+    pub fn prefetches(&self) -> bool {
+        self.acr & PRFTEN != 0
+    }
+
     /// What an operation leaves that was cut short.
-    fn tear(&mut self, operation: Operation) {
-        let mut random = self.random;
-        let mut draw = || {
-            random ^= random << 13;
-            random ^= random >> 7;
-            random ^= random << 17;
-            random as u8
-        };
+    fn tear(&mut self, operation: Operation, shared: &Shared) {
+        self.cuts += 1;
+        let mut random = Random::new(shared.part.seed ^ self.cuts << 32);
         match operation {
-            Operation::Program(at, length, before) => {
-                let before = before.to_le_bytes();
-                for (byte, before) in self.bytes[at..at + length].iter_mut().zip(before) {
-                    *byte |= before & draw();
-                }
-            }
-            Operation::Erase(first, last) => {
+            Operation::Program {
+                place,
+                width,
+                clears,
+            } => self.clear(place, width, clears & random.next() as u32),
+            Operation::Erase { first, last } => {
                 for byte in &mut self.bytes[first..=last] {
-                    *byte |= draw();
+                    let drawn = random.next();
+                    let noise = (drawn >> 8) as u8;
+                    match drawn & 3 {
+                        0 => {}
+                        1 => *byte |= noise,
+                        2 => *byte = noise,
+                        _ => *byte = 0xff,
+                    }
                 }
+                self.change(first, last);
             }
-            Operation::Options => {}
+            Operation::Options(_) => self.options.tear(),
         }
-        self.random = random;
     }
 
-    fn place(address: u32) -> Option<usize> {
-        let at = address.wrapping_sub(BASE) as usize;
-        if at < LENGTH {
-            return Some(at);
-        }
-        // With the boot pin low the flash is seen at 0 too.
-        ((address as usize) < LENGTH).then_some(address as usize)
-    }
-
-    /// What stands at an address of the flash, its alias at 0, or the option bytes; none elsewhere.
+    /// What stands at an address of the flash or its alias at 0; none elsewhere. For decoding and for
+    /// a debugger: takes no time and knows no cache.
     pub fn peek(&self, address: u32, width: Width) -> Option<u32> {
-        if let Some(at) = Self::place(address) {
-            return Some(super::get(&self.bytes, at, width));
-        }
-        let offset = address.wrapping_sub(OPTIONS);
-        (offset < 16).then(|| {
-            let half = |value: u32| value | !value << 16;
-            let value = match offset & !3 {
-                0 => half(self.options & 0xffec),
-                8 => half(self.options >> 16 & 0xfff),
-                _ => !0,
-            };
-            value >> (8 * (offset & 3))
+        Some(match Place::of(address)? {
+            Place::Main(at) => super::get(&self.bytes, at, width),
+            Place::Once(at) => super::get(&self.once, at, width),
+            Place::System => super::get(&[0xff; 4], 0, width),
+            Place::Options(at) => {
+                let bytes: [u8; 4] = std::array::from_fn(|k| self.options.byte(at + k as u32));
+                super::get(&bytes, 0, width)
+            }
         })
     }
 
@@ -207,16 +224,32 @@ impl Flash {
         cycle: &mut Cycles,
         shared: &mut Shared,
     ) -> Option<Result<u32, BusError>> {
-        let Some(at) = Self::place(address) else {
-            return self.peek(address, width).map(Ok);
-        };
-        if self.operation.is_some() {
+        if self.operation.is_some() && Place::of(address).is_some() {
             self.stall(cycle, shared);
         }
+        let Some(at) = layout::main(address) else {
+            return self.load_elsewhere(address, width, cycle, shared);
+        };
         let line = at / 16;
         let bytes = &self.bytes[16 * line..16 * line + 16];
         let seen = self.accelerator.load(line as u32, bytes, cycle);
         Some(Ok(super::get(seen, at % 16, width)))
+    }
+
+    #[cold]
+    fn load_elsewhere(
+        &self,
+        address: u32,
+        width: Width,
+        cycle: &mut Cycles,
+        shared: &mut Shared,
+    ) -> Option<Result<u32, BusError>> {
+        let value = self.peek(address, width)?;
+        if Place::of(address) == Some(Place::System) {
+            shared.note(Kind::NotModelled, "the boot loader's memory");
+        }
+        *cycle += self.accelerator.wait_states;
+        Some(Ok(value))
     }
 
     /// The core waits until the operation has ended.
@@ -226,27 +259,79 @@ impl Flash {
         self.finish(shared);
     }
 
+    /// The operation has ended.
     fn finish(&mut self, shared: &mut Shared) {
-        if self.operation.take().is_some() {
-            self.sr &= !BSY;
-            if self.cr & 1 << 24 != 0 {
-                self.sr |= EOP;
+        let Some(operation) = self.operation.take() else {
+            return;
+        };
+        match operation {
+            Operation::Program {
+                place,
+                width,
+                clears,
+            } => self.clear(place, width, clears),
+            Operation::Erase { first, last } => {
+                self.bytes[first..=last].fill(0xff);
+                self.change(first, last);
             }
-            shared.schedule(Source::Flash, NEVER);
-            self.line(shared);
+            Operation::Options(register) => {
+                if self.options.unprotects(register) {
+                    self.bytes.fill(0xff);
+                    self.change(0, LENGTH - 1);
+                }
+                self.options.write(register);
+            }
+        }
+        self.sr &= !BSY;
+        if self.cr & EOPIE != 0 {
+            self.sr |= EOP;
+        }
+        shared.schedule(Source::Flash, NEVER);
+        self.line(shared);
+    }
+
+    /// Clears bits.
+    fn clear(&mut self, place: Place, width: Width, bits: u32) {
+        let (bytes, at) = match place {
+            Place::Main(at) => (&mut self.bytes, at),
+            Place::Once(at) => (&mut self.once, at),
+            Place::System | Place::Options(_) => return,
+        };
+        let value = super::get(bytes, at, width) & !bits;
+        super::put(bytes, at, width, value);
+        if let Place::Main(at) = place {
+            self.change(at, at + width.bytes() as usize - 1);
         }
     }
 
     fn line(&self, shared: &mut Shared) {
-        let end = self.sr & EOP != 0 && self.cr & 1 << 24 != 0;
-        let error = self.sr & ERRORS != 0 && self.cr & 1 << 25 != 0;
+        let end = self.sr & EOP != 0 && self.cr & EOPIE != 0;
+        let error = self.sr & OPERR != 0 && self.cr & ERRIE != 0;
         shared.line(Interrupt::Flash, end || error);
     }
 
+    /// An operation is refused.
+    fn refuse(&mut self, flag: u32, text: String, shared: &mut Shared) {
+        self.sr |= flag;
+        if self.cr & ERRIE != 0 {
+            self.sr |= OPERR;
+        }
+        shared.note(Kind::Forbidden, text);
+        self.line(shared);
+    }
+
     fn begin(&mut self, operation: Operation, takes: Time, shared: &mut Shared) {
+        if shared.clocks.hclk_hz < SLOWEST_HZ {
+            let text = "flash operation with a core's clock below 1 MHz";
+            shared.note(Kind::ClockLimit, text);
+        }
         self.sr |= BSY;
         self.operation = Some(operation);
         self.busy_until = shared.time() + takes;
+        self.plan(shared);
+    }
+
+    fn plan(&self, shared: &mut Shared) {
         let cycle = shared.base.cycle_of(self.busy_until);
         shared.schedule(Source::Flash, cycle);
     }
@@ -259,14 +344,32 @@ impl Flash {
         });
     }
 
-    fn is_protected(&self, number: u32) -> bool {
-        self.options >> (16 + number) & 1 == 0
+    fn parallelism(&self) -> Parallelism {
+        Parallelism(self.cr >> 8 & 3)
     }
 
-    fn sector_of(at: usize) -> u32 {
-        (0..12)
-            .find(|&number| sector(number).is_some_and(|(_, last, _)| at <= last))
-            .unwrap_or(11)
+    /// Whether the supply suffices for the parallelism that is set; where not, the operation goes on,
+    /// as the chip does not know.
+    fn judge_supply(&self, shared: &mut Shared) {
+        let parallelism = self.parallelism();
+        if !parallelism.is_allowed(shared.volts) {
+            let (bits, volts) = (8 << parallelism.0, shared.volts);
+            let text = format!("flash operation by {bits} bits at a supply of {volts:.2} V");
+            shared.note(Kind::Forbidden, text);
+        }
+    }
+
+    /// Whether the place is written for good.
+    fn is_protected(&self, place: Place) -> bool {
+        match place {
+            Place::Main(at) => self.options.is_protected(layout::sector_of(at)),
+            // Each block of 32 bytes has its lock byte behind them; the lock bytes have none.
+            Place::Once(at) => {
+                let first = ONCE_LENGTH - ONCE_LOCKS;
+                at < first && self.once[first + at / 32] == 0
+            }
+            Place::System | Place::Options(_) => true,
+        }
     }
 
     /// A store to an address of the flash; none elsewhere.
@@ -278,67 +381,64 @@ impl Flash {
         cycle: &mut Cycles,
         shared: &mut Shared,
     ) -> Option<Result<(), BusError>> {
-        let at = Self::place(address)?;
+        let place = Place::of(address)?;
         if self.operation.is_some() {
             self.stall(cycle, shared);
             shared.now = *cycle;
         }
         if self.cr & (LOCK | PG) != PG {
-            shared.note(
-                Kind::Forbidden,
-                format!("flash written at {address:#010x} without PG"),
-            );
-            self.sr |= PGSERR;
-            self.line(shared);
-            return Some(Ok(()));
+            let text = format!("flash written at {address:#010x} without PG");
+            self.refuse(PGSERR, text, shared);
+        } else if !self.parallelism().is(width) {
+            let text = "flash written in another width than PSIZE says".to_owned();
+            self.refuse(PGPERR, text, shared);
+        } else if self.is_protected(place) {
+            let text = format!("flash written at {address:#010x}, which is protected");
+            self.refuse(WRPERR, text, shared);
+        } else {
+            self.judge_supply(shared);
+            let mask = u32::MAX >> (32 - 8 * width.bytes());
+            let before = self.peek(address, width).unwrap_or(0) & mask;
+            let operation = Operation::Program {
+                place,
+                width,
+                clears: before & !value,
+            };
+            self.begin(operation, PROGRAM, shared);
         }
-        if self.cr >> 8 & 3 != width.bytes().trailing_zeros() {
-            shared.note(
-                Kind::Forbidden,
-                "flash written in another width than PSIZE says",
-            );
-            self.sr |= PGPERR;
-            return Some(Ok(()));
-        }
-        if self.is_protected(Self::sector_of(at)) {
-            self.sr |= WRPERR;
-            return Some(Ok(()));
-        }
-        let before = super::get(&self.bytes, at, width);
-        super::put(&mut self.bytes, at, width, before & value);
-        let length = width.bytes() as usize;
-        self.change(at, at + length - 1);
-        self.begin(Operation::Program(at, length, before), PROGRAM, shared);
         Some(Ok(()))
     }
 
-    fn erase(&mut self, shared: &mut Shared) {
+    fn erase_sector(&mut self, shared: &mut Shared) {
         let number = self.cr >> 3 & 15;
-        let (first, last, takes) = if self.cr & MER != 0 {
-            (0, LENGTH - 1, Time::from_micros(8_000_000))
-        } else if let Some(sector) = sector(number) {
-            sector
-        } else {
-            shared.note(
-                Kind::Forbidden,
-                format!("flash sector {number} erased: there are 12"),
-            );
-            return;
+        let Some((first, last)) = layout::sector(number) else {
+            let text = format!("flash sector {number} erased: there are {SECTORS}");
+            return self.refuse(PGSERR, text, shared);
         };
-        if self.is_protected(number) {
-            self.sr |= WRPERR;
-            return;
+        if self.options.is_protected(number) {
+            let text = format!("flash sector {number} erased, which is protected");
+            return self.refuse(WRPERR, text, shared);
         }
-        // What stood there is needed if the power fails; it is lost bit by bit then.
-        self.bytes[first..=last].fill(0xff);
-        self.change(first, last);
-        self.begin(Operation::Erase(first, last), takes, shared);
+        self.judge_supply(shared);
+        let takes = self.parallelism().sector(number);
+        self.begin(Operation::Erase { first, last }, takes, shared);
+    }
+
+    fn erase_all(&mut self, shared: &mut Shared) {
+        if self.options.is_any_protected() {
+            let text = "flash erased, of which a sector is protected".to_owned();
+            return self.refuse(WRPERR, text, shared);
+        }
+        self.judge_supply(shared);
+        let (first, last) = (0, LENGTH - 1);
+        let takes = self.parallelism().all();
+        self.begin(Operation::Erase { first, last }, takes, shared);
     }
 
     /// The program enters a line of 16 bytes.
     #[inline]
     pub fn enter_line(&mut self, address: u32, cycle: &mut Cycles, shared: &mut Shared) {
-        if let Some(at) = Self::place(address) {
+        if let Some(at) = layout::main(address) {
             if self.operation.is_some() {
                 self.stall(cycle, shared);
             }
@@ -352,54 +452,59 @@ impl Flash {
         self.changed.take()
     }
 
-    fn key(&mut self, which: usize, value: u32, keys: [u32; 2], shared: &mut Shared) {
+    /// A key; whether the lock is open now.
+    fn key(&mut self, which: usize, value: u32, keys: [u32; 2], shared: &mut Shared) -> bool {
         let given = &mut self.keys[which];
-        *given = match *given {
-            k @ (0 | 1) if value == keys[k as usize] => k + 1,
+        match *given {
+            Keys::None if value == keys[0] => *given = Keys::First,
+            Keys::First if value == keys[1] => {
+                *given = Keys::None;
+                return true;
+            }
             _ => {
-                shared.note(
-                    Kind::Forbidden,
-                    "flash: a wrong key, locked until the next reset",
-                );
-                BROKEN
+                *given = Keys::Broken;
+                shared.bus_error = true;
+                let text = "flash: a wrong key, locked until the next reset";
+                shared.note(Kind::Forbidden, text);
             }
-        };
-        if *given == 2 {
-            *given = 0;
-            match which {
-                0 => self.cr &= !LOCK,
-                _ => self.optcr &= !OPTLOCK,
-            }
+        }
+        false
+    }
+
+    /// The bus holds a write to a control register while an operation runs.
+    fn wait(&mut self, shared: &mut Shared) {
+        if self.operation.is_some() {
+            shared.held_until = shared.base.cycle_of(self.busy_until);
+            shared.now = shared.now.max(shared.held_until);
+            self.finish(shared);
         }
     }
 
     fn write_cr(&mut self, value: u32, shared: &mut Shared) {
+        self.wait(shared);
         if self.cr & LOCK != 0 {
-            shared.note(Kind::Forbidden, "FLASH_CR written while locked");
-            return;
-        }
-        if self.sr & BSY != 0 {
-            shared.note(Kind::Forbidden, "FLASH_CR written while busy");
-            return;
+            return shared.note(Kind::Forbidden, "FLASH_CR written while locked");
         }
         self.cr = value & !STRT;
         if value & STRT != 0 {
-            match value & (PG | SER | MER) {
-                SER | MER => self.erase(shared),
+            match value & (SER | MER) {
+                SER => self.erase_sector(shared),
+                MER => self.erase_all(shared),
                 _ => {
-                    shared.note(Kind::Forbidden, "FLASH_CR: STRT without one of SER and MER");
-                    self.sr |= PGSERR;
+                    let text = "FLASH_CR: STRT without one of SER and MER".to_owned();
+                    self.refuse(PGSERR, text, shared);
                 }
             }
         }
         self.line(shared);
     }
 
-    fn write_acr(&mut self, value: u32, shared: &mut Shared) {
-        for (reset, on, name) in [(11, 9, "instruction"), (12, 10, "data")] {
-            if value >> reset & 1 != 0 && self.acr >> on & 1 != 0 {
+    fn write_acr(&mut self, mut value: u32, shared: &mut Shared) {
+        for (reset, on, name) in [(ICRST, ICEN, "instruction"), (DCRST, DCEN, "data")] {
+            if value & reset != 0 && self.acr & on != 0 {
                 let text = format!("FLASH_ACR: the {name} cache is reset while it is on");
                 shared.note(Kind::Forbidden, text);
+                value &= !reset;
             }
         }
         self.acr = value & 0x1f07;
@@ -407,14 +512,21 @@ impl Flash {
     }
 
     fn write_optcr(&mut self, value: u32, shared: &mut Shared) {
+        self.wait(shared);
         if self.optcr & OPTLOCK != 0 {
-            shared.note(Kind::Forbidden, "FLASH_OPTCR written while locked");
-            return;
+            return shared.note(Kind::Forbidden, "FLASH_OPTCR written while locked");
+        }
+        if self.options.protection() == Protection::Forever {
+            let text = "FLASH_OPTCR written at read protection level 2";
+            return shared.note(Kind::Forbidden, text);
         }
         self.optcr = value & !OPTSTRT;
         if value & OPTSTRT != 0 {
-            self.options = value & !(OPTLOCK | OPTSTRT);
-            self.begin(Operation::Options, PROGRAM_OPTIONS, shared);
+            let mut takes = self.parallelism().sector(0);
+            if self.options.unprotects(value) {
+                takes = takes + self.parallelism().all();
+            }
+            self.begin(Operation::Options(value), takes, shared);
         }
     }
 }
@@ -437,16 +549,23 @@ impl Peripheral for Flash {
     fn write(&mut self, offset: u32, value: u32, mask: u32, shared: &mut Shared) {
         match offset {
             0x00 => self.write_acr(merge(self.acr, value, mask), shared),
-            0x04 => self.key(0, value, [0x4567_0123, 0xcdef_89ab], shared),
-            0x08 => self.key(1, value, [0x0819_2a3b, 0x4c5d_6e7f], shared),
+            0x04 => {
+                if self.key(0, value, [0x4567_0123, 0xcdef_89ab], shared) {
+                    self.cr &= !LOCK;
+                }
+            }
+            0x08 => {
+                if self.key(1, value, [0x0819_2a3b, 0x4c5d_6e7f], shared) {
+                    self.optcr &= !OPTLOCK;
+                }
+            }
             0x0c => {
-                self.sr &= !(value & 0xf3);
+                self.sr &= !(value & CLEARED_BY_ONE);
                 self.line(shared);
             }
-            0x10 => self.write_cr(value, shared),
+            0x10 => self.write_cr(merge(self.cr, value, mask), shared),
             _ => self.write_optcr(merge(self.optcr, value, mask), shared),
         }
-        let _ = PGAERR;
     }
 
     fn event(&mut self, _source: Source, shared: &mut Shared) {
@@ -455,8 +574,7 @@ impl Peripheral for Flash {
 
     fn clocks_changed(&mut self, _old: &Timebase, shared: &mut Shared) {
         if self.operation.is_some() {
-            let cycle = shared.base.cycle_of(self.busy_until);
-            shared.schedule(Source::Flash, cycle);
+            self.plan(shared);
         }
     }
 }
@@ -495,19 +613,23 @@ mod tests {
 
     #[test]
     fn sectors_are_erased_in_their_time_and_their_places_are_the_manuals() {
-        let mut shared = shared();
-        let mut flash = unlocked(&mut shared);
-        flash.bytes_mut().fill(0);
-        flash.write(0x10, SER | 4 << 3 | STRT, !0, &mut shared);
-        let due = shared.due(Source::Flash);
-        assert_eq!(due, 550 * 16_000);
-        assert_eq!(flash.peek(BASE + 0xffff, Width::Byte), Some(0));
-        assert_eq!(flash.peek(BASE + 0x1_0000, Width::Word), Some(!0));
-        assert_eq!(flash.peek(BASE + 0x1_ffff, Width::Byte), Some(0xff));
-        assert_eq!(flash.peek(BASE + 0x2_0000, Width::Byte), Some(0));
-        shared.now = due;
-        flash.event(Source::Flash, &mut shared);
-        assert_eq!(flash.read(0x0c, &mut shared) & BSY, 0);
+        // Typical times of the data sheet at 32 and 8 bits.
+        for (size, millis) in [(2, 550), (0, 1200)] {
+            let mut shared = shared();
+            let mut flash = unlocked(&mut shared);
+            flash.bytes_mut().fill(0);
+            flash.write(0x10, SER | 4 << 3 | size << 8 | STRT, !0, &mut shared);
+            let due = shared.due(Source::Flash);
+            assert_eq!(due, millis * 16_000);
+            assert_ne!(flash.read(0x0c, &mut shared) & BSY, 0);
+            shared.now = due;
+            flash.event(Source::Flash, &mut shared);
+            assert_eq!(flash.read(0x0c, &mut shared) & BSY, 0);
+            assert_eq!(flash.peek(BASE + 0xffff, Width::Byte), Some(0));
+            assert_eq!(flash.peek(BASE + 0x1_0000, Width::Word), Some(!0));
+            assert_eq!(flash.peek(BASE + 0x1_ffff, Width::Byte), Some(0xff));
+            assert_eq!(flash.peek(BASE + 0x2_0000, Width::Byte), Some(0));
+        }
     }
 
     #[test]
@@ -518,6 +640,7 @@ mod tests {
         flash.program(BASE, Width::Word, 0, &mut cycle, &mut shared);
         flash.write(0x10, PG, !0, &mut shared);
         flash.write(0x04, 1, !0, &mut shared);
+        assert!(shared.bus_error);
         for key in [0x4567_0123, 0xcdef_89ab] {
             flash.write(0x04, key, !0, &mut shared);
         }
@@ -526,20 +649,177 @@ mod tests {
         assert!(shared.findings.list().len() >= 3);
     }
 
+    /// Errors that a store of this width leaves.
+    fn errors_of(flash: &mut Flash, width: Width, shared: &mut Shared) -> u32 {
+        flash.write(0x0c, CLEARED_BY_ONE, !0, shared);
+        let mut cycle = shared.now;
+        flash.program(BASE + 0x2_0000, width, 0, &mut cycle, shared);
+        flash.read(0x0c, shared) & !BSY
+    }
+
     #[test]
-    fn a_power_cut_leaves_some_bits_of_a_word_and_some_bytes_of_a_sector() {
+    fn each_error_has_its_flag() {
         let mut shared = shared();
         let mut flash = unlocked(&mut shared);
-        flash.write(0x10, PG | 2 << 8, !0, &mut shared);
+        assert_eq!(errors_of(&mut flash, Width::Word, &mut shared), PGSERR);
+        flash.write(0x10, PG | 2 << 8 | ERRIE, !0, &mut shared);
+        let found = errors_of(&mut flash, Width::Byte, &mut shared);
+        assert_eq!(found, PGPERR | OPERR);
+        assert_eq!(shared.lines, 1 << Interrupt::Flash as u32);
+        flash.options.write(flash.options.register() & !(1 << 21));
+        let found = errors_of(&mut flash, Width::Word, &mut shared);
+        assert_eq!(found, WRPERR | OPERR);
+        flash.write(0x10, SER | 5 << 3 | STRT, !0, &mut shared);
+        assert_eq!(flash.read(0x0c, &mut shared) & (BSY | WRPERR), WRPERR);
+        flash.write(0x10, MER | STRT, !0, &mut shared);
+        assert_eq!(flash.read(0x0c, &mut shared) & BSY, 0);
+        assert_eq!(flash.peek(BASE + 0x2_0000, Width::Word), Some(!0));
+    }
+
+    #[test]
+    fn the_end_of_an_operation_interrupts_and_a_write_to_cr_waits_for_it() {
+        let mut shared = shared();
+        let mut flash = unlocked(&mut shared);
+        flash.write(0x10, PG | 2 << 8 | EOPIE, !0, &mut shared);
+        let mut cycle = shared.now;
+        flash.program(BASE, Width::Word, 0, &mut cycle, &mut shared);
+        assert_eq!(shared.lines, 0);
+        flash.write(0x10, EOPIE, !0, &mut shared);
+        // 16 µs at 16 MHz.
+        assert_eq!(shared.held_until, 256);
+        assert_eq!(flash.read(0x0c, &mut shared), EOP);
+        assert_eq!(shared.lines, 1 << Interrupt::Flash as u32);
+        flash.write(0x0c, EOP, !0, &mut shared);
+        assert_eq!(shared.lines, 0);
+    }
+
+    #[test]
+    fn the_supply_and_the_clock_must_suffice() {
+        for (volts, size, hz, findings) in [
+            (2.75, 2, 16_000_000, 0),
+            (2.65, 2, 16_000_000, 1),
+            (2.65, 1, 16_000_000, 0),
+            (3.3, 2, 500_000, 1),
+        ] {
+            let mut shared = shared();
+            let mut flash = unlocked(&mut shared);
+            shared.volts = volts;
+            shared.clocks.hclk_hz = hz;
+            flash.write(0x10, SER | size << 8 | STRT, !0, &mut shared);
+            assert_eq!(shared.findings.list().len(), findings, "{volts} {size}");
+        }
+    }
+
+    #[test]
+    fn a_power_cut_leaves_some_bits_of_a_word() {
+        let mut shared = shared();
+        let mut flash = unlocked(&mut shared);
         let mut torn = 0;
         for k in 0..32 {
             flash.cr = PG | 2 << 8;
             let mut cycle = 0;
-            flash.program(BASE + 4 * k, Width::Word, 0, &mut cycle, &mut shared);
-            flash.reset();
-            let word = flash.peek(BASE + 4 * k, Width::Word);
-            torn += u32::from(word != Some(0) && word != Some(!0));
+            flash.program(BASE + 4 * k, Width::Word, 0xff, &mut cycle, &mut shared);
+            flash.reset(true, &mut shared);
+            let word = flash.peek(BASE + 4 * k, Width::Word).unwrap_or(0);
+            assert_eq!(word & 0xff, 0xff, "bits that were not to be cleared");
+            torn += u32::from(word != 0xff && word != !0);
         }
         assert!(torn > 25, "{torn}");
+    }
+
+    #[test]
+    fn a_power_cut_leaves_a_sector_that_is_neither_old_nor_erased() {
+        let mut shared = shared();
+        let mut flash = unlocked(&mut shared);
+        flash.bytes_mut().fill(0x5a);
+        flash.write(0x10, SER | 1 << 3 | 2 << 8 | STRT, !0, &mut shared);
+        flash.reset(true, &mut shared);
+        let count = |byte: u8| {
+            flash.bytes[0x4000..0x8000]
+                .iter()
+                .filter(|b| **b == byte)
+                .count()
+        };
+        assert!((3000..6000).contains(&count(0x5a)), "{}", count(0x5a));
+        assert!((3000..6000).contains(&count(0xff)), "{}", count(0xff));
+        assert!(
+            flash.bytes[..0x4000]
+                .iter()
+                .chain(&flash.bytes[0x8000..])
+                .all(|b| *b == 0x5a)
+        );
+    }
+
+    #[test]
+    fn option_bytes_are_written_and_a_cut_leaves_them_erased() {
+        for cut in [false, true] {
+            let mut shared = shared();
+            let mut flash = Flash::default();
+            flash.write(0x14, 0, !0, &mut shared);
+            assert_eq!(shared.findings.list().len(), 1, "locked");
+            for key in [0x0819_2a3b, 0x4c5d_6e7f] {
+                flash.write(0x08, key, !0, &mut shared);
+            }
+            let wanted = flash.read(0x14, &mut shared) & !0xc;
+            flash.write(0x14, wanted, !0, &mut shared);
+            flash.write(0x14, wanted | OPTSTRT, !0, &mut shared);
+            assert_ne!(flash.read(0x0c, &mut shared) & BSY, 0);
+            if !cut {
+                shared.now = shared.due(Source::Flash);
+                flash.event(Source::Flash, &mut shared);
+                flash.reset(false, &mut shared);
+                assert_eq!(flash.brown_out(), 3, "not before the next power-on");
+            }
+            flash.reset(true, &mut shared);
+            let (level, rdp) = if cut { (3, 0xff) } else { (0, 0xaa) };
+            assert_eq!(flash.brown_out(), level);
+            assert_eq!(flash.read(0x14, &mut shared) >> 8 & 0xff, rdp);
+        }
+    }
+
+    #[test]
+    fn the_area_that_is_programmed_once_is_locked_by_blocks() {
+        let mut shared = shared();
+        let mut flash = unlocked(&mut shared);
+        flash.write(0x10, PG, !0, &mut shared);
+        // The lock byte of block 1.
+        for (address, value) in [
+            (0x1fff_7820, 7),
+            (0x1fff_7a01, 0),
+            (0x1fff_7820, 0),
+            (0x1fff_7840, 3),
+        ] {
+            let mut cycle = shared.now;
+            flash.program(address, Width::Byte, value, &mut cycle, &mut shared);
+            shared.now = shared.due(Source::Flash).min(shared.now + 1000);
+            flash.event(Source::Flash, &mut shared);
+        }
+        let byte = |address: u32| flash.peek(address, Width::Byte);
+        assert_eq!([byte(0x1fff_7820), byte(0x1fff_7840)], [Some(7), Some(3)]);
+        assert_eq!(flash.sr & WRPERR, WRPERR);
+    }
+
+    #[test]
+    fn the_data_cache_gives_old_bytes_after_an_erase_until_it_is_reset() {
+        let mut shared = shared();
+        let mut flash = unlocked(&mut shared);
+        flash.bytes_mut()[0x8000] = 0x12;
+        flash.write(0x00, DCEN | 5, !0, &mut shared);
+        let load = |flash: &mut Flash, shared: &mut Shared| {
+            let mut cycle = shared.now;
+            flash.load(BASE + 0x8000, Width::Byte, &mut cycle, shared)
+        };
+        assert_eq!(load(&mut flash, &mut shared), Some(Ok(0x12)));
+        flash.write(0x10, SER | 2 << 3 | 2 << 8 | STRT, !0, &mut shared);
+        assert_eq!(load(&mut flash, &mut shared), Some(Ok(0x12)));
+        assert_eq!(flash.peek(BASE + 0x8000, Width::Byte), Some(0xff));
+        // A reset of the cache while it is on is not one.
+        flash.write(0x00, DCEN | DCRST | 5, !0, &mut shared);
+        assert_eq!(load(&mut flash, &mut shared), Some(Ok(0x12)));
+        assert_eq!(shared.findings.list().len(), 1);
+        for acr in [5, DCRST | 5, DCEN | 5] {
+            flash.write(0x00, acr, !0, &mut shared);
+        }
+        assert_eq!(load(&mut flash, &mut shared), Some(Ok(0xff)));
     }
 }

@@ -442,13 +442,24 @@ impl Timer {
         bdtr & BKE != 0 && self.break_level == (bdtr & BKP != 0)
     }
 
+    /// The clock security system reports that the crystal failed, to the break input too.
+    pub fn clock_failure(&mut self, shared: &mut Shared) {
+        if self.reg(0x44) & BKE != 0 {
+            self.stop(shared);
+        }
+    }
+
     fn check_break(&mut self, shared: &mut Shared) {
         if self.is_broken() {
-            self.plain[0x44 / 4] &= !MOE;
-            self.plain[0x10 / 4] |= BREAK;
-            self.line(shared);
-            self.drive(shared);
+            self.stop(shared);
         }
+    }
+
+    fn stop(&mut self, shared: &mut Shared) {
+        self.plain[0x44 / 4] &= !MOE;
+        self.plain[0x10 / 4] |= BREAK;
+        self.line(shared);
+        self.drive(shared);
     }
 
     /// An input has another level.

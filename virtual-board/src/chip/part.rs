@@ -1,0 +1,57 @@
+//! What differs from one chip and its crystal to the next.
+
+use crate::time::Time;
+
+/// What differs from one chip and its crystal to the next; typical by default.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Part {
+    /// Frequency of the crystal, Hz.
+    pub crystal_hz: u64,
+    /// Time from switching the crystal on to a stable clock (data sheet: 2 ms typically at 8 MHz).
+    pub crystal_start: Time,
+    /// Whether a clock, and not a crystal, is soldered to the oscillator's input.
+    pub external_clock: bool,
+    /// Frequency of the slow internal oscillator, Hz (data sheet: 17 to 47 kHz).
+    pub slow_hz: u64,
+    /// Makes the unique identifier, what memory shows after power came on, and what an operation of
+    /// the flash leaves that was cut short.
+    pub seed: u64,
+}
+
+impl Default for Part {
+    fn default() -> Self {
+        Self {
+            crystal_hz: 8_000_000,
+            crystal_start: Time::from_micros(2_000),
+            external_clock: false,
+            slow_hz: 32_000,
+            seed: 1,
+        }
+    }
+}
+
+impl Part {
+    /// Time of so many periods of the slow oscillator.
+    pub(crate) fn slow(&self, periods: u64) -> Time {
+        let picoseconds = u128::from(periods) * 1_000_000_000_000 / u128::from(self.slow_hz.max(1));
+        Time(picoseconds as u64)
+    }
+}
+
+/// Numbers that nobody foresees but that come again with the same seed.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Random(u64);
+
+impl Random {
+    pub fn new(seed: u64) -> Self {
+        // Never zero, and seeds in a row lie far apart.
+        Self((seed ^ 0x9e37_79b9_7f4a_7c15).wrapping_mul(0xbf58_476d_1ce4_e5b9) | 1)
+    }
+
+    pub fn next(&mut self) -> u64 {
+        self.0 ^= self.0 << 13;
+        self.0 ^= self.0 >> 7;
+        self.0 ^= self.0 << 17;
+        self.0
+    }
+}

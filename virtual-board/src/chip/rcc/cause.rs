@@ -1,0 +1,54 @@
+//! Causes of resets, and the flags that show them.
+
+// Flags of CSR.
+const BORRSTF: u32 = 1 << 25;
+const PINRSTF: u32 = 1 << 26;
+const PORRSTF: u32 = 1 << 27;
+const SFTRSTF: u32 = 1 << 28;
+const IWDGRSTF: u32 = 1 << 29;
+
+/// Why the chip was reset.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Cause {
+    /// Power came on.
+    PowerOn,
+    /// The supply sagged below the brown-out level.
+    BrownOut,
+    /// The reset pin.
+    Pin,
+    /// The program.
+    Software,
+    /// The independent watchdog.
+    Watchdog,
+}
+
+impl Cause {
+    /// The name in tables.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::PowerOn => "power on",
+            Self::BrownOut => "brown-out",
+            Self::Pin => "reset pin",
+            Self::Software => "software",
+            Self::Watchdog => "watchdog",
+        }
+    }
+
+    /// Whether it is a power reset, which clears the flags of earlier ones (RM0090, 7.1.2 and 7.3.21).
+    pub(crate) fn is_power(self) -> bool {
+        matches!(self, Self::PowerOn | Self::BrownOut)
+    }
+
+    /// Flags of CSR that it sets: every internal reset pulls the pin low too, and that of power sets
+    /// the flag of the brown-out as well.
+    pub(crate) fn flags(self) -> u32 {
+        PINRSTF
+            | match self {
+                Self::PowerOn => PORRSTF | BORRSTF,
+                Self::BrownOut => BORRSTF,
+                Self::Pin => 0,
+                Self::Software => SFTRSTF,
+                Self::Watchdog => IWDGRSTF,
+            }
+    }
+}

@@ -1,0 +1,729 @@
+//! Reset and clock control: oscillators, PLL, clocks of buses and peripherals, causes of resets.
+//!
+//! Source: reference manual RM0090, chapter 7 (STM32F405). Start-up times are typical ones of the data
+//! sheet; ready flags come after them. A clock beyond its limit is a finding when it is switched.
+//!
+//! A crystal that fails while clock security is off leaves the core without a clock if the core ran on
+//! it: the manual does not say at which frequency the PLL goes on. Then everything that the core's
+//! clock drives stands still, outputs stay as they are, and only the watchdog goes on.
+//!
+//! Not modelled: clock outputs MCO, PLLI2S, the low-speed crystal, spread spectrum, trimming of the
+//! internal oscillator; switching one of them on is a finding. Enables for sleep are kept and do
+//! nothing. A peripheral can be used in the cycle after its clock was switched on, where the chip needs
+//! two (errata sheet, 2.1.13).
+
+mod cause;
+mod tree;
+
+pub use cause::Cause;
+
+use super::Peripheral;
+use super::interrupt::Interrupt;
+use super::register::{Register, merge, narrow};
+use super::shared::{Clocks, Effect, Shared, Source};
+use crate::finding::Kind;
+use crate::time::{NEVER, Time, Timebase};
+use tree::Pll;
+
+/// Frequency of the internal oscillator, Hz.
+const INTERNAL_HZ: u64 = 16_000_000;
+/// Stands for no clock at all; a cycle is then as long as the time base can have it.
+const STALLED_HZ: u64 = 1_000;
+/// Start-up of the internal oscillator, the slow one, and the PLL.
+const INTERNAL_START: Time = Time::from_nanos(2_200);
+const SLOW_START: Time = Time::from_micros(15);
+const PLL_LOCK: Time = Time::from_micros(100);
+/// An external clock needs no start but some cycles.
+const EXTERNAL_START: Time = Time::from_micros(1);
+/// How long the chip stays in reset after the supply is good, and after other resets.
+const POWER_DELAY: Time = Time::from_micros(1_500);
+const RESET_PULSE: Time = Time::from_micros(20);
+
+// PLLCFGR's bit 29 is reserved and one after a reset; the HALs of the family, the vendor's too, write
+// zero there without harm, so it counts as a bit.
+#[rustfmt::skip]
+const REGISTERS: &[Register] = &[
+    narrow(0x00, "CR", 0x0f0f_fffb), narrow(0x04, "PLLCFGR", 0x2f43_7fff), narrow(0x08, "CFGR", 0xffff_fcff),
+    narrow(0x0c, "CIR", 0x00bf_3fbf), narrow(0x10, "AHB1RSTR", 0x2260_11ff), narrow(0x14, "AHB2RSTR", 0xf1),
+    narrow(0x18, "AHB3RSTR", 1), narrow(0x20, "APB1RSTR", 0x36fe_c9ff), narrow(0x24, "APB2RSTR", 0x0007_5933),
+    narrow(0x30, "AHB1ENR", 0x7e74_11ff), narrow(0x34, "AHB2ENR", 0xf1), narrow(0x38, "AHB3ENR", 1),
+    narrow(0x40, "APB1ENR", 0x36fe_c9ff), narrow(0x44, "APB2ENR", 0x0007_5f33),
+    narrow(0x50, "AHB1LPENR", 0x7e67_91ff), narrow(0x54, "AHB2LPENR", 0xf1), narrow(0x58, "AHB3LPENR", 1),
+    narrow(0x60, "APB1LPENR", 0x36fe_c9ff), narrow(0x64, "APB2LPENR", 0x0007_5f33),
+    narrow(BDCR, "BDCR", 0x0001_8307), narrow(CSR, "CSR", 0xff00_0003), narrow(0x80, "SSCGR", 0xcfff_ffff),
+    narrow(0x84, "PLLI2SCFGR", 0x7000_7fc0),
+    // Of the STM32F42x; here it reads as zero, and drivers for the whole family look at it.
+    narrow(0x8c, "DCKCFGR", 0),
+];
+
+/// Offset of the control of the backup domain.
+pub(crate) const BDCR: u32 = 0x70;
+const CSR: u32 = 0x74;
+/// From an enable register back to the reset register of the same peripherals.
+const RESET_TO_ENABLE: u32 = 0x20;
+
+// Bits of CR.
+const HSION: u32 = 1;
+const HSEON: u32 = 1 << 16;
+const HSEBYP: u32 = 1 << 18;
+const CSSON: u32 = 1 << 19;
+const PLLON: u32 = 1 << 24;
+const PLLI2SON: u32 = 1 << 26;
+const TRIM: u32 = 0xf8;
+/// PLLCFGR: the crystal and not the internal oscillator is the PLL's source.
+const PLLSRC: u32 = 1 << 22;
+/// CIR: the crystal failed.
+const CSSF: u32 = 1 << 7;
+// Bits of BDCR.
+const RTCSEL: u32 = 0x300;
+const RTCEN: u32 = 1 << 15;
+const BDRST: u32 = 1 << 16;
+
+/// What comes up some time after it is switched on.
+#[derive(Clone, Copy, Debug, Default)]
+struct Oscillator {
+    ready: bool,
+    /// When it is ready.
+    due: Option<Time>,
+}
+
+/// Oscillators at their index; the first three are what the core can run on, by their number in SW.
+const INTERNAL: usize = 0;
+const CRYSTAL: usize = 1;
+const PLL: usize = 2;
+const SLOW: usize = 3;
+
+/// Each oscillator's flag in CIR.
+const READY_FLAGS: [u32; 4] = [1 << 2, 1 << 3, 1 << 4, 1];
+
+/// What a reset leaves as it is.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Kept {
+    causes: u32,
+    crystal_dead: bool,
+    backup: u32,
+}
+
+/// Reset and clock control.
+pub(crate) struct Rcc {
+    /// Registers that only hold what is written, by offset over 4.
+    plain: [u32; 36],
+    oscillators: [Oscillator; 4],
+    /// What the core runs on.
+    system: usize,
+    causes: u32,
+    /// Ready flags of CIR, and that of the clock security system.
+    flags: u32,
+    crystal_dead: bool,
+    clocks: Clocks,
+    /// The core's clock has failed.
+    stalled: bool,
+    /// When the reset is let go.
+    release: Option<Time>,
+}
+
+impl Default for Rcc {
+    fn default() -> Self {
+        let mut plain = [0; 36];
+        for (offset, value) in [
+            (0x00, 0x81),
+            (0x04, 0x2400_3010),
+            (0x30, 0x0010_0000),
+            (0x50, 0x7e67_91ff),
+            (0x54, 0xf1),
+            (0x58, 1),
+            (0x60, 0x36fe_c9ff),
+            (0x64, 0x0007_5f33),
+            (0x84, 0x2000_3000),
+        ] {
+            plain[offset / 4] = value;
+        }
+        let mut oscillators = [Oscillator::default(); 4];
+        oscillators[INTERNAL].ready = true;
+        Self {
+            plain,
+            oscillators,
+            system: INTERNAL,
+            causes: 0,
+            flags: 0,
+            crystal_dead: false,
+            clocks: Clocks::RESET,
+            stalled: false,
+            release: None,
+        }
+    }
+}
+
+impl Rcc {
+    /// What is kept over a reset: flags until the power goes, the backup domain too.
+    pub fn kept(&self, cause: Cause) -> Kept {
+        let keep = |kept: bool, value: u32| if kept { value } else { 0 };
+        Kept {
+            causes: keep(!cause.is_power(), self.causes),
+            crystal_dead: self.crystal_dead,
+            backup: keep(cause != Cause::PowerOn, self.reg(BDCR)),
+        }
+    }
+
+    /// After a reset.
+    pub fn begin(&mut self, kept: Kept, cause: Cause, shared: &mut Shared) {
+        self.causes = kept.causes | cause.flags();
+        self.crystal_dead = kept.crystal_dead;
+        *self.reg_mut(BDCR) = kept.backup;
+        let delay = if cause.is_power() {
+            POWER_DELAY
+        } else {
+            RESET_PULSE
+        };
+        self.release = Some(shared.time() + delay);
+        self.plan(shared);
+    }
+
+    /// Whether the core stands still: the reset is not let go yet, or its clock has failed.
+    pub fn is_held(&self) -> bool {
+        self.stalled || self.release.is_some()
+    }
+
+    /// Whether a bit of an enable register is set.
+    pub fn is_enabled(&self, register: u32, bit: u32) -> bool {
+        self.reg(register) >> bit & 1 != 0
+    }
+
+    /// Whether the program holds the peripheral in reset that has this bit of an enable register.
+    pub fn is_in_reset(&self, register: u32, bit: u32) -> bool {
+        self.reg(register - RESET_TO_ENABLE) >> bit & 1 != 0
+    }
+
+    fn reg(&self, offset: u32) -> u32 {
+        self.plain[offset as usize / 4]
+    }
+
+    fn reg_mut(&mut self, offset: u32) -> &mut u32 {
+        &mut self.plain[offset as usize / 4]
+    }
+
+    /// The crystal works or fails.
+    pub fn crystal(&mut self, works: bool, shared: &mut Shared) {
+        self.crystal_dead = !works;
+        if works {
+            if self.reg(0) & HSEON != 0 && !self.oscillators[CRYSTAL].ready {
+                self.start(CRYSTAL, shared);
+            }
+            return;
+        }
+        let ran = self.oscillators[CRYSTAL].ready;
+        let used = self.is_used(CRYSTAL);
+        self.oscillators[CRYSTAL] = Oscillator::default();
+        if self.pll_source() == CRYSTAL {
+            self.oscillators[PLL] = Oscillator::default();
+        }
+        self.plan(shared);
+        if ran && self.reg(0) & CSSON != 0 {
+            self.take_over(used, shared);
+        } else if used {
+            let text = "the crystal failed without clock security: the core stands still";
+            shared.note(Kind::ClockLimit, text);
+            self.stalled = true;
+            shared.effect(Effect::Frequency(STALLED_HZ));
+        }
+    }
+
+    /// The clock security system has seen that the crystal failed.
+    fn take_over(&mut self, used: bool, shared: &mut Shared) {
+        *self.reg_mut(0) &= !HSEON;
+        self.flags |= CSSF;
+        if used {
+            if self.system == PLL {
+                *self.reg_mut(0) &= !PLLON;
+            }
+            *self.reg_mut(0) |= HSION;
+            self.oscillators[INTERNAL] = Oscillator {
+                ready: true,
+                due: None,
+            };
+            *self.reg_mut(8) &= !3;
+            self.switch(INTERNAL, shared);
+        }
+        shared.effect(Effect::ClockFailure);
+    }
+
+    fn pll_source(&self) -> usize {
+        if self.reg(4) & PLLSRC != 0 {
+            CRYSTAL
+        } else {
+            INTERNAL
+        }
+    }
+
+    /// Whether the core runs on an oscillator, directly or through the PLL.
+    fn is_used(&self, which: usize) -> bool {
+        which == self.system || self.system == PLL && which == self.pll_source()
+    }
+
+    fn source_hz(&self, which: usize, shared: &Shared) -> u64 {
+        match which {
+            INTERNAL => INTERNAL_HZ,
+            CRYSTAL => shared.part.crystal_hz,
+            _ => self.pll(shared).core_hz,
+        }
+    }
+
+    fn pll(&self, shared: &Shared) -> Pll {
+        Pll::of(self.reg(4), self.source_hz(self.pll_source(), shared))
+    }
+
+    fn start(&mut self, which: usize, shared: &mut Shared) {
+        let external = self.reg(0) & HSEBYP != 0;
+        let after = match which {
+            INTERNAL => INTERNAL_START,
+            CRYSTAL if self.crystal_dead => return,
+            // A crystal does not swing while its driver is bypassed.
+            CRYSTAL if external && !shared.part.external_clock => return,
+            CRYSTAL if shared.part.external_clock => EXTERNAL_START,
+            CRYSTAL => shared.part.crystal_start,
+            PLL => PLL_LOCK,
+            _ => SLOW_START,
+        };
+        self.oscillators[which].due = Some(shared.time() + after);
+        self.plan(shared);
+    }
+
+    fn plan(&self, shared: &mut Shared) {
+        let dues = self.oscillators.iter().filter_map(|one| one.due);
+        let next = dues.chain(self.release).min();
+        let cycle = next.map_or(NEVER, |at| shared.base.cycle_of(at).max(shared.now + 1));
+        shared.schedule(Source::Rcc, cycle);
+    }
+
+    /// The core goes on with another clock.
+    fn switch(&mut self, system: usize, shared: &mut Shared) {
+        self.system = system;
+        self.update(shared);
+    }
+
+    /// Frequencies anew.
+    fn update(&mut self, shared: &mut Shared) {
+        let system_hz = self.source_hz(self.system, shared);
+        let clocks = tree::clocks(self.reg(8), system_hz);
+        for text in tree::too_fast(&clocks, system_hz) {
+            shared.note(Kind::ClockLimit, text);
+        }
+        if clocks != self.clocks {
+            self.clocks = clocks;
+            shared.clocks = Clocks {
+                hclk_hz: shared.clocks.hclk_hz,
+                ..clocks
+            };
+            shared.effect(Effect::Frequency(clocks.hclk_hz));
+        }
+    }
+
+    fn write_cr(&mut self, mut value: u32, shared: &mut Shared) {
+        let old = self.reg(0);
+        let enables = [(INTERNAL, HSION), (CRYSTAL, HSEON), (PLL, PLLON)];
+        for (which, bit) in enables {
+            if old & !value & bit == 0 {
+                continue;
+            }
+            if self.is_used(which) {
+                let text = "the oscillator that the core runs on is switched off";
+                shared.note(Kind::Forbidden, text);
+                value |= bit;
+            } else {
+                self.oscillators[which] = Oscillator::default();
+            }
+        }
+        if (value ^ old) & HSEBYP != 0 && old & HSEON != 0 {
+            shared.note(Kind::Forbidden, "RCC_CR: HSEBYP changed while HSEON is set");
+            value = merge(value, old, HSEBYP);
+        }
+        for (changed, text) in [
+            (value & !old & PLLI2SON != 0, "PLLI2S"),
+            (
+                (value ^ old) & TRIM != 0,
+                "trimming of the internal oscillator",
+            ),
+        ] {
+            if changed {
+                shared.note(Kind::NotModelled, text);
+            }
+        }
+        *self.reg_mut(0) = value & (HSION | TRIM | HSEON | HSEBYP | CSSON | PLLON | PLLI2SON);
+        if value & !old & PLLON != 0 {
+            self.judge_pll(shared);
+        }
+        for (which, bit) in enables {
+            if value & !old & bit != 0 {
+                self.start(which, shared);
+            }
+        }
+        self.plan(shared);
+    }
+
+    /// Judges the settings of the PLL as it is switched on.
+    fn judge_pll(&self, shared: &mut Shared) {
+        for text in self.pll(shared).violations() {
+            shared.note(Kind::ClockLimit, text);
+        }
+        if !self.oscillators[self.pll_source()].ready {
+            let text = "PLL switched on before its source is ready";
+            shared.note(Kind::Forbidden, text);
+        }
+    }
+
+    fn write_cfgr(&mut self, mut value: u32, shared: &mut Shared) {
+        let old = self.reg(8);
+        if (value ^ old) & 0xffe0_0000 != 0 {
+            shared.note(Kind::NotModelled, "clock outputs MCO, clock of I2S");
+        }
+        if value & 3 == 3 {
+            shared.note(Kind::Forbidden, "RCC_CFGR: SW = 3");
+            value = merge(value, old, 3);
+        }
+        *self.reg_mut(8) = value & !0xc;
+        if !self.follow_switch(shared) && (value ^ old) & 0xfcf0 != 0 {
+            self.update(shared);
+        }
+    }
+
+    /// Switches to the oscillator that is asked for as soon as it is ready.
+    fn follow_switch(&mut self, shared: &mut Shared) -> bool {
+        let wanted = (self.reg(8) & 3) as usize;
+        let switches = wanted != self.system && self.oscillators[wanted].ready;
+        if switches {
+            self.switch(wanted, shared);
+        }
+        switches
+    }
+
+    fn write_backup(&mut self, value: u32, shared: &mut Shared) {
+        let old = self.reg(BDCR);
+        if value & BDRST != 0 {
+            *self.reg_mut(BDCR) = BDRST;
+            return;
+        }
+        if value & 1 != 0 {
+            shared.note(Kind::NotModelled, "the low-speed crystal");
+        }
+        // Once chosen, the source stays; drivers of the family write others without harm.
+        let source = match old & RTCSEL {
+            0 => value & RTCSEL,
+            chosen => chosen,
+        };
+        *self.reg_mut(BDCR) = value & (RTCEN | 5) | source;
+    }
+
+    fn write_csr(&mut self, value: u32, shared: &mut Shared) {
+        if value & 1 << 24 != 0 {
+            self.causes = 0;
+        }
+        let old = std::mem::replace(self.reg_mut(CSR), value & 1);
+        if value & !old & 1 != 0 {
+            self.start(SLOW, shared);
+        } else if value & 1 == 0 {
+            self.oscillators[SLOW] = Oscillator::default();
+            self.plan(shared);
+        }
+    }
+
+    fn write_reset(&mut self, offset: u32, value: u32, shared: &mut Shared) {
+        let old = std::mem::replace(self.reg_mut(offset), value);
+        for bit in (0..32).filter(|bit| value & !old & 1 << bit != 0) {
+            shared.effect(Effect::ResetUnit(offset + RESET_TO_ENABLE, bit));
+        }
+    }
+
+    fn read_cr(&self) -> u32 {
+        let ready = |which: usize, bit: u32| u32::from(self.oscillators[which].ready) << bit;
+        // Calibration by the factory.
+        let calibration = 0x80 << 8;
+        self.reg(0) | ready(INTERNAL, 1) | ready(CRYSTAL, 17) | ready(PLL, 25) | calibration
+    }
+
+    fn line(&self, shared: &mut Shared) {
+        let enabled = self.reg(0x0c) >> 8 & 0x3f;
+        shared.line(Interrupt::Rcc, self.flags & enabled != 0);
+    }
+
+    /// An oscillator has come up.
+    fn come_up(&mut self, which: usize, shared: &mut Shared) {
+        self.oscillators[which] = Oscillator {
+            ready: true,
+            due: None,
+        };
+        // The flag comes only where its interrupt is enabled.
+        self.flags |= READY_FLAGS[which] & self.reg(0x0c) >> 8;
+        if self.stalled && which == self.system {
+            self.stalled = false;
+            shared.effect(Effect::Frequency(self.clocks.hclk_hz));
+        } else if self.stalled && which == self.pll_source() {
+            self.start(PLL, shared);
+        }
+    }
+}
+
+impl Peripheral for Rcc {
+    fn registers(&self) -> &'static [Register] {
+        REGISTERS
+    }
+
+    fn read(&mut self, offset: u32, _shared: &mut Shared) -> u32 {
+        match offset {
+            0x00 => self.read_cr(),
+            0x08 => self.reg(8) | (self.system as u32) << 2,
+            0x0c => self.reg(0x0c) | self.flags,
+            CSR => self.causes | u32::from(self.oscillators[SLOW].ready) << 1 | self.reg(CSR),
+            _ => self.reg(offset),
+        }
+    }
+
+    fn write(&mut self, offset: u32, value: u32, mask: u32, shared: &mut Shared) {
+        let old = self.reg(offset);
+        let value = merge(old, value, mask);
+        match offset {
+            0x00 => self.write_cr(value, shared),
+            0x04 if old != value && self.reg(0) & PLLON != 0 => {
+                shared.note(Kind::Forbidden, "RCC_PLLCFGR written while the PLL is on");
+            }
+            0x08 => self.write_cfgr(value, shared),
+            0x0c => {
+                self.flags &= !(value >> 16 & 0xbf);
+                *self.reg_mut(0x0c) = value & 0x3f00;
+                self.line(shared);
+            }
+            0x10..=0x24 => self.write_reset(offset, value, shared),
+            BDCR => self.write_backup(value, shared),
+            CSR => self.write_csr(value, shared),
+            0x80 if value & 1 << 31 != 0 => shared.note(Kind::NotModelled, "spread spectrum"),
+            _ => *self.reg_mut(offset) = value,
+        }
+    }
+
+    fn event(&mut self, _source: Source, shared: &mut Shared) {
+        let now = shared.time();
+        let is_due = |due: Option<Time>| due.is_some_and(|due| due <= now);
+        if is_due(self.release) {
+            self.release = None;
+        }
+        for which in [INTERNAL, CRYSTAL, PLL, SLOW] {
+            if is_due(self.oscillators[which].due) {
+                self.come_up(which, shared);
+            }
+        }
+        self.follow_switch(shared);
+        self.line(shared);
+        self.plan(shared);
+    }
+
+    fn clocks_changed(&mut self, _old: &Timebase, shared: &mut Shared) {
+        self.plan(shared);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::chip::testing::shared;
+
+    /// Runs what is due until nothing is, or `until`.
+    fn pass(rcc: &mut Rcc, shared: &mut Shared, micros: u64) {
+        let end = shared.after(Time::from_micros(micros));
+        while shared.due(Source::Rcc) <= end {
+            shared.now = shared.due(Source::Rcc);
+            shared.schedule(Source::Rcc, NEVER);
+            rcc.event(Source::Rcc, shared);
+        }
+        shared.now = end;
+    }
+
+    fn start(rcc: &mut Rcc, shared: &mut Shared) {
+        rcc.write(0x00, 0x0001_0081, !0, shared);
+        assert_eq!(rcc.read(0x00, shared) & 1 << 17, 0, "not at once");
+        pass(rcc, shared, 2_100);
+        assert_ne!(rcc.read(0x00, shared) & 1 << 17, 0);
+        // 8 MHz / 4 · 168 / 2.
+        rcc.write(0x04, 0x2040_2a04 | 7 << 24, !0, shared);
+        rcc.write(0x00, 0x0101_0081, !0, shared);
+        rcc.write(0x08, 0x0000_9402, !0, shared);
+        pass(rcc, shared, 200);
+    }
+
+    #[test]
+    fn the_manuals_way_to_168_mhz() {
+        let (mut rcc, mut shared) = (Rcc::default(), shared());
+        start(&mut rcc, &mut shared);
+        assert_eq!(rcc.read(0x08, &mut shared) >> 2 & 3, 2);
+        assert_eq!(rcc.clocks.hclk_hz, 168_000_000);
+        assert!(shared.effects.contains(&Effect::Frequency(168_000_000)));
+        let Clocks {
+            apb1,
+            apb2,
+            timer1,
+            timer2,
+            ..
+        } = shared.clocks;
+        assert_eq!([apb1, apb2, timer1, timer2], [4, 2, 2, 1]);
+        assert!(
+            shared.findings.list().is_empty(),
+            "{:?}",
+            shared.findings.list()
+        );
+    }
+
+    #[test]
+    fn clocks_beyond_their_limits_are_found() {
+        let (mut rcc, mut shared) = (Rcc::default(), shared());
+        start(&mut rcc, &mut shared);
+        // APB1 at 84 MHz.
+        rcc.write(0x08, 0x0000_9002, !0, &mut shared);
+        let found = shared.findings.list();
+        assert!(
+            found.len() == 1 && found[0].text.contains("PCLK1 84000000"),
+            "{found:?}"
+        );
+    }
+
+    #[test]
+    fn clock_security_takes_over_when_the_crystal_fails() {
+        let (mut rcc, mut shared) = (Rcc::default(), shared());
+        start(&mut rcc, &mut shared);
+        rcc.write(0x00, 0x0109_0081, !0, &mut shared);
+        shared.effects.clear();
+        rcc.crystal(false, &mut shared);
+        assert_eq!(rcc.clocks.hclk_hz, INTERNAL_HZ);
+        assert!(shared.effects.contains(&Effect::ClockFailure));
+        assert_ne!(rcc.read(0x0c, &mut shared) & 1 << 7, 0);
+        rcc.write(0x0c, 1 << 23, !0, &mut shared);
+        assert_eq!(rcc.read(0x0c, &mut shared) & 1 << 7, 0);
+    }
+
+    #[test]
+    fn without_clock_security_the_core_stands_still_until_the_crystal_swings_again() {
+        let (mut rcc, mut shared) = (Rcc::default(), shared());
+        start(&mut rcc, &mut shared);
+        shared.effects.clear();
+        rcc.crystal(false, &mut shared);
+        assert!(rcc.is_held());
+        assert!(shared.effects.iter().eq(&[Effect::Frequency(STALLED_HZ)]));
+        pass(&mut rcc, &mut shared, 50_000);
+        rcc.crystal(true, &mut shared);
+        pass(&mut rcc, &mut shared, 1_900);
+        assert!(rcc.is_held(), "2 ms to start");
+        // Then 0.1 ms for the PLL.
+        pass(&mut rcc, &mut shared, 300);
+        assert!(!rcc.is_held());
+        assert_eq!(shared.effects.back(), Some(&Effect::Frequency(168_000_000)));
+    }
+
+    #[test]
+    fn a_dead_crystal_is_never_ready_and_an_external_clock_needs_bypass() {
+        for (bypass, external, dead, ready) in [
+            (false, false, false, true),
+            (false, false, true, false),
+            (true, false, false, false),
+            (true, true, false, true),
+        ] {
+            let (mut rcc, mut shared) = (Rcc::default(), shared());
+            shared.part.external_clock = external;
+            rcc.crystal(!dead, &mut shared);
+            let cr = 0x81 | if bypass { HSEBYP } else { 0 };
+            rcc.write(0x00, cr, !0, &mut shared);
+            rcc.write(0x00, cr | HSEON, !0, &mut shared);
+            pass(&mut rcc, &mut shared, 10_000);
+            assert_eq!(rcc.read(0x00, &mut shared) >> 17 & 1 != 0, ready);
+        }
+    }
+
+    #[test]
+    fn what_the_core_runs_on_cannot_be_switched_off() {
+        let (mut rcc, mut shared) = (Rcc::default(), shared());
+        start(&mut rcc, &mut shared);
+        for off in [HSEON, PLLON] {
+            let cr = rcc.read(0x00, &mut shared);
+            rcc.write(0x00, cr & !off, !0, &mut shared);
+            assert_eq!(rcc.read(0x00, &mut shared), cr);
+        }
+        let cr = rcc.read(0x00, &mut shared);
+        rcc.write(0x00, cr & !HSION, !0, &mut shared);
+        assert_eq!(rcc.read(0x00, &mut shared) & 3, 0, "neither on nor ready");
+        let found = shared.findings.list();
+        assert!(found.len() == 1 && found[0].count == 2, "{found:?}");
+    }
+
+    #[test]
+    fn ready_flags_come_where_their_interrupt_is_enabled() {
+        let (mut rcc, mut shared) = (Rcc::default(), shared());
+        rcc.write(0x0c, 1 << 12, !0, &mut shared);
+        start(&mut rcc, &mut shared);
+        assert_eq!(rcc.read(0x0c, &mut shared), 1 << 12 | 1 << 4);
+        assert_eq!(shared.lines, 1 << Interrupt::Rcc as u32);
+        rcc.write(0x0c, 1 << 12 | 1 << 20, !0, &mut shared);
+        assert_eq!(shared.lines, 0);
+    }
+
+    #[test]
+    fn a_prescaler_of_a_bus_alone_is_told_too() {
+        let (mut rcc, mut shared) = (Rcc::default(), shared());
+        rcc.write(0x08, 4 << 10, !0, &mut shared);
+        assert_eq!((shared.clocks.apb1, shared.clocks.timer1), (2, 1));
+        assert!(shared.effects.iter().eq(&[Effect::Frequency(INTERNAL_HZ)]));
+    }
+
+    #[test]
+    fn a_reset_bit_resets_at_its_edge() {
+        let (mut rcc, mut shared) = (Rcc::default(), shared());
+        rcc.write(0x20, 1 << 25, !0, &mut shared);
+        rcc.write(0x20, 1 << 25 | 1, !0, &mut shared);
+        let told = [Effect::ResetUnit(0x40, 25), Effect::ResetUnit(0x40, 0)];
+        assert!(shared.effects.iter().eq(&told));
+        assert!(rcc.is_in_reset(0x40, 25) && !rcc.is_in_reset(0x40, 1));
+    }
+
+    #[test]
+    fn causes_add_up_until_they_are_cleared_or_the_power_fails() {
+        let mut shared = shared();
+        let mut rcc = Rcc::default();
+        rcc.begin(Kept::default(), Cause::PowerOn, &mut shared);
+        let mut after = |rcc: &mut Rcc, cause: Cause| {
+            let kept = rcc.kept(cause);
+            *rcc = Rcc::default();
+            rcc.begin(kept, cause, &mut shared);
+            rcc.read(CSR, &mut shared) >> 24
+        };
+        // Flags of RM0090, 7.3.21, over bit 24.
+        assert_eq!(after(&mut rcc, Cause::Watchdog), 0x2e);
+        assert_eq!(after(&mut rcc, Cause::Software), 0x3e);
+        assert_eq!(after(&mut rcc, Cause::BrownOut), 0x06);
+        assert_eq!(after(&mut rcc, Cause::Pin), 0x06);
+        rcc.write_csr(1 << 24, &mut super::super::testing::shared());
+        assert_eq!(after(&mut rcc, Cause::Pin), 0x04);
+        assert_eq!(after(&mut rcc, Cause::PowerOn), 0x0e);
+    }
+
+    #[test]
+    fn the_core_is_let_go_some_time_after_a_reset() {
+        for (cause, micros) in [(Cause::PowerOn, 1_500), (Cause::Software, 20)] {
+            let (mut rcc, mut shared) = (Rcc::default(), shared());
+            rcc.begin(Kept::default(), cause, &mut shared);
+            pass(&mut rcc, &mut shared, micros - 1);
+            assert!(rcc.is_held());
+            pass(&mut rcc, &mut shared, 1);
+            assert!(!rcc.is_held());
+        }
+    }
+
+    #[test]
+    fn the_backup_domain_outlives_resets_and_its_clock_is_chosen_once() {
+        let (mut rcc, mut shared) = (Rcc::default(), shared());
+        rcc.write(BDCR, 0x8200, !0, &mut shared);
+        let kept = rcc.kept(Cause::Watchdog);
+        let mut rcc = Rcc::default();
+        rcc.begin(kept, Cause::Watchdog, &mut shared);
+        rcc.write(BDCR, 0x8100, !0, &mut shared);
+        assert_eq!(rcc.read(BDCR, &mut shared), 0x8200);
+        rcc.write(BDCR, BDRST, !0, &mut shared);
+        rcc.write(BDCR, 0, !0, &mut shared);
+        assert_eq!(rcc.read(BDCR, &mut shared), 0);
+        assert_eq!(rcc.kept(Cause::PowerOn).backup, 0);
+    }
+}
