@@ -19,11 +19,13 @@ use core_algos::node::board::{Board, Ready, Role};
 use core_algos::params::Settings;
 use embassy_executor::Spawner;
 use embassy_stm32::Peripherals;
+use embassy_stm32::pac::gpio::vals::Moder;
+use embassy_stm32::pac::{GPIOB, RCC};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::watch::Watch;
 use firmware_common::store::chip::Parameters;
 use firmware_common::watchdog::Watchdog;
-use firmware_common::{board, can, executors, strap};
+use firmware_common::{board, can, executors, fault, strap};
 use static_cell::StaticCell;
 
 use encoders::Encoders;
@@ -34,6 +36,8 @@ use tick::{Axis, Report};
 
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
+    drivers_asleep();
+    fault::on_fault(drivers_asleep);
     match start(board::start()).await {
         // In a task of its own, so that the stack of the start is free again.
         Ok((reports, attendance)) => {
@@ -44,6 +48,14 @@ async fn main(spawner: Spawner) {
             defmt::error!("configuration: {} = {}", error.field, error.value);
         }
     }
+}
+
+/// Pulls nSLEEP of both drivers low: with PB13 an output, whatever else is set up. Before the motors
+/// are started this is their safe state.
+fn drivers_asleep() {
+    RCC.ahb1enr().modify(|w| w.set_gpioben(true));
+    GPIOB.bsrr().write(|w| w.set_br(13, true));
+    GPIOB.moder().modify(|w| w.set_moder(13, Moder::OUTPUT));
 }
 
 /// Builds everything and starts it; what is left for the caller is the log.

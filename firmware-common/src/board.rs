@@ -8,7 +8,7 @@ use embassy_stm32::rcc::{
 use embassy_stm32::time::Hertz;
 use embassy_stm32::{Config, Peripherals};
 
-use crate::{fault, time_driver};
+use crate::{fault, stack, time_driver};
 
 /// Frequency of the core, Hz.
 pub const CORE_HZ: u32 = 168_000_000;
@@ -21,11 +21,13 @@ const CRYSTAL_HZ: u32 = 8_000_000;
 /// Brings the board up and gives its peripherals; call it once, first.
 ///
 /// Core at 168 MHz from the crystal through the PLL, AHB at the same, APB1 at 42 MHz, APB2 at
-/// 84 MHz, 48 MHz for USB unused. Then the clock of `embassy-time` runs, the brown-out level is set,
+/// 84 MHz, 48 MHz for USB unused; prefetch and caches of the flash on. Below the stack is a guard
+/// before anything else is done. Then the clock of `embassy-time` runs, the brown-out level is set,
 /// and the log says why the board was reset and which faults it had since power came on.
 pub fn start() -> Peripherals {
     #[cfg(feature = "emulated")]
     crate::emulated::shim::install();
+    stack::guard();
 
     let mut config = Config::default();
     config.rcc.hse = Some(Hse {
@@ -46,6 +48,9 @@ pub fn start() -> Peripherals {
     config.rcc.apb1_pre = APBPrescaler::DIV4;
     config.rcc.apb2_pre = APBPrescaler::DIV2;
     let peripherals = embassy_stm32::init(config);
+    // The emulator has neither wait states nor what would hide them.
+    #[cfg(not(feature = "emulated"))]
+    crate::accelerator::enable();
     let clocks = embassy_stm32::rcc::clocks(&peripherals.RCC);
     defmt::info!(
         "core at {} Hz",

@@ -1,4 +1,4 @@
-//! Panics and processor faults: outputs made safe, the fault counted, kept and logged, the board
+//! Panics, processor faults and overflows of the stack: outputs made safe, the fault counted, kept and logged, the board
 //! restarted.
 //!
 //! Counts and message stand in memory that a reset does not clear ([`kept`](crate::kept)), so that the
@@ -9,10 +9,9 @@ use core::panic::PanicInfo;
 use core::ptr::addr_of_mut;
 use core::sync::atomic::{AtomicBool, AtomicPtr, Ordering};
 
-use cortex_m_rt::ExceptionFrame;
-
 pub use crate::kept::Faults;
 use crate::kept::{Record, Text};
+use crate::stack;
 
 #[unsafe(link_section = ".uninit.FAULTS")]
 static mut RECORD: core::mem::MaybeUninit<Record> = core::mem::MaybeUninit::uninit();
@@ -86,8 +85,8 @@ fn stop(count: impl FnOnce(&mut Faults) -> &mut u32, what: Arguments) -> ! {
             // What does not fit is cut off.
             let _ = record.message.write_fmt(what);
         });
+        // Not flushed: a probe that has left would be waited for.
         defmt::error!("{}", defmt::Display2Format(&what));
-        defmt::flush();
     }
     restart()
 }
@@ -109,24 +108,50 @@ fn panic(info: &PanicInfo) -> ! {
     stop(|faults| &mut faults.panics, format_args!("{info}"))
 }
 
-/// Ends the program on a fault of the processor; `frame` holds the registers at the fault.
-pub(crate) fn hard_fault(frame: &ExceptionFrame) -> ! {
-    // SAFETY: a read of the fault status register.
-    let status = unsafe { (*cortex_m::peripheral::SCB::PTR).cfsr.read() };
+/// Ends the program on a fault of the processor: where it was, where it would have returned to, and
+/// the stack pointer behind the registers that the processor put on the stack.
+pub(crate) extern "C" fn hard_fault(pc: u32, lr: u32, sp: u32) -> ! {
+    // SAFETY: reads of the fault status registers.
+    let (status, address) = unsafe {
+        let scb = &*cortex_m::peripheral::SCB::PTR;
+        (scb.cfsr.read(), scb.mmfar.read())
+    };
+    if stack::overflowed(sp, status, address) {
+        stop(
+            |faults| &mut faults.stack,
+            format_args!("stack overflow: sp {sp:#010x}, pc {pc:#010x}, lr {lr:#010x}"),
+        )
+    }
     stop(
         |faults| &mut faults.processor,
-        format_args!(
-            "hard fault: status {status:#010x}, pc {:#010x}, lr {:#010x}",
-            frame.pc(),
-            frame.lr()
-        ),
+        format_args!("hard fault: status {status:#010x}, pc {pc:#010x}, lr {lr:#010x}"),
     )
 }
 
+/// The hard fault vector. The stack may be used up, and then neither has the processor put registers
+/// there nor can this handler: as nothing of the program goes on, it begins the stack anew. Only what
+/// is certain to be in RAM is read before.
 #[cfg(not(feature = "emulated"))]
-#[cortex_m_rt::exception]
-unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
-    hard_fault(frame)
+#[unsafe(naked)]
+#[unsafe(no_mangle)]
+unsafe extern "C" fn HardFault() {
+    core::arch::naked_asm!(
+        "mov r2, sp",
+        "movs r0, #0",
+        "movs r1, #0",
+        "movw r3, #:lower16:_stack_end",
+        "movt r3, #:upper16:_stack_end",
+        "cmp r2, r3",
+        // Stacked pc and lr.
+        "itt hs",
+        "ldrhs r0, [r2, #24]",
+        "ldrhs r1, [r2, #20]",
+        "movw r3, #:lower16:_stack_start",
+        "movt r3, #:upper16:_stack_start",
+        "msr msp, r3",
+        "b {handler}",
+        handler = sym hard_fault,
+    )
 }
 
 #[cortex_m_rt::exception]

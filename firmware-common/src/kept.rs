@@ -15,6 +15,8 @@ pub struct Faults {
     pub processor: u32,
     /// Resets by the watchdog.
     pub watchdog: u32,
+    /// Overflows of the stack.
+    pub stack: u32,
 }
 
 impl Faults {
@@ -23,6 +25,7 @@ impl Faults {
         panics: 0,
         processor: 0,
         watchdog: 0,
+        stack: 0,
     };
 }
 
@@ -30,7 +33,7 @@ impl Faults {
 pub const ROOM: usize = 160;
 
 /// Says that the record was written by this program, not by chance; another layout has another one.
-const MAGIC: u32 = 0x6661_7532;
+const MAGIC: u32 = 0x6661_7533;
 
 /// A text of bounded length; what does not fit is cut off.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -114,8 +117,10 @@ impl Record {
             panics,
             processor,
             watchdog,
+            stack,
         } = self.faults;
-        let words = [self.magic, panics, processor, watchdog, self.message.length];
+        let length = self.message.length;
+        let words = [self.magic, panics, processor, watchdog, stack, length];
         let bytes = words.iter().flat_map(|word| word.to_le_bytes());
         bytes
             .chain(self.message.bytes)

@@ -3,13 +3,14 @@
 //! | module | what it holds |
 //! |---|---|
 //! | `board` | clocks, brown-out level, cause of the reset: the first call of every image |
+//! | `accelerator` | prefetch and caches of the flash |
 //! | `fault` | panics and processor faults: outputs safe, counted, kept, logged, restarted |
 //! | `kept` | what is kept over a reset |
 //! | `watchdog`, `attendance` | independent watchdog, fed only while every task reports |
 //! | `time_driver` | time of `embassy-time` from SysTick |
 //! | `store` | parameters in flash |
 //! | `strap` | role of an axle board |
-//! | `stack` | how much stack was ever used |
+//! | `stack` | how much stack was ever used, and the guard below it |
 //! | `timing` | how late ticks come and how long they take |
 //! | `can` | the bus (not with `hil`) |
 //! | `halves` | bookkeeping of a buffer that a DMA stream fills |
@@ -21,6 +22,8 @@
 
 #![cfg_attr(target_os = "none", no_std)]
 
+#[cfg(all(target_os = "none", not(feature = "emulated")))]
+mod accelerator;
 #[cfg(all(target_os = "none", not(feature = "hil")))]
 pub mod attendance;
 #[cfg(target_os = "none")]

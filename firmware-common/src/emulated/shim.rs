@@ -141,15 +141,29 @@ unsafe extern "C" fn on_hard_fault(frame: *mut ExceptionFrame, saved: *mut [u32;
         }
     };
     if replay(&mut registers).is_none() {
-        fault::hard_fault(registers.frame);
+        let sp = core::ptr::from_ref(registers.frame) as u32;
+        fault::hard_fault(registers.frame.pc(), registers.frame.lr(), sp);
     }
 }
 
-/// The hard fault vector: saves the registers that the processor does not, and calls the above.
+/// The hard fault vector: saves the registers that the processor does not, and calls the above. A stack
+/// that is used up is begun anew: the program has ended.
 #[unsafe(naked)]
 #[unsafe(no_mangle)]
 unsafe extern "C" fn HardFault() {
     core::arch::naked_asm!(
+        "movw r0, #:lower16:_stack_end",
+        "movt r0, #:upper16:_stack_end",
+        "mov r2, sp",
+        "cmp r2, r0",
+        "bhs 1f",
+        "movw r0, #:lower16:_stack_start",
+        "movt r0, #:upper16:_stack_start",
+        "msr msp, r0",
+        "movs r0, #0",
+        "movs r1, #0",
+        "b {overflow}",
+        "1:",
         "tst lr, #4",
         "ite eq",
         "mrseq r0, msp",
@@ -160,5 +174,6 @@ unsafe extern "C" fn HardFault() {
         "bl {handler}",
         "pop {{r3-r11, pc}}",
         handler = sym on_hard_fault,
+        overflow = sym fault::hard_fault,
     )
 }

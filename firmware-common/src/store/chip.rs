@@ -3,19 +3,55 @@
 //! A write holds the core for tens of microseconds a word, an erase for up to half a second.
 
 use super::Store;
+use crate::accelerator;
 use core_algos::node::board::Role;
 use core_algos::params::{Disarmed, Report, Settings};
 use defmt::{info, warn};
 use embassy_embedded_hal::adapter::BlockingAsync;
 use embassy_futures::block_on;
 use embassy_stm32::Peri;
-use embassy_stm32::flash::{Bank1Region1, Blocking, Flash};
+use embassy_stm32::flash::{Bank1Region1, Blocking, Error, Flash};
 use embassy_stm32::peripherals::FLASH;
+use embedded_storage_async::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
 use sequential_storage::map::MapConfig;
 use static_cell::StaticCell;
 
 /// The region of the 16 KiB sectors.
-pub type Region = BlockingAsync<Bank1Region1<'static, Blocking>>;
+pub struct Region(Sectors);
+
+type Sectors = BlockingAsync<Bank1Region1<'static, Blocking>>;
+
+impl ErrorType for Region {
+    type Error = Error;
+}
+
+impl ReadNorFlash for Region {
+    const READ_SIZE: usize = Sectors::READ_SIZE;
+
+    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Error> {
+        self.0.read(offset, bytes).await
+    }
+
+    fn capacity(&self) -> usize {
+        self.0.capacity()
+    }
+}
+
+impl NorFlash for Region {
+    const WRITE_SIZE: usize = Sectors::WRITE_SIZE;
+    const ERASE_SIZE: usize = Sectors::ERASE_SIZE;
+
+    /// The caches may hold what was there, so they are emptied; whether or not the erase went well.
+    async fn erase(&mut self, from: u32, to: u32) -> Result<(), Error> {
+        let erased = self.0.erase(from, to).await;
+        accelerator::flush();
+        erased
+    }
+
+    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Error> {
+        self.0.write(offset, bytes).await
+    }
+}
 
 /// Within the region; sector 0 holds the vectors.
 const RANGE: core::ops::Range<u32> = 16 * 1024..64 * 1024;
@@ -26,7 +62,7 @@ pub fn open(flash: Peri<'static, FLASH>) -> Store<Region> {
         .into_blocking_regions()
         .bank1_region1;
     Store::of(
-        BlockingAsync::new(region),
+        Region(BlockingAsync::new(region)),
         const { MapConfig::new(RANGE) },
         RANGE,
     )
