@@ -7,20 +7,58 @@
 
 use crate::board::Board;
 use crate::time::Time;
-use crate::wire::{Node, Wire};
+use crate::wire::{Node, VirtualNode, Wire};
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
 
 /// Turns of a waiting thread after which it lets others run.
 const SPINS: u32 = 2_000;
 
+/// Calls of [`Network::run_until`] after which the slower way of running is tried again.
+const TRY_AGAIN: u32 = 200;
+
 /// Boards and their bus.
 pub struct Network {
     boards: Vec<Board>,
+    /// Nodes without a board.
+    others: Vec<VirtualNode>,
     wire: Wire,
     quantum: Time,
     threads: usize,
     now: Time,
+    costs: Costs,
+}
+
+/// What running took of late, on one thread and on several: on a machine that is busy with something
+/// else one is faster. It decides on nothing but speed.
+#[derive(Clone, Copy, Debug, Default)]
+struct Costs {
+    /// Seconds a simulated second.
+    of: [f64; 2],
+    calls: u32,
+}
+
+impl Costs {
+    /// The way to run next: 0 for one thread.
+    fn choose(&mut self) -> usize {
+        self.calls += 1;
+        let better = usize::from(self.of[1] <= self.of[0]);
+        if self.calls % TRY_AGAIN < 4 {
+            1 - better
+        } else {
+            better
+        }
+    }
+
+    fn note(&mut self, way: usize, cost: f64) {
+        let old = self.of[way];
+        self.of[way] = if old > 0.0 {
+            0.8 * old + 0.2 * cost
+        } else {
+            cost
+        };
+    }
 }
 
 /// Boards that run on one thread, with their places.
@@ -36,6 +74,19 @@ struct Signals {
     /// Workers that have finished it.
     done: AtomicUsize,
     stop: AtomicBool,
+    /// A worker has panicked.
+    failed: AtomicBool,
+}
+
+/// Tells the others if its thread panics: nobody waits for it then.
+struct Alarm<'a>(&'a Signals);
+
+impl Drop for Alarm<'_> {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            self.0.failed.store(true, Ordering::Release);
+        }
+    }
 }
 
 impl Network {
@@ -47,7 +98,21 @@ impl Network {
             quantum: Time(quantum.0.max(1)),
             threads: threads.max(1),
             now: Time(0),
+            others: Vec::new(),
+            costs: Costs::default(),
         }
+    }
+
+    /// Adds a node without a board; the wire must have been made for so many nodes. Gives its place at
+    /// the wire.
+    pub fn add(&mut self, node: VirtualNode) -> usize {
+        self.others.push(node);
+        self.boards.len() + self.others.len() - 1
+    }
+
+    /// The nodes without a board, in the order in which they were added.
+    pub fn others(&mut self) -> &mut [VirtualNode] {
+        &mut self.others
     }
 
     /// The time everything has come to.
@@ -74,26 +139,43 @@ impl Network {
     /// quantum ahead of it, and wait for it.
     pub fn run_until(&mut self, time: Time) {
         if self.threads.min(self.boards.len()) < 2 {
-            while self.now < time {
-                let next = time.min(self.now + self.quantum);
-                for board in &mut self.boards {
-                    board.run_until(next);
-                }
-                if self.boards.iter().any(|board| board.stopped().is_some()) {
-                    return;
-                }
-                carry(&mut self.wire, next, self.boards.iter_mut());
-                self.now = next;
-            }
-            return;
+            return self.run_here(time);
         }
-        self.run_on_threads(time);
+        let (from, start) = (self.now, Instant::now());
+        let way = self.costs.choose();
+        match way {
+            0 => self.run_here(time),
+            _ => self.run_on_threads(time),
+        }
+        let span = (self.now - from).seconds();
+        if span > 0.0 {
+            self.costs.note(way, start.elapsed().as_secs_f64() / span);
+        }
+    }
+
+    fn run_here(&mut self, time: Time) {
+        while self.now < time {
+            let next = time.min(self.now + self.quantum);
+            for board in &mut self.boards {
+                board.run_until(next);
+            }
+            if self.boards.iter().any(|board| board.stopped().is_some()) {
+                return;
+            }
+            carry(
+                &mut self.wire,
+                next,
+                self.boards.iter_mut(),
+                &mut self.others,
+            );
+            self.now = next;
+        }
     }
 
     fn run_on_threads(&mut self, time: Time) {
         let (quantum, mut reached) = (self.quantum, self.now);
         let groups = spread(&mut self.boards, self.threads);
-        let (wire, signals) = (&mut self.wire, &Signals::default());
+        let (wire, nodes, signals) = (&mut self.wire, &mut self.others, &Signals::default());
         let Some((own, others)) = groups.split_first() else {
             return;
         };
@@ -107,14 +189,19 @@ impl Network {
                 signals.until.store(now.0, Ordering::Relaxed);
                 signals.quantum.fetch_add(1, Ordering::Release);
                 run(&mut lock(own), now);
-                wait(|| signals.done.load(Ordering::Acquire) == others.len());
+                let failed = || signals.failed.load(Ordering::Acquire);
+                wait(|| signals.done.load(Ordering::Acquire) == others.len() || failed());
+                if failed() {
+                    break;
+                }
                 let mut guards: Vec<_> = groups.iter().map(lock).collect();
                 let mut boards: Vec<_> = guards.iter_mut().flat_map(|g| g.iter_mut()).collect();
                 if boards.iter().any(|(_, board)| board.stopped().is_some()) {
                     break;
                 }
                 boards.sort_by_key(|(place, _)| *place);
-                carry(wire, now, boards.into_iter().map(|(_, board)| &mut **board));
+                let boards = boards.into_iter().map(|(_, board)| &mut **board);
+                carry(wire, now, boards, nodes);
                 reached = now;
             }
             signals.stop.store(true, Ordering::Relaxed);
@@ -134,9 +221,16 @@ fn run(boards: &mut [(usize, &mut Board)], until: Time) {
     }
 }
 
-/// The wire to `until`, between these boards.
-fn carry<'a>(wire: &mut Wire, until: Time, boards: impl Iterator<Item = &'a mut Board>) {
-    let mut nodes: Vec<&mut dyn Node> = boards.map(|board| board.chip() as &mut dyn Node).collect();
+/// The wire to `until`, between these boards and nodes.
+fn carry<'a>(
+    wire: &mut Wire,
+    until: Time,
+    boards: impl Iterator<Item = &'a mut Board>,
+    others: &mut [VirtualNode],
+) {
+    let boards = boards.map(|board| board.chip() as &mut dyn Node);
+    let others = others.iter_mut().map(|node| node as &mut dyn Node);
+    let mut nodes: Vec<&mut dyn Node> = boards.chain(others).collect();
     wire.advance(until, &mut nodes);
 }
 
@@ -161,6 +255,7 @@ fn spread(boards: &mut [Board], threads: usize) -> Vec<Group<'_>> {
 
 /// A worker: runs its boards quantum by quantum until told to stop.
 fn work(group: &Group, signals: &Signals) {
+    let _alarm = Alarm(signals);
     let mut seen = 0;
     loop {
         wait(|| signals.quantum.load(Ordering::Acquire) != seen);

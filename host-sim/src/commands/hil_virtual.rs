@@ -64,7 +64,10 @@ pub(super) fn run(args: &HilArgs) -> Result<(), Error> {
     let scenario = variant.apply(&context.scenario);
     let start = Instant::now();
     let drive = || -> Result<(Trial, Report), Error> {
-        let options = Options::default();
+        let mut options = Options::default();
+        if let Some(threads) = args.common.threads {
+            options.threads = threads.into();
+        }
         let mut robot = VirtualRobot::new(&scenario, &images, context.seed, 0, &options, &logs)?;
         robot.limit(Span {
             least: 0,
@@ -152,6 +155,7 @@ fn summary(report: &Report) -> String {
         "findings",
         "longest tick (µs)",
         "late (µs)",
+        "loop (µs)",
         "missed",
         "load",
         "stack (bytes)",
@@ -170,6 +174,7 @@ fn summary(report: &Report) -> String {
             board.findings.len().to_string(),
             board.longest_tick_us.to_string(),
             board.latest_tick_us.to_string(),
+            or_none(board.longest_current_loop_us.map(|us| format!("{us:.1}"))),
             board.missed_ticks.to_string(),
             format!("{:.0} %", 100.0 * board.load),
             or_none(stack.map(|(used, size)| format!("{used} of {size}"))),

@@ -49,7 +49,7 @@ use virtual_board::wire::{Id, Wire};
 /// A tick of the plant.
 const TICK: Time = Time::from_micros(1_000);
 /// Time for which the boards run by themselves.
-const QUANTUM: Time = Time::from_micros(20);
+const QUANTUM: Time = Time::from_micros(40);
 /// Time within which all nodes must be ready after power came on, and for which they must stay so.
 const BOOT: Time = Time::from_micros(5_000_000);
 const READY_TICKS: u32 = 100;

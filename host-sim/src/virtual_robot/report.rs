@@ -120,8 +120,12 @@ pub fn of(
         .map(|reset| (reset.at.seconds(), reset.cause.name()))
         .collect();
     let overrun = board.chip().can_overruns();
+    let (reaction, hclk) = (
+        board.chip().longest_reaction(),
+        board.chip().clocks().hclk_hz,
+    );
+    let reaction_us = reaction as f64 * 1e6 / hclk.max(1) as f64;
     let core = board.core();
-    let loops = (role != Role::Beam && core.taken(ADC) > 0).then_some(());
     BoardReport {
         name: role.name(),
         resets,
@@ -129,7 +133,7 @@ pub fn of(
         longest_tick_us: watch.longest_tick_us,
         latest_tick_us: watch.latest_tick_us,
         missed_ticks: watch.missed_ticks,
-        longest_current_loop_us: loops.and(None),
+        longest_current_loop_us: (role != Role::Beam && core.taken(ADC) > 0).then_some(reaction_us),
         load: 1.0 - core.asleep() as f64 / core.cycles().max(1) as f64,
         stack_used: used(core.lowest_msp()),
         stack_size: size,

@@ -110,6 +110,8 @@ pub(crate) struct Adc {
     reference_v: f64,
     random: u64,
     checked: u32,
+    /// When the injected group was started last.
+    started: Cycles,
     /// Conversions of both groups so far, and those that were lost.
     counts: Counts,
 }
@@ -140,6 +142,7 @@ impl Default for Adc {
             reference_v: 3.3,
             random: 0x2545_f491_4f6c_dd1d,
             checked: 0,
+            started: 0,
             counts: Counts::default(),
         }
     }
@@ -157,6 +160,11 @@ impl Adc {
     /// Conversions so far.
     pub fn counts(&self) -> Counts {
         self.counts
+    }
+
+    /// When the injected group was started last.
+    pub fn started(&self) -> Cycles {
+        self.started
     }
 
     /// Analogue supply, V, which is the reference too.
@@ -252,6 +260,7 @@ impl Adc {
         }
         self.judge_start(shared);
         self.sr |= JSTRT;
+        self.started = shared.now;
         self.injected = Group {
             place: Some(0),
             sampled: None,

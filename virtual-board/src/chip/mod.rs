@@ -131,6 +131,7 @@ pub struct Chip {
     reset: Option<Cause>,
     /// The supply is too low, and the chip held in reset: the lowest supply since.
     sagged: Option<f64>,
+    longest_reaction: Cycles,
     /// The clock security system asks for the non-maskable interrupt.
     nmi: bool,
     /// The core's clock has changed since it looked up last, and before that.
@@ -152,6 +153,7 @@ impl Chip {
             reset: None,
             sagged: None,
             nmi: false,
+            longest_reaction: 0,
             clock_changed: false,
             must_pause: false,
             scrambles: 0,
@@ -190,6 +192,12 @@ impl Chip {
     /// Conversions of ADC1 since the latest reset.
     pub fn conversions(&self) -> Conversions {
         self.units.adc.counts()
+    }
+
+    /// The longest that it took from the trigger of ADC1's injected group to the compare values of TIM1's
+    /// first two channels: the reaction of a current loop, cycles.
+    pub fn longest_reaction(&self) -> Cycles {
+        self.longest_reaction
     }
 
     /// The clocks in force.
@@ -710,6 +718,10 @@ impl Chip {
         }
         let (peripheral, shared) = self.unit(unit);
         peripheral.write(offset & !3, value, mask, shared);
+        if unit == Unit::Tim1 && (0x34..=0x38).contains(&offset) && self.units.adc.started() > 0 {
+            let took = self.shared.now.saturating_sub(self.units.adc.started());
+            self.longest_reaction = self.longest_reaction.max(took);
+        }
         self.settle();
         match unit {
             Unit::Flash | Unit::Pwr => self.judge_clock(false),

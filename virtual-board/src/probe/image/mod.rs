@@ -382,7 +382,7 @@ fn symbols(elf: &ElfFile32<'_, LittleEndian>) -> (Vec<Symbol>, Names) {
     for symbol in elf.symbols() {
         let Ok(raw) = symbol.name() else { continue };
         // `$t`, `$d` and so on mark what is code and what is data.
-        if raw.is_empty() || raw.starts_with('$') || !symbol.is_definition() {
+        if raw.is_empty() || raw.starts_with('$') || symbol.is_undefined() {
             continue;
         }
         let is_function = symbol.kind() == SymbolKind::Text;
