@@ -85,7 +85,7 @@ impl Chip {
     pub(super) fn supply(&mut self, at: Time) {
         let volts = self.shared.surroundings.supply(at);
         let before = std::mem::replace(&mut self.shared.volts, volts);
-        if before >= pwr::RETENTION_V && !(volts >= pwr::RETENTION_V) {
+        if pwr::is_remembered(before) && !pwr::is_remembered(volts) {
             self.scramble();
         }
         let level = self.flash.brown_out();

@@ -129,7 +129,7 @@ impl Bench {
         self.write(FLASH_ACR, 5);
         self.set(RCC, 1 << 16);
         self.pass(2_100);
-        self.write(RCC + 0x04, 0x2040_2a04 | 7 << 24);
+        self.write(RCC + 0x04, 0x2740_2a04);
         self.set(RCC, 1 << 24);
         self.pass(150);
         self.write(RCC + 0x08, 0x0000_9402);
