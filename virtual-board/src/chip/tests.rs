@@ -125,7 +125,7 @@ impl Bench {
     }
 
     /// 168 MHz from the crystal, with the wait states that this needs.
-    fn to_168_mhz(&mut self) {
+    fn run_at_168_mhz(&mut self) {
         self.write(FLASH_ACR, 5);
         self.set(RCC, 1 << 16);
         self.pass(2_100);
@@ -158,7 +158,7 @@ fn the_core_is_let_go_after_power_on_and_the_clock_goes_to_168_mhz() {
     assert!(bench.chip.is_held());
     bench.pass(1_501);
     assert!(!bench.chip.is_held());
-    bench.to_168_mhz();
+    bench.run_at_168_mhz();
     assert!(bench.chip.must_stop(), "who runs it must look at the clock");
     bench.chip.advance(bench.cycle, bench.cycle);
     bench.chip.advance(bench.cycle, bench.cycle);
@@ -185,7 +185,7 @@ fn wait_states_are_judged_by_clock_and_supply() {
         bench.world().volts = Some(volts);
         bench.pass(1_600);
         bench.chip.restart(Cause::Pin, bench.cycle);
-        bench.to_168_mhz();
+        bench.run_at_168_mhz();
         bench.write(FLASH_ACR, acr);
         // Another time to the same clock, so that it gets faster with these wait states.
         bench.write(RCC + 0x08, 0x0000_9400);
@@ -201,7 +201,7 @@ fn wait_states_are_judged_by_clock_and_supply() {
 #[test]
 fn scale_2_of_the_regulator_is_too_little_for_168_mhz() {
     let mut bench = Bench::new(&[]);
-    bench.to_168_mhz();
+    bench.run_at_168_mhz();
     bench.set(RCC + 0x40, 1 << 28);
     bench.write(PWR, 0);
     assert_eq!(bench.findings()[0].0, Kind::ClockLimit);
@@ -210,7 +210,7 @@ fn scale_2_of_the_regulator_is_too_little_for_168_mhz() {
 #[test]
 fn a_crystal_that_fails_asks_for_the_nmi_and_slows_the_clock() {
     let mut bench = Bench::new(&[(10_000, Change::Crystal(false))]);
-    bench.to_168_mhz();
+    bench.run_at_168_mhz();
     bench.set(RCC, 1 << 19);
     bench.pass(10_000);
     assert_eq!(bench.chip.clocks().hclk_hz, 16_000_000);
@@ -222,7 +222,7 @@ fn a_crystal_that_fails_asks_for_the_nmi_and_slows_the_clock() {
 #[test]
 fn without_clock_security_the_watchdog_ends_the_standstill() {
     let mut bench = Bench::new(&[(10_000, Change::Crystal(false))]);
-    bench.to_168_mhz();
+    bench.run_at_168_mhz();
     bench.write(0x4000_3000, 0xcccc);
     assert_eq!(bench.pass(500_000), None);
     assert!(bench.chip.is_held());

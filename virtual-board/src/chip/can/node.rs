@@ -122,7 +122,7 @@ mod tests {
     fn a_reset_of_the_chip_takes_it_off_the_wire() {
         let mut cycle = 0;
         let mut chip = chip(true, &mut cycle);
-        chip.restart(crate::chip::Cause::Software);
+        chip.restart(crate::chip::Cause::Software, 0);
         let mut other = run(&mut chip, &mut cycle, 200);
         assert!(other.take_received().is_empty());
     }
