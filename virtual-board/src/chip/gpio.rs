@@ -242,6 +242,7 @@ impl Gpio {
     }
 
     /// How the chip drives a pin.
+    #[cfg(test)]
     pub fn driven(&self, pin: Pin) -> Drive {
         self.chip[pin.index()]
     }

@@ -90,7 +90,7 @@ const fn place(
 }
 
 /// In the order of addresses.
-const PLACES: [Place; 21] = [
+const PLACES: [Place; 20] = [
     place(0x1fff_7a10, 0x14, Unit::Debug, "UID", None),
     place(0x4000_0000, 0x400, Unit::Tim2, "TIM2", Some((APB1ENR, 0))),
     place(0x4000_0400, 0x400, Unit::Tim3, "TIM3", Some((APB1ENR, 1))),
@@ -123,10 +123,23 @@ const PLACES: [Place; 21] = [
     place(0x4002_6000, 0x400, Unit::Dma1, "DMA1", Some((AHB1ENR, 21))),
     place(0x4002_6400, 0x400, Unit::Dma2, "DMA2", Some((AHB1ENR, 22))),
     place(0xe004_2000, 0x400, Unit::Debug, "DBGMCU", None),
-    place(0xf000_0000, 1, Unit::Debug, "", None),
 ];
 
+/// Index of each peripheral's place, the last of several.
+const PLACE_OF: [usize; Unit::COUNT] = {
+    let mut places = [0; Unit::COUNT];
+    let mut k = 0;
+    while k < PLACES.len() {
+        places[PLACES[k].unit as usize] = k;
+        k += 1;
+    }
+    places
+};
+
 impl Unit {
+    /// How many there are.
+    const COUNT: usize = Self::Flash as usize + 1;
+
     /// The peripheral at an address, and the place within it.
     pub fn at(address: u32) -> Option<(Self, u32)> {
         let k = PLACES.partition_point(|place| place.last < address);
@@ -141,8 +154,7 @@ impl Unit {
     }
 
     fn place(self) -> &'static Place {
-        let found = PLACES.iter().rev().find(|place| place.unit == self);
-        found.unwrap_or(&PLACES[0])
+        &PLACES[PLACE_OF[self as usize]]
     }
 
     /// Its name, of a port with the letter.

@@ -31,51 +31,66 @@ const EWUP: u32 = 1 << 8;
 const BRE: u32 = 1 << 9;
 const VOSRDY: u32 = 1 << 14;
 
-/// Below the lower one the detector or reset acts, above the upper one it lets go, V.
+/// Below the lower one the detector or reset acts, above the upper one it lets go, mV.
 #[derive(Clone, Copy)]
 struct Threshold {
-    falls: f64,
-    rises: f64,
+    falls: u32,
+    rises: u32,
 }
 
-const fn threshold(falls: f64, rises: f64) -> Threshold {
+const fn threshold(falls: u32, rises: u32) -> Threshold {
     Threshold { falls, rises }
+}
+
+impl Threshold {
+    /// Whether a supply is too low, V, that was so before or not; one that is not a number is.
+    fn is_low(self, volts: f64, before: bool) -> bool {
+        let limit = if before { self.rises } else { self.falls };
+        !is_at_least(volts, limit)
+    }
+}
+
+fn is_at_least(volts: f64, millivolts: u32) -> bool {
+    volts * 1e3 >= f64::from(millivolts)
 }
 
 /// Of the reset, by the brown-out level of the option bytes: 0 is level 3, 3 is off.
 const BROWN_OUT: [Threshold; 4] = [
-    threshold(2.83, 2.92),
-    threshold(2.50, 2.59),
-    threshold(2.19, 2.29),
+    threshold(2830, 2920),
+    threshold(2500, 2590),
+    threshold(2190, 2290),
     POWER,
 ];
 /// Of the power-on and power-down reset, which is always there.
-const POWER: Threshold = threshold(1.68, 1.72);
+const POWER: Threshold = threshold(1680, 1720);
 /// Of the voltage detector by PLS.
 const DETECTOR: [Threshold; 8] = [
-    threshold(2.04, 2.14),
-    threshold(2.19, 2.30),
-    threshold(2.35, 2.45),
-    threshold(2.51, 2.60),
-    threshold(2.66, 2.76),
-    threshold(2.84, 2.93),
-    threshold(2.93, 3.03),
-    threshold(3.03, 3.14),
+    threshold(2040, 2140),
+    threshold(2190, 2300),
+    threshold(2350, 2450),
+    threshold(2510, 2600),
+    threshold(2660, 2760),
+    threshold(2840, 2930),
+    threshold(2930, 3030),
+    threshold(3030, 3140),
 ];
 
-/// Below this supply static memory forgets, V.
-pub(crate) const RETENTION_V: f64 = 1.2;
+/// Below this supply static memory forgets, mV.
+const RETENTION: u32 = 1200;
 
 /// Whether a supply holds the chip in reset, which was so before or not, at this brown-out level.
 pub(crate) fn holds(volts: f64, level: u32, held: bool) -> bool {
-    let Threshold { falls, rises } = BROWN_OUT[level as usize & 3];
-    // Also where it is not a number.
-    !(volts >= if held { rises } else { falls })
+    BROWN_OUT[level as usize & 3].is_low(volts, held)
 }
 
 /// Whether a supply is so low that the next start is a power-on.
 pub(crate) fn is_off(volts: f64) -> bool {
-    !(volts >= POWER.falls)
+    POWER.is_low(volts, false)
+}
+
+/// Whether static memory keeps its contents.
+pub(crate) fn is_remembered(volts: f64) -> bool {
+    is_at_least(volts, RETENTION)
 }
 
 /// Power control.
@@ -99,9 +114,8 @@ impl Default for Pwr {
 impl Pwr {
     /// The supply or the threshold is another.
     pub fn detect(&mut self, shared: &mut Shared) {
-        let Threshold { falls, rises } = DETECTOR[(self.cr & PLS) as usize >> 5];
-        let limit = if self.low { rises } else { falls };
-        let low = self.cr & PVDE != 0 && shared.volts < limit;
+        let threshold = DETECTOR[(self.cr & PLS) as usize >> 5];
+        let low = self.cr & PVDE != 0 && threshold.is_low(shared.volts, self.low);
         if low != self.low {
             self.low = low;
             shared.effect(Effect::VoltageDetector(low));

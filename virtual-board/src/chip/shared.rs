@@ -216,6 +216,7 @@ impl Shared {
     }
 
     /// The first cycle that begins so long from now.
+    #[cfg(test)]
     pub fn after(&self, span: Time) -> Cycles {
         self.base.cycle_of(self.time() + span)
     }

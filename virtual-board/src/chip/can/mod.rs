@@ -273,12 +273,7 @@ impl Can {
         let frozen = filters.fmr & FINIT == 0;
         let register = match offset {
             0x200 => {
-                let kept = 0x2a1c_0000;
-                if (value ^ filters.fmr) & kept != 0 {
-                    let text = "CAN1_FMR: reserved bits not kept at their reset value";
-                    shared.note(Kind::ReservedBit, text);
-                }
-                filters.fmr = (value & 0x3f01) | (0x2a1c_0e01 & !0x3f01);
+                filters.fmr = (value & FMR_BITS) | FMR_ONES;
                 return;
             }
             0x21c => {

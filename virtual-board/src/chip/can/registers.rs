@@ -52,7 +52,9 @@ pub(super) const LBKM: u32 = 1 << 30;
 pub(super) const BTR_BITS: u32 = 0xc37f_03ff;
 
 const TDTR_BITS: u32 = 0xffff_010f;
-const FMR_BITS: u32 = 0x2a1c_0e01 | 0x3f01;
+pub(super) const FMR_BITS: u32 = 0x3f01;
+/// FMR: reserved bits that are ones.
+pub(super) const FMR_ONES: u32 = 0x2a1c_0000;
 
 pub(super) const MAILBOXES: u32 = 0x180;
 pub(super) const OUTPUTS: u32 = 0x1b0;
@@ -97,7 +99,7 @@ const HEAD: [Register; 33] = [
     word(0x1c4, "RDT1R", 0xffff_ff0f),
     word(0x1c8, "RDL1R", !0),
     word(0x1cc, "RDH1R", !0),
-    word(0x200, "FMR", FMR_BITS),
+    word(0x200, "FMR", FMR_BITS).keeping(FMR_ONES),
     word(0x204, "FM1R", ALL),
     word(0x20c, "FS1R", ALL),
     word(0x214, "FFA1R", ALL),

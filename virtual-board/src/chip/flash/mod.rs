@@ -205,12 +205,12 @@ impl Flash {
     /// a debugger: takes no time and knows no cache.
     pub fn peek(&self, address: u32, width: Width) -> Option<u32> {
         Some(match Place::of(address)? {
-            Place::Main(at) => super::get(&self.bytes, at, width),
-            Place::Once(at) => super::get(&self.once, at, width),
-            Place::System => super::get(&[0xff; 4], 0, width),
+            Place::Main(at) => super::bus::get(&self.bytes, at, width),
+            Place::Once(at) => super::bus::get(&self.once, at, width),
+            Place::System => super::bus::get(&[0xff; 4], 0, width),
             Place::Options(at) => {
                 let bytes: [u8; 4] = std::array::from_fn(|k| self.options.byte(at + k as u32));
-                super::get(&bytes, 0, width)
+                super::bus::get(&bytes, 0, width)
             }
         })
     }
@@ -233,7 +233,7 @@ impl Flash {
         let line = at / 16;
         let bytes = &self.bytes[16 * line..16 * line + 16];
         let seen = self.accelerator.load(line as u32, bytes, cycle);
-        Some(Ok(super::get(seen, at % 16, width)))
+        Some(Ok(super::bus::get(seen, at % 16, width)))
     }
 
     #[cold]
@@ -297,8 +297,8 @@ impl Flash {
             Place::Once(at) => (&mut self.once, at),
             Place::System | Place::Options(_) => return,
         };
-        let value = super::get(bytes, at, width) & !bits;
-        super::put(bytes, at, width, value);
+        let value = super::bus::get(bytes, at, width) & !bits;
+        super::bus::put(bytes, at, width, value);
         if let Place::Main(at) = place {
             self.change(at, at + width.bytes() as usize - 1);
         }

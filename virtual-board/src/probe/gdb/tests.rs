@@ -294,7 +294,7 @@ fn when_gdb_goes_the_board_runs_on_without_breakpoints() {
         while client.work() != Next::Gone {}
         assert!(!client.board.core().debugger_attached());
         let now = client.board.now();
-        client.board.run_until(now + Time::from_micros(1000));
+        client.board.run_until(now + Time::from_micros(3000));
         assert_eq!(client.board.stopped(), None);
         assert!(client.board.core().register(0) > 100);
     }

@@ -1,0 +1,423 @@
+//! Accesses by the core and by DMA: who answers, and whether the program may do so.
+
+use super::Cause;
+use super::map::Unit;
+use super::register::Register;
+use super::shared::{Request, Source};
+use super::{CCM, CCM_LENGTH, Chip, FLASH, Peripheral, SRAM, SRAM_LENGTH, dma, map, rcc};
+use crate::core::{BusError, System, Width};
+use crate::finding::Kind;
+use crate::time::{Cycles, NEVER};
+
+/// Reads a value of little-endian bytes; what lies beyond is zero.
+pub(super) fn get(bytes: &[u8], at: usize, width: Width) -> u32 {
+    match width {
+        Width::Byte => bytes.get(at).copied().unwrap_or(0).into(),
+        Width::Half => bytes
+            .get(at..at + 2)
+            .map_or(0, |b| u16::from_le_bytes([b[0], b[1]]).into()),
+        Width::Word => bytes
+            .get(at..at + 4)
+            .map_or(0, |b| u32::from_le_bytes([b[0], b[1], b[2], b[3]])),
+    }
+}
+
+/// Writes a value of little-endian bytes; what lies beyond is lost.
+pub(super) fn put(bytes: &mut [u8], at: usize, width: Width, value: u32) {
+    let value = value.to_le_bytes();
+    let length = width.bytes() as usize;
+    if let Some(place) = bytes.get_mut(at..at + length) {
+        place.copy_from_slice(&value[..length]);
+    }
+}
+
+impl Chip {
+    /// One transfer of a DMA controller: it says from where to where, the chip moves the datum.
+    pub(super) fn serve(&mut self, request: Request) {
+        for controller in [dma::Controller::Dma1, dma::Controller::Dma2] {
+            let dma = match controller {
+                dma::Controller::Dma1 => &mut self.units.dma1,
+                dma::Controller::Dma2 => &mut self.units.dma2,
+            };
+            let Some(transfer) = dma.begin(request) else {
+                continue;
+            };
+            let value = self.dma_read(transfer.from, transfer.width);
+            let written =
+                value.and_then(|value| self.dma_write(transfer.to, transfer.width, value));
+            let dma = match controller {
+                dma::Controller::Dma1 => &mut self.units.dma1,
+                dma::Controller::Dma2 => &mut self.units.dma2,
+            };
+            let last = dma.end(transfer, written.is_ok(), &mut self.shared);
+            if last && request == Request::Adc1 {
+                self.units.adc.block_ended();
+            }
+        }
+    }
+
+    fn dma_read(&mut self, address: u32, width: Width) -> Result<u32, BusError> {
+        match Unit::at(address) {
+            Some((unit, offset)) => self.read_unit(unit, offset, width),
+            None => self.memory_read(address, width),
+        }
+    }
+
+    fn dma_write(&mut self, address: u32, width: Width, value: u32) -> Result<(), BusError> {
+        match Unit::at(address) {
+            Some((unit, offset)) => self.write_unit(unit, offset, width, value),
+            // The core-coupled memory is the core's alone.
+            None if address >= SRAM => self.memory_write(address, width, value),
+            None => Err(BusError),
+        }
+    }
+
+    fn memory(&mut self, address: u32) -> Option<(&mut Vec<u8>, usize)> {
+        let at = address.wrapping_sub(SRAM) as usize;
+        if at < SRAM_LENGTH {
+            return Some((&mut self.sram, at));
+        }
+        let at = address.wrapping_sub(CCM) as usize;
+        (at < CCM_LENGTH).then_some((&mut self.ccm, at))
+    }
+
+    fn memory_read(&mut self, address: u32, width: Width) -> Result<u32, BusError> {
+        if let Some(value) = self.flash.peek(address, width) {
+            return Ok(value);
+        }
+        let (bytes, at) = self.memory(address).ok_or(BusError)?;
+        Ok(get(bytes, at, width))
+    }
+
+    fn memory_write(&mut self, address: u32, width: Width, value: u32) -> Result<(), BusError> {
+        let (bytes, at) = self.memory(address).ok_or(BusError)?;
+        put(bytes, at, width, value);
+        Ok(())
+    }
+
+    /// Judges an access; whether it may go on.
+    fn judge(
+        &mut self,
+        unit: Unit,
+        offset: u32,
+        width: Width,
+        write: Option<(u32, u32)>,
+    ) -> Option<Register> {
+        if let Some((register, bit)) = unit.gate(offset) {
+            let rcc = &self.units.rcc;
+            let off = !rcc.is_enabled(register, bit);
+            if off || rcc.is_in_reset(register, bit) {
+                let (kind, what) = if off {
+                    (Kind::ClockGated, "its clock is off")
+                } else {
+                    (Kind::Forbidden, "the program holds it in reset")
+                };
+                let text = format!("{}: {what}", unit.name_at(offset));
+                self.shared.note(kind, text);
+                return None;
+            }
+        }
+        let place = unit.register_offset(offset) & !3;
+        let (peripheral, shared) = self.unit(unit);
+        let registers = peripheral.registers();
+        let Ok(found) = registers.binary_search_by_key(&place, |register| register.offset) else {
+            shared.note(
+                Kind::Unmapped,
+                format!("{}: no register at {place:#x}", unit.name_at(offset)),
+            );
+            return None;
+        };
+        let register = registers[found];
+        if width != Width::Word && !register.narrow {
+            let text = format!(
+                "{}_{}: {} bits wide access",
+                unit.name_at(offset),
+                register.name,
+                8 * width.bytes()
+            );
+            shared.note(Kind::Alignment, text);
+        }
+        let changed = write.map_or(0, |(value, mask)| register.changed_reserved(value, mask));
+        if changed != 0 {
+            let text = format!(
+                "{}_{}: reserved bits {changed:#010x} written",
+                unit.name_at(offset),
+                register.name
+            );
+            shared.note(Kind::ReservedBit, text);
+        }
+        Some(register)
+    }
+
+    fn read_unit(&mut self, unit: Unit, offset: u32, width: Width) -> Result<u32, BusError> {
+        let shift = 8 * (offset & 3);
+        if self.judge(unit, offset, width, None).is_none() {
+            return Ok(0);
+        }
+        let (peripheral, shared) = self.unit(unit);
+        let value = peripheral.read(offset & !3, shared) >> shift;
+        self.settle();
+        Ok(match width {
+            Width::Byte => value & 0xff,
+            Width::Half => value & 0xffff,
+            Width::Word => value,
+        })
+    }
+
+    fn write_unit(
+        &mut self,
+        unit: Unit,
+        offset: u32,
+        width: Width,
+        value: u32,
+    ) -> Result<(), BusError> {
+        let shift = 8 * (offset & 3);
+        let mask = match width {
+            Width::Byte => 0xff << shift,
+            Width::Half => 0xffff << shift,
+            Width::Word => !0,
+        };
+        let value = value << shift & mask;
+        let written = Some((value, mask));
+        if self.judge(unit, offset, width, written).is_none() {
+            return Ok(());
+        }
+        if unit == Unit::Rcc && offset & !3 == rcc::BDCR && !self.units.pwr.is_backup_open() {
+            let text = "RCC_BDCR written while PWR_CR.DBP is clear";
+            self.shared.note(Kind::Forbidden, text);
+            return Ok(());
+        }
+        let (peripheral, shared) = self.unit(unit);
+        peripheral.write(offset & !3, value, mask, shared);
+        self.settle();
+        match unit {
+            Unit::Flash | Unit::Pwr => self.judge_clock(false),
+            Unit::Tim1 if matches!(offset & !3, 0x34 | 0x38) && self.units.adc.started() > 0 => {
+                let took = self.shared.now.saturating_sub(self.units.adc.started());
+                self.longest_reaction = self.longest_reaction.max(took);
+            }
+            Unit::Syscfg => self.route_lines(),
+            Unit::Exti => self.judge_lines(),
+            // A stream that was just switched on finds the request that waits.
+            Unit::Dma1 | Unit::Dma2 => {
+                self.units.adc.ask(&mut self.shared);
+                self.settle();
+            }
+            _ => {}
+        }
+        if std::mem::take(&mut self.shared.bus_error) {
+            return Err(BusError);
+        }
+        Ok(())
+    }
+
+    /// Brings everything up to the moment of an access.
+    fn arrive(&mut self, pc: u32, cycle: Cycles) {
+        if self.shared.next().1 <= cycle {
+            self.catch_up(cycle, cycle);
+            self.shared.limit = 0;
+        }
+        (self.shared.now, self.shared.pc) = (cycle, pc);
+    }
+
+    /// Notes an access to a peripheral that the chip has but the model has not.
+    fn is_not_modelled(&mut self, address: u32) -> bool {
+        let name = map::not_modelled(address);
+        if let Some(name) = name {
+            self.shared.note(Kind::NotModelled, name);
+        }
+        name.is_some()
+    }
+
+    /// Does what is due at `cycle`; gives when the next thing is due.
+    fn catch_up(&mut self, cycle: Cycles, until: Cycles) -> Cycles {
+        loop {
+            let (source, at) = self.shared.next();
+            if at > cycle || self.reset.is_some() {
+                self.shared.limit = at.min(until);
+                return at;
+            }
+            self.shared.now = at;
+            self.shared.schedule(source, NEVER);
+            let (units, shared) = (&mut self.units, &mut self.shared);
+            match source {
+                Source::Surroundings => self.advance_surroundings(),
+                Source::Rcc => units.rcc.event(source, shared),
+                Source::Flash => self.flash.event(source, shared),
+                Source::Watchdog => units.watchdog.event(source, shared),
+                Source::Tim1 => units.tim1.event(source, shared),
+                Source::Tim2 => units.tim2.event(source, shared),
+                Source::Tim3 => units.tim3.event(source, shared),
+                Source::Tim4 => units.tim4.event(source, shared),
+                Source::Tim5 => units.tim5.event(source, shared),
+                Source::Adc | Source::AdcInjected => units.adc.event(source, shared),
+                Source::Dma1 => units.dma1.event(source, shared),
+                Source::Dma2 => units.dma2.event(source, shared),
+                Source::Spi1 => units.spi1.event(source, shared),
+                Source::Can1 => units.can1.event(source, shared),
+                Source::Usart3 => units.usart3.event(source, shared),
+            }
+            self.settle();
+        }
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn read_cold(
+        &mut self,
+        address: u32,
+        width: Width,
+        pc: u32,
+        cycle: &mut Cycles,
+    ) -> Result<u32, BusError> {
+        if let Some((unit, offset)) = Unit::at(address) {
+            self.arrive(pc, *cycle);
+            *cycle += unit.bus_cycles(&self.shared.clocks);
+            return self.read_unit(unit, offset, width);
+        }
+        if let Some(value) = self.flash.load(address, width, cycle, &mut self.shared) {
+            return value;
+        }
+        let found = self.memory_read(address, width);
+        if found.is_err() {
+            self.arrive(pc, *cycle);
+            if self.is_not_modelled(address) {
+                return Ok(0);
+            }
+            self.shared
+                .note(Kind::Unmapped, format!("read at {address:#010x}"));
+        }
+        found
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn write_cold(
+        &mut self,
+        address: u32,
+        width: Width,
+        value: u32,
+        pc: u32,
+        cycle: &mut Cycles,
+    ) -> Result<(), BusError> {
+        self.arrive(pc, *cycle);
+        if let Some((unit, offset)) = Unit::at(address) {
+            *cycle += unit.bus_cycles(&self.shared.clocks);
+            let done = self.write_unit(unit, offset, width, value);
+            *cycle = (*cycle).max(std::mem::take(&mut self.shared.held_until));
+            return done;
+        }
+        if let Some(done) = self
+            .flash
+            .program(address, width, value, cycle, &mut self.shared)
+        {
+            self.settle();
+            return done;
+        }
+        let done = self.memory_write(address, width, value);
+        if done.is_err() {
+            if self.is_not_modelled(address) {
+                return Ok(());
+            }
+            self.shared
+                .note(Kind::Unmapped, format!("write at {address:#010x}"));
+        }
+        done
+    }
+}
+
+impl System for Chip {
+    fn fetch(&mut self, address: u32) -> Result<u16, BusError> {
+        self.memory_read(address, Width::Half)
+            .map(|value| value as u16)
+    }
+
+    #[inline]
+    fn enter_line(&mut self, address: u32, cycle: &mut Cycles) {
+        self.flash.enter_line(address, cycle, &mut self.shared);
+    }
+
+    #[inline]
+    fn read(
+        &mut self,
+        address: u32,
+        width: Width,
+        pc: u32,
+        cycle: &mut Cycles,
+    ) -> Result<u32, BusError> {
+        let at = address.wrapping_sub(SRAM) as usize;
+        if at < SRAM_LENGTH {
+            return Ok(get(&self.sram, at, width));
+        }
+        if address.wrapping_sub(FLASH) < 1 << 20
+            && let Some(value) = self.flash.load(address, width, cycle, &mut self.shared)
+        {
+            return value;
+        }
+        let at = address.wrapping_sub(CCM) as usize;
+        if at < CCM_LENGTH {
+            return Ok(get(&self.ccm, at, width));
+        }
+        self.read_cold(address, width, pc, cycle)
+    }
+
+    #[inline]
+    fn write(
+        &mut self,
+        address: u32,
+        width: Width,
+        value: u32,
+        pc: u32,
+        cycle: &mut Cycles,
+    ) -> Result<(), BusError> {
+        let at = address.wrapping_sub(SRAM) as usize;
+        if at < SRAM_LENGTH {
+            put(&mut self.sram, at, width, value);
+            return Ok(());
+        }
+        let at = address.wrapping_sub(CCM) as usize;
+        if at < CCM_LENGTH {
+            put(&mut self.ccm, at, width, value);
+            return Ok(());
+        }
+        self.write_cold(address, width, value, pc, cycle)
+    }
+
+    #[inline]
+    fn limit(&self) -> Cycles {
+        self.shared.limit
+    }
+
+    fn advance(&mut self, cycle: Cycles, until: Cycles) -> Cycles {
+        self.must_pause = std::mem::take(&mut self.clock_changed);
+        self.catch_up(cycle, until)
+    }
+
+    fn lines(&self) -> u128 {
+        self.shared.lines
+    }
+
+    fn take_nmi(&mut self) -> bool {
+        std::mem::take(&mut self.nmi)
+    }
+
+    fn take_changed_code(&mut self) -> Option<(u32, u32)> {
+        self.flash.take_changed()
+    }
+
+    fn must_stop(&self) -> bool {
+        // With another clock it is another cycle at which the core has come far enough.
+        self.reset.is_some() || self.must_pause || self.clock_changed || self.sagged.is_some()
+    }
+
+    fn request_reset(&mut self) {
+        self.shared.note(Kind::Reset, "by the program");
+        self.reset = Some(Cause::Software);
+        self.shared.limit = 0;
+    }
+
+    fn note(&mut self, kind: Kind, pc: u32, cycle: Cycles, text: String) {
+        let at = self.shared.base.time_of(cycle);
+        self.shared.findings.note(kind, pc, at, text);
+    }
+}

@@ -1,0 +1,163 @@
+//! Resets of the chip and of its peripherals, and what the supply has to do with them.
+
+use super::map::Unit;
+use super::part::Random;
+use super::pin::{Drive, Pin};
+use super::rcc::Cause;
+use super::shared::{Clocks, Effect, Source};
+use super::{Chip, Units, pwr};
+use crate::time::{Cycles, NEVER, Time};
+
+impl Chip {
+    /// Begins anew after a reset at this cycle: peripherals as the manual says, memories as they were.
+    /// The core is not let go at once, see [`Self::is_held`].
+    pub fn restart(&mut self, cause: Cause, cycle: Cycles) {
+        self.shared.now = self.shared.now.max(cycle);
+        self.begin(cause);
+    }
+
+    /// The power goes: all pins are let go, memories forget, and an operation of the flash is cut short.
+    pub fn power_off(&mut self, cycle: Cycles) {
+        self.scramble();
+        self.restart(Cause::PowerOn, cycle);
+    }
+
+    pub(super) fn begin(&mut self, cause: Cause) {
+        let power_on = cause == Cause::PowerOn;
+        let before = std::mem::replace(&mut self.units, Units::new());
+        self.units.can1 = before.can1;
+        let shared = &mut self.shared;
+        shared.lines = 0;
+        shared.effects.clear();
+        for source in Source::ALL {
+            shared.schedule(source, NEVER);
+        }
+        self.flash.reset(power_on, shared);
+        self.units.can1.reset(shared);
+        shared.clocks = Clocks::RESET;
+        self.set_frequency(Clocks::RESET.hclk_hz);
+        let (units, shared) = (&mut self.units, &mut self.shared);
+        units.rcc.begin(before.rcc.kept(cause), cause, shared);
+        if !power_on {
+            units.debug = before.debug;
+        }
+        units.gpio.begin(&before.gpio, shared);
+        if self.flash.starts_watchdog() {
+            units.watchdog.start(shared);
+        }
+        for line in 0..16 {
+            units.exti.begin(line, units.gpio.level(Pin::of(0, line)));
+        }
+        shared.volts = shared.surroundings.supply(shared.time());
+        units.adc.set_reference(shared.volts);
+        let low = pwr::holds(shared.volts, self.flash.brown_out(), power_on);
+        self.sagged = low.then_some(shared.volts);
+        (self.reset, self.nmi) = (None, false);
+        self.settle();
+        self.refresh();
+    }
+
+    /// Whether the core stands still although it has power: the supply is too low, the reset is not let
+    /// go yet, or the core's clock has failed.
+    pub fn is_held(&self) -> bool {
+        self.sagged.is_some() || self.units.rcc.is_held()
+    }
+
+    /// A debugger halts the core at this cycle, or lets it go on: peripherals stop that the program has
+    /// chosen in DBGMCU.
+    pub fn halt(&mut self, halted: bool, cycle: Cycles) {
+        self.shared.now = self.shared.now.max(cycle);
+        if !halted || self.units.debug.stops_watchdog() {
+            self.units.watchdog.freeze(halted, &mut self.shared);
+        }
+    }
+
+    /// What static memory shows after power came on: nothing that a program may rely on.
+    pub(super) fn scramble(&mut self) {
+        self.scrambles += 1;
+        let mut random = Random::new(self.shared.part.seed ^ self.scrambles << 48);
+        for byte in self.sram.iter_mut().chain(&mut self.ccm) {
+            *byte = random.next() as u8;
+        }
+    }
+
+    /// The supply has changed.
+    pub(super) fn supply(&mut self, at: Time) {
+        let volts = self.shared.surroundings.supply(at);
+        let before = std::mem::replace(&mut self.shared.volts, volts);
+        if pwr::is_remembered(before) && !pwr::is_remembered(volts) {
+            self.scramble();
+        }
+        let level = self.flash.brown_out();
+        self.units.adc.set_reference(volts);
+        match (self.sagged, pwr::holds(volts, level, self.sagged.is_some())) {
+            (None, true) => {
+                self.begin(Cause::BrownOut);
+                self.sagged = Some(volts);
+            }
+            (Some(lowest), true) => self.sagged = Some(lowest.min(volts)),
+            (Some(lowest), false) => {
+                self.sagged = None;
+                self.reset = Some(if pwr::is_off(lowest) {
+                    Cause::PowerOn
+                } else {
+                    Cause::BrownOut
+                });
+            }
+            (None, false) => {
+                self.units.pwr.detect(&mut self.shared);
+                self.judge_clock(false);
+            }
+        }
+        if self.sagged.is_some_and(pwr::is_off) {
+            self.flash.power_failed();
+        }
+        self.shared.limit = 0;
+    }
+
+    /// The program resets a peripheral.
+    pub(super) fn reset_unit(&mut self, register: u32, bit: u32) {
+        let Some((unit, sources)) = Unit::reset_by(register, bit) else {
+            return;
+        };
+        for &source in sources {
+            self.shared.schedule(source, NEVER);
+        }
+        for &interrupt in unit.interrupts() {
+            self.shared.line(interrupt, false);
+        }
+        let new = Units::new();
+        let units = &mut self.units;
+        match unit {
+            Unit::Tim1 => units.tim1 = new.tim1,
+            Unit::Tim2 => units.tim2 = new.tim2,
+            Unit::Tim3 => units.tim3 = new.tim3,
+            Unit::Tim4 => units.tim4 = new.tim4,
+            Unit::Tim5 => units.tim5 = new.tim5,
+            Unit::Adc => units.adc = new.adc,
+            Unit::Dma1 => units.dma1 = new.dma1,
+            Unit::Dma2 => units.dma2 = new.dma2,
+            Unit::Spi1 => units.spi1 = new.spi1,
+            Unit::Can1 => units.can1.reset(&mut self.shared),
+            Unit::Usart3 => units.usart3 = new.usart3,
+            Unit::Syscfg => units.syscfg = new.syscfg,
+            Unit::Pwr => {
+                units.pwr = new.pwr;
+                // The detector is off.
+                self.shared.effect(Effect::VoltageDetector(false));
+            }
+            Unit::Gpio => units.gpio.reset(bit as usize, &mut self.shared),
+            _ => {}
+        }
+        for &signal in unit.outputs() {
+            self.shared.effect(Effect::Output(signal, Drive::Open));
+        }
+        for &signal in unit.inputs() {
+            if let Some(pin) = self.units.gpio.pin_of(signal) {
+                let level = self.units.gpio.level(pin);
+                self.shared.effect(Effect::Level(pin, level));
+            }
+        }
+        self.route_lines();
+    }
+}

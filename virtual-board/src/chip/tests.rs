@@ -1,0 +1,424 @@
+//! What the parts of the chip do together.
+
+use super::*;
+use crate::core::{BusError, System, Width};
+use crate::time::Cycles;
+use std::collections::VecDeque;
+
+/// Changes at times, and what was heard.
+#[derive(Default)]
+struct World {
+    due: VecDeque<(Time, Change)>,
+    volts: Option<f64>,
+    heard: Vec<(Pin, Drive)>,
+}
+
+#[derive(Clone, Copy)]
+enum Change {
+    Supply(f64),
+    Crystal(bool),
+    Pin(Pin, Drive),
+}
+
+impl Surroundings for World {
+    fn pin(&mut self, pin: Pin, drive: Drive, _at: Time) {
+        self.heard.push((pin, drive));
+    }
+
+    fn voltage(&mut self, _pin: Pin, _at: Time) -> f64 {
+        0.0
+    }
+
+    fn spi(&mut self, _word: u16, _bits: u32, _at: Time) -> u16 {
+        !0
+    }
+
+    fn next(&self) -> Time {
+        self.due.front().map_or(Time::NEVER, |(at, _)| *at)
+    }
+
+    fn advance(&mut self, _at: Time, inputs: &mut Inputs) {
+        match self.due.pop_front() {
+            Some((_, Change::Supply(volts))) => {
+                self.volts = Some(volts);
+                inputs.supply = true;
+            }
+            Some((_, Change::Crystal(works))) => inputs.crystal = Some(works),
+            Some((_, Change::Pin(pin, drive))) => inputs.pins.push((pin, drive)),
+            None => {}
+        }
+    }
+
+    fn supply(&mut self, _at: Time) -> f64 {
+        self.volts.unwrap_or(3.3)
+    }
+}
+
+/// A chip driven by hand.
+struct Bench {
+    chip: Chip,
+    cycle: Cycles,
+}
+
+const RCC: u32 = 0x4002_3800;
+const PWR: u32 = 0x4000_7000;
+const FLASH_ACR: u32 = 0x4002_3c00;
+const FLASH_KEYR: u32 = 0x4002_3c04;
+const GPIOB: u32 = 0x4002_0400;
+const EXTI: u32 = 0x4001_3c00;
+const SYSCFG: u32 = 0x4001_3800;
+const PB13: Pin = Pin::new('B', 13);
+
+impl Bench {
+    /// Running, with these changes to come, µs.
+    fn new(changes: &[(u64, Change)]) -> Self {
+        let due = changes.iter();
+        let due = due.map(|(at, change)| (Time::from_micros(*at), *change));
+        let world = World {
+            due: due.collect(),
+            ..World::default()
+        };
+        Self {
+            chip: Chip::new(Box::new(world), 0),
+            cycle: 0,
+        }
+    }
+
+    fn world(&mut self) -> &mut World {
+        self.chip.surroundings().expect("the world")
+    }
+
+    fn read(&mut self, address: u32) -> u32 {
+        let read = self.chip.read(address, Width::Word, 0, &mut self.cycle);
+        read.expect("no bus error")
+    }
+
+    fn write(&mut self, address: u32, value: u32) {
+        let done = self
+            .chip
+            .write(address, Width::Word, value, 0, &mut self.cycle);
+        done.expect("no bus error");
+    }
+
+    fn set(&mut self, address: u32, bits: u32) {
+        let value = self.read(address) | bits;
+        self.write(address, value);
+    }
+
+    /// Lets time pass, resets included.
+    fn pass(&mut self, micros: u64) -> Option<Cause> {
+        let end = self.chip.time_of(self.cycle) + Time::from_micros(micros);
+        let mut seen = None;
+        loop {
+            let until = self.chip.cycle_of(end);
+            if self.cycle >= until {
+                return seen;
+            }
+            let next = self.chip.advance(self.cycle, until);
+            if let Some(cause) = self.chip.take_reset() {
+                seen = Some(cause);
+                self.chip.restart(cause, self.cycle);
+            } else {
+                self.cycle = next.clamp(self.cycle + 1, until);
+            }
+        }
+    }
+
+    /// 168 MHz from the crystal, with the wait states that this needs.
+    fn run_at_168_mhz(&mut self) {
+        self.write(FLASH_ACR, 5);
+        self.set(RCC, 1 << 16);
+        self.pass(2_100);
+        self.write(RCC + 0x04, 0x2740_2a04);
+        self.set(RCC, 1 << 24);
+        self.pass(150);
+        self.write(RCC + 0x08, 0x0000_9402);
+    }
+
+    /// PB13 drives high.
+    fn drive(&mut self) {
+        self.set(RCC + 0x30, 2);
+        self.set(GPIOB + 0x14, 1 << 13);
+        self.set(GPIOB, 1 << 26);
+    }
+
+    fn causes(&mut self) -> u32 {
+        self.read(RCC + 0x74) >> 24
+    }
+
+    fn findings(&self) -> Vec<(Kind, &str)> {
+        let list = self.chip.findings().list();
+        list.iter().map(|f| (f.kind, f.text.as_str())).collect()
+    }
+}
+
+#[test]
+fn the_core_is_let_go_after_power_on_and_the_clock_goes_to_168_mhz() {
+    let mut bench = Bench::new(&[]);
+    assert!(bench.chip.is_held());
+    bench.pass(1_501);
+    assert!(!bench.chip.is_held());
+    bench.run_at_168_mhz();
+    assert!(bench.chip.must_stop(), "who runs it must look at the clock");
+    bench.chip.advance(bench.cycle, bench.cycle);
+    bench.chip.advance(bench.cycle, bench.cycle);
+    assert!(!bench.chip.must_stop());
+    assert_eq!(bench.chip.clocks().hclk_hz, 168_000_000);
+    let before = bench.chip.time_of(bench.cycle);
+    assert_eq!(
+        bench.chip.time_of(bench.cycle + 168) - before,
+        Time(1_000_000)
+    );
+    assert!(bench.findings().is_empty(), "{:?}", bench.findings());
+}
+
+#[test]
+fn wait_states_are_judged_by_clock_and_supply() {
+    for (acr, volts, findings) in [
+        (5, 3.3, 0),
+        (4, 3.3, 1),
+        (7, 3.3, 1),
+        (5, 2.6, 1),
+        (6, 2.6, 0),
+    ] {
+        let mut bench = Bench::new(&[]);
+        bench.world().volts = Some(volts);
+        bench.pass(1_600);
+        bench.chip.restart(Cause::Pin, bench.cycle);
+        bench.run_at_168_mhz();
+        bench.write(FLASH_ACR, acr);
+        // Another time to the same clock, so that it gets faster with these wait states.
+        bench.write(RCC + 0x08, 0x0000_9400);
+        bench.write(RCC + 0x08, 0x0000_9402);
+        let found = bench.findings();
+        let about = found
+            .iter()
+            .filter(|(_, text)| text.starts_with(&format!("{acr} wait")));
+        assert_eq!(about.count(), findings, "{acr} {volts} {found:?}");
+    }
+}
+
+#[test]
+fn scale_2_of_the_regulator_is_too_little_for_168_mhz() {
+    let mut bench = Bench::new(&[]);
+    bench.run_at_168_mhz();
+    bench.set(RCC + 0x40, 1 << 28);
+    bench.write(PWR, 0);
+    assert_eq!(bench.findings()[0].0, Kind::ClockLimit);
+}
+
+#[test]
+fn a_crystal_that_fails_asks_for_the_nmi_and_slows_the_clock() {
+    let mut bench = Bench::new(&[(10_000, Change::Crystal(false))]);
+    bench.run_at_168_mhz();
+    bench.set(RCC, 1 << 19);
+    bench.pass(10_000);
+    assert_eq!(bench.chip.clocks().hclk_hz, 16_000_000);
+    assert!(bench.chip.take_nmi() && !bench.chip.take_nmi());
+    assert_eq!(bench.read(RCC + 0x0c), 1 << 7);
+    assert!(bench.findings().is_empty(), "{:?}", bench.findings());
+}
+
+#[test]
+fn without_clock_security_the_watchdog_ends_the_standstill() {
+    let mut bench = Bench::new(&[(10_000, Change::Crystal(false))]);
+    bench.run_at_168_mhz();
+    bench.write(0x4000_3000, 0xcccc);
+    assert_eq!(bench.pass(500_000), None);
+    assert!(bench.chip.is_held());
+    // 512 ms from the start, to the millisecond.
+    assert_eq!(bench.pass(20_000), Some(Cause::Watchdog));
+    assert!(!bench.chip.is_held());
+    assert_eq!(bench.chip.clocks().hclk_hz, 16_000_000);
+    assert_eq!(bench.causes(), 0x2e);
+}
+
+#[test]
+fn a_brown_out_lets_the_pins_go_until_the_supply_is_back() {
+    let mut bench = Bench::new(&[
+        (10_000, Change::Supply(1.9)),
+        (11_000, Change::Supply(1.65)),
+        (12_000, Change::Supply(1.71)),
+        (13_000, Change::Supply(3.3)),
+    ]);
+    bench.pass(2_000);
+    bench.write(SRAM, 0x1234_5678);
+    bench.drive();
+    bench.pass(8_500);
+    assert!(!bench.chip.is_held(), "brown-out is off in a new chip");
+    bench.pass(1_000);
+    assert!(bench.chip.is_held() && bench.chip.must_stop());
+    assert_eq!(bench.world().heard.last(), Some(&(PB13, Drive::Open)));
+    bench.pass(1_000);
+    assert!(bench.chip.is_held(), "hysteresis");
+    assert_eq!(bench.pass(1_000), Some(Cause::PowerOn));
+    bench.pass(2_000);
+    assert!(!bench.chip.is_held());
+    assert_eq!((bench.causes(), bench.read(SRAM)), (0x0e, 0x1234_5678));
+}
+
+#[test]
+fn memory_forgets_where_the_supply_falls_too_low() {
+    let changes = [(10_000, Change::Supply(1.0)), (20_000, Change::Supply(3.3))];
+    let mut bench = Bench::new(&changes);
+    for k in 0..16 {
+        bench.write(SRAM + 4 * k, 0);
+    }
+    assert_eq!(bench.pass(30_000), Some(Cause::PowerOn));
+    let kept = (0..16).filter(|k| bench.read(SRAM + 4 * k) == 0);
+    assert_eq!(kept.count(), 0);
+}
+
+#[test]
+fn the_brown_out_level_holds_from_the_power_on_after_it_was_set() {
+    let sag = [
+        (3_000_000, Change::Supply(2.7)),
+        (3_100_000, Change::Supply(1.0)),
+        (3_200_000, Change::Supply(3.3)),
+        (3_300_000, Change::Supply(2.7)),
+        (3_400_000, Change::Supply(3.3)),
+    ];
+    let mut bench = Bench::new(&sag);
+    for key in [0x0819_2a3b, 0x4c5d_6e7f] {
+        bench.write(FLASH_ACR + 0x08, key);
+    }
+    let level_3 = bench.read(FLASH_ACR + 0x14) & !0xc;
+    bench.write(FLASH_ACR + 0x14, level_3);
+    bench.write(FLASH_ACR + 0x14, level_3 | 2);
+    assert_eq!(bench.pass(3_050_000), None);
+    assert!(!bench.chip.is_held());
+    assert_eq!(bench.pass(200_000), Some(Cause::PowerOn));
+    bench.set(RCC + 0x74, 1 << 24);
+    assert_eq!(bench.pass(300_000), Some(Cause::BrownOut));
+    assert_eq!(bench.causes(), 0x06);
+}
+
+#[test]
+fn a_peripheral_that_is_reset_has_its_defaults_and_cannot_be_used_meanwhile() {
+    let mut bench = Bench::new(&[]);
+    bench.drive();
+    bench.write(RCC + 0x10, 2);
+    assert_eq!(bench.world().heard.last(), Some(&(PB13, Drive::Open)));
+    bench.read(GPIOB);
+    let found = bench.findings();
+    assert_eq!(
+        found,
+        [(Kind::Forbidden, "GPIOB: the program holds it in reset")]
+    );
+    bench.write(RCC + 0x10, 0);
+    assert_eq!(bench.read(GPIOB), 0x280);
+    assert_eq!(bench.findings().len(), 1);
+}
+
+#[test]
+fn a_line_listens_to_the_port_that_is_chosen_even_over_a_reset() {
+    let mut bench = Bench::new(&[
+        (5_000, Change::Pin(PB13, Drive::High)),
+        (20_000, Change::Pin(PB13, Drive::Low)),
+    ]);
+    bench.pass(6_000);
+    bench.chip.restart(Cause::Pin, bench.cycle);
+    bench.set(RCC + 0x30, 3);
+    bench.set(RCC + 0x44, 1 << 14);
+    bench.write(EXTI + 0x0c, 1 << 13);
+    bench.write(SYSCFG + 0x14, 1 << 4);
+    bench.write(EXTI, 1 << 13);
+    assert_eq!(bench.chip.lines(), 0);
+    bench.pass(15_000);
+    assert_eq!(bench.chip.lines(), 1 << Interrupt::Exti15To10 as u32);
+    assert!(bench.findings().is_empty(), "{:?}", bench.findings());
+    // PA13 has a pull, PC13 nothing.
+    bench.write(SYSCFG + 0x14, 2 << 4);
+    bench.write(EXTI, 1 << 13);
+    let found = bench.findings();
+    assert_eq!(found, [(Kind::Pin, "PC13 floats and is listened to")]);
+}
+
+#[test]
+fn a_wrong_key_is_a_bus_error_and_the_flash_stays_locked_until_a_reset() {
+    let mut bench = Bench::new(&[]);
+    let wrong = bench
+        .chip
+        .write(FLASH_KEYR, Width::Word, 1, 0, &mut bench.cycle);
+    assert_eq!(wrong, Err(BusError));
+    bench.chip.restart(Cause::Software, bench.cycle);
+    for key in [0x4567_0123, 0xcdef_89ab] {
+        bench.write(FLASH_KEYR, key);
+    }
+    assert_eq!(bench.read(FLASH_ACR + 0x10), 0);
+}
+
+#[test]
+fn a_write_to_the_flash_holds_the_core_and_changes_the_code() {
+    let mut bench = Bench::new(&[]);
+    bench.chip.take_changed_code();
+    for key in [0x4567_0123, 0xcdef_89ab] {
+        bench.write(FLASH_KEYR, key);
+    }
+    bench.write(FLASH_ACR + 0x10, 2 << 8 | 1);
+    bench.write(FLASH + 0x8000, 0xbf00_bf00);
+    let before = bench.cycle;
+    bench.chip.enter_line(FLASH + 0x100, &mut bench.cycle);
+    // 16 µs at 16 MHz.
+    assert!((250..=256).contains(&(bench.cycle - before)));
+    assert_eq!(
+        bench.chip.take_changed_code(),
+        Some((FLASH + 0x8000, FLASH + 0x8003))
+    );
+    assert_eq!(bench.chip.fetch(FLASH + 0x8002), Ok(0xbf00));
+}
+
+#[test]
+fn what_is_not_modelled_is_named_and_what_is_not_there_is_an_error() {
+    let mut bench = Bench::new(&[]);
+    assert_eq!(bench.read(0x4001_1000), 0);
+    bench.write(0x4000_5400, 1);
+    let nothing = bench
+        .chip
+        .read(0x3000_0000, Width::Word, 0, &mut bench.cycle);
+    assert_eq!(nothing, Err(BusError));
+    let kinds: Vec<_> = bench.findings().iter().map(|(kind, _)| *kind).collect();
+    assert_eq!(
+        kinds,
+        [Kind::NotModelled, Kind::NotModelled, Kind::Unmapped]
+    );
+}
+
+#[test]
+fn the_backup_domain_needs_its_bit() {
+    let mut bench = Bench::new(&[]);
+    bench.write(RCC + 0x70, 0x8200);
+    assert_eq!((bench.read(RCC + 0x70), bench.findings().len()), (0, 1));
+    bench.set(RCC + 0x40, 1 << 28);
+    bench.set(PWR, 1 << 8);
+    bench.write(RCC + 0x70, 0x8200);
+    assert_eq!(
+        (bench.read(RCC + 0x70), bench.findings().len()),
+        (0x8200, 1)
+    );
+}
+
+#[test]
+fn a_halted_core_stops_the_watchdog_that_is_told_so() {
+    for (stops, cause) in [(false, Some(Cause::Watchdog)), (true, None)] {
+        let mut bench = Bench::new(&[]);
+        bench.write(0xe004_2008, u32::from(stops) << 12);
+        bench.write(0x4000_3000, 0xcccc);
+        bench.chip.halt(true, bench.cycle);
+        assert_eq!(bench.pass(1_000_000), cause);
+    }
+}
+
+#[test]
+fn the_same_part_forgets_in_the_same_way() {
+    let memory = |seed: u64| {
+        let mut bench = Bench::new(&[]);
+        bench.chip.set_part(Part {
+            seed,
+            ..Part::default()
+        });
+        (bench.read(SRAM), bench.read(0x1fff_7a14))
+    };
+    assert_eq!(memory(5), memory(5));
+    assert_ne!(memory(5), memory(6));
+}
