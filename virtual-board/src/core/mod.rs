@@ -85,8 +85,7 @@ use crate::time::Cycles;
 pub enum Stop {
     /// The time is over.
     Until,
-    /// A reset is due: the program asked for it ([`System::request_reset`] was called) or the chip
-    /// did ([`System::must_stop`]).
+    /// The program asked for a reset; [`System::request_reset`] was called.
     Reset,
     /// The processor locked up: a fault while none can be taken. It comes once; afterwards the core
     /// only lets time pass, until a reset or a non-maskable interrupt.

@@ -11,8 +11,8 @@ impl Core {
     }
 
     /// Lets cycles pass in which the core does nothing, for instance while reset is held.
-    pub fn skip_to(&mut self, cycle: Cycles) {
-        self.cycles = self.cycles.max(cycle);
+    pub fn add_cycles(&mut self, cycles: Cycles) {
+        self.cycles += cycles;
         self.attend = true;
     }
 

@@ -77,12 +77,6 @@ impl Core {
         }
         let until = until.min(self.systick.deadline());
         let due = system.advance(self.cycles, until);
-        if system.must_stop() {
-            self.stop.get_or_insert(Stop::Reset);
-        }
-        if system.take_nmi() {
-            self.nvic.pend(number::NMI, self.cycles);
-        }
         if let Some((first, last)) = system.take_changed_code() {
             self.forget_code(first, last);
         }
