@@ -1,0 +1,119 @@
+//! Instructions a second of the core: a small loop, and an image that talks to its host by
+//! semihosting (`speed ELF`).
+
+mod flat;
+
+use flat::Flat;
+use std::time::Instant;
+use virtual_board::core::{Core, Stop};
+use virtual_board::probe::image::Image;
+
+/// Sums words of a table, counts down, calls a function.
+const LOOP: [u16; 14] = [
+    0x2000, // movs r0, #0
+    0x4906, // ldr r1, [pc, #24]
+    0xf851, 0x2b04, // loop: ldr r2, [r1], #4
+    0x1880, // adds r0, r0, r2
+    0x3b01, // subs r3, #1
+    0xea80, 0x1050, // eor r0, r0, r0, lsr #5
+    0x600a, // str r2, [r1]
+    0xf021, 0x0180, // bic r1, r1, #128
+    0x2b00, // cmp r3, #0
+    0xd1f4, // bne loop
+    0xbe00, // bkpt
+];
+
+fn small_loop() {
+    let mut best = 0.0f64;
+    for _ in 0..5 {
+        let mut flat = Flat::default();
+        let mut core = Core::new();
+        let mut image: Vec<u8> = [0x2000_8000u32, 0x0800_0009]
+            .iter()
+            .flat_map(|w| w.to_le_bytes())
+            .collect();
+        image.extend(LOOP.iter().flat_map(|h| h.to_le_bytes()));
+        image.resize(64, 0);
+        flat.program(0, &image);
+        flat.flash[0x24..0x28].copy_from_slice(&0x2000_0000u32.to_le_bytes());
+        core.reset(&mut flat);
+        core.attach_debugger(true);
+        core.set_register(3, 20_000_000);
+        let begin = Instant::now();
+        let stop = core.run(&mut flat, u64::MAX);
+        let seconds = begin.elapsed().as_secs_f64();
+        assert!(matches!(stop, Stop::Breakpoint(_)), "{stop:?}");
+        best = best.max(core.instructions() as f64 / seconds / 1e6);
+    }
+    println!("small loop: {best:.0} MIPS");
+}
+
+/// Serves a semihosting call; false at the end of the program.
+fn serve(core: &mut Core, flat: &mut Flat) -> bool {
+    let (operation, block) = (core.register(0), core.register(1));
+    let byte = |flat: &Flat, address: u32| {
+        let memory = if address >> 24 == 0x20 {
+            &flat.sram
+        } else {
+            &flat.flash
+        };
+        memory[(address & 0xff_ffff) as usize]
+    };
+    let word = |flat: &Flat, address: u32| {
+        u32::from_le_bytes([0, 1, 2, 3].map(|k| byte(flat, address + k)))
+    };
+    let result = match operation {
+        1 => 1,
+        4 => {
+            let text = (block..).map(|a| byte(flat, a)).take_while(|&b| b != 0);
+            print!("{}", String::from_utf8_lossy(&text.collect::<Vec<_>>()));
+            0
+        }
+        5 => {
+            let (begin, length) = (word(flat, block + 4), word(flat, block + 8));
+            let text = (begin..begin + length).map(|a| byte(flat, a));
+            print!("{}", String::from_utf8_lossy(&text.collect::<Vec<_>>()));
+            0
+        }
+        0x18 | 0x20 => return false,
+        _ => u32::MAX,
+    };
+    core.set_register(0, result);
+    core.set_register(15, core.pc() + 2);
+    true
+}
+
+fn image(path: &str) {
+    let image = Image::open(path.as_ref()).expect("an image");
+    let mut flat = Flat::default();
+    image.load(&mut flat.flash);
+    let mut core = Core::new();
+    core.attach_debugger(true);
+    core.reset(&mut flat);
+    let begin = Instant::now();
+    loop {
+        match core.run(&mut flat, u64::MAX) {
+            Stop::Breakpoint(_) if serve(&mut core, &mut flat) => {}
+            Stop::Breakpoint(_) => break,
+            stop => panic!("{stop:?} at {:#x}: {:?}", core.pc(), flat.notes),
+        }
+    }
+    let seconds = begin.elapsed().as_secs_f64();
+    println!(
+        "{} instructions, {} cycles, {:.3} s: {:.0} MIPS",
+        core.instructions(),
+        core.cycles(),
+        seconds,
+        core.instructions() as f64 / seconds / 1e6
+    );
+    for note in flat.notes {
+        println!("{note}");
+    }
+}
+
+fn main() {
+    small_loop();
+    for path in std::env::args().skip(1) {
+        image(&path);
+    }
+}
