@@ -223,6 +223,11 @@ impl Core {
             number::MEM_MANAGE
         };
         let fault = self.escalated(fault)?;
+        // A fault does not pre-empt itself: its handler is entered although its frame is not stored
+        // (DDI 0337E, 5.12.1).
+        if stage == Stage::Stacking && (fault == original || original == number::HARD_FAULT) {
+            return Some(original);
+        }
         let before = self.nvic.group_of(self.nvic.priority(original));
         let mut after = self.nvic.group_of(self.nvic.priority(fault));
         let mut fault = fault;
