@@ -70,7 +70,7 @@ pub(super) fn run(args: &HilArgs) -> Result<(), Error> {
         }
         let mut robot = VirtualRobot::new(&scenario, &images, context.seed, 0, &options, &logs)?;
         robot.limit(Span {
-            least: 0,
+            least: (args.duration * 1e6) as Micros,
             most: args.stop_after.map(|seconds| (seconds * 1e6) as Micros),
         });
         robot.stop_on(interrupt.clone());

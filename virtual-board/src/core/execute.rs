@@ -181,7 +181,7 @@ impl Core {
             Op::Uxth => self.set(insn.d, self.reg(insn.m) & 0xffff),
             Op::Ubfx => {
                 let value = self.reg(insn.n) >> (insn.x & 31);
-                self.set(insn.d, value & (u32::MAX >> (32 - insn.imm & 31)));
+                self.set(insn.d, value & (u32::MAX >> ((32 - insn.imm) & 31)));
             }
             _ => return self.execute_branch(system, insn, pc, next),
         }

@@ -220,7 +220,7 @@ impl Core {
             }
             Op::Sbfx => {
                 let up = to_top(insn);
-                let value = ((n << up) as i32) >> (32 - insn.imm & 31);
+                let value = ((n << up) as i32) >> ((32 - insn.imm) & 31);
                 self.set(insn.d, value as u32);
             }
             Op::Clz => self.set(insn.d, m.leading_zeros()),

@@ -59,7 +59,7 @@ impl Core {
     }
 
     fn wide_product(&self, insn: &Insn) -> i64 {
-        i64::from(self.reg(insn.n) as i32) * half(self.reg(insn.m), insn.imm & 1) >> 16
+        (i64::from(self.reg(insn.n) as i32) * half(self.reg(insn.m), insn.imm & 1)) >> 16
     }
 
     /// The upper word of accumulator ± product, rounded if bit 0 says so.
@@ -78,7 +78,7 @@ impl Core {
         let (low, width) = (u32::from(insn.x), insn.imm);
         match op {
             Dsp::Bfi | Dsp::Bfc => {
-                let mask = u32::MAX >> (32 - width & 31) << (low & 31);
+                let mask = u32::MAX >> ((32 - width) & 31) << (low & 31);
                 let source = if op == Dsp::Bfi { n << (low & 31) } else { 0 };
                 self.set(insn.d, self.reg(insn.d) & !mask | source & mask);
             }

@@ -82,10 +82,8 @@ impl Core {
             PSP => self.set_psp(value),
             PRIMASK => self.primask = value & 1 != 0,
             BASEPRI => self.basepri = priority,
-            BASEPRI_MAX => {
-                if priority != 0 && (self.basepri == 0 || priority < self.basepri) {
-                    self.basepri = priority;
-                }
+            BASEPRI_MAX if priority != 0 && (self.basepri == 0 || priority < self.basepri) => {
+                self.basepri = priority;
             }
             FAULTMASK => self.set_faultmask(value & 1 != 0),
             CONTROL => self.set_control(value),

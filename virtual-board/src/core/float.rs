@@ -212,7 +212,7 @@ pub(super) fn round(value: Exact, format: Format, mode: u32, status: &mut u32) -
         *status |= IXC;
     }
     let hidden = if biased == 0 { 0 } else { 1 << fraction };
-    sign | ((biased as u32) << fraction) + (whole - hidden)
+    sign | (((biased as u32) << fraction) + (whole - hidden))
 }
 
 /// A mantissa shifted left by `shift` (right if negative) and its rest: 0 none, 1 below a half, 2 a
@@ -253,7 +253,7 @@ fn overflow(sign: u32, negative: bool, format: Format, mode: u32, status: &mut u
         _ => false,
     };
     let infinity = ((1 << format.exponent) - 1) << format.fraction;
-    sign | infinity - u32::from(!infinite)
+    sign | (infinity - u32::from(!infinite))
 }
 
 fn round_single(value: Exact, status: &mut u32) -> u32 {
@@ -407,7 +407,7 @@ fn div_exact(a: u32, b: u32, status: &mut u32) -> u32 {
             let up = v.mantissa << 64;
             let exact = Exact {
                 negative: v.negative != w.negative,
-                mantissa: up / w.mantissa | u128::from(up % w.mantissa != 0),
+                mantissa: (up / w.mantissa) | u128::from(up % w.mantissa != 0),
                 exponent: v.exponent - w.exponent - 64,
             };
             round_single(exact, status)
@@ -633,7 +633,7 @@ pub fn from_half(half: u16, status: &mut u32) -> u32 {
         (31, 0) if *status & AHP == 0 => sign | INFINITY,
         (31, _) if *status & AHP == 0 => quiet(sign | INFINITY | fraction << 13, status),
         (0, _) => sign | (fraction as f32 / 16_777_216.0).to_bits(),
-        _ => sign | exponent + 112 << 23 | fraction << 13,
+        _ => sign | (exponent + 112) << 23 | fraction << 13,
     }
 }
 

@@ -25,7 +25,7 @@
 //!   flash patch hold what is written and do nothing.
 //!
 //! Cycles are those of the Cortex-M4 Technical Reference Manual, table 3-1 and section 3.3, as
-//! [`timing`](self::timing) applies them: each instruction by itself, pairs of neighbours where one
+//! `timing` applies them: each instruction by itself, pairs of neighbours where one
 //! waits for the other, plus what the chip adds (wait states, bus). Where the manual gives a range
 //! the model takes one number: a taken branch costs 2 cycles (register: 3), one more if it lands on
 //! an unaligned 32-bit instruction, a division 2 to 12 by the lengths of its operands. Loops of

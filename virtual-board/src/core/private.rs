@@ -75,7 +75,7 @@ impl Core {
         pc: u32,
     ) -> Result<(), BusError> {
         let trigger = address & !3 == 0xe000_ef00;
-        if !self.privileged() && !(trigger && self.scb.ccr & ccr::USERSETMPEND != 0) {
+        if !(self.privileged() || trigger && self.scb.ccr & ccr::USERSETMPEND != 0) {
             return Err(BusError);
         }
         self.refresh(system);

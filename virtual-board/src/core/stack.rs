@@ -147,9 +147,7 @@ impl Core {
         let words = self.load_frame(system, frame, extended);
         self.set_view(view);
         let words = words?;
-        for k in 0..4 {
-            self.r[k] = words[k];
-        }
+        self.r[..4].copy_from_slice(&words[..4]);
         let [.., r12, lr, pc, psr] = words;
         (self.r[12], self.r[14], self.pc) = (r12, lr, pc & !1);
         let size = if extended { EXTENDED } else { BASIC };
