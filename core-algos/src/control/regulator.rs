@@ -292,6 +292,8 @@ pub struct State {
     phase: Phase,
     goal: Option<Posture>,
     search: Option<Search>,
+    /// Candidates of the next tick that the search has looked at already.
+    ahead: u32,
     plan: Plan,
     next: Next,
     /// Where the present segment began.
@@ -508,6 +510,7 @@ impl Regulator {
                         state.enter(Phase::Hold);
                     } else {
                         state.search = Some(self.planner.start(input.posture, input.goal));
+                        state.ahead = 0;
                         state.enter(Phase::Plan);
                     }
                 }
@@ -517,12 +520,27 @@ impl Regulator {
         self.stand(state)
     }
 
+    /// Does a part of the planner's work of the next tick, `1/parts` of it, so that the tick itself is
+    /// short. Whether it is called, and how often, changes nothing in what [`Self::tick`] gives.
+    pub fn plan_ahead(&self, state: &mut State, parts: u32) {
+        if let (Phase::Plan, Some(search)) = (state.phase, state.search.as_mut()) {
+            let budget = self.config.planner_budget;
+            let share = budget
+                .div_ceil(parts.max(1))
+                .min(budget.saturating_sub(state.ahead));
+            state.ahead += share;
+            self.planner.step(search, share);
+        }
+    }
+
     fn plan(&self, state: &mut State, input: &Input) -> Output {
         let Some(search) = state.search.as_mut() else {
             state.stop_then(Next::Plan);
             return self.stand(state);
         };
-        match self.planner.step(search, self.config.planner_budget) {
+        let left = self.config.planner_budget.saturating_sub(state.ahead);
+        state.ahead = 0;
+        match self.planner.step(search, left) {
             Progress::Working => {}
             Progress::Found(plan) => {
                 state.search = None;
@@ -806,6 +824,36 @@ mod tests {
             self.q[0] += 0.01 * self.v * direction.cos();
             self.q[1] += 0.01 * self.v * direction.sin();
             self.q[2] += turn;
+        }
+    }
+
+    /// Planning in parts gives every output of planning at once, to the bit, and leaves the tick
+    /// nothing of its budget.
+    #[test]
+    fn planning_ahead_changes_nothing_but_when_it_is_done() {
+        let regulator = Config::default().build().unwrap();
+        let goal = Posture::ORIGIN;
+        for (parts, calls) in [(9, 9), (9, 4), (1, 3), (400, 17)] {
+            let start = Posture::new(0.1, -0.4, 2.5);
+            let (mut robot, mut state) = (Robot::at(start), State::default());
+            let (mut other, mut ahead) = (Robot::at(start), State::default());
+            let mut planning = 0;
+            for _ in 0..600 {
+                for _ in 0..calls {
+                    regulator.plan_ahead(&mut ahead, parts);
+                }
+                if ahead.phase == Phase::Plan && parts == calls {
+                    let budget = regulator.config.planner_budget;
+                    assert_eq!(ahead.ahead, budget);
+                    planning += 1;
+                }
+                let output = regulator.tick(&mut state, &input(&robot, goal));
+                assert_eq!(regulator.tick(&mut ahead, &input(&other, goal)), output);
+                assert_eq!(ahead, state);
+                robot.obey(output.command);
+                other.obey(output.command);
+            }
+            assert!(planning > 3 || parts != calls, "{planning}");
         }
     }
 

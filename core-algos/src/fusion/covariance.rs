@@ -111,7 +111,10 @@ impl<const N: usize> Covariance<N> {
         coefficients: [f32; S],
         variance: f32,
     ) -> [f32; N] {
-        let rows = states.map(|state| self.row(state));
+        let mut rows = [[0.0; N]; S];
+        for k in 0..S {
+            rows[k] = self.row(states[k]);
+        }
         let mut row = [0.0; N];
         for k in 0..S {
             for j in 0..N {

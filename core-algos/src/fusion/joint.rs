@@ -499,8 +499,8 @@ impl Joint {
             }
         }
         let p = state.covariance.matrix();
-        let fp = matrix::multiply(&f, &p);
-        let pose = matrix::multiply_transposed(&fp, &f);
+        // P is symmetric, and rows lie together in memory.
+        let fp = matrix::multiply_transposed(&f, &p);
 
         // Noise of the increments: in the end frames for the rear itself, turned back into the
         // frames of departure where the increments are added.
@@ -518,7 +518,11 @@ impl Joint {
         let u = &mut state.covariance.upper;
         for i in 0..6 {
             for j in i..6 {
-                u[i][j] = pose[i][j];
+                let mut sum = 0.0;
+                for k in 0..N {
+                    sum += fp[i][k] * f[j][k];
+                }
+                u[i][j] = sum;
             }
             for j in FIRST..N {
                 u[i][j] = fp[i][j];
@@ -610,17 +614,23 @@ impl Joint {
     }
 
     fn nis(&self, state: &State, r: &Mat3, innovation: &[f32; 3]) -> f32 {
-        let p = &state.covariance;
-        let h: Mat<3, N> = {
-            let mut h = [[0.0; N]; 3];
-            for k in 0..3 {
-                h[k][REL + k] = 1.0;
+        // H P Hᵀ of the relative posture plus the beam's offsets: sums of a few entries.
+        const SEEN: [&[usize]; 3] = [&[REL], &[REL + 1, OFFSET_Y], &[REL_PHI, OFFSET_PHI]];
+        let u = &state.covariance.upper;
+        let mut s = *r;
+        for (i, rows) in SEEN.iter().enumerate() {
+            for (j, columns) in SEEN.iter().enumerate() {
+                let mut sum = 0.0;
+                for &column in *columns {
+                    let mut of_column = 0.0;
+                    for &row in *rows {
+                        of_column += u[row.min(column)][row.max(column)];
+                    }
+                    sum += of_column;
+                }
+                s[i][j] += sum;
             }
-            h[1][OFFSET_Y] = 1.0;
-            h[2][OFFSET_PHI] = 1.0;
-            h
-        };
-        let s = matrix::add(&matrix::propagate(&h, &p.matrix()), r);
+        }
         match matrix::cholesky(&s) {
             Some(factor) => {
                 let solved = matrix::cholesky_solve(&factor, innovation);

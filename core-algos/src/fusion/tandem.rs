@@ -395,14 +395,20 @@ enum Tracks {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct State {
     tracks: Tracks,
-    /// Last relative posture the beam gave.
+    until_condition: u8,
+    beam: Beam,
+}
+
+/// What became of the beam's measurements.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Beam {
+    /// Last relative posture it gave.
     relative: Estimate,
     rejected_in_a_row: u16,
-    until_condition: u8,
-    /// Measurements of the beam refused by the gate.
-    pub beam_gated: u32,
-    /// Measurements of the beam refused as not finite or not positive definite.
-    pub beam_invalid: u32,
+    /// Measurements refused by the gate.
+    gated: u32,
+    /// Measurements refused as not finite or not positive definite.
+    invalid: u32,
 }
 
 impl State {
@@ -412,6 +418,16 @@ impl State {
             Tracks::Joint(joint) => Some(joint),
             Tracks::Separate { .. } => None,
         }
+    }
+
+    /// Measurements of the beam refused by the gate.
+    pub fn beam_gated(&self) -> u32 {
+        self.beam.gated
+    }
+
+    /// Measurements of the beam refused as not finite or not positive definite.
+    pub fn beam_invalid(&self) -> u32 {
+        self.beam.invalid
     }
 }
 
@@ -452,11 +468,13 @@ impl Tandem {
         };
         State {
             tracks,
-            relative: *relative,
-            rejected_in_a_row: 0,
             until_condition: CONDITION_INTERVAL,
-            beam_gated: 0,
-            beam_invalid: 0,
+            beam: Beam {
+                relative: *relative,
+                rejected_in_a_row: 0,
+                gated: 0,
+                invalid: 0,
+            },
         }
     }
 
@@ -479,7 +497,7 @@ impl Tandem {
             .filter(|_| complete && self.mode != Mode::Odometry);
         let beam = match beam {
             Some(beam) if !is_usable(&beam) => {
-                state.beam_invalid = state.beam_invalid.saturating_add(1);
+                state.beam.invalid = state.beam.invalid.saturating_add(1);
                 output.beam.verdict = Verdict::Invalid;
                 None
             }
@@ -488,18 +506,22 @@ impl Tandem {
                 Estimate::new(beam.posture, noise)
             }),
         };
-        let mut tracks = state.tracks;
-        match &mut tracks {
+        let State {
+            tracks,
+            until_condition,
+            beam: seen,
+        } = state;
+        match tracks {
             Tracks::Separate { front: f, rear: r } => {
                 self.advance(f, &front, 0, bend);
                 self.advance(r, &rear, 1, bend);
                 if let Some(beam) = beam {
-                    self.join(state, [f, r], &beam, [&front, &rear], &mut output);
+                    self.join(seen, [f, r], &beam, [&front, &rear], &mut output);
                 }
                 output.front = f.estimate();
                 output.rear = r.estimate();
                 output.robot = match output.beam.verdict {
-                    Verdict::Used => self.middle(f, r, &state.relative),
+                    Verdict::Used => self.middle(f, r, &seen.relative),
                     _ => self.middle_unseen(f, r),
                 };
             }
@@ -516,12 +538,12 @@ impl Tandem {
                 if let Some(beam) = beam {
                     output.beam = self
                         .joint
-                        .update(joint, &beam, |nis| self.accepts(state, nis));
-                    self.count(state, output.beam.verdict, &beam);
+                        .update(joint, &beam, |nis| self.accepts(seen, nis));
+                    self.count(seen, output.beam.verdict, &beam);
                 }
-                state.until_condition = state.until_condition.saturating_sub(1);
-                if state.until_condition == 0 {
-                    state.until_condition = CONDITION_INTERVAL;
+                *until_condition = until_condition.saturating_sub(1);
+                if *until_condition == 0 {
+                    *until_condition = CONDITION_INTERVAL;
                     self.joint.condition(joint);
                 }
                 output.front = joint.front_estimate();
@@ -529,7 +551,6 @@ impl Tandem {
                 output.robot = joint.robot_estimate();
             }
         }
-        state.tracks = tracks;
         output
     }
 
@@ -555,11 +576,9 @@ impl Tandem {
             &matrix::propagate(&chain.by_base, &base.covariance),
             &matrix::propagate(&chain.by_relative, &beam.covariance),
         );
-        *state = State {
-            beam_gated: state.beam_gated,
-            beam_invalid: state.beam_invalid,
-            ..self.start_at(&Estimate::new(chain.posture, covariance), beam)
-        };
+        let Beam { gated, invalid, .. } = state.beam;
+        *state = self.start_at(&Estimate::new(chain.posture, covariance), beam);
+        (state.beam.gated, state.beam.invalid) = (gated, invalid);
         self.step(state, &Inputs::default())
     }
 
@@ -635,7 +654,7 @@ impl Tandem {
     /// Both axles from the beam, each from the other's value before the update.
     fn join(
         &self,
-        state: &mut State,
+        seen: &mut Beam,
         [front, rear]: [&mut Track; 2],
         beam: &Estimate,
         increments: [&Slipping; 2],
@@ -668,7 +687,7 @@ impl Tandem {
             None => f32::INFINITY,
         };
         output.beam = joint::BeamUpdate {
-            verdict: if self.accepts(state, nis) {
+            verdict: if self.accepts(seen, nis) {
                 Verdict::Used
             } else {
                 Verdict::Gated
@@ -676,7 +695,7 @@ impl Tandem {
             innovation,
             nis,
         };
-        self.count(state, output.beam.verdict, beam);
+        self.count(seen, output.beam.verdict, beam);
         if output.beam.verdict != Verdict::Used {
             return;
         }
@@ -741,24 +760,24 @@ impl Tandem {
         middle.estimate()
     }
 
-    fn accepts(&self, state: &State, nis: f32) -> bool {
+    fn accepts(&self, seen: &Beam, nis: f32) -> bool {
         match self.beam_gate {
-            Some(gate) => nis <= gate || state.rejected_in_a_row >= self.patience,
+            Some(gate) => nis <= gate || seen.rejected_in_a_row >= self.patience,
             None => nis.is_finite(),
         }
     }
 
-    fn count(&self, state: &mut State, verdict: Verdict, beam: &Estimate) {
+    fn count(&self, seen: &mut Beam, verdict: Verdict, beam: &Estimate) {
         match verdict {
             Verdict::Used => {
-                state.rejected_in_a_row = 0;
-                state.relative = *beam;
+                seen.rejected_in_a_row = 0;
+                seen.relative = *beam;
             }
             Verdict::Gated => {
-                state.rejected_in_a_row = state.rejected_in_a_row.saturating_add(1);
-                state.beam_gated = state.beam_gated.saturating_add(1);
+                seen.rejected_in_a_row = seen.rejected_in_a_row.saturating_add(1);
+                seen.gated = seen.gated.saturating_add(1);
             }
-            Verdict::Invalid => state.beam_invalid = state.beam_invalid.saturating_add(1),
+            Verdict::Invalid => seen.invalid = seen.invalid.saturating_add(1),
             Verdict::Absent => {}
         }
     }
@@ -1076,7 +1095,7 @@ mod tests {
                 assert!(refused < 1000, "{mode:?}");
             }
             assert!(refused <= usize::from(config.gate_patience), "{mode:?}");
-            assert_eq!(state.beam_gated as usize, refused, "{mode:?}");
+            assert_eq!(state.beam_gated() as usize, refused, "{mode:?}");
         }
     }
 

@@ -180,6 +180,8 @@ impl Board {
                 let mut output = step_axle(axle, now, samples, outbox);
                 if now % EPOCH == LEAD_PHASE {
                     output.lead = Some(lead.step(now, outbox));
+                } else {
+                    lead.prepare();
                 }
                 output
             }

@@ -528,6 +528,15 @@ impl LeadNode {
         }
     }
 
+    /// What is done beside, at a tick without [`Self::step`]: a part of what the next step needs that
+    /// is known already. Left out, that step does all of it, with the same result.
+    pub fn prepare(&mut self) {
+        let ticks = (EPOCH / TICK) as u32 - 1;
+        self.with
+            .regulator
+            .plan_ahead(&mut self.state.regulator, ticks);
+    }
+
     /// One step at `now`; references go to `outbox`.
     pub fn step(&mut self, now: Micros, outbox: &mut Outbox) -> Output {
         let fused = self.fuse(now);
