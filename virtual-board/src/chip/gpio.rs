@@ -528,6 +528,19 @@ mod tests {
     }
 
     #[test]
+    fn a_peripheral_hears_the_level_of_the_pin_that_it_is_given() {
+        let (mut gpio, mut shared) = (Gpio::default(), shared());
+        gpio.begin(&Gpio::default(), &mut shared);
+        let pin = Pin::new('B', 12);
+        gpio.external(pin, Drive::High, &mut shared);
+        gpio.write(PORT_B + 0x24, 1 << 16, !0, &mut shared);
+        shared.effects.clear();
+        gpio.write(PORT_B, 0x280 | 2 << 24, !0, &mut shared);
+        assert_eq!(gpio.signal_at(pin), Some(Signal::Tim1Bkin));
+        assert!(shared.effects.iter().eq(&[Effect::Level(pin, true)]));
+    }
+
+    #[test]
     fn a_reset_of_a_port_lets_its_pins_go() {
         let (mut gpio, mut shared) = (Gpio::default(), shared());
         gpio.write(PORT_B, 0x280 | 1 << 26, !0, &mut shared);

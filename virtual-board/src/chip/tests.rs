@@ -422,3 +422,91 @@ fn the_same_part_forgets_in_the_same_way() {
     assert_eq!(memory(5), memory(5));
     assert_ne!(memory(5), memory(6));
 }
+
+#[test]
+fn a_pin_that_is_high_over_a_reset_gives_a_falling_edge_when_it_falls() {
+    let pin = Pin::new('A', 0);
+    let mut bench = Bench::new(&[
+        (5_000, Change::Pin(pin, Drive::High)),
+        (20_000, Change::Pin(pin, Drive::Low)),
+    ]);
+    bench.pass(6_000);
+    bench.chip.restart(Cause::Pin, bench.cycle);
+    bench.write(EXTI + 0x0c, 1);
+    bench.write(EXTI, 1);
+    bench.pass(15_000);
+    assert_eq!(bench.chip.lines(), 1 << Interrupt::Exti0 as u32);
+}
+
+#[test]
+fn after_a_power_failure_the_chip_waits_for_its_own_brown_out_level() {
+    let mut bench = Bench::new(&[
+        (1_000_000, Change::Supply(1.0)),
+        (1_100_000, Change::Supply(2.5)),
+        (1_200_000, Change::Supply(3.0)),
+    ]);
+    for key in [0x0819_2a3b, 0x4c5d_6e7f] {
+        bench.write(FLASH_ACR + 0x08, key);
+    }
+    let level_3 = bench.read(FLASH_ACR + 0x14) & !0xc;
+    bench.write(FLASH_ACR + 0x14, level_3 | 2);
+    assert_eq!(bench.pass(1_150_000), None);
+    assert!(bench.chip.is_held());
+    assert_eq!(bench.pass(100_000), Some(Cause::PowerOn));
+}
+
+#[test]
+fn a_crystal_that_fails_stops_the_outputs_of_tim1_where_its_break_is_enabled() {
+    const TIM1: u32 = 0x4001_0000;
+    const BKE: u32 = 1 << 12;
+    const MOE: u32 = 1 << 15;
+    // The input is not connected: with this polarity it says go on.
+    const BKP: u32 = 1 << 13;
+    for (bdtr, goes_on) in [(MOE | BKP, true), (MOE | BKP | BKE, false)] {
+        let mut bench = Bench::new(&[(10_000, Change::Crystal(false))]);
+        bench.run_at_168_mhz();
+        bench.set(RCC, 1 << 19);
+        bench.set(RCC + 0x44, 1);
+        bench.write(TIM1 + 0x44, bdtr);
+        assert_ne!(bench.read(TIM1 + 0x44) & MOE, 0);
+        bench.pass(10_000);
+        assert_eq!(bench.read(TIM1 + 0x44) & MOE != 0, goes_on);
+    }
+}
+
+#[test]
+fn a_reset_of_syscfg_takes_the_lines_back_to_port_a() {
+    let mut bench = Bench::new(&[(5_000, Change::Pin(PB13, Drive::High))]);
+    bench.pass(6_000);
+    bench.set(RCC + 0x44, 1 << 14);
+    bench.write(EXTI + 0x0c, 1 << 13);
+    bench.write(EXTI, 1 << 13);
+    // From PC13, which is low, and PB13, which is high, to PA13, which has a pull-up.
+    bench.write(SYSCFG + 0x14, 1 << 4);
+    bench.write(RCC + 0x24, 1 << 14);
+    assert_eq!(bench.chip.lines(), 0);
+    bench.write(RCC + 0x24, 0);
+    bench.write(SYSCFG + 0x14, 2 << 4);
+    assert_ne!(bench.chip.lines(), 0, "from PA13 down to PC13");
+    bench.write(EXTI + 0x14, 1 << 13);
+    bench.write(EXTI + 0x08, 1 << 13);
+    bench.write(RCC + 0x24, 1 << 14);
+    assert_ne!(bench.chip.lines(), 0, "from PC13 up to PA13");
+}
+
+#[test]
+fn a_write_to_the_flashs_control_register_waits_for_the_operation() {
+    let mut bench = Bench::new(&[]);
+    for key in [0x4567_0123, 0xcdef_89ab] {
+        bench.write(FLASH_KEYR, key);
+    }
+    bench.write(FLASH_ACR + 0x10, 2 << 8 | 1);
+    bench.write(FLASH, 0);
+    let before = bench.cycle;
+    bench.write(FLASH_ACR + 0x10, 0);
+    // 16 µs at 16 MHz.
+    assert!((250..=257).contains(&(bench.cycle - before)));
+    let before = bench.cycle;
+    bench.write(FLASH_ACR + 0x10, 0);
+    assert!(bench.cycle - before < 10);
+}
