@@ -68,6 +68,10 @@ hil --log target/hil/run.mcap
 target/release/cfmmr replay target/hil/run.mcap | grep "identical over"
 hil --no-rps
 hil --link uart --stop-after 2
+step "the images that users flash, on virtual boards"
+timeout 900 target/release/cfmmr hil --virtual --out target/virtual | grep -A4 "^board "
+step "frames of the virtual bus against other implementations"
+virtual-board/oracle/check_can_bits.sh 2000
 step "faults on emulated boards"
 timeout 600 target/release/cfmmr faults --emulated --check --only "board resets" --only freezes \
   --only corrupts --only "encoder stuck" --only "encoder missing" --only "gyro off" --only "motor stuck" \

@@ -30,6 +30,11 @@ const SHORTER: &[(&str, Options, &str)] = &[
         "more laps are more of the same",
     ),
     (
+        "hil --virtual",
+        &[("--stop-after", "0.4")],
+        "the whole way is driven by ci.sh",
+    ),
+    (
         "hil --emulated",
         &[("--stop-after", "0.4")],
         "what follows are more ticks of the same kind",
