@@ -34,19 +34,17 @@ impl Images {
                 image.map_err(|error| Error::Failure(error.to_string()))?,
             ))
         };
-        let axle = match (front, rear) {
-            (Some(_), Some(_)) => None,
-            _ => Some(built("firmware-axle")?),
-        };
-        let axle_or = |file: Option<&Path>| match (file, &axle) {
-            (Some(file), _) => given(file),
-            (None, Some(axle)) => Ok(axle.clone()),
-            (None, None) => built("firmware-axle"),
+        // Files first: a wrong one is told before anything is built.
+        let [front, rear, beam] = [front, rear, beam].map(|file| file.map(given).transpose());
+        let (front, rear, beam) = (front?, rear?, beam?);
+        let axle = match (&front, &rear) {
+            (Some(axle), Some(_)) => axle.clone(),
+            _ => built("firmware-axle")?,
         };
         Ok(Self {
-            front: axle_or(front)?,
-            rear: axle_or(rear)?,
-            beam: beam.map_or_else(|| built("firmware-beam"), given)?,
+            front: front.unwrap_or_else(|| axle.clone()),
+            rear: rear.unwrap_or(axle),
+            beam: beam.map_or_else(|| built("firmware-beam"), Ok)?,
         })
     }
 

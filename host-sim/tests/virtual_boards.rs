@@ -1,0 +1,86 @@
+//! The robot with the images that users flash, on virtual boards.
+
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Output};
+
+fn hil(folder: &Path, arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_cfmmr"))
+        .args(["hil", "--virtual"])
+        .args(arguments)
+        .current_dir(folder)
+        .output()
+        .unwrap()
+}
+
+#[test]
+fn threads_change_no_byte_and_seeds_do() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = |name: &str, seed: &str, threads: &str| {
+        let output = hil(
+            folder.path(),
+            &[
+                "--stop-after",
+                "0.8",
+                "--seed",
+                seed,
+                "--threads",
+                threads,
+                "--out",
+                name,
+            ],
+        );
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.success(), "{said}");
+        let files = [
+            "log-joint.csv",
+            "board-front.log",
+            "board-rear.log",
+            "board-beam.log",
+        ];
+        files.map(|file| fs::read_to_string(folder.path().join(name).join(file)).unwrap())
+    };
+    let one = run("one", "1", "1");
+    assert!(
+        one[0].lines().count() > 50 && one[1].contains("front axle"),
+        "{}",
+        one[1]
+    );
+    assert_eq!(one, run("two", "1", "2"));
+    assert_ne!(one[0], run("other", "2", "1")[0]);
+}
+
+#[test]
+fn what_is_no_image_of_the_chip_is_refused_by_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let program = fs::read(env!("CARGO_BIN_EXE_cfmmr")).unwrap();
+    for (name, bytes) in [
+        ("empty", &[][..]),
+        ("cut", &program[..40]),
+        ("of-this-machine", &program[..]),
+        ("text", b"firmware"),
+    ] {
+        fs::write(folder.path().join(name), bytes).unwrap();
+        let output = hil(folder.path(), &["--beam-image", name, "--axle-image", name]);
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{name}: {said}");
+        assert!(said.contains(name), "{name}: {said}");
+    }
+    let output = hil(folder.path(), &["--beam-image", "absent"]);
+    assert_eq!(output.status.code(), Some(2));
+}
+
+#[test]
+fn what_the_images_cannot_be_told_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    for arguments in [
+        &["--set", "mission.goal=[1.0, 0.0, 0.0]"][..],
+        &["--set", "robot.axle.rest_hold_s=0.2"],
+        &["--follow", "circle"],
+        &["--emulated"],
+    ] {
+        let output = hil(folder.path(), arguments);
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {said}");
+    }
+}
