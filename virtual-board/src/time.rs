@@ -67,7 +67,7 @@ pub struct Timebase {
     time: Time,
     /// Period of a cycle, 2⁻³² ps.
     period: u64,
-    /// Cycles in 2³² ps, 2⁻³² of a cycle.
+    /// Cycles in a picosecond, 2⁻⁶⁴ of a cycle.
     rate: u64,
     /// Crystal and oscillators too fast by this many parts in 10⁹.
     fast_ppb: i64,
@@ -95,7 +95,7 @@ impl Timebase {
         let nano_hz = milli.max(1) as u128;
         // 10¹² ps in a second, 10⁹ nHz in a hertz.
         self.period = ((1_000_000_000_000_000_000_000u128 << 32) / nano_hz) as u64;
-        self.rate = ((nano_hz << 32) / 1_000_000_000_000_000_000_000u128) as u64;
+        self.rate = ((nano_hz << 64) / 1_000_000_000_000_000_000_000u128) as u64;
     }
 
     /// Length of a cycle, 2⁻³² ps.
@@ -115,8 +115,8 @@ impl Timebase {
             return NEVER;
         }
         let span = time.0.saturating_sub(self.time.0);
-        let mut cycle = self.cycle + ((u128::from(span) * u128::from(self.rate)) >> 32) as u64;
-        // The quotient is rounded down and the rate is not exact.
+        let mut cycle = self.cycle + ((u128::from(span) * u128::from(self.rate)) >> 64) as u64;
+        // The product is rounded down: off by one.
         while cycle > self.cycle && self.time_of(cycle - 1) >= time {
             cycle -= 1;
         }
