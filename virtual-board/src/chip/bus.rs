@@ -2,9 +2,8 @@
 
 use super::Cause;
 use super::map::Unit;
-use super::register::Register;
 use super::shared::{Request, Source};
-use super::{CCM, CCM_LENGTH, Chip, FLASH, Peripheral, SRAM, SRAM_LENGTH, dma, map, rcc};
+use super::{CCM, CCM_LENGTH, Chip, FLASH, Peripheral, SRAM, SRAM_LENGTH, dma, map, rcc, register};
 use crate::core::{BusError, System, Width};
 use crate::finding::Kind;
 use crate::time::{Cycles, NEVER};
@@ -32,40 +31,77 @@ pub(super) fn put(bytes: &mut [u8], at: usize, width: Width, value: u32) {
 }
 
 impl Chip {
-    /// One transfer of a DMA controller: it says from where to where, the chip moves the datum.
+    /// A peripheral asks for a transfer: a controller says which accesses it makes of that, the chip
+    /// makes them.
     pub(super) fn serve(&mut self, request: Request) {
-        for controller in [dma::Controller::Dma1, dma::Controller::Dma2] {
-            let dma = match controller {
-                dma::Controller::Dma1 => &mut self.units.dma1,
-                dma::Controller::Dma2 => &mut self.units.dma2,
-            };
-            let Some(transfer) = dma.begin(request) else {
+        for (controller, unit) in [
+            (dma::Controller::Dma1, Unit::Dma1),
+            (dma::Controller::Dma2, Unit::Dma2),
+        ] {
+            let Some(stream) = self.units.dma(controller).listener(request) else {
                 continue;
             };
-            let value = self.dma_read(transfer.from, transfer.width);
-            let written =
-                value.and_then(|value| self.dma_write(transfer.to, transfer.width, value));
-            let dma = match controller {
-                dma::Controller::Dma1 => &mut self.units.dma1,
-                dma::Controller::Dma2 => &mut self.units.dma2,
-            };
-            let last = dma.end(transfer, written.is_ok(), &mut self.shared);
-            if last && request == Request::Adc1 {
+            let gate = unit.gate(0);
+            if gate.is_some_and(|(register, bit)| !self.units.rcc.is_enabled(register, bit)) {
+                continue;
+            }
+            self.units.dma(controller).begin(stream);
+            if self.transfer(controller, stream) && request == Request::Adc1 {
                 self.units.adc.block_ended();
             }
         }
     }
 
+    /// Makes a stream's accesses, and at the end of a block those that begin the next. Whether a block
+    /// ended.
+    fn transfer(&mut self, controller: dma::Controller, stream: usize) -> bool {
+        let mut ended = false;
+        loop {
+            while let Some(step) = self.units.dma(controller).step(stream) {
+                let result = match step {
+                    dma::Step::Read(place, width) => self.dma_read(place, width),
+                    dma::Step::Write(place, width, value) => {
+                        self.dma_write(place, width, value).map(|()| 0)
+                    }
+                };
+                let (units, shared) = (&mut self.units, &mut self.shared);
+                let dma = units.dma(controller);
+                dma.done(stream, step, result.ok(), shared);
+            }
+            let (units, shared) = (&mut self.units, &mut self.shared);
+            if !units.dma(controller).end(stream, shared) {
+                return ended;
+            }
+            ended = true;
+        }
+    }
+
+    /// The program has written to a controller: streams that were switched on or off move what they
+    /// must, and requests that wait are made again.
+    fn dma_written(&mut self, controller: dma::Controller) {
+        for stream in 0..8 {
+            self.transfer(controller, stream);
+        }
+        let (units, shared) = (&mut self.units, &mut self.shared);
+        units.adc.ask(shared);
+        units.spi1.ask(shared);
+        units.usart3.ask(shared);
+        self.settle();
+    }
+
     fn dma_read(&mut self, address: u32, width: Width) -> Result<u32, BusError> {
         match Unit::at(address) {
-            Some((unit, offset)) => self.read_unit(unit, offset, width),
+            Some((unit, offset)) => Ok(self.read_register(unit, offset, width)),
             None => self.memory_read(address, width),
         }
     }
 
     fn dma_write(&mut self, address: u32, width: Width, value: u32) -> Result<(), BusError> {
         match Unit::at(address) {
-            Some((unit, offset)) => self.write_unit(unit, offset, width, value),
+            Some((unit, offset)) => {
+                self.write_register(unit, offset, width, value);
+                Ok(())
+            }
             // The core-coupled memory is the core's alone.
             None if address >= SRAM => self.memory_write(address, width, value),
             None => Err(BusError),
@@ -96,13 +132,7 @@ impl Chip {
     }
 
     /// Judges an access; whether it may go on.
-    fn judge(
-        &mut self,
-        unit: Unit,
-        offset: u32,
-        width: Width,
-        write: Option<(u32, u32)>,
-    ) -> Option<Register> {
+    fn judge(&mut self, unit: Unit, offset: u32, width: Width, write: Option<(u32, u32)>) -> bool {
         if let Some((register, bit)) = unit.gate(offset) {
             let rcc = &self.units.rcc;
             let off = !rcc.is_enabled(register, bit);
@@ -114,20 +144,16 @@ impl Chip {
                 };
                 let text = format!("{}: {what}", unit.name_at(offset));
                 self.shared.note(kind, text);
-                return None;
+                return false;
             }
         }
         let place = unit.register_offset(offset) & !3;
         let (peripheral, shared) = self.unit(unit);
-        let registers = peripheral.registers();
-        let Ok(found) = registers.binary_search_by_key(&place, |register| register.offset) else {
-            shared.note(
-                Kind::Unmapped,
-                format!("{}: no register at {place:#x}", unit.name_at(offset)),
-            );
-            return None;
+        let Some(register) = register::find(peripheral.registers(), place) else {
+            let text = format!("{}: no register at {place:#x}", unit.name_at(offset));
+            shared.note(Kind::Unmapped, text);
+            return false;
         };
-        let register = registers[found];
         if width != Width::Word && !register.narrow {
             let text = format!(
                 "{}_{}: {} bits wide access",
@@ -146,22 +172,47 @@ impl Chip {
             );
             shared.note(Kind::ReservedBit, text);
         }
-        Some(register)
+        true
     }
 
-    fn read_unit(&mut self, unit: Unit, offset: u32, width: Width) -> Result<u32, BusError> {
-        let shift = 8 * (offset & 3);
-        if self.judge(unit, offset, width, None).is_none() {
-            return Ok(0);
+    /// Reads a register; what that does to others is still to be carried there.
+    fn read_register(&mut self, unit: Unit, offset: u32, width: Width) -> u32 {
+        if !self.judge(unit, offset, width, None) {
+            return 0;
         }
         let (peripheral, shared) = self.unit(unit);
-        let value = peripheral.read(offset & !3, shared) >> shift;
-        self.settle();
-        Ok(match width {
+        let value = peripheral.read(offset & !3, shared) >> (8 * (offset & 3));
+        match width {
             Width::Byte => value & 0xff,
             Width::Half => value & 0xffff,
             Width::Word => value,
-        })
+        }
+    }
+
+    fn read_unit(&mut self, unit: Unit, offset: u32, width: Width) -> Result<u32, BusError> {
+        let value = self.read_register(unit, offset, width);
+        self.settle();
+        Ok(value)
+    }
+
+    /// Writes a register; what that does to others is still to be carried there.
+    fn write_register(&mut self, unit: Unit, offset: u32, width: Width, value: u32) {
+        let shift = 8 * (offset & 3);
+        let mask = match width {
+            Width::Byte => 0xff << shift,
+            Width::Half => 0xffff << shift,
+            Width::Word => !0,
+        };
+        let value = value << shift & mask;
+        if !self.judge(unit, offset, width, Some((value, mask))) {
+            return;
+        }
+        if unit == Unit::Rcc && offset & !3 == rcc::BDCR && !self.units.pwr.is_backup_open() {
+            let text = "RCC_BDCR written while PWR_CR.DBP is clear";
+            return self.shared.note(Kind::Forbidden, text);
+        }
+        let (peripheral, shared) = self.unit(unit);
+        peripheral.write(offset & !3, value, mask, shared);
     }
 
     fn write_unit(
@@ -171,24 +222,7 @@ impl Chip {
         width: Width,
         value: u32,
     ) -> Result<(), BusError> {
-        let shift = 8 * (offset & 3);
-        let mask = match width {
-            Width::Byte => 0xff << shift,
-            Width::Half => 0xffff << shift,
-            Width::Word => !0,
-        };
-        let value = value << shift & mask;
-        let written = Some((value, mask));
-        if self.judge(unit, offset, width, written).is_none() {
-            return Ok(());
-        }
-        if unit == Unit::Rcc && offset & !3 == rcc::BDCR && !self.units.pwr.is_backup_open() {
-            let text = "RCC_BDCR written while PWR_CR.DBP is clear";
-            self.shared.note(Kind::Forbidden, text);
-            return Ok(());
-        }
-        let (peripheral, shared) = self.unit(unit);
-        peripheral.write(offset & !3, value, mask, shared);
+        self.write_register(unit, offset, width, value);
         self.settle();
         match unit {
             Unit::Flash | Unit::Pwr => self.judge_clock(false),
@@ -196,13 +230,11 @@ impl Chip {
                 let took = self.shared.now.saturating_sub(self.units.adc.started());
                 self.longest_reaction = self.longest_reaction.max(took);
             }
+            Unit::Rcc => self.gate(),
             Unit::Syscfg => self.route_lines(),
             Unit::Exti => self.judge_lines(),
-            // A stream that was just switched on finds the request that waits.
-            Unit::Dma1 | Unit::Dma2 => {
-                self.units.adc.ask(&mut self.shared);
-                self.settle();
-            }
+            Unit::Dma1 => self.dma_written(dma::Controller::Dma1),
+            Unit::Dma2 => self.dma_written(dma::Controller::Dma2),
             _ => {}
         }
         if std::mem::take(&mut self.shared.bus_error) {
@@ -250,7 +282,7 @@ impl Chip {
                 Source::Tim3 => units.tim3.event(source, shared),
                 Source::Tim4 => units.tim4.event(source, shared),
                 Source::Tim5 => units.tim5.event(source, shared),
-                Source::Adc | Source::AdcInjected => units.adc.event(source, shared),
+                Source::Adc => units.adc.event(source, shared),
                 Source::Dma1 => units.dma1.event(source, shared),
                 Source::Dma2 => units.dma2.event(source, shared),
                 Source::Spi1 => units.spi1.event(source, shared),

@@ -2,8 +2,8 @@
 //!
 //! Source: reference manual RM0090, chapters 38 and 39. The identity is that of revision Y, on which
 //! prefetch may be used (the errata sheet forbids it on revision A). A system reset leaves the debug
-//! unit as it is. What a debugger's halt stops is modelled for the independent watchdog; asking for
-//! another peripheral, or for trace pins, is a finding.
+//! unit as it is. What a debugger's halt stops is modelled for the independent watchdog and the timers
+//! that there are; asking for another peripheral, or for trace pins, is a finding.
 
 use super::Peripheral;
 use super::map::IDENTITY;
@@ -25,6 +25,9 @@ const TEMPERATURE: [u32; 2] = [959, 1207];
 const FREEZE_RTC: u32 = 1 << 10;
 const FREEZE_WWDG: u32 = 1 << 11;
 const FREEZE_IWDG: u32 = 1 << 12;
+/// TIM2 to TIM5 from bit 0 on; APB2_FZ: TIM1.
+const FREEZE_TIMERS: u32 = 0xf;
+const FREEZE_TIM1: u32 = 1;
 /// CR: pins for trace.
 const TRACE: u32 = 0xe0;
 
@@ -45,6 +48,14 @@ impl Debug {
     /// Whether a halted core stops the independent watchdog.
     pub fn stops_watchdog(&self) -> bool {
         self.settings[1] & FREEZE_IWDG != 0
+    }
+
+    /// Whether a halted core stops a timer, 0 for TIM1.
+    pub fn stops_timer(&self, timer: usize) -> bool {
+        match timer {
+            0 => self.settings[2] & FREEZE_TIM1 != 0,
+            _ => self.settings[1] & FREEZE_TIMERS & 1 << (timer - 1) != 0,
+        }
     }
 
     /// Place on the wafer, number of the wafer and lot, as letters and digits.
@@ -93,8 +104,8 @@ impl Peripheral for Debug {
         let old = std::mem::replace(register, merge(*register, value, mask));
         let unknown = match offset {
             0x04 => TRACE,
-            0x08 => !(FREEZE_RTC | FREEZE_WWDG | FREEZE_IWDG),
-            _ => !0,
+            0x08 => !(FREEZE_RTC | FREEZE_WWDG | FREEZE_IWDG | FREEZE_TIMERS),
+            _ => !FREEZE_TIM1,
         };
         if *register & !old & unknown != 0 {
             let text = "DBGMCU: trace pins, stopping peripherals of a halted core";
@@ -140,12 +151,17 @@ mod tests {
     }
 
     #[test]
-    fn only_the_watchdog_can_be_stopped_and_the_rest_is_found() {
+    fn watchdog_and_timers_can_be_stopped_and_the_rest_is_found() {
         let (mut debug, mut shared) = (Debug::default(), shared());
         debug.write(0x08, FREEZE_IWDG, !0, &mut shared);
         debug.write(0x04, 7, !0, &mut shared);
         assert!(debug.stops_watchdog() && shared.findings.list().is_empty());
+        debug.write(0x08, 1 << 2, !0, &mut shared);
         debug.write(0x0c, 1, !0, &mut shared);
+        let stopped = [0, 1, 2, 3, 4].map(|timer| debug.stops_timer(timer));
+        assert_eq!(stopped, [true, false, false, true, false]);
+        assert!(shared.findings.list().is_empty());
+        debug.write(0x0c, 2, !0, &mut shared);
         assert_eq!(shared.findings.list()[0].kind, Kind::NotModelled);
     }
 }

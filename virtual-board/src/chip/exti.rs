@@ -10,7 +10,7 @@ use super::Peripheral;
 use super::interrupt::Interrupt;
 use super::pin::PORTS;
 use super::register::{Register, merge, narrow, word};
-use super::shared::Shared;
+use super::shared::{Effect, Shared, Trigger};
 use crate::finding::Kind;
 
 #[rustfmt::skip]
@@ -58,6 +58,14 @@ impl Exti {
         if before != level && edges & bit != 0 {
             self.pending |= bit;
             self.update(shared);
+            // The converter takes two of the lines as triggers.
+            let trigger = match line {
+                11 => Trigger::Exti11,
+                15 => Trigger::Exti15,
+                _ => return,
+            };
+            shared.effect(Effect::Trigger(trigger, true));
+            shared.effect(Effect::Trigger(trigger, false));
         }
     }
 

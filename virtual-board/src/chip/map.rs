@@ -190,7 +190,7 @@ impl Unit {
             Self::Tim3 => &[Source::Tim3],
             Self::Tim4 => &[Source::Tim4],
             Self::Tim5 => &[Source::Tim5],
-            Self::Adc => &[Source::Adc, Source::AdcInjected],
+            Self::Adc => &[Source::Adc],
             Self::Dma1 => &[Source::Dma1],
             Self::Dma2 => &[Source::Dma2],
             Self::Spi1 => &[Source::Spi1],
@@ -244,6 +244,10 @@ impl Unit {
             Self::Tim1 => &[
                 Tim1Ch1, Tim1Ch2, Tim1Ch3, Tim1Ch4, Tim1Ch1N, Tim1Ch2N, Tim1Ch3N,
             ],
+            Self::Tim2 => &[Tim2Ch1, Tim2Ch2, Tim2Ch3, Tim2Ch4],
+            Self::Tim3 => &[Tim3Ch1, Tim3Ch2, Tim3Ch3, Tim3Ch4],
+            Self::Tim4 => &[Tim4Ch1, Tim4Ch2, Tim4Ch3, Tim4Ch4],
+            Self::Tim5 => &[Tim5Ch1, Tim5Ch2, Tim5Ch3, Tim5Ch4],
             Self::Spi1 => &[Spi1Sck, Spi1Mosi],
             Self::Usart3 => &[Usart3Tx],
             _ => &[],
@@ -254,9 +258,11 @@ impl Unit {
     pub fn inputs(self) -> &'static [Signal] {
         use Signal::*;
         match self {
-            Self::Tim1 => &[Tim1Bkin],
+            Self::Tim1 => &[Tim1Bkin, Tim1Ch1, Tim1Ch2],
+            Self::Tim2 => &[Tim2Ch1, Tim2Ch2],
             Self::Tim3 => &[Tim3Ch1, Tim3Ch2],
             Self::Tim4 => &[Tim4Ch1, Tim4Ch2],
+            Self::Tim5 => &[Tim5Ch1, Tim5Ch2],
             _ => &[],
         }
     }

@@ -21,6 +21,7 @@ mod pwr;
 mod rcc;
 mod register;
 mod reset;
+mod schedule;
 mod shared;
 mod spi;
 mod surroundings;
@@ -33,7 +34,7 @@ mod testing;
 #[cfg(test)]
 mod tests;
 
-pub use adc::Counts as Conversions;
+pub use adc::{Counts as Conversions, Errors as ConverterErrors};
 pub use interrupt::Interrupt;
 pub use part::Part;
 pub use pin::{Drive, Pin, Signal};
@@ -118,6 +119,26 @@ impl Units {
             usart3: usart::Usart::default(),
             watchdog: watchdog::Watchdog::default(),
             debug: debug::Debug::default(),
+        }
+    }
+}
+
+impl Units {
+    /// Timers, TIM1 first.
+    fn timers(&mut self) -> [&mut timer::Timer; 5] {
+        [
+            &mut self.tim1,
+            &mut self.tim2,
+            &mut self.tim3,
+            &mut self.tim4,
+            &mut self.tim5,
+        ]
+    }
+
+    fn dma(&mut self, controller: dma::Controller) -> &mut dma::Dma {
+        match controller {
+            dma::Controller::Dma1 => &mut self.dma1,
+            dma::Controller::Dma2 => &mut self.dma2,
         }
     }
 }
@@ -262,7 +283,7 @@ impl Chip {
         while let Some(effect) = self.shared.effects.pop_front() {
             let (units, shared) = (&mut self.units, &mut self.shared);
             match effect {
-                Effect::Trigger(trigger) => units.adc.trigger(trigger, shared),
+                Effect::Trigger(trigger, rises) => units.adc.trigger(trigger, rises, shared),
                 Effect::Dma(request) => self.serve(request),
                 Effect::Uses(signal) => {
                     if units.gpio.pin_of(signal).is_none() {
@@ -376,16 +397,27 @@ impl Chip {
         if port == pin.port() {
             units.exti.level(pin.number(), level, shared);
         }
-        match units.gpio.signal_at(pin) {
-            Some(signal @ Signal::Tim1Bkin) => units.tim1.input(signal, level, shared),
-            Some(signal @ (Signal::Tim3Ch1 | Signal::Tim3Ch2)) => {
-                units.tim3.input(signal, level, shared)
-            }
-            Some(signal @ (Signal::Tim4Ch1 | Signal::Tim4Ch2)) => {
-                units.tim4.input(signal, level, shared)
-            }
-            _ => {}
+        if let Some(signal) = units.gpio.signal_at(pin)
+            && let Some(timer) = signal.timer()
+        {
+            units.timers()[timer].input(signal, level, shared);
         }
+    }
+
+    /// Timers and converter go on only while their clocks are on.
+    fn gate(&mut self) {
+        let (units, shared) = (&mut self.units, &mut self.shared);
+        let rcc = &units.rcc;
+        let off = |unit: Unit| {
+            let gate = unit.gate(0);
+            gate.is_some_and(|(register, bit)| !rcc.is_enabled(register, bit))
+        };
+        let timers = [Unit::Tim1, Unit::Tim2, Unit::Tim3, Unit::Tim4, Unit::Tim5].map(off);
+        let adc = off(Unit::Adc);
+        for (timer, off) in units.timers().into_iter().zip(timers) {
+            timer.gate(off, shared);
+        }
+        units.adc.gate(adc, shared);
     }
 
     fn unit(&mut self, unit: Unit) -> (&mut dyn Peripheral, &mut Shared) {

@@ -1,9 +1,10 @@
 //! What differs from one chip and its crystal to the next.
 
+use super::adc::Errors;
 use crate::time::Time;
 
 /// What differs from one chip and its crystal to the next; typical by default.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Part {
     /// Frequency of the crystal, Hz.
     pub crystal_hz: u64,
@@ -13,8 +14,10 @@ pub struct Part {
     pub external_clock: bool,
     /// Frequency of the slow internal oscillator, Hz (data sheet: 17 to 47 kHz).
     pub slow_hz: u64,
-    /// Makes the unique identifier, what memory shows after power came on, and what an operation of
-    /// the flash leaves that was cut short.
+    /// Errors of the analogue converter.
+    pub converter: Errors,
+    /// Makes the unique identifier, what memory shows after power came on, what an operation of the
+    /// flash leaves that was cut short, and the converter's noise.
     pub seed: u64,
 }
 
@@ -25,6 +28,7 @@ impl Default for Part {
             crystal_start: Time::from_micros(2_000),
             external_clock: false,
             slow_hz: 32_000,
+            converter: Errors::default(),
             seed: 1,
         }
     }

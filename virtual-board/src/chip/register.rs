@@ -54,6 +54,17 @@ pub(crate) const fn merge(old: u32, value: u32, mask: u32) -> u32 {
     (old & !mask) | (value & mask)
 }
 
+/// The register at a place; `registers` are in the order of their places.
+pub(crate) fn find(registers: &'static [Register], place: u32) -> Option<&'static Register> {
+    // Most tables have no gaps.
+    let near = registers.get(place as usize / 4);
+    if let Some(register) = near.filter(|register| register.offset == place) {
+        return Some(register);
+    }
+    let found = registers.binary_search_by_key(&place, |register| register.offset);
+    registers.get(found.ok()?)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -6,6 +6,7 @@ use super::pin::{Drive, Pin};
 use super::rcc::Cause;
 use super::shared::{Clocks, Effect, Source};
 use super::{Chip, Units, pwr};
+use crate::device::Noise;
 use crate::time::{Cycles, NEVER, Time};
 
 impl Chip {
@@ -41,6 +42,11 @@ impl Chip {
         if !power_on {
             units.debug = before.debug;
         }
+        let noise = match power_on {
+            true => Noise::new(shared.part.seed ^ self.scrambles << 48),
+            false => before.adc.into_noise(),
+        };
+        units.adc.begin(noise);
         units.gpio.begin(&before.gpio, shared);
         if self.flash.starts_watchdog() {
             units.watchdog.start(shared);
@@ -49,7 +55,6 @@ impl Chip {
             units.exti.begin(line, units.gpio.level(Pin::of(0, line)));
         }
         shared.volts = shared.surroundings.supply(shared.time());
-        units.adc.set_reference(shared.volts);
         let low = pwr::holds(shared.volts, self.flash.brown_out(), power_on);
         self.sagged = low.then_some(shared.volts);
         (self.reset, self.nmi) = (None, false);
@@ -70,6 +75,11 @@ impl Chip {
         if !halted || self.units.debug.stops_watchdog() {
             self.units.watchdog.freeze(halted, &mut self.shared);
         }
+        for timer in 0..5 {
+            let frozen = halted && self.units.debug.stops_timer(timer);
+            self.units.timers()[timer].freeze(frozen, &mut self.shared);
+        }
+        self.settle();
     }
 
     /// What static memory shows after power came on: nothing that a program may rely on.
@@ -89,7 +99,6 @@ impl Chip {
             self.scramble();
         }
         let level = self.flash.brown_out();
-        self.units.adc.set_reference(volts);
         match (self.sagged, pwr::holds(volts, level, self.sagged.is_some())) {
             (None, true) => {
                 self.begin(Cause::BrownOut);
@@ -134,7 +143,7 @@ impl Chip {
             Unit::Tim3 => units.tim3 = new.tim3,
             Unit::Tim4 => units.tim4 = new.tim4,
             Unit::Tim5 => units.tim5 = new.tim5,
-            Unit::Adc => units.adc = new.adc,
+            Unit::Adc => units.adc.reset(),
             Unit::Dma1 => units.dma1 = new.dma1,
             Unit::Dma2 => units.dma2 = new.dma2,
             Unit::Spi1 => units.spi1 = new.spi1,
@@ -159,5 +168,6 @@ impl Chip {
             }
         }
         self.route_lines();
+        self.gate();
     }
 }

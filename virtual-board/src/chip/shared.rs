@@ -3,9 +3,10 @@
 use super::interrupt::Interrupt;
 use super::part::Part;
 use super::pin::{Drive, Pin, Signal};
+use super::schedule::Schedule;
 use super::surroundings::Surroundings;
 use crate::finding::{Findings, Kind};
-use crate::time::{Cycles, NEVER, Time, Timebase};
+use crate::time::{Cycles, Time, Timebase};
 use std::collections::VecDeque;
 
 /// Who can have something due.
@@ -25,10 +26,7 @@ pub(crate) enum Source {
     Tim3,
     Tim4,
     Tim5,
-    /// Regular conversions.
     Adc,
-    /// Injected conversions.
-    AdcInjected,
     Dma1,
     Dma2,
     Spi1,
@@ -52,7 +50,6 @@ impl Source {
         Self::Tim4,
         Self::Tim5,
         Self::Adc,
-        Self::AdcInjected,
         Self::Dma1,
         Self::Dma2,
         Self::Spi1,
@@ -104,11 +101,16 @@ pub enum Request {
     Usart3Tx,
 }
 
+impl Request {
+    /// How many there are.
+    pub(crate) const COUNT: usize = Self::Usart3Tx as usize + 1;
+}
+
 /// What one part of the chip tells the others.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Effect {
-    /// A trigger fired.
-    Trigger(Trigger),
+    /// A trigger rises or falls.
+    Trigger(Trigger, bool),
     /// One transfer is wanted.
     Dma(Request),
     /// A peripheral begins to use a signal, which must be on a pin.
@@ -187,7 +189,7 @@ pub(crate) struct Shared {
     pub held_until: Cycles,
     /// What other parts must be told.
     pub effects: VecDeque<Effect>,
-    schedule: [Cycles; Source::COUNT],
+    schedule: Schedule,
 }
 
 impl Shared {
@@ -206,7 +208,7 @@ impl Shared {
             bus_error: false,
             held_until: 0,
             effects: VecDeque::new(),
-            schedule: [NEVER; Source::COUNT],
+            schedule: Schedule::new(),
         }
     }
 
@@ -244,24 +246,18 @@ impl Shared {
 
     /// Has a source called at this cycle; [`NEVER`] takes it off the schedule.
     pub fn schedule(&mut self, source: Source, at: Cycles) {
-        self.schedule[source as usize] = at;
+        self.schedule.set(source, at);
         self.limit = 0;
     }
 
     /// When a source is due.
     pub fn due(&self, source: Source) -> Cycles {
-        self.schedule[source as usize]
+        self.schedule.due(source)
     }
 
     /// The next that is due, and when.
     pub fn next(&self) -> (Source, Cycles) {
-        let (mut best, mut at) = (0, self.schedule[0]);
-        for (i, &due) in self.schedule.iter().enumerate().skip(1) {
-            if due < at {
-                (best, at) = (i, due);
-            }
-        }
-        (Source::ALL[best], at)
+        self.schedule.next()
     }
 
     /// Tells the other parts.

@@ -222,6 +222,14 @@ impl Spi {
         }
     }
 
+    /// Asks again for what no stream has done yet.
+    pub fn ask(&self, shared: &mut Shared) {
+        if self.cr2 & RXDMAEN != 0 && self.sr & RXNE != 0 {
+            shared.effect(Effect::Dma(Request::Spi1Rx));
+        }
+        self.request_transmit(shared);
+    }
+
     fn sample(&mut self, shift: Shift, shared: &mut Shared) {
         let bits = self.bits();
         let mask = if bits == 8 { 0xff } else { 0xffff };

@@ -210,6 +210,14 @@ impl Usart {
         }
     }
 
+    /// Asks again for what no stream has done yet.
+    pub fn ask(&self, shared: &mut Shared) {
+        if self.cr3 & DMAR != 0 && self.sr & RXNE != 0 {
+            shared.effect(Effect::Dma(Request::Usart3Rx));
+        }
+        self.request_transmit(shared);
+    }
+
     fn write_cr3(&mut self, value: u32, shared: &mut Shared) {
         let old = std::mem::replace(&mut self.cr3, value);
         for (bit, name) in [

@@ -1,0 +1,665 @@
+//! Analogue converter ADC1.
+//!
+//! Source: reference manual RM0090, chapter 13, and the data sheet. A conversion samples for the time of
+//! SMPRx, then takes as many clocks as its result has bits; the voltage is taken at the instant at which
+//! sampling ends, over the supply, which is the reference too. A trigger takes two (regular group) or three (injected group) clocks to start a
+//! conversion, the longest times of the data sheet.
+//!
+//! Where the manual leaves something open:
+//!
+//! - After an overrun in DMA mode nothing is asked of the stream until the DMA bit is cleared and set.
+//! - A datum that comes when the one before was not fetched is the one that is lost.
+//! - A program that clears EOC itself has fetched the datum.
+//!
+//! Not modelled: ADC2 and ADC3, dual and triple modes; switching one on is a finding. The capacitor that
+//! samples takes no charge from the pin.
+
+mod registers;
+#[cfg(test)]
+mod tests;
+mod transfer;
+
+use super::Peripheral;
+use super::interrupt::Interrupt;
+use super::register::{Register, merge};
+use super::shared::{Effect, Request, Shared, Source, Trigger};
+use crate::device::Noise;
+use crate::finding::Kind;
+use crate::time::{Cycles, NEVER, Time, Timebase};
+use registers::*;
+pub use transfer::Errors;
+
+/// From switching on to the first conversion.
+const STABILISATION: Time = Time::from_micros(3);
+/// Limits of the clock above and below this supply, and the lowest (data sheet), Hz.
+const FULL_SPEED_V: f64 = 2.4;
+const MOST_HZ: [u64; 2] = [36_000_000, 18_000_000];
+const LEAST_HZ: u64 = 600_000;
+/// Clocks from a trigger to the start, regular and injected.
+const LATENCY: [u64; 2] = [2, 3];
+/// Channels inside the chip: temperature, reference, battery.
+const TEMPERATURE: u32 = 16;
+const REFERENCE: u32 = 17;
+const BATTERY: u32 = 18;
+/// Voltages: of the temperature sensor at 25 °C, of the reference.
+const TEMPERATURE_V: f64 = 0.76;
+const REFERENCE_V: f64 = 1.21;
+/// Shortest sampling of temperature and reference, and of the battery.
+const INSIDE_SAMPLING: [Time; 2] = [Time::from_micros(10), Time::from_micros(5)];
+
+/// Conversions so far.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Of the regular group.
+    pub regular: u64,
+    /// Of the injected group.
+    pub injected: u64,
+    /// Overruns.
+    pub overruns: u64,
+}
+
+/// A group of channels.
+#[derive(Clone, Copy, Debug, Default)]
+struct Group {
+    /// Place in the sequence, while it runs.
+    place: Option<u32>,
+    /// Place after the last that the trigger asked for.
+    until: u32,
+    /// Place at which the next trigger goes on in discontinuous mode.
+    next: u32,
+}
+
+/// What the converter is at.
+#[derive(Clone, Copy, Debug)]
+struct Conversion {
+    injected: bool,
+    channel: u32,
+    /// The result, once sampling has ended.
+    result: Option<u32>,
+}
+
+/// The converter.
+pub(crate) struct Adc {
+    /// Registers that only hold what is written, by offset over 4.
+    plain: [u32; COUNT],
+    common: u32,
+    sr: u32,
+    data: u32,
+    injected_data: [u32; 4],
+    regular: Group,
+    injected: Group,
+    conversion: Option<Conversion>,
+    /// Cycles of the core in one of the converter's clock, as the conversion began.
+    clock: u64,
+    /// The datum was not fetched yet.
+    unread: bool,
+    /// The stream is asked for nothing more: it ended its block without DDS, or an overrun.
+    silent: bool,
+    stable: Time,
+    /// Channels whose pin was looked at since the converter was switched on.
+    checked: u32,
+    /// What the clock left of an event, while it is off.
+    gated: Option<Cycles>,
+    noise: Noise,
+    /// When the injected group was started last.
+    started: Cycles,
+    counts: Counts,
+}
+
+impl Default for Adc {
+    fn default() -> Self {
+        let mut plain = [0; COUNT];
+        plain[HTR as usize / 4] = 0xfff;
+        Self {
+            plain,
+            common: 0,
+            sr: 0,
+            data: 0,
+            injected_data: [0; 4],
+            regular: Group::default(),
+            injected: Group::default(),
+            conversion: None,
+            clock: 1,
+            unread: false,
+            silent: false,
+            stable: Time::NEVER,
+            checked: 0,
+            gated: None,
+            noise: Noise::new(0),
+            started: 0,
+            counts: Counts::default(),
+        }
+    }
+}
+
+impl Adc {
+    /// After a reset of the converter: what is soldered and what its silicon has stays.
+    pub fn reset(&mut self) {
+        let gated = self.gated.map(|_| NEVER);
+        *self = Self {
+            noise: self.noise.clone(),
+            counts: self.counts,
+            gated,
+            ..Self::default()
+        };
+    }
+
+    /// After a reset of the chip, with the noise that it has from here on.
+    pub fn begin(&mut self, noise: Noise) {
+        self.noise = noise;
+    }
+
+    /// Its noise, which outlives a reset.
+    pub fn into_noise(self) -> Noise {
+        self.noise
+    }
+
+    /// Conversions so far.
+    pub fn counts(&self) -> Counts {
+        self.counts
+    }
+
+    /// When the injected group was started last.
+    pub fn started(&self) -> Cycles {
+        self.started
+    }
+
+    /// The converter's clock is switched off or on.
+    pub fn gate(&mut self, off: bool, shared: &mut Shared) {
+        match (off, self.gated) {
+            (true, None) => {
+                let due = shared.due(Source::Adc);
+                let left = if due == NEVER {
+                    NEVER
+                } else {
+                    due - shared.now
+                };
+                self.gated = Some(left);
+                shared.schedule(Source::Adc, NEVER);
+            }
+            (false, Some(left)) => {
+                self.gated = None;
+                shared.schedule(Source::Adc, left.saturating_add(shared.now));
+            }
+            _ => {}
+        }
+    }
+
+    fn reg(&self, offset: u32) -> u32 {
+        self.plain[offset as usize / 4]
+    }
+
+    fn cr1(&self) -> u32 {
+        self.reg(CR1)
+    }
+
+    fn cr2(&self) -> u32 {
+        self.reg(CR2)
+    }
+
+    fn resolution(&self) -> u32 {
+        (self.cr1() & RES) >> 24
+    }
+
+    /// Cycles of the core in one of the converter's clock.
+    fn clock(&self, shared: &Shared) -> u64 {
+        shared.clocks.apb2 * 2 * (u64::from(self.common >> 16 & 3) + 1)
+    }
+
+    /// Clocks of sampling of a channel.
+    fn sampling(&self, channel: u32) -> u64 {
+        let bits = match channel {
+            0..=9 => self.reg(SMPR2) >> (3 * channel),
+            _ => self.reg(SMPR1) >> (3 * (channel.min(BATTERY) - 10)),
+        };
+        SAMPLING[bits as usize & 7]
+    }
+
+    /// Clocks of a conversion after sampling: one for each bit.
+    fn converting(&self) -> u64 {
+        u64::from(12 - 2 * self.resolution())
+    }
+
+    /// Channel at a place of a sequence. A short injected one ends with JSQ4.
+    fn channel(&self, injected: bool, place: u32) -> u32 {
+        let register = match (injected, place) {
+            (true, _) => {
+                let length = (self.reg(JSQR) >> 20 & 3) + 1;
+                self.reg(JSQR) >> (5 * (4 - length + place))
+            }
+            (_, 0..=5) => self.reg(SQR3) >> (5 * place),
+            (_, 6..=11) => self.reg(SQR2) >> (5 * (place - 6)),
+            _ => self.reg(SQR1) >> (5 * (place - 12)),
+        };
+        register & 31
+    }
+
+    /// Places of a sequence.
+    fn length(&self, injected: bool) -> u32 {
+        match (self.cr1() & SCAN, injected) {
+            (0, _) => 1,
+            (_, true) => (self.reg(JSQR) >> 20 & 3) + 1,
+            (_, false) => (self.reg(SQR1) >> 20 & 15) + 1,
+        }
+    }
+
+    /// Places that a trigger converts in discontinuous mode.
+    fn portion(&self, injected: bool) -> Option<u32> {
+        match (injected, self.cr1()) {
+            (true, cr1) if cr1 & JDISCEN != 0 => Some(1),
+            (false, cr1) if cr1 & DISCEN != 0 => Some((cr1 >> 13 & 7) + 1),
+            _ => None,
+        }
+    }
+
+    fn group(&mut self, injected: bool) -> &mut Group {
+        if injected {
+            &mut self.injected
+        } else {
+            &mut self.regular
+        }
+    }
+
+    /// A trigger rises or falls.
+    pub fn trigger(&mut self, trigger: Trigger, rises: bool, shared: &mut Shared) {
+        let cr2 = self.cr2();
+        if cr2 & ADON == 0 || self.gated.is_some() {
+            return;
+        }
+        let edge = if rises { 1 } else { 2 };
+        if cr2 >> 20 & edge != 0 && INJECTED[(cr2 >> 16 & 15) as usize] == Some(trigger) {
+            self.start(true, shared);
+        }
+        if cr2 >> 28 & edge != 0 && REGULAR[(cr2 >> 24 & 15) as usize] == Some(trigger) {
+            self.start(false, shared);
+        }
+    }
+
+    fn judge_start(&mut self, shared: &mut Shared) {
+        if shared.time() < self.stable {
+            shared.note(
+                Kind::Forbidden,
+                "ADC1: a conversion starts within 3 µs of ADON",
+            );
+        }
+        let hz = shared.clocks.hclk_hz / self.clock(shared);
+        let most = MOST_HZ[usize::from(shared.volts < FULL_SPEED_V)];
+        if !(LEAST_HZ..=most).contains(&hz) {
+            shared.note(
+                Kind::ClockLimit,
+                format!("ADC1 clock {hz} Hz: must be {LEAST_HZ} to {most} Hz"),
+            );
+        }
+    }
+
+    /// Starts a group, by a trigger or by the program.
+    fn start(&mut self, injected: bool, shared: &mut Shared) {
+        if !injected && self.sr & OVR != 0 && self.notices_overruns() {
+            // The manual: ignored until the overrun's flag is cleared.
+            return;
+        }
+        if self.group(injected).place.is_some() {
+            let text = match injected {
+                true => "ADC1: injected trigger while the group is converted",
+                false => "ADC1: regular trigger while the group is converted",
+            };
+            return shared.note(Kind::Lost, text);
+        }
+        self.judge_start(shared);
+        self.sr |= if injected { JSTRT } else { STRT };
+        self.begin_group(injected);
+        if injected {
+            self.started = shared.now;
+            // What the regular group is at begins anew afterwards.
+            self.conversion = None;
+        }
+        if self.conversion.is_none() {
+            let wait = LATENCY[usize::from(injected)] * self.clock(shared);
+            self.sample_next(wait, shared);
+        }
+    }
+
+    fn begin_group(&mut self, injected: bool) {
+        let (length, portion) = (self.length(injected), self.portion(injected));
+        let group = self.group(injected);
+        let place = match portion {
+            Some(_) if group.next < length => group.next,
+            _ => 0,
+        };
+        group.place = Some(place);
+        group.until = portion.map_or(length, |portion| (place + portion).min(length));
+    }
+
+    /// The group whose turn it is begins to sample its next channel after `wait` cycles.
+    fn sample_next(&mut self, wait: Cycles, shared: &mut Shared) {
+        let (injected, place) = match (self.injected.place, self.regular.place) {
+            (Some(place), _) => (true, place),
+            (None, Some(place)) => (false, place),
+            (None, None) => {
+                self.conversion = None;
+                return shared.schedule(Source::Adc, NEVER);
+            }
+        };
+        let channel = self.channel(injected, place);
+        self.conversion = Some(Conversion {
+            injected,
+            channel,
+            result: None,
+        });
+        self.clock = self.clock(shared);
+        let at = shared.now + wait + self.sampling(channel) * self.clock;
+        shared.schedule(Source::Adc, at);
+    }
+
+    /// The voltage of a channel inside the chip.
+    fn inside(&mut self, channel: u32, shared: &mut Shared) -> f64 {
+        let (enable, volts) = match channel {
+            TEMPERATURE => (TSVREFE, TEMPERATURE_V),
+            REFERENCE => (TSVREFE, REFERENCE_V),
+            // The battery's pin is the supply's.
+            BATTERY => (VBATE, shared.volts / 2.0),
+            _ => (0, 0.0),
+        };
+        if self.common & enable == 0 {
+            let text = format!("ADC1: channel {channel} is converted and not enabled");
+            shared.note(Kind::Forbidden, text);
+            return 0.0;
+        }
+        let least = INSIDE_SAMPLING[usize::from(channel == BATTERY)];
+        let sampled = self.sampling(channel) * self.clock(shared) * 1_000_000;
+        if sampled < least.micros() * shared.clocks.hclk_hz {
+            let us = least.micros();
+            let text = format!("ADC1: channel {channel} is sampled for less than {us} µs");
+            shared.note(Kind::Forbidden, text);
+        }
+        volts
+    }
+
+    /// The result of twelve bits for a channel's voltage now.
+    fn convert(&mut self, channel: u32, shared: &mut Shared) -> u32 {
+        let volts = match pin(channel) {
+            Some(pin) => {
+                if self.checked >> channel & 1 == 0 {
+                    self.checked |= 1 << channel;
+                    shared.effect(Effect::Sampled(pin));
+                }
+                let at = shared.time();
+                shared.surroundings.voltage(pin, at)
+            }
+            None => self.inside(channel, shared),
+        };
+        let errors = shared.part.converter;
+        errors.count(volts / shared.volts, &mut self.noise)
+    }
+
+    /// The analogue watchdog.
+    fn watch(&mut self, injected: bool, channel: u32, count: u32) {
+        let cr1 = self.cr1();
+        let on = if injected { JAWDEN } else { AWDEN };
+        let watched = cr1 & on != 0 && (cr1 & AWDSGL == 0 || cr1 & 31 == channel);
+        if watched && !(self.reg(LTR)..=self.reg(HTR)).contains(&count) {
+            self.sr |= AWD;
+        }
+    }
+
+    /// Whether an overrun of the regular group is noticed.
+    fn notices_overruns(&self) -> bool {
+        self.cr2() & (DMA | EOCS) != 0
+    }
+
+    fn regular_done(&mut self, count: u32, shared: &mut Shared) {
+        self.counts.regular += 1;
+        let ends = self.advance(false);
+        let cr2 = self.cr2();
+        // Beyond the stream's block nothing is asked for, and nothing is an overrun.
+        let ended = cr2 & DMA != 0 && self.silent;
+        if self.unread && self.notices_overruns() && !ended {
+            self.sr |= OVR;
+            self.silent = true;
+            self.counts.overruns += 1;
+            self.regular.place = None;
+            return shared.note(Kind::Lost, "ADC1: overrun, a conversion was not fetched");
+        }
+        let resolution = self.resolution();
+        self.data = transfer::align_regular(count, resolution, cr2 & ALIGN != 0);
+        self.unread = true;
+        if ends || cr2 & EOCS != 0 || self.portion(false).is_some() {
+            self.sr |= EOC;
+        }
+        if ends && self.cr1() & JAUTO != 0 {
+            self.sr |= JSTRT;
+            self.begin_group(true);
+        }
+        self.ask(shared);
+    }
+
+    /// A place was converted; whether the sequence ends with it.
+    fn advance(&mut self, injected: bool) -> bool {
+        let continuous = !injected && self.cr2() & CONT != 0 && self.portion(false).is_none();
+        let length = self.length(injected);
+        let group = self.group(injected);
+        let next = group.place.unwrap_or(0) + 1;
+        let ends = next >= length;
+        group.next = if ends { 0 } else { next };
+        group.place = (next < group.until).then_some(next);
+        if ends && continuous {
+            self.begin_group(false);
+        }
+        ends
+    }
+
+    /// Asks the stream for the datum that waits, if the program wants that.
+    pub fn ask(&mut self, shared: &mut Shared) {
+        if self.cr2() & DMA != 0 && self.unread && !self.silent {
+            shared.effect(Effect::Dma(Request::Adc1));
+        }
+    }
+
+    /// The stream has moved the last datum of its block.
+    pub fn block_ended(&mut self) {
+        self.silent |= self.cr2() & DDS == 0;
+    }
+
+    fn injected_done(&mut self, count: u32) {
+        self.counts.injected += 1;
+        let place = self.injected.place.unwrap_or(0);
+        let offset = self.reg(JOFR1 + 4 * (place & 3));
+        let left = self.cr2() & ALIGN != 0;
+        self.injected_data[place as usize & 3] =
+            transfer::align_injected(count, offset, self.resolution(), left);
+        if self.advance(true) {
+            self.sr |= JEOC;
+        }
+    }
+
+    fn line(&self, shared: &mut Shared) {
+        let (sr, cr1) = (self.sr, self.cr1());
+        let on = |flag: u32, enable: u32| sr & flag != 0 && cr1 & enable != 0;
+        let any = on(EOC, EOCIE) || on(JEOC, JEOCIE) || on(OVR, OVRIE) || on(AWD, AWDIE);
+        shared.line(Interrupt::Adc, any);
+    }
+
+    fn write_cr1(&mut self, value: u32, shared: &mut Shared) {
+        let changed = value ^ self.cr1();
+        if self.conversion.is_some() && changed & RES != 0 {
+            shared.note(Kind::Forbidden, "ADC1: RES changed during a conversion");
+        }
+        self.plain[CR1 as usize / 4] = value;
+        let both = value & JAUTO != 0 && value & (DISCEN | JDISCEN) != 0;
+        if both || value & (DISCEN | JDISCEN) == DISCEN | JDISCEN {
+            let text = "ADC1: DISCEN, JDISCEN and JAUTO exclude each other";
+            shared.note(Kind::Forbidden, text);
+        }
+        if changed & (DISCEN | JDISCEN) != 0 {
+            (self.regular.next, self.injected.next) = (0, 0);
+        }
+        self.judge_automatic(shared);
+    }
+
+    fn judge_automatic(&self, shared: &mut Shared) {
+        if self.cr1() & JAUTO != 0 && self.cr2() & JEXTEN != 0 {
+            shared.note(Kind::Forbidden, "ADC1: JAUTO with an injected trigger");
+        }
+    }
+
+    fn write_cr2(&mut self, value: u32, shared: &mut Shared) {
+        let old = self.cr2();
+        self.plain[CR2 as usize / 4] = value & !(SWSTART | JSWSTART);
+        self.judge_automatic(shared);
+        if value & ADON == 0 {
+            if value & (SWSTART | JSWSTART) != 0 {
+                shared.note(Kind::Forbidden, "ADC1: started while it is off");
+            }
+            (self.regular, self.injected) = (Group::default(), Group::default());
+            self.conversion = None;
+            shared.schedule(Source::Adc, NEVER);
+        } else if old & ADON == 0 {
+            self.stable = shared.time() + STABILISATION;
+            self.checked = 0;
+        }
+        if value & !old & DMA != 0 {
+            self.silent = false;
+            self.ask(shared);
+        }
+        if value & ADON != 0 {
+            if value & JSWSTART != 0 {
+                self.start(true, shared);
+            }
+            if value & SWSTART != 0 {
+                self.start(false, shared);
+            }
+        }
+    }
+
+    /// A sequence that is written while it is converted begins anew.
+    fn write_sequence(&mut self, injected: bool, shared: &mut Shared) {
+        if self.group(injected).place.is_none() {
+            return;
+        }
+        shared.note(
+            Kind::Forbidden,
+            "ADC1: a sequence is written while it is converted",
+        );
+        self.begin_group(injected);
+        if self.conversion.is_some_and(|c| c.injected == injected) {
+            self.sample_next(0, shared);
+        }
+    }
+
+    fn write_sampling(&mut self, offset: u32, value: u32, shared: &mut Shared) {
+        let channel = self.conversion.filter(|c| c.result.is_none());
+        if let Some(Conversion { channel, .. }) = channel {
+            let before = self.sampling(channel);
+            self.plain[offset as usize / 4] = value;
+            if self.sampling(channel) != before {
+                let text = "ADC1: SMPRx changed while the channel is sampled";
+                shared.note(Kind::Forbidden, text);
+            }
+        }
+        self.plain[offset as usize / 4] = value;
+    }
+}
+
+impl Peripheral for Adc {
+    fn registers(&self) -> &'static [Register] {
+        REGISTERS
+    }
+
+    fn read(&mut self, offset: u32, shared: &mut Shared) -> u32 {
+        match offset {
+            SR | CSR => self.sr,
+            JDR1..=JDR4 => self.injected_data[(offset - JDR1) as usize / 4],
+            DR => {
+                self.unread = false;
+                if self.sr & EOC != 0 {
+                    self.sr &= !EOC;
+                    self.line(shared);
+                }
+                self.data
+            }
+            CCR => self.common,
+            CDR => 0,
+            _ => self.reg(offset),
+        }
+    }
+
+    fn write(&mut self, offset: u32, value: u32, mask: u32, shared: &mut Shared) {
+        let place = offset as usize / 4;
+        let value = match self.plain.get(place) {
+            Some(&old) => merge(old, value, mask),
+            None => value,
+        };
+        match offset {
+            SR => {
+                if self.sr & !value & EOC != 0 {
+                    self.unread = false;
+                }
+                self.sr &= value;
+            }
+            CR1 => self.write_cr1(value, shared),
+            CR2 => self.write_cr2(value, shared),
+            SMPR1 | SMPR2 => self.write_sampling(offset, value, shared),
+            SQR1..=SQR3 => {
+                self.plain[place] = value;
+                self.write_sequence(false, shared);
+            }
+            JSQR => {
+                self.plain[place] = value;
+                self.write_sequence(true, shared);
+            }
+            JDR1..=DR | CSR | CDR => {
+                shared.note(Kind::Forbidden, "ADC1: data are read only");
+            }
+            CCR => {
+                if (value ^ self.common) & 3 << 16 != 0 && self.conversion.is_some() {
+                    shared.note(Kind::Forbidden, "ADC_CCR: ADCPRE changed while converting");
+                }
+                self.common = value;
+                if value & SEVERAL != 0 {
+                    shared.note(Kind::NotModelled, "ADC_CCR: dual and triple modes");
+                }
+            }
+            _ => self.plain[place] = value,
+        }
+        self.line(shared);
+    }
+
+    fn event(&mut self, _source: Source, shared: &mut Shared) {
+        let Some(conversion) = &self.conversion else {
+            return;
+        };
+        let Conversion {
+            injected,
+            channel,
+            result,
+        } = *conversion;
+        let Some(count) = result else {
+            let count = self.convert(channel, shared);
+            let count = transfer::resolve(count, self.resolution());
+            self.conversion = Some(Conversion {
+                injected,
+                channel,
+                result: Some(count),
+            });
+            let at = shared.now + self.converting() * self.clock;
+            return shared.schedule(Source::Adc, at);
+        };
+        self.watch(injected, channel, count);
+        match injected {
+            true => self.injected_done(count),
+            false => self.regular_done(count, shared),
+        }
+        self.line(shared);
+        self.sample_next(0, shared);
+    }
+
+    fn clocks_changed(&mut self, _old: &Timebase, shared: &mut Shared) {
+        let (now, clock) = (shared.now, self.clock(shared));
+        let due = shared.due(Source::Adc);
+        if self.conversion.is_some() && due != NEVER && clock != self.clock {
+            let left = due.saturating_sub(now) / self.clock * clock;
+            self.clock = clock;
+            shared.schedule(Source::Adc, now + left);
+        }
+    }
+}

@@ -1,0 +1,102 @@
+//! Registers of the converter and their bits (RM0090, chapter 13).
+
+use super::super::pin::Pin;
+use super::super::register::{Register, narrow, word};
+use super::super::shared::Trigger;
+
+// Places.
+pub(super) const SR: u32 = 0x00;
+pub(super) const CR1: u32 = 0x04;
+pub(super) const CR2: u32 = 0x08;
+pub(super) const SMPR1: u32 = 0x0c;
+pub(super) const SMPR2: u32 = 0x10;
+pub(super) const JOFR1: u32 = 0x14;
+pub(super) const HTR: u32 = 0x24;
+pub(super) const LTR: u32 = 0x28;
+pub(super) const SQR1: u32 = 0x2c;
+pub(super) const SQR2: u32 = 0x30;
+pub(super) const SQR3: u32 = 0x34;
+pub(super) const JSQR: u32 = 0x38;
+pub(super) const JDR1: u32 = 0x3c;
+pub(super) const JDR4: u32 = 0x48;
+pub(super) const DR: u32 = 0x4c;
+pub(super) const CSR: u32 = 0x300;
+pub(super) const CCR: u32 = 0x304;
+pub(super) const CDR: u32 = 0x308;
+/// Registers that hold what is written.
+pub(super) const COUNT: usize = JSQR as usize / 4 + 1;
+
+#[rustfmt::skip]
+pub(super) const REGISTERS: &[Register] = &[
+    word(SR, "SR", 0x3f), word(CR1, "CR1", 0x07c0_ffff), word(CR2, "CR2", 0x7f7f_0f03), word(SMPR1, "SMPR1", 0x07ff_ffff),
+    word(SMPR2, "SMPR2", 0x3fff_ffff), word(JOFR1, "JOFR1", 0xfff), word(0x18, "JOFR2", 0xfff), word(0x1c, "JOFR3", 0xfff),
+    word(0x20, "JOFR4", 0xfff), word(HTR, "HTR", 0xfff), word(LTR, "LTR", 0xfff), word(SQR1, "SQR1", 0x00ff_ffff),
+    word(SQR2, "SQR2", 0x3fff_ffff), word(SQR3, "SQR3", 0x3fff_ffff), word(JSQR, "JSQR", 0x003f_ffff),
+    narrow(JDR1, "JDR1", 0xffff), narrow(0x40, "JDR2", 0xffff), narrow(0x44, "JDR3", 0xffff), narrow(JDR4, "JDR4", 0xffff),
+    narrow(DR, "DR", 0xffff), word(CSR, "CSR", 0x003f_3f3f), word(CCR, "CCR", 0x00c3_ef1f), word(CDR, "CDR", !0),
+];
+
+// Bits of SR.
+pub(super) const AWD: u32 = 1;
+pub(super) const EOC: u32 = 1 << 1;
+pub(super) const JEOC: u32 = 1 << 2;
+pub(super) const JSTRT: u32 = 1 << 3;
+pub(super) const STRT: u32 = 1 << 4;
+pub(super) const OVR: u32 = 1 << 5;
+// Bits of CR1.
+pub(super) const EOCIE: u32 = 1 << 5;
+pub(super) const AWDIE: u32 = 1 << 6;
+pub(super) const JEOCIE: u32 = 1 << 7;
+pub(super) const SCAN: u32 = 1 << 8;
+pub(super) const AWDSGL: u32 = 1 << 9;
+pub(super) const JAUTO: u32 = 1 << 10;
+pub(super) const DISCEN: u32 = 1 << 11;
+pub(super) const JDISCEN: u32 = 1 << 12;
+pub(super) const JAWDEN: u32 = 1 << 22;
+pub(super) const AWDEN: u32 = 1 << 23;
+pub(super) const RES: u32 = 3 << 24;
+pub(super) const OVRIE: u32 = 1 << 26;
+// Bits of CR2.
+pub(super) const ADON: u32 = 1;
+pub(super) const CONT: u32 = 1 << 1;
+pub(super) const DMA: u32 = 1 << 8;
+pub(super) const DDS: u32 = 1 << 9;
+pub(super) const EOCS: u32 = 1 << 10;
+pub(super) const ALIGN: u32 = 1 << 11;
+pub(super) const JEXTEN: u32 = 3 << 20;
+pub(super) const JSWSTART: u32 = 1 << 22;
+pub(super) const SWSTART: u32 = 1 << 30;
+// Bits of CCR.
+pub(super) const VBATE: u32 = 1 << 22;
+pub(super) const TSVREFE: u32 = 1 << 23;
+/// MULTI, and the DMA mode of several converters.
+pub(super) const SEVERAL: u32 = 0xc01f;
+
+/// Clocks of sampling, by SMPx.
+pub(super) const SAMPLING: [u64; 8] = [3, 15, 28, 56, 84, 112, 144, 480];
+
+#[rustfmt::skip]
+pub(super) const REGULAR: [Option<Trigger>; 16] = [
+    Some(Trigger::Tim1Cc1), Some(Trigger::Tim1Cc2), Some(Trigger::Tim1Cc3), Some(Trigger::Tim2Cc2),
+    Some(Trigger::Tim2Cc3), Some(Trigger::Tim2Cc4), Some(Trigger::Tim2Trgo), Some(Trigger::Tim3Cc1),
+    Some(Trigger::Tim3Trgo), Some(Trigger::Tim4Cc4), Some(Trigger::Tim5Cc1), Some(Trigger::Tim5Cc2),
+    Some(Trigger::Tim5Cc3), None, None, Some(Trigger::Exti11),
+];
+
+#[rustfmt::skip]
+pub(super) const INJECTED: [Option<Trigger>; 16] = [
+    Some(Trigger::Tim1Cc4), Some(Trigger::Tim1Trgo), Some(Trigger::Tim2Cc1), Some(Trigger::Tim2Trgo),
+    Some(Trigger::Tim3Cc2), Some(Trigger::Tim3Cc4), Some(Trigger::Tim4Cc1), Some(Trigger::Tim4Cc2),
+    Some(Trigger::Tim4Cc3), Some(Trigger::Tim4Trgo), Some(Trigger::Tim5Cc4), Some(Trigger::Tim5Trgo),
+    None, None, None, Some(Trigger::Exti15),
+];
+
+/// The pin of a channel; those from 16 on are inside the chip.
+pub(super) fn pin(channel: u32) -> Option<Pin> {
+    match channel {
+        0..=7 => Some(Pin::of(0, channel)),
+        8 | 9 => Some(Pin::of(1, channel - 8)),
+        10..=15 => Some(Pin::of(2, channel - 10)),
+        _ => None,
+    }
+}

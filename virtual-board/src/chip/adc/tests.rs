@@ -1,0 +1,432 @@
+//! Times are counted by hand from RM0090 and the data sheet: a regular conversion starts two clocks
+//! after its trigger, an injected one three; a clock is two cycles.
+
+use super::*;
+use crate::chip::pin::{Drive, Pin};
+use crate::chip::surroundings::Surroundings;
+
+/// Each pin has a voltage of its own, in counts: a hundred times its number in port and channel.
+struct Levels;
+
+impl Surroundings for Levels {
+    fn pin(&mut self, _pin: Pin, _drive: Drive, _at: Time) {}
+
+    fn voltage(&mut self, pin: Pin, _at: Time) -> f64 {
+        let channel = match pin.port() {
+            0 => pin.number(),
+            1 => 8 + pin.number(),
+            _ => 10 + pin.number(),
+        };
+        3.3 * f64::from(100 * channel) / 4096.0
+    }
+
+    fn spi(&mut self, _word: u16, _bits: u32, _at: Time) -> u16 {
+        !0
+    }
+}
+
+/// Whether the datum that is asked for is fetched.
+#[derive(Clone, Copy, PartialEq)]
+enum Stream {
+    Fetches,
+    Sleeps,
+}
+
+struct Bench {
+    adc: Adc,
+    shared: Shared,
+    /// Times at which transfers were asked for, and what was fetched.
+    asked: Vec<Cycles>,
+    data: Vec<u32>,
+    stream: Stream,
+}
+
+/// CR1 of the bench: scans, interrupts of the injected group and of overruns.
+const SCANNED: u32 = SCAN | JEOCIE | OVRIE;
+/// CR2 of the bench: TIM2's trigger, stream.
+const STREAMED: u32 = ADON | DMA | DDS | 6 << 24 | 1 << 28;
+
+impl Bench {
+    /// Two regular channels of 15 clocks, 1 and 2; one injected of 28, 3. No noise.
+    fn new(cr1: u32, cr2: u32) -> Self {
+        let mut bench = Self {
+            adc: Adc::default(),
+            shared: Shared::new(Box::new(Levels), 0),
+            asked: Vec::new(),
+            data: Vec::new(),
+            stream: Stream::Fetches,
+        };
+        bench.shared.part.converter.noise = 0.0;
+        bench.write(&[
+            (SMPR2, 1 << 3 | 1 << 6 | 2 << 9),
+            (SQR1, 1 << 20),
+            (SQR3, 1 | 2 << 5),
+            (JSQR, 3 << 15),
+            (CR1, cr1),
+            (CR2, cr2),
+        ]);
+        bench.pass(1000);
+        bench
+    }
+
+    fn write(&mut self, values: &[(u32, u32)]) -> &mut Self {
+        for &(offset, value) in values {
+            self.adc.write(offset, value, !0, &mut self.shared);
+        }
+        self.serve();
+        self
+    }
+
+    /// Sets bits of CR2.
+    fn command(&mut self, bits: u32) -> &mut Self {
+        let cr2 = self.adc.cr2();
+        self.write(&[(CR2, cr2 | bits)])
+    }
+
+    fn read(&mut self, offset: u32) -> u32 {
+        self.adc.read(offset, &mut self.shared)
+    }
+
+    fn trigger(&mut self) -> &mut Self {
+        self.adc.trigger(Trigger::Tim2Trgo, true, &mut self.shared);
+        self
+    }
+
+    fn serve(&mut self) {
+        while let Some(effect) = self.shared.effects.pop_front() {
+            if effect == Effect::Dma(Request::Adc1) {
+                self.asked.push(self.shared.now);
+                if self.stream == Stream::Fetches {
+                    let datum = self.read(DR);
+                    self.data.push(datum);
+                }
+            }
+        }
+    }
+
+    /// Runs up to and including `end`.
+    fn pass(&mut self, end: Cycles) -> &mut Self {
+        while self.shared.due(Source::Adc) <= end {
+            self.shared.now = self.shared.due(Source::Adc);
+            self.shared.schedule(Source::Adc, NEVER);
+            self.adc.event(Source::Adc, &mut self.shared);
+            self.serve();
+        }
+        self.shared.now = end;
+        self
+    }
+
+    fn findings(&self) -> Vec<Kind> {
+        let list = self.shared.findings.list();
+        list.iter().map(|finding| finding.kind).collect()
+    }
+
+    fn interrupted(&self) -> bool {
+        self.shared.lines == 1 << Interrupt::Adc as u32
+    }
+}
+
+#[test]
+fn a_scan_takes_the_data_sheets_time() {
+    let mut bench = Bench::new(SCANNED, STREAMED);
+    bench.trigger().pass(2000);
+    // 2 clocks, then 15 + 12 each.
+    assert_eq!(bench.asked, [1000 + 4 + 54, 1000 + 4 + 108]);
+    assert_eq!(bench.data, [100, 200]);
+    let counts = Counts {
+        regular: 2,
+        ..Counts::default()
+    };
+    assert_eq!(bench.adc.counts(), counts);
+    assert_eq!(bench.read(SR), STRT);
+    assert!(bench.findings().is_empty());
+}
+
+#[test]
+fn the_voltage_counts_where_sampling_ends() {
+    /// Rises by a count in each cycle of 16 MHz.
+    struct Ramp;
+    impl Surroundings for Ramp {
+        fn pin(&mut self, _pin: Pin, _drive: Drive, _at: Time) {}
+        fn voltage(&mut self, _pin: Pin, at: Time) -> f64 {
+            3.3 * at.seconds() * 16e6 / 4096.0
+        }
+        fn spi(&mut self, _word: u16, _bits: u32, _at: Time) -> u16 {
+            !0
+        }
+    }
+    let mut bench = Bench::new(SCANNED, STREAMED);
+    bench.shared.surroundings = Box::new(Ramp);
+    bench.trigger().pass(2000);
+    assert_eq!(bench.data, [1000 + 4 + 30, 1000 + 4 + 84]);
+}
+
+#[test]
+fn an_injected_conversion_goes_first_and_the_regular_one_begins_anew() {
+    let mut bench = Bench::new(SCANNED, STREAMED);
+    bench.trigger().pass(1070).command(JSWSTART).pass(1070 + 86);
+    // 3 clocks, then 28 + 12.
+    assert!(bench.interrupted());
+    assert_eq!(bench.read(JDR1), 300);
+    bench.pass(2000);
+    // The second regular one was cut and is converted anew.
+    assert_eq!(bench.asked, [1058, 1070 + 86 + 54]);
+    assert_eq!(bench.data, [100, 200]);
+    bench.write(&[(SR, !JEOC)]);
+    assert!(!bench.interrupted());
+}
+
+#[test]
+fn a_regular_trigger_waits_for_the_injected_group() {
+    let mut bench = Bench::new(SCANNED, STREAMED);
+    bench.command(JSWSTART).pass(1010).trigger().pass(2000);
+    assert_eq!(bench.asked, [1086 + 54, 1086 + 108]);
+}
+
+#[test]
+fn a_short_injected_sequence_ends_with_its_last_place() {
+    let mut bench = Bench::new(SCANNED, STREAMED);
+    // Two of four: JSQ3 and JSQ4.
+    bench.write(&[(JSQR, 1 << 20 | 9 << 10 | 12 << 15)]);
+    bench.command(JSWSTART).pass(2000);
+    assert_eq!((bench.read(JDR1), bench.read(0x40)), (900, 1200));
+}
+
+#[test]
+fn triggers_are_heard_on_the_edges_that_are_chosen() {
+    for (edges, rising, falling) in [(0, 0, 0), (1, 1, 0), (2, 0, 1), (3, 1, 1)] {
+        let mut bench = Bench::new(0, ADON | 1 << 16 | edges << 20);
+        bench
+            .adc
+            .trigger(Trigger::Tim1Trgo, true, &mut bench.shared);
+        bench.pass(1500);
+        assert_eq!(bench.adc.counts().injected, rising);
+        bench
+            .adc
+            .trigger(Trigger::Tim1Trgo, false, &mut bench.shared);
+        bench.pass(2000);
+        assert_eq!(bench.adc.counts().injected, rising + falling);
+    }
+}
+
+#[test]
+fn a_datum_that_nobody_fetches_is_an_overrun_that_ends_the_scans() {
+    let mut bench = Bench::new(SCANNED, STREAMED);
+    bench.stream = Stream::Sleeps;
+    bench.trigger().pass(2000);
+    assert_eq!(bench.read(SR) & OVR, OVR);
+    assert!(bench.interrupted());
+    assert_eq!(bench.findings(), [Kind::Lost]);
+    // Triggers are ignored; the injected group is not concerned.
+    bench.trigger().command(JSWSTART).pass(3000);
+    let counts = bench.adc.counts();
+    assert_eq!(
+        (counts.regular, counts.injected, counts.overruns),
+        (2, 1, 1)
+    );
+    // The flag cleared, conversions come, but nothing is asked of the stream.
+    bench.stream = Stream::Fetches;
+    bench.asked.clear();
+    bench.write(&[(SR, 0)]).trigger().pass(4000);
+    assert!(bench.asked.is_empty());
+    let cr2 = bench.adc.cr2();
+    bench.write(&[(CR2, cr2 & !DMA), (SR, 0), (CR2, cr2)]);
+    bench.trigger().pass(5000);
+    assert_eq!(bench.asked.len(), 2);
+}
+
+#[test]
+fn overruns_are_noticed_with_each_end_of_conversion_and_not_with_that_of_the_sequence() {
+    let mut bench = Bench::new(SCANNED, ADON);
+    bench.command(SWSTART).pass(2000);
+    assert_eq!(bench.read(SR), STRT | EOC);
+    assert_eq!(bench.read(DR), 200, "the last of the sequence");
+    let mut bench = Bench::new(SCANNED, ADON | EOCS);
+    bench.command(SWSTART).pass(1058);
+    assert_eq!(bench.read(SR), STRT | EOC);
+    bench.pass(2000);
+    assert_eq!(bench.read(SR), STRT | EOC | OVR);
+    assert_eq!(bench.read(DR), 100);
+    assert_eq!(bench.read(SR), STRT | OVR);
+}
+
+#[test]
+fn after_a_block_without_dds_nothing_is_asked_for_and_nothing_is_lost() {
+    let mut bench = Bench::new(SCANNED, STREAMED & !DDS);
+    bench.trigger().pass(2000);
+    bench.adc.block_ended();
+    bench.trigger().pass(3000);
+    assert_eq!((bench.asked.len(), bench.adc.counts().regular), (2, 4));
+    assert_eq!(bench.read(SR) & OVR, 0);
+}
+
+#[test]
+fn continuous_conversions_follow_without_a_pause() {
+    let mut bench = Bench::new(SCANNED, ADON | CONT | DMA | DDS);
+    bench.command(SWSTART).pass(1004 + 5 * 54);
+    let expected: Vec<_> = (1..=5).map(|k| 1004 + 54 * k).collect();
+    assert_eq!(bench.asked, expected);
+    // Off at once.
+    bench.write(&[(CR2, 0)]).pass(9000);
+    assert_eq!(bench.asked.len(), 5);
+}
+
+#[test]
+fn the_injected_group_follows_by_itself() {
+    let mut bench = Bench::new(SCANNED | JAUTO, ADON | CONT | DMA | DDS);
+    // After two regular ones of 54 cycles one of 80.
+    bench.command(SWSTART).pass(1004 + 2 * (108 + 80));
+    assert_eq!(bench.asked, [1058, 1112, 1246, 1300]);
+    assert_eq!(bench.adc.counts().injected, 2);
+}
+
+#[test]
+fn discontinuous_groups_are_converted_in_portions() {
+    // The manual's example: n = 3, channels 0, 1, 2, 3, 6, 7, 9, 10.
+    let sequence: [u32; 8] = [0, 1, 2, 3, 6, 7, 9, 10];
+    let mut bench = Bench::new(SCAN | DISCEN | 2 << 13, ADON | DMA | DDS);
+    let place = |k: usize| sequence[k] << (5 * (k % 6));
+    bench.write(&[
+        (SQR1, 7 << 20),
+        (SQR2, place(6) | place(7)),
+        (SQR3, (0..6).fold(0, |all, k| all | place(k))),
+    ]);
+    for (k, portion) in [[0, 1, 2].as_slice(), &[3, 6, 7], &[9, 10], &[0, 1, 2]]
+        .into_iter()
+        .enumerate()
+    {
+        bench.data.clear();
+        bench.command(SWSTART).pass(2000 + 1000 * k as u64);
+        let expected: Vec<_> = portion.iter().map(|channel| 100 * channel).collect();
+        assert_eq!(bench.data, expected);
+    }
+    // Of the injected group one at a time, with its flag at the last.
+    let mut bench = Bench::new(SCAN | JDISCEN, ADON);
+    bench.write(&[(JSQR, 1 << 20 | 3 << 10 | 4 << 15)]);
+    bench.command(JSWSTART).pass(2000);
+    assert_eq!((bench.read(SR) & JEOC, bench.read(JDR1)), (0, 300));
+    bench.command(JSWSTART).pass(3000);
+    assert_eq!((bench.read(SR) & JEOC, bench.read(0x40)), (JEOC, 400));
+}
+
+#[test]
+fn resolutions_shorten_conversions_and_counts() {
+    for (resolution, clocks, count) in [(0, 15, 200), (1, 13, 50), (2, 11, 12), (3, 9, 3)] {
+        let mut bench = Bench::new(resolution << 24, ADON | DMA | DDS);
+        bench.write(&[(SMPR2, 0), (SQR3, 2)]);
+        bench.command(SWSTART).pass(2000);
+        assert_eq!(bench.asked, [1004 + 2 * clocks], "{resolution}");
+        assert_eq!(bench.data, [count], "{resolution}");
+    }
+}
+
+#[test]
+fn results_are_aligned_and_offsets_taken_off() {
+    let mut bench = Bench::new(SCAN, ADON | ALIGN);
+    bench.write(&[(JOFR1, 301)]);
+    bench.command(JSWSTART | SWSTART).pass(2000);
+    assert_eq!(bench.read(JDR1), 0xfff8);
+    assert_eq!(bench.read(DR), 200 << 4);
+}
+
+#[test]
+fn the_watchdog_sees_what_leaves_its_window() {
+    for (cr1, low, high, flagged) in [
+        (AWDEN | AWDIE, 0, 150, true),
+        (AWDEN | AWDIE, 100, 200, false),
+        (AWDEN | AWDIE, 101, 200, true),
+        (AWDEN | AWDIE | AWDSGL | 1, 150, 250, true),
+        (AWDEN | AWDIE | AWDSGL | 2, 150, 250, false),
+        (JAWDEN | AWDIE, 150, 250, false),
+    ] {
+        let mut bench = Bench::new(SCAN | cr1, STREAMED);
+        bench.write(&[(LTR, low), (HTR, high)]).trigger().pass(2000);
+        assert_eq!(bench.read(SR) & AWD != 0, flagged, "{cr1:#x} {low} {high}");
+        assert_eq!(bench.interrupted(), flagged);
+    }
+}
+
+#[test]
+fn channels_inside_the_chip_must_be_enabled_and_sampled_long_enough() {
+    let mut bench = Bench::new(0, ADON);
+    bench.write(&[(SMPR1, 7 << 21), (SQR3, 17)]);
+    bench.command(SWSTART).pass(5000);
+    assert_eq!(
+        (bench.read(DR), bench.findings()),
+        (0, vec![Kind::Forbidden])
+    );
+    let mut bench = Bench::new(0, ADON);
+    bench.write(&[(CCR, TSVREFE), (SMPR1, 7 << 21), (SQR3, 17)]);
+    bench.command(SWSTART).pass(5000);
+    // 1.21 V of 3.3 V.
+    assert_eq!((bench.read(DR), bench.findings()), (1502, vec![]));
+    bench.write(&[(SMPR1, 0)]).command(SWSTART).pass(9000);
+    assert_eq!(bench.findings(), [Kind::Forbidden]);
+}
+
+#[test]
+fn a_trigger_while_the_group_is_converted_is_lost() {
+    let mut bench = Bench::new(SCANNED, STREAMED);
+    bench.trigger().pass(1020).trigger().pass(2000);
+    assert_eq!(bench.asked, [1058, 1112]);
+    assert_eq!(bench.findings(), [Kind::Lost]);
+    let mut bench = Bench::new(SCANNED, STREAMED);
+    bench
+        .command(JSWSTART)
+        .pass(1020)
+        .command(JSWSTART)
+        .pass(2000);
+    assert_eq!(bench.adc.counts().injected, 1);
+    assert_eq!(bench.findings(), [Kind::Lost]);
+}
+
+#[test]
+fn clocks_and_times_beyond_the_data_sheets_are_found() {
+    let mut bench = Bench::new(SCANNED, STREAMED);
+    bench.shared.clocks.hclk_hz = 168_000_000;
+    bench.trigger();
+    assert_eq!(bench.findings(), [Kind::ClockLimit]);
+    // 21 MHz is too fast below 2.4 V.
+    for (volts, found) in [(3.3, vec![]), (2.0, vec![Kind::ClockLimit])] {
+        let mut bench = Bench::new(SCANNED, STREAMED);
+        bench.shared.clocks.hclk_hz = 42_000_000;
+        bench.shared.volts = volts;
+        bench.trigger();
+        assert_eq!(bench.findings(), found);
+    }
+    let mut bench = Bench::new(SCANNED, 0);
+    bench.write(&[(CR2, ADON)]).pass(1047).command(SWSTART);
+    assert_eq!(bench.findings(), [Kind::Forbidden]);
+}
+
+#[test]
+fn settings_that_change_during_a_conversion_are_found() {
+    for write in [
+        (SQR3, 5),
+        (SMPR2, 0),
+        (CR1, SCANNED | 1 << 24),
+        (CCR, 1 << 16),
+    ] {
+        let mut bench = Bench::new(SCANNED, STREAMED);
+        bench.trigger().pass(1010).write(&[write]);
+        assert_eq!(bench.findings(), [Kind::Forbidden], "{write:?}");
+    }
+    // A new sequence is converted from its beginning.
+    let mut bench = Bench::new(SCANNED, STREAMED);
+    bench.trigger().pass(1070).write(&[(SQR3, 2 | 1 << 5)]);
+    bench.pass(2000);
+    assert_eq!(bench.data, [100, 200, 100]);
+}
+
+#[test]
+fn without_its_clock_a_conversion_stands_still() {
+    let mut bench = Bench::new(SCANNED, STREAMED);
+    bench.trigger().pass(1050);
+    bench.adc.gate(true, &mut bench.shared);
+    bench.pass(1500).trigger().pass(2000);
+    bench.adc.gate(false, &mut bench.shared);
+    bench.pass(2007);
+    assert!(bench.asked.is_empty());
+    bench.pass(2100);
+    assert_eq!(bench.asked, [2008, 2062]);
+}

@@ -1,0 +1,172 @@
+//! Registers of the timers and their bits (RM0090, chapters 17 and 18).
+
+use super::super::interrupt::Interrupt;
+use super::super::register::{Register, narrow};
+use super::super::shared::{Clocks, Source, Trigger};
+
+/// Which timer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Kind {
+    Tim1,
+    Tim2,
+    Tim3,
+    Tim4,
+    Tim5,
+}
+
+impl Kind {
+    pub fn name(self) -> &'static str {
+        ["TIM1", "TIM2", "TIM3", "TIM4", "TIM5"][self as usize]
+    }
+
+    pub fn source(self) -> Source {
+        [
+            Source::Tim1,
+            Source::Tim2,
+            Source::Tim3,
+            Source::Tim4,
+            Source::Tim5,
+        ][self as usize]
+    }
+
+    /// The largest value of the counter.
+    pub fn most(self) -> u32 {
+        match self {
+            Self::Tim2 | Self::Tim5 => !0,
+            _ => 0xffff,
+        }
+    }
+
+    /// Cycles of the core in one of the timer's clock.
+    pub fn clock(self, clocks: &Clocks) -> u64 {
+        match self {
+            Self::Tim1 => clocks.timer2,
+            _ => clocks.timer1,
+        }
+    }
+
+    pub fn trgo(self) -> Trigger {
+        [
+            Trigger::Tim1Trgo,
+            Trigger::Tim2Trgo,
+            Trigger::Tim3Trgo,
+            Trigger::Tim4Trgo,
+            Trigger::Tim5Trgo,
+        ][self as usize]
+    }
+
+    /// The trigger that a channel's output is for the converters.
+    pub fn compare(self, channel: usize) -> Option<Trigger> {
+        use Trigger::*;
+        let of = match self {
+            Self::Tim1 => [Some(Tim1Cc1), Some(Tim1Cc2), Some(Tim1Cc3), Some(Tim1Cc4)],
+            Self::Tim2 => [Some(Tim2Cc1), Some(Tim2Cc2), Some(Tim2Cc3), Some(Tim2Cc4)],
+            Self::Tim3 => [Some(Tim3Cc1), Some(Tim3Cc2), None, Some(Tim3Cc4)],
+            Self::Tim4 => [Some(Tim4Cc1), Some(Tim4Cc2), Some(Tim4Cc3), Some(Tim4Cc4)],
+            Self::Tim5 => [Some(Tim5Cc1), Some(Tim5Cc2), Some(Tim5Cc3), Some(Tim5Cc4)],
+        };
+        of[channel & 3]
+    }
+
+    /// Interrupt lines and the flags of SR that each stands for.
+    pub fn lines(self) -> &'static [(Interrupt, u32)] {
+        match self {
+            Self::Tim1 => &[
+                (Interrupt::Tim1Break, BREAK),
+                (Interrupt::Tim1Update, UPDATE),
+                (Interrupt::Tim1Trigger, TRIGGER | COMMUTATION),
+                (Interrupt::Tim1Compare, 0x1e),
+            ],
+            Self::Tim2 => &[(Interrupt::Tim2, 0x5f)],
+            Self::Tim3 => &[(Interrupt::Tim3, 0x5f)],
+            Self::Tim4 => &[(Interrupt::Tim4, 0x5f)],
+            Self::Tim5 => &[(Interrupt::Tim5, 0x5f)],
+        }
+    }
+
+    pub fn registers(self) -> &'static [Register] {
+        match self {
+            Self::Tim1 => ADVANCED,
+            Self::Tim2 => TIM2,
+            Self::Tim5 => TIM5,
+            Self::Tim3 | Self::Tim4 => HALF,
+        }
+    }
+}
+
+// Places.
+pub(super) const CR1: u32 = 0x00;
+pub(super) const CR2: u32 = 0x04;
+pub(super) const SMCR: u32 = 0x08;
+pub(super) const DIER: u32 = 0x0c;
+pub(super) const SR: u32 = 0x10;
+pub(super) const EGR: u32 = 0x14;
+pub(super) const CCMR1: u32 = 0x18;
+pub(super) const CCMR2: u32 = 0x1c;
+pub(super) const CCER: u32 = 0x20;
+pub(super) const CNT: u32 = 0x24;
+pub(super) const PSC: u32 = 0x28;
+pub(super) const ARR: u32 = 0x2c;
+pub(super) const RCR: u32 = 0x30;
+pub(super) const CCR1: u32 = 0x34;
+pub(super) const CCR4: u32 = 0x40;
+pub(super) const BDTR: u32 = 0x44;
+pub(super) const DCR: u32 = 0x48;
+pub(super) const DMAR: u32 = 0x4c;
+pub(super) const OR: u32 = 0x50;
+/// Registers of a timer.
+pub(super) const COUNT: usize = 21;
+
+// Bits of CR1.
+pub(super) const CEN: u32 = 1;
+pub(super) const UDIS: u32 = 1 << 1;
+pub(super) const URS: u32 = 1 << 2;
+pub(super) const OPM: u32 = 1 << 3;
+pub(super) const DIR: u32 = 1 << 4;
+pub(super) const CMS: u32 = 3 << 5;
+pub(super) const ARPE: u32 = 1 << 7;
+// Bits of CR2.
+pub(super) const CCPC: u32 = 1;
+pub(super) const TI1S: u32 = 1 << 7;
+pub(super) const IDLES: u32 = 0x7f00;
+// Bits of SR, DIER and EGR.
+pub(super) const UPDATE: u32 = 1;
+pub(super) const COMMUTATION: u32 = 1 << 5;
+pub(super) const TRIGGER: u32 = 1 << 6;
+pub(super) const BREAK: u32 = 1 << 7;
+// Bits of BDTR.
+pub(super) const MOE: u32 = 1 << 15;
+pub(super) const AOE: u32 = 1 << 14;
+pub(super) const BKP: u32 = 1 << 13;
+pub(super) const BKE: u32 = 1 << 12;
+pub(super) const OSSR: u32 = 1 << 11;
+pub(super) const OSSI: u32 = 1 << 10;
+pub(super) const LOCK: u32 = 3 << 8;
+pub(super) const DTG: u32 = 0xff;
+
+#[rustfmt::skip]
+const ADVANCED: &[Register] = &[
+    narrow(CR1, "CR1", 0x3ff), narrow(CR2, "CR2", 0x7ffd), narrow(SMCR, "SMCR", 0xfff7), narrow(DIER, "DIER", 0x7fff),
+    narrow(SR, "SR", 0x1eff), narrow(EGR, "EGR", 0xff), narrow(CCMR1, "CCMR1", 0xffff), narrow(CCMR2, "CCMR2", 0xffff),
+    narrow(CCER, "CCER", 0x3fff), narrow(CNT, "CNT", 0xffff), narrow(PSC, "PSC", 0xffff), narrow(ARR, "ARR", 0xffff),
+    narrow(RCR, "RCR", 0xff), narrow(CCR1, "CCR1", 0xffff), narrow(0x38, "CCR2", 0xffff), narrow(0x3c, "CCR3", 0xffff),
+    narrow(CCR4, "CCR4", 0xffff), narrow(BDTR, "BDTR", 0xffff), narrow(DCR, "DCR", 0x1f1f), narrow(DMAR, "DMAR", 0xffff),
+];
+
+macro_rules! general {
+    ($most:literal $(, $remap:literal)?) => {
+        &[
+            narrow(CR1, "CR1", 0x3ff), narrow(CR2, "CR2", 0xf8), narrow(SMCR, "SMCR", 0xfff7),
+            narrow(DIER, "DIER", 0x5f5f), narrow(SR, "SR", 0x1e5f), narrow(EGR, "EGR", 0x5f),
+            narrow(CCMR1, "CCMR1", 0xffff), narrow(CCMR2, "CCMR2", 0xffff), narrow(CCER, "CCER", 0xbbbb),
+            narrow(CNT, "CNT", $most), narrow(PSC, "PSC", 0xffff), narrow(ARR, "ARR", $most),
+            narrow(CCR1, "CCR1", $most), narrow(0x38, "CCR2", $most), narrow(0x3c, "CCR3", $most),
+            narrow(CCR4, "CCR4", $most), narrow(DCR, "DCR", 0x1f1f), narrow(DMAR, "DMAR", 0xffff),
+            $(narrow(OR, "OR", $remap),)?
+        ]
+    };
+}
+
+const TIM2: &[Register] = general!(0xffff_ffff, 0xc00);
+const TIM5: &[Register] = general!(0xffff_ffff, 0xc0);
+const HALF: &[Register] = general!(0xffff);

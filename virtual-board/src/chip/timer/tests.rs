@@ -1,0 +1,592 @@
+//! Times are counted by hand from RM0090: a counter starts at the second edge of its clock after CEN.
+
+use super::*;
+use crate::chip::interrupt::Interrupt;
+use crate::chip::shared::Trigger;
+use crate::chip::testing::shared;
+use crate::finding::Kind as Finding;
+use Drive::{High, Low, Open};
+
+/// When a counter enabled at cycle 0 starts, its clock being the core's.
+const START: Cycles = 1;
+
+/// A timer and what it shares.
+struct Bench {
+    timer: Timer,
+    shared: Shared,
+    /// What happened, with its times.
+    seen: Vec<(Cycles, Effect)>,
+}
+
+impl Bench {
+    fn new(kind: Kind) -> Self {
+        Self {
+            timer: Timer::new(kind),
+            shared: shared(),
+            seen: Vec::new(),
+        }
+    }
+
+    fn collect(&mut self) {
+        let now = self.shared.now;
+        self.seen
+            .extend(self.shared.effects.drain(..).map(|effect| (now, effect)));
+    }
+
+    /// Runs up to and including `end`.
+    fn pass(&mut self, end: Cycles) -> &mut Self {
+        let source = self.timer.kind.source();
+        while self.shared.due(source) <= end {
+            self.shared.now = self.shared.due(source);
+            self.shared.schedule(source, NEVER);
+            self.timer.event(source, &mut self.shared);
+            self.collect();
+        }
+        self.shared.now = end;
+        self
+    }
+
+    fn write(&mut self, values: &[(u32, u32)]) -> &mut Self {
+        for &(offset, value) in values {
+            self.timer.write(offset, value, !0, &mut self.shared);
+            self.collect();
+        }
+        self
+    }
+
+    fn read(&mut self, offset: u32) -> u32 {
+        self.timer.read(offset, &mut self.shared)
+    }
+
+    fn input(&mut self, signal: Signal, level: bool) -> &mut Self {
+        self.timer.input(signal, level, &mut self.shared);
+        self.collect();
+        self
+    }
+
+    /// Takes the times at which an effect came.
+    fn times(&mut self, of: Effect) -> Vec<Cycles> {
+        let found = self.seen.iter().filter(|(_, effect)| *effect == of);
+        found.map(|(at, _)| *at).collect()
+    }
+
+    /// Takes how an output was driven, with the times.
+    fn drives(&mut self, of: Signal) -> Vec<(Cycles, Drive)> {
+        let found = self.seen.drain(..);
+        found
+            .filter_map(|(at, effect)| match effect {
+                Effect::Output(signal, drive) if signal == of => Some((at, drive)),
+                _ => None,
+            })
+            .collect()
+    }
+
+    fn findings(&self) -> Vec<Finding> {
+        let list = self.shared.findings.list();
+        list.iter().map(|finding| finding.kind).collect()
+    }
+
+    fn line(&self, interrupt: Interrupt) -> bool {
+        self.shared.lines >> interrupt as u32 & 1 != 0
+    }
+}
+
+/// TIM1 centre-aligned (mode `cms`) to 100, channel 1 with pulses of 30, TRGO at updates.
+fn centred(cms: u32, repetition: u32) -> Bench {
+    let mut bench = Bench::new(Kind::Tim1);
+    let mode = cms << 5 | ARPE;
+    bench.write(&[
+        (ARR, 100),
+        (RCR, repetition),
+        (CCR1, 30),
+        (CCMR1, 0x68),
+        (CCER, 1),
+        (CR2, 2 << 4),
+        (BDTR, MOE | OSSI),
+        (CR1, mode),
+        (EGR, 1),
+        (SR, 0),
+    ]);
+    bench.seen.clear();
+    bench.write(&[(CR1, mode | CEN)]);
+    bench
+}
+
+const TRGO1: Effect = Effect::Trigger(Trigger::Tim1Trgo, true);
+
+#[test]
+fn an_edge_aligned_timer_updates_every_reload_plus_one() {
+    let mut bench = Bench::new(Kind::Tim2);
+    bench.write(&[(ARR, 874), (CR2, 2 << 4), (EGR, 1)]);
+    bench.seen.clear();
+    bench.write(&[(CR1, CEN)]).pass(2701);
+    let trgo = Effect::Trigger(Trigger::Tim2Trgo, true);
+    assert_eq!(bench.times(trgo), [876, 1751, 2626]);
+    assert_eq!(bench.read(CNT), 75);
+    assert_eq!(bench.read(SR) & UPDATE, UPDATE);
+}
+
+#[test]
+fn nothing_is_on_the_schedule_that_nobody_waits_for_and_nothing_is_lost() {
+    let mut bench = Bench::new(Kind::Tim3);
+    // A channel that toggles, its output off; the clock two cycles, a step six.
+    bench.shared.clocks.timer1 = 2;
+    bench.write(&[
+        (PSC, 2),
+        (ARR, 9),
+        (CCR1, 4),
+        (CCMR1, 0x30),
+        (EGR, 1),
+        (SR, 0),
+        (CR1, CEN),
+    ]);
+    assert_eq!(bench.shared.due(Source::Tim3), NEVER);
+    // Start at 2. The 1000th period has ended and 7 steps have passed, the channel was met 1001 times.
+    bench.pass(2 + 6 * (10 * 1000 + 7) + 1);
+    assert_eq!(bench.read(CNT), 7);
+    assert_eq!(bench.read(SR) & 3, UPDATE | 2);
+    assert!(bench.timer.channels[0].reference);
+    bench.pass(2 + 6 * (10 * 1001 + 7));
+    bench.read(CNT);
+    assert!(!bench.timer.channels[0].reference);
+}
+
+#[test]
+fn a_counter_goes_down_from_its_reload_value() {
+    let mut bench = Bench::new(Kind::Tim4);
+    bench.write(&[(ARR, 9), (CR1, DIR), (EGR, 1), (SR, 0), (DIER, UPDATE)]);
+    assert_eq!(bench.read(CNT), 9);
+    bench.write(&[(CR1, DIR | CEN)]).pass(START + 9);
+    assert_eq!((bench.read(CNT), bench.line(Interrupt::Tim4)), (0, false));
+    bench.pass(START + 10);
+    assert_eq!((bench.read(CNT), bench.line(Interrupt::Tim4)), (9, true));
+    bench.write(&[(SR, 0)]);
+    assert!(!bench.line(Interrupt::Tim4));
+}
+
+#[test]
+fn reload_and_prescaler_wait_for_an_update() {
+    let mut bench = Bench::new(Kind::Tim2);
+    bench.write(&[(ARR, 9), (CR1, ARPE | CEN), (EGR, 1), (PSC, 3), (ARR, 4)]);
+    // After UG at 0 the first period is the old one, as an update loads the values.
+    bench.pass(9);
+    assert_eq!(bench.read(CNT), 9);
+    bench.pass(10 + 4 * 4);
+    assert_eq!(bench.read(CNT), 4);
+    bench.pass(10 + 4 * 5);
+    assert_eq!(bench.read(CNT), 0);
+    // Without preload at once; the count is beyond and goes to its width, which is a finding to nobody.
+    bench.write(&[(CR1, CEN), (ARR, 99)]).pass(30 + 4 * 99);
+    assert_eq!(bench.read(CNT), 99);
+}
+
+#[test]
+fn updates_can_be_disabled_and_flags_left_to_the_counter() {
+    let mut bench = Bench::new(Kind::Tim2);
+    bench.write(&[(CR1, URS), (ARR, 9), (CCR1, 5), (CCMR1, 8), (EGR, 1)]);
+    assert_eq!(bench.read(SR), 0, "URS");
+    bench.write(&[(CCR1, 7), (CR1, UDIS), (EGR, 1)]);
+    assert_eq!(bench.timer.channels[0].compare, 5, "UDIS");
+    bench.write(&[(CR1, UDIS | CEN)]).pass(100);
+    assert_eq!(bench.read(SR) & UPDATE, 0);
+    assert_eq!(bench.read(CNT), (100 - START as u32) % 10);
+}
+
+#[test]
+fn one_pulse_mode_stops_at_an_update() {
+    let mut bench = Bench::new(Kind::Tim2);
+    bench.write(&[(ARR, 9), (EGR, 1), (SR, 0), (CR1, OPM | CEN)]);
+    bench.pass(START + 9);
+    assert_eq!(bench.read(CR1) & CEN, CEN);
+    bench.pass(500);
+    assert_eq!((bench.read(CR1), bench.read(CNT)), (OPM, 0));
+    assert_eq!(bench.read(SR) & UPDATE, UPDATE);
+}
+
+#[test]
+fn centred_pulses_stand_around_the_underflow() {
+    let mut bench = centred(1, 0);
+    bench.pass(START + 450);
+    let edges: Vec<_> = [(30, Low), (170, High), (230, Low), (370, High), (430, Low)]
+        .map(|(at, drive)| (START + at, drive))
+        .into();
+    assert_eq!(bench.times(TRGO1), [101, 201, 301, 401]);
+    assert_eq!(bench.drives(Signal::Tim1Ch1), edges);
+}
+
+#[test]
+fn repetitions_count_both_ends_of_a_centred_count() {
+    // Reloaded by an update before the start, an odd number ends at the underflow.
+    for (repetition, updates) in [
+        (1, vec![200, 400, 600, 800]),
+        (2, vec![300, 600, 900]),
+        (3, vec![400, 800]),
+    ] {
+        let mut bench = centred(1, repetition);
+        bench.pass(START + 950);
+        let expected: Vec<_> = updates.iter().map(|at| at + START).collect();
+        assert_eq!(bench.times(TRGO1), expected, "{repetition}");
+    }
+    // Written before the start and not loaded: the manual's "update at the overflow".
+    let mut bench = centred(1, 0);
+    bench.write(&[(RCR, 1)]).pass(START + 600);
+    assert_eq!(bench.times(TRGO1), [101, 301, 501]);
+}
+
+#[test]
+fn another_top_at_an_overflow_is_where_the_count_goes_down_from() {
+    let mut bench = centred(1, 0);
+    bench.write(&[(ARR, 54)]).pass(START + 99);
+    assert_eq!(bench.read(CNT), 99);
+    bench.pass(START + 100);
+    assert_eq!(bench.read(CNT), 54);
+    bench.pass(START + 101);
+    assert_eq!((bench.read(CNT), bench.read(CR1) & DIR), (53, DIR));
+    bench.pass(START + 100 + 54 * 2);
+    assert_eq!(bench.times(TRGO1), [101, 155, 209]);
+}
+
+#[test]
+fn compare_flags_of_a_centred_count_follow_its_mode() {
+    // The manual's figure: at 40 on the way down, up, both; at the ends always; beyond at the overflow.
+    for (cms, at_40) in [(1, vec![160]), (2, vec![40]), (3, vec![40, 160])] {
+        for (compare, times) in [
+            (40, at_40.clone()),
+            (100, vec![100]),
+            (120, vec![100]),
+            (0, vec![200]),
+        ] {
+            let mut bench = centred(cms, 0);
+            bench.write(&[(0x38, compare), (CCMR1, 0x7060), (DIER, 4), (SR, 0)]);
+            let mut seen = Vec::new();
+            for at in 1..=200 {
+                bench.pass(START + at);
+                if bench.line(Interrupt::Tim1Compare) {
+                    seen.push(at);
+                    bench.write(&[(SR, !4)]);
+                }
+            }
+            assert_eq!(seen, times, "{cms} {compare}");
+        }
+    }
+}
+
+#[test]
+fn a_compare_value_counts_from_the_next_update() {
+    let mut bench = centred(1, 0);
+    bench.pass(51).write(&[(CCR1, 60)]);
+    bench.pass(301);
+    assert_eq!(bench.read(CCR1), 60);
+    // High at 60 on the way down from 100 at 101.
+    let drives = bench.drives(Signal::Tim1Ch1);
+    assert_eq!(drives, [(31, Low), (141, High), (261, Low)]);
+}
+
+#[test]
+fn full_and_empty_pulses_have_no_edges() {
+    for (compare, level) in [(0, Low), (100, High), (0xffff, High)] {
+        let mut bench = centred(1, 0);
+        bench.write(&[(CCR1, compare)]).pass(START + 200);
+        bench.seen.clear();
+        bench.pass(START + 900);
+        assert!(bench.drives(Signal::Tim1Ch1).is_empty(), "{compare}");
+        assert_eq!(bench.timer.channels[0].drives[0], level);
+    }
+}
+
+#[test]
+fn outputs_do_what_their_modes_say() {
+    // ARR 9, CCR 4: set, clear, toggle on match; forced; pulses; then polarity.
+    for (mode, ccer, edges) in [
+        (1, 1, vec![(5, High)]),
+        (2, 1, vec![]),
+        (3, 1, vec![(5, High), (15, Low), (25, High)]),
+        (4, 1, vec![]),
+        (5, 1, vec![(0, High)]),
+        (
+            6,
+            1,
+            vec![
+                (0, High),
+                (5, Low),
+                (11, High),
+                (15, Low),
+                (21, High),
+                (25, Low),
+            ],
+        ),
+        (
+            7,
+            1,
+            vec![(5, High), (11, Low), (15, High), (21, Low), (25, High)],
+        ),
+        (
+            6,
+            3,
+            vec![
+                (0, Low),
+                (5, High),
+                (11, Low),
+                (15, High),
+                (21, Low),
+                (25, High),
+            ],
+        ),
+    ] {
+        let mut bench = Bench::new(Kind::Tim3);
+        bench.write(&[(ARR, 9), (CCR1, 4), (CCER, ccer)]);
+        bench.seen.clear();
+        bench.write(&[(CCMR1, mode << 4), (CR1, CEN)]).pass(29);
+        assert_eq!(bench.drives(Signal::Tim3Ch1), edges, "{mode} {ccer}");
+    }
+}
+
+#[test]
+fn after_a_forced_level_pulses_begin_with_the_next_change_of_the_comparison() {
+    let mut bench = Bench::new(Kind::Tim3);
+    bench.write(&[(ARR, 9), (CCR1, 4), (CCMR1, 0x40), (CCER, 1), (CR1, CEN)]);
+    bench.seen.clear();
+    bench.pass(12).write(&[(CCMR1, 0x60)]).pass(24);
+    assert_eq!(bench.drives(Signal::Tim3Ch1), [(21, High)]);
+}
+
+#[test]
+fn complementary_outputs_keep_their_dead_time() {
+    let mut bench = centred(1, 0);
+    // f_DTS half the clock; DTG 3: six cycles.
+    bench.write(&[
+        (CR1, 1 << 8 | 1 << 5 | ARPE | CEN),
+        (BDTR, MOE | OSSI | 3),
+        (CCER, 5),
+    ]);
+    bench.seen.clear();
+    bench.pass(300);
+    let seen = std::mem::take(&mut bench.seen);
+    bench.seen = seen.clone();
+    let main = bench.drives(Signal::Tim1Ch1);
+    bench.seen = seen;
+    let complement = bench.drives(Signal::Tim1Ch1N);
+    assert_eq!(main, [(31, Low), (177, High), (231, Low)]);
+    assert_eq!(complement, [(37, High), (171, Low), (237, High)]);
+}
+
+#[test]
+fn pulses_shorter_than_the_dead_time_do_not_come() {
+    let mut bench = centred(1, 0);
+    bench.write(&[(BDTR, MOE | OSSI | 70), (CCER, 5)]).pass(201);
+    bench.seen.clear();
+    bench.pass(900);
+    assert!(bench.drives(Signal::Tim1Ch1).is_empty());
+}
+
+#[test]
+fn a_break_switches_the_outputs_off_until_it_is_gone_and_they_are_enabled_again() {
+    let mut bench = centred(1, 0);
+    bench.write(&[(BDTR, MOE | OSSI | BKE | BKP), (DIER, BREAK)]);
+    bench.seen.clear();
+    bench.pass(11).input(Signal::Tim1Bkin, true);
+    assert_eq!(bench.drives(Signal::Tim1Ch1), [(11, Low)]);
+    assert!(bench.line(Interrupt::Tim1Break));
+    bench.write(&[(SR, 0), (BDTR, MOE | OSSI | BKE | BKP)]);
+    assert_eq!(bench.read(BDTR) & MOE, 0);
+    assert_eq!(bench.read(SR) & BREAK, BREAK);
+    bench.input(Signal::Tim1Bkin, false);
+    assert_eq!(bench.read(BDTR) & MOE, 0);
+    bench.write(&[(SR, 0), (BDTR, MOE | OSSI | BKE | BKP)]);
+    assert_eq!(bench.read(BDTR) & MOE, MOE);
+    assert_eq!(bench.read(SR) & BREAK, 0);
+    assert_eq!(bench.drives(Signal::Tim1Ch1), [(11, High)]);
+    // The updates go on all the time.
+    bench.pass(450);
+    assert_eq!(bench.times(TRGO1), [101, 201, 301, 401]);
+}
+
+#[test]
+fn a_break_idles_outputs_after_the_dead_time_and_they_come_back_by_themselves() {
+    let mut bench = centred(1, 0);
+    bench.write(&[
+        (CR2, 1 << 8),
+        (CCER, 5),
+        (BDTR, MOE | AOE | OSSI | BKE | BKP | 8),
+    ]);
+    bench.pass(20);
+    bench.seen.clear();
+    bench.input(Signal::Tim1Bkin, true).pass(40);
+    // Inactive for eight cycles, then at OIS1.
+    assert_eq!(bench.drives(Signal::Tim1Ch1), [(20, Low), (28, High)]);
+    bench.pass(150);
+    assert_eq!(bench.read(BDTR) & MOE, 0);
+    bench.input(Signal::Tim1Bkin, false).pass(200);
+    assert_eq!(bench.read(BDTR) & MOE, 0);
+    bench.pass(201);
+    assert_eq!(bench.read(BDTR) & MOE, MOE, "at the update");
+}
+
+#[test]
+fn without_off_state_a_break_lets_the_pin_go() {
+    let mut bench = centred(1, 0);
+    bench.write(&[(BDTR, MOE | BKE)]);
+    assert_eq!(bench.read(BDTR) & MOE, 0, "low is active and it is low");
+    assert_eq!(bench.timer.channels[0].drives[0], Open);
+    let mut bench = centred(1, 0);
+    bench.write(&[(EGR, BREAK)]);
+    assert_eq!(bench.read(BDTR) & MOE, 0);
+    assert_eq!(bench.read(SR) & BREAK, BREAK);
+}
+
+#[test]
+fn a_failed_clock_breaks_too() {
+    let mut bench = centred(1, 0);
+    bench.timer.clock_failure(&mut bench.shared);
+    assert_eq!(bench.read(BDTR) & MOE, MOE, "the break is off");
+    bench.write(&[(BDTR, MOE | OSSI | BKE | BKP)]);
+    bench.timer.clock_failure(&mut bench.shared);
+    assert_eq!(bench.read(BDTR) & MOE, 0);
+}
+
+#[test]
+fn locked_bits_stay() {
+    let mut bench = centred(1, 0);
+    // LOCK was frozen at 0 by the first write of BDTR.
+    bench.write(&[(BDTR, MOE | LOCK)]);
+    assert_eq!(bench.read(BDTR), MOE);
+    assert_eq!(bench.findings(), [Finding::Forbidden]);
+    for level in 1..=3 {
+        let mut bench = Bench::new(Kind::Tim1);
+        bench.write(&[(CCMR1, 0x60), (BDTR, level << 8 | BKE | BKP | OSSI | 5)]);
+        bench.write(&[(BDTR, MOE | OSSR), (CR2, IDLES), (CCER, 3), (CCMR1, 0x68)]);
+        let second = level >= 2;
+        let bdtr = if second { OSSI } else { OSSR };
+        assert_eq!(
+            bench.read(BDTR),
+            MOE | level << 8 | BKE | BKP | 5 | bdtr,
+            "{level}"
+        );
+        assert_eq!(bench.read(CR2), 0, "{level}");
+        assert_eq!(bench.read(CCER), if second { 1 } else { 3 }, "{level}");
+        assert_eq!(bench.read(CCMR1), if level == 3 { 0x60 } else { 0x68 });
+    }
+}
+
+#[test]
+fn the_reference_of_channel_4_is_a_trigger_once_a_period() {
+    let mut bench = centred(1, 0);
+    bench.write(&[(BDTR, 0), (CCMR2, 0x7800), (CCR4, 90), (CR2, 7 << 4)]);
+    bench.pass(START + 700);
+    // At once, since nothing was loaded yet; then at 90 on the way up, with the outputs off.
+    assert_eq!(bench.times(TRGO1), [0, 291, 491, 691]);
+    let falls = Effect::Trigger(Trigger::Tim1Trgo, false);
+    assert_eq!(bench.times(falls), [111, 311, 511]);
+}
+
+#[test]
+fn a_channels_output_is_a_trigger_only_while_it_is_enabled() {
+    let mut bench = centred(1, 0);
+    bench.pass(START + 180);
+    let rises = Effect::Trigger(Trigger::Tim1Cc1, true);
+    assert_eq!(bench.times(rises), [171]);
+    bench.write(&[(BDTR, OSSI)]).pass(START + 900);
+    assert_eq!(bench.times(rises), [171]);
+}
+
+#[test]
+fn trigger_outputs_of_software_enable_and_compare() {
+    let mut bench = Bench::new(Kind::Tim4);
+    let trgo = Effect::Trigger(Trigger::Tim4Trgo, true);
+    bench.pass(5).write(&[(ARR, 9), (CCR1, 3), (EGR, 1)]);
+    assert_eq!(bench.times(trgo), [5]);
+    bench.pass(7).write(&[(CR2, 1 << 4), (CR1, CEN)]);
+    assert_eq!(bench.times(trgo), [5, 7]);
+    bench.write(&[(CR2, 3 << 4)]).pass(25);
+    // Started at 8.
+    assert_eq!(bench.times(trgo), [5, 7, 11, 21]);
+}
+
+#[test]
+fn a_halted_or_gated_timer_stands_still() {
+    let mut bench = Bench::new(Kind::Tim5);
+    bench.write(&[(PSC, 9), (EGR, 1), (CR1, CEN)]).pass(26);
+    bench.timer.freeze(true, &mut bench.shared);
+    bench.pass(1000);
+    assert_eq!(bench.read(CNT), 2);
+    bench.timer.freeze(false, &mut bench.shared);
+    bench.timer.gate(true, &mut bench.shared);
+    bench.pass(2000);
+    bench.timer.gate(false, &mut bench.shared);
+    bench.pass(2004);
+    assert_eq!(bench.read(CNT), 2);
+    bench.pass(2005);
+    assert_eq!(bench.read(CNT), 3);
+}
+
+#[test]
+fn another_clock_changes_the_pace_from_its_moment_on() {
+    let mut bench = Bench::new(Kind::Tim2);
+    bench.write(&[(CR1, CEN)]).pass(101);
+    bench.shared.clocks.timer1 = 4;
+    let base = bench.shared.base;
+    bench.timer.clocks_changed(&base, &mut bench.shared);
+    bench.pass(301);
+    assert_eq!(bench.read(CNT), 150);
+}
+
+#[test]
+fn an_encoder_counts_filtered_edges_both_ways_and_wraps() {
+    let mut bench = Bench::new(Kind::Tim3);
+    bench.write(&[(CCMR1, 0xf1f1), (CCER, 0x11), (SMCR, 3), (CR1, CEN)]);
+    use Signal::{Tim3Ch1 as A, Tim3Ch2 as B};
+    bench.pass(1000).input(A, true);
+    // Samples every 32 cycles, the eighth at 1024 + 224.
+    bench.pass(1247);
+    assert_eq!(bench.read(CNT), 0);
+    bench.pass(1248);
+    assert_eq!(bench.read(CNT), 1);
+    bench.pass(2000).input(B, true);
+    // A glitch of 200 ns at 16 MHz.
+    bench.pass(3000).input(A, false).pass(3003).input(A, true);
+    assert_eq!(bench.pass(4000).read(CNT), 2);
+    bench.input(A, false).pass(5000).input(B, false);
+    assert_eq!(bench.pass(6000).read(CNT), 4);
+    // The other way, below zero.
+    let backward = [(B, true), (A, true), (B, false), (A, false)];
+    for (k, &(signal, level)) in backward.iter().cycle().take(6).enumerate() {
+        bench.input(signal, level).pass(7000 + 1000 * k as u64);
+    }
+    assert_eq!((bench.read(CNT), bench.read(CR1) & DIR), (0xfffe, DIR));
+    assert_eq!(bench.read(SR) & UPDATE, UPDATE);
+    assert!(bench.findings().is_empty());
+}
+
+#[test]
+fn polarity_turns_an_encoder_round_and_modes_count_half() {
+    use Signal::{Tim4Ch1 as A, Tim4Ch2 as B};
+    for (mode, ccer, count) in [(3, 0, 4), (3, 2, -4), (1, 0, 2), (2, 0, 2)] {
+        let mut bench = Bench::new(Kind::Tim4);
+        bench.write(&[(CCMR1, 0x101), (CCER, ccer), (SMCR, mode), (CR1, CEN)]);
+        bench.write(&[(CNT, 100)]);
+        for (signal, level) in [(A, true), (B, true), (A, false), (B, false)] {
+            bench.input(signal, level);
+        }
+        let expected = 100u32.wrapping_add_signed(count);
+        assert_eq!(bench.read(CNT), expected, "{mode} {ccer}");
+    }
+}
+
+#[test]
+fn what_is_not_modelled_or_forbidden_is_found() {
+    for (kind, writes) in [
+        (Finding::NotModelled, vec![(DIER, 1 << 8)]),
+        (Finding::NotModelled, vec![(SMCR, 4)]),
+        (
+            Finding::NotModelled,
+            vec![(CCMR1, 1), (CCER, 1), (CR1, CEN)],
+        ),
+        (Finding::NotModelled, vec![(CCMR1, 0x80)]),
+        (Finding::NotModelled, vec![(CR2, TI1S)]),
+        (Finding::Forbidden, vec![(CR1, CEN), (CR1, CEN | 1 << 5)]),
+    ] {
+        let mut bench = Bench::new(Kind::Tim2);
+        bench.write(&writes);
+        assert_eq!(bench.findings(), [kind], "{writes:?}");
+    }
+}

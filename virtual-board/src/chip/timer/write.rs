@@ -1,0 +1,300 @@
+//! Writes to a timer's registers.
+
+use super::super::register::merge;
+use super::super::shared::Shared;
+use super::output::Mode;
+use super::registers::*;
+use super::{Timer, finding};
+
+impl Timer {
+    fn note(&self, kind: finding::Kind, text: &str, shared: &mut Shared) {
+        shared.note(kind, format!("{}: {text}", self.kind.name()));
+    }
+
+    fn not_modelled(&self, what: &str, shared: &mut Shared) {
+        self.note(finding::Kind::NotModelled, what, shared);
+    }
+
+    pub(super) fn write_register(
+        &mut self,
+        offset: u32,
+        value: u32,
+        mask: u32,
+        shared: &mut Shared,
+    ) {
+        let old = match offset {
+            CNT => self.counter.value(shared.now),
+            CCR1..=CCR4 => self.channels[(offset - CCR1) as usize / 4].preload,
+            _ => self.reg(offset),
+        };
+        let full = merge(old, value, mask);
+        match offset {
+            CR1 => self.write_cr1(full & 0x3ff, shared),
+            CR2 => self.write_cr2(full & 0x7ffd, shared),
+            SMCR => self.write_slave(full & 0xfff7, shared),
+            DIER => {
+                *self.reg_mut(DIER) = full & 0x7fff;
+                if full & 0x7f00 != 0 {
+                    self.not_modelled("DMA requests", shared);
+                }
+            }
+            SR => self.write_status(full | !mask),
+            EGR => self.generate(value, shared),
+            CCMR1 | CCMR2 => self.write_modes(offset, full & 0xffff, shared),
+            CCER => self.write_enables(full & 0xffff, shared),
+            CNT => self.write_count(full & self.kind.most(), shared),
+            ARR => self.write_reload(full & self.kind.most(), shared),
+            CCR1..=CCR4 => {
+                let k = (offset - CCR1) as usize / 4;
+                self.channels[k].preload = full & self.kind.most();
+                self.load_immediate(k);
+            }
+            BDTR => self.write_break(full & 0xffff, shared),
+            DCR | DMAR | OR => {
+                *self.reg_mut(offset) = full;
+                if full != 0 {
+                    self.not_modelled("bursts of DMA, remapped inputs", shared);
+                }
+            }
+            _ => *self.reg_mut(offset) = full & 0xffff,
+        }
+    }
+
+    /// A compare value without preload counts at once.
+    fn load_immediate(&mut self, k: usize) {
+        if self.mode_bits(k) & 1 << 3 == 0 {
+            self.channels[k].compare = self.channels[k].preload;
+        }
+    }
+
+    fn write_cr1(&mut self, value: u32, shared: &mut Shared) {
+        let (old, now) = (self.reg(CR1), shared.now);
+        *self.reg_mut(CR1) = value;
+        let centred = value & CMS != 0;
+        if old & CEN != 0 && centred != self.counter.centred {
+            let text = "CMS: alignment changed while the counter is enabled";
+            self.note(finding::Kind::Forbidden, text, shared);
+        }
+        // In centre-aligned and encoder modes the direction is the counter's own.
+        let own = self.encoder().is_some() || self.counter.centred && centred;
+        let up = if own {
+            self.counter.up
+        } else {
+            value & DIR == 0
+        };
+        let reload = match value & ARPE {
+            0 => self.reg(ARR),
+            _ => self.counter.reload,
+        };
+        if (centred, up, reload) != (self.counter.centred, self.counter.up, self.counter.reload) {
+            self.counter.adapt(now, |counter| {
+                (counter.centred, counter.up, counter.reload) = (centred, up, reload);
+            });
+        }
+        self.judge_capture(shared);
+        if (value ^ old) & CEN == 0 {
+            return;
+        }
+        if value & CEN != 0 && self.encoder().is_none() {
+            // CNT_EN follows CEN by a clock.
+            let start = self.counter.edge(now) + self.counter.clock();
+            self.counter.stop(now);
+            if !self.frozen && !self.gated {
+                self.counter.start(start);
+            }
+            self.seen = start;
+        }
+        if self.master() == 1 {
+            self.trgo(value & CEN != 0, shared);
+        }
+    }
+
+    fn write_cr2(&mut self, value: u32, shared: &mut Shared) {
+        let kept = if self.lock() >= 1 { IDLES } else { 0 };
+        let old = self.reg(CR2);
+        self.judge_lock(value ^ old, kept, "OISx", shared);
+        *self.reg_mut(CR2) = merge(value, old, kept);
+        if value & (CCPC | TI1S) != 0 {
+            self.not_modelled("CCPC, TI1S", shared);
+        }
+        // A reference signal that is high already is an edge for who begins to look at it.
+        let level = |master: u32| master >= 4 && self.channels[master as usize - 4].reference;
+        let (was, is) = (level(old >> 4 & 7), level(self.master()));
+        if was != is {
+            self.trgo(is, shared);
+        }
+    }
+
+    fn write_slave(&mut self, value: u32, shared: &mut Shared) {
+        let now = shared.now;
+        *self.reg_mut(SMCR) = value;
+        if value & 7 > 3 || value & 1 << 14 != 0 {
+            self.not_modelled("slave modes but encoders, external clock", shared);
+        }
+        if self.encoder().is_some() {
+            self.counter.stop(now);
+            if self.reg(PSC) != 0 {
+                self.not_modelled("prescaler before an encoder", shared);
+            }
+        }
+    }
+
+    /// Written zeros clear; a break that lasts keeps its flag.
+    fn write_status(&mut self, value: u32) {
+        let keep = if self.is_broken() { BREAK } else { 0 };
+        *self.reg_mut(SR) &= value | keep;
+    }
+
+    fn generate(&mut self, value: u32, shared: &mut Shared) {
+        if value & UPDATE != 0 {
+            if self.master() == 0 {
+                self.pulse(shared);
+            }
+            if self.reg(CR1) & UDIS == 0 {
+                self.update(true, shared);
+            }
+            self.counter.clear(shared.now);
+            self.seen = shared.now.saturating_sub(1);
+        }
+        for k in 0..4 {
+            if value >> (k + 1) & 1 != 0 {
+                match self.is_output(k) {
+                    true => self.compare_flag(k, shared),
+                    false => self.not_modelled("input capture", shared),
+                }
+            }
+        }
+        *self.reg_mut(SR) |= value & TRIGGER;
+        if self.kind == super::Kind::Tim1 {
+            *self.reg_mut(SR) |= value & COMMUTATION;
+            if value & BREAK != 0 {
+                self.do_break(shared);
+            }
+        }
+    }
+
+    fn write_modes(&mut self, offset: u32, value: u32, shared: &mut Shared) {
+        let first = if offset == CCMR1 { 0 } else { 2 };
+        let old = self.reg(offset);
+        let mut kept = 0;
+        for k in 0..2 {
+            // OCxM and OCxPE of outputs at the highest level.
+            if self.lock() == 3 && old >> (8 * k) & 3 == 0 {
+                kept |= 0x78 << (8 * k);
+            }
+        }
+        self.judge_lock(value ^ old, kept, "OCxM, OCxPE", shared);
+        *self.reg_mut(offset) = merge(value, old, kept);
+        for k in first..first + 2 {
+            let bits = self.mode_bits(k);
+            if bits & 3 == 0 && bits & 0x80 != 0 {
+                self.not_modelled("OCxCE", shared);
+            }
+            self.load_immediate(k);
+            let mode = if bits & 3 == 0 {
+                Mode::of(bits >> 4)
+            } else {
+                Mode::Frozen
+            };
+            self.change_mode(k, mode, shared);
+        }
+        self.judge_capture(shared);
+    }
+
+    fn change_mode(&mut self, k: usize, mode: Mode, shared: &mut Shared) {
+        let before = std::mem::replace(&mut self.channels[k].mode, mode);
+        let count = self.counter.value(shared.now);
+        self.compare(k, count, shared);
+        let channel = &self.channels[k];
+        let reference = match mode {
+            Mode::ForceLow => Some(false),
+            Mode::ForceHigh => Some(true),
+            _ if before == Mode::Frozen => mode.pulse(channel.inside),
+            _ => None,
+        };
+        if let Some(reference) = reference {
+            self.refer(k, reference, shared);
+        }
+    }
+
+    fn write_enables(&mut self, value: u32, shared: &mut Shared) {
+        let old = self.reg(CCER);
+        let mut kept = 0;
+        for k in 0..4 {
+            if self.lock() >= 2 && self.is_output(k) {
+                kept |= 0xa << (4 * k);
+            }
+        }
+        self.judge_lock(value ^ old, kept, "CCxP, CCxNP", shared);
+        *self.reg_mut(CCER) = merge(value, old, kept);
+        self.judge_capture(shared);
+    }
+
+    /// Captures are not modelled.
+    fn judge_capture(&mut self, shared: &mut Shared) {
+        if self.reg(CR1) & CEN == 0 {
+            return;
+        }
+        for k in 0..4 {
+            let encodes = self.encoder().is_some() && k < 2;
+            if self.enables(k) & 1 != 0 && !self.is_output(k) && !encodes {
+                self.not_modelled("input capture", shared);
+            }
+        }
+    }
+
+    fn write_count(&mut self, value: u32, shared: &mut Shared) {
+        // The counter itself looks which way it goes from 0 and from the reload value.
+        self.counter.set(value, shared.now);
+        self.seen = shared.now;
+    }
+
+    fn write_reload(&mut self, value: u32, shared: &mut Shared) {
+        *self.reg_mut(ARR) = value;
+        if self.reg(CR1) & ARPE == 0 {
+            self.counter
+                .adapt(shared.now, |counter| counter.reload = value);
+            self.seen = shared.now;
+        }
+    }
+
+    /// LOCK level in force.
+    fn lock(&self) -> u32 {
+        if self.locked {
+            self.reg(BDTR) >> 8 & 3
+        } else {
+            0
+        }
+    }
+
+    fn judge_lock(&self, changed: u32, kept: u32, what: &str, shared: &mut Shared) {
+        if changed & kept != 0 {
+            let text = format!("{what} written while locked (LOCK)");
+            self.note(finding::Kind::Forbidden, &text, shared);
+        }
+    }
+
+    fn write_break(&mut self, value: u32, shared: &mut Shared) {
+        let old = self.reg(BDTR);
+        let mut kept = match self.lock() {
+            0 => 0,
+            1 => DTG | BKE | BKP | AOE,
+            _ => DTG | BKE | BKP | AOE | OSSR | OSSI,
+        };
+        if self.locked {
+            kept |= LOCK;
+        }
+        self.judge_lock(value ^ old, kept, "BDTR", shared);
+        self.locked = true;
+        let mut new = merge(value, old, kept);
+        *self.reg_mut(BDTR) = new;
+        if self.is_broken() {
+            new &= !MOE;
+            *self.reg_mut(BDTR) = new;
+            *self.reg_mut(SR) |= BREAK;
+        }
+        if (new ^ old) & MOE != 0 {
+            self.main_changed(shared);
+        }
+    }
+}
