@@ -23,10 +23,22 @@ pub(super) fn get(bytes: &[u8], at: usize, width: Width) -> u32 {
 
 /// Writes a value of little-endian bytes; what lies beyond is lost.
 pub(super) fn put(bytes: &mut [u8], at: usize, width: Width, value: u32) {
-    let value = value.to_le_bytes();
-    let length = width.bytes() as usize;
-    if let Some(place) = bytes.get_mut(at..at + length) {
-        place.copy_from_slice(&value[..length]);
+    match width {
+        Width::Byte => {
+            if let Some(place) = bytes.get_mut(at) {
+                *place = value as u8;
+            }
+        }
+        Width::Half => {
+            if let Some(place) = bytes.get_mut(at..at + 2) {
+                place.copy_from_slice(&(value as u16).to_le_bytes());
+            }
+        }
+        Width::Word => {
+            if let Some(place) = bytes.get_mut(at..at + 4) {
+                place.copy_from_slice(&value.to_le_bytes());
+            }
+        }
     }
 }
 
@@ -45,11 +57,23 @@ impl Chip {
             if gate.is_some_and(|(register, bit)| !self.units.rcc.is_enabled(register, bit)) {
                 continue;
             }
-            self.units.dma(controller).begin(stream);
-            if self.transfer(controller, stream) && request == Request::Adc1 {
+            if self.serve_by(controller, stream) && request == Request::Adc1 {
                 self.units.adc.block_ended();
             }
         }
+    }
+
+    /// Serves a request by a stream. Whether a block ended.
+    fn serve_by(&mut self, controller: dma::Controller, stream: usize) -> bool {
+        let Some((from, to, width)) = self.units.dma(controller).direct(stream) else {
+            self.units.dma(controller).begin(stream);
+            return self.transfer(controller, stream);
+        };
+        let value = self.dma_read(from, width);
+        let done = value.and_then(|value| self.dma_write(to, width, value));
+        let (units, shared) = (&mut self.units, &mut self.shared);
+        let dma = units.dma(controller);
+        dma.moved(stream, done.is_ok(), shared)
     }
 
     /// Makes a stream's accesses, and at the end of a block those that begin the next. Whether a block
@@ -266,6 +290,7 @@ impl Chip {
         loop {
             let (source, at) = self.shared.next();
             if at > cycle || self.reset.is_some() {
+                self.shared.take_sample_by(cycle);
                 self.shared.limit = at.min(until);
                 return at;
             }

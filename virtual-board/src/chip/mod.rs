@@ -150,6 +150,7 @@ pub struct Chip {
     flash: flash::Flash,
     sram: Vec<u8>,
     ccm: Vec<u8>,
+    inputs: Inputs,
     /// A reset that is due.
     reset: Option<Cause>,
     /// The supply is too low, and the chip held in reset: the lowest supply since.
@@ -173,6 +174,7 @@ impl Chip {
             flash: flash::Flash::default(),
             sram: vec![0; SRAM_LENGTH],
             ccm: vec![0; CCM_LENGTH],
+            inputs: Inputs::default(),
             reset: None,
             sagged: None,
             nmi: false,
@@ -193,7 +195,7 @@ impl Chip {
 
     /// What is around it.
     pub fn surroundings<T: Surroundings>(&mut self) -> Option<&mut T> {
-        let any: &mut dyn std::any::Any = &mut *self.shared.surroundings;
+        let any: &mut dyn std::any::Any = self.shared.world();
         any.downcast_mut()
     }
 
@@ -246,34 +248,37 @@ impl Chip {
     /// Looks anew when something around the chip changes; to be called after it was changed from
     /// outside.
     pub fn refresh(&mut self) {
-        let at = self.shared.surroundings.next();
+        let at = self.shared.world().next();
         let cycle = self.shared.base.cycle_of(at);
         self.shared.schedule(Source::Surroundings, cycle);
     }
 
     fn set_frequency(&mut self, hz: u64) {
         let now = self.shared.now;
+        self.shared.take_sample_by(now);
         self.shared.base.set_frequency(now, hz);
         self.shared.clocks.hclk_hz = hz;
     }
 
     /// Calls what is around the chip for what is due now.
     fn advance_surroundings(&mut self) {
-        let mut inputs = Inputs::default();
+        // Kept, so that nothing is allocated each time.
+        let mut inputs = std::mem::take(&mut self.inputs);
         let at = self.shared.time();
-        self.shared.surroundings.advance(at, &mut inputs);
-        for (pin, drive) in inputs.pins {
+        self.shared.world().advance(at, &mut inputs);
+        for (pin, drive) in inputs.pins.drain(..) {
             self.units.gpio.external(pin, drive, &mut self.shared);
         }
-        for byte in inputs.serial {
+        for byte in inputs.serial.drain(..) {
             self.units.usart3.receive(byte, &mut self.shared);
         }
-        if let Some(works) = inputs.crystal {
+        if let Some(works) = inputs.crystal.take() {
             self.units.rcc.crystal(works, &mut self.shared);
         }
-        if inputs.supply {
+        if std::mem::take(&mut inputs.supply) {
             self.supply(at);
         }
+        self.inputs = inputs;
         self.settle();
         self.refresh();
     }
@@ -294,7 +299,7 @@ impl Chip {
                 Effect::Level(pin, level) => self.level(pin, level),
                 Effect::Driven(pin, drive) => {
                     let at = shared.time();
-                    shared.surroundings.pin(pin, drive, at);
+                    shared.world().pin(pin, drive, at);
                     self.refresh();
                 }
                 Effect::Frequency(hz) => {

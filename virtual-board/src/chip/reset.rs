@@ -54,7 +54,9 @@ impl Chip {
         for line in 0..16 {
             units.exti.begin(line, units.gpio.level(Pin::of(0, line)));
         }
-        shared.volts = shared.surroundings.supply(shared.time());
+        let at = shared.time();
+        shared.cancel_sample();
+        shared.volts = shared.world().supply(at);
         let low = pwr::holds(shared.volts, self.flash.brown_out(), power_on);
         self.sagged = low.then_some(shared.volts);
         (self.reset, self.nmi) = (None, false);
@@ -93,7 +95,7 @@ impl Chip {
 
     /// The supply has changed.
     pub(super) fn supply(&mut self, at: Time) {
-        let volts = self.shared.surroundings.supply(at);
+        let volts = self.shared.world().supply(at);
         let before = std::mem::replace(&mut self.shared.volts, volts);
         if pwr::is_remembered(before) && !pwr::is_remembered(volts) {
             self.scramble();

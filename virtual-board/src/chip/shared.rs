@@ -161,6 +161,15 @@ impl Clocks {
     };
 }
 
+/// A voltage that the converter takes at an instant.
+#[derive(Clone, Copy, Debug)]
+struct Sample {
+    pin: Pin,
+    at: Cycles,
+    /// Once it was taken.
+    volts: Option<f64>,
+}
+
 /// What all peripherals share.
 pub(crate) struct Shared {
     /// The moment of the access or event.
@@ -177,8 +186,8 @@ pub(crate) struct Shared {
     pub limit: Cycles,
     /// What was found.
     pub findings: Findings,
-    /// What is around the chip.
-    pub surroundings: Box<dyn Surroundings>,
+    surroundings: Box<dyn Surroundings>,
+    sample: Option<Sample>,
     /// What differs from one chip to the next.
     pub part: Part,
     /// Supply of the chip, V.
@@ -203,6 +212,7 @@ impl Shared {
             limit: 0,
             findings: Findings::default(),
             surroundings,
+            sample: None,
             part: Part::default(),
             volts: 3.3,
             bus_error: false,
@@ -221,6 +231,52 @@ impl Shared {
     #[cfg(test)]
     pub fn after(&self, span: Time) -> Cycles {
         self.base.cycle_of(self.time() + span)
+    }
+
+    /// What is around the chip, which is called in the order of time: a voltage that was to be taken
+    /// before now is taken first.
+    pub fn world(&mut self) -> &mut dyn Surroundings {
+        if self.sample.is_some_and(|sample| sample.at < self.now) {
+            self.take_sample();
+        }
+        &mut *self.surroundings
+    }
+
+    #[cfg(test)]
+    pub fn replace_world(&mut self, surroundings: Box<dyn Surroundings>) {
+        self.surroundings = surroundings;
+    }
+
+    /// A voltage is to be taken at an instant to come: not by an event of its own, but before the
+    /// surroundings hear of anything later.
+    pub fn sample(&mut self, pin: Pin, at: Cycles) {
+        self.sample = Some(Sample {
+            pin,
+            at,
+            volts: None,
+        });
+    }
+
+    /// No voltage is to be taken.
+    pub fn cancel_sample(&mut self) {
+        self.sample = None;
+    }
+
+    /// The voltage that was to be taken, whose instant has come.
+    pub fn take_sample(&mut self) -> Option<f64> {
+        let sample = self.sample.as_mut()?;
+        if sample.volts.is_none() {
+            let at = self.base.time_of(sample.at);
+            sample.volts = Some(self.surroundings.voltage(sample.pin, at));
+        }
+        sample.volts
+    }
+
+    /// Takes the voltage that was to be taken by a cycle.
+    pub fn take_sample_by(&mut self, cycle: Cycles) {
+        if self.sample.is_some_and(|sample| sample.at <= cycle) {
+            self.take_sample();
+        }
     }
 
     /// Notes what the program does wrong, at the present instruction.

@@ -158,7 +158,7 @@ impl Spi {
         if self.mode != Some(mode) {
             self.mode = Some(mode);
             let at = shared.time();
-            shared.surroundings.spi_mode(mode, at);
+            shared.world().spi_mode(mode, at);
             for signal in [Signal::Spi1Sck, Signal::Spi1Miso, Signal::Spi1Mosi] {
                 shared.effect(Effect::Uses(signal));
             }
@@ -234,7 +234,7 @@ impl Spi {
         let bits = self.bits();
         let mask = if bits == 8 { 0xff } else { 0xffff };
         let end = shared.base.time_of(shift.end);
-        let word = shared.surroundings.spi(shift.word & mask, bits, end) & mask;
+        let word = shared.world().spi(shift.word & mask, bits, end) & mask;
         if self.sr & RXNE != 0 {
             self.sr |= OVR;
             self.overrun_read = false;
@@ -423,7 +423,7 @@ mod tests {
         }
 
         fn mirror(&mut self) -> &mut Mirror {
-            let any: &mut dyn std::any::Any = &mut *self.shared.surroundings;
+            let any: &mut dyn std::any::Any = self.shared.world();
             any.downcast_mut().expect("a mirror")
         }
 

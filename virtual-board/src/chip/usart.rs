@@ -318,7 +318,7 @@ impl Peripheral for Usart {
             self.shift = None;
             if let Some(byte) = byte {
                 let at = shared.time();
-                shared.surroundings.serial(byte, at);
+                shared.world().serial(byte, at);
             }
             if self.waiting.is_none() && byte.is_some() {
                 self.sr |= TC;
@@ -417,7 +417,7 @@ mod tests {
 
         fn sent(&mut self) -> Vec<(u8, Cycles)> {
             let base = self.shared.base;
-            let any: &mut dyn std::any::Any = &mut *self.shared.surroundings;
+            let any: &mut dyn std::any::Any = self.shared.world();
             let line: &mut Line = any.downcast_mut().expect("a line");
             let bytes = line.bytes.drain(..);
             bytes.map(|(byte, at)| (byte, base.cycle_of(at))).collect()

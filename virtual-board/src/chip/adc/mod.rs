@@ -74,8 +74,8 @@ struct Group {
 struct Conversion {
     injected: bool,
     channel: u32,
-    /// The result, once sampling has ended.
-    result: Option<u32>,
+    /// When sampling ends.
+    sampled: Cycles,
 }
 
 /// The converter.
@@ -98,8 +98,8 @@ pub(crate) struct Adc {
     stable: Time,
     /// Channels whose pin was looked at since the converter was switched on.
     checked: u32,
-    /// What the clock left of an event, while it is off.
-    gated: Option<Cycles>,
+    /// What is left of a conversion and of its sampling, while the clock is off.
+    gated: Option<[Cycles; 2]>,
     noise: Noise,
     /// When the injected group was started last.
     started: Cycles,
@@ -135,7 +135,7 @@ impl Default for Adc {
 impl Adc {
     /// After a reset of the converter: what is soldered and what its silicon has stays.
     pub fn reset(&mut self) {
-        let gated = self.gated.map(|_| NEVER);
+        let gated = self.gated.map(|_| [0; 2]);
         *self = Self {
             noise: self.noise.clone(),
             counts: self.counts,
@@ -167,22 +167,39 @@ impl Adc {
     /// The converter's clock is switched off or on.
     pub fn gate(&mut self, off: bool, shared: &mut Shared) {
         match (off, self.gated) {
-            (true, None) => {
-                let due = shared.due(Source::Adc);
-                let left = if due == NEVER {
-                    NEVER
-                } else {
-                    due - shared.now
-                };
-                self.gated = Some(left);
-                shared.schedule(Source::Adc, NEVER);
-            }
+            (true, None) => self.gated = Some(self.left(shared)),
             (false, Some(left)) => {
                 self.gated = None;
-                shared.schedule(Source::Adc, left.saturating_add(shared.now));
+                self.go_on(left, shared);
             }
             _ => {}
         }
+    }
+
+    /// Stops the conversion; gives what is left of it and of its sampling.
+    fn left(&self, shared: &mut Shared) -> [Cycles; 2] {
+        let (now, due) = (shared.now, shared.due(Source::Adc));
+        let sampled = self.conversion.map_or(0, |c| c.sampled);
+        shared.schedule(Source::Adc, NEVER);
+        if sampled > now {
+            shared.cancel_sample();
+        }
+        [due, sampled].map(|at| at.saturating_sub(now))
+    }
+
+    /// Lets the conversion go on of which this is left.
+    fn go_on(&mut self, [end, sampled]: [Cycles; 2], shared: &mut Shared) {
+        let now = shared.now;
+        let Some(conversion) = &mut self.conversion else {
+            return;
+        };
+        if sampled > 0 {
+            conversion.sampled = now + sampled;
+            if let Some(pin) = pin(conversion.channel) {
+                shared.sample(pin, now + sampled);
+            }
+        }
+        shared.schedule(Source::Adc, now + end);
     }
 
     fn reg(&self, offset: u32) -> u32 {
@@ -341,14 +358,18 @@ impl Adc {
             }
         };
         let channel = self.channel(injected, place);
+        self.clock = self.clock(shared);
+        let sampled = shared.now + wait + self.sampling(channel) * self.clock;
         self.conversion = Some(Conversion {
             injected,
             channel,
-            result: None,
+            sampled,
         });
-        self.clock = self.clock(shared);
-        let at = shared.now + wait + self.sampling(channel) * self.clock;
-        shared.schedule(Source::Adc, at);
+        match pin(channel) {
+            Some(pin) => shared.sample(pin, sampled),
+            None => shared.cancel_sample(),
+        }
+        shared.schedule(Source::Adc, sampled + self.converting() * self.clock);
     }
 
     /// The voltage of a channel inside the chip.
@@ -375,7 +396,7 @@ impl Adc {
         volts
     }
 
-    /// The result of twelve bits for a channel's voltage now.
+    /// The result of twelve bits for a channel's voltage where its sampling ended.
     fn convert(&mut self, channel: u32, shared: &mut Shared) -> u32 {
         let volts = match pin(channel) {
             Some(pin) => {
@@ -383,8 +404,7 @@ impl Adc {
                     self.checked |= 1 << channel;
                     shared.effect(Effect::Sampled(pin));
                 }
-                let at = shared.time();
-                shared.surroundings.voltage(pin, at)
+                shared.take_sample().unwrap_or_default()
             }
             None => self.inside(channel, shared),
         };
@@ -512,6 +532,7 @@ impl Adc {
             }
             (self.regular, self.injected) = (Group::default(), Group::default());
             self.conversion = None;
+            shared.cancel_sample();
             shared.schedule(Source::Adc, NEVER);
         } else if old & ADON == 0 {
             self.stable = shared.time() + STABILISATION;
@@ -547,8 +568,9 @@ impl Adc {
     }
 
     fn write_sampling(&mut self, offset: u32, value: u32, shared: &mut Shared) {
-        let channel = self.conversion.filter(|c| c.result.is_none());
-        if let Some(Conversion { channel, .. }) = channel {
+        let now = shared.now;
+        let sampling = self.conversion.filter(|c| now < c.sampled);
+        if let Some(Conversion { channel, .. }) = sampling {
             let before = self.sampling(channel);
             self.plain[offset as usize / 4] = value;
             if self.sampling(channel) != before {
@@ -625,25 +647,12 @@ impl Peripheral for Adc {
     }
 
     fn event(&mut self, _source: Source, shared: &mut Shared) {
-        let Some(conversion) = &self.conversion else {
+        let Some(conversion) = self.conversion else {
             return;
         };
-        let Conversion {
-            injected,
-            channel,
-            result,
-        } = *conversion;
-        let Some(count) = result else {
-            let count = self.convert(channel, shared);
-            let count = transfer::resolve(count, self.resolution());
-            self.conversion = Some(Conversion {
-                injected,
-                channel,
-                result: Some(count),
-            });
-            let at = shared.now + self.converting() * self.clock;
-            return shared.schedule(Source::Adc, at);
-        };
+        let (injected, channel) = (conversion.injected, conversion.channel);
+        let count = self.convert(channel, shared);
+        let count = transfer::resolve(count, self.resolution());
         self.watch(injected, channel, count);
         match injected {
             true => self.injected_done(count),
@@ -654,12 +663,11 @@ impl Peripheral for Adc {
     }
 
     fn clocks_changed(&mut self, _old: &Timebase, shared: &mut Shared) {
-        let (now, clock) = (shared.now, self.clock(shared));
-        let due = shared.due(Source::Adc);
-        if self.conversion.is_some() && due != NEVER && clock != self.clock {
-            let left = due.saturating_sub(now) / self.clock * clock;
+        let clock = self.clock(shared);
+        if self.conversion.is_some() && self.gated.is_none() && clock != self.clock {
+            let left = self.left(shared).map(|left| left / self.clock * clock);
             self.clock = clock;
-            shared.schedule(Source::Adc, now + left);
+            self.go_on(left, shared);
         }
     }
 }

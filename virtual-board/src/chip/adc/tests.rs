@@ -156,7 +156,7 @@ fn the_voltage_counts_where_sampling_ends() {
         }
     }
     let mut bench = Bench::new(SCANNED, STREAMED);
-    bench.shared.surroundings = Box::new(Ramp);
+    bench.shared.replace_world(Box::new(Ramp));
     bench.trigger().pass(2000);
     assert_eq!(bench.data, [1000 + 4 + 30, 1000 + 4 + 84]);
 }

@@ -19,6 +19,7 @@ use super::Peripheral;
 use super::interrupt::Interrupt;
 use super::register::{Register, word};
 use super::shared::{Request, Shared, Source};
+use crate::core::Width;
 use crate::finding::Kind;
 pub(crate) use stream::Step;
 use stream::*;
@@ -100,6 +101,22 @@ impl Dma {
         self.listeners[request as usize]
     }
 
+    /// How a stream without FIFO serves a request of a peripheral towards memory: from where, to where.
+    pub fn direct(&self, stream: usize) -> Option<(u32, u32, Width)> {
+        self.streams[stream].direct()
+    }
+
+    /// An item went that way, or met a bus error. Whether a block ended.
+    pub fn moved(&mut self, stream: usize, done: bool, shared: &mut Shared) -> bool {
+        if !done {
+            let (from, _, width) = self.direct(stream).unwrap_or((0, 0, Width::Byte));
+            self.done(stream, Step::Read(from, width), None, shared);
+        } else {
+            self.streams[stream].moved();
+        }
+        self.end(stream, shared)
+    }
+
     /// A peripheral asks a stream for a transfer: its steps are then to be made.
     pub fn begin(&mut self, stream: usize) {
         self.streams[stream].ask();
@@ -131,7 +148,9 @@ impl Dma {
         if ended {
             self.listen();
         }
-        self.line(stream, shared);
+        if self.streams[stream].flags != 0 {
+            self.line(stream, shared);
+        }
         ended
     }
 

@@ -192,6 +192,26 @@ impl Stream {
         self.level += width.bytes();
     }
 
+    /// The accesses that serve a request of a stream without FIFO towards memory: from where, to where.
+    /// Both are then to be made, and [`Self::moved`] is to be called.
+    pub fn direct(&self) -> Option<(u32, u32, Width)> {
+        let direct = self.is_direct() && !self.goes_out() && self.ndtr > 0;
+        let width = self.peripheral_width();
+        direct.then(|| {
+            (
+                self.place(Side::Peripheral),
+                self.place(Side::Memory),
+                width,
+            )
+        })
+    }
+
+    /// An item went to memory without FIFO.
+    pub fn moved(&mut self) {
+        self.count_item();
+        self.count_memory(self.peripheral_width());
+    }
+
     /// The next access, if there is one to be made.
     pub fn step(&mut self) -> Option<Step> {
         let (goes_out, peripheral) = (self.goes_out(), self.peripheral_width());
@@ -234,9 +254,7 @@ impl Stream {
             Some(Side::Peripheral) => self.peripheral_done(value),
             Some(Side::Memory) => {
                 let width = self.memory_width();
-                if self.cr & MINC != 0 {
-                    self.along[1] += width.bytes();
-                }
+                self.count_memory(width);
                 if self.goes_out() {
                     self.unread = self.unread.saturating_sub(width.bytes());
                     self.push(value, width);
@@ -246,9 +264,15 @@ impl Stream {
         }
     }
 
-    fn peripheral_done(&mut self, value: u32) {
-        let width = self.peripheral_width();
-        self.wanted = false;
+    /// The address of memory goes on.
+    fn count_memory(&mut self, width: Width) {
+        if self.cr & MINC != 0 {
+            self.along[1] += width.bytes();
+        }
+    }
+
+    /// An item has come from or gone to the peripheral.
+    fn count_item(&mut self) {
         self.ndtr -= 1;
         if self.ndtr == self.block / 2 {
             self.flags |= HTIF;
@@ -257,9 +281,15 @@ impl Stream {
             self.along[0] += if self.cr & PINCOS != 0 {
                 4
             } else {
-                width.bytes()
+                self.peripheral_width().bytes()
             };
         }
+    }
+
+    fn peripheral_done(&mut self, value: u32) {
+        let width = self.peripheral_width();
+        self.wanted = false;
+        self.count_item();
         let ends = self.ndtr == 0;
         if self.goes_out() {
             self.moving = self.level <= self.threshold() || self.is_direct();

@@ -69,7 +69,9 @@ impl Bench {
                     Step::Read(PERIPHERAL, _) => {
                         self.given += 1;
                         // Bytes that tell which they are.
-                        (0..4).fold(0, |value, k| value | (4 * self.given + k & 0xff) << (8 * k))
+                        (0..4).fold(0, |value, k| {
+                            value | ((4 * self.given + k) & 0xff) << (8 * k)
+                        })
                     }
                     Step::Read(place, _) => place & 0xffff,
                     Step::Write(..) => 0,

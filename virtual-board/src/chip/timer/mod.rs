@@ -77,6 +77,8 @@ pub(crate) struct Timer {
     needs: Needs,
     inputs: [Input; 4],
     break_level: bool,
+    /// Whether a filter or a dead time may be running.
+    timed: bool,
     /// LOCK was written, and is the same until a reset.
     locked: bool,
     /// The core is halted and DBGMCU stops the timer then, or its clock is off.
@@ -99,6 +101,7 @@ impl Timer {
             needs: Needs::default(),
             inputs: [Input::default(); 4],
             break_level: false,
+            timed: false,
             locked: false,
             frozen: false,
             gated: false,
@@ -210,9 +213,18 @@ impl Timer {
         self.seen = self.seen.max(now);
     }
 
+    /// Channels whose compare value changes nothing more when it is met, a bit each: their flag is up, and
+    /// their output stands still.
+    fn idle(&self) -> u32 {
+        let up = self.reg(SR) >> 1 & !self.needs.channels;
+        let still = |k: &usize| !self.channels[*k].mode.follows_counter();
+        (0..4).filter(still).fold(0, |idle, k| idle | up & 1 << k)
+    }
+
     /// Compare values that the counter met up to `last` on this leg.
     fn meet(&mut self, last: Cycles, shared: &mut Shared) {
-        for k in 0..4 {
+        let idle = self.idle();
+        for k in (0..4).filter(|k| idle >> k & 1 == 0) {
             let met = self.counter.meets(self.channels[k].compare);
             if met.is_some_and(|at| at > self.seen && at <= last) {
                 self.matched(k, shared);
@@ -311,6 +323,7 @@ impl Timer {
         *held = [None; 2];
         if both && wait > 0 {
             held[side] = Some(shared.now + wait);
+            self.timed = true;
         }
     }
 
@@ -479,7 +492,7 @@ impl Timer {
     }
 
     /// Puts on the schedule what is next.
-    fn plan(&self, shared: &mut Shared) {
+    fn plan(&mut self, shared: &mut Shared) {
         let mut next = NEVER;
         if self.needs.update
             && let Some(end) = self.counter.end()
@@ -494,15 +507,31 @@ impl Timer {
                 }
             }
         }
-        for input in &self.inputs {
-            next = next.min(input.due.unwrap_or(NEVER));
-        }
-        for channel in &self.channels {
-            for held in channel.held.into_iter().flatten() {
-                next = next.min(held);
-            }
+        if self.timed {
+            let filters = self.inputs.iter().filter_map(|input| input.due);
+            let dead_times = self.channels.iter().flat_map(|channel| channel.held);
+            let first = filters.chain(dead_times.flatten()).min();
+            self.timed = first.is_some();
+            next = next.min(first.unwrap_or(NEVER));
         }
         shared.schedule(self.kind.source(), next);
+    }
+
+    /// Filters and dead times that have run by now.
+    fn end_times(&mut self, now: Cycles, shared: &mut Shared) {
+        for which in 0..2 {
+            let input = &mut self.inputs[which];
+            if input.due.is_some_and(|due| due <= now) && input.pass() {
+                self.encoder_edge(which, shared);
+            }
+        }
+        for k in 0..4 {
+            let held = &mut self.channels[k].held;
+            if held.iter().flatten().any(|&until| until <= now) {
+                *held = held.map(|until| until.filter(|&until| until > now));
+                self.drive(k, shared);
+            }
+        }
     }
 
     /// Everything that follows from the registers, after one was written.
@@ -550,6 +579,7 @@ impl Timer {
         if self.inputs[which].change(level, filter, shared.now) {
             self.encoder_edge(which, shared);
         }
+        self.timed = true;
         self.plan(shared);
     }
 
@@ -583,8 +613,8 @@ impl Timer {
             if self.channels[k].compare == next {
                 self.matched(k, shared);
             }
+            self.compare(k, next, shared);
         }
-        self.compare_all(shared);
     }
 }
 
@@ -616,18 +646,8 @@ impl Peripheral for Timer {
     fn event(&mut self, _source: Source, shared: &mut Shared) {
         let now = shared.now;
         self.sync(shared);
-        for which in 0..2 {
-            let input = &mut self.inputs[which];
-            if input.due.is_some_and(|due| due <= now) && input.pass() {
-                self.encoder_edge(which, shared);
-            }
-        }
-        for k in 0..4 {
-            let held = &mut self.channels[k].held;
-            if held.iter().flatten().any(|&until| until <= now) {
-                *held = held.map(|until| until.filter(|&until| until > now));
-                self.drive(k, shared);
-            }
+        if self.timed {
+            self.end_times(now, shared);
         }
         self.plan(shared);
     }
