@@ -163,7 +163,7 @@ impl Core {
             }
             self.cycles += u64::from(insn.cycles);
             count += 1;
-            match self.execute(system, &insn, pc) {
+            match self.execute(system, insn, pc) {
                 Ok(next) => {
                     if PROBE {
                         self.account(pc, before);
