@@ -18,13 +18,12 @@ impl Core {
 
     /// May floating point be used, and is its unit free.
     #[inline(always)]
-    pub(super) fn begin_fp<S: System>(&mut self, system: &mut S) -> Result<(), Trap> {
+    pub(super) fn begin_fp<S: System>(&mut self, system: &mut S, insn: Insn) -> Result<(), Trap> {
         if !self.fp_ready {
             self.prepare_fp(system)?;
         }
-        if self.cycles < self.fp_busy {
-            self.cycles = self.fp_busy;
-        }
+        // The instruction's own cycles are counted already.
+        self.cycles = self.cycles.max(self.fp_busy + u64::from(insn.cycles));
         Ok(())
     }
 
@@ -36,7 +35,7 @@ impl Core {
         insn: Insn,
         operation: impl Fn(u32, u32, &mut u32) -> u32,
     ) -> Result<(), Trap> {
-        self.begin_fp(system)?;
+        self.begin_fp(system, insn)?;
         let (n, m) = (self.single_reg(insn.n()), self.single_reg(insn.m()));
         let value = operation(n, m, &mut self.fpscr);
         self.set_single_reg(insn.d(), value);
@@ -51,7 +50,7 @@ impl Core {
         insn: Insn,
         operation: impl Fn(u32, u32, u32, &mut u32) -> u32,
     ) -> Result<(), Trap> {
-        self.begin_fp(system)?;
+        self.begin_fp(system, insn)?;
         let (n, m) = (self.single_reg(insn.n()), self.single_reg(insn.m()));
         let value = operation(self.single_reg(insn.d()), n, m, &mut self.fpscr);
         self.set_single_reg(insn.d(), value);
@@ -100,7 +99,7 @@ impl Core {
         insn: Insn,
         operation: impl Fn(u32) -> u32,
     ) -> Result<(), Trap> {
-        self.begin_fp(system)?;
+        self.begin_fp(system, insn)?;
         self.set_single_reg(insn.d(), operation(self.single_reg(insn.m())));
         Ok(())
     }
@@ -110,7 +109,7 @@ impl Core {
         system: &mut S,
         insn: Insn,
     ) -> Result<(), Trap> {
-        self.begin_fp(system)?;
+        self.begin_fp(system, insn)?;
         self.set(insn.d(), self.single_reg(insn.n()));
         Ok(())
     }
@@ -120,7 +119,7 @@ impl Core {
         system: &mut S,
         insn: Insn,
     ) -> Result<(), Trap> {
-        self.begin_fp(system)?;
+        self.begin_fp(system, insn)?;
         self.set_single_reg(insn.n(), self.reg(insn.d()));
         Ok(())
     }
@@ -146,7 +145,7 @@ impl Core {
         insn: Insn,
         pc: u32,
     ) -> Result<(), Trap> {
-        self.begin_fp(system)?;
+        self.begin_fp(system, insn)?;
         let address = self.single_address(insn)?;
         let value = self.load(system, address, Width::Word, pc)?;
         self.set_single_reg(insn.d(), value);
@@ -160,7 +159,7 @@ impl Core {
         insn: Insn,
         pc: u32,
     ) -> Result<(), Trap> {
-        self.begin_fp(system)?;
+        self.begin_fp(system, insn)?;
         let address = self.single_address(insn)?;
         let value = self.single_reg(insn.d());
         self.store(system, address, Width::Word, value, pc)
@@ -174,7 +173,7 @@ impl Core {
         op: Float,
         pc: u32,
     ) -> Result<(), Trap> {
-        self.begin_fp(system)?;
+        self.begin_fp(system, insn)?;
         let (d, n, m) = (
             self.single_reg(insn.d()),
             self.single_reg(insn.n()),

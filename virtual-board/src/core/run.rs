@@ -72,6 +72,7 @@ impl Core {
     /// Lets the chip do what is due and looks at what it did; gives when the next thing is due.
     fn look_up<S: System>(&mut self, system: &mut S, until: Cycles) -> Cycles {
         self.attend = false;
+        self.until = until;
         if self.systick.advance(self.cycles) {
             self.nvic.pend(number::SYSTICK, self.cycles);
         }
