@@ -168,7 +168,7 @@ class Lockstep:
         self.instructions = 0
         self.compared = collections.Counter()
         self.different = collections.Counter()
-        self.shown = 0
+        self.shown = self.repeated = 0
         self.most_shown, self.verbose = most_shown, verbose
 
     def place(self, length):
@@ -194,12 +194,16 @@ class Lockstep:
         ours, theirs = self.both(address, code + generate.NOP, data, address + len(code), cases)
         for one, other, case in zip(ours, theirs, cases):
             self.instructions += one[1]
-            if differences(one, other):
-                self.cut(address, units, data, case)
+            texts = differences(one, other)
+            if texts and self.prefix(address, units, data, case)[0]:
+                self.cut(address, units, data, case, texts)
+            elif texts:
+                # Unicorn ran something that it had translated before; anew, it agrees.
+                self.repeated += 1
         for unit in units:
             self.compared[unit.name] += len(cases)
 
-    def cut(self, address, units, data, case):
+    def cut(self, address, units, data, case, whole):
         """Finds the first unit after which there is a difference."""
         low, high = 0, len(units)
         while high - low > 1:
@@ -210,7 +214,7 @@ class Lockstep:
                 low = middle
         texts, before = self.prefix(address, units[:high], data, case)
         if not texts:
-            texts, before = ["not repeatable"], case
+            texts, before = ["not repeatable: " + "; ".join(whole)], case
         self.show(units[high - 1], texts, self.prefix(address, units[: high - 1], data, case)[1])
 
     def prefix(self, address, units, data, case):
@@ -299,6 +303,8 @@ def main():
         )
         for code in never[: arguments.show]:
             print(f"  {code.hex(' ', 2)}")
+    if lockstep.repeated:
+        print(f"{lockstep.repeated} blocks were equal only after Unicorn had translated them anew")
     wrong = sum(lockstep.different.values())
     print(f"{lockstep.instructions} instructions compared, {wrong} differences")
     for name, count in lockstep.different.most_common():

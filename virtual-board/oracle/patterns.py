@@ -326,11 +326,12 @@ TO_NEAREST = [
 
 
 def _float_pair(f):
-    return not (f["j"] == 15 and f.get("g"))
+    """Two singles, of which the second exists, to or from two different registers."""
+    return not (f["j"] == 15 and f["g"]) and f["h"] != f["l"]
 
 
 FLOAT = [
-    (name, pattern, _float_pair if name.startswith("VMOV two from") else accept)
+    (name, pattern, _float_pair if name.startswith("VMOV two") else accept)
     for name, pattern, accept in FLOAT
 ]
 

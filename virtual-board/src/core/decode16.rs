@@ -2,28 +2,27 @@
 
 use super::instruction::{Alu, Dsp, Insn, Mode, Op, Shift, Size, Special, Test};
 
-/// Branches by condition.
-const CONDITIONAL: [Op; 14] = [
-    Op::Beq,
-    Op::Bne,
-    Op::Bcs,
-    Op::Bcc,
-    Op::Bmi,
-    Op::Bpl,
-    Op::Bvs,
-    Op::Bvc,
-    Op::Bhi,
-    Op::Bls,
-    Op::Bge,
-    Op::Blt,
-    Op::Bgt,
-    Op::Ble,
+/// Branches by condition; every second inverts the one before.
+const CONDITIONAL: [Op; 7] = [
+    Op::BranchZero,
+    Op::BranchCarry,
+    Op::BranchNegative,
+    Op::BranchOverflow,
+    Op::BranchHigher,
+    Op::BranchGreaterEqual,
+    Op::BranchGreater,
 ];
+
+/// Bit of `x` that inverts the condition of a branch.
+pub(super) const INVERT: u32 = 0x80;
 
 /// A branch by condition; 14 is always.
 pub(super) fn branch(condition: u32, target: u32) -> Insn {
-    let op = CONDITIONAL.get(condition as usize).copied();
-    Insn::new(op.unwrap_or(Op::B)).imm(target)
+    let insn = match CONDITIONAL.get(condition as usize / 2) {
+        Some(&op) => Insn::new(op).with_x((condition & 1) * INVERT),
+        None => Insn::new(Op::B),
+    };
+    insn.with_imm(target)
 }
 
 /// The low `bits` of a value as a signed number.
@@ -43,7 +42,7 @@ pub(super) fn decode(pc: u32, h: u32) -> Insn {
         4 if h >> 10 == 0b01_0001 => high_registers(pc, h),
         4 => {
             let address = (pc.wrapping_add(4) & !3).wrapping_add((h & 0xff) << 2);
-            Insn::regs(Op::LdrLit, h >> 8 & 7, 15, 0).imm(address)
+            Insn::regs(Op::LdrLit, h >> 8 & 7, 15, 0).with_imm(address)
         }
         5 => register_offset(h),
         6..=8 => immediate_offset(h),
@@ -53,22 +52,22 @@ pub(super) fn decode(pc: u32, h: u32) -> Insn {
             } else {
                 Op::StrImm
             };
-            Insn::regs(op, h >> 8 & 7, 13, 0).imm((h & 0xff) << 2)
+            Insn::regs(op, h >> 8 & 7, 13, 0).with_imm((h & 0xff) << 2)
         }
         10 => {
             let (d, imm) = (h >> 8 & 7, (h & 0xff) << 2);
             if h & 0x800 != 0 {
-                Insn::regs(Op::AddImm, d, 13, 0).imm(imm)
+                Insn::regs(Op::AddImm, d, 13, 0).with_imm(imm)
             } else {
                 let address = (pc.wrapping_add(4) & !3).wrapping_add(imm);
-                Insn::regs(Op::MovImm, d, 0, 0).imm(address)
+                Insn::regs(Op::MovImm, d, 0, 0).with_imm(address)
             }
         }
         11 => miscellaneous(pc, h),
         12 => multiple(h),
         13 => match h >> 8 & 15 {
             14 => UNDEFINED,
-            15 => Insn::new(Op::Special(Special::Svc)).imm(h & 0xff),
+            15 => Insn::new(Op::Special(Special::Svc)).with_imm(h & 0xff),
             condition => branch(
                 condition,
                 pc.wrapping_add(4).wrapping_add(signed(h & 0xff, 8) << 1),
@@ -87,14 +86,14 @@ fn shift_add(h: u32) -> Insn {
     let whole = if amount == 0 { 32 } else { amount };
     match h >> 11 & 3 {
         0 if amount == 0 => Insn::regs(Op::MovRegS, d, 0, n),
-        0 => Insn::regs(Op::LslImmS, d, 0, n).imm(amount),
-        1 => Insn::regs(Op::LsrImmS, d, 0, n).imm(whole),
-        2 => Insn::regs(Op::AsrImmS, d, 0, n).imm(whole),
+        0 => Insn::regs(Op::LslImmS, d, 0, n).with_imm(amount),
+        1 => Insn::regs(Op::LsrImmS, d, 0, n).with_imm(whole),
+        2 => Insn::regs(Op::AsrImmS, d, 0, n).with_imm(whole),
         _ => match h >> 9 & 3 {
             0 => Insn::regs(Op::AddRegS, d, n, m),
             1 => Insn::regs(Op::SubRegS, d, n, m),
-            2 => Insn::regs(Op::AddImmS, d, n, 0).imm(m),
-            _ => Insn::regs(Op::SubImmS, d, n, 0).imm(m),
+            2 => Insn::regs(Op::AddImmS, d, n, 0).with_imm(m),
+            _ => Insn::regs(Op::SubImmS, d, n, 0).with_imm(m),
         },
     }
 }
@@ -107,7 +106,7 @@ fn immediate(h: u32) -> Insn {
         2 => Op::AddImmS,
         _ => Op::SubImmS,
     };
-    Insn::regs(op, d, d, 0).imm(imm)
+    Insn::regs(op, d, d, 0).with_imm(imm)
 }
 
 fn data_processing(h: u32) -> Insn {
@@ -140,20 +139,20 @@ fn high_registers(pc: u32, h: u32) -> Insn {
     match h >> 8 & 3 {
         0 => match (d, m) {
             (15, 15) => UNPREDICTABLE,
-            (15, _) => Insn::regs(Op::AddPc, 15, 15, m).imm(here),
-            (13, 15) => Insn::regs(Op::SpImm, 13, 13, 0).imm(here),
+            (15, _) => Insn::regs(Op::AddPc, 15, 15, m).with_imm(here),
+            (13, 15) => Insn::regs(Op::SpImm, 13, 13, 0).with_imm(here),
             (13, _) => Insn::regs(Op::SpShift(Alu::Add), 13, 13, m),
-            (_, 15) => Insn::regs(Op::AddImm, d, d, 0).imm(here),
+            (_, 15) => Insn::regs(Op::AddImm, d, d, 0).with_imm(here),
             _ => Insn::regs(Op::AddReg, d, d, m),
         },
         1 if d == 15 || m == 15 || (d < 8 && m < 8) => UNPREDICTABLE,
         1 => Insn::regs(Op::CmpReg, 0, d, m),
         2 => match (d, m) {
-            (15, 15) => Insn::new(Op::B).imm(here),
+            (15, 15) => Insn::new(Op::B).with_imm(here),
             (15, _) => Insn::regs(Op::MovPc, 15, 0, m),
             (13, 15) => UNPREDICTABLE,
             (13, _) => Insn::regs(Op::SpMov, 13, 0, m),
-            (_, 15) => Insn::regs(Op::MovImm, d, 0, 0).imm(here),
+            (_, 15) => Insn::regs(Op::MovImm, d, 0, 0).with_imm(here),
             _ => Insn::regs(Op::MovReg, d, 0, m),
         },
         _ if h & 7 != 0 => UNPREDICTABLE,
@@ -189,7 +188,7 @@ fn immediate_offset(h: u32) -> Insn {
         0b10000 => (Op::StrhImm, imm << 1),
         _ => (Op::LdrhImm, imm << 1),
     };
-    Insn::regs(op, h & 7, h >> 3 & 7, 0).imm(imm)
+    Insn::regs(op, h & 7, h >> 3 & 7, 0).with_imm(imm)
 }
 
 fn multiple(h: u32) -> Insn {
@@ -203,10 +202,12 @@ fn multiple(h: u32) -> Insn {
         if list >> n & 1 != 0 && first != 1 << n {
             return UNPREDICTABLE;
         }
-        return Insn::regs(Op::Stm, 0, n, 0).imm(list).x(1);
+        return Insn::regs(Op::Stm, 0, n, 0).with_imm(list).with_x(1);
     }
     let write_back = u32::from(list >> n & 1 == 0);
-    Insn::regs(Op::Ldm, 0, n, 0).imm(list).x(write_back)
+    Insn::regs(Op::Ldm, 0, n, 0)
+        .with_imm(list)
+        .with_x(write_back)
 }
 
 fn miscellaneous(pc: u32, h: u32) -> Insn {
@@ -219,28 +220,29 @@ fn miscellaneous(pc: u32, h: u32) -> Insn {
             } else {
                 imm
             };
-            Insn::regs(Op::SpImm, 13, 13, 0).imm(imm)
+            Insn::regs(Op::SpImm, 13, 13, 0).with_imm(imm)
         }
         1 | 3 | 9 | 11 => {
             let offset = (h >> 9 & 1) << 6 | (h >> 3 & 31) << 1;
-            let op = if h & 0x800 != 0 { Op::Cbnz } else { Op::Cbz };
-            Insn::regs(op, 0, d, 0).imm(pc.wrapping_add(4).wrapping_add(offset))
+            Insn::regs(Op::BranchRegister, 0, d, 0)
+                .with_imm(pc.wrapping_add(4).wrapping_add(offset))
+                .with_x((h >> 11 & 1) * INVERT)
         }
         2 => {
-            let op = match h >> 6 & 3 {
-                0 => Op::Sxth,
-                1 => Op::Sxtb,
-                2 => Op::Uxth,
-                _ => Op::Uxtb,
+            let (op, mask) = match h >> 6 & 3 {
+                0 => (Op::Sxth, 0),
+                1 => (Op::Sxtb, 0),
+                2 => (Op::Mask, 0xffff),
+                _ => (Op::Mask, 0xff),
             };
-            Insn::regs(op, d, 15, m)
+            Insn::regs(op, d, 15, m).with_imm(mask)
         }
         4 | 5 => {
             let list = h & 0xff | (h >> 8 & 1) << 14;
             if list == 0 {
                 return UNPREDICTABLE;
             }
-            Insn::regs(Op::Push, 0, 13, 0).imm(list)
+            Insn::regs(Op::Push, 0, 13, 0).with_imm(list)
         }
         6 if h & 0xe0 == 0x60 => {
             // Bit 2 is the A bit, which ARMv7-M does not have.
@@ -248,8 +250,8 @@ fn miscellaneous(pc: u32, h: u32) -> Insn {
                 return UNPREDICTABLE;
             }
             Insn::new(Op::Special(Special::Cps))
-                .imm(h & 3)
-                .x(h >> 4 & 1)
+                .with_imm(h & 3)
+                .with_x(h >> 4 & 1)
         }
         10 => match h >> 6 & 3 {
             0 => Insn::regs(Op::Rev, d, 0, m),
@@ -261,10 +263,10 @@ fn miscellaneous(pc: u32, h: u32) -> Insn {
             if h & 0xff == 0 {
                 return UNPREDICTABLE;
             }
-            Insn::regs(Op::Pop, 0, 13, 0).imm(h & 0xff)
+            Insn::regs(Op::Pop, 0, 13, 0).with_imm(h & 0xff)
         }
-        13 => Insn::regs(Op::PopPc, 0, 13, 0).imm(h & 0xff),
-        14 => Insn::new(Op::Special(Special::Bkpt)).imm(h & 0xff),
+        13 => Insn::regs(Op::PopPc, 0, 13, 0).with_imm(h & 0xff),
+        14 => Insn::new(Op::Special(Special::Bkpt)).with_imm(h & 0xff),
         15 => hint(h),
         _ => UNDEFINED,
     }
@@ -284,7 +286,7 @@ fn hint(h: u32) -> Insn {
     if condition == 15 || (condition == 14 && mask.count_ones() != 1) {
         return UNPREDICTABLE;
     }
-    Insn::new(Op::It).imm(h & 0xff)
+    Insn::new(Op::It).with_imm(h & 0xff)
 }
 
 /// A load of a size by constant offset; signed sizes have none in 16 bits.

@@ -68,21 +68,21 @@ fn multiple(h: u32, g: u32) -> Insn {
         }
         if n == 13 && write_back != 0 && decrement == 0 {
             let op = if g >> 15 != 0 { Op::PopPc } else { Op::Pop };
-            return Insn::regs(op, 0, 13, 0).imm(g & 0x7fff);
+            return Insn::regs(op, 0, 13, 0).with_imm(g & 0x7fff);
         }
         return Insn::regs(Op::Ldm, 0, n, 0)
-            .imm(g)
-            .x(write_back | decrement << 1);
+            .with_imm(g)
+            .with_x(write_back | decrement << 1);
     }
     if g >> 15 != 0 {
         return UNPREDICTABLE;
     }
     if n == 13 && write_back != 0 && decrement != 0 {
-        return Insn::regs(Op::Push, 0, 13, 0).imm(g);
+        return Insn::regs(Op::Push, 0, 13, 0).with_imm(g);
     }
     Insn::regs(Op::Stm, 0, n, 0)
-        .imm(g)
-        .x(write_back | decrement << 1)
+        .with_imm(g)
+        .with_x(write_back | decrement << 1)
 }
 
 fn double_exclusive_table(pc: u32, h: u32, g: u32) -> Insn {
@@ -113,12 +113,12 @@ fn double_exclusive_table(pc: u32, h: u32, g: u32) -> Insn {
         } else {
             offset
         };
-        return Insn::regs(Op::Ldrd, t, n, d).imm(imm).x(x);
+        return Insn::regs(Op::Ldrd, t, n, d).with_imm(imm).with_x(x);
     }
     if n == 15 {
         return UNPREDICTABLE;
     }
-    Insn::regs(Op::Strd, t, n, d).imm(offset).x(x)
+    Insn::regs(Op::Strd, t, n, d).with_imm(offset).with_x(x)
 }
 
 fn exclusive_word(h: u32, g: u32) -> Insn {
@@ -130,12 +130,12 @@ fn exclusive_word(h: u32, g: u32) -> Insn {
         if d != 15 {
             return UNPREDICTABLE;
         }
-        return Insn::regs(Op::Ldrex(Size::Word), t, n, 0).imm(offset);
+        return Insn::regs(Op::Ldrex(Size::Word), t, n, 0).with_imm(offset);
     }
     if bad(d) || d == n || d == t {
         return UNPREDICTABLE;
     }
-    Insn::regs(Op::Strex(Size::Word), d, n, t).imm(offset)
+    Insn::regs(Op::Strex(Size::Word), d, n, t).with_imm(offset)
 }
 
 fn exclusive_table(pc: u32, h: u32, g: u32) -> Insn {
@@ -148,8 +148,8 @@ fn exclusive_table(pc: u32, h: u32, g: u32) -> Insn {
                 return UNPREDICTABLE;
             }
             return Insn::regs(Op::Table, 0, n, d)
-                .imm(pc.wrapping_add(4))
-                .x(kind);
+                .with_imm(pc.wrapping_add(4))
+                .with_x(kind);
         }
         _ => return UNDEFINED,
     };
@@ -183,7 +183,7 @@ fn store_single(h: u32, g: u32) -> Insn {
         return UNPREDICTABLE;
     }
     if h & 0x80 != 0 {
-        return Insn::regs(offset, t, n, 0).imm(g & 0xfff);
+        return Insn::regs(offset, t, n, 0).with_imm(g & 0xfff);
     }
     if g & 0x800 == 0 {
         if g & 0x7c0 != 0 {
@@ -192,7 +192,7 @@ fn store_single(h: u32, g: u32) -> Insn {
         if bad(m) {
             return UNPREDICTABLE;
         }
-        return Insn::regs(register, t, n, m).imm(g >> 4 & 3);
+        return Insn::regs(register, t, n, m).with_imm(g >> 4 & 3);
     }
     let Some((index, imm, user, write_back)) = indexed(g) else {
         return UNDEFINED;
@@ -201,7 +201,7 @@ fn store_single(h: u32, g: u32) -> Insn {
         if bad(t) {
             return UNPREDICTABLE;
         }
-        return Insn::regs(Op::StoreUser(size), t, n, 0).imm(imm);
+        return Insn::regs(Op::StoreUser(size), t, n, 0).with_imm(imm);
     }
     if write_back && n == t {
         return UNPREDICTABLE;
@@ -211,7 +211,7 @@ fn store_single(h: u32, g: u32) -> Insn {
         (true, true) => Op::StorePre(size),
         _ => Op::StorePost(size),
     };
-    Insn::regs(op, t, n, 0).imm(imm)
+    Insn::regs(op, t, n, 0).with_imm(imm)
 }
 
 /// Index, offset, unprivileged and write back of an 8-bit offset; undefined without index and
@@ -250,9 +250,9 @@ fn load_single(pc: u32, h: u32, g: u32) -> Insn {
             base.wrapping_sub(g & 0xfff)
         };
         return match size {
-            Size::Word if bad(t) => load_to(Mode::Literal, t, 15, 0).imm(address),
-            Size::Word => Insn::regs(Op::LdrLit, t, 15, 0).imm(address),
-            _ => Insn::regs(Op::LoadLit(size), t, 15, 0).imm(address),
+            Size::Word if bad(t) => load_to(Mode::Literal, t, 15, 0).with_imm(address),
+            Size::Word => Insn::regs(Op::LdrLit, t, 15, 0).with_imm(address),
+            _ => Insn::regs(Op::LoadLit(size), t, 15, 0).with_imm(address),
         };
     }
     load_from_register(size, h, g)
@@ -268,7 +268,7 @@ fn load_from_register(size: Size, h: u32, g: u32) -> Insn {
         }
     };
     if h & 0x80 != 0 {
-        return to(Mode::Offset, load_offset(size)).imm(g & 0xfff);
+        return to(Mode::Offset, load_offset(size)).with_imm(g & 0xfff);
     }
     if g & 0x800 == 0 {
         if g & 0x7c0 != 0 {
@@ -277,7 +277,7 @@ fn load_from_register(size: Size, h: u32, g: u32) -> Insn {
         if bad(m) {
             return UNPREDICTABLE;
         }
-        return to(Mode::Register, load_register(size)).imm(g >> 4 & 3);
+        return to(Mode::Register, load_register(size)).with_imm(g >> 4 & 3);
     }
     let Some((index, imm, user, write_back)) = indexed(g) else {
         return UNDEFINED;
@@ -286,7 +286,7 @@ fn load_from_register(size: Size, h: u32, g: u32) -> Insn {
         if bad(t) {
             return UNPREDICTABLE;
         }
-        return Insn::regs(Op::LoadUser(size), t, n, 0).imm(imm);
+        return Insn::regs(Op::LoadUser(size), t, n, 0).with_imm(imm);
     }
     if write_back && n == t {
         return UNPREDICTABLE;
@@ -296,7 +296,7 @@ fn load_from_register(size: Size, h: u32, g: u32) -> Insn {
         (true, true) => to(Mode::Pre, Op::LoadPre(size)),
         _ => to(Mode::Post, Op::LoadPost(size)),
     }
-    .imm(imm)
+    .with_imm(imm)
 }
 
 /// Loads of less than a word to the program counter: hints to the memory, which do nothing here.
@@ -333,7 +333,7 @@ fn branch_control(pc: u32, h: u32, g: u32) -> Insn {
             let (i1, i2) = (1 ^ j1 ^ s, 1 ^ j2 ^ s);
             let offset = s << 24 | i1 << 23 | i2 << 22 | (h & 0x3ff) << 12 | (g & 0x7ff) << 1;
             let op = if link != 0 { Op::Bl } else { Op::B };
-            Insn::new(op).imm(here.wrapping_add(signed(offset, 25)))
+            Insn::new(op).with_imm(here.wrapping_add(signed(offset, 25)))
         }
         _ => UNDEFINED,
     }
@@ -352,8 +352,8 @@ fn control(h: u32, g: u32) -> Insn {
                 return UNPREDICTABLE;
             }
             Insn::regs(Op::Special(Special::Msr), 0, n, 0)
-                .imm(sysm)
-                .x(mask)
+                .with_imm(sysm)
+                .with_x(mask)
         }
         0x3a if h & 15 != 15 || g & 0x2800 != 0 => UNPREDICTABLE,
         0x3a if g >> 8 & 7 != 0 => UNDEFINED,
@@ -376,7 +376,7 @@ fn control(h: u32, g: u32) -> Insn {
             if bad(d) || h & 0x1f != 0x0f || g & 0x2000 != 0 || !special_register(g & 0xff) {
                 return UNPREDICTABLE;
             }
-            Insn::regs(Op::Special(Special::Mrs), d, 0, 0).imm(g & 0xff)
+            Insn::regs(Op::Special(Special::Mrs), d, 0, 0).with_imm(g & 0xff)
         }
         _ => UNDEFINED,
     }

@@ -76,9 +76,15 @@ pub(super) fn modified_immediate(h: u32, g: u32) -> Insn {
     };
     let alu = match kind {
         Kind::Alu(alu) => alu,
-        Kind::Test(Test::Cmp) => return Insn::regs(Op::CmpImm, 0, n, 0).imm(imm),
-        Kind::Test(Test::Tst) => return Insn::regs(Op::TstImm, 0, n, 0).imm(imm).x(carry),
-        Kind::Test(test) => return Insn::regs(Op::TestImm(test), 0, n, 0).imm(imm).x(carry),
+        Kind::Test(Test::Cmp) => return Insn::regs(Op::CmpImm, 0, n, 0).with_imm(imm),
+        Kind::Test(Test::Tst) => {
+            return Insn::regs(Op::TstImm, 0, n, 0).with_imm(imm).with_x(carry);
+        }
+        Kind::Test(test) => {
+            return Insn::regs(Op::TestImm(test), 0, n, 0)
+                .with_imm(imm)
+                .with_x(carry);
+        }
     };
     let op = match (alu, s) {
         (Alu::Add, false) => return add(d, n, imm),
@@ -91,12 +97,12 @@ pub(super) fn modified_immediate(h: u32, g: u32) -> Insn {
         (alu, false) => Op::AluImm(alu),
         (alu, true) => Op::AluImmS(alu),
     };
-    Insn::regs(op, d, n, 0).imm(imm).x(carry)
+    Insn::regs(op, d, n, 0).with_imm(imm).with_x(carry)
 }
 
 fn add(d: u32, n: u32, imm: u32) -> Insn {
     let op = if d == 13 { Op::SpImm } else { Op::AddImm };
-    Insn::regs(op, d, n, 0).imm(imm)
+    Insn::regs(op, d, n, 0).with_imm(imm)
 }
 
 /// Data processing with a plain constant: 12 and 16 bits, saturation, bit fields.
@@ -114,12 +120,12 @@ pub(super) fn plain_immediate(pc: u32, h: u32, g: u32) -> Insn {
     }
     let base = pc.wrapping_add(4) & !3;
     match operation {
-        0 if n == 15 => Insn::regs(Op::MovImm, d, 0, 0).imm(base.wrapping_add(imm12)),
+        0 if n == 15 => Insn::regs(Op::MovImm, d, 0, 0).with_imm(base.wrapping_add(imm12)),
         0 => add(d, n, imm12),
-        10 if n == 15 => Insn::regs(Op::MovImm, d, 0, 0).imm(base.wrapping_sub(imm12)),
+        10 if n == 15 => Insn::regs(Op::MovImm, d, 0, 0).with_imm(base.wrapping_sub(imm12)),
         10 => add(d, n, imm12.wrapping_neg()),
-        4 => Insn::regs(Op::MovImm, d, 0, 0).imm(imm16),
-        12 => Insn::regs(Op::MovTop, d, 0, 0).imm(imm16 << 16),
+        4 => Insn::regs(Op::MovImm, d, 0, 0).with_imm(imm16),
+        12 => Insn::regs(Op::MovTop, d, 0, 0).with_imm(imm16 << 16),
         22 if n == 15 && width >= low => field(Dsp::Bfc, d, n, low, width + 1 - low),
         22 if n != 13 && width >= low => field(Dsp::Bfi, d, n, low, width + 1 - low),
         _ if bad(n) => UNPREDICTABLE,
@@ -132,7 +138,7 @@ pub(super) fn plain_immediate(pc: u32, h: u32, g: u32) -> Insn {
             } else {
                 (Dsp::Usat16, width)
             };
-            Insn::regs(Op::Dsp(op), d, n, 0).imm(bits)
+            Insn::regs(Op::Dsp(op), d, n, 0).with_imm(bits)
         }
         16 | 18 | 24 | 26 => {
             let (op, bits) = if operation < 24 {
@@ -142,12 +148,12 @@ pub(super) fn plain_immediate(pc: u32, h: u32, g: u32) -> Insn {
             };
             let right = operation & 2 != 0;
             Insn::regs(Op::Dsp(op), d, n, 0)
-                .imm(bits | u32::from(right) << 8)
-                .x(low)
+                .with_imm(bits | u32::from(right) << 8)
+                .with_x(low)
         }
         20 | 28 if low + width < 32 => {
             let op = if operation == 20 { Op::Sbfx } else { Op::Ubfx };
-            Insn::regs(op, d, n, 0).imm(width + 1).x(low)
+            Insn::regs(op, d, n, 0).with_imm(width + 1).with_x(low)
         }
         20 | 22 | 28 => UNPREDICTABLE,
         _ => UNDEFINED,
@@ -155,7 +161,7 @@ pub(super) fn plain_immediate(pc: u32, h: u32, g: u32) -> Insn {
 }
 
 fn field(op: Dsp, d: u32, n: u32, low: u32, width: u32) -> Insn {
-    Insn::regs(Op::Dsp(op), d, n, 0).imm(width).x(low)
+    Insn::regs(Op::Dsp(op), d, n, 0).with_imm(width).with_x(low)
 }
 
 /// Data processing with a shifted register.
@@ -198,8 +204,8 @@ pub(super) fn shifted_register(h: u32, g: u32) -> Insn {
         Kind::Test(test) if plain => return Insn::regs(Op::TestReg(test), 0, n, m),
         Kind::Test(test) => {
             return Insn::regs(Op::TestShift(test), 0, n, m)
-                .imm(amount)
-                .x(u32::from(shift));
+                .with_imm(amount)
+                .with_x(u32::from(shift));
         }
     };
     if d == 13 {
@@ -207,7 +213,9 @@ pub(super) fn shifted_register(h: u32, g: u32) -> Insn {
             return UNPREDICTABLE;
         }
         let x = u32::from(s) << 7;
-        return Insn::regs(Op::SpShift(alu), d, n, m).imm(amount).x(x);
+        return Insn::regs(Op::SpShift(alu), d, n, m)
+            .with_imm(amount)
+            .with_x(x);
     }
     let op = match (alu, s) {
         (Alu::Mov, _) if plain => {
@@ -233,7 +241,9 @@ pub(super) fn shifted_register(h: u32, g: u32) -> Insn {
         (alu, false) => Op::AluShift(alu),
         (alu, true) => Op::AluShiftS(alu),
     };
-    Insn::regs(op, d, n, m).imm(amount).x(u32::from(shift))
+    Insn::regs(op, d, n, m)
+        .with_imm(amount)
+        .with_x(u32::from(shift))
 }
 
 fn pack(h: u32, g: u32, amount: u32) -> Insn {
@@ -247,7 +257,9 @@ fn pack(h: u32, g: u32, amount: u32) -> Insn {
     // PKHTB by 0 means by 32.
     let top = g >> 5 & 1;
     let amount = if top != 0 && amount == 0 { 32 } else { amount };
-    Insn::regs(Op::Dsp(Dsp::Pkh), d, n, m).imm(top).x(amount)
+    Insn::regs(Op::Dsp(Dsp::Pkh), d, n, m)
+        .with_imm(top)
+        .with_x(amount)
 }
 
 /// Data processing of registers: shifts, extensions, parallel and miscellaneous operations.
@@ -269,9 +281,9 @@ pub(super) fn register(h: u32, g: u32) -> Insn {
         }
         (0..6, 8..) => return extension(h, g),
         (8..15, 0..8) if parallel(op1 & 7, op2) => Insn::regs(Op::Dsp(Dsp::Parallel), d, n, m)
-            .x(op1 & 7)
-            .imm(op2),
-        (8, 8..12) => Insn::regs(Op::Dsp(Dsp::Saturating), d, n, m).x(op2 & 3),
+            .with_x(op1 & 7)
+            .with_imm(op2),
+        (8, 8..12) => Insn::regs(Op::Dsp(Dsp::Saturating), d, n, m).with_x(op2 & 3),
         (9, 8..12) | (11, 8) if n != m => return UNPREDICTABLE,
         (9, 8) => Insn::regs(Op::Rev, d, n, m),
         (9, 9) => Insn::regs(Op::Dsp(Dsp::Rev16), d, n, m),
@@ -298,14 +310,14 @@ fn extension(h: u32, g: u32) -> Insn {
     if bad(d) || bad(m) || n == 13 || g & 0x40 != 0 {
         return UNPREDICTABLE;
     }
-    let op = match (kind, n, rotation) {
-        (0, 15, 0) => Op::Sxth,
-        (1, 15, 0) => Op::Uxth,
-        (4, 15, 0) => Op::Sxtb,
-        (5, 15, 0) => Op::Uxtb,
-        _ => Op::Dsp(Dsp::Extend),
+    let (op, imm) = match (kind, n, rotation) {
+        (0, 15, 0) => (Op::Sxth, 0),
+        (1, 15, 0) => (Op::Mask, 0xffff),
+        (4, 15, 0) => (Op::Sxtb, 0),
+        (5, 15, 0) => (Op::Mask, 0xff),
+        _ => (Op::Dsp(Dsp::Extend), rotation),
     };
-    Insn::regs(op, d, n, m).imm(rotation).x(kind)
+    Insn::regs(op, d, n, m).with_imm(imm).with_x(kind)
 }
 
 /// Multiplications with a result of 32 bits.
@@ -332,7 +344,7 @@ pub(super) fn multiply(h: u32, g: u32) -> Insn {
     if bad(d) || bad(n) || bad(m) || a == 13 {
         return UNPREDICTABLE;
     }
-    Insn::regs(op, d, n, m).imm(imm).x(a)
+    Insn::regs(op, d, n, m).with_imm(imm).with_x(a)
 }
 
 /// Multiplications with a result of 64 bits, and divisions.
@@ -360,5 +372,5 @@ pub(super) fn long_multiply(h: u32, g: u32) -> Insn {
     if bad(high) || bad(low) || bad(n) || bad(m) || high == low {
         return UNPREDICTABLE;
     }
-    Insn::regs(op, low, n, m).imm(imm).x(high)
+    Insn::regs(op, low, n, m).with_imm(imm).with_x(high)
 }

@@ -63,7 +63,7 @@ fn move_two(h: u32, g: u32, double: bool) -> Insn {
     if bad(low) || bad(high) || (to_core != 0 && low == high) || r.m >= 31 {
         return UNPREDICTABLE;
     }
-    float(Float::MovTwo, low, high, r.m).x(to_core)
+    float(Float::MovTwo, low, high, r.m).with_x(to_core)
 }
 
 fn load_store(pc: u32, h: u32, g: u32, double: bool) -> Insn {
@@ -87,7 +87,7 @@ fn load_store(pc: u32, h: u32, g: u32, double: bool) -> Insn {
         Float::StoreMultiple
     };
     let x = write_back | decrement << 1 | u32::from(double) << 2;
-    float(op, d, n, 0).imm(count).x(x)
+    float(op, d, n, 0).with_imm(count).with_x(x)
 }
 
 /// VLDR and VSTR.
@@ -114,7 +114,7 @@ fn offset(pc: u32, h: u32, g: u32, d: u32) -> Insn {
         (true, true) => Op::Float(Float::LoadDouble),
         (false, true) => Op::Float(Float::StoreDouble),
     };
-    Insn::regs(op, d, n, 0).imm(imm)
+    Insn::regs(op, d, n, 0).with_imm(imm)
 }
 
 /// Between a core register and a single, half a double, or the status register.
@@ -168,7 +168,7 @@ fn data_processing(h: u32, g: u32) -> Insn {
         (6, 0) => insn(Op::Vfma),
         (6, _) => insn(Op::Vfms),
         (7, 0) if g & 0xa0 != 0 => UNPREDICTABLE,
-        (7, 0) => Insn::regs(Op::VmovImm, d, 0, 0).imm(constant((h & 15) << 4 | g & 15)),
+        (7, 0) => Insn::regs(Op::VmovImm, d, 0, 0).with_imm(constant((h & 15) << 4 | g & 15)),
         (7, _) => other(h, g, d, m),
         _ => UNDEFINED,
     }
@@ -187,15 +187,15 @@ fn other(h: u32, g: u32, d: u32, m: u32) -> Insn {
         (0, _) => Insn::regs(Op::Vabs, d, 0, m),
         (1, 0) => Insn::regs(Op::Vneg, d, 0, m),
         (1, _) => float(Float::Sqrt, d, 0, m),
-        (2, _) => float(Float::FromHalf, d, 0, m).imm(top),
-        (3, _) => float(Float::ToHalf, d, 0, m).imm(top),
-        (4, _) => float(Float::Compare, d, 0, m).imm(top),
+        (2, _) => float(Float::FromHalf, d, 0, m).with_imm(top),
+        (3, _) => float(Float::ToHalf, d, 0, m).with_imm(top),
+        (4, _) => float(Float::Compare, d, 0, m).with_imm(top),
         (5, _) if g & 0x2f != 0 => UNPREDICTABLE,
-        (5, _) => float(Float::Compare, d, 0, 0).imm(top | 2),
-        (8, signed) => float(Float::FromInteger, d, 0, m).imm(signed ^ 1),
+        (5, _) => float(Float::Compare, d, 0, 0).with_imm(top | 2),
+        (8, signed) => float(Float::FromInteger, d, 0, m).with_imm(signed ^ 1),
         (kind @ (12 | 13), towards_zero) => {
             let imm = (kind & 1 ^ 1) | (towards_zero ^ 1) << 1;
-            float(Float::ToInteger, d, 0, m).imm(imm)
+            float(Float::ToInteger, d, 0, m).with_imm(imm)
         }
         (kind @ (10 | 11 | 14 | 15), long) => {
             let size = if long != 0 { 32 } else { 16 };
@@ -209,8 +209,8 @@ fn other(h: u32, g: u32, d: u32, m: u32) -> Insn {
                 Float::FromFixed
             };
             float(op, d, 0, 0)
-                .imm(size - complement)
-                .x(kind & 1 | long << 1)
+                .with_imm(size - complement)
+                .with_x(kind & 1 | long << 1)
         }
         _ => UNDEFINED,
     }

@@ -188,6 +188,7 @@ impl Core {
             }
         } else {
             // Late arrival: what became pending in the meantime may come first.
+            system.advance(self.cycles, self.until.min(self.systick.deadline()));
             self.refresh(system);
             if let Some((other, priority)) = self.nvic.first()
                 && self.nvic.group_of(priority) < self.nvic.group_of(self.nvic.priority(exception))

@@ -1,14 +1,24 @@
 //! What instructions do: the frequent ones here, the rest by group.
 
+use super::decode16::INVERT;
 use super::exception::Trap;
 use super::execute_memory::sizes;
 use super::float;
-use super::instruction::{Dsp, Insn, Op, Special, Test};
-use super::{Core, System, timing};
+use super::instruction::{Dsp, Insn, Op, Shift, Special};
+use super::timing::REFILL_REGISTER;
+use super::{Core, System};
+
+/// The address of the next instruction, unless something stopped this one.
+type Next = Result<u32, Trap>;
+
+/// Widths of loads and stores.
+const W: u8 = sizes::WORD;
+const H: u8 = sizes::HALF;
+const B: u8 = sizes::BYTE;
 
 impl Insn {
     /// BKPT, which no condition skips.
-    pub(super) fn is_breakpoint(&self) -> bool {
+    pub(super) fn is_breakpoint(self) -> bool {
         self.op == Op::Special(Special::Bkpt)
     }
 }
@@ -59,6 +69,11 @@ impl Core {
     }
 
     #[inline(always)]
+    fn not_less(&self) -> bool {
+        self.negative() == self.v
+    }
+
+    #[inline(always)]
     fn greater(&self) -> bool {
         self.z != 0 && self.negative() == self.v
     }
@@ -84,14 +99,87 @@ impl Core {
         difference
     }
 
-    /// A branch within the program.
+    /// n + a constant.
     #[inline(always)]
-    fn branch_if(&mut self, taken: bool, insn: &Insn, pc: u32) -> u32 {
-        if taken {
-            self.cycles += u64::from(insn.x);
-            insn.imm
+    pub(super) fn offset(&self, insn: Insn) -> u32 {
+        self.offset_by(insn, insn.imm)
+    }
+
+    #[inline(always)]
+    fn offset_by(&self, insn: Insn, by: u32) -> u32 {
+        self.reg(insn.n()).wrapping_add(by)
+    }
+
+    /// n + m shifted left.
+    #[inline(always)]
+    pub(super) fn index(&self, insn: Insn) -> u32 {
+        self.offset_by(insn, self.reg(insn.m()) << (insn.imm & 31))
+    }
+
+    #[inline(always)]
+    fn minus(&self, insn: Insn) -> u32 {
+        self.reg(insn.n()).wrapping_sub(self.reg(insn.m()))
+    }
+
+    #[inline(always)]
+    fn product(&self, insn: Insn) -> u32 {
+        self.reg(insn.n()).wrapping_mul(self.reg(insn.m()))
+    }
+
+    #[inline(always)]
+    fn logical_right(&self, insn: Insn) -> u32 {
+        self.reg(insn.m()).checked_shr(insn.imm).unwrap_or(0)
+    }
+
+    #[inline(always)]
+    fn arithmetic_right(&self, insn: Insn) -> u32 {
+        ((self.reg(insn.m()) as i32) >> insn.imm.min(31)) as u32
+    }
+
+    /// UBFX: `imm` bits from bit x on.
+    #[inline(always)]
+    fn bit_field(&self, insn: Insn) -> u32 {
+        self.reg(insn.n()) >> (insn.x() & 31) & (u32::MAX >> ((32 - insn.imm) & 31))
+    }
+
+    #[inline(always)]
+    fn shift_logical_flags(&mut self, insn: Insn) {
+        let right = insn.op == Op::LsrImmS;
+        self.shift_flags(if right { Shift::Lsr } else { Shift::Lsl }, insn);
+    }
+
+    #[inline(always)]
+    fn set_with_nz(&mut self, insn: Insn, value: u32) {
+        self.set_nz(value);
+        self.set(insn.d(), value);
+    }
+
+    #[inline(always)]
+    fn add_s(&mut self, insn: Insn, b: u32) {
+        let value = self.add_flags(self.reg(insn.n()), b, false);
+        self.set(insn.d(), value);
+    }
+
+    #[inline(always)]
+    fn sub_s(&mut self, insn: Insn, b: u32) {
+        let value = self.sub_flags(self.reg(insn.n()), b);
+        self.set(insn.d(), value);
+    }
+
+    #[inline(always)]
+    fn compare(&mut self, insn: Insn, b: u32) {
+        self.sub_flags(self.reg(insn.n()), b);
+    }
+
+    /// A branch within the program, if the condition or its inverse holds.
+    #[inline(always)]
+    fn branch_if(&mut self, condition: bool, insn: Insn, next: u32) -> Result<u32, Trap> {
+        let x = insn.x();
+        if condition != (x & INVERT as u8 != 0) {
+            self.cycles += u64::from(x & 15);
+            Ok(insn.imm)
         } else {
-            pc.wrapping_add(u32::from(insn.size))
+            Ok(next)
         }
     }
 
@@ -112,229 +200,99 @@ impl Core {
 
     /// Executes an instruction; gives the address of the next one.
     #[inline(always)]
-    pub(super) fn execute<S: System>(
-        &mut self,
-        system: &mut S,
-        insn: &Insn,
-        pc: u32,
-    ) -> Result<u32, Trap> {
+    pub(super) fn execute<S: System>(&mut self, system: &mut S, insn: Insn, pc: u32) -> Next {
         let next = pc.wrapping_add(u32::from(insn.size));
         match insn.op {
-            Op::MovImm => self.set(insn.d, insn.imm),
-            Op::MovImmS => {
-                self.set_nz(insn.imm);
-                self.set(insn.d, insn.imm);
+            Op::MovImm => self.set(insn.d(), insn.imm),
+            Op::MovImmS => self.set_with_nz(insn, insn.imm),
+            Op::MovReg => self.set(insn.d(), self.reg(insn.m())),
+            Op::MovRegS => self.set_with_nz(insn, self.reg(insn.m())),
+            Op::MovTop => self.set(insn.d(), self.reg(insn.d()) & 0xffff | insn.imm),
+            Op::AddImm => self.set(insn.d(), self.offset(insn)),
+            Op::AddImmS => self.add_s(insn, insn.imm),
+            Op::SubImmS => self.sub_s(insn, insn.imm),
+            Op::AddReg => self.set(insn.d(), self.offset_by(insn, self.reg(insn.m()))),
+            Op::AddRegS => self.add_s(insn, self.reg(insn.m())),
+            Op::SubReg => self.set(insn.d(), self.minus(insn)),
+            Op::SubRegS => self.sub_s(insn, self.reg(insn.m())),
+            Op::AddLsl => self.set(insn.d(), self.index(insn)),
+            Op::LslImm => self.set(insn.d(), self.reg(insn.m()) << (insn.imm & 31)),
+            Op::LsrImm => self.set(insn.d(), self.logical_right(insn)),
+            Op::AsrImm => self.set(insn.d(), self.arithmetic_right(insn)),
+            Op::LslImmS | Op::LsrImmS => self.shift_logical_flags(insn),
+            Op::CmpImm => self.compare(insn, insn.imm),
+            Op::CmpReg => self.compare(insn, self.reg(insn.m())),
+            Op::AluImm(alu) => self.set(insn.d(), self.alu(alu, self.reg(insn.n()), insn.imm)),
+            Op::AluReg(alu) => self.alu_register(alu, insn),
+            Op::AluRegS(alu) => self.alu_register_flags(alu, insn),
+            Op::AluImmS(_) | Op::AluShift(_) | Op::AluShiftS(_) => self.execute_data(insn)?,
+            Op::ShiftReg(_) | Op::ShiftRegS(_) | Op::TstImm => self.execute_data(insn)?,
+            Op::SpImm => self.set_sp(self.offset(insn)),
+            Op::Mul => self.set(insn.d(), self.product(insn)),
+            Op::Mla => self.set(
+                insn.d(),
+                self.product(insn).wrapping_add(self.reg(insn.x())),
+            ),
+            Op::Mask => self.set(insn.d(), self.reg(insn.m()) & insn.imm),
+            Op::Ubfx => self.set(insn.d(), self.bit_field(insn)),
+            Op::It => self.it = insn.imm as u8,
+            Op::B => return Ok(insn.imm),
+            Op::BranchZero => return self.branch_if(self.z == 0, insn, next),
+            Op::BranchCarry => return self.branch_if(self.c, insn, next),
+            Op::BranchNegative => return self.branch_if(self.negative(), insn, next),
+            Op::BranchHigher => return self.branch_if(self.higher(), insn, next),
+            Op::BranchGreaterEqual => return self.branch_if(self.not_less(), insn, next),
+            Op::BranchGreater => return self.branch_if(self.greater(), insn, next),
+            Op::BranchRegister => return self.branch_if(self.reg(insn.n()) == 0, insn, next),
+            Op::Bl => return Ok(self.link(next, insn.imm)),
+            Op::Bx => return self.branch_exchange(self.reg(insn.m()), REFILL_REGISTER),
+            Op::LdrImm => self.load_into::<S, W>(system, insn, self.offset(insn), pc)?,
+            Op::LdrbImm => self.load_into::<S, B>(system, insn, self.offset(insn), pc)?,
+            Op::LdrhImm => self.load_into::<S, H>(system, insn, self.offset(insn), pc)?,
+            Op::LdrReg => self.load_into::<S, W>(system, insn, self.index(insn), pc)?,
+            Op::LdrbReg => self.load_into::<S, B>(system, insn, self.index(insn), pc)?,
+            Op::LdrLit => self.load_into::<S, W>(system, insn, insn.imm, pc)?,
+            Op::StrImm => self.store_from::<S, W>(system, insn, self.offset(insn), pc)?,
+            Op::StrbImm => self.store_from::<S, B>(system, insn, self.offset(insn), pc)?,
+            Op::StrhImm => self.store_from::<S, H>(system, insn, self.offset(insn), pc)?,
+            Op::StrReg => self.store_from::<S, W>(system, insn, self.index(insn), pc)?,
+            Op::LdrsbImm | Op::LdrshImm | Op::LdrsbReg | Op::LdrshReg | Op::LdrhReg => {
+                self.execute_load(system, insn, pc)?;
             }
-            Op::MovReg => self.set(insn.d, self.reg(insn.m)),
-            Op::MovRegS => {
-                let value = self.reg(insn.m);
-                self.set_nz(value);
-                self.set(insn.d, value);
-            }
-            Op::MovTop => self.set(insn.d, self.reg(insn.d) & 0xffff | insn.imm),
-            Op::AddImm => self.set(insn.d, self.reg(insn.n).wrapping_add(insn.imm)),
-            Op::AddImmS => {
-                let value = self.add_flags(self.reg(insn.n), insn.imm, false);
-                self.set(insn.d, value);
-            }
-            Op::SubImmS => {
-                let value = self.sub_flags(self.reg(insn.n), insn.imm);
-                self.set(insn.d, value);
-            }
-            Op::AddReg => self.set(insn.d, self.reg(insn.n).wrapping_add(self.reg(insn.m))),
-            Op::AddRegS => {
-                let value = self.add_flags(self.reg(insn.n), self.reg(insn.m), false);
-                self.set(insn.d, value);
-            }
-            Op::SubReg => self.set(insn.d, self.reg(insn.n).wrapping_sub(self.reg(insn.m))),
-            Op::SubRegS => {
-                let value = self.sub_flags(self.reg(insn.n), self.reg(insn.m));
-                self.set(insn.d, value);
-            }
-            Op::AddLsl => {
-                let shifted = self.reg(insn.m) << (insn.imm & 31);
-                self.set(insn.d, self.reg(insn.n).wrapping_add(shifted));
-            }
-            Op::LslImm => self.set(insn.d, self.reg(insn.m) << (insn.imm & 31)),
-            Op::LsrImm => self.set(insn.d, self.reg(insn.m).checked_shr(insn.imm).unwrap_or(0)),
-            Op::AsrImm => {
-                let value = (self.reg(insn.m) as i32) >> insn.imm.min(31);
-                self.set(insn.d, value as u32);
-            }
-            Op::CmpImm => {
-                self.sub_flags(self.reg(insn.n), insn.imm);
-            }
-            Op::CmpReg => {
-                self.sub_flags(self.reg(insn.n), self.reg(insn.m));
-            }
-            Op::TstImm => self.test(Test::Tst, self.reg(insn.n), insn.imm, insn.carry(self.c)),
-            Op::SpImm => self.set_sp(self.reg(insn.n).wrapping_add(insn.imm)),
-            Op::Mul => {
-                let value = self.reg(insn.n).wrapping_mul(self.reg(insn.m));
-                self.set(insn.d, value);
-            }
-            Op::Mla => {
-                let product = self.reg(insn.n).wrapping_mul(self.reg(insn.m));
-                self.set(insn.d, self.reg(insn.x).wrapping_add(product));
-            }
-            Op::Uxtb => self.set(insn.d, self.reg(insn.m) & 0xff),
-            Op::Uxth => self.set(insn.d, self.reg(insn.m) & 0xffff),
-            Op::Ubfx => {
-                let value = self.reg(insn.n) >> (insn.x & 31);
-                self.set(insn.d, value & (u32::MAX >> ((32 - insn.imm) & 31)));
-            }
-            _ => return self.execute_branch(system, insn, pc, next),
-        }
-        Ok(next)
-    }
-
-    #[inline(always)]
-    fn execute_branch<S: System>(
-        &mut self,
-        system: &mut S,
-        insn: &Insn,
-        pc: u32,
-        next: u32,
-    ) -> Result<u32, Trap> {
-        Ok(match insn.op {
-            Op::B => insn.imm,
-            Op::Beq => self.branch_if(self.z == 0, insn, pc),
-            Op::Bne => self.branch_if(self.z != 0, insn, pc),
-            Op::Bcs => self.branch_if(self.c, insn, pc),
-            Op::Bcc => self.branch_if(!self.c, insn, pc),
-            Op::Bmi => self.branch_if(self.negative(), insn, pc),
-            Op::Bpl => self.branch_if(!self.negative(), insn, pc),
-            Op::Bvs => self.branch_if(self.v, insn, pc),
-            Op::Bvc => self.branch_if(!self.v, insn, pc),
-            Op::Bhi => self.branch_if(self.higher(), insn, pc),
-            Op::Bls => self.branch_if(!self.higher(), insn, pc),
-            Op::Bge => self.branch_if(self.negative() == self.v, insn, pc),
-            Op::Blt => self.branch_if(self.negative() != self.v, insn, pc),
-            Op::Bgt => self.branch_if(self.greater(), insn, pc),
-            Op::Ble => self.branch_if(!self.greater(), insn, pc),
-            Op::Cbz => self.branch_if(self.reg(insn.n) == 0, insn, pc),
-            Op::Cbnz => self.branch_if(self.reg(insn.n) != 0, insn, pc),
-            Op::Bl => {
-                self.r[14] = next | 1;
-                insn.imm
-            }
-            Op::Bx => return self.branch_exchange(self.reg(insn.m), timing::REFILL_REGISTER),
-            Op::Blx => {
-                let target = self.reg(insn.m);
-                self.r[14] = next | 1;
-                // No exception return by BLX.
-                self.cycles += timing::REFILL_REGISTER;
-                if target & 1 == 0 {
-                    self.thumb = false;
-                    self.attend = true;
-                }
-                target & !1
-            }
-            Op::It => {
-                self.it = insn.imm as u8;
-                next
-            }
-            _ => return self.execute_memory(system, insn, pc, next),
-        })
-    }
-
-    #[inline(always)]
-    fn execute_memory<S: System>(
-        &mut self,
-        system: &mut S,
-        insn: &Insn,
-        pc: u32,
-        next: u32,
-    ) -> Result<u32, Trap> {
-        let offset = |core: &Self| core.reg(insn.n).wrapping_add(insn.imm);
-        let index = |core: &Self| {
-            let index = core.reg(insn.m) << (insn.imm & 31);
-            core.reg(insn.n).wrapping_add(index)
-        };
-        match insn.op {
-            Op::LdrImm => self.load_into::<S, { sizes::WORD }>(system, insn, offset(self), pc)?,
-            Op::LdrbImm => self.load_into::<S, { sizes::BYTE }>(system, insn, offset(self), pc)?,
-            Op::LdrhImm => self.load_into::<S, { sizes::HALF }>(system, insn, offset(self), pc)?,
-            Op::LdrReg => self.load_into::<S, { sizes::WORD }>(system, insn, index(self), pc)?,
-            Op::LdrbReg => self.load_into::<S, { sizes::BYTE }>(system, insn, index(self), pc)?,
-            Op::LdrhReg => self.load_into::<S, { sizes::HALF }>(system, insn, index(self), pc)?,
-            Op::LdrLit => self.load_into::<S, { sizes::WORD }>(system, insn, insn.imm, pc)?,
-            Op::StrImm => self.store_from::<S, { sizes::WORD }>(system, insn, offset(self), pc)?,
-            Op::StrbImm => self.store_from::<S, { sizes::BYTE }>(system, insn, offset(self), pc)?,
-            Op::StrhImm => self.store_from::<S, { sizes::HALF }>(system, insn, offset(self), pc)?,
-            Op::StrReg => self.store_from::<S, { sizes::WORD }>(system, insn, index(self), pc)?,
-            Op::StrbReg => self.store_from::<S, { sizes::BYTE }>(system, insn, index(self), pc)?,
-            Op::StrhReg => self.store_from::<S, { sizes::HALF }>(system, insn, index(self), pc)?,
-            Op::Ldrd => self.load_double(system, insn, pc)?,
-            Op::Strd => self.store_double(system, insn, pc)?,
-            Op::Ldm => return self.load_multiple(system, insn, pc, next),
-            Op::Stm => self.store_multiple(system, insn, pc)?,
+            Op::LoadPre(_) | Op::LoadPost(_) => self.execute_load(system, insn, pc)?,
+            Op::StrbReg | Op::StrhReg => self.execute_store(system, insn, pc)?,
+            Op::StorePre(_) | Op::StorePost(_) => self.execute_store(system, insn, pc)?,
+            Op::Ldrd | Op::Strd => self.move_double(system, insn, pc)?,
             Op::Push => self.push(system, insn, pc)?,
             Op::Pop | Op::PopPc => return self.pop(system, insn, pc, next),
-            _ => return self.execute_float(system, insn, pc, next),
-        }
-        Ok(next)
-    }
-
-    #[inline(always)]
-    fn execute_float<S: System>(
-        &mut self,
-        system: &mut S,
-        insn: &Insn,
-        pc: u32,
-        next: u32,
-    ) -> Result<u32, Trap> {
-        match insn.op {
-            Op::Vldr | Op::Vstr => self.load_store_single(system, insn, pc)?,
-            Op::VmovToCore => {
-                self.begin_fp(system)?;
-                self.set(insn.d, self.single_reg(insn.n));
-            }
-            Op::VmovFromCore => {
-                self.begin_fp(system)?;
-                self.set_single_reg(insn.n, self.reg(insn.d));
-            }
-            Op::VmovReg => {
-                self.begin_fp(system)?;
-                self.set_single_reg(insn.d, self.single_reg(insn.m));
-            }
-            Op::VmovImm => {
-                self.begin_fp(system)?;
-                self.set_single_reg(insn.d, insn.imm);
-            }
-            Op::Vabs => {
-                self.begin_fp(system)?;
-                self.set_single_reg(insn.d, self.single_reg(insn.m) & !float::SIGN);
-            }
-            Op::Vneg => {
-                self.begin_fp(system)?;
-                self.set_single_reg(insn.d, self.single_reg(insn.m) ^ float::SIGN);
-            }
+            Op::Vldr => self.load_single(system, insn, pc)?,
+            Op::Vstr => self.store_single(system, insn, pc)?,
+            Op::VmovReg => self.unary(system, insn, |m| m)?,
             Op::Vadd => self.binary(system, insn, float::add)?,
             Op::Vsub => self.binary(system, insn, float::sub)?,
             Op::Vmul => self.binary(system, insn, float::mul)?,
             Op::Vfma => self.ternary(system, insn, float::fma)?,
-            Op::Vmla => self.ternary(system, insn, |d, n, m, status| {
-                let product = float::mul(n, m, status);
-                float::add(d, product, status)
-            })?,
-            Op::Empty => {
-                // It was no instruction; decoded, it is the next one.
-                self.instructions = self.instructions.wrapping_sub(1);
-                self.decode_flash(system, pc)?;
-                return Ok(pc);
-            }
+            Op::Vmla => self.ternary(system, insn, float::multiply_add)?,
+            Op::Empty => return self.decode_first(system, pc),
             _ => return self.execute_rest(system, insn, pc, next),
         }
         Ok(next)
     }
 
+    /// It was no instruction yet; decoded, it is the next one.
+    #[cold]
+    fn decode_first<S: System>(&mut self, system: &mut S, pc: u32) -> Result<u32, Trap> {
+        self.instructions = self.instructions.wrapping_sub(1);
+        self.decode_flash(system, pc)?;
+        Ok(pc)
+    }
+
     /// The groups that are not inlined.
-    #[inline(always)]
+    #[inline(never)]
     fn execute_rest<S: System>(
         &mut self,
         system: &mut S,
-        insn: &Insn,
+        insn: Insn,
         pc: u32,
         next: u32,
     ) -> Result<u32, Trap> {
@@ -342,6 +300,15 @@ impl Core {
             Op::Undefined => return Err(Trap::Undefined),
             Op::Unpredictable => return Err(Trap::Unpredictable),
             Op::NoCoprocessor => return Err(Trap::NoCoprocessor),
+            Op::Blx => return Ok(self.call_register(insn, next)),
+            Op::BranchOverflow => return self.branch_if(self.v, insn, next),
+            Op::Ldm => return self.load_multiple(system, insn, pc, next),
+            Op::Stm => self.store_multiple(system, insn, pc)?,
+            Op::VmovToCore => self.move_to_core(system, insn)?,
+            Op::VmovFromCore => self.move_from_core(system, insn)?,
+            Op::Vneg => self.unary(system, insn, |m| m ^ float::SIGN)?,
+            Op::Vabs => self.unary(system, insn, |m| m & !float::SIGN)?,
+            Op::VmovImm => self.unary(system, insn, |_| insn.imm)?,
             Op::Vdiv => self.divide_single(system, insn)?,
             Op::Vmls | Op::Vfms => self.subtract_product(system, insn)?,
             Op::Float(op) => self.execute_rare_float(system, insn, op, pc)?,
@@ -350,17 +317,8 @@ impl Core {
                 self.execute_parallel(insn, op);
             }
             Op::Dsp(op) => self.execute_dsp(insn, op),
-            Op::LdrsbImm
-            | Op::LdrshImm
-            | Op::LdrsbReg
-            | Op::LdrshReg
-            | Op::LoadLit(_)
-            | Op::LoadPre(_)
-            | Op::LoadPost(_)
-            | Op::LoadUser(_) => self.execute_load(system, insn, pc)?,
-            Op::StorePre(_) | Op::StorePost(_) | Op::StoreUser(_) => {
-                self.execute_store(system, insn, pc)?;
-            }
+            Op::LoadLit(_) | Op::LoadUser(_) => self.execute_load(system, insn, pc)?,
+            Op::StoreUser(_) => self.execute_store(system, insn, pc)?,
             Op::Ldrex(_) | Op::Strex(_) => self.execute_exclusive(system, insn, pc)?,
             Op::LoadTo(_) | Op::Table | Op::MovPc | Op::AddPc => {
                 return self.execute_jump(system, insn, pc, next);
@@ -368,5 +326,23 @@ impl Core {
             _ => self.execute_data(insn)?,
         }
         Ok(next)
+    }
+
+    /// BL: the return address, then the target.
+    #[inline(always)]
+    fn link(&mut self, next: u32, target: u32) -> u32 {
+        self.r[14] = next | 1;
+        target
+    }
+
+    /// BLX; it returns from no exception.
+    fn call_register(&mut self, insn: Insn, next: u32) -> u32 {
+        let target = self.reg(insn.m());
+        self.cycles += REFILL_REGISTER;
+        if target & 1 == 0 {
+            self.thumb = false;
+            self.attend = true;
+        }
+        self.link(next, target & !1)
     }
 }

@@ -9,8 +9,8 @@ use super::scb::ccr;
 impl Insn {
     /// The carry that a modified constant gives.
     #[inline(always)]
-    pub(super) fn carry(&self, old: bool) -> bool {
-        match self.x {
+    pub(super) fn carry(self, old: bool) -> bool {
+        match self.x() {
             0 => old,
             x => x == 2,
         }
@@ -83,8 +83,8 @@ impl Core {
     }
 
     /// An operation without flags.
-    #[inline]
-    fn alu(&self, alu: Alu, a: u32, b: u32) -> u32 {
+    #[inline(never)]
+    pub(super) fn alu(&self, alu: Alu, a: u32, b: u32) -> u32 {
         let carry = u32::from(self.c);
         match alu {
             Alu::And => a & b,
@@ -120,59 +120,66 @@ impl Core {
         }
     }
 
-    /// A shift by a constant with flags.
-    fn shift_flags(&mut self, kind: Shift, insn: &Insn) {
-        let (value, carry) = shift(kind, self.reg(insn.m), insn.imm, self.c);
-        self.set_nz(value);
-        self.c = carry;
-        self.set(insn.d, value);
+    #[inline(never)]
+    pub(super) fn alu_register(&mut self, alu: Alu, insn: Insn) {
+        let (n, m) = (self.reg(insn.n()), self.reg(insn.m()));
+        self.set(insn.d(), self.alu(alu, n, m));
     }
 
     #[inline(never)]
-    pub(super) fn execute_data(&mut self, insn: &Insn) -> Result<(), Trap> {
-        let (n, m) = (self.reg(insn.n), self.reg(insn.m));
+    pub(super) fn alu_register_flags(&mut self, alu: Alu, insn: Insn) {
+        let (n, m) = (self.reg(insn.n()), self.reg(insn.m()));
+        let value = self.alu_flags(alu, n, m, self.c);
+        self.set(insn.d(), value);
+    }
+
+    /// A shift by a constant with flags.
+    #[inline]
+    pub(super) fn shift_flags(&mut self, kind: Shift, insn: Insn) {
+        let (value, carry) = shift(kind, self.reg(insn.m()), insn.imm, self.c);
+        self.set_nz(value);
+        self.c = carry;
+        self.set(insn.d(), value);
+    }
+
+    #[inline(never)]
+    pub(super) fn execute_data(&mut self, insn: Insn) -> Result<(), Trap> {
+        let (n, m) = (self.reg(insn.n()), self.reg(insn.m()));
         match insn.op {
-            Op::AluReg(alu) => self.set(insn.d, self.alu(alu, n, m)),
-            Op::AluRegS(alu) => {
-                let value = self.alu_flags(alu, n, m, self.c);
-                self.set(insn.d, value);
-            }
-            Op::AluImm(alu) => self.set(insn.d, self.alu(alu, n, insn.imm)),
             Op::AluImmS(alu) => {
                 let value = self.alu_flags(alu, n, insn.imm, insn.carry(self.c));
-                self.set(insn.d, value);
+                self.set(insn.d(), value);
             }
             Op::AluShift(alu) => {
-                let (b, _) = shift_constant(insn.x, m, insn.imm, self.c);
-                self.set(insn.d, self.alu(alu, n, b));
+                let (b, _) = shift_constant(insn.x(), m, insn.imm, self.c);
+                self.set(insn.d(), self.alu(alu, n, b));
             }
             Op::AluShiftS(alu) => {
-                let (b, carry) = shift_constant(insn.x, m, insn.imm, self.c);
+                let (b, carry) = shift_constant(insn.x(), m, insn.imm, self.c);
                 let value = self.alu_flags(alu, n, b, carry);
-                self.set(insn.d, value);
+                self.set(insn.d(), value);
             }
-            Op::LslImmS => self.shift_flags(Shift::Lsl, insn),
-            Op::LsrImmS => self.shift_flags(Shift::Lsr, insn),
             Op::AsrImmS => self.shift_flags(Shift::Asr, insn),
             Op::ShiftReg(kind) => {
                 let (value, _) = shift(kind, n, m & 0xff, self.c);
-                self.set(insn.d, value);
+                self.set(insn.d(), value);
             }
             Op::ShiftRegS(kind) => {
                 let (value, carry) = shift(kind, n, m & 0xff, self.c);
                 self.set_nz(value);
                 self.c = carry;
-                self.set(insn.d, value);
+                self.set(insn.d(), value);
             }
             Op::TestReg(test) => self.test(test, n, m, self.c),
+            Op::TstImm => self.test(Test::Tst, n, insn.imm, insn.carry(self.c)),
             Op::TestImm(test) => self.test(test, n, insn.imm, insn.carry(self.c)),
             Op::TestShift(test) => {
-                let (b, carry) = shift_constant(insn.x, m, insn.imm, self.c);
+                let (b, carry) = shift_constant(insn.x(), m, insn.imm, self.c);
                 self.test(test, n, b, carry);
             }
             Op::SpShift(alu) => {
                 let b = m << (insn.imm & 31);
-                let value = if insn.x & 0x80 != 0 {
+                let value = if insn.x() & 0x80 != 0 {
                     self.alu_flags(alu, n, b, self.c)
                 } else {
                     self.alu(alu, n, b)
@@ -185,19 +192,19 @@ impl Core {
         Ok(())
     }
 
-    fn execute_multiply(&mut self, insn: &Insn) -> Result<(), Trap> {
-        let (n, m) = (self.reg(insn.n), self.reg(insn.m));
-        let accumulator = u64::from(self.reg(insn.x)) << 32 | u64::from(self.reg(insn.d));
+    fn execute_multiply(&mut self, insn: Insn) -> Result<(), Trap> {
+        let (n, m) = (self.reg(insn.n()), self.reg(insn.m()));
+        let accumulator = u64::from(self.reg(insn.x())) << 32 | u64::from(self.reg(insn.d()));
         let unsigned = u64::from(n) * u64::from(m);
         let signed = (i64::from(n as i32) * i64::from(m as i32)) as u64;
         match insn.op {
             Op::MulS => {
                 self.set_nz(unsigned as u32);
-                self.set(insn.d, unsigned as u32);
+                self.set(insn.d(), unsigned as u32);
             }
             Op::Mls => {
-                let value = self.reg(insn.x).wrapping_sub(unsigned as u32);
-                self.set(insn.d, value);
+                let value = self.reg(insn.x()).wrapping_sub(unsigned as u32);
+                self.set(insn.d(), value);
             }
             Op::Umull => self.set_long(insn, unsigned),
             Op::Smull => self.set_long(insn, signed),
@@ -206,7 +213,7 @@ impl Core {
             Op::Udiv => {
                 self.cycles += division_cycles(n, m) - 2;
                 let value = n.checked_div(m).map_or_else(|| self.divide_by_zero(), Ok)?;
-                self.set(insn.d, value);
+                self.set(insn.d(), value);
             }
             Op::Sdiv => {
                 let (a, b) = (n as i32, m as i32);
@@ -216,17 +223,17 @@ impl Core {
                 } else {
                     a.wrapping_div(b) as u32
                 };
-                self.set(insn.d, value);
+                self.set(insn.d(), value);
             }
             Op::Sbfx => {
                 let up = to_top(insn);
                 let value = ((n << up) as i32) >> ((32 - insn.imm) & 31);
-                self.set(insn.d, value as u32);
+                self.set(insn.d(), value as u32);
             }
-            Op::Clz => self.set(insn.d, m.leading_zeros()),
-            Op::Rev => self.set(insn.d, m.swap_bytes()),
-            Op::Sxtb => self.set(insn.d, m as i8 as u32),
-            Op::Sxth => self.set(insn.d, m as i16 as u32),
+            Op::Clz => self.set(insn.d(), m.leading_zeros()),
+            Op::Rev => self.set(insn.d(), m.swap_bytes()),
+            Op::Sxtb => self.set(insn.d(), m as i8 as u32),
+            Op::Sxth => self.set(insn.d(), m as i16 as u32),
             _ => return Err(Trap::Undefined),
         }
         Ok(())
@@ -242,13 +249,13 @@ impl Core {
     }
 
     /// A result of 64 bits: low in d, high in x.
-    pub(super) fn set_long(&mut self, insn: &Insn, value: u64) {
-        self.set(insn.d, value as u32);
-        self.set(insn.x, (value >> 32) as u32);
+    pub(super) fn set_long(&mut self, insn: Insn, value: u64) {
+        self.set(insn.d(), value as u32);
+        self.set(insn.x(), (value >> 32) as u32);
     }
 }
 
 /// How far a bit field goes left to meet the highest bit.
-fn to_top(insn: &Insn) -> u32 {
-    (32 - u32::from(insn.x) - insn.imm) & 31
+fn to_top(insn: Insn) -> u32 {
+    (32 - u32::from(insn.x()) - insn.imm) & 31
 }

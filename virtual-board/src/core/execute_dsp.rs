@@ -28,23 +28,23 @@ impl Core {
     }
 
     /// A sum of 32 bits that sets Q if it does not fit, but is not saturated.
-    fn set_with_overflow(&mut self, insn: &Insn, value: i64) {
+    fn set_with_overflow(&mut self, insn: Insn, value: i64) {
         self.note_overflow(value != i64::from(value as i32));
-        self.set(insn.d, value as u32);
+        self.set(insn.d(), value as u32);
     }
 
     /// The accumulator of 64 bits: low in d, high in x.
-    fn long(&self, insn: &Insn) -> i64 {
-        (u64::from(self.reg(insn.x)) << 32 | u64::from(self.reg(insn.d))) as i64
+    fn long(&self, insn: Insn) -> i64 {
+        (u64::from(self.reg(insn.x())) << 32 | u64::from(self.reg(insn.d()))) as i64
     }
 
-    fn accumulator(&self, insn: &Insn) -> i64 {
-        i64::from(self.reg(insn.x) as i32)
+    fn accumulator(&self, insn: Insn) -> i64 {
+        i64::from(self.reg(insn.x()) as i32)
     }
 
     /// The two products of halves, the second subtracted if bit 1 says so; bit 0 exchanges.
-    fn dual(&self, insn: &Insn) -> i64 {
-        let (n, m) = (self.reg(insn.n), self.reg(insn.m));
+    fn dual(&self, insn: Insn) -> i64 {
+        let (n, m) = (self.reg(insn.n()), self.reg(insn.m()));
         let m = m.rotate_right(16 * (insn.imm & 1));
         let (low, high) = (half(n, 0) * half(m, 0), half(n, 1) * half(m, 1));
         if insn.imm & 2 != 0 {
@@ -54,17 +54,18 @@ impl Core {
         }
     }
 
-    fn half_product(&self, insn: &Insn) -> i64 {
-        half(self.reg(insn.n), insn.imm >> 1 & 1) * half(self.reg(insn.m), insn.imm & 1)
+    fn half_product(&self, insn: Insn) -> i64 {
+        half(self.reg(insn.n()), insn.imm >> 1 & 1) * half(self.reg(insn.m()), insn.imm & 1)
     }
 
-    fn wide_product(&self, insn: &Insn) -> i64 {
-        (i64::from(self.reg(insn.n) as i32) * half(self.reg(insn.m), insn.imm & 1)) >> 16
+    fn wide_product(&self, insn: Insn) -> i64 {
+        let factor = half(self.reg(insn.m()), insn.imm & 1);
+        (i64::from(self.reg(insn.n()) as i32) * factor) >> 16
     }
 
     /// The upper word of accumulator ± product, rounded if bit 0 says so.
-    fn upper_product(&self, insn: &Insn, accumulator: i64, sign: i64) -> u32 {
-        let product = i64::from(self.reg(insn.n) as i32) * i64::from(self.reg(insn.m) as i32);
+    fn upper_product(&self, insn: Insn, accumulator: i64, sign: i64) -> u32 {
+        let product = i64::from(self.reg(insn.n()) as i32) * i64::from(self.reg(insn.m()) as i32);
         let rounding = if insn.imm & 1 != 0 { 0x8000_0000 } else { 0 };
         let sum = (accumulator << 32)
             .wrapping_add(product.wrapping_mul(sign))
@@ -73,18 +74,18 @@ impl Core {
     }
 
     #[inline(never)]
-    pub(super) fn execute_dsp(&mut self, insn: &Insn, op: Dsp) {
-        let (n, m) = (self.reg(insn.n), self.reg(insn.m));
-        let (low, width) = (u32::from(insn.x), insn.imm);
+    pub(super) fn execute_dsp(&mut self, insn: Insn, op: Dsp) {
+        let (n, m) = (self.reg(insn.n()), self.reg(insn.m()));
+        let (low, width) = (u32::from(insn.x()), insn.imm);
         match op {
             Dsp::Bfi | Dsp::Bfc => {
                 let mask = u32::MAX >> ((32 - width) & 31) << (low & 31);
                 let source = if op == Dsp::Bfi { n << (low & 31) } else { 0 };
-                self.set(insn.d, self.reg(insn.d) & !mask | source & mask);
+                self.set(insn.d(), self.reg(insn.d()) & !mask | source & mask);
             }
-            Dsp::Rbit => self.set(insn.d, m.reverse_bits()),
-            Dsp::Rev16 => self.set(insn.d, m.swap_bytes().rotate_right(16)),
-            Dsp::Revsh => self.set(insn.d, (m as u16).swap_bytes() as i16 as u32),
+            Dsp::Rbit => self.set(insn.d(), m.reverse_bits()),
+            Dsp::Rev16 => self.set(insn.d(), m.swap_bytes().rotate_right(16)),
+            Dsp::Revsh => self.set(insn.d(), (m as u16).swap_bytes() as i16 as u32),
             Dsp::Extend => self.extend(insn),
             Dsp::Pkh => {
                 let value = if insn.imm == 0 {
@@ -92,7 +93,7 @@ impl Core {
                 } else {
                     n & 0xffff_0000 | ((i64::from(m as i32) >> low) as u32) & 0xffff
                 };
-                self.set(insn.d, value);
+                self.set(insn.d(), value);
             }
             Dsp::Ssat | Dsp::Usat => {
                 let value = if width & 0x100 != 0 {
@@ -107,7 +108,7 @@ impl Core {
                     saturate_unsigned(i64::from(value), bits)
                 };
                 self.note_overflow(overflow);
-                self.set(insn.d, value);
+                self.set(insn.d(), value);
             }
             Dsp::Ssat16 | Dsp::Usat16 => {
                 let one = |upper| {
@@ -119,28 +120,28 @@ impl Core {
                 };
                 let ((low, first), (high, second)) = (one(0), one(1));
                 self.note_overflow(first || second);
-                self.set(insn.d, high << 16 | low & 0xffff);
+                self.set(insn.d(), high << 16 | low & 0xffff);
             }
             Dsp::Usad => {
-                let mut sum = if insn.imm != 0 { self.reg(insn.x) } else { 0 };
+                let mut sum = if insn.imm != 0 { self.reg(insn.x()) } else { 0 };
                 for k in 0..4 {
                     let (a, b) = ((n >> (8 * k)) as u8, (m >> (8 * k)) as u8);
                     sum = sum.wrapping_add(u32::from(a.abs_diff(b)));
                 }
-                self.set(insn.d, sum);
+                self.set(insn.d(), sum);
             }
             _ => self.execute_products(insn, op),
         }
     }
 
-    fn execute_products(&mut self, insn: &Insn, op: Dsp) {
+    fn execute_products(&mut self, insn: Insn, op: Dsp) {
         match op {
-            Dsp::SmulHalf => self.set(insn.d, self.half_product(insn) as u32),
+            Dsp::SmulHalf => self.set(insn.d(), self.half_product(insn) as u32),
             Dsp::SmlaHalf => {
                 let value = self.half_product(insn) + self.accumulator(insn);
                 self.set_with_overflow(insn, value);
             }
-            Dsp::SmulWide => self.set(insn.d, self.wide_product(insn) as u32),
+            Dsp::SmulWide => self.set(insn.d(), self.wide_product(insn) as u32),
             Dsp::SmlaWide => {
                 let value = self.wide_product(insn) + self.accumulator(insn);
                 self.set_with_overflow(insn, value);
@@ -161,18 +162,18 @@ impl Core {
                 let value = self.long(insn).wrapping_add(self.half_product(insn));
                 self.set_long(insn, value as u64);
             }
-            Dsp::Smmul => self.set(insn.d, self.upper_product(insn, 0, 1)),
+            Dsp::Smmul => self.set(insn.d(), self.upper_product(insn, 0, 1)),
             Dsp::Smmla => {
                 let value = self.upper_product(insn, self.accumulator(insn), 1);
-                self.set(insn.d, value);
+                self.set(insn.d(), value);
             }
             Dsp::Smmls => {
                 let value = self.upper_product(insn, self.accumulator(insn), -1);
-                self.set(insn.d, value);
+                self.set(insn.d(), value);
             }
             Dsp::Umaal => {
-                let product = u64::from(self.reg(insn.n)) * u64::from(self.reg(insn.m));
-                let value = product + u64::from(self.reg(insn.x)) + u64::from(self.reg(insn.d));
+                let product = u64::from(self.reg(insn.n())) * u64::from(self.reg(insn.m()));
+                let value = product + u64::from(self.reg(insn.x())) + u64::from(self.reg(insn.d()));
                 self.set_long(insn, value);
             }
             _ => {}
@@ -180,15 +181,19 @@ impl Core {
     }
 
     /// SXTH and its relatives: rotated, extended, added.
-    fn extend(&mut self, insn: &Insn) {
-        let value = self.reg(insn.m).rotate_right(insn.imm);
-        let n = if insn.n == 15 { 0 } else { self.reg(insn.n) };
+    fn extend(&mut self, insn: Insn) {
+        let value = self.reg(insn.m()).rotate_right(insn.imm);
+        let n = if insn.n() == 15 {
+            0
+        } else {
+            self.reg(insn.n())
+        };
         let halves = |low: u32, high: u32| {
             let low = n.wrapping_add(low) & 0xffff;
             let high = (n >> 16).wrapping_add(high) << 16;
             high | low
         };
-        let result = match insn.x {
+        let result = match insn.x() {
             0 => n.wrapping_add(value as i16 as u32),
             1 => n.wrapping_add(value & 0xffff),
             2 => halves(value as i8 as u32, (value >> 16) as i8 as u32),
@@ -196,12 +201,12 @@ impl Core {
             4 => n.wrapping_add(value as i8 as u32),
             _ => n.wrapping_add(value & 0xff),
         };
-        self.set(insn.d, result);
+        self.set(insn.d(), result);
     }
 
     #[inline(never)]
-    pub(super) fn execute_parallel(&mut self, insn: &Insn, op: Dsp) {
-        let (n, m) = (self.reg(insn.n), self.reg(insn.m));
+    pub(super) fn execute_parallel(&mut self, insn: Insn, op: Dsp) {
+        let (n, m) = (self.reg(insn.n()), self.reg(insn.m()));
         let value = match op {
             Dsp::Sel => {
                 let mut mask = 0;
@@ -210,10 +215,10 @@ impl Core {
                 }
                 n & mask | m & !mask
             }
-            Dsp::Saturating => self.saturating(insn.x, n, m),
+            Dsp::Saturating => self.saturating(insn.x(), n, m),
             _ => self.parallel(insn, n, m),
         };
-        self.set(insn.d, value);
+        self.set(insn.d(), value);
     }
 
     /// QADD, QDADD, QSUB, QDSUB: m ± n, n doubled if bit 0 says so.
@@ -231,8 +236,8 @@ impl Core {
     }
 
     /// Additions and subtractions of halves or bytes side by side.
-    fn parallel(&mut self, insn: &Insn, n: u32, m: u32) -> u32 {
-        let bytes = insn.x & 3 == 0;
+    fn parallel(&mut self, insn: Insn, n: u32, m: u32) -> u32 {
+        let bytes = insn.x() & 3 == 0;
         let (lanes, bits) = if bytes { (4, 8) } else { (2, 16) };
         let unsigned = insn.imm & 4 != 0;
         let kind = insn.imm & 3;
@@ -248,7 +253,7 @@ impl Core {
         let (mut result, mut ge) = (0, 0);
         for k in 0..lanes {
             // 0 and 1 add, 4 and 5 subtract; 2 and 6 exchange the halves of m and do one of each.
-            let (other, subtract) = match insn.x {
+            let (other, subtract) = match insn.x() {
                 2 => (1 - k, k == 0),
                 6 => (1 - k, k == 1),
                 x => (k, x & 4 != 0),

@@ -3,7 +3,7 @@
 use super::exception::Trap;
 use super::float::{self, Fixed, fpscr};
 use super::instruction::{Float, Insn, Op};
-use super::{Core, System, timing};
+use super::{Core, System, Width, timing};
 
 impl Core {
     #[inline(always)]
@@ -18,13 +18,12 @@ impl Core {
 
     /// May floating point be used, and is its unit free.
     #[inline(always)]
-    pub(super) fn begin_fp<S: System>(&mut self, system: &mut S) -> Result<(), Trap> {
+    pub(super) fn begin_fp<S: System>(&mut self, system: &mut S, insn: Insn) -> Result<(), Trap> {
         if !self.fp_ready {
             self.prepare_fp(system)?;
         }
-        if self.cycles < self.fp_busy {
-            self.cycles = self.fp_busy;
-        }
+        // The instruction's own cycles are counted already.
+        self.cycles = self.cycles.max(self.fp_busy + u64::from(insn.cycles));
         Ok(())
     }
 
@@ -33,13 +32,13 @@ impl Core {
     pub(super) fn binary<S: System>(
         &mut self,
         system: &mut S,
-        insn: &Insn,
+        insn: Insn,
         operation: impl Fn(u32, u32, &mut u32) -> u32,
     ) -> Result<(), Trap> {
-        self.begin_fp(system)?;
-        let (n, m) = (self.single_reg(insn.n), self.single_reg(insn.m));
+        self.begin_fp(system, insn)?;
+        let (n, m) = (self.single_reg(insn.n()), self.single_reg(insn.m()));
         let value = operation(n, m, &mut self.fpscr);
-        self.set_single_reg(insn.d, value);
+        self.set_single_reg(insn.d(), value);
         Ok(())
     }
 
@@ -48,13 +47,13 @@ impl Core {
     pub(super) fn ternary<S: System>(
         &mut self,
         system: &mut S,
-        insn: &Insn,
+        insn: Insn,
         operation: impl Fn(u32, u32, u32, &mut u32) -> u32,
     ) -> Result<(), Trap> {
-        self.begin_fp(system)?;
-        let (n, m) = (self.single_reg(insn.n), self.single_reg(insn.m));
-        let value = operation(self.single_reg(insn.d), n, m, &mut self.fpscr);
-        self.set_single_reg(insn.d, value);
+        self.begin_fp(system, insn)?;
+        let (n, m) = (self.single_reg(insn.n()), self.single_reg(insn.m()));
+        let value = operation(self.single_reg(insn.d()), n, m, &mut self.fpscr);
+        self.set_single_reg(insn.d(), value);
         Ok(())
     }
 
@@ -67,7 +66,7 @@ impl Core {
     pub(super) fn divide_single<S: System>(
         &mut self,
         system: &mut S,
-        insn: &Insn,
+        insn: Insn,
     ) -> Result<(), Trap> {
         self.binary(system, insn, float::div)?;
         self.occupy();
@@ -79,7 +78,7 @@ impl Core {
     pub(super) fn subtract_product<S: System>(
         &mut self,
         system: &mut S,
-        insn: &Insn,
+        insn: Insn,
     ) -> Result<(), Trap> {
         if insn.op == Op::Vfms {
             return self.ternary(system, insn, |d, n, m, status| {
@@ -92,44 +91,93 @@ impl Core {
         })
     }
 
+    /// d = operation(m), without flags.
     #[inline(always)]
-    pub(super) fn load_store_single<S: System>(
+    pub(super) fn unary<S: System>(
         &mut self,
         system: &mut S,
-        insn: &Insn,
-        pc: u32,
+        insn: Insn,
+        operation: impl Fn(u32) -> u32,
     ) -> Result<(), Trap> {
-        self.begin_fp(system)?;
-        let address = if insn.n == 15 {
+        self.begin_fp(system, insn)?;
+        self.set_single_reg(insn.d(), operation(self.single_reg(insn.m())));
+        Ok(())
+    }
+
+    pub(super) fn move_to_core<S: System>(
+        &mut self,
+        system: &mut S,
+        insn: Insn,
+    ) -> Result<(), Trap> {
+        self.begin_fp(system, insn)?;
+        self.set(insn.d(), self.single_reg(insn.n()));
+        Ok(())
+    }
+
+    pub(super) fn move_from_core<S: System>(
+        &mut self,
+        system: &mut S,
+        insn: Insn,
+    ) -> Result<(), Trap> {
+        self.begin_fp(system, insn)?;
+        self.set_single_reg(insn.n(), self.reg(insn.d()));
+        Ok(())
+    }
+
+    /// Address of VLDR and VSTR; a literal's is the constant.
+    #[inline(always)]
+    fn single_address(&self, insn: Insn) -> Result<u32, Trap> {
+        let address = if insn.n() == 15 {
             insn.imm
         } else {
-            self.reg(insn.n).wrapping_add(insn.imm)
+            self.offset(insn)
         };
         if address & 3 != 0 {
             return Err(Trap::Unaligned);
         }
-        if insn.op == Op::Vldr {
-            let value = self.load(system, address, super::Width::Word, pc)?;
-            self.set_single_reg(insn.d, value);
-            return Ok(());
-        }
-        let value = self.single_reg(insn.d);
-        self.store(system, address, super::Width::Word, value, pc)
+        Ok(address)
+    }
+
+    #[inline(always)]
+    pub(super) fn load_single<S: System>(
+        &mut self,
+        system: &mut S,
+        insn: Insn,
+        pc: u32,
+    ) -> Result<(), Trap> {
+        self.begin_fp(system, insn)?;
+        let address = self.single_address(insn)?;
+        let value = self.load(system, address, Width::Word, pc)?;
+        self.set_single_reg(insn.d(), value);
+        Ok(())
+    }
+
+    #[inline(always)]
+    pub(super) fn store_single<S: System>(
+        &mut self,
+        system: &mut S,
+        insn: Insn,
+        pc: u32,
+    ) -> Result<(), Trap> {
+        self.begin_fp(system, insn)?;
+        let address = self.single_address(insn)?;
+        let value = self.single_reg(insn.d());
+        self.store(system, address, Width::Word, value, pc)
     }
 
     #[inline(never)]
     pub(super) fn execute_rare_float<S: System>(
         &mut self,
         system: &mut S,
-        insn: &Insn,
+        insn: Insn,
         op: Float,
         pc: u32,
     ) -> Result<(), Trap> {
-        self.begin_fp(system)?;
+        self.begin_fp(system, insn)?;
         let (d, n, m) = (
-            self.single_reg(insn.d),
-            self.single_reg(insn.n),
-            self.single_reg(insn.m),
+            self.single_reg(insn.d()),
+            self.single_reg(insn.n()),
+            self.single_reg(insn.m()),
         );
         let (sign, status) = (float::SIGN, &mut self.fpscr);
         let value = match op {
@@ -160,14 +208,14 @@ impl Core {
             }
             _ => return self.move_float(system, insn, op, pc),
         };
-        self.set_single_reg(insn.d, value);
+        self.set_single_reg(insn.d(), value);
         Ok(())
     }
 
-    fn convert(&mut self, insn: &Insn, op: Float) -> u32 {
+    fn convert(&mut self, insn: Insn, op: Float) -> u32 {
         let (d, m, status) = (
-            self.single_reg(insn.d),
-            self.single_reg(insn.m),
+            self.single_reg(insn.d()),
+            self.single_reg(insn.m()),
             &mut self.fpscr,
         );
         let unsigned = insn.imm & 1 != 0;
@@ -178,8 +226,8 @@ impl Core {
         };
         let fixed = Fixed {
             fraction: insn.imm,
-            bits: if insn.x & 2 != 0 { 32 } else { 16 },
-            unsigned: insn.x & 1 != 0,
+            bits: if insn.x() & 2 != 0 { 32 } else { 16 },
+            unsigned: insn.x() & 1 != 0,
         };
         match op {
             Float::ToInteger => {
@@ -221,45 +269,45 @@ impl Core {
     fn move_float<S: System>(
         &mut self,
         system: &mut S,
-        insn: &Insn,
+        insn: Insn,
         op: Float,
         pc: u32,
     ) -> Result<(), Trap> {
         match op {
             Float::Compare => {
-                let d = self.single_reg(insn.d);
+                let d = self.single_reg(insn.d());
                 let m = if insn.imm & 2 != 0 {
                     0
                 } else {
-                    self.single_reg(insn.m)
+                    self.single_reg(insn.m())
                 };
                 let flags = float::compare(d, m, insn.imm & 1 != 0, &mut self.fpscr);
                 self.fpscr = self.fpscr & !fpscr::NZCV | flags << 28;
             }
             Float::MovTwo => {
-                let second = insn.m + 1;
-                if insn.x != 0 {
-                    self.set(insn.d, self.single_reg(insn.m));
-                    self.set(insn.n, self.single_reg(second));
+                let second = insn.m() + 1;
+                if insn.x() != 0 {
+                    self.set(insn.d(), self.single_reg(insn.m()));
+                    self.set(insn.n(), self.single_reg(second));
                 } else {
-                    self.set_single_reg(insn.m, self.reg(insn.d));
-                    self.set_single_reg(second, self.reg(insn.n));
+                    self.set_single_reg(insn.m(), self.reg(insn.d()));
+                    self.set_single_reg(second, self.reg(insn.n()));
                 }
             }
-            Float::ReadStatus if insn.d == 15 => self.set_nzcv(self.fpscr),
-            Float::ReadStatus => self.set(insn.d, self.fpscr),
-            Float::WriteStatus => self.fpscr = self.reg(insn.d) & fpscr::WRITABLE,
+            Float::ReadStatus if insn.d() == 15 => self.set_nzcv(self.fpscr),
+            Float::ReadStatus => self.set(insn.d(), self.fpscr),
+            Float::WriteStatus => self.fpscr = self.reg(insn.d()) & fpscr::WRITABLE,
             Float::LoadMultiple | Float::StoreMultiple => {
                 return self.multiple_float(system, insn, op, pc);
             }
             Float::LoadDouble | Float::StoreDouble => {
-                let address = if insn.n == 15 {
+                let address = if insn.n() == 15 {
                     insn.imm
                 } else {
-                    self.reg(insn.n).wrapping_add(insn.imm)
+                    self.reg(insn.n()).wrapping_add(insn.imm)
                 };
                 let load = op == Float::LoadDouble;
-                return self.singles(system, insn.d, 2, (address, load), pc);
+                return self.singles(system, insn.d(), 2, (address, load), pc);
             }
             _ => return Err(Trap::Undefined),
         }
@@ -269,25 +317,25 @@ impl Core {
     fn multiple_float<S: System>(
         &mut self,
         system: &mut S,
-        insn: &Insn,
+        insn: Insn,
         op: Float,
         pc: u32,
     ) -> Result<(), Trap> {
-        let base = self.reg(insn.n);
+        let base = self.reg(insn.n());
         let bytes = 4 * insn.imm;
         let lower = base.wrapping_sub(bytes);
-        let (address, moved) = if insn.x & 2 != 0 {
+        let (address, moved) = if insn.x() & 2 != 0 {
             (lower, lower)
         } else {
             (base, base.wrapping_add(bytes))
         };
         let load = op == Float::LoadMultiple;
-        self.singles(system, insn.d, insn.imm as u8, (address, load), pc)?;
-        if insn.x & 1 != 0 {
-            if insn.n == 13 {
+        self.singles(system, insn.d(), insn.imm as u8, (address, load), pc)?;
+        if insn.x() & 1 != 0 {
+            if insn.n() == 13 {
                 self.set_sp(moved);
             } else {
-                self.set(insn.n, moved);
+                self.set(insn.n(), moved);
             }
         }
         Ok(())

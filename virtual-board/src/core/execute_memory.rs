@@ -42,12 +42,12 @@ impl Core {
     pub(super) fn load_into<S: System, const SIZE: u8>(
         &mut self,
         system: &mut S,
-        insn: &Insn,
+        insn: Insn,
         address: u32,
         pc: u32,
     ) -> Result<(), Trap> {
         let value = self.load(system, address, width(SIZE), pc)?;
-        self.set(insn.d, value);
+        self.set(insn.d(), value);
         Ok(())
     }
 
@@ -55,11 +55,11 @@ impl Core {
     pub(super) fn store_from<S: System, const SIZE: u8>(
         &mut self,
         system: &mut S,
-        insn: &Insn,
+        insn: Insn,
         address: u32,
         pc: u32,
     ) -> Result<(), Trap> {
-        let value = self.reg(insn.d);
+        let value = self.reg(insn.d());
         let value = match SIZE {
             sizes::WORD => value,
             sizes::HALF => value & 0xffff,
@@ -111,8 +111,8 @@ impl Core {
     }
 
     /// Address of a load or store by constant, and the base register's new value.
-    fn indexed(&self, insn: &Insn, pre: bool) -> (u32, u32) {
-        let base = self.reg(insn.n);
+    fn indexed(&self, insn: Insn, pre: bool) -> (u32, u32) {
+        let base = self.reg(insn.n());
         let moved = base.wrapping_add(insn.imm);
         (if pre { moved } else { base }, moved)
     }
@@ -121,34 +121,32 @@ impl Core {
     pub(super) fn execute_load<S: System>(
         &mut self,
         system: &mut S,
-        insn: &Insn,
+        insn: Insn,
         pc: u32,
     ) -> Result<(), Trap> {
-        let offset = self.reg(insn.n).wrapping_add(insn.imm);
-        let by_register = self
-            .reg(insn.n)
-            .wrapping_add(self.reg(insn.m) << (insn.imm & 31));
+        let (offset, by_register) = (self.offset(insn), self.index(insn));
         let (address, size) = match insn.op {
             Op::LdrsbImm => (offset, Size::SignedByte),
             Op::LdrshImm => (offset, Size::SignedHalf),
             Op::LdrsbReg => (by_register, Size::SignedByte),
             Op::LdrshReg => (by_register, Size::SignedHalf),
+            Op::LdrhReg => (by_register, Size::Half),
             Op::LoadLit(size) => (insn.imm, size),
             Op::LoadPre(size) => (offset, size),
-            Op::LoadPost(size) => (self.reg(insn.n), size),
+            Op::LoadPost(size) => (self.reg(insn.n()), size),
             Op::LoadUser(size) => {
                 let value =
                     self.unprivileged(|core| core.load(system, offset, size.width(), pc))?;
-                self.set(insn.d, size.extend(value));
+                self.set(insn.d(), size.extend(value));
                 return Ok(());
             }
             _ => return Err(Trap::Undefined),
         };
         let value = self.load(system, address, size.width(), pc)?;
         if matches!(insn.op, Op::LoadPre(_) | Op::LoadPost(_)) {
-            self.write_back(insn.n, offset);
+            self.write_back(insn.n(), offset);
         }
-        self.set(insn.d, size.extend(value));
+        self.set(insn.d(), size.extend(value));
         Ok(())
     }
 
@@ -156,65 +154,74 @@ impl Core {
     pub(super) fn execute_store<S: System>(
         &mut self,
         system: &mut S,
-        insn: &Insn,
+        insn: Insn,
         pc: u32,
     ) -> Result<(), Trap> {
-        let (size, pre) = match insn.op {
-            Op::StorePre(size) | Op::StoreUser(size) => (size, true),
-            Op::StorePost(size) => (size, false),
+        let (base, moved) = (self.reg(insn.n()), self.offset(insn));
+        let (address, size) = match insn.op {
+            Op::StrbReg => (self.index(insn), Size::Byte),
+            Op::StrhReg => (self.index(insn), Size::Half),
+            Op::StorePre(size) | Op::StoreUser(size) => (moved, size),
+            Op::StorePost(size) => (base, size),
             _ => return Err(Trap::Undefined),
         };
-        let (address, moved) = self.indexed(insn, pre);
         let width = size.width();
         let value = match width {
-            Width::Word => self.reg(insn.d),
-            Width::Half => self.reg(insn.d) & 0xffff,
-            Width::Byte => self.reg(insn.d) & 0xff,
+            Width::Word => self.reg(insn.d()),
+            Width::Half => self.reg(insn.d()) & 0xffff,
+            Width::Byte => self.reg(insn.d()) & 0xff,
         };
         if let Op::StoreUser(_) = insn.op {
             return self.unprivileged(|core| core.store(system, address, width, value, pc));
         }
         self.store(system, address, width, value, pc)?;
-        self.write_back(insn.n, moved);
+        if let Op::StorePre(_) | Op::StorePost(_) = insn.op {
+            self.write_back(insn.n(), moved);
+        }
         Ok(())
     }
 
+    /// LDRD and STRD.
     #[inline(never)]
-    pub(super) fn load_double<S: System>(
+    pub(super) fn move_double<S: System>(
         &mut self,
         system: &mut S,
-        insn: &Insn,
+        insn: Insn,
         pc: u32,
     ) -> Result<(), Trap> {
-        let (address, moved) = if insn.n == 15 {
+        if insn.op == Op::Ldrd {
+            self.load_double(system, insn, pc)
+        } else {
+            self.store_double(system, insn, pc)
+        }
+    }
+
+    #[inline]
+    fn load_double<S: System>(&mut self, system: &mut S, insn: Insn, pc: u32) -> Result<(), Trap> {
+        let (address, moved) = if insn.n() == 15 {
             (insn.imm, 0)
         } else {
-            self.indexed(insn, insn.x & 1 != 0)
+            self.indexed(insn, insn.x() & 1 != 0)
         };
         Self::must_align(address)?;
         let low = self.load_word(system, address, pc)?;
         let high = self.load_word(system, address.wrapping_add(4), pc)?;
-        if insn.x & 2 != 0 {
-            self.write_back(insn.n, moved);
+        if insn.x() & 2 != 0 {
+            self.write_back(insn.n(), moved);
         }
-        self.set(insn.d, low);
-        self.set(insn.m, high);
+        self.set(insn.d(), low);
+        self.set(insn.m(), high);
         Ok(())
     }
 
-    #[inline(never)]
-    pub(super) fn store_double<S: System>(
-        &mut self,
-        system: &mut S,
-        insn: &Insn,
-        pc: u32,
-    ) -> Result<(), Trap> {
-        let (address, moved) = self.indexed(insn, insn.x & 1 != 0);
+    #[inline]
+    fn store_double<S: System>(&mut self, system: &mut S, insn: Insn, pc: u32) -> Result<(), Trap> {
+        let (address, moved) = self.indexed(insn, insn.x() & 1 != 0);
         Self::must_align(address)?;
-        self.store_word_at(system, address, self.reg(insn.d), pc)?;
-        self.store_word_at(system, address.wrapping_add(4), self.reg(insn.m), pc)?;
-        if insn.x & 2 != 0 {
-            self.write_back(insn.n, moved);
+        self.store_word_at(system, address, self.reg(insn.d()), pc)?;
+        self.store_word_at(system, address.wrapping_add(4), self.reg(insn.m()), pc)?;
+        if insn.x() & 2 != 0 {
+            self.write_back(insn.n(), moved);
         }
         Ok(())
     }
@@ -223,14 +230,14 @@ impl Core {
     pub(super) fn load_multiple<S: System>(
         &mut self,
         system: &mut S,
-        insn: &Insn,
+        insn: Insn,
         pc: u32,
         next: u32,
     ) -> Result<u32, Trap> {
         let bytes = 4 * insn.imm.count_ones();
-        let base = self.reg(insn.n);
+        let base = self.reg(insn.n());
         let lower = base.wrapping_sub(bytes);
-        let (mut address, moved) = if insn.x & 2 != 0 {
+        let (mut address, moved) = if insn.x() & 2 != 0 {
             (lower, lower)
         } else {
             (base, base.wrapping_add(bytes))
@@ -245,8 +252,8 @@ impl Core {
             words[register] = self.load(system, address, Width::Word, pc)?;
             address = address.wrapping_add(4);
         }
-        if insn.x & 1 != 0 {
-            self.write_back(insn.n, moved);
+        if insn.x() & 1 != 0 {
+            self.write_back(insn.n(), moved);
         }
         let mut rest = insn.imm & 0x7fff;
         while rest != 0 {
@@ -264,20 +271,20 @@ impl Core {
     pub(super) fn store_multiple<S: System>(
         &mut self,
         system: &mut S,
-        insn: &Insn,
+        insn: Insn,
         pc: u32,
     ) -> Result<(), Trap> {
         let bytes = 4 * insn.imm.count_ones();
-        let base = self.reg(insn.n);
+        let base = self.reg(insn.n());
         let lower = base.wrapping_sub(bytes);
-        let (address, moved) = if insn.x & 2 != 0 {
+        let (address, moved) = if insn.x() & 2 != 0 {
             (lower, lower)
         } else {
             (base, base.wrapping_add(bytes))
         };
         self.store_list(system, insn.imm, address, pc)?;
-        if insn.x & 1 != 0 {
-            self.write_back(insn.n, moved);
+        if insn.x() & 1 != 0 {
+            self.write_back(insn.n(), moved);
         }
         Ok(())
     }
@@ -305,7 +312,7 @@ impl Core {
     pub(super) fn push<S: System>(
         &mut self,
         system: &mut S,
-        insn: &Insn,
+        insn: Insn,
         pc: u32,
     ) -> Result<(), Trap> {
         let address = self.r[13].wrapping_sub(4 * insn.imm.count_ones());
@@ -318,7 +325,7 @@ impl Core {
     pub(super) fn pop<S: System>(
         &mut self,
         system: &mut S,
-        insn: &Insn,
+        insn: Insn,
         pc: u32,
         next: u32,
     ) -> Result<u32, Trap> {
@@ -358,10 +365,10 @@ impl Core {
     pub(super) fn execute_exclusive<S: System>(
         &mut self,
         system: &mut S,
-        insn: &Insn,
+        insn: Insn,
         pc: u32,
     ) -> Result<(), Trap> {
-        let address = self.reg(insn.n).wrapping_add(insn.imm);
+        let address = self.reg(insn.n()).wrapping_add(insn.imm);
         let (Op::Ldrex(size) | Op::Strex(size)) = insn.op else {
             return Err(Trap::Undefined);
         };
@@ -372,14 +379,14 @@ impl Core {
         if let Op::Ldrex(_) = insn.op {
             let value = self.load(system, address, width, pc)?;
             self.exclusive = true;
-            self.set(insn.d, value);
+            self.set(insn.d(), value);
             return Ok(());
         }
         if !self.exclusive {
-            self.set(insn.d, 1);
+            self.set(insn.d(), 1);
             return Ok(());
         }
-        let value = self.reg(insn.m);
+        let value = self.reg(insn.m());
         let value = match width {
             Width::Word => value,
             Width::Half => value & 0xffff,
@@ -387,7 +394,7 @@ impl Core {
         };
         self.store(system, address, width, value, pc)?;
         self.exclusive = false;
-        self.set(insn.d, 0);
+        self.set(insn.d(), 0);
         Ok(())
     }
 
@@ -397,22 +404,22 @@ impl Core {
     pub(super) fn execute_jump<S: System>(
         &mut self,
         system: &mut S,
-        insn: &Insn,
+        insn: Insn,
         pc: u32,
         next: u32,
     ) -> Result<u32, Trap> {
         match insn.op {
             Op::MovPc | Op::AddPc => {
                 self.cycles += timing::REFILL_REGISTER;
-                return Ok(self.reg(insn.m).wrapping_add(insn.imm) & !1);
+                return Ok(self.reg(insn.m()).wrapping_add(insn.imm) & !1);
             }
             Op::Table => {
-                let base = if insn.n == 15 {
+                let base = if insn.n() == 15 {
                     insn.imm
                 } else {
-                    self.reg(insn.n)
+                    self.reg(insn.n())
                 };
-                let (half, index) = (insn.x != 0, self.reg(insn.m));
+                let (half, index) = (insn.x() != 0, self.reg(insn.m()));
                 let address = base.wrapping_add(index << u32::from(half));
                 let width = if half { Width::Half } else { Width::Byte };
                 let offset = self.load(system, address, width, pc)?;
@@ -424,21 +431,24 @@ impl Core {
         let Op::LoadTo(mode) = insn.op else {
             return Err(Trap::Undefined);
         };
-        let (base, offset) = (self.reg(insn.n), self.reg(insn.n).wrapping_add(insn.imm));
+        let (base, offset) = (
+            self.reg(insn.n()),
+            self.reg(insn.n()).wrapping_add(insn.imm),
+        );
         let address = match mode {
             Mode::Offset | Mode::Pre => offset,
             Mode::Post => base,
-            Mode::Register => base.wrapping_add(self.reg(insn.m) << (insn.imm & 31)),
+            Mode::Register => base.wrapping_add(self.reg(insn.m()) << (insn.imm & 31)),
             Mode::Literal => insn.imm,
         };
-        if insn.d == 15 {
+        if insn.d() == 15 {
             Self::must_align(address)?;
         }
         let value = self.load_word(system, address, pc)?;
         if matches!(mode, Mode::Pre | Mode::Post) {
-            self.write_back(insn.n, offset);
+            self.write_back(insn.n(), offset);
         }
-        if insn.d == 13 {
+        if insn.d() == 13 {
             self.set_sp(value);
             return Ok(next);
         }

@@ -17,7 +17,7 @@ const CONTROL: u32 = 20;
 
 impl Core {
     #[inline(never)]
-    pub(super) fn execute_special(&mut self, insn: &Insn, op: Special) -> Result<(), Trap> {
+    pub(super) fn execute_special(&mut self, insn: Insn, op: Special) -> Result<(), Trap> {
         match op {
             Special::Nop | Special::Yield | Special::Barrier => {}
             Special::Wfe if self.event => self.event = false,
@@ -27,8 +27,8 @@ impl Core {
             Special::Clrex => self.exclusive = false,
             Special::Svc => return Err(Trap::SupervisorCall),
             Special::Bkpt => return Err(Trap::Breakpoint),
-            Special::Mrs => self.set(insn.d, self.read_special(insn.imm)),
-            Special::Msr => self.write_special(insn.imm, self.reg(insn.n), insn.x),
+            Special::Mrs => self.set(insn.d(), self.read_special(insn.imm)),
+            Special::Msr => self.write_special(insn.imm, self.reg(insn.n()), insn.x()),
             Special::Cps => self.change_masks(insn),
         }
         Ok(())
@@ -82,9 +82,9 @@ impl Core {
             PSP => self.set_psp(value),
             PRIMASK => self.primask = value & 1 != 0,
             BASEPRI => self.basepri = priority,
-            BASEPRI_MAX if priority != 0 && (self.basepri == 0 || priority < self.basepri) => {
-                self.basepri = priority;
-            }
+            BASEPRI_MAX if priority == 0 => {}
+            BASEPRI_MAX if self.basepri != 0 => self.basepri = self.basepri.min(priority),
+            BASEPRI_MAX => self.basepri = priority,
             FAULTMASK => self.set_faultmask(value & 1 != 0),
             CONTROL => self.set_control(value),
             _ => {}
@@ -111,11 +111,11 @@ impl Core {
         self.update_view(false);
     }
 
-    fn change_masks(&mut self, insn: &Insn) {
+    fn change_masks(&mut self, insn: Insn) {
         if !self.privileged() {
             return;
         }
-        let on = insn.x & 1 != 0;
+        let on = insn.x() & 1 != 0;
         if insn.imm & 2 != 0 {
             self.primask = on;
         }

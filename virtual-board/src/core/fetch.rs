@@ -120,12 +120,16 @@ impl Core {
         last: u32,
     ) -> Result<(), Trap> {
         if pc >> 4 != self.line {
-            self.check_fetch(pc)?;
+            if self.mpu.enabled() {
+                self.check_fetch(pc)?;
+            }
             self.line = pc >> 4;
             system.enter_line(pc, &mut self.cycles);
         }
         if last >> 4 != self.line {
-            self.check_fetch(last)?;
+            if self.mpu.enabled() {
+                self.check_fetch(last)?;
+            }
             self.line = last >> 4;
             system.enter_line(last, &mut self.cycles);
         }

@@ -234,8 +234,8 @@ pub(super) enum Op {
     Sbfx,
     Clz,
     Rev,
-    Uxtb,
-    Uxth,
+    /// d = m & imm: UXTB and UXTH.
+    Mask,
     Sxtb,
     Sxth,
     Dsp(Dsp),
@@ -279,27 +279,21 @@ pub(super) enum Op {
     /// `x`: bit 0 halfwords; n 15: `imm` is the base.
     Table,
     B,
-    Beq,
-    Bne,
-    Bcs,
-    Bcc,
-    Bmi,
-    Bpl,
-    Bvs,
-    Bvc,
-    Bhi,
-    Bls,
-    Bge,
-    Blt,
-    Bgt,
-    Ble,
+    /// If Z; bit 7 of `x` inverts this and the following.
+    BranchZero,
+    BranchCarry,
+    BranchNegative,
+    BranchOverflow,
+    BranchHigher,
+    BranchGreaterEqual,
+    BranchGreater,
     Bl,
     Bx,
     Blx,
     MovPc,
     AddPc,
-    Cbz,
-    Cbnz,
+    /// If n is 0.
+    BranchRegister,
     It,
     Special(Special),
     Vldr,
@@ -329,11 +323,8 @@ pub(super) struct Insn {
     pub(super) cycles: u8,
     /// Bytes.
     pub(super) size: u8,
-    pub(super) d: u8,
-    pub(super) n: u8,
-    pub(super) m: u8,
-    /// The third source, or what the operation says; of a branch the cycles to refill the pipeline.
-    pub(super) x: u8,
+    /// d, n, m and x, a byte each: as one number they stay in a register of the host.
+    registers: u32,
     pub(super) imm: u32,
 }
 
@@ -343,10 +334,7 @@ impl Insn {
         op: Op::Empty,
         cycles: 0,
         size: 2,
-        d: 0,
-        n: 0,
-        m: 0,
-        x: 0,
+        registers: 0,
         imm: 0,
     };
 
@@ -359,23 +347,45 @@ impl Insn {
     pub(super) const fn regs(op: Op, d: u32, n: u32, m: u32) -> Self {
         Self {
             op,
-            d: d as u8,
-            n: n as u8,
-            m: m as u8,
+            registers: d | n << 8 | m << 16,
             ..Self::EMPTY
         }
     }
 
     /// With a constant.
-    pub(super) const fn imm(mut self, imm: u32) -> Self {
+    pub(super) const fn with_imm(mut self, imm: u32) -> Self {
         self.imm = imm;
         self
     }
 
     /// With the third source or the variant.
-    pub(super) const fn x(mut self, x: u32) -> Self {
-        self.x = x as u8;
+    pub(super) const fn with_x(mut self, x: u32) -> Self {
+        self.registers = self.registers & 0xff_ffff | x << 24;
         self
+    }
+
+    /// The destination.
+    #[inline(always)]
+    pub(super) const fn d(self) -> u8 {
+        self.registers as u8
+    }
+
+    /// The first source.
+    #[inline(always)]
+    pub(super) const fn n(self) -> u8 {
+        (self.registers >> 8) as u8
+    }
+
+    /// The second source.
+    #[inline(always)]
+    pub(super) const fn m(self) -> u8 {
+        (self.registers >> 16) as u8
+    }
+
+    /// The third source, or what the operation says; of a branch the cycles to refill the pipeline.
+    #[inline(always)]
+    pub(super) const fn x(self) -> u8 {
+        (self.registers >> 24) as u8
     }
 
     /// The same inside an IT block, where 16-bit instructions but comparisons set no flags.

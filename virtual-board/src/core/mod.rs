@@ -130,6 +130,8 @@ pub struct Core {
     it: u8,
     /// Something is to be looked at before the next instruction.
     attend: bool,
+    /// Until when [`Core::run`] is to run.
+    until: Cycles,
     /// N is the highest bit of `n`, Z is that `z` is 0.
     n: u32,
     z: u32,
@@ -202,6 +204,7 @@ impl Core {
             line: NO_LINE,
             it: 0,
             attend: true,
+            until: 0,
             n: 0,
             z: 1,
             c: false,

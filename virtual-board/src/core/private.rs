@@ -74,8 +74,8 @@ impl Core {
         value: u32,
         pc: u32,
     ) -> Result<(), BusError> {
-        let trigger = address & !3 == 0xe000_ef00;
-        if !(self.privileged() || trigger && self.scb.ccr & ccr::USERSETMPEND != 0) {
+        let user_trigger = address & !3 == 0xe000_ef00 && self.scb.ccr & ccr::USERSETMPEND != 0;
+        if !self.privileged() && !user_trigger {
             return Err(BusError);
         }
         self.refresh(system);

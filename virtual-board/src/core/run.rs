@@ -72,6 +72,7 @@ impl Core {
     /// Lets the chip do what is due and looks at what it did; gives when the next thing is due.
     fn look_up<S: System>(&mut self, system: &mut S, until: Cycles) -> Cycles {
         self.attend = false;
+        self.until = until;
         if self.systick.advance(self.cycles) {
             self.nvic.pend(number::SYSTICK, self.cycles);
         }
@@ -163,7 +164,7 @@ impl Core {
             }
             self.cycles += u64::from(insn.cycles);
             count += 1;
-            match self.execute(system, &insn, pc) {
+            match self.execute(system, insn, pc) {
                 Ok(next) => {
                     if PROBE {
                         self.account(pc, before);

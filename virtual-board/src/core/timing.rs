@@ -33,26 +33,18 @@ pub(super) const FP_DIVISION: u64 = 14;
 
 /// Branches whose target is a constant.
 pub(super) fn is_direct_branch(insn: &Insn) -> bool {
-    matches!(insn.op, Op::B | Op::Bl | Op::Cbz | Op::Cbnz) || is_conditional(insn)
-}
-
-fn is_conditional(insn: &Insn) -> bool {
     matches!(
         insn.op,
-        Op::Beq
-            | Op::Bne
-            | Op::Bcs
-            | Op::Bcc
-            | Op::Bmi
-            | Op::Bpl
-            | Op::Bvs
-            | Op::Bvc
-            | Op::Bhi
-            | Op::Bls
-            | Op::Bge
-            | Op::Blt
-            | Op::Bgt
-            | Op::Ble
+        Op::B
+            | Op::Bl
+            | Op::BranchRegister
+            | Op::BranchZero
+            | Op::BranchCarry
+            | Op::BranchNegative
+            | Op::BranchOverflow
+            | Op::BranchHigher
+            | Op::BranchGreaterEqual
+            | Op::BranchGreater
     )
 }
 
@@ -127,8 +119,7 @@ fn is_data(insn: &Insn) -> bool {
             | Op::Mls
             | Op::Ubfx
             | Op::Sbfx
-            | Op::Uxtb
-            | Op::Uxth
+            | Op::Mask
             | Op::Sxtb
             | Op::Sxth
             | Op::Dsp(_)
@@ -162,7 +153,7 @@ fn is_float(insn: &Insn) -> bool {
 /// Singles that a floating-point instruction reads.
 fn reads_single(insn: &Insn, register: u8) -> bool {
     use Float::{Compare, Fnma, Fnms, FromFixed, Nmla, Nmls, Nmul, ToFixed};
-    let Insn { d, n, m, .. } = *insn;
+    let (d, n, m) = (insn.d(), insn.n(), insn.m());
     match insn.op {
         Op::Vadd | Op::Vsub | Op::Vmul | Op::Vdiv | Op::Float(Nmul) => {
             n == register || m == register
@@ -174,7 +165,7 @@ fn reads_single(insn: &Insn, register: u8) -> bool {
         Op::Vstr | Op::Float(ToFixed | FromFixed) => d == register,
         Op::VmovToCore => n == register,
         Op::Float(Compare) => d == register || m == register,
-        Op::Float(Float::MovTwo) => insn.x != 0 && (m == register || m + 1 == register),
+        Op::Float(Float::MovTwo) => insn.x() != 0 && (m == register || m + 1 == register),
         Op::Float(Float::StoreMultiple | Float::LoadMultiple | Float::LoadDouble) => false,
         Op::Float(Float::StoreDouble) => d == register || d + 1 == register,
         Op::Float(_) => m == register,
@@ -201,7 +192,7 @@ fn address_from(insn: &Insn, register: u8) -> bool {
             insn.op,
             Op::Ldrd | Op::Strd | Op::Ldm | Op::Stm | Op::Vldr | Op::Vstr
         );
-    (base && insn.n == register) || (by_register && insn.m == register)
+    (base && insn.n() == register) || (by_register && insn.m() == register)
 }
 
 /// Whether the cycles of an instruction depend on the one behind it.
@@ -215,17 +206,17 @@ pub(super) fn set_cycles(insn: &mut Insn, follower: Option<&Insn>, unaligned: bo
     let mut cycles = alone(insn);
     if is_direct_branch(insn) {
         let refill = 1 + u32::from(unaligned);
-        insn.x = refill as u8;
+        *insn = insn.with_x(u32::from(insn.x()) | refill);
         if matches!(insn.op, Op::B | Op::Bl) {
             cycles += refill;
         }
     }
     if let Some(follower) = follower {
-        let on_address = address_from(follower, insn.d);
+        let on_address = address_from(follower, insn.d());
         if is_load(insn) && (is_load(follower) || is_store(follower)) && !on_address {
             cycles -= 1;
         }
-        if (is_data(insn) && on_address) || (is_float(insn) && reads_single(follower, insn.d)) {
+        if (is_data(insn) && on_address) || (is_float(insn) && reads_single(follower, insn.d())) {
             cycles += 1;
         }
     }

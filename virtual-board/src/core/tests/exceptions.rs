@@ -1,0 +1,486 @@
+//! Exceptions: frames, priorities, chaining, masks, floating-point context.
+
+use super::*;
+
+/// A handler that appends a word to the log at r7 and returns.
+fn logging(word: u16) -> Vec<u16> {
+    vec![
+        0x2600 | word, // movs r6, #word
+        0xc740,        // stm r7!, {r6}
+        0x4770,        // bx lr
+    ]
+}
+
+/// Enables lines 0 to 31 and gives them priorities 0x10, 0x20, ... by fours of four.
+fn enable(machine: &mut Machine, priorities: [u8; 4]) {
+    machine.set_private(ISER0, u32::MAX);
+    machine.set_private(IPR0, u32::from_le_bytes(priorities));
+}
+
+#[test]
+fn a_supervisor_call_saves_what_the_manual_says() {
+    let mut machine = Machine::new(&[
+        0xdf05, // svc #5
+        0xbe00, // bkpt
+    ]);
+    for number in 0..13 {
+        machine.core.set_register(number, 0x1000 + number as u32);
+    }
+    machine.core.set_register(14, 0x1234_5679);
+    // Misaligned by 4: the frame is aligned to 8 and bit 9 tells.
+    machine.core.set_register(13, STACK - 4);
+    machine.core.set_xpsr(0xa000_0000 | 1 << 24);
+    assert_eq!(machine.run_to_breakpoint(), 11);
+    let frame = STACK - 0x28;
+    assert_eq!(machine.r(13), frame);
+    assert_eq!(machine.r(14), 0xffff_fff9);
+    let words: Vec<u32> = (0..8).map(|k| machine.chip.word(frame + 4 * k)).collect();
+    let expected = [
+        0x1000,
+        0x1001,
+        0x1002,
+        0x1003,
+        0x100c,
+        0x1234_5679,
+        CODE + 2,
+    ];
+    assert_eq!(words[..7], expected);
+    assert_eq!(words[7], 0xa100_0200);
+    assert_eq!(machine.core.xpsr() & 0x1ff, 11);
+    // Back to the thread with everything as before.
+    machine.chip.program(HANDLERS + 64 * 11, &[0xbe00, 0x4770]);
+    assert_eq!(machine.go_on(), 0);
+    assert_eq!(machine.r(13), STACK - 4);
+    assert_eq!(machine.r(14), 0x1234_5679);
+    assert_eq!(machine.core.xpsr() & 0xf800_0000, 0xa000_0000);
+    assert_eq!(machine.core.pc(), CODE + 2);
+}
+
+#[test]
+fn the_process_stack_is_used_by_the_thread_alone() {
+    let mut machine = Machine::new(&[
+        0xf380, 0x8809, // msr psp, r0
+        0xf381, 0x8814, // msr control, r1
+        0xf3bf, 0x8f6f, // isb
+        0xdf00, // svc #0
+        0xbe00, // bkpt
+    ])
+    .register(0, 0x2000_1000)
+    .register(1, 2);
+    assert_eq!(machine.run_to_breakpoint(), 11);
+    assert_eq!(machine.r(14), 0xffff_fffd);
+    assert_eq!(machine.core.psp(), 0x2000_1000 - 0x20);
+    assert_eq!(machine.r(13), STACK);
+    machine.chip.program(HANDLERS + 64 * 11, &[0xbe00, 0x4770]);
+    assert_eq!(machine.go_on(), 0);
+    assert_eq!(machine.r(13), 0x2000_1000);
+    assert_eq!(machine.core.msp(), STACK);
+}
+
+#[test]
+fn an_interrupt_inside_an_it_block_comes_back_to_its_middle() {
+    // The store pends line 0; the block goes on afterwards, its else part not executed.
+    let mut machine = Machine::new(&[
+        0x4280, // cmp r0, r0
+        0xbf03, // ittte eq
+        0x6011, // streq r1, [r2]
+        0x3301, // addeq r3, #1
+        0x3302, // addeq r3, #2
+        0x3308, // addne r3, #8
+        0xbe00, // bkpt
+    ])
+    .handler(
+        16,
+        &[
+            0x9807, // ldr r0, [sp, #28]
+            0x6038, // str r0, [r7]
+            0x45bd, // cmp sp, r7
+            0x4770, // bx lr
+        ],
+    )
+    .register(1, 1)
+    .register(2, ISPR0)
+    .register(3, 0)
+    .register(7, LOG);
+    enable(&mut machine, [0; 4]);
+    assert_eq!(machine.run_to_breakpoint(), 0);
+    assert_eq!(machine.r(3), 3);
+    let psr = machine.chip.word(LOG);
+    // ITSTATE: condition EQ, mask 0b0011 for T, T, E; shifted once by the first of the four.
+    let it = psr >> 25 & 3 | psr >> 8 & 0xfc;
+    assert_eq!(it, 0b0000_0110, "{psr:#010x}");
+    assert_eq!(machine.core.taken(16), 1);
+    assert_eq!(machine.core.xpsr() & 0x0600_fc00, 0);
+}
+
+#[test]
+fn the_more_urgent_one_preempts_and_the_others_follow_by_tail_chaining() {
+    // Handlers: line 1 pends lines 0 and 2; 0 is more urgent, 2 less.
+    let mut machine = Machine::new(&[
+        0x6011, // str r1, [r2]
+        0xbe00, // bkpt
+    ])
+    .handler(16, &logging(1))
+    .handler(18, &logging(3))
+    .handler(
+        17,
+        &[
+            0x2005, // movs r0, #5
+            0x6010, // str r0, [r2]
+            0x2602, // movs r6, #2
+            0xc740, // stm r7!, {r6}
+            0x4770, // bx lr
+        ],
+    )
+    .register(1, 2)
+    .register(2, ISPR0)
+    .register(7, LOG);
+    enable(&mut machine, [0x10, 0x20, 0x30, 0]);
+    assert_eq!(machine.run_to_breakpoint(), 0);
+    assert_eq!(machine.chip.log(), [1, 2, 3]);
+    assert_eq!(machine.r(13), STACK);
+}
+
+#[test]
+fn the_group_alone_decides_on_preemption_and_the_subpriority_on_the_order() {
+    for (group, expected) in [(3, vec![1, 2, 3]), (6, vec![2, 1, 3])] {
+        let mut machine = Machine::new(&[
+            0x6011, // str r1, [r2]
+            0xbe00, // bkpt
+        ])
+        .handler(16, &logging(1))
+        .handler(18, &logging(3))
+        .handler(
+            17,
+            &[
+                0x2005, // movs r0, #5
+                0x6010, // str r0, [r2]
+                0x2602, // movs r6, #2
+                0xc740, // stm r7!, {r6}
+                0x4770, // bx lr
+            ],
+        )
+        .register(1, 2)
+        .register(2, ISPR0)
+        .register(7, LOG);
+        machine.set_private(AIRCR, 0x05fa_0000 | group << 8);
+        enable(&mut machine, [0x40, 0x50, 0x60, 0]);
+        assert_eq!(machine.run_to_breakpoint(), 0);
+        assert_eq!(machine.chip.log(), expected, "group {group}");
+    }
+}
+
+#[test]
+fn one_that_arrives_during_entry_goes_first_and_the_frame_is_shared() {
+    let program = [
+        0xe7fe, // b .
+    ];
+    let mut machine = Machine::new(&program)
+        .handler(
+            16,
+            &[
+                0x2601, // movs r6, #1
+                0xc740, // stm r7!, {r6}
+                0x466d, // mov r5, sp
+                0x4770, // bx lr
+            ],
+        )
+        .handler(
+            17,
+            &[
+                0x2602, // movs r6, #2
+                0xc740, // stm r7!, {r6}
+                0x456d, // cmp r5, sp
+                0xbe00, // bkpt
+            ],
+        )
+        .register(7, LOG);
+    enable(&mut machine, [0x10, 0x20, 0, 0]);
+    let begin = machine.core.cycles();
+    machine.chip.schedule = vec![
+        (begin + 50, 2),
+        (begin + 55, 3),
+        (begin + 64, 2),
+        (begin + 75, 0),
+    ];
+    assert_eq!(machine.run_to_breakpoint(), 17);
+    assert_eq!(machine.chip.log(), [1, 2]);
+    assert_eq!(
+        machine.r(5),
+        machine.r(13),
+        "tail-chained on the same frame"
+    );
+}
+
+#[test]
+fn a_line_that_stays_high_comes_again_and_one_that_falls_does_not() {
+    for (falls, times) in [(true, 1), (false, 3)] {
+        let mut machine = Machine::new(&[
+            0xbf00, // nop
+            0xe7fe, // b .
+        ])
+        .handler(
+            16,
+            &[
+                0x3601, // adds r6, #1
+                0x2e03, // cmp r6, #3
+                0xd100, // bne 1f
+                0xbe00, // bkpt
+                0x4770, // 1: bx lr
+            ],
+        )
+        .register(6, 0);
+        enable(&mut machine, [0; 4]);
+        let begin = machine.core.cycles();
+        machine.chip.schedule = vec![(begin + 20, 1)];
+        if falls {
+            machine.chip.schedule.push((begin + 33, 0));
+        }
+        let stop = machine.run();
+        assert_eq!(stop == Stop::Until, falls);
+        assert_eq!(machine.core.taken(16), times);
+    }
+}
+
+#[test]
+fn masks_hold_back_what_they_name() {
+    let pend = |machine: &mut Machine| machine.set_private(ISPR0, 1);
+    // cpsid i / cpsid f / msr basepri, r0 with priority 0x20 of the line.
+    let programs: [(&[u16], u32, bool); 6] = [
+        (&[0xb672, 0xbf00, 0xbf00, 0xbe00], 0, false),
+        (&[0xb671, 0xbf00, 0xbf00, 0xbe00], 0, false),
+        (&[0xf380, 0x8811, 0xbf00, 0xbe00], 0x20, false),
+        (&[0xf380, 0x8811, 0xbf00, 0xbe00], 0x30, true),
+        (&[0xf380, 0x8811, 0xbf00, 0xbe00], 0x0f, true),
+        (&[0xf380, 0x8812, 0xbf00, 0xbe00], 0x10, false),
+    ];
+    for (k, (program, r0, taken)) in programs.into_iter().enumerate() {
+        let mut machine = Machine::new(program).register(0, r0);
+        enable(&mut machine, [0x20, 0, 0, 0]);
+        machine.core.add_breakpoint(CODE + 4);
+        assert_eq!(machine.run_to_breakpoint(), 0);
+        pend(&mut machine);
+        let exception = machine.run_to_breakpoint();
+        assert_eq!(exception == 16, taken, "{k}");
+    }
+}
+
+#[test]
+fn basepri_max_only_raises() {
+    // msr basepri_max, r0 to r3 in turn, then mrs r4, basepri.
+    let mut machine = Machine::new(&[
+        0xf380, 0x8812, // msr basepri_max, r0
+        0xf3ef, 0x8411, // mrs r4, basepri
+        0xf381, 0x8812, // msr basepri_max, r1
+        0xf3ef, 0x8511, // mrs r5, basepri
+        0xf382, 0x8812, // msr basepri_max, r2
+        0xf3ef, 0x8611, // mrs r6, basepri
+        0xf383, 0x8812, // msr basepri_max, r3
+        0xf3ef, 0x8711, // mrs r7, basepri
+        0xbe00, // bkpt
+    ])
+    .register(0, 0x40)
+    .register(1, 0x80)
+    .register(2, 0)
+    .register(3, 0x20);
+    machine.run_to_breakpoint();
+    assert_eq!([4, 5, 6, 7].map(|k| machine.r(k)), [0x40, 0x40, 0x40, 0x20]);
+}
+
+#[test]
+fn floating_point_is_saved_when_the_handler_first_uses_it() {
+    let program = [
+        0xeeb7, 0x0a00, // vmov.f32 s0, #1.0
+        0xeef0, 0x7a00, // vmov.f32 s15, #2.0
+        0x6011, // str r1, [r2]
+        0xee30, 0x0a27, // vadd.f32 s0, s0, s15
+        0xbe00, // bkpt
+    ];
+    let handler = [
+        0xbe00, // bkpt
+        0xeeb2, 0x0a00, // vmov.f32 s0, #8.0
+        0xeeb1, 0x8a00, // vmov.f32 s16, #4.0
+        0xbe00, // bkpt
+        0x4770, // bx lr
+    ];
+    let mut machine = Machine::new(&program)
+        .handler(16, &handler)
+        .register(1, 1)
+        .register(2, ISPR0);
+    machine.set_private(CPACR, 0x00f0_0000);
+    enable(&mut machine, [0; 4]);
+    assert_eq!(machine.run_to_breakpoint(), 16);
+    let frame = STACK - 0x68;
+    assert_eq!(machine.r(13), frame);
+    assert_eq!(machine.r(14), 0xffff_ffe9);
+    assert_eq!(machine.private(FPCCR) & 1, 1);
+    assert_eq!(machine.private(FPCAR), frame + 0x20);
+    assert_eq!(machine.chip.word(frame + 0x20), 0, "nothing is written yet");
+    assert_eq!(machine.go_on(), 16);
+    assert_eq!(machine.private(FPCCR) & 1, 0);
+    assert_eq!(machine.chip.word(frame + 0x20), 1.0f32.to_bits());
+    assert_eq!(machine.chip.word(frame + 0x5c), 2.0f32.to_bits());
+    assert_eq!(machine.go_on(), 0);
+    assert_eq!(f32::from_bits(machine.core.single(0)), 3.0);
+    assert_eq!(f32::from_bits(machine.core.single(16)), 4.0, "callee-saved");
+    assert_eq!(machine.r(13), STACK);
+}
+
+#[test]
+fn floating_point_that_the_handler_leaves_alone_is_never_written() {
+    let mut machine = Machine::new(&[
+        0xeeb7, 0x0a00, // vmov.f32 s0, #1.0
+        0x6011, // str r1, [r2]
+        0xeef0, 0x0a40, // vmov.f32 s1, s0
+        0xbe00, // bkpt
+    ])
+    .handler(16, &[0x4770])
+    .register(1, 1)
+    .register(2, ISPR0);
+    machine.set_private(CPACR, 0x00f0_0000);
+    enable(&mut machine, [0; 4]);
+    assert_eq!(machine.run_to_breakpoint(), 0);
+    assert_eq!(machine.core.single(1), 1.0f32.to_bits());
+    assert_eq!(machine.chip.word(STACK - 0x48), 0);
+    assert_eq!(machine.private(FPCCR) & 1, 0);
+}
+
+#[test]
+fn floating_point_is_saved_at_once_if_lazy_saving_is_off() {
+    let mut machine = Machine::new(&[
+        0xeef7, 0x1a00, // vmov.f32 s3, #1.0
+        0x6011, // str r1, [r2]
+        0xbe00, // bkpt
+    ])
+    .register(1, 1)
+    .register(2, ISPR0);
+    machine.set_private(CPACR, 0x00f0_0000);
+    machine.set_private(FPCCR, 1 << 31);
+    enable(&mut machine, [0; 4]);
+    assert_eq!(machine.run_to_breakpoint(), 16);
+    assert_eq!(machine.chip.word(STACK - 0x48 + 12), 1.0f32.to_bits());
+    assert_eq!(machine.private(FPCCR) & 1, 0);
+}
+
+#[test]
+fn an_exclusive_access_fails_after_an_exception() {
+    let program = [
+        0xe853, 0x0f00, // ldrex r0, [r3]
+        0x6011, // str r1, [r2]
+        0xe843, 0x0400, // strex r4, r0, [r3]
+        0xe853, 0x0f00, // ldrex r0, [r3]
+        0xe843, 0x0500, // strex r5, r0, [r3]
+        0xe843, 0x0600, // strex r6, r0, [r3]
+        0xbe00, // bkpt
+    ];
+    let mut machine = Machine::new(&program)
+        .handler(16, &[0x4770])
+        .register(1, 1)
+        .register(2, ISPR0)
+        .register(3, LOG);
+    enable(&mut machine, [0; 4]);
+    machine.run_to_breakpoint();
+    assert_eq!([4, 5, 6].map(|k| machine.r(k)), [1, 0, 1]);
+}
+
+#[test]
+fn pending_can_be_cleared_and_the_trigger_register_pends() {
+    let mut machine = Machine::new(&[0xbf00, 0xbf00, 0xbf00, 0xbe00]);
+    machine.set_private(0xe000_ef00, 5);
+    assert_eq!(machine.private(ISPR0), 1 << 5);
+    assert_eq!(machine.private(ICSR) >> 12 & 0x1ff, 0, "not enabled");
+    machine.set_private(0xe000_e280, 1 << 5);
+    assert_eq!(machine.private(ISPR0), 0);
+    machine.set_private(ICSR, 1 << 28);
+    assert_eq!(machine.private(ICSR) >> 12 & 0x1ff, 14);
+    machine.set_private(ICSR, 1 << 27);
+    assert_eq!(machine.private(ICSR), 0x800);
+    assert_eq!(machine.run_to_breakpoint(), 0);
+}
+
+#[test]
+fn the_vector_table_can_be_moved() {
+    let mut machine = Machine::new(&[
+        0xdf00, // svc #0
+        0xbe00, // bkpt
+    ]);
+    machine.set_private(VTOR, 0x2000_4000);
+    machine.chip.set_word(0x2000_402c, (HANDLERS + 64 * 20) | 1);
+    assert_eq!(machine.run_to_breakpoint(), 11);
+    assert_eq!(machine.core.pc(), HANDLERS + 64 * 20);
+}
+
+#[test]
+fn a_reset_request_needs_the_key() {
+    for (value, resets) in [(0x0000_0004, 0), (0x05fa_0004, 1)] {
+        let mut machine = Machine::new(&[
+            0x6008, // str r0, [r1]
+            0xe7fe, // b .
+        ])
+        .register(0, value)
+        .register(1, AIRCR);
+        let stop = machine.run();
+        assert_eq!(stop == Stop::Reset, resets == 1);
+        assert_eq!(machine.chip.resets, resets);
+    }
+}
+
+#[test]
+fn a_reset_begins_anew_but_goes_on_counting() {
+    let mut machine = Machine::new(&[0xb672, 0xbe00]).register(5, 7);
+    machine.set_private(ISER0, 1);
+    machine.run_to_breakpoint();
+    let (cycles, instructions) = (machine.core.cycles(), machine.core.instructions());
+    machine.core.reset(&mut machine.chip);
+    assert_eq!(machine.core.pc(), CODE);
+    assert_eq!(machine.r(13), STACK);
+    assert_eq!(machine.core.masks() & 1, 0);
+    assert_eq!(machine.private(ISER0), 0);
+    assert!(machine.core.cycles() >= cycles && cycles > 0);
+    assert_eq!(machine.core.instructions(), instructions);
+}
+
+#[test]
+fn systick_interrupts_every_period() {
+    let mut machine = Machine::new(&[
+        0xe7fe, // b .
+    ])
+    .handler(
+        15,
+        &[
+            0x3601, // adds r6, #1
+            0x2e0a, // cmp r6, #10
+            0xd100, // bne 1f
+            0xbe00, // bkpt
+            0x4770, // 1: bx lr
+        ],
+    )
+    .register(6, 0);
+    machine.set_private(0xe000_e014, 999);
+    machine.set_private(0xe000_e018, 0);
+    machine.set_private(0xe000_e010, 7);
+    let begin = machine.core.cycles();
+    assert_eq!(machine.run_to_breakpoint(), 15);
+    let cycles = machine.core.cycles() - begin;
+    assert!((10_000..10_040).contains(&cycles), "{cycles}");
+}
+
+#[test]
+fn the_depth_of_the_main_stack_is_kept() {
+    let mut machine = Machine::new(&[
+        0xb507, // push {r0, r1, r2, lr}
+        0xb090, // sub sp, #0x40
+        0x4669, // mov r1, sp
+        0xf1a1, 0x0180, // sub.w r1, r1, #0x80
+        0x468d, // mov sp, r1
+        0xb034, // add sp, #0xd0
+        0xdf00, // svc #0
+        0xbe00, // bkpt
+    ])
+    .handler(11, &[0x4770]);
+    machine.run_to_breakpoint();
+    assert_eq!(machine.core.lowest_msp(), STACK - 0x10 - 0x40 - 0x80);
+    machine.core.reset_lowest_msp();
+    assert_eq!(machine.core.lowest_msp(), machine.r(13));
+    assert_eq!(machine.private(SHPR3), 0);
+}

@@ -1,0 +1,277 @@
+//! Faults: status registers, escalation, lock-up.
+
+use super::*;
+
+const BUS: u16 = 5;
+const USAGE: u16 = 6;
+const HARD: u16 = 3;
+const MEMORY: u16 = 4;
+
+/// All three configurable faults enabled.
+fn enabled(program: &[u16]) -> Machine {
+    let mut machine = Machine::new(program);
+    machine.set_private(SHCSR, 7 << 16);
+    machine
+}
+
+/// The program counter in the frame of a handler.
+fn stacked_pc(machine: &mut Machine) -> u32 {
+    let sp = machine.r(13);
+    machine.chip.word(sp + 24)
+}
+
+#[test]
+fn usage_faults_tell_their_reason() {
+    let programs: [(&[u16], u32); 6] = [
+        // udf
+        (&[0xde00], 1 << 16),
+        // vadd.f32 s0, s0, s0 with the unit off
+        (&[0xee30, 0x0a00], 1 << 19),
+        // mrc p15, 0, r0, c0, c0, 0
+        (&[0xee10, 0x0f10], 1 << 19),
+        // ldm r0, {r1, r2} from an odd address
+        (&[0xe890, 0x0006], 1 << 24),
+        // ldrd r1, r2, [r0]
+        (&[0xe9d0, 0x1200], 1 << 24),
+        // ldrex r1, [r0]
+        (&[0xe850, 0x1f00], 1 << 24),
+    ];
+    for (program, bit) in programs {
+        let mut machine = enabled(program).register(0, LOG + 2);
+        assert_eq!(machine.run_to_breakpoint(), USAGE);
+        assert_eq!(machine.private(CFSR), bit);
+        assert_eq!(stacked_pc(&mut machine), CODE);
+        // Bits are cleared by writing them.
+        machine.set_private(CFSR, bit);
+        assert_eq!(machine.private(CFSR), 0);
+    }
+}
+
+#[test]
+fn traps_that_are_off_by_default() {
+    // ldr r1, [r0] unaligned; udiv r1, r0, r2 by zero.
+    let programs: [(&[u16], u32, u32); 2] = [
+        (&[0x6801, 0xbe00], 1 << 3, 1 << 24),
+        (&[0xfbb0, 0xf1f2, 0xbe00], 1 << 4, 1 << 25),
+    ];
+    for (program, control, bit) in programs {
+        let mut machine = enabled(program).register(0, LOG + 1).register(2, 0);
+        assert_eq!(machine.run_to_breakpoint(), 0);
+        let mut machine = enabled(program).register(0, LOG + 1).register(2, 0);
+        machine.set_private(CCR, 1 << 9 | control);
+        assert_eq!(machine.run_to_breakpoint(), USAGE);
+        assert_eq!(machine.private(CFSR), bit);
+    }
+}
+
+#[test]
+fn a_jump_to_an_even_address_leaves_the_state_that_there_is() {
+    let mut machine = enabled(&[0x4700]).register(0, CODE + 0x40);
+    assert_eq!(machine.run_to_breakpoint(), USAGE);
+    assert_eq!(machine.private(CFSR), 1 << 17);
+    assert_eq!(stacked_pc(&mut machine), CODE + 0x40);
+}
+
+#[test]
+fn a_bus_fault_names_the_address_and_changes_no_register() {
+    // ldr r1, [r0], #4; str r1, [r0, #4]!; ldm r0!, {r1, r2}; pop {r1, r2}
+    let programs: [&[u16]; 4] = [&[0xf850, 0x1b04], &[0xf840, 0x1f04], &[0xc806], &[0xbc06]];
+    for program in programs {
+        let mut machine = enabled(program)
+            .register(0, 0x6000_0000)
+            .register(1, 11)
+            .register(2, 12);
+        let popping = program[0] == 0xbc06;
+        if popping {
+            // The first word can be read, the second cannot: RAM ends there.
+            machine.core.set_register(13, 0x2000_fffc);
+        }
+        machine
+            .core
+            .set_register(13, if popping { 0x2000_fffc } else { STACK });
+        assert_eq!(machine.run_to_breakpoint(), BUS);
+        assert_eq!(machine.private(CFSR), 1 << 9 | 1 << 15);
+        let address = match program[0] {
+            0xbc06 => 0x2001_0000,
+            0xf840 => 0x6000_0004,
+            _ => 0x6000_0000,
+        };
+        assert_eq!(machine.private(BFAR), address);
+        assert_eq!(machine.r(0), 0x6000_0000);
+        assert_eq!((machine.r(1), machine.r(2)), (11, 12));
+        assert_eq!(stacked_pc(&mut machine), CODE);
+    }
+}
+
+#[test]
+fn a_fault_that_is_not_enabled_becomes_a_hard_fault_and_a_finding() {
+    let mut machine = Machine::new(&[0x6801]).register(0, 0x6000_0000);
+    assert_eq!(machine.run_to_breakpoint(), HARD);
+    assert_eq!(machine.private(HFSR), 1 << 30);
+    assert_eq!(machine.private(CFSR), 1 << 9 | 1 << 15);
+    assert!(machine.chip.found(Kind::Fault));
+}
+
+#[test]
+fn a_fault_in_a_handler_of_the_same_urgency_escalates() {
+    let mut machine = enabled(&[0xde00]);
+    machine.chip.program(HANDLERS + 64 * 6, &[0xde00]);
+    assert_eq!(machine.run_to_breakpoint(), HARD);
+    assert_eq!(machine.private(HFSR), 1 << 30);
+    assert_eq!(stacked_pc(&mut machine), HANDLERS + 64 * 6);
+}
+
+#[test]
+fn a_supervisor_call_that_cannot_be_taken_escalates() {
+    // cpsid i; svc
+    let mut machine = Machine::new(&[0xb672, 0xdf00]);
+    assert_eq!(machine.run_to_breakpoint(), HARD);
+    assert_eq!(machine.private(HFSR), 1 << 30);
+}
+
+#[test]
+fn a_fault_in_the_hard_fault_locks_up_and_only_a_reset_helps() {
+    let mut machine = Machine::new(&[0xde00]);
+    machine.chip.program(HANDLERS + 64 * 3, &[0xde00]);
+    assert_eq!(machine.run(), Stop::LockUp);
+    assert!(
+        machine
+            .chip
+            .notes
+            .iter()
+            .any(|(_, text)| text.contains("lock-up"))
+    );
+    let before = machine.core.instructions();
+    assert_eq!(machine.run(), Stop::Until, "time passes");
+    assert_eq!(machine.core.instructions(), before);
+    machine.chip.program(CODE, &[0xbe00]);
+    machine.core.reset(&mut machine.chip);
+    assert_eq!(machine.run_to_breakpoint(), 0);
+}
+
+#[test]
+fn a_stack_that_cannot_be_written_is_a_fault_of_stacking() {
+    let mut machine = enabled(&[0xdf00]);
+    // Less urgent than the bus fault.
+    machine.set_private(0xe000_ed1c, 0x8000_0000);
+    machine.core.set_register(13, 0x2000_0010);
+    let stop = machine.run();
+    // The handler has no stack either, but its entry needs none: the frame is lost.
+    assert!(matches!(stop, Stop::Breakpoint(_)), "{stop:?}");
+    assert_eq!(machine.core.exception(), BUS);
+    assert_eq!(machine.private(CFSR), 1 << 12);
+}
+
+#[test]
+fn a_stack_overflow_without_handlers_is_a_hard_fault_that_tells_of_stacking() {
+    let mut machine = Machine::new(&[0xdf00]);
+    machine.core.set_register(13, 0x2000_0010);
+    assert_eq!(machine.run_to_breakpoint(), HARD);
+    assert_eq!(machine.private(CFSR), 1 << 12);
+    assert_eq!(machine.private(HFSR), 1 << 30);
+}
+
+#[test]
+fn a_return_with_a_value_that_does_not_fit_is_refused() {
+    // The handler returns to handler mode, but nothing else is active.
+    for value in [0xffff_fff1u32, 0xffff_fff5, 0xffff_fff0] {
+        let mut machine = enabled(&[0xdf00]).register(0, value);
+        // bx r0
+        machine.chip.program(HANDLERS + 64 * 11, &[0x4700]);
+        assert_eq!(machine.run_to_breakpoint(), USAGE);
+        assert_eq!(machine.private(CFSR), 1 << 18);
+        assert_eq!(machine.r(14), value);
+    }
+}
+
+#[test]
+fn a_frame_with_a_wrong_exception_number_is_refused() {
+    // The handler writes 11 into the stacked IPSR: str r0, [sp, #28]; bx lr
+    let mut machine = enabled(&[0xdf00]).register(0, 0x0100_000b);
+    machine.chip.program(HANDLERS + 64 * 11, &[0x9007, 0x4770]);
+    assert_eq!(machine.run_to_breakpoint(), USAGE);
+    assert_eq!(machine.private(CFSR), 1 << 18);
+}
+
+#[test]
+fn fetching_where_nothing_may_be_executed() {
+    // bx r0 to a peripheral: forbidden by the map. bx r0 to where there is nothing: bus.
+    for (target, exception, bit) in [(0x4000_0001u32, MEMORY, 1), (0x1fff_0001, BUS, 1 << 8)] {
+        let mut machine = enabled(&[0x4700]).register(0, target);
+        assert_eq!(machine.run_to_breakpoint(), exception);
+        assert_eq!(machine.private(CFSR), bit);
+        assert_eq!(stacked_pc(&mut machine), target & !1);
+    }
+}
+
+#[test]
+fn a_breakpoint_without_debugger_is_a_hard_fault() {
+    let mut machine = Machine::new(&[0xbe00]);
+    machine.core.attach_debugger(false);
+    machine.chip.program(HANDLERS + 64 * 3, &[0xe7fe]);
+    assert_eq!(machine.run(), Stop::Until);
+    assert_eq!(machine.core.exception(), HARD);
+    assert_eq!(machine.private(HFSR), 1 << 31);
+}
+
+#[test]
+fn an_unpredictable_instruction_is_a_finding() {
+    // ldrd r0, r0, [r1]
+    let mut machine = Machine::new(&[0xe9d1, 0x0000]).register(1, LOG);
+    assert_eq!(machine.run_to_breakpoint(), HARD);
+    assert!(machine.chip.found(Kind::NotModelled));
+}
+
+#[test]
+fn a_guard_of_the_protection_unit_stops_a_store_and_a_frame() {
+    let guard = |machine: &mut Machine, base: u32| {
+        machine.set_private(0xe000_ed9c, base | 0x10);
+        // 32 bytes, no access, never executed.
+        machine.set_private(0xe000_eda0, 1 << 28 | 4 << 1 | 1);
+        machine.set_private(0xe000_ed94, 5);
+    };
+    // str r0, [r1]
+    let mut machine = enabled(&[0x6008]).register(1, LOG + 0x104);
+    guard(&mut machine, LOG + 0x100);
+    assert_eq!(machine.run_to_breakpoint(), MEMORY);
+    assert_eq!(machine.private(CFSR), 1 << 1 | 1 << 7);
+    assert_eq!(machine.private(MMFAR), LOG + 0x104);
+    // A frame that reaches into the guard; the call is less urgent than the fault.
+    let mut machine = enabled(&[0xdf00]);
+    machine.set_private(0xe000_ed1c, 0x8000_0000);
+    machine.core.set_register(13, LOG + 0x128);
+    guard(&mut machine, LOG + 0x100);
+    assert_eq!(machine.run_to_breakpoint(), MEMORY);
+    assert_eq!(machine.private(CFSR), 1 << 4);
+    // The words beside the guard are free.
+    let mut machine = enabled(&[0x6008, 0x6010, 0xbe00])
+        .register(1, LOG + 0xfc)
+        .register(2, LOG + 0x120);
+    guard(&mut machine, LOG + 0x100);
+    assert_eq!(machine.run_to_breakpoint(), 0);
+}
+
+#[test]
+fn unprivileged_code_reaches_neither_private_peripherals_nor_masks() {
+    // msr control, r0; isb; cpsid i; mrs r2, primask; ldr r3, [r1]
+    let mut machine = enabled(&[
+        0xf380, 0x8814, 0xf3bf, 0x8f6f, 0xb672, 0xf3ef, 0x8210, 0x680b,
+    ])
+    .register(0, 1)
+    .register(1, CFSR)
+    .register(2, 9);
+    assert_eq!(machine.run_to_breakpoint(), BUS);
+    assert_eq!(machine.r(2), 0);
+    assert_eq!(machine.core.masks() & 1, 0);
+    assert_eq!(machine.private(BFAR), CFSR);
+}
+
+#[test]
+fn bus_errors_can_be_ignored_in_fault_handlers() {
+    let mut machine = Machine::new(&[0xde00]).register(0, 0x6000_0000);
+    machine.set_private(CCR, 1 << 9 | 1 << 8);
+    // ldr r1, [r0]; bkpt
+    machine.chip.program(HANDLERS + 64 * 3, &[0x6801, 0xbe00]);
+    assert_eq!(machine.run_to_breakpoint(), HARD);
+    assert_eq!(machine.core.pc(), HANDLERS + 64 * 3 + 2);
+}

@@ -1,0 +1,110 @@
+//! Loads and stores beyond the ordinary: bit-band, unaligned, code that changes.
+
+use super::*;
+
+#[test]
+fn unaligned_words_and_halves_are_put_together_from_bytes() {
+    // ldr r1, [r0]; ldrh r2, [r0, #4]; ldrsh r3, [r0, r6]; str r1, [r0, #8]; bkpt
+    let program = [0x6801, 0x8882, 0x5f83, 0x6081, 0xbe00];
+    for offset in 0..4u32 {
+        let bytes: Vec<u8> = (0..32).map(|k| 0x81u8.wrapping_add(k * 7)).collect();
+        let mut machine = Machine::new(&program)
+            .register(0, LOG + offset)
+            .register(6, 3);
+        machine.chip.sram[..32].copy_from_slice(&bytes);
+        machine.run_to_breakpoint();
+        let at = |k: usize| bytes[offset as usize + k];
+        assert_eq!(
+            machine.r(1),
+            u32::from_le_bytes([at(0), at(1), at(2), at(3)])
+        );
+        assert_eq!(machine.r(2), u32::from(u16::from_le_bytes([at(4), at(5)])));
+        assert_eq!(machine.r(3), i16::from_le_bytes([at(3), at(4)]) as u32);
+        let place = offset as usize + 8;
+        assert_eq!(
+            machine.chip.sram[place..place + 4],
+            bytes[offset as usize..][..4]
+        );
+    }
+}
+
+#[test]
+fn bits_have_words_of_their_own_in_the_alias() {
+    // str r1, [r0]; ldr r2, [r0]; str r3, [r0]; strb r1, [r4]; bkpt
+    let program = [0x6001, 0x6802, 0x6003, 0x7021, 0xbe00];
+    let bit = |word: u32, bit: u32| 0x2200_0000 + (word - 0x2000_0000) * 32 + bit * 4;
+    let mut machine = Machine::new(&program)
+        .register(0, bit(LOG + 4, 13))
+        .register(1, 0xffff_ffff)
+        .register(3, 0xffff_fffe)
+        .register(4, bit(LOG + 8, 31));
+    machine.chip.set_word(LOG + 4, 0x8000_2001);
+    machine.run_to_breakpoint();
+    assert_eq!(machine.r(2), 1);
+    assert_eq!(machine.chip.word(LOG + 4), 0x8000_0001);
+    assert_eq!(machine.chip.word(LOG + 8), 0x8000_0000);
+}
+
+#[test]
+fn code_in_ram_that_changes_is_executed_as_it_is_now() {
+    // The program writes movs r2, #imm; bx lr into RAM and calls it, twice.
+    let mut machine = Machine::new(&[
+        0x4604, // mov r4, r0
+        0x6001, // str r1, [r0]
+        0x1c43, // adds r3, r0, #1
+        0x4798, // blx r3
+        0x4615, // mov r5, r2
+        0x3101, // adds r1, #1
+        0x6021, // str r1, [r4]
+        0x4798, // blx r3
+        0xbe00, // bkpt
+    ])
+    .register(0, LOG)
+    .register(1, 0x4770_2240);
+    machine.run_to_breakpoint();
+    assert_eq!((machine.r(5), machine.r(2)), (0x40, 0x41));
+}
+
+#[test]
+fn code_in_flash_that_changes_is_forgotten() {
+    let mut machine = Machine::new(&[0x2001, 0xbe00, 0xe7fc]);
+    machine.run_to_breakpoint();
+    assert_eq!(machine.r(0), 1);
+    machine.chip.program(CODE, &[0x2002]);
+    machine.go_on();
+    assert_eq!(machine.r(0), 2);
+    let executed: Vec<u32> = machine.core.executed().collect();
+    assert_eq!(executed, [CODE, CODE + 2, CODE + 4]);
+}
+
+#[test]
+fn each_line_of_sixteen_bytes_is_entered_once_until_it_is_left() {
+    // Nine nops from a line's begin; the tenth instruction, 32 bits wide, spans the next border.
+    let mut program = vec![0xbf00u16; 15];
+    program.extend([0xf04f, 0x0001, 0xbe00]);
+    let mut machine = Machine::new(&program);
+    machine.run_to_breakpoint();
+    assert_eq!(machine.chip.entered, [CODE, CODE + 16, CODE + 32]);
+}
+
+#[test]
+fn reading_the_identification() {
+    let mut machine = Machine::new(&[0xbe00]);
+    assert_eq!(machine.private(0xe000_ed00), 0x410f_c241);
+    assert_eq!(machine.private(0xe000_e004), 2);
+    assert_eq!(machine.private(0xe000_ed90), 0x800);
+    assert_eq!(machine.private(0xe000_ef40), 0x1011_0021);
+}
+
+#[test]
+fn bytes_of_priorities_are_registers_of_their_own() {
+    // strb r1, [r0, #2]; ldrb r2, [r0, #2]; bkpt
+    let mut machine = Machine::new(&[0x7081, 0x7882, 0xbe00])
+        .register(0, IPR0)
+        .register(1, 0x57);
+    machine.set_private(IPR0, 0x1122_3344);
+    machine.run_to_breakpoint();
+    assert_eq!(machine.private(IPR0), 0x1050_3040);
+    assert_eq!(machine.r(2), 0x50);
+    assert!(machine.chip.notes.is_empty());
+}
