@@ -1,6 +1,10 @@
-//! How late ticks come and how long they take, in core cycles (DWT).
+//! How late ticks come, and how long they take.
+//!
+//! How late by the clock of `embassy-time`: the cycle counter (DWT) stands still while the core sleeps.
+//! How long by the cycle counter: a tick does not sleep.
 
 use cortex_m::peripheral::{DCB, DWT};
+use embassy_time::Instant;
 
 use crate::board::CORE_HZ;
 
@@ -8,11 +12,13 @@ const CYCLES_PER_US: u32 = CORE_HZ / 1_000_000;
 
 /// Measures a periodic piece of work.
 pub struct Stopwatch {
+    /// µs.
     period: u32,
-    last: Option<u32>,
+    /// When it last began, µs.
+    last: Option<u64>,
     began: u32,
-    /// Largest deviation of an interval between beginnings from the period, cycles.
-    jitter: u32,
+    /// Largest deviation of an interval between beginnings from the period, µs.
+    jitter: u64,
     /// Longest piece of work, cycles.
     worst: u32,
 }
@@ -25,7 +31,7 @@ impl Stopwatch {
         DCB::enable_trace(&mut core.DCB);
         core.DWT.enable_cycle_counter();
         Self {
-            period: period_us * CYCLES_PER_US,
+            period: period_us,
             last: None,
             began: 0,
             jitter: 0,
@@ -36,8 +42,9 @@ impl Stopwatch {
     /// The work begins.
     pub fn begin(&mut self) {
         self.began = DWT::cycle_count();
-        if let Some(last) = self.last.replace(self.began) {
-            let deviation = self.began.wrapping_sub(last).abs_diff(self.period);
+        let now = Instant::now().as_micros();
+        if let Some(last) = self.last.replace(now) {
+            let deviation = now.wrapping_sub(last).abs_diff(self.period.into());
             self.jitter = self.jitter.max(deviation);
         }
     }
@@ -50,8 +57,12 @@ impl Stopwatch {
 
     /// Largest jitter and longest work since the last call, µs, at most 4095 each.
     pub fn take(&mut self) -> (u16, u16) {
-        let micros = |cycles: u32| cycles.div_ceil(CYCLES_PER_US).min(4095) as u16;
-        let taken = (micros(self.jitter), micros(self.worst));
+        const MOST: u16 = 4095;
+        let worst = self.worst.div_ceil(CYCLES_PER_US);
+        let taken = (
+            self.jitter.min(MOST.into()) as u16,
+            worst.min(MOST.into()) as u16,
+        );
         (self.jitter, self.worst) = (0, 0);
         taken
     }
