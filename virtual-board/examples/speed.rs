@@ -25,7 +25,7 @@ const LOOP: [u16; 14] = [
 
 fn small_loop() {
     let mut best = 0.0f64;
-    for _ in 0..5 {
+    for _ in 0..10 {
         let mut flat = Flat::default();
         let mut core = Core::new();
         let mut image: Vec<u8> = [0x2000_8000u32, 0x0800_0009]
@@ -38,7 +38,7 @@ fn small_loop() {
         flat.flash[0x24..0x28].copy_from_slice(&0x2000_0000u32.to_le_bytes());
         core.reset(&mut flat);
         core.attach_debugger(true);
-        core.set_register(3, 20_000_000);
+        core.set_register(3, 5_000_000);
         let begin = Instant::now();
         let stop = core.run(&mut flat, u64::MAX);
         let seconds = begin.elapsed().as_secs_f64();
@@ -48,8 +48,8 @@ fn small_loop() {
     println!("small loop: {best:.0} MIPS");
 }
 
-/// Serves a semihosting call; false at the end of the program.
-fn serve(core: &mut Core, flat: &mut Flat) -> bool {
+/// Serves a semihosting call, with its output if `loud`; false at the end of the program.
+fn serve(core: &mut Core, flat: &mut Flat, loud: bool) -> bool {
     let (operation, block) = (core.register(0), core.register(1));
     let byte = |flat: &Flat, address: u32| {
         let memory = if address >> 24 == 0x20 {
@@ -62,19 +62,23 @@ fn serve(core: &mut Core, flat: &mut Flat) -> bool {
     let word = |flat: &Flat, address: u32| {
         u32::from_le_bytes([0, 1, 2, 3].map(|k| byte(flat, address + k)))
     };
-    let result = match operation {
-        1 => 1,
-        4 => {
-            let text = (block..).map(|a| byte(flat, a)).take_while(|&b| b != 0);
-            print!("{}", String::from_utf8_lossy(&text.collect::<Vec<_>>()));
-            0
-        }
+    let text: Vec<u8> = match operation {
+        4 => (block..)
+            .map(|a| byte(flat, a))
+            .take_while(|&b| b != 0)
+            .collect(),
         5 => {
             let (begin, length) = (word(flat, block + 4), word(flat, block + 8));
-            let text = (begin..begin + length).map(|a| byte(flat, a));
-            print!("{}", String::from_utf8_lossy(&text.collect::<Vec<_>>()));
-            0
+            (begin..begin + length).map(|a| byte(flat, a)).collect()
         }
+        _ => Vec::new(),
+    };
+    if loud {
+        print!("{}", String::from_utf8_lossy(&text));
+    }
+    let result = match operation {
+        1 => 1,
+        4 | 5 => 0,
         0x18 | 0x20 => return false,
         _ => u32::MAX,
     };
@@ -83,8 +87,8 @@ fn serve(core: &mut Core, flat: &mut Flat) -> bool {
     true
 }
 
-fn image(path: &str) {
-    let image = Image::open(path.as_ref()).expect("an image");
+/// Runs an image to its end; gives instructions, cycles and seconds.
+fn run(image: &Image, loud: bool) -> (u64, u64, f64) {
     let mut flat = Flat::default();
     image.load(&mut flat.flash);
     let mut core = Core::new();
@@ -93,27 +97,31 @@ fn image(path: &str) {
     let begin = Instant::now();
     loop {
         match core.run(&mut flat, u64::MAX) {
-            Stop::Breakpoint(_) if serve(&mut core, &mut flat) => {}
+            Stop::Breakpoint(_) if serve(&mut core, &mut flat, loud) => {}
             Stop::Breakpoint(_) => break,
             stop => panic!("{stop:?} at {:#x}: {:?}", core.pc(), flat.notes),
         }
     }
     let seconds = begin.elapsed().as_secs_f64();
-    println!(
-        "{} instructions, {} cycles, {:.3} s: {:.0} MIPS",
-        core.instructions(),
-        core.cycles(),
-        seconds,
-        core.instructions() as f64 / seconds / 1e6
-    );
-    for note in flat.notes {
+    for note in &flat.notes {
         println!("{note}");
     }
+    (core.instructions(), core.cycles(), seconds)
 }
 
 fn main() {
     small_loop();
     for path in std::env::args().skip(1) {
-        image(&path);
+        let image = match Image::open(path.as_ref()) {
+            Ok(image) => image,
+            Err(error) => {
+                eprintln!("speed: {error}");
+                std::process::exit(2);
+            }
+        };
+        let (instructions, cycles, first) = run(&image, true);
+        let best = (0..9).fold(first, |best, _| best.min(run(&image, false).2));
+        let mips = instructions as f64 / best / 1e6;
+        println!("{instructions} instructions, {cycles} cycles: {mips:.0} MIPS");
     }
 }

@@ -215,6 +215,7 @@ class Lockstep:
         texts, before = self.prefix(address, units[:high], data, case)
         if not texts:
             texts, before = ["not repeatable: " + "; ".join(whole)], case
+            print([unit.code.hex() for unit in units], case, data.hex(), hex(address), file=sys.stderr)
         self.show(units[high - 1], texts, self.prefix(address, units[: high - 1], data, case)[1])
 
     def prefix(self, address, units, data, case):

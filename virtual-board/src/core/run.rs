@@ -126,6 +126,9 @@ impl Core {
             if self.cycles >= system.limit() || self.attend {
                 break None;
             }
+            if PROBE && count > 0 && self.debug.step {
+                break None;
+            }
             let before = self.cycles;
             it = self.it;
             let index = (pc.wrapping_sub(fetch::FLASH) >> 1) as usize;
@@ -149,7 +152,8 @@ impl Core {
                 }
             }
             // After decoding, so that each instruction is asked about once.
-            if PROBE && self.probe(pc, count) {
+            if PROBE && !self.debug.step && self.debug.stops_at(pc) {
+                self.stop = Some(Stop::Breakpoint(pc));
                 break None;
             }
             if it != 0 {
@@ -177,19 +181,6 @@ impl Core {
         self.pc = pc;
         self.instructions = self.instructions.wrapping_add(count);
         trap.map(|trap| (trap, it))
-    }
-
-    /// True if a debugger wants the core to stop before this instruction.
-    #[inline(never)]
-    fn probe(&mut self, pc: u32, count: u64) -> bool {
-        if self.debug.step {
-            return count > 0;
-        }
-        if self.debug.stops_at(pc) {
-            self.stop = Some(Stop::Breakpoint(pc));
-            return true;
-        }
-        false
     }
 
     #[inline(never)]
