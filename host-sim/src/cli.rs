@@ -226,7 +226,7 @@ pub struct BoardArgs {
 }
 
 /// What virtual boards have no use for: they are told nothing but by their pins.
-const VIRTUAL_CONFLICTS: [&str; 13] = [
+const VIRTUAL_CONFLICTS: [&str; 22] = [
     "emulated",
     "front",
     "rear",
@@ -240,6 +240,15 @@ const VIRTUAL_CONFLICTS: [&str; 13] = [
     "from",
     "follow",
     "track",
+    "speed",
+    "size",
+    "laps",
+    "kill",
+    "restart_after",
+    "log",
+    "csv",
+    "live",
+    "dashboard",
 ];
 
 /// Arguments of `hil`.
