@@ -339,15 +339,17 @@ def state(rng):
 
 
 def pointers(rng, code, kind):
-    """A state for any one instruction: numbers, pointers, or some of each."""
+    """A state for any one instruction: numbers, pointers, some of each, or one pointer, where
+    the base is."""
     # Unicorn lets these be unaligned; they never are (A3.2.1).
     aligned = code[1] in (0xE8, 0xE9, 0xEC, 0xED) or code[1] >> 4 == 0xC
     middle = 0x2000_6000
+    base = code[0] & 15 if len(code) == 4 else struct.unpack("<H", code)[0] >> 3 & 7
     registers = []
-    for _ in range(15):
+    for number in range(15):
         if kind == 0:
             registers.append(word(rng) & (~3 if aligned else ~0))
-        elif kind == 1 or rng.getrandbits(1):
+        elif kind == 1 or (number == base if kind == 3 else rng.getrandbits(1)):
             registers.append(middle + 4 * rng.randrange(-64, 64))
         else:
             registers.append(rng.randrange(64) & (~3 if aligned else ~0))
@@ -376,3 +378,11 @@ def leaves_the_block(code):
     undefined = h & 0xFFF0 == 0xF7F0 and g >> 12 == 10
     exclusive_store = h & 0xFFF0 == 0xE840 or (h & 0xFFF0 == 0xE8C0 and g >> 12 != 15)
     return bool(load or load_word or table_branch or control or undefined or exclusive_store)
+
+
+def branches(code):
+    """B and BL of 32 bits."""
+    if len(code) == 2:
+        return False
+    h, g = struct.unpack("<2H", code)
+    return h & 0xF800 == 0xF000 and g & 0x8000 != 0

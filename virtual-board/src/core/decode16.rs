@@ -82,7 +82,8 @@ pub(super) fn decode(pc: u32, h: u32) -> Insn {
 }
 
 fn shift_add(h: u32) -> Insn {
-    let (d, n, m, amount) = (h & 7, h >> 3 & 7, h >> 6 & 7, h >> 6 & 31);
+    let (d, n) = (h & 7, h >> 3 & 7);
+    let (m, amount) = (h >> 6 & 7, h >> 6 & 31);
     let whole = if amount == 0 { 32 } else { amount };
     match h >> 11 & 3 {
         0 if amount == 0 => Insn::regs(Op::MovRegS, d, 0, n),

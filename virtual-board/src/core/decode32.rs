@@ -86,8 +86,10 @@ fn multiple(h: u32, g: u32) -> Insn {
 }
 
 fn double_exclusive_table(pc: u32, h: u32, g: u32) -> Insn {
-    let (n, t, d, offset) = (h & 15, g >> 12, g >> 8 & 15, (g & 0xff) << 2);
-    let (index, up, write_back, load) = (h >> 8 & 1, h >> 7 & 1, h >> 5 & 1, h & 0x10 != 0);
+    let (n, t) = (h & 15, g >> 12);
+    let (d, offset) = (g >> 8 & 15, (g & 0xff) << 2);
+    let (index, up) = (h >> 8 & 1, h >> 7 & 1);
+    let (write_back, load) = (h >> 5 & 1, h & 0x10 != 0);
     if index == 0 && write_back == 0 {
         return if up == 0 {
             exclusive_word(h, g)
@@ -122,7 +124,8 @@ fn double_exclusive_table(pc: u32, h: u32, g: u32) -> Insn {
 }
 
 fn exclusive_word(h: u32, g: u32) -> Insn {
-    let (n, t, d, offset) = (h & 15, g >> 12, g >> 8 & 15, (g & 0xff) << 2);
+    let (n, t) = (h & 15, g >> 12);
+    let (d, offset) = (g >> 8 & 15, (g & 0xff) << 2);
     if bad(t) || n == 15 {
         return UNPREDICTABLE;
     }

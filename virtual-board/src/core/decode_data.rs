@@ -166,7 +166,8 @@ fn field(op: Dsp, d: u32, n: u32, low: u32, width: u32) -> Insn {
 
 /// Data processing with a shifted register.
 pub(super) fn shifted_register(h: u32, g: u32) -> Insn {
-    let (n, d, m, s) = (h & 15, g >> 8 & 15, g & 15, h & 0x10 != 0);
+    let (n, d) = (h & 15, g >> 8 & 15);
+    let (m, s) = (g & 15, h & 0x10 != 0);
     let (kind_bits, amount) = (g >> 4 & 3, (g >> 12 & 7) << 2 | g >> 6 & 3);
     let operation = h >> 5 & 15;
     if operation == 6 {
@@ -305,7 +306,8 @@ const fn parallel(operation: u32, prefix: u32) -> bool {
 }
 
 fn extension(h: u32, g: u32) -> Insn {
-    let (n, d, m, kind) = (h & 15, g >> 8 & 15, g & 15, h >> 4 & 15);
+    let (n, d) = (h & 15, g >> 8 & 15);
+    let (m, kind) = (g & 15, h >> 4 & 15);
     let rotation = (g >> 4 & 3) << 3;
     if bad(d) || bad(m) || n == 13 || g & 0x40 != 0 {
         return UNPREDICTABLE;
@@ -322,7 +324,8 @@ fn extension(h: u32, g: u32) -> Insn {
 
 /// Multiplications with a result of 32 bits.
 pub(super) fn multiply(h: u32, g: u32) -> Insn {
-    let (n, d, m, a) = (h & 15, g >> 8 & 15, g & 15, g >> 12);
+    let (n, d) = (h & 15, g >> 8 & 15);
+    let (m, a) = (g & 15, g >> 12);
     let (op1, op2) = (h >> 4 & 7, g >> 4 & 15);
     let alone = a == 15;
     let either = |single, accumulating| Op::Dsp(if alone { single } else { accumulating });
@@ -349,7 +352,8 @@ pub(super) fn multiply(h: u32, g: u32) -> Insn {
 
 /// Multiplications with a result of 64 bits, and divisions.
 pub(super) fn long_multiply(h: u32, g: u32) -> Insn {
-    let (n, high, m, low) = (h & 15, g >> 8 & 15, g & 15, g >> 12);
+    let (n, high) = (h & 15, g >> 8 & 15);
+    let (m, low) = (g & 15, g >> 12);
     let (op1, op2) = (h >> 4 & 7, g >> 4 & 15);
     let (op, imm) = match (op1, op2) {
         (0, 0) => (Op::Smull, 0),

@@ -67,7 +67,8 @@ fn move_two(h: u32, g: u32, double: bool) -> Insn {
 }
 
 fn load_store(pc: u32, h: u32, g: u32, double: bool) -> Insn {
-    let (decrement, up, write_back, load) = (h >> 8 & 1, h & 0x80 != 0, h >> 5 & 1, h & 0x10 != 0);
+    let (decrement, up) = (h >> 8 & 1, h & 0x80 != 0);
+    let (write_back, load) = (h >> 5 & 1, h & 0x10 != 0);
     let (n, count) = (h & 15, g & 0xff);
     let d = registers(h, g, double).d;
     if decrement != 0 && write_back == 0 {

@@ -78,12 +78,8 @@ fn division_multiplication_and_bit_fields_agree_with_wider_arithmetic() {
 fn conditions_hold_as_the_table_says() {
     // The condition of each: b<c> +2; movs r0, #1; bkpt
     for flags in 0..16u32 {
-        let (n, z, c, v) = (
-            flags & 8 != 0,
-            flags & 4 != 0,
-            flags & 2 != 0,
-            flags & 1 != 0,
-        );
+        let (n, z) = (flags & 8 != 0, flags & 4 != 0);
+        let (c, v) = (flags & 2 != 0, flags & 1 != 0);
         let table = [
             z,
             !z,
