@@ -48,7 +48,7 @@
 //! # Ok::<(), core_algos::config::ConfigError>(())
 //! ```
 
-use super::constants::{self, CREEP, GYRO_BIAS, GYRO_SCALE, OFFSET, Step, TURN};
+use super::constants::{self, CREEP, DRIFT, GYRO_BIAS, GYRO_SCALE, OFFSET, SCALE, Step, TURN};
 use super::covariance::Covariance;
 use super::ekf::Verdict;
 use super::{Estimate, compound};
@@ -65,6 +65,37 @@ const REL_PHI: usize = 5;
 const FIRST: usize = 6;
 const OFFSET_Y: usize = FIRST + OFFSET;
 const OFFSET_PHI: usize = OFFSET_Y + 1;
+
+/// Columns of the rows of F that are not zero: of the rear axle's posture by itself and the rear
+/// odometry's constants, of the relative posture by itself and the constants of both odometries.
+const OF_REAR: [usize; 10] = [
+    0,
+    1,
+    2,
+    REL_PHI,
+    FIRST + DRIFT + 1,
+    FIRST + SCALE + 1,
+    FIRST + CREEP,
+    FIRST + TURN + 1,
+    FIRST + GYRO_BIAS + 1,
+    FIRST + GYRO_SCALE + 1,
+];
+const OF_RELATIVE: [usize; 14] = [
+    REL,
+    REL + 1,
+    REL_PHI,
+    FIRST + DRIFT,
+    FIRST + DRIFT + 1,
+    FIRST + SCALE,
+    FIRST + SCALE + 1,
+    FIRST + CREEP,
+    FIRST + TURN,
+    FIRST + TURN + 1,
+    FIRST + GYRO_BIAS,
+    FIRST + GYRO_BIAS + 1,
+    FIRST + GYRO_SCALE,
+    FIRST + GYRO_SCALE + 1,
+];
 
 /// Parameters of the joint filter beside those of the tier around it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -481,17 +512,14 @@ impl Joint {
         let by_relative = matrix::multiply(&by_tip, &tip_by_relative);
         let by_front = matrix::multiply(&by_tip, &tip_by_front);
 
-        // The six rows of F that are not rows of the identity.
-        let from_rear = matrix::multiply(&turn_back, &g2);
-        let from_both = matrix::add(
-            &matrix::multiply(&by_front, &g1),
-            &matrix::multiply(&by_base, &g2),
-        );
+        // The six rows of F that are not rows of the identity, without their columns of zeros.
         let mut f: Mat<6, N> = [[0.0; N]; 6];
         for i in 0..3 {
-            for j in 0..N {
-                f[i][j] = from_rear[i][j];
-                f[REL + i][j] = from_both[i][j];
+            for j in OF_REAR {
+                f[i][j] = product(&turn_back[i], &g2, j);
+            }
+            for j in OF_RELATIVE {
+                f[REL + i][j] = product(&by_front[i], &g1, j) + product(&by_base[i], &g2, j);
             }
             for j in 0..3 {
                 f[i][j] += by_rear[i][j];
@@ -499,8 +527,13 @@ impl Joint {
             }
         }
         let p = state.covariance.matrix();
-        // P is symmetric, and rows lie together in memory.
-        let fp = matrix::multiply_transposed(&f, &p);
+        let mut fp: Mat<6, N> = [[0.0; N]; 6];
+        for j in 0..N {
+            for i in 0..3 {
+                fp[i][j] = along(&OF_REAR, &f[i], &p[j]);
+                fp[REL + i][j] = along(&OF_RELATIVE, &f[REL + i], &p[j]);
+            }
+        }
 
         // Noise of the increments: in the end frames for the rear itself, turned back into the
         // frames of departure where the increments are added.
@@ -518,11 +551,10 @@ impl Joint {
         let u = &mut state.covariance.upper;
         for i in 0..6 {
             for j in i..6 {
-                let mut sum = 0.0;
-                for k in 0..N {
-                    sum += fp[i][k] * f[j][k];
-                }
-                u[i][j] = sum;
+                u[i][j] = match j < REL {
+                    true => along(&OF_REAR, &fp[i], &f[j]),
+                    false => along(&OF_RELATIVE, &fp[i], &f[j]),
+                };
             }
             for j in FIRST..N {
                 u[i][j] = fp[i][j];
@@ -618,17 +650,20 @@ impl Joint {
         const SEEN: [&[usize]; 3] = [&[REL], &[REL + 1, OFFSET_Y], &[REL_PHI, OFFSET_PHI]];
         let u = &state.covariance.upper;
         let mut s = *r;
-        for (i, rows) in SEEN.iter().enumerate() {
-            for (j, columns) in SEEN.iter().enumerate() {
+        for i in 0..3 {
+            for j in i..3 {
                 let mut sum = 0.0;
-                for &column in *columns {
+                for &column in SEEN[j] {
                     let mut of_column = 0.0;
-                    for &row in *rows {
+                    for &row in SEEN[i] {
                         of_column += u[row.min(column)][row.max(column)];
                     }
                     sum += of_column;
                 }
                 s[i][j] += sum;
+                if i != j {
+                    s[j][i] += sum;
+                }
             }
         }
         match matrix::cholesky(&s) {
@@ -652,10 +687,29 @@ impl Joint {
         }
     }
 
-    /// Keeps the covariance finite and positive definite; to be called now and then.
+    /// Keeps the covariance finite and positive definite; to be called now and then, between two steps.
     pub fn condition(&self, state: &mut State) {
         state.covariance.condition();
     }
+}
+
+/// Entry `j` of the product of a row and a matrix.
+fn product(row: &[f32; 3], matrix: &Mat<3, N>, j: usize) -> f32 {
+    let mut sum = 0.0;
+    for k in 0..3 {
+        sum += row[k] * matrix[k][j % N];
+    }
+    sum
+}
+
+/// Sum of the products of two rows over these columns, in their order.
+#[inline]
+fn along<const M: usize>(columns: &[usize; M], a: &[f32; N], b: &[f32; N]) -> f32 {
+    let mut sum = 0.0;
+    for &k in columns {
+        sum += a[k % N] * b[k % N];
+    }
+    sum
 }
 
 #[cfg(test)]
@@ -700,6 +754,30 @@ mod tests {
                 assert!(
                     error.abs() < 1e-4 * sigmas[i] * sigmas[j],
                     "{i}{j} {error:e}"
+                );
+            }
+        }
+    }
+
+    /// The columns that are left out of F are zero, whatever the step.
+    #[test]
+    fn an_increment_depends_on_no_column_that_is_left_out() {
+        for axle in 0..2 {
+            let by = Step {
+                axle,
+                moved: Posture::new(0.3, -0.2, 0.1),
+                bend: 0.4,
+                dt: 0.5,
+                gyro_share: 0.6,
+            }
+            .by_constants();
+            for constant in 0..constants::COUNT {
+                let used = (0..3).any(|i| by[i][constant] != 0.0);
+                let column = FIRST + constant;
+                assert!(!used || OF_RELATIVE.contains(&column), "{constant}");
+                assert!(
+                    !used || axle == 0 || OF_REAR.contains(&column),
+                    "{constant}"
                 );
             }
         }
