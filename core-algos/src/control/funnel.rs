@@ -73,9 +73,9 @@ pub(super) struct Candidate {
 }
 
 impl Candidate {
-    /// [`approach_length`] forward and in reverse; `None` where the candidate is outside the funnel
-    /// of `curvature` or within `margin` (rad) of its bound `κ_d e`.
-    pub fn lengths(&self, curvature: f32, margin: f32) -> [Option<f32>; 2] {
+    /// [`approach_length`] forward and in reverse, as far as `wanted`; `None` where the candidate is
+    /// outside the funnel of `curvature` or within `margin` (rad) of its bound `κ_d e`.
+    pub fn lengths(&self, curvature: f32, margin: f32, wanted: [bool; 2]) -> [Option<f32>; 2] {
         let reach = curvature * self.distance_m - margin - 2.0 * self.sin_alpha.abs();
         // |sin η| ≤ |η|: refuses without an arc tangent.
         if !(ARRIVAL_WEIGHT * self.sin_eta.abs() <= reach) {
@@ -89,10 +89,12 @@ impl Candidate {
             let alpha = atan2(sin_alpha, cos_alpha);
             bearing_allowed(alpha, eta).then(|| arc_length(self.distance_m, alpha, eta))
         };
+        let [forward, reverse] = wanted;
         [
-            length(self.sin_alpha, self.cos_alpha),
-            length(-self.sin_alpha, -self.cos_alpha),
+            forward.then(|| length(self.sin_alpha, self.cos_alpha)),
+            reverse.then(|| length(-self.sin_alpha, -self.cos_alpha)),
         ]
+        .map(Option::flatten)
     }
 }
 
@@ -180,7 +182,7 @@ mod tests {
                 cos_alpha: alpha.cos(), sin_alpha: alpha.sin(),
                 cos_eta: eta.cos(), sin_eta: eta.sin(),
             };
-            let lengths = candidate.lengths(curvature, 0.0);
+            let lengths = candidate.lengths(curvature, 0.0, [true; 2]);
             for (length, seen) in lengths.into_iter().zip([error, error.reversed()]) {
                 let need = needed_curvature(seen);
                 let (a, h) = (seen.alpha, seen.arrival());

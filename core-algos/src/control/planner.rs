@@ -361,6 +361,13 @@ impl Planner {
         if !(e >= self.config.min_approach_m && least < best) {
             return (least, None);
         }
+        // No approach is shorter than the line of sight: one that costs too much even so is not looked
+        // at.
+        let cusps = [Direction::Forward, Direction::Reverse].map(|approach| match last {
+            Some(direction) if direction != approach => self.config.cusp_price_m,
+            _ => 0.0,
+        });
+        let wanted = cusps.map(|cusp| least + cusp < best);
         // Line of sight in the goal's frame: (cos θ, sin θ).
         let (cos_theta, sin_theta) = (-pose.x / e, -pose.y / e);
         let cos_alpha = pose.cos * cos_theta + pose.sin * sin_theta;
@@ -372,19 +379,15 @@ impl Planner {
             cos_eta: cos_theta * cos_alpha - sin_theta * sin_alpha,
             sin_eta: sin_theta * cos_alpha + cos_theta * sin_alpha,
         };
+        let lengths = candidate.lengths(self.curvature, self.config.margin_rad, wanted);
         let mut found = None;
         let mut limit = best;
-        for (length, approach) in candidate
-            .lengths(self.curvature, self.config.margin_rad)
+        for (i, approach) in [Direction::Forward, Direction::Reverse]
             .into_iter()
-            .zip([Direction::Forward, Direction::Reverse])
+            .enumerate()
         {
-            let Some(length) = length else { continue };
-            let cusp = match last {
-                Some(direction) if direction != approach => self.config.cusp_price_m,
-                _ => 0.0,
-            };
-            let cost = spent + length + cusp;
+            let Some(length) = lengths[i] else { continue };
+            let cost = spent + length + cusps[i];
             if cost < limit {
                 limit = cost;
                 found = Some((cost, approach));
