@@ -59,15 +59,23 @@ impl<const N: usize> Covariance<N> {
     #[inline]
     pub(super) fn row(&self, m: usize) -> [f32; N] {
         let m = m % N;
-        let mut row = [0.0; N];
-        for j in 0..N {
-            row[j] = if j < m {
-                self.upper[j][m]
-            } else {
-                self.upper[m][j]
-            };
+        let mut row = self.upper[m];
+        for j in 0..m {
+            row[j] = self.upper[j][m];
         }
         row
+    }
+
+    /// Writes row and column `m`.
+    #[inline]
+    fn set_row(&mut self, m: usize, row: &[f32; N]) {
+        let m = m % N;
+        for j in 0..m {
+            self.upper[j][m] = row[j];
+        }
+        for j in m..N {
+            self.upper[m][j] = row[j];
+        }
     }
 
     /// Update by a measurement of state `M` alone, with noise of the given variance; returns the
@@ -88,14 +96,7 @@ impl<const N: usize> Covariance<N> {
                 }
             }
         }
-        for j in 0..N {
-            let entry = row[j] * kept;
-            if j < M {
-                self.upper[j][M] = entry;
-            } else {
-                self.upper[M][j] = entry;
-            }
-        }
+        self.set_row(M, &row.map(|entry| entry * kept));
         gain
     }
 
@@ -148,9 +149,7 @@ impl<const N: usize> Covariance<N> {
         }
         let left = matrix::multiply(&factor, &rows);
         for i in 0..S {
-            for j in 0..N {
-                self.set(states[i], j, left[i][j]);
-            }
+            self.set_row(states[i], &left[i]);
         }
         for i in 0..S {
             for j in i..S {

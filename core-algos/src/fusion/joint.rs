@@ -529,9 +529,20 @@ impl Joint {
         let p = state.covariance.matrix();
         let mut fp: Mat<6, N> = [[0.0; N]; 6];
         for j in 0..N {
-            for i in 0..3 {
-                fp[i][j] = along(&OF_REAR, &f[i], &p[j]);
-                fp[REL + i][j] = along(&OF_RELATIVE, &f[REL + i], &p[j]);
+            // Three sums at a time share what is loaded of P.
+            let mut sums = [0.0; 6];
+            for k in OF_REAR {
+                for i in 0..3 {
+                    sums[i] += f[i][k] * p[j][k];
+                }
+            }
+            for k in OF_RELATIVE {
+                for i in REL..6 {
+                    sums[i] += f[i][k] * p[j][k];
+                }
+            }
+            for i in 0..6 {
+                fp[i][j] = sums[i];
             }
         }
 

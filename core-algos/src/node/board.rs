@@ -36,7 +36,7 @@ use super::axle::{self, AxleNode};
 use super::beam::BeamNode;
 use super::lead::{self, LeadNode};
 use super::robot::RobotConfig;
-use super::{EPOCH, LEAD_PHASE, Micros, Outbox};
+use super::{EPOCH, LEAD_PHASE, Micros, Outbox, is_epoch_start};
 use crate::beam::MAX_GAUGES;
 pub use crate::bus::message::Role;
 use crate::bus::{Axle, Message};
@@ -180,7 +180,7 @@ impl Board {
                 let mut output = step_axle(axle, now, samples, outbox);
                 if now % EPOCH == LEAD_PHASE {
                     output.lead = Some(lead.step(now, outbox));
-                } else {
+                } else if !is_epoch_start(now) {
                     lead.prepare();
                 }
                 output

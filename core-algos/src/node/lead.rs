@@ -528,13 +528,14 @@ impl LeadNode {
         }
     }
 
-    /// What is done beside, at a tick without [`Self::step`]: a part of what the next step needs that
-    /// is known already. Left out, that step does all of it, with the same result.
+    /// What is done beside, at the ticks that neither begin an epoch nor have a [`Self::step`]: a part
+    /// of what the next step needs that is known already. Left out, that step does all of it, with the
+    /// same result.
     pub fn prepare(&mut self) {
         if let Some(fusion) = self.state.fusion.as_mut() {
             self.with.fusion.prepare(fusion);
         }
-        let ticks = (EPOCH / TICK) as u32 - 1;
+        let ticks = (EPOCH / TICK) as u32 - 2;
         self.with
             .regulator
             .plan_ahead(&mut self.state.regulator, ticks);
