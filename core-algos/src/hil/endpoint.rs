@@ -13,7 +13,7 @@ use super::protocol::{
 use crate::bus;
 use crate::config::ConfigError;
 use crate::control::path::PathError;
-use crate::node::board::{Board, Output, Role, Samples};
+use crate::node::board::{Board, Output, Ready, Role, Samples};
 use crate::node::lead::LeadNode;
 use crate::node::robot::RobotConfig;
 use crate::node::{Micros, Outbox, TICK};
@@ -39,6 +39,7 @@ pub struct Endpoint {
 impl Endpoint {
     /// A board that has just been started and has no configuration, with nothing in its store;
     /// `stack` measures its stack.
+    #[inline]
     pub fn new(identity: Identity, stack: fn() -> StackUse) -> Self {
         Self {
             decoder: Decoder::new(),
@@ -111,6 +112,12 @@ struct Session {
     telemetry: Spread,
 }
 
+/// The nodes in their place. Not inlined, so that nothing else is on the stack while they pass over it.
+#[inline(never)]
+fn begin(place: &mut Option<Board>, nodes: Ready) {
+    *place = Some(nodes.begin());
+}
+
 /// A save under way.
 #[derive(Clone, Copy, Debug)]
 struct Saving {
@@ -121,6 +128,7 @@ struct Saving {
 }
 
 impl Session {
+    #[inline]
     fn new(identity: Identity, stack: fn() -> StackUse) -> Self {
         Self {
             identity,
@@ -297,8 +305,8 @@ impl Session {
         self.telemetry = Spread::default();
         let bytes = self.configuration.complete(hash)?;
         let config: RobotConfig = postcard::from_bytes(bytes).map_err(|_| Refusal::Undecodable)?;
-        match Board::new(&config, self.identity.role) {
-            Ok(board) => self.board = Some(board),
+        match Ready::new(&config, self.identity.role) {
+            Ok(nodes) => begin(&mut self.board, nodes),
             Err(error) => return Err(out_of_range(&error, text)),
         }
         self.tick = tick;

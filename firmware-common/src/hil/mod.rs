@@ -81,7 +81,8 @@ pub async fn serve(
     }
 }
 
-/// The endpoint in its static place. Not inlined: on its way it lies on the stack, all 20 kB.
+/// The endpoint in its static place. Not inlined: should it pass over the stack, all 20 kB, nothing else
+/// is there.
 #[inline(never)]
 fn endpoint(identity: Identity) -> &'static mut Endpoint {
     static ENDPOINT: StaticCell<Endpoint> = StaticCell::new();
