@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Prints flash and RAM of every image as a table: constant data and code, static variables, and what
-# is left of the RAM for the stack.
+# Prints flash and RAM of every image as a table: constant data and code, and static variables in what
+# memory.x leaves them beside the stack.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 target=thumbv7em-none-eabihf
@@ -9,8 +9,8 @@ command -v readelf >/dev/null || {
   exit 1
 }
 
-echo "| image | flash, KiB of 1024 | RAM, KiB of 128 | left for the stack, KiB |"
-echo "|---|---|---|---|"
+echo "| image | flash, KiB of 1024 | variables, KiB of 48 |"
+echo "|---|---|---|"
 for board in axle beam; do
   for variant in default hil emulated; do
     features=()
@@ -23,6 +23,6 @@ for board in axle beam; do
       done | awk -v name="firmware-$board, $variant" '
         $2 < 536870912 { flash += $3 }
         $1 >= 536870912 { ram += $4 }
-        END { printf "| %s | %.1f | %.1f | %.1f |\n", name, flash / 1024, ram / 1024, 128 - ram / 1024 }'
+        END { printf "| %s | %.1f | %.1f |\n", name, flash / 1024, ram / 1024 }'
   done
 done
