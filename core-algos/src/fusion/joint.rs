@@ -516,10 +516,14 @@ impl Joint {
         let mut f: Mat<6, N> = [[0.0; N]; 6];
         for i in 0..3 {
             for j in OF_REAR {
-                f[i][j] = product(&turn_back[i], &g2, j);
+                if let Some(entry) = f[i].get_mut(j) {
+                    *entry = product(&turn_back[i], &g2, j);
+                }
             }
             for j in OF_RELATIVE {
-                f[REL + i][j] = product(&by_front[i], &g1, j) + product(&by_base[i], &g2, j);
+                if let Some(entry) = f[REL + i].get_mut(j) {
+                    *entry = product(&by_front[i], &g1, j) + product(&by_base[i], &g2, j);
+                }
             }
             for j in 0..3 {
                 f[i][j] += by_rear[i][j];
@@ -705,6 +709,7 @@ impl Joint {
 }
 
 /// Entry `j` of the product of a row and a matrix.
+#[inline]
 fn product(row: &[f32; 3], matrix: &Mat<3, N>, j: usize) -> f32 {
     let mut sum = 0.0;
     for k in 0..3 {
