@@ -60,8 +60,8 @@ impl<const N: usize> Covariance<N> {
     pub(super) fn row(&self, m: usize) -> [f32; N] {
         let m = m % N;
         let mut row = self.upper[m];
-        for (entry, above) in row.iter_mut().zip(&self.upper).take(m) {
-            *entry = above[m];
+        for j in 0..m {
+            row[j] = self.upper[j][m];
         }
         row
     }
@@ -70,11 +70,12 @@ impl<const N: usize> Covariance<N> {
     #[inline]
     fn set_row(&mut self, m: usize, row: &[f32; N]) {
         let m = m % N;
-        for (above, entry) in self.upper.iter_mut().zip(row).take(m) {
-            above[m] = *entry;
+        for j in 0..m {
+            self.upper[j][m] = row[j];
         }
-        for (place, entry) in self.upper[m].iter_mut().zip(row).skip(m) {
-            *place = *entry;
+        // Not copied as a slice: that is a call, which costs more than these few entries.
+        for (j, entry) in row.iter().enumerate().skip(m) {
+            self.upper[m][j] = *entry;
         }
     }
 

@@ -312,18 +312,20 @@ impl State {
         &self.covariance
     }
 
+    /// Turn from the rear axle's frame into the global one.
+    fn world_from_rear(&self) -> Mat3 {
+        let (sin, cos) = sin_cos(self.rear.phi);
+        [[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]]
+    }
+
     /// Estimate of a posture that is `q(relative)` in the rear axle's frame, `jacobian` its
     /// derivative.
     fn seen_from_rear(&self, q: Posture, jacobian: &Mat3) -> Estimate {
-        let (sin, cos) = sin_cos(self.rear.phi);
-        let into_world = [[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]];
+        let into_world = self.world_from_rear();
         // An error of the rear axle in its own frame carries q along.
         let by_rear = [[1.0, 0.0, -q.y], [0.0, 1.0, q.x], [0.0, 0.0, 1.0]];
         let by_rear = matrix::multiply(&into_world, &by_rear);
         let by_relative = matrix::multiply(&into_world, jacobian);
-        let [by_slip, by_gain] = self.by_considered;
-        let by_gain = self.by_gain(by_gain);
-        let by_considered = [by_slip, by_gain].map(|by| matrix::apply(&by_rear, &by));
         let mut j = [[0.0; 6]; 3];
         let mut p = [[0.0; 6]; 6];
         for i in 0..3 {
@@ -339,6 +341,15 @@ impl State {
             }
         }
         let mut covariance = matrix::propagate(&j, &p);
+        self.add_considered(&mut covariance, &by_rear);
+        Estimate::new(self.rear.compose(q), covariance)
+    }
+
+    /// Adds what the considered errors do to a posture, by its derivative by the rear axle's.
+    fn add_considered(&self, covariance: &mut Mat3, by_rear: &Mat3) {
+        let [by_slip, by_gain] = self.by_considered;
+        let by_gain = self.by_gain(by_gain);
+        let by_considered = [by_slip, by_gain].map(|by| matrix::apply(by_rear, &by));
         for (by, variance) in by_considered.iter().zip(self.considered) {
             for i in 0..3 {
                 for k in 0..3 {
@@ -346,12 +357,14 @@ impl State {
                 }
             }
         }
-        Estimate::new(self.rear.compose(q), covariance)
     }
 
     /// The rear axle with its covariance along the global axes.
     pub fn rear_estimate(&self) -> Estimate {
-        self.seen_from_rear(Posture::ORIGIN, &[[0.0; 3]; 3])
+        let into_world = self.world_from_rear();
+        let mut covariance = matrix::propagate(&into_world, &self.covariance.posture());
+        self.add_considered(&mut covariance, &into_world);
+        Estimate::new(self.rear, covariance)
     }
 
     /// Derivative of the rear axle's error, in its own frame, by the beam's gain, where `all` is what it
