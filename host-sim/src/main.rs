@@ -12,6 +12,7 @@ fn main() -> ExitCode {
         Some(Command::Posture(args)) => commands::posture::run(args),
         Some(Command::Follow(args)) => commands::follow::run(args, Manner::Follow),
         Some(Command::Track(args)) => commands::follow::run(args, Manner::Track),
+        Some(Command::Hil(args)) if args.on_virtual => commands::hil_virtual::run(args),
         Some(Command::Hil(args)) => commands::hil::run(args),
         Some(Command::Replay(args)) => commands::replay::run(args),
         Some(Command::Consistency(args)) => commands::consistency::run(args),

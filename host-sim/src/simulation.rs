@@ -58,6 +58,38 @@ pub struct Record {
     pub strain: [f32; MAX_GAUGES],
 }
 
+impl Record {
+    /// The plant as it is at `now`, with what is known of the boards: the lead node's latest step, and
+    /// the strains of the gauges.
+    pub fn of(
+        now: Micros,
+        plant: &Plant,
+        outline: &Outline,
+        (lead, strain): (lead::Output, [f32; MAX_GAUGES]),
+    ) -> Self {
+        let (state, wrench) = (plant.state(), plant.wrench());
+        let mut frame = [[0.0; 2]; FRAME_POINTS];
+        plant.draw(outline, &mut frame);
+        Self {
+            time_s: now as f64 * 1e-6,
+            midpoint: plant.midpoint(),
+            axles: state.axle.map(|axle| axle.posture),
+            lead,
+            torque: state.axle.map(|axle| axle.torque),
+            wrench: [
+                wrench.force[0],
+                wrench.force[1],
+                wrench.root_moment,
+                wrench.end_moment,
+            ],
+            relative: plant.relative_posture(),
+            frame: frame.map(|point| point.map(|value| value as f32)),
+            wheel_speed: state.axle.map(|axle| axle.wheel_speed),
+            strain,
+        }
+    }
+}
+
 /// Somebody who looks at a simulation while it runs.
 pub trait Observer: Send {
     /// The state at the end of an epoch; an error ends the run.
@@ -605,27 +637,8 @@ impl Simulation {
 
     /// The state for logs and pictures.
     pub fn record(&self) -> Record {
-        let state = self.plant.state();
-        let wrench = self.plant.wrench();
-        let mut frame = [[0.0; 2]; FRAME_POINTS];
-        self.plant.draw(&self.outline, &mut frame);
-        Record {
-            time_s: self.now() as f64 * 1e-6,
-            midpoint: self.plant.midpoint(),
-            axles: [state.axle[0].posture, state.axle[1].posture],
-            lead: self.last_lead,
-            torque: [state.axle[0].torque, state.axle[1].torque],
-            wrench: [
-                wrench.force[0],
-                wrench.force[1],
-                wrench.root_moment,
-                wrench.end_moment,
-            ],
-            relative: self.plant.relative_posture(),
-            frame: frame.map(|point| point.map(|value| value as f32)),
-            wheel_speed: [state.axle[0].wheel_speed, state.axle[1].wheel_speed],
-            strain: self.strain(),
-        }
+        let seen = (self.last_lead, self.strain());
+        Record::of(self.now(), &self.plant, &self.outline, seen)
     }
 }
 

@@ -6,18 +6,16 @@ use super::{Context, follow, watch_for_interrupt};
 use crate::cli::{FollowArgs, HilArgs, parse_posture};
 use crate::driving::{self, Manner};
 use crate::error::Error;
-use crate::output::OutputDir;
 use crate::recording::{About, Session};
 use crate::scenario::Scenario;
 use crate::simulation::{self, Simulation, Span};
 use crate::supervision::Status;
 use crate::table::Table;
-use crate::targets::board_log::BoardLog;
+use crate::targets::board_log::{self, BoardLog};
 use crate::targets::{
     self, Event, Failure, FailureMode, InProcess, Remote, Report as BoardReport, Target, What,
 };
 use crate::trace::{Difference, Trace};
-use core_algos::fusion::tandem::Mode;
 use core_algos::node::Micros;
 use core_algos::node::board::Role;
 use core_algos::safety::OperatingState;
@@ -71,9 +69,6 @@ enum Outcome {
 
 /// Runs the command.
 pub fn run(args: &HilArgs) -> Result<(), Error> {
-    if args.on_virtual {
-        return super::hil_virtual::run(args);
-    }
     let mut context = Context::new(&args.common, "hil")?;
     let task = prepare(args, &mut context)?;
     let plan = Plan::new(args)?;
@@ -91,7 +86,7 @@ pub fn run(args: &HilArgs) -> Result<(), Error> {
         Err(error) => {
             // What the boards said may tell why.
             let mut files = context.output()?;
-            if put_logs(&mut files, &logs) {
+            if board_log::put(&mut files, &logs) {
                 files.commit()?;
             }
             return Err(error);
@@ -119,7 +114,7 @@ pub fn run(args: &HilArgs) -> Result<(), Error> {
         _ => return Err(Error::Failure("another task's outcome".to_owned())),
     };
     report.experiment = experiment.map_err(|error| Error::Failure(error.to_string()))?;
-    put_logs(&mut files, &logs);
+    board_log::put(&mut files, &logs);
     files.json("result.json", &report);
     let text = format!("{text}\n{}", summary(&report));
     context.finish_with(&text, &report, files, recorded)?;
@@ -172,7 +167,7 @@ fn prepare(args: &HilArgs, context: &mut Context) -> Result<Task, Error> {
                 scenario.mission.start = parse_posture(text).map_err(Error::Input)?;
             }
             scenario.check()?;
-            return Ok(Task::Posture(variant_of(scenario)));
+            return Ok(Task::Posture(Variant::of(scenario)));
         }
     };
     let args = FollowArgs {
@@ -188,17 +183,6 @@ fn prepare(args: &HilArgs, context: &mut Context) -> Result<Task, Error> {
     };
     let course = follow::prepare(&args, context)?;
     Ok(Task::Course(Box::new(course), manner))
-}
-
-pub(super) fn variant_of(scenario: &Scenario) -> Variant {
-    Variant {
-        rps: scenario.mission.rps,
-        imu: scenario.sensors.gyro.fitted,
-        mode: match scenario.mission.rps {
-            true => scenario.robot.lead.fusion.mode,
-            false => Mode::Odometry,
-        },
-    }
 }
 
 /// When the run ends, and which boards fail on the way.
@@ -412,19 +396,6 @@ fn report(
         ended: simulation.failure(),
         late_ticks: simulation.pace().map(|pace| pace.late()),
     }
-}
-
-/// Adds the boards' logs; whether there is anything in them.
-pub(super) fn put_logs(files: &mut OutputDir, logs: &[BoardLog; 3]) -> bool {
-    let mut any = false;
-    for (role, log) in Role::ALL.into_iter().zip(logs) {
-        let text = log.text();
-        if !text.is_empty() {
-            files.text(&format!("board-{}.log", role.name()), text);
-            any = true;
-        }
-    }
-    any
 }
 
 /// What is to be said of the boards.

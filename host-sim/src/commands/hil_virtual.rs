@@ -1,14 +1,13 @@
 //! `cfmmr hil --virtual`: the experiment with the images that users flash, on virtual boards.
 
-use super::hil::{put_logs, variant_of};
-use super::posture::{self, Trial};
+use super::posture::{self, Trial, Variant};
 use super::{Context, watch_for_interrupt};
 use crate::cli::HilArgs;
 use crate::error::Error;
 use crate::simulation::{self, Robot, Span};
 use crate::supervision::Status;
 use crate::table::Table;
-use crate::targets::board_log::BoardLog;
+use crate::targets::board_log::{self, BoardLog};
 use crate::virtual_robot::{BoardReport, Images, Options, VirtualRobot};
 use core_algos::node::Micros;
 use core_algos::node::board::Role;
@@ -46,14 +45,14 @@ struct Report {
 }
 
 /// Runs the command.
-pub(super) fn run(args: &HilArgs) -> Result<(), Error> {
+pub fn run(args: &HilArgs) -> Result<(), Error> {
     let mut context = Context::new(&args.common, "hil")?;
     let scenario = &mut context.scenario;
     scenario.mission.rps &= !args.no_rps;
     scenario.sensors.gyro.fitted |= args.imu;
     scenario.sensors.accelerometer.fitted |= args.imu;
     scenario.check()?;
-    let variant = variant_of(scenario);
+    let variant = Variant::of(scenario);
     let axle = args.axle_image.as_deref();
     let front = args.front_image.as_deref().or(axle);
     let rear = args.rear_image.as_deref().or(axle);
@@ -86,7 +85,7 @@ pub(super) fn run(args: &HilArgs) -> Result<(), Error> {
         Err(error) => {
             // What the boards said may tell why.
             let mut files = context.output()?;
-            if put_logs(&mut files, &logs) {
+            if board_log::put(&mut files, &logs) {
                 files.commit()?;
             }
             return Err(error);
@@ -98,7 +97,7 @@ pub(super) fn run(args: &HilArgs) -> Result<(), Error> {
         posture::publish(&context, &[variant], &[variant], trials, goal)?;
     report.experiment =
         serde_json::to_value(experiment).map_err(|error| Error::Failure(error.to_string()))?;
-    put_logs(&mut files, &logs);
+    board_log::put(&mut files, &logs);
     files.json("result.json", &report);
     let text = format!("{text}\n{}", summary(&report));
     context.finish_with(&text, &report, files, Vec::new())?;

@@ -14,7 +14,7 @@ pub mod faults;
 pub mod faults_emulated;
 pub mod follow;
 pub mod hil;
-mod hil_virtual;
+pub mod hil_virtual;
 pub mod loop_bench;
 pub mod parameters;
 pub mod params;

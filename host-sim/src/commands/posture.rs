@@ -48,6 +48,18 @@ impl Variant {
     /// Only with and without the relative position sensor.
     pub const PAIR: [Self; 2] = [Self::ALL[0], Self::ALL[3]];
 
+    /// The configuration that a scenario has.
+    pub fn of(scenario: &Scenario) -> Self {
+        Self {
+            rps: scenario.mission.rps,
+            imu: scenario.sensors.gyro.fitted,
+            mode: match scenario.mission.rps {
+                true => scenario.robot.lead.fusion.mode,
+                false => Mode::Odometry,
+            },
+        }
+    }
+
     /// The scenario with this configuration.
     pub fn apply(&self, scenario: &Scenario) -> Scenario {
         let mut scenario = scenario.clone();

@@ -1,5 +1,6 @@
 //! Log of an emulated board: defmt frames on its standard output, decoded line by line.
 
+use crate::output::OutputDir;
 use core_algos::node::board::Role;
 use defmt_decoder::{DecodeError, Table};
 use defmt_parser::Level;
@@ -59,4 +60,17 @@ impl BoardLog {
             }
         })
     }
+}
+
+/// Adds the boards' logs; whether there is anything in them.
+pub fn put(files: &mut OutputDir, logs: &[BoardLog; 3]) -> bool {
+    let mut any = false;
+    for (role, log) in Role::ALL.into_iter().zip(logs) {
+        let text = log.text();
+        if !text.is_empty() {
+            files.text(&format!("board-{}.log", role.name()), text);
+            any = true;
+        }
+    }
+    any
 }

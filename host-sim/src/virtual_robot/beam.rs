@@ -103,20 +103,22 @@ impl BeamBoard {
         }
     }
 
-    /// Strains at `at`, to be called once a millisecond: they go on as they came.
-    pub fn strain(&mut self, at: Time, strains: &[f64]) {
+    /// True strains at `at`, to be called once a millisecond: they go on as they came. What the gauges
+    /// have drifted by is added to them.
+    pub fn strain(&mut self, at: Time, strains: &mut [f64]) {
         self.countdown -= 1;
         let step = self.countdown == 0;
         if step {
             self.countdown = DRIFT_MS;
         }
-        for (drifting, &strain) in self.bridges.iter_mut().zip(strains) {
+        for (drifting, strain) in self.bridges.iter_mut().zip(strains) {
             if step {
                 drifting.drift += normal(&mut drifting.random, self.walk);
             }
-            let slope = (strain - drifting.last) * 1e3;
-            drifting.last = strain;
-            drifting.bridge.strain(at, strain + drifting.drift, slope);
+            let slope = (*strain - drifting.last) * 1e3;
+            drifting.last = *strain;
+            *strain += drifting.drift;
+            drifting.bridge.strain(at, *strain, slope);
         }
     }
 }

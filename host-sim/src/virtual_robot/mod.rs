@@ -28,11 +28,11 @@ use beam::{BeamBoard, BridgeParts};
 use core_algos::beam::MAX_GAUGES;
 use core_algos::bus::layout::Node;
 use core_algos::bus::{self, Message};
-use core_algos::fusion::Estimate;
 use core_algos::math::Posture;
 use core_algos::node::Micros;
 use core_algos::node::board::Role;
 use core_algos::node::lead::Task;
+use core_algos::node::robot::START;
 use core_algos::safety::OperatingState;
 use listener::Listener;
 use log::Reader;
@@ -63,8 +63,6 @@ const BATTERY_V: f64 = 12.0;
 const GRACE: u64 = 1000;
 /// Standard gravity, m/s².
 const GRAVITY: f64 = 9.806_65;
-/// How well the image takes the robot to be put down, m, m, rad.
-const START_SIGMAS: [f32; 3] = [2e-3; 3];
 
 /// How the boards are run.
 #[derive(Clone, Debug)]
@@ -96,6 +94,8 @@ pub struct VirtualRobot {
     gauges: Vec<Station>,
     outline: Outline,
     half_thickness: f64,
+    /// What the gauges show: true strains and what they have drifted by.
+    strains: [f32; MAX_GAUGES],
     listener: Listener,
     monitor: Monitor,
     frames: u64,
@@ -165,14 +165,7 @@ impl VirtualRobot {
         }
         let mut wire = Wire::new(boards.len(), QUANTUM, seed);
         wire.record();
-        let straight = config.geometry.frame_length_m + 2.0 * config.geometry.rigid_end_m;
-        let places = (
-            Estimate::with_sigmas(Posture::from(start.map(|v| v as f32)), START_SIGMAS),
-            Estimate::with_sigmas(
-                Posture::new(straight, 0.0, 0.0),
-                config.lead.fusion.frame_sigmas,
-            ),
-        );
+        let places = scenario.robot.put_down();
         let task = Task::Regulate {
             goal: Posture::ORIGIN,
         };
@@ -184,6 +177,7 @@ impl VirtualRobot {
                 .collect(),
             watches: roles.iter().map(|_| Watch::default()).collect(),
             half_thickness: f64::from(config.geometry.half_thickness_m),
+            strains: [0.0; MAX_GAUGES],
             outline: plant.outline(FRAME_POINTS),
             listener: Listener::new(&config, places, task)?,
             monitor: Monitor::default(),
@@ -366,7 +360,8 @@ impl VirtualRobot {
             && let Some(board) = self.network.board(place)
             && let Some(beam) = board.chip().surroundings::<BeamBoard>()
         {
-            beam.strain(at, &strains);
+            beam.strain(at, &mut strains);
+            self.strains = strains.map(|strain| strain as f32);
         }
         for board in self.network.boards() {
             board.chip().refresh();
@@ -444,27 +439,8 @@ impl Robot for VirtualRobot {
     }
 
     fn record(&self) -> Record {
-        let state = self.plant.state();
-        let wrench = self.plant.wrench();
-        let mut frame = [[0.0; 2]; FRAME_POINTS];
-        self.plant.draw(&self.outline, &mut frame);
-        Record {
-            time_s: self.now() as f64 * 1e-6,
-            midpoint: self.plant.midpoint(),
-            axles: [state.axle[0].posture, state.axle[1].posture],
-            lead: *self.listener.output(),
-            torque: [state.axle[0].torque, state.axle[1].torque],
-            wrench: [
-                wrench.force[0],
-                wrench.force[1],
-                wrench.root_moment,
-                wrench.end_moment,
-            ],
-            relative: self.plant.relative_posture(),
-            frame: frame.map(|point| point.map(|value| value as f32)),
-            wheel_speed: [state.axle[0].wheel_speed, state.axle[1].wheel_speed],
-            strain: [0.0; MAX_GAUGES],
-        }
+        let seen = (*self.listener.output(), self.strains);
+        Record::of(self.now(), &self.plant, &self.outline, seen)
     }
 
     fn plant(&self) -> &Plant {
@@ -487,11 +463,13 @@ impl Robot for VirtualRobot {
 /// What of a scenario the boards' own images cannot be told.
 fn check(scenario: &Scenario) -> Result<(), Error> {
     let mission = &scenario.mission;
-    let expected = crate::scenario::Mission::default();
-    if mission.start != expected.start || mission.goal != expected.goal {
+    let images = [START, Posture::ORIGIN];
+    let asked = [mission.start, mission.goal].map(|place| Posture::from(place.map(|v| v as f32)));
+    if asked != images {
         return Err(Error::input(format!(
-            "mission.start, mission.goal = {:?}, {:?}: the boards' own images drive from {:?} to {:?}",
-            mission.start, mission.goal, expected.start, expected.goal
+            "mission.start, mission.goal = {:?}, {:?}: the boards' own images drive from {START:?} to \
+             the origin",
+            mission.start, mission.goal
         )));
     }
     Ok(())

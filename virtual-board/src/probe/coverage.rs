@@ -177,7 +177,7 @@ mod tests {
             &image(),
             [0x0800_0116, 0x0800_0100, 0x0800_010e, 0x0800_0118],
         );
-        let coverage = coverage.below("/root/source");
+        let coverage = coverage.below("/source");
         let counts: Vec<_> = coverage
             .counts()
             .map(|(f, c)| (f, c.lines, c.covered))
@@ -210,7 +210,7 @@ mod tests {
 
     #[test]
     fn a_table_ends_with_the_total() {
-        let coverage = Coverage::of(&image(), [0x0800_0100]).below("/root/source");
+        let coverage = Coverage::of(&image(), [0x0800_0100]).below("/source");
         let table = coverage.to_string();
         assert_eq!(
             table.lines().last(),

@@ -6,22 +6,21 @@
 //! Memory is read and written without side effects; registers of peripherals, whose reading may have
 //! some, only after `monitor peripherals on`. The flash is not written.
 //!
-//! ```no_run
-//! # fn main() -> Result<(), virtual_board::probe::gdb::GdbError> {
-//! # let board: &mut virtual_board::board::Board = todo!();
-//! use virtual_board::probe::gdb::{Next, Server};
-//! let server = Server::listen(3333)?;
-//! let mut session = server.wait(board)?;
-//! loop {
-//!     board.run_until(board.now() + virtual_board::Time::from_micros(1000));
-//!     match session.serve(board)? {
-//!         Next::Run => {}
-//!         Next::Wait => std::thread::sleep(std::time::Duration::from_millis(1)),
-//!         Next::Gone => break,
+//! ```
+//! use virtual_board::board::Board;
+//! use virtual_board::probe::gdb::{GdbError, Next, Server};
+//!
+//! fn debug(board: &mut Board, port: u16) -> Result<(), GdbError> {
+//!     let mut session = Server::listen(port)?.wait(board)?;
+//!     loop {
+//!         board.run_until(board.now() + virtual_board::Time::from_micros(1000));
+//!         match session.serve(board)? {
+//!             Next::Run => {}
+//!             Next::Wait => std::thread::sleep(std::time::Duration::from_millis(1)),
+//!             Next::Gone => return Ok(()),
+//!         }
 //!     }
 //! }
-//! # Ok(())
-//! # }
 //! ```
 
 mod registers;
