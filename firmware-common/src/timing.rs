@@ -67,3 +67,27 @@ impl Stopwatch {
         taken
     }
 }
+
+/// Comes due once in so many ticks. Ticks are counted, for their local time may stay at the edge of a
+/// period and be on either side of it.
+pub struct Every {
+    ticks: u8,
+    since: u8,
+}
+
+impl Every {
+    /// Due with every `ticks`-th tick.
+    pub const fn new(ticks: u8) -> Self {
+        Self { ticks, since: 0 }
+    }
+
+    /// One more tick; whether it is due.
+    pub fn tick(&mut self) -> bool {
+        self.since += 1;
+        let due = self.since >= self.ticks;
+        if due {
+            self.since = 0;
+        }
+        due
+    }
+}

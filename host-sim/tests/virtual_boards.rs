@@ -1,5 +1,8 @@
 //! The robot with the images that users flash, on virtual boards.
 
+use host_sim::scenario::Scenario;
+use host_sim::targets::board_log::BoardLog;
+use host_sim::virtual_robot::{Images, Options, VirtualRobot};
 use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};
@@ -82,5 +85,27 @@ fn what_the_images_cannot_be_told_is_refused() {
         let output = hil(folder.path(), arguments);
         let said = String::from_utf8_lossy(&output.stderr);
         assert_eq!(output.status.code(), Some(2), "{arguments:?}: {said}");
+    }
+}
+
+/// Together, and each board a second after the others.
+#[test]
+fn boards_get_ready_in_whatever_order_their_power_comes() {
+    let images = Images::open(None, None, None).unwrap();
+    let scenario = Scenario::default();
+    for power_on_ms in [[0, 0, 0], [1000, 0, 0], [0, 1000, 0], [0, 0, 1000]] {
+        let options = Options {
+            threads: 1,
+            power_on_ms,
+        };
+        let logs = [(); 3].map(|()| BoardLog::default());
+        let mut robot = VirtualRobot::new(&scenario, &images, 1, 0, &options, &logs)
+            .unwrap_or_else(|error| panic!("{power_on_ms:?}: {error}"));
+        for board in robot.reports() {
+            assert!(
+                board.resets.is_empty() && board.findings.is_empty(),
+                "{board:?}"
+            );
+        }
     }
 }

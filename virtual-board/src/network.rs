@@ -90,7 +90,8 @@ impl Drop for Alarm<'_> {
 }
 
 impl Network {
-    /// Boards on a wire; the order is that of the wire's nodes. A quantum of 20 µs is a good one.
+    /// Boards on a wire; the order is that of the wire's nodes. A quantum of 40 µs is
+    /// a good one, 42 bits of the bus the longest.
     pub fn new(boards: Vec<Board>, wire: Wire, quantum: Time, threads: usize) -> Self {
         Self {
             boards,

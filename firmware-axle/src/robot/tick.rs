@@ -16,7 +16,7 @@ use embassy_sync::watch;
 use firmware_common::attendance::Badge;
 use firmware_common::can::{self, Receiver, Sender};
 use firmware_common::fault;
-use firmware_common::timing::Stopwatch;
+use firmware_common::timing::{Every, Stopwatch};
 
 use super::encoders::Encoders;
 use super::inertial::Inertial;
@@ -24,7 +24,7 @@ use super::motors::{Command, Feedback, Motors};
 use super::operator::Button;
 
 /// Ticks between health reports on the bus.
-const HEALTH: Micros = 100 * TICK;
+const HEALTH: u8 = 100;
 
 /// What the log is told.
 #[derive(Clone, Copy, Debug)]
@@ -93,6 +93,7 @@ struct State {
 #[embassy_executor::task]
 pub async fn run(mut axis: Axis) -> ! {
     let mut stopwatch = Stopwatch::new(TICK as u32);
+    let mut health = Every::new(HEALTH);
     let mut state = State {
         pace: match axis.nodes.role() {
             Role::Front => Pace::leading(),
@@ -110,7 +111,7 @@ pub async fn run(mut axis: Axis) -> ! {
         let command = axis.tick(&mut state, local);
         axis.motors.command(command);
         stopwatch.end();
-        if local / HEALTH != local.saturating_sub(TICK) / HEALTH {
+        if health.tick() {
             axis.report_health(&mut state, local, stopwatch.take());
         }
     }

@@ -17,7 +17,7 @@ use embassy_sync::watch;
 use firmware_common::attendance::Badge;
 use firmware_common::can::{self, Receiver, Sender};
 use firmware_common::fault;
-use firmware_common::timing::Stopwatch;
+use firmware_common::timing::{Every, Stopwatch};
 
 use super::bridges::{Block, Bridges};
 
@@ -88,8 +88,6 @@ struct State {
     pace: Pace,
     motors_on: Option<Micros>,
     saving: Option<u8>,
-    /// Ticks since the latest health report.
-    since_health: u8,
     /// Times conversions were lost.
     lost: u16,
 }
@@ -103,11 +101,11 @@ pub fn node(config: &RobotConfig) -> Result<BeamNode, ConfigError> {
 #[embassy_executor::task]
 pub async fn run(mut beam: Beam) -> ! {
     let mut stopwatch = Stopwatch::new(TICK as u32);
+    let mut health = Every::new(HEALTH);
     let mut state = State {
         pace: Pace::following(),
         motors_on: None,
         saving: None,
-        since_health: 0,
         lost: 0,
     };
     if fault::restarted() {
@@ -127,10 +125,7 @@ pub async fn run(mut beam: Beam) -> ! {
         stopwatch.begin();
         beam.tick(&mut state, &block);
         stopwatch.end();
-        // Counted, for the local time of a tick may stay at the edge of a hundred milliseconds.
-        state.since_health += 1;
-        if state.since_health >= HEALTH {
-            state.since_health = 0;
+        if health.tick() {
             beam.report_health(&state, &block, stopwatch.take());
         }
     }

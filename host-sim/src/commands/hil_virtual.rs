@@ -172,7 +172,7 @@ fn summary(report: &Report) -> String {
             board.resets.len().to_string(),
             board.findings.len().to_string(),
             board.longest_tick_us.to_string(),
-            board.latest_tick_us.to_string(),
+            board.tick_lateness_us.to_string(),
             or_none(board.longest_current_loop_us.map(|us| format!("{us:.1}"))),
             board.missed_ticks.to_string(),
             format!("{:.0} %", 100.0 * board.load),

@@ -6,7 +6,7 @@ use virtual_board::board::Board;
 use virtual_board::probe::image::Image;
 use virtual_board::wire::Statistics;
 
-/// Numbers of the exceptions whose handlers are the current loop and the tick.
+/// Number of the exception whose handler is the current loop.
 const ADC: u16 = 16 + 18;
 
 /// What is gathered of a board along the way.
@@ -14,16 +14,16 @@ const ADC: u16 = 16 + 18;
 pub struct Watch {
     missed_ticks: u8,
     longest_tick_us: u16,
-    latest_tick_us: u16,
+    tick_lateness_us: u16,
     boot_sp: u32,
 }
 
 impl Watch {
     /// The board has told of its health.
-    pub fn health(&mut self, missed: u8, longest_us: u16, latest_us: u16) {
+    pub fn health(&mut self, missed: u8, longest_us: u16, lateness_us: u16) {
         self.missed_ticks = self.missed_ticks.max(missed);
         self.longest_tick_us = self.longest_tick_us.max(longest_us);
-        self.latest_tick_us = self.latest_tick_us.max(latest_us);
+        self.tick_lateness_us = self.tick_lateness_us.max(lateness_us);
     }
 
     /// The board is ready; the lowest that its stack pointer has been.
@@ -74,7 +74,7 @@ pub struct BoardReport {
     /// Longest tick, as the board measures it, µs.
     pub longest_tick_us: u16,
     /// Largest lateness of a tick, as the board measures it, µs.
-    pub latest_tick_us: u16,
+    pub tick_lateness_us: u16,
     /// Ticks missed.
     pub missed_ticks: u8,
     /// Longest time from the converter's trigger to the new duty, µs; only of a board with motors.
@@ -131,7 +131,7 @@ pub fn of(
         resets,
         findings,
         longest_tick_us: watch.longest_tick_us,
-        latest_tick_us: watch.latest_tick_us,
+        tick_lateness_us: watch.tick_lateness_us,
         missed_ticks: watch.missed_ticks,
         longest_current_loop_us: (role != Role::Beam && core.taken(ADC) > 0).then_some(reaction_us),
         load: 1.0 - core.asleep() as f64 / core.cycles().max(1) as f64,
