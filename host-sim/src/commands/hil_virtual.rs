@@ -142,6 +142,15 @@ fn judge(report: &Report, early: bool) -> Option<String> {
                 board.name, finding.kind, finding.text, finding.place
             ));
         }
+        for (count, what) in [
+            (u64::from(board.missed_ticks), "ticks missed"),
+            (board.can.overrun, "frames lost by overrun"),
+            (board.can.error_frames, "error frames"),
+        ] {
+            if count > 0 {
+                return Some(format!("{} board: {count} {what}", board.name));
+            }
+        }
     }
     (!report.reached && !early).then(|| "the robot did not come to rest on the goal".to_owned())
 }
