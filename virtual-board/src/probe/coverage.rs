@@ -194,7 +194,7 @@ mod tests {
         let mut sum = Coverage::of(&image, [0x0800_0100]);
         sum.merge(&Coverage::of(&image, [0x0800_0100, 0x0800_0108]));
         sum.merge(&Coverage::of(&image, []));
-        let lcov = sum.below("/root").lcov();
+        let lcov = sum.below("/").lcov();
         let expected = "TN:\nSF:source/src/a.rs\nDA:10,2\nDA:11,1\nDA:14,0\nDA:20,0\nLF:4\nLH:2\n\
                         end_of_record\nSF:source/src/b.rs\nDA:7,0\nLF:1\nLH:0\nend_of_record\n";
         assert_eq!(lcov, expected);

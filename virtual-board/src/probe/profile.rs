@@ -196,8 +196,8 @@ mod tests {
     #[test]
     fn folded_stacks_have_a_number_after_the_last_space() {
         let folded = times().folded("front");
-        let expected = "front;0x08000130 1\nfront;a:b 100\nfront;tick;/root/source/m.rs:1 15\n\
-                        front;tick;/root/source/m.rs:2 20\n";
+        let expected = "front;0x08000130 1\nfront;a:b 100\nfront;tick;/source/m.rs:1 15\n\
+                        front;tick;/source/m.rs:2 20\n";
         assert_eq!(folded, expected);
     }
 
