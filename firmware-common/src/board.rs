@@ -8,7 +8,7 @@ use embassy_stm32::rcc::{
 use embassy_stm32::time::Hertz;
 use embassy_stm32::{Config, Peripherals};
 
-use crate::{fault, stack, time_driver};
+use crate::{critical, fault, stack, time_driver};
 
 /// Frequency of the core, Hz.
 pub const CORE_HZ: u32 = 168_000_000;
@@ -48,6 +48,7 @@ pub fn start() -> Peripherals {
     config.rcc.apb1_pre = APBPrescaler::DIV4;
     config.rcc.apb2_pre = APBPrescaler::DIV2;
     let peripherals = embassy_stm32::init(config);
+    critical::set_up();
     // The emulator has neither wait states nor what would hide them.
     #[cfg(not(feature = "emulated"))]
     crate::accelerator::enable();

@@ -4,6 +4,7 @@
 //! |---|---|
 //! | `board` | clocks, brown-out level, cause of the reset: the first call of every image |
 //! | `accelerator` | prefetch and caches of the flash |
+//! | `critical` | critical sections that the current loop does not wait for |
 //! | `fault` | panics and processor faults: outputs safe, counted, kept, logged, restarted |
 //! | `kept` | what is kept over a reset |
 //! | `watchdog`, `attendance` | independent watchdog, fed only while every task reports |
@@ -28,6 +29,8 @@ mod accelerator;
 pub mod attendance;
 #[cfg(target_os = "none")]
 pub mod board;
+#[cfg(target_os = "none")]
+pub mod critical;
 #[cfg(target_os = "none")]
 pub mod fault;
 #[cfg(any(test, target_os = "none"))]

@@ -4,7 +4,8 @@
 //! interrupt), and leaves every timer of the chip to motors and encoders. Time is read to the
 //! microsecond; alarms ring on the millisecond.
 //!
-//! SysTick keeps the highest priority, so that no interrupt sees a period ended and not counted.
+//! SysTick has the highest priority of all that ask for the time, so that none of them sees a period
+//! ended and not counted; the current loop, which is above it, does not ask.
 
 use core::cell::RefCell;
 use core::sync::atomic::{AtomicU32, Ordering};

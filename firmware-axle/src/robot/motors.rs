@@ -3,8 +3,9 @@
 //! TIM1 drives the enable pins of two DRV8874 in phase/enable mode and starts the injected
 //! conversions of ADC1 once a period, where no edge is near ([`timer`]): both currents (INA240 on a
 //! shunt in the motor's lead), supply and driver temperature. Their interrupt, the highest of the
-//! board, runs the current loops; what they decide takes effect at the next update of the timer.
-//! Every twentieth period is a tick of the board.
+//! board, runs the current loops; what they decide takes effect at the next update of the timer. No
+//! critical section holds it off ([`critical`]). Every twentieth period is a tick of the board, which
+//! another interrupt of less priority announces: a task cannot be woken from the current loop.
 //!
 //! The motors are off (drivers asleep) unless a command with `on` came within the last two
 //! milliseconds and no fault is latched.
@@ -13,6 +14,7 @@ mod exchange;
 mod timer;
 
 use core::cell::RefCell;
+use core::sync::atomic::{AtomicU32, Ordering};
 
 use core_algos::acquisition::analog::{Supply, Thermistor, ThermistorConfig};
 use core_algos::config::ConfigError;
@@ -38,11 +40,14 @@ use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use embassy_time::Instant;
 use firmware_common::attendance::Badge;
-use firmware_common::fault;
+use firmware_common::board::CORE_HZ;
+use firmware_common::{critical, fault};
 
 pub use exchange::{Command, Feedback};
 use timer::{Pwm, TOP};
 
+/// Core cycles in a microsecond.
+const CYCLES_PER_US: u32 = CORE_HZ / 1_000_000;
 /// Periods in a tick.
 const PERIODS: u8 = 20;
 /// Periods without a command after which the motors are switched off: 2 ms.
@@ -86,6 +91,8 @@ pub struct Parts {
 
 static DRIVE: Mutex<RefCell<Option<Drive>>> = Mutex::new(RefCell::new(None));
 static TICK: Signal<CriticalSectionRawMutex, Micros> = Signal::new();
+/// The cycle counter at the beginning of the tick's first period.
+static BEGAN: AtomicU32 = AtomicU32::new(0);
 
 /// The tick's end of the motors.
 pub struct Motors(());
@@ -94,11 +101,15 @@ impl Motors {
     /// Sets everything up, motors off, and starts the current loop.
     pub fn start(parts: Parts, config: &params::Drive) -> Result<Self, ConfigError> {
         let drive = Drive::new(parts, config)?;
-        critical_section::with(|cs| DRIVE.borrow_ref_mut(cs).replace(drive));
+        critical::all(|cs| DRIVE.borrow_ref_mut(cs).replace(drive));
         fault::on_fault(make_safe);
-        interrupt::ADC.set_priority(Priority::P1);
-        // SAFETY: the handler's data are in place.
-        unsafe { interrupt::ADC.enable() };
+        interrupt::ADC.set_priority(Priority::P0);
+        interrupt::TIM7.set_priority(Priority::P2);
+        // SAFETY: the handlers' data are in place.
+        unsafe {
+            interrupt::TIM7.enable();
+            interrupt::ADC.enable();
+        }
         Pwm::start();
         Ok(Self(()))
     }
@@ -148,6 +159,8 @@ struct Drive {
     fault: Option<Condition>,
     squares: [f32; 2],
     period: u8,
+    /// The cycle counter when this period's step began.
+    began: u32,
     longest: u32,
 }
 
@@ -203,6 +216,7 @@ impl Drive {
             fault: None,
             squares: [0.0; 2],
             period: 0,
+            began: 0,
             longest: 0,
         })
     }
@@ -355,24 +369,33 @@ impl Drive {
             fault: self.fault,
         };
         exchange::put_feedback(feedback);
-        let now = Instant::now().as_micros();
-        TICK.signal(now.saturating_sub(self.pwm.phase_us()));
+        let phase = self.pwm.phase_us() as u32 * CYCLES_PER_US;
+        BEGAN.store(self.began.wrapping_sub(phase), Ordering::Relaxed);
+        interrupt::TIM7.pend();
     }
 }
 
 #[handler]
 fn ADC() {
-    critical_section::with(|cs| {
+    critical::all(|cs| {
         // Nothing else borrows it once this interrupt is enabled.
         if let Ok(mut drive) = DRIVE.borrow(cs).try_borrow_mut()
             && let Some(drive) = drive.as_mut()
         {
-            let began = DWT::cycle_count();
+            drive.began = DWT::cycle_count();
             drive.step();
-            let took = DWT::cycle_count().wrapping_sub(began);
+            let took = DWT::cycle_count().wrapping_sub(drive.began);
             drive.longest = drive.longest.max(took);
         }
     });
+}
+
+/// Announces a tick; the timer of this interrupt is not used.
+#[handler]
+fn TIM7() {
+    let now = Instant::now().as_micros();
+    let since = DWT::cycle_count().wrapping_sub(BEGAN.load(Ordering::Relaxed));
+    TICK.signal(now.saturating_sub(u64::from(since / CYCLES_PER_US)));
 }
 
 /// Motors off by registers alone: drivers asleep, pulses off.

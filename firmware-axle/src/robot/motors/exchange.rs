@@ -4,6 +4,7 @@ use core::cell::Cell;
 
 use core_algos::safety::Condition;
 use critical_section::Mutex;
+use firmware_common::critical;
 
 static COMMAND: Mutex<Cell<Option<Command>>> = Mutex::new(Cell::new(None));
 static FEEDBACK: Mutex<Cell<Feedback>> = Mutex::new(Cell::new(NOTHING));
@@ -61,20 +62,20 @@ const NOTHING: Feedback = Feedback {
 
 /// Leaves a command for the current loop.
 pub fn put_command(command: Command) {
-    critical_section::with(|cs| COMMAND.borrow(cs).set(Some(command)));
+    critical::all(|cs| COMMAND.borrow(cs).set(Some(command)));
 }
 
 /// Takes the command away; `None` if none came since.
 pub fn take_command() -> Option<Command> {
-    critical_section::with(|cs| COMMAND.borrow(cs).take())
+    critical::all(|cs| COMMAND.borrow(cs).take())
 }
 
 /// Leaves what was measured for the tick.
 pub fn put_feedback(feedback: Feedback) {
-    critical_section::with(|cs| FEEDBACK.borrow(cs).set(feedback));
+    critical::all(|cs| FEEDBACK.borrow(cs).set(feedback));
 }
 
 /// What was measured in the last tick.
 pub fn feedback() -> Feedback {
-    critical_section::with(|cs| FEEDBACK.borrow(cs).get())
+    critical::all(|cs| FEEDBACK.borrow(cs).get())
 }
