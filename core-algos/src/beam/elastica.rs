@@ -121,6 +121,38 @@ pub struct Fit {
     pub evaluations: u8,
 }
 
+/// Where a fit may start: where another one ended.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Start(Parameters);
+
+/// A fit under way: the lowest minimum so far, and where else one may be.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Search {
+    mask: GaugeMask,
+    readings: Readings,
+    best: Option<Minimum>,
+    /// Other starts, once the first is tried, and how many were.
+    starts: [Parameters; 3],
+    tried: u8,
+    /// The lowest minimum is not that of the polynomial's shape.
+    elsewhere: bool,
+    open: bool,
+    evaluations: u8,
+}
+
+impl Search {
+    /// Whether a lower minimum may be elsewhere.
+    pub fn is_open(&self) -> bool {
+        self.open
+    }
+
+    /// Where the next fit should start, if not from the polynomial's shape.
+    pub fn start(&self) -> Option<Start> {
+        let best = self.best.filter(|_| self.elsewhere)?;
+        Some(Start(best.parameters))
+    }
+}
+
 /// Curvature at the middle and force there, in units of 1/L and EI/L², in the frame of the
 /// strip's middle. From the middle, errors grow over half the length only (a strip in tension
 /// amplifies them exponentially).
@@ -128,7 +160,7 @@ type Parameters = [f32; 3];
 
 /// The shape at one point, in the frame of the middle, with derivatives by the parameters.
 /// Lengths in units of L.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 struct Ray {
     theta: f32,
     x: f32,
@@ -228,7 +260,7 @@ impl Ray {
 }
 
 /// A computed shape: curvatures at the gauges, and both ends.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 struct Shape {
     curvature: [f32; MAX_GAUGES],
     gradient: [[f32; 3]; MAX_GAUGES],
@@ -237,6 +269,7 @@ struct Shape {
 }
 
 /// What is fitted.
+#[derive(Clone, Copy, Debug, PartialEq)]
 struct Readings {
     /// Curvature × length; 0 outside the mask.
     k: [f32; MAX_GAUGES],
@@ -251,6 +284,7 @@ struct Readings {
 }
 
 /// Normal equations at a shape.
+#[derive(Clone, Copy, Debug, PartialEq)]
 struct Normal {
     /// Jᵀ W J + prior.
     hessian: Mat3,
@@ -510,6 +544,22 @@ impl Solver {
         drift: f32,
         budget: u8,
     ) -> Option<Fit> {
+        let mut search = self.begin(curvature, mask, (drift, None), budget)?;
+        while search.is_open() {
+            self.go_on(&mut search, budget);
+        }
+        self.finish(&search)
+    }
+
+    /// Begins a fit as [`Self::fit_within`] does it: from the polynomial's shape alone, or from `start`,
+    /// where an earlier fit ended, first. At most `budget` shapes, with those of [`Self::finish`].
+    pub fn begin(
+        &self,
+        curvature: &[f32; MAX_GAUGES],
+        mask: GaugeMask,
+        (drift, start): (f32, Option<Start>),
+        budget: u8,
+    ) -> Option<Search> {
         let strip = &self.strip;
         let scale = strip.length / strip.half_thickness;
         let drift = drift * scale * scale;
@@ -523,50 +573,78 @@ impl Solver {
         }
         let weights = self.weights(&k, mask, drift);
         let mut evaluations = 0;
-        let start = self.start(&interpolant, &k, &weights);
-        let mut readings = Readings {
+        let readings = Readings {
             k,
             weights,
             drift,
             tail: TAIL,
-            budget: budget.clamp(4, MAX_EVALUATIONS) - REFINEMENTS,
+            budget: before_refinement(budget),
         };
-        let mut best = self.descend(start, &readings, &mut evaluations);
-        let suspicious = match &best {
-            Some(found) => !found.converged || !(found.normal.chi_square < SUSPICIOUS),
-            None => true,
-        };
+        // Three readings fit more than one shape exactly; the prior takes the least load.
+        let ambiguous = mask.count() <= 3;
+        let mut best = None;
+        if let Some(Start(start)) = start {
+            best = self.descend(start, &readings, &mut evaluations);
+        }
+        let remembered = best.map(|found| found.parameters);
+        if ambiguous || is_suspicious(&best) {
+            let start = self.start(&interpolant, &k, &weights);
+            best = lower(best, self.descend(start, &readings, &mut evaluations));
+        }
         // Noise on a strip that is nearly straight can look like a small buckled shape: a large
         // load must win against none.
-        let limit = LARGE_LOAD * self.strip.uncertainty.load_prior;
+        let mut compared = true;
         if let Some(Minimum {
             parameters: [middle, fx, fy],
             ..
         }) = best
-            && fx.abs() > limit
+            && fx.abs() > self.large_load()
         {
             let light = [middle, 0.0, fy];
             best = lower(best, self.descend(light, &readings, &mut evaluations));
+            compared = evaluations < readings.budget;
         }
-        // Three readings fit more than one shape exactly; the prior takes the least load.
-        let ambiguous = mask.count() <= 3;
-        if suspicious || ambiguous {
-            for start in self.waves(&k, &weights) {
-                best = lower(best, self.descend(start, &readings, &mut evaluations));
-                if let Some(found) = &best
-                    && !ambiguous
-                    && found.converged
-                    && found.normal.chi_square < SUSPICIOUS
-                {
-                    break;
-                }
-            }
+        Some(Search {
+            mask,
+            readings,
+            best,
+            starts: [[0.0; 3]; 3],
+            tried: 0,
+            elsewhere: remembered.is_some() && best.map(|found| found.parameters) == remembered,
+            open: is_suspicious(&best) || ambiguous || !compared,
+            evaluations,
+        })
+    }
+
+    /// Tries one start more: at most ten shapes, and `budget` in all.
+    pub fn go_on(&self, search: &mut Search, budget: u8) {
+        search.readings.budget = before_refinement(budget);
+        let readings = &search.readings;
+        if search.tried == 0 {
+            search.starts = self.waves(&readings.k, &readings.weights);
         }
-        let mut best = best?;
+        let tried = usize::from(search.tried);
+        if let Some(&start) = search.starts.get(tried) {
+            let before = search.best.map(|best| best.parameters);
+            let found = self.descend(start, readings, &mut search.evaluations);
+            search.best = lower(search.best, found);
+            search.elsewhere |= search.best.map(|best| best.parameters) != before;
+        }
+        search.tried += 1;
+        let ambiguous = search.mask.count() <= 3;
+        search.open = tried + 1 < search.starts.len() && (ambiguous || is_suspicious(&search.best));
+    }
+
+    /// What was found so far, refined: at most two shapes. `None` if it is no finite shape.
+    pub fn finish(&self, search: &Search) -> Option<Fit> {
+        let mut best = search.best?;
+        let mut readings = search.readings;
+        let mut evaluations = search.evaluations;
         // Where the strains tell the load, or a large one has won, the prior has done its work and
         // would only bias.
         let [_, fx, fy] = best.parameters;
-        let won = fx.abs().max(fy.abs()) > limit && !ambiguous;
+        let ambiguous = search.mask.count() <= 3;
+        let won = fx.abs().max(fy.abs()) > self.large_load() && !ambiguous;
         if won || told(&best.normal) {
             readings.tail = REFINED_TAIL;
             for _ in 0..REFINEMENTS {
@@ -577,7 +655,12 @@ impl Solver {
                 }
             }
         }
-        self.result(&best, mask, &readings, evaluations)
+        self.result(&best, search.mask, &readings, evaluations)
+    }
+
+    /// A compression that is compared with none.
+    fn large_load(&self) -> f32 {
+        LARGE_LOAD * self.strip.uncertainty.load_prior
     }
 
     /// Starts from small-deflection theory: at a given axial load the curvature is a wave,
@@ -690,7 +773,7 @@ impl Solver {
             }
             // The refinement that follows makes this step too; other minima are compared with what
             // it will reach. A large load must show what it reaches.
-            let modest = parameters[1].abs() <= LARGE_LOAD * self.strip.uncertainty.load_prior;
+            let modest = parameters[1].abs() <= self.large_load();
             if damping == 0.0 && modest && promise < CLOSE && told(&normal) {
                 normal.cost -= promise;
                 converged = true;
@@ -846,6 +929,7 @@ impl Solver {
 }
 
 /// Where a descent ended.
+#[derive(Clone, Copy, Debug, PartialEq)]
 struct Minimum {
     parameters: Parameters,
     shape: Shape,
@@ -869,6 +953,16 @@ impl Minimum {
 fn told(normal: &Normal) -> bool {
     inverse_spd(&normal.hessian)
         .is_some_and(|inverse| normal.prior * (inverse[1][1] + inverse[2][2]) < PRIOR_SHARE)
+}
+
+/// Whether there may be a better minimum elsewhere.
+fn is_suspicious(found: &Option<Minimum>) -> bool {
+    found.is_none_or(|found| !found.converged || !(found.normal.chi_square < SUSPICIOUS))
+}
+
+/// Shapes that may be computed before those of the refinement.
+fn before_refinement(budget: u8) -> u8 {
+    budget.clamp(4, MAX_EVALUATIONS) - REFINEMENTS
 }
 
 /// The lower of two minima.
@@ -941,6 +1035,53 @@ mod tests {
             (f64::from(p.x) - LENGTH * bent.end[0]).hypot(f64::from(p.y) - LENGTH * bent.end[1]),
             (f64::from(p.phi) - bent.end[2]).abs(),
         )
+    }
+
+    /// A fit in pieces, each with its bound, ends where the fit at once does; and the next one, of a
+    /// frame that has moved on a little, starts there and needs no search.
+    #[test]
+    fn a_fit_in_pieces_is_the_same_fit_and_its_end_a_good_start() {
+        let (at, mut random) = (gauss(), Random(5));
+        let solver = solver(&at, |_| {});
+        let mask = solver.strip.gauges;
+        let mut searched = 0;
+        for _ in 0..3000 {
+            let shape = Elastica::random(&mut random, 60.0);
+            let readings = curvature(&shape.bent(&at));
+            let whole = solver.fit(&readings, mask).unwrap();
+            let mut search = solver.begin(&readings, mask, (0.0, None), 8).unwrap();
+            assert!(search.evaluations <= 6);
+            if !search.is_open() {
+                let found = solver.finish(&search).unwrap().relative.posture;
+                let (a, b) = (found, whole.relative.posture);
+                let apart = (a.x - b.x).hypot(a.y - b.y) + (a.phi - b.phi).abs();
+                assert!(apart < 1e-4, "{found:?} {whole:?}");
+                continue;
+            }
+            searched += 1;
+            while search.is_open() {
+                let before = search.evaluations;
+                solver.go_on(&mut search, MAX_EVALUATIONS);
+                assert!(search.evaluations - before <= MAX_DESCENT as u8);
+            }
+            let found = solver.finish(&search).unwrap();
+            assert!(!whole.converged || found.chi_square < whole.chi_square + SUSPICIOUS);
+            let Some(start) = search.start().filter(|_| found.converged) else {
+                continue;
+            };
+            let moved = Elastica {
+                root_curvature: shape.root_curvature * 1.003,
+                ..shape
+            };
+            let bent = moved.bent(&at);
+            let next = solver.begin(&curvature(&bent), mask, (0.0, Some(start)), 8);
+            let next = next.unwrap();
+            let fit = solver.finish(&next).unwrap();
+            assert!(!next.is_open() && fit.evaluations <= 8, "{shape:?}");
+            let error = error(&fit, &bent);
+            assert!(error.0 < 1e-3 && error.1 < 5e-3, "{error:?}");
+        }
+        assert!(searched > 10, "{searched}");
     }
 
     /// Worst position error (m) and heading error (rad) over `count` shapes; with `lose`, one

@@ -36,7 +36,7 @@
 //! ```
 
 use super::calibration::{self, Calibration, Conversion, ZeroTracker, ZeroTracking};
-use super::elastica::{Fit, MAX_EVALUATIONS, Solver, Wrench};
+use super::elastica::{Fit, MAX_EVALUATIONS, Search, Solver, Start, Wrench};
 use super::health::{self, Fault, Monitor};
 use super::polynomial::{Interpolant, Quadrature, piecewise, quadrature};
 use super::strip::{self, GaugeMask, MAX_GAUGES, RelativePosture, Strip};
@@ -45,6 +45,8 @@ use crate::math::matrix::scale;
 
 /// Shapes computed for a fit that only looks for the gauge to blame.
 const SEARCH_BUDGET: u8 = 16;
+/// Most shapes computed in the tick of an estimate; four settle all fits but one in thousands.
+const TICK_BUDGET: u8 = 8;
 
 /// How strains become a posture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -175,53 +177,38 @@ impl PostureSolver {
     /// strip beyond reason are left out. `None` if fewer than two are left or nothing sound came
     /// out.
     pub fn solve(&self, strain: &[f32; MAX_GAUGES], mask: GaugeMask) -> Option<Solution> {
-        match self.method {
-            Method::Elastica => self.solve_watched(strain, mask, 0.0, false).0,
-            method => {
-                let curvature = self.strip().curvature(strain);
-                let used = self.strip().usable(&curvature, mask);
-                self.polynomial(&curvature, used, method, None)
-            }
-        }
+        let curvature = self.strip().curvature(strain);
+        let used = self.strip().usable(&curvature, mask);
+        let fit = (self.method == Method::Elastica)
+            .then(|| {
+                self.solver
+                    .fit_within(&curvature, used, 0.0, MAX_EVALUATIONS)
+            })
+            .flatten();
+        self.solution(&curvature, used, fit.filter(|fit| fit.converged))
     }
 
-    /// As [`Self::solve`]; `drift` is the variance of the walk of the zeros, strain². Gives the elastica
-    /// too if it was fitted or `watched` asks for it.
-    fn solve_watched(
+    /// The posture from an elastica that settled, else from the polynomial.
+    fn solution(
         &self,
-        strain: &[f32; MAX_GAUGES],
-        mask: GaugeMask,
-        drift: f32,
-        watched: bool,
-    ) -> (Option<Solution>, Option<Fit>) {
-        let strip = self.strip();
-        let curvature = strip.curvature(strain);
-        let used = strip.usable(&curvature, mask);
-        let fit = if watched || self.method == Method::Elastica {
-            self.solver
-                .fit_within(&curvature, used, drift, MAX_EVALUATIONS)
-                .filter(|fit| fit.converged)
-        } else {
-            None
-        };
+        curvature: &[f32; MAX_GAUGES],
+        used: GaugeMask,
+        fit: Option<Fit>,
+    ) -> Option<Solution> {
         let chi_square = fit.map(|fit| fit.chi_square);
-        if let Some(fit) = &fit
-            && self.method == Method::Elastica
-        {
-            let solution = Solution {
+        match (self.method, fit) {
+            (Method::Elastica, Some(fit)) => Some(Solution {
                 relative: fit.relative,
                 wrench: Some(fit.wrench),
                 used,
                 method: Method::Elastica,
                 chi_square,
-            };
-            return (Some(solution), Some(*fit));
+            }),
+            (Method::Piecewise, _) => {
+                self.polynomial(curvature, used, Method::Piecewise, chi_square)
+            }
+            _ => self.polynomial(curvature, used, Method::Quadrature, chi_square),
         }
-        let method = match self.method {
-            Method::Piecewise => Method::Piecewise,
-            Method::Quadrature | Method::Elastica => Method::Quadrature,
-        };
-        (self.polynomial(&curvature, used, method, chi_square), fit)
     }
 
     fn polynomial(
@@ -314,6 +301,31 @@ pub struct State {
     /// Last strains and the gauges they are good for.
     strain: [f32; MAX_GAUGES],
     good: GaugeMask,
+    /// What the last estimate left to do, and where the next one starts.
+    work: Option<Work>,
+    start: Option<Start>,
+}
+
+/// A fit that goes on between estimates.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Work {
+    curvature: [f32; MAX_GAUGES],
+    used: GaugeMask,
+    drift: f32,
+    purpose: Purpose,
+    /// `None` before it has begun.
+    search: Option<Search>,
+}
+
+/// What a fit is for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Purpose {
+    /// The estimate's own: the next one starts where it ends.
+    Settle,
+    /// What the readings say without this gauge, which may be to blame.
+    Blame(usize),
+    /// What the others say of this gauge, which may be flat.
+    Flat(usize),
 }
 
 impl State {
@@ -368,8 +380,10 @@ impl RelativePositionSensor {
     }
 
     /// Takes one conversion of every gauge (entries beyond the strip's gauges are not read). A
-    /// count outside the converter's range means that there was none. Cost about 100 operations.
+    /// count outside the converter's range means that there was none. Cost about 100 operations; while an
+    /// estimate has left work, at most ten shapes of it, so that nine calls do it all.
     pub fn sample(&self, state: &mut State, counts: &[i32; MAX_GAUGES]) {
+        self.work(state);
         let gauges = self.strip().gauges();
         for i in 0..MAX_GAUGES {
             if !gauges.contains(i) {
@@ -394,10 +408,13 @@ impl RelativePositionSensor {
         }
     }
 
-    /// Closes the period: the posture from the samples since the last call. Cost: one fit, two while
-    /// something is wrong, three in the period in which a gauge is taken out.
+    /// Closes the period: the posture from the samples since the last call. Cost: one fit of at most
+    /// [`TICK_BUDGET`] shapes. Where that does not settle, the quadrature stands in; the search goes on
+    /// with the next samples ([`Self::sample`]), and the next estimate starts where it ended. So does
+    /// the search for a gauge to blame.
     pub fn estimate(&self, state: &mut State) -> Estimate {
-        let gauges = self.strip().gauges();
+        let strip = self.strip();
+        let gauges = strip.gauges();
         let drift = self.drift(state);
         state.age = state.age.saturating_add(1);
         let (strain, verdicts) = self.close_period(state);
@@ -411,15 +428,31 @@ impl RelativePositionSensor {
             }
         }
         let watched = self.monitor.config.watch_consistency;
-        let (mut solution, mut fit) = self.posture.solve_watched(&strain, good, drift, watched);
-        if watched && let Some(fit_of_all) = &fit {
-            self.cross_examine(state, &strain, fit_of_all, good);
-            let latched = state.health.latched().and(good);
-            if latched != GaugeMask::NONE {
-                good = GaugeMask(good.0 & !latched.0);
-                (solution, fit) = self.posture.solve_watched(&strain, good, drift, watched);
-            }
+        let curvature = strip.curvature(&strain);
+        let mut work = Work {
+            curvature,
+            used: strip.usable(&curvature, good),
+            drift,
+            purpose: Purpose::Settle,
+            search: None,
+        };
+        let solver = &self.posture.solver;
+        if watched || self.posture.method == Method::Elastica {
+            let start = state.start;
+            work.search = solver.begin(&curvature, work.used, (drift, start), TICK_BUDGET);
         }
+        let fit = work
+            .search
+            .as_ref()
+            .and_then(|search| solver.finish(search));
+        let fit = fit.filter(|fit| fit.converged);
+        let solution = self.posture.solution(&curvature, work.used, fit);
+        state.start = work.search.as_ref().and_then(Search::start);
+        state.work = if work.search.as_ref().is_some_and(Search::is_open) {
+            Some(work)
+        } else {
+            self.cross_examine(state, &work, fit)
+        };
         state.strain = strain;
         state.good = good;
         let consistent =
@@ -490,42 +523,63 @@ impl RelativePositionSensor {
     }
 
     /// One more fit without a gauge that is under suspicion, if any is.
-    fn cross_examine(
-        &self,
-        state: &mut State,
-        strain: &[f32; MAX_GAUGES],
-        fit: &Fit,
-        good: GaugeMask,
-    ) {
-        let strip = self.strip();
-        let curvature = strip.curvature(strain);
-        let used = strip.usable(&curvature, good);
-        let drift = self.drift(state);
+    fn cross_examine(&self, state: &mut State, done: &Work, fit: Option<Fit>) -> Option<Work> {
+        let fit = fit.filter(|_| self.monitor.config.watch_consistency)?;
         let health = &mut state.health;
-        if let Some(i) = self.monitor.watch(health, used, fit.chi_square) {
-            let without =
-                self.posture
-                    .solver
-                    .fit_within(&curvature, used.without(i), drift, SEARCH_BUDGET);
-            // Without a fit there is nothing to be said for it.
-            let residual = without.map_or(f32::MAX, |fit| fit.chi_square);
-            self.monitor.hear(health, used, i, residual);
+        let flat = |health: &health::State| health.suspect().filter(|&i| done.used.contains(i));
+        let purpose = match self.monitor.watch(health, done.used, fit.chi_square) {
+            Some(i) => Purpose::Blame(i),
+            None => Purpose::Flat(flat(health)?),
+        };
+        Some(Work {
+            purpose,
+            search: None,
+            ..*done
+        })
+    }
+
+    /// Goes on with what an estimate has left to do.
+    fn work(&self, state: &mut State) {
+        let Some(mut work) = state.work.take() else {
+            return;
+        };
+        let solver = &self.posture.solver;
+        let used = work.used;
+        let (mask, budget) = match work.purpose {
+            Purpose::Settle => (used, MAX_EVALUATIONS),
+            Purpose::Blame(i) | Purpose::Flat(i) => (used.without(i), SEARCH_BUDGET),
+        };
+        match &mut work.search {
+            Some(search) => solver.go_on(search, budget),
+            None => {
+                work.search = solver.begin(&work.curvature, mask, (work.drift, None), TICK_BUDGET);
+            }
+        }
+        if work.search.as_ref().is_some_and(Search::is_open) {
+            state.work = Some(work);
             return;
         }
-        for i in 0..MAX_GAUGES {
-            if health.suspect() == Some(i) && used.contains(i) {
-                let without = self.posture.solver.fit_within(
-                    &curvature,
-                    used.without(i),
-                    drift,
-                    SEARCH_BUDGET,
-                );
-                let difference = without.map(|fit| curvature[i] - fit.curvature[i]);
-                self.monitor.judge_flat(
-                    health,
-                    i,
-                    difference.unwrap_or(0.0) * strip.half_thickness,
-                );
+        let fit = work
+            .search
+            .as_ref()
+            .and_then(|search| solver.finish(search));
+        match work.purpose {
+            Purpose::Settle => {
+                state.start = work.search.as_ref().and_then(Search::start);
+                state.work = self.cross_examine(state, &work, fit.filter(|fit| fit.converged));
+            }
+            Purpose::Blame(i) => {
+                // Without a fit there is nothing to be said for it.
+                let residual = fit.map_or(f32::MAX, |fit| fit.chi_square);
+                self.monitor.hear(&mut state.health, used, i, residual);
+            }
+            Purpose::Flat(i) => {
+                let difference = fit.zip(work.curvature.get(i).copied());
+                let difference = difference.map_or(0.0, |(fit, curvature)| {
+                    curvature - fit.curvature.get(i).copied().unwrap_or(curvature)
+                });
+                let strain = difference * self.strip().half_thickness;
+                self.monitor.judge_flat(&mut state.health, i, strain);
             }
         }
     }
