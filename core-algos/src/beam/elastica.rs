@@ -148,7 +148,7 @@ impl Search {
 
     /// Where the next fit should start, if not from the polynomial's shape.
     pub fn start(&self) -> Option<Start> {
-        let best = self.best.filter(|_| self.elsewhere)?;
+        let best = self.best.as_ref().filter(|_| self.elsewhere)?;
         Some(Start(best.parameters))
     }
 }
@@ -586,18 +586,15 @@ impl Solver {
         if let Some(Start(start)) = start {
             best = self.descend(start, &readings, &mut evaluations);
         }
-        let remembered = best.map(|found| found.parameters);
-        if ambiguous || is_suspicious(&best) {
+        let remembered = best.as_ref().map(|found| found.parameters);
+        if ambiguous || is_suspicious(best.as_ref()) {
             let start = self.start(&interpolant, &k, &weights);
             best = lower(best, self.descend(start, &readings, &mut evaluations));
         }
         // Noise on a strip that is nearly straight can look like a small buckled shape: a large
         // load must win against none.
         let mut compared = true;
-        if let Some(Minimum {
-            parameters: [middle, fx, fy],
-            ..
-        }) = best
+        if let Some([middle, fx, fy]) = best.as_ref().map(|found| found.parameters)
             && fx.abs() > self.large_load()
         {
             let light = [middle, 0.0, fy];
@@ -610,8 +607,9 @@ impl Solver {
             best,
             starts: [[0.0; 3]; 3],
             tried: 0,
-            elsewhere: remembered.is_some() && best.map(|found| found.parameters) == remembered,
-            open: is_suspicious(&best) || ambiguous || !compared,
+            elsewhere: remembered.is_some()
+                && best.as_ref().map(|found| found.parameters) == remembered,
+            open: is_suspicious(best.as_ref()) || ambiguous || !compared,
             evaluations,
         })
     }
@@ -625,14 +623,15 @@ impl Solver {
         }
         let tried = usize::from(search.tried);
         if let Some(&start) = search.starts.get(tried) {
-            let before = search.best.map(|best| best.parameters);
+            let before = search.best.as_ref().map(|best| best.parameters);
             let found = self.descend(start, readings, &mut search.evaluations);
             search.best = lower(search.best, found);
-            search.elsewhere |= search.best.map(|best| best.parameters) != before;
+            search.elsewhere |= search.best.as_ref().map(|best| best.parameters) != before;
         }
         search.tried += 1;
         let ambiguous = search.mask.count() <= 3;
-        search.open = tried + 1 < search.starts.len() && (ambiguous || is_suspicious(&search.best));
+        search.open =
+            tried + 1 < search.starts.len() && (ambiguous || is_suspicious(search.best.as_ref()));
     }
 
     /// What was found so far, refined: at most two shapes. `None` if it is no finite shape.
@@ -956,7 +955,7 @@ fn told(normal: &Normal) -> bool {
 }
 
 /// Whether there may be a better minimum elsewhere.
-fn is_suspicious(found: &Option<Minimum>) -> bool {
+fn is_suspicious(found: Option<&Minimum>) -> bool {
     found.is_none_or(|found| !found.converged || !(found.normal.chi_square < SUSPICIOUS))
 }
 

@@ -383,7 +383,9 @@ impl RelativePositionSensor {
     /// count outside the converter's range means that there was none. Cost about 100 operations; while an
     /// estimate has left work, at most ten shapes of it, so that nine calls do it all.
     pub fn sample(&self, state: &mut State, counts: &[i32; MAX_GAUGES]) {
-        self.work(state);
+        if state.work.is_some() {
+            self.work(state);
+        }
         let gauges = self.strip().gauges();
         for i in 0..MAX_GAUGES {
             if !gauges.contains(i) {
@@ -429,30 +431,30 @@ impl RelativePositionSensor {
         }
         let watched = self.monitor.config.watch_consistency;
         let curvature = strip.curvature(&strain);
-        let mut work = Work {
+        let used = strip.usable(&curvature, good);
+        let solver = &self.posture.solver;
+        let search = if watched || self.posture.method == Method::Elastica {
+            solver.begin(&curvature, used, (drift, state.start), TICK_BUDGET)
+        } else {
+            None
+        };
+        let fit = search.as_ref().and_then(|search| solver.finish(search));
+        let fit = fit.filter(|fit| fit.converged);
+        let solution = self.posture.solution(&curvature, used, fit);
+        state.start = search.as_ref().and_then(Search::start);
+        state.work = None;
+        let work = Work {
             curvature,
-            used: strip.usable(&curvature, good),
+            used,
             drift,
             purpose: Purpose::Settle,
             search: None,
         };
-        let solver = &self.posture.solver;
-        if watched || self.posture.method == Method::Elastica {
-            let start = state.start;
-            work.search = solver.begin(&curvature, work.used, (drift, start), TICK_BUDGET);
-        }
-        let fit = work
-            .search
-            .as_ref()
-            .and_then(|search| solver.finish(search));
-        let fit = fit.filter(|fit| fit.converged);
-        let solution = self.posture.solution(&curvature, work.used, fit);
-        state.start = work.search.as_ref().and_then(Search::start);
-        state.work = if work.search.as_ref().is_some_and(Search::is_open) {
-            Some(work)
+        if search.as_ref().is_some_and(Search::is_open) {
+            state.work = Some(Work { search, ..work });
         } else {
-            self.cross_examine(state, &work, fit)
-        };
+            self.cross_examine(state, work, fit);
+        }
         state.strain = strain;
         state.good = good;
         let consistent =
@@ -522,25 +524,28 @@ impl RelativePositionSensor {
         (strain, verdicts)
     }
 
-    /// One more fit without a gauge that is under suspicion, if any is.
-    fn cross_examine(&self, state: &mut State, done: &Work, fit: Option<Fit>) -> Option<Work> {
-        let fit = fit.filter(|_| self.monitor.config.watch_consistency)?;
-        let health = &mut state.health;
-        let flat = |health: &health::State| health.suspect().filter(|&i| done.used.contains(i));
-        let purpose = match self.monitor.watch(health, done.used, fit.chi_square) {
-            Some(i) => Purpose::Blame(i),
-            None => Purpose::Flat(flat(health)?),
+    /// Asks for one more fit without a gauge that is under suspicion, if any is.
+    fn cross_examine(&self, state: &mut State, done: Work, fit: Option<Fit>) {
+        let Some(fit) = fit.filter(|_| self.monitor.config.watch_consistency) else {
+            return;
         };
-        Some(Work {
-            purpose,
-            search: None,
-            ..*done
-        })
+        let health = &mut state.health;
+        let blame = self.monitor.watch(health, done.used, fit.chi_square);
+        let flat = || health.suspect().filter(|&i| done.used.contains(i));
+        let purpose = match blame {
+            Some(i) => Purpose::Blame(i),
+            None => match flat() {
+                Some(i) => Purpose::Flat(i),
+                None => return,
+            },
+        };
+        state.work = Some(Work { purpose, ..done });
     }
 
     /// Goes on with what an estimate has left to do.
+    #[inline(never)]
     fn work(&self, state: &mut State) {
-        let Some(mut work) = state.work.take() else {
+        let Some(work) = &mut state.work else {
             return;
         };
         let solver = &self.posture.solver;
@@ -556,17 +561,22 @@ impl RelativePositionSensor {
             }
         }
         if work.search.as_ref().is_some_and(Search::is_open) {
-            state.work = Some(work);
             return;
         }
         let fit = work
             .search
             .as_ref()
             .and_then(|search| solver.finish(search));
+        let start = work.search.as_ref().and_then(Search::start);
+        let work = Work {
+            search: None,
+            ..*work
+        };
+        state.work = None;
         match work.purpose {
             Purpose::Settle => {
-                state.start = work.search.as_ref().and_then(Search::start);
-                state.work = self.cross_examine(state, &work, fit.filter(|fit| fit.converged));
+                state.start = start;
+                self.cross_examine(state, work, fit.filter(|fit| fit.converged));
             }
             Purpose::Blame(i) => {
                 // Without a fit there is nothing to be said for it.
