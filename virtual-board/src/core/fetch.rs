@@ -120,24 +120,22 @@ impl Core {
         last: u32,
     ) -> Result<(), Trap> {
         if pc >> 4 != self.line {
-            if self.mpu.enabled() {
-                self.check_fetch(pc)?;
-            }
+            self.check_fetch(pc)?;
             self.line = pc >> 4;
             system.enter_line(pc, &mut self.cycles);
         }
         if last >> 4 != self.line {
-            if self.mpu.enabled() {
-                self.check_fetch(last)?;
-            }
+            self.check_fetch(last)?;
             self.line = last >> 4;
             system.enter_line(last, &mut self.cycles);
         }
         Ok(())
     }
 
+    #[inline]
     fn check_fetch(&self, pc: u32) -> Result<(), Trap> {
-        if self.mpu.allows_fetch(pc, self.view) {
+        let open = self.flash_executes && pc >> 24 == FLASH >> 24;
+        if open || self.mpu.allows_fetch(pc, self.view) {
             Ok(())
         } else {
             Err(Trap::FetchMpu)

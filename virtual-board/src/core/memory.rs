@@ -4,7 +4,7 @@
 use super::exception::Trap;
 use super::mpu::{Access, Mode};
 use super::scb::ccr;
-use super::{Core, NO_LINE, System, Width};
+use super::{Core, NO_LINE, System, Width, fetch};
 
 /// The private peripheral bus, but DBGMCU, which is the chip's.
 fn is_private(address: u32) -> bool {
@@ -225,6 +225,7 @@ impl Core {
     fn make_plain(&mut self, view: Mode) {
         self.view = view;
         self.line = NO_LINE;
+        self.flash_executes = self.mpu.page_executes(fetch::FLASH >> 24, view);
         for page in 0..256u32 {
             let special = matches!(page, 0xe0 | 0x22 | 0x23 | 0x42 | 0x43);
             let open = self.mpu.page_is_open(page, view);

@@ -152,6 +152,8 @@ pub struct Core {
     cached: Vec<Cached>,
     /// Pages of 16 MiB whose accesses need no check.
     plain: [bool; 256],
+    /// Whether all of the flash may be executed.
+    flash_executes: bool,
     /// What `plain` was made for.
     view: mpu::Mode,
     /// The stack pointer that is not in `r`.
@@ -218,6 +220,7 @@ impl Core {
             decoded: Vec::new(),
             cached: Vec::new(),
             plain: [false; 256],
+            flash_executes: false,
             view: mpu::Mode::Privileged,
             other_sp: 0,
             process_stack: false,

@@ -171,6 +171,14 @@ impl Mpu {
         self.control & PRIVDEFENA != 0 && mode == Mode::Privileged
     }
 
+    /// Whether instructions may be fetched from all of a page of 16 MiB, one that the default map lets
+    /// execute.
+    pub(super) fn page_executes(&self, page: u32, mode: Mode) -> bool {
+        let by_default = self.control & PRIVDEFENA != 0 && mode == Mode::Privileged;
+        let touched = || self.regions.iter().any(|r| r.overlaps_page(page));
+        !self.enabled() || mode == Mode::Unchecked || by_default && !touched()
+    }
+
     fn walk(&self, address: u32, privileged: bool) -> u8 {
         match self.regions.iter().rfind(|r| r.matches(address)) {
             Some(region) => region.permissions(privileged),
@@ -327,7 +335,12 @@ mod tests {
         assert!(mpu.allows_fetch(0x4000_0000, Mode::Privileged));
         assert!(!mpu.allows_fetch(0x5000_0000, Mode::Privileged));
         assert!(mpu.allows_fetch(0x0800_0000, Mode::Privileged));
+        assert!(mpu.page_executes(0x08, Mode::Privileged));
+        assert!(!mpu.page_executes(0x20, Mode::Privileged));
         assert!(!mpu.allows_fetch(0x0800_0000, Mode::Unprivileged));
+        assert!(!mpu.page_executes(0x08, Mode::Unprivileged));
+        assert!(!unit(&regions, ENABLE).page_executes(0x08, Mode::Privileged));
+        assert!(unit(&regions, ENABLE).page_executes(0x08, Mode::Unchecked));
         let off = Mpu::default();
         assert!(off.allows_fetch(0x2000_0000, Mode::Unprivileged));
         assert!(!off.allows_fetch(0x4000_0000, Mode::Privileged));
