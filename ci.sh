@@ -72,6 +72,8 @@ step "the images that users flash, on virtual boards"
 timeout 900 target/release/cfmmr hil --virtual --out target/virtual | grep -A4 "^board "
 step "the virtual boards' core against Unicorn in lockstep"
 virtual-board/oracle/check_lockstep.sh
+step "the virtual boards' core against QEMU on the instruction counts"
+virtual-board/oracle/qemu.py
 step "frames of the virtual bus against other implementations"
 virtual-board/oracle/check_can_bits.sh 2000
 step "faults on emulated boards"

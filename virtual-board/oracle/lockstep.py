@@ -36,13 +36,11 @@ import ctypes
 import pathlib
 import random
 import struct
-import subprocess
 import sys
 
+import core_side
 import encodings_of_elf
 import generate
-
-ROOT = pathlib.Path(__file__).resolve().parent.parent.parent
 
 try:
     import unicorn
@@ -63,20 +61,11 @@ FLAG_BITS = 0xF80F_0000
 NAMES = [f"r{k}" for k in range(13)] + ["sp", "lr", "apsr", "fpscr"] + [f"s{k}" for k in range(32)]
 
 
-def start(example, *arguments):
-    """The core's side, in its own process."""
-    command = ["cargo", "build", "--locked", "--quiet", "--release", "--package", "virtual-board"]
-    if subprocess.run(command + ["--example", example], cwd=ROOT).returncode != 0:
-        sys.exit(f"lockstep.py: the example {example} of virtual-board does not build")
-    program = ROOT / "target" / "release" / "examples" / example
-    return subprocess.Popen([program, *arguments], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
-
-
 class Ours:
     """The core."""
 
     def __init__(self):
-        self.process = start("lockstep")
+        self.process = core_side.start("lockstep")
         # What it put into the flash for itself.
         self.flash = self.process.stdout.read(0x1000)
 

@@ -20,6 +20,7 @@ import random
 import struct
 import sys
 
+import core_side
 import encodings_of_elf
 import generate
 import lockstep
@@ -45,7 +46,7 @@ class Ours:
     """The core, with an image."""
 
     def __init__(self, path, places):
-        self.process = lockstep.start("stretches", path)
+        self.process = core_side.start("stretches", path)
         self.flash = self.process.stdout.read(lockstep.FLASH_SIZE)
         ranges = []
         for address, code in places:

@@ -2,6 +2,8 @@
 
 #[allow(dead_code)]
 pub mod peer;
+#[allow(dead_code)]
+pub mod semihosting;
 
 use virtual_board::core::{BusError, System, Width};
 use virtual_board::{Cycles, Kind};
