@@ -26,6 +26,7 @@ scripts/install_qemu.sh
 step "formatting"
 cargo fmt --all --check
 cargo fmt --manifest-path fuzz/Cargo.toml --check
+rustfmt --edition 2024 --check tools/rigless/src/main.rs
 step "clippy"
 # With the feature that the default leaves out; the builds below are without it.
 cargo clippy --locked --workspace --all-targets --features host-sim/live -- -D warnings
