@@ -26,6 +26,7 @@ scripts/install_qemu.sh
 step "formatting"
 cargo fmt --all --check
 cargo fmt --manifest-path fuzz/Cargo.toml --check
+rustfmt --edition 2024 --check tools/rigless/src/main.rs
 step "clippy"
 # With the feature that the default leaves out; the builds below are without it.
 cargo clippy --locked --workspace --all-targets --features host-sim/live -- -D warnings
@@ -70,6 +71,10 @@ hil --no-rps
 hil --link uart --stop-after 2
 step "the images that users flash, on virtual boards"
 timeout 900 target/release/cfmmr hil --virtual --out target/virtual | grep -A4 "^board "
+step "the virtual boards' core against Unicorn in lockstep"
+virtual-board/oracle/check_lockstep.sh
+step "the virtual boards' core against QEMU on the instruction counts"
+virtual-board/oracle/qemu.py
 step "frames of the virtual bus against other implementations"
 virtual-board/oracle/check_can_bits.sh 2000
 step "faults on emulated boards"

@@ -104,6 +104,10 @@ def monte_carlo(trials, threads):
     return taken, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024, result
 
 
+# Where the part of the page begins that this does not write.
+KEPT = "## Virtual boards"
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--trials", type=int, default=200, help="trials of the Monte Carlo runs")
@@ -145,8 +149,8 @@ def main():
     page = [
         "# Speed on a computer",
         "",
-        "Written by `scripts/benchmarks.py`. Instructions on the boards' processor, beside four other",
-        "filter libraries, stand in [instructions.md](instructions.md).",
+        "Written by `scripts/benchmarks.py`, but for the virtual boards. Instructions on the boards' processor,",
+        "beside four other filter libraries, stand in [instructions.md](instructions.md).",
         "",
         f"- {processor()}, {os.cpu_count()} cores, {platform.system()} {platform.release()}",
         f"- {output('rustc', '--version').strip()}, release profile; MuJoCo {beside['mujoco']},"
@@ -209,11 +213,13 @@ def main():
     page += [f"| {n} | {rate:.2f} | {a:.0f}, {b:.0f} |" for n, rate, a, b in rows]
     page += ["", f"Two threads: {gain:.2f} times as fast as one, {same}. Two processes of one"
              f" thread each, at the same time: {ceiling:.2f} times as fast as one.", ""]
-    text = "\n".join(page)
+    path = ROOT / "docs" / "benchmarks.md"
+    # Measured by other commands, which it names.
+    kept = path.read_text().partition(KEPT) if path.exists() else ("", "", "")
+    text = "\n".join(page) + "".join(("\n", *kept[1:]) if kept[1] else ())
     if arguments.print:
         print(text)
         return
-    path = ROOT / "docs" / "benchmarks.md"
     temporary = path.with_suffix(".tmp")
     temporary.write_text(text)
     temporary.replace(path)

@@ -64,8 +64,8 @@ def fail(text):
     sys.exit(f"count_instructions.py: {text}")
 
 
-def measure():
-    """Name -> [mean, largest, stack, code] of everything the image prints."""
+def emulate():
+    """What the image prints in the emulator; it is built before."""
     build = ["cargo", "build", "--locked", "--quiet", "--package", "firmware-bench"]
     build += ["--profile", "count", "--target", TARGET]
     if subprocess.run(build, cwd=ROOT).returncode != 0:
@@ -82,8 +82,14 @@ def measure():
         fail("the emulator did not end within 5 minutes")
     if run.returncode != 0:
         fail(f"the emulator ended with {run.returncode}:\n{run.stdout}{run.stderr}")
+    return run.stdout
+
+
+def measure():
+    """Name -> [mean, largest, stack, code] of everything the image prints."""
+    printed = emulate()
     counts, states, image, empty = {}, {}, Image(IMAGE), 0
-    for line in run.stdout.splitlines():
+    for line in printed.splitlines():
         kind, *words = line.split()
         if kind == "calibration" and words != ["100", "1000"]:
             fail(f"100 and 1000 instructions were counted as {' and '.join(words)}")

@@ -4,6 +4,7 @@
 mod flat;
 
 use flat::Flat;
+use flat::semihosting::serve;
 use std::time::Instant;
 use virtual_board::core::{Core, Stop};
 use virtual_board::probe::image::Image;
@@ -48,45 +49,6 @@ fn small_loop() {
     println!("small loop: {best:.0} MIPS");
 }
 
-/// Serves a semihosting call, with its output if `loud`; false at the end of the program.
-fn serve(core: &mut Core, flat: &mut Flat, loud: bool) -> bool {
-    let (operation, block) = (core.register(0), core.register(1));
-    let byte = |flat: &Flat, address: u32| {
-        let memory = if address >> 24 == 0x20 {
-            &flat.sram
-        } else {
-            &flat.flash
-        };
-        memory[(address & 0xff_ffff) as usize]
-    };
-    let word = |flat: &Flat, address: u32| {
-        u32::from_le_bytes([0, 1, 2, 3].map(|k| byte(flat, address + k)))
-    };
-    let text: Vec<u8> = match operation {
-        4 => (block..)
-            .map(|a| byte(flat, a))
-            .take_while(|&b| b != 0)
-            .collect(),
-        5 => {
-            let (begin, length) = (word(flat, block + 4), word(flat, block + 8));
-            (begin..begin + length).map(|a| byte(flat, a)).collect()
-        }
-        _ => Vec::new(),
-    };
-    if loud {
-        print!("{}", String::from_utf8_lossy(&text));
-    }
-    let result = match operation {
-        1 => 1,
-        4 | 5 => 0,
-        0x18 | 0x20 => return false,
-        _ => u32::MAX,
-    };
-    core.set_register(0, result);
-    core.set_register(15, core.pc() + 2);
-    true
-}
-
 /// Runs an image to its end; gives instructions, cycles and seconds.
 fn run(image: &Image, loud: bool) -> (u64, u64, f64) {
     let mut flat = Flat::default();
@@ -97,7 +59,7 @@ fn run(image: &Image, loud: bool) -> (u64, u64, f64) {
     let begin = Instant::now();
     loop {
         match core.run(&mut flat, u64::MAX) {
-            Stop::Breakpoint(_) if serve(&mut core, &mut flat, loud) => {}
+            Stop::Breakpoint(_) if serve(&mut core, &mut flat, loud).is_none() => {}
             Stop::Breakpoint(_) => break,
             stop => panic!("{stop:?} at {:#x}: {:?}", core.pc(), flat.notes),
         }

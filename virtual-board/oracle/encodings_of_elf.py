@@ -1,4 +1,4 @@
-"""Encodings that the code of an ELF file contains, found by its mapping symbols."""
+"""Instructions that the code of an ELF file contains, found by its mapping symbols."""
 
 import struct
 
@@ -16,8 +16,8 @@ def sections(data):
         yield name, row[1], row[3], row[4], row[5], row[6]
 
 
-def encodings(path):
-    """The set of instructions, each as its bytes."""
+def instructions(path):
+    """Address and bytes of each instruction."""
     data = path.read_bytes()
     table = list(sections(data))
     marks = []
@@ -32,7 +32,6 @@ def encodings(path):
             if text[:2] in (b"$t", b"$d", b"$a"):
                 marks.append((value, text[:2] == b"$t"))
     marks.sort()
-    found = set()
     for name, kind, address, offset, size, _ in table:
         if kind != 1 or name not in (".text", ".init"):
             continue
@@ -44,6 +43,10 @@ def encodings(path):
                 at = offset + place - address
                 (half,) = struct.unpack_from("<H", data, at)
                 length = 4 if half >> 11 >= 0b11101 else 2
-                found.add(data[at : at + length])
+                yield place, data[at : at + length]
                 place += length
-    return found
+
+
+def encodings(path):
+    """The set of instructions, each as its bytes."""
+    return {code for _, code in instructions(path)}

@@ -25,6 +25,8 @@ Unicorn sometimes executes its translation of code that stood at an address befo
 differs runs again, translated anew, up to three times; if then it is equal and the core gives what
 it gave at first, it counts as equal. The number of these is printed.
 
+Stretches of the images as they are: stretches.py; both with what they need: check_lockstep.sh.
+
 Unicorn is GPL and runs in a process of its own; it is not linked to anything here.
 """
 
@@ -34,24 +36,17 @@ import ctypes
 import pathlib
 import random
 import struct
-import subprocess
 import sys
 
+import core_side
 import encodings_of_elf
 import generate
-
-ROOT = pathlib.Path(__file__).resolve().parent.parent.parent
-VENV = ROOT / "target" / "unicorn"
 
 try:
     import unicorn
     from unicorn import arm_const as arm
 except ImportError:
-    sys.exit(
-        "lockstep.py: the package unicorn is missing. Get it with\n"
-        f"  python3 -m venv {VENV} && {VENV}/bin/pip install unicorn==2.1.4\n"
-        f"and run {VENV}/bin/python virtual-board/oracle/lockstep.py"
-    )
+    sys.exit("lockstep.py: the package unicorn is missing: check_lockstep.sh installs and runs all")
 
 FLASH, FLASH_SIZE = 0x0800_0000, 1 << 20
 SRAM, SRAM_SIZE = 0x2000_0000, 0x2_0000
@@ -67,14 +62,10 @@ NAMES = [f"r{k}" for k in range(13)] + ["sp", "lr", "apsr", "fpscr"] + [f"s{k}" 
 
 
 class Ours:
-    """The core, in its own process."""
+    """The core."""
 
     def __init__(self):
-        command = ["cargo", "build", "--quiet", "--release", "--package", "virtual-board"]
-        if subprocess.run(command + ["--example", "lockstep"], cwd=ROOT).returncode != 0:
-            sys.exit("lockstep.py: the core's side does not build")
-        program = ROOT / "target" / "release" / "examples" / "lockstep"
-        self.process = subprocess.Popen([program], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        self.process = core_side.start("lockstep")
         # What it put into the flash for itself.
         self.flash = self.process.stdout.read(0x1000)
 
@@ -128,27 +119,31 @@ class Theirs:
         self.uc.mem_write(address, code)
         # What it translated for other code that stood there.
         self.uc.ctl_remove_cache(address, address + len(code))
-        handle = self.uc._uch
         results = []
         for case in cases:
             self.uc.mem_write(DATA, data)
-            self.values[:WORDS] = case
-            self.values[FLAGS] |= 1 << 24
-            self.library.uc_reg_write_batch(handle, self.write_ids, self.places, WORDS)
-            error = self.library.uc_emu_start(
-                handle,
-                ctypes.c_uint64(address | 1),
-                ctypes.c_uint64(end or 0xFFFF_FFFE),
-                ctypes.c_uint64(0),
-                ctypes.c_size_t(0 if end else 1),
-            )
-            self.library.uc_reg_read_batch(handle, self.ids, self.places, WORDS + 1)
-            words = list(self.values[:WORDS])
-            words[FLAGS] &= FLAG_BITS
-            pc = self.values[WORDS]
+            error, pc, words = self.execute(address, end or 0xFFFF_FFFE, 0 if end else 1, case)
             failed = error or (end != 0 and pc != end)
             results.append((failed, 0, pc, words, bytes(self.uc.mem_read(DATA, len(data)))))
         return results
+
+    def execute(self, begin, end, count, case):
+        """From a state up to an address or so many instructions: error, program counter, words."""
+        handle = self.uc._uch
+        self.values[:WORDS] = case
+        self.values[FLAGS] |= 1 << 24
+        self.library.uc_reg_write_batch(handle, self.write_ids, self.places, WORDS)
+        error = self.library.uc_emu_start(
+            handle,
+            ctypes.c_uint64(begin | 1),
+            ctypes.c_uint64(end),
+            ctypes.c_uint64(0),
+            ctypes.c_size_t(count),
+        )
+        self.library.uc_reg_read_batch(handle, self.ids, self.places, WORDS + 1)
+        words = list(self.values[:WORDS])
+        words[FLAGS] &= FLAG_BITS
+        return error, self.values[WORDS], words
 
 
 def differences(ours, theirs):
@@ -159,7 +154,8 @@ def differences(ours, theirs):
             return []
         if bool(ours[0]) == bool(theirs[0]):
             return []
-        return [f"failed: ours {ours[0]}, unicorn {theirs[0]}"]
+        places = f"at {ours[2]:#010x}, {theirs[2]:#010x}"
+        return [f"failed: ours {ours[0]}, unicorn {theirs[0]}, {places}"]
     texts = []
     if ours[2] != theirs[2]:
         texts.append(f"pc: ours {ours[2]:#010x}, unicorn {theirs[2]:#010x}")
@@ -287,10 +283,11 @@ class Lockstep:
 
 def random_blocks(lockstep, wanted, rng):
     """Blocks until enough instructions were compared."""
+    states = generate.States(rng)
     while lockstep.instructions < wanted:
         units = generate.block(rng)
         data = rng.randbytes(generate.WINDOW)
-        cases = [generate.state(rng) for _ in range(24)]
+        cases = [states.draw() for _ in range(24)]
         lockstep.block(units, data, cases)
 
 
@@ -304,7 +301,7 @@ def images(lockstep, paths, rng):
     never = []
     for code in chosen:
         data = rng.randbytes(0x4000)
-        cases = [generate.pointers(rng, code, case % 4) for case in range(8)]
+        cases = [generate.pointers(rng, code, kind) for kind in range(4)]
         if lockstep.single(code, data, cases) == 0:
             never.append(code)
     return len(codes), len(chosen), never

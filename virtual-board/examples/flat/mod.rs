@@ -1,5 +1,10 @@
 //! A chip of memories alone: flash at 0x0800_0000 and at 0, RAM at 0x2000_0000 and 0x1000_0000.
 
+#[allow(dead_code)]
+pub mod peer;
+#[allow(dead_code)]
+pub mod semihosting;
+
 use virtual_board::core::{BusError, System, Width};
 use virtual_board::{Cycles, Kind};
 

@@ -186,7 +186,8 @@ impl Spi {
     }
 
     fn write_data(&mut self, value: u16, shared: &mut Shared) {
-        if self.cr1 & SPE == 0 {
+        // A stream fills the buffer as soon as TXDMAEN is set, which is before SPE (RM0090, 28.3.9).
+        if self.cr1 & SPE == 0 && self.cr2 & TXDMAEN == 0 {
             shared.note(Kind::Forbidden, "SPI1: DR written while disabled");
         }
         if self.waiting.is_some() {
@@ -535,6 +536,23 @@ mod tests {
         assert_eq!(bench.requests(), [Request::Spi1Rx]);
         bench.run(8 * BIT);
         assert_eq!(bench.requests(), [Request::Spi1Tx]);
+    }
+
+    #[test]
+    fn a_stream_may_fill_the_buffer_before_the_interface_is_enabled() {
+        let mut bench = Bench::new();
+        bench.write(CR1, MASTER);
+        bench.write(CR2, RXDMAEN | TXDMAEN);
+        assert_eq!(bench.requests(), [Request::Spi1Tx]);
+        bench.write(DR, 0x21);
+        // The word waits; the stream is asked for the next as the first goes on its way.
+        bench.run(100 * BIT);
+        assert_eq!((bench.requests(), bench.read(SR)), (vec![], 0));
+        bench.write(CR1, MASTER | SPE);
+        assert_eq!(bench.requests(), [Request::Spi1Tx]);
+        bench.run(108 * BIT);
+        assert_eq!(bench.mirror().words[0].0, 0x21);
+        assert_eq!(bench.kinds(), []);
     }
 
     #[test]

@@ -236,7 +236,7 @@ fn alone(insn: &Insn) -> u32 {
         Op::Ldm | Op::Stm | Op::Push | Op::Pop => 1 + registers,
         // With the program counter, which the list does not name.
         Op::PopPc => 2 + registers,
-        Op::Table => 3,
+        Op::Table => 2,
         Op::Mla | Op::Mls => 1,
         // The rest depends on the operands.
         Op::Udiv | Op::Sdiv => 2,

@@ -19,6 +19,7 @@
 //! remapping of OR, a prescaler before an encoder; switching one on is a finding.
 
 mod counter;
+mod encoder;
 mod input;
 mod output;
 mod registers;
@@ -27,13 +28,13 @@ mod tests;
 mod write;
 
 use super::Peripheral;
-use super::pin::{Drive, Signal};
+use super::pin::Drive;
 use super::register::{Register, merge};
 use super::shared::{Effect, Shared, Source};
 use crate::finding;
 use crate::time::{Cycles, NEVER};
 use counter::{Counter, Turn};
-use input::{Filter, Input};
+use input::Input;
 use output::{Mode, Stage};
 pub(crate) use registers::Kind;
 use registers::*;
@@ -139,11 +140,6 @@ impl Timer {
 
     fn reg_mut(&mut self, offset: u32) -> &mut u32 {
         &mut self.plain[offset as usize / 4]
-    }
-
-    fn encoder(&self) -> Option<u32> {
-        let mode = self.reg(SMCR) & 7;
-        (1..=3).contains(&mode).then_some(mode)
     }
 
     /// MMS of CR2: what TRGO is.
@@ -551,70 +547,6 @@ impl Timer {
         self.drive_all(shared);
         self.line(shared);
         self.plan(shared);
-    }
-
-    /// An input has another level.
-    pub fn input(&mut self, signal: Signal, level: bool, shared: &mut Shared) {
-        if signal == Signal::Tim1Bkin {
-            self.break_level = level;
-            if self.is_broken() {
-                self.sync(shared);
-                self.do_break(shared);
-                self.plan(shared);
-            }
-            return;
-        }
-        let Some(which) = (0..4).find(|&k| output::signal(self.kind, k, false) == Some(signal))
-        else {
-            return;
-        };
-        if self.encoder().is_none() || which > 1 {
-            return self.inputs[which].follow(level);
-        }
-        let bits = match self.is_output(which) {
-            true => 0,
-            false => self.mode_bits(which) >> 4,
-        };
-        let filter = Filter::of(bits, self.counter.clock(), self.sampling());
-        if self.inputs[which].change(level, filter, shared.now) {
-            self.encoder_edge(which, shared);
-        }
-        self.timed = true;
-        self.plan(shared);
-    }
-
-    /// An encoder's input has another level behind its filter.
-    fn encoder_edge(&mut self, which: usize, shared: &mut Shared) {
-        let Some(mode) = self.encoder() else {
-            return;
-        };
-        if self.reg(CR1) & CEN == 0 || self.frozen || self.gated {
-            return;
-        }
-        let ccer = self.reg(CCER);
-        let levels = [0, 1].map(|k| self.inputs[k].level != (ccer >> (4 * k + 1) & 1 != 0));
-        let by = input::counts(mode, which, levels[which], levels[1 - which]);
-        if by == 0 {
-            return;
-        }
-        let (now, reload) = (shared.now, self.counter.reload);
-        let count = self.counter.value(now);
-        self.counter.up = by > 0;
-        let (next, turn) = match by {
-            1 if count == reload => (0, Some(Turn::Overflow)),
-            -1 if count == 0 => (reload, Some(Turn::Underflow)),
-            _ => (count.wrapping_add_signed(by) & self.kind.most(), None),
-        };
-        self.counter.set(next, now);
-        if let Some(turn) = turn {
-            self.ended(turn, shared);
-        }
-        for k in 0..4 {
-            if self.channels[k].compare == next {
-                self.matched(k, shared);
-            }
-            self.compare(k, next, shared);
-        }
     }
 }
 

@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::chip::interrupt::Interrupt;
+use crate::chip::pin::Signal;
 use crate::chip::shared::Trigger;
 use crate::chip::testing::shared;
 use crate::finding::Kind as Finding;

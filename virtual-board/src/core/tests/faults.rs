@@ -20,6 +20,13 @@ fn stacked_pc(machine: &mut Machine) -> u32 {
     machine.chip.word(sp + 24)
 }
 
+/// A guard of 32 bytes, without access, in the protection unit.
+fn guard(machine: &mut Machine, base: u32) {
+    machine.set_private(0xe000_ed9c, base | 0x10);
+    machine.set_private(0xe000_eda0, 1 << 28 | 4 << 1 | 1);
+    machine.set_private(0xe000_ed94, 5);
+}
+
 #[test]
 fn usage_faults_tell_their_reason() {
     let programs: [(&[u16], u32); 6] = [
@@ -162,6 +169,44 @@ fn a_stack_that_cannot_be_written_is_a_fault_of_stacking() {
     assert_eq!(machine.private(CFSR), 1 << 12);
 }
 
+/// "Secondary bus faults do not escalate because a pre-empting fault of the same type cannot pre-empt
+/// itself [...] the fault handler still executes even though the stack pushes for the handler failed"
+/// (DDI 0337E, 5.12.1).
+#[test]
+fn a_fault_handler_is_entered_although_its_frame_cannot_be_stacked() {
+    // str r1, [r0] where there is nothing, and a stack where there is nothing.
+    let mut machine = enabled(&[0x6001]).register(0, 0x6000_0000);
+    machine.core.set_register(13, 0x2000_0010);
+    assert_eq!(machine.run_to_breakpoint(), BUS);
+    // PRECISERR with BFARVALID, and STKERR.
+    assert_eq!(machine.private(CFSR), 1 << 9 | 1 << 15 | 1 << 12);
+    assert_eq!(machine.private(BFAR), 0x6000_0000);
+    assert_eq!(machine.private(HFSR), 0);
+    // The stack pointer is where the frame would begin.
+    assert_eq!(machine.r(13), 0x2000_0010u32.wrapping_sub(32));
+    // The same with the protection unit: the store and the frame both meet the guard.
+    let mut machine = enabled(&[0x6001]).register(0, LOG + 0x104);
+    machine.core.set_register(13, LOG + 0x120);
+    guard(&mut machine, LOG + 0x100);
+    assert_eq!(machine.run_to_breakpoint(), MEMORY);
+    // DACCVIOL with MMARVALID, and MSTKERR.
+    assert_eq!(machine.private(CFSR), 1 << 1 | 1 << 7 | 1 << 4);
+    assert_eq!(machine.private(MMFAR), LOG + 0x104);
+    assert_eq!(machine.private(HFSR), 0);
+    // No bus or memory fault of its own: the hard fault takes them all, once.
+    let mut machine = Machine::new(&[0x6001]).register(0, 0x6000_0000);
+    machine.core.set_register(13, 0x2000_0010);
+    assert_eq!(machine.run_to_breakpoint(), HARD);
+    assert_eq!(machine.private(CFSR), 1 << 9 | 1 << 15 | 1 << 12);
+    assert_eq!(machine.private(HFSR), 1 << 30);
+    // A fault of another sort that is as urgent as the one of stacking becomes a hard fault.
+    let mut machine = enabled(&[0xde00]);
+    machine.core.set_register(13, 0x2000_0010);
+    assert_eq!(machine.run_to_breakpoint(), HARD);
+    assert_eq!(machine.private(CFSR), 1 << 16 | 1 << 12);
+    assert_eq!(machine.private(HFSR), 1 << 30);
+}
+
 #[test]
 fn a_stack_overflow_without_handlers_is_a_hard_fault_that_tells_of_stacking() {
     let mut machine = Machine::new(&[0xdf00]);
@@ -224,12 +269,6 @@ fn an_unpredictable_instruction_is_a_finding() {
 
 #[test]
 fn a_guard_of_the_protection_unit_stops_a_store_and_a_frame() {
-    let guard = |machine: &mut Machine, base: u32| {
-        machine.set_private(0xe000_ed9c, base | 0x10);
-        // 32 bytes, no access, never executed.
-        machine.set_private(0xe000_eda0, 1 << 28 | 4 << 1 | 1);
-        machine.set_private(0xe000_ed94, 5);
-    };
     // str r0, [r1]
     let mut machine = enabled(&[0x6008]).register(1, LOG + 0x104);
     guard(&mut machine, LOG + 0x100);

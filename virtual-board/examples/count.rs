@@ -1,0 +1,88 @@
+//! Runs an image that counts instructions by SysTick, such as firmware-bench, and prints what it prints:
+//! `count IMAGE instructions|cycles`.
+//!
+//! QEMU can let a fixed time pass with each instruction. Here a read of the SysTick gives what it would
+//! give there: [`MILLITICKS`] thousandths of a tick with each instruction, or with each cycle. The memory
+//! has no wait states.
+
+mod flat;
+
+use flat::Flat;
+use flat::semihosting::serve;
+use std::process::ExitCode;
+use virtual_board::core::{Core, Stop, System, WatchAccess, Width};
+use virtual_board::probe::image::Image;
+
+/// The current value of SysTick.
+const SYST_CVR: u32 = 0xe000_e018;
+/// SysTick counts down from here.
+const RELOAD: u64 = 0x00ff_ffff;
+/// Thousandths of a tick in 128 ns at 168 MHz.
+const MILLITICKS: u64 = 21_504;
+
+/// The register that a load writes.
+fn loaded(flat: &mut Flat, pc: u32) -> Option<usize> {
+    let [first, second] = [pc, pc + 2].map(|at| flat.fetch(at).unwrap_or(0));
+    match first {
+        0x6800..=0x6fff => Some(usize::from(first & 7)),
+        0xf8d0..=0xf8df => Some(usize::from(second >> 12)),
+        _ => None,
+    }
+}
+
+fn run(image: &Image, by_cycles: bool) -> Result<bool, String> {
+    let mut flat = Flat::default();
+    image.load(&mut flat.flash);
+    let mut core = Core::new();
+    core.attach_debugger(true);
+    core.reset(&mut flat);
+    core.add_watchpoint(SYST_CVR, Width::Word.bytes(), WatchAccess::Read);
+    loop {
+        match core.run(&mut flat, u64::MAX) {
+            Stop::Breakpoint(_) => {
+                if let Some(ended) = serve(&mut core, &mut flat, true) {
+                    return Ok(ended);
+                }
+            }
+            Stop::Watchpoint { pc, .. } => {
+                let count = if by_cycles {
+                    core.cycles()
+                } else {
+                    core.instructions()
+                };
+                let ticks = count * MILLITICKS / 1000;
+                let register = loaded(&mut flat, pc)
+                    .ok_or(format!("{pc:#010x}: SysTick is read by no plain load"))?;
+                core.set_register(register, (RELOAD - ticks % (RELOAD + 1)) as u32);
+            }
+            stop => return Err(format!("{stop:?} at {:#010x}: {:?}", core.pc(), flat.notes)),
+        }
+    }
+}
+
+fn main() -> ExitCode {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let (path, by_cycles) = match arguments.as_slice() {
+        [path, what] if what == "instructions" => (path, false),
+        [path, what] if what == "cycles" => (path, true),
+        _ => {
+            eprintln!("usage: count IMAGE instructions|cycles");
+            return ExitCode::from(2);
+        }
+    };
+    let image = match Image::open(path.as_ref()) {
+        Ok(image) => image,
+        Err(error) => {
+            eprintln!("count: {error}");
+            return ExitCode::from(2);
+        }
+    };
+    match run(&image, by_cycles) {
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::FAILURE,
+        Err(error) => {
+            eprintln!("count: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}

@@ -1,0 +1,91 @@
+//! What follows from writing a register (RM0090, 13.13).
+
+use super::registers::*;
+use super::{Adc, Conversion, Group, STABILISATION};
+use crate::chip::shared::{Shared, Source};
+use crate::finding::Kind;
+use crate::time::NEVER;
+
+impl Adc {
+    pub(super) fn write_cr1(&mut self, value: u32, shared: &mut Shared) {
+        let changed = value ^ self.cr1();
+        if self.conversion.is_some() && changed & RES != 0 {
+            shared.note(Kind::Forbidden, "ADC1: RES changed during a conversion");
+        }
+        self.plain[CR1 as usize / 4] = value;
+        let both = value & JAUTO != 0 && value & (DISCEN | JDISCEN) != 0;
+        if both || value & (DISCEN | JDISCEN) == DISCEN | JDISCEN {
+            let text = "ADC1: DISCEN, JDISCEN and JAUTO exclude each other";
+            shared.note(Kind::Forbidden, text);
+        }
+        if changed & (DISCEN | JDISCEN) != 0 {
+            (self.regular.next, self.injected.next) = (0, 0);
+        }
+        self.judge_automatic(shared);
+    }
+
+    fn judge_automatic(&self, shared: &mut Shared) {
+        if self.cr1() & JAUTO != 0 && self.cr2() & JEXTEN != 0 {
+            shared.note(Kind::Forbidden, "ADC1: JAUTO with an injected trigger");
+        }
+    }
+
+    pub(super) fn write_cr2(&mut self, value: u32, shared: &mut Shared) {
+        let old = self.cr2();
+        self.plain[CR2 as usize / 4] = value & !(SWSTART | JSWSTART);
+        self.judge_automatic(shared);
+        if value & ADON == 0 {
+            if value & (SWSTART | JSWSTART) != 0 {
+                shared.note(Kind::Forbidden, "ADC1: started while it is off");
+            }
+            (self.regular, self.injected) = (Group::default(), Group::default());
+            self.conversion = None;
+            shared.cancel_sample();
+            shared.schedule(Source::Adc, NEVER);
+        } else if old & ADON == 0 {
+            self.stable = shared.time() + STABILISATION;
+            self.checked = 0;
+        }
+        if value & !old & DMA != 0 {
+            self.silent = false;
+            self.ask(shared);
+        }
+        if value & ADON != 0 {
+            if value & JSWSTART != 0 {
+                self.start(true, shared);
+            }
+            if value & SWSTART != 0 {
+                self.start(false, shared);
+            }
+        }
+    }
+
+    /// A sequence that is written while it is converted begins anew.
+    pub(super) fn write_sequence(&mut self, injected: bool, shared: &mut Shared) {
+        if self.group(injected).place.is_none() {
+            return;
+        }
+        shared.note(
+            Kind::Forbidden,
+            "ADC1: a sequence is written while it is converted",
+        );
+        self.begin_group(injected);
+        if self.conversion.is_some_and(|c| c.injected == injected) {
+            self.sample_next(0, shared);
+        }
+    }
+
+    pub(super) fn write_sampling(&mut self, offset: u32, value: u32, shared: &mut Shared) {
+        let now = shared.now;
+        let sampling = self.conversion.filter(|c| now < c.sampled);
+        if let Some(Conversion { channel, .. }) = sampling {
+            let before = self.sampling(channel);
+            self.plain[offset as usize / 4] = value;
+            if self.sampling(channel) != before {
+                let text = "ADC1: SMPRx changed while the channel is sampled";
+                shared.note(Kind::Forbidden, text);
+            }
+        }
+        self.plain[offset as usize / 4] = value;
+    }
+}
