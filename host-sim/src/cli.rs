@@ -225,32 +225,6 @@ pub struct BoardArgs {
     pub baud: u32,
 }
 
-/// What virtual boards have no use for: they are told nothing but by their pins.
-const VIRTUAL_CONFLICTS: [&str; 22] = [
-    "emulated",
-    "front",
-    "rear",
-    "beam",
-    "stored",
-    "flash",
-    "real_time",
-    "compare",
-    "link_loss",
-    "link_delay",
-    "from",
-    "follow",
-    "track",
-    "speed",
-    "size",
-    "laps",
-    "kill",
-    "restart_after",
-    "log",
-    "csv",
-    "live",
-    "dashboard",
-];
-
 /// Arguments of `hil`.
 #[derive(Clone, Debug, Args)]
 pub struct HilArgs {
@@ -264,7 +238,7 @@ pub struct HilArgs {
     #[command(flatten)]
     pub boards: BoardArgs,
     /// Run the images that users flash on virtual STM32F405 boards; they are built if needed
-    #[arg(long = "virtual", conflicts_with_all = VIRTUAL_CONFLICTS)]
+    #[arg(long = "virtual")]
     pub on_virtual: bool,
     /// Image (ELF) of both axles' boards instead
     #[arg(long, value_name = "ELF", requires = "on_virtual")]
@@ -278,6 +252,20 @@ pub struct HilArgs {
     /// Image of the beam board instead
     #[arg(long, value_name = "ELF", requires = "on_virtual")]
     pub beam_image: Option<PathBuf>,
+    /// Have a virtual board wait for gdb at a port of this machine when its power comes on, for example
+    /// front@3333; may be repeated
+    #[arg(long, value_name = "BOARD@PORT", requires = "on_virtual")]
+    pub gdb: Vec<String>,
+    /// Write pins, interrupts and bus of virtual boards to this file (Value Change Dump, about 5 MB a
+    /// simulated second)
+    #[arg(long, value_name = "FILE", requires = "on_virtual")]
+    pub vcd: Option<PathBuf>,
+    /// Tell where the time of virtual boards went, by function and by interrupt
+    #[arg(long, requires = "on_virtual")]
+    pub profile: bool,
+    /// Write which source lines of the firmware virtual boards ran to this file (lcov)
+    #[arg(long, value_name = "FILE", requires = "on_virtual")]
+    pub coverage: Option<PathBuf>,
     /// Run with the parameters that the boards keep in their flash, laid over those of the scenario
     #[arg(long)]
     pub stored: bool,

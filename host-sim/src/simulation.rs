@@ -93,7 +93,7 @@ impl Record {
 /// Somebody who looks at a simulation while it runs.
 pub trait Observer: Send {
     /// The state at the end of an epoch; an error ends the run.
-    fn epoch(&mut self, simulation: &Simulation, record: &Record) -> Result<(), Error>;
+    fn epoch(&mut self, robot: &dyn Robot, record: &Record) -> Result<(), Error>;
 }
 
 /// Points of the frame's curve in a record.
@@ -171,6 +171,12 @@ pub trait Robot {
     fn watched_enough(&self) -> bool;
     /// Whether the run must end before its task.
     fn must_end(&self) -> bool;
+    /// Ticks that began more than a tick late, if pace is kept.
+    fn pace(&self) -> Option<&Pace>;
+    /// The boards, with what went over the links to them.
+    fn traffic(&self) -> Vec<BoardTraffic>;
+    /// What the bus between the boards counted.
+    fn bus(&self) -> BusStatistics;
 
     /// True bend of the frame, rad: half the angle between the axles (ψ).
     fn bend(&self) -> f64 {
@@ -673,6 +679,18 @@ impl Robot for Simulation {
 
     fn must_end(&self) -> bool {
         self.must_end()
+    }
+
+    fn pace(&self) -> Option<&Pace> {
+        self.pace()
+    }
+
+    fn traffic(&self) -> Vec<BoardTraffic> {
+        self.traffic()
+    }
+
+    fn bus(&self) -> BusStatistics {
+        self.bus()
     }
 }
 

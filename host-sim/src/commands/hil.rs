@@ -186,14 +186,14 @@ fn prepare(args: &HilArgs, context: &mut Context) -> Result<Task, Error> {
 }
 
 /// When the run ends, and which boards fail on the way.
-struct Plan {
-    span: Span,
-    failures: Vec<Failure>,
-    restart_after: Option<u32>,
+pub(super) struct Plan {
+    pub span: Span,
+    pub failures: Vec<Failure>,
+    pub restart_after: Option<u32>,
 }
 
 impl Plan {
-    fn new(args: &HilArgs) -> Result<Self, Error> {
+    pub fn new(args: &HilArgs) -> Result<Self, Error> {
         let micros =
             |name: &str, value: f64| seconds(name, value, 0.0).map(|s| (s * 1e6) as Micros);
         let failures = args.kill.iter().map(|text| failure(text));

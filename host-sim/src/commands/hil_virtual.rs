@@ -1,20 +1,31 @@
 //! `cfmmr hil --virtual`: the experiment with the images that users flash, on virtual boards.
 
+use super::hil::Plan;
 use super::posture::{self, Trial, Variant};
 use super::{Context, watch_for_interrupt};
 use crate::cli::HilArgs;
 use crate::error::Error;
-use crate::simulation::{self, Robot, Span};
+use crate::output;
+use crate::recording::{About, Session};
+use crate::scenario::Scenario;
+use crate::simulation::{self, Robot};
 use crate::supervision::Status;
 use crate::table::Table;
+use crate::targets::Event;
 use crate::targets::board_log::{self, BoardLog};
+use crate::virtual_robot::tools::debugger::Gdb;
+use crate::virtual_robot::tools::profile::{self, Profile};
+use crate::virtual_robot::tools::{Instruments, coverage};
 use crate::virtual_robot::{BoardReport, Images, Options, VirtualRobot};
-use core_algos::node::Micros;
 use core_algos::node::board::Role;
 use core_algos::safety::OperatingState;
 use serde::Serialize;
 use serde_json::Value;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 use std::time::Instant;
+use virtual_board::probe::coverage::Coverage;
 
 /// What the boards add to the result of the experiment.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -40,12 +51,93 @@ struct Report {
     boards: Vec<BoardReport>,
     /// What the nodes said of themselves: every change of state.
     nodes: Vec<Status>,
+    /// Boards lost and restarted.
+    events: Vec<Event>,
     /// Why the run ended before its task, if so.
     ended: Option<String>,
+    /// Ticks that began more than a tick late, when pace was to be kept.
+    late_ticks: Option<u32>,
+}
+
+/// Options that `--virtual` does not go with, whether they were given, and why not.
+fn refuse(args: &HilArgs) -> Result<(), Error> {
+    const ELSEWHERE: &str = "virtual boards are all in this program: give one or the other";
+    const PINS: &str = "the images that users flash are told nothing but by their pins: a press of the \
+                        button drives the robot from the paper's start to the origin";
+    const FLASH: &str = "the flash of virtual boards holds the parameters of the scenario: set them \
+                         with --set or --scenario";
+    const BUS: &str = "the bus of virtual boards is carried bit by bit: it has no such property";
+    let boards = &args.boards;
+    let given = [
+        ("--emulated", boards.emulated, ELSEWHERE),
+        ("--front", boards.front.is_some(), ELSEWHERE),
+        ("--rear", boards.rear.is_some(), ELSEWHERE),
+        ("--beam", boards.beam.is_some(), ELSEWHERE),
+        ("--stored", args.stored, FLASH),
+        ("--flash", args.flash.is_some(), FLASH),
+        ("--link-loss", args.link_loss.is_some(), BUS),
+        ("--link-delay", args.link_delay.is_some(), BUS),
+        ("--from", args.from.is_some(), PINS),
+        ("--follow", args.follow.is_some(), PINS),
+        ("--track", args.track.is_some(), PINS),
+        ("--speed", args.speed.is_some(), PINS),
+        ("--size", args.size.is_some(), PINS),
+        ("--laps", args.laps > 1, PINS),
+        (
+            "--compare",
+            args.compare,
+            "clocks, converters and the bus of virtual boards are not those of the nodes in process, so \
+             no two runs are the same bit by bit",
+        ),
+    ];
+    match given.iter().find(|(_, given, _)| *given) {
+        Some((option, _, why)) => Err(Error::input(format!("{option}: not with --virtual: {why}"))),
+        None => Ok(()),
+    }
+}
+
+/// What is to happen on the way, checked against the boards and the time that there are.
+fn plan(args: &HilArgs, scenario: &Scenario) -> Result<Plan, Error> {
+    let plan = Plan::new(args)?;
+    let mission = &scenario.mission;
+    let most = plan
+        .span
+        .most
+        .map_or(f64::INFINITY, |most| most as f64 * 1e-6);
+    let end = most.min(mission.settle_s + mission.time_limit_s);
+    for (failure, text) in plan.failures.iter().zip(&args.kill) {
+        if failure.role == Role::Beam && !mission.rps {
+            return Err(Error::input(format!(
+                "--kill {text}: must be front or rear: without the relative position sensor there is no \
+                 beam board"
+            )));
+        }
+        let at = f64::from(failure.at) * 1e-3;
+        if at >= end {
+            return Err(Error::input(format!(
+                "--kill {text}: {at} s: must be before the run ends, at {end} s"
+            )));
+        }
+    }
+    Ok(plan)
+}
+
+/// What looks on from power on.
+fn instruments(args: &HilArgs, interrupt: &Arc<AtomicBool>) -> Result<Instruments, Error> {
+    args.log.check()?;
+    for file in [&args.vcd, &args.coverage].into_iter().flatten() {
+        output::try_file(file)?;
+    }
+    Ok(Instruments {
+        gdb: Gdb::listen(&args.gdb, interrupt)?,
+        vcd: args.vcd.clone(),
+        profile: args.profile || args.coverage.is_some(),
+    })
 }
 
 /// Runs the command.
 pub fn run(args: &HilArgs) -> Result<(), Error> {
+    refuse(args)?;
     let mut context = Context::new(&args.common, "hil")?;
     let scenario = &mut context.scenario;
     scenario.mission.rps &= !args.no_rps;
@@ -53,34 +145,32 @@ pub fn run(args: &HilArgs) -> Result<(), Error> {
     scenario.sensors.accelerometer.fitted |= args.imu;
     scenario.check()?;
     let variant = Variant::of(scenario);
+    let plan = plan(args, scenario)?;
+    let interrupt = watch_for_interrupt()?;
+    let mut options = Options {
+        instruments: instruments(args, &interrupt)?,
+        ..Options::default()
+    };
+    if let Some(threads) = args.common.threads {
+        options.threads = threads.into();
+    }
     let axle = args.axle_image.as_deref();
     let front = args.front_image.as_deref().or(axle);
     let rear = args.rear_image.as_deref().or(axle);
     let images = Images::open(front, rear, args.beam_image.as_deref())?;
+    if args.coverage.is_some() {
+        coverage::check(&images)?;
+    }
     context.output()?;
-    let interrupt = watch_for_interrupt()?;
     let logs = Role::ALL.map(|_| BoardLog::default());
-    let scenario = variant.apply(&context.scenario);
-    let start = Instant::now();
-    let drive = || -> Result<(Trial, Report), Error> {
-        let mut options = Options::default();
-        if let Some(threads) = args.common.threads {
-            options.threads = threads.into();
-        }
-        let mut robot = VirtualRobot::new(&scenario, &images, context.seed, 0, &options, &logs)?;
-        robot.limit(Span {
-            least: (args.duration * 1e6) as Micros,
-            most: args.stop_after.map(|seconds| (seconds * 1e6) as Micros),
-        });
-        robot.stop_on(interrupt.clone());
-        let mut trial = Trial::default();
-        let outcome =
-            simulation::regulate_on(&mut robot, &scenario, |record| trial.see(record, true))?;
-        trial.outcome = outcome;
-        let report = report(&mut robot, &trial, &scenario.mission.goal, start);
-        Ok((trial, report))
+    let drive = Drive {
+        args,
+        context: &context,
+        scenario: variant.apply(&context.scenario),
+        plan,
+        interrupt,
     };
-    let (trial, mut report) = match drive() {
+    let done = match drive.run(&images, &options, &logs) {
         Ok(done) => done,
         Err(error) => {
             // What the boards said may tell why.
@@ -91,6 +181,13 @@ pub fn run(args: &HilArgs) -> Result<(), Error> {
             return Err(error);
         }
     };
+    let Done {
+        trial,
+        mut report,
+        mut recorded,
+        profiles,
+        coverage,
+    } = done;
     let goal = context.scenario.mission.goal;
     let trials = std::slice::from_ref(&trial);
     let (text, experiment, mut files) =
@@ -99,11 +196,100 @@ pub fn run(args: &HilArgs) -> Result<(), Error> {
         serde_json::to_value(experiment).map_err(|error| Error::Failure(error.to_string()))?;
     board_log::put(&mut files, &logs);
     files.json("result.json", &report);
-    let text = format!("{text}\n{}", summary(&report));
-    context.finish_with(&text, &report, files, Vec::new())?;
+    let mut text = format!("{text}\n{}", summary(&report));
+    if args.profile {
+        files.json("profile.json", &profiles);
+        for profile in &profiles {
+            files.text(
+                &format!("profile-{}.folded", profile.board),
+                profile.folded.as_str(),
+            );
+            text += &format!("\n{}", profile.table);
+        }
+    }
+    if let Some(file) = &args.coverage {
+        output::write_file(file, coverage.lcov().into_bytes())?;
+        recorded.push(file.clone());
+        text += &format!("\nSource lines of the firmware that ran\n{coverage}");
+    }
+    context.finish_with(&text, &report, files, recorded)?;
     match judge(&report, args.stop_after.is_some()) {
         Some(why) => Err(Error::Failure(why)),
         None => Ok(()),
+    }
+}
+
+/// An experiment that is about to run.
+struct Drive<'a> {
+    args: &'a HilArgs,
+    context: &'a Context,
+    scenario: Scenario,
+    plan: Plan,
+    interrupt: Arc<AtomicBool>,
+}
+
+/// What came of it.
+struct Done {
+    trial: Trial,
+    report: Report,
+    /// Files that were written on the way.
+    recorded: Vec<PathBuf>,
+    profiles: Vec<Profile>,
+    coverage: Coverage,
+}
+
+impl Drive<'_> {
+    fn run(&self, images: &Images, options: &Options, logs: &[BoardLog; 3]) -> Result<Done, Error> {
+        let Self {
+            args,
+            context,
+            scenario,
+            plan,
+            interrupt,
+        } = self;
+        let start = Instant::now();
+        let mut robot = VirtualRobot::new(scenario, images, context.seed, 0, options, logs)?;
+        robot.limit(plan.span);
+        robot.stop_on(interrupt.clone());
+        robot.plan(plan.failures.clone(), plan.restart_after);
+        let about = About {
+            command: "hil --virtual",
+            seed: context.seed,
+            trial: 0,
+            scenario,
+        };
+        let goal = scenario.mission.goal;
+        let session = Session::begin(&args.log, &about)?;
+        if let Some(session) = &session {
+            session.plan(goal, &[]);
+            session.await_viewer(interrupt)?;
+            robot.record_to(session.clone());
+        }
+        robot.observe(args.log.observer(&about, goal)?);
+        if args.real_time || args.log.is_watched() {
+            robot.keep_pace();
+        }
+        let mut trial = Trial::default();
+        let outcome =
+            simulation::regulate_on(&mut robot, scenario, |record| trial.see(record, true))?;
+        trial.outcome = outcome;
+        robot.observe(None);
+        let mut recorded = robot.close()?;
+        if let Some(session) = &session {
+            recorded.extend(session.close(robot.failure())?);
+        }
+        let report = report(&mut robot, &trial, &goal, start);
+        let mut coverage = Coverage::default();
+        if args.coverage.is_some() {
+            coverage::add(&mut robot, &mut coverage);
+        }
+        Ok(Done {
+            profiles: profile::of(&mut robot, &report.boards),
+            trial,
+            report,
+            recorded,
+            coverage,
+        })
     }
 }
 
@@ -120,14 +306,18 @@ fn report(robot: &mut VirtualRobot, trial: &Trial, goal: &[f64; 3], start: Insta
         frames: robot.frames(),
         boards: robot.reports(),
         nodes: robot.monitor().changes().to_vec(),
+        events: robot.events().to_vec(),
         ended: robot.failure().map(str::to_owned),
+        late_ticks: robot.pace().map(|pace| pace.late()),
     }
 }
 
 /// What is wrong with the run, if anything; one that was to end early need not reach the goal.
 fn judge(report: &Report, early: bool) -> Option<String> {
     if let Some(why) = &report.ended {
-        return Some(why.clone());
+        return Some(format!(
+            "the run ended with the motors off before its task was done: {why}"
+        ));
     }
     for board in &report.boards {
         if let Some((time_s, cause)) = board.resets.first() {
@@ -147,7 +337,9 @@ fn judge(report: &Report, early: bool) -> Option<String> {
             (board.can.overrun, "frames lost by overrun"),
             (board.can.error_frames, "error frames"),
         ] {
-            if count > 0 {
+            // Power that is cut may cut a frame.
+            let cut = what == "error frames" && !report.events.is_empty();
+            if count > 0 && !cut {
                 return Some(format!("{} board: {count} {what}", board.name));
             }
         }
@@ -204,6 +396,12 @@ fn summary(report: &Report) -> String {
         report.simulated_s / report.wall_s,
         instructions as f64 * 1e-6 / report.wall_s,
     );
+    if let Some(late) = report.late_ticks {
+        text += &format!("{late} ticks began more than a tick late\n");
+    }
+    for event in &report.events {
+        text += &format!("{event}\n");
+    }
     for board in &report.boards {
         for (time_s, cause) in &board.resets {
             text += &format!("{time_s:.3} s: {} board reset by {cause}\n", board.name);

@@ -10,7 +10,7 @@ pub mod terminal;
 pub mod view;
 
 use crate::error::Error;
-use crate::simulation::{Observer, Record, Simulation};
+use crate::simulation::{Observer, Record, Robot};
 use terminal::Terminal;
 use view::View;
 
@@ -47,7 +47,7 @@ impl Dashboard {
 }
 
 impl Observer for Dashboard {
-    fn epoch(&mut self, simulation: &Simulation, record: &Record) -> Result<(), Error> {
+    fn epoch(&mut self, robot: &dyn Robot, record: &Record) -> Result<(), Error> {
         if self.terminal.is_left() {
             let time_s = record.time_s;
             return Err(Error::Quit(format!("ended with q after {time_s:.2} s")));
@@ -58,7 +58,7 @@ impl Observer for Dashboard {
                 title: self.title.clone(),
                 goal: self.goal,
                 truth: truth.unwrap_or(record.midpoint),
-                ..View::of(simulation, record)
+                ..View::of(robot, record)
             });
         }
         self.epochs += 1;

@@ -1,6 +1,6 @@
 //! What the dashboard shows.
 
-use crate::simulation::{Record, Simulation};
+use crate::simulation::{Record, Robot};
 use crate::supervision::{NODES, Status};
 use crate::targets::BoardTraffic;
 use crate::virtual_bus::BusStatistics;
@@ -39,20 +39,18 @@ pub struct View {
 }
 
 impl View {
-    /// The state of a simulation at the end of an epoch.
-    pub fn of(simulation: &Simulation, record: &Record) -> Self {
-        let monitor = simulation.monitor();
+    /// The state of a robot at the end of an epoch.
+    pub fn of(robot: &dyn Robot, record: &Record) -> Self {
+        let monitor = robot.monitor();
         Self {
             time_s: record.time_s,
-            late_ticks: simulation.pace().map_or(0, |pace| pace.late()),
-            most_late_s: simulation
-                .pace()
-                .map_or(0.0, |pace| pace.worst().as_secs_f64()),
+            late_ticks: robot.pace().map_or(0, |pace| pace.late()),
+            most_late_s: robot.pace().map_or(0.0, |pace| pace.worst().as_secs_f64()),
             nodes: NODES.map(|node| monitor.latest(node).copied()),
             noticed: NODES.map(|node| monitor.noticed(node)),
             faults: faults(monitor.changes()),
-            boards: simulation.traffic(),
-            bus: simulation.bus(),
+            boards: robot.traffic(),
+            bus: robot.bus(),
             lead: record.lead,
             wheel_speed: record.wheel_speed,
             ..Self::default()

@@ -118,7 +118,8 @@ pub struct Mcap {
     room: Vec<u8>,
     /// What each node said of itself last.
     statuses: [Option<Status>; Node::ALL.len()],
-    estimate: Option<(u32, Posture)>,
+    /// The latest estimate and when it holds, ns.
+    estimate: Option<(u64, Posture)>,
     way_so_far: Vec<Pose>,
     epochs: u64,
     ended: Option<String>,
@@ -231,11 +232,16 @@ impl Mcap {
         match line {
             Line::Axle(role, entry) => self.ticks[*role as usize].write(room, entry.tick, entry),
             Line::Beam(entry) => self.ticks[Role::Beam as usize].write(room, entry.tick, entry),
-            Line::Lead(tick, output) => {
-                let entry = LeadEntry::new(*tick, output);
+            Line::Lead(tick, held, output) => {
+                let mut entry = LeadEntry::new(*tick, output);
+                let mut nanos = nanos(super::entry::epoch_of(*tick));
+                if let Some(micros) = held {
+                    (entry.epoch_s, nanos) = (*micros as f64 * 1e-6, 1000 * micros);
+                }
                 self.lead.write(room, *tick, &entry);
-                self.estimate = Some((*tick, output.fused.robot.posture));
+                self.estimate = Some((nanos, output.fused.robot.posture));
             }
+            Line::Board(role, what) => self.boards[*role as usize].clone_from(what),
             Line::Frames(role, tick, frames) => self.frames(*role, *tick, frames),
             Line::Order(entry) => self.order.write(room, entry.tick, entry),
             Line::Start(role, started) => {
@@ -316,9 +322,8 @@ impl Mcap {
         let robot = Pose::from(record.midpoint);
         let [front, rear] = record.axles.map(Pose::from);
         let mut frames = vec![("robot", robot), ("front_axle", front), ("rear_axle", rear)];
-        if let Some((at_tick, posture)) = self.estimate {
+        if let Some((held, posture)) = self.estimate {
             let estimate = Pose::from(posture);
-            let held = nanos(super::entry::epoch_of(at_tick));
             let pose = standard::in_world(held, &estimate);
             self.estimate_robot.log_with_meta(&pose, at(time));
             frames.push(("robot_estimate", estimate));

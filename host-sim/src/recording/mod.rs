@@ -28,6 +28,7 @@ use crate::scenario::Scenario;
 use crate::simulation::{Observer, Record, Simulation};
 use crate::targets::{self, Report, Target};
 use core_algos::bus::Frame;
+use core_algos::node::Micros;
 use core_algos::node::board::Role;
 use core_algos::node::lead::{self, Task};
 use entry::{AxleTick, BeamTick, Given, Off, OrderEntry, Start};
@@ -278,6 +279,26 @@ impl Session {
         }
     }
 
+    /// What a board is and runs, of one that is not tapped.
+    pub fn board(&self, role: Role, what: String) {
+        self.note(Line::Board(role, what));
+    }
+
+    /// What such a board put on the bus at a tick, ms.
+    pub fn frames(&self, role: Role, tick: u32, frames: Vec<Frame>) {
+        self.note(Line::Frames(role, tick, frames));
+    }
+
+    /// What its lead node is taken to have done at a tick, ms; its estimates hold at `held`.
+    pub fn lead(&self, tick: u32, held: Micros, output: &lead::Output) {
+        self.note(Line::Lead(tick, Some(held), Box::new(*output)));
+    }
+
+    /// It went off at a tick, ms.
+    pub fn off(&self, role: Role, tick: u32, reason: String) {
+        self.note(Line::Off(role, Off { tick, reason }));
+    }
+
     /// Has a line written down.
     fn note(&self, line: Line) {
         self.writer().take(Note::Line(line));
@@ -294,8 +315,11 @@ enum Line {
     Order(OrderEntry),
     /// A board put frames on the bus.
     Frames(Role, u32, Vec<Frame>),
-    /// The front board's answer brought the lead node's output.
-    Lead(u32, Box<lead::Output>),
+    /// The lead node's output, at a tick; the instant at which its estimates hold, if that is not the
+    /// beginning of the host's epoch.
+    Lead(u32, Option<Micros>, Box<lead::Output>),
+    /// What a board is and runs.
+    Board(Role, String),
     /// A tick of an axle board.
     Axle(Role, AxleTick),
     /// A tick of the beam board.

@@ -157,7 +157,11 @@ pub fn read(bytes: &[u8], name: &str) -> Result<Recording, Error> {
         }
     }
     if recording.ticks() == 0 {
-        return Err(refuse("no board ran in it".to_owned()));
+        return Err(refuse(
+            "no board's ticks are in it (those of virtual boards never are: they are heard on the bus \
+             only), so there is nothing to replay"
+                .to_owned(),
+        ));
     }
     Ok(recording)
 }

@@ -88,7 +88,8 @@ impl Tables {
                     .iter()
                     .for_each(|frame| self.frame(*role, *tick, frame));
             }
-            Line::Start(..) | Line::Off(..) | Line::Order(_) | Line::Lead(..) => {}
+            Line::Start(..) | Line::Off(..) | Line::Order(_) | Line::Lead(..) | Line::Board(..) => {
+            }
         }
     }
 

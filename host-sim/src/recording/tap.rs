@@ -69,7 +69,7 @@ impl Tap {
             self.session.note(Line::Frames(self.role, tick, sent));
         }
         if let Some(lead) = &output.lead {
-            self.session.note(Line::Lead(tick, Box::new(*lead)));
+            self.session.note(Line::Lead(tick, None, Box::new(*lead)));
         }
         let received = std::mem::take(&mut self.received);
         self.session.note(match samples {

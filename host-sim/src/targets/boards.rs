@@ -13,6 +13,7 @@
 //!   ends, with the motors off.
 //! - **An axle lost for good**: the run ends, at rest.
 
+use super::losses::{Event, Losses, What};
 use super::{BoardTraffic, Fault, Order, Output, Posted, Report, Room, Target};
 use crate::error::Error;
 use core_algos::bus::{Frame, Message};
@@ -20,11 +21,6 @@ use core_algos::hil::protocol::Place;
 use core_algos::node::board::{Role, Samples};
 use core_algos::node::robot::RobotConfig;
 use core_algos::node::{Micros, TICK};
-use serde::Serialize;
-use std::fmt;
-
-/// Time the run goes on after it is clear that it must end, ticks: the motors go off within it.
-const GRACE: u32 = 1500;
 
 /// A board that is to fail, and may be switched on again.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -47,50 +43,6 @@ pub enum FailureMode {
     Crash,
     /// It stands still; the host finds that it does not answer.
     Hang,
-}
-
-/// What happened to a board.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum What {
-    /// It went off, and why.
-    Lost(String),
-    /// The motors of all other axles were off, this many ms after it was lost.
-    MotorsOff(u32),
-    /// It was started again.
-    Restarted,
-    /// The host had the nodes forget their faults.
-    Cleared,
-    /// The host gave the task again.
-    Resumed,
-}
-
-/// What happened to a board, and when.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Event {
-    /// Time, s.
-    pub time_s: f64,
-    /// Which board, or the host.
-    pub role: &'static str,
-    /// What.
-    pub what: What,
-}
-
-impl fmt::Display for Event {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { time_s, role, what } = self;
-        write!(f, "{time_s:.3} s: ")?;
-        match what {
-            What::Lost(why) => write!(f, "{role} board lost: {why}"),
-            What::MotorsOff(after) => write!(
-                f,
-                "all other motors off {after} ms after the {role} board was lost"
-            ),
-            What::Restarted => write!(f, "{role} board restarted"),
-            What::Cleared => write!(f, "faults cleared by the {role}"),
-            What::Resumed => write!(f, "task given again by the {role}"),
-        }
-    }
 }
 
 struct Slot {
@@ -127,13 +79,7 @@ pub struct Boards {
     configs: [RobotConfig; 3],
     failures: Vec<Failure>,
     restart_after: Option<u32>,
-    events: Vec<Event>,
-    /// When a board was last restarted, ms.
-    restarted: Option<u32>,
-    /// The axle that was lost last, and when, until the other's motors are off.
-    watched: Option<(Role, u32)>,
-    /// Why the run ends, and when.
-    end: Option<(String, u32)>,
+    losses: Losses,
 }
 
 impl Boards {
@@ -171,10 +117,7 @@ impl Boards {
             configs,
             failures: Vec::new(),
             restart_after: None,
-            events: Vec::new(),
-            restarted: None,
-            watched: None,
-            end: None,
+            losses: Losses::default(),
         })
     }
 
@@ -202,30 +145,29 @@ impl Boards {
 
     /// What happened to the boards so far.
     pub fn events(&self) -> &[Event] {
-        &self.events
+        self.losses.events()
     }
 
     /// When a board was last restarted, ms.
     pub fn last_restart(&self) -> Option<u32> {
-        self.restarted
+        self.losses.last_restart()
     }
 
     /// Notes what the host did.
     pub fn note(&mut self, tick: u32, what: What) {
-        self.record_of(tick, "host", what);
+        self.losses.note(tick, what);
     }
 
     /// Why the run cannot go on at `tick`, if so.
     pub fn end(&self, tick: u32) -> Option<&str> {
-        let (why, at) = self.end.as_ref()?;
-        (tick >= *at).then_some(why)
+        self.losses.end(tick)
     }
 
     /// What is known of each board that was fitted; those that are on are asked for their stack.
     pub fn reports(&mut self) -> Vec<Report> {
         let mut reports = Vec::new();
         for i in 0..3 {
-            let lost = self.was_lost(self.slots[i].role);
+            let lost = self.losses.has(self.slots[i].role);
             let slot = &mut self.slots[i];
             if slot.on || slot.revival.is_some() || lost {
                 let stack = slot.on.then(|| slot.target.stack()).flatten();
@@ -246,10 +188,6 @@ impl Boards {
             traffic: slot.target.traffic(),
         };
         self.slots.iter().map(of).collect()
-    }
-
-    fn was_lost(&self, role: Role) -> bool {
-        self.events.iter().any(|event| event.role == role.name())
     }
 
     /// Tells the lead node something; a front board that is off does not hear it.
@@ -372,15 +310,7 @@ impl Boards {
         let role = self.slots[i].role;
         self.slots[i].on = false;
         self.slots[i].revival = restart_after.map(|after| tick + after.max(1));
-        self.record(tick, role, What::Lost(why));
-        if role == Role::Beam {
-            return;
-        }
-        self.watched = Some((role, tick));
-        if restart_after.is_none() {
-            let why = format!("the {} board was lost", role.name());
-            self.end.get_or_insert((why, tick + GRACE));
-        }
+        self.losses.lost(tick, role, why, restart_after.is_some());
     }
 
     fn restart(&mut self, i: usize, tick: u32) -> Result<(), Error> {
@@ -392,13 +322,7 @@ impl Boards {
             .map_err(|fault| fatal(role, fault))?;
         slot.on = true;
         slot.next = tick;
-        self.restarted = Some(tick);
-        self.record(tick, role, What::Restarted);
-        if role == Role::Front {
-            let why = "the front board was restarted, and with its lead node the estimate of where \
-                       the robot stands was lost";
-            self.end.get_or_insert((why.to_owned(), tick + GRACE));
-        }
+        self.losses.restarted(tick, role);
         Ok(())
     }
 
@@ -406,23 +330,7 @@ impl Boards {
     fn watch(&mut self, tick: u32, outputs: &[Output; 3]) {
         // A board that has been lost has no motors that it could drive.
         let off = outputs.iter().all(|output| output.torque_nm == [0.0; 2]);
-        if let (Some((role, since)), true) = (self.watched, off) {
-            self.record(tick, role, What::MotorsOff(tick - since));
-            self.watched = None;
-        }
-    }
-
-    fn record(&mut self, tick: u32, role: Role, what: What) {
-        self.record_of(tick, role.name(), what);
-    }
-
-    fn record_of(&mut self, tick: u32, role: &'static str, what: What) {
-        let event = Event {
-            time_s: f64::from(tick) * 1e-3,
-            role,
-            what,
-        };
-        self.events.push(event);
+        self.losses.watch(tick, off);
     }
 }
 

@@ -11,12 +11,14 @@ pub mod emulated;
 pub mod images;
 pub mod in_process;
 pub mod link;
+pub mod losses;
 pub mod parameters;
 pub mod remote;
 pub mod serial;
 
-pub use boards::{Boards, Event, Failure, FailureMode, What};
+pub use boards::{Boards, Failure, FailureMode};
 pub use in_process::InProcess;
+pub use losses::{Event, Losses, What};
 pub use remote::Remote;
 
 use crate::error::Error;

@@ -2,6 +2,7 @@
 
 use crate::error::Error;
 use crate::targets::images;
+use core_algos::hil::framing::crc32c;
 use core_algos::node::board::Role;
 use std::path::Path;
 use std::sync::Arc;
@@ -46,6 +47,13 @@ impl Images {
             rear: rear.unwrap_or(axle),
             beam: beam.map_or_else(|| built("firmware-beam"), Ok)?,
         })
+    }
+
+    /// What a board's image is: its check sum over what is flashed (CRC-32C).
+    pub fn name(&self, role: Role) -> String {
+        let segments = self.of(role).segments().iter();
+        let bytes: Vec<u8> = segments.flat_map(|segment| segment.data.clone()).collect();
+        format!("virtual, image {:08x}", crc32c(&bytes))
     }
 
     /// The image of a board.

@@ -42,6 +42,8 @@ pub struct Listener {
     waiting: VecDeque<(Micros, Message)>,
     mode: LeadMode,
     output: lead::Output,
+    /// When the latest estimates hold.
+    held: Option<Micros>,
 }
 
 impl Listener {
@@ -60,12 +62,18 @@ impl Listener {
             waiting: VecDeque::new(),
             mode: LeadMode::Idle,
             output: lead::Output::default(),
+            held: None,
         })
     }
 
     /// What the lead node did at its latest step, as far as it can be heard.
     pub fn output(&self) -> &lead::Output {
         &self.output
+    }
+
+    /// When the estimates of that step hold, µs of the listener's time: at the beginning of the epoch.
+    pub fn held(&self) -> Option<Micros> {
+        self.held
     }
 
     /// A message whose frame ended at `at`, µs.
@@ -81,6 +89,7 @@ impl Listener {
             return;
         };
         if let Message::LeadStatus { mode, .. } = *message {
+            self.held = Some(clock.began);
             self.step(clock.epoch * EPOCH + LEAD_PHASE, mode);
         }
         self.waiting.push_back((clock.common(at), *message));

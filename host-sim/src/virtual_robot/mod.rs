@@ -12,17 +12,21 @@ pub mod listener;
 mod log;
 pub mod report;
 mod store;
+pub mod tools;
 
 pub use images::Images;
 pub use report::BoardReport;
 
 use crate::error::Error;
+use crate::pace::Pace;
 use crate::plant::{Outline, Plant, Station};
 use crate::scenario::Scenario;
 use crate::sensors::{Stream, TrialImperfections, generator};
 use crate::simulation::{FRAME_POINTS, Record, Robot, Span, true_plant};
 use crate::supervision::{Monitor, NODES};
+use crate::targets::BoardTraffic;
 use crate::targets::board_log::BoardLog;
+use crate::virtual_bus::BusStatistics;
 use axle::{AxleBoard, AxleMotion, AxleParts, WheelMotion};
 use beam::{BeamBoard, BridgeParts};
 use core_algos::beam::MAX_GAUGES;
@@ -40,6 +44,7 @@ use rand::RngExt;
 use report::Watch;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use tools::{Instruments, Tools};
 use virtual_board::Time;
 use virtual_board::board::Board;
 use virtual_board::device::{InertialConfig, Motion};
@@ -71,6 +76,8 @@ pub struct Options {
     pub threads: usize,
     /// Each board's power comes on so long after the first one's, ms.
     pub power_on_ms: [u64; 3],
+    /// What looks on.
+    pub instruments: Instruments,
 }
 
 impl Default for Options {
@@ -79,6 +86,7 @@ impl Default for Options {
         Self {
             threads: threads.min(2),
             power_on_ms: [0; 3],
+            instruments: Instruments::default(),
         }
     }
 }
@@ -105,6 +113,7 @@ pub struct VirtualRobot {
     span: Span,
     interrupt: Option<Arc<AtomicBool>>,
     failure: Option<String>,
+    tools: Tools,
 }
 
 impl VirtualRobot {
@@ -191,7 +200,9 @@ impl VirtualRobot {
             span: Span::default(),
             interrupt: None,
             failure: None,
+            tools: Tools::default(),
         };
+        robot.fit(&options.instruments)?;
         robot.boot(options)?;
         Ok(robot)
     }
@@ -269,9 +280,10 @@ impl VirtualRobot {
                     && !board.is_powered()
                 {
                     board.power(true);
+                    self.powered(place)?;
                 }
             }
-            self.advance();
+            self.advance()?;
             ready = if self.waits_for().is_none() {
                 ready + 1
             } else {
@@ -312,10 +324,10 @@ impl VirtualRobot {
     }
 
     /// One millisecond of boards, bus and plant.
-    fn advance(&mut self) {
+    fn advance(&mut self) -> Result<(), Error> {
         let from = self.network.now();
         self.show_motion(from);
-        self.network.run_until(from + TICK);
+        self.run_until(from + TICK)?;
         let until = self.network.now();
         let torque = [Role::Front, Role::Rear].map(|role| {
             let axle = self.axle(role);
@@ -326,6 +338,7 @@ impl VirtualRobot {
         for (reader, board) in self.readers.iter_mut().zip(self.network.boards()) {
             reader.read(board);
         }
+        Ok(())
     }
 
     /// The parts around the boards move as the plant does.
@@ -371,7 +384,8 @@ impl VirtualRobot {
     /// Listens to the bus.
     fn hear(&mut self) {
         for record in self.network.wire().take_records() {
-            if record.error.is_some() {
+            let sender = self.roles.get(record.node).copied();
+            if !self.tools.heard(sender, &record) {
                 continue;
             }
             self.frames += 1;
@@ -386,12 +400,16 @@ impl VirtualRobot {
                 length: bytes.len() as u8,
                 data,
             };
+            self.tools.keep(sender, &frame);
             let at = record.end - self.booted;
             self.monitor.see((at.micros() / 1000) as u32, &frame);
             let Ok(message) = bus::decode(&frame) else {
                 continue;
             };
             self.listener.hear(record.end.micros(), &message);
+            if let Message::LeadStatus { .. } = message {
+                self.tools.lead(self.listener.held());
+            }
             if let Message::BoardHealth {
                 board,
                 missed_ticks,
@@ -426,7 +444,8 @@ impl Robot for VirtualRobot {
         if self.interrupt.as_ref().is_some_and(interrupted) {
             return Err(Error::Failure("interrupted".to_owned()));
         }
-        self.advance();
+        self.begin_tick();
+        self.advance()?;
         self.tick += 1;
         if let Some(fault) = self.monitor.fault_since(Node::Lead)
             && self.tick.saturating_sub(fault) >= GRACE
@@ -435,7 +454,7 @@ impl Robot for VirtualRobot {
             let why = format!("the robot stopped for a fault at {first}");
             self.failure.get_or_insert(why);
         }
-        Ok(())
+        self.end_tick()
     }
 
     fn record(&self) -> Record {
@@ -457,6 +476,21 @@ impl Robot for VirtualRobot {
 
     fn must_end(&self) -> bool {
         self.failure.is_some() || self.span.most.is_some_and(|most| self.now() >= most)
+    }
+
+    fn pace(&self) -> Option<&Pace> {
+        self.kept_pace()
+    }
+
+    fn traffic(&self) -> Vec<BoardTraffic> {
+        self.heard_of_boards()
+    }
+
+    fn bus(&self) -> BusStatistics {
+        BusStatistics {
+            sent: self.frames,
+            ..BusStatistics::default()
+        }
     }
 }
 

@@ -26,6 +26,7 @@ mod shared;
 mod spi;
 mod surroundings;
 mod timer;
+mod trace;
 mod usart;
 mod watchdog;
 
@@ -41,6 +42,7 @@ pub use pin::{Drive, Pin, Signal};
 pub use rcc::Cause;
 pub use shared::{Clocks, Request, Trigger};
 pub use surroundings::{Inputs, SpiMode, Surroundings};
+pub use trace::PinChange;
 
 use crate::finding::{Findings, Kind};
 use crate::time::{Cycles, Time, Timebase};
@@ -163,6 +165,8 @@ pub struct Chip {
     must_pause: bool,
     /// How often memory has forgotten.
     scrambles: u64,
+    /// Changes of pins, while they are kept.
+    traced: Option<Vec<PinChange>>,
 }
 
 impl Chip {
@@ -182,6 +186,7 @@ impl Chip {
             clock_changed: false,
             must_pause: false,
             scrambles: 0,
+            traced: None,
         };
         chip.power_off(0);
         chip
@@ -296,11 +301,15 @@ impl Chip {
                     }
                 }
                 Effect::Output(signal, drive) => units.gpio.output(signal, drive, shared),
-                Effect::Level(pin, level) => self.level(pin, level),
+                Effect::Level(pin, level) => {
+                    self.level(pin, level);
+                    self.trace(pin);
+                }
                 Effect::Driven(pin, drive) => {
                     let at = shared.time();
                     shared.world().pin(pin, drive, at);
                     self.refresh();
+                    self.trace(pin);
                 }
                 Effect::Frequency(hz) => {
                     let old = self.shared.base;

@@ -5,6 +5,7 @@
 //! count; what it merged from two lines counts for the line that the table names.
 
 use super::image::Image;
+use crate::board::Board;
 use std::collections::BTreeMap;
 use std::fmt::{self, Write};
 use std::ops::RangeInclusive;
@@ -54,6 +55,14 @@ impl Coverage {
             }
         }
         coverage
+    }
+
+    /// Of a board with this image, since its profile began ([`crate::core::Core::set_profiling`]): no
+    /// line ran if it did not.
+    pub fn of_board(image: &Image, board: &Board) -> Self {
+        let profile = board.core().profile();
+        let executed = profile.map(|profile| profile.instructions().map(|(pc, _)| pc));
+        Self::of(image, executed.into_iter().flatten())
     }
 
     /// Adds another run, or another image.

@@ -5,6 +5,7 @@
 //! | [`image`] | an ELF file: what goes into the flash, symbols, source lines |
 //! | [`rtt`] | the log channel in the target's memory |
 //! | [`vcd`] | signals over time as a Value Change Dump |
+//! | [`waves`] | pins, interrupts and bus of boards as such a dump |
 //! | [`coverage`] | source lines that ran, without instrumenting the image |
 //! | [`profile`] | time by function and by interrupt |
 //! | `gdb` | a server for the debugger gdb (feature `gdb`) |
@@ -16,3 +17,4 @@ pub mod image;
 pub mod profile;
 pub mod rtt;
 pub mod vcd;
+pub mod waves;

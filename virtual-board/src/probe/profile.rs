@@ -1,6 +1,7 @@
 //! Where the time of a board goes: by function, by source line and by interrupt.
 
 use super::image::Image;
+use crate::board::Board;
 use crate::time::Cycles;
 use std::collections::BTreeMap;
 use std::fmt;
@@ -74,6 +75,31 @@ impl Times {
             interrupts,
             frequency_hz,
         }
+    }
+
+    /// Of a board with this image, since its profile began ([`crate::core::Core::set_profiling`]); none
+    /// if it did not.
+    pub fn of(image: &Image, board: &mut Board) -> Option<Self> {
+        let frequency_hz = board.chip().clocks().hclk_hz as f64;
+        let profile = board.core().profile()?;
+        let interrupts = image.handlers().into_iter().map(|(number, name)| {
+            let times = profile.exception(number);
+            InterruptTime {
+                name,
+                count: times.count,
+                total: times.total,
+                longest: times.longest,
+                longest_own: times.longest_own,
+                longest_latency: times.longest_latency,
+            }
+        });
+        let instructions = profile.instructions();
+        Some(Self::new(image, instructions, interrupts, frequency_hz))
+    }
+
+    /// Frequency of the core's clock, Hz: cycles in a second.
+    pub fn frequency_hz(&self) -> f64 {
+        self.frequency_hz
     }
 
     /// Functions, the one that took most first.

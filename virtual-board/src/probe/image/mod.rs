@@ -25,6 +25,9 @@ pub const SRAM: Range<u32> = 0x2000_0000..0x2002_0000;
 /// Core-coupled memory.
 pub const CCM: Range<u32> = 0x1000_0000..0x1001_0000;
 
+/// Entries of the table of vectors: 16 of the core, 82 interrupts of the chip.
+const VECTORS: usize = 98;
+
 /// Why a file is no image for this chip.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ImageError {
@@ -217,6 +220,30 @@ impl Image {
         let symbol = self.functions.get(after.checked_sub(1)?)?;
         // One that does not say how long it is reaches to the next.
         (symbol.size == 0 || pc - symbol.address < symbol.size).then_some(symbol)
+    }
+
+    /// The exceptions with a handler of their own, and the handler's name: those whose vector is not
+    /// the one that most interrupts share.
+    pub fn handlers(&self) -> Vec<(u16, String)> {
+        let flash = self.segments.iter().find(|s| s.address == FLASH.start);
+        let words = flash.map_or(&[][..], |s| s.data.as_chunks::<4>().0);
+        let vectors = words
+            .iter()
+            .take(VECTORS)
+            .map(|word| u32::from_le_bytes(*word));
+        let vectors: Vec<u32> = vectors.collect();
+        let times = |vector| vectors.iter().filter(|&&v| v == vector).count();
+        let shared = vectors.iter().copied().max_by_key(|&vector| times(vector));
+        let own = (0u16..).zip(&vectors).skip(2).filter(|&(_, vector)| {
+            let code = self.segments.iter().any(|s| s.contains(vector & !1));
+            code && vector & 1 != 0 && Some(*vector) != shared
+        });
+        own.map(|(number, &vector)| {
+            let symbol = self.function(vector);
+            let name = symbol.map_or_else(|| format!("exception {number}"), |s| s.name.clone());
+            (number, name)
+        })
+        .collect()
     }
 
     /// The source line of an address; where functions were inlined, the innermost.

@@ -1,0 +1,133 @@
+//! What happened to boards that were lost or came back, and what follows from it for the run.
+
+use core_algos::node::board::Role;
+use serde::Serialize;
+use std::fmt;
+
+/// Time the run goes on after it is clear that it must end, ticks: the motors go off within it.
+const GRACE: u32 = 1500;
+
+/// What happened to a board.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum What {
+    /// It went off, and why.
+    Lost(String),
+    /// The motors of all other axles were off, this many ms after it was lost.
+    MotorsOff(u32),
+    /// It was started again.
+    Restarted,
+    /// The host had the nodes forget their faults.
+    Cleared,
+    /// The host gave the task again.
+    Resumed,
+}
+
+/// What happened to a board, and when.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Event {
+    /// Time, s.
+    pub time_s: f64,
+    /// Which board, or the host.
+    pub role: &'static str,
+    /// What.
+    pub what: What,
+}
+
+impl fmt::Display for Event {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { time_s, role, what } = self;
+        write!(f, "{time_s:.3} s: ")?;
+        match what {
+            What::Lost(why) => write!(f, "{role} board lost: {why}"),
+            What::MotorsOff(after) => write!(
+                f,
+                "all other motors off {after} ms after the {role} board was lost"
+            ),
+            What::Restarted => write!(f, "{role} board restarted"),
+            What::Cleared => write!(f, "faults cleared by the {role}"),
+            What::Resumed => write!(f, "task given again by the {role}"),
+        }
+    }
+}
+
+/// The boards that were lost and came back.
+#[derive(Clone, Debug, Default)]
+pub struct Losses {
+    events: Vec<Event>,
+    /// When a board was last restarted, ms.
+    restarted: Option<u32>,
+    /// The axle that was lost last, and when, until the other's motors are off.
+    watched: Option<(Role, u32)>,
+    /// Why the run ends, and when.
+    end: Option<(String, u32)>,
+}
+
+impl Losses {
+    /// What happened so far.
+    pub fn events(&self) -> &[Event] {
+        &self.events
+    }
+
+    /// Whether anything happened to a board.
+    pub fn has(&self, role: Role) -> bool {
+        self.events.iter().any(|event| event.role == role.name())
+    }
+
+    /// When a board was last restarted, ms.
+    pub fn last_restart(&self) -> Option<u32> {
+        self.restarted
+    }
+
+    /// Why the run cannot go on at `tick`, if so.
+    pub fn end(&self, tick: u32) -> Option<&str> {
+        let (why, at) = self.end.as_ref()?;
+        (tick >= *at).then_some(why)
+    }
+
+    /// Notes what the host did.
+    pub fn note(&mut self, tick: u32, what: What) {
+        self.record(tick, "host", what);
+    }
+
+    /// A board has gone off, to come back or not.
+    pub fn lost(&mut self, tick: u32, role: Role, why: String, comes_back: bool) {
+        self.record(tick, role.name(), What::Lost(why));
+        if role == Role::Beam {
+            return;
+        }
+        self.watched = Some((role, tick));
+        if !comes_back {
+            let why = format!("the {} board was lost", role.name());
+            self.end.get_or_insert((why, tick + GRACE));
+        }
+    }
+
+    /// A board was started again.
+    pub fn restarted(&mut self, tick: u32, role: Role) {
+        self.restarted = Some(tick);
+        self.record(tick, role.name(), What::Restarted);
+        if role == Role::Front {
+            let why = "the front board was restarted, and with its lead node the estimate of where \
+                       the robot stands was lost";
+            self.end.get_or_insert((why.to_owned(), tick + GRACE));
+        }
+    }
+
+    /// Notes when the motors of the others are off; a board that is lost has none.
+    pub fn watch(&mut self, tick: u32, off: bool) {
+        if let (Some((role, since)), true) = (self.watched, off) {
+            self.record(tick, role.name(), What::MotorsOff(tick - since));
+            self.watched = None;
+        }
+    }
+
+    fn record(&mut self, tick: u32, role: &'static str, what: What) {
+        let event = Event {
+            time_s: f64::from(tick) * 1e-3,
+            role,
+            what,
+        };
+        self.events.push(event);
+    }
+}

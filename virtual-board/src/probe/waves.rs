@@ -1,0 +1,177 @@
+//! What happens at the pins of boards, in their interrupts and on their bus, as a Value Change Dump.
+//!
+//! A scope for each board: its pins (the ports of the 64-pin package), a level for each exception that
+//! has a handler of its own, high from its entry to its return with what preempts it, and the number
+//! of the one that runs. A scope for the bus: its level, 0 for dominant, and the frame that is sent.
+
+use super::image::Image;
+use super::vcd::{Dump, Form, Signal, Timescale, Value};
+use crate::chip::Pin;
+use crate::network::Network;
+use crate::time::Time;
+use crate::wire::{Id, Level, Record};
+use std::io;
+
+/// Changes are written so much later: by then all that came before is told.
+const DELAY: Time = Time::from_micros(2_000);
+
+/// A board's signals.
+struct BoardSignals {
+    pins: Vec<(Pin, Signal)>,
+    handlers: Vec<(u16, Signal)>,
+    running: Option<Signal>,
+    /// Exceptions that have not returned, the one that runs last.
+    active: Vec<u16>,
+}
+
+/// A dump of a network that is being written.
+pub struct Waves<W: io::Write> {
+    dump: Dump<W>,
+    boards: Vec<BoardSignals>,
+    level: Option<Signal>,
+    frame: Option<Signal>,
+}
+
+/// The pins of a package with 64.
+fn pins() -> impl Iterator<Item = Pin> {
+    let ports = ['A', 'B', 'C'].into_iter();
+    let pins = ports.flat_map(|port| (0..16).map(move |number| Pin::new(port, number)));
+    pins.chain([Pin::new('D', 2)])
+}
+
+fn value(level: Option<bool>) -> Value {
+    level.map_or(Value::HighZ, Value::Level)
+}
+
+impl<W: io::Write> Waves<W> {
+    /// A dump of the boards of a network, each with its name and image, from now on.
+    pub fn new(writer: W, network: &mut Network, boards: &[(&str, &Image)]) -> Self {
+        let mut dump = Dump::new(writer, Timescale::Nanosecond);
+        let mut signals = Vec::new();
+        let now = network.now();
+        for (&(name, image), board) in boards.iter().zip(network.boards()) {
+            let scope = |part: &str| format!("{name}/{part}");
+            let mut pin_signals = Vec::new();
+            for pin in pins() {
+                let signal = dump.register(&scope("pins"), &pin.to_string(), Form::Wire);
+                if let Some(signal) = signal {
+                    dump.change(now, signal, value(board.chip().pin_level(pin)));
+                    pin_signals.push((pin, signal));
+                }
+            }
+            let mut handlers = Vec::new();
+            for (number, handler) in image.handlers() {
+                if let Some(signal) = dump.register(&scope("interrupts"), &handler, Form::Wire) {
+                    dump.change(now, signal, Value::Level(false));
+                    handlers.push((number, signal));
+                }
+            }
+            let running = dump.register(&scope("interrupts"), "exception", Form::Vector(9));
+            dump.extend(running.map(|signal| super::vcd::Change {
+                at: now,
+                signal,
+                value: Value::Number(0),
+            }));
+            signals.push(BoardSignals {
+                pins: pin_signals,
+                handlers,
+                running,
+                active: Vec::new(),
+            });
+            board.chip().trace_pins();
+            board.core_mut().trace_exceptions();
+        }
+        let level = dump.register("bus", "level", Form::Wire);
+        let frame = dump.register("bus", "frame", Form::Text);
+        if let Some(level) = level {
+            dump.change(now, level, Value::Level(true));
+        }
+        network.wire().trace();
+        Self {
+            dump,
+            boards: signals,
+            level,
+            frame,
+        }
+    }
+
+    /// A sending on the bus that has ended.
+    pub fn frame(&mut self, record: &Record) {
+        let Some(signal) = self.frame else { return };
+        let id = match record.frame.id() {
+            Id::Standard(id) => format!("{id:03x}"),
+            Id::Extended(id) => format!("{id:08x}"),
+        };
+        let data: String = record
+            .frame
+            .data()
+            .iter()
+            .map(|byte| format!("{byte:02x}"))
+            .collect();
+        let error = record
+            .error
+            .map_or_else(String::new, |error| format!("!{error:?}"));
+        let text = Value::Text(format!("{id}#{data}{error}"));
+        self.dump.change(record.start, signal, text);
+        self.dump
+            .change(record.end, signal, Value::Text("-".to_owned()));
+    }
+
+    /// Writes what has happened since the last call.
+    pub fn follow(&mut self, network: &mut Network) -> io::Result<()> {
+        for (signals, board) in self.boards.iter_mut().zip(network.boards()) {
+            for change in board.chip().take_pins() {
+                let of_pin = |(pin, _): &&(Pin, Signal)| *pin == change.pin;
+                if let Some(&(_, signal)) = signals.pins.iter().find(of_pin) {
+                    self.dump.change(change.at, signal, value(change.level));
+                }
+            }
+            for event in board.core_mut().take_exceptions() {
+                let at = board.chip().time_of(event.cycle);
+                signals.exception(&mut self.dump, at, event.exception, event.begins);
+            }
+        }
+        if let Some(signal) = self.level {
+            for (at, level) in network.wire().take_levels() {
+                let level = Value::Level(level == Level::Recessive);
+                self.dump.change(at, signal, level);
+            }
+        }
+        self.dump.flush(network.now() - DELAY)
+    }
+
+    /// Writes the rest and ends the file.
+    pub fn finish(mut self, network: &mut Network) -> io::Result<()> {
+        self.follow(network)?;
+        self.dump.finish(network.now())
+    }
+}
+
+impl BoardSignals {
+    /// An exception begins or ends.
+    fn exception<W: io::Write>(&mut self, dump: &mut Dump<W>, at: Time, number: u16, begins: bool) {
+        let mut ended = Vec::new();
+        match (number, begins) {
+            (0, _) => ended = std::mem::take(&mut self.active),
+            (_, true) => self.active.push(number),
+            (_, false) => {
+                self.active.retain(|other| *other != number);
+                ended.push(number);
+            }
+        }
+        let mut show = |number: u16, level: bool| {
+            let of_number = |(other, _): &&(u16, Signal)| *other == number;
+            if let Some(&(_, signal)) = self.handlers.iter().find(of_number) {
+                dump.change(at, signal, Value::Level(level));
+            }
+        };
+        ended.into_iter().for_each(|number| show(number, false));
+        if begins {
+            show(number, true);
+        }
+        if let Some(signal) = self.running {
+            let running = self.active.last().copied().unwrap_or(0);
+            dump.change(at, signal, Value::Number(running.into()));
+        }
+    }
+}
