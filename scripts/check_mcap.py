@@ -29,6 +29,8 @@ EACH_TICK = ["/boards/front/tick", "/boards/rear/tick", "/boards/beam/tick"]
 EACH_EPOCH = ["/lead", "/truth", "/tf", "/truth/robot"]
 ONCE = ["/goal", "/boards/front/start", "/boards/rear/start", "/boards/beam/start"]
 COUNTS_PER_REVOLUTION = 8192
+# Boards that are heard on the bus only.
+VIRTUAL = "hil --virtual"
 
 
 def crc32c(data):
@@ -99,6 +101,8 @@ class Log:
         scenario = tomllib.loads(about["scenario"])
         assert scenario["mission"] and about["build"].startswith("host-sim "), about
         assert about["scenario_hash"] == crc32c(about["scenario"].encode())
+        if about["command"] == VIRTUAL:
+            return
         start = self.messages["/boards/front/start"][0][1]
         assert about["parameters_hash"] == start["parameters_hash"] == crc32c(bytes.fromhex(start["parameters"]))
 
@@ -209,6 +213,39 @@ def compare_tables(log, folder):
     assert frames == [frame["frame"] for _, m in log.messages["/bus"] for frame in m["frames"]]
 
 
+def virtual(call, folder, database):
+    """A run on virtual boards: what is on the bus, the listener's estimate and the truth; no more."""
+    path, tables, out = folder / "virtual.mcap", folder / "virtual-tables", folder / "virtual"
+    arguments = ["--stop-after", 1.5, "--log", path, "--csv", tables, "--out", out]
+    call("hil", "--virtual", *arguments)
+    log = Log(path)
+    about, end = log.metadata["cfmmr"], log.metadata["cfmmr.end"]
+    assert about["command"] == VIRTUAL and end["whole"] == "true"
+    assert about["board_front"] == about["board_rear"] != about["board_beam"], about
+    epochs = int(end["epochs"])
+    assert epochs == 150, epochs
+    for topic in EACH_EPOCH:
+        assert len(log.messages[topic]) == epochs, topic
+    for topic in EACH_TICK + ONCE[1:] + ["/host/order"]:
+        assert not log.messages[topic], f"{topic}: not on the bus"
+    for _, lead in log.messages["/lead"]:
+        # Estimates hold at the front board's own epochs, a little before they are heard of.
+        assert 0 < lead["tick"] * 1e-3 - lead["epoch_s"] < 0.02, lead
+    rows = table(out / "log-joint.csv")
+    compare_epochs(log, rows)
+    compare_epochs(log, table(tables / "epochs.csv"))
+    bus = table(tables / "bus.csv")
+    frames = [f"{row['identifier_hex']}#{row['data_hex']}" for row in bus]
+    assert frames == [frame["frame"] for _, m in log.messages["/bus"] for frame in m["frames"]]
+    assert {row["board"] for row in bus} == {"front", "rear", "beam"}
+    assert not table(tables / "axles.csv") and not table(tables / "beam.csv")
+    result = json.loads((out / "result.json").read_text())
+    # Those before the beginning of the experiment are not in the log.
+    share = (1.5 / result["simulated_s"])
+    assert 0.9 * share < len(frames) / result["frames"] < 1.0, (len(frames), result["frames"])
+    return compare_bus(log, database)
+
+
 def interrupted(program, folder):
     """A run that is interrupted leaves a readable log of what there was."""
     path = folder / "interrupted.mcap"
@@ -280,7 +317,8 @@ def main():
         call("track", "--path", "line", "--size", "1", "--csv", one, "--out", folder / "one")
         assert table(one) and not (folder / "one.mcap").exists()
         interrupted(program, folder)
-    print(f"{len(runs)} runs: logs, tables and cantools ({frames} frames) agree")
+        frames += virtual(call, folder, database)
+    print(f"{len(runs) + 1} runs: logs, tables and cantools ({frames} frames) agree")
 
 
 if __name__ == "__main__":

@@ -256,8 +256,8 @@ pub struct HilArgs {
     /// front@3333; may be repeated
     #[arg(long, value_name = "BOARD@PORT", requires = "on_virtual")]
     pub gdb: Vec<String>,
-    /// Write pins, interrupts and bus of virtual boards to this file (Value Change Dump, about 5 MB a
-    /// simulated second)
+    /// Write pins, interrupts and bus of virtual boards to this file (Value Change Dump, 5 MB a
+    /// simulated second and more)
     #[arg(long, value_name = "FILE", requires = "on_virtual")]
     pub vcd: Option<PathBuf>,
     /// Tell where the time of virtual boards went, by function and by interrupt

@@ -271,6 +271,28 @@ fn a_board_at_a_serial_port_is_shown_with_its_frames_and_losses() {
     assert!(session.is_sane());
 }
 
+#[test]
+fn virtual_boards_are_shown_with_what_they_say_on_the_bus() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut command = Command::new(env!("CARGO_BIN_EXE_cfmmr"));
+    command.args(["hil", "--virtual", "--dashboard", "--kill", "beam@0.2"]);
+    let mut session = Session::start(command.current_dir(folder.path()), 80, 24);
+    session.expect_line(|words| words.contains(&"RearAxle") && words.contains(&"Idle"));
+    session.expect_line(|words| words.ends_with(&["beam", "off"]));
+    session.expect_line(|words| words.contains(&"RearAxle") && words.contains(&"Active"));
+    let frames = session.expect_line(|words| words.contains(&"bus"));
+    let frames = frames
+        .split_whitespace()
+        .rev()
+        .nth(1)
+        .unwrap()
+        .parse::<u32>();
+    assert!(frames.unwrap() > 0);
+    session.press(b"q");
+    assert!(session.end().success(), "{:?}", session.shown);
+    assert!(session.is_sane());
+}
+
 /// Run by the test below on a terminal of its own.
 #[test]
 #[ignore = "a part of a_panic_leaves_the_terminal_as_it_was, which runs it on a terminal"]

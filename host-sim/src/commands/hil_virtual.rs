@@ -129,7 +129,7 @@ fn instruments(args: &HilArgs, interrupt: &Arc<AtomicBool>) -> Result<Instrument
         output::try_file(file)?;
     }
     Ok(Instruments {
-        gdb: Gdb::listen(&args.gdb, interrupt)?,
+        gdb: Gdb::new(&args.gdb, interrupt)?,
         vcd: args.vcd.clone(),
         profile: args.profile || args.coverage.is_some(),
     })

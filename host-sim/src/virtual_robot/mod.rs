@@ -302,7 +302,7 @@ impl VirtualRobot {
             .iter_mut()
             .zip(self.network.boards())
             .for_each(|(watch, board)| {
-                watch.booted(board.core().lowest_msp());
+                watch.booted(board);
             });
         Ok(())
     }

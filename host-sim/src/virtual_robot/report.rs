@@ -16,6 +16,7 @@ pub struct Watch {
     longest_tick_us: u16,
     tick_lateness_us: u16,
     boot_sp: u32,
+    hclk_hz: u64,
 }
 
 impl Watch {
@@ -26,9 +27,15 @@ impl Watch {
         self.tick_lateness_us = self.tick_lateness_us.max(lateness_us);
     }
 
-    /// The board is ready; the lowest that its stack pointer has been.
-    pub fn booted(&mut self, lowest_sp: u32) {
-        self.boot_sp = lowest_sp;
+    /// The board is ready: the lowest that its stack pointer has been, and the frequency of its core.
+    pub fn booted(&mut self, board: &mut Board) {
+        self.boot_sp = board.core().lowest_msp();
+        self.hclk_hz = board.chip().clocks().hclk_hz;
+    }
+
+    /// Frequency of the core when the board was ready, Hz: one that has lost its power has none.
+    pub fn hclk_hz(&self) -> u64 {
+        self.hclk_hz
     }
 }
 
@@ -120,11 +127,8 @@ pub fn of(
         .map(|reset| (reset.at.seconds(), reset.cause.name()))
         .collect();
     let overrun = board.chip().can_overruns();
-    let (reaction, hclk) = (
-        board.chip().longest_reaction(),
-        board.chip().clocks().hclk_hz,
-    );
-    let reaction_us = reaction as f64 * 1e6 / hclk.max(1) as f64;
+    let reaction = board.chip().longest_reaction();
+    let reaction_us = reaction as f64 * 1e6 / watch.hclk_hz.max(1) as f64;
     let core = board.core();
     BoardReport {
         name: role.name(),

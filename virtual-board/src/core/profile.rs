@@ -44,7 +44,7 @@ struct Running {
 pub struct Profile {
     /// By halfword of flash.
     flash: Vec<u64>,
-    /// Cycles of instructions elsewhere.
+    /// Cycles of instructions elsewhere, and of fetching one of the flash for the first time.
     elsewhere: Cycles,
     exceptions: Vec<ExceptionProfile>,
     running: Vec<Running>,
@@ -70,7 +70,8 @@ impl Profile {
             .filter(|&(_, cycles)| cycles != 0)
     }
 
-    /// Cycles of instructions outside the flash.
+    /// Cycles of instructions outside the flash, and of fetching one in it for the first time: whether
+    /// its condition lets it execute is seen later.
     pub fn elsewhere(&self) -> Cycles {
         self.elsewhere
     }

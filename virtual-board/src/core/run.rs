@@ -147,7 +147,12 @@ impl Core {
             }
             if (PROBE || it != 0) && Self::is_empty(&insn) {
                 match self.decode_flash(system, pc) {
-                    Ok(()) => continue,
+                    Ok(()) => {
+                        if PROBE {
+                            self.account(u32::MAX, before);
+                        }
+                        continue;
+                    }
                     Err(trap) => break Some(trap),
                 }
             }

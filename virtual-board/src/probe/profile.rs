@@ -6,6 +6,9 @@ use crate::time::Cycles;
 use std::collections::BTreeMap;
 use std::fmt;
 
+/// What is not in a function of the image.
+const ELSEWHERE: &str = "(outside the flash, and first fetches)";
+
 /// What an interrupt or another exception took.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct InterruptTime {
@@ -78,9 +81,8 @@ impl Times {
     }
 
     /// Of a board with this image, since its profile began ([`crate::core::Core::set_profiling`]); none
-    /// if it did not.
-    pub fn of(image: &Image, board: &mut Board) -> Option<Self> {
-        let frequency_hz = board.chip().clocks().hclk_hz as f64;
+    /// if it did not. Its core ran at `frequency_hz`.
+    pub fn of(image: &Image, board: &Board, frequency_hz: f64) -> Option<Self> {
         let profile = board.core().profile()?;
         let interrupts = image.handlers().into_iter().map(|(number, name)| {
             let times = profile.exception(number);
@@ -94,7 +96,12 @@ impl Times {
             }
         });
         let instructions = profile.instructions();
-        Some(Self::new(image, instructions, interrupts, frequency_hz))
+        let mut times = Self::new(image, instructions, interrupts, frequency_hz);
+        let (name, cycles) = (ELSEWHERE.to_owned(), profile.elsewhere());
+        times.lines.insert((name.clone(), String::new()), cycles);
+        times.functions.push(FunctionTime { name, cycles });
+        times.functions.sort_by_key(|f| std::cmp::Reverse(f.cycles));
+        Some(times)
     }
 
     /// Frequency of the core's clock, Hz: cycles in a second.

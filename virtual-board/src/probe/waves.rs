@@ -175,3 +175,81 @@ impl BoardSignals {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::board::Board;
+    use crate::chip::{Drive, Surroundings};
+    use crate::probe::image::tests::Builder;
+    use crate::wire::Wire;
+    use std::collections::BTreeMap;
+    use vcd::{Command, Parser};
+
+    struct Nothing;
+
+    impl Surroundings for Nothing {
+        fn pin(&mut self, _: Pin, _: Drive, _: Time) {}
+
+        fn voltage(&mut self, _: Pin, _: Time) -> f64 {
+            0.0
+        }
+
+        fn spi(&mut self, _: u16, _: u32, _: Time) -> u16 {
+            0xff
+        }
+    }
+
+    /// Switches SysTick on, with interrupts, whose handler never returns:
+    /// `ldr r1, =0xe000e010; movs r0, #100; str r0, [r1, #4]; movs r0, #7; str r0, [r1]; b .`
+    fn image() -> Image {
+        let code = [
+            0x03, 0x49, 0x64, 0x20, 0x48, 0x60, 0x07, 0x20, 0x08, 0x60, 0xfe, 0xe7, 0xfe, 0xe7, 0,
+            0, 0x10, 0xe0, 0x00, 0xe0,
+        ];
+        let mut builder = Builder::new(&code).function("SysTick", 0x0800_010c, 2);
+        builder.segments[0].2[15 * 4..16 * 4].copy_from_slice(&0x0800_010du32.to_le_bytes());
+        builder.image()
+    }
+
+    #[test]
+    fn pins_have_the_levels_of_a_reset_and_exceptions_begin() {
+        let image = image();
+        assert_eq!(image.handlers(), [(15, "SysTick".to_owned())]);
+        let mut board = Board::new(Box::new(Nothing), 0);
+        board.flash(&image);
+        let quantum = Time::from_micros(40);
+        let mut network = Network::new(vec![board], Wire::new(1, quantum, 1), quantum, 1);
+        let mut file = Vec::new();
+        let mut waves = Waves::new(&mut file, &mut network, &[("one", &image)]);
+        if let Some(board) = network.board(0) {
+            board.power(true);
+        }
+        for ms in 1..=5 {
+            network.run_until(Time::from_micros(1000 * ms));
+            waves.follow(&mut network).unwrap();
+        }
+        waves.finish(&mut network).unwrap();
+        let mut parser = Parser::new(&file[..]);
+        let header = parser.parse_header().unwrap();
+        let mut last = BTreeMap::new();
+        for command in parser {
+            if let Command::ChangeScalar(id, value) = command.unwrap() {
+                last.insert(id, value);
+            }
+        }
+        let of = |path: &[&str]| last[&header.find_var(path).unwrap().code];
+        // RM0090, 8.3.1: the debug port's pins are pulled up, but its clock down; the others float.
+        for (pin, level) in [
+            ("PA13", vcd::Value::V1),
+            ("PA14", vcd::Value::V0),
+            ("PA15", vcd::Value::V1),
+            ("PB4", vcd::Value::V1),
+            ("PC7", vcd::Value::Z),
+        ] {
+            assert_eq!(of(&["one", "pins", pin]), level, "{pin}");
+        }
+        assert_eq!(of(&["one", "interrupts", "SysTick"]), vcd::Value::V1);
+        assert_eq!(of(&["bus", "level"]), vcd::Value::V1);
+    }
+}

@@ -17,15 +17,15 @@ const PAUSE: Duration = Duration::from_millis(1);
 /// Debuggers that boards wait for when their power comes on.
 #[derive(Clone, Debug, Default)]
 pub struct Gdb {
-    ports: Vec<(Role, Arc<Server>)>,
+    ports: Vec<(Role, u16)>,
     /// Ends the waiting.
     interrupt: Arc<AtomicBool>,
 }
 
 impl Gdb {
-    /// Opens the ports of `BOARD@PORT`; the flag ends the waiting for debuggers.
-    pub fn listen(texts: &[String], interrupt: &Arc<AtomicBool>) -> Result<Self, Error> {
-        let mut ports: Vec<(Role, Arc<Server>)> = Vec::new();
+    /// From texts `BOARD@PORT`, whose ports must be free; the flag ends the waiting for debuggers.
+    pub fn new(texts: &[String], interrupt: &Arc<AtomicBool>) -> Result<Self, Error> {
+        let mut ports: Vec<(Role, u16)> = Vec::new();
         for text in texts {
             let (role, port) = parse(text)?;
             if ports.iter().any(|(other, _)| *other == role) {
@@ -33,19 +33,24 @@ impl Gdb {
                     "--gdb {text}: must be given once for each board"
                 )));
             }
-            let server = Server::listen(port);
-            let server = server.map_err(|error| {
-                Error::input(format!(
-                    "--gdb {text}: {error}: must be a port that is free"
-                ))
-            })?;
-            ports.push((role, Arc::new(server)));
+            // Tried now; opened when the board is there to answer.
+            listen(role, port)?;
+            ports.push((role, port));
         }
         Ok(Self {
             ports,
             interrupt: interrupt.clone(),
         })
     }
+}
+
+fn listen(role: Role, port: u16) -> Result<Server, Error> {
+    Server::listen(port).map_err(|error| {
+        let name = role.name();
+        Error::input(format!(
+            "--gdb {name}@{port}: {error}: must be a port that is free"
+        ))
+    })
 }
 
 /// Board and port of `BOARD@PORT`.
@@ -66,7 +71,7 @@ fn parse(text: &str) -> Result<(Role, u16), Error> {
 struct Attached {
     place: usize,
     role: Role,
-    server: Arc<Server>,
+    server: Server,
     session: Option<Session>,
 }
 
@@ -85,17 +90,17 @@ impl Debugger {
     /// For the boards of a robot in their order.
     pub fn new(gdb: &Gdb, roles: &[Role]) -> Result<Self, Error> {
         let mut attached = Vec::new();
-        for (role, server) in &gdb.ports {
-            let Some(place) = roles.iter().position(|other| other == role) else {
+        for &(role, port) in &gdb.ports {
+            let Some(place) = roles.iter().position(|other| *other == role) else {
                 return Err(Error::input(format!(
-                    "--gdb {}: that board is not fitted: must be one of the robot's",
+                    "--gdb {}@{port}: that board is not fitted: must be one of the robot's",
                     role.name()
                 )));
             };
             attached.push(Attached {
                 place,
-                role: *role,
-                server: server.clone(),
+                role,
+                server: listen(role, port)?,
                 session: None,
             });
         }

@@ -55,9 +55,10 @@ pub struct Profile {
 /// [`Instruments::profile`](super::Instruments::profile) asked for it.
 pub fn of(robot: &mut VirtualRobot, reports: &[BoardReport]) -> Vec<Profile> {
     let mut profiles = Vec::new();
-    let roles = robot.roles.iter();
-    for ((&role, board), report) in roles.zip(robot.network.boards()).zip(reports) {
-        let Some(times) = Times::of(robot.images.of(role), board) else {
+    let boards = robot.roles.iter().zip(robot.network.boards());
+    for (((&role, board), watch), report) in boards.zip(&robot.watches).zip(reports) {
+        let hclk_hz = watch.hclk_hz() as f64;
+        let Some(times) = Times::of(robot.images.of(role), board, hclk_hz) else {
             continue;
         };
         let us = |cycles: u64| cycles as f64 / times.frequency_hz() * 1e6;

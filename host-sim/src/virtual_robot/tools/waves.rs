@@ -1,7 +1,7 @@
 //! Pins, interrupts and bus in a file for GTKWave, PulseView and others.
 
 use crate::error::Error;
-use std::fs::File;
+use std::fs::{self, File};
 use std::io::{self, BufWriter};
 use std::path::{Path, PathBuf};
 use virtual_board::network::Network;
@@ -26,7 +26,9 @@ impl Waves {
         network: &mut Network,
         boards: &[(&str, &Image)],
     ) -> Result<Self, Error> {
-        let file = File::create(path).map_err(|error| failed(path, &error))?;
+        let folder = path.parent().map_or(Ok(()), fs::create_dir_all);
+        let file = folder.and_then(|()| File::create(path));
+        let file = file.map_err(|error| failed(path, &error))?;
         Ok(Self {
             path: path.to_path_buf(),
             waves: waves::Waves::new(BufWriter::new(file), network, boards),

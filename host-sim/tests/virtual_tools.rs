@@ -1,0 +1,445 @@
+//! What looks on while virtual boards run, each by a reader of its own.
+
+use host_sim::virtual_robot::Images;
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::fs;
+use std::io::{Read, Write};
+use std::net::{TcpListener, TcpStream};
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+use std::sync::OnceLock;
+use std::thread;
+use std::time::Duration;
+
+fn command(folder: &Path, arguments: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_cfmmr"));
+    command
+        .args(["hil", "--virtual"])
+        .args(arguments)
+        .current_dir(folder);
+    command
+}
+
+fn hil(folder: &Path, arguments: &[&str]) -> Output {
+    command(folder, arguments).output().unwrap()
+}
+
+fn error_of(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+fn result(folder: &Path) -> Value {
+    serde_json::from_slice(&fs::read(folder.join("result.json")).unwrap()).unwrap()
+}
+
+/// A run with everything that writes files.
+fn traced() -> &'static Path {
+    static RUN: OnceLock<tempfile::TempDir> = OnceLock::new();
+    let folder = RUN.get_or_init(|| {
+        let folder = tempfile::tempdir().unwrap();
+        let arguments = "--stop-after 1.2 --out . --vcd new/run.vcd --profile --coverage run.info";
+        let mut arguments: Vec<&str> = arguments.split(' ').collect();
+        arguments.extend(["--csv", "tables"]);
+        let output = hil(folder.path(), &arguments);
+        assert!(output.status.success(), "{}", error_of(&output));
+        let said = String::from_utf8_lossy(&output.stdout);
+        for words in [
+            "front board\n",
+            "with preemption",
+            "firmware-axle/src/robot/tick.rs",
+        ] {
+            assert!(said.contains(words), "{words}: {said}");
+        }
+        folder
+    });
+    folder.path()
+}
+
+/// Changes of each signal (ns, value) of a Value Change Dump, by its path.
+fn waves(text: &str) -> BTreeMap<String, Vec<(u64, String)>> {
+    let (mut scope, mut names) = (Vec::new(), BTreeMap::new());
+    let (mut changes, mut now) = (BTreeMap::<String, Vec<(u64, String)>>::new(), 0);
+    for line in text.lines() {
+        let words: Vec<&str> = line.split_whitespace().collect();
+        match *words.as_slice() {
+            ["$scope", _, name, "$end"] => scope.push(name),
+            ["$upscope", "$end"] => {
+                scope.pop();
+            }
+            ["$var", _, _, code, name, "$end"] => {
+                names.insert(code, format!("{}/{name}", scope.join("/")));
+            }
+            [time] if time.starts_with('#') && !names.contains_key(time) => {
+                let time: u64 = time[1..].parse().unwrap();
+                assert!(time >= now, "time goes back at {line}");
+                now = time;
+            }
+            [value, code] if names.contains_key(code) => {
+                let path = names[code].clone();
+                changes
+                    .entry(path)
+                    .or_default()
+                    .push((now, value[1..].to_owned()));
+            }
+            [scalar] if scalar.len() > 1 && names.contains_key(&scalar[1..]) => {
+                let path = names[&scalar[1..]].clone();
+                changes
+                    .entry(path)
+                    .or_default()
+                    .push((now, scalar[..1].to_owned()));
+            }
+            _ => {}
+        }
+    }
+    changes
+}
+
+#[test]
+fn waveforms_have_the_frequencies_of_the_firmware_and_the_bits_of_the_bus() {
+    let folder = traced();
+    let waves = waves(&fs::read_to_string(folder.join("new/run.vcd")).unwrap());
+    let rises = |path: &str| {
+        let driving = 1_700_000_000..1_900_000_000;
+        let rises = waves[path].iter();
+        rises
+            .filter(|(at, value)| value == "1" && driving.contains(at))
+            .count()
+    };
+    for board in ["front", "rear"] {
+        // 20 kHz for 0.2 s, the crystal off by 20 parts in a million at most.
+        for signal in ["pins/PA8", "pins/PA9", "interrupts/ADC"] {
+            let count = rises(&format!("{board}/{signal}"));
+            assert!(count.abs_diff(4000) <= 2, "{board} {signal}: {count}");
+        }
+    }
+    // 1 Mbit/s, and never more than five dominant bits one after the other.
+    let level = &waves["bus/level"];
+    let dominant = level.windows(2).filter(|pair| pair[0].1 == "0");
+    let lengths: Vec<u64> = dominant.map(|pair| pair[1].0 - pair[0].0).collect();
+    let (least, most) = (lengths.iter().min().unwrap(), lengths.iter().max().unwrap());
+    // The acknowledgement begins and ends with the clocks of others.
+    assert!(
+        (500..1100).contains(least) && *most < 6000,
+        "{least} {most}"
+    );
+    let is_frame = |(_, text): &&(u64, String)| text.contains('#');
+    let frames: Vec<&String> = waves["bus/frame"]
+        .iter()
+        .filter(is_frame)
+        .map(|f| &f.1)
+        .collect();
+    assert_eq!(result(folder)["frames"], frames.len());
+    let table = fs::read_to_string(folder.join("tables/bus.csv")).unwrap();
+    let mut recorded = 0;
+    for row in table.lines().skip(1) {
+        let [_, _, id, _, data] = row.split(',').collect::<Vec<_>>()[..] else {
+            panic!("{row}");
+        };
+        let text = format!("{id}#{data}");
+        assert!(frames.contains(&&text), "{text}");
+        recorded += 1;
+    }
+    // Less than half of them came before the experiment.
+    assert!(recorded > frames.len() / 2 && recorded < frames.len());
+}
+
+#[test]
+fn a_profile_adds_up_to_the_load_and_knows_the_longest_tick() {
+    let folder = traced();
+    let profiles = fs::read_to_string(folder.join("profile.json")).unwrap();
+    let profiles: Value = serde_json::from_str(&profiles).unwrap();
+    let result = result(folder);
+    for (profile, board) in profiles
+        .as_array()
+        .unwrap()
+        .iter()
+        .zip(result["boards"].as_array().unwrap())
+    {
+        let name = profile["board"].as_str().unwrap();
+        assert_eq!(profile["board"], board["name"]);
+        assert_eq!(profile["stack_used"], board["stack_used"]);
+        let functions = profile["functions"].as_array().unwrap();
+        let us: f64 = functions.iter().map(|f| f["us"].as_f64().unwrap()).sum();
+        let awake = board["load"].as_f64().unwrap() * result["simulated_s"].as_f64().unwrap() * 1e6;
+        assert!((us / awake - 1.0).abs() < 0.05, "{name}: {us} {awake}");
+        let folded = fs::read_to_string(folder.join(format!("profile-{name}.folded"))).unwrap();
+        let cycles = folded
+            .lines()
+            .map(|line| line.rsplit_once(' ').unwrap().1.parse::<f64>().unwrap());
+        let in_stacks = cycles.sum::<f64>() / 168.0;
+        assert!(
+            (in_stacks / us - 1.0).abs() < 1e-6,
+            "{name}: {in_stacks} {us}"
+        );
+        if name == "beam" {
+            continue;
+        }
+        let interrupts = profile["interrupts"].as_array().unwrap();
+        let of = |handler: &str| interrupts.iter().find(|i| i["name"] == handler).unwrap();
+        // What the board measures by its own counter.
+        let told = board["longest_tick_us"].as_f64().unwrap();
+        let seen = of("UART4")["longest_with_preemption_us"].as_f64().unwrap();
+        assert!((seen - told).abs() < 20.0, "{name}: {seen} {told}");
+    }
+}
+
+#[test]
+fn coverage_has_the_lines_of_the_repository_that_ran() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let text = fs::read_to_string(traced().join("run.info")).unwrap();
+    let (mut file, mut source, mut lines, mut ran) = (String::new(), Vec::new(), 0, 0);
+    let mut hits = BTreeMap::new();
+    for line in text.lines() {
+        if let Some(name) = line.strip_prefix("SF:") {
+            let text = fs::read_to_string(root.join(name)).unwrap_or_else(|_| panic!("{name}"));
+            source = text.lines().map(|line| line.trim().to_owned()).collect();
+            (file, lines, ran) = (name.to_owned(), 0, 0);
+        } else if let Some((number, count)) =
+            line.strip_prefix("DA:").and_then(|d| d.split_once(','))
+        {
+            let count: u64 = count.parse().unwrap();
+            let code = &source[number.parse::<usize>().unwrap() - 1];
+            assert!(
+                !code.is_empty() && !code.starts_with("//"),
+                "{file}:{number}: {code}"
+            );
+            hits.insert((file.clone(), code.clone()), count);
+            (lines, ran) = (lines + 1, ran + usize::from(count > 0));
+        } else if let Some(count) = line.strip_prefix("LF:") {
+            assert_eq!(count, lines.to_string(), "{file}");
+        } else if let Some(count) = line.strip_prefix("LH:") {
+            assert_eq!(count, ran.to_string(), "{file}");
+        }
+    }
+    let packages = ["firmware-axle/", "firmware-beam/", "firmware-common/"];
+    for package in packages {
+        assert!(
+            hits.keys().any(|(file, _)| file.starts_with(package)),
+            "{package}"
+        );
+    }
+    assert!(
+        hits.keys()
+            .all(|(file, _)| packages.iter().any(|p| file.starts_with(p)))
+    );
+    let operator = |code: &str| {
+        hits[&(
+            "firmware-axle/src/robot/operator.rs".to_owned(),
+            code.to_owned(),
+        )]
+    };
+    // Pressed once, on the front board only, and never to clear a fault.
+    assert_eq!(operator("lead.initialize(center, relative);"), 1);
+    assert_eq!(operator("lead.command(Task::Clear);"), 0);
+    // Both axles look at it.
+    assert_eq!(operator("self.held = if self.pin.is_high() {"), 2);
+}
+
+#[test]
+fn a_rear_board_that_loses_its_power_stops_the_robot() {
+    let folder = tempfile::tempdir().unwrap();
+    let arguments = ["--kill", "rear@1.2", "--restart-after", "0.3", "--out", "."];
+    let output = hil(folder.path(), &arguments);
+    let said = error_of(&output);
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    assert!(
+        said.contains("motors off") && said.contains("neighbour lost"),
+        "{said}"
+    );
+    let result = result(folder.path());
+    let events = result["events"].as_array().unwrap();
+    let times: Vec<f64> = events
+        .iter()
+        .map(|event| event["time_s"].as_f64().unwrap())
+        .collect();
+    assert_eq!(times[..2], [1.2, 1.5], "{events:?}");
+    assert_eq!(events[1]["what"], "restarted");
+    let off = events[2]["what"]["motors-off"].as_u64().unwrap();
+    // 50 ms until it is noticed, 250 to slow down, 100 at rest, 750 to let the frame go.
+    assert!((100..1150).contains(&off), "{off}");
+    let log = fs::read_to_string(folder.path().join("board-rear.log")).unwrap();
+    assert_eq!(log.matches("reset by PowerOn").count(), 2, "{log}");
+    // What the boards warn of is on the terminal too, with the board's name.
+    let log = fs::read_to_string(folder.path().join("board-front.log")).unwrap();
+    let warnings = log
+        .lines()
+        .filter(|line| line.contains(" WARN ") || line.contains(" ERROR "));
+    for warning in warnings {
+        assert!(
+            said.contains(&format!("front board: {warning}")),
+            "{warning}: {said}"
+        );
+    }
+}
+
+#[test]
+fn without_the_beam_board_the_robot_goes_on() {
+    let folder = tempfile::tempdir().unwrap();
+    let arguments = "--kill beam@0.2 --restart-after 0.2 --stop-after 0.9 --out .";
+    let output = hil(folder.path(), &arguments.split(' ').collect::<Vec<_>>());
+    assert!(output.status.success(), "{}", error_of(&output));
+    let result = result(folder.path());
+    assert_eq!(result["events"].as_array().unwrap().len(), 2);
+    assert_eq!(result["boards"][2]["resets"], Value::Array(Vec::new()));
+    let log = fs::read_to_string(folder.path().join("board-beam.log")).unwrap();
+    assert_eq!(log.matches("reset by PowerOn").count(), 2, "{log}");
+}
+
+/// gdb's end of the remote protocol, after its manual.
+struct Debugger(TcpStream);
+
+impl Debugger {
+    fn connect(port: u16) -> Self {
+        for _ in 0..6000 {
+            if let Ok(stream) = TcpStream::connect(("127.0.0.1", port)) {
+                stream.set_nodelay(true).unwrap();
+                return Self(stream);
+            }
+            thread::sleep(Duration::from_millis(10));
+        }
+        panic!("nobody listens at port {port}");
+    }
+
+    fn send(&mut self, packet: &str) {
+        let sum = packet.bytes().fold(0u8, u8::wrapping_add);
+        self.0
+            .write_all(format!("${packet}#{sum:02x}").as_bytes())
+            .unwrap();
+    }
+
+    /// The next packet, acknowledged, with its repetitions written out.
+    fn answer(&mut self) -> String {
+        let mut byte = [0];
+        let mut next = || {
+            self.0.read_exact(&mut byte).unwrap();
+            byte[0]
+        };
+        while next() != b'$' {}
+        let mut text = String::new();
+        loop {
+            match next() {
+                b'#' => break,
+                b'*' => {
+                    let last = text.chars().last().unwrap();
+                    let count = usize::from(next() - 29);
+                    text.extend(std::iter::repeat_n(last, count));
+                }
+                byte => text.push(byte.into()),
+            }
+        }
+        (next(), next());
+        self.0.write_all(b"+").unwrap();
+        text
+    }
+
+    fn ask(&mut self, packet: &str) -> String {
+        self.send(packet);
+        self.answer()
+    }
+
+    fn pc(&mut self) -> u32 {
+        let registers = self.ask("g");
+        let pc = &registers[15 * 8..16 * 8];
+        u32::from_str_radix(pc, 16).unwrap().swap_bytes()
+    }
+}
+
+fn free_port() -> u16 {
+    let listener = TcpListener::bind(("127.0.0.1", 0)).unwrap();
+    listener.local_addr().unwrap().port()
+}
+
+#[test]
+fn a_debugger_meets_the_first_instruction_and_time_stands_still_for_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let images = Images::open(None, None, None).unwrap();
+    let image = images.of(core_algos::node::board::Role::Rear);
+    let handler = image.symbol("ADC").unwrap();
+    let port = free_port();
+    let at = format!("rear@{port}");
+    let arguments = ["--stop-after", "0.3", "--gdb", &at, "--out", "with"];
+    let child = command(folder.path(), &arguments)
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut gdb = Debugger::connect(port);
+    gdb.ask("?");
+    assert_eq!(gdb.pc(), image.reset_vector() & !1);
+    assert_eq!(gdb.ask(&format!("Z0,{handler:x},2")), "OK");
+    for _ in 0..3 {
+        let stop = gdb.ask("c");
+        assert!(stop.starts_with("T05") || stop.starts_with("S05"), "{stop}");
+        assert_eq!(gdb.pc(), handler);
+        // Far beyond what the other boards and the watchdog would bear.
+        thread::sleep(Duration::from_millis(700));
+    }
+    assert_eq!(gdb.ask("D"), "OK");
+    let output = child.wait_with_output().unwrap();
+    assert!(output.status.success(), "{}", error_of(&output));
+    let output = hil(folder.path(), &["--stop-after", "0.3", "--out", "without"]);
+    assert!(output.status.success(), "{}", error_of(&output));
+    for file in [
+        "log-joint.csv",
+        "board-front.log",
+        "board-rear.log",
+        "board-beam.log",
+    ] {
+        let [with, without] =
+            ["with", "without"].map(|run| fs::read_to_string(folder.path().join(run).join(file)));
+        assert_eq!(with.unwrap(), without.unwrap(), "{file}");
+    }
+}
+
+#[test]
+fn bad_input_is_told_with_its_value_and_range() {
+    let folder = tempfile::tempdir().unwrap();
+    let taken = TcpListener::bind(("127.0.0.1", 0)).unwrap();
+    let taken = format!("front@{}", taken.local_addr().unwrap().port());
+    for (arguments, words) in [
+        (&["--gdb", "front@0"][..], ["front@0", "1 to 65535"]),
+        (
+            &["--gdb", "left@3333"],
+            ["left@3333", "front, rear or beam"],
+        ),
+        (&["--gdb", &taken], [&taken, "free"]),
+        (&["--gdb", "beam@3333", "--no-rps"], ["beam", "not fitted"]),
+        (&["--kill", "rear@-1"], ["-1", "0 to 36000"]),
+        (&["--kill", "left@1"], ["left@1", "front, rear or beam"]),
+        (
+            &["--kill", "rear@3", "--stop-after", "2"],
+            ["3 s", "at 2 s"],
+        ),
+        (&["--kill", "rear@91"], ["91 s", "at 90.5 s"]),
+        (
+            &["--kill", "beam@1", "--no-rps"],
+            ["beam@1", "front or rear"],
+        ),
+        (&["--restart-after", "0"], ["0", "0.001 to 36000"]),
+        (&["--from", "0,0,0"], ["--from", "press of the button"]),
+        (&["--compare"], ["--compare", "bit by bit"]),
+        (&["--stored"], ["--stored", "--scenario"]),
+        (&["--link-loss", "0.1"], ["--link-loss", "bus"]),
+    ] {
+        let output = hil(folder.path(), arguments);
+        let said = error_of(&output);
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {said}");
+        for words in words {
+            assert!(said.contains(words), "{arguments:?}: {said}");
+        }
+    }
+    for option in [
+        "--gdb=front@3333",
+        "--profile",
+        "--vcd=run.vcd",
+        "--coverage=run.info",
+    ] {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_cfmmr"));
+        let output = command
+            .args(["hil", "--emulated", option])
+            .output()
+            .unwrap();
+        assert_eq!(output.status.code(), Some(2), "{option}");
+    }
+}
