@@ -328,7 +328,9 @@ impl Debugger {
                 byte => text.push(byte.into()),
             }
         }
-        (next(), next());
+        // Its check sum.
+        next();
+        next();
         self.0.write_all(b"+").unwrap();
         text
     }
