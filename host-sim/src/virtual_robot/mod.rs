@@ -7,9 +7,11 @@
 
 pub mod axle;
 pub mod beam;
+pub mod faults;
 mod images;
 pub mod listener;
 mod log;
+mod power;
 pub mod report;
 mod store;
 
@@ -61,6 +63,8 @@ const CRYSTAL_PPB: i64 = 20_000;
 const BATTERY_V: f64 = 12.0;
 /// Ticks that a run goes on after the lead node's fault: what follows from it can be seen.
 const GRACE: u64 = 1000;
+/// Friction of a blocked wheel, N m s/rad: as much as steps of a millisecond can follow.
+const BLOCKED_NM_S: f64 = 2.0;
 /// Standard gravity, m/s².
 const GRAVITY: f64 = 9.806_65;
 
@@ -71,6 +75,10 @@ pub struct Options {
     pub threads: usize,
     /// Each board's power comes on so long after the first one's, ms.
     pub power_on_ms: [u64; 3],
+    /// Crystals that are off by so much, parts in 10⁹; by chance, if not given.
+    pub fast_ppb: [Option<i64>; 3],
+    /// Nodes at the bus beside the boards.
+    pub others: usize,
 }
 
 impl Default for Options {
@@ -79,6 +87,8 @@ impl Default for Options {
         Self {
             threads: threads.min(2),
             power_on_ms: [0; 3],
+            fast_ppb: [None; 3],
+            others: 0,
         }
     }
 }
@@ -105,12 +115,28 @@ pub struct VirtualRobot {
     span: Span,
     interrupt: Option<Arc<AtomicBool>>,
     failure: Option<String>,
+    /// A wheel that is blocked: axle and side.
+    blocked: Option<(usize, usize)>,
 }
 
 impl VirtualRobot {
     /// Builds a robot with the imperfections of a trial, switches its boards on and waits until all
     /// nodes are ready.
     pub fn new(
+        scenario: &Scenario,
+        images: &Images,
+        seed: u64,
+        trial: u64,
+        options: &Options,
+        logs: &[BoardLog; 3],
+    ) -> Result<Self, Error> {
+        let mut robot = Self::without_power(scenario, images, seed, trial, options, logs)?;
+        robot.boot(options)?;
+        Ok(robot)
+    }
+
+    /// The same with its boards still off.
+    fn without_power(
         scenario: &Scenario,
         images: &Images,
         seed: u64,
@@ -146,6 +172,7 @@ impl VirtualRobot {
         let mut boards = Vec::new();
         for &role in &roles {
             let fast_ppb = random.random_range(-CRYSTAL_PPB..=CRYSTAL_PPB);
+            let fast_ppb = options.fast_ppb[role as usize].unwrap_or(fast_ppb);
             let part_seed: u64 = random.random();
             let mut board = match role {
                 Role::Beam => {
@@ -163,13 +190,13 @@ impl VirtualRobot {
             flash[store::FIRST..store::FIRST + kept.len()].copy_from_slice(&kept);
             boards.push(board);
         }
-        let mut wire = Wire::new(boards.len(), QUANTUM, seed);
+        let mut wire = Wire::new(boards.len() + options.others, QUANTUM, seed);
         wire.record();
         let places = scenario.robot.put_down();
         let task = Task::Regulate {
             goal: Posture::ORIGIN,
         };
-        let mut robot = Self {
+        Ok(Self {
             network: Network::new(boards, wire, QUANTUM, options.threads),
             readers: roles
                 .iter()
@@ -191,9 +218,8 @@ impl VirtualRobot {
             span: Span::default(),
             interrupt: None,
             failure: None,
-        };
-        robot.boot(options)?;
-        Ok(robot)
+            blocked: None,
+        })
     }
 
     /// Bounds the time of the run.
@@ -257,20 +283,42 @@ impl VirtualRobot {
             .surroundings::<AxleBoard>()
     }
 
+    fn beam(&mut self) -> Option<&mut BeamBoard> {
+        let place = self.place(Role::Beam)?;
+        self.network
+            .board(place)?
+            .chip()
+            .surroundings::<BeamBoard>()
+    }
+
+    /// The host that reads a board's log stops doing so and leaves the log waiting for it.
+    fn hang_reader(&mut self, role: Role) {
+        if let Some(place) = self.place(role)
+            && let Some(board) = self.network.board(place)
+        {
+            self.readers[place].hang(board);
+        }
+    }
+
+    /// Switches those boards on whose time has come.
+    fn power_up(&mut self, options: &Options) {
+        let now = self.network.now();
+        for place in 0..self.roles.len() {
+            let after = options.power_on_ms[self.roles[place] as usize];
+            if now == Time::from_micros(1000 * after)
+                && let Some(board) = self.network.board(place)
+            {
+                board.power(true);
+            }
+        }
+    }
+
     /// Switches the boards on and runs them until all nodes are ready.
     fn boot(&mut self, options: &Options) -> Result<(), Error> {
         let mut ready = 0;
         while ready < READY_TICKS {
             let now = self.network.now();
-            for place in 0..self.roles.len() {
-                let after = options.power_on_ms[self.roles[place] as usize];
-                if now >= Time::from_micros(1000 * after)
-                    && let Some(board) = self.network.board(place)
-                    && !board.is_powered()
-                {
-                    board.power(true);
-                }
-            }
+            self.power_up(options);
             self.advance();
             ready = if self.waits_for().is_none() {
                 ready + 1
@@ -321,11 +369,20 @@ impl VirtualRobot {
             let axle = self.axle(role);
             axle.map_or([0.0; 2], |axle| axle.take_torque(until))
         });
-        self.plant.step(torque);
+        self.plant.step(self.hindered(torque));
         self.hear();
         for (reader, board) in self.readers.iter_mut().zip(self.network.boards()) {
             reader.read(board);
         }
+    }
+
+    /// Torques at the wheels; a blocked one is held against its motor.
+    fn hindered(&self, mut torque: [[f64; 2]; 2]) -> [[f64; 2]; 2] {
+        if let Some((axle, side)) = self.blocked {
+            let speed = self.plant.state().axle[axle].wheel_speed[side];
+            torque[axle][side] = -BLOCKED_NM_S * speed;
+        }
+        torque
     }
 
     /// The parts around the boards move as the plant does.
@@ -356,10 +413,7 @@ impl VirtualRobot {
                 *strain = half * curvature;
             }
         });
-        if let Some(place) = self.place(Role::Beam)
-            && let Some(board) = self.network.board(place)
-            && let Some(beam) = board.chip().surroundings::<BeamBoard>()
-        {
+        if let Some(beam) = self.beam() {
             beam.strain(at, &mut strains);
             self.strains = strains.map(|strain| strain as f32);
         }

@@ -9,6 +9,7 @@ mod adc;
 mod bus;
 mod can;
 mod debug;
+mod defects;
 mod dma;
 mod exti;
 mod flash;
@@ -35,6 +36,8 @@ mod testing;
 mod tests;
 
 pub use adc::{Counts as Conversions, Errors as ConverterErrors};
+pub use defects::Defects;
+pub use flash::FlashOperation;
 pub use interrupt::Interrupt;
 pub use part::Part;
 pub use pin::{Drive, Pin, Signal};
@@ -163,6 +166,7 @@ pub struct Chip {
     must_pause: bool,
     /// How often memory has forgotten.
     scrambles: u64,
+    defects: Defects,
 }
 
 impl Chip {
@@ -182,6 +186,7 @@ impl Chip {
             clock_changed: false,
             must_pause: false,
             scrambles: 0,
+            defects: Defects::default(),
         };
         chip.power_off(0);
         chip
@@ -233,6 +238,11 @@ impl Chip {
     /// The bytes of the flash.
     pub fn flash(&mut self) -> &mut Vec<u8> {
         self.flash.bytes_mut()
+    }
+
+    /// The operations of the flash that the program has begun so far.
+    pub fn flash_operations(&self) -> &[FlashOperation] {
+        self.flash.begun()
     }
 
     /// The bytes of SRAM1 and SRAM2.
@@ -288,7 +298,11 @@ impl Chip {
         while let Some(effect) = self.shared.effects.pop_front() {
             let (units, shared) = (&mut self.units, &mut self.shared);
             match effect {
-                Effect::Trigger(trigger, rises) => units.adc.trigger(trigger, rises, shared),
+                Effect::Trigger(trigger, rises) => {
+                    if !(rises && self.defects.loses_trigger()) {
+                        units.adc.trigger(trigger, rises, shared);
+                    }
+                }
                 Effect::Dma(request) => self.serve(request),
                 Effect::Uses(signal) => {
                     if units.gpio.pin_of(signal).is_none() {
