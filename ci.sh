@@ -70,6 +70,8 @@ hil --no-rps
 hil --link uart --stop-after 2
 step "the images that users flash, on virtual boards"
 timeout 900 target/release/cfmmr hil --virtual --out target/virtual | grep -A4 "^board "
+step "faults on virtual boards"
+timeout 900 target/release/cfmmr faults --virtual --quick --check | tail -3
 step "frames of the virtual bus against other implementations"
 virtual-board/oracle/check_can_bits.sh 2000
 step "faults on emulated boards"

@@ -240,6 +240,12 @@ impl Chip {
         self.flash.bytes_mut()
     }
 
+    /// Sets the brown-out level in the option bytes, 0 the highest and 3 none, as an earlier program has
+    /// done; in force from the next power-on.
+    pub fn set_brown_out(&mut self, level: u32) {
+        self.flash.set_brown_out(level);
+    }
+
     /// The operations of the flash that the program has begun so far.
     pub fn flash_operations(&self) -> &[FlashOperation] {
         self.flash.begun()

@@ -4,6 +4,7 @@
 use super::Campaign;
 use super::bench::Bench;
 use super::entry::Entry;
+use super::run::node;
 use crate::error::Error;
 use crate::sensors::{Stream, generator};
 use crate::virtual_robot::store;
@@ -29,7 +30,7 @@ const SECTOR: usize = 16 << 10;
 /// The store in the flash.
 const STORE: Range<usize> = store::FIRST..store::FIRST + 3 * SECTOR;
 /// Time after which a board has started and told of itself, ms.
-const STARTED_MS: u64 = 150;
+const STARTED_MS: u64 = 1_000;
 /// Time that a calibration and its save take at most, ms.
 const SAVED_MS: u64 = 3_000;
 
@@ -59,7 +60,7 @@ impl Bench {
         let now = self.now();
         // Somebody must tell the time for the beam to speak.
         if role == Role::Beam {
-            for epoch in 0..20 {
+            for epoch in 0..STARTED_MS as u32 / 10 {
                 let message = Message::TimeSync {
                     epoch,
                     last_delay_us: (epoch > 0).then_some(0),
@@ -67,7 +68,17 @@ impl Bench {
                 self.say(now + ms(50 + 10 * u64::from(epoch)), &message);
             }
         }
-        self.pass(STARTED_MS);
+        self.wait(role);
+    }
+
+    /// Waits until a board tells of itself, for as long as it may.
+    fn wait(&mut self, role: Role) {
+        for _ in 0..STARTED_MS {
+            self.pass(1);
+            if self.robot.monitor.latest(node(role)).is_some() {
+                return;
+            }
+        }
     }
 
     /// The node that is no board sends a message.
@@ -142,9 +153,8 @@ pub fn brown_outs(campaign: &Campaign, seed: u64) -> Found {
         while bench.now() < at + span {
             bench.pass(1);
         }
-        bench.robot.monitor.forget_changes();
         bench.robot.monitor = Default::default();
-        bench.pass(STARTED_MS);
+        bench.wait(Role::Front);
         let told = bench.robot.monitor.latest(Node::FrontAxle).is_some();
         let kept = bench.stored(Role::Front) == before;
         if let Some(complaint) = bench.complaint(Role::Front) {

@@ -57,6 +57,8 @@ pub struct Entry {
     pub restarts: bool,
     /// Boards that may be reset.
     pub resets: &'static [Role],
+    /// The robot may start although not all nodes are heard to be ready.
+    pub unready: bool,
     /// What must be among the notices of the struck board.
     pub notice: Option<Condition>,
     /// Findings that the fault itself brings about: what their texts contain.
@@ -85,6 +87,7 @@ impl Entry {
             own_within_s: None,
             restarts: false,
             resets: &[],
+            unready: false,
             notice: None,
             findings: &[],
             rest_ms: 250,
@@ -146,6 +149,12 @@ impl Entry {
     /// These boards may be reset.
     pub fn resets(mut self, roles: &'static [Role]) -> Self {
         self.resets = roles;
+        self
+    }
+
+    /// It may start although not all nodes are heard to be ready.
+    pub fn unready(mut self) -> Self {
+        (self.goes_on, self.unready) = (true, true);
         self
     }
 

@@ -66,9 +66,9 @@ pub fn entries() -> Vec<Entry> {
             ],
         )
         .stops(FAILED)
-        .own_within(0.001)
+        .own_within(0.003)
         .restarts()
-        .finds(&["reset"]),
+        .finds(&["reset", "overrun"]),
         Entry::drive(
             "crystal of an axle's board fails for good",
             "crystal",
@@ -78,15 +78,15 @@ pub fn entries() -> Vec<Entry> {
             },
         )
         .stops(FAILED)
-        .own_within(0.001)
+        .own_within(0.003)
         .resets(&Role::ALL)
-        .finds(&["reset"]),
+        .finds(&["reset", "overrun"]),
         Entry::drive("crystal of the beam's board fails", "crystal", |b| {
             crystal(b, Role::Beam, false);
         })
         .goes_on()
         .resets(&[Role::Beam])
-        .finds(&["reset"]),
+        .finds(&["reset", "overrun"]),
         Entry::steps(
             "battery sags to 10.3 V for 0.5 s",
             "battery",

@@ -24,9 +24,16 @@ const TICK: u16 = 16 + 52;
 /// The lowest addresses of the stack, where a program can stand that nothing uses.
 const RAM: u32 = 0x2000_0000;
 /// An address without memory.
-const NOTHING: u32 = 0x9000_0000;
+const NOTHING: u32 = 0x3000_0000;
+/// What a board is found to do that meets a fault of the processor: the fault itself, frames that come
+/// while it waits for its reset, the reset.
+const CRASH: &[&str] = &["fault", "bus error", "overrun", "reset"];
 /// Time in which the motors of a board are off that has met a fault of the processor, s.
 const AT_ONCE_S: f64 = 0.002;
+
+/// Time in which the motors of a board are off whose current loop stands still, s: that of the
+/// watchdog, and what passes from its last feeding.
+pub const WATCHDOG_S: f64 = 0.6;
 
 fn hold(bench: &mut Bench, held: bool) {
     let role = bench.wheel().0;
@@ -92,7 +99,8 @@ fn tools() -> Vec<Entry> {
             "debug port",
             &[at(0, |b| hold(b, true)), at(1, |b| hold(b, false))],
         )
-        .goes_on(),
+        .goes_on()
+        .finds(&["overrun"]),
         Entry::steps(
             "debugger halts an axle's board for 10 ms",
             "debug port",
@@ -114,6 +122,7 @@ fn tools() -> Vec<Entry> {
             &[at(0, |b| hold(b, true)), at(1000, |b| hold(b, false))],
         )
         .stops(HALTED)
+        .own_within(WATCHDOG_S)
         .resets(&[Role::Front, Role::Rear])
         .finds(&["overrun", "reset"]),
         Entry::steps(
@@ -160,10 +169,10 @@ fn hands() -> Vec<Entry> {
             }
         })
         .goes_on(),
-        Entry::drive("button pressed again, with bounce", "button", |b| {
-            press(b, 0, 150_000)
+        Entry::drive("button held down for good", "button", |b| {
+            press(b, 0, 60_000_000);
         })
-        .stops(&[]),
+        .goes_on(),
         Entry::drive("strap of an axle's board changed", "PC13", |b| {
             let role = b.wheel().0;
             b.axle(role, |axle, _| axle.strap(role == Role::Front));
@@ -180,20 +189,20 @@ fn faults() -> Vec<Entry> {
         .stops(HALTED)
         .own_within(AT_ONCE_S)
         .restarts()
-        .finds(&["reset", "fault", "bus error"]),
+        .finds(CRASH),
         Entry::drive("wild store below the stack", "program", |b| {
             wild_store(b, Some(TICK), RAM - 64);
         })
         .stops(HALTED)
         .own_within(AT_ONCE_S)
         .restarts()
-        .finds(&["reset", "fault", "bus error"]),
+        .finds(CRASH),
         Entry::drive("wild store into the flash", "program", |b| {
             wild_store(b, Some(TICK), 0x0800_4000);
         })
         .stops(HALTED)
         .restarts()
-        .finds(&["reset", "flash"]),
+        .finds(&["reset", "flash", "overrun"]),
         Entry::drive("stack overflow", "program", |b| {
             let role = b.wheel().0;
             b.board(role, |board| {
@@ -204,7 +213,7 @@ fn faults() -> Vec<Entry> {
         .stops(HALTED)
         .own_within(AT_ONCE_S)
         .restarts()
-        .finds(&["reset", "fault", "bus error"]),
+        .finds(CRASH),
         Entry::drive("HardFault in the current loop", "program", |b| {
             let role = b.wheel().0;
             b.board(role, |board| {
@@ -215,7 +224,7 @@ fn faults() -> Vec<Entry> {
         .stops(HALTED)
         .own_within(AT_ONCE_S)
         .restarts()
-        .finds(&["reset", "fault", "bus error"]),
+        .finds(CRASH),
         Entry::drive("HardFault of the beam's board", "program", |b| {
             b.board(Role::Beam, |board| {
                 run_into(board, TICK);
@@ -224,7 +233,7 @@ fn faults() -> Vec<Entry> {
         })
         .goes_on()
         .restarts()
-        .finds(&["reset", "fault", "bus error"]),
+        .finds(CRASH),
         Entry::drive("the tick of an axle's board hangs", "program", |b| {
             let role = b.wheel().0;
             b.board(role, |board| {
@@ -248,6 +257,7 @@ fn faults() -> Vec<Entry> {
             },
         )
         .stops(HALTED)
+        .own_within(WATCHDOG_S)
         .restarts()
         .finds(&["reset", "overrun"]),
     ]

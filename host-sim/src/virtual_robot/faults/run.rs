@@ -166,7 +166,7 @@ fn watch(bench: &mut Bench, entry: &Entry, steps: &[Step]) -> Seen {
         let rest = Time::from_micros(1000 * entry.rest_ms);
         seen.driven = seen.last.iter().any(|last| now - *last < rest);
         let told = !entry.restarts || has_restarted(bench);
-        let faulty = bench.robot.monitor.first_fault().is_some();
+        let faulty = stopped(bench).is_some();
         let since = elapsed - longest;
         let off = !seen.driven && since >= entry.rest_ms;
         let on = seen.driven && !faulty && since >= WATCH_MS && entry.goes_on;
@@ -177,7 +177,21 @@ fn watch(bench: &mut Bench, entry: &Entry, steps: &[Step]) -> Seen {
     seen
 }
 
-fn node(role: Role) -> Node {
+/// The first reason for which the lead node or an axle stopped; the robot drives on without its beam.
+fn stopped(bench: &Bench) -> Option<Condition> {
+    let changes = bench.robot.monitor.changes().iter();
+    let mut stops = changes.filter(|status| {
+        let stopped = matches!(
+            status.state,
+            OperatingState::SafeStop | OperatingState::Fault
+        );
+        stopped && status.node != Node::Beam
+    });
+    stops.find_map(|status| status.reason)
+}
+
+/// The node of a board.
+pub fn node(role: Role) -> Node {
     match role {
         Role::Front => Node::FrontAxle,
         Role::Rear => Node::RearAxle,
@@ -254,7 +268,7 @@ fn judge(
     let own_off_s = axle.filter(|_| !seen.driven).map(|k| off(seen.last[k]));
     let wrong = complaint(&mut bench, entry, before).or_else(|| match off_s {
         Some(off_s) => stopped_wrongly(entry, reason, off_s, own_off_s),
-        None => drives_wrongly(&bench, case, reason, seen.from, reference),
+        None => drives_wrongly(&bench, case, seen.from, reference),
     });
     let end = match wrong {
         Some(why) => End::Wrong(why),
@@ -299,13 +313,8 @@ fn stopped_wrongly(
     }
 }
 
-fn drives_wrongly(
-    bench: &Bench,
-    case: &Case,
-    reason: Option<Condition>,
-    from: Time,
-    reference: &Reference,
-) -> Option<String> {
+fn drives_wrongly(bench: &Bench, case: &Case, from: Time, reference: &Reference) -> Option<String> {
+    let reason = stopped(bench);
     if !case.entry.goes_on || reason.is_some() {
         return Some(format!("motors on at the end: {reason:?}"));
     }
@@ -359,14 +368,10 @@ fn start(campaign: &Campaign, case: &Case, steps: &[Step]) -> Result<Outcome, Er
                 axle.is_some_and(|axle| axle.currents(now).iter().any(|a| a.abs() > CURRENT_A));
         }
     }
-    let reason = bench
-        .robot
-        .monitor
-        .first_fault()
-        .and_then(|status| status.reason);
+    let reason = stopped(&bench);
     let wrong = complaint(&mut bench, entry, &before).or_else(|| match (entry.goes_on, waits) {
-        (true, Some(why)) => Some(format!("not ready: {why}")),
-        (true, None) if !driven || reason.is_some() => Some(format!("does not drive: {reason:?}")),
+        (true, Some(why)) if !entry.unready => Some(format!("not ready: {why}")),
+        (true, _) if !driven || reason.is_some() => Some(format!("does not drive: {reason:?}")),
         (false, None) => Some("ready in spite of the fault".to_owned()),
         (false, Some(_)) if driven => Some("motors on".to_owned()),
         _ => None,

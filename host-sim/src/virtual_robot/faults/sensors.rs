@@ -2,6 +2,7 @@
 
 use super::bench::Bench;
 use super::entry::{Entry, at};
+use super::program::WATCHDOG_S;
 use core_algos::node::board::Role;
 use core_algos::safety::Condition::{
     self, CommandTimeout, ConversionsLost, DegradedTooLong, EstimateInconsistent, FrameBent,
@@ -114,6 +115,7 @@ fn analogue() -> Vec<Entry> {
             },
         )
         .stops(&[NeighbourLost, NeighbourFault, CommandTimeout, Restarted])
+        .own_within(WATCHDOG_S)
         .resets(&[Role::Front, Role::Rear])
         .finds(&["reset"]),
         Entry::drive("thermistor of the drivers open", "PC3", |b| {

@@ -68,7 +68,8 @@ pub fn entries() -> Vec<Entry> {
             "transceiver of the beam dead from the start",
             "transceiver",
             &[at(0, |b| b.transceiver(Role::Beam, false, false))],
-        ),
+        )
+        .unready(),
         Entry::start(
             "bus held dominant from the start",
             "wire",
@@ -95,14 +96,22 @@ pub fn entries() -> Vec<Entry> {
         .resets(&Role::ALL)
         .finds(&["reset"]),
         Entry::start(
-            "crystal dead for good",
+            "crystal of an axle's board dead for good",
             "crystal",
             &[at(0, |b| {
-                let role = b.any();
+                let role = b.wheel().0;
                 crystal(b, role, false);
             })],
         )
-        .resets(&Role::ALL)
+        .resets(&[Role::Front, Role::Rear])
+        .finds(&["reset"]),
+        Entry::start(
+            "crystal of the beam's board dead for good",
+            "crystal",
+            &[at(0, |b| crystal(b, Role::Beam, false))],
+        )
+        .unready()
+        .resets(&[Role::Beam])
         .finds(&["reset"]),
         Entry::start(
             "emergency stop open from the start",

@@ -172,6 +172,12 @@ impl Flash {
         self.options.starts_watchdog()
     }
 
+    /// Sets the brown-out level in the option bytes.
+    pub fn set_brown_out(&mut self, level: u32) {
+        let register = self.options.register();
+        self.options.write(register & !(3 << 2) | (level & 3) << 2);
+    }
+
     /// The operations that the program has begun so far.
     pub fn begun(&self) -> &[FlashOperation] {
         &self.begun
