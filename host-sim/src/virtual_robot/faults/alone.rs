@@ -32,7 +32,7 @@ const STORE: Range<usize> = store::FIRST..store::FIRST + 3 * SECTOR;
 /// Time after which a board has started and told of itself, ms.
 const STARTED_MS: u64 = 1_000;
 /// Time that a calibration and its save take at most, ms.
-const SAVED_MS: u64 = 3_000;
+const SAVED_MS: u64 = 6_000;
 
 const fn ms(count: u64) -> Time {
     Time::from_micros(1_000 * count)
