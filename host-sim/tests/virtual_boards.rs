@@ -97,6 +97,7 @@ fn boards_get_ready_in_whatever_order_their_power_comes() {
         let options = Options {
             threads: 1,
             power_on_ms,
+            ..Options::default()
         };
         let logs = [(); 3].map(|()| BoardLog::default());
         let mut robot = VirtualRobot::new(&scenario, &images, 1, 0, &options, &logs)

@@ -15,6 +15,10 @@ fn frame(id: u16) -> Frame {
 }
 
 pub fn entries() -> Vec<Entry> {
+    [transceivers(), wires(), intruders(), clocks()].concat()
+}
+
+fn transceivers() -> Vec<Entry> {
     vec![
         Entry::drive("none", "", |_| {}).goes_on(),
         Entry::steps(
@@ -49,6 +53,11 @@ pub fn entries() -> Vec<Entry> {
             b.transceiver(Role::Beam, false, false);
         })
         .goes_on(),
+    ]
+}
+
+fn wires() -> Vec<Entry> {
+    vec![
         Entry::steps(
             "bus held dominant",
             "wire",
@@ -92,6 +101,11 @@ pub fn entries() -> Vec<Entry> {
             ],
         )
         .stops(SILENCE),
+    ]
+}
+
+fn intruders() -> Vec<Entry> {
+    vec![
         Entry::drive("babbling node, lowest priority", "wire", |b| {
             b.intruder(|node, _| node.babble(Some(frame(0x7ff))));
         })
@@ -130,6 +144,11 @@ pub fn entries() -> Vec<Entry> {
             });
         })
         .goes_on(),
+    ]
+}
+
+fn clocks() -> Vec<Entry> {
+    vec![
         Entry::drive("front board 200 ppm fast", "crystal", |_| {})
             .fast(Role::Front, 200_000)
             .goes_on(),

@@ -39,6 +39,10 @@ fn stuck(bench: &mut Bench, half: Half, upper: bool) {
 }
 
 pub fn entries() -> Vec<Entry> {
+    [drivers(), motors()].concat()
+}
+
+fn drivers() -> Vec<Entry> {
     vec![
         Entry::drive("nFAULT low for 30 µs", "DRV8874", |b| driver_fault(b, 30)).goes_on(),
         Entry::drive("nFAULT low for 20 ms", "DRV8874", |b| {
@@ -61,6 +65,11 @@ pub fn entries() -> Vec<Entry> {
         })
         .stops(&[OverCurrent])
         .own_within(CUT_S),
+    ]
+}
+
+fn motors() -> Vec<Entry> {
+    vec![
         Entry::drive("current sense shorted", "INA240", |b| {
             sense(b, AmplifierFault::ShuntShort)
         })

@@ -50,6 +50,10 @@ fn power(bench: &mut Bench, role: Role, on: bool) {
 }
 
 pub fn entries() -> Vec<Entry> {
+    [crystals(), batteries(), rails()].concat()
+}
+
+fn crystals() -> Vec<Entry> {
     vec![
         Entry::steps(
             "crystal of an axle's board fails",
@@ -87,6 +91,11 @@ pub fn entries() -> Vec<Entry> {
         .goes_on()
         .resets(&[Role::Beam])
         .finds(&["reset", "overrun"]),
+    ]
+}
+
+fn batteries() -> Vec<Entry> {
+    vec![
         Entry::steps(
             "battery sags to 10.3 V for 0.5 s",
             "battery",
@@ -103,6 +112,11 @@ pub fn entries() -> Vec<Entry> {
         Entry::drive("battery at 18 V", "battery", |b| battery(b, 18.0))
             .stops(&[SupplyHigh])
             .within(STOP_S),
+    ]
+}
+
+fn rails() -> Vec<Entry> {
+    vec![
         Entry::drive("brown-out of an axle's board", "3.3 V", |b| {
             let role = b.wheel().0;
             dip(b, role, 2.4, 500);

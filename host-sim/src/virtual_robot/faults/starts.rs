@@ -5,6 +5,10 @@ use super::power::crystal;
 use core_algos::node::board::Role;
 
 pub fn entries() -> Vec<Entry> {
+    [orders(), buses(), others()].concat()
+}
+
+fn orders() -> Vec<Entry> {
     vec![
         Entry::start("boards powered together", "power", &[]).goes_on(),
         Entry::start("front board a second later", "power", &[])
@@ -46,6 +50,11 @@ pub fn entries() -> Vec<Entry> {
             ],
         )
         .goes_on(),
+    ]
+}
+
+fn buses() -> Vec<Entry> {
+    vec![
         Entry::start("bus open", "wire", &[at(0, |b| b.piece(Role::Rear, 2))]),
         Entry::start(
             "no acknowledgement from the start",
@@ -78,6 +87,11 @@ pub fn entries() -> Vec<Entry> {
                 b.wire(Fault::Level(Some(Level::Dominant)));
             })],
         ),
+    ]
+}
+
+fn others() -> Vec<Entry> {
+    vec![
         Entry::start(
             "crystal dead for the first 2.5 s",
             "crystal",
