@@ -17,7 +17,7 @@ use std::fmt::Write;
 use std::path::Path;
 
 /// When the faults come, ms after the button is pressed: while the robot starts, and under way.
-const TIMES: [u64; 3] = [400, 1500, 3200];
+const TIMES: [u64; 3] = [400, 900, 1600];
 /// Page that holds the committed table.
 const PAGE: &str = "docs/faults_virtual.md";
 
