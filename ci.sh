@@ -75,6 +75,8 @@ step "the virtual boards' core against Unicorn in lockstep"
 virtual-board/oracle/check_lockstep.sh
 step "the virtual boards' core against QEMU on the instruction counts"
 virtual-board/oracle/qemu.py
+step "faults on virtual boards"
+timeout 900 target/release/cfmmr faults --virtual --quick --check | tail -3
 step "frames of the virtual bus against other implementations"
 virtual-board/oracle/check_can_bits.sh 2000
 step "faults on emulated boards"

@@ -38,13 +38,15 @@ use tick::{Axis, Report};
 async fn main(spawner: Spawner) {
     drivers_asleep();
     fault::on_fault(drivers_asleep);
-    match start(board::start()).await {
+    let watchdog = Watchdog::start();
+    match start(board::start(), watchdog).await {
         // In a task of its own, so that the stack of the start is free again.
         Ok((reports, attendance)) => {
             spawner.spawn(telemetry::run(reports, attendance).expect("spawned once"));
         }
         Err(error) => {
-            // Nothing was started: the motors stay off, and the watchdog is not fed.
+            // Nothing was started: the motors stay off, and the watchdog, which nobody feeds, has the
+            // board try again.
             defmt::error!("configuration: {} = {}", error.field, error.value);
         }
     }
@@ -59,7 +61,10 @@ fn drivers_asleep() {
 }
 
 /// Builds everything and starts it; what is left for the caller is the log.
-async fn start(p: Peripherals) -> Result<(telemetry::Reports, telemetry::Attendance), ConfigError> {
+async fn start(
+    p: Peripherals,
+    watchdog: Watchdog,
+) -> Result<(telemetry::Reports, telemetry::Attendance), ConfigError> {
     static REPORTS: Watch<CriticalSectionRawMutex, Report, 1> = Watch::new();
     static COUNTS: [AtomicU32; telemetry::TASKS.len()] =
         [const { AtomicU32::new(0) }; telemetry::TASKS.len()];
@@ -71,8 +76,7 @@ async fn start(p: Peripherals) -> Result<(telemetry::Reports, telemetry::Attenda
     let nodes = begin(built.nodes);
     let button = Button::new(p.PA0, settings.robot.put_down());
 
-    let (attendance, badges) =
-        telemetry::Attendance::start(&COUNTS, telemetry::TASKS, Watchdog::start(p.IWDG));
+    let (attendance, badges) = telemetry::Attendance::start(&COUNTS, telemetry::TASKS, watchdog);
     let [of_drive, of_tick, of_bus] = badges;
     let (sender, receiver) = can::start(p.CAN1, p.PB8, p.PB9);
     let encoders = Encoders::start((p.TIM3, p.PC6, p.PC7), (p.TIM4, p.PB6, p.PB7));

@@ -30,15 +30,16 @@ use tick::{Beam, Report, Saving};
 
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
-    if let Err(error) = start(board::start(), spawner) {
-        // Nothing was started, and the watchdog is not fed.
+    let watchdog = Watchdog::start();
+    if let Err(error) = start(board::start(), watchdog, spawner) {
+        // Nothing was started, and the watchdog, which nobody feeds, has the board try again.
         defmt::error!("configuration: {} = {}", error.field, error.value);
     }
 }
 
 /// Builds everything and starts it. The background is a task too, so that the stack of the start is
 /// free again.
-fn start(p: Peripherals, spawner: Spawner) -> Result<(), ConfigError> {
+fn start(p: Peripherals, watchdog: Watchdog, spawner: Spawner) -> Result<(), ConfigError> {
     static REPORTS: Watch<CriticalSectionRawMutex, Report, 1> = Watch::new();
     static COUNTS: [AtomicU32; background::TASKS.len()] =
         [const { AtomicU32::new(0) }; background::TASKS.len()];
@@ -54,8 +55,7 @@ fn start(p: Peripherals, spawner: Spawner) -> Result<(), ConfigError> {
     let procedure = Procedure::new(limits, settings.robot.geometry.half_thickness_m);
     let thermistor = ThermistorConfig::default().build()?;
 
-    let (attendance, badges) =
-        background::Attendance::start(&COUNTS, background::TASKS, Watchdog::start(p.IWDG));
+    let (attendance, badges) = background::Attendance::start(&COUNTS, background::TASKS, watchdog);
     let [of_tick, of_bus] = badges;
     let (sender, receiver) = can::start(p.CAN1, p.PB8, p.PB9);
     interrupt::DMA2_STREAM0.set_priority(Priority::P4);

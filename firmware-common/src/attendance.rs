@@ -33,11 +33,13 @@ pub struct Attendance<const N: usize> {
 
 impl<const N: usize> Attendance<N> {
     /// Tasks by name, each with the longest time between two reports, µs; a badge for each, in order.
+    /// The start is over: `watchdog` is shortened.
     pub fn start(
         counts: &'static [AtomicU32; N],
         tasks: [(&'static str, u64); N],
-        watchdog: Watchdog,
+        mut watchdog: Watchdog,
     ) -> (Self, [Badge; N]) {
+        watchdog.shorten();
         let attendance = Self {
             names: tasks.map(|(name, _)| name),
             counts,

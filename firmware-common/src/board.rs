@@ -21,7 +21,7 @@ const CRYSTAL_HZ: u32 = 8_000_000;
 /// Brings the board up and gives its peripherals; call it once, first.
 ///
 /// Core at 168 MHz from the crystal through the PLL, AHB at the same, APB1 at 42 MHz, APB2 at
-/// 84 MHz, 48 MHz for USB unused; prefetch and caches of the flash on. Below the stack is a guard
+/// 84 MHz, 48 MHz for USB unused; prefetch and caches of the flash on, the crystal watched. Below the stack is a guard
 /// before anything else is done. Then the clock of `embassy-time` runs, the brown-out level is set,
 /// and the log says why the board was reset and which faults it had since power came on.
 pub fn start() -> Peripherals {
@@ -49,9 +49,14 @@ pub fn start() -> Peripherals {
     config.rcc.apb2_pre = APBPrescaler::DIV2;
     let peripherals = embassy_stm32::init(config);
     critical::set_up();
-    // The emulator has neither wait states nor what would hide them.
+    // The emulator has neither wait states nor what would hide them, nor a crystal.
     #[cfg(not(feature = "emulated"))]
-    crate::accelerator::enable();
+    {
+        crate::accelerator::enable();
+        // A crystal that stops would leave the core without a clock and the timers as they stand. Now
+        // it is a fault ([`fault`]) and a break of TIM1, on the internal oscillator.
+        RCC.cr().modify(|w| w.set_csson(true));
+    }
     let clocks = embassy_stm32::rcc::clocks(&peripherals.RCC);
     defmt::info!(
         "core at {} Hz",

@@ -154,6 +154,16 @@ unsafe extern "C" fn HardFault() {
     )
 }
 
+/// The crystal has stopped, the only thing that asks for this interrupt; the internal oscillator has
+/// taken over.
+#[cortex_m_rt::exception]
+unsafe fn NonMaskableInt() -> ! {
+    stop(
+        |faults| &mut faults.processor,
+        format_args!("the crystal has stopped"),
+    )
+}
+
 #[cortex_m_rt::exception]
 unsafe fn DefaultHandler(number: i16) -> ! {
     stop(

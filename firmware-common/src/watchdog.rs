@@ -1,23 +1,31 @@
 //! Independent watchdog: resets the board if the work that feeds it stops.
+//!
+//! It is started before anything else, by its registers alone (RM0090, 21.3): the crystal, for which
+//! the start of the clocks waits without limit, is the first that may never come. Its oscillator
+//! starts with it.
 
-use embassy_stm32::Peri;
-use embassy_stm32::pac::IWDG as IWDG_REGISTERS;
+use embassy_stm32::pac::IWDG;
 use embassy_stm32::pac::iwdg::vals::{Key, Pr};
-use embassy_stm32::peripherals::IWDG;
-use embassy_stm32::wdg::IndependentWatchdog;
 
 /// Time without feeding after which the board is reset, µs; its clock is good to ±45 %.
 pub const TIMEOUT_US: u32 = 500_000;
 
+/// Time that the start of a board may take, µs. It takes some 40 ms, or a second where the flash does
+/// not take the option bytes.
+const START_US: u32 = 2_000_000;
+
 /// A started watchdog; it cannot be stopped.
-pub struct Watchdog(IndependentWatchdog<'static, IWDG>);
+pub struct Watchdog(());
 
 impl Watchdog {
-    /// Starts it.
-    pub fn start(peripheral: Peri<'static, IWDG>) -> Self {
-        let mut watchdog = IndependentWatchdog::new(peripheral, TIMEOUT_US);
-        watchdog.unleash();
-        Self(watchdog)
+    /// Starts it, with time for the start of the board; call it once, first. [`Self::shorten`] ends
+    /// that time.
+    pub fn start() -> Self {
+        IWDG.kr().write(|w| w.set_key(Key::START));
+        let mut watchdog = Self(());
+        // 32 kHz / 64: two milliseconds a count.
+        watchdog.set(Pr::DIVIDE_BY64, (START_US / 2_000) as u16);
+        watchdog
     }
 
     /// Feeds it and gives the next piece of work half a minute: an erase of the flash holds the core
@@ -26,7 +34,7 @@ impl Watchdog {
         self.set(Pr::DIVIDE_BY256, 0xfff);
     }
 
-    /// Back to [`TIMEOUT_US`].
+    /// Feeds it; from here on its time is [`TIMEOUT_US`].
     pub fn shorten(&mut self) {
         // 32 kHz / 16: half a millisecond a count.
         self.set(Pr::DIVIDE_BY16, (TIMEOUT_US / 500) as u16);
@@ -34,12 +42,12 @@ impl Watchdog {
 
     fn set(&mut self, prescaler: Pr, reload: u16) {
         self.feed();
-        IWDG_REGISTERS.kr().write(|w| w.set_key(Key::ENABLE));
-        IWDG_REGISTERS.pr().write(|w| w.set_pr(prescaler));
-        IWDG_REGISTERS.rlr().write(|w| w.set_rl(reload));
+        IWDG.kr().write(|w| w.set_key(Key::ENABLE));
+        IWDG.pr().write(|w| w.set_pr(prescaler));
+        IWDG.rlr().write(|w| w.set_rl(reload));
         // Taken over within five periods of its clock; a missing oscillator must not hang the board.
         for _ in 0..100_000 {
-            let busy = IWDG_REGISTERS.sr().read();
+            let busy = IWDG.sr().read();
             if !(busy.pvu() || busy.rvu()) {
                 break;
             }
@@ -49,6 +57,6 @@ impl Watchdog {
 
     /// Begins the time anew. To be called where the board's work is known to go on, not by a timer.
     pub fn feed(&mut self) {
-        self.0.pet();
+        IWDG.kr().write(|w| w.set_key(Key::RESET));
     }
 }

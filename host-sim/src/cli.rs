@@ -496,15 +496,45 @@ pub struct FaultsArgs {
     pub only: Vec<String>,
     /// On boards in QEMU instead, with one seed and at one time, each run compared with the same run
     /// in process
-    #[arg(long, conflicts_with = "seeds")]
+    #[arg(long, conflicts_with = "seeds", group = "boards")]
     pub emulated: bool,
     /// QEMU for --emulated, 9.0 or newer
     #[arg(long, value_name = "PROGRAM", default_value = "qemu-system-arm")]
     pub qemu: String,
-    /// Fail if a row is not as in the committed table
-    #[arg(long, requires = "emulated", conflicts_with = "bless")]
+    /// Faults of the boards themselves instead, on virtual boards that run the images that users flash
+    #[arg(long = "virtual", group = "boards")]
+    pub virtual_boards: bool,
+    /// With --virtual: each fault once, at one time with one seed, and only some of the instants at
+    /// which power can fail
+    #[arg(long, requires = "virtual_boards", conflicts_with_all = ["seeds", "bless"])]
+    pub quick: bool,
+    /// With --virtual: number of threads; the result does not depend on it [default: one per core]
+    #[arg(long, value_name = "N", requires = "virtual_boards", value_parser = whole::<u16>(1..=1024))]
+    pub threads: Option<u16>,
+    /// With --virtual: write which source lines of the firmware ran to this file (lcov)
+    #[arg(long, value_name = "FILE", requires = "virtual_boards")]
+    pub coverage: Option<PathBuf>,
+    /// With --virtual: another image of the axle boards
+    #[arg(
+        long,
+        value_name = "ELF",
+        requires = "virtual_boards",
+        conflicts_with = "bless"
+    )]
+    pub axle_image: Option<PathBuf>,
+    /// With --virtual: another image of the beam board
+    #[arg(
+        long,
+        value_name = "ELF",
+        requires = "virtual_boards",
+        conflicts_with = "bless"
+    )]
+    pub beam_image: Option<PathBuf>,
+    /// With --emulated or --virtual: fail if a row is not as in the committed table, or, with --quick,
+    /// if a run ends in a way that its row of the table does not have
+    #[arg(long, requires = "boards", conflicts_with = "bless")]
     pub check: bool,
-    /// Rewrite the committed table, docs/faults.md or docs/faults_emulated.md
+    /// Rewrite the committed table, docs/faults.md, docs/faults_emulated.md or docs/faults_virtual.md
     #[arg(long)]
     pub bless: bool,
     /// Also write the result as JSON to this file

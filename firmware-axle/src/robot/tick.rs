@@ -85,8 +85,10 @@ struct State {
     own: Outbox,
     wheels: [wheel_observer::State; 2],
     windings: [winding::State; 2],
-    /// The board came back from a fault that nobody has cleared yet.
+    /// The board came back from a fault that nobody has cleared yet, or began anew under way.
     restarted: bool,
+    /// The nodes wanted the motors on.
+    driving: bool,
 }
 
 /// Runs the tick for ever.
@@ -103,6 +105,7 @@ pub async fn run(mut axis: Axis) -> ! {
         wheels: [wheel_observer::State::default(); 2],
         windings: [axis.winding.at_start(); 2],
         restarted: fault::restarted(),
+        driving: false,
     };
     loop {
         let local = axis.motors.tick().await;
@@ -147,6 +150,7 @@ impl Axis {
         let mut outbox = Outbox::new();
         let output = self.nodes.step(now, &samples, &mut outbox);
         state.restarted &= !output.clear;
+        state.driving = output.active;
         for message in outbox.iter() {
             self.send(state, message);
         }
@@ -190,6 +194,8 @@ impl Axis {
             Step::Wait => None,
             Step::Run(now) => Some(now),
             Step::Restart(now) => {
+                // The nodes forget that they drove; the user must be told why they stopped.
+                state.restarted |= state.driving;
                 self.nodes.restart();
                 self.button.forget();
                 state.own.clear();

@@ -14,7 +14,7 @@ use crate::watchdog::Watchdog;
 /// Runs the board's nodes behind the link that the command line names, for ever. `build` says what
 /// the image was built from.
 pub async fn run(p: Peripherals, kind: Kind, build: &'static str) -> ! {
-    let watchdog = Watchdog::start(p.IWDG);
+    let watchdog = Watchdog::start();
     let options = Options::read();
     let role = match (kind, options.get("role")) {
         (Kind::Axle, Some("front")) => Role::Front,

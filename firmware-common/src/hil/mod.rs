@@ -54,6 +54,7 @@ pub async fn serve(
     identity: Identity,
     mut store: Store<impl NorFlash>,
 ) -> ! {
+    watchdog.shorten();
     let endpoint = endpoint(identity);
     endpoint.load(store.load().await);
     defmt::info!("{}: {} in the loop", identity.build, identity.role.name());

@@ -24,7 +24,7 @@ bind_interrupts!(struct Irqs {
 
 /// Runs the board's nodes behind its link, for ever. `build` says what the image was built from.
 pub async fn run(p: Peripherals, kind: Kind, build: &'static str) -> ! {
-    let watchdog = Watchdog::start(p.IWDG);
+    let watchdog = Watchdog::start();
     let role = match kind {
         Kind::Axle => match strap::axle(p.PC13) {
             Axle::Front => Role::Front,

@@ -222,6 +222,9 @@ pub fn run(args: &FaultsArgs) -> Result<(), Error> {
     if args.emulated {
         return super::faults_emulated::run(args);
     }
+    if args.virtual_boards {
+        return super::faults_virtual::run(args);
+    }
     let names: Vec<&str> = CATALOGUE.iter().map(|entry| entry.name).collect();
     check_choice(&args.only, &names)?;
     let report = campaign(u64::from(args.seeds), &args.only)?;

@@ -12,6 +12,7 @@ pub mod doctor;
 pub mod eval;
 pub mod faults;
 pub mod faults_emulated;
+pub mod faults_virtual;
 pub mod follow;
 pub mod hil;
 pub mod hil_virtual;

@@ -10,19 +10,30 @@ use std::thread::{self, JoinHandle};
 
 /// Lines of a board's log, over all its starts.
 #[derive(Clone, Debug, Default)]
-pub struct BoardLog(Arc<Mutex<String>>);
+pub struct BoardLog {
+    lines: Arc<Mutex<String>>,
+    quiet: bool,
+}
 
 impl BoardLog {
+    /// One whose warnings and errors are not repeated on standard error.
+    pub fn quiet() -> Self {
+        Self {
+            quiet: true,
+            ..Self::default()
+        }
+    }
+
     /// The lines so far.
     pub fn text(&self) -> String {
-        self.0
+        self.lines
             .lock()
             .unwrap_or_else(PoisonError::into_inner)
             .clone()
     }
 
     fn append(&self, line: &str) {
-        let mut text = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut text = self.lines.lock().unwrap_or_else(PoisonError::into_inner);
         text.push_str(line);
         text.push('\n');
     }
@@ -48,7 +59,8 @@ impl BoardLog {
                     match decoder.decode() {
                         Ok(frame) => {
                             let line = frame.display(false).to_string();
-                            if frame.level().is_some_and(|level| level >= Level::Warn) {
+                            if !log.quiet && frame.level().is_some_and(|level| level >= Level::Warn)
+                            {
                                 eprintln!("{} board: {line}", role.name());
                             }
                             log.append(&line);

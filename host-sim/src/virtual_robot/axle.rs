@@ -1,10 +1,11 @@
 //! What is soldered to an axle's board, wired as docs/wiring.md says.
 
+use super::power::Power;
 use virtual_board::Time;
 use virtual_board::chip::{Drive, Inputs, Pin, Surroundings};
 use virtual_board::device::{
     Amplifier, AmplifierConfig, Contact, Divider, DriverConfig, Drv8874, Encoder, EncoderConfig,
-    Icm42688, InertialConfig, Motion, Motor, MotorConfig, Supply, Thermistor,
+    Icm42688, InertialConfig, Motion, Motor, MotorConfig, Thermistor,
 };
 
 const ENABLE: [Pin; 2] = [Pin::new('A', 8), Pin::new('A', 9)];
@@ -67,16 +68,19 @@ pub struct AxleParts {
 
 /// The parts around an axle's board.
 pub struct AxleBoard {
-    drivers: [Drv8874; 2],
-    amplifiers: [Amplifier; 2],
-    encoders: [Encoder; 2],
-    inertial: Option<Icm42688>,
-    supply: Supply,
+    pub(super) drivers: [Drv8874; 2],
+    pub(super) amplifiers: [Amplifier; 2],
+    pub(super) encoders: [Encoder; 2],
+    pub(super) inertial: Option<Icm42688>,
+    pub(super) power: Power,
     divider: Divider,
-    thermistor: Thermistor,
-    stop: Contact,
-    button: Contact,
-    rear: bool,
+    pub(super) thermistor: Thermistor,
+    pub(super) stop: Contact,
+    pub(super) button: Contact,
+    /// The strap's contact, and whether the chip knows.
+    strap: (bool, bool),
+    /// When the drivers are to be looked at, because something is done to them then.
+    looks: Vec<Time>,
     /// How the fault pins were driven when the chip was told last.
     faults: [Drive; 2],
     /// Nothing was told yet.
@@ -87,7 +91,6 @@ impl AxleBoard {
     /// The parts at rest.
     pub fn new(parts: &AxleParts) -> Self {
         let seed = |part: u64| parts.seed ^ part.wrapping_mul(0x9e37_79b9_7f4a_7c15);
-        let supply = Supply::battery(parts.battery_v);
         let amplifier = |k: u64| Amplifier::new(AmplifierConfig::default(), seed(1 + k));
         let driver = || {
             let motor = Motor::new(MotorConfig::default());
@@ -111,11 +114,12 @@ impl AxleBoard {
             encoders: [encoder(0), encoder(1)],
             inertial: parts.inertial.map(|config| Icm42688::new(config, seed(3))),
             divider: Divider::new(47e3, 10e3, 100e-9, parts.battery_v),
-            supply,
+            power: Power::new(parts.battery_v),
             thermistor: Thermistor::default(),
             stop: Contact::new(true, BOUNCE, seed(4)),
             button: Contact::new(false, BOUNCE, seed(5)),
-            rear: parts.rear,
+            strap: (parts.rear, false),
+            looks: Vec::new(),
             faults: [Drive::Open; 2],
             fresh: true,
         }
@@ -148,7 +152,7 @@ impl AxleBoard {
     pub fn take_torque(&mut self, at: Time) -> [f64; 2] {
         let works = [0, 1].map(|k: usize| self.drivers[k].take_work(at));
         let amperes = works.iter().map(|work| work.mean_supplied_a()).sum();
-        let volts = self.supply.battery_v(at, amperes);
+        let volts = self.power.battery.battery_v(at, amperes);
         self.divider.input(at, volts);
         for driver in &mut self.drivers {
             driver.supply(volts, at);
@@ -156,6 +160,22 @@ impl AxleBoard {
         [0, 1].map(|k: usize| {
             works[k].mean_current_a() * self.drivers[k].motor().config().constant_nm_a
         })
+    }
+
+    /// Closes the strap to ground, or opens it.
+    pub fn strap(&mut self, closed: bool) {
+        self.strap = (closed, false);
+    }
+
+    /// From one time to another a driver reports a fault and is off.
+    pub fn force_fault(&mut self, side: usize, from: Time, to: Time) {
+        self.drivers[side].force_fault(from, to);
+        self.looks.extend([from, to]);
+    }
+
+    /// Currents of the motors, A.
+    pub fn currents(&mut self, at: Time) -> [f64; 2] {
+        [0, 1].map(|k: usize| self.drivers[k].current(at))
     }
 
     fn fault_pins(&self) -> [Drive; 2] {
@@ -209,16 +229,22 @@ impl Surroundings for AxleBoard {
         inertial.map_or(!0, |inertial| inertial.exchange(word as u8, at).into())
     }
 
+    fn supply(&mut self, at: Time) -> f64 {
+        self.power.logic_v(at)
+    }
+
     fn next(&self) -> Time {
         if self.fresh {
             return Time(0);
         }
-        if self.faults != self.fault_pins() {
+        if self.faults != self.fault_pins() || !self.strap.1 {
             return Time(0);
         }
         let [left, right] = &self.encoders;
         let switches = self.stop.next().min(self.button.next());
-        left.next().min(right.next()).min(switches)
+        let looks = self.looks.iter().copied().min().unwrap_or(Time::NEVER);
+        let other = switches.min(looks).min(self.power.next());
+        left.next().min(right.next()).min(other)
     }
 
     fn advance(&mut self, at: Time, inputs: &mut Inputs) {
@@ -243,6 +269,13 @@ impl Surroundings for AxleBoard {
                 .pins
                 .push((BUTTON, if closed { Drive::High } else { Drive::Open }));
         }
+        self.power.advance(at, inputs);
+        if self.looks.iter().any(|look| *look <= at) {
+            self.looks.retain(|look| *look > at);
+            self.drivers
+                .iter_mut()
+                .for_each(|driver| driver.advance(at));
+        }
         let faults = self.fault_pins();
         if self.fresh || faults != self.faults {
             inputs
@@ -250,8 +283,11 @@ impl Surroundings for AxleBoard {
                 .extend([(FAULT[0], faults[0]), (FAULT[1], faults[1])]);
             self.faults = faults;
         }
-        if self.fresh && self.rear {
-            inputs.pins.push((STRAP, Drive::Low));
+        if self.fresh || !self.strap.1 {
+            let closed = self.strap.0;
+            let drive = if closed { Drive::Low } else { Drive::Open };
+            inputs.pins.push((STRAP, drive));
+            self.strap.1 = true;
         }
         self.fresh = false;
     }

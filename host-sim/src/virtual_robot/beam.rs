@@ -1,9 +1,11 @@
 //! What is soldered to the beam's board, wired as docs/wiring.md says.
 
+use super::BATTERY_V;
+use super::power::Power;
 use crate::sensors::{BridgeConfig, Stream, generator, normal};
 use rand_pcg::Pcg64;
 use virtual_board::Time;
-use virtual_board::chip::{Drive, Pin, Surroundings};
+use virtual_board::chip::{Drive, Inputs, Pin, Surroundings};
 use virtual_board::device::{Bridge, BridgeConfig as DeviceConfig, Thermistor};
 
 /// Bridges from the root.
@@ -49,6 +51,9 @@ struct Drifting {
 pub struct BeamBoard {
     bridges: Vec<Drifting>,
     thermistor: Thermistor,
+    pub(super) power: Power,
+    /// Share of the excitation that arrives at the strip.
+    pub(super) excitation: f64,
     walk: f64,
     countdown: u32,
 }
@@ -98,8 +103,24 @@ impl BeamBoard {
                 .map(bridge)
                 .collect(),
             thermistor: Thermistor::default(),
+            power: Power::new(BATTERY_V),
+            excitation: 1.0,
             walk: config.drift_walk_strain * step,
             countdown: DRIFT_MS,
+        }
+    }
+
+    /// A bridge, counted from the root.
+    pub fn bridge(&mut self, place: usize) -> Option<&mut Bridge> {
+        let drifting = self.bridges.get_mut(place)?;
+        Some(&mut drifting.bridge)
+    }
+
+    /// This share of the excitation arrives at the strip from `at` on.
+    pub fn excite(&mut self, at: Time, share: f64) {
+        self.excitation = share;
+        for drifting in &mut self.bridges {
+            drifting.bridge.feed(at, share * LOGIC_V, LOGIC_V);
         }
     }
 
@@ -134,7 +155,7 @@ impl Surroundings for BeamBoard {
             }
         }
         match pin {
-            EXCITATION => 0.5 * LOGIC_V,
+            EXCITATION => 0.5 * LOGIC_V * self.excitation,
             TEMPERATURE => self.thermistor.voltage(AMBIENT_C, LOGIC_V),
             _ => 0.0,
         }
@@ -142,5 +163,17 @@ impl Surroundings for BeamBoard {
 
     fn spi(&mut self, _word: u16, _bits: u32, _at: Time) -> u16 {
         !0
+    }
+
+    fn supply(&mut self, at: Time) -> f64 {
+        self.power.logic_v(at)
+    }
+
+    fn next(&self) -> Time {
+        self.power.next()
+    }
+
+    fn advance(&mut self, at: Time, inputs: &mut Inputs) {
+        self.power.advance(at, inputs);
     }
 }

@@ -8,7 +8,7 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread::JoinHandle;
 use virtual_board::board::Board;
 use virtual_board::probe::image::Image;
-use virtual_board::probe::rtt::Rtt;
+use virtual_board::probe::rtt::{Mode, Rtt};
 
 /// First address of the memory that holds the log.
 const SRAM: u32 = 0x2000_0000;
@@ -53,6 +53,12 @@ impl Reader {
             to: Some(to),
             decoder: Some(log.follow(role, bytes, stream)),
         }
+    }
+
+    /// Reads no more, and leaves the board's log waiting for it.
+    pub fn hang(&mut self, board: &mut Board) {
+        self.rtt.set_mode(board.chip().sram(), Mode::Block);
+        self.rtt.set_reading(false);
     }
 
     /// Takes what the board has written since the last call.

@@ -7,9 +7,11 @@
 
 pub mod axle;
 pub mod beam;
+pub mod faults;
 mod images;
 pub mod listener;
 mod log;
+mod power;
 pub mod report;
 mod store;
 pub mod tools;
@@ -66,6 +68,8 @@ const CRYSTAL_PPB: i64 = 20_000;
 const BATTERY_V: f64 = 12.0;
 /// Ticks that a run goes on after the lead node's fault: what follows from it can be seen.
 const GRACE: u64 = 1000;
+/// Friction of a blocked wheel, N m s/rad: as much as steps of a millisecond can follow.
+const BLOCKED_NM_S: f64 = 2.0;
 /// Standard gravity, m/s².
 const GRAVITY: f64 = 9.806_65;
 
@@ -78,6 +82,10 @@ pub struct Options {
     pub power_on_ms: [u64; 3],
     /// What looks on.
     pub instruments: Instruments,
+    /// Crystals that are off by so much, parts in 10⁹; by chance, if not given.
+    pub fast_ppb: [Option<i64>; 3],
+    /// Nodes at the bus beside the boards.
+    pub others: usize,
 }
 
 impl Default for Options {
@@ -87,6 +95,8 @@ impl Default for Options {
             threads: threads.min(2),
             power_on_ms: [0; 3],
             instruments: Instruments::default(),
+            fast_ppb: [None; 3],
+            others: 0,
         }
     }
 }
@@ -114,12 +124,29 @@ pub struct VirtualRobot {
     interrupt: Option<Arc<AtomicBool>>,
     failure: Option<String>,
     tools: Tools,
+    /// A wheel that is blocked: axle and side.
+    blocked: Option<(usize, usize)>,
 }
 
 impl VirtualRobot {
     /// Builds a robot with the imperfections of a trial, switches its boards on and waits until all
     /// nodes are ready.
     pub fn new(
+        scenario: &Scenario,
+        images: &Images,
+        seed: u64,
+        trial: u64,
+        options: &Options,
+        logs: &[BoardLog; 3],
+    ) -> Result<Self, Error> {
+        let mut robot = Self::without_power(scenario, images, seed, trial, options, logs)?;
+        robot.fit(&options.instruments)?;
+        robot.boot(options)?;
+        Ok(robot)
+    }
+
+    /// The same with its boards still off.
+    fn without_power(
         scenario: &Scenario,
         images: &Images,
         seed: u64,
@@ -155,6 +182,7 @@ impl VirtualRobot {
         let mut boards = Vec::new();
         for &role in &roles {
             let fast_ppb = random.random_range(-CRYSTAL_PPB..=CRYSTAL_PPB);
+            let fast_ppb = options.fast_ppb[role as usize].unwrap_or(fast_ppb);
             let part_seed: u64 = random.random();
             let mut board = match role {
                 Role::Beam => {
@@ -172,13 +200,13 @@ impl VirtualRobot {
             flash[store::FIRST..store::FIRST + kept.len()].copy_from_slice(&kept);
             boards.push(board);
         }
-        let mut wire = Wire::new(boards.len(), QUANTUM, seed);
+        let mut wire = Wire::new(boards.len() + options.others, QUANTUM, seed);
         wire.record();
         let places = scenario.robot.put_down();
         let task = Task::Regulate {
             goal: Posture::ORIGIN,
         };
-        let mut robot = Self {
+        Ok(Self {
             network: Network::new(boards, wire, QUANTUM, options.threads),
             readers: roles
                 .iter()
@@ -201,10 +229,8 @@ impl VirtualRobot {
             interrupt: None,
             failure: None,
             tools: Tools::default(),
-        };
-        robot.fit(&options.instruments)?;
-        robot.boot(options)?;
-        Ok(robot)
+            blocked: None,
+        })
     }
 
     /// Bounds the time of the run.
@@ -268,21 +294,44 @@ impl VirtualRobot {
             .surroundings::<AxleBoard>()
     }
 
+    fn beam(&mut self) -> Option<&mut BeamBoard> {
+        let place = self.place(Role::Beam)?;
+        self.network
+            .board(place)?
+            .chip()
+            .surroundings::<BeamBoard>()
+    }
+
+    /// The host that reads a board's log stops doing so and leaves the log waiting for it.
+    fn hang_reader(&mut self, role: Role) {
+        if let Some(place) = self.place(role)
+            && let Some(board) = self.network.board(place)
+        {
+            self.readers[place].hang(board);
+        }
+    }
+
+    /// Switches those boards on whose time has come.
+    fn power_up(&mut self, options: &Options) -> Result<(), Error> {
+        let now = self.network.now();
+        for place in 0..self.roles.len() {
+            let after = options.power_on_ms[self.roles[place] as usize];
+            if now == Time::from_micros(1000 * after)
+                && let Some(board) = self.network.board(place)
+            {
+                board.power(true);
+                self.powered(place)?;
+            }
+        }
+        Ok(())
+    }
+
     /// Switches the boards on and runs them until all nodes are ready.
     fn boot(&mut self, options: &Options) -> Result<(), Error> {
         let mut ready = 0;
         while ready < READY_TICKS {
             let now = self.network.now();
-            for place in 0..self.roles.len() {
-                let after = options.power_on_ms[self.roles[place] as usize];
-                if now >= Time::from_micros(1000 * after)
-                    && let Some(board) = self.network.board(place)
-                    && !board.is_powered()
-                {
-                    board.power(true);
-                    self.powered(place)?;
-                }
-            }
+            self.power_up(options)?;
             self.advance()?;
             ready = if self.waits_for().is_none() {
                 ready + 1
@@ -328,17 +377,39 @@ impl VirtualRobot {
         let from = self.network.now();
         self.show_motion(from);
         self.run_until(from + TICK)?;
+        self.follow();
+        Ok(())
+    }
+
+    /// The same with neither debugger nor waveforms, which alone can fail.
+    fn advance_plainly(&mut self) {
+        let from = self.network.now();
+        self.show_motion(from);
+        self.network.run_until(from + TICK);
+        self.follow();
+    }
+
+    /// The plant moves by what the boards did, and they are listened to.
+    fn follow(&mut self) {
         let until = self.network.now();
         let torque = [Role::Front, Role::Rear].map(|role| {
             let axle = self.axle(role);
             axle.map_or([0.0; 2], |axle| axle.take_torque(until))
         });
-        self.plant.step(torque);
+        self.plant.step(self.hindered(torque));
         self.hear();
         for (reader, board) in self.readers.iter_mut().zip(self.network.boards()) {
             reader.read(board);
         }
-        Ok(())
+    }
+
+    /// Torques at the wheels; a blocked one is held against its motor.
+    fn hindered(&self, mut torque: [[f64; 2]; 2]) -> [[f64; 2]; 2] {
+        if let Some((axle, side)) = self.blocked {
+            let speed = self.plant.state().axle[axle].wheel_speed[side];
+            torque[axle][side] = -BLOCKED_NM_S * speed;
+        }
+        torque
     }
 
     /// The parts around the boards move as the plant does.
@@ -369,10 +440,7 @@ impl VirtualRobot {
                 *strain = half * curvature;
             }
         });
-        if let Some(place) = self.place(Role::Beam)
-            && let Some(board) = self.network.board(place)
-            && let Some(beam) = board.chip().surroundings::<BeamBoard>()
-        {
+        if let Some(beam) = self.beam() {
             beam.strain(at, &mut strains);
             self.strains = strains.map(|strain| strain as f32);
         }

@@ -46,6 +46,9 @@ impl Chip {
     /// A peripheral asks for a transfer: a controller says which accesses it makes of that, the chip
     /// makes them.
     pub(super) fn serve(&mut self, request: Request) {
+        if self.defects.dma_waits {
+            return;
+        }
         for (controller, unit) in [
             (dma::Controller::Dma1, Unit::Dma1),
             (dma::Controller::Dma2, Unit::Dma2),
@@ -70,6 +73,8 @@ impl Chip {
             return self.transfer(controller, stream);
         };
         let value = self.dma_read(from, width);
+        let fails = std::mem::take(&mut self.defects.dma_error);
+        let value = if fails { Err(BusError) } else { value };
         let done = value.and_then(|value| self.dma_write(to, width, value));
         let (units, shared) = (&mut self.units, &mut self.shared);
         let dma = units.dma(controller);

@@ -9,6 +9,7 @@ mod adc;
 mod bus;
 mod can;
 mod debug;
+mod defects;
 mod dma;
 mod exti;
 mod flash;
@@ -36,6 +37,8 @@ mod testing;
 mod tests;
 
 pub use adc::{Counts as Conversions, Errors as ConverterErrors};
+pub use defects::Defects;
+pub use flash::FlashOperation;
 pub use interrupt::Interrupt;
 pub use part::Part;
 pub use pin::{Drive, Pin, Signal};
@@ -167,6 +170,7 @@ pub struct Chip {
     scrambles: u64,
     /// Changes of pins, while they are kept.
     traced: Option<Vec<PinChange>>,
+    defects: Defects,
 }
 
 impl Chip {
@@ -187,6 +191,7 @@ impl Chip {
             must_pause: false,
             scrambles: 0,
             traced: None,
+            defects: Defects::default(),
         };
         chip.power_off(0);
         chip
@@ -238,6 +243,17 @@ impl Chip {
     /// The bytes of the flash.
     pub fn flash(&mut self) -> &mut Vec<u8> {
         self.flash.bytes_mut()
+    }
+
+    /// Sets the brown-out level in the option bytes, 0 the highest and 3 none, as an earlier program has
+    /// done; in force from the next power-on.
+    pub fn set_brown_out(&mut self, level: u32) {
+        self.flash.set_brown_out(level);
+    }
+
+    /// The operations of the flash that the program has begun so far.
+    pub fn flash_operations(&self) -> &[FlashOperation] {
+        self.flash.begun()
     }
 
     /// The bytes of SRAM1 and SRAM2.
@@ -293,7 +309,11 @@ impl Chip {
         while let Some(effect) = self.shared.effects.pop_front() {
             let (units, shared) = (&mut self.units, &mut self.shared);
             match effect {
-                Effect::Trigger(trigger, rises) => units.adc.trigger(trigger, rises, shared),
+                Effect::Trigger(trigger, rises) => {
+                    if !(rises && self.defects.loses_trigger()) {
+                        units.adc.trigger(trigger, rises, shared);
+                    }
+                }
                 Effect::Dma(request) => self.serve(request),
                 Effect::Uses(signal) => {
                     if units.gpio.pin_of(signal).is_none() {

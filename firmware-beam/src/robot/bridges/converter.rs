@@ -3,8 +3,8 @@
 //!
 //! TIM2's update starts a scan; the stream fetches each conversion into a circular buffer of two
 //! blocks. Its handler, at the end of each, stamps the block and starts the injected conversion: the
-//! next scan is 2.7 µs away, and the injected conversion takes 1.3 µs. A handler that comes late lets it
-//! cut into the scan, whose conversion is then done again: 10.3 of 10.4 µs, still in time.
+//! next scan is 2.7 µs away, and the injected conversion takes 1.3 µs. A handler that comes late leaves
+//! it out, since it would cut into the scan and could make that last until after the next trigger.
 //!
 //! A converter whose result is not fetched in time (overrun) asks for its stream no more, and a stream
 //! that met an error stops: both are seen as samples that do not come. Everything is then stopped and
@@ -53,6 +53,9 @@ const BLOCK_US: Micros = 997;
 const SETTLING_US: u32 = 3;
 /// Time without samples after which the stream has stopped.
 const PATIENCE: Duration = Duration::from_millis(3);
+/// Counts of TIM2 in which an injected conversion may begin: a scan ends at 647, and the conversion must
+/// end before the next one begins.
+const BETWEEN: core::ops::Range<u32> = 600..TOP - 150;
 /// Looks at the stream until it has stopped; it ends the transfer it is at.
 const STOP_LOOKS: u32 = 1000;
 /// Flag of the injected conversion's end; writing 1 leaves a flag as it is.
@@ -239,7 +242,9 @@ fn stop() -> bool {
 #[handler]
 fn DMA2_STREAM0() {
     let local = Instant::now().as_micros();
-    pac::ADC1.cr2().modify(|w| w.set_jswstart(true));
+    if BETWEEN.contains(&pac::TIM2.cnt().read()) {
+        pac::ADC1.cr2().modify(|w| w.set_jswstart(true));
+    }
     let flags = DMA2.isr(0).read();
     let (half, complete) = (flags.htif(0), flags.tcif(0));
     DMA2.ifcr(0).write(|w| {

@@ -75,6 +75,17 @@ enum Operation {
     Options(u32),
 }
 
+/// An operation that the program has begun.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FlashOperation {
+    /// When it began.
+    pub at: Time,
+    /// How long it takes.
+    pub takes: Time,
+    /// Whether it erases.
+    pub erases: bool,
+}
+
 /// Keys given so far to a lock.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 enum Keys {
@@ -101,6 +112,8 @@ pub(crate) struct Flash {
     operation: Option<Operation>,
     busy_until: Time,
     changed: Option<(u32, u32)>,
+    /// All operations so far.
+    begun: Vec<FlashOperation>,
     /// Operations that a reset cut short.
     cuts: u64,
 }
@@ -121,6 +134,7 @@ impl Default for Flash {
             operation: None,
             busy_until: Time(0),
             changed: None,
+            begun: Vec::new(),
             cuts: 0,
         }
     }
@@ -156,6 +170,17 @@ impl Flash {
     /// Whether the option bytes have the watchdog start by itself.
     pub fn starts_watchdog(&self) -> bool {
         self.options.starts_watchdog()
+    }
+
+    /// Sets the brown-out level in the option bytes.
+    pub fn set_brown_out(&mut self, level: u32) {
+        let register = self.options.register();
+        self.options.write(register & !(3 << 2) | (level & 3) << 2);
+    }
+
+    /// The operations that the program has begun so far.
+    pub fn begun(&self) -> &[FlashOperation] {
+        &self.begun
     }
 
     /// Its bytes.
@@ -325,6 +350,11 @@ impl Flash {
             let text = "flash operation with a core's clock below 1 MHz";
             shared.note(Kind::ClockLimit, text);
         }
+        self.begun.push(FlashOperation {
+            at: shared.time(),
+            takes,
+            erases: matches!(operation, Operation::Erase { .. }),
+        });
         self.sr |= BSY;
         self.operation = Some(operation);
         self.busy_until = shared.time() + takes;

@@ -1,0 +1,162 @@
+//! Faults of the bus and of clocks that differ.
+
+use super::entry::{Entry, at};
+use core_algos::node::board::Role;
+use core_algos::safety::Condition::{self, *};
+use virtual_board::wire::{Fault, Frame, Id, Level};
+
+/// What a bus leads to that does not carry messages. A board that lost the others' messages says so
+/// with the code of whichever it missed first.
+const SILENCE: &[Condition] = &[BusOff, NeighbourLost, NeighbourFault, CommandTimeout];
+
+/// A frame of eight bytes of an identifier.
+fn frame(id: u16) -> Frame {
+    Frame::new(Id::Standard(id), &[0x55; 8])
+}
+
+pub fn entries() -> Vec<Entry> {
+    [transceivers(), wires(), intruders(), clocks()].concat()
+}
+
+fn transceivers() -> Vec<Entry> {
+    vec![
+        Entry::drive("none", "", |_| {}).goes_on(),
+        Entry::steps(
+            "no acknowledgement",
+            "front board's wire",
+            &[
+                at(0, |b| b.piece(Role::Front, 2)),
+                at(1500, |b| b.piece(Role::Front, 0)),
+            ],
+        )
+        .stops(SILENCE),
+        Entry::steps(
+            "transceiver sends no more",
+            "transceiver",
+            &[at(0, |b| {
+                let role = b.wheel().0;
+                b.transceiver(role, false, true);
+            })],
+        )
+        .stops(SILENCE),
+        Entry::drive("transceiver hears no more", "transceiver", |b| {
+            let role = b.wheel().0;
+            b.transceiver(role, true, false);
+        })
+        .stops(SILENCE),
+        Entry::drive("transceiver dead", "transceiver", |b| {
+            let role = b.wheel().0;
+            b.transceiver(role, false, false);
+        })
+        .stops(SILENCE),
+        Entry::drive("transceiver of the beam dead", "transceiver", |b| {
+            b.transceiver(Role::Beam, false, false);
+        })
+        .goes_on(),
+    ]
+}
+
+fn wires() -> Vec<Entry> {
+    vec![
+        Entry::steps(
+            "bus held dominant",
+            "wire",
+            &[
+                at(0, |b| b.wire(Fault::Level(Some(Level::Dominant)))),
+                at(1500, |b| b.wire(Fault::Level(None))),
+            ],
+        )
+        .stops(SILENCE),
+        Entry::steps(
+            "bus shorted (recessive)",
+            "wire",
+            &[
+                at(0, |b| b.wire(Fault::Level(Some(Level::Recessive)))),
+                at(1500, |b| b.wire(Fault::Level(None))),
+            ],
+        )
+        .stops(SILENCE),
+        Entry::steps(
+            "bus-off and recovery within 8 ms",
+            "wire",
+            &[
+                at(0, |b| b.wire(Fault::Level(Some(Level::Recessive)))),
+                at(8, |b| b.wire(Fault::Level(None))),
+            ],
+        )
+        .goes_on()
+        .stops(SILENCE),
+        Entry::steps(
+            "bus wrong in 1 bit of 100000",
+            "wire",
+            &[at(0, |b| b.wire(Fault::Noise(1e-5)))],
+        )
+        .goes_on(),
+        Entry::steps(
+            "bus wrong in 1 bit of 100",
+            "wire",
+            &[
+                at(0, |b| b.wire(Fault::Noise(1e-2))),
+                at(1500, |b| b.wire(Fault::Noise(0.0))),
+            ],
+        )
+        .stops(SILENCE),
+    ]
+}
+
+fn intruders() -> Vec<Entry> {
+    vec![
+        Entry::drive("babbling node, lowest priority", "wire", |b| {
+            b.intruder(|node, _| node.babble(Some(frame(0x7ff))));
+        })
+        .goes_on(),
+        Entry::steps(
+            "babbling node, highest priority",
+            "wire",
+            &[
+                at(0, |b| b.intruder(|node, _| node.babble(Some(frame(0))))),
+                at(1500, |b| b.intruder(|node, _| node.babble(None))),
+            ],
+        )
+        .stops(SILENCE),
+        Entry::steps(
+            "FIFO overrun: beam halted in a burst",
+            "wire, debug port",
+            &[
+                at(0, |b| {
+                    b.intruder(|node, now| {
+                        for _ in 0..30 {
+                            node.send(now, frame(0x7fe));
+                        }
+                    });
+                    b.board(Role::Beam, |board| board.hold(true));
+                }),
+                at(2, |b| b.board(Role::Beam, |board| board.hold(false))),
+            ],
+        )
+        .goes_on()
+        .finds(&["CAN"]),
+        Entry::drive("burst of 200 frames", "wire", |b| {
+            b.intruder(|node, now| {
+                for _ in 0..200 {
+                    node.send(now, frame(0x7fe));
+                }
+            });
+        })
+        .goes_on(),
+    ]
+}
+
+fn clocks() -> Vec<Entry> {
+    vec![
+        Entry::drive("front board 200 ppm fast", "crystal", |_| {})
+            .fast(Role::Front, 200_000)
+            .goes_on(),
+        Entry::drive("rear board 200 ppm fast", "crystal", |_| {})
+            .fast(Role::Rear, 200_000)
+            .goes_on(),
+        Entry::drive("beam board 200 ppm fast", "crystal", |_| {})
+            .fast(Role::Beam, 200_000)
+            .goes_on(),
+    ]
+}

@@ -1,0 +1,125 @@
+//! Faults of drivers, motors and current sensing.
+
+use super::bench::Bench;
+use super::entry::Entry;
+use core_algos::node::board::Role;
+use core_algos::safety::Condition::{self, *};
+use virtual_board::Time;
+use virtual_board::device::{AmplifierFault, Half};
+
+/// What a motor leads to that does not do as it should.
+const MOTOR: &[Condition] = &[
+    TrackingLost,
+    WheelSlip,
+    EncoderFault,
+    MotorStall,
+    MotorUnresponsive,
+    EstimateInconsistent,
+    WrenchHigh,
+    FrameBent,
+    OverCurrent,
+    StopNotFollowed,
+];
+/// Time in which a motor is off that a cut is for, s: the condition's own time, some ticks, and the
+/// millisecond that a driver takes to fall asleep.
+const CUT_S: f64 = 0.02;
+
+fn driver_fault(bench: &mut Bench, span_us: u64) {
+    bench.at_wheel(|axle, side, now| {
+        axle.force_fault(side, now, now + Time::from_micros(span_us));
+    });
+}
+
+fn sense(bench: &mut Bench, fault: AmplifierFault) {
+    bench.at_wheel(|axle, side, _| axle.amplifiers[side].set_fault(fault));
+}
+
+fn stuck(bench: &mut Bench, half: Half, upper: bool) {
+    bench.at_wheel(|axle, side, now| axle.drivers[side].set_stuck(half, Some(upper), now));
+}
+
+pub fn entries() -> Vec<Entry> {
+    [drivers(), motors()].concat()
+}
+
+fn drivers() -> Vec<Entry> {
+    vec![
+        Entry::drive("nFAULT low for 30 µs", "DRV8874", |b| driver_fault(b, 30)).goes_on(),
+        Entry::drive("nFAULT low for 20 ms", "DRV8874", |b| {
+            driver_fault(b, 20_000)
+        })
+        .stops(&[DriverFault])
+        .own_within(CUT_S),
+        Entry::drive("nFAULT low for good", "DRV8874", |b| {
+            driver_fault(b, 60_000_000)
+        })
+        .stops(&[DriverFault])
+        .own_within(CUT_S),
+        Entry::drive("current sense stuck high", "INA240", |b| {
+            sense(b, AmplifierFault::Stuck(0.99));
+        })
+        .stops(&[OverCurrent])
+        .own_within(CUT_S),
+        Entry::drive("current sense stuck low", "INA240", |b| {
+            sense(b, AmplifierFault::Stuck(0.0));
+        })
+        .stops(&[OverCurrent])
+        .own_within(CUT_S),
+    ]
+}
+
+fn motors() -> Vec<Entry> {
+    vec![
+        Entry::drive("current sense shorted", "INA240", |b| {
+            sense(b, AmplifierFault::ShuntShort)
+        })
+        .goes_on()
+        .stops(MOTOR),
+        Entry::drive("motor open", "motor's lead", |b| {
+            b.at_wheel(|axle, side, now| axle.drivers[side].set_motor_open(true, now));
+        })
+        .goes_on()
+        .stops(MOTOR),
+        Entry::drive("motor stalled", "wheel", |b| {
+            let (role, side) = b.wheel();
+            b.robot.blocked = Some((usize::from(role == Role::Rear), side));
+        })
+        .stops(MOTOR),
+        Entry::drive("half bridge stays on: OUT1 high", "DRV8874", |b| {
+            stuck(b, Half::One, true);
+        })
+        .stops(MOTOR_OR_DRIVER)
+        .own_within(0.5),
+        Entry::drive("half bridge stays on: OUT1 low", "DRV8874", |b| {
+            stuck(b, Half::One, false);
+        })
+        .stops(MOTOR_OR_DRIVER)
+        .own_within(0.5),
+        Entry::drive("half bridge stays on: OUT2 high", "DRV8874", |b| {
+            stuck(b, Half::Two, true);
+        })
+        .stops(MOTOR_OR_DRIVER)
+        .own_within(0.5),
+        Entry::drive("emergency stop", "contact", |b| {
+            let (role, _) = b.wheel();
+            b.axle(role, |axle, now| axle.stop(true, now));
+        })
+        .stops(&[EmergencyStop])
+        .own_within(CUT_S),
+    ]
+}
+
+/// The same, or the driver notices by itself.
+const MOTOR_OR_DRIVER: &[Condition] = &[
+    TrackingLost,
+    WheelSlip,
+    EncoderFault,
+    MotorStall,
+    MotorUnresponsive,
+    EstimateInconsistent,
+    WrenchHigh,
+    FrameBent,
+    OverCurrent,
+    StopNotFollowed,
+    DriverFault,
+];

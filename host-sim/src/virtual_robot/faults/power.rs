@@ -1,0 +1,170 @@
+//! Faults of supplies and crystals.
+
+use super::bench::Bench;
+use super::entry::{Entry, STOP_S, at};
+use core_algos::node::board::Role;
+use core_algos::safety::Condition::{self, *};
+use virtual_board::Time;
+use virtual_board::device::Profile;
+
+/// What follows when a board is gone.
+const GONE: &[Condition] = &[NeighbourLost, NeighbourFault, CommandTimeout, BusOff];
+/// The same when it comes back as one that failed.
+const FAILED: &[Condition] = &[
+    NeighbourLost,
+    NeighbourFault,
+    CommandTimeout,
+    BusOff,
+    Restarted,
+    TickOverrun,
+];
+
+/// The battery's voltage from now on.
+fn battery(bench: &mut Bench, volts: f64) {
+    for role in [Role::Front, Role::Rear] {
+        bench.axle(role, |axle, _| {
+            axle.power.battery.open_v = Profile::constant(volts);
+        });
+    }
+}
+
+/// The 3.3 V rail of a board falls to `volts` for so long.
+fn dip(bench: &mut Bench, role: Role, volts: f64, span_us: u64) {
+    let span = Time::from_micros(span_us);
+    match role {
+        Role::Beam => bench.beam(|beam, now| beam.power.dip(now, now + span, volts)),
+        _ => bench.axle(role, |axle, now| axle.power.dip(now, now + span, volts)),
+    }
+}
+
+/// The crystal of a board works from now on, or does not.
+pub fn crystal(bench: &mut Bench, role: Role, works: bool) {
+    match role {
+        Role::Beam => bench.beam(|beam, now| beam.power.crystal(now, works)),
+        _ => bench.axle(role, |axle, now| axle.power.crystal(now, works)),
+    }
+}
+
+fn power(bench: &mut Bench, role: Role, on: bool) {
+    bench.board(role, |board| board.power(on));
+}
+
+pub fn entries() -> Vec<Entry> {
+    [crystals(), batteries(), rails()].concat()
+}
+
+fn crystals() -> Vec<Entry> {
+    vec![
+        Entry::steps(
+            "crystal of an axle's board fails",
+            "crystal",
+            &[
+                at(0, |b| {
+                    let role = b.wheel().0;
+                    crystal(b, role, false);
+                }),
+                at(300, |b| {
+                    let role = b.wheel().0;
+                    crystal(b, role, true);
+                }),
+            ],
+        )
+        .stops(FAILED)
+        .own_within(0.003)
+        .restarts()
+        .finds(&["reset", "overrun"]),
+        Entry::drive(
+            "crystal of an axle's board fails for good",
+            "crystal",
+            |b| {
+                let role = b.wheel().0;
+                crystal(b, role, false);
+            },
+        )
+        .stops(FAILED)
+        .own_within(0.003)
+        .resets(&Role::ALL)
+        .finds(&["reset", "overrun"]),
+        Entry::drive("crystal of the beam's board fails", "crystal", |b| {
+            crystal(b, Role::Beam, false);
+        })
+        .goes_on()
+        .resets(&[Role::Beam])
+        .finds(&["reset", "overrun"]),
+    ]
+}
+
+fn batteries() -> Vec<Entry> {
+    vec![
+        Entry::steps(
+            "battery sags to 10.3 V for 0.5 s",
+            "battery",
+            &[at(0, |b| battery(b, 10.3)), at(500, |b| battery(b, 12.0))],
+        )
+        .goes_on(),
+        Entry::steps(
+            "battery sags to 8 V for 0.1 s",
+            "battery",
+            &[at(0, |b| battery(b, 8.0)), at(100, |b| battery(b, 12.0))],
+        )
+        .stops(&[SupplyLow])
+        .within(STOP_S),
+        Entry::drive("battery at 18 V", "battery", |b| battery(b, 18.0))
+            .stops(&[SupplyHigh])
+            .within(STOP_S),
+    ]
+}
+
+fn rails() -> Vec<Entry> {
+    vec![
+        Entry::drive("brown-out of an axle's board", "3.3 V", |b| {
+            let role = b.wheel().0;
+            dip(b, role, 2.4, 500);
+        })
+        .stops(GONE)
+        .own_within(0.001)
+        .resets(&[Role::Front, Role::Rear]),
+        Entry::drive("brown-out of the beam's board", "3.3 V", |b| {
+            dip(b, Role::Beam, 2.4, 500);
+        })
+        .goes_on()
+        .resets(&[Role::Beam]),
+        Entry::drive("rail at 2.95 V for 5 ms", "3.3 V", |b| {
+            let role = b.wheel().0;
+            dip(b, role, 2.95, 5000);
+        })
+        .goes_on(),
+        Entry::steps(
+            "an axle's board without power for 0.2 s",
+            "board's supply",
+            &[
+                at(0, |b| {
+                    let role = b.wheel().0;
+                    power(b, role, false);
+                }),
+                at(200, |b| {
+                    let role = b.wheel().0;
+                    power(b, role, true);
+                }),
+            ],
+        )
+        .stops(GONE)
+        .own_within(0.001),
+        Entry::steps(
+            "the beam's board without power for 0.2 s",
+            "board's supply",
+            &[
+                at(0, |b| power(b, Role::Beam, false)),
+                at(200, |b| power(b, Role::Beam, true)),
+            ],
+        )
+        .goes_on(),
+        Entry::drive("reset pin of an axle's board", "reset pin", |b| {
+            let role = b.wheel().0;
+            b.board(role, |board| board.reset());
+        })
+        .stops(GONE)
+        .own_within(0.001)
+        .resets(&[Role::Front, Role::Rear]),
+    ]
+}

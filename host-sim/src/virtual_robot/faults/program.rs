@@ -1,0 +1,260 @@
+//! What befalls the program: debuggers, hosts that read its log, fingers, and wild stores.
+
+use super::bench::Bench;
+use super::entry::{Entry, at};
+use core_algos::node::board::Role;
+use core_algos::safety::Condition::{self, *};
+use virtual_board::Time;
+use virtual_board::board::Board;
+
+/// What a board leads to that stands still or comes back as one that failed.
+const HALTED: &[Condition] = &[
+    NeighbourLost,
+    NeighbourFault,
+    CommandTimeout,
+    TickOverrun,
+    Restarted,
+    TrackingLost,
+    WrenchHigh,
+];
+/// Exception of the current loop.
+const ADC: u16 = 16 + 18;
+/// Exception of the tick.
+const TICK: u16 = 16 + 52;
+/// The lowest addresses of the stack, where a program can stand that nothing uses.
+const RAM: u32 = 0x2000_0000;
+/// An address without memory.
+const NOTHING: u32 = 0x3000_0000;
+/// What a board is found to do that meets a fault of the processor: the fault itself, frames that come
+/// while it waits for its reset, the reset.
+const CRASH: &[&str] = &["fault", "bus error", "unmapped", "overrun", "reset"];
+/// Time in which the motors of a board are off that has met a fault of the processor, s.
+const AT_ONCE_S: f64 = 0.002;
+
+/// Time in which the motors of a board are off whose current loop stands still, s: that of the
+/// watchdog, and what passes from its last feeding.
+pub const WATCHDOG_S: f64 = 0.6;
+
+fn hold(bench: &mut Bench, held: bool) {
+    let role = bench.wheel().0;
+    bench.board(role, |board| board.hold(held));
+}
+
+fn hold_beam(bench: &mut Bench, held: bool) {
+    bench.board(Role::Beam, |board| board.hold(held));
+}
+
+/// Lets a board go on until it is in this exception; it may end some µs ahead of the others.
+fn run_into(board: &mut Board, exception: u16) {
+    let (core, chip) = board.parts();
+    for _ in 0..1_000_000 {
+        if core.exception() == exception {
+            return;
+        }
+        let until = core.cycles() + 1_000;
+        core.step(chip, until);
+    }
+}
+
+/// `str r0, [r1]`, then for ever nothing, with the address to store to.
+fn store_to(board: &mut Board, address: u32) {
+    const CODE: [u8; 4] = [0x08, 0x60, 0xfe, 0xe7];
+    if let Some(place) = board.chip().sram().get_mut(..CODE.len()) {
+        place.copy_from_slice(&CODE);
+    }
+    let core = board.core_mut();
+    core.set_register(0, 0xdead_beef);
+    core.set_register(1, address);
+    core.set_register(15, RAM);
+}
+
+/// Has an axle's board, in this exception, store to an address.
+fn wild_store(bench: &mut Bench, exception: Option<u16>, address: u32) {
+    let role = bench.wheel().0;
+    bench.board(role, |board| {
+        if let Some(exception) = exception {
+            run_into(board, exception);
+        }
+        store_to(board, address);
+    });
+}
+
+pub fn entries() -> Vec<Entry> {
+    [tools(), hands(), faults()].concat()
+}
+
+fn tools() -> Vec<Entry> {
+    vec![
+        Entry::drive(
+            "log host stops reading, buffer in blocking mode",
+            "RTT",
+            |b| {
+                let role = b.wheel().0;
+                b.robot.hang_reader(role);
+            },
+        )
+        .goes_on(),
+        Entry::steps(
+            "debugger halts an axle's board for 1 ms",
+            "debug port",
+            &[at(0, |b| hold(b, true)), at(1, |b| hold(b, false))],
+        )
+        .goes_on()
+        .finds(&["overrun"]),
+        Entry::steps(
+            "debugger halts an axle's board for 10 ms",
+            "debug port",
+            &[at(0, |b| hold(b, true)), at(10, |b| hold(b, false))],
+        )
+        .goes_on()
+        .stops(HALTED)
+        .finds(&["overrun"]),
+        Entry::steps(
+            "debugger halts an axle's board for 100 ms",
+            "debug port",
+            &[at(0, |b| hold(b, true)), at(100, |b| hold(b, false))],
+        )
+        .stops(HALTED)
+        .finds(&["overrun"]),
+        Entry::steps(
+            "debugger halts an axle's board for 1000 ms",
+            "debug port",
+            &[at(0, |b| hold(b, true)), at(1000, |b| hold(b, false))],
+        )
+        .stops(HALTED)
+        .own_within(WATCHDOG_S)
+        .resets(&[Role::Front, Role::Rear])
+        .finds(&["overrun", "reset"]),
+        Entry::steps(
+            "debugger halts the beam's board for 100 ms",
+            "debug port",
+            &[
+                at(0, |b| hold_beam(b, true)),
+                at(100, |b| hold_beam(b, false)),
+            ],
+        )
+        .goes_on()
+        .finds(&["overrun"]),
+        Entry::steps(
+            "debugger halts the beam's board for 1000 ms",
+            "debug port",
+            &[
+                at(0, |b| hold_beam(b, true)),
+                at(1000, |b| hold_beam(b, false)),
+            ],
+        )
+        .goes_on()
+        .resets(&[Role::Beam])
+        .finds(&["overrun", "reset"]),
+    ]
+}
+
+/// The button is pressed for so long and let go, each with the bounce of its contact.
+fn press(bench: &mut Bench, from_us: u64, span_us: u64) {
+    bench.axle(Role::Front, |axle, now| {
+        axle.press(true, now + Time::from_micros(from_us));
+        axle.press(false, now + Time::from_micros(from_us + span_us));
+    });
+}
+
+fn hands() -> Vec<Entry> {
+    vec![
+        Entry::drive("button touched for 20 ms", "button", |b| {
+            press(b, 0, 20_000)
+        })
+        .goes_on(),
+        Entry::drive("button bounces for 60 ms", "button", |b| {
+            for k in 0..8 {
+                press(b, 8_000 * k, 4_000 + 200 * k);
+            }
+        })
+        .goes_on(),
+        Entry::drive("strap of an axle's board changed", "PC13", |b| {
+            let role = b.wheel().0;
+            b.axle(role, |axle, _| axle.strap(role == Role::Front));
+        })
+        .goes_on(),
+    ]
+}
+
+fn faults() -> Vec<Entry> {
+    vec![
+        Entry::drive("wild store to nowhere", "program", |b| {
+            wild_store(b, None, NOTHING);
+        })
+        .stops(HALTED)
+        .own_within(AT_ONCE_S)
+        .restarts()
+        .finds(CRASH),
+        Entry::drive("wild store below the stack", "program", |b| {
+            wild_store(b, Some(TICK), RAM - 64);
+        })
+        .stops(HALTED)
+        .own_within(AT_ONCE_S)
+        .restarts()
+        .finds(CRASH),
+        Entry::drive("wild store into the flash", "program", |b| {
+            wild_store(b, Some(TICK), 0x0800_4000);
+        })
+        .stops(HALTED)
+        .restarts()
+        .finds(&["reset", "flash", "overrun"]),
+        Entry::drive("stack overflow", "program", |b| {
+            let role = b.wheel().0;
+            b.board(role, |board| {
+                run_into(board, TICK);
+                board.core_mut().set_register(13, RAM + 8);
+            });
+        })
+        .stops(HALTED)
+        .own_within(AT_ONCE_S)
+        .restarts()
+        .finds(CRASH),
+        Entry::drive("HardFault in the current loop", "program", |b| {
+            let role = b.wheel().0;
+            b.board(role, |board| {
+                run_into(board, ADC);
+                board.core_mut().set_register(15, NOTHING);
+            });
+        })
+        .stops(HALTED)
+        .own_within(AT_ONCE_S)
+        .restarts()
+        .finds(CRASH),
+        Entry::drive("HardFault of the beam's board", "program", |b| {
+            b.board(Role::Beam, |board| {
+                run_into(board, TICK);
+                board.core_mut().set_register(15, NOTHING);
+            });
+        })
+        .goes_on()
+        .restarts()
+        .finds(CRASH),
+        Entry::drive("the tick of an axle's board hangs", "program", |b| {
+            let role = b.wheel().0;
+            b.board(role, |board| {
+                run_into(board, TICK);
+                store_to(board, RAM + 16);
+            });
+        })
+        .stops(HALTED)
+        .own_within(0.01)
+        .restarts()
+        .finds(&["reset"]),
+        Entry::drive(
+            "the current loop of an axle's board hangs",
+            "program",
+            |b| {
+                let role = b.wheel().0;
+                b.board(role, |board| {
+                    run_into(board, ADC);
+                    store_to(board, RAM + 16);
+                });
+            },
+        )
+        .stops(HALTED)
+        .own_within(WATCHDOG_S)
+        .restarts()
+        .finds(&["reset", "overrun"]),
+    ]
+}

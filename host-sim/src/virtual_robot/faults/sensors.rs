@@ -1,0 +1,248 @@
+//! Faults of converter, strain bridges, inertial sensor and encoders.
+
+use super::bench::Bench;
+use super::entry::{Entry, at};
+use super::program::WATCHDOG_S;
+use core_algos::node::board::Role;
+use core_algos::safety::Condition::{
+    self, CommandTimeout, ConversionsLost, DegradedTooLong, EstimateInconsistent, FrameBent,
+    InertialLost, MotorStall, MotorUnresponsive, NeighbourFault, NeighbourLost, Restarted,
+    TrackingLost, WheelSlip, WrenchHigh,
+};
+use virtual_board::Time;
+use virtual_board::chip::Defects;
+use virtual_board::device::{BridgeFault, EncoderFault, InertialFault, Line, ThermistorFault};
+
+/// What a board is found to have lost, where the converter's requests are not served.
+const OVERRUN: &[&str] = &["overrun"];
+/// What strains that lie lead to.
+const STRAINS: &[Condition] = &[EstimateInconsistent, WrenchHigh, FrameBent, DegradedTooLong];
+/// What a wheel leads to that does not turn as its encoder says.
+const WHEELS: &[Condition] = &[
+    TrackingLost,
+    WheelSlip,
+    Condition::EncoderFault,
+    MotorStall,
+    MotorUnresponsive,
+    EstimateInconsistent,
+    WrenchHigh,
+    FrameBent,
+];
+
+fn defects(bench: &mut Bench, role: Role, change: fn(&mut Defects)) {
+    bench.board(role, |board| change(board.chip().defects()));
+}
+
+fn bridge(bench: &mut Bench, fault: BridgeFault) {
+    let place = bench.draw(5) as usize;
+    bench.beam(|beam, now| {
+        if let Some(bridge) = beam.bridge(place) {
+            bridge.set_fault(now, fault);
+        }
+    });
+}
+
+fn inertial(bench: &mut Bench, fault: InertialFault) {
+    bench.at_wheel(|axle, _, now| {
+        if let Some(inertial) = &mut axle.inertial {
+            inertial.set_fault(now, fault);
+        }
+    });
+}
+
+fn encoder(bench: &mut Bench, fault: EncoderFault) {
+    bench.at_wheel(|axle, side, _| axle.encoders[side].set_fault(fault));
+}
+
+pub fn entries() -> Vec<Entry> {
+    [analogue(), inertials(), encoders()].concat()
+}
+
+fn analogue() -> Vec<Entry> {
+    vec![
+        Entry::steps(
+            "converter overrun: the DMA stalls for 50 µs",
+            "DMA2 of the beam",
+            &[
+                at(0, |b| defects(b, Role::Beam, |d| d.dma_waits = true)),
+                at(1, |b| defects(b, Role::Beam, |d| d.dma_waits = false)),
+            ],
+        )
+        .goes_on()
+        .notices(ConversionsLost)
+        .finds(OVERRUN),
+        Entry::drive("DMA bus error", "DMA2 of the beam", |b| {
+            defects(b, Role::Beam, |d| d.dma_error = true);
+        })
+        .goes_on()
+        .notices(ConversionsLost)
+        .finds(&["overrun", "bus error"]),
+        Entry::drive("excitation lost", "strip", |b| {
+            b.beam(|beam, now| beam.excite(now, 0.0));
+        })
+        .goes_on(),
+        Entry::drive("a bridge open, up", "strip", |b| {
+            bridge(b, BridgeFault::Open(true))
+        })
+        .goes_on()
+        .stops(STRAINS),
+        Entry::drive("a bridge open, down", "strip", |b| {
+            bridge(b, BridgeFault::Open(false))
+        })
+        .goes_on()
+        .stops(STRAINS),
+        Entry::drive("an amplifier saturated, up", "strip", |b| {
+            bridge(b, BridgeFault::Saturated(true));
+        })
+        .goes_on()
+        .stops(STRAINS),
+        Entry::drive("an amplifier saturated, down", "strip", |b| {
+            bridge(b, BridgeFault::Saturated(false));
+        })
+        .goes_on()
+        .stops(STRAINS),
+        Entry::drive("one injected conversion missing", "ADC1 of an axle", |b| {
+            let role = b.wheel().0;
+            defects(b, role, |d| d.triggers_lost = 1);
+        })
+        .goes_on(),
+        Entry::drive(
+            "injected conversions missing for good",
+            "ADC1 of an axle",
+            |b| {
+                let role = b.wheel().0;
+                defects(b, role, |d| d.triggers_lost = u32::MAX);
+            },
+        )
+        .stops(&[NeighbourLost, NeighbourFault, CommandTimeout, Restarted])
+        .own_within(WATCHDOG_S)
+        .resets(&[Role::Front, Role::Rear])
+        .finds(&["reset"]),
+        Entry::drive("thermistor of the drivers open", "PC3", |b| {
+            b.at_wheel(|axle, _, _| axle.thermistor.fault = ThermistorFault::Open);
+        })
+        .goes_on(),
+    ]
+}
+
+fn inertials() -> Vec<Entry> {
+    vec![
+        Entry::drive("inertial sensor's output stuck low", "SPI1", |b| {
+            inertial(
+                b,
+                InertialFault {
+                    stuck_output: Some(false),
+                    ..InertialFault::default()
+                },
+            );
+        })
+        .goes_on()
+        .notices(InertialLost),
+        Entry::drive("inertial sensor's output stuck high", "SPI1", |b| {
+            inertial(
+                b,
+                InertialFault {
+                    stuck_output: Some(true),
+                    ..InertialFault::default()
+                },
+            );
+        })
+        .goes_on()
+        .notices(InertialLost),
+        Entry::drive("inertial sensor resets itself", "ICM-42688-P", |b| {
+            b.at_wheel(|axle, _, now| {
+                if let Some(inertial) = &mut axle.inertial {
+                    inertial.reset(now);
+                }
+            });
+        })
+        .goes_on()
+        .notices(InertialLost),
+        Entry::drive(
+            "inertial sensor's samples stand still (no DRDY line: it is polled)",
+            "ICM-42688-P",
+            |b| {
+                inertial(
+                    b,
+                    InertialFault {
+                        frozen: true,
+                        ..InertialFault::default()
+                    },
+                );
+            },
+        )
+        .goes_on()
+        .stops(WHEELS),
+        Entry::drive(
+            "inertial sensor tells of no data (DRDY)",
+            "ICM-42688-P",
+            |b| {
+                inertial(
+                    b,
+                    InertialFault {
+                        no_data_ready: true,
+                        ..InertialFault::default()
+                    },
+                );
+            },
+        )
+        .goes_on(),
+    ]
+}
+
+fn encoders() -> Vec<Entry> {
+    vec![
+        Entry::drive("encoder line A stuck", "encoder", |b| {
+            encoder(
+                b,
+                EncoderFault {
+                    stuck_a: Some(true),
+                    ..EncoderFault::default()
+                },
+            );
+        })
+        .stops(WHEELS),
+        Entry::drive("encoder line B stuck", "encoder", |b| {
+            encoder(
+                b,
+                EncoderFault {
+                    stuck_b: Some(false),
+                    ..EncoderFault::default()
+                },
+            );
+        })
+        .stops(WHEELS),
+        Entry::drive("encoder unplugged", "encoder", |b| {
+            encoder(
+                b,
+                EncoderFault {
+                    stuck_a: Some(true),
+                    stuck_b: Some(true),
+                    ..EncoderFault::default()
+                },
+            );
+        })
+        .stops(WHEELS),
+        Entry::drive("encoder lines swapped", "encoder", |b| {
+            encoder(
+                b,
+                EncoderFault {
+                    swapped: true,
+                    ..EncoderFault::default()
+                },
+            );
+        })
+        .stops(WHEELS),
+        Entry::drive("2000 glitches of 200 ns on encoder lines", "encoder", |b| {
+            let mut from = b.now();
+            for k in 0..2000 {
+                from = from + Time::from_nanos(50_000 + b.draw(400_000));
+                let line = [Line::A, Line::B][k % 2];
+                b.at_wheel(|axle, side, _| {
+                    axle.encoders[side].glitch(line, from, Time::from_nanos(200));
+                });
+            }
+        })
+        .goes_on(),
+    ]
+}

@@ -1,0 +1,61 @@
+//! Battery, 3.3 V rail and crystal of a board.
+
+use std::collections::VecDeque;
+use virtual_board::Time;
+use virtual_board::chip::Inputs;
+use virtual_board::device::{Profile, Supply};
+
+/// Supply of chip, amplifiers and sensors, V.
+const LOGIC_V: f64 = 3.3;
+
+/// Supplies and clock of a board.
+pub struct Power {
+    /// The battery, with what the drivers get of it.
+    pub battery: Supply,
+    rail: Profile,
+    /// What the chip knows of the rail ends here.
+    known: Time,
+    crystal: VecDeque<(Time, bool)>,
+}
+
+impl Power {
+    /// As it should be, with a battery of this voltage.
+    pub fn new(battery_v: f64) -> Self {
+        Self {
+            battery: Supply::battery(battery_v),
+            rail: Profile::constant(LOGIC_V),
+            known: Time(0),
+            crystal: VecDeque::new(),
+        }
+    }
+
+    /// Voltage at the chip, V.
+    pub fn logic_v(&self, at: Time) -> f64 {
+        self.rail.at(at)
+    }
+
+    /// The rail stands at another voltage from one time to another.
+    pub fn dip(&mut self, from: Time, to: Time, volts: f64) {
+        self.rail = Profile::through([(from, LOGIC_V), (from, volts), (to, volts), (to, LOGIC_V)]);
+    }
+
+    /// The crystal stops at a time, or starts.
+    pub fn crystal(&mut self, at: Time, works: bool) {
+        self.crystal.push_back((at, works));
+    }
+
+    /// When something changes next.
+    pub fn next(&self) -> Time {
+        let crystal = self.crystal.front().map_or(Time::NEVER, |change| change.0);
+        self.rail.next(self.known).min(crystal)
+    }
+
+    /// Tells the chip what is due.
+    pub fn advance(&mut self, at: Time, inputs: &mut Inputs) {
+        inputs.supply |= self.rail.next(self.known) <= at;
+        self.known = self.known.max(at);
+        while let Some((_, works)) = self.crystal.pop_front_if(|change| change.0 <= at) {
+            inputs.crystal = Some(works);
+        }
+    }
+}

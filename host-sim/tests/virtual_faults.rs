@@ -1,0 +1,95 @@
+//! Faults of the boards that run the images that users flash: a few of them, and the judge.
+
+use host_sim::scenario::Scenario;
+use host_sim::virtual_robot::Images;
+use host_sim::virtual_robot::faults::{
+    Campaign, Case, End, Entry, Outcome, Reference, catalogue, reference, run,
+};
+use std::collections::HashSet;
+use std::process::Command;
+
+const AFTER_MS: u64 = 400;
+const SEED: u64 = 1;
+
+fn trials() -> (Campaign, Reference) {
+    let campaign = Campaign {
+        scenario: Scenario::default(),
+        images: Images::open(None, None, None).unwrap(),
+        quick: true,
+        coverage: None,
+    };
+    let reference = reference(&campaign, SEED, AFTER_MS).unwrap();
+    (campaign, reference)
+}
+
+fn outcome(entry: &Entry, (campaign, reference): &(Campaign, Reference)) -> Outcome {
+    let case = Case {
+        entry,
+        after_ms: AFTER_MS,
+        seed: SEED,
+    };
+    run(campaign, &case, reference).unwrap()
+}
+
+fn named(name: &str) -> Entry {
+    let mut entries = catalogue().into_iter();
+    entries.find(|entry| entry.name == name).unwrap()
+}
+
+#[test]
+fn the_catalogue_has_each_fault_once() {
+    let names: Vec<&str> = catalogue().iter().map(|entry| entry.name).collect();
+    let different: HashSet<&&str> = names.iter().collect();
+    assert!(names.len() >= 40 && different.len() == names.len());
+}
+
+/// A fault of the processor where the motors are driven, and one that the program cannot see.
+#[test]
+fn faults_end_as_the_catalogue_allows() {
+    let trials = trials();
+    for (name, end) in [
+        ("HardFault in the current loop", End::Stopped),
+        ("nFAULT low for 30 µs", End::WentOn),
+    ] {
+        let outcome = outcome(&named(name), &trials);
+        assert_eq!(outcome.end, end, "{name}: {outcome:?}");
+    }
+}
+
+/// The same runs under entries that allow what does not come about.
+#[test]
+fn the_judge_finds_what_an_entry_does_not_allow() {
+    let trials = trials();
+    let mut stops = named("none");
+    stops.goes_on = false;
+    let mut never_stops = named("nFAULT low for 20 ms");
+    (never_stops.goes_on, never_stops.codes) = (true, &[]);
+    let mut sooner = named("nFAULT low for 20 ms");
+    sooner.off_within_s = 0.01;
+    let mut silent = named("HardFault of the beam's board");
+    silent.findings = &[];
+    let mut other = named("nFAULT low for 20 ms");
+    other.codes = &[core_algos::safety::Condition::SupplyLow];
+    for entry in [stops, never_stops, sooner, silent, other] {
+        let outcome = outcome(&entry, &trials);
+        assert!(matches!(outcome.end, End::Wrong(_)), "{outcome:?}");
+    }
+}
+
+#[test]
+fn a_fault_that_is_not_in_the_catalogue_is_refused() {
+    for arguments in [
+        &["--virtual", "--only", "earthquake"][..],
+        &["--virtual", "--emulated"],
+        &["--quick"],
+        &["--virtual", "--threads", "0"],
+        &["--check"],
+    ] {
+        let output = Command::new(env!("CARGO_BIN_EXE_cfmmr"))
+            .arg("faults")
+            .args(arguments)
+            .output()
+            .unwrap();
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}");
+    }
+}
