@@ -88,18 +88,15 @@ fn motors() -> Vec<Entry> {
         Entry::drive("half bridge stays on: OUT1 high", "DRV8874", |b| {
             stuck(b, Half::One, true);
         })
-        .stops(MOTOR_OR_DRIVER)
-        .own_within(0.5),
+        .stops(MOTOR_OR_DRIVER),
         Entry::drive("half bridge stays on: OUT1 low", "DRV8874", |b| {
             stuck(b, Half::One, false);
         })
-        .stops(MOTOR_OR_DRIVER)
-        .own_within(0.5),
+        .stops(MOTOR_OR_DRIVER),
         Entry::drive("half bridge stays on: OUT2 high", "DRV8874", |b| {
             stuck(b, Half::Two, true);
         })
-        .stops(MOTOR_OR_DRIVER)
-        .own_within(0.5),
+        .stops(MOTOR_OR_DRIVER),
         Entry::drive("emergency stop", "contact", |b| {
             let (role, _) = b.wheel();
             b.axle(role, |axle, now| axle.stop(true, now));
@@ -109,7 +106,8 @@ fn motors() -> Vec<Entry> {
     ]
 }
 
-/// The same, or the driver notices by itself.
+/// The same, or the driver notices by itself. The wheel brakes through the transistor until it rests, so
+/// that current flows until then.
 const MOTOR_OR_DRIVER: &[Condition] = &[
     TrackingLost,
     WheelSlip,

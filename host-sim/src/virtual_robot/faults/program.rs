@@ -100,6 +100,7 @@ fn tools() -> Vec<Entry> {
             &[at(0, |b| hold(b, true)), at(1, |b| hold(b, false))],
         )
         .goes_on()
+        .stops(HALTED)
         .finds(&["overrun"]),
         Entry::steps(
             "debugger halts an axle's board for 10 ms",
