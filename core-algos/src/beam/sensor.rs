@@ -411,7 +411,7 @@ impl RelativePositionSensor {
     }
 
     /// Closes the period: the posture from the samples since the last call. Cost: one fit of at most
-    /// [`TICK_BUDGET`] shapes. Where that does not settle, the quadrature stands in; the search goes on
+    /// eight shapes. Where that does not settle, the quadrature stands in; the search goes on
     /// with the next samples ([`Self::sample`]), and the next estimate starts where it ended. So does
     /// the search for a gauge to blame.
     pub fn estimate(&self, state: &mut State) -> Estimate {
