@@ -99,8 +99,11 @@ fn waves(text: &str) -> BTreeMap<String, Vec<(u64, String)>> {
 fn waveforms_have_the_frequencies_of_the_firmware_and_the_bits_of_the_bus() {
     let folder = traced();
     let waves = waves(&fs::read_to_string(folder.join("new/run.vcd")).unwrap());
+    let ends = waves.values().filter_map(|changes| changes.last());
+    let end = ends.map(|(at, _)| *at).max().unwrap();
     let rises = |path: &str| {
-        let driving = 1_700_000_000..1_900_000_000;
+        // The robot drives until the run is cut off.
+        let driving = end - 250_000_000..end - 50_000_000;
         let rises = waves[path].iter();
         rises
             .filter(|(at, value)| value == "1" && driving.contains(at))
