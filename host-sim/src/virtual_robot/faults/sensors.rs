@@ -61,7 +61,7 @@ pub fn entries() -> Vec<Entry> {
 fn analogue() -> Vec<Entry> {
     vec![
         Entry::steps(
-            "converter overrun: the DMA stalls for 50 µs",
+            "converter overrun: the DMA stalls for 1 ms",
             "DMA2 of the beam",
             &[
                 at(0, |b| defects(b, Role::Beam, |d| d.dma_waits = true)),
