@@ -21,9 +21,9 @@ const CRYSTAL_HZ: u32 = 8_000_000;
 /// Brings the board up and gives its peripherals; call it once, first.
 ///
 /// Core at 168 MHz from the crystal through the PLL, AHB at the same, APB1 at 42 MHz, APB2 at
-/// 84 MHz, 48 MHz for USB unused; prefetch and caches of the flash on, the crystal watched. Below the stack is a guard
-/// before anything else is done. Then the clock of `embassy-time` runs, the brown-out level is set,
-/// and the log says why the board was reset and which faults it had since power came on.
+/// 84 MHz, 48 MHz for USB unused; prefetch and caches of the flash on, the crystal watched. Below the
+/// stack is a guard before anything else is done. Then the clock of `embassy-time` runs, the brown-out
+/// level is set, and the log says why the board was reset and which faults it had since power came on.
 pub fn start() -> Peripherals {
     #[cfg(feature = "emulated")]
     crate::emulated::shim::install();

@@ -22,7 +22,7 @@ pub fn all<T>(f: impl FnOnce(CriticalSection<'_>) -> T) -> T {
 }
 
 /// Gives every interrupt a priority that critical sections hold off: at reset all have 0. To be called
-/// before one of them is enabled.
+/// before anything asks for one of them.
 pub(crate) fn set_up() {
     // SAFETY: the drivers set the priorities of their own interrupts later.
     unsafe {

@@ -27,6 +27,8 @@ fn main() -> ExitCode {
         Some(Command::Serial) => commands::serial::run(),
         Some(Command::Config(args)) => commands::config::run(args),
         Some(Command::PlantBench(args)) => commands::plant_bench::command(args),
+        Some(Command::Faults(args)) if args.emulated => commands::faults_emulated::run(args),
+        Some(Command::Faults(args)) if args.virtual_boards => commands::faults_virtual::run(args),
         Some(Command::Faults(args)) => commands::faults::run(args),
         Some(Command::LoopBench(args)) => commands::loop_bench::run(args),
         Some(Command::Soak(args)) => commands::soak::run(args),

@@ -63,13 +63,13 @@ fn the_judge_finds_what_an_entry_does_not_allow() {
     let mut stops = named("none");
     stops.goes_on = false;
     let mut never_stops = named("nFAULT low for 20 ms");
-    (never_stops.goes_on, never_stops.codes) = (true, &[]);
+    (never_stops.goes_on, never_stops.codes) = (true, vec![]);
     let mut sooner = named("nFAULT low for 20 ms");
     sooner.off_within_s = 0.01;
     let mut silent = named("HardFault of the beam's board");
     silent.findings = &[];
     let mut other = named("nFAULT low for 20 ms");
-    other.codes = &[core_algos::safety::Condition::SupplyLow];
+    other.codes = vec![core_algos::safety::Condition::SupplyLow];
     for entry in [stops, never_stops, sooner, silent, other] {
         let outcome = outcome(&entry, &trials);
         assert!(matches!(outcome.end, End::Wrong(_)), "{outcome:?}");

@@ -4,27 +4,12 @@
 use std::path::Path;
 use virtual_board::Time;
 use virtual_board::board::Board;
-use virtual_board::chip::{Drive, Pin, Surroundings};
+use virtual_board::chip::Bare;
 use virtual_board::probe::image::Image;
 
 const SYSTICK: u16 = 15;
 /// No image needs longer to its first tick.
 const PATIENCE: Time = Time::from_micros(10_000_000);
-
-/// Analogue inputs at half the supply.
-struct Bare;
-
-impl Surroundings for Bare {
-    fn pin(&mut self, _pin: Pin, _drive: Drive, _at: Time) {}
-
-    fn voltage(&mut self, _pin: Pin, _at: Time) -> f64 {
-        1.65
-    }
-
-    fn spi(&mut self, _word: u16, _bits: u32, _at: Time) -> u16 {
-        !0
-    }
-}
 
 /// Exceptions taken, by number.
 fn taken(board: &Board) -> Vec<u64> {

@@ -5,22 +5,8 @@ use std::path::Path;
 use std::time::Instant;
 use virtual_board::Time;
 use virtual_board::board::Board;
-use virtual_board::chip::{Drive, Pin, Surroundings};
+use virtual_board::chip::Bare;
 use virtual_board::probe::image::Image;
-
-struct Bare;
-
-impl Surroundings for Bare {
-    fn pin(&mut self, _pin: Pin, _drive: Drive, _at: Time) {}
-
-    fn voltage(&mut self, _pin: Pin, _at: Time) -> f64 {
-        1.65
-    }
-
-    fn spi(&mut self, _word: u16, _bits: u32, _at: Time) -> u16 {
-        !0
-    }
-}
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();

@@ -203,26 +203,12 @@ impl Board {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::chip::{Drive, Pin};
+    use crate::chip::Bare;
     use crate::probe::image::tests::Builder;
-
-    struct Nothing;
-
-    impl Surroundings for Nothing {
-        fn pin(&mut self, _: Pin, _: Drive, _: Time) {}
-
-        fn voltage(&mut self, _: Pin, _: Time) -> f64 {
-            0.0
-        }
-
-        fn spi(&mut self, _: u16, _: u32, _: Time) -> u16 {
-            0xff
-        }
-    }
 
     /// `1: adds r0, #1; b 1b`.
     fn counting() -> Board {
-        let mut board = Board::new(Box::new(Nothing), 0);
+        let mut board = Board::new(Box::new(Bare), 0);
         board.flash(&Builder::new(&[0x40, 0x1c, 0xfd, 0xe7]).image());
         board.power(true);
         board

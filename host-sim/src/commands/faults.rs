@@ -219,12 +219,6 @@ pub(super) fn check_choice(only: &[String], names: &[&str]) -> Result<(), Error>
 
 /// `cfmmr faults`.
 pub fn run(args: &FaultsArgs) -> Result<(), Error> {
-    if args.emulated {
-        return super::faults_emulated::run(args);
-    }
-    if args.virtual_boards {
-        return super::faults_virtual::run(args);
-    }
     let names: Vec<&str> = CATALOGUE.iter().map(|entry| entry.name).collect();
     check_choice(&args.only, &names)?;
     let report = campaign(u64::from(args.seeds), &args.only)?;

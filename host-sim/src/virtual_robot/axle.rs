@@ -1,6 +1,9 @@
 //! What is soldered to an axle's board, wired as docs/wiring.md says.
 
-use super::power::Power;
+use super::power::{BATTERY_V, Power};
+use crate::scenario::Scenario;
+use crate::sensors::TrialImperfections;
+use core_algos::node::board::Role;
 use virtual_board::Time;
 use virtual_board::chip::{Drive, Inputs, Pin, Surroundings};
 use virtual_board::device::{
@@ -64,6 +67,32 @@ pub struct AxleParts {
     pub battery_v: f64,
     /// Seed of all noise.
     pub seed: u64,
+}
+
+impl AxleParts {
+    /// Those of an axle of a scenario, as they were drawn.
+    pub fn of(scenario: &Scenario, drawn: &TrialImperfections, role: Role, seed: u64) -> Self {
+        let k = role as usize;
+        let (gyro, accelerometer) = (&scenario.sensors.gyro, &scenario.sensors.accelerometer);
+        let third = |value: f64| [0.0, 0.0, value];
+        let first = |value: f64| [value, 0.0, 0.0];
+        Self {
+            rear: role == Role::Rear,
+            lines: scenario.sensors.encoder.counts_per_revolution / 4,
+            phase: drawn.encoder_phase[k],
+            inertial: gyro.fitted.then(|| InertialConfig {
+                gyro_density: gyro.noise_density,
+                gyro_bias: third(drawn.gyro_bias[k]),
+                gyro_scale: third(drawn.gyro_scale_error[k]),
+                accel_density: accelerometer.noise_density,
+                accel_bias: first(drawn.accelerometer_bias[k]),
+                accel_scale: first(drawn.accelerometer_scale_error[k]),
+                ..InertialConfig::default()
+            }),
+            battery_v: BATTERY_V,
+            seed,
+        }
+    }
 }
 
 /// The parts around an axle's board.

@@ -1,8 +1,7 @@
 //! What is soldered to the beam's board, wired as docs/wiring.md says.
 
-use super::BATTERY_V;
-use super::power::Power;
-use crate::sensors::{BridgeConfig, Stream, generator, normal};
+use super::power::{BATTERY_V, Power};
+use crate::sensors::{BridgeConfig, Stream, TrialImperfections, generator, normal};
 use rand_pcg::Pcg64;
 use virtual_board::Time;
 use virtual_board::chip::{Drive, Inputs, Pin, Surroundings};
@@ -37,6 +36,17 @@ pub struct BridgeParts {
     pub offset: f64,
     /// What came to it since, strain.
     pub drift: f64,
+}
+
+impl BridgeParts {
+    /// Those of bridge `k`, as they were drawn.
+    pub fn of(drawn: &TrialImperfections, k: usize) -> Self {
+        Self {
+            gain_error: drawn.bridge_gain_error[k],
+            offset: drawn.bridge_offset[k],
+            drift: drawn.bridge_drift[k],
+        }
+    }
 }
 
 /// A bridge that has drifted.

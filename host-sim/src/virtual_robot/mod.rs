@@ -49,7 +49,7 @@ use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use tools::{Instruments, Tools};
 use virtual_board::Time;
 use virtual_board::board::Board;
-use virtual_board::device::{InertialConfig, Motion};
+use virtual_board::device::Motion;
 use virtual_board::network::Network;
 use virtual_board::wire::{Id, Wire};
 
@@ -64,8 +64,6 @@ const READY_TICKS: u32 = 100;
 const PRESS: Time = Time::from_micros(150_000);
 /// Crystals are off by this at most, parts in 10⁹.
 const CRYSTAL_PPB: i64 = 20_000;
-/// Voltage of the battery, V.
-const BATTERY_V: f64 = 12.0;
 /// Ticks that a run goes on after the lead node's fault: what follows from it can be seen.
 const GRACE: u64 = 1000;
 /// Friction of a blocked wheel, N m s/rad: as much as steps of a millisecond can follow.
@@ -168,11 +166,7 @@ impl VirtualRobot {
             .map(|(nominal, shift)| plant.gauge(f64::from(nominal) + shift))
             .collect();
         let bridges: Vec<BridgeParts> = (0..gauges.len())
-            .map(|k| BridgeParts {
-                gain_error: drawn.bridge_gain_error[k],
-                offset: drawn.bridge_offset[k],
-                drift: drawn.bridge_drift[k],
-            })
+            .map(|k| BridgeParts::of(&drawn, k))
             .collect();
         let roles: Vec<Role> = Role::ALL
             .into_iter()
@@ -190,7 +184,7 @@ impl VirtualRobot {
                     Board::new(Box::new(parts), fast_ppb)
                 }
                 Role::Front | Role::Rear => {
-                    let parts = axle_parts(scenario, &drawn, role, part_seed);
+                    let parts = AxleParts::of(scenario, &drawn, role, part_seed);
                     Board::new(Box::new(AxleBoard::new(&parts)), fast_ppb)
                 }
             };
@@ -575,27 +569,4 @@ fn check(scenario: &Scenario) -> Result<(), Error> {
         )));
     }
     Ok(())
-}
-
-fn axle_parts(scenario: &Scenario, drawn: &TrialImperfections, role: Role, seed: u64) -> AxleParts {
-    let k = role as usize;
-    let (gyro, accelerometer) = (&scenario.sensors.gyro, &scenario.sensors.accelerometer);
-    let third = |value: f64| [0.0, 0.0, value];
-    let first = |value: f64| [value, 0.0, 0.0];
-    AxleParts {
-        rear: role == Role::Rear,
-        lines: scenario.sensors.encoder.counts_per_revolution / 4,
-        phase: drawn.encoder_phase[k],
-        inertial: gyro.fitted.then(|| InertialConfig {
-            gyro_density: gyro.noise_density,
-            gyro_bias: third(drawn.gyro_bias[k]),
-            gyro_scale: third(drawn.gyro_scale_error[k]),
-            accel_density: accelerometer.noise_density,
-            accel_bias: first(drawn.accelerometer_bias[k]),
-            accel_scale: first(drawn.accelerometer_scale_error[k]),
-            ..InertialConfig::default()
-        }),
-        battery_v: BATTERY_V,
-        seed,
-    }
 }

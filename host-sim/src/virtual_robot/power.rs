@@ -5,6 +5,8 @@ use virtual_board::Time;
 use virtual_board::chip::Inputs;
 use virtual_board::device::{Profile, Supply};
 
+/// Voltage of the battery, V.
+pub const BATTERY_V: f64 = 12.0;
 /// Supply of chip, amplifiers and sensors, V.
 const LOGIC_V: f64 = 3.3;
 

@@ -44,7 +44,7 @@ pub use part::Part;
 pub use pin::{Drive, Pin, Signal};
 pub use rcc::Cause;
 pub use shared::{Clocks, Request, Trigger};
-pub use surroundings::{Inputs, SpiMode, Surroundings};
+pub use surroundings::{Bare, Inputs, SpiMode, Surroundings};
 pub use trace::PinChange;
 
 use crate::finding::{Findings, Kind};

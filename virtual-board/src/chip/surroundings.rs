@@ -46,6 +46,22 @@ pub trait Surroundings: Any + Send {
     }
 }
 
+/// Nothing is soldered to the chip; analogue inputs are at half the supply.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Bare;
+
+impl Surroundings for Bare {
+    fn pin(&mut self, _pin: Pin, _drive: Drive, _at: Time) {}
+
+    fn voltage(&mut self, _pin: Pin, _at: Time) -> f64 {
+        1.65
+    }
+
+    fn spi(&mut self, _word: u16, bits: u32, _at: Time) -> u16 {
+        ((1u32 << bits) - 1) as u16
+    }
+}
+
 /// How SPI1 clocks its words.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SpiMode {

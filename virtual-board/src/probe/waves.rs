@@ -180,25 +180,11 @@ impl BoardSignals {
 mod tests {
     use super::*;
     use crate::board::Board;
-    use crate::chip::{Drive, Surroundings};
+    use crate::chip::Bare;
     use crate::probe::image::tests::Builder;
     use crate::wire::Wire;
     use std::collections::BTreeMap;
     use vcd::{Command, Parser};
-
-    struct Nothing;
-
-    impl Surroundings for Nothing {
-        fn pin(&mut self, _: Pin, _: Drive, _: Time) {}
-
-        fn voltage(&mut self, _: Pin, _: Time) -> f64 {
-            0.0
-        }
-
-        fn spi(&mut self, _: u16, _: u32, _: Time) -> u16 {
-            0xff
-        }
-    }
 
     /// Switches SysTick on, with interrupts, whose handler never returns:
     /// `ldr r1, =0xe000e010; movs r0, #100; str r0, [r1, #4]; movs r0, #7; str r0, [r1]; b .`
@@ -216,7 +202,7 @@ mod tests {
     fn pins_have_the_levels_of_a_reset_and_exceptions_begin() {
         let image = image();
         assert_eq!(image.handlers(), [(15, "SysTick".to_owned())]);
-        let mut board = Board::new(Box::new(Nothing), 0);
+        let mut board = Board::new(Box::new(Bare), 0);
         board.flash(&image);
         let quantum = Time::from_micros(40);
         let mut network = Network::new(vec![board], Wire::new(1, quantum, 1), quantum, 1);

@@ -3,10 +3,10 @@
 
 use super::Campaign;
 use super::bench::Bench;
-use super::entry::Entry;
 use super::run::node;
 use crate::error::Error;
 use crate::sensors::{Stream, generator};
+use crate::virtual_robot::Options;
 use crate::virtual_robot::store;
 use core_algos::bus::layout::Node;
 use core_algos::bus::message::Calibrate;
@@ -40,8 +40,7 @@ const fn ms(count: u64) -> Time {
 
 /// One board on the bus, with a node that acknowledges.
 fn rig(campaign: &Campaign, seed: u64) -> Result<Bench, Error> {
-    let entry = Entry::drive("", "", |_| {});
-    let mut bench = Bench::new(campaign, &entry, seed)?;
+    let mut bench = Bench::new(campaign, Options::default(), seed)?;
     bench.intruder(|_, _| {});
     Ok(bench)
 }

@@ -1,7 +1,6 @@
 //! The robot with what an act of a fault can reach.
 
 use super::Campaign;
-use super::entry::Entry;
 use crate::error::Error;
 use crate::simulation::Robot;
 use crate::targets::board_log::BoardLog;
@@ -49,18 +48,17 @@ impl Drop for Bench {
 
 impl Bench {
     /// The robot, its boards still off.
-    pub fn new(campaign: &Campaign, entry: &Entry, seed: u64) -> Result<Self, Error> {
+    pub fn new(campaign: &Campaign, options: Options, seed: u64) -> Result<Self, Error> {
         use crate::sensors::{Stream, generator};
         let logs = Role::ALL.map(|_| BoardLog::quiet());
         let options = Options {
             threads: 1,
-            power_on_ms: entry.power_on_ms,
-            fast_ppb: entry.fast_ppb,
             others: 1,
             instruments: Instruments {
                 profile: campaign.coverage.is_some(),
                 ..Instruments::default()
             },
+            ..options
         };
         let (scenario, images) = (&campaign.scenario, &campaign.images);
         let mut robot = VirtualRobot::without_power(scenario, images, seed, 0, &options, &logs)?;

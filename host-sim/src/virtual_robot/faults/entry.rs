@@ -3,6 +3,7 @@
 use super::Campaign;
 use super::bench::Bench;
 use crate::error::Error;
+use crate::virtual_robot::Options;
 use core_algos::node::board::Role;
 use core_algos::safety::Condition;
 
@@ -48,7 +49,7 @@ pub struct Entry {
     /// Whether the robot may drive on.
     pub goes_on: bool,
     /// Codes that may be the first reason of a stop; none if it may not stop.
-    pub codes: &'static [Condition],
+    pub codes: Vec<Condition>,
     /// Longest time from the fault to all motors off, s.
     pub off_within_s: f64,
     /// The same for the motors of the axle that is struck, s.
@@ -82,7 +83,7 @@ impl Entry {
             seam,
             course,
             goes_on: false,
-            codes: &[],
+            codes: Vec::new(),
             off_within_s: STOP_S,
             own_within_s: None,
             restarts: false,
@@ -93,6 +94,15 @@ impl Entry {
             rest_ms: 250,
             fast_ppb: [None; 3],
             power_on_ms: [0; 3],
+        }
+    }
+
+    /// How its boards are run.
+    pub fn options(&self) -> Options {
+        Options {
+            power_on_ms: self.power_on_ms,
+            fast_ppb: self.fast_ppb,
+            ..Options::default()
         }
     }
 
@@ -122,9 +132,9 @@ impl Entry {
         self
     }
 
-    /// It may stop for one of these.
-    pub fn stops(mut self, codes: &'static [Condition]) -> Self {
-        self.codes = codes;
+    /// It may stop for one of these, too.
+    pub fn stops(mut self, codes: &[Condition]) -> Self {
+        self.codes.extend(codes);
         self
     }
 

@@ -20,6 +20,9 @@ const MOTOR: &[Condition] = &[
     OverCurrent,
     StopNotFollowed,
 ];
+/// A driver whose transistor stays on notices by itself, too; the wheel brakes through the transistor
+/// until it rests, so that current flows until then.
+const NOTICED: &[Condition] = &[DriverFault];
 /// Time in which a motor is off that a cut is for, s: the condition's own time, some ticks, and the
 /// millisecond that a driver takes to fall asleep.
 const CUT_S: f64 = 0.02;
@@ -88,15 +91,18 @@ fn motors() -> Vec<Entry> {
         Entry::drive("half bridge stays on: OUT1 high", "DRV8874", |b| {
             stuck(b, Half::One, true);
         })
-        .stops(MOTOR_OR_DRIVER),
+        .stops(MOTOR)
+        .stops(NOTICED),
         Entry::drive("half bridge stays on: OUT1 low", "DRV8874", |b| {
             stuck(b, Half::One, false);
         })
-        .stops(MOTOR_OR_DRIVER),
+        .stops(MOTOR)
+        .stops(NOTICED),
         Entry::drive("half bridge stays on: OUT2 high", "DRV8874", |b| {
             stuck(b, Half::Two, true);
         })
-        .stops(MOTOR_OR_DRIVER),
+        .stops(MOTOR)
+        .stops(NOTICED),
         Entry::drive("emergency stop", "contact", |b| {
             let (role, _) = b.wheel();
             b.axle(role, |axle, now| axle.stop(true, now));
@@ -105,19 +111,3 @@ fn motors() -> Vec<Entry> {
         .own_within(CUT_S),
     ]
 }
-
-/// The same, or the driver notices by itself. The wheel brakes through the transistor until it rests, so
-/// that current flows until then.
-const MOTOR_OR_DRIVER: &[Condition] = &[
-    TrackingLost,
-    WheelSlip,
-    EncoderFault,
-    MotorStall,
-    MotorUnresponsive,
-    EstimateInconsistent,
-    WrenchHigh,
-    FrameBent,
-    OverCurrent,
-    StopNotFollowed,
-    DriverFault,
-];

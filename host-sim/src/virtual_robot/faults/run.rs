@@ -79,8 +79,7 @@ pub type Reference = Vec<[f64; 3]>;
 
 /// The course of an undisturbed run, as long as any run is.
 pub fn reference(campaign: &Campaign, seed: u64, longest_ms: u64) -> Result<Reference, Error> {
-    let entry = Entry::drive("", "", |_| {});
-    let mut bench = Bench::new(campaign, &entry, seed)?;
+    let mut bench = Bench::new(campaign, Options::default(), seed)?;
     bench.robot.boot(&Options::default())?;
     bench.press()?;
     let ticks = longest_ms + WATCH_MS + 1_000;
@@ -111,12 +110,10 @@ pub fn run(campaign: &Campaign, case: &Case, reference: &Reference) -> Result<Ou
             })
         }
         Course::Drive(steps) => {
-            let mut bench = Bench::new(campaign, case.entry, case.seed)?;
+            let options = case.entry.options();
+            let mut bench = Bench::new(campaign, options.clone(), case.seed)?;
             let before = kept(&mut bench);
-            bench.robot.boot(&Options {
-                power_on_ms: case.entry.power_on_ms,
-                ..Options::default()
-            })?;
+            bench.robot.boot(&options)?;
             bench.press()?;
             bench.pass(case.after_ms);
             let seen = watch(&mut bench, case.entry, steps);
@@ -334,12 +331,9 @@ fn drives_wrongly(bench: &Bench, case: &Case, from: Time, reference: &Reference)
 /// A run from power on.
 fn start(campaign: &Campaign, case: &Case, steps: &[Step]) -> Result<Outcome, Error> {
     let entry = case.entry;
-    let mut bench = Bench::new(campaign, entry, case.seed)?;
+    let options = entry.options();
+    let mut bench = Bench::new(campaign, options.clone(), case.seed)?;
     let before = kept(&mut bench);
-    let options = Options {
-        power_on_ms: entry.power_on_ms,
-        ..Options::default()
-    };
     let acts = steps.iter().map(|step| step.after_ms);
     let last = acts.chain(entry.power_on_ms).max().unwrap_or(0);
     let mut ready = 0;

@@ -2,7 +2,7 @@
 //!
 //! | module | what it holds |
 //! |---|---|
-//! | [`power`] | boards switched off and on again at their times |
+//! | [`cuts`] | boards switched off and on again at their times |
 //! | [`debugger`] | gdb at a board |
 //! | [`waves`] | pins, interrupts and bus in a file |
 //! | [`profile`] | where the boards' time went |
@@ -11,8 +11,8 @@
 //! What is not asked for costs nothing.
 
 pub mod coverage;
+pub mod cuts;
 pub mod debugger;
-pub mod power;
 pub mod profile;
 pub mod waves;
 
@@ -25,8 +25,8 @@ use crate::targets::{BoardTraffic, Event, Traffic};
 use core_algos::bus::Frame;
 use core_algos::node::board::Role;
 use core_algos::node::{EPOCH, Micros};
+use cuts::Cuts;
 use debugger::{Debugger, Gdb};
-use power::Power;
 use std::path::PathBuf;
 use virtual_board::Time;
 use virtual_board::wire::Record as Sending;
@@ -48,7 +48,7 @@ pub struct Instruments {
 pub(super) struct Tools {
     debugger: Debugger,
     waves: Option<Waves>,
-    power: Power,
+    cuts: Cuts,
     pace: Option<Pace>,
     session: Option<Session>,
     observer: Option<Box<dyn Observer>>,
@@ -109,7 +109,7 @@ impl VirtualRobot {
 
     /// What happened to the boards' power.
     pub fn events(&self) -> &[Event] {
-        self.tools.power.events()
+        self.tools.cuts.events()
     }
 
     /// Puts the instruments at boards that have no power yet.
@@ -205,7 +205,7 @@ impl VirtualRobot {
     pub(super) fn heard_of_boards(&self) -> Vec<BoardTraffic> {
         let of = |role: Role| BoardTraffic {
             role,
-            on: self.roles.contains(&role) && !self.tools.power.is_off(role),
+            on: self.roles.contains(&role) && !self.tools.cuts.is_off(role),
             traffic: Some(self.tools.traffic[role as usize]),
         };
         Role::ALL.map(of).to_vec()

@@ -43,7 +43,7 @@ impl Node for Chip {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::chip::testing::Nothing;
+    use crate::chip::Bare;
     use crate::core::{System, Width};
     use crate::time::Cycles;
     use crate::wire::{BitTiming, Frame, Id, Settings, VirtualNode, Wire};
@@ -64,7 +64,7 @@ mod tests {
 
     /// A chip that has asked for one frame to be sent, with or without its pins.
     fn chip(pins: bool, cycle: &mut Cycles) -> Chip {
-        let mut chip = Chip::new(Box::new(Nothing), 0);
+        let mut chip = Chip::new(Box::new(Bare), 0);
         let mut set = |address, value| write(&mut chip, address, value, cycle);
         set(0x4002_3830, 1 << 1);
         set(0x4002_3840, 1 << 25);

@@ -1,24 +1,10 @@
 //! A scripted client that speaks the remote protocol after gdb's manual, and nothing of the server's.
 
 use super::*;
-use crate::chip::{Drive, Pin, Surroundings};
+use crate::chip::Bare;
 use crate::probe::image::tests::Builder;
 use crate::time::Time;
 use std::io::Write;
-
-struct Nothing;
-
-impl Surroundings for Nothing {
-    fn pin(&mut self, _: Pin, _: Drive, _: Time) {}
-
-    fn voltage(&mut self, _: Pin, _: Time) -> f64 {
-        0.0
-    }
-
-    fn spi(&mut self, _: u16, bits: u32, _: Time) -> u16 {
-        ((1u32 << bits) - 1) as u16
-    }
-}
 
 /// Counts in r0 and stores it at 0x20000100, for ever:
 /// `movs r0, #0; ldr r1, =0x20000100; 1: adds r0, #1; str r0, [r1]; b 1b`.
@@ -36,7 +22,7 @@ struct Client {
 
 impl Client {
     fn new() -> Self {
-        let mut board = Board::new(Box::new(Nothing), 0);
+        let mut board = Board::new(Box::new(Bare), 0);
         board.flash(&Builder::new(&PROGRAM).image());
         board.power(true);
         let server = Server::listen(0).unwrap();

@@ -6,7 +6,7 @@ use core_algos::node::board::Role;
 
 /// What is to happen to the boards' power, and what did.
 #[derive(Default)]
-pub(super) struct Power {
+pub(super) struct Cuts {
     failures: Vec<Failure>,
     restart_after: Option<u32>,
     /// When each board's power comes back, ms.
@@ -15,7 +15,7 @@ pub(super) struct Power {
     losses: Losses,
 }
 
-impl Power {
+impl Cuts {
     pub fn events(&self) -> &[Event] {
         self.losses.events()
     }
@@ -28,42 +28,42 @@ impl Power {
 impl VirtualRobot {
     /// Boards whose power is cut on the way; it comes back `restart_after` ms later, if at all.
     pub fn plan(&mut self, failures: Vec<Failure>, restart_after: Option<u32>) {
-        let power = &mut self.tools.power;
-        (power.failures, power.restart_after) = (failures, restart_after);
+        let cuts = &mut self.tools.cuts;
+        (cuts.failures, cuts.restart_after) = (failures, restart_after);
     }
 
     /// Cuts power and switches it on where that is due.
     pub(super) fn switch_power(&mut self) {
         let tick = self.tick as u32;
-        let power = &mut self.tools.power;
+        let cuts = &mut self.tools.cuts;
         for (place, &role) in self.roles.iter().enumerate() {
             let k = role as usize;
             let due = |failure: &Failure| failure.role == role && failure.at == tick;
             let Some(board) = self.network.board(place) else {
                 continue;
             };
-            if !power.off[k] && power.failures.iter().any(due) {
+            if !cuts.off[k] && cuts.failures.iter().any(due) {
                 board.power(false);
                 let why = "switched off".to_owned();
                 if let Some(session) = &self.tools.session {
                     session.off(role, tick, why.clone());
                 }
-                let back = power.restart_after.map(|after| tick + after.max(1));
-                (power.off[k], power.revivals[k]) = (true, back);
-                power.losses.lost(tick, role, why, back.is_some());
+                let back = cuts.restart_after.map(|after| tick + after.max(1));
+                (cuts.off[k], cuts.revivals[k]) = (true, back);
+                cuts.losses.lost(tick, role, why, back.is_some());
             }
-            if power.revivals[k] == Some(tick) {
+            if cuts.revivals[k] == Some(tick) {
                 board.power(true);
-                (power.off[k], power.revivals[k]) = (false, None);
-                power.losses.restarted(tick, role);
+                (cuts.off[k], cuts.revivals[k]) = (false, None);
+                cuts.losses.restarted(tick, role);
             }
         }
     }
 
     /// Looks whether the motors are off, and whether the run must end.
     pub(super) fn watch_power(&mut self) {
-        let power = &mut self.tools.power;
-        if power.losses.events().is_empty() {
+        let cuts = &mut self.tools.cuts;
+        if cuts.losses.events().is_empty() {
             return;
         }
         let tick = self.tick as u32;
@@ -71,10 +71,10 @@ impl VirtualRobot {
             .into_iter()
             .zip(&self.plant.state().axle);
         let off = axles
-            .filter(|(role, _)| !power.is_off(*role))
+            .filter(|(role, _)| !cuts.is_off(*role))
             .all(|(_, axle)| axle.torque == [0.0; 2]);
-        power.losses.watch(tick, off);
-        if let Some(why) = power.losses.end(tick) {
+        cuts.losses.watch(tick, off);
+        if let Some(why) = cuts.losses.end(tick) {
             self.failure.get_or_insert_with(|| why.to_owned());
         }
     }
