@@ -5,11 +5,12 @@
 //! code, and of each begin and end; once. Then batches: the bytes of both memories, the number of
 //! stretches, and of each the address at which it begins, the most instructions, and its [`WORDS`]
 //! words. The answer: for each stretch how many instructions it has, how many of these an IT block
-//! skipped, the program counter and the words behind the last; then both memories, and a bit for every two bytes of flash, set where an instruction
-//! was executed.
+//! skipped, the program counter and the words behind the last; then both memories, and a bit for every
+//! two bytes of flash, set where an instruction was executed.
 //!
 //! A stretch ends before an instruction that faults, calls the supervisor, waits, lies outside the code,
-//! or is an exclusive store without a load of the same address, and never within an IT block.
+//! is an exclusive store without a load of the same address, or sets bits of BASEPRI that are not there,
+//! and never within an IT block.
 
 mod flat;
 
@@ -78,6 +79,12 @@ impl Stretches {
         match first {
             // Breakpoints, supervisor calls, YIELD, WFE, WFI, SEV.
             0xbe00..=0xbeff | 0xdf00..=0xdfff | 0xbf10 | 0xbf20 | 0xbf30 | 0xbf40 => Sort::Ends,
+            // BASEPRI and BASEPRI_MAX have 4 bits in an STM32F405 (PM0214, 2.1.3), 8 in Unicorn.
+            0xf380..=0xf38f
+                if matches!(self.half(offset + 2) & 0xff, 0x11 | 0x12) && base & 15 != 0 =>
+            {
+                Sort::Ends
+            }
             0xe840..=0xe85f => {
                 let address = base.wrapping_add(4 * u32::from(self.half(offset + 2) & 0xff));
                 match first & 0x10 {
