@@ -28,6 +28,7 @@ pub mod network;
 pub mod probe;
 pub mod time;
 pub mod wire;
+mod workers;
 
 pub use finding::{Finding, Findings, Kind};
 pub use time::{Cycles, Time};

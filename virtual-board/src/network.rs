@@ -8,19 +8,17 @@
 use crate::board::Board;
 use crate::time::Time;
 use crate::wire::{Node, VirtualNode, Wire};
-use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use crate::workers::Workers;
 use std::time::Instant;
-
-/// Turns of a waiting thread after which it lets others run.
-const SPINS: u32 = 2_000;
 
 /// Calls of [`Network::run_until`] after which the slower way of running is tried again.
 const TRY_AGAIN: u32 = 200;
 
 /// Boards and their bus.
 pub struct Network {
-    boards: Vec<Board>,
+    boards: Vec<Box<Board>>,
+    /// Once there was something for them to do.
+    workers: Option<Workers>,
     /// Nodes without a board.
     others: Vec<VirtualNode>,
     wire: Wire,
@@ -61,40 +59,13 @@ impl Costs {
     }
 }
 
-/// Boards that run on one thread, with their places.
-type Group<'a> = Mutex<Vec<(usize, &'a mut Board)>>;
-
-/// How a worker is told what to do.
-#[derive(Default)]
-struct Signals {
-    /// End of the quantum to be run, ps.
-    until: AtomicU64,
-    /// Number of the quantum.
-    quantum: AtomicUsize,
-    /// Workers that have finished it.
-    done: AtomicUsize,
-    stop: AtomicBool,
-    /// A worker has panicked.
-    failed: AtomicBool,
-}
-
-/// Tells the others if its thread panics: nobody waits for it then.
-struct Alarm<'a>(&'a Signals);
-
-impl Drop for Alarm<'_> {
-    fn drop(&mut self) {
-        if std::thread::panicking() {
-            self.0.failed.store(true, Ordering::Release);
-        }
-    }
-}
-
 impl Network {
     /// Boards on a wire; the order is that of the wire's nodes. A quantum of 40 µs is
     /// a good one, 42 bits of the bus the longest.
     pub fn new(boards: Vec<Board>, wire: Wire, quantum: Time, threads: usize) -> Self {
         Self {
-            boards,
+            boards: boards.into_iter().map(Box::new).collect(),
+            workers: None,
             wire,
             quantum: Time(quantum.0.max(1)),
             threads: threads.max(1),
@@ -122,13 +93,13 @@ impl Network {
     }
 
     /// The boards.
-    pub fn boards(&mut self) -> &mut [Board] {
-        &mut self.boards
+    pub fn boards(&mut self) -> impl Iterator<Item = &mut Board> {
+        self.boards.iter_mut().map(|board| &mut **board)
     }
 
     /// A board.
     pub fn board(&mut self, place: usize) -> Option<&mut Board> {
-        self.boards.get_mut(place)
+        self.boards.get_mut(place).map(|board| &mut **board)
     }
 
     /// The wire.
@@ -166,7 +137,7 @@ impl Network {
             carry(
                 &mut self.wire,
                 next,
-                self.boards.iter_mut(),
+                self.boards.iter_mut().map(|board| &mut **board),
                 &mut self.others,
             );
             self.now = next;
@@ -174,51 +145,27 @@ impl Network {
     }
 
     fn run_on_threads(&mut self, time: Time) {
-        let (quantum, mut reached) = (self.quantum, self.now);
-        let groups = spread(&mut self.boards, self.threads);
-        let (wire, nodes, signals) = (&mut self.wire, &mut self.others, &Signals::default());
-        let Some((own, others)) = groups.split_first() else {
-            return;
-        };
-        std::thread::scope(|scope| {
-            for group in others {
-                scope.spawn(move || work(group, signals));
-            }
-            while reached < time {
-                let now = time.min(reached + quantum);
-                signals.done.store(0, Ordering::Relaxed);
-                signals.until.store(now.0, Ordering::Relaxed);
-                signals.quantum.fetch_add(1, Ordering::Release);
-                run(&mut lock(own), now);
-                let failed = || signals.failed.load(Ordering::Acquire);
-                wait(|| signals.done.load(Ordering::Acquire) == others.len() || failed());
-                if failed() {
-                    break;
+        let (count, threads) = (self.boards.len(), self.threads);
+        let workers = self
+            .workers
+            .get_or_insert_with(|| Workers::new(count, threads.min(count) - 1));
+        workers.give(&mut self.boards);
+        while self.now < time {
+            let next = time.min(self.now + self.quantum);
+            let carried = workers.run(next, |boards| {
+                let stopped = boards.iter().any(|board| board.stopped().is_some());
+                if !stopped {
+                    let boards = boards.iter_mut().map(|board| &mut **board);
+                    carry(&mut self.wire, next, boards, &mut self.others);
                 }
-                let mut guards: Vec<_> = groups.iter().map(lock).collect();
-                let mut boards: Vec<_> = guards.iter_mut().flat_map(|g| g.iter_mut()).collect();
-                if boards.iter().any(|(_, board)| board.stopped().is_some()) {
-                    break;
-                }
-                boards.sort_by_key(|(place, _)| *place);
-                let boards = boards.into_iter().map(|(_, board)| &mut **board);
-                carry(wire, now, boards, nodes);
-                reached = now;
+                !stopped
+            });
+            if carried != Some(true) {
+                break;
             }
-            signals.stop.store(true, Ordering::Relaxed);
-            signals.quantum.fetch_add(1, Ordering::Release);
-        });
-        self.now = reached;
-    }
-}
-
-fn lock<'a, 'b>(group: &'a Group<'b>) -> MutexGuard<'a, Vec<(usize, &'b mut Board)>> {
-    group.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
-fn run(boards: &mut [(usize, &mut Board)], until: Time) {
-    for (_, board) in boards {
-        board.run_until(until);
+            self.now = next;
+        }
+        workers.take(&mut self.boards);
     }
 }
 
@@ -233,53 +180,4 @@ fn carry<'a>(
     let others = others.iter_mut().map(|node| node as &mut dyn Node);
     let mut nodes: Vec<&mut dyn Node> = boards.chain(others).collect();
     wire.advance(until, &mut nodes);
-}
-
-/// Boards on threads, so that each has about as many instructions to run as the others had so far.
-fn spread(boards: &mut [Board], threads: usize) -> Vec<Group<'_>> {
-    let count = threads.min(boards.len());
-    let mut groups: Vec<(u64, Vec<(usize, &mut Board)>)> =
-        (0..count).map(|_| (0, Vec::new())).collect();
-    let mut boards: Vec<(usize, &mut Board)> = boards.iter_mut().enumerate().collect();
-    boards.sort_by_key(|(place, board)| (std::cmp::Reverse(board.core().instructions()), *place));
-    for (place, board) in boards {
-        if let Some((load, group)) = groups.iter_mut().min_by_key(|(load, _)| *load) {
-            *load += board.core().instructions() + 1;
-            group.push((place, board));
-        }
-    }
-    groups
-        .into_iter()
-        .map(|(_, group)| Mutex::new(group))
-        .collect()
-}
-
-/// A worker: runs its boards quantum by quantum until told to stop.
-fn work(group: &Group, signals: &Signals) {
-    let _alarm = Alarm(signals);
-    let mut seen = 0;
-    loop {
-        wait(|| signals.quantum.load(Ordering::Acquire) != seen);
-        seen += 1;
-        if signals.stop.load(Ordering::Relaxed) {
-            return;
-        }
-        run(
-            &mut lock(group),
-            Time(signals.until.load(Ordering::Relaxed)),
-        );
-        signals.done.fetch_add(1, Ordering::Release);
-    }
-}
-
-fn wait(ready: impl Fn() -> bool) {
-    let mut turns = 0;
-    while !ready() {
-        turns += 1;
-        if turns < SPINS {
-            std::hint::spin_loop();
-        } else {
-            std::thread::yield_now();
-        }
-    }
 }

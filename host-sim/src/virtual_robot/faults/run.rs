@@ -207,7 +207,7 @@ fn has_restarted(bench: &mut Bench) -> bool {
 
 /// The parameters of all boards, as their flash holds them.
 fn kept(bench: &mut Bench) -> Vec<Vec<u8>> {
-    let boards = bench.robot.network.boards().iter_mut();
+    let boards = bench.robot.network.boards();
     boards
         .map(|board| board.chip().flash()[store::FIRST..store::FIRST + KEPT].to_vec())
         .collect()
