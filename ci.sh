@@ -5,7 +5,8 @@ cd "$(dirname "$0")"
 # Each thing is built once here; what helps the next build costs time.
 export CARGO_INCREMENTAL=0
 
-step() { printf '\n== %s\n' "$*"; }
+# Each with the seconds that went by before it.
+step() { printf '\n== %s (%s s)\n' "$*" "$SECONDS"; }
 
 if ! command -v cargo >/dev/null; then
   echo "ci.sh: cargo is missing: install Rust with rustup (https://rustup.rs)" >&2

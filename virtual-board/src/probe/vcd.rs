@@ -20,14 +20,15 @@ pub enum Timescale {
     Picosecond,
 }
 
+/// What a text shows while there is nothing to show.
+pub const NOTHING: &str = "-";
+
 /// What a signal is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Form {
     /// A level.
     Wire,
-    /// A number of so many bits, at most 64.
-    Vector(u32),
-    /// A text (a GTKWave extension).
+    /// A text (a GTKWave extension; PulseView leaves it out, and takes no file with vectors).
     Text,
 }
 
@@ -44,8 +45,6 @@ pub enum Value {
     HighZ,
     /// Not known.
     Unknown,
-    /// A number.
-    Number(u64),
     /// A text; spaces become underscores, which the format needs.
     Text(String),
 }
@@ -184,7 +183,6 @@ impl<W: io::Write> Dump<W> {
                 let entry = &mut self.entries[index];
                 let (kind, width) = match entry.form {
                     Form::Wire => (VarType::Wire, 1),
-                    Form::Vector(width) => (VarType::Wire, width.clamp(1, 64)),
                     Form::Text => (VarType::String, 1),
                 };
                 entry.id = Some(self.writer.add_var(kind, width, &entry.name, None)?);
@@ -226,23 +224,13 @@ impl<W: io::Write> Dump<W> {
         let Some(id) = entry.id else { return Ok(()) };
         let bit = |value: &Value| match value {
             Value::Level(level) => vcd::Value::from(*level),
-            Value::Number(number) => vcd::Value::from(number & 1 != 0),
             Value::HighZ => vcd::Value::Z,
             Value::Unknown | Value::Text(_) => vcd::Value::X,
         };
         match (entry.form, value) {
             (Form::Wire, value) => self.writer.change_scalar(id, bit(value)),
-            (Form::Vector(width), Value::Number(number)) => {
-                let bits = (0..width.clamp(1, 64)).rev();
-                let bits = bits.map(|k| vcd::Value::from(number >> k & 1 != 0));
-                self.writer.change_vector(id, bits)
-            }
-            (Form::Vector(_), value) => self.writer.change_vector(id, [bit(value)]),
             (Form::Text, Value::Text(text)) => self.writer.change_string(id, &word(text)),
-            (Form::Text, Value::Number(number)) => {
-                self.writer.change_string(id, &number.to_string())
-            }
-            (Form::Text, _) => self.writer.change_string(id, "-"),
+            (Form::Text, _) => self.writer.change_string(id, NOTHING),
         }
     }
 }
@@ -268,13 +256,13 @@ mod tests {
             |dump: &mut Dump<_>, scope, name, form| dump.register(scope, name, form).unwrap();
         let pin = register(&mut dump, "front/pins", "PA8", Form::Wire);
         let frame = register(&mut dump, "bus", "frame", Form::Text);
-        let active = register(&mut dump, "front", "exception", Form::Vector(9));
+        let active = register(&mut dump, "front", "exception", Form::Text);
         let rear = register(&mut dump, "rear/pins", "PA8", Form::Wire);
         let level = |level| Value::Level(level);
         dump.change(Time(3_000), pin, level(false));
         dump.change(Time(1_000), pin, level(true));
         dump.change(Time(2_000), pin, level(true));
-        dump.change(Time(1_500), active, Value::Number(0x10f));
+        dump.change(Time(1_500), active, Value::Text("SysTick".into()));
         dump.flush(Time(2_500)).unwrap();
         dump.change(Time(3_000), frame, Value::Text("0x123 [8] de ad".into()));
         // Too late: it comes at the time reached.
@@ -291,7 +279,6 @@ mod tests {
         let commands = parser.map(|command| match command.unwrap() {
             Command::Timestamp(time) => format!("at {time}"),
             Command::ChangeScalar(id, value) => format!("{id} {value}"),
-            Command::ChangeVector(id, value) => format!("{id} {value}"),
             Command::ChangeString(id, value) => format!("{id} {value}"),
             other => format!("{other:?}"),
         });
@@ -310,7 +297,7 @@ mod tests {
             "at 1000".into(),
             format!("{pin} 1"),
             "at 1500".into(),
-            format!("{active} 100001111"),
+            format!("{active} SysTick"),
             format!("{rear} z"),
             "at 3000".into(),
             format!("{pin} 0"),

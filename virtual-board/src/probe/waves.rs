@@ -1,11 +1,11 @@
 //! What happens at the pins of boards, in their interrupts and on their bus, as a Value Change Dump.
 //!
 //! A scope for each board: its pins (the ports of the 64-pin package), a level for each exception that
-//! has a handler of its own, high from its entry to its return with what preempts it, and the number
+//! has a handler of its own, high from its entry to its return with what preempts it, and the name
 //! of the one that runs. A scope for the bus: its level, 0 for dominant, and the frame that is sent.
 
 use super::image::Image;
-use super::vcd::{Dump, Form, Signal, Timescale, Value};
+use super::vcd::{Dump, Form, NOTHING, Signal, Timescale, Value};
 use crate::chip::Pin;
 use crate::network::Network;
 use crate::time::Time;
@@ -15,10 +15,17 @@ use std::io;
 /// Changes are written so much later: by then all that came before is told.
 const DELAY: Time = Time::from_micros(2_000);
 
+/// An exception's handler.
+struct Handler {
+    number: u16,
+    name: String,
+    signal: Signal,
+}
+
 /// A board's signals.
 struct BoardSignals {
     pins: Vec<(Pin, Signal)>,
-    handlers: Vec<(u16, Signal)>,
+    handlers: Vec<Handler>,
     running: Option<Signal>,
     /// Exceptions that have not returned, the one that runs last.
     active: Vec<u16>,
@@ -63,15 +70,14 @@ impl<W: io::Write> Waves<W> {
             for (number, handler) in image.handlers() {
                 if let Some(signal) = dump.register(&scope("interrupts"), &handler, Form::Wire) {
                     dump.change(now, signal, Value::Level(false));
-                    handlers.push((number, signal));
+                    handlers.push(Handler {
+                        number,
+                        name: handler,
+                        signal,
+                    });
                 }
             }
-            let running = dump.register(&scope("interrupts"), "exception", Form::Vector(9));
-            dump.extend(running.map(|signal| super::vcd::Change {
-                at: now,
-                signal,
-                value: Value::Number(0),
-            }));
+            let running = dump.register(&scope("interrupts"), "exception", Form::Text);
             signals.push(BoardSignals {
                 pins: pin_signals,
                 handlers,
@@ -114,7 +120,7 @@ impl<W: io::Write> Waves<W> {
         let text = Value::Text(format!("{id}#{data}{error}"));
         self.dump.change(record.start, signal, text);
         self.dump
-            .change(record.end, signal, Value::Text("-".to_owned()));
+            .change(record.end, signal, Value::Text(NOTHING.to_owned()));
     }
 
     /// Writes what has happened since the last call.
@@ -159,10 +165,10 @@ impl BoardSignals {
                 ended.push(number);
             }
         }
+        let handler = |number: u16| self.handlers.iter().find(|h| h.number == number);
         let mut show = |number: u16, level: bool| {
-            let of_number = |(other, _): &&(u16, Signal)| *other == number;
-            if let Some(&(_, signal)) = self.handlers.iter().find(of_number) {
-                dump.change(at, signal, Value::Level(level));
+            if let Some(handler) = handler(number) {
+                dump.change(at, handler.signal, Value::Level(level));
             }
         };
         ended.into_iter().for_each(|number| show(number, false));
@@ -170,8 +176,12 @@ impl BoardSignals {
             show(number, true);
         }
         if let Some(signal) = self.running {
-            let running = self.active.last().copied().unwrap_or(0);
-            dump.change(at, signal, Value::Number(running.into()));
+            let running = self.active.last().copied();
+            let name = running.map(|number| {
+                handler(number).map_or_else(|| number.to_string(), |handler| handler.name.clone())
+            });
+            let name = name.unwrap_or_else(|| NOTHING.to_owned());
+            dump.change(at, signal, Value::Text(name));
         }
     }
 }
