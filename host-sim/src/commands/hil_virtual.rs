@@ -335,6 +335,7 @@ fn judge(report: &Report, early: bool) -> Option<String> {
         for (count, what) in [
             (u64::from(board.missed_ticks), "ticks missed"),
             (board.can.overrun, "frames lost by overrun"),
+            (board.can.lost, "frames given up"),
             (board.can.error_frames, "error frames"),
         ] {
             // Power that is cut may cut a frame.

@@ -63,8 +63,10 @@ pub struct Can {
     pub received: u64,
     /// Frames lost because nobody fetched those before.
     pub overrun: u64,
-    /// Arbitrations lost.
+    /// Frames given up before they were sent.
     pub lost: u64,
+    /// Arbitrations lost; the frame goes later.
+    pub arbitrations_lost: u64,
     /// Error frames.
     pub error_frames: u64,
 }
@@ -147,7 +149,8 @@ pub fn of(
             sent: can.sent,
             received: can.received,
             overrun,
-            lost: can.lost,
+            lost: can.given_up,
+            arbitrations_lost: can.arbitrations_lost,
             error_frames: can.error_frames(),
         },
     }

@@ -230,8 +230,11 @@ impl Wire {
                     continue;
                 };
                 let is_same = |action: &Action| matches!(action, Action::Request { mailbox: m, .. } if *m == mailbox);
+                let before = self.actions.len();
                 self.actions
                     .retain(|(_, node, a)| *node != i || !is_same(a));
+                let given_up = (before - self.actions.len()) as u64;
+                station.controller.statistics.given_up += given_up;
                 station.controller.abort(mailbox);
             }
         }

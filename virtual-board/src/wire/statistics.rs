@@ -9,8 +9,10 @@ pub struct Statistics {
     pub sent: u64,
     /// Frames received without error.
     pub received: u64,
-    /// Arbitrations lost.
-    pub lost: u64,
+    /// Frames given up before they were sent.
+    pub given_up: u64,
+    /// Arbitrations lost; the frame goes later.
+    pub arbitrations_lost: u64,
     /// Errors by kind, in the order of [`ErrorKind::ALL`].
     pub errors: [u64; 6],
     /// Error flags sent, active ones and passive ones.

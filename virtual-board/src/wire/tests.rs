@@ -114,8 +114,8 @@ fn the_lowest_identifier_wins_and_the_others_follow() {
         let span = (pair[1].start - pair[0].start).0;
         assert!(span.abs_diff(bits * BIT) < 300_000, "{span}");
     }
-    assert_eq!(bench.wire.statistics(0).lost, 3);
-    assert_eq!(bench.wire.statistics(1).lost, 0);
+    assert_eq!(bench.wire.statistics(0).arbitrations_lost, 3);
+    assert_eq!(bench.wire.statistics(1).arbitrations_lost, 0);
 }
 
 /// A small generator of pseudo-random numbers.

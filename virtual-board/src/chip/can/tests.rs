@@ -320,6 +320,7 @@ fn an_abort_frees_what_waits_at_once_and_what_is_sent_at_its_end() {
     assert_eq!(status & 0xff, RQCP | TXOK);
     assert_eq!(status >> 26 & 7, 7);
     assert_eq!(order(&mut bench), [Id::Standard(0x100)]);
+    assert_eq!(bench.wire.statistics(0).given_up, 1);
 
     // Without an acknowledgement it is given up with the first error.
     let mut bench = Bench::joined(1, false);
@@ -331,6 +332,7 @@ fn an_abort_frees_what_waits_at_once_and_what_is_sent_at_its_end() {
     bench.run(400);
     assert_eq!(bench.board().read(TSR) & 0xff, RQCP | TERR);
     assert_eq!(bench.wire.take_records().len(), 1);
+    assert_eq!(bench.wire.statistics(0).given_up, 1);
 }
 
 #[test]
@@ -342,7 +344,8 @@ fn without_retransmission_a_lost_arbitration_is_the_end() {
     bench.other.send(now, Frame::new(Id::Standard(0x0ff), &[]));
     bench.run(1000);
     assert_eq!(bench.board().read(TSR) & 0xff, RQCP | ALST);
-    assert_eq!(bench.wire.statistics(0).lost, 1);
+    assert_eq!(bench.wire.statistics(0).arbitrations_lost, 1);
+    assert_eq!(bench.wire.statistics(0).given_up, 1);
     assert_eq!(bench.board().read(RF0R) & 3, 1);
 }
 

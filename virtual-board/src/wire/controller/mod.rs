@@ -297,7 +297,9 @@ impl Controller {
 
     /// A mailbox is not to be sent.
     pub fn abort(&mut self, mailbox: u8) {
+        let before = self.pending.len();
         self.pending.retain(|p| p.mailbox != mailbox);
+        self.statistics.given_up += (before - self.pending.len()) as u64;
         if let Some((sending, _)) = &mut self.sending
             && sending.mailbox == mailbox
         {
@@ -433,7 +435,7 @@ impl Controller {
             if bits.is_stuff_bit(at) {
                 return self.error(ErrorKind::Stuff);
             }
-            self.statistics.lost += 1;
+            self.statistics.arbitrations_lost += 1;
             self.sender = false;
             self.failed(None);
             return self.receive(false, dominant);
@@ -481,6 +483,8 @@ impl Controller {
         let again = !pending.aborted && self.with(|s| s.retransmit);
         if again {
             self.pending.push(pending);
+        } else {
+            self.statistics.given_up += 1;
         }
         if error.is_some() {
             self.ended = Some(Ended {
