@@ -12,15 +12,18 @@
 //! No allocation and no failure in [`Plant::step`].
 
 use super::config::PlantConfig;
+use super::drivetrain::Drivetrain;
 use super::frame::{Column, Equilibrium, Station, Strip};
+use super::geometry::{
+    Clamps, Geometry, Mat3, Vec3, add, direction, inverse, minus, rotate, scaled, small_turn, sum,
+    times, unrotate, unturned,
+};
 #[cfg(target_arch = "x86_64")]
 use super::lanes::Wide;
 use super::lanes::{Lanes, Narrow};
+use super::loads::{Body, Loads};
 use super::sincos::directions;
-use super::wheel::{Contact, Eliminated, Wheels};
-
-type Vec3 = [f64; 3];
-type Mat3 = [[f64; 3]; 3];
+use super::wheel::{Conditions, Contact, Eliminated, Wheels};
 
 /// Coefficient of the implicit part, 1 − 1/√2: the method damps what is infinitely stiff.
 const GAMMA: f64 = 1.0 - std::f64::consts::FRAC_1_SQRT_2;
@@ -43,6 +46,10 @@ pub struct AxleState {
     pub wheel_speed: [f64; 2],
     /// Wheel angles since the start, rad.
     pub wheel_angle: [f64; 2],
+    /// Speeds of the motors at the wheels' side of the gears, rad/s: the wheels' but for the play.
+    pub motor_speed: [f64; 2],
+    /// Angles of the motors since the start, likewise, rad: what the encoders see.
+    pub motor_angle: [f64; 2],
     /// Torques of the motors at the wheels after all limits, N m.
     pub torque: [f64; 2],
     /// Loads on the wheels, N.
@@ -101,25 +108,21 @@ pub struct Plant {
     /// Whether the processor works on four numbers at once. The results are the same.
     #[cfg(target_arch = "x86_64")]
     wide: bool,
-    mass: [f64; 2],
-    inertia: [f64; 2],
-    static_load: [f64; 4],
+    bodies: [Body; 2],
+    clamps: Clamps,
     step: f64,
     damping: f64,
-    root: f64,
-    tip: f64,
     half_track: [f64; 2],
-    height: f64,
     tolerance: f64,
-    load_share: f64,
     current_share: f64,
+    /// Way of the floor over the way rolled.
+    carpet: [f64; 2],
 
     state: PlantState,
     /// Command after the current loop.
     command: [f64; 4],
-    load: [f64; 4],
-    /// Acceleration that the loads follow.
-    load_acceleration: [[f64; 2]; 2],
+    loads: Loads,
+    drivetrain: Drivetrain,
     equilibrium: Equilibrium,
     bend: Column,
     creeping: bool,
@@ -132,127 +135,6 @@ pub struct Plant {
     /// With damping.
     total: Vec3,
     health: Health,
-}
-
-/// Where the strip's end is: everything in the rear axle's frame.
-#[derive(Clone, Copy, Debug, Default)]
-struct Geometry {
-    /// Direction of the rear axle, (cos, sin).
-    rear: [f64; 2],
-    /// Direction of the front axle.
-    front: [f64; 2],
-    /// Front axle's midpoint seen from the rear axle.
-    position: [f64; 2],
-    /// Front axle's direction seen from the rear axle.
-    turn: [f64; 2],
-    /// Strip's end seen from the rear axle.
-    end: [f64; 2],
-    /// Length of the rigid tip.
-    tip: f64,
-}
-
-impl Geometry {
-    /// Rate of the strip's end in the root frame for body velocities of the axles.
-    #[inline(always)]
-    fn rate(&self, v: &[Vec3; 2]) -> Vec3 {
-        let [c, s] = self.turn;
-        let [f, r] = v;
-        let across = f[1] - self.tip * f[2];
-        [
-            c * f[0] - s * across - r[0] + self.end[1] * r[2],
-            s * f[0] + c * across - r[1] - self.end[0] * r[2],
-            f[2] - r[2],
-        ]
-    }
-
-    /// Its transpose: what the wrench `w` is to the axles' coordinates.
-    #[inline(always)]
-    fn transpose(&self, w: &Vec3) -> [Vec3; 2] {
-        let [c, s] = self.turn;
-        let across = c * w[1] - s * w[0];
-        [
-            [c * w[0] + s * w[1], across, w[2] - self.tip * across],
-            [-w[0], -w[1], self.end[1] * w[0] - self.end[0] * w[1] - w[2]],
-        ]
-    }
-}
-
-#[inline(always)]
-fn rotate(v: &[f64; 2], [c, s]: [f64; 2]) -> [f64; 2] {
-    [c * v[0] - s * v[1], s * v[0] + c * v[1]]
-}
-
-#[inline(always)]
-fn unrotate(v: &[f64; 2], [c, s]: [f64; 2]) -> [f64; 2] {
-    [c * v[0] + s * v[1], c * v[1] - s * v[0]]
-}
-
-#[inline(always)]
-fn turned(v: &Vec3, direction: [f64; 2]) -> Vec3 {
-    let [x, y] = rotate(&[v[0], v[1]], direction);
-    [x, y, v[2]]
-}
-
-#[inline(always)]
-fn unturned(v: &Vec3, direction: [f64; 2]) -> Vec3 {
-    let [x, y] = unrotate(&[v[0], v[1]], direction);
-    [x, y, v[2]]
-}
-
-/// (cos, sin) of a small angle.
-#[inline(always)]
-fn small_turn(a: f64) -> [f64; 2] {
-    if a.abs() < 0.1 {
-        let z = a * a;
-        [
-            1.0 - z * (0.5 - z * (1.0 / 24.0 - z * (1.0 / 720.0 - z / 40_320.0))),
-            a * (1.0 - z * (1.0 / 6.0 - z * (1.0 / 120.0 - z * (1.0 / 5040.0 - z / 362_880.0)))),
-        ]
-    } else {
-        direction(a)
-    }
-}
-
-#[inline(always)]
-fn direction(a: f64) -> [f64; 2] {
-    let (s, c) = libm::sincos(a);
-    [c, s]
-}
-
-#[inline(always)]
-fn times(m: &Mat3, v: &Vec3) -> Vec3 {
-    [
-        m[0][0] * v[0] + m[0][1] * v[1] + m[0][2] * v[2],
-        m[1][0] * v[0] + m[1][1] * v[1] + m[1][2] * v[2],
-        m[2][0] * v[0] + m[2][1] * v[1] + m[2][2] * v[2],
-    ]
-}
-
-#[inline(always)]
-fn add(a: &Vec3, k: f64, b: &Vec3) -> Vec3 {
-    [a[0] + k * b[0], a[1] + k * b[1], a[2] + k * b[2]]
-}
-
-#[inline(always)]
-fn scaled(k: f64, v: &Vec3) -> Vec3 {
-    [k * v[0], k * v[1], k * v[2]]
-}
-
-/// Inverse, by cofactors: the matrices here are far from singular.
-#[inline(always)]
-fn inverse(m: &Mat3) -> Mat3 {
-    let cofactor = |i: usize, j: usize| {
-        let (a, b) = ((i + 1) % 3, (i + 2) % 3);
-        let (c, d) = ((j + 1) % 3, (j + 2) % 3);
-        m[a][c] * m[b][d] - m[a][d] * m[b][c]
-    };
-    let (x, y, z) = (cofactor(0, 0), cofactor(0, 1), cofactor(0, 2));
-    let r = 1.0 / (m[0][0] * x + m[0][1] * y + m[0][2] * z);
-    [
-        [r * x, r * cofactor(1, 0), r * cofactor(2, 0)],
-        [r * y, r * cofactor(1, 1), r * cofactor(2, 1)],
-        [r * z, r * cofactor(1, 2), r * cofactor(2, 2)],
-    ]
 }
 
 /// The linear equations of one (full or half) step of length `h`.
@@ -273,13 +155,8 @@ impl<V: Lanes> Implicit<V> {
         let mut axle = [[[0.0; 3]; 3]; 2];
         for i in 0..2 {
             let [xx, xy, xt, yy, yt, tt] = d[i];
-            let (xx, xy, xt) = (h * xx, h * xy, h * xt);
-            let (yy, yt, tt) = (h * yy, h * yt, h * tt);
-            axle[i] = inverse(&[
-                [plant.mass[i] + xx, xy, xt],
-                [xy, plant.mass[i] + yy, yt],
-                [xt, yt, plant.inertia[i] + tt],
-            ]);
+            let damping = [h * xx, h * xy, h * xt, h * yy, h * yt, h * tt];
+            axle[i] = inverse(&plant.bodies[i].with_damping(&damping));
         }
         let mut frame = [[0.0; 3]; 3];
         for m in 0..3 {
@@ -328,30 +205,33 @@ impl<V: Lanes> Implicit<V> {
 
 impl Plant {
     /// From checked constants.
-    pub(super) fn new(config: &PlantConfig, mass: [f64; 2], strip: Strip) -> Self {
-        let share = |time: f64| 1.0 - libm::exp(-config.step_s / time);
+    pub(super) fn new(config: &PlantConfig, strip: Strip) -> Self {
         let equilibrium = strip.unloaded();
-        let static_load = Wheels::static_load(mass);
+        let bodies = Body::both(config);
+        let bare = PlantConfig {
+            payload_kg: [0.0; 2],
+            ..config.clone()
+        };
+        let measured_at = Loads::new(&bare, &Body::both(&bare)).now;
         let mut plant = Self {
-            wheels: Wheels::new(config),
+            wheels: Wheels::new(config, measured_at),
             #[cfg(target_arch = "x86_64")]
             wide: std::arch::is_x86_feature_detected!("avx2"),
-            mass,
-            inertia: config.yaw_inertia_kg_m2,
-            static_load,
+            loads: Loads::new(config, &bodies),
+            bodies,
+            clamps: Clamps::new(
+                [config.rigid_root_m, config.rigid_tip_m],
+                [config.clamp_angle_root_rad, config.clamp_angle_tip_rad],
+            ),
             step: config.step_s,
             damping: config.internal_damping_s,
-            root: config.rigid_root_m,
-            tip: config.rigid_tip_m,
             half_track: config.half_track_m,
-            height: config.center_of_mass_height_m,
             tolerance: config.tolerance_m_s,
-            load_share: share(config.load_transfer_time_s),
-            current_share: share(config.current_loop_time_s),
+            current_share: 1.0 - libm::exp(-config.step_s / config.current_loop_time_s),
+            carpet: config.carpet_drift,
             state: PlantState::default(),
             command: [0.0; 4],
-            load: static_load,
-            load_acceleration: [[0.0; 2]; 2],
+            drivetrain: Drivetrain::new(config),
             equilibrium,
             bend: Column::ZERO,
             creeping: false,
@@ -373,18 +253,23 @@ impl Plant {
     pub fn place(&mut self, midpoint: Vec3) {
         self.equilibrium = self.strip.unloaded();
         let end = self.equilibrium.end(&self.strip);
-        let offset = [end[0] + self.root + self.tip, end[1]];
-        // The unloaded strip may leave its ends a hair apart sideways: O's heading is C2 → C1.
+        // The front axle seen from the rear one, in the root frame: straight ahead but for the
+        // clamps. The unloaded strip may leave its ends a hair apart sideways.
+        let clamps = &self.clamps;
+        let offset = [end[0] + clamps.root_length + clamps.tip_length, end[1]];
+        let offset = rotate(&offset, clamps.root);
+        // O's heading is C2 → C1.
         let heading = midpoint[2] - libm::atan2(offset[1], offset[0]);
         let [dx, dy] = rotate(&offset, direction(heading));
         self.state = PlantState::default();
-        for (axle, side) in self.state.axle.iter_mut().zip([0.5, -0.5]) {
+        let ends = [(0.5, heading - clamps.twist), (-0.5, heading)];
+        for (axle, (side, heading)) in self.state.axle.iter_mut().zip(ends) {
             axle.posture = [midpoint[0] + side * dx, midpoint[1] + side * dy, heading];
-            axle.load = [0.0; 2];
         }
         self.command = [0.0; 4];
-        self.load = self.static_load;
-        self.load_acceleration = [[0.0; 2]; 2];
+        self.loads.settle();
+        self.wheels.bear(&self.loads.now);
+        self.drivetrain.place(&mut self.wheels);
         self.bend = Column::ZERO;
         self.creeping = false;
         self.health = Health::default();
@@ -410,17 +295,7 @@ impl Plant {
             front[1] * rear[0] - front[0] * rear[1],
         ];
         let position = unrotate(&[f[0] - r[0], f[1] - r[1]], rear);
-        self.geometry = Geometry {
-            rear,
-            front,
-            position,
-            turn,
-            end: [
-                position[0] - self.tip * turn[0],
-                position[1] - self.tip * turn[1],
-            ],
-            tip: self.tip,
-        };
+        self.geometry = Geometry::new(&self.clamps, [front, rear], position, turn);
     }
 
     /// Strip's end in the strip's root frame.
@@ -428,7 +303,8 @@ impl Plant {
     fn strip_end(&self) -> Vec3 {
         let [x, y] = self.geometry.end;
         let [f, r] = &self.state.axle;
-        [x - self.root, y, f.posture[2] - r.posture[2]]
+        let turn = f.posture[2] - r.posture[2] + self.clamps.twist;
+        [x - self.clamps.root_length, y, turn]
     }
 
     /// Wrench and stiffness of the frame as it is now.
@@ -449,7 +325,7 @@ impl Plant {
 
     fn publish_loads(&mut self) {
         for w in 0..4 {
-            self.state.axle[w / 2].load[w % 2] = self.load[w];
+            self.state.axle[w / 2].load[w % 2] = self.loads.now[w];
         }
     }
 
@@ -487,8 +363,12 @@ impl Plant {
             axle.acceleration = scaled(1.0 / self.step, &add(&axle.velocity, -1.0, &was));
         }
         self.health.steps += 1;
-        if self.height > 0.0 {
-            self.shift_loads();
+        self.drivetrain.publish(&mut self.state.axle);
+        if self.loads.shift() {
+            let base = libm::hypot(self.geometry.position[0], self.geometry.position[1]);
+            self.loads.follow(&self.state.axle, base);
+            self.wheels.bear(&self.loads.now);
+            self.publish_loads();
         }
     }
 
@@ -523,18 +403,21 @@ impl Plant {
         let geometry = self.geometry;
         let g = G * h;
 
+        let conditions = self.conditions(h);
+
         // First stage: u = γh·k, (I − γhA) k = f(start).
         let hub = self.wheels.hub(&start);
-        let now = self
-            .wheels
-            .contact(&hub, V::load(&speed), &self.load, &self.command);
+        let now = self.wheels.contact(&hub, V::load(&speed), &conditions);
         let implicit = Implicit::<V>::new(self, &now, g);
         let pull = add(
             &self.total,
             g,
             &times(&self.stiffness, &geometry.rate(&start)),
         );
-        let load = self.wheels.load(&implicit.wheels, &now, &now);
+        let load = self.swung(
+            &self.wheels.load(&implicit.wheels, &now, &now),
+            [start[0][2], start[1][2]],
+        );
         let gain1 = implicit.solve(&geometry, &minus(&load, &geometry.transpose(&pull)));
         let spin1 = self
             .wheels
@@ -553,9 +436,9 @@ impl Plant {
         ];
         let turn = self.state.axle[0].posture[2] - self.state.axle[1].posture[2];
         let end = [
-            there.end[0] - self.root,
+            there.end[0] - self.clamps.root_length,
             there.end[1],
-            turn + a * (move1[0][2] - move1[1][2]),
+            turn + self.clamps.twist + a * (move1[0][2] - move1[1][2]),
         ];
         let Some(elastic) = self.wrench_near::<V>(end, force) else {
             return false;
@@ -566,26 +449,20 @@ impl Plant {
             &times(&self.viscosity, &there.rate(&body)),
         );
         let hub = self.wheels.hub(&body);
-        let mut then = self
-            .wheels
-            .contact(&hub, there_speed, &self.load, &self.command);
+        let mut then = self.wheels.contact(&hub, there_speed, &conditions);
 
         // Second stage: (I − γhA) k = f(there) − k₁.
-        then.torque = then.torque - spin1 * V::splat(self.wheels.inertia / g);
-        let load = self.wheels.load(&implicit.wheels, &now, &then);
-        let load = minus(&load, &there.transpose(&total));
-        let mut load = [turned(&load[0], turns[0]), turned(&load[1], turns[1])];
+        then.torque = then.torque - spin1 * (V::load(&self.wheels.inertia) / V::splat(g));
+        let load = self.swung(
+            &self.wheels.load(&implicit.wheels, &now, &then),
+            [body[0][2], body[1][2]],
+        );
+        let mut load = minus(&load, &there.transpose(&total));
         let mut move2 = [[0.0; 3]; 2];
         for i in 0..2 {
-            for n in 0..3 {
-                let inertia = if n == 2 {
-                    self.inertia[i]
-                } else {
-                    self.mass[i]
-                };
-                load[i][n] -= inertia * k1[i][n];
-                move2[i][n] = there_v[i][n] - move1[i][n];
-            }
+            let momentum = self.bodies[i].momentum(&k1[i]);
+            load[i] = add(&self.bodies[i].turned(&load[i], turns[i]), -1.0, &momentum);
+            move2[i] = add(&there_v[i], -1.0, &move1[i]);
         }
         let stiff = scaled(g, &times(&self.stiffness, &geometry.rate(&move2)));
         let gain2 = implicit.solve(&geometry, &minus(&load, &geometry.transpose(&stiff)));
@@ -639,7 +516,52 @@ impl Plant {
             return false;
         }
         self.linearise();
+        if self.drivetrain.has_play() {
+            let torque = |wheels: &Wheels, w: usize, speed: f64| {
+                wheels.motor_torque(speed, conditions.command[w]) + conditions.cogging[w]
+            };
+            let axles = &mut self.state.axle;
+            self.drivetrain
+                .mesh(&mut self.wheels, axles, (speed, h), torque);
+        }
         true
+    }
+
+    /// What the wheels meet with over the next `h` (s).
+    #[inline(always)]
+    fn conditions(&self, h: f64) -> Conditions {
+        let mut conditions = Conditions {
+            load: self.loads.now,
+            command: self.command,
+            ..Conditions::default()
+        };
+        if self.drivetrain.cogs() {
+            conditions.cogging = self.drivetrain.cogging(&self.state.axle, h);
+        }
+        if self.wheels.moved() {
+            conditions.drift = self.drift(h);
+        }
+        conditions
+    }
+
+    /// Way of the floor over the way rolled, as the axles see it when half of `h` (s) has passed.
+    #[cold]
+    fn drift(&self, h: f64) -> [[f64; 4]; 2] {
+        let [front, rear] = self.state.axle.each_ref().map(|axle| {
+            let heading = axle.posture[2] + 0.5 * h * axle.velocity[2];
+            unrotate(&self.carpet, direction(heading))
+        });
+        [0, 1].map(|n| [front[n], front[n], rear[n], rear[n]])
+    }
+
+    /// Loads of the axles with the centrifugal forces at these yaw rates.
+    #[inline(always)]
+    fn swung(&self, load: &[Vec3; 2], rate: [f64; 2]) -> [Vec3; 2] {
+        let [front, rear] = &self.bodies;
+        [
+            front.swung(&load[0], rate[0]),
+            rear.swung(&load[1], rate[1]),
+        ]
     }
 
     #[inline(always)]
@@ -666,16 +588,8 @@ impl Plant {
         ];
         let position = unrotate(&position, turns[1]);
         let turn = unrotate(&rotate(&from.turn, turns[0]), turns[1]);
-        let end = [
-            position[0] - self.tip * turn[0],
-            position[1] - self.tip * turn[1],
-        ];
-        let geometry = Geometry {
-            position,
-            turn,
-            end,
-            ..*from
-        };
+        let directions = [from.front, from.rear];
+        let geometry = Geometry::new(&self.clamps, directions, position, turn);
         (geometry, turns)
     }
 
@@ -733,30 +647,6 @@ impl Plant {
             }
         }
         self.health.failures += 1;
-    }
-
-    /// Wheel loads from the acceleration, which they follow with a lag: longitudinal acceleration
-    /// shifts load between the axles (the frame carries the moment), lateral between the wheels.
-    #[cold]
-    fn shift_loads(&mut self) {
-        let base = libm::hypot(self.geometry.position[0], self.geometry.position[1]);
-        for i in 0..2 {
-            for n in 0..2 {
-                let a = &mut self.load_acceleration[i][n];
-                *a += self.load_share * (self.state.axle[i].acceleration[n] - *a);
-            }
-        }
-        let a = &self.load_acceleration;
-        let pitch =
-            (self.mass[0] * a[0][0] + self.mass[1] * a[1][0]) * self.height / base.max(1e-3);
-        for w in 0..4 {
-            let (i, left) = (w / 2, w % 2 == 0);
-            let roll = self.mass[i] * a[i][1] * self.height / (2.0 * self.half_track[i]);
-            let lengthwise = if i == 0 { -0.5 * pitch } else { 0.5 * pitch };
-            let across = if left { -roll } else { roll };
-            self.load[w] = (self.static_load[w] + lengthwise + across).max(0.0);
-        }
-        self.publish_loads();
     }
 
     /// From now on a wheel (axle 0 front, 1 rear; side 0 left, 1 right) does not touch the ground.
@@ -833,7 +723,7 @@ impl Plant {
     fn on_axles(&self, w: &Vec3) -> Wrench {
         let [front, rear] = self.geometry.transpose(w);
         Wrench {
-            force: [w[0], w[1]],
+            force: [-rear[0], -rear[1]],
             root_moment: -rear[2],
             end_moment: front[2],
         }
@@ -882,11 +772,12 @@ impl Plant {
     /// [`Self::draw`].
     pub fn outline(&self, points: usize) -> Outline {
         let length = self.strip.length();
-        let whole = self.root + length + self.tip;
+        let root = self.clamps.root_length;
+        let whole = root + length + self.clamps.tip_length;
         let place = |k: usize| {
             let along = whole * k as f64 / points.saturating_sub(1).max(1) as f64;
-            let s = (along - self.root).clamp(0.0, length);
-            (self.strip.station(s), along - self.root - s)
+            let s = (along - root).clamp(0.0, length);
+            (self.strip.station(s), along - root - s)
         };
         Outline((0..points).map(place).collect())
     }
@@ -895,13 +786,14 @@ impl Plant {
     pub fn draw(&self, outline: &Outline, out: &mut [[f64; 2]]) {
         let rear = self.state.axle[1].posture;
         let tangents = self.strip.tangents(&self.equilibrium);
-        let turn = self.geometry.turn;
+        let clamps = &self.clamps;
+        let ahead = unrotate(&rotate(&clamps.tip, self.geometry.turn), clamps.root);
         for ((station, rest), out) in outline.0.iter().zip(out) {
             let [x, y] = self.strip.position(&tangents, station);
-            // The rigid end at the rear points ahead, the one at the front as the front axle does.
-            let [c, s] = if *rest > 0.0 { turn } else { [1.0, 0.0] };
-            let point = [x + self.root + rest * c, y + rest * s];
-            let [x, y] = rotate(&point, self.geometry.rear);
+            // The rigid ends point as the clamps do.
+            let [c, s] = if *rest > 0.0 { ahead } else { [1.0, 0.0] };
+            let point = [x + clamps.root_length + rest * c, y + rest * s];
+            let [x, y] = rotate(&rotate(&point, clamps.root), self.geometry.rear);
             *out = [rear[0] + x, rear[1] + y];
         }
     }
@@ -917,25 +809,13 @@ impl Plant {
     pub fn energy(&self) -> f64 {
         let mut energy = self.strip.energy(&self.equilibrium);
         for (i, a) in self.state.axle.iter().enumerate() {
-            let [u, v, w] = a.velocity;
-            energy += 0.5 * self.mass[i] * (u * u + v * v) + 0.5 * self.inertia[i] * w * w;
-            energy += self.wheels.energy(&a.wheel_speed);
+            energy += self.bodies[i].energy(&a.velocity);
         }
-        energy
+        energy + self.wheels.energy(&self.speeds()) + self.drivetrain.energy(&self.wheels)
     }
 
     /// Counters since [`Self::place`].
     pub fn health(&self) -> Health {
         self.health
     }
-}
-
-#[inline(always)]
-fn sum(a: &[Vec3; 2], b: &[Vec3; 2]) -> [Vec3; 2] {
-    [add(&a[0], 1.0, &b[0]), add(&a[1], 1.0, &b[1])]
-}
-
-#[inline(always)]
-fn minus(a: &[Vec3; 2], b: &[Vec3; 2]) -> [Vec3; 2] {
-    [add(&a[0], -1.0, &b[0]), add(&a[1], -1.0, &b[1])]
 }

@@ -11,15 +11,18 @@
 //! Deterministic to the bit: no fused operations, elementary functions from `libm` or from here.
 
 mod config;
+mod drivetrain;
 pub mod elastica;
 pub mod frame;
+mod geometry;
 mod integrator;
 mod lanes;
 mod legendre;
+mod loads;
 pub mod reference;
 mod sincos;
 mod wheel;
 
-pub use config::{PlantConfig, PlantError};
+pub use config::{PlantConfig, PlantError, Tyre};
 pub use frame::Station;
 pub use integrator::{AxleState, Health, Outline, Plant, PlantState, Wrench};

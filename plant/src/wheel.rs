@@ -1,30 +1,75 @@
 //! Tyres, wheels and motors of one axle.
+//!
+//! **Tyre.** Force = −μ(|s|)·N·s/(|s| + v_eps) with slip s = (forward − r·Ω, left), so that forward
+//! and sideways slip share one friction circle. [`Tyre::Creep`] has a constant v_eps.
+//! [`Tyre::Brush`] has v_eps = μ(0)·|r·Ω|/C, at least that of a wheel at rest: at small slip the
+//! force is C·N times the slip over the speed of rolling, the slip stiffness of the brush model, and
+//! at large slip it is μN (Pacejka, *Tire and Vehicle Dynamics*, 3rd edition, 2012, chapter 3; the
+//! hyperbola between the two limits stands for the brush model's cubic, as in Dugoff, Fancher and
+//! Segel, SAE 700377, 1970).
+//!
+//! **Stiction.** μ(|s|) = μ·(1 + excess·exp(−(|s|/decay)²)), the Stribeck curve (Armstrong-Hélouvry,
+//! Dupont and Canudas de Wit, Automatica 30, 1994).
+//!
+//! **Rolling resistance.** A torque of a share of load times radius against the rolling, faded out
+//! below 0.05 rad/s (Wong, *Theory of Ground Vehicles*, 4th edition, 2008, chapter 1).
+//!
+//! **Side slip and drift of the ground.** A wheel rolls, free of force, not exactly ahead: aside by a
+//! share of its way (toe, ply steer and conicity: Pacejka, chapter 4), and along a fixed direction
+//! of the floor, as on the pile of a carpet (Roy and Thrun, *Online self-calibration for mobile
+//! robots*, ICRA 1999). The wheel's torque is taken along that direction too, so that contact
+//! never gives energy.
+//!
+//! **Rolling radius.** It falls linearly with the load (Pacejka, chapter 1; Wong, chapter 1).
 
-use super::config::PlantConfig;
+use super::config::{PlantConfig, Tyre};
 use super::lanes::Lanes;
 
-/// Standard gravity, m/s².
-const GRAVITY: f64 = 9.806_65;
-/// Wheel speed below which rolling resistance fades, rad/s.
+/// Wheel speed below which rolling resistance and the drift of the ground fade, rad/s.
 const ROLLING_FADE: f64 = 0.05;
 
 /// Constants of the four wheels, in the order front left, front right, rear left, rear right.
 #[derive(Clone, Debug)]
 pub struct Wheels {
     friction: [f64; 4],
+    /// Of the slip velocity of half the force: its part of the speed of rolling, and its least.
+    compliance: [f64; 4],
     creep: f64,
     excess: f64,
     decay: f64,
-    /// Inertia of a wheel, kg m².
-    pub inertia: f64,
+    whole_inertia: f64,
+    /// Inertia of what turns with each wheel, kg m².
+    pub inertia: [f64; 4],
+    /// 1 where a motor turns with its wheel, 0 where the teeth are apart.
+    meshed: [f64; 4],
+    apart: bool,
     rolling: f64,
+    /// Way aside over way ahead.
+    side: [f64; 4],
+    moved: bool,
     stall: f64,
     slope: f64,
     limit: f64,
-    /// Radius, m.
+    /// Radius as it is, m.
     pub radius: [f64; 4],
+    /// Radius under the load at which it was measured, and that load, N.
+    nominal: [[f64; 4]; 2],
+    softness: f64,
     /// Forward velocity of the contact point for a unit yaw rate (−d left, +d right), m.
     pub arm: [f64; 4],
+}
+
+/// What the wheels meet with during one part of a step.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Conditions {
+    /// Load, N.
+    pub load: [f64; 4],
+    /// Commanded torque, N m.
+    pub command: [f64; 4],
+    /// Cogging torque, N m.
+    pub cogging: [f64; 4],
+    /// Way of the ground, forward and left, over the way rolled.
+    pub drift: [[f64; 4]; 2],
 }
 
 /// What the wheels do at one instant, and its linearisation, wheel by wheel.
@@ -52,21 +97,43 @@ pub struct Hub<V> {
 }
 
 impl Wheels {
-    /// From checked constants.
-    pub fn new(config: &PlantConfig) -> Self {
+    /// From checked constants, for the loads at which the radii were measured.
+    pub fn new(config: &PlantConfig, load: [f64; 4]) -> Self {
         let [a, b] = config.wheel_radius_m;
         let [front, rear] = config.half_track_m;
+        let [ahead, behind] = config.side_slip;
+        let highest = config.friction * (1.0 + config.static_excess);
+        let (compliance, creep) = match config.tyre {
+            Tyre::Creep => ([0.0; 4], config.creep_velocity_m_s),
+            Tyre::Brush => {
+                let [c, d] = config.slip_stiffness;
+                let stiffness = [c[0], c[1], d[0], d[1]];
+                (
+                    stiffness.map(|c| highest / c),
+                    config.rest_creep_velocity_m_s,
+                )
+            }
+        };
+        let radius = [a[0], a[1], b[0], b[1]];
         Self {
             friction: [config.friction; 4],
-            creep: config.creep_velocity_m_s,
+            compliance,
+            creep,
             excess: config.static_excess,
             decay: 1.0 / config.static_decay_m_s,
-            inertia: config.wheel_inertia_kg_m2,
+            whole_inertia: config.wheel_inertia_kg_m2,
+            inertia: [config.wheel_inertia_kg_m2; 4],
+            meshed: [1.0; 4],
+            apart: false,
             rolling: config.rolling_resistance,
+            side: [ahead, ahead, behind, behind],
+            moved: config.side_slip != [0.0; 2] || config.carpet_drift != [0.0; 2],
             stall: config.stall_torque_n_m,
             slope: config.stall_torque_n_m / config.no_load_speed_rad_s,
             limit: config.torque_limit_n_m,
-            radius: [a[0], a[1], b[0], b[1]],
+            radius,
+            nominal: [radius, load],
+            softness: config.radius_load_sensitivity,
             arm: [-front, front, -rear, rear],
         }
     }
@@ -81,10 +148,42 @@ impl Wheels {
         self.friction = [0.0; 4];
     }
 
-    /// Load of each wheel at rest for the two axle masses, N.
-    pub fn static_load(mass: [f64; 2]) -> [f64; 4] {
-        let [front, rear] = mass.map(|m| 0.5 * m * GRAVITY);
-        [front, front, rear, rear]
+    /// The motor of this wheel turns alone from here on.
+    pub fn part(&mut self, wheel: usize, rotor: f64) {
+        self.meshed[wheel] = 0.0;
+        self.inertia[wheel] = self.whole_inertia - rotor;
+        self.apart = true;
+    }
+
+    /// The motor of this wheel turns with it from here on.
+    pub fn meet(&mut self, wheel: usize) {
+        self.meshed[wheel] = 1.0;
+        self.inertia[wheel] = self.whole_inertia;
+        self.apart = self.meshed != [1.0; 4];
+    }
+
+    /// Whether the motor of this wheel turns with it.
+    #[inline(always)]
+    pub fn meshed(&self, wheel: usize) -> bool {
+        self.meshed[wheel] == 1.0
+    }
+
+    /// Takes on the radii under these loads.
+    #[inline(always)]
+    pub fn bear(&mut self, load: &[f64; 4]) {
+        if self.softness > 0.0 {
+            let [radius, nominal] = &self.nominal;
+            for w in 0..4 {
+                let excess = load[w] / nominal[w] - 1.0;
+                self.radius[w] = radius[w] * (1.0 - self.softness * excess);
+            }
+        }
+    }
+
+    /// Whether wheels roll other than exactly ahead.
+    #[inline(always)]
+    pub fn moved(&self) -> bool {
+        self.moved
     }
 
     /// Velocities at the wheels for body velocities (forward, left, yaw rate) of the two axles.
@@ -97,22 +196,26 @@ impl Wheels {
         }
     }
 
-    /// Forces and torques. Tyre: force = −μ(|s|)·N·s/(|s| + v_eps) with slip
-    /// s = (forward − r·speed, left); μ(|s|) = μ·(1 + excess·exp(−(|s|/decay)²)). Motor: the
-    /// commanded torque within the speed–torque line τ_stall·(±1 − speed/no-load speed) and the
-    /// current limit.
+    /// Forces and torques. Motor: the commanded torque within the speed–torque line
+    /// τ_stall·(±1 − speed/no-load speed) and the current limit, plus cogging.
     #[inline(always)]
-    pub fn contact<V: Lanes>(
-        &self,
-        hub: &Hub<V>,
-        speed: V,
-        load: &[f64; 4],
-        command: &[f64; 4],
-    ) -> Contact<V> {
-        let (radius, load, none) = (V::load(&self.radius), V::load(load), V::splat(0.0));
-        let (sx, sy) = (hub.forward - radius * speed, hub.left);
+    pub fn contact<V: Lanes>(&self, hub: &Hub<V>, speed: V, c: &Conditions) -> Contact<V> {
+        let (radius, load, none) = (V::load(&self.radius), V::load(&c.load), V::splat(0.0));
+        let rolled = radius * speed;
+        let (mut sx, mut sy) = (hub.forward - rolled, hub.left);
+        // Way free of force, beyond a unit ahead. Its slope is left out of the linearisation.
+        let (mut ahead, mut aside) = (none, none);
+        if self.moved {
+            let sign = speed / (speed.abs() + V::splat(ROLLING_FADE));
+            ahead = sign * V::load(&c.drift[0]);
+            aside = V::load(&self.side) + sign * V::load(&c.drift[1]);
+            sx = sx - rolled * ahead;
+            sy = sy - rolled * aside;
+        }
         let s = (sx * sx + sy * sy).sqrt();
-        let inverse = V::splat(1.0) / (s + V::splat(self.creep));
+        // Its slope by the speed is left out of the linearisation.
+        let creep = (V::load(&self.compliance) * rolled.abs()).max(V::splat(self.creep));
+        let inverse = V::splat(1.0) / (s + creep);
         let f = V::load(&self.friction) * load * inverse;
         // d(f)/ds / s; the floor only matters where sx and sy vanish too.
         let h = f * inverse / (s + V::splat(1e-30));
@@ -128,14 +231,23 @@ impl Wheels {
             }
         }
         let (stall, limit) = (V::splat(self.stall), V::splat(self.limit));
-        let (gain, wanted) = (V::splat(self.slope), V::load(command));
+        let (gain, wanted) = (V::splat(self.slope), V::load(&c.command));
         let back = gain * speed;
         let lined = wanted.max(none - stall - back).min(stall - back);
         let motor = lined.max(none - limit).min(limit);
         // The slope of the speed–torque line where that is what limits the torque.
         let free = gain.where_equal(lined, wanted);
         let mut drag = (gain - free).where_equal(motor, lined);
+        let motor = motor + V::load(&c.cogging);
         let mut torque = motor - radius * force[0];
+        if self.apart {
+            let meshed = V::load(&self.meshed);
+            drag = drag * meshed;
+            torque = motor * meshed - radius * force[0];
+        }
+        if self.moved {
+            torque = torque - radius * (ahead * force[0] + aside * force[1]);
+        }
         if self.rolling > 0.0 {
             let resist = V::splat(self.rolling) * load * radius;
             let fade = V::splat(ROLLING_FADE);
@@ -150,6 +262,15 @@ impl Wheels {
             drag,
             motor,
         }
+    }
+
+    /// Torque of one motor at a speed of its own, N m: as in [`Self::contact`].
+    pub fn motor_torque(&self, speed: f64, command: f64) -> f64 {
+        let back = self.slope * speed;
+        command
+            .max(-self.stall - back)
+            .min(self.stall - back)
+            .clamp(-self.limit, self.limit)
     }
 
     /// The excess of static friction, as a factor of force and slope. Its falling part has a
@@ -190,7 +311,7 @@ impl Wheels {
     pub fn eliminate<V: Lanes>(&self, c: &Contact<V>, h: f64) -> Eliminated<V> {
         let (r, h) = (V::load(&self.radius), V::splat(h));
         let lever = h * r * r;
-        let own = V::splat(self.inertia) + h * c.drag;
+        let own = V::load(&self.inertia) + h * c.drag;
         let inverse = V::splat(1.0) / (own + lever * c.slope[0]);
         let keep = own * inverse;
         Eliminated {
@@ -248,8 +369,10 @@ impl Wheels {
 }
 
 impl Wheels {
-    /// Kinetic energy of the spin of two wheels, J.
-    pub fn energy(&self, speed: &[f64; 2]) -> f64 {
-        0.5 * self.inertia * (speed[0] * speed[0] + speed[1] * speed[1])
+    /// Kinetic energy of the spin of what turns with the wheels, J.
+    pub fn energy(&self, speed: &[f64; 4]) -> f64 {
+        (0..4)
+            .map(|w| 0.5 * self.inertia[w] * speed[w] * speed[w])
+            .sum()
     }
 }

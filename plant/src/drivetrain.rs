@@ -1,0 +1,160 @@
+//! What lies between a motor and its wheel: play of the gears, and cogging.
+//!
+//! **Backlash.** Motor shaft and wheel turn together while the teeth of a flank press on each
+//! other, and apart within the play (dead-zone model with inelastic flanks: Nordin and Gutman,
+//! *Controlling mechanical systems with backlash: a survey*, Automatica 38, 2002). The torque that
+//! the teeth pass on is the motor's less what the rotor's own inertia takes; when it would have to
+//! pull, the teeth part. The encoder sits on the motor.
+//!
+//! **Cogging.** A torque that is periodic in the motor's angle, of mean zero (Hanselman, *Brushless
+//! Permanent Magnet Motor Design*, 2nd edition, 2003, chapter 9). A part of a step takes its mean
+//! over the angle turned meanwhile, so that what is faster than the steps averages out instead of
+//! appearing at another frequency.
+
+use super::config::PlantConfig;
+use super::integrator::AxleState;
+use super::wheel::Wheels;
+
+/// Gears of the four wheels, in the order front left, front right, rear left, rear right.
+#[derive(Clone, Debug)]
+pub struct Drivetrain {
+    /// Half of the play, rad at the wheel.
+    half_play: [f64; 4],
+    play: bool,
+    /// Inertia of a rotor, at the wheel, kg m².
+    rotor: f64,
+    cogging: f64,
+    periods: f64,
+    phase: [f64; 4],
+    /// Angle of the motor less that of the wheel, rad at the wheel.
+    gap: [f64; 4],
+    /// Speed of the motor, rad/s at the wheel.
+    speed: [f64; 4],
+}
+
+impl Drivetrain {
+    /// From checked constants.
+    pub fn new(config: &PlantConfig) -> Self {
+        let [[a, b], [c, d]] = config.backlash_rad;
+        let [[e, f], [g, h]] = config.cogging_phase_rad;
+        let half_play = [0.5 * a, 0.5 * b, 0.5 * c, 0.5 * d];
+        Self {
+            half_play,
+            play: half_play != [0.0; 4],
+            rotor: config.rotor_inertia_share * config.wheel_inertia_kg_m2,
+            cogging: config.cogging_torque_n_m,
+            periods: config.cogging_periods,
+            phase: [e, f, g, h],
+            gap: [0.0; 4],
+            speed: [0.0; 4],
+        }
+    }
+
+    /// At rest, each motor in the middle of its play.
+    pub fn place(&mut self, wheels: &mut Wheels) {
+        (self.gap, self.speed) = ([0.0; 4], [0.0; 4]);
+        for w in 0..4 {
+            if self.half_play[w] > 0.0 {
+                wheels.part(w, self.rotor);
+            }
+        }
+    }
+
+    /// Whether any gear has play.
+    #[inline(always)]
+    pub fn has_play(&self) -> bool {
+        self.play
+    }
+
+    /// Whether the motors cog.
+    #[inline(always)]
+    pub fn cogs(&self) -> bool {
+        self.cogging > 0.0
+    }
+
+    /// Mean of the cogging torque over the next `h` (s), N m at the wheel.
+    #[cold]
+    pub fn cogging(&self, axle: &[AxleState; 2], h: f64) -> [f64; 4] {
+        std::array::from_fn(|w| {
+            let (angle, speed) = self.motor(axle, w);
+            let half = 0.5 * self.periods * h * speed;
+            let middle = self.periods * angle + half + self.phase[w];
+            let share = if half.abs() < 1e-6 {
+                1.0
+            } else {
+                libm::sin(half) / half
+            };
+            self.cogging * share * libm::sin(middle)
+        })
+    }
+
+    /// Angle and speed of a motor, at the wheel.
+    #[inline(always)]
+    fn motor(&self, axle: &[AxleState; 2], w: usize) -> (f64, f64) {
+        let (axle, side) = (&axle[w / 2], w % 2);
+        let speed = if self.half_play[w] > 0.0 {
+            self.speed[w]
+        } else {
+            axle.wheel_speed[side]
+        };
+        (axle.wheel_angle[side] + self.gap[w], speed)
+    }
+
+    /// Lets teeth part and meet after `h` (s), over which the wheels' speeds came from `before`
+    /// and the motors ran under `torque(wheel, speed of the motor)`, N m.
+    #[cold]
+    pub fn mesh(
+        &mut self,
+        wheels: &mut Wheels,
+        axle: &mut [AxleState; 2],
+        (before, h): ([f64; 4], f64),
+        torque: impl Fn(&Wheels, usize, f64) -> f64,
+    ) {
+        for w in 0..4 {
+            if self.half_play[w] == 0.0 {
+                continue;
+            }
+            let (axle, side) = (&mut axle[w / 2], w % 2);
+            let now = axle.wheel_speed[side];
+            if wheels.meshed(w) {
+                let passed = axle.torque[side] - self.rotor * (now - before[w]) / h;
+                self.speed[w] = now;
+                if passed * self.gap[w] < 0.0 {
+                    wheels.part(w, self.rotor);
+                }
+                continue;
+            }
+            let was = self.speed[w];
+            let driving = torque(wheels, w, was);
+            let spun = was + h * driving / self.rotor;
+            axle.torque[side] = driving;
+            self.gap[w] += 0.5 * h * (was + spun - before[w] - now);
+            self.speed[w] = spun;
+            if self.gap[w].abs() >= self.half_play[w] {
+                self.gap[w] = self.half_play[w].copysign(self.gap[w]);
+                let wheel = wheels.inertia[w];
+                wheels.meet(w);
+                let common = (self.rotor * spun + wheel * now) / wheels.inertia[w];
+                (self.speed[w], axle.wheel_speed[side]) = (common, common);
+            }
+        }
+    }
+
+    /// Tells where the motors are.
+    #[inline(always)]
+    pub fn publish(&self, axle: &mut [AxleState; 2]) {
+        for w in 0..4 {
+            let (angle, speed) = self.motor(axle, w);
+            axle[w / 2].motor_angle[w % 2] = angle;
+            axle[w / 2].motor_speed[w % 2] = speed;
+        }
+    }
+
+    /// Kinetic energy of the rotors that turn apart from their wheels, J.
+    pub fn energy(&self, wheels: &Wheels) -> f64 {
+        (0..4)
+            .filter(|w| !wheels.meshed(*w))
+            .map(|w| 0.5 * self.rotor * self.speed[w] * self.speed[w])
+            .sum()
+    }
+}

@@ -1,0 +1,178 @@
+//! Masses of the axles, and the weight that each wheel bears.
+
+use super::config::PlantConfig;
+use super::geometry::{Mat3, Vec3, inverse, times, turned};
+use super::integrator::AxleState;
+
+/// Standard gravity, m/s².
+const GRAVITY: f64 = 9.806_65;
+
+/// Inertia of one axle with what it carries, about the axle's midpoint.
+#[derive(Clone, Copy, Debug)]
+pub struct Body {
+    /// Mass, kg.
+    pub mass: f64,
+    /// Yaw inertia, kg m².
+    pub inertia: f64,
+    /// First moment: mass times the centre of mass's place forward and to the left, kg m.
+    pub moment: [f64; 2],
+    inverse: Mat3,
+}
+
+impl Body {
+    /// Both axles, front first, from checked constants. A payload is a point mass.
+    pub fn both(config: &PlantConfig) -> [Self; 2] {
+        let mass = [
+            config.mass_kg[0],
+            config.mass_kg[1] + config.sensing_mass_kg,
+        ];
+        std::array::from_fn(|i| {
+            let (payload, [x, y]) = (config.payload_kg[i], config.payload_position_m[i]);
+            let mut body = Self {
+                mass: mass[i] + payload,
+                inertia: config.yaw_inertia_kg_m2[i] + payload * (x * x + y * y),
+                moment: [payload * x, payload * y],
+                inverse: [[0.0; 3]; 3],
+            };
+            body.inverse = inverse(&body.with_damping(&[0.0; 6]));
+            body
+        })
+    }
+
+    /// Mass matrix (forward, left, yaw) with a symmetric matrix (xx, xy, xφ, yy, yφ, φφ) added.
+    #[inline(always)]
+    pub fn with_damping(&self, [xx, xy, xt, yy, yt, tt]: &[f64; 6]) -> Mat3 {
+        let [x, y] = self.moment;
+        [
+            [self.mass + xx, *xy, xt - y],
+            [*xy, self.mass + yy, yt + x],
+            [xt - y, yt + x, self.inertia + tt],
+        ]
+    }
+
+    /// Rate of momentum for an acceleration of the midpoint.
+    #[inline(always)]
+    pub fn momentum(&self, a: &Vec3) -> Vec3 {
+        let [x, y] = self.moment;
+        [
+            self.mass * a[0] - y * a[2],
+            self.mass * a[1] + x * a[2],
+            self.inertia * a[2] + (x * a[1] - y * a[0]),
+        ]
+    }
+
+    /// The load with the centrifugal force at a yaw rate.
+    #[inline(always)]
+    pub fn swung(&self, load: &Vec3, rate: f64) -> Vec3 {
+        let square = rate * rate;
+        [
+            load[0] + square * self.moment[0],
+            load[1] + square * self.moment[1],
+            load[2],
+        ]
+    }
+
+    /// What the load in the frame of a body that has turned since the start of the step is to the
+    /// mass matrix of the start: the one that gives the same acceleration.
+    #[inline(always)]
+    pub fn turned(&self, load: &Vec3, turn: [f64; 2]) -> Vec3 {
+        if self.moment == [0.0; 2] {
+            return turned(load, turn);
+        }
+        self.momentum(&turned(&times(&self.inverse, load), turn))
+    }
+
+    /// Kinetic energy, J.
+    pub fn energy(&self, v: &Vec3) -> f64 {
+        let [x, y] = self.moment;
+        0.5 * self.mass * (v[0] * v[0] + v[1] * v[1])
+            + 0.5 * self.inertia * v[2] * v[2]
+            + v[2] * (x * v[1] - y * v[0])
+    }
+}
+
+/// Loads on the wheels, in the order front left, front right, rear left, rear right.
+///
+/// Load transfer is quasi-static: the moment of the inertial force at the height of the centre of
+/// mass is borne by the wheels after a short lag, which stands for the tyres' vertical springs
+/// (Gillespie, *Fundamentals of Vehicle Dynamics*, SAE 1992, chapter 1). Longitudinal acceleration
+/// shifts load between the axles (the strip stands upright and carries the moment), lateral
+/// acceleration between the wheels of each axle (the strip is soft in torsion). The loads add up to
+/// the weight also where a wheel leaves the ground.
+#[derive(Clone, Debug)]
+pub struct Loads {
+    at_rest: [f64; 4],
+    half_track: [f64; 2],
+    mass: [f64; 2],
+    height: f64,
+    share: f64,
+    /// Acceleration that the loads follow.
+    acceleration: [[f64; 2]; 2],
+    /// Loads now, N.
+    pub now: [f64; 4],
+}
+
+impl Loads {
+    /// At rest.
+    pub fn new(config: &PlantConfig, bodies: &[Body; 2]) -> Self {
+        let at_rest = at_rest(config, bodies);
+        Self {
+            at_rest,
+            half_track: config.half_track_m,
+            mass: [bodies[0].mass, bodies[1].mass],
+            height: config.center_of_mass_height_m,
+            share: 1.0 - libm::exp(-config.step_s / config.load_transfer_time_s),
+            acceleration: [[0.0; 2]; 2],
+            now: at_rest,
+        }
+    }
+
+    /// Back to rest.
+    pub fn settle(&mut self) {
+        self.acceleration = [[0.0; 2]; 2];
+        self.now = self.at_rest;
+    }
+
+    /// Whether the loads move at all.
+    #[inline(always)]
+    pub fn shift(&self) -> bool {
+        self.height > 0.0
+    }
+
+    /// Follows the acceleration of the axles, `base` (m) apart, for a step.
+    #[cold]
+    pub fn follow(&mut self, axle: &[AxleState; 2], base: f64) {
+        for (follower, axle) in self.acceleration.iter_mut().zip(axle) {
+            for n in 0..2 {
+                follower[n] += self.share * (axle.acceleration[n] - follower[n]);
+            }
+        }
+        let (a, rest) = (&self.acceleration, &self.at_rest);
+        let weight = [rest[0] + rest[1], rest[2] + rest[3]];
+        let pitch =
+            (self.mass[0] * a[0][0] + self.mass[1] * a[1][0]) * self.height / base.max(1e-3);
+        let pitch = pitch.clamp(-weight[1], weight[0]);
+        for i in 0..2 {
+            let axle = weight[i] + if i == 0 { -pitch } else { pitch };
+            let roll = self.mass[i] * a[i][1] * self.height / (2.0 * self.half_track[i]);
+            let left = 0.5 * (axle + rest[2 * i] - rest[2 * i + 1]) - roll;
+            self.now[2 * i] = left.clamp(0.0, axle);
+            self.now[2 * i + 1] = axle - self.now[2 * i];
+        }
+    }
+}
+
+/// Loads of the robot at rest with its frame straight.
+pub fn at_rest(config: &PlantConfig, bodies: &[Body; 2]) -> [f64; 4] {
+    let base = config.strip_length_m + config.rigid_root_m + config.rigid_tip_m;
+    // A payload before its axle's middle loads the front axle, by way of the frame.
+    let pitch = GRAVITY * (bodies[0].moment[0] + bodies[1].moment[0]) / base;
+    let mut load = [0.0; 4];
+    for (i, body) in bodies.iter().enumerate() {
+        let half = 0.5 * body.mass * GRAVITY + if i == 0 { 0.5 * pitch } else { -0.5 * pitch };
+        let roll = GRAVITY * body.moment[1] / (2.0 * config.half_track_m[i]);
+        load[2 * i] = half + roll;
+        load[2 * i + 1] = half - roll;
+    }
+    load
+}
