@@ -598,7 +598,7 @@ impl Simulation {
         let state = self.plant.state();
         for i in 0..2 {
             let axle = &state.axle[i];
-            self.truth.wheel_angle[i] = axle.wheel_angle;
+            self.truth.wheel_angle[i] = axle.motor_angle;
             self.truth.yaw_rate[i] = axle.velocity[2];
             self.truth.forward_acceleration[i] = axle.acceleration[0];
         }

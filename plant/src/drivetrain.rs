@@ -13,7 +13,9 @@
 
 use super::config::PlantConfig;
 use super::integrator::AxleState;
-use super::wheel::Wheels;
+use super::lanes::Lanes;
+use super::sincos::directions;
+use super::wheel::{Conditions, Wheels};
 
 /// Gears of the four wheels, in the order front left, front right, rear left, rear right.
 #[derive(Clone, Debug)]
@@ -73,19 +75,23 @@ impl Drivetrain {
     }
 
     /// Mean of the cogging torque over the next `h` (s), N m at the wheel.
-    #[cold]
-    pub fn cogging(&self, axle: &[AxleState; 2], h: f64) -> [f64; 4] {
-        std::array::from_fn(|w| {
+    #[inline(always)]
+    pub fn cogging<V: Lanes>(&self, axle: &[AxleState; 2], h: f64) -> [f64; 4] {
+        let (mut half, mut middle, mut share) = ([0.0; 4], [0.0; 4], [1.0; 4]);
+        for w in 0..4 {
             let (angle, speed) = self.motor(axle, w);
-            let half = 0.5 * self.periods * h * speed;
-            let middle = self.periods * angle + half + self.phase[w];
-            let share = if half.abs() < 1e-6 {
-                1.0
-            } else {
-                libm::sin(half) / half
-            };
-            self.cogging * share * libm::sin(middle)
-        })
+            half[w] = 0.5 * self.periods * h * speed;
+            middle[w] = self.periods * angle + half[w] + self.phase[w];
+        }
+        let (sine, _) = directions(V::load(&half));
+        let sine = sine.store();
+        for w in 0..4 {
+            if half[w].abs() > 1e-6 {
+                share[w] = sine[w] / half[w];
+            }
+        }
+        let (wave, _) = directions(V::load(&middle));
+        (V::splat(self.cogging) * V::load(&share) * wave).store()
     }
 
     /// Angle and speed of a motor, at the wheel.
@@ -100,15 +106,14 @@ impl Drivetrain {
         (axle.wheel_angle[side] + self.gap[w], speed)
     }
 
-    /// Lets teeth part and meet after `h` (s), over which the wheels' speeds came from `before`
-    /// and the motors ran under `torque(wheel, speed of the motor)`, N m.
+    /// Lets teeth part and meet after `h` (s), over which the wheels' speeds came from `before`.
     #[cold]
     pub fn mesh(
         &mut self,
         wheels: &mut Wheels,
         axle: &mut [AxleState; 2],
+        c: &Conditions,
         (before, h): ([f64; 4], f64),
-        torque: impl Fn(&Wheels, usize, f64) -> f64,
     ) {
         for w in 0..4 {
             if self.half_play[w] == 0.0 {
@@ -125,7 +130,7 @@ impl Drivetrain {
                 continue;
             }
             let was = self.speed[w];
-            let driving = torque(wheels, w, was);
+            let driving = wheels.motor_torque(was, c.command[w]) + c.cogging[w];
             let spun = was + h * driving / self.rotor;
             axle.torque[side] = driving;
             self.gap[w] += 0.5 * h * (was + spun - before[w] - now);

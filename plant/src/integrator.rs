@@ -119,8 +119,8 @@ pub struct Plant {
     carpet: [f64; 2],
 
     state: PlantState,
-    /// Command after the current loop.
-    command: [f64; 4],
+    /// What the wheels meet with; the command is that after the current loop.
+    conditions: Conditions,
     loads: Loads,
     drivetrain: Drivetrain,
     equilibrium: Equilibrium,
@@ -230,7 +230,7 @@ impl Plant {
             current_share: 1.0 - libm::exp(-config.step_s / config.current_loop_time_s),
             carpet: config.carpet_drift,
             state: PlantState::default(),
-            command: [0.0; 4],
+            conditions: Conditions::default(),
             drivetrain: Drivetrain::new(config),
             equilibrium,
             bend: Column::ZERO,
@@ -266,8 +266,11 @@ impl Plant {
         for (axle, (side, heading)) in self.state.axle.iter_mut().zip(ends) {
             axle.posture = [midpoint[0] + side * dx, midpoint[1] + side * dy, heading];
         }
-        self.command = [0.0; 4];
         self.loads.settle();
+        self.conditions = Conditions {
+            load: self.loads.now,
+            ..Conditions::default()
+        };
         self.wheels.bear(&self.loads.now);
         self.drivetrain.place(&mut self.wheels);
         self.bend = Column::ZERO;
@@ -352,7 +355,8 @@ impl Plant {
         for w in 0..4 {
             let wanted = torque[w / 2][w % 2];
             let wanted = if wanted.is_finite() { wanted } else { 0.0 };
-            self.command[w] += self.current_share * (wanted - self.command[w]);
+            let command = &mut self.conditions.command[w];
+            *command += self.current_share * (wanted - *command);
         }
         let before = [self.state.axle[0].velocity, self.state.axle[1].velocity];
         let turned = [self.state.axle[0].posture[2], self.state.axle[1].posture[2]];
@@ -367,6 +371,7 @@ impl Plant {
         if self.loads.shift() {
             let base = libm::hypot(self.geometry.position[0], self.geometry.position[1]);
             self.loads.follow(&self.state.axle, base);
+            self.conditions.load = self.loads.now;
             self.wheels.bear(&self.loads.now);
             self.publish_loads();
         }
@@ -403,11 +408,16 @@ impl Plant {
         let geometry = self.geometry;
         let g = G * h;
 
-        let conditions = self.conditions(h);
+        if self.drivetrain.cogs() {
+            self.conditions.cogging = self.drivetrain.cogging::<V>(&self.state.axle, h);
+        }
+        if self.wheels.moved() {
+            self.drift(h);
+        }
 
         // First stage: u = γh·k, (I − γhA) k = f(start).
         let hub = self.wheels.hub(&start);
-        let now = self.wheels.contact(&hub, V::load(&speed), &conditions);
+        let now = self.wheels.contact(&hub, V::load(&speed), &self.conditions);
         let implicit = Implicit::<V>::new(self, &now, g);
         let pull = add(
             &self.total,
@@ -449,7 +459,7 @@ impl Plant {
             &times(&self.viscosity, &there.rate(&body)),
         );
         let hub = self.wheels.hub(&body);
-        let mut then = self.wheels.contact(&hub, there_speed, &conditions);
+        let mut then = self.wheels.contact(&hub, there_speed, &self.conditions);
 
         // Second stage: (I − γhA) k = f(there) − k₁.
         then.torque = then.torque - spin1 * (V::load(&self.wheels.inertia) / V::splat(g));
@@ -517,41 +527,29 @@ impl Plant {
         }
         self.linearise();
         if self.drivetrain.has_play() {
-            let torque = |wheels: &Wheels, w: usize, speed: f64| {
-                wheels.motor_torque(speed, conditions.command[w]) + conditions.cogging[w]
-            };
-            let axles = &mut self.state.axle;
+            let (wheels, axles) = (&mut self.wheels, &mut self.state.axle);
             self.drivetrain
-                .mesh(&mut self.wheels, axles, (speed, h), torque);
+                .mesh(wheels, axles, &self.conditions, (speed, h));
         }
         true
     }
 
-    /// What the wheels meet with over the next `h` (s).
-    #[inline(always)]
-    fn conditions(&self, h: f64) -> Conditions {
-        let mut conditions = Conditions {
-            load: self.loads.now,
-            command: self.command,
-            ..Conditions::default()
-        };
-        if self.drivetrain.cogs() {
-            conditions.cogging = self.drivetrain.cogging(&self.state.axle, h);
-        }
-        if self.wheels.moved() {
-            conditions.drift = self.drift(h);
-        }
-        conditions
-    }
-
     /// Way of the floor over the way rolled, as the axles see it when half of `h` (s) has passed.
-    #[cold]
-    fn drift(&self, h: f64) -> [[f64; 4]; 2] {
-        let [front, rear] = self.state.axle.each_ref().map(|axle| {
-            let heading = axle.posture[2] + 0.5 * h * axle.velocity[2];
-            unrotate(&self.carpet, direction(heading))
-        });
-        [0, 1].map(|n| [front[n], front[n], rear[n], rear[n]])
+    #[inline(always)]
+    fn drift(&mut self, h: f64) {
+        let [front, rear] = &self.state.axle;
+        let ahead = rotate(
+            &self.geometry.front,
+            small_turn(0.5 * h * front.velocity[2]),
+        );
+        let behind = rotate(&self.geometry.rear, small_turn(0.5 * h * rear.velocity[2]));
+        let (front, rear) = (
+            unrotate(&self.carpet, ahead),
+            unrotate(&self.carpet, behind),
+        );
+        for n in 0..2 {
+            self.conditions.drift[n] = [front[n], front[n], rear[n], rear[n]];
+        }
     }
 
     /// Loads of the axles with the centrifugal forces at these yaw rates.

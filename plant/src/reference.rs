@@ -2,11 +2,12 @@
 //! time constant, velocities in the global frame, the strip by shooting at every stage. Hundreds
 //! of times slower than [`super::Plant`], and written apart from it: the check of its accuracy.
 //!
-//! Covers what moves the robot by default: tyres, rolling resistance, motors within their limits,
-//! the elastic and damped frame. Load transfer, slip-stick, the lag of the current loop and rigid
-//! ends are left out, and so is snap-through.
+//! Covers tyres of both kinds with stiction, rolling resistance, side slip and drift of the ground,
+//! motors within their limits, payloads, the elastic and damped frame with its clamps. Load
+//! transfer, a radius that depends on the load, play, cogging and the lag of the current loop are
+//! left out, and so is snap-through.
 
-use super::config::PlantConfig;
+use super::config::{PlantConfig, Tyre};
 use super::elastica::{Elastica, Load, solve};
 
 /// x, y, φ of the front axle, then of the rear; their rates; wheel speeds.
@@ -69,15 +70,29 @@ impl Reference {
         [self.y[12], self.y[13], self.y[14], self.y[15]]
     }
 
-    /// End of the strip in the rear axle's frame, and its rate.
+    /// Angle of a clamp (0 front, 1 rear) and from the axle's midpoint to the strip, global.
+    fn clamp(&self, y: &Coordinates, i: usize) -> (f64, [f64; 2]) {
+        let c = &self.config;
+        let (angle, length) = match i {
+            0 => (c.clamp_angle_tip_rad, -c.rigid_tip_m),
+            _ => (c.clamp_angle_root_rad, c.rigid_root_m),
+        };
+        let angle = y[3 * i + 2] + angle;
+        (angle, [length * angle.cos(), length * angle.sin()])
+    }
+
+    /// End of the strip in its root's frame, and its rate.
     fn strip_end(&self, y: &Coordinates) -> ([f64; 3], [f64; 3]) {
-        let (dx, dy) = (y[0] - y[3], y[1] - y[4]);
-        let (vx, vy) = (y[6] - y[9], y[7] - y[10]);
-        let (s, c) = y[5].sin_cos();
-        let (x, z) = (c * dx + s * dy, c * dy - s * dx);
+        let ((front, to_tip), (rear, to_root)) = (self.clamp(y, 0), self.clamp(y, 1));
+        let dx = y[0] + to_tip[0] - y[3] - to_root[0];
+        let dy = y[1] + to_tip[1] - y[4] - to_root[1];
         let turning = y[11];
+        let vx = y[6] - y[8] * to_tip[1] - y[9] + turning * to_root[1];
+        let vy = y[7] + y[8] * to_tip[0] - y[10] - turning * to_root[0];
+        let (s, c) = rear.sin_cos();
+        let (x, z) = (c * dx + s * dy, c * dy - s * dx);
         (
-            [x, z, y[2] - y[5]],
+            [x, z, front - rear],
             [
                 c * vx + s * vy + turning * z,
                 c * vy - s * vx - turning * x,
@@ -148,19 +163,62 @@ impl Reference {
         [fx, fy, moment, moment + end[0] * fy - end[1] * fx]
     }
 
+    /// Way of a wheel that rolls free of force over the way rolled, global.
+    fn rolling(&self, heading: f64, i: usize, speed: f64) -> [f64; 2] {
+        let c = &self.config;
+        let (s, co) = heading.sin_cos();
+        let sign = speed / (speed.abs() + 0.05);
+        [
+            co - c.side_slip[i] * s + sign * c.carpet_drift[0],
+            s + c.side_slip[i] * co + sign * c.carpet_drift[1],
+        ]
+    }
+
+    /// Force of a tyre over its slip velocity, N s/m.
+    fn grip(&self, (i, side): (usize, usize), slip: f64, rolled: f64, load: f64) -> f64 {
+        let c = &self.config;
+        let highest = c.friction * (1.0 + c.static_excess);
+        let half = match c.tyre {
+            Tyre::Creep => c.creep_velocity_m_s,
+            Tyre::Brush => {
+                let rolling = highest * rolled.abs() / c.slip_stiffness[i][side];
+                rolling.max(c.rest_creep_velocity_m_s)
+            }
+        };
+        let decayed = c.static_excess / (1.0 + (slip / c.static_decay_m_s).powi(2));
+        c.friction * (1.0 + decayed) * load / (slip + half)
+    }
+
+    /// Loads of the wheels of an axle, N.
+    fn loads(&self, i: usize) -> [f64; 2] {
+        let c = &self.config;
+        let moment = |n: usize| -> [f64; 2] {
+            std::array::from_fn(|i| c.payload_kg[i] * c.payload_position_m[i][n])
+        };
+        let base = c.strip_length_m + c.rigid_root_m + c.rigid_tip_m;
+        let mass = c.mass_kg[i] + c.payload_kg[i] + if i == 1 { c.sensing_mass_kg } else { 0.0 };
+        // Moments about the other axle, then about the other wheel.
+        let ahead = (moment(0)[0] + moment(0)[1]) / base;
+        let axle = mass + if i == 0 { ahead } else { -ahead };
+        let track = 2.0 * c.half_track_m[i];
+        let left = axle / 2.0 + moment(1)[i] / track;
+        [9.806_65 * left, 9.806_65 * (axle - left)]
+    }
+
     fn slope(&mut self, y: &Coordinates, command: &[f64; 4]) -> Coordinates {
         let [fx, fy, end_moment, root_moment] = self.frame(y);
-        let c = &self.config;
-        let (sin, cos) = y[5].sin_cos();
+        let (sin, cos) = self.clamp(y, 1).0.sin_cos();
         let frame = [cos * fx - sin * fy, sin * fx + cos * fy];
         let mut d = [0.0; 16];
         d[..6].copy_from_slice(&y[6..12]);
         for i in 0..2 {
-            let mass = c.mass_kg[i] + if i == 1 { c.sensing_mass_kg } else { 0.0 };
-            let load = mass * 9.806_65 / 2.0;
+            let (_, arm) = self.clamp(y, i);
+            let c = &self.config;
+            let load = self.loads(i);
             let sign = if i == 0 { -1.0 } else { 1.0 };
             let mut force = [sign * frame[0], sign * frame[1]];
             let mut moment = if i == 0 { -end_moment } else { root_moment };
+            moment += arm[0] * force[1] - arm[1] * force[0];
             let (s, co) = y[3 * i + 2].sin_cos();
             let (vx, vy, yaw) = (y[6 + 3 * i], y[7 + 3 * i], y[8 + 3 * i]);
             for side in 0..2 {
@@ -170,9 +228,10 @@ impl Reference {
                 // Contact point relative to the axle's middle, global.
                 let (px, py) = (-s * lateral, co * lateral);
                 let radius = c.wheel_radius_m[i][side];
-                let gx = vx - yaw * py - radius * speed * co;
-                let gy = vy + yaw * px - radius * speed * s;
-                let grip = c.friction * load / (gx.hypot(gy) + c.creep_velocity_m_s);
+                let [ex, ey] = self.rolling(y[3 * i + 2], i, speed);
+                let gx = vx - yaw * py - radius * speed * ex;
+                let gy = vy + yaw * px - radius * speed * ey;
+                let grip = self.grip((i, side), gx.hypot(gy), radius * speed, load[side]);
                 let (tx, ty) = (-grip * gx, -grip * gy);
                 force[0] += tx;
                 force[1] += ty;
@@ -181,14 +240,39 @@ impl Reference {
                 let motor = command[w]
                     .clamp(-c.stall_torque_n_m - line, c.stall_torque_n_m - line)
                     .clamp(-c.torque_limit_n_m, c.torque_limit_n_m);
-                let rolling = c.rolling_resistance * load * radius * speed / (speed.abs() + 0.05);
-                d[12 + w] = (motor - rolling - radius * (tx * co + ty * s)) / c.wheel_inertia_kg_m2;
+                let rolling =
+                    c.rolling_resistance * load[side] * radius * speed / (speed.abs() + 0.05);
+                d[12 + w] =
+                    (motor - rolling - radius * (tx * ex + ty * ey)) / c.wheel_inertia_kg_m2;
             }
-            d[6 + 3 * i] = force[0] / mass;
-            d[7 + 3 * i] = force[1] / mass;
-            d[8 + 3 * i] = moment / c.yaw_inertia_kg_m2[i];
+            let acceleration = self.acceleration(i, [s, co], yaw, [force[0], force[1], moment]);
+            d[6 + 3 * i..9 + 3 * i].copy_from_slice(&acceleration);
         }
         d
+    }
+
+    /// Acceleration of an axle's midpoint, global, from Newton's and Euler's laws for its centre of
+    /// mass.
+    fn acceleration(&self, i: usize, [s, co]: [f64; 2], yaw: f64, load: [f64; 3]) -> [f64; 3] {
+        let c = &self.config;
+        let bare = c.mass_kg[i] + if i == 1 { c.sensing_mass_kg } else { 0.0 };
+        let (payload, [ahead, aside]) = (c.payload_kg[i], c.payload_position_m[i]);
+        let mass = bare + payload;
+        let share = payload / mass;
+        // Midpoint to centre of mass, and the inertia about the latter.
+        let (x, y) = (
+            share * (co * ahead - s * aside),
+            share * (s * ahead + co * aside),
+        );
+        let reduced = bare * share * (ahead * ahead + aside * aside);
+        let inertia = c.yaw_inertia_kg_m2[i] + reduced;
+        let [fx, fy, moment] = load;
+        let turning = (moment - (x * fy - y * fx)) / inertia;
+        [
+            fx / mass + turning * y + yaw * yaw * x,
+            fy / mass - turning * x + yaw * yaw * y,
+            turning,
+        ]
     }
 
     /// Advances by `time` (s) in `steps` equal steps under constant commands, `[axle][left, right]`.

@@ -8,8 +8,9 @@
 //! hyperbola between the two limits stands for the brush model's cubic, as in Dugoff, Fancher and
 //! Segel, SAE 700377, 1970).
 //!
-//! **Stiction.** μ(|s|) = μ·(1 + excess·exp(−(|s|/decay)²)), the Stribeck curve (Armstrong-Hélouvry,
-//! Dupont and Canudas de Wit, Automatica 30, 1994).
+//! **Stiction.** μ(|s|) = μ·(1 + excess/(1 + (|s|/decay)²)), the Stribeck curve in the form of Hess
+//! and Soom (Armstrong-Hélouvry, Dupont and Canudas de Wit, *A survey of models […] of machines with
+//! friction*, Automatica 30, 1994).
 //!
 //! **Rolling resistance.** A torque of a share of load times radius against the rolling, faded out
 //! below 0.05 rad/s (Wong, *Theory of Ground Vehicles*, 4th edition, 2008, chapter 1).
@@ -222,7 +223,11 @@ impl Wheels {
         let mut force = [none - f * sx, none - f * sy];
         let mut slope = [f - h * sx * sx, none - h * sx * sy, f - h * sy * sy];
         if self.excess > 0.0 {
-            let share = V::load(&self.slip_stick(sx.store(), sy.store()));
+            // Its falling part has a negative slope, which is left out of the linearisation: the
+            // solver then still meets a positive definite system.
+            let ratio = s * V::splat(self.decay);
+            let share = V::splat(self.excess) / (V::splat(1.0) + ratio * ratio);
+            let share = V::splat(1.0) + share;
             for n in 0..2 {
                 force[n] = force[n] * share;
             }
@@ -271,20 +276,6 @@ impl Wheels {
             .max(-self.stall - back)
             .min(self.stall - back)
             .clamp(-self.limit, self.limit)
-    }
-
-    /// The excess of static friction, as a factor of force and slope. Its falling part has a
-    /// negative slope, which is left out of the linearisation: the solver then still meets a
-    /// positive definite system.
-    #[cold]
-    #[inline(never)]
-    fn slip_stick(&self, sx: [f64; 4], sy: [f64; 4]) -> [f64; 4] {
-        let mut share = [1.0; 4];
-        for w in 0..4 {
-            let square = sx[w] * sx[w] + sy[w] * sy[w];
-            share[w] += self.excess * libm::exp(-square * self.decay * self.decay);
-        }
-        share
     }
 }
 
@@ -374,5 +365,101 @@ impl Wheels {
         (0..4)
             .map(|w| 0.5 * self.inertia[w] * speed[w] * speed[w])
             .sum()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::lanes::Narrow;
+    use super::*;
+
+    const LOAD: f64 = 25.0;
+
+    fn wheels(tyre: Tyre, static_excess: f64) -> Wheels {
+        let config = PlantConfig {
+            tyre,
+            static_excess,
+            slip_stiffness: [[10.0, 20.0], [30.0, 40.0]],
+            ..PlantConfig::default()
+        };
+        Wheels::new(&config, [LOAD; 4])
+    }
+
+    /// Tyre forces of all wheels, [forward, left], at one slip velocity and speed of rolling.
+    fn forces(wheels: &Wheels, slip: [f64; 2], rolling: f64) -> [[f64; 4]; 2] {
+        let hub = Hub {
+            forward: Narrow::splat(slip[0] + rolling),
+            left: Narrow::splat(slip[1]),
+        };
+        let conditions = Conditions {
+            load: [LOAD; 4],
+            ..Conditions::default()
+        };
+        let speed = Narrow::splat(rolling / 0.073);
+        let contact = wheels.contact(&hub, speed, &conditions);
+        contact.force.map(Narrow::store)
+    }
+
+    /// Directions of slip all round, m/s.
+    fn around(size: f64) -> impl Iterator<Item = [f64; 2]> {
+        (0..12).map(move |k| {
+            let angle = 0.3 + f64::from(k) * std::f64::consts::TAU / 12.0;
+            [size * angle.cos(), size * angle.sin()]
+        })
+    }
+
+    /// Forces lie within the circle of friction and against the slip, and reach it at large slip.
+    #[test]
+    fn friction_circle() {
+        for tyre in [Tyre::Creep, Tyre::Brush] {
+            let wheels = wheels(tyre, 0.0);
+            for rolling in [-0.8, 0.0, 0.002, 0.3, 1.5] {
+                for slip in [1e-6, 1e-3, 0.1, 5.0].into_iter().flat_map(around) {
+                    let [fx, fy] = forces(&wheels, slip, rolling);
+                    let size = slip[0].hypot(slip[1]);
+                    for w in 0..4 {
+                        let force = fx[w].hypot(fy[w]);
+                        assert!(force < 0.7 * LOAD);
+                        assert!(size < 1.0 || force > 0.95 * 0.7 * LOAD);
+                        let along = -(fx[w] * slip[0] + fy[w] * slip[1]);
+                        assert!((along - force * size).abs() < 1e-9 * force * size);
+                    }
+                }
+            }
+        }
+    }
+
+    /// At small slip, ahead or aside, force over load is C times slip over rolling, with stiction
+    /// too.
+    #[test]
+    fn slip_stiffness_of_the_brush_tyre() {
+        for excess in [0.0, 0.2] {
+            let wheels = wheels(Tyre::Brush, excess);
+            for (rolling, slip) in [(0.5f64, 1e-4), (-0.2, -1e-5)] {
+                for share in [[1.0, 0.0], [0.0, 1.0], [0.6, 0.8]] {
+                    let [fx, fy] = forces(&wheels, share.map(|s| s * slip * rolling), rolling);
+                    for w in 0..4 {
+                        let stiffness = fx[w].hypot(fy[w]) / (LOAD * slip.abs());
+                        let expected = 10.0 * (w + 1) as f64;
+                        assert!(
+                            (stiffness / expected - 1.0).abs() < 0.01,
+                            "{stiffness} {expected}"
+                        );
+                    }
+                }
+            }
+        }
+    }
+
+    /// Stiction raises the largest force by its share, and is gone at large slip.
+    #[test]
+    fn stiction() {
+        let (plain, sticky) = (wheels(Tyre::Brush, 0.0), wheels(Tyre::Brush, 0.2));
+        let ahead = |wheels: &Wheels, slip: f64| -forces(wheels, [slip, 0.0], 0.0)[0][0];
+        let peak = (1..2000)
+            .map(|k| ahead(&sticky, 1e-5 * f64::from(k)))
+            .fold(0.0, f64::max);
+        assert!((1.13..1.2).contains(&(peak / (0.7 * LOAD))), "{peak}");
+        assert!(ahead(&sticky, 2.0) / ahead(&plain, 2.0) < 1.001);
     }
 }

@@ -411,8 +411,8 @@ impl VirtualRobot {
         let state = *self.plant.state();
         for (role, axle) in [Role::Front, Role::Rear].into_iter().zip(&state.axle) {
             let wheel = |k: usize| WheelMotion {
-                angle_rad: axle.wheel_angle[k],
-                speed_rad_s: axle.wheel_speed[k],
+                angle_rad: axle.motor_angle[k],
+                speed_rad_s: axle.motor_speed[k],
             };
             let motion = AxleMotion {
                 wheels: [wheel(0), wheel(1)],

@@ -1,0 +1,529 @@
+//! What the imperfections of the robot do, against what can be said of them without a simulation.
+
+use plant::{Plant, PlantConfig, Tyre};
+
+const GRAVITY: f64 = 9.806_65;
+
+fn brush() -> PlantConfig {
+    PlantConfig {
+        tyre: Tyre::Brush,
+        ..PlantConfig::default()
+    }
+}
+
+/// All of them at once, larger than they are.
+fn crooked() -> PlantConfig {
+    PlantConfig {
+        friction: 0.6,
+        static_excess: 0.2,
+        rolling_resistance: 0.03,
+        slip_stiffness: [[15.0, 25.0], [28.0, 12.0]],
+        side_slip: [0.01, -0.02],
+        carpet_drift: [0.02, -0.01],
+        radius_load_sensitivity: 0.01,
+        payload_kg: [0.8, 1.5],
+        payload_position_m: [[0.05, 0.04], [-0.06, 0.08]],
+        center_of_mass_height_m: 0.08,
+        backlash_rad: [[0.01, 0.02], [0.0, 0.015]],
+        cogging_torque_n_m: 0.03,
+        cogging_phase_rad: [[0.3, 1.2], [2.0, -1.0]],
+        rigid_root_m: 0.005,
+        rigid_tip_m: 0.008,
+        clamp_angle_root_rad: 0.02,
+        clamp_angle_tip_rad: -0.03,
+        ..brush()
+    }
+}
+
+fn build(config: &PlantConfig) -> Plant {
+    config.build().expect("the configuration is valid")
+}
+
+fn run(plant: &mut Plant, steps: usize, torque: [[f64; 2]; 2]) {
+    for _ in 0..steps {
+        plant.step(torque);
+    }
+}
+
+fn wave(k: usize, amplitude: f64) -> [[f64; 2]; 2] {
+    let t = k as f64 * 1e-3;
+    let one = |rate: f64| amplitude * (rate * t).sin();
+    [[one(2.1), one(3.7)], [one(4.3), one(1.3)]]
+}
+
+/// The front wheels pull the braked rear ones along: at constant speed each tyre's force is its
+/// torque over the radius, and its slip the force over C·N, enlarged as it nears the friction.
+#[test]
+fn slip_of_braked_and_driven_wheels() {
+    let stiffness = [[15.0, 20.0], [25.0, 30.0]];
+    let config = PlantConfig {
+        slip_stiffness: stiffness.map(|[a, b]| [0.5 * (a + b); 2]),
+        sensing_mass_kg: 1.0,
+        natural_slope_rad: 0.0,
+        ..brush()
+    };
+    for torque in [0.05, 0.3, 0.7] {
+        let mut plant = build(&config);
+        run(&mut plant, 700, [[0.25; 2]; 2]);
+        run(&mut plant, 600, [[torque; 2], [-torque; 2]]);
+        for (i, axle) in plant.state().axle.iter().enumerate() {
+            let speed = axle.velocity[0];
+            let rolling = 0.073 * axle.wheel_speed[0];
+            let slip = (rolling - speed) / rolling;
+            let force = if i == 0 { torque } else { -torque } / 0.073;
+            let load = [4.76, 5.76][i] * GRAVITY / 2.0;
+            let share = force.abs() / (0.7 * load);
+            let expected = force / (config.slip_stiffness[i][0] * load) / (1.0 - share);
+            assert!(speed > 0.3);
+            assert!(
+                (slip - expected).abs() < 0.01 * expected.abs(),
+                "{torque} {i}: {slip} {expected}"
+            );
+        }
+    }
+}
+
+/// A robot bent by its own motors, its wheels then held where they are, stays bent. On tyres whose
+/// slip depends on the force alone the frame leaks.
+#[test]
+fn a_bent_robot_at_rest_stays() {
+    let left = |config: &PlantConfig| {
+        let mut plant = build(config);
+        for k in 0..1500 {
+            let steer = 0.25 * f64::from(k) / 1500.0;
+            plant.step([[-steer, steer], [steer, -steer]]);
+        }
+        let held = plant.state().axle.map(|a| a.wheel_angle);
+        let mut hold = |steps: usize| {
+            for _ in 0..steps {
+                let axle = plant.state().axle;
+                plant.step([0, 1].map(|i| {
+                    [0, 1].map(|side| {
+                        let error = held[i][side] - axle[i].wheel_angle[side];
+                        50.0 * error - 0.4 * axle[i].wheel_speed[side]
+                    })
+                }));
+            }
+            plant.relative_posture()[2]
+        };
+        let before = hold(500);
+        assert!(before > 0.2, "{before}");
+        hold(5000) / before
+    };
+    let (creeping, brushed) = (left(&PlantConfig::default()), left(&brush()));
+    println!("{creeping} {brushed}");
+    assert!(creeping < 0.9, "{creeping}");
+    assert!(brushed > 0.99, "{brushed}");
+}
+
+/// With the motors off, energy only falls, whatever ground and gears do; at 1 ms by no more than the
+/// step's tolerance in velocity lets it rise where the robot comes to rest.
+#[test]
+fn energy_never_grows() {
+    let config = PlantConfig {
+        cogging_torque_n_m: 0.0,
+        // Loads that follow the acceleration late take no part in the balance.
+        center_of_mass_height_m: 0.0,
+        ..crooked()
+    };
+    for (config, step, allowed) in [
+        (brush(), 1e-3, 1e-6),
+        (config.clone(), 1e-3, 2e-5),
+        (config, 2.5e-4, 1e-6),
+    ] {
+        for amplitude in [0.3, 1.5] {
+            let mut plant = build(&PlantConfig {
+                step_s: step,
+                ..config.clone()
+            });
+            let count = |seconds: f64| (seconds / step).round() as usize;
+            for k in 0..count(0.9) {
+                plant.step(wave(k, amplitude));
+            }
+            let start = plant.energy();
+            let mut last = start;
+            for _ in 0..count(2.0) {
+                plant.step([[0.0; 2]; 2]);
+                let energy = plant.energy();
+                assert!(energy <= last + allowed, "{last} {energy}");
+                last = energy;
+            }
+            assert!(last < start);
+        }
+    }
+}
+
+/// Momentum and angular momentum of axles and payloads, as of four points and two bodies.
+#[test]
+fn momentum_with_payloads_is_conserved_without_friction() {
+    let config = PlantConfig {
+        payload_kg: [2.0, 3.0],
+        payload_position_m: [[0.06, 0.1], [-0.05, -0.12]],
+        clamp_angle_root_rad: 0.1,
+        clamp_angle_tip_rad: -0.05,
+        rigid_root_m: 0.03,
+        rigid_tip_m: 0.05,
+        ..brush()
+    };
+    let mut moving = build(&config);
+    for k in 0..1500 {
+        moving.step(wave(k, 0.8));
+    }
+    let mut free = moving.without_friction();
+    let momentum = |plant: &Plant| {
+        let mut p = [0.0; 3];
+        let mut add = |mass: f64, [x, y]: [f64; 2], [vx, vy]: [f64; 2]| {
+            p[0] += mass * vx;
+            p[1] += mass * vy;
+            p[2] += mass * (x * vy - y * vx);
+        };
+        let mut spin = 0.0;
+        for (i, a) in plant.state().axle.iter().enumerate() {
+            let [x, y, phi] = a.posture;
+            let [u, v, w] = a.velocity;
+            let (s, c) = phi.sin_cos();
+            let velocity = [c * u - s * v, s * u + c * v];
+            add([4.76, 5.36][i], [x, y], velocity);
+            let [ahead, aside] = config.payload_position_m[i];
+            let (dx, dy) = (c * ahead - s * aside, s * ahead + c * aside);
+            let swung = [velocity[0] - w * dy, velocity[1] + w * dx];
+            add(config.payload_kg[i], [x + dx, y + dy], swung);
+            spin += config.yaw_inertia_kg_m2[i] * w;
+        }
+        p[2] += spin;
+        p
+    };
+    let (before, energy) = (momentum(&free), free.energy());
+    let force = free.wrench().force;
+    assert!(force[0].hypot(force[1]) > 0.5);
+    run(&mut free, 1000, [[0.0; 2]; 2]);
+    let after = momentum(&free);
+    println!("{before:?} {after:?}");
+    assert!(free.state().axle[0].velocity[2].abs() > 0.1);
+    for n in 0..2 {
+        assert!((before[n] - after[n]).abs() < 1e-3, "{before:?} {after:?}");
+    }
+    assert!((before[2] - after[2]).abs() < 2e-3, "{before:?} {after:?}");
+    assert!(free.energy() < energy);
+}
+
+#[test]
+fn payloads_load_the_wheels_by_the_lever_rule() {
+    let config = PlantConfig {
+        payload_kg: [0.0, 2.0],
+        payload_position_m: [[0.0; 2], [0.185, 0.081]],
+        rigid_root_m: 0.02,
+        rigid_tip_m: 0.01,
+        ..brush()
+    };
+    let load = build(&config).state().axle.map(|a| a.load);
+    // The payload's weight over the axles, and over the track a quarter to the right.
+    let ahead = 2.0 * 0.185 / 0.4;
+    let front = 4.76 + ahead;
+    let rear = 5.36 + 2.0 - ahead;
+    let left = rear / 2.0 + 2.0 * 0.25;
+    let expected = [[front / 2.0; 2], [left, rear - left]];
+    for i in 0..2 {
+        for side in 0..2 {
+            assert!((load[i][side] - GRAVITY * expected[i][side]).abs() < 1e-9);
+        }
+    }
+}
+
+/// Also where a wheel leaves the ground.
+#[test]
+fn loads_add_up_to_the_weight() {
+    let config = PlantConfig {
+        center_of_mass_height_m: 0.5,
+        friction: 1.5,
+        ..crooked()
+    };
+    let mut plant = build(&config);
+    let weight = (2.0 * 4.76 + 0.6 + 2.3) * GRAVITY;
+    let (mut lifted, mut moved) = (0, 0.0f64);
+    for k in 0..6000 {
+        plant.step(wave(k, 1.5));
+        let load = plant.state().axle.map(|a| a.load);
+        let sum: f64 = load.iter().flatten().sum();
+        assert!((sum - weight).abs() < 1e-9, "{sum} {weight}");
+        assert!(load.iter().flatten().all(|l| *l >= 0.0));
+        lifted += load.iter().flatten().filter(|l| **l == 0.0).count();
+        moved = moved.max((load[0][0] - load[0][1]).abs());
+    }
+    assert!(lifted > 0 && moved > 5.0, "{lifted} {moved}");
+}
+
+/// A wheel rolls with the radius that its load leaves it.
+#[test]
+fn radius_falls_with_the_load() {
+    let config = PlantConfig {
+        radius_load_sensitivity: 0.02,
+        payload_kg: [2.38, 2.68],
+        ..brush()
+    };
+    let mut plant = build(&config);
+    run(&mut plant, 1000, [[0.2; 2]; 2]);
+    run(&mut plant, 500, [[0.0; 2]; 2]);
+    for axle in plant.state().axle {
+        // Half as much again on every wheel.
+        let radius = axle.velocity[0] / axle.wheel_speed[0];
+        assert!((radius / 0.073 - 0.99).abs() < 5e-5, "{radius}");
+    }
+}
+
+/// Way aside over way ahead, and way along the floor over way rolled in whatever direction.
+#[test]
+fn side_slip_and_carpet_drift_are_shares_of_the_way() {
+    let aside = PlantConfig {
+        side_slip: [0.004; 2],
+        natural_slope_rad: 0.0,
+        ..brush()
+    };
+    let mut plant = build(&aside);
+    run(&mut plant, 2000, [[0.1; 2]; 2]);
+    let [x, y, phi] = plant.midpoint();
+    assert!(x > 0.5 && phi.abs() < 1e-4, "{x} {phi}");
+    assert!((y / x - 0.004).abs() < 4e-5, "{}", y / x);
+
+    let flat = PlantConfig {
+        natural_slope_rad: 0.0,
+        ..brush()
+    };
+    let carpet = PlantConfig {
+        carpet_drift: [0.006, -0.003],
+        ..flat.clone()
+    };
+    for (heading, torque) in [(0.0, 0.1), (1.3, 0.1), (1.3, -0.1), (-2.5, 0.1)] {
+        // Beyond what driving slip takes: less than what the wheel rolled, on a floor at rest.
+        let [[x, y], [u, v]] = [&carpet, &flat].map(|config| {
+            let mut plant = build(config);
+            plant.place([0.0, 0.0, heading]);
+            run(&mut plant, 2000, [[torque; 2]; 2]);
+            let rolled = 0.073 * plant.state().axle[1].wheel_angle[0];
+            assert!(rolled.abs() > 0.5);
+            let [x, y, _] = plant.midpoint();
+            let (s, c) = heading.sin_cos();
+            [
+                (x - c * rolled) / rolled.abs(),
+                (y - s * rolled) / rolled.abs(),
+            ]
+        });
+        // Fading in from rest takes a little.
+        assert!((x - u - 0.006).abs() < 1e-4, "{heading} {}", x - u);
+        assert!((y - v + 0.003).abs() < 1e-4, "{heading} {}", y - v);
+    }
+}
+
+/// Unloaded, the strip is straight, and the axles stand to it as the clamps have it.
+#[test]
+fn clamps_set_the_unloaded_posture() {
+    let config = PlantConfig {
+        rigid_root_m: 0.02,
+        rigid_tip_m: 0.03,
+        clamp_angle_root_rad: 0.05,
+        clamp_angle_tip_rad: -0.02,
+        natural_slope_rad: 0.0,
+        ..brush()
+    };
+    let mut plant = build(&config);
+    plant.place([0.5, -0.2, 2.0]);
+    let [x, y, turn] = plant.relative_posture();
+    assert!((x - 0.42 * 0.05f64.cos()).abs() < 1e-9 && (y - 0.42 * 0.05f64.sin()).abs() < 1e-9);
+    assert!((turn - 0.07).abs() < 1e-12);
+    run(&mut plant, 500, [[0.0; 2]; 2]);
+    let [x, y, phi] = plant.midpoint();
+    assert!((x - 0.5).abs() < 1e-9 && (y + 0.2).abs() < 1e-9 && (phi - 2.0).abs() < 1e-9);
+    let force = plant.wrench().force;
+    assert!(force[0].hypot(force[1]) < 1e-6);
+    for s in [0.0, 0.1, 0.37] {
+        assert!(plant.curvature(s).abs() < 1e-9);
+    }
+    // Axles brought into line bend the strip as far as the clamps disagree, and the outline ends
+    // where the axles are.
+    for k in 0..1500 {
+        plant.step(wave(k, 0.5));
+    }
+    let curve = plant.frame_curve(50);
+    let [front, rear] = plant.state().axle.map(|a| a.posture);
+    assert!((curve[0][0] - rear[0]).abs() < 1e-12 && (curve[0][1] - rear[1]).abs() < 1e-12);
+    assert!((curve[49][0] - front[0]).hypot(curve[49][1] - front[1]) < 1e-6);
+    let sum: f64 = (0..2000)
+        .map(|k| plant.curvature((f64::from(k) + 0.5) * 0.37 / 2000.0) * 0.37 / 2000.0)
+        .sum();
+    let turn = plant.relative_posture()[2];
+    assert!(
+        turn.abs() > 0.1 && (sum - turn + 0.07).abs() < 1e-4,
+        "{sum} {turn}"
+    );
+}
+
+/// At a reversal the motor crosses the play under its torque alone while the wheel rolls on.
+#[test]
+fn a_reversed_motor_crosses_its_play() {
+    let (play, torque) = (0.02f64, 0.3);
+    let config = PlantConfig {
+        backlash_rad: [[play; 2]; 2],
+        ..brush()
+    };
+    let mut plant = build(&config);
+    run(&mut plant, 600, [[torque; 2]; 2]);
+    let gap = |plant: &Plant| {
+        let axle = plant.state().axle[0];
+        axle.motor_angle[0] - axle.wheel_angle[0]
+    };
+    assert!((gap(&plant) - 0.5 * play).abs() < 1e-9);
+    let speed = plant.state().axle[0].wheel_speed[0];
+    let mut crossing = 0;
+    let mut rolling = speed;
+    while gap(&plant) > -0.5 * play + 1e-9 {
+        // The wheel, no longer driven, keeps its speed within what the tyre's slip gives back.
+        assert!((rolling - speed).abs() < 0.2, "{rolling} {speed}");
+        plant.step([[-torque; 2]; 2]);
+        rolling = plant.state().axle[0].wheel_speed[0];
+        crossing += 1;
+        assert!(crossing < 100);
+    }
+    let expected = 1e3 * (2.0 * play * 0.003 / torque).sqrt();
+    assert!(
+        (f64::from(crossing) - expected).abs() < 2.5,
+        "{crossing} {expected}"
+    );
+    // From then on they turn together, the other flank pressing.
+    run(&mut plant, 300, [[-torque; 2]; 2]);
+    assert!((gap(&plant) + 0.5 * play).abs() < 1e-9);
+}
+
+/// Whatever the teeth do, motor and wheel together gain what the motor's torque gives.
+#[test]
+fn play_keeps_angular_momentum() {
+    let config = PlantConfig {
+        backlash_rad: [[0.03, 0.01], [0.02, 0.0]],
+        ..brush()
+    };
+    let mut plant = build(&config).without_friction();
+    let mut given = [[0.0; 2]; 2];
+    let mut apart = 0;
+    for k in 0..4000 {
+        plant.step(wave(k, 0.05));
+        for (i, axle) in plant.state().axle.iter().enumerate() {
+            for side in 0..2 {
+                given[i][side] += 1e-3 * axle.torque[side];
+                let has = 0.003 * axle.motor_speed[side] + 0.001 * axle.wheel_speed[side];
+                assert!((has - given[i][side]).abs() < 1e-9, "{k} {has} {given:?}");
+                let gap = axle.motor_angle[side] - axle.wheel_angle[side];
+                assert!(gap.abs() <= 0.5 * config.backlash_rad[i][side] + 1e-12);
+                apart += usize::from(axle.motor_speed[side] != axle.wheel_speed[side]);
+            }
+        }
+    }
+    assert!(apart > 100, "{apart}");
+}
+
+/// Over whole periods it neither drives nor brakes, and where it is faster than the steps it
+/// averages out.
+#[test]
+fn mean_of_the_cogging_is_zero() {
+    let config = PlantConfig {
+        cogging_torque_n_m: 0.02,
+        cogging_periods: 30.0,
+        cogging_phase_rad: [[0.0, 1.0], [2.0, 3.0]],
+        ..brush()
+    };
+    let mut plant = build(&config);
+    run(&mut plant, 300, [[0.1; 2]; 2]);
+    let turn = std::f64::consts::TAU;
+    let first = plant.state().axle[0].wheel_angle[0];
+    let (mut work, mut largest) = (0.0, 0.0f64);
+    while plant.state().axle[0].wheel_angle[0] < first + turn {
+        let before = plant.state().axle[0].wheel_angle[0];
+        plant.step([[0.1; 2]; 2]);
+        let axle = plant.state().axle[0];
+        let cogging = axle.torque[0] - 0.1;
+        work += cogging * (axle.wheel_angle[0] - before);
+        largest = largest.max(cogging.abs());
+    }
+    assert!((0.0195..=0.02).contains(&largest), "{largest}");
+    assert!(work.abs() < 0.01 * 0.02 * turn, "{work}");
+
+    let fast = PlantConfig {
+        cogging_periods: 20_000.0,
+        ..config
+    };
+    let mut plant = build(&fast);
+    run(&mut plant, 1000, [[0.1; 2]; 2]);
+    let axle = plant.state().axle[0];
+    assert!(0.001 * 20_000.0 * axle.wheel_speed[0] > turn);
+    assert!((axle.torque[0] - 0.1).abs() < 0.005);
+}
+
+#[test]
+fn vector_and_portable_code_agree_to_the_bit() {
+    let mut one = build(&crooked());
+    let mut other = one.portable();
+    for k in 0..6000 {
+        let torque = wave(k, 0.6);
+        one.step(torque);
+        other.step(torque);
+        assert_eq!(one.state(), other.state(), "step {k}");
+        assert_eq!(one.wrench(), other.wrench(), "step {k}");
+    }
+}
+
+#[test]
+fn a_robot_placed_anew_is_a_new_one() {
+    let mut used = build(&crooked());
+    for k in 0..1500 {
+        used.step(wave(k, 0.6));
+    }
+    used.place([0.0; 3]);
+    let mut fresh = build(&crooked());
+    for k in 0..1500 {
+        used.step(wave(k, 0.6));
+        fresh.step(wave(k, 0.6));
+    }
+    assert_eq!(used.state(), fresh.state());
+}
+
+#[test]
+fn a_bad_constant_is_named() {
+    type Spoil = fn(&mut PlantConfig);
+    let spoilt: [(&str, Spoil); 14] = [
+        ("slip_stiffness[1][0]", |c| c.slip_stiffness[1][0] = 0.0),
+        ("rest_creep_velocity_m_s", |c| {
+            c.rest_creep_velocity_m_s = 0.0
+        }),
+        ("side_slip[0]", |c| c.side_slip[0] = 0.5),
+        ("carpet_drift[1]", |c| c.carpet_drift[1] = f64::NAN),
+        ("radius_load_sensitivity", |c| {
+            c.radius_load_sensitivity = -0.1
+        }),
+        ("payload_kg[0]", |c| c.payload_kg[0] = -1.0),
+        ("payload_position_m[0][1]", |c| {
+            c.payload_kg[0] = 10.0;
+            c.payload_position_m[0][1] = 0.3;
+        }),
+        ("payload_position_m[1][0]", |c| {
+            c.payload_kg[1] = 10.0;
+            c.payload_position_m[1][0] = 0.6;
+        }),
+        ("backlash_rad[0][1]", |c| c.backlash_rad[0][1] = 1.0),
+        ("rotor_inertia_share", |c| c.rotor_inertia_share = 1.0),
+        ("cogging_torque_n_m", |c| {
+            c.cogging_torque_n_m = f64::INFINITY
+        }),
+        ("cogging_periods", |c| c.cogging_periods = 0.0),
+        ("cogging_phase_rad[1][1]", |c| {
+            c.cogging_phase_rad[1][1] = 99.0
+        }),
+        ("clamp_angle_tip_rad", |c| c.clamp_angle_tip_rad = 0.7),
+    ];
+    for (field, spoil) in spoilt {
+        let mut config = PlantConfig::default();
+        spoil(&mut config);
+        let error = config.build().unwrap_err();
+        assert_eq!(error.field, field);
+        assert!(error.to_string().contains("must be a number from"));
+        let (low, high) = error.range;
+        assert!(low < high && !(error.value >= low && error.value <= high));
+    }
+}
