@@ -166,6 +166,10 @@ def main():
     for drive in plant["drives"]:
         turns = {r["model"]: r for r in beside["drives"] if r["name"] == drive["name"]}
         own = turns.pop("cfmmr")
+        if not turns:
+            page.append(
+                f"| {drive['name']} | {span.format(**drive)} | {own['real_time_factor']:.0f} | |"
+            )
         for model, row in turns.items():
             page.append(
                 f"| {drive['name']} | {span.format(**drive)} | {own['real_time_factor']:.0f} |"

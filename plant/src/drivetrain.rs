@@ -7,7 +7,7 @@
 //! pull, the teeth part. The encoder sits on the motor.
 //!
 //! **Cogging.** A torque that is periodic in the motor's angle, of mean zero (Hanselman, *Brushless
-//! Permanent Magnet Motor Design*, 2nd edition, 2003, chapter 9). A part of a step takes its mean
+//! Permanent Magnet Motor Design*, 2nd edition, 2003). A part of a step takes its mean
 //! over the angle turned meanwhile, so that what is faster than the steps averages out instead of
 //! appearing at another frequency.
 

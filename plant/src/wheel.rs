@@ -17,8 +17,8 @@
 //!
 //! **Side slip and drift of the ground.** A wheel rolls, free of force, not exactly ahead: aside by a
 //! share of its way (toe, ply steer and conicity: Pacejka, chapter 4), and along a fixed direction
-//! of the floor, as on the pile of a carpet (Roy and Thrun, *Online self-calibration for mobile
-//! robots*, ICRA 1999). The wheel's torque is taken along that direction too, so that contact
+//! of the floor, as the grain of a carpet takes it (Goel, Eade, Fong and Munich, *Carpet drift
+//! estimation using differential sensors or visual measurements*, US 9 223 312, 2015). The wheel's torque is taken along that direction too, so that contact
 //! never gives energy.
 //!
 //! **Rolling radius.** It falls linearly with the load (Pacejka, chapter 1; Wong, chapter 1).
