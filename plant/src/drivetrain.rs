@@ -77,21 +77,24 @@ impl Drivetrain {
     /// Mean of the cogging torque over the next `h` (s), N m at the wheel.
     #[inline(always)]
     pub fn cogging<V: Lanes>(&self, axle: &[AxleState; 2], h: f64) -> [f64; 4] {
-        let (mut half, mut middle, mut share) = ([0.0; 4], [0.0; 4], [1.0; 4]);
+        let (mut half, mut middle) = ([0.0; 4], [0.0; 4]);
         for w in 0..4 {
             let (angle, speed) = self.motor(axle, w);
             half[w] = 0.5 * self.periods * h * speed;
             middle[w] = self.periods * angle + half[w] + self.phase[w];
         }
-        let (sine, _) = directions(V::load(&half));
-        let sine = sine.store();
-        for w in 0..4 {
-            if half[w].abs() > 1e-6 {
-                share[w] = sine[w] / half[w];
-            }
-        }
+        // sin(x)/x.
+        let x = V::load(&half);
+        let share = if x.abs().all_at_most(0.5) {
+            let (z, one) = (x * x, V::splat(1.0));
+            let rest = one - z * V::splat(1.0 / 42.0);
+            one - z * V::splat(1.0 / 6.0) * (one - z * V::splat(0.05) * rest)
+        } else {
+            let x = x + V::splat(1e-30);
+            directions(x).0 / x
+        };
         let (wave, _) = directions(V::load(&middle));
-        (V::splat(self.cogging) * V::load(&share) * wave).store()
+        (V::splat(self.cogging) * share * wave).store()
     }
 
     /// Angle and speed of a motor, at the wheel.

@@ -206,8 +206,12 @@ impl Wheels {
         let (mut sx, mut sy) = (hub.forward - rolled, hub.left);
         // Way free of force, beyond a unit ahead. Its slope is left out of the linearisation.
         let (mut ahead, mut aside) = (none, none);
+        let (fade, mut faded) = (V::splat(ROLLING_FADE), none);
+        if self.moved || self.rolling > 0.0 {
+            faded = V::splat(1.0) / (speed.abs() + fade);
+        }
         if self.moved {
-            let sign = speed / (speed.abs() + V::splat(ROLLING_FADE));
+            let sign = speed * faded;
             ahead = sign * V::load(&c.drift[0]);
             aside = V::load(&self.side) + sign * V::load(&c.drift[1]);
             sx = sx - rolled * ahead;
@@ -255,10 +259,8 @@ impl Wheels {
         }
         if self.rolling > 0.0 {
             let resist = V::splat(self.rolling) * load * radius;
-            let fade = V::splat(ROLLING_FADE);
-            let inverse = V::splat(1.0) / (speed.abs() + fade);
-            torque = torque - resist * speed * inverse;
-            drag = drag + resist * fade * inverse * inverse;
+            torque = torque - resist * speed * faded;
+            drag = drag + resist * fade * faded * faded;
         }
         Contact {
             force,
