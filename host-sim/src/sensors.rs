@@ -244,6 +244,23 @@ pub struct BridgeConfig {
     /// Standard deviation of each gauge's place along the strip, m. Default 0.3 mm: glued by hand
     /// on a scribed mark.
     pub position_sigma_m: f64,
+    /// Share of a sustained strain that a gauge loses in the end, as its adhesive and carrier creep
+    /// (Hoffmann, *An Introduction to Stress Analysis and Transducer Design using Strain Gauges*,
+    /// HBM 2012): −0.05 to 0.05. Default 0; 0.005 to 0.01 for cold-curing adhesives.
+    pub creep_share: f64,
+    /// Time constant of it, s. Default 60.
+    pub creep_time_s: f64,
+    /// Rise of the gauges' temperature since zeroing, in the end, K. Default 0.
+    pub warming_k: f64,
+    /// Time constant of it, s. Default 600.
+    pub warming_time_s: f64,
+    /// Standard deviation of what each bridge's zero moves by for a rise of 1 K, strain. Default
+    /// 0.2 µε: what a matched full bridge leaves (0.5 to 1 for half bridges; Micro-Measurements
+    /// Tech Note TN-504).
+    pub zero_per_k_sigma_strain: f64,
+    /// Relative change of all gains for a rise of 1 K. Default 1e-4: the gauge factor of constantan
+    /// (TN-504).
+    pub gain_per_k: f64,
     /// Age of a sample when the board has it, ms. Default 1: conversions are collected over the
     /// last millisecond.
     pub delay_ms: u32,
@@ -264,6 +281,12 @@ impl Default for BridgeConfig {
             common_sigma_strain: 1e-6,
             drift_walk_strain: 0.05e-6,
             position_sigma_m: 0.3e-3,
+            creep_share: 0.0,
+            creep_time_s: 60.0,
+            warming_k: 0.0,
+            warming_time_s: 600.0,
+            zero_per_k_sigma_strain: 0.2e-6,
+            gain_per_k: 1e-4,
             delay_ms: 1,
         }
     }
@@ -331,6 +354,12 @@ impl SensorConfig {
         check!(at_least_0, bridge.common_sigma_strain);
         check!(at_least_0, bridge.drift_walk_strain);
         check!(at_least_0, bridge.position_sigma_m);
+        check!(between, bridge.creep_share, 0.05);
+        check!(above_0, bridge.creep_time_s);
+        check!(between, bridge.warming_k, 100.0);
+        check!(above_0, bridge.warming_time_s);
+        check!(at_least_0, bridge.zero_per_k_sigma_strain);
+        check!(between, bridge.gain_per_k, 1e-3);
         check!(integer, bridge.delay_ms, 0, MAX_DELAY_MS);
         Ok(())
     }
@@ -347,6 +376,10 @@ fn above_0(field: &'static str, value: f64) -> Result<(), ConfigError> {
 /// A relative standard deviation: a draw of ten of them must leave a positive factor.
 fn small(field: &'static str, value: f64) -> Result<(), ConfigError> {
     in_range(field, value as f32, 0.0, 0.09).map(drop)
+}
+
+fn between(field: &'static str, value: f64, largest: f32) -> Result<(), ConfigError> {
+    in_range(field, value as f32, -largest, largest).map(drop)
 }
 
 fn one_two_or_four(field: &'static str, value: u32) -> Result<(), ConfigError> {
@@ -451,6 +484,8 @@ pub struct TrialImperfections {
     pub bridge_offset: [f64; MAX_GAUGES],
     /// Further offset of each bridge at the start of the trial, strain; what all share included.
     pub bridge_drift: [f64; MAX_GAUGES],
+    /// What each bridge's zero moves by for a rise of 1 K, strain.
+    pub bridge_zero_per_k: [f64; MAX_GAUGES],
     /// True place of each gauge along the strip minus the intended one, m: the plant's strain is
     /// to be taken there.
     pub gauge_shift_m: [f64; MAX_GAUGES],
@@ -471,6 +506,7 @@ impl TrialImperfections {
             bridge_gain_error: [0.0; MAX_GAUGES],
             bridge_offset: [0.0; MAX_GAUGES],
             bridge_drift: [0.0; MAX_GAUGES],
+            bridge_zero_per_k: [0.0; MAX_GAUGES],
             gauge_shift_m: [0.0; MAX_GAUGES],
         }
     }
@@ -522,6 +558,7 @@ impl TrialImperfections {
             drawn.bridge_offset[index] = normal(&mut random, bridge.offset_sigma_strain);
             drawn.bridge_drift[index] = common + normal(&mut random, bridge.drift_sigma_strain);
             drawn.gauge_shift_m[index] = normal(&mut random, bridge.position_sigma_m);
+            drawn.bridge_zero_per_k[index] = normal(&mut random, bridge.zero_per_k_sigma_strain);
         }
         drawn
     }
@@ -726,10 +763,53 @@ impl LowPass {
     }
 }
 
+/// What time under strain and warmth do to a gauge. A first-order lag each.
+#[derive(Clone, Debug)]
+pub struct GaugeAgeing {
+    creep_share: f64,
+    creep_step: f64,
+    crept: f64,
+    warming: f64,
+    warming_step: f64,
+    warmth: f64,
+    zero_per_k: f64,
+    gain_per_k: f64,
+}
+
+impl GaugeAgeing {
+    /// A gauge whose zero moves by `zero_per_k` (strain) for a rise of 1 K, at rest until now.
+    pub fn new(config: &BridgeConfig, zero_per_k: f64) -> Self {
+        let step = |time: f64| -(-SAMPLE_PERIOD_S / time).exp_m1();
+        Self {
+            creep_share: config.creep_share,
+            creep_step: step(config.creep_time_s),
+            crept: 0.0,
+            warming: config.warming_k,
+            warming_step: step(config.warming_time_s),
+            warmth: 0.0,
+            zero_per_k,
+            gain_per_k: config.gain_per_k,
+        }
+    }
+
+    /// What the gauge makes of a strain, and what its zero has moved by, a millisecond after the
+    /// last call.
+    pub fn next(&mut self, strain: f64) -> [f64; 2] {
+        self.crept += self.creep_step * (strain - self.crept);
+        self.warmth += self.warming_step * (self.warming - self.warmth);
+        let held = strain - self.creep_share * self.crept;
+        [
+            (1.0 + self.gain_per_k * self.warmth) * held,
+            self.zero_per_k * self.warmth,
+        ]
+    }
+}
+
 #[derive(Clone, Debug)]
 struct Bridge {
     random: Pcg64,
     gain: f64,
+    ageing: GaugeAgeing,
     offset: Drift,
     filter: LowPass,
     noise_sigma: f64,
@@ -741,7 +821,8 @@ struct Bridge {
 impl Bridge {
     fn sample(&mut self, strain: f64) -> i32 {
         let offset = self.offset.next(&mut self.random);
-        let seen = self.filter.pass(self.gain * strain + offset);
+        let [strain, moved] = self.ageing.next(strain);
+        let seen = self.filter.pass(self.gain * strain + (offset + moved));
         let seen = seen + normal(&mut self.random, self.noise_sigma);
         let counts = (seen * self.counts_per_strain).round();
         self.delay
@@ -796,6 +877,7 @@ impl Sensors {
             bridges: std::array::from_fn(|index| Bridge {
                 random: noise(Stream::Bridge(index)),
                 gain: 1.0 + imperfections.bridge_gain_error[index],
+                ageing: GaugeAgeing::new(bridge, imperfections.bridge_zero_per_k[index]),
                 offset: Drift::new(
                     imperfections.bridge_offset[index] + imperfections.bridge_drift[index],
                     bridge.drift_walk_strain,
@@ -872,6 +954,42 @@ mod tests {
         let mean = values.iter().sum::<f64>() / n;
         let square: f64 = values.iter().map(|v| (v - mean) * (v - mean)).sum();
         (mean, (square / (n - 1.0)).sqrt())
+    }
+
+    #[test]
+    fn gauges_creep_and_warm() {
+        let mut config = clean();
+        config.bridge.converter_bits = 24;
+        config.bridge.creep_share = 0.01;
+        config.bridge.creep_time_s = 0.5;
+        config.bridge.warming_k = 10.0;
+        config.bridge.warming_time_s = 0.25;
+        config.bridge.gain_per_k = 1e-4;
+        let mut drawn = TrialImperfections::none();
+        drawn.bridge_zero_per_k[1] = 0.4e-6;
+        let mut sensors = Sensors::new(&config, &drawn, 1, 1).unwrap();
+        let mut truth = Truth {
+            gauge_count: 2,
+            ..Truth::default()
+        };
+        truth.gauge_strain[..2].fill(1e-3);
+        let per_count = config.bridge.strain_per_count();
+        for tick in 1..=3000 {
+            let counts = sensors.sample(&truth).bridge_counts;
+            if ![500, 3000].contains(&tick) {
+                continue;
+            }
+            let (t, left) = (1e-3 * f64::from(tick), |time: f64, t: f64| {
+                (-t / time).exp()
+            });
+            let warmth = 10.0 * (1.0 - left(0.25, t));
+            let held = 1e-3 * (1.0 - 0.01 * (1.0 - left(0.5, t))) * (1.0 + 1e-4 * warmth);
+            for (bridge, zero) in [(0, 0.0), (1, 0.4e-6)] {
+                let seen = f64::from(counts[bridge]) * per_count;
+                let expected = held + zero * warmth;
+                assert!((seen - expected).abs() < 2e-8, "{seen} {expected}");
+            }
+        }
     }
 
     #[test]

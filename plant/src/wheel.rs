@@ -36,6 +36,9 @@ pub struct Wheels {
     /// Of the slip velocity of half the force: its part of the speed of rolling, and its least.
     compliance: [f64; 4],
     creep: f64,
+    /// Between the secant (0) and the tangent (1) of force over slip in the linearisation. The
+    /// second order of the step does not depend on it.
+    tangent: f64,
     excess: f64,
     decay: f64,
     whole_inertia: f64,
@@ -104,14 +107,16 @@ impl Wheels {
         let [front, rear] = config.half_track_m;
         let [ahead, behind] = config.side_slip;
         let highest = config.friction * (1.0 + config.static_excess);
-        let (compliance, creep) = match config.tyre {
-            Tyre::Creep => ([0.0; 4], config.creep_velocity_m_s),
+        let (compliance, creep, tangent) = match config.tyre {
+            Tyre::Creep => ([0.0; 4], config.creep_velocity_m_s, 1.0),
             Tyre::Brush => {
                 let [c, d] = config.slip_stiffness;
                 let stiffness = [c[0], c[1], d[0], d[1]];
                 (
                     stiffness.map(|c| highest / c),
                     config.rest_creep_velocity_m_s,
+                    // A tyre that slides now may stick before the step is over.
+                    0.5,
                 )
             }
         };
@@ -120,6 +125,7 @@ impl Wheels {
             friction: [config.friction; 4],
             compliance,
             creep,
+            tangent,
             excess: config.static_excess,
             decay: 1.0 / config.static_decay_m_s,
             whole_inertia: config.wheel_inertia_kg_m2,
@@ -222,8 +228,8 @@ impl Wheels {
         let creep = (V::load(&self.compliance) * rolled.abs()).max(V::splat(self.creep));
         let inverse = V::splat(1.0) / (s + creep);
         let f = V::load(&self.friction) * load * inverse;
-        // d(f)/ds / s; the floor only matters where sx and sy vanish too.
-        let h = f * inverse / (s + V::splat(1e-30));
+        // d(f)/ds / s, as far as it counts; the floor only matters where sx and sy vanish too.
+        let h = V::splat(self.tangent) * f * inverse / (s + V::splat(1e-30));
         let mut force = [none - f * sx, none - f * sy];
         let mut slope = [f - h * sx * sx, none - h * sx * sy, f - h * sy * sy];
         if self.excess > 0.0 {

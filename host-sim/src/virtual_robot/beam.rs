@@ -1,7 +1,7 @@
 //! What is soldered to the beam's board, wired as docs/wiring.md says.
 
 use super::power::{BATTERY_V, Power};
-use crate::sensors::{BridgeConfig, Stream, TrialImperfections, generator, normal};
+use crate::sensors::{BridgeConfig, GaugeAgeing, Stream, TrialImperfections, generator, normal};
 use rand_pcg::Pcg64;
 use virtual_board::Time;
 use virtual_board::chip::{Drive, Inputs, Pin, Surroundings};
@@ -36,6 +36,8 @@ pub struct BridgeParts {
     pub offset: f64,
     /// What came to it since, strain.
     pub drift: f64,
+    /// What its zero moves by for a rise of 1 K, strain.
+    pub zero_per_k: f64,
 }
 
 impl BridgeParts {
@@ -45,6 +47,7 @@ impl BridgeParts {
             gain_error: drawn.bridge_gain_error[k],
             offset: drawn.bridge_offset[k],
             drift: drawn.bridge_drift[k],
+            zero_per_k: drawn.bridge_zero_per_k[k],
         }
     }
 }
@@ -54,6 +57,7 @@ struct Drifting {
     bridge: Bridge,
     random: Pcg64,
     drift: f64,
+    ageing: GaugeAgeing,
     last: f64,
 }
 
@@ -101,6 +105,7 @@ impl BeamBoard {
                 bridge: Bridge::new(device(config, parts), LOGIC_V, noise),
                 random: generator(seed, trial, stream),
                 drift: parts.drift,
+                ageing: GaugeAgeing::new(config, parts.zero_per_k),
                 last: 0.0,
             }
         };
@@ -148,7 +153,8 @@ impl BeamBoard {
             }
             let slope = (*strain - drifting.last) * 1e3;
             drifting.last = *strain;
-            *strain += drifting.drift;
+            let [held, moved] = drifting.ageing.next(*strain);
+            *strain = held + (drifting.drift + moved);
             drifting.bridge.strain(at, *strain, slope);
         }
     }
