@@ -85,6 +85,8 @@ pub enum Command {
     Serial,
     /// Print the scenario with all defaults as TOML
     Config(ConfigArgs),
+    /// Print a world, each figure with its reason: the true robot and its surroundings, as distributions
+    World(WorldArgs),
     /// Print the description of the bus (DBC), or its load
     Dbc(DbcArgs),
     /// Put faults into the simulated robot and see how it ends
@@ -104,6 +106,9 @@ pub enum Command {
 /// Arguments every experiment takes.
 #[derive(Clone, Debug, Args)]
 pub struct Common {
+    /// World that the robot drives in: ideal, paper, ordinary, careful, or a TOML file (see `cfmmr world`)
+    #[arg(long, value_name = "NAME|FILE")]
+    pub world: Option<String>,
     /// Scenario file in TOML; what it leaves out keeps its default (see `cfmmr config`)
     #[arg(long, value_name = "FILE")]
     pub scenario: Option<PathBuf>,
@@ -448,12 +453,25 @@ pub struct EvalArgs {
 /// Arguments of `config`.
 #[derive(Clone, Debug, Args)]
 pub struct ConfigArgs {
+    /// World that the robot drives in: ideal, paper, ordinary, careful, or a TOML file (see `cfmmr world`)
+    #[arg(long, value_name = "NAME|FILE")]
+    pub world: Option<String>,
     /// Read this scenario first, so that the print shows it completed with defaults
     #[arg(long, value_name = "FILE")]
     pub scenario: Option<PathBuf>,
     /// Change one entry, KEY=VALUE; may be repeated
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub set: Vec<String>,
+}
+
+/// Arguments of `world`.
+#[derive(Clone, Debug, Args)]
+pub struct WorldArgs {
+    /// ideal, paper, ordinary, careful, or a TOML file; without it their names are listed
+    pub name: Option<String>,
+    /// Print all its values as JSON, those that are defaults too
+    #[arg(long, requires = "name")]
+    pub json: bool,
 }
 
 /// Arguments of `dbc`.
@@ -836,6 +854,9 @@ pub enum CalibrateWhat {
 /// Arguments of `calibrate`.
 #[derive(Clone, Debug, Args)]
 pub struct CalibrateArgs {
+    /// World that the robot drives in: ideal, paper, ordinary, careful, or a TOML file (see `cfmmr world`)
+    #[arg(long, value_name = "NAME|FILE")]
+    pub world: Option<String>,
     /// What to calibrate
     #[arg(value_enum)]
     pub what: CalibrateWhat,

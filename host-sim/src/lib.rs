@@ -41,5 +41,6 @@ pub mod timing;
 pub mod trace;
 pub mod virtual_bus;
 pub mod virtual_robot;
+pub mod world;
 
 pub use plant;

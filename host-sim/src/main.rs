@@ -26,6 +26,7 @@ fn main() -> ExitCode {
         Some(Command::Topics) => commands::topics::run(),
         Some(Command::Serial) => commands::serial::run(),
         Some(Command::Config(args)) => commands::config::run(args),
+        Some(Command::World(args)) => commands::world::run(args),
         Some(Command::PlantBench(args)) => commands::plant_bench::command(args),
         Some(Command::Faults(args)) if args.emulated => commands::faults_emulated::run(args),
         Some(Command::Faults(args)) if args.virtual_boards => commands::faults_virtual::run(args),

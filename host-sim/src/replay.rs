@@ -6,10 +6,10 @@
 //! on the bus at the same tick; what was lost stays lost, and what was never sent does not arrive.
 //! The motion stays the recorded one: the robot does not drive by the new estimates.
 
-use crate::commands::consistency::nees;
 use crate::error::Error;
 use crate::recording::entry::{Exact, Given, Pose, TruthEntry, epoch_of};
 use crate::recording::read::{Event, Recording, Step};
+use crate::statistics::nees;
 use crate::targets::{Fault, InProcess, Order, Posted, Target};
 use crate::trace::{lead_difference, show_frame};
 use core_algos::bus::{self, Frame};
@@ -414,9 +414,9 @@ mod tests {
 
     fn scenario() -> Scenario {
         let mut scenario = Scenario::default();
-        scenario.sensors.gyro.fitted = true;
-        scenario.sensors.accelerometer.fitted = true;
-        scenario.bus.loss = 0.02;
+        scenario.world.sensors.gyro.fitted = true;
+        scenario.world.sensors.accelerometer.fitted = true;
+        scenario.world.bus.loss = 0.02;
         scenario
     }
 

@@ -322,7 +322,7 @@ mod tests {
             summary: vec![("end".to_owned(), "at rest".to_owned())],
             scenario: &scenario,
         };
-        let page = page("posture", 3, &Body::of(&scenario.plant), &[run]);
+        let page = page("posture", 3, &Body::of(&scenario.world.plant), &[run]);
         let data = data(&page);
         let run = &data["runs"][0];
         assert_eq!(run["title"], "a </script> b");

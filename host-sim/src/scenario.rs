@@ -4,6 +4,7 @@ use crate::overlay::Overlays;
 use crate::plant::PlantConfig;
 use crate::sensors::SensorConfig;
 use crate::virtual_bus::BusConfig;
+use crate::world::{Spread, World};
 use crate::{error::Error, scenario_file};
 use core_algos::node::board::Role;
 use core_algos::node::robot::RobotConfig;
@@ -44,26 +45,84 @@ impl Default for Mission {
 
 /// Everything an experiment depends on, apart from the seed.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
+#[serde(from = "Layout", into = "Layout")]
 pub struct Scenario {
     /// The task.
     pub mission: Mission,
-    /// The configuration the boards run with.
+    /// The configuration the boards run with: what the robot believes of itself.
     pub robot: RobotConfig,
     /// What single boards have otherwise.
     pub boards: Overlays,
-    /// The robot as it is.
-    pub plant: PlantConfig,
-    /// Sensors and imperfections.
-    pub sensors: SensorConfig,
-    /// The bus between the boards.
-    pub bus: BusConfig,
+    /// The true robot and its surroundings.
+    pub world: World,
+}
+
+/// A scenario as its file has it: the world's tables stand beside the others.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct Layout {
+    world: String,
+    mission: Mission,
+    robot: RobotConfig,
+    boards: Overlays,
+    plant: PlantConfig,
+    spread: Spread,
+    sensors: SensorConfig,
+    bus: BusConfig,
+}
+
+impl Default for Layout {
+    fn default() -> Self {
+        Scenario::default().into()
+    }
+}
+
+impl From<Layout> for Scenario {
+    fn from(layout: Layout) -> Self {
+        Self {
+            mission: layout.mission,
+            robot: layout.robot,
+            boards: layout.boards,
+            world: World {
+                name: layout.world,
+                plant: layout.plant,
+                spread: layout.spread,
+                sensors: layout.sensors,
+                bus: layout.bus,
+            },
+        }
+    }
+}
+
+impl From<Scenario> for Layout {
+    fn from(scenario: Scenario) -> Self {
+        let world = scenario.world;
+        Self {
+            world: world.name,
+            mission: scenario.mission,
+            robot: scenario.robot,
+            boards: scenario.boards,
+            plant: world.plant,
+            spread: world.spread,
+            sensors: world.sensors,
+            bus: world.bus,
+        }
+    }
 }
 
 impl Scenario {
-    /// Reads a scenario file (none: all defaults) with changes, and checks every value.
-    pub fn load(file: Option<&Path>, changes: &[String]) -> Result<Self, Error> {
-        let scenario: Self = scenario_file::load(file, changes)?;
+    /// Reads a scenario file (none: all defaults) over a world (none: the default one), with changes, and
+    /// checks every value.
+    pub fn load(
+        world: Option<&str>,
+        file: Option<&Path>,
+        changes: &[String],
+    ) -> Result<Self, Error> {
+        let mut below = Self::default();
+        if let Some(name) = world {
+            below.world = World::load(name)?;
+        }
+        let scenario: Self = scenario_file::load(&below, file, changes)?;
         scenario.check()?;
         Ok(scenario)
     }
@@ -92,12 +151,9 @@ impl Scenario {
                 .check(role)
                 .map_err(|error| Error::input(format!("boards.{}: {error}", role.name())))?;
         }
-        self.plant
-            .build()
-            .map_err(|error| Error::input(format!("plant.{error}")))?;
-        self.sensors.validate()?;
+        self.world.check()?;
         let (real, believed) = (
-            self.sensors.encoder.counts_per_revolution,
+            self.world.sensors.encoder.counts_per_revolution,
             self.robot.geometry.encoder_counts_per_revolution,
         );
         if real != believed {
@@ -106,7 +162,7 @@ impl Scenario {
                  sensors.encoder.counts_per_revolution, which is {real}"
             )));
         }
-        self.bus.check().map_err(Error::Input)
+        Ok(())
     }
 
     /// The scenario as TOML.

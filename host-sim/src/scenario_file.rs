@@ -14,10 +14,10 @@ const DEPTH: usize = 16;
 /// Text in which the line of what is nested too deeply is looked for, bytes.
 const LONGEST_SEARCHED: usize = 100_000;
 
-/// Reads `file` (nothing: all defaults), applies the `KEY=VALUE` changes in order, and builds `T`.
-pub fn load<T>(file: Option<&Path>, changes: &[String]) -> Result<T, Error>
+/// Lays `file` (nothing: no change) over `below`, applies the `KEY=VALUE` changes in order, and builds `T`.
+pub fn load<T>(below: &T, file: Option<&Path>, changes: &[String]) -> Result<T, Error>
 where
-    T: Default + Serialize + DeserializeOwned,
+    T: Serialize + DeserializeOwned,
 {
     let (text, name) = match file {
         Some(path) => {
@@ -28,13 +28,20 @@ where
         }
         None => (String::new(), "scenario".to_owned()),
     };
-    parse(&text, &name, changes)
+    build(below, &text, &name, changes)
 }
 
-/// Builds `T` from TOML text; `name` stands in errors.
+/// Builds `T` from TOML text over its defaults; `name` stands in errors.
 pub fn parse<T>(text: &str, name: &str, changes: &[String]) -> Result<T, Error>
 where
     T: Default + Serialize + DeserializeOwned,
+{
+    build(&T::default(), text, name, changes)
+}
+
+fn build<T>(below: &T, text: &str, name: &str, changes: &[String]) -> Result<T, Error>
+where
+    T: Serialize + DeserializeOwned,
 {
     let refuse = |error: toml::de::Error| refusal(name, text, &error);
     if changes.is_empty() {
@@ -45,8 +52,7 @@ where
     for change in changes {
         apply(&mut given, change)?;
     }
-    let mut table =
-        Table::try_from(T::default()).map_err(|error| Error::Failure(error.to_string()))?;
+    let mut table = Table::try_from(below).map_err(|error| Error::Failure(error.to_string()))?;
     lay_over(&mut table, given);
     let built: T = serde_path_to_error::deserialize(Value::Table(table)).map_err(|error| {
         let path = error.path().to_string();

@@ -14,6 +14,7 @@
 //! The defaults are what such parts do when they are fitted with ordinary care; the comment of
 //! each field says where its value comes from.
 
+use crate::world::PlantErrors;
 use core_algos::config::{Allowed, ConfigError, in_range, non_negative, positive, require};
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal, Uniform};
@@ -227,6 +228,10 @@ pub struct BridgeConfig {
     /// Relative standard deviation of each bridge's gain. Default 0.3 %: gauge-factor tolerance of
     /// a lot and the gain resistors after one bend to a known arc.
     pub gain_sigma: f64,
+    /// Relative standard deviation of the gain error that all bridges share. Default 0; 1 to 2 %: foil
+    /// and glue stand 40 to 60 µm off a half thickness of 0.5 mm, which a lot has alike, and the strip's
+    /// thickness is known to 2 %.
+    pub common_gain_sigma: f64,
     /// Standard deviation of each bridge's unbalance before zeroing, strain. Default 200 µε: 0.04 %
     /// of resistance, trimmed.
     pub offset_sigma_strain: f64,
@@ -248,6 +253,8 @@ pub struct BridgeConfig {
     /// (Hoffmann, *An Introduction to Stress Analysis and Transducer Design using Strain Gauges*,
     /// HBM 2012): −0.05 to 0.05. Default 0; 0.005 to 0.01 for cold-curing adhesives.
     pub creep_share: f64,
+    /// Standard deviation of that share, the same for all gauges of a robot. Default 0.
+    pub creep_sigma: f64,
     /// Time constant of it, s. Default 60.
     pub creep_time_s: f64,
     /// Rise of the gauges' temperature since zeroing, in the end, K. Default 0.
@@ -261,6 +268,9 @@ pub struct BridgeConfig {
     /// Relative change of all gains for a rise of 1 K. Default 1e-4: the gauge factor of constantan
     /// (TN-504).
     pub gain_per_k: f64,
+    /// Distance of the gauges from the strip's neutral axis, m. Default 0.5 mm: half the thickness of a
+    /// strip of 1 mm.
+    pub half_thickness_m: f64,
     /// Age of a sample when the board has it, ms. Default 1: conversions are collected over the
     /// last millisecond.
     pub delay_ms: u32,
@@ -276,17 +286,20 @@ impl Default for BridgeConfig {
             converter_bits: 14,
             noise_strain: 0.7e-6,
             gain_sigma: 3e-3,
+            common_gain_sigma: 0.0,
             offset_sigma_strain: 200e-6,
             drift_sigma_strain: 1e-6,
             common_sigma_strain: 1e-6,
             drift_walk_strain: 0.05e-6,
             position_sigma_m: 0.3e-3,
             creep_share: 0.0,
+            creep_sigma: 0.0,
             creep_time_s: 60.0,
             warming_k: 0.0,
             warming_time_s: 600.0,
             zero_per_k_sigma_strain: 0.2e-6,
             gain_per_k: 1e-4,
+            half_thickness_m: 0.5e-3,
             delay_ms: 1,
         }
     }
@@ -348,6 +361,8 @@ impl SensorConfig {
         check!(one_two_or_four, bridge.active_gauges);
         check!(integer, bridge.converter_bits, 2, 24);
         check!(small, bridge.gain_sigma);
+        check!(small, bridge.common_gain_sigma);
+        check!(above_0, bridge.half_thickness_m);
         check!(at_least_0, bridge.noise_strain);
         check!(at_least_0, bridge.offset_sigma_strain);
         check!(at_least_0, bridge.drift_sigma_strain);
@@ -355,6 +370,7 @@ impl SensorConfig {
         check!(at_least_0, bridge.drift_walk_strain);
         check!(at_least_0, bridge.position_sigma_m);
         check!(between, bridge.creep_share, 0.05);
+        check!(small, bridge.creep_sigma);
         check!(above_0, bridge.creep_time_s);
         check!(between, bridge.warming_k, 100.0);
         check!(above_0, bridge.warming_time_s);
@@ -408,6 +424,10 @@ pub enum Stream {
     Bridge(usize),
     /// What all bridges share.
     BridgeCommon,
+    /// The plant's constants.
+    Plant,
+    /// How all bridges are made.
+    BridgeMakeup,
     /// Any further stream, for users of this module.
     Other(u64),
 }
@@ -419,6 +439,8 @@ impl Stream {
             Self::Placement => 2,
             Self::Encoder => 3,
             Self::BridgeCommon => 4,
+            Self::Plant => 5,
+            Self::BridgeMakeup => 6,
             Self::Gyro(axle) => 0x100 + axle as u64,
             Self::Accelerometer(axle) => 0x200 + axle as u64,
             Self::Bridge(index) => 0x300 + index as u64,
@@ -489,6 +511,10 @@ pub struct TrialImperfections {
     /// True place of each gauge along the strip minus the intended one, m: the plant's strain is
     /// to be taken there.
     pub gauge_shift_m: [f64; MAX_GAUGES],
+    /// What the gauges lose of a sustained strain beyond the mean share.
+    pub gauge_creep_error: f64,
+    /// What the plant's constants are off by.
+    pub plant: PlantErrors,
 }
 
 impl TrialImperfections {
@@ -508,11 +534,13 @@ impl TrialImperfections {
             bridge_drift: [0.0; MAX_GAUGES],
             bridge_zero_per_k: [0.0; MAX_GAUGES],
             gauge_shift_m: [0.0; MAX_GAUGES],
+            gauge_creep_error: 0.0,
+            plant: PlantErrors::NONE,
         }
     }
 
-    /// Those of one trial. The same numbers are drawn whatever the configuration; it only scales
-    /// them.
+    /// Those of the sensors in one trial; [`World::draw`](crate::world::World::draw) gives them all. The
+    /// same numbers are drawn whatever the configuration; it only scales them.
     pub fn draw(config: &SensorConfig, seed: u64, trial: u64) -> Self {
         let mut drawn = Self::none();
 
@@ -777,11 +805,12 @@ pub struct GaugeAgeing {
 }
 
 impl GaugeAgeing {
-    /// A gauge whose zero moves by `zero_per_k` (strain) for a rise of 1 K, at rest until now.
-    pub fn new(config: &BridgeConfig, zero_per_k: f64) -> Self {
+    /// A gauge whose zero moves by `zero_per_k` (strain) for a rise of 1 K, and that creeps by so much
+    /// more than its kind, at rest until now.
+    pub fn new(config: &BridgeConfig, zero_per_k: f64, creep_error: f64) -> Self {
         let step = |time: f64| -(-SAMPLE_PERIOD_S / time).exp_m1();
         Self {
-            creep_share: config.creep_share,
+            creep_share: config.creep_share + creep_error,
             creep_step: step(config.creep_time_s),
             crept: 0.0,
             warming: config.warming_k,
@@ -877,7 +906,11 @@ impl Sensors {
             bridges: std::array::from_fn(|index| Bridge {
                 random: noise(Stream::Bridge(index)),
                 gain: 1.0 + imperfections.bridge_gain_error[index],
-                ageing: GaugeAgeing::new(bridge, imperfections.bridge_zero_per_k[index]),
+                ageing: GaugeAgeing::new(
+                    bridge,
+                    imperfections.bridge_zero_per_k[index],
+                    imperfections.gauge_creep_error,
+                ),
                 offset: Drift::new(
                     imperfections.bridge_offset[index] + imperfections.bridge_drift[index],
                     bridge.drift_walk_strain,

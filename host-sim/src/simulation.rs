@@ -4,10 +4,11 @@ use crate::error::Error;
 use crate::faults::{Fault, Injector, Readings};
 use crate::kinematic_model::Model;
 use crate::pace::Pace;
-use crate::plant::{Outline, Plant, PlantConfig, Station};
+use crate::plant::{Outline, Plant, Station};
 use crate::recording::Session;
 use crate::scenario::Scenario;
 use crate::sensors::{Sensors, TrialImperfections, Truth};
+use crate::statistics::nees;
 use crate::supervision::{Monitor, Recovery, Status};
 use crate::targets::{
     self, BoardTraffic, Boards, Failure, FailureMode, Order, Posted, Room, Target,
@@ -106,6 +107,8 @@ pub struct Outcome {
     pub midpoint: [f64; 3],
     /// Estimated posture of the midpoint at the end.
     pub estimate: [f64; 3],
+    /// Squared error of that over its claimed covariance; 3 on average if the claim is right.
+    pub nees: f64,
     /// Whether the lead node reported the task done.
     pub done: bool,
     /// Whether the regulator gave up.
@@ -243,7 +246,7 @@ impl Simulation {
         seed: u64,
         trial: u64,
     ) -> Result<Self, Error> {
-        let imperfections = TrialImperfections::draw(&scenario.sensors, seed, trial);
+        let imperfections = scenario.world.draw(seed, trial);
         Self::with(targets, scenario, &imperfections, seed, trial)
     }
 
@@ -255,7 +258,7 @@ impl Simulation {
         seed: u64,
         trial: u64,
     ) -> Result<Self, Error> {
-        let plant = true_plant(&scenario.plant, scenario.mission.rps, imperfections);
+        let plant = scenario.world.plant_of(imperfections, scenario.mission.rps);
         let mut plant = plant
             .build()
             .map_err(|error| Error::input(format!("plant.{error}")))?;
@@ -269,14 +272,11 @@ impl Simulation {
             scenario.boards.apply(role, &mut settings[role as usize])?;
         }
         let [front, rear, beam] = &settings;
-        let placement = &scenario.sensors.placement;
-        let sigma = (placement.position_sigma_m as f32).max(1e-4);
-        let heading = (placement.heading_sigma_rad as f32).max(1e-4);
         let straight = config.geometry.frame_length_m + 2.0 * config.geometry.rigid_end_m;
         let place = Place {
             center: Estimate::with_sigmas(
                 Posture::from(start.map(|v| v as f32)),
-                [sigma, sigma, heading],
+                config.lead.fusion.start_sigmas,
             ),
             relative: Estimate::with_sigmas(
                 Posture::new(straight, 0.0, 0.0),
@@ -291,13 +291,13 @@ impl Simulation {
             .collect();
         let calibration = beam.robot.beam.calibration.build(gauges.len())?;
         Ok(Self {
-            sensors: Sensors::new(&scenario.sensors, imperfections, seed, trial)?,
+            sensors: Sensors::new(&scenario.world.sensors, imperfections, seed, trial)?,
             truth: Truth {
                 gauge_count: gauges.len(),
                 ..Truth::default()
             },
-            converter_middle: scenario.sensors.bridge.full_scale_counts(),
-            half_thickness: f64::from(config.geometry.half_thickness_m),
+            converter_middle: scenario.world.sensors.bridge.full_scale_counts(),
+            half_thickness: scenario.world.sensors.bridge.half_thickness_m,
             gauges,
             outline: plant.outline(FRAME_POINTS),
             inertial: [front.inertial, rear.inertial],
@@ -306,7 +306,7 @@ impl Simulation {
                 Boards::start(targets, configs, &place, scenario.mission.rps)?
             },
             bus: VirtualBus::new(
-                &scenario.bus,
+                &scenario.world.bus,
                 seed ^ trial.wrapping_mul(0x9e37_79b9_7f4a_7c15),
             ),
             torque: [[0.0; 2]; 2],
@@ -324,7 +324,7 @@ impl Simulation {
             monitor: Monitor::default(),
             recovery: None,
             injector: None,
-            full_scale: 2 * scenario.sensors.bridge.full_scale_counts() - 1,
+            full_scale: 2 * scenario.world.sensors.bridge.full_scale_counts() - 1,
             task: Task::Idle,
             plant,
         })
@@ -694,29 +694,10 @@ impl Robot for Simulation {
     }
 }
 
-/// The plant with the true dimensions of this trial.
-pub fn true_plant(
-    config: &PlantConfig,
-    rps: bool,
-    imperfections: &TrialImperfections,
-) -> PlantConfig {
-    let mut plant = config.clone();
-    if !rps {
-        plant.sensing_mass_kg = 0.0;
-    }
-    for i in 0..2 {
-        plant.half_track_m[i] *= imperfections.track_factor[i];
-        for j in 0..2 {
-            plant.wheel_radius_m[i][j] *= imperfections.wheel_radius_factor[i][j];
-        }
-    }
-    plant
-}
-
 /// The configuration of this robot's boards: with the zero of its bridges, as found on a straight
 /// edge, and its converter's constants.
 fn calibrated(scenario: &Scenario, imperfections: &TrialImperfections) -> RobotConfig {
-    let bridge = &scenario.sensors.bridge;
+    let bridge = &scenario.world.sensors.bridge;
     let mut config = scenario.robot.completed();
     let middle = f64::from(bridge.full_scale_counts());
     let calibration = &mut config.beam.calibration;
@@ -877,6 +858,7 @@ pub fn regulate_on(
     outcome.end_speed_m_s = simulation.speed();
     outcome.fault = simulation.monitor().first_fault().copied();
     outcome.midpoint = record.midpoint;
+    outcome.nees = nees(&fused.robot, record.midpoint);
     outcome.estimate = [center.x, center.y, center.phi].map(f64::from);
     outcome.done = done_at.is_some();
     outcome.duration_s = (done_at.unwrap_or(simulation.now()).saturating_sub(settle)) as f64 * 1e-6;
@@ -915,7 +897,7 @@ mod tests {
             assert!(ticks < 500, "the task never reached the motors");
         }
         // The lead's epoch and the bus come before the axle, and the motors a tick after it.
-        let bus = u64::from(Scenario::default().bus.latency_ms);
+        let bus = u64::from(Scenario::default().world.bus.latency_ms);
         assert!(ticks > bus + 1, "{ticks}");
     }
 

@@ -7,12 +7,12 @@
 //! comparisons depend on those before, so that their drift is not judged, only their size at the end;
 //! innovations are independent, and their drift is judged.
 
-use crate::commands::consistency::nees;
 use crate::error::Error;
 use crate::scenario::Scenario;
 use crate::sensors::{Stream, generator};
 use crate::simulation::Simulation;
 use crate::statistics;
+use crate::statistics::nees;
 use crate::targets::Order;
 use core_algos::bus::layout::Node;
 use core_algos::control::regulator::Phase;
@@ -49,9 +49,9 @@ const WORST: f64 = 16.27;
 /// the robot on a known place for hours, so it may be less certain of its own than it usually must.
 pub fn scenario() -> Scenario {
     let mut scenario = Scenario::default();
-    scenario.sensors.gyro.fitted = true;
-    scenario.sensors.accelerometer.fitted = true;
-    scenario.bus.loss = 0.01;
+    scenario.world.sensors.gyro.fitted = true;
+    scenario.world.sensors.accelerometer.fitted = true;
+    scenario.world.bus.loss = 0.01;
     let limits = &mut scenario.robot.lead.limits;
     (limits.position_sigma_m, limits.heading_sigma_rad) = (20.0, 3.0);
     scenario

@@ -3,6 +3,7 @@
 //! Everything here takes results in the order of their trials, so that no figure depends on which
 //! thread finished first.
 
+use core_algos::fusion::Estimate;
 use serde::{Deserialize, Serialize};
 
 /// Mean, spread and mean magnitude of a sample; NaN where the sample is too small.
@@ -177,6 +178,47 @@ pub fn mean_square_band(dimension: usize, runs: usize, probability: f64) -> [f64
     let tail = 0.5 * (1.0 - probability);
     let degrees = (dimension * runs) as f64;
     [tail, 1.0 - tail].map(|p| chi_square_quantile(p, degrees) / runs as f64)
+}
+
+/// eᵀ P⁻¹ e of an estimate; infinite if its covariance is not positive definite.
+pub fn nees(estimate: &Estimate, truth: [f64; 3]) -> f64 {
+    let p = estimate.covariance.map(|row| row.map(f64::from));
+    // P = L Lᵀ, then |L⁻¹ e|².
+    let mut l = [[0.0; 3]; 3];
+    let e = error(estimate, truth);
+    let mut y = [0.0; 3];
+    for i in 0..3 {
+        for j in 0..=i {
+            let mut rest = p[i][j];
+            for k in 0..j {
+                rest -= l[i][k] * l[j][k];
+            }
+            if i == j {
+                if !(rest > 0.0) {
+                    return f64::INFINITY;
+                }
+                l[i][i] = rest.sqrt();
+            } else {
+                l[i][j] = rest / l[j][j];
+            }
+        }
+        let known: f64 = (0..i).map(|k| l[i][k] * y[k]).sum();
+        y[i] = (e[i] - known) / l[i][i];
+    }
+    y.iter().map(|v| v * v).sum()
+}
+
+/// Estimate less truth, the heading within half a turn.
+pub fn error(estimate: &Estimate, truth: [f64; 3]) -> [f64; 3] {
+    let p = estimate.posture;
+    let turn = std::f64::consts::TAU;
+    let [x, y, phi] = [p.x, p.y, p.phi].map(f64::from);
+    let angle = phi - truth[2];
+    [
+        x - truth[0],
+        y - truth[1],
+        angle - turn * (angle / turn).round(),
+    ]
 }
 
 #[cfg(test)]

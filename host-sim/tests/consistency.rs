@@ -10,6 +10,7 @@ const RUNS: u32 = 20;
 
 fn report() -> Report {
     let common = Common {
+        world: None,
         scenario: None,
         set: Vec::new(),
         seed: 21,

@@ -109,8 +109,8 @@ fn paths_longer_than_the_boards_buffer_are_the_same_behind_frames() {
 #[test]
 fn sensors_and_losses_on_the_bus_change_nothing_in_that() {
     let mut scenario = Variant::ALL[6].apply(&short());
-    scenario.bus.loss = 0.05;
-    scenario.bus.latency_ms = 4;
+    scenario.world.bus.loss = 0.05;
+    scenario.world.bus.latency_ms = 4;
     let (_, framed) = run(Role::ALL.map(framed), &scenario, 4);
     let (_, direct) = run(targets::in_process(), &scenario, 4);
     assert_same(&framed, &direct);

@@ -50,8 +50,8 @@ fn a_trial_repeats_to_the_bit() {
 #[test]
 fn lost_and_late_messages_are_survived() {
     let mut scenario = Scenario::default();
-    scenario.bus.loss = 0.05;
-    scenario.bus.latency_ms = 2;
+    scenario.world.bus.loss = 0.05;
+    scenario.world.bus.latency_ms = 2;
     for (outcome, error) in trials(&scenario, 3) {
         assert!(outcome.done && error.e_m < 0.03, "{error:?}");
     }
@@ -61,10 +61,10 @@ fn lost_and_late_messages_are_survived() {
 fn a_robot_with_rigid_ends_and_other_dimensions_works_as_well() {
     let mut scenario = Scenario::default();
     scenario.robot.geometry.rigid_end_m = 0.03;
-    scenario.plant.rigid_root_m = 0.03;
-    scenario.plant.rigid_tip_m = 0.03;
+    scenario.world.plant.rigid_root_m = 0.03;
+    scenario.world.plant.rigid_tip_m = 0.03;
     scenario.robot.geometry.wheel_radius_m = 0.06;
-    scenario.plant.wheel_radius_m = [[0.06; 2]; 2];
+    scenario.world.plant.wheel_radius_m = [[0.06; 2]; 2];
     for (outcome, error) in trials(&scenario, 3) {
         assert!(outcome.done && error.e_m < 0.03, "{error:?}");
         assert!(error.heading_rad.abs() < 3f64.to_radians(), "{error:?}");

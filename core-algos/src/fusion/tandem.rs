@@ -179,7 +179,7 @@ impl Default for Config {
             mode: Mode::Joint,
             period_s: 0.01,
             frame_length_m: 0.37,
-            start_sigmas: [1e-3, 1e-3, 2e-3],
+            start_sigmas: [2e-3; 3],
             frame_sigmas: [1e-3, 1e-3, 4e-3],
             slip: Slip::default(),
             beam_noise_share: 0.1,

@@ -107,8 +107,6 @@ pub struct RobotConfig {
 /// Where an operator who has only a button puts the robot's midpoint down before pressing it (m, m,
 /// rad): the start of the paper's experiment; the goal is the origin.
 pub const START: Posture = Posture::new(-1.342, -1.342, 0.0);
-/// How well it is put down, standard deviations (m, m, rad).
-pub const START_SIGMAS: [f32; 3] = [2e-3; 3];
 
 /// The nodes of a robot.
 #[derive(Clone, Debug, PartialEq)]
@@ -172,7 +170,7 @@ impl RobotConfig {
         let geometry = &self.geometry;
         let straight_m = geometry.frame_length_m + 2.0 * geometry.rigid_end_m;
         (
-            Estimate::with_sigmas(START, START_SIGMAS),
+            Estimate::with_sigmas(START, self.lead.fusion.start_sigmas),
             Estimate::with_sigmas(
                 Posture::new(straight_m, 0.0, 0.0),
                 self.lead.fusion.frame_sigmas,

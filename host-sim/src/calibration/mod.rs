@@ -60,7 +60,7 @@ impl Bench {
     /// The robot of a seed; its boards are in this process, or the given ones.
     pub fn new(scenario: &Scenario, seed: u64, boards: Option<[Box<dyn Target>; 3]>) -> Self {
         Self {
-            robot: TrialImperfections::draw(&scenario.sensors, seed, 0),
+            robot: scenario.world.draw(seed, 0),
             seed,
             remote: boards.is_some(),
             boards,
@@ -78,7 +78,7 @@ impl Bench {
         let route = Route::new(path, 1, &scenario);
         let route = route.map_err(|error| Error::input(format!("path: {error}")))?;
         scenario.mission.start = route.start();
-        let placed = TrialImperfections::draw(&scenario.sensors, self.seed, run);
+        let placed = scenario.world.draw(self.seed, run);
         let robot = TrialImperfections {
             placement: placed.placement,
             encoder_phase: placed.encoder_phase,
@@ -144,7 +144,7 @@ impl Bench {
     /// curvatures, 1/m.
     pub fn hold(&self, scenario: &Scenario, curvatures: &[f64]) -> Result<Vec<Held>, Error> {
         const SAMPLES: usize = 3000;
-        let bridge = &scenario.sensors.bridge;
+        let bridge = &scenario.world.sensors.bridge;
         let half = f64::from(scenario.robot.geometry.half_thickness_m);
         let mut random = generator(self.seed, 1, Stream::Other(78));
         // What all bridges share after zeroing comes from the edge, and there has been no drift yet.
@@ -153,7 +153,7 @@ impl Bench {
             bridge_drift: [0.0; MAX_GAUGES],
             ..self.robot.clone()
         };
-        let mut sensors = Sensors::new(&scenario.sensors, &robot, self.seed, 1)?;
+        let mut sensors = Sensors::new(&scenario.world.sensors, &robot, self.seed, 1)?;
         let middle = f64::from(bridge.full_scale_counts());
         let mut held = Vec::new();
         for curvature in [0.0].iter().chain(curvatures) {
@@ -182,7 +182,7 @@ impl Bench {
     pub fn turn(&self, scenario: &Scenario) -> Result<[Vec<Turn>; 2], Error> {
         const REST: usize = 3000;
         const TURNING: usize = 18_000;
-        let mut config = scenario.sensors.clone();
+        let mut config = scenario.world.sensors.clone();
         config.gyro.fitted = true;
         let mut sensors = Sensors::new(&config, &self.robot, self.seed, 1)?;
         let mut random = generator(self.seed, 1, Stream::Other(79));

@@ -39,19 +39,24 @@ fn every_combination_has_the_same_trials() {
     for (i, run) in runs.iter().enumerate() {
         assert_eq!((run.cell, run.trial), (i as u64 / 4, i as u32 % 4));
         let [creep, rps] = [[0.003, 0.01][i / 8], [1.0, 0.0][i / 4 % 2]];
-        assert_eq!(run.scenario.plant.creep_velocity_m_s, creep);
+        assert_eq!(run.scenario.world.plant.creep_velocity_m_s, creep);
         assert_eq!(f64::from(u8::from(run.scenario.mission.rps)), rps);
         assert_eq!(run.scenario.mission.start[0], -0.5);
         // What is drawn belongs to the trial.
-        let drawn = run.scenario.sensors.geometry.wheel_radius_sigma;
+        let drawn = run.scenario.world.sensors.geometry.wheel_radius_sigma;
         assert!((0.0..0.002).contains(&drawn));
         assert_eq!(
             drawn,
-            runs[i % 4].scenario.sensors.geometry.wheel_radius_sigma
+            runs[i % 4]
+                .scenario
+                .world
+                .sensors
+                .geometry
+                .wheel_radius_sigma
         );
     }
     let drawn: Vec<f64> = (0..4)
-        .map(|i| runs[i].scenario.sensors.geometry.wheel_radius_sigma)
+        .map(|i| runs[i].scenario.world.sensors.geometry.wheel_radius_sigma)
         .collect();
     assert!(drawn.windows(2).all(|pair| pair[0] != pair[1]), "{drawn:?}");
 }

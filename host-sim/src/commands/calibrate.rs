@@ -66,7 +66,7 @@ struct Report {
 
 /// Runs the command.
 pub fn run(args: &CalibrateArgs) -> Result<(), Error> {
-    let scenario = Scenario::load(args.scenario.as_deref(), &args.set)?;
+    let scenario = Scenario::load(args.world.as_deref(), args.scenario.as_deref(), &args.set)?;
     if !args.seeds.is_empty() {
         return run_several(args, &scenario);
     }
@@ -252,7 +252,7 @@ fn calibrate_wheels(scenario: &Scenario, bench: &mut Bench, laps: u32) -> Result
         creep[i] = errors.creep;
         let new = old.corrected(scale, &errors);
         let robot = bench.robot();
-        let nominal = &scenario.plant;
+        let nominal = &scenario.world.plant;
         let radii: [f64; 2] =
             std::array::from_fn(|k| nominal.wheel_radius_m[i][k] * robot.wheel_radius_factor[i][k]);
         let track = nominal.half_track_m[i] * robot.track_factor[i];
@@ -293,7 +293,7 @@ fn calibrate_wheels(scenario: &Scenario, bench: &mut Bench, laps: u32) -> Result
 
 fn calibrate_gauges(scenario: &Scenario, bench: &mut Bench) -> Result<Report, Error> {
     let mut report = Report::default();
-    let bridge = &scenario.sensors.bridge;
+    let bridge = &scenario.world.sensors.bridge;
     let middle = f64::from(bridge.full_scale_counts());
     let held = bench.hold(scenario, &FORMERS)?;
     let count = scenario.robot.beam.strip.gauges_m.count();
@@ -390,7 +390,7 @@ fn calibrate_gyros(scenario: &Scenario, bench: &mut Bench) -> Result<Report, Err
         ));
     }
     let mut fitted = scenario.clone();
-    fitted.sensors.gyro.fitted = true;
+    fitted.world.sensors.gyro.fitted = true;
     let lap = square(1.0)?;
     let before = bench.drive(&fitted, &lap, 4)?;
     let after = bench.drive(&with(&fitted, &report.found)?, &lap, 4)?;

@@ -13,7 +13,7 @@ use crate::output::{Cell, Csv};
 use crate::plot::{Figure, Height, Legend, Panel, Stroke, palette};
 use crate::scenario::Scenario;
 use crate::simulation::{self, Record};
-use crate::statistics::{self, chi_square_quantile, mean_square_band};
+use crate::statistics::{self, chi_square_quantile, error, mean_square_band, nees};
 use crate::table::Table;
 use core_algos::fusion::Estimate;
 use core_algos::fusion::ekf::Verdict;
@@ -45,47 +45,6 @@ pub fn variants() -> Vec<Variant> {
         variants.insert(intersection.unwrap_or(0), kalman);
     }
     variants
-}
-
-/// eᵀ P⁻¹ e of an estimate; infinite if its covariance is not positive definite.
-pub fn nees(estimate: &Estimate, truth: [f64; 3]) -> f64 {
-    let p = estimate.covariance.map(|row| row.map(f64::from));
-    // P = L Lᵀ, then |L⁻¹ e|².
-    let mut l = [[0.0; 3]; 3];
-    let e = error(estimate, truth);
-    let mut y = [0.0; 3];
-    for i in 0..3 {
-        for j in 0..=i {
-            let mut rest = p[i][j];
-            for k in 0..j {
-                rest -= l[i][k] * l[j][k];
-            }
-            if i == j {
-                if !(rest > 0.0) {
-                    return f64::INFINITY;
-                }
-                l[i][i] = rest.sqrt();
-            } else {
-                l[i][j] = rest / l[j][j];
-            }
-        }
-        let known: f64 = (0..i).map(|k| l[i][k] * y[k]).sum();
-        y[i] = (e[i] - known) / l[i][i];
-    }
-    y.iter().map(|v| v * v).sum()
-}
-
-/// Estimate less truth, the heading within half a turn.
-fn error(estimate: &Estimate, truth: [f64; 3]) -> [f64; 3] {
-    let p = estimate.posture;
-    let turn = std::f64::consts::TAU;
-    let [x, y, phi] = [p.x, p.y, p.phi].map(f64::from);
-    let angle = phi - truth[2];
-    [
-        x - truth[0],
-        y - truth[1],
-        angle - turn * (angle / turn).round(),
-    ]
 }
 
 /// One estimate against the truth of its instant.

@@ -96,9 +96,9 @@ pub struct Report {
 /// off it comes to rest.
 pub(super) fn scenario() -> Scenario {
     let mut scenario = Scenario::default();
-    scenario.plant.rolling_resistance = 0.02;
-    scenario.sensors.gyro.fitted = true;
-    scenario.sensors.accelerometer.fitted = true;
+    scenario.world.plant.rolling_resistance = 0.02;
+    scenario.world.sensors.gyro.fitted = true;
+    scenario.world.sensors.accelerometer.fitted = true;
     scenario.mission.time_limit_s = 60.0;
     scenario
 }

@@ -177,8 +177,8 @@ pub fn prepare(args: &FollowArgs, context: &mut Context) -> Result<Course, Error
         scenario.mission.rps = false;
     }
     if args.imu {
-        scenario.sensors.gyro.fitted = true;
-        scenario.sensors.accelerometer.fitted = true;
+        scenario.world.sensors.gyro.fitted = true;
+        scenario.world.sensors.accelerometer.fitted = true;
     }
     let limits = &mut scenario.robot.lead.course.path;
     let most = f64::from(scenario.robot.limits.max_speed_m_s);
@@ -249,7 +249,7 @@ pub fn publish(
     let mut files = context.output()?;
     let variant = Variant {
         rps: scenario.mission.rps,
-        imu: scenario.sensors.gyro.fitted,
+        imu: scenario.world.sensors.gyro.fitted,
         mode: match scenario.mission.rps {
             true => scenario.robot.lead.fusion.mode,
             false => core_algos::fusion::tandem::Mode::Odometry,

@@ -72,7 +72,7 @@ pub fn run(args: &HilArgs) -> Result<(), Error> {
     let mut context = Context::new(&args.common, "hil")?;
     let task = prepare(args, &mut context)?;
     let plan = Plan::new(args)?;
-    if !context.scenario.bus.quantise && args.boards.any() {
+    if !context.scenario.world.bus.quantise && args.boards.any() {
         return Err(Error::input(
             "bus.quantise = false: must be true with boards that send frames",
         ));
@@ -141,14 +141,14 @@ fn prepare(args: &HilArgs, context: &mut Context) -> Result<Task, Error> {
     }
     let scenario = &mut context.scenario;
     if let Some(loss) = args.link_loss {
-        scenario.bus.loss = loss;
+        scenario.world.bus.loss = loss;
     }
     if let Some(delay) = args.link_delay {
-        scenario.bus.latency_ms = delay;
+        scenario.world.bus.latency_ms = delay;
     }
     scenario.mission.rps &= !args.no_rps;
-    scenario.sensors.gyro.fitted |= args.imu;
-    scenario.sensors.accelerometer.fitted |= args.imu;
+    scenario.world.sensors.gyro.fitted |= args.imu;
+    scenario.world.sensors.accelerometer.fitted |= args.imu;
     if !scenario.mission.rps && args.boards.beam.is_some() {
         return Err(Error::input(
             "--beam: there is no beam board without the relative position sensor",

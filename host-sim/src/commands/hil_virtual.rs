@@ -141,8 +141,8 @@ pub fn run(args: &HilArgs) -> Result<(), Error> {
     let mut context = Context::new(&args.common, "hil")?;
     let scenario = &mut context.scenario;
     scenario.mission.rps &= !args.no_rps;
-    scenario.sensors.gyro.fitted |= args.imu;
-    scenario.sensors.accelerometer.fitted |= args.imu;
+    scenario.world.sensors.gyro.fitted |= args.imu;
+    scenario.world.sensors.accelerometer.fitted |= args.imu;
     scenario.check()?;
     let variant = Variant::of(scenario);
     let plan = plan(args, scenario)?;

@@ -27,6 +27,7 @@ pub mod serial;
 pub mod soak;
 pub mod sweep;
 pub mod topics;
+pub mod world;
 
 use crate::advice;
 use crate::cli::Common;
@@ -59,8 +60,12 @@ pub fn print(text: &str) -> Result<(), Error> {
 }
 
 /// The scenario in a file with the changes of the command line; an error says what to type instead.
-pub fn scenario(file: Option<&Path>, changes: &[String]) -> Result<Scenario, Error> {
-    Scenario::load(file, changes).map_err(|error| {
+pub fn scenario(
+    world: Option<&str>,
+    file: Option<&Path>,
+    changes: &[String],
+) -> Result<Scenario, Error> {
+    Scenario::load(world, file, changes).map_err(|error| {
         let defaults = Table::try_from(Scenario::default()).unwrap_or_default();
         advice::on_scenario(error, file, &defaults)
     })
@@ -92,7 +97,11 @@ pub struct Context {
 impl Context {
     /// Reads the scenario and prepares the threads; `name` is the command.
     pub fn new(common: &Common, name: &str) -> Result<Self, Error> {
-        let scenario = scenario(common.scenario.as_deref(), &common.set)?;
+        let scenario = scenario(
+            common.world.as_deref(),
+            common.scenario.as_deref(),
+            &common.set,
+        )?;
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(common.threads.map_or(0, usize::from))
             .build()
@@ -172,6 +181,6 @@ impl Context {
 
     /// Dimensions of the robot for pictures.
     pub fn body(&self) -> Body {
-        Body::of(&self.scenario.plant)
+        Body::of(&self.scenario.world.plant)
     }
 }

@@ -15,6 +15,7 @@ use crate::statistics::{self, Summary};
 use crate::table::{Table, plus_minus};
 use core_algos::fusion::tandem::Mode;
 use serde::Serialize;
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 /// A configuration of sensors and fusion: one row of the table.
@@ -52,7 +53,7 @@ impl Variant {
     pub fn of(scenario: &Scenario) -> Self {
         Self {
             rps: scenario.mission.rps,
-            imu: scenario.sensors.gyro.fitted,
+            imu: scenario.world.sensors.gyro.fitted,
             mode: match scenario.mission.rps {
                 true => scenario.robot.lead.fusion.mode,
                 false => Mode::Odometry,
@@ -64,8 +65,8 @@ impl Variant {
     pub fn apply(&self, scenario: &Scenario) -> Scenario {
         let mut scenario = scenario.clone();
         scenario.mission.rps = self.rps;
-        scenario.sensors.gyro.fitted = self.imu;
-        scenario.sensors.accelerometer.fitted = self.imu;
+        scenario.world.sensors.gyro.fitted = self.imu;
+        scenario.world.sensors.accelerometer.fitted = self.imu;
         scenario.robot.lead.fusion.mode = self.mode;
         scenario
     }
@@ -150,6 +151,14 @@ pub struct Row {
     pub within_3cm_3deg: f64,
     /// Share of trials the robot itself reported as done.
     pub done: f64,
+    /// Mean of the squared error of the estimate of O over its claimed covariance; 3 if the claim is right.
+    pub nees: f64,
+    /// Share of trials whose error of the estimate of O lies in the claimed 99 % ellipsoid.
+    pub inside_share: f64,
+    /// How trials ended: `reached`, the code of the first stop, or `time limit`, and how many.
+    pub ends: BTreeMap<String, u32>,
+    /// Trials reported as done that were not within 3 cm and 3°.
+    pub false_successes: u32,
     /// Error of the estimated position of the front axle as seen from the rear axle.
     pub drift_m: Summary,
     /// Root mean square of the frame's force in a trial.
@@ -165,6 +174,8 @@ pub struct Report {
     pub seed: u64,
     /// Trials in each row.
     pub trials: u32,
+    /// World that the robot drove in.
+    pub world: String,
     /// The rows.
     pub rows: Vec<Row>,
 }
@@ -179,10 +190,15 @@ pub fn summarize(variant: &Variant, outcomes: &[Outcome], goal: [f64; 3]) -> Row
         Summary::of(&errors.iter().map(pick).collect::<Vec<_>>())
     };
     let outcome = |pick: fn(&Outcome) -> f64| -> Vec<f64> { outcomes.iter().map(pick).collect() };
-    let near = errors
-        .iter()
-        .filter(|error| error.e_m <= 0.03 && error.heading_rad.abs() <= 3f64.to_radians())
-        .count();
+    let is_near =
+        |error: &FinalError| error.e_m <= 0.03 && error.heading_rad.abs() <= 3f64.to_radians();
+    let near = errors.iter().filter(|error| is_near(error)).count();
+    let mut ends = BTreeMap::new();
+    for outcome in outcomes {
+        *ends.entry(end_of(outcome)).or_default() += 1;
+    }
+    let pairs = outcomes.iter().zip(&errors);
+    let false_successes = pairs.filter(|(o, error)| o.done && !is_near(error)).count();
     Row {
         rps: variant.rps,
         imu: variant.imu,
@@ -193,9 +209,29 @@ pub fn summarize(variant: &Variant, outcomes: &[Outcome], goal: [f64; 3]) -> Row
         alpha_rad: of(|error| error.alpha_rad),
         within_3cm_3deg: near as f64 / errors.len().max(1) as f64,
         done: statistics::share(&outcome(|o| f64::from(u8::from(o.done))), |v| v > 0.5),
+        nees: Summary::of(&outcome(|o| o.nees)).mean,
+        inside_share: statistics::share(&outcome(|o| o.nees), |nees| nees <= CHI_SQUARE_99),
+        ends,
+        false_successes: false_successes as u32,
         drift_m: Summary::of(&outcome(|o| o.relative_error[0].hypot(o.relative_error[1]))),
         force_rms_n: Summary::of(&outcome(|o| o.force_rms_n)),
         duration_s: Summary::of(&outcome(|o| o.duration_s)),
+    }
+}
+
+/// Of three degrees of freedom, 99 %.
+const CHI_SQUARE_99: f64 = 11.345;
+
+/// How a trial ended, in a word.
+fn end_of(outcome: &Outcome) -> String {
+    match (&outcome.fault, outcome.done) {
+        (Some(status), _) => status.reason.map_or_else(
+            || status.state.name().to_owned(),
+            |code| code.entry().name.to_owned(),
+        ),
+        (None, true) => "reached".to_owned(),
+        (None, false) if outcome.gave_up => "gave up".to_owned(),
+        (None, false) => "time limit".to_owned(),
     }
 }
 
@@ -330,7 +366,7 @@ pub fn publish(
             summarize(variant, &outcomes, goal)
         })
         .collect();
-    let text = table(&rows, variants, trials);
+    let text = table(&rows, variants, (&context.scenario.world.name, trials));
 
     let mut files = context.output()?;
     let body = context.body();
@@ -417,6 +453,7 @@ pub fn publish(
     let report = Report {
         seed: context.seed,
         trials: trials as u32,
+        world: context.scenario.world.name.clone(),
         rows,
     };
     files.json("result.json", &report);
@@ -553,7 +590,7 @@ fn trace(records: &[Record], goal: [f64; 3], posture: impl Fn(&Record) -> [f64; 
 }
 
 /// The table beside the paper's, with what is to be said of it.
-fn table(rows: &[Row], variants: &[Variant], trials: usize) -> String {
+fn table(rows: &[Row], variants: &[Variant], (world, trials): (&str, usize)) -> String {
     let mut table = Table::new([
         "",
         "e (cm)",
@@ -564,6 +601,7 @@ fn table(rows: &[Row], variants: &[Variant], trials: usize) -> String {
         "3 cm, 3°",
         "drift (mm)",
         "force (N)",
+        "NEES",
     ]);
     table.row([
         "paper, without RPS",
@@ -592,16 +630,38 @@ fn table(rows: &[Row], variants: &[Variant], trials: usize) -> String {
             format!("{:.0} %", 100.0 * row.within_3cm_3deg),
             format!("{:.2}", 1e3 * row.drift_m.mean),
             format!("{:.2}", row.force_rms_n.mean),
+            format!("{:.1}", row.nees),
         ]);
     }
     let mut text = format!(
-        "True final posture error, mean ± standard deviation, {trials} trials a row\n\n{table}\n\
+        "True final posture error, mean ± standard deviation, world {world}, {trials} trials a row\n\n{table}\n\
          e, θ, α: distance to the goal and directions of the line of sight to it, against the \
          goal's and the\nrobot's heading. θ and α lose meaning at small e: at a few millimetres \
          they are the direction of a\nresidue; the heading of O is the better figure there. drift: \
          error of the estimated position of the\nfront axle seen from the rear; force: of the \
-         frame, rms.\n"
+         frame, rms; NEES: squared error of the estimate of O over the covariance that it claims, \
+         3 if the\nclaim is right.\n"
     );
+    for (row, variant) in rows.iter().zip(variants) {
+        let others: Vec<String> = row
+            .ends
+            .iter()
+            .filter(|(end, _)| *end != "reached")
+            .map(|(end, count)| format!("{count} {end}"))
+            .collect();
+        if !others.is_empty() || row.false_successes > 0 {
+            text += &format!(
+                "{}: {} reached without being within 3 cm, 3°; ended otherwise: {}.\n",
+                variant.label(),
+                row.false_successes,
+                if others.is_empty() {
+                    "none".to_owned()
+                } else {
+                    others.join(", ")
+                },
+            );
+        }
+    }
     let base = rows.iter().find(|row| !row.rps && !row.imu);
     let with = rows
         .iter()

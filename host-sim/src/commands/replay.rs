@@ -39,7 +39,7 @@ pub fn run(args: &ReplayArgs) -> Result<(), Error> {
     let recording = read::read(&bytes, &name)?;
     let scenario = recording.about.get("scenario").map(String::as_str);
     let scenario: Scenario = scenario_file::parse(scenario.unwrap_or_default(), &name, &[])?;
-    if !scenario.bus.quantise {
+    if !scenario.world.bus.quantise {
         return Err(Error::input(format!(
             "{name}: recorded with bus.quantise = false: what arrived was not what the frames hold, \
              so it cannot be replayed"

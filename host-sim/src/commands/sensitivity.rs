@@ -75,7 +75,7 @@ fn points(base: &Scenario) -> Vec<Point> {
     };
     for creep in CREEP {
         add("tyre creep velocity", format!("{creep} m/s"), &|s| {
-            s.plant.creep_velocity_m_s = creep;
+            s.world.plant.creep_velocity_m_s = creep;
         });
     }
     for bias in BIAS {
@@ -86,21 +86,21 @@ fn points(base: &Scenario) -> Vec<Point> {
                 // An angle over the whole strip is a strain of half the thickness over its length.
                 let geometry = &s.robot.geometry;
                 let per_radian = geometry.half_thickness_m / geometry.frame_length_m;
-                s.sensors.bridge.common_sigma_strain = bias * f64::from(per_radian);
-                s.sensors.bridge.drift_sigma_strain = 0.0;
+                s.world.sensors.bridge.common_sigma_strain = bias * f64::from(per_radian);
+                s.world.sensors.bridge.drift_sigma_strain = 0.0;
             },
         );
     }
     for radius in RADIUS {
         add("wheel radius, σ", format!("{} %", 100.0 * radius), &|s| {
-            s.sensors.geometry.wheel_radius_sigma = radius;
+            s.world.sensors.geometry.wheel_radius_sigma = radius;
         });
     }
     for [position, heading] in PLACEMENT {
         let value = format!("{} mm, {} mrad", 1e3 * position, 1e3 * heading);
         add("placement, σ", value, &|s| {
-            s.sensors.placement.position_sigma_m = position;
-            s.sensors.placement.heading_sigma_rad = heading;
+            s.world.sensors.placement.position_sigma_m = position;
+            s.world.sensors.placement.heading_sigma_rad = heading;
         });
     }
     points
@@ -241,7 +241,7 @@ mod tests {
         assert_eq!(points[0].scenario, base);
         // A bias of 5 mrad over 0.37 m at 0.5 mm is a strain of 6.76 µε.
         let biased = points.iter().find(|point| point.value == "5 mrad").unwrap();
-        let strain = biased.scenario.sensors.bridge.common_sigma_strain;
+        let strain = biased.scenario.world.sensors.bridge.common_sigma_strain;
         assert!((strain - 6.757e-6).abs() < 1e-9);
     }
 }

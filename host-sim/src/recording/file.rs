@@ -153,7 +153,7 @@ impl Mcap {
                 ("messages_hash", sum(&dbc::description())),
             ],
             boards: Default::default(),
-            body: Body::of(&about.scenario.plant),
+            body: Body::of(&about.scenario.world.plant),
             transforms: standard_channel(&sink, "/tf"),
             truth_robot: standard_channel(&sink, "/truth/robot"),
             estimate_robot: standard_channel(&sink, "/estimate/robot"),

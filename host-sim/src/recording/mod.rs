@@ -231,7 +231,7 @@ impl Session {
 
     /// Listens to these boards, which run in this scenario.
     pub fn tap(&self, targets: [Box<dyn Target>; 3], scenario: &Scenario) -> [Box<dyn Target>; 3] {
-        let encoded = scenario.bus.quantise;
+        let encoded = scenario.world.bus.quantise;
         let mut roles = Role::ALL.into_iter();
         targets.map(|target| {
             let role = roles.next().unwrap_or(Role::Beam);

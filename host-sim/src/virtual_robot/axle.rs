@@ -73,12 +73,15 @@ impl AxleParts {
     /// Those of an axle of a scenario, as they were drawn.
     pub fn of(scenario: &Scenario, drawn: &TrialImperfections, role: Role, seed: u64) -> Self {
         let k = role as usize;
-        let (gyro, accelerometer) = (&scenario.sensors.gyro, &scenario.sensors.accelerometer);
+        let (gyro, accelerometer) = (
+            &scenario.world.sensors.gyro,
+            &scenario.world.sensors.accelerometer,
+        );
         let third = |value: f64| [0.0, 0.0, value];
         let first = |value: f64| [value, 0.0, 0.0];
         Self {
             rear: role == Role::Rear,
-            lines: scenario.sensors.encoder.counts_per_revolution / 4,
+            lines: scenario.world.sensors.encoder.counts_per_revolution / 4,
             phase: drawn.encoder_phase[k],
             inertial: gyro.fitted.then(|| InertialConfig {
                 gyro_density: gyro.noise_density,

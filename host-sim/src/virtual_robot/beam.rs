@@ -38,6 +38,8 @@ pub struct BridgeParts {
     pub drift: f64,
     /// What its zero moves by for a rise of 1 K, strain.
     pub zero_per_k: f64,
+    /// How much more than its kind it creeps.
+    pub creep_error: f64,
 }
 
 impl BridgeParts {
@@ -48,6 +50,7 @@ impl BridgeParts {
             offset: drawn.bridge_offset[k],
             drift: drawn.bridge_drift[k],
             zero_per_k: drawn.bridge_zero_per_k[k],
+            creep_error: drawn.gauge_creep_error,
         }
     }
 }
@@ -105,7 +108,7 @@ impl BeamBoard {
                 bridge: Bridge::new(device(config, parts), LOGIC_V, noise),
                 random: generator(seed, trial, stream),
                 drift: parts.drift,
-                ageing: GaugeAgeing::new(config, parts.zero_per_k),
+                ageing: GaugeAgeing::new(config, parts.zero_per_k, parts.creep_error),
                 last: 0.0,
             }
         };

@@ -23,8 +23,8 @@ use crate::error::Error;
 use crate::pace::Pace;
 use crate::plant::{Outline, Plant, Station};
 use crate::scenario::Scenario;
-use crate::sensors::{Stream, TrialImperfections, generator};
-use crate::simulation::{FRAME_POINTS, Record, Robot, Span, true_plant};
+use crate::sensors::{Stream, generator};
+use crate::simulation::{FRAME_POINTS, Record, Robot, Span};
 use crate::supervision::{Monitor, NODES};
 use crate::targets::BoardTraffic;
 use crate::targets::board_log::BoardLog;
@@ -153,8 +153,8 @@ impl VirtualRobot {
         logs: &[BoardLog; 3],
     ) -> Result<Self, Error> {
         check(scenario)?;
-        let drawn = TrialImperfections::draw(&scenario.sensors, seed, trial);
-        let plant = true_plant(&scenario.plant, scenario.mission.rps, &drawn);
+        let drawn = scenario.world.draw(seed, trial);
+        let plant = scenario.world.plant_of(&drawn, scenario.mission.rps);
         let mut plant = plant
             .build()
             .map_err(|error| Error::input(format!("plant.{error}")))?;
@@ -180,7 +180,8 @@ impl VirtualRobot {
             let part_seed: u64 = random.random();
             let mut board = match role {
                 Role::Beam => {
-                    let parts = BeamBoard::new(&scenario.sensors.bridge, &bridges, seed, trial);
+                    let parts =
+                        BeamBoard::new(&scenario.world.sensors.bridge, &bridges, seed, trial);
                     Board::new(Box::new(parts), fast_ppb)
                 }
                 Role::Front | Role::Rear => {
@@ -207,7 +208,7 @@ impl VirtualRobot {
                 .map(|&role| Reader::new(role, images.of(role), &logs[role as usize]))
                 .collect(),
             watches: roles.iter().map(|_| Watch::default()).collect(),
-            half_thickness: f64::from(config.geometry.half_thickness_m),
+            half_thickness: scenario.world.sensors.bridge.half_thickness_m,
             strains: [0.0; MAX_GAUGES],
             outline: plant.outline(FRAME_POINTS),
             listener: Listener::new(&config, places, task)?,

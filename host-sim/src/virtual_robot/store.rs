@@ -67,7 +67,7 @@ fn calibrate(
     settings: &mut Settings,
     bridges: &[BridgeParts],
 ) -> Result<(), Error> {
-    let config = &scenario.sensors.bridge;
+    let config = &scenario.world.sensors.bridge;
     let amplified =
         f64::from(config.active_gauges) / 4.0 * config.gauge_factor * config.amplifier_gain;
     let nominal = 1.0 / (f64::from(FULL_SCALE) * amplified);

@@ -1,0 +1,220 @@
+//! The world: the true robot and its surroundings, as distributions, and the draw of one of them.
+//!
+//! What the robot's boards believe of it is another type,
+//! [`RobotConfig`](core_algos::node::robot::RobotConfig). Nothing connects the two but the draw and what
+//! sensors and motors do. A world is a TOML file with the tables `plant`, `spread`, `sensors` and `bus`;
+//! what it leaves out keeps its default. Four are built in ([`NAMES`]).
+
+mod spread;
+
+pub use spread::{PlantErrors, Spread};
+
+use crate::error::Error;
+use crate::plant::PlantConfig;
+use crate::scenario_file;
+use crate::sensors::{SensorConfig, Stream, TrialImperfections, generator, normal};
+use crate::virtual_bus::BusConfig;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// The worlds that are built in, with their texts.
+const BUILT_IN: [(&str, &str); 4] = [
+    ("ideal", include_str!("../../worlds/ideal.toml")),
+    ("paper", include_str!("../../worlds/paper.toml")),
+    ("ordinary", include_str!("../../worlds/ordinary.toml")),
+    ("careful", include_str!("../../worlds/careful.toml")),
+];
+
+/// Names of the worlds that are built in.
+pub const NAMES: [&str; 4] = [BUILT_IN[0].0, BUILT_IN[1].0, BUILT_IN[2].0, BUILT_IN[3].0];
+
+/// The true robot and its surroundings, as distributions.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct World {
+    /// Name, which stands beside every result.
+    #[serde(rename = "world")]
+    pub name: String,
+    /// The plant: the means of what differs from robot to robot.
+    pub plant: PlantConfig,
+    /// How far they differ.
+    pub spread: Spread,
+    /// Sensors, and how well the robot was built and placed.
+    pub sensors: SensorConfig,
+    /// The bus between the boards.
+    pub bus: BusConfig,
+}
+
+impl Default for World {
+    /// Tyres of constant creep, and imperfections only where the estimators expect them.
+    fn default() -> Self {
+        Self {
+            name: "plain".to_owned(),
+            plant: PlantConfig::default(),
+            spread: Spread::default(),
+            sensors: SensorConfig::default(),
+            bus: BusConfig::default(),
+        }
+    }
+}
+
+/// The text of a world: a built-in one by its name, or a file. A name comes before a file of that name.
+pub fn text(name: &str) -> Result<String, Error> {
+    if let Some((_, text)) = BUILT_IN.iter().find(|(known, _)| *known == name) {
+        return Ok((*text).to_owned());
+    }
+    std::fs::read_to_string(Path::new(name)).map_err(|error| {
+        let names = NAMES.join(", ");
+        Error::input(format!(
+            "--world {name}: must be {names}, or a file: {error}"
+        ))
+    })
+}
+
+impl World {
+    /// A built-in world by its name, or one from a file, every value checked.
+    pub fn load(name: &str) -> Result<Self, Error> {
+        let mut world: Self = scenario_file::parse(&text(name)?, name, &[])?;
+        if world.name == Self::default().name {
+            world.name = name.to_owned();
+        }
+        world.check()?;
+        Ok(world)
+    }
+
+    /// Checks every value.
+    pub fn check(&self) -> Result<(), Error> {
+        self.plant
+            .build()
+            .map_err(|error| Error::input(format!("plant.{error}")))?;
+        self.spread.check()?;
+        self.sensors.validate()?;
+        self.bus.check().map_err(Error::Input)
+    }
+
+    /// One robot: what differs from its means. The same numbers are drawn whatever the world; it only
+    /// scales them.
+    pub fn draw(&self, seed: u64, trial: u64) -> TrialImperfections {
+        let mut drawn = TrialImperfections::draw(&self.sensors, seed, trial);
+        let mut random = generator(seed, trial, Stream::Plant);
+        drawn.plant = self.spread.draw(&mut random);
+        let mut random = generator(seed, trial, Stream::BridgeMakeup);
+        let common = normal(&mut random, self.sensors.bridge.common_gain_sigma);
+        for error in &mut drawn.bridge_gain_error {
+            *error += common;
+        }
+        drawn.gauge_creep_error = normal(&mut random, self.sensors.bridge.creep_sigma);
+        drawn
+    }
+
+    /// The plant of one robot, with or without the sensing's weight.
+    pub fn plant_of(&self, robot: &TrialImperfections, sensing: bool) -> PlantConfig {
+        let mut plant = self.plant.clone();
+        if !sensing {
+            plant.sensing_mass_kg = 0.0;
+        }
+        for i in 0..2 {
+            plant.half_track_m[i] *= robot.track_factor[i];
+            for j in 0..2 {
+                plant.wheel_radius_m[i][j] *= robot.wheel_radius_factor[i][j];
+            }
+        }
+        robot.plant.apply(&mut plant);
+        plant
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scenario::Scenario;
+    use core_algos::node::robot::RobotConfig;
+
+    #[test]
+    fn built_in_worlds_are_valid_and_bear_their_names() {
+        for name in NAMES {
+            assert_eq!(World::load(name).unwrap().name, name);
+        }
+        let why = World::load("nowhere").unwrap_err().to_string();
+        assert!(why.contains("careful") && why.contains("nowhere"), "{why}");
+    }
+
+    #[test]
+    fn a_world_is_refused_with_field_value_and_range() {
+        let refuse = |text: &str| {
+            let world: Result<World, _> = scenario_file::parse(text, "own.toml", &[]);
+            world
+                .and_then(|world| world.check())
+                .unwrap_err()
+                .to_string()
+        };
+        for (text, words) in [
+            (
+                "[spread]\nside_slip = -0.002",
+                ["spread.side_slip", "-0.002"],
+            ),
+            ("[spread]\nside_slpi = 0.002", ["side_slpi", "unknown"]),
+            ("[robot]\n", ["robot", "unknown"]),
+            (
+                "[plant]\nstrip_length_m = -0.37",
+                ["plant.strip_length_m", "-0.37"],
+            ),
+            (
+                "[sensors.bridge]\ncommon_gain_sigma = -1.0",
+                ["common_gain_sigma", "-1"],
+            ),
+        ] {
+            let why = refuse(text);
+            assert!(words.iter().all(|word| why.contains(word)), "{text}: {why}");
+        }
+    }
+
+    /// Truth and belief are apart: whatever the boards are told, the robot that is drawn is the same,
+    /// and whatever the robot is, the boards are told the same.
+    #[test]
+    fn beliefs_do_not_move_the_true_robot_nor_truth_the_beliefs() {
+        let mut scenario = Scenario::default();
+        let drawn = |scenario: &Scenario| {
+            let robot = scenario.world.draw(7, 3);
+            let plant = scenario.world.plant_of(&robot, true);
+            (robot, plant)
+        };
+        let before = drawn(&scenario);
+        scenario.robot.geometry.wheel_radius_m *= 1.1;
+        scenario.robot.geometry.half_track_m *= 1.1;
+        scenario.robot.geometry.half_thickness_m *= 1.1;
+        scenario.robot.geometry.frame_length_m *= 1.1;
+        scenario.robot.geometry.bending_stiffness_n_m2 *= 1.1;
+        scenario.robot.lead.fusion.start_sigmas = [1.0; 3];
+        assert_eq!(drawn(&scenario), before);
+        let believed = scenario.robot;
+        scenario.world = World::load("ordinary").unwrap();
+        assert_ne!(drawn(&scenario), before);
+        assert_eq!(scenario.robot, believed);
+        assert_ne!(believed, RobotConfig::default());
+    }
+
+    #[test]
+    fn a_draw_scatters_as_the_world_says() {
+        let world = World::load("careful").unwrap();
+        let n = 4000;
+        let draws: Vec<_> = (0..n).map(|trial| world.draw(5, trial)).collect();
+        let sigma = |value: &dyn Fn(&TrialImperfections) -> f64| {
+            (draws.iter().map(|d| value(d).powi(2)).sum::<f64>() / n as f64).sqrt()
+        };
+        for (found, wanted) in [
+            (sigma(&|d| d.plant.side_slip[1]), 2e-3),
+            (sigma(&|d| d.plant.carpet_drift[0]), 5e-3),
+            (sigma(&|d| d.plant.slip_stiffness_factor[0][1].ln()), 0.3),
+            (sigma(&|d| d.plant.bending_stiffness_factor - 1.0), 0.05),
+            // Own and common together.
+            (sigma(&|d| d.bridge_gain_error[2]), 0.5e-2_f64.hypot(1e-2)),
+            (sigma(&|d| d.bridge_drift[4]), 2e-6_f64.hypot(3e-6)),
+            (sigma(&|d| d.gauge_creep_error), 5e-3),
+            (sigma(&|d| d.wheel_radius_factor[0][0] - 1.0), 3e-3),
+            (sigma(&|d| d.placement[2]), 5e-3),
+        ] {
+            assert!((found / wanted - 1.0).abs() < 0.05, "{found} for {wanted}");
+        }
+    }
+}
