@@ -55,9 +55,10 @@ impl Reader {
         }
     }
 
-    /// Reads no more, and leaves the board's log waiting for it.
+    /// Reads no more, and leaves the board's log full and waiting for it.
     pub fn hang(&mut self, board: &mut Board) {
         self.rtt.set_mode(board.chip().sram(), Mode::Block);
+        self.rtt.leave_full(board.chip().sram());
         self.rtt.set_reading(false);
     }
 

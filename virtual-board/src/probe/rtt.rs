@@ -135,6 +135,14 @@ impl Rtt {
         }
     }
 
+    /// Sets the host's offset so that the ring has no room left, as a host leaves it that hangs.
+    pub fn leave_full(&mut self, memory: &mut [u8]) {
+        if let Some(channel) = self.channel(memory) {
+            let (at, next) = (channel.fields + 16, (channel.write + 1) % channel.size);
+            memory[at..at + 4].copy_from_slice(&(next as u32).to_le_bytes());
+        }
+    }
+
     fn channel(&mut self, memory: &[u8]) -> Option<Channel> {
         self.state = State::Absent;
         let start = self.find(memory)?;

@@ -47,6 +47,11 @@ impl Drop for Bench {
 }
 
 impl Bench {
+    /// The lowest address of a board's stack, if its image tells.
+    pub fn end_of_stack(&self, role: Role) -> Option<u32> {
+        self.robot.images.of(role).symbol("_stack_end")
+    }
+
     /// The robot, its boards still off.
     pub fn new(campaign: &Campaign, options: Options, seed: u64) -> Result<Self, Error> {
         use crate::sensors::{Stream, generator};

@@ -25,6 +25,9 @@ pub const fn at(after_ms: u64, act: Act) -> Step {
 /// A trial of one board by itself: how many cases there were, or what went wrong.
 pub type Alone = fn(&Campaign, u64) -> Result<Result<usize, String>, Error>;
 
+/// A look at the robot at the end of a run: what is wrong, in words.
+pub type Check = fn(&mut Bench) -> Option<String>;
+
 /// What kind of run it is.
 #[derive(Clone, Debug)]
 pub enum Course {
@@ -58,10 +61,14 @@ pub struct Entry {
     pub restarts: bool,
     /// Boards that may be reset.
     pub resets: &'static [Role],
+    /// The struck board must be.
+    pub must_reset: bool,
     /// The robot may start although not all nodes are heard to be ready.
     pub unready: bool,
     /// What must be among the notices of the struck board.
     pub notice: Option<Condition>,
+    /// What must not be wrong at the end.
+    pub check: Option<Check>,
     /// Findings that the fault itself brings about: what their texts contain.
     pub findings: &'static [&'static str],
     /// Time without current that counts as off, ms.
@@ -88,8 +95,10 @@ impl Entry {
             own_within_s: None,
             restarts: false,
             resets: &[],
+            must_reset: false,
             unready: false,
             notice: None,
+            check: None,
             findings: &[],
             rest_ms: 250,
             fast_ppb: [None; 3],
@@ -162,6 +171,12 @@ impl Entry {
         self
     }
 
+    /// The struck board is reset.
+    pub fn must_reset(mut self) -> Self {
+        self.must_reset = true;
+        self.resets(&Role::ALL)
+    }
+
     /// It may start although not all nodes are heard to be ready.
     pub fn unready(mut self) -> Self {
         (self.goes_on, self.unready) = (true, true);
@@ -171,6 +186,12 @@ impl Entry {
     /// The struck board gives this notice.
     pub fn notices(mut self, condition: Condition) -> Self {
         self.notice = Some(condition);
+        self
+    }
+
+    /// This is looked at, too.
+    pub fn check(mut self, check: Check) -> Self {
+        self.check = Some(check);
         self
     }
 

@@ -28,6 +28,8 @@ const NOTHING: u32 = 0x3000_0000;
 /// What a board is found to do that meets a fault of the processor: the fault itself, frames that come
 /// while it waits for its reset, the reset.
 const CRASH: &[&str] = &["fault", "bus error", "unmapped", "overrun", "reset"];
+/// The same where the guard below the stack must have stopped the access.
+const GUARDED: &[&str] = &["fault", "overrun", "reset"];
 /// Time in which the motors of a board are off that has met a fault of the processor, s.
 const AT_ONCE_S: f64 = 0.002;
 
@@ -188,12 +190,14 @@ fn faults() -> Vec<Entry> {
         .restarts()
         .finds(CRASH),
         Entry::drive("wild store below the stack", "program", |b| {
-            wild_store(b, Some(TICK), RAM - 64);
+            let role = b.wheel().0;
+            let end = b.end_of_stack(role).unwrap_or(RAM);
+            wild_store(b, Some(TICK), end - 64);
         })
         .stops(HALTED)
         .own_within(AT_ONCE_S)
         .restarts()
-        .finds(CRASH),
+        .finds(GUARDED),
         Entry::drive("wild store into the flash", "program", |b| {
             wild_store(b, Some(TICK), 0x0800_4000);
         })
@@ -202,15 +206,16 @@ fn faults() -> Vec<Entry> {
         .finds(&["reset", "flash", "overrun"]),
         Entry::drive("stack overflow", "program", |b| {
             let role = b.wheel().0;
+            let end = b.end_of_stack(role).unwrap_or(RAM);
             b.board(role, |board| {
                 run_into(board, TICK);
-                board.core_mut().set_register(13, RAM + 8);
+                board.core_mut().set_register(13, end + 8);
             });
         })
         .stops(HALTED)
         .own_within(AT_ONCE_S)
         .restarts()
-        .finds(CRASH),
+        .finds(GUARDED),
         Entry::drive("HardFault in the current loop", "program", |b| {
             let role = b.wheel().0;
             b.board(role, |board| {
@@ -255,6 +260,28 @@ fn faults() -> Vec<Entry> {
         )
         .stops(HALTED)
         .own_within(WATCHDOG_S)
+        .restarts()
+        .finds(&["reset", "overrun"]),
+        Entry::steps(
+            "emergency stop while the current loop hangs",
+            "program, contact",
+            &[
+                at(0, |b| {
+                    let role = b.wheel().0;
+                    b.board(role, |board| {
+                        run_into(board, ADC);
+                        store_to(board, RAM + 16);
+                    });
+                    b.axle(role, |axle, now| axle.stop(true, now));
+                }),
+                at(300, |b| {
+                    let role = b.wheel().0;
+                    b.axle(role, |axle, now| axle.stop(false, now));
+                }),
+            ],
+        )
+        .stops(HALTED)
+        .own_within(AT_ONCE_S)
         .restarts()
         .finds(&["reset", "overrun"]),
     ]

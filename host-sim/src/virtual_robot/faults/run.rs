@@ -217,6 +217,14 @@ fn kept(bench: &mut Bench) -> Vec<Vec<u8>> {
 fn complaint(bench: &mut Bench, entry: &Entry, before: &[Vec<u8>]) -> Option<String> {
     for report in bench.robot.reports() {
         let name = report.name;
+        let is_struck = bench.struck.is_some_and(|role| role.name() == name);
+        if entry.must_reset && is_struck && report.resets.is_empty() {
+            return Some(format!("{name} board not reset"));
+        }
+        let errors = report.can.error_frames;
+        if errors > 0 && entry.fast_ppb.iter().any(Option::is_some) {
+            return Some(format!("{name} board: {errors} error frames"));
+        }
         let may_reset = entry.resets.iter().any(|role| role.name() == name);
         if let (Some((time_s, cause)), false) = (report.resets.first(), may_reset) {
             return Some(format!("{name} board reset by {cause} at {time_s:.3} s"));
@@ -241,6 +249,9 @@ fn complaint(bench: &mut Bench, entry: &Entry, before: &[Vec<u8>]) -> Option<Str
         if !bench.robot.monitor.noticed(node(role)).contains(condition) {
             return Some(format!("no notice of {}", condition.entry().name));
         }
+    }
+    if let Some(wrong) = entry.check.and_then(|check| check(bench)) {
+        return Some(wrong);
     }
     (entry.restarts && !has_restarted(bench)).then(|| "the restart was not told".to_owned())
 }

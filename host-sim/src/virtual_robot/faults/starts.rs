@@ -107,7 +107,7 @@ fn others() -> Vec<Entry> {
             ],
         )
         .goes_on()
-        .resets(&Role::ALL)
+        .must_reset()
         .finds(&["reset"]),
         Entry::start(
             "crystal of an axle's board dead for good",
