@@ -16,6 +16,7 @@ use rand_pcg::Pcg64;
 use std::sync::{Arc, Mutex};
 use virtual_board::Time;
 use virtual_board::board::Board;
+use virtual_board::core::{System, Width};
 use virtual_board::probe::coverage::Coverage;
 use virtual_board::wire::{BitTiming, Fault, Settings, VirtualNode};
 
@@ -33,6 +34,8 @@ pub struct Bench {
     seed: u64,
     /// The board that was struck.
     pub struck: Option<Role>,
+    /// What an act has seen to be wrong.
+    pub wrong: Option<String>,
     coverage: Option<Arc<Mutex<Coverage>>>,
 }
 
@@ -81,6 +84,7 @@ impl Bench {
             logs,
             seed,
             struck: None,
+            wrong: None,
             coverage: campaign.coverage.clone(),
         };
         bench.wire(Fault::Piece {
@@ -131,6 +135,17 @@ impl Bench {
         {
             act(board);
         }
+    }
+
+    /// A register of a board's chip that does not mind being read.
+    pub fn register(&mut self, role: Role, address: u32) -> u32 {
+        let mut value = 0;
+        self.board(role, |board| {
+            let (core, chip) = board.parts();
+            let read = chip.read(address, Width::Word, 0, &mut core.cycles());
+            value = read.unwrap_or_default();
+        });
+        value
     }
 
     /// Does something to the parts of an axle.

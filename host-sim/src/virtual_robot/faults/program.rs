@@ -23,6 +23,9 @@ const ADC: u16 = 16 + 18;
 const TICK: u16 = 16 + 52;
 /// The lowest addresses of the stack, where a program can stand that nothing uses.
 const RAM: u32 = 0x2000_0000;
+/// A register of TIM1 and its bit that enables the outputs.
+const TIM1_BDTR: u32 = 0x4001_0044;
+const MAIN_OUTPUT: u32 = 1 << 15;
 /// An address without memory.
 const NOTHING: u32 = 0x3000_0000;
 /// What a board is found to do that meets a fault of the processor: the fault itself, frames that come
@@ -274,6 +277,13 @@ fn faults() -> Vec<Entry> {
                     });
                     b.axle(role, |axle, now| axle.stop(true, now));
                 }),
+                // Without the program the drivers stay awake, and brake.
+                at(20, |b| {
+                    let role = b.wheel().0;
+                    if b.register(role, TIM1_BDTR) & MAIN_OUTPUT != 0 {
+                        b.wrong = Some("pulses 20 ms after the contact opened".to_owned());
+                    }
+                }),
                 at(300, |b| {
                     let role = b.wheel().0;
                     b.axle(role, |axle, now| axle.stop(false, now));
@@ -281,7 +291,7 @@ fn faults() -> Vec<Entry> {
             ],
         )
         .stops(HALTED)
-        .own_within(AT_ONCE_S)
+        .own_within(WATCHDOG_S)
         .restarts()
         .finds(&["reset", "overrun"]),
     ]

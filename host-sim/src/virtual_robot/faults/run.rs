@@ -250,7 +250,8 @@ fn complaint(bench: &mut Bench, entry: &Entry, before: &[Vec<u8>]) -> Option<Str
             return Some(format!("no notice of {}", condition.entry().name));
         }
     }
-    if let Some(wrong) = entry.check.and_then(|check| check(bench)) {
+    let seen = bench.wrong.take();
+    if let Some(wrong) = seen.or_else(|| entry.check.and_then(|check| check(bench))) {
         return Some(wrong);
     }
     (entry.restarts && !has_restarted(bench)).then(|| "the restart was not told".to_owned())

@@ -12,7 +12,6 @@ use core_algos::safety::Condition::{
 };
 use virtual_board::Time;
 use virtual_board::chip::Defects;
-use virtual_board::core::{System, Width};
 use virtual_board::device::{BridgeFault, EncoderFault, InertialFault, Line, ThermistorFault};
 
 /// What a board is found to have lost, where the converter's requests are not served.
@@ -56,7 +55,8 @@ fn inertial(bench: &mut Bench, fault: InertialFault) {
 fn degraded(bench: &mut Bench) -> Option<String> {
     let notices = bench.robot.monitor.latest(Node::Lead)?.notices;
     let worst = notices.worst()?.entry().name;
-    Some(format!("at the end still {worst}"))
+    let beam = bench.robot.monitor.latest(Node::Beam);
+    Some(format!("at the end still {worst} {beam:?}"))
 }
 
 /// How far the counter of the wheel's encoder is from what passed its disc.
@@ -66,12 +66,8 @@ fn miscounted(bench: &mut Bench) -> Option<String> {
     /// CNT of TIM3 and TIM4.
     const COUNTERS: [u32; 2] = [0x4000_0424, 0x4000_0824];
     let (role, side) = bench.wheel();
-    let (mut counted, mut passed) = (0, 0);
-    bench.board(role, |board| {
-        let (core, chip) = board.parts();
-        let read = chip.read(COUNTERS[side], Width::Word, 0, &mut core.cycles());
-        counted = read.unwrap_or_default() as u16;
-    });
+    let counted = bench.register(role, COUNTERS[side]) as u16;
+    let mut passed = 0;
     bench.axle(role, |axle, _| passed = axle.encoders[side].count() as u16);
     let off = counted.wrapping_sub(passed) as i16;
     (off.unsigned_abs() > APART).then(|| format!("counter off by {off}"))
