@@ -436,7 +436,7 @@ MENDS = (
             ),
         ),
         (AXLE, BEAM),
-        Row("beam board 1.3 % fast"),
+        Row("beam board 1.2 % fast"),
     ),
     Mend(
         "limits of the supply are parameters",

@@ -225,6 +225,8 @@ fn stop() -> bool {
     // Switched off, the converter forgets where in its scan it was; the request that the stream did not
     // take and the overrun's flag would keep it from asking again.
     pac::ADC1.cr2().write(|_| {});
+    // Read, so that the datum that was not fetched is not the first one of the next scan.
+    pac::ADC1.dr().read();
     pac::ADC1.sr().write_value(Sr(0));
     // A stream that is stopped says that it is complete, and does not start with a flag up.
     DMA2.ifcr(0).write(|w| {

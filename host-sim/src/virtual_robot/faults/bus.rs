@@ -159,8 +159,8 @@ fn clocks() -> Vec<Entry> {
             .fast(Role::Beam, 200_000)
             .goes_on(),
         // Too much for its ticks, not for the bus: from edge to edge are ten bits at most.
-        Entry::start("beam board 1.3 % fast", "crystal", &[])
-            .fast(Role::Beam, 13_000_000)
+        Entry::start("beam board 1.2 % fast", "crystal", &[])
+            .fast(Role::Beam, 12_000_000)
             .unready(),
     ]
 }

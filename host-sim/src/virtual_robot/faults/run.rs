@@ -11,6 +11,7 @@ use core_algos::node::board::Role;
 use core_algos::safety::{Condition, OperatingState};
 use serde::{Serialize, Serializer};
 use virtual_board::Time;
+use virtual_board::wire::ErrorKind;
 
 /// A current that counts, A: 25 mN m at the wheel.
 const CURRENT_A: f64 = 0.05;
@@ -221,10 +222,6 @@ fn complaint(bench: &mut Bench, entry: &Entry, before: &[Vec<u8>]) -> Option<Str
         if entry.must_reset && is_struck && report.resets.is_empty() {
             return Some(format!("{name} board not reset"));
         }
-        let errors = report.can.error_frames;
-        if errors > 0 && entry.fast_ppb.iter().any(Option::is_some) {
-            return Some(format!("{name} board: {errors} error frames"));
-        }
         let may_reset = entry.resets.iter().any(|role| role.name() == name);
         if let (Some((time_s, cause)), false) = (report.resets.first(), may_reset) {
             return Some(format!("{name} board reset by {cause} at {time_s:.3} s"));
@@ -250,11 +247,34 @@ fn complaint(bench: &mut Bench, entry: &Entry, before: &[Vec<u8>]) -> Option<Str
             return Some(format!("no notice of {}", condition.entry().name));
         }
     }
+    if entry.fast_ppb.iter().any(Option::is_some)
+        && let Some(misread) = misread(bench)
+    {
+        return Some(misread);
+    }
     let seen = bench.wrong.take();
     if let Some(wrong) = seen.or_else(|| entry.check.and_then(|check| check(bench))) {
         return Some(wrong);
     }
     (entry.restarts && !has_restarted(bench)).then(|| "the restart was not told".to_owned())
+}
+
+/// Errors on the bus; that nobody acknowledges while the others start is none.
+fn misread(bench: &mut Bench) -> Option<String> {
+    let of_board = |role| {
+        let place = bench.robot.place(role)?;
+        let statistics = bench.robot.network.wire().statistics(place);
+        let kind = ErrorKind::ALL.into_iter().find(|&kind| {
+            !matches!(kind, ErrorKind::Acknowledgement) && statistics.errors_of(kind) > 0
+        })?;
+        let count = statistics.errors_of(kind);
+        Some(format!(
+            "{} board: {count} errors: {}",
+            role.name(),
+            kind.name()
+        ))
+    };
+    Role::ALL.into_iter().find_map(of_board)
 }
 
 fn judge(

@@ -55,8 +55,7 @@ fn inertial(bench: &mut Bench, fault: InertialFault) {
 fn degraded(bench: &mut Bench) -> Option<String> {
     let notices = bench.robot.monitor.latest(Node::Lead)?.notices;
     let worst = notices.worst()?.entry().name;
-    let beam = bench.robot.monitor.latest(Node::Beam);
-    Some(format!("at the end still {worst} {beam:?}"))
+    Some(format!("at the end still {worst}"))
 }
 
 /// How far the counter of the wheel's encoder is from what passed its disc.
