@@ -123,6 +123,13 @@ impl Scenario {
             below.world = World::load(name)?;
         }
         let scenario: Self = scenario_file::load(&below, file, changes)?;
+        // A name alone is no world.
+        if scenario.world.name != below.world.name {
+            return Err(Error::input(format!(
+                "world = {}: must be {}, the world that this lies over; --world {0} chooses it",
+                scenario.world.name, below.world.name
+            )));
+        }
         scenario.check()?;
         Ok(scenario)
     }
