@@ -23,3 +23,5 @@ pub mod scenario_file;
 pub mod sensors;
 #[path = "../../host-sim/src/virtual_bus.rs"]
 pub mod virtual_bus;
+#[path = "../../host-sim/src/world/mod.rs"]
+pub mod world;
