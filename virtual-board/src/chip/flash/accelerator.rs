@@ -17,21 +17,21 @@ const LINES: usize = (1 << 20) / 16;
 /// No line.
 const NONE: u32 = u32::MAX;
 
-/// Bits of an entry's number; a cache has 64 entries at most.
-const ENTRY_BITS: u32 = 6;
-/// After so many uses the stamps begin anew, before they leave their 31 bits.
-const LAST_USE: i32 = (1 << (31 - ENTRY_BITS)) - 1;
+/// Uses that a cache remembers; then it keeps only the latest of each entry.
+const REMEMBERED: usize = 1 << 12;
 
-/// A cache of whole lines; the least recently used goes first. A hit costs a look-up and a stamp; who
-/// was used longest ago is only looked for when a line comes in.
+/// A cache of whole lines; the least recently used goes first.
 #[derive(Clone, Debug)]
 struct Cache<const N: usize> {
     /// Place of each line in the cache plus one; zero if it is not there.
     place: Vec<u8>,
     line: [u32; N],
-    /// When each entry was used, in uses of the cache, over its number: the least tells both.
-    stamps: [i32; N],
-    uses: i32,
+    /// Entries in the order of their uses.
+    uses: Vec<u8>,
+    /// Uses before this one are not the latest of their entries.
+    oldest: usize,
+    /// The latest use of each entry.
+    latest: [u16; N],
     on: bool,
 }
 
@@ -40,8 +40,9 @@ impl<const N: usize> Cache<N> {
         Self {
             place: vec![0; LINES],
             line: [NONE; N],
-            stamps: std::array::from_fn(|entry| entry as i32),
-            uses: 0,
+            uses: (0..N as u8).collect(),
+            oldest: 0,
+            latest: std::array::from_fn(|entry| entry as u16),
             on: false,
         }
     }
@@ -57,23 +58,25 @@ impl<const N: usize> Cache<N> {
 
     #[inline]
     fn touch(&mut self, entry: usize) {
-        if self.uses == LAST_USE {
-            self.begin_anew();
+        if self.uses.len() == REMEMBERED {
+            self.forget();
         }
-        self.uses += 1;
-        self.stamps[entry] = self.uses << ENTRY_BITS | entry as i32;
+        self.latest[entry] = self.uses.len() as u16;
+        self.uses.push(entry as u8);
     }
 
-    /// Small stamps in the same order.
+    /// Keeps only the latest use of each entry.
     #[cold]
-    fn begin_anew(&mut self) {
-        let mut order = self.stamps;
-        order.sort_unstable();
-        for (place, stamp) in (0..).zip(order) {
-            let entry = stamp & ((1 << ENTRY_BITS) - 1);
-            self.stamps[entry as usize] = place << ENTRY_BITS | entry;
+    #[inline(never)]
+    fn forget(&mut self) {
+        let mut order: [u8; N] = std::array::from_fn(|entry| entry as u8);
+        order.sort_unstable_by_key(|&entry| self.latest[usize::from(entry)]);
+        for (at, entry) in (0..).zip(order) {
+            self.latest[usize::from(entry)] = at;
         }
-        self.uses = N as i32;
+        self.uses.clear();
+        self.uses.extend(order);
+        self.oldest = 0;
     }
 
     fn holds(&self, line: u32) -> bool {
@@ -90,8 +93,14 @@ impl<const N: usize> Cache<N> {
 
     /// Puts a line that is not there in the place of the one used longest ago; gives the place.
     fn fill(&mut self, line: u32) -> usize {
-        let oldest = self.stamps.iter().fold(i32::MAX, |a, &b| a.min(b));
-        let entry = (oldest & ((1 << ENTRY_BITS) - 1)) as usize;
+        let entry = loop {
+            let used = self.oldest;
+            self.oldest += 1;
+            let entry = usize::from(self.uses[used]);
+            if usize::from(self.latest[entry]) == used {
+                break entry;
+            }
+        };
         if let Some(place) = self.place.get_mut(self.line[entry] as usize) {
             *place = 0;
         }
@@ -276,8 +285,7 @@ mod tests {
         let mut list: Vec<u32> = Vec::new();
         let mut state = 1u32;
         let mut cycle = 0;
-        // The stamps begin anew on the way.
-        art.instructions.uses = LAST_USE - 10_000;
+        // Uses are forgotten on the way.
         for _ in 0..20_000 {
             state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
             let line = state >> 16 & 0x7f;
