@@ -110,6 +110,13 @@ impl Bench {
         self.random.random_range(0..end)
     }
 
+    /// Goes on to some instant within the next millisecond: nothing of the boards is in step with the
+    /// calls of acts any more.
+    pub fn somewhen(&mut self) {
+        let until = self.now() + Time::from_nanos(self.draw(1_000_000));
+        self.robot.network.run_until(until);
+    }
+
     /// A wheel, by seed: its axle is struck.
     pub fn wheel(&mut self) -> (Role, usize) {
         let role = match self.seed % 2 {

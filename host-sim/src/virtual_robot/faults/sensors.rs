@@ -86,7 +86,10 @@ fn analogue() -> Vec<Entry> {
             "converter overrun: the DMA stalls for 1 ms",
             "DMA2 of the beam",
             &[
-                at(0, |b| defects(b, Role::Beam, |d| d.dma_waits = true)),
+                at(0, |b| {
+                    b.somewhen();
+                    defects(b, Role::Beam, |d| d.dma_waits = true);
+                }),
                 at(1, |b| defects(b, Role::Beam, |d| d.dma_waits = false)),
             ],
         )
@@ -95,6 +98,7 @@ fn analogue() -> Vec<Entry> {
         .check(degraded)
         .finds(OVERRUN),
         Entry::drive("DMA bus error", "DMA2 of the beam", |b| {
+            b.somewhen();
             defects(b, Role::Beam, |d| d.dma_error = true);
         })
         .goes_on()
