@@ -448,7 +448,7 @@ MENDS = (
             ),
         ),
         (AXLE,),
-        Told("supply warning", "--set", "boards.front.drive.supply_warning_v=12.5"),
+        Told("supply near its limit", "--set", "boards.front.drive.supply_warning_v=12.5"),
     ),
     Mend(
         "filter of the encoder inputs",
