@@ -158,18 +158,7 @@ impl Scenario {
                 .check(role)
                 .map_err(|error| Error::input(format!("boards.{}: {error}", role.name())))?;
         }
-        self.world.check()?;
-        let (real, believed) = (
-            self.world.sensors.encoder.counts_per_revolution,
-            self.robot.geometry.encoder_counts_per_revolution,
-        );
-        if real != believed {
-            return Err(Error::input(format!(
-                "robot.geometry.encoder_counts_per_revolution = {believed}: must be \
-                 sensors.encoder.counts_per_revolution, which is {real}"
-            )));
-        }
-        Ok(())
+        self.world.check()
     }
 
     /// The scenario as TOML.

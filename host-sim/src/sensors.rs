@@ -15,6 +15,7 @@
 //! each field says where its value comes from.
 
 use crate::world::PlantErrors;
+use core_algos::beam::strip;
 use core_algos::config::{Allowed, ConfigError, in_range, non_negative, positive, require};
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal, Uniform};
@@ -246,6 +247,9 @@ pub struct BridgeConfig {
     /// Random walk of each bridge during a trial, strain/√s. Default 0.05 µε/√s: 0.3 µε in half a
     /// minute, 1 to 2 K.
     pub drift_walk_strain: f64,
+    /// Where along the strip the gauges are meant to sit, from its root, m; at most eight. Default:
+    /// the nodes of Gauss-Legendre quadrature of a strip of 0.37 m.
+    pub gauges_m: Vec<f64>,
     /// Standard deviation of each gauge's place along the strip, m. Default 0.3 mm: glued by hand
     /// on a scribed mark.
     pub position_sigma_m: f64,
@@ -291,6 +295,11 @@ impl Default for BridgeConfig {
             drift_sigma_strain: 1e-6,
             common_sigma_strain: 1e-6,
             drift_walk_strain: 0.05e-6,
+            gauges_m: strip::Config::default()
+                .gauges_m
+                .iter()
+                .map(f64::from)
+                .collect(),
             position_sigma_m: 0.3e-3,
             creep_share: 0.0,
             creep_sigma: 0.0,
@@ -370,6 +379,13 @@ impl SensorConfig {
         check!(at_least_0, bridge.common_sigma_strain);
         check!(at_least_0, bridge.drift_walk_strain);
         check!(at_least_0, bridge.position_sigma_m);
+        let count = self.bridge.gauges_m.len();
+        require(
+            (1..=MAX_GAUGES).contains(&count),
+            "number of sensors.bridge.gauges_m",
+            count as f32,
+            Allowed::Range(1.0, MAX_GAUGES as f32),
+        )?;
         check!(between, bridge.creep_share, 0.05);
         check!(small, bridge.creep_sigma);
         check!(above_0, bridge.creep_time_s);

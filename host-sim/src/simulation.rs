@@ -283,13 +283,11 @@ impl Simulation {
                 config.lead.fusion.frame_sigmas,
             ),
         };
-        // Where the gauges really sit, along the flexible length.
-        let gauges = config.beam.strip.gauges_m.iter();
-        let gauges: Vec<Station> = gauges
-            .zip(imperfections.gauge_shift_m)
-            .map(|(nominal, shift)| plant.gauge(f64::from(nominal) + shift))
-            .collect();
-        let calibration = beam.robot.beam.calibration.build(gauges.len())?;
+        let gauges = scenario.world.gauges_of(imperfections, &plant);
+        let believed = &beam.robot.beam;
+        let calibration = believed
+            .calibration
+            .build(believed.strip.gauges_m.count())?;
         Ok(Self {
             sensors: Sensors::new(&scenario.world.sensors, imperfections, seed, trial)?,
             truth: Truth {
@@ -328,6 +326,13 @@ impl Simulation {
             task: Task::Idle,
             plant,
         })
+    }
+
+    /// All of it that is not boards.
+    #[cfg(test)]
+    pub(crate) fn truth(&self) -> String {
+        let parts = (&self.plant, &self.sensors, &self.gauges, &self.bus);
+        format!("{parts:?} {}", self.half_thickness)
     }
 
     /// Tells the lead node something.
@@ -696,7 +701,7 @@ impl Robot for Simulation {
 
 /// The configuration of this robot's boards: with the zero of its bridges, as found on a straight
 /// edge, and its converter's constants.
-fn calibrated(scenario: &Scenario, imperfections: &TrialImperfections) -> RobotConfig {
+pub(crate) fn calibrated(scenario: &Scenario, imperfections: &TrialImperfections) -> RobotConfig {
     let bridge = &scenario.world.sensors.bridge;
     let mut config = scenario.robot.completed();
     let middle = f64::from(bridge.full_scale_counts());

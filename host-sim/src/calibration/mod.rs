@@ -145,7 +145,7 @@ impl Bench {
     pub fn hold(&self, scenario: &Scenario, curvatures: &[f64]) -> Result<Vec<Held>, Error> {
         const SAMPLES: usize = 3000;
         let bridge = &scenario.world.sensors.bridge;
-        let half = f64::from(scenario.robot.geometry.half_thickness_m);
+        let believed = f64::from(scenario.robot.geometry.half_thickness_m);
         let mut random = generator(self.seed, 1, Stream::Other(78));
         // What all bridges share after zeroing comes from the edge, and there has been no drift yet.
         let edge = normal(&mut random, bridge.common_sigma_strain);
@@ -157,10 +157,11 @@ impl Bench {
         let middle = f64::from(bridge.full_scale_counts());
         let mut held = Vec::new();
         for curvature in [0.0].iter().chain(curvatures) {
-            let strain = half * curvature;
+            let strain = believed * curvature;
             let former = normal(&mut random, FORMER_SIGMA);
+            let bent = bridge.half_thickness_m * curvature * (1.0 + former);
             let truth = Truth {
-                gauge_strain: [strain * (1.0 + former) + edge; MAX_GAUGES],
+                gauge_strain: [bent + edge; MAX_GAUGES],
                 gauge_count: MAX_GAUGES,
                 ..Truth::default()
             };

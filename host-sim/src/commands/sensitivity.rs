@@ -84,10 +84,10 @@ fn points(base: &Scenario) -> Vec<Point> {
             format!("{} mrad", 1e3 * bias),
             &|s| {
                 // An angle over the whole strip is a strain of half the thickness over its length.
-                let geometry = &s.robot.geometry;
-                let per_radian = geometry.half_thickness_m / geometry.frame_length_m;
-                s.world.sensors.bridge.common_sigma_strain = bias * f64::from(per_radian);
-                s.world.sensors.bridge.drift_sigma_strain = 0.0;
+                let length = s.world.plant.strip_length_m;
+                let bridge = &mut s.world.sensors.bridge;
+                bridge.common_sigma_strain = bias * bridge.half_thickness_m / length;
+                bridge.drift_sigma_strain = 0.0;
             },
         );
     }

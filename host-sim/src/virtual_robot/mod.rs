@@ -161,10 +161,7 @@ impl VirtualRobot {
         let start = scenario.mission.start;
         plant.place(std::array::from_fn(|i| start[i] + drawn.placement[i]));
         let config = scenario.robot.completed();
-        let gauges = config.beam.strip.gauges_m.iter().zip(drawn.gauge_shift_m);
-        let gauges: Vec<Station> = gauges
-            .map(|(nominal, shift)| plant.gauge(f64::from(nominal) + shift))
-            .collect();
+        let gauges = scenario.world.gauges_of(&drawn, &plant);
         let bridges: Vec<BridgeParts> = (0..gauges.len())
             .map(|k| BridgeParts::of(&drawn, k))
             .collect();

@@ -10,7 +10,7 @@ mod spread;
 pub use spread::{PlantErrors, Spread};
 
 use crate::error::Error;
-use crate::plant::PlantConfig;
+use crate::plant::{Plant, PlantConfig, Station};
 use crate::scenario_file;
 use crate::sensors::{SensorConfig, Stream, TrialImperfections, generator, normal};
 use crate::virtual_bus::BusConfig;
@@ -89,6 +89,14 @@ impl World {
             .map_err(|error| Error::input(format!("plant.{error}")))?;
         self.spread.check()?;
         self.sensors.validate()?;
+        let length = self.plant.strip_length_m;
+        let gauges = self.sensors.bridge.gauges_m.iter().enumerate();
+        for (i, place) in gauges.filter(|(_, place)| !(0.0..=length).contains(*place)) {
+            return Err(Error::input(format!(
+                "sensors.bridge.gauges_m[{i}] = {place}: must be a number from 0 to \
+                 plant.strip_length_m, which is {length}"
+            )));
+        }
         self.bus.check().map_err(Error::Input)
     }
 
@@ -122,12 +130,22 @@ impl World {
         robot.plant.apply(&mut plant);
         plant
     }
+
+    /// Where the gauges of one robot sit on its strip.
+    pub fn gauges_of(&self, robot: &TrialImperfections, plant: &Plant) -> Vec<Station> {
+        let meant = self.sensors.bridge.gauges_m.iter();
+        meant
+            .zip(robot.gauge_shift_m)
+            .map(|(place, shift)| plant.gauge(place + shift))
+            .collect()
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::scenario::Scenario;
+    use crate::simulation::Simulation;
     use core_algos::node::robot::RobotConfig;
 
     #[test]
@@ -169,29 +187,73 @@ mod tests {
         }
     }
 
+    /// Visits the table with each of its numbers by itself a tenth larger.
+    fn for_each_number(table: &mut toml::Table, visit: &mut dyn FnMut(&toml::Table, &str)) {
+        fn paths(value: &toml::Value, at: Vec<String>, found: &mut Vec<Vec<String>>) {
+            let mut inner = |key: String, value: &toml::Value| {
+                paths(value, [at.as_slice(), &[key]].concat(), found);
+            };
+            match value {
+                toml::Value::Table(table) => table.iter().for_each(|(k, v)| inner(k.clone(), v)),
+                toml::Value::Array(list) => {
+                    let numbered = list.iter().enumerate();
+                    numbered.for_each(|(i, v)| inner(i.to_string(), v));
+                }
+                _ => found.push(at),
+            }
+        }
+        let mut found = Vec::new();
+        paths(&table.clone().into(), Vec::new(), &mut found);
+        for path in found {
+            let mut changed = toml::Value::Table(table.clone());
+            let mut value = &mut changed;
+            for key in &path {
+                value = match value {
+                    toml::Value::Array(list) => &mut list[key.parse::<usize>().unwrap()],
+                    table => &mut table[key.as_str()],
+                };
+            }
+            match value {
+                toml::Value::Float(number) => *number = *number * 1.1 + 1e-3,
+                toml::Value::Integer(number) => *number += 1 + *number / 10,
+                toml::Value::Boolean(flag) => *flag = !*flag,
+                _ => {}
+            }
+            visit(changed.as_table().unwrap(), &path.join("."));
+        }
+    }
+
     /// Truth and belief are apart: whatever the boards are told, the robot that is drawn is the same,
     /// and whatever the robot is, the boards are told the same.
     #[test]
     fn beliefs_do_not_move_the_true_robot_nor_truth_the_beliefs() {
-        let mut scenario = Scenario::default();
-        let drawn = |scenario: &Scenario| {
-            let robot = scenario.world.draw(7, 3);
-            let plant = scenario.world.plant_of(&robot, true);
-            (robot, plant)
-        };
-        let before = drawn(&scenario);
-        scenario.robot.geometry.wheel_radius_m *= 1.1;
-        scenario.robot.geometry.half_track_m *= 1.1;
-        scenario.robot.geometry.half_thickness_m *= 1.1;
-        scenario.robot.geometry.frame_length_m *= 1.1;
-        scenario.robot.geometry.bending_stiffness_n_m2 *= 1.1;
-        scenario.robot.lead.fusion.start_sigmas = [1.0; 3];
-        assert_eq!(drawn(&scenario), before);
-        let believed = scenario.robot;
-        scenario.world = World::load("ordinary").unwrap();
-        assert_ne!(drawn(&scenario), before);
-        assert_eq!(scenario.robot, believed);
-        assert_ne!(believed, RobotConfig::default());
+        let plain = Scenario::default();
+        let before = Simulation::new(&plain, 7, 3).unwrap().truth();
+        let mut changed = 0;
+        let mut told = toml::Table::try_from(plain.robot).unwrap();
+        for_each_number(&mut told, &mut |told, number| {
+            let robot: Result<RobotConfig, _> = told.clone().try_into();
+            let Ok(robot) = robot else { return };
+            let mut scenario = plain.clone();
+            scenario.robot = robot;
+            let Ok(robot) = Simulation::new(&scenario, 7, 3) else {
+                return;
+            };
+            assert!(robot.truth() == before, "{number} moves the true robot");
+            changed += u32::from(scenario.robot != plain.robot);
+        });
+        assert!(changed > 100, "{changed}");
+        let mut other = plain.clone();
+        other.world = World::load("ordinary").unwrap();
+        let robot = Simulation::new(&other, 7, 3).unwrap();
+        assert!(robot.truth() != before);
+        // What boards are told of it is what a straight edge shows, and no more.
+        let told = [&plain, &other].map(|scenario| {
+            let mut told = crate::simulation::calibrated(scenario, &scenario.world.draw(7, 3));
+            told.beam.calibration.zero_counts = plain.robot.beam.calibration.zero_counts;
+            told
+        });
+        assert_eq!(told[0], told[1]);
     }
 
     #[test]
