@@ -103,12 +103,21 @@ pub enum Command {
     Completions(CompletionsArgs),
 }
 
+/// The world that an experiment is in.
+#[derive(Clone, Debug, Default, Args)]
+pub struct WorldChoice {
+    /// World that the robot drives in: plain, ideal, paper, ordinary, careful, or a TOML file (see `cfmmr
+    /// world`) [default: that of the scenario, or plain]
+    #[arg(long, value_name = "NAME|FILE")]
+    pub world: Option<String>,
+}
+
 /// Arguments every experiment takes.
 #[derive(Clone, Debug, Args)]
 pub struct Common {
-    /// World that the robot drives in: ideal, paper, ordinary, careful, or a TOML file (see `cfmmr world`)
-    #[arg(long, value_name = "NAME|FILE")]
-    pub world: Option<String>,
+    /// The world.
+    #[command(flatten)]
+    pub choice: WorldChoice,
     /// Scenario file in TOML; what it leaves out keeps its default (see `cfmmr config`)
     #[arg(long, value_name = "FILE")]
     pub scenario: Option<PathBuf>,
@@ -453,9 +462,9 @@ pub struct EvalArgs {
 /// Arguments of `config`.
 #[derive(Clone, Debug, Args)]
 pub struct ConfigArgs {
-    /// World that the robot drives in: ideal, paper, ordinary, careful, or a TOML file (see `cfmmr world`)
-    #[arg(long, value_name = "NAME|FILE")]
-    pub world: Option<String>,
+    /// The world.
+    #[command(flatten)]
+    pub choice: WorldChoice,
     /// Read this scenario first, so that the print shows it completed with defaults
     #[arg(long, value_name = "FILE")]
     pub scenario: Option<PathBuf>,
@@ -467,11 +476,14 @@ pub struct ConfigArgs {
 /// Arguments of `world`.
 #[derive(Clone, Debug, Args)]
 pub struct WorldArgs {
-    /// ideal, paper, ordinary, careful, or a TOML file; without it their names are listed
+    /// plain, ideal, paper, ordinary, careful, or a TOML file; without it the names are listed
     pub name: Option<String>,
-    /// Print all its values as JSON, those that are defaults too
+    /// Print it as JSON
     #[arg(long, requires = "name")]
     pub json: bool,
+    /// Print its file, to begin one of one's own with
+    #[arg(long, requires = "name", conflicts_with = "json")]
+    pub toml: bool,
 }
 
 /// Arguments of `dbc`.
@@ -506,6 +518,9 @@ pub struct PlantBenchArgs {
 /// Arguments of `faults`.
 #[derive(Clone, Debug, Args)]
 pub struct FaultsArgs {
+    /// The world.
+    #[command(flatten)]
+    pub choice: WorldChoice,
     /// Number of seeds
     #[arg(long, default_value_t = 2, value_parser = whole::<u32>(1..=1000))]
     pub seeds: u32,
@@ -553,7 +568,7 @@ pub struct FaultsArgs {
     #[arg(long, requires = "boards", conflicts_with = "bless")]
     pub check: bool,
     /// Rewrite the committed table, docs/faults.md, docs/faults_emulated.md or docs/faults_virtual.md
-    #[arg(long)]
+    #[arg(long, conflicts_with = "world")]
     pub bless: bool,
     /// Also write the result as JSON to this file
     #[arg(long, value_name = "FILE")]
@@ -563,6 +578,9 @@ pub struct FaultsArgs {
 /// Arguments of `soak`.
 #[derive(Clone, Debug, Args)]
 pub struct SoakArgs {
+    /// The world.
+    #[command(flatten)]
+    pub choice: WorldChoice,
     /// Axle ticks (ms)
     #[arg(long, default_value_t = 10_000_000, value_parser = whole::<u64>(10_000..=4_000_000_000))]
     pub ticks: u64,
@@ -596,6 +614,9 @@ pub struct CompletionsArgs {
 /// Arguments of `loop-bench`.
 #[derive(Clone, Debug, Args)]
 pub struct LoopBenchArgs {
+    /// The world.
+    #[command(flatten)]
+    pub choice: WorldChoice,
     /// Number of runs; the median is reported
     #[arg(long, default_value_t = 7, value_parser = whole::<u32>(1..=1000))]
     pub repeats: u32,
@@ -674,6 +695,9 @@ pub struct CampaignArgs {
     /// The study, a TOML file (docs/campaigns.md)
     #[arg(value_name = "FILE", required = true)]
     pub file: Option<PathBuf>,
+    /// The world.
+    #[command(flatten)]
+    pub choice: WorldChoice,
     /// Part I of N, from 0 [default: that of a Slurm array's task or an indexed Kubernetes job; else
     /// all]
     #[arg(long, value_name = "I/N")]
@@ -854,9 +878,9 @@ pub enum CalibrateWhat {
 /// Arguments of `calibrate`.
 #[derive(Clone, Debug, Args)]
 pub struct CalibrateArgs {
-    /// World that the robot drives in: ideal, paper, ordinary, careful, or a TOML file (see `cfmmr world`)
-    #[arg(long, value_name = "NAME|FILE")]
-    pub world: Option<String>,
+    /// The world.
+    #[command(flatten)]
+    pub choice: WorldChoice,
     /// What to calibrate
     #[arg(value_enum)]
     pub what: CalibrateWhat,

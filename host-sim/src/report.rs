@@ -232,6 +232,7 @@ impl Run<'_> {
             shown.iter().map(|&i| value(self.records[i])).collect()
         };
         let configuration = self.scenario.to_toml().unwrap_or_default();
+        let world = [("world".to_owned(), self.scenario.world.label())].into_iter();
         json!({
             "title": self.title,
             "name": self.name,
@@ -253,7 +254,7 @@ impl Run<'_> {
             "phase": each(&|record| json!(phase(record))),
             "spread": Rounded::<5>(spread),
             "plots": self.plots(&shown),
-            "summary": self.summary,
+            "summary": world.chain(self.summary.clone()).collect::<Vec<_>>(),
             "configuration": configuration,
         })
     }
@@ -326,6 +327,7 @@ mod tests {
         let data = data(&page);
         let run = &data["runs"][0];
         assert_eq!(run["title"], "a </script> b");
+        assert_eq!(run["summary"][0], json!(["world", "plain"]));
         let times = run["t"].as_array().unwrap();
         // 50 a second, with the first and the last.
         assert!((500..=503).contains(&times.len()), "{}", times.len());

@@ -4,7 +4,7 @@ use crate::overlay::Overlays;
 use crate::plant::PlantConfig;
 use crate::sensors::SensorConfig;
 use crate::virtual_bus::BusConfig;
-use crate::world::{Spread, World};
+use crate::world::{self, Spread, World};
 use crate::{error::Error, scenario_file};
 use core_algos::node::board::Role;
 use core_algos::node::robot::RobotConfig;
@@ -111,25 +111,35 @@ impl From<Scenario> for Layout {
 }
 
 impl Scenario {
-    /// Reads a scenario file (none: all defaults) over a world (none: the default one), with changes, and
-    /// checks every value.
+    /// Reads a scenario file (none: all defaults) over a world (none: that which it names, or the default
+    /// one), with changes, and checks every value.
     pub fn load(
         world: Option<&str>,
         file: Option<&Path>,
         changes: &[String],
     ) -> Result<Self, Error> {
+        let (text, name) = scenario_file::read(file)?;
+        Self::parse(world, &text, &name, changes)
+    }
+
+    /// The default scenario in a world, or in the default one.
+    pub fn in_world(world: Option<&str>) -> Result<Self, Error> {
+        Self::parse(world, "", "scenario", &[])
+    }
+
+    /// The same as [`Self::load`] from text; `name` stands in errors.
+    pub fn parse(
+        world: Option<&str>,
+        text: &str,
+        name: &str,
+        changes: &[String],
+    ) -> Result<Self, Error> {
         let mut below = Self::default();
-        if let Some(name) = world {
-            below.world = World::load(name)?;
-        }
-        let scenario: Self = scenario_file::load(&below, file, changes)?;
-        // A name alone is no world.
-        if scenario.world.name != below.world.name {
-            return Err(Error::input(format!(
-                "world = {}: must be {}, the world that this lies over; --world {0} chooses it",
-                scenario.world.name, below.world.name
-            )));
-        }
+        world::DEFAULT.clone_into(&mut below.world.name);
+        let named: Self = scenario_file::build(&below, text, name, changes)?;
+        below.world = World::load(world.unwrap_or(&named.world.name))?;
+        let mut scenario: Self = scenario_file::build(&below, text, name, changes)?;
+        scenario.world.name = below.world.name;
         scenario.check()?;
         Ok(scenario)
     }

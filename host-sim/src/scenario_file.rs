@@ -14,21 +14,15 @@ const DEPTH: usize = 16;
 /// Text in which the line of what is nested too deeply is looked for, bytes.
 const LONGEST_SEARCHED: usize = 100_000;
 
-/// Lays `file` (nothing: no change) over `below`, applies the `KEY=VALUE` changes in order, and builds `T`.
-pub fn load<T>(below: &T, file: Option<&Path>, changes: &[String]) -> Result<T, Error>
-where
-    T: Serialize + DeserializeOwned,
-{
-    let (text, name) = match file {
-        Some(path) => {
-            let name = path.display().to_string();
-            let text = std::fs::read_to_string(path)
-                .map_err(|error| Error::input(format!("{name}: {error}")))?;
-            (text, name)
-        }
-        None => (String::new(), "scenario".to_owned()),
+/// Text of a file, and what it is called in errors; without a file nothing.
+pub fn read(file: Option<&Path>) -> Result<(String, String), Error> {
+    let Some(path) = file else {
+        return Ok((String::new(), "scenario".to_owned()));
     };
-    build(below, &text, &name, changes)
+    let name = path.display().to_string();
+    let text =
+        std::fs::read_to_string(path).map_err(|error| Error::input(format!("{name}: {error}")))?;
+    Ok((text, name))
 }
 
 /// Builds `T` from TOML text over its defaults; `name` stands in errors.
@@ -39,7 +33,9 @@ where
     build(&T::default(), text, name, changes)
 }
 
-fn build<T>(below: &T, text: &str, name: &str, changes: &[String]) -> Result<T, Error>
+/// Lays TOML text over `below`, applies the `KEY=VALUE` changes in order, and builds `T`; `name` stands in
+/// errors.
+pub fn build<T>(below: &T, text: &str, name: &str, changes: &[String]) -> Result<T, Error>
 where
     T: Serialize + DeserializeOwned,
 {

@@ -47,14 +47,15 @@ const WORST: f64 = 16.27;
 
 /// Robot and surroundings of the soak: all sensors, all noise, and a bus that loses 1 %. Nobody puts
 /// the robot on a known place for hours, so it may be less certain of its own than it usually must.
-pub fn scenario() -> Scenario {
-    let mut scenario = Scenario::default();
+pub fn scenario(world: Option<&str>) -> Result<Scenario, Error> {
+    let mut scenario = Scenario::in_world(world)?;
     scenario.world.sensors.gyro.fitted = true;
     scenario.world.sensors.accelerometer.fitted = true;
-    scenario.world.bus.loss = 0.01;
+    let loss = &mut scenario.world.bus.loss;
+    *loss = loss.max(0.01);
     let limits = &mut scenario.robot.lead.limits;
     (limits.position_sigma_m, limits.heading_sigma_rad) = (20.0, 3.0);
-    scenario
+    Ok(scenario)
 }
 
 /// A part of the run.
@@ -130,6 +131,8 @@ impl Drift {
 /// What a soak showed.
 #[derive(Clone, Debug, Serialize)]
 pub struct Report {
+    /// World of the run.
+    pub world: String,
     /// Ticks.
     pub ticks: u64,
     /// Seed of all draws.
@@ -352,12 +355,13 @@ impl Soak {
 /// Drives for so many ticks, reported in `windows` equal parts; `advance` is called once for each of
 /// `PIECES` pieces.
 pub fn run(
+    scenario: &Scenario,
     ticks: u64,
     windows: u64,
     seed: u64,
     mut advance: impl FnMut(),
 ) -> Result<Report, Error> {
-    let mut soak = Soak::new(&scenario(), seed)?;
+    let mut soak = Soak::new(scenario, seed)?;
     let mut reported = Vec::new();
     let (mut innovations, mut pairs) = (Vec::new(), Vec::new());
     for tick in 0..ticks {
@@ -377,6 +381,7 @@ pub fn run(
         }
     }
     Ok(Report {
+        world: scenario.world.label(),
         ticks,
         seed,
         windows: reported,
@@ -435,6 +440,7 @@ mod tests {
             ..Window::default()
         };
         Report {
+            world: "plain".to_owned(),
             ticks: 1000,
             seed: 1,
             windows: vec![window; 5],

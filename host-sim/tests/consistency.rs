@@ -1,7 +1,7 @@
 //! The estimates of the whole robot on the plant, over a few runs, against what they claim.
 
 use core_algos::fusion::tandem::Mode;
-use host_sim::cli::Common;
+use host_sim::cli::{Common, WorldChoice};
 use host_sim::commands::Context;
 use host_sim::commands::consistency::{Report, Row, Statement, measure};
 use host_sim::commands::posture::Variant;
@@ -10,7 +10,7 @@ const RUNS: u32 = 20;
 
 fn report() -> Report {
     let common = Common {
-        world: None,
+        choice: WorldChoice::default(),
         scenario: None,
         set: Vec::new(),
         seed: 21,

@@ -5,7 +5,7 @@ use std::path::Path;
 
 #[test]
 fn no_fault_leads_to_uncontrolled_motion_and_the_table_is_as_committed() {
-    let report = campaign(2, &[]).unwrap();
+    let report = campaign(None, 2, &[]).unwrap();
     for row in &report.rows {
         assert!(row.wrong.is_empty(), "{}: {:?}", row.fault, row.wrong);
     }

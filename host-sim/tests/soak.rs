@@ -7,7 +7,10 @@ use host_sim::soak;
 #[test]
 fn health_does_not_drift_memory_does_not_grow_and_every_goal_is_reached() {
     let mut pieces = 0;
-    let report = soak::run(400_000, 4, 5, || pieces += 1).unwrap();
+    let report = soak::run(&soak::scenario(None).unwrap(), 400_000, 4, 5, || {
+        pieces += 1
+    })
+    .unwrap();
     assert_eq!(pieces, soak::pieces());
     assert!(report.problems().is_empty(), "{:?}", report.problems());
     let nis = report.nis.unwrap().mean;

@@ -61,6 +61,8 @@ pub struct Influence {
 pub struct Report {
     /// Name of the study.
     pub name: String,
+    /// World of its first run.
+    pub world: String,
     /// Seed.
     pub seed: u64,
     /// Runs.
@@ -162,6 +164,9 @@ impl Report {
             .collect();
         Self {
             name: study.name.clone(),
+            world: study
+                .run(0)
+                .map_or_else(|_| String::new(), |run| run.scenario.world.label()),
             seed: study.seed,
             runs: runs.rows(),
             cells,
@@ -217,8 +222,8 @@ impl Report {
             table.row(row);
         }
         let mut text = format!(
-            "{}: {} runs, seed {}; true final posture errors\n\n{table}",
-            self.name, self.runs, self.seed
+            "{}: {} runs, seed {}, world {}; true final posture errors\n\n{table}",
+            self.name, self.runs, self.seed, self.world
         );
         if !self.influences.is_empty() {
             let mut table = Table::new([

@@ -3,7 +3,6 @@
 use crate::error::Error;
 use crate::kinematic_model::random_start;
 use crate::scenario::Scenario;
-use crate::scenario_file;
 use rand::RngExt;
 use rand_distr::{Distribution, Normal};
 use rand_pcg::Pcg64;
@@ -190,7 +189,8 @@ impl Study {
         Ok(study)
     }
 
-    fn check(&self) -> Result<(), Error> {
+    /// Checks every value and combination.
+    pub fn check(&self) -> Result<(), Error> {
         let within = |field: &str, value: u64, most: u64| match (1..=most).contains(&value) {
             true => Ok(()),
             false => Err(Error::input(format!(
@@ -287,7 +287,7 @@ impl Study {
             .collect();
         let base =
             toml::to_string(&self.scenario).map_err(|error| Error::Failure(error.to_string()))?;
-        let mut scenario: Scenario = scenario_file::parse(&base, "scenario", &changes)?;
+        let mut scenario = Scenario::parse(None, &base, "scenario", &changes)?;
         if self.starts == Starts::Random {
             let [x, y, phi] = random_start(self.seed, trial.into());
             let goal = scenario.mission.goal;

@@ -55,6 +55,7 @@ struct Effect {
 /// What came of it.
 #[derive(Clone, Debug, Default, Serialize)]
 struct Report {
+    world: String,
     seed: u64,
     parameters: Vec<Row>,
     effects: Vec<Effect>,
@@ -66,7 +67,11 @@ struct Report {
 
 /// Runs the command.
 pub fn run(args: &CalibrateArgs) -> Result<(), Error> {
-    let scenario = Scenario::load(args.world.as_deref(), args.scenario.as_deref(), &args.set)?;
+    let scenario = Scenario::load(
+        args.choice.world.as_deref(),
+        args.scenario.as_deref(),
+        &args.set,
+    )?;
     if !args.seeds.is_empty() {
         return run_several(args, &scenario);
     }
@@ -102,6 +107,7 @@ fn calibrate(args: &CalibrateArgs, scenario: &Scenario, seed: u64) -> Result<Rep
         CalibrateWhat::Imu => calibrate_gyros(scenario, &mut bench)?,
     };
     report.seed = seed;
+    report.world = scenario.world.label();
     Ok(report)
 }
 
@@ -406,6 +412,7 @@ fn calibrate_gyros(scenario: &Scenario, bench: &mut Bench) -> Result<Report, Err
 /// What calibrating several robots left, by seed those that it failed on.
 #[derive(Debug, Serialize)]
 struct Several {
+    world: String,
     seeds: Vec<u64>,
     /// Root mean squares.
     rms: Vec<Effect>,
@@ -415,6 +422,7 @@ struct Several {
 /// Calibrates the robots of several seeds, and prints a table in Markdown.
 fn run_several(args: &CalibrateArgs, scenario: &Scenario) -> Result<(), Error> {
     let mut several = Several {
+        world: scenario.world.label(),
         seeds: Vec::new(),
         rms: Vec::new(),
         failed: Vec::new(),
@@ -441,7 +449,8 @@ fn run_several(args: &CalibrateArgs, scenario: &Scenario) -> Result<(), Error> {
         let [before, after] = [row.before, row.after].map(two_digits);
         text += &format!("| {} | {} | {before} | {after} |\n", row.what, row.unit);
     }
-    text += &format!("\n{} of {} robots.", reports.len(), args.seeds.len());
+    let (all, world) = (args.seeds.len(), &several.world);
+    text += &format!("\n{} of {all} robots, world {world}.", reports.len());
     for (seed, error) in &several.failed {
         text += &format!(" Seed {seed}: {error}.");
     }
@@ -538,5 +547,5 @@ fn text(report: &Report) -> String {
         .iter()
         .map(|note| format!("{note}\n"))
         .collect();
-    format!("{table}\n{effects}\n{notes}")
+    format!("{table}\n{effects}\nworld {}\n{notes}", report.world)
 }

@@ -51,7 +51,12 @@ fn shard(args: &CampaignArgs) -> Result<(), Error> {
             "a study's FILE, merge or status must be given",
         ));
     };
-    let study = Study::load(file)?;
+    let mut study = Study::load(file)?;
+    if let Some(world) = &args.choice.world {
+        let world = world.clone().into();
+        study.scenario.insert("world".to_owned(), world);
+        study.check()?;
+    }
     let shard = match &args.shard {
         Some(text) => Shard::parse(text)?,
         None => Shard::from_environment(|name| std::env::var(name).ok())?,

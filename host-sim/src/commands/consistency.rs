@@ -372,7 +372,6 @@ pub fn run(args: &ConsistencyArgs) -> Result<(), Error> {
     files.text("consistency.svg", figure.svg());
     files.bytes("consistency.png", figure.png());
     files.csv("consistency.csv", csv(&report));
-    files.json("result.json", &report);
     context.finish(&text, &report, files)
 }
 

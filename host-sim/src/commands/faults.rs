@@ -84,6 +84,8 @@ impl Row {
 /// The result of the campaign.
 #[derive(Clone, Debug, Serialize)]
 pub struct Report {
+    /// World of the runs.
+    pub world: String,
     /// Seeds 1 to this.
     pub seeds: u64,
     /// What no run may exceed for more than a moment.
@@ -94,18 +96,19 @@ pub struct Report {
 
 /// The robot with everything fitted, on tyres that roll with a little resistance: with its motors
 /// off it comes to rest.
-pub(super) fn scenario() -> Scenario {
-    let mut scenario = Scenario::default();
-    scenario.world.plant.rolling_resistance = 0.02;
+pub(super) fn scenario(world: Option<&str>) -> Result<Scenario, Error> {
+    let mut scenario = Scenario::in_world(world)?;
+    let plant = &mut scenario.world.plant;
+    plant.rolling_resistance = plant.rolling_resistance.max(0.02);
     scenario.world.sensors.gyro.fitted = true;
     scenario.world.sensors.accelerometer.fitted = true;
     scenario.mission.time_limit_s = 60.0;
-    scenario
+    Ok(scenario)
 }
 
 /// Runs the campaign on the threads of the current pool.
-pub fn campaign(seeds: u64, only: &[String]) -> Result<Report, Error> {
-    let (scenario, bounds) = (scenario(), Bounds::default());
+pub fn campaign(world: Option<&str>, seeds: u64, only: &[String]) -> Result<Report, Error> {
+    let (scenario, bounds) = (scenario(world)?, Bounds::default());
     let chosen = |entry: &&Entry| is_chosen(entry.name, only);
     let entries: Vec<&Entry> = CATALOGUE.iter().filter(chosen).collect();
     let each = TIMES.len() * seeds as usize;
@@ -131,6 +134,7 @@ pub fn campaign(seeds: u64, only: &[String]) -> Result<Report, Error> {
     let outcomes: Vec<Outcome> = outcomes.into_iter().collect::<Result<_, _>>()?;
     let rows = entries.iter().zip(outcomes.chunks(each));
     Ok(Report {
+        world: scenario.world.label(),
         seeds,
         bounds,
         rows: rows.map(|(entry, runs)| Row::of(entry, runs)).collect(),
@@ -153,7 +157,8 @@ impl Report {
              {} s after its task began, with {} seeds each. A run is right if the robot finishes its task\n\
              within {:.0} cm and {:.0}°, or stops, motors off, within the time stated and for a reason that\n\
              fits the fault; and if at no time speed ({} m/s), bend of the frame ({:.0}°) or force of the\n\
-             frame ({} N) is exceeded for more than {} s. Reasons are explained in [codes.md](codes.md).\n\n\
+             frame ({} N) is exceeded for more than {} s. Reasons are explained in [codes.md](codes.md).\n\
+             World: {}.\n\n\
              | fault | finished | stopped | other | reasons | to rest (s) | allowed (s) | error (cm) | speed (m/s) | bend (°) | force (N) |\n\
              |---|---|---|---|---|---|---|---|---|---|---|\n",
             TIMES[0] as f64 * 1e-6,
@@ -166,6 +171,7 @@ impl Report {
             bounds.bend_rad.to_degrees(),
             bounds.force_n,
             bounds.moment_s,
+            self.world,
         );
         for row in &self.rows {
             let reasons: Vec<&str> = row.reasons.iter().copied().collect();
@@ -221,7 +227,8 @@ pub(super) fn check_choice(only: &[String], names: &[&str]) -> Result<(), Error>
 pub fn run(args: &FaultsArgs) -> Result<(), Error> {
     let names: Vec<&str> = CATALOGUE.iter().map(|entry| entry.name).collect();
     check_choice(&args.only, &names)?;
-    let report = campaign(u64::from(args.seeds), &args.only)?;
+    let world = args.choice.world.as_deref();
+    let report = campaign(world, u64::from(args.seeds), &args.only)?;
     if let Some(path) = &args.json {
         output::write_file(path, output::json(&report))?;
     }

@@ -160,6 +160,8 @@ impl Row {
 /// The result of the campaign.
 #[derive(Clone, Debug, Serialize)]
 pub struct Report {
+    /// World of the runs.
+    pub world: String,
     /// Fault by fault.
     pub rows: Vec<Row>,
 }
@@ -174,10 +176,11 @@ impl Report {
              seed {SEED}, to the end of the run. *Seam* is what is interfered with: what the boards read,\n\
              hear and drive is simulated on the host, the boards are processes of their own. *Identical*\n\
              means that every torque, every frame on the bus, every output of the lead node and the outcome\n\
-             are, bit by bit, those of the same run in process.\n\n\
+             are, bit by bit, those of the same run in process. World: {}.\n\n\
              | fault | seam | ended | first reason | to rest (s) | error (cm) | ticks | compared with in process |\n\
              |---|---|---|---|---|---|---|---|\n",
-            AFTER as f64 * 1e-6
+            AFTER as f64 * 1e-6,
+            self.world,
         );
         for row in &self.rows {
             // Writing to a string does not fail.
@@ -292,7 +295,8 @@ pub fn run(args: &FaultsArgs) -> Result<(), Error> {
         .iter()
         .filter(|trial| is_chosen(trial.name, &args.only))
         .collect();
-    let (scenario, progress) = (scenario(), Progress::new(chosen.len(), "faults"));
+    let scenario = scenario(args.choice.world.as_deref())?;
+    let progress = Progress::new(chosen.len(), "faults");
     let rows: Result<Vec<Row>, Error> = chosen
         .into_par_iter()
         .map(|trial| {
@@ -301,7 +305,10 @@ pub fn run(args: &FaultsArgs) -> Result<(), Error> {
             row.map_err(|error| Error::Failure(format!("{}: {error}", trial.name)))
         })
         .collect();
-    let report = Report { rows: rows? };
+    let report = Report {
+        world: scenario.world.label(),
+        rows: rows?,
+    };
     drop(progress);
     if let Some(path) = &args.json {
         output::write_file(path, output::json(&report))?;

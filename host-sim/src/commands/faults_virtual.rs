@@ -109,6 +109,8 @@ impl Row {
 /// The result of the campaign.
 #[derive(Clone, Debug, Serialize)]
 pub struct Report {
+    /// World of the runs.
+    pub world: String,
     /// Seeds 1 to this.
     pub seeds: u64,
     /// Fault by fault.
@@ -132,11 +134,12 @@ impl Report {
              struck; truth is the motors' current, not what a board says. A run is wrong if neither holds, if\n\
              the first code heard does not fit ([codes](codes.md)), if a board is reset or found to do\n\
              anything that the fault does not explain, if a restart is not told, or if parameters in the\n\
-             flash are not what they were.\n\n\
+             flash are not what they were. World: {}.\n\n\
              | fault | seam | times × seeds | goes on | stops | other | codes | motors off (s) | allowed (s) | struck axle off (s) | allowed (s) |\n\
              |---|---|---|---|---|---|---|---|---|---|---|\n",
             seconds.join(", "),
             self.seeds,
+            self.world,
         );
         for row in &self.rows {
             // Writing to a string does not fail.
@@ -255,6 +258,7 @@ fn campaign(campaign: &Campaign, entries: &[&Entry], seeds: u64) -> Result<Repor
         Row::of(entry, outcomes.by_ref().take(runs).collect())
     });
     Ok(Report {
+        world: campaign.scenario.world.label(),
         seeds,
         rows: rows.collect(),
     })
@@ -276,7 +280,7 @@ pub fn run(args: &FaultsArgs) -> Result<(), Error> {
         .collect();
     let axle = args.axle_image.as_deref();
     let trials = Campaign {
-        scenario: scenario(),
+        scenario: scenario(args.choice.world.as_deref())?,
         images: Images::open(axle, axle, args.beam_image.as_deref())?,
         quick: args.quick,
         coverage: args.coverage.is_some().then(Arc::default),

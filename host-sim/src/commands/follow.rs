@@ -301,7 +301,6 @@ pub fn publish(
     files.bytes(&format!("{name}.png"), figure.png());
     files.csv("errors.csv", errors(moments));
     files.csv("log.csv", log::csv(&records));
-    files.json("result.json", &report);
     let both = |moment: &Moment| {
         [&moment.truth, &moment.estimate].map(|deviation| {
             let distance = match manner {

@@ -115,7 +115,6 @@ pub fn run(args: &HilArgs) -> Result<(), Error> {
     };
     report.experiment = experiment.map_err(|error| Error::Failure(error.to_string()))?;
     board_log::put(&mut files, &logs);
-    files.json("result.json", &report);
     let text = format!("{text}\n{}", summary(&report));
     context.finish_with(&text, &report, files, recorded)?;
     let mut excess = report.boards.iter().filter_map(BoardReport::stack_excess);

@@ -195,7 +195,6 @@ pub fn run(args: &HilArgs) -> Result<(), Error> {
     report.experiment =
         serde_json::to_value(experiment).map_err(|error| Error::Failure(error.to_string()))?;
     board_log::put(&mut files, &logs);
-    files.json("result.json", &report);
     let mut text = format!("{text}\n{}", summary(&report));
     if args.profile {
         files.json("profile.json", &profiles);

@@ -16,6 +16,8 @@ use serde::Serialize;
 /// Result of the bench.
 #[derive(Clone, Debug, Serialize)]
 pub struct Report {
+    /// World of the runs.
+    pub world: String,
     /// As in [`timing::clock`].
     pub clock: &'static str,
     /// Without a log, with a table of the epochs, and with everything the boards got and did.
@@ -81,6 +83,7 @@ pub fn measure(scenario: &Scenario, seed: u64, repeats: usize) -> Result<Report,
         log_bytes,
     };
     Ok(Report {
+        world: scenario.world.label(),
         clock: timing::clock(),
         loops: vec![
             of("plain", plain, 0),
@@ -92,7 +95,11 @@ pub fn measure(scenario: &Scenario, seed: u64, repeats: usize) -> Result<Report,
 
 /// `cfmmr loop-bench`.
 pub fn run(args: &LoopBenchArgs) -> Result<(), Error> {
-    let report = measure(&Scenario::default(), 1, args.repeats as usize)?;
+    let report = measure(
+        &Scenario::in_world(args.choice.world.as_deref())?,
+        1,
+        args.repeats as usize,
+    )?;
     let mut table = Table::new([
         "closed loop",
         "real-time factor",
@@ -117,9 +124,10 @@ pub fn run(args: &LoopBenchArgs) -> Result<(), Error> {
         output::write_file(path, output::json(&report))?;
     }
     super::print(&format!(
-        "Plant, sensors, three boards and bus at 1 kHz, median of {} runs ({} time of the loop's thread)\n\n{table}\n\
+        "Plant, sensors, three boards and bus at 1 kHz, world {}, median of {} runs ({} time of the loop's \
+         thread)\n\n{table}\n\
          logged: a table of the epochs. recorded: everything the boards got and did, as MCAP, which a second\n\
          thread writes.\n",
-        args.repeats, report.clock
+        report.world, args.repeats, report.clock
     ))
 }

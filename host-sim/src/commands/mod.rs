@@ -81,6 +81,26 @@ pub fn watch_for_interrupt() -> Result<Arc<AtomicBool>, Error> {
     Ok(flag)
 }
 
+/// A result, and the world that it is of.
+#[derive(Serialize)]
+pub struct InWorld<'a, T> {
+    world: &'a str,
+    #[serde(flatten)]
+    result: &'a T,
+}
+
+impl<'a, T: Serialize> InWorld<'a, T> {
+    /// A result in a world of this name.
+    pub const fn new(world: &'a str, result: &'a T) -> Self {
+        Self { world, result }
+    }
+
+    /// As JSON.
+    pub fn json(&self) -> String {
+        output::json(self)
+    }
+}
+
 /// What an experiment needs besides its own arguments.
 pub struct Context {
     /// The scenario with the changes of the command line.
@@ -98,7 +118,7 @@ impl Context {
     /// Reads the scenario and prepares the threads; `name` is the command.
     pub fn new(common: &Common, name: &str) -> Result<Self, Error> {
         let scenario = scenario(
-            common.world.as_deref(),
+            common.choice.world.as_deref(),
             common.scenario.as_deref(),
             &common.set,
         )?;
@@ -164,19 +184,22 @@ impl Context {
         &self,
         table: &str,
         result: &impl Serialize,
-        files: OutputDir,
+        mut files: OutputDir,
         recorded: Vec<PathBuf>,
     ) -> Result<(), Error> {
+        let world = self.scenario.world.label();
+        let json = InWorld::new(&world, result).json();
         if let Some(path) = &self.json {
-            output::write_file(path, output::json(result))?;
+            output::write_file(path, &json)?;
         }
+        files.text("result.json", json);
         let mut written = files.commit()?;
         written.extend(recorded);
         let lines: Vec<String> = written
             .iter()
             .map(|path| format!("wrote {}", path.display()))
             .collect();
-        print(&format!("{table}\n{}\n", lines.join("\n")))
+        print(&format!("{table}\nworld {world}\n{}\n", lines.join("\n")))
     }
 
     /// Dimensions of the robot for pictures.

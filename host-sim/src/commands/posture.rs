@@ -174,8 +174,6 @@ pub struct Report {
     pub seed: u64,
     /// Trials in each row.
     pub trials: u32,
-    /// World that the robot drove in.
-    pub world: String,
     /// The rows.
     pub rows: Vec<Row>,
 }
@@ -366,7 +364,7 @@ pub fn publish(
             summarize(variant, &outcomes, goal)
         })
         .collect();
-    let text = table(&rows, variants, (&context.scenario.world.name, trials));
+    let text = table(&rows, variants, (&context.scenario.world.label(), trials));
 
     let mut files = context.output()?;
     let body = context.body();
@@ -453,10 +451,8 @@ pub fn publish(
     let report = Report {
         seed: context.seed,
         trials: trials as u32,
-        world: context.scenario.world.name.clone(),
         rows,
     };
-    files.json("result.json", &report);
     Ok((text, report, files))
 }
 

@@ -147,7 +147,6 @@ pub fn run(args: &SensitivityArgs) -> Result<(), Error> {
     let mut files = context.output()?;
     files.text("sensitivity.md", markdown(&report));
     files.csv("trials.csv", csv);
-    files.json("result.json", &report);
     context.finish(&table(&report), &report, files)
 }
 

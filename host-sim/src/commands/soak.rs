@@ -31,7 +31,7 @@ fn markdown(measured: &Measured) -> String {
         "# Soak\n\n\
          Written by `cfmmr soak --ticks {} > docs/soak.md`. {:.2} hours of robot time: {} axle ticks\n\
          with all sensors, all noise and a bus that loses 1 % of the frames, from goal to goal in a\n\
-         square of 3 m, with the boards in process and no restart. It is dead reckoning throughout: σ is the\n\
+         square of 3 m (world: {}), with the boards in process and no restart. It is dead reckoning throughout: σ is the\n\
          largest standard deviation that the robot claims for its position and heading (usually it stops at\n\
          {} m and {} rad, here it may not know its place), *error* that of its position at the goals (rms),\n\
          NEES the squared error in terms of what is claimed: 3 of a consistent estimator, but each value\n\
@@ -42,6 +42,7 @@ fn markdown(measured: &Measured) -> String {
         report.ticks,
         soak::seconds(report.ticks) / 3600.0,
         report.ticks,
+        report.world,
         limits.position_sigma_m,
         limits.heading_sigma_rad,
     );
@@ -110,7 +111,10 @@ fn markdown(measured: &Measured) -> String {
 pub fn run(args: &SoakArgs) -> Result<(), Error> {
     let progress = Progress::new(soak::pieces(), "soak");
     let started = Instant::now();
-    let report = soak::run(args.ticks, WINDOWS, args.seed, || progress.advance())?;
+    let scenario = soak::scenario(args.choice.world.as_deref())?;
+    let report = soak::run(&scenario, args.ticks, WINDOWS, args.seed, || {
+        progress.advance()
+    })?;
     drop(progress);
     let measured = Measured {
         real_time_factor: soak::seconds(args.ticks) / started.elapsed().as_secs_f64(),

@@ -456,7 +456,6 @@ pub fn run(args: &SweepArgs) -> Result<(), Error> {
     files.text("sweep.svg", figure.svg());
     files.bytes("sweep.png", figure.png());
     files.csv("starts.csv", csv(&starts));
-    files.json("result.json", &report);
     context.finish(&text, &report, files)
 }
 

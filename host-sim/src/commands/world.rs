@@ -1,18 +1,49 @@
-//! `cfmmr world`: the true robot and its surroundings, each figure with its reason.
+//! `cfmmr world`: the true robot and its surroundings, each figure with its unit and reason.
 
 use crate::cli::WorldArgs;
 use crate::error::Error;
-use crate::world::{self, NAMES, World};
+use crate::table::Table;
+use crate::world::{self, Figure, NAMES};
+use serde::Serialize;
+
+/// What is written as JSON.
+#[derive(Serialize)]
+struct Printed<'a> {
+    world: &'a str,
+    figures: Vec<Figure>,
+}
 
 /// Prints a world, or the names of those that are built in.
 pub fn run(args: &WorldArgs) -> Result<(), Error> {
     let Some(name) = &args.name else {
         return super::print(&(NAMES.join("\n") + "\n"));
     };
-    let checked = World::load(name)?;
+    if args.toml {
+        world::World::load(name)?;
+        return super::print(&world::text(name)?);
+    }
+    let figures = world::figures(name)?;
     if args.json {
-        let json = serde_json::to_string_pretty(&checked);
+        let printed = Printed {
+            world: name,
+            figures,
+        };
+        let json = serde_json::to_string_pretty(&printed);
         return super::print(&(json.map_err(|error| Error::Failure(error.to_string()))? + "\n"));
     }
-    super::print(&world::text(name)?)
+    let mut table = Table::new(["figure", "value", "unit", "reason"]).left_aligned();
+    for (k, figure) in figures.iter().enumerate() {
+        if k > 0 && figure.plain != figures[k - 1].plain {
+            table.rule();
+        }
+        table.row([
+            figure.key.clone(),
+            figure.value.to_string(),
+            figure.unit.clone(),
+            figure.reason.clone(),
+        ]);
+    }
+    super::print(&format!(
+        "World {name}; σ: standard deviation, drawn a trial. Below the line: as in plain.\n\n{table}"
+    ))
 }

@@ -148,6 +148,7 @@ impl Mcap {
                 ("command", about.command.to_owned()),
                 ("seed", about.seed.to_string()),
                 ("trial", about.trial.to_string()),
+                ("world", about.scenario.world.label()),
                 ("scenario_hash", sum(&scenario)),
                 ("scenario", scenario),
                 ("messages_hash", sum(&dbc::description())),

@@ -3,10 +3,12 @@
 //! What the robot's boards believe of it is another type,
 //! [`RobotConfig`](core_algos::node::robot::RobotConfig). Nothing connects the two but the draw and what
 //! sensors and motors do. A world is a TOML file with the tables `plant`, `spread`, `sensors` and `bus`;
-//! what it leaves out keeps its default. Four are built in ([`NAMES`]).
+//! what it leaves out is as in `plain`, which has every figure. Five are built in ([`NAMES`]).
 
+mod figures;
 mod spread;
 
+pub use figures::{Figure, figures};
 pub use spread::{PlantErrors, Spread};
 
 use crate::error::Error;
@@ -17,8 +19,14 @@ use crate::virtual_bus::BusConfig;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
+/// World of an experiment that names none.
+pub const DEFAULT: &str = "plain";
+
+const PLAIN: &str = include_str!("../../worlds/plain.toml");
+
 /// The worlds that are built in, with their texts.
-const BUILT_IN: [(&str, &str); 4] = [
+const BUILT_IN: [(&str, &str); 5] = [
+    ("plain", PLAIN),
     ("ideal", include_str!("../../worlds/ideal.toml")),
     ("paper", include_str!("../../worlds/paper.toml")),
     ("ordinary", include_str!("../../worlds/ordinary.toml")),
@@ -26,14 +34,22 @@ const BUILT_IN: [(&str, &str); 4] = [
 ];
 
 /// Names of the worlds that are built in.
-pub const NAMES: [&str; 4] = [BUILT_IN[0].0, BUILT_IN[1].0, BUILT_IN[2].0, BUILT_IN[3].0];
+pub const NAMES: [&str; BUILT_IN.len()] = {
+    let mut names = [""; BUILT_IN.len()];
+    let mut i = 0;
+    while i < names.len() {
+        names[i] = BUILT_IN[i].0;
+        i += 1;
+    }
+    names
+};
 
 /// The true robot and its surroundings, as distributions.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct World {
-    /// Name, which stands beside every result.
-    #[serde(rename = "world")]
+    /// Name by which it was asked for.
+    #[serde(skip)]
     pub name: String,
     /// The plant: the means of what differs from robot to robot.
     pub plant: PlantConfig,
@@ -66,7 +82,7 @@ pub fn text(name: &str) -> Result<String, Error> {
     std::fs::read_to_string(Path::new(name)).map_err(|error| {
         let names = NAMES.join(", ");
         Error::input(format!(
-            "--world {name}: must be {names}, or a file: {error}"
+            "world = {name}: must be {names}, or a file: {error}"
         ))
     })
 }
@@ -75,11 +91,23 @@ impl World {
     /// A built-in world by its name, or one from a file, every value checked.
     pub fn load(name: &str) -> Result<Self, Error> {
         let mut world: Self = scenario_file::parse(&text(name)?, name, &[])?;
-        if world.name == Self::default().name {
-            world.name = name.to_owned();
-        }
+        name.clone_into(&mut world.name);
         world.check()?;
         Ok(world)
+    }
+
+    /// The name that stands beside results: one that says so if not all is as that world has it. What
+    /// inertial sensors are fitted is the robot's equipment.
+    pub fn label(&self) -> String {
+        let named = Self::load(&self.name).map(|mut named| {
+            named.sensors.gyro.fitted = self.sensors.gyro.fitted;
+            named.sensors.accelerometer.fitted = self.sensors.accelerometer.fitted;
+            named
+        });
+        match named {
+            Ok(named) if named == *self => self.name.clone(),
+            _ => format!("{}, changed", self.name),
+        }
     }
 
     /// Checks every value.
@@ -151,8 +179,14 @@ mod tests {
     #[test]
     fn built_in_worlds_are_valid_and_bear_their_names() {
         for name in NAMES {
-            assert_eq!(World::load(name).unwrap().name, name);
+            let mut world = World::load(name).unwrap();
+            assert_eq!(world.label(), name);
+            world.sensors.gyro.fitted = true;
+            assert_eq!(world.label(), name);
+            world.plant.friction += 0.01;
+            assert_eq!(world.label(), format!("{name}, changed"));
         }
+        assert_eq!(World::load("plain").unwrap(), World::default());
         let why = World::load("nowhere").unwrap_err().to_string();
         assert!(why.contains("careful") && why.contains("nowhere"), "{why}");
     }
@@ -181,6 +215,11 @@ mod tests {
                 "[sensors.bridge]\ncommon_gain_sigma = -1.0",
                 ["common_gain_sigma", "-1"],
             ),
+            (
+                "[sensors.bridge]\ngauges_m = [0.1, 0.4]",
+                ["gauges_m[1] = 0.4", "from 0 to"],
+            ),
+            ("[sensors.bridge]\ngauges_m = []", ["gauges_m", "1"]),
         ] {
             let why = refuse(text);
             assert!(words.iter().all(|word| why.contains(word)), "{text}: {why}");

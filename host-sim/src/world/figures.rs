@@ -1,0 +1,146 @@
+//! The figures of a world with unit and reason, which are comments of its file.
+//!
+//! The comment above an entry is its reason, and that of the entries that follow it without a comment of
+//! their own; what stands behind an entry of `plain` is the unit in every world.
+
+use super::{PLAIN, World, text};
+use crate::error::Error;
+use serde::Serialize;
+use std::collections::BTreeMap;
+use toml::{Table, Value};
+
+/// A figure of a world.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Figure {
+    /// Its key in the file.
+    pub key: String,
+    /// Its value.
+    pub value: Value,
+    /// Its unit; nothing of a pure number or a word.
+    pub unit: String,
+    /// Why it has this value; nothing if the file does not say.
+    pub reason: String,
+    /// Whether it is as in `plain` because the world leaves it out.
+    pub plain: bool,
+}
+
+/// What comments say of an entry.
+#[derive(Clone, Debug, Default, PartialEq)]
+struct Said {
+    unit: String,
+    reason: String,
+}
+
+/// All figures of a world, those of its own file first.
+pub fn figures(name: &str) -> Result<Vec<Figure>, Error> {
+    let world = World::load(name)?;
+    let table = Table::try_from(&world).map_err(|error| Error::Failure(error.to_string()))?;
+    let (own, plain) = (comments(&text(name)?), comments(PLAIN));
+    let mut figures = Vec::new();
+    leaves(&table, "", &mut |key, value| {
+        let below = plain.get(key).cloned().unwrap_or_default();
+        figures.push(Figure {
+            key: key.to_owned(),
+            value: value.clone(),
+            unit: below.unit,
+            reason: own.get(key).map_or(below.reason, |own| own.reason.clone()),
+            plain: !own.contains_key(key),
+        });
+    });
+    figures.sort_by_key(|figure| figure.plain);
+    Ok(figures)
+}
+
+/// Visits every entry that is not a table.
+fn leaves(table: &Table, within: &str, visit: &mut impl FnMut(&str, &Value)) {
+    for (key, value) in table {
+        let key = match within {
+            "" => key.clone(),
+            _ => format!("{within}.{key}"),
+        };
+        match value {
+            Value::Table(inner) => leaves(inner, &key, visit),
+            _ => visit(&key, value),
+        }
+    }
+}
+
+/// The comments of a file that reads as a world, by key.
+fn comments(text: &str) -> BTreeMap<String, Said> {
+    let mut found = BTreeMap::new();
+    let (mut table, mut above, mut reason) = (String::new(), Vec::new(), String::new());
+    for line in text.lines().map(str::trim) {
+        if let Some(comment) = line.strip_prefix('#') {
+            above.push(comment.trim());
+            continue;
+        }
+        if let Some((name, _)) = line.strip_prefix('[').and_then(|rest| rest.split_once(']')) {
+            table = format!("{}.", name.trim());
+        } else if let Some((key, value)) = line.split_once('=') {
+            if !above.is_empty() {
+                reason = above.join(" ");
+            }
+            let unit = value.split_once('#').map_or("", |(_, unit)| unit.trim());
+            let said = Said {
+                unit: unit.to_owned(),
+                reason: reason.clone(),
+            };
+            found.insert(format!("{table}{}", key.trim()), said);
+            above.clear();
+            continue;
+        }
+        // A comment before an empty line or a table is none of an entry.
+        above.clear();
+        reason.clear();
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::world::NAMES;
+
+    /// Every figure there is has a reason in every world, and what has a unit in its name bears it.
+    #[test]
+    fn each_figure_of_a_built_in_world_has_value_unit_and_reason() {
+        for name in NAMES {
+            let figures = figures(name).unwrap();
+            assert!(figures.len() > 85, "{}", figures.len());
+            for figure in figures {
+                assert!(figure.reason.len() > 3, "{name}: {}", figure.key);
+                let ends = [
+                    ("_m", "m"),
+                    ("_rad", "rad"),
+                    ("_s", "s"),
+                    ("_kg", "kg"),
+                    ("_ms", "ms"),
+                ];
+                let wanted = ends.iter().find(|(end, _)| figure.key.ends_with(end));
+                if let Some((_, unit)) = wanted {
+                    assert!(
+                        figure.unit.ends_with(unit),
+                        "{}: {}",
+                        figure.key,
+                        figure.unit
+                    );
+                }
+                if name == "plain" {
+                    assert!(!figure.plain, "{} is not in the file", figure.key);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_comment_is_the_reason_of_what_follows_it_without_another() {
+        let text = "# Of the file.\n\n[a.b]\n# First,\n# and more.\nx = 1 # m\ny = 2\n# Third.\nz = \"w\"\n\nv = 3\n";
+        let said = comments(text);
+        let reason = |key: &str| said[key].reason.as_str();
+        assert_eq!(reason("a.b.x"), "First, and more.");
+        assert_eq!(said["a.b.x"].unit, "m");
+        assert_eq!(reason("a.b.y"), "First, and more.");
+        assert_eq!(reason("a.b.z"), "Third.");
+        assert_eq!(reason("a.b.v"), "");
+    }
+}
