@@ -29,7 +29,7 @@ use core_algos::node::lead::{self, Task};
 use core_algos::node::robot::RobotConfig;
 use core_algos::node::{EPOCH, Micros, TICK, axle};
 use core_algos::params::{Inertial, Settings};
-use core_algos::safety::Conditions;
+use core_algos::safety::{Condition, Conditions};
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
@@ -111,6 +111,11 @@ pub struct Outcome {
     pub nees: f64,
     /// Whether the lead node reported the task done.
     pub done: bool,
+    /// Whether it said that it is not certain of having reached its goal.
+    pub uncertain: bool,
+    /// Where it claims to be with 95 %: half axis of its position (m), half the interval of its heading
+    /// (rad).
+    pub claimed: [f64; 2],
     /// Whether the regulator gave up.
     pub gave_up: bool,
     /// Time from the beginning of the task to its end, s.
@@ -866,6 +871,9 @@ pub fn regulate_on(
     outcome.nees = nees(&fused.robot, record.midpoint);
     outcome.estimate = [center.x, center.y, center.phi].map(f64::from);
     outcome.done = done_at.is_some();
+    outcome.claimed = fused.robot.half_axes_95().map(f64::from);
+    let notices = simulation.monitor().noticed(Node::Lead);
+    outcome.uncertain = notices.contains(Condition::ReachedUncertain);
     outcome.duration_s = (done_at.unwrap_or(simulation.now()).saturating_sub(settle)) as f64 * 1e-6;
     outcome.force_rms_n = (force_square / count.max(1) as f64).sqrt();
     Ok(outcome)

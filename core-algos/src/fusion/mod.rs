@@ -24,6 +24,7 @@ pub mod track;
 
 use crate::math::Posture;
 use crate::math::matrix::{self, Mat3};
+use crate::math::trig::sqrt;
 
 /// A posture with the covariance of its error.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -50,8 +51,54 @@ impl Estimate {
         Self::new(posture, matrix::diagonal(sigmas.map(|sigma| sigma * sigma)))
     }
 
+    /// Where the truth lies with 95 %: the longer half axis of the ellipse of the position (m) and half
+    /// the interval of the heading (rad).
+    pub fn half_axes_95(&self) -> [f32; 2] {
+        let p = &self.covariance;
+        let half = 0.5 * (p[0][0] - p[1][1]);
+        let across = sqrt(half * half + p[0][1] * p[1][0]);
+        let longest = 0.5 * (p[0][0] + p[1][1]) + across;
+        // Of χ² with two degrees of freedom and with one.
+        [sqrt(5.991 * longest), sqrt(3.841 * p[2][2])]
+    }
+
     /// Whether every number is finite.
     pub fn is_finite(&self) -> bool {
         self.posture.is_finite() && matrix::is_finite(&self.covariance)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// An ellipse of known axes, turned; seen in the direction of its long axis by a search.
+    #[test]
+    fn half_axes_are_those_of_the_ellipse_however_it_lies() {
+        for turn in [0.0f32, 0.4, 1.2, 2.5] {
+            let (sin, cos) = turn.sin_cos();
+            let (long, short) = (0.02f32 * 0.02, 0.005f32 * 0.005);
+            let mut covariance = matrix::diagonal([0.0, 0.0, 4e-4]);
+            covariance[0][0] = cos * cos * long + sin * sin * short;
+            covariance[1][1] = sin * sin * long + cos * cos * short;
+            covariance[0][1] = sin * cos * (long - short);
+            covariance[1][0] = covariance[0][1];
+            let widest = (0..3142)
+                .map(|k| {
+                    let (y, x) = (k as f32 * 1e-3).sin_cos();
+                    x * x * covariance[0][0]
+                        + 2.0 * x * y * covariance[0][1]
+                        + y * y * covariance[1][1]
+                })
+                .fold(0.0, f32::max);
+            let [position, heading] = Estimate::new(Posture::ORIGIN, covariance).half_axes_95();
+            // 95 % of two normal errors lie within √(−2 ln 0.05), of one within 1.96.
+            let factor = (-2.0 * 0.05f32.ln()).sqrt();
+            assert!((position / (factor * widest.sqrt()) - 1.0).abs() < 1e-4);
+            assert!((position / (factor * 0.02) - 1.0).abs() < 1e-3);
+            assert!((heading / (1.96 * 0.02) - 1.0).abs() < 1e-3);
+        }
+        let unknown = Estimate::with_sigmas(Posture::ORIGIN, [f32::NAN; 3]);
+        assert!(unknown.half_axes_95().iter().all(|axis| axis.is_nan()));
     }
 }

@@ -84,6 +84,10 @@ pub struct Limits {
     pub position_sigma_m: f32,
     /// Standard deviation of the heading of O, rad; likewise.
     pub heading_sigma_rad: f32,
+    /// Half axis of the position of O in which a goal counts as reached for certain, with 95 %, m.
+    pub goal_position_m: f32,
+    /// The same of its heading, rad.
+    pub goal_heading_rad: f32,
 }
 
 impl Default for Limits {
@@ -94,6 +98,8 @@ impl Default for Limits {
             moment_n_m: 6.0,
             position_sigma_m: 0.5,
             heading_sigma_rad: 0.5,
+            goal_position_m: 0.03,
+            goal_heading_rad: 0.052,
         }
     }
 }
@@ -105,6 +111,8 @@ impl Limits {
         positive("moment_n_m", self.moment_n_m)?;
         positive("position_sigma_m", self.position_sigma_m)?;
         positive("heading_sigma_rad", self.heading_sigma_rad)?;
+        positive("goal_position_m", self.goal_position_m)?;
+        positive("goal_heading_rad", self.goal_heading_rad)?;
         Ok(())
     }
 
@@ -114,6 +122,12 @@ impl Limits {
         !(force <= self.force_n * self.force_n
             && wrench.moment_root.abs() <= self.moment_n_m
             && wrench.moment_end.abs() <= self.moment_n_m)
+    }
+
+    /// Whether a goal is reached for certain by this estimate. By NaN it is not.
+    fn is_certain(&self, robot: &Estimate) -> bool {
+        let [position, heading] = robot.half_axes_95();
+        position <= self.goal_position_m && heading <= self.goal_heading_rad
     }
 
     /// Whether an estimate is too uncertain to drive by.
@@ -778,6 +792,8 @@ impl LeadNode {
             let refused = fused.beam.verdict == Verdict::Gated;
             vague || (refused && state.supervisor.operating() == OperatingState::Active)
         });
+        let certain = |fused: &tandem::Output| self.with.limits.is_certain(&fused.robot);
+        let doubtful = state.done && fused.is_some_and(|fused| !certain(fused));
         Conditions::NONE
             .with(
                 Condition::NeighbourLost,
@@ -793,6 +809,7 @@ impl LeadNode {
             .with(Condition::WrenchHigh, strained)
             .with(Condition::NotANumber, unsound)
             .with(Condition::EstimateInconsistent, uncertain)
+            .with(Condition::ReachedUncertain, doubtful)
     }
 
     /// Runs the time of a stop; whether it is over.

@@ -117,6 +117,8 @@ conditions! {
         "a tick ended after its time"; "lower the load of the board".
     ConversionsLost = 0x0c "conversions lost" 0 ms:
         "samples of the strain bridges were lost and their scan began anew"; "look for a faulty converter or an overload if it repeats".
+    ReachedUncertain = 0x0d "reached, uncertain" 0 ms:
+        "the robot is where it believes its goal to be, but knows its posture less well than a goal asks for"; "give it an absolute fix, or calibrate it, tell it how well it was placed and drive a shorter way".
     BeamLost = 0x40 "relative position sensor lost" 50 ms:
         "no posture comes from the beam, the estimate goes on from the encoders"; "check the beam board and its cable".
     EmergencyStop = 0x80 "emergency stop" 0 ms:

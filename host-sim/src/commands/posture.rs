@@ -14,6 +14,7 @@ use crate::simulation::{self, Outcome, Record};
 use crate::statistics::{self, Summary};
 use crate::table::{Table, plus_minus};
 use core_algos::fusion::tandem::Mode;
+use core_algos::safety::Condition;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -155,10 +156,15 @@ pub struct Row {
     pub nees: f64,
     /// Share of trials whose error of the estimate of O lies in the claimed 99 % ellipsoid.
     pub inside_share: f64,
-    /// How trials ended: `reached`, the code of the first stop, or `time limit`, and how many.
+    /// How trials ended: `reached`, `reached, uncertain`, the code of the first stop, or `time limit`, and
+    /// how many.
     pub ends: BTreeMap<String, u32>,
-    /// Trials reported as done that were not within 3 cm and 3°.
+    /// Trials reported as reached for certain that were not within 3 cm and 3°.
     pub false_successes: u32,
+    /// Half axis of the ellipse in which the robot claims to be with 95 %.
+    pub claimed_m: Summary,
+    /// Half the interval in which it claims its heading to be with 95 %.
+    pub claimed_rad: Summary,
     /// Error of the estimated position of the front axle as seen from the rear axle.
     pub drift_m: Summary,
     /// Root mean square of the frame's force in a trial.
@@ -196,7 +202,7 @@ pub fn summarize(variant: &Variant, outcomes: &[Outcome], goal: [f64; 3]) -> Row
         *ends.entry(end_of(outcome)).or_default() += 1;
     }
     let pairs = outcomes.iter().zip(&errors);
-    let false_successes = pairs.filter(|(o, error)| o.done && !is_near(error)).count();
+    let false_successes = pairs.filter(|(o, error)| o.done && !o.uncertain && !is_near(error));
     Row {
         rps: variant.rps,
         imu: variant.imu,
@@ -210,7 +216,9 @@ pub fn summarize(variant: &Variant, outcomes: &[Outcome], goal: [f64; 3]) -> Row
         nees: Summary::of(&outcome(|o| o.nees)).mean,
         inside_share: statistics::share(&outcome(|o| o.nees), |nees| nees <= CHI_SQUARE_99),
         ends,
-        false_successes: false_successes as u32,
+        false_successes: false_successes.count() as u32,
+        claimed_m: Summary::of(&outcome(|o| o.claimed[0])),
+        claimed_rad: Summary::of(&outcome(|o| o.claimed[1])),
         drift_m: Summary::of(&outcome(|o| o.relative_error[0].hypot(o.relative_error[1]))),
         force_rms_n: Summary::of(&outcome(|o| o.force_rms_n)),
         duration_s: Summary::of(&outcome(|o| o.duration_s)),
@@ -227,6 +235,7 @@ fn end_of(outcome: &Outcome) -> String {
             || status.state.name().to_owned(),
             |code| code.entry().name.to_owned(),
         ),
+        (None, true) if outcome.uncertain => Condition::ReachedUncertain.entry().name.to_owned(),
         (None, true) => "reached".to_owned(),
         (None, false) if outcome.gave_up => "gave up".to_owned(),
         (None, false) => "time limit".to_owned(),
@@ -598,6 +607,7 @@ fn table(rows: &[Row], variants: &[Variant], (world, trials): (&str, usize)) -> 
         "drift (mm)",
         "force (N)",
         "NEES",
+        "claims (cm)",
     ]);
     table.row([
         "paper, without RPS",
@@ -627,6 +637,7 @@ fn table(rows: &[Row], variants: &[Variant], (world, trials): (&str, usize)) -> 
             format!("{:.2}", 1e3 * row.drift_m.mean),
             format!("{:.2}", row.force_rms_n.mean),
             format!("{:.1}", row.nees),
+            format!("{:.1}", 100.0 * row.claimed_m.mean),
         ]);
     }
     let mut text = format!(
@@ -636,7 +647,8 @@ fn table(rows: &[Row], variants: &[Variant], (world, trials): (&str, usize)) -> 
          they are the direction of a\nresidue; the heading of O is the better figure there. drift: \
          error of the estimated position of the\nfront axle seen from the rear; force: of the \
          frame, rms; NEES: squared error of the estimate of O over the covariance that it claims, \
-         3 if the\nclaim is right.\n"
+         3 if the\nclaim is right; claims: half axis of the ellipse in which the robot says it is \
+         with 95 %. Beyond 3 cm or\n3° it says that it has reached its goal, uncertain.\n"
     );
     for (row, variant) in rows.iter().zip(variants) {
         let others: Vec<String> = row
@@ -645,16 +657,14 @@ fn table(rows: &[Row], variants: &[Variant], (world, trials): (&str, usize)) -> 
             .filter(|(end, _)| *end != "reached")
             .map(|(end, count)| format!("{count} {end}"))
             .collect();
-        if !others.is_empty() || row.false_successes > 0 {
+        if !others.is_empty() {
+            text += &format!("{}: {}.\n", variant.label(), others.join("; "));
+        }
+        if row.false_successes > 0 {
             text += &format!(
-                "{}: {} reached without being within 3 cm, 3°; ended otherwise: {}.\n",
+                "{}: {} reached, the robot says, and not within 3 cm and 3°.\n",
                 variant.label(),
                 row.false_successes,
-                if others.is_empty() {
-                    "none".to_owned()
-                } else {
-                    others.join(", ")
-                },
             );
         }
     }
