@@ -293,3 +293,21 @@ fn commands_write_the_same_bytes_for_the_same_seed() {
         }
     }
 }
+
+#[test]
+fn a_run_that_is_stopped_says_why_and_fails() {
+    let folder = tempfile::tempdir().unwrap();
+    let limit = "robot.lead.limits.moment_n_m=0.1";
+    let all = ["follow", "--set", limit, "--json", "result.json"];
+    let output = cfmmr(folder.path(), &all);
+    let error = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(1), "{error}");
+    for word in ["wrench high (0x87)", " s: ", "look for a blocked wheel"] {
+        assert!(error.contains(word), "no {word:?} in {error}");
+    }
+    let result = fs::read_to_string(folder.path().join("result.json")).unwrap();
+    assert!(
+        result.contains("\"done\": false") && result.contains("0x87"),
+        "{result}"
+    );
+}

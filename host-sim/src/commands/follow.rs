@@ -11,7 +11,7 @@ use crate::output::{Cell, Csv, OutputDir};
 use crate::paths::Path;
 use crate::recording::{About, Recorder};
 use crate::report;
-use crate::simulation::Record;
+use crate::simulation::{Record, Simulation};
 use crate::table::Table;
 use serde::Serialize;
 use std::fs::File;
@@ -90,6 +90,8 @@ pub struct Report {
     pub curvature_bound: f64,
     /// Whether the robot came to rest at the end.
     pub done: bool,
+    /// Why it did not.
+    pub ended: Option<String>,
     /// Time until then, s.
     pub duration_s: f64,
 }
@@ -146,14 +148,34 @@ pub fn run(args: &FollowArgs, manner: Manner) -> Result<(), Error> {
         let mut simulation = recorder.simulation()?;
         let see = |moment: &Moment| kept.see(moment);
         let outcome = driving::drive_on(&mut simulation, scenario, route, manner, see)?;
-        Ok((outcome, kept))
+        let why = (!outcome.done).then(|| why_not(&simulation));
+        Ok((outcome, kept, why))
     })?;
     let recorded = recorder.close()?;
-    let Some((outcome, kept)) = results.pop() else {
+    let Some((outcome, kept, why)) = results.pop() else {
         return Err(Error::Failure("no run".to_owned()));
     };
-    let (text, report, files) = publish(&context, &course, manner, &outcome, &kept)?;
-    context.finish_with(&text, &report, files, recorded)
+    let (text, mut report, files) = publish(&context, &course, manner, &outcome, &kept)?;
+    report.ended.clone_from(&why);
+    context.finish_with(&text, &report, files, recorded)?;
+    match why {
+        None => Ok(()),
+        Some(why) => Err(Error::Failure(format!(
+            "the robot did not come to rest at the end of the path: {why}"
+        ))),
+    }
+}
+
+/// Why the robot did not come to rest at the end, and what to do about it.
+fn why_not(simulation: &Simulation) -> String {
+    let Some(why) = simulation.failure() else {
+        return "its time was over".to_owned();
+    };
+    let first = simulation.monitor().first_fault();
+    match first.and_then(|status| status.reason) {
+        Some(code) => format!("{why}: {}", code.entry().remedy),
+        None => why,
+    }
 }
 
 /// A path and how it is to be driven.
@@ -269,6 +291,7 @@ pub fn publish(
         max_curvature: outcome.max_curvature,
         curvature_bound: route.curvature_bound(),
         done: outcome.done,
+        ended: None,
         duration_s: outcome.duration_s,
     };
     let records: Vec<_> = moments.iter().map(|moment| moment.record).collect();
