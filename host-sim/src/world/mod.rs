@@ -118,8 +118,8 @@ impl World {
         self.spread.check()?;
         self.sensors.validate()?;
         let length = self.plant.strip_length_m;
-        let gauges = self.sensors.bridge.gauges_m.iter().enumerate();
-        for (i, place) in gauges.filter(|(_, place)| !(0.0..=length).contains(*place)) {
+        let mut gauges = self.sensors.bridge.gauges_m.iter().enumerate();
+        if let Some((i, place)) = gauges.find(|(_, place)| !(0.0..=length).contains(*place)) {
             return Err(Error::input(format!(
                 "sensors.bridge.gauges_m[{i}] = {place}: must be a number from 0 to \
                  plant.strip_length_m, which is {length}"
