@@ -106,8 +106,8 @@ pub enum Command {
 /// The world that an experiment is in.
 #[derive(Clone, Debug, Default, Args)]
 pub struct WorldChoice {
-    /// World that the robot drives in: plain, ideal, paper, ordinary, careful, or a TOML file (see `cfmmr
-    /// world`) [default: that of the scenario, or plain]
+    /// World that the robot drives in: one that `cfmmr world` lists, or a TOML file [default: that of the
+    /// scenario, or plain]
     #[arg(long, value_name = "NAME|FILE")]
     pub world: Option<String>,
 }
@@ -476,7 +476,7 @@ pub struct ConfigArgs {
 /// Arguments of `world`.
 #[derive(Clone, Debug, Args)]
 pub struct WorldArgs {
-    /// plain, ideal, paper, ordinary, careful, or a TOML file; without it the names are listed
+    /// Name of a world, or a TOML file; without it the names are listed
     pub name: Option<String>,
     /// Print it as JSON
     #[arg(long, requires = "name")]

@@ -389,8 +389,7 @@ impl Simulation {
         if !over || self.recovery.as_ref().is_some_and(Recovery::pending) {
             return None;
         }
-        let first = self.monitor.first_fault()?;
-        Some(format!("the robot stopped for a fault at {first}"))
+        self.monitor.why_stopped()
     }
 
     /// Has the host clear the faults and give the task again, so long after a board was restarted

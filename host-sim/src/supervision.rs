@@ -115,6 +115,14 @@ impl Monitor {
         &self.changes
     }
 
+    /// Why the robot stopped, with code, time and what to do about it; nothing if no node told of a fault.
+    pub fn why_stopped(&self) -> Option<String> {
+        let first = self.first_fault()?;
+        let advice = first.reason.map(|code| code.entry().remedy);
+        let advice = advice.map_or_else(String::new, |remedy| format!(": {remedy}"));
+        Some(format!("the robot stopped for a fault at {first}{advice}"))
+    }
+
     /// Since which tick (ms) a node has been in fault, if it is.
     pub fn fault_since(&self, node: Node) -> Option<u64> {
         let of_node = |status: &&Status| status.node == node;

@@ -11,7 +11,7 @@ use crate::output::{Cell, Csv, OutputDir};
 use crate::paths::Path;
 use crate::recording::{About, Recorder};
 use crate::report;
-use crate::simulation::{Record, Simulation};
+use crate::simulation::Record;
 use crate::table::Table;
 use serde::Serialize;
 use std::fs::File;
@@ -148,33 +148,25 @@ pub fn run(args: &FollowArgs, manner: Manner) -> Result<(), Error> {
         let mut simulation = recorder.simulation()?;
         let see = |moment: &Moment| kept.see(moment);
         let outcome = driving::drive_on(&mut simulation, scenario, route, manner, see)?;
-        let why = (!outcome.done).then(|| why_not(&simulation));
+        let why = || {
+            simulation
+                .failure()
+                .unwrap_or("its time was over".to_owned())
+        };
+        let why = (!outcome.done).then(why);
         Ok((outcome, kept, why))
     })?;
     let recorded = recorder.close()?;
     let Some((outcome, kept, why)) = results.pop() else {
         return Err(Error::Failure("no run".to_owned()));
     };
-    let (text, mut report, files) = publish(&context, &course, manner, &outcome, &kept)?;
-    report.ended.clone_from(&why);
+    let (text, report, files) = publish(&context, &course, manner, (&outcome, &why), &kept)?;
     context.finish_with(&text, &report, files, recorded)?;
     match why {
         None => Ok(()),
         Some(why) => Err(Error::Failure(format!(
             "the robot did not come to rest at the end of the path: {why}"
         ))),
-    }
-}
-
-/// Why the robot did not come to rest at the end, and what to do about it.
-fn why_not(simulation: &Simulation) -> String {
-    let Some(why) = simulation.failure() else {
-        return "its time was over".to_owned();
-    };
-    let first = simulation.monitor().first_fault();
-    match first.and_then(|status| status.reason) {
-        Some(code) => format!("{why}: {}", code.entry().remedy),
-        None => why,
     }
 }
 
@@ -258,12 +250,12 @@ impl Kept {
     }
 }
 
-/// Table, result and files of a run.
+/// Table, result and files of a run, and why it ended early if it did.
 pub fn publish(
     context: &Context,
     course: &Course,
     manner: Manner,
-    outcome: &Outcome,
+    (outcome, ended): (&Outcome, &Option<String>),
     kept: &Kept,
 ) -> Result<(String, Report, OutputDir), Error> {
     let (name, title) = names(manner);
@@ -291,7 +283,7 @@ pub fn publish(
         max_curvature: outcome.max_curvature,
         curvature_bound: route.curvature_bound(),
         done: outcome.done,
-        ended: None,
+        ended: ended.clone(),
         duration_s: outcome.duration_s,
     };
     let records: Vec<_> = moments.iter().map(|moment| moment.record).collect();

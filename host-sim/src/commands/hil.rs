@@ -108,7 +108,8 @@ pub fn run(args: &HilArgs) -> Result<(), Error> {
             (text, serde_json::to_value(report), files)
         }
         (Task::Course(course, manner), Outcome::Course(outcome, kept)) => {
-            let (text, report, files) = follow::publish(&context, course, *manner, outcome, kept)?;
+            let ended = (outcome, &report.ended);
+            let (text, report, files) = follow::publish(&context, course, *manner, ended, kept)?;
             (text, serde_json::to_value(report), files)
         }
         _ => return Err(Error::Failure("another task's outcome".to_owned())),

@@ -648,7 +648,7 @@ fn table(rows: &[Row], variants: &[Variant], (world, trials): (&str, usize)) -> 
          error of the estimated position of the\nfront axle seen from the rear; force: of the \
          frame, rms; NEES: squared error of the estimate of O over the covariance that it claims, \
          3 if the\nclaim is right; claims: half axis of the ellipse in which the robot says it is \
-         with 95 %. Beyond 3 cm or\n3° it says that it has reached its goal, uncertain.\n"
+         with 95 %. Where\nthat is more than robot.lead.limits allow it says that it has reached its goal, uncertain.\n"
     );
     for (row, variant) in rows.iter().zip(variants) {
         let others: Vec<String> = row

@@ -509,9 +509,8 @@ impl Robot for VirtualRobot {
         self.tick += 1;
         if let Some(fault) = self.monitor.fault_since(Node::Lead)
             && self.tick.saturating_sub(fault) >= GRACE
-            && let Some(first) = self.monitor.first_fault()
+            && let Some(why) = self.monitor.why_stopped()
         {
-            let why = format!("the robot stopped for a fault at {first}");
             self.failure.get_or_insert(why);
         }
         self.end_tick()
