@@ -144,6 +144,7 @@ fn transfer(h: u32, g: u32, double: bool) -> Insn {
         0 => Insn::regs(mov, t, n, 0),
         7 if h & 15 != 1 => UNDEFINED,
         7 if g & 0xef != 0 || t == 13 || (t == 15 && !to_core) => UNPREDICTABLE,
+        7 if to_core && t == 15 => Insn::new(Op::VmrsFlags),
         7 if to_core => float(Float::ReadStatus, t, 0, 0),
         7 => float(Float::WriteStatus, t, 0, 0),
         _ => UNDEFINED,
@@ -190,9 +191,9 @@ fn other(h: u32, g: u32, d: u32, m: u32) -> Insn {
         (1, _) => float(Float::Sqrt, d, 0, m),
         (2, _) => float(Float::FromHalf, d, 0, m).with_imm(top),
         (3, _) => float(Float::ToHalf, d, 0, m).with_imm(top),
-        (4, _) => float(Float::Compare, d, 0, m).with_imm(top),
+        (4, _) => Insn::regs(Op::Vcmp, d, 0, m).with_imm(top),
         (5, _) if g & 0x2f != 0 => UNPREDICTABLE,
-        (5, _) => float(Float::Compare, d, 0, 0).with_imm(top | 2),
+        (5, _) => Insn::regs(Op::Vcmp, d, 0, 0).with_imm(top | 2),
         (8, signed) => float(Float::FromInteger, d, 0, m).with_imm(signed ^ 1),
         (kind @ (12 | 13), towards_zero) => {
             let imm = (kind & 1 ^ 1) | (towards_zero ^ 1) << 1;

@@ -9,6 +9,8 @@ use crate::finding::Kind;
 /// Why an instruction did not go on to the next one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Trap {
+    /// No exception: the instruction in the flash is to be decoded first.
+    Undecoded,
     Undefined,
     Unpredictable,
     NoCoprocessor,
@@ -60,6 +62,7 @@ impl Core {
     pub(super) fn trap<S: System>(&mut self, system: &mut S, trap: Trap, it: u8) {
         let address = self.trap_value;
         let (exception, status) = match trap {
+            Trap::Undecoded => return,
             Trap::ExceptionReturn => return self.exception_return(system, address),
             Trap::SupervisorCall => {
                 self.pc = self.pc.wrapping_add(2);

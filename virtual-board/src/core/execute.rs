@@ -42,20 +42,22 @@ impl Core {
         self.z = value;
     }
 
-    /// Whether a condition holds.
-    #[inline]
+    /// Whether a condition holds. Without branches: those of a program are many, and seldom as before.
+    #[inline(always)]
     pub(super) fn condition(&self, condition: u8) -> bool {
-        let holds = match condition >> 1 & 7 {
-            0 => self.z == 0,
-            1 => self.c,
-            2 => self.negative(),
-            3 => self.v,
-            4 => self.higher(),
-            5 => self.negative() == self.v,
-            6 => self.greater(),
-            _ => return true,
-        };
-        holds != (condition & 1 != 0)
+        let (n, z) = (self.negative(), self.z == 0);
+        let less = n != self.v;
+        let holds = u32::from(z)
+            | u32::from(self.c) << 1
+            | u32::from(n) << 2
+            | u32::from(self.v) << 3
+            | u32::from(self.c & !z) << 4
+            | u32::from(!less) << 5
+            | u32::from(!(less | z)) << 6
+            | 1 << 7;
+        // The last of the conditions is that there is none, and has no inverse.
+        let inverse = condition & 1 & u8::from(condition >> 1 != 7);
+        holds >> (condition >> 1 & 7) & 1 != u32::from(inverse)
     }
 
     #[inline(always)]
@@ -101,79 +103,79 @@ impl Core {
 
     /// n + a constant.
     #[inline(always)]
-    pub(super) fn offset(&self, insn: Insn) -> u32 {
+    pub(super) fn offset(&self, insn: &Insn) -> u32 {
         self.offset_by(insn, insn.imm)
     }
 
     #[inline(always)]
-    fn offset_by(&self, insn: Insn, by: u32) -> u32 {
+    fn offset_by(&self, insn: &Insn, by: u32) -> u32 {
         self.reg(insn.n()).wrapping_add(by)
     }
 
     /// n + m shifted left.
     #[inline(always)]
-    pub(super) fn index(&self, insn: Insn) -> u32 {
+    pub(super) fn index(&self, insn: &Insn) -> u32 {
         self.offset_by(insn, self.reg(insn.m()) << (insn.imm & 31))
     }
 
     #[inline(always)]
-    fn minus(&self, insn: Insn) -> u32 {
+    fn minus(&self, insn: &Insn) -> u32 {
         self.reg(insn.n()).wrapping_sub(self.reg(insn.m()))
     }
 
     #[inline(always)]
-    fn product(&self, insn: Insn) -> u32 {
+    fn product(&self, insn: &Insn) -> u32 {
         self.reg(insn.n()).wrapping_mul(self.reg(insn.m()))
     }
 
     #[inline(always)]
-    fn logical_right(&self, insn: Insn) -> u32 {
+    fn logical_right(&self, insn: &Insn) -> u32 {
         self.reg(insn.m()).checked_shr(insn.imm).unwrap_or(0)
     }
 
     #[inline(always)]
-    fn arithmetic_right(&self, insn: Insn) -> u32 {
+    fn arithmetic_right(&self, insn: &Insn) -> u32 {
         ((self.reg(insn.m()) as i32) >> insn.imm.min(31)) as u32
     }
 
     /// UBFX: `imm` bits from bit x on.
     #[inline(always)]
-    fn bit_field(&self, insn: Insn) -> u32 {
+    fn bit_field(&self, insn: &Insn) -> u32 {
         self.reg(insn.n()) >> (insn.x() & 31) & (u32::MAX >> ((32 - insn.imm) & 31))
     }
 
     #[inline(always)]
-    fn shift_logical_flags(&mut self, insn: Insn) {
+    fn shift_logical_flags(&mut self, insn: &Insn) {
         let right = insn.op == Op::LsrImmS;
         self.shift_flags(if right { Shift::Lsr } else { Shift::Lsl }, insn);
     }
 
     #[inline(always)]
-    fn set_with_nz(&mut self, insn: Insn, value: u32) {
+    fn set_with_nz(&mut self, insn: &Insn, value: u32) {
         self.set_nz(value);
         self.set(insn.d(), value);
     }
 
     #[inline(always)]
-    fn add_s(&mut self, insn: Insn, b: u32) {
+    fn add_s(&mut self, insn: &Insn, b: u32) {
         let value = self.add_flags(self.reg(insn.n()), b, false);
         self.set(insn.d(), value);
     }
 
     #[inline(always)]
-    fn sub_s(&mut self, insn: Insn, b: u32) {
+    fn sub_s(&mut self, insn: &Insn, b: u32) {
         let value = self.sub_flags(self.reg(insn.n()), b);
         self.set(insn.d(), value);
     }
 
     #[inline(always)]
-    fn compare(&mut self, insn: Insn, b: u32) {
+    fn compare(&mut self, insn: &Insn, b: u32) {
         self.sub_flags(self.reg(insn.n()), b);
     }
 
     /// A branch within the program, if the condition or its inverse holds.
     #[inline(always)]
-    fn branch_if(&mut self, condition: bool, insn: Insn, next: u32) -> Result<u32, Trap> {
+    fn branch_if(&mut self, condition: bool, insn: &Insn, next: u32) -> Result<u32, Trap> {
         let x = insn.x();
         if condition != (x & INVERT as u8 != 0) {
             self.cycles += u64::from(x & 15);
@@ -200,7 +202,7 @@ impl Core {
 
     /// Executes an instruction; gives the address of the next one.
     #[inline(always)]
-    pub(super) fn execute<S: System>(&mut self, system: &mut S, insn: Insn, pc: u32) -> Next {
+    pub(super) fn execute<S: System>(&mut self, system: &mut S, insn: &Insn, pc: u32) -> Next {
         let next = pc.wrapping_add(u32::from(insn.size));
         match insn.op {
             Op::MovImm => self.set(insn.d(), insn.imm),
@@ -271,20 +273,18 @@ impl Core {
             Op::Vadd => self.binary(system, insn, float::add)?,
             Op::Vsub => self.binary(system, insn, float::sub)?,
             Op::Vmul => self.binary(system, insn, float::mul)?,
+            Op::Vcmp => self.compare_singles(system, insn)?,
+            Op::VmrsFlags => self.take_fp_flags(system, insn)?,
+            Op::VmovToCore => self.move_to_core(system, insn)?,
+            Op::VmovFromCore => self.move_from_core(system, insn)?,
+            Op::Vneg => self.unary(system, insn, |m| m ^ float::SIGN)?,
+            Op::Vabs => self.unary(system, insn, |m| m & !float::SIGN)?,
             Op::Vfma => self.ternary(system, insn, float::fma)?,
             Op::Vmla => self.ternary(system, insn, float::multiply_add)?,
-            Op::Empty => return self.decode_first(system, pc),
+            Op::Empty => return Err(Trap::Undecoded),
             _ => return self.execute_rest(system, insn, pc, next),
         }
         Ok(next)
-    }
-
-    /// It was no instruction yet; decoded, it is the next one.
-    #[cold]
-    fn decode_first<S: System>(&mut self, system: &mut S, pc: u32) -> Result<u32, Trap> {
-        self.instructions = self.instructions.wrapping_sub(1);
-        self.decode_flash(system, pc)?;
-        Ok(pc)
     }
 
     /// The groups that are not inlined.
@@ -292,7 +292,7 @@ impl Core {
     fn execute_rest<S: System>(
         &mut self,
         system: &mut S,
-        insn: Insn,
+        insn: &Insn,
         pc: u32,
         next: u32,
     ) -> Result<u32, Trap> {
@@ -304,10 +304,6 @@ impl Core {
             Op::BranchOverflow => return self.branch_if(self.v, insn, next),
             Op::Ldm => return self.load_multiple(system, insn, pc, next),
             Op::Stm => self.store_multiple(system, insn, pc)?,
-            Op::VmovToCore => self.move_to_core(system, insn)?,
-            Op::VmovFromCore => self.move_from_core(system, insn)?,
-            Op::Vneg => self.unary(system, insn, |m| m ^ float::SIGN)?,
-            Op::Vabs => self.unary(system, insn, |m| m & !float::SIGN)?,
             Op::VmovImm => self.unary(system, insn, |_| insn.imm)?,
             Op::Vdiv => self.divide_single(system, insn)?,
             Op::Vmls | Op::Vfms => self.subtract_product(system, insn)?,
@@ -336,7 +332,7 @@ impl Core {
     }
 
     /// BLX; it returns from no exception.
-    fn call_register(&mut self, insn: Insn, next: u32) -> u32 {
+    fn call_register(&mut self, insn: &Insn, next: u32) -> u32 {
         let target = self.reg(insn.m());
         self.cycles += REFILL_REGISTER;
         if target & 1 == 0 {

@@ -121,13 +121,13 @@ impl Core {
     }
 
     #[inline(never)]
-    pub(super) fn alu_register(&mut self, alu: Alu, insn: Insn) {
+    pub(super) fn alu_register(&mut self, alu: Alu, insn: &Insn) {
         let (n, m) = (self.reg(insn.n()), self.reg(insn.m()));
         self.set(insn.d(), self.alu(alu, n, m));
     }
 
     #[inline(never)]
-    pub(super) fn alu_register_flags(&mut self, alu: Alu, insn: Insn) {
+    pub(super) fn alu_register_flags(&mut self, alu: Alu, insn: &Insn) {
         let (n, m) = (self.reg(insn.n()), self.reg(insn.m()));
         let value = self.alu_flags(alu, n, m, self.c);
         self.set(insn.d(), value);
@@ -135,7 +135,7 @@ impl Core {
 
     /// A shift by a constant with flags.
     #[inline]
-    pub(super) fn shift_flags(&mut self, kind: Shift, insn: Insn) {
+    pub(super) fn shift_flags(&mut self, kind: Shift, insn: &Insn) {
         let (value, carry) = shift(kind, self.reg(insn.m()), insn.imm, self.c);
         self.set_nz(value);
         self.c = carry;
@@ -143,7 +143,7 @@ impl Core {
     }
 
     #[inline(never)]
-    pub(super) fn execute_data(&mut self, insn: Insn) -> Result<(), Trap> {
+    pub(super) fn execute_data(&mut self, insn: &Insn) -> Result<(), Trap> {
         let (n, m) = (self.reg(insn.n()), self.reg(insn.m()));
         match insn.op {
             Op::AluImmS(alu) => {
@@ -192,7 +192,7 @@ impl Core {
         Ok(())
     }
 
-    fn execute_multiply(&mut self, insn: Insn) -> Result<(), Trap> {
+    fn execute_multiply(&mut self, insn: &Insn) -> Result<(), Trap> {
         let (n, m) = (self.reg(insn.n()), self.reg(insn.m()));
         let accumulator = u64::from(self.reg(insn.x())) << 32 | u64::from(self.reg(insn.d()));
         let unsigned = u64::from(n) * u64::from(m);
@@ -249,13 +249,13 @@ impl Core {
     }
 
     /// A result of 64 bits: low in d, high in x.
-    pub(super) fn set_long(&mut self, insn: Insn, value: u64) {
+    pub(super) fn set_long(&mut self, insn: &Insn, value: u64) {
         self.set(insn.d(), value as u32);
         self.set(insn.x(), (value >> 32) as u32);
     }
 }
 
 /// How far a bit field goes left to meet the highest bit.
-fn to_top(insn: Insn) -> u32 {
+fn to_top(insn: &Insn) -> u32 {
     (32 - u32::from(insn.x()) - insn.imm) & 31
 }

@@ -28,22 +28,22 @@ impl Core {
     }
 
     /// A sum of 32 bits that sets Q if it does not fit, but is not saturated.
-    fn set_with_overflow(&mut self, insn: Insn, value: i64) {
+    fn set_with_overflow(&mut self, insn: &Insn, value: i64) {
         self.note_overflow(value != i64::from(value as i32));
         self.set(insn.d(), value as u32);
     }
 
     /// The accumulator of 64 bits: low in d, high in x.
-    fn long(&self, insn: Insn) -> i64 {
+    fn long(&self, insn: &Insn) -> i64 {
         (u64::from(self.reg(insn.x())) << 32 | u64::from(self.reg(insn.d()))) as i64
     }
 
-    fn accumulator(&self, insn: Insn) -> i64 {
+    fn accumulator(&self, insn: &Insn) -> i64 {
         i64::from(self.reg(insn.x()) as i32)
     }
 
     /// The two products of halves, the second subtracted if bit 1 says so; bit 0 exchanges.
-    fn dual(&self, insn: Insn) -> i64 {
+    fn dual(&self, insn: &Insn) -> i64 {
         let (n, m) = (self.reg(insn.n()), self.reg(insn.m()));
         let m = m.rotate_right(16 * (insn.imm & 1));
         let (low, high) = (half(n, 0) * half(m, 0), half(n, 1) * half(m, 1));
@@ -54,17 +54,17 @@ impl Core {
         }
     }
 
-    fn half_product(&self, insn: Insn) -> i64 {
+    fn half_product(&self, insn: &Insn) -> i64 {
         half(self.reg(insn.n()), insn.imm >> 1 & 1) * half(self.reg(insn.m()), insn.imm & 1)
     }
 
-    fn wide_product(&self, insn: Insn) -> i64 {
+    fn wide_product(&self, insn: &Insn) -> i64 {
         let factor = half(self.reg(insn.m()), insn.imm & 1);
         (i64::from(self.reg(insn.n()) as i32) * factor) >> 16
     }
 
     /// The upper word of accumulator ± product, rounded if bit 0 says so.
-    fn upper_product(&self, insn: Insn, accumulator: i64, sign: i64) -> u32 {
+    fn upper_product(&self, insn: &Insn, accumulator: i64, sign: i64) -> u32 {
         let product = i64::from(self.reg(insn.n()) as i32) * i64::from(self.reg(insn.m()) as i32);
         let rounding = if insn.imm & 1 != 0 { 0x8000_0000 } else { 0 };
         let sum = (accumulator << 32)
@@ -74,7 +74,7 @@ impl Core {
     }
 
     #[inline(never)]
-    pub(super) fn execute_dsp(&mut self, insn: Insn, op: Dsp) {
+    pub(super) fn execute_dsp(&mut self, insn: &Insn, op: Dsp) {
         let (n, m) = (self.reg(insn.n()), self.reg(insn.m()));
         let (low, width) = (u32::from(insn.x()), insn.imm);
         match op {
@@ -134,7 +134,7 @@ impl Core {
         }
     }
 
-    fn execute_products(&mut self, insn: Insn, op: Dsp) {
+    fn execute_products(&mut self, insn: &Insn, op: Dsp) {
         match op {
             Dsp::SmulHalf => self.set(insn.d(), self.half_product(insn) as u32),
             Dsp::SmlaHalf => {
@@ -181,7 +181,7 @@ impl Core {
     }
 
     /// SXTH and its relatives: rotated, extended, added.
-    fn extend(&mut self, insn: Insn) {
+    fn extend(&mut self, insn: &Insn) {
         let value = self.reg(insn.m()).rotate_right(insn.imm);
         let n = if insn.n() == 15 {
             0
@@ -205,7 +205,7 @@ impl Core {
     }
 
     #[inline(never)]
-    pub(super) fn execute_parallel(&mut self, insn: Insn, op: Dsp) {
+    pub(super) fn execute_parallel(&mut self, insn: &Insn, op: Dsp) {
         let (n, m) = (self.reg(insn.n()), self.reg(insn.m()));
         let value = match op {
             Dsp::Sel => {
@@ -236,7 +236,7 @@ impl Core {
     }
 
     /// Additions and subtractions of halves or bytes side by side.
-    fn parallel(&mut self, insn: Insn, n: u32, m: u32) -> u32 {
+    fn parallel(&mut self, insn: &Insn, n: u32, m: u32) -> u32 {
         let bytes = insn.x() & 3 == 0;
         let (lanes, bits) = if bytes { (4, 8) } else { (2, 16) };
         let unsigned = insn.imm & 4 != 0;

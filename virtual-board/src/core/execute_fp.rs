@@ -18,7 +18,7 @@ impl Core {
 
     /// May floating point be used, and is its unit free.
     #[inline(always)]
-    pub(super) fn begin_fp<S: System>(&mut self, system: &mut S, insn: Insn) -> Result<(), Trap> {
+    pub(super) fn begin_fp<S: System>(&mut self, system: &mut S, insn: &Insn) -> Result<(), Trap> {
         if !self.fp_ready {
             self.prepare_fp(system)?;
         }
@@ -32,7 +32,7 @@ impl Core {
     pub(super) fn binary<S: System>(
         &mut self,
         system: &mut S,
-        insn: Insn,
+        insn: &Insn,
         operation: impl Fn(u32, u32, &mut u32) -> u32,
     ) -> Result<(), Trap> {
         self.begin_fp(system, insn)?;
@@ -47,7 +47,7 @@ impl Core {
     pub(super) fn ternary<S: System>(
         &mut self,
         system: &mut S,
-        insn: Insn,
+        insn: &Insn,
         operation: impl Fn(u32, u32, u32, &mut u32) -> u32,
     ) -> Result<(), Trap> {
         self.begin_fp(system, insn)?;
@@ -66,7 +66,7 @@ impl Core {
     pub(super) fn divide_single<S: System>(
         &mut self,
         system: &mut S,
-        insn: Insn,
+        insn: &Insn,
     ) -> Result<(), Trap> {
         self.binary(system, insn, float::div)?;
         self.occupy();
@@ -78,7 +78,7 @@ impl Core {
     pub(super) fn subtract_product<S: System>(
         &mut self,
         system: &mut S,
-        insn: Insn,
+        insn: &Insn,
     ) -> Result<(), Trap> {
         if insn.op == Op::Vfms {
             return self.ternary(system, insn, |d, n, m, status| {
@@ -96,7 +96,7 @@ impl Core {
     pub(super) fn unary<S: System>(
         &mut self,
         system: &mut S,
-        insn: Insn,
+        insn: &Insn,
         operation: impl Fn(u32) -> u32,
     ) -> Result<(), Trap> {
         self.begin_fp(system, insn)?;
@@ -104,20 +104,53 @@ impl Core {
         Ok(())
     }
 
+    /// Compares d with m or zero: flags of FPSCR.
+    #[inline(always)]
+    pub(super) fn compare_singles<S: System>(
+        &mut self,
+        system: &mut S,
+        insn: &Insn,
+    ) -> Result<(), Trap> {
+        self.begin_fp(system, insn)?;
+        let d = self.single_reg(insn.d());
+        let m = if insn.imm & 2 != 0 {
+            0
+        } else {
+            self.single_reg(insn.m())
+        };
+        let flags = float::compare(d, m, insn.imm & 1 != 0, &mut self.fpscr);
+        self.fpscr = self.fpscr & !fpscr::NZCV | flags << 28;
+        Ok(())
+    }
+
+    /// The flags of FPSCR to those of the processor.
+    #[inline(always)]
+    pub(super) fn take_fp_flags<S: System>(
+        &mut self,
+        system: &mut S,
+        insn: &Insn,
+    ) -> Result<(), Trap> {
+        self.begin_fp(system, insn)?;
+        self.set_nzcv(self.fpscr);
+        Ok(())
+    }
+
+    #[inline(always)]
     pub(super) fn move_to_core<S: System>(
         &mut self,
         system: &mut S,
-        insn: Insn,
+        insn: &Insn,
     ) -> Result<(), Trap> {
         self.begin_fp(system, insn)?;
         self.set(insn.d(), self.single_reg(insn.n()));
         Ok(())
     }
 
+    #[inline(always)]
     pub(super) fn move_from_core<S: System>(
         &mut self,
         system: &mut S,
-        insn: Insn,
+        insn: &Insn,
     ) -> Result<(), Trap> {
         self.begin_fp(system, insn)?;
         self.set_single_reg(insn.n(), self.reg(insn.d()));
@@ -126,7 +159,7 @@ impl Core {
 
     /// Address of VLDR and VSTR; a literal's is the constant.
     #[inline(always)]
-    fn single_address(&self, insn: Insn) -> Result<u32, Trap> {
+    fn single_address(&self, insn: &Insn) -> Result<u32, Trap> {
         let address = if insn.n() == 15 {
             insn.imm
         } else {
@@ -142,7 +175,7 @@ impl Core {
     pub(super) fn load_single<S: System>(
         &mut self,
         system: &mut S,
-        insn: Insn,
+        insn: &Insn,
         pc: u32,
     ) -> Result<(), Trap> {
         self.begin_fp(system, insn)?;
@@ -156,7 +189,7 @@ impl Core {
     pub(super) fn store_single<S: System>(
         &mut self,
         system: &mut S,
-        insn: Insn,
+        insn: &Insn,
         pc: u32,
     ) -> Result<(), Trap> {
         self.begin_fp(system, insn)?;
@@ -169,7 +202,7 @@ impl Core {
     pub(super) fn execute_rare_float<S: System>(
         &mut self,
         system: &mut S,
-        insn: Insn,
+        insn: &Insn,
         op: Float,
         pc: u32,
     ) -> Result<(), Trap> {
@@ -212,7 +245,7 @@ impl Core {
         Ok(())
     }
 
-    fn convert(&mut self, insn: Insn, op: Float) -> u32 {
+    fn convert(&mut self, insn: &Insn, op: Float) -> u32 {
         let (d, m, status) = (
             self.single_reg(insn.d()),
             self.single_reg(insn.m()),
@@ -269,21 +302,11 @@ impl Core {
     fn move_float<S: System>(
         &mut self,
         system: &mut S,
-        insn: Insn,
+        insn: &Insn,
         op: Float,
         pc: u32,
     ) -> Result<(), Trap> {
         match op {
-            Float::Compare => {
-                let d = self.single_reg(insn.d());
-                let m = if insn.imm & 2 != 0 {
-                    0
-                } else {
-                    self.single_reg(insn.m())
-                };
-                let flags = float::compare(d, m, insn.imm & 1 != 0, &mut self.fpscr);
-                self.fpscr = self.fpscr & !fpscr::NZCV | flags << 28;
-            }
             Float::MovTwo => {
                 let second = insn.m() + 1;
                 if insn.x() != 0 {
@@ -294,7 +317,6 @@ impl Core {
                     self.set_single_reg(second, self.reg(insn.n()));
                 }
             }
-            Float::ReadStatus if insn.d() == 15 => self.set_nzcv(self.fpscr),
             Float::ReadStatus => self.set(insn.d(), self.fpscr),
             Float::WriteStatus => self.fpscr = self.reg(insn.d()) & fpscr::WRITABLE,
             Float::LoadMultiple | Float::StoreMultiple => {
@@ -317,7 +339,7 @@ impl Core {
     fn multiple_float<S: System>(
         &mut self,
         system: &mut S,
-        insn: Insn,
+        insn: &Insn,
         op: Float,
         pc: u32,
     ) -> Result<(), Trap> {

@@ -42,7 +42,7 @@ impl Core {
     pub(super) fn load_into<S: System, const SIZE: u8>(
         &mut self,
         system: &mut S,
-        insn: Insn,
+        insn: &Insn,
         address: u32,
         pc: u32,
     ) -> Result<(), Trap> {
@@ -55,7 +55,7 @@ impl Core {
     pub(super) fn store_from<S: System, const SIZE: u8>(
         &mut self,
         system: &mut S,
-        insn: Insn,
+        insn: &Insn,
         address: u32,
         pc: u32,
     ) -> Result<(), Trap> {
@@ -111,7 +111,7 @@ impl Core {
     }
 
     /// Address of a load or store by constant, and the base register's new value.
-    fn indexed(&self, insn: Insn, pre: bool) -> (u32, u32) {
+    fn indexed(&self, insn: &Insn, pre: bool) -> (u32, u32) {
         let base = self.reg(insn.n());
         let moved = base.wrapping_add(insn.imm);
         (if pre { moved } else { base }, moved)
@@ -121,7 +121,7 @@ impl Core {
     pub(super) fn execute_load<S: System>(
         &mut self,
         system: &mut S,
-        insn: Insn,
+        insn: &Insn,
         pc: u32,
     ) -> Result<(), Trap> {
         let (offset, by_register) = (self.offset(insn), self.index(insn));
@@ -154,7 +154,7 @@ impl Core {
     pub(super) fn execute_store<S: System>(
         &mut self,
         system: &mut S,
-        insn: Insn,
+        insn: &Insn,
         pc: u32,
     ) -> Result<(), Trap> {
         let (base, moved) = (self.reg(insn.n()), self.offset(insn));
@@ -186,7 +186,7 @@ impl Core {
     pub(super) fn move_double<S: System>(
         &mut self,
         system: &mut S,
-        insn: Insn,
+        insn: &Insn,
         pc: u32,
     ) -> Result<(), Trap> {
         if insn.op == Op::Ldrd {
@@ -197,7 +197,7 @@ impl Core {
     }
 
     #[inline]
-    fn load_double<S: System>(&mut self, system: &mut S, insn: Insn, pc: u32) -> Result<(), Trap> {
+    fn load_double<S: System>(&mut self, system: &mut S, insn: &Insn, pc: u32) -> Result<(), Trap> {
         let (address, moved) = if insn.n() == 15 {
             (insn.imm, 0)
         } else {
@@ -215,7 +215,12 @@ impl Core {
     }
 
     #[inline]
-    fn store_double<S: System>(&mut self, system: &mut S, insn: Insn, pc: u32) -> Result<(), Trap> {
+    fn store_double<S: System>(
+        &mut self,
+        system: &mut S,
+        insn: &Insn,
+        pc: u32,
+    ) -> Result<(), Trap> {
         let (address, moved) = self.indexed(insn, insn.x() & 1 != 0);
         Self::must_align(address)?;
         self.store_word_at(system, address, self.reg(insn.d()), pc)?;
@@ -230,7 +235,7 @@ impl Core {
     pub(super) fn load_multiple<S: System>(
         &mut self,
         system: &mut S,
-        insn: Insn,
+        insn: &Insn,
         pc: u32,
         next: u32,
     ) -> Result<u32, Trap> {
@@ -271,7 +276,7 @@ impl Core {
     pub(super) fn store_multiple<S: System>(
         &mut self,
         system: &mut S,
-        insn: Insn,
+        insn: &Insn,
         pc: u32,
     ) -> Result<(), Trap> {
         let bytes = 4 * insn.imm.count_ones();
@@ -312,7 +317,7 @@ impl Core {
     pub(super) fn push<S: System>(
         &mut self,
         system: &mut S,
-        insn: Insn,
+        insn: &Insn,
         pc: u32,
     ) -> Result<(), Trap> {
         let address = self.r[13].wrapping_sub(4 * insn.imm.count_ones());
@@ -325,7 +330,7 @@ impl Core {
     pub(super) fn pop<S: System>(
         &mut self,
         system: &mut S,
-        insn: Insn,
+        insn: &Insn,
         pc: u32,
         next: u32,
     ) -> Result<u32, Trap> {
@@ -365,7 +370,7 @@ impl Core {
     pub(super) fn execute_exclusive<S: System>(
         &mut self,
         system: &mut S,
-        insn: Insn,
+        insn: &Insn,
         pc: u32,
     ) -> Result<(), Trap> {
         let address = self.reg(insn.n()).wrapping_add(insn.imm);
@@ -404,7 +409,7 @@ impl Core {
     pub(super) fn execute_jump<S: System>(
         &mut self,
         system: &mut S,
-        insn: Insn,
+        insn: &Insn,
         pc: u32,
         next: u32,
     ) -> Result<u32, Trap> {

@@ -17,7 +17,7 @@ const CONTROL: u32 = 20;
 
 impl Core {
     #[inline(never)]
-    pub(super) fn execute_special(&mut self, insn: Insn, op: Special) -> Result<(), Trap> {
+    pub(super) fn execute_special(&mut self, insn: &Insn, op: Special) -> Result<(), Trap> {
         match op {
             Special::Nop | Special::Yield | Special::Barrier => {}
             Special::Wfe if self.event => self.event = false,
@@ -111,7 +111,7 @@ impl Core {
         self.update_view(false);
     }
 
-    fn change_masks(&mut self, insn: Insn) {
+    fn change_masks(&mut self, insn: &Insn) {
         if !self.privileged() {
             return;
         }

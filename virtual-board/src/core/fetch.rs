@@ -1,13 +1,13 @@
 //! Where instructions come from: decoded ones by address, the lines of the flash interface.
 
 use super::exception::Trap;
-use super::instruction::{Insn, Op};
+use super::instruction::Insn;
 use super::{Core, NO_LINE, System, decode16, decode32, timing};
 
 /// Where the flash begins.
 pub(super) const FLASH: u32 = 0x0800_0000;
 /// Halfwords of flash.
-const FLASH_HALVES: usize = 1 << 19;
+const FLASH_HALVES: u32 = 1 << 19;
 /// Entries for code elsewhere.
 const CACHED: usize = 1024;
 
@@ -62,9 +62,11 @@ impl Core {
     pub(super) fn decode_flash<S: System>(&mut self, system: &mut S, pc: u32) -> Result<(), Trap> {
         let (insn, _) = Self::decode(system, pc).ok_or(Trap::FetchBus)?;
         let index = (pc.wrapping_sub(FLASH) >> 1) as usize;
-        if let Some(entry) = self.decoded.get_mut(index) {
-            *entry = insn;
+        if index >= self.decoded.len() {
+            let length = (index + 1).next_multiple_of(4096);
+            self.decoded.resize(length, Insn::EMPTY);
         }
+        self.decoded[index] = insn;
         Ok(())
     }
 
@@ -75,10 +77,7 @@ impl Core {
         system: &mut S,
         pc: u32,
     ) -> Result<Insn, Trap> {
-        let index = (pc.wrapping_sub(FLASH) >> 1) as usize;
-        if index < FLASH_HALVES {
-            let length = (index + 1).next_multiple_of(4096);
-            self.decoded.resize(length, Insn::EMPTY);
+        if pc.wrapping_sub(FLASH) >> 1 < FLASH_HALVES {
             return Ok(Insn::EMPTY);
         }
         self.check_fetch(pc)?;
@@ -140,11 +139,5 @@ impl Core {
         } else {
             Err(Trap::FetchMpu)
         }
-    }
-
-    /// True if an entry of the table stands for an instruction yet to decode.
-    #[inline(always)]
-    pub(super) fn is_empty(insn: &Insn) -> bool {
-        insn.op == Op::Empty
     }
 }

@@ -4,8 +4,8 @@
 //! flags: all rounding modes, flush to zero, default NaN, propagation of NaN. Results are exact.
 //!
 //! Each has two ways. The host's own arithmetic serves when it must give the same: rounding to
-//! nearest, no flush to zero, no default NaN, the inexact flag set already, and a result so far from
-//! zero and infinity that no other flag can rise. Everything else goes through integers.
+//! nearest, no flush to zero, no default NaN, the inexact flag set already, and a result that is an exact
+//! zero or so far from zero and infinity that no other flag can rise. Everything else goes through integers.
 
 /// Bits of the status and control register.
 pub mod fpscr {
@@ -59,6 +59,12 @@ fn plain(status: u32) -> bool {
 #[inline(always)]
 fn ordinary(bits: u32) -> bool {
     ((bits >> 23 & 0xff).wrapping_sub(2)) < 253
+}
+
+/// [`ordinary`], or a zero: of a sum, where a zero is always exact.
+#[inline(always)]
+fn ordinary_sum(bits: u32) -> bool {
+    ordinary(bits) || bits << 1 == 0
 }
 
 /// A number taken apart.
@@ -319,7 +325,7 @@ fn add_exact(a: u32, b: u32, status: &mut u32) -> u32 {
 pub fn add(a: u32, b: u32, status: &mut u32) -> u32 {
     if plain(*status) {
         let result = (f32::from_bits(a) + f32::from_bits(b)).to_bits();
-        if ordinary(result) {
+        if ordinary_sum(result) {
             return result;
         }
     }
@@ -331,7 +337,7 @@ pub fn add(a: u32, b: u32, status: &mut u32) -> u32 {
 pub fn sub(a: u32, b: u32, status: &mut u32) -> u32 {
     if plain(*status) {
         let result = (f32::from_bits(a) - f32::from_bits(b)).to_bits();
-        if ordinary(result) {
+        if ordinary_sum(result) {
             return result;
         }
     }
@@ -383,7 +389,9 @@ fn product(a: Value, b: Value) -> Option<Value> {
 pub fn mul(a: u32, b: u32, status: &mut u32) -> u32 {
     if plain(*status) {
         let result = (f32::from_bits(a) * f32::from_bits(b)).to_bits();
-        if ordinary(result) {
+        // A zero times a number is exact; what became zero is not.
+        let nothing = result << 1 == 0 && (a << 1 == 0 || b << 1 == 0);
+        if ordinary(result) || nothing {
             return result;
         }
     }

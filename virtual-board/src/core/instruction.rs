@@ -147,8 +147,6 @@ pub(super) enum Float {
     Fnma,
     Fnms,
     Sqrt,
-    /// `imm` bit 0: a quiet NaN is invalid; bit 1: against zero.
-    Compare,
     /// `imm` bit 0: unsigned; bit 1: rounding mode of FPSCR instead of towards zero.
     ToInteger,
     /// `imm` bit 0: unsigned.
@@ -312,6 +310,10 @@ pub(super) enum Op {
     Vmls,
     Vfma,
     Vfms,
+    /// `imm` bit 0: a quiet NaN is invalid; bit 1: against zero.
+    Vcmp,
+    /// The flags of FPSCR to those of the processor.
+    VmrsFlags,
     Float(Float),
 }
 

@@ -1,6 +1,7 @@
 //! The loop: look up, take exceptions, execute until there is something to look at, sleep.
 
 use super::exception::Trap;
+use super::instruction::{Insn, Op};
 use super::nvic::exception as number;
 use super::scb::{cfsr, scr};
 use super::{Core, Sleep, Stop, System, fetch};
@@ -119,9 +120,29 @@ impl Core {
         &mut self,
         system: &mut S,
     ) -> Option<(Trap, u8)> {
+        loop {
+            // Apart from the core, so that an instruction is read where it stands.
+            let decoded = std::mem::take(&mut self.decoded);
+            let end = self.execute_decoded::<S, PROBE>(system, &decoded);
+            self.decoded = decoded;
+            let Some((Trap::Undecoded, it)) = end else {
+                return end;
+            };
+            if let Err(trap) = self.decode_flash(system, self.pc) {
+                return Some((trap, it));
+            }
+        }
+    }
+
+    fn execute_decoded<S: System, const PROBE: bool>(
+        &mut self,
+        system: &mut S,
+        decoded: &[Insn],
+    ) -> Option<(Trap, u8)> {
         let mut pc = self.pc;
         let mut count = 0;
         let mut it = 0;
+        let mut other;
         let trap = loop {
             if self.cycles >= system.limit() || self.attend {
                 break None;
@@ -132,10 +153,13 @@ impl Core {
             let before = self.cycles;
             it = self.it;
             let index = (pc.wrapping_sub(fetch::FLASH) >> 1) as usize;
-            let mut insn = match self.decoded.get(index) {
-                Some(insn) => *insn,
+            let mut insn = match decoded.get(index) {
+                Some(insn) => insn,
                 None => match self.fetch_elsewhere(system, pc) {
-                    Ok(insn) => insn,
+                    Ok(insn) => {
+                        other = insn;
+                        &other
+                    }
                     Err(trap) => break Some(trap),
                 },
             };
@@ -145,16 +169,11 @@ impl Core {
             {
                 break Some(trap);
             }
-            if (PROBE || it != 0) && Self::is_empty(&insn) {
-                match self.decode_flash(system, pc) {
-                    Ok(()) => {
-                        if PROBE {
-                            self.account(u32::MAX, before);
-                        }
-                        continue;
-                    }
-                    Err(trap) => break Some(trap),
+            if (PROBE || it != 0) && insn.op == Op::Empty {
+                if PROBE {
+                    self.account(u32::MAX, before);
                 }
+                break Some(Trap::Undecoded);
             }
             // After decoding, so that each instruction is asked about once.
             if PROBE && !self.debug.step && self.debug.stops_at(pc) {
@@ -169,18 +188,22 @@ impl Core {
                     pc = pc.wrapping_add(u32::from(insn.size));
                     continue;
                 }
-                insn = insn.in_block();
+                other = insn.in_block();
+                insn = &other;
             }
             self.cycles += u64::from(insn.cycles);
-            count += 1;
             match self.execute(system, insn, pc) {
                 Ok(next) => {
                     if PROBE {
                         self.account(pc, before);
                     }
+                    count += 1;
                     pc = next;
                 }
-                Err(trap) => break Some(trap),
+                Err(trap) => {
+                    count += u64::from(trap != Trap::Undecoded);
+                    break Some(trap);
+                }
             }
         };
         self.pc = pc;

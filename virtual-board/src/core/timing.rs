@@ -152,7 +152,7 @@ fn is_float(insn: &Insn) -> bool {
 
 /// Singles that a floating-point instruction reads.
 fn reads_single(insn: &Insn, register: u8) -> bool {
-    use Float::{Compare, Fnma, Fnms, FromFixed, Nmla, Nmls, Nmul, ToFixed};
+    use Float::{Fnma, Fnms, FromFixed, Nmla, Nmls, Nmul, ToFixed};
     let (d, n, m) = (insn.d(), insn.n(), insn.m());
     match insn.op {
         Op::Vadd | Op::Vsub | Op::Vmul | Op::Vdiv | Op::Float(Nmul) => {
@@ -164,7 +164,7 @@ fn reads_single(insn: &Insn, register: u8) -> bool {
         Op::Vabs | Op::Vneg | Op::VmovReg => m == register,
         Op::Vstr | Op::Float(ToFixed | FromFixed) => d == register,
         Op::VmovToCore => n == register,
-        Op::Float(Compare) => d == register || m == register,
+        Op::Vcmp => d == register || m == register,
         Op::Float(Float::MovTwo) => insn.x() != 0 && (m == register || m + 1 == register),
         Op::Float(Float::StoreMultiple | Float::LoadMultiple | Float::LoadDouble) => false,
         Op::Float(Float::StoreDouble) => d == register || d + 1 == register,

@@ -4,10 +4,31 @@ use super::fpscr::{AHP, IOC, IXC};
 use super::{
     Exact, Format, INFINITY, NEAREST, SINGLE, Value, quiet, round, signalling, split, unpack, zero,
 };
-use std::cmp::Ordering;
 
 /// Flags N, Z, C, V of a comparison; `signal`: a quiet NaN is invalid too.
+#[inline]
 pub fn compare(a: u32, b: u32, signal: bool, status: &mut u32) -> u32 {
+    // Numbers that no mode of the unit changes, as nearly always.
+    let regular = |bits: u32| bits << 1 == 0 || super::ordinary(bits);
+    if regular(a) && regular(b) {
+        return order(f32::from_bits(a), f32::from_bits(b));
+    }
+    compare_exact(a, b, signal, status)
+}
+
+/// Flags of numbers that are no NaN.
+#[inline]
+fn order(a: f32, b: f32) -> u32 {
+    if a == b {
+        0b0110
+    } else if a < b {
+        0b1000
+    } else {
+        0b0010
+    }
+}
+
+fn compare_exact(a: u32, b: u32, signal: bool, status: &mut u32) -> u32 {
     let (x, y) = (unpack(a, status), unpack(b, status));
     let nan = |v| match v {
         Value::Nan(bits) => Some(signalling(bits)),
@@ -23,11 +44,7 @@ pub fn compare(a: u32, b: u32, signal: bool, status: &mut u32) -> u32 {
         Value::Zero(_) => 0.0,
         _ => f32::from_bits(bits),
     };
-    match flushed(x, a).partial_cmp(&flushed(y, b)) {
-        Some(Ordering::Less) => 0b1000,
-        Some(Ordering::Equal) => 0b0110,
-        _ => 0b0010,
-    }
+    order(flushed(x, a), flushed(y, b))
 }
 
 /// Rounding mode of the status register.
