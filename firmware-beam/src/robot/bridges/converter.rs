@@ -53,9 +53,9 @@ const BLOCK_US: Micros = 997;
 const SETTLING_US: u32 = 3;
 /// Time without samples after which the stream has stopped.
 const PATIENCE: Duration = Duration::from_millis(3);
-/// Counts of TIM2 in which an injected conversion may begin: a scan ends at 647, and the conversion must
-/// end before the next one begins.
-const BETWEEN: core::ops::Range<u32> = 600..TOP - 150;
+/// Counts of TIM2 in which an injected conversion may begin: a scan ends at 647, and would begin its last
+/// channel anew if one came before; and the conversion must end before the next scan begins.
+const BETWEEN: core::ops::Range<u32> = 648..TOP - 150;
 /// Looks at the stream until it has stopped; it ends the transfer it is at.
 const STOP_LOOKS: u32 = 1000;
 /// Flag of the injected conversion's end; writing 1 leaves a flag as it is.
