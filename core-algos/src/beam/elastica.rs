@@ -12,7 +12,7 @@
 use super::polynomial::Interpolant;
 use super::strip::{GaugeMask, MAX_GAUGES, RelativePosture, Strip};
 use crate::math::matrix::{
-    Mat3, apply, cholesky, cholesky_solve, inverse_spd, is_finite, propagate, subtract,
+    Mat3, apply, cholesky, cholesky_solve, inverse_spd, is_finite, propagate, scale, subtract,
 };
 use crate::math::trig::{cos, ln, sin_cos, sinc, sqrt};
 use crate::math::{Posture, small_angle};
@@ -850,18 +850,20 @@ impl Solver {
                 spread[r][c] += by_offset[r] * by_offset[c] + by_gain[r] * by_gain[c];
             }
         }
-        // What the walk of the zeros makes of it.
-        let mut walked: Mat3 = [[0.0; 3]; 3];
+        // What a variance of 1 of each reading makes of it: the walk of the zeros, and the noise.
+        let mut unit: Mat3 = [[0.0; 3]; 3];
         for i in 0..MAX_GAUGES {
-            let share = weights[i] * weights[i] * drift;
+            let share = weights[i] * weights[i];
             let gradient = &shape.gradient[i];
             for r in 0..3 {
                 for c in 0..3 {
-                    walked[r][c] += share * gradient[r] * gradient[c];
+                    unit[r][c] += share * gradient[r] * gradient[c];
                 }
             }
         }
-        let fresh = subtract(&spread, &propagate(&inverse, &walked));
+        let unit = propagate(&inverse, &unit);
+        let fresh = subtract(&spread, &scale(&unit, *drift));
+        let noise = scale(&unit, strip.noise_variance * strip.length * strip.length);
 
         // Posture of the tip in the root's frame.
         let (s, c) = sin_cos(root.theta);
@@ -902,6 +904,7 @@ impl Solver {
         let relative = RelativePosture {
             posture,
             covariance: strip.with_unseen_error(propagate(&jacobian, &fresh)),
+            noise: strip.with_unseen_error(propagate(&jacobian, &noise)),
         };
         let root_moment = moment_unit * (root_curvature + arm * load_y);
         let (force_x, force_y) = (force_unit * load_x, force_unit * load_y);

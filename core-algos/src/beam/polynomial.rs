@@ -360,9 +360,11 @@ fn finish<const N: usize, const Q: usize>(
         jacobian[0][i] = strip.length * x_by[i] + lever.0 * angles.tip[i];
         jacobian[1][i] = strip.length * y_by[i] + lever.1 * angles.tip[i];
     }
+    let [covariance, noise] = covariances(strip, highest, k, &jacobian);
     RelativePosture {
         posture,
-        covariance: covariance(strip, highest, k, &jacobian),
+        covariance,
+        noise,
     }
 }
 
@@ -397,7 +399,7 @@ pub fn piecewise(
     let flexible = Posture::new(x.value(), y.value(), phi.value());
     RelativePosture {
         posture: strip.with_rigid_ends(flexible),
-        covariance: quadrature(strip, rule, &curvature).covariance,
+        ..quadrature(strip, rule, &curvature)
     }
 }
 
@@ -424,20 +426,21 @@ impl Sum {
     }
 }
 
-/// Covariance of a posture whose derivative with respect to the gauges' curvatures is `jacobian`;
-/// `highest` is the polynomial's highest Legendre coefficient.
+/// Covariance of a posture whose derivative with respect to the gauges' curvatures is `jacobian`, and
+/// that of its noise, the polynomial's error with it; `highest` is the polynomial's highest Legendre
+/// coefficient.
 #[inline(always)]
-fn covariance<const N: usize>(
+fn covariances<const N: usize>(
     strip: &Strip,
     highest: f32,
     curvature: &[f32; N],
     jacobian: &Mat<3, N>,
-) -> Mat<3, 3> {
+) -> [Mat<3, 3>; 2] {
     let unseen = strip.uncertainty.interpolation * highest;
-    let unseen = unseen * unseen;
-    let mut variance = [0.0; N];
+    let fresh = strip.noise_variance + unseen * unseen;
+    let mut lasting = [0.0; N];
     for i in 0..N {
-        variance[i] = strip.gauge_variance(curvature[i]) + unseen;
+        lasting[i] = strip.gauge_variance(curvature[i]) - strip.noise_variance;
     }
     let (mut offset, mut gain) = ([0.0; 3], [0.0; 3]);
     for row in 0..3 {
@@ -447,19 +450,21 @@ fn covariance<const N: usize>(
         offset[row] *= strip.common_offset;
         gain[row] = strip.uncertainty.common_gain * dot(&jacobian[row], curvature);
     }
-    let mut p = [[0.0; 3]; 3];
+    let (mut p, mut noise) = ([[0.0; 3]; 3], [[0.0; 3]; 3]);
     for r in 0..3 {
         let mut weighed = [0.0; N];
         for i in 0..N {
-            weighed[i] = jacobian[r][i] * variance[i];
+            weighed[i] = jacobian[r][i] * lasting[i];
         }
         for c in r..3 {
             let common = offset[r] * offset[c] + gain[r] * gain[c];
-            p[r][c] = common + dot(&weighed, &jacobian[c]);
+            noise[r][c] = fresh * dot(&jacobian[r], &jacobian[c]);
+            noise[c][r] = noise[r][c];
+            p[r][c] = common + noise[r][c] + dot(&weighed, &jacobian[c]);
             p[c][r] = p[r][c];
         }
     }
-    strip.with_unseen_error(p)
+    [p, noise].map(|p| strip.with_unseen_error(p))
 }
 
 impl Strip {

@@ -462,9 +462,11 @@ impl RelativePositionSensor {
         let mut relative = solution.map(|solution| solution.relative);
         if let (Some(relative), Some(fit), false) = (&mut relative, &fit, consistent) {
             let factor = fit.chi_square / fit.degrees_of_freedom.max(1.0);
-            let enlarged = scale(&relative.covariance, factor.max(1.0));
-            if crate::math::matrix::is_finite(&enlarged) {
-                relative.covariance = enlarged;
+            for covariance in [&mut relative.covariance, &mut relative.noise] {
+                let enlarged = scale(covariance, factor.max(1.0));
+                if crate::math::matrix::is_finite(&enlarged) {
+                    *covariance = enlarged;
+                }
             }
         }
         Estimate {

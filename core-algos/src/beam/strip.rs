@@ -3,6 +3,7 @@
 use crate::config::{Allowed, ConfigError, in_range, non_negative, positive, require};
 use crate::math::Posture;
 use crate::math::matrix::Mat3;
+use crate::math::trig::sqrt;
 
 /// The most gauges a strip can carry.
 pub const MAX_GAUGES: usize = 8;
@@ -169,6 +170,9 @@ pub struct RelativePosture {
     pub posture: Posture,
     /// Covariance of (x, y, phi) in that frame.
     pub covariance: Mat3,
+    /// Its part that is new at each estimate: what zeros and gains of the gauges make of it, which stay, is
+    /// left out.
+    pub noise: Mat3,
 }
 
 impl RelativePosture {
@@ -176,7 +180,7 @@ impl RelativePosture {
     pub fn is_sound(&self) -> bool {
         // What is not finite makes the sum so; so do only numbers as large.
         let mut sum = self.posture.x + self.posture.y + self.posture.phi;
-        for row in &self.covariance {
+        for row in self.covariance.iter().chain(&self.noise) {
             for entry in row {
                 sum += entry;
             }
@@ -260,6 +264,23 @@ impl Uncertainty {
     }
 }
 
+/// Standard deviations of what lasting errors of the gauges make of the posture.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PostureSigmas {
+    /// Bend that the zeros add, rad.
+    pub zero_rad: f32,
+    /// Their tilt from root to tip: the first moment, about the middle, of the curvature they add, m.
+    pub zero_tilt_m: f32,
+    /// Random walk of the bend that the zeros add, rad/√s.
+    pub walk_rad_per_sqrt_s: f32,
+    /// Random walk of their tilt, m/√s.
+    pub walk_tilt_m_per_sqrt_s: f32,
+    /// Share by which a bend reads too large.
+    pub gain: f32,
+    /// Tilt of the gains from root to tip, m a radian of bend.
+    pub gain_tilt_m: f32,
+}
+
 /// Geometry, stiffness and gauges of the strip.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(
@@ -310,6 +331,38 @@ impl Default for Config {
 }
 
 impl Config {
+    /// What errors of the gauges, each by itself or common to all, make of the posture that is fitted: a
+    /// line is put through them. Of gauges that do not stand symmetrically about the middle the bend
+    /// and the tilt are correlated, which is not said here.
+    pub fn sigmas(&self) -> PostureSigmas {
+        let count = self.gauges_m.count() as f32;
+        let place = |at: f32| (2.0 * at - self.length_m) / self.length_m;
+        let mean = self.gauges_m.iter().map(place).sum::<f32>() / count;
+        let moment: f32 = self
+            .gauges_m
+            .iter()
+            .map(|at| (place(at) - mean) * (place(at) - mean))
+            .sum();
+        // Bend and tilt of a curvature of one standard deviation times length.
+        let own_bend = sqrt(1.0 / count + mean * mean / moment);
+        let own_tilt = self.length_m / (6.0 * sqrt(moment));
+        let bend = |own: f32, common: f32| {
+            let own = own_bend * own;
+            sqrt(own * own + common * common)
+        };
+        let per_strain = self.length_m / self.half_thickness_m;
+        let u = &self.uncertainty;
+        let walk = u.zero_walk_strain_per_sqrt_s;
+        PostureSigmas {
+            zero_rad: per_strain * bend(u.offset_strain, u.common_offset_strain),
+            zero_tilt_m: per_strain * own_tilt * u.offset_strain,
+            walk_rad_per_sqrt_s: per_strain * bend(walk, 0.0),
+            walk_tilt_m_per_sqrt_s: per_strain * own_tilt * walk,
+            gain: bend(u.gain, u.common_gain),
+            gain_tilt_m: own_tilt * u.gain,
+        }
+    }
+
     /// Checks every field.
     pub fn build(&self) -> Result<Strip, ConfigError> {
         let length = in_range("length_m", self.length_m, 1e-3, 100.0)?;
@@ -361,6 +414,7 @@ impl Config {
             rigid_root: self.rigid_root_m,
             rigid_tip: self.rigid_tip_m,
             stiffness: self.bending_stiffness_n_m2,
+            noise_variance: noise * noise,
             still_variance: noise * noise + offset * offset,
             common_offset: still(uncertainty.common_offset_strain),
             uncertainty,
@@ -385,6 +439,8 @@ pub struct Strip {
     pub(super) stiffness: f32,
     /// Standard deviations of the readings.
     pub(super) uncertainty: Uncertainty,
+    /// Variance of the noise of a gauge's curvature, 1/m².
+    pub(super) noise_variance: f32,
     /// Variance of a gauge's curvature on a straight strip, what it shares with the others left
     /// out, 1/m².
     pub(super) still_variance: f32,

@@ -2,40 +2,89 @@
 //!
 //! They add linearly and white noise cannot stand for them. [`joint`](super::joint) estimates them;
 //! [`track`](super::track) keeps what a posture owes to each. Both take from here what they do to
-//! an axle's odometric increment.
+//! an axle's odometric increment and to what the beam says.
 //!
 //! | index | constant |
 //! |---|---|
-//! | [`OFFSET`] | offset of the beam's r_y (m) and r_φ (rad) |
+//! | [`ZERO`] | bend that the zeros of the gauges add (rad), and their tilt from root to tip (m) |
+//! | [`GAIN`] | gain error of the beam: of the bend, and tilt from root to tip a radian of it (m) |
 //! | [`DRIFT`] | heading drift per metre of front and rear odometry: unequal wheels (rad/m) |
 //! | [`SCALE`] | scale error of front and rear odometry: wheel size |
-//! | [`CREEP`] | yaw rate of each axle against the bend per radian of bend (1/s) |
 //! | [`TURN`] | scale error of the headings that the wheels of front and rear report: track |
+//! | [`SIDE`] | way aside of front and rear over their way ahead: axles askew, camber |
+//! | [`COMPLIANCE`] | slip of the tyres under the frame's moment beyond [`Tyres`]: mean of the axles and half their difference (rad/m) |
+//! | [`CREEP`] | the same at any speed, at rest too (rad/s) |
 //! | [`GYRO_BIAS`] | what the gyros of front and rear read too little (rad/s) |
 //! | [`GYRO_SCALE`] | scale error of the gyros of front and rear |
 //!
 //! An axle with a gyro turns by it: the wheels' share of the heading is then some thousandths, and
-//! with it what creep, unequal wheels and track do to it.
+//! with it what slip, unequal wheels and track do to it.
+//!
+//! **Tyres.** A bent frame turns the front axle back and the rear axle into the bend with the moment
+//! M = EI/L·bend, which the tyres of an axle hold by opposite forces F = M/2d. A brush tyre under load N
+//! slips by F/(NC)/(1 − F/μN) of the way w that it rolls. So an axle yaws by M/(2d²NC) a metre of
+//! w̄ = (|w_l| + |w_r|)/2, which its wheels do not see, and advances by the same times
+//! d (|w_r| − |w_l|)/2.
+//!
+//! **Beam.** An error of the curvature along the strip moves the tip as seen from the root: its integral
+//! turns and moves it as a larger bend does, its first moment about the middle moves it across the chord.
 
 use crate::math::Posture;
 use crate::math::matrix::Mat;
+use crate::math::trig::{sin_cos, sinc};
 
 /// Number of constants.
-pub const COUNT: usize = 13;
-/// Offset of the beam (2).
-pub const OFFSET: usize = 0;
+pub const COUNT: usize = 19;
+/// Zeros of the gauges (2).
+pub const ZERO: usize = 0;
+/// Gains of the gauges (2).
+pub const GAIN: usize = 2;
 /// Heading drift of front and rear.
-pub const DRIFT: usize = 2;
+pub const DRIFT: usize = 4;
 /// Scale error of front and rear.
-pub const SCALE: usize = 4;
-/// Creep of the axles against each other.
-pub const CREEP: usize = 6;
+pub const SCALE: usize = 6;
 /// Scale error of the heading by the wheels of front and rear.
-pub const TURN: usize = 7;
+pub const TURN: usize = 8;
+/// Way aside of front and rear.
+pub const SIDE: usize = 10;
+/// Slip a metre under the frame's moment: mean and half the difference of front and rear.
+pub const COMPLIANCE: usize = 12;
+/// Slip a second under the frame's moment.
+pub const CREEP: usize = 14;
 /// Bias of the gyros of front and rear.
-pub const GYRO_BIAS: usize = 9;
+pub const GYRO_BIAS: usize = 15;
 /// Scale error of the gyros of front and rear.
-pub const GYRO_SCALE: usize = 11;
+pub const GYRO_SCALE: usize = 17;
+/// Constants that the beam's posture owes something to: [`ZERO`] and [`GAIN`].
+pub const OF_BEAM: usize = 4;
+
+/// What the tyres of an axle are taken to do under the frame's moment.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tyres {
+    /// Half the track (the paper's d), m.
+    pub half_track: f32,
+    /// Slip of an axle a metre rolled and a radian of a small bend, rad/m.
+    pub compliance: f32,
+    /// Bend at which the tyres slide, rad.
+    pub sliding: f32,
+}
+
+impl Tyres {
+    /// Largest share of the friction that the model is followed to.
+    const MAX_SHARE: f32 = 0.7;
+
+    /// Bend over 1 − F/μN, and its derivative by the bend.
+    fn load(&self, bend: f32) -> (f32, f32) {
+        let share = (bend.abs() / self.sliding).min(Self::MAX_SHARE);
+        let factor = 1.0 / (1.0 - share);
+        let slope = if share < Self::MAX_SHARE {
+            factor * factor
+        } else {
+            factor
+        };
+        (bend * factor, slope)
+    }
+}
 
 /// One axle's odometric increment and what its errors depend on.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -53,11 +102,9 @@ pub struct Step {
 }
 
 impl Step {
-    /// Rate at which the heading that odometry does not see grows with the creep constant, per
-    /// radian of bend: the frame turns the front axle back and the rear axle into the bend.
-    pub fn creep_time(&self) -> f32 {
-        let sign = if self.axle == 0 { -1.0 } else { 1.0 };
-        sign * self.by_wheels() * self.dt
+    /// The front axle is turned back, the rear axle into the bend.
+    fn sign(&self) -> f32 {
+        if self.axle == 0 { -1.0 } else { 1.0 }
     }
 
     /// Share of the heading that comes from the wheels.
@@ -65,19 +112,105 @@ impl Step {
         1.0 - self.gyro_share
     }
 
+    /// Ways that the left and the right wheel rolled, without sign, m.
+    fn rolled(&self, tyres: &Tyres) -> [f32; 2] {
+        let turned = tyres.half_track * self.moved.phi;
+        [self.moved.x - turned, self.moved.x + turned].map(f32::abs)
+    }
+
+    /// Mean way that the wheels rolled, m.
+    pub fn way(&self, tyres: &Tyres) -> f32 {
+        let [left, right] = self.rolled(tyres);
+        0.5 * (left + right)
+    }
+
+    /// Advance and turn (m, rad) by a slip of one radian a metre and radian of bend.
+    fn slip(&self, tyres: &Tyres) -> [f32; 2] {
+        let [left, right] = self.rolled(tyres);
+        let half = 0.5 * self.sign();
+        [
+            half * tyres.half_track * (right - left),
+            half * self.by_wheels() * (left + right),
+        ]
+    }
+
+    /// True increment less the odometric one (m, m, rad), and its derivative by the bend.
+    pub fn error(&self, tyres: &Tyres, constants: &[f32; COUNT]) -> ([f32; 3], [f32; 3]) {
+        let (load, slope) = tyres.load(self.bend);
+        let mut error = crate::math::matrix::apply(&self.by_constants(tyres), constants);
+        let [ahead, turn] = self.slip(tyres);
+        error[0] += tyres.compliance * load * ahead;
+        error[2] += tyres.compliance * load * turn;
+        let own = self.difference_sign() * constants[COMPLIANCE + 1];
+        let compliance = tyres.compliance + constants[COMPLIANCE] + own;
+        let creep = self.sign() * self.by_wheels() * self.dt * constants[CREEP];
+        let by_bend = [
+            slope * compliance * ahead,
+            0.0,
+            slope * (compliance * turn + creep),
+        ];
+        (error, by_bend)
+    }
+
+    /// Sign of the difference of the axles' compliances.
+    fn difference_sign(&self) -> f32 {
+        -self.sign()
+    }
+
     /// Derivative of the true increment (m, m, rad) by the constants.
-    pub fn by_constants(&self) -> Mat<3, COUNT> {
+    pub fn by_constants(&self, tyres: &Tyres) -> Mat<3, COUNT> {
         let p = self.moved;
         let axle = self.axle.min(1);
         let mut by = [[0.0; COUNT]; 3];
         by[0][SCALE + axle] = p.x;
         by[1][SCALE + axle] = p.y;
+        by[1][SIDE + axle] = p.x;
         by[2][DRIFT + axle] = self.by_wheels() * p.x;
         by[2][TURN + axle] = self.by_wheels() * p.phi;
-        by[2][CREEP] = self.creep_time() * self.bend;
+        let (load, _) = tyres.load(self.bend);
+        let [ahead, turn] = self.slip(tyres);
+        let difference = self.difference_sign();
+        by[0][COMPLIANCE] = load * ahead;
+        by[0][COMPLIANCE + 1] = difference * load * ahead;
+        by[2][COMPLIANCE] = load * turn;
+        by[2][COMPLIANCE + 1] = difference * load * turn;
+        by[2][CREEP] = self.sign() * self.by_wheels() * self.dt * load;
         by[2][GYRO_BIAS + axle] = self.gyro_share * self.dt;
         by[2][GYRO_SCALE + axle] = self.gyro_share * p.phi;
         by
+    }
+}
+
+/// Derivative of what the beam says of the front axle (m, m, rad, in the rear axle's frame) by the first
+/// [`OF_BEAM`] constants, for the posture `relative`.
+///
+/// Of an arc, which a strip under pure moments is: for its bend φ and its tip (x, y) the tip moves by
+/// (x cot φ − x/φ …) with the bend; written with half angles nothing is divided by φ.
+pub fn beam_by_constants(relative: Posture) -> Mat<3, OF_BEAM> {
+    let bend = relative.phi;
+    let (sin, cos) = sin_cos(0.5 * bend);
+    // The chord c = L sinc(φ/2) lies at half the bend: d(x, y)/dφ = c'(cos, sin) + c/2 (−sin, cos).
+    let chord = relative.x * cos + relative.y * sin;
+    let shortened = chord * shortening(0.5 * bend);
+    let by_bend = [
+        shortened * cos - 0.5 * chord * sin,
+        shortened * sin + 0.5 * chord * cos,
+        1.0,
+    ];
+    let by_tilt = [sin, -cos, 0.0];
+    core::array::from_fn(|i| [by_bend[i], by_tilt[i], bend * by_bend[i], bend * by_tilt[i]])
+}
+
+/// Half the logarithmic derivative of sinc at `a`: (cot a − 1/a)/2.
+fn shortening(a: f32) -> f32 {
+    let square = a * a;
+    if square < 0.5 {
+        // cot a − 1/a = −a/3 − a³/45 − 2a⁵/945 − a⁷/4725 …
+        -0.5 * a
+            * (1.0 / 3.0 + square * (1.0 / 45.0 + square * (2.0 / 945.0 + square / 4725.0)))
+    } else {
+        let (_, cos) = sin_cos(a);
+        0.5 * (cos / sinc(a) - 1.0) / a
     }
 }
 

@@ -11,18 +11,15 @@
 //! |---|---|
 //! | 0–2 | error of the rear axle's posture along, across its heading, in heading (m, m, rad) |
 //! | 3–5 | front axle's posture in the rear axle's frame (m, m, rad) |
-//! | 6–18 | the constants, in their order |
+//! | 6–24 | the constants, in their order |
 //!
-//! Two more errors turn the robot as a whole, and nothing on board tells them from errors of the gyros.
-//! Tyres under load slip sideways steadily, which looks like a common bias. A beam that reads a bend of a
-//! radian as 1.002 says that the axles turn against each other by as much more than their gyros do,
-//! which looks like a common scale error. They are considered (Schmidt 1966): not estimated, but their
-//! share is in every covariance that is given out ([`Config::steady_slip_sigma_rad_per_m`],
-//! [`Config::beam_gain_sigma`]). With a state for the beam's gain the filter would have to find the
-//! scale from the axles' sideways motion, where a part in 10⁵ that is not modelled weighs more.
+//! Three more errors move the robot as a whole, and nothing on board tells of them: the grain of a floor
+//! takes both axles along for each metre they roll, along the floor's own axes (two), and tyres under load
+//! turn both axles steadily. They are considered (Schmidt 1966): not estimated, but their share is in every
+//! covariance that is given out ([`Config::floor_drift_sigma`], [`Config::steady_slip_sigma_rad_per_m`]).
+//! They do not change the relative posture, so no gain of the beam's update depends on them.
 //!
-//! The two offsets are correlated: a gauge that reads too much both turns and moves the estimated
-//! end. A standard deviation of 0 removes a state. The update takes all three components of r with their
+//! A standard deviation of 0 removes a state. The update takes all three components of r with their
 //! covariance, gated by the NIS. Nothing here panics; see [`Joint`].
 //!
 //! # Example
@@ -48,10 +45,14 @@
 //! # Ok::<(), core_algos::config::ConfigError>(())
 //! ```
 
-use super::constants::{self, CREEP, DRIFT, GYRO_BIAS, GYRO_SCALE, OFFSET, SCALE, Step, TURN};
+use super::constants::{
+    self, COMPLIANCE, CREEP, DRIFT, GAIN, GYRO_BIAS, GYRO_SCALE, OF_BEAM, SCALE, SIDE, Step, TURN,
+    Tyres, ZERO,
+};
 use super::covariance::Covariance;
 use super::ekf::Verdict;
 use super::{Estimate, compound};
+use crate::beam::strip::{self, PostureSigmas};
 use crate::config::{ConfigError, in_range, non_negative, positive};
 use crate::math::Posture;
 use crate::math::matrix::{self, Mat, Mat3};
@@ -63,24 +64,35 @@ const REL: usize = 3;
 const REL_PHI: usize = 5;
 /// The first of the constants.
 const FIRST: usize = 6;
-const OFFSET_Y: usize = FIRST + OFFSET;
-const OFFSET_PHI: usize = OFFSET_Y + 1;
+/// States that what the beam says depends on: the relative posture and its constants.
+const SEEN: [usize; 3 + OF_BEAM] = [
+    REL,
+    REL + 1,
+    REL_PHI,
+    FIRST + ZERO,
+    FIRST + ZERO + 1,
+    FIRST + GAIN,
+    FIRST + GAIN + 1,
+];
 
 /// Columns of the rows of F that are not zero: of the rear axle's posture by itself and the rear
 /// odometry's constants, of the relative posture by itself and the constants of both odometries.
-const OF_REAR: [usize; 10] = [
+const OF_REAR: [usize; 13] = [
     0,
     1,
     2,
     REL_PHI,
     FIRST + DRIFT + 1,
     FIRST + SCALE + 1,
-    FIRST + CREEP,
     FIRST + TURN + 1,
+    FIRST + SIDE + 1,
+    FIRST + COMPLIANCE,
+    FIRST + COMPLIANCE + 1,
+    FIRST + CREEP,
     FIRST + GYRO_BIAS + 1,
     FIRST + GYRO_SCALE + 1,
 ];
-const OF_RELATIVE: [usize; 14] = [
+const OF_RELATIVE: [usize; 18] = [
     REL,
     REL + 1,
     REL_PHI,
@@ -88,9 +100,13 @@ const OF_RELATIVE: [usize; 14] = [
     FIRST + DRIFT + 1,
     FIRST + SCALE,
     FIRST + SCALE + 1,
-    FIRST + CREEP,
     FIRST + TURN,
     FIRST + TURN + 1,
+    FIRST + SIDE,
+    FIRST + SIDE + 1,
+    FIRST + COMPLIANCE,
+    FIRST + COMPLIANCE + 1,
+    FIRST + CREEP,
     FIRST + GYRO_BIAS,
     FIRST + GYRO_BIAS + 1,
     FIRST + GYRO_SCALE,
@@ -102,29 +118,38 @@ const OF_RELATIVE: [usize; 14] = [
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
 pub struct Config {
-    /// Standard deviation of the beam's constant lateral offset, m.
-    pub beam_offset_sigma_m: f32,
-    /// Standard deviation of the beam's constant heading offset, rad.
-    pub beam_offset_sigma_rad: f32,
-    /// Correlation of the two: all zero errors of the gauges bend the estimated frame, which turns
-    /// its end and moves it to the same side.
-    pub beam_offset_correlation: f32,
-    /// Random walk of the lateral offset, m/√s.
-    pub beam_offset_walk_m_per_sqrt_s: f32,
-    /// Random walk of the heading offset, rad/√s.
-    pub beam_offset_walk_rad_per_sqrt_s: f32,
-    /// Correlation of the two walks: each gauge walks by itself, those at the root move the end most.
-    pub beam_offset_walk_correlation: f32,
+    /// What zeros and gains of the gauges make of the beam's posture.
+    #[cfg_attr(feature = "serde", serde(skip))]
+    pub beam: PostureSigmas,
+    /// Half the track (the paper's d), m.
+    #[cfg_attr(feature = "serde", serde(skip))]
+    pub half_track_m: f32,
+    /// Moment of the frame on an axle a radian of bend, EI/L, N m.
+    #[cfg_attr(feature = "serde", serde(skip))]
+    pub frame_moment_n_m: f32,
+    /// Mass that the wheels of an axle carry, kg.
+    #[cfg_attr(feature = "serde", serde(skip))]
+    pub axle_mass_kg: f32,
+    /// Slip stiffness of the tyres over their load (C): rubber on a firm floor 10 to 40.
+    pub slip_stiffness: f32,
+    /// Friction coefficient of the tyres.
+    pub friction: f32,
+    /// Standard deviation of the slip of all tyres, relative: what floor and rubber make of it.
+    pub slip_sigma: f32,
+    /// Standard deviation of that of each tyre, relative.
+    pub tyre_slip_sigma: f32,
+    /// Standard deviation of the creep of an axle at any speed under the frame's moment, 1/s.
+    pub creep_sigma_per_s: f32,
     /// Standard deviation of an axle's heading drift, rad/m: relative difference of its wheel radii
     /// over the track.
     pub heading_drift_sigma_rad_per_m: f32,
     /// Standard deviation of an axle's scale error (relative error of the mean wheel radius).
     pub scale_sigma: f32,
-    /// Standard deviation of the creep rate, 1/s.
-    pub creep_sigma_per_s: f32,
     /// Standard deviation of the scale error of the headings that the wheels report: relative error
     /// of an axle's track.
     pub turn_scale_sigma: f32,
+    /// Standard deviation of the way aside that an axle rolls, over its way ahead.
+    pub side_slip_sigma: f32,
     /// Standard deviation of a gyro's bias when the robot sets off, rad/s.
     pub gyro_bias_sigma_rad_s: f32,
     /// Random walk of a gyro's bias, rad/s/√s.
@@ -135,35 +160,36 @@ pub struct Config {
     /// slip sideways steadily; it cannot be told from a common bias of the gyros, so it is not learnt,
     /// only taken into account.
     pub steady_slip_sigma_rad_per_m: f32,
-    /// Standard deviation of the gain with which the beam measures a bend: share by which the angles
-    /// that both axles turn are learnt wrong; not learnt, only taken into account.
-    pub beam_gain_sigma: f32,
+    /// Standard deviation of the way that the floor takes the robot, over the way it rolls, along each
+    /// axis of the floor; nothing on board tells it, so it is only taken into account.
+    pub floor_drift_sigma: f32,
 }
 
 impl Default for Config {
     fn default() -> Self {
         Self {
-            // Zero errors of 1 µε of each gauge and 1 µε of all, on the default strip.
-            beam_offset_sigma_m: 1.45e-4,
-            beam_offset_sigma_rad: 8.1e-4,
-            beam_offset_correlation: 0.978,
-            // A walk of 0.05 µε/√s of each of five gauges.
-            beam_offset_walk_m_per_sqrt_s: 3.5e-6,
-            beam_offset_walk_rad_per_sqrt_s: 1.7e-5,
-            beam_offset_walk_correlation: 0.87,
-            // Wheel radii known to 0.1 % each, 0.324 m apart.
-            heading_drift_sigma_rad_per_m: 4.5e-3,
-            scale_sigma: 1e-3,
-            creep_sigma_per_s: 0.03,
-            turn_scale_sigma: 3e-3,
+            // Those of the default strip.
+            beam: strip::Config::default().sigmas(),
+            half_track_m: 0.162,
+            frame_moment_n_m: 0.833 / 0.37,
+            axle_mass_kg: 4.76,
+            slip_stiffness: 20.0,
+            friction: 0.7,
+            slip_sigma: 0.5,
+            tyre_slip_sigma: 0.3,
+            creep_sigma_per_s: 0.02,
+            // Radii of each wheel known to 0.4 %, 0.324 m apart.
+            heading_drift_sigma_rad_per_m: 1.75e-2,
+            scale_sigma: 2.8e-3,
+            turn_scale_sigma: 1.25e-2,
+            side_slip_sigma: 3e-3,
             // Zeroed over 0.4 s at rest: 4.9e-5 rad/s/√Hz of noise leave 5.5e-5 rad/s.
             gyro_bias_sigma_rad_s: 6e-5,
             gyro_bias_walk_rad_s_per_sqrt_s: 5e-5,
             gyro_scale_sigma: 5e-3,
             // Some 10 µm/s between axles 0.37 m apart at 0.12 m/s.
             steady_slip_sigma_rad_per_m: 3e-4,
-            // Five gauges, whose gains are known to 0.3 % each, would be 1.3e-3; bends tell of it a little.
-            beam_gain_sigma: 1e-3,
+            floor_drift_sigma: 8e-3,
         }
     }
 }
@@ -172,82 +198,74 @@ impl Config {
     /// The ready form for one tick of `period_s`; an error names the parameter out of range.
     pub fn build(&self, period_s: f32) -> Result<Joint, ConfigError> {
         let t = positive("period_s", period_s)?;
-        in_range(
-            "beam_offset_correlation",
-            self.beam_offset_correlation,
-            -0.999,
-            0.999,
-        )?;
-        let walk_correlation = in_range(
-            "beam_offset_walk_correlation",
-            self.beam_offset_walk_correlation,
-            -0.999,
-            0.999,
-        )?;
         macro_rules! variance {
-            ($field:ident) => {{
-                let sigma = non_negative(stringify!($field), self.$field)?;
+            ($($field:ident).+) => {{
+                let sigma = non_negative(stringify!($($field).+), self.$($field).+)?;
                 sigma * sigma
             }};
         }
-        let drift = variance!(heading_drift_sigma_rad_per_m);
-        let scale = variance!(scale_sigma);
-        let turn = variance!(turn_scale_sigma);
-        let bias = variance!(gyro_bias_sigma_rad_s);
-        let gyro_scale = variance!(gyro_scale_sigma);
-        let bias_walk = t * variance!(gyro_bias_walk_rad_s_per_sqrt_s);
+        let half_track = positive("half_track_m", self.half_track_m)?;
+        let moment = positive("frame_moment_n_m", self.frame_moment_n_m)?;
+        let wheel_load = 0.5 * GRAVITY * positive("axle_mass_kg", self.axle_mass_kg)?;
+        let stiffness = in_range("slip_stiffness", self.slip_stiffness, 1.0, 1e4)?;
+        let tyres = Tyres {
+            half_track,
+            compliance: moment / (2.0 * half_track * half_track * wheel_load * stiffness),
+            sliding: 2.0 * half_track * positive("friction", self.friction)? * wheel_load / moment,
+        };
+        let compliance = tyres.compliance * tyres.compliance;
+        // Of two tyres an axle and two axles.
+        let of_tyres = 0.25 * variance!(tyre_slip_sigma);
+        let mut prior = [0.0; constants::COUNT];
         let mut walk = [0.0; constants::COUNT];
-        walk[OFFSET] = t * variance!(beam_offset_walk_m_per_sqrt_s);
-        walk[OFFSET + 1] = t * variance!(beam_offset_walk_rad_per_sqrt_s);
-        walk[GYRO_BIAS] = bias_walk;
-        walk[GYRO_BIAS + 1] = bias_walk;
+        prior[ZERO] = variance!(beam.zero_rad);
+        prior[ZERO + 1] = variance!(beam.zero_tilt_m);
+        prior[GAIN] = variance!(beam.gain);
+        prior[GAIN + 1] = variance!(beam.gain_tilt_m);
+        prior[COMPLIANCE] = compliance * (variance!(slip_sigma) + of_tyres);
+        prior[COMPLIANCE + 1] = compliance * of_tyres;
+        prior[CREEP] = variance!(creep_sigma_per_s);
+        for (first, variance) in [
+            (DRIFT, variance!(heading_drift_sigma_rad_per_m)),
+            (SCALE, variance!(scale_sigma)),
+            (TURN, variance!(turn_scale_sigma)),
+            (SIDE, variance!(side_slip_sigma)),
+            (GYRO_BIAS, variance!(gyro_bias_sigma_rad_s)),
+            (GYRO_SCALE, variance!(gyro_scale_sigma)),
+        ] {
+            prior[first] = variance;
+            prior[first + 1] = variance;
+        }
+        walk[ZERO] = t * variance!(beam.walk_rad_per_sqrt_s);
+        walk[ZERO + 1] = t * variance!(beam.walk_tilt_m_per_sqrt_s);
+        walk[GYRO_BIAS] = t * variance!(gyro_bias_walk_rad_s_per_sqrt_s);
+        walk[GYRO_BIAS + 1] = walk[GYRO_BIAS];
+        let floor = variance!(floor_drift_sigma);
         Ok(Joint {
             t,
-            offset_covariance: self.beam_offset_correlation
-                * self.beam_offset_sigma_m
-                * self.beam_offset_sigma_rad,
-            offset_walk_covariance: t
-                * walk_correlation
-                * self.beam_offset_walk_m_per_sqrt_s
-                * self.beam_offset_walk_rad_per_sqrt_s,
-            prior: [
-                variance!(beam_offset_sigma_m),
-                variance!(beam_offset_sigma_rad),
-                drift,
-                drift,
-                scale,
-                scale,
-                variance!(creep_sigma_per_s),
-                turn,
-                turn,
-                bias,
-                bias,
-                gyro_scale,
-                gyro_scale,
-            ],
+            tyres,
+            prior,
             walk,
-            considered: [
-                variance!(steady_slip_sigma_rad_per_m),
-                variance!(beam_gain_sigma),
-            ],
+            considered: [variance!(steady_slip_sigma_rad_per_m), floor, floor],
         })
     }
 }
+
+/// Acceleration of gravity, m/s².
+const GRAVITY: f32 = 9.81;
 
 /// The joint filter, ready to run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Joint {
     t: f32,
+    tyres: Tyres,
     /// Prior variances of the constants.
     prior: [f32; constants::COUNT],
-    /// Prior covariance of the two offsets of the beam.
-    offset_covariance: f32,
-    /// Covariance of the two offsets added each tick.
-    offset_walk_covariance: f32,
     /// Variance added to the constants each tick.
     walk: [f32; constants::COUNT],
-    /// Variances of the heading that a metre adds, (rad/m)², and that a radian turned adds.
-    considered: [f32; 2],
+    /// Variances of the heading that a metre adds, (rad/m)², and of the way that the floor adds to a metre
+    /// along its x and y.
+    considered: [f32; 3],
 }
 
 /// All that changes in the joint filter.
@@ -258,16 +276,11 @@ pub struct State {
     constants: [f32; constants::COUNT],
     covariance: Covariance<N>,
     /// Derivatives of the rear axle's posture, in its own frame, by the heading that a metre adds
-    /// (m², m², m) and by that which a radian turned adds (m, m, rad).
-    by_considered: [[f32; 3]; 2],
+    /// (m², m², m) and by the way that the floor adds to a metre along its x and y (m, m, rad).
+    by_considered: [[f32; 3]; 3],
     /// Variances of these.
-    considered: [f32; 2],
-    /// Variances of the scales ([`SCALES`]) at the start.
-    scales: [f32; 4],
+    considered: [f32; 3],
 }
-
-/// The scales of turns.
-const SCALES: [usize; 4] = [TURN, TURN + 1, GYRO_SCALE, GYRO_SCALE + 1];
 
 impl State {
     /// The rear axle's posture.
@@ -347,10 +360,8 @@ impl State {
 
     /// Adds what the considered errors do to a posture, by its derivative by the rear axle's.
     fn add_considered(&self, covariance: &mut Mat3, by_rear: &Mat3) {
-        let [by_slip, by_gain] = self.by_considered;
-        let by_gain = self.by_gain(by_gain);
-        let by_considered = [by_slip, by_gain].map(|by| matrix::apply(by_rear, &by));
-        for (by, variance) in by_considered.iter().zip(self.considered) {
+        for (by, variance) in self.by_considered.iter().zip(self.considered) {
+            let by = matrix::apply(by_rear, by);
             for i in 0..3 {
                 for k in 0..3 {
                     covariance[i][k] += variance * (by[i] * by[k]);
@@ -365,23 +376,6 @@ impl State {
         let mut covariance = matrix::propagate(&into_world, &self.covariance.posture());
         self.add_considered(&mut covariance, &into_world);
         Estimate::new(self.rear, covariance)
-    }
-
-    /// Derivative of the rear axle's error, in its own frame, by the beam's gain, where `all` is what it
-    /// would be if every turn had been measured in the beam's radians. A beam whose gain is 1 + g is, to
-    /// first order in the bend, a right one beside scales whose mean was g at the start instead of 0, and
-    /// P P₀⁻¹ is what is left of a mean. Large bends tell the gain from the scales, so it is no less than
-    /// what a gain does.
-    fn by_gain(&self, all: [f32; 3]) -> [f32; 3] {
-        let mut by = all;
-        for (k, prior) in SCALES.into_iter().zip(self.scales) {
-            if prior > 0.0 {
-                for (i, by) in by.iter_mut().enumerate() {
-                    *by -= self.covariance.upper[i][FIRST + k] / prior;
-                }
-            }
-        }
-        by
     }
 
     /// The front axle with its covariance along the global axes.
@@ -409,6 +403,16 @@ pub struct BeamUpdate {
 }
 
 impl Joint {
+    /// Prior standard deviations of the constants.
+    pub fn prior_sigmas(&self) -> [f32; constants::COUNT] {
+        self.prior.map(sqrt)
+    }
+
+    /// What the tyres are taken to do.
+    pub fn tyres(&self) -> &Tyres {
+        &self.tyres
+    }
+
     /// Start: O's posture with its covariance, and the front axle's posture in the rear axle's frame
     /// with its own, independent covariance.
     pub fn start(&self, robot: &Estimate, relative: &Estimate) -> State {
@@ -441,15 +445,13 @@ impl Joint {
         for k in 0..constants::COUNT {
             p[FIRST + k][FIRST + k] = self.prior[k];
         }
-        p[OFFSET_Y][OFFSET_PHI] = self.offset_covariance;
         State {
             rear,
             relative: relative.posture,
             constants: [0.0; constants::COUNT],
             covariance: Covariance::from_matrix(&p),
-            by_considered: [[0.0; 3]; 2],
+            by_considered: [[0.0; 3]; 3],
             considered: self.considered,
-            scales: SCALES.map(|k| self.prior[k]),
         }
     }
 
@@ -462,12 +464,6 @@ impl Joint {
         }
         u[FIRST + k][FIRST + k] = self.prior[k];
         state.constants[k] = 0.0;
-    }
-
-    /// Share of a turn whose scale is not known for certain.
-    fn of_unknown_scale(&self, gyro_share: f32) -> f32 {
-        let [turn, gyro] = [TURN, GYRO_SCALE].map(|k| f32::from(self.prior[k] > 0.0));
-        turn + gyro_share * (gyro - turn)
     }
 
     /// Odometry: increments of front and rear in the axles' own frames, each with the covariance of
@@ -493,8 +489,8 @@ impl Joint {
         // Corrected increment, and its derivative by all states.
         let constants = state.constants;
         let correct = |step: Step| {
-            let by_constants = step.by_constants();
-            let [x, y, phi] = matrix::apply(&by_constants, &constants);
+            let by_constants = step.by_constants(&self.tyres);
+            let ([x, y, phi], by_bend) = step.error(&self.tyres, &constants);
             let p = step.moved;
             let mut by: Mat<3, N> = [[0.0; N]; 3];
             for i in 0..3 {
@@ -502,7 +498,9 @@ impl Joint {
                     by[i][FIRST + k] = by_constants[i][k];
                 }
             }
-            by[2][REL_PHI] = constants[CREEP] * step.creep_time();
+            for i in 0..3 {
+                by[i][REL_PHI] = by_bend[i];
+            }
             (Posture::new(p.x + x, p.y + y, p.phi + phi), by)
         };
         let (d1, g1) = correct(step(0, front.posture, front_share));
@@ -517,7 +515,13 @@ impl Joint {
             *by = matrix::apply(&by_rear, by);
         }
         state.by_considered[0][2] += sqrt(d2.x * d2.x + d2.y * d2.y);
-        state.by_considered[1][2] += self.of_unknown_scale(gyro_shares[1]) * d2.phi;
+        let way = step(1, rear.posture, rear_share).way(&self.tyres);
+        let (to_y, to_x) = sin_cos(state.rear.phi + d2.phi);
+        let floor = [[to_x, -to_y], [to_y, to_x]];
+        for (by, direction) in state.by_considered[1..].iter_mut().zip(floor) {
+            by[0] += way * direction[0];
+            by[1] += way * direction[1];
+        }
         // Relative: ⊖ d2 ⊕ (r ⊕ d1).
         let tip = state.relative.compose(d1);
         let (tip_by_relative, tip_by_front) = state.relative.compose_jacobians(d1);
@@ -600,7 +604,6 @@ impl Joint {
         for k in 0..constants::COUNT {
             u[FIRST + k][FIRST + k] += ticks * self.walk[k];
         }
-        u[OFFSET_Y][OFFSET_PHI] += ticks * self.offset_walk_covariance;
 
         state.rear = state.rear.compose(d2);
         state.relative = tip.relative_to(d2);
@@ -615,16 +618,27 @@ impl Joint {
         accept: impl FnOnce(f32) -> bool,
     ) -> BeamUpdate {
         let r = &measured.covariance;
+        let by_constants = constants::beam_by_constants(state.relative);
         let mut innovation = measured.posture.minus(state.relative);
-        innovation[1] -= state.constants[0];
-        innovation[2] = wrap_angle(innovation[2] - state.constants[1]);
+        for (i, by) in by_constants.iter().enumerate() {
+            for (by, constant) in by.iter().zip(&state.constants) {
+                innovation[i] -= by * constant;
+            }
+        }
+        innovation[2] = wrap_angle(innovation[2]);
         let Some(noise) = matrix::cholesky(r).filter(|_| measured.is_finite()) else {
             return BeamUpdate {
                 verdict: Verdict::Invalid,
                 ..BeamUpdate::default()
             };
         };
-        let nis = self.nis(state, r, &innovation);
+        // Derivatives by the states of SEEN.
+        let mut h: Mat<3, { SEEN.len() }> = [[0.0; SEEN.len()]; 3];
+        for i in 0..3 {
+            h[i][i] = 1.0;
+            h[i][3..].copy_from_slice(&by_constants[i]);
+        }
+        let nis = self.nis(state, r, &h, &innovation);
         let mut outcome = BeamUpdate {
             verdict: Verdict::Gated,
             innovation,
@@ -643,57 +657,39 @@ impl Joint {
         let (m10, m21) = (-l10, -l21);
         let m20 = l21 * l10 - l20;
         let [v0, v1, v2] = [0, 1, 2].map(|k| noise[k][k] * noise[k][k]);
-        let p = &mut state.covariance;
+        let rows = [[1.0, 0.0, 0.0], [m10, 1.0, 0.0], [m20, m21, 1.0]];
+        let h = matrix::multiply(&rows, &h);
+        let rest = matrix::apply(&rows, &innovation);
         let mut shift = [0.0; N];
-        let left = |shift: &[f32; N]| {
-            [
-                innovation[0] - shift[REL],
-                innovation[1] - shift[REL + 1] - shift[OFFSET_Y],
-                innovation[2] - shift[REL_PHI] - shift[OFFSET_PHI],
-            ]
-        };
-        let add = |shift: &mut [f32; N], gain: &[f32; N], rest: f32| {
-            for i in 0..N {
-                shift[i] += gain[i] * rest;
+        for k in 0..3 {
+            let mut left = rest[k];
+            for (state, by) in SEEN.iter().zip(&h[k]) {
+                left -= by * shift[state % N];
             }
-        };
-        let gain = p.observe_state::<REL>(v0);
-        add(&mut shift, &gain, innovation[0]);
-        let d = left(&shift);
-        let gain = p.observe_sum([REL, REL + 1, OFFSET_Y], [m10, 1.0, 1.0], v1);
-        add(&mut shift, &gain, m10 * d[0] + d[1]);
-        let d = left(&shift);
-        let gain = p.observe_sum(
-            [REL, REL + 1, OFFSET_Y, REL_PHI, OFFSET_PHI],
-            [m20, m21, m21, 1.0, 1.0],
-            v2,
-        );
-        add(&mut shift, &gain, m20 * d[0] + m21 * d[1] + d[2]);
+            let gain = state.covariance.observe_sum(SEEN, h[k], [v0, v1, v2][k]);
+            for i in 0..N {
+                shift[i] += gain[i] * left;
+            }
+        }
         self.shift(state, &shift);
         outcome
     }
 
-    fn nis(&self, state: &State, r: &Mat3, innovation: &[f32; 3]) -> f32 {
-        // H P Hᵀ of the relative posture plus the beam's offsets: sums of a few entries.
-        const SEEN: [&[usize]; 3] = [&[REL], &[REL + 1, OFFSET_Y], &[REL_PHI, OFFSET_PHI]];
+    fn nis(
+        &self,
+        state: &State,
+        r: &Mat3,
+        h: &Mat<3, { SEEN.len() }>,
+        innovation: &[f32; 3],
+    ) -> f32 {
         let u = &state.covariance.upper;
-        let mut s = *r;
-        for i in 0..3 {
-            for j in i..3 {
-                let mut sum = 0.0;
-                for &column in SEEN[j] {
-                    let mut of_column = 0.0;
-                    for &row in SEEN[i] {
-                        of_column += u[row.min(column)][row.max(column)];
-                    }
-                    sum += of_column;
-                }
-                s[i][j] += sum;
-                if i != j {
-                    s[j][i] += sum;
-                }
+        let mut p = [[0.0; SEEN.len()]; SEEN.len()];
+        for (i, &row) in SEEN.iter().enumerate() {
+            for (j, &column) in SEEN.iter().enumerate() {
+                p[i][j] = u[row.min(column) % N][row.max(column) % N];
             }
         }
+        let s = matrix::add(r, &matrix::propagate(h, &p));
         match matrix::cholesky(&s) {
             Some(factor) => {
                 let solved = matrix::cholesky_solve(&factor, innovation);

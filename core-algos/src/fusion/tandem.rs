@@ -63,7 +63,7 @@ use super::ekf::{Keyframe, Verdict};
 use super::track::{self, Sensitivity, Track};
 use super::{Estimate, constants, intersection, ipec, joint};
 use crate::bus::Axle;
-use crate::config::{ConfigError, in_range, non_negative, positive};
+use crate::config::{ConfigError, non_negative, positive};
 use crate::math::Posture;
 use crate::math::matrix::{self, Mat3};
 use crate::math::trig::{sqrt, wrap_angle};
@@ -115,6 +115,8 @@ pub struct Slip {
     pub heading_rad_per_sqrt_s: f32,
     /// In heading, per radian of bend, rad/√s/rad.
     pub creep_per_sqrt_s: f32,
+    /// In heading, per radian of bend, rad/√m/rad.
+    pub creep_per_sqrt_m: f32,
     /// In position, at any speed, m/√s.
     pub position_m_per_sqrt_s: f32,
     /// Speed at which an axle slips under the load of the frame where no beam measures it, m/s; its
@@ -130,7 +132,8 @@ impl Default for Slip {
             side_m_per_sqrt_m: 1e-3,
             heading_rad_per_sqrt_m: 2e-3,
             heading_rad_per_sqrt_s: 2e-4,
-            creep_per_sqrt_s: 1e-2,
+            creep_per_sqrt_s: 2e-3,
+            creep_per_sqrt_m: 5e-3,
             position_m_per_sqrt_s: 1e-5,
             // Up to 10 mm/s, where a tyre gives half of its friction, all alike probable.
             load_speed_m_s: 5.8e-3,
@@ -157,9 +160,6 @@ pub struct Config {
     pub frame_sigmas: [f32; 3],
     /// Slip added to each axle's increments.
     pub slip: Slip,
-    /// Share of the beam's variance that is noise, new at each measurement. The rest, zero and gain
-    /// of the gauges, stays the same and is what the beam offset of [`Self::joint`] stands for.
-    pub beam_noise_share: f32,
     /// Largest accepted NIS of the beam's posture (three degrees of freedom); `None` accepts all.
     pub beam_gate: Option<f32>,
     /// Rejections of the beam in a row after which it is believed again.
@@ -182,7 +182,6 @@ impl Default for Config {
             start_sigmas: [2e-3; 3],
             frame_sigmas: [1e-3, 1e-3, 4e-3],
             slip: Slip::default(),
-            beam_noise_share: 0.1,
             beam_gate: Some(40.0),
             gate_patience: 50,
             // The determinant looks at relative sizes and cannot tell which axle's large error
@@ -209,10 +208,10 @@ impl Config {
         for sigma in self.frame_sigmas {
             positive("frame_sigmas", sigma)?;
         }
-        in_range("beam_noise_share", self.beam_noise_share, 1e-3, 1.0)?;
         if let Some(gate) = self.beam_gate {
             positive("beam_gate", gate)?;
         }
+        let joint = self.joint.build(t)?;
         Ok(Tandem {
             mode: self.mode,
             period: t,
@@ -240,7 +239,8 @@ impl Config {
                 slip.heading_rad_per_sqrt_s,
             )?),
             creep_per_tick: t * square(non_negative("creep_per_sqrt_s", slip.creep_per_sqrt_s)?),
-            constants: Sigmas::new(&self.joint),
+            creep_per_m: square(non_negative("creep_per_sqrt_m", slip.creep_per_sqrt_m)?),
+            constants: Sigmas::new(&joint, &self.joint),
             load: match self.mode {
                 Mode::Odometry => {
                     let speed = non_negative("load_speed_m_s", slip.load_speed_m_s)?;
@@ -249,12 +249,11 @@ impl Config {
                 }
                 _ => [0.0; 3],
             },
-            noise_share: self.beam_noise_share,
             beam_gate: self.beam_gate,
             patience: self.gate_patience,
             intersection: self.intersection.build()?,
             ipec: self.ipec.build()?,
-            joint: self.joint.build(t)?,
+            joint,
         })
     }
 }
@@ -272,12 +271,12 @@ pub struct Tandem {
     position_per_tick: f32,
     heading_per_tick: f32,
     creep_per_tick: f32,
+    creep_per_m: f32,
     period: f32,
     constants: Sigmas,
     /// Speed of slip under a load of the frame that nothing measures: along, across (m/s), in
     /// heading (rad/s).
     load: [f32; 3],
-    noise_share: f32,
     beam_gate: Option<f32>,
     patience: u16,
     intersection: intersection::Intersection,
@@ -512,10 +511,7 @@ impl Tandem {
                 output.beam.verdict = Verdict::Invalid;
                 None
             }
-            other => other.map(|beam| {
-                let noise = matrix::scale(&beam.covariance, self.noise_share);
-                Estimate::new(beam.posture, noise)
-            }),
+            other => other,
         };
         let State {
             tracks,
@@ -569,6 +565,7 @@ impl Tandem {
     /// Starts again from the axle whose estimate still holds and the beam, when the other axle's has
     /// been lost; `last` is the output of the step before. What was learnt of constants is lost too.
     pub fn rejoin(&self, state: &mut State, known: Axle, last: &Output, beam: &Estimate) -> Output {
+        let whole = self.beam_track(beam).estimate();
         let (base, chain) = match known {
             Axle::Front => (
                 &last.front,
@@ -581,10 +578,10 @@ impl Tandem {
         };
         let covariance = matrix::add(
             &matrix::propagate(&chain.by_base, &base.covariance),
-            &matrix::propagate(&chain.by_relative, &beam.covariance),
+            &matrix::propagate(&chain.by_relative, &whole.covariance),
         );
         let Beam { gated, invalid, .. } = state.beam;
-        *state = self.start_at(&Estimate::new(chain.posture, covariance), beam);
+        *state = self.start_at(&Estimate::new(chain.posture, covariance), &whole);
         (state.beam.gated, state.beam.invalid) = (gated, invalid);
         self.step(state, &Inputs::default())
     }
@@ -605,14 +602,16 @@ impl Tandem {
         covariance[0][0] += self.per_m[0] * driven + position;
         let across = self.per_m[1] + self.side_per_m * bend * bend;
         covariance[1][1] += across * driven + position;
-        covariance[2][2] += by_wheels * (self.per_m[2] * driven + heading);
+        let per_m = self.per_m[2] + self.creep_per_m * bend * bend;
+        covariance[2][2] += by_wheels * (per_m * driven + heading);
         let by = |constant: usize| self.constants.own[constant] * by_wheels;
         let (drift, creep) = (by(constants::DRIFT), by(constants::CREEP) * bend);
+        let slip = by(constants::COMPLIANCE) * bend;
         let bias = self.constants.own[constants::GYRO_BIAS] * gyro_share;
         Slipping {
             estimate: Estimate::new(increment.posture, covariance),
             heading_variance: covariance[2][2]
-                + drift * drift * driven * REFERENCE_WAY_M
+                + (drift * drift + slip * slip) * driven * REFERENCE_WAY_M
                 + (creep * creep + bias * bias) * ticks * self.period * REFERENCE_TIME_S,
             advance,
             ticks,
@@ -631,7 +630,7 @@ impl Tandem {
             gyro_share: increment.gyro_share,
         };
         let mut error = Track::random(moved);
-        let by_constants = step.by_constants();
+        let by_constants = step.by_constants(self.joint.tyres());
         for (row, by) in error.constants.iter_mut().zip(&by_constants) {
             for k in 0..constants::COUNT {
                 row[track::SHARED + k] = by[k] * self.constants.own[k];
@@ -646,15 +645,15 @@ impl Tandem {
         *track = track.through(&Chain::front_from_rear(track.posture, step.moved), &error);
     }
 
-    /// The beam's posture with its offset.
+    /// The beam's posture with what its zeros and gains make of it.
     fn beam_track(&self, beam: &Estimate) -> Track {
-        let [[a, b], [c, d]] = self.constants.offset;
         let mut track = Track::random(*beam);
-        const FIRST: usize = track::SHARED + constants::OFFSET;
-        track.constants[1][FIRST] = -a;
-        track.constants[1][FIRST + 1] = -b;
-        track.constants[2][FIRST] = -c;
-        track.constants[2][FIRST + 1] = -d;
+        let by_constants = constants::beam_by_constants(beam.posture);
+        for (row, by) in track.constants.iter_mut().zip(&by_constants) {
+            for (k, by) in by.iter().enumerate() {
+                row[track::SHARED + k] = -by * self.constants.own[k];
+            }
+        }
         track
     }
 
@@ -805,41 +804,23 @@ struct Slipping {
 /// Standard deviations of the constants that the axles' postures may owe something to.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Sigmas {
-    /// Factor of the covariance of the beam's offset (lateral m, heading rad).
-    offset: [[f32; 2]; 2],
-    /// Of each constant by itself.
     own: [f32; constants::COUNT],
 }
 
 impl Sigmas {
-    /// Those of the joint filter, whose configuration has been checked.
-    fn new(config: &joint::Config) -> Self {
-        let (y, phi) = (config.beam_offset_sigma_m, config.beam_offset_sigma_rad);
-        let correlation = config.beam_offset_correlation;
-        let rest = sqrt((1.0 - correlation * correlation).max(0.0));
+    /// Those of the joint filter. Only that filter takes the tyres' slip off: here all of it is unknown.
+    fn new(joint: &joint::Joint, config: &joint::Config) -> Self {
+        let mut own = joint.prior_sigmas();
         // A bias that walks adds walk²·T³/3 to the heading's variance in a time T; so does a constant
         // one of variance walk²·T/3.
         let walk = config.gyro_bias_walk_rad_s_per_sqrt_s;
-        let start = config.gyro_bias_sigma_rad_s;
-        let bias = sqrt(start * start + walk * walk * WALK_TIME_S / 3.0);
-        let mut own = [0.0; constants::COUNT];
-        own[constants::OFFSET] = y;
-        own[constants::OFFSET + 1] = phi;
-        own[constants::CREEP] = config.creep_sigma_per_s;
-        for (first, sigma) in [
-            (constants::DRIFT, config.heading_drift_sigma_rad_per_m),
-            (constants::SCALE, config.scale_sigma),
-            (constants::TURN, config.turn_scale_sigma),
-            (constants::GYRO_BIAS, bias),
-            (constants::GYRO_SCALE, config.gyro_scale_sigma),
-        ] {
-            own[first] = sigma;
-            own[first + 1] = sigma;
+        for bias in &mut own[constants::GYRO_BIAS..constants::GYRO_BIAS + 2] {
+            *bias = sqrt(*bias * *bias + walk * walk * WALK_TIME_S / 3.0);
         }
-        Self {
-            offset: [[y, 0.0], [correlation * phi, rest * phi]],
-            own,
-        }
+        let slip = &mut own[constants::COMPLIANCE];
+        let all = joint.tyres().compliance;
+        *slip = sqrt(*slip * *slip + all * all);
+        Self { own }
     }
 }
 

@@ -133,7 +133,7 @@ impl BeamNode {
         // The covariance goes first: who has the posture of an epoch then has its covariance too.
         outbox.push(Message::BeamUncertainty {
             sequence,
-            covariance: relative.covariance,
+            covariance: relative.noise,
         });
         outbox.push(Message::BeamPosture {
             sequence,

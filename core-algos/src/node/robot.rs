@@ -150,6 +150,11 @@ impl RobotConfig {
         self.lead.cascade.max_steering_rad = max_steering_rad;
         self.lead.fusion.frame_length_m = frame_length_m + 2.0 * rigid_end_m;
         self.lead.fusion.ipec.track_m = 2.0 * half_track_m;
+        let joint = &mut self.lead.fusion.joint;
+        joint.beam = self.beam.strip.sigmas();
+        joint.half_track_m = half_track_m;
+        joint.frame_moment_n_m = self.geometry.bending_stiffness_n_m2 / frame_length_m;
+        joint.axle_mass_kg = self.axle.controller.mass_kg;
         self.lead.governor.half_track_m = half_track_m;
         self.lead.governor.max_speed_m_s = max_speed_m_s;
         self.lead.governor.max_steering_rad = max_steering_rad;
