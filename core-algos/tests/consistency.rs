@@ -11,6 +11,7 @@
 #[path = "../src/fusion/testing.rs"]
 mod testing;
 
+use core_algos::beam::strip::PostureSigmas;
 use core_algos::fusion::ekf::{self, AxleFilter, Keyframe, Measurements};
 use core_algos::fusion::intersection;
 use core_algos::fusion::tandem::{self, Increment, Inputs, Mode, Output, Receiver};
@@ -85,7 +86,6 @@ impl Setting {
         let mut config = tandem::Config {
             mode,
             period_s: (STEPS_PER_EPOCH as f64 * STEP_S) as f32,
-            beam_noise_share: 1.0,
             beam_gate: None,
             ..tandem::Config::default()
         };
@@ -93,12 +93,13 @@ impl Setting {
         config.slip.load_speed_m_s = 0.0;
         if !self.lasting {
             config.joint = joint::Config {
-                beam_offset_sigma_m: 0.0,
-                beam_offset_sigma_rad: 0.0,
-                beam_offset_correlation: 0.0,
-                beam_offset_walk_m_per_sqrt_s: 0.0,
-                beam_offset_walk_rad_per_sqrt_s: 0.0,
-                beam_offset_walk_correlation: 0.0,
+                beam: PostureSigmas::default(),
+                // Tyres that hardly slip.
+                slip_stiffness: 1e4,
+                slip_sigma: 0.0,
+                tyre_slip_sigma: 0.0,
+                side_slip_sigma: 0.0,
+                floor_drift_sigma: 0.0,
                 heading_drift_sigma_rad_per_m: 0.0,
                 scale_sigma: 0.0,
                 creep_sigma_per_s: 0.0,
@@ -107,7 +108,7 @@ impl Setting {
                 gyro_bias_walk_rad_s_per_sqrt_s: 0.0,
                 gyro_scale_sigma: 0.0,
                 steady_slip_sigma_rad_per_m: 0.0,
-                beam_gain_sigma: 0.0,
+                ..config.joint
             };
             config.ipec = ipec::Config {
                 drift_rad_per_sqrt_m: 0.0,
@@ -120,35 +121,60 @@ impl Setting {
 
 /// The lasting errors of one robot, front axle first.
 struct Lasting {
-    beam_offset: [f64; 2],
+    zero: [f64; 2],
+    gain: [f64; 2],
     heading_drift: [f64; 2],
     scale: [f64; 2],
-    creep: f64,
     turn: [f64; 2],
+    side: [f64; 2],
+    /// Slip of front and rear a metre and radian of bend, rad/m.
+    compliance: [f64; 2],
+    creep: f64,
     gyro_bias: [f64; 2],
     gyro_scale: [f64; 2],
+    floor: [f64; 2],
 }
 
 impl Lasting {
     fn draw(prior: &joint::Config, random: &mut Random) -> Self {
         let mut draw = |sigma: f32| f64::from(sigma) * random.normal();
-        // Two errors of one cause each, as correlated as the filters think.
-        let (shared, own) = (draw(1.0), draw(1.0));
-        let correlation = f64::from(prior.beam_offset_correlation);
-        let heading = correlation * shared + (1.0 - correlation * correlation).sqrt() * own;
+        let load = 0.5 * 9.81 * f64::from(prior.axle_mass_kg);
+        let lever = 2.0 * f64::from(prior.half_track_m).powi(2);
+        let stiffness = load * f64::from(prior.slip_stiffness);
+        let mean = f64::from(prior.frame_moment_n_m) / (lever * stiffness);
+        let all = draw(prior.slip_sigma);
+        let compliance = [(); 2].map(|()| {
+            let own = 0.5 * (draw(prior.tyre_slip_sigma) + draw(prior.tyre_slip_sigma));
+            mean * (1.0 + all + own)
+        });
         let mut both = |sigma: f32| [draw(sigma), draw(sigma)];
         Self {
-            beam_offset: [
-                f64::from(prior.beam_offset_sigma_m) * shared,
-                f64::from(prior.beam_offset_sigma_rad) * heading,
-            ],
+            zero: [both(prior.beam.zero_rad)[0], both(prior.beam.zero_tilt_m)[0]],
+            gain: [both(prior.beam.gain)[0], both(prior.beam.gain_tilt_m)[0]],
             heading_drift: both(prior.heading_drift_sigma_rad_per_m),
             scale: both(prior.scale_sigma),
-            creep: both(prior.creep_sigma_per_s)[0],
             turn: both(prior.turn_scale_sigma),
+            side: both(prior.side_slip_sigma),
+            compliance,
+            creep: both(prior.creep_sigma_per_s)[0],
             gyro_bias: both(prior.gyro_bias_sigma_rad_s),
             gyro_scale: both(prior.gyro_scale_sigma),
+            floor: both(prior.floor_drift_sigma),
         }
+    }
+
+    /// What the beam says of an arc more than it is.
+    fn of_beam(&self, bend: f64) -> Pose {
+        let arc = |bend: f64| {
+            let half = 0.5 * bend;
+            let chord = LENGTH * if half == 0.0 { 1.0 } else { half.sin() / half };
+            [chord * half.cos(), chord * half.sin(), bend]
+        };
+        let added = self.zero[0] + self.gain[0] * bend;
+        let tilt = self.zero[1] + self.gain[1] * bend;
+        let (to, from) = (arc(bend + added), arc(bend));
+        let across = [(0.5 * bend).sin(), -(0.5 * bend).cos(), 0.0];
+        [0, 1, 2].map(|k| to[k] - from[k] + tilt * across[k])
     }
 }
 
@@ -193,6 +219,9 @@ fn drive(setting: Setting, seed: u64) -> Drive {
     let told = setting.tier(Mode::Joint);
     let lasting = Lasting::draw(&told.joint, &mut random);
     let mut gyro_bias = lasting.gyro_bias;
+    // Bend at which the tyres slide.
+    let friction = f64::from(told.joint.friction * told.joint.axle_mass_kg) * 9.81;
+    let sliding = HALF_TRACK * friction / f64::from(told.joint.frame_moment_n_m);
 
     // The start differs from what the filters are told by its own uncertainty.
     let mut draw = |sigmas: [f32; 3]| sigmas.map(|s| f64::from(s) * random.normal());
@@ -203,15 +232,15 @@ fn drive(setting: Setting, seed: u64) -> Drive {
     let mut axles = [compose(rear, link), rear];
 
     let square = |x: f32| f64::from(x) * f64::from(x);
-    let (own, slip) = (sensors.noise, told.slip);
+    let (own, tier_slip) = (sensors.noise, told.slip);
     let per_m = [
-        square(own.along_m_per_sqrt_m) + square(slip.along_m_per_sqrt_m),
-        square(own.across_m_per_sqrt_m) + square(slip.across_m_per_sqrt_m),
+        square(own.along_m_per_sqrt_m) + square(tier_slip.along_m_per_sqrt_m),
+        square(own.across_m_per_sqrt_m) + square(tier_slip.across_m_per_sqrt_m),
         square(own.heading_rad_per_sqrt_m),
     ];
     let per_s = [
-        square(own.along_m_per_sqrt_s) + square(slip.position_m_per_sqrt_s),
-        square(own.across_m_per_sqrt_s) + square(slip.position_m_per_sqrt_s),
+        square(own.along_m_per_sqrt_s) + square(tier_slip.position_m_per_sqrt_s),
+        square(own.across_m_per_sqrt_s) + square(tier_slip.position_m_per_sqrt_s),
         square(own.heading_rad_per_sqrt_s),
     ];
     // A gyro sees what the second tier adds in heading.
@@ -233,26 +262,37 @@ fn drive(setting: Setting, seed: u64) -> Drive {
             let (ds, dphi) = (v * STEP_S, omega * STEP_S);
             // What the wheels do not see.
             let sign = if axle == 0 { -1.0 } else { 1.0 };
+            let load = bend / (1.0 - bend.abs() / sliding);
+            let rolled = [-HALF_TRACK, HALF_TRACK].map(|arm| (ds + arm * dphi).abs());
+            let way = 0.5 * (rolled[0] + rolled[1]);
+            let slip = sign * lasting.compliance[axle] * load;
             let lasting_turn = lasting.heading_drift[axle] * ds
                 + lasting.turn[axle] * dphi
-                + sign * lasting.creep * bend * STEP_S;
-            let by_tier = square(slip.heading_rad_per_sqrt_m) * ds.abs()
-                + (square(slip.heading_rad_per_sqrt_s)
-                    + square(slip.creep_per_sqrt_s) * bend * bend)
+                + slip * way
+                + sign * lasting.creep * load * STEP_S;
+            let by_tier = square(tier_slip.heading_rad_per_sqrt_m) * ds.abs()
+                + square(tier_slip.creep_per_sqrt_m) * bend * bend * ds.abs()
+                + (square(tier_slip.heading_rad_per_sqrt_s)
+                    + square(tier_slip.creep_per_sqrt_s) * bend * bend)
                     * STEP_S;
-            let by_bend = [0.0, square(slip.side_m_per_sqrt_m) * bend * bend, 0.0];
+            let by_bend = [0.0, square(tier_slip.side_m_per_sqrt_m) * bend * bend, 0.0];
             let mut noise = [0, 1, 2].map(|k| {
                 ((per_m[k] + by_bend[k]) * ds.abs() + per_s[k] * STEP_S).sqrt() * random.normal()
             });
             let seen_by_gyro = by_tier.sqrt() * random.normal();
             noise[2] += seen_by_gyro;
             let turned = dphi + lasting_turn + noise[2];
+            let ahead = ds * (1.0 + lasting.scale[axle])
+                + slip * 0.5 * HALF_TRACK * (rolled[1] - rolled[0]);
             let moved = [
-                ds * (1.0 + lasting.scale[axle]) * (0.5 * turned).cos() + noise[0],
-                ds * (1.0 + lasting.scale[axle]) * (0.5 * turned).sin() + noise[1],
+                ahead * (0.5 * turned).cos() + noise[0],
+                ahead * (0.5 * turned).sin() + lasting.side[axle] * ds + noise[1],
                 turned,
             ];
             axles[axle] = compose(axles[axle], moved);
+            for k in 0..2 {
+                axles[axle][k] += lasting.floor[k] * way;
+            }
 
             let wheel = |side: f64, sigma: f32, random: &mut Random| {
                 let speed = v + side * HALF_TRACK * omega + f64::from(sigma) * random.normal();
@@ -284,12 +324,8 @@ fn drive(setting: Setting, seed: u64) -> Drive {
         let (front, rear) = (report(0), report(1));
         let link = relative(axles[0], axles[1]);
         let noise = BEAM.map(|s| s * random.normal());
-        let [y, phi] = lasting.beam_offset;
-        let seen = [
-            link[0] + noise[0],
-            link[1] + noise[1] + y,
-            link[2] + noise[2] + phi,
-        ];
+        let added = lasting.of_beam(link[2]);
+        let seen = [0, 1, 2].map(|k| link[k] + noise[k] + added[k]);
         let sigmas = BEAM.map(|s| s as f32);
         inputs.push(Inputs {
             front,
@@ -553,6 +589,7 @@ fn intersection_cannot_claim_more_without_overclaiming() {
 /// The tables by which filters and this test draw the lasting errors name the same ones.
 #[test]
 fn every_lasting_error_is_drawn() {
-    let all = 2 + 2 + 2 + 1 + 2 + 2 + 2;
+    // Zero, gain, drift, scale, turn, side, compliance, creep, bias and scale of the gyros.
+    let all = 2 + 2 + 2 + 2 + 2 + 2 + 2 + 1 + 2 + 2;
     assert_eq!(all, constants::COUNT);
 }

@@ -6,7 +6,7 @@ use crate::math::matrix::{self, Mat, Mat3};
 
 /// A pivot of the covariance below this share of its variance is lifted by [`LIFT`]: correlation
 /// coefficients are then kept away from the ±1 that rounding would carry them past.
-const LEAST_PIVOT: f32 = 4e-6;
+const LEAST_PIVOT: f32 = 1e-4;
 /// Share of a variance that is added when its pivot is too small.
 const LIFT: f32 = 4e-6;
 /// Variances are scaled back to this (in squared state units) when they pass it.
@@ -167,6 +167,15 @@ impl<const N: usize> Covariance<N> {
     #[inline]
     fn set(&mut self, i: usize, j: usize, entry: f32) {
         self.upper[i.min(j) % N][i.max(j) % N] = entry;
+    }
+
+    /// State `m` becomes `kept` times itself and an independent error of variance `added`.
+    pub(super) fn fade(&mut self, m: usize, kept: f32, added: f32) {
+        let m = m % N;
+        for j in 0..N {
+            self.upper[j.min(m)][j.max(m)] *= kept;
+        }
+        self.upper[m][m] = kept * self.upper[m][m] + added;
     }
 
     /// Keeps the matrix finite and positive definite over millions of steps: scales back variances

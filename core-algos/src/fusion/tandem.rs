@@ -483,7 +483,7 @@ impl Tandem {
     pub fn prepare(&self, state: &mut State) {
         if let (0, Tracks::Joint(joint)) = (state.until_condition, &mut state.tracks) {
             state.until_condition = CONDITION_INTERVAL;
-            self.joint.condition(joint);
+            self.joint.condition(joint, CONDITION_INTERVAL);
         }
     }
 
@@ -540,8 +540,12 @@ impl Tandem {
                         self.joint.forget_gyro_bias(joint, axle);
                     }
                 }
+                let bend = joint.bend();
                 self.joint
                     .predict(joint, &front.estimate, &rear.estimate, shares, ticks);
+                if !complete {
+                    self.joint.keep_bend(joint, bend);
+                }
                 if let Some(beam) = beam {
                     output.beam = self
                         .joint
@@ -643,6 +647,10 @@ impl Tandem {
         error.constants[2][first + 2] = turning * step.by_wheels() * step.dt;
         // An increment follows a posture as the front axle follows the rear.
         *track = track.through(&Chain::front_from_rear(track.posture, step.moved), &error);
+        let drifted = self.constants.floor * step.way(self.joint.tyres());
+        for k in 0..2 {
+            track.constants[k][track::DRIFTED + k] += drifted;
+        }
     }
 
     /// The beam's posture with what its zeros and gains make of it.
@@ -805,6 +813,8 @@ struct Slipping {
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Sigmas {
     own: [f32; constants::COUNT],
+    /// Of the way that the floor takes the robot, over the way it rolls.
+    floor: f32,
 }
 
 impl Sigmas {
@@ -820,7 +830,10 @@ impl Sigmas {
         let slip = &mut own[constants::COMPLIANCE];
         let all = joint.tyres().compliance;
         *slip = sqrt(*slip * *slip + all * all);
-        Self { own }
+        Self {
+            own,
+            floor: config.floor_drift_sigma,
+        }
     }
 }
 

@@ -27,8 +27,10 @@ pub const SHARED: usize = START + 6;
 /// Slip of front and rear under a load of the frame that nothing measures: along, across, in
 /// heading (3 each).
 pub const LOAD: usize = SHARED + constants::COUNT;
+/// Way that the floor takes both axles, along its x and y.
+pub const DRIFTED: usize = LOAD + 6;
 /// Number of constants.
-pub const CONSTANTS: usize = LOAD + 6;
+pub const CONSTANTS: usize = DRIFTED + 2;
 
 /// Effect of each constant, one standard deviation of it, on a posture (m, m, rad).
 pub type Sensitivity = Mat<3, CONSTANTS>;
@@ -157,7 +159,7 @@ mod tests {
         (
             (-2.0f32..2.0, -2.0f32..2.0, -3.1f32..3.1),
             proptest::array::uniform3(proptest::array::uniform3(-0.02f32..0.02)),
-            proptest::array::uniform3(proptest::array::uniform25(-0.02f32..0.02)),
+            proptest::array::uniform3(proptest::collection::vec(-0.02f32..0.02, CONSTANTS)),
         )
             .prop_map(|((x, y, phi), root, constants)| {
                 let unit = matrix::diagonal([1e-5; 3]);
@@ -165,7 +167,7 @@ mod tests {
                 Track {
                     posture: Posture::new(x, y, phi),
                     random: matrix::add(&spread, &unit),
-                    constants,
+                    constants: constants.map(|row| core::array::from_fn(|k| row[k])),
                 }
             })
     }

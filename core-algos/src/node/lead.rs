@@ -1037,7 +1037,7 @@ mod tests {
                 now,
                 &Message::BeamUncertainty {
                     sequence,
-                    covariance: diagonal([1e-8, 1e-8, 1e-7]),
+                    covariance: diagonal([1e-9, 1e-9, 1e-8]),
                 },
             );
             node.receive(

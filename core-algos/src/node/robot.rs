@@ -251,6 +251,7 @@ mod tests {
     use super::*;
     use crate::beam::sensor::PostureSolver;
     use crate::control::kinematic::curvature_of_steering;
+    use crate::fusion::constants;
 
     #[test]
     fn the_margin_is_kept_from_every_command() {
@@ -321,23 +322,27 @@ mod tests {
     #[test]
     fn the_filters_expect_the_beam_offset_that_its_gauges_can_have() {
         let config = RobotConfig::default().completed();
-        let joint = config.lead.fusion.joint;
+        let beam = config.lead.fusion.joint.beam;
+        let length = config.geometry.frame_length_m;
         for curvature in [0.0, 1.0, -2.0] {
             let p = zero_covariance(&config.beam, curvature);
-            let sigmas = [0, 1].map(|k| p[k][k].sqrt());
-            let correlation = p[0][1] / (sigmas[0] * sigmas[1]);
-            assert!(
-                (joint.beam_offset_sigma_m / sigmas[0] - 1.0).abs() < 0.1,
-                "{sigmas:?}"
-            );
-            assert!(
-                (joint.beam_offset_sigma_rad / sigmas[1] - 1.0).abs() < 0.1,
-                "{sigmas:?}"
-            );
-            assert!(
-                (joint.beam_offset_correlation - correlation).abs() < 0.02,
-                "{correlation}"
-            );
+            let bend = curvature * length;
+            let (x, y) = if bend == 0.0 {
+                (length, 0.0)
+            } else {
+                (bend.sin() / curvature, (1.0 - bend.cos()) / curvature)
+            };
+            let by = constants::beam_by_constants(Posture::new(x, y, bend));
+            let sigmas = [beam.zero_rad, beam.zero_tilt_m];
+            for (i, row) in [1, 2].into_iter().enumerate() {
+                for (j, column) in [1, 2].into_iter().enumerate() {
+                    let told: f32 = (0..2)
+                        .map(|k| sigmas[k] * sigmas[k] * by[row][k] * by[column][k])
+                        .sum();
+                    let scale = (p[i][i] * p[j][j]).sqrt();
+                    assert!((told - p[i][j]).abs() < 0.1 * scale, "{curvature} {i}{j} {told:e} {p:?}");
+                }
+            }
         }
     }
 }
