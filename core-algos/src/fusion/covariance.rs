@@ -79,28 +79,6 @@ impl<const N: usize> Covariance<N> {
         }
     }
 
-    /// Update by a measurement of state `M` alone, with noise of the given variance; returns the
-    /// gain.
-    ///
-    /// Joseph's form (I − K h) P (I − K h)ᵀ + K R Kᵀ for h = unit vector, with 1 − K_M = R/s put in
-    /// for the difference: nothing cancels in the measured state however strong the measurement.
-    #[inline]
-    pub(super) fn observe_state<const M: usize>(&mut self, variance: f32) -> [f32; N] {
-        let row = self.row(M);
-        let inverse = 1.0 / (row[M] + variance);
-        let kept = variance * inverse;
-        let gain = row.map(|entry| entry * inverse);
-        for i in 0..N {
-            for j in i..N {
-                if i != M && j != M {
-                    self.upper[i][j] -= gain[i] * row[j];
-                }
-            }
-        }
-        self.set_row(M, &row.map(|entry| entry * kept));
-        gain
-    }
-
     /// Update by a measurement of `Σ coefficient · state` over a few different states, with noise of
     /// the given variance; returns the gain.
     ///

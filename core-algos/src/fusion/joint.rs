@@ -1059,42 +1059,6 @@ mod tests {
     }
 
     #[test]
-    fn zz_debug() {
-        let (joint, mut state) = start();
-        let step = Estimate::with_sigmas(Posture::new(0.0025, 0.0, 0.004), [5e-5, 2e-5, 2e-4]);
-        let beam = Estimate::with_sigmas(Posture::new(0.36, 0.02, 0.2), [5e-5, 5e-5, 2e-4]);
-        let mut worst = 1.0f64;
-        for tick in 0..600_000 {
-            joint.predict(&mut state, &step, &step, [0.5; 2], 1.0);
-            let mid = state;
-            joint.update(&mut state, &beam, |_| true);
-            let pivot = |state: &State| {
-                let p = state.covariance.matrix().map(|row| row.map(f64::from));
-                let mut l = [[0.0f64; N]; N];
-                let mut least = (1.0f64, 0);
-                for j in 0..N {
-                    let pivot = 1.0 - (0..j).map(|k| l[j][k] * l[j][k]).sum::<f64>();
-                    if pivot < least.0 { least = (pivot, j); }
-                    if pivot <= 0.0 { std::print!("[{j} {pivot:e}]"); return (pivot, j); }
-                    l[j][j] = pivot.max(1e-9).sqrt();
-                    for i in j + 1..N {
-                        let rest: f64 = (0..j).map(|k| l[i][k] * l[j][k]).sum();
-                        l[i][j] = (p[i][j] / (p[i][i] * p[j][j]).sqrt() - rest) / l[j][j];
-                    }
-                }
-                least
-            };
-            let a = pivot(&mid);
-            let b = pivot(&state);
-            if b.0 <= 0.0 || a.0 <= 0.0 || tick % 50000 == 0 { std::println!("{tick} {a:?} {b:?} {:?}", state.constant_sigmas()); worst = b.0; }
-            if tick % 64 == 0 {
-                joint.condition(&mut state, 64);
-            }
-            if worst < -1e-2 { break; }
-        }
-    }
-
-    #[test]
     fn bad_measurement_changes_nothing() {
         let (joint, before) = start();
         for k in 0..2 {
