@@ -149,7 +149,10 @@ impl Lasting {
         });
         let mut both = |sigma: f32| [draw(sigma), draw(sigma)];
         Self {
-            zero: [both(prior.beam.zero_rad)[0], both(prior.beam.zero_tilt_m)[0]],
+            zero: [
+                both(prior.beam.zero_rad)[0],
+                both(prior.beam.zero_tilt_m)[0],
+            ],
             gain: [both(prior.beam.gain)[0], both(prior.beam.gain_tilt_m)[0]],
             heading_drift: both(prior.heading_drift_sigma_rad_per_m),
             scale: both(prior.scale_sigma),

@@ -669,7 +669,9 @@ mod tests {
     }
 
     fn sensor() -> RelativePositionSensor {
-        Config::default().build().unwrap()
+        let mut config = Config::default();
+        config.strip.uncertainty = strip::Uncertainty::calibrated();
+        config.build().unwrap()
     }
 
     /// Squared error weighed by the covariance (three numbers: 3 on average).

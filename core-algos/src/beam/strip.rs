@@ -247,6 +247,18 @@ impl Default for Uncertainty {
 }
 
 impl Uncertainty {
+    /// Of gauges whose gains were calibrated and whose zeros were found just now.
+    #[cfg(test)]
+    pub(super) fn calibrated() -> Self {
+        Self {
+            offset_strain: 1e-6,
+            common_offset_strain: 1e-6,
+            gain: 3e-3,
+            common_gain: 1e-3,
+            ..Self::default()
+        }
+    }
+
     fn check(&self) -> Result<Self, ConfigError> {
         in_range("noise_strain", self.noise_strain, 1e-9, 1e-2)?;
         in_range("offset_strain", self.offset_strain, 0.0, 1e-2)?;

@@ -206,8 +206,7 @@ fn shortening(a: f32) -> f32 {
     let square = a * a;
     if square < 0.5 {
         // cot a − 1/a = −a/3 − a³/45 − 2a⁵/945 − a⁷/4725 …
-        -0.5 * a
-            * (1.0 / 3.0 + square * (1.0 / 45.0 + square * (2.0 / 945.0 + square / 4725.0)))
+        -0.5 * a * (1.0 / 3.0 + square * (1.0 / 45.0 + square * (2.0 / 945.0 + square / 4725.0)))
     } else {
         let (_, cos) = sin_cos(a);
         0.5 * (cos / sinc(a) - 1.0) / a

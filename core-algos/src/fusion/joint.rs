@@ -867,8 +867,8 @@ mod tests {
     fn covariance_follows_the_linear_part_of_the_motion() {
         let (joint, mut state) = start();
         state.constants = [
-            5e-4, 1e-4, 1e-2, 2e-4, 3e-3, -4e-3, 2e-3, -1e-3, 3e-3, -2e-3, 2e-3, -3e-3, 0.02, 0.01, 0.05,
-            1e-3, 2e-3, -4e-3, 5e-3,
+            5e-4, 1e-4, 1e-2, 2e-4, 3e-3, -4e-3, 2e-3, -1e-3, 3e-3, -2e-3, 2e-3, -3e-3, 0.02, 0.01,
+            0.05, 1e-3, 2e-3, -4e-3, 5e-3,
         ];
         let shares = [0.3, 0.8];
         // Correlated covariance, as large steps and updates leave it.
@@ -994,7 +994,8 @@ mod tests {
             let mut s = [[0.0; 3]; 3];
             for i in 0..3 {
                 for j in 0..3 {
-                    s[i][j] = (0..N).map(|k| rows[i][k] * ph[j][k]).sum::<f64>() + f64::from(r[i][j]);
+                    s[i][j] =
+                        (0..N).map(|k| rows[i][k] * ph[j][k]).sum::<f64>() + f64::from(r[i][j]);
                 }
             }
             let cofactor = |i: usize, j: usize| {
@@ -1224,7 +1225,10 @@ mod tests {
                     let both = pushed[0][i] * pushed[0][k] + pushed[1][i] * pushed[1][k];
                     let expected = sigma * sigma * both;
                     let error = (added - expected).abs();
-                    assert!(error < 0.02 * sigma * sigma, "{i}{k} {added:e} {expected:e}");
+                    assert!(
+                        error < 0.02 * sigma * sigma,
+                        "{i}{k} {added:e} {expected:e}"
+                    );
                 }
             }
         }

@@ -179,7 +179,7 @@ impl Default for Config {
             mode: Mode::Joint,
             period_s: 0.01,
             frame_length_m: 0.37,
-            start_sigmas: [2e-3; 3],
+            start_sigmas: [5e-3, 5e-3, 1e-2],
             frame_sigmas: [1e-3, 1e-3, 4e-3],
             slip: Slip::default(),
             beam_gate: Some(40.0),

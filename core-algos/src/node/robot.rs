@@ -340,7 +340,10 @@ mod tests {
                         .map(|k| sigmas[k] * sigmas[k] * by[row][k] * by[column][k])
                         .sum();
                     let scale = (p[i][i] * p[j][j]).sqrt();
-                    assert!((told - p[i][j]).abs() < 0.1 * scale, "{curvature} {i}{j} {told:e} {p:?}");
+                    assert!(
+                        (told - p[i][j]).abs() < 0.1 * scale,
+                        "{curvature} {i}{j} {told:e} {p:?}"
+                    );
                 }
             }
         }
