@@ -87,6 +87,8 @@ impl Setting {
             mode,
             period_s: (STEPS_PER_EPOCH as f64 * STEP_S) as f32,
             beam_gate: None,
+            // Placed well, so that what a drive adds counts.
+            start_sigmas: [2e-3; 3],
             ..tandem::Config::default()
         };
         // The load of a frame that nothing measures is no part of these worlds.

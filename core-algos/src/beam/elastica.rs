@@ -1001,7 +1001,7 @@ mod tests {
         let gauges: Vec<f32> = at.iter().map(|f| (LENGTH * f) as f32).collect();
         let mut config = Config {
             gauges_m: PerGauge::new(&gauges).unwrap(),
-            uncertainty: strip::Uncertainty::calibrated(),
+            uncertainty: crate::beam::strip::Uncertainty::calibrated(),
             ..Config::default()
         };
         change(&mut config);

@@ -670,7 +670,7 @@ mod tests {
 
     fn sensor() -> RelativePositionSensor {
         let mut config = Config::default();
-        config.strip.uncertainty = strip::Uncertainty::calibrated();
+        config.strip.uncertainty = crate::beam::strip::Uncertainty::calibrated();
         config.build().unwrap()
     }
 
