@@ -1,4 +1,4 @@
-//! Covariance of a filter and its measurement updates, one scalar at a time.
+//! Covariance of a filter and its measurement updates.
 //!
 //! Only the upper triangle is kept, so the matrix is symmetric by construction.
 
@@ -55,96 +55,68 @@ impl<const N: usize> Covariance<N> {
         block
     }
 
-    /// Row (or column) `m`.
-    #[inline]
-    pub(super) fn row(&self, m: usize) -> [f32; N] {
-        let m = m % N;
-        let mut row = self.upper[m];
-        for j in 0..m {
-            row[j] = self.upper[j][m];
-        }
-        row
-    }
-
-    /// Writes row and column `m`.
-    #[inline]
-    fn set_row(&mut self, m: usize, row: &[f32; N]) {
-        let m = m % N;
-        for j in 0..m {
-            self.upper[j][m] = row[j];
-        }
-        // Not copied as a slice: that is a call, which costs more than these few entries.
-        for (j, entry) in row.iter().enumerate().skip(m) {
-            self.upper[m][j] = *entry;
-        }
-    }
-
-    /// Update by a measurement of `Σ coefficient · state` over a few different states, with noise of
-    /// the given variance; returns the gain.
-    ///
-    /// Joseph's form with 1 − K_i h_i of the measured states evaluated as (s − P_i h h_i)/s without
-    /// the part that cancels. Between other states, and between those and the measured ones, the
-    /// form reduces to products with one side of (I − K h).
-    pub(super) fn observe_sum<const S: usize>(
-        &mut self,
-        states: [usize; S],
-        coefficients: [f32; S],
-        variance: f32,
-    ) -> [f32; N] {
-        let mut rows = [[0.0; N]; S];
-        for k in 0..S {
-            rows[k] = self.row(states[k]);
-        }
-        let mut row = [0.0; N];
-        for k in 0..S {
-            for j in 0..N {
-                row[j] += coefficients[k] * rows[k][j];
-            }
-        }
-        let mut total = variance;
-        for k in 0..S {
-            total += coefficients[k] * at(&row, states[k]);
-        }
-        let inverse = 1.0 / total;
-        let gain = row.map(|entry| entry * inverse);
-        // The block of I − K h between the measured states.
-        let mut factor = [[0.0; S]; S];
-        for i in 0..S {
-            for k in 0..S {
-                factor[i][k] = -at(&gain, states[i]) * coefficients[k];
-            }
-            let mut rest = variance;
-            for l in 0..S {
-                if l != i {
-                    rest += coefficients[l] * at(&row, states[l]);
+    /// What `M` measurements, each a sum over the same few states, tell of all states: with `h` their
+    /// derivatives, `noise` the covariance of their noise and S = H P Hᵀ + R = L Lᵀ, gives L and L⁻¹ H P.
+    /// Nothing if S is not positive definite.
+    pub(super) fn seen<const S: usize, const M: usize>(
+        &self,
+        states: &[usize; S],
+        h: &Mat<M, S>,
+        noise: &Mat<M, M>,
+    ) -> Option<(Mat<M, M>, Mat<M, N>)> {
+        let mut told = [[0.0; N]; M];
+        for (k, &state) in states.iter().enumerate() {
+            let state = state % N;
+            let by: [f32; M] = core::array::from_fn(|m| h[m][k]);
+            for j in 0..state {
+                let entry = self.upper[j][state];
+                for m in 0..M {
+                    told[m][j] += by[m] * entry;
                 }
             }
-            factor[i][i] = rest * inverse;
+            for j in state..N {
+                let entry = self.upper[state][j];
+                for m in 0..M {
+                    told[m][j] += by[m] * entry;
+                }
+            }
         }
+        let mut sum = *noise;
+        for m in 0..M {
+            for n in 0..M {
+                for (k, state) in states.iter().enumerate() {
+                    sum[m][n] += told[m][state % N] * h[n][k];
+                }
+            }
+        }
+        let factor = matrix::cholesky(&sum)?;
+        for m in 0..M {
+            let inverse = 1.0 / factor[m][m];
+            for l in 0..m {
+                let by = factor[m][l];
+                for j in 0..N {
+                    told[m][j] -= by * told[l][j];
+                }
+            }
+            for entry in &mut told[m] {
+                *entry *= inverse;
+            }
+        }
+        Some((factor, told))
+    }
+
+    /// Takes off what measurements have told ([`Self::seen`]): P − (L⁻¹ H P)ᵀ (L⁻¹ H P).
+    pub(super) fn take_off<const M: usize>(&mut self, told: &Mat<M, N>) {
         for i in 0..N {
+            let by: [f32; M] = core::array::from_fn(|m| told[m][i]);
             for j in i..N {
-                self.upper[i][j] -= gain[i] * row[j];
-            }
-        }
-        let left = matrix::multiply(&factor, &rows);
-        for i in 0..S {
-            self.set_row(states[i], &left[i]);
-        }
-        for i in 0..S {
-            for j in i..S {
-                let mut entry = variance * at(&gain, states[i]) * at(&gain, states[j]);
-                for l in 0..S {
-                    entry += at(&left[i], states[l]) * factor[j][l];
+                let mut less = 0.0;
+                for m in 0..M {
+                    less += by[m] * told[m][j];
                 }
-                self.set(states[i], states[j], entry);
+                self.upper[i][j] -= less;
             }
         }
-        gain
-    }
-
-    #[inline]
-    fn set(&mut self, i: usize, j: usize, entry: f32) {
-        self.upper[i.min(j) % N][i.max(j) % N] = entry;
     }
 
     /// State `m` becomes `kept` times itself and an independent error of variance `added`.
@@ -196,10 +168,4 @@ impl<const N: usize> Covariance<N> {
             }
         }
     }
-}
-
-/// Entry `i` of a row, without a panic path where the compiler cannot see that `i` is below `N`.
-#[inline]
-fn at<const N: usize>(row: &[f32; N], i: usize) -> f32 {
-    row.get(i).copied().unwrap_or(0.0)
 }

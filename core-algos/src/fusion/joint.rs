@@ -257,6 +257,18 @@ impl Config {
     }
 }
 
+/// L⁻¹ b of a lower triangle L.
+fn solve_lower(l: &Mat3, b: &[f32; 3]) -> [f32; 3] {
+    let mut x = *b;
+    for i in 0..3 {
+        for k in 0..i {
+            x[i] -= l[i][k] * x[k];
+        }
+        x[i] /= l[i][i];
+    }
+    x
+}
+
 /// Acceleration of gravity, m/s².
 const GRAVITY: f32 = 9.81;
 
@@ -648,77 +660,41 @@ impl Joint {
             }
         }
         innovation[2] = wrap_angle(innovation[2]);
-        let Some(noise) = matrix::cholesky(r).filter(|_| measured.is_finite()) else {
+        if !measured.is_finite() || matrix::cholesky(r).is_none() {
             return BeamUpdate {
                 verdict: Verdict::Invalid,
                 ..BeamUpdate::default()
             };
-        };
+        }
         // Derivatives by the states of SEEN.
         let mut h: Mat<3, { SEEN.len() }> = [[0.0; SEEN.len()]; 3];
         for i in 0..3 {
             h[i][i] = 1.0;
             h[i][3..].copy_from_slice(&by_constants[i]);
         }
-        let nis = self.nis(state, r, &h, &innovation);
+        let seen = state.covariance.seen(&SEEN, &h, r);
+        let left = seen
+            .as_ref()
+            .map(|(factor, _)| solve_lower(factor, &innovation));
+        let nis = left.map_or(f32::INFINITY, |left| left.iter().map(|x| x * x).sum());
         let mut outcome = BeamUpdate {
             verdict: Verdict::Gated,
             innovation,
             nis,
         };
-        if !accept(nis) {
+        let (Some((_, told)), Some(left), true) = (seen, left, accept(nis)) else {
             return outcome;
-        }
+        };
         outcome.verdict = Verdict::Used;
-        // Decorrelate by R = L Lᵀ: rows of L⁻¹ scaled to a unit diagonal, variances L_kk².
-        let (l10, l20, l21) = (
-            noise[1][0] / noise[0][0],
-            noise[2][0] / noise[0][0],
-            noise[2][1] / noise[1][1],
-        );
-        let (m10, m21) = (-l10, -l21);
-        let m20 = l21 * l10 - l20;
-        let [v0, v1, v2] = [0, 1, 2].map(|k| noise[k][k] * noise[k][k]);
-        let rows = [[1.0, 0.0, 0.0], [m10, 1.0, 0.0], [m20, m21, 1.0]];
-        let h = matrix::multiply(&rows, &h);
-        let rest = matrix::apply(&rows, &innovation);
+        state.covariance.take_off(&told);
         let mut shift = [0.0; N];
-        for k in 0..3 {
-            let mut left = rest[k];
-            for (state, by) in SEEN.iter().zip(&h[k]) {
-                left -= by * shift[state % N];
-            }
-            let gain = state.covariance.observe_sum(SEEN, h[k], [v0, v1, v2][k]);
-            for i in 0..N {
-                shift[i] += gain[i] * left;
+        for (told, left) in told.iter().zip(left) {
+            for (shift, told) in shift.iter_mut().zip(told) {
+                *shift += told * left;
             }
         }
         self.shift(state, &shift);
         outcome
-    }
-
-    fn nis(
-        &self,
-        state: &State,
-        r: &Mat3,
-        h: &Mat<3, { SEEN.len() }>,
-        innovation: &[f32; 3],
-    ) -> f32 {
-        let u = &state.covariance.upper;
-        let mut p = [[0.0; SEEN.len()]; SEEN.len()];
-        for (i, &row) in SEEN.iter().enumerate() {
-            for (j, &column) in SEEN.iter().enumerate() {
-                p[i][j] = u[row.min(column) % N][row.max(column) % N];
-            }
-        }
-        let s = matrix::add(r, &matrix::propagate(h, &p));
-        match matrix::cholesky(&s) {
-            Some(factor) => {
-                let solved = matrix::cholesky_solve(&factor, innovation);
-                (0..3).map(|k| innovation[k] * solved[k]).sum()
-            }
-            None => f32::INFINITY,
-        }
     }
 
     fn shift(&self, state: &mut State, by: &[f32; N]) {
