@@ -309,7 +309,7 @@ impl Default for BridgeConfig {
             zero_per_k_sigma_strain: 0.2e-6,
             gain_per_k: 1e-4,
             // As single precision has it, so that figures of earlier versions stay to the bit.
-            half_thickness_m: 0.5e-3,
+            half_thickness_m: f64::from(0.5e-3_f32),
             delay_ms: 1,
         }
     }
