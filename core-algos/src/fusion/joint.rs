@@ -164,6 +164,11 @@ pub struct Config {
     pub steady_slip_sigma_rad_per_m: f32,
     /// Time in which what tyres, wheels and gains have been learnt to be is another again, s.
     pub constancy_s: f32,
+    /// Standard deviation of the way of a wheel that its encoder tells and the floor does not see, or the
+    /// other way round, because of the play of its gear, m: beam and odometry disagree by so much at
+    /// each update. As an error that lasts for n updates weighs as much as a new one at each of them with
+    /// n times its variance, it is larger than the play.
+    pub play_sigma_m: f32,
     /// Standard deviation of the way that the floor takes the robot, over the way it rolls, along each
     /// axis of the floor; nothing on board tells it, so it is only taken into account.
     pub floor_drift_sigma: f32,
@@ -194,6 +199,8 @@ impl Default for Config {
             // Some 10 µm/s between axles 0.37 m apart at 0.12 m/s.
             steady_slip_sigma_rad_per_m: 3e-4,
             constancy_s: 3600.0,
+            // Evenly spread over 5 mrad of a wheel of 73 mm, for a dozen updates.
+            play_sigma_m: 4e-4,
             floor_drift_sigma: 1.5e-2,
         }
     }
@@ -246,8 +253,11 @@ impl Config {
         walk[GYRO_BIAS] = t * variance!(gyro_bias_walk_rad_s_per_sqrt_s);
         walk[GYRO_BIAS + 1] = walk[GYRO_BIAS];
         let floor = variance!(floor_drift_sigma);
+        let play = variance!(play_sigma_m);
         Ok(Joint {
             t,
+            play_heading: 0.5 * play / (half_track * half_track),
+            play_way: 0.5 * play,
             tyres,
             prior,
             kept: 1.0 - t / in_range("constancy_s", self.constancy_s, 10.0 * t, 1e7)?,
@@ -269,6 +279,15 @@ fn solve_lower(l: &Mat3, b: &[f32; 3]) -> [f32; 3] {
     x
 }
 
+/// Adds the share of an error with this variance, by which a posture changes so much.
+fn add_outer(covariance: &mut Mat3, by: &[f32; 3], variance: f32) {
+    for i in 0..3 {
+        for k in 0..3 {
+            covariance[i][k] += variance * (by[i] * by[k]);
+        }
+    }
+}
+
 /// Acceleration of gravity, m/s².
 const GRAVITY: f32 = 9.81;
 
@@ -286,6 +305,9 @@ pub struct Joint {
     /// Variances of the heading that a metre adds, (rad/m)², and of the way that the floor adds to a metre
     /// along its x and y.
     considered: [f32; 3],
+    /// Variances of an axle's heading and way by play.
+    play_heading: f32,
+    play_way: f32,
 }
 
 /// All that changes in the joint filter.
@@ -388,12 +410,7 @@ impl State {
     /// Adds what the considered errors do to a posture, by its derivative by the rear axle's.
     fn add_considered(&self, covariance: &mut Mat3, by_rear: &Mat3) {
         for (by, variance) in self.by_considered.iter().zip(self.considered) {
-            let by = matrix::apply(by_rear, by);
-            for i in 0..3 {
-                for k in 0..3 {
-                    covariance[i][k] += variance * (by[i] * by[k]);
-                }
-            }
+            add_outer(covariance, &matrix::apply(by_rear, by), variance);
         }
     }
 
@@ -651,7 +668,7 @@ impl Joint {
         measured: &Estimate,
         accept: impl FnOnce(f32) -> bool,
     ) -> BeamUpdate {
-        let r = &measured.covariance;
+        let r = &self.with_play(measured, state.relative);
         let by_constants = constants::beam_by_constants(state.relative);
         let mut innovation = measured.posture.minus(state.relative);
         for (i, by) in by_constants.iter().enumerate() {
@@ -660,7 +677,7 @@ impl Joint {
             }
         }
         innovation[2] = wrap_angle(innovation[2]);
-        if !measured.is_finite() || matrix::cholesky(r).is_none() {
+        if !measured.is_finite() || matrix::cholesky(&measured.covariance).is_none() {
             return BeamUpdate {
                 verdict: Verdict::Invalid,
                 ..BeamUpdate::default()
@@ -695,6 +712,21 @@ impl Joint {
         }
         self.shift(state, &shift);
         outcome
+    }
+
+    /// Covariance of the beam's noise, and of what play makes of the headings and ways of both axles.
+    fn with_play(&self, measured: &Estimate, relative: Posture) -> Mat3 {
+        let mut r = measured.covariance;
+        let (sin, cos) = sin_cos(relative.phi);
+        for (by, variance) in [
+            ([cos, sin, 0.0], self.play_way),
+            ([0.0, 0.0, 1.0], self.play_heading),
+            ([1.0, 0.0, 0.0], self.play_way),
+            ([-relative.y, relative.x, 1.0], self.play_heading),
+        ] {
+            add_outer(&mut r, &by, variance);
+        }
+        r
     }
 
     fn shift(&self, state: &mut State, by: &[f32; N]) {
@@ -958,6 +990,24 @@ mod tests {
             let outcome = joint.update(&mut state, &Estimate::new(seen, r), |_| true);
             assert_eq!(outcome.verdict, Verdict::Used);
 
+            // Each of the four wheels rolls a little more than its encoder tells.
+            let play = f64::from(Config::default().play_sigma_m);
+            let d = f64::from(Config::default().half_track_m);
+            let relative = prior.relative;
+            let (x, y) = (f64::from(relative.x), f64::from(relative.y));
+            let (sin, cos) = f64::from(relative.phi).sin_cos();
+            let wheels = [-1.0, 1.0].map(|side| {
+                let (way, turn) = (0.5, side * 0.5 / d);
+                [
+                    [way * cos, way * sin, turn],
+                    [way - y * turn, x * turn, turn],
+                ]
+            });
+            let by_play = |i: usize, j: usize| -> f64 {
+                let wheels = wheels.as_flattened().iter();
+                wheels.map(|by| play * play * by[i] * by[j]).sum()
+            };
+
             let p = prior.covariance.matrix().map(|row| row.map(f64::from));
             let mut rows = [[0.0; N]; 3];
             for i in 0..3 {
@@ -972,8 +1022,9 @@ mod tests {
             let mut s = [[0.0; 3]; 3];
             for i in 0..3 {
                 for j in 0..3 {
-                    s[i][j] =
-                        (0..N).map(|k| rows[i][k] * ph[j][k]).sum::<f64>() + f64::from(r[i][j]);
+                    s[i][j] = (0..N).map(|k| rows[i][k] * ph[j][k]).sum::<f64>()
+                        + f64::from(r[i][j])
+                        + by_play(i, j);
                 }
             }
             let cofactor = |i: usize, j: usize| {
