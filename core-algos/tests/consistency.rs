@@ -93,6 +93,8 @@ impl Setting {
         };
         // The load of a frame that nothing measures is no part of these worlds.
         config.slip.load_speed_m_s = 0.0;
+        // Nor is play.
+        config.joint.play_sigma_m = 0.0;
         if !self.lasting {
             config.joint = joint::Config {
                 beam: PostureSigmas::default(),
