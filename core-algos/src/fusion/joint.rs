@@ -165,10 +165,11 @@ pub struct Config {
     /// Time in which what tyres, wheels and gains have been learnt to be is another again, s.
     pub constancy_s: f32,
     /// Standard deviation of the way of a wheel that its encoder tells and the floor does not see, or the
-    /// other way round, because of the play of its gear, m: beam and odometry disagree by so much at
-    /// each update. As an error that lasts for n updates weighs as much as a new one at each of them with
-    /// n times its variance, it is larger than the play.
+    /// other way round, because of the play of its gear, m: beam and odometry disagree by so much.
     pub play_sigma_m: f32,
+    /// Updates for which it stays: an error that lasts for n updates is weighed as one that is new at each
+    /// of them and has n times its variance. The NIS has its own variance.
+    pub play_updates: f32,
     /// Standard deviation of the way that the floor takes the robot, over the way it rolls, along each
     /// axis of the floor; nothing on board tells it, so it is only taken into account.
     pub floor_drift_sigma: f32,
@@ -199,8 +200,9 @@ impl Default for Config {
             // Some 10 µm/s between axles 0.37 m apart at 0.12 m/s.
             steady_slip_sigma_rad_per_m: 3e-4,
             constancy_s: 3600.0,
-            // Evenly spread over 5 mrad of a wheel of 73 mm, for a dozen updates.
-            play_sigma_m: 4e-4,
+            // Evenly spread over 5 mrad of a wheel of 73 mm.
+            play_sigma_m: 1.1e-4,
+            play_updates: 13.0,
             floor_drift_sigma: 1.5e-2,
         }
     }
@@ -258,6 +260,7 @@ impl Config {
             t,
             play_heading: 0.5 * play / (half_track * half_track),
             play_way: 0.5 * play,
+            play_updates: in_range("play_updates", self.play_updates, 1.0, 1e4)?,
             tyres,
             prior,
             kept: 1.0 - t / in_range("constancy_s", self.constancy_s, 10.0 * t, 1e7)?,
@@ -308,6 +311,7 @@ pub struct Joint {
     /// Variances of an axle's heading and way by play.
     play_heading: f32,
     play_way: f32,
+    play_updates: f32,
 }
 
 /// All that changes in the joint filter.
@@ -668,7 +672,9 @@ impl Joint {
         measured: &Estimate,
         accept: impl FnOnce(f32) -> bool,
     ) -> BeamUpdate {
-        let r = &self.with_play(measured, state.relative);
+        let play = self.play(state.relative);
+        let weighed = play.map(|row| row.map(|entry| self.play_updates * entry));
+        let r = &matrix::add(&measured.covariance, &weighed);
         let by_constants = constants::beam_by_constants(state.relative);
         let mut innovation = measured.posture.minus(state.relative);
         for (i, by) in by_constants.iter().enumerate() {
@@ -693,7 +699,9 @@ impl Joint {
         let left = seen
             .as_ref()
             .map(|(factor, _)| solve_lower(factor, &innovation));
-        let nis = left.map_or(f32::INFINITY, |left| left.iter().map(|x| x * x).sum());
+        let nis = seen.as_ref().map_or(f32::INFINITY, |(factor, _)| {
+            self.nis(factor, &play, &innovation)
+        });
         let mut outcome = BeamUpdate {
             verdict: Verdict::Gated,
             innovation,
@@ -714,9 +722,9 @@ impl Joint {
         outcome
     }
 
-    /// Covariance of the beam's noise, and of what play makes of the headings and ways of both axles.
-    fn with_play(&self, measured: &Estimate, relative: Posture) -> Mat3 {
-        let mut r = measured.covariance;
+    /// Covariance of what play makes of the headings and ways of both axles.
+    fn play(&self, relative: Posture) -> Mat3 {
+        let mut covariance = [[0.0; 3]; 3];
         let (sin, cos) = sin_cos(relative.phi);
         for (by, variance) in [
             ([cos, sin, 0.0], self.play_way),
@@ -724,9 +732,22 @@ impl Joint {
             ([1.0, 0.0, 0.0], self.play_way),
             ([-relative.y, relative.x, 1.0], self.play_heading),
         ] {
-            add_outer(&mut r, &by, variance);
+            add_outer(&mut covariance, &by, variance);
         }
-        r
+        covariance
+    }
+
+    /// NIS of an innovation whose covariance `factor` factorises, but for the weight of what lasts.
+    fn nis(&self, factor: &Mat3, play: &Mat3, innovation: &[f32; 3]) -> f32 {
+        let mut s = matrix::multiply_transposed(factor, factor);
+        for i in 0..3 {
+            for j in 0..3 {
+                s[i][j] -= (self.play_updates - 1.0) * play[i][j];
+            }
+        }
+        matrix::cholesky(&s).map_or(f32::INFINITY, |l| {
+            solve_lower(&l, innovation).iter().map(|x| x * x).sum()
+        })
     }
 
     fn shift(&self, state: &mut State, by: &[f32; N]) {
@@ -1019,24 +1040,28 @@ mod tests {
             let ph = rows.map(|row| {
                 core::array::from_fn::<f64, N, _>(|i| (0..N).map(|j| row[j] * p[i][j]).sum())
             });
-            let mut s = [[0.0; 3]; 3];
-            for i in 0..3 {
-                for j in 0..3 {
-                    s[i][j] = (0..N).map(|k| rows[i][k] * ph[j][k]).sum::<f64>()
-                        + f64::from(r[i][j])
-                        + by_play(i, j);
-                }
-            }
-            let cofactor = |i: usize, j: usize| {
-                let (a, b) = ((i + 1) % 3, (i + 2) % 3);
-                let (c, d) = ((j + 1) % 3, (j + 2) % 3);
-                s[a][c] * s[b][d] - s[a][d] * s[b][c]
+            // Inverse covariance of the innovation, with the play weighed so often.
+            let inverse_with = |weight: f64| -> [[f64; 3]; 3] {
+                let s: [[f64; 3]; 3] = core::array::from_fn(|i| {
+                    core::array::from_fn(|j| {
+                        let states = (0..N).map(|k| rows[i][k] * ph[j][k]).sum::<f64>();
+                        states + f64::from(r[i][j]) + weight * by_play(i, j)
+                    })
+                });
+                let cofactor = |i: usize, j: usize| {
+                    let (a, b) = ((i + 1) % 3, (i + 2) % 3);
+                    let (c, d) = ((j + 1) % 3, (j + 2) % 3);
+                    s[a][c] * s[b][d] - s[a][d] * s[b][c]
+                };
+                let determinant: f64 = (0..3).map(|j| s[0][j] * cofactor(0, j)).sum();
+                core::array::from_fn(|i| core::array::from_fn(|j| cofactor(j, i) / determinant))
             };
-            let determinant: f64 = (0..3).map(|j| s[0][j] * cofactor(0, j)).sum();
-            let inverse = |i: usize, j: usize| cofactor(j, i) / determinant;
+            let weighed = inverse_with(f64::from(Config::default().play_updates));
+            let inverse = |i: usize, j: usize| weighed[i][j];
             let exact = outcome.innovation.map(f64::from);
+            let once = inverse_with(1.0);
             let nis: f64 = (0..9)
-                .map(|k| exact[k / 3] * inverse(k / 3, k % 3) * exact[k % 3])
+                .map(|k| exact[k / 3] * once[k / 3][k % 3] * exact[k % 3])
                 .sum();
             assert!((f64::from(outcome.nis) / nis - 1.0).abs() < 1e-3);
             let after = state.covariance.matrix();
