@@ -57,6 +57,32 @@ pub const GYRO_BIAS: usize = 15;
 pub const GYRO_SCALE: usize = 17;
 /// Constants that the beam's posture owes something to: [`ZERO`] and [`GAIN`].
 pub const OF_BEAM: usize = 4;
+/// Constants that the error of an axle's increment depends on: ahead, aside, in heading; of front and rear.
+pub(super) const OF_AHEAD: [[usize; 3]; 2] = [
+    [SCALE, COMPLIANCE, COMPLIANCE + 1],
+    [SCALE + 1, COMPLIANCE, COMPLIANCE + 1],
+];
+pub(super) const OF_ASIDE: [[usize; 2]; 2] = [[SCALE, SIDE], [SCALE + 1, SIDE + 1]];
+pub(super) const OF_HEADING: [[usize; 7]; 2] = [
+    [
+        DRIFT,
+        TURN,
+        COMPLIANCE,
+        COMPLIANCE + 1,
+        CREEP,
+        GYRO_BIAS,
+        GYRO_SCALE,
+    ],
+    [
+        DRIFT + 1,
+        TURN + 1,
+        COMPLIANCE,
+        COMPLIANCE + 1,
+        CREEP,
+        GYRO_BIAS + 1,
+        GYRO_SCALE + 1,
+    ],
+];
 
 /// What the tyres of an axle are taken to do under the frame's moment.
 #[derive(Clone, Copy, Debug, PartialEq)]

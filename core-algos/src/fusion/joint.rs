@@ -77,44 +77,6 @@ const SEEN: [usize; 3 + OF_BEAM] = [
     FIRST + GAIN + 1,
 ];
 
-/// Columns of the rows of F that are not zero: of the rear axle's posture by itself and the rear
-/// odometry's constants, of the relative posture by itself and the constants of both odometries.
-const OF_REAR: [usize; 13] = [
-    0,
-    1,
-    2,
-    REL_PHI,
-    FIRST + DRIFT + 1,
-    FIRST + SCALE + 1,
-    FIRST + TURN + 1,
-    FIRST + SIDE + 1,
-    FIRST + COMPLIANCE,
-    FIRST + COMPLIANCE + 1,
-    FIRST + CREEP,
-    FIRST + GYRO_BIAS + 1,
-    FIRST + GYRO_SCALE + 1,
-];
-const OF_RELATIVE: [usize; 18] = [
-    REL,
-    REL + 1,
-    REL_PHI,
-    FIRST + DRIFT,
-    FIRST + DRIFT + 1,
-    FIRST + SCALE,
-    FIRST + SCALE + 1,
-    FIRST + TURN,
-    FIRST + TURN + 1,
-    FIRST + SIDE,
-    FIRST + SIDE + 1,
-    FIRST + COMPLIANCE,
-    FIRST + COMPLIANCE + 1,
-    FIRST + CREEP,
-    FIRST + GYRO_BIAS,
-    FIRST + GYRO_BIAS + 1,
-    FIRST + GYRO_SCALE,
-    FIRST + GYRO_SCALE + 1,
-];
-
 /// Parameters of the joint filter beside those of the tier around it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -535,25 +497,8 @@ impl Joint {
             dt,
             gyro_share,
         };
-        // Corrected increment, and its derivative by all states.
-        let constants = state.constants;
-        let correct = |step: Step| {
-            let by_constants = step.by_constants(&self.tyres);
-            let ([x, y, phi], by_bend) = step.error(&self.tyres, &constants);
-            let p = step.moved;
-            let mut by: Mat<3, N> = [[0.0; N]; 3];
-            for i in 0..3 {
-                for k in 0..constants::COUNT {
-                    by[i][FIRST + k] = by_constants[i][k];
-                }
-            }
-            for i in 0..3 {
-                by[i][REL_PHI] = by_bend[i];
-            }
-            (Posture::new(p.x + x, p.y + y, p.phi + phi), by)
-        };
-        let (d1, g1) = correct(step(0, front.posture, front_share));
-        let (d2, g2) = correct(step(1, rear.posture, rear_share));
+        let (d1, front_error) = self.correct(&step(0, front.posture, front_share), state);
+        let (d2, rear_error) = self.correct(&step(1, rear.posture, rear_share), state);
 
         let (sin, cos) = sin_cos(d2.phi);
         let turn_back: Mat3 = [[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]];
@@ -578,41 +523,26 @@ impl Joint {
         let by_relative = matrix::multiply(&by_tip, &tip_by_relative);
         let by_front = matrix::multiply(&by_tip, &tip_by_front);
 
-        // The six rows of F that are not rows of the identity, without their columns of zeros.
-        let mut f: Mat<6, N> = [[0.0; N]; 6];
-        for i in 0..3 {
-            for j in OF_REAR {
-                if let Some(entry) = f[i].get_mut(j) {
-                    *entry = product(&turn_back[i], &g2, j);
-                }
-            }
-            for j in OF_RELATIVE {
-                if let Some(entry) = f[REL + i].get_mut(j) {
-                    *entry = product(&by_front[i], &g1, j) + product(&by_base[i], &g2, j);
-                }
-            }
-            for j in 0..3 {
-                f[i][j] += by_rear[i][j];
-                f[REL + i][REL + j] += by_relative[i][j];
-            }
-        }
-        let p = state.covariance.matrix();
+        let motion = Motion {
+            front_error,
+            rear_error,
+            by_rear,
+            turn_back,
+            by_relative,
+            by_front,
+            by_base,
+        };
+        // Of F P the six rows that are not those of P.
+        let u = &mut state.covariance.upper;
         let mut fp: Mat<6, N> = [[0.0; N]; 6];
         for j in 0..N {
-            // Three sums at a time share what is loaded of P.
-            let mut sums = [0.0; 6];
-            for k in OF_REAR {
-                for i in 0..3 {
-                    sums[i] += f[i][k] * p[j][k];
-                }
+            let mut column = u[j];
+            for k in 0..j {
+                column[k] = u[k][j];
             }
-            for k in OF_RELATIVE {
-                for i in REL..6 {
-                    sums[i] += f[i][k] * p[j][k];
-                }
-            }
+            let moved = motion.apply(&column);
             for i in 0..6 {
-                fp[i][j] = sums[i];
+                fp[i][j] = moved[i];
             }
         }
 
@@ -629,17 +559,10 @@ impl Joint {
         );
         let cross_noise = matrix::multiply(&rear_noise, &rear.covariance);
 
-        let u = &mut state.covariance.upper;
         for i in 0..6 {
-            for j in i..6 {
-                u[i][j] = match j < REL {
-                    true => along(&OF_REAR, &fp[i], &f[j]),
-                    false => along(&OF_RELATIVE, &fp[i], &f[j]),
-                };
-            }
-            for j in FIRST..N {
-                u[i][j] = fp[i][j];
-            }
+            let moved = motion.apply(&fp[i]);
+            u[i][i..6].copy_from_slice(&moved[i..]);
+            u[i][FIRST..].copy_from_slice(&fp[i][FIRST..]);
         }
         for i in 0..3 {
             for j in i..3 {
@@ -657,6 +580,17 @@ impl Joint {
         state.rear = state.rear.compose(d2);
         state.relative = tip.relative_to(d2);
         state.bend = state.relative.phi;
+    }
+
+    /// An increment corrected by what is known of the constants, and what its error depends on.
+    fn correct(&self, step: &Step, state: &State) -> (Posture, IncrementError) {
+        let ([x, y, phi], by_bend) = step.error(&self.tyres, &state.constants);
+        let p = step.moved;
+        let error = IncrementError {
+            by_constants: step.by_constants(&self.tyres),
+            by_bend,
+        };
+        (Posture::new(p.x + x, p.y + y, p.phi + phi), error)
     }
 
     /// The odometry of one axle is missing: until it comes the bend is taken to be that of before.
@@ -780,24 +714,60 @@ impl Joint {
     }
 }
 
-/// Entry `j` of the product of a row and a matrix.
-#[inline]
-fn product(row: &[f32; 3], matrix: &Mat<3, N>, j: usize) -> f32 {
-    let mut sum = 0.0;
-    for k in 0..3 {
-        sum += row[k] * matrix[k][j % N];
-    }
-    sum
+/// What the error of an axle's increment depends on.
+struct IncrementError {
+    by_constants: Mat<3, { constants::COUNT }>,
+    by_bend: [f32; 3],
 }
 
-/// Sum of the products of two rows over these columns, in their order.
-#[inline]
-fn along<const M: usize>(columns: &[usize; M], a: &[f32; N], b: &[f32; N]) -> f32 {
-    let mut sum = 0.0;
-    for &k in columns {
-        sum += a[k % N] * b[k % N];
+impl IncrementError {
+    /// The error that errors of the states make; few of the derivatives are not zero.
+    #[inline(always)]
+    fn of<const AXLE: usize>(&self, states: &[f32; N]) -> [f32; 3] {
+        let mut error = self.by_bend.map(|by| by * states[REL_PHI]);
+        let mut add = |i: usize, k: usize| error[i] += self.by_constants[i][k] * states[FIRST + k];
+        constants::OF_AHEAD[AXLE].iter().for_each(|&k| add(0, k));
+        constants::OF_ASIDE[AXLE].iter().for_each(|&k| add(1, k));
+        constants::OF_HEADING[AXLE].iter().for_each(|&k| add(2, k));
+        error
     }
-    sum
+}
+
+/// The linear part of a tick's motion (F), but for the states that stay.
+struct Motion {
+    front_error: IncrementError,
+    rear_error: IncrementError,
+    by_rear: Mat3,
+    turn_back: Mat3,
+    by_relative: Mat3,
+    by_front: Mat3,
+    by_base: Mat3,
+}
+
+impl Motion {
+    /// Errors of the rear axle's and of the relative posture after it, from the errors of all states before.
+    fn apply(&self, states: &[f32; N]) -> [f32; 6] {
+        let front = self.front_error.of::<0>(states);
+        let rear = self.rear_error.of::<1>(states);
+        let [x, y, phi, ahead, aside, bend, ..] = *states;
+        let mut moved = [0.0; 6];
+        // The last rows of all these matrices are those of a turn.
+        for i in 0..2 {
+            moved[i] = along(&self.by_rear[i], &[x, y, phi]) + along(&self.turn_back[i], &rear);
+            moved[REL + i] = along(&self.by_relative[i], &[ahead, aside, bend])
+                + along(&self.by_front[i], &front)
+                + along(&self.by_base[i], &rear);
+        }
+        moved[2] = phi + rear[2];
+        moved[REL_PHI] = bend + front[2] - rear[2];
+        moved
+    }
+}
+
+/// Product of a row and a column.
+#[inline(always)]
+fn along(row: &[f32; 3], column: &[f32; 3]) -> f32 {
+    row[0] * column[0] + row[1] * column[1] + row[2] * column[2]
 }
 
 #[cfg(test)]
@@ -847,7 +817,7 @@ mod tests {
         }
     }
 
-    /// The columns that are left out of F are zero, whatever the step.
+    /// The derivatives that are left out are zero, whatever the step, and no other.
     #[test]
     fn an_increment_depends_on_no_column_that_is_left_out() {
         for axle in 0..2 {
@@ -859,14 +829,16 @@ mod tests {
                 gyro_share: 0.6,
             }
             .by_constants(&start().0.tyres);
-            for constant in 0..constants::COUNT {
-                let used = (0..3).any(|i| by[i][constant] != 0.0);
-                let column = FIRST + constant;
-                assert!(!used || OF_RELATIVE.contains(&column), "{constant}");
-                assert!(
-                    !used || axle == 0 || OF_REAR.contains(&column),
-                    "{constant}"
-                );
+            let lists: [&[usize]; 3] = [
+                &constants::OF_AHEAD[axle],
+                &constants::OF_ASIDE[axle],
+                &constants::OF_HEADING[axle],
+            ];
+            for (i, list) in lists.iter().enumerate() {
+                for constant in 0..constants::COUNT {
+                    let used = by[i][constant] != 0.0;
+                    assert_eq!(used, list.contains(&constant), "{i} {constant}");
+                }
             }
         }
     }
