@@ -161,9 +161,14 @@ impl Step {
     }
 
     /// True increment less the odometric one (m, m, rad), and its derivative by the bend.
-    pub fn error(&self, tyres: &Tyres, constants: &[f32; COUNT]) -> ([f32; 3], [f32; 3]) {
+    pub fn error(
+        &self,
+        tyres: &Tyres,
+        by_constants: &Mat<3, COUNT>,
+        constants: &[f32; COUNT],
+    ) -> ([f32; 3], [f32; 3]) {
         let (load, slope) = tyres.load(self.bend);
-        let mut error = crate::math::matrix::apply(&self.by_constants(tyres), constants);
+        let mut error = crate::math::matrix::apply(by_constants, constants);
         let [ahead, turn] = self.slip(tyres);
         error[0] += tyres.compliance * load * ahead;
         error[2] += tyres.compliance * load * turn;
@@ -332,7 +337,7 @@ mod tests {
                         dt: 1.0,
                         gyro_share: 0.0,
                     };
-                    let (error, _) = step.error(&tyres, &[0.0; COUNT]);
+                    let (error, _) = step.error(&tyres, &step.by_constants(&tyres), &[0.0; COUNT]);
                     let told = format!("{axle} {x} {phi} {bend}: {error:?}");
                     let ahead = 0.5 * (left + right);
                     let turn = (right - left) / track;

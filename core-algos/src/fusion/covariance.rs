@@ -55,37 +55,34 @@ impl<const N: usize> Covariance<N> {
         block
     }
 
-    /// What `M` measurements, each a sum over the same few states, tell of all states: with `h` their
-    /// derivatives, `noise` the covariance of their noise and S = H P Hᵀ + R = L Lᵀ, gives L and L⁻¹ H P.
-    /// Nothing if S is not positive definite.
+    /// What `M` measurements tell of all states: of the states from `first` on, one each, and `h` times
+    /// those of `states`; `noise` is the covariance of their noise. With S = H P Hᵀ + R = L Lᵀ, gives L
+    /// and L⁻¹ H P. Nothing if S is not positive definite.
+    #[inline(always)]
     pub(super) fn seen<const S: usize, const M: usize>(
         &self,
+        first: usize,
         states: &[usize; S],
         h: &Mat<M, S>,
         noise: &Mat<M, M>,
     ) -> Option<(Mat<M, M>, Mat<M, N>)> {
         let mut told = [[0.0; N]; M];
-        for (k, &state) in states.iter().enumerate() {
-            let state = state % N;
-            let by: [f32; M] = core::array::from_fn(|m| h[m][k]);
-            for j in 0..state {
-                let entry = self.upper[j][state];
-                for m in 0..M {
-                    told[m][j] += by[m] * entry;
-                }
-            }
-            for j in state..N {
-                let entry = self.upper[state][j];
-                for m in 0..M {
-                    told[m][j] += by[m] * entry;
+        for j in 0..N {
+            let entry = |state: usize| self.upper[state.min(j) % N][state.max(j) % N];
+            let others = states.map(entry);
+            for m in 0..M {
+                told[m][j] = entry(first + m);
+                for k in 0..S {
+                    told[m][j] += h[m][k] * others[k];
                 }
             }
         }
         let mut sum = *noise;
         for m in 0..M {
             for n in 0..M {
-                for (k, state) in states.iter().enumerate() {
-                    sum[m][n] += told[m][state % N] * h[n][k];
+                sum[m][n] += told[m][(first + n) % N];
+                for k in 0..S {
+                    sum[m][n] += h[n][k] * told[m][states[k] % N];
                 }
             }
         }
@@ -105,16 +102,14 @@ impl<const N: usize> Covariance<N> {
         Some((factor, told))
     }
 
-    /// Takes off what measurements have told ([`Self::seen`]): P − (L⁻¹ H P)ᵀ (L⁻¹ H P).
-    pub(super) fn take_off<const M: usize>(&mut self, told: &Mat<M, N>) {
+    /// Takes off what three measurements have told ([`Self::seen`]): P − (L⁻¹ H P)ᵀ (L⁻¹ H P).
+    pub(super) fn take_off(&mut self, told: &Mat<3, N>) {
         for i in 0..N {
-            let by: [f32; M] = core::array::from_fn(|m| told[m][i]);
-            for j in i..N {
-                let mut less = 0.0;
-                for m in 0..M {
-                    less += by[m] * told[m][j];
-                }
-                self.upper[i][j] -= less;
+            let [x, y, z] = told;
+            let by = [x[i], y[i], z[i]];
+            let told = x[i..].iter().zip(&y[i..]).zip(&z[i..]);
+            for (entry, ((x, y), z)) in self.upper[i][i..].iter_mut().zip(told) {
+                *entry -= by[0] * x + by[1] * y + by[2] * z;
             }
         }
     }

@@ -66,11 +66,8 @@ const REL: usize = 3;
 const REL_PHI: usize = 5;
 /// The first of the constants.
 const FIRST: usize = 6;
-/// States that what the beam says depends on: the relative posture and its constants.
-const SEEN: [usize; 3 + OF_BEAM] = [
-    REL,
-    REL + 1,
-    REL_PHI,
+/// States that what the beam says depends on beside the relative posture.
+const OF_BEAM_STATES: [usize; OF_BEAM] = [
     FIRST + ZERO,
     FIRST + ZERO + 1,
     FIRST + GAIN,
@@ -535,11 +532,12 @@ impl Joint {
         // Of F P the six rows that are not those of P.
         let u = &mut state.covariance.upper;
         let mut fp: Mat<6, N> = [[0.0; N]; 6];
+        let mut column = [0.0; N];
         for j in 0..N {
-            let mut column = u[j];
             for k in 0..j {
                 column[k] = u[k][j];
             }
+            column[j..].copy_from_slice(&u[j][j..]);
             let moved = motion.apply(&column);
             for i in 0..6 {
                 fp[i][j] = moved[i];
@@ -584,10 +582,11 @@ impl Joint {
 
     /// An increment corrected by what is known of the constants, and what its error depends on.
     fn correct(&self, step: &Step, state: &State) -> (Posture, IncrementError) {
-        let ([x, y, phi], by_bend) = step.error(&self.tyres, &state.constants);
+        let by_constants = step.by_constants(&self.tyres);
+        let ([x, y, phi], by_bend) = step.error(&self.tyres, &by_constants, &state.constants);
         let p = step.moved;
         let error = IncrementError {
-            by_constants: step.by_constants(&self.tyres),
+            by_constants,
             by_bend,
         };
         (Posture::new(p.x + x, p.y + y, p.phi + phi), error)
@@ -623,13 +622,9 @@ impl Joint {
                 ..BeamUpdate::default()
             };
         }
-        // Derivatives by the states of SEEN.
-        let mut h: Mat<3, { SEEN.len() }> = [[0.0; SEEN.len()]; 3];
-        for i in 0..3 {
-            h[i][i] = 1.0;
-            h[i][3..].copy_from_slice(&by_constants[i]);
-        }
-        let seen = state.covariance.seen(&SEEN, &h, r);
+        let seen = state
+            .covariance
+            .seen(REL, &OF_BEAM_STATES, &by_constants, r);
         let left = seen
             .as_ref()
             .map(|(factor, _)| solve_lower(factor, &innovation));
@@ -724,12 +719,18 @@ impl IncrementError {
     /// The error that errors of the states make; few of the derivatives are not zero.
     #[inline(always)]
     fn of<const AXLE: usize>(&self, states: &[f32; N]) -> [f32; 3] {
-        let mut error = self.by_bend.map(|by| by * states[REL_PHI]);
-        let mut add = |i: usize, k: usize| error[i] += self.by_constants[i][k] * states[FIRST + k];
-        constants::OF_AHEAD[AXLE].iter().for_each(|&k| add(0, k));
-        constants::OF_ASIDE[AXLE].iter().for_each(|&k| add(1, k));
-        constants::OF_HEADING[AXLE].iter().for_each(|&k| add(2, k));
-        error
+        let sum = |i: usize, constants: &[usize]| {
+            let by = &self.by_constants[i];
+            let bend = self.by_bend[i] * states[REL_PHI];
+            constants
+                .iter()
+                .fold(bend, |sum, &k| sum + by[k] * states[FIRST + k])
+        };
+        [
+            sum(0, &constants::OF_AHEAD[AXLE]),
+            sum(1, &constants::OF_ASIDE[AXLE]),
+            sum(2, &constants::OF_HEADING[AXLE]),
+        ]
     }
 }
 
