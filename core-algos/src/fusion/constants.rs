@@ -57,32 +57,38 @@ pub const GYRO_BIAS: usize = 15;
 pub const GYRO_SCALE: usize = 17;
 /// Constants that the beam's posture owes something to: [`ZERO`] and [`GAIN`].
 pub const OF_BEAM: usize = 4;
-/// Constants that the error of an axle's increment depends on: ahead, aside, in heading; of front and rear.
-pub(super) const OF_AHEAD: [[usize; 3]; 2] = [
-    [SCALE, COMPLIANCE, COMPLIANCE + 1],
-    [SCALE + 1, COMPLIANCE, COMPLIANCE + 1],
-];
+/// Constants that the error of an axle's increment depends on beside the compliances, ahead, aside and in
+/// heading; of front and rear.
+pub(super) const OF_AHEAD: [[usize; 1]; 2] = [[SCALE], [SCALE + 1]];
 pub(super) const OF_ASIDE: [[usize; 2]; 2] = [[SCALE, SIDE], [SCALE + 1, SIDE + 1]];
-pub(super) const OF_HEADING: [[usize; 7]; 2] = [
-    [
-        DRIFT,
-        TURN,
-        COMPLIANCE,
-        COMPLIANCE + 1,
-        CREEP,
-        GYRO_BIAS,
-        GYRO_SCALE,
-    ],
-    [
-        DRIFT + 1,
-        TURN + 1,
-        COMPLIANCE,
-        COMPLIANCE + 1,
-        CREEP,
-        GYRO_BIAS + 1,
-        GYRO_SCALE + 1,
-    ],
+pub(super) const OF_HEADING: [[usize; 5]; 2] = [
+    [DRIFT, TURN, CREEP, GYRO_BIAS, GYRO_SCALE],
+    [DRIFT + 1, TURN + 1, CREEP, GYRO_BIAS + 1, GYRO_SCALE + 1],
 ];
+
+/// Error of an increment by the errors `of` the constants: the product with [`Step::by_constants`], of
+/// which few entries are not zero.
+#[inline(always)]
+pub(super) fn error_by<const AXLE: usize>(
+    by_constants: &Mat<3, COUNT>,
+    of: impl Fn(usize) -> f32,
+) -> [f32; 3] {
+    let [ahead, aside, heading] = by_constants;
+    let sum = |by: &[f32; COUNT], constants: &[usize]| {
+        let terms = constants.iter().map(|&k| by[k % COUNT] * of(k));
+        terms.fold(0.0, |sum, term| sum + term)
+    };
+    // The axles' compliances are the mean and half the difference.
+    let compliance = match AXLE {
+        0 => of(COMPLIANCE) + of(COMPLIANCE + 1),
+        _ => of(COMPLIANCE) - of(COMPLIANCE + 1),
+    };
+    [
+        sum(ahead, &OF_AHEAD[AXLE]) + ahead[COMPLIANCE] * compliance,
+        sum(aside, &OF_ASIDE[AXLE]),
+        sum(heading, &OF_HEADING[AXLE]) + heading[COMPLIANCE] * compliance,
+    ]
+}
 
 /// What the tyres of an axle are taken to do under the frame's moment.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -168,7 +174,11 @@ impl Step {
         constants: &[f32; COUNT],
     ) -> ([f32; 3], [f32; 3]) {
         let (load, slope) = tyres.load(self.bend);
-        let mut error = crate::math::matrix::apply(by_constants, constants);
+        let of = |k: usize| constants[k % COUNT];
+        let mut error = match self.axle {
+            0 => error_by::<0>(by_constants, of),
+            _ => error_by::<1>(by_constants, of),
+        };
         let [ahead, turn] = self.slip(tyres);
         error[0] += tyres.compliance * load * ahead;
         error[2] += tyres.compliance * load * turn;

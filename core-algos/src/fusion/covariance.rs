@@ -67,14 +67,19 @@ impl<const N: usize> Covariance<N> {
         noise: &Mat<M, M>,
     ) -> Option<(Mat<M, M>, Mat<M, N>)> {
         let mut told = [[0.0; N]; M];
+        let u = &self.upper;
         for j in 0..N {
-            let entry = |state: usize| self.upper[state.min(j) % N][state.max(j) % N];
+            let entry = |state: usize| match state < j {
+                true => u[state % N][j],
+                false => u[j][state % N],
+            };
             let others = states.map(entry);
             for m in 0..M {
-                told[m][j] = entry(first + m);
+                let mut sum = entry(first + m);
                 for k in 0..S {
-                    told[m][j] += h[m][k] * others[k];
+                    sum += h[m][k] * others[k];
                 }
+                told[m][j] = sum;
             }
         }
         let mut sum = *noise;
