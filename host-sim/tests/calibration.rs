@@ -120,7 +120,7 @@ fn runs_on_emulated_boards_are_those_of_boards_in_this_process() {
         let board = Emulated::start("qemu-system-arm", role, Wire::Pipe, &images, log, None);
         Box::new(Remote::new(role, Box::new(board.unwrap())))
     });
-    let nominal = Scenario::default();
+    let nominal = Scenario::in_world(Some("ideal")).unwrap();
     let mut found = nominal.clone();
     let ratio = find("robot.geometry.wheel_ratio").unwrap();
     found.boards.put(Role::Rear, &[(ratio, 0.995)]);
@@ -136,7 +136,9 @@ fn runs_on_emulated_boards_are_those_of_boards_in_this_process() {
     // A right wheel smaller by 0.5 % on 0.3 m and a track of 0.324 m.
     let change = turned[1][1] - turned[0][1];
     assert!((change + 0.005 * 0.3 / 0.324).abs() < 1e-3, "{change}");
-    assert!((turned[1][0] - turned[0][0]).abs() < 1e-3);
+    // The robot steers by what it believes, so that the other axle turns a little as well.
+    let other = turned[1][0] - turned[0][0];
+    assert!(other.abs() < 0.5 * change.abs(), "{other}");
 }
 
 /// Wheels take a minute: there the bounds above stand for the table.

@@ -12,7 +12,7 @@ use std::process::{Command, Output};
 const WAVE: &str = "x,y\n0,0\n0.5,0.12\n0.9,0.5\n1.5,0.6\n2.0,0.3\n";
 
 fn scenario() -> Scenario {
-    let mut scenario = Scenario::default();
+    let mut scenario = Scenario::in_world(Some("ideal")).unwrap();
     scenario.mission.settle_s = 0.1;
     scenario.mission.rest_s = 0.1;
     scenario
@@ -61,8 +61,8 @@ fn robot_tracks_every_trajectory_in_time() {
         assert!(outcome.done, "{name}");
         assert!(seen.rms_m < 3e-3 && seen.max_m < 0.01, "{name}: {seen:?}");
         assert!(seen.final_m < 3e-3, "{name}: {seen:?}");
-        assert!(truth.rms_m < 0.02, "{name}: {truth:?}");
-        assert!(truth.final_m < 0.025, "{name}: {truth:?}");
+        assert!(truth.rms_m < 0.025, "{name}: {truth:?}");
+        assert!(truth.final_m < 0.03, "{name}: {truth:?}");
         // Leading by the trailing distance keeps O neither behind nor ahead on the whole.
         let fast: Vec<f64> = moments
             .iter()

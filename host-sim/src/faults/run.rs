@@ -53,7 +53,7 @@ const WATCH: u32 = 1000;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum End {
-    /// Task done within [`TOLERANCE`].
+    /// Task done within [`TOLERANCE`], or within what the robot then said it knows of its posture (95 %).
     Finished,
     /// At rest with motors off, for a reason that fits the fault, in time.
     Stopped,
@@ -91,6 +91,9 @@ pub struct Outcome {
     pub error_m: f64,
     /// True heading error at the end, rad.
     pub heading_rad: f64,
+    /// Half axis of the ellipse in which the robot said it is at the end, m, and half the interval of its
+    /// heading, rad, both with 95 %.
+    pub claimed: [f64; 2],
     /// Largest speed from the fault on, m/s.
     pub speed_m_s: f64,
     /// Largest bend from the fault on, rad.
@@ -220,6 +223,7 @@ pub fn run_on(
     }
     let [x, y, phi] = simulation.plant().midpoint();
     let goal = mission.goal;
+    let robot = simulation.record().lead.fused.robot;
     let mut outcome = Outcome {
         at_s: at as f64 * 1e-6,
         seed: case.seed,
@@ -228,6 +232,7 @@ pub fn run_on(
         stop_s: stopped_at.map(|since| since.saturating_sub(at) as f64 * 1e-6),
         error_m: (x - goal[0]).hypot(y - goal[1]),
         heading_rad: libm::remainder(phi - goal[2], std::f64::consts::TAU).abs(),
+        claimed: robot.half_axes_95().map(f64::from),
         speed_m_s: speed,
         bend_rad: bend,
         force_n: force,
@@ -243,7 +248,8 @@ pub fn run_on(
 fn judged(entry: &Entry, outcome: &Outcome) -> End {
     match outcome.end {
         End::Finished => {
-            let near = outcome.error_m <= TOLERANCE[0] && outcome.heading_rad <= TOLERANCE[1];
+            let [position, heading] = [0, 1].map(|i| TOLERANCE[i].max(outcome.claimed[i]));
+            let near = outcome.error_m <= position && outcome.heading_rad <= heading;
             match near && entry.finish {
                 true => End::Finished,
                 false => End::Missed,
