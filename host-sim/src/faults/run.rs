@@ -91,9 +91,9 @@ pub struct Outcome {
     pub error_m: f64,
     /// True heading error at the end, rad.
     pub heading_rad: f64,
-    /// Half axis of the ellipse in which the robot said it is at the end, m, and half the interval of its
-    /// heading, rad, both with 95 %.
-    pub claimed: [f64; 2],
+    /// Half axis of the ellipse in which a robot that took the task for done said it is, m, and half the
+    /// interval of its heading, rad, both with 95 %.
+    pub claimed: Option<[f64; 2]>,
     /// Largest speed from the fault on, m/s.
     pub speed_m_s: f64,
     /// Largest bend from the fault on, rad.
@@ -161,6 +161,7 @@ pub fn run_on(
     let mut beyond = [0u32; 3];
     let (mut rest, mut stopped_at) = (0u32, None);
     let mut done = 0u32;
+    let mut claimed = None;
     let mut end = End::Unfinished;
     while simulation.now() < limit {
         let now = simulation.now();
@@ -218,12 +219,12 @@ pub fn run_on(
         done = if finished { done + 1 } else { 0 };
         if f64::from(done) * EPOCH as f64 * 1e-6 >= mission.rest_s {
             end = End::Finished;
+            claimed = Some(lead.fused.robot.half_axes_95().map(f64::from));
             break;
         }
     }
     let [x, y, phi] = simulation.plant().midpoint();
     let goal = mission.goal;
-    let robot = simulation.record().lead.fused.robot;
     let mut outcome = Outcome {
         at_s: at as f64 * 1e-6,
         seed: case.seed,
@@ -232,7 +233,7 @@ pub fn run_on(
         stop_s: stopped_at.map(|since| since.saturating_sub(at) as f64 * 1e-6),
         error_m: (x - goal[0]).hypot(y - goal[1]),
         heading_rad: libm::remainder(phi - goal[2], std::f64::consts::TAU).abs(),
-        claimed: robot.half_axes_95().map(f64::from),
+        claimed,
         speed_m_s: speed,
         bend_rad: bend,
         force_n: force,
@@ -248,7 +249,8 @@ pub fn run_on(
 fn judged(entry: &Entry, outcome: &Outcome) -> End {
     match outcome.end {
         End::Finished => {
-            let [position, heading] = [0, 1].map(|i| TOLERANCE[i].max(outcome.claimed[i]));
+            let claimed = outcome.claimed.unwrap_or_default();
+            let [position, heading] = [0, 1].map(|i| TOLERANCE[i].max(claimed[i]));
             let near = outcome.error_m <= position && outcome.heading_rad <= heading;
             match near && entry.finish {
                 true => End::Finished,
