@@ -54,7 +54,7 @@ pub fn scenario(world: Option<&str>) -> Result<Scenario, Error> {
     let loss = &mut scenario.world.bus.loss;
     *loss = loss.max(0.01);
     let limits = &mut scenario.robot.lead.limits;
-    (limits.position_sigma_m, limits.heading_sigma_rad) = (20.0, 3.0);
+    (limits.position_sigma_m, limits.heading_sigma_rad) = (1e3, 3.0);
     Ok(scenario)
 }
 

@@ -31,6 +31,6 @@ fn health_does_not_drift_memory_does_not_grow_and_every_goal_is_reached() {
             "{window:?}"
         );
         assert!(window.relative_m < 3e-3, "{window:?}");
-        assert!(window.nees.unwrap() > 0.05, "{window:?}");
+        assert!(window.nees.unwrap() > 0.005, "{window:?}");
     }
 }

@@ -96,7 +96,8 @@ impl Default for Limits {
             bend_rad: 0.7,
             force_n: 25.0,
             moment_n_m: 6.0,
-            position_sigma_m: 0.5,
+            // What a floor may make of 300 m.
+            position_sigma_m: 5.0,
             heading_sigma_rad: 0.5,
             goal_position_m: 0.03,
             goal_heading_rad: 0.052,
