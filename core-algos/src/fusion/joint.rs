@@ -126,9 +126,6 @@ pub struct Config {
     /// Standard deviation of the way of a wheel that its encoder tells and the floor does not see, or the
     /// other way round, because of the play of its gear, m: beam and odometry disagree by so much.
     pub play_sigma_m: f32,
-    /// Updates for which it stays: an error that lasts for n updates is weighed as one that is new at each
-    /// of them and has n times its variance. The NIS has its own variance.
-    pub play_updates: f32,
     /// Standard deviation of the way that the floor takes the robot, over the way it rolls, along each
     /// axis of the floor; nothing on board tells it, so it is only taken into account.
     pub floor_drift_sigma: f32,
@@ -161,7 +158,6 @@ impl Default for Config {
             constancy_s: 3600.0,
             // Evenly spread over 5 mrad of a wheel of 73 mm.
             play_sigma_m: 1.1e-4,
-            play_updates: 13.0,
             floor_drift_sigma: 1.5e-2,
         }
     }
@@ -219,7 +215,6 @@ impl Config {
             t,
             play_heading: 0.5 * play / (half_track * half_track),
             play_way: 0.5 * play,
-            play_updates: in_range("play_updates", self.play_updates, 1.0, 1e4)?,
             tyres,
             prior,
             kept: 1.0 - t / in_range("constancy_s", self.constancy_s, 10.0 * t, 1e7)?,
@@ -270,7 +265,6 @@ pub struct Joint {
     /// Variances of an axle's heading and way by play.
     play_heading: f32,
     play_way: f32,
-    play_updates: f32,
 }
 
 /// All that changes in the joint filter.
@@ -605,9 +599,7 @@ impl Joint {
         measured: &Estimate,
         accept: impl FnOnce(f32) -> bool,
     ) -> BeamUpdate {
-        let play = self.play(state.relative);
-        let weighed = play.map(|row| row.map(|entry| self.play_updates * entry));
-        let r = &matrix::add(&measured.covariance, &weighed);
+        let r = &matrix::add(&measured.covariance, &self.play(state.relative));
         let by_constants = constants::beam_by_constants(state.relative);
         let mut innovation = measured.posture.minus(state.relative);
         for (i, by) in by_constants.iter().enumerate() {
@@ -628,9 +620,7 @@ impl Joint {
         let left = seen
             .as_ref()
             .map(|(factor, _)| solve_lower(factor, &innovation));
-        let nis = seen.as_ref().map_or(f32::INFINITY, |(factor, _)| {
-            self.nis(factor, &play, &innovation)
-        });
+        let nis = left.map_or(f32::INFINITY, |left| left.iter().map(|x| x * x).sum());
         let mut outcome = BeamUpdate {
             verdict: Verdict::Gated,
             innovation,
@@ -664,19 +654,6 @@ impl Joint {
             add_outer(&mut covariance, &by, variance);
         }
         covariance
-    }
-
-    /// NIS of an innovation whose covariance `factor` factorises, but for the weight of what lasts.
-    fn nis(&self, factor: &Mat3, play: &Mat3, innovation: &[f32; 3]) -> f32 {
-        let mut s = matrix::multiply_transposed(factor, factor);
-        for i in 0..3 {
-            for j in 0..3 {
-                s[i][j] -= (self.play_updates - 1.0) * play[i][j];
-            }
-        }
-        matrix::cholesky(&s).map_or(f32::INFINITY, |l| {
-            solve_lower(&l, innovation).iter().map(|x| x * x).sum()
-        })
     }
 
     fn shift(&self, state: &mut State, by: &[f32; N]) {
@@ -1000,12 +977,12 @@ mod tests {
             let ph = rows.map(|row| {
                 core::array::from_fn::<f64, N, _>(|i| (0..N).map(|j| row[j] * p[i][j]).sum())
             });
-            // Inverse covariance of the innovation, with the play weighed so often.
-            let inverse_with = |weight: f64| -> [[f64; 3]; 3] {
+            // Inverse covariance of the innovation.
+            let inverse: [[f64; 3]; 3] = {
                 let s: [[f64; 3]; 3] = core::array::from_fn(|i| {
                     core::array::from_fn(|j| {
                         let states = (0..N).map(|k| rows[i][k] * ph[j][k]).sum::<f64>();
-                        states + f64::from(r[i][j]) + weight * by_play(i, j)
+                        states + f64::from(r[i][j]) + by_play(i, j)
                     })
                 });
                 let cofactor = |i: usize, j: usize| {
@@ -1016,18 +993,15 @@ mod tests {
                 let determinant: f64 = (0..3).map(|j| s[0][j] * cofactor(0, j)).sum();
                 core::array::from_fn(|i| core::array::from_fn(|j| cofactor(j, i) / determinant))
             };
-            let weighed = inverse_with(f64::from(Config::default().play_updates));
-            let inverse = |i: usize, j: usize| weighed[i][j];
             let exact = outcome.innovation.map(f64::from);
-            let once = inverse_with(1.0);
             let nis: f64 = (0..9)
-                .map(|k| exact[k / 3] * once[k / 3][k % 3] * exact[k % 3])
+                .map(|k| exact[k / 3] * inverse[k / 3][k % 3] * exact[k % 3])
                 .sum();
             assert!((f64::from(outcome.nis) / nis - 1.0).abs() < 1e-3);
             let after = state.covariance.matrix();
             let shift = error(&state, &prior);
             for i in 0..N {
-                let gain = |k: usize| -> f64 { (0..3).map(|l| ph[l][i] * inverse(l, k)).sum() };
+                let gain = |k: usize| -> f64 { (0..3).map(|l| ph[l][i] * inverse[l][k]).sum() };
                 let expected: f64 = (0..3).map(|k| gain(k) * exact[k]).sum();
                 let sigma = p[i][i].sqrt();
                 assert!((shift[i] - expected).abs() < 1e-3 * sigma, "{i}");
