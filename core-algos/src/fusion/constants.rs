@@ -59,7 +59,7 @@ pub const GYRO_SCALE: usize = 17;
 pub const OF_BEAM: usize = 4;
 /// Constants that the error of an axle's increment depends on beside the compliances, ahead, aside and in
 /// heading; of front and rear.
-pub(super) const OF_AHEAD: [[usize; 1]; 2] = [[SCALE], [SCALE + 1]];
+pub(super) const OF_AHEAD: [[usize; 2]; 2] = [[SCALE, DRIFT], [SCALE + 1, DRIFT + 1]];
 pub(super) const OF_ASIDE: [[usize; 2]; 2] = [[SCALE, SIDE], [SCALE + 1, SIDE + 1]];
 pub(super) const OF_HEADING: [[usize; 5]; 2] = [
     [DRIFT, TURN, CREEP, GYRO_BIAS, GYRO_SCALE],
@@ -204,6 +204,7 @@ impl Step {
         let axle = self.axle.min(1);
         let mut by = [[0.0; COUNT]; 3];
         by[0][SCALE + axle] = p.x;
+        by[0][DRIFT + axle] = tyres.half_track * tyres.half_track * p.phi;
         by[1][SCALE + axle] = p.y;
         by[1][SIDE + axle] = p.x;
         by[2][DRIFT + axle] = self.by_wheels() * p.x;
