@@ -8,12 +8,12 @@
 //! |---|---|
 //! | [`ZERO`] | bend that the zeros of the gauges add (rad), and their tilt from root to tip (m) |
 //! | [`GAIN`] | gain error of the beam: of the bend, and tilt from root to tip a radian of it (m) |
-//! | [`DRIFT`] | heading drift per metre of front and rear odometry: unequal wheels (rad/m) |
+//! | [`DRIFT`] | heading drift per metre of front and rear odometry: unequal wheels (rad/m), which also move the middle of an axle that turns |
 //! | [`SCALE`] | scale error of front and rear odometry: wheel size |
 //! | [`TURN`] | scale error of the headings that the wheels of front and rear report: track |
 //! | [`SIDE`] | way aside of front and rear over their way ahead: axles askew, camber |
 //! | [`COMPLIANCE`] | slip of the tyres under the frame's moment beyond [`Tyres`]: mean of the axles and half their difference (rad/m) |
-//! | [`CREEP`] | the same at any speed, at rest too (rad/s) |
+//! | [`UNEVEN`] | slip of the right tyre of front and rear beyond the mean with the left one (rad/m) |
 //! | [`GYRO_BIAS`] | what the gyros of front and rear read too little (rad/s) |
 //! | [`GYRO_SCALE`] | scale error of the gyros of front and rear |
 //!
@@ -24,7 +24,7 @@
 //! M = EI/L·bend, which the tyres of an axle hold by opposite forces F = M/2d. A brush tyre under load N
 //! slips by F/(NC)/(1 − F/μN) of the way w that it rolls. So an axle yaws by M/(2d²NC) a metre of
 //! w̄ = (|w_l| + |w_r|)/2, which its wheels do not see, and advances by the same times
-//! d (|w_r| − |w_l|)/2.
+//! d (|w_r| − |w_l|)/2. Of two tyres that differ, sum and difference change places for half their difference.
 //!
 //! **Beam.** An error of the curvature along the strip moves the tip as seen from the root: its integral
 //! turns and moves it as a larger bend does, its first moment about the middle moves it across the chord.
@@ -34,7 +34,7 @@ use crate::math::matrix::Mat;
 use crate::math::trig::{sin_cos, sinc};
 
 /// Number of constants.
-pub const COUNT: usize = 19;
+pub const COUNT: usize = 20;
 /// Zeros of the gauges (2).
 pub const ZERO: usize = 0;
 /// Gains of the gauges (2).
@@ -49,21 +49,28 @@ pub const TURN: usize = 8;
 pub const SIDE: usize = 10;
 /// Slip a metre under the frame's moment: mean and half the difference of front and rear.
 pub const COMPLIANCE: usize = 12;
-/// Slip a second under the frame's moment.
-pub const CREEP: usize = 14;
+/// Slip a metre of the right tyre beyond the mean of an axle's two, of front and rear.
+pub const UNEVEN: usize = 14;
 /// Bias of the gyros of front and rear.
-pub const GYRO_BIAS: usize = 15;
+pub const GYRO_BIAS: usize = 16;
 /// Scale error of the gyros of front and rear.
-pub const GYRO_SCALE: usize = 17;
+pub const GYRO_SCALE: usize = 18;
 /// Constants that the beam's posture owes something to: [`ZERO`] and [`GAIN`].
 pub const OF_BEAM: usize = 4;
 /// Constants that the error of an axle's increment depends on beside the compliances, ahead, aside and in
 /// heading; of front and rear.
-pub(super) const OF_AHEAD: [[usize; 2]; 2] = [[SCALE, DRIFT], [SCALE + 1, DRIFT + 1]];
+pub(super) const OF_AHEAD: [[usize; 3]; 2] =
+    [[SCALE, DRIFT, UNEVEN], [SCALE + 1, DRIFT + 1, UNEVEN + 1]];
 pub(super) const OF_ASIDE: [[usize; 2]; 2] = [[SCALE, SIDE], [SCALE + 1, SIDE + 1]];
 pub(super) const OF_HEADING: [[usize; 5]; 2] = [
-    [DRIFT, TURN, CREEP, GYRO_BIAS, GYRO_SCALE],
-    [DRIFT + 1, TURN + 1, CREEP, GYRO_BIAS + 1, GYRO_SCALE + 1],
+    [DRIFT, TURN, UNEVEN, GYRO_BIAS, GYRO_SCALE],
+    [
+        DRIFT + 1,
+        TURN + 1,
+        UNEVEN + 1,
+        GYRO_BIAS + 1,
+        GYRO_SCALE + 1,
+    ],
 ];
 
 /// Error of an increment by the errors `of` the constants: the product with [`Step::by_constants`], of
@@ -156,13 +163,16 @@ impl Step {
         0.5 * (left + right)
     }
 
-    /// Advance and turn (m, rad) by a slip of one radian a metre and radian of bend.
-    fn slip(&self, tyres: &Tyres) -> [f32; 2] {
+    /// Advance and turn (m, rad) by a slip of one radian a metre and radian of bend: of both tyres, and of
+    /// one tyre more and the other less.
+    fn slip(&self, tyres: &Tyres) -> [[f32; 2]; 2] {
         let [left, right] = self.rolled(tyres);
         let half = 0.5 * self.sign();
+        let (ahead, turn) = (half * tyres.half_track, half * self.by_wheels());
+        let (sum, difference) = (right + left, right - left);
         [
-            half * tyres.half_track * (right - left),
-            half * self.by_wheels() * (left + right),
+            [ahead * difference, turn * sum],
+            [ahead * sum, turn * difference],
         ]
     }
 
@@ -179,16 +189,16 @@ impl Step {
             0 => error_by::<0>(by_constants, of),
             _ => error_by::<1>(by_constants, of),
         };
-        let [ahead, turn] = self.slip(tyres);
+        let [[ahead, turn], [ahead_uneven, turn_uneven]] = self.slip(tyres);
         error[0] += tyres.compliance * load * ahead;
         error[2] += tyres.compliance * load * turn;
         let own = self.difference_sign() * constants[COMPLIANCE + 1];
         let compliance = tyres.compliance + constants[COMPLIANCE] + own;
-        let creep = self.sign() * self.by_wheels() * self.dt * constants[CREEP];
+        let uneven = constants[UNEVEN + self.axle.min(1)];
         let by_bend = [
-            slope * compliance * ahead,
+            slope * (compliance * ahead + uneven * ahead_uneven),
             0.0,
-            slope * (compliance * turn + creep),
+            slope * (compliance * turn + uneven * turn_uneven),
         ];
         (error, by_bend)
     }
@@ -210,13 +220,14 @@ impl Step {
         by[2][DRIFT + axle] = self.by_wheels() * p.x;
         by[2][TURN + axle] = self.by_wheels() * p.phi;
         let (load, _) = tyres.load(self.bend);
-        let [ahead, turn] = self.slip(tyres);
+        let [[ahead, turn], [ahead_uneven, turn_uneven]] = self.slip(tyres);
         let difference = self.difference_sign();
         by[0][COMPLIANCE] = load * ahead;
         by[0][COMPLIANCE + 1] = difference * load * ahead;
         by[2][COMPLIANCE] = load * turn;
         by[2][COMPLIANCE + 1] = difference * load * turn;
-        by[2][CREEP] = self.sign() * self.by_wheels() * self.dt * load;
+        by[0][UNEVEN + axle] = load * ahead_uneven;
+        by[2][UNEVEN + axle] = load * turn_uneven;
         by[2][GYRO_BIAS + axle] = self.gyro_share * self.dt;
         by[2][GYRO_SCALE + axle] = self.gyro_share * p.phi;
         by
@@ -289,7 +300,6 @@ mod tests {
             assert_eq!(heading(axle, 0.0, TURN + axle), 0.3);
             assert_eq!(heading(axle, 0.0, GYRO_BIAS + axle), 0.0);
             assert_eq!(heading(axle, 1.0, DRIFT + axle), 0.0);
-            assert_eq!(heading(axle, 1.0, CREEP), 0.0);
             assert_eq!(heading(axle, 1.0, COMPLIANCE), 0.0);
             assert_eq!(heading(axle, 1.0, GYRO_BIAS + axle), 2.0);
             assert_eq!(heading(axle, 1.0, GYRO_SCALE + axle), 0.3);
@@ -307,7 +317,7 @@ mod tests {
                 [0, 1, 2].map(|i| by[i][constant])
             });
             let [front, rear] = both;
-            if constant == COMPLIANCE || constant == CREEP {
+            if constant == COMPLIANCE {
                 assert_eq!(front, rear.map(|by| -by));
                 assert!(rear[2] > 0.0);
             } else if constant == COMPLIANCE + 1 {
@@ -355,6 +365,45 @@ mod tests {
                     assert!((f64::from(error[0]) - ahead).abs() < 1e-7, "{told} {ahead}");
                     assert!((f64::from(error[2]) - turn).abs() < 1e-7, "{told} {turn}");
                 }
+            }
+        }
+    }
+
+    /// Each wheel by itself: its radius and its tyre are others than the mean of them all.
+    #[test]
+    fn unequal_wheels_and_tyres_move_each_side_by_its_own() {
+        let (half_track, own) = (f64::from(TYRES.half_track), [0.03, -0.01]);
+        let radius = [0.004, -0.002];
+        for (x, phi) in [(0.3, 0.1), (0.0, 0.4), (-0.2, 0.3)] {
+            for (bend, axle) in [(-0.9f64, 0), (0.2, 1), (0.9, 0), (-0.6, 1)] {
+                let load = bend / (1.0 - bend.abs() / f64::from(TYRES.sliding));
+                let sign = if axle == 0 { -1.0 } else { 1.0 };
+                // Error of the way of the left wheel and of the right one.
+                let [left, right]: [f64; 2] = core::array::from_fn(|side| {
+                    let out = if side == 0 { -1.0 } else { 1.0 };
+                    let rolled: f64 = x + out * half_track * phi;
+                    let slip = (f64::from(TYRES.compliance) + own[side]) * load * half_track;
+                    radius[side] * rolled + out * sign * slip * rolled.abs()
+                });
+                let step = Step {
+                    axle,
+                    moved: Posture::new(x as f32, 0.0, phi as f32),
+                    bend: bend as f32,
+                    dt: 1.0,
+                    gyro_share: 0.0,
+                };
+                let mut constants = [0.0; COUNT];
+                let mean = 0.5 * (radius[0] + radius[1]);
+                constants[SCALE + axle] = mean as f32;
+                constants[TURN + axle] = mean as f32;
+                constants[DRIFT + axle] = (0.5 * (radius[1] - radius[0]) / half_track) as f32;
+                constants[COMPLIANCE] = (0.5 * (own[0] + own[1])) as f32;
+                constants[UNEVEN + axle] = (0.5 * (own[1] - own[0])) as f32;
+                let (error, _) = step.error(&TYRES, &step.by_constants(&TYRES), &constants);
+                let told = format!("{axle} {x} {phi} {bend}: {error:?}");
+                let (ahead, turn) = (0.5 * (left + right), 0.5 * (right - left) / half_track);
+                assert!((f64::from(error[0]) - ahead).abs() < 1e-7, "{told} {ahead}");
+                assert!((f64::from(error[2]) - turn).abs() < 3e-7, "{told} {turn}");
             }
         }
     }

@@ -11,7 +11,7 @@
 //! |---|---|
 //! | 0–2 | error of the rear axle's posture along, across its heading, in heading (m, m, rad) |
 //! | 3–5 | front axle's posture in the rear axle's frame (m, m, rad) |
-//! | 6–24 | the constants, in their order |
+//! | 6–25 | the constants, in their order |
 //!
 //! Three more errors move the robot as a whole, and nothing on board tells of them: the grain of a floor
 //! takes both axles along for each metre they roll, along the floor's own axes (two), and tyres under load
@@ -43,13 +43,13 @@
 //! let turned = state.relative().posture.phi;
 //! let zero = state.constants()[constants::ZERO];
 //! assert!(turned > 0.001 && zero > 0.001 && turned + zero < 0.006, "{turned} {zero}");
-//! assert!(state.front_estimate().covariance[2][2] < frame.covariance[2][2]);
+//! assert!(state.estimates().front.covariance[2][2] < frame.covariance[2][2]);
 //! # Ok::<(), core_algos::config::ConfigError>(())
 //! ```
 
 use super::constants::{
-    self, COMPLIANCE, CREEP, DRIFT, GAIN, GYRO_BIAS, GYRO_SCALE, OF_BEAM, SCALE, SIDE, Step, TURN,
-    Tyres, ZERO,
+    self, COMPLIANCE, DRIFT, GAIN, GYRO_BIAS, GYRO_SCALE, OF_BEAM, SCALE, SIDE, Step, TURN, Tyres,
+    UNEVEN, ZERO,
 };
 use super::covariance::Covariance;
 use super::ekf::Verdict;
@@ -99,8 +99,6 @@ pub struct Config {
     pub slip_sigma: f32,
     /// Standard deviation of that of each tyre, relative.
     pub tyre_slip_sigma: f32,
-    /// Standard deviation of the creep of an axle at any speed under the frame's moment, 1/s.
-    pub creep_sigma_per_s: f32,
     /// Standard deviation of an axle's heading drift, rad/m: relative difference of its wheel radii
     /// over the track.
     pub heading_drift_sigma_rad_per_m: f32,
@@ -143,7 +141,6 @@ impl Default for Config {
             friction: 0.7,
             slip_sigma: 0.5,
             tyre_slip_sigma: 0.3,
-            creep_sigma_per_s: 0.02,
             // Radii of each wheel known to 0.4 %, 0.324 m apart.
             heading_drift_sigma_rad_per_m: 1.75e-2,
             scale_sigma: 2.8e-3,
@@ -193,12 +190,12 @@ impl Config {
         prior[GAIN + 1] = variance!(beam.gain_tilt_m);
         prior[COMPLIANCE] = compliance * (variance!(slip_sigma) + of_tyres);
         prior[COMPLIANCE + 1] = compliance * of_tyres;
-        prior[CREEP] = variance!(creep_sigma_per_s);
         for (first, variance) in [
             (DRIFT, variance!(heading_drift_sigma_rad_per_m)),
             (SCALE, variance!(scale_sigma)),
             (TURN, variance!(turn_scale_sigma)),
             (SIDE, variance!(side_slip_sigma)),
+            (UNEVEN, 2.0 * compliance * of_tyres),
             (GYRO_BIAS, variance!(gyro_bias_sigma_rad_s)),
             (GYRO_SCALE, variance!(gyro_scale_sigma)),
         ] {
@@ -337,31 +334,46 @@ impl State {
         [[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]]
     }
 
-    /// Estimate of a posture that is `q(relative)` in the rear axle's frame, `jacobian` its
-    /// derivative.
-    fn seen_from_rear(&self, q: Posture, jacobian: &Mat3) -> Estimate {
+    /// Both axles and the robot's midpoint O with their covariances along the global axes.
+    pub fn estimates(&self) -> Estimates {
         let into_world = self.world_from_rear();
-        // An error of the rear axle in its own frame carries q along.
-        let by_rear = [[1.0, 0.0, -q.y], [0.0, 1.0, q.x], [0.0, 0.0, 1.0]];
-        let by_rear = matrix::multiply(&into_world, &by_rear);
-        let by_relative = matrix::multiply(&into_world, jacobian);
-        let mut j = [[0.0; 6]; 3];
         let mut p = [[0.0; 6]; 6];
-        for i in 0..3 {
-            for k in 0..3 {
-                j[i][k] = by_rear[i][k];
-                j[i][k + 3] = by_relative[i][k];
-            }
-        }
         for i in 0..6 {
             for k in i..6 {
                 p[i][k] = self.covariance.upper[i][k];
                 p[k][i] = p[i][k];
             }
         }
-        let mut covariance = matrix::propagate(&j, &p);
-        self.add_considered(&mut covariance, &by_rear);
-        Estimate::new(self.rear.compose(q), covariance)
+        let mut rear = matrix::propagate(&into_world, &self.covariance.posture());
+        self.add_considered(&mut rear, &into_world);
+        // A posture that is `q` in the rear axle's frame, and its derivative by the relative posture.
+        let seen_from_rear = |q: Posture, by_relative: &Mat3| {
+            let [[cos, minus_sin, _], [sin, ..], _] = into_world;
+            let at = Posture::new(
+                self.rear.x + cos * q.x + minus_sin * q.y,
+                self.rear.y + sin * q.x + cos * q.y,
+                wrap_angle(self.rear.phi + q.phi),
+            );
+            // An error of the rear axle in its own frame carries q along.
+            let by_rear = [[1.0, 0.0, -q.y], [0.0, 1.0, q.x], [0.0, 0.0, 1.0]];
+            let by_rear = matrix::multiply(&into_world, &by_rear);
+            let mut j = [[0.0; 6]; 3];
+            for i in 0..3 {
+                for k in 0..3 {
+                    j[i][k] = by_rear[i][k];
+                    j[i][k + 3] = by_relative[i][k];
+                }
+            }
+            let mut covariance = matrix::propagate(&j, &p);
+            self.add_considered(&mut covariance, &by_rear);
+            Estimate::new(at, covariance)
+        };
+        let (middle, by_relative) = compound::midpoint_seen_from_rear(self.relative);
+        Estimates {
+            front: seen_from_rear(self.relative, &into_world),
+            rear: Estimate::new(self.rear, rear),
+            robot: seen_from_rear(middle, &matrix::multiply(&into_world, &by_relative)),
+        }
     }
 
     /// Adds what the considered errors do to a posture, by its derivative by the rear axle's.
@@ -370,25 +382,17 @@ impl State {
             add_outer(covariance, &matrix::apply(by_rear, by), variance);
         }
     }
+}
 
-    /// The rear axle with its covariance along the global axes.
-    pub fn rear_estimate(&self) -> Estimate {
-        let into_world = self.world_from_rear();
-        let mut covariance = matrix::propagate(&into_world, &self.covariance.posture());
-        self.add_considered(&mut covariance, &into_world);
-        Estimate::new(self.rear, covariance)
-    }
-
-    /// The front axle with its covariance along the global axes.
-    pub fn front_estimate(&self) -> Estimate {
-        self.seen_from_rear(self.relative, &matrix::identity())
-    }
-
-    /// The robot's midpoint O with its covariance along the global axes.
-    pub fn robot_estimate(&self) -> Estimate {
-        let (q, jacobian) = compound::midpoint_seen_from_rear(self.relative);
-        self.seen_from_rear(q, &jacobian)
-    }
+/// What the joint filter knows of where the robot is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Estimates {
+    /// The front axle.
+    pub front: Estimate,
+    /// The rear axle.
+    pub rear: Estimate,
+    /// The robot's midpoint O.
+    pub robot: Estimate,
 }
 
 /// Result of the beam's update.
@@ -501,18 +505,29 @@ impl Joint {
         }
         state.by_considered[0][2] += sqrt(d2.x * d2.x + d2.y * d2.y);
         let way = step(1, rear.posture, rear_share).way(&self.tyres);
-        let (to_y, to_x) = sin_cos(state.rear.phi + d2.phi);
+        let [[east, minus_north, _], [north, ..], _] = state.world_from_rear();
+        let (to_x, to_y) = (east * cos - north * sin, north * cos + east * sin);
         let floor = [[to_x, -to_y], [to_y, to_x]];
         for (by, direction) in state.by_considered[1..].iter_mut().zip(floor) {
             by[0] += way * direction[0];
             by[1] += way * direction[1];
         }
         // Relative: ⊖ d2 ⊕ (r ⊕ d1).
-        let tip = state.relative.compose(d1);
-        let (tip_by_relative, tip_by_front) = state.relative.compose_jacobians(d1);
-        let (by_tip, by_base) = tip.relative_jacobians(d2);
-        let by_relative = matrix::multiply(&by_tip, &tip_by_relative);
-        let by_front = matrix::multiply(&by_tip, &tip_by_front);
+        let r = state.relative;
+        let (bend_sin, bend_cos) = sin_cos(r.phi);
+        let onto = [
+            [bend_cos, -bend_sin, 0.0],
+            [bend_sin, bend_cos, 0.0],
+            [0.0, 0.0, 1.0],
+        ];
+        let [x, y, phi] = matrix::apply(&onto, &[d1.x, d1.y, d1.phi]);
+        let tip_by_relative = [[1.0, 0.0, -y], [0.0, 1.0, x], [0.0, 0.0, 1.0]];
+        let tip = [r.x + x - d2.x, r.y + y - d2.y, r.phi + phi - d2.phi];
+        let [x, y, phi] = matrix::apply(&turn_back, &tip);
+        state.relative = Posture::new(x, y, wrap_angle(phi));
+        let by_base = [[-cos, -sin, y], [sin, -cos, -x], [0.0, 0.0, -1.0]];
+        let by_relative = matrix::multiply(&turn_back, &tip_by_relative);
+        let by_front = matrix::multiply(&turn_back, &onto);
 
         let motion = Motion {
             front_error,
@@ -569,8 +584,11 @@ impl Joint {
             u[FIRST + k][FIRST + k] += ticks * self.walk[k];
         }
 
-        state.rear = state.rear.compose(d2);
-        state.relative = tip.relative_to(d2);
+        state.rear = Posture::new(
+            state.rear.x + east * d2.x + minus_north * d2.y,
+            state.rear.y + north * d2.x + east * d2.y,
+            wrap_angle(state.rear.phi + d2.phi),
+        );
         state.bend = state.relative.phi;
     }
 
@@ -764,7 +782,7 @@ mod tests {
     #[test]
     fn start_gives_back_what_it_was_given() {
         let (_, state) = start();
-        let robot = state.robot_estimate();
+        let robot = state.estimates().robot;
         assert!(
             robot
                 .posture
@@ -836,7 +854,7 @@ mod tests {
         let (joint, mut state) = start();
         state.constants = [
             5e-4, 1e-4, 1e-2, 2e-4, 3e-3, -4e-3, 2e-3, -1e-3, 3e-3, -2e-3, 2e-3, -3e-3, 0.02, 0.01,
-            0.05, 1e-3, 2e-3, -4e-3, 5e-3,
+            0.03, -0.02, 1e-3, 2e-3, -4e-3, 5e-3,
         ];
         let shares = [0.3, 0.8];
         // Correlated covariance, as large steps and updates leave it.
@@ -1043,7 +1061,7 @@ mod tests {
                 }
             }
         }
-        let sigma = crate::math::trig::sqrt(state.rear_estimate().covariance[0][0]);
+        let sigma = crate::math::trig::sqrt(state.estimates().rear.covariance[0][0]);
         assert!(sigma > 0.05 && sigma.is_finite());
     }
 
@@ -1100,7 +1118,7 @@ mod tests {
                 }
             }
         }
-        assert_eq!(state.robot_estimate(), before.robot_estimate());
+        assert_eq!(state.estimates().robot, before.estimates().robot);
         assert_eq!(
             state.constants()[GYRO_BIAS + 1],
             before.constants()[GYRO_BIAS + 1]
@@ -1142,9 +1160,9 @@ mod tests {
         let by = 5e-3;
         let [left, right] = [drive(&none, -by), drive(&none, by)];
         for of in [
-            State::rear_estimate,
-            State::front_estimate,
-            State::robot_estimate,
+            |state: &State| state.estimates().rear,
+            |state: &State| state.estimates().front,
+            |state: &State| state.estimates().robot,
         ] {
             let d = of(&right).posture.minus(of(&left).posture);
             let d = d.map(|d| d / (2.0 * by));
@@ -1202,9 +1220,9 @@ mod tests {
             world.minus(still).map(|d| d / 1e-2)
         });
         for of in [
-            State::rear_estimate,
-            State::front_estimate,
-            State::robot_estimate,
+            |state: &State| state.estimates().rear,
+            |state: &State| state.estimates().front,
+            |state: &State| state.estimates().robot,
         ] {
             let (before, after) = (of(&plain).covariance, of(&wider).covariance);
             for i in 0..3 {

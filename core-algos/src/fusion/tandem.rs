@@ -553,9 +553,10 @@ impl Tandem {
                     self.count(seen, output.beam.verdict, &beam);
                 }
                 *until_condition = until_condition.saturating_sub(1);
-                output.front = joint.front_estimate();
-                output.rear = joint.rear_estimate();
-                output.robot = joint.robot_estimate();
+                let estimates = joint.estimates();
+                output.front = estimates.front;
+                output.rear = estimates.rear;
+                output.robot = estimates.robot;
             }
         }
         output
@@ -609,14 +610,13 @@ impl Tandem {
         let per_m = self.per_m[2] + self.creep_per_m * bend * bend;
         covariance[2][2] += by_wheels * (per_m * driven + heading);
         let by = |constant: usize| self.constants.own[constant] * by_wheels;
-        let (drift, creep) = (by(constants::DRIFT), by(constants::CREEP) * bend);
-        let slip = by(constants::COMPLIANCE) * bend;
+        let (drift, slip) = (by(constants::DRIFT), by(constants::COMPLIANCE) * bend);
         let bias = self.constants.own[constants::GYRO_BIAS] * gyro_share;
         Slipping {
             estimate: Estimate::new(increment.posture, covariance),
             heading_variance: covariance[2][2]
                 + (drift * drift + slip * slip) * driven * REFERENCE_WAY_M
-                + (creep * creep + bias * bias) * ticks * self.period * REFERENCE_TIME_S,
+                + bias * bias * ticks * self.period * REFERENCE_TIME_S,
             advance,
             ticks,
             gyro_share,

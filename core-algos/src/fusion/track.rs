@@ -233,7 +233,7 @@ mod tests {
         let mut axles = [Track::new(Posture::ORIGIN, [[0.0; CONSTANTS]; 3]); 2];
         for _ in 0..500 {
             for (axle, sign) in axles.iter_mut().zip([-1.0, 1.0]) {
-                axle.constants[2][SHARED + constants::CREEP] += sign * 1e-3;
+                axle.constants[2][SHARED + constants::COMPLIANCE] += sign * 1e-3;
                 axle.random = matrix::add(&axle.random, &matrix::diagonal([1e-9; 3]));
             }
             let [front, rear] = axles;
@@ -250,7 +250,7 @@ mod tests {
         // Half a radian for each axle by itself.
         let track = chase(Criterion::Trace);
         assert!(
-            track.constants[2][SHARED + constants::CREEP].abs() < 0.02,
+            track.constants[2][SHARED + constants::COMPLIANCE].abs() < 0.02,
             "{track:?}"
         );
     }
