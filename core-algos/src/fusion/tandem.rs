@@ -968,7 +968,7 @@ mod tests {
             let mut state = tandem.start_at(&robot, &shape(0.3));
             let mut output = Output::default();
             for tick in 0..500 {
-                let bend = 0.3 * crate::math::trig::exp(-0.04 * 0.01 * tick as f32);
+                let bend = 0.3 * crate::math::trig::exp(-0.01 * 0.01 * tick as f32);
                 output = tandem.step(
                     &mut state,
                     &Inputs {
@@ -980,7 +980,7 @@ mod tests {
             }
             output
         });
-        let half = 0.15 * crate::math::trig::exp(-0.04 * 4.99);
+        let half = 0.15 * crate::math::trig::exp(-0.01 * 4.99);
         for output in &outputs[..2] {
             assert!((output.front.posture.phi - half).abs() < 2e-3, "{output:?}");
             assert!((output.rear.posture.phi + half).abs() < 2e-3, "{output:?}");
