@@ -107,7 +107,7 @@ pub enum Command {
 #[derive(Clone, Debug, Default, Args)]
 pub struct WorldChoice {
     /// World that the robot drives in: one that `cfmmr world` lists, or a TOML file [default: that of the
-    /// scenario, or plain]
+    /// scenario, or careful]
     #[arg(long, value_name = "NAME|FILE")]
     pub world: Option<String>,
 }

@@ -4,7 +4,7 @@ use crate::cli::SoakArgs;
 use crate::error::Error;
 use crate::output;
 use crate::progress::Progress;
-use crate::soak::{self, Drift, MEMORY_KIB, Report};
+use crate::soak::{self, Drift, MEMORY_KIB, PAIR_M, Report};
 use core_algos::node::lead::Limits;
 use serde::Serialize;
 use std::fmt::Write;
@@ -68,15 +68,11 @@ fn markdown(measured: &Measured) -> String {
             window.resident_kib,
         );
     }
-    text += "\nDrift (line of least squares, gain over the whole run ± standard error):\n\n\
-             | | mean | gain |\n|---|---|---|\n";
-    let rows = [("NIS", report.nis, 1.0), ("pair (mm²)", report.pair, 1e6)];
-    for (name, drift, scale) in rows {
-        if let Some(drift) = drift {
-            let Drift { mean, gain, error } = drift;
-            let [mean, gain, error] = [mean, gain, error].map(|value| scale * value);
-            let _ = writeln!(text, "| {name} | {mean:.3} | {gain:.3} ± {error:.3} |");
-        }
+    if let Some(Drift { mean, gain, error }) = report.nis {
+        let _ = writeln!(
+            text,
+            "\nNIS: mean {mean:.3}; a line of least squares gains {gain:.3} ± {error:.3} over the whole run."
+        );
     }
     let faults: Vec<String> = report
         .faults
@@ -96,8 +92,9 @@ fn markdown(measured: &Measured) -> String {
         [] => {
             let _ = writeln!(
                 text,
-                "Nothing drifts (three standard errors, or a tenth of the mean), and memory grows by no\n\
-                 more than {MEMORY_KIB} KiB after the first window."
+                "The NIS does not drift (three standard errors, or a tenth of the mean), the pair's error\n\
+                 stays within {} mm, and memory grows by no more than {MEMORY_KIB} KiB after the first window.",
+                1e3 * PAIR_M
             );
         }
         problems => {

@@ -20,7 +20,7 @@ use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 /// World of an experiment that names none.
-pub const DEFAULT: &str = "plain";
+pub const DEFAULT: &str = "careful";
 
 const PLAIN: &str = include_str!("../../worlds/plain.toml");
 
