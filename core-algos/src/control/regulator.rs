@@ -300,6 +300,9 @@ pub struct State {
     origin: Posture,
     /// Where the robot was a tick ago.
     last: Posture,
+    /// Where it was last seen to move, and the time since, s.
+    moved: Posture,
+    still: f32,
     /// Distance driven along the present segment, m.
     progress: f32,
     /// Curvature of the final arc once the approach is on it, 1/m, of the robot's heading.
@@ -334,6 +337,7 @@ impl State {
         self.final_curvature = None;
         self.elapsed = 0.0;
         self.doubt = 0.0;
+        self.still = 0.0;
     }
 
     fn stop_then(&mut self, next: Next) {
@@ -347,6 +351,9 @@ const NEW_GOAL: (f32, f32) = (0.01, 0.02);
 /// Time (s) outside the funnel, or without demand to move, that counts.
 const DOUBT_S: f32 = 0.1;
 const STALL_S: f32 = 1.0;
+/// Way (m) that a robot under way makes in this time (s), or it is stuck.
+const STUCK_M: f32 = 1e-3;
+const STUCK_S: f32 = 2.0;
 /// Remainder of a segment that counts as driven, m.
 const SEGMENT_END_M: f32 = 2e-3;
 
@@ -385,6 +392,9 @@ impl Regulator {
         }
         self.accept_goal(state, input.goal);
         state.elapsed += self.config.tick_s;
+        if self.is_stuck(state, input) {
+            state.enter(Phase::Hold);
+        }
         let output = match self.config.strategy {
             Strategy::PaperLaw => self.paper(state, input),
             Strategy::Funnel => match state.phase {
@@ -416,6 +426,18 @@ impl Regulator {
                 ..State::default()
             };
         }
+    }
+
+    /// Whether the robot is under way and does not move: friction can be more than what a small speed, or a
+    /// motor less than there should be, asks of the wheels.
+    fn is_stuck(&self, state: &mut State, input: &Input) -> bool {
+        let under_way = matches!(state.phase, Phase::Segment | Phase::Approach);
+        if !under_way || input.posture.distance(state.moved) > STUCK_M {
+            (state.moved, state.still) = (input.posture, 0.0);
+        } else {
+            state.still += self.config.tick_s;
+        }
+        under_way && state.still >= STUCK_S
     }
 
     /// Output at standstill with the steering held.
@@ -873,6 +895,25 @@ mod tests {
             }
         }
         output
+    }
+
+    /// Friction holds a robot that is asked for little speed: it is done where it stands, or says that it
+    /// comes no nearer, but does not wait for ever.
+    #[test]
+    fn a_robot_that_sticks_before_the_goal_comes_to_an_end() {
+        for (sticking, expected) in [(0.012, Phase::Done), (0.2, Phase::GaveUp)] {
+            let regulator = Config::default().build().unwrap();
+            let mut robot = Robot::at(Posture::new(-0.4, 0.02, 0.0));
+            let mut state = State::default();
+            for _ in 0..6000 {
+                let mut output = regulator.tick(&mut state, &input(&robot, Posture::ORIGIN));
+                if output.command.v.abs() < sticking {
+                    (output.command.v, robot.v) = (0.0, 0.0);
+                }
+                robot.obey(output.command);
+            }
+            assert_eq!(state.phase, expected, "{:?}", robot.q);
+        }
     }
 
     fn input(robot: &Robot, goal: Posture) -> Input {
