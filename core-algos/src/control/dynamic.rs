@@ -103,10 +103,6 @@ pub struct Config {
     /// Radius of the wheels (r_w), m.
     #[cfg_attr(feature = "serde", serde(skip))]
     pub wheel_radius_m: f32,
-    /// Largest speed of the axle, and of its wheels in a turn on the spot, that is ever asked for, m/s:
-    /// a reference beyond it is a mistake of somebody else's.
-    #[cfg_attr(feature = "serde", serde(skip))]
-    pub max_speed_m_s: f32,
     /// Gain of the longitudinal error (k_X), 1/s.
     pub longitudinal_gain_per_s: f32,
     /// Gain of the lateral error (k_Y), rad/m².
@@ -146,7 +142,6 @@ impl Default for Config {
         Self {
             half_track_m: 0.162,
             wheel_radius_m: 0.073,
-            max_speed_m_s: 100.0,
             longitudinal_gain_per_s: 2.0,
             lateral_gain_rad_m2: 20.0,
             heading_gain_rad_m: 16.0,
@@ -173,7 +168,6 @@ impl Config {
     pub fn build(&self) -> Result<Dynamic, ConfigError> {
         let half_track = positive("half_track_m", self.half_track_m)?;
         let radius = positive("wheel_radius_m", self.wheel_radius_m)?;
-        let max_speed = positive("max_speed_m_s", self.max_speed_m_s)?;
         non_negative("longitudinal_gain_per_s", self.longitudinal_gain_per_s)?;
         non_negative("lateral_gain_rad_m2", self.lateral_gain_rad_m2)?;
         non_negative("heading_gain_rad_m", self.heading_gain_rad_m)?;
@@ -197,7 +191,6 @@ impl Config {
         let rolling = 2.0 * self.wheel_inertia_kg_m2 / (radius * radius);
         Ok(Dynamic {
             config: *self,
-            max_yaw_rate: max_speed / half_track,
             mass: per_force * self.inertia_feedforward * (self.mass_kg + rolling),
             yaw_inertia: per_moment
                 * self.inertia_feedforward
@@ -253,8 +246,6 @@ pub struct Command {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Dynamic {
     config: Config,
-    /// Largest yaw rate that is asked for, rad/s.
-    max_yaw_rate: f32,
     /// Mean torque of the wheels for an acceleration, a velocity error, and the frame's force.
     mass: f32,
     velocity_gain: f32,
@@ -275,14 +266,6 @@ pub struct Dynamic {
     torque_line: Option<[f32; 2]>,
 }
 
-/// The value no larger than `limit` either way; what is not finite stays, for the guard of the torques to see.
-fn within(value: f32, limit: f32) -> f32 {
-    match value.abs() {
-        size if size > limit && size <= f32::MAX => limit.copysign(value),
-        _ => value,
-    }
-}
-
 fn norm_squared(twist: Twist) -> f32 {
     twist.v * twist.v + twist.omega * twist.omega
 }
@@ -298,8 +281,7 @@ impl Dynamic {
         [ahead - across, ahead + across]
     }
 
-    /// Velocity command v_c (eq. 9) for a posture error (eq. 10), heading within half a turn, no faster than
-    /// [`Config::max_speed_m_s`].
+    /// Velocity command v_c (eq. 9) for a posture error (eq. 10), heading within half a turn.
     pub fn velocity_command(&self, error: Posture, reference: Twist) -> Twist {
         let config = &self.config;
         // The heading error of a posture is within half a turn.
@@ -310,13 +292,11 @@ impl Dynamic {
         } else {
             speed
         };
-        let v = reference.v * cos + config.longitudinal_gain_per_s * error.x;
-        let omega = reference.omega
-            + config.lateral_gain_rad_m2 * reference.v * error.y
-            + config.heading_gain_rad_m * speed * sin;
         Twist {
-            v: within(v, config.max_speed_m_s),
-            omega: within(omega, self.max_yaw_rate),
+            v: reference.v * cos + config.longitudinal_gain_per_s * error.x,
+            omega: reference.omega
+                + config.lateral_gain_rad_m2 * reference.v * error.y
+                + config.heading_gain_rad_m * speed * sin,
         }
     }
 
@@ -609,23 +589,6 @@ mod tests {
     }
 
     /// A wrong heading at rest is turned back on the spot, which the law without its floor does not.
-    #[test]
-    fn nothing_is_asked_for_beyond_the_axles_speed() {
-        let config = Config {
-            max_speed_m_s: 0.4,
-            ..Config::default()
-        };
-        let dynamic = config.build().unwrap();
-        for (v, omega, x) in [(0.7, 9.0, 0.0), (-0.3, -9.0, -2.0), (0.2, 0.1, 5.0)] {
-            let error = Posture::new(x, 0.0, 0.0);
-            let c = dynamic.velocity_command(error, Twist::new(v, omega));
-            assert_eq!(c.v.abs(), 0.4);
-            assert!(c.omega.abs() <= 0.4 / 0.162, "{c:?}");
-        }
-        let c = dynamic.velocity_command(Posture::ORIGIN, Twist::new(f32::NAN, f32::INFINITY));
-        assert!(c.v.is_nan() && !c.omega.is_finite());
-    }
-
     #[test]
     fn heading_is_held_at_standstill() {
         let end = |heading_speed_floor_m_s| {

@@ -95,6 +95,9 @@ pub struct Limits {
     pub stall_rad_s: f32,
     /// Difference of the yaw rates by the wheels and by the gyro, rad/s.
     pub slip_rad_s: f32,
+    /// Speed of a wheel over ground beyond which a reference is not taken, m/s.
+    #[cfg_attr(feature = "serde", serde(skip))]
+    pub wheel_speed_m_s: f32,
 }
 
 impl Default for Limits {
@@ -105,6 +108,7 @@ impl Default for Limits {
             stall_share: 0.9,
             stall_rad_s: 0.2,
             slip_rad_s: 0.8,
+            wheel_speed_m_s: 0.5,
         }
     }
 }
@@ -116,7 +120,19 @@ impl Limits {
         in_range("stall_share", self.stall_share, 0.1, 1.0)?;
         positive("stall_rad_s", self.stall_rad_s)?;
         positive("slip_rad_s", self.slip_rad_s)?;
+        positive("wheel_speed_m_s", self.wheel_speed_m_s)?;
         Ok(())
+    }
+
+    /// Whether an error of the posture is within so many times what a sound axle has.
+    fn near(&self, error: Posture, times: f32) -> bool {
+        let (way, turn) = (times * self.tracking_m, times * self.tracking_rad);
+        error.x.abs() <= way && error.y.abs() <= way && error.phi.abs() <= turn
+    }
+
+    /// Whether a motion is one that this robot can be asked for.
+    fn allow(&self, twist: Twist, half_track: f32) -> bool {
+        twist.v.abs() + half_track * twist.omega.abs() <= self.wheel_speed_m_s
     }
 }
 
@@ -421,12 +437,12 @@ impl AxleNode {
                 acceleration_m_s2,
                 yaw_acceleration_rad_s2,
             } if axle == self.axle => {
-                state.pending_motion = Some((
-                    sequence,
-                    Twist::new(velocity_m_s, yaw_rate_rad_s),
-                    Twist::new(acceleration_m_s2, yaw_acceleration_rad_s2),
-                ));
-                state.pair_reference(now);
+                let twist = Twist::new(velocity_m_s, yaw_rate_rad_s);
+                if self.limits.allow(twist, self.half_track) {
+                    let acceleration = Twist::new(acceleration_m_s2, yaw_acceleration_rad_s2);
+                    state.pending_motion = Some((sequence, twist, acceleration));
+                    state.pair_reference(now);
+                }
             }
             Message::BeamWrench { sequence, wrench } => {
                 state.wrench = Some(Stamped::new(wrench, epoch_start(now, sequence)));
@@ -537,15 +553,8 @@ impl AxleNode {
         let operating = state.supervisor.operating();
         let powered = operating.permit() != Permit::Off;
         let active = operating == OperatingState::Active;
-        let error = state.output.error;
-        let astray = |times: f32| {
-            let (way, turn) = (
-                times * self.limits.tracking_m,
-                times * self.limits.tracking_rad,
-            );
-            let near = error.x.abs() <= way && error.y.abs() <= way && error.phi.abs() <= turn;
-            state.output.active && !near
-        };
+        let astray =
+            |times: f32| state.output.active && !self.limits.near(state.output.error, times);
         // An axle that is let go is not to stay, but it is not to be driven either.
         let runs = |wheel: &wheel_observer::State| !(wheel.speed_rad_s.abs() <= LET_GO_RAD_S);
         let unstopped = operating == OperatingState::SafeStop
@@ -629,8 +638,10 @@ impl AxleNode {
             reference_load: self.reference_load(),
             beam_load: self.beam_load(now),
         });
+        // A reference far off is a mistake, until it has lasted long enough to be a fault.
+        let near = self.limits.near(command.error, 2.0);
         Output {
-            torque_nm: command.torque_nm,
+            torque_nm: if near { command.torque_nm } else { [0.0; 2] },
             active: command.valid,
             error: command.error,
             invalid: !command.valid,

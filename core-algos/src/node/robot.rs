@@ -119,9 +119,9 @@ pub struct Robot {
     pub lead: lead::LeadNode,
 }
 
-/// Speed that an axle is ever asked for, over the largest of the midpoint: corrections and the outer side of
-/// a bend need more than that has.
-const AXLE_SPEED: f32 = 1.6;
+/// Speed of a wheel over the largest of the midpoint from which a reference is a mistake: the outer wheel of
+/// the tightest bend rolls at 1.5 times that of the midpoint, and corrections come on top.
+const WHEEL_SPEED: f32 = 2.0;
 
 impl RobotConfig {
     /// The same configuration with geometry and limits written into every part that has a copy.
@@ -148,7 +148,7 @@ impl RobotConfig {
         self.beam.strip.bending_stiffness_n_m2 = self.geometry.bending_stiffness_n_m2;
 
         let max_speed_m_s = self.limits.max_speed_m_s;
-        self.axle.controller.max_speed_m_s = AXLE_SPEED * max_speed_m_s;
+        self.axle.limits.wheel_speed_m_s = WHEEL_SPEED * max_speed_m_s;
         let max_steering_rad = self.limits.commanded_steering_rad();
         self.lead.cascade.frame_length_m = frame_length_m;
         self.lead.cascade.rigid_end_m = rigid_end_m;
