@@ -105,7 +105,7 @@ impl Default for Limits {
         Self {
             tracking_m: 0.08,
             tracking_rad: 0.35,
-            stall_share: 0.9,
+            stall_share: 0.6,
             stall_rad_s: 0.2,
             slip_rad_s: 0.8,
             wheel_speed_m_s: 0.5,
