@@ -99,9 +99,11 @@ fn gyros_are_as_good_as_marks_and_bias() {
 #[test]
 fn radius_and_ratio_are_found_and_odometry_less_creep_comes_back() {
     let bounds = [("wheel_radius_m", 1.3e-5), ("wheel_ratio", 1e-4)];
-    assert_found("wheels", &bounds, &["--laps", "1"]);
+    // A carpet that takes the robot along cannot be told from larger wheels.
+    let more = ["--laps", "1", "--world", "ideal"];
+    assert_found("wheels", &bounds, &more);
     let folder = tempfile::tempdir().unwrap();
-    let report = calibrate(folder.path(), "wheels", 1, &["--laps", "1"]);
+    let report = calibrate(folder.path(), "wheels", 1, &more);
     for effect in report["effects"].as_array().unwrap() {
         if effect["what"].as_str().unwrap().ends_with("less creep") {
             let number = |key: &str| effect[key].as_f64().unwrap();

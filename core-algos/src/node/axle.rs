@@ -934,6 +934,37 @@ mod tests {
     }
 
     #[test]
+    fn a_reference_that_cannot_be_meant_moves_nothing() {
+        let samples = Samples {
+            encoder: [Some(0); 2],
+            ..Samples::default()
+        };
+        let far = Posture::new(0.5, 0.0, 0.0);
+        for (v, posture) in [
+            (0.6, Posture::ORIGIN),
+            (f32::NAN, Posture::ORIGIN),
+            (0.1, far),
+        ] {
+            let mut node = node(Axle::Front);
+            let mut outbox = Outbox::new();
+            node.step(0, &samples, &mut outbox);
+            reference(&mut node, 20 * TICK, 0.1, Posture::ORIGIN);
+            let before = node.step(21 * TICK, &samples, &mut outbox);
+            assert!(before.active && before.torque_nm[0] > 0.0);
+            reference(&mut node, 30 * TICK, v, posture);
+            let after = node.step(31 * TICK, &samples, &mut outbox);
+            match posture == far {
+                true => assert_eq!(after.torque_nm, [0.0; 2]),
+                // The one before it still holds.
+                false => assert!(after.active && after.torque_nm[0] < 2.0, "{after:?}"),
+            }
+            reference(&mut node, 40 * TICK, 0.1, Posture::ORIGIN);
+            let good = node.step(41 * TICK, &samples, &mut outbox);
+            assert!(good.active && good.torque_nm[0] > 0.0, "{good:?}");
+        }
+    }
+
+    #[test]
     fn drives_toward_its_reference_and_stops_without_one() {
         let mut node = node(Axle::Front);
         let mut outbox = Outbox::new();

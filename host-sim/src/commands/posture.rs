@@ -226,7 +226,7 @@ pub fn summarize(variant: &Variant, outcomes: &[Outcome], goal: [f64; 3]) -> Row
 }
 
 /// Of three degrees of freedom, 99 %.
-const CHI_SQUARE_99: f64 = 11.345;
+pub const CHI_SQUARE_99: f64 = 11.345;
 
 /// How a trial ended, in a word.
 fn end_of(outcome: &Outcome) -> String {
