@@ -16,7 +16,7 @@ use crate::params::Source;
 use serde::{Deserialize, Serialize};
 
 /// Version of the protocol: changes with every change of what is said, or of a configuration.
-pub const PROTOCOL: u16 = 5;
+pub const PROTOCOL: u16 = 6;
 /// Largest encoded configuration, bytes.
 pub const MAX_CONFIG: usize = 2048;
 /// Bytes of a configuration in one request.
@@ -29,7 +29,7 @@ pub const TELEMETRY_CHUNK: usize = 40;
 /// Largest encoded output of the lead node: all of it before the epoch ends.
 pub const MAX_TELEMETRY: usize = 7 * TELEMETRY_CHUNK;
 /// Bus frames that go with one tick.
-pub const MAX_BUS_FRAMES: usize = 18;
+pub const MAX_BUS_FRAMES: usize = 21;
 
 /// From host to board.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

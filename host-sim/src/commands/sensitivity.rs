@@ -49,8 +49,8 @@ pub struct Report {
     pub entries: Vec<Entry>,
 }
 
-/// Creep velocity of the tyres, m/s: from a hard tyre on a hard floor to carpet.
-const CREEP: [f64; 5] = [0.001, 0.003, 0.005, 0.01, 0.02];
+/// Slip stiffness of all tyres over their load: from soft rubber on carpet to hard rubber on a hard floor.
+const SLIP_STIFFNESS: [f64; 5] = [8.0, 14.0, 20.0, 28.0, 40.0];
 /// Common error of all bridges as heading of the front axle against the rear, rad.
 const BIAS: [f64; 4] = [0.0, 0.75e-3, 2e-3, 5e-3];
 /// Relative error of each wheel's radius.
@@ -73,9 +73,9 @@ fn points(base: &Scenario) -> Vec<Point> {
             scenario,
         });
     };
-    for creep in CREEP {
-        add("tyre creep velocity", format!("{creep} m/s"), &|s| {
-            s.world.plant.creep_velocity_m_s = creep;
+    for stiffness in SLIP_STIFFNESS {
+        add("slip stiffness of the tyres", format!("{stiffness}"), &|s| {
+            s.world.plant.slip_stiffness = [[stiffness; 2]; 2];
         });
     }
     for bias in BIAS {
