@@ -74,9 +74,13 @@ fn points(base: &Scenario) -> Vec<Point> {
         });
     };
     for stiffness in SLIP_STIFFNESS {
-        add("slip stiffness of the tyres", format!("{stiffness}"), &|s| {
-            s.world.plant.slip_stiffness = [[stiffness; 2]; 2];
-        });
+        add(
+            "slip stiffness of the tyres",
+            format!("{stiffness}"),
+            &|s| {
+                s.world.plant.slip_stiffness = [[stiffness; 2]; 2];
+            },
+        );
     }
     for bias in BIAS {
         add(
