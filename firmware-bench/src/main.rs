@@ -1,5 +1,5 @@
-//! Counts instructions of the boards' algorithms, and of other libraries on the same work, on an
-//! emulated Cortex-M4F: `scripts/count_instructions.py`.
+//! Counts instructions of the boards' algorithms on an emulated Cortex-M4F:
+//! `scripts/count_instructions.py`.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
 #[cfg(target_os = "none")]

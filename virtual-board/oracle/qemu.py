@@ -6,7 +6,7 @@
 Both run the image that counts the instructions of the boards' algorithms (scripts/count_instructions.py),
 QEMU with a fixed time for each instruction, the core with a SysTick that says the same
 (`virtual-board/examples/count.rs`). What it prints must be equal to the byte: the instructions of each case,
-mean and largest, the stack of each, and the states at which the filters end. Exit 1 if it is not.
+mean and largest, the stack of each, and the state at which the filter ends. Exit 1 if it is not.
 
 With --cycles the core runs it once more, and a table of the cycles of each case is printed.
 """
