@@ -12,10 +12,10 @@
 mod testing;
 
 use core_algos::beam::strip::PostureSigmas;
-use core_algos::fusion::ekf::{self, AxleFilter, Keyframe, Measurements};
+use core_algos::fusion::ekf::{self, AxleFilter, Measurements};
 use core_algos::fusion::intersection;
-use core_algos::fusion::tandem::{self, Increment, Inputs, Mode, Output, Receiver};
-use core_algos::fusion::{Estimate, constants, ipec, joint, kalman};
+use core_algos::fusion::tandem::{self, Increment, Inputs, Mode, Output};
+use core_algos::fusion::{Estimate, constants, ipec, joint};
 use core_algos::math::Posture;
 use core_algos::math::matrix::Mat3;
 use std::sync::OnceLock;
@@ -251,10 +251,7 @@ fn drive(setting: Setting, seed: u64) -> Drive {
 
     let at_rest = Estimate::with_sigmas(Posture::ORIGIN, [1e-6; 3]);
     let mut filters = [ekf::State::at_rest(&at_rest, [1e-3, 1e-3, 1e-2, 1e-2]); 2];
-    let mut receivers = [Receiver::default(); 2];
-    for (receiver, state) in receivers.iter_mut().zip(&mut filters) {
-        assert!(receiver.receive(&state.take_increment()).is_none());
-    }
+    let mut last = [0, 1].map(|axle| filters[axle].take_increment().posture);
     let mut inputs = Vec::with_capacity(EPOCHS);
     for step in 0..EPOCHS * STEPS_PER_EPOCH {
         let bend = wrap(axles[0][2] - axles[1][2]);
@@ -316,11 +313,11 @@ fn drive(setting: Setting, seed: u64) -> Drive {
             continue;
         }
         let mut report = |axle: usize| -> Option<Increment> {
-            let keyframe: Keyframe = filters[axle].take_increment();
-            let increment = receivers[axle].receive(&keyframe)?;
+            let sent = filters[axle].take_increment();
+            let from = std::mem::replace(&mut last[axle], sent.posture);
             Some(Increment {
                 gyro_share: 1.0 - unseen_share as f32,
-                ..increment
+                ..Increment::new(sent.posture.relative_to(from), sent.covariance)
             })
         };
         let (front, rear) = (report(0), report(1));
@@ -413,7 +410,6 @@ struct World {
     setting: Setting,
     drives: OnceLock<Vec<Drive>>,
     odometry: OnceLock<Honesty>,
-    kalman: OnceLock<Honesty>,
     intersection: OnceLock<Honesty>,
     corrected: OnceLock<Honesty>,
     joint: OnceLock<Honesty>,
@@ -425,7 +421,6 @@ impl World {
             setting: Setting { lasting, gyro },
             drives: OnceLock::new(),
             odometry: OnceLock::new(),
-            kalman: OnceLock::new(),
             intersection: OnceLock::new(),
             corrected: OnceLock::new(),
             joint: OnceLock::new(),
@@ -435,7 +430,6 @@ impl World {
     fn try_on(&self, mode: Mode) -> &Honesty {
         let once = match mode {
             Mode::Odometry => &self.odometry,
-            Mode::Kalman => &self.kalman,
             Mode::Intersection => &self.intersection,
             Mode::IntersectionIpec => &self.corrected,
             Mode::Joint => &self.joint,
@@ -517,15 +511,6 @@ fn intersection_never_overclaims() {
 }
 
 #[test]
-fn plain_kalman_fusion_fails() {
-    let (_, high) = band();
-    let kalman = WHITE.try_on(Mode::Kalman);
-    for nees in kalman.nees {
-        assert!(nees > 10.0 * high, "{kalman:?}");
-    }
-}
-
-#[test]
 fn each_further_stage_improves_the_robots_heading() {
     let [odometry, intersection, corrected, joint] = [
         Mode::Odometry,
@@ -582,10 +567,6 @@ fn intersection_cannot_claim_more_without_overclaiming() {
     };
     assert!((fused_nees(0.0, &bold) - 3.0).abs() < 0.15);
     assert!(fused_nees(1.0, &bold) > 5.7);
-    // So does plain Kalman fusion, which takes them as independent.
-    let kalman = |a: &Estimate, b: &Estimate| kalman::fuse(a, b).unwrap();
-    assert!((fused_nees(0.0, &kalman) - 3.0).abs() < 0.15);
-    assert!(fused_nees(1.0, &kalman) > 5.7);
 }
 
 /// The tables by which filters and this test draw the lasting errors name the same ones.

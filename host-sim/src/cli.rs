@@ -407,8 +407,6 @@ pub struct ConsistencyArgs {
 pub enum Fusion {
     /// Odometry alone, without the relative position sensor
     Odometry,
-    /// Plain Kalman fusion through the beam
-    Kalman,
     /// Covariance intersection
     Ci,
     /// Covariance intersection and internal posture error correction
@@ -422,7 +420,6 @@ impl From<Fusion> for Mode {
     fn from(fusion: Fusion) -> Self {
         match fusion {
             Fusion::Odometry => Self::Odometry,
-            Fusion::Kalman => Self::Kalman,
             Fusion::Ci => Self::Intersection,
             Fusion::CiIpec => Self::IntersectionIpec,
             Fusion::Joint => Self::Joint,

@@ -258,7 +258,7 @@ mod tests {
     fn changes_are_kept_and_repetitions_are_not() {
         let mut monitor = Monitor::default();
         let low = Condition::SupplyLow.code();
-        let drift = Conditions::only(Condition::ZeroDrift).low_rows();
+        let lost = Conditions::only(Condition::MessageLost).low_rows();
         for tick in 0..30 {
             monitor.see(tick, &frame(Node::Lead, OperatingState::Idle, 0, 0));
             let (state, reason) = match tick {
@@ -266,7 +266,7 @@ mod tests {
                 10..20 => (OperatingState::SafeStop, low),
                 _ => (OperatingState::Fault, low),
             };
-            let notices = if tick == 5 { drift } else { 0 };
+            let notices = if tick == 5 { lost } else { 0 };
             monitor.see(tick, &frame(Node::RearAxle, state, reason, notices));
         }
         let times: Vec<f64> = monitor.changes().iter().map(|c| c.time_s).collect();
@@ -280,7 +280,7 @@ mod tests {
         assert!(
             monitor
                 .noticed(Node::RearAxle)
-                .contains(Condition::ZeroDrift)
+                .contains(Condition::MessageLost)
         );
         assert_eq!(monitor.latest(Node::Beam), None);
     }

@@ -4,13 +4,12 @@
 //! share of the bridge's ratio and supply drift cancels. Zeroing is part of the sensor, not an
 //! extra: 1 µε left on all gauges turns the default strip by 0.7 mrad.
 //!
-//! [`Config::build`] and [`ZeroTracking::build`] validate; [`Calibration::strain`] and
-//! [`ZeroTracker::step`] never fail. [`Standstill::average`] refuses an average that cannot be
-//! trusted and says why.
+//! [`Config::build`] validates; [`Calibration::strain`] never fails. [`Standstill::average`] refuses
+//! an average that cannot be trusted and says why.
 
 use super::strip::{GaugeMask, MAX_GAUGES, PerGauge};
 use crate::config::{Allowed, ConfigError, in_range, require};
-use crate::math::trig::{clamp, sqrt};
+use crate::math::trig::sqrt;
 use core::fmt;
 
 /// Largest converter range supported: 24 bits.
@@ -375,82 +374,6 @@ impl Standstill {
     }
 }
 
-/// Slow tracking of the zeros while the strip is known to be straight and at rest. Off by default:
-/// it must be told when that is so, and being told wrongly would calibrate a bend away; what it can
-/// do is bounded.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(
-    feature = "serde",
-    derive(serde::Serialize, serde::Deserialize),
-    serde(deny_unknown_fields, default)
-)]
-pub struct ZeroTracking {
-    /// Whether zeros are tracked.
-    pub enabled: bool,
-    /// Time constant, s of standstill.
-    pub time_constant_s: f32,
-    /// Largest correction, strain; a gauge whose reading is farther off than this is left alone.
-    pub max_correction_strain: f32,
-}
-
-impl Default for ZeroTracking {
-    fn default() -> Self {
-        Self {
-            enabled: false,
-            time_constant_s: 10.0,
-            max_correction_strain: 1e-5,
-        }
-    }
-}
-
-impl ZeroTracking {
-    /// Checks every field.
-    pub fn build(&self) -> Result<ZeroTracker, ConfigError> {
-        in_range("time_constant_s", self.time_constant_s, 0.1, 1e6)?;
-        in_range(
-            "max_correction_strain",
-            self.max_correction_strain,
-            0.0,
-            1e-3,
-        )?;
-        Ok(ZeroTracker(*self))
-    }
-}
-
-/// Validated zero tracking.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ZeroTracker(ZeroTracking);
-
-impl ZeroTracker {
-    /// Moves `correction` (strain, to be subtracted from the readings) so that `strain`, the
-    /// reading already corrected, tends to zero. `dt_s` is the time since the last call. Gives the
-    /// gauges whose correction stands at its bound. NaN moves nothing.
-    pub fn step(
-        &self,
-        correction: &mut [f32; MAX_GAUGES],
-        strain: &[f32; MAX_GAUGES],
-        mask: GaugeMask,
-        dt_s: f32,
-    ) -> GaugeMask {
-        let limit = self.0.max_correction_strain;
-        let mut at_bound = GaugeMask::NONE;
-        if !self.0.enabled || !(dt_s > 0.0) {
-            return at_bound;
-        }
-        let share = clamp(dt_s / self.0.time_constant_s, 0.0, 1.0);
-        for i in 0..MAX_GAUGES {
-            if mask.contains(i) && strain[i].abs() <= limit {
-                let moved = correction[i] + share * strain[i];
-                correction[i] = clamp(moved, -limit, limit);
-                if moved.abs() >= limit {
-                    at_bound = at_bound.with(i);
-                }
-            }
-        }
-        at_bound
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::reference::Random;
@@ -585,52 +508,7 @@ mod tests {
         assert_eq!(config.build(5).unwrap_err().field, "strain_per_count");
     }
 
-    #[test]
-    fn tracking_is_off_by_default_and_bounded_when_on() {
-        let mut correction = [0.0; MAX_GAUGES];
-        let off = ZeroTracking::default().build().unwrap();
-        off.step(&mut correction, &[5e-6; MAX_GAUGES], FIVE, 0.01);
-        assert_eq!(correction, [0.0; MAX_GAUGES]);
-
-        let tracker = ZeroTracking {
-            enabled: true,
-            ..ZeroTracking::default()
-        }
-        .build()
-        .unwrap();
-        // A drift of 4 µε is followed with the time constant of 10 s.
-        for t in 0..3000 {
-            let strain = [4e-6 - correction[0]; MAX_GAUGES];
-            tracker.step(&mut correction, &strain, FIVE, 0.01);
-            if t == 999 {
-                let expected = 4e-6 * (1.0 - (-1.0f32).exp());
-                assert!((correction[0] - expected).abs() < 2e-8);
-            }
-        }
-        assert!((correction[0] - 4e-6).abs() < 0.3e-6 && correction[6] == 0.0);
-        // A bend is not a drift, and a lasting drift ends at the bound.
-        let before = correction;
-        tracker.step(&mut correction, &[1e-3; MAX_GAUGES], FIVE, 0.01);
-        assert_eq!(correction, before);
-        let mut at_bound = GaugeMask::NONE;
-        for _ in 0..10_000 {
-            at_bound = tracker.step(&mut correction, &[9e-6; MAX_GAUGES], FIVE, 0.01);
-        }
-        assert_eq!((correction[0], at_bound), (1e-5, FIVE));
-    }
-
     proptest! {
-        #[test]
-        fn tracking_never_leaves_its_bound(
-            strain in proptest::array::uniform8(proptest::num::f32::ANY),
-            dt in proptest::num::f32::ANY,
-        ) {
-            let tracker = ZeroTracking { enabled: true, ..ZeroTracking::default() }.build().unwrap();
-            let mut correction = [0.0; MAX_GAUGES];
-            tracker.step(&mut correction, &strain, GaugeMask(255), dt);
-            prop_assert!(correction.iter().all(|c| c.abs() <= 1e-5));
-        }
-
         #[test]
         fn any_counts_average_or_are_refused(
             a in proptest::array::uniform8(proptest::num::i32::ANY),

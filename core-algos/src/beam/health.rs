@@ -17,39 +17,23 @@ use crate::config::{Allowed, ConfigError, in_range, require};
 
 /// What is wrong with a gauge.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[repr(u8)]
 pub enum Fault {
     /// Nothing.
     #[default]
-    None = 0,
+    None,
     /// The converter gives no counts.
-    Missing = 1,
+    Missing,
     /// The converter is at an end of its range.
-    Saturated = 2,
+    Saturated,
     /// The strain is larger than the strip can have, or not a number.
-    OutOfRange = 3,
+    OutOfRange,
     /// The reading does not move although others do.
-    Dead = 4,
+    Dead,
     /// The reading contradicts the others.
-    Inconsistent = 5,
-    /// Zero tracking reached its bound; the reading is still used.
-    ZeroDrift = 6,
+    Inconsistent,
 }
 
 impl Fault {
-    /// The fault with this code; [`Fault::None`] for an unknown one.
-    pub fn from_code(code: u8) -> Self {
-        match code {
-            1 => Self::Missing,
-            2 => Self::Saturated,
-            3 => Self::OutOfRange,
-            4 => Self::Dead,
-            5 => Self::Inconsistent,
-            6 => Self::ZeroDrift,
-            _ => Self::None,
-        }
-    }
-
     /// Whether it lasts until reset.
     fn is_latched(self) -> bool {
         matches!(self, Self::Dead | Self::Inconsistent)
@@ -145,7 +129,6 @@ pub struct State {
     /// Flat in the last window.
     flat: GaugeMask,
     flat_periods: [u8; MAX_GAUGES],
-    zero_drift: GaugeMask,
     inconsistent_periods: u8,
     next: u8,
     /// Residual without each gauge, this round.
@@ -156,12 +139,9 @@ pub struct State {
 }
 
 impl State {
-    /// Fault of each gauge; of two, the one that takes the gauge out.
+    /// Fault of each gauge.
     pub fn faults(&self) -> [Fault; MAX_GAUGES] {
-        core::array::from_fn(|i| match self.faults[i] {
-            Fault::None if self.zero_drift.contains(i) => Fault::ZeroDrift,
-            fault => fault,
-        })
+        self.faults
     }
 
     /// Gauges that are out until reset.
@@ -189,10 +169,6 @@ impl State {
             let (low, high) = window.unwrap_or((count, count));
             *window = Some((low.min(count), high.max(count)));
         }
-    }
-
-    pub(super) fn set_zero_drift(&mut self, gauges: GaugeMask) {
-        self.zero_drift = gauges;
     }
 
     fn latch(&mut self, i: usize, fault: Fault) {
@@ -450,14 +426,6 @@ mod tests {
             }
         }
         assert_eq!(state.latched(), GaugeMask::NONE);
-    }
-
-    #[test]
-    fn codes_go_there_and_back() {
-        for code in 0..=6 {
-            assert_eq!(Fault::from_code(code) as u8, code);
-        }
-        assert_eq!(Fault::from_code(200), Fault::None);
     }
 
     #[test]

@@ -35,7 +35,7 @@
 //! # Ok::<(), core_algos::config::ConfigError>(())
 //! ```
 
-use super::calibration::{self, Calibration, Conversion, ZeroTracker, ZeroTracking};
+use super::calibration::{self, Calibration, Conversion};
 use super::elastica::{Fit, MAX_EVALUATIONS, Search, Solver, Start, Wrench};
 use super::health::{self, Fault, Monitor};
 use super::polynomial::{Interpolant, Quadrature, piecewise, quadrature};
@@ -89,8 +89,6 @@ pub struct Config {
     pub latency_samples: f32,
     /// Bridge counts to strain.
     pub calibration: calibration::Config,
-    /// Slow tracking of the zeros.
-    pub zero_tracking: ZeroTracking,
     /// When gauges are taken out.
     pub health: health::Config,
 }
@@ -106,7 +104,6 @@ impl Default for Config {
             // 0.8 ms of a 200 Hz amplifier and 1 ms of conversion.
             latency_samples: 1.8,
             calibration: calibration::Config::default(),
-            zero_tracking: ZeroTracking::default(),
             health: health::Config::default(),
         }
     }
@@ -124,7 +121,6 @@ impl Config {
             extrapolation_samples: self.extrapolate.then_some(latency),
             posture: PostureSolver::new(strip, self.method, self.segments)?,
             calibration: self.calibration.build(strip.gauges().count() as usize)?,
-            zero_tracking: self.zero_tracking.build()?,
             monitor: self.health.build()?,
         })
     }
@@ -249,7 +245,6 @@ pub struct RelativePositionSensor {
     extrapolation_samples: Option<f32>,
     posture: PostureSolver,
     calibration: Calibration,
-    zero_tracking: ZeroTracker,
     monitor: Monitor,
 }
 
@@ -294,8 +289,6 @@ impl Period {
 pub struct State {
     periods: [Period; MAX_GAUGES],
     health: health::State,
-    /// Strain that zero tracking takes off each reading.
-    zero_correction: [f32; MAX_GAUGES],
     /// Periods since the zeros were known.
     age: u32,
     /// Last strains and the gauges they are good for.
@@ -328,18 +321,6 @@ enum Purpose {
     Flat(usize),
 }
 
-impl State {
-    /// Strain that zero tracking takes off each reading.
-    pub fn zero_correction(&self) -> &[f32; MAX_GAUGES] {
-        &self.zero_correction
-    }
-
-    /// Ends the faults that last until reset.
-    pub fn clear_faults(&mut self) {
-        self.health = health::State::default();
-    }
-}
-
 /// What the sensor says at the end of a period.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
@@ -348,7 +329,7 @@ pub struct Estimate {
     pub relative: Option<RelativePosture>,
     /// End forces, if the elastica gave the posture.
     pub wrench: Option<Wrench>,
-    /// Average strain of each gauge, zero correction taken off; 0 where there is none.
+    /// Average strain of each gauge; 0 where there is none.
     pub strain: [f32; MAX_GAUGES],
     /// Gauges the posture was made from.
     pub used: GaugeMask,
@@ -486,16 +467,6 @@ impl RelativePositionSensor {
         self.drift * state.age as f32
     }
 
-    /// Moves the zeros by the last estimate's strains, if zero tracking is enabled. To be called
-    /// after an estimate, only while the strip is known to be straight and the robot at rest;
-    /// `dt_s` is the estimate's period.
-    pub fn track_zero(&self, state: &mut State, dt_s: f32) {
-        let at_bound =
-            self.zero_tracking
-                .step(&mut state.zero_correction, &state.strain, state.good, dt_s);
-        state.health.set_zero_drift(at_bound);
-    }
-
     /// Strain of each gauge and what its samples say of it; starts a new period.
     fn close_period(&self, state: &mut State) -> ([f32; MAX_GAUGES], [Fault; MAX_GAUGES]) {
         let gauges = self.strip().gauges();
@@ -515,7 +486,6 @@ impl RelativePositionSensor {
         state.periods = [Period::default(); MAX_GAUGES];
         let mut strain = self.calibration.strain(&counts);
         for i in 0..MAX_GAUGES {
-            strain[i] -= state.zero_correction[i];
             if verdicts[i] == Fault::None && !self.calibration.is_plausible(strain[i]) {
                 verdicts[i] = Fault::OutOfRange;
             }
@@ -831,9 +801,6 @@ mod tests {
             }
         }
         assert_eq!(faults, only(1, Fault::Dead));
-        state.clear_faults();
-        sensor.sample(&mut state, &[2048; MAX_GAUGES]);
-        assert_eq!(sensor.estimate(&mut state).faults, only(9, Fault::None));
     }
 
     #[test]
@@ -851,28 +818,6 @@ mod tests {
         sensor.sample(&mut state, &[2048; MAX_GAUGES]);
         let five = sensor.estimate(&mut state).relative.unwrap().covariance;
         assert!(two[1][1] > 1.3 * five[1][1] && two[2][2] > 1.3 * five[2][2]);
-    }
-
-    #[test]
-    fn tracked_zero_takes_a_common_drift_away() {
-        let mut config = Config::default();
-        config.zero_tracking.enabled = true;
-        config.zero_tracking.time_constant_s = 1.0;
-        let sensor = config.build().unwrap();
-        let mut state = State::default();
-        let mut last = None;
-        for _ in 0..1000 {
-            // Three counts are 5.7 µε, 4 mrad.
-            sensor.sample(&mut state, &[2051; MAX_GAUGES]);
-            let estimate = sensor.estimate(&mut state);
-            last = last.or(estimate.relative);
-            sensor.track_zero(&mut state, 0.01);
-        }
-        let first = last.unwrap().posture.phi;
-        assert!((first - 0.37 * 3.0 * LSB as f32 / 0.5e-3).abs() < 1e-4);
-        sensor.sample(&mut state, &[2051; MAX_GAUGES]);
-        let end = sensor.estimate(&mut state).relative.unwrap().posture.phi;
-        assert!(end.abs() < 1e-3 * first, "{end}");
     }
 
     #[test]

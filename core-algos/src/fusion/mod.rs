@@ -5,7 +5,7 @@
 //! [`tandem`], the second tier on the lead node; [`standstill`] zeroes its inertial sensors. The
 //! second tier is built from [`compound`] (a posture seen through the beam), [`constants`] (errors
 //! that stay the same) and [`track`] (what a posture owes to them), [`intersection`] (covariance
-//! intersection), [`kalman`] (plain fusion, for comparison only), [`ipec`] (internal posture error
+//! intersection), [`ipec`] (internal posture error
 //! correction) and [`joint`] (one filter of both axles).
 
 pub mod compound;
@@ -15,7 +15,6 @@ pub mod ekf;
 pub mod intersection;
 pub mod ipec;
 pub mod joint;
-pub mod kalman;
 pub mod standstill;
 pub mod tandem;
 #[cfg(test)]

@@ -11,7 +11,6 @@
 //! | [`Mode::Intersection`] | the paper's: each axle's posture is intersected with the other's seen through the beam, both from the values before the update |
 //! | [`Mode::IntersectionIpec`] | first [`ipec`] corrects headings and distance, then the same |
 //! | [`Mode::Joint`] | one filter of both axles ([`joint`]) |
-//! | [`Mode::Kalman`] | the paper's scheme with plain Kalman fusion: inconsistent, for comparison |
 //!
 //! **Constant errors.** Wheel radii, the beam's zero, the start and the creep of tyres under the
 //! frame's moment are wrong in the same way throughout a drive, so their effect grows with the way
@@ -19,14 +18,14 @@
 //! filter estimates them. The other modes keep what each posture owes to each of them beside the
 //! rest ([`track`]), so that what they claim contains it, and covariance intersection
 //! can tell whose error has grown: it then follows the axles in turn, and the yaw of the axles
-//! against each other cancels. Plain Kalman fusion forgets it at each update.
+//! against each other cancels.
 //!
 //! **Noise.** To each increment's own covariance the configured slip is added: the wheels do not
 //! see it. It acts per metre, per second, and per second and radian of bend, for a held bend creeps
 //! even at standstill: the frame turns the axles against each other.
 //!
-//! **Loss.** An axle sends where its odometry has come to, not its last step ([`Receiver`] takes the
-//! difference), so a lost message delays what it carried and loses nothing. While one axle's
+//! **Loss.** An axle sends where its odometry has come to, not its last step, so a lost message
+//! delays what it carried and loses nothing. While one axle's
 //! increment is missing the beam is not used: it would see a motion that odometry has yet to report.
 //!
 //! [`Config::build`] validates; after it nothing fails or panics. What is not finite counts as
@@ -59,7 +58,7 @@
 //! ```
 
 use super::compound::Chain;
-use super::ekf::{Keyframe, Verdict};
+use super::ekf::Verdict;
 use super::track::{self, Sensitivity, Track};
 use super::{Estimate, constants, intersection, ipec, joint};
 use crate::bus::Axle;
@@ -84,8 +83,6 @@ const CONDITION_INTERVAL: u8 = 64;
 pub enum Mode {
     /// Each axle's odometry alone.
     Odometry,
-    /// Plain Kalman fusion through the beam; inconsistent.
-    Kalman,
     /// Covariance intersection through the beam.
     #[cfg_attr(feature = "serde", serde(alias = "ci"))]
     Intersection,
@@ -318,39 +315,6 @@ impl Increment {
     }
 }
 
-/// Turns the odometric postures that an axle sends into increments.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Receiver {
-    last: Option<(u16, Posture)>,
-}
-
-impl Receiver {
-    /// The increment since the last keyframe received; `None` for the first one, one already seen,
-    /// or one that is not finite. Keyframes lost in between are contained in it, each at the cost of
-    /// this one's covariance.
-    pub fn receive(&mut self, keyframe: &Keyframe) -> Option<Increment> {
-        if !(keyframe.posture.is_finite() && matrix::is_finite(&keyframe.covariance)) {
-            return None;
-        }
-        let last = self.last;
-        if let Some((sequence, _)) = last
-            && keyframe.sequence.wrapping_sub(sequence) as i16 <= 0
-        {
-            return None;
-        }
-        self.last = Some((keyframe.sequence, keyframe.posture));
-        let (sequence, posture) = last?;
-        let ticks = keyframe.sequence.wrapping_sub(sequence);
-        Some(Increment {
-            posture: keyframe.posture.relative_to(posture),
-            covariance: matrix::scale(&keyframe.covariance, f32::from(ticks)),
-            ticks,
-            gyro_share: 0.0,
-            gyro_zeroed: false,
-        })
-    }
-}
-
 /// What arrived since the last tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Inputs {
@@ -404,10 +368,6 @@ struct Beam {
     /// Last relative posture it gave.
     relative: Estimate,
     rejected_in_a_row: u16,
-    /// Measurements refused by the gate.
-    gated: u32,
-    /// Measurements refused as not finite or not positive definite.
-    invalid: u32,
 }
 
 impl State {
@@ -417,16 +377,6 @@ impl State {
             Tracks::Joint(joint) => Some(joint),
             Tracks::Separate { .. } => None,
         }
-    }
-
-    /// Measurements of the beam refused by the gate.
-    pub fn beam_gated(&self) -> u32 {
-        self.beam.gated
-    }
-
-    /// Measurements of the beam refused as not finite or not positive definite.
-    pub fn beam_invalid(&self) -> u32 {
-        self.beam.invalid
     }
 }
 
@@ -471,8 +421,6 @@ impl Tandem {
             beam: Beam {
                 relative: *relative,
                 rejected_in_a_row: 0,
-                gated: 0,
-                invalid: 0,
             },
         }
     }
@@ -507,7 +455,6 @@ impl Tandem {
             .filter(|_| complete && self.mode != Mode::Odometry);
         let beam = match beam {
             Some(beam) if !is_usable(&beam) => {
-                state.beam.invalid = state.beam.invalid.saturating_add(1);
                 output.beam.verdict = Verdict::Invalid;
                 None
             }
@@ -585,9 +532,7 @@ impl Tandem {
             &matrix::propagate(&chain.by_base, &base.covariance),
             &matrix::propagate(&chain.by_relative, &whole.covariance),
         );
-        let Beam { gated, invalid, .. } = state.beam;
         *state = self.start_at(&Estimate::new(chain.posture, covariance), &whole);
-        (state.beam.gated, state.beam.invalid) = (gated, invalid);
         self.step(state, &Inputs::default())
     }
 
@@ -730,23 +675,14 @@ impl Tandem {
         let front_by_rear = rear.through(&link, &relative);
         let link = Chain::rear_from_front(front.posture, beam.posture);
         let rear_by_front = front.through(&link, &relative);
-        if self.mode == Mode::Kalman {
-            let fused = [
-                front.fuse_as_independent(&front_by_rear),
-                rear.fuse_as_independent(&rear_by_front),
-            ];
-            *front = fused[0].unwrap_or(*front);
-            *rear = fused[1].unwrap_or(*rear);
-        } else {
-            let fused = [
-                front.intersect(&front_by_rear, &self.intersection),
-                rear.intersect(&rear_by_front, &self.intersection),
-            ];
-            if let [Some((f, by_front)), Some((r, by_rear))] = fused {
-                *front = f;
-                *rear = r;
-                output.omega = Some([by_front, by_rear]);
-            }
+        let fused = [
+            front.intersect(&front_by_rear, &self.intersection),
+            rear.intersect(&rear_by_front, &self.intersection),
+        ];
+        if let [Some((f, by_front)), Some((r, by_rear))] = fused {
+            *front = f;
+            *rear = r;
+            output.omega = Some([by_front, by_rear]);
         }
     }
 
@@ -789,10 +725,8 @@ impl Tandem {
             }
             Verdict::Gated => {
                 seen.rejected_in_a_row = seen.rejected_in_a_row.saturating_add(1);
-                seen.gated = seen.gated.saturating_add(1);
             }
-            Verdict::Invalid => seen.invalid = seen.invalid.saturating_add(1),
-            Verdict::Absent => {}
+            Verdict::Invalid | Verdict::Absent => {}
         }
     }
 }
@@ -864,9 +798,8 @@ mod tests {
     use super::*;
 
     const BEAM_SIGMAS: [f32; 3] = [5e-5, 5e-5, 2e-4];
-    const MODES: [Mode; 5] = [
+    const MODES: [Mode; 4] = [
         Mode::Odometry,
-        Mode::Kalman,
         Mode::Intersection,
         Mode::IntersectionIpec,
         Mode::Joint,
@@ -995,23 +928,24 @@ mod tests {
             Posture::new(0.0, 0.0, 0.3).advance(0.0025 * f32::from(k), 0.002 * f32::from(k))
         };
         let noise = matrix::diagonal([1e-10, 1e-11, 1e-9]);
-        let keyframe = |sequence: u16| Keyframe {
-            sequence,
-            posture: turn(sequence),
-            covariance: noise,
-        };
         for mode in MODES {
             let tandem = tandem(mode);
             let run = |lost: &dyn Fn(u16, usize) -> bool| {
                 let mut state = tandem.start(Posture::ORIGIN);
-                let mut receivers = [Receiver::default(); 2];
+                let mut last = [0; 2];
                 let mut output = Output::default();
-                for k in 0..=300u16 {
+                for k in 1..=300u16 {
                     let mut get = |axle: usize| {
-                        let arrives = !lost(k, axle);
-                        arrives
-                            .then(|| receivers[axle].receive(&keyframe(k)))
-                            .flatten()
+                        if lost(k, axle) {
+                            return None;
+                        }
+                        let since = std::mem::replace(&mut last[axle], k);
+                        let ticks = k - since;
+                        let covariance = matrix::scale(&noise, f32::from(ticks));
+                        Some(Increment {
+                            ticks,
+                            ..Increment::new(turn(k).relative_to(turn(since)), covariance)
+                        })
                     };
                     let inputs = Inputs {
                         front: get(0),
@@ -1034,28 +968,6 @@ mod tests {
                 }
             }
         }
-    }
-
-    #[test]
-    fn receiver_takes_each_keyframe_once_and_survives_the_wrap() {
-        let at = |sequence: u16, x: f32| Keyframe {
-            sequence,
-            posture: Posture::new(x, 0.0, 0.0),
-            covariance: matrix::diagonal([1e-8; 3]),
-        };
-        let mut receiver = Receiver::default();
-        assert!(receiver.receive(&at(65_534, 1.0)).is_none());
-        let next = receiver.receive(&at(65_535, 1.5)).unwrap();
-        assert_eq!((next.posture.x, next.ticks), (0.5, 1));
-        assert!(receiver.receive(&at(65_535, 1.5)).is_none());
-        assert!(receiver.receive(&at(65_534, 1.0)).is_none());
-        let mut bad = at(0, f32::NAN);
-        assert!(receiver.receive(&bad).is_none());
-        bad.posture.x = 2.5;
-        bad.sequence = 2;
-        let jump = receiver.receive(&bad).unwrap();
-        assert_eq!((jump.posture.x, jump.ticks), (1.0, 3));
-        assert!((jump.covariance[1][1] - 3e-8).abs() < 1e-14);
     }
 
     #[test]
@@ -1131,7 +1043,6 @@ mod tests {
                 assert!(refused < 1000, "{mode:?}");
             }
             assert!(refused <= usize::from(config.gate_patience), "{mode:?}");
-            assert_eq!(state.beam_gated() as usize, refused, "{mode:?}");
         }
     }
 

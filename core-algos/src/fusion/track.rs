@@ -16,7 +16,6 @@ use super::Estimate;
 use super::compound::Chain;
 use super::constants;
 use super::intersection::Intersection;
-use super::kalman;
 use crate::math::Posture;
 use crate::math::matrix::{self, Mat, Mat3};
 
@@ -123,11 +122,6 @@ impl Track {
             Self::random(fused.estimate)
         };
         Some((fused, omega))
-    }
-
-    /// Plain Kalman fusion, which takes all errors as independent.
-    pub fn fuse_as_independent(&self, other: &Self) -> Option<Self> {
-        kalman::fuse(&self.estimate(), &other.estimate()).map(Self::random)
     }
 }
 

@@ -22,7 +22,6 @@ use crate::control::wheel_observer::{self, WheelObserver};
 use crate::fusion::Estimate;
 use crate::fusion::ekf::{self, AxleFilter, Measurements, Verdict};
 use crate::fusion::standstill::{self, Bias, RestDetector, RestTimes, Zeroing};
-use crate::math::matrix::Mat3;
 use crate::math::{AxleLoad, Posture, Twist, Wrench};
 use crate::safety::supervisor::{self, Supervisor};
 use crate::safety::{Condition, Conditions, OperatingState, Permit, Request, ramp};
@@ -703,13 +702,13 @@ impl AxleNode {
         let (axle, sequence) = (self.axle, sequence(now));
         let started = self.state.started.unwrap_or(now);
         let epochs = now.saturating_sub(started) / EPOCH;
-        let keyframe = self.state.filter.take_increment();
+        let increment = self.state.filter.take_increment();
         let twist = self.state.filter.twist();
-        let covariance: Mat3 = keyframe.covariance;
+        let covariance = increment.covariance;
         outbox.push(Message::AxlePosture {
             axle,
             sequence,
-            posture: keyframe.posture,
+            posture: increment.posture,
         });
         outbox.push(Message::AxleMotion {
             axle,

@@ -90,12 +90,13 @@ impl BeamNode {
 
     /// The board has no motors, so all it does is tell.
     fn supervise(&mut self, now: Micros, estimate: &Estimate, outbox: &mut Outbox) {
-        let out = |fault: Fault| !matches!(fault, Fault::None | Fault::ZeroDrift);
-        let faults = estimate.faults;
+        let out = estimate
+            .faults
+            .into_iter()
+            .any(|fault| fault != Fault::None);
         let found = core::mem::take(&mut self.found);
         let conditions = found
-            .with(Condition::GaugeLost, faults.into_iter().any(out))
-            .with(Condition::ZeroDrift, faults.contains(&Fault::ZeroDrift))
+            .with(Condition::GaugeLost, out)
             .with(Condition::BeamLost, estimate.relative.is_none());
         let request = match self.supervision.operating() {
             OperatingState::Boot => Some(Request::Ready),

@@ -60,27 +60,18 @@ pub struct Entry {
 }
 
 macro_rules! conditions {
-    ($($name:ident = $code:literal $text:literal $hold_ms:literal ms: $meaning:literal; $remedy:literal.)+) => {
+    ($($name:ident = $code:literal $(bit $bit:literal)? $text:literal $hold_ms:literal ms: $meaning:literal; $remedy:literal.)+) => {
         /// Something that can be wrong at a node.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
         #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
         #[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
         #[repr(u8)]
         pub enum Condition {
-            $(#[doc = $meaning] $name,)+
+            $(#[doc = $meaning] $name $(= $bit)?,)+
         }
 
         /// Every condition, in the order of the enumeration.
-        pub const TABLE: [Entry; COUNT] = [
-            $(Entry {
-                condition: Condition::$name,
-                code: $code,
-                name: $text,
-                hold: $hold_ms * 1_000,
-                meaning: $meaning,
-                remedy: $remedy,
-            },)+
-        ];
+        pub const TABLE: [Entry; COUNT] = [$(*Condition::$name.entry()),+];
 
         /// Number of conditions.
         pub const COUNT: usize = [$($code),+].len();
@@ -88,6 +79,20 @@ macro_rules! conditions {
         impl Condition {
             /// Every condition.
             pub const ALL: [Self; COUNT] = [$(Self::$name),+];
+
+            /// Its row of the table.
+            pub const fn entry(self) -> &'static Entry {
+                match self {
+                    $(Self::$name => &Entry {
+                        condition: Self::$name,
+                        code: $code,
+                        name: $text,
+                        hold: $hold_ms * 1_000,
+                        meaning: $meaning,
+                        remedy: $remedy,
+                    },)+
+                }
+            }
         }
     };
 }
@@ -99,9 +104,8 @@ conditions! {
         "an innovation gate refused a measurement"; "look for slipping wheels or a loose sensor if it repeats".
     GaugeLost = 0x03 "gauge lost" 0 ms:
         "a strain gauge is out and the posture comes from the rest"; "check the bridge named in the beam's report".
-    ZeroDrift = 0x04 "zero drift" 0 ms:
-        "the zeros of the bridges have moved"; "calibrate the gauges at a straight posture".
-    MessageLost = 0x05 "message lost" 0 ms:
+    // Reserved: code 0x04 with bit 3, code 0xc6 with bit 35.
+    MessageLost = 0x05 bit 4 "message lost" 0 ms:
         "an expected message did not come"; "check cable, termination and bus load".
     InertialLost = 0x06 "inertial sensor lost" 20 ms:
         "gyro or accelerometer gives no sample"; "check the wiring of the sensor, driving goes on without it".
@@ -163,21 +167,13 @@ conditions! {
         "a motor driver reports a fault"; "check motor and driver".
     MotorUnresponsive = 0xc5 "motor unresponsive" 50 ms:
         "a motor's current does not follow its command"; "check the motor's wires".
-    ParameterError = 0xc6 "parameter error" 0 ms:
-        "the parameters do not make a working node"; "set the parameter named in the report".
-    Restarted = 0xc7 "restarted" 0 ms:
+    Restarted = 0xc7 bit 36 "restarted" 0 ms:
         "the board came back from a watchdog, a panic or a hard fault"; "read the kept message, report it, clear the fault".
     StopNotFollowed = 0xc8 "stop not followed" 20 ms:
         "an axle does not slow down as the coordinated stop wants"; "look for a motor that is stuck on, check the driver".
 }
 
 impl Condition {
-    /// Its row of the table.
-    pub const fn entry(self) -> &'static Entry {
-        // The index is in range: TABLE has one row for each variant.
-        &TABLE[self as usize]
-    }
-
     /// Its code.
     pub const fn code(self) -> u8 {
         self.entry().code
@@ -194,6 +190,20 @@ impl Condition {
         Some(entry.condition)
     }
 }
+
+/// Bits of a set, reserved ones included.
+pub(super) const BITS: usize = Condition::ALL[COUNT - 1] as usize + 1;
+
+/// The condition of each bit.
+const BY_BIT: [Option<Condition>; BITS] = {
+    let mut conditions = [None; BITS];
+    let mut i = 0;
+    while i < COUNT {
+        conditions[Condition::ALL[i] as usize] = Some(Condition::ALL[i]);
+        i += 1;
+    }
+    conditions
+};
 
 /// A set of conditions.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -274,14 +284,15 @@ impl Conditions {
         Self(self.0 & other.0)
     }
 
-    /// The first sixteen rows of the table as bits: every notice and degradation.
+    /// The first sixteen bits: every notice and degradation.
     pub const fn low_rows(self) -> u16 {
         self.0 as u16
     }
 
     /// The set of these bits: the reverse of [`Self::low_rows`]. Bits of no condition are left out.
     pub const fn from_low_rows(rows: u16) -> Self {
-        Self(rows as u64 & ((1 << COUNT) - 1))
+        const ALL: Conditions = Conditions::between(Class::Notice, Class::Cut);
+        Self(rows as u64).both(ALL)
     }
 
     /// Whether the set is empty.
@@ -293,7 +304,7 @@ impl Conditions {
     pub fn iter(self) -> impl Iterator<Item = Condition> {
         let mut rest = self.0;
         core::iter::from_fn(move || {
-            let condition = *Condition::ALL.get(rest.trailing_zeros() as usize)?;
+            let condition = (*BY_BIT.get(rest.trailing_zeros() as usize)?)?;
             rest &= rest - 1;
             Some(condition)
         })
@@ -317,11 +328,33 @@ mod tests {
             assert!(pair[0].code < pair[1].code, "{}", pair[1].name);
         }
         assert!(TABLE[0].code > 0, "zero means no code");
-        const { assert!(COUNT <= 64, "a set has 64 places") };
-        let soft = TABLE
-            .iter()
-            .filter(|entry| !Class::of(entry.code).is_hard());
-        assert!(soft.count() <= 16, "a heartbeat has 16 places");
+        const { assert!(BITS <= 64, "a set has 64 places") };
+        for condition in Condition::ALL.into_iter().filter(|c| !c.class().is_hard()) {
+            assert!((condition as usize) < 16, "a heartbeat has 16 places");
+        }
+    }
+
+    /// Boards and logs of other versions keep their meaning.
+    #[test]
+    fn reserved_codes_and_bits_have_no_condition() {
+        for code in [0x04, 0xc6] {
+            assert_eq!(Condition::from_code(code), None);
+        }
+        let bits = [
+            Condition::TorqueLimited,
+            Condition::MessageLost,
+            Condition::BeamLost,
+        ]
+        .map(|condition| condition as u8);
+        assert_eq!(bits, [0, 4, 13]);
+        assert_eq!(
+            [
+                Condition::MotorUnresponsive as u8,
+                Condition::StopNotFollowed as u8
+            ],
+            [34, 37]
+        );
+        assert_eq!(Conditions::from_low_rows(1 << 3), Conditions::NONE);
     }
 
     #[test]
@@ -353,8 +386,8 @@ mod tests {
             for &k in &members {
                 set.set(Condition::ALL[k], true);
             }
-            let found: std::collections::BTreeSet<usize> = set.iter().map(|c| c as usize).collect();
-            prop_assert_eq!(found, members);
+            let members: Vec<Condition> = members.iter().map(|&k| Condition::ALL[k]).collect();
+            prop_assert_eq!(set.iter().collect::<Vec<_>>(), members);
         }
     }
 }

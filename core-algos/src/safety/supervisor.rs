@@ -33,7 +33,7 @@
 //! # Ok::<(), core_algos::config::ConfigError>(())
 //! ```
 
-use super::condition::{COUNT, Class, Condition, Conditions};
+use super::condition::{BITS, Class, Condition, Conditions};
 use super::state::{Cause, OperatingState, Permit, Request, transition};
 use crate::config::{ConfigError, in_range, positive};
 use crate::node::Micros;
@@ -99,7 +99,7 @@ pub struct State {
     operating: OperatingState,
     last: Option<Micros>,
     /// How long each condition has held without a break, µs.
-    held: [u32; COUNT],
+    held: [u32; BITS],
     /// Those that held at the last step.
     holding: Conditions,
     /// What holds and has held for its time.
@@ -120,7 +120,7 @@ impl Default for State {
         Self {
             operating: OperatingState::Boot,
             last: None,
-            held: [0; COUNT],
+            held: [0; BITS],
             holding: Conditions::NONE,
             present: Conditions::NONE,
             seen: Conditions::NONE,
@@ -426,11 +426,11 @@ mod tests {
     fn what_was_present_for_a_tick_is_told_once() {
         let mut bench = Bench::new();
         bench.with(Condition::ClockStepped);
-        bench.with(Condition::ZeroDrift);
-        let drift = Conditions::only(Condition::ZeroDrift);
+        bench.with(Condition::MessageLost);
+        let lost = Conditions::only(Condition::MessageLost);
         let seen = bench.state.take_seen();
-        assert_eq!(seen, drift.with(Condition::ClockStepped, true));
-        assert_eq!(bench.state.take_seen(), drift, "still present");
+        assert_eq!(seen, lost.with(Condition::ClockStepped, true));
+        assert_eq!(bench.state.take_seen(), lost, "still present");
         bench.step(Input::default());
         bench.state.take_seen();
         assert_eq!(bench.state.take_seen(), Conditions::NONE);

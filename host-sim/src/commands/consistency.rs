@@ -17,7 +17,6 @@ use crate::statistics::{self, chi_square_quantile, error, mean_square_band, nees
 use crate::table::Table;
 use core_algos::fusion::Estimate;
 use core_algos::fusion::ekf::Verdict;
-use core_algos::fusion::tandem::Mode;
 use serde::Serialize;
 
 /// Components of a posture's error.
@@ -29,23 +28,6 @@ pub const BODIES: [&str; 3] = ["front", "rear", "O"];
 /// Epochs between two instants at which the runs are compared.
 const INTERVAL: usize = 50;
 const INTERVAL_S: f64 = 0.5;
-
-/// The configurations compared: those of `cfmmr posture` and plain Kalman fusion.
-pub fn variants() -> Vec<Variant> {
-    let mut variants = Variant::ALL.to_vec();
-    for imu in [true, false] {
-        let intersection = variants
-            .iter()
-            .position(|v| v.imu == imu && v.mode == Mode::Intersection);
-        let kalman = Variant {
-            rps: true,
-            imu,
-            mode: Mode::Kalman,
-        };
-        variants.insert(intersection.unwrap_or(0), kalman);
-    }
-    variants
-}
 
 /// One estimate against the truth of its instant.
 #[derive(Clone, Copy, Debug, Default)]
@@ -361,7 +343,7 @@ fn summarize(variant: &Variant, block: &[(Run, f64)], band: [f64; 2], quantile: 
 /// Runs the command.
 pub fn run(args: &ConsistencyArgs) -> Result<(), Error> {
     let context = Context::new(&args.common, "consistency")?;
-    let mut variants = variants();
+    let mut variants = Variant::ALL.to_vec();
     if !args.fusion.is_empty() {
         variants.retain(|v| args.fusion.iter().any(|&fusion| v.mode == fusion.into()));
     }
@@ -423,7 +405,6 @@ fn csv(report: &Report) -> Csv {
 fn figure(report: &Report) -> Figure {
     let strokes = |fusion: &str| match fusion {
         "odometry" => Stroke::solid(palette::GREY, 1.6),
-        "kalman" => Stroke::solid(palette::VERMILION, 1.6),
         "ci" => Stroke::solid(palette::SKY, 1.6),
         "ci+ipec" => Stroke::solid(palette::GREEN, 1.6),
         _ => Stroke::solid(palette::BLUE, 2.2),
@@ -435,7 +416,6 @@ fn figure(report: &Report) -> Figure {
         .legend(Legend::line("95 % band", Stroke::solid(shade, 8.0)));
     for (fusion, name) in [
         ("odometry", "without RPS"),
-        ("kalman", "plain Kalman"),
         ("ci", "intersection"),
         ("ci+ipec", "with IPEC"),
         ("joint", "joint filter"),
@@ -564,23 +544,5 @@ mod tests {
         assert_eq!(statement([3.0, 1.0]), Statement::Cautious);
         assert_eq!(statement([1.0, 3.6]), Statement::Overconfident);
         assert_eq!(statement([3.0, f64::INFINITY]), Statement::Overconfident);
-    }
-
-    #[test]
-    fn every_fusion_is_compared_with_and_without_inertial_sensors() {
-        let variants = variants();
-        assert_eq!(variants.len(), 10);
-        for mode in [
-            Mode::Odometry,
-            Mode::Kalman,
-            Mode::Intersection,
-            Mode::IntersectionIpec,
-            Mode::Joint,
-        ] {
-            for imu in [false, true] {
-                let found = variants.iter().filter(|v| v.mode == mode && v.imu == imu);
-                assert_eq!(found.count(), 1, "{mode:?} {imu}");
-            }
-        }
     }
 }

@@ -76,7 +76,6 @@ impl Variant {
     pub fn fusion(&self) -> &'static str {
         match self.mode {
             Mode::Odometry => "odometry",
-            Mode::Kalman => "kalman",
             Mode::Intersection => "ci",
             Mode::IntersectionIpec => "ci+ipec",
             Mode::Joint => "joint",
@@ -87,7 +86,6 @@ impl Variant {
     pub fn label(&self) -> String {
         let name = match self.mode {
             Mode::Odometry => "without RPS",
-            Mode::Kalman => "RPS, plain Kalman fusion",
             Mode::Intersection => "RPS, covariance intersection",
             Mode::IntersectionIpec => "RPS, intersection + IPEC",
             Mode::Joint => "RPS, joint filter",

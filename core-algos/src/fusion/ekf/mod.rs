@@ -426,20 +426,6 @@ pub struct Counters {
     pub fix: Refusals,
 }
 
-/// What an axle sends to the second tier at the end of an interval.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub struct Keyframe {
-    /// Number of the interval, counting from 0 and wrapping.
-    pub sequence: u16,
-    /// Odometric posture reached, in the frame of the filter. It runs on from interval to interval:
-    /// a receiver takes differences, and a lost keyframe is made good by the next one.
-    pub posture: Posture,
-    /// Covariance gathered in this interval alone, errors along and across the heading and in
-    /// heading.
-    pub covariance: crate::math::matrix::Mat3,
-}
-
 /// All that changes in an axle filter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct State {
@@ -449,7 +435,6 @@ pub struct State {
     covariance: Covariance,
     /// Step within that interval.
     upkeep: u8,
-    sequence: u16,
     /// Refusals so far.
     pub counters: Counters,
 }
@@ -478,7 +463,6 @@ impl State {
             motion: [x[V], x[V + 1], x[V + 2], x[V + 3]],
             covariance: Covariance::from_matrix(covariance),
             upkeep: 0,
-            sequence: 0,
             counters: Counters::default(),
         }
     }
@@ -541,7 +525,9 @@ impl State {
         }
     }
 
-    /// Closes an interval for the second tier.
+    /// Closes an interval for the second tier: the odometric posture reached, which runs on from
+    /// interval to interval, and the covariance gathered in this interval alone, of errors along and
+    /// across the heading and in heading.
     ///
     /// The posture's error is the sum of a part that follows the errors of speed and acceleration,
     /// which later measurements still resolve, and a part of its own, Pₚₚ − Pₚᵥ Pᵥᵥ⁻¹ Pᵥₚ. Only the
@@ -551,18 +537,12 @@ impl State {
     /// outgrows `f32`.
     ///
     /// Meant for an axle without posture fixes: a fix moves the posture, not the odometry.
-    pub fn take_increment(&mut self) -> Keyframe {
+    pub fn take_increment(&mut self) -> Estimate {
         let covariance = self.covariance.take_posture(HANDED_OUT);
         let posture = self.posture();
         let (s, c) = sin_cos(posture.phi);
         let into_body = [[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]];
-        let keyframe = Keyframe {
-            sequence: self.sequence,
-            posture,
-            covariance: matrix::propagate(&into_body, &covariance),
-        };
-        self.sequence = self.sequence.wrapping_add(1);
-        keyframe
+        Estimate::new(posture, matrix::propagate(&into_body, &covariance))
     }
 }
 
