@@ -34,6 +34,7 @@ pub mod shortest_path;
 pub mod simulation;
 pub mod soak;
 pub mod statistics;
+pub mod style;
 pub mod supervision;
 pub mod table;
 pub mod targets;

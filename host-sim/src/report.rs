@@ -8,14 +8,17 @@ use crate::output::OutputDir;
 use crate::recording::BUILD;
 use crate::scenario::Scenario;
 use crate::simulation::Record;
+use crate::style::{self, ESTIMATE, TRUTH};
 use core_algos::control::regulator::Phase;
 use core_algos::math::Posture;
 use serde::{Serialize, Serializer};
 use serde_json::json;
 
 const PAGE: &str = include_str!("report.html");
-/// Where the data go.
+/// Where the data go, and the colours on a light and on a dark page.
 const PLACE: &str = "/*DATA*/";
+const LIGHT: &str = "/*LIGHT*/";
+const DARK: &str = "/*DARK*/";
 /// Name of the file.
 pub const FILE: &str = "report.html";
 
@@ -76,7 +79,8 @@ pub struct Run<'a> {
 #[derive(Serialize)]
 struct Series {
     name: &'static str,
-    dash: bool,
+    /// CSS variable of its colour and dash.
+    look: String,
     data: Vec<Rounded<4>>,
 }
 
@@ -111,9 +115,9 @@ impl Run<'_> {
     }
 
     fn plots(&self, shown: &[usize]) -> Vec<Plot> {
-        let column = |name, dash, value: &dyn Fn(usize) -> f64| Series {
+        let column = |name, look: &str, value: &dyn Fn(usize) -> f64| Series {
             name,
-            dash,
+            look: format!("--{look}"),
             data: shown.iter().map(|&i| Rounded(value(i))).collect(),
         };
         let record = |i: usize| self.records[i];
@@ -136,44 +140,44 @@ impl Run<'_> {
                 title: self.distance,
                 unit: "mm",
                 series: vec![
-                    column("true", false, &|i| 1e3 * errors(0, 0)(i)),
-                    column("as estimated", false, &|i| 1e3 * errors(1, 0)(i)),
+                    column("true", TRUTH.name, &|i| 1e3 * errors(0, 0)(i)),
+                    column("as estimated", ESTIMATE.name, &|i| 1e3 * errors(1, 0)(i)),
                 ],
             },
             Plot {
                 title: "Heading error",
                 unit: "°",
                 series: vec![
-                    column("true", false, &|i| degrees(errors(0, 1)(i))),
-                    column("as estimated", false, &|i| degrees(errors(1, 1)(i))),
+                    column("true", TRUTH.name, &|i| degrees(errors(0, 1)(i))),
+                    column("as estimated", ESTIMATE.name, &|i| degrees(errors(1, 1)(i))),
                 ],
             },
             Plot {
                 title: "Position, estimate less truth",
                 unit: "mm",
                 series: vec![
-                    column("x", false, &|i| 1e3 * off(i)[0]),
-                    column("y", false, &|i| 1e3 * off(i)[1]),
-                    column("2σ x", true, &|i| 2e3 * sigma(i, 0)),
-                    column("2σ y", true, &|i| 2e3 * sigma(i, 1)),
+                    column("x", "c0", &|i| 1e3 * off(i)[0]),
+                    column("y", "c1", &|i| 1e3 * off(i)[1]),
+                    column("2σ x", "c2", &|i| 2e3 * sigma(i, 0)),
+                    column("2σ y", "c3", &|i| 2e3 * sigma(i, 1)),
                 ],
             },
             Plot {
                 title: "Heading, estimate less truth",
                 unit: "°",
                 series: vec![
-                    column("heading", false, &|i| degrees(off(i)[2])),
-                    column("2σ", true, &|i| 2.0 * sigma(i, 2).to_degrees()),
+                    column("heading", "c0", &|i| degrees(off(i)[2])),
+                    column("2σ", "c1", &|i| 2.0 * sigma(i, 2).to_degrees()),
                 ],
             },
             Plot {
                 title: "Wheel torques",
                 unit: "N m",
                 series: vec![
-                    column("front left", false, &|i| record(i).torque[0][0]),
-                    column("front right", false, &|i| record(i).torque[0][1]),
-                    column("rear left", false, &|i| record(i).torque[1][0]),
-                    column("rear right", false, &|i| record(i).torque[1][1]),
+                    column("front left", "c0", &|i| record(i).torque[0][0]),
+                    column("front right", "c1", &|i| record(i).torque[0][1]),
+                    column("rear left", "c2", &|i| record(i).torque[1][0]),
+                    column("rear right", "c3", &|i| record(i).torque[1][1]),
                 ],
             },
         ];
@@ -183,7 +187,7 @@ impl Run<'_> {
                 title: "Strains, from the rear end on",
                 unit: "µm/m",
                 series: names
-                    .map(|(k, name)| column(name, false, &strain(k)))
+                    .map(|(k, name)| column(name, &format!("c{k}"), &strain(k)))
                     .collect(),
             });
         }
@@ -289,7 +293,9 @@ fn page(command: &str, seed: u64, body: &Body, runs: &[Run]) -> String {
         .to_string()
         .replace("</", "<\\/")
         .replace("<!--", "<\\u0021--");
-    PAGE.replacen(PLACE, &data, 1)
+    PAGE.replacen(LIGHT, &style::css(false), 1)
+        .replacen(DARK, &style::css(true), 1)
+        .replacen(PLACE, &data, 1)
 }
 
 #[cfg(test)]
@@ -337,6 +343,14 @@ mod tests {
         assert!(run["truth"][0][1].is_null(), "no number is no number");
         assert_eq!(run["plots"][0]["series"][0]["data"][7], 250);
         assert_eq!(run["plots"].as_array().unwrap().len(), 6);
+        // Each colour and dash of a plot is in the style sheet, once for each kind of page.
+        for series in run["plots"].as_array().unwrap() {
+            for one in series["series"].as_array().unwrap() {
+                let look = one["look"].as_str().unwrap();
+                assert_eq!(page.matches(&format!("{look}: #")).count(), 2, "{look}");
+                assert_eq!(page.matches(&format!("{look}-dash: ")).count(), 2, "{look}");
+            }
+        }
         // No address but those of standards that are never fetched.
         assert!(!page.contains("http://") && !page.contains("https://"));
     }

@@ -1,8 +1,9 @@
 use super::columns::Columns;
 use super::directory::{Block, Directory, Finished};
-use super::report::{Report, distributions, map, rank_correlation, sensitivity, wilson};
+use super::pictures::{distributions, map, sensitivity};
+use super::report::{Report, rank_correlation, wilson};
 use super::study::Study;
-use crate::plot::tests::{check_svg, check_texts};
+use crate::plot::tests::check_figure;
 use crate::simulation::Outcome;
 
 const TEXT: &str = r#"
@@ -190,20 +191,48 @@ fn pictures_are_whole_whatever_a_study_varies() {
         ] {
             let study = Study::parse(&lists(count).replace(from, to), "test").unwrap();
             let runs = all_runs(&study);
-            let report = Report::of(&study, &runs);
-            let shares = distributions(&study, &report, &runs).svg();
-            let influences = sensitivity(&study, &runs).unwrap().svg();
-            for svg in [&shares, &map(&study, &runs).svg(), &influences] {
-                check_svg(svg);
-                check_texts(svg);
+            let shares = distributions(&study, &runs);
+            let influences = sensitivity(&study, &runs).unwrap();
+            for figure in [&shares, &map(&study, &runs), &influences] {
+                check_figure(figure);
             }
             // Errors of 0 to 15 mm: an axis has the numbers of its ends.
-            assert!(influences.contains(">0.01<"), "{influences}");
-            lines.push(shares.matches("stroke-width=\"1.8\"").count());
+            assert!(influences.svg().contains(">0.01<"));
+            lines.push(shares.svg().matches("stroke-width=\"1.8\"").count());
         }
     }
-    // More combinations, more lines; those of the first list are dashed.
+    // More combinations, more lines.
     assert!(lines[0] < lines[3] && lines[3] < lines[6], "{lines:?}");
+}
+
+#[test]
+fn pictures_are_split_by_every_key_that_is_no_number() {
+    let more = r#"[[vary]]
+key = "sensors.gyro.fitted"
+values = [true, false]
+
+[[vary]]
+key = "mission.rps""#;
+    for starts in ["scenario", "random"] {
+        let text = TEXT.replacen("[[vary]]\nkey = \"mission.rps\"", more, 1);
+        let text = text.replace("block = 3", &format!("block = 3\nstarts = \"{starts}\""));
+        let study = Study::parse(&text, "test").unwrap();
+        let runs = all_runs(&study);
+        for figure in [
+            distributions(&study, &runs),
+            map(&study, &runs),
+            sensitivity(&study, &runs).unwrap(),
+        ] {
+            check_figure(&figure);
+            let svg = figure.svg();
+            for gyro in [true, false] {
+                for rps in [true, false] {
+                    let label = format!("gyro.fitted = {gyro}, mission.rps = {rps}<");
+                    assert!(svg.contains(&label), "{label}");
+                }
+            }
+        }
+    }
 }
 
 #[test]

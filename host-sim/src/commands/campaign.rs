@@ -3,7 +3,8 @@
 use super::print;
 use crate::campaign::columns::Columns;
 use crate::campaign::directory::{Block, Directory, Finished};
-use crate::campaign::report::{self, Report};
+use crate::campaign::pictures;
+use crate::campaign::report::Report;
 use crate::campaign::shard::Shard;
 use crate::campaign::study::Study;
 use crate::cli::{CampaignAction, CampaignArgs, CampaignMerge, CampaignStatus};
@@ -236,13 +237,10 @@ fn merge(args: &CampaignMerge) -> Result<(), Error> {
     let mut files = OutputDir::create(out)?;
     files.bytes("runs.parquet", content);
     let mut pictures = vec![
-        (
-            "distributions",
-            report::distributions(study, &report, &runs),
-        ),
-        ("map", report::map(study, &runs)),
+        ("distributions", pictures::distributions(study, &runs)),
+        ("map", pictures::map(study, &runs)),
     ];
-    if let Some(figure) = report::sensitivity(study, &runs) {
+    if let Some(figure) = pictures::sensitivity(study, &runs) {
         pictures.push(("sensitivity", figure));
     }
     for (name, figure) in pictures {

@@ -10,10 +10,11 @@ use super::posture::Variant;
 use crate::cli::ConsistencyArgs;
 use crate::error::Error;
 use crate::output::{Cell, Csv};
-use crate::plot::{Figure, Height, Legend, Panel, Stroke, palette};
+use crate::plot::{Figure, Height, Panel};
 use crate::scenario::Scenario;
 use crate::simulation::{self, Record};
 use crate::statistics::{self, chi_square_quantile, error, mean_square_band, nees};
+use crate::style::{BAND, series};
 use crate::table::Table;
 use core_algos::fusion::Estimate;
 use core_algos::fusion::ekf::Verdict;
@@ -401,29 +402,19 @@ fn csv(report: &Report) -> Csv {
     csv
 }
 
+/// Fusions of the picture, and their words in its legend.
+const FUSIONS: [(&str, &str); 4] = [
+    ("joint", "joint filter"),
+    ("odometry", "without RPS"),
+    ("ci", "intersection"),
+    ("ci+ipec", "with IPEC"),
+];
+
 /// NEES over time: the axles above each other, without inertial sensors left and with them right.
 fn figure(report: &Report) -> Figure {
-    let strokes = |fusion: &str| match fusion {
-        "odometry" => Stroke::solid(palette::GREY, 1.6),
-        "ci" => Stroke::solid(palette::SKY, 1.6),
-        "ci+ipec" => Stroke::solid(palette::GREEN, 1.6),
-        _ => Stroke::solid(palette::BLUE, 2.2),
-    };
     let last = report.rows.iter().filter_map(|row| row.path.last());
     let last = last.fold(1.0, |most: f64, instant| most.max(instant.time_s));
-    let shade = palette::ORANGE.lighter(0.55);
-    let mut figure = Figure::new("NEES of the estimates and its 95 % band")
-        .legend(Legend::line("95 % band", Stroke::solid(shade, 8.0)));
-    for (fusion, name) in [
-        ("odometry", "without RPS"),
-        ("ci", "intersection"),
-        ("ci+ipec", "with IPEC"),
-        ("joint", "joint filter"),
-    ] {
-        if report.rows.iter().any(|row| row.fusion == fusion) {
-            figure = figure.legend(Legend::line(name, strokes(fusion)));
-        }
-    }
+    let mut figure = Figure::new("NEES of the estimates and its 95 % band");
     for (which, name) in ["front axle", "rear axle", "midpoint O"]
         .into_iter()
         .enumerate()
@@ -432,20 +423,24 @@ fn figure(report: &Report) -> Figure {
             let sensors = if imu { "with IMU" } else { "encoders" };
             let mut panel = Panel::new("time since the start of the task (s)", "mean NEES")
                 .title(format!("{name}, {sensors}"))
-                .decades()
+                .logarithmic([false, true])
                 .x_limits([0.0, last])
-                .y_limits([-1.3, 4.3]);
+                .y_limits([0.05, 2e4]);
             if which < 2 {
                 panel = panel.hide_x();
             }
-            let [low, high] = report.band.map(f64::log10);
-            panel.area([[0.0, low], [last, low], [last, high], [0.0, high]], shade);
+            let [low, high] = report.band;
+            let band = [[0.0, low], [last, low], [last, high], [0.0, high]];
+            panel.area("95 % band", band, BAND.stroke.color);
             for row in report.rows.iter().filter(|row| row.imu == imu) {
                 let points = row.path.iter().map(|instant| {
                     let nees = instant.bodies()[which].nees;
-                    [instant.time_s, nees.max(1e-9).log10()]
+                    [instant.time_s, nees.max(1e-9)]
                 });
-                panel.line(points, strokes(row.fusion));
+                let known = FUSIONS.iter().position(|(fusion, _)| *fusion == row.fusion);
+                let n = known.unwrap_or(FUSIONS.len());
+                let name = known.map_or(row.fusion, |n| FUSIONS[n].1);
+                panel.line(name, points, series(n).stroke);
             }
             panel
         });

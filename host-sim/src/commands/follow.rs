@@ -300,8 +300,8 @@ pub fn publish(
             .collect(),
         snapshots: snapshots(&records),
         distance_label: match manner {
-            Manner::Follow => "distance to the left of the path (mm)",
-            Manner::Track => "distance from the reference (mm)",
+            Manner::Follow => "distance to the left of the path",
+            Manner::Track => "distance from the reference",
         },
         truth: over_time(moments, manner, |moment| &moment.truth),
         estimate: over_time(moments, manner, |moment| &moment.estimate),
@@ -428,10 +428,10 @@ fn snapshots(records: &[Record]) -> Vec<Snapshot> {
     shown
         .iter()
         .map(|record| Snapshot {
+            time_s: record.time_s,
             front: record.axles[0],
             rear: record.axles[1],
             frame: record.frame.iter().map(|p| p.map(f64::from)).collect(),
-            label: format!("{:.1} s", record.time_s),
         })
         .collect()
 }

@@ -4,9 +4,9 @@
 use super::Context;
 use crate::cli::{PostureArgs, RowSelection, parse_posture};
 use crate::error::Error;
-use crate::figures::{self, ErrorTrace, ErrorsColumn, PathsPanel, Snapshot};
+use crate::figures;
 use crate::log;
-use crate::output::OutputDir;
+use crate::output::{Cell, Csv, OutputDir};
 use crate::recording::{About, Recorder};
 use crate::report;
 use crate::scenario::Scenario;
@@ -18,6 +18,10 @@ use core_algos::safety::Condition;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
+
+mod pictures;
+
+use pictures::Picture;
 
 /// A configuration of sensors and fusion: one row of the table.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -122,6 +126,11 @@ impl FinalError {
             alpha_rad: wrap(sight - posture[2]),
         }
     }
+
+    /// True within 3 cm and 3°.
+    pub fn is_near(&self) -> bool {
+        self.e_m <= 0.03 && self.heading_rad.abs() <= 3f64.to_radians()
+    }
 }
 
 fn wrap(angle: f64) -> f64 {
@@ -192,15 +201,13 @@ pub fn summarize(variant: &Variant, outcomes: &[Outcome], goal: [f64; 3]) -> Row
         Summary::of(&errors.iter().map(pick).collect::<Vec<_>>())
     };
     let outcome = |pick: fn(&Outcome) -> f64| -> Vec<f64> { outcomes.iter().map(pick).collect() };
-    let is_near =
-        |error: &FinalError| error.e_m <= 0.03 && error.heading_rad.abs() <= 3f64.to_radians();
-    let near = errors.iter().filter(|error| is_near(error)).count();
+    let near = errors.iter().filter(|error| error.is_near()).count();
     let mut ends = BTreeMap::new();
     for outcome in outcomes {
         *ends.entry(end_of(outcome)).or_default() += 1;
     }
     let pairs = outcomes.iter().zip(&errors);
-    let false_successes = pairs.filter(|(o, error)| o.done && !o.uncertain && !is_near(error));
+    let false_successes = pairs.filter(|(o, error)| o.done && !o.uncertain && !error.is_near());
     Row {
         rps: variant.rps,
         imu: variant.imu,
@@ -270,7 +277,7 @@ pub fn run(args: &PostureArgs) -> Result<(), Error> {
 
     // Paths are kept for the two configurations the pictures show.
     let shown = Variant::PAIR;
-    let results = context.run("trials", variants.len() * trials, |index| {
+    let mut results = context.run("trials", variants.len() * trials, |index| {
         let (row, trial) = (index / trials, index % trials);
         let keep = shown.contains(&variants[row]) && trial < PICTURED;
         let mut kept = Trial::default();
@@ -282,6 +289,16 @@ pub fn run(args: &PostureArgs) -> Result<(), Error> {
             })?;
         Ok(kept)
     })?;
+    // The median trial is drawn in full, and is known only now.
+    for (row, block) in results.chunks_mut(trials.max(1)).enumerate() {
+        if shown.contains(&variants[row]) {
+            let median = pictures::median_trial(block, goal);
+            if block[median].records.is_empty() {
+                let see = |record: &Record| block[median].see(record, true);
+                simulation::regulate(&scenarios[row], context.seed, median as u64, see)?;
+            }
+        }
+    }
     let (text, report, files) = publish(&context, variants, &shown, &results, goal)?;
     let recorded = record(args, &context)?;
     context.finish_with(&text, &report, files, recorded)
@@ -384,32 +401,15 @@ pub fn publish(
             continue;
         };
         let block = &results[row * trials..(row + 1) * trials];
-        let Some(Trial { path, records, .. }) = block.first() else {
+        let Some(first) = block.first() else {
             continue;
         };
-        panels.push(PathsPanel {
-            title: variant.label(),
-            others: block[1..]
-                .iter()
-                .filter(|trial| !trial.path.is_empty())
-                .map(|trial| trial.path.clone())
-                .collect(),
-            middle: path.clone(),
-            wheels: wheel_paths(records, body.half_track_m),
-            snapshots: snapshots(records),
-            goal,
-            ends: block.iter().map(|trial| trial.outcome.midpoint).collect(),
-        });
-        columns.push(ErrorsColumn {
-            title: variant.label(),
-            estimate: trace(records, goal, |record| {
-                let p = record.lead.fused.robot.posture;
-                [p.x, p.y, p.phi].map(f64::from)
-            }),
-            truth: trace(records, goal, |record| record.midpoint),
-        });
-        files.csv(&format!("log-{}.csv", variant.fusion()), log::csv(records));
-        runs.push(shown_run(variant, scenario, &rows[row], block));
+        let picture = Picture::of(variant, scenario, block);
+        panels.push(picture.paths(body.half_track_m));
+        columns.push(picture.errors());
+        let log = format!("log-{}.csv", variant.fusion());
+        files.csv(&log, log::csv(&first.records));
+        runs.push(picture.page(&rows[row]));
     }
     report::add(&mut files, &context.name, context.seed, &body, &runs);
     let figure = figures::paths("Robot paths during posture regulation", &body, &panels);
@@ -418,7 +418,19 @@ pub fn publish(
     let figure = figures::errors("Posture errors", &columns);
     files.text("errors.svg", figure.svg());
     files.bytes("errors.png", figure.png());
-    let mut csv = crate::output::Csv::new([
+    files.csv("trials.csv", trials_csv(variants, results, goal));
+    let report = Report {
+        seed: context.seed,
+        trials: trials as u32,
+        rows,
+    };
+    Ok((text, report, files))
+}
+
+/// How each trial ended.
+fn trials_csv(variants: &[Variant], results: &[Trial], goal: [f64; 3]) -> Csv {
+    let trials = results.len() / variants.len().max(1);
+    let mut csv = Csv::new([
         "rps",
         "imu",
         "fusion",
@@ -437,7 +449,7 @@ pub fn publish(
     for (index, Trial { outcome, .. }) in results.iter().enumerate() {
         let variant = &variants[index / trials];
         let error = FinalError::of(outcome.midpoint, goal);
-        csv.row::<crate::output::Cell>([
+        csv.row::<Cell>([
             variant.rps.into(),
             variant.imu.into(),
             variant.fusion().into(),
@@ -454,142 +466,12 @@ pub fn publish(
             outcome.done.into(),
         ]);
     }
-    files.csv("trials.csv", csv);
-    let report = Report {
-        seed: context.seed,
-        trials: trials as u32,
-        rows,
-    };
-    Ok((text, report, files))
-}
-
-/// A trial for the page.
-fn shown_run<'a>(
-    variant: &Variant,
-    scenario: &'a Scenario,
-    row: &Row,
-    trials: &'a [Trial],
-) -> report::Run<'a> {
-    let goal = scenario.mission.goal;
-    let error = |posture: [f64; 3]| {
-        let error = FinalError::of(posture, goal);
-        [error.e_m, error.heading_rad]
-    };
-    let estimate = |record: &Record| {
-        let p = record.lead.fused.robot.posture;
-        [p.x, p.y, p.phi].map(f64::from)
-    };
-    let (outcome, records) = (&trials[0].outcome, &trials[0].records);
-    let last = FinalError::of(outcome.midpoint, goal);
-    let line = |name: &str, value: String| (name.to_owned(), value);
-    let mut summary = vec![
-        line(
-            "Error at the end",
-            format!(
-                "{:.2} mm, {:.2}°",
-                1e3 * last.e_m,
-                last.heading_rad.to_degrees()
-            ),
-        ),
-        line(
-            "Time",
-            match outcome.done {
-                true => format!("at rest on the goal after {:.1} s", outcome.duration_s),
-                false => format!("NOT at rest on the goal after {:.1} s", outcome.duration_s),
-            },
-        ),
-        line(
-            "Way",
-            format!("{:.2} m, {} cusps", outcome.path_m, outcome.cusps),
-        ),
-        line(
-            "Force of the frame, rms",
-            format!("{:.2} N", outcome.force_rms_n),
-        ),
-    ];
-    if trials.len() > 1 {
-        summary.push(line(
-            &format!("Error of all {} trials", trials.len()),
-            format!(
-                "{} mm, {}°",
-                plus_minus(1e3 * row.e_m.mean, 1e3 * row.e_m.sd, 2),
-                plus_minus(
-                    row.heading_rad.mean.to_degrees(),
-                    row.heading_rad.sd.to_degrees(),
-                    2
-                )
-            ),
-        ));
-    }
-    report::Run {
-        title: format!("Posture regulation: {}", variant.label()),
-        name: variant.label(),
-        goal: Some(goal),
-        reference: Vec::new(),
-        errors: records
-            .iter()
-            .map(|record| [error(record.midpoint), error(estimate(record))])
-            .collect(),
-        records: records.iter().collect(),
-        distance: "Distance to the goal",
-        summary,
-        scenario,
-    }
+    csv
 }
 
 /// Epochs since the start of the simulation.
 fn records_seen(record: &Record) -> usize {
     (record.time_s * 100.0).round() as usize
-}
-
-/// Paths of the four wheels, at 20 Hz.
-pub fn wheel_paths(records: &[Record], half_track: f64) -> Vec<Vec<[f64; 2]>> {
-    let mut paths = Vec::new();
-    for axle in 0..2 {
-        for side in [half_track, -half_track] {
-            paths.push(
-                records
-                    .iter()
-                    .step_by(5)
-                    .map(|record| {
-                        let [x, y, phi] = record.axles[axle];
-                        [x - side * phi.sin(), y + side * phi.cos()]
-                    })
-                    .collect(),
-            );
-        }
-    }
-    paths
-}
-
-/// The robot at the start, at some instants and at the end.
-pub fn snapshots(records: &[Record]) -> Vec<Snapshot> {
-    let Some(last) = records.len().checked_sub(1) else {
-        return Vec::new();
-    };
-    (0..=4)
-        .map(|part| {
-            let record = &records[last * part / 4];
-            Snapshot {
-                front: record.axles[0],
-                rear: record.axles[1],
-                frame: record.frame.iter().map(|p| p.map(f64::from)).collect(),
-                label: format!("{:.1} s", record.time_s),
-            }
-        })
-        .collect()
-}
-
-fn trace(records: &[Record], goal: [f64; 3], posture: impl Fn(&Record) -> [f64; 3]) -> ErrorTrace {
-    let mut trace = ErrorTrace::default();
-    for record in records.iter().step_by(2) {
-        let error = FinalError::of(posture(record), goal);
-        trace.t_s.push(record.time_s);
-        trace.e_m.push(error.e_m);
-        trace.theta_rad.push(error.theta_rad);
-        trace.alpha_rad.push(error.alpha_rad);
-    }
-    trace
 }
 
 /// The table beside the paper's, with what is to be said of it.

@@ -37,6 +37,7 @@ use crate::scenario::Scenario;
 use crate::shortest_path;
 use crate::simulation::{self, Outcome};
 use crate::statistics::{mean, percentile, sum};
+use crate::style::End;
 use crate::table::Table;
 use core_algos::control::regulator::Regulator;
 use serde::Serialize;
@@ -145,6 +146,13 @@ impl Start {
         }
     }
 
+    /// The end that the picture shows: the tolerance without what the robot claims.
+    fn end(&self) -> End {
+        use Failure::{GaveUp, Moving, Time};
+        let at_rest = !matches!(self.failure, Some(Time | GaveUp | Moving));
+        End::of(at_rest, is_within(self))
+    }
+
     fn of_plant(outcome: &Outcome, start: [f64; 3], goal: [f64; 3], kappa_max: f64) -> Self {
         let [x, y, phi] = outcome.midpoint;
         let (e_m, heading_rad) = ((goal[0] - x).hypot(goal[1] - y), wrap(phi - goal[2]));
@@ -166,6 +174,11 @@ impl Start {
             planning_steps: outcome.planning_steps,
         }
     }
+}
+
+/// True if a posture is within 3 cm and 3° of the goal.
+fn is_within(start: &Start) -> bool {
+    start.e_m <= SUCCESS_DISTANCE_M && start.heading_rad.abs() <= SUCCESS_HEADING_RAD
 }
 
 /// Why a start failed whose robot says that it knows its posture to `claimed` (m, rad).
@@ -297,12 +310,7 @@ impl Report {
         Self {
             starts: starts.len(),
             successes: starts.iter().filter(|s| s.failure.is_none()).count(),
-            within_3cm_3deg: starts
-                .iter()
-                .filter(|s| {
-                    s.e_m <= SUCCESS_DISTANCE_M && s.heading_rad.abs() <= SUCCESS_HEADING_RAD
-                })
-                .count(),
+            within_3cm_3deg: starts.iter().filter(|start| is_within(start)).count(),
             inside_99: starts
                 .iter()
                 .map(|s| s.nees.map(|nees| usize::from(nees <= CHI_SQUARE_99)))
@@ -475,13 +483,13 @@ pub fn run(args: &SweepArgs) -> Result<(), Error> {
         .zip(paths)
         .enumerate()
         .map(|(index, (start, path))| {
-            let success = start.failure.is_none();
-            failed += usize::from(!success);
-            let shown = index < SHOWN_PATHS || (!success && failed <= SHOWN_FAILURES);
+            failed += usize::from(start.failure.is_some());
+            let more = start.failure.is_some() && failed <= SHOWN_FAILURES;
+            let shown = index < SHOWN_PATHS || more;
             SweepStart {
                 posture: start.start,
                 value: start.time_s,
-                success,
+                end: start.end(),
                 path: if shown { path } else { Vec::new() },
             }
         })
