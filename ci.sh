@@ -52,6 +52,9 @@ cargo test --locked --release --package host-sim
 # Built by the tests. A build by itself leaves out what only tests want of the libraries, and takes two
 # minutes more.
 export CFMMR_BUILT=1
+step "pictures, tables and numbers of the documentation"
+scripts/test_regenerate.py
+scripts/regenerate.py --check
 step "hostile input"
 scripts/fuzz.sh
 step "bus description against cantools"

@@ -1,18 +1,19 @@
 #!/usr/bin/env python3
-"""Speeds on this machine, as one page: docs/benchmarks.md.
+"""Prints the speeds on this machine for docs/benchmarks.md.
 
 Plant alone beside MuJoCo in the same run, the whole closed loop, how Monte Carlo runs scale with
 threads and memory, and the kernels (`cargo bench`). One command, on a machine with nothing else to
 do; about five minutes and, the first time, the build of the kernels:
 
-    pip install mujoco && cargo build --release && scripts/benchmarks.py
+    pip install mujoco && cargo build --release && scripts/regenerate.py benchmarks
 
-`--quick --print` tries everything in a minute, with figures that are worth nothing. Where the time
+`--quick` tries everything in a minute, with figures that are worth nothing. Where the time
 of the loop goes is written by hand in docs/profile.md, to which the page links.
 """
 
 import argparse
 import concurrent.futures
+import datetime
 import json
 import os
 import pathlib
@@ -104,14 +105,9 @@ def monte_carlo(trials, threads):
     return taken, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024, result
 
 
-# Where the part of the page begins that this does not write.
-KEPT = "## Virtual boards"
-
-
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--trials", type=int, default=200, help="trials of the Monte Carlo runs")
-    parser.add_argument("--print", action="store_true", help="print the page, do not write it")
     parser.add_argument("--quick", action="store_true", help="few repeats, for a trial of the script")
     arguments = parser.parse_args()
     if not BINARY.exists():
@@ -147,12 +143,7 @@ def main():
     ceiling = 2 * (many - few) / (end - start) / rows[0][1]
 
     page = [
-        "# Speed on a computer",
-        "",
-        "Written by `scripts/benchmarks.py`, but for the virtual boards. Instructions on the boards' processor,",
-        "beside four other filter libraries, stand in [instructions.md](instructions.md).",
-        "",
-        f"- {processor()}, {os.cpu_count()} cores, {platform.system()} {platform.release()}",
+        f"- {datetime.date.today()}, {processor()}, {os.cpu_count()} cores, {platform.system()} {platform.release()}",
         f"- {output('rustc', '--version').strip()}, release profile; MuJoCo {beside['mujoco']},"
         f" Python {platform.python_version()}",
         f"- real-time factors in {plant['clock']} time of one core: median (slowest to fastest)",
@@ -194,7 +185,7 @@ def main():
              for row in loop["loops"]]
     page += [
         "",
-        "Where the time goes, before and after: [profile.md](profile.md).",
+        "Where the time goes: [profile.md](profile.md).",
         "",
         "## Kernels",
         "",
@@ -216,18 +207,8 @@ def main():
     ]
     page += [f"| {n} | {rate:.2f} | {a:.0f}, {b:.0f} |" for n, rate, a, b in rows]
     page += ["", f"Two threads: {gain:.2f} times as fast as one, {same}. Two processes of one"
-             f" thread each, at the same time: {ceiling:.2f} times as fast as one.", ""]
-    path = ROOT / "docs" / "benchmarks.md"
-    # Measured by other commands, which it names.
-    kept = path.read_text().partition(KEPT) if path.exists() else ("", "", "")
-    text = "\n".join(page) + "".join(("\n", *kept[1:]) if kept[1] else ())
-    if arguments.print:
-        print(text)
-        return
-    temporary = path.with_suffix(".tmp")
-    temporary.write_text(text)
-    temporary.replace(path)
-    print(f"wrote {path.relative_to(ROOT)}")
+             f" thread each, at the same time: {ceiling:.2f} times as fast as one."]
+    print("\n".join(page))
 
 
 if __name__ == "__main__":

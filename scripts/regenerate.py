@@ -11,7 +11,7 @@ between the same two markers:
     scripts/regenerate.py                 regenerate what is outdated or was edited by hand
     scripts/regenerate.py --all           regenerate all but what was measured on a date
     scripts/regenerate.py NAME...         regenerate these entries
-    scripts/regenerate.py --accept NAME   keep the text of an entry that is measured by hand
+    scripts/regenerate.py --accept NAME   keep the text of an entry that was measured or is checked elsewhere
     scripts/regenerate.py --check         exit 1 and print the command to type if anything is stale
 
 `--check` recomputes quick entries. For the others it compares the text and the pictures with the
@@ -20,6 +20,7 @@ command do. Needs target/release/cfmmr and Python 3.11.
 """
 
 import argparse
+import contextlib
 import difflib
 import hashlib
 import json
@@ -84,12 +85,16 @@ HELPERS = {"pick": pick, "spread": spread, "rms": rms, "thousands": thousands, "
            "degrees": math.degrees}
 
 
+@contextlib.contextmanager
+def output_of(commands, volatile):
+    with tempfile.TemporaryDirectory(prefix="regenerate-") as folder:
+        yield Output(commands, volatile, pathlib.Path(folder))
+
+
 class Output:
     """What the commands of an entry left behind."""
 
-    def __init__(self, commands, volatile):
-        self.folder = tempfile.TemporaryDirectory(prefix="regenerate-")
-        path = pathlib.Path(self.folder.name)
+    def __init__(self, commands, volatile, path):
         search = f"{ROOT / 'target' / 'release'}:{os.environ['PATH']}"
         done = subprocess.run(
             ["bash", "-euo", "pipefail", "-c", commands], cwd=ROOT, stdout=subprocess.PIPE,
@@ -199,7 +204,7 @@ class Entry:
             temporary.replace(path)
 
     def run(self, commands):
-        return Output(commands, self.keys.get("volatile", []))
+        return output_of(commands, self.keys.get("volatile", []))
 
     def inputs(self):
         """Hash of what decides the destinations: this entry and the raw results of its probe."""
@@ -208,7 +213,8 @@ class Entry:
             listed = subprocess.run(["git", "ls-files", "--", *sources], cwd=ROOT, stdout=subprocess.PIPE, check=True)
             parts += [(ROOT / file).read_bytes() for file in listed.stdout.decode().split()]
         if self.probe:
-            parts += self.run(self.probe).raw(self.pictures, self.page)
+            with self.run(self.probe) as output:
+                parts += output.raw(self.pictures, self.page)
         return digest(*parts)
 
     def outputs(self, contents=None):
@@ -230,16 +236,17 @@ class Entry:
         if edits_only:
             return
         if self.quick:
-            for place, content in self.computed(self.run(self.command)).items():
+            with self.run(self.command) as output:
+                computed = self.computed(output)
+            for place, content in computed.items():
                 if not alike(committed[place], content, self.tolerance):
                     raise Stale(f"{place} is not what the command gives\n{difference(committed[place], content)}")
         elif inputs != self.inputs():
             raise Stale("another result or an edited entry: " + ", ".join(committed))
 
     def regenerate(self):
-        if self.by_hand():
-            sys.exit(f"regenerate.py: {self.name} is measured by hand; then --accept {self.name}")
-        self.write(self.computed(self.run(self.command)))
+        with self.run(self.command) as output:
+            self.write(self.computed(output))
 
 
 def alike(committed, computed, tolerance):
@@ -320,7 +327,7 @@ def main():
     parser.add_argument("names", nargs="*", metavar="NAME", help="entries of docs/manifest.toml")
     parser.add_argument("--all", action="store_true", help="regenerate all but what was measured on a date")
     parser.add_argument("--check", action="store_true", help="exit 1 if anything is stale")
-    parser.add_argument("--accept", action="store_true", help="keep the text of entries measured by hand")
+    parser.add_argument("--accept", action="store_true", help="keep the text of these entries")
     parser.add_argument("--edits", action="store_true", help="with --check: no runs, edits by hand only")
     parser.add_argument("--root", type=pathlib.Path, default=ROOT, help="folder of README.md and docs/")
     arguments = parser.parse_args()
@@ -341,8 +348,10 @@ def main():
         names = list(manifest.check(names))
     for name in names:
         entry = manifest.entries[name]
-        if arguments.accept != entry.by_hand() or (arguments.all and entry.measured):
-            print(f"        {name}: left alone: " + ("measured by hand" if entry.by_hand() else "measured on a date"))
+        if arguments.accept and not (entry.measured or entry.checked):
+            parser.error(f"--accept {name}: its command can be run: scripts/regenerate.py {name}")
+        if not arguments.accept and (entry.by_hand() or arguments.all and entry.measured):
+            print(f"          {name}: left alone; measure again with {entry.command}, or --accept {name}")
             continue
         started = time.monotonic()
         print(f"          {name} …", flush=True)

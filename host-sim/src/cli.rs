@@ -522,7 +522,7 @@ pub struct FaultsArgs {
     #[arg(long, default_value_t = 2, value_parser = whole::<u32>(1..=1000))]
     pub seeds: u32,
     /// Only faults with this in their name; may be repeated
-    #[arg(long, value_name = "TEXT", conflicts_with = "bless")]
+    #[arg(long, value_name = "TEXT")]
     pub only: Vec<String>,
     /// On boards in QEMU instead, with one seed and at one time, each run compared with the same run
     /// in process
@@ -536,7 +536,7 @@ pub struct FaultsArgs {
     pub virtual_boards: bool,
     /// With --virtual: each fault once, at one time with one seed, and only some of the instants at
     /// which power can fail
-    #[arg(long, requires = "virtual_boards", conflicts_with_all = ["seeds", "bless"])]
+    #[arg(long, requires = "virtual_boards", conflicts_with = "seeds")]
     pub quick: bool,
     /// With --virtual: number of threads; the result does not depend on it [default: one per core]
     #[arg(long, value_name = "N", requires = "virtual_boards", value_parser = whole::<u16>(1..=1024))]
@@ -545,28 +545,15 @@ pub struct FaultsArgs {
     #[arg(long, value_name = "FILE", requires = "virtual_boards")]
     pub coverage: Option<PathBuf>,
     /// With --virtual: another image of the axle boards
-    #[arg(
-        long,
-        value_name = "ELF",
-        requires = "virtual_boards",
-        conflicts_with = "bless"
-    )]
+    #[arg(long, value_name = "ELF", requires = "virtual_boards")]
     pub axle_image: Option<PathBuf>,
     /// With --virtual: another image of the beam board
-    #[arg(
-        long,
-        value_name = "ELF",
-        requires = "virtual_boards",
-        conflicts_with = "bless"
-    )]
+    #[arg(long, value_name = "ELF", requires = "virtual_boards")]
     pub beam_image: Option<PathBuf>,
     /// With --emulated or --virtual: fail if a row is not as in the committed table, or, with --quick,
     /// if a run ends in a way that its row of the table does not have
-    #[arg(long, requires = "boards", conflicts_with = "bless")]
+    #[arg(long, requires = "boards")]
     pub check: bool,
-    /// Rewrite the committed table, docs/faults.md, docs/faults_emulated.md or docs/faults_virtual.md
-    #[arg(long, conflicts_with = "world")]
-    pub bless: bool,
     /// Also write the result as JSON to this file
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,

@@ -11,13 +11,10 @@ use rayon::prelude::*;
 use serde::Serialize;
 use std::collections::BTreeSet;
 use std::fmt::Write;
-use std::path::Path;
 
 /// When the faults come, µs after the task began: while the robot plans and starts, under way with
 /// the frame bent, and close to the goal.
 pub const TIMES: [Micros; 3] = [300_000, 4_000_000, 9_000_000];
-/// Page that holds the committed table.
-pub const PAGE: &str = "docs/faults.md";
 
 /// All runs of one fault.
 #[derive(Clone, Debug, Serialize)]
@@ -153,7 +150,7 @@ impl Report {
         let runs: usize = self.rows.iter().map(|row| row.runs).sum();
         let mut text = format!(
             "# Faults\n\n\
-             Written by `cfmmr faults --bless`. Each fault is put into the simulated robot {} s, {} s and\n\
+             Written by `cfmmr faults`. Each fault is put into the simulated robot {} s, {} s and\n\
              {} s after its task began, with {} seeds each. A run is right if the robot finishes its task\n\
              within {:.0} cm and {:.0}°, or stops, motors off, within the time stated and for a reason that\n\
              fits the fault; and if at no time speed ({} m/s), bend of the frame ({:.0}°) or force of the\n\
@@ -233,9 +230,6 @@ pub fn run(args: &FaultsArgs) -> Result<(), Error> {
         output::write_file(path, output::json(&report))?;
     }
     let page = report.markdown();
-    if args.bless {
-        output::write_file(Path::new(PAGE), &page)?;
-    }
     super::print(&page)?;
     match report.wrong() {
         0 => Ok(()),

@@ -21,7 +21,6 @@ use core_algos::node::board::Role;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::fmt::Write;
-use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
@@ -171,7 +170,7 @@ impl Report {
     fn markdown(&self) -> String {
         let mut text = format!(
             "# Faults on emulated boards\n\n\
-             Written by `cfmmr faults --emulated --bless`. The faults of [faults.md](faults.md), and boards\n\
+             Written by `cfmmr faults --emulated`. The faults of [faults.md](faults.md), and boards\n\
              that fail without the host's doing, with the three boards in QEMU: {} s after the task began,\n\
              seed {SEED}, to the end of the run. *Seam* is what is interfered with: what the boards read,\n\
              hear and drive is simulated on the host, the boards are processes of their own. *Identical*\n\
@@ -314,9 +313,6 @@ pub fn run(args: &FaultsArgs) -> Result<(), Error> {
         output::write_file(path, output::json(&report))?;
     }
     let page = report.markdown();
-    if args.bless {
-        output::write_file(Path::new(PAGE), &page)?;
-    }
     super::print(&format!("{page}\n{}", report.stacks()))?;
     judge(&report, args.check.then_some(&committed))
 }
@@ -333,7 +329,7 @@ fn judge(report: &Report, committed: Option<&String>) -> Result<(), Error> {
     }
     match committed.and_then(|page| report.unexpected(page)) {
         Some(row) => Err(Error::Failure(format!(
-            "not as in {PAGE}, which cfmmr faults --emulated --bless rewrites:\n{row}"
+            "not as in {PAGE}, which scripts/regenerate.py faults-emulated rewrites:\n{row}"
         ))),
         None => Ok(()),
     }

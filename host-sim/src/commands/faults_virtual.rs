@@ -15,7 +15,6 @@ use rayon::prelude::*;
 use serde::Serialize;
 use std::collections::BTreeSet;
 use std::fmt::Write;
-use std::path::Path;
 use std::sync::Arc;
 
 /// When the faults come, ms after the button is pressed: while the robot starts, and under way.
@@ -125,7 +124,7 @@ impl Report {
             .collect();
         let mut text = format!(
             "# Faults of virtual boards\n\n\
-             Written by `cfmmr faults --virtual --bless`. The images that users flash run on\n\
+             Written by `cfmmr faults --virtual`. The images that users flash run on\n\
              [virtual boards](virtual_boards.md) and drive the simulated robot; each fault comes {} after\n\
              the button was pressed, each with {} seeds, which also choose the board or wheel that it\n\
              strikes. *Goes on*: a second later (or when the struck board has restarted) the robot drives, no\n\
@@ -299,10 +298,7 @@ pub fn run(args: &FaultsArgs) -> Result<(), Error> {
         output::write_file(path, output::json(&report))?;
     }
     let page = report.markdown();
-    if args.bless {
-        output::write_file(Path::new(PAGE), &page)?;
-    }
-    let mut text = format!("{page}\n{}", report.complaints());
+    let mut text = page + &report.complaints();
     if let (Some(file), Some(Ok(coverage))) = (
         &args.coverage,
         trials.coverage.as_ref().map(|sum| sum.lock()),
@@ -317,7 +313,7 @@ pub fn run(args: &FaultsArgs) -> Result<(), Error> {
     }
     match report.unexpected(&committed, args.quick) {
         Some(row) if args.check => Err(Error::Failure(format!(
-            "not as in {PAGE}, which cfmmr faults --virtual --bless rewrites:\n{row}"
+            "not as in {PAGE}, which scripts/regenerate.py faults-virtual rewrites:\n{row}"
         ))),
         _ => Ok(()),
     }

@@ -2,7 +2,6 @@
 //! commands.
 
 mod commands;
-mod generated;
 mod pages;
 #[path = "../shared/program.rs"]
 mod program;
