@@ -46,7 +46,8 @@ scripts/check_no_panic.sh
 step "instruction counts"
 scripts/count_instructions.py
 step "tests"
-cargo test --locked --workspace --exclude host-sim
+# The feature `hil` adds the tests of the link protocol.
+cargo test --locked --workspace --exclude host-sim --features core-algos/hil
 # As it is used, and with the dependencies of the steps below: a third of the time.
 cargo test --locked --release --package host-sim
 # Built by the tests. A build by itself leaves out what only tests want of the libraries, and takes two

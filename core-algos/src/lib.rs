@@ -21,6 +21,10 @@
 #![cfg_attr(not(test), no_std)]
 #![forbid(unsafe_code)]
 
+#[cfg(test)]
+#[macro_use]
+mod properties;
+
 pub mod acquisition;
 pub mod beam;
 pub mod bus;

@@ -3,6 +3,10 @@
 //!
 //! Single algorithms are held to the same beside their code; here they run together.
 
+#[path = "../src/properties.rs"]
+#[allow(unused_macros)]
+mod properties;
+
 use core_algos::beam::MAX_GAUGES;
 use core_algos::bus::message::{Axle, LeadMode, Message};
 use core_algos::bus::{self};
@@ -305,7 +309,7 @@ fn is_definite<const N: usize>(m: &[[f64; N]; N]) -> bool {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..properties::config(256) })]
 
     #[test]
     fn no_input_moves_a_node_beyond_its_limits(ticks in prop::collection::vec(tick(), 1..120)) {

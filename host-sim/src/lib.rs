@@ -4,6 +4,11 @@
 //! read; [`eval`] runs single on-board algorithms on cases from standard input. [`statistics`],
 //! [`figures`], [`table`] and [`output`] make results of it.
 
+#[cfg(test)]
+#[macro_use]
+#[path = "../../core-algos/src/properties.rs"]
+mod properties;
+
 pub mod advice;
 pub mod calibration;
 pub mod campaign;

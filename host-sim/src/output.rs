@@ -483,7 +483,7 @@ mod tests {
         Csv::new(["a", "b"]).row([1.0]);
     }
 
-    proptest! {
+    properties! {
         #[test]
         fn numbers_read_back_the_same(bits: u64, short_bits: u32) {
             let (double, single) = (f64::from_bits(bits), f32::from_bits(short_bits));

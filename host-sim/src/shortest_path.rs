@@ -306,9 +306,7 @@ mod tests {
         q
     }
 
-    proptest! {
-        #![proptest_config(ProptestConfig::with_cases(300))]
-
+    properties! { cases 300;
         #[test]
         fn path_ends_at_the_goal(x in -6.0..6.0f64, y in -6.0..6.0f64, phi in -3.1..3.1f64) {
             let q = drive(&shortest_unit(x, y, phi));

@@ -313,7 +313,7 @@ mod tests {
         assert_eq!(in_order([(2, 'c'), (0, 'a'), (1, 'b')]), ['a', 'b', 'c']);
     }
 
-    proptest! {
+    properties! {
         #[test]
         fn sum_is_exact_where_plain_addition_is_not(
             values in prop::collection::vec(-1_000_000i64..1_000_000, 0..200)

@@ -508,7 +508,7 @@ mod tests {
         assert_eq!(config.build(5).unwrap_err().field, "strain_per_count");
     }
 
-    proptest! {
+    properties! {
         #[test]
         fn any_counts_average_or_are_refused(
             a in proptest::array::uniform8(proptest::num::i32::ANY),

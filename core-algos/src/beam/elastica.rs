@@ -1363,7 +1363,7 @@ mod tests {
         ]
     }
 
-    proptest! {
+    properties! {
         #[test]
         fn any_readings_give_a_sound_fit_or_none(
             readings in proptest::array::uniform8(reading()),

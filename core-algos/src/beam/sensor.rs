@@ -847,7 +847,7 @@ mod tests {
         prop_oneof![3 => 0i32..4096, 1 => proptest::num::i32::ANY]
     }
 
-    proptest! {
+    properties! {
         #[test]
         fn any_counts_give_a_sound_posture_or_none(
             samples in proptest::collection::vec(proptest::array::uniform8(count()), 1..40),

@@ -621,7 +621,7 @@ mod tests {
         decode(&encode(&message).unwrap()).unwrap()
     }
 
-    proptest! {
+    properties! {
         #[test]
         fn posture_survives_to_half_a_unit(
             x in -52.0f32..52.0, y in -52.0f32..52.0, phi in -3.1f32..3.1, sequence: u8,

@@ -208,7 +208,7 @@ mod tests {
         psi.tan() / (0.5 * length * psi.sin() / psi + end * psi.cos())
     }
 
-    proptest! {
+    properties! {
         /// Whatever share of the frame is rigid, and up to a right angle between the axles and
         /// beyond.
         #[test]

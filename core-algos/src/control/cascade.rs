@@ -388,7 +388,7 @@ mod tests {
         low * kappa.signum()
     }
 
-    proptest! {
+    properties! {
         #[test]
         fn steering_solves_equation_five(kappa in -30.0f32..30.0, length in 0.05f32..1.0) {
             let cascade = Config { frame_length_m: length, max_steering_rad: 1.5, ..Config::default() }

@@ -470,9 +470,7 @@ mod tests {
         last
     }
 
-    proptest! {
-        #![proptest_config(ProptestConfig::with_cases(40))]
-
+    properties! { cases 40;
         /// Forward and in reverse, from a wrong start, on a circle or straight.
         #[test]
         fn axle_converges_to_its_reference(

@@ -546,9 +546,7 @@ mod tests {
         state
     }
 
-    proptest! {
-        #![proptest_config(ProptestConfig::with_cases(200))]
-
+    properties! { cases 200;
         /// Whatever is asked, at whatever interval, and stopped or not: all limits hold.
         #[test]
         fn no_limit_is_ever_exceeded(
@@ -593,8 +591,9 @@ mod tests {
             }
         }
 
+        // Above 0.24 m/s the wheel speed limit holds at the largest steering angle.
         #[test]
-        fn a_constant_wish_is_reached(v in -0.25f32..0.25, psi in -0.5f32..0.5, from in -0.5f32..0.5) {
+        fn a_constant_wish_is_reached(v in -0.24f32..0.24, psi in -0.5f32..0.5, from in -0.5f32..0.5) {
             let state = run(&governor(), State::at_rest(from), Wish { v, psi, ..Wish::default() }, 0.01, 6.0);
             prop_assert!((state.motion.v - v).abs() < 1e-4);
             prop_assert!((state.motion.psi - psi).abs() < 1e-4);

@@ -625,7 +625,7 @@ mod tests {
         [dx.hypot(dy), wrap(sight - r[2]), wrap(sight - q[2])]
     }
 
-    proptest! {
+    properties! {
         /// The derived form makes δ obey δ̇ = −k1 tanh δ and θ + α obey −k2 tanh(θ + α), for a
         /// reference at rest or in motion: measured by driving both bodies a little to and fro.
         #[test]

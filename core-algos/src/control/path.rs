@@ -1054,9 +1054,7 @@ mod tests {
         path
     }
 
-    proptest! {
-        #![proptest_config(ProptestConfig::with_cases(64))]
-
+    properties! { cases 64;
         /// Between its points, a path of 2 cm spacing is the curve they were taken from.
         #[test]
         fn interpolation_is_the_curve(

@@ -644,9 +644,7 @@ mod tests {
         panic!("no end after a million candidates");
     }
 
-    proptest! {
-        #![proptest_config(ProptestConfig::with_cases(100))]
-
+    properties! { cases 100;
         /// Every start within ±2 m is led into the funnel, checked by driving the segments in f64.
         #[test]
         fn any_start_is_led_into_the_funnel(

@@ -808,7 +808,7 @@ impl Regulator {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use proptest::prelude::{ProptestConfig, any, prop, prop_assert, proptest};
+    use proptest::prelude::{any, prop, prop_assert};
 
     /// A robot that does at once what it is told, except that it steers at 1 rad/s and changes speed
     /// at 0.4 m/s².
@@ -934,9 +934,7 @@ mod tests {
         .unwrap()
     }
 
-    proptest! {
-        #![proptest_config(ProptestConfig::with_cases(100))]
-
+    properties! { cases 100;
         /// Any start, any goal.
         #[test]
         fn reaches_the_goal_from_anywhere(

@@ -314,7 +314,7 @@ mod tests {
         );
     }
 
-    proptest! {
+    properties! {
         /// The counter may stand anywhere, its own wrap included.
         #[test]
         fn origin_of_the_count_does_not_matter(origin: i32, speed in -20.0f64..20.0) {

@@ -33,7 +33,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    proptest! {
+    properties! {
         /// Against an angle kept in 64 bits, whose low bits are the counter.
         #[test]
         fn no_count_is_lost(

@@ -349,7 +349,7 @@ mod tests {
         }
     }
 
-    proptest! {
+    properties! {
         #[test]
         fn any_input_gives_a_bounded_duty(bits: [u32; 5], rounds in 1usize..20) {
             let config = Config::default();

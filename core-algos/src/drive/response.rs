@@ -139,7 +139,7 @@ impl Response {
 mod tests {
     use super::super::current;
     use super::*;
-    use proptest::prelude::{any, prop_assert, proptest};
+    use proptest::prelude::{any, prop_assert};
 
     const SUPPLY: f64 = 12.0;
 
@@ -245,7 +245,7 @@ mod tests {
         assert_eq!(objects_at(open, 4_000, |_| 0.0, |_| 3.0), None);
     }
 
-    proptest! {
+    properties! {
         #[test]
         fn a_number_that_is_not_finite_is_no_answer(place in 0usize..3, at in 0usize..200, bits: u32) {
             let response = Config::default().build().unwrap();

@@ -230,7 +230,7 @@ mod tests {
         })
     }
 
-    proptest! {
+    properties! {
         #[test]
         fn covariance_follows_the_linear_part_of_the_motion(a in estimate(), r in estimate()) {
             prop_assert!(agree(&compose(&a, &r).covariance, &unscented(&a, &r, forward)));

@@ -175,7 +175,7 @@ mod tests {
         .unwrap()
     }
 
-    proptest! {
+    properties! {
         /// A shift of both inputs by what one constant does to them is, after the fusion, a shift
         /// by what the fused posture is said to owe to that constant.
         #[test]

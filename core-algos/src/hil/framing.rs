@@ -230,7 +230,7 @@ mod tests {
         assert_eq!(decoder.counters(), counters);
     }
 
-    proptest! {
+    properties! {
         #[test]
         fn any_payload_comes_back(payload in prop::collection::vec(any::<u8>(), 1..=MAX_PAYLOAD)) {
             let frame = Frame::new(&payload).unwrap();

@@ -12,6 +12,7 @@ use crate::fusion::Estimate;
 use crate::node::axle;
 use crate::node::board::Role;
 use crate::node::lead::{self, Task};
+use crate::node::outbox;
 use crate::params::Source;
 use serde::{Deserialize, Serialize};
 
@@ -28,8 +29,10 @@ pub const POINTS: usize = 8;
 pub const TELEMETRY_CHUNK: usize = 40;
 /// Largest encoded output of the lead node: all of it before the epoch ends.
 pub const MAX_TELEMETRY: usize = 7 * TELEMETRY_CHUNK;
-/// Bus frames that go with one tick.
+/// Largest number of bus frames in a request.
 pub const MAX_BUS_FRAMES: usize = 21;
+/// Largest number of bus frames in a reply: a board sends no more than its outbox holds.
+pub const MAX_SENT_FRAMES: usize = outbox::CAPACITY;
 
 /// From host to board.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -386,7 +389,7 @@ mod tests {
     }
 
     #[test]
-    fn the_longest_messages_fit_a_frame() {
+    fn encode_longest_messages_fits_frame() {
         let far = PathPoint {
             kappa: f32::MAX,
             ..PathPoint::default()
@@ -411,7 +414,11 @@ mod tests {
                 encoder: [Some(i32::MIN); 2],
                 gyro_rad_s: Some(1.0),
                 acceleration_m_s2: Some(1.0),
-                conditions: Conditions::only(Condition::Restarted),
+                conditions: Condition::ALL
+                    .into_iter()
+                    .fold(Conditions::NONE, |all, one| {
+                        all.union(Conditions::only(one))
+                    }),
             },
             bus: &full,
         };
@@ -426,19 +433,23 @@ mod tests {
             torque_nm: [1.0; 2],
             active: true,
             refused: 255,
-            bus: &full,
+            bus: &full[..10 * MAX_SENT_FRAMES],
             telemetry: &[255; TELEMETRY_CHUNK],
         };
         assert!(encode(255, &reply).is_some());
     }
 
     #[test]
-    fn the_largest_output_of_the_lead_node_fits_an_epoch() {
+    fn telemetry_largest_lead_output_fits_epoch() {
         let output = lead::Output {
             target: Some(Default::default()),
             fused: crate::fusion::tandem::Output {
                 ipec: Some(crate::fusion::ipec::Correction::default()),
                 omega: Some([0.5; 2]),
+                ..Default::default()
+            },
+            supervision: crate::safety::supervisor::Output {
+                reason: Some(Condition::Restarted),
                 ..Default::default()
             },
             ..Default::default()
@@ -501,7 +512,7 @@ mod tests {
         );
     }
 
-    proptest! {
+    properties! {
         #[test]
         fn frames_come_back(list in prop::collection::vec((0..MESSAGES.len(), any::<[u8; 8]>()), 0..MAX_BUS_FRAMES)) {
             let mut packed = Packed::new();

@@ -223,7 +223,7 @@ mod tests {
         proptest::array::uniform4(proptest::array::uniform4(-2.0f32..2.0))
     }
 
-    proptest! {
+    properties! {
         #[test]
         fn inverse_times_matrix_is_identity(a in matrix4()) {
             let spd = add(&propagate(&a, &identity()), &identity());

@@ -213,7 +213,7 @@ mod tests {
         f(high.into()).minus(f(low.into())).map(|d| d / (2.0 * h))
     }
 
-    proptest! {
+    properties! {
         #[test]
         fn relative_undoes_compose(a in posture(), b in posture()) {
             prop_assert!(close(a.compose(b).relative_to(a), b, 1e-5));

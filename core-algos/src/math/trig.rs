@@ -370,7 +370,7 @@ mod tests {
         }
     }
 
-    proptest! {
+    properties! {
         #[test]
         fn wrapped_angle_is_the_same_direction(angle in -1000.0f32..1000.0) {
             let wrapped = wrap_angle(angle);

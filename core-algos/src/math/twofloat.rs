@@ -209,7 +209,7 @@ mod tests {
         TwoFloat::from_sum(high, (x - high as f64) as f32)
     }
 
-    proptest! {
+    properties! {
         #[test]
         fn operations_keep_45_bits(a in -1e3f64..1e3, b in 1e-3f64..1e3) {
             let (p, q) = (from_f64(a), from_f64(b));

@@ -101,7 +101,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    proptest! {
+    properties! {
         /// A massless frame leaves no net force and no net moment on the two axles together.
         #[test]
         fn loads_on_both_axles_balance(

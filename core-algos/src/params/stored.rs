@@ -462,7 +462,7 @@ mod tests {
         assert_eq!(following(u32::MAX), 1);
     }
 
-    proptest! {
+    properties! {
         #[test]
         fn bytes_come_back_and_no_bytes_do_harm(
             version: u8, generation: u32, bits: u32, junk in prop::collection::vec(any::<u8>(), 0..120), key: u8,

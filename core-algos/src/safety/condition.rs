@@ -320,7 +320,7 @@ impl Conditions {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use proptest::prelude::{prop, prop_assert_eq, proptest};
+    use proptest::prelude::{prop, prop_assert_eq};
 
     #[test]
     fn codes_are_unique_and_rise_within_the_table() {
@@ -378,7 +378,7 @@ mod tests {
         assert_eq!(Conditions::NONE.worst(), None);
     }
 
-    proptest! {
+    properties! {
         /// A set holds what was put in, against the library's set.
         #[test]
         fn a_set_is_a_set(members in prop::collection::btree_set(0..COUNT, 0..COUNT)) {

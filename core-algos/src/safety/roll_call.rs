@@ -49,7 +49,7 @@ impl<const N: usize> RollCall<N> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use proptest::prelude::{prop, prop_assert, prop_assert_eq, proptest};
+    use proptest::prelude::{prop, prop_assert, prop_assert_eq};
 
     #[test]
     fn one_silent_task_among_busy_ones_is_enough() {
@@ -81,7 +81,7 @@ mod tests {
         assert!(call.complete(1_020_000, [1]), "it is back");
     }
 
-    proptest! {
+    properties! {
         /// Against the plain definition, with reports at any times and looks at any times.
         #[test]
         fn complete_is_all_within_their_times(

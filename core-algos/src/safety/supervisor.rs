@@ -306,7 +306,7 @@ impl Supervisor {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use proptest::prelude::{any, prop, prop_assert, prop_assert_eq, proptest};
+    use proptest::prelude::{any, prop, prop_assert, prop_assert_eq};
 
     const TICK: Micros = 1_000;
 
@@ -505,7 +505,7 @@ mod tests {
         assert_eq!(bench.ask(Request::Arm).state, OperatingState::Armed);
     }
 
-    proptest! {
+    properties! {
         /// Whatever comes, in whatever order, at whatever times: motors never drive while a hard
         /// condition is latched, and a cut switches them off within the same tick.
         #[test]

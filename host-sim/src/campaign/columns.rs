@@ -254,7 +254,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    proptest! {
+    properties! {
         #[test]
         fn a_table_comes_back_with_its_bits(
             rows in prop::collection::vec((any::<u64>(), any::<i64>(), any::<bool>(), "\\PC{0,8}"), 0..60),

@@ -2,7 +2,9 @@
 
 use crate::error::Error;
 use core_algos::hil::framing::{MAX_FRAME, MAX_PAYLOAD};
-use core_algos::hil::protocol::{self, CONFIG_CHUNK, MAX_BUS_FRAMES, POINTS, PROTOCOL, Request};
+use core_algos::hil::protocol::{
+    self, CONFIG_CHUNK, MAX_BUS_FRAMES, MAX_SENT_FRAMES, POINTS, PROTOCOL, Request,
+};
 use std::fmt::Write;
 
 /// One variant of a message: its number is its place in the list.
@@ -304,8 +306,8 @@ pub fn markdown() -> String {
          \x20 an optional value behind a byte 0 or 1, bytes and text behind their length.\n\
          - A frame, at most {MAX_FRAME} bytes: payload and its CRC-32C (four bytes, little-endian), stuffed by\n\
          \x20 COBS, then a byte 0. What is repeated has a 0 before it too.\n\
-         - Bus frames, packed, at most {MAX_BUS_FRAMES}: identifier and length in two bytes, little-endian (bits 0 to\n\
-         \x20 10 and 12 to 15), then the data.\n\
+         - Bus frames, packed, at most {MAX_BUS_FRAMES} in a request and {MAX_SENT_FRAMES} in a reply: identifier and length\n\
+         \x20 in two bytes, little-endian (bits 0 to 10 and 12 to 15), then the data.\n\
          - Parameters go in parts of at most {CONFIG_CHUNK} bytes, points of a path {POINTS} at a time.\n"
     );
     let hello = Request::Hello {

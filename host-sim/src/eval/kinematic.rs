@@ -119,7 +119,7 @@ mod tests {
         ordinary.then_some([v, phi_dot / v, phi_dot])
     }
 
-    proptest! {
+    properties! {
         #[test]
         fn agrees_with_the_equation_in_f64(
             posture in prop::array::uniform3(-2.0..2.0f64),

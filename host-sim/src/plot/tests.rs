@@ -272,9 +272,7 @@ fn legend_lists_each_drawn_label_once_and_no_other() {
     assert_eq!(["first", "second", "nowhere"].map(count), [1, 1, 0]);
 }
 
-proptest! {
-    #![proptest_config(ProptestConfig::with_cases(64))]
-
+properties! { cases 64;
     #[test]
     fn thinning_stays_within_its_tolerance(
         steps in prop::collection::vec((-3.0f64..3.0, -3.0f64..3.0), 3..60)

@@ -456,7 +456,7 @@ mod tests {
         assert_eq!(hex.value::<u8>(), None, "bytes are left over");
     }
 
-    proptest! {
+    properties! {
         #[test]
         fn every_bit_of_a_number_comes_back(bits: u32) {
             let value = Exact(f32::from_bits(bits));
