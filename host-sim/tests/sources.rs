@@ -1,0 +1,239 @@
+//! Sizes of the sources: lines of each file, lines of each function, lines of all Rust files.
+
+use proc_macro2::Span;
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+use syn::spanned::Spanned;
+use syn::visit::{self, Visit};
+
+/// Largest number of lines of all Rust files.
+const TOTAL: usize = 132_700;
+/// Largest number of lines of a file, test modules excluded.
+const FILE: usize = 600;
+/// Largest number of lines of a function.
+const FUNCTION: usize = 80;
+
+/// Longer files with their lines. Entries may only shrink and disappear.
+const LONGER_FILES: &[(&str, usize)] = &[
+    ("core-algos/src/beam/elastica.rs", 989),
+    ("core-algos/src/control/path.rs", 991),
+    ("core-algos/src/control/planner.rs", 628),
+    ("core-algos/src/control/regulator.rs", 807),
+    ("core-algos/src/fusion/ekf/factors.rs", 722),
+    ("core-algos/src/fusion/ekf/mod.rs", 718),
+    ("core-algos/src/fusion/joint.rs", 758),
+    ("core-algos/src/fusion/tandem.rs", 861),
+    ("core-algos/src/node/axle.rs", 815),
+    ("core-algos/src/node/lead.rs", 911),
+    ("host-sim/src/cli.rs", 895),
+    ("host-sim/src/commands/posture.rs", 687),
+    ("host-sim/src/commands/sweep.rs", 606),
+    ("host-sim/src/figures.rs", 679),
+    ("host-sim/src/paths.rs", 1052),
+    ("host-sim/src/plot.rs", 1174),
+    ("host-sim/src/sensors.rs", 972),
+    ("host-sim/src/simulation.rs", 880),
+    ("plant/src/integrator.rs", 819),
+    ("virtual-board/src/chip/flash/mod.rs", 611),
+];
+
+/// Longer functions with their lines. Entries may only shrink and disappear.
+const LONGER_FUNCTIONS: &[(&str, usize)] = &[
+    ("core-algos/src/beam/elastica.rs: result", 118),
+    ("core-algos/src/bus/codec.rs: from_values", 102),
+    ("core-algos/src/bus/codec.rs: to_values", 194),
+    ("core-algos/src/control/planner.rs: pair", 99),
+    ("core-algos/src/fusion/tandem.rs: join", 83),
+    ("host-sim/src/campaign/report.rs: sensitivity", 100),
+    ("host-sim/src/commands/campaign.rs: shard", 86),
+    ("host-sim/src/commands/follow.rs: publish", 97),
+    ("host-sim/src/commands/hil_virtual.rs: run", 81),
+    ("host-sim/src/commands/posture.rs: publish", 110),
+    ("host-sim/src/commands/posture.rs: table", 89),
+    ("host-sim/src/driving.rs: drive_on", 91),
+    ("host-sim/src/faults/run.rs: run_on", 98),
+    ("host-sim/src/kinematic_model.rs: regulate", 113),
+    ("host-sim/src/plot.rs: panel", 88),
+    ("host-sim/src/virtual_robot/faults/program.rs: faults", 113),
+    (
+        "virtual-board/src/core/decode_data.rs: shifted_register",
+        81,
+    ),
+    ("virtual-board/src/core/execute.rs: execute", 84),
+];
+
+/// Numeric kernels: one formula that reads best as a whole.
+const KERNELS: &[&str] = &[
+    "core-algos/src/fusion/joint.rs: predict",
+    "plant/src/frame/newton.rs: factor",
+    "plant/src/frame/newton.rs: newton",
+    "plant/src/integrator.rs: advance",
+];
+
+/// Sources of images and targets that will be removed.
+const EXEMPT: &[&str] = &[
+    "firmware-common/src/emulated",
+    "firmware-common/src/hil",
+    "host-sim/src/commands/faults_emulated.rs",
+    "host-sim/src/targets/emulated.rs",
+];
+
+fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap()
+}
+
+/// Every Rust file below `folder`, build results excluded.
+fn collect(folder: &Path, files: &mut Vec<PathBuf>) {
+    for entry in fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        let name = path.file_name().unwrap().to_string_lossy();
+        if path.is_dir() && name != "target" && name != "out" && !name.starts_with('.') {
+            collect(&path, files);
+        } else if path.extension().is_some_and(|extension| extension == "rs") {
+            files.push(path);
+        }
+    }
+}
+
+/// Path from the root and text of every Rust file.
+fn sources() -> BTreeMap<String, String> {
+    let mut files = Vec::new();
+    collect(root(), &mut files);
+    let read = |path: PathBuf| {
+        let name = path.strip_prefix(root()).unwrap().to_str().unwrap();
+        (name.to_owned(), fs::read_to_string(&path).unwrap())
+    };
+    files.into_iter().map(read).collect()
+}
+
+/// True for sources whose files and functions are limited: no tests, nothing exempt.
+fn is_limited(path: &str) -> bool {
+    let tests = path.ends_with("/tests.rs") || path.split('/').any(|part| part == "tests");
+    !tests
+        && !EXEMPT
+            .iter()
+            .any(|exempt| Path::new(path).starts_with(exempt))
+}
+
+/// Lines of test modules and of the functions outside of them.
+#[derive(Default)]
+struct Lines {
+    tests: usize,
+    functions: Vec<(String, usize)>,
+}
+
+impl Lines {
+    fn of(text: &str) -> Self {
+        let mut lines = Self::default();
+        lines.visit_file(&syn::parse_file(text).unwrap());
+        lines
+    }
+
+    fn function(&mut self, signature: &syn::Signature, body: &syn::Block) {
+        let lines = height(signature.span().join(body.span()).unwrap());
+        self.functions.push((signature.ident.to_string(), lines));
+    }
+}
+
+fn height(span: Span) -> usize {
+    span.end().line - span.start().line + 1
+}
+
+impl<'ast> Visit<'ast> for Lines {
+    fn visit_item_mod(&mut self, module: &'ast syn::ItemMod) {
+        let is_test = |attribute: &syn::Attribute| {
+            attribute.path().is_ident("cfg")
+                && attribute
+                    .parse_args::<syn::Path>()
+                    .is_ok_and(|path| path.is_ident("test"))
+        };
+        if module.attrs.iter().any(is_test) {
+            self.tests += height(module.span());
+        } else {
+            visit::visit_item_mod(self, module);
+        }
+    }
+
+    fn visit_item_fn(&mut self, function: &'ast syn::ItemFn) {
+        self.function(&function.sig, &function.block);
+        visit::visit_item_fn(self, function);
+    }
+
+    fn visit_impl_item_fn(&mut self, function: &'ast syn::ImplItemFn) {
+        self.function(&function.sig, &function.block);
+        visit::visit_impl_item_fn(self, function);
+    }
+
+    fn visit_trait_item_fn(&mut self, function: &'ast syn::TraitItemFn) {
+        if let Some(body) = &function.default {
+            self.function(&function.sig, body);
+        }
+        visit::visit_trait_item_fn(self, function);
+    }
+}
+
+/// Compares the sizes above a limit with the list of exceptions: they must be equal, so that what
+/// has become smaller stays smaller.
+fn assert_listed(found: &BTreeMap<String, usize>, listed: &[(&str, usize)], limit: usize) {
+    let listed: BTreeMap<_, _> = listed
+        .iter()
+        .map(|&(n, lines)| (n.to_owned(), lines))
+        .collect();
+    let mut report = String::new();
+    for (name, &lines) in found {
+        let allowed = listed.get(name).copied().unwrap_or(limit);
+        if lines > allowed {
+            report += &format!("{name}: {lines} lines, at most {allowed} allowed\n");
+        } else if lines < allowed {
+            report += &format!("{name}: {lines} lines, listed with {allowed}: shrink the entry\n");
+        }
+    }
+    for name in listed.keys().filter(|name| !found.contains_key(*name)) {
+        report += &format!("{name}: at most {limit} lines: remove the entry\n");
+    }
+    assert!(report.is_empty(), "\n{report}");
+}
+
+#[test]
+fn rust_files_total_lines_stay_below_ceiling() {
+    let total: usize = sources().values().map(|text| text.lines().count()).sum();
+    assert!(
+        total <= TOTAL,
+        "{total} lines of Rust, at most {TOTAL} allowed"
+    );
+}
+
+#[test]
+fn files_without_tests_have_at_most_600_lines() {
+    let mut found = BTreeMap::new();
+    for (path, text) in sources().into_iter().filter(|(path, _)| is_limited(path)) {
+        let lines = text.lines().count() - Lines::of(&text).tests;
+        if lines > FILE {
+            found.insert(path, lines);
+        }
+    }
+    assert_listed(&found, LONGER_FILES, FILE);
+}
+
+#[test]
+fn functions_have_at_most_80_lines() {
+    let mut found = BTreeMap::new();
+    let mut kernels = KERNELS.to_vec();
+    for (path, text) in sources().into_iter().filter(|(path, _)| is_limited(path)) {
+        for (name, lines) in Lines::of(&text).functions {
+            let name = format!("{path}: {name}");
+            if lines > FUNCTION {
+                match kernels.iter().position(|kernel| *kernel == name) {
+                    Some(place) => drop(kernels.remove(place)),
+                    None => drop(found.insert(name, lines)),
+                }
+            }
+        }
+    }
+    assert_eq!(
+        kernels, [""; 0],
+        "not above {FUNCTION} lines: remove the entry"
+    );
+    assert_listed(&found, LONGER_FUNCTIONS, FUNCTION);
+}
