@@ -8,7 +8,7 @@ use syn::spanned::Spanned;
 use syn::visit::{self, Visit};
 
 /// Largest number of lines of all Rust files.
-const TOTAL: usize = 132_700;
+const TOTAL: usize = 132_020;
 /// Largest number of lines of a file, test modules excluded.
 const FILE: usize = 600;
 /// Largest number of lines of a function.
@@ -21,17 +21,14 @@ const LONGER_FILES: &[(&str, usize)] = &[
     ("core-algos/src/control/planner.rs", 628),
     ("core-algos/src/control/regulator.rs", 807),
     ("core-algos/src/fusion/ekf/factors.rs", 722),
-    ("core-algos/src/fusion/ekf/mod.rs", 718),
+    ("core-algos/src/fusion/ekf/mod.rs", 698),
     ("core-algos/src/fusion/joint.rs", 758),
-    ("core-algos/src/fusion/tandem.rs", 861),
-    ("core-algos/src/node/axle.rs", 815),
+    ("core-algos/src/fusion/tandem.rs", 795),
+    ("core-algos/src/node/axle.rs", 814),
     ("core-algos/src/node/lead.rs", 911),
-    ("host-sim/src/cli.rs", 895),
-    ("host-sim/src/commands/posture.rs", 687),
-    ("host-sim/src/commands/sweep.rs", 606),
-    ("host-sim/src/figures.rs", 679),
+    ("host-sim/src/cli.rs", 879),
+    ("host-sim/src/commands/sweep.rs", 614),
     ("host-sim/src/paths.rs", 1052),
-    ("host-sim/src/plot.rs", 1174),
     ("host-sim/src/sensors.rs", 972),
     ("host-sim/src/simulation.rs", 880),
     ("plant/src/integrator.rs", 819),
@@ -44,17 +41,13 @@ const LONGER_FUNCTIONS: &[(&str, usize)] = &[
     ("core-algos/src/bus/codec.rs: from_values", 102),
     ("core-algos/src/bus/codec.rs: to_values", 194),
     ("core-algos/src/control/planner.rs: pair", 99),
-    ("core-algos/src/fusion/tandem.rs: join", 83),
-    ("host-sim/src/campaign/report.rs: sensitivity", 100),
     ("host-sim/src/commands/campaign.rs: shard", 86),
     ("host-sim/src/commands/follow.rs: publish", 97),
     ("host-sim/src/commands/hil_virtual.rs: run", 81),
-    ("host-sim/src/commands/posture.rs: publish", 110),
     ("host-sim/src/commands/posture.rs: table", 89),
     ("host-sim/src/driving.rs: drive_on", 91),
     ("host-sim/src/faults/run.rs: run_on", 98),
     ("host-sim/src/kinematic_model.rs: regulate", 113),
-    ("host-sim/src/plot.rs: panel", 88),
     ("host-sim/src/virtual_robot/faults/program.rs: faults", 113),
     (
         "virtual-board/src/core/decode_data.rs: shifted_register",
