@@ -125,8 +125,8 @@ impl Arc {
         let start =
             reach * (1.0 + square * (s0 + square * s1)) / (1.0 + square * (s2 + square * s3));
         let step = self.newton(start, kappa);
-        // Up to half a radian one step is enough.
-        if step.abs() <= SETTLED {
+        // Up to half a radian one step is enough. A start beyond the limit may be near another root.
+        if step.abs() <= SETTLED && start.abs() <= limit + SETTLED {
             start - step
         } else {
             cold_path();
