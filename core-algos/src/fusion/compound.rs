@@ -195,7 +195,10 @@ mod tests {
                     }
                 };
                 let (low, high) = (shifted(-1.0), shifted(1.0));
-                let d = [0, 1, 2].map(|k| (high[k] - low[k]) / (2.0 * shrink));
+                let mut change = [0, 1, 2].map(|k| high[k] - low[k]);
+                let turn = core::f64::consts::TAU;
+                change[2] -= turn * (change[2] / turn).round();
+                let d = change.map(|c| c / (2.0 * shrink));
                 for i in 0..3 {
                     for j in 0..3 {
                         covariance[i][j] += d[i] * d[j];
