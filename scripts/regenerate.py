@@ -43,7 +43,7 @@ KEYS = {"command", "probe", "quick", "measured", "checked", "sources", "toleranc
 
 
 class Stale(Exception):
-    """The committed state of an entry is not that of this version."""
+    """The committed state of an entry is not that of this version, or the entry cannot be computed."""
 
 
 def digest(*parts):
@@ -74,7 +74,8 @@ def rms(values):
 
 
 def thousands(number, digits=2):
-    return f"{number:,.{digits if number < 1000 else 0}f}".replace(",", " ")
+    text = f"{number:,.{digits if number < 1000 else 0}f}"
+    return text.replace(",", " " if number >= 1e4 else "")
 
 
 def lines(items):
@@ -101,7 +102,7 @@ class Output:
             env=os.environ | {"OUT": str(path), "PATH": search},
         )
         if done.returncode != 0:
-            sys.exit(f"regenerate.py: exit code {done.returncode} of:\n{commands.strip()}")
+            raise Stale(f"exit code {done.returncode} of:\n{commands.strip()}")
         self.path, self.stdout = path, done.stdout.decode()
         # By the path in $OUT without the name: `run/result.json` is `out["run"]`.
         self.files = sorted(path.rglob("result*.json"))
@@ -181,12 +182,18 @@ class Entry:
         if self.page:
             found[self.page] = output.stdout
         for source, file in self.pictures.items():
-            found[file] = (output.path / source).read_bytes()
+            path = output.path / source
+            if not path.exists():
+                raise Stale(f"the command writes no {source}")
+            found[file] = path.read_bytes()
         names = HELPERS | {"out": output.results(), "stdout": output.stdout, "read": output.read}
         exec(self.keys.get("define", ""), names)
         for figure, text in self.texts.items():
             # An f-string: its fields are expressions over the results.
-            body = eval(f'rf"""{text["is"]}"""', names)
+            try:
+                body = eval(f'rf"""{text["is"]}"""', names)
+            except (LookupError, AttributeError) as error:
+                raise Stale(f"{figure}: the template does not fit the results: {error!r}") from error
             body = f"\n{body.strip()}\n" if "\n" in body else body
             found |= {f"{file}: {figure}": body for file in text["in"]}
         return found
@@ -346,6 +353,7 @@ def main():
         sys.exit(1 if wrong or stray else 0)
     if not arguments.names and not arguments.all:
         names = list(manifest.check(names))
+    failed = []
     for name in names:
         entry = manifest.entries[name]
         if arguments.accept and not (entry.measured or entry.checked):
@@ -355,11 +363,17 @@ def main():
             continue
         started = time.monotonic()
         print(f"          {name} …", flush=True)
-        if not arguments.accept:
-            entry.regenerate()
-        if not entry.quick or entry.tolerance:
-            manifest.save(entry)
-        print(f"{time.monotonic() - started:6.1f} s  {name}: regenerated", flush=True)
+        try:
+            if not arguments.accept:
+                entry.regenerate()
+            if not entry.quick or entry.tolerance:
+                manifest.save(entry)
+            verdict = "accepted" if arguments.accept else "regenerated"
+        except Stale as error:
+            failed.append(name)
+            verdict = f"FAILED: {error}"
+        print(f"{time.monotonic() - started:6.1f} s  {name}: {verdict}", flush=True)
+    sys.exit(f"regenerate.py: failed: {' '.join(failed)}" if failed else 0)
 
 
 if __name__ == "__main__":

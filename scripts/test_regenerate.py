@@ -89,6 +89,14 @@ class Repository(unittest.TestCase):
         self.edit("docs/manifest.toml", ":.1f", ":.2f")
         self.assertIn("edited entry", self.stale()[0]["slow"])
 
+    def test_template_without_its_result_is_stale(self):
+        self.edit("docs/manifest.toml", "stdout.strip()", "out['gone']")
+        self.assertIn("does not fit", self.stale()[0]["quick"])
+
+    def test_failing_command_is_stale(self):
+        self.edit("docs/manifest.toml", f'"cat {self.root}/short"', '"exit 3"')
+        self.assertIn("exit code 3", self.stale()[0]["quick"])
+
     def test_lost_marker_is_stale(self):
         self.put("README.md", "It is 2.0 cm off.\n")
         self.assertIn("no <!-- figure error -->", self.stale()[0]["slow"])
