@@ -228,9 +228,6 @@ class Entry:
         contents = self.committed() if contents is None else contents
         return digest(*(part for item in sorted(contents.items()) for part in item))
 
-    def lock(self):
-        return f"{self.name} inputs {self.inputs()} outputs {self.outputs()}"
-
     def check(self, lock, edits_only=False):
         """Raises Stale."""
         committed = self.committed()
@@ -305,12 +302,11 @@ class Manifest:
                 if "\n" not in body and re.search(rf"^\s*<!-- figure {figure} -->", text, re.MULTILINE):
                     yield f"{file}: {figure} begins a line, which makes the line raw HTML"
 
-    def save(self, entry):
-        lines = {name: f"{name} inputs {pair[0]} outputs {pair[1]}" for name, pair in self.lock.items()}
-        lines[entry.name] = entry.lock()
-        self.lock[entry.name] = tuple(lines[entry.name].split()[2::2])
-        known = [lines[name] for name in sorted(lines) if name in self.entries]
-        self.path.write_text("\n".join(known) + "\n")
+    def save(self, entry, inputs):
+        self.lock[entry.name] = inputs, entry.outputs()
+        known = [name for name in sorted(self.lock) if name in self.entries]
+        lines = ["{} inputs {} outputs {}\n".format(name, *self.lock[name]) for name in known]
+        self.path.write_text("".join(lines))
 
     def check(self, names, edits_only=False):
         """Name -> what is wrong with it; prints as it goes."""
@@ -364,10 +360,13 @@ def main():
         started = time.monotonic()
         print(f"          {name} …", flush=True)
         try:
+            locked = not entry.quick or entry.tolerance
+            # The probe before the command: it fails early.
+            inputs = entry.inputs() if locked else None
             if not arguments.accept:
                 entry.regenerate()
-            if not entry.quick or entry.tolerance:
-                manifest.save(entry)
+            if locked:
+                manifest.save(entry, inputs)
             verdict = "accepted" if arguments.accept else "regenerated"
         except Stale as error:
             failed.append(name)
