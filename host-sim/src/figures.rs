@@ -459,9 +459,8 @@ pub fn maps(
     let columns = maps.len().clamp(1, 2);
     let panels = maps.iter().map(|(label, starts)| {
         let room = 75.0 / columns as f64;
-        let label_of = |end: End| format!("start that ends {}", end.label());
         let within = count_of(starts, End::Within);
-        starts_panel(starts, limits, room, goal_at, label_of)
+        starts_panel(starts, limits, room, goal_at, |end| end.label().to_owned())
             .title(label.clone())
             .caption(format!(
                 "{within} of {} {}",

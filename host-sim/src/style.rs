@@ -184,23 +184,15 @@ pub const TABLE: [Look; 11] = [
     TRUTH, ESTIMATE, REFERENCE, GOAL, FAILURE, OUTSIDE, FRAME, BODY, WHEELS, OTHERS, BAND,
 ];
 
-/// Line of the n-th of several series without a kind.
-pub const fn series(n: usize) -> Look {
-    look(
-        "series",
-        SERIES[n % SERIES.len()],
-        1.8,
-        DASHES[n % DASHES.len()],
-    )
+/// Line by two numbers: `color` by colour, `dash` by pattern.
+pub const fn series_by(color: usize, dash: usize) -> Look {
+    let colors = SERIES[color % SERIES.len()];
+    look("series", colors, 1.8, DASHES[dash % DASHES.len()])
 }
 
-/// Line by two numbers: `color` by colour, `dash` by pattern.
-pub const fn series_by(color: usize, dash: usize) -> Stroke {
-    Stroke {
-        color: SERIES[color % SERIES.len()].0,
-        width: 1.8,
-        dash: DASHES[dash % DASHES.len()],
-    }
+/// Line of the n-th of several series without a kind.
+pub const fn series(n: usize) -> Look {
+    series_by(n, n)
 }
 
 /// Colour of text and of lines that stand for all series.

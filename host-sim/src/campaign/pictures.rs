@@ -135,7 +135,7 @@ pub fn distributions(study: &Study, runs: &Columns) -> Figure {
         for (c, color) in colors.into_iter().enumerate() {
             for (d, line) in split(color, by_dash).into_iter().enumerate() {
                 // Without a second number the pattern differs too, for grayscale.
-                let stroke = series_by(c, if by_dash.is_empty() { c } else { d });
+                let stroke = series_by(c, if by_dash.is_empty() { c } else { d }).stroke;
                 for (panel, (_, name, factor)) in panels.iter_mut().zip(errors) {
                     let values = pick(runs.doubles(name), &line.rows);
                     let values = values.iter().map(|v| on_decades(factor * v.abs()));

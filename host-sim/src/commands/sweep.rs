@@ -28,7 +28,6 @@ use super::Context;
 use super::posture::CHI_SQUARE_99;
 use crate::cli::{SweepArgs, SweepModel};
 use crate::error::Error;
-use crate::figures::{self, SweepStart};
 use crate::kinematic_model::{
     self, Model, SUCCESS_DISTANCE_M, SUCCESS_HEADING_RAD, Trial, random_start,
 };
@@ -37,20 +36,17 @@ use crate::scenario::Scenario;
 use crate::shortest_path;
 use crate::simulation::{self, Outcome};
 use crate::statistics::{mean, percentile, sum};
-use crate::style::End;
 use crate::table::Table;
 use core_algos::control::regulator::Regulator;
 use serde::Serialize;
+
+mod picture;
 
 /// Speed below which the robot counts as at rest at the end, m/s.
 pub const REST_SPEED_M_S: f64 = 0.005;
 /// Curvature bounds that can be asked for, 1/m. Below, the robot's turning circle is larger than the
 /// field of starts; above, the frame bends further than it was modelled for.
 pub const KAPPA_RANGE: [f64; 2] = [0.5, 5.0];
-
-/// Paths the picture shows: of the first starts, and of failed ones.
-const SHOWN_PATHS: usize = 40;
-const SHOWN_FAILURES: usize = 10;
 
 /// Why a start counts as failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -144,13 +140,6 @@ impl Start {
             plans: trial.plans,
             planning_steps: trial.planning_ticks,
         }
-    }
-
-    /// The end that the picture shows: the tolerance without what the robot claims.
-    fn end(&self) -> End {
-        use Failure::{GaveUp, Moving, Time};
-        let at_rest = !matches!(self.failure, Some(Time | GaveUp | Moving));
-        End::of(at_rest, is_within(self))
     }
 
     fn of_plant(outcome: &Outcome, start: [f64; 3], goal: [f64; 3], kappa_max: f64) -> Self {
@@ -467,34 +456,7 @@ pub fn run(args: &SweepArgs) -> Result<(), Error> {
     let report = Report::of(&starts, &sweep, context.seed);
     let text = table(&report);
 
-    let goal = context.scenario.mission.goal;
-    let title = format!(
-        "Regulation from {} random starts, {}, curvature ≤ {:.2} 1/m",
-        report.starts,
-        match args.model {
-            SweepModel::Kinematic => "kinematic model",
-            SweepModel::Plant => "whole robot",
-        },
-        report.kappa_max,
-    );
-    let mut failed = 0;
-    let marks: Vec<SweepStart> = starts
-        .iter()
-        .zip(paths)
-        .enumerate()
-        .map(|(index, (start, path))| {
-            failed += usize::from(start.failure.is_some());
-            let more = start.failure.is_some() && failed <= SHOWN_FAILURES;
-            let shown = index < SHOWN_PATHS || more;
-            SweepStart {
-                posture: start.start,
-                value: start.time_s,
-                end: start.end(),
-                path: if shown { path } else { Vec::new() },
-            }
-        })
-        .collect();
-    let figure = figures::sweep(&title, "time to rest on the goal (s)", &marks, goal);
+    let figure = picture::figure(&starts, paths, &report, context.scenario.mission.goal);
     files.text("sweep.svg", figure.svg());
     files.bytes("sweep.png", figure.png());
     files.csv("starts.csv", csv(&starts));

@@ -20,6 +20,8 @@ const LEGEND_GAP: f64 = 18.0;
 const LEGEND_ROW: f64 = 18.0;
 /// Gap before a colour bar, and its width.
 const BAR: [f64; 2] = [12.0, 14.0];
+/// Half of the last number of a horizontal axis.
+const RIGHT: f64 = 22.0;
 /// Room below a panel without numbers there.
 const SLIM: f64 = 8.0;
 
@@ -131,13 +133,13 @@ impl<'a> Axes<'a> {
             layout.y2_tick_format = layout.y_tick_format.clone();
         }
         let mut computed = ComputedLayout::from_layout(&layout);
-        // Half of the last number of a logarithmic axis.
-        computed.margin_right = computed.margin_right.max(16.0);
+        // The same for all panels, so that stacked axes end in line.
+        computed.margin_right = RIGHT;
         if panel.hide_x {
             computed.margin_bottom = SLIM;
         }
         if panel.bar.is_some() {
-            computed.margin_right += BAR[0] + BAR[1];
+            computed.margin_right += BAR[0] + BAR[1] + computed.y2_axis_width;
             // The scale is another axis; the panel keeps its own right edge.
             layout.y2_range = None;
         }
