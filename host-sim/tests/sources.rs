@@ -27,7 +27,6 @@ const LONGER_FILES: &[(&str, usize)] = &[
     ("core-algos/src/node/axle.rs", 814),
     ("core-algos/src/node/lead.rs", 911),
     ("host-sim/src/cli.rs", 879),
-    ("host-sim/src/commands/sweep.rs", 614),
     ("host-sim/src/paths.rs", 1052),
     ("host-sim/src/sensors.rs", 972),
     ("host-sim/src/simulation.rs", 880),
