@@ -20,6 +20,8 @@ const LEGEND_GAP: f64 = 18.0;
 const LEGEND_ROW: f64 = 18.0;
 /// Gap before a colour bar, and its width.
 const BAR: [f64; 2] = [12.0, 14.0];
+/// Room for the numbers of a vertical axis.
+const LEAST_NUMBER: f64 = 44.0;
 /// Half of the last number of a horizontal axis.
 const RIGHT: f64 = 22.0;
 /// Room below a panel without numbers there.
@@ -133,6 +135,10 @@ impl<'a> Axes<'a> {
             layout.y2_tick_format = layout.y_tick_format.clone();
         }
         let mut computed = ComputedLayout::from_layout(&layout);
+        // The steps that `place` sets can have more digits than those that the library measured.
+        let wider = (LEAST_NUMBER - computed.y_tick_label_px).max(0.0);
+        computed.y_tick_label_px += wider;
+        computed.margin_left += wider;
         // The same for all panels, so that stacked axes end in line.
         computed.margin_right = RIGHT;
         if panel.hide_x {
