@@ -4,6 +4,7 @@
 
 use crate::plant::PlantConfig;
 use crate::plot::{Figure, Height, Panel, extent};
+use crate::simulation::Record;
 use crate::style::{
     BODY, ESTIMATE, End, FRAME, GOAL_MARK, Mark, OTHERS, REFERENCE, Rgb, Shape, Stroke, TRUTH,
     WHEELS, color_scale,
@@ -45,6 +46,18 @@ pub struct Snapshot {
     pub rear: [f64; 3],
     /// Points of the bent frame from the rear axle to the front axle.
     pub frame: Vec<[f64; 2]>,
+}
+
+impl Snapshot {
+    /// The robot of a record.
+    pub fn of(record: &Record) -> Self {
+        Self {
+            time_s: record.time_s,
+            front: record.axles[0],
+            rear: record.axles[1],
+            frame: record.frame.iter().map(|p| p.map(f64::from)).collect(),
+        }
+    }
 }
 
 /// Paths of many trials of one configuration, and one of them in full.

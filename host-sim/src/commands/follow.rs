@@ -261,14 +261,7 @@ pub fn publish(
     let (name, title) = names(manner);
     let (scenario, route, moments) = (&context.scenario, &course.route, &kept.moments);
     let mut files = context.output()?;
-    let variant = Variant {
-        rps: scenario.mission.rps,
-        imu: scenario.world.sensors.gyro.fitted,
-        mode: match scenario.mission.rps {
-            true => scenario.robot.lead.fusion.mode,
-            false => core_algos::fusion::tandem::Mode::Odometry,
-        },
-    };
+    let variant = Variant::of(scenario);
     let report = Report {
         seed: context.seed,
         path: course.name.clone(),
@@ -425,15 +418,7 @@ fn snapshots(records: &[Record]) -> Vec<Snapshot> {
             shown.push(record);
         }
     }
-    shown
-        .iter()
-        .map(|record| Snapshot {
-            time_s: record.time_s,
-            front: record.axles[0],
-            rear: record.axles[1],
-            frame: record.frame.iter().map(|p| p.map(f64::from)).collect(),
-        })
-        .collect()
+    shown.into_iter().map(Snapshot::of).collect()
 }
 
 /// Errors over time as a table.

@@ -133,7 +133,8 @@ impl FinalError {
     }
 }
 
-fn wrap(angle: f64) -> f64 {
+/// The angle less whole turns, from −π to π.
+pub(super) fn wrap(angle: f64) -> f64 {
     let turn = std::f64::consts::TAU;
     angle - turn * (angle / turn).round()
 }

@@ -25,7 +25,7 @@
 //! κ_max 1.5 1/m, 16 at 2.5, 10 at 3.3; at 0.5 1/m it took 2.6 s. The robot stands meanwhile.
 
 use super::Context;
-use super::posture::CHI_SQUARE_99;
+use super::posture::{CHI_SQUARE_99, wrap};
 use crate::cli::{SweepArgs, SweepModel};
 use crate::error::Error;
 use crate::kinematic_model::{
@@ -107,11 +107,6 @@ pub struct Start {
     pub plans: u32,
     /// Longest search, steps of the lead node.
     pub planning_steps: u32,
-}
-
-fn wrap(angle: f64) -> f64 {
-    let turn = std::f64::consts::TAU;
-    angle - turn * (angle / turn).round()
 }
 
 impl Start {

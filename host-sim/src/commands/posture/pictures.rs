@@ -183,17 +183,8 @@ fn snapshots(records: &[Record]) -> Vec<Snapshot> {
     let Some(last) = records.len().checked_sub(1) else {
         return Vec::new();
     };
-    (0..=4)
-        .map(|part| {
-            let record = &records[last * part / 4];
-            Snapshot {
-                time_s: record.time_s,
-                front: record.axles[0],
-                rear: record.axles[1],
-                frame: record.frame.iter().map(|p| p.map(f64::from)).collect(),
-            }
-        })
-        .collect()
+    let parts = (0..=4).map(|part| Snapshot::of(&records[last * part / 4]));
+    parts.collect()
 }
 
 fn trace(records: &[Record], goal: [f64; 3], posture: impl Fn(&Record) -> [f64; 3]) -> ErrorTrace {
