@@ -257,7 +257,8 @@ fn covariance_from(values: &Values) -> Mat3 {
     let sigma = [1, 2, 3].map(|i| exp(values[i]));
     let mut correlation = [values[4], values[5], values[6]];
     let mut m = [[0.0; 3]; 3];
-    // Rounded correlations near one can make the matrix indefinite: pull them toward zero.
+    // Rounded correlations near one can make the matrix indefinite: pull them toward zero. The
+    // scaled matrix is checked, because scaling rounds as well.
     for _ in 0..8 {
         let [xy, xp, yp] = correlation;
         let unit = [[1.0, xy, xp], [xy, 1.0, yp], [xp, yp, 1.0]];
@@ -266,7 +267,7 @@ fn covariance_from(values: &Values) -> Mat3 {
                 m[i][j] = unit[i][j] * (sigma[i] * sigma[j]);
             }
         }
-        if cholesky(&unit).is_some() {
+        if cholesky(&m).is_some() {
             return m;
         }
         correlation = correlation.map(|c| 0.97 * c);
