@@ -5,15 +5,12 @@
 //! reference governor would have it. No slip, no axles; the plant is [`crate::plant`].
 
 use crate::shortest_path;
-use core_algos::config::ConfigError;
-use core_algos::control::kinematic::LimitsConfig;
-use core_algos::control::regulator::{Config, Input, Phase, Regulator, State};
+use core_algos::control::regulator::{Input, Phase, Regulator, State};
 use core_algos::math::Posture;
 use core_algos::node::robot::RobotConfig;
 use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
-use rayon::prelude::*;
 
 /// Parameters of the model.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -324,29 +321,6 @@ pub fn regulate(
     }
 }
 
-/// The regulator and the model for a curvature bound (1/m): the steering bound is what eq. 5 makes
-/// of it.
-pub fn for_curvature(
-    config: Config,
-    model: Model,
-    kappa_max: f64,
-) -> Result<(Regulator, Model), ConfigError> {
-    let max_steering_rad = model.steering(kappa_max);
-    let config = Config {
-        limits: LimitsConfig {
-            max_steering_rad: max_steering_rad as f32,
-            frame_length_m: model.frame_length_m as f32,
-            ..config.limits
-        },
-        ..config
-    };
-    let model = Model {
-        max_steering_rad,
-        ..model
-    };
-    Ok((config.build()?, model))
-}
-
 /// Start `index` of a sweep: uniform in ±2 m and all headings, a function of `seed` and `index`
 /// alone.
 pub fn random_start(seed: u64, index: u64) -> [f64; 3] {
@@ -356,80 +330,4 @@ pub fn random_start(seed: u64, index: u64) -> [f64; 3] {
         random.random_range(-2.0..2.0),
         random.random_range(-std::f64::consts::PI..std::f64::consts::PI),
     ]
-}
-
-/// Posture regulation to the origin from `starts` random starts, in their order, whatever the
-/// number of threads.
-pub fn sweep(regulator: &Regulator, model: &Model, starts: u64, seed: u64) -> Vec<Trial> {
-    (0..starts)
-        .into_par_iter()
-        .map(|index| {
-            let start = random_start(seed, index);
-            regulate(regulator, model, start, [0.0; 3], seed, index, |_, _, _| {})
-        })
-        .collect()
-}
-
-/// Figures of a sweep.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
-pub struct Summary {
-    /// Trials.
-    pub starts: usize,
-    /// Trials at rest on the goal.
-    pub successes: usize,
-    /// Driven length over the shortest, summed over all starts.
-    pub length_ratio: f64,
-    /// Median time, s.
-    pub median_time_s: f64,
-    /// 95 % of the trials take at most this, s.
-    pub p95_time_s: f64,
-    /// 95 % end within this distance, m.
-    pub p95_distance_m: f64,
-    /// Greatest final distance, m.
-    pub max_distance_m: f64,
-    /// 95 % end within this heading error, rad.
-    pub p95_heading_rad: f64,
-    /// Greatest final heading error, rad.
-    pub max_heading_rad: f64,
-    /// Greatest |curvature| steered, 1/m.
-    pub max_curvature: f64,
-    /// Mean number of cusps.
-    pub mean_cusps: f64,
-    /// Trials that needed a renewed attempt.
-    pub renewed: usize,
-    /// Longest search, ticks.
-    pub max_planning_ticks: u32,
-}
-
-/// Figures of `trials`; of none, all are NaN or 0.
-pub fn summarise(trials: &[Trial]) -> Summary {
-    let quantile = |value: fn(&Trial) -> f64, q: f64| {
-        let mut values: Vec<f64> = trials.iter().map(value).collect();
-        values.sort_by(f64::total_cmp);
-        let last = values.len().saturating_sub(1);
-        values
-            .get((q * last as f64).round() as usize)
-            .copied()
-            .unwrap_or(f64::NAN)
-    };
-    let sum = |value: fn(&Trial) -> f64| trials.iter().map(value).sum::<f64>();
-    Summary {
-        starts: trials.len(),
-        successes: trials.iter().filter(|trial| trial.success).count(),
-        length_ratio: sum(|trial| trial.length_m) / sum(|trial| trial.shortest_m),
-        median_time_s: quantile(|trial| trial.time_s, 0.5),
-        p95_time_s: quantile(|trial| trial.time_s, 0.95),
-        p95_distance_m: quantile(|trial| trial.distance_m, 0.95),
-        max_distance_m: quantile(|trial| trial.distance_m, 1.0),
-        p95_heading_rad: quantile(|trial| trial.heading_rad.abs(), 0.95),
-        max_heading_rad: quantile(|trial| trial.heading_rad.abs(), 1.0),
-        max_curvature: quantile(|trial| trial.max_curvature, 1.0),
-        mean_cusps: sum(|trial| f64::from(trial.cusps)) / trials.len() as f64,
-        renewed: trials.iter().filter(|trial| trial.attempts > 0).count(),
-        max_planning_ticks: trials
-            .iter()
-            .map(|trial| trial.planning_ticks)
-            .max()
-            .unwrap_or(0),
-    }
 }

@@ -74,11 +74,6 @@ impl OutputDir {
         })
     }
 
-    /// The directory.
-    pub fn path(&self) -> &Path {
-        &self.path
-    }
-
     /// Adds a file; one of the same name that was added before is replaced.
     ///
     /// # Panics

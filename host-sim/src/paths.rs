@@ -631,21 +631,6 @@ impl Path {
         }
     }
 
-    /// The same path, moved and turned so that it starts at `(x, y)` (m) in direction `phi` (rad).
-    pub fn starting_at(mut self, x: f64, y: f64, phi: f64) -> Self {
-        let Some(&origin) = self.samples.first() else {
-            return self;
-        };
-        let (s, c) = (phi - origin.phi).sin_cos();
-        for at in self.samples.iter_mut().chain(&mut self.dense) {
-            let (dx, dy) = (at.x - origin.x, at.y - origin.y);
-            at.x = x + c * dx - s * dy;
-            at.y = y + s * dx + c * dy;
-            at.phi = wrapped(at.phi + phi - origin.phi);
-        }
-        self
-    }
-
     /// `laps` laps of a closed path as one open path; an open path as it is.
     pub fn unrolled(&self, laps: u32) -> Self {
         let mut path = self.clone();
@@ -708,19 +693,6 @@ impl Path {
             }
         }
         best
-    }
-
-    /// Distance (m) of a point from the path.
-    pub fn distance(&self, x: f64, y: f64) -> f64 {
-        self.samples
-            .windows(2)
-            .map(|pair| {
-                let (dx, dy) = (pair[1].x - pair[0].x, pair[1].y - pair[0].y);
-                let (px, py) = (x - pair[0].x, y - pair[0].y);
-                let u = ((dx * px + dy * py) / (dx * dx + dy * dy).max(1e-18)).clamp(0.0, 1.0);
-                (px - u * dx).hypot(py - u * dy)
-            })
-            .fold(f64::INFINITY, f64::min)
     }
 }
 
@@ -1060,6 +1032,19 @@ mod tests {
         self as onboard, PathBuffer, Progress, Tracker, TrajectoryBuffer,
     };
 
+    /// Distance (m) of a point from the path.
+    fn distance(path: &Path, x: f64, y: f64) -> f64 {
+        path.samples
+            .windows(2)
+            .map(|pair| {
+                let (dx, dy) = (pair[1].x - pair[0].x, pair[1].y - pair[0].y);
+                let (px, py) = (x - pair[0].x, y - pair[0].y);
+                let u = ((dx * px + dy * py) / (dx * dx + dy * dy).max(1e-18)).clamp(0.0, 1.0);
+                (px - u * dx).hypot(py - u * dy)
+            })
+            .fold(f64::INFINITY, f64::min)
+    }
+
     fn line_of(points: &[(f64, f64)]) -> Result<Path, PathError> {
         let points: Vec<Waypoint> = points.iter().map(|&p| p.into()).collect();
         Path::through(&points)
@@ -1128,7 +1113,7 @@ mod tests {
         let path = line_of(&points).unwrap();
         assert_consistent(&path);
         for (x, y) in points {
-            assert!(path.distance(x, y) < 2e-4);
+            assert!(distance(&path, x, y) < 2e-4);
         }
         let step = path.length() / (path.samples().len() - 1) as f64;
         for pair in path.samples().windows(2) {
@@ -1222,11 +1207,8 @@ mod tests {
     }
 
     #[test]
-    fn path_can_be_placed_and_unrolled() {
-        let circle = Path::circle(0.5).unwrap().starting_at(1.0, -2.0, 2.0);
-        let start = circle.samples()[0];
-        assert_eq!((start.x, start.y, start.phi), (1.0, -2.0, 2.0));
-        assert_consistent(&circle);
+    fn closed_path_is_unrolled() {
+        let circle = Path::circle(0.5).unwrap();
         let twice = circle.unrolled(2);
         assert!(!twice.is_closed());
         assert!((twice.length() - 2.0 * circle.length()).abs() < 1e-9);
@@ -1324,21 +1306,18 @@ mod tests {
     /// `settle` metres, and the robot at the end.
     fn follow(path: &Path, laps: u32, start: [f64; 3], settle: f32) -> (f64, f64, Robot) {
         let mut robot = Robot::new(start);
-        let config = onboard::Config {
-            laps,
-            ..onboard::Config::default()
-        };
-        let follower = config.build(&robot.cascade, &robot.law).unwrap();
+        let follower = onboard::Config::default()
+            .build(&robot.cascade, &robot.law)
+            .unwrap();
         let mut buffer = PathBuffer::<2048>::new();
-        for point in path.points() {
+        for point in path.unrolled(laps).points() {
             buffer.push(point).unwrap();
         }
-        if path.is_closed() {
-            buffer.close().unwrap();
-        } else {
-            buffer.finish();
-        }
-        let mut progress = Progress::default();
+        buffer.finish();
+        let mut progress = Progress {
+            started: true,
+            ..Progress::default()
+        };
         let (mut sum, mut worst, mut count) = (0.0, 0.0f64, 0);
         for _ in 0..20_000 {
             let (next, reference) = follower.step(&progress, &buffer, robot.posture()).unwrap();
@@ -1348,7 +1327,7 @@ mod tests {
             }
             robot.tick(follower.wish(robot.posture(), &reference));
             if progress.s > settle {
-                let gap = path.distance(robot.at[0], robot.at[1]);
+                let gap = distance(path, robot.at[0], robot.at[1]);
                 sum += gap * gap;
                 worst = worst.max(gap);
                 count += 1;

@@ -28,11 +28,6 @@ impl Progress {
     pub fn advance(&self) {
         self.0.inc(1);
     }
-
-    /// Number of pieces finished so far.
-    pub fn finished(&self) -> usize {
-        self.0.position() as usize
-    }
 }
 
 impl Drop for Progress {
@@ -54,7 +49,7 @@ mod tests {
                 scope.spawn(|| (0..25).for_each(|_| progress.advance()));
             }
         });
-        assert_eq!(progress.finished(), 100);
+        assert_eq!(progress.0.position(), 100);
         assert_eq!(progress.0.is_hidden(), !io::stderr().is_terminal());
     }
 }

@@ -333,7 +333,7 @@ mod tests {
         let data = data(&page);
         let run = &data["runs"][0];
         assert_eq!(run["title"], "a </script> b");
-        assert_eq!(run["summary"][0], json!(["world", "plain"]));
+        assert_eq!(run["summary"][0], json!(["world", "base"]));
         let times = run["t"].as_array().unwrap();
         // 50 a second, with the first and the last.
         assert!((500..=503).contains(&times.len()), "{}", times.len());

@@ -32,17 +32,6 @@ impl Path {
     pub fn length(&self) -> f64 {
         self.pieces.iter().map(|(_, length)| length.abs()).sum()
     }
-
-    /// Number of changes of direction.
-    pub fn cusps(&self) -> usize {
-        let driven: Vec<f64> = self
-            .pieces
-            .iter()
-            .map(|(_, length)| *length)
-            .filter(|length| length.abs() > 1e-9)
-            .collect();
-        driven.windows(2).filter(|w| w[0] * w[1] < 0.0).count()
-    }
 }
 
 /// Angle in [−π, π].

@@ -447,7 +447,7 @@ mod tests {
             ..Window::default()
         };
         Report {
-            world: "plain".to_owned(),
+            world: "ordinary".to_owned(),
             ticks: 1000,
             seed: 1,
             windows: vec![window; 5],

@@ -1,6 +1,5 @@
 //! What the boards of a run did, bit by bit, and where two runs part.
 
-use crate::supervision::Status;
 use core_algos::bus::{Frame, layout};
 use core_algos::node::board::Role;
 use core_algos::node::{EPOCH, TICK, lead};
@@ -57,12 +56,6 @@ impl Trace {
     /// The lead node's latest output at the end of the next epoch.
     pub fn lead(&mut self, output: &lead::Output) {
         self.leads.push(*output);
-    }
-
-    /// What the nodes said of themselves in their heartbeats.
-    pub fn statuses(&self) -> impl Iterator<Item = Status> {
-        let frames = self.frames.iter();
-        frames.filter_map(|(tick, frame)| Status::of(*tick, frame))
     }
 
     /// The frames on the bus, in the order of sending.

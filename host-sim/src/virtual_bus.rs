@@ -1,7 +1,7 @@
 //! Virtual bus: every message goes through its bytes, arrives late and may be lost.
 
 use core_algos::bus::layout::{self, Node};
-use core_algos::bus::{self, EncodeError, Frame, Message};
+use core_algos::bus::{self, Frame, Message};
 use core_algos::node::Micros;
 use core_algos::node::board::Role;
 use rand::RngExt;
@@ -82,7 +82,6 @@ pub struct VirtualBus {
     rng: Pcg64,
     transit: VecDeque<Transit>,
     statistics: BusStatistics,
-    last_error: Option<EncodeError>,
     severed: bool,
     disturbance: Option<Disturbance>,
     parted: Option<Role>,
@@ -98,7 +97,6 @@ impl VirtualBus {
             rng: Pcg64::seed_from_u64(seed),
             transit: VecDeque::with_capacity(64),
             statistics: BusStatistics::default(),
-            last_error: None,
             severed: false,
             disturbance: None,
             parted: None,
@@ -111,10 +109,9 @@ impl VirtualBus {
         match bus::encode(message) {
             Ok(frame) if self.quantise => self.send_frame(now, &frame),
             Ok(frame) => self.transmit(now, &frame, *message),
-            Err(error) => {
+            Err(_) => {
                 self.statistics.sent += 1;
                 self.statistics.refused += 1;
-                self.last_error = Some(error);
                 None
             }
         }
@@ -247,11 +244,6 @@ impl VirtualBus {
     /// What was counted so far.
     pub fn statistics(&self) -> BusStatistics {
         self.statistics
-    }
-
-    /// The last message that could not be encoded, if any.
-    pub fn last_error(&self) -> Option<EncodeError> {
-        self.last_error
     }
 }
 
@@ -446,6 +438,5 @@ mod tests {
             },
         );
         assert_eq!(bus.statistics().refused, 1);
-        assert!(bus.last_error().is_some());
     }
 }

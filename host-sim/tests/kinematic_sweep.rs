@@ -1,25 +1,67 @@
 //! Posture regulation from random starts on the kinematic model.
 
-use core_algos::control::regulator::{Config, Strategy};
-use host_sim::kinematic_model::{Model, for_curvature, regulate, summarise, sweep};
+use core_algos::config::ConfigError;
+use core_algos::control::kinematic::LimitsConfig;
+use core_algos::control::regulator::{Config, Regulator, Strategy};
+use host_sim::kinematic_model::{Model, Trial, random_start, regulate};
+use rayon::prelude::*;
 
 const STARTS: u64 = 200;
+
+/// The regulator and the model for a curvature bound (1/m): the steering bound is what eq. 5 makes
+/// of it.
+fn for_curvature(
+    config: Config,
+    model: Model,
+    kappa_max: f64,
+) -> Result<(Regulator, Model), ConfigError> {
+    let max_steering_rad = model.steering(kappa_max);
+    let config = Config {
+        limits: LimitsConfig {
+            max_steering_rad: max_steering_rad as f32,
+            frame_length_m: model.frame_length_m as f32,
+            ..config.limits
+        },
+        ..config
+    };
+    let model = Model {
+        max_steering_rad,
+        ..model
+    };
+    Ok((config.build()?, model))
+}
+
+/// Posture regulation to the origin from `starts` random starts, in their order, whatever the
+/// number of threads.
+fn sweep(regulator: &Regulator, model: &Model, starts: u64, seed: u64) -> Vec<Trial> {
+    (0..starts)
+        .into_par_iter()
+        .map(|index| {
+            let start = random_start(seed, index);
+            regulate(regulator, model, start, [0.0; 3], seed, index, |_, _, _| {})
+        })
+        .collect()
+}
+
+fn largest(trials: &[Trial], value: fn(&Trial) -> f64) -> f64 {
+    trials.iter().map(value).fold(0.0, f64::max)
+}
 
 #[test]
 fn every_start_is_regulated_within_the_curvature_bound() {
     for kappa_max in [1.5, 2.5, 3.3] {
         let (regulator, model) =
             for_curvature(Config::default(), Model::default(), kappa_max).unwrap();
-        let summary = summarise(&sweep(&regulator, &model, STARTS, 7));
-        assert_eq!(summary.successes, summary.starts, "{summary:?}");
-        assert!(
-            summary.max_curvature <= kappa_max * (1.0 + 1e-6),
-            "{summary:?}"
-        );
+        let trials = sweep(&regulator, &model, STARTS, 7);
+        assert!(trials.iter().all(|trial| trial.success), "{kappa_max}");
+        assert!(largest(&trials, |trial| trial.max_curvature) <= kappa_max * (1.0 + 1e-6));
+        let sum = |value: fn(&Trial) -> f64| trials.iter().map(value).sum::<f64>();
+        let ratio = sum(|trial| trial.length_m) / sum(|trial| trial.shortest_m);
         // Not below 1 by more than what a goal reached within millimetres saves.
-        assert!((0.99..1.1).contains(&summary.length_ratio), "{summary:?}");
-        assert!(summary.p95_distance_m < 3e-3, "{summary:?}");
-        assert!(summary.max_planning_ticks <= 60, "{summary:?}");
+        assert!((0.99..1.1).contains(&ratio), "{kappa_max}: {ratio}");
+        let far = trials.iter().filter(|trial| trial.distance_m >= 3e-3);
+        assert!(far.count() as u64 <= STARTS / 20, "{kappa_max}");
+        assert!(largest(&trials, |trial| trial.planning_ticks.into()) <= 60.0);
     }
 }
 
@@ -33,8 +75,8 @@ fn a_wandering_estimate_and_a_wrong_curvature_are_survived() {
         ..Model::default()
     };
     let (regulator, model) = for_curvature(Config::default(), disturbed, 3.0).unwrap();
-    let summary = summarise(&sweep(&regulator, &model, STARTS, 8));
-    assert!(summary.starts - summary.successes <= 1, "{summary:?}");
+    let trials = sweep(&regulator, &model, STARTS, 8);
+    assert!(trials.iter().filter(|trial| !trial.success).count() <= 1);
 }
 
 #[test]

@@ -8,7 +8,7 @@ use syn::spanned::Spanned;
 use syn::visit::{self, Visit};
 
 /// Largest number of lines of all Rust files.
-const TOTAL: usize = 132_023;
+const TOTAL: usize = 131_515;
 /// Largest number of lines of a file, test modules excluded.
 const FILE: usize = 600;
 /// Largest number of lines of a function.
@@ -17,17 +17,17 @@ const FUNCTION: usize = 80;
 /// Longer files with their lines. Entries may only shrink and disappear.
 const LONGER_FILES: &[(&str, usize)] = &[
     ("core-algos/src/beam/elastica.rs", 989),
-    ("core-algos/src/control/path.rs", 991),
-    ("core-algos/src/control/planner.rs", 628),
-    ("core-algos/src/control/regulator.rs", 807),
+    ("core-algos/src/control/path.rs", 900),
+    ("core-algos/src/control/planner.rs", 621),
+    ("core-algos/src/control/regulator.rs", 802),
     ("core-algos/src/fusion/ekf/factors.rs", 722),
     ("core-algos/src/fusion/ekf/mod.rs", 698),
     ("core-algos/src/fusion/joint.rs", 758),
     ("core-algos/src/fusion/tandem.rs", 795),
-    ("core-algos/src/node/axle.rs", 814),
+    ("core-algos/src/node/axle.rs", 804),
     ("core-algos/src/node/lead.rs", 911),
     ("host-sim/src/cli.rs", 879),
-    ("host-sim/src/paths.rs", 1052),
+    ("host-sim/src/paths.rs", 1024),
     ("host-sim/src/sensors.rs", 972),
     ("host-sim/src/simulation.rs", 880),
     ("plant/src/integrator.rs", 819),

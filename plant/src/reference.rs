@@ -65,11 +65,6 @@ impl Reference {
         [[y[0], y[1], y[2]], [y[3], y[4], y[5]]]
     }
 
-    /// Wheel speeds, front left, front right, rear left, rear right, rad/s.
-    pub fn wheel_speeds(&self) -> [f64; 4] {
-        [self.y[12], self.y[13], self.y[14], self.y[15]]
-    }
-
     /// Angle of a clamp (0 front, 1 rear) and from the axle's midpoint to the strip, global.
     fn clamp(&self, y: &Coordinates, i: usize) -> (f64, [f64; 2]) {
         let c = &self.config;

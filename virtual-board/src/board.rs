@@ -66,11 +66,6 @@ impl Board {
         self.powered = on;
     }
 
-    /// Whether it has power.
-    pub fn is_powered(&self) -> bool {
-        self.powered
-    }
-
     /// Pulls the reset pin low for a moment.
     pub fn reset(&mut self) {
         if self.powered {
@@ -101,11 +96,6 @@ impl Board {
     /// Resets since power came on first, but that one.
     pub fn resets(&self) -> &[Reset] {
         &self.resets
-    }
-
-    /// Whether the core has locked up.
-    pub fn is_locked_up(&self) -> bool {
-        self.locked
     }
 
     /// A debugger stops it at the instruction that it has come to: [`Self::run_until`] does nothing

@@ -76,6 +76,7 @@ pub struct Config {
     /// Strip and gauges.
     pub strip: strip::Config,
     /// Time between two estimates, s.
+    #[cfg_attr(feature = "serde", serde(skip))]
     pub period_s: f32,
     /// How strains become a posture.
     pub method: Method,
@@ -348,11 +349,6 @@ impl RelativePositionSensor {
     /// The strip.
     pub fn strip(&self) -> &Strip {
         self.posture.strip()
-    }
-
-    /// The solver behind it, for strains that come from elsewhere.
-    pub fn posture_solver(&self) -> &PostureSolver {
-        &self.posture
     }
 
     /// The calibration in use.

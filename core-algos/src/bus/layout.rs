@@ -474,11 +474,6 @@ pub fn find(id: u16) -> Option<&'static Layout> {
     MESSAGES.iter().find(|layout| layout.id == id)
 }
 
-/// Period of a message, ms; 0 for one that is sent on request or is unknown.
-pub fn period_ms(id: u16) -> u16 {
-    find(id).map_or(0, |layout| layout.period_ms)
-}
-
 /// Age at which a message no longer counts, s; 0 for one that does not age or is unknown.
 pub fn timeout_s(id: u16) -> f32 {
     find(id).map_or(0.0, |layout| f32::from(layout.timeout_ms) / 1000.0)
@@ -548,7 +543,6 @@ mod tests {
         ] {
             assert_eq!(timeout_s(id), 0.06);
         }
-        assert_eq!((period_ms(id::BOARD_HEALTH), period_ms(0x7ff)), (100, 0));
     }
 
     #[test]

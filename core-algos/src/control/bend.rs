@@ -75,11 +75,6 @@ impl Arc {
         2.0 * self.half_length
     }
 
-    /// a, m.
-    pub fn rigid_end(&self) -> f32 {
-        self.rigid_end
-    }
-
     #[inline(always)]
     fn half(&self, psi: f32) -> Half {
         let square = psi * psi;

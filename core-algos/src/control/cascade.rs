@@ -142,16 +142,6 @@ pub struct Cascade {
 }
 
 impl Cascade {
-    /// Length of the flexible part (L), m.
-    pub fn frame_length(&self) -> f32 {
-        self.arc.length()
-    }
-
-    /// Length of the rigid section at each end, m.
-    pub fn rigid_end(&self) -> f32 {
-        self.arc.rigid_end()
-    }
-
     /// Largest steering angle, rad.
     pub fn max_steering(&self) -> f32 {
         self.max_steering
@@ -180,11 +170,6 @@ impl Cascade {
     #[inline(always)]
     pub(super) fn bent(&self, psi: f32) -> Bend {
         self.arc.bent(self.limited(psi))
-    }
-
-    /// Distance between the axle midpoints at steering angle `psi` (rad), m.
-    pub fn chord(&self, psi: f32) -> f32 {
-        2.0 * self.bent(psi).half
     }
 
     /// Path curvature of O at steering angle `psi` (rad), 1/m (paper eq. 5).

@@ -1,7 +1,6 @@
 //! The region from which the approach law never saturates.
 //!
-//! With κ = (2 sin α + p η)/e ([`super::kinematic::Law::approach_curvature`]) and κ_d the
-//! curvature to be used, the funnel is
+//! With κ = (2 sin α + p η)/e and κ_d the curvature to be used, the funnel is
 //!
 //! F = { 2|sin α| + w|η| ≤ κ_d e, and |α| (+ |η| where αη < 0) ≤ 2.4 rad }, w = p = 3.
 //!
@@ -46,15 +45,11 @@ pub fn contains(error: PolarError, curvature: f32) -> bool {
     needed_curvature(error) <= curvature && bearing_allowed(error.alpha, error.arrival())
 }
 
-/// Length (m) of the approach path from `error` in the funnel, estimated as that of an arc that
+/// Length (m) of the approach path from distance `e` in the funnel, estimated as that of an arc that
 /// starts at the angle `a` off its chord: `e a / sin a`, a² = α² − 6/5 αη + 18/35 η². Exact for
 /// η = 0, where the path is that arc, and to second order in (α, η) elsewhere: with dτ = ds/e, the
 /// linearised law gives α = (α₀ − 3/2 η₀) exp(−τ) + 3/2 η₀ exp(−3τ), and the length is
-/// `e (1 + ½ ∫ α² exp(−τ) dτ)`. `error` as seen along the driving direction.
-pub fn approach_length(error: PolarError) -> f32 {
-    arc_length(error.distance_m, error.alpha, error.arrival())
-}
-
+/// `e (1 + ½ ∫ α² exp(−τ) dτ)`. Angles as seen along the driving direction.
 fn arc_length(e: f32, alpha: f32, eta: f32) -> f32 {
     // The form is positive definite; beyond 2.6 rad the estimate would grow without bound.
     let a2 = alpha * alpha - 1.2 * alpha * eta + (18.0 / 35.0) * eta * eta;
@@ -73,7 +68,7 @@ pub(super) struct Candidate {
 }
 
 impl Candidate {
-    /// [`approach_length`] forward and in reverse, as far as `wanted`; `None` where the candidate is
+    /// Length of the approach path forward and in reverse, as far as `wanted`; `None` where the candidate is
     /// outside the funnel of `curvature` or within `margin` (rad) of its bound `κ_d e`.
     pub fn lengths(&self, curvature: f32, margin: f32, wanted: [bool; 2]) -> [Option<f32>; 2] {
         let reach = curvature * self.distance_m - margin - 2.0 * self.sin_alpha.abs();
@@ -114,6 +109,10 @@ mod tests {
         }
         .build()
         .unwrap()
+    }
+
+    fn approach_length(error: PolarError) -> f32 {
+        arc_length(error.distance_m, error.alpha, error.arrival())
     }
 
     properties! { cases 400;

@@ -346,11 +346,6 @@ impl Governor {
         1.05 * steepest
     }
 
-    /// Largest |ψ̇| the governor will ask for, rad/s.
-    pub fn max_steering_rate(&self) -> f32 {
-        self.max_steering_rate
-    }
-
     /// The configuration it was built from.
     pub fn config(&self) -> &Config {
         &self.config

@@ -80,14 +80,6 @@ impl Direction {
             Self::Reverse => -1.0,
         }
     }
-
-    /// The other direction.
-    pub const fn opposite(self) -> Self {
-        match self {
-            Self::Forward => Self::Reverse,
-            Self::Reverse => Self::Forward,
-        }
-    }
 }
 
 /// Position error in polar coordinates, as the robot's midpoint O sees its reference R.
@@ -251,18 +243,6 @@ pub struct Reference {
     pub v: f32,
     /// Curvature of its path, 1/m (κ_r).
     pub kappa: f32,
-}
-
-impl Reference {
-    /// The reference `distance` metres further along its path (backwards where it backs). Leading
-    /// it by [`Law::rest_distance`] lets O run on the reference instead of trailing it.
-    pub fn led_by(self, distance: f32) -> Self {
-        let ds = if self.v < 0.0 { -distance } else { distance };
-        Self {
-            posture: self.posture.advance(ds, ds * self.kappa),
-            ..self
-        }
-    }
 }
 
 /// Gains of the kinematic controller.
@@ -455,7 +435,8 @@ impl Law {
     /// in reverse, pass the reversed error and negate the result.
     ///
     /// Near the goal, where bearings lose meaning, `e/(e² + σ²)` stands for `1/e`.
-    pub fn approach_curvature(&self, error: PolarError) -> f32 {
+    #[cfg(test)]
+    pub(crate) fn approach_curvature(&self, error: PolarError) -> f32 {
         self.arc_curvature(error, sin(error.alpha))
     }
 
@@ -773,12 +754,13 @@ mod tests {
             for kappa_r in [0.0f32, 1.0, -0.5] {
                 let (mut q, mut r) = ([-0.3f64 * f64::from(v_r.signum()), 0.15, 0.2], [0.0f64; 3]);
                 for _ in 0..6000 {
-                    let reference = Reference {
-                        posture: r.map(|c| c as f32).into(),
+                    // Led by the distance at which O trails its reference.
+                    let ahead = law.rest_distance().copysign(v_r);
+                    let led = Reference {
+                        posture: Posture::from(r.map(|c| c as f32)).advance(ahead, ahead * kappa_r),
                         v: v_r,
                         kappa: kappa_r,
                     };
-                    let led = reference.led_by(law.rest_distance());
                     let command = limits.limit(law.track(Posture::from(q.map(|c| c as f32)), led));
                     q = drive(q, command.v.into(), command.phi_dot.into(), 5e-3);
                     r = drive(r, v_r.into(), f64::from(v_r * kappa_r), 5e-3);

@@ -53,8 +53,6 @@ const SLOW_M_S: f32 = 0.03;
 /// a path begins or ceases to grow. It costs some tenths of a millimetre across the path, waiting
 /// several millimetres along a trajectory.
 const STEERING_SLACK_RAD: f32 = 0.03;
-/// How far apart the ends of a closed path may lie, m.
-pub const CLOSURE_M: f32 = 2e-3;
 /// The lead is not raised beyond this share of `1/√(1 − r²κ²)`'s singularity.
 const MAX_BEND_SQUARED: f32 = 0.9;
 
@@ -103,8 +101,6 @@ pub enum PathError {
     NotAdvancing,
     /// The path has already been ended.
     Ended,
-    /// The ends of a path that is to be closed lie too far apart, or it has fewer than 3 points.
-    NotClosed,
 }
 
 impl fmt::Display for PathError {
@@ -114,7 +110,6 @@ impl fmt::Display for PathError {
             Self::NotFinite => "a component of the point is not a finite number",
             Self::NotAdvancing => "the point does not lie after the one before it",
             Self::Ended => "the path has already been ended",
-            Self::NotClosed => "the ends of the closed path do not meet",
         })
     }
 }
@@ -246,23 +241,12 @@ fn between(a: PathPoint, b: PathPoint, s: f32) -> PathSample {
     }
 }
 
-/// Whether and how a path ends.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-enum End {
-    /// More points may come; the robot stops at the last one it knows.
-    #[default]
-    Open,
-    /// The last point is the end of the path.
-    Ended,
-    /// The last point is the first one again.
-    Closed,
-}
-
 /// A path of at most `N` points, filled while it is driven.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PathBuffer<const N: usize> {
     ring: Ring<PathPoint, N>,
-    end: End,
+    /// No more points will come; otherwise the robot stops at the last one it knows.
+    complete: bool,
 }
 
 impl<const N: usize> Default for PathBuffer<N> {
@@ -276,7 +260,7 @@ impl<const N: usize> PathBuffer<N> {
     pub const fn new() -> Self {
         Self {
             ring: Ring::new(PathPoint::START),
-            end: End::Open,
+            complete: false,
         }
     }
 
@@ -297,7 +281,7 @@ impl<const N: usize> PathBuffer<N> {
 
     /// Appends a point; arc length must grow.
     pub fn push(&mut self, point: PathPoint) -> Result<(), PathError> {
-        if self.end != End::Open {
+        if self.complete {
             return Err(PathError::Ended);
         }
         if !(point.posture.is_finite() && point.kappa.is_finite() && point.s.is_finite()) {
@@ -317,39 +301,12 @@ impl<const N: usize> PathBuffer<N> {
 
     /// Declares the last point the end of the path.
     pub fn finish(&mut self) {
-        if self.end == End::Open {
-            self.end = End::Ended;
-        }
-    }
-
-    /// Declares the path a loop whose last point is its first one again. All of a loop must fit
-    /// the buffer, and points are no longer discarded.
-    pub fn close(&mut self) -> Result<(), PathError> {
-        if self.end != End::Open {
-            return Err(PathError::Ended);
-        }
-        let (Some(first), Some(last)) = (self.ring.get(0), self.ring.last()) else {
-            return Err(PathError::NotClosed);
-        };
-        let turn = wrap_angle(last.posture.phi - first.posture.phi).abs();
-        if self.ring.count < 3
-            || !(last.posture.distance(first.posture) <= CLOSURE_M)
-            || !(turn <= 0.01)
-        {
-            return Err(PathError::NotClosed);
-        }
-        self.end = End::Closed;
-        Ok(())
-    }
-
-    /// Whether the path is a loop.
-    pub fn is_closed(&self) -> bool {
-        self.end == End::Closed
+        self.complete = true;
     }
 
     /// Whether no more points will come.
     pub fn is_complete(&self) -> bool {
-        self.end != End::Open
+        self.complete
     }
 
     /// Arc length of the first point held, m; 0 if there is none.
@@ -362,41 +319,21 @@ impl<const N: usize> PathBuffer<N> {
         self.ring.last().map_or(0.0, |point| point.s)
     }
 
-    /// Length between the first and the last point, m: of a loop, one lap.
+    /// Length between the first and the last point, m.
     pub fn length(&self) -> f32 {
         self.end() - self.start()
     }
 
     /// Drops the points that lie wholly before arc length `s` (m): the segment around `s` stays.
     pub fn discard_before(&mut self, s: f32) {
-        if self.end == End::Closed {
-            return;
-        }
         while self.ring.count > 2 && self.ring.get(1).is_some_and(|second| second.s <= s) {
             self.ring.drop_first();
         }
     }
 
-    /// `s` brought onto the first lap of a loop; unchanged on an open path.
-    fn on_first_lap(&self, s: f32) -> f32 {
-        let length = self.length();
-        if self.end != End::Closed || !(length > 0.0) {
-            return s;
-        }
-        let start = self.start();
-        let within = (s - start) % length;
-        start
-            + if within < 0.0 {
-                within + length
-            } else {
-                within
-            }
-    }
-
-    /// The path at arc length `s` (m). On a loop any `s` lies on some lap; an open path goes on
-    /// beyond its ends on the circle of the end point. `None` if there is no point.
+    /// The path at arc length `s` (m); it goes on beyond its ends on the circle of the end point.
+    /// `None` if there is no point.
     pub fn at(&self, s: f32) -> Option<PathSample> {
-        let s = self.on_first_lap(s);
         match self.ring.segment(s, |point| point.s) {
             Some(i) => Some(between(self.ring.get(i)?, self.ring.get(i + 1)?, s)),
             None => {
@@ -406,25 +343,10 @@ impl<const N: usize> PathBuffer<N> {
         }
     }
 
-    /// Segment at index `i` counted from the one around `s`, with the arc length of both points on
-    /// the lap of `s`. `None` past the end of an open path and after one lap of a loop.
+    /// Segment at index `i` counted from the one around `s`; `None` past the end.
     fn segment_from(&self, s: f32, i: usize) -> Option<(PathPoint, PathPoint)> {
-        let base = self.on_first_lap(s);
-        let first = self.ring.segment(base, |point| point.s)?;
-        let segments = self.ring.count.checked_sub(1)?;
-        let mut index = first + i;
-        let mut shift = s - base;
-        if index >= segments {
-            if self.end != End::Closed || i >= segments {
-                return None;
-            }
-            index -= segments;
-            shift += self.length();
-        }
-        let (mut a, mut b) = (self.ring.get(index)?, self.ring.get(index + 1)?);
-        a.s += shift;
-        b.s += shift;
-        Some((a, b))
+        let index = self.ring.segment(s, |point| point.s)? + i;
+        Some((self.ring.get(index)?, self.ring.get(index + 1)?))
     }
 }
 
@@ -452,8 +374,6 @@ pub struct Config {
     pub search_window_m: f32,
     /// Remaining distance at which the end counts as reached, m.
     pub end_tolerance_m: f32,
-    /// Laps of a closed path; 0 for no end.
-    pub laps: u32,
 }
 
 impl Default for Config {
@@ -468,7 +388,6 @@ impl Default for Config {
             reaction_time_s: 0.2,
             search_window_m: 0.1,
             end_tolerance_m: 0.002,
-            laps: 1,
         }
     }
 }
@@ -584,7 +503,7 @@ impl Steering {
 /// Progress along a path.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Progress {
-    /// Arc length of the point of the path nearest to O, m; over all laps. It never falls.
+    /// Arc length of the point of the path nearest to O, m. It never falls.
     pub s: f32,
     /// Whether the robot has been found on the path.
     pub started: bool,
@@ -610,7 +529,7 @@ pub struct PathReference {
     pub psi_rate: f32,
     /// Distance of O to the left of the path, m.
     pub lateral_error_m: f32,
-    /// Distance along the path to its end, or to the last point known, m; infinite without end.
+    /// Distance along the path to its end, or to the last point known, m.
     pub remaining_m: f32,
 }
 
@@ -646,15 +565,6 @@ impl Follower {
             .wish(&center.into(), reference.reference, reference.kappa, rates)
     }
 
-    /// Where the path ends, m; infinite for a loop without end.
-    fn end_of<const N: usize>(&self, path: &PathBuffer<N>) -> f32 {
-        match (path.is_closed(), self.config.laps) {
-            (false, _) => path.end(),
-            (true, 0) => f32::INFINITY,
-            (true, laps) => path.start() + laps as f32 * path.length(),
-        }
-    }
-
     /// Progress of `center` (the posture of O) along the path: at first the nearest point of all,
     /// then the nearest at or ahead of the last one within the search window.
     fn progress<const N: usize>(
@@ -683,7 +593,7 @@ impl Follower {
             }
         }
         Progress {
-            s: s.max(from).min(self.end_of(path)),
+            s: s.max(from).min(path.end()),
             started: true,
             finished: last.finished,
         }
@@ -756,7 +666,7 @@ impl Follower {
             return None;
         }
         let mut progress = self.progress(last, path, center);
-        let end = self.end_of(path);
+        let end = path.end();
         let remaining_m = (end - progress.s).max(0.0);
         progress.finished |= path.is_complete() && remaining_m <= self.config.end_tolerance_m;
         if progress.finished {
@@ -767,7 +677,6 @@ impl Follower {
 
         let lateral_error_m = center.relative_to(here.posture).y;
         let ahead = progress.s + self.lead.distance(here.kappa, lateral_error_m);
-        // A loop goes on behind its end: the last lap leads into the next.
         let led = path.at(ahead)?;
         let (v, v_rate) = if progress.finished {
             (0.0, 0.0)
@@ -1072,15 +981,6 @@ mod tests {
             prop_assert!((sample.kappa_slope - slope as f32).abs() < 1e-2);
         }
 
-        #[test]
-        fn loop_repeats_every_lap(s in 0.0f32..3.1, lap in -3i32..4) {
-            let mut path = circle();
-            path.close().unwrap();
-            let first = path.at(s).unwrap().posture;
-            let later = path.at(s + lap as f32 * path.length()).unwrap().posture;
-            prop_assert!(first.distance(later) < 1e-5);
-        }
-
         /// The chord at which law (4) stands still behind a reference on a circle of the path: its
         /// manifold error, evaluated by the law itself, vanishes.
         #[test]
@@ -1102,7 +1002,7 @@ mod tests {
             x in prop::num::f32::ANY, y in prop::num::f32::ANY, phi in prop::num::f32::ANY,
         ) {
             let mut path = circle();
-            path.close().unwrap();
+            path.finish();
             let follower = follower(Config::default());
             let center = Posture::new(x, y, phi);
             match follower.step(&Progress::default(), &path, center) {
@@ -1189,13 +1089,6 @@ mod tests {
     }
 
     #[test]
-    fn a_path_that_does_not_meet_itself_is_not_closed() {
-        assert_eq!(straight::<16>(16, 0.02).close(), Err(PathError::NotClosed));
-        assert_eq!(PathBuffer::<4>::new().close(), Err(PathError::NotClosed));
-        assert!(circle().close().is_ok());
-    }
-
-    #[test]
     fn open_path_goes_on_beyond_its_ends() {
         let path = straight::<16>(11, 0.02);
         assert!((path.at(0.3).unwrap().posture.x - 0.3).abs() < 1e-6);
@@ -1226,47 +1119,6 @@ mod tests {
         assert!((step(0.60, 0.0).0 - 0.75).abs() < 1e-5, "not back");
         // Further than the window: the robot cannot have gone there in a step.
         assert!(step(1.9, 0.0).0 < 0.75 + 0.1 + 0.021);
-    }
-
-    #[test]
-    fn laps_are_counted_and_the_crossing_keeps_its_branch() {
-        let mut path = circle();
-        path.close().unwrap();
-        let follower = follower(Config {
-            laps: 2,
-            ..Config::default()
-        });
-        let mut progress = Progress::default();
-        let length = path.length();
-        let mut last = 0.0;
-        for i in 0..1000 {
-            let s = i as f32 * 0.01;
-            if s > 2.0 * length {
-                break;
-            }
-            let center = path.at(s).unwrap().posture;
-            let (next, out) = follower.step(&progress, &path, center).unwrap();
-            assert!((next.s - s).abs() < 2e-3, "{} {s}", next.s);
-            assert!((out.remaining_m - (2.0 * length - s)).abs() < 2e-3);
-            assert_eq!(next.finished, out.remaining_m <= 0.002);
-            progress = next;
-            last = out.reference.v;
-        }
-        assert!(last < 0.05, "slows down at the end of the last lap");
-        // The end stays the end.
-        let past = path.at(0.05).unwrap().posture;
-        let (end, out) = follower
-            .step(
-                &Progress {
-                    s: 2.0 * length,
-                    started: true,
-                    finished: true,
-                },
-                &path,
-                past,
-            )
-            .unwrap();
-        assert!(end.finished && out.reference.v == 0.0);
     }
 
     #[test]

@@ -242,13 +242,6 @@ pub struct Search {
     evaluated: u32,
 }
 
-impl Search {
-    /// Candidate postures looked at so far.
-    pub fn evaluated(&self) -> u32 {
-        self.evaluated
-    }
-}
-
 /// The planner, ready to run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Planner {
@@ -638,7 +631,7 @@ mod tests {
         for _ in 0..1_000_000 / budget {
             match planner.step(&mut search, budget) {
                 Progress::Working => {}
-                done => return (done, search.evaluated()),
+                done => return (done, search.evaluated),
             }
         }
         panic!("no end after a million candidates");

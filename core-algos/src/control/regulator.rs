@@ -327,11 +327,6 @@ impl State {
         self.attempts
     }
 
-    /// The plan being driven.
-    pub fn plan(&self) -> &Plan {
-        &self.plan
-    }
-
     fn enter(&mut self, phase: Phase) {
         self.phase = phase;
         self.final_curvature = None;

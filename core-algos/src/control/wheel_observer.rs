@@ -168,11 +168,6 @@ impl WheelObserver {
     pub fn angle(&self, state: &State) -> f32 {
         wrap_angle((state.within_turn as f32 + state.remainder) * self.radians_per_count)
     }
-
-    /// One encoder count, rad.
-    pub fn resolution(&self) -> f32 {
-        self.radians_per_count
-    }
 }
 
 #[cfg(test)]
@@ -214,7 +209,7 @@ mod tests {
                 assert!((f64::from(state.speed_rad_s) - speed).abs() < quantum);
                 let exact = wrap_angle((speed * i as f64 * DT) as f32);
                 let gap = wrap_angle(observer.angle(state) - exact);
-                assert!(gap.abs() < 2.0 * observer.resolution());
+                assert!(gap.abs() < 2.0 * observer.radians_per_count);
             }
         }
     }

@@ -32,7 +32,8 @@ impl<const N: usize> Covariance<N> {
     }
 
     /// The full matrix, exactly symmetric.
-    pub fn matrix(&self) -> Mat<N, N> {
+    #[cfg(test)]
+    pub(crate) fn matrix(&self) -> Mat<N, N> {
         let mut full = self.upper;
         for i in 0..N {
             for j in 0..i {

@@ -97,11 +97,6 @@ impl Bias {
     pub fn value(&self) -> f32 {
         self.value
     }
-
-    /// Its variance, u²; `None` before the first reading at rest, until when the bias counts as 0.
-    pub fn variance(&self) -> Option<f32> {
-        self.variance
-    }
 }
 
 /// Readings of noise alone differ by no more than so many standard deviations, for days.
@@ -239,7 +234,7 @@ mod tests {
                 zeroing.step(&mut bias, true, Some(reading as f32));
             }
             square += (f64::from(bias.value()) - truth).powi(2) / ROBOTS as f64;
-            claimed += f64::from(bias.variance().unwrap()) / ROBOTS as f64;
+            claimed += f64::from(bias.variance.unwrap()) / ROBOTS as f64;
         }
         (square.sqrt(), claimed.sqrt())
     }
@@ -271,7 +266,7 @@ mod tests {
             assert!(zeroing.step(&mut bias, true, Some(0.5)).is_some());
         }
         assert_eq!(bias.value(), known.value());
-        assert!(bias.variance() > known.variance());
+        assert!(bias.variance > known.variance);
         assert!((zeroing.step(&mut bias, false, Some(0.302)).unwrap() - 0.3).abs() < 1e-5);
     }
 
@@ -287,7 +282,7 @@ mod tests {
         for _ in 0..1000 {
             zeroing.step(&mut bias, true, Some(0.1));
         }
-        let at_rest = f64::from(bias.variance().unwrap());
+        let at_rest = f64::from(bias.variance.unwrap());
         // A walk's variance grows with time.
         let [largest, walk] = [config.largest_sigma, config.walk_per_sqrt_s].map(f64::from);
         let known_s = (largest * largest - at_rest) / (walk * walk);

@@ -17,8 +17,7 @@
 //! and not with its root, and part of it is shared by both axles or opposite in them. The joint
 //! filter estimates them. The other modes keep what each posture owes to each of them beside the
 //! rest ([`track`]), so that what they claim contains it, and covariance intersection
-//! can tell whose error has grown: it then follows the axles in turn, and the yaw of the axles
-//! against each other cancels.
+//! can tell whose error has grown: it follows the axles in turn, and their opposite yaw cancels.
 //!
 //! **Noise.** To each increment's own covariance the configured slip is added: the wheels do not
 //! see it. It acts per metre, per second, and per second and radian of bend, for a held bend creeps
@@ -146,6 +145,7 @@ pub struct Config {
     /// Which fusion runs.
     pub mode: Mode,
     /// Time between two ticks, s.
+    #[cfg_attr(feature = "serde", serde(skip))]
     pub period_s: f32,
     /// Distance between the axles with the frame straight (the paper's L), m.
     #[cfg_attr(feature = "serde", serde(skip))]
@@ -371,8 +371,8 @@ struct Beam {
 }
 
 impl State {
-    /// The joint filter, in the mode that runs it.
-    pub fn joint(&self) -> Option<&joint::State> {
+    #[cfg(test)]
+    pub(crate) fn joint(&self) -> Option<&joint::State> {
         match &self.tracks {
             Tracks::Joint(joint) => Some(joint),
             Tracks::Separate { .. } => None,

@@ -45,24 +45,6 @@ pub fn multiply<const R: usize, const K: usize, const C: usize>(
     m
 }
 
-/// `a bᵀ`.
-pub fn multiply_transposed<const R: usize, const K: usize, const C: usize>(
-    a: &Mat<R, K>,
-    b: &Mat<C, K>,
-) -> Mat<R, C> {
-    let mut m = [[0.0; C]; R];
-    for i in 0..R {
-        for j in 0..C {
-            let mut sum = 0.0;
-            for k in 0..K {
-                sum += a[i][k] * b[j][k];
-            }
-            m[i][j] = sum;
-        }
-    }
-    m
-}
-
 /// `a v`.
 pub fn apply<const R: usize, const C: usize>(a: &Mat<R, C>, v: &[f32; C]) -> [f32; R] {
     let mut out = [0.0; R];
@@ -207,13 +189,6 @@ pub fn inverse_spd<const N: usize>(a: &Mat<N, N>) -> Option<Mat<N, N>> {
     Some(symmetrized(&m))
 }
 
-/// Determinant of a 3×3 matrix.
-pub fn determinant3(a: &Mat3) -> f32 {
-    a[0][0] * (a[1][1] * a[2][2] - a[1][2] * a[2][1])
-        - a[0][1] * (a[1][0] * a[2][2] - a[1][2] * a[2][0])
-        + a[0][2] * (a[1][0] * a[2][1] - a[1][1] * a[2][0])
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -255,11 +230,5 @@ mod tests {
         assert!(cholesky(&[[1.0, 2.0], [2.0, 1.0]]).is_none());
         assert!(cholesky(&[[f32::NAN, 0.0], [0.0, 1.0]]).is_none());
         assert!(cholesky(&[[1.0, f32::NAN], [f32::NAN, 1.0]]).is_none());
-    }
-
-    #[test]
-    fn determinant_of_a_known_matrix() {
-        let a = [[2.0, 0.0, 1.0], [1.0, 3.0, 0.0], [0.0, 1.0, 4.0]];
-        assert_eq!(determinant3(&a), 25.0);
     }
 }

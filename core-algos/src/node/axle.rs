@@ -383,16 +383,6 @@ impl AxleNode {
         &self.state
     }
 
-    /// Odometric posture, in the frame that began where the axle was started.
-    pub fn odometry(&self) -> Posture {
-        self.state.filter.posture()
-    }
-
-    /// Covariance of the filter's seven states and the refusals of its gates.
-    pub fn filter_state(&self) -> &ekf::State {
-        &self.state.filter
-    }
-
     /// Where the axle stands, and why.
     pub fn supervision(&self) -> &supervisor::State {
         &self.state.supervisor
@@ -899,7 +889,7 @@ mod tests {
         let (v, omega) = (0.2555f64, 0.073 / 0.324);
         let phi = omega * 4.0;
         let expected = [v / omega * phi.sin(), v / omega * (1.0 - phi.cos()), phi];
-        let found = node.odometry();
+        let found = node.state.filter.posture();
         assert!(
             (found.x as f64 - expected[0]).abs() < 2e-3,
             "{found:?} {expected:?}"
@@ -1243,6 +1233,6 @@ mod tests {
             };
             node.step(tick * TICK, &samples, &mut outbox);
         }
-        assert!(node.odometry().is_finite());
+        assert!(node.state.filter.posture().is_finite());
     }
 }

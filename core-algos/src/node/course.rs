@@ -157,11 +157,6 @@ impl State {
         self.path.finish();
     }
 
-    /// Declares the path a loop; all of it must be in the buffer.
-    pub fn close_path(&mut self) -> Result<(), PathError> {
-        self.path.close()
-    }
-
     /// Number of trajectory points that can be pushed.
     pub fn trajectory_room(&self) -> usize {
         self.trajectory.room()

@@ -145,16 +145,6 @@ impl State {
         self.first
     }
 
-    /// Every hard condition since the last clearing.
-    pub fn latched(&self) -> Conditions {
-        self.latched
-    }
-
-    /// What holds at present and has held for its time.
-    pub fn present(&self) -> Conditions {
-        self.present
-    }
-
     /// What has been present since the last call, or still is.
     pub fn take_seen(&mut self) -> Conditions {
         core::mem::replace(&mut self.seen, self.present)
@@ -527,7 +517,7 @@ mod tests {
                 }
                 let request = Request::ALL.get(usize::from(request)).copied();
                 let output = supervisor.step(&mut state, now, &Input { conditions, request, moved_m, halted });
-                let hard = state.latched().iter().any(|c| c.class().is_hard());
+                let hard = state.latched.iter().any(|c| c.class().is_hard());
                 prop_assert!(!(hard && matches!(output.permit, Permit::Drive | Permit::Hold)));
                 let cut = conditions.iter().any(|c| c.class() == Class::Cut && c.entry().hold == 0);
                 prop_assert!(!cut || output.permit == Permit::Off);

@@ -182,12 +182,6 @@ pub struct Axle {
 }
 
 impl Axle {
-    /// Radii of left and right, m.
-    pub fn radii(&self) -> [f64; 2] {
-        let left = 2.0 * self.radius_m / (1.0 + self.ratio);
-        [left, self.ratio * left]
-    }
-
     /// The constants without these errors, `scale` being the true length of a straight way over the
     /// odometry's.
     pub fn corrected(&self, scale: f64, errors: &Errors) -> Self {
@@ -216,6 +210,12 @@ pub fn systematic(ways: [&[[f64; 2]]; 2]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Radii of left and right, m.
+    fn radii(axle: &Axle) -> [f64; 2] {
+        let left = 2.0 * axle.radius_m / (1.0 + axle.ratio);
+        [left, axle.ratio * left]
+    }
     use std::f64::consts::FRAC_PI_2;
 
     const BELIEVED: Axle = Axle {
@@ -235,8 +235,8 @@ mod tests {
         let mut step = |ds: f64, turn: f64, dt: f64, bend: f64| {
             // Advances of the wheels as believed, and as they are.
             let wheel = [ds - 0.5 * turn * track, ds + 0.5 * turn * track];
-            let believed = BELIEVED.radii();
-            let real = truth.radii();
+            let believed = radii(&BELIEVED);
+            let real = radii(truth);
             let real = [0, 1].map(|i| wheel[i] * real[i] / believed[i]);
             let true_turn = (real[1] - real[0]) / (2.0 * truth.half_track_m) + creep * bend * dt;
             let moves = [

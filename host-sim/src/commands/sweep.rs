@@ -381,11 +381,6 @@ impl Sweep {
         })
     }
 
-    /// Bound of curvature, 1/m.
-    pub fn kappa_max(&self) -> f64 {
-        self.kappa_max
-    }
-
     /// Runs start `index`: a function of seed and index alone. With the path of O, at 5 Hz.
     pub fn run(&self, seed: u64, index: u64) -> Result<(Start, Vec<[f64; 2]>), Error> {
         let goal = self.scenario.mission.goal;

@@ -33,7 +33,7 @@ pub fn run(args: &WorldArgs) -> Result<(), Error> {
     }
     let mut table = Table::new(["figure", "value", "unit", "reason"]).left_aligned();
     for (k, figure) in figures.iter().enumerate() {
-        if k > 0 && figure.plain != figures[k - 1].plain {
+        if k > 0 && figure.base != figures[k - 1].base {
             table.rule();
         }
         table.row([
@@ -44,6 +44,6 @@ pub fn run(args: &WorldArgs) -> Result<(), Error> {
         ]);
     }
     super::print(&format!(
-        "World {name}; σ: standard deviation, drawn a trial. Below the line: as in plain.\n\n{table}"
+        "World {name}; σ: standard deviation, drawn a trial. Below the line: base values.\n\n{table}"
     ))
 }

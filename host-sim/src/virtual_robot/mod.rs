@@ -250,11 +250,6 @@ impl VirtualRobot {
         self.frames
     }
 
-    /// The boards and their bus.
-    pub fn network(&mut self) -> &mut Network {
-        &mut self.network
-    }
-
     /// What is to be said of each board.
     pub fn reports(&mut self) -> Vec<BoardReport> {
         let mut reports = Vec::new();

@@ -1,9 +1,9 @@
 //! The figures of a world with unit and reason, which are comments of its file.
 //!
 //! The comment above an entry is its reason, and that of the entries that follow it without a comment of
-//! their own; what stands behind an entry of `plain` is the unit in every world.
+//! their own; what stands behind an entry of `base.toml` is the unit in every world.
 
-use super::{PLAIN, World, text};
+use super::{BASE, World, text};
 use crate::error::Error;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -20,8 +20,8 @@ pub struct Figure {
     pub unit: String,
     /// Why it has this value; nothing if the file does not say.
     pub reason: String,
-    /// Whether it is as in `plain` because the world leaves it out.
-    pub plain: bool,
+    /// True if the world leaves it out, so that it has its base value.
+    pub base: bool,
 }
 
 /// What comments say of an entry.
@@ -35,19 +35,19 @@ struct Said {
 pub fn figures(name: &str) -> Result<Vec<Figure>, Error> {
     let world = World::load(name)?;
     let table = Table::try_from(&world).map_err(|error| Error::Failure(error.to_string()))?;
-    let (own, plain) = (comments(&text(name)?), comments(PLAIN));
+    let (own, base) = (comments(&text(name)?), comments(BASE));
     let mut figures = Vec::new();
     leaves(&table, "", &mut |key, value| {
-        let below = plain.get(key).cloned().unwrap_or_default();
+        let below = base.get(key).cloned().unwrap_or_default();
         figures.push(Figure {
             key: key.to_owned(),
             value: value.clone(),
             unit: below.unit,
             reason: own.get(key).map_or(below.reason, |own| own.reason.clone()),
-            plain: !own.contains_key(key),
+            base: !own.contains_key(key),
         });
     });
-    figures.sort_by_key(|figure| figure.plain);
+    figures.sort_by_key(|figure| figure.base);
     Ok(figures)
 }
 
@@ -104,6 +104,7 @@ mod tests {
     /// Every figure there is has a reason in every world, and what has a unit in its name bears it.
     #[test]
     fn each_figure_of_a_built_in_world_has_value_unit_and_reason() {
+        let base = comments(BASE);
         for name in NAMES {
             let figures = figures(name).unwrap();
             assert!(figures.len() > 85, "{}", figures.len());
@@ -125,9 +126,11 @@ mod tests {
                         figure.unit
                     );
                 }
-                if name == "plain" {
-                    assert!(!figure.plain, "{} is not in the file", figure.key);
-                }
+                assert!(
+                    base.contains_key(&figure.key),
+                    "no base value: {}",
+                    figure.key
+                );
             }
         }
     }

@@ -3,7 +3,7 @@
 //! What the robot's boards believe of it is another type,
 //! [`RobotConfig`](core_algos::node::robot::RobotConfig). Nothing connects the two but the draw and what
 //! sensors and motors do. A world is a TOML file with the tables `plant`, `spread`, `sensors` and `bus`;
-//! what it leaves out is as in `plain`, which has every figure. Five are built in ([`NAMES`]).
+//! what it leaves out has its base value (`worlds/base.toml`). Four are built in ([`NAMES`]).
 
 mod figures;
 mod spread;
@@ -22,11 +22,13 @@ use std::path::Path;
 /// World of an experiment that names none.
 pub const DEFAULT: &str = "careful";
 
-const PLAIN: &str = include_str!("../../worlds/plain.toml");
+/// Base values of all figures, with units and reasons.
+const BASE: &str = include_str!("../../worlds/base.toml");
+/// Name of a world in which nothing but base values is set.
+const BASE_NAME: &str = "base";
 
 /// The worlds that are built in, with their texts.
-const BUILT_IN: [(&str, &str); 5] = [
-    ("plain", PLAIN),
+const BUILT_IN: [(&str, &str); 4] = [
     ("ideal", include_str!("../../worlds/ideal.toml")),
     ("paper", include_str!("../../worlds/paper.toml")),
     ("ordinary", include_str!("../../worlds/ordinary.toml")),
@@ -65,7 +67,7 @@ impl Default for World {
     /// Tyres of constant creep, and imperfections only where the estimators expect them.
     fn default() -> Self {
         Self {
-            name: "plain".to_owned(),
+            name: BASE_NAME.to_owned(),
             plant: PlantConfig::default(),
             spread: Spread::default(),
             sensors: SensorConfig::default(),
@@ -99,7 +101,11 @@ impl World {
     /// The name that stands beside results: one that says so if not all is as that world has it. What
     /// inertial sensors are fitted is the robot's equipment.
     pub fn label(&self) -> String {
-        let named = Self::load(&self.name).map(|mut named| {
+        let named = match self.name.as_str() {
+            BASE_NAME => Ok(Self::default()),
+            name => Self::load(name),
+        };
+        let named = named.map(|mut named| {
             named.sensors.gyro.fitted = self.sensors.gyro.fitted;
             named.sensors.accelerometer.fitted = self.sensors.accelerometer.fitted;
             named
@@ -186,9 +192,13 @@ mod tests {
             world.plant.friction += 0.01;
             assert_eq!(world.label(), format!("{name}, changed"));
         }
-        assert_eq!(World::load("plain").unwrap(), World::default());
-        let why = World::load("nowhere").unwrap_err().to_string();
-        assert!(why.contains("careful") && why.contains("nowhere"), "{why}");
+        let base: World = scenario_file::parse(BASE, "base.toml", &[]).unwrap();
+        assert_eq!(base, World::default());
+        assert_eq!(base.label(), "base");
+        for name in ["nowhere", "base", "plain"] {
+            let why = World::load(name).unwrap_err().to_string();
+            assert!(why.contains("careful") && why.contains(name), "{why}");
+        }
     }
 
     #[test]

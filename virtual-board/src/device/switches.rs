@@ -1,6 +1,5 @@
 //! Contacts (button, strap, emergency stop) with bounce, and a light-emitting diode that is watched.
 
-use super::later;
 use super::noise::Noise;
 use crate::time::Time;
 use std::collections::VecDeque;
@@ -13,10 +12,6 @@ use std::collections::VecDeque;
 pub struct Contact {
     closed: bool,
     bounce: Time,
-    /// How long it must be open until the pin shows it, and since when it is.
-    release: Time,
-    opened: Time,
-    low: bool,
     noise: Noise,
     edges: VecDeque<(Time, bool)>,
 }
@@ -27,19 +22,9 @@ impl Contact {
         Self {
             closed,
             bounce,
-            release: Time(0),
-            opened: Time(0),
-            low: closed,
             noise: Noise::new(seed),
             edges: VecDeque::new(),
         }
-    }
-
-    /// With a capacitor across it and a resistor to the supply: closing it is seen at once, opening it
-    /// when the capacitor has been charged to `share` of the supply, without having been closed again.
-    pub fn with_capacitor(mut self, ohm: f64, farad: f64, share: f64) -> Self {
-        self.release = later(Time(0), -ohm * farad * (1.0 - share).ln());
-        self
     }
 
     /// Moves it at a time, which is not before earlier movements have ended.
@@ -69,45 +54,15 @@ impl Contact {
         self.closed
     }
 
-    /// Whether it pulls its pin low, with the capacitor if there is one.
-    pub fn is_low(&self) -> bool {
-        self.low
-    }
-
-    /// When the contact or its pin changes next.
+    /// When the contact changes next.
     pub fn next(&self) -> Time {
-        let edge = self.edges.front().map_or(Time::NEVER, |e| e.0);
-        edge.min(self.release_due())
-    }
-
-    fn release_due(&self) -> Time {
-        if self.low && !self.closed {
-            self.opened + self.release
-        } else {
-            Time::NEVER
-        }
+        self.edges.front().map_or(Time::NEVER, |e| e.0)
     }
 
     /// Goes on until a time.
     pub fn advance(&mut self, to: Time) {
-        loop {
-            let release = self.release_due();
-            let edge = self.edges.front().copied();
-            if release <= to && edge.is_none_or(|(at, _)| release <= at) {
-                self.low = false;
-                continue;
-            }
-            match edge {
-                Some((at, closed)) if at <= to => {
-                    self.edges.pop_front();
-                    if self.closed && !closed {
-                        self.opened = at;
-                    }
-                    self.closed = closed;
-                    self.low |= closed;
-                }
-                _ => return,
-            }
+        while let Some((_, closed)) = self.edges.pop_front_if(|(at, _)| *at <= to) {
+            self.closed = closed;
         }
     }
 }
@@ -190,28 +145,6 @@ mod tests {
         strap.set(false, Time(2 * MS));
         strap.advance(Time(2 * MS));
         assert!(!strap.is_closed() && strap.next() == Time::NEVER);
-    }
-
-    #[test]
-    fn a_capacitor_swallows_bounce_and_delays_opening_alone() {
-        // 4.7 kΩ and 10 nF to 0.54 of the supply: 36.5 µs.
-        let stop = Contact::new(true, Time(MS), 4);
-        let mut stop = stop.with_capacitor(4.7e3, 10e-9, 0.54);
-        stop.set(false, Time(MS));
-        let mut contact = Vec::new();
-        while stop.next() != Time::NEVER {
-            let at = stop.next();
-            stop.advance(at);
-            contact.push((at, stop.is_closed()));
-        }
-        let (at, last) = contact[contact.len() - 1];
-        assert!(!last && !stop.is_low());
-        // The last change is the pin's alone, so long after the contact's last.
-        let opened = contact[contact.len() - 2].0;
-        assert!((at - opened).micros() == 36, "{at} {opened}");
-        stop.set(true, Time(9 * MS));
-        stop.advance(Time(9 * MS));
-        assert!(stop.is_low());
     }
 
     #[test]

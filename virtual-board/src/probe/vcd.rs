@@ -118,11 +118,6 @@ impl<W: io::Write> Dump<W> {
         self.pending.push(Change { at, signal, value });
     }
 
-    /// Notes changes, for instance those of a board that ran on a thread of its own.
-    pub fn extend(&mut self, changes: impl IntoIterator<Item = Change>) {
-        self.pending.extend(changes);
-    }
-
     /// Writes all changes before a time; none before it may follow. One that does is written at the
     /// time reached.
     pub fn flush(&mut self, until: Time) -> io::Result<()> {

@@ -260,8 +260,8 @@ impl Covariance {
         sum
     }
 
-    /// P, exactly symmetric.
-    pub fn matrix(&self) -> Mat<N, N> {
+    #[cfg(test)]
+    pub(crate) fn matrix(&self) -> Mat<N, N> {
         let mut full = [[0.0; N]; N];
         for i in 0..N {
             for j in i..N {

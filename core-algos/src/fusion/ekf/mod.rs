@@ -141,6 +141,7 @@ impl Default for Densities {
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
 pub struct Config {
     /// Time between two steps (the paper's T), s.
+    #[cfg_attr(feature = "serde", serde(skip))]
     pub period_s: f32,
     /// Distance between the wheels (twice the paper's d), m.
     #[cfg_attr(feature = "serde", serde(skip))]
@@ -525,9 +526,8 @@ impl State {
         }
     }
 
-    /// Closes an interval for the second tier: the odometric posture reached, which runs on from
-    /// interval to interval, and the covariance gathered in this interval alone, of errors along and
-    /// across the heading and in heading.
+    /// Closes an interval for the second tier: the odometric posture, which runs on across intervals,
+    /// and the covariance gathered in this interval (errors along and across the heading, in heading).
     ///
     /// The posture's error is the sum of a part that follows the errors of speed and acceleration,
     /// which later measurements still resolve, and a part of its own, Pₚₚ − Pₚᵥ Pᵥᵥ⁻¹ Pᵥₚ. Only the

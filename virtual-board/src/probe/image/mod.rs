@@ -203,11 +203,6 @@ impl Image {
         self.names.get(name).map(|s| s.0)
     }
 
-    /// The length of a function or variable in bytes.
-    pub fn symbol_size(&self, name: &str) -> Option<u32> {
-        self.names.get(name).map(|s| s.1)
-    }
-
     /// Functions by address. Several names may stand for the same.
     pub fn functions(&self) -> &[Symbol] {
         &self.functions

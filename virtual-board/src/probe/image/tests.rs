@@ -238,7 +238,6 @@ fn functions_and_variables_have_their_names() {
     assert_eq!(name(0x0800_013c), Some("endless"));
     assert_eq!(name(0x0800_00fe), None);
     assert_eq!(image.symbol("_SEGGER_RTT"), Some(0x2000_0010));
-    assert_eq!(image.symbol_size("_SEGGER_RTT"), Some(48));
     assert_eq!(
         image.symbol("core::fmt::Write::write_fmt"),
         Some(0x0800_0110)
