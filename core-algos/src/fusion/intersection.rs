@@ -18,7 +18,9 @@
 //! (`single.rs`; about 600 instructions). For the others the matrices are scaled by A's standard
 //! deviations (rounded to powers of two, hence exactly) and the algebra runs in [`TwoFloat`] (about
 //! 15 000 for the determinant): the results are good to `f32` rounding for standard deviations in
-//! a ratio of 1000, in any direction. Either way ω and the normalised covariance are within 5e-6.
+//! a ratio of 1000, in any direction. Either way ω is within 5e-6 and the normalised covariance within
+//! 1e-5. At a ratio of 10⁴ between opposed inputs two floats have too few digits: a variance can be
+//! wrong by its own size.
 //!
 //! Nothing here panics; an input that is not finite or not positive definite gives `None`.
 //!
@@ -659,16 +661,13 @@ mod tests {
             Criterion::Trace => reference_trace(&a, &b, [1.0, 1.0, 0.2f32 as f64 * 0.2f32 as f64]),
         };
         prop_assert!(
-            (fused.omega as f64 - omega).abs() < 4e-6,
+            (fused.omega as f64 - omega).abs() < 5e-6,
             "{} {omega}",
             fused.omega
         );
         let p = fused_covariance(&a, &b, omega);
         let d = distance(&fused.estimate.covariance, &p);
-        // Near 0 and 1 the covariance multiplies the error of the weight, which is checked above.
-        let shifted = fused_covariance(&a, &b, fused.omega.into());
-        let carried = distance(&shifted.map(|row| row.map(|x| x as f32)), &p);
-        prop_assert!(d < 2e-6 + carried, "{d:e} {carried:e}");
+        prop_assert!(d < 1e-5, "{d:e}");
         let gain = product(&a, &inverse(&blend(&a, &b, omega)));
         let difference = [
             1.1f32 as f64 - 1.0,
