@@ -17,6 +17,7 @@ pub mod commands;
 pub mod dashboard;
 pub mod dbc;
 pub mod driving;
+pub mod effect;
 pub mod error;
 pub mod eval;
 pub mod faults;

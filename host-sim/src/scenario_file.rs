@@ -122,6 +122,15 @@ pub fn lay_over(table: &mut Table, given: Table) {
     }
 }
 
+/// Table of `KEY=VALUE` changes.
+pub fn changes(changes: &[String]) -> Result<Table, Error> {
+    let mut table = Table::new();
+    for change in changes {
+        apply(&mut table, change)?;
+    }
+    Ok(table)
+}
+
 fn apply(table: &mut Table, change: &str) -> Result<(), Error> {
     let Some((key, value)) = change.split_once('=') else {
         return Err(Error::input(format!(

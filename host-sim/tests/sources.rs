@@ -42,7 +42,6 @@ const LONGER_FUNCTIONS: &[(&str, usize)] = &[
     ("core-algos/src/control/planner.rs: pair", 99),
     ("host-sim/src/commands/campaign.rs: shard", 86),
     ("host-sim/src/commands/follow.rs: publish", 90),
-    ("host-sim/src/commands/hil_virtual.rs: run", 81),
     ("host-sim/src/commands/posture.rs: table", 89),
     ("host-sim/src/driving.rs: drive_on", 91),
     ("host-sim/src/faults/run.rs: run_on", 98),

@@ -6,6 +6,7 @@
 use super::Settings;
 use crate::beam::PerGauge;
 use crate::config::{Allowed, ConfigError, in_range, require};
+use crate::control::regulator::Strategy;
 
 /// One parameter.
 #[derive(Clone, Copy, Debug)]
@@ -103,6 +104,17 @@ macro_rules! access {
             |settings, value| settings.$first$(.$rest)+ = value as u32,
         )
     };
+    (strategy $first:ident $($rest:ident)+) => {
+        (
+            |settings| settings.$first$(.$rest)+ as u8 as f32,
+            |settings, value| {
+                settings.$first$(.$rest)+ = match value {
+                    0.0 => Strategy::Funnel,
+                    _ => Strategy::PaperLaw,
+                }
+            },
+        )
+    };
     (($i:literal) $first:ident $($rest:ident)+) => {
         (
             |settings| gauge(&settings.$first$(.$rest)+, $i),
@@ -122,6 +134,9 @@ macro_rules! name {
 
 macro_rules! is_whole {
     (count) => {
+        true
+    };
+    (strategy) => {
         true
     };
     ($other:tt) => {
@@ -184,13 +199,14 @@ parameters! {
     26 v 1 number robot.axle.filter.right_sigma_m_s, "m/s" 0.0001 to 1.0: "noise of the right wheel's speed";
     27 v 1 number robot.axle.filter.gyro_sigma_rad_s, "rad/s" 0.00001 to 1.0: "noise of the gyro";
     28 v 1 number robot.axle.filter.accelerometer_sigma_m_s2, "m/s2" 0.001 to 10.0: "noise of the accelerometer";
+    29 v 1 strategy robot.lead.regulator.strategy, "" 0.0 to 1.0: "way to a posture: 0 planner and funnel, 1 the paper's law alone";
     30 v 1 number robot.lead.governor.max_acceleration_m_s2, "m/s2" 0.01 to 5.0: "largest acceleration";
     31 v 1 number robot.lead.governor.stop_deceleration_m_s2, "m/s2" 0.01 to 10.0: "deceleration of a stop";
     32 v 1 number robot.lead.governor.max_steering_rate_rad_s, "rad/s" 0.05 to 10.0: "largest steering rate";
     33 v 1 number robot.lead.governor.max_steering_acceleration_rad_s2, "rad/s2" 0.1 to 100.0: "largest steering acceleration";
     34 v 1 number robot.lead.governor.max_wheel_speed_m_s, "m/s" 0.02 to 5.0: "largest speed of a wheel over ground";
-    35 v 1 number robot.lead.regulator.law.approach_gain_m_s, "m/s" 0.01 to 20.0: "approach to a posture (k1)";
-    36 v 1 number robot.lead.regulator.law.heading_gain_rad_s, "rad/s" 0.01 to 20.0: "heading at a posture (k2)";
+    35 v 1 number robot.lead.regulator.law.approach_gain_m_s, "m/s" 0.01 to 20.0: "k1 of the paper's law alone";
+    36 v 1 number robot.lead.regulator.law.heading_gain_rad_s, "rad/s" 0.01 to 20.0: "k2 of the paper's law alone";
     37 v 1 number robot.lead.regulator.accept_distance_m, "m" 0.003 to 0.5: "distance at which a goal counts as reached";
     38 v 1 number robot.lead.regulator.accept_heading_rad, "rad" 0.001 to 1.0: "heading error at which a goal counts as reached";
     39 v 1 number robot.lead.course.law.approach_gain_m_s, "m/s" 0.01 to 20.0: "approach along a path (k1)";
@@ -209,6 +225,7 @@ parameters! {
     52 v 1 (2) robot.beam.strip.gauges_m, "m" 0.0 to 5.0: "distance of the gauge from the root";
     53 v 1 (3) robot.beam.strip.gauges_m, "m" 0.0 to 5.0: "distance of the gauge from the root";
     54 v 1 (4) robot.beam.strip.gauges_m, "m" 0.0 to 5.0: "distance of the gauge from the root";
+    58 v 1 number robot.lead.regulator.approach.approach_gain_m_s, "m/s" 0.01 to 20.0: "k1 of the approach in the funnel";
     60 v 1 (0) robot.beam.calibration.zero_counts, "counts" 0.0 to 16777215.0: "reading of the straight strip";
     61 v 1 (1) robot.beam.calibration.zero_counts, "counts" 0.0 to 16777215.0: "reading of the straight strip";
     62 v 1 (2) robot.beam.calibration.zero_counts, "counts" 0.0 to 16777215.0: "reading of the straight strip";

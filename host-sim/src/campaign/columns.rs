@@ -43,6 +43,16 @@ impl Values {
         self.len() == 0
     }
 
+    /// True if two rows have the same value to the bit.
+    pub fn same(&self, row: usize, other: usize) -> bool {
+        match self {
+            Self::Double(values) => values[row].to_bits() == values[other].to_bits(),
+            Self::Integer(values) => values[row] == values[other],
+            Self::Flag(values) => values[row] == values[other],
+            Self::Text(values) => values[row] == values[other],
+        }
+    }
+
     const fn physical(&self) -> Physical {
         match self {
             Self::Double(_) => Physical::DOUBLE,

@@ -162,7 +162,7 @@ fn columns(study: &Study, runs: &[Finished]) -> Columns {
     ];
     for (i, vary) in study.vary.iter().enumerate() {
         let values = match vary.is_numeric() {
-            true => number(&|r| as_number(&r.run.values[i])),
+            true => number(&|r| super::study::number(&r.run.values[i]).unwrap_or(f64::NAN)),
             false => Values::Text(runs.iter().map(|r| r.run.values[i].to_string()).collect()),
         };
         columns.push((vary.key.clone(), values));
@@ -219,12 +219,4 @@ fn columns(study: &Study, runs: &[Finished]) -> Columns {
         columns.push((name.to_owned(), number(&pick)));
     }
     Columns(columns)
-}
-
-fn as_number(value: &toml::Value) -> f64 {
-    match value {
-        toml::Value::Float(value) => *value,
-        toml::Value::Integer(value) => *value as f64,
-        _ => f64::NAN,
-    }
 }

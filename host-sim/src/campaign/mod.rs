@@ -7,6 +7,7 @@
 
 pub mod columns;
 pub mod directory;
+pub mod idle;
 pub mod pictures;
 pub mod report;
 pub mod shard;

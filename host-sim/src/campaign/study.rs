@@ -1,5 +1,6 @@
 //! The file of a study, and what each of its runs is.
 
+use crate::effect::{self, Use};
 use crate::error::Error;
 use crate::kinematic_model::random_start;
 use crate::scenario::Scenario;
@@ -107,12 +108,10 @@ impl Vary {
         self.values.as_ref().map_or(1, |values| values.len().max(1)) as u64
     }
 
-    /// Whether every value is a number.
+    /// True if every value is a number, or a list of equal numbers.
     pub fn is_numeric(&self) -> bool {
-        let number = |value: &toml::Value| value.is_float() || value.is_integer();
-        self.values
-            .as_ref()
-            .is_none_or(|values| values.iter().all(number))
+        let values = self.values.as_ref();
+        values.is_none_or(|values| values.iter().all(|value| number(value).is_some()))
     }
 
     /// How it is varied; the error names the entry.
@@ -153,6 +152,21 @@ impl Vary {
                 "must have exactly one of values, uniform, log_uniform, normal".into(),
             )),
         }
+    }
+}
+
+/// Number of a value: of a list, for example one entry a wheel, the number that all entries share.
+pub fn number(value: &toml::Value) -> Option<f64> {
+    match value {
+        toml::Value::Float(value) => Some(*value),
+        toml::Value::Integer(value) => Some(*value as f64),
+        toml::Value::Array(list) => {
+            let first = number(list.first()?)?;
+            list.iter()
+                .all(|value| number(value) == Some(first))
+                .then_some(first)
+        }
+        _ => None,
     }
 }
 
@@ -217,11 +231,28 @@ impl Study {
             cells.saturating_mul(self.trials.into()),
             MAX_RUNS,
         )?;
-        // Every combination must make a robot, before hours of work.
+        self.check_cells(cells)
+    }
+
+    /// Checks that every combination makes a robot, and that each varied key has an effect in one of them.
+    fn check_cells(&self, cells: u64) -> Result<(), Error> {
+        let taken: effect::Taken = match self.starts {
+            Starts::Scenario => &[],
+            Starts::Random => &[("mission.start", "with starts = \"random\"")],
+        };
+        let mut idle: Vec<Option<String>> = vec![Some(String::new()); self.vary.len()];
         for cell in 0..cells {
-            self.run(cell * u64::from(self.trials))?;
+            let run = self.run(cell * u64::from(self.trials))?;
+            for (vary, idle) in self.vary.iter().zip(&mut idle) {
+                if idle.is_some() {
+                    *idle = effect::text(&vary.key, taken, &[(&run.scenario, Use::Regulate)]);
+                }
+            }
         }
-        Ok(())
+        match idle.into_iter().flatten().next() {
+            Some(text) => Err(Error::input(format!("vary {text}"))),
+            None => Ok(()),
+        }
     }
 
     /// Number of combinations; `None` if it is beyond counting.
@@ -257,32 +288,40 @@ impl Study {
     pub fn run(&self, index: u64) -> Result<Run, Error> {
         let trials = u64::from(self.trials);
         let (cell, trial) = (index / trials, (index % trials) as u32);
+        let values = self.values(cell, trial)?;
+        Ok(Run {
+            cell,
+            trial,
+            scenario: self.scenario(trial, &values)?,
+            values,
+        })
+    }
+
+    /// Number of combinations that follow until a listed quantity has its next value.
+    pub fn stride(&self, varied: usize) -> u64 {
+        self.vary.iter().skip(varied + 1).map(Vary::count).product()
+    }
+
+    /// Value of each varied quantity.
+    pub fn values(&self, cell: u64, trial: u32) -> Result<Vec<toml::Value>, Error> {
         // Of a trial, so that every combination meets the same luck.
         let mut random = Pcg64::new(self.seed.into(), DRAWS | u128::from(trial) << 1);
-        let mut rest = cell;
-        let mut places: Vec<usize> = self
-            .vary
-            .iter()
-            .rev()
-            .map(|vary| {
-                let count = vary.count();
-                let place = rest % count;
-                rest /= count;
-                place as usize
-            })
-            .collect();
-        places.reverse();
-        let mut values = Vec::with_capacity(places.len());
-        for (vary, place) in self.vary.iter().zip(places) {
-            values.push(match vary.kind()? {
-                Kind::Values(list) => list[place].clone(),
+        let values = self.vary.iter().enumerate().map(|(i, vary)| {
+            let place = cell / self.stride(i) % vary.count();
+            Ok(match vary.kind()? {
+                Kind::Values(list) => list[place as usize].clone(),
                 Kind::Drawn(draw) => toml::Value::Float(draw.sample(&mut random)?),
-            });
-        }
+            })
+        });
+        values.collect()
+    }
+
+    /// Scenario of a trial with these values of the varied quantities.
+    pub fn scenario(&self, trial: u32, values: &[toml::Value]) -> Result<Scenario, Error> {
         let changes: Vec<String> = self
             .vary
             .iter()
-            .zip(&values)
+            .zip(values)
             .map(|(vary, value)| format!("{}={value}", vary.key))
             .collect();
         let base =
@@ -294,12 +333,7 @@ impl Study {
             scenario.mission.start = [goal[0] + x, goal[1] + y, phi];
         }
         scenario.check()?;
-        Ok(Run {
-            cell,
-            trial,
-            values,
-            scenario,
-        })
+        Ok(scenario)
     }
 }
 

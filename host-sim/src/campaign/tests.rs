@@ -24,6 +24,9 @@ values = [true, false]
 key = "sensors.geometry.wheel_radius_sigma"
 uniform = [0.0, 0.002]
 
+[scenario.plant]
+tyre = "creep"
+
 [scenario.mission]
 start = [-0.5, 0.1, 0.0]
 "#;

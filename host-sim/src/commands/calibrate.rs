@@ -7,11 +7,13 @@ use super::print;
 use crate::calibration::wheels::{self, Errors, systematic};
 use crate::calibration::{Bench, Run, believed, gauges, square, turns};
 use crate::cli::{CalibrateArgs, CalibrateWhat};
+use crate::effect::{Given, Use};
 use crate::error::Error;
 use crate::output;
 use crate::overlay::{Overlays, Values};
 use crate::paths::Path;
 use crate::scenario::Scenario;
+use crate::scenario_file;
 use crate::sensors::SAMPLE_PERIOD_S;
 use crate::table::Table;
 use crate::targets::board_log::BoardLog;
@@ -72,6 +74,8 @@ pub fn run(args: &CalibrateArgs) -> Result<(), Error> {
         args.scenario.as_deref(),
         &args.set,
     )?;
+    let (file, _) = scenario_file::read(args.scenario.as_deref())?;
+    Given::new(&args.set, &file)?.check(&[], &[(&scenario, Use::Calibrate)])?;
     if !args.seeds.is_empty() {
         return run_several(args, &scenario);
     }

@@ -3,6 +3,7 @@
 use super::print;
 use crate::campaign::columns::Columns;
 use crate::campaign::directory::{Block, Directory, Finished};
+use crate::campaign::idle::idle_key;
 use crate::campaign::pictures;
 use crate::campaign::report::Report;
 use crate::campaign::shard::Shard;
@@ -260,5 +261,11 @@ fn merge(args: &CampaignMerge) -> Result<(), Error> {
         "{}\nCRC-32C of runs.parquet: {hash:08x}\n{}\n",
         report.text(),
         lines.join("\n")
-    ))
+    ))?;
+    match idle_key(study, &runs)? {
+        None => Ok(()),
+        Some(key) => Err(Error::Failure(format!(
+            "vary {key}: no result depends on it; remove it, or vary what acts in this scenario"
+        ))),
+    }
 }

@@ -6,8 +6,9 @@
 //! of freedom. Above the band an estimator claims too much; below it, it is cautious.
 
 use super::Context;
-use super::posture::Variant;
+use super::posture::{ROWS, Variant};
 use crate::cli::ConsistencyArgs;
+use crate::effect::{self, Use};
 use crate::error::Error;
 use crate::output::{Cell, Csv};
 use crate::plot::{Figure, Height, Panel};
@@ -348,6 +349,12 @@ pub fn run(args: &ConsistencyArgs) -> Result<(), Error> {
     if !args.fusion.is_empty() {
         variants.retain(|v| args.fusion.iter().any(|&fusion| v.mode == fusion.into()));
     }
+    let rows: Vec<Scenario> = variants
+        .iter()
+        .map(|v| v.apply(&context.scenario))
+        .collect();
+    let runs: Vec<effect::Run> = rows.iter().map(|row| (row, Use::Regulate)).collect();
+    context.check_keys(ROWS, &runs)?;
     let report = measure(&context, &variants, args.trials)?;
     let text = table(&report, &variants);
     let mut files = context.output()?;

@@ -4,6 +4,7 @@ use super::Context;
 use super::posture::Variant;
 use crate::cli::{FollowArgs, parse_posture};
 use crate::driving::{self, Deviation, Errors, Manner, Moment, Outcome, Route};
+use crate::effect::{Taken, Use};
 use crate::error::Error;
 use crate::figures::{self, FollowErrors, FollowRun, Snapshot};
 use crate::log;
@@ -183,9 +184,25 @@ pub struct Course {
     pub speed_m_s: f64,
 }
 
+/// Keys that the path decides.
+pub const PATH: Taken = &[
+    ("mission.start", "along a path: use --from"),
+    ("mission.goal", "along a path: the path ends there"),
+    (
+        "mission.time_limit_s",
+        "along a path: the expected duration decides",
+    ),
+];
+
 /// Reads path, speed and start, and writes them into the scenario.
 pub fn prepare(args: &FollowArgs, context: &mut Context) -> Result<Course, Error> {
     let path = path_of(args)?;
+    if args.laps != 1 && !path.is_closed() {
+        return Err(Error::input(format!(
+            "--laps {}: must be 1, for the path {} is open",
+            args.laps, args.path
+        )));
+    }
     let scenario = &mut context.scenario;
     if args.no_rps {
         scenario.mission.rps = false;
@@ -213,6 +230,7 @@ pub fn prepare(args: &FollowArgs, context: &mut Context) -> Result<Course, Error
         None => route.start(),
     };
     scenario.check()?;
+    context.check_keys(PATH, &[(&context.scenario, Use::Path)])?;
     context.output()?;
     Ok(Course {
         name: args.path.clone(),

@@ -5,6 +5,7 @@ use super::posture::{self, Trial, Variant};
 use super::{Context, follow, watch_for_interrupt};
 use crate::cli::{FollowArgs, HilArgs, parse_posture};
 use crate::driving::{self, Manner};
+use crate::effect::Use;
 use crate::error::Error;
 use crate::recording::{About, Session};
 use crate::scenario::Scenario;
@@ -167,7 +168,9 @@ fn prepare(args: &HilArgs, context: &mut Context) -> Result<Task, Error> {
                 scenario.mission.start = parse_posture(text).map_err(Error::Input)?;
             }
             scenario.check()?;
-            return Ok(Task::Posture(Variant::of(scenario)));
+            let variant = Variant::of(scenario);
+            context.check_keys(&[], &[(&context.scenario, Use::Regulate)])?;
+            return Ok(Task::Posture(variant));
         }
     };
     let args = FollowArgs {

@@ -4,6 +4,7 @@ use super::hil::Plan;
 use super::posture::{self, Trial, Variant};
 use super::{Context, watch_for_interrupt};
 use crate::cli::HilArgs;
+use crate::effect::Use;
 use crate::error::Error;
 use crate::output;
 use crate::recording::{About, Session};
@@ -135,6 +136,18 @@ fn instruments(args: &HilArgs, interrupt: &Arc<AtomicBool>) -> Result<Instrument
     })
 }
 
+/// The images of the boards.
+fn images(args: &HilArgs) -> Result<Images, Error> {
+    let axle = args.axle_image.as_deref();
+    let front = args.front_image.as_deref().or(axle);
+    let rear = args.rear_image.as_deref().or(axle);
+    let images = Images::open(front, rear, args.beam_image.as_deref())?;
+    if args.coverage.is_some() {
+        coverage::check(&images)?;
+    }
+    Ok(images)
+}
+
 /// Runs the command.
 pub fn run(args: &HilArgs) -> Result<(), Error> {
     refuse(args)?;
@@ -145,6 +158,8 @@ pub fn run(args: &HilArgs) -> Result<(), Error> {
     scenario.world.sensors.accelerometer.fitted |= args.imu;
     scenario.check()?;
     let variant = Variant::of(scenario);
+    context.check_keys(&[], &[(&context.scenario, Use::Virtual)])?;
+    let scenario = &context.scenario;
     let plan = plan(args, scenario)?;
     let interrupt = watch_for_interrupt()?;
     let mut options = Options {
@@ -154,13 +169,7 @@ pub fn run(args: &HilArgs) -> Result<(), Error> {
     if let Some(threads) = args.common.threads {
         options.threads = threads.into();
     }
-    let axle = args.axle_image.as_deref();
-    let front = args.front_image.as_deref().or(axle);
-    let rear = args.rear_image.as_deref().or(axle);
-    let images = Images::open(front, rear, args.beam_image.as_deref())?;
-    if args.coverage.is_some() {
-        coverage::check(&images)?;
-    }
+    let images = images(args)?;
     context.output()?;
     let logs = Role::ALL.map(|_| BoardLog::default());
     let drive = Drive {

@@ -31,11 +31,13 @@ pub mod world;
 
 use crate::advice;
 use crate::cli::Common;
+use crate::effect::{Given, Run, Taken};
 use crate::error::Error;
 use crate::figures::Body;
 use crate::output::{self, OutputDir, OutputError};
 use crate::progress::Progress;
 use crate::scenario::Scenario;
+use crate::scenario_file;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::io::{self, Write};
@@ -109,6 +111,7 @@ pub struct Context {
     pub seed: u64,
     /// The command.
     pub name: String,
+    given: Given,
     out: PathBuf,
     json: Option<PathBuf>,
     pool: rayon::ThreadPool,
@@ -122,6 +125,8 @@ impl Context {
             common.scenario.as_deref(),
             &common.set,
         )?;
+        let (file, _) = scenario_file::read(common.scenario.as_deref())?;
+        let given = Given::new(&common.set, &file)?;
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(common.threads.map_or(0, usize::from))
             .build()
@@ -130,6 +135,7 @@ impl Context {
             scenario,
             seed: common.seed,
             name: name.to_owned(),
+            given,
             out: common
                 .out
                 .clone()
@@ -137,6 +143,11 @@ impl Context {
             json: common.json.clone(),
             pool,
         })
+    }
+
+    /// Refuses keys of `--set` without effect in any of the runs, and reports those of the scenario file.
+    pub fn check_keys(&self, taken: Taken, runs: &[Run]) -> Result<(), Error> {
+        self.given.check(taken, runs)
     }
 
     /// Runs `count` independent pieces of work on all threads; results in order of their index,

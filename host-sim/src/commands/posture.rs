@@ -3,6 +3,7 @@
 
 use super::Context;
 use crate::cli::{PostureArgs, RowSelection, parse_posture};
+use crate::effect::{Run, Taken, Use};
 use crate::error::Error;
 use crate::figures;
 use crate::log;
@@ -270,6 +271,7 @@ pub fn run(args: &PostureArgs) -> Result<(), Error> {
         .iter()
         .map(|variant| variant.apply(&context.scenario))
         .collect();
+    check_keys(args, &context, &scenarios)?;
     let trials = args.trials as usize;
     let goal = context.scenario.mission.goal;
 
@@ -305,8 +307,31 @@ pub fn run(args: &PostureArgs) -> Result<(), Error> {
     context.finish_with(&text, &report, files, recorded)
 }
 
+/// Keys that each row sets.
+pub const ROWS: Taken = &[
+    ("mission.rps", "here: each row sets it, see --rows"),
+    (
+        "robot.lead.fusion.mode",
+        "here: each row sets it, see --rows",
+    ),
+    ("sensors.gyro.fitted", "here: each row sets it, see --rows"),
+    (
+        "sensors.accelerometer.fitted",
+        "here: each row sets it, see --rows",
+    ),
+];
+
+/// Refuses keys without effect in any row.
+fn check_keys(args: &PostureArgs, context: &Context, rows: &[Scenario]) -> Result<(), Error> {
+    let runs: Vec<Run> = rows.iter().map(|row| (row, Use::Regulate)).collect();
+    let from = args.from.as_ref().map(|_| ("mission.start", "with --from"));
+    let taken: Vec<_> = ROWS.iter().copied().chain(from).collect();
+    context.check_keys(&taken, &runs)
+}
+
 /// Runs the first trial with the sensor alone, for those who look on.
 fn watch(args: &PostureArgs, context: &Context) -> Result<(), Error> {
+    check_keys(args, context, &[Variant::PAIR[1].apply(&context.scenario)])?;
     context.output()?;
     let mut trial = Trial::default();
     let (outcome, recorded) = first_trial(args, context, |record| trial.see(record, true))?;

@@ -1,6 +1,7 @@
 //! `cfmmr replay`: a log through the nodes again, as it was or with other parameters.
 
 use crate::cli::ReplayArgs;
+use crate::effect::{self, Use};
 use crate::error::Error;
 use crate::output;
 use crate::recording::{BUILD, read};
@@ -75,6 +76,7 @@ pub fn run(args: &ReplayArgs) -> Result<(), Error> {
             let given = fs::read_to_string(path)
                 .map_err(|error| Error::input(format!("{file}: {error}")))?;
             let changes = changes(&given, &file)?;
+            effect::check_file(&given, &file, (&scenario, Use::Replay))?;
             let first = recording
                 .boards
                 .iter()

@@ -2,8 +2,9 @@
 //! bias of its strain bridges, its wheels, and where it was put down.
 
 use super::Context;
-use super::posture::{FinalError, Variant, summarize};
+use super::posture::{FinalError, ROWS, Variant, summarize};
 use crate::cli::SensitivityArgs;
+use crate::effect::{Run, Use};
 use crate::error::Error;
 use crate::output::{Cell, Csv};
 use crate::scenario::Scenario;
@@ -120,6 +121,8 @@ pub fn run(args: &SensitivityArgs) -> Result<(), Error> {
         .iter()
         .flat_map(|point| variants.map(|variant| variant.apply(&point.scenario)))
         .collect();
+    let runs: Vec<Run> = scenarios.iter().map(|row| (row, Use::Regulate)).collect();
+    context.check_keys(ROWS, &runs)?;
     let goal = context.scenario.mission.goal;
     let outcomes = context.run("trials", scenarios.len() * trials, |index| {
         let scenario = &scenarios[index / trials];

@@ -27,6 +27,7 @@
 use super::Context;
 use super::posture::{CHI_SQUARE_99, wrap};
 use crate::cli::{SweepArgs, SweepModel};
+use crate::effect::Use;
 use crate::error::Error;
 use crate::kinematic_model::{
     self, Model, SUCCESS_DISTANCE_M, SUCCESS_HEADING_RAD, Trial, random_start,
@@ -437,6 +438,12 @@ fn from_goal(goal: [f64; 3], [x, y, phi]: [f64; 3]) -> [f64; 3] {
 /// Runs the command.
 pub fn run(args: &SweepArgs) -> Result<(), Error> {
     let context = Context::new(&args.common, "sweep")?;
+    let used = match args.model {
+        SweepModel::Kinematic => Use::Kinematic,
+        SweepModel::Plant => Use::Regulate,
+    };
+    let taken = [("mission.start", "here: starts are random")];
+    context.check_keys(&taken, &[(&context.scenario, used)])?;
     let sweep = Sweep::new(context.scenario.clone(), args.model, args.kappa_max)?;
     let mut files = context.output()?;
     let results = context.run("starts", args.starts as usize, |index| {

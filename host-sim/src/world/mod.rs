@@ -11,6 +11,7 @@ mod spread;
 pub use figures::{Figure, figures};
 pub use spread::{PlantErrors, Spread};
 
+use crate::effect;
 use crate::error::Error;
 use crate::plant::{Plant, PlantConfig, Station};
 use crate::scenario_file;
@@ -92,9 +93,11 @@ pub fn text(name: &str) -> Result<String, Error> {
 impl World {
     /// A built-in world by its name, or one from a file, every value checked.
     pub fn load(name: &str) -> Result<Self, Error> {
-        let mut world: Self = scenario_file::parse(&text(name)?, name, &[])?;
+        let text = text(name)?;
+        let mut world: Self = scenario_file::parse(&text, name, &[])?;
         name.clone_into(&mut world.name);
         world.check()?;
+        effect::check_world(&text, &world)?;
         Ok(world)
     }
 

@@ -1,0 +1,566 @@
+//! Each key of a scenario and each parameter of a board changes a run, or is refused with the reason.
+//!
+//! Every key is changed by itself in one situation after another, until a run changes. In a situation in which the key
+//! is refused, the run must stay the same to the bit.
+
+use core_algos::node::board::Role;
+use core_algos::params::TABLE;
+use host_sim::driving::{self, Manner, Route};
+use host_sim::effect::{self, Use};
+use host_sim::error::Error;
+use host_sim::faults::CATALOGUE;
+use host_sim::paths::Path;
+use host_sim::scenario::Scenario;
+use host_sim::simulation::{self, Observer, Record, Robot, Simulation};
+use rayon::prelude::*;
+use std::hash::{DefaultHasher, Hash, Hasher};
+use std::sync::{Arc, Mutex};
+use toml::{Table, Value};
+
+/// Time of the fault, ticks.
+const FAULT_TICK: u32 = 4000;
+
+/// A task in a changed default scenario, and a fault.
+#[derive(Clone, Copy)]
+struct Situation {
+    changes: &'static [&'static str],
+    task: Task,
+    fault: Option<(&'static str, u32)>,
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum Task {
+    Regulate,
+    Path(Manner),
+}
+
+const fn regulate(changes: &'static [&'static str]) -> Situation {
+    Situation {
+        changes,
+        task: Task::Regulate,
+        fault: None,
+    }
+}
+
+const fn path(manner: Manner) -> Situation {
+    Situation {
+        changes: &[],
+        task: Task::Path(manner),
+        fault: None,
+    }
+}
+
+const fn faulty(fault: &'static str, changes: &'static [&'static str]) -> Situation {
+    Situation {
+        changes,
+        task: Task::Regulate,
+        fault: Some((fault, FAULT_TICK)),
+    }
+}
+
+/// A gauge that is stuck before the frame bends, which only its flatness shows.
+const fn stuck() -> Situation {
+    Situation {
+        changes: &["robot.beam.health.max_chi_square=1e6"],
+        task: Task::Regulate,
+        fault: Some(("gauge stuck", 600)),
+    }
+}
+
+/// An approach below the speed limit.
+const SLOW: &[&str] = &["robot.lead.regulator.approach.approach_gain_m_s=0.1"];
+
+/// Values that matter only in a situation of their own.
+const PROBES: &[(&str, &str, Situation)] = &[
+    ("world", "ideal", regulate(&[])),
+    (
+        "robot.axle.limits.stall_share",
+        "0.4",
+        regulate(&["plant.rolling_resistance=0.5"]),
+    ),
+    (
+        "robot.axle.rest_settle_s",
+        "6.0",
+        regulate(&[
+            "mission.rest_s=60",
+            "robot.lead.hold_s=6",
+            "sensors.gyro.fitted=true",
+        ]),
+    ),
+    ("robot.lead.hold_s", "6.0", regulate(&["mission.rest_s=60"])),
+    (
+        "robot.axle.supervisor.stop_timeout_s",
+        "0.5",
+        faulty("motor stuck on", &["robot.axle.stop.release_s=0.2"]),
+    ),
+    (
+        "robot.lead.supervisor.stop_timeout_s",
+        "0.5",
+        faulty("motor stuck on", &["robot.lead.stop.release_s=0.2"]),
+    ),
+    (
+        "robot.axle.wheel.max_speed_rad_s",
+        "600.0",
+        faulty("encoder jumps", &[]),
+    ),
+    (
+        "robot.axle.wrench_timeout_s",
+        "0.5",
+        faulty(
+            "beam board lost",
+            &["robot.axle.controller.frame_force=beam"],
+        ),
+    ),
+    ("robot.beam.health.active_counts", "100000", stuck()),
+    ("robot.beam.health.flat_window_periods", "200", stuck()),
+    ("robot.beam.health.dead_strain", "0.01", stuck()),
+    (
+        "robot.lead.limits.goal_heading_rad",
+        "0.01",
+        regulate(&["robot.lead.limits.goal_position_m=0.5"]),
+    ),
+    ("robot.lead.limits.position_sigma_m", "0.01", regulate(&[])),
+    (
+        "robot.lead.regulator.planner.max_straight_m",
+        "0.3",
+        regulate(&["mission.start=[-0.3,0.3,2.0]"]),
+    ),
+    (
+        "robot.lead.regulator.approach.denominator_floor",
+        "1.0",
+        regulate(SLOW),
+    ),
+    (
+        "robot.lead.regulator.release_factor",
+        "1.1",
+        regulate(&["mission.rest_s=20", "sensors.bridge.drift_walk_strain=1e-5"]),
+    ),
+    (
+        "robot.lead.regulator.leave_factor",
+        "1.0",
+        regulate(&[
+            "mission.start=[-1.0,0.6,2.0]",
+            "robot.lead.regulator.leave_slack_rad=0",
+        ]),
+    ),
+    (
+        "robot.lead.regulator.leave_slack_rad",
+        "0.0",
+        regulate(&[
+            "mission.start=[-1.0,0.6,2.0]",
+            "robot.lead.regulator.leave_factor=1",
+        ]),
+    ),
+    (
+        "robot.lead.course.law.denominator_floor",
+        "1.0",
+        path(Manner::Follow),
+    ),
+    (
+        "robot.lead.course.path.search_window_m",
+        "0.001",
+        path(Manner::Follow),
+    ),
+    (
+        "robot.lead.course.path.max_steering_acceleration_rad_s2",
+        "0.05",
+        path(Manner::Follow),
+    ),
+    (
+        "robot.lead.course.path.min_speed_m_s",
+        "0.15",
+        Situation {
+            changes: &["robot.lead.course.path.max_steering_rate_rad_s=0.05"],
+            ..path(Manner::Follow)
+        },
+    ),
+];
+
+const IMU: &[&str] = &[
+    "sensors.gyro.fitted=true",
+    "sensors.accelerometer.fitted=true",
+];
+
+/// The first is the experiment that runs by default.
+const SITUATIONS: &[Situation] = &[
+    regulate(&[]),
+    regulate(IMU),
+    path(Manner::Follow),
+    path(Manner::Track),
+    regulate(&["mission.rps=false"]),
+    regulate(&["robot.lead.fusion.mode=intersection-ipec"]),
+    regulate(&["robot.lead.regulator.strategy=paper-law"]),
+    regulate(&["plant.tyre=creep"]),
+    regulate(&[
+        "plant.cogging_torque_n_m=0.05",
+        "sensors.bridge.warming_k=5",
+        "sensors.bridge.creep_share=0.01",
+        "plant.payload_kg=[1.0, 1.0]",
+        "plant.center_of_mass_height_m=0.05",
+    ]),
+    regulate(&[
+        "robot.axle.speed_source=filter",
+        "robot.axle.controller.frame_force=beam",
+    ]),
+    regulate(&["robot.beam.method=piecewise"]),
+    regulate(&["mission.start=[-0.2,0.2,1.0]"]),
+    regulate(&[
+        "sensors.gyro.fitted=true",
+        "sensors.accelerometer.fitted=true",
+        "sensors.gyro.rest_average_s=0",
+        "sensors.accelerometer.rest_average_s=0",
+    ]),
+    regulate(SLOW),
+    faulty("gauge dead", &[]),
+    faulty("gauge drifts", &[]),
+    faulty("gauge stuck", &[]),
+    faulty("beam board lost", &[]),
+    faulty("bus loses 50 %", &[]),
+    faulty("motor open", &[]),
+    faulty("motor stuck on", &[]),
+    faulty("encoder stuck", &[]),
+    faulty("gyro off by 0.3 rad/s", IMU),
+    faulty("frame snapped", &[]),
+    faulty("rear board lost", &[]),
+];
+
+impl Situation {
+    fn scenario(&self) -> Scenario {
+        self.with(&[]).unwrap()
+    }
+
+    fn with(&self, more: &[String]) -> Result<Scenario, Error> {
+        let changes = self.changes.iter().map(|&change| change.to_owned());
+        let changes: Vec<String> = changes.chain(more.iter().cloned()).collect();
+        Scenario::parse(None, "", "test", &changes)
+    }
+
+    fn name(&self) -> String {
+        let task = match self.task {
+            Task::Regulate => "posture",
+            Task::Path(Manner::Follow) => "follow",
+            Task::Path(Manner::Track) => "track",
+        };
+        let fault = self.fault.map_or("", |(name, _)| name);
+        format!("{task} {} {fault}", self.changes.join(" "))
+    }
+
+    fn refusal(&self, key: &str, scenario: &Scenario) -> Option<String> {
+        let (taken, used) = match self.task {
+            Task::Regulate => (&[] as effect::Taken, Use::Regulate),
+            Task::Path(_) => (host_sim::commands::follow::PATH, Use::Path),
+        };
+        effect::text(key, taken, &[(scenario, used)])
+    }
+
+    /// Hash of each epoch; ends at the first that is not as in `before`.
+    fn run(&self, scenario: &Scenario, before: &[u64]) -> Result<Vec<u64>, Error> {
+        let mut scenario = scenario.clone();
+        let route = match self.task {
+            Task::Regulate => None,
+            Task::Path(_) => {
+                let path = Path::figure_eight(1.0).unwrap();
+                let route = Route::new(&path, 1, &scenario);
+                let route = route.map_err(|error| Error::input(error.to_string()))?;
+                scenario.mission.start = route.start();
+                Some(route)
+            }
+        };
+        let mut simulation = Simulation::new(&scenario, 3, 0)?;
+        let seen = Arc::new(Mutex::new(Vec::new()));
+        simulation.observe(Some(Box::new(Epochs {
+            seen: seen.clone(),
+            before: before.to_vec(),
+        })));
+        if let Some((name, tick)) = self.fault {
+            let entry = CATALOGUE.iter().find(|entry| entry.name == name).unwrap();
+            simulation.inject(entry.fault, tick);
+        }
+        // An error is that of the observer: the run has changed.
+        let _ = match (self.task, &route) {
+            (Task::Path(manner), Some(route)) => {
+                driving::drive_on(&mut simulation, &scenario, route, manner, |_| {}).map(|_| ())
+            }
+            _ => simulation::regulate_on(&mut simulation, &scenario, |_| {}).map(|_| ()),
+        };
+        Ok(std::mem::take(&mut *seen.lock().unwrap()))
+    }
+
+    fn changes_with(&self, scenario: &Scenario, before: &[u64]) -> bool {
+        self.run(scenario, before)
+            .is_ok_and(|after| after != before)
+    }
+}
+
+/// Hashes the state of each epoch.
+struct Epochs {
+    seen: Arc<Mutex<Vec<u64>>>,
+    before: Vec<u64>,
+}
+
+impl Observer for Epochs {
+    fn epoch(&mut self, robot: &dyn Robot, record: &Record) -> Result<(), Error> {
+        let mut hash = DefaultHasher::new();
+        let bits = |values: &[f64]| {
+            values
+                .iter()
+                .map(|value| value.to_bits())
+                .collect::<Vec<_>>()
+        };
+        bits(&record.midpoint).hash(&mut hash);
+        bits(record.torque.as_flattened()).hash(&mut hash);
+        bits(&record.wrench).hash(&mut hash);
+        record.strain.map(f32::to_bits).hash(&mut hash);
+        format!("{:?} {:?}", record.lead, robot.monitor().changes().last()).hash(&mut hash);
+        let (mut seen, hash) = (self.seen.lock().unwrap(), hash.finish());
+        let same = self.before.is_empty() || self.before.get(seen.len()) == Some(&hash);
+        seen.push(hash);
+        match same {
+            true => Ok(()),
+            false => Err(Error::Failure("changed".to_owned())),
+        }
+    }
+}
+
+/// Paths of all values.
+fn leaves(value: &Value, at: &[String], found: &mut Vec<Vec<String>>) {
+    let mut inner = |key: String, value: &Value| leaves(value, &[at, &[key]].concat(), found);
+    match value {
+        Value::Table(table) => table
+            .iter()
+            .for_each(|(key, value)| inner(key.clone(), value)),
+        Value::Array(list) => (0..)
+            .zip(list)
+            .for_each(|(i, value): (u32, _)| inner(i.to_string(), value)),
+        _ => found.push(at.to_vec()),
+    }
+}
+
+fn entry<'a>(value: &'a mut Value, path: &[String]) -> &'a mut Value {
+    path.iter().fold(value, |value, key| match value {
+        Value::Array(list) => &mut list[key.parse::<usize>().unwrap()],
+        table => &mut table[key.as_str()],
+    })
+}
+
+/// Other values, of which some may be out of range.
+fn others(value: &Value) -> Vec<Value> {
+    let words = [
+        "creep",
+        "brush",
+        "paper-law",
+        "funnel",
+        "derived",
+        "printed",
+        "exact",
+        "trace",
+        "determinant",
+        "elastica",
+        "piecewise",
+        "quadrature",
+        "wheels",
+        "filter",
+        "off",
+        "reference",
+        "beam",
+        "joint",
+        "odometry",
+    ];
+    match *value {
+        Value::Float(0.0) => [1e-3, 0.05, 1e-6, 1.0, 5.0].map(Value::Float).to_vec(),
+        Value::Float(x) => [1.1, 0.9, 1.01, 2.0, 0.5, 10.0, 0.1]
+            .map(|factor| Value::Float(x * factor))
+            .to_vec(),
+        Value::Integer(n) => [n + 1, n - 1, n * 2, n / 2, n * 10, n / 10]
+            .map(Value::Integer)
+            .to_vec(),
+        Value::Boolean(flag) => vec![Value::Boolean(!flag)],
+        _ => words.map(|word| Value::String(word.to_owned())).to_vec(),
+    }
+}
+
+/// Scenarios that differ from this one in one key, at most `count`.
+fn changed(scenario: &Scenario, path: &[String], count: usize) -> Vec<Scenario> {
+    let mut table = Value::Table(Table::try_from(scenario).unwrap());
+    let value = entry(&mut table, path).clone();
+    let mut found = Vec::new();
+    for other in others(&value) {
+        *entry(&mut table, path) = other;
+        let Ok(other) = table.clone().try_into::<Scenario>() else {
+            continue;
+        };
+        if other != *scenario && other.check().is_ok() {
+            found.push(other);
+        }
+    }
+    found.truncate(count);
+    found
+}
+
+/// Scenarios that differ from this one in one parameter of one board.
+fn with_parameter(scenario: &Scenario, role: Role, name: &str) -> Vec<Scenario> {
+    let parameter = TABLE
+        .iter()
+        .find(|parameter| parameter.name == name)
+        .unwrap();
+    let (low, high) = parameter.range;
+    let default = parameter.default();
+    let tries = [
+        default * 1.1,
+        default * 0.9,
+        default + 1.0,
+        low + 0.3 * (high - low),
+        default * 2.0,
+        high,
+        low,
+    ];
+    let mut found = Vec::new();
+    for value in tries {
+        let value = if parameter.whole {
+            value.round()
+        } else {
+            value
+        };
+        if parameter.validate(value).is_err() || value == default {
+            continue;
+        }
+        let mut other = scenario.clone();
+        other.boards.put(role, &[(parameter, value)]);
+        if other.check().is_ok() {
+            found.push(other);
+        }
+    }
+    found
+}
+
+#[derive(Clone, Debug, PartialEq)]
+enum Found {
+    Effective,
+    Elsewhere(usize),
+    Refused,
+    Nothing,
+}
+
+type Made = Vec<(Scenario, Vec<u64>)>;
+
+/// Keys that no fault of the catalogue exercises, each with the test that does.
+const TESTED_ELSEWHERE: &[(&str, &str)] = &[(
+    "robot.beam.health.clear_periods",
+    "a gauge that recovers: core-algos, beam/health.rs",
+)];
+
+/// First situation in which the key changes the run; a run that changes where the key is refused is an error.
+fn look(
+    key: &str,
+    made: &Made,
+    change: &dyn Fn(&Scenario) -> Vec<Scenario>,
+) -> Result<Found, String> {
+    if let Some((_, value, situation)) = PROBES.iter().find(|(other, ..)| *other == key) {
+        let before = situation.run(&situation.scenario(), &[]);
+        let before = before.map_err(|error| error.to_string())?;
+        let scenario = situation.with(&[format!("{key}={value}")]);
+        let scenario = scenario.map_err(|error| error.to_string())?;
+        return Ok(match situation.changes_with(&scenario, &before) {
+            true => Found::Elsewhere(0),
+            false => Found::Nothing,
+        });
+    }
+    if TESTED_ELSEWHERE.iter().any(|(other, _)| *other == key) {
+        return Ok(Found::Elsewhere(0));
+    }
+    let (mut refused, mut tried) = (true, false);
+    for (i, (situation, (scenario, before))) in SITUATIONS.iter().zip(made).enumerate() {
+        let others = change(scenario);
+        tried |= !others.is_empty();
+        if let Some(text) = situation.refusal(key, scenario) {
+            // The key may decide itself whether it has an effect.
+            let others = others
+                .iter()
+                .filter(|other| situation.refusal(key, other).is_some());
+            if others
+                .take(1)
+                .any(|other| i < 6 && situation.changes_with(other, before))
+            {
+                return Err(format!(
+                    "{}: refused, but it changes the run: {text}",
+                    situation.name()
+                ));
+            }
+            continue;
+        }
+        refused = false;
+        if others
+            .iter()
+            .any(|other| situation.changes_with(other, before))
+        {
+            return Ok(if i == 0 {
+                Found::Effective
+            } else {
+                Found::Elsewhere(i)
+            });
+        }
+    }
+    // A value that no other may replace is refused by its own check.
+    Ok(if refused || !tried {
+        Found::Refused
+    } else {
+        Found::Nothing
+    })
+}
+
+#[test]
+fn each_key_changes_a_run_or_is_refused() {
+    let made: Made = SITUATIONS
+        .par_iter()
+        .map(|situation| {
+            let scenario = situation.scenario();
+            let run = situation.run(&scenario, &[]).unwrap();
+            (scenario, run)
+        })
+        .collect();
+    let mut keys = Vec::new();
+    let table = Value::Table(Table::try_from(&made[0].0).unwrap());
+    leaves(&table, &[], &mut keys);
+    let scenario_keys = keys.par_iter().map(|path| {
+        let key = path.join(".");
+        let found = look(&key, &made, &|scenario| changed(scenario, path, 7));
+        (key, found)
+    });
+    let mut results: Vec<_> = scenario_keys.collect();
+    let parameters: Vec<_> = Role::ALL
+        .into_iter()
+        .flat_map(|role| TABLE.iter().map(move |p| (role, p.name)))
+        .collect();
+    results.par_extend(parameters.into_par_iter().map(|(role, name)| {
+        let key = format!("boards.{}.{name}", role.name());
+        let found = look(&key, &made, &|scenario| {
+            with_parameter(scenario, role, name)
+        });
+        (key, found)
+    }));
+    let mut counts = [0; 3];
+    let mut wrong = Vec::new();
+    for (key, found) in &results {
+        match found {
+            Ok(Found::Effective) => counts[0] += 1,
+            Ok(Found::Elsewhere(i)) => {
+                counts[1] += 1;
+                println!("{:<60} {key}", SITUATIONS[*i].name());
+            }
+            Ok(Found::Refused) => {
+                counts[2] += 1;
+                println!("{:<60} {key}", "REFUSED");
+            }
+            Ok(Found::Nothing) => wrong.push(format!("{key}: changes no run and is not refused")),
+            Err(text) => wrong.push(format!("{key}: {text}")),
+        }
+    }
+    println!(
+        "keys {}: effective by default {}, elsewhere {}, refused everywhere {}",
+        results.len(),
+        counts[0],
+        counts[1],
+        counts[2]
+    );
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
