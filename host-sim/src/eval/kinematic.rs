@@ -139,6 +139,8 @@ mod tests {
                 let got = out[name].as_f64().unwrap();
                 // Sums of terms of order v/e may cancel: the scale is theirs.
                 let scale = expected.abs() + 1.0 + v.abs();
+                // A quotient: a small v multiplies the errors of both.
+                let scale = if name == "kappa" { scale / v.abs().min(1.0) } else { scale };
                 prop_assert!((got - expected).abs() < 2e-5 * scale, "{name}: {got} {expected}");
             }
         }
