@@ -101,6 +101,7 @@ fn batteries() -> Vec<Entry> {
             "battery",
             &[at(0, |b| battery(b, 10.3)), at(500, |b| battery(b, 12.0))],
         )
+        .notices(SupplyWarning)
         .goes_on(),
         Entry::steps(
             "battery sags to 8 V for 0.1 s",
