@@ -1,5 +1,6 @@
-use super::columns::Columns;
+use super::columns::{Columns, Values};
 use super::directory::{Block, Directory, Finished};
+use super::idle::idle_key;
 use super::pictures::{distributions, map, sensitivity};
 use super::report::{Report, rank_correlation, wilson};
 use super::study::Study;
@@ -254,4 +255,49 @@ fn intervals_and_correlations_are_the_textbook_ones() {
     assert!((rank_correlation(&iq, &hours) + 29.0 / 165.0).abs() < 1e-12);
     // Equal values share a rank.
     assert!((rank_correlation(&[1.0, 1.0, 2.0, 3.0], &[1.0, 1.0, 2.0, 3.0]) - 1.0).abs() < 1e-12);
+}
+
+#[test]
+fn a_varied_key_that_changes_no_result_is_named() {
+    let text = |vary: &str| {
+        format!(
+            "name = \"idle\"\ntrials = 2\n[[vary]]\nkey = \"robot.lead.limits.force_n\"\n{vary}"
+        )
+    };
+    let study = Study::parse(&text("values = [25.0, 30.0]"), "test").unwrap();
+    let runs = |errors: [f64; 4]| {
+        let column =
+            |name: &str, values: [f64; 4]| (name.to_owned(), Values::Double(values.to_vec()));
+        Columns(vec![
+            column("robot.lead.limits.force_n", [25.0, 25.0, 30.0, 30.0]),
+            column("e_m", errors),
+        ])
+    };
+    // Trials differ, and the second combination repeats them.
+    let same = runs([0.01, 0.02, 0.01, 0.02]);
+    assert_eq!(
+        idle_key(&study, &same).unwrap(),
+        Some("robot.lead.limits.force_n")
+    );
+    assert_eq!(
+        idle_key(&study, &runs([0.01, 0.02, 0.01, 0.03])).unwrap(),
+        None
+    );
+    let drawn = Study::parse(&text("uniform = [25.0, 30.0]"), "test").unwrap();
+    assert_eq!(
+        idle_key(&drawn, &same).unwrap(),
+        Some("robot.lead.limits.force_n")
+    );
+    let acting =
+        text("uniform = [0.4, 0.7]").replace("robot.lead.limits.force_n", "plant.friction");
+    let acting = Study::parse(&acting, "test").unwrap();
+    assert_eq!(idle_key(&acting, &same).unwrap(), None);
+}
+
+#[test]
+fn a_varied_key_that_the_tyre_ignores_is_refused() {
+    let text = TEXT.replace("tyre = \"creep\"", "tyre = \"brush\"");
+    let error = Study::parse(&text, "test").unwrap_err();
+    let words = "vary plant.creep_velocity_m_s: no effect with plant.tyre = \"brush\"";
+    assert!(error.to_string().contains(words), "{error}");
 }
