@@ -307,6 +307,10 @@ fn add_exact(a: u32, b: u32, status: &mut u32) -> u32 {
     if let Some(nan) = propagate(&[a, b], status) {
         return nan;
     }
+    add_values(a, b, status)
+}
+
+fn add_values(a: Value, b: Value, status: &mut u32) -> u32 {
     match (a, b) {
         (Value::Infinity(s), Value::Infinity(t)) if s != t => invalid(status),
         (Value::Infinity(s), _) | (_, Value::Infinity(s)) => infinity(s),
@@ -520,15 +524,5 @@ fn fma_exact(c: u32, a: u32, b: u32, status: &mut u32) -> u32 {
     let Some(product) = product(a, b) else {
         return invalid(status);
     };
-    match (c, product) {
-        (Value::Infinity(s), Value::Infinity(t)) if s != t => invalid(status),
-        (Value::Infinity(s), _) | (_, Value::Infinity(s)) => infinity(s),
-        (Value::Zero(s), Value::Zero(t)) if s == t => zero(s),
-        (Value::Zero(_), Value::Zero(_)) => zero(*status & RMODE == 2 << 22),
-        (Value::Finite(v), Value::Zero(_)) | (Value::Zero(_), Value::Finite(v)) => {
-            round_single(v, status)
-        }
-        (Value::Finite(v), Value::Finite(w)) => sum(v, w, status),
-        (Value::Nan(bits), _) | (_, Value::Nan(bits)) => bits,
-    }
+    add_values(c, product, status)
 }

@@ -90,11 +90,6 @@ impl Led {
         (self.lit, self.since) = (lit, at);
     }
 
-    /// Whether it is lit.
-    pub fn is_lit(&self) -> bool {
-        self.lit
-    }
-
     /// How often it went on.
     pub fn count(&self) -> u64 {
         self.count

@@ -17,6 +17,17 @@ fn enable(machine: &mut Machine, priorities: [u8; 4]) {
     machine.set_private(IPR0, u32::from_le_bytes(priorities));
 }
 
+/// Counts in r6 and stops at `last`.
+fn counting(last: u16) -> [u16; 5] {
+    [
+        0x3601,        // adds r6, #1
+        0x2e00 | last, // cmp r6, #last
+        0xd100,        // bne 1f
+        0xbe00,        // bkpt
+        0x4770,        // 1: bx lr
+    ]
+}
+
 #[test]
 fn a_supervisor_call_saves_what_the_manual_says() {
     let mut machine = Machine::new(&[
@@ -113,9 +124,8 @@ fn an_interrupt_inside_an_it_block_comes_back_to_its_middle() {
     assert_eq!(machine.core.xpsr() & 0x0600_fc00, 0);
 }
 
-#[test]
-fn the_more_urgent_one_preempts_and_the_others_follow_by_tail_chaining() {
-    // Handlers: line 1 pends lines 0 and 2; 0 is more urgent, 2 less.
+/// Handlers: line 1 pends lines 0 and 2. The order in which they log with these priorities.
+fn order_of_three(group: u32, priorities: [u8; 4]) -> Vec<u32> {
     let mut machine = Machine::new(&[
         0x6011, // str r1, [r2]
         0xbe00, // bkpt
@@ -135,39 +145,22 @@ fn the_more_urgent_one_preempts_and_the_others_follow_by_tail_chaining() {
     .register(1, 2)
     .register(2, ISPR0)
     .register(7, LOG);
-    enable(&mut machine, [0x10, 0x20, 0x30, 0]);
+    machine.set_private(AIRCR, 0x05fa_0000 | group << 8);
+    enable(&mut machine, priorities);
     assert_eq!(machine.run_to_breakpoint(), 0);
-    assert_eq!(machine.chip.log(), [1, 2, 3]);
     assert_eq!(machine.r(13), STACK);
+    machine.chip.log().to_vec()
+}
+
+#[test]
+fn the_more_urgent_one_preempts_and_the_others_follow_by_tail_chaining() {
+    assert_eq!(order_of_three(0, [0x10, 0x20, 0x30, 0]), [1, 2, 3]);
 }
 
 #[test]
 fn the_group_alone_decides_on_preemption_and_the_subpriority_on_the_order() {
-    for (group, expected) in [(3, vec![1, 2, 3]), (6, vec![2, 1, 3])] {
-        let mut machine = Machine::new(&[
-            0x6011, // str r1, [r2]
-            0xbe00, // bkpt
-        ])
-        .handler(16, &logging(1))
-        .handler(18, &logging(3))
-        .handler(
-            17,
-            &[
-                0x2005, // movs r0, #5
-                0x6010, // str r0, [r2]
-                0x2602, // movs r6, #2
-                0xc740, // stm r7!, {r6}
-                0x4770, // bx lr
-            ],
-        )
-        .register(1, 2)
-        .register(2, ISPR0)
-        .register(7, LOG);
-        machine.set_private(AIRCR, 0x05fa_0000 | group << 8);
-        enable(&mut machine, [0x40, 0x50, 0x60, 0]);
-        assert_eq!(machine.run_to_breakpoint(), 0);
-        assert_eq!(machine.chip.log(), expected, "group {group}");
-    }
+    assert_eq!(order_of_three(3, [0x40, 0x50, 0x60, 0]), [1, 2, 3]);
+    assert_eq!(order_of_three(6, [0x40, 0x50, 0x60, 0]), [2, 1, 3]);
 }
 
 #[test]
@@ -219,16 +212,7 @@ fn a_line_that_stays_high_comes_again_and_one_that_falls_does_not() {
             0xbf00, // nop
             0xe7fe, // b .
         ])
-        .handler(
-            16,
-            &[
-                0x3601, // adds r6, #1
-                0x2e03, // cmp r6, #3
-                0xd100, // bne 1f
-                0xbe00, // bkpt
-                0x4770, // 1: bx lr
-            ],
-        )
+        .handler(16, &counting(0x03))
         .register(6, 0);
         enable(&mut machine, [0; 4]);
         let begin = machine.core.cycles();
@@ -445,16 +429,7 @@ fn systick_interrupts_every_period() {
     let mut machine = Machine::new(&[
         0xe7fe, // b .
     ])
-    .handler(
-        15,
-        &[
-            0x3601, // adds r6, #1
-            0x2e0a, // cmp r6, #10
-            0xd100, // bne 1f
-            0xbe00, // bkpt
-            0x4770, // 1: bx lr
-        ],
-    )
+    .handler(15, &counting(0x0a))
     .register(6, 0);
     machine.set_private(0xe000_e014, 999);
     machine.set_private(0xe000_e018, 0);
