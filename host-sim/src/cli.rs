@@ -65,8 +65,6 @@ pub enum Command {
     Sweep(SweepArgs),
     /// A Monte Carlo study over variations of a scenario, in any number of parts: run, status, merge
     Campaign(CampaignArgs),
-    /// How the final error depends on tyres, sensor bias, wheel radius and placement
-    Sensitivity(SensitivityArgs),
     /// Consistency of the fused axle estimates (normalised estimation error squared)
     Consistency(ConsistencyArgs),
     /// Run one on-board algorithm on cases from standard input, one JSON object a line
@@ -375,17 +373,6 @@ pub struct SweepArgs {
     /// Largest curvature of the midpoint's path, 0.5 to 5 1/m [default: that of the scenario, 3.08]
     #[arg(long, value_name = "1/M", value_parser = number)]
     pub kappa_max: Option<f64>,
-}
-
-/// Arguments of `sensitivity`.
-#[derive(Clone, Debug, Args)]
-pub struct SensitivityArgs {
-    /// Arguments every experiment takes.
-    #[command(flatten)]
-    pub common: Common,
-    /// Number of paired trials at each point
-    #[arg(long, default_value_t = 50, value_parser = whole::<u32>(2..=1_000_000))]
-    pub trials: u32,
 }
 
 /// Arguments of `consistency`.

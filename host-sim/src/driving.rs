@@ -226,21 +226,8 @@ pub struct Outcome {
     pub duration_s: f64,
 }
 
-/// Drives `route`; `observe` is called once an epoch from the beginning of the task. The robot
-/// starts where the scenario says.
-pub fn drive(
-    scenario: &Scenario,
-    route: &Route,
-    manner: Manner,
-    seed: u64,
-    trial: u64,
-    observe: impl FnMut(&Moment),
-) -> Result<Outcome, Error> {
-    let mut simulation = Simulation::new(scenario, seed, trial)?;
-    drive_on(&mut simulation, scenario, route, manner, observe)
-}
-
-/// The same with a simulation that has been made for the scenario.
+/// Drives `route` in a simulation of `scenario`; `observe` is called once an epoch from the beginning
+/// of the task. The robot starts where the scenario says.
 pub fn drive_on(
     simulation: &mut Simulation,
     scenario: &Scenario,

@@ -36,7 +36,6 @@ fn main() -> ExitCode {
         Some(Command::Campaign(args)) => commands::campaign::run(args),
         Some(Command::Doctor(args)) => commands::doctor::run(args),
         Some(Command::Completions(args)) => commands::completions::run(args),
-        Some(Command::Sensitivity(args)) => commands::sensitivity::run(args),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

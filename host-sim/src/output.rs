@@ -260,46 +260,23 @@ impl fmt::Display for Cell {
     }
 }
 
-impl From<f64> for Cell {
-    fn from(value: f64) -> Self {
-        Self::Double(value)
-    }
+macro_rules! cells {
+    ($($from:ty, $value:ident => $cell:expr;)*) => {$(
+        impl From<$from> for Cell {
+            fn from($value: $from) -> Self {
+                $cell
+            }
+        }
+    )*};
 }
-
-impl From<f32> for Cell {
-    fn from(value: f32) -> Self {
-        Self::Single(value)
-    }
-}
-
-impl From<i32> for Cell {
-    fn from(value: i32) -> Self {
-        Self::Integer(value.into())
-    }
-}
-
-impl From<u32> for Cell {
-    fn from(value: u32) -> Self {
-        Self::Integer(value.into())
-    }
-}
-
-impl From<usize> for Cell {
-    fn from(value: usize) -> Self {
-        Self::Integer(value as i64)
-    }
-}
-
-impl From<bool> for Cell {
-    fn from(value: bool) -> Self {
-        Self::Integer(value.into())
-    }
-}
-
-impl From<&str> for Cell {
-    fn from(value: &str) -> Self {
-        Self::Text(value.to_string())
-    }
+cells! {
+    f64, value => Self::Double(value);
+    f32, value => Self::Single(value);
+    i32, value => Self::Integer(value.into());
+    u32, value => Self::Integer(value.into());
+    usize, value => Self::Integer(value as i64);
+    bool, value => Self::Integer(value.into());
+    &str, value => Self::Text(value.to_string());
 }
 
 impl<T: Into<Cell>> From<Option<T>> for Cell {

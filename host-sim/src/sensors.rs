@@ -11,8 +11,8 @@
 //! imperfections and the same noise, whatever sensors are fitted and whatever the node does with
 //! them, so that they can be compared in pairs. Standard deviations only scale the draws.
 //!
-//! The defaults are what such parts do when they are fitted with ordinary care; the comment of
-//! each field says where its value comes from.
+//! The defaults are what such parts do when they are fitted with ordinary care. `worlds/base.toml`
+//! has each with its reason.
 
 use crate::world::PlantErrors;
 use core_algos::beam::strip;
@@ -58,11 +58,9 @@ pub struct SensorConfig {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct PlacementConfig {
-    /// Standard deviation of the start position of O along each axis, m. Default 2 mm: set by hand
-    /// on a mark on the floor.
+    /// Standard deviation of the start position of O along each axis, m.
     pub position_sigma_m: f64,
-    /// Standard deviation of the start heading, rad. Default 2 mrad: the two ends of a half-metre
-    /// robot aligned with a line to a millimetre.
+    /// Standard deviation of the start heading, rad.
     pub heading_sigma_rad: f64,
 }
 
@@ -80,11 +78,9 @@ impl Default for PlacementConfig {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct GeometryConfig {
-    /// Relative standard deviation of each wheel's rolling radius. Default 0.1 %: 73 µm of 73 mm,
-    /// what a calibration over a few metres leaves when load and temperature change.
+    /// Relative standard deviation of each wheel's rolling radius.
     pub wheel_radius_sigma: f64,
-    /// Relative standard deviation of each axle's effective track. Default 0.3 %: 1 mm of 324 mm,
-    /// since a tyre some 20 mm wide does not tell where across its width it turns.
+    /// Relative standard deviation of each axle's effective track.
     pub track_sigma: f64,
 }
 
@@ -101,11 +97,10 @@ impl Default for GeometryConfig {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct EncoderConfig {
-    /// Counts in one revolution of the wheel, all four edges of the quadrature counted. Default
-    /// 8192: 2048 lines on the wheel's own shaft, hence no backlash; 56 µm of travel a count. (An
-    /// encoder of 500 lines before a gear of 26 to 1 would give six times as many.)
+    /// Counts in one revolution of the wheel, all four edges of the quadrature counted. (An
+    /// encoder of 500 lines before a gear of 26 to 1 would give 52000.)
     pub counts_per_revolution: u32,
-    /// Age of a sample when the board has it, ms. Default 0: a timer counts in hardware.
+    /// Age of a sample when the board has it, ms.
     pub delay_ms: u32,
 }
 
@@ -134,32 +129,27 @@ pub struct Accelerometer;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default, bound = "InertialConfig<Kind>: Default")]
 pub struct InertialConfig<Kind> {
-    /// Whether the axles carry it. Default no: the robot of the paper has encoders and strain
-    /// bridges only.
+    /// Whether the axles carry it.
     pub fitted: bool,
-    /// Standard deviation of the bias at power-up, u. Defaults: 8.7 mrad/s (0.5 °/s) and
-    /// 0.2 m/s² (20 milli-g), the typical zero-rate and zero-g offsets of the data sheet.
+    /// Standard deviation of the bias at power-up, u.
     pub bias_sigma: f64,
     /// Time at rest over which the driver averages at power-up and takes the mean as bias, s; 0
-    /// hands the raw reading on. Default 1 s.
+    /// hands the raw reading on.
     pub rest_average_s: f64,
     /// Time from that average to the start of a trial, s: the bias walks on while the robot is
-    /// carried to its mark and set down. Default 60 s.
+    /// carried to its mark and set down.
     pub rest_age_s: f64,
-    /// Random walk of the bias, u/√s. Defaults: 5e-5 rad/s/√s (0.016 °/s in half a minute: some
-    /// 0.01 °/s per kelvin while the part warms up) and 5e-3 m/s²/√s (22 mm/s² in 20 s: a floor
-    /// whose slope changes by 2 mrad).
+    /// Random walk of the bias, u/√s.
     pub bias_walk: f64,
-    /// White noise, u/√Hz, one-sided density; half the sample rate is the bandwidth. Defaults:
-    /// 4.9e-5 rad/s/√Hz (2.8 millidegree/s/√Hz) and 6.9e-4 m/s²/√Hz (70 micro-g/√Hz).
+    /// White noise, u/√Hz, one-sided density; half the sample rate is the bandwidth.
     pub noise_density: f64,
-    /// Relative standard deviation of the scale factor. Default 0.5 %, the data sheet's tolerance.
+    /// Relative standard deviation of the scale factor.
     pub scale_sigma: f64,
-    /// Full scale to either side, u. Defaults: 4.36 rad/s (250 °/s) and 19.6 m/s² (2 g).
+    /// Full scale to either side, u.
     pub range: f64,
-    /// Bits of a reading over the whole range. Default 16.
+    /// Bits of a reading over the whole range.
     pub bits: u32,
-    /// Age of a sample when the board has it, ms. Default 1: the part's own low-pass filter.
+    /// Age of a sample when the board has it, ms.
     pub delay_ms: u32,
     #[serde(skip)]
     kind: Kind,
@@ -210,73 +200,56 @@ impl Default for InertialConfig<Accelerometer> {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct BridgeConfig {
-    /// Relative resistance change over strain. Default 2.1: constantan foil.
+    /// Relative resistance change over strain.
     pub gauge_factor: f64,
     /// Gauges of the bridge that see the strain: 1, 2 (one on each face) or 4 (two on each face).
-    /// Default 4, which also cancels axial strain and most of the temperature.
     pub active_gauges: u32,
-    /// Gain of the amplifier. Default 60: full scale at ±4000 µε, since the strip (half thickness
-    /// 0.5 mm) sees 1400 µε at the steering limit and its steel yields near 4500 µε.
+    /// Gain of the amplifier.
     pub amplifier_gain: f64,
-    /// Corner of the amplifier's first-order low-pass filter, Hz. Default 200.
+    /// Corner of the amplifier's first-order low-pass filter, Hz.
     pub bandwidth_hz: f64,
-    /// Effective bits of the converter over the whole range. Default 14: a 12-bit converter with
-    /// 16 conversions a sample; 0.5 µε a count.
+    /// Effective bits of the converter over the whole range.
     pub converter_bits: u32,
-    /// Noise at the converter as strain, rms at the sample rate. Default 0.7 µε: the resistors and
-    /// the amplifier give 0.03 µε, the converter 0.5 µε, the motors' switching the rest.
+    /// Noise at the converter as strain, rms at the sample rate.
     pub noise_strain: f64,
-    /// Relative standard deviation of each bridge's gain. Default 0.3 %: gauge-factor tolerance of
-    /// a lot and the gain resistors after one bend to a known arc.
+    /// Relative standard deviation of each bridge's gain.
     pub gain_sigma: f64,
-    /// Relative standard deviation of the gain error that all bridges share. Default 0; 1 to 2 %: foil
-    /// and glue stand 40 to 60 µm off a half thickness of 0.5 mm, which a lot has alike, and the strip's
+    /// Relative standard deviation of the gain error that all bridges share. 1 to 2 %: foil and
+    /// glue stand 40 to 60 µm off a half thickness of 0.5 mm, which a lot has alike, and the strip's
     /// thickness is known to 2 %.
     pub common_gain_sigma: f64,
-    /// Standard deviation of each bridge's unbalance before zeroing, strain. Default 200 µε: 0.04 %
-    /// of resistance, trimmed.
+    /// Standard deviation of each bridge's unbalance before zeroing, strain.
     pub offset_sigma_strain: f64,
     /// Standard deviation of each bridge's change from zeroing to the start of a trial, strain.
-    /// Default 1 µε: 5 K at the 0.2 µε/K that a matched full bridge leaves.
     pub drift_sigma_strain: f64,
-    /// Standard deviation of the error that all bridges share after zeroing, strain. Default 1 µε:
-    /// the edge against which the frame is held while zeroing bulges by 0.03 mm over its length,
-    /// 0.7 mrad between its ends (strain = angle·half thickness/length), as a ground straight edge
-    /// does.
+    /// Standard deviation of the error that all bridges share after zeroing, strain: that of the edge
+    /// against which the frame is held (strain = angle·half thickness/length).
     pub common_sigma_strain: f64,
-    /// Random walk of each bridge during a trial, strain/√s. Default 0.05 µε/√s: 0.3 µε in half a
-    /// minute, 1 to 2 K.
+    /// Random walk of each bridge during a trial, strain/√s.
     pub drift_walk_strain: f64,
-    /// Where along the strip the gauges are meant to sit, from its root, m; at most eight. Default:
-    /// the nodes of Gauss-Legendre quadrature of a strip of 0.37 m.
+    /// Where along the strip the gauges are meant to sit, from its root, m; at most eight.
     pub gauges_m: Vec<f64>,
-    /// Standard deviation of each gauge's place along the strip, m. Default 0.3 mm: glued by hand
-    /// on a scribed mark.
+    /// Standard deviation of each gauge's place along the strip, m.
     pub position_sigma_m: f64,
-    /// Share of a sustained strain that a gauge loses in the end, as its adhesive and carrier creep
-    /// (Hoffmann, *An Introduction to Stress Analysis and Transducer Design using Strain Gauges*,
-    /// HBM 2012): −0.05 to 0.05. Default 0; 0.005 to 0.01 for cold-curing adhesives.
+    /// Share of a sustained strain that a gauge loses in the end, as its adhesive and carrier creep:
+    /// −0.05 to 0.05.
     pub creep_share: f64,
-    /// Standard deviation of that share, the same for all gauges of a robot. Default 0.
+    /// Standard deviation of that share, the same for all gauges of a robot.
     pub creep_sigma: f64,
-    /// Time constant of it, s. Default 60.
+    /// Time constant of the creep, s.
     pub creep_time_s: f64,
-    /// Rise of the gauges' temperature since zeroing, in the end, K. Default 0.
+    /// Rise of the gauges' temperature since zeroing, in the end, K.
     pub warming_k: f64,
-    /// Time constant of it, s. Default 600.
+    /// Time constant of the warming, s.
     pub warming_time_s: f64,
-    /// Standard deviation of what each bridge's zero moves by for a rise of 1 K, strain. Default
-    /// 0.2 µε: what a matched full bridge leaves (0.5 to 1 for half bridges; Micro-Measurements
-    /// Tech Note TN-504).
+    /// Standard deviation of what each bridge's zero moves by for a rise of 1 K, strain:
+    /// 0.5 to 1 µε for half bridges.
     pub zero_per_k_sigma_strain: f64,
-    /// Relative change of all gains for a rise of 1 K. Default 1e-4: the gauge factor of constantan
-    /// (TN-504).
+    /// Relative change of all gains for a rise of 1 K.
     pub gain_per_k: f64,
-    /// Distance of the gauges from the strip's neutral axis, m. Default 0.5 mm: half the thickness of a
-    /// strip of 1 mm.
+    /// Distance of the gauges from the strip's neutral axis, m.
     pub half_thickness_m: f64,
-    /// Age of a sample when the board has it, ms. Default 1: conversions are collected over the
-    /// last millisecond.
+    /// Age of a sample when the board has it, ms.
     pub delay_ms: u32,
 }
 

@@ -1,5 +1,7 @@
 //! Calibration of the simulated robot: what it does not know of itself is found.
 
+#[path = "shared/program.rs"]
+mod program;
 mod terminal;
 
 use core_algos::node::board::Role;
@@ -9,21 +11,13 @@ use host_sim::scenario::Scenario;
 use host_sim::targets::board_log::BoardLog;
 use host_sim::targets::emulated::{Emulated, Images, Wire};
 use host_sim::targets::{Remote, Target};
+use program::cfmmr;
 use serde_json::Value;
 use std::fs::{self, File};
 use std::io::{Read, Write};
 use std::path::Path;
-use std::process::{Command, Output, Stdio};
+use std::process::{Command, Stdio};
 use terminal::pseudo_terminal;
-
-fn cfmmr(directory: &Path, arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_cfmmr"))
-        .args(arguments)
-        .current_dir(directory)
-        .stdin(Stdio::null())
-        .output()
-        .unwrap()
-}
 
 fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
@@ -34,7 +28,7 @@ fn calibrate(directory: &Path, what: &str, seed: u32, more: &[&str]) -> Value {
     let seed = seed.to_string();
     let mut arguments = vec!["calibrate", what, "--seed", &seed, "--json", "report.json"];
     arguments.extend(more);
-    let output = cfmmr(directory, &arguments);
+    let output = cfmmr(directory, &arguments, "");
     assert!(output.status.success(), "{}", text(&output.stderr));
     serde_json::from_slice(&fs::read(directory.join("report.json")).unwrap()).unwrap()
 }
@@ -153,7 +147,7 @@ fn tables_of_the_docs_are_what_the_command_prints() {
         let command = ["calibrate", what, "--seeds", "1,2,3,4,5,6"];
         let line = format!("cargo cfmmr {}\n", command.join(" "));
         assert!(page.contains(&line), "{line}");
-        let output = cfmmr(folder.path(), &command);
+        let output = cfmmr(folder.path(), &command, "");
         assert!(output.status.success(), "{}", text(&output.stderr));
         let shown = text(&output.stdout);
         assert!(page.contains(&shown), "not in the page:\n{shown}");
@@ -210,7 +204,7 @@ fn nothing_is_saved_unasked_and_what_is_saved_is_what_was_found() {
         "--json",
         "report.json",
     ];
-    let output = cfmmr(folder.path(), &arguments);
+    let output = cfmmr(folder.path(), &arguments, "");
     let shown = text(&output.stdout);
     assert!(
         output.status.success() && shown.contains("not saved: no terminal"),
@@ -219,10 +213,10 @@ fn nothing_is_saved_unasked_and_what_is_saved_is_what_was_found() {
     assert!(!folder.path().join("out/flash").exists());
     let report = calibrate(folder.path(), "imu", 1, &["--yes"]);
     assert_eq!(report["saved"], true);
-    let export = cfmmr(folder.path(), &["params", "export"]);
+    let export = cfmmr(folder.path(), &["params", "export"], "");
     let found = fs::read_to_string(folder.path().join("found.toml")).unwrap();
     assert_eq!(text(&export.stdout), found);
     assert_eq!(found.matches("inertial.gyro_gain = ").count(), 2, "{found}");
-    let config = cfmmr(folder.path(), &["config", "--scenario", "found.toml"]);
+    let config = cfmmr(folder.path(), &["config", "--scenario", "found.toml"], "");
     assert!(text(&config.stdout).contains("[boards.rear.inertial]"));
 }

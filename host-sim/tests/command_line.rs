@@ -225,7 +225,6 @@ fn help_names_every_command() {
         "track",
         "hil",
         "sweep",
-        "sensitivity",
         "consistency",
         "eval",
         "config",

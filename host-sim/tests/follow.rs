@@ -4,6 +4,7 @@ use core_algos::fusion::tandem::Mode;
 use host_sim::driving::{self, Manner, Moment, Outcome, Route};
 use host_sim::paths::Path;
 use host_sim::scenario::Scenario;
+use host_sim::simulation::Simulation;
 use std::fs;
 use std::path::Path as FilePath;
 use std::process::{Command, Output};
@@ -23,10 +24,21 @@ fn run(path: &Path, manner: Manner, scenario: &Scenario, seed: u64) -> (Outcome,
     let route = Route::new(path, 1, &scenario).unwrap();
     scenario.mission.start = route.start();
     let mut moments = Vec::new();
-    let outcome = driving::drive(&scenario, &route, manner, seed, 0, |moment| {
+    let outcome = drive(&scenario, &route, manner, seed, |moment| {
         moments.push(*moment);
     });
-    (outcome.unwrap(), moments)
+    (outcome, moments)
+}
+
+fn drive(
+    scenario: &Scenario,
+    route: &Route,
+    manner: Manner,
+    seed: u64,
+    observe: impl FnMut(&Moment),
+) -> Outcome {
+    let mut simulation = Simulation::new(scenario, seed, 0).unwrap();
+    driving::drive_on(&mut simulation, scenario, route, manner, observe).unwrap()
 }
 
 fn paths() -> [(&'static str, Path); 4] {
@@ -115,12 +127,11 @@ fn robot_beside_the_path_comes_onto_it() {
     let route = Route::new(&path, 1, &scenario).unwrap();
     scenario.mission.start = [-0.1, 0.12, -0.4];
     let mut late = 0.0f64;
-    let outcome = driving::drive(&scenario, &route, Manner::Follow, 2, 0, |moment| {
+    let outcome = drive(&scenario, &route, Manner::Follow, 2, |moment| {
         if moment.target.s > 0.9 {
             late = late.max(moment.estimate.lateral_m.abs());
         }
     });
-    let outcome = outcome.unwrap();
     assert!(outcome.done && outcome.estimate.final_m < 2e-3);
     assert!(late < 2e-3, "{late}");
 }
@@ -134,12 +145,11 @@ fn several_laps_are_streamed_through_the_small_buffer() {
     scenario.mission.start = route.start();
     let mut turned = 0.0;
     let mut last = scenario.mission.start[2];
-    let outcome = driving::drive(&scenario, &route, Manner::Follow, 6, 0, |moment| {
+    let outcome = drive(&scenario, &route, Manner::Follow, 6, |moment| {
         let step = moment.record.midpoint[2] - last;
         turned += step - std::f64::consts::TAU * (step / std::f64::consts::TAU).round();
         last = moment.record.midpoint[2];
     });
-    let outcome = outcome.unwrap();
     assert!(outcome.done && outcome.estimate.rms_m < 2e-3, "{outcome:?}");
     assert!(
         (turned - 2.0 * std::f64::consts::TAU).abs() < 0.1,

@@ -1,5 +1,8 @@
 //! Parameters of boards over their links, in process and emulated, and the commands on them.
 
+#[path = "shared/program.rs"]
+mod program;
+
 use core_algos::hil::Identity;
 use core_algos::node::board::Role;
 use core_algos::params::{Source, find};
@@ -8,10 +11,10 @@ use host_sim::targets::emulated::{Emulated, Images, Wire, check_qemu};
 use host_sim::targets::link::{Link, Loopback};
 use host_sim::targets::parameters::Kept;
 use host_sim::targets::{Remote, Target};
+use program::cfmmr;
 use serde_json::Value;
 use std::fs;
 use std::path::Path;
-use std::process::{Command, Output};
 
 const RADIUS: &str = "robot.geometry.wheel_radius_m";
 const GAIN: &str = "robot.beam.calibration.gain[3]";
@@ -111,14 +114,6 @@ fn what_was_saved_is_there_after_a_reset_of_an_emulated_board() {
     assert!(error.to_string().contains("flash"), "{error}");
 }
 
-fn cfmmr(directory: &Path, arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_cfmmr"))
-        .args(arguments)
-        .current_dir(directory)
-        .output()
-        .unwrap()
-}
-
 fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
 }
@@ -175,7 +170,7 @@ fn wrong_commands_end_with_2_and_say_what_is_allowed() {
     for (arguments, words) in cases {
         let mut all = vec!["params"];
         all.extend(arguments);
-        let output = cfmmr(folder.path(), &all);
+        let output = cfmmr(folder.path(), &all, "");
         let error = text(&output.stderr);
         assert_eq!(output.status.code(), Some(2), "{arguments:?}: {error}");
         for word in words {
@@ -192,7 +187,7 @@ fn wrong_commands_end_with_2_and_say_what_is_allowed() {
 fn parameters_go_from_board_to_file_and_back_and_into_a_scenario() {
     let folder = tempfile::tempdir().unwrap();
     let run = |arguments: &[&str]| {
-        let output = cfmmr(folder.path(), arguments);
+        let output = cfmmr(folder.path(), arguments, "");
         assert!(output.status.success(), "{}", text(&output.stderr));
         text(&output.stdout)
     };
@@ -208,7 +203,7 @@ fn parameters_go_from_board_to_file_and_back_and_into_a_scenario() {
     ];
     let shown = run(&moved);
     assert!(shown.contains("2 values written"), "{shown}");
-    let output = cfmmr(folder.path(), &moved[..6]);
+    let output = cfmmr(folder.path(), &moved[..6], "");
     assert!(output.status.success(), "the same again");
     let set = "robot.geometry.wheel_radius_m=0.0731";
     let shown = run(&["params", "set", "--board", "rear", set]);

@@ -8,7 +8,7 @@ use syn::spanned::Spanned;
 use syn::visit::{self, Visit};
 
 /// Largest number of lines of all Rust files.
-const TOTAL: usize = 132_634;
+const TOTAL: usize = 131_334;
 /// Largest number of lines of a file, test modules excluded.
 const FILE: usize = 600;
 /// Largest number of lines of a function.
@@ -26,11 +26,11 @@ const LONGER_FILES: &[(&str, usize)] = &[
     ("core-algos/src/fusion/tandem.rs", 795),
     ("core-algos/src/node/axle.rs", 804),
     ("core-algos/src/node/lead.rs", 911),
-    ("host-sim/src/cli.rs", 879),
+    ("host-sim/src/cli.rs", 866),
     ("host-sim/src/paths.rs", 1024),
-    ("host-sim/src/sensors.rs", 972),
+    ("host-sim/src/sensors.rs", 945),
     ("host-sim/src/simulation.rs", 880),
-    ("plant/src/integrator.rs", 819),
+    ("plant/src/integrator.rs", 812),
     ("virtual-board/src/chip/flash/mod.rs", 611),
 ];
 
@@ -46,7 +46,7 @@ const LONGER_FUNCTIONS: &[(&str, usize)] = &[
     ("host-sim/src/driving.rs: drive_on", 91),
     ("host-sim/src/faults/run.rs: run_on", 98),
     ("host-sim/src/kinematic_model.rs: regulate", 113),
-    ("host-sim/src/virtual_robot/faults/program.rs: faults", 113),
+    ("host-sim/src/virtual_robot/faults/program.rs: faults", 102),
     (
         "virtual-board/src/core/decode_data.rs: shifted_register",
         81,

@@ -1,9 +1,11 @@
 //! Posture regulation from random starts through the command: success, the curvature bound,
 //! determinism, refusals.
 
+use core_algos::control::kinematic::LimitsConfig;
+use core_algos::control::regulator::{Config, Strategy};
 use host_sim::cli::SweepModel;
 use host_sim::commands::sweep::{Report, Start, Sweep};
-use host_sim::kinematic_model::random_start;
+use host_sim::kinematic_model::{Model, Trial, random_start, regulate};
 use host_sim::scenario::Scenario;
 use host_sim::simulation;
 use rayon::prelude::*;
@@ -42,14 +44,68 @@ fn check(report: &Report) {
 fn kinematic_starts_all_come_home_within_the_bound() {
     for kappa_max in [1.5, 2.5, 3.3] {
         let sweep = sweep(SweepModel::Kinematic, kappa_max);
-        let report = Report::of(&run(&sweep, 150), &sweep, 5);
+        let starts = run(&sweep, 150);
+        let report = Report::of(&starts, &sweep, 5);
         check(&report);
+        assert!(starts.iter().filter(|start| start.e_m >= 3e-3).count() <= 7);
         // No path of the bound is shorter than the shortest, but for the last millimetres.
         assert!(
             (0.99..1.1).contains(&report.length_ratio.mean),
             "{report:?}"
         );
         assert!(report.max_planning_steps <= 60, "{report:?}");
+    }
+}
+
+/// Drives the model from a start to the origin with a curvature bound of 3 1/m.
+fn bring_home(strategy: Strategy, model: Model, start: [f64; 3], seed: u64, trial: u64) -> Trial {
+    let model = Model {
+        max_steering_rad: model.steering(3.0),
+        ..model
+    };
+    let config = Config {
+        strategy,
+        limits: LimitsConfig {
+            max_steering_rad: model.max_steering_rad as f32,
+            frame_length_m: model.frame_length_m as f32,
+            ..Config::default().limits
+        },
+        ..Config::default()
+    };
+    let regulator = config.build().unwrap();
+    regulate(
+        &regulator,
+        &model,
+        start,
+        [0.0; 3],
+        seed,
+        trial,
+        |_, _, _| {},
+    )
+}
+
+#[test]
+fn a_wandering_estimate_and_a_wrong_curvature_are_survived() {
+    let disturbed = Model {
+        position_noise_m: 0.002,
+        heading_noise_rad: 0.005,
+        curvature_gain: 0.95,
+        curvature_offset_1_m: 0.05,
+        ..Model::default()
+    };
+    let failed = |index: &u64| {
+        let start = random_start(8, *index);
+        !bring_home(Config::default().strategy, disturbed, start, 8, *index).success
+    };
+    assert!((0..200).into_par_iter().filter(failed).count() <= 1);
+}
+
+#[test]
+fn both_strategies_bring_the_papers_start_home() {
+    for strategy in [Strategy::Funnel, Strategy::PaperLaw] {
+        let trial = bring_home(strategy, Model::default(), [-1.342, -1.342, 0.0], 0, 0);
+        assert!(trial.success, "{trial:?}");
+        assert!(trial.length_m < 1.1 * trial.shortest_m, "{trial:?}");
     }
 }
 

@@ -796,13 +796,6 @@ impl Plant {
         }
     }
 
-    /// Points along the frame from the rear axle to the front axle, global, m.
-    pub fn frame_curve(&self, points: usize) -> Vec<[f64; 2]> {
-        let mut out = vec![[0.0; 2]; points];
-        self.draw(&self.outline(points), &mut out);
-        out
-    }
-
     /// Kinetic energy of axles and wheels and elastic energy of the frame, J.
     pub fn energy(&self) -> f64 {
         let mut energy = self.strip.energy(&self.equilibrium);

@@ -127,6 +127,7 @@ fn energy_never_grows() {
         ..crooked()
     };
     for (config, step, allowed) in [
+        (PlantConfig::default(), 1e-3, 1e-6),
         (brush(), 1e-3, 1e-6),
         (config.clone(), 1e-3, 2e-5),
         (config, 2.5e-4, 1e-6),
@@ -155,9 +156,14 @@ fn energy_never_grows() {
 
 /// Momentum and angular momentum of axles and payloads, as of four points and two bodies.
 #[test]
-fn momentum_with_payloads_is_conserved_without_friction() {
+fn momentum_is_conserved_without_friction() {
+    conserves_momentum([2.0, 3.0], 1e-3);
+    conserves_momentum([0.0; 2], 1e-9);
+}
+
+fn conserves_momentum(payload_kg: [f64; 2], allowed: f64) {
     let config = PlantConfig {
-        payload_kg: [2.0, 3.0],
+        payload_kg,
         payload_position_m: [[0.06, 0.1], [-0.05, -0.12]],
         clamp_angle_root_rad: 0.1,
         clamp_angle_tip_rad: -0.05,
@@ -201,7 +207,10 @@ fn momentum_with_payloads_is_conserved_without_friction() {
     println!("{before:?} {after:?}");
     assert!(free.state().axle[0].velocity[2].abs() > 0.1);
     for n in 0..2 {
-        assert!((before[n] - after[n]).abs() < 1e-3, "{before:?} {after:?}");
+        assert!(
+            (before[n] - after[n]).abs() < allowed,
+            "{before:?} {after:?}"
+        );
     }
     assert!((before[2] - after[2]).abs() < 2e-3, "{before:?} {after:?}");
     assert!(free.energy() < energy);
@@ -343,7 +352,8 @@ fn clamps_set_the_unloaded_posture() {
     for k in 0..1500 {
         plant.step(wave(k, 0.5));
     }
-    let curve = plant.frame_curve(50);
+    let mut curve = [[0.0; 2]; 50];
+    plant.draw(&plant.outline(50), &mut curve);
     let [front, rear] = plant.state().axle.map(|a| a.posture);
     assert!((curve[0][0] - rear[0]).abs() < 1e-12 && (curve[0][1] - rear[1]).abs() < 1e-12);
     assert!((curve[49][0] - front[0]).hypot(curve[49][1] - front[1]) < 1e-6);
@@ -456,38 +466,59 @@ fn mean_of_the_cogging_is_zero() {
     assert!((axle.torque[0] - 0.1).abs() < 0.005);
 }
 
+/// Whichever instructions the processor has, also through snap-through and slip-stick.
 #[test]
 fn vector_and_portable_code_agree_to_the_bit() {
-    let mut one = build(&crooked());
-    let mut other = one.portable();
-    for k in 0..6000 {
-        let torque = wave(k, 0.6);
-        one.step(torque);
-        other.step(torque);
-        assert_eq!(one.state(), other.state(), "step {k}");
-        assert_eq!(one.wrench(), other.wrench(), "step {k}");
+    let soft = PlantConfig {
+        bending_stiffness_n_m2: 0.05,
+        static_excess: 0.2,
+        rolling_resistance: 0.01,
+        ..PlantConfig::default()
+    };
+    let mut snaps = 0;
+    for (config, amplitude) in [(crooked(), 0.6), (PlantConfig::default(), 0.4), (soft, 1.6)] {
+        let mut one = build(&config);
+        let mut other = one.portable();
+        for k in 0..8000 {
+            let torque = wave(k, amplitude);
+            one.step(torque);
+            other.step(torque);
+            assert_eq!(one.state(), other.state(), "step {k}");
+            assert_eq!(one.wrench(), other.wrench(), "step {k}");
+        }
+        snaps += one.health().snap_throughs;
     }
+    assert!(snaps > 0);
 }
 
 #[test]
-fn a_robot_placed_anew_is_a_new_one() {
-    let mut used = build(&crooked());
-    for k in 0..1500 {
-        used.step(wave(k, 0.6));
+fn a_copy_and_a_robot_placed_anew_repeat_to_the_bit() {
+    for config in [crooked(), PlantConfig::default()] {
+        let run = |plant: &mut Plant| {
+            for k in 0..1500 {
+                plant.step(wave(k, 0.6));
+            }
+            *plant.state()
+        };
+        let mut used = build(&config);
+        run(&mut used);
+        let mut copy = used.clone();
+        assert_eq!(run(&mut used), run(&mut copy));
+        used.place([0.0; 3]);
+        assert_eq!(run(&mut used), run(&mut build(&config)));
     }
-    used.place([0.0; 3]);
-    let mut fresh = build(&crooked());
-    for k in 0..1500 {
-        used.step(wave(k, 0.6));
-        fresh.step(wave(k, 0.6));
-    }
-    assert_eq!(used.state(), fresh.state());
 }
 
 #[test]
 fn a_bad_constant_is_named() {
     type Spoil = fn(&mut PlantConfig);
-    let spoilt: [(&str, Spoil); 14] = [
+    let spoilt: [(&str, Spoil); 20] = [
+        ("mass_kg[1]", |c| c.mass_kg[1] = f64::NAN),
+        ("strip_length_m", |c| c.strip_length_m = 0.0),
+        ("wheel_radius_m[0][1]", |c| c.wheel_radius_m[0][1] = -0.07),
+        ("friction", |c| c.friction = f64::INFINITY),
+        ("axial_stiffness_n", |c| c.axial_stiffness_n = 1e8 * 1e9),
+        ("step_s", |c| c.step_s = 0.1),
         ("slip_stiffness[1][0]", |c| c.slip_stiffness[1][0] = 0.0),
         ("rest_creep_velocity_m_s", |c| {
             c.rest_creep_velocity_m_s = 0.0

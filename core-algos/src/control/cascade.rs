@@ -22,7 +22,7 @@
 
 use super::bend::{Arc, Bend};
 use crate::config::{ConfigError, in_range, non_negative, positive};
-use crate::math::trig::{self, hypot, wrap_angle};
+use crate::math::trig::wrap_angle;
 use crate::math::{Posture, Transform, Twist};
 use core::f32::consts::PI;
 use core::hint::cold_path;
@@ -264,20 +264,7 @@ impl Cascade {
         (bend, [front, rear])
     }
 
-    /// Velocity of O across its heading, m/s, left positive: `½ tan ψ ċ`. It is what remains of
-    /// the axles' motion once their midpoint moves along the line between them.
-    pub fn lateral_velocity(&self, motion: &Motion) -> f32 {
-        let bend = self.bent(motion.psi);
-        bend.tan * bend.slope * motion.psi_rate
-    }
-
-    /// Postures of both axles, front first, from the posture of O and the steering angle (rad):
-    /// half a chord ahead and behind, turned by +ψ and −ψ.
-    pub fn axle_postures(&self, center: Posture, psi: f32) -> [Posture; 2] {
-        let psi = self.limited(psi);
-        Self::postures_of(&center.into(), psi, self.arc.bent(psi).half)
-    }
-
+    /// Postures of both axles, front first: half a chord ahead and behind, turned by +ψ and −ψ.
     #[inline(always)]
     fn postures_of(center: &Transform, psi: f32, half_chord: f32) -> [Posture; 2] {
         let (dx, dy) = (half_chord * center.cos, half_chord * center.sin);
@@ -313,21 +300,6 @@ impl Cascade {
             },
         ]
     }
-}
-
-/// Posture of O and steering angle (rad) of two axle postures, front first: O is the midpoint, its
-/// heading the direction from rear to front, ψ half of the difference of the headings (wrapped, so
-/// |ψ| ≤ π/2). Axles at one point have no such direction: then the mean heading stands in.
-pub fn center_of([front, rear]: [Posture; 2]) -> (Posture, f32) {
-    let psi = 0.5 * wrap_angle(front.phi - rear.phi);
-    let (dx, dy) = (front.x - rear.x, front.y - rear.y);
-    let phi = if hypot(dx, dy) > 1e-6 {
-        trig::atan2(dy, dx)
-    } else {
-        wrap_angle(rear.phi + psi)
-    };
-    let center = Posture::new(0.5 * (front.x + rear.x), 0.5 * (front.y + rear.y), phi);
-    (center, psi)
 }
 
 #[cfg(test)]
@@ -393,15 +365,17 @@ mod tests {
         fn axles_stand_where_the_bent_frame_puts_them(psi in -1.3f32..1.3, end in 0.0f32..0.1) {
             let cascade = cascade(end, Form::Exact);
             let center = Posture::new(0.4, -0.3, 2.0);
-            let [front, rear] = cascade.axle_postures(center, psi);
+            let motion = Motion { psi, ..Motion::default() };
+            let [front, rear] = cascade.references(center, &motion).map(|axle| axle.posture);
             let relative = front.relative_to(rear);
             let (x, y) = walked(0.37, end as f64, psi as f64);
             prop_assert!((relative.x as f64 - x).abs() < 1e-6);
             prop_assert!((relative.y as f64 - y).abs() < 1e-6);
             prop_assert!((wrap_angle(relative.phi - 2.0 * psi)).abs() < 1e-6);
-            let (back, back_psi) = center_of([front, rear]);
-            prop_assert!(back.minus(center).iter().all(|d| d.abs() < 1e-6));
-            prop_assert!((back_psi - psi).abs() < 1e-6);
+            prop_assert!((0.5 * (front.x + rear.x) - center.x).abs() < 1e-6);
+            prop_assert!((0.5 * (front.y + rear.y) - center.y).abs() < 1e-6);
+            let heading = crate::math::trig::atan2(front.y - rear.y, front.x - rear.x);
+            prop_assert!((heading - center.phi).abs() < 1e-6);
         }
 
         /// The axles are carried by their references: central differences, in `f64`, of the
@@ -416,8 +390,10 @@ mod tests {
             let chord = |p: f64| 0.37 * if p == 0.0 { 1.0 } else { p.sin() / p }
                 + 2.0 * end as f64 * p.cos();
             let yaw_rate = v as f64 * cascade.curvature(psi) as f64;
-            let lateral = cascade.lateral_velocity(&motion) as f64;
             let h = 1e-4;
+            // O moves across its heading as the chord changes: ½ tan ψ ċ.
+            let stretch = (chord(psi as f64 + h) - chord(psi as f64 - h)) / (2.0 * h);
+            let lateral = 0.5 * (psi as f64).tan() * stretch * psi_rate as f64;
             for (side, (twist, _)) in [1.0, -1.0].into_iter().zip(twists) {
                 let at = |t: f64| {
                     let p = psi as f64 + psi_rate as f64 * t;

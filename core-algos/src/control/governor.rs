@@ -525,6 +525,14 @@ mod tests {
         state
     }
 
+    fn wish(v: f32, psi: f32) -> Wish {
+        Wish {
+            v,
+            psi,
+            ..Wish::default()
+        }
+    }
+
     /// Circumferential speed of the fastest wheel.
     fn fastest_wheel(motion: &Motion, half_track: f32) -> f32 {
         frame()
@@ -589,7 +597,7 @@ mod tests {
         // Above 0.24 m/s the wheel speed limit holds at the largest steering angle.
         #[test]
         fn a_constant_wish_is_reached(v in -0.24f32..0.24, psi in -0.5f32..0.5, from in -0.5f32..0.5) {
-            let state = run(&governor(), State::at_rest(from), Wish { v, psi, ..Wish::default() }, 0.01, 6.0);
+            let state = run(&governor(), State::at_rest(from), wish(v, psi), 0.01, 6.0);
             prop_assert!((state.motion.v - v).abs() < 1e-4);
             prop_assert!((state.motion.psi - psi).abs() < 1e-4);
         }
@@ -598,7 +606,7 @@ mod tests {
         fn no_overshoot_from_rest(psi in -0.5f32..0.5) {
             let (governor, mut state) = (governor(), State::default());
             for _ in 0..300 {
-                state = stepped(&governor, &state, &Wish { v: 0.1, psi, ..Wish::default() }, 0.01);
+                state = stepped(&governor, &state, &wish(0.1, psi), 0.01);
                 prop_assert!(state.motion.psi * psi >= 0.0);
                 prop_assert!(state.motion.psi.abs() <= psi.abs() + 1e-5);
             }
@@ -612,11 +620,7 @@ mod tests {
         for dt in [0.001f32, 0.01, 0.02] {
             let mut state = State::default();
             for i in 1..=(1.0 / dt) as usize {
-                let wish = Wish {
-                    v: 0.0,
-                    psi: 0.1,
-                    ..Wish::default()
-                };
+                let wish = wish(0.0, 0.1);
                 state = stepped(&governor, &state, &wish, dt);
                 let x = 8.0 * f64::from(dt) * i as f64;
                 let exact = 0.1 * (1.0 - (1.0 + x) * (-x).exp());
@@ -667,21 +671,8 @@ mod tests {
     #[test]
     fn speed_waits_for_steering() {
         let governor = governor();
-        let start = run(
-            &governor,
-            State::default(),
-            Wish {
-                v: 0.25,
-                ..Wish::default()
-            },
-            0.01,
-            3.0,
-        );
-        let turned = Wish {
-            v: 0.25,
-            psi: 0.45,
-            ..Wish::default()
-        };
+        let start = run(&governor, State::default(), wish(0.25, 0.0), 0.01, 3.0);
+        let turned = wish(0.25, 0.45);
         let mut slowest = f32::MAX;
         let mut state = start;
         for _ in 0..300 {
@@ -695,10 +686,7 @@ mod tests {
     #[test]
     fn change_of_direction_rests_at_zero() {
         let governor = governor();
-        let wish = |v| Wish {
-            v,
-            ..Wish::default()
-        };
+        let wish = |v| wish(v, 0.0);
         let mut state = run(&governor, State::default(), wish(0.2), 0.01, 3.0);
         let mut resting = 0;
         for _ in 0..300 {
@@ -716,11 +704,7 @@ mod tests {
     #[test]
     fn stop_is_a_ramp_to_rest() {
         let governor = governor();
-        let turning = Wish {
-            v: 0.25,
-            psi: 0.4,
-            ..Wish::default()
-        };
+        let turning = wish(0.25, 0.4);
         let moving = run(&governor, State::default(), turning, 0.01, 0.4);
         assert!(moving.motion.v > 0.01 && moving.motion.psi_rate > 0.1);
         let mut state = moving;
@@ -736,11 +720,7 @@ mod tests {
     #[test]
     fn absent_wish_brakes_and_a_bad_interval_changes_nothing() {
         let governor = governor();
-        let wish = Wish {
-            v: 0.2,
-            psi: 0.1,
-            ..Wish::default()
-        };
+        let wish = wish(0.2, 0.1);
         let moving = run(&governor, State::default(), wish, 0.01, 2.0);
         for bad in [f32::NAN, f32::INFINITY] {
             let absent = Wish { psi: bad, ..wish };
@@ -765,28 +745,16 @@ mod tests {
 
     #[test]
     fn impossible_limits_are_named() {
-        let name = |config: Config| config.build(&frame()).unwrap_err().field;
-        let default = Config::default();
-        assert_eq!(
-            name(Config {
-                max_wheel_speed_m_s: 0.1,
-                ..default
-            }),
-            "max_wheel_speed_m_s"
-        );
-        assert_eq!(
-            name(Config {
-                max_steering_rad: 0.6,
-                ..default
-            }),
-            "max_steering_rad"
-        );
-        assert_eq!(
-            name(Config {
-                stop_deceleration_m_s2: 0.1,
-                ..default
-            }),
-            "stop_deceleration_m_s2"
-        );
+        type Spoil = fn(&mut Config);
+        let spoilt: [(&str, Spoil); 3] = [
+            ("max_wheel_speed_m_s", |c| c.max_wheel_speed_m_s = 0.1),
+            ("max_steering_rad", |c| c.max_steering_rad = 0.6),
+            ("stop_deceleration_m_s2", |c| c.stop_deceleration_m_s2 = 0.1),
+        ];
+        for (field, spoil) in spoilt {
+            let mut config = Config::default();
+            spoil(&mut config);
+            assert_eq!(config.build(&frame()).unwrap_err().field, field);
+        }
     }
 }

@@ -1125,118 +1125,84 @@ mod tests {
         );
     }
 
-    /// What steady slip adds to the covariance is that of the derivative of the path by a turn of the
-    /// robot as a whole per metre, which is found by driving it twice.
-    #[test]
-    fn steady_slip_adds_what_a_turn_per_metre_does() {
-        let sigma = 3e-4;
-        let with = |steady_slip_sigma_rad_per_m| {
-            let config = Config {
-                steady_slip_sigma_rad_per_m,
-                floor_drift_sigma: 0.0,
-                ..Config::default()
-            };
-            config.build(0.01).unwrap()
+    const BODIES: [fn(&State) -> Estimate; 3] = [
+        |state| state.estimates().rear,
+        |state| state.estimates().front,
+        |state| state.estimates().robot,
+    ];
+
+    fn with_floor(steady_slip_sigma_rad_per_m: f32, floor_drift_sigma: f32) -> Joint {
+        let config = Config {
+            steady_slip_sigma_rad_per_m,
+            floor_drift_sigma,
+            ..Config::default()
         };
-        let drive = |joint: &Joint, turn: f32| {
-            let robot = Estimate::with_sigmas(Posture::new(1.0, -0.5, 2.0), [1e-4; 3]);
-            let bend = Posture::new(0.36, 0.02, 0.2);
-            let mut state = joint.start(&robot, &Estimate::with_sigmas(bend, [1e-4; 3]));
-            for i in 0..600 {
-                let forward = if i < 450 { 2e-3 } else { -2e-3f32 };
-                let bent = 1e-3 + turn * forward.abs();
-                let rear = Posture::new(forward, 0.0, bent);
-                // The frame keeps its bend.
-                let front = bend.inverse().compose(rear.compose(bend));
-                let [front, rear] = [front, rear].map(|d| Estimate::with_sigmas(d, [1e-6; 3]));
-                joint.predict(&mut state, &front, &rear, [1.0; 2], 1.0);
-            }
-            state
-        };
-        let (none, some) = (with(0.0), with(sigma));
-        let [plain, wider] = [drive(&none, 0.0), drive(&some, 0.0)];
-        assert_eq!(plain.rear(), wider.rear());
-        assert_eq!(plain.relative().covariance, wider.relative().covariance);
-        let by = 5e-3;
-        let [left, right] = [drive(&none, -by), drive(&none, by)];
-        for of in [
-            |state: &State| state.estimates().rear,
-            |state: &State| state.estimates().front,
-            |state: &State| state.estimates().robot,
-        ] {
-            let d = of(&right).posture.minus(of(&left).posture);
-            let d = d.map(|d| d / (2.0 * by));
-            assert!((d[2] - 1.2).abs() < 0.01, "{d:?}");
-            let (before, after) = (of(&plain).covariance, of(&wider).covariance);
-            for i in 0..3 {
-                for k in 0..3 {
-                    let added = after[i][k] - before[i][k];
-                    let expected = sigma * sigma * d[i] * d[k];
-                    let scale = sigma * sigma * 1.2;
-                    assert!(
-                        (added - expected).abs() < 0.02 * scale,
-                        "{i}{k} {added:e} {expected:e}"
-                    );
-                }
+        config.build(0.01).unwrap()
+    }
+
+    /// Drives forward and back with a constant bend, turned by `turn` more per metre. Also returns the rear
+    /// axle's posture on a floor that moves by `by` per metre.
+    fn drive(joint: &Joint, turn: f32, by: [f32; 2]) -> (State, Posture) {
+        let robot = Estimate::with_sigmas(Posture::new(1.0, -0.5, 2.0), [1e-4; 3]);
+        let bend = Posture::new(0.36, 0.02, 0.2);
+        let mut state = joint.start(&robot, &Estimate::with_sigmas(bend, [1e-4; 3]));
+        let mut world = state.rear;
+        for i in 0..600 {
+            let forward = if i < 450 { 2e-3 } else { -2e-3f32 };
+            let rear = Posture::new(forward, 0.0, 1e-3 + turn * forward.abs());
+            let front = bend.inverse().compose(rear.compose(bend));
+            let [front, rear] = [front, rear].map(|d| Estimate::with_sigmas(d, [1e-6; 3]));
+            joint.predict(&mut state, &front, &rear, [1.0; 2], 1.0);
+            world = world.compose(rear.posture);
+            world.x += by[0] * forward.abs();
+            world.y += by[1] * forward.abs();
+        }
+        (state, world)
+    }
+
+    /// `wider` has the covariance of `plain` and that of independent errors of a standard deviation with
+    /// these derivatives.
+    fn assert_adds(plain: &Estimate, wider: &Estimate, sigma: f32, derivatives: &[[f32; 3]]) {
+        for i in 0..3 {
+            for k in 0..3 {
+                let added = wider.covariance[i][k] - plain.covariance[i][k];
+                let expected: f32 = derivatives.iter().map(|d| d[i] * d[k]).sum();
+                let error = added / (sigma * sigma) - expected;
+                assert!(error.abs() < 0.02, "{i}{k} {added:e} {expected:e}");
             }
         }
     }
 
-    /// What the floor adds to the covariance is that of the derivative of the path by a way per metre along
-    /// its axes, which is found by driving it twice.
+    /// The derivative of the path by a turn of the robot as a whole per metre is found by driving it twice.
+    #[test]
+    fn steady_slip_adds_what_a_turn_per_metre_does() {
+        let sigma = 3e-4;
+        let (none, some) = (with_floor(0.0, 0.0), with_floor(sigma, 0.0));
+        let [plain, wider] = [&none, &some].map(|joint| drive(joint, 0.0, [0.0; 2]).0);
+        assert_eq!(plain.rear(), wider.rear());
+        assert_eq!(plain.relative().covariance, wider.relative().covariance);
+        let [left, right] = [-5e-3, 5e-3].map(|turn| drive(&none, turn, [0.0; 2]).0);
+        for of in BODIES {
+            let d = of(&right).posture.minus(of(&left).posture);
+            let d = d.map(|d| d / 1e-2);
+            assert!((d[2] - 1.2).abs() < 0.01, "{d:?}");
+            assert_adds(&of(&plain), &of(&wider), sigma, &[d]);
+        }
+    }
+
+    /// The derivative of the path by a way per metre along the floor's axes is found by driving it twice.
     #[test]
     fn floor_adds_what_a_way_per_metre_does() {
         let sigma = 1e-2;
-        let with = |floor_drift_sigma| {
-            let config = Config {
-                steady_slip_sigma_rad_per_m: 0.0,
-                floor_drift_sigma,
-                ..Config::default()
-            };
-            config.build(0.01).unwrap()
-        };
-        let drive = |joint: &Joint, by: [f32; 2]| {
-            let robot = Estimate::with_sigmas(Posture::new(1.0, -0.5, 2.0), [1e-4; 3]);
-            let bend = Posture::new(0.36, 0.02, 0.2);
-            let mut state = joint.start(&robot, &Estimate::with_sigmas(bend, [1e-4; 3]));
-            let mut world = state.rear;
-            for i in 0..600 {
-                let forward = if i < 450 { 2e-3 } else { -2e-3f32 };
-                let rear = Posture::new(forward, 0.0, 1e-3);
-                let front = bend.inverse().compose(rear.compose(bend));
-                let [front, rear] = [front, rear].map(|d| Estimate::with_sigmas(d, [1e-6; 3]));
-                joint.predict(&mut state, &front, &rear, [1.0; 2], 1.0);
-                world = world.compose(rear.posture);
-                world.x += by[0] * forward.abs();
-                world.y += by[1] * forward.abs();
-            }
-            (state, world)
-        };
-        let (none, some) = (with(0.0), with(sigma));
-        let [(plain, _), (wider, still)] = [drive(&none, [0.0; 2]), drive(&some, [0.0; 2])];
+        let (none, some) = (with_floor(0.0, 0.0), with_floor(0.0, sigma));
+        let [(plain, _), (wider, still)] = [&none, &some].map(|joint| drive(joint, 0.0, [0.0; 2]));
         assert_eq!(plain.relative().covariance, wider.relative().covariance);
         let pushed = [[1e-2, 0.0], [0.0, 1e-2]].map(|by| {
-            let (_, world) = drive(&none, by);
+            let (_, world) = drive(&none, 0.0, by);
             world.minus(still).map(|d| d / 1e-2)
         });
-        for of in [
-            |state: &State| state.estimates().rear,
-            |state: &State| state.estimates().front,
-            |state: &State| state.estimates().robot,
-        ] {
-            let (before, after) = (of(&plain).covariance, of(&wider).covariance);
-            for i in 0..3 {
-                for k in 0..3 {
-                    let added = after[i][k] - before[i][k];
-                    let both = pushed[0][i] * pushed[0][k] + pushed[1][i] * pushed[1][k];
-                    let expected = sigma * sigma * both;
-                    let error = (added - expected).abs();
-                    assert!(
-                        error < 0.02 * sigma * sigma,
-                        "{i}{k} {added:e} {expected:e}"
-                    );
-                }
-            }
+        for of in BODIES {
+            assert_adds(&of(&plain), &of(&wider), sigma, &pushed);
         }
     }
 }

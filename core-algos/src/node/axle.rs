@@ -870,6 +870,14 @@ mod tests {
         );
     }
 
+    /// Wheels at rest.
+    fn still() -> Samples {
+        Samples {
+            encoder: [Some(0); 2],
+            ..Samples::default()
+        }
+    }
+
     #[test]
     fn odometry_follows_an_arc() {
         let mut node = node(Axle::Rear);
@@ -910,10 +918,7 @@ mod tests {
         let mut reports = 0;
         for tick in 0..100u64 {
             let mut outbox = Outbox::new();
-            let samples = Samples {
-                encoder: [Some(0); 2],
-                ..Samples::default()
-            };
+            let samples = still();
             node.step(tick * TICK, &samples, &mut outbox);
             let count = outbox.iter().count();
             assert_eq!(count, if tick % 10 == 0 { 4 } else { 0 });
@@ -924,10 +929,7 @@ mod tests {
 
     #[test]
     fn a_reference_that_cannot_be_meant_moves_nothing() {
-        let samples = Samples {
-            encoder: [Some(0); 2],
-            ..Samples::default()
-        };
+        let samples = still();
         let far = Posture::new(0.5, 0.0, 0.0);
         for (v, posture) in [
             (0.6, Posture::ORIGIN),
@@ -957,10 +959,7 @@ mod tests {
     fn drives_toward_its_reference_and_stops_without_one() {
         let mut node = node(Axle::Front);
         let mut outbox = Outbox::new();
-        let samples = Samples {
-            encoder: [Some(0); 2],
-            ..Samples::default()
-        };
+        let samples = still();
         assert!(
             !node.step(0, &samples, &mut outbox).active,
             "no reference yet"
@@ -1010,10 +1009,7 @@ mod tests {
     fn a_dismissed_axle_comes_to_rest_without_a_fault() {
         let mut node = node(Axle::Front);
         let mut outbox = Outbox::new();
-        let samples = Samples {
-            encoder: [Some(0); 2],
-            ..Samples::default()
-        };
+        let samples = still();
         let mut braked = 0;
         for tick in 20..1500u64 {
             let now = tick * TICK;
@@ -1045,10 +1041,7 @@ mod tests {
         let mut node = node(Axle::Rear);
         node.state = State::new();
         let mut outbox = Outbox::new();
-        let samples = Samples {
-            encoder: [Some(0); 2],
-            ..Samples::default()
-        };
+        let samples = still();
         for tick in 0..200u64 {
             let now = tick * TICK;
             if is_epoch_start(now) {
@@ -1065,34 +1058,30 @@ mod tests {
     /// Every reason to stop, from outside and from the samples, each from driving.
     #[test]
     fn stops_for_every_reason_and_drives_again_once_cleared() {
-        let wheels = |counts: i32| Samples {
-            encoder: [Some(counts); 2],
-            ..Samples::default()
-        };
         let cases: [(Condition, Samples); 5] = [
             (Condition::EncoderFault, Samples::default()),
             (
                 Condition::WheelSlip,
                 Samples {
                     gyro_rad_s: Some(3.0),
-                    ..wheels(0)
+                    ..still()
                 },
             ),
             (
                 Condition::OverCurrent,
                 Samples {
                     conditions: Conditions::only(Condition::OverCurrent),
-                    ..wheels(0)
+                    ..still()
                 },
             ),
             (
                 Condition::EmergencyStop,
                 Samples {
                     conditions: Conditions::only(Condition::EmergencyStop),
-                    ..wheels(0)
+                    ..still()
                 },
             ),
-            (Condition::TrackingLost, wheels(0)),
+            (Condition::TrackingLost, still()),
         ];
         for (condition, samples) in cases {
             let mut node = node(Axle::Rear);
@@ -1107,7 +1096,7 @@ mod tests {
                     reference(&mut node, now, 0.0, Posture::new(ahead, 0.0, 0.0));
                 }
                 let bad = (100..600).contains(&tick);
-                let given = if bad { samples } else { wheels(0) };
+                let given = if bad { samples } else { still() };
                 node.step(now, &given, &mut outbox);
                 if tick == 20 {
                     assert_eq!(node.supervision().operating(), OperatingState::Active);
@@ -1126,7 +1115,7 @@ mod tests {
                     LeadMode::Active
                 };
                 lead(&mut node, now, mode);
-                node.step(now, &wheels(0), &mut outbox);
+                node.step(now, &still(), &mut outbox);
             }
             assert_eq!(
                 node.supervision().operating(),
@@ -1144,10 +1133,7 @@ mod tests {
         ] {
             let mut node = node(Axle::Front);
             let mut outbox = Outbox::new();
-            let samples = Samples {
-                encoder: [Some(0); 2],
-                ..Samples::default()
-            };
+            let samples = still();
             for tick in 0..300u64 {
                 let now = tick * TICK;
                 if is_epoch_start(now) {

@@ -22,7 +22,6 @@ pub mod params;
 pub mod plant_bench;
 pub mod posture;
 pub mod replay;
-pub mod sensitivity;
 pub mod serial;
 pub mod soak;
 pub mod sweep;

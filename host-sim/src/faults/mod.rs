@@ -9,6 +9,7 @@ pub use crate::virtual_bus::Disturbance;
 pub use inject::{Drift, Injector, Readings};
 pub use run::{Bounds, Case, End, Outcome, TOLERANCE, run, run_on};
 
+use self::Fault::*;
 use core_algos::node::board::Role;
 use core_algos::safety::Condition;
 use core_algos::safety::Condition as C;
@@ -81,19 +82,37 @@ pub struct Entry {
     pub stop_within_s: f64,
 }
 
-const fn entry(
+/// A fault after which the robot may finish, or stop with one of `codes` within `stop_within_s`.
+const fn survives(
     name: &'static str,
     fault: Fault,
-    finish: bool,
     codes: &'static [Condition],
     stop_within_s: f64,
 ) -> Entry {
     Entry {
         name,
         fault,
-        finish,
+        finish: true,
         codes,
         stop_within_s,
+    }
+}
+
+/// A fault after which the robot must finish.
+const fn harmless(name: &'static str, fault: Fault) -> Entry {
+    survives(name, fault, &[], 0.0)
+}
+
+/// A fault after which the robot must stop.
+const fn stops(
+    name: &'static str,
+    fault: Fault,
+    codes: &'static [Condition],
+    stop_within_s: f64,
+) -> Entry {
+    Entry {
+        finish: false,
+        ..survives(name, fault, codes, stop_within_s)
     }
 }
 
@@ -131,247 +150,101 @@ const GAUGES: &[Condition] = &[
     C::DegradedTooLong,
 ];
 
+/// What the loss of the beam leads to.
+const NO_BEAM: &[Condition] = &[C::DegradedTooLong];
+
 /// Every fault of the campaign.
 pub const CATALOGUE: &[Entry] = &[
-    entry("none", Fault::None, true, &[], 0.0),
-    entry(
-        "bus loses 1 %",
-        Fault::Bus(Disturbance::loss(0.01)),
-        true,
-        &[],
-        0.0,
-    ),
-    entry(
-        "bus loses 10 %",
-        Fault::Bus(Disturbance::loss(0.1)),
-        true,
-        SILENCE,
-        60.0,
-    ),
-    entry(
-        "bus loses 50 %",
-        Fault::Bus(Disturbance::loss(0.5)),
-        true,
-        SILENCE,
-        20.0,
-    ),
-    entry(
+    harmless("none", Fault::None),
+    harmless("bus loses 1 %", Bus(Disturbance::loss(0.01))),
+    survives("bus loses 10 %", Bus(Disturbance::loss(0.1)), SILENCE, 60.0),
+    survives("bus loses 50 %", Bus(Disturbance::loss(0.5)), SILENCE, 20.0),
+    survives(
         "bus late by 20 ms",
-        Fault::Bus(Disturbance::late(20)),
-        true,
+        Bus(Disturbance::late(20)),
         SILENCE,
         2.0,
     ),
-    entry(
+    survives(
         "bus reorders within 8 ms",
-        Fault::Bus(Disturbance::jitter(8)),
-        true,
+        Bus(Disturbance::jitter(8)),
         SILENCE,
         2.0,
     ),
-    entry(
-        "bus doubles 30 %",
-        Fault::Bus(Disturbance::doubling(0.3)),
-        true,
-        &[],
-        0.0,
-    ),
-    entry(
+    harmless("bus doubles 30 %", Bus(Disturbance::doubling(0.3))),
+    survives(
         "bus corrupts 5 %",
-        Fault::Bus(Disturbance::corruption(0.05)),
-        true,
+        Bus(Disturbance::corruption(0.05)),
         CORRUPTION,
         20.0,
     ),
-    entry(
-        "babbling node",
-        Fault::Bus(Disturbance::BABBLE),
-        true,
-        SILENCE,
-        20.0,
-    ),
-    entry(
+    survives("babbling node", Bus(Disturbance::BABBLE), SILENCE, 20.0),
+    stops(
         "rear board cut off the bus",
-        Fault::Partition(Role::Rear),
-        false,
+        Partition(Role::Rear),
         SILENCE,
         1.5,
     ),
-    entry(
+    survives(
         "beam board cut off the bus",
-        Fault::Partition(Role::Beam),
-        true,
-        &[C::DegradedTooLong],
+        Partition(Role::Beam),
+        NO_BEAM,
         22.0,
     ),
-    entry(
-        "front board resets",
-        Fault::Reset(Role::Front, 200),
-        false,
-        SILENCE,
-        1.5,
-    ),
-    entry(
-        "rear board resets",
-        Fault::Reset(Role::Rear, 200),
-        false,
-        SILENCE,
-        1.5,
-    ),
-    entry(
-        "beam board resets",
-        Fault::Reset(Role::Beam, 200),
-        true,
-        &[],
-        0.0,
-    ),
-    entry(
-        "front board lost",
-        Fault::Loss(Role::Front),
-        false,
-        SILENCE,
-        1.5,
-    ),
-    entry(
-        "rear board lost",
-        Fault::Loss(Role::Rear),
-        false,
-        SILENCE,
-        1.5,
-    ),
-    entry(
-        "beam board lost",
-        Fault::Loss(Role::Beam),
-        true,
-        &[C::DegradedTooLong],
-        22.0,
-    ),
-    entry(
+    stops("front board resets", Reset(Role::Front, 200), SILENCE, 1.5),
+    stops("rear board resets", Reset(Role::Rear, 200), SILENCE, 1.5),
+    harmless("beam board resets", Reset(Role::Beam, 200)),
+    stops("front board lost", Loss(Role::Front), SILENCE, 1.5),
+    stops("rear board lost", Loss(Role::Rear), SILENCE, 1.5),
+    survives("beam board lost", Loss(Role::Beam), NO_BEAM, 22.0),
+    stops(
         "front board freezes 0.3 s",
-        Fault::Freeze(Role::Front, 300),
-        false,
+        Freeze(Role::Front, 300),
         SILENCE,
         1.8,
     ),
-    entry(
+    stops(
         "rear board freezes 0.3 s",
-        Fault::Freeze(Role::Rear, 300),
-        false,
+        Freeze(Role::Rear, 300),
         SILENCE,
         1.8,
     ),
-    entry(
+    survives(
         "rear clock slow by 0.02 %, no common time",
-        Fault::SlowClock(Role::Rear, 5000),
-        true,
+        SlowClock(Role::Rear, 5000),
         CORRUPTION,
         20.0,
     ),
-    entry(
+    survives(
         "rear clock slow by 0.2 %, no common time",
-        Fault::SlowClock(Role::Rear, 500),
-        true,
+        SlowClock(Role::Rear, 500),
         CORRUPTION,
         20.0,
     ),
-    entry("gauge dead", Fault::GaugeRail(1, false), true, &[], 0.0),
-    entry("gauge saturated", Fault::GaugeRail(1, true), true, &[], 0.0),
-    entry(
-        "all gauges dead",
-        Fault::GaugeRail(5, false),
-        true,
-        &[C::DegradedTooLong],
-        22.0,
-    ),
-    entry("gauge stuck", Fault::GaugeStuck(2), true, GAUGES, 22.0),
-    entry(
-        "gauge drifts",
-        Fault::GaugeDrift(2, 40.0),
-        true,
-        GAUGES,
-        22.0,
-    ),
-    entry(
-        "encoder stuck",
-        Fault::EncoderStuck((1, 0)),
-        false,
-        WHEELS,
-        2.0,
-    ),
-    entry(
-        "encoder jumps",
-        Fault::EncoderJumps((0, 0), 500),
-        true,
-        WHEELS,
-        2.0,
-    ),
-    entry(
-        "encoders swapped",
-        Fault::EncodersSwapped(1),
-        true,
-        WHEELS,
-        20.0,
-    ),
-    entry(
-        "encoder missing",
-        Fault::EncoderMissing((0, 1)),
-        false,
-        WHEELS,
-        1.5,
-    ),
-    entry(
+    harmless("gauge dead", GaugeRail(1, false)),
+    harmless("gauge saturated", GaugeRail(1, true)),
+    survives("all gauges dead", GaugeRail(5, false), NO_BEAM, 22.0),
+    survives("gauge stuck", GaugeStuck(2), GAUGES, 22.0),
+    survives("gauge drifts", GaugeDrift(2, 40.0), GAUGES, 22.0),
+    stops("encoder stuck", EncoderStuck((1, 0)), WHEELS, 2.0),
+    survives("encoder jumps", EncoderJumps((0, 0), 500), WHEELS, 2.0),
+    survives("encoders swapped", EncodersSwapped(1), WHEELS, 20.0),
+    stops("encoder missing", EncoderMissing((0, 1)), WHEELS, 1.5),
+    survives(
         "gyro not a number",
-        Fault::GyroNotANumber(0),
-        true,
+        GyroNotANumber(0),
         &[C::NotANumber],
         1.5,
     ),
-    entry(
-        "gyro off by 0.3 rad/s",
-        Fault::GyroBias(1, 0.3),
-        true,
-        WHEELS,
-        10.0,
-    ),
-    entry(
-        "accelerometer missing",
-        Fault::AccelerometerMissing(0),
-        true,
-        &[],
-        0.0,
-    ),
-    entry(
-        "motor open",
-        Fault::MotorWeak((0, 0), 0.0),
-        true,
-        WHEELS,
-        20.0,
-    ),
-    entry(
-        "motor weak",
-        Fault::MotorWeak((1, 1), 0.3),
-        true,
-        WHEELS,
-        20.0,
-    ),
-    entry(
-        "motor stuck on",
-        Fault::MotorStuckOn((0, 1), 1.5),
-        false,
-        WHEELS,
-        3.5,
-    ),
-    entry(
-        "wheel lifted",
-        Fault::WheelLifted((1, 0)),
-        true,
-        WHEELS,
-        20.0,
-    ),
-    entry(
+    survives("gyro off by 0.3 rad/s", GyroBias(1, 0.3), WHEELS, 10.0),
+    harmless("accelerometer missing", AccelerometerMissing(0)),
+    survives("motor open", MotorWeak((0, 0), 0.0), WHEELS, 20.0),
+    survives("motor weak", MotorWeak((1, 1), 0.3), WHEELS, 20.0),
+    stops("motor stuck on", MotorStuckOn((0, 1), 1.5), WHEELS, 3.5),
+    survives("wheel lifted", WheelLifted((1, 0)), WHEELS, 20.0),
+    stops(
         "frame snapped",
-        Fault::FrameSnapped,
-        false,
+        FrameSnapped,
         &[
             C::EstimateInconsistent,
             C::FrameBent,
@@ -380,31 +253,27 @@ pub const CATALOGUE: &[Entry] = &[
         ],
         3.0,
     ),
-    entry(
+    stops(
         "supply dips",
-        Fault::Reported(1, C::SupplyLow, 150, 0.2),
-        false,
+        Reported(1, C::SupplyLow, 150, 0.2),
         &[C::SupplyLow, C::NeighbourFault],
         1.5,
     ),
-    entry(
+    stops(
         "driver too hot",
-        Fault::Reported(0, C::OverTemperature, 0, 1.0),
-        false,
+        Reported(0, C::OverTemperature, 0, 1.0),
         &[C::OverTemperature, C::NeighbourFault],
         1.8,
     ),
-    entry(
+    stops(
         "over current",
-        Fault::Reported(1, C::OverCurrent, 20, 1.0),
-        false,
+        Reported(1, C::OverCurrent, 20, 1.0),
         &[C::OverCurrent, C::NeighbourFault],
         1.5,
     ),
-    entry(
+    stops(
         "emergency stop",
-        Fault::Reported(0, C::EmergencyStop, 0, 1.0),
-        false,
+        Reported(0, C::EmergencyStop, 0, 1.0),
         &[C::EmergencyStop, C::NeighbourFault],
         1.5,
     ),

@@ -469,50 +469,29 @@ fn start() -> State {
 }
 
 #[test]
-fn positive_definite_over_a_million_steps_with_fixes() {
+fn positive_definite_over_a_million_steps_with_and_without_fixes() {
     let filter = node_filter(false);
     let fix = Fix::new(&matrix::diagonal([4e-6, 4e-6, 1e-5])).unwrap();
-    let (mut state, mut random) = (start(), Random::new(3));
-    for step in 0..1_000_000u32 {
-        let z = drive(
-            &mut random,
-            step as f64 * 1e-3,
-            [0.02, 0.02, 0.005, 0.1],
-            0.0,
-        );
-        filter.step(&mut state, &z);
-        if step % 100 == 99 {
-            filter.update_fix(&mut state, &Posture::ORIGIN, &fix);
+    for (with_fixes, seed) in [(true, 3), (false, 4)] {
+        let (mut state, mut random) = (start(), Random::new(seed));
+        let mut last = 0.0;
+        for step in 0..1_000_000u32 {
+            let z = drive(&mut random, step as f64 * 1e-3, TYPICAL.r, 0.0);
+            filter.step(&mut state, &z);
+            if with_fixes && step % 100 == 99 {
+                filter.update_fix(&mut state, &Posture::ORIGIN, &fix);
+            }
+            if step % 1009 == 0 {
+                assert!(is_positive_definite(&state), "step {step}");
+            }
+            if !with_fixes && step % 100_000 == 99_999 {
+                // Nothing observes the heading: its variance must not stand still.
+                let heading = state.covariance().posture()[PHI][PHI];
+                assert!(heading > last);
+                last = heading;
+            }
         }
-        if step % 1009 == 0 {
-            assert!(is_positive_definite(&state), "step {step}");
-        }
-    }
-    assert!(state.is_finite() && is_positive_definite(&state));
-}
-
-#[test]
-fn positive_definite_over_a_million_steps_without_fixes() {
-    let filter = node_filter(false);
-    let (mut state, mut random) = (start(), Random::new(4));
-    let mut last = 0.0;
-    for step in 0..1_000_000u32 {
-        let z = drive(
-            &mut random,
-            step as f64 * 1e-3,
-            [0.02, 0.02, 0.005, 0.1],
-            0.0,
-        );
-        filter.step(&mut state, &z);
-        if step % 1009 == 0 {
-            assert!(is_positive_definite(&state), "step {step}");
-        }
-        if step % 100_000 == 99_999 {
-            // Nothing observes the heading: its variance must not stand still.
-            let heading = state.covariance().posture()[PHI][PHI];
-            assert!(heading > last);
-            last = heading;
-        }
+        assert!(state.is_finite() && is_positive_definite(&state));
     }
 }
 
@@ -642,12 +621,7 @@ fn increments_carry_the_whole_drift() {
     let mut total = Estimate::new(first.posture, first.covariance);
     let mut random = Random::new(8);
     for step in 1..=5000u32 {
-        let z = drive(
-            &mut random,
-            step as f64 * 1e-3,
-            [0.02, 0.02, 0.005, 0.1],
-            0.0,
-        );
+        let z = drive(&mut random, step as f64 * 1e-3, TYPICAL.r, 0.0);
         filter.step(&mut whole, &z);
         filter.step(&mut parts, &z);
         if step % 10 == 0 {

@@ -1,5 +1,6 @@
 //! Faults of the bus and of clocks that differ.
 
+use super::bench::Bench;
 use super::entry::{Entry, at};
 use core_algos::node::board::Role;
 use core_algos::safety::Condition::{self, *};
@@ -12,6 +13,12 @@ const SILENCE: &[Condition] = &[BusOff, NeighbourLost, NeighbourFault, CommandTi
 /// A frame of eight bytes of an identifier.
 fn frame(id: u16) -> Frame {
     Frame::new(Id::Standard(id), &[0x55; 8])
+}
+
+/// What the transceiver of the struck wheel's board still does.
+fn transceiver(bench: &mut Bench, sends: bool, hears: bool) {
+    let role = bench.wheel().0;
+    bench.transceiver(role, sends, hears);
 }
 
 pub fn entries() -> Vec<Entry> {
@@ -33,20 +40,15 @@ fn transceivers() -> Vec<Entry> {
         Entry::steps(
             "transceiver sends no more",
             "transceiver",
-            &[at(0, |b| {
-                let role = b.wheel().0;
-                b.transceiver(role, false, true);
-            })],
+            &[at(0, |b| transceiver(b, false, true))],
         )
         .stops(SILENCE),
         Entry::drive("transceiver hears no more", "transceiver", |b| {
-            let role = b.wheel().0;
-            b.transceiver(role, true, false);
+            transceiver(b, true, false)
         })
         .stops(SILENCE),
         Entry::drive("transceiver dead", "transceiver", |b| {
-            let role = b.wheel().0;
-            b.transceiver(role, false, false);
+            transceiver(b, false, false)
         })
         .stops(SILENCE),
         Entry::drive("transceiver of the beam dead", "transceiver", |b| {

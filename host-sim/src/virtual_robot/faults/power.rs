@@ -19,6 +19,16 @@ const FAILED: &[Condition] = &[
     TickOverrun,
 ];
 
+/// The board of the struck wheel.
+pub fn struck(bench: &mut Bench) -> Role {
+    bench.wheel().0
+}
+
+/// The beam's board.
+pub fn beam(_: &mut Bench) -> Role {
+    Role::Beam
+}
+
 /// The battery's voltage from now on.
 fn battery(bench: &mut Bench, volts: f64) {
     for role in [Role::Front, Role::Rear] {
@@ -29,7 +39,8 @@ fn battery(bench: &mut Bench, volts: f64) {
 }
 
 /// The 3.3 V rail of a board falls to `volts` for so long.
-fn dip(bench: &mut Bench, role: Role, volts: f64, span_us: u64) {
+fn dip(bench: &mut Bench, which: fn(&mut Bench) -> Role, volts: f64, span_us: u64) {
+    let role = which(bench);
     let span = Time::from_micros(span_us);
     match role {
         Role::Beam => bench.beam(|beam, now| beam.power.dip(now, now + span, volts)),
@@ -38,14 +49,15 @@ fn dip(bench: &mut Bench, role: Role, volts: f64, span_us: u64) {
 }
 
 /// The crystal of a board works from now on, or does not.
-pub fn crystal(bench: &mut Bench, role: Role, works: bool) {
-    match role {
+pub fn crystal(bench: &mut Bench, which: fn(&mut Bench) -> Role, works: bool) {
+    match which(bench) {
         Role::Beam => bench.beam(|beam, now| beam.power.crystal(now, works)),
-        _ => bench.axle(role, |axle, now| axle.power.crystal(now, works)),
+        role => bench.axle(role, |axle, now| axle.power.crystal(now, works)),
     }
 }
 
-fn power(bench: &mut Bench, role: Role, on: bool) {
+fn power(bench: &mut Bench, which: fn(&mut Bench) -> Role, on: bool) {
+    let role = which(bench);
     bench.board(role, |board| board.power(on));
 }
 
@@ -59,14 +71,8 @@ fn crystals() -> Vec<Entry> {
             "crystal of an axle's board fails",
             "crystal",
             &[
-                at(0, |b| {
-                    let role = b.wheel().0;
-                    crystal(b, role, false);
-                }),
-                at(300, |b| {
-                    let role = b.wheel().0;
-                    crystal(b, role, true);
-                }),
+                at(0, |b| crystal(b, struck, false)),
+                at(300, |b| crystal(b, struck, true)),
             ],
         )
         .stops(FAILED)
@@ -76,17 +82,14 @@ fn crystals() -> Vec<Entry> {
         Entry::drive(
             "crystal of an axle's board fails for good",
             "crystal",
-            |b| {
-                let role = b.wheel().0;
-                crystal(b, role, false);
-            },
+            |b| crystal(b, struck, false),
         )
         .stops(FAILED)
         .own_within(0.003)
         .resets(&Role::ALL)
         .finds(&["reset", "overrun"]),
         Entry::drive("crystal of the beam's board fails", "crystal", |b| {
-            crystal(b, Role::Beam, false);
+            crystal(b, beam, false)
         })
         .goes_on()
         .resets(&[Role::Beam])
@@ -119,34 +122,26 @@ fn batteries() -> Vec<Entry> {
 fn rails() -> Vec<Entry> {
     vec![
         Entry::drive("brown-out of an axle's board", "3.3 V", |b| {
-            let role = b.wheel().0;
-            dip(b, role, 2.4, 500);
+            dip(b, struck, 2.4, 500)
         })
         .stops(GONE)
         .own_within(0.001)
         .resets(&[Role::Front, Role::Rear]),
         Entry::drive("brown-out of the beam's board", "3.3 V", |b| {
-            dip(b, Role::Beam, 2.4, 500);
+            dip(b, beam, 2.4, 500)
         })
         .goes_on()
         .resets(&[Role::Beam]),
         Entry::drive("rail at 2.95 V for 5 ms", "3.3 V", |b| {
-            let role = b.wheel().0;
-            dip(b, role, 2.95, 5000);
+            dip(b, struck, 2.95, 5000)
         })
         .goes_on(),
         Entry::steps(
             "an axle's board without power for 0.2 s",
             "board's supply",
             &[
-                at(0, |b| {
-                    let role = b.wheel().0;
-                    power(b, role, false);
-                }),
-                at(200, |b| {
-                    let role = b.wheel().0;
-                    power(b, role, true);
-                }),
+                at(0, |b| power(b, struck, false)),
+                at(200, |b| power(b, struck, true)),
             ],
         )
         .stops(GONE)
@@ -155,8 +150,8 @@ fn rails() -> Vec<Entry> {
             "the beam's board without power for 0.2 s",
             "board's supply",
             &[
-                at(0, |b| power(b, Role::Beam, false)),
-                at(200, |b| power(b, Role::Beam, true)),
+                at(0, |b| power(b, beam, false)),
+                at(200, |b| power(b, beam, true)),
             ],
         )
         .goes_on(),

@@ -240,11 +240,7 @@ fn faults() -> Vec<Entry> {
         .restarts()
         .finds(CRASH),
         Entry::drive("the tick of an axle's board hangs", "program", |b| {
-            let role = b.wheel().0;
-            b.board(role, |board| {
-                run_into(board, TICK);
-                store_to(board, RAM + 16);
-            });
+            wild_store(b, Some(TICK), RAM + 16);
         })
         .stops(HALTED)
         .own_within(0.01)
@@ -254,11 +250,7 @@ fn faults() -> Vec<Entry> {
             "the current loop of an axle's board hangs",
             "program",
             |b| {
-                let role = b.wheel().0;
-                b.board(role, |board| {
-                    run_into(board, ADC);
-                    store_to(board, RAM + 16);
-                });
+                wild_store(b, Some(ADC), RAM + 16);
             },
         )
         .stops(HALTED)
@@ -270,11 +262,8 @@ fn faults() -> Vec<Entry> {
             "program, contact",
             &[
                 at(0, |b| {
+                    wild_store(b, Some(ADC), RAM + 16);
                     let role = b.wheel().0;
-                    b.board(role, |board| {
-                        run_into(board, ADC);
-                        store_to(board, RAM + 16);
-                    });
                     b.axle(role, |axle, now| axle.stop(true, now));
                 }),
                 // Without the program the drivers stay awake, and brake.

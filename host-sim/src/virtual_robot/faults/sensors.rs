@@ -43,7 +43,9 @@ fn bridge(bench: &mut Bench, fault: BridgeFault) {
     });
 }
 
-fn inertial(bench: &mut Bench, fault: InertialFault) {
+fn inertial(bench: &mut Bench, change: fn(&mut InertialFault)) {
+    let mut fault = InertialFault::default();
+    change(&mut fault);
     bench.at_wheel(|axle, _, now| {
         if let Some(inertial) = &mut axle.inertial {
             inertial.set_fault(now, fault);
@@ -72,7 +74,9 @@ fn miscounted(bench: &mut Bench) -> Option<String> {
     (off.unsigned_abs() > APART).then(|| format!("counter off by {off}"))
 }
 
-fn encoder(bench: &mut Bench, fault: EncoderFault) {
+fn encoder(bench: &mut Bench, change: fn(&mut EncoderFault)) {
+    let mut fault = EncoderFault::default();
+    change(&mut fault);
     bench.at_wheel(|axle, side, _| axle.encoders[side].set_fault(fault));
 }
 
@@ -156,24 +160,12 @@ fn analogue() -> Vec<Entry> {
 fn inertials() -> Vec<Entry> {
     vec![
         Entry::drive("inertial sensor's output stuck low", "SPI1", |b| {
-            inertial(
-                b,
-                InertialFault {
-                    stuck_output: Some(false),
-                    ..InertialFault::default()
-                },
-            );
+            inertial(b, |f| f.stuck_output = Some(false));
         })
         .goes_on()
         .notices(InertialLost),
         Entry::drive("inertial sensor's output stuck high", "SPI1", |b| {
-            inertial(
-                b,
-                InertialFault {
-                    stuck_output: Some(true),
-                    ..InertialFault::default()
-                },
-            );
+            inertial(b, |f| f.stuck_output = Some(true));
         })
         .goes_on()
         .notices(InertialLost),
@@ -190,13 +182,7 @@ fn inertials() -> Vec<Entry> {
             "inertial sensor's samples stand still (no DRDY line: it is polled)",
             "ICM-42688-P",
             |b| {
-                inertial(
-                    b,
-                    InertialFault {
-                        frozen: true,
-                        ..InertialFault::default()
-                    },
-                );
+                inertial(b, |f| f.frozen = true);
             },
         )
         .goes_on()
@@ -205,13 +191,7 @@ fn inertials() -> Vec<Entry> {
             "inertial sensor tells of no data (DRDY)",
             "ICM-42688-P",
             |b| {
-                inertial(
-                    b,
-                    InertialFault {
-                        no_data_ready: true,
-                        ..InertialFault::default()
-                    },
-                );
+                inertial(b, |f| f.no_data_ready = true);
             },
         )
         .goes_on(),
@@ -221,44 +201,19 @@ fn inertials() -> Vec<Entry> {
 fn encoders() -> Vec<Entry> {
     vec![
         Entry::drive("encoder line A stuck", "encoder", |b| {
-            encoder(
-                b,
-                EncoderFault {
-                    stuck_a: Some(true),
-                    ..EncoderFault::default()
-                },
-            );
+            encoder(b, |f| f.stuck_a = Some(true));
         })
         .stops(WHEELS),
         Entry::drive("encoder line B stuck", "encoder", |b| {
-            encoder(
-                b,
-                EncoderFault {
-                    stuck_b: Some(false),
-                    ..EncoderFault::default()
-                },
-            );
+            encoder(b, |f| f.stuck_b = Some(false));
         })
         .stops(WHEELS),
         Entry::drive("encoder unplugged", "encoder", |b| {
-            encoder(
-                b,
-                EncoderFault {
-                    stuck_a: Some(true),
-                    stuck_b: Some(true),
-                    ..EncoderFault::default()
-                },
-            );
+            encoder(b, |f| (f.stuck_a, f.stuck_b) = (Some(true), Some(true)));
         })
         .stops(WHEELS),
         Entry::drive("encoder lines swapped", "encoder", |b| {
-            encoder(
-                b,
-                EncoderFault {
-                    swapped: true,
-                    ..EncoderFault::default()
-                },
-            );
+            encoder(b, |f| f.swapped = true);
         })
         .stops(WHEELS),
         Entry::drive("2000 glitches of 200 ns on encoder lines", "encoder", |b| {

@@ -1,7 +1,8 @@
 //! Boot orders, and faults that are there when the power comes on.
 
+use super::bench::Bench;
 use super::entry::{Entry, at};
-use super::power::crystal;
+use super::power::{beam, crystal, struck};
 use core_algos::node::board::Role;
 
 pub fn entries() -> Vec<Entry> {
@@ -96,14 +97,8 @@ fn others() -> Vec<Entry> {
             "crystal dead for the first 2.5 s",
             "crystal",
             &[
-                at(0, |b| {
-                    let role = b.any();
-                    crystal(b, role, false);
-                }),
-                at(2500, |b| {
-                    let role = b.any();
-                    crystal(b, role, true);
-                }),
+                at(0, |b| crystal(b, Bench::any, false)),
+                at(2500, |b| crystal(b, Bench::any, true)),
             ],
         )
         .goes_on()
@@ -112,17 +107,14 @@ fn others() -> Vec<Entry> {
         Entry::start(
             "crystal of an axle's board dead for good",
             "crystal",
-            &[at(0, |b| {
-                let role = b.wheel().0;
-                crystal(b, role, false);
-            })],
+            &[at(0, |b| crystal(b, struck, false))],
         )
         .resets(&[Role::Front, Role::Rear])
         .finds(&["reset"]),
         Entry::start(
             "crystal of the beam's board dead for good",
             "crystal",
-            &[at(0, |b| crystal(b, Role::Beam, false))],
+            &[at(0, |b| crystal(b, beam, false))],
         )
         .unready()
         .resets(&[Role::Beam])
