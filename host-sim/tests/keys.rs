@@ -8,7 +8,7 @@ use core_algos::params::TABLE;
 use host_sim::driving::{self, Manner, Route};
 use host_sim::effect::{self, Use};
 use host_sim::error::Error;
-use host_sim::faults::CATALOGUE;
+use host_sim::faults::{CATALOGUE, Entry};
 use host_sim::paths::Path;
 use host_sim::scenario::Scenario;
 use host_sim::simulation::{self, Observer, Record, Robot, Simulation};
@@ -17,15 +17,14 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::{Arc, Mutex};
 use toml::{Table, Value};
 
-/// Time of the fault, ticks.
-const FAULT_TICK: u32 = 4000;
+/// Tick of a fault that names none.
+const FAULT_TICK: &str = "4000";
 
-/// A task in a changed default scenario, and a fault.
-#[derive(Clone, Copy)]
+/// A task in a changed default scenario, and a fault with its tick.
 struct Situation {
-    changes: &'static [&'static str],
     task: Task,
-    fault: Option<(&'static str, u32)>,
+    fault: Option<(&'static Entry, u32)>,
+    changes: Vec<String>,
 }
 
 #[derive(Clone, Copy, PartialEq)]
@@ -34,215 +33,84 @@ enum Task {
     Path(Manner),
 }
 
-const fn regulate(changes: &'static [&'static str]) -> Situation {
-    Situation {
-        changes,
-        task: Task::Regulate,
-        fault: None,
-    }
-}
+/// Task, fault and changes of a line; the first is the experiment that runs by default.
+const SITUATIONS: &str = "
+posture ||
+posture || sensors.gyro.fitted=true sensors.accelerometer.fitted=true
+follow ||
+track ||
+posture || mission.rps=false
+posture || robot.lead.fusion.mode=intersection-ipec
+posture || robot.lead.regulator.strategy=paper-law
+posture || plant.tyre=creep
+posture || plant.cogging_torque_n_m=0.05 plant.payload_kg=[1,1] plant.center_of_mass_height_m=0.05
+posture || sensors.bridge.warming_k=5 sensors.bridge.creep_share=0.01
+posture || robot.axle.speed_source=filter robot.axle.controller.frame_force=beam
+posture || robot.beam.method=piecewise
+posture || mission.start=[-0.2,0.2,1.0]
+posture || sensors.gyro.fitted=true sensors.gyro.rest_average_s=0
+posture || sensors.accelerometer.fitted=true sensors.accelerometer.rest_average_s=0
+posture || robot.lead.regulator.approach.approach_gain_m_s=0.1
+posture | gauge dead |
+posture | gauge drifts |
+posture | gauge stuck |
+posture | beam board lost |
+posture | bus loses 50 % |
+posture | motor open |
+posture | motor stuck on |
+posture | encoder stuck |
+posture | gyro off by 0.3 rad/s | sensors.gyro.fitted=true sensors.accelerometer.fitted=true
+posture | frame snapped |
+posture | rear board lost |
+";
 
-const fn path(manner: Manner) -> Situation {
-    Situation {
-        changes: &[],
-        task: Task::Path(manner),
-        fault: None,
-    }
-}
-
-const fn faulty(fault: &'static str, changes: &'static [&'static str]) -> Situation {
-    Situation {
-        changes,
-        task: Task::Regulate,
-        fault: Some((fault, FAULT_TICK)),
-    }
-}
-
-/// A gauge that is stuck before the frame bends, which only its flatness shows.
-const fn stuck() -> Situation {
-    Situation {
-        changes: &["robot.beam.health.max_chi_square=1e6"],
-        task: Task::Regulate,
-        fault: Some(("gauge stuck", 600)),
-    }
-}
-
-/// An approach below the speed limit.
-const SLOW: &[&str] = &["robot.lead.regulator.approach.approach_gain_m_s=0.1"];
-
-/// Values that matter only in a situation of their own.
-const PROBES: &[(&str, &str, Situation)] = &[
-    ("world", "ideal", regulate(&[])),
-    (
-        "robot.axle.limits.stall_share",
-        "0.4",
-        regulate(&["plant.rolling_resistance=0.5"]),
-    ),
-    (
-        "robot.axle.rest_settle_s",
-        "6.0",
-        regulate(&[
-            "mission.rest_s=60",
-            "robot.lead.hold_s=6",
-            "sensors.gyro.fitted=true",
-        ]),
-    ),
-    ("robot.lead.hold_s", "6.0", regulate(&["mission.rest_s=60"])),
-    (
-        "robot.axle.supervisor.stop_timeout_s",
-        "0.5",
-        faulty("motor stuck on", &["robot.axle.stop.release_s=0.2"]),
-    ),
-    (
-        "robot.lead.supervisor.stop_timeout_s",
-        "0.5",
-        faulty("motor stuck on", &["robot.lead.stop.release_s=0.2"]),
-    ),
-    (
-        "robot.axle.wheel.max_speed_rad_s",
-        "600.0",
-        faulty("encoder jumps", &[]),
-    ),
-    (
-        "robot.axle.wrench_timeout_s",
-        "0.5",
-        faulty(
-            "beam board lost",
-            &["robot.axle.controller.frame_force=beam"],
-        ),
-    ),
-    ("robot.beam.health.active_counts", "100000", stuck()),
-    ("robot.beam.health.flat_window_periods", "200", stuck()),
-    ("robot.beam.health.dead_strain", "0.01", stuck()),
-    (
-        "robot.lead.limits.goal_heading_rad",
-        "0.01",
-        regulate(&["robot.lead.limits.goal_position_m=0.5"]),
-    ),
-    ("robot.lead.limits.position_sigma_m", "0.01", regulate(&[])),
-    (
-        "robot.lead.regulator.planner.max_straight_m",
-        "0.3",
-        regulate(&["mission.start=[-0.3,0.3,2.0]"]),
-    ),
-    (
-        "robot.lead.regulator.approach.denominator_floor",
-        "1.0",
-        regulate(SLOW),
-    ),
-    (
-        "robot.lead.regulator.release_factor",
-        "1.1",
-        regulate(&["mission.rest_s=20", "sensors.bridge.drift_walk_strain=1e-5"]),
-    ),
-    (
-        "robot.lead.regulator.leave_factor",
-        "1.0",
-        regulate(&[
-            "mission.start=[-1.0,0.6,2.0]",
-            "robot.lead.regulator.leave_slack_rad=0",
-        ]),
-    ),
-    (
-        "robot.lead.regulator.leave_slack_rad",
-        "0.0",
-        regulate(&[
-            "mission.start=[-1.0,0.6,2.0]",
-            "robot.lead.regulator.leave_factor=1",
-        ]),
-    ),
-    (
-        "robot.lead.course.law.denominator_floor",
-        "1.0",
-        path(Manner::Follow),
-    ),
-    (
-        "robot.lead.course.path.search_window_m",
-        "0.001",
-        path(Manner::Follow),
-    ),
-    (
-        "robot.lead.course.path.max_steering_acceleration_rad_s2",
-        "0.05",
-        path(Manner::Follow),
-    ),
-    (
-        "robot.lead.course.path.min_speed_m_s",
-        "0.15",
-        Situation {
-            changes: &["robot.lead.course.path.max_steering_rate_rad_s=0.05"],
-            ..path(Manner::Follow)
-        },
-    ),
-];
-
-const IMU: &[&str] = &[
-    "sensors.gyro.fitted=true",
-    "sensors.accelerometer.fitted=true",
-];
-
-/// The first is the experiment that runs by default.
-const SITUATIONS: &[Situation] = &[
-    regulate(&[]),
-    regulate(IMU),
-    path(Manner::Follow),
-    path(Manner::Track),
-    regulate(&["mission.rps=false"]),
-    regulate(&["robot.lead.fusion.mode=intersection-ipec"]),
-    regulate(&["robot.lead.regulator.strategy=paper-law"]),
-    regulate(&["plant.tyre=creep"]),
-    regulate(&[
-        "plant.cogging_torque_n_m=0.05",
-        "sensors.bridge.warming_k=5",
-        "sensors.bridge.creep_share=0.01",
-        "plant.payload_kg=[1.0, 1.0]",
-        "plant.center_of_mass_height_m=0.05",
-    ]),
-    regulate(&[
-        "robot.axle.speed_source=filter",
-        "robot.axle.controller.frame_force=beam",
-    ]),
-    regulate(&["robot.beam.method=piecewise"]),
-    regulate(&["mission.start=[-0.2,0.2,1.0]"]),
-    regulate(&[
-        "sensors.gyro.fitted=true",
-        "sensors.accelerometer.fitted=true",
-        "sensors.gyro.rest_average_s=0",
-        "sensors.accelerometer.rest_average_s=0",
-    ]),
-    regulate(SLOW),
-    faulty("gauge dead", &[]),
-    faulty("gauge drifts", &[]),
-    faulty("gauge stuck", &[]),
-    faulty("beam board lost", &[]),
-    faulty("bus loses 50 %", &[]),
-    faulty("motor open", &[]),
-    faulty("motor stuck on", &[]),
-    faulty("encoder stuck", &[]),
-    faulty("gyro off by 0.3 rad/s", IMU),
-    faulty("frame snapped", &[]),
-    faulty("rear board lost", &[]),
-];
+/// Keys whose value matters only in a situation of its own.
+const PROBES: &str = "
+world=ideal | posture ||
+robot.axle.limits.stall_share=0.4 | posture || plant.rolling_resistance=0.5
+robot.axle.rest_settle_s=6 | posture || mission.rest_s=60 robot.lead.hold_s=6 sensors.gyro.fitted=true
+robot.lead.hold_s=6 | posture || mission.rest_s=60
+robot.axle.supervisor.stop_timeout_s=0.5 | posture | motor stuck on | robot.axle.stop.release_s=0.2
+robot.lead.supervisor.stop_timeout_s=0.5 | posture | motor stuck on | robot.lead.stop.release_s=0.2
+robot.axle.wheel.max_speed_rad_s=600 | posture | encoder jumps |
+robot.axle.wrench_timeout_s=0.5 | posture | beam board lost | robot.axle.controller.frame_force=beam
+robot.beam.health.active_counts=100000 | posture | gauge stuck @600 | robot.beam.health.max_chi_square=1e6
+robot.beam.health.flat_window_periods=200 | posture | gauge stuck @600 | robot.beam.health.max_chi_square=1e6
+robot.beam.health.dead_strain=0.01 | posture | gauge stuck @600 | robot.beam.health.max_chi_square=1e6
+robot.lead.limits.goal_heading_rad=0.01 | posture || robot.lead.limits.goal_position_m=0.5
+robot.lead.limits.position_sigma_m=0.01 | posture ||
+robot.lead.regulator.planner.max_straight_m=0.3 | posture || mission.start=[-0.3,0.3,2.0]
+robot.lead.regulator.approach.denominator_floor=1 | posture || robot.lead.regulator.approach.approach_gain_m_s=0.1
+robot.lead.regulator.release_factor=1.1 | posture || mission.rest_s=20 sensors.bridge.drift_walk_strain=1e-5
+robot.lead.regulator.leave_factor=1 | posture || mission.start=[-1.0,0.6,2.0] robot.lead.regulator.leave_slack_rad=0
+robot.lead.regulator.leave_slack_rad=0 | posture || mission.start=[-1.0,0.6,2.0] robot.lead.regulator.leave_factor=1
+robot.lead.course.law.denominator_floor=1 | follow ||
+robot.lead.course.path.search_window_m=0.001 | follow ||
+robot.lead.course.path.max_steering_acceleration_rad_s2=0.05 | follow ||
+robot.lead.course.path.min_speed_m_s=0.15 | follow || robot.lead.course.path.max_steering_rate_rad_s=0.05
+";
 
 impl Situation {
-    fn scenario(&self) -> Scenario {
-        self.with(&[]).unwrap()
+    fn parse(line: &'static str) -> Self {
+        let [task, fault, changes] = line.split('|').map(str::trim).collect::<Vec<_>>()[..] else {
+            panic!("{line}");
+        };
+        let (name, tick) = fault.split_once(" @").unwrap_or((fault, FAULT_TICK));
+        let entry = CATALOGUE.iter().find(|entry| entry.name == name);
+        assert!(fault.is_empty() || entry.is_some(), "{line}");
+        Self {
+            task: match task {
+                "follow" => Task::Path(Manner::Follow),
+                "track" => Task::Path(Manner::Track),
+                _ => Task::Regulate,
+            },
+            fault: entry.map(|entry| (entry, tick.parse().unwrap())),
+            changes: changes.split_whitespace().map(str::to_owned).collect(),
+        }
     }
 
     fn with(&self, more: &[String]) -> Result<Scenario, Error> {
-        let changes = self.changes.iter().map(|&change| change.to_owned());
-        let changes: Vec<String> = changes.chain(more.iter().cloned()).collect();
-        Scenario::parse(None, "", "test", &changes)
-    }
-
-    fn name(&self) -> String {
-        let task = match self.task {
-            Task::Regulate => "posture",
-            Task::Path(Manner::Follow) => "follow",
-            Task::Path(Manner::Track) => "track",
-        };
-        let fault = self.fault.map_or("", |(name, _)| name);
-        format!("{task} {} {fault}", self.changes.join(" "))
+        Scenario::parse(None, "", "test", &[&self.changes, more].concat())
     }
 
     fn refusal(&self, key: &str, scenario: &Scenario) -> Option<String> {
@@ -272,8 +140,7 @@ impl Situation {
             seen: seen.clone(),
             before: before.to_vec(),
         })));
-        if let Some((name, tick)) = self.fault {
-            let entry = CATALOGUE.iter().find(|entry| entry.name == name).unwrap();
+        if let Some((entry, tick)) = self.fault {
             simulation.inject(entry.fault, tick);
         }
         // An error is that of the observer: the run has changed.
@@ -433,15 +300,16 @@ fn with_parameter(scenario: &Scenario, role: Role, name: &str) -> Vec<Scenario> 
     found
 }
 
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Copy, PartialEq)]
 enum Found {
     Effective,
-    Elsewhere(usize),
+    Elsewhere,
     Refused,
     Nothing,
 }
 
-type Made = Vec<(Scenario, Vec<u64>)>;
+/// A situation with its scenario and its unchanged run.
+type Made = (Situation, Scenario, Vec<u64>);
 
 /// Keys that no fault of the catalogue exercises, each with the test that does.
 const TESTED_ELSEWHERE: &[(&str, &str)] = &[(
@@ -449,54 +317,60 @@ const TESTED_ELSEWHERE: &[(&str, &str)] = &[(
     "a gauge that recovers: core-algos, beam/health.rs",
 )];
 
-/// First situation in which the key changes the run; a run that changes where the key is refused is an error.
+/// Effect of a key in the situation that it needs, if it needs one.
+fn probe(key: &str) -> Option<Result<Found, Error>> {
+    let probes = PROBES.lines().filter_map(|line| line.split_once(" | "));
+    let mut of_key = probes.filter(|(change, _)| change.split_once('=').unwrap().0 == key);
+    let (change, line) = of_key.next()?;
+    let situation = Situation::parse(line);
+    let changes = || -> Result<bool, Error> {
+        let before = situation.run(&situation.with(&[])?, &[])?;
+        let scenario = situation.with(&[change.to_owned()])?;
+        Ok(situation.changes_with(&scenario, &before))
+    };
+    Some(changes().map(|changes| {
+        if changes {
+            Found::Elsewhere
+        } else {
+            Found::Nothing
+        }
+    }))
+}
+
+/// Looks for a situation in which the key changes the run. A run that changes where the key is refused is an error.
 fn look(
     key: &str,
-    made: &Made,
+    made: &[Made],
     change: &dyn Fn(&Scenario) -> Vec<Scenario>,
-) -> Result<Found, String> {
-    if let Some((_, value, situation)) = PROBES.iter().find(|(other, ..)| *other == key) {
-        let before = situation.run(&situation.scenario(), &[]);
-        let before = before.map_err(|error| error.to_string())?;
-        let scenario = situation.with(&[format!("{key}={value}")]);
-        let scenario = scenario.map_err(|error| error.to_string())?;
-        return Ok(match situation.changes_with(&scenario, &before) {
-            true => Found::Elsewhere(0),
-            false => Found::Nothing,
-        });
+) -> Result<Found, Error> {
+    if let Some(found) = probe(key) {
+        return found;
     }
     if TESTED_ELSEWHERE.iter().any(|(other, _)| *other == key) {
-        return Ok(Found::Elsewhere(0));
+        return Ok(Found::Elsewhere);
     }
     let (mut refused, mut tried) = (true, false);
-    for (i, (situation, (scenario, before))) in SITUATIONS.iter().zip(made).enumerate() {
+    for (i, (situation, scenario, before)) in made.iter().enumerate() {
         let others = change(scenario);
         tried |= !others.is_empty();
+        let changes = |other: &&Scenario| situation.changes_with(other, before);
         if let Some(text) = situation.refusal(key, scenario) {
             // The key may decide itself whether it has an effect.
-            let others = others
-                .iter()
-                .filter(|other| situation.refusal(key, other).is_some());
-            if others
-                .take(1)
-                .any(|other| i < 6 && situation.changes_with(other, before))
-            {
-                return Err(format!(
-                    "{}: refused, but it changes the run: {text}",
-                    situation.name()
-                ));
+            let still = |other: &&Scenario| situation.refusal(key, other).is_some();
+            let mut others = others.iter().filter(still).take(1);
+            if i < 6 && others.any(|other| changes(&other)) {
+                return Err(Error::Failure(format!(
+                    "changes a run in which it is refused: {text}"
+                )));
             }
             continue;
         }
         refused = false;
-        if others
-            .iter()
-            .any(|other| situation.changes_with(other, before))
-        {
+        if others.iter().any(|other| changes(&other)) {
             return Ok(if i == 0 {
                 Found::Effective
             } else {
-                Found::Elsewhere(i)
+                Found::Elsewhere
             });
         }
     }
@@ -510,57 +384,52 @@ fn look(
 
 #[test]
 fn each_key_changes_a_run_or_is_refused() {
-    let made: Made = SITUATIONS
-        .par_iter()
-        .map(|situation| {
-            let scenario = situation.scenario();
-            let run = situation.run(&scenario, &[]).unwrap();
-            (scenario, run)
-        })
-        .collect();
+    let lines: Vec<&str> = SITUATIONS.lines().filter(|line| !line.is_empty()).collect();
+    let make = |line: &&'static str| {
+        let situation = Situation::parse(line);
+        let scenario = situation.with(&[]).unwrap();
+        let run = situation.run(&scenario, &[]).unwrap();
+        (situation, scenario, run)
+    };
+    let made: Vec<Made> = lines.par_iter().map(make).collect();
     let mut keys = Vec::new();
-    let table = Value::Table(Table::try_from(&made[0].0).unwrap());
+    let table = Value::Table(Table::try_from(&made[0].1).unwrap());
     leaves(&table, &[], &mut keys);
-    let scenario_keys = keys.par_iter().map(|path| {
+    let keys = keys.par_iter().map(|path| {
         let key = path.join(".");
         let found = look(&key, &made, &|scenario| changed(scenario, path, 7));
         (key, found)
     });
-    let mut results: Vec<_> = scenario_keys.collect();
-    let parameters: Vec<_> = Role::ALL
+    let mut results: Vec<_> = keys.collect();
+    let boards = Role::ALL
         .into_iter()
-        .flat_map(|role| TABLE.iter().map(move |p| (role, p.name)))
-        .collect();
-    results.par_extend(parameters.into_par_iter().map(|(role, name)| {
+        .flat_map(|role| TABLE.iter().map(move |p| (role, p.name)));
+    let boards: Vec<_> = boards.collect();
+    results.par_extend(boards.into_par_iter().map(|(role, name)| {
         let key = format!("boards.{}.{name}", role.name());
         let found = look(&key, &made, &|scenario| {
             with_parameter(scenario, role, name)
         });
         (key, found)
     }));
-    let mut counts = [0; 3];
-    let mut wrong = Vec::new();
-    for (key, found) in &results {
-        match found {
-            Ok(Found::Effective) => counts[0] += 1,
-            Ok(Found::Elsewhere(i)) => {
-                counts[1] += 1;
-                println!("{:<60} {key}", SITUATIONS[*i].name());
-            }
-            Ok(Found::Refused) => {
-                counts[2] += 1;
-                println!("{:<60} {key}", "REFUSED");
-            }
-            Ok(Found::Nothing) => wrong.push(format!("{key}: changes no run and is not refused")),
-            Err(text) => wrong.push(format!("{key}: {text}")),
-        }
-    }
+    let count = |wanted| {
+        results
+            .iter()
+            .filter(|(_, found)| matches!(found, Ok(f) if *f == wanted))
+            .count()
+    };
     println!(
-        "keys {}: effective by default {}, elsewhere {}, refused everywhere {}",
+        "{} keys: {} change the default run, {} another run, {} are refused",
         results.len(),
-        counts[0],
-        counts[1],
-        counts[2]
+        count(Found::Effective),
+        count(Found::Elsewhere),
+        count(Found::Refused)
     );
+    let wrong = results.iter().filter_map(|(key, found)| match found {
+        Ok(Found::Nothing) => Some(format!("{key}: changes no run and is not refused")),
+        Ok(_) => None,
+        Err(error) => Some(format!("{key}: {error}")),
+    });
+    let wrong: Vec<String> = wrong.collect();
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }

@@ -2,7 +2,7 @@
 //!
 //! Signals are little-endian, packed without gaps in the order of the table; the physical value is
 //! `raw · scale + offset`, and the range follows from width and scale. Periods and timeouts stand
-//! here alone: defaults elsewhere are taken from [`period_ms`] and [`timeout_s`].
+//! here alone: defaults elsewhere are taken from [`timeout_s`].
 
 use super::message::{CalibrationResult, LeadMode};
 use crate::safety::OperatingState;
