@@ -5,6 +5,8 @@
 
 pub mod numbers;
 
+#[path = "../../host-sim/src/effect.rs"]
+pub mod effect;
 #[path = "../../host-sim/src/error.rs"]
 pub mod error;
 #[path = "../../host-sim/src/eval/mod.rs"]

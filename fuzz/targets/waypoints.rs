@@ -2,7 +2,7 @@
 //! is refused is refused by line.
 #![no_main]
 
-use cfmmr_fuzz::paths::{Bounds, MAX_COORDINATE_M, Path, PathError, SPACING_M, waypoints};
+use cfmmr_fuzz::paths::{Bounds, MAX_COORDINATE_M, Path, PathError, SPACING_M, Sample, waypoints};
 use libfuzzer_sys::fuzz_target;
 
 /// Chords beyond this are not sampled here: half a million samples take a second.
@@ -56,7 +56,10 @@ fuzz_target!(|data: &[u8]| {
         assert!(at.x.is_finite() && at.y.is_finite() && at.phi.is_finite() && !at.kappa.is_nan());
     }
     for point in &points {
-        let gap = path.distance(point.x, point.y);
+        let gaps = samples
+            .windows(2)
+            .map(|pair| distance(pair, point.x, point.y));
+        let gap = gaps.fold(f64::INFINITY, f64::min);
         assert!(gap <= SPACING_M, "{point:?} is {gap} m off");
     }
     let bounds = Bounds::default();
@@ -74,3 +77,11 @@ fuzz_target!(|data: &[u8]| {
         Err(error) => panic!("{error}"),
     }
 });
+
+/// Distance of a point from the chord of two samples, m.
+fn distance(pair: &[Sample], x: f64, y: f64) -> f64 {
+    let (dx, dy) = (pair[1].x - pair[0].x, pair[1].y - pair[0].y);
+    let (px, py) = (x - pair[0].x, y - pair[0].y);
+    let u = ((dx * px + dy * py) / (dx * dx + dy * dy).max(1e-18)).clamp(0.0, 1.0);
+    (px - u * dx).hypot(py - u * dy)
+}
