@@ -339,7 +339,7 @@ pub struct FollowRun {
     pub driven: Vec<[f64; 2]>,
     /// The robot at some instants.
     pub snapshots: Vec<Snapshot>,
-    /// What the distance is: the caption of its panel.
+    /// Caption of the panel of the distance.
     pub distance_label: &'static str,
     /// Errors of the true position of O.
     pub truth: FollowErrors,

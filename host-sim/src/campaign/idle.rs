@@ -5,7 +5,7 @@ use super::study::{Kind, Study};
 use crate::error::Error;
 use crate::simulation;
 
-/// Trials that are run again with another value of a drawn quantity.
+/// Trials of a combination that are run again with another value of a drawn quantity.
 const PROBES: u32 = 8;
 
 /// First varied key that changes the result of no run.
@@ -34,13 +34,15 @@ fn listed(study: &Study, varied: usize, count: usize, runs: &Columns) -> bool {
     })
 }
 
-/// True if a trial with the value of the next trial has another result.
+/// True if a trial of any combination has another result with the value of the next trial.
 fn drawn(study: &Study, varied: usize) -> Result<bool, Error> {
-    for trial in 0..study.trials.min(PROBES) {
-        let mut values = study.values(0, trial)?;
+    let cells = study.runs() / u64::from(study.trials);
+    let trials = |cell| (0..study.trials.min(PROBES)).map(move |trial| (cell, trial));
+    for (cell, trial) in (0..cells).flat_map(trials) {
+        let mut values = study.values(cell, trial)?;
         let mut results = Vec::new();
         for next in 0..2 {
-            values[varied] = study.values(0, trial + next)?.swap_remove(varied);
+            values[varied] = study.values(cell, trial + next)?.swap_remove(varied);
             let scenario = study.scenario(trial, &values)?;
             let outcome = simulation::regulate(&scenario, study.seed, trial.into(), |_| {})?;
             results.push(format!("{outcome:?}"));

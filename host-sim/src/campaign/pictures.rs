@@ -165,7 +165,7 @@ fn shares(mut values: Vec<f64>) -> Vec<[f64; 2]> {
     std::iter::once([LEAST, 0.0]).chain(steps).collect()
 }
 
-/// Where the runs started and how they ended, or where they ended if they started in one place; a map
+/// Starts of the runs by their ends, or the ends if all runs have one start; a map
 /// for each combination of the lists that are not numbers.
 pub fn map(study: &Study, runs: &Columns) -> Figure {
     let lists = Listed::all(study, runs);
@@ -179,7 +179,7 @@ pub fn map(study: &Study, runs: &Columns) -> Figure {
     }
 }
 
-/// How each run ended.
+/// End of each run.
 fn ends(runs: &Columns) -> Vec<End> {
     let (done, within) = (runs.flags("done"), runs.flags("within_3cm_3deg"));
     let pairs = done.iter().zip(within.iter());
@@ -243,7 +243,7 @@ fn map_of_ends(study: &Study, runs: &Columns, maps: &[Group], goal: [f64; 3]) ->
     )
 }
 
-/// How the error depends on each quantity: its median and 5th to 95th percentile at each listed
+/// Error over each quantity: its median and 5th to 95th percentile at each listed
 /// number, or every run over a drawn one; a series for each combination of the lists that are not
 /// numbers. `None` if no quantity is a number.
 pub fn sensitivity(study: &Study, runs: &Columns) -> Option<Figure> {

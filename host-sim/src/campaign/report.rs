@@ -1,4 +1,4 @@
-//! What came out of a campaign, as numbers and as a table.
+//! Results of a campaign, as numbers and as a table.
 
 use super::columns::Columns;
 use super::study::{Study, Vary};

@@ -292,6 +292,14 @@ fn a_varied_key_that_changes_no_result_is_named() {
         text("uniform = [0.4, 0.7]").replace("robot.lead.limits.force_n", "plant.friction");
     let acting = Study::parse(&acting, "test").unwrap();
     assert_eq!(idle_key(&acting, &same).unwrap(), None);
+    // Acts in the second combination alone.
+    let strain = "[[vary]]\nkey = \"sensors.bridge.noise_strain\"\nuniform = [1e-7, 1e-5]";
+    let later = format!(
+        "name = \"idle\"\ntrials = 1\n[[vary]]\nkey = \"mission.rps\"\nvalues = [false, true]\n{strain}"
+    );
+    let later = Study::parse(&later, "test").unwrap();
+    let ends = Columns(vec![("e_m".to_owned(), Values::Double(vec![0.1, 0.2]))]);
+    assert_eq!(idle_key(&later, &ends).unwrap(), None);
 }
 
 #[test]

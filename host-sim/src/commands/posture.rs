@@ -453,7 +453,7 @@ pub fn publish(
     Ok((text, report, files))
 }
 
-/// How each trial ended.
+/// End of each trial.
 fn trials_csv(variants: &[Variant], results: &[Trial], goal: [f64; 3]) -> Csv {
     let trials = results.len() / variants.len().max(1);
     let mut csv = Csv::new([

@@ -150,7 +150,7 @@ const GAUGES: &[Condition] = &[
     C::DegradedTooLong,
 ];
 
-/// What the loss of the beam leads to.
+/// Codes that the loss of the beam may raise.
 const NO_BEAM: &[Condition] = &[C::DegradedTooLong];
 
 /// Every fault of the campaign.
