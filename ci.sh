@@ -22,11 +22,11 @@ if ! rustc --print target-libdir --target "$target" 2>/dev/null | xargs test -d;
 fi
 
 step "emulator"
-scripts/install_qemu.sh
+tools/scripts/install_qemu.sh
 
 step "formatting"
 cargo fmt --all --check
-cargo fmt --manifest-path fuzz/Cargo.toml --check
+cargo fmt --manifest-path tools/fuzz/Cargo.toml --check
 rustfmt --edition 2024 --check tools/rigless/src/main.rs
 step "clippy"
 # With the feature that the default leaves out; the builds below are without it.
@@ -42,9 +42,9 @@ for features in "" hil emulated; do
   cargo build "${images[@]}" --features "$features"
 done
 step "no panic in any node step"
-scripts/check_no_panic.sh
+tools/scripts/check_no_panic.sh
 step "instruction counts"
-scripts/count_instructions.py
+tools/scripts/count_instructions.py
 step "tests"
 # The feature `hil` adds the tests of the link protocol.
 cargo test --locked --workspace --exclude host-sim --features core-algos/hil
@@ -54,18 +54,18 @@ cargo test --locked --release --package host-sim
 # minutes more.
 export CFMMR_BUILT=1
 step "pictures, tables and numbers of the documentation"
-scripts/test_regenerate.py
-scripts/regenerate.py --check
+tools/scripts/test_regenerate.py
+tools/scripts/regenerate.py --check
 step "hostile input"
-scripts/fuzz.sh
+tools/scripts/fuzz.sh
 step "bus description against cantools"
-scripts/check_bus.sh
+tools/scripts/check_bus.sh
 step "logs against the Python reader of MCAP"
-scripts/check_mcap.sh
+tools/scripts/check_mcap.sh
 step "live view against a websocket client"
-scripts/check_live.sh
+tools/scripts/check_live.sh
 step "report pages in Chromium"
-scripts/check_report.sh
+tools/scripts/check_report.sh
 step "the paper's experiment on emulated boards"
 hil() {
   timeout 600 target/release/cfmmr hil --emulated --compare --out target/hil "$@" | grep -A1 "ticks ("
@@ -77,13 +77,13 @@ hil --link uart --stop-after 2
 step "the images that users flash, on virtual boards"
 timeout 900 target/release/cfmmr hil --virtual --out target/virtual | grep -A4 "^board "
 step "the virtual boards' core against Unicorn in lockstep"
-virtual-board/oracle/check_lockstep.sh
+crates/virtual-board/oracle/check_lockstep.sh
 step "the virtual boards' core against QEMU on the instruction counts"
-virtual-board/oracle/qemu.py
+crates/virtual-board/oracle/qemu.py
 step "faults on virtual boards"
 timeout 900 target/release/cfmmr faults --virtual --quick --check | tail -3
 step "frames of the virtual bus against other implementations"
-virtual-board/oracle/check_can_bits.sh 2000
+crates/virtual-board/oracle/check_can_bits.sh 2000
 step "faults on emulated boards"
 timeout 600 target/release/cfmmr faults --emulated --check --only "board resets" --only freezes \
   --only corrupts --only "encoder stuck" --only "encoder missing" --only "gyro off" --only "motor stuck" \
@@ -93,5 +93,5 @@ rm -rf target/calibrated
 timeout 300 target/release/cfmmr calibrate imu --emulated --yes --flash target/calibrated | grep "written to"
 timeout 60 target/release/cfmmr params list --emulated --flash target/calibrated | grep "gyro_gain.* stored"
 step "serial ports"
-scripts/check_serial_ports.py --stop-after 1 | grep "identical"
+tools/scripts/check_serial_ports.py --stop-after 1 | grep "identical"
 step "all passed"

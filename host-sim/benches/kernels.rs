@@ -1,6 +1,6 @@
 //! Times of the host's kernels: `cargo bench`.
 //!
-//! What the boards run is measured in instructions instead (`scripts/count_instructions.py`); here
+//! What the boards run is measured in instructions instead (`tools/scripts/count_instructions.py`); here
 //! it shows what a simulation spends on it.
 
 use core_algos::beam::sensor::{Method, PostureSolver};

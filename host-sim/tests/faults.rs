@@ -22,7 +22,7 @@ fn no_fault_leads_to_uncontrolled_motion_and_the_table_is_as_committed() {
     for (committed, found) in committed.lines().zip(found.lines()) {
         assert_eq!(
             committed, found,
-            "scripts/regenerate.py faults rewrites the page"
+            "tools/scripts/regenerate.py faults rewrites the page"
         );
     }
     assert_eq!(committed, found);

@@ -327,7 +327,7 @@ fn the_doctor_fails_for_each_thing_that_is_needed_and_for_nothing_else() {
         &missing("qemu-system-arm"),
         "qemu",
         "missing",
-        "scripts/install_qemu.sh",
+        "tools/scripts/install_qemu.sh",
     );
     let old = |name: &'static str, line: &'static str| move |m: &Machine| m.says(name, line);
     case(
@@ -349,7 +349,7 @@ fn the_doctor_fails_for_each_thing_that_is_needed_and_for_nothing_else() {
         &old("qemu-system-arm", "QEMU emulator version 7.2.19"),
         "qemu",
         "too-old",
-        "scripts/install_qemu.sh",
+        "tools/scripts/install_qemu.sh",
     );
     case(&old("qemu-system-arm", "hello"), "qemu", "unusable", "9.0");
     case(

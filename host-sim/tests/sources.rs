@@ -30,8 +30,8 @@ const LONGER_FILES: &[(&str, usize)] = &[
     ("host-sim/src/paths.rs", 1024),
     ("host-sim/src/sensors.rs", 945),
     ("host-sim/src/simulation.rs", 880),
-    ("plant/src/integrator.rs", 812),
-    ("virtual-board/src/chip/flash/mod.rs", 611),
+    ("crates/plant/src/integrator.rs", 812),
+    ("crates/virtual-board/src/chip/flash/mod.rs", 611),
 ];
 
 /// Longer functions with their lines. Entries may only shrink and disappear.
@@ -48,24 +48,24 @@ const LONGER_FUNCTIONS: &[(&str, usize)] = &[
     ("host-sim/src/kinematic_model.rs: regulate", 113),
     ("host-sim/src/virtual_robot/faults/program.rs: faults", 102),
     (
-        "virtual-board/src/core/decode_data.rs: shifted_register",
+        "crates/virtual-board/src/core/decode_data.rs: shifted_register",
         81,
     ),
-    ("virtual-board/src/core/execute.rs: execute", 84),
+    ("crates/virtual-board/src/core/execute.rs: execute", 84),
 ];
 
 /// Numeric kernels: one formula that reads best as a whole.
 const KERNELS: &[&str] = &[
     "core-algos/src/fusion/joint.rs: predict",
-    "plant/src/frame/newton.rs: factor",
-    "plant/src/frame/newton.rs: newton",
-    "plant/src/integrator.rs: advance",
+    "crates/plant/src/frame/newton.rs: factor",
+    "crates/plant/src/frame/newton.rs: newton",
+    "crates/plant/src/integrator.rs: advance",
 ];
 
 /// Sources of images and targets that will be removed.
 const EXEMPT: &[&str] = &[
-    "firmware-common/src/emulated",
-    "firmware-common/src/hil",
+    "crates/firmware-common/src/emulated",
+    "crates/firmware-common/src/hil",
     "host-sim/src/commands/faults_emulated.rs",
     "host-sim/src/targets/emulated.rs",
 ];

@@ -287,7 +287,7 @@ fn target() -> Check {
 }
 
 fn qemu(name: &str) -> Check {
-    let need = format!("version {OLDEST_QEMU}.0 or newer: scripts/install_qemu.sh installs it");
+    let need = format!("version {OLDEST_QEMU}.0 or newer: tools/scripts/install_qemu.sh installs it");
     let not = |finding, found: &str| Check::not("qemu", finding, found, need.clone());
     match emulated::find_qemu(name) {
         Ok(version) => Check::ok("qemu", version),
@@ -400,9 +400,9 @@ fn ports(found: &[Port]) -> Check {
     }
 }
 
-/// Python, for what is below `scripts/`.
+/// Python, for what is below `tools/scripts/`.
 fn python() -> Check {
-    let remedy = "install Python 3 with venv and pip, for scripts/";
+    let remedy = "install Python 3 with venv and pip, for tools/scripts/";
     program("python3", &["--version"], OLDEST_PYTHON, remedy)
 }
 

@@ -329,7 +329,7 @@ fn judge(report: &Report, committed: Option<&String>) -> Result<(), Error> {
     }
     match committed.and_then(|page| report.unexpected(page)) {
         Some(row) => Err(Error::Failure(format!(
-            "not as in {PAGE}, which scripts/regenerate.py faults-emulated rewrites:\n{row}"
+            "not as in {PAGE}, which tools/scripts/regenerate.py faults-emulated rewrites:\n{row}"
         ))),
         None => Ok(()),
     }

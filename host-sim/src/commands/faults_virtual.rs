@@ -313,7 +313,7 @@ pub fn run(args: &FaultsArgs) -> Result<(), Error> {
     }
     match report.unexpected(&committed, args.quick) {
         Some(row) if args.check => Err(Error::Failure(format!(
-            "not as in {PAGE}, which scripts/regenerate.py faults-virtual rewrites:\n{row}"
+            "not as in {PAGE}, which tools/scripts/regenerate.py faults-virtual rewrites:\n{row}"
         ))),
         _ => Ok(()),
     }

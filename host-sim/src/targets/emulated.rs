@@ -67,7 +67,7 @@ pub fn find_qemu(program: &str) -> Result<String, QemuFault> {
 /// The same with an error that says what is needed.
 pub fn check_qemu(program: &str) -> Result<String, Error> {
     let need = format!(
-        "emulated boards need qemu-system-arm {OLDEST_QEMU}.0 or newer: scripts/install_qemu.sh \
+        "emulated boards need qemu-system-arm {OLDEST_QEMU}.0 or newer: tools/scripts/install_qemu.sh \
          installs it on Debian (from the backports suite where the release's own is older), other \
          systems have it in their package qemu or qemu-system-arm"
     );
@@ -444,7 +444,7 @@ mod tests {
         let old = fake(directory.path(), "QEMU emulator version 7.2.19 (Debian)");
         for (program, found) in [(old.as_str(), "7.2.19"), ("no-such-qemu", "no-such-qemu")] {
             let text = check_qemu(program).unwrap_err().to_string();
-            for word in [found, "9.0 or newer", "scripts/install_qemu.sh"] {
+            for word in [found, "9.0 or newer", "tools/scripts/install_qemu.sh"] {
                 assert!(text.contains(word), "no {word} in {text}");
             }
         }

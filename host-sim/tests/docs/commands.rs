@@ -70,12 +70,12 @@ const NOT_RUN: &[(&str, Check, &str)] = &[
     ("cargo flash-", Check::Alias, "needs a debug probe"),
     (
         "cargo run --release -p firmware-common --example store_campaign",
-        Check::File("firmware-common/examples/store_campaign.rs"),
+        Check::File("crates/firmware-common/examples/store_campaign.rs"),
         "takes minutes; clippy builds it",
     ),
     ("./ci.sh", Check::Script, "it runs this test"),
     (
-        "scripts/",
+        "tools/scripts/",
         Check::Script,
         "ci.sh runs it, or it needs what that installs",
     ),
@@ -369,7 +369,7 @@ fn commands_are_taken_apart_as_a_shell_would() {
     assert!(parse(&words("posture --trails 3")).is_err());
     let folder = tempfile::tempdir().unwrap();
     assert!(carry_out(folder.path(), "frobnicate --all", false).is_err());
-    assert!(carry_out(folder.path(), "scripts/no_such.sh", false).is_err());
+    assert!(carry_out(folder.path(), "tools/scripts/no_such.sh", false).is_err());
     assert!(carry_out(folder.path(), "cargo build-nothing", false).is_err());
     assert!(carry_out(folder.path(), "cfmmr hil --rear /dev/ttyACM0 --bad", false).is_err());
 }

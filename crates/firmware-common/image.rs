@@ -1,0 +1,58 @@
+//! Build script of both images: the shared memory map, the linker scripts of runtime and log, and
+//! what the image is built from.
+
+use std::path::{Path, PathBuf};
+use std::{env, fs};
+
+fn main() {
+    let package = PathBuf::from(env::var("CARGO_MANIFEST_DIR").expect("set by cargo"));
+    let workspace = package.parent().expect("a member's folder");
+    println!("cargo::rustc-env=BUILD={}", build(&package, workspace));
+    // Built for the host the crate is only a message, see its `main`.
+    if env::var("CARGO_CFG_TARGET_OS").as_deref() != Ok("none") {
+        return;
+    }
+    println!("cargo::rustc-link-search={}", workspace.display());
+    for argument in ["--nmagic", "-Tlink.x", "-Tdefmt.x"] {
+        println!("cargo::rustc-link-arg-bins={argument}");
+    }
+}
+
+/// Name and version of the image and a hash of all it is built from in this workspace: the same
+/// sources give the same text, with version control or without.
+fn build(package: &Path, workspace: &Path) -> String {
+    let mut hash = 0xcbf2_9ce4_8422_2325;
+    let shared = [
+        "core-algos/src",
+        "crates/firmware-common/src",
+        "Cargo.lock",
+        "memory.x",
+    ];
+    for path in shared
+        .iter()
+        .map(|name| workspace.join(name))
+        .chain([package.join("src")])
+    {
+        println!("cargo::rerun-if-changed={}", path.display());
+        hash_files(&path, &mut hash);
+    }
+    let [name, version] =
+        ["CARGO_PKG_NAME", "CARGO_PKG_VERSION"].map(|name| env::var(name).expect("set by cargo"));
+    format!("{name} {version} {hash:016x}")
+}
+
+/// FNV-1a over the files' contents, in the order of their names.
+fn hash_files(path: &Path, hash: &mut u64) {
+    if path.is_dir() {
+        let entries = fs::read_dir(path).expect("a folder of sources");
+        let mut entries: Vec<_> = entries
+            .map(|entry| entry.expect("an entry").path())
+            .collect();
+        entries.sort();
+        entries.iter().for_each(|entry| hash_files(entry, hash));
+    } else {
+        for byte in fs::read(path).expect("a source file") {
+            *hash = (*hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3);
+        }
+    }
+}

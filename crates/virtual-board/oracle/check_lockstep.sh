@@ -1,0 +1,26 @@
+#!/usr/bin/env bash
+# Compares the core of the virtual boards with Unicorn in lockstep: ten million instructions at random, every
+# encoding of the images, and stretches of the images themselves; see lockstep.py and stretches.py. Unicorn is
+# put into a virtual environment below target/ if it is not there. Two processes share the work.
+set -euo pipefail
+cd "$(dirname "$0")/../../.."
+
+built=target/thumbv7em-none-eabihf
+image() { cargo build --locked --quiet --target thumbv7em-none-eabihf --package "$@"; }
+# The default images, which may have been built with a feature since.
+image firmware-axle --release
+image firmware-beam --release
+image firmware-bench --profile count
+images=("$built/release/firmware-axle" "$built/release/firmware-beam" "$built/count/firmware-bench")
+
+. tools/scripts/python_tools.sh
+python_tools check_lockstep.sh unicorn unicorn==2.1.4
+cargo build --locked --quiet --release --package virtual-board --examples
+
+"$python" crates/virtual-board/oracle/lockstep.py --instructions 4000000 --seed 1 "${images[@]}" &
+encodings=$!
+status=0
+"$python" crates/virtual-board/oracle/lockstep.py --instructions 6000000 --seed 2 || status=1
+"$python" crates/virtual-board/oracle/stretches.py "${images[@]}" || status=1
+wait "$encodings" || status=1
+exit "$status"

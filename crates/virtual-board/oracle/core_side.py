@@ -1,0 +1,21 @@
+"""The core's side of the comparisons: examples of virtual-board."""
+
+import pathlib
+import subprocess
+import sys
+
+ROOT = pathlib.Path(__file__).resolve().parents[3]
+
+
+def build(example):
+    """Builds an example and gives its path."""
+    command = ["cargo", "build", "--locked", "--quiet", "--release", "--package", "virtual-board"]
+    if subprocess.run(command + ["--example", example], cwd=ROOT).returncode != 0:
+        sys.exit(f"the example {example} of virtual-board does not build")
+    return ROOT / "target" / "release" / "examples" / example
+
+
+def start(example, *arguments):
+    """Starts it; requests and answers go through its standard input and output."""
+    command = [build(example), *arguments]
+    return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)

@@ -1,6 +1,0 @@
-//! Reading of logs, without the writing.
-
-#[path = "../../host-sim/src/recording/entry.rs"]
-pub mod entry;
-#[path = "../../host-sim/src/recording/read.rs"]
-pub mod read;

@@ -1,0 +1,215 @@
+#!/usr/bin/env python3
+"""Prints the speeds on this machine for docs/benchmarks.md.
+
+Plant alone beside MuJoCo in the same run, the whole closed loop, how Monte Carlo runs scale with
+threads and memory, and the kernels (`cargo bench`). One command, on a machine with nothing else to
+do; about five minutes and, the first time, the build of the kernels:
+
+    pip install mujoco && cargo build --release && tools/scripts/regenerate.py benchmarks
+
+`--quick` tries everything in a minute, with figures that are worth nothing. Where the time
+of the loop goes is written by hand in docs/profile.md, to which the page links.
+"""
+
+import argparse
+import concurrent.futures
+import datetime
+import json
+import os
+import pathlib
+import platform
+import re
+import subprocess
+import sys
+import tempfile
+import time
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+BINARY = ROOT / "target" / "release" / "cfmmr"
+
+
+def fail(text):
+    sys.exit(f"benchmarks.py: {text}")
+
+
+def output(*command):
+    return subprocess.run(command, check=True, capture_output=True, text=True, cwd=ROOT).stdout
+
+
+def processor():
+    for line in pathlib.Path("/proc/cpuinfo").read_text().splitlines():
+        if line.startswith("model name"):
+            return line.split(":", 1)[1].strip()
+    return platform.processor() or "unknown"
+
+
+def bench(name, *extra):
+    with tempfile.TemporaryDirectory() as folder:
+        path = pathlib.Path(folder) / "bench.json"
+        subprocess.run([BINARY, name, "--json", path, *extra], check=True, stdout=subprocess.DEVNULL)
+        return json.loads(path.read_text())
+
+
+# What the kernels are, as they are called in host-sim/benches/kernels.rs.
+KERNELS = {
+    "plant_second normal": "plant, 1000 steps of the normal drive",
+    "plant_second harsh": "plant, 1000 steps of the harsh drive",
+    "plant_second normal, portable": "plant, 1000 steps of the normal drive, without vector instructions",
+    "plant_five_gauges": "curvature at five gauges",
+    "closed_loop_100_ticks": "whole closed loop, 100 ticks of 1 ms",
+    "axle_filter": "axle filter, predict and update",
+    "relative_posture piecewise": "relative posture, piecewise, 100 segments",
+    "relative_posture quadrature": "relative posture, quadrature",
+    "relative_posture elastica": "relative posture, elastica fit",
+    "covariance_intersection": "covariance intersection, 3×3",
+    "sine_and_cosine": "sine and cosine together",
+}
+
+
+def kernels(quick):
+    """Rows of a table of the kernels: fastest and median, as divan prints them."""
+    command = ["cargo", "bench", "--locked", "--quiet", "--package", "host-sim", "--bench", "kernels"]
+    command += ["--", "--sample-count", "5" if quick else "100"]
+    found, parent = {}, ""
+    for line in output(*command).splitlines():
+        if line[:1] not in ("├", "╰", "│", " "):
+            continue
+        cells = line.split("│")
+        # Branches of the tree are drawn before the names: one more level is three characters.
+        nested = line[:1] in ("│", " ")
+        name, *fastest = re.split(r"\s{2,}", line.strip("│ ").lstrip("├╰─ ").split("│")[0].strip())
+        if not nested and line[:1] in ("├", "╰"):
+            parent = name
+        cells = cells[1:] if line[:1] == "│" else cells
+        if fastest and len(cells) >= 5:
+            found[f"{parent} {name}" if nested else name] = (fastest[0], cells[2].strip())
+    if found.keys() != KERNELS.keys():
+        odd = ", ".join(sorted(found.keys() ^ KERNELS.keys()))
+        fail(f"kernels measured and described are not the same: {odd}")
+    return [f"| {title} | {found[name][1]} | {found[name][0]} |" for name, title in KERNELS.items()]
+
+
+def monte_carlo(trials, threads):
+    """Wall time (s), processor time (s) and largest memory (MB) of a paired experiment."""
+    with tempfile.TemporaryDirectory() as folder:
+        command = [BINARY, "posture", "--rows", "pair", "--trials", str(trials)]
+        started = time.monotonic()
+        child = subprocess.Popen(
+            [*command, "--threads", str(threads), "--out", folder], stdout=subprocess.DEVNULL
+        )
+        _, status, usage = os.wait4(child.pid, 0)
+        taken = time.monotonic() - started
+        if status != 0:
+            fail(f"{' '.join(map(str, command))} failed")
+        result = (pathlib.Path(folder) / "result.json").read_bytes()
+    return taken, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024, result
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--trials", type=int, default=200, help="trials of the Monte Carlo runs")
+    parser.add_argument("--quick", action="store_true", help="few repeats, for a trial of the script")
+    arguments = parser.parse_args()
+    if not BINARY.exists():
+        fail(f"{BINARY} is not there; cargo build --release makes it")
+    if arguments.trials < 20:
+        parser.error(f"--trials {arguments.trials}: must be at least 20")
+    if arguments.quick:
+        arguments.trials = 20
+    repeats = ["--repeats", "3" if arguments.quick else "15"]
+
+    try:
+        rounds = ["--repeats", "2"] if arguments.quick else []
+        beside = json.loads(output(sys.executable, "tools/scripts/bench_mujoco.py", "--json", *rounds))
+        times = kernels(arguments.quick)
+    except subprocess.CalledProcessError as error:
+        fail(error.stderr.strip())
+    plant, loop = bench("plant-bench", *repeats), bench("loop-bench", *repeats)
+
+    few, many = arguments.trials // 10, arguments.trials
+    rows, results = [], {}
+    for threads in (1, 2):
+        start, end = monte_carlo(few, threads), monte_carlo(many, threads)
+        # What does not depend on the number of trials (pictures, files) cancels.
+        rate = (many - few) / (end[0] - start[0])
+        rows.append((threads, rate, start[2], end[2]))
+        results[threads] = end[3]
+    same = "the same bytes" if results[1] == results[2] else "DIFFERENT RESULTS"
+    gain = rows[1][1] / rows[0][1]
+    # What the machine gives two programs that share nothing, by which the gain is to be judged.
+    with concurrent.futures.ThreadPoolExecutor(2) as pool:
+        both = [list(pool.map(monte_carlo, [n, n], [1, 1])) for n in (few, many)]
+    start, end = (max(run[0] for run in runs) for runs in both)
+    ceiling = 2 * (many - few) / (end - start) / rows[0][1]
+
+    page = [
+        f"- {datetime.date.today()}, {processor()}, {os.cpu_count()} cores, {platform.system()} {platform.release()}",
+        f"- {output('rustc', '--version').strip()}, release profile; MuJoCo {beside['mujoco']},"
+        f" Python {platform.python_version()}",
+        f"- real-time factors in {plant['clock']} time of one core: median (slowest to fastest)",
+        "",
+        "## Plant alone, 1 ms steps",
+        "",
+        "| drive | cfmmr | cfmmr and MuJoCo by turns | |",
+        "|---|---|---|---|",
+    ]
+    span = "{real_time_factor:.0f} ({slowest:.0f} to {fastest:.0f})"
+    for drive in plant["drives"]:
+        turns = {r["model"]: r for r in beside["drives"] if r["name"] == drive["name"]}
+        own = turns.pop("cfmmr")
+        if not turns:
+            page.append(
+                f"| {drive['name']} | {span.format(**drive)} | {own['real_time_factor']:.0f} | |"
+            )
+        for model, row in turns.items():
+            page.append(
+                f"| {drive['name']} | {span.format(**drive)} | {own['real_time_factor']:.0f} |"
+                f" {model}: {row['real_time_factor']:.0f} |"
+            )
+    page += [
+        "",
+        "## Whole closed loop",
+        "",
+        "Plant, sensors, the nodes of three boards at 1 kHz and the bus on one core; MCAP is written by a"
+        " second thread, for which the loop waits only if it falls behind.",
+        "",
+        "| | real-time factor | by the wall clock |",
+        "|---|---|---|",
+    ]
+    names = {
+        "plain": "without a log",
+        "logged": "with a log of every epoch as CSV",
+        "recorded": "with everything the boards got and did as MCAP",
+    }
+    page += [f"| {names[row['name']]} | {span.format(**row)} | {row['wall_real_time_factor']:.0f} |"
+             for row in loop["loops"]]
+    page += [
+        "",
+        "Where the time goes: [profile.md](profile.md).",
+        "",
+        "## Kernels",
+        "",
+        "`cargo bench`, one core.",
+        "",
+        "| | median | fastest |",
+        "|---|---|---|",
+        *times,
+    ]
+    page += [
+        "",
+        "## Monte Carlo",
+        "",
+        f"`cfmmr posture --rows pair`, {few} and {many} trials of each of two rows; pairs a second"
+        f" from the difference, memory at {few} and at {many}.",
+        "",
+        "| threads | pairs a second | memory (MB) |",
+        "|---|---|---|",
+    ]
+    page += [f"| {n} | {rate:.2f} | {a:.0f}, {b:.0f} |" for n, rate, a, b in rows]
+    page += ["", f"Two threads: {gain:.2f} times as fast as one, {same}. Two processes of one"
+             f" thread each, at the same time: {ceiling:.2f} times as fast as one."]
+    print("\n".join(page))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,10 @@
+#!/usr/bin/env bash
+# Compares the boards' message codec with cantools; see check_dbc.py. cantools is put into a virtual
+# environment below target/ if it is not there.
+set -euo pipefail
+cd "$(dirname "$0")/../.."
+
+. tools/scripts/python_tools.sh
+python_tools check_bus.sh cantools cantools==45.1.0
+[ -n "${CFMMR_BUILT:-}" ] || cargo build --locked --release --package host-sim
+"$python" tools/scripts/check_dbc.py target/release/cfmmr "$@"

@@ -1,0 +1,33 @@
+#!/usr/bin/env bash
+# Serves a run by websocket and reads it as a viewer does; see check_live.py.
+set -euo pipefail
+cd "$(dirname "$0")/../.."
+
+. tools/scripts/python_tools.sh
+python_tools check_live.sh "websockets, mcap_protobuf, jsonschema" \
+  websockets==15.0.1 mcap==1.6.0 mcap-protobuf-support==0.6.0 jsonschema==4.26.0
+mkdir -p target/live
+rm -f target/live/other
+if [ -n "${CFMMR_BUILT:-}" ]; then
+  cp target/release/cfmmr target/live/other
+fi
+# Whatever ends this: nobody is to be left with the program that is not optimised.
+restore() {
+  if [ -f target/live/other ]; then
+    mv -f target/live/other target/release/cfmmr
+  else
+    rm -f target/release/cfmmr
+  fi
+}
+trap restore EXIT
+# Only host-sim and what the server needs are built anew, and not optimised: fast enough for one robot.
+cargo build --locked --release --package host-sim --bin cfmmr --features live \
+  --config profile.release.package.host-sim.opt-level=0
+cp target/release/cfmmr target/live/cfmmr
+# The one that all other checks use.
+trap - EXIT
+restore
+if [ -z "${CFMMR_BUILT:-}" ]; then
+  cargo build --locked --release --package host-sim --bin cfmmr
+fi
+timeout 600 "$python" tools/scripts/check_live.py target/live/cfmmr

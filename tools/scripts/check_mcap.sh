@@ -1,0 +1,11 @@
+#!/usr/bin/env bash
+# Reads logs with the Python reader of MCAP and compares them with the run's own tables and, frame by
+# frame, with cantools; see check_mcap.py. The packages go into a virtual environment below target/.
+set -euo pipefail
+cd "$(dirname "$0")/../.."
+
+. tools/scripts/python_tools.sh
+python_tools check_mcap.sh "mcap_protobuf, jsonschema, cantools" \
+  mcap==1.6.0 mcap-protobuf-support==0.6.0 jsonschema==4.26.0 cantools==45.1.0
+[ -n "${CFMMR_BUILT:-}" ] || cargo build --locked --release --package host-sim
+"$python" tools/scripts/check_mcap.py target/release/cfmmr "$@"

@@ -1,0 +1,11 @@
+#!/usr/bin/env bash
+# Opens report pages in a headless Chromium and uses them; see check_report.py. A folder as argument
+# keeps the screenshots.
+set -euo pipefail
+cd "$(dirname "$0")/../.."
+
+tools/scripts/install_chromium.sh
+. tools/scripts/python_tools.sh
+python_tools check_report.sh websocket websocket-client==1.9.2
+[ -n "${CFMMR_BUILT:-}" ] || cargo build --locked --release --package host-sim
+"$python" tools/scripts/check_report.py target/release/cfmmr "$@"
