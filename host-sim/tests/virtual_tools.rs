@@ -215,7 +215,11 @@ fn coverage_has_the_lines_of_the_repository_that_ran() {
             assert_eq!(count, ran.to_string(), "{file}");
         }
     }
-    let packages = ["firmware-axle/", "firmware-beam/", "crates/firmware-common/"];
+    let packages = [
+        "firmware-axle/",
+        "firmware-beam/",
+        "crates/firmware-common/",
+    ];
     for package in packages {
         assert!(
             hits.keys().any(|(file, _)| file.starts_with(package)),

@@ -9,7 +9,10 @@ fn main() {
         return;
     }
     let package = PathBuf::from(env::var("CARGO_MANIFEST_DIR").expect("set by cargo"));
-    println!("cargo::rustc-link-search={}", package.join("../..").display());
+    println!(
+        "cargo::rustc-link-search={}",
+        package.join("../..").display()
+    );
     for argument in ["--nmagic", "-Tlink.x"] {
         println!("cargo::rustc-link-arg-bins={argument}");
     }

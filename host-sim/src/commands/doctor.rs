@@ -287,7 +287,8 @@ fn target() -> Check {
 }
 
 fn qemu(name: &str) -> Check {
-    let need = format!("version {OLDEST_QEMU}.0 or newer: tools/scripts/install_qemu.sh installs it");
+    let need =
+        format!("version {OLDEST_QEMU}.0 or newer: tools/scripts/install_qemu.sh installs it");
     let not = |finding, found: &str| Check::not("qemu", finding, found, need.clone());
     match emulated::find_qemu(name) {
         Ok(version) => Check::ok("qemu", version),

@@ -21,7 +21,11 @@ use virtual_board::probe::coverage::Coverage;
 use virtual_board::probe::image::Image;
 
 /// Packages whose lines are counted.
-const PACKAGES: [&str; 3] = ["firmware-axle/", "firmware-beam/", "crates/firmware-common/"];
+const PACKAGES: [&str; 3] = [
+    "firmware-axle/",
+    "firmware-beam/",
+    "crates/firmware-common/",
+];
 
 /// Adds what the boards of a robot have run since power on. Lines that did not run count too, so that
 /// a robot without [`Instruments::profile`](super::Instruments::profile) adds no line that ran.
