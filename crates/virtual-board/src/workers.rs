@@ -200,23 +200,13 @@ fn wait(patience: u32, ready: impl Fn() -> bool) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::chip::{Bare, Drive, Inputs, Pin, Surroundings};
+    use crate::chip::{Bare, Inputs, Surroundings};
     use std::sync::mpsc;
 
     /// Says how far time has come, in steps of 10 µs, and panics at 1 ms.
     struct Clock(Time, mpsc::Sender<Time>);
 
     impl Surroundings for Clock {
-        fn pin(&mut self, _pin: Pin, _drive: Drive, _at: Time) {}
-
-        fn voltage(&mut self, _pin: Pin, _at: Time) -> f64 {
-            0.0
-        }
-
-        fn spi(&mut self, word: u16, _bits: u32, _at: Time) -> u16 {
-            word
-        }
-
         fn next(&self) -> Time {
             self.0
         }

@@ -344,7 +344,6 @@ impl Peripheral for Spi {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::chip::pin::{Drive, Pin};
     use crate::chip::surroundings::Surroundings;
     use crate::time::Time;
 
@@ -365,12 +364,6 @@ mod tests {
     }
 
     impl Surroundings for Mirror {
-        fn pin(&mut self, _pin: Pin, _drive: Drive, _at: Time) {}
-
-        fn voltage(&mut self, _pin: Pin, _at: Time) -> f64 {
-            0.0
-        }
-
         fn spi(&mut self, word: u16, bits: u32, at: Time) -> u16 {
             self.words.push((word, bits, at));
             !word
@@ -415,22 +408,14 @@ mod tests {
         }
 
         fn run(&mut self, until: Cycles) {
-            while self.shared.due(Source::Spi1) <= until {
-                self.shared.now = self.shared.due(Source::Spi1);
-                self.shared.schedule(Source::Spi1, NEVER);
+            while self.shared.arrive(Source::Spi1, until) {
                 self.spi.event(Source::Spi1, &mut self.shared);
             }
-            self.shared.now = until;
         }
 
         fn mirror(&mut self) -> &mut Mirror {
             let any: &mut dyn std::any::Any = self.shared.world();
             any.downcast_mut().expect("a mirror")
-        }
-
-        fn kinds(&self) -> Vec<Kind> {
-            let list = self.shared.findings.list();
-            list.iter().map(|f| f.kind).collect()
         }
 
         fn requests(&mut self) -> Vec<Request> {
@@ -460,7 +445,7 @@ mod tests {
         assert_eq!(bench.read(SR), TXE);
         let end = bench.shared.base.time_of(8 * BIT);
         assert_eq!(bench.mirror().words, [(0x5a, 8, end)]);
-        assert!(bench.kinds().is_empty());
+        assert!(bench.shared.kinds().is_empty());
     }
 
     #[test]
@@ -515,7 +500,7 @@ mod tests {
         bench.run(16 * BIT);
         assert_eq!(bench.read(SR), TXE | RXNE | OVR);
         assert_ne!(bench.shared.lines, 0);
-        assert_eq!(bench.kinds(), [Kind::Lost]);
+        assert_eq!(bench.shared.kinds(), [Kind::Lost]);
         // The first word stays; reading it and then the status clears the flag.
         assert_eq!(bench.read(DR), 0xfe);
         assert_eq!(bench.read(SR), TXE | OVR);
@@ -552,7 +537,7 @@ mod tests {
         assert_eq!(bench.requests(), [Request::Spi1Tx]);
         bench.run(108 * BIT);
         assert_eq!(bench.mirror().words[0].0, 0x21);
-        assert_eq!(bench.kinds(), []);
+        assert_eq!(bench.shared.kinds(), []);
     }
 
     #[test]
@@ -560,9 +545,9 @@ mod tests {
         let mut bench = Bench::enabled();
         bench.write(DR, 1);
         bench.write(CR1, MASTER);
-        assert_eq!(bench.kinds(), [Kind::Forbidden]);
+        assert_eq!(bench.shared.kinds(), [Kind::Forbidden]);
         bench.write(DR, 1);
-        assert_eq!(bench.kinds(), [Kind::Forbidden; 2]);
+        assert_eq!(bench.shared.kinds(), [Kind::Forbidden; 2]);
         // Without a level at its select input the master gives up.
         bench.write(CR1, (MASTER & !SSI) | SPE);
         assert_eq!(bench.read(SR) & MODF, MODF);
@@ -570,11 +555,11 @@ mod tests {
         bench.write(CR1, 0);
         assert_eq!(bench.read(SR) & MODF, 0);
         bench.write(CR1, SSM | SSI | SPE);
-        assert_eq!(bench.kinds().last(), Some(&Kind::NotModelled));
+        assert_eq!(bench.shared.kinds().last(), Some(&Kind::NotModelled));
         // PCLK2 beyond its limit divided by two.
         let mut bench = Bench::new();
         bench.shared.clocks.apb2 = 1;
         bench.write(CR1, MSTR | SSM | SSI | SPE);
-        assert_eq!(bench.kinds(), [Kind::ClockLimit]);
+        assert_eq!(bench.shared.kinds(), [Kind::ClockLimit]);
     }
 }

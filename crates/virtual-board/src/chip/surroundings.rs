@@ -10,14 +10,22 @@ use std::any::Any;
 /// but by [`Self::advance`] at the time that [`Self::next`] announced.
 pub trait Surroundings: Any + Send {
     /// The chip drives this pin in another way now.
-    fn pin(&mut self, pin: Pin, drive: Drive, at: Time);
+    fn pin(&mut self, pin: Pin, drive: Drive, at: Time) {
+        let _ = (pin, drive, at);
+    }
 
-    /// Voltage at an analogue input at the instant at which the converter's sampling ends, V.
-    fn voltage(&mut self, pin: Pin, at: Time) -> f64;
+    /// Voltage at an analogue input at the instant at which the converter's sampling ends, V: half the
+    /// supply where nothing is soldered to the input.
+    fn voltage(&mut self, pin: Pin, at: Time) -> f64 {
+        let _ = (pin, at);
+        1.65
+    }
 
-    /// Exchanges a word over SPI1 that ends at `at`; what comes back where nothing is selected is all
-    /// ones.
-    fn spi(&mut self, word: u16, bits: u32, at: Time) -> u16;
+    /// Exchanges a word over SPI1 that ends at `at`; the answer is all ones where nothing is selected.
+    fn spi(&mut self, word: u16, bits: u32, at: Time) -> u16 {
+        let _ = (word, at);
+        ((1u32 << bits) - 1) as u16
+    }
 
     /// SPI1 exchanges its words in this way from now on.
     fn spi_mode(&mut self, mode: SpiMode, at: Time) {
@@ -50,17 +58,7 @@ pub trait Surroundings: Any + Send {
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Bare;
 
-impl Surroundings for Bare {
-    fn pin(&mut self, _pin: Pin, _drive: Drive, _at: Time) {}
-
-    fn voltage(&mut self, _pin: Pin, _at: Time) -> f64 {
-        1.65
-    }
-
-    fn spi(&mut self, _word: u16, bits: u32, _at: Time) -> u16 {
-        ((1u32 << bits) - 1) as u16
-    }
-}
+impl Surroundings for Bare {}
 
 /// How SPI1 clocks its words.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,9 +1,38 @@
 //! What tests of peripherals share.
 
-use super::shared::Shared;
+use super::interrupt::Interrupt;
+use super::shared::{Shared, Source};
 use super::surroundings::Bare;
+use crate::finding::Kind;
+use crate::time::{Cycles, NEVER};
 
 /// What peripherals share, after a reset and with nothing around.
 pub(crate) fn shared() -> Shared {
     Shared::new(Box::new(Bare), 0)
+}
+
+impl Shared {
+    /// Goes to what a source has due up to and including `end`, or to `end`; true if it has.
+    pub fn arrive(&mut self, source: Source, end: Cycles) -> bool {
+        let due = self.due(source);
+        self.now = due.min(end);
+        if due <= end {
+            self.schedule(source, NEVER);
+        }
+        due <= end
+    }
+
+    /// Kinds of what was found.
+    pub fn kinds(&self) -> Vec<Kind> {
+        self.findings
+            .list()
+            .iter()
+            .map(|found| found.kind)
+            .collect()
+    }
+
+    /// True if an interrupt line is high.
+    pub fn is_high(&self, interrupt: Interrupt) -> bool {
+        self.lines >> interrupt as u32 & 1 != 0
+    }
 }

@@ -25,14 +25,6 @@ impl Surroundings for World {
         self.heard.push((pin, drive));
     }
 
-    fn voltage(&mut self, _pin: Pin, _at: Time) -> f64 {
-        0.0
-    }
-
-    fn spi(&mut self, _word: u16, _bits: u32, _at: Time) -> u16 {
-        !0
-    }
-
     fn next(&self) -> Time {
         self.due.front().map_or(Time::NEVER, |(at, _)| *at)
     }

@@ -332,7 +332,6 @@ impl Peripheral for Usart {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::chip::pin::{Drive, Pin};
     use crate::chip::surroundings::Surroundings;
     use crate::time::Time;
 
@@ -352,16 +351,6 @@ mod tests {
     }
 
     impl Surroundings for Line {
-        fn pin(&mut self, _pin: Pin, _drive: Drive, _at: Time) {}
-
-        fn voltage(&mut self, _pin: Pin, _at: Time) -> f64 {
-            0.0
-        }
-
-        fn spi(&mut self, _word: u16, _bits: u32, _at: Time) -> u16 {
-            !0
-        }
-
         fn serial(&mut self, byte: u8, at: Time) {
             self.bytes.push((byte, at));
         }
@@ -407,12 +396,9 @@ mod tests {
         }
 
         fn run(&mut self, until: Cycles) {
-            while self.shared.due(Source::Usart3) <= until {
-                self.shared.now = self.shared.due(Source::Usart3);
-                self.shared.schedule(Source::Usart3, NEVER);
+            while self.shared.arrive(Source::Usart3, until) {
                 self.usart.event(Source::Usart3, &mut self.shared);
             }
-            self.shared.now = until;
         }
 
         fn sent(&mut self) -> Vec<(u8, Cycles)> {
@@ -421,11 +407,6 @@ mod tests {
             let line: &mut Line = any.downcast_mut().expect("a line");
             let bytes = line.bytes.drain(..);
             bytes.map(|(byte, at)| (byte, base.cycle_of(at))).collect()
-        }
-
-        fn kinds(&self) -> Vec<Kind> {
-            let list = self.shared.findings.list();
-            list.iter().map(|f| f.kind).collect()
         }
     }
 
@@ -467,7 +448,7 @@ mod tests {
             let sent = bench.sent();
             let data = if cr1 & (M | PCE) == PCE { 0x7f } else { 0xff };
             assert_eq!(sent, [(data, 10 * FRAME + halves * BIT / 2)]);
-            assert!(bench.kinds().is_empty());
+            assert!(bench.shared.kinds().is_empty());
         }
     }
 
@@ -497,7 +478,7 @@ mod tests {
         assert_eq!(bench.read(SR) & (RXNE | ORE), RXNE | ORE);
         assert_eq!(bench.read(DR), 1);
         assert_eq!(bench.read(SR) & (RXNE | ORE), 0);
-        assert_eq!(bench.kinds(), [Kind::Lost]);
+        assert_eq!(bench.shared.kinds(), [Kind::Lost]);
         // Disabled it hears nothing.
         bench.write(CR1, UE | TE);
         bench.receive(3);
@@ -520,12 +501,12 @@ mod tests {
         let mut bench = Bench::idle();
         bench.write(CR3, HDSEL);
         bench.write(CR2, LINEN);
-        assert_eq!(bench.kinds(), [Kind::NotModelled; 2]);
+        assert_eq!(bench.shared.kinds(), [Kind::NotModelled; 2]);
         bench.write(DR, 1);
         bench.write(BRR, 43);
-        assert_eq!(bench.kinds()[2], Kind::Forbidden);
+        assert_eq!(bench.shared.kinds()[2], Kind::Forbidden);
         bench.write(CR1, 0);
         bench.write(DR, 1);
-        assert_eq!(bench.kinds()[3..], [Kind::Forbidden; 2]);
+        assert_eq!(bench.shared.kinds()[3..], [Kind::Forbidden; 2]);
     }
 }

@@ -187,20 +187,16 @@ impl Peripheral for Watchdog {
 mod tests {
     use super::*;
     use crate::chip::testing::shared;
-    use crate::time::NEVER;
 
     /// Lets so many microseconds pass; whether it has bitten.
     fn pass(dog: &mut Watchdog, shared: &mut Shared, micros: u64) -> bool {
         let end = shared.after(Time::from_micros(micros));
-        while shared.due(Source::Watchdog) <= end {
-            shared.now = shared.due(Source::Watchdog);
-            shared.schedule(Source::Watchdog, NEVER);
+        while shared.arrive(Source::Watchdog, end) {
             dog.event(Source::Watchdog, shared);
             if shared.effects.pop_back().is_some() {
                 return true;
             }
         }
-        shared.now = end;
         false
     }
 
@@ -240,8 +236,7 @@ mod tests {
         dog.event(Source::Watchdog, &mut shared);
         assert_eq!(shared.effects.back(), Some(&Effect::Reset(Cause::Watchdog)));
         dog.write(0x08, 1, !0, &mut shared);
-        let found: Vec<_> = shared.findings.list().iter().map(|f| f.kind).collect();
-        assert_eq!(found, [Kind::Reset, Kind::Forbidden]);
+        assert_eq!(shared.kinds(), [Kind::Reset, Kind::Forbidden]);
     }
 
     #[test]

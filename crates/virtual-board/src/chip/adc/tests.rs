@@ -2,15 +2,13 @@
 //! after its trigger, an injected one three; a clock is two cycles.
 
 use super::*;
-use crate::chip::pin::{Drive, Pin};
+use crate::chip::pin::Pin;
 use crate::chip::surroundings::Surroundings;
 
 /// Each pin has a voltage of its own, in counts: a hundred times its number in port and channel.
 struct Levels;
 
 impl Surroundings for Levels {
-    fn pin(&mut self, _pin: Pin, _drive: Drive, _at: Time) {}
-
     fn voltage(&mut self, pin: Pin, _at: Time) -> f64 {
         let channel = match pin.port() {
             0 => pin.number(),
@@ -18,10 +16,6 @@ impl Surroundings for Levels {
             _ => 10 + pin.number(),
         };
         3.3 * f64::from(100 * channel) / 4096.0
-    }
-
-    fn spi(&mut self, _word: u16, _bits: u32, _at: Time) -> u16 {
-        !0
     }
 }
 
@@ -106,19 +100,11 @@ impl Bench {
 
     /// Runs up to and including `end`.
     fn pass(&mut self, end: Cycles) -> &mut Self {
-        while self.shared.due(Source::Adc) <= end {
-            self.shared.now = self.shared.due(Source::Adc);
-            self.shared.schedule(Source::Adc, NEVER);
+        while self.shared.arrive(Source::Adc, end) {
             self.adc.event(Source::Adc, &mut self.shared);
             self.serve();
         }
-        self.shared.now = end;
         self
-    }
-
-    fn findings(&self) -> Vec<Kind> {
-        let list = self.shared.findings.list();
-        list.iter().map(|finding| finding.kind).collect()
     }
 
     fn interrupted(&self) -> bool {
@@ -139,7 +125,7 @@ fn a_scan_takes_the_data_sheets_time() {
     };
     assert_eq!(bench.adc.counts(), counts);
     assert_eq!(bench.read(SR), STRT);
-    assert!(bench.findings().is_empty());
+    assert!(bench.shared.kinds().is_empty());
 }
 
 #[test]
@@ -147,12 +133,8 @@ fn the_voltage_counts_where_sampling_ends() {
     /// Rises by a count in each cycle of 16 MHz.
     struct Ramp;
     impl Surroundings for Ramp {
-        fn pin(&mut self, _pin: Pin, _drive: Drive, _at: Time) {}
         fn voltage(&mut self, _pin: Pin, at: Time) -> f64 {
             3.3 * at.seconds() * 16e6 / 4096.0
-        }
-        fn spi(&mut self, _word: u16, _bits: u32, _at: Time) -> u16 {
-            !0
         }
     }
     let mut bench = Bench::new(SCANNED, STREAMED);
@@ -216,7 +198,7 @@ fn a_datum_that_nobody_fetches_is_an_overrun_that_ends_the_scans() {
     bench.trigger().pass(2000);
     assert_eq!(bench.read(SR) & OVR, OVR);
     assert!(bench.interrupted());
-    assert_eq!(bench.findings(), [Kind::Lost]);
+    assert_eq!(bench.shared.kinds(), [Kind::Lost]);
     // Triggers are ignored; the injected group is not concerned.
     bench.trigger().command(JSWSTART).pass(3000);
     let counts = bench.adc.counts();
@@ -352,16 +334,16 @@ fn channels_inside_the_chip_must_be_enabled_and_sampled_long_enough() {
     bench.write(&[(SMPR1, 7 << 21), (SQR3, 17)]);
     bench.command(SWSTART).pass(5000);
     assert_eq!(
-        (bench.read(DR), bench.findings()),
+        (bench.read(DR), bench.shared.kinds()),
         (0, vec![Kind::Forbidden])
     );
     let mut bench = Bench::new(0, ADON);
     bench.write(&[(CCR, TSVREFE), (SMPR1, 7 << 21), (SQR3, 17)]);
     bench.command(SWSTART).pass(5000);
     // 1.21 V of 3.3 V.
-    assert_eq!((bench.read(DR), bench.findings()), (1502, vec![]));
+    assert_eq!((bench.read(DR), bench.shared.kinds()), (1502, vec![]));
     bench.write(&[(SMPR1, 0)]).command(SWSTART).pass(9000);
-    assert_eq!(bench.findings(), [Kind::Forbidden]);
+    assert_eq!(bench.shared.kinds(), [Kind::Forbidden]);
 }
 
 #[test]
@@ -369,7 +351,7 @@ fn a_trigger_while_the_group_is_converted_is_lost() {
     let mut bench = Bench::new(SCANNED, STREAMED);
     bench.trigger().pass(1020).trigger().pass(2000);
     assert_eq!(bench.asked, [1058, 1112]);
-    assert_eq!(bench.findings(), [Kind::Lost]);
+    assert_eq!(bench.shared.kinds(), [Kind::Lost]);
     let mut bench = Bench::new(SCANNED, STREAMED);
     bench
         .command(JSWSTART)
@@ -377,7 +359,7 @@ fn a_trigger_while_the_group_is_converted_is_lost() {
         .command(JSWSTART)
         .pass(2000);
     assert_eq!(bench.adc.counts().injected, 1);
-    assert_eq!(bench.findings(), [Kind::Lost]);
+    assert_eq!(bench.shared.kinds(), [Kind::Lost]);
 }
 
 #[test]
@@ -385,18 +367,18 @@ fn clocks_and_times_beyond_the_data_sheets_are_found() {
     let mut bench = Bench::new(SCANNED, STREAMED);
     bench.shared.clocks.hclk_hz = 168_000_000;
     bench.trigger();
-    assert_eq!(bench.findings(), [Kind::ClockLimit]);
+    assert_eq!(bench.shared.kinds(), [Kind::ClockLimit]);
     // 21 MHz is too fast below 2.4 V.
     for (volts, found) in [(3.3, vec![]), (2.0, vec![Kind::ClockLimit])] {
         let mut bench = Bench::new(SCANNED, STREAMED);
         bench.shared.clocks.hclk_hz = 42_000_000;
         bench.shared.volts = volts;
         bench.trigger();
-        assert_eq!(bench.findings(), found);
+        assert_eq!(bench.shared.kinds(), found);
     }
     let mut bench = Bench::new(SCANNED, 0);
     bench.write(&[(CR2, ADON)]).pass(1047).command(SWSTART);
-    assert_eq!(bench.findings(), [Kind::Forbidden]);
+    assert_eq!(bench.shared.kinds(), [Kind::Forbidden]);
 }
 
 #[test]
@@ -409,7 +391,7 @@ fn settings_that_change_during_a_conversion_are_found() {
     ] {
         let mut bench = Bench::new(SCANNED, STREAMED);
         bench.trigger().pass(1010).write(&[write]);
-        assert_eq!(bench.findings(), [Kind::Forbidden], "{write:?}");
+        assert_eq!(bench.shared.kinds(), [Kind::Forbidden], "{write:?}");
     }
     // A new sequence is converted from its beginning.
     let mut bench = Bench::new(SCANNED, STREAMED);

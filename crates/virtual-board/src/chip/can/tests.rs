@@ -64,21 +64,14 @@ impl Board {
     }
 
     fn run(&mut self, until: Cycles) {
-        while self.shared.due(Source::Can1) <= until {
-            self.shared.now = self.shared.now.max(self.shared.due(Source::Can1));
-            self.shared.schedule(Source::Can1, NEVER);
+        while self.shared.arrive(Source::Can1, until) {
             self.can.event(Source::Can1, &mut self.shared);
         }
-        self.shared.now = until;
-    }
-
-    fn line(&self, interrupt: Interrupt) -> bool {
-        self.shared.lines >> (interrupt as u32) & 1 == 1
     }
 
     fn found(&self, kind: Kind) -> usize {
-        let list = self.shared.findings.list();
-        list.iter().filter(|f| f.kind == kind).count()
+        let kinds = self.shared.kinds();
+        kinds.iter().filter(|found| **found == kind).count()
     }
 }
 
@@ -194,9 +187,9 @@ fn a_frame_is_sent_received_and_told_to_the_cycle() {
                 .enumerate()
             {
                 let board = &mut bench.boards[k];
-                let before = board.line(line);
+                let before = board.shared.is_high(line);
                 board.run(cycle);
-                if !before && board.line(line) {
+                if !before && board.shared.is_high(line) {
                     changes.push((k, cycle - begin));
                 }
             }
@@ -220,7 +213,7 @@ fn a_frame_is_sent_received_and_told_to_the_cycle() {
     assert_eq!(board.read(TSR) & 0xff, RQCP | TXOK);
     board.write(TSR, RQCP);
     assert_eq!(board.read(TSR), 0x1c00_0000);
-    assert!(!board.line(Interrupt::Can1Tx));
+    assert!(!board.shared.is_high(Interrupt::Can1Tx));
     let board = &mut bench.boards[1];
     assert_eq!(board.read(RF0R), 1);
     assert_eq!(board.read(OUTPUTS), 0x123 << 21);
@@ -230,7 +223,7 @@ fn a_frame_is_sent_received_and_told_to_the_cycle() {
     assert_eq!(board.read(RF0R), 1 | RFOM);
     board.run(board.shared.now + 8);
     assert_eq!(board.read(RF0R), 0);
-    assert!(!board.line(Interrupt::Can1Rx0));
+    assert!(!board.shared.is_high(Interrupt::Can1Rx0));
     assert!(board.shared.findings.list().is_empty());
 }
 
@@ -284,13 +277,13 @@ fn nobody_acknowledges_counts_to_128_and_no_further() {
     bench.run(400);
     let board = bench.board();
     assert_eq!(board.read(ESR) & LEC, 3 << 4);
-    assert!(!board.line(Interrupt::Can1Sce));
+    assert!(!board.shared.is_high(Interrupt::Can1Sce));
     bench.run(20_000);
     let board = bench.board();
     assert_eq!(board.read(ESR), 128 << 16 | 3 << 4 | EPVF | EWGF);
-    assert!(board.line(Interrupt::Can1Sce));
+    assert!(board.shared.is_high(Interrupt::Can1Sce));
     board.write(MSR, ERRI);
-    assert!(!board.line(Interrupt::Can1Sce));
+    assert!(!board.shared.is_high(Interrupt::Can1Sce));
     assert_eq!(board.read(TSR) >> 26 & 7, 0b110);
     // Another comes: the frame gets through.
     let on = Settings::new(BitTiming::megabit());
@@ -374,7 +367,7 @@ fn off_the_bus_it_comes_back_by_itself_or_when_the_program_says_so() {
         let mut from = bench.now / MICRO;
         let board = bench.board();
         assert_eq!(board.read(ESR) & (BOFF | LEC), BOFF | 5 << 4);
-        assert!(board.line(Interrupt::Can1Sce));
+        assert!(board.shared.is_high(Interrupt::Can1Sce));
         bench.wire.inject(
             Time::from_micros(from),
             Fault::Transceiver {
@@ -413,16 +406,16 @@ fn a_fourth_frame_overruns_and_is_found() {
         bench.other.send(Time(0), Frame::new(Id::Standard(id), &[]));
     }
     bench.run(280);
-    assert!(bench.board().line(Interrupt::Can1Rx0));
+    assert!(bench.board().shared.is_high(Interrupt::Can1Rx0));
     bench.run(1000);
     let board = bench.board();
     assert_eq!(board.read(RF0R), 3 | FULL | FOVR);
     assert_eq!(board.can.lost(), 1);
     assert_eq!(board.found(Kind::Lost), 1);
     board.write(RF0R, FULL);
-    assert!(!board.line(Interrupt::Can1Rx0));
+    assert!(!board.shared.is_high(Interrupt::Can1Rx0));
     board.write(IER, FOVIE[0]);
-    assert!(board.line(Interrupt::Can1Rx0));
+    assert!(board.shared.is_high(Interrupt::Can1Rx0));
 }
 
 #[test]
@@ -460,9 +453,9 @@ fn asleep_it_is_woken_by_the_bus() {
     bench.run(200);
     let board = bench.board();
     assert_eq!(board.read(MSR) & 0x1f, SLAK | SLAKI);
-    assert!(board.line(Interrupt::Can1Sce));
+    assert!(board.shared.is_high(Interrupt::Can1Sce));
     board.write(MSR, SLAKI);
-    assert!(!board.line(Interrupt::Can1Sce));
+    assert!(!board.shared.is_high(Interrupt::Can1Sce));
     for _ in 0..2 {
         let frame = Frame::new(Id::Standard(1), &[]);
         bench.other.send(Time::from_micros(240), frame);
@@ -470,7 +463,7 @@ fn asleep_it_is_woken_by_the_bus() {
     bench.run(280);
     let board = bench.board();
     assert_eq!(board.read(MCR) & SLEEP, 0);
-    assert!(board.line(Interrupt::Can1Sce));
+    assert!(board.shared.is_high(Interrupt::Can1Sce));
     // The first frame is over before it takes part; without an acknowledgement it is sent again.
     bench.run(1000);
     let board = bench.board();

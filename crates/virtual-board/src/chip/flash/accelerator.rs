@@ -217,6 +217,12 @@ impl Accelerator {
 mod tests {
     use super::*;
 
+    fn set(acr: u32) -> Accelerator {
+        let mut art = Accelerator::new();
+        art.set(acr);
+        art
+    }
+
     /// Cycles to enter lines one after the other, each taking `work` cycles to execute.
     fn run(art: &mut Accelerator, lines: impl Iterator<Item = u32>, work: u64) -> Vec<u64> {
         let mut cycle = 1000;
@@ -233,33 +239,28 @@ mod tests {
 
     #[test]
     fn each_line_waits_without_the_accelerator() {
-        let mut art = Accelerator::new();
-        art.set(5);
+        let mut art = set(5);
         assert_eq!(run(&mut art, 0..4, 8), [5, 5, 5, 5]);
     }
 
     #[test]
     fn prefetch_hides_the_wait_of_lines_in_a_row() {
-        let mut art = Accelerator::new();
-        art.set(5 | 1 << 8);
+        let mut art = set(5 | 1 << 8);
         // Eight instructions of one cycle: the next line is there after six.
         assert_eq!(run(&mut art, 0..4, 8), [5, 0, 0, 0]);
         // Four of them: two cycles are missing each time.
-        let mut art = Accelerator::new();
-        art.set(5 | 1 << 8);
+        let mut art = set(5 | 1 << 8);
         assert_eq!(run(&mut art, 100..104, 4), [5, 2, 2, 2]);
     }
 
     #[test]
     fn lines_in_a_row_that_prefetch_brings_too_late_are_cached() {
-        let mut art = Accelerator::new();
-        art.set(5 | 3 << 8);
+        let mut art = set(5 | 3 << 8);
         // Four cycles in each line: prefetch needs six.
         assert_eq!(run(&mut art, 100..104, 4), [5, 2, 2, 2]);
         assert_eq!(run(&mut art, 100..104, 4), [0, 0, 0, 0]);
         // Eight cycles in each: only the first was missed, and stands in the cache.
-        let mut art = Accelerator::new();
-        art.set(5 | 3 << 8);
+        let mut art = set(5 | 3 << 8);
         run(&mut art, 100..104, 8);
         let cached: Vec<_> = (100..104)
             .map(|line| art.instructions.holds(line))
@@ -269,19 +270,16 @@ mod tests {
 
     #[test]
     fn a_jump_waits_for_the_read_that_is_under_way() {
-        let mut art = Accelerator::new();
-        art.set(5 | 1 << 8);
+        let mut art = set(5 | 1 << 8);
         // One cycle after line 100 was entered the prefetch of 101 has five to go.
         assert_eq!(run(&mut art, [100, 200].into_iter(), 1), [5, 5 + 5]);
-        let mut art = Accelerator::new();
-        art.set(5 | 1 << 8);
+        let mut art = set(5 | 1 << 8);
         assert_eq!(run(&mut art, [100, 200].into_iter(), 6), [5, 5]);
     }
 
     #[test]
     fn the_cache_forgets_what_was_used_longest_ago_as_a_list_would() {
-        let mut art = Accelerator::new();
-        art.set(5 | 1 << 9);
+        let mut art = set(5 | 1 << 9);
         let mut list: Vec<u32> = Vec::new();
         let mut state = 1u32;
         let mut cycle = 0;
@@ -305,27 +303,14 @@ mod tests {
 
     #[test]
     fn a_loop_runs_from_the_cache_and_64_lines_fit() {
-        let mut art = Accelerator::new();
-        art.set(5 | 1 << 9);
+        let mut art = set(5 | 1 << 9);
         let lap: Vec<u32> = (0..64).map(|k| 7 * k).collect();
-        assert!(
-            run(&mut art, lap.iter().copied(), 1)
-                .iter()
-                .all(|&took| took == 5)
-        );
-        assert!(
-            run(&mut art, lap.iter().copied(), 1)
-                .iter()
-                .all(|&took| took == 0)
-        );
+        assert_eq!(run(&mut art, lap.iter().copied(), 1), [5; 64]);
+        assert_eq!(run(&mut art, lap.iter().copied(), 1), [0; 64]);
         // With one more line, always the one that is needed next has gone.
         let lap: Vec<u32> = (0..65).map(|k| 7 * k + 3).collect();
         for _ in 0..2 {
-            assert!(
-                run(&mut art, lap.iter().copied(), 1)
-                    .iter()
-                    .all(|&took| took == 5)
-            );
+            assert_eq!(run(&mut art, lap.iter().copied(), 1), [5; 65]);
         }
         art.set(5 | 1 << 11);
         art.set(5 | 1 << 9);
@@ -334,8 +319,7 @@ mod tests {
 
     #[test]
     fn cached_data_stay_until_the_cache_is_reset() {
-        let mut art = Accelerator::new();
-        art.set(5 | 1 << 10);
+        let mut art = set(5 | 1 << 10);
         let mut cycle = 0;
         assert_eq!(art.load(9, &[1; 16], &mut cycle)[0], 1);
         assert_eq!((art.load(9, &[2; 16], &mut cycle)[0], cycle), (1, 5));

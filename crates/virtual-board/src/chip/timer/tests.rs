@@ -37,13 +37,10 @@ impl Bench {
     /// Runs up to and including `end`.
     fn pass(&mut self, end: Cycles) -> &mut Self {
         let source = self.timer.kind.source();
-        while self.shared.due(source) <= end {
-            self.shared.now = self.shared.due(source);
-            self.shared.schedule(source, NEVER);
+        while self.shared.arrive(source, end) {
             self.timer.event(source, &mut self.shared);
             self.collect();
         }
-        self.shared.now = end;
         self
     }
 
@@ -80,15 +77,6 @@ impl Bench {
                 _ => None,
             })
             .collect()
-    }
-
-    fn findings(&self) -> Vec<Finding> {
-        let list = self.shared.findings.list();
-        list.iter().map(|finding| finding.kind).collect()
-    }
-
-    fn line(&self, interrupt: Interrupt) -> bool {
-        self.shared.lines >> interrupt as u32 & 1 != 0
     }
 }
 
@@ -158,11 +146,17 @@ fn a_counter_goes_down_from_its_reload_value() {
     bench.write(&[(ARR, 9), (CR1, DIR), (EGR, 1), (SR, 0), (DIER, UPDATE)]);
     assert_eq!(bench.read(CNT), 9);
     bench.write(&[(CR1, DIR | CEN)]).pass(START + 9);
-    assert_eq!((bench.read(CNT), bench.line(Interrupt::Tim4)), (0, false));
+    assert_eq!(
+        (bench.read(CNT), bench.shared.is_high(Interrupt::Tim4)),
+        (0, false)
+    );
     bench.pass(START + 10);
-    assert_eq!((bench.read(CNT), bench.line(Interrupt::Tim4)), (9, true));
+    assert_eq!(
+        (bench.read(CNT), bench.shared.is_high(Interrupt::Tim4)),
+        (9, true)
+    );
     bench.write(&[(SR, 0)]);
-    assert!(!bench.line(Interrupt::Tim4));
+    assert!(!bench.shared.is_high(Interrupt::Tim4));
 }
 
 #[test]
@@ -262,7 +256,7 @@ fn compare_flags_of_a_centred_count_follow_its_mode() {
             let mut seen = Vec::new();
             for at in 1..=200 {
                 bench.pass(START + at);
-                if bench.line(Interrupt::Tim1Compare) {
+                if bench.shared.is_high(Interrupt::Tim1Compare) {
                     seen.push(at);
                     bench.write(&[(SR, !4)]);
                 }
@@ -387,7 +381,7 @@ fn a_break_switches_the_outputs_off_until_it_is_gone_and_they_are_enabled_again(
     bench.seen.clear();
     bench.pass(11).input(Signal::Tim1Bkin, true);
     assert_eq!(bench.drives(Signal::Tim1Ch1), [(11, Low)]);
-    assert!(bench.line(Interrupt::Tim1Break));
+    assert!(bench.shared.is_high(Interrupt::Tim1Break));
     bench.write(&[(SR, 0), (BDTR, MOE | OSSI | BKE | BKP)]);
     assert_eq!(bench.read(BDTR) & MOE, 0);
     assert_eq!(bench.read(SR) & BREAK, BREAK);
@@ -451,7 +445,7 @@ fn locked_bits_stay() {
     // LOCK was frozen at 0 by the first write of BDTR.
     bench.write(&[(BDTR, MOE | LOCK)]);
     assert_eq!(bench.read(BDTR), MOE);
-    assert_eq!(bench.findings(), [Finding::Forbidden]);
+    assert_eq!(bench.shared.kinds(), [Finding::Forbidden]);
     for level in 1..=3 {
         let mut bench = Bench::new(Kind::Tim1);
         bench.write(&[(CCMR1, 0x60), (BDTR, level << 8 | BKE | BKP | OSSI | 5)]);
@@ -555,7 +549,7 @@ fn an_encoder_counts_filtered_edges_both_ways_and_wraps() {
     }
     assert_eq!((bench.read(CNT), bench.read(CR1) & DIR), (0xfffe, DIR));
     assert_eq!(bench.read(SR) & UPDATE, UPDATE);
-    assert!(bench.findings().is_empty());
+    assert!(bench.shared.kinds().is_empty());
 }
 
 #[test]
@@ -588,6 +582,6 @@ fn what_is_not_modelled_or_forbidden_is_found() {
     ] {
         let mut bench = Bench::new(Kind::Tim2);
         bench.write(&writes);
-        assert_eq!(bench.findings(), [kind], "{writes:?}");
+        assert_eq!(bench.shared.kinds(), [kind], "{writes:?}");
     }
 }
