@@ -38,3 +38,5 @@ pub mod math;
 pub mod node;
 pub mod params;
 pub mod safety;
+pub mod time;
+pub mod topology;

@@ -8,17 +8,20 @@
 mod properties;
 
 use core_algos::beam::MAX_GAUGES;
-use core_algos::bus::message::{Axle, LeadMode, Message};
+use core_algos::bus::message::{LeadMode, Message};
 use core_algos::bus::{self};
 use core_algos::control::path::{PathPoint, TrajectoryPoint};
 use core_algos::fusion::ekf::{self, Measurements};
 use core_algos::fusion::{Estimate, intersection};
 use core_algos::math::matrix::Mat3;
 use core_algos::math::{Posture, Wrench};
-use core_algos::node::board::{Board, Role, Samples};
+use core_algos::node::board::{Board, Samples};
 use core_algos::node::lead::Task;
 use core_algos::node::robot::RobotConfig;
-use core_algos::node::{EPOCH, LEAD_PHASE, Micros, Outbox, TICK, axle};
+use core_algos::node::{Outbox, axle};
+use core_algos::time::{EPOCH, LEAD_PHASE, Micros, TICK};
+use core_algos::topology::AxleId;
+use core_algos::topology::Role;
 use proptest::prelude::*;
 
 /// Numbers of which some are none.
@@ -50,7 +53,7 @@ fn numbers<const N: usize>() -> impl Strategy<Value = [f32; N]> {
 
 /// Messages of any content.
 fn message() -> impl Strategy<Value = Message> {
-    let axle = prop_oneof![Just(Axle::Front), Just(Axle::Rear)];
+    let axle = prop_oneof![Just(AxleId::Front), Just(AxleId::Rear)];
     let mode = prop_oneof![
         Just(LeadMode::Idle),
         Just(LeadMode::Active),

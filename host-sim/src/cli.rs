@@ -5,7 +5,7 @@ mod numbers;
 use crate::recording::LogArgs;
 use clap::{Arg, Args, CommandFactory, FromArgMatches, Parser, Subcommand, ValueEnum};
 use core_algos::fusion::tandem::Mode;
-use core_algos::node::board::Role;
+use core_algos::topology::Role;
 use numbers::{number, whole};
 use std::path::PathBuf;
 

@@ -1,8 +1,9 @@
 //! The bus description (DBC) and the load of the bus, from the one table of messages.
 
 use crate::table::Table;
-use core_algos::bus::layout::{self, BIT_RATE, Layout, MESSAGES, Node, Signal};
+use core_algos::bus::layout::{self, BIT_RATE, Layout, MESSAGES, Signal};
 use core_algos::bus::message::POSITION_SPAN_M;
+use core_algos::topology::Node;
 use std::fmt::Write;
 
 /// The bus description of all messages, as text.

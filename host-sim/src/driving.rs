@@ -10,7 +10,7 @@ use crate::simulation::{Record, Simulation};
 use crate::targets::Order;
 use core_algos::control::path::{PathPoint, TrajectoryPoint};
 use core_algos::node::lead::Task;
-use core_algos::node::{EPOCH, Micros};
+use core_algos::time::{EPOCH, Micros};
 
 /// How far the robot can get along its path in an epoch, m, with ample reserve; nearest points are
 /// looked for this far around the last one, so that a crossing does not confuse the branches.

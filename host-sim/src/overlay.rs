@@ -10,8 +10,8 @@
 
 use crate::error::Error;
 use crate::scenario_file;
-use core_algos::node::board::Role;
 use core_algos::params::{Parameter, Settings, TABLE, find};
+use core_algos::topology::Role;
 use serde::{Deserialize, Serialize};
 use std::fmt::Write;
 use toml::{Table, Value};

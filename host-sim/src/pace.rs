@@ -1,6 +1,6 @@
 //! Ticks in step with the clock.
 
-use core_algos::node::TICK;
+use core_algos::time::TICK;
 use std::thread;
 use std::time::{Duration, Instant};
 

@@ -14,9 +14,10 @@ use crate::targets::{Fault, InProcess, Order, Posted, Target};
 use crate::trace::{lead_difference, show_frame};
 use core_algos::bus::{self, Frame};
 use core_algos::fusion::ekf::Verdict;
-use core_algos::node::board::Role;
+use core_algos::node::lead;
 use core_algos::node::robot::RobotConfig;
-use core_algos::node::{Micros, TICK, lead};
+use core_algos::time::{Micros, TICK};
+use core_algos::topology::Role;
 use serde::Serialize;
 use std::collections::{BTreeMap, HashMap};
 

@@ -6,9 +6,9 @@ use crate::sensors::SensorConfig;
 use crate::virtual_bus::BusConfig;
 use crate::world::{self, Spread, World};
 use crate::{error::Error, scenario_file};
-use core_algos::node::board::Role;
 use core_algos::node::robot::RobotConfig;
 use core_algos::params::Settings;
+use core_algos::topology::Role;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 

@@ -18,18 +18,18 @@ use crate::virtual_bus::{BusStatistics, VirtualBus};
 use core_algos::beam::calibration::Calibration;
 use core_algos::beam::{MAX_GAUGES, PerGauge};
 use core_algos::bus::LeadMode;
-use core_algos::bus::layout::Node;
 use core_algos::control::regulator::Phase;
 use core_algos::fusion::Estimate;
 use core_algos::fusion::tandem::Mode;
 use core_algos::hil::protocol::Place;
 use core_algos::math::Posture;
-use core_algos::node::board;
+use core_algos::node::axle;
 use core_algos::node::lead::{self, Task};
 use core_algos::node::robot::RobotConfig;
-use core_algos::node::{EPOCH, Micros, TICK, axle};
 use core_algos::params::{Inertial, Settings};
 use core_algos::safety::{Condition, Conditions};
+use core_algos::time::{EPOCH, Micros, TICK};
+use core_algos::topology::{Node, Role};
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
@@ -273,7 +273,7 @@ impl Simulation {
         }));
         let config = calibrated(scenario, imperfections);
         let mut settings = [Settings::new(config); 3];
-        for role in board::Role::ALL {
+        for role in Role::ALL {
             scenario.boards.apply(role, &mut settings[role as usize])?;
         }
         let [front, rear, beam] = &settings;
@@ -579,7 +579,7 @@ impl Simulation {
         if injector.snaps(tick) {
             self.plant.snap_frame();
         }
-        for role in board::Role::ALL {
+        for role in Role::ALL {
             let frozen = injector.frozen(role, tick);
             let behind = injector.behind(role, tick);
             self.boards.hold(role, frozen, behind)?;

@@ -2,11 +2,11 @@
 //! a board was restarted.
 
 use crate::targets::{Boards, Order, What};
-use core_algos::bus::layout::Node;
 use core_algos::bus::{self, Frame, Message};
 use core_algos::node::lead::Task;
-use core_algos::node::{Micros, TICK};
 use core_algos::safety::{Condition, Conditions, OperatingState};
+use core_algos::time::{Micros, TICK};
+use core_algos::topology::Node;
 use serde::{Serialize, Serializer};
 use std::fmt;
 

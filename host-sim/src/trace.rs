@@ -1,8 +1,9 @@
 //! What the boards of a run did, bit by bit, and where two runs part.
 
 use core_algos::bus::{Frame, layout};
-use core_algos::node::board::Role;
-use core_algos::node::{EPOCH, TICK, lead};
+use core_algos::node::lead;
+use core_algos::time::{EPOCH, TICK};
+use core_algos::topology::Role;
 use serde_json::Value;
 use std::fmt;
 

@@ -1,9 +1,10 @@
 //! Virtual bus: every message goes through its bytes, arrives late and may be lost.
 
-use core_algos::bus::layout::{self, Node};
+use core_algos::bus::layout;
 use core_algos::bus::{self, Frame, Message};
-use core_algos::node::Micros;
-use core_algos::node::board::Role;
+use core_algos::time::Micros;
+use core_algos::topology::Node;
+use core_algos::topology::Role;
 use rand::RngExt;
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
@@ -337,8 +338,9 @@ impl Disturbance {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use core_algos::bus::{Axle, LeadMode};
+    use core_algos::bus::LeadMode;
     use core_algos::math::Posture;
+    use core_algos::topology::AxleId;
 
     fn status(sequence: u8) -> Message {
         Message::LeadStatus {
@@ -382,7 +384,7 @@ mod tests {
             bus.send(
                 i,
                 &Message::AxlePosture {
-                    axle: Axle::Rear,
+                    axle: AxleId::Rear,
                     sequence: 0,
                     posture: Posture::ORIGIN,
                 },
@@ -408,7 +410,7 @@ mod tests {
             bus.send(
                 0,
                 &Message::AxlePosture {
-                    axle: Axle::Front,
+                    axle: AxleId::Front,
                     sequence: 0,
                     posture: sent,
                 },

@@ -4,8 +4,8 @@
 mod program;
 mod terminal;
 
-use core_algos::node::board::Role;
 use core_algos::params::find;
+use core_algos::topology::Role;
 use host_sim::calibration::Bench;
 use host_sim::scenario::Scenario;
 use host_sim::targets::board_log::BoardLog;

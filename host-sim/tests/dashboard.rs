@@ -5,7 +5,7 @@ mod terminal;
 
 use core_algos::hil::protocol::StackUse;
 use core_algos::hil::{Endpoint, Identity};
-use core_algos::node::board::Role;
+use core_algos::topology::Role;
 use host_sim::dashboard::Dashboard;
 use rustix::termios::{LocalModes, Winsize, tcgetattr, tcsetwinsize};
 use std::fs::{File, OpenOptions};

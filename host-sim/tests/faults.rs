@@ -1,8 +1,8 @@
 //! The fault campaign and its committed table.
 
-use core_algos::bus::layout::Node;
-use core_algos::node::board::Role;
 use core_algos::safety::Condition;
+use core_algos::topology::Node;
+use core_algos::topology::Role;
 use host_sim::commands::faults::campaign;
 use host_sim::faults::{CATALOGUE, Disturbance, Fault};
 use host_sim::scenario::Scenario;

@@ -2,11 +2,11 @@
 
 mod terminal;
 
-use core_algos::bus::layout::Node;
 use core_algos::hil::protocol::StackUse;
 use core_algos::hil::{Endpoint, Identity};
-use core_algos::node::board::Role;
 use core_algos::safety::{Condition, OperatingState};
+use core_algos::topology::Node;
+use core_algos::topology::Role;
 use host_sim::commands::posture::Variant;
 use host_sim::driving::{self, Manner, Route};
 use host_sim::error::Error;

@@ -3,8 +3,8 @@
 //! Every key is changed by itself in one situation after another, until a run changes. In a situation in which the key
 //! is refused, the run must stay the same to the bit.
 
-use core_algos::node::board::Role;
 use core_algos::params::TABLE;
+use core_algos::topology::Role;
 use host_sim::driving::{self, Manner, Route};
 use host_sim::effect::{self, Use};
 use host_sim::error::Error;

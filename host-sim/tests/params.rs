@@ -4,8 +4,8 @@
 mod program;
 
 use core_algos::hil::Identity;
-use core_algos::node::board::Role;
 use core_algos::params::{Source, find};
+use core_algos::topology::Role;
 use host_sim::targets::board_log::BoardLog;
 use host_sim::targets::emulated::{Emulated, Images, Wire, check_qemu};
 use host_sim::targets::link::{Link, Loopback};

@@ -1,13 +1,14 @@
 //! What the robot does when something fails on the way: it drives on with less, or stops in order.
 
 use core_algos::beam::MAX_GAUGES;
-use core_algos::bus::layout::Node;
 use core_algos::bus::{Frame, Message};
 use core_algos::hil::protocol::Place;
-use core_algos::node::Micros;
-use core_algos::node::board::{Role, Samples};
+use core_algos::node::board::Samples;
 use core_algos::node::robot::RobotConfig;
 use core_algos::safety::{Condition, OperatingState};
+use core_algos::time::Micros;
+use core_algos::topology::Node;
+use core_algos::topology::Role;
 use host_sim::error::Error;
 use host_sim::scenario::Scenario;
 use host_sim::simulation::{Outcome, Record, Robot as _, Simulation, regulate_on};

@@ -363,7 +363,7 @@ fn free_port() -> u16 {
 fn a_debugger_meets_the_first_instruction_and_time_stands_still_for_it() {
     let folder = tempfile::tempdir().unwrap();
     let images = Images::open(None, None, None).unwrap();
-    let image = images.of(core_algos::node::board::Role::Rear);
+    let image = images.of(core_algos::topology::Role::Rear);
     let handler = image.symbol("ADC").unwrap();
     let port = free_port();
     let at = format!("rear@{port}");

@@ -23,14 +23,14 @@
 //! assert!(decode(&Frame { length: 3, ..frame }).is_err());
 //! ```
 
-use super::layout::{self, Node, Signal, id};
-use super::message::{
-    Axle, Calibrate, CalibrationResult, LeadMode, Message, POSITION_SPAN_M, Role,
-};
+use super::layout::{self, Signal, id};
+use super::message::{Calibrate, CalibrationResult, LeadMode, Message, POSITION_SPAN_M};
 use crate::math::matrix::{Mat3, cholesky};
 use crate::math::trig::{exp, ln, sqrt, wrap_angle};
 use crate::math::{Posture, Wrench};
 use crate::safety::OperatingState;
+use crate::topology::Node;
+use crate::topology::{AxleId, Role};
 use core::fmt;
 
 /// A classic CAN data frame.
@@ -283,7 +283,7 @@ fn covariance_from(values: &Values) -> Mat3 {
 }
 
 fn to_values(message: &Message) -> (u16, Values) {
-    let pick = |axle: Axle, id: u16| id + axle.index() as u16;
+    let pick = |axle: AxleId, id: u16| id + axle.index() as u16;
     match *message {
         Message::TimeSync {
             epoch,
@@ -480,9 +480,9 @@ fn to_values(message: &Message) -> (u16, Values) {
 fn from_values(identifier: u16, values: &Values) -> Option<Message> {
     let sequence = values[0] as u8;
     let axle = if identifier & 1 == 0 {
-        Axle::Front
+        AxleId::Front
     } else {
-        Axle::Rear
+        AxleId::Rear
     };
     let of_axle = |front: u16| identifier == front || identifier == front + 1;
     let posture = Posture::new(values[1], values[2], values[3]);
@@ -627,7 +627,7 @@ mod tests {
         fn posture_survives_to_half_a_unit(
             x in -52.0f32..52.0, y in -52.0f32..52.0, phi in -3.1f32..3.1, sequence: u8,
         ) {
-            for axle in Axle::BOTH {
+            for axle in AxleId::BOTH {
                 let sent = Posture::new(x, y, phi);
                 let received = round_trip(Message::AxlePosture { axle, sequence, posture: sent });
                 let Message::AxlePosture { axle: a, sequence: s, posture } = received else {
@@ -642,7 +642,7 @@ mod tests {
         #[test]
         fn positions_repeat_and_differences_stay(x in -400.0f32..400.0, step in -0.01f32..0.01) {
             let sent = |x| match round_trip(Message::AxlePosture {
-                axle: Axle::Rear, sequence: 0, posture: Posture::new(x, 0.0, 0.0),
+                axle: AxleId::Rear, sequence: 0, posture: Posture::new(x, 0.0, 0.0),
             }) {
                 Message::AxlePosture { posture, .. } => posture.x,
                 _ => f32::NAN,
@@ -682,7 +682,7 @@ mod tests {
         fn positions_around_the_end_of_the_span_are_sent(turns in -3i32..3, step in -2e-4f32..2e-4) {
             let x = (turns as f32 + 0.5) * POSITION_SPAN_M + step;
             let Message::AxlePosture { posture, .. } = round_trip(Message::AxlePosture {
-                axle: Axle::Front, sequence: 0, posture: Posture::new(x, -x, 0.0),
+                axle: AxleId::Front, sequence: 0, posture: Posture::new(x, -x, 0.0),
             }) else {
                 panic!("another message");
             };

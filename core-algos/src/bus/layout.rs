@@ -6,6 +6,7 @@
 
 use super::message::{CalibrationResult, LeadMode};
 use crate::safety::OperatingState;
+use crate::topology::Node;
 
 /// Bit rate of the bus, bit/s.
 pub const BIT_RATE: u32 = 1_000_000;
@@ -40,45 +41,6 @@ pub mod id {
     pub const BEAM_CALIBRATION: u16 = 0x600;
     /// How it ended.
     pub const BEAM_CALIBRATED: u16 = 0x601;
-}
-
-/// A node of the robot.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
-pub enum Node {
-    /// Central node, on the front board.
-    Lead,
-    /// Front axle board.
-    FrontAxle,
-    /// Rear axle board.
-    RearAxle,
-    /// Beam board.
-    Beam,
-    /// A person's tool on the bus; not part of a running robot.
-    Service,
-}
-
-impl Node {
-    /// Every node.
-    pub const ALL: [Self; 5] = [
-        Self::Lead,
-        Self::FrontAxle,
-        Self::RearAxle,
-        Self::Beam,
-        Self::Service,
-    ];
-
-    /// Name, as in the bus description.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Lead => "Lead",
-            Self::FrontAxle => "FrontAxle",
-            Self::RearAxle => "RearAxle",
-            Self::Beam => "Beam",
-            Self::Service => "Service",
-        }
-    }
 }
 
 /// One signal of a message.
@@ -526,7 +488,7 @@ mod tests {
 
     #[test]
     fn what_is_sent_every_epoch_is_so_by_the_table() {
-        use crate::node::EPOCH;
+        use crate::time::EPOCH;
         for layout in MESSAGES {
             let periodic = u64::from(layout.period_ms) * 1000;
             assert!(periodic.is_multiple_of(EPOCH), "{}", layout.name);

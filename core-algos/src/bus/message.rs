@@ -4,65 +4,14 @@
 //! refers to. Odometric postures are cumulative, so a lost message delays information and loses
 //! none; their positions are sent modulo [`POSITION_SPAN_M`], and only differences are used.
 
-use super::layout::Node;
 use crate::math::Posture;
 use crate::math::matrix::Mat3;
 use crate::math::wrench::Wrench;
 use crate::safety::OperatingState;
+use crate::topology::{AxleId, Node, Role};
 
 /// Span after which a transmitted odometric position repeats, m.
 pub const POSITION_SPAN_M: f32 = 104.857_6;
-
-/// One of the two axles.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
-pub enum Axle {
-    /// Axle 1, at the tip of the beam.
-    Front,
-    /// Axle 2, at the root of the beam.
-    Rear,
-}
-
-impl Axle {
-    /// Both axles, front first.
-    pub const BOTH: [Self; 2] = [Self::Front, Self::Rear];
-
-    /// 0 for the front axle, 1 for the rear.
-    pub const fn index(self) -> usize {
-        match self {
-            Self::Front => 0,
-            Self::Rear => 1,
-        }
-    }
-}
-
-/// Which of the robot's boards one is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
-pub enum Role {
-    /// Front axle and lead node.
-    Front,
-    /// Rear axle.
-    Rear,
-    /// Instrumented frame.
-    Beam,
-}
-
-impl Role {
-    /// All boards of a robot, in the order their messages enter the simulated bus.
-    pub const ALL: [Self; 3] = [Self::Front, Self::Rear, Self::Beam];
-
-    /// Name in lower case.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Front => "front",
-            Self::Rear => "rear",
-            Self::Beam => "beam",
-        }
-    }
-}
 
 /// An enumeration that crosses the bus as its index, with the names of its values.
 macro_rules! wire_enum {
@@ -177,7 +126,7 @@ pub enum Message {
     /// Reference posture of an axle in that axle's odometric frame.
     ReferencePosture {
         /// The axle addressed.
-        axle: Axle,
+        axle: AxleId,
         /// Epoch modulo 256 at whose beginning the reference holds.
         sequence: u8,
         /// The reference.
@@ -186,7 +135,7 @@ pub enum Message {
     /// Reference velocities and accelerations of an axle.
     ReferenceMotion {
         /// The axle addressed.
-        axle: Axle,
+        axle: AxleId,
         /// Epoch modulo 256 at whose beginning the reference holds.
         sequence: u8,
         /// Forward velocity, m/s.
@@ -201,7 +150,7 @@ pub enum Message {
     /// Odometric posture of an axle since it was started, in its own frame.
     AxlePosture {
         /// The axle that measured.
-        axle: Axle,
+        axle: AxleId,
         /// Epoch modulo 256 at whose beginning the posture holds.
         sequence: u8,
         /// The posture.
@@ -210,7 +159,7 @@ pub enum Message {
     /// Velocity of an axle.
     AxleMotion {
         /// The axle that measured.
-        axle: Axle,
+        axle: AxleId,
         /// Epoch modulo 256.
         sequence: u8,
         /// Forward velocity, m/s.
@@ -230,7 +179,7 @@ pub enum Message {
     /// at the beginning of that epoch.
     AxleUncertainty {
         /// The axle that measured.
-        axle: Axle,
+        axle: AxleId,
         /// Epoch modulo 256.
         sequence: u8,
         /// Covariance of (x, y, phi): m², m rad, rad².

@@ -11,4 +11,4 @@ pub mod layout;
 pub mod message;
 
 pub use codec::{DecodeError, EncodeError, Frame, decode, encode};
-pub use message::{Axle, LeadMode, Message};
+pub use message::{LeadMode, Message};

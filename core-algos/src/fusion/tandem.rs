@@ -60,11 +60,11 @@ use super::compound::Chain;
 use super::ekf::Verdict;
 use super::track::{self, Sensitivity, Track};
 use super::{Estimate, constants, intersection, ipec, joint};
-use crate::bus::Axle;
 use crate::config::{ConfigError, non_negative, positive};
 use crate::math::Posture;
 use crate::math::matrix::{self, Mat3};
 use crate::math::trig::{sqrt, wrap_angle};
+use crate::topology::AxleId;
 
 /// Constants of odometry as noise of the same size, for the weights of IPEC: over this way, m, and
 /// this time, s.
@@ -516,14 +516,20 @@ impl Tandem {
 
     /// Starts again from the axle whose estimate still holds and the beam, when the other axle's has
     /// been lost; `last` is the output of the step before. What was learnt of constants is lost too.
-    pub fn rejoin(&self, state: &mut State, known: Axle, last: &Output, beam: &Estimate) -> Output {
+    pub fn rejoin(
+        &self,
+        state: &mut State,
+        known: AxleId,
+        last: &Output,
+        beam: &Estimate,
+    ) -> Output {
         let whole = self.beam_track(beam).estimate();
         let (base, chain) = match known {
-            Axle::Front => (
+            AxleId::Front => (
                 &last.front,
                 Chain::midpoint_from_front(last.front.posture, beam.posture),
             ),
-            Axle::Rear => (
+            AxleId::Rear => (
                 &last.rear,
                 Chain::midpoint_from_rear(last.rear.posture, beam.posture),
             ),

@@ -13,11 +13,13 @@ use super::protocol::{
 use crate::bus;
 use crate::config::ConfigError;
 use crate::control::path::PathError;
-use crate::node::board::{Board, Output, Ready, Role, Samples};
+use crate::node::Outbox;
+use crate::node::board::{Board, Output, Ready, Samples};
 use crate::node::lead::LeadNode;
 use crate::node::robot::RobotConfig;
-use crate::node::{Micros, Outbox, TICK};
 use crate::params::{COUNT, Contents, Disarmed};
+use crate::time::{Micros, TICK};
+use crate::topology::Role;
 use core::fmt::Write;
 
 /// Who a board is.

@@ -5,8 +5,8 @@
 
 use super::protocol::{Refusal, Reply};
 use crate::config::ConfigError;
-use crate::node::board::Role;
 use crate::params::{COUNT, Contents, Disarmed, Parameter, Report, Settings, TABLE, fingerprint};
+use crate::topology::Role;
 
 /// What is to be written to a store.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -10,10 +10,10 @@ use crate::bus;
 use crate::control::path::{PathError, PathPoint, TrajectoryPoint};
 use crate::fusion::Estimate;
 use crate::node::axle;
-use crate::node::board::Role;
 use crate::node::lead::{self, Task};
 use crate::node::outbox;
 use crate::params::Source;
+use crate::topology::Role;
 use serde::{Deserialize, Serialize};
 
 /// Version of the protocol: changes with every change of what is said, or of a configuration.

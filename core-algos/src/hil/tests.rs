@@ -12,13 +12,15 @@ use crate::control::path::{PathError, PathPoint};
 use crate::fusion::Estimate;
 use crate::fusion::testing::Random;
 use crate::math::Posture;
+use crate::node::Outbox;
 use crate::node::axle;
-use crate::node::board::{Board, Role, Samples};
+use crate::node::board::{Board, Samples};
 use crate::node::lead::Task;
 use crate::node::robot::RobotConfig;
-use crate::node::{EPOCH, LEAD_PHASE, Outbox, TICK};
 use crate::params::{COUNT, Contents, Settings, Source, TABLE, fingerprint};
 use crate::safety::Conditions;
+use crate::time::{EPOCH, LEAD_PHASE, TICK};
+use crate::topology::Role;
 
 /// What the board says of its stack.
 const STACK: StackUse = StackUse {

@@ -11,10 +11,9 @@
 //! itself, along the path it is on, and switches its motors off; with any number that is not finite
 //! the torques are zero at once.
 
+use super::Outbox;
 use super::peers::{self, Peers};
-use super::{EPOCH, Micros, Outbox, Stamped, TICK, epoch_start, is_epoch_start, seconds, sequence};
-use crate::bus::layout::Node;
-use crate::bus::{Axle, LeadMode, Message, layout};
+use crate::bus::{LeadMode, Message, layout};
 use crate::config::{ConfigError, in_range, positive};
 use crate::control::cascade::AxleReference;
 use crate::control::dynamic::{self, Dynamic};
@@ -25,6 +24,9 @@ use crate::fusion::standstill::{self, Bias, RestDetector, RestTimes, Zeroing};
 use crate::math::{AxleLoad, Posture, Twist, Wrench};
 use crate::safety::supervisor::{self, Supervisor};
 use crate::safety::{Condition, Conditions, OperatingState, Permit, Request, ramp};
+use crate::time::{EPOCH, Micros, Stamped, TICK, epoch_start, is_epoch_start, seconds, sequence};
+use crate::topology::AxleId;
+use crate::topology::Node;
 
 /// Speed the controller uses.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -167,7 +169,7 @@ pub struct Frame {
 
 impl Config {
     /// The node of one axle; the error names the parameter that is wrong.
-    pub fn build(&self, axle: Axle, frame: Frame) -> Result<AxleNode, ConfigError> {
+    pub fn build(&self, axle: AxleId, frame: Frame) -> Result<AxleNode, ConfigError> {
         in_range("reference_timeout_s", self.reference_timeout_s, 0.01, 1.0)?;
         in_range("wrench_timeout_s", self.wrench_timeout_s, 0.01, 1.0)?;
         positive("bending_stiffness_n_m2", frame.bending_stiffness_n_m2)?;
@@ -338,7 +340,7 @@ impl State {
 /// The node of one axle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AxleNode {
-    axle: Axle,
+    axle: AxleId,
     frame: Frame,
     reference_timeout: Micros,
     wrench_timeout: Micros,
@@ -374,7 +376,7 @@ impl AxleNode {
     }
 
     /// Which axle this is.
-    pub fn axle(&self) -> Axle {
+    pub fn axle(&self) -> AxleId {
         self.axle
     }
 
@@ -477,8 +479,8 @@ impl AxleNode {
     /// Which node this is.
     fn node(&self) -> Node {
         match self.axle {
-            Axle::Front => Node::FrontAxle,
-            Axle::Rear => Node::RearAxle,
+            AxleId::Front => Node::FrontAxle,
+            AxleId::Rear => Node::RearAxle,
         }
     }
 
@@ -536,8 +538,8 @@ impl AxleNode {
     fn watch(&self, now: Micros, samples: &Samples) -> Conditions {
         let state = &self.state;
         let other = match self.axle {
-            Axle::Front => Node::RearAxle,
-            Axle::Rear => Node::FrontAxle,
+            AxleId::Front => Node::RearAxle,
+            AxleId::Rear => Node::FrontAxle,
         };
         let operating = state.supervisor.operating();
         let powered = operating.permit() != Permit::Off;
@@ -779,8 +781,8 @@ impl AxleNode {
     fn load(&self, wrench: &Wrench, relative: Posture) -> AxleLoad {
         // Moments are about the axles' midpoints already, rigid ends included.
         match self.axle {
-            Axle::Front => wrench.on_front(relative, 0.0),
-            Axle::Rear => wrench.on_rear(0.0),
+            AxleId::Front => wrench.on_front(relative, 0.0),
+            AxleId::Rear => wrench.on_rear(0.0),
         }
     }
 }
@@ -805,10 +807,10 @@ impl State {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::node::TICK;
+    use crate::time::TICK;
     use core::f64::consts::TAU;
 
-    fn node(axle: Axle) -> AxleNode {
+    fn node(axle: AxleId) -> AxleNode {
         let frame = Frame {
             bending_stiffness_n_m2: 0.833,
             length_m: 0.37,
@@ -827,8 +829,8 @@ mod tests {
     fn reference(node: &mut AxleNode, now: Micros, v: f32, posture: Posture) {
         let sequence = sequence(now);
         let other = match node.axle() {
-            Axle::Front => Node::RearAxle,
-            Axle::Rear => Node::FrontAxle,
+            AxleId::Front => Node::RearAxle,
+            AxleId::Rear => Node::FrontAxle,
         };
         node.receive(
             now,
@@ -880,7 +882,7 @@ mod tests {
 
     #[test]
     fn odometry_follows_an_arc() {
-        let mut node = node(Axle::Rear);
+        let mut node = node(AxleId::Rear);
         let mut outbox = Outbox::new();
         for tick in 0..=4500u64 {
             // Speed rises for one second, then stays.
@@ -914,7 +916,7 @@ mod tests {
 
     #[test]
     fn reports_once_an_epoch() {
-        let mut node = node(Axle::Front);
+        let mut node = node(AxleId::Front);
         let mut reports = 0;
         for tick in 0..100u64 {
             let mut outbox = Outbox::new();
@@ -936,7 +938,7 @@ mod tests {
             (f32::NAN, Posture::ORIGIN),
             (0.1, far),
         ] {
-            let mut node = node(Axle::Front);
+            let mut node = node(AxleId::Front);
             let mut outbox = Outbox::new();
             node.step(0, &samples, &mut outbox);
             reference(&mut node, 20 * TICK, 0.1, Posture::ORIGIN);
@@ -957,7 +959,7 @@ mod tests {
 
     #[test]
     fn drives_toward_its_reference_and_stops_without_one() {
-        let mut node = node(Axle::Front);
+        let mut node = node(AxleId::Front);
         let mut outbox = Outbox::new();
         let samples = still();
         assert!(
@@ -1007,7 +1009,7 @@ mod tests {
     /// A lead node that wants nothing more is no fault: the axle brakes, lets go and is idle.
     #[test]
     fn a_dismissed_axle_comes_to_rest_without_a_fault() {
-        let mut node = node(Axle::Front);
+        let mut node = node(AxleId::Front);
         let mut outbox = Outbox::new();
         let samples = still();
         let mut braked = 0;
@@ -1038,7 +1040,7 @@ mod tests {
     /// A board that comes up in the middle of a drive is not to join in.
     #[test]
     fn an_axle_that_starts_while_the_robot_drives_waits_for_it_to_stop() {
-        let mut node = node(Axle::Rear);
+        let mut node = node(AxleId::Rear);
         node.state = State::new();
         let mut outbox = Outbox::new();
         let samples = still();
@@ -1084,7 +1086,7 @@ mod tests {
             (Condition::TrackingLost, still()),
         ];
         for (condition, samples) in cases {
-            let mut node = node(Axle::Rear);
+            let mut node = node(AxleId::Rear);
             let mut outbox = Outbox::new();
             let ahead = match condition {
                 Condition::TrackingLost => 0.2,
@@ -1131,7 +1133,7 @@ mod tests {
             (true, Condition::NeighbourLost),
             (false, Condition::NeighbourFault),
         ] {
-            let mut node = node(Axle::Front);
+            let mut node = node(AxleId::Front);
             let mut outbox = Outbox::new();
             let samples = still();
             for tick in 0..300u64 {
@@ -1165,14 +1167,14 @@ mod tests {
 
     #[test]
     fn halves_of_different_epochs_make_no_reference() {
-        let mut node = node(Axle::Front);
+        let mut node = node(AxleId::Front);
         let mut outbox = Outbox::new();
         reference(&mut node, 0, 0.1, Posture::ORIGIN);
         let now = 5 * EPOCH;
         node.receive(
             now,
             &Message::ReferencePosture {
-                axle: Axle::Front,
+                axle: AxleId::Front,
                 sequence: sequence(now),
                 posture: Posture::new(1.0, 0.0, 0.0),
             },
@@ -1186,14 +1188,14 @@ mod tests {
 
     #[test]
     fn messages_for_the_other_axle_are_ignored() {
-        let mut front = node(Axle::Front);
-        let mut rear = node(Axle::Rear);
+        let mut front = node(AxleId::Front);
+        let mut rear = node(AxleId::Rear);
         reference(&mut rear, 0, 0.1, Posture::ORIGIN);
         let before = *front.state();
         front.receive(
             0,
             &Message::ReferencePosture {
-                axle: Axle::Rear,
+                axle: AxleId::Rear,
                 sequence: 0,
                 posture: Posture::ORIGIN,
             },
@@ -1204,7 +1206,7 @@ mod tests {
 
     #[test]
     fn nan_in_gives_zero_torque() {
-        let mut node = node(Axle::Front);
+        let mut node = node(AxleId::Front);
         let mut outbox = Outbox::new();
         reference(&mut node, 0, f32::NAN, Posture::ORIGIN);
         let output = node.step(TICK, &Samples::default(), &mut outbox);

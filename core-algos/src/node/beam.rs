@@ -5,15 +5,16 @@
 //! [`crate::beam::sensor::Config::build`] validates; nothing else can fail. When no posture can be
 //! computed the message says so with zero gauges.
 
-use super::{Micros, Outbox, is_epoch_start, peers, sequence};
+use super::{Outbox, peers};
 use crate::beam::health::Fault;
 use crate::beam::sensor::State;
 use crate::beam::{Estimate, MAX_GAUGES, RelativePositionSensor};
-use crate::bus::layout::Node;
 use crate::bus::{LeadMode, Message};
 use crate::math::{Posture, Wrench};
 use crate::safety::supervisor::{self, Supervisor};
 use crate::safety::{Condition, Conditions, OperatingState, Request};
+use crate::time::{Micros, is_epoch_start, sequence};
+use crate::topology::Node;
 
 /// The node of the instrumented frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -160,7 +161,7 @@ impl BeamNode {
 mod tests {
     use super::*;
     use crate::beam::sensor::Config;
-    use crate::node::TICK;
+    use crate::time::TICK;
 
     fn node() -> BeamNode {
         BeamNode::new(

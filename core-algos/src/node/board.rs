@@ -13,9 +13,11 @@
 //!
 //! ```
 //! use core_algos::bus::Message;
-//! use core_algos::node::board::{Board, Role, Samples};
+//! use core_algos::node::board::{Board, Samples};
+//! use core_algos::topology::Role;
 //! use core_algos::node::robot::RobotConfig;
-//! use core_algos::node::{Outbox, TICK, axle};
+//! use core_algos::node::{Outbox, axle};
+//! use core_algos::time::TICK;
 //!
 //! let mut board = Board::new(&RobotConfig::default(), Role::Rear)?;
 //! let mut outbox = Outbox::new();
@@ -32,15 +34,17 @@
 //! # Ok::<(), core_algos::config::ConfigError>(())
 //! ```
 
+use super::Outbox;
 use super::axle::{self, AxleNode};
 use super::beam::BeamNode;
 use super::lead::{self, LeadNode};
 use super::robot::RobotConfig;
-use super::{EPOCH, LEAD_PHASE, Micros, Outbox, is_epoch_start};
 use crate::beam::MAX_GAUGES;
-pub use crate::bus::message::Role;
-use crate::bus::{Axle, Message};
+use crate::bus::Message;
 use crate::config::ConfigError;
+use crate::time::{EPOCH, LEAD_PHASE, Micros, is_epoch_start};
+use crate::topology::AxleId;
+use crate::topology::Role;
 
 /// What the sensors of a board read at a tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -104,10 +108,10 @@ impl Ready {
     pub fn new(config: &RobotConfig, role: Role) -> Result<Self, ConfigError> {
         Ok(match role {
             Role::Front => Self::Front {
-                axle: config.build_axle(Axle::Front)?,
+                axle: config.build_axle(AxleId::Front)?,
                 lead: config.build_lead()?,
             },
-            Role::Rear => Self::Rear(config.build_axle(Axle::Rear)?),
+            Role::Rear => Self::Rear(config.build_axle(AxleId::Rear)?),
             Role::Beam => Self::Beam(config.build_beam()?),
         })
     }
@@ -214,7 +218,7 @@ fn step_axle(axle: &mut AxleNode, now: Micros, samples: &Samples, outbox: &mut O
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::node::TICK;
+    use crate::time::TICK;
 
     #[test]
     fn each_role_sends_its_own_messages_and_only_the_front_board_leads() {
@@ -241,11 +245,12 @@ mod tests {
             assert_eq!(led, u32::from(role == Role::Front));
             let from = |message: &Message| match message {
                 Message::AxlePosture {
-                    axle: Axle::Front, ..
+                    axle: AxleId::Front,
+                    ..
                 }
                 | Message::LeadStatus { .. } => Some(Role::Front),
                 Message::AxlePosture {
-                    axle: Axle::Rear, ..
+                    axle: AxleId::Rear, ..
                 } => Some(Role::Rear),
                 Message::BeamPosture { .. } => Some(Role::Beam),
                 _ => None,

@@ -17,8 +17,8 @@
 //!
 //! Nothing here can fail.
 
-use super::{EPOCH, Micros, TICK};
 use crate::bus::Message;
+use crate::time::{EPOCH, Micros, TICK};
 
 /// Share of an error that corrects the offset, and the rate (per epoch), of each pair.
 const OFFSET_GAIN: f32 = 0.02;

@@ -27,7 +27,6 @@
 //!
 //! [`control::path`]: crate::control::path
 
-use super::{Micros, seconds};
 use crate::config::{ConfigError, positive};
 use crate::control::cascade::{Cascade, Motion};
 use crate::control::governor::Wish;
@@ -37,6 +36,7 @@ use crate::control::path::{
     TrajectoryPoint,
 };
 use crate::math::{Posture, Transform};
+use crate::time::{Micros, seconds};
 
 /// Points of a path that are held at a time: 2.56 m at 1 cm. What braking and the lead of the
 /// reference look ahead is 0.3 m.

@@ -1,7 +1,7 @@
 //! Lead node: estimates in, references out, once an epoch.
 //!
 //! The step reads in the order of the data: reports → fusion of both axles → task → governor →
-//! cascade → references. It works at [`super::LEAD_PHASE`] after the beginning of an epoch on the
+//! cascade → references. It works at [`LEAD_PHASE`](crate::time::LEAD_PHASE) after the beginning of an epoch on the
 //! reports of that epoch; its references hold for the same instant, and the axles move them on to
 //! their own time.
 //!
@@ -15,12 +15,11 @@
 //! anything else is wrong, the mode is [`LeadMode::Idle`], on which the axles brake together and
 //! switch their motors off.
 
+use super::Outbox;
 use super::course::{self, Course};
 use super::peers::{self, Peers};
-use super::{EPOCH, Micros, Outbox, Stamped, TICK, epoch_start, seconds, sequence};
 use crate::bus::codec::wrap_position;
-use crate::bus::layout::Node;
-use crate::bus::{Axle, LeadMode, Message, layout};
+use crate::bus::{LeadMode, Message, layout};
 use crate::config::{ConfigError, in_range, positive};
 use crate::control::cascade::{self, AxleReference, Cascade, Motion};
 use crate::control::governor::{self, Governor, Wish};
@@ -33,6 +32,9 @@ use crate::math::trig::wrap_angle;
 use crate::math::{Posture, Transform, Twist, Wrench};
 use crate::safety::supervisor::{self, Supervisor};
 use crate::safety::{Condition, Conditions, OperatingState, Permit, Request, ramp};
+use crate::time::{EPOCH, Micros, Stamped, TICK, epoch_start, seconds, sequence};
+use crate::topology::AxleId;
+use crate::topology::Node;
 
 /// Age from which a report is late: the bus has had a whole epoch for it.
 const LATE: Micros = 2 * EPOCH;
@@ -673,8 +675,8 @@ impl LeadNode {
         }
         let [front, rear] = state.tracks.each_mut().map(AxleTrack::advance);
         let known = match restarted {
-            [None, Some(_)] => Some(Axle::Front),
-            [Some(_), None] => Some(Axle::Rear),
+            [None, Some(_)] => Some(AxleId::Front),
+            [Some(_), None] => Some(AxleId::Rear),
             _ => None,
         };
         let lost = restarted != [None; 2];
@@ -885,7 +887,7 @@ impl LeadNode {
             velocity_m_s: motion.v,
         });
         let axles = [fused.front.posture, fused.rear.posture];
-        for axle in Axle::BOTH {
+        for axle in AxleId::BOTH {
             let reference = references[axle.index()];
             let Some(odometry) = self.state.tracks[axle.index()].odometry else {
                 continue;
@@ -912,13 +914,13 @@ impl LeadNode {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::node::LEAD_PHASE;
     use crate::node::robot::RobotConfig;
+    use crate::time::LEAD_PHASE;
 
     /// Reports of both axles at the beginning of an epoch, and the lead node's step.
     fn epoch(node: &mut LeadNode, number: u64, axles: [(Posture, u8); 2]) -> Output {
         let now = number * EPOCH;
-        for axle in Axle::BOTH {
+        for axle in AxleId::BOTH {
             let (posture, uptime) = axles[axle.index()];
             let sequence = sequence(now);
             node.receive(
@@ -1006,8 +1008,8 @@ mod tests {
         let mut known = |number: u64, zeroed: [bool; 2]| {
             let now = number * EPOCH;
             let sequence = sequence(now);
-            for axle in Axle::BOTH {
-                let front = if axle == Axle::Front { 1.0 } else { 0.0 };
+            for axle in AxleId::BOTH {
+                let front = if axle == AxleId::Front { 1.0 } else { 0.0 };
                 let turned = front * rate * 0.01 * number as f32;
                 for message in [
                     Message::AxlePosture {

@@ -9,9 +9,9 @@
 //! Nothing here can fail.
 
 use super::clock::{CommonClock, Tick};
-use super::{EPOCH, Micros, TICK, is_epoch_start};
 use crate::bus::Message;
 use crate::safety::{Condition, Conditions};
+use crate::time::{EPOCH, Micros, TICK, is_epoch_start};
 
 /// Longest time between two runs that is passed over.
 const PASSED_OVER: Micros = 5 * TICK;

@@ -1,9 +1,10 @@
 //! What a node knows of the others: their heartbeats.
 
-use super::{Micros, Stamped, sequence};
 use crate::bus::Message;
-use crate::bus::layout::{self, Node};
+use crate::bus::layout;
 use crate::safety::{OperatingState, supervisor};
+use crate::time::{Micros, Stamped, sequence};
+use crate::topology::Node;
 
 /// Nodes of a robot that send heartbeats.
 const COUNT: usize = 4;

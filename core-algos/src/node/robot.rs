@@ -6,13 +6,13 @@
 
 use super::{axle, beam, lead};
 use crate::beam::sensor;
-use crate::bus::Axle;
 use crate::config::{Allowed, non_negative};
 use crate::config::{ConfigError, in_range, positive, require};
 use crate::fusion::Estimate;
 use crate::math::Posture;
 use crate::math::trig::sin_cos;
 use crate::safety::supervisor;
+use crate::topology::AxleId;
 
 /// Dimensions and stiffness of the robot as its software believes them.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -217,14 +217,17 @@ impl RobotConfig {
     /// The nodes; the error names the parameter that is wrong.
     pub fn build(&self) -> Result<Robot, ConfigError> {
         Ok(Robot {
-            axles: [self.build_axle(Axle::Front)?, self.build_axle(Axle::Rear)?],
+            axles: [
+                self.build_axle(AxleId::Front)?,
+                self.build_axle(AxleId::Rear)?,
+            ],
             beam: self.build_beam()?,
             lead: lead::LeadNode::new(self.build_lead()?),
         })
     }
 
     /// The node of one axle, for a board that runs no other.
-    pub fn build_axle(&self, axle: Axle) -> Result<axle::AxleNode, ConfigError> {
+    pub fn build_axle(&self, axle: AxleId) -> Result<axle::AxleNode, ConfigError> {
         self.check()?;
         let frame = axle::Frame {
             bending_stiffness_n_m2: self.geometry.bending_stiffness_n_m2,

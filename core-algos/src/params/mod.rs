@@ -13,7 +13,7 @@
 //! # Example
 //!
 //! ```
-//! use core_algos::node::board::Role;
+//! use core_algos::topology::Role;
 //! use core_algos::params::{Settings, find};
 //!
 //! let mut settings = Settings::default();
@@ -37,11 +37,12 @@ pub use table::{COUNT, Parameter, TABLE, find, fingerprint};
 
 use crate::acquisition::oversampling::{FULL_SCALE, SCANS};
 use crate::beam::PerGauge;
-use crate::bus::Axle;
 use crate::config::{ConfigError, in_range};
-use crate::node::board::{Board, Role};
+use crate::node::board::Board;
 use crate::node::robot::RobotConfig;
 use crate::safety::{OperatingState, Permit};
+use crate::topology::AxleId;
+use crate::topology::Role;
 
 /// Everything on a board that has parameters.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -117,10 +118,10 @@ impl Settings {
         }
         match role {
             Role::Front => {
-                check_axle(&self.robot, Axle::Front)?;
+                check_axle(&self.robot, AxleId::Front)?;
                 check_lead(&self.robot)
             }
-            Role::Rear => check_axle(&self.robot, Axle::Rear),
+            Role::Rear => check_axle(&self.robot, AxleId::Rear),
             Role::Beam => check_beam(&self.robot),
         }
     }
@@ -130,7 +131,7 @@ impl Settings {
 // and none once it is known to be good.
 
 #[inline(never)]
-fn check_axle(robot: &RobotConfig, axle: Axle) -> Result<(), ConfigError> {
+fn check_axle(robot: &RobotConfig, axle: AxleId) -> Result<(), ConfigError> {
     robot.build_axle(axle).map(|_| ())
 }
 

@@ -338,7 +338,7 @@ const fn following(generation: u32) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::node::board::Role;
+    use crate::topology::Role;
     use proptest::prelude::*;
 
     fn check(settings: &Settings) -> Result<(), ConfigError> {

@@ -1,6 +1,6 @@
 //! What can be wrong: the one table of codes, classes, times, meanings and remedies.
 
-use crate::node::Micros;
+use crate::time::Micros;
 
 /// What a condition asks for. The upper two bits of a code are its class.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]

@@ -8,7 +8,7 @@
 //!
 //! [`RollCall::new`] takes any times; nothing here can fail.
 
-use crate::node::Micros;
+use crate::time::Micros;
 
 /// The tasks of a board, each with the longest time between two of its reports.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -36,7 +36,7 @@
 use super::condition::{BITS, Class, Condition, Conditions};
 use super::state::{Cause, OperatingState, Permit, Request, transition};
 use crate::config::{ConfigError, in_range, positive};
-use crate::node::Micros;
+use crate::time::Micros;
 
 /// Longest time between two steps that is believed; a longer gap counts as this much. A clock that
 /// stands still or runs back adds nothing.

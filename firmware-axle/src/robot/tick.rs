@@ -3,14 +3,17 @@
 //! The front board's clock is the common time, and its lead node runs here too; the rear board
 //! follows by [`Pace`]. A board whose clock was moved begins anew with motors off.
 
-use core_algos::bus::{Axle, Message};
+use core_algos::bus::Message;
 use core_algos::control::wheel_observer::{self, WheelObserver};
 use core_algos::drive::winding::{self, Winding};
-use core_algos::node::board::{Board, Output, Role, Samples};
+use core_algos::node::board::{Board, Output, Samples};
 use core_algos::node::pace::{Pace, Step};
-use core_algos::node::{Micros, Outbox, TICK, axle, sequence};
+use core_algos::node::{Outbox, axle};
 use core_algos::params::Drive;
 use core_algos::safety::{Condition, Conditions};
+use core_algos::time::{Micros, TICK, sequence};
+use core_algos::topology::AxleId;
+use core_algos::topology::Role;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::watch;
 use firmware_common::attendance::Badge;
@@ -275,9 +278,9 @@ impl Axis {
 }
 
 /// The role of an axle's board.
-pub fn role(axle: Axle) -> Role {
+pub fn role(axle: AxleId) -> Role {
     match axle {
-        Axle::Front => Role::Front,
-        Axle::Rear => Role::Rear,
+        AxleId::Front => Role::Front,
+        AxleId::Rear => Role::Rear,
     }
 }

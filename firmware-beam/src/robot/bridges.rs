@@ -9,7 +9,7 @@ mod converter;
 use core_algos::acquisition::analog::Thermistor;
 use core_algos::acquisition::oversampling::{FULL_SCALE, ratiometric, sums};
 use core_algos::beam::MAX_GAUGES;
-use core_algos::node::Micros;
+use core_algos::time::Micros;
 use embassy_stm32::Peri;
 use embassy_stm32::adc::{AdcChannel, AnyAdcChannel};
 use embassy_stm32::peripherals::{ADC1, DMA2_CH0, PA2, PA3, TIM2};

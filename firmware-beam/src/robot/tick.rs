@@ -2,15 +2,17 @@
 
 use core_algos::beam::calibration;
 use core_algos::beam::procedure::{Event, Procedure};
-use core_algos::bus::message::{CalibrationResult, Role};
+use core_algos::bus::message::CalibrationResult;
 use core_algos::bus::{LeadMode, Message};
 use core_algos::config::ConfigError;
+use core_algos::node::Outbox;
 use core_algos::node::beam::BeamNode;
 use core_algos::node::pace::{Pace, Step};
 use core_algos::node::robot::RobotConfig;
-use core_algos::node::{Micros, Outbox, TICK, sequence};
 use core_algos::params::Disarmed;
 use core_algos::safety::{Condition, Conditions, Permit};
+use core_algos::time::{Micros, TICK, sequence};
+use core_algos::topology::Role;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use embassy_sync::watch;

@@ -6,7 +6,7 @@ use crate::targets::board_log::BoardLog;
 use crate::targets::emulated::{self, Emulated, Images, Wire};
 use crate::targets::link::Link;
 use crate::targets::serial::Serial;
-use core_algos::node::board::Role;
+use core_algos::topology::Role;
 use std::path::{Path, PathBuf};
 
 /// Where the flash of boards that are not real is kept.

@@ -6,7 +6,7 @@ use crate::faults::{self, Bounds, CATALOGUE, Case, End, Entry, Outcome};
 use crate::output;
 use crate::progress::Progress;
 use crate::scenario::Scenario;
-use core_algos::node::Micros;
+use core_algos::time::Micros;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::collections::BTreeSet;

@@ -17,9 +17,9 @@ use crate::targets::{
     self, Event, Failure, FailureMode, InProcess, Remote, Report as BoardReport, Target, What,
 };
 use crate::trace::{Difference, Trace};
-use core_algos::node::Micros;
-use core_algos::node::board::Role;
 use core_algos::safety::OperatingState;
+use core_algos::time::Micros;
+use core_algos::topology::Role;
 use serde::Serialize;
 use serde_json::Value;
 use std::path::PathBuf;

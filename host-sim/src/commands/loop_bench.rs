@@ -43,7 +43,7 @@ pub fn measure(scenario: &Scenario, seed: u64, repeats: usize) -> Result<Report,
     // The same trial takes the same simulated time in every run.
     let mut epochs: u64 = 0;
     simulation::regulate(scenario, seed, 0, |_| epochs += 1)?;
-    let simulated_s = epochs as f64 * core_algos::node::EPOCH as f64 * 1e-6;
+    let simulated_s = epochs as f64 * core_algos::time::EPOCH as f64 * 1e-6;
     let (mut failed, mut log_bytes, mut recorded_bytes) = (None, 0, 0);
     let plain = Speed::measure(repeats, simulated_s, || {
         failed = simulation::regulate(scenario, seed, 0, |_| ()).err();

@@ -17,8 +17,8 @@ use crate::targets::link::Loopback;
 use crate::targets::parameters::Kept;
 use clap::ValueEnum;
 use core_algos::hil::Identity;
-use core_algos::node::board::Role;
 use core_algos::params::{Parameter, Settings, Source, TABLE};
+use core_algos::topology::Role;
 use serde::Serialize;
 use std::path::Path;
 

@@ -297,9 +297,9 @@ mod tests {
     use super::*;
     use crate::targets::Traffic;
     use core_algos::bus::LeadMode;
-    use core_algos::bus::layout::Node;
     use core_algos::math::Posture;
-    use core_algos::node::board::Role;
+    use core_algos::topology::Node;
+    use core_algos::topology::Role;
     use ratatui::Terminal;
     use ratatui::backend::TestBackend;
 

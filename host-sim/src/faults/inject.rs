@@ -3,8 +3,9 @@
 use super::{Fault, Wheel};
 use core_algos::beam::MAX_GAUGES;
 use core_algos::node::axle;
-use core_algos::node::board::{Role, Samples};
+use core_algos::node::board::Samples;
 use core_algos::safety::Conditions;
+use core_algos::topology::Role;
 
 /// Ticks a board's slow clock has lost.
 pub type Drift = u32;

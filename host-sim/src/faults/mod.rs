@@ -10,9 +10,9 @@ pub use inject::{Drift, Injector, Readings};
 pub use run::{Bounds, Case, End, Outcome, TOLERANCE, run, run_on};
 
 use self::Fault::*;
-use core_algos::node::board::Role;
 use core_algos::safety::Condition;
 use core_algos::safety::Condition as C;
+use core_algos::topology::Role;
 
 /// A wheel: axle (0 front, 1 rear) and side (0 left, 1 right).
 pub type Wheel = (usize, usize);

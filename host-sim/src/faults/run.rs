@@ -10,8 +10,8 @@ use core_algos::bus::LeadMode;
 use core_algos::control::regulator::Phase;
 use core_algos::math::Posture;
 use core_algos::node::lead::Task;
-use core_algos::node::{EPOCH, Micros, TICK};
 use core_algos::safety::Condition;
+use core_algos::time::{EPOCH, Micros, TICK};
 use serde::Serialize;
 
 /// Motion that a robot under control never shows for longer than a moment.

@@ -5,7 +5,6 @@
 //! (postcard, as on the serial link) in hexadecimal.
 
 use core_algos::beam::MAX_GAUGES;
-use core_algos::bus::message::Role;
 use core_algos::bus::{Frame, LeadMode, Message};
 use core_algos::control::path::{PathPoint, TrajectoryPoint};
 use core_algos::control::regulator::Phase;
@@ -13,6 +12,7 @@ use core_algos::fusion::Estimate;
 use core_algos::math::Posture;
 use core_algos::node::lead::{self, Task};
 use core_algos::safety::{Conditions, OperatingState};
+use core_algos::topology::Role;
 use serde::de::{DeserializeOwned, Error as _, Unexpected};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use serde_json::Value;
@@ -400,7 +400,7 @@ pub struct LeadBits {
 
 /// Beginning of the epoch of a tick, ms.
 pub fn epoch_of(tick: u32) -> u32 {
-    const TICKS: u32 = (core_algos::node::EPOCH / core_algos::node::TICK) as u32;
+    const TICKS: u32 = (core_algos::time::EPOCH / core_algos::time::TICK) as u32;
     tick / TICKS * TICKS
 }
 

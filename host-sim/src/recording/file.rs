@@ -10,12 +10,13 @@ use crate::figures::Body;
 use crate::simulation::Record;
 use crate::supervision::Status;
 use crate::targets::Report;
-use core_algos::bus::layout::{self, Node};
+use core_algos::bus::layout;
 use core_algos::bus::{self, Frame};
 use core_algos::hil::framing::crc32c;
 use core_algos::math::Posture;
-use core_algos::node::board::Role;
 use core_algos::safety::{Class, OperatingState};
+use core_algos::topology::Node;
+use core_algos::topology::Role;
 use foxglove::messages::{
     FrameTransforms, Log, PoseInFrame, PosesInFrame, SceneUpdate, log::Level,
 };

@@ -8,7 +8,7 @@ use crate::output::{Cell, Csv, OutputDir, write_file};
 use crate::simulation::Record;
 use core_algos::beam::MAX_GAUGES;
 use core_algos::bus::{Frame, layout};
-use core_algos::node::board::Role;
+use core_algos::topology::Role;
 use std::path::{Path, PathBuf};
 
 /// Where the tables go: one file, or a folder.

@@ -7,9 +7,10 @@ use crate::targets::{Fault, Order, Output, Posted, Report, Room, Target, Traffic
 use core_algos::bus::{self, Frame, Message};
 use core_algos::hil::framing::crc32c;
 use core_algos::hil::protocol::{Place, StackUse};
-use core_algos::node::Micros;
-use core_algos::node::board::{Role, Samples};
+use core_algos::node::board::Samples;
 use core_algos::node::robot::RobotConfig;
+use core_algos::time::Micros;
+use core_algos::topology::Role;
 
 /// A board that is listened to.
 pub struct Tap {

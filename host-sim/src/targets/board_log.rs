@@ -1,7 +1,7 @@
 //! Log of an emulated board: defmt frames on its standard output, decoded line by line.
 
 use crate::output::OutputDir;
-use core_algos::node::board::Role;
+use core_algos::topology::Role;
 use defmt_decoder::{DecodeError, Table};
 use defmt_parser::Level;
 use std::io::Read;

@@ -18,9 +18,10 @@ use super::{BoardTraffic, Fault, Order, Output, Posted, Report, Room, Target};
 use crate::error::Error;
 use core_algos::bus::{Frame, Message};
 use core_algos::hil::protocol::Place;
-use core_algos::node::board::{Role, Samples};
+use core_algos::node::board::Samples;
 use core_algos::node::robot::RobotConfig;
-use core_algos::node::{Micros, TICK};
+use core_algos::time::{Micros, TICK};
+use core_algos::topology::Role;
 
 /// A board that is to fail, and may be switched on again.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -5,7 +5,7 @@ use super::images;
 use super::link::{Descriptors, Link, make_flash_file};
 use super::{Remote, Target};
 use crate::error::Error;
-use core_algos::node::board::Role;
+use core_algos::topology::Role;
 use rustix::fs::{CWD, Mode, OFlags};
 use rustix::process::{Pid, Signal, WaitId, WaitIdOptions};
 use std::fs::{self, File};

@@ -4,10 +4,12 @@ use super::{Fault, Order, Output, Posted, Report, Room, Target};
 use crate::error::Error;
 use core_algos::bus::{Frame, Message};
 use core_algos::hil::protocol::Place;
-use core_algos::node::board::{Board, Role, Samples};
+use core_algos::node::Outbox;
+use core_algos::node::board::{Board, Samples};
 use core_algos::node::lead::LeadNode;
 use core_algos::node::robot::RobotConfig;
-use core_algos::node::{Micros, Outbox, TICK};
+use core_algos::time::{Micros, TICK};
+use core_algos::topology::Role;
 
 /// A board in this process.
 pub struct InProcess {

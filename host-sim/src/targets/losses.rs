@@ -1,6 +1,6 @@
 //! What happened to boards that were lost or came back, and what follows from it for the run.
 
-use core_algos::node::board::Role;
+use core_algos::topology::Role;
 use serde::Serialize;
 use std::fmt;
 

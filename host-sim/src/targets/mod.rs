@@ -25,10 +25,11 @@ use crate::error::Error;
 use core_algos::bus::{Frame, Message};
 use core_algos::control::path::{PathPoint, TrajectoryPoint};
 use core_algos::hil::protocol::{Place, StackUse};
-use core_algos::node::Micros;
-use core_algos::node::board::{Role, Samples};
+use core_algos::node::board::Samples;
 use core_algos::node::lead::{self, Task};
 use core_algos::node::robot::RobotConfig;
+use core_algos::time::Micros;
+use core_algos::topology::Role;
 use serde::Serialize;
 
 /// What a board did at a tick.

@@ -11,10 +11,11 @@ use core_algos::hil::protocol::{
     self, CONFIG_CHUNK, MAX_CONFIG, PROTOCOL, Packed, Place, Refusal, Reply, Request, StackUse,
     Telemetry,
 };
-use core_algos::node::board::{Role, Samples};
+use core_algos::node::board::Samples;
 use core_algos::node::course::{PATH_POINTS, TRAJECTORY_POINTS};
 use core_algos::node::robot::RobotConfig;
-use core_algos::node::{EPOCH, LEAD_PHASE, Micros, TICK};
+use core_algos::time::{EPOCH, LEAD_PHASE, Micros, TICK};
+use core_algos::topology::Role;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 

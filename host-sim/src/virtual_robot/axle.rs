@@ -3,7 +3,7 @@
 use super::power::{BATTERY_V, Power};
 use crate::scenario::Scenario;
 use crate::sensors::TrialImperfections;
-use core_algos::node::board::Role;
+use core_algos::topology::Role;
 use virtual_board::Time;
 use virtual_board::chip::{Drive, Inputs, Pin, Surroundings};
 use virtual_board::device::{

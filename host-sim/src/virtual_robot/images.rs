@@ -3,7 +3,7 @@
 use crate::error::Error;
 use crate::targets::images;
 use core_algos::hil::framing::crc32c;
-use core_algos::node::board::Role;
+use core_algos::topology::Role;
 use std::path::Path;
 use std::sync::Arc;
 use virtual_board::probe::image::Image;

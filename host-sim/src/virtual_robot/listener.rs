@@ -10,9 +10,10 @@
 use core_algos::bus::{LeadMode, Message};
 use core_algos::config::ConfigError;
 use core_algos::fusion::Estimate;
+use core_algos::node::Outbox;
 use core_algos::node::lead::{self, LeadNode, Task};
 use core_algos::node::robot::RobotConfig;
-use core_algos::node::{EPOCH, LEAD_PHASE, Micros, Outbox, TICK};
+use core_algos::time::{EPOCH, LEAD_PHASE, Micros, TICK};
 use std::collections::VecDeque;
 
 /// The common time, as far as it can be heard.

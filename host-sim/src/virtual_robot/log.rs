@@ -1,7 +1,7 @@
 //! The boards' logs: what a probe reads out of their memory, decoded line by line.
 
 use crate::targets::board_log::BoardLog;
-use core_algos::node::board::Role;
+use core_algos::topology::Role;
 use std::io::Read;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};

@@ -32,14 +32,14 @@ use crate::virtual_bus::BusStatistics;
 use axle::{AxleBoard, AxleMotion, AxleParts, WheelMotion};
 use beam::{BeamBoard, BridgeParts};
 use core_algos::beam::MAX_GAUGES;
-use core_algos::bus::layout::Node;
 use core_algos::bus::{self, Message};
 use core_algos::math::Posture;
-use core_algos::node::Micros;
-use core_algos::node::board::Role;
 use core_algos::node::lead::Task;
 use core_algos::node::robot::START;
 use core_algos::safety::OperatingState;
+use core_algos::time::Micros;
+use core_algos::topology::Node;
+use core_algos::topology::Role;
 use listener::Listener;
 use log::Reader;
 use rand::RngExt;
@@ -482,7 +482,7 @@ impl VirtualRobot {
 
 impl Robot for VirtualRobot {
     fn now(&self) -> Micros {
-        self.tick * core_algos::node::TICK
+        self.tick * core_algos::time::TICK
     }
 
     fn command(&mut self, _task: Task) -> Result<(), Error> {

@@ -1,6 +1,6 @@
 //! What is to be said of a virtual board after a run.
 
-use core_algos::node::board::Role;
+use core_algos::topology::Role;
 use serde::Serialize;
 use virtual_board::board::Board;
 use virtual_board::probe::image::Image;

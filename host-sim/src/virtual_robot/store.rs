@@ -5,8 +5,8 @@ use super::beam::{BridgeParts, zero};
 use crate::error::Error;
 use crate::scenario::Scenario;
 use core_algos::acquisition::oversampling::FULL_SCALE;
-use core_algos::node::board::Role;
 use core_algos::params::{Disarmed, Settings, TABLE};
+use core_algos::topology::Role;
 use firmware_common::store::Store;
 use firmware_common::store::simulated::{Flash, run};
 

@@ -8,8 +8,8 @@ use core_algos::hil::protocol::{
     self, CONFIG_CHUNK, MAX_CONFIG, MAX_TELEMETRY, PROTOCOL, Reply, Request, StackUse,
 };
 use core_algos::hil::{Endpoint, Identity};
-use core_algos::node::board::Role;
 use core_algos::node::robot::RobotConfig;
+use core_algos::topology::Role;
 use libfuzzer_sys::fuzz_target;
 use std::sync::LazyLock;
 

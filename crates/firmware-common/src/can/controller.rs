@@ -19,7 +19,7 @@ use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
 use core_algos::bus::layout::{BIT_RATE, id};
 use core_algos::bus::{self, Message};
-use core_algos::node::{EPOCH, Micros};
+use core_algos::time::{EPOCH, Micros};
 use critical_section::Mutex;
 use embassy_stm32::gpio::{AfType, Flex, OutputType, Pull, Speed};
 use embassy_stm32::interrupt::{self, InterruptExt, Priority};

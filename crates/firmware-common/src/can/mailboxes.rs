@@ -7,7 +7,7 @@
 //!
 //! Nothing here can fail.
 
-use core_algos::node::Micros;
+use core_algos::time::Micros;
 
 /// Mailboxes of the controller.
 pub const COUNT: usize = 3;

@@ -1,7 +1,7 @@
 //! Start of an emulated board.
 
 use core_algos::hil::Identity;
-use core_algos::node::board::Role;
+use core_algos::topology::Role;
 use embassy_stm32::Peripherals;
 
 use super::flash;

@@ -8,9 +8,9 @@ use embassy_stm32::{Peri, Peripherals, bind_interrupts};
 use embedded_io_async::Read;
 use static_cell::ConstStaticCell;
 
-use core_algos::bus::Axle;
 use core_algos::hil::Identity;
-use core_algos::node::board::Role;
+use core_algos::topology::AxleId;
+use core_algos::topology::Role;
 
 use super::uart::{BAUD, ROOM, send};
 use super::{Kind, Link, serve};
@@ -27,8 +27,8 @@ pub async fn run(p: Peripherals, kind: Kind, build: &'static str) -> ! {
     let watchdog = Watchdog::start();
     let role = match kind {
         Kind::Axle => match strap::axle(p.PC13) {
-            Axle::Front => Role::Front,
-            Axle::Rear => Role::Rear,
+            AxleId::Front => Role::Front,
+            AxleId::Rear => Role::Rear,
         },
         Kind::Beam => Role::Beam,
     };

@@ -4,8 +4,8 @@
 
 use super::Store;
 use crate::accelerator;
-use core_algos::node::board::Role;
 use core_algos::params::{Disarmed, Report, Settings};
+use core_algos::topology::Role;
 use defmt::{info, warn};
 use embassy_embedded_hal::adapter::BlockingAsync;
 use embassy_futures::block_on;

@@ -16,7 +16,7 @@
 use core::sync::atomic::{AtomicU16, AtomicU32, Ordering, compiler_fence};
 
 use core_algos::acquisition::oversampling::SCANS;
-use core_algos::node::{Micros, TICK};
+use core_algos::time::{Micros, TICK};
 use embassy_stm32::adc::SampleTime;
 use embassy_stm32::interrupt::InterruptExt;
 use embassy_stm32::pac::adc::regs::Sr;

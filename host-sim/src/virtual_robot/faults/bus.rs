@@ -2,8 +2,8 @@
 
 use super::bench::Bench;
 use super::entry::{Entry, at};
-use core_algos::node::board::Role;
 use core_algos::safety::Condition::{self, *};
+use core_algos::topology::Role;
 use virtual_board::wire::{Fault, Frame, Id, Level};
 
 /// What a bus leads to that does not carry messages. A board that lost the others' messages says so

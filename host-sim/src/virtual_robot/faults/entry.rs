@@ -4,8 +4,8 @@ use super::Campaign;
 use super::bench::Bench;
 use crate::error::Error;
 use crate::virtual_robot::Options;
-use core_algos::node::board::Role;
 use core_algos::safety::Condition;
+use core_algos::topology::Role;
 
 /// Something that is done to the robot.
 pub type Act = fn(&mut Bench);

@@ -2,8 +2,8 @@
 
 use super::bench::Bench;
 use super::entry::{Entry, STOP_S, at};
-use core_algos::node::board::Role;
 use core_algos::safety::Condition::{self, *};
+use core_algos::topology::Role;
 use virtual_board::Time;
 use virtual_board::device::Profile;
 

@@ -3,13 +3,13 @@
 use super::bench::Bench;
 use super::entry::{Entry, at};
 use super::program::WATCHDOG_S;
-use core_algos::bus::layout::Node;
-use core_algos::node::board::Role;
 use core_algos::safety::Condition::{
     self, CommandTimeout, ConversionsLost, DegradedTooLong, EstimateInconsistent, FrameBent,
     InertialLost, MotorStall, MotorUnresponsive, NeighbourFault, NeighbourLost, Restarted,
     TrackingLost, WheelSlip, WrenchHigh,
 };
+use core_algos::topology::Node;
+use core_algos::topology::Role;
 use virtual_board::Time;
 use virtual_board::chip::Defects;
 use virtual_board::device::{BridgeFault, EncoderFault, InertialFault, Line, ThermistorFault};

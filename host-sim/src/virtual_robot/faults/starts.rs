@@ -3,7 +3,7 @@
 use super::bench::Bench;
 use super::entry::{Entry, at};
 use super::power::{beam, crystal, struck};
-use core_algos::node::board::Role;
+use core_algos::topology::Role;
 
 pub fn entries() -> Vec<Entry> {
     [orders(), buses(), others()].concat()

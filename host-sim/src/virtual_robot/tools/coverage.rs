@@ -15,7 +15,7 @@
 
 use crate::error::Error;
 use crate::virtual_robot::{Images, VirtualRobot};
-use core_algos::node::board::Role;
+use core_algos::topology::Role;
 use std::path::Path;
 use virtual_board::probe::coverage::Coverage;
 use virtual_board::probe::image::Image;

@@ -2,7 +2,7 @@
 
 use crate::targets::{Event, Failure, Losses};
 use crate::virtual_robot::VirtualRobot;
-use core_algos::node::board::Role;
+use core_algos::topology::Role;
 
 /// What is to happen to the boards' power, and what did.
 #[derive(Default)]

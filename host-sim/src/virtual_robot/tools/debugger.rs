@@ -1,7 +1,7 @@
 //! gdb at a board: while it has the board stopped, time stands still for everything.
 
 use crate::error::Error;
-use core_algos::node::board::Role;
+use core_algos::topology::Role;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::thread;

@@ -14,9 +14,11 @@ use core_algos::control::kinematic::{self, Law, Reference};
 use core_algos::fusion::ekf::{self, Measurements};
 use core_algos::fusion::{Estimate, compound, intersection};
 use core_algos::math::{AxleLoad, Posture, Transform, Twist, trig};
-use core_algos::node::board::{Board, Role, Samples};
+use core_algos::node::board::{Board, Samples};
 use core_algos::node::robot::RobotConfig;
-use core_algos::node::{EPOCH, LEAD_PHASE, Outbox, TICK, axle};
+use core_algos::node::{Outbox, axle};
+use core_algos::time::{EPOCH, LEAD_PHASE, TICK};
+use core_algos::topology::Role;
 use semihosting::println;
 
 /// Measures everything.

@@ -1,0 +1,107 @@
+//! Time of the robot: microseconds, ticks and epochs.
+//!
+//! All boards count microseconds on a common clock (synchronised by the bus, see
+//! [`node::clock`](crate::node::clock)). An epoch is 10 ms; axles and beam report the state at the
+//! beginning of an epoch, the lead node works on it [`LEAD_PHASE`] later, when the reports have
+//! arrived.
+
+/// Time in microseconds.
+pub type Micros = u64;
+
+/// Length of an axle or beam tick.
+pub const TICK: Micros = 1_000;
+/// Length of an epoch: the period of reports, fusion and references.
+pub const EPOCH: Micros = 10_000;
+/// Time after the beginning of an epoch at which the lead node works.
+pub const LEAD_PHASE: Micros = 3_000;
+
+/// A value and the time at which it held.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stamped<T> {
+    /// The value.
+    pub value: T,
+    /// When it held.
+    pub time: Micros,
+}
+
+impl<T> Stamped<T> {
+    /// A value that held at `time`.
+    pub const fn new(value: T, time: Micros) -> Self {
+        Self { value, time }
+    }
+
+    /// Age of the value at `now`; zero if it lies ahead.
+    pub const fn age(&self, now: Micros) -> Micros {
+        now.saturating_sub(self.time)
+    }
+
+    /// The value if it is no older than `limit`.
+    pub fn fresh(&self, now: Micros, limit: Micros) -> Option<&T> {
+        (self.age(now) <= limit).then_some(&self.value)
+    }
+}
+
+/// Sequence number of the epoch that `now` lies in.
+pub const fn sequence(now: Micros) -> u8 {
+    (now / EPOCH) as u8
+}
+
+/// Beginning of the latest epoch, not after `now`, with this sequence number.
+pub const fn epoch_start(now: Micros, number: u8) -> Micros {
+    let epoch = now / EPOCH;
+    let back = (epoch as u8).wrapping_sub(number) as u64;
+    epoch.saturating_sub(back) * EPOCH
+}
+
+/// Whether `now` is the beginning of an epoch.
+pub const fn is_epoch_start(now: Micros) -> bool {
+    // In words of 32 bits: the processor divides no longer ones.
+    const EPOCH_WORD: u32 = EPOCH as u32;
+    const CARRY: u32 = ((1u64 << 32) % EPOCH) as u32;
+    let (high, low) = ((now >> 32) as u32, now as u32);
+    (high % EPOCH_WORD * CARRY + low % EPOCH_WORD).is_multiple_of(EPOCH_WORD)
+}
+
+/// Microseconds as seconds; meant for short spans.
+pub fn seconds(span: Micros) -> f32 {
+    // One word is enough for an hour, and is converted by one instruction.
+    if span <= u32::MAX as u64 {
+        span as u32 as f32 * 1e-6
+    } else {
+        span as f32 * 1e-6
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_ten_milliseconds_an_epoch_begins() {
+        for epoch in [0u64, 1, 429_496, 429_497, 858_993_459, u64::MAX / EPOCH] {
+            for offset in [0, 1, EPOCH - 1, 5_000] {
+                let now = (epoch * EPOCH).saturating_add(offset);
+                assert_eq!(is_epoch_start(now), now % EPOCH == 0, "{now}");
+            }
+        }
+    }
+
+    #[test]
+    fn sequence_number_finds_its_epoch_again() {
+        for epoch in [0u64, 1, 200, 255, 256, 300, 70_000] {
+            let start = epoch * EPOCH;
+            for later in [0, 1, 9_999, 10_000, 400_000, 2_549_999] {
+                assert_eq!(epoch_start(start + later, sequence(start)), start);
+            }
+        }
+        assert_eq!(epoch_start(5_000, 250), 0, "before the first epoch");
+    }
+
+    #[test]
+    fn age_never_wraps() {
+        let value = Stamped::new(1, 5_000);
+        assert_eq!(value.age(4_000), 0);
+        assert_eq!(value.fresh(15_000, 10_000), Some(&1));
+        assert_eq!(value.fresh(15_001, 10_000), None);
+    }
+}

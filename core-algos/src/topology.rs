@@ -1,0 +1,91 @@
+//! Boards, nodes and axles of the robot.
+
+/// One of the two axles.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
+pub enum AxleId {
+    /// Axle 1, at the tip of the beam.
+    Front,
+    /// Axle 2, at the root of the beam.
+    Rear,
+}
+
+impl AxleId {
+    /// Both axles, front first.
+    pub const BOTH: [Self; 2] = [Self::Front, Self::Rear];
+
+    /// 0 for the front axle, 1 for the rear.
+    pub const fn index(self) -> usize {
+        match self {
+            Self::Front => 0,
+            Self::Rear => 1,
+        }
+    }
+}
+
+/// A board of the robot.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
+pub enum Role {
+    /// Front axle and lead node.
+    Front,
+    /// Rear axle.
+    Rear,
+    /// Instrumented frame.
+    Beam,
+}
+
+impl Role {
+    /// All boards of a robot, in the order their messages enter the simulated bus.
+    pub const ALL: [Self; 3] = [Self::Front, Self::Rear, Self::Beam];
+
+    /// Name in lower case.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Front => "front",
+            Self::Rear => "rear",
+            Self::Beam => "beam",
+        }
+    }
+}
+
+/// A node of the robot.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
+pub enum Node {
+    /// Central node, on the front board.
+    Lead,
+    /// Front axle board.
+    FrontAxle,
+    /// Rear axle board.
+    RearAxle,
+    /// Beam board.
+    Beam,
+    /// A person's tool on the bus; not part of a running robot.
+    Service,
+}
+
+impl Node {
+    /// Every node.
+    pub const ALL: [Self; 5] = [
+        Self::Lead,
+        Self::FrontAxle,
+        Self::RearAxle,
+        Self::Beam,
+        Self::Service,
+    ];
+
+    /// Name, as in the bus description.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Lead => "Lead",
+            Self::FrontAxle => "FrontAxle",
+            Self::RearAxle => "RearAxle",
+            Self::Beam => "Beam",
+            Self::Service => "Service",
+        }
+    }
+}
