@@ -1,53 +1,36 @@
 //! The code the boards run, against a simulated robot.
 //!
-//! [`plant`] is the robot in `f64`; [`sensors`] turns its state into the samples a board would
-//! read; [`eval`] runs single on-board algorithms on cases from standard input. [`statistics`],
-//! [`figures`], [`table`] and [`output`] make results of it.
+//! Eleven rooms. A room imports rooms above it in this list only; a test holds the order.
+//!
+//! | room | holds |
+//! |---|---|
+//! | [`base`] | errors, statistics, tables, output files |
+//! | [`paths`] | paths and trajectories |
+//! | [`bus`] | simulated CAN bus, its description |
+//! | [`world`] | true robot: distributions, draws, sensors, faults |
+//! | [`scenario`] | mission, the robot's parameters, scenario files |
+//! | [`targets`] | boards in this process, emulated, on serial ports |
+//! | [`run`] | one trial, tasks, recovery, virtual boards |
+//! | [`recording`] | logs and their replay |
+//! | [`view`] | figures, report pages, dashboard |
+//! | [`experiments`] | commands that compute, with their arguments |
+//! | [`cli`] | the command line, commands that print |
 
 #[cfg(test)]
 #[macro_use]
 #[path = "../../core-algos/src/properties.rs"]
 mod properties;
 
-pub mod advice;
-pub mod calibration;
-pub mod campaign;
+pub mod base;
+pub mod bus;
 pub mod cli;
-pub mod commands;
-pub mod dashboard;
-pub mod dbc;
-pub mod driving;
-pub mod effect;
-pub mod error;
-pub mod eval;
-pub mod faults;
-pub mod figures;
-pub mod kinematic_model;
-pub mod log;
-pub mod output;
-pub mod overlay;
-pub mod pace;
+pub mod experiments;
 pub mod paths;
-pub mod plot;
-pub mod progress;
 pub mod recording;
-pub mod replay;
-pub mod report;
+pub mod run;
 pub mod scenario;
-pub mod scenario_file;
-pub mod sensors;
-pub mod shortest_path;
-pub mod simulation;
-pub mod soak;
-pub mod statistics;
-pub mod style;
-pub mod supervision;
-pub mod table;
 pub mod targets;
-pub mod timing;
-pub mod trace;
-pub mod virtual_bus;
-pub mod virtual_robot;
+pub mod view;
 pub mod world;
 
 pub use plant;

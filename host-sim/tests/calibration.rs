@@ -6,7 +6,7 @@ mod terminal;
 
 use core_algos::params::find;
 use core_algos::topology::Role;
-use host_sim::calibration::Bench;
+use host_sim::experiments::calibrate::Bench;
 use host_sim::scenario::Scenario;
 use host_sim::targets::board_log::BoardLog;
 use host_sim::targets::emulated::{Emulated, Images, Wire};

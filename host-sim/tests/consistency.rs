@@ -1,10 +1,10 @@
 //! The estimates of the whole robot on the plant, over a few runs, against what they claim.
 
 use core_algos::fusion::tandem::Mode;
-use host_sim::cli::{Common, WorldChoice};
-use host_sim::commands::Context;
-use host_sim::commands::consistency::{Report, Row, Statement, measure};
-use host_sim::commands::posture::Variant;
+use host_sim::experiments::Context;
+use host_sim::experiments::arguments::{Common, WorldChoice};
+use host_sim::experiments::consistency::{Report, Row, Statement, measure};
+use host_sim::experiments::posture::Variant;
 
 const RUNS: u32 = 20;
 

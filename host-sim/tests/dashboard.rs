@@ -6,7 +6,7 @@ mod terminal;
 use core_algos::hil::protocol::StackUse;
 use core_algos::hil::{Endpoint, Identity};
 use core_algos::topology::Role;
-use host_sim::dashboard::Dashboard;
+use host_sim::view::dashboard::Dashboard;
 use rustix::termios::{LocalModes, Winsize, tcgetattr, tcsetwinsize};
 use std::fs::{File, OpenOptions};
 use std::io::{Read, Write};

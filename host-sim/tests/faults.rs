@@ -3,10 +3,10 @@
 use core_algos::safety::Condition;
 use core_algos::topology::Node;
 use core_algos::topology::Role;
-use host_sim::commands::faults::campaign;
-use host_sim::faults::{CATALOGUE, Disturbance, Fault};
+use host_sim::experiments::faults::campaign;
+use host_sim::run::simulation::{self, Simulation};
 use host_sim::scenario::Scenario;
-use host_sim::simulation::{self, Simulation};
+use host_sim::world::faults::{CATALOGUE, Disturbance, Fault};
 use rayon::prelude::*;
 use std::path::Path;
 

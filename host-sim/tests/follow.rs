@@ -1,10 +1,10 @@
 //! Path following and trajectory tracking of the whole robot: plant, sensors, bus, nodes.
 
 use core_algos::fusion::tandem::Mode;
-use host_sim::driving::{self, Manner, Moment, Outcome, Route};
 use host_sim::paths::Path;
+use host_sim::run::path_run::{self, Manner, Moment, Outcome, Route};
+use host_sim::run::simulation::Simulation;
 use host_sim::scenario::Scenario;
-use host_sim::simulation::Simulation;
 use std::fs;
 use std::path::Path as FilePath;
 use std::process::{Command, Output};
@@ -38,7 +38,7 @@ fn drive(
     observe: impl FnMut(&Moment),
 ) -> Outcome {
     let mut simulation = Simulation::new(scenario, seed, 0).unwrap();
-    driving::drive_on(&mut simulation, scenario, route, manner, observe).unwrap()
+    path_run::drive_on(&mut simulation, scenario, route, manner, observe).unwrap()
 }
 
 fn paths() -> [(&'static str, Path); 4] {
@@ -100,7 +100,7 @@ fn curvature_keeps_its_bound_on_the_tightest_path() {
     let path = Path::figure_eight(0.99).unwrap();
     for manner in [Manner::Follow, Manner::Track] {
         let (outcome, moments) = run(&path, manner, &scenario(), 5);
-        let bound = driving::bounds(&scenario()).max_curvature();
+        let bound = path_run::bounds(&scenario()).max_curvature();
         assert!(path.max_curvature() > 0.99 * bound);
         assert!(
             outcome.done && outcome.max_curvature <= bound,

@@ -7,17 +7,18 @@ use core_algos::hil::{Endpoint, Identity};
 use core_algos::safety::{Condition, OperatingState};
 use core_algos::topology::Node;
 use core_algos::topology::Role;
-use host_sim::commands::posture::Variant;
-use host_sim::driving::{self, Manner, Route};
-use host_sim::error::Error;
-use host_sim::faults::{self, Bounds, CATALOGUE, Case};
+use host_sim::base::error::Error;
+use host_sim::experiments::faults::run::{self as faults, Bounds, Case};
+use host_sim::experiments::posture::Variant;
 use host_sim::paths::Path;
+use host_sim::run::bit_compare::Trace;
+use host_sim::run::path_run::{self, Manner, Route};
+use host_sim::run::simulation::{Outcome, Simulation, regulate_on};
 use host_sim::scenario::Scenario;
-use host_sim::simulation::{Outcome, Simulation, regulate_on};
 use host_sim::targets::link::{Link, Loopback};
 use host_sim::targets::serial::Serial;
 use host_sim::targets::{self, Failure, FailureMode, InProcess, Remote, Target, What};
-use host_sim::trace::Trace;
+use host_sim::world::faults::CATALOGUE;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use std::fs::File;
@@ -98,7 +99,7 @@ fn paths_longer_than_the_boards_buffer_are_the_same_behind_frames() {
             let mut simulation = Simulation::on(targets, &scenario, 3, 0).unwrap();
             simulation.record_trace();
             let outcome =
-                driving::drive_on(&mut simulation, &scenario, &route, manner, |_| {}).unwrap();
+                path_run::drive_on(&mut simulation, &scenario, &route, manner, |_| {}).unwrap();
             assert!(outcome.done);
             simulation.take_trace().unwrap()
         });

@@ -5,13 +5,13 @@
 
 use core_algos::params::TABLE;
 use core_algos::topology::Role;
-use host_sim::driving::{self, Manner, Route};
-use host_sim::effect::{self, Use};
-use host_sim::error::Error;
-use host_sim::faults::{CATALOGUE, Entry};
+use host_sim::base::error::Error;
 use host_sim::paths::Path;
+use host_sim::run::path_run::{self, Manner, Route};
+use host_sim::run::simulation::{self, Observer, Record, Robot, Simulation};
 use host_sim::scenario::Scenario;
-use host_sim::simulation::{self, Observer, Record, Robot, Simulation};
+use host_sim::scenario::effect::{self, Use};
+use host_sim::world::faults::{CATALOGUE, Entry};
 use rayon::prelude::*;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::{Arc, Mutex};
@@ -116,7 +116,7 @@ impl Situation {
     fn refusal(&self, key: &str, scenario: &Scenario) -> Option<String> {
         let (taken, used) = match self.task {
             Task::Regulate => (&[] as effect::Taken, Use::Regulate),
-            Task::Path(_) => (host_sim::commands::follow::PATH, Use::Path),
+            Task::Path(_) => (host_sim::experiments::follow::PATH, Use::Path),
         };
         effect::text(key, taken, &[(scenario, used)])
     }
@@ -136,17 +136,17 @@ impl Situation {
         };
         let mut simulation = Simulation::new(&scenario, 3, 0)?;
         let seen = Arc::new(Mutex::new(Vec::new()));
-        simulation.observe(Some(Box::new(Epochs {
+        simulation.observe(Box::new(Epochs {
             seen: seen.clone(),
             before: before.to_vec(),
-        })));
+        }));
         if let Some((entry, tick)) = self.fault {
             simulation.inject(entry.fault, tick);
         }
         // An error is that of the observer: the run has changed.
         let _ = match (self.task, &route) {
             (Task::Path(manner), Some(route)) => {
-                driving::drive_on(&mut simulation, &scenario, route, manner, |_| {}).map(|_| ())
+                path_run::drive_on(&mut simulation, &scenario, route, manner, |_| {}).map(|_| ())
             }
             _ => simulation::regulate_on(&mut simulation, &scenario, |_| {}).map(|_| ()),
         };

@@ -1,6 +1,6 @@
 //! The whole plant: against the explicit reference, and against what mechanics demands.
 
-use host_sim::commands::plant_bench::{HARSH, NORMAL, compare};
+use host_sim::experiments::plant_bench::{HARSH, NORMAL, compare};
 use host_sim::plant::{Plant, PlantConfig};
 
 fn config() -> PlantConfig {

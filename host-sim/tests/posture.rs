@@ -1,9 +1,10 @@
 //! The whole loop on the plant: nodes, bus, sensors and the frame.
 
-use host_sim::commands::posture::{FinalError, Variant};
+use host_sim::base::statistics::mean;
+use host_sim::experiments::posture::Variant;
+use host_sim::run::final_error::FinalError;
+use host_sim::run::simulation::{Outcome, regulate};
 use host_sim::scenario::Scenario;
-use host_sim::simulation::{Outcome, regulate};
-use host_sim::statistics::mean;
 
 fn trials(scenario: &Scenario, count: u64) -> Vec<(Outcome, FinalError)> {
     (0..count)

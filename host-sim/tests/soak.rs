@@ -2,7 +2,7 @@
 //! drift cannot be told: what is driven in each is too different). The long one
 //! is `cfmmr soak`.
 
-use host_sim::soak;
+use host_sim::experiments::soak;
 
 #[test]
 fn health_does_not_drift_memory_does_not_grow_and_every_goal_is_reached() {

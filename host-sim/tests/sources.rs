@@ -26,10 +26,10 @@ const LONGER_FILES: &[(&str, usize)] = &[
     ("core-algos/src/fusion/tandem.rs", 795),
     ("core-algos/src/node/axle.rs", 804),
     ("core-algos/src/node/lead.rs", 911),
-    ("host-sim/src/cli.rs", 866),
-    ("host-sim/src/paths.rs", 1024),
-    ("host-sim/src/sensors.rs", 945),
-    ("host-sim/src/simulation.rs", 880),
+    ("host-sim/src/cli/mod.rs", 866),
+    ("host-sim/src/paths/mod.rs", 1024),
+    ("host-sim/src/world/sensors.rs", 945),
+    ("host-sim/src/run/simulation.rs", 880),
     ("crates/plant/src/integrator.rs", 812),
     ("crates/virtual-board/src/chip/flash/mod.rs", 611),
 ];
@@ -40,13 +40,16 @@ const LONGER_FUNCTIONS: &[(&str, usize)] = &[
     ("core-algos/src/bus/codec.rs: from_values", 102),
     ("core-algos/src/bus/codec.rs: to_values", 194),
     ("core-algos/src/control/planner.rs: pair", 99),
-    ("host-sim/src/commands/campaign.rs: shard", 86),
-    ("host-sim/src/commands/follow.rs: publish", 90),
-    ("host-sim/src/commands/posture.rs: table", 89),
-    ("host-sim/src/driving.rs: drive_on", 91),
-    ("host-sim/src/faults/run.rs: run_on", 98),
-    ("host-sim/src/kinematic_model.rs: regulate", 113),
-    ("host-sim/src/virtual_robot/faults/program.rs: faults", 102),
+    ("host-sim/src/experiments/campaign/command.rs: shard", 86),
+    ("host-sim/src/experiments/follow.rs: publish", 90),
+    ("host-sim/src/experiments/posture/mod.rs: table", 89),
+    ("host-sim/src/run/path_run.rs: drive_on", 91),
+    ("host-sim/src/experiments/faults/run.rs: run_on", 98),
+    ("host-sim/src/run/kinematic_model.rs: regulate", 113),
+    (
+        "host-sim/src/run/virtual_robot/faults/program.rs: faults",
+        102,
+    ),
     (
         "crates/virtual-board/src/core/decode_data.rs: shifted_register",
         81,
@@ -66,7 +69,7 @@ const KERNELS: &[&str] = &[
 const EXEMPT: &[&str] = &[
     "crates/firmware-common/src/emulated",
     "crates/firmware-common/src/hil",
-    "host-sim/src/commands/faults_emulated.rs",
+    "host-sim/src/experiments/faults/emulated.rs",
     "host-sim/src/targets/emulated.rs",
 ];
 

@@ -9,10 +9,10 @@ use core_algos::safety::{Condition, OperatingState};
 use core_algos::time::Micros;
 use core_algos::topology::Node;
 use core_algos::topology::Role;
-use host_sim::error::Error;
+use host_sim::base::error::Error;
+use host_sim::run::recovery::Status;
+use host_sim::run::simulation::{Outcome, Record, Robot as _, Simulation, regulate_on};
 use host_sim::scenario::Scenario;
-use host_sim::simulation::{Outcome, Record, Robot as _, Simulation, regulate_on};
-use host_sim::supervision::Status;
 use host_sim::targets::{
     self, Failure, FailureMode, Fault, InProcess, Order, Output, Posted, Report, Room, Target,
 };

@@ -3,11 +3,11 @@
 
 use core_algos::control::kinematic::LimitsConfig;
 use core_algos::control::regulator::{Config, Strategy};
-use host_sim::cli::SweepModel;
-use host_sim::commands::sweep::{Report, Start, Sweep};
-use host_sim::kinematic_model::{Model, Trial, random_start, regulate};
+use host_sim::experiments::sweep::SweepModel;
+use host_sim::experiments::sweep::{Report, Start, Sweep};
+use host_sim::run::kinematic_model::{Model, Trial, random_start, regulate};
+use host_sim::run::simulation;
 use host_sim::scenario::Scenario;
-use host_sim::simulation;
 use rayon::prelude::*;
 use serde_json::Value;
 use std::fs;

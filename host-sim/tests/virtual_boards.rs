@@ -1,8 +1,8 @@
 //! The robot with the images that users flash, on virtual boards.
 
+use host_sim::run::virtual_robot::{Images, Options, VirtualRobot};
 use host_sim::scenario::Scenario;
 use host_sim::targets::board_log::BoardLog;
-use host_sim::virtual_robot::{Images, Options, VirtualRobot};
 use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};

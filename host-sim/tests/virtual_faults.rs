@@ -1,10 +1,10 @@
 //! Faults of the boards that run the images that users flash: a few of them, and the judge.
 
-use host_sim::scenario::Scenario;
-use host_sim::virtual_robot::Images;
-use host_sim::virtual_robot::faults::{
+use host_sim::run::virtual_robot::Images;
+use host_sim::run::virtual_robot::faults::{
     Campaign, Case, End, Entry, Outcome, Reference, catalogue, reference, run,
 };
+use host_sim::scenario::Scenario;
 use std::collections::HashSet;
 use std::process::Command;
 

@@ -1,6 +1,6 @@
 //! What looks on while virtual boards run, each by a reader of its own.
 
-use host_sim::virtual_robot::Images;
+use host_sim::run::virtual_robot::Images;
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fs;

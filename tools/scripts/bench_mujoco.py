@@ -38,7 +38,7 @@ DAMPING = 1e-3
 FRICTION = 0.7
 DENSITY = 7850 * 0.05 * 0.001  # kg/m of the strip
 
-# (base amplitude, rate), (steering amplitude, rate): as in host-sim/src/commands/plant_bench.rs.
+# (base amplitude, rate), (steering amplitude, rate): as in host-sim/src/experiments/plant_bench.rs.
 DRIVES = {
     "normal": ((0.15, 1.3), (0.4, 0.9)),
     "harsh": ((1.2, 2.0), (1.0, 3.1)),

@@ -4,19 +4,17 @@ use super::entry::{ABOUT, BusEntry, Can, END, FORMAT, LeadEntry, Pose, Said, Tru
 use super::sink::Sink;
 use super::topics::TOPICS;
 use super::{About, BUILD, Line, failed, standard};
-use crate::dbc;
-use crate::error::Error;
-use crate::figures::Body;
-use crate::simulation::Record;
-use crate::supervision::Status;
+use crate::base::error::Error;
+use crate::bus::dbc;
+use crate::run::recovery::Status;
+use crate::run::simulation::Record;
 use crate::targets::Report;
-use core_algos::bus::layout;
-use core_algos::bus::{self, Frame};
+use crate::world::body::Body;
+use core_algos::bus::{self, Frame, layout};
 use core_algos::hil::framing::crc32c;
 use core_algos::math::Posture;
 use core_algos::safety::{Class, OperatingState};
-use core_algos::topology::Node;
-use core_algos::topology::Role;
+use core_algos::topology::{Node, Role};
 use foxglove::messages::{
     FrameTransforms, Log, PoseInFrame, PosesInFrame, SceneUpdate, log::Level,
 };

@@ -2,7 +2,7 @@
 //!
 //! The server is in builds with the feature `live` only, for it doubles what has to be built.
 
-use crate::error::Error;
+use crate::base::error::Error;
 use std::net::{Ipv4Addr, SocketAddr};
 
 #[cfg_attr(feature = "live", path = "live/server.rs")]

@@ -2,16 +2,18 @@
 //! an MCAP file, as tables, or both.
 //!
 //! A [`Session`] is one recording. [`Session::tap`] puts a listener on each board, wherever it runs;
-//! [`Session::see`] takes in the true state once an epoch. [`topics`] is the table of what is
+//! as an [`Observer`] it takes in the true state once an epoch. [`topics`] is the table of what is
 //! written, [`entry`] what the messages hold, [`read`] the way back.
 //!
 //! Times are simulated time since the start, in a log as nanoseconds: one run gives the same bytes
 //! every time.
 
+pub mod csv;
 pub mod entry;
 mod file;
 mod live;
 pub mod read;
+pub mod replay;
 mod sink;
 mod standard;
 pub mod tables;
@@ -19,14 +21,11 @@ mod tap;
 pub mod topics;
 mod writer;
 
-use crate::commands::watch_for_interrupt;
-use crate::dashboard::Dashboard;
-use crate::dashboard::terminal::Terminal;
-use crate::error::Error;
-use crate::output;
+use crate::base::error::Error;
+use crate::base::output;
+use crate::run::simulation::{Observer, Record, Robot};
 use crate::scenario::Scenario;
-use crate::simulation::{Observer, Record, Simulation};
-use crate::targets::{self, Report, Target};
+use crate::targets::{Report, Target};
 use core_algos::bus::Frame;
 use core_algos::node::lead::{self, Task};
 use core_algos::time::Micros;
@@ -75,24 +74,8 @@ impl LogArgs {
         self.dashboard || self.live.is_some()
     }
 
-    /// What shows the run, if that is asked for.
-    pub fn observer(
-        &self,
-        about: &About,
-        goal: [f64; 3],
-    ) -> Result<Option<Box<dyn Observer>>, Error> {
-        if !self.dashboard {
-            return Ok(None);
-        }
-        let title = format!("cfmmr {}, seed {}", about.command, about.seed);
-        Ok(Some(Box::new(Dashboard::open(title, goal)?)))
-    }
-
     /// Whether all that is possible, tried before hours of work.
     pub fn check(&self) -> Result<(), Error> {
-        if self.dashboard {
-            Terminal::check()?;
-        }
         if self.live.is_some() {
             live::check()?;
         }
@@ -103,78 +86,6 @@ impl LogArgs {
             output::try_file(path)?;
         }
         Ok(())
-    }
-}
-
-/// A run in this process that is recorded or shown, if that is asked for; Ctrl-C then ends it with
-/// what there is.
-pub struct Recorder<'a> {
-    args: &'a LogArgs,
-    about: &'a About<'a>,
-    goal: [f64; 3],
-    session: Option<Session>,
-    interrupt: Option<Arc<AtomicBool>>,
-}
-
-impl<'a> Recorder<'a> {
-    /// Begins the recording of a run to `goal`, along a path if it has points.
-    pub fn begin(
-        args: &'a LogArgs,
-        about: &'a About<'a>,
-        goal: [f64; 3],
-        path: &[[f64; 3]],
-    ) -> Result<Self, Error> {
-        args.check()?;
-        let session = Session::begin(args, about)?;
-        let interrupt = match args.any() || args.is_watched() {
-            true => Some(watch_for_interrupt()?),
-            false => None,
-        };
-        if let (Some(session), Some(flag)) = (&session, &interrupt) {
-            session.plan(goal, path);
-            session.await_viewer(flag)?;
-        }
-        Ok(Self {
-            args,
-            about,
-            goal,
-            interrupt,
-            session,
-        })
-    }
-
-    /// The run.
-    pub fn simulation(&self) -> Result<Simulation, Error> {
-        let About {
-            scenario,
-            seed,
-            trial,
-            ..
-        } = *self.about;
-        let mut targets = targets::in_process();
-        if let Some(session) = &self.session {
-            targets = session.tap(targets, scenario);
-        }
-        let mut simulation = Simulation::on(targets, scenario, seed, trial)?;
-        if let Some(session) = &self.session {
-            simulation.record_to(session.clone());
-        }
-        if let Some(flag) = &self.interrupt {
-            simulation.stop_on(flag.clone());
-        }
-        simulation.observe(self.args.observer(self.about, self.goal)?);
-        if self.args.is_watched() {
-            simulation.keep_pace();
-        }
-        Ok(simulation)
-    }
-
-    /// Ends the recording; gives the files.
-    pub fn close(self) -> Result<Vec<PathBuf>, Error> {
-        match &self.session {
-            Some(session) => session.close(None),
-            None => Ok(Vec::new()),
-        }
     }
 }
 
@@ -258,11 +169,6 @@ impl Session {
         }
     }
 
-    /// The true state at the end of an epoch.
-    pub fn see(&self, record: &Record) {
-        self.writer().take(Note::Epoch(Box::new(*record)));
-    }
-
     /// Ends the recording; gives the files. `ended` says why a run ended before its task.
     pub fn close(&self, ended: Option<&str>) -> Result<Vec<PathBuf>, Error> {
         match self.writer().finish()? {
@@ -279,29 +185,33 @@ impl Session {
         }
     }
 
-    /// What a board is and runs, of one that is not tapped.
-    pub fn board(&self, role: Role, what: String) {
-        self.note(Line::Board(role, what));
-    }
-
-    /// What such a board put on the bus at a tick, ms.
-    pub fn frames(&self, role: Role, tick: u32, frames: Vec<Frame>) {
-        self.note(Line::Frames(role, tick, frames));
-    }
-
-    /// What its lead node is taken to have done at a tick, ms; its estimates hold at `held`.
-    pub fn lead(&self, tick: u32, held: Micros, output: &lead::Output) {
-        self.note(Line::Lead(tick, Some(held), Box::new(*output)));
-    }
-
-    /// It went off at a tick, ms.
-    pub fn off(&self, role: Role, tick: u32, reason: String) {
-        self.note(Line::Off(role, Off { tick, reason }));
-    }
-
     /// Has a line written down.
     fn note(&self, line: Line) {
         self.writer().take(Note::Line(line));
+    }
+}
+
+impl Observer for Session {
+    fn epoch(&mut self, _robot: &dyn Robot, record: &Record) -> Result<(), Error> {
+        self.writer().take(Note::Epoch(Box::new(*record)));
+        Ok(())
+    }
+
+    fn board(&mut self, role: Role, image: String) {
+        self.note(Line::Board(role, image));
+    }
+
+    fn frames(&mut self, role: Role, tick: u32, frames: Vec<Frame>) {
+        self.note(Line::Frames(role, tick, frames));
+    }
+
+    fn lead(&mut self, tick: u32, held: Micros, output: &lead::Output) {
+        self.note(Line::Lead(tick, Some(held), Box::new(*output)));
+    }
+
+    fn off(&mut self, role: Role, tick: u32, reason: &str) {
+        let reason = reason.to_owned();
+        self.note(Line::Off(role, Off { tick, reason }));
     }
 }
 

@@ -8,7 +8,7 @@ use super::entry::{
     ABOUT, AxleTick, BeamTick, BusFrames, Can, END, Exact, FORMAT, Given, LeadBits, Off,
     OrderEntry, Start, TruthEntry,
 };
-use crate::error::Error;
+use crate::base::error::Error;
 use core_algos::beam::MAX_GAUGES;
 use core_algos::bus::Frame;
 use core_algos::hil::protocol::Place;

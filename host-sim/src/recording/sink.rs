@@ -5,8 +5,8 @@
 //! a log is no reason to stop a robot.
 
 use super::live::Server;
-use crate::error::Error;
-use crate::output::{self, OutputError};
+use crate::base::error::Error;
+use crate::base::output::{self, OutputError};
 use foxglove::{Context, McapWriter, McapWriterHandle};
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};

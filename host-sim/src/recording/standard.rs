@@ -1,8 +1,8 @@
 //! Messages in Foxglove's own schemas.
 
 use super::entry::Pose as Planar;
-use crate::figures::Body;
-use crate::simulation::Record;
+use crate::run::simulation::Record;
+use crate::world::body::Body;
 use foxglove::messages::{
     Color, CubePrimitive, FrameTransform, FrameTransforms, LinePrimitive, Point3, Pose,
     PoseInFrame, PosesInFrame, Quaternion, SceneEntity, SceneUpdate, Timestamp, Vector3,

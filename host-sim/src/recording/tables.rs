@@ -2,10 +2,10 @@
 
 use super::Line;
 use super::entry::AxleTick;
-use crate::error::Error;
-use crate::log;
-use crate::output::{Cell, Csv, OutputDir, write_file};
-use crate::simulation::Record;
+use crate::base::error::Error;
+use crate::base::output::{Cell, Csv, OutputDir, write_file};
+use crate::recording::csv;
+use crate::run::simulation::Record;
 use core_algos::beam::MAX_GAUGES;
 use core_algos::bus::{Frame, layout};
 use core_algos::topology::Role;
@@ -122,7 +122,7 @@ impl Tables {
 
     /// Writes the tables; gives where.
     pub fn write(self) -> Result<Vec<PathBuf>, Error> {
-        let epochs = log::csv(&self.records);
+        let epochs = csv::of_records(&self.records);
         match self.place {
             Place::File(path) => {
                 write_file(&path, epochs.into_bytes())?;

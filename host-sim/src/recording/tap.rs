@@ -2,7 +2,7 @@
 
 use super::entry::{AxleTick, BeamTick, Can, Exact, Given, Hex, Off, OrderEntry, Start};
 use super::{Line, Session, in_words};
-use crate::error::Error;
+use crate::base::error::Error;
 use crate::targets::{Fault, Order, Output, Posted, Report, Room, Target, Traffic};
 use core_algos::bus::{self, Frame, Message};
 use core_algos::hil::framing::crc32c;

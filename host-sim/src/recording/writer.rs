@@ -3,8 +3,8 @@
 use super::file::Mcap;
 use super::tables::Tables;
 use super::{Line, failed};
-use crate::error::Error;
-use crate::simulation::Record;
+use crate::base::error::Error;
+use crate::run::simulation::Record;
 use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::{Builder, JoinHandle};

@@ -1,6 +1,6 @@
 //! Log of an emulated board: defmt frames on its standard output, decoded line by line.
 
-use crate::output::OutputDir;
+use crate::base::output::OutputDir;
 use core_algos::topology::Role;
 use defmt_decoder::{DecodeError, Table};
 use defmt_parser::Level;

@@ -15,7 +15,7 @@
 
 use super::losses::{Event, Losses, What};
 use super::{BoardTraffic, Fault, Order, Output, Posted, Report, Room, Target};
-use crate::error::Error;
+use crate::base::error::Error;
 use core_algos::bus::{Frame, Message};
 use core_algos::hil::protocol::Place;
 use core_algos::node::board::Samples;

@@ -1,10 +1,9 @@
 //! Boards in QEMU; see `docs/emulation.md` for what of a board is emulated.
 
 use super::board_log::BoardLog;
-use super::images;
 use super::link::{Descriptors, Link, make_flash_file};
-use super::{Remote, Target};
-use crate::error::Error;
+use super::{Remote, Target, images};
+use crate::base::error::Error;
 use core_algos::topology::Role;
 use rustix::fs::{CWD, Mode, OFlags};
 use rustix::process::{Pid, Signal, WaitId, WaitIdOptions};

@@ -1,6 +1,6 @@
 //! Images of the boards, built from this workspace.
 
-use crate::error::Error;
+use crate::base::error::Error;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};

@@ -1,7 +1,7 @@
 //! A board's nodes called directly.
 
 use super::{Fault, Order, Output, Posted, Report, Room, Target};
-use crate::error::Error;
+use crate::base::error::Error;
 use core_algos::bus::{Frame, Message};
 use core_algos::hil::protocol::Place;
 use core_algos::node::Outbox;

@@ -1,7 +1,7 @@
 //! Byte links to boards: in this process, or through file descriptors.
 
-use crate::error::Error;
-use crate::output;
+use crate::base::error::Error;
+use crate::base::output;
 use core_algos::hil::protocol::StackUse;
 use core_algos::hil::{Endpoint, Identity};
 use firmware_common::store::Store;

@@ -21,7 +21,7 @@ pub use in_process::InProcess;
 pub use losses::{Event, Losses, What};
 pub use remote::Remote;
 
-use crate::error::Error;
+use crate::base::error::Error;
 use core_algos::bus::{Frame, Message};
 use core_algos::control::path::{PathPoint, TrajectoryPoint};
 use core_algos::hil::protocol::{Place, StackUse};

@@ -3,8 +3,8 @@
 use super::boards::fatal;
 use super::remote::refused;
 use super::{Fault, Remote};
-use crate::error::Error;
-use crate::overlay::Values;
+use crate::base::error::Error;
+use crate::scenario::board_parameters::Values;
 use core_algos::hil::protocol::{Refusal, Reply, Request};
 use core_algos::params::{COUNT, Parameter, Source, TABLE, fingerprint};
 

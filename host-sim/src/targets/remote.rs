@@ -4,7 +4,7 @@
 
 use super::link::Link;
 use super::{Fault, Latency, Order, Output, Posted, Report, Room, Target, Traffic};
-use crate::error::Error;
+use crate::base::error::Error;
 use core_algos::bus::{Frame, Message};
 use core_algos::hil::framing::{self, Decoder, MAX_FRAME};
 use core_algos::hil::protocol::{

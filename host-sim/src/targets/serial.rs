@@ -1,7 +1,7 @@
 //! Boards on serial ports.
 
 use super::link::{Descriptors, Link};
-use crate::error::Error;
+use crate::base::error::Error;
 use rustix::fs::{Mode, OFlags};
 use rustix::termios::{OptionalActions, QueueSelector, tcflush, tcgetattr, tcsetattr};
 use std::fs::File;

@@ -4,7 +4,7 @@
 //! their own; what stands behind an entry of `base.toml` is the unit in every world.
 
 use super::{BASE, World, text};
-use crate::error::Error;
+use crate::base::error::Error;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use toml::{Table, Value};

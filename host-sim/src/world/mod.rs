@@ -5,18 +5,21 @@
 //! sensors and motors do. A world is a TOML file with the tables `plant`, `spread`, `sensors` and `bus`;
 //! what it leaves out has its base value (`worlds/base.toml`). Four are built in ([`NAMES`]).
 
+pub mod body;
+pub mod effect;
+pub mod faults;
 mod figures;
+pub mod sensors;
 mod spread;
 
 pub use figures::{Figure, figures};
 pub use spread::{PlantErrors, Spread};
 
-use crate::effect;
-use crate::error::Error;
+use crate::base::error::Error;
+use crate::base::toml_file;
+use crate::bus::virtual_bus::BusConfig;
 use crate::plant::{Plant, PlantConfig, Station};
-use crate::scenario_file;
-use crate::sensors::{SensorConfig, Stream, TrialImperfections, generator, normal};
-use crate::virtual_bus::BusConfig;
+use crate::world::sensors::{SensorConfig, Stream, TrialImperfections, generator, normal};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -94,7 +97,7 @@ impl World {
     /// A built-in world by its name, or one from a file, every value checked.
     pub fn load(name: &str) -> Result<Self, Error> {
         let text = text(name)?;
-        let mut world: Self = scenario_file::parse(&text, name, &[])?;
+        let mut world: Self = toml_file::parse(&text, name, &[])?;
         name.clone_into(&mut world.name);
         world.check()?;
         effect::check_world(&text, &world)?;
@@ -181,8 +184,8 @@ impl World {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::run::simulation::Simulation;
     use crate::scenario::Scenario;
-    use crate::simulation::Simulation;
     use core_algos::node::robot::RobotConfig;
 
     #[test]
@@ -195,7 +198,7 @@ mod tests {
             world.plant.friction += 0.01;
             assert_eq!(world.label(), format!("{name}, changed"));
         }
-        let base: World = scenario_file::parse(BASE, "base.toml", &[]).unwrap();
+        let base: World = toml_file::parse(BASE, "base.toml", &[]).unwrap();
         assert_eq!(base, World::default());
         assert_eq!(base.label(), "base");
         for name in ["nowhere", "base", "plain"] {
@@ -207,7 +210,7 @@ mod tests {
     #[test]
     fn a_world_is_refused_with_field_value_and_range() {
         let refuse = |text: &str| {
-            let world: Result<World, _> = scenario_file::parse(text, "own.toml", &[]);
+            let world: Result<World, _> = toml_file::parse(text, "own.toml", &[]);
             world
                 .and_then(|world| world.check())
                 .unwrap_err()
@@ -301,7 +304,7 @@ mod tests {
         assert!(robot.truth() != before);
         // What boards are told of it is what a straight edge shows, and no more.
         let told = [&plain, &other].map(|scenario| {
-            let mut told = crate::simulation::calibrated(scenario, &scenario.world.draw(7, 3));
+            let mut told = crate::run::simulation::calibrated(scenario, &scenario.world.draw(7, 3));
             told.beam.calibration.zero_counts = plain.robot.beam.calibration.zero_counts;
             told
         });

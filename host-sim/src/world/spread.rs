@@ -1,7 +1,7 @@
 //! How the plant's constants differ from robot to robot.
 
 use crate::plant::PlantConfig;
-use crate::sensors::normal;
+use crate::world::sensors::normal;
 use core_algos::config::{ConfigError, in_range};
 use rand_pcg::Pcg64;
 use serde::{Deserialize, Serialize};

@@ -258,10 +258,10 @@ fn prepare(folder: &Path, page: &Page) {
             fs::write(folder.join(name), &block.text).unwrap();
         }
     }
-    let studies = folder.join("studies");
-    fs::create_dir(&studies).unwrap();
+    let studies = folder.join("tools/studies");
+    fs::create_dir_all(&studies).unwrap();
     let name = "tyres_and_sensor.toml";
-    let mut study = fs::read_to_string(root().join("studies").join(name)).unwrap();
+    let mut study = fs::read_to_string(root().join("tools/studies").join(name)).unwrap();
     for (entry, shorter) in STUDY {
         assert!(study.contains(entry), "{name} has no {entry}");
         study = study.replace(entry, shorter);

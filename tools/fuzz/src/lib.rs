@@ -4,26 +4,26 @@
 //! of it: pictures, log decoders and the command line would take most of the time of a build.
 
 pub mod numbers;
-
-#[path = "../../../host-sim/src/effect.rs"]
-pub mod effect;
-#[path = "../../../host-sim/src/error.rs"]
-pub mod error;
-#[path = "../../../host-sim/src/eval/mod.rs"]
-pub mod eval;
-#[path = "../../../host-sim/src/overlay.rs"]
-pub mod overlay;
-#[path = "../../../host-sim/src/paths.rs"]
-pub mod paths;
 pub use plant;
+
+/// See the simulator's room of this name.
+pub mod base {
+    #[path = "../../../../host-sim/src/base/error.rs"]
+    pub mod error;
+    #[path = "../../../../host-sim/src/base/toml_file.rs"]
+    pub mod toml_file;
+}
+/// See the simulator's room of this name.
+pub mod bus {
+    #[path = "../../../../host-sim/src/bus/virtual_bus.rs"]
+    pub mod virtual_bus;
+}
+#[path = "../../../host-sim/src/experiments/eval/mod.rs"]
+pub mod eval;
+#[path = "../../../host-sim/src/paths/mod.rs"]
+pub mod paths;
 pub mod recording;
-#[path = "../../../host-sim/src/scenario.rs"]
+#[path = "../../../host-sim/src/scenario/mod.rs"]
 pub mod scenario;
-#[path = "../../../host-sim/src/scenario_file.rs"]
-pub mod scenario_file;
-#[path = "../../../host-sim/src/sensors.rs"]
-pub mod sensors;
-#[path = "../../../host-sim/src/virtual_bus.rs"]
-pub mod virtual_bus;
 #[path = "../../../host-sim/src/world/mod.rs"]
 pub mod world;

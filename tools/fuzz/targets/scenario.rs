@@ -2,10 +2,10 @@
 //! refused is refused by name.
 #![no_main]
 
-use cfmmr_fuzz::error::Error;
+use cfmmr_fuzz::base::error::Error;
 use cfmmr_fuzz::numbers::Bytes;
 use cfmmr_fuzz::scenario::Scenario;
-use cfmmr_fuzz::scenario_file;
+use cfmmr_fuzz::base::toml_file;
 use libfuzzer_sys::fuzz_target;
 use std::collections::HashSet;
 use std::sync::LazyLock;
@@ -37,7 +37,7 @@ fuzz_target!(|data: &[u8]| {
     match bytes.byte() % 2 {
         0 => {
             let text = String::from_utf8_lossy(bytes.0);
-            check(&text, scenario_file::parse(&text, "scenario", &[]), &[]);
+            check(&text, toml_file::parse(&text, "scenario", &[]), &[]);
         }
         _ => {
             let mut changes = Vec::new();
@@ -58,7 +58,7 @@ fuzz_target!(|data: &[u8]| {
                 };
                 changes.push(format!("{key}={value}"));
             }
-            check("", scenario_file::parse("", "scenario", &changes), &changes);
+            check("", toml_file::parse("", "scenario", &changes), &changes);
         }
     }
 });
@@ -68,7 +68,7 @@ fn check(text: &str, read: Result<Scenario, Error>, changes: &[String]) {
     match read.and_then(|scenario| scenario.check().map(|()| scenario)) {
         Ok(scenario) => {
             let written = scenario.to_toml().expect("a scenario can be written");
-            let again: Scenario = scenario_file::parse(&written, "written", &[]).expect("and read");
+            let again: Scenario = toml_file::parse(&written, "written", &[]).expect("and read");
             assert_eq!(again, scenario);
         }
         Err(error) => {

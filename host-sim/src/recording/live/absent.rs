@@ -1,6 +1,6 @@
 //! No server: this program was built without one.
 
-use crate::error::Error;
+use crate::base::error::Error;
 use foxglove::{ChannelId, Context, SinkId};
 use std::net::SocketAddr;
 use std::sync::Arc;

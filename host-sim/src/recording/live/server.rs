@@ -1,14 +1,13 @@
 //! The server.
 
-use crate::error::Error;
+use crate::base::error::Error;
 use foxglove::websocket::{Capability, ChannelView, Client, ServerListener};
 use foxglove::{ChannelId, Context, SinkId, WebSocketServer, WebSocketServerHandle};
-use std::mem;
 use std::net::SocketAddr;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::thread;
 use std::time::Duration;
+use std::{mem, thread};
 
 /// Time between two looks at whether a viewer has come.
 const LOOK: Duration = Duration::from_millis(20);

@@ -1,0 +1,251 @@
+//! Reading a scenario: TOML text, entries changed on the command line, unknown keys refused.
+//!
+//! What is left out keeps the default that `T` as a whole has there, which need not be the default
+//! of the part: the text is laid over the defaults.
+
+use crate::base::error::Error;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use std::path::Path;
+use toml::{Table, Value};
+
+/// Parts of a key on the command line, at most.
+const DEPTH: usize = 16;
+/// Text in which the line of what is nested too deeply is looked for, bytes.
+const LONGEST_SEARCHED: usize = 100_000;
+
+/// Text of a file, and what it is called in errors; without a file nothing.
+pub fn read(file: Option<&Path>) -> Result<(String, String), Error> {
+    let Some(path) = file else {
+        return Ok((String::new(), "scenario".to_owned()));
+    };
+    let name = path.display().to_string();
+    let text =
+        std::fs::read_to_string(path).map_err(|error| Error::input(format!("{name}: {error}")))?;
+    Ok((text, name))
+}
+
+/// Builds `T` from TOML text over its defaults; `name` stands in errors.
+pub fn parse<T>(text: &str, name: &str, changes: &[String]) -> Result<T, Error>
+where
+    T: Default + Serialize + DeserializeOwned,
+{
+    build(&T::default(), text, name, changes)
+}
+
+/// Lays TOML text over `below`, applies the `KEY=VALUE` changes in order, and builds `T`; `name` stands in
+/// errors.
+pub fn build<T>(below: &T, text: &str, name: &str, changes: &[String]) -> Result<T, Error>
+where
+    T: Serialize + DeserializeOwned,
+{
+    let refuse = |error: toml::de::Error| refusal(name, text, &error);
+    if changes.is_empty() {
+        // Straight from the text, so that an error shows the line.
+        toml::from_str::<T>(text).map_err(refuse)?;
+    }
+    let mut given: Table = toml::from_str(text).map_err(refuse)?;
+    for change in changes {
+        apply(&mut given, change)?;
+    }
+    let mut table = Table::try_from(below).map_err(|error| Error::Failure(error.to_string()))?;
+    lay_over(&mut table, given);
+    let built: T = serde_path_to_error::deserialize(Value::Table(table)).map_err(|error| {
+        let path = error.path().to_string();
+        Error::input(format!("{name}: {path}: {}", error.into_inner().message()))
+    })?;
+    // As it is stored: a number may be finite in the text and too large for its field.
+    let stored = Value::try_from(&built).map_err(|error| Error::Failure(error.to_string()))?;
+    match not_finite(&stored) {
+        Some((path, value)) => Err(Error::input(format!(
+            "{name}: {path} = {value}: must be a finite number within its field's precision"
+        ))),
+        None => Ok(built),
+    }
+}
+
+/// Why TOML text is refused, with the line.
+pub fn refusal(name: &str, text: &str, error: &toml::de::Error) -> Error {
+    if error.span().is_some() {
+        return Error::input(format!("{name}: {error}"));
+    }
+    // Nesting beyond what the parser bears has no place in its error: the line is the first with
+    // which the text is refused so. Each is tried, so of a long text it is not told.
+    let message = error.message();
+    let refused = |end: usize| {
+        toml::from_str::<Table>(&text[..end])
+            .is_err_and(|part| part.span().is_none() && part.message() == message)
+    };
+    let ends = text
+        .match_indices('\n')
+        .map(|(start, end)| start + end.len());
+    let line = match text.len() {
+        ..=LONGEST_SEARCHED => ends.chain([text.len()]).position(refused),
+        _ => None,
+    };
+    let line = line.map_or_else(String::new, |before| format!("line {}: ", before + 1));
+    Error::input(format!("{name}: {line}{message}"))
+}
+
+/// Path and value of the first number that is not finite. Not every number is checked where it is
+/// used: some are replaced by what follows from others.
+fn not_finite(value: &Value) -> Option<(String, f64)> {
+    let within = |key: &str, inner: &Value| {
+        let (path, number) = not_finite(inner)?;
+        let dot = if path.is_empty() || path.starts_with('[') {
+            ""
+        } else {
+            "."
+        };
+        Some((format!("{key}{dot}{path}"), number))
+    };
+    match value {
+        Value::Float(number) if !number.is_finite() => Some((String::new(), *number)),
+        Value::Array(values) => {
+            let mut numbered = values.iter().enumerate();
+            numbered.find_map(|(i, inner)| within(&format!("[{i}]"), inner))
+        }
+        Value::Table(table) => table.iter().find_map(|(key, inner)| within(key, inner)),
+        _ => None,
+    }
+}
+
+/// Replaces entries of `table` by those of `given`, table by table.
+pub fn lay_over(table: &mut Table, given: Table) {
+    for (key, value) in given {
+        match (table.get_mut(&key), value) {
+            (Some(Value::Table(below)), Value::Table(above)) => lay_over(below, above),
+            (_, value) => {
+                table.insert(key, value);
+            }
+        }
+    }
+}
+
+/// Table of `KEY=VALUE` changes.
+pub fn changes(changes: &[String]) -> Result<Table, Error> {
+    let mut table = Table::new();
+    for change in changes {
+        apply(&mut table, change)?;
+    }
+    Ok(table)
+}
+
+fn apply(table: &mut Table, change: &str) -> Result<(), Error> {
+    let Some((key, value)) = change.split_once('=') else {
+        return Err(Error::input(format!(
+            "--set {change}: must be KEY=VALUE, for example mission.rps=false"
+        )));
+    };
+    // A bare word is a string: --set mission.fusion=joint needs no quotes within quotes.
+    let value = toml::from_str::<Table>(&format!("v = {value}"))
+        .ok()
+        .and_then(|mut table| table.remove("v"))
+        .unwrap_or_else(|| Value::String(value.to_owned()));
+    let mut keys: Vec<&str> = key.trim().split('.').collect();
+    if keys.len() > DEPTH {
+        return Err(Error::input(format!(
+            "--set {change}: a key of {} parts: must be at most {DEPTH}",
+            keys.len()
+        )));
+    }
+    let last = keys.pop().unwrap_or_default();
+    let mut place = table;
+    for part in keys {
+        place = place
+            .entry(part)
+            .or_insert_with(|| Value::Table(Table::new()))
+            .as_table_mut()
+            .ok_or_else(|| Error::input(format!("--set {change}: {part} is not a table")))?;
+    }
+    place.insert(last.to_owned(), value);
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde::Deserialize;
+
+    #[derive(Debug, Default, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    struct Inner {
+        loss: f64,
+        kind: String,
+    }
+
+    #[derive(Debug, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    struct Outer {
+        bus: Inner,
+        rps: bool,
+    }
+
+    impl Default for Outer {
+        fn default() -> Self {
+            let kind = "slow".to_owned();
+            Self {
+                bus: Inner { loss: 0.0, kind },
+                rps: false,
+            }
+        }
+    }
+
+    fn changed(changes: &[&str]) -> Result<Outer, Error> {
+        let changes: Vec<String> = changes.iter().map(|&c| c.to_owned()).collect();
+        parse("[bus]\nloss = 0.25\n", "test", &changes)
+    }
+
+    #[test]
+    fn changes_override_the_file() {
+        let outer = changed(&["bus.kind=fast", "rps=true", "bus.loss=0.5"]).unwrap();
+        assert_eq!(outer.bus.loss, 0.5);
+        assert_eq!(outer.bus.kind, "fast");
+        assert!(outer.rps);
+        assert_eq!(changed(&[]).unwrap().bus.loss, 0.25);
+    }
+
+    #[test]
+    fn what_is_left_out_keeps_the_default_of_the_whole() {
+        assert_eq!(changed(&[]).unwrap().bus.kind, "slow");
+        assert_eq!(changed(&["rps=true"]).unwrap().bus.kind, "slow");
+    }
+
+    #[test]
+    fn numbers_must_be_finite_as_they_are_stored() {
+        #[derive(Debug, Default, PartialEq, Serialize, Deserialize)]
+        #[serde(default)]
+        struct Narrow {
+            sigmas: [f32; 2],
+            inner: Inner,
+        }
+        let text = |change: &str| {
+            let read = parse::<Narrow>("", "test", &[change.to_owned()]);
+            read.unwrap_err().to_string()
+        };
+        assert!(text("inner.loss=nan").contains("test: inner.loss = NaN: must be"));
+        assert!(text("inner.loss=-inf").contains("inner.loss = -inf"));
+        assert!(text("sigmas=[1, 1e39]").contains("sigmas[1] = inf"));
+        let large = parse::<Narrow>("inner.loss = 1e300", "test", &[]).unwrap();
+        assert_eq!(large.inner.loss, 1e300);
+    }
+
+    #[test]
+    fn errors_name_the_key() {
+        let text = |changes: &[&str]| changed(changes).unwrap_err().to_string();
+        assert!(text(&["bus.los=1"]).contains("los"));
+        assert!(text(&["bus.loss=many"]).contains("bus.loss"));
+        assert!(text(&["rps"]).contains("KEY=VALUE"));
+        assert!(text(&["rps.x.y=1", "rps=2"]).contains("rps"));
+        let long = vec!["a"; 10_000].join(".");
+        assert!(text(&[&format!("{long}=1")]).contains("10000 parts: must be at most 16"));
+        let deep = format!("[bus]\nloss = 1\n[{long}]\nloss = 2\n");
+        let error = parse::<Outer>(&deep, "file.toml", &[]).unwrap_err();
+        assert_eq!(error.to_string(), "file.toml: line 3: recursion limit");
+        let error = parse::<Outer>(&deep.replace('\n', "\r\n"), "file.toml", &[]).unwrap_err();
+        assert_eq!(error.to_string(), "file.toml: line 3: recursion limit");
+        let error = parse::<Outer>("[bus]\nlos = 1\n", "file.toml", &[]).unwrap_err();
+        assert!(error.to_string().contains("los") && error.to_string().contains("file.toml"));
+        assert_eq!(error.exit_code(), 2);
+    }
+}

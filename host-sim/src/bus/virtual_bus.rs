@@ -1,0 +1,441 @@
+//! Virtual bus: every message goes through its bytes, arrives late and may be lost.
+
+use core_algos::bus::{self, Frame, Message, layout};
+use core_algos::time::Micros;
+use core_algos::topology::{Node, Role};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use serde::{Deserialize, Serialize};
+use std::collections::VecDeque;
+
+/// Properties of the virtual bus.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct BusConfig {
+    /// Time from sending to receiving, ms. Arbitration and transfer of the thirteen messages at the
+    /// beginning of an epoch take up to 1.7 ms at 1 Mbit/s.
+    pub latency_ms: u32,
+    /// Probability that a frame is lost between boards, 0 to 1. The lead node and the front axle
+    /// share a board and lose nothing between them.
+    pub loss: f64,
+    /// Whether messages arrive as their bytes hold them. Without it they arrive as they were sent,
+    /// which shows what quantisation costs; no real bus can do that.
+    pub quantise: bool,
+}
+
+impl Default for BusConfig {
+    fn default() -> Self {
+        Self {
+            latency_ms: 2,
+            loss: 0.0,
+            quantise: true,
+        }
+    }
+}
+
+impl BusConfig {
+    /// Checks the ranges.
+    pub fn check(&self) -> Result<(), String> {
+        if self.latency_ms > 1000 {
+            return Err(format!(
+                "bus.latency_ms = {}: must be a number from 0 to 1000",
+                self.latency_ms
+            ));
+        }
+        if !(self.loss >= 0.0 && self.loss <= 1.0) {
+            return Err(format!(
+                "bus.loss = {}: must be a number from 0 to 1",
+                self.loss
+            ));
+        }
+        Ok(())
+    }
+}
+
+/// What the bus counted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct BusStatistics {
+    /// Messages sent.
+    pub sent: u64,
+    /// Messages lost between boards, counted once for each receiving board.
+    pub lost: u64,
+    /// Messages that could not be encoded.
+    pub refused: u64,
+}
+
+#[derive(Clone, Debug)]
+struct Transit {
+    due: Micros,
+    frame: Frame,
+    message: Message,
+    received: [bool; 3],
+}
+
+/// The bus between the three boards.
+#[derive(Clone, Debug)]
+pub struct VirtualBus {
+    latency: Micros,
+    loss: f64,
+    quantise: bool,
+    rng: Pcg64,
+    transit: VecDeque<Transit>,
+    statistics: BusStatistics,
+    severed: bool,
+    disturbance: Option<Disturbance>,
+    parted: Option<Role>,
+}
+
+impl VirtualBus {
+    /// A bus whose losses follow from `seed`.
+    pub fn new(config: &BusConfig, seed: u64) -> Self {
+        Self {
+            latency: Micros::from(config.latency_ms) * 1_000,
+            loss: config.loss,
+            quantise: config.quantise,
+            rng: Pcg64::seed_from_u64(seed),
+            transit: VecDeque::with_capacity(64),
+            statistics: BusStatistics::default(),
+            severed: false,
+            disturbance: None,
+            parted: None,
+        }
+    }
+
+    /// Sends a message at `now`. It is encoded and decoded as between real boards; gives the frame
+    /// that was on the bus.
+    pub fn send(&mut self, now: Micros, message: &Message) -> Option<Frame> {
+        match bus::encode(message) {
+            Ok(frame) if self.quantise => self.send_frame(now, &frame),
+            Ok(frame) => self.transmit(now, &frame, *message),
+            Err(_) => {
+                self.statistics.sent += 1;
+                self.statistics.refused += 1;
+                None
+            }
+        }
+    }
+
+    /// Sends what a board has encoded itself.
+    pub fn send_frame(&mut self, now: Micros, frame: &Frame) -> Option<Frame> {
+        match bus::decode(frame) {
+            Ok(message) => self.transmit(now, frame, message),
+            Err(_) => {
+                self.statistics.sent += 1;
+                self.statistics.refused += 1;
+                None
+            }
+        }
+    }
+
+    fn transmit(&mut self, now: Micros, frame: &Frame, message: Message) -> Option<Frame> {
+        self.statistics.sent += 1;
+        if self.severed {
+            self.statistics.lost += 1;
+            return None;
+        }
+        let origin = sender(frame);
+        let mut received = [true; 3];
+        let parted = |board| {
+            let parted = self.parted.is_some() && Some(board) != origin;
+            parted && (self.parted == Some(board) || self.parted == origin)
+        };
+        for board in Role::ALL {
+            let lost = self.loss > 0.0 && Some(board) != origin;
+            if parted(board) || (lost && self.rng.random::<f64>() < self.loss) {
+                received[board as usize] = false;
+                self.statistics.lost += 1;
+            }
+        }
+        let transit = Transit {
+            due: now + self.latency,
+            frame: *frame,
+            message,
+            received,
+        };
+        match self.disturbance {
+            Some(disturbance) => self.carry(transit, origin, &disturbance),
+            None => self.transit.push_back(transit),
+        }
+        Some(*frame)
+    }
+
+    /// The way of a frame over a disturbed bus.
+    fn carry(&mut self, mut transit: Transit, origin: Option<Role>, how: &Disturbance) {
+        for board in Role::ALL {
+            if Some(board) != origin && self.rng.random::<f64>() < how.loss {
+                transit.received[board as usize] = false;
+                self.statistics.lost += 1;
+            }
+        }
+        // What stays on its own board is not disturbed.
+        let mut own = transit.clone();
+        own.received =
+            Role::ALL.map(|board| transit.received[board as usize] && Some(board) == origin);
+        for board in Role::ALL {
+            transit.received[board as usize] &= Some(board) != origin;
+        }
+        self.queue(own);
+        let jitter = self.rng.random_range(0..=how.jitter_ms);
+        transit.due += Micros::from(how.late_ms + jitter) * 1_000;
+        if self.rng.random::<f64>() < how.corruption {
+            let (len, bits) = (
+                usize::from(transit.frame.length),
+                self.rng.random_range(1..=3),
+            );
+            for _ in 0..bits {
+                let (byte, bit) = (self.rng.random_range(0..8), self.rng.random_range(0..8));
+                if byte < len {
+                    transit.frame.data[byte] ^= 1 << bit;
+                }
+            }
+            match bus::decode(&transit.frame) {
+                Ok(message) => transit.message = message,
+                Err(_) => {
+                    self.statistics.refused += 1;
+                    return;
+                }
+            }
+        }
+        if self.rng.random::<f64>() < how.doubling {
+            self.queue(transit.clone());
+        }
+        self.queue(transit);
+    }
+
+    /// In order of arrival; frames of one time in order of sending.
+    fn queue(&mut self, transit: Transit) {
+        let place = self
+            .transit
+            .partition_point(|other| other.due <= transit.due);
+        self.transit.insert(place, transit);
+    }
+
+    /// From now on frames are disturbed between boards.
+    pub fn disturb(&mut self, disturbance: Disturbance) {
+        self.disturbance = Some(disturbance);
+    }
+
+    /// From now on nothing reaches or leaves this board.
+    pub fn part(&mut self, board: Role) {
+        self.parted = Some(board);
+    }
+
+    /// Hands every message that has arrived by `now` to `receive`, once for each board it reaches.
+    pub fn deliver(&mut self, now: Micros, mut receive: impl FnMut(Role, &Frame, &Message)) {
+        while self.transit.front().is_some_and(|first| first.due <= now) {
+            if let Some(transit) = self.transit.pop_front() {
+                for board in Role::ALL {
+                    if transit.received[board as usize] {
+                        receive(board, &transit.frame, &transit.message);
+                    }
+                }
+            }
+        }
+    }
+
+    /// From now on every message is lost, between boards and within them.
+    pub fn cut(&mut self) {
+        self.severed = true;
+        self.transit.clear();
+    }
+
+    /// What was counted so far.
+    pub fn statistics(&self) -> BusStatistics {
+        self.statistics
+    }
+}
+
+/// The board that sends a frame; a service tool is none.
+fn sender(frame: &Frame) -> Option<Role> {
+    match layout::find(frame.id)?.sender {
+        Node::Lead | Node::FrontAxle => Some(Role::Front),
+        Node::RearAxle => Some(Role::Rear),
+        Node::Beam => Some(Role::Beam),
+        Node::Service => None,
+    }
+}
+
+/// A disturbance of the bus; all of it at once.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Disturbance {
+    /// Probability that a receiver loses a frame.
+    pub loss: f64,
+    /// Added latency, ms.
+    pub late_ms: u32,
+    /// Largest latency added at random, frame by frame, ms: frames overtake each other.
+    pub jitter_ms: u32,
+    /// Probability that a frame arrives twice.
+    pub doubling: f64,
+    /// Probability that some bits of a frame change without its check sum showing it.
+    pub corruption: f64,
+    /// Frames of random content a node sends each ms.
+    pub babble: u32,
+}
+
+impl Disturbance {
+    const NONE: Self = Self {
+        loss: 0.0,
+        late_ms: 0,
+        jitter_ms: 0,
+        doubling: 0.0,
+        corruption: 0.0,
+        babble: 0,
+    };
+
+    /// A node that sends frames of the highest priority as fast as it can: what others send comes
+    /// late or is given up.
+    pub const BABBLE: Self = Self {
+        loss: 0.3,
+        late_ms: 3,
+        babble: 5,
+        ..Self::NONE
+    };
+
+    /// Loses frames.
+    pub const fn loss(share: f64) -> Self {
+        Self {
+            loss: share,
+            ..Self::NONE
+        }
+    }
+
+    /// Delays all frames.
+    pub const fn late(ms: u32) -> Self {
+        Self {
+            late_ms: ms,
+            ..Self::NONE
+        }
+    }
+
+    /// Delays each frame by another time.
+    pub const fn jitter(ms: u32) -> Self {
+        Self {
+            jitter_ms: ms,
+            ..Self::NONE
+        }
+    }
+
+    /// Doubles frames.
+    pub const fn doubling(share: f64) -> Self {
+        Self {
+            doubling: share,
+            ..Self::NONE
+        }
+    }
+
+    /// Changes bits.
+    pub const fn corruption(share: f64) -> Self {
+        Self {
+            corruption: share,
+            ..Self::NONE
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use core_algos::bus::LeadMode;
+    use core_algos::math::Posture;
+    use core_algos::topology::AxleId;
+
+    fn status(sequence: u8) -> Message {
+        Message::LeadStatus {
+            sequence,
+            mode: LeadMode::Active,
+            steering_rad: 0.0,
+            velocity_m_s: 0.0,
+        }
+    }
+
+    #[test]
+    fn messages_arrive_in_order_after_the_latency() {
+        let config = BusConfig {
+            latency_ms: 3,
+            ..BusConfig::default()
+        };
+        let mut bus = VirtualBus::new(&config, 1);
+        bus.send(0, &status(1));
+        bus.send(0, &status(2));
+        let mut seen = Vec::new();
+        bus.deliver(2_000, |_, _, _| unreachable!("too early"));
+        bus.deliver(3_000, |board, frame, message| {
+            assert_eq!(bus::decode(frame), Ok(*message));
+            seen.push((board, *message));
+        });
+        assert_eq!(seen.len(), 6);
+        assert_eq!(seen[0], (Role::Front, status(1)));
+        assert_eq!(seen[5], (Role::Beam, status(2)));
+    }
+
+    #[test]
+    fn loss_spares_the_sending_board_and_meets_its_rate() {
+        let config = BusConfig {
+            latency_ms: 0,
+            loss: 0.3,
+            ..BusConfig::default()
+        };
+        let mut bus = VirtualBus::new(&config, 7);
+        let mut count = [0; 3];
+        for i in 0..10_000u64 {
+            bus.send(
+                i,
+                &Message::AxlePosture {
+                    axle: AxleId::Rear,
+                    sequence: 0,
+                    posture: Posture::ORIGIN,
+                },
+            );
+            bus.deliver(i, |board, _, _| count[board as usize] += 1);
+        }
+        assert_eq!(count[Role::Rear as usize], 10_000);
+        for board in [Role::Front, Role::Beam] {
+            // Five standard deviations of a binomial count.
+            assert!((count[board as usize] - 7_000i32).abs() < 230);
+        }
+    }
+
+    #[test]
+    fn quantisation_can_be_left_out() {
+        let sent = Posture::new(0.123_456_7, 0.0, 0.0);
+        let through = |quantise| {
+            let config = BusConfig {
+                quantise,
+                ..BusConfig::default()
+            };
+            let mut bus = VirtualBus::new(&config, 1);
+            bus.send(
+                0,
+                &Message::AxlePosture {
+                    axle: AxleId::Front,
+                    sequence: 0,
+                    posture: sent,
+                },
+            );
+            let mut received = None;
+            bus.deliver(2_000, |_, _, message| received = Some(*message));
+            match received {
+                Some(Message::AxlePosture { posture, .. }) => posture.x,
+                other => panic!("{other:?}"),
+            }
+        };
+        assert_eq!(through(false), sent.x);
+        let error = (through(true) - sent.x).abs();
+        assert!(error > 1e-5 && error < 5.1e-5, "{error}");
+    }
+
+    #[test]
+    fn what_cannot_be_encoded_is_counted() {
+        let mut bus = VirtualBus::new(&BusConfig::default(), 1);
+        bus.send(
+            0,
+            &Message::LeadStatus {
+                sequence: 0,
+                mode: LeadMode::Idle,
+                steering_rad: f32::NAN,
+                velocity_m_s: 0.0,
+            },
+        );
+        assert_eq!(bus.statistics().refused, 1);
+    }
+}

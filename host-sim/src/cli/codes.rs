@@ -1,0 +1,110 @@
+//! `cfmmr codes`: the table of conditions and of operating states, as Markdown.
+
+use crate::base::error::Error;
+use core_algos::safety::condition::TABLE;
+use core_algos::safety::{Cause, Class, OperatingState, Request, transition};
+use std::fmt::Write;
+
+/// The text of `docs/codes.md`.
+pub fn markdown() -> String {
+    let mut text = String::from(
+        "# Codes and operating states\n\n\
+         Written by `cfmmr codes`. A node reports what is wrong as one of these codes. The class\n\
+         says what follows: a **notice** is only reported; **degraded**: the robot drives on for a\n\
+         limited time and distance; **stop**: all axles slow down together along the path they are\n\
+         on, then the motors are off; **cut**: the motors are off at once. A stop and a cut stay\n\
+         until they are cleared.\n\n\
+         | code | class | name | holds for | meaning | what to do |\n|---|---|---|---|---|---|\n",
+    );
+    for entry in &TABLE {
+        // Writing to a string does not fail.
+        let _ = writeln!(
+            text,
+            "| 0x{:02x} | {} | {} | {} ms | {} | {} |",
+            entry.code,
+            Class::of(entry.code).name(),
+            entry.name,
+            entry.hold / 1_000,
+            entry.meaning,
+            entry.remedy,
+        );
+    }
+    text += "\n## Operating states\n\n\
+             The state after a cause (column) in a state (row); · where it stays. In brackets: only\n\
+             when no stop or cut is latched, otherwise as after the bar.\n\n";
+    let causes = causes();
+    let names: Vec<&str> = causes.iter().map(|(name, _)| *name).collect();
+    let _ = writeln!(text, "| | {} |", names.join(" | "));
+    let _ = writeln!(text, "|---|{}", "---|".repeat(names.len()));
+    for state in OperatingState::ALL {
+        let cells = causes.iter().map(|&(_, cause)| {
+            let [free, hard] = [false, true].map(|hard| transition(state, cause, hard));
+            let name = |next: OperatingState| if next == state { "·" } else { next.name() };
+            if free == hard {
+                name(free).to_owned()
+            } else {
+                format!("[{}] / {}", name(free), name(hard))
+            }
+        });
+        let cells: Vec<String> = cells.collect();
+        let _ = writeln!(text, "| **{}** | {} |", state.name(), cells.join(" | "));
+    }
+    text
+}
+
+/// One cause of each kind, with the heading of its column.
+fn causes() -> Vec<(&'static str, Cause)> {
+    use core_algos::safety::Condition;
+    let conditions = [
+        ("notice, degraded", Condition::BeamLost),
+        ("emergency stop", Condition::EmergencyStop),
+        ("other stop", Condition::NeighbourLost),
+        ("cut", Condition::NotANumber),
+    ];
+    let requests = [
+        ("ready", Request::Ready),
+        ("arm", Request::Arm),
+        ("start", Request::Start),
+        ("finish", Request::Finish),
+        ("disarm", Request::Disarm),
+        ("halted", Request::Halted),
+        ("clear", Request::Clear),
+    ];
+    let conditions = conditions.map(|(name, condition)| (name, Cause::Condition(condition)));
+    let requests = requests.map(|(name, request)| (name, Cause::Request(request)));
+    conditions.into_iter().chain(requests).collect()
+}
+
+/// Prints the page.
+pub fn run() -> Result<(), Error> {
+    crate::experiments::print(&markdown())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use core_algos::safety::Condition;
+
+    /// Each column of the page stands for a kind of cause: all of a kind must act alike.
+    #[test]
+    fn every_condition_acts_as_the_column_it_belongs_to() {
+        let causes = causes();
+        let column = |name: &str| causes.iter().find(|(n, _)| *n == name).unwrap().1;
+        for condition in Condition::ALL {
+            let of_kind = match (condition.class(), condition) {
+                (Class::Notice | Class::Degraded, _) => column("notice, degraded"),
+                (_, Condition::EmergencyStop) => column("emergency stop"),
+                (Class::Stop, _) => column("other stop"),
+                (Class::Cut, _) => column("cut"),
+            };
+            for state in OperatingState::ALL {
+                for hard in [false, true] {
+                    assert_eq!(
+                        transition(state, Cause::Condition(condition), hard),
+                        transition(state, of_kind, hard)
+                    );
+                }
+            }
+        }
+    }
+}

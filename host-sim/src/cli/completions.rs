@@ -1,0 +1,20 @@
+//! `cfmmr completions`: what a shell needs to complete the command line.
+
+use crate::base::error::Error;
+use crate::cli;
+use clap::Args;
+
+/// Arguments of `completions`.
+#[derive(Clone, Debug, Args)]
+pub struct CompletionsArgs {
+    /// The shell
+    #[arg(value_enum)]
+    pub shell: clap_complete::Shell,
+}
+
+/// Runs the command.
+pub fn run(args: &CompletionsArgs) -> Result<(), Error> {
+    let mut script = Vec::new();
+    clap_complete::generate(args.shell, &mut cli::command(), "cfmmr", &mut script);
+    crate::experiments::print(&String::from_utf8_lossy(&script))
+}

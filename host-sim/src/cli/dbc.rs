@@ -1,0 +1,32 @@
+//! `cfmmr dbc`: the bus description, and the load of the bus.
+
+use crate::base::error::Error;
+use crate::base::output;
+use crate::bus::dbc;
+use clap::Args;
+use std::path::PathBuf;
+
+/// Arguments of `dbc`.
+#[derive(Clone, Debug, Args)]
+pub struct DbcArgs {
+    /// Write the description to this file instead of printing it
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    /// Print the worst-case load of the bus instead, message by message
+    #[arg(long, conflicts_with = "out")]
+    pub load: bool,
+}
+
+/// Prints the description or the load, or writes the description to a file.
+pub fn run(args: &DbcArgs) -> Result<(), Error> {
+    if args.load {
+        return crate::experiments::print(&dbc::load());
+    }
+    match &args.out {
+        Some(path) => {
+            output::write_file(path, dbc::description())?;
+            crate::experiments::print(&format!("wrote {}\n", path.display()))
+        }
+        None => crate::experiments::print(&dbc::description()),
+    }
+}

@@ -1,0 +1,146 @@
+//! The command line: its subcommands, and those that print a table and compute nothing.
+//!
+//! Imports every other room. Start with [`Command`]; a subcommand that computes stands with its
+//! arguments in [`experiments`](crate::experiments).
+
+pub mod codes;
+pub mod completions;
+pub mod config;
+pub mod dbc;
+pub mod doctor;
+pub mod eval;
+pub mod parameters;
+pub mod serial;
+pub mod topics;
+pub mod world;
+
+use crate::experiments::calibrate::command::CalibrateArgs;
+use crate::experiments::campaign::command::CampaignArgs;
+use crate::experiments::consistency::ConsistencyArgs;
+use crate::experiments::faults::FaultsArgs;
+use crate::experiments::follow::FollowArgs;
+use crate::experiments::hil::HilArgs;
+use crate::experiments::loop_bench::LoopBenchArgs;
+use crate::experiments::params::ParamsArgs;
+use crate::experiments::plant_bench::PlantBenchArgs;
+use crate::experiments::posture::PostureArgs;
+use crate::experiments::replay::ReplayArgs;
+use crate::experiments::soak::command::SoakArgs;
+use crate::experiments::sweep::SweepArgs;
+use clap::{Arg, CommandFactory, FromArgMatches, Parser, Subcommand};
+use completions::CompletionsArgs;
+use config::ConfigArgs;
+use dbc::DbcArgs;
+use doctor::DoctorArgs;
+use eval::EvalArgs;
+use world::WorldArgs;
+
+/// Control and sensing of a two-axle compliant-framed mobile robot: the boards' own code against a
+/// simulated robot.
+///
+/// Without a subcommand, `cfmmr` runs `cfmmr posture`: the robot drives from
+/// (-1.342 m, -1.342 m, 0°) to the origin with and without its relative position sensor.
+#[derive(Debug, Parser)]
+#[command(name = "cfmmr", version, args_conflicts_with_subcommands = true)]
+pub struct Cli {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Option<Command>,
+    /// Arguments of `posture` when no subcommand is given.
+    #[command(flatten)]
+    pub posture: PostureArgs,
+}
+
+impl Cli {
+    /// The command line of this process; the process ends if it is wrong or asks for help.
+    pub fn read() -> Self {
+        let cli = Self::from_arg_matches(&command().get_matches());
+        cli.unwrap_or_else(|error| error.exit())
+    }
+}
+
+/// The command with what is said once for the arguments of all subcommands: a negative number is a
+/// value, so that it is refused with the range that is allowed.
+pub fn command() -> clap::Command {
+    let value = |argument: Arg| match argument.get_action().takes_values() {
+        true => argument.allow_negative_numbers(true),
+        false => argument,
+    };
+    Cli::command()
+        .mut_args(value)
+        .mut_subcommands(move |subcommand| subcommand.mut_args(value))
+}
+
+/// The subcommands.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Posture regulation to the origin: paired trials with and without the relative position
+    /// sensor, table, paths and errors over time
+    Posture(PostureArgs),
+    /// Path following on a line, a circle, a figure eight or waypoints from a CSV file
+    Follow(FollowArgs),
+    /// Trajectory tracking: the same paths with a time law
+    Track(FollowArgs),
+    /// Hardware in the loop: the experiments with the boards' images in an emulator, or with real
+    /// boards on serial ports
+    Hil(HilArgs),
+    /// Put a log through the nodes again: whether every bit is the same, or how well other
+    /// parameters would have estimated
+    Replay(ReplayArgs),
+    /// Posture regulation from random starts: success share, map and paths
+    Sweep(SweepArgs),
+    /// A Monte Carlo study over variations of a scenario, in any number of parts: run, status, merge
+    Campaign(CampaignArgs),
+    /// Consistency of the fused axle estimates (normalised estimation error squared)
+    Consistency(ConsistencyArgs),
+    /// Run one on-board algorithm on cases from standard input, one JSON object a line
+    Eval(EvalArgs),
+    /// Print the table of the parameters a board keeps in its flash
+    Parameters,
+    /// List, read, change and save the parameters of boards
+    Params(ParamsArgs),
+    /// Calibrate wheels, strain gauges or gyros, and save what was found
+    Calibrate(CalibrateArgs),
+    /// Print the table of conditions, their codes, and the operating states
+    Codes,
+    /// Print the table of what a log holds
+    Topics,
+    /// Print the table of what host and board say to each other on the serial link
+    Serial,
+    /// Print the scenario with all defaults as TOML
+    Config(ConfigArgs),
+    /// Print a world, each figure with its reason: the true robot and its surroundings, as distributions
+    World(WorldArgs),
+    /// Print the description of the bus (DBC), or its load
+    Dbc(DbcArgs),
+    /// Put faults into the simulated robot and see how it ends
+    Faults(FaultsArgs),
+    /// Drive for hours and see whether the estimator's health drifts or memory grows
+    Soak(SoakArgs),
+    /// Measure the real-time factor of the plant alone
+    PlantBench(PlantBenchArgs),
+    /// Measure the real-time factor of the whole closed loop
+    LoopBench(LoopBenchArgs),
+    /// Check toolchain, emulator, probe and serial ports, and say what to do about what is missing
+    Doctor(DoctorArgs),
+    /// Print the completions of a shell, for example for `source <(cfmmr completions bash)`
+    Completions(CompletionsArgs),
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn command_line_is_well_formed() {
+        command().debug_assert();
+    }
+
+    #[test]
+    fn posture_is_the_default_command() {
+        let cli = Cli::parse_from(["cfmmr", "--trials", "3", "--from", "-1,-1,0"]);
+        assert!(cli.command.is_none());
+        assert_eq!(cli.posture.trials, 3);
+        assert_eq!(cli.posture.from.as_deref(), Some("-1,-1,0"));
+    }
+}

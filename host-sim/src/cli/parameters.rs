@@ -1,0 +1,76 @@
+//! `cfmmr parameters`: the table of what a board keeps in its flash, as Markdown.
+
+use crate::base::error::Error;
+use core_algos::params::TABLE;
+use std::fmt::Write;
+
+/// The text of `docs/parameters.md`.
+pub fn markdown() -> String {
+    let mut text = String::from(
+        "# Parameters\n\n\
+         Written by `cfmmr parameters`. Each board keeps these in its own flash, one item each, so an\n\
+         axle's wheels and track are those of its own board. A parameter that was never saved has its\n\
+         default, which on the beam board is of that board's converter (readings are sums of 96\n\
+         conversions). Names are places in a scenario, apart from those of the inertial sensor and of\n\
+         motors, drivers and supply (`drive`, see [wiring.md](wiring.md)). The\n\
+         identifier is the key in the flash; a value saved under another version is not used.\n\
+         [store.md](store.md) says what a power cut or damaged flash does.\n\n\
+         | id | version | name | unit | from | to | default | meaning |\n|---|---|---|---|---|---|---|---|\n",
+    );
+    for parameter in &TABLE {
+        // Writing to a string does not fail.
+        let _ = writeln!(
+            text,
+            "| {} | {} | `{}` | {} | {} | {} | {} | {} |",
+            parameter.id,
+            parameter.version,
+            parameter.name,
+            parameter.unit,
+            parameter.range.0,
+            parameter.range.1,
+            parameter.default(),
+            parameter.meaning,
+        );
+    }
+    text
+}
+
+/// Prints the page.
+pub fn run() -> Result<(), Error> {
+    crate::experiments::print(&markdown())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::toml_file;
+    use crate::scenario::Scenario;
+    use core_algos::params::Settings;
+
+    /// Each name is the way to the same number in a scenario.
+    #[test]
+    fn names_are_those_of_a_scenario() {
+        // The strategy is a word in a scenario.
+        let numbers = TABLE.iter().filter(|p| !p.name.ends_with("strategy"));
+        for parameter in numbers.filter(|p| p.name.starts_with("robot.")) {
+            let mut settings = Settings::default();
+            let value = match parameter.whole {
+                true => 4096.0,
+                false => 0.5 * (parameter.range.0 + parameter.range.1),
+            };
+            parameter.set(&mut settings, value).unwrap();
+            let change = match parameter.name.split_once('[') {
+                None => format!("{}={value}", parameter.name),
+                Some((list, index)) => {
+                    let index: usize = index.trim_end_matches(']').parse().unwrap();
+                    let all = TABLE.iter().filter(|p| p.name.starts_with(list));
+                    let mut values: Vec<f32> = all.map(|p| p.default()).collect();
+                    values[index] = value;
+                    format!("{list}={values:?}")
+                }
+            };
+            let scenario: Scenario = toml_file::parse("", "test", &[change]).unwrap();
+            assert_eq!(scenario.robot, settings.robot, "{}", parameter.name);
+        }
+    }
+}

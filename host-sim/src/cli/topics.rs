@@ -1,0 +1,51 @@
+//! `cfmmr topics`: what a log holds, as Markdown.
+
+use crate::base::error::Error;
+use crate::recording::topics::{Schema, TOPICS};
+use std::fmt::Write;
+
+/// The text of `docs/topics.md`.
+pub fn markdown() -> String {
+    let mut text = String::from(
+        "# Topics of a log\n\n\
+         Written by `cfmmr topics`. Foxglove's own schemas are encoded as protobuf, the others as JSON;\n\
+         each is in the file. Times are simulated time since the start. [logs.md](logs.md) says how to\n\
+         make, open and replay a log.\n\n\
+         | topic | schema | rate | what |\n|---|---|---|---|\n",
+    );
+    for topic in &TOPICS {
+        // Writing to a string does not fail.
+        let _ = writeln!(
+            text,
+            "| `{}` | `{}` | {} | {} |",
+            topic.name, topic.schema.name, topic.rate, topic.schema.text
+        );
+    }
+    let mut seen: Vec<&str> = Vec::new();
+    for topic in &TOPICS {
+        let schema = &topic.schema;
+        if schema.fields.is_empty() || seen.contains(&schema.name) {
+            continue;
+        }
+        seen.push(schema.name);
+        text += &fields(schema);
+    }
+    text
+}
+
+fn fields(schema: &Schema) -> String {
+    let mut text = format!(
+        "\n## {}\n\n{}.\n\n| field | unit and meaning |\n|---|---|\n",
+        schema.name, schema.text
+    );
+    for field in schema.fields {
+        let optional = if field.optional { "; may be null" } else { "" };
+        let _ = writeln!(text, "| `{}` | {}{optional} |", field.name, field.text);
+    }
+    text
+}
+
+/// Prints the page.
+pub fn run() -> Result<(), Error> {
+    crate::experiments::print(&markdown())
+}

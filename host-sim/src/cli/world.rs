@@ -1,0 +1,64 @@
+//! `cfmmr world`: the true robot and its surroundings, each figure with its unit and reason.
+
+use crate::base::error::Error;
+use crate::base::table::Table;
+use crate::world::{self, Figure, NAMES};
+use clap::Args;
+use serde::Serialize;
+
+/// Arguments of `world`.
+#[derive(Clone, Debug, Args)]
+pub struct WorldArgs {
+    /// Name of a world, or a TOML file; without it the names are listed
+    pub name: Option<String>,
+    /// Print it as JSON
+    #[arg(long, requires = "name")]
+    pub json: bool,
+    /// Print its file, to begin one of one's own with
+    #[arg(long, requires = "name", conflicts_with = "json")]
+    pub toml: bool,
+}
+
+/// What is written as JSON.
+#[derive(Serialize)]
+struct Printed<'a> {
+    world: &'a str,
+    figures: Vec<Figure>,
+}
+
+/// Prints a world, or the names of those that are built in.
+pub fn run(args: &WorldArgs) -> Result<(), Error> {
+    let Some(name) = &args.name else {
+        return crate::experiments::print(&(NAMES.join("\n") + "\n"));
+    };
+    if args.toml {
+        world::World::load(name)?;
+        return crate::experiments::print(&world::text(name)?);
+    }
+    let figures = world::figures(name)?;
+    if args.json {
+        let printed = Printed {
+            world: name,
+            figures,
+        };
+        let json = serde_json::to_string_pretty(&printed);
+        return crate::experiments::print(
+            &(json.map_err(|error| Error::Failure(error.to_string()))? + "\n"),
+        );
+    }
+    let mut table = Table::new(["figure", "value", "unit", "reason"]).left_aligned();
+    for (k, figure) in figures.iter().enumerate() {
+        if k > 0 && figure.base != figures[k - 1].base {
+            table.rule();
+        }
+        table.row([
+            figure.key.clone(),
+            figure.value.to_string(),
+            figure.unit.clone(),
+            figure.reason.clone(),
+        ]);
+    }
+    crate::experiments::print(&format!(
+        "World {name}; σ: standard deviation, drawn a trial. Below the line: base values.\n\n{table}"
+    ))
+}

@@ -1,0 +1,145 @@
+//! Arguments that several experiments take.
+
+use crate::base::numbers::whole;
+use clap::{Args, ValueEnum};
+use core_algos::topology::Role;
+use std::path::PathBuf;
+
+/// The world that an experiment is in.
+#[derive(Clone, Debug, Default, Args)]
+pub struct WorldChoice {
+    /// World that the robot drives in: one that `cfmmr world` lists, or a TOML file [default: that of the
+    /// scenario, or careful]
+    #[arg(long, value_name = "NAME|FILE")]
+    pub world: Option<String>,
+}
+
+/// Arguments every experiment takes.
+#[derive(Clone, Debug, Args)]
+pub struct Common {
+    /// The world.
+    #[command(flatten)]
+    pub choice: WorldChoice,
+    /// Scenario file in TOML; what it leaves out keeps its default (see `cfmmr config`)
+    #[arg(long, value_name = "FILE")]
+    pub scenario: Option<PathBuf>,
+    /// Change one entry of the scenario, for example --set plant.friction=0.5; may be
+    /// repeated
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
+    /// Seed of all random draws; the same seed gives the same bytes
+    #[arg(long, default_value_t = 1, value_parser = whole::<u64>(0..=u64::MAX))]
+    pub seed: u64,
+    /// Directory for pictures, tables and logs [default: out/COMMAND]
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Also write the result as JSON to this file
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+    /// Number of threads; the result does not depend on it [default: one per core]
+    #[arg(long, value_name = "N", value_parser = whole::<u16>(1..=1024))]
+    pub threads: Option<u16>,
+}
+
+/// How frames reach an emulated board.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum LinkKind {
+    /// Named pipes through semihosting: fast
+    Pipe,
+    /// The board's serial port
+    Uart,
+}
+
+/// Where boards are: emulated, on serial ports, or in this process.
+#[derive(Clone, Debug, Args)]
+pub struct BoardArgs {
+    /// Run the images of the boards in QEMU; they are built if needed
+    #[arg(long, conflicts_with_all = ["front", "rear", "beam"])]
+    pub emulated: bool,
+    /// How frames reach emulated boards
+    #[arg(long, value_enum, default_value_t = LinkKind::Pipe, requires = "emulated")]
+    pub link: LinkKind,
+    /// The emulator
+    #[arg(long, value_name = "PROGRAM", default_value = "qemu-system-arm")]
+    pub qemu: String,
+    /// Serial port of the front board; a board that is not given runs in this process
+    #[arg(long, value_name = "PORT")]
+    pub front: Option<PathBuf>,
+    /// Serial port of the rear board
+    #[arg(long, value_name = "PORT")]
+    pub rear: Option<PathBuf>,
+    /// Serial port of the beam board
+    #[arg(long, value_name = "PORT")]
+    pub beam: Option<PathBuf>,
+    /// Rate of the serial ports
+    #[arg(long, default_value_t = 921_600, value_parser = whole::<u32>(9_600..=12_000_000))]
+    pub baud: u32,
+}
+
+/// A board of the robot.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum BoardName {
+    /// Front axle and lead node
+    Front,
+    /// Rear axle
+    Rear,
+    /// Instrumented frame
+    Beam,
+}
+
+impl From<BoardName> for Role {
+    fn from(name: BoardName) -> Self {
+        match name {
+            BoardName::Front => Self::Front,
+            BoardName::Rear => Self::Rear,
+            BoardName::Beam => Self::Beam,
+        }
+    }
+}
+
+/// A posture from `X,Y,PHI`: metres, metres, and a heading in radians, or in degrees when it ends
+/// in `deg` or `°`.
+pub fn parse_posture(text: &str) -> Result<[f64; 3], String> {
+    let parts: Vec<&str> = text.split(',').map(str::trim).collect();
+    let [x, y, phi] = parts[..] else {
+        return Err(format!(
+            "--from {text}: must be three numbers X,Y,PHI (m, m, rad), found {}: for example \
+             --from -1.5,0.2,90deg",
+            parts.len()
+        ));
+    };
+    let number = |name: &str, text: &str, limit: f64, unit: &str| match text.parse::<f64>() {
+        Ok(value) if value.abs() <= limit => Ok(value),
+        _ => Err(format!(
+            "--from: {name} = {text}: must be a number from -{limit:.5} to {limit:.5} {unit}, for \
+             example --from -1.5,0.2,90deg"
+        )),
+    };
+    let degrees = phi.strip_suffix("deg").or_else(|| phi.strip_suffix('°'));
+    let phi = match degrees {
+        Some(text) => number("PHI", text.trim(), 360.0, "degrees")?.to_radians(),
+        None => number(
+            "PHI",
+            phi,
+            std::f64::consts::TAU,
+            "rad (degrees end in deg)",
+        )?,
+    };
+    Ok([number("X", x, 50.0, "m")?, number("Y", y, 50.0, "m")?, phi])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn posture_in_radians_or_degrees() {
+        assert_eq!(parse_posture("-1, 2 ,0.5"), Ok([-1.0, 2.0, 0.5]));
+        let half_turn = parse_posture("0,0,180deg").unwrap()[2];
+        assert!((half_turn - std::f64::consts::PI).abs() < 1e-15);
+        assert_eq!(parse_posture("0,0,90°"), parse_posture("0,0,90 deg"));
+        for bad in ["1,2", "1,2,3,4", "a,0,0", "nan,0,0", "0,inf,0", "0,0,7", ""] {
+            assert!(parse_posture(bad).is_err(), "{bad}");
+        }
+    }
+}

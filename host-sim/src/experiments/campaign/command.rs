@@ -1,0 +1,335 @@
+//! `cfmmr campaign`: a Monte Carlo study over variations of a scenario, in any number of parts.
+
+use crate::base::error::Error;
+use crate::base::numbers::whole;
+use crate::base::output::{self, OutputDir};
+use crate::base::progress::Progress;
+use crate::experiments::arguments::WorldChoice;
+use crate::experiments::campaign::columns::Columns;
+use crate::experiments::campaign::directory::{Block, Directory, Finished};
+use crate::experiments::campaign::idle::idle_key;
+use crate::experiments::campaign::pictures;
+use crate::experiments::campaign::report::Report;
+use crate::experiments::campaign::shard::Shard;
+use crate::experiments::campaign::study::Study;
+use crate::experiments::print;
+use crate::run::simulation;
+use clap::{Args, Subcommand};
+use core_algos::hil::framing::crc32c;
+use rayon::prelude::*;
+use serde::Serialize;
+use std::path::PathBuf;
+
+/// Arguments of `campaign`.
+#[derive(Clone, Debug, Args)]
+#[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
+pub struct CampaignArgs {
+    /// What to do with the parts' files
+    #[command(subcommand)]
+    pub action: Option<CampaignAction>,
+    /// The study, a TOML file (docs/campaigns.md)
+    #[arg(value_name = "FILE", required = true)]
+    pub file: Option<PathBuf>,
+    /// The world.
+    #[command(flatten)]
+    pub choice: WorldChoice,
+    /// Part I of N, from 0 [default: that of a Slurm array's task or an indexed Kubernetes job; else
+    /// all]
+    #[arg(long, value_name = "I/N")]
+    pub shard: Option<String>,
+    /// Directory of the study's files [default: out/FILE]
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Number of threads; the result does not depend on it [default: one per core]
+    #[arg(long, value_name = "N", value_parser = whole::<u16>(1..=1024))]
+    pub threads: Option<u16>,
+}
+
+/// What to do with the files of a campaign.
+#[derive(Clone, Debug, Subcommand)]
+pub enum CampaignAction {
+    /// Put all runs into one Parquet file, with a table and pictures
+    Merge(CampaignMerge),
+    /// Tell which runs are there
+    Status(CampaignStatus),
+}
+
+/// Arguments of `campaign merge`.
+#[derive(Clone, Debug, Args)]
+pub struct CampaignMerge {
+    /// Directory of the study's files
+    #[arg(value_name = "DIR")]
+    pub directory: PathBuf,
+    /// Directory for the result [default: DIR/merged]
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Also write the result as JSON to this file
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+/// Arguments of `campaign status`.
+#[derive(Clone, Debug, Args)]
+pub struct CampaignStatus {
+    /// Directory of the study's files
+    #[arg(value_name = "DIR")]
+    pub directory: PathBuf,
+    /// List the missing blocks and their runs
+    #[arg(long)]
+    pub missing: bool,
+    /// Also write the result as JSON to this file
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+/// What a part of a campaign did.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+struct Manifest {
+    /// Name of the study.
+    study: String,
+    /// CRC-32C of the study's text.
+    study_crc32c: String,
+    /// Version that ran.
+    version: &'static str,
+    /// Which part.
+    shard: u64,
+    /// Of how many.
+    shards: u64,
+    /// Runs of the part.
+    runs: u64,
+    /// Files of the part.
+    blocks: Vec<String>,
+}
+
+/// Runs the command.
+pub fn run(args: &CampaignArgs) -> Result<(), Error> {
+    match &args.action {
+        Some(CampaignAction::Merge(args)) => merge(args),
+        Some(CampaignAction::Status(args)) => status(args),
+        None => shard(args),
+    }
+}
+
+/// Runs one part; blocks that are there are left alone.
+fn shard(args: &CampaignArgs) -> Result<(), Error> {
+    let Some(file) = &args.file else {
+        return Err(Error::input(
+            "a study's FILE, merge or status must be given",
+        ));
+    };
+    let mut study = Study::load(file)?;
+    if let Some(world) = &args.choice.world {
+        let world = world.clone().into();
+        study.scenario.insert("world".to_owned(), world);
+        study.check()?;
+    }
+    let shard = match &args.shard {
+        Some(text) => Shard::parse(text)?,
+        None => Shard::from_environment(|name| std::env::var(name).ok())?,
+    };
+    let out = args.out.clone().unwrap_or_else(|| {
+        let stem = file.file_stem().unwrap_or_default();
+        PathBuf::from("out").join(stem)
+    });
+    let directory = Directory::open_for(study, &out)?;
+    let study = directory.study();
+    let mine: Vec<u64> = (0..study.blocks())
+        .filter(|&block| shard.has(block))
+        .collect();
+    let mut to_do = Vec::new();
+    for &block in &mine {
+        match directory.block(block)? {
+            Block::Complete(_) => {}
+            Block::Missing => to_do.push(block),
+            Block::Spoiled(why) => {
+                eprintln!("{why}: done anew");
+                to_do.push(block);
+            }
+        }
+    }
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(args.threads.map_or(0, usize::from))
+        .build()
+        .map_err(|error| Error::Failure(error.to_string()))?;
+    let count = |blocks: &[u64]| -> u64 {
+        blocks
+            .iter()
+            .map(|&block| study.block_runs(block).count() as u64)
+            .sum()
+    };
+    let progress = Progress::new(count(&to_do) as usize, "runs");
+    for &block in &to_do {
+        let runs: Vec<Result<Finished, Error>> = pool.install(|| {
+            let range = study.block_runs(block);
+            range
+                .into_par_iter()
+                .map(|index| {
+                    let finished = one(study, index);
+                    progress.advance();
+                    finished
+                })
+                .collect()
+        });
+        directory.write(block, &runs.into_iter().collect::<Result<Vec<_>, _>>()?)?;
+    }
+    let manifest = Manifest {
+        study: study.name.clone(),
+        study_crc32c: format!("{:08x}", crc32c(study.canonical()?.as_bytes())),
+        version: env!("CARGO_PKG_VERSION"),
+        shard: shard.index,
+        shards: shard.count,
+        runs: count(&mine),
+        blocks: mine
+            .iter()
+            .map(|block| format!("block-{block:06}.parquet"))
+            .collect(),
+    };
+    let name = format!("shard-{:06}-of-{:06}.json", shard.index, shard.count);
+    let path = directory.path().join(name);
+    output::write_file(&path, output::json(&manifest))?;
+    print(&format!(
+        "{}: part {} of {}: {} runs now, {} were there; wrote {}\n",
+        study.name,
+        shard.index,
+        shard.count,
+        count(&to_do),
+        count(&mine) - count(&to_do),
+        path.display()
+    ))
+}
+
+fn one(study: &Study, index: u64) -> Result<Finished, Error> {
+    let run = study.run(index)?;
+    let outcome = simulation::regulate(&run.scenario, study.seed, run.trial.into(), |_| {})?;
+    Ok(Finished {
+        index,
+        run,
+        outcome,
+    })
+}
+
+/// What is there of a campaign.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+struct Status {
+    name: String,
+    runs: u64,
+    runs_done: u64,
+    blocks: u64,
+    missing: Vec<u64>,
+    spoiled: Vec<String>,
+}
+
+/// Looks at every block; gives what is there and, if asked for, all of it.
+fn look(directory: &Directory, mut keep: Option<&mut Columns>) -> Result<Status, Error> {
+    let study = directory.study();
+    let mut status = Status {
+        name: study.name.clone(),
+        runs: study.runs(),
+        blocks: study.blocks(),
+        ..Status::default()
+    };
+    for block in 0..study.blocks() {
+        match directory.block(block)? {
+            Block::Complete(columns) => {
+                status.runs_done += columns.rows() as u64;
+                if let Some(all) = &mut keep
+                    && !all.append(&columns)
+                {
+                    status
+                        .spoiled
+                        .push(format!("block {block}: has other columns"));
+                }
+            }
+            Block::Missing => status.missing.push(block),
+            Block::Spoiled(why) => status.spoiled.push(why),
+        }
+    }
+    Ok(status)
+}
+
+fn status(args: &CampaignStatus) -> Result<(), Error> {
+    let directory = Directory::open(&args.directory)?;
+    let status = look(&directory, None)?;
+    let mut text = format!(
+        "{}: {} of {} runs in {} of {} blocks\n",
+        status.name,
+        status.runs_done,
+        status.runs,
+        status.blocks as usize - status.missing.len() - status.spoiled.len(),
+        status.blocks
+    );
+    for why in &status.spoiled {
+        text += &format!("{why}\n");
+    }
+    if args.missing {
+        for &block in &status.missing {
+            let runs = directory.study().block_runs(block);
+            text += &format!(
+                "missing: block {block}, runs {} to {}\n",
+                runs.start,
+                runs.end - 1
+            );
+        }
+    }
+    if let Some(path) = &args.json {
+        output::write_file(path, output::json(&status))?;
+    }
+    print(&text)
+}
+
+fn merge(args: &CampaignMerge) -> Result<(), Error> {
+    let directory = Directory::open(&args.directory)?;
+    let mut runs = Columns::default();
+    let status = look(&directory, Some(&mut runs))?;
+    if status.runs_done != status.runs || !status.spoiled.is_empty() {
+        return Err(Error::Failure(format!(
+            "{}: {} of {} runs are there: run the missing parts first, see cfmmr campaign status \
+             {} --missing",
+            status.name,
+            status.runs_done,
+            status.runs,
+            args.directory.display()
+        )));
+    }
+    let study = directory.study();
+    let content = directory.parquet(&runs)?;
+    let hash = crc32c(&content);
+    let report = Report::of(study, &runs);
+    let out = args
+        .out
+        .clone()
+        .unwrap_or_else(|| args.directory.join("merged"));
+    let mut files = OutputDir::create(out)?;
+    files.bytes("runs.parquet", content);
+    let mut pictures = vec![
+        ("distributions", pictures::distributions(study, &runs)),
+        ("map", pictures::map(study, &runs)),
+    ];
+    if let Some(figure) = pictures::sensitivity(study, &runs) {
+        pictures.push(("sensitivity", figure));
+    }
+    for (name, figure) in pictures {
+        files.text(&format!("{name}.svg"), figure.svg());
+        files.bytes(&format!("{name}.png"), figure.png());
+    }
+    files.json("result.json", &report);
+    if let Some(path) = &args.json {
+        output::write_file(path, output::json(&report))?;
+    }
+    let written = files.commit()?;
+    let lines: Vec<String> = written
+        .iter()
+        .map(|path| format!("wrote {}", path.display()))
+        .collect();
+    print(&format!(
+        "{}\nCRC-32C of runs.parquet: {hash:08x}\n{}\n",
+        report.text(),
+        lines.join("\n")
+    ))?;
+    match idle_key(study, &runs)? {
+        None => Ok(()),
+        Some(key) => Err(Error::Failure(format!(
+            "vary {key}: no result depends on it; remove it, or vary what acts in this scenario"
+        ))),
+    }
+}

@@ -1,0 +1,222 @@
+//! The directory of a study: the study itself and one file for each block of runs.
+//!
+//! A block is the same whoever runs it, so shards of any number fill one directory, and what a killed
+//! shard had finished stays. A file is complete or not there.
+
+use super::columns::{Columns, Values};
+use super::study::{Run, Study};
+use crate::base::error::Error;
+use crate::base::output;
+use crate::run::simulation::Outcome;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Key of the study's text in a file of runs.
+const STUDY: &str = "cfmmr.study";
+/// Key of the version that made the runs.
+const VERSION: &str = "cfmmr.version";
+/// The version that makes them now.
+const THIS_VERSION: &str = env!("CARGO_PKG_VERSION");
+/// Name of the copy of the study.
+const COPY: &str = "study.toml";
+
+/// One run and how it ended.
+pub struct Finished {
+    /// Its number in the study.
+    pub index: u64,
+    /// What it was.
+    pub run: Run,
+    /// How it ended.
+    pub outcome: Outcome,
+}
+
+/// A study's directory.
+#[derive(Clone, Debug)]
+pub struct Directory {
+    path: PathBuf,
+    study: Study,
+    canonical: String,
+}
+
+/// What is there of a block.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Block {
+    /// Its runs.
+    Complete(Columns),
+    /// Nothing.
+    Missing,
+    /// A file that cannot be used, and why.
+    Spoiled(String),
+}
+
+impl Directory {
+    /// The directory for the runs of `study`. One that is there must be of the same study.
+    pub fn open_for(study: Study, path: &Path) -> Result<Self, Error> {
+        let canonical = study.canonical()?;
+        let copy = path.join(COPY);
+        match fs::read_to_string(&copy) {
+            Ok(found) if found == canonical => {}
+            Ok(_) => {
+                return Err(Error::input(format!(
+                    "{}: holds another study than the one given: choose another --out, or remove it",
+                    copy.display()
+                )));
+            }
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+                fs::create_dir_all(path)
+                    .map_err(|error| Error::Failure(format!("{}: {error}", path.display())))?;
+                output::write_file(&copy, &canonical)?;
+            }
+            Err(error) => return Err(Error::input(format!("{}: {error}", copy.display()))),
+        }
+        Ok(Self {
+            path: path.to_owned(),
+            study,
+            canonical,
+        })
+    }
+
+    /// A directory that shards have written to.
+    pub fn open(path: &Path) -> Result<Self, Error> {
+        let copy = path.join(COPY);
+        let study = Study::load(&copy).map_err(|error| match copy.exists() {
+            true => error,
+            false => Error::input(format!(
+                "{}: is no directory of a campaign: it has no {COPY}",
+                path.display()
+            )),
+        })?;
+        Self::open_for(study, path)
+    }
+
+    /// The study.
+    pub fn study(&self) -> &Study {
+        &self.study
+    }
+
+    /// Where it is.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    fn file(&self, block: u64) -> PathBuf {
+        self.path.join(format!("block-{block:06}.parquet"))
+    }
+
+    /// What is there of a block.
+    pub fn block(&self, block: u64) -> Result<Block, Error> {
+        let path = self.file(block);
+        let content = match fs::read(&path) {
+            Ok(content) => content,
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+                return Ok(Block::Missing);
+            }
+            Err(error) => return Err(Error::Failure(format!("{}: {error}", path.display()))),
+        };
+        let spoiled = |why: String| Ok(Block::Spoiled(format!("{}: {why}", path.display())));
+        let (columns, notes) = match Columns::from_parquet(content) {
+            Ok(read) => read,
+            Err(error) => return spoiled(error),
+        };
+        let note = |key: &str| notes.iter().find(|(other, _)| other == key).map(|(_, v)| v);
+        if note(STUDY) != Some(&self.canonical) {
+            return spoiled("is of another study".to_owned());
+        }
+        if note(VERSION).map(String::as_str) != Some(THIS_VERSION) {
+            return spoiled(format!("was not made by version {THIS_VERSION}"));
+        }
+        let expected = self.study.block_runs(block);
+        let runs = columns.integers("run").iter();
+        if !runs.copied().eq(expected.map(|run| run as i64)) {
+            return spoiled("does not hold the runs of its number".to_owned());
+        }
+        Ok(Block::Complete(columns))
+    }
+
+    /// Writes the runs of a block.
+    pub fn write(&self, block: u64, runs: &[Finished]) -> Result<(), Error> {
+        let content = self.parquet(&columns(&self.study, runs))?;
+        Ok(output::write_file(&self.file(block), content)?)
+    }
+
+    /// The file of some runs.
+    pub fn parquet(&self, columns: &Columns) -> Result<Vec<u8>, Error> {
+        columns.to_parquet(&[(STUDY, &self.canonical), (VERSION, THIS_VERSION)])
+    }
+}
+
+fn wrap(angle: f64) -> f64 {
+    let turn = std::f64::consts::TAU;
+    angle - turn * (angle / turn).round()
+}
+
+/// The table of some runs: what they were, then how they ended.
+fn columns(study: &Study, runs: &[Finished]) -> Columns {
+    let whole = |pick: &dyn Fn(&Finished) -> i64| Values::Integer(runs.iter().map(pick).collect());
+    let flag = |pick: &dyn Fn(&Finished) -> bool| Values::Flag(runs.iter().map(pick).collect());
+    let number = |pick: &dyn Fn(&Finished) -> f64| Values::Double(runs.iter().map(pick).collect());
+    let mut columns = vec![
+        ("run".to_owned(), whole(&|r| r.index as i64)),
+        ("cell".to_owned(), whole(&|r| r.run.cell as i64)),
+        ("trial".to_owned(), whole(&|r| r.run.trial.into())),
+    ];
+    for (i, vary) in study.vary.iter().enumerate() {
+        let values = match vary.is_numeric() {
+            true => number(&|r| super::study::number(&r.run.values[i]).unwrap_or(f64::NAN)),
+            false => Values::Text(runs.iter().map(|r| r.run.values[i].to_string()).collect()),
+        };
+        columns.push((vary.key.clone(), values));
+    }
+    type Pick = fn(&Finished) -> f64;
+    let goal = |r: &Finished| r.run.scenario.mission.goal;
+    let start = |r: &Finished| r.run.scenario.mission.start;
+    for (i, name) in ["start_x_m", "start_y_m", "start_phi_rad"]
+        .into_iter()
+        .enumerate()
+    {
+        columns.push((name.to_owned(), number(&|r| start(r)[i])));
+    }
+    let error = |r: &Finished| {
+        let [x, y, _] = r.outcome.midpoint;
+        (goal(r)[0] - x).hypot(goal(r)[1] - y)
+    };
+    let heading = |r: &Finished| wrap(r.outcome.midpoint[2] - goal(r)[2]);
+    columns.extend([
+        ("e_m".to_owned(), number(&error)),
+        ("heading_rad".to_owned(), number(&heading)),
+        (
+            "within_3cm_3deg".to_owned(),
+            flag(&|r| error(r) <= 0.03 && heading(r).abs() <= 3f64.to_radians()),
+        ),
+        ("done".to_owned(), flag(&|r| r.outcome.done)),
+        ("gave_up".to_owned(), flag(&|r| r.outcome.gave_up)),
+        (
+            "fault_code".to_owned(),
+            whole(&|r| {
+                let reason = r.outcome.fault.as_ref().and_then(|fault| fault.reason);
+                reason.map_or(0, |condition| condition.code().into())
+            }),
+        ),
+    ]);
+    let outcomes: [(&str, Pick); 9] = [
+        ("x_m", |r| r.outcome.midpoint[0]),
+        ("y_m", |r| r.outcome.midpoint[1]),
+        ("phi_rad", |r| r.outcome.midpoint[2]),
+        ("estimate_error_m", |r| {
+            let ([x, y, _], [u, v, _]) = (r.outcome.midpoint, r.outcome.estimate);
+            (u - x).hypot(v - y)
+        }),
+        ("drift_m", |r| {
+            let [x, y, _] = r.outcome.relative_error;
+            x.hypot(y)
+        }),
+        ("force_rms_n", |r| r.outcome.force_rms_n),
+        ("max_curvature_1_m", |r| r.outcome.max_curvature),
+        ("duration_s", |r| r.outcome.duration_s),
+        ("path_m", |r| r.outcome.path_m),
+    ];
+    for (name, pick) in outcomes {
+        columns.push((name.to_owned(), number(&pick)));
+    }
+    Columns(columns)
+}

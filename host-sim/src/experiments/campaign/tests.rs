@@ -1,0 +1,311 @@
+use super::columns::{Columns, Values};
+use super::directory::{Block, Directory, Finished};
+use super::idle::idle_key;
+use super::pictures::{distributions, map, sensitivity};
+use super::report::{Report, rank_correlation, wilson};
+use super::study::Study;
+use crate::run::simulation::Outcome;
+use crate::view::plot::tests::check_figure;
+
+const TEXT: &str = r#"
+name = "test"
+seed = 3
+trials = 4
+block = 3
+
+[[vary]]
+key = "plant.creep_velocity_m_s"
+values = [0.003, 0.01]
+
+[[vary]]
+key = "mission.rps"
+values = [true, false]
+
+[[vary]]
+key = "sensors.geometry.wheel_radius_sigma"
+uniform = [0.0, 0.002]
+
+[scenario.plant]
+tyre = "creep"
+
+[scenario.mission]
+start = [-0.5, 0.1, 0.0]
+"#;
+
+fn study() -> Study {
+    Study::parse(TEXT, "test").unwrap()
+}
+
+#[test]
+fn every_combination_has_the_same_trials() {
+    let study = study();
+    assert_eq!((study.runs(), study.blocks()), (16, 6));
+    let runs: Vec<_> = (0..16).map(|i| study.run(i).unwrap()).collect();
+    for (i, run) in runs.iter().enumerate() {
+        assert_eq!((run.cell, run.trial), (i as u64 / 4, i as u32 % 4));
+        let [creep, rps] = [[0.003, 0.01][i / 8], [1.0, 0.0][i / 4 % 2]];
+        assert_eq!(run.scenario.world.plant.creep_velocity_m_s, creep);
+        assert_eq!(f64::from(u8::from(run.scenario.mission.rps)), rps);
+        assert_eq!(run.scenario.mission.start[0], -0.5);
+        // What is drawn belongs to the trial.
+        let drawn = run.scenario.world.sensors.geometry.wheel_radius_sigma;
+        assert!((0.0..0.002).contains(&drawn));
+        assert_eq!(
+            drawn,
+            runs[i % 4]
+                .scenario
+                .world
+                .sensors
+                .geometry
+                .wheel_radius_sigma
+        );
+    }
+    let drawn: Vec<f64> = (0..4)
+        .map(|i| runs[i].scenario.world.sensors.geometry.wheel_radius_sigma)
+        .collect();
+    assert!(drawn.windows(2).all(|pair| pair[0] != pair[1]), "{drawn:?}");
+}
+
+#[test]
+fn a_study_is_refused_by_the_name_of_what_is_wrong() {
+    for (from, to, named) in [
+        ("trials = 4", "trials = 0", "trials"),
+        ("block = 3", "block = 0", "block"),
+        ("trials = 4", "trials = 9000000", "runs"),
+        (
+            "uniform = [0.0, 0.002]",
+            "uniform = [0.002, 0.0]",
+            "uniform",
+        ),
+        (
+            "uniform = [0.0, 0.002]",
+            "log_uniform = [0.0, 0.002]",
+            "log_uniform",
+        ),
+        ("uniform = [0.0, 0.002]", "normal = [0.0, 0.0]", "normal"),
+        ("uniform = [0.0, 0.002]", "", "exactly one"),
+        ("values = [true, false]", "values = []", "values"),
+        (
+            "values = [true, false]",
+            "values = [true, 3]",
+            "mission.rps",
+        ),
+        ("mission.rps", "mission.rsp", "rsp"),
+        ("mission.rps", "plant.creep_velocity_m_s", "twice"),
+        ("[-0.5, 0.1, 0.0]", "[-0.5, 0.1]", "start"),
+        ("seed = 3", "sede = 3", "sede"),
+    ] {
+        let text = TEXT.replace(from, to);
+        assert_ne!(text, TEXT);
+        let error = Study::parse(&text, "file.toml").unwrap_err();
+        assert!(error.to_string().contains(named), "{to}: {error}");
+        assert!(
+            error.to_string().contains("file.toml") && error.exit_code() == 2,
+            "{error}"
+        );
+    }
+}
+
+fn finished(study: &Study, block: u64) -> Vec<Finished> {
+    study
+        .block_runs(block)
+        .map(|index| Finished {
+            index,
+            run: study.run(index).unwrap(),
+            outcome: Outcome {
+                midpoint: [0.001 * index as f64, 0.0, 0.0],
+                done: true,
+                ..Outcome::default()
+            },
+        })
+        .collect()
+}
+
+#[test]
+fn blocks_are_kept_and_spoiled_ones_noticed() {
+    let folder = tempfile::tempdir().unwrap();
+    let directory = Directory::open_for(study(), folder.path()).unwrap();
+    assert_eq!(directory.block(2).unwrap(), Block::Missing);
+    directory.write(2, &finished(&study(), 2)).unwrap();
+    let Block::Complete(columns) = directory.block(2).unwrap() else {
+        panic!("{:?}", directory.block(2));
+    };
+    assert_eq!(columns.integers("run"), [6, 7, 8]);
+    assert_eq!(columns.doubles("e_m"), [0.006, 0.007, 0.008]);
+    assert_eq!(columns.words("mission.rps"), ["false", "false", "true"]);
+    // Under another number it is not that block, and cut short it is none.
+    let path = folder.path().join("block-000002.parquet");
+    std::fs::copy(&path, folder.path().join("block-000003.parquet")).unwrap();
+    assert!(matches!(directory.block(3).unwrap(), Block::Spoiled(_)));
+    let content = std::fs::read(&path).unwrap();
+    std::fs::write(&path, &content[..content.len() / 2]).unwrap();
+    assert!(matches!(directory.block(2).unwrap(), Block::Spoiled(_)));
+    // Another study does not mix with it.
+    let other = Study::parse(&TEXT.replace("seed = 3", "seed = 4"), "other").unwrap();
+    let error = Directory::open_for(other, folder.path()).unwrap_err();
+    assert!(error.exit_code() == 2 && error.to_string().contains("another study"));
+    assert_eq!(Directory::open(folder.path()).unwrap().study(), &study());
+    assert!(Directory::open(&folder.path().join("none")).is_err());
+}
+
+/// All runs of a study.
+fn all_runs(study: &Study) -> Columns {
+    let folder = tempfile::tempdir().unwrap();
+    let directory = Directory::open_for(study.clone(), folder.path()).unwrap();
+    let mut all = Columns::default();
+    for block in 0..study.blocks() {
+        directory.write(block, &finished(study, block)).unwrap();
+        let Block::Complete(columns) = directory.block(block).unwrap() else {
+            panic!()
+        };
+        assert!(all.append(&columns));
+    }
+    all
+}
+
+#[test]
+fn the_report_counts_what_is_there() {
+    let study = study();
+    let all = all_runs(&study);
+    let report = Report::of(&study, &all);
+    assert_eq!((report.runs, report.cells.len()), (16, 4));
+    // Runs 4 to 7 end 4 to 7 mm away.
+    assert!((report.cells[1].e_m.mean - 0.0055).abs() < 1e-12);
+    assert_eq!(report.cells[1].within_3cm_3deg, 1.0);
+    assert_eq!(
+        report.cells[1].values[1],
+        ("mission.rps".to_owned(), "false".to_owned())
+    );
+    assert_eq!(report.influences.len(), 1);
+}
+
+#[test]
+fn pictures_are_whole_whatever_a_study_varies() {
+    let lists = |count: usize| {
+        let blocks: Vec<&str> = TEXT.split("[[vary]]").collect();
+        let kept: Vec<&str> = [&blocks[..1], &blocks[3 - count..]].concat();
+        kept.join("[[vary]]")
+    };
+    let mut lines = Vec::new();
+    for count in 0..=2 {
+        for (from, to) in [
+            ("block = 3", "block = 3"),
+            ("block = 3", "block = 3\nstarts = \"random\""),
+            ("trials = 4", "trials = 1"),
+        ] {
+            let study = Study::parse(&lists(count).replace(from, to), "test").unwrap();
+            let runs = all_runs(&study);
+            let shares = distributions(&study, &runs);
+            let influences = sensitivity(&study, &runs).unwrap();
+            for figure in [&shares, &map(&study, &runs), &influences] {
+                check_figure(figure);
+            }
+            // Errors of 0 to 15 mm: an axis has the numbers of its ends.
+            assert!(influences.svg().contains(">0.01<"));
+            lines.push(shares.svg().matches("stroke-width=\"1.8\"").count());
+        }
+    }
+    // More combinations, more lines.
+    assert!(lines[0] < lines[3] && lines[3] < lines[6], "{lines:?}");
+}
+
+#[test]
+fn pictures_are_split_by_every_key_that_is_no_number() {
+    let more = r#"[[vary]]
+key = "sensors.gyro.fitted"
+values = [true, false]
+
+[[vary]]
+key = "mission.rps""#;
+    for starts in ["scenario", "random"] {
+        let text = TEXT.replacen("[[vary]]\nkey = \"mission.rps\"", more, 1);
+        let text = text.replace("block = 3", &format!("block = 3\nstarts = \"{starts}\""));
+        let study = Study::parse(&text, "test").unwrap();
+        let runs = all_runs(&study);
+        for figure in [
+            distributions(&study, &runs),
+            map(&study, &runs),
+            sensitivity(&study, &runs).unwrap(),
+        ] {
+            check_figure(&figure);
+            let svg = figure.svg();
+            for gyro in [true, false] {
+                for rps in [true, false] {
+                    let label = format!("gyro.fitted = {gyro}, mission.rps = {rps}<");
+                    assert!(svg.contains(&label), "{label}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn intervals_and_correlations_are_the_textbook_ones() {
+    // Wilson's interval of 8 of 10, as tabulated.
+    let [low, high] = wilson(8, 10);
+    assert!(
+        (low - 0.4902).abs() < 1e-4 && (high - 0.9433).abs() < 1e-4,
+        "{low} {high}"
+    );
+    // Spearman's example with d² summing to 194 over 10 pairs: 1 − 6·194/990.
+    let iq = [
+        106.0, 100.0, 86.0, 101.0, 99.0, 103.0, 97.0, 113.0, 112.0, 110.0,
+    ];
+    let hours = [7.0, 27.0, 2.0, 50.0, 28.0, 29.0, 20.0, 12.0, 6.0, 17.0];
+    assert!((rank_correlation(&iq, &hours) + 29.0 / 165.0).abs() < 1e-12);
+    // Equal values share a rank.
+    assert!((rank_correlation(&[1.0, 1.0, 2.0, 3.0], &[1.0, 1.0, 2.0, 3.0]) - 1.0).abs() < 1e-12);
+}
+
+#[test]
+fn a_varied_key_that_changes_no_result_is_named() {
+    let text = |vary: &str| {
+        format!(
+            "name = \"idle\"\ntrials = 2\n[[vary]]\nkey = \"robot.lead.limits.force_n\"\n{vary}"
+        )
+    };
+    let study = Study::parse(&text("values = [25.0, 30.0]"), "test").unwrap();
+    let runs = |errors: [f64; 4]| {
+        let column =
+            |name: &str, values: [f64; 4]| (name.to_owned(), Values::Double(values.to_vec()));
+        Columns(vec![
+            column("robot.lead.limits.force_n", [25.0, 25.0, 30.0, 30.0]),
+            column("e_m", errors),
+        ])
+    };
+    // Trials differ, and the second combination repeats them.
+    let same = runs([0.01, 0.02, 0.01, 0.02]);
+    assert_eq!(
+        idle_key(&study, &same).unwrap(),
+        Some("robot.lead.limits.force_n")
+    );
+    assert_eq!(
+        idle_key(&study, &runs([0.01, 0.02, 0.01, 0.03])).unwrap(),
+        None
+    );
+    let drawn = Study::parse(&text("uniform = [25.0, 30.0]"), "test").unwrap();
+    assert_eq!(
+        idle_key(&drawn, &same).unwrap(),
+        Some("robot.lead.limits.force_n")
+    );
+    let acting =
+        text("uniform = [0.4, 0.7]").replace("robot.lead.limits.force_n", "plant.friction");
+    let acting = Study::parse(&acting, "test").unwrap();
+    assert_eq!(idle_key(&acting, &same).unwrap(), None);
+    // Acts in the second combination alone.
+    let strain = "[[vary]]\nkey = \"sensors.bridge.noise_strain\"\nuniform = [1e-7, 1e-5]";
+    let later = format!(
+        "name = \"idle\"\ntrials = 1\n[[vary]]\nkey = \"mission.rps\"\nvalues = [false, true]\n{strain}"
+    );
+    let later = Study::parse(&later, "test").unwrap();
+    let ends = Columns(vec![("e_m".to_owned(), Values::Double(vec![0.1, 0.2]))]);
+    assert_eq!(idle_key(&later, &ends).unwrap(), None);
+}
+
+#[test]
+fn a_varied_key_that_the_tyre_ignores_is_refused() {
+    let text = TEXT.replace("tyre = \"creep\"", "tyre = \"brush\"");
+    let error = Study::parse(&text, "test").unwrap_err();
+    let words = "vary plant.creep_velocity_m_s: no effect with plant.tyre = \"brush\"";
+    assert!(error.to_string().contains(words), "{error}");
+}

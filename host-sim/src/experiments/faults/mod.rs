@@ -1,0 +1,293 @@
+//! `cfmmr faults`: every fault of the catalogue, at several times and with several seeds.
+
+pub mod emulated;
+pub mod on_virtual;
+pub mod run;
+
+use crate::base::error::Error;
+use crate::base::numbers::whole;
+use crate::base::output;
+use crate::base::progress::Progress;
+use crate::experiments::arguments::WorldChoice;
+use crate::experiments::faults::run::{Bounds, Case, End, Outcome};
+use crate::scenario::Scenario;
+use crate::world::faults::{CATALOGUE, Entry};
+use clap::Args;
+use core_algos::time::Micros;
+use rayon::prelude::*;
+use serde::Serialize;
+use std::collections::BTreeSet;
+use std::fmt::Write;
+use std::path::PathBuf;
+
+/// Arguments of `faults`.
+#[derive(Clone, Debug, Args)]
+pub struct FaultsArgs {
+    /// The world.
+    #[command(flatten)]
+    pub choice: WorldChoice,
+    /// Number of seeds
+    #[arg(long, default_value_t = 2, value_parser = whole::<u32>(1..=1000))]
+    pub seeds: u32,
+    /// Only faults with this in their name; may be repeated
+    #[arg(long, value_name = "TEXT")]
+    pub only: Vec<String>,
+    /// On boards in QEMU instead, with one seed and at one time, each run compared with the same run
+    /// in process
+    #[arg(long, conflicts_with = "seeds", group = "boards")]
+    pub emulated: bool,
+    /// QEMU for --emulated, 9.0 or newer
+    #[arg(long, value_name = "PROGRAM", default_value = "qemu-system-arm")]
+    pub qemu: String,
+    /// Faults of the boards themselves instead, on virtual boards that run the images that users flash
+    #[arg(long = "virtual", group = "boards")]
+    pub virtual_boards: bool,
+    /// With --virtual: each fault once, at one time with one seed, and only some of the instants at
+    /// which power can fail
+    #[arg(long, requires = "virtual_boards", conflicts_with = "seeds")]
+    pub quick: bool,
+    /// With --virtual: number of threads; the result does not depend on it [default: one per core]
+    #[arg(long, value_name = "N", requires = "virtual_boards", value_parser = whole::<u16>(1..=1024))]
+    pub threads: Option<u16>,
+    /// With --virtual: write which source lines of the firmware ran to this file (lcov)
+    #[arg(long, value_name = "FILE", requires = "virtual_boards")]
+    pub coverage: Option<PathBuf>,
+    /// With --virtual: another image of the axle boards
+    #[arg(long, value_name = "ELF", requires = "virtual_boards")]
+    pub axle_image: Option<PathBuf>,
+    /// With --virtual: another image of the beam board
+    #[arg(long, value_name = "ELF", requires = "virtual_boards")]
+    pub beam_image: Option<PathBuf>,
+    /// With --emulated or --virtual: fail if a row is not as in the committed table, or, with --quick,
+    /// if a run ends in a way that its row of the table does not have
+    #[arg(long, requires = "boards")]
+    pub check: bool,
+    /// Also write the result as JSON to this file
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+/// When the faults come, µs after the task began: while the robot plans and starts, under way with
+/// the frame bent, and close to the goal.
+pub const TIMES: [Micros; 3] = [300_000, 4_000_000, 9_000_000];
+
+/// All runs of one fault.
+#[derive(Clone, Debug, Serialize)]
+pub struct Row {
+    /// Name of the fault.
+    pub fault: &'static str,
+    /// Number of runs.
+    pub runs: usize,
+    /// Runs that finished the task.
+    pub finished: usize,
+    /// Runs that stopped in time and for the right reason.
+    pub stopped: usize,
+    /// Runs that ended in any other way.
+    pub wrong: Vec<End>,
+    /// Names of the first reasons.
+    pub reasons: BTreeSet<&'static str>,
+    /// Longest time from the fault to rest with motors off, s.
+    pub stop_s: Option<f64>,
+    /// Time allowed for it, s.
+    pub stop_within_s: f64,
+    /// Largest distance from the goal of the finished runs, m.
+    pub error_m: Option<f64>,
+    /// Largest speed, m/s.
+    pub speed_m_s: f64,
+    /// Largest bend of the frame, rad.
+    pub bend_rad: f64,
+    /// Largest force of the frame, N.
+    pub force_n: f64,
+    /// Each run.
+    pub outcomes: Vec<Outcome>,
+}
+
+impl Row {
+    fn of(entry: &Entry, runs: &[Outcome]) -> Self {
+        let count = |end: End| runs.iter().filter(|run| run.end == end).count();
+        let largest = |pick: fn(&Outcome) -> f64| runs.iter().map(pick).fold(0.0, f64::max);
+        let finished = runs.iter().filter(|run| run.end == End::Finished);
+        Self {
+            fault: entry.name,
+            runs: runs.len(),
+            finished: count(End::Finished),
+            stopped: count(End::Stopped),
+            wrong: runs
+                .iter()
+                .map(|run| run.end)
+                .filter(|end| !end.is_right())
+                .collect(),
+            reasons: runs
+                .iter()
+                .filter_map(Outcome::code)
+                .map(|code| code.entry().name)
+                .collect(),
+            stop_s: runs.iter().filter_map(|run| run.stop_s).reduce(f64::max),
+            stop_within_s: entry.stop_within_s,
+            error_m: finished.map(|run| run.error_m).reduce(f64::max),
+            speed_m_s: largest(|run| run.speed_m_s),
+            bend_rad: largest(|run| run.bend_rad),
+            force_n: largest(|run| run.force_n),
+            outcomes: runs.to_vec(),
+        }
+    }
+}
+
+/// The result of the campaign.
+#[derive(Clone, Debug, Serialize)]
+pub struct Report {
+    /// World of the runs.
+    pub world: String,
+    /// Seeds 1 to this.
+    pub seeds: u64,
+    /// What no run may exceed for more than a moment.
+    pub bounds: Bounds,
+    /// Fault by fault.
+    pub rows: Vec<Row>,
+}
+
+/// The robot with everything fitted, on tyres that roll with a little resistance: with its motors
+/// off it comes to rest.
+pub(super) fn scenario(world: Option<&str>) -> Result<Scenario, Error> {
+    let mut scenario = Scenario::in_world(world)?;
+    let plant = &mut scenario.world.plant;
+    plant.rolling_resistance = plant.rolling_resistance.max(0.02);
+    scenario.world.sensors.gyro.fitted = true;
+    scenario.world.sensors.accelerometer.fitted = true;
+    scenario.mission.time_limit_s = 60.0;
+    Ok(scenario)
+}
+
+/// Runs the campaign on the threads of the current pool.
+pub fn campaign(world: Option<&str>, seeds: u64, only: &[String]) -> Result<Report, Error> {
+    let (scenario, bounds) = (scenario(world)?, Bounds::default());
+    let chosen = |entry: &&Entry| is_chosen(entry.name, only);
+    let entries: Vec<&Entry> = CATALOGUE.iter().filter(chosen).collect();
+    let each = TIMES.len() * seeds as usize;
+    let progress = Progress::new(entries.len() * each, "runs");
+    let outcomes: Vec<Result<Outcome, Error>> = (0..entries.len() * each)
+        .into_par_iter()
+        .with_max_len(1)
+        .map(|i| {
+            let (time, seed) = (
+                TIMES[i % each % TIMES.len()],
+                (i % each / TIMES.len()) as u64,
+            );
+            let case = Case {
+                entry: entries[i / each],
+                after: time,
+                seed: 1 + seed,
+            };
+            let outcome = run::run(&scenario, &case, &bounds);
+            progress.advance();
+            outcome
+        })
+        .collect();
+    let outcomes: Vec<Outcome> = outcomes.into_iter().collect::<Result<_, _>>()?;
+    let rows = entries.iter().zip(outcomes.chunks(each));
+    Ok(Report {
+        world: scenario.world.label(),
+        seeds,
+        bounds,
+        rows: rows.map(|(entry, runs)| Row::of(entry, runs)).collect(),
+    })
+}
+
+impl Report {
+    /// Number of runs that ended in a way they may not.
+    pub fn wrong(&self) -> usize {
+        self.rows.iter().map(|row| row.wrong.len()).sum()
+    }
+
+    /// The page.
+    pub fn markdown(&self) -> String {
+        let bounds = &self.bounds;
+        let runs: usize = self.rows.iter().map(|row| row.runs).sum();
+        let mut text = format!(
+            "# Faults\n\n\
+             Written by `cfmmr faults`. Each fault is put into the simulated robot {} s, {} s and\n\
+             {} s after its task began, with {} seeds each. A run is right if the robot finishes its task\n\
+             within {:.0} cm and {:.0}°, or stops, motors off, within the time stated and for a reason that\n\
+             fits the fault; and if at no time speed ({} m/s), bend of the frame ({:.0}°) or force of the\n\
+             frame ({} N) is exceeded for more than {} s. Reasons are explained in [codes.md](codes.md).\n\
+             World: {}.\n\n\
+             | fault | finished | stopped | other | reasons | to rest (s) | allowed (s) | error (cm) | speed (m/s) | bend (°) | force (N) |\n\
+             |---|---|---|---|---|---|---|---|---|---|---|\n",
+            TIMES[0] as f64 * 1e-6,
+            TIMES[1] as f64 * 1e-6,
+            TIMES[2] as f64 * 1e-6,
+            self.seeds,
+            1e2 * run::TOLERANCE[0],
+            run::TOLERANCE[1].to_degrees(),
+            bounds.speed_m_s,
+            bounds.bend_rad.to_degrees(),
+            bounds.force_n,
+            bounds.moment_s,
+            self.world,
+        );
+        for row in &self.rows {
+            let reasons: Vec<&str> = row.reasons.iter().copied().collect();
+            let number = |value: Option<f64>, scale: f64, digits: usize| {
+                value.map_or(String::new(), |v| format!("{:.digits$}", v * scale))
+            };
+            let wrong: Vec<String> = row.wrong.iter().map(|end| format!("{end:?}")).collect();
+            let allowed = (row.stop_within_s > 0.0).then_some(row.stop_within_s);
+            // Writing to a string does not fail.
+            let _ = writeln!(
+                text,
+                "| {} | {} | {} | {} | {} | {} | {} | {} | {:.2} | {:.0} | {:.0} |",
+                row.fault,
+                row.finished,
+                row.stopped,
+                if wrong.is_empty() {
+                    "0".to_owned()
+                } else {
+                    wrong.join(", ")
+                },
+                reasons.join(", "),
+                number(row.stop_s, 1.0, 2),
+                number(allowed, 1.0, 1),
+                number(row.error_m, 1e2, 1),
+                row.speed_m_s,
+                row.bend_rad.to_degrees(),
+                row.force_n,
+            );
+        }
+        let _ = writeln!(text, "\n{runs} runs, {} of them not right.", self.wrong());
+        text
+    }
+}
+
+/// Whether `--only` leaves a fault of this name in.
+pub(super) fn is_chosen(name: &str, only: &[String]) -> bool {
+    only.is_empty() || only.iter().any(|only| name.contains(only.as_str()))
+}
+
+/// Checks that each `--only` is in a name.
+pub(super) fn check_choice(only: &[String], names: &[&str]) -> Result<(), Error> {
+    let unknown = |only: &&String| !names.iter().any(|name| name.contains(only.as_str()));
+    match only.iter().find(unknown) {
+        Some(only) => Err(Error::input(format!(
+            "--only {only}: no fault has this in its name; the faults are: {}",
+            names.join(", ")
+        ))),
+        None => Ok(()),
+    }
+}
+
+/// `cfmmr faults`.
+pub fn run(args: &FaultsArgs) -> Result<(), Error> {
+    let names: Vec<&str> = CATALOGUE.iter().map(|entry| entry.name).collect();
+    check_choice(&args.only, &names)?;
+    let world = args.choice.world.as_deref();
+    let report = campaign(world, u64::from(args.seeds), &args.only)?;
+    if let Some(path) = &args.json {
+        output::write_file(path, output::json(&report))?;
+    }
+    let page = report.markdown();
+    crate::experiments::print(&page)?;
+    match report.wrong() {
+        0 => Ok(()),
+        wrong => Err(Error::Failure(format!("{wrong} runs were not right"))),
+    }
+}

@@ -1,0 +1,554 @@
+//! `cfmmr follow` and `cfmmr track`: path following and trajectory tracking.
+
+use crate::base::error::Error;
+use crate::base::numbers::{number, whole};
+use crate::base::output::{Cell, Csv, OutputDir};
+use crate::base::table::Table;
+use crate::experiments::Context;
+use crate::experiments::arguments::{Common, parse_posture};
+use crate::experiments::posture::Variant;
+use crate::experiments::recorder::Recorder;
+use crate::paths::Path;
+use crate::recording::{About, LogArgs, csv};
+use crate::run::path_run::{self, Deviation, Errors, Manner, Moment, Outcome, Route};
+use crate::run::simulation::Record;
+use crate::scenario::effect::{Taken, Use};
+use crate::view::figures::{self, FollowErrors, FollowRun, Snapshot};
+use crate::view::page;
+use clap::Args;
+use serde::Serialize;
+use std::fs::File;
+use std::path::Path as FilePath;
+
+/// Arguments of `follow` and `track`.
+#[derive(Clone, Debug, Args)]
+pub struct FollowArgs {
+    /// Arguments every experiment takes.
+    #[command(flatten)]
+    pub common: Common,
+    /// Where the run is recorded.
+    #[command(flatten)]
+    pub log: LogArgs,
+    /// line, circle, figure-eight, or a CSV file of waypoints (columns x,y in metres)
+    #[arg(long, default_value = "figure-eight", value_name = "PATH")]
+    pub path: String,
+    /// Largest speed along the path, m/s; tracking leaves at least a tenth of the robot's speed
+    /// limit for catching up [default: that of the scenario, 0.2]
+    #[arg(long, value_name = "M/S", value_parser = number)]
+    pub speed: Option<f64>,
+    /// Size of a built-in path: length of the line, radius of the circle, half width of the
+    /// figure eight, m [default: 3, 1, 1.5]
+    #[arg(long, value_name = "M", value_parser = number)]
+    pub size: Option<f64>,
+    /// Laps of a closed path
+    #[arg(long, default_value_t = 1, value_parser = whole::<u32>(1..=10_000))]
+    pub laps: u32,
+    /// Start posture of the robot's midpoint, as in `posture` [default: on the path's first point
+    /// and along it]
+    #[arg(long, value_name = "X,Y,PHI", allow_hyphen_values = true)]
+    pub from: Option<String>,
+    /// Run without the relative position sensor
+    #[arg(long)]
+    pub no_rps: bool,
+    /// Run with gyroscopes and accelerometers
+    #[arg(long)]
+    pub imu: bool,
+}
+
+/// Most epochs that are kept of a run for log and picture; of a longer one, every n-th is.
+const MOST_ROWS: f64 = 20_000.0;
+/// Least distance between two robots in the picture, m.
+const APART_M: f64 = 0.65;
+
+/// Errors of the true or of the estimated midpoint.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct ErrorReport {
+    /// Root mean square of the distance (following: across the path), m.
+    pub rms_m: f64,
+    /// Largest distance, m.
+    pub max_m: f64,
+    /// Largest distance across the path, m.
+    pub max_cross_track_m: f64,
+    /// Root mean square of the heading error, rad.
+    pub rms_heading_rad: f64,
+    /// Distance from the end of the path at rest, m.
+    pub final_m: f64,
+    /// Heading at rest less that of the end, rad.
+    pub final_heading_rad: f64,
+}
+
+impl From<Errors> for ErrorReport {
+    fn from(errors: Errors) -> Self {
+        let Errors {
+            rms_m,
+            max_m,
+            max_cross_track_m,
+            rms_heading_rad,
+            final_m,
+            final_heading_rad,
+        } = errors;
+        Self {
+            rms_m,
+            max_m,
+            max_cross_track_m,
+            rms_heading_rad,
+            final_m,
+            final_heading_rad,
+        }
+    }
+}
+
+/// The result of the commands.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Report {
+    /// Seed.
+    pub seed: u64,
+    /// The path as given.
+    pub path: String,
+    /// Its length over all laps, m.
+    pub length_m: f64,
+    /// Largest speed, m/s.
+    pub speed_m_s: f64,
+    /// Whether the relative position sensor was fitted.
+    pub rps: bool,
+    /// Whether inertial sensors were fitted.
+    pub imu: bool,
+    /// Which fusion ran.
+    pub fusion: &'static str,
+    /// Errors of the true midpoint.
+    #[serde(flatten)]
+    pub truth: ErrorReport,
+    /// Errors of the midpoint as the robot estimated it.
+    pub estimate: ErrorReport,
+    /// Largest |curvature| of the path, 1/m.
+    pub path_curvature: f64,
+    /// Largest true |curvature| of the midpoint's way, 1/m.
+    pub max_curvature: f64,
+    /// What the frame allows, 1/m.
+    pub curvature_bound: f64,
+    /// Whether the robot came to rest at the end.
+    pub done: bool,
+    /// Why it did not.
+    pub ended: Option<String>,
+    /// Time until then, s.
+    pub duration_s: f64,
+}
+
+/// The path that the arguments ask for.
+fn path_of(args: &FollowArgs) -> Result<Path, Error> {
+    let name = args.path.as_str();
+    let size = |default: f64| args.size.unwrap_or(default);
+    let built_in = match name {
+        "line" => Path::line(size(3.0)),
+        "circle" => Path::circle(size(1.0)),
+        "figure-eight" => Path::figure_eight(size(1.5)),
+        file => {
+            if args.size.is_some() {
+                return Err(Error::input(
+                    "--size: only for line, circle and figure-eight; waypoints have their own size",
+                ));
+            }
+            let text = File::open(file).map_err(|error| {
+                Error::input(format!(
+                    "--path {file}: {error}: must be line, circle, figure-eight, or a CSV file with \
+                     the columns x,y in metres"
+                ))
+            })?;
+            return Path::from_csv(text).map_err(|error| Error::input(format!("{file}: {error}")));
+        }
+    };
+    built_in.map_err(|error| Error::input(format!("--size: {name}: {error}")))
+}
+
+/// Name of the command, and what it does.
+fn names(manner: Manner) -> (&'static str, &'static str) {
+    match manner {
+        Manner::Follow => ("follow", "Path following"),
+        Manner::Track => ("track", "Trajectory tracking"),
+    }
+}
+
+/// Runs `cfmmr follow` or `cfmmr track`.
+pub fn run(args: &FollowArgs, manner: Manner) -> Result<(), Error> {
+    let (name, _) = names(manner);
+    let mut context = Context::new(&args.common, name)?;
+    let course = prepare(args, &mut context)?;
+    let (scenario, route) = (&context.scenario, &course.route);
+    let about = About {
+        command: name,
+        seed: context.seed,
+        trial: 0,
+        scenario,
+    };
+    let recorder = Recorder::begin(&args.log, &about, route.goal(), &route.postures())?;
+    let mut results = context.run("runs", 1, |_| {
+        let mut kept = Kept::new(route);
+        let mut simulation = recorder.simulation()?;
+        let see = |moment: &Moment| kept.see(moment);
+        let outcome = path_run::drive_on(&mut simulation, scenario, route, manner, see)?;
+        let why = || {
+            simulation
+                .failure()
+                .unwrap_or("its time was over".to_owned())
+        };
+        let why = (!outcome.done).then(why);
+        Ok((outcome, kept, why))
+    })?;
+    let recorded = recorder.close()?;
+    let Some((outcome, kept, why)) = results.pop() else {
+        return Err(Error::Failure("no run".to_owned()));
+    };
+    let (text, report, files) = publish(&context, &course, manner, (&outcome, &why), &kept)?;
+    context.finish_with(&text, &report, files, recorded)?;
+    match why {
+        None => Ok(()),
+        Some(why) => Err(Error::Failure(format!(
+            "the robot did not come to rest at the end of the path: {why}"
+        ))),
+    }
+}
+
+/// A path and how it is to be driven.
+#[derive(Clone, Debug)]
+pub struct Course {
+    /// As given.
+    pub name: String,
+    /// One lap.
+    pub path: Path,
+    /// What is driven.
+    pub route: Route,
+    /// Largest speed, m/s.
+    pub speed_m_s: f64,
+}
+
+/// Keys that the path decides.
+pub const PATH: Taken = &[
+    ("mission.start", "along a path: use --from"),
+    ("mission.goal", "along a path: the path ends there"),
+    (
+        "mission.time_limit_s",
+        "along a path: the expected duration decides",
+    ),
+];
+
+/// Reads path, speed and start, and writes them into the scenario.
+pub fn prepare(args: &FollowArgs, context: &mut Context) -> Result<Course, Error> {
+    let path = path_of(args)?;
+    if args.laps != 1 && !path.is_closed() {
+        return Err(Error::input(format!(
+            "--laps {}: must be 1, for the path {} is open",
+            args.laps, args.path
+        )));
+    }
+    let scenario = &mut context.scenario;
+    if args.no_rps {
+        scenario.mission.rps = false;
+    }
+    if args.imu {
+        scenario.world.sensors.gyro.fitted = true;
+        scenario.world.sensors.accelerometer.fitted = true;
+    }
+    let limits = &mut scenario.robot.lead.course.path;
+    let most = f64::from(scenario.robot.limits.max_speed_m_s);
+    if let Some(speed) = args.speed {
+        if !(speed >= f64::from(limits.min_speed_m_s) && speed <= most) {
+            return Err(Error::input(format!(
+                "--speed {speed}: must be a number from {} to {} m/s",
+                limits.min_speed_m_s, scenario.robot.limits.max_speed_m_s
+            )));
+        }
+        limits.max_speed_m_s = speed as f32;
+    }
+    let speed = f64::from(limits.max_speed_m_s).min(most);
+    let route = Route::new(&path, args.laps, scenario)
+        .map_err(|error| Error::input(format!("path {}: {error}", args.path)))?;
+    scenario.mission.start = match &args.from {
+        Some(text) => parse_posture(text).map_err(Error::Input)?,
+        None => route.start(),
+    };
+    scenario.check()?;
+    context.check_keys(PATH, &[(&context.scenario, Use::Path)])?;
+    context.output()?;
+    Ok(Course {
+        name: args.path.clone(),
+        path,
+        route,
+        speed_m_s: speed,
+    })
+}
+
+/// Moments of a run for log and picture.
+#[derive(Clone, Debug)]
+pub struct Kept {
+    moments: Vec<Moment>,
+    stride: usize,
+    epoch: usize,
+}
+
+impl Kept {
+    /// Nothing yet; of a long route every n-th moment will be kept.
+    pub fn new(route: &Route) -> Self {
+        let share = 100.0 * route.expected_duration() / MOST_ROWS;
+        Self {
+            moments: Vec::new(),
+            stride: share.ceil().max(1.0) as usize,
+            epoch: 0,
+        }
+    }
+
+    /// Takes in the next moment.
+    pub fn see(&mut self, moment: &Moment) {
+        if self.epoch.is_multiple_of(self.stride) || moment.record.lead.done {
+            self.moments.push(*moment);
+        }
+        self.epoch += 1;
+    }
+}
+
+/// Table, result and files of a run, and why it ended early if it did.
+pub fn publish(
+    context: &Context,
+    course: &Course,
+    manner: Manner,
+    (outcome, ended): (&Outcome, &Option<String>),
+    kept: &Kept,
+) -> Result<(String, Report, OutputDir), Error> {
+    let (name, title) = names(manner);
+    let (scenario, route, moments) = (&context.scenario, &course.route, &kept.moments);
+    let mut files = context.output()?;
+    let variant = Variant::of(scenario);
+    let report = Report {
+        seed: context.seed,
+        path: course.name.clone(),
+        length_m: route.path().length(),
+        speed_m_s: (course.speed_m_s * 1e6).round() / 1e6,
+        rps: variant.rps,
+        imu: variant.imu,
+        fusion: variant.fusion(),
+        truth: outcome.truth.into(),
+        estimate: outcome.estimate.into(),
+        path_curvature: course.path.max_curvature(),
+        max_curvature: outcome.max_curvature,
+        curvature_bound: route.curvature_bound(),
+        done: outcome.done,
+        ended: ended.clone(),
+        duration_s: outcome.duration_s,
+    };
+    let records: Vec<_> = moments.iter().map(|moment| moment.record).collect();
+    let run = FollowRun {
+        reference: route
+            .path()
+            .samples()
+            .iter()
+            .map(|at| [at.x, at.y])
+            .collect(),
+        driven: moments
+            .iter()
+            .map(|moment| [moment.record.midpoint[0], moment.record.midpoint[1]])
+            .collect(),
+        snapshots: snapshots(&records),
+        distance_label: match manner {
+            Manner::Follow => "distance to the left of the path",
+            Manner::Track => "distance from the reference",
+        },
+        truth: over_time(moments, manner, |moment| &moment.truth),
+        estimate: over_time(moments, manner, |moment| &moment.estimate),
+    };
+    let shape = FilePath::new(&course.name).file_stem();
+    let shape = shape.map_or(course.name.clone(), |stem| {
+        stem.to_string_lossy().into_owned()
+    });
+    let heading = format!("{title}: {shape}, {}", variant.label());
+    let figure = figures::follow(&heading, &context.body(), &run);
+    files.text(&format!("{name}.svg"), figure.svg());
+    files.bytes(&format!("{name}.png"), figure.png());
+    files.csv("errors.csv", errors(moments));
+    files.csv("log.csv", csv::of_records(&records));
+    let both = |moment: &Moment| {
+        [&moment.truth, &moment.estimate].map(|deviation| {
+            let distance = match manner {
+                Manner::Follow => deviation.lateral_m,
+                Manner::Track => deviation.distance_m,
+            };
+            [distance, deviation.heading_rad]
+        })
+    };
+    let shown = page::Run {
+        title: heading.clone(),
+        name: variant.label(),
+        goal: Some(route.goal()),
+        reference: run.reference.clone(),
+        errors: moments.iter().map(both).collect(),
+        records: moments.iter().map(|moment| &moment.record).collect(),
+        distance: match manner {
+            Manner::Follow => "Distance to the left of the path",
+            Manner::Track => "Distance from the reference",
+        },
+        summary: summary(&report),
+        scenario,
+    };
+    page::add(
+        &mut files,
+        &context.name,
+        context.seed,
+        &context.body(),
+        &[shown],
+    );
+    Ok((table(&heading, &report, outcome), report, files))
+}
+
+/// Rows of the page's summary.
+fn summary(report: &Report) -> Vec<(String, String)> {
+    let row = |name: &str, value: String| (name.to_owned(), value);
+    let errors = |errors: &ErrorReport| {
+        format!(
+            "rms {:.2} mm, largest {:.2} mm, at the end {:.2} mm and {:.2}°",
+            1e3 * errors.rms_m,
+            1e3 * errors.max_m,
+            1e3 * errors.final_m,
+            errors.final_heading_rad.to_degrees()
+        )
+    };
+    let end = if report.done {
+        "at rest"
+    } else {
+        "NOT at rest"
+    };
+    vec![
+        row("Path", report.path.clone()),
+        row(
+            "Length",
+            format!("{:.2} m at up to {} m/s", report.length_m, report.speed_m_s),
+        ),
+        row("End", format!("{end} after {:.1} s", report.duration_s)),
+        row("Errors of the midpoint", errors(&report.truth)),
+        row("Errors as estimated", errors(&report.estimate)),
+        row(
+            "Largest curvature",
+            format!(
+                "path {:.2}, driven {:.2}, bound of the frame {:.2} 1/m",
+                report.path_curvature, report.max_curvature, report.curvature_bound
+            ),
+        ),
+    ]
+}
+
+/// Every n-th moment, so that a curve has at most this many points.
+const MOST_POINTS: usize = 2_000;
+
+fn over_time(
+    moments: &[Moment],
+    manner: Manner,
+    of: impl Fn(&Moment) -> &Deviation,
+) -> FollowErrors {
+    let mut errors = FollowErrors::default();
+    for moment in moments
+        .iter()
+        .step_by(moments.len().div_ceil(MOST_POINTS).max(1))
+    {
+        let deviation = of(moment);
+        errors.t_s.push(moment.record.time_s);
+        errors.distance_m.push(match manner {
+            Manner::Follow => deviation.lateral_m,
+            Manner::Track => deviation.distance_m,
+        });
+        errors.heading_rad.push(deviation.heading_rad);
+    }
+    errors
+}
+
+/// The robot at the start, at the end and between, where it does not stand on another one.
+fn snapshots(records: &[Record]) -> Vec<Snapshot> {
+    let mut shown: Vec<&Record> = Vec::new();
+    for share in [0.0, 1.0, 0.33, 0.67, 0.17, 0.83, 0.5] {
+        let place = share * records.len().saturating_sub(1) as f64;
+        let Some(record) = records.get(place as usize) else {
+            break;
+        };
+        let apart = |other: &&Record| {
+            let [x, y, _] = other.midpoint;
+            (record.midpoint[0] - x).hypot(record.midpoint[1] - y) > APART_M
+        };
+        if shown.iter().all(apart) {
+            shown.push(record);
+        }
+    }
+    shown.into_iter().map(Snapshot::of).collect()
+}
+
+/// Errors over time as a table.
+fn errors(moments: &[Moment]) -> Csv {
+    let mut csv = Csv::new([
+        "time_s",
+        "target_s_m",
+        "target_x_m",
+        "target_y_m",
+        "target_phi_rad",
+        "target_kappa_per_m",
+        "distance_m",
+        "lateral_m",
+        "heading_rad",
+        "distance_est_m",
+        "lateral_est_m",
+        "heading_est_rad",
+        "kappa_per_m",
+    ]);
+    for moment in moments {
+        let (target, truth, estimate) = (&moment.target, &moment.truth, &moment.estimate);
+        csv.row::<Cell>([
+            moment.record.time_s.into(),
+            target.s.into(),
+            target.x.into(),
+            target.y.into(),
+            target.phi.into(),
+            target.kappa.into(),
+            truth.distance_m.into(),
+            truth.lateral_m.into(),
+            truth.heading_rad.into(),
+            estimate.distance_m.into(),
+            estimate.lateral_m.into(),
+            estimate.heading_rad.into(),
+            moment.curvature.into(),
+        ]);
+    }
+    csv
+}
+
+fn table(heading: &str, report: &Report, outcome: &Outcome) -> String {
+    let mut table = Table::new([
+        "",
+        "rms (mm)",
+        "max (mm)",
+        "max across (mm)",
+        "rms heading (°)",
+        "final (mm)",
+        "final heading (°)",
+    ]);
+    for (name, errors) in [
+        ("true midpoint", &outcome.truth),
+        ("as estimated", &outcome.estimate),
+    ] {
+        table.row([
+            name.to_owned(),
+            format!("{:.2}", 1e3 * errors.rms_m),
+            format!("{:.2}", 1e3 * errors.max_m),
+            format!("{:.2}", 1e3 * errors.max_cross_track_m),
+            format!("{:.2}", errors.rms_heading_rad.to_degrees()),
+            format!("{:.2}", 1e3 * errors.final_m),
+            format!("{:.2}", errors.final_heading_rad.to_degrees()),
+        ]);
+    }
+    let end = match report.done {
+        true => format!("at rest after {:.1} s", report.duration_s),
+        false => format!("NOT at rest after {:.1} s", report.duration_s),
+    };
+    format!(
+        "{heading}\n{:.2} m at up to {} m/s; {end}\n\n{table}\n\
+         curvature: path {:.2}, driven {:.2}, bound of the frame {:.2} 1/m\n",
+        report.length_m,
+        report.speed_m_s,
+        report.path_curvature,
+        report.max_curvature,
+        report.curvature_bound,
+    )
+}

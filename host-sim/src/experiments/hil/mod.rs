@@ -1,0 +1,598 @@
+//! `cfmmr hil`: an experiment with emulated or real boards in the loop.
+
+pub mod on_virtual;
+
+use crate::base::error::Error;
+use crate::base::interrupt::watch_for_interrupt;
+use crate::base::numbers::{number, whole};
+use crate::base::table::Table;
+use crate::experiments::arguments::{BoardArgs, Common, parse_posture};
+use crate::experiments::boards::{DEFAULT_FLASH, Links};
+use crate::experiments::follow::{self, FollowArgs};
+use crate::experiments::posture::{self, Trial, Variant};
+use crate::experiments::{Context, recorder};
+use crate::recording::{About, LogArgs, Session};
+use crate::run::bit_compare::{Difference, Trace};
+use crate::run::path_run::{self, Manner};
+use crate::run::recovery::Status;
+use crate::run::simulation::{self, Simulation, Span};
+use crate::scenario::Scenario;
+use crate::scenario::effect::Use;
+use crate::targets::board_log::{self, BoardLog};
+use crate::targets::{
+    self, Event, Failure, FailureMode, InProcess, Remote, Report as BoardReport, Target, What,
+};
+use clap::Args;
+use core_algos::safety::OperatingState;
+use core_algos::time::Micros;
+use core_algos::topology::Role;
+use serde::Serialize;
+use serde_json::Value;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use std::time::Instant;
+
+/// Arguments of `hil`.
+#[derive(Clone, Debug, Args)]
+pub struct HilArgs {
+    /// Arguments every experiment takes.
+    #[command(flatten)]
+    pub common: Common,
+    /// Where the run is recorded.
+    #[command(flatten)]
+    pub log: LogArgs,
+    /// Where the boards are.
+    #[command(flatten)]
+    pub boards: BoardArgs,
+    /// Run the images that users flash on virtual STM32F405 boards; they are built if needed
+    #[arg(long = "virtual")]
+    pub on_virtual: bool,
+    /// Image (ELF) of both axles' boards instead
+    #[arg(long, value_name = "ELF", requires = "on_virtual")]
+    pub axle_image: Option<PathBuf>,
+    /// Image of the front board instead
+    #[arg(long, value_name = "ELF", requires = "on_virtual")]
+    pub front_image: Option<PathBuf>,
+    /// Image of the rear board instead
+    #[arg(long, value_name = "ELF", requires = "on_virtual")]
+    pub rear_image: Option<PathBuf>,
+    /// Image of the beam board instead
+    #[arg(long, value_name = "ELF", requires = "on_virtual")]
+    pub beam_image: Option<PathBuf>,
+    /// Have a virtual board wait for gdb at a port of this machine when its power comes on, for example
+    /// front@3333; may be repeated
+    #[arg(long, value_name = "BOARD@PORT", requires = "on_virtual")]
+    pub gdb: Vec<String>,
+    /// Write pins, interrupts and bus of virtual boards to this file (Value Change Dump, 5 MB a
+    /// simulated second and more)
+    #[arg(long, value_name = "FILE", requires = "on_virtual")]
+    pub vcd: Option<PathBuf>,
+    /// Tell where the time of virtual boards went, by function and by interrupt
+    #[arg(long, requires = "on_virtual")]
+    pub profile: bool,
+    /// Write which source lines of the firmware virtual boards ran to this file (lcov)
+    #[arg(long, value_name = "FILE", requires = "on_virtual")]
+    pub coverage: Option<PathBuf>,
+    /// Run with the parameters that the boards keep in their flash, laid over those of the scenario
+    #[arg(long)]
+    pub stored: bool,
+    /// Directory of files with the flash of emulated boards
+    #[arg(long, value_name = "DIR", requires = "emulated")]
+    pub flash: Option<PathBuf>,
+    /// Keep pace with the clock: no tick begins before its time
+    #[arg(long)]
+    pub real_time: bool,
+    /// Run the same in process and compare every bit
+    #[arg(long)]
+    pub compare: bool,
+    /// Probability that a frame is lost on the bus between boards [default: that of the scenario, 0]
+    #[arg(long, value_name = "P", value_parser = number)]
+    pub link_loss: Option<f64>,
+    /// Time from sending to receiving on the bus, ms [default: that of the scenario, 2]
+    #[arg(long, value_name = "MS")]
+    pub link_delay: Option<u32>,
+    /// Run without the relative position sensor; there is no beam board then
+    #[arg(long)]
+    pub no_rps: bool,
+    /// Run with gyroscopes and accelerometers
+    #[arg(long)]
+    pub imu: bool,
+    /// Start posture of the robot's midpoint, as in `posture`
+    #[arg(long, value_name = "X,Y,PHI", allow_hyphen_values = true)]
+    pub from: Option<String>,
+    /// Follow a path instead, as `follow --path`
+    #[arg(long, value_name = "PATH", conflicts_with = "track")]
+    pub follow: Option<String>,
+    /// Track a trajectory instead, as `track --path`
+    #[arg(long, value_name = "PATH")]
+    pub track: Option<String>,
+    /// Largest speed along a path, m/s
+    #[arg(long, value_name = "M/S", value_parser = number)]
+    pub speed: Option<f64>,
+    /// Size of a built-in path, m
+    #[arg(long, value_name = "M", value_parser = number)]
+    pub size: Option<f64>,
+    /// Laps of a closed path
+    #[arg(long, default_value_t = 1, value_parser = whole::<u32>(1..=10_000))]
+    pub laps: u32,
+    /// Watch a robot that is done at least until this time, s
+    #[arg(long, value_name = "S", default_value_t = 20.0, value_parser = number)]
+    pub duration: f64,
+    /// End at this time, done or not, s
+    #[arg(long, value_name = "S", value_parser = number)]
+    pub stop_after: Option<f64>,
+    /// Switch a board off in the middle of the run, for example front@8.0 (s); may be repeated
+    #[arg(long, value_name = "BOARD@S")]
+    pub kill: Vec<String>,
+    /// Switch a board that was lost on again after this time, s
+    #[arg(long, value_name = "S", value_parser = number)]
+    pub restart_after: Option<f64>,
+}
+
+/// Time between the stop for a restarted board and the host's clearing of the faults.
+const RECOVERY_PAUSE: Micros = 1_000_000;
+
+/// What the boards add to the result of an experiment.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Report {
+    /// Result of the experiment.
+    #[serde(flatten)]
+    pub experiment: Value,
+    /// Whether every bit was the same as in process; none if that was not asked for.
+    pub identical: Option<bool>,
+    /// Where the two parted first.
+    pub difference: Option<String>,
+    /// Ticks of the run.
+    pub ticks: usize,
+    /// Time the run took, s: from the first tick to the last.
+    pub wall_s: f64,
+    /// The boards.
+    pub boards: Vec<BoardReport>,
+    /// Boards lost and restarted.
+    pub events: Vec<Event>,
+    /// What the nodes said of themselves: the first heartbeat of each, and every change of state.
+    pub nodes: Vec<Status>,
+    /// Why the run ended before its task, if a board or a fault was the reason.
+    pub ended: Option<String>,
+    /// Ticks that began more than a tick late, when pace was to be kept.
+    pub late_ticks: Option<u32>,
+}
+
+/// The experiment.
+enum Task {
+    Posture(Variant),
+    Course(Box<follow::Course>, Manner),
+}
+
+/// What came of it.
+enum Outcome {
+    Posture(Box<Trial>),
+    Course(path_run::Outcome, follow::Kept),
+}
+
+/// Runs the command.
+pub fn run(args: &HilArgs) -> Result<(), Error> {
+    let mut context = Context::new(&args.common, "hil")?;
+    let task = prepare(args, &mut context)?;
+    let plan = Plan::new(args)?;
+    if !context.scenario.world.bus.quantise && args.boards.any() {
+        return Err(Error::input(
+            "bus.quantise = false: must be true with boards that send frames",
+        ));
+    }
+    context.output()?;
+    let interrupt = watch_for_interrupt()?;
+    let logs = Role::ALL.map(|_| BoardLog::default());
+    let result = measure(args, &context, &task, &plan, &interrupt, &logs);
+    let measured = match result {
+        Ok(measured) => measured,
+        Err(error) => {
+            // What the boards said may tell why.
+            let mut files = context.output()?;
+            if board_log::put(&mut files, &logs) {
+                files.commit()?;
+            }
+            return Err(error);
+        }
+    };
+    let Measured {
+        outcome,
+        difference,
+        mut report,
+        recorded,
+    } = measured;
+    let (text, experiment, mut files) = match (&task, &outcome) {
+        (Task::Posture(variant), Outcome::Posture(trial)) => {
+            let variants = [*variant];
+            let goal = context.scenario.mission.goal;
+            let trials = std::slice::from_ref(&**trial);
+            let (text, report, files) =
+                posture::publish(&context, &variants, &variants, trials, goal)?;
+            (text, serde_json::to_value(report), files)
+        }
+        (Task::Course(course, manner), Outcome::Course(outcome, kept)) => {
+            let ended = (outcome, &report.ended);
+            let (text, report, files) = follow::publish(&context, course, *manner, ended, kept)?;
+            (text, serde_json::to_value(report), files)
+        }
+        _ => return Err(Error::Failure("another task's outcome".to_owned())),
+    };
+    report.experiment = experiment.map_err(|error| Error::Failure(error.to_string()))?;
+    board_log::put(&mut files, &logs);
+    let text = format!("{text}\n{}", summary(&report));
+    context.finish_with(&text, &report, files, recorded)?;
+    let mut excess = report.boards.iter().filter_map(BoardReport::stack_excess);
+    if let Some(excess) = excess.next() {
+        return Err(Error::Failure(excess));
+    }
+    match (difference, report.ended) {
+        (Some(difference), _) => Err(Error::Failure(format!("not identical: {difference}"))),
+        (None, Some(why)) => Err(Error::Failure(format!(
+            "the run ended with the motors off before its task was done: {why}"
+        ))),
+        (None, None) => Ok(()),
+    }
+}
+
+/// The experiment that the arguments ask for; what they change is written into the scenario.
+fn prepare(args: &HilArgs, context: &mut Context) -> Result<Task, Error> {
+    if !args.boards.any() {
+        return Err(Error::input(
+            "hil: --emulated, or a serial port for a board (--front, --rear, --beam), must be given, \
+             for example `cfmmr hil --emulated`; `cfmmr doctor` says whether QEMU and ports are here",
+        ));
+    }
+    let scenario = &mut context.scenario;
+    if let Some(loss) = args.link_loss {
+        scenario.world.bus.loss = loss;
+    }
+    if let Some(delay) = args.link_delay {
+        scenario.world.bus.latency_ms = delay;
+    }
+    scenario.mission.rps &= !args.no_rps;
+    scenario.world.sensors.gyro.fitted |= args.imu;
+    scenario.world.sensors.accelerometer.fitted |= args.imu;
+    if !scenario.mission.rps && args.boards.beam.is_some() {
+        return Err(Error::input(
+            "--beam: there is no beam board without the relative position sensor",
+        ));
+    }
+    let (path, manner) = match (&args.follow, &args.track) {
+        (Some(path), _) => (path, Manner::Follow),
+        (None, Some(path)) => (path, Manner::Track),
+        (None, None) => {
+            if args.speed.is_some() || args.size.is_some() {
+                return Err(Error::input(
+                    "--speed, --size: only with --follow or --track",
+                ));
+            }
+            if let Some(text) = &args.from {
+                scenario.mission.start = parse_posture(text).map_err(Error::Input)?;
+            }
+            scenario.check()?;
+            let variant = Variant::of(scenario);
+            context.check_keys(&[], &[(&context.scenario, Use::Regulate)])?;
+            return Ok(Task::Posture(variant));
+        }
+    };
+    let args = FollowArgs {
+        common: args.common.clone(),
+        log: args.log.clone(),
+        path: path.clone(),
+        speed: args.speed,
+        size: args.size,
+        laps: args.laps,
+        from: args.from.clone(),
+        no_rps: args.no_rps,
+        imu: args.imu,
+    };
+    let course = follow::prepare(&args, context)?;
+    Ok(Task::Course(Box::new(course), manner))
+}
+
+/// When the run ends, and which boards fail on the way.
+pub(super) struct Plan {
+    pub span: Span,
+    pub failures: Vec<Failure>,
+    pub restart_after: Option<u32>,
+}
+
+impl Plan {
+    pub fn new(args: &HilArgs) -> Result<Self, Error> {
+        let micros =
+            |name: &str, value: f64| seconds(name, value, 0.0).map(|s| (s * 1e6) as Micros);
+        let failures = args.kill.iter().map(|text| failure(text));
+        let restart_after = args
+            .restart_after
+            .map(|value| seconds("--restart-after", value, 0.001).map(|s| (s * 1e3) as u32));
+        let most = args.stop_after.map(|value| micros("--stop-after", value));
+        Ok(Self {
+            span: Span {
+                least: micros("--duration", args.duration)?,
+                most: most.transpose()?,
+            },
+            failures: failures.collect::<Result<_, _>>()?,
+            restart_after: restart_after.transpose()?,
+        })
+    }
+}
+
+fn seconds(name: &str, value: f64, least: f64) -> Result<f64, Error> {
+    if value >= least && value <= 36_000.0 {
+        Ok(value)
+    } else {
+        Err(Error::input(format!(
+            "{name} {value}: must be a number from {least} to 36000"
+        )))
+    }
+}
+
+/// A failure from `BOARD@S`.
+fn failure(text: &str) -> Result<Failure, Error> {
+    let parts = text.split_once('@').and_then(|(board, time)| {
+        let role = Role::ALL.into_iter().find(|role| role.name() == board)?;
+        Some((role, time.parse::<f64>().ok()?))
+    });
+    let Some((role, time)) = parts else {
+        return Err(Error::input(format!(
+            "--kill {text}: must be front, rear or beam, then @ and a time in seconds"
+        )));
+    };
+    let at = (seconds("--kill", time, 0.0)? * 1e3).round() as u32;
+    Ok(Failure {
+        role,
+        at,
+        mode: FailureMode::Off,
+    })
+}
+
+/// The boards that the arguments ask for. What they keep is laid over the scenario, if that is wanted.
+fn boards(
+    args: &HilArgs,
+    scenario: &mut Scenario,
+    logs: &[BoardLog; 3],
+) -> Result<[Box<dyn Target>; 3], Error> {
+    let kept = args.stored.then(|| PathBuf::from(DEFAULT_FLASH));
+    let links = Links::new(&args.boards, args.flash.clone().or(kept))?;
+    let mut board = |role: Role| -> Result<Box<dyn Target>, Error> {
+        let link = match scenario.mission.rps || role != Role::Beam {
+            true => links.open(role, &logs[role as usize])?,
+            false => None,
+        };
+        let Some(link) = link else {
+            return Ok(Box::new(InProcess::new(role)));
+        };
+        let mut remote = Remote::new(role, link);
+        if args.stored {
+            remote.greet()?;
+            scenario.boards.put(role, &remote.own_parameters()?);
+        }
+        Ok(Box::new(remote))
+    };
+    let targets = [board(Role::Front)?, board(Role::Rear)?, board(Role::Beam)?];
+    scenario.check()?;
+    Ok(targets)
+}
+
+struct Measured {
+    outcome: Outcome,
+    difference: Option<Difference>,
+    report: Report,
+    recorded: Vec<PathBuf>,
+}
+
+/// Runs the experiment on the boards, and again in process if that is to be compared.
+fn measure(
+    args: &HilArgs,
+    context: &Context,
+    task: &Task,
+    plan: &Plan,
+    interrupt: &Arc<AtomicBool>,
+    logs: &[BoardLog; 3],
+) -> Result<Measured, Error> {
+    let mut scenario = match task {
+        Task::Posture(variant) => variant.apply(&context.scenario),
+        Task::Course(..) => context.scenario.clone(),
+    };
+    let mut targets = boards(args, &mut scenario, logs)?;
+    let about = About {
+        command: "hil",
+        seed: context.seed,
+        trial: 0,
+        scenario: &scenario,
+    };
+    recorder::check(&args.log)?;
+    let session = Session::begin(&args.log, &about)?;
+    let prepare = |targets: [Box<dyn Target>; 3]| -> Result<Simulation, Error> {
+        let mut simulation = Simulation::on(targets, &scenario, context.seed, 0)?;
+        simulation
+            .boards()
+            .plan(plan.failures.clone(), plan.restart_after);
+        if plan.restart_after.is_some() {
+            simulation.recover_after(RECOVERY_PAUSE);
+        }
+        simulation.limit(plan.span);
+        simulation.stop_on(interrupt.clone());
+        simulation.record_trace();
+        Ok(simulation)
+    };
+    let (goal, path) = match task {
+        Task::Posture(_) => (scenario.mission.goal, Vec::new()),
+        Task::Course(course, _) => (course.route.goal(), course.route.postures()),
+    };
+    if let Some(session) = &session {
+        targets = session.tap(targets, &scenario);
+        session.plan(goal, &path);
+        session.await_viewer(interrupt)?;
+    }
+    let mut simulation = prepare(targets)?;
+    if let Some(session) = &session {
+        simulation.observe(Box::new(session.clone()));
+    }
+    if let Some(shown) = recorder::dashboard(&args.log, &about, goal)? {
+        simulation.observe(shown);
+    }
+    if args.real_time || args.log.is_watched() {
+        simulation.keep_pace();
+    }
+    let start = Instant::now();
+    let outcome = experiment(&mut simulation, &scenario, task)?;
+    let wall_s = start.elapsed().as_secs_f64();
+    simulation.dismiss_observers();
+    let recorded = match &session {
+        Some(session) => session.close(simulation.failure().as_deref())?,
+        None => Vec::new(),
+    };
+    let trace = simulation.take_trace().unwrap_or_default();
+    let difference = match args.compare {
+        true => {
+            let mut reference = prepare(targets::in_process())?;
+            experiment(&mut reference, &scenario, task)?;
+            Some(trace.difference(&reference.take_trace().unwrap_or_default()))
+        }
+        false => None,
+    };
+    let report = report(&mut simulation, &trace, wall_s, difference.as_ref());
+    Ok(Measured {
+        outcome,
+        difference: difference.flatten(),
+        report,
+        recorded,
+    })
+}
+
+fn experiment(
+    simulation: &mut Simulation,
+    scenario: &Scenario,
+    task: &Task,
+) -> Result<Outcome, Error> {
+    match task {
+        Task::Posture(_) => {
+            let mut trial = Trial::default();
+            let outcome =
+                simulation::regulate_on(simulation, scenario, |record| trial.see(record, true))?;
+            trial.outcome = outcome;
+            Ok(Outcome::Posture(Box::new(trial)))
+        }
+        Task::Course(course, manner) => {
+            let mut kept = follow::Kept::new(&course.route);
+            let see = |moment: &path_run::Moment| kept.see(moment);
+            let outcome = path_run::drive_on(simulation, scenario, &course.route, *manner, see)?;
+            Ok(Outcome::Course(outcome, kept))
+        }
+    }
+}
+
+fn report(
+    simulation: &mut Simulation,
+    trace: &Trace,
+    wall_s: f64,
+    difference: Option<&Option<Difference>>,
+) -> Report {
+    Report {
+        experiment: Value::Null,
+        identical: difference.map(Option::is_none),
+        difference: difference
+            .and_then(Option::as_ref)
+            .map(Difference::to_string),
+        ticks: trace.ticks(),
+        wall_s,
+        events: simulation.boards().events().to_vec(),
+        boards: simulation.boards().reports(),
+        nodes: simulation.monitor().changes().to_vec(),
+        ended: simulation.failure(),
+        late_ticks: simulation.pace().map(|pace| pace.late()),
+    }
+}
+
+/// What is to be said of the boards.
+fn summary(report: &Report) -> String {
+    let mut table = Table::new([
+        "board",
+        "where",
+        "image",
+        "frames",
+        "lost",
+        "bytes a tick",
+        "mean (µs)",
+        "99 % (µs)",
+        "max (µs)",
+        "stack (bytes)",
+    ]);
+    for board in &report.boards {
+        let mut row = vec![
+            board.role.to_owned(),
+            board.target.to_owned(),
+            board.build.clone(),
+            board.frames.to_string(),
+            board.lost.to_string(),
+            format!(
+                "{:.0} + {:.0}",
+                board.sent_per_tick, board.received_per_tick
+            ),
+        ];
+        match &board.latency {
+            Some(latency) => row.extend([
+                format!("{:.0}", latency.mean_us),
+                latency.p99_us.to_string(),
+                latency.max_us.to_string(),
+            ]),
+            None => row.extend([const { String::new() }; 3]),
+        }
+        if let Some(stack) = &board.stack {
+            row.push(format!("{} of {}", stack.used_bytes, stack.budget_bytes));
+        }
+        table.row(row);
+    }
+    let simulated = report.ticks as f64 * 1e-3;
+    let mut text = format!(
+        "{table}\nlost: requests repeated; bytes: to and from the board; times: from sending a tick \
+         to its answer,\nwith the other boards' in between; stack: most used since the board's latest \
+         start, of its budget.\n\n{} ticks ({simulated:.1} s) in {:.1} s\n",
+        report.ticks, report.wall_s
+    );
+    if let Some(late) = report.late_ticks {
+        text += &format!("{late} ticks began more than a tick late\n");
+    }
+    for event in &report.events {
+        text += &format!("{event}\n");
+    }
+    if report
+        .events
+        .iter()
+        .any(|event| event.what == What::Cleared)
+    {
+        let pause = RECOVERY_PAUSE as f64 * 1e-6;
+        text += &format!(
+            "a fault lasts until it is cleared: after a restart the host waits {pause} s, clears the \
+             faults\nand gives the task again; the robot by itself would have stayed at rest\n"
+        );
+    }
+    let faults = report.nodes.iter();
+    for status in faults.filter(|status| status.state == OperatingState::Fault) {
+        text += &format!("{status}\n");
+    }
+    match (&report.difference, report.identical) {
+        (Some(difference), _) => text += &format!("NOT identical: {difference}\n"),
+        (None, Some(_)) => text += &format!("identical over {} ticks\n", report.ticks),
+        (None, None) => {}
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn failures_name_a_board_and_a_time() {
+        let found = failure("front@8.0").unwrap();
+        assert_eq!((found.role, found.at), (Role::Front, 8000));
+        for bad in [
+            "front", "middle@1", "rear@", "rear@nan", "beam@-1", "beam@1e9",
+        ] {
+            assert_eq!(failure(bad).unwrap_err().exit_code(), 2, "{bad}");
+        }
+    }
+}

@@ -1,0 +1,438 @@
+//! `cfmmr hil --virtual`: the experiment with the images that users flash, on virtual boards.
+
+use crate::base::error::Error;
+use crate::base::interrupt::watch_for_interrupt;
+use crate::base::output;
+use crate::base::table::Table;
+use crate::experiments::hil::{HilArgs, Plan};
+use crate::experiments::posture::{self, Trial, Variant};
+use crate::experiments::{Context, recorder};
+use crate::recording::{About, Session};
+use crate::run::final_error::FinalError;
+use crate::run::recovery::Status;
+use crate::run::simulation::{self, Robot};
+use crate::run::virtual_robot::tools::debugger::Gdb;
+use crate::run::virtual_robot::tools::profile::{self, Profile};
+use crate::run::virtual_robot::tools::{Instruments, coverage};
+use crate::run::virtual_robot::{BoardReport, Images, Options, VirtualRobot};
+use crate::scenario::Scenario;
+use crate::scenario::effect::Use;
+use crate::targets::Event;
+use crate::targets::board_log::{self, BoardLog};
+use core_algos::safety::OperatingState;
+use core_algos::topology::Role;
+use serde::Serialize;
+use serde_json::Value;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use std::time::Instant;
+use virtual_board::probe::coverage::Coverage;
+
+/// What the boards add to the result of the experiment.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+struct Report {
+    /// Result of the experiment.
+    #[serde(flatten)]
+    experiment: Value,
+    /// Distance of the midpoint from the goal at the end, m.
+    e_m: f64,
+    /// Heading less that of the goal at the end, rad.
+    heading_rad: f64,
+    /// Whether the robot came to rest on the goal.
+    reached: bool,
+    /// Time from power on until all nodes were ready, s.
+    boot_s: f64,
+    /// Simulated time, boot included, s.
+    simulated_s: f64,
+    /// Time it took, s.
+    wall_s: f64,
+    /// Frames on the bus.
+    frames: u64,
+    /// The boards.
+    boards: Vec<BoardReport>,
+    /// What the nodes said of themselves: every change of state.
+    nodes: Vec<Status>,
+    /// Boards lost and restarted.
+    events: Vec<Event>,
+    /// Why the run ended before its task, if so.
+    ended: Option<String>,
+    /// Ticks that began more than a tick late, when pace was to be kept.
+    late_ticks: Option<u32>,
+}
+
+/// Options that `--virtual` does not go with, whether they were given, and why not.
+fn refuse(args: &HilArgs) -> Result<(), Error> {
+    const ELSEWHERE: &str = "virtual boards are all in this program: give one or the other";
+    const PINS: &str = "the images that users flash are told nothing but by their pins: a press of the \
+                        button drives the robot from the paper's start to the origin";
+    const FLASH: &str = "the flash of virtual boards holds the parameters of the scenario: set them \
+                         with --set or --scenario";
+    const BUS: &str = "the bus of virtual boards is carried bit by bit: it has no such property";
+    let boards = &args.boards;
+    let given = [
+        ("--emulated", boards.emulated, ELSEWHERE),
+        ("--front", boards.front.is_some(), ELSEWHERE),
+        ("--rear", boards.rear.is_some(), ELSEWHERE),
+        ("--beam", boards.beam.is_some(), ELSEWHERE),
+        ("--stored", args.stored, FLASH),
+        ("--flash", args.flash.is_some(), FLASH),
+        ("--link-loss", args.link_loss.is_some(), BUS),
+        ("--link-delay", args.link_delay.is_some(), BUS),
+        ("--from", args.from.is_some(), PINS),
+        ("--follow", args.follow.is_some(), PINS),
+        ("--track", args.track.is_some(), PINS),
+        ("--speed", args.speed.is_some(), PINS),
+        ("--size", args.size.is_some(), PINS),
+        ("--laps", args.laps > 1, PINS),
+        (
+            "--compare",
+            args.compare,
+            "clocks, converters and the bus of virtual boards are not those of the nodes in process, so \
+             no two runs are the same bit by bit",
+        ),
+    ];
+    match given.iter().find(|(_, given, _)| *given) {
+        Some((option, _, why)) => Err(Error::input(format!("{option}: not with --virtual: {why}"))),
+        None => Ok(()),
+    }
+}
+
+/// What is to happen on the way, checked against the boards and the time that there are.
+fn plan(args: &HilArgs, scenario: &Scenario) -> Result<Plan, Error> {
+    let plan = Plan::new(args)?;
+    let mission = &scenario.mission;
+    let most = plan
+        .span
+        .most
+        .map_or(f64::INFINITY, |most| most as f64 * 1e-6);
+    let end = most.min(mission.settle_s + mission.time_limit_s);
+    for (failure, text) in plan.failures.iter().zip(&args.kill) {
+        if failure.role == Role::Beam && !mission.rps {
+            return Err(Error::input(format!(
+                "--kill {text}: must be front or rear: without the relative position sensor there is no \
+                 beam board"
+            )));
+        }
+        let at = f64::from(failure.at) * 1e-3;
+        if at >= end {
+            return Err(Error::input(format!(
+                "--kill {text}: {at} s: must be before the run ends, at {end} s"
+            )));
+        }
+    }
+    Ok(plan)
+}
+
+/// What looks on from power on.
+fn instruments(args: &HilArgs, interrupt: &Arc<AtomicBool>) -> Result<Instruments, Error> {
+    recorder::check(&args.log)?;
+    for file in [&args.vcd, &args.coverage].into_iter().flatten() {
+        output::try_file(file)?;
+    }
+    Ok(Instruments {
+        gdb: Gdb::new(&args.gdb, interrupt)?,
+        vcd: args.vcd.clone(),
+        profile: args.profile || args.coverage.is_some(),
+    })
+}
+
+/// The images of the boards.
+fn images(args: &HilArgs) -> Result<Images, Error> {
+    let axle = args.axle_image.as_deref();
+    let front = args.front_image.as_deref().or(axle);
+    let rear = args.rear_image.as_deref().or(axle);
+    let images = Images::open(front, rear, args.beam_image.as_deref())?;
+    if args.coverage.is_some() {
+        coverage::check(&images)?;
+    }
+    Ok(images)
+}
+
+/// Runs the command.
+pub fn run(args: &HilArgs) -> Result<(), Error> {
+    refuse(args)?;
+    let mut context = Context::new(&args.common, "hil")?;
+    let scenario = &mut context.scenario;
+    scenario.mission.rps &= !args.no_rps;
+    scenario.world.sensors.gyro.fitted |= args.imu;
+    scenario.world.sensors.accelerometer.fitted |= args.imu;
+    scenario.check()?;
+    let variant = Variant::of(scenario);
+    context.check_keys(&[], &[(&context.scenario, Use::Virtual)])?;
+    let scenario = &context.scenario;
+    let plan = plan(args, scenario)?;
+    let interrupt = watch_for_interrupt()?;
+    let mut options = Options {
+        instruments: instruments(args, &interrupt)?,
+        ..Options::default()
+    };
+    if let Some(threads) = args.common.threads {
+        options.threads = threads.into();
+    }
+    let images = images(args)?;
+    context.output()?;
+    let logs = Role::ALL.map(|_| BoardLog::default());
+    let drive = Drive {
+        args,
+        context: &context,
+        scenario: variant.apply(&context.scenario),
+        plan,
+        interrupt,
+    };
+    let done = match drive.run(&images, &options, &logs) {
+        Ok(done) => done,
+        Err(error) => {
+            // What the boards said may tell why.
+            let mut files = context.output()?;
+            if board_log::put(&mut files, &logs) {
+                files.commit()?;
+            }
+            return Err(error);
+        }
+    };
+    let Done {
+        trial,
+        mut report,
+        mut recorded,
+        profiles,
+        coverage,
+    } = done;
+    let goal = context.scenario.mission.goal;
+    let trials = std::slice::from_ref(&trial);
+    let (text, experiment, mut files) =
+        posture::publish(&context, &[variant], &[variant], trials, goal)?;
+    report.experiment =
+        serde_json::to_value(experiment).map_err(|error| Error::Failure(error.to_string()))?;
+    board_log::put(&mut files, &logs);
+    let mut text = format!("{text}\n{}", summary(&report));
+    if args.profile {
+        files.json("profile.json", &profiles);
+        for profile in &profiles {
+            files.text(
+                &format!("profile-{}.folded", profile.board),
+                profile.folded.as_str(),
+            );
+            text += &format!("\n{}", profile.table);
+        }
+    }
+    if let Some(file) = &args.coverage {
+        output::write_file(file, coverage.lcov().into_bytes())?;
+        recorded.push(file.clone());
+        text += &format!("\nSource lines of the firmware that ran\n{coverage}");
+    }
+    context.finish_with(&text, &report, files, recorded)?;
+    match judge(&report, args.stop_after.is_some()) {
+        Some(why) => Err(Error::Failure(why)),
+        None => Ok(()),
+    }
+}
+
+/// An experiment that is about to run.
+struct Drive<'a> {
+    args: &'a HilArgs,
+    context: &'a Context,
+    scenario: Scenario,
+    plan: Plan,
+    interrupt: Arc<AtomicBool>,
+}
+
+/// What came of it.
+struct Done {
+    trial: Trial,
+    report: Report,
+    /// Files that were written on the way.
+    recorded: Vec<PathBuf>,
+    profiles: Vec<Profile>,
+    coverage: Coverage,
+}
+
+impl Drive<'_> {
+    fn run(&self, images: &Images, options: &Options, logs: &[BoardLog; 3]) -> Result<Done, Error> {
+        let Self {
+            args,
+            context,
+            scenario,
+            plan,
+            interrupt,
+        } = self;
+        let start = Instant::now();
+        let mut robot = VirtualRobot::new(scenario, images, context.seed, 0, options, logs)?;
+        robot.limit(plan.span);
+        robot.stop_on(interrupt.clone());
+        robot.plan(plan.failures.clone(), plan.restart_after);
+        let about = About {
+            command: "hil --virtual",
+            seed: context.seed,
+            trial: 0,
+            scenario,
+        };
+        let goal = scenario.mission.goal;
+        let session = Session::begin(&args.log, &about)?;
+        if let Some(session) = &session {
+            session.plan(goal, &[]);
+            session.await_viewer(interrupt)?;
+            robot.observe(Box::new(session.clone()));
+        }
+        if let Some(shown) = recorder::dashboard(&args.log, &about, goal)? {
+            robot.observe(shown);
+        }
+        if args.real_time || args.log.is_watched() {
+            robot.keep_pace();
+        }
+        let mut trial = Trial::default();
+        let outcome =
+            simulation::regulate_on(&mut robot, scenario, |record| trial.see(record, true))?;
+        trial.outcome = outcome;
+        robot.dismiss_observers();
+        let mut recorded = robot.close()?;
+        if let Some(session) = &session {
+            recorded.extend(session.close(robot.failure())?);
+        }
+        let report = report(&mut robot, &trial, &goal, start);
+        let mut coverage = Coverage::default();
+        if args.coverage.is_some() {
+            coverage::add(&mut robot, &mut coverage);
+        }
+        Ok(Done {
+            profiles: profile::of(&mut robot, &report.boards),
+            trial,
+            report,
+            recorded,
+            coverage,
+        })
+    }
+}
+
+fn report(robot: &mut VirtualRobot, trial: &Trial, goal: &[f64; 3], start: Instant) -> Report {
+    let error = FinalError::of(trial.outcome.midpoint, *goal);
+    Report {
+        experiment: Value::Null,
+        e_m: error.e_m,
+        heading_rad: error.heading_rad,
+        reached: trial.outcome.done,
+        boot_s: robot.boot_s(),
+        simulated_s: robot.boot_s() + robot.now() as f64 * 1e-6,
+        wall_s: start.elapsed().as_secs_f64(),
+        frames: robot.frames(),
+        boards: robot.reports(),
+        nodes: robot.monitor().changes().to_vec(),
+        events: robot.events().to_vec(),
+        ended: robot.failure().map(str::to_owned),
+        late_ticks: robot.pace().map(|pace| pace.late()),
+    }
+}
+
+/// What is wrong with the run, if anything; one that was to end early need not reach the goal.
+fn judge(report: &Report, early: bool) -> Option<String> {
+    if let Some(why) = &report.ended {
+        return Some(format!(
+            "the run ended with the motors off before its task was done: {why}"
+        ));
+    }
+    for board in &report.boards {
+        if let Some((time_s, cause)) = board.resets.first() {
+            return Some(format!(
+                "{} board: reset by {cause} at {time_s:.3} s",
+                board.name
+            ));
+        }
+        if let Some(finding) = board.findings.first() {
+            return Some(format!(
+                "{} board: {}: {}, in {}",
+                board.name, finding.kind, finding.text, finding.place
+            ));
+        }
+        for (count, what) in [
+            (u64::from(board.missed_ticks), "ticks missed"),
+            (board.can.overrun, "frames lost by overrun"),
+            (board.can.lost, "frames given up"),
+            (board.can.error_frames, "error frames"),
+        ] {
+            // Power that is cut may cut a frame.
+            let cut = what == "error frames" && !report.events.is_empty();
+            if count > 0 && !cut {
+                return Some(format!("{} board: {count} {what}", board.name));
+            }
+        }
+    }
+    (!report.reached && !early).then(|| "the robot did not come to rest on the goal".to_owned())
+}
+
+/// What is to be said of the boards.
+fn summary(report: &Report) -> String {
+    let mut table = Table::new([
+        "board",
+        "resets",
+        "findings",
+        "longest tick (µs)",
+        "late (µs)",
+        "loop (µs)",
+        "missed",
+        "load",
+        "stack (bytes)",
+        "boot (bytes)",
+        "sent",
+        "received",
+        "overrun",
+        "errors",
+    ]);
+    let or_none = |value: Option<String>| value.unwrap_or_default();
+    for board in &report.boards {
+        let stack = board.stack_used.zip(board.stack_size);
+        table.row([
+            board.name.to_owned(),
+            board.resets.len().to_string(),
+            board.findings.len().to_string(),
+            board.longest_tick_us.to_string(),
+            board.tick_lateness_us.to_string(),
+            or_none(board.longest_current_loop_us.map(|us| format!("{us:.1}"))),
+            board.missed_ticks.to_string(),
+            format!("{:.0} %", 100.0 * board.load),
+            or_none(stack.map(|(used, size)| format!("{used} of {size}"))),
+            or_none(board.boot_stack.map(|used| used.to_string())),
+            board.can.sent.to_string(),
+            board.can.received.to_string(),
+            board.can.overrun.to_string(),
+            board.can.error_frames.to_string(),
+        ]);
+    }
+    let instructions: u64 = report.boards.iter().map(|board| board.instructions).sum();
+    let mut text = format!(
+        "{table}\nReady {:.2} s after power on; {} frames. {:.1} s simulated in {:.1} s: {:.2} times real \
+         time, {:.0} MIPS.\n",
+        report.boot_s,
+        report.frames,
+        report.simulated_s,
+        report.wall_s,
+        report.simulated_s / report.wall_s,
+        instructions as f64 * 1e-6 / report.wall_s,
+    );
+    if let Some(late) = report.late_ticks {
+        text += &format!("{late} ticks began more than a tick late\n");
+    }
+    for event in &report.events {
+        text += &format!("{event}\n");
+    }
+    for board in &report.boards {
+        for (time_s, cause) in &board.resets {
+            text += &format!("{time_s:.3} s: {} board reset by {cause}\n", board.name);
+        }
+        for finding in &board.findings {
+            text += &format!(
+                "{:.6} s: {} board: {}: {}, in {} ({} times)\n",
+                finding.time_s,
+                board.name,
+                finding.kind,
+                finding.text,
+                finding.place,
+                finding.count
+            );
+        }
+    }
+    let faults = report.nodes.iter();
+    for status in faults.filter(|status| status.state == OperatingState::Fault) {
+        text += &format!("{status}\n");
+    }
+    text
+}

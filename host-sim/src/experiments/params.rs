@@ -1,0 +1,407 @@
+//! `cfmmr params`: parameters that boards keep, listed, changed and saved over their links.
+
+use crate::base::error::Error;
+use crate::base::output;
+use crate::base::table::Table;
+use crate::experiments::arguments::{BoardArgs, BoardName};
+use crate::experiments::boards::{Links, flash_of};
+use crate::experiments::print;
+use crate::scenario::board_parameters::{self, Overlays, Values};
+use crate::targets::Remote;
+use crate::targets::board_log::BoardLog;
+use crate::targets::link::Loopback;
+use crate::targets::parameters::Kept;
+use clap::{Args, Subcommand, ValueEnum};
+use core_algos::hil::Identity;
+use core_algos::params::{Parameter, Settings, Source, TABLE};
+use core_algos::topology::Role;
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+
+/// Arguments of `params`.
+#[derive(Clone, Debug, Args)]
+pub struct ParamsArgs {
+    /// What to do
+    #[command(subcommand)]
+    pub action: ParamsAction,
+}
+
+/// What to do with the parameters of boards.
+#[derive(Clone, Debug, Subcommand)]
+pub enum ParamsAction {
+    /// Show all parameters with units and ranges
+    List(ParamsTarget),
+    /// Show some
+    Get(ParamsGet),
+    /// Give some another value, until the board is reset or they are saved
+    Set(ParamsSet),
+    /// Save in the flash what was set
+    Save(ParamsTarget),
+    /// Write those that differ from what the boards were built with to a file
+    Export(ParamsExport),
+    /// Set those of a file
+    Import(ParamsImport),
+}
+
+/// Boards whose parameters are meant.
+#[derive(Clone, Debug, Args)]
+pub struct ParamsTarget {
+    /// Where the boards are; with none of these, in this process with their flash in files.
+    #[command(flatten)]
+    pub boards: BoardArgs,
+    /// Directory of files with the flash of boards that are emulated or in this process
+    #[arg(long, value_name = "DIR", default_value = "out/flash")]
+    pub flash: PathBuf,
+    /// Only these boards, separated by commas [default: all that there are]
+    #[arg(long, value_enum, value_delimiter = ',', value_name = "LIST")]
+    pub board: Vec<BoardName>,
+    /// Also write the result as JSON to this file
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+/// Arguments of `params get`.
+#[derive(Clone, Debug, Args)]
+pub struct ParamsGet {
+    /// Names, as in `cfmmr parameters`
+    #[arg(value_name = "NAME", required = true)]
+    pub names: Vec<String>,
+    /// Which boards.
+    #[command(flatten)]
+    pub target: ParamsTarget,
+}
+
+/// Arguments of `params set`.
+#[derive(Clone, Debug, Args)]
+pub struct ParamsSet {
+    /// New values, for example robot.geometry.wheel_radius_m=0.0731
+    #[arg(value_name = "NAME=VALUE", required = true)]
+    pub values: Vec<String>,
+    /// Save them in the flash
+    #[arg(long)]
+    pub save: bool,
+    /// Which boards.
+    #[command(flatten)]
+    pub target: ParamsTarget,
+}
+
+/// Arguments of `params export`.
+#[derive(Clone, Debug, Args)]
+pub struct ParamsExport {
+    /// File to write instead of printing
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    /// All parameters, not only those that differ
+    #[arg(long)]
+    pub all: bool,
+    /// Which boards.
+    #[command(flatten)]
+    pub target: ParamsTarget,
+}
+
+/// Arguments of `params import`.
+#[derive(Clone, Debug, Args)]
+pub struct ParamsImport {
+    /// The file, as `params export` and `calibrate` write it
+    #[arg(value_name = "FILE")]
+    pub file: PathBuf,
+    /// Save them in the flash
+    #[arg(long)]
+    pub save: bool,
+    /// Which boards.
+    #[command(flatten)]
+    pub target: ParamsTarget,
+}
+
+/// Runs the command.
+pub fn run(args: &ParamsArgs) -> Result<(), Error> {
+    match &args.action {
+        ParamsAction::List(target) => show(target, &TABLE.iter().collect::<Vec<_>>()),
+        ParamsAction::Get(get) => run_get(get),
+        ParamsAction::Set(set) => run_set(set),
+        ParamsAction::Save(target) => run_save(target),
+        ParamsAction::Export(export) => run_export(export),
+        ParamsAction::Import(import) => run_import(import),
+    }
+}
+
+/// A parameter of a board, as `--json` has it.
+#[derive(Debug, Serialize)]
+struct Row {
+    board: &'static str,
+    name: &'static str,
+    unit: &'static str,
+    value: f32,
+    from: f32,
+    to: f32,
+    default: f32,
+    source: Source,
+    saved: bool,
+    meaning: &'static str,
+}
+
+/// What was done to a parameter.
+#[derive(Debug, Serialize)]
+struct Change {
+    board: &'static str,
+    name: &'static str,
+    unit: &'static str,
+    before: f32,
+    after: f32,
+    saved: bool,
+}
+
+/// The boards that are meant, in a session each.
+fn connect(target: &ParamsTarget) -> Result<Vec<(Role, Remote)>, Error> {
+    let links = Links::new(&target.boards, Some(target.flash.clone()))?;
+    let mut boards = Vec::new();
+    for role in Role::ALL {
+        let wanted =
+            target.board.is_empty() || target.board.iter().any(|name| Role::from(*name) == role);
+        // With some boards on ports, the others are not there.
+        let there = !target.boards.any_port() || target.boards.port(role).is_some();
+        if wanted && !there && !target.board.is_empty() {
+            return Err(Error::input(format!(
+                "--board {0}: its port is not given: --{0} PORT",
+                role.name()
+            )));
+        }
+        if !wanted || !there {
+            continue;
+        }
+        let link = match links.open(role, &BoardLog::default())? {
+            Some(link) => link,
+            None => {
+                let build = env!("CARGO_PKG_VERSION");
+                let file = flash_of(&target.flash, role);
+                Box::new(Loopback::keeping(Identity { build, role }, &file)?)
+            }
+        };
+        let mut remote = Remote::new(role, link);
+        remote.greet()?;
+        boards.push((role, remote));
+    }
+    Ok(boards)
+}
+
+fn write_json(target: &ParamsTarget, result: &impl Serialize) -> Result<(), Error> {
+    if let Some(path) = &target.json {
+        output::write_file(path, output::json(result))?;
+    }
+    Ok(())
+}
+
+fn show(target: &ParamsTarget, wanted: &[&'static Parameter]) -> Result<(), Error> {
+    let mut rows = Vec::new();
+    for (role, mut remote) in connect(target)? {
+        let base = Settings::of(role);
+        for kept in remote.parameters()? {
+            let Kept {
+                parameter,
+                value,
+                source,
+                saved,
+            } = kept;
+            if wanted.iter().any(|other| other.id == parameter.id) {
+                rows.push(Row {
+                    board: role.name(),
+                    name: parameter.name,
+                    unit: parameter.unit,
+                    value,
+                    from: parameter.range.0,
+                    to: parameter.range.1,
+                    default: parameter.get(&base),
+                    source,
+                    saved,
+                    meaning: parameter.meaning,
+                });
+            }
+        }
+    }
+    let mut table = Table::new([
+        "parameter",
+        "board",
+        "value",
+        "unit",
+        "from",
+        "to",
+        "default",
+        "",
+    ]);
+    for row in &rows {
+        table.row([
+            row.name.to_owned(),
+            row.board.to_owned(),
+            row.value.to_string(),
+            row.unit.to_owned(),
+            row.from.to_string(),
+            row.to.to_string(),
+            row.default.to_string(),
+            state(row.source, row.saved).to_owned(),
+        ]);
+    }
+    write_json(target, &rows)?;
+    print(&table.to_string())
+}
+
+/// Where a value comes from, in words.
+fn state(source: Source, saved: bool) -> &'static str {
+    match (source, saved) {
+        (_, false) => "not saved",
+        (Source::Default, true) => "default",
+        (Source::Stored, true) => "stored",
+        (Source::Damaged, true) => "default: the stored one is damaged",
+        (Source::OtherVersion, true) => "default: the stored one is of another version",
+        (Source::OutOfRange, true) => "default: the stored one is out of range",
+    }
+}
+
+fn run_get(get: &ParamsGet) -> Result<(), Error> {
+    let names = get
+        .names
+        .iter()
+        .map(|name| board_parameters::parameter(name));
+    show(&get.target, &names.collect::<Result<Vec<_>, _>>()?)
+}
+
+fn run_set(set: &ParamsSet) -> Result<(), Error> {
+    if set.target.board.is_empty() {
+        return Err(Error::input(
+            "--board: must name the boards whose parameters are to change, for example --board rear",
+        ));
+    }
+    let values = set.values.iter().map(|text| parse(text));
+    let values = values.collect::<Result<Values, _>>()?;
+    change(&set.target, set.save, |_| Ok(values.clone()))
+}
+
+/// A value from `NAME=VALUE`, within its range.
+fn parse(text: &str) -> Result<(&'static Parameter, f32), Error> {
+    let Some((name, value)) = text.split_once('=') else {
+        return Err(Error::input(format!(
+            "{text}: must be NAME=VALUE, for example robot.geometry.wheel_radius_m=0.0731"
+        )));
+    };
+    let parameter = board_parameters::parameter(name.trim())?;
+    let (low, high) = parameter.range;
+    let number = value.trim().parse().map_err(|_| {
+        Error::input(format!(
+            "{} = {value}: must be a number from {low} to {high}",
+            parameter.name
+        ))
+    })?;
+    Ok((parameter, parameter.validate(number)?))
+}
+
+fn run_import(import: &ParamsImport) -> Result<(), Error> {
+    let name = import.file.display().to_string();
+    let text = std::fs::read_to_string(&import.file)
+        .map_err(|error| Error::input(format!("{name}: {error}")))?;
+    let overlays = Overlays::parse(&text, &name)?;
+    change(&import.target, import.save, |role| overlays.values(role))
+}
+
+/// Saves values on the boards that have any; gives the number of values written.
+pub fn save(boards: &BoardArgs, flash: &Path, overlays: &Overlays) -> Result<u32, Error> {
+    let mut target = ParamsTarget {
+        boards: boards.clone(),
+        flash: flash.to_owned(),
+        board: Vec::new(),
+        json: None,
+    };
+    for name in BoardName::value_variants() {
+        if !overlays.values(Role::from(*name))?.is_empty() {
+            target.board.push(*name);
+        }
+    }
+    let mut written = 0;
+    for (role, mut remote) in connect(&target)? {
+        for (parameter, value) in overlays.values(role)? {
+            remote.set_parameter(parameter, value)?;
+        }
+        written += u32::from(remote.save_parameters()?);
+    }
+    Ok(written)
+}
+
+/// Sets values, shows before and after, and saves if that is wanted. Every value of every board is
+/// known to be in range before the first is set.
+fn change(
+    target: &ParamsTarget,
+    save: bool,
+    wanted: impl Fn(Role) -> Result<Values, Error>,
+) -> Result<(), Error> {
+    let mut changes = Vec::new();
+    let mut written = 0;
+    for (role, mut remote) in connect(target)? {
+        let before = remote.parameters()?;
+        for (parameter, value) in wanted(role)? {
+            let old = before.iter().find(|kept| kept.parameter.id == parameter.id);
+            remote.set_parameter(parameter, value)?;
+            changes.push(Change {
+                board: role.name(),
+                name: parameter.name,
+                unit: parameter.unit,
+                before: old.map_or(f32::NAN, |kept| kept.value),
+                after: value,
+                saved: save,
+            });
+        }
+        if save {
+            written += u32::from(remote.save_parameters()?);
+        }
+    }
+    let mut table = Table::new(["parameter", "board", "before", "after", "unit"]);
+    for change in &changes {
+        table.row([
+            change.name.to_owned(),
+            change.board.to_owned(),
+            change.before.to_string(),
+            change.after.to_string(),
+            change.unit.to_owned(),
+        ]);
+    }
+    write_json(target, &changes)?;
+    let note = match (save, target.boards.any_port()) {
+        (true, _) => format!("{written} values written to the flash"),
+        (false, true) => "not saved: lost when the board is reset; cfmmr params save".to_owned(),
+        (false, false) => {
+            "not saved: these boards are off when the command ends; --save".to_owned()
+        }
+    };
+    print(&format!("{table}{note}\n"))
+}
+
+fn run_save(target: &ParamsTarget) -> Result<(), Error> {
+    let mut written = Vec::new();
+    let mut text = String::new();
+    for (role, mut remote) in connect(target)? {
+        let values = remote.save_parameters()?;
+        text += &format!(
+            "{} board: {values} values written to the flash\n",
+            role.name()
+        );
+        written.push((role.name(), values));
+    }
+    write_json(target, &written)?;
+    print(&text)
+}
+
+fn run_export(export: &ParamsExport) -> Result<(), Error> {
+    let mut overlays = Overlays::default();
+    for (role, mut remote) in connect(&export.target)? {
+        let kept = remote.parameters()?;
+        let some = kept.iter().filter(|kept| export.all || kept.is_own());
+        let values: Values = some.map(|kept| (kept.parameter, kept.value)).collect();
+        overlays.put(role, &values);
+    }
+    let text = overlays.to_toml()?;
+    write_json(&export.target, &overlays)?;
+    match &export.out {
+        Some(path) => {
+            output::write_file(path, &text)?;
+            print(&format!("wrote {}\n", path.display()))
+        }
+        None => print(&text),
+    }
+}

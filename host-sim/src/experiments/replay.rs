@@ -1,0 +1,195 @@
+//! `cfmmr replay`: a log through the nodes again, as it was or with other parameters.
+
+use crate::base::error::Error;
+use crate::base::table::Table;
+use crate::base::{output, toml_file};
+use crate::recording::replay::{self, Parting, Quality};
+use crate::recording::{BUILD, read};
+use crate::scenario::Scenario;
+use crate::scenario::effect::{self, Use};
+use clap::Args;
+use core_algos::node::robot::RobotConfig;
+use serde::Serialize;
+use std::fs;
+use std::path::PathBuf;
+use toml::{Table as Toml, Value};
+
+/// Arguments of `replay`.
+#[derive(Clone, Debug, Args)]
+pub struct ReplayArgs {
+    /// The log, as `--log` writes it
+    #[arg(value_name = "LOG")]
+    pub file: PathBuf,
+    /// Estimate again with the parameters in this file (the robot part of a scenario) in place of the
+    /// recorded ones
+    #[arg(long, value_name = "FILE")]
+    pub with: Option<PathBuf>,
+    /// Also write the result as JSON to this file
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+/// The result.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Report {
+    /// Ticks of the run.
+    pub ticks: usize,
+    /// Whether every bit is the same; not looked at with other parameters.
+    pub identical: Option<bool>,
+    /// The first thing that is not.
+    pub difference: Option<Parting>,
+    /// The estimates as recorded.
+    pub recorded: Quality,
+    /// With other parameters.
+    pub with: Option<Quality>,
+}
+
+/// Runs the command.
+pub fn run(args: &ReplayArgs) -> Result<(), Error> {
+    let name = args.file.display().to_string();
+    let bytes = fs::read(&args.file).map_err(|error| {
+        Error::input(format!(
+            "{name}: {error}: must be a log, as `cfmmr posture --log FILE` writes it"
+        ))
+    })?;
+    let recording = read::read(&bytes, &name)?;
+    let scenario = recording.about.get("scenario").map(String::as_str);
+    let scenario: Scenario = toml_file::parse(scenario.unwrap_or_default(), &name, &[])?;
+    if !scenario.world.bus.quantise {
+        return Err(Error::input(format!(
+            "{name}: recorded with bus.quantise = false: what arrived was not what the frames hold, \
+             so it cannot be replayed"
+        )));
+    }
+    let estimates = replay::recorded_estimates(&recording);
+    let recorded = Quality::of(&estimates, &recording.truth);
+    let mut report = Report {
+        ticks: recording.ticks(),
+        identical: None,
+        difference: None,
+        recorded,
+        with: None,
+    };
+    let mut text = String::new();
+    match &args.with {
+        None => {
+            report.difference = replay::compare(&recording)?;
+            report.identical = Some(report.difference.is_none());
+            match &report.difference {
+                None => text += &format!("identical over {} ticks\n", report.ticks),
+                Some(parting) => {
+                    text += &format!("NOT identical: {parting}\n");
+                    let build = recording.about.get("build");
+                    if let Some(build) = build.filter(|build| *build != BUILD) {
+                        text += &format!("recorded by {build}; this is {BUILD}\n");
+                    }
+                }
+            }
+        }
+        Some(path) => {
+            let file = path.display().to_string();
+            let given = fs::read_to_string(path)
+                .map_err(|error| Error::input(format!("{file}: {error}")))?;
+            let changes = changes(&given, &file)?;
+            effect::check_file(&given, &file, (&scenario, Use::Replay))?;
+            let first = recording
+                .boards
+                .iter()
+                .flatten()
+                .find_map(read::Event::config);
+            // Every start has the same parameters, so what can be changed once always can.
+            let first = first.copied().unwrap_or_default();
+            let changed = apply(&first, &changes, &file)?;
+            let estimates = replay::estimate_again(&recording, &|_| changed)?;
+            report.with = Some(Quality::of(&estimates, &recording.truth));
+        }
+    }
+    text += &table(&report);
+    if let Some(path) = &args.json {
+        output::write_file(path, output::json(&report))?;
+    }
+    crate::experiments::print(&text)?;
+    match report.difference {
+        Some(_) => Err(Error::Failure("not identical".to_owned())),
+        None => Ok(()),
+    }
+}
+
+/// The part of a scenario that replay can change: `robot`.
+fn changes(text: &str, file: &str) -> Result<Toml, Error> {
+    // As a whole scenario first, for its errors name the line.
+    let _: Scenario = toml_file::parse(text, file, &[])?;
+    let mut given: Toml =
+        toml::from_str(text).map_err(|error| Error::input(format!("{file}: {error}")))?;
+    let robot = given.remove("robot");
+    if let Some(other) = given.keys().next() {
+        return Err(Error::input(format!(
+            "{file}: {other}: only the robot's parameters can be other ones in a replay, [robot] and \
+             below"
+        )));
+    }
+    match robot {
+        Some(Value::Table(robot)) => Ok(robot),
+        _ => Err(Error::input(format!(
+            "{file}: holds no parameter of [robot]"
+        ))),
+    }
+}
+
+/// The recorded parameters with changes.
+fn apply(recorded: &RobotConfig, changes: &Toml, file: &str) -> Result<RobotConfig, Error> {
+    let failed = |error: &dyn std::fmt::Display| Error::input(format!("{file}: robot: {error}"));
+    let mut table = Toml::try_from(recorded).map_err(|error| failed(&error))?;
+    toml_file::lay_over(&mut table, changes.clone());
+    let config: RobotConfig = Value::Table(table)
+        .try_into()
+        .map_err(|error| failed(&error))?;
+    config.build().map_err(|error| failed(&error))?;
+    Ok(config)
+}
+
+fn table(report: &Report) -> String {
+    let mut table = Table::new([
+        "",
+        "position rms (mm)",
+        "max (mm)",
+        "at the end (mm)",
+        "heading rms (°)",
+        "at the end (°)",
+        "axle to axle rms (mm)",
+        "NEES",
+        "NIS",
+        "refused",
+    ]);
+    let number = |value: Option<f64>, scale: f64, digits: usize| {
+        value.map_or("–".to_owned(), |value| {
+            format!("{:.digits$}", scale * value)
+        })
+    };
+    let degrees = 1f64.to_degrees();
+    let rows = [
+        ("recorded", Some(&report.recorded)),
+        ("with the parameters given", report.with.as_ref()),
+    ];
+    for (name, quality) in rows {
+        let Some(quality) = quality else { continue };
+        table.row([
+            name.to_owned(),
+            number(quality.position_rms_m, 1e3, 2),
+            number(quality.position_max_m, 1e3, 2),
+            number(quality.final_position_m, 1e3, 2),
+            number(quality.heading_rms_rad, degrees, 3),
+            number(quality.final_heading_rad, degrees, 3),
+            number(quality.relative_rms_m, 1e3, 3),
+            number(quality.mean_nees, 1.0, 2),
+            format!("{:.2}", quality.mean_nis),
+            format!("{:.1} %", 100.0 * quality.refused),
+        ]);
+    }
+    format!(
+        "\nEstimated less true state of the midpoint, {} estimates\n\n{table}\n\
+         NEES, NIS: normalised squares of the midpoint's error and of the beam's innovation; each is 3\n\
+         on average where the covariances are right. refused: innovations beyond the gate.\n",
+        report.recorded.count
+    )
+}

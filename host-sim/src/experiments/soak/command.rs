@@ -1,0 +1,149 @@
+//! `cfmmr soak`: hours of driving, and whether anything drifts or grows.
+
+use crate::base::error::Error;
+use crate::base::numbers::whole;
+use crate::base::output;
+use crate::base::progress::Progress;
+use crate::experiments::arguments::WorldChoice;
+use crate::experiments::soak::{self, Drift, MEMORY_KIB, PAIR_M, Report};
+use clap::Args;
+use core_algos::node::lead::Limits;
+use serde::Serialize;
+use std::fmt::Write;
+use std::path::PathBuf;
+use std::time::Instant;
+
+/// Arguments of `soak`.
+#[derive(Clone, Debug, Args)]
+pub struct SoakArgs {
+    /// The world.
+    #[command(flatten)]
+    pub choice: WorldChoice,
+    /// Axle ticks (ms)
+    #[arg(long, default_value_t = 10_000_000, value_parser = whole::<u64>(10_000..=4_000_000_000))]
+    pub ticks: u64,
+    /// Seed of all random draws
+    #[arg(long, default_value_t = 1, value_parser = whole::<u64>(0..=u64::MAX))]
+    pub seed: u64,
+    /// Also write the result as JSON to this file
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+/// Parts that are reported.
+const WINDOWS: u64 = 10;
+
+/// What is written as JSON.
+#[derive(Clone, Debug, Serialize)]
+struct Measured {
+    #[serde(flatten)]
+    report: Report,
+    /// Simulated time over time taken.
+    real_time_factor: f64,
+    problems: Vec<String>,
+}
+
+/// The page.
+fn markdown(measured: &Measured) -> String {
+    let report = &measured.report;
+    let limits = Limits::default();
+    let mut text = format!(
+        "# Soak\n\n\
+         Written by `cfmmr soak --ticks {} > docs/soak.md`. {:.2} hours of robot time: {} axle ticks\n\
+         with all sensors, all noise and a bus that loses 1 % of the frames, from goal to goal in a\n\
+         square of 3 m (world: {}), with the boards in process and no restart. It is dead reckoning throughout: σ is the\n\
+         largest standard deviation that the robot claims for its position and heading (usually it stops at\n\
+         {} m and {} rad, here it may not know its place), *error* that of its position at the goals (rms),\n\
+         NEES the squared error in terms of what is claimed: 3 of a consistent estimator, but each value\n\
+         goes with those before. NIS: of the beam's measurements, 3 of a consistent estimator. Pair: error\n\
+         (rms) of the posture of one axle seen from the other. Memory: resident, of the whole process.\n\n\
+         | ticks | NIS | gated | NEES | error (cm) | σ (cm) | σ (°) | pair (mm) | pair (mrad) | goals reached | missed | memory (KiB) |\n\
+         |---|---|---|---|---|---|---|---|---|---|---|---|\n",
+        report.ticks,
+        soak::seconds(report.ticks) / 3600.0,
+        report.ticks,
+        report.world,
+        limits.position_sigma_m,
+        limits.heading_sigma_rad,
+    );
+    for window in &report.windows {
+        let number = |value: Option<f64>| value.map_or(String::new(), |v| format!("{v:.2}"));
+        let error = window.position_m.map(|error| 1e2 * error);
+        // Writing to a string does not fail.
+        let _ = writeln!(
+            text,
+            "| {} | {:.3} | {} of {} | {} | {} | {:.1} | {:.1} | {:.2} | {:.2} | {} | {} | {} |",
+            window.end,
+            window.nis,
+            window.gated,
+            window.innovations,
+            number(window.nees),
+            number(error),
+            1e2 * window.sigma_m,
+            window.sigma_rad.to_degrees(),
+            1e3 * window.relative_m,
+            1e3 * window.relative_rad,
+            window.reached,
+            window.missed,
+            window.resident_kib,
+        );
+    }
+    if let Some(Drift { mean, gain, error }) = report.nis {
+        let _ = writeln!(
+            text,
+            "\nNIS: mean {mean:.3}; a line of least squares gains {gain:.3} ± {error:.3} over the whole run."
+        );
+    }
+    let faults: Vec<String> = report
+        .faults
+        .iter()
+        .map(|(reason, count)| format!("{reason}: {count}"))
+        .collect();
+    let faults = match faults.is_empty() {
+        true => "none".to_owned(),
+        false => faults.join(", "),
+    };
+    let _ = writeln!(
+        text,
+        "\nStops for a fault: {faults}. Speed: {:.0} times real time.",
+        measured.real_time_factor
+    );
+    match measured.problems.as_slice() {
+        [] => {
+            let _ = writeln!(
+                text,
+                "The NIS does not drift (three standard errors, or a tenth of the mean), the pair's error\n\
+                 stays within {} mm, and memory grows by no more than {MEMORY_KIB} KiB after the first window.",
+                1e3 * PAIR_M
+            );
+        }
+        problems => {
+            let _ = writeln!(text, "Not as it should be: {}.", problems.join("; "));
+        }
+    }
+    text
+}
+
+/// Runs the command.
+pub fn run(args: &SoakArgs) -> Result<(), Error> {
+    let progress = Progress::new(soak::pieces(), "soak");
+    let started = Instant::now();
+    let scenario = soak::scenario(args.choice.world.as_deref())?;
+    let report = soak::run(&scenario, args.ticks, WINDOWS, args.seed, || {
+        progress.advance()
+    })?;
+    drop(progress);
+    let measured = Measured {
+        real_time_factor: soak::seconds(args.ticks) / started.elapsed().as_secs_f64(),
+        problems: report.problems(),
+        report,
+    };
+    if let Some(path) = &args.json {
+        output::write_file(path, output::json(&measured))?;
+    }
+    crate::experiments::print(&markdown(&measured))?;
+    match measured.problems.as_slice() {
+        [] => Ok(()),
+        problems => Err(Error::Failure(problems.join("; "))),
+    }
+}

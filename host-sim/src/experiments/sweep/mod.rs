@@ -1,0 +1,602 @@
+//! `cfmmr sweep`: posture regulation from random starts, on the kinematic model or the whole robot.
+//!
+//! A start is uniform within ±2 m of the goal in x and y and over all headings, a function of seed
+//! and index alone. It counts as a success if the robot reports that it stands on the goal within
+//! the mission's time limit, its true speed is then below 5 mm/s, and its true midpoint is within
+//! 3 cm and 3° of the goal, or within what the robot then says it knows of its posture (95 %).
+//!
+//! # The curvature bound
+//!
+//! `--kappa-max` sets the largest bend of the frame by κ = 2ψ/(L cos ψ) (paper eq. 5). The robot
+//! commands [`steering_margin_rad`](core_algos::node::robot::Limits::steering_margin_rad) less.
+//! Compared with the bound are the governor's command, the true bend (half the angle between the
+//! axles, each millisecond, at rest too) and the true path of O (turning per way, above 5 cm/s). On
+//! tyres of the default creep the true bend stays 2 % below its command, because the frame's moment
+//! holds the axles back. The hardest case tried (creep velocity 1 mm/s, beam biased by 5 µε, plans
+//! that use all the curvature there is) exceeded the command by 3 mrad of ψ; the margin is 5 mrad.
+//! Without the relative position sensor nothing holds the bound: the axles drift apart, and with
+//! them the true bend from its estimate.
+//!
+//! # The planner's bound
+//!
+//! A step of the lead node looks at no more than
+//! [`planner_budget`](core_algos::control::regulator::Config::planner_budget) candidate postures
+//! (400), whatever the start. Over 10 000 starts the longest search took 38 steps of 10 ms at
+//! κ_max 1.5 1/m, 16 at 2.5, 10 at 3.3; at 0.5 1/m it took 2.6 s. The robot stands meanwhile.
+
+use crate::base::error::Error;
+use crate::base::numbers::{number, whole};
+use crate::base::output::{Cell, Csv};
+use crate::base::statistics::{mean, percentile, sum};
+use crate::base::table::Table;
+use crate::experiments::Context;
+use crate::experiments::arguments::Common;
+use crate::experiments::posture::CHI_SQUARE_99;
+use crate::paths::shortest;
+use crate::run::final_error::wrap;
+use crate::run::kinematic_model::{
+    self, Model, SUCCESS_DISTANCE_M, SUCCESS_HEADING_RAD, Trial, random_start,
+};
+use crate::run::simulation::{self, Outcome};
+use crate::scenario::Scenario;
+use crate::scenario::effect::Use;
+use clap::{Args, ValueEnum};
+use core_algos::control::regulator::Regulator;
+use serde::Serialize;
+
+/// Model a sweep runs on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum SweepModel {
+    /// Kinematics of the midpoint with steering dynamics and a perfect estimate.
+    Kinematic,
+    /// Full plant, sensors, bus and estimation.
+    Plant,
+}
+
+/// Arguments of `sweep`.
+#[derive(Clone, Debug, Args)]
+pub struct SweepArgs {
+    /// Arguments every experiment takes.
+    #[command(flatten)]
+    pub common: Common,
+    /// Number of random starts (within 2 m of the goal in x and y, any heading)
+    #[arg(long, default_value_t = 1000, value_parser = whole::<u32>(1..=10_000_000))]
+    pub starts: u32,
+    /// What the robot is simulated with
+    #[arg(long, value_enum, default_value_t = SweepModel::Plant)]
+    pub model: SweepModel,
+    /// Largest curvature of the midpoint's path, 0.5 to 5 1/m [default: that of the scenario, 3.08]
+    #[arg(long, value_name = "1/M", value_parser = number)]
+    pub kappa_max: Option<f64>,
+}
+
+mod picture;
+
+/// Speed below which the robot counts as at rest at the end, m/s.
+pub const REST_SPEED_M_S: f64 = 0.005;
+/// Curvature bounds that can be asked for, 1/m. Below, the robot's turning circle is larger than the
+/// field of starts; above, the frame bends further than it was modelled for.
+pub const KAPPA_RANGE: [f64; 2] = [0.5, 5.0];
+
+/// Why a start counts as failed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Failure {
+    /// Not at rest on the goal, by the robot's own judgement, within the time limit.
+    Time,
+    /// The robot gave up.
+    GaveUp,
+    /// Reported as done, but not at rest.
+    Moving,
+    /// Reported as done, but too far from the goal.
+    Position,
+    /// Reported as done, but turned too far from the goal's heading.
+    Heading,
+}
+
+impl Failure {
+    /// Name in the files.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Time => "time",
+            Self::GaveUp => "gave-up",
+            Self::Moving => "moving",
+            Self::Position => "position",
+            Self::Heading => "heading",
+        }
+    }
+}
+
+/// How one start ended.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Start {
+    /// Start posture of O: m, m, rad.
+    pub start: [f64; 3],
+    /// Why it failed, if it did.
+    pub failure: Option<Failure>,
+    /// True final distance of O from the goal, m.
+    pub e_m: f64,
+    /// True final heading of O less that of the goal, rad.
+    pub heading_rad: f64,
+    /// Squared error of the final estimate of O over its claimed covariance; none on the kinematic model.
+    pub nees: Option<f64>,
+    /// Time until the robot reported the goal, or of the whole trial, s.
+    pub time_s: f64,
+    /// Length of the path of O, m.
+    pub length_m: f64,
+    /// Length of the shortest path within the curvature bound, m.
+    pub shortest_m: f64,
+    /// Largest true curvature by the frame's bend, 1/m.
+    pub max_curvature: f64,
+    /// Largest true curvature of the driven path, turning per way, 1/m.
+    pub max_path_curvature: f64,
+    /// Largest commanded curvature, 1/m.
+    pub max_commanded_curvature: f64,
+    /// Changes of direction.
+    pub cusps: u32,
+    /// Searches for a plan.
+    pub plans: u32,
+    /// Longest search, steps of the lead node.
+    pub planning_steps: u32,
+}
+
+impl Start {
+    fn of_kinematic(trial: &Trial) -> Self {
+        let end = (trial.distance_m, trial.heading_rad);
+        Self {
+            start: trial.start,
+            failure: failure(
+                trial.done,
+                trial.gave_up,
+                trial.end_speed_m_s,
+                end,
+                [0.0; 2],
+            ),
+            e_m: trial.distance_m,
+            heading_rad: trial.heading_rad,
+            nees: None,
+            time_s: trial.time_s,
+            length_m: trial.length_m,
+            shortest_m: trial.shortest_m,
+            max_curvature: trial.max_curvature,
+            // O moves along the bend's own curvature, and the bend is the commanded one.
+            max_path_curvature: trial.max_curvature,
+            max_commanded_curvature: trial.max_curvature,
+            cusps: trial.cusps,
+            plans: trial.plans,
+            planning_steps: trial.planning_ticks,
+        }
+    }
+
+    fn of_plant(outcome: &Outcome, start: [f64; 3], goal: [f64; 3], kappa_max: f64) -> Self {
+        let [x, y, phi] = outcome.midpoint;
+        let (e_m, heading_rad) = ((goal[0] - x).hypot(goal[1] - y), wrap(phi - goal[2]));
+        let (end, speed) = ((e_m, heading_rad), outcome.end_speed_m_s);
+        Self {
+            start,
+            failure: failure(outcome.done, outcome.gave_up, speed, end, outcome.claimed),
+            e_m,
+            heading_rad,
+            nees: Some(outcome.nees),
+            time_s: outcome.duration_s,
+            length_m: outcome.path_m,
+            shortest_m: shortest::length(start, goal, kappa_max),
+            max_curvature: outcome.max_curvature,
+            max_path_curvature: outcome.max_path_curvature,
+            max_commanded_curvature: outcome.max_commanded_curvature,
+            cusps: outcome.cusps,
+            plans: outcome.plans,
+            planning_steps: outcome.planning_steps,
+        }
+    }
+}
+
+/// True if a posture is within 3 cm and 3° of the goal.
+fn is_within(start: &Start) -> bool {
+    start.e_m <= SUCCESS_DISTANCE_M && start.heading_rad.abs() <= SUCCESS_HEADING_RAD
+}
+
+/// Why a start failed whose robot says that it knows its posture to `claimed` (m, rad).
+fn failure(
+    done: bool,
+    gave_up: bool,
+    speed: f64,
+    (e_m, heading): (f64, f64),
+    claimed: [f64; 2],
+) -> Option<Failure> {
+    if gave_up {
+        Some(Failure::GaveUp)
+    } else if !done {
+        Some(Failure::Time)
+    } else if !(speed <= REST_SPEED_M_S) {
+        Some(Failure::Moving)
+    } else if !(e_m <= SUCCESS_DISTANCE_M.max(claimed[0])) {
+        Some(Failure::Position)
+    } else if !(heading.abs() <= SUCCESS_HEADING_RAD.max(claimed[1])) {
+        Some(Failure::Heading)
+    } else {
+        None
+    }
+}
+
+/// Median, 95th percentile and largest of some values.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Spread {
+    /// Median.
+    pub p50: f64,
+    /// 95th percentile.
+    pub p95: f64,
+    /// Largest.
+    pub max: f64,
+}
+
+impl Spread {
+    fn of(values: &[f64]) -> Self {
+        Self {
+            p50: percentile(values, 0.5),
+            p95: percentile(values, 0.95),
+            max: percentile(values, 1.0),
+        }
+    }
+}
+
+/// Path length over that of the shortest path within the curvature bound.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct LengthRatio {
+    /// Mean of the starts' ratios.
+    pub mean: f64,
+    /// Median.
+    pub p50: f64,
+    /// 95th percentile.
+    pub p95: f64,
+    /// All driven lengths over all shortest lengths.
+    pub total: f64,
+}
+
+/// Number of failed starts by reason.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Failures {
+    /// Not done within the time limit.
+    pub time: usize,
+    /// Given up.
+    pub gave_up: usize,
+    /// Done but moving.
+    pub moving: usize,
+    /// Done but too far off.
+    pub position: usize,
+    /// Done but turned too far.
+    pub heading: usize,
+}
+
+/// The result of the command.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Report {
+    /// Number of starts.
+    pub starts: usize,
+    /// Number of starts that ended at rest on the goal: within 3 cm and 3°, or within what the robot then
+    /// claimed (95 %).
+    pub successes: usize,
+    /// Number of starts that ended within 3 cm and 3° of the goal.
+    pub within_3cm_3deg: usize,
+    /// Number of starts whose error of the estimate of O lay in the claimed 99 % ellipsoid, on the whole
+    /// robot.
+    pub inside_99: Option<usize>,
+    /// `kinematic` or `plant`.
+    pub model: &'static str,
+    /// Seed.
+    pub seed: u64,
+    /// Bound of curvature, 1/m.
+    pub kappa_max: f64,
+    /// Failed starts by reason.
+    pub failures: Failures,
+    /// Driven length over the shortest.
+    pub length_ratio: LengthRatio,
+    /// True final distance from the goal, m.
+    pub e_m: Spread,
+    /// True final heading error (magnitude), rad.
+    pub heading_rad: Spread,
+    /// Time of a trial, s.
+    pub time_s: Spread,
+    /// Largest true curvature by the frame's bend over all starts, 1/m.
+    pub max_curvature: f64,
+    /// Largest true curvature of a driven path over all starts, 1/m.
+    pub max_path_curvature: f64,
+    /// Largest commanded curvature over all starts, 1/m.
+    pub max_commanded_curvature: f64,
+    /// Starts in which the command or a true curvature exceeded the bound.
+    pub bound_broken: usize,
+    /// Mean number of changes of direction.
+    pub mean_cusps: f64,
+    /// Starts that needed more than one plan.
+    pub replanned: usize,
+    /// Longest search for a plan, steps of the lead node (10 ms).
+    pub max_planning_steps: u32,
+    /// Candidate postures the planner may look at in a step of the lead node.
+    pub planner_budget: u32,
+}
+
+impl Report {
+    /// Summarises the starts of one sweep.
+    pub fn of(starts: &[Start], sweep: &Sweep, seed: u64) -> Self {
+        let values = |pick: fn(&Start) -> f64| -> Vec<f64> { starts.iter().map(pick).collect() };
+        let largest = |pick: fn(&Start) -> f64| starts.iter().map(pick).fold(0.0, f64::max);
+        let count = |reason| starts.iter().filter(|s| s.failure == Some(reason)).count();
+        let ratios = values(|s| s.length_m / s.shortest_m);
+        Self {
+            starts: starts.len(),
+            successes: starts.iter().filter(|s| s.failure.is_none()).count(),
+            within_3cm_3deg: starts.iter().filter(|start| is_within(start)).count(),
+            inside_99: starts
+                .iter()
+                .map(|s| s.nees.map(|nees| usize::from(nees <= CHI_SQUARE_99)))
+                .sum(),
+            model: match sweep.model {
+                SweepModel::Kinematic => "kinematic",
+                SweepModel::Plant => "plant",
+            },
+            seed,
+            kappa_max: sweep.kappa_max,
+            failures: Failures {
+                time: count(Failure::Time),
+                gave_up: count(Failure::GaveUp),
+                moving: count(Failure::Moving),
+                position: count(Failure::Position),
+                heading: count(Failure::Heading),
+            },
+            length_ratio: LengthRatio {
+                mean: mean(&ratios),
+                p50: percentile(&ratios, 0.5),
+                p95: percentile(&ratios, 0.95),
+                total: sum(values(|s| s.length_m)) / sum(values(|s| s.shortest_m)),
+            },
+            e_m: Spread::of(&values(|s| s.e_m)),
+            heading_rad: Spread::of(&values(|s| s.heading_rad.abs())),
+            time_s: Spread::of(&values(|s| s.time_s)),
+            max_curvature: largest(|s| s.max_curvature),
+            max_path_curvature: largest(|s| s.max_path_curvature),
+            max_commanded_curvature: largest(|s| s.max_commanded_curvature),
+            bound_broken: starts
+                .iter()
+                .filter(|s| {
+                    let largest = s.max_curvature.max(s.max_path_curvature);
+                    !(largest.max(s.max_commanded_curvature) <= sweep.kappa_max)
+                })
+                .count(),
+            mean_cusps: mean(&values(|s| f64::from(s.cusps))),
+            replanned: starts.iter().filter(|s| s.plans > 1).count(),
+            max_planning_steps: starts.iter().map(|s| s.planning_steps).max().unwrap_or(0),
+            planner_budget: sweep.scenario.robot.lead.regulator.planner_budget,
+        }
+    }
+}
+
+/// A sweep, ready to run.
+#[derive(Clone, Debug)]
+pub struct Sweep {
+    model: SweepModel,
+    scenario: Scenario,
+    kappa_max: f64,
+    kinematic: Model,
+    regulator: Regulator,
+}
+
+impl Sweep {
+    /// Writes the curvature bound (1/m; none: as the scenario has it) into the robot's limits and
+    /// checks everything.
+    pub fn new(
+        mut scenario: Scenario,
+        model: SweepModel,
+        kappa_max: Option<f64>,
+    ) -> Result<Self, Error> {
+        if let Some(kappa) = kappa_max {
+            let [low, high] = KAPPA_RANGE;
+            if !(kappa >= low && kappa <= high) {
+                return Err(Error::input(format!(
+                    "--kappa-max {kappa}: must be a number from {low} to {high} (1/m)"
+                )));
+            }
+            scenario.robot.limits.max_steering_rad =
+                Model::of_robot(&scenario.robot).steering(kappa) as f32;
+            scenario
+                .check()
+                .map_err(|error| Error::input(format!("--kappa-max {kappa}: {error}")))?;
+        }
+        let kinematic = Model::of_robot(&scenario.robot);
+        let bound = scenario.robot.limits.max_steering_rad.into();
+        Ok(Self {
+            model,
+            kappa_max: kappa_max.unwrap_or_else(|| kinematic.curvature(bound)),
+            regulator: scenario.robot.completed().lead.regulator.build()?,
+            kinematic,
+            scenario,
+        })
+    }
+
+    /// Runs start `index`: a function of seed and index alone. With the path of O, at 5 Hz.
+    pub fn run(&self, seed: u64, index: u64) -> Result<(Start, Vec<[f64; 2]>), Error> {
+        let goal = self.scenario.mission.goal;
+        let start = from_goal(goal, random_start(seed, index));
+        let mut path = Vec::new();
+        match self.model {
+            SweepModel::Kinematic => {
+                let trial = kinematic_model::regulate(
+                    &self.regulator,
+                    &self.kinematic,
+                    start,
+                    goal,
+                    seed,
+                    index,
+                    |time_s, robot, _| {
+                        if due(time_s) {
+                            path.push([robot.posture[0], robot.posture[1]]);
+                        }
+                    },
+                );
+                let shortest_m = shortest::length(start, goal, self.kappa_max);
+                Ok((
+                    Start::of_kinematic(&Trial {
+                        shortest_m,
+                        ..trial
+                    }),
+                    path,
+                ))
+            }
+            SweepModel::Plant => {
+                let mut scenario = self.scenario.clone();
+                scenario.mission.start = start;
+                let outcome = simulation::regulate(&scenario, seed, index, |record| {
+                    if due(record.time_s) {
+                        path.push([record.midpoint[0], record.midpoint[1]]);
+                    }
+                })?;
+                Ok((Start::of_plant(&outcome, start, goal, self.kappa_max), path))
+            }
+        }
+    }
+}
+
+/// Whether the path is to be kept at this time (s): each 0.2 s.
+fn due(time_s: f64) -> bool {
+    ((time_s * 100.0).round() as u64).is_multiple_of(20)
+}
+
+/// A start around the goal, in the frame of the start.
+fn from_goal(goal: [f64; 3], [x, y, phi]: [f64; 3]) -> [f64; 3] {
+    [goal[0] + x, goal[1] + y, wrap(goal[2] + phi)]
+}
+
+/// Runs the command.
+pub fn run(args: &SweepArgs) -> Result<(), Error> {
+    let context = Context::new(&args.common, "sweep")?;
+    let used = match args.model {
+        SweepModel::Kinematic => Use::Kinematic,
+        SweepModel::Plant => Use::Regulate,
+    };
+    let taken = [("mission.start", "here: starts are random")];
+    context.check_keys(&taken, &[(&context.scenario, used)])?;
+    let sweep = Sweep::new(context.scenario.clone(), args.model, args.kappa_max)?;
+    let mut files = context.output()?;
+    let results = context.run("starts", args.starts as usize, |index| {
+        sweep.run(context.seed, index as u64)
+    })?;
+    let (starts, paths): (Vec<Start>, Vec<_>) = results.into_iter().unzip();
+    let report = Report::of(&starts, &sweep, context.seed);
+    let text = table(&report);
+
+    let figure = picture::figure(&starts, paths, &report, context.scenario.mission.goal);
+    files.text("sweep.svg", figure.svg());
+    files.bytes("sweep.png", figure.png());
+    files.csv("starts.csv", csv(&starts));
+    context.finish(&text, &report, files)
+}
+
+fn csv(starts: &[Start]) -> Csv {
+    let mut csv = Csv::new([
+        "start",
+        "x_m",
+        "y_m",
+        "phi_rad",
+        "success",
+        "failure",
+        "e_m",
+        "heading_rad",
+        "nees",
+        "time_s",
+        "length_m",
+        "shortest_m",
+        "max_curvature_1_m",
+        "max_path_curvature_1_m",
+        "max_commanded_curvature_1_m",
+        "cusps",
+        "plans",
+        "planning_steps",
+    ]);
+    for (index, start) in starts.iter().enumerate() {
+        csv.row::<Cell>([
+            index.into(),
+            start.start[0].into(),
+            start.start[1].into(),
+            start.start[2].into(),
+            start.failure.is_none().into(),
+            start.failure.map(Failure::name).into(),
+            start.e_m.into(),
+            start.heading_rad.into(),
+            start.nees.into(),
+            start.time_s.into(),
+            start.length_m.into(),
+            start.shortest_m.into(),
+            start.max_curvature.into(),
+            start.max_path_curvature.into(),
+            start.max_commanded_curvature.into(),
+            start.cusps.into(),
+            start.plans.into(),
+            start.planning_steps.into(),
+        ]);
+    }
+    csv
+}
+
+fn table(report: &Report) -> String {
+    let share = 100.0 * report.successes as f64 / report.starts as f64;
+    let mut lines = vec![
+        format!(
+            "Posture regulation from {} random starts within 2 m in x and y, any heading; model: {}",
+            report.starts, report.model
+        ),
+        String::new(),
+        format!(
+            "{} of {} ({share:.2} %) came to rest on the goal, as far as the robot claims to know; {} within 3 cm and 3°{}",
+            report.successes,
+            report.starts,
+            report.within_3cm_3deg,
+            report.inside_99.map_or(String::new(), |inside| format!(
+                ",\n{inside} with an estimate that is off by no more than its 99 % ellipsoid"
+            ))
+        ),
+    ];
+    let failures = &report.failures;
+    for (reason, number) in [
+        ("not done in time", failures.time),
+        ("given up", failures.gave_up),
+        ("still moving", failures.moving),
+        ("too far from the goal", failures.position),
+        ("turned too far", failures.heading),
+    ] {
+        if number > 0 {
+            lines.push(format!("  {reason}: {number}"));
+        }
+    }
+    let mut table = Table::new(["true final state and effort", "median", "95 %", "largest"]);
+    let mut row = |name: &str, spread: &Spread, scale: f64, digits: usize| {
+        table.row([
+            name.to_owned(),
+            format!("{:.digits$}", scale * spread.p50),
+            format!("{:.digits$}", scale * spread.p95),
+            format!("{:.digits$}", scale * spread.max),
+        ]);
+    };
+    row("e (mm)", &report.e_m, 1e3, 2);
+    row("|heading| (°)", &report.heading_rad, 1f64.to_degrees(), 2);
+    row("time (s)", &report.time_s, 1.0, 1);
+    lines.push(format!("\n{table}"));
+    let ratio = &report.length_ratio;
+    lines.push(format!(
+        "path length over the shortest of bounded curvature: mean {:.3}, median {:.3}, 95 % below \
+         {:.3}",
+        ratio.mean, ratio.p50, ratio.p95
+    ));
+    lines.push(format!(
+        "curvature (1/m): bound {:.3}; largest commanded {:.3}, true by the frame's bend {:.3}, true \
+         of the path {:.3};\nstarts beyond the bound: {}",
+        report.kappa_max,
+        report.max_commanded_curvature,
+        report.max_curvature,
+        report.max_path_curvature,
+        report.bound_broken
+    ));
+    lines.push(format!(
+        "cusps: {:.2} in the mean; starts with more than one plan: {}; longest search for a plan: {} \
+         steps of 10 ms,\nat most {} candidate postures each\n",
+        report.mean_cusps, report.replanned, report.max_planning_steps, report.planner_budget
+    ));
+    lines.join("\n")
+}

@@ -1,0 +1,82 @@
+//! Log of one trial as a table, one row an epoch.
+
+use crate::base::output::{Cell, Csv};
+use crate::run::simulation::Record;
+use core_algos::math::Posture;
+
+type Row = Vec<(&'static str, Cell)>;
+
+/// Appends values with the names of their columns, separated by spaces.
+fn put<C: Copy + Into<Cell>>(row: &mut Row, names: &'static str, values: &[C]) {
+    let names = names.split(' ');
+    debug_assert_eq!(names.clone().count(), values.len());
+    row.extend(names.zip(values).map(|(name, &value)| (name, value.into())));
+}
+
+fn row(record: &Record) -> Row {
+    let fused = &record.lead.fused;
+    let motion = &record.lead.motion;
+    let sigma = [0, 1, 2].map(|i| f64::from(fused.robot.covariance[i][i]).sqrt());
+    let estimate = |p: Posture| [p.x, p.y, p.phi].map(f64::from);
+    let words = [
+        format!("{:?}", record.lead.phase).to_lowercase(),
+        format!("{:?}", record.lead.mode).to_lowercase(),
+    ];
+    let mut cells = Row::new();
+    let row = &mut cells;
+    put(row, "time_s", &[record.time_s]);
+    put(row, "x_m y_m phi_rad", &record.midpoint);
+    let robot = estimate(fused.robot.posture);
+    put(row, "x_est_m y_est_m phi_est_rad", &robot);
+    put(row, "sigma_x_m sigma_y_m sigma_phi_rad", &sigma);
+    put(row, "front_x_m front_y_m front_phi_rad", &record.axles[0]);
+    put(row, "rear_x_m rear_y_m rear_phi_rad", &record.axles[1]);
+    let front = estimate(fused.front.posture);
+    put(row, "front_x_est_m front_y_est_m front_phi_est_rad", &front);
+    let rear = estimate(fused.rear.posture);
+    put(row, "rear_x_est_m rear_y_est_m rear_phi_est_rad", &rear);
+    let names = "relative_x_m relative_y_m relative_phi_rad";
+    put(row, names, &record.relative);
+    put(row, "phase mode", &[words[0].as_str(), words[1].as_str()]);
+    let motion = [motion.v, motion.v_rate, motion.psi, motion.psi_rate];
+    let names = "v_m_s v_rate_m_s2 psi_rad psi_rate_rad_s";
+    put(row, names, &motion.map(f64::from));
+    let names =
+        "torque_front_left_nm torque_front_right_nm torque_rear_left_nm torque_rear_right_nm";
+    put(row, names, record.torque.as_flattened());
+    let names = "force_x_n force_y_n moment_root_nm moment_end_nm";
+    put(row, names, &record.wrench);
+    put(row, "beam_nis", &[f64::from(fused.beam.nis)]);
+    let names = "beam_innovation_x_m beam_innovation_y_m beam_innovation_phi_rad";
+    put(row, names, &fused.beam.innovation.map(f64::from));
+    let names = "wheel_speed_front_left_rad_s wheel_speed_front_right_rad_s \
+                 wheel_speed_rear_left_rad_s wheel_speed_rear_right_rad_s";
+    put(row, names, record.wheel_speed.as_flattened());
+    let names = "strain_1 strain_2 strain_3 strain_4 strain_5 strain_6 strain_7 strain_8";
+    put(row, names, &record.strain.map(f64::from));
+    cells
+}
+
+/// The records as CSV with a header; names carry the unit, `_est` marks the robot's own estimate.
+pub fn of_records(records: &[Record]) -> Csv {
+    let header = row(&Record::default());
+    let mut csv = Csv::new(header.iter().map(|(name, _)| name));
+    for record in records {
+        csv.row(row(record).into_iter().map(|(_, cell)| cell));
+    }
+    csv
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_row_has_every_column() {
+        let text = of_records(&[Record::default(), Record::default()]).into_bytes();
+        let mut reader = csv::Reader::from_reader(text.as_slice());
+        assert_eq!(reader.headers().unwrap().len(), 55);
+        // The reader itself refuses rows of another length.
+        assert_eq!(reader.records().filter(|row| row.is_ok()).count(), 2);
+    }
+}

@@ -1,0 +1,41 @@
+//! Errors of a final posture against its goal.
+
+use serde::Serialize;
+
+/// True final errors of one trial.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct FinalError {
+    /// Distance of O from the goal, m.
+    pub e_m: f64,
+    /// Heading of O less that of the goal, rad.
+    pub heading_rad: f64,
+    /// Line of sight to the goal less the goal's heading, rad.
+    pub theta_rad: f64,
+    /// Line of sight to the goal less the robot's heading, rad.
+    pub alpha_rad: f64,
+}
+
+impl FinalError {
+    /// The errors of a posture against a goal.
+    pub fn of(posture: [f64; 3], goal: [f64; 3]) -> Self {
+        let (dx, dy) = (goal[0] - posture[0], goal[1] - posture[1]);
+        let sight = dy.atan2(dx);
+        Self {
+            e_m: dx.hypot(dy),
+            heading_rad: wrap(posture[2] - goal[2]),
+            theta_rad: wrap(sight - goal[2]),
+            alpha_rad: wrap(sight - posture[2]),
+        }
+    }
+
+    /// True within 3 cm and 3°.
+    pub fn is_near(&self) -> bool {
+        self.e_m <= 0.03 && self.heading_rad.abs() <= 3f64.to_radians()
+    }
+}
+
+/// The angle less whole turns, from −π to π.
+pub fn wrap(angle: f64) -> f64 {
+    let turn = std::f64::consts::TAU;
+    angle - turn * (angle / turn).round()
+}

@@ -1,0 +1,13 @@
+//! Runs of the robot: the simulated plant with its boards in lockstep, tasks, recovery from faults.
+//!
+//! Imports the rooms below it, down from [`targets`](crate::targets). Start with [`simulation`]: one
+//! trial at 1 kHz.
+
+pub mod bit_compare;
+pub mod final_error;
+pub mod kinematic_model;
+pub mod path_run;
+pub mod real_time;
+pub mod recovery;
+pub mod simulation;
+pub mod virtual_robot;

@@ -1,0 +1,375 @@
+//! One run along a path or after a trajectory, with the errors of the true and of the estimated
+//! midpoint.
+
+use crate::base::error::Error;
+use crate::paths::{
+    Bounds, MAX_LENGTH_M, Path, PathError, SPACING_M, Sample, TimeLimits, Trajectory,
+};
+use crate::run::simulation::{Record, Simulation};
+use crate::scenario::Scenario;
+use crate::targets::Order;
+use core_algos::control::path::{PathPoint, TrajectoryPoint};
+use core_algos::node::lead::Task;
+use core_algos::time::{EPOCH, Micros};
+
+/// How far the robot can get along its path in an epoch, m, with ample reserve; nearest points are
+/// looked for this far around the last one, so that a crossing does not confuse the branches.
+const WINDOW_M: f64 = 0.1;
+/// A run ends without success after this many times its expected duration, and a while.
+const PATIENCE: (f64, f64) = (2.0, 30.0);
+/// Share of the robot's speed limit that a trajectory may use; the rest is for catching up.
+const TIMED_SHARE: f64 = 0.9;
+
+/// What decides where the robot should be.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Manner {
+    /// Path following: where it is along the path.
+    Follow,
+    /// Trajectory tracking: the time.
+    Track,
+}
+
+/// A path the robot can drive, with the time law that trajectory tracking uses.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Route {
+    path: Path,
+    trajectory: Trajectory,
+    max_curvature: f64,
+}
+
+/// What the robot of a scenario can bend.
+pub fn bounds(scenario: &Scenario) -> Bounds {
+    let robot = &scenario.robot;
+    Bounds {
+        frame_length_m: robot.geometry.frame_length_m.into(),
+        rigid_end_m: robot.geometry.rigid_end_m.into(),
+        // What is commanded stays a margin short of the bound.
+        max_steering_rad: robot.limits.commanded_steering_rad().into(),
+        max_steering_rate_rad_s: robot.lead.governor.max_steering_rate_rad_s.into(),
+        min_speed_m_s: robot.lead.course.path.min_speed_m_s.into(),
+    }
+}
+
+impl Route {
+    /// `laps` laps of a closed path, or an open path, as the robot of `scenario` is to drive it.
+    /// Refuses what its frame cannot bend to.
+    pub fn new(path: &Path, laps: u32, scenario: &Scenario) -> Result<Self, PathError> {
+        let bounds = bounds(scenario);
+        path.check(&bounds)?;
+        let length = path.length() * f64::from(if path.is_closed() { laps } else { 1 });
+        if length > MAX_LENGTH_M {
+            return Err(PathError::TooLong(length));
+        }
+        let path = path.unrolled(laps);
+        let limits = scenario.robot.completed().lead.course.path;
+        let timed = TIMED_SHARE * f64::from(scenario.robot.limits.max_speed_m_s);
+        let speed = f64::from(limits.max_speed_m_s).min(timed);
+        let trajectory = Trajectory::along(
+            &path,
+            &bounds,
+            &TimeLimits {
+                max_speed_m_s: speed,
+                max_steering_rate_rad_s: limits.max_steering_rate_rad_s.into(),
+                max_steering_acceleration_rad_s2: limits.max_steering_acceleration_rad_s2.into(),
+                // About a point per sample of the path: the buffer on board looks far enough ahead.
+                interval_s: (SPACING_M / speed).clamp(0.05, 0.25),
+                ..TimeLimits::default()
+            },
+        )?;
+        Ok(Self {
+            path,
+            trajectory,
+            max_curvature: bounds.max_curvature(),
+        })
+    }
+
+    /// The path, open.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Largest curvature the frame allows, 1/m.
+    pub fn curvature_bound(&self) -> f64 {
+        self.max_curvature
+    }
+
+    /// Posture of the first point.
+    pub fn start(&self) -> [f64; 3] {
+        posture(&self.path.samples()[0])
+    }
+
+    /// Posture of the last point.
+    pub fn goal(&self) -> [f64; 3] {
+        posture(&self.end())
+    }
+
+    /// Postures of all points.
+    pub fn postures(&self) -> Vec<[f64; 3]> {
+        self.path.samples().iter().map(posture).collect()
+    }
+
+    /// Time that trajectory tracking takes, s; path following takes about as long.
+    pub fn expected_duration(&self) -> f64 {
+        self.trajectory.duration()
+    }
+
+    fn end(&self) -> Sample {
+        self.path.at(self.path.length())
+    }
+}
+
+fn posture(at: &Sample) -> [f64; 3] {
+    [at.x, at.y, at.phi]
+}
+
+/// Where a posture stands to the path or trajectory.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Deviation {
+    /// Distance to the left of the path, m.
+    pub lateral_m: f64,
+    /// Distance from where it should be, m: across the path in path following.
+    pub distance_m: f64,
+    /// Heading less that of the path there, rad.
+    pub heading_rad: f64,
+}
+
+impl Deviation {
+    fn of(at: [f64; 3], target: &Sample) -> Self {
+        let (dx, dy) = (at[0] - target.x, at[1] - target.y);
+        let (s, c) = target.phi.sin_cos();
+        let turn = std::f64::consts::TAU;
+        let heading = at[2] - target.phi;
+        Self {
+            lateral_m: c * dy - s * dx,
+            distance_m: dx.hypot(dy),
+            heading_rad: heading - turn * (heading / turn).round(),
+        }
+    }
+}
+
+/// One epoch of a run.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Moment {
+    /// The state.
+    pub record: Record,
+    /// Where O should be: on the path beside the true O, or where the trajectory is.
+    pub target: Sample,
+    /// Of the true midpoint.
+    pub truth: Deviation,
+    /// Of the midpoint as the robot estimates it.
+    pub estimate: Deviation,
+    /// True curvature of O's path as the frame's bend gives it, 1/m.
+    pub curvature: f64,
+}
+
+/// Errors over a run and at its end.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Errors {
+    /// Root mean square of the distance, m.
+    pub rms_m: f64,
+    /// Largest distance, m.
+    pub max_m: f64,
+    /// Largest distance across the path, m.
+    pub max_cross_track_m: f64,
+    /// Root mean square of the heading error, rad.
+    pub rms_heading_rad: f64,
+    /// Distance from the end of the path at rest, m.
+    pub final_m: f64,
+    /// Heading at rest less that of the end, rad.
+    pub final_heading_rad: f64,
+}
+
+/// Sums that become [`Errors`].
+#[derive(Clone, Copy, Debug, Default)]
+struct Sums {
+    distance: f64,
+    heading: f64,
+    max: f64,
+    max_lateral: f64,
+    count: f64,
+}
+
+impl Sums {
+    fn add(&mut self, deviation: &Deviation) {
+        self.distance += deviation.distance_m.powi(2);
+        self.heading += deviation.heading_rad.powi(2);
+        self.max = self.max.max(deviation.distance_m);
+        self.max_lateral = self.max_lateral.max(deviation.lateral_m.abs());
+        self.count += 1.0;
+    }
+
+    fn errors(&self, last: &Deviation) -> Errors {
+        let rms = |sum: f64| (sum / self.count.max(1.0)).sqrt();
+        Errors {
+            rms_m: rms(self.distance),
+            max_m: self.max,
+            max_cross_track_m: self.max_lateral,
+            rms_heading_rad: rms(self.heading),
+            final_m: last.distance_m,
+            final_heading_rad: last.heading_rad,
+        }
+    }
+}
+
+/// How a run went.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Outcome {
+    /// Errors of the true midpoint.
+    pub truth: Errors,
+    /// Errors of the midpoint as the robot estimates it.
+    pub estimate: Errors,
+    /// Largest true |curvature| of O's path, 1/m.
+    pub max_curvature: f64,
+    /// Whether the robot came to rest at the end.
+    pub done: bool,
+    /// Time from the beginning of the task to rest, s.
+    pub duration_s: f64,
+}
+
+/// Drives `route` in a simulation of `scenario`; `observe` is called once an epoch from the beginning
+/// of the task. The robot starts where the scenario says.
+pub fn drive_on(
+    simulation: &mut Simulation,
+    scenario: &Scenario,
+    route: &Route,
+    manner: Manner,
+    mut observe: impl FnMut(&Moment),
+) -> Result<Outcome, Error> {
+    let settle = (scenario.mission.settle_s * 1e6) as Micros / EPOCH * EPOCH;
+    let rest = (scenario.mission.rest_s * 1e6) as Micros;
+    let expected = PATIENCE.0 * route.trajectory.duration() + PATIENCE.1;
+    let limit = settle + (expected * 1e6) as Micros;
+    let mut stream = Stream::new(route, manner);
+    let mut places = [0.0; 2];
+    let mut sums = [Sums::default(); 2];
+    let (mut moment, mut max_curvature) = (Moment::default(), 0.0f64);
+    let mut done_at = None;
+    while simulation.now() < limit {
+        let now = simulation.now();
+        if now.is_multiple_of(EPOCH) {
+            stream.feed(simulation)?;
+        }
+        if now == settle {
+            simulation.order(&Order::Task(match manner {
+                Manner::Follow => Task::Follow,
+                Manner::Track => Task::Track,
+            }))?;
+        }
+        simulation.step()?;
+        let now = simulation.now();
+        if now <= settle || !now.is_multiple_of(EPOCH) {
+            continue;
+        }
+        let record = simulation.record();
+        let center = record.lead.fused.robot.posture;
+        // The lead node's latest step was on the estimate of the epoch that has just passed.
+        let seen = [
+            record.midpoint,
+            [center.x, center.y, center.phi].map(f64::from),
+        ];
+        let ages = [0, EPOCH];
+        let mut deviations = [Deviation::default(); 2];
+        for i in 0..2 {
+            let place = match manner {
+                Manner::Follow => route
+                    .path
+                    .nearest(seen[i][0], seen[i][1], places[i], WINDOW_M),
+                Manner::Track => {
+                    let time = (now - settle - ages[i]) as f64 * 1e-6;
+                    route.trajectory.arc_length(time)
+                }
+            };
+            places[i] = place;
+            deviations[i] = Deviation::of(seen[i], &route.path.at(place));
+        }
+        let [x, y, bend] = record.relative;
+        moment = Moment {
+            target: route.path.at(places[0]),
+            truth: deviations[0],
+            estimate: deviations[1],
+            curvature: 2.0 * (0.5 * bend).tan() / x.hypot(y),
+            record,
+        };
+        max_curvature = max_curvature.max(moment.curvature.abs());
+        observe(&moment);
+        if done_at.is_none() {
+            for (sum, deviation) in sums.iter_mut().zip(&deviations) {
+                sum.add(deviation);
+            }
+        }
+        if moment.record.lead.done {
+            let since = *done_at.get_or_insert(now);
+            if now - since >= rest && simulation.watched_enough() {
+                break;
+            }
+        }
+        if simulation.must_end() {
+            break;
+        }
+    }
+    let end = route.end();
+    let center = moment.record.lead.fused.robot.posture;
+    let estimate = [center.x, center.y, center.phi].map(f64::from);
+    let at_rest = [moment.record.midpoint, estimate].map(|at| Deviation::of(at, &end));
+    Ok(Outcome {
+        truth: sums[0].errors(&at_rest[0]),
+        estimate: sums[1].errors(&at_rest[1]),
+        max_curvature,
+        done: done_at.is_some(),
+        duration_s: (done_at.unwrap_or(simulation.now()) - settle) as f64 * 1e-6,
+    })
+}
+
+/// The points not yet sent to the robot.
+struct Stream {
+    points: Points,
+    /// Whether the end has been declared.
+    ended: bool,
+}
+
+enum Points {
+    Path(Vec<PathPoint>),
+    Trajectory(Vec<TrajectoryPoint>),
+}
+
+impl Stream {
+    fn new(route: &Route, manner: Manner) -> Self {
+        let points = match manner {
+            Manner::Follow => Points::Path(route.path.points()),
+            Manner::Track => Points::Trajectory(route.trajectory.to_points()),
+        };
+        Self {
+            points,
+            ended: false,
+        }
+    }
+
+    /// Fills the robot's buffer and declares the end after the last point.
+    fn feed(&mut self, simulation: &mut Simulation) -> Result<(), Error> {
+        if self.ended {
+            return Ok(());
+        }
+        let room = simulation.room();
+        self.ended = match &mut self.points {
+            Points::Path(points) => {
+                let fit = room.path.min(points.len());
+                let end = fit == points.len();
+                let now: Vec<_> = points.drain(..fit).collect();
+                if fit > 0 || end {
+                    simulation.order(&Order::Path(&now, end))?;
+                }
+                end
+            }
+            Points::Trajectory(points) => {
+                let fit = room.trajectory.min(points.len());
+                let end = fit == points.len();
+                let now: Vec<_> = points.drain(..fit).collect();
+                if fit > 0 || end {
+                    simulation.order(&Order::Trajectory(&now, end))?;
+                }
+                end
+            }
+        };
+        Ok(())
+    }
+}

@@ -1,0 +1,943 @@
+//! One trial: plant, sensors, nodes and bus in lockstep at 1 kHz.
+
+use crate::base::error::Error;
+use crate::base::statistics::nees;
+use crate::bus::virtual_bus::{BusStatistics, VirtualBus};
+use crate::plant::{Outline, Plant, Station};
+use crate::run::bit_compare::Trace;
+use crate::run::kinematic_model::Model;
+use crate::run::real_time::Pace;
+use crate::run::recovery::{Monitor, Recovery, Status};
+use crate::scenario::Scenario;
+use crate::targets::{
+    self, BoardTraffic, Boards, Failure, FailureMode, Order, Posted, Room, Target,
+};
+use crate::world::faults::{Fault, Injector, Readings};
+use crate::world::sensors::{Sensors, TrialImperfections, Truth};
+use core_algos::beam::calibration::Calibration;
+use core_algos::beam::{MAX_GAUGES, PerGauge};
+use core_algos::bus::{Frame, LeadMode};
+use core_algos::control::regulator::Phase;
+use core_algos::fusion::Estimate;
+use core_algos::fusion::tandem::Mode;
+use core_algos::hil::protocol::Place;
+use core_algos::math::Posture;
+use core_algos::node::axle;
+use core_algos::node::lead::{self, Task};
+use core_algos::node::robot::RobotConfig;
+use core_algos::params::{Inertial, Settings};
+use core_algos::safety::{Condition, Conditions};
+use core_algos::time::{EPOCH, Micros, TICK};
+use core_algos::topology::{Node, Role};
+use std::f64::consts::{PI, TAU};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+
+/// State of the robot at the beginning of an epoch, for logs and pictures.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Record {
+    /// Time, s.
+    pub time_s: f64,
+    /// True posture of the midpoint.
+    pub midpoint: [f64; 3],
+    /// True postures of the axles, front first.
+    pub axles: [[f64; 3]; 2],
+    /// What the lead node did at the latest step.
+    pub lead: lead::Output,
+    /// Wheel torques `[axle][left, right]`, N m.
+    pub torque: [[f64; 2]; 2],
+    /// Force and moments of the frame: x, y (rear axle's frame, N), root, end (N m).
+    pub wrench: [f64; 4],
+    /// True posture of the front axle in the rear axle's frame.
+    pub relative: [f64; 3],
+    /// Points of the bent frame from rear to front, global, m.
+    pub frame: [[f32; 2]; FRAME_POINTS],
+    /// True wheel speeds `[axle][left, right]`, rad/s.
+    pub wheel_speed: [[f64; 2]; 2],
+    /// Strains as measured, from the root; zero where there is no gauge.
+    pub strain: [f32; MAX_GAUGES],
+}
+
+impl Record {
+    /// The plant as it is at `now`, with what is known of the boards: the lead node's latest step, and
+    /// the strains of the gauges.
+    pub fn of(
+        now: Micros,
+        plant: &Plant,
+        outline: &Outline,
+        (lead, strain): (lead::Output, [f32; MAX_GAUGES]),
+    ) -> Self {
+        let (state, wrench) = (plant.state(), plant.wrench());
+        let mut frame = [[0.0; 2]; FRAME_POINTS];
+        plant.draw(outline, &mut frame);
+        Self {
+            time_s: now as f64 * 1e-6,
+            midpoint: plant.midpoint(),
+            axles: state.axle.map(|axle| axle.posture),
+            lead,
+            torque: state.axle.map(|axle| axle.torque),
+            wrench: [
+                wrench.force[0],
+                wrench.force[1],
+                wrench.root_moment,
+                wrench.end_moment,
+            ],
+            relative: plant.relative_posture(),
+            frame: frame.map(|point| point.map(|value| value as f32)),
+            wheel_speed: state.axle.map(|axle| axle.wheel_speed),
+            strain,
+        }
+    }
+}
+
+/// Observer of a run: a recording or a display.
+pub trait Observer: Send {
+    /// The state at the end of an epoch; an error ends the run.
+    fn epoch(&mut self, robot: &dyn Robot, record: &Record) -> Result<(), Error>;
+
+    /// Image that a virtual board runs.
+    fn board(&mut self, _role: Role, _image: String) {}
+
+    /// Frames that a virtual board sent at a tick, ms.
+    fn frames(&mut self, _role: Role, _tick: u32, _frames: Vec<Frame>) {}
+
+    /// Output of a virtual board's lead node at a tick, ms; its estimates hold at `held`.
+    fn lead(&mut self, _tick: u32, _held: Micros, _output: &lead::Output) {}
+
+    /// A virtual board lost power at a tick, ms.
+    fn off(&mut self, _role: Role, _tick: u32, _reason: &str) {}
+}
+
+/// Observers of a run.
+pub type Observers = Vec<Box<dyn Observer>>;
+
+/// Points of the frame's curve in a record.
+pub const FRAME_POINTS: usize = 13;
+
+/// How a trial ended.
+#[derive(Clone, Debug, Default)]
+pub struct Outcome {
+    /// True posture of the midpoint at the end.
+    pub midpoint: [f64; 3],
+    /// Estimated posture of the midpoint at the end.
+    pub estimate: [f64; 3],
+    /// Squared error of that over its claimed covariance; 3 on average if the claim is right.
+    pub nees: f64,
+    /// Whether the lead node reported the task done.
+    pub done: bool,
+    /// Whether it said that it is not certain of having reached its goal.
+    pub uncertain: bool,
+    /// Where it claims to be with 95 %: half axis of its position (m), half the interval of its heading
+    /// (rad).
+    pub claimed: [f64; 2],
+    /// Whether the regulator gave up.
+    pub gave_up: bool,
+    /// Time from the beginning of the task to its end, s.
+    pub duration_s: f64,
+    /// Root mean square of the magnitude of the frame's force over the task, N.
+    pub force_rms_n: f64,
+    /// Largest true curvature the frame was bent to over the task, at rest too: paper eq. 5 of half
+    /// the angle between the axles, 1/m.
+    pub max_curvature: f64,
+    /// Largest true curvature of the midpoint's path, turning per way, where the robot drove faster
+    /// than [`PATH_CURVATURE_SPEED_M_S`], 1/m.
+    pub max_path_curvature: f64,
+    /// Largest curvature the governor commanded over the task, 1/m.
+    pub max_commanded_curvature: f64,
+    /// Length of the midpoint's path, m.
+    pub path_m: f64,
+    /// Changes of direction while driving.
+    pub cusps: u32,
+    /// Times the regulator searched for a plan.
+    pub plans: u32,
+    /// Longest search, steps of the lead node.
+    pub planning_steps: u32,
+    /// True speed of the faster axle's midpoint at the end, m/s.
+    pub end_speed_m_s: f64,
+    /// Error of the estimated relative posture of the axles at the end: m, m, rad.
+    pub relative_error: [f64; 3],
+    /// The heartbeat that first told of a stop or a cut, if one did.
+    pub fault: Option<Status>,
+}
+
+/// Speed below which the curvature of the driven path is not looked at, m/s.
+pub const PATH_CURVATURE_SPEED_M_S: f64 = 0.05;
+
+/// Bounds of the time of a run, µs from the start of the simulation.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Span {
+    /// A robot that is done is watched at least until then.
+    pub least: Micros,
+    /// The run ends then, done or not.
+    pub most: Option<Micros>,
+}
+
+/// Time a run goes on after the lead node's fault, ticks: what follows from it can be seen.
+const GRACE: u64 = 1000;
+
+/// A robot that an experiment drives, wherever its boards run.
+pub trait Robot {
+    /// Simulated time, µs.
+    fn now(&self) -> Micros;
+    /// Gives the lead node a task.
+    fn command(&mut self, task: Task) -> Result<(), Error>;
+    /// One millisecond.
+    fn step(&mut self) -> Result<(), Error>;
+    /// The state for logs and pictures.
+    fn record(&self) -> Record;
+    /// The robot as it is.
+    fn plant(&self) -> &Plant;
+    /// What the nodes say of themselves.
+    fn monitor(&self) -> &Monitor;
+    /// Whether the robot, at rest for long enough, need not be watched any longer.
+    fn watched_enough(&self) -> bool;
+    /// Whether the run must end before its task.
+    fn must_end(&self) -> bool;
+    /// Ticks that began more than a tick late, if pace is kept.
+    fn pace(&self) -> Option<&Pace>;
+    /// The boards, with what went over the links to them.
+    fn traffic(&self) -> Vec<BoardTraffic>;
+    /// What the bus between the boards counted.
+    fn bus(&self) -> BusStatistics;
+
+    /// True bend of the frame, rad: half the angle between the axles (ψ).
+    fn bend(&self) -> f64 {
+        let [front, rear] = self.plant().state().axle.map(|axle| axle.posture[2]);
+        0.5 * (front - rear)
+    }
+
+    /// True speed of the faster axle's midpoint, m/s.
+    fn speed(&self) -> f64 {
+        let speeds = self.plant().state().axle.map(|axle| {
+            let [forward, across, _] = axle.velocity;
+            forward.hypot(across)
+        });
+        speeds[0].max(speeds[1])
+    }
+}
+
+/// A trial in progress.
+pub struct Simulation {
+    plant: Plant,
+    sensors: Sensors,
+    truth: Truth,
+    gauges: Vec<Station>,
+    outline: Outline,
+    half_thickness: f64,
+    converter_middle: i32,
+    /// What the drivers of the axle boards make of the inertial sensors.
+    inertial: [Inertial; 2],
+    boards: Boards,
+    bus: VirtualBus,
+    torque: [[f64; 2]; 2],
+    tick: u64,
+    last_lead: lead::Output,
+    trace: Option<Trace>,
+    observers: Observers,
+    calibration: Calibration,
+    /// Whether the relative position sensor is fitted.
+    sensed: bool,
+    /// What the strain bridges read last.
+    counts: [i32; MAX_GAUGES],
+    pace: Option<Pace>,
+    interrupt: Option<Arc<AtomicBool>>,
+    span: Span,
+    monitor: Monitor,
+    recovery: Option<Recovery>,
+    injector: Option<Injector>,
+    full_scale: i32,
+    /// What the robot is to do, as ordered last.
+    task: Task,
+}
+
+impl Simulation {
+    /// A robot at rest on its start, with the imperfections of this trial; its boards run in this
+    /// process.
+    pub fn new(scenario: &Scenario, seed: u64, trial: u64) -> Result<Self, Error> {
+        Self::on(targets::in_process(), scenario, seed, trial)
+    }
+
+    /// The same with boards that run wherever they do.
+    pub fn on(
+        targets: [Box<dyn Target>; 3],
+        scenario: &Scenario,
+        seed: u64,
+        trial: u64,
+    ) -> Result<Self, Error> {
+        let imperfections = scenario.world.draw(seed, trial);
+        Self::with(targets, scenario, &imperfections, seed, trial)
+    }
+
+    /// The same of a robot with these imperfections.
+    pub fn with(
+        targets: [Box<dyn Target>; 3],
+        scenario: &Scenario,
+        imperfections: &TrialImperfections,
+        seed: u64,
+        trial: u64,
+    ) -> Result<Self, Error> {
+        let plant = scenario.world.plant_of(imperfections, scenario.mission.rps);
+        let mut plant = plant
+            .build()
+            .map_err(|error| Error::input(format!("plant.{error}")))?;
+        let start = scenario.mission.start;
+        plant.place(std::array::from_fn(|i| {
+            start[i] + imperfections.placement[i]
+        }));
+        let config = calibrated(scenario, imperfections);
+        let mut settings = [Settings::new(config); 3];
+        for role in Role::ALL {
+            scenario.boards.apply(role, &mut settings[role as usize])?;
+        }
+        let [front, rear, beam] = &settings;
+        let straight = config.geometry.frame_length_m + 2.0 * config.geometry.rigid_end_m;
+        let place = Place {
+            center: Estimate::with_sigmas(
+                Posture::from(start.map(|v| v as f32)),
+                config.lead.fusion.start_sigmas,
+            ),
+            relative: Estimate::with_sigmas(
+                Posture::new(straight, 0.0, 0.0),
+                config.lead.fusion.frame_sigmas,
+            ),
+        };
+        let gauges = scenario.world.gauges_of(imperfections, &plant);
+        let believed = &beam.robot.beam;
+        let calibration = believed
+            .calibration
+            .build(believed.strip.gauges_m.count())?;
+        Ok(Self {
+            sensors: Sensors::new(&scenario.world.sensors, imperfections, seed, trial)?,
+            truth: Truth {
+                gauge_count: gauges.len(),
+                ..Truth::default()
+            },
+            converter_middle: scenario.world.sensors.bridge.full_scale_counts(),
+            half_thickness: scenario.world.sensors.bridge.half_thickness_m,
+            gauges,
+            outline: plant.outline(FRAME_POINTS),
+            inertial: [front.inertial, rear.inertial],
+            boards: {
+                let configs = settings.map(|settings| settings.robot);
+                Boards::start(targets, configs, &place, scenario.mission.rps)?
+            },
+            bus: VirtualBus::new(
+                &scenario.world.bus,
+                seed ^ trial.wrapping_mul(0x9e37_79b9_7f4a_7c15),
+            ),
+            torque: [[0.0; 2]; 2],
+            tick: 0,
+            last_lead: lead::Output::default(),
+            trace: None,
+            observers: Vec::new(),
+            calibration,
+            sensed: scenario.mission.rps,
+            counts: [0; MAX_GAUGES],
+            pace: None,
+            interrupt: None,
+            span: Span::default(),
+            monitor: Monitor::default(),
+            recovery: None,
+            injector: None,
+            full_scale: 2 * scenario.world.sensors.bridge.full_scale_counts() - 1,
+            task: Task::Idle,
+            plant,
+        })
+    }
+
+    /// All of it that is not boards.
+    #[cfg(test)]
+    pub(crate) fn truth(&self) -> String {
+        let parts = (&self.plant, &self.sensors, &self.gauges, &self.bus);
+        format!("{parts:?} {}", self.half_thickness)
+    }
+
+    /// Tells the lead node something.
+    pub fn order(&mut self, order: &Order) -> Result<(), Error> {
+        if let Order::Task(task) = *order {
+            self.task = task;
+        }
+        self.boards.order(order)
+    }
+
+    /// Points the lead node has room for, at the end of an epoch.
+    pub fn room(&mut self) -> Room {
+        self.boards.room()
+    }
+
+    /// The boards.
+    pub fn boards(&mut self) -> &mut Boards {
+        &mut self.boards
+    }
+
+    /// Gives the boards back, for another simulation.
+    pub fn release(self) -> [Box<dyn Target>; 3] {
+        self.boards.release()
+    }
+
+    /// Bounds the time of the run.
+    pub fn limit(&mut self, span: Span) {
+        self.span = span;
+    }
+
+    /// Whether the robot, at rest for long enough, need not be watched any longer.
+    pub fn watched_enough(&self) -> bool {
+        self.now() >= self.span.least
+    }
+
+    /// Whether the run must end before its task.
+    pub fn must_end(&self) -> bool {
+        self.failure().is_some() || self.span.most.is_some_and(|most| self.now() >= most)
+    }
+
+    /// Why the robot cannot go on, if so: a board is lost, or the lead node has been in fault for a
+    /// while and nobody is about to clear it.
+    pub fn failure(&self) -> Option<String> {
+        if let Some(why) = self.boards.end(self.tick as u32) {
+            return Some(why.to_owned());
+        }
+        let fault = self.monitor.fault_since(Node::Lead)?;
+        let over = self.tick.saturating_sub(fault) >= GRACE;
+        if !over || self.recovery.as_ref().is_some_and(Recovery::pending) {
+            return None;
+        }
+        self.monitor.why_stopped()
+    }
+
+    /// Has the host clear the faults and give the task again, so long after a board was restarted
+    /// and the robot stopped for that.
+    pub fn recover_after(&mut self, pause: Micros) {
+        self.recovery = Some(Recovery::after(pause));
+    }
+
+    /// From `tick` on, this goes wrong.
+    pub fn inject(&mut self, fault: Fault, tick: u32) {
+        let failure = |role| Failure {
+            role,
+            at: tick,
+            mode: FailureMode::Off,
+        };
+        match fault {
+            Fault::Reset(role, after) => self.boards.plan(vec![failure(role)], Some(after)),
+            Fault::Loss(role) => self.boards.plan(vec![failure(role)], None),
+            _ => {}
+        }
+        self.injector = Some(Injector::new(fault, tick, self.full_scale));
+    }
+
+    /// The torques that the boards commanded last, `[axle][left, right]`, N m.
+    pub fn torque(&self) -> [[f64; 2]; 2] {
+        self.torque
+    }
+
+    /// What the nodes say of themselves.
+    pub fn monitor(&self) -> &Monitor {
+        &self.monitor
+    }
+
+    /// Forgets the changes of state that the nodes told of so far.
+    pub fn forget_changes(&mut self) {
+        self.monitor.forget_changes();
+    }
+
+    /// From now on, keeps what the boards do.
+    pub fn record_trace(&mut self) {
+        self.trace = Some(Trace::default());
+    }
+
+    /// What the boards did since [`Self::record_trace`].
+    pub fn take_trace(&mut self) -> Option<Trace> {
+        self.trace.take()
+    }
+
+    /// Has an observer see the state once an epoch.
+    pub fn observe(&mut self, observer: Box<dyn Observer>) {
+        self.observers.push(observer);
+    }
+
+    /// Ends the observation: displays close.
+    pub fn dismiss_observers(&mut self) {
+        self.observers.clear();
+    }
+
+    /// What the bus between the boards counted.
+    pub fn bus(&self) -> BusStatistics {
+        self.bus.statistics()
+    }
+
+    /// What went over the links to the boards.
+    pub fn traffic(&self) -> Vec<BoardTraffic> {
+        self.boards.traffic()
+    }
+
+    /// From now on, no tick begins before its time on the clock.
+    pub fn keep_pace(&mut self) {
+        self.pace = Some(Pace::new());
+    }
+
+    /// Ticks that began more than a tick late, and the most a tick was late.
+    pub fn pace(&self) -> Option<&Pace> {
+        self.pace.as_ref()
+    }
+
+    /// A flag that ends the run with an error once it is set.
+    pub fn stop_on(&mut self, flag: Arc<AtomicBool>) {
+        self.interrupt = Some(flag);
+    }
+
+    /// The robot as it is.
+    pub fn plant(&self) -> &Plant {
+        &self.plant
+    }
+
+    /// Simulated time, µs.
+    pub fn now(&self) -> Micros {
+        self.tick * TICK
+    }
+
+    /// What the lead node did at its latest step.
+    pub fn lead_output(&self) -> &lead::Output {
+        &self.last_lead
+    }
+
+    /// One millisecond: sample, deliver, run the nodes, move the plant. Torques take effect one
+    /// tick late, as on the boards.
+    pub fn step(&mut self) -> Result<(), Error> {
+        if let Some(pace) = &mut self.pace {
+            pace.wait();
+        }
+        let interrupted = |flag: &Arc<AtomicBool>| flag.load(Relaxed);
+        if self.interrupt.as_ref().is_some_and(interrupted) {
+            return Err(Error::Failure("interrupted".to_owned()));
+        }
+        let (now, tick) = (self.now(), self.tick as u32);
+        self.recover(tick)?;
+        let mut readings = self.sample();
+        self.disturb(tick, &mut readings)?;
+        let samples = readings.samples();
+        let Self {
+            boards,
+            bus,
+            trace,
+            monitor,
+            ..
+        } = self;
+        bus.deliver(now, |role, frame, message| {
+            boards.receive(role, now, frame, message);
+        });
+        let outputs = boards.tick(tick, &samples, &mut |posted| {
+            let frame = match posted {
+                Posted::Message(message) => bus.send(now, message),
+                Posted::Frame(frame) => bus.send_frame(now, frame),
+            };
+            let Some(frame) = frame else {
+                return;
+            };
+            monitor.see(tick, &frame);
+            if let Some(trace) = trace.as_mut() {
+                trace.frame(tick, frame);
+            }
+        })?;
+        let [front, rear, _] = &outputs;
+        if let Some(lead) = front.lead {
+            self.last_lead = lead;
+        }
+        let torque = [front.torque_nm, rear.torque_nm];
+        let mut given = self.torque;
+        if let Some(injector) = &self.injector {
+            injector.torque(tick, &mut given);
+        }
+        self.plant.step(given);
+        self.torque = torque.map(|axle| axle.map(f64::from));
+        self.tick += 1;
+        if let Some(trace) = &mut self.trace {
+            trace.torque(torque);
+            if (self.tick * TICK).is_multiple_of(EPOCH) {
+                trace.lead(&self.last_lead);
+            }
+        }
+        if (self.tick * TICK).is_multiple_of(EPOCH) {
+            self.show()?;
+        }
+        Ok(())
+    }
+
+    /// Shows those who look on the state at the end of an epoch.
+    fn show(&mut self) -> Result<(), Error> {
+        if self.observers.is_empty() {
+            return Ok(());
+        }
+        let record = self.record();
+        let mut observers = std::mem::take(&mut self.observers);
+        let mut each = observers.iter_mut();
+        each.try_for_each(|observer| observer.epoch(self, &record))?;
+        self.observers = observers;
+        Ok(())
+    }
+
+    /// Puts the fault in.
+    fn disturb(&mut self, tick: u32, readings: &mut Readings) -> Result<(), Error> {
+        let Some(injector) = &mut self.injector else {
+            return Ok(());
+        };
+        injector.readings(tick, readings);
+        if let Some((axle, side)) = injector.lifts(tick) {
+            self.plant.lift_wheel(axle, side);
+        }
+        if injector.snaps(tick) {
+            self.plant.snap_frame();
+        }
+        for role in Role::ALL {
+            let frozen = injector.frozen(role, tick);
+            let behind = injector.behind(role, tick);
+            self.boards.hold(role, frozen, behind)?;
+        }
+        match injector.fault() {
+            (Fault::Bus(disturbance), at) if at == tick => self.bus.disturb(disturbance),
+            (Fault::Partition(role), at) if at == tick => self.bus.part(role),
+            _ => {}
+        }
+        Ok(())
+    }
+
+    /// What the host does about a robot that stopped because a board was restarted.
+    fn recover(&mut self, tick: u32) -> Result<(), Error> {
+        let (boards, task) = (&mut self.boards, self.task);
+        let recovery = self.recovery.as_mut();
+        match recovery.and_then(|recovery| recovery.step(tick, &self.monitor, boards, task)) {
+            Some(order) => boards.order(&order),
+            None => Ok(()),
+        }
+    }
+
+    /// What each board reads.
+    fn sample(&mut self) -> Readings {
+        let state = self.plant.state();
+        for i in 0..2 {
+            let axle = &state.axle[i];
+            self.truth.wheel_angle[i] = axle.motor_angle;
+            self.truth.yaw_rate[i] = axle.velocity[2];
+            self.truth.forward_acceleration[i] = axle.acceleration[0];
+        }
+        let (strain, half) = (&mut self.truth.gauge_strain, self.half_thickness);
+        self.plant.gauges(&self.gauges, |i, curvature| {
+            if let Some(strain) = strain.get_mut(i) {
+                *strain = half * curvature;
+            }
+        });
+        let samples = self.sensors.sample(&self.truth);
+        let axle = |i: usize| axle::Samples {
+            encoder: samples.encoder_counts[i].map(Some),
+            gyro_rad_s: samples.gyro[i].map(|rate| self.inertial[i].gyro_gain * rate),
+            acceleration_m_s2: samples.accelerometer[i]
+                .map(|value| self.inertial[i].accelerometer_gain * value),
+            conditions: Conditions::NONE,
+        };
+        // The board's converter counts from the lower rail; where there is no gauge it reads none.
+        let mut counts = samples.bridge_counts;
+        for count in counts.iter_mut().take(self.gauges.len()) {
+            *count += self.converter_middle;
+        }
+        self.counts = counts;
+        Readings {
+            axles: [axle(0), axle(1)],
+            counts,
+        }
+    }
+
+    /// Strains of the latest sample; zero where there is no gauge, and of all without the sensor.
+    fn strain(&self) -> [f32; MAX_GAUGES] {
+        let mut strain = self
+            .calibration
+            .strain(&self.counts.map(|count| count as f32));
+        let gauges = if self.sensed { self.gauges.len() } else { 0 };
+        strain
+            .iter_mut()
+            .skip(gauges)
+            .for_each(|strain| *strain = 0.0);
+        strain
+    }
+
+    /// The state for logs and pictures.
+    pub fn record(&self) -> Record {
+        let seen = (self.last_lead, self.strain());
+        Record::of(self.now(), &self.plant, &self.outline, seen)
+    }
+}
+
+impl Robot for Simulation {
+    fn now(&self) -> Micros {
+        self.now()
+    }
+
+    fn command(&mut self, task: Task) -> Result<(), Error> {
+        self.order(&Order::Task(task))
+    }
+
+    fn step(&mut self) -> Result<(), Error> {
+        self.step()
+    }
+
+    fn record(&self) -> Record {
+        self.record()
+    }
+
+    fn plant(&self) -> &Plant {
+        self.plant()
+    }
+
+    fn monitor(&self) -> &Monitor {
+        self.monitor()
+    }
+
+    fn watched_enough(&self) -> bool {
+        self.watched_enough()
+    }
+
+    fn must_end(&self) -> bool {
+        self.must_end()
+    }
+
+    fn pace(&self) -> Option<&Pace> {
+        self.pace()
+    }
+
+    fn traffic(&self) -> Vec<BoardTraffic> {
+        self.traffic()
+    }
+
+    fn bus(&self) -> BusStatistics {
+        self.bus()
+    }
+}
+
+/// The configuration of this robot's boards: with the zero of its bridges, as found on a straight
+/// edge, and its converter's constants.
+pub(crate) fn calibrated(scenario: &Scenario, imperfections: &TrialImperfections) -> RobotConfig {
+    let bridge = &scenario.world.sensors.bridge;
+    let mut config = scenario.robot.completed();
+    let middle = f64::from(bridge.full_scale_counts());
+    let calibration = &mut config.beam.calibration;
+    calibration.full_scale_counts = 2 * bridge.full_scale_counts() - 1;
+    calibration.strain_per_count = bridge.strain_per_count() as f32;
+    let gauges = config.beam.strip.gauges_m.count();
+    let zeros = imperfections.zero_counts(bridge);
+    let zeros = zeros.map(|count| (count + middle) as f32);
+    if let Some(zeros) = zeros.get(..gauges).and_then(PerGauge::new) {
+        calibration.zero_counts = zeros;
+    }
+    if !scenario.mission.rps {
+        config.lead.fusion.mode = Mode::Odometry;
+    }
+    config
+}
+
+/// What the drive looked like, gathered along the way.
+#[derive(Clone, Copy, Debug)]
+struct Drive {
+    last: [f64; 3],
+    phase: Phase,
+    direction: f64,
+    bend: f64,
+    commanded_bend: f64,
+    path_curvature: f64,
+    path_m: f64,
+    cusps: u32,
+    plans: u32,
+    planning: u32,
+    planning_steps: u32,
+}
+
+impl Drive {
+    fn new(robot: &impl Robot) -> Self {
+        Self {
+            last: robot.plant().midpoint(),
+            phase: Phase::Stop,
+            direction: 0.0,
+            bend: 0.0,
+            commanded_bend: 0.0,
+            path_curvature: 0.0,
+            path_m: 0.0,
+            cusps: 0,
+            plans: 0,
+            planning: 0,
+            planning_steps: 0,
+        }
+    }
+
+    /// Takes in the state after one more epoch.
+    fn observe(&mut self, record: &Record) {
+        const EPOCH_S: f64 = EPOCH as f64 * 1e-6;
+        let [x, y, phi] = self.last;
+        let (dx, dy) = (record.midpoint[0] - x, record.midpoint[1] - y);
+        let ahead = dx * phi.cos() + dy * phi.sin();
+        let turned = (record.midpoint[2] - phi + PI).rem_euclid(TAU) - PI;
+        self.path_m += dx.hypot(dy);
+        if ahead.abs() > PATH_CURVATURE_SPEED_M_S * EPOCH_S {
+            self.path_curvature = self.path_curvature.max((turned / ahead).abs());
+        }
+        // Slower than this may be a tremor at rest.
+        if ahead.abs() > 0.01 * EPOCH_S {
+            self.cusps += u32::from(ahead * self.direction < 0.0);
+            self.direction = ahead.signum();
+        }
+        self.last = record.midpoint;
+        let lead = &record.lead;
+        self.commanded_bend = self.commanded_bend.max(f64::from(lead.motion.psi).abs());
+        if lead.phase == Phase::Plan {
+            self.plans += u32::from(self.phase != Phase::Plan);
+            self.planning += 1;
+            self.planning_steps = self.planning_steps.max(self.planning);
+        } else {
+            self.planning = 0;
+        }
+        self.phase = lead.phase;
+    }
+}
+
+/// Regulates to the scenario's goal; `observe` is called once an epoch.
+pub fn regulate(
+    scenario: &Scenario,
+    seed: u64,
+    trial: u64,
+    observe: impl FnMut(&Record),
+) -> Result<Outcome, Error> {
+    regulate_on(
+        &mut Simulation::new(scenario, seed, trial)?,
+        scenario,
+        observe,
+    )
+}
+
+/// The same with a robot that has been made for the scenario.
+pub fn regulate_on(
+    simulation: &mut impl Robot,
+    scenario: &Scenario,
+    mut observe: impl FnMut(&Record),
+) -> Result<Outcome, Error> {
+    let goal = Posture::from(scenario.mission.goal.map(|v| v as f32));
+    let settle = (scenario.mission.settle_s * 1e6) as Micros;
+    let limit = settle + (scenario.mission.time_limit_s * 1e6) as Micros;
+    let rest = (scenario.mission.rest_s * 1e6) as Micros;
+    let mut outcome = Outcome::default();
+    let (mut force_square, mut count) = (0.0, 0u64);
+    let mut drive = Drive::new(simulation);
+    let mut done_at = None;
+    while simulation.now() < limit {
+        let now = simulation.now();
+        if now == settle {
+            simulation.command(Task::Regulate { goal })?;
+        }
+        simulation.step()?;
+        if now >= settle {
+            let wrench = simulation.plant().wrench();
+            force_square += wrench.force[0].powi(2) + wrench.force[1].powi(2);
+            count += 1;
+            drive.bend = drive.bend.max(simulation.bend().abs());
+        }
+        if !simulation.now().is_multiple_of(EPOCH) {
+            continue;
+        }
+        let record = simulation.record();
+        drive.observe(&record);
+        observe(&record);
+        let lead = &record.lead;
+        if lead.done && lead.mode == LeadMode::Hold && lead.phase == Phase::Done {
+            let since = *done_at.get_or_insert(now);
+            if now - since >= rest && simulation.watched_enough() {
+                break;
+            }
+        } else {
+            done_at = None;
+        }
+        if lead.phase == Phase::GaveUp {
+            outcome.gave_up = true;
+            break;
+        }
+        if simulation.must_end() {
+            break;
+        }
+    }
+    let record = simulation.record();
+    let fused = &record.lead.fused;
+    let center = fused.robot.posture;
+    let seen = fused.front.posture.relative_to(fused.rear.posture);
+    let seen = [seen.x, seen.y, seen.phi].map(f64::from);
+    outcome.relative_error = std::array::from_fn(|i| seen[i] - record.relative[i]);
+    let frame = Model::of_robot(&scenario.robot);
+    outcome.max_curvature = frame.curvature(drive.bend);
+    outcome.max_commanded_curvature = frame.curvature(drive.commanded_bend);
+    outcome.max_path_curvature = drive.path_curvature;
+    outcome.path_m = drive.path_m;
+    outcome.cusps = drive.cusps;
+    outcome.plans = drive.plans;
+    outcome.planning_steps = drive.planning_steps;
+    outcome.end_speed_m_s = simulation.speed();
+    outcome.fault = simulation.monitor().first_fault().copied();
+    outcome.midpoint = record.midpoint;
+    outcome.nees = nees(&fused.robot, record.midpoint);
+    outcome.estimate = [center.x, center.y, center.phi].map(f64::from);
+    outcome.done = done_at.is_some();
+    outcome.claimed = fused.robot.half_axes_95().map(f64::from);
+    let notices = simulation.monitor().noticed(Node::Lead);
+    outcome.uncertain = notices.contains(Condition::ReachedUncertain);
+    outcome.duration_s = (done_at.unwrap_or(simulation.now()).saturating_sub(settle)) as f64 * 1e-6;
+    outcome.force_rms_n = (force_square / count.max(1) as f64).sqrt();
+    Ok(outcome)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn torques_take_effect_one_tick_late_and_only_when_asked_for() {
+        let mut simulation = Simulation::new(&Scenario::default(), 1, 0).unwrap();
+        let start = simulation.plant().midpoint();
+        for _ in 0..500 {
+            simulation.step().unwrap();
+        }
+        let rest = simulation.plant().midpoint();
+        assert!(
+            (0..3).all(|i| (rest[i] - start[i]).abs() < 1e-6),
+            "no task, no motion"
+        );
+        let goal = Posture::ORIGIN;
+        simulation
+            .order(&Order::Task(Task::Regulate { goal }))
+            .unwrap();
+        let moving = |simulation: &Simulation| {
+            let axles = simulation.plant().state().axle;
+            axles.iter().any(|axle| axle.torque != [0.0; 2])
+        };
+        let mut ticks = 0;
+        while !moving(&simulation) {
+            simulation.step().unwrap();
+            ticks += 1;
+            assert!(ticks < 500, "the task never reached the motors");
+        }
+        // The lead's epoch and the bus come before the axle, and the motors a tick after it.
+        let bus = u64::from(Scenario::default().world.bus.latency_ms);
+        assert!(ticks > bus + 1, "{ticks}");
+    }
+
+    #[test]
+    fn without_messages_the_motors_go_off() {
+        let mut simulation = Simulation::new(&Scenario::default(), 1, 0).unwrap();
+        let goal = Posture::ORIGIN;
+        let task = Order::Task(Task::Regulate { goal });
+        simulation.order(&task).unwrap();
+        for _ in 0..3000 {
+            simulation.step().unwrap();
+        }
+        assert!(simulation.lead_output().motion.v.abs() > 0.05, "under way");
+        simulation.bus.cut();
+        // 50 ms until it is noticed, 250 to slow down, 100 at rest, 750 to let the frame go.
+        for _ in 0..1200 {
+            simulation.step().unwrap();
+        }
+        let axles = simulation.plant().state().axle;
+        assert!(axles.iter().all(|axle| axle.torque == [0.0; 2]));
+        assert_eq!(simulation.lead_output().mode, LeadMode::Idle);
+    }
+}

@@ -1,0 +1,326 @@
+//! What is soldered to an axle's board, wired as docs/wiring.md says.
+
+use super::power::{BATTERY_V, Power};
+use crate::scenario::Scenario;
+use crate::world::sensors::TrialImperfections;
+use core_algos::topology::Role;
+use virtual_board::Time;
+use virtual_board::chip::{Drive, Inputs, Pin, Surroundings};
+use virtual_board::device::{
+    Amplifier, AmplifierConfig, Contact, Divider, DriverConfig, Drv8874, Encoder, EncoderConfig,
+    Icm42688, InertialConfig, Motion, Motor, MotorConfig, Thermistor,
+};
+
+const ENABLE: [Pin; 2] = [Pin::new('A', 8), Pin::new('A', 9)];
+const DIRECTION: [Pin; 2] = [Pin::new('B', 14), Pin::new('B', 15)];
+const AWAKE: Pin = Pin::new('B', 13);
+const FAULT: [Pin; 2] = [Pin::new('C', 8), Pin::new('C', 9)];
+const CURRENT: [Pin; 2] = [Pin::new('C', 0), Pin::new('C', 1)];
+const SUPPLY: Pin = Pin::new('C', 2);
+const TEMPERATURE: Pin = Pin::new('C', 3);
+const STOP: Pin = Pin::new('B', 12);
+const ENCODER: [[Pin; 2]; 2] = [
+    [Pin::new('C', 6), Pin::new('C', 7)],
+    [Pin::new('B', 6), Pin::new('B', 7)],
+];
+const SELECT: Pin = Pin::new('A', 4);
+const STRAP: Pin = Pin::new('C', 13);
+const BUTTON: Pin = Pin::new('A', 0);
+
+/// Supply of chip, amplifiers and sensors, V.
+const LOGIC_V: f64 = 3.3;
+/// Temperature between the drivers, °C.
+const AMBIENT_C: f64 = 25.0;
+/// Largest time for which contacts bounce.
+const BOUNCE: Time = Time::from_micros(5_000);
+
+/// How a wheel moves from a time on: angle (rad), speed (rad/s), forward positive.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct WheelMotion {
+    /// Angle, rad.
+    pub angle_rad: f64,
+    /// Speed, rad/s.
+    pub speed_rad_s: f64,
+}
+
+/// How an axle moves from a time on.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct AxleMotion {
+    /// Wheels, left and right.
+    pub wheels: [WheelMotion; 2],
+    /// What an inertial sensor in the middle of the axle feels.
+    pub inertial: Motion,
+}
+
+/// What differs from axle to axle.
+#[derive(Clone, Debug)]
+pub struct AxleParts {
+    /// The strap says that this is the rear one.
+    pub rear: bool,
+    /// Lines of the encoders, and their phases (left, right), counts.
+    pub lines: u32,
+    /// Phases of the encoders (left, right), counts.
+    pub phase: [f64; 2],
+    /// The inertial sensor, if one is fitted.
+    pub inertial: Option<InertialConfig>,
+    /// Battery, V.
+    pub battery_v: f64,
+    /// Seed of all noise.
+    pub seed: u64,
+}
+
+impl AxleParts {
+    /// Those of an axle of a scenario, as they were drawn.
+    pub fn of(scenario: &Scenario, drawn: &TrialImperfections, role: Role, seed: u64) -> Self {
+        let k = role as usize;
+        let (gyro, accelerometer) = (
+            &scenario.world.sensors.gyro,
+            &scenario.world.sensors.accelerometer,
+        );
+        let third = |value: f64| [0.0, 0.0, value];
+        let first = |value: f64| [value, 0.0, 0.0];
+        Self {
+            rear: role == Role::Rear,
+            lines: scenario.world.sensors.encoder.counts_per_revolution / 4,
+            phase: drawn.encoder_phase[k],
+            inertial: gyro.fitted.then(|| InertialConfig {
+                gyro_density: gyro.noise_density,
+                gyro_bias: third(drawn.gyro_bias[k]),
+                gyro_scale: third(drawn.gyro_scale_error[k]),
+                accel_density: accelerometer.noise_density,
+                accel_bias: first(drawn.accelerometer_bias[k]),
+                accel_scale: first(drawn.accelerometer_scale_error[k]),
+                ..InertialConfig::default()
+            }),
+            battery_v: BATTERY_V,
+            seed,
+        }
+    }
+}
+
+/// The parts around an axle's board.
+pub struct AxleBoard {
+    pub(super) drivers: [Drv8874; 2],
+    pub(super) amplifiers: [Amplifier; 2],
+    pub(super) encoders: [Encoder; 2],
+    pub(super) inertial: Option<Icm42688>,
+    pub(super) power: Power,
+    divider: Divider,
+    pub(super) thermistor: Thermistor,
+    pub(super) stop: Contact,
+    pub(super) button: Contact,
+    /// The strap's contact, and whether the chip knows.
+    strap: (bool, bool),
+    /// When the drivers are to be looked at, because something is done to them then.
+    looks: Vec<Time>,
+    /// How the fault pins were driven when the chip was told last.
+    faults: [Drive; 2],
+    /// Nothing was told yet.
+    fresh: bool,
+}
+
+impl AxleBoard {
+    /// The parts at rest.
+    pub fn new(parts: &AxleParts) -> Self {
+        let seed = |part: u64| parts.seed ^ part.wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        let amplifier = |k: u64| Amplifier::new(AmplifierConfig::default(), seed(1 + k));
+        let driver = || {
+            let motor = Motor::new(MotorConfig::default());
+            Drv8874::new(DriverConfig::default(), motor, parts.battery_v)
+        };
+        let encoder = |k: usize| {
+            let phase = match k {
+                0 => parts.phase[k],
+                // It turns the other way round.
+                _ => 1.0 - parts.phase[k],
+            };
+            Encoder::new(EncoderConfig {
+                lines: parts.lines,
+                phase,
+                ..EncoderConfig::default()
+            })
+        };
+        Self {
+            drivers: [driver(), driver()],
+            amplifiers: [amplifier(0), amplifier(1)],
+            encoders: [encoder(0), encoder(1)],
+            inertial: parts.inertial.map(|config| Icm42688::new(config, seed(3))),
+            divider: Divider::new(47e3, 10e3, 100e-9, parts.battery_v),
+            power: Power::new(parts.battery_v),
+            thermistor: Thermistor::default(),
+            stop: Contact::new(true, BOUNCE, seed(4)),
+            button: Contact::new(false, BOUNCE, seed(5)),
+            strap: (parts.rear, false),
+            looks: Vec::new(),
+            faults: [Drive::Open; 2],
+            fresh: true,
+        }
+    }
+
+    /// Presses the button, or lets it go.
+    pub fn press(&mut self, pressed: bool, at: Time) {
+        self.button.set(pressed, at);
+    }
+
+    /// Presses the emergency stop, or releases it.
+    pub fn stop(&mut self, pressed: bool, at: Time) {
+        self.stop.set(!pressed, at);
+    }
+
+    /// The axle moves in this way from `at` on.
+    pub fn motion(&mut self, at: Time, motion: &AxleMotion) {
+        for (k, wheel) in motion.wheels.iter().enumerate() {
+            let sign = if k == 0 { 1.0 } else { -1.0 };
+            let (angle, speed) = (sign * wheel.angle_rad, sign * wheel.speed_rad_s);
+            self.encoders[k].motion(at, angle, speed, 0.0);
+            self.drivers[k].speed(wheel.speed_rad_s, at);
+        }
+        if let Some(inertial) = &mut self.inertial {
+            inertial.motion(at, motion.inertial);
+        }
+    }
+
+    /// Mean torques at the wheels since the last call, N m; the battery sags by what the motors took.
+    pub fn take_torque(&mut self, at: Time) -> [f64; 2] {
+        let works = [0, 1].map(|k: usize| self.drivers[k].take_work(at));
+        let amperes = works.iter().map(|work| work.mean_supplied_a()).sum();
+        let volts = self.power.battery.battery_v(at, amperes);
+        self.divider.input(at, volts);
+        for driver in &mut self.drivers {
+            driver.supply(volts, at);
+        }
+        [0, 1].map(|k: usize| {
+            works[k].mean_current_a() * self.drivers[k].motor().config().constant_nm_a
+        })
+    }
+
+    /// Closes the strap to ground, or opens it.
+    pub fn strap(&mut self, closed: bool) {
+        self.strap = (closed, false);
+    }
+
+    /// From one time to another a driver reports a fault and is off.
+    pub fn force_fault(&mut self, side: usize, from: Time, to: Time) {
+        self.drivers[side].force_fault(from, to);
+        self.looks.extend([from, to]);
+    }
+
+    /// Currents of the motors, A.
+    pub fn currents(&mut self, at: Time) -> [f64; 2] {
+        [0, 1].map(|k: usize| self.drivers[k].current(at))
+    }
+
+    fn fault_pins(&self) -> [Drive; 2] {
+        [0, 1].map(|k: usize| self.drivers[k].fault_pin())
+    }
+}
+
+impl Surroundings for AxleBoard {
+    fn pin(&mut self, pin: Pin, drive: Drive, at: Time) {
+        let level = drive == Drive::High;
+        match pin {
+            AWAKE => self
+                .drivers
+                .iter_mut()
+                .for_each(|driver| driver.awake(level, at)),
+            SELECT => {
+                if let Some(inertial) = &mut self.inertial {
+                    inertial.select(drive == Drive::Low, at);
+                }
+            }
+            _ => {
+                for k in 0..2 {
+                    if pin == ENABLE[k] {
+                        self.drivers[k].enable(level, at);
+                    } else if pin == DIRECTION[k] {
+                        self.drivers[k].phase(level, at);
+                    }
+                }
+            }
+        }
+    }
+
+    fn voltage(&mut self, pin: Pin, at: Time) -> f64 {
+        for k in 0..2 {
+            if pin == CURRENT[k] {
+                let driver = &mut self.drivers[k];
+                let current = driver.current(at);
+                let (slope, edge) = (driver.current_slope(), driver.latest_edge());
+                return self.amplifiers[k].output(at, current, slope, edge, LOGIC_V);
+            }
+        }
+        match pin {
+            SUPPLY => self.divider.output(at),
+            TEMPERATURE => self.thermistor.voltage(AMBIENT_C, LOGIC_V),
+            _ => 0.0,
+        }
+    }
+
+    fn spi(&mut self, word: u16, _bits: u32, at: Time) -> u16 {
+        let inertial = self.inertial.as_mut();
+        inertial.map_or(!0, |inertial| inertial.exchange(word as u8, at).into())
+    }
+
+    fn supply(&mut self, at: Time) -> f64 {
+        self.power.logic_v(at)
+    }
+
+    fn next(&self) -> Time {
+        if self.fresh {
+            return Time(0);
+        }
+        if self.faults != self.fault_pins() || !self.strap.1 {
+            return Time(0);
+        }
+        let [left, right] = &self.encoders;
+        let switches = self.stop.next().min(self.button.next());
+        let looks = self.looks.iter().copied().min().unwrap_or(Time::NEVER);
+        let other = switches.min(looks).min(self.power.next());
+        left.next().min(right.next()).min(other)
+    }
+
+    fn advance(&mut self, at: Time, inputs: &mut Inputs) {
+        for (encoder, pins) in self.encoders.iter_mut().zip(ENCODER) {
+            if self.fresh || encoder.next() <= at {
+                encoder.advance(at);
+                let (a, b) = encoder.drives();
+                inputs.pins.extend([(pins[0], a), (pins[1], b)]);
+            }
+        }
+        if self.fresh || self.stop.next() <= at {
+            self.stop.advance(at);
+            let closed = self.stop.is_closed();
+            inputs
+                .pins
+                .push((STOP, if closed { Drive::Low } else { Drive::Open }));
+        }
+        if self.fresh || self.button.next() <= at {
+            self.button.advance(at);
+            let closed = self.button.is_closed();
+            inputs
+                .pins
+                .push((BUTTON, if closed { Drive::High } else { Drive::Open }));
+        }
+        self.power.advance(at, inputs);
+        if self.looks.iter().any(|look| *look <= at) {
+            self.looks.retain(|look| *look > at);
+            self.drivers
+                .iter_mut()
+                .for_each(|driver| driver.advance(at));
+        }
+        let faults = self.fault_pins();
+        if self.fresh || faults != self.faults {
+            inputs
+                .pins
+                .extend([(FAULT[0], faults[0]), (FAULT[1], faults[1])]);
+            self.faults = faults;
+        }
+        if self.fresh || !self.strap.1 {
+            let closed = self.strap.0;
+            let drive = if closed { Drive::Low } else { Drive::Open };
+            inputs.pins.push((STRAP, drive));
+            self.strap.1 = true;
+        }
+        self.fresh = false;
+    }
+}

@@ -1,0 +1,215 @@
+//! What an entry of the catalogue says: what is done, and how a run with it may end.
+
+use super::Campaign;
+use super::bench::Bench;
+use crate::base::error::Error;
+use crate::run::virtual_robot::Options;
+use core_algos::safety::Condition;
+use core_algos::topology::Role;
+
+/// Something that is done to the robot.
+pub type Act = fn(&mut Bench);
+
+/// An act, so long after the fault's beginning.
+#[derive(Clone, Copy, Debug)]
+pub struct Step {
+    pub after_ms: u64,
+    pub act: Act,
+}
+
+/// An act at this time.
+pub const fn at(after_ms: u64, act: Act) -> Step {
+    Step { after_ms, act }
+}
+
+/// A trial of one board by itself: how many cases there were, or what went wrong.
+pub type Alone = fn(&Campaign, u64) -> Result<Result<usize, String>, Error>;
+
+/// A look at the robot at the end of a run: what is wrong, in words.
+pub type Check = fn(&mut Bench) -> Option<String>;
+
+/// What kind of run it is.
+#[derive(Clone, Debug)]
+pub enum Course {
+    /// The robot drives, then these acts follow.
+    Drive(Vec<Step>),
+    /// Acts from the moment on at which the boards' power comes on; the button is pressed once all are
+    /// ready, if they get ready within the time allowed, else at its end.
+    Start(Vec<Step>),
+    /// One board by itself.
+    Alone(Alone),
+}
+
+/// A fault and what may follow from it.
+#[derive(Clone, Debug)]
+pub struct Entry {
+    /// Name in tables.
+    pub name: &'static str,
+    /// What is interfered with.
+    pub seam: &'static str,
+    /// The run.
+    pub course: Course,
+    /// Whether the robot may drive on.
+    pub goes_on: bool,
+    /// Codes that may be the first reason of a stop; none if it may not stop.
+    pub codes: Vec<Condition>,
+    /// Longest time from the fault to all motors off, s.
+    pub off_within_s: f64,
+    /// The same for the motors of the axle that is struck, s.
+    pub own_within_s: Option<f64>,
+    /// The board that is struck must have restarted and must say so.
+    pub restarts: bool,
+    /// Boards that may be reset.
+    pub resets: &'static [Role],
+    /// The struck board must be.
+    pub must_reset: bool,
+    /// The robot may start although not all nodes are heard to be ready.
+    pub unready: bool,
+    /// What must be among the notices of the struck board.
+    pub notice: Option<Condition>,
+    /// What must not be wrong at the end.
+    pub check: Option<Check>,
+    /// Findings that the fault itself brings about: what their texts contain.
+    pub findings: &'static [&'static str],
+    /// Time without current that counts as off, ms.
+    pub rest_ms: u64,
+    /// A board's crystal is off by this, parts in 10⁹.
+    pub fast_ppb: [Option<i64>; 3],
+    /// When the power of each board comes on, ms.
+    pub power_on_ms: [u64; 3],
+}
+
+/// Longest time that a stop takes: the slowest fault is noticed 0.1 s after it came, and a stop ends
+/// with motors off 2 s later at the latest (`supervisor::Config::stop_timeout_s`).
+pub const STOP_S: f64 = 2.2;
+
+impl Entry {
+    fn new(name: &'static str, seam: &'static str, course: Course) -> Self {
+        Self {
+            name,
+            seam,
+            course,
+            goes_on: false,
+            codes: Vec::new(),
+            off_within_s: STOP_S,
+            own_within_s: None,
+            restarts: false,
+            resets: &[],
+            must_reset: false,
+            unready: false,
+            notice: None,
+            check: None,
+            findings: &[],
+            rest_ms: 250,
+            fast_ppb: [None; 3],
+            power_on_ms: [0; 3],
+        }
+    }
+
+    /// How its boards are run.
+    pub fn options(&self) -> Options {
+        Options {
+            power_on_ms: self.power_on_ms,
+            fast_ppb: self.fast_ppb,
+            ..Options::default()
+        }
+    }
+
+    /// One act while the robot drives.
+    pub fn drive(name: &'static str, seam: &'static str, act: Act) -> Self {
+        Self::steps(name, seam, &[at(0, act)])
+    }
+
+    /// Several acts, the first of them while the robot drives.
+    pub fn steps(name: &'static str, seam: &'static str, steps: &[Step]) -> Self {
+        Self::new(name, seam, Course::Drive(steps.to_vec()))
+    }
+
+    /// Acts from power on.
+    pub fn start(name: &'static str, seam: &'static str, steps: &[Step]) -> Self {
+        Self::new(name, seam, Course::Start(steps.to_vec()))
+    }
+
+    /// A trial of one board.
+    pub fn alone(name: &'static str, seam: &'static str, trial: Alone) -> Self {
+        Self::new(name, seam, Course::Alone(trial)).goes_on()
+    }
+
+    /// The robot may drive on.
+    pub fn goes_on(mut self) -> Self {
+        self.goes_on = true;
+        self
+    }
+
+    /// It may stop for one of these, too.
+    pub fn stops(mut self, codes: &[Condition]) -> Self {
+        self.codes.extend(codes);
+        self
+    }
+
+    /// All motors are off after so long.
+    pub fn within(mut self, seconds: f64) -> Self {
+        self.off_within_s = seconds;
+        self
+    }
+
+    /// Those of the struck axle are.
+    pub fn own_within(mut self, seconds: f64) -> Self {
+        self.own_within_s = Some(seconds);
+        self
+    }
+
+    /// The struck board restarts and says so.
+    pub fn restarts(mut self) -> Self {
+        self.restarts = true;
+        self.resets(&Role::ALL)
+    }
+
+    /// These boards may be reset.
+    pub fn resets(mut self, roles: &'static [Role]) -> Self {
+        self.resets = roles;
+        self
+    }
+
+    /// The struck board is reset.
+    pub fn must_reset(mut self) -> Self {
+        self.must_reset = true;
+        self.resets(&Role::ALL)
+    }
+
+    /// It may start although not all nodes are heard to be ready.
+    pub fn unready(mut self) -> Self {
+        (self.goes_on, self.unready) = (true, true);
+        self
+    }
+
+    /// The struck board gives this notice.
+    pub fn notices(mut self, condition: Condition) -> Self {
+        self.notice = Some(condition);
+        self
+    }
+
+    /// This is looked at, too.
+    pub fn check(mut self, check: Check) -> Self {
+        self.check = Some(check);
+        self
+    }
+
+    /// Findings with these words are the fault's.
+    pub fn finds(mut self, texts: &'static [&'static str]) -> Self {
+        self.findings = texts;
+        self
+    }
+
+    /// A board's crystal is fast.
+    pub fn fast(mut self, role: Role, ppb: i64) -> Self {
+        self.fast_ppb[role as usize] = Some(ppb);
+        self
+    }
+
+    /// When the boards' power comes on, ms.
+    pub fn powered(mut self, after_ms: [u64; 3]) -> Self {
+        self.power_on_ms = after_ms;
+        self
+    }
+}

@@ -1,0 +1,234 @@
+//! Faults of converter, strain bridges, inertial sensor and encoders.
+
+use super::bench::Bench;
+use super::entry::{Entry, at};
+use super::program::WATCHDOG_S;
+use core_algos::safety::Condition::{
+    self, CommandTimeout, ConversionsLost, DegradedTooLong, EstimateInconsistent, FrameBent,
+    InertialLost, MotorStall, MotorUnresponsive, NeighbourFault, NeighbourLost, Restarted,
+    TrackingLost, WheelSlip, WrenchHigh,
+};
+use core_algos::topology::{Node, Role};
+use virtual_board::Time;
+use virtual_board::chip::Defects;
+use virtual_board::device::{BridgeFault, EncoderFault, InertialFault, Line, ThermistorFault};
+
+/// What a board is found to have lost, where the converter's requests are not served.
+const OVERRUN: &[&str] = &["overrun"];
+/// What strains that lie lead to.
+const STRAINS: &[Condition] = &[EstimateInconsistent, WrenchHigh, FrameBent, DegradedTooLong];
+/// What a wheel leads to that does not turn as its encoder says.
+const WHEELS: &[Condition] = &[
+    TrackingLost,
+    WheelSlip,
+    Condition::EncoderFault,
+    MotorStall,
+    MotorUnresponsive,
+    EstimateInconsistent,
+    WrenchHigh,
+    FrameBent,
+];
+
+fn defects(bench: &mut Bench, role: Role, change: fn(&mut Defects)) {
+    bench.board(role, |board| change(board.chip().defects()));
+}
+
+fn bridge(bench: &mut Bench, fault: BridgeFault) {
+    let place = bench.draw(5) as usize;
+    bench.beam(|beam, now| {
+        if let Some(bridge) = beam.bridge(place) {
+            bridge.set_fault(now, fault);
+        }
+    });
+}
+
+fn inertial(bench: &mut Bench, change: fn(&mut InertialFault)) {
+    let mut fault = InertialFault::default();
+    change(&mut fault);
+    bench.at_wheel(|axle, _, now| {
+        if let Some(inertial) = &mut axle.inertial {
+            inertial.set_fault(now, fault);
+        }
+    });
+}
+
+/// What the lead node still does without.
+fn degraded(bench: &mut Bench) -> Option<String> {
+    let notices = bench.robot.monitor.latest(Node::Lead)?.notices;
+    let worst = notices.worst()?.entry().name;
+    Some(format!("at the end still {worst}"))
+}
+
+/// How far the counter of the wheel's encoder is from what passed its disc.
+fn miscounted(bench: &mut Bench) -> Option<String> {
+    /// They began within one line, and the filter holds one back.
+    const APART: u16 = 8;
+    /// CNT of TIM3 and TIM4.
+    const COUNTERS: [u32; 2] = [0x4000_0424, 0x4000_0824];
+    let (role, side) = bench.wheel();
+    let counted = bench.register(role, COUNTERS[side]) as u16;
+    let mut passed = 0;
+    bench.axle(role, |axle, _| passed = axle.encoders[side].count() as u16);
+    let off = counted.wrapping_sub(passed) as i16;
+    (off.unsigned_abs() > APART).then(|| format!("counter off by {off}"))
+}
+
+fn encoder(bench: &mut Bench, change: fn(&mut EncoderFault)) {
+    let mut fault = EncoderFault::default();
+    change(&mut fault);
+    bench.at_wheel(|axle, side, _| axle.encoders[side].set_fault(fault));
+}
+
+pub fn entries() -> Vec<Entry> {
+    [analogue(), inertials(), encoders()].concat()
+}
+
+fn analogue() -> Vec<Entry> {
+    vec![
+        Entry::steps(
+            "converter overrun: the DMA stalls for 1 ms",
+            "DMA2 of the beam",
+            &[
+                at(0, |b| {
+                    b.somewhen();
+                    defects(b, Role::Beam, |d| d.dma_waits = true);
+                }),
+                at(1, |b| defects(b, Role::Beam, |d| d.dma_waits = false)),
+            ],
+        )
+        .goes_on()
+        .notices(ConversionsLost)
+        .check(degraded)
+        .finds(OVERRUN),
+        Entry::drive("DMA bus error", "DMA2 of the beam", |b| {
+            b.somewhen();
+            defects(b, Role::Beam, |d| d.dma_error = true);
+        })
+        .goes_on()
+        .notices(ConversionsLost)
+        .check(degraded)
+        .finds(&["overrun", "bus error"]),
+        Entry::drive("excitation lost", "strip", |b| {
+            b.beam(|beam, now| beam.excite(now, 0.0));
+        })
+        .goes_on(),
+        Entry::drive("a bridge open, up", "strip", |b| {
+            bridge(b, BridgeFault::Open(true))
+        })
+        .goes_on()
+        .stops(STRAINS),
+        Entry::drive("a bridge open, down", "strip", |b| {
+            bridge(b, BridgeFault::Open(false))
+        })
+        .goes_on()
+        .stops(STRAINS),
+        Entry::drive("an amplifier saturated, up", "strip", |b| {
+            bridge(b, BridgeFault::Saturated(true));
+        })
+        .goes_on()
+        .stops(STRAINS),
+        Entry::drive("an amplifier saturated, down", "strip", |b| {
+            bridge(b, BridgeFault::Saturated(false));
+        })
+        .goes_on()
+        .stops(STRAINS),
+        Entry::drive("one injected conversion missing", "ADC1 of an axle", |b| {
+            let role = b.wheel().0;
+            defects(b, role, |d| d.triggers_lost = 1);
+        })
+        .goes_on(),
+        Entry::drive(
+            "injected conversions missing for good",
+            "ADC1 of an axle",
+            |b| {
+                let role = b.wheel().0;
+                defects(b, role, |d| d.triggers_lost = u32::MAX);
+            },
+        )
+        .stops(&[NeighbourLost, NeighbourFault, CommandTimeout, Restarted])
+        .own_within(WATCHDOG_S)
+        .resets(&[Role::Front, Role::Rear])
+        .finds(&["reset"]),
+        Entry::drive("thermistor of the drivers open", "PC3", |b| {
+            b.at_wheel(|axle, _, _| axle.thermistor.fault = ThermistorFault::Open);
+        })
+        .goes_on(),
+    ]
+}
+
+fn inertials() -> Vec<Entry> {
+    vec![
+        Entry::drive("inertial sensor's output stuck low", "SPI1", |b| {
+            inertial(b, |f| f.stuck_output = Some(false));
+        })
+        .goes_on()
+        .notices(InertialLost),
+        Entry::drive("inertial sensor's output stuck high", "SPI1", |b| {
+            inertial(b, |f| f.stuck_output = Some(true));
+        })
+        .goes_on()
+        .notices(InertialLost),
+        Entry::drive("inertial sensor resets itself", "ICM-42688-P", |b| {
+            b.at_wheel(|axle, _, now| {
+                if let Some(inertial) = &mut axle.inertial {
+                    inertial.reset(now);
+                }
+            });
+        })
+        .goes_on()
+        .notices(InertialLost),
+        Entry::drive(
+            "inertial sensor's samples stand still (no DRDY line: it is polled)",
+            "ICM-42688-P",
+            |b| {
+                inertial(b, |f| f.frozen = true);
+            },
+        )
+        .goes_on()
+        .stops(WHEELS),
+        Entry::drive(
+            "inertial sensor tells of no data (DRDY)",
+            "ICM-42688-P",
+            |b| {
+                inertial(b, |f| f.no_data_ready = true);
+            },
+        )
+        .goes_on(),
+    ]
+}
+
+fn encoders() -> Vec<Entry> {
+    vec![
+        Entry::drive("encoder line A stuck", "encoder", |b| {
+            encoder(b, |f| f.stuck_a = Some(true));
+        })
+        .stops(WHEELS),
+        Entry::drive("encoder line B stuck", "encoder", |b| {
+            encoder(b, |f| f.stuck_b = Some(false));
+        })
+        .stops(WHEELS),
+        Entry::drive("encoder unplugged", "encoder", |b| {
+            encoder(b, |f| (f.stuck_a, f.stuck_b) = (Some(true), Some(true)));
+        })
+        .stops(WHEELS),
+        Entry::drive("encoder lines swapped", "encoder", |b| {
+            encoder(b, |f| f.swapped = true);
+        })
+        .stops(WHEELS),
+        Entry::drive("2000 glitches of 200 ns on encoder lines", "encoder", |b| {
+            let mut from = b.now();
+            for _ in 0..2000 {
+                from = from + Time::from_nanos(50_000 + b.draw(400_000));
+                // On one line it counts forth and back; on both, one after the other, four edges on.
+                b.at_wheel(|axle, side, _| {
+                    for (line, after) in [(Line::A, 0), (Line::B, 100)] {
+                        let from = from + Time::from_nanos(after);
+                        axle.encoders[side].glitch(line, from, Time::from_nanos(200));
+                    }
+                });
+            }
+        })
+        .goes_on()
+        .check(miscounted),
+    ]
+}

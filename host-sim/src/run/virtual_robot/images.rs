@@ -1,0 +1,67 @@
+//! The images that the boards run.
+
+use crate::base::error::Error;
+use crate::targets::images;
+use core_algos::hil::framing::crc32c;
+use core_algos::topology::Role;
+use std::path::Path;
+use std::sync::Arc;
+use virtual_board::probe::image::Image;
+
+/// An axle's image and the beam's.
+#[derive(Clone)]
+pub struct Images {
+    front: Arc<Image>,
+    rear: Arc<Image>,
+    beam: Arc<Image>,
+}
+
+impl Images {
+    /// The images that users flash, built if they are not up to date; a file that is given takes the
+    /// place of one.
+    pub fn open(
+        front: Option<&Path>,
+        rear: Option<&Path>,
+        beam: Option<&Path>,
+    ) -> Result<Self, Error> {
+        let given = |file: &Path| {
+            let image = Image::open(file).map_err(|error| Error::input(error.to_string()))?;
+            Ok::<_, Error>(Arc::new(image))
+        };
+        let built = |package: &str| {
+            let bytes = images::build(package, None)?;
+            let image = Image::parse(package, bytes);
+            Ok::<_, Error>(Arc::new(
+                image.map_err(|error| Error::Failure(error.to_string()))?,
+            ))
+        };
+        // Files first: a wrong one is told before anything is built.
+        let [front, rear, beam] = [front, rear, beam].map(|file| file.map(given).transpose());
+        let (front, rear, beam) = (front?, rear?, beam?);
+        let axle = match (&front, &rear) {
+            (Some(axle), Some(_)) => axle.clone(),
+            _ => built("firmware-axle")?,
+        };
+        Ok(Self {
+            front: front.unwrap_or_else(|| axle.clone()),
+            rear: rear.unwrap_or(axle),
+            beam: beam.map_or_else(|| built("firmware-beam"), Ok)?,
+        })
+    }
+
+    /// What a board's image is: its check sum over what is flashed (CRC-32C).
+    pub fn name(&self, role: Role) -> String {
+        let segments = self.of(role).segments().iter();
+        let bytes: Vec<u8> = segments.flat_map(|segment| segment.data.clone()).collect();
+        format!("virtual, image {:08x}", crc32c(&bytes))
+    }
+
+    /// The image of a board.
+    pub fn of(&self, role: Role) -> &Image {
+        match role {
+            Role::Front => &self.front,
+            Role::Rear => &self.rear,
+            Role::Beam => &self.beam,
+        }
+    }
+}

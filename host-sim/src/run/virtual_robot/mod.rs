@@ -1,0 +1,563 @@
+//! The robot with its boards as users flash them: the boards' default images on virtual STM32F405
+//! boards, with everything that is wired to them, in the simulated plant.
+//!
+//! Nothing connects the host with the boards but the robot: motors turn wheels, wheels turn encoders,
+//! the bent frame strains gauges, a button is pressed. What the host knows of the nodes it hears on the
+//! bus, as a tool on the real bus would; see [`listener`].
+
+pub mod axle;
+pub mod beam;
+pub mod faults;
+mod images;
+pub mod listener;
+mod log;
+mod power;
+pub mod report;
+mod store;
+pub mod tools;
+
+pub use images::Images;
+pub use report::BoardReport;
+
+use crate::base::error::Error;
+use crate::bus::virtual_bus::BusStatistics;
+use crate::plant::{Outline, Plant, Station};
+use crate::run::real_time::Pace;
+use crate::run::recovery::{Monitor, NODES};
+use crate::run::simulation::{FRAME_POINTS, Record, Robot, Span};
+use crate::scenario::Scenario;
+use crate::targets::BoardTraffic;
+use crate::targets::board_log::BoardLog;
+use crate::world::sensors::{Stream, generator};
+use axle::{AxleBoard, AxleMotion, AxleParts, WheelMotion};
+use beam::{BeamBoard, BridgeParts};
+use core_algos::beam::MAX_GAUGES;
+use core_algos::bus::{self, Message};
+use core_algos::math::Posture;
+use core_algos::node::lead::Task;
+use core_algos::node::robot::START;
+use core_algos::safety::OperatingState;
+use core_algos::time::Micros;
+use core_algos::topology::{Node, Role};
+use listener::Listener;
+use log::Reader;
+use rand::RngExt;
+use report::Watch;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use tools::{Instruments, Tools};
+use virtual_board::Time;
+use virtual_board::board::Board;
+use virtual_board::device::Motion;
+use virtual_board::network::Network;
+use virtual_board::wire::{Id, Wire};
+
+/// A tick of the plant.
+const TICK: Time = Time::from_micros(1_000);
+/// Time for which the boards run by themselves.
+const QUANTUM: Time = Time::from_micros(40);
+/// Time within which all nodes must be ready after power came on, and for which they must stay so.
+const BOOT: Time = Time::from_micros(5_000_000);
+const READY_TICKS: u32 = 100;
+/// Time for which the button is held.
+const PRESS: Time = Time::from_micros(150_000);
+/// Crystals are off by this at most, parts in 10⁹.
+const CRYSTAL_PPB: i64 = 20_000;
+/// Ticks that a run goes on after the lead node's fault: what follows from it can be seen.
+const GRACE: u64 = 1000;
+/// Friction of a blocked wheel, N m s/rad: as much as steps of a millisecond can follow.
+const BLOCKED_NM_S: f64 = 2.0;
+/// Standard gravity, m/s².
+const GRAVITY: f64 = 9.806_65;
+
+/// How the boards are run.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// Threads that the boards are spread over.
+    pub threads: usize,
+    /// Each board's power comes on so long after the first one's, ms.
+    pub power_on_ms: [u64; 3],
+    /// What looks on.
+    pub instruments: Instruments,
+    /// Crystals that are off by so much, parts in 10⁹; by chance, if not given.
+    pub fast_ppb: [Option<i64>; 3],
+    /// Nodes at the bus beside the boards.
+    pub others: usize,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        let threads = std::thread::available_parallelism().map_or(1, usize::from);
+        Self {
+            threads: threads.min(2),
+            power_on_ms: [0; 3],
+            instruments: Instruments::default(),
+            fast_ppb: [None; 3],
+            others: 0,
+        }
+    }
+}
+
+/// The robot.
+pub struct VirtualRobot {
+    network: Network,
+    roles: Vec<Role>,
+    images: Images,
+    readers: Vec<Reader>,
+    watches: Vec<Watch>,
+    plant: Plant,
+    gauges: Vec<Station>,
+    outline: Outline,
+    half_thickness: f64,
+    /// What the gauges show: true strains and what they have drifted by.
+    strains: [f32; MAX_GAUGES],
+    listener: Listener,
+    monitor: Monitor,
+    frames: u64,
+    /// Time from power on to the beginning of the experiment.
+    booted: Time,
+    tick: u64,
+    span: Span,
+    interrupt: Option<Arc<AtomicBool>>,
+    failure: Option<String>,
+    tools: Tools,
+    /// A wheel that is blocked: axle and side.
+    blocked: Option<(usize, usize)>,
+}
+
+impl VirtualRobot {
+    /// Builds a robot with the imperfections of a trial, switches its boards on and waits until all
+    /// nodes are ready.
+    pub fn new(
+        scenario: &Scenario,
+        images: &Images,
+        seed: u64,
+        trial: u64,
+        options: &Options,
+        logs: &[BoardLog; 3],
+    ) -> Result<Self, Error> {
+        let mut robot = Self::without_power(scenario, images, seed, trial, options, logs)?;
+        robot.fit(&options.instruments)?;
+        robot.boot(options)?;
+        Ok(robot)
+    }
+
+    /// The same with its boards still off.
+    fn without_power(
+        scenario: &Scenario,
+        images: &Images,
+        seed: u64,
+        trial: u64,
+        options: &Options,
+        logs: &[BoardLog; 3],
+    ) -> Result<Self, Error> {
+        check(scenario)?;
+        let drawn = scenario.world.draw(seed, trial);
+        let plant = scenario.world.plant_of(&drawn, scenario.mission.rps);
+        let mut plant = plant
+            .build()
+            .map_err(|error| Error::input(format!("plant.{error}")))?;
+        let start = scenario.mission.start;
+        plant.place(std::array::from_fn(|i| start[i] + drawn.placement[i]));
+        let config = scenario.robot.completed();
+        let gauges = scenario.world.gauges_of(&drawn, &plant);
+        let bridges: Vec<BridgeParts> = (0..gauges.len())
+            .map(|k| BridgeParts::of(&drawn, k))
+            .collect();
+        let roles: Vec<Role> = Role::ALL
+            .into_iter()
+            .filter(|role| scenario.mission.rps || *role != Role::Beam)
+            .collect();
+        let mut random = generator(seed, trial, Stream::Other(0x200));
+        let mut boards = Vec::new();
+        for &role in &roles {
+            let fast_ppb = random.random_range(-CRYSTAL_PPB..=CRYSTAL_PPB);
+            let fast_ppb = options.fast_ppb[role as usize].unwrap_or(fast_ppb);
+            let part_seed: u64 = random.random();
+            let mut board = match role {
+                Role::Beam => {
+                    let parts =
+                        BeamBoard::new(&scenario.world.sensors.bridge, &bridges, seed, trial);
+                    Board::new(Box::new(parts), fast_ppb)
+                }
+                Role::Front | Role::Rear => {
+                    let parts = AxleParts::of(scenario, &drawn, role, part_seed);
+                    Board::new(Box::new(AxleBoard::new(&parts)), fast_ppb)
+                }
+            };
+            board.flash(images.of(role));
+            let kept = store::sectors(scenario, role, &bridges)?;
+            let flash = board.chip().flash();
+            flash[store::FIRST..store::FIRST + kept.len()].copy_from_slice(&kept);
+            boards.push(board);
+        }
+        let mut wire = Wire::new(boards.len() + options.others, QUANTUM, seed);
+        wire.record();
+        let places = scenario.robot.put_down();
+        let task = Task::Regulate {
+            goal: Posture::ORIGIN,
+        };
+        Ok(Self {
+            network: Network::new(boards, wire, QUANTUM, options.threads),
+            readers: roles
+                .iter()
+                .map(|&role| Reader::new(role, images.of(role), &logs[role as usize]))
+                .collect(),
+            watches: roles.iter().map(|_| Watch::default()).collect(),
+            half_thickness: scenario.world.sensors.bridge.half_thickness_m,
+            strains: [0.0; MAX_GAUGES],
+            outline: plant.outline(FRAME_POINTS),
+            listener: Listener::new(&config, places, task)?,
+            monitor: Monitor::default(),
+            images: images.clone(),
+            roles,
+            gauges,
+            plant,
+            frames: 0,
+            booted: Time(0),
+            tick: 0,
+            span: Span::default(),
+            interrupt: None,
+            failure: None,
+            tools: Tools::default(),
+            blocked: None,
+        })
+    }
+
+    /// Bounds the time of the run.
+    pub fn limit(&mut self, span: Span) {
+        self.span = span;
+    }
+
+    /// A flag that ends the run with an error once it is set.
+    pub fn stop_on(&mut self, flag: Arc<AtomicBool>) {
+        self.interrupt = Some(flag);
+    }
+
+    /// Why the robot cannot go on, if so.
+    pub fn failure(&self) -> Option<&str> {
+        self.failure.as_deref()
+    }
+
+    /// Time that the boards took from power on until all nodes were ready, s.
+    pub fn boot_s(&self) -> f64 {
+        self.booted.seconds()
+    }
+
+    /// Frames on the bus so far.
+    pub fn frames(&self) -> u64 {
+        self.frames
+    }
+
+    /// What is to be said of each board.
+    pub fn reports(&mut self) -> Vec<BoardReport> {
+        let mut reports = Vec::new();
+        for (place, &role) in self.roles.iter().enumerate() {
+            let can = self.network.wire().statistics(place);
+            let Some(board) = self.network.board(place) else {
+                continue;
+            };
+            reports.push(report::of(
+                role,
+                self.images.of(role),
+                board,
+                &self.watches[place],
+                &can,
+            ));
+        }
+        reports
+    }
+
+    fn place(&self, role: Role) -> Option<usize> {
+        self.roles.iter().position(|other| *other == role)
+    }
+
+    fn axle(&mut self, role: Role) -> Option<&mut AxleBoard> {
+        let place = self.place(role)?;
+        self.network
+            .board(place)?
+            .chip()
+            .surroundings::<AxleBoard>()
+    }
+
+    fn beam(&mut self) -> Option<&mut BeamBoard> {
+        let place = self.place(Role::Beam)?;
+        self.network
+            .board(place)?
+            .chip()
+            .surroundings::<BeamBoard>()
+    }
+
+    /// The host that reads a board's log stops doing so and leaves the log waiting for it.
+    fn hang_reader(&mut self, role: Role) {
+        if let Some(place) = self.place(role)
+            && let Some(board) = self.network.board(place)
+        {
+            self.readers[place].hang(board);
+        }
+    }
+
+    /// Switches those boards on whose time has come.
+    fn power_up(&mut self, options: &Options) -> Result<(), Error> {
+        let now = self.network.now();
+        for place in 0..self.roles.len() {
+            let after = options.power_on_ms[self.roles[place] as usize];
+            if now == Time::from_micros(1000 * after)
+                && let Some(board) = self.network.board(place)
+            {
+                board.power(true);
+                self.powered(place)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Switches the boards on and runs them until all nodes are ready.
+    fn boot(&mut self, options: &Options) -> Result<(), Error> {
+        let mut ready = 0;
+        while ready < READY_TICKS {
+            let now = self.network.now();
+            self.power_up(options)?;
+            self.advance()?;
+            ready = if self.waits_for().is_none() {
+                ready + 1
+            } else {
+                0
+            };
+            if now >= BOOT {
+                let why = self.waits_for().unwrap_or_default();
+                return Err(Error::Failure(format!(
+                    "the boards were not ready {} s after power on: {why}",
+                    BOOT.seconds()
+                )));
+            }
+        }
+        self.booted = self.network.now();
+        self.watches
+            .iter_mut()
+            .zip(self.network.boards())
+            .for_each(|(watch, board)| {
+                watch.booted(board);
+            });
+        Ok(())
+    }
+
+    /// What the robot is not ready for, if so.
+    fn waits_for(&self) -> Option<String> {
+        let fitted = |node: &Node| *node != Node::Beam || self.roles.contains(&Role::Beam);
+        for node in NODES.into_iter().filter(fitted) {
+            let name = node.name();
+            match self.monitor.latest(node) {
+                None => return Some(format!("nothing was heard of {name}")),
+                Some(status) if status.state != OperatingState::Idle || status.reason.is_some() => {
+                    return Some(status.to_string());
+                }
+                Some(_) => {}
+            }
+        }
+        None
+    }
+
+    /// One millisecond of boards, bus and plant.
+    fn advance(&mut self) -> Result<(), Error> {
+        let from = self.network.now();
+        self.show_motion(from);
+        self.run_until(from + TICK)?;
+        self.follow();
+        Ok(())
+    }
+
+    /// The same with neither debugger nor waveforms, which alone can fail.
+    fn advance_plainly(&mut self) {
+        let from = self.network.now();
+        self.show_motion(from);
+        self.network.run_until(from + TICK);
+        self.follow();
+    }
+
+    /// The plant moves by what the boards did, and they are listened to.
+    fn follow(&mut self) {
+        let until = self.network.now();
+        let torque = [Role::Front, Role::Rear].map(|role| {
+            let axle = self.axle(role);
+            axle.map_or([0.0; 2], |axle| axle.take_torque(until))
+        });
+        self.plant.step(self.hindered(torque));
+        self.hear();
+        for (reader, board) in self.readers.iter_mut().zip(self.network.boards()) {
+            reader.read(board);
+        }
+    }
+
+    /// Torques at the wheels; a blocked one is held against its motor.
+    fn hindered(&self, mut torque: [[f64; 2]; 2]) -> [[f64; 2]; 2] {
+        if let Some((axle, side)) = self.blocked {
+            let speed = self.plant.state().axle[axle].wheel_speed[side];
+            torque[axle][side] = -BLOCKED_NM_S * speed;
+        }
+        torque
+    }
+
+    /// The parts around the boards move as the plant does.
+    fn show_motion(&mut self, at: Time) {
+        let state = *self.plant.state();
+        for (role, axle) in [Role::Front, Role::Rear].into_iter().zip(&state.axle) {
+            let wheel = |k: usize| WheelMotion {
+                angle_rad: axle.motor_angle[k],
+                speed_rad_s: axle.motor_speed[k],
+            };
+            let motion = AxleMotion {
+                wheels: [wheel(0), wheel(1)],
+                inertial: Motion {
+                    rate: [0.0, 0.0, axle.velocity[2]],
+                    rate_slope: [0.0, 0.0, axle.acceleration[2]],
+                    force: [axle.acceleration[0], axle.acceleration[1], GRAVITY],
+                    force_slope: [0.0; 3],
+                },
+            };
+            if let Some(board) = self.axle(role) {
+                board.motion(at, &motion);
+            }
+        }
+        let mut strains = [0.0; MAX_GAUGES];
+        let half = self.half_thickness;
+        self.plant.gauges(&self.gauges, |i, curvature| {
+            if let Some(strain) = strains.get_mut(i) {
+                *strain = half * curvature;
+            }
+        });
+        if let Some(beam) = self.beam() {
+            beam.strain(at, &mut strains);
+            self.strains = strains.map(|strain| strain as f32);
+        }
+        for board in self.network.boards() {
+            board.chip().refresh();
+        }
+    }
+
+    /// Listens to the bus.
+    fn hear(&mut self) {
+        for record in self.network.wire().take_records() {
+            let sender = self.roles.get(record.node).copied();
+            if !self.tools.heard(sender, &record) {
+                continue;
+            }
+            self.frames += 1;
+            let Id::Standard(id) = record.frame.id() else {
+                continue;
+            };
+            let bytes = record.frame.data();
+            let mut data = [0; 8];
+            data[..bytes.len()].copy_from_slice(bytes);
+            let frame = bus::Frame {
+                id,
+                length: bytes.len() as u8,
+                data,
+            };
+            self.tools.keep(sender, &frame);
+            let at = record.end - self.booted;
+            self.monitor.see((at.micros() / 1000) as u32, &frame);
+            let Ok(message) = bus::decode(&frame) else {
+                continue;
+            };
+            self.listener.hear(record.end.micros(), &message);
+            if let Message::LeadStatus { .. } = message {
+                self.tools.lead(self.listener.held());
+            }
+            if let Message::BoardHealth {
+                board,
+                missed_ticks,
+                tick_worst_us,
+                tick_jitter_us,
+                ..
+            } = message
+                && let Some(place) = self.place(board)
+            {
+                self.watches[place].health(missed_ticks, tick_worst_us, tick_jitter_us);
+            }
+        }
+    }
+}
+
+impl Robot for VirtualRobot {
+    fn now(&self) -> Micros {
+        self.tick * core_algos::time::TICK
+    }
+
+    fn command(&mut self, _task: Task) -> Result<(), Error> {
+        let now = self.network.now();
+        let front = self.axle(Role::Front);
+        let front = front.ok_or_else(|| Error::Failure("no front board".to_owned()))?;
+        front.press(true, now);
+        front.press(false, now + PRESS);
+        Ok(())
+    }
+
+    fn step(&mut self) -> Result<(), Error> {
+        let interrupted = |flag: &Arc<AtomicBool>| flag.load(Relaxed);
+        if self.interrupt.as_ref().is_some_and(interrupted) {
+            return Err(Error::Failure("interrupted".to_owned()));
+        }
+        self.begin_tick();
+        self.advance()?;
+        self.tick += 1;
+        if let Some(fault) = self.monitor.fault_since(Node::Lead)
+            && self.tick.saturating_sub(fault) >= GRACE
+            && let Some(why) = self.monitor.why_stopped()
+        {
+            self.failure.get_or_insert(why);
+        }
+        self.end_tick()
+    }
+
+    fn record(&self) -> Record {
+        let seen = (*self.listener.output(), self.strains);
+        Record::of(self.now(), &self.plant, &self.outline, seen)
+    }
+
+    fn plant(&self) -> &Plant {
+        &self.plant
+    }
+
+    fn monitor(&self) -> &Monitor {
+        &self.monitor
+    }
+
+    fn watched_enough(&self) -> bool {
+        self.now() >= self.span.least
+    }
+
+    fn must_end(&self) -> bool {
+        self.failure.is_some() || self.span.most.is_some_and(|most| self.now() >= most)
+    }
+
+    fn pace(&self) -> Option<&Pace> {
+        self.kept_pace()
+    }
+
+    fn traffic(&self) -> Vec<BoardTraffic> {
+        self.heard_of_boards()
+    }
+
+    fn bus(&self) -> BusStatistics {
+        BusStatistics {
+            sent: self.frames,
+            ..BusStatistics::default()
+        }
+    }
+}
+
+/// What of a scenario the boards' own images cannot be told.
+fn check(scenario: &Scenario) -> Result<(), Error> {
+    let mission = &scenario.mission;
+    let images = [START, Posture::ORIGIN];
+    let asked = [mission.start, mission.goal].map(|place| Posture::from(place.map(|v| v as f32)));
+    if asked != images {
+        return Err(Error::input(format!(
+            "mission.start, mission.goal = {:?}, {:?}: the boards' own images drive from {START:?} to \
+             the origin",
+            mission.start, mission.goal
+        )));
+    }
+    Ok(())
+}

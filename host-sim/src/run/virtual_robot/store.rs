@@ -1,0 +1,86 @@
+//! What a board keeps in its flash: the parameters of a calibrated robot, as the board itself would
+//! have stored them.
+
+use super::beam::{BridgeParts, zero};
+use crate::base::error::Error;
+use crate::scenario::Scenario;
+use core_algos::acquisition::oversampling::FULL_SCALE;
+use core_algos::params::{Disarmed, Settings, TABLE};
+use core_algos::topology::Role;
+use firmware_common::store::Store;
+use firmware_common::store::simulated::{Flash, run};
+
+/// Sectors 1 to 3, 16 KiB each.
+const SECTOR: usize = 16 << 10;
+const SECTORS: usize = 3;
+/// Place of the first in the flash.
+pub const FIRST: usize = SECTOR;
+
+/// Bytes of the sectors of a board's parameters in a scenario.
+pub fn sectors(scenario: &Scenario, role: Role, bridges: &[BridgeParts]) -> Result<Vec<u8>, Error> {
+    let base = Settings::of(role);
+    let mut settings = wanted(scenario, role)?;
+    if role == Role::Beam {
+        calibrate(scenario, &mut settings, bridges)?;
+    }
+    let off = Disarmed::when(true).ok_or_else(|| Error::Failure("store: armed".to_owned()))?;
+    let flash = Flash::<SECTOR>::new(SECTORS, 1);
+    let range = flash.range();
+    let store = Store::new(flash, range);
+    let mut store = store.ok_or_else(|| Error::Failure("store: its sectors".to_owned()))?;
+    run(store.save(&settings, &base, off))
+        .map_err(|error| Error::Failure(format!("store: {error:?}")))?;
+    Ok(store.into_flash().bytes)
+}
+
+/// The settings of a board that are asked for. What no parameter tells the board must be the default.
+fn wanted(scenario: &Scenario, role: Role) -> Result<Settings, Error> {
+    let mut asked = Settings::new(scenario.robot.completed());
+    scenario.boards.apply(role, &mut asked)?;
+    let mut settings = Settings::of(role);
+    for parameter in TABLE
+        .iter()
+        .filter(|parameter| !is_calibrated(parameter.name))
+    {
+        parameter.set(&mut settings, parameter.get(&asked))?;
+    }
+    let mut left = settings.robot.completed();
+    left.beam.calibration = asked.robot.beam.calibration;
+    left.lead.fusion.mode = asked.robot.lead.fusion.mode;
+    if left != asked.robot {
+        return Err(Error::input(
+            "robot: the boards' own images take the parameters of `cfmmr params list` from their \
+             flash; everything else of [robot] must be the default",
+        ));
+    }
+    Ok(settings)
+}
+
+/// Whether a parameter is found by calibration.
+fn is_calibrated(name: &str) -> bool {
+    name.starts_with("robot.beam.calibration.")
+}
+
+/// Zeros as a straight edge gives them, and gains as the data sheets of these parts do.
+fn calibrate(
+    scenario: &Scenario,
+    settings: &mut Settings,
+    bridges: &[BridgeParts],
+) -> Result<(), Error> {
+    let config = &scenario.world.sensors.bridge;
+    let amplified =
+        f64::from(config.active_gauges) / 4.0 * config.gauge_factor * config.amplifier_gain;
+    let nominal = 1.0 / (f64::from(FULL_SCALE) * amplified);
+    let gain = nominal / f64::from(settings.robot.beam.calibration.strain_per_count);
+    for (k, parts) in bridges.iter().enumerate() {
+        let counts = f64::from(FULL_SCALE) * zero(config, parts);
+        for (name, value) in [("zero_counts", counts), ("gain", gain)] {
+            let name = format!("robot.beam.calibration.{name}[{k}]");
+            let parameter = TABLE.iter().find(|parameter| parameter.name == name);
+            if let Some(parameter) = parameter {
+                parameter.set(settings, value as f32)?;
+            }
+        }
+    }
+    Ok(())
+}

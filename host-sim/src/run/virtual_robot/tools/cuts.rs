@@ -1,0 +1,80 @@
+//! Boards whose power is cut in the middle of a run, and comes back.
+
+use crate::run::virtual_robot::VirtualRobot;
+use crate::targets::{Event, Failure, Losses};
+use core_algos::topology::Role;
+
+/// What is to happen to the boards' power, and what did.
+#[derive(Default)]
+pub(super) struct Cuts {
+    failures: Vec<Failure>,
+    restart_after: Option<u32>,
+    /// When each board's power comes back, ms.
+    revivals: [Option<u32>; 3],
+    off: [bool; 3],
+    losses: Losses,
+}
+
+impl Cuts {
+    pub fn events(&self) -> &[Event] {
+        self.losses.events()
+    }
+
+    pub fn is_off(&self, role: Role) -> bool {
+        self.off[role as usize]
+    }
+}
+
+impl VirtualRobot {
+    /// Boards whose power is cut on the way; it comes back `restart_after` ms later, if at all.
+    pub fn plan(&mut self, failures: Vec<Failure>, restart_after: Option<u32>) {
+        let cuts = &mut self.tools.cuts;
+        (cuts.failures, cuts.restart_after) = (failures, restart_after);
+    }
+
+    /// Cuts power and switches it on where that is due.
+    pub(super) fn switch_power(&mut self) {
+        let tick = self.tick as u32;
+        let cuts = &mut self.tools.cuts;
+        for (place, &role) in self.roles.iter().enumerate() {
+            let k = role as usize;
+            let due = |failure: &Failure| failure.role == role && failure.at == tick;
+            let Some(board) = self.network.board(place) else {
+                continue;
+            };
+            if !cuts.off[k] && cuts.failures.iter().any(due) {
+                board.power(false);
+                let why = "switched off".to_owned();
+                let observers = self.tools.observers.iter_mut();
+                observers.for_each(|observer| observer.off(role, tick, &why));
+                let back = cuts.restart_after.map(|after| tick + after.max(1));
+                (cuts.off[k], cuts.revivals[k]) = (true, back);
+                cuts.losses.lost(tick, role, why, back.is_some());
+            }
+            if cuts.revivals[k] == Some(tick) {
+                board.power(true);
+                (cuts.off[k], cuts.revivals[k]) = (false, None);
+                cuts.losses.restarted(tick, role);
+            }
+        }
+    }
+
+    /// Looks whether the motors are off, and whether the run must end.
+    pub(super) fn watch_power(&mut self) {
+        let cuts = &mut self.tools.cuts;
+        if cuts.losses.events().is_empty() {
+            return;
+        }
+        let tick = self.tick as u32;
+        let axles = [Role::Front, Role::Rear]
+            .into_iter()
+            .zip(&self.plant.state().axle);
+        let off = axles
+            .filter(|(role, _)| !cuts.is_off(*role))
+            .all(|(_, axle)| axle.torque == [0.0; 2]);
+        cuts.losses.watch(tick, off);
+        if let Some(why) = cuts.losses.end(tick) {
+            self.failure.get_or_insert_with(|| why.to_owned());
+        }
+    }
+}

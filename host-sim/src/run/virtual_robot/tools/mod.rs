@@ -1,0 +1,206 @@
+//! What looks on while the robot runs, and what is done to its boards' power.
+//!
+//! | module | what it holds |
+//! |---|---|
+//! | [`cuts`] | boards switched off and on again at their times |
+//! | [`debugger`] | gdb at a board |
+//! | [`waves`] | pins, interrupts and bus in a file |
+//! | [`profile`] | where the boards' time went |
+//! | [`coverage`] | source lines that ran |
+//!
+//! What is not asked for costs nothing.
+
+pub mod coverage;
+pub mod cuts;
+pub mod debugger;
+pub mod profile;
+pub mod waves;
+
+use super::VirtualRobot;
+use crate::base::error::Error;
+use crate::run::real_time::Pace;
+use crate::run::simulation::{Observer, Observers, Robot};
+use crate::targets::{BoardTraffic, Event, Traffic};
+use core_algos::bus::Frame;
+use core_algos::time::{EPOCH, Micros};
+use core_algos::topology::Role;
+use cuts::Cuts;
+use debugger::{Debugger, Gdb};
+use std::path::PathBuf;
+use virtual_board::Time;
+use virtual_board::wire::Record as Sending;
+use waves::Waves;
+
+/// What is to look on from power on.
+#[derive(Clone, Debug, Default)]
+pub struct Instruments {
+    /// Debuggers that the boards wait for.
+    pub gdb: Gdb,
+    /// File for pins, interrupts and bus.
+    pub vcd: Option<PathBuf>,
+    /// Whether time is counted by instruction, for [`profile`] and [`coverage`].
+    pub profile: bool,
+}
+
+/// What looks on.
+#[derive(Default)]
+pub(super) struct Tools {
+    debugger: Debugger,
+    waves: Option<Waves>,
+    cuts: Cuts,
+    pace: Option<Pace>,
+    observers: Observers,
+    /// Frames that each board has put on the bus, and sendings of it that failed.
+    traffic: [Traffic; 3],
+    /// Frames to be recorded, with their board.
+    frames: Vec<(Role, Frame)>,
+    /// When the latest estimate of the lead node holds, µs since power on, if it was not recorded.
+    held: Option<Micros>,
+}
+
+impl Tools {
+    /// A sending has ended; gives whether the frame is whole.
+    pub fn heard(&mut self, role: Option<Role>, sending: &Sending) -> bool {
+        if let Some(waves) = &mut self.waves {
+            waves.frame(sending);
+        }
+        let whole = sending.error.is_none();
+        if let Some(role) = role {
+            let traffic = &mut self.traffic[role as usize];
+            traffic.frames += u64::from(whole);
+            traffic.damaged += u64::from(!whole);
+        }
+        whole
+    }
+
+    /// What was sent, for the recording.
+    pub fn keep(&mut self, role: Option<Role>, frame: &Frame) {
+        if let (false, Some(role)) = (self.observers.is_empty(), role) {
+            self.frames.push((role, *frame));
+        }
+    }
+
+    /// The lead node has stepped; its estimates hold at this time since power on, µs.
+    pub fn lead(&mut self, held: Option<Micros>) {
+        self.held = held;
+    }
+}
+
+impl VirtualRobot {
+    /// Has an observer see the frames on the bus, and the state once an epoch.
+    pub fn observe(&mut self, mut observer: Box<dyn Observer>) {
+        for &role in &self.roles {
+            observer.board(role, self.images.name(role));
+        }
+        self.tools.observers.push(observer);
+    }
+
+    /// Ends the observation: displays close.
+    pub fn dismiss_observers(&mut self) {
+        self.tools.observers.clear();
+    }
+
+    /// From now on, no tick begins before its time on the clock.
+    pub fn keep_pace(&mut self) {
+        self.tools.pace = Some(Pace::new());
+    }
+
+    /// What happened to the boards' power.
+    pub fn events(&self) -> &[Event] {
+        self.tools.cuts.events()
+    }
+
+    /// Puts the instruments at boards that have no power yet.
+    pub(super) fn fit(&mut self, instruments: &Instruments) -> Result<(), Error> {
+        self.tools.debugger = Debugger::new(&instruments.gdb, &self.roles)?;
+        if instruments.profile {
+            for board in self.network.boards() {
+                board.core_mut().set_profiling(true);
+            }
+        }
+        if let Some(path) = &instruments.vcd {
+            let named = |role: &Role| (role.name(), self.images.of(*role));
+            let boards: Vec<_> = self.roles.iter().map(named).collect();
+            self.tools.waves = Some(Waves::create(path, &mut self.network, &boards)?);
+        }
+        Ok(())
+    }
+
+    /// A board has got its power for the first time.
+    pub(super) fn powered(&mut self, place: usize) -> Result<(), Error> {
+        let Some(board) = self.network.board(place) else {
+            return Ok(());
+        };
+        self.tools.debugger.wait(place, board)
+    }
+
+    /// Boards and bus to this time.
+    pub(super) fn run_until(&mut self, time: Time) -> Result<(), Error> {
+        self.tools.debugger.run(&mut self.network, time)?;
+        match &mut self.tools.waves {
+            Some(waves) => waves.follow(&mut self.network),
+            None => Ok(()),
+        }
+    }
+
+    /// Before a tick of the experiment.
+    pub(super) fn begin_tick(&mut self) {
+        if let Some(pace) = &mut self.tools.pace {
+            pace.wait();
+        }
+        self.switch_power();
+    }
+
+    /// After a tick of the experiment.
+    pub(super) fn end_tick(&mut self) -> Result<(), Error> {
+        self.watch_power();
+        let tick = self.tick as u32 - 1;
+        let tools = &mut self.tools;
+        for role in Role::ALL {
+            let sent = tools.frames.iter().filter(|sent| sent.0 == role);
+            let frames: Vec<Frame> = sent.map(|sent| sent.1).collect();
+            if !frames.is_empty() {
+                let each = tools.observers.iter_mut();
+                each.for_each(|observer| observer.frames(role, tick, frames.clone()));
+            }
+        }
+        tools.frames.clear();
+        if !self.now().is_multiple_of(EPOCH) || self.tools.observers.is_empty() {
+            return Ok(());
+        }
+        let record = self.record();
+        let held = self.tools.held.take();
+        let held = held.and_then(|held| held.checked_sub(self.booted.micros()));
+        let mut observers = std::mem::take(&mut self.tools.observers);
+        for observer in &mut observers {
+            if let Some(held) = held {
+                observer.lead(tick, held, &record.lead);
+            }
+            observer.epoch(self, &record)?;
+        }
+        self.tools.observers = observers;
+        Ok(())
+    }
+
+    /// Ends what writes to files by itself; gives the files.
+    pub fn close(&mut self) -> Result<Vec<PathBuf>, Error> {
+        match self.tools.waves.take() {
+            Some(waves) => waves.finish(&mut self.network).map(|path| vec![path]),
+            None => Ok(Vec::new()),
+        }
+    }
+
+    pub(super) fn kept_pace(&self) -> Option<&Pace> {
+        self.tools.pace.as_ref()
+    }
+
+    /// The boards, with what they have put on the bus.
+    pub(super) fn heard_of_boards(&self) -> Vec<BoardTraffic> {
+        let of = |role: Role| BoardTraffic {
+            role,
+            on: self.roles.contains(&role) && !self.tools.cuts.is_off(role),
+            traffic: Some(self.tools.traffic[role as usize]),
+        };
+        Role::ALL.map(of).to_vec()
+    }
+}

@@ -1,0 +1,259 @@
+//! Parameters of single boards, laid over what all boards share: part of a scenario, and the file that
+//! `cfmmr params` reads and writes and `cfmmr calibrate` writes.
+//!
+//! ```toml
+//! [boards.rear]
+//! robot.geometry.wheel_radius_m = 0.07304  # m, 0.01 to 0.5
+//! [boards.beam]
+//! robot.beam.calibration.gain = [1.002, 0.999, 1.0, 1.004, 0.998]
+//! ```
+
+use crate::base::error::Error;
+use crate::base::toml_file;
+use core_algos::params::{Parameter, Settings, TABLE, find};
+use core_algos::topology::Role;
+use serde::{Deserialize, Serialize};
+use std::fmt::Write;
+use toml::{Table, Value};
+
+/// Values of parameters.
+pub type Values = Vec<(&'static Parameter, f32)>;
+
+/// By board: names as in `cfmmr parameters`, a gauge's as an entry of its list or as `\"gain[0]\"`.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Overlays {
+    /// Front board.
+    pub front: Table,
+    /// Rear board.
+    pub rear: Table,
+    /// Beam board.
+    pub beam: Table,
+}
+
+impl Overlays {
+    /// Reads a file of nothing else; `name` stands in errors.
+    pub fn parse(text: &str, name: &str) -> Result<Self, Error> {
+        #[derive(Deserialize)]
+        #[serde(deny_unknown_fields)]
+        struct File {
+            boards: Overlays,
+        }
+        let file: File =
+            toml::from_str(text).map_err(|error| toml_file::refusal(name, text, &error))?;
+        for role in Role::ALL {
+            file.boards.values(role)?;
+        }
+        Ok(file.boards)
+    }
+
+    /// Those of a board; the error names the entry.
+    pub fn values(&self, role: Role) -> Result<Values, Error> {
+        let table = match role {
+            Role::Front => &self.front,
+            Role::Rear => &self.rear,
+            Role::Beam => &self.beam,
+        };
+        let mut values = Vec::new();
+        for (key, value) in table {
+            flatten(role, key, value, &mut values)?;
+        }
+        Ok(values)
+    }
+
+    /// Writes those of a board into its settings.
+    pub fn apply(&self, role: Role, settings: &mut Settings) -> Result<(), Error> {
+        for (parameter, value) in self.values(role)? {
+            let set = parameter.set(settings, value);
+            set.map_err(|error| named(role, &error.to_string()))?;
+        }
+        Ok(())
+    }
+
+    /// Adds values of a board, or replaces them.
+    pub fn put(&mut self, role: Role, values: &[(&'static Parameter, f32)]) {
+        let table = match role {
+            Role::Front => &mut self.front,
+            Role::Rear => &mut self.rear,
+            Role::Beam => &mut self.beam,
+        };
+        for (parameter, value) in values {
+            let mut keys: Vec<&str> = parameter.name.split('.').collect();
+            let last = keys.pop().unwrap_or_default();
+            let mut place = &mut *table;
+            for key in keys {
+                let entry = place.entry(key).or_insert_with(|| Table::new().into());
+                let Value::Table(inner) = entry else {
+                    return;
+                };
+                place = inner;
+            }
+            // A list would be read beside the entry of one gauge.
+            if let Some((list, _)) = last.split_once('[') {
+                place.remove(list);
+            }
+            place.insert(last.to_owned(), Value::Float(shortest(*value)));
+        }
+    }
+
+    /// The file, with units and ranges.
+    pub fn to_toml(&self) -> Result<String, Error> {
+        let mut text = String::new();
+        for role in Role::ALL {
+            let values = self.values(role)?;
+            if values.is_empty() {
+                continue;
+            }
+            let gap = if text.is_empty() { "" } else { "\n" };
+            // Writing to a string does not fail.
+            let _ = writeln!(text, "{gap}[boards.{}]", role.name());
+            for (parameter, value) in values {
+                let (low, high) = parameter.range;
+                let name = match parameter.name.rsplit_once('.') {
+                    Some((path, last)) if last.ends_with(']') => format!("{path}.\"{last}\""),
+                    _ => parameter.name.to_owned(),
+                };
+                let unit = match parameter.unit {
+                    "" => String::new(),
+                    unit => format!("{unit}, "),
+                };
+                let _ = writeln!(
+                    text,
+                    "{name} = {value:?}  # {unit}{low} to {high}: {}",
+                    parameter.meaning
+                );
+            }
+        }
+        Ok(text)
+    }
+}
+
+/// The parameter of a name; the error says what is like it.
+pub fn parameter(name: &str) -> Result<&'static Parameter, Error> {
+    find(name).ok_or_else(|| {
+        let last = name.rsplit('.').next().unwrap_or(name);
+        let like = TABLE.iter().filter(|p| p.name.contains(last));
+        let like: Vec<&str> = like.map(|p| p.name).take(3).collect();
+        let hint = match like.is_empty() || last.is_empty() {
+            true => "see `cfmmr parameters`".to_owned(),
+            false => format!("did you mean {}?", like.join(", ")),
+        };
+        Error::input(format!("{name}: no such parameter; {hint}"))
+    })
+}
+
+/// The double that prints like the single.
+fn shortest(value: f32) -> f64 {
+    value.to_string().parse().unwrap_or(value.into())
+}
+
+fn named(role: Role, text: &str) -> Error {
+    Error::input(format!("boards.{}: {text}", role.name()))
+}
+
+fn flatten(role: Role, name: &str, value: &Value, values: &mut Values) -> Result<(), Error> {
+    let number = match value {
+        Value::Table(table) => {
+            let mut entries = table.iter();
+            return entries.try_for_each(|(key, inner)| {
+                flatten(role, &format!("{name}.{key}"), inner, values)
+            });
+        }
+        Value::Array(list) => {
+            let mut entries = list.iter().enumerate();
+            return entries
+                .try_for_each(|(i, inner)| flatten(role, &format!("{name}[{i}]"), inner, values));
+        }
+        Value::Float(number) => *number as f32,
+        Value::Integer(number) => *number as f32,
+        other => return Err(named(role, &format!("{name} = {other}: must be a number"))),
+    };
+    let parameter = parameter(name).map_err(|error| named(role, &error.to_string()))?;
+    let valid = parameter.validate(number);
+    values.push((
+        parameter,
+        valid.map_err(|error| named(role, &error.to_string()))?,
+    ));
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_written_is_read_again_bit_by_bit() {
+        let mut overlays = Overlays::default();
+        for (i, role) in Role::ALL.into_iter().enumerate() {
+            let some = TABLE.iter().skip(i).step_by(3);
+            let values: Values = some
+                .map(|p| {
+                    let (low, high) = p.range;
+                    let value = low + 0.3 * (high - low);
+                    (p, if p.whole { value.floor() } else { value })
+                })
+                .collect();
+            overlays.put(role, &values);
+        }
+        let text = overlays.to_toml().unwrap();
+        let read = Overlays::parse(&text, "file").unwrap();
+        for role in Role::ALL {
+            let bits = |overlays: &Overlays| -> Vec<(u8, u32)> {
+                let mut all: Vec<_> = overlays.values(role).unwrap();
+                all.sort_by_key(|(p, _)| p.id);
+                all.iter().map(|(p, v)| (p.id, v.to_bits())).collect()
+            };
+            assert!(bits(&read).len() >= TABLE.len() / 3);
+            assert_eq!(bits(&read), bits(&overlays), "{text}");
+        }
+    }
+
+    #[test]
+    fn lists_and_single_entries_are_the_same_and_the_later_counts() {
+        let list = "[boards.beam]\nrobot.beam.calibration.gain = [1.0, 1.5, 1, 1.0, 1.0]\n";
+        let mut overlays = Overlays::parse(list, "file").unwrap();
+        let mut settings = Settings::of(Role::Beam);
+        overlays.apply(Role::Beam, &mut settings).unwrap();
+        assert_eq!(settings.robot.beam.calibration.gain.padded()[1], 1.5);
+        overlays.put(
+            Role::Beam,
+            &[(find("robot.beam.calibration.gain[1]").unwrap(), 1.25)],
+        );
+        overlays.apply(Role::Beam, &mut settings).unwrap();
+        assert_eq!(settings.robot.beam.calibration.gain.padded()[1], 1.25);
+    }
+
+    #[test]
+    fn what_is_wrong_is_named() {
+        for (text, words) in [
+            (
+                "[boards.rear]\nrobot.geometry.wheel_radius_m = 9",
+                ["boards.rear", "wheel_radius_m = 9", "0.01 to 0.5"],
+            ),
+            (
+                "[boards.rear]\nrobot.geometry.wheel_radius_m = nan",
+                ["boards.rear", "wheel_radius_m = NaN", "0.01 to 0.5"],
+            ),
+            (
+                "[boards.front]\nrobot.wheel_radius_m = 0.07",
+                [
+                    "boards.front",
+                    "no such parameter",
+                    "robot.geometry.wheel_radius_m",
+                ],
+            ),
+            (
+                "[boards.beam]\nrobot.geometry.wheel_radius_m = true",
+                ["boards.beam", "wheel_radius_m", "must be a number"],
+            ),
+            ("[boards.middle]\n", ["file", "middle", "front"]),
+            ("[robot]\n", ["file", "robot", "boards"]),
+        ] {
+            let error = Overlays::parse(text, "file").unwrap_err();
+            assert_eq!(error.exit_code(), 2);
+            for word in words {
+                assert!(error.to_string().contains(word), "no {word} in {error}");
+            }
+        }
+    }
+}

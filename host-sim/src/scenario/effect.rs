@@ -1,0 +1,299 @@
+//! Keys of a scenario without effect in a configuration.
+//!
+//! Such a key is refused where it is given for one run (`--set`, `[[vary]]`, `--with`) and in a world file, with the
+//! reason. A scenario file may serve several commands: there it is reported once on standard error.
+//!
+//! A rule names keys, a condition and the reason. A key without a rule has an effect, if only beyond a limit.
+
+use crate::base::error::Error;
+use crate::base::toml_file;
+use crate::scenario::Scenario;
+use crate::world::effect::{Rules, in_world, leaves, listed, within};
+use core_algos::beam::sensor::Method;
+use core_algos::control::regulator::Strategy;
+use core_algos::fusion::tandem::Mode;
+use toml::Table;
+
+/// Use of a scenario: the task of the run, or the model that replaces the robot.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Use {
+    /// Regulation to a posture.
+    Regulate,
+    /// Path following or trajectory tracking.
+    Path,
+    /// Regulation on virtual boards, which have circuits.
+    Virtual,
+    /// Regulation of the kinematic model.
+    Kinematic,
+    /// Calibration of wheels, gauges or gyros.
+    Calibrate,
+    /// Estimates recomputed from a log.
+    Replay,
+}
+
+/// Rules within a scenario and its use.
+const SCENARIO: Rules<fn(&Scenario, Use) -> bool> = &[
+    (
+        "robot.beam.calibration.strain_per_count robot.beam.calibration.zero_counts \
+         robot.beam.calibration.full_scale_counts",
+        |_, used| used != Use::Replay,
+        "in a simulation: sensors.bridge decides; on a board it is a parameter",
+    ),
+    (
+        "plant spread sensors bus boards robot.axle robot.beam robot.lead.fusion robot.lead.cascade \
+         robot.lead.limits robot.lead.stop robot.lead.supervisor robot.lead.hold_s \
+         robot.lead.report_timeout_s robot.lead.governor.stop_deceleration_m_s2 \
+         robot.lead.governor.steering_tolerance_rad robot.lead.governor.reversal_hold_s \
+         robot.lead.governor.max_wheel_speed_m_s robot.lead.governor.max_interval_s \
+         robot.geometry.half_thickness_m robot.geometry.bending_stiffness_n_m2 \
+         robot.geometry.half_track_m robot.geometry.wheel_radius_m robot.geometry.wheel_ratio \
+         robot.geometry.encoder_counts_per_revolution mission.rps mission.settle_s \
+         mission.time_limit_s mission.rest_s",
+        |_, used| used == Use::Kinematic,
+        "on the kinematic model",
+    ),
+    (
+        "mission.start mission.goal mission.time_limit_s mission.rest_s",
+        |_, used| used == Use::Calibrate,
+        "in a calibration",
+    ),
+    (
+        "robot.lead.regulator robot.lead.course robot.lead.governor robot.lead.cascade \
+         robot.lead.stop robot.lead.supervisor robot.lead.hold_s robot.axle.stop \
+         robot.axle.supervisor robot.axle.limits",
+        |_, used| used == Use::Replay,
+        "in a replay, which recomputes estimates",
+    ),
+    (
+        "robot.axle.filter.fix_gate",
+        |_, _| true,
+        "without position fixes, which no node sends",
+    ),
+    (
+        "robot.lead.regulator.approach.heading_gain_rad_s",
+        |_, _| true,
+        "in the approach, which has arrival_gain in its place",
+    ),
+    (
+        "robot.axle.supervisor.degraded_time_s robot.axle.supervisor.degraded_distance_m",
+        |_, _| true,
+        "in an axle node, which nothing degrades; vary robot.lead.supervisor",
+    ),
+    (
+        "robot.lead.regulator.law.arrival_gain robot.lead.regulator.law.softening_m \
+         robot.lead.course.law.arrival_gain robot.lead.course.law.softening_m",
+        |_, _| true,
+        "in the paper's form of the law; vary robot.lead.regulator.approach",
+    ),
+    (
+        "sensors.gyro.bias_sigma",
+        |scenario, _| scenario.world.sensors.gyro.rest_average_s > 0.0,
+        "with sensors.gyro.rest_average_s above 0: the mean at rest takes the bias away",
+    ),
+    (
+        "sensors.accelerometer.bias_sigma",
+        |scenario, _| scenario.world.sensors.accelerometer.rest_average_s > 0.0,
+        "with sensors.accelerometer.rest_average_s above 0: the mean at rest takes the bias away",
+    ),
+    (
+        "robot.lead.fusion.mode robot.lead.fusion.beam_gate robot.lead.fusion.gate_patience \
+         robot.beam sensors.bridge plant.sensing_mass_kg",
+        |scenario, _| !scenario.mission.rps,
+        "with mission.rps = false",
+    ),
+    (
+        "robot.lead.fusion.intersection",
+        |scenario, _| !matches!(mode(scenario), Mode::Intersection | Mode::IntersectionIpec),
+        "unless robot.lead.fusion.mode is \"intersection\" or \"intersection-ipec\"",
+    ),
+    (
+        "robot.lead.fusion.ipec",
+        |scenario, _| mode(scenario) != Mode::IntersectionIpec,
+        "unless robot.lead.fusion.mode = \"intersection-ipec\"",
+    ),
+    (
+        "robot.lead.fusion.slip.load_speed_m_s",
+        |scenario, _| mode(scenario) != Mode::Odometry,
+        "unless robot.lead.fusion.mode = \"odometry\" or mission.rps = false",
+    ),
+    (
+        "sensors.gyro.bias_sigma sensors.gyro.rest_average_s sensors.gyro.rest_age_s \
+         sensors.gyro.bias_walk sensors.gyro.noise_density sensors.gyro.scale_sigma \
+         sensors.gyro.range sensors.gyro.bits sensors.gyro.delay_ms robot.axle.gyro_zero \
+         robot.axle.filter.gyro_sigma_rad_s robot.lead.fusion.joint.gyro_bias_sigma_rad_s \
+         robot.lead.fusion.joint.gyro_bias_walk_rad_s_per_sqrt_s \
+         robot.lead.fusion.joint.gyro_scale_sigma inertial.gyro_gain",
+        |scenario, _| !scenario.world.sensors.gyro.fitted,
+        "with sensors.gyro.fitted = false",
+    ),
+    (
+        "sensors.accelerometer.bias_sigma sensors.accelerometer.rest_average_s \
+         sensors.accelerometer.rest_age_s sensors.accelerometer.bias_walk \
+         sensors.accelerometer.noise_density sensors.accelerometer.scale_sigma \
+         sensors.accelerometer.range sensors.accelerometer.bits sensors.accelerometer.delay_ms \
+         robot.axle.accelerometer_zero robot.axle.filter.accelerometer_sigma_m_s2 \
+         inertial.accelerometer_gain",
+        |scenario, _| !scenario.world.sensors.accelerometer.fitted,
+        "with sensors.accelerometer.fitted = false",
+    ),
+    (
+        "robot.lead.regulator.law robot.lead.regulator.stop_margin_m \
+         robot.lead.regulator.stop_speed_m_s",
+        |scenario, _| scenario.robot.lead.regulator.strategy == Strategy::Funnel,
+        "with robot.lead.regulator.strategy = \"funnel\"; vary robot.lead.regulator.approach",
+    ),
+    (
+        "robot.lead.regulator.approach robot.lead.regulator.planner \
+         robot.lead.regulator.planner_budget",
+        |scenario, _| scenario.robot.lead.regulator.strategy == Strategy::PaperLaw,
+        "with robot.lead.regulator.strategy = \"paper-law\"; vary robot.lead.regulator.law",
+    ),
+    (
+        "robot.lead.regulator",
+        |_, used| used == Use::Path,
+        "along a path; vary robot.lead.course",
+    ),
+    (
+        "robot.lead.course",
+        |_, used| matches!(used, Use::Regulate | Use::Virtual | Use::Kinematic),
+        "without a path; vary robot.lead.regulator",
+    ),
+    (
+        "robot.beam.segments",
+        |scenario, _| scenario.robot.beam.method != Method::Piecewise,
+        "unless robot.beam.method = \"piecewise\"",
+    ),
+];
+
+fn mode(scenario: &Scenario) -> Mode {
+    match scenario.mission.rps {
+        true => scenario.robot.lead.fusion.mode,
+        false => Mode::Odometry,
+    }
+}
+
+/// Keys that a user gave.
+#[derive(Clone, Debug, Default)]
+pub struct Given {
+    /// Those of `--set`.
+    set: Vec<String>,
+    /// Those of the scenario file.
+    file: Vec<String>,
+}
+
+/// A run: what it is made of, and the use of it.
+pub type Run<'a> = (&'a Scenario, Use);
+
+impl Given {
+    /// The keys of `--set` and of a scenario file that has been read without error.
+    pub fn new(changes: &[String], file: &str) -> Result<Self, Error> {
+        let keys = |table: Table| {
+            let mut keys = Vec::new();
+            leaves("", &table, &mut keys);
+            keys
+        };
+        Ok(Self {
+            set: keys(toml_file::changes(changes)?),
+            file: keys(toml::from_str(file).unwrap_or_default()),
+        })
+    }
+
+    /// Refuses a key of `--set` without effect in any of the runs, and reports those of the file. `taken` holds keys
+    /// whose place the command takes, each with the reason.
+    pub fn check(&self, taken: Taken, runs: &[Run]) -> Result<(), Error> {
+        if let Some(text) = self.set.iter().find_map(|key| text(key, taken, runs)) {
+            return Err(Error::input(format!("--set {text}")));
+        }
+        let idle: Vec<String> = self
+            .file
+            .iter()
+            .filter_map(|key| text(key, taken, runs))
+            .collect();
+        if !idle.is_empty() {
+            eprintln!(
+                "cfmmr: scenario file: {}",
+                idle.join("\ncfmmr: scenario file: ")
+            );
+        }
+        Ok(())
+    }
+}
+
+/// Keys whose place a command takes, each with the reason.
+pub type Taken<'a> = &'a [(&'a str, &'a str)];
+
+/// Key and reason if it has no effect in any of the runs.
+pub fn text(key: &str, taken: Taken, runs: &[Run]) -> Option<String> {
+    let taken = taken.iter().find(|(other, _)| within(key, other));
+    let reason = taken.map(|(_, reason)| *reason).or_else(|| {
+        let mut reasons = runs
+            .iter()
+            .map(|(scenario, used)| reason(key, scenario, *used));
+        let first = reasons.next()??;
+        reasons.all(|reason| reason.is_some()).then_some(first)
+    })?;
+    Some(format!("{key}: no effect {reason}"))
+}
+
+/// Refuses a key of a file for one run without effect in the run.
+pub fn check_file(text: &str, file: &str, run: Run) -> Result<(), Error> {
+    let mut keys = Vec::new();
+    leaves("", &toml::from_str(text).unwrap_or_default(), &mut keys);
+    match keys.iter().find_map(|key| self::text(key, &[], &[run])) {
+        Some(text) => Err(Error::input(format!("{file}: {text}"))),
+        None => Ok(()),
+    }
+}
+
+/// Reason why a key has no effect in a run.
+fn reason(key: &str, scenario: &Scenario, used: Use) -> Option<&'static str> {
+    let find = |key: &str| {
+        let mut rules = SCENARIO.iter().filter(|(keys, ..)| listed(key, keys));
+        let found = rules.find(|(_, idle, _)| idle(scenario, used));
+        found
+            .map(|(.., reason)| *reason)
+            .or_else(|| in_world(key, &scenario.world))
+    };
+    match key
+        .strip_prefix("boards.")
+        .and_then(|rest| rest.split_once('.'))
+    {
+        // The zeros of the beam board are laid over those of the bridges.
+        Some(("beam", parameter))
+            if within(parameter, "robot.beam.calibration") && scenario.mission.rps =>
+        {
+            None
+        }
+        Some((board, parameter)) => {
+            on_other_board(board, parameter, used).or_else(|| find(parameter))
+        }
+        None => find(key),
+    }
+}
+
+/// Parameters of an axle node.
+const AXLE: &str = "drive inertial robot.axle robot.limits robot.geometry.wheel_radius_m \
+    robot.geometry.wheel_ratio robot.geometry.half_track_m \
+    robot.geometry.encoder_counts_per_revolution";
+/// Parameters of the strip and of steering, of which a rear board has no use.
+const STEERING: &str = "robot.geometry.half_thickness_m robot.geometry.rigid_end_m \
+    robot.limits.max_steering_rad robot.limits.steering_margin_rad";
+
+/// Reason why a parameter has no effect on a board.
+fn on_other_board(board: &str, parameter: &str, used: Use) -> Option<&'static str> {
+    let of = |keys: &str| listed(parameter, keys);
+    match board {
+        _ if used != Use::Virtual && of("drive") => {
+            Some("in a simulation: it describes the circuit of a board")
+        }
+        "rear" | "beam" if of("robot.lead") => {
+            Some("on this board: the lead node runs on the front board")
+        }
+        "beam" if of(AXLE) => Some("on this board: it has no axle node"),
+        "front" | "rear" if of("robot.beam.calibration") || board == "rear" && of("robot.beam") => {
+            Some("on this board: it has no beam node")
+        }
+        "rear" if of(STEERING) => Some("on this board: the front board steers"),
+        _ => None,
+    }
+}

@@ -1,0 +1,192 @@
+//! A scenario: everything an experiment depends on, apart from the seed.
+
+pub mod board_parameters;
+pub mod effect;
+
+use crate::base::error::Error;
+use crate::base::toml_file;
+use crate::bus::virtual_bus::BusConfig;
+use crate::plant::PlantConfig;
+use crate::scenario::board_parameters::Overlays;
+use crate::world::sensors::SensorConfig;
+use crate::world::{self, Spread, World};
+use core_algos::node::robot::RobotConfig;
+use core_algos::params::Settings;
+use core_algos::topology::Role;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// What the robot is sent to do, and for how long.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Mission {
+    /// Start posture of the robot's midpoint: m, m, rad.
+    pub start: [f64; 3],
+    /// Goal posture of the robot's midpoint: m, m, rad.
+    pub goal: [f64; 3],
+    /// Whether the relative position sensor is fitted; without it the robot is lighter too.
+    pub rps: bool,
+    /// Time at rest before the task begins, s.
+    pub settle_s: f64,
+    /// Time after which a trial ends in any case, s.
+    pub time_limit_s: f64,
+    /// Time the robot is watched after it reports that it is done, s.
+    pub rest_s: f64,
+}
+
+impl Default for Mission {
+    fn default() -> Self {
+        Self {
+            start: [-1.342, -1.342, 0.0],
+            goal: [0.0, 0.0, 0.0],
+            rps: true,
+            settle_s: 0.5,
+            time_limit_s: 90.0,
+            rest_s: 0.5,
+        }
+    }
+}
+
+/// Everything an experiment depends on, apart from the seed.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(from = "Layout", into = "Layout")]
+pub struct Scenario {
+    /// The task.
+    pub mission: Mission,
+    /// The configuration the boards run with: what the robot believes of itself.
+    pub robot: RobotConfig,
+    /// What single boards have otherwise.
+    pub boards: Overlays,
+    /// The true robot and its surroundings.
+    pub world: World,
+}
+
+/// A scenario as its file has it: the world's tables stand beside the others.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct Layout {
+    world: String,
+    mission: Mission,
+    robot: RobotConfig,
+    boards: Overlays,
+    plant: PlantConfig,
+    spread: Spread,
+    sensors: SensorConfig,
+    bus: BusConfig,
+}
+
+impl Default for Layout {
+    fn default() -> Self {
+        Scenario::default().into()
+    }
+}
+
+impl From<Layout> for Scenario {
+    fn from(layout: Layout) -> Self {
+        Self {
+            mission: layout.mission,
+            robot: layout.robot,
+            boards: layout.boards,
+            world: World {
+                name: layout.world,
+                plant: layout.plant,
+                spread: layout.spread,
+                sensors: layout.sensors,
+                bus: layout.bus,
+            },
+        }
+    }
+}
+
+impl From<Scenario> for Layout {
+    fn from(scenario: Scenario) -> Self {
+        let world = scenario.world;
+        Self {
+            world: world.name,
+            mission: scenario.mission,
+            robot: scenario.robot,
+            boards: scenario.boards,
+            plant: world.plant,
+            spread: world.spread,
+            sensors: world.sensors,
+            bus: world.bus,
+        }
+    }
+}
+
+impl Scenario {
+    /// Reads a scenario file (none: all defaults) over a world (none: that which it names, or the default
+    /// one), with changes, and checks every value.
+    pub fn load(
+        world: Option<&str>,
+        file: Option<&Path>,
+        changes: &[String],
+    ) -> Result<Self, Error> {
+        let (text, name) = toml_file::read(file)?;
+        Self::parse(world, &text, &name, changes)
+    }
+
+    /// The default scenario in a world, or in the default one.
+    pub fn in_world(world: Option<&str>) -> Result<Self, Error> {
+        Self::parse(world, "", "scenario", &[])
+    }
+
+    /// The same as [`Self::load`] from text; `name` stands in errors.
+    pub fn parse(
+        world: Option<&str>,
+        text: &str,
+        name: &str,
+        changes: &[String],
+    ) -> Result<Self, Error> {
+        let mut below = Self::default();
+        world::DEFAULT.clone_into(&mut below.world.name);
+        let named: Self = toml_file::build(&below, text, name, changes)?;
+        below.world = World::load(world.unwrap_or(&named.world.name))?;
+        let mut scenario: Self = toml_file::build(&below, text, name, changes)?;
+        scenario.world.name = below.world.name;
+        scenario.check()?;
+        Ok(scenario)
+    }
+
+    /// Checks every value.
+    pub fn check(&self) -> Result<(), Error> {
+        let mission = &self.mission;
+        for (name, posture) in [("start", mission.start), ("goal", mission.goal)] {
+            for (i, value) in posture.into_iter().enumerate() {
+                range(&format!("mission.{name}[{i}]"), value, -50.0, 50.0)?;
+            }
+        }
+        range("mission.settle_s", mission.settle_s, 0.0, 60.0)?;
+        range("mission.time_limit_s", mission.time_limit_s, 0.1, 36_000.0)?;
+        range("mission.rest_s", mission.rest_s, 0.0, 60.0)?;
+        self.robot
+            .build()
+            .map_err(|error| Error::input(format!("robot: {error}")))?;
+        for role in Role::ALL {
+            let mut settings = Settings::new(self.robot);
+            self.boards.apply(role, &mut settings)?;
+            // The zeros of the gauges are counts of another converter than that of the default.
+            let calibration = &mut settings.robot.beam.calibration;
+            calibration.zero_counts = self.robot.beam.calibration.zero_counts;
+            settings
+                .check(role)
+                .map_err(|error| Error::input(format!("boards.{}: {error}", role.name())))?;
+        }
+        self.world.check()
+    }
+
+    /// The scenario as TOML.
+    pub fn to_toml(&self) -> Result<String, Error> {
+        toml::to_string_pretty(self).map_err(|error| Error::Failure(error.to_string()))
+    }
+}
+
+fn range(name: &str, value: f64, low: f64, high: f64) -> Result<(), Error> {
+    if value >= low && value <= high {
+        Ok(())
+    } else {
+        Err(Error::input(format!(
+            "{name} = {value}: must be a number from {low} to {high}"
+        )))
+    }
+}

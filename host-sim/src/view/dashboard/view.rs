@@ -1,0 +1,78 @@
+//! What the dashboard shows.
+
+use crate::bus::virtual_bus::BusStatistics;
+use crate::run::recovery::{NODES, Status};
+use crate::run::simulation::{Record, Robot};
+use crate::targets::BoardTraffic;
+use core_algos::node::lead;
+use core_algos::safety::{Conditions, OperatingState};
+
+/// A run at one instant.
+#[derive(Clone, Debug, Default)]
+pub struct View {
+    /// What runs.
+    pub title: String,
+    /// Simulated time, s.
+    pub time_s: f64,
+    /// Ticks that began more than a tick late.
+    pub late_ticks: u32,
+    /// The most a tick was late, s.
+    pub most_late_s: f64,
+    /// Latest heartbeats, in the order of [`NODES`].
+    pub nodes: [Option<Status>; NODES.len()],
+    /// Notices and degradations so far, in the same order.
+    pub noticed: [Conditions; NODES.len()],
+    /// Stops and cuts so far, the first heartbeat that told of each; the first is the cause.
+    pub faults: Vec<Status>,
+    /// Links to the boards.
+    pub boards: Vec<BoardTraffic>,
+    /// Bus between the boards.
+    pub bus: BusStatistics,
+    /// What the lead node did last.
+    pub lead: lead::Output,
+    /// True posture of the midpoint when the lead node's estimate holds: m, m, rad.
+    pub truth: [f64; 3],
+    /// Where the midpoint is to go: m, m, rad.
+    pub goal: [f64; 3],
+    /// True wheel speeds `[axle][left, right]`, rad/s.
+    pub wheel_speed: [[f64; 2]; 2],
+}
+
+impl View {
+    /// The state of a robot at the end of an epoch.
+    pub fn of(robot: &dyn Robot, record: &Record) -> Self {
+        let monitor = robot.monitor();
+        Self {
+            time_s: record.time_s,
+            late_ticks: robot.pace().map_or(0, |pace| pace.late()),
+            most_late_s: robot.pace().map_or(0.0, |pace| pace.worst().as_secs_f64()),
+            nodes: NODES.map(|node| monitor.latest(node).copied()),
+            noticed: NODES.map(|node| monitor.noticed(node)),
+            faults: faults(monitor.changes()),
+            boards: robot.traffic(),
+            bus: robot.bus(),
+            lead: record.lead,
+            wheel_speed: record.wheel_speed,
+            ..Self::default()
+        }
+    }
+}
+
+/// The first heartbeat of each node that told of each stop or cut.
+fn faults(changes: &[Status]) -> Vec<Status> {
+    let mut found: Vec<Status> = Vec::new();
+    let stopped = |status: &&Status| {
+        let state = matches!(
+            status.state,
+            OperatingState::SafeStop | OperatingState::Fault
+        );
+        state && status.reason.is_some()
+    };
+    for status in changes.iter().filter(stopped) {
+        let known = |other: &Status| (other.node, other.reason) == (status.node, status.reason);
+        if !found.iter().any(known) {
+            found.push(*status);
+        }
+    }
+    found
+}

@@ -1,0 +1,357 @@
+//! The report page: a run as one HTML file that needs nothing else.
+//!
+//! `report.html` beside this file holds the page; a run's data are put into it as JSON, at most
+//! `MOST_SAMPLES` samples and about 50 a second.
+
+use crate::base::output::OutputDir;
+use crate::recording::BUILD;
+use crate::run::simulation::Record;
+use crate::scenario::Scenario;
+use crate::view::style::{self, ESTIMATE, TRUTH};
+use crate::world::body::Body;
+use core_algos::control::regulator::Phase;
+use core_algos::math::Posture;
+use serde::{Serialize, Serializer};
+use serde_json::json;
+
+const PAGE: &str = include_str!("page.html");
+/// Where the data go, and the colours on a light and on a dark page.
+const PLACE: &str = "/*DATA*/";
+const LIGHT: &str = "/*LIGHT*/";
+const DARK: &str = "/*DARK*/";
+/// Name of the file.
+pub const FILE: &str = "report.html";
+
+/// Most samples of a run in the page.
+const MOST_SAMPLES: usize = 3_000;
+/// Samples a second, if there are not too many then.
+const RATE: f64 = 50.0;
+
+/// A number with at most this many places.
+#[derive(Clone, Copy, Debug)]
+struct Rounded<const PLACES: i32>(f64);
+
+impl<const PLACES: i32> Serialize for Rounded<PLACES> {
+    fn serialize<S: Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
+        let scale = 10f64.powi(PLACES);
+        let value = (self.0 * scale).round() / scale;
+        // No number shows as a gap in a plot.
+        match value.is_finite() {
+            true if value == value.trunc() => to.serialize_i64(value as i64),
+            true => to.serialize_f64(value),
+            false => to.serialize_none(),
+        }
+    }
+}
+
+/// Positions to 10 µm and angles to 10 µrad.
+type Place = Rounded<5>;
+
+fn places<const N: usize>(values: [f64; N]) -> [Place; N] {
+    values.map(Rounded)
+}
+
+/// Errors of a midpoint: distance, m, and heading, rad.
+pub type Error = [f64; 2];
+
+/// A run to be shown.
+pub struct Run<'a> {
+    /// Heading of the page.
+    pub title: String,
+    /// Name where there are several.
+    pub name: String,
+    /// Where it was to end.
+    pub goal: Option<[f64; 3]>,
+    /// Path it was to drive.
+    pub reference: Vec<[f64; 2]>,
+    /// Epochs, in order.
+    pub records: Vec<&'a Record>,
+    /// Errors of the true midpoint and of the midpoint as estimated, one for each record.
+    pub errors: Vec<[Error; 2]>,
+    /// Name of the distance.
+    pub distance: &'static str,
+    /// Rows of the summary.
+    pub summary: Vec<(String, String)>,
+    /// The scenario.
+    pub scenario: &'a Scenario,
+}
+
+#[derive(Serialize)]
+struct Series {
+    name: &'static str,
+    /// CSS variable of its colour and dash.
+    look: String,
+    data: Vec<Rounded<4>>,
+}
+
+#[derive(Serialize)]
+struct Plot {
+    title: &'static str,
+    unit: &'static str,
+    series: Vec<Series>,
+}
+
+/// Turns that are left out so that two headings are less than half a turn apart.
+fn less_turns(angle: f64) -> f64 {
+    let turn = std::f64::consts::TAU;
+    angle - turn * (angle / turn).round()
+}
+
+fn posture(p: Posture) -> [f64; 3] {
+    [p.x, p.y, p.phi].map(f64::from)
+}
+
+impl Run<'_> {
+    /// The epochs that are shown.
+    fn shown(&self) -> impl Iterator<Item = usize> + use<> {
+        let count = self.records.len();
+        let time = |record: &&Record| record.time_s;
+        let span = self.records.last().map_or(0.0, time) - self.records.first().map_or(0.0, time);
+        let wanted = ((span * RATE) as usize).clamp(1, MOST_SAMPLES);
+        let stride = count.saturating_sub(1).div_ceil(wanted).max(1);
+        // The last epoch is always there.
+        let last = count.checked_sub(1).filter(|last| last % stride != 0);
+        (0..count).step_by(stride).chain(last)
+    }
+
+    fn plots(&self, shown: &[usize]) -> Vec<Plot> {
+        let column = |name, look: &str, value: &dyn Fn(usize) -> f64| Series {
+            name,
+            look: format!("--{look}"),
+            data: shown.iter().map(|&i| Rounded(value(i))).collect(),
+        };
+        let record = |i: usize| self.records[i];
+        let sigma = |i: usize, axis: usize| {
+            f64::from(record(i).lead.fused.robot.covariance[axis][axis]).sqrt()
+        };
+        let off = |i: usize| {
+            let seen = posture(record(i).lead.fused.robot.posture);
+            let truth = record(i).midpoint;
+            std::array::from_fn::<f64, 3, _>(|k| seen[k] - truth[k])
+        };
+        let degrees = |angle: f64| less_turns(angle).to_degrees();
+        let errors = |k: usize, part: usize| move |i: usize| self.errors[i][k][part];
+        let strains = ["1", "2", "3", "4", "5", "6", "7", "8"];
+        let fitted = self.scenario.robot.beam.strip.gauges_m.count();
+        let gauges = if self.scenario.mission.rps { fitted } else { 0 };
+        let strain = |k: usize| move |i: usize| 1e6 * f64::from(record(i).strain[k]);
+        let mut plots = vec![
+            Plot {
+                title: self.distance,
+                unit: "mm",
+                series: vec![
+                    column("true", TRUTH.name, &|i| 1e3 * errors(0, 0)(i)),
+                    column("as estimated", ESTIMATE.name, &|i| 1e3 * errors(1, 0)(i)),
+                ],
+            },
+            Plot {
+                title: "Heading error",
+                unit: "°",
+                series: vec![
+                    column("true", TRUTH.name, &|i| degrees(errors(0, 1)(i))),
+                    column("as estimated", ESTIMATE.name, &|i| degrees(errors(1, 1)(i))),
+                ],
+            },
+            Plot {
+                title: "Position, estimate less truth",
+                unit: "mm",
+                series: vec![
+                    column("x", "c0", &|i| 1e3 * off(i)[0]),
+                    column("y", "c1", &|i| 1e3 * off(i)[1]),
+                    column("2σ x", "c2", &|i| 2e3 * sigma(i, 0)),
+                    column("2σ y", "c3", &|i| 2e3 * sigma(i, 1)),
+                ],
+            },
+            Plot {
+                title: "Heading, estimate less truth",
+                unit: "°",
+                series: vec![
+                    column("heading", "c0", &|i| degrees(off(i)[2])),
+                    column("2σ", "c1", &|i| 2.0 * sigma(i, 2).to_degrees()),
+                ],
+            },
+            Plot {
+                title: "Wheel torques",
+                unit: "N m",
+                series: vec![
+                    column("front left", "c0", &|i| record(i).torque[0][0]),
+                    column("front right", "c1", &|i| record(i).torque[0][1]),
+                    column("rear left", "c2", &|i| record(i).torque[1][0]),
+                    column("rear right", "c3", &|i| record(i).torque[1][1]),
+                ],
+            },
+        ];
+        if gauges > 0 {
+            let names = strains.into_iter().take(gauges).enumerate();
+            plots.push(Plot {
+                title: "Strains, from the rear end on",
+                unit: "µm/m",
+                series: names
+                    .map(|(k, name)| column(name, &format!("c{k}"), &strain(k)))
+                    .collect(),
+            });
+        }
+        plots
+    }
+
+    fn json(&self) -> serde_json::Value {
+        let shown: Vec<usize> = self.shown().collect();
+        let list = |value: &dyn Fn(&Record) -> [f64; 3]| -> Vec<[Place; 3]> {
+            let values = shown.iter().map(|&i| value(self.records[i]));
+            values.map(places).collect()
+        };
+        // The frame's points beside the midpoint.
+        let frame = |record: &Record| -> Vec<Place> {
+            let [x, y, _] = record.midpoint;
+            let points = record.frame.iter();
+            points
+                .flat_map(|&[a, b]| [Rounded(f64::from(a) - x), Rounded(f64::from(b) - y)])
+                .collect()
+        };
+        let covariance = |record: &Record| -> [Rounded<9>; 4] {
+            let p = record
+                .lead
+                .fused
+                .robot
+                .covariance
+                .map(|row| row.map(f64::from));
+            [p[0][0], p[0][1], p[1][1], p[2][2]].map(Rounded)
+        };
+        let target = |record: &Record| record.lead.target.map(|p| places(posture(p)));
+        // How far the estimate and its ellipse reach from the truth.
+        let spread = |record: &&Record| {
+            let [x, y, _] = posture(record.lead.fused.robot.posture);
+            let p = &record.lead.fused.robot.covariance;
+            let off = (x - record.midpoint[0]).hypot(y - record.midpoint[1]);
+            let sigma = f64::from(p[0][0].max(p[1][1])).max(0.0).sqrt();
+            let reach = off + 2.0 * sigma;
+            if reach.is_finite() { reach } else { 0.0 }
+        };
+        let spread = self.records.iter().map(spread).fold(1e-3, f64::max);
+        let with_target = self
+            .records
+            .iter()
+            .any(|record| record.lead.target.is_some());
+        let each = |value: &dyn Fn(&Record) -> serde_json::Value| -> Vec<serde_json::Value> {
+            shown.iter().map(|&i| value(self.records[i])).collect()
+        };
+        let configuration = self.scenario.to_toml().unwrap_or_default();
+        let world = [("world".to_owned(), self.scenario.world.label())].into_iter();
+        json!({
+            "title": self.title,
+            "name": self.name,
+            "goal": self.goal.map(places),
+            "reference": self.reference.iter().map(|&p| places(p)).collect::<Vec<_>>(),
+            "t": shown.iter().map(|&i| Rounded::<3>(self.records[i].time_s)).collect::<Vec<_>>(),
+            "truth": list(&|record| record.midpoint),
+            "front": list(&|record| record.axles[0]),
+            "rear": list(&|record| record.axles[1]),
+            // Near the truth, so that a value between two samples is between them too.
+            "estimate": list(&|record| {
+                let [x, y, phi] = posture(record.lead.fused.robot.posture);
+                let truth = record.midpoint[2];
+                [x, y, truth + less_turns(phi - truth)]
+            }),
+            "frame": each(&|record| json!(frame(record))),
+            "covariance": each(&|record| json!(covariance(record))),
+            "target": if with_target { json!(each(&|record| json!(target(record)))) } else { json!(null) },
+            "phase": each(&|record| json!(phase(record))),
+            "spread": Rounded::<5>(spread),
+            "plots": self.plots(&shown),
+            "summary": world.chain(self.summary.clone()).collect::<Vec<_>>(),
+            "configuration": configuration,
+        })
+    }
+}
+
+fn phase(record: &Record) -> String {
+    let lead = &record.lead;
+    match (lead.done, lead.phase) {
+        (true, _) => "done".to_owned(),
+        (false, Phase::Stop) => format!("{:?}", lead.mode).to_lowercase(),
+        (false, phase) => format!("{phase:?}").to_lowercase(),
+    }
+}
+
+/// Adds the page of these runs; the last one is shown first.
+pub fn add(files: &mut OutputDir, command: &str, seed: u64, body: &Body, runs: &[Run]) {
+    files.text(FILE, page(command, seed, body, runs));
+}
+
+fn page(command: &str, seed: u64, body: &Body, runs: &[Run]) -> String {
+    let data = json!({
+        "subtitle": format!("cfmmr {command}, seed {seed}, {BUILD}"),
+        "body": {
+            "half_track": body.half_track_m,
+            "wheel_radius": body.wheel_radius_m,
+            "wheel_width": body.wheel_width_m,
+        },
+        "runs": runs.iter().map(Run::json).collect::<Vec<_>>(),
+    });
+    // Nothing in the data ends the element that holds them.
+    let data = data
+        .to_string()
+        .replace("</", "<\\/")
+        .replace("<!--", "<\\u0021--");
+    PAGE.replacen(LIGHT, &style::css(false), 1)
+        .replacen(DARK, &style::css(true), 1)
+        .replacen(PLACE, &data, 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn data(page: &str) -> serde_json::Value {
+        let (_, rest) = page.split_once("id=\"data\">").unwrap();
+        let (json, _) = rest.split_once("</script>").unwrap();
+        serde_json::from_str(json).unwrap()
+    }
+
+    #[test]
+    fn a_page_holds_the_run_and_nothing_ends_it_early() {
+        let scenario = Scenario::default();
+        let records: Vec<Record> = (1..=1001)
+            .map(|epoch| Record {
+                time_s: 0.01 * f64::from(epoch),
+                midpoint: [f64::from(epoch) * 1e-3, f64::NAN, 0.0],
+                ..Record::default()
+            })
+            .collect();
+        let run = Run {
+            title: "a </script> b".to_owned(),
+            name: "one".to_owned(),
+            goal: Some([0.0; 3]),
+            reference: Vec::new(),
+            errors: vec![[[0.25, 0.5]; 2]; records.len()],
+            records: records.iter().collect(),
+            distance: "Distance",
+            summary: vec![("end".to_owned(), "at rest".to_owned())],
+            scenario: &scenario,
+        };
+        let page = page("posture", 3, &Body::of(&scenario.world.plant), &[run]);
+        let data = data(&page);
+        let run = &data["runs"][0];
+        assert_eq!(run["title"], "a </script> b");
+        assert_eq!(run["summary"][0], json!(["world", "base"]));
+        let times = run["t"].as_array().unwrap();
+        // 50 a second, with the first and the last.
+        assert!((500..=503).contains(&times.len()), "{}", times.len());
+        assert_eq!(times[0], 0.01);
+        assert_eq!(times[times.len() - 1], 10.01);
+        assert_eq!(run["truth"][0][0], 0.001);
+        assert!(run["truth"][0][1].is_null(), "no number is no number");
+        assert_eq!(run["plots"][0]["series"][0]["data"][7], 250);
+        assert_eq!(run["plots"].as_array().unwrap().len(), 6);
+        // Each colour and dash of a plot is in the style sheet, once for each kind of page.
+        for series in run["plots"].as_array().unwrap() {
+            for one in series["series"].as_array().unwrap() {
+                let look = one["look"].as_str().unwrap();
+                assert_eq!(page.matches(&format!("{look}: #")).count(), 2, "{look}");
+                assert_eq!(page.matches(&format!("{look}-dash: ")).count(), 2, "{look}");
+            }
+        }
+        // No address but those of standards that are never fetched.
+        assert!(!page.contains("http://") && !page.contains("https://"));
+    }
+}

@@ -1,0 +1,104 @@
+//! Keys of a world without effect in that world, and the form of such rules.
+
+use crate::base::error::Error;
+use crate::plant::Tyre;
+use crate::world::World;
+use toml::{Table, Value};
+
+/// Keys or tables separated by spaces, the condition under which they have no effect, and the reason.
+pub type Rules<Condition> = &'static [(&'static str, Condition, &'static str)];
+
+/// Rules within a world.
+const WORLD: Rules<fn(&World) -> bool> = &[
+    (
+        "plant.creep_velocity_m_s",
+        |world| world.plant.tyre == Tyre::Brush,
+        "with plant.tyre = \"brush\"; vary plant.slip_stiffness",
+    ),
+    (
+        "plant.slip_stiffness plant.rest_creep_velocity_m_s spread.slip_stiffness",
+        |world| world.plant.tyre == Tyre::Creep,
+        "with plant.tyre = \"creep\"; vary plant.creep_velocity_m_s",
+    ),
+    (
+        "plant.static_decay_m_s",
+        |world| world.plant.static_excess == 0.0,
+        "with plant.static_excess = 0",
+    ),
+    (
+        "plant.load_transfer_time_s",
+        |world| world.plant.center_of_mass_height_m == 0.0,
+        "with plant.center_of_mass_height_m = 0",
+    ),
+    (
+        "plant.rotor_inertia_share",
+        |world| world.plant.backlash_rad == [[0.0; 2]; 2] && world.spread.backlash_rad == 0.0,
+        "without backlash: plant.backlash_rad and spread.backlash_rad are 0",
+    ),
+    (
+        "plant.cogging_periods plant.cogging_phase_rad",
+        |world| world.plant.cogging_torque_n_m == 0.0,
+        "with plant.cogging_torque_n_m = 0",
+    ),
+    (
+        "plant.payload_position_m",
+        |world| world.plant.payload_kg == [0.0; 2],
+        "with plant.payload_kg = 0",
+    ),
+    (
+        "sensors.bridge.warming_time_s sensors.bridge.zero_per_k_sigma_strain \
+         sensors.bridge.gain_per_k",
+        |world| world.sensors.bridge.warming_k == 0.0,
+        "with sensors.bridge.warming_k = 0",
+    ),
+    (
+        "sensors.bridge.creep_time_s",
+        |world| world.sensors.bridge.creep_share == 0.0 && world.sensors.bridge.creep_sigma == 0.0,
+        "with sensors.bridge.creep_share = 0 and creep_sigma = 0",
+    ),
+];
+
+/// Refuses a key of a world file without effect in that world.
+pub fn check_world(text: &str, world: &World) -> Result<(), Error> {
+    let mut keys = Vec::new();
+    leaves("", &toml::from_str(text).unwrap_or_default(), &mut keys);
+    let idle = |key: &String| Some(format!("{key}: no effect {}", in_world(key, world)?));
+    match keys.iter().find_map(idle) {
+        Some(text) => Err(Error::input(format!("world = {}: {text}", world.name))),
+        None => Ok(()),
+    }
+}
+
+/// Reason why a key of a world has no effect in it.
+pub fn in_world(key: &str, world: &World) -> Option<&'static str> {
+    let mut rules = WORLD.iter().filter(|(keys, ..)| listed(key, keys));
+    rules
+        .find(|(_, idle, _)| idle(world))
+        .map(|(.., reason)| *reason)
+}
+
+/// True if `key` is one of `keys`, or an entry of one of them.
+pub fn listed(key: &str, keys: &str) -> bool {
+    keys.split_whitespace().any(|other| within(key, other))
+}
+
+/// True if `key` is `prefix`, or an entry of that table or list.
+pub fn within(key: &str, prefix: &str) -> bool {
+    key.strip_prefix(prefix)
+        .is_some_and(|rest| rest.is_empty() || rest.starts_with(['.', '[']))
+}
+
+/// Keys of all values that are not tables.
+pub fn leaves(prefix: &str, table: &Table, keys: &mut Vec<String>) {
+    for (name, value) in table {
+        let key = if prefix.is_empty() {
+            name.clone()
+        } else {
+            format!("{prefix}.{name}")
+        };
+        match value {
+            Value::Table(inner) => leaves(&key, inner, keys),
+            _ => keys.push(key),
+        }
+    }
+}

@@ -1,0 +1,156 @@
+//! Puts a fault into what passes between the plant and the boards.
+
+use crate::world::faults::{Fault, Wheel};
+use core_algos::beam::MAX_GAUGES;
+use core_algos::node::axle;
+use core_algos::node::board::Samples;
+use core_algos::safety::Conditions;
+use core_algos::topology::Role;
+
+/// Ticks a board's slow clock has lost.
+pub type Drift = u32;
+
+/// What the boards read at a tick.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Readings {
+    /// Front and rear axle.
+    pub axles: [axle::Samples; 2],
+    /// Counts of the beam's bridges.
+    pub counts: [i32; MAX_GAUGES],
+}
+
+impl Readings {
+    /// In the order of [`Role::ALL`].
+    pub fn samples(&self) -> [Samples; 3] {
+        let [front, rear] = self.axles.map(Samples::Axle);
+        [front, rear, Samples::Beam(self.counts)]
+    }
+}
+
+/// A fault from a time on.
+#[derive(Clone, Debug)]
+pub struct Injector {
+    fault: Fault,
+    /// First tick of the fault.
+    at: u32,
+    full_scale: i32,
+    held: [i32; MAX_GAUGES],
+    encoder: [[Option<i32>; 2]; 2],
+}
+
+impl Injector {
+    /// `full_scale` is the largest count of the beam's converter.
+    pub fn new(fault: Fault, at: u32, full_scale: i32) -> Self {
+        Self {
+            fault,
+            at,
+            full_scale,
+            held: [0; MAX_GAUGES],
+            encoder: [[None; 2]; 2],
+        }
+    }
+
+    /// The fault and its first tick.
+    pub fn fault(&self) -> (Fault, u32) {
+        (self.fault, self.at)
+    }
+
+    /// Changes what the boards read at a tick.
+    pub fn readings(&mut self, tick: u32, readings: &mut Readings) {
+        let Some(since) = tick.checked_sub(self.at) else {
+            self.held = readings.counts;
+            self.encoder = readings.axles.map(|axle| axle.encoder);
+            return;
+        };
+        let Readings { axles, counts } = readings;
+        match self.fault {
+            Fault::GaugeRail(count, high) => {
+                let rail = if high { self.full_scale } else { 0 };
+                let gauges = counts.iter_mut().take(count);
+                gauges.for_each(|gauge| *gauge = rail);
+            }
+            Fault::GaugeStuck(i) => counts[i] = self.held[i],
+            Fault::GaugeDrift(i, counts_s) => {
+                let drift = counts_s * f64::from(since) * 1e-3;
+                let gauge = &mut counts[i];
+                *gauge = (*gauge + drift.round() as i32).clamp(0, self.full_scale);
+            }
+            Fault::EncoderStuck((i, side)) => {
+                axles[i].encoder[side] = self.encoder[i][side];
+            }
+            Fault::EncoderJumps((i, side), by) => {
+                let jumps = (since / 50 + 1) as i32;
+                let count = &mut axles[i].encoder[side];
+                *count = count.map(|count| count.wrapping_add(by.wrapping_mul(jumps)));
+            }
+            Fault::EncodersSwapped(i) => axles[i].encoder.reverse(),
+            Fault::EncoderMissing((i, side)) => axles[i].encoder[side] = None,
+            Fault::GyroNotANumber(i) => axles[i].gyro_rad_s = Some(f32::NAN),
+            Fault::GyroBias(i, bias) => {
+                let gyro = &mut axles[i].gyro_rad_s;
+                *gyro = gyro.map(|rate| rate + bias);
+            }
+            Fault::AccelerometerMissing(i) => axles[i].acceleration_m_s2 = None,
+            Fault::Reported(i, condition, ms, _) if ms == 0 || since < ms => {
+                let conditions = &mut axles[i].conditions;
+                *conditions = conditions.union(Conditions::only(condition));
+            }
+            _ => {}
+        }
+    }
+
+    /// Changes what the motors give at a tick; `wanted` is what the boards commanded.
+    pub fn torque(&self, tick: u32, wanted: &mut [[f64; 2]; 2]) {
+        let Some(since) = tick.checked_sub(self.at) else {
+            return;
+        };
+        match self.fault {
+            Fault::MotorWeak((i, side), share) => wanted[i][side] *= share,
+            // A board that has switched off its bridges has both commands at exactly zero.
+            Fault::MotorStuckOn((i, side), torque) if wanted[i] != [0.0; 2] => {
+                wanted[i][side] = torque;
+            }
+            Fault::Reported(i, _, ms, share) if ms == 0 || since < ms => {
+                wanted[i].iter_mut().for_each(|torque| *torque *= share);
+            }
+            _ => {}
+        }
+    }
+
+    /// The wheel that leaves the ground at this tick.
+    pub fn lifts(&self, tick: u32) -> Option<Wheel> {
+        match self.fault {
+            Fault::WheelLifted(wheel) if tick == self.at => Some(wheel),
+            _ => None,
+        }
+    }
+
+    /// Whether the frame snaps at this tick.
+    pub fn snaps(&self, tick: u32) -> bool {
+        self.fault == Fault::FrameSnapped && tick == self.at
+    }
+
+    /// Whether a board stands still at this tick.
+    pub fn frozen(&self, role: Role, tick: u32) -> bool {
+        match self.fault {
+            Fault::Freeze(frozen, ms) if frozen == role => {
+                tick.checked_sub(self.at).is_some_and(|since| since < ms)
+            }
+            Fault::SlowClock(slow, period) if slow == role => {
+                let since = tick.checked_sub(self.at);
+                since.is_some_and(|since| since % period == period - 1)
+            }
+            _ => false,
+        }
+    }
+
+    /// How many ticks a board's clock is behind at a tick.
+    pub fn behind(&self, role: Role, tick: u32) -> Drift {
+        match self.fault {
+            Fault::SlowClock(slow, period) if slow == role => {
+                tick.saturating_sub(self.at).div_euclid(period)
+            }
+            _ => 0,
+        }
+    }
+}
