@@ -57,7 +57,7 @@
 //! // Within the limits that is equation 7.
 //! let force = config.velocity_gain_n_s_m * command.velocity.v * command.xi_squared;
 //! let moment = config.yaw_rate_gain_nm_s_rad * command.velocity.omega * command.xi_squared;
-//! let [expected, _] = controller.torques(force, moment);
+//! let expected = 0.5 * config.wheel_radius_m * (force - moment / config.half_track_m);
 //! assert!(command.scale == 1.0 && (left - expected).abs() < 1e-5);
 //! # Ok::<(), core_algos::config::ConfigError>(())
 //! ```
@@ -200,8 +200,6 @@ impl Config {
             force_share: per_force * self.frame_feedforward,
             moment_share: per_moment * self.frame_feedforward,
             frame_in_xi: if self.frame_force_in_xi { 1.0 } else { 0.0 },
-            torque_per_force: per_force,
-            torque_per_moment: per_moment,
             torque_line: self.motor.map(|motor| {
                 let per_speed = motor.stall_torque_nm / (motor.no_load_speed_rad_s * radius);
                 [motor.stall_torque_nm, per_speed]
@@ -257,10 +255,6 @@ pub struct Dynamic {
     moment_share: f32,
     /// Share of ‖F_K‖² in ‖ξ‖².
     frame_in_xi: f32,
-    /// Torque of each wheel for a force along the heading, m.
-    torque_per_force: f32,
-    /// Torque of the right wheel for a moment.
-    torque_per_moment: f32,
     /// Torque of a motor at standstill (N m), and what it loses with the speed of its wheel over
     /// ground (N m s/m).
     torque_line: Option<[f32; 2]>,
@@ -271,16 +265,6 @@ fn norm_squared(twist: Twist) -> f32 {
 }
 
 impl Dynamic {
-    /// Torques (left, right) in N m for a force along the heading (N) and a moment about the
-    /// midpoint (N m): `(SᵀE)⁻¹`.
-    pub fn torques(&self, force: f32, moment: f32) -> [f32; 2] {
-        let (ahead, across) = (
-            self.torque_per_force * force,
-            self.torque_per_moment * moment,
-        );
-        [ahead - across, ahead + across]
-    }
-
     /// Velocity command v_c (eq. 9) for a posture error (eq. 10), heading within half a turn.
     pub fn velocity_command(&self, error: Posture, reference: Twist) -> Twist {
         let config = &self.config;
@@ -516,12 +500,18 @@ mod tests {
             prop_assert!(last < start * 1.001 + 1e-9);
         }
 
-        /// The torques, through `SᵀE` written out as matrices, give back force and moment.
+        /// The torques against a load of the frame, through `SᵀE` written out as matrices, give back
+        /// force and moment.
         #[test]
         fn torques_realise_force_and_moment(
             force in -40.0f32..40.0, moment in -5.0f32..5.0, phi in -3.0f64..3.0,
         ) {
-            let [left, right] = controller().torques(force, moment).map(f64::from);
+            let controller = Config { max_torque_nm: 50.0, ..Config::default() }.build().unwrap();
+            let reference_load = AxleLoad { forward: -force, lateral: 0.0, moment: -moment };
+            let [left, right] = controller
+                .step(&Input { reference_load, ..Input::default() })
+                .torque_nm
+                .map(f64::from);
             let (s, c) = phi.sin_cos();
             let (d, r) = (0.162, 0.073);
             let e = [[c, c], [s, s], [-d, d]].map(|row| (row[0] * left + row[1] * right) / r);

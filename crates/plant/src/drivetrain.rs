@@ -12,9 +12,9 @@
 //! appearing at another frequency.
 
 use super::config::PlantConfig;
-use super::integrator::AxleState;
 use super::lanes::Lanes;
 use super::sincos::directions;
+use super::state::AxleState;
 use super::wheel::{Conditions, Wheels};
 
 /// Gears of the four wheels, in the order front left, front right, rear left, rear right.

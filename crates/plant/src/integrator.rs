@@ -11,9 +11,9 @@
 //!
 //! No allocation and no failure in [`Plant::step`].
 
-use super::config::PlantConfig;
+use super::config::{PlantConfig, PlantError};
 use super::drivetrain::Drivetrain;
-use super::frame::{Column, Equilibrium, Station, Strip};
+use super::frame::{Column, Equilibrium, Strip};
 use super::geometry::{
     Clamps, Geometry, Mat3, Vec3, add, direction, inverse, minus, rotate, scaled, small_turn, sum,
     times, unrotate, unturned,
@@ -21,9 +21,14 @@ use super::geometry::{
 #[cfg(target_arch = "x86_64")]
 use super::lanes::Wide;
 use super::lanes::{Lanes, Narrow};
-use super::loads::{Body, Loads};
+use super::loads::{Body, Loads, check_payload};
 use super::sincos::directions;
+use super::state::{Health, PlantState};
 use super::wheel::{Conditions, Contact, Eliminated, Wheels};
+
+mod interface;
+
+pub use interface::Outline;
 
 /// Coefficient of the implicit part, 1 − 1/√2: the method damps what is infinitely stiff.
 const GAMMA: f64 = 1.0 - std::f64::consts::FRAC_1_SQRT_2;
@@ -31,74 +36,6 @@ const GAMMA: f64 = 1.0 - std::f64::consts::FRAC_1_SQRT_2;
 const FINEST: u32 = 4;
 /// Ratios of internal viscosity τ to the whole time step tried when the strip snaps through.
 const CREEP: [f64; 5] = [5.0, 20.0, 100.0, 500.0, 5000.0];
-
-/// One axle as it is.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct AxleState {
-    /// Midpoint (m, m) and heading (rad, not wrapped) in the global frame.
-    pub posture: Vec3,
-    /// Velocity of the midpoint forward and to the left (m/s) and yaw rate (rad/s).
-    pub velocity: Vec3,
-    /// Acceleration of the midpoint forward and to the left (m/s², what an accelerometer there
-    /// feels) and yaw acceleration (rad/s²), mean of the last step.
-    pub acceleration: Vec3,
-    /// Wheel speeds, left and right, rad/s, positive forward.
-    pub wheel_speed: [f64; 2],
-    /// Wheel angles since the start, rad.
-    pub wheel_angle: [f64; 2],
-    /// Speeds of the motors at the wheels' side of the gears, rad/s: the wheels' but for the play.
-    pub motor_speed: [f64; 2],
-    /// Angles of the motors since the start, likewise, rad: what the encoders see.
-    pub motor_angle: [f64; 2],
-    /// Torques of the motors at the wheels after all limits, N m.
-    pub torque: [f64; 2],
-    /// Loads on the wheels, N.
-    pub load: [f64; 2],
-}
-
-/// Both axles, front first.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct PlantState {
-    /// Front, rear.
-    pub axle: [AxleState; 2],
-}
-
-/// What the frame exerts: (+force, +root moment) on the rear axle, (−force, −end moment) on the
-/// front axle, in the frame of the rear axle.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Wrench {
-    /// Force forward and to the left, N.
-    pub force: [f64; 2],
-    /// Moment about the midpoint of the rear axle, N m.
-    pub root_moment: f64,
-    /// Moment about the midpoint of the front axle, N m.
-    pub end_moment: f64,
-}
-
-/// Places along the frame, prepared by [`Plant::outline`]: on the strip, and how far beyond it.
-#[derive(Clone, Debug)]
-pub struct Outline(Vec<(Station, f64)>);
-
-/// How the solution of the frame has fared since [`Plant::place`].
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
-pub struct Health {
-    /// Steps taken.
-    pub steps: u64,
-    /// Factorisations of the frame's equations.
-    pub factorisations: u64,
-    /// Most factorisations for one equilibrium.
-    pub most_factorisations: u32,
-    /// Parts that the steps were divided into.
-    pub parts: u64,
-    /// Parts in which the frame's force was taken from its tangent.
-    pub linear_wrenches: u64,
-    /// Times the frame left one branch for another.
-    pub snap_throughs: u64,
-    /// Parts of steps spent under internal viscosity while it did.
-    pub creep_steps: u64,
-    /// Parts of steps whose equilibrium was not found at all: the frame kept its shape.
-    pub failures: u64,
-}
 
 /// The robot.
 #[derive(Clone, Debug)]
@@ -203,9 +140,24 @@ impl<V: Lanes> Implicit<V> {
     }
 }
 
+impl PlantConfig {
+    /// The plant, at rest at the origin. Every constant is checked here; after that nothing fails.
+    pub fn build(&self) -> Result<Plant, PlantError> {
+        self.check()?;
+        check_payload(self)?;
+        Ok(Plant::new(self))
+    }
+}
+
 impl Plant {
     /// From checked constants.
-    pub(super) fn new(config: &PlantConfig, strip: Strip) -> Self {
+    fn new(config: &PlantConfig) -> Self {
+        let strip = Strip::new(
+            config.strip_length_m,
+            config.bending_stiffness_n_m2,
+            config.axial_stiffness_n,
+            config.natural_slope_rad,
+        );
         let equilibrium = strip.unloaded();
         let bodies = Body::both(config);
         let bare = PlantConfig {
@@ -543,10 +495,8 @@ impl Plant {
             small_turn(0.5 * h * front.velocity[2]),
         );
         let behind = rotate(&self.geometry.rear, small_turn(0.5 * h * rear.velocity[2]));
-        let (front, rear) = (
-            unrotate(&self.carpet, ahead),
-            unrotate(&self.carpet, behind),
-        );
+        let front = unrotate(&self.carpet, ahead);
+        let rear = unrotate(&self.carpet, behind);
         for n in 0..2 {
             self.conditions.drift[n] = [front[n], front[n], rear[n], rear[n]];
         }
@@ -645,168 +595,5 @@ impl Plant {
             }
         }
         self.health.failures += 1;
-    }
-
-    /// From now on a wheel (axle 0 front, 1 rear; side 0 left, 1 right) does not touch the ground.
-    pub fn lift_wheel(&mut self, axle: usize, side: usize) {
-        self.wheels.lift(2 * axle + side);
-    }
-
-    /// From now on the frame is in two pieces: it exerts nothing and is not bent.
-    pub fn snap_frame(&mut self) {
-        self.snapped = true;
-        self.linearise();
-    }
-
-    /// The same robot computed without vector instructions, for checks that nothing depends on
-    /// them.
-    pub fn portable(&self) -> Self {
-        let mut portable = self.clone();
-        #[cfg(target_arch = "x86_64")]
-        {
-            portable.wide = false;
-        }
-        portable
-    }
-
-    /// The same robot on frictionless ground, for checks of what the frame alone does.
-    pub fn without_friction(&self) -> Self {
-        let mut free = self.clone();
-        free.wheels.remove_friction();
-        free
-    }
-
-    /// Time since [`Self::place`], s.
-    pub fn time(&self) -> f64 {
-        self.health.steps as f64 * self.step
-    }
-
-    /// Time step, s.
-    pub fn step_s(&self) -> f64 {
-        self.step
-    }
-
-    /// The axles.
-    pub fn state(&self) -> &PlantState {
-        &self.state
-    }
-
-    /// Posture of O: middle between the axles (m), heading from rear to front (rad, within ±π).
-    pub fn midpoint(&self) -> Vec3 {
-        let [f, r] = self.state.axle.map(|a| a.posture);
-        [
-            0.5 * (f[0] + r[0]),
-            0.5 * (f[1] + r[1]),
-            libm::atan2(f[1] - r[1], f[0] - r[0]),
-        ]
-    }
-
-    /// Front axle's posture in the rear axle's frame (m, m, rad not wrapped).
-    pub fn relative_posture(&self) -> Vec3 {
-        let [x, y] = self.geometry.position;
-        let [f, r] = &self.state.axle;
-        [x, y, f.posture[2] - r.posture[2]]
-    }
-
-    /// What the frame exerts on the axles now, elastic and damping.
-    pub fn wrench(&self) -> Wrench {
-        self.on_axles(&self.total)
-    }
-
-    /// The elastic part of it: what the strains show.
-    pub fn elastic_wrench(&self) -> Wrench {
-        self.on_axles(&self.elastic)
-    }
-
-    fn on_axles(&self, w: &Vec3) -> Wrench {
-        let [front, rear] = self.geometry.transpose(w);
-        Wrench {
-            force: [-rear[0], -rear[1]],
-            root_moment: -rear[2],
-            end_moment: front[2],
-        }
-    }
-
-    /// Elastic curvature of the strip (1/m) at arc length `s` (m) from its root: what a gauge
-    /// bonded to the unloaded strip sees, divided by the half thickness. Positive: bent left.
-    pub fn curvature(&self, s: f64) -> f64 {
-        if self.creeping {
-            self.strip.series_curvature(&self.equilibrium, s)
-        } else {
-            self.strip.elastic_curvature(&self.equilibrium, s)
-        }
-    }
-
-    /// The place of a gauge at arc length `s` (m, clamped to the strip), for [`Self::gauges`].
-    pub fn gauge(&self, s: f64) -> Station {
-        self.strip.station(s)
-    }
-
-    /// Elastic curvature (1/m) at each gauge: [`Self::curvature`] by the same nodes for all.
-    pub fn gauges(&self, stations: &[Station], mut visit: impl FnMut(usize, f64)) {
-        if self.snapped {
-            (0..stations.len()).for_each(|i| visit(i, 0.0));
-            return;
-        }
-        if self.creeping {
-            for (i, station) in stations.iter().enumerate() {
-                visit(
-                    i,
-                    self.strip.series_curvature_at(&self.equilibrium, station),
-                );
-            }
-            return;
-        }
-        let tangents = self.strip.tangents(&self.equilibrium);
-        for (i, station) in stations.iter().enumerate() {
-            let curvature = self
-                .strip
-                .curvature_at(&self.equilibrium, &tangents, station);
-            visit(i, curvature);
-        }
-    }
-
-    /// `points` places along the frame, evenly from the rear axle to the front axle, for
-    /// [`Self::draw`].
-    pub fn outline(&self, points: usize) -> Outline {
-        let length = self.strip.length();
-        let root = self.clamps.root_length;
-        let whole = root + length + self.clamps.tip_length;
-        let place = |k: usize| {
-            let along = whole * k as f64 / points.saturating_sub(1).max(1) as f64;
-            let s = (along - root).clamp(0.0, length);
-            (self.strip.station(s), along - root - s)
-        };
-        Outline((0..points).map(place).collect())
-    }
-
-    /// Points of the frame, global, m; as many as `out` and the outline both have.
-    pub fn draw(&self, outline: &Outline, out: &mut [[f64; 2]]) {
-        let rear = self.state.axle[1].posture;
-        let tangents = self.strip.tangents(&self.equilibrium);
-        let clamps = &self.clamps;
-        let ahead = unrotate(&rotate(&clamps.tip, self.geometry.turn), clamps.root);
-        for ((station, rest), out) in outline.0.iter().zip(out) {
-            let [x, y] = self.strip.position(&tangents, station);
-            // The rigid ends point as the clamps do.
-            let [c, s] = if *rest > 0.0 { ahead } else { [1.0, 0.0] };
-            let point = [x + clamps.root_length + rest * c, y + rest * s];
-            let [x, y] = rotate(&rotate(&point, clamps.root), self.geometry.rear);
-            *out = [rear[0] + x, rear[1] + y];
-        }
-    }
-
-    /// Kinetic energy of axles and wheels and elastic energy of the frame, J.
-    pub fn energy(&self) -> f64 {
-        let mut energy = self.strip.energy(&self.equilibrium);
-        for (i, a) in self.state.axle.iter().enumerate() {
-            energy += self.bodies[i].energy(&a.velocity);
-        }
-        energy + self.wheels.energy(&self.speeds()) + self.drivetrain.energy(&self.wheels)
-    }
-
-    /// Counters since [`Self::place`].
-    pub fn health(&self) -> Health {
-        self.health
     }
 }

@@ -21,8 +21,10 @@ mod legendre;
 mod loads;
 pub mod reference;
 mod sincos;
+mod state;
 mod wheel;
 
 pub use config::{PlantConfig, PlantError, Tyre};
 pub use frame::Station;
-pub use integrator::{AxleState, Health, Outline, Plant, PlantState, Wrench};
+pub use integrator::{Outline, Plant};
+pub use state::{AxleState, Health, PlantState, Wrench};

@@ -1,8 +1,8 @@
 //! Masses of the axles, and the weight that each wheel bears.
 
-use super::config::PlantConfig;
+use super::config::{PlantConfig, PlantError, check};
 use super::geometry::{Mat3, Vec3, inverse, times, turned};
-use super::integrator::AxleState;
+use super::state::AxleState;
 
 /// Standard gravity, m/s².
 const GRAVITY: f64 = 9.806_65;
@@ -175,4 +175,31 @@ pub fn at_rest(config: &PlantConfig, bodies: &[Body; 2]) -> [f64; 4] {
         load[2 * i + 1] = half - roll;
     }
     load
+}
+
+/// Refuses a payload that lifts a wheel off the ground.
+pub fn check_payload(config: &PlantConfig) -> Result<(), PlantError> {
+    let bodies = Body::both(config);
+    let base = config.strip_length_m + config.rigid_root_m + config.rigid_tip_m;
+    let load = at_rest(config, &bodies);
+    for i in 0..2 {
+        let payload = config.payload_kg[i];
+        if payload == 0.0 {
+            continue;
+        }
+        let place = config.payload_position_m[i];
+        let name = |n: usize| format!("payload_position_m[{i}][{n}]");
+        let other = bodies[1 - i].moment[0];
+        let (low, high) = (-bodies[0].mass * base, bodies[1].mass * base);
+        let (low, high) = ((low - other) / payload, (high - other) / payload);
+        check(&name(0), place[0], low, high)?;
+        // Half the axle's load is what the moment may take from a wheel.
+        let half = 0.5 * (load[2 * i] + load[2 * i + 1]);
+        let roll = 0.5 * (load[2 * i] - load[2 * i + 1]);
+        if roll.abs() > half {
+            let reach = (place[1] * half / roll).abs();
+            check(&name(1), place[1], -reach, reach)?;
+        }
+    }
+    Ok(())
 }

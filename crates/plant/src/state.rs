@@ -1,0 +1,67 @@
+//! State of the plant as it is read from outside.
+
+use super::geometry::Vec3;
+
+/// State of one axle.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct AxleState {
+    /// Midpoint (m, m) and heading (rad, not wrapped) in the global frame.
+    pub posture: Vec3,
+    /// Velocity of the midpoint forward and to the left (m/s) and yaw rate (rad/s).
+    pub velocity: Vec3,
+    /// Acceleration of the midpoint forward and to the left (m/s², what an accelerometer there
+    /// feels) and yaw acceleration (rad/s²), mean of the last step.
+    pub acceleration: Vec3,
+    /// Wheel speeds, left and right, rad/s, positive forward.
+    pub wheel_speed: [f64; 2],
+    /// Wheel angles since the start, rad.
+    pub wheel_angle: [f64; 2],
+    /// Speeds of the motors at the wheels' side of the gears, rad/s: the wheels' but for the play.
+    pub motor_speed: [f64; 2],
+    /// Angles of the motors since the start, likewise, rad: what the encoders see.
+    pub motor_angle: [f64; 2],
+    /// Torques of the motors at the wheels after all limits, N m.
+    pub torque: [f64; 2],
+    /// Loads on the wheels, N.
+    pub load: [f64; 2],
+}
+
+/// Both axles, front first.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PlantState {
+    /// Front, rear.
+    pub axle: [AxleState; 2],
+}
+
+/// Wrench of the frame: (+force, +root moment) on the rear axle, (−force, −end moment) on the
+/// front axle, in the frame of the rear axle.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Wrench {
+    /// Force forward and to the left, N.
+    pub force: [f64; 2],
+    /// Moment about the midpoint of the rear axle, N m.
+    pub root_moment: f64,
+    /// Moment about the midpoint of the front axle, N m.
+    pub end_moment: f64,
+}
+
+/// Counters of the solution of the frame since the robot was placed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub struct Health {
+    /// Steps taken.
+    pub steps: u64,
+    /// Factorisations of the frame's equations.
+    pub factorisations: u64,
+    /// Most factorisations for one equilibrium.
+    pub most_factorisations: u32,
+    /// Parts that the steps were divided into.
+    pub parts: u64,
+    /// Parts in which the frame's force was taken from its tangent.
+    pub linear_wrenches: u64,
+    /// Times the frame left one branch for another.
+    pub snap_throughs: u64,
+    /// Parts of steps spent under internal viscosity while it did.
+    pub creep_steps: u64,
+    /// Parts of steps whose equilibrium was not found at all: the frame kept its shape.
+    pub failures: u64,
+}
