@@ -3,7 +3,7 @@
 
 use std::collections::VecDeque;
 use virtual_board::chip::{Chip, Drive, Inputs, Interrupt, Part, Pin, Surroundings};
-use virtual_board::core::{System, Width};
+use virtual_board::core::{System, Transfer};
 use virtual_board::{Cycles, Time};
 
 const SRAM: u32 = 0x2000_0000;
@@ -105,7 +105,9 @@ impl Bench {
     fn write(&mut self, values: &[(u32, u32)]) {
         for &(address, value) in values {
             let mut took = self.cycle;
-            let done = System::write(&mut self.chip, address, Width::Word, value, 0, &mut took);
+            let done = self
+                .chip
+                .write(Transfer::word(address, 0), value, &mut took);
             assert!(done.is_ok());
             self.cycle += 1;
         }
@@ -113,7 +115,9 @@ impl Bench {
 
     fn read(&mut self, address: u32) -> u32 {
         let mut took = self.cycle;
-        System::read(&mut self.chip, address, Width::Word, 0, &mut took).expect("a register")
+        self.chip
+            .read(Transfer::word(address, 0), &mut took)
+            .expect("a register")
     }
 
     fn halves(&mut self, address: u32, n: usize) -> Vec<u16> {

@@ -5,7 +5,7 @@ pub mod peer;
 #[allow(dead_code)]
 pub mod semihosting;
 
-use virtual_board::core::{BusError, System, Width};
+use virtual_board::core::{BusError, System, Transfer, Width};
 use virtual_board::{Cycles, Kind};
 
 /// Memories alone.
@@ -61,14 +61,8 @@ impl System for Flat {
     fn enter_line(&mut self, _address: u32, _cycle: &mut Cycles) {}
 
     #[inline]
-    fn read(
-        &mut self,
-        address: u32,
-        width: Width,
-        _pc: u32,
-        _cycle: &mut Cycles,
-    ) -> Result<u32, BusError> {
-        let place = self.place(address, width).ok_or(BusError)?;
+    fn read(&mut self, at: Transfer, _cycle: &mut Cycles) -> Result<u32, BusError> {
+        let place = self.place(at.address, at.width).ok_or(BusError)?;
         Ok(match *place {
             [a] => u32::from(a),
             [a, b] => u32::from(u16::from_le_bytes([a, b])),
@@ -78,18 +72,11 @@ impl System for Flat {
     }
 
     #[inline]
-    fn write(
-        &mut self,
-        address: u32,
-        width: Width,
-        value: u32,
-        _pc: u32,
-        _cycle: &mut Cycles,
-    ) -> Result<(), BusError> {
-        if address >> 24 != 0x20 && address >> 24 != 0x10 {
+    fn write(&mut self, at: Transfer, value: u32, _cycle: &mut Cycles) -> Result<(), BusError> {
+        if at.address >> 24 != 0x20 && at.address >> 24 != 0x10 {
             return Err(BusError);
         }
-        let place = self.place(address, width).ok_or(BusError)?;
+        let place = self.place(at.address, at.width).ok_or(BusError)?;
         match place {
             [a] => *a = value as u8,
             [a, b] => [*a, *b] = (value as u16).to_le_bytes(),

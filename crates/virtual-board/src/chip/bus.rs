@@ -4,7 +4,7 @@ use super::Cause;
 use super::map::Unit;
 use super::shared::{Request, Source};
 use super::{CCM, CCM_LENGTH, Chip, FLASH, Peripheral, SRAM, SRAM_LENGTH, dma, map, rcc, register};
-use crate::core::{BusError, System, Width};
+use crate::core::{BusError, System, Transfer, Width};
 use crate::finding::Kind;
 use crate::time::{Cycles, NEVER};
 
@@ -210,12 +210,7 @@ impl Chip {
             return 0;
         }
         let (peripheral, shared) = self.unit(unit);
-        let value = peripheral.read(offset & !3, shared) >> (8 * (offset & 3));
-        match width {
-            Width::Byte => value & 0xff,
-            Width::Half => value & 0xffff,
-            Width::Word => value,
-        }
+        peripheral.read(offset & !3, shared) >> (8 * (offset & 3)) & width.mask()
     }
 
     fn read_unit(&mut self, unit: Unit, offset: u32, width: Width) -> Result<u32, BusError> {
@@ -227,11 +222,7 @@ impl Chip {
     /// Writes a register; what that does to others is still to be carried there.
     fn write_register(&mut self, unit: Unit, offset: u32, width: Width, value: u32) {
         let shift = 8 * (offset & 3);
-        let mask = match width {
-            Width::Byte => 0xff << shift,
-            Width::Half => 0xffff << shift,
-            Width::Word => !0,
-        };
+        let mask = width.mask() << shift;
         let value = value << shift & mask;
         if !self.judge(unit, offset, width, Some((value, mask))) {
             return;
@@ -325,20 +316,15 @@ impl Chip {
 
     #[cold]
     #[inline(never)]
-    fn read_cold(
-        &mut self,
-        address: u32,
-        width: Width,
-        pc: u32,
-        cycle: &mut Cycles,
-    ) -> Result<u32, BusError> {
+    fn read_cold(&mut self, at: Transfer, cycle: &mut Cycles) -> Result<u32, BusError> {
+        let Transfer { address, width, pc } = at;
         if let Some((unit, offset)) = Unit::at(address) {
             self.arrive(pc, *cycle);
             *cycle += unit.bus_cycles(&self.shared.clocks);
             return self.read_unit(unit, offset, width);
         }
-        if let Some(value) = self.flash.load(address, width, cycle, &mut self.shared) {
-            return value;
+        if let Some(value) = self.flash.load(at, cycle, &mut self.shared) {
+            return Ok(value);
         }
         let found = self.memory_read(address, width);
         if found.is_err() {
@@ -354,14 +340,8 @@ impl Chip {
 
     #[cold]
     #[inline(never)]
-    fn write_cold(
-        &mut self,
-        address: u32,
-        width: Width,
-        value: u32,
-        pc: u32,
-        cycle: &mut Cycles,
-    ) -> Result<(), BusError> {
+    fn write_cold(&mut self, at: Transfer, value: u32, cycle: &mut Cycles) -> Result<(), BusError> {
+        let Transfer { address, width, pc } = at;
         self.arrive(pc, *cycle);
         if let Some((unit, offset)) = Unit::at(address) {
             *cycle += unit.bus_cycles(&self.shared.clocks);
@@ -369,12 +349,9 @@ impl Chip {
             *cycle = (*cycle).max(std::mem::take(&mut self.shared.held_until));
             return done;
         }
-        if let Some(done) = self
-            .flash
-            .program(address, width, value, cycle, &mut self.shared)
-        {
+        if self.flash.program(at, value, cycle, &mut self.shared) {
             self.settle();
-            return done;
+            return Ok(());
         }
         let done = self.memory_write(address, width, value);
         if done.is_err() {
@@ -400,49 +377,36 @@ impl System for Chip {
     }
 
     #[inline]
-    fn read(
-        &mut self,
-        address: u32,
-        width: Width,
-        pc: u32,
-        cycle: &mut Cycles,
-    ) -> Result<u32, BusError> {
-        let at = address.wrapping_sub(SRAM) as usize;
-        if at < SRAM_LENGTH {
-            return Ok(get(&self.sram, at, width));
+    fn read(&mut self, at: Transfer, cycle: &mut Cycles) -> Result<u32, BusError> {
+        let place = at.address.wrapping_sub(SRAM) as usize;
+        if place < SRAM_LENGTH {
+            return Ok(get(&self.sram, place, at.width));
         }
-        if address.wrapping_sub(FLASH) < 1 << 20
-            && let Some(value) = self.flash.load(address, width, cycle, &mut self.shared)
+        if at.address.wrapping_sub(FLASH) < 1 << 20
+            && let Some(value) = self.flash.load(at, cycle, &mut self.shared)
         {
-            return value;
+            return Ok(value);
         }
-        let at = address.wrapping_sub(CCM) as usize;
-        if at < CCM_LENGTH {
-            return Ok(get(&self.ccm, at, width));
+        let place = at.address.wrapping_sub(CCM) as usize;
+        if place < CCM_LENGTH {
+            return Ok(get(&self.ccm, place, at.width));
         }
-        self.read_cold(address, width, pc, cycle)
+        self.read_cold(at, cycle)
     }
 
     #[inline]
-    fn write(
-        &mut self,
-        address: u32,
-        width: Width,
-        value: u32,
-        pc: u32,
-        cycle: &mut Cycles,
-    ) -> Result<(), BusError> {
-        let at = address.wrapping_sub(SRAM) as usize;
-        if at < SRAM_LENGTH {
-            put(&mut self.sram, at, width, value);
+    fn write(&mut self, at: Transfer, value: u32, cycle: &mut Cycles) -> Result<(), BusError> {
+        let place = at.address.wrapping_sub(SRAM) as usize;
+        if place < SRAM_LENGTH {
+            put(&mut self.sram, place, at.width, value);
             return Ok(());
         }
-        let at = address.wrapping_sub(CCM) as usize;
-        if at < CCM_LENGTH {
-            put(&mut self.ccm, at, width, value);
+        let place = at.address.wrapping_sub(CCM) as usize;
+        if place < CCM_LENGTH {
+            put(&mut self.ccm, place, at.width, value);
             return Ok(());
         }
-        self.write_cold(address, width, value, pc, cycle)
+        self.write_cold(at, value, cycle)
     }
 
     #[inline]

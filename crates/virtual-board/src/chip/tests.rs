@@ -1,7 +1,7 @@
 //! What the parts of the chip do together.
 
 use super::*;
-use crate::core::{BusError, System, Width};
+use crate::core::{BusError, System, Transfer};
 use crate::time::Cycles;
 use std::collections::VecDeque;
 
@@ -81,14 +81,13 @@ impl Bench {
     }
 
     fn read(&mut self, address: u32) -> u32 {
-        let read = self.chip.read(address, Width::Word, 0, &mut self.cycle);
+        let read = self.chip.read(Transfer::word(address, 0), &mut self.cycle);
         read.expect("no bus error")
     }
 
     fn write(&mut self, address: u32, value: u32) {
-        let done = self
-            .chip
-            .write(address, Width::Word, value, 0, &mut self.cycle);
+        let at = Transfer::word(address, 0);
+        let done = self.chip.write(at, value, &mut self.cycle);
         done.expect("no bus error");
     }
 
@@ -331,7 +330,7 @@ fn a_wrong_key_is_a_bus_error_and_the_flash_stays_locked_until_a_reset() {
     let mut bench = Bench::new(&[]);
     let wrong = bench
         .chip
-        .write(FLASH_KEYR, Width::Word, 1, 0, &mut bench.cycle);
+        .write(Transfer::word(FLASH_KEYR, 0), 1, &mut bench.cycle);
     assert_eq!(wrong, Err(BusError));
     bench.chip.restart(Cause::Software, bench.cycle);
     for key in [0x4567_0123, 0xcdef_89ab] {
@@ -367,7 +366,7 @@ fn what_is_not_modelled_is_named_and_what_is_not_there_is_an_error() {
     bench.write(0x4000_5400, 1);
     let nothing = bench
         .chip
-        .read(0x3000_0000, Width::Word, 0, &mut bench.cycle);
+        .read(Transfer::word(0x3000_0000, 0), &mut bench.cycle);
     assert_eq!(nothing, Err(BusError));
     let kinds: Vec<_> = bench.findings().iter().map(|(kind, _)| *kind).collect();
     assert_eq!(

@@ -1,6 +1,6 @@
 //! What a debugger sets: breakpoints, watchpoints, single steps.
 
-use super::{Core, Stop, Width};
+use super::{Core, Stop, Transfer};
 use std::collections::BTreeSet;
 
 /// Which accesses a watchpoint stops.
@@ -104,7 +104,8 @@ impl Core {
     }
 
     /// Notes an access to what is watched.
-    pub(super) fn watch(&mut self, address: u32, width: Width, pc: u32, write: bool) {
+    pub(super) fn watch(&mut self, at: Transfer, write: bool) {
+        let (address, width, pc) = (at.address, at.width, at.pc);
         let hit = self.debug.watches.iter().find(|w| {
             let kind = match w.access {
                 Access::Read => !write,

@@ -3,8 +3,11 @@
 
 use super::nvic::exception as number;
 use super::scb::{ccr, cfsr, hfsr, scr};
-use super::{Core, NO_LINE, Sleep, Stop, System, Width, timing};
+use super::{Core, NO_LINE, Sleep, Stop, System, Transfer, timing};
 use crate::finding::Kind;
+
+/// A result, unless something stopped the instruction.
+pub(super) type Done<T = ()> = Result<T, Trap>;
 
 /// Why an instruction did not go on to the next one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -59,7 +62,7 @@ impl Core {
     }
 
     /// Deals with what stopped an instruction at `pc`; `it` is the IT state it had.
-    pub(super) fn trap<S: System>(&mut self, system: &mut S, trap: Trap, it: u8) {
+    pub(super) fn trap(&mut self, system: &mut impl System, trap: Trap, it: u8) {
         let address = self.trap_value;
         let (exception, status) = match trap {
             Trap::Undecoded => return,
@@ -103,7 +106,7 @@ impl Core {
     }
 
     /// The instruction at the program counter, in hexadecimal.
-    fn encoding<S: System>(&self, system: &mut S) -> String {
+    fn encoding(&self, system: &mut impl System) -> String {
         match (system.fetch(self.pc), system.fetch(self.pc.wrapping_add(2))) {
             (Ok(first), Ok(second)) if super::decode32::is_wide(first) => {
                 format!("{first:04x} {second:04x}")
@@ -114,7 +117,7 @@ impl Core {
     }
 
     /// BKPT: stops for a debugger, else it is a hard fault.
-    fn breakpoint<S: System>(&mut self, system: &mut S) {
+    fn breakpoint(&mut self, system: &mut impl System) {
         if self.debug.attached {
             self.stop = Some(Stop::Breakpoint(self.pc));
             return;
@@ -130,7 +133,7 @@ impl Core {
 
     /// Takes an exception that the program itself caused, at once; escalates it to a hard fault if
     /// it is disabled or not urgent enough.
-    pub(super) fn raise<S: System>(&mut self, system: &mut S, exception: u16) {
+    pub(super) fn raise(&mut self, system: &mut impl System, exception: u16) {
         let exception = match self.escalated(exception) {
             Some(exception) => exception,
             None => return self.lock_up(system, "fault while no fault can be taken"),
@@ -154,7 +157,7 @@ impl Core {
     }
 
     /// Lock-up: the core does nothing more.
-    pub(super) fn lock_up<S: System>(&mut self, system: &mut S, why: &str) {
+    pub(super) fn lock_up(&mut self, system: &mut impl System, why: &str) {
         let status = format!("CFSR {:#010x}, HFSR {:#010x}", self.scb.cfsr, self.scb.hfsr);
         let text = format!("lock-up: {why} ({status})");
         system.note(Kind::Fault, self.pc, self.cycles, text);
@@ -164,7 +167,7 @@ impl Core {
     }
 
     /// Takes the most urgent pending exception if it beats what runs.
-    pub(super) fn take_pending<S: System>(&mut self, system: &mut S) {
+    pub(super) fn take_pending(&mut self, system: &mut impl System) {
         let Some((exception, priority)) = self.nvic.first() else {
             return;
         };
@@ -180,7 +183,7 @@ impl Core {
 
     /// Saves registers and takes an exception, which is pending; returns come back to the program
     /// counter.
-    fn enter<S: System>(&mut self, system: &mut S, exception: u16) {
+    fn enter(&mut self, system: &mut impl System, exception: u16) {
         let begin = self.cycles;
         let (value, stacked) = self.push_frame(system);
         let mut exception = exception;
@@ -204,7 +207,7 @@ impl Core {
     }
 
     /// Interrupt lines and the system timer as they are now.
-    pub(super) fn refresh<S: System>(&mut self, system: &mut S) {
+    pub(super) fn refresh(&mut self, system: &mut impl System) {
         if self.systick.advance(self.cycles) {
             self.nvic.pend(number::SYSTICK, self.cycles);
         }
@@ -249,7 +252,7 @@ impl Core {
     }
 
     /// Enters the handler of an exception; registers are saved already.
-    fn take<S: System>(&mut self, system: &mut S, exception: u16, value: u32, begin: u64) {
+    fn take(&mut self, system: &mut impl System, exception: u16, value: u32, begin: u64) {
         let mut exception = exception;
         let mut vector = self.vector(system, exception);
         if vector.is_none() && exception != number::HARD_FAULT {
@@ -293,7 +296,7 @@ impl Core {
     }
 
     #[cold]
-    fn note_hard_fault<S: System>(&mut self, system: &mut S, value: u32) {
+    fn note_hard_fault(&mut self, system: &mut impl System, value: u32) {
         let frame = if value & 4 != 0 {
             self.other_sp
         } else {
@@ -302,9 +305,7 @@ impl Core {
         let mut cycle = self.cycles;
         let pc = system
             .read(
-                frame.wrapping_add(24) & !3,
-                Width::Word,
-                self.pc,
+                Transfer::word(frame.wrapping_add(24) & !3, self.pc),
                 &mut cycle,
             )
             .unwrap_or(self.pc);
@@ -315,15 +316,15 @@ impl Core {
         system.note(Kind::Fault, pc, self.cycles, text);
     }
 
-    fn vector<S: System>(&mut self, system: &mut S, exception: u16) -> Option<u32> {
+    fn vector(&mut self, system: &mut impl System, exception: u16) -> Option<u32> {
         let address = self.scb.vtor.wrapping_add(4 * u32::from(exception));
         system
-            .read(address, Width::Word, self.pc, &mut self.cycles)
+            .read(Transfer::word(address, self.pc), &mut self.cycles)
             .ok()
     }
 
     /// A jump to EXC_RETURN in handler mode.
-    fn exception_return<S: System>(&mut self, system: &mut S, value: u32) {
+    fn exception_return(&mut self, system: &mut impl System, value: u32) {
         let returning = self.ipsr;
         if value & 0x0fff_ffe0 != 0x0fff_ffe0 {
             let text = format!("exception return with {value:#010x}");
@@ -386,7 +387,7 @@ impl Core {
     }
 
     /// An exception return that does not fit: a usage fault on the same frame.
-    fn refuse_return<S: System>(&mut self, system: &mut S, value: u32) {
+    fn refuse_return(&mut self, system: &mut impl System, value: u32) {
         self.scb.cfsr |= cfsr::INVPC;
         let value = 0xf000_0000 | value & 0x0fff_ffff;
         match self.escalated(number::USAGE_FAULT) {
@@ -399,7 +400,7 @@ impl Core {
     }
 
     /// Goes on with another exception on the frame that is there.
-    fn chain<S: System>(&mut self, system: &mut S, exception: u16, value: u32) {
+    fn chain(&mut self, system: &mut impl System, exception: u16, value: u32) {
         let begin = self.cycles;
         self.cycles += timing::TAIL_CHAIN;
         self.take(system, exception, value, begin);

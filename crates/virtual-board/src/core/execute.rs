@@ -1,20 +1,25 @@
 //! What instructions do: the frequent ones here, the rest by group.
 
 use super::decode16::INVERT;
-use super::exception::Trap;
-use super::execute_memory::sizes;
+use super::exception::{Done, Trap};
 use super::float;
 use super::instruction::{Dsp, Insn, Op, Shift, Special};
 use super::timing::REFILL_REGISTER;
-use super::{Core, System};
+use super::{Core, System, Transfer, Width};
 
-/// The address of the next instruction, unless something stopped this one.
-type Next = Result<u32, Trap>;
+/// A load or store of a half.
+#[inline(always)]
+const fn half(address: u32, pc: u32) -> Transfer {
+    let width = Width::Half;
+    Transfer { address, width, pc }
+}
 
-/// Widths of loads and stores.
-const W: u8 = sizes::WORD;
-const H: u8 = sizes::HALF;
-const B: u8 = sizes::BYTE;
+/// A load or store of a byte.
+#[inline(always)]
+const fn byte(address: u32, pc: u32) -> Transfer {
+    let width = Width::Byte;
+    Transfer { address, width, pc }
+}
 
 impl Insn {
     /// BKPT, which no condition skips.
@@ -175,7 +180,7 @@ impl Core {
 
     /// A branch within the program, if the condition or its inverse holds.
     #[inline(always)]
-    fn branch_if(&mut self, condition: bool, insn: &Insn, next: u32) -> Result<u32, Trap> {
+    fn branch_if(&mut self, condition: bool, insn: &Insn, next: u32) -> Done<u32> {
         let x = insn.x();
         if condition != (x & INVERT as u8 != 0) {
             self.cycles += u64::from(x & 15);
@@ -187,7 +192,7 @@ impl Core {
 
     /// A branch to a value that may change the state or return from an exception (BXWritePC).
     #[inline(always)]
-    pub(super) fn branch_exchange(&mut self, value: u32, refill: u64) -> Result<u32, Trap> {
+    pub(super) fn branch_exchange(&mut self, value: u32, refill: u64) -> Done<u32> {
         if value >= 0xf000_0000 && self.ipsr != 0 {
             self.trap_value = value;
             return Err(Trap::ExceptionReturn);
@@ -202,7 +207,7 @@ impl Core {
 
     /// Executes an instruction; gives the address of the next one.
     #[inline(always)]
-    pub(super) fn execute<S: System>(&mut self, system: &mut S, insn: &Insn, pc: u32) -> Next {
+    pub(super) fn execute(&mut self, system: &mut impl System, insn: &Insn, pc: u32) -> Done<u32> {
         let next = pc.wrapping_add(u32::from(insn.size));
         match insn.op {
             Op::MovImm => self.set(insn.d(), insn.imm),
@@ -248,16 +253,16 @@ impl Core {
             Op::BranchRegister => return self.branch_if(self.reg(insn.n()) == 0, insn, next),
             Op::Bl => return Ok(self.link(next, insn.imm)),
             Op::Bx => return self.branch_exchange(self.reg(insn.m()), REFILL_REGISTER),
-            Op::LdrImm => self.load_into::<S, W>(system, insn, self.offset(insn), pc)?,
-            Op::LdrbImm => self.load_into::<S, B>(system, insn, self.offset(insn), pc)?,
-            Op::LdrhImm => self.load_into::<S, H>(system, insn, self.offset(insn), pc)?,
-            Op::LdrReg => self.load_into::<S, W>(system, insn, self.index(insn), pc)?,
-            Op::LdrbReg => self.load_into::<S, B>(system, insn, self.index(insn), pc)?,
-            Op::LdrLit => self.load_into::<S, W>(system, insn, insn.imm, pc)?,
-            Op::StrImm => self.store_from::<S, W>(system, insn, self.offset(insn), pc)?,
-            Op::StrbImm => self.store_from::<S, B>(system, insn, self.offset(insn), pc)?,
-            Op::StrhImm => self.store_from::<S, H>(system, insn, self.offset(insn), pc)?,
-            Op::StrReg => self.store_from::<S, W>(system, insn, self.index(insn), pc)?,
+            Op::LdrImm => self.load_into(system, insn, Transfer::word(self.offset(insn), pc))?,
+            Op::LdrbImm => self.load_into(system, insn, byte(self.offset(insn), pc))?,
+            Op::LdrhImm => self.load_into(system, insn, half(self.offset(insn), pc))?,
+            Op::LdrReg => self.load_into(system, insn, Transfer::word(self.index(insn), pc))?,
+            Op::LdrbReg => self.load_into(system, insn, byte(self.index(insn), pc))?,
+            Op::LdrLit => self.load_into(system, insn, Transfer::word(insn.imm, pc))?,
+            Op::StrImm => self.store_from(system, insn, Transfer::word(self.offset(insn), pc))?,
+            Op::StrbImm => self.store_from(system, insn, byte(self.offset(insn), pc))?,
+            Op::StrhImm => self.store_from(system, insn, half(self.offset(insn), pc))?,
+            Op::StrReg => self.store_from(system, insn, Transfer::word(self.index(insn), pc))?,
             Op::LdrsbImm | Op::LdrshImm | Op::LdrsbReg | Op::LdrshReg | Op::LdrhReg => {
                 self.execute_load(system, insn, pc)?;
             }
@@ -289,13 +294,13 @@ impl Core {
 
     /// The groups that are not inlined.
     #[inline(never)]
-    fn execute_rest<S: System>(
+    fn execute_rest(
         &mut self,
-        system: &mut S,
+        system: &mut impl System,
         insn: &Insn,
         pc: u32,
         next: u32,
-    ) -> Result<u32, Trap> {
+    ) -> Done<u32> {
         match insn.op {
             Op::Undefined => return Err(Trap::Undefined),
             Op::Unpredictable => return Err(Trap::Unpredictable),

@@ -2,7 +2,7 @@
 //! multiplication, division.
 
 use super::Core;
-use super::exception::Trap;
+use super::exception::{Done, Trap};
 use super::instruction::{Alu, Insn, Op, RRX, Shift, Test};
 use super::scb::ccr;
 
@@ -143,7 +143,7 @@ impl Core {
     }
 
     #[inline(never)]
-    pub(super) fn execute_data(&mut self, insn: &Insn) -> Result<(), Trap> {
+    pub(super) fn execute_data(&mut self, insn: &Insn) -> Done {
         let (n, m) = (self.reg(insn.n()), self.reg(insn.m()));
         match insn.op {
             Op::AluImmS(alu) => {
@@ -192,7 +192,7 @@ impl Core {
         Ok(())
     }
 
-    fn execute_multiply(&mut self, insn: &Insn) -> Result<(), Trap> {
+    fn execute_multiply(&mut self, insn: &Insn) -> Done {
         let (n, m) = (self.reg(insn.n()), self.reg(insn.m()));
         let accumulator = u64::from(self.reg(insn.x())) << 32 | u64::from(self.reg(insn.d()));
         let unsigned = u64::from(n) * u64::from(m);
@@ -240,7 +240,7 @@ impl Core {
     }
 
     /// The result of a division by zero: 0, or a usage fault if these are enabled.
-    fn divide_by_zero(&self) -> Result<u32, Trap> {
+    fn divide_by_zero(&self) -> Done<u32> {
         if self.scb.ccr & ccr::DIV_0_TRP != 0 {
             Err(Trap::DivideByZero)
         } else {

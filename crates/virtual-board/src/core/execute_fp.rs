@@ -1,9 +1,9 @@
 //! Floating-point instructions.
 
-use super::exception::Trap;
+use super::exception::{Done, Trap};
 use super::float::{self, Fixed, fpscr};
 use super::instruction::{Float, Insn, Op};
-use super::{Core, System, Width, timing};
+use super::{Core, System, Transfer, timing};
 
 impl Core {
     #[inline(always)]
@@ -18,7 +18,7 @@ impl Core {
 
     /// May floating point be used, and is its unit free.
     #[inline(always)]
-    pub(super) fn begin_fp<S: System>(&mut self, system: &mut S, insn: &Insn) -> Result<(), Trap> {
+    pub(super) fn begin_fp(&mut self, system: &mut impl System, insn: &Insn) -> Done {
         if !self.fp_ready {
             self.prepare_fp(system)?;
         }
@@ -29,12 +29,12 @@ impl Core {
 
     /// d = operation(n, m).
     #[inline(always)]
-    pub(super) fn binary<S: System>(
+    pub(super) fn binary(
         &mut self,
-        system: &mut S,
+        system: &mut impl System,
         insn: &Insn,
         operation: impl Fn(u32, u32, &mut u32) -> u32,
-    ) -> Result<(), Trap> {
+    ) -> Done {
         self.begin_fp(system, insn)?;
         let (n, m) = (self.single_reg(insn.n()), self.single_reg(insn.m()));
         let value = operation(n, m, &mut self.fpscr);
@@ -44,12 +44,12 @@ impl Core {
 
     /// d = operation(d, n, m).
     #[inline(always)]
-    pub(super) fn ternary<S: System>(
+    pub(super) fn ternary(
         &mut self,
-        system: &mut S,
+        system: &mut impl System,
         insn: &Insn,
         operation: impl Fn(u32, u32, u32, &mut u32) -> u32,
-    ) -> Result<(), Trap> {
+    ) -> Done {
         self.begin_fp(system, insn)?;
         let (n, m) = (self.single_reg(insn.n()), self.single_reg(insn.m()));
         let value = operation(self.single_reg(insn.d()), n, m, &mut self.fpscr);
@@ -63,11 +63,7 @@ impl Core {
     }
 
     #[inline(never)]
-    pub(super) fn divide_single<S: System>(
-        &mut self,
-        system: &mut S,
-        insn: &Insn,
-    ) -> Result<(), Trap> {
+    pub(super) fn divide_single(&mut self, system: &mut impl System, insn: &Insn) -> Done {
         self.binary(system, insn, float::div)?;
         self.occupy();
         Ok(())
@@ -75,11 +71,7 @@ impl Core {
 
     /// VMLS rounds the product, VFMS does not.
     #[inline(never)]
-    pub(super) fn subtract_product<S: System>(
-        &mut self,
-        system: &mut S,
-        insn: &Insn,
-    ) -> Result<(), Trap> {
+    pub(super) fn subtract_product(&mut self, system: &mut impl System, insn: &Insn) -> Done {
         if insn.op == Op::Vfms {
             return self.ternary(system, insn, |d, n, m, status| {
                 float::fma(d, n ^ float::SIGN, m, status)
@@ -93,12 +85,12 @@ impl Core {
 
     /// d = operation(m), without flags.
     #[inline(always)]
-    pub(super) fn unary<S: System>(
+    pub(super) fn unary(
         &mut self,
-        system: &mut S,
+        system: &mut impl System,
         insn: &Insn,
         operation: impl Fn(u32) -> u32,
-    ) -> Result<(), Trap> {
+    ) -> Done {
         self.begin_fp(system, insn)?;
         self.set_single_reg(insn.d(), operation(self.single_reg(insn.m())));
         Ok(())
@@ -106,11 +98,7 @@ impl Core {
 
     /// Compares d with m or zero: flags of FPSCR.
     #[inline(always)]
-    pub(super) fn compare_singles<S: System>(
-        &mut self,
-        system: &mut S,
-        insn: &Insn,
-    ) -> Result<(), Trap> {
+    pub(super) fn compare_singles(&mut self, system: &mut impl System, insn: &Insn) -> Done {
         self.begin_fp(system, insn)?;
         let d = self.single_reg(insn.d());
         let m = if insn.imm & 2 != 0 {
@@ -125,33 +113,21 @@ impl Core {
 
     /// The flags of FPSCR to those of the processor.
     #[inline(always)]
-    pub(super) fn take_fp_flags<S: System>(
-        &mut self,
-        system: &mut S,
-        insn: &Insn,
-    ) -> Result<(), Trap> {
+    pub(super) fn take_fp_flags(&mut self, system: &mut impl System, insn: &Insn) -> Done {
         self.begin_fp(system, insn)?;
         self.set_nzcv(self.fpscr);
         Ok(())
     }
 
     #[inline(always)]
-    pub(super) fn move_to_core<S: System>(
-        &mut self,
-        system: &mut S,
-        insn: &Insn,
-    ) -> Result<(), Trap> {
+    pub(super) fn move_to_core(&mut self, system: &mut impl System, insn: &Insn) -> Done {
         self.begin_fp(system, insn)?;
         self.set(insn.d(), self.single_reg(insn.n()));
         Ok(())
     }
 
     #[inline(always)]
-    pub(super) fn move_from_core<S: System>(
-        &mut self,
-        system: &mut S,
-        insn: &Insn,
-    ) -> Result<(), Trap> {
+    pub(super) fn move_from_core(&mut self, system: &mut impl System, insn: &Insn) -> Done {
         self.begin_fp(system, insn)?;
         self.set_single_reg(insn.n(), self.reg(insn.d()));
         Ok(())
@@ -159,53 +135,37 @@ impl Core {
 
     /// Address of VLDR and VSTR; a literal's is the constant.
     #[inline(always)]
-    fn single_address(&self, insn: &Insn) -> Result<u32, Trap> {
-        let address = if insn.n() == 15 {
-            insn.imm
-        } else {
-            self.offset(insn)
-        };
-        if address & 3 != 0 {
-            return Err(Trap::Unaligned);
-        }
+    fn single_address(&self, insn: &Insn) -> Done<u32> {
+        let address = self.offset_or_literal(insn);
+        Self::must_align(address)?;
         Ok(address)
     }
 
     #[inline(always)]
-    pub(super) fn load_single<S: System>(
-        &mut self,
-        system: &mut S,
-        insn: &Insn,
-        pc: u32,
-    ) -> Result<(), Trap> {
+    pub(super) fn load_single(&mut self, system: &mut impl System, insn: &Insn, pc: u32) -> Done {
         self.begin_fp(system, insn)?;
         let address = self.single_address(insn)?;
-        let value = self.load(system, address, Width::Word, pc)?;
+        let value = self.load(system, Transfer::word(address, pc))?;
         self.set_single_reg(insn.d(), value);
         Ok(())
     }
 
     #[inline(always)]
-    pub(super) fn store_single<S: System>(
-        &mut self,
-        system: &mut S,
-        insn: &Insn,
-        pc: u32,
-    ) -> Result<(), Trap> {
+    pub(super) fn store_single(&mut self, system: &mut impl System, insn: &Insn, pc: u32) -> Done {
         self.begin_fp(system, insn)?;
         let address = self.single_address(insn)?;
         let value = self.single_reg(insn.d());
-        self.store(system, address, Width::Word, value, pc)
+        self.store(system, Transfer::word(address, pc), value)
     }
 
     #[inline(never)]
-    pub(super) fn execute_rare_float<S: System>(
+    pub(super) fn execute_rare_float(
         &mut self,
-        system: &mut S,
+        system: &mut impl System,
         insn: &Insn,
         op: Float,
         pc: u32,
-    ) -> Result<(), Trap> {
+    ) -> Done {
         self.begin_fp(system, insn)?;
         let (d, n, m) = (
             self.single_reg(insn.d()),
@@ -299,13 +259,7 @@ impl Core {
         }
     }
 
-    fn move_float<S: System>(
-        &mut self,
-        system: &mut S,
-        insn: &Insn,
-        op: Float,
-        pc: u32,
-    ) -> Result<(), Trap> {
+    fn move_float(&mut self, system: &mut impl System, insn: &Insn, op: Float, pc: u32) -> Done {
         match op {
             Float::MovTwo => {
                 let second = insn.m() + 1;
@@ -323,11 +277,7 @@ impl Core {
                 return self.multiple_float(system, insn, op, pc);
             }
             Float::LoadDouble | Float::StoreDouble => {
-                let address = if insn.n() == 15 {
-                    insn.imm
-                } else {
-                    self.reg(insn.n()).wrapping_add(insn.imm)
-                };
+                let address = self.offset_or_literal(insn);
                 let load = op == Float::LoadDouble;
                 return self.singles(system, insn.d(), 2, (address, load), pc);
             }
@@ -336,53 +286,39 @@ impl Core {
         Ok(())
     }
 
-    fn multiple_float<S: System>(
+    fn multiple_float(
         &mut self,
-        system: &mut S,
+        system: &mut impl System,
         insn: &Insn,
         op: Float,
         pc: u32,
-    ) -> Result<(), Trap> {
-        let base = self.reg(insn.n());
-        let bytes = 4 * insn.imm;
-        let lower = base.wrapping_sub(bytes);
-        let (address, moved) = if insn.x() & 2 != 0 {
-            (lower, lower)
-        } else {
-            (base, base.wrapping_add(bytes))
-        };
+    ) -> Done {
+        let (address, moved) = self.multiple(insn, insn.imm);
         let load = op == Float::LoadMultiple;
         self.singles(system, insn.d(), insn.imm as u8, (address, load), pc)?;
         if insn.x() & 1 != 0 {
-            if insn.n() == 13 {
-                self.set_sp(moved);
-            } else {
-                self.set(insn.n(), moved);
-            }
+            self.write_back(insn.n(), moved);
         }
         Ok(())
     }
 
     /// Loads or stores singles in a row.
-    fn singles<S: System>(
+    fn singles(
         &mut self,
-        system: &mut S,
+        system: &mut impl System,
         first: u8,
         count: u8,
-        (address, load): (u32, bool),
+        (mut address, load): (u32, bool),
         pc: u32,
-    ) -> Result<(), Trap> {
-        if address & 3 != 0 {
-            return Err(Trap::Unaligned);
-        }
-        let mut address = address;
+    ) -> Done {
+        Self::must_align(address)?;
         for register in first..first + count {
             if load {
-                let word = self.load_word(system, address, pc)?;
+                let word = self.load_word(system, Transfer::word(address, pc))?;
                 self.set_single_reg(register, word);
             } else {
                 let word = self.single_reg(register);
-                self.store_word_at(system, address, word, pc)?;
+                self.store_word(system, Transfer::word(address, pc), word)?;
             }
             address = address.wrapping_add(4);
         }

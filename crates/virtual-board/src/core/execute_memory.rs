@@ -1,22 +1,18 @@
 //! Loads and stores.
 
-use super::exception::Trap;
+use super::exception::{Done, Trap};
 use super::instruction::{Insn, Mode, Op, Size};
-use super::{Core, System, Width, timing};
+use super::{Core, System, Transfer, Width, timing};
 
-/// Widths as constants, so that each hot load and store is compiled for its own.
-pub(super) mod sizes {
-    pub(crate) const WORD: u8 = 4;
-    pub(crate) const HALF: u8 = 2;
-    pub(crate) const BYTE: u8 = 1;
-}
-
-const fn width(size: u8) -> Width {
-    match size {
-        sizes::WORD => Width::Word,
-        sizes::HALF => Width::Half,
-        _ => Width::Byte,
-    }
+/// Numbers of the registers in a list, in ascending order.
+#[inline(always)]
+fn registers(mut list: u32) -> impl Iterator<Item = usize> {
+    std::iter::from_fn(move || {
+        let register = list.trailing_zeros() as usize & 15;
+        let more = list != 0;
+        list &= list.wrapping_sub(1);
+        more.then_some(register)
+    })
 }
 
 impl Size {
@@ -38,62 +34,49 @@ impl Size {
 }
 
 impl Core {
+    /// Always inlined, so that it is compiled for each width on its own.
     #[inline(always)]
-    pub(super) fn load_into<S: System, const SIZE: u8>(
+    pub(super) fn load_into(
         &mut self,
-        system: &mut S,
+        system: &mut impl System,
         insn: &Insn,
-        address: u32,
-        pc: u32,
-    ) -> Result<(), Trap> {
-        let value = self.load(system, address, width(SIZE), pc)?;
+        at: Transfer,
+    ) -> Done {
+        let value = self.load(system, at)?;
         self.set(insn.d(), value);
         Ok(())
     }
 
     #[inline(always)]
-    pub(super) fn store_from<S: System, const SIZE: u8>(
+    pub(super) fn store_from(
         &mut self,
-        system: &mut S,
+        system: &mut impl System,
         insn: &Insn,
-        address: u32,
-        pc: u32,
-    ) -> Result<(), Trap> {
-        let value = self.reg(insn.d());
-        let value = match SIZE {
-            sizes::WORD => value,
-            sizes::HALF => value & 0xffff,
-            _ => value & 0xff,
-        };
-        self.store(system, address, width(SIZE), value, pc)
+        at: Transfer,
+    ) -> Done {
+        self.store(system, at, self.reg(insn.d()) & at.width.mask())
     }
 
     /// A load that is compiled once.
     #[inline(never)]
-    pub(super) fn load_word<S: System>(
-        &mut self,
-        system: &mut S,
-        address: u32,
-        pc: u32,
-    ) -> Result<u32, Trap> {
-        self.load(system, address, Width::Word, pc)
+    pub(super) fn load_word(&mut self, system: &mut impl System, at: Transfer) -> Done<u32> {
+        self.load(system, at)
     }
 
     /// A store that is compiled once.
     #[inline(never)]
-    pub(super) fn store_word_at<S: System>(
+    pub(super) fn store_word(
         &mut self,
-        system: &mut S,
-        address: u32,
+        system: &mut impl System,
+        at: Transfer,
         value: u32,
-        pc: u32,
-    ) -> Result<(), Trap> {
-        self.store(system, address, Width::Word, value, pc)
+    ) -> Done {
+        self.store(system, at, value)
     }
 
     /// Instructions that need words in their place: a usage fault whatever CCR says.
     #[inline(always)]
-    fn must_align(address: u32) -> Result<(), Trap> {
+    pub(super) fn must_align(address: u32) -> Done {
         if address & 3 != 0 {
             return Err(Trap::Unaligned);
         }
@@ -102,11 +85,32 @@ impl Core {
 
     /// The base register gets its new value; a lower main stack pointer is noted.
     #[inline(always)]
-    fn write_back(&mut self, n: u8, value: u32) {
+    pub(super) fn write_back(&mut self, n: u8, value: u32) {
         if n == 13 {
             self.set_sp(value);
         } else {
             self.set(n, value);
+        }
+    }
+
+    /// Lowest address of a load or store of so many registers, and the base register's new value.
+    pub(super) fn multiple(&self, insn: &Insn, count: u32) -> (u32, u32) {
+        let base = self.reg(insn.n());
+        if insn.x() & 2 != 0 {
+            let lower = base.wrapping_sub(4 * count);
+            (lower, lower)
+        } else {
+            (base, base.wrapping_add(4 * count))
+        }
+    }
+
+    /// n + a constant; where n is the program counter the constant is the address.
+    #[inline(always)]
+    pub(super) fn offset_or_literal(&self, insn: &Insn) -> u32 {
+        if insn.n() == 15 {
+            insn.imm
+        } else {
+            self.offset(insn)
         }
     }
 
@@ -118,12 +122,7 @@ impl Core {
     }
 
     #[inline(never)]
-    pub(super) fn execute_load<S: System>(
-        &mut self,
-        system: &mut S,
-        insn: &Insn,
-        pc: u32,
-    ) -> Result<(), Trap> {
+    pub(super) fn execute_load(&mut self, system: &mut impl System, insn: &Insn, pc: u32) -> Done {
         let (offset, by_register) = (self.offset(insn), self.index(insn));
         let (address, size) = match insn.op {
             Op::LdrsbImm => (offset, Size::SignedByte),
@@ -135,14 +134,19 @@ impl Core {
             Op::LoadPre(size) => (offset, size),
             Op::LoadPost(size) => (self.reg(insn.n()), size),
             Op::LoadUser(size) => {
-                let value =
-                    self.unprivileged(|core| core.load(system, offset, size.width(), pc))?;
+                let at = Transfer {
+                    address: offset,
+                    width: size.width(),
+                    pc,
+                };
+                let value = self.unprivileged(|core| core.load(system, at))?;
                 self.set(insn.d(), size.extend(value));
                 return Ok(());
             }
             _ => return Err(Trap::Undefined),
         };
-        let value = self.load(system, address, size.width(), pc)?;
+        let width = size.width();
+        let value = self.load(system, Transfer { address, width, pc })?;
         if matches!(insn.op, Op::LoadPre(_) | Op::LoadPost(_)) {
             self.write_back(insn.n(), offset);
         }
@@ -151,12 +155,7 @@ impl Core {
     }
 
     #[inline(never)]
-    pub(super) fn execute_store<S: System>(
-        &mut self,
-        system: &mut S,
-        insn: &Insn,
-        pc: u32,
-    ) -> Result<(), Trap> {
+    pub(super) fn execute_store(&mut self, system: &mut impl System, insn: &Insn, pc: u32) -> Done {
         let (base, moved) = (self.reg(insn.n()), self.offset(insn));
         let (address, size) = match insn.op {
             Op::StrbReg => (self.index(insn), Size::Byte),
@@ -166,15 +165,14 @@ impl Core {
             _ => return Err(Trap::Undefined),
         };
         let width = size.width();
-        let value = match width {
-            Width::Word => self.reg(insn.d()),
-            Width::Half => self.reg(insn.d()) & 0xffff,
-            Width::Byte => self.reg(insn.d()) & 0xff,
-        };
+        let (at, value) = (
+            Transfer { address, width, pc },
+            self.reg(insn.d()) & width.mask(),
+        );
         if let Op::StoreUser(_) = insn.op {
-            return self.unprivileged(|core| core.store(system, address, width, value, pc));
+            return self.unprivileged(|core| core.store(system, at, value));
         }
-        self.store(system, address, width, value, pc)?;
+        self.store(system, at, value)?;
         if let Op::StorePre(_) | Op::StorePost(_) = insn.op {
             self.write_back(insn.n(), moved);
         }
@@ -183,12 +181,7 @@ impl Core {
 
     /// LDRD and STRD.
     #[inline(never)]
-    pub(super) fn move_double<S: System>(
-        &mut self,
-        system: &mut S,
-        insn: &Insn,
-        pc: u32,
-    ) -> Result<(), Trap> {
+    pub(super) fn move_double(&mut self, system: &mut impl System, insn: &Insn, pc: u32) -> Done {
         if insn.op == Op::Ldrd {
             self.load_double(system, insn, pc)
         } else {
@@ -197,15 +190,15 @@ impl Core {
     }
 
     #[inline]
-    fn load_double<S: System>(&mut self, system: &mut S, insn: &Insn, pc: u32) -> Result<(), Trap> {
+    fn load_double(&mut self, system: &mut impl System, insn: &Insn, pc: u32) -> Done {
         let (address, moved) = if insn.n() == 15 {
             (insn.imm, 0)
         } else {
             self.indexed(insn, insn.x() & 1 != 0)
         };
         Self::must_align(address)?;
-        let low = self.load_word(system, address, pc)?;
-        let high = self.load_word(system, address.wrapping_add(4), pc)?;
+        let low = self.load_word(system, Transfer::word(address, pc))?;
+        let high = self.load_word(system, Transfer::word(address.wrapping_add(4), pc))?;
         if insn.x() & 2 != 0 {
             self.write_back(insn.n(), moved);
         }
@@ -215,16 +208,12 @@ impl Core {
     }
 
     #[inline]
-    fn store_double<S: System>(
-        &mut self,
-        system: &mut S,
-        insn: &Insn,
-        pc: u32,
-    ) -> Result<(), Trap> {
+    fn store_double(&mut self, system: &mut impl System, insn: &Insn, pc: u32) -> Done {
         let (address, moved) = self.indexed(insn, insn.x() & 1 != 0);
         Self::must_align(address)?;
-        self.store_word_at(system, address, self.reg(insn.d()), pc)?;
-        self.store_word_at(system, address.wrapping_add(4), self.reg(insn.m()), pc)?;
+        let (low, high) = (self.reg(insn.d()), self.reg(insn.m()));
+        self.store_word(system, Transfer::word(address, pc), low)?;
+        self.store_word(system, Transfer::word(address.wrapping_add(4), pc), high)?;
         if insn.x() & 2 != 0 {
             self.write_back(insn.n(), moved);
         }
@@ -232,38 +221,25 @@ impl Core {
     }
 
     #[inline(never)]
-    pub(super) fn load_multiple<S: System>(
+    pub(super) fn load_multiple(
         &mut self,
-        system: &mut S,
+        system: &mut impl System,
         insn: &Insn,
         pc: u32,
         next: u32,
-    ) -> Result<u32, Trap> {
-        let bytes = 4 * insn.imm.count_ones();
-        let base = self.reg(insn.n());
-        let lower = base.wrapping_sub(bytes);
-        let (mut address, moved) = if insn.x() & 2 != 0 {
-            (lower, lower)
-        } else {
-            (base, base.wrapping_add(bytes))
-        };
+    ) -> Done<u32> {
+        let (mut address, moved) = self.multiple(insn, insn.imm.count_ones());
         Self::must_align(address)?;
         // Nothing changes if one of the loads fails.
         let mut words = [0; 16];
-        let mut rest = insn.imm & 0xffff;
-        while rest != 0 {
-            let register = rest.trailing_zeros() as usize & 15;
-            rest &= rest - 1;
-            words[register] = self.load(system, address, Width::Word, pc)?;
+        for register in registers(insn.imm & 0xffff) {
+            words[register] = self.load(system, Transfer::word(address, pc))?;
             address = address.wrapping_add(4);
         }
         if insn.x() & 1 != 0 {
             self.write_back(insn.n(), moved);
         }
-        let mut rest = insn.imm & 0x7fff;
-        while rest != 0 {
-            let register = rest.trailing_zeros() as usize & 15;
-            rest &= rest - 1;
+        for register in registers(insn.imm & 0x7fff) {
             self.r[register] = words[register];
         }
         if insn.imm & 0x8000 != 0 {
@@ -273,20 +249,13 @@ impl Core {
     }
 
     #[inline(never)]
-    pub(super) fn store_multiple<S: System>(
+    pub(super) fn store_multiple(
         &mut self,
-        system: &mut S,
+        system: &mut impl System,
         insn: &Insn,
         pc: u32,
-    ) -> Result<(), Trap> {
-        let bytes = 4 * insn.imm.count_ones();
-        let base = self.reg(insn.n());
-        let lower = base.wrapping_sub(bytes);
-        let (address, moved) = if insn.x() & 2 != 0 {
-            (lower, lower)
-        } else {
-            (base, base.wrapping_add(bytes))
-        };
+    ) -> Done {
+        let (address, moved) = self.multiple(insn, insn.imm.count_ones());
         self.store_list(system, insn.imm, address, pc)?;
         if insn.x() & 1 != 0 {
             self.write_back(insn.n(), moved);
@@ -295,31 +264,23 @@ impl Core {
     }
 
     #[inline(always)]
-    fn store_list<S: System>(
+    fn store_list(
         &mut self,
-        system: &mut S,
+        system: &mut impl System,
         list: u32,
-        address: u32,
+        mut address: u32,
         pc: u32,
-    ) -> Result<(), Trap> {
+    ) -> Done {
         Self::must_align(address)?;
-        let (mut rest, mut address) = (list & 0x7fff, address);
-        while rest != 0 {
-            let register = rest.trailing_zeros() as usize & 15;
-            rest &= rest - 1;
-            self.store(system, address, Width::Word, self.r[register], pc)?;
+        for register in registers(list & 0x7fff) {
+            self.store(system, Transfer::word(address, pc), self.r[register])?;
             address = address.wrapping_add(4);
         }
         Ok(())
     }
 
     #[inline(never)]
-    pub(super) fn push<S: System>(
-        &mut self,
-        system: &mut S,
-        insn: &Insn,
-        pc: u32,
-    ) -> Result<(), Trap> {
+    pub(super) fn push(&mut self, system: &mut impl System, insn: &Insn, pc: u32) -> Done {
         let address = self.r[13].wrapping_sub(4 * insn.imm.count_ones());
         self.store_list(system, insn.imm, address, pc)?;
         self.set_sp(address);
@@ -327,38 +288,17 @@ impl Core {
     }
 
     #[inline(never)]
-    pub(super) fn pop<S: System>(
+    pub(super) fn pop(
         &mut self,
-        system: &mut S,
+        system: &mut impl System,
         insn: &Insn,
         pc: u32,
         next: u32,
-    ) -> Result<u32, Trap> {
+    ) -> Done<u32> {
         let old = self.r;
-        let mut address = self.r[13];
-        Self::must_align(address)?;
-        let mut rest = insn.imm & 0x7fff;
-        while rest != 0 {
-            let register = rest.trailing_zeros() as usize & 15;
-            rest &= rest - 1;
-            match self.load(system, address, Width::Word, pc) {
-                Ok(word) => self.r[register] = word,
-                Err(trap) => {
-                    self.r = old;
-                    return Err(trap);
-                }
-            }
-            address = address.wrapping_add(4);
-        }
-        if insn.op != Op::PopPc {
-            self.r[13] = address;
-            return Ok(next);
-        }
-        match self.load(system, address, Width::Word, pc) {
-            Ok(target) => {
-                self.r[13] = address.wrapping_add(4);
-                self.branch_exchange(target, timing::REFILL_LOADED)
-            }
+        match self.pop_list(system, insn, pc) {
+            Ok(Some(target)) => self.branch_exchange(target, timing::REFILL_LOADED),
+            Ok(None) => Ok(next),
             Err(trap) => {
                 self.r = old;
                 Err(trap)
@@ -366,53 +306,67 @@ impl Core {
         }
     }
 
+    /// Gives the word for the program counter, if that is popped.
+    #[inline(always)]
+    fn pop_list(&mut self, system: &mut impl System, insn: &Insn, pc: u32) -> Done<Option<u32>> {
+        let mut at = Transfer::word(self.r[13], pc);
+        Self::must_align(at.address)?;
+        for register in registers(insn.imm & 0x7fff) {
+            self.r[register] = self.load(system, at)?;
+            at.address = at.address.wrapping_add(4);
+        }
+        let mut target = None;
+        if insn.op == Op::PopPc {
+            target = Some(self.load(system, at)?);
+            at.address = at.address.wrapping_add(4);
+        }
+        self.r[13] = at.address;
+        Ok(target)
+    }
+
     #[inline(never)]
-    pub(super) fn execute_exclusive<S: System>(
+    pub(super) fn execute_exclusive(
         &mut self,
-        system: &mut S,
+        system: &mut impl System,
         insn: &Insn,
         pc: u32,
-    ) -> Result<(), Trap> {
-        let address = self.reg(insn.n()).wrapping_add(insn.imm);
+    ) -> Done {
+        let address = self.offset(insn);
         let (Op::Ldrex(size) | Op::Strex(size)) = insn.op else {
             return Err(Trap::Undefined);
         };
-        let width = size.width();
-        if address & (width.bytes() - 1) != 0 {
+        let at = Transfer {
+            address,
+            width: size.width(),
+            pc,
+        };
+        if !at.is_aligned() {
             return Err(Trap::Unaligned);
         }
         if let Op::Ldrex(_) = insn.op {
-            let value = self.load(system, address, width, pc)?;
+            self.load_into(system, insn, at)?;
             self.exclusive = true;
-            self.set(insn.d(), value);
             return Ok(());
         }
-        if !self.exclusive {
-            self.set(insn.d(), 1);
-            return Ok(());
+        if self.exclusive {
+            self.store(system, at, self.reg(insn.m()) & at.width.mask())?;
         }
-        let value = self.reg(insn.m());
-        let value = match width {
-            Width::Word => value,
-            Width::Half => value & 0xffff,
-            Width::Byte => value & 0xff,
-        };
-        self.store(system, address, width, value, pc)?;
+        // The result: 1 if nothing was stored.
+        self.set(insn.d(), u32::from(!self.exclusive));
         self.exclusive = false;
-        self.set(insn.d(), 0);
         Ok(())
     }
 
     /// Loads to the stack pointer or the program counter, tables of branches, moves to the program
     /// counter.
     #[inline(never)]
-    pub(super) fn execute_jump<S: System>(
+    pub(super) fn execute_jump(
         &mut self,
-        system: &mut S,
+        system: &mut impl System,
         insn: &Insn,
         pc: u32,
         next: u32,
-    ) -> Result<u32, Trap> {
+    ) -> Done<u32> {
         match insn.op {
             Op::MovPc | Op::AddPc => {
                 self.cycles += timing::REFILL_REGISTER;
@@ -427,7 +381,7 @@ impl Core {
                 let (half, index) = (insn.x() != 0, self.reg(insn.m()));
                 let address = base.wrapping_add(index << u32::from(half));
                 let width = if half { Width::Half } else { Width::Byte };
-                let offset = self.load(system, address, width, pc)?;
+                let offset = self.load(system, Transfer { address, width, pc })?;
                 self.cycles += timing::REFILL_LOADED;
                 return Ok(pc.wrapping_add(4).wrapping_add(2 * offset));
             }
@@ -436,20 +390,17 @@ impl Core {
         let Op::LoadTo(mode) = insn.op else {
             return Err(Trap::Undefined);
         };
-        let (base, offset) = (
-            self.reg(insn.n()),
-            self.reg(insn.n()).wrapping_add(insn.imm),
-        );
+        let offset = self.offset(insn);
         let address = match mode {
             Mode::Offset | Mode::Pre => offset,
-            Mode::Post => base,
-            Mode::Register => base.wrapping_add(self.reg(insn.m()) << (insn.imm & 31)),
+            Mode::Post => self.reg(insn.n()),
+            Mode::Register => self.index(insn),
             Mode::Literal => insn.imm,
         };
         if insn.d() == 15 {
             Self::must_align(address)?;
         }
-        let value = self.load_word(system, address, pc)?;
+        let value = self.load_word(system, Transfer::word(address, pc))?;
         if matches!(mode, Mode::Pre | Mode::Post) {
             self.write_back(insn.n(), offset);
         }

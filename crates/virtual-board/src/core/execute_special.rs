@@ -2,7 +2,7 @@
 
 use super::Core;
 use super::Sleep;
-use super::exception::Trap;
+use super::exception::{Done, Trap};
 use super::instruction::{Insn, Special};
 use super::scb::scr;
 
@@ -17,7 +17,7 @@ const CONTROL: u32 = 20;
 
 impl Core {
     #[inline(never)]
-    pub(super) fn execute_special(&mut self, insn: &Insn, op: Special) -> Result<(), Trap> {
+    pub(super) fn execute_special(&mut self, insn: &Insn, op: Special) -> Done {
         match op {
             Special::Nop | Special::Yield | Special::Barrier => {}
             Special::Wfe if self.event => self.event = false,

@@ -1,6 +1,6 @@
 //! Where instructions come from: decoded ones by address, the lines of the flash interface.
 
-use super::exception::Trap;
+use super::exception::{Done, Trap};
 use super::instruction::Insn;
 use super::{Core, NO_LINE, System, decode16, decode32, timing};
 
@@ -29,7 +29,7 @@ impl Cached {
 
 impl Core {
     /// The instruction at an address, without its time; none if it cannot be read.
-    fn decode_raw<S: System>(system: &mut S, pc: u32) -> Option<(Insn, [u16; 2])> {
+    fn decode_raw(system: &mut impl System, pc: u32) -> Option<(Insn, [u16; 2])> {
         let first = system.fetch(pc).ok()?;
         if !decode32::is_wide(first) {
             return Some((decode16::decode(pc, u32::from(first)), [first, 0]));
@@ -41,7 +41,7 @@ impl Core {
 
     /// The instruction at an address with its cycles, which depend on what follows and where it
     /// jumps to.
-    fn decode<S: System>(system: &mut S, pc: u32) -> Option<(Insn, [u16; 2])> {
+    fn decode(system: &mut impl System, pc: u32) -> Option<(Insn, [u16; 2])> {
         let (mut insn, halves) = Self::decode_raw(system, pc)?;
         let next = pc.wrapping_add(u32::from(insn.size));
         let follower = if timing::depends_on_follower(&insn) {
@@ -59,7 +59,7 @@ impl Core {
     /// Decodes an instruction of the flash for good.
     #[cold]
     #[inline(never)]
-    pub(super) fn decode_flash<S: System>(&mut self, system: &mut S, pc: u32) -> Result<(), Trap> {
+    pub(super) fn decode_flash(&mut self, system: &mut impl System, pc: u32) -> Done {
         let (insn, _) = Self::decode(system, pc).ok_or(Trap::FetchBus)?;
         let index = (pc.wrapping_sub(FLASH) >> 1) as usize;
         if index >= self.decoded.len() {
@@ -72,11 +72,7 @@ impl Core {
 
     /// An instruction that the table of the flash does not reach.
     #[inline(never)]
-    pub(super) fn fetch_elsewhere<S: System>(
-        &mut self,
-        system: &mut S,
-        pc: u32,
-    ) -> Result<Insn, Trap> {
+    pub(super) fn fetch_elsewhere(&mut self, system: &mut impl System, pc: u32) -> Done<Insn> {
         if pc.wrapping_sub(FLASH) >> 1 < FLASH_HALVES {
             return Ok(Insn::EMPTY);
         }
@@ -112,12 +108,7 @@ impl Core {
 
     /// Execution enters another line of 16 bytes; `last` is the last halfword of the instruction.
     #[inline(never)]
-    pub(super) fn enter_line<S: System>(
-        &mut self,
-        system: &mut S,
-        pc: u32,
-        last: u32,
-    ) -> Result<(), Trap> {
+    pub(super) fn enter_line(&mut self, system: &mut impl System, pc: u32, last: u32) -> Done {
         if pc >> 4 != self.line {
             self.check_fetch(pc)?;
             self.line = pc >> 4;
@@ -132,7 +123,7 @@ impl Core {
     }
 
     #[inline]
-    fn check_fetch(&self, pc: u32) -> Result<(), Trap> {
+    fn check_fetch(&self, pc: u32) -> Done {
         let open = self.flash_executes && pc >> 24 == FLASH >> 24;
         if open || self.mpu.allows_fetch(pc, self.view) {
             Ok(())

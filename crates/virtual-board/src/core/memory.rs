@@ -1,69 +1,70 @@
 //! Loads and stores: what the page of the address allows goes straight to the chip; private
 //! peripherals, bit-band aliases, protected or unaligned places take another look.
 
-use super::exception::Trap;
+use super::exception::{Done, Trap};
 use super::mpu::{Access, Mode};
 use super::scb::ccr;
-use super::{Core, NO_LINE, System, Width, fetch};
+use super::{Core, NO_LINE, System, Transfer, Width, fetch};
 
 /// The private peripheral bus, but DBGMCU, which is the chip's.
 fn is_private(address: u32) -> bool {
     address >> 20 == 0xe00 && address & 0xf_f000 != 0x4_2000
 }
 
-/// Word and bit that an address in a bit-band alias stands for.
-fn bit_band(address: u32) -> Option<(u32, u32)> {
-    if !matches!(address >> 24, 0x22 | 0x23 | 0x42 | 0x43) {
+/// Word and bit that an access in a bit-band alias stands for.
+fn bit_band(at: Transfer) -> Option<(Transfer, u32)> {
+    if !matches!(at.address >> 24, 0x22 | 0x23 | 0x42 | 0x43) {
         return None;
     }
-    let offset = address & 0x1ff_ffff;
-    let base = address & 0xf000_0000;
-    Some((base | offset >> 7 << 2, offset >> 2 & 31))
+    let offset = at.address & 0x1ff_ffff;
+    let base = at.address & 0xf000_0000;
+    let word = Transfer::word(base | offset >> 7 << 2, at.pc);
+    Some((word, offset >> 2 & 31))
+}
+
+/// The bytes of an access, numbered.
+fn bytes(at: Transfer) -> impl Iterator<Item = (u32, Transfer)> {
+    (0..at.width.bytes()).map(move |k| {
+        let (address, width) = (at.address.wrapping_add(k), Width::Byte);
+        (
+            k,
+            Transfer {
+                address,
+                width,
+                ..at
+            },
+        )
+    })
 }
 
 impl Core {
     /// A load.
     #[inline(always)]
-    pub(super) fn load<S: System>(
-        &mut self,
-        system: &mut S,
-        address: u32,
-        width: Width,
-        pc: u32,
-    ) -> Result<u32, Trap> {
-        let aligned = address & (width.bytes() - 1) == 0;
-        if aligned && self.plain[(address >> 24) as usize] {
-            return match system.read(address, width, pc, &mut self.cycles) {
+    pub(super) fn load(&mut self, system: &mut impl System, at: Transfer) -> Done<u32> {
+        if at.is_aligned() && self.plain[(at.address >> 24) as usize] {
+            return match system.read(at, &mut self.cycles) {
                 Ok(value) => Ok(value),
-                Err(_) => self.data_bus_error(address),
+                Err(_) => self.data_bus_error(at.address),
             };
         }
-        self.load_checked(system, address, width, pc)
+        self.load_checked(system, at)
     }
 
     /// A store.
     #[inline(always)]
-    pub(super) fn store<S: System>(
-        &mut self,
-        system: &mut S,
-        address: u32,
-        width: Width,
-        value: u32,
-        pc: u32,
-    ) -> Result<(), Trap> {
-        let aligned = address & (width.bytes() - 1) == 0;
-        if aligned && self.plain[(address >> 24) as usize] {
-            return match system.write(address, width, value, pc, &mut self.cycles) {
+    pub(super) fn store(&mut self, system: &mut impl System, at: Transfer, value: u32) -> Done {
+        if at.is_aligned() && self.plain[(at.address >> 24) as usize] {
+            return match system.write(at, value, &mut self.cycles) {
                 Ok(()) => Ok(()),
-                Err(_) => self.data_bus_error(address).map(drop),
+                Err(_) => self.data_bus_error(at.address).map(drop),
             };
         }
-        self.store_checked(system, address, width, value, pc)
+        self.store_checked(system, at, value)
     }
 
     /// A bus fault, unless handlers of faults are to ignore them.
     #[cold]
-    fn data_bus_error(&mut self, address: u32) -> Result<u32, Trap> {
+    fn data_bus_error(&mut self, address: u32) -> Done<u32> {
         if self.scb.ccr & ccr::BFHFNMIGN != 0 && self.execution_priority() < 0 {
             return Ok(0);
         }
@@ -72,118 +73,77 @@ impl Core {
     }
 
     #[inline(never)]
-    fn load_checked<S: System>(
-        &mut self,
-        system: &mut S,
-        address: u32,
-        width: Width,
-        pc: u32,
-    ) -> Result<u32, Trap> {
-        if address & (width.bytes() - 1) != 0 {
-            return self.load_unaligned(system, address, width, pc);
+    fn load_checked(&mut self, system: &mut impl System, at: Transfer) -> Done<u32> {
+        let mut value = 0;
+        if self.splits(at)? {
+            for (k, byte) in bytes(at) {
+                value |= self.load_checked(system, byte)? << (8 * k);
+            }
+            return Ok(value);
         }
-        self.watch(address, width, pc, false);
-        if is_private(address) {
-            let value = self.private_load(system, address, width, pc);
-            return value.or_else(|_| self.data_bus_error(address));
-        }
-        if !self.mpu.allows_data(address, Access::Read, self.view) {
-            self.trap_value = address;
-            return Err(Trap::DataMpu);
-        }
-        let value = match bit_band(address) {
-            Some((word, bit)) => system
-                .read(word, Width::Word, pc, &mut self.cycles)
-                .map(|value| value >> bit & 1),
-            None => system.read(address, width, pc, &mut self.cycles),
+        self.watch(at, false);
+        let value = if is_private(at.address) {
+            self.private_load(system, at)
+        } else {
+            self.check_data(at.address, Access::Read)?;
+            match bit_band(at) {
+                Some((word, bit)) => system
+                    .read(word, &mut self.cycles)
+                    .map(|value| value >> bit & 1),
+                None => system.read(at, &mut self.cycles),
+            }
         };
-        value.or_else(|_| self.data_bus_error(address))
+        value.or_else(|_| self.data_bus_error(at.address))
     }
 
     #[inline(never)]
-    fn store_checked<S: System>(
-        &mut self,
-        system: &mut S,
-        address: u32,
-        width: Width,
-        value: u32,
-        pc: u32,
-    ) -> Result<(), Trap> {
-        if address & (width.bytes() - 1) != 0 {
-            return self.store_unaligned(system, address, width, value, pc);
+    fn store_checked(&mut self, system: &mut impl System, at: Transfer, value: u32) -> Done {
+        if self.splits(at)? {
+            for (k, byte) in bytes(at) {
+                self.store_checked(system, byte, value >> (8 * k) & 0xff)?;
+            }
+            return Ok(());
         }
-        self.watch(address, width, pc, true);
-        if is_private(address) {
-            let done = self.private_store(system, address, width, value, pc);
-            return done.or_else(|_| self.data_bus_error(address).map(drop));
-        }
-        if !self.mpu.allows_data(address, Access::Write, self.view) {
-            self.trap_value = address;
-            return Err(Trap::DataMpu);
-        }
-        let done = match bit_band(address) {
-            Some((word, bit)) => system
-                .read(word, Width::Word, pc, &mut self.cycles)
-                .and_then(|old| {
+        self.watch(at, true);
+        let done = if is_private(at.address) {
+            self.private_store(system, at, value)
+        } else {
+            self.check_data(at.address, Access::Write)?;
+            match bit_band(at) {
+                Some((word, bit)) => system.read(word, &mut self.cycles).and_then(|old| {
                     let new = old & !(1 << bit) | (value & 1) << bit;
-                    system.write(word, Width::Word, new, pc, &mut self.cycles)
+                    system.write(word, new, &mut self.cycles)
                 }),
-            None => system.write(address, width, value, pc, &mut self.cycles),
+                None => system.write(at, value, &mut self.cycles),
+            }
         };
-        done.or_else(|_| self.data_bus_error(address).map(drop))
+        done.or_else(|_| self.data_bus_error(at.address).map(drop))
     }
 
-    /// A byte of an unaligned word costs what the bus needs more: one cycle for two halves, two for
-    /// byte, half and byte.
-    fn unaligned_cycles(address: u32, width: Width) -> u64 {
-        u64::from(width == Width::Word && address & 1 != 0) + 1
+    fn check_data(&mut self, address: u32, access: Access) -> Done {
+        if self.mpu.allows_data(address, access, self.view) {
+            return Ok(());
+        }
+        self.trap_value = address;
+        Err(Trap::DataMpu)
     }
 
-    #[cold]
-    fn load_unaligned<S: System>(
-        &mut self,
-        system: &mut S,
-        address: u32,
-        width: Width,
-        pc: u32,
-    ) -> Result<u32, Trap> {
-        if self.scb.ccr & ccr::UNALIGN_TRP != 0 || is_private(address) {
+    /// True if an access is unaligned and made by bytes, which costs what the bus needs more: one cycle
+    /// for two halves, two for byte, half and byte.
+    #[inline]
+    fn splits(&mut self, at: Transfer) -> Done<bool> {
+        if at.is_aligned() {
+            return Ok(false);
+        }
+        if self.scb.ccr & ccr::UNALIGN_TRP != 0 || is_private(at.address) {
             return Err(Trap::Unaligned);
         }
-        self.cycles += Self::unaligned_cycles(address, width);
-        let mut value = 0;
-        for k in 0..width.bytes() {
-            let byte = self.load_checked(system, address.wrapping_add(k), Width::Byte, pc)?;
-            value |= byte << (8 * k);
-        }
-        Ok(value)
-    }
-
-    #[cold]
-    fn store_unaligned<S: System>(
-        &mut self,
-        system: &mut S,
-        address: u32,
-        width: Width,
-        value: u32,
-        pc: u32,
-    ) -> Result<(), Trap> {
-        if self.scb.ccr & ccr::UNALIGN_TRP != 0 || is_private(address) {
-            return Err(Trap::Unaligned);
-        }
-        self.cycles += Self::unaligned_cycles(address, width);
-        for k in 0..width.bytes() {
-            let byte = value >> (8 * k) & 0xff;
-            self.store_checked(system, address.wrapping_add(k), Width::Byte, byte, pc)?;
-        }
-        Ok(())
+        self.cycles += u64::from(at.width == Width::Word && at.address & 1 != 0) + 1;
+        Ok(true)
     }
 
     /// Access with the rights of unprivileged code (LDRT, STRT).
-    pub(super) fn unprivileged<T>(
-        &mut self,
-        access: impl FnOnce(&mut Self) -> Result<T, Trap>,
-    ) -> Result<T, Trap> {
+    pub(super) fn unprivileged<T>(&mut self, access: impl FnOnce(&mut Self) -> Done<T>) -> Done<T> {
         let (view, user, ipsr) = (self.view, self.user_thread, self.ipsr);
         if view == Mode::Privileged {
             self.set_view(Mode::Unprivileged);

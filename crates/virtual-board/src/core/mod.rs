@@ -68,7 +68,7 @@ pub use debug::Access as WatchAccess;
 pub use nvic::{LINES, exception as exceptions};
 pub use profile::{ExceptionEvent, ExceptionProfile, Profile};
 pub use scb::{cfsr, hfsr};
-pub use system::{BusError, System, Width};
+pub use system::{BusError, System, Transfer, Width};
 
 use self::debug::Debug;
 use self::dwt::Dwt;
@@ -256,7 +256,7 @@ impl Core {
 
     /// Reset: stack pointer and program counter from the vectors at 0, everything private as after
     /// power-on. Cycles, counters, breakpoints and decoded instructions stay.
-    pub fn reset<S: System>(&mut self, system: &mut S) {
+    pub fn reset(&mut self, system: &mut impl System) {
         let old = std::mem::take(self);
         self.cycles = old.cycles;
         self.instructions = old.instructions;
@@ -273,7 +273,7 @@ impl Core {
             profile.reset();
         }
         self.update_view(true);
-        let mut vector = |address| system.read(address, Width::Word, 0, &mut self.cycles);
+        let mut vector = |address| system.read(Transfer::word(address, 0), &mut self.cycles);
         let (sp, pc) = (vector(0), vector(4));
         self.r[14] = u32::MAX;
         match (sp, pc) {

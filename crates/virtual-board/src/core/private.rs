@@ -3,7 +3,7 @@
 
 use super::nvic::{Nvic, exception as number};
 use super::scb::{CPUID, IDENTIFICATION, MEDIA, VECTKEY, VECTKEYSTAT, ccr, fpccr};
-use super::{BusError, Core, Stop, System, Width};
+use super::{BusError, Core, Stop, System, Transfer};
 use crate::finding::Kind;
 
 /// Exceptions that SHCSR enables: memory management, bus and usage fault.
@@ -46,47 +46,33 @@ impl Core {
         self.cycles - self.asleep
     }
 
-    pub(super) fn private_load<S: System>(
+    pub(super) fn private_load(
         &mut self,
-        system: &mut S,
-        address: u32,
-        width: Width,
-        pc: u32,
+        system: &mut impl System,
+        at: Transfer,
     ) -> Result<u32, BusError> {
         if !self.privileged() {
             return Err(BusError);
         }
         self.refresh(system);
-        let word = self.private_read(system, address & !3, pc);
-        let word = word >> (8 * (address & 3));
-        Ok(match width {
-            Width::Byte => word & 0xff,
-            Width::Half => word & 0xffff,
-            Width::Word => word,
-        })
+        let word = self.private_read(system, at.address & !3, at.pc);
+        Ok(at.part_of(word))
     }
 
-    pub(super) fn private_store<S: System>(
+    pub(super) fn private_store(
         &mut self,
-        system: &mut S,
-        address: u32,
-        width: Width,
+        system: &mut impl System,
+        at: Transfer,
         value: u32,
-        pc: u32,
     ) -> Result<(), BusError> {
+        let Transfer { address, pc, .. } = at;
         let user_trigger = address & !3 == 0xe000_ef00 && self.scb.ccr & ccr::USERSETMPEND != 0;
         if !self.privileged() && !user_trigger {
             return Err(BusError);
         }
         self.refresh(system);
         self.attend = true;
-        let shift = 8 * (address & 3);
-        let mask = match width {
-            Width::Byte => 0xff << shift,
-            Width::Half => 0xffff << shift,
-            Width::Word => u32::MAX,
-        };
-        let value = value << shift & mask;
+        let (value, mask) = at.in_word(value);
         let address = address & !3;
         match address {
             0xe000_e400..0xe000_e4f0 => {
@@ -112,12 +98,12 @@ impl Core {
         Ok(())
     }
 
-    fn note_private<S: System>(&self, system: &mut S, kind: Kind, address: u32, pc: u32) {
+    fn note_private(&self, system: &mut impl System, kind: Kind, address: u32, pc: u32) {
         let text = format!("private peripheral {address:#010x}");
         system.note(kind, pc, self.cycles, text);
     }
 
-    fn private_read<S: System>(&mut self, system: &mut S, address: u32, pc: u32) -> u32 {
+    fn private_read(&mut self, system: &mut impl System, address: u32, pc: u32) -> u32 {
         let array = (address & 0x7f) >> 2;
         match address {
             // Stimulus ports of the ITM are always ready; everything else of it reads 0.
@@ -191,7 +177,7 @@ impl Core {
             | u32::from(self.ipsr)
     }
 
-    fn private_write<S: System>(&mut self, system: &mut S, address: u32, value: u32, pc: u32) {
+    fn private_write(&mut self, system: &mut impl System, address: u32, value: u32, pc: u32) {
         let set = Nvic::set_of(value, (address & 0x7f) >> 2);
         let awake = self.awake();
         match address {
@@ -236,7 +222,7 @@ impl Core {
         }
     }
 
-    fn write_system<S: System>(&mut self, system: &mut S, address: u32, value: u32, pc: u32) {
+    fn write_system(&mut self, system: &mut impl System, address: u32, value: u32, pc: u32) {
         match address & 0xff {
             0x04 => self.write_interrupt_control(value),
             0x08 => self.scb.vtor = value & 0xffff_ff80,
@@ -276,7 +262,7 @@ impl Core {
     }
 
     /// AIRCR: a write without the key is lost.
-    fn write_reset_control<S: System>(&mut self, system: &mut S, value: u32) {
+    fn write_reset_control(&mut self, system: &mut impl System, value: u32) {
         if value >> 16 != VECTKEY {
             return;
         }

@@ -11,7 +11,7 @@ use crate::time::Cycles;
 impl Core {
     /// Runs until a cycle, or until something stops the core. The last instruction may end a few
     /// cycles later.
-    pub fn run<S: System>(&mut self, system: &mut S, until: Cycles) -> Stop {
+    pub fn run(&mut self, system: &mut impl System, until: Cycles) -> Stop {
         loop {
             let due = self.look_up(system, until);
             if let Some(stop) = self.stop.take() {
@@ -38,9 +38,9 @@ impl Core {
                 continue;
             }
             let trap = if self.profile.is_some() || self.debug.per_instruction() {
-                self.execute_until_limit::<S, true>(system)
+                self.execute_until_limit::<true>(system)
             } else {
-                self.execute_until_limit::<S, false>(system)
+                self.execute_until_limit::<false>(system)
             };
             if let Some((trap, it)) = trap {
                 self.attend = true;
@@ -53,7 +53,7 @@ impl Core {
     }
 
     /// Executes one instruction, or takes one exception; sleeps until `until` at most.
-    pub fn step<S: System>(&mut self, system: &mut S, until: Cycles) -> Stop {
+    pub fn step(&mut self, system: &mut impl System, until: Cycles) -> Stop {
         self.debug.step = true;
         let stop = self.run(system, until);
         self.debug.step = false;
@@ -61,7 +61,7 @@ impl Core {
     }
 
     /// Lets the chip go on until a cycle while the core stands still, as under a debugger.
-    pub fn stand_still<S: System>(&mut self, system: &mut S, until: Cycles) {
+    pub fn stand_still(&mut self, system: &mut impl System, until: Cycles) {
         while self.cycles < until {
             let due = self.look_up(system, until);
             self.cycles = due.clamp(self.cycles + 1, until);
@@ -71,7 +71,7 @@ impl Core {
     }
 
     /// Lets the chip do what is due and looks at what it did; gives when the next thing is due.
-    fn look_up<S: System>(&mut self, system: &mut S, until: Cycles) -> Cycles {
+    fn look_up(&mut self, system: &mut impl System, until: Cycles) -> Cycles {
         self.attend = false;
         self.until = until;
         if self.systick.advance(self.cycles) {
@@ -116,14 +116,14 @@ impl Core {
 
     /// Executes instructions until something is to be looked at. A trap comes with the IT state
     /// that its instruction had.
-    fn execute_until_limit<S: System, const PROBE: bool>(
+    fn execute_until_limit<const PROBE: bool>(
         &mut self,
-        system: &mut S,
+        system: &mut impl System,
     ) -> Option<(Trap, u8)> {
         loop {
             // Apart from the core, so that an instruction is read where it stands.
             let decoded = std::mem::take(&mut self.decoded);
-            let end = self.execute_decoded::<S, PROBE>(system, &decoded);
+            let end = self.execute_decoded::<PROBE>(system, &decoded);
             self.decoded = decoded;
             let Some((Trap::Undecoded, it)) = end else {
                 return end;
@@ -134,9 +134,9 @@ impl Core {
         }
     }
 
-    fn execute_decoded<S: System, const PROBE: bool>(
+    fn execute_decoded<const PROBE: bool>(
         &mut self,
-        system: &mut S,
+        system: &mut impl System,
         decoded: &[Insn],
     ) -> Option<(Trap, u8)> {
         let mut pc = self.pc;

@@ -1,11 +1,11 @@
 //! Frames on the stack: saving and restoring registers around exceptions, floating point at once or
 //! lazily (ARMv7-M Architecture Reference Manual, B1.5.6 to B1.5.8).
 
-use super::exception::Trap;
+use super::exception::{Done, Trap};
 use super::nvic::exception as number;
 use super::registers::it_state;
 use super::scb::{ccr, fpccr};
-use super::{Core, System, Width, mpu, timing};
+use super::{Core, System, Transfer, mpu, timing};
 
 /// Bytes of a frame without and with floating point.
 const BASIC: u32 = 0x20;
@@ -18,7 +18,7 @@ const BASIC_FRAME: u32 = 0x10;
 impl Core {
     /// Saves registers on the stack in use. Gives the value of EXC_RETURN, and whether all could be
     /// written; the stack pointer moves in any case.
-    pub(super) fn push_frame<S: System>(&mut self, system: &mut S) -> (u32, Result<(), Trap>) {
+    pub(super) fn push_frame(&mut self, system: &mut impl System) -> (u32, Done) {
         let fp = self.fp_active;
         let size = if fp { EXTENDED } else { BASIC };
         let align = fp || self.scb.ccr & ccr::STKALIGN != 0;
@@ -38,7 +38,7 @@ impl Core {
         let mut result = Ok(());
         for (k, word) in (0..).zip(words) {
             self.cycles += 1;
-            result = result.and(self.store_word(system, frame.wrapping_add(4 * k), word));
+            result = result.and(self.store_word(system, self.on_stack(frame, k), word));
         }
         if fp {
             let address = frame.wrapping_add(BASIC);
@@ -51,23 +51,19 @@ impl Core {
         (value, result)
     }
 
-    fn store_word<S: System>(
-        &mut self,
-        system: &mut S,
-        address: u32,
-        word: u32,
-    ) -> Result<(), Trap> {
-        self.store(system, address, Width::Word, word, self.pc)
+    /// Word `k` of a frame.
+    fn on_stack(&self, frame: u32, k: u32) -> Transfer {
+        Transfer::word(frame.wrapping_add(4 * k), self.pc)
     }
 
     /// S0 to S15 and FPSCR.
-    fn save_singles<S: System>(&mut self, system: &mut S, address: u32) -> Result<(), Trap> {
+    fn save_singles(&mut self, system: &mut impl System, address: u32) -> Done {
         self.cycles += timing::FP_CONTEXT;
         for k in 0..16 {
             let word = self.s[k as usize & 31];
-            self.store_word(system, address.wrapping_add(4 * k), word)?;
+            self.store_word(system, self.on_stack(address, k), word)?;
         }
-        self.store_word(system, address.wrapping_add(0x40), self.fpscr)
+        self.store_word(system, self.on_stack(address, 16), self.fpscr)
     }
 
     /// Notes where the floating-point registers go if they are needed (UpdateFPCCR).
@@ -91,7 +87,7 @@ impl Core {
     /// context to save, does a new one begin (ExecuteFPCheck).
     #[cold]
     #[inline(never)]
-    pub(super) fn prepare_fp<S: System>(&mut self, system: &mut S) -> Result<(), Trap> {
+    pub(super) fn prepare_fp(&mut self, system: &mut impl System) -> Done {
         if !self.fp_allowed() {
             return Err(Trap::NoCoprocessor);
         }
@@ -115,7 +111,7 @@ impl Core {
         }
     }
 
-    fn save_lazily<S: System>(&mut self, system: &mut S) -> Result<(), Trap> {
+    fn save_lazily(&mut self, system: &mut impl System) -> Done {
         let view = self.view;
         if self.scb.fpccr & fpccr::USER != 0 {
             self.set_view(mpu::Mode::Unprivileged);
@@ -132,11 +128,7 @@ impl Core {
     }
 
     /// Restores registers as EXC_RETURN says. False: what was restored does not fit the mode.
-    pub(super) fn pop_frame<S: System>(
-        &mut self,
-        system: &mut S,
-        value: u32,
-    ) -> Result<bool, Trap> {
+    pub(super) fn pop_frame(&mut self, system: &mut impl System, value: u32) -> Done<bool> {
         let (thread, process) = (value & 8 != 0, value & 4 != 0);
         let extended = value & BASIC_FRAME == 0;
         let frame = if process { self.other_sp } else { self.r[13] };
@@ -173,17 +165,16 @@ impl Core {
     }
 
     /// Reads a frame; floating-point registers go to their place.
-    fn load_frame<S: System>(
+    fn load_frame(
         &mut self,
-        system: &mut S,
+        system: &mut impl System,
         frame: u32,
         extended: bool,
-    ) -> Result<[u32; 8], Trap> {
+    ) -> Done<[u32; 8]> {
         self.cycles += timing::RETURN;
         let mut words = [0; 8];
         for (k, word) in (0..).zip(&mut words) {
-            let address = frame.wrapping_add(4 * k);
-            *word = self.load(system, address, Width::Word, self.pc)?;
+            *word = self.load_word(system, self.on_stack(frame, k))?;
         }
         if !extended {
             return Ok(words);
@@ -195,12 +186,11 @@ impl Core {
         }
         self.cycles += timing::FP_CONTEXT;
         for k in 0..16 {
-            let address = frame.wrapping_add(BASIC + 4 * k);
-            self.s[k as usize & 31] = self.load(system, address, Width::Word, self.pc)?;
+            self.s[k as usize & 31] =
+                self.load_word(system, self.on_stack(frame, BASIC / 4 + k))?;
         }
-        let address = frame.wrapping_add(BASIC + 0x40);
-        self.fpscr =
-            self.load(system, address, Width::Word, self.pc)? & super::float::fpscr::WRITABLE;
+        let status = self.load_word(system, self.on_stack(frame, BASIC / 4 + 16))?;
+        self.fpscr = status & super::float::fpscr::WRITABLE;
         Ok(words)
     }
 

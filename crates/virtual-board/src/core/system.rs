@@ -23,6 +23,49 @@ impl Width {
             Self::Word => 4,
         }
     }
+
+    /// The bits of a word that it has.
+    pub const fn mask(self) -> u32 {
+        u32::MAX >> (32 - 8 * self.bytes())
+    }
+}
+
+/// What an access moves where, and the instruction that makes it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Transfer {
+    /// Address of the first byte.
+    pub address: u32,
+    /// Width.
+    pub width: Width,
+    /// Address of the instruction.
+    pub pc: u32,
+}
+
+impl Transfer {
+    /// A word.
+    #[inline(always)]
+    pub const fn word(address: u32, pc: u32) -> Self {
+        let width = Width::Word;
+        Self { address, width, pc }
+    }
+
+    /// The value of the word around it that it reads.
+    pub const fn part_of(self, word: u32) -> u32 {
+        word >> (8 * (self.address & 3)) & self.width.mask()
+    }
+
+    /// A value at its place in the word around it, and the bits of the word that it writes.
+    pub const fn in_word(self, value: u32) -> (u32, u32) {
+        let shift = 8 * (self.address & 3);
+        let mask = self.width.mask() << shift;
+        (value << shift & mask, mask)
+    }
+
+    /// True if the address is a multiple of the width.
+    #[inline(always)]
+    pub const fn is_aligned(self) -> bool {
+        self.address & (self.width.bytes() - 1) == 0
+    }
 }
 
 /// The bus answered with an error; the core takes a bus fault.
@@ -41,22 +84,9 @@ pub trait System {
     /// The program enters another line of 16 bytes, by a jump or by going on.
     fn enter_line(&mut self, address: u32, cycle: &mut Cycles);
     /// A load.
-    fn read(
-        &mut self,
-        address: u32,
-        width: Width,
-        pc: u32,
-        cycle: &mut Cycles,
-    ) -> Result<u32, BusError>;
+    fn read(&mut self, at: Transfer, cycle: &mut Cycles) -> Result<u32, BusError>;
     /// A store.
-    fn write(
-        &mut self,
-        address: u32,
-        width: Width,
-        value: u32,
-        pc: u32,
-        cycle: &mut Cycles,
-    ) -> Result<(), BusError>;
+    fn write(&mut self, at: Transfer, value: u32, cycle: &mut Cycles) -> Result<(), BusError>;
     /// The core looks up from its instructions at this cycle at the latest. An access that changes
     /// what is to come, an interrupt line for example, sets it to 0.
     fn limit(&self) -> Cycles;

@@ -44,7 +44,7 @@ impl Node for Chip {
 mod tests {
     use super::*;
     use crate::chip::Bare;
-    use crate::core::{System, Width};
+    use crate::core::{System, Transfer};
     use crate::time::Cycles;
     use crate::wire::{BitTiming, Frame, Id, Settings, VirtualNode, Wire};
 
@@ -54,12 +54,13 @@ mod tests {
     const MICRO: u64 = 16;
 
     fn write(chip: &mut Chip, address: u32, value: u32, cycle: &mut Cycles) {
-        let done = System::write(chip, address, Width::Word, value, 0, cycle);
+        let done = chip.write(Transfer::word(address, 0), value, cycle);
         assert!(done.is_ok());
     }
 
     fn read(chip: &mut Chip, address: u32, cycle: &mut Cycles) -> u32 {
-        System::read(chip, address, Width::Word, 0, cycle).expect("a register")
+        chip.read(Transfer::word(address, 0), cycle)
+            .expect("a register")
     }
 
     /// A chip that has asked for one frame to be sent, with or without its pins.

@@ -20,7 +20,7 @@ use super::interrupt::Interrupt;
 use super::part::Random;
 use super::register::{Register, merge, narrow, word};
 use super::shared::{Shared, Source};
-use crate::core::{BusError, Width};
+use crate::core::{Transfer, Width};
 use crate::finding::Kind;
 use crate::time::{Cycles, NEVER, Time, Timebase};
 use accelerator::Accelerator;
@@ -242,39 +242,27 @@ impl Flash {
 
     /// The same as a load by the program, with what it takes.
     #[inline]
-    pub fn load(
-        &mut self,
-        address: u32,
-        width: Width,
-        cycle: &mut Cycles,
-        shared: &mut Shared,
-    ) -> Option<Result<u32, BusError>> {
-        if self.operation.is_some() && Place::of(address).is_some() {
+    pub fn load(&mut self, at: Transfer, cycle: &mut Cycles, shared: &mut Shared) -> Option<u32> {
+        if self.operation.is_some() && Place::of(at.address).is_some() {
             self.stall(cycle, shared);
         }
-        let Some(at) = layout::main(address) else {
-            return self.load_elsewhere(address, width, cycle, shared);
+        let Some(place) = layout::main(at.address) else {
+            return self.load_elsewhere(at, cycle, shared);
         };
-        let line = at / 16;
+        let line = place / 16;
         let bytes = &self.bytes[16 * line..16 * line + 16];
         let seen = self.accelerator.load(line as u32, bytes, cycle);
-        Some(Ok(super::bus::get(seen, at % 16, width)))
+        Some(super::bus::get(seen, place % 16, at.width))
     }
 
     #[cold]
-    fn load_elsewhere(
-        &self,
-        address: u32,
-        width: Width,
-        cycle: &mut Cycles,
-        shared: &mut Shared,
-    ) -> Option<Result<u32, BusError>> {
-        let value = self.peek(address, width)?;
-        if Place::of(address) == Some(Place::System) {
+    fn load_elsewhere(&self, at: Transfer, cycle: &mut Cycles, shared: &mut Shared) -> Option<u32> {
+        let value = self.peek(at.address, at.width)?;
+        if Place::of(at.address) == Some(Place::System) {
             shared.note(Kind::NotModelled, "the boot loader's memory");
         }
         *cycle += self.accelerator.wait_states;
-        Some(Ok(value))
+        Some(value)
     }
 
     /// The core waits until the operation has ended.
@@ -402,16 +390,18 @@ impl Flash {
         }
     }
 
-    /// A store to an address of the flash; none elsewhere.
+    /// A store to an address of the flash; false elsewhere.
     pub fn program(
         &mut self,
-        address: u32,
-        width: Width,
+        at: Transfer,
         value: u32,
         cycle: &mut Cycles,
         shared: &mut Shared,
-    ) -> Option<Result<(), BusError>> {
-        let place = Place::of(address)?;
+    ) -> bool {
+        let Transfer { address, width, .. } = at;
+        let Some(place) = Place::of(address) else {
+            return false;
+        };
         if self.operation.is_some() {
             self.stall(cycle, shared);
             shared.now = *cycle;
@@ -427,8 +417,7 @@ impl Flash {
             self.refuse(WRPERR, text, shared);
         } else {
             self.judge_supply(shared);
-            let mask = u32::MAX >> (32 - 8 * width.bytes());
-            let before = self.peek(address, width).unwrap_or(0) & mask;
+            let before = self.peek(address, width).unwrap_or(0) & width.mask();
             let operation = Operation::Program {
                 place,
                 width,
@@ -436,7 +425,7 @@ impl Flash {
             };
             self.begin(operation, PROGRAM, shared);
         }
-        Some(Ok(()))
+        true
     }
 
     fn erase_sector(&mut self, shared: &mut Shared) {
@@ -614,6 +603,18 @@ mod tests {
     use super::*;
     use crate::chip::testing::shared;
 
+    fn of(address: u32, width: Width) -> Transfer {
+        Transfer {
+            address,
+            width,
+            pc: 0,
+        }
+    }
+
+    fn word(address: u32) -> Transfer {
+        of(address, Width::Word)
+    }
+
     fn unlocked(shared: &mut Shared) -> Flash {
         let mut flash = Flash::default();
         for key in [0x4567_0123, 0xcdef_89ab] {
@@ -629,11 +630,11 @@ mod tests {
         flash.write(0x10, PG | 2 << 8, !0, &mut shared);
         for (value, stands) in [(0xffff_00ff, 0xffff_00ff), (0x1234_5678, 0x1234_0078)] {
             let mut cycle = shared.now;
-            flash.program(BASE + 0x8000, Width::Word, value, &mut cycle, &mut shared);
+            flash.program(word(BASE + 0x8000), value, &mut cycle, &mut shared);
             assert_ne!(flash.read(0x0c, &mut shared) & BSY, 0);
             let mut cycle = shared.now;
-            let read = flash.load(BASE + 0x8000, Width::Word, &mut cycle, &mut shared);
-            assert_eq!(read, Some(Ok(stands)));
+            let read = flash.load(word(BASE + 0x8000), &mut cycle, &mut shared);
+            assert_eq!(read, Some(stands));
             // 16 µs at 16 MHz.
             assert_eq!(cycle - shared.now, 256);
             shared.now = cycle;
@@ -667,7 +668,7 @@ mod tests {
         let mut shared = shared();
         let mut flash = Flash::default();
         let mut cycle = 0;
-        flash.program(BASE, Width::Word, 0, &mut cycle, &mut shared);
+        flash.program(word(BASE), 0, &mut cycle, &mut shared);
         flash.write(0x10, PG, !0, &mut shared);
         flash.write(0x04, 1, !0, &mut shared);
         assert!(shared.bus_error);
@@ -683,7 +684,7 @@ mod tests {
     fn errors_of(flash: &mut Flash, width: Width, shared: &mut Shared) -> u32 {
         flash.write(0x0c, CLEARED_BY_ONE, !0, shared);
         let mut cycle = shared.now;
-        flash.program(BASE + 0x2_0000, width, 0, &mut cycle, shared);
+        flash.program(of(BASE + 0x2_0000, width), 0, &mut cycle, shared);
         flash.read(0x0c, shared) & !BSY
     }
 
@@ -712,7 +713,7 @@ mod tests {
         let mut flash = unlocked(&mut shared);
         flash.write(0x10, PG | 2 << 8 | EOPIE, !0, &mut shared);
         let mut cycle = shared.now;
-        flash.program(BASE, Width::Word, 0, &mut cycle, &mut shared);
+        flash.program(word(BASE), 0, &mut cycle, &mut shared);
         assert_eq!(shared.lines, 0);
         flash.write(0x10, EOPIE, !0, &mut shared);
         // 16 µs at 16 MHz.
@@ -748,7 +749,7 @@ mod tests {
         for k in 0..32 {
             flash.cr = PG | 2 << 8;
             let mut cycle = 0;
-            flash.program(BASE + 4 * k, Width::Word, 0xff, &mut cycle, &mut shared);
+            flash.program(word(BASE + 4 * k), 0xff, &mut cycle, &mut shared);
             flash.reset(true, &mut shared);
             let word = flash.peek(BASE + 4 * k, Width::Word).unwrap_or(0);
             assert_eq!(word & 0xff, 0xff, "bits that were not to be cleared");
@@ -820,7 +821,7 @@ mod tests {
             (0x1fff_7840, 3),
         ] {
             let mut cycle = shared.now;
-            flash.program(address, Width::Byte, value, &mut cycle, &mut shared);
+            flash.program(of(address, Width::Byte), value, &mut cycle, &mut shared);
             shared.now = shared.due(Source::Flash).min(shared.now + 1000);
             flash.event(Source::Flash, &mut shared);
         }
@@ -837,19 +838,19 @@ mod tests {
         flash.write(0x00, DCEN | 5, !0, &mut shared);
         let load = |flash: &mut Flash, shared: &mut Shared| {
             let mut cycle = shared.now;
-            flash.load(BASE + 0x8000, Width::Byte, &mut cycle, shared)
+            flash.load(of(BASE + 0x8000, Width::Byte), &mut cycle, shared)
         };
-        assert_eq!(load(&mut flash, &mut shared), Some(Ok(0x12)));
+        assert_eq!(load(&mut flash, &mut shared), Some(0x12));
         flash.write(0x10, SER | 2 << 3 | 2 << 8 | STRT, !0, &mut shared);
-        assert_eq!(load(&mut flash, &mut shared), Some(Ok(0x12)));
+        assert_eq!(load(&mut flash, &mut shared), Some(0x12));
         assert_eq!(flash.peek(BASE + 0x8000, Width::Byte), Some(0xff));
         // A reset of the cache while it is on is not one.
         flash.write(0x00, DCEN | DCRST | 5, !0, &mut shared);
-        assert_eq!(load(&mut flash, &mut shared), Some(Ok(0x12)));
+        assert_eq!(load(&mut flash, &mut shared), Some(0x12));
         assert_eq!(shared.findings.list().len(), 1);
         for acr in [5, DCRST | 5, DCEN | 5] {
             flash.write(0x00, acr, !0, &mut shared);
         }
-        assert_eq!(load(&mut flash, &mut shared), Some(Ok(0xff)));
+        assert_eq!(load(&mut flash, &mut shared), Some(0xff));
     }
 }

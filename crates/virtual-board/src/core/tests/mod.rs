@@ -9,7 +9,7 @@ mod memory;
 mod sleep;
 mod timing;
 
-use super::{BusError, Core, Stop, System, Width};
+use super::{BusError, Core, Stop, System, Transfer, Width};
 use crate::finding::Kind;
 use crate::time::Cycles;
 
@@ -91,31 +91,18 @@ impl System for Chip {
         self.entered.push(address);
     }
 
-    fn read(
-        &mut self,
-        address: u32,
-        width: Width,
-        _pc: u32,
-        _cycle: &mut Cycles,
-    ) -> Result<u32, BusError> {
-        assert_eq!(address % width.bytes(), 0, "accesses come aligned");
-        let place = self.place(address, width)?;
+    fn read(&mut self, at: Transfer, _cycle: &mut Cycles) -> Result<u32, BusError> {
+        assert!(at.is_aligned());
+        let place = self.place(at.address, at.width)?;
         Ok(place.iter().rfold(0, |w, &b| w << 8 | u32::from(b)))
     }
 
-    fn write(
-        &mut self,
-        address: u32,
-        width: Width,
-        value: u32,
-        _pc: u32,
-        _cycle: &mut Cycles,
-    ) -> Result<(), BusError> {
-        assert_eq!(address % width.bytes(), 0, "accesses come aligned");
-        if address >> 24 != 0x20 {
+    fn write(&mut self, at: Transfer, value: u32, _cycle: &mut Cycles) -> Result<(), BusError> {
+        assert!(at.is_aligned());
+        if at.address >> 24 != 0x20 {
             return Err(BusError);
         }
-        let place = self.place(address, width)?;
+        let place = self.place(at.address, at.width)?;
         let bytes = value.to_le_bytes();
         place.copy_from_slice(&bytes[..place.len()]);
         Ok(())
@@ -230,7 +217,7 @@ impl Machine {
         let cycle = self.core.cycles();
         let value = self
             .core
-            .load(&mut self.chip, address, Width::Word, pc)
+            .load(&mut self.chip, Transfer::word(address, pc))
             .unwrap_or(0xdead_beef);
         assert!(self.core.cycles() >= cycle);
         value
@@ -241,7 +228,7 @@ impl Machine {
         let pc = self.core.pc();
         let done = self
             .core
-            .store(&mut self.chip, address, Width::Word, value, pc);
+            .store(&mut self.chip, Transfer::word(address, pc), value);
         assert_eq!(done, Ok(()));
     }
 }

@@ -3,7 +3,7 @@
 use super::access;
 use super::registers::{CoreRegisters, CortexM4F};
 use crate::board::Board;
-use crate::core::{System, WatchAccess, Width};
+use crate::core::{System, Transfer, WatchAccess, Width};
 use crate::probe::image::{CCM, FLASH, SRAM};
 use gdbstub::common::Signal;
 use gdbstub::target::ext::base::BaseOps;
@@ -76,11 +76,10 @@ impl SingleThreadBase for Board {
             data[..count].copy_from_slice(&bytes[..count]);
             return Ok(count);
         }
-        access_memory(self, start, data, &mut |board, address, width, bytes| {
-            let pc = board.core().pc();
+        access_memory(self, start, data, &mut |board, at, bytes| {
             // A clock of its own: the access takes the board no time.
             let mut cycle = board.core().cycles();
-            let value = board.chip().read(address, width, pc, &mut cycle).ok()?;
+            let value = board.chip().read(at, &mut cycle).ok()?;
             bytes.copy_from_slice(&value.to_le_bytes()[..bytes.len()]);
             Some(())
         })
@@ -88,22 +87,13 @@ impl SingleThreadBase for Board {
 
     fn write_addrs(&mut self, start: u32, data: &[u8]) -> TargetResult<(), Self> {
         let mut copy = data.to_vec();
-        let written = access_memory(
-            self,
-            start,
-            &mut copy,
-            &mut |board, address, width, bytes| {
-                let mut word = [0; 4];
-                word[..bytes.len()].copy_from_slice(bytes);
-                let value = u32::from_le_bytes(word);
-                let pc = board.core().pc();
-                let mut cycle = board.core().cycles();
-                board
-                    .chip()
-                    .write(address, width, value, pc, &mut cycle)
-                    .ok()
-            },
-        )?;
+        let written = access_memory(self, start, &mut copy, &mut |board, at, bytes| {
+            let mut word = [0; 4];
+            word[..bytes.len()].copy_from_slice(bytes);
+            let mut cycle = board.core().cycles();
+            let value = u32::from_le_bytes(word);
+            board.chip().write(at, value, &mut cycle).ok()
+        })?;
         if written == data.len() {
             Ok(())
         } else {
@@ -128,7 +118,7 @@ fn flash(board: &mut Board, start: u32) -> Option<&[u8]> {
 }
 
 /// One access of a width.
-type Each<'a> = &'a mut dyn FnMut(&mut Board, u32, Width, &mut [u8]) -> Option<()>;
+type Each<'a> = &'a mut dyn FnMut(&mut Board, Transfer, &mut [u8]) -> Option<()>;
 
 /// Accesses in pieces as wide as they may be; how many bytes that did.
 fn access_memory(
@@ -153,7 +143,8 @@ fn access_memory(
             _ => Width::Byte,
         };
         let bytes = &mut data[done..done + width.bytes() as usize];
-        if each(board, address, width, bytes).is_none() {
+        let pc = board.core().pc();
+        if each(board, Transfer { address, width, pc }, bytes).is_none() {
             break;
         }
         done += width.bytes() as usize;

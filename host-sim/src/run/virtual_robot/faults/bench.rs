@@ -16,7 +16,7 @@ use rand_pcg::Pcg64;
 use std::sync::{Arc, Mutex};
 use virtual_board::Time;
 use virtual_board::board::Board;
-use virtual_board::core::{System, Width};
+use virtual_board::core::{System, Transfer};
 use virtual_board::probe::coverage::Coverage;
 use virtual_board::wire::{BitTiming, Fault, Settings, VirtualNode};
 
@@ -149,7 +149,7 @@ impl Bench {
         let mut value = 0;
         self.board(role, |board| {
             let (core, chip) = board.parts();
-            let read = chip.read(address, Width::Word, 0, &mut core.cycles());
+            let read = chip.read(Transfer::word(address, 0), &mut core.cycles());
             value = read.unwrap_or_default();
         });
         value
