@@ -241,7 +241,7 @@ fn drive(ticks: &[Tick]) -> Result<(), TestCaseError> {
             if let Some(lead) = output.lead {
                 let motion = lead.motion;
                 prop_assert!(motion.v.abs() <= speed * 1.0001, "{motion:?}");
-                prop_assert!(motion.psi.abs() <= steering, "{motion:?}");
+                prop_assert!(motion.psi.0.abs() <= steering, "{motion:?}");
                 prop_assert!(motion.psi_rate.is_finite());
                 prop_assert!(finite(lead.fused.robot.posture), "{:?}", lead.fused);
             }

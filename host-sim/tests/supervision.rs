@@ -144,8 +144,8 @@ impl Run {
         *found.unwrap_or_else(|| panic!("{node:?} was never {state:?}"))
     }
 
-    /// Largest true bend from a time on, rad.
-    fn bend_from(&self, time_s: f64) -> f64 {
+    /// Largest true steering angle |ψ| from a time on, rad.
+    fn steering_from(&self, time_s: f64) -> f64 {
         let late = self.records.iter().filter(|record| record.time_s >= time_s);
         late.map(|record| 0.5 * record.relative[2].abs())
             .fold(0.0, f64::max)
@@ -165,9 +165,12 @@ impl Run {
     /// The robot has stopped in order: no further bent on the way, motors off, at rest.
     fn assert_stopped(&self, since: f64) {
         let before = self.records.iter().rfind(|record| record.time_s <= since);
-        let bend = 0.5 * before.unwrap().relative[2].abs();
-        let later = self.bend_from(since);
-        assert!(later < bend + 0.03, "bent from {bend:.3} to {later:.3} rad");
+        let steering = 0.5 * before.unwrap().relative[2].abs();
+        let later = self.steering_from(since);
+        assert!(
+            later < steering + 0.03,
+            "bent from {steering:.3} to {later:.3} rad"
+        );
         let axles = self.simulation.plant().state().axle;
         assert!(axles.iter().all(|axle| axle.torque == [0.0; 2]));
         println!("speed at the end {:.4} m/s", self.simulation.speed());

@@ -127,7 +127,7 @@ fn starts_of_the_whole_robot_come_home_within_the_bound() {
 fn the_figures_of_a_trial_follow_from_its_states() {
     let mut scenario = Scenario::default();
     scenario.mission.start = random_start(5, 3);
-    let (mut length, mut bend, mut commanded) = (0.0, 0.0f64, 0.0f64);
+    let (mut length, mut steering, mut commanded) = (0.0, 0.0f64, 0.0f64);
     let mut turning: f64 = 0.0;
     let mut last: Option<[f64; 3]> = None;
     let outcome = simulation::regulate(&scenario, 5, 3, |record| {
@@ -141,8 +141,8 @@ fn the_figures_of_a_trial_follow_from_its_states() {
             }
         }
         last = Some(record.midpoint);
-        bend = bend.max(0.5 * (record.axles[0][2] - record.axles[1][2]).abs());
-        commanded = commanded.max(f64::from(record.lead.motion.psi).abs());
+        steering = steering.max(0.5 * (record.axles[0][2] - record.axles[1][2]).abs());
+        commanded = commanded.max(f64::from(record.lead.motion.psi.0).abs());
     })
     .unwrap();
     // Chord of a circular frame from its arc: κ = 2 sin ψ/(chord cos ψ).
@@ -157,7 +157,7 @@ fn the_figures_of_a_trial_follow_from_its_states() {
     );
     assert!((outcome.max_commanded_curvature / kappa(commanded) - 1.0).abs() < 1e-6);
     // The log is ten times coarser.
-    let ratio = outcome.max_curvature / kappa(bend);
+    let ratio = outcome.max_curvature / kappa(steering);
     assert!((1.0..1.01).contains(&ratio), "{ratio}");
     assert!((outcome.max_path_curvature / turning - 1.0).abs() < 0.02);
     // O follows the circle that the frame's bend describes: an independent measure of it.

@@ -20,10 +20,10 @@
 //! [`Config::build`] validates the geometry; nothing else here can fail. Steering angles outside
 //! ±[`Config::max_steering_rad`] are limited to it, NaN counts as zero.
 
-use super::bend::{Arc, Bend};
+use super::arc::{Arc, Shape};
 use crate::config::{ConfigError, in_range, non_negative, positive};
 use crate::math::trig::wrap_angle;
-use crate::math::{Posture, Transform, Twist};
+use crate::math::{Posture, Steering, Transform, Twist};
 use core::f32::consts::PI;
 use core::hint::cold_path;
 
@@ -88,12 +88,12 @@ impl Config {
             max_curvature: 0.0,
             form: self.form,
         };
-        cascade.max_curvature = cascade.curvature(cascade.max_steering);
+        cascade.max_curvature = cascade.curvature(Steering(cascade.max_steering));
         Ok(cascade)
     }
 }
 
-/// Motion of the midpoint O: speed along the heading and bend of the frame, with their rates.
+/// Motion of the midpoint O: speed along the heading and steering angle, with their rates.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Motion {
@@ -101,15 +101,15 @@ pub struct Motion {
     pub v: f32,
     /// Acceleration (v̇), m/s².
     pub v_rate: f32,
-    /// Steering angle (ψ = ψ1 = −ψ2), rad, positive bends to the left.
-    pub psi: f32,
+    /// Steering angle (ψ = ψ1 = −ψ2).
+    pub psi: Steering,
     /// Steering rate (ψ̇), rad/s.
     pub psi_rate: f32,
     /// Steering acceleration (ψ̈), rad/s².
     pub psi_acceleration: f32,
 }
 
-/// What one axle is asked to do at an instant.
+/// Reference of one axle at an instant.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct AxleReference {
@@ -123,9 +123,9 @@ pub struct AxleReference {
 
 /// Steering angle with its first two derivatives in time.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Steering {
-    /// ψ, rad.
-    pub psi: f32,
+pub struct SteeringMotion {
+    /// ψ.
+    pub psi: Steering,
     /// ψ̇, rad/s.
     pub rate: f32,
     /// ψ̈, rad/s².
@@ -154,8 +154,8 @@ impl Cascade {
 
     /// `psi` limited to what the frame may be asked for; NaN gives 0.
     #[inline(always)]
-    fn limited(&self, psi: f32) -> f32 {
-        if psi.abs() <= self.max_steering {
+    fn limited(&self, Steering(psi): Steering) -> Steering {
+        Steering(if psi.abs() <= self.max_steering {
             psi
         } else if psi.is_nan() {
             cold_path();
@@ -163,41 +163,42 @@ impl Cascade {
         } else {
             cold_path();
             self.max_steering.copysign(psi)
-        }
+        })
     }
 
-    /// The frame bent by `psi` (rad), limited.
+    /// Shape of the frame at the limited `psi`.
     #[inline(always)]
-    pub(super) fn bent(&self, psi: f32) -> Bend {
+    pub(super) fn bent(&self, psi: Steering) -> Shape {
         self.arc.bent(self.limited(psi))
     }
 
-    /// Path curvature of O at steering angle `psi` (rad), 1/m (paper eq. 5).
-    pub fn curvature(&self, psi: f32) -> f32 {
+    /// Path curvature of O at steering angle `psi`, 1/m (paper eq. 5).
+    pub fn curvature(&self, psi: Steering) -> f32 {
         self.bent(psi).kappa
     }
 
     /// κ(ψ) and its first two derivatives by ψ: 1/m, 1/(m rad), 1/(m rad²).
-    pub fn curvature_derivatives(&self, psi: f32) -> [f32; 3] {
-        let bend = self.bent(psi);
-        let second = (2.0 * (bend.tan * (bend.sec * bend.sec) - bend.kappa_slope * bend.slope)
-            - bend.kappa * bend.second)
-            / bend.half;
-        [bend.kappa, bend.kappa_slope, second]
+    pub fn curvature_derivatives(&self, psi: Steering) -> [f32; 3] {
+        let shape = self.bent(psi);
+        let second = (2.0
+            * (shape.tan * (shape.sec * shape.sec) - shape.kappa_slope * shape.slope)
+            - shape.kappa * shape.second)
+            / shape.half;
+        [shape.kappa, shape.kappa_slope, second]
     }
 
     /// Steering angle for a path curvature (1/m): the inverse of [`Self::curvature`], by Newton's
     /// method. Curvature beyond the bound gives the largest steering angle of its sign; NaN gives 0.
     #[inline(always)]
-    pub fn steering(&self, kappa: f32) -> f32 {
+    pub fn steering(&self, kappa: f32) -> Steering {
         if kappa.abs() < self.max_curvature {
             self.arc.steering(kappa, self.max_steering)
         } else if kappa.is_nan() {
             cold_path();
-            0.0
+            Steering::STRAIGHT
         } else {
             cold_path();
-            self.max_steering.copysign(kappa)
+            Steering(self.max_steering.copysign(kappa))
         }
     }
 
@@ -205,11 +206,11 @@ impl Cascade {
     /// (1/(m s)) and `acceleration` (1/(m s²)): `ψ̇ = κ̇/κ'(ψ)`, `ψ̈ = (κ̈ − κ''(ψ) ψ̇²)/κ'(ψ)`.
     ///
     /// At the bound of curvature the angle is limited, the derivatives are not.
-    pub fn steering_motion(&self, kappa: f32, rate: f32, acceleration: f32) -> Steering {
+    pub fn steering_motion(&self, kappa: f32, rate: f32, acceleration: f32) -> SteeringMotion {
         let psi = self.steering(kappa);
         let [_, first, second] = self.curvature_derivatives(psi);
         let psi_rate = rate / first;
-        Steering {
+        SteeringMotion {
             psi,
             rate: psi_rate,
             acceleration: (acceleration - second * psi_rate * psi_rate) / first,
@@ -221,36 +222,36 @@ impl Cascade {
         self.twists_of(motion, self.limited(motion.psi)).1
     }
 
-    /// The frame bent by the limited `psi`, and the twists of both axles.
+    /// Shape of the frame at the limited `psi`, and the twists of both axles.
     #[inline(always)]
-    fn twists_of(&self, motion: &Motion, psi: f32) -> (Bend, [(Twist, Twist); 2]) {
+    fn twists_of(&self, motion: &Motion, psi: Steering) -> (Shape, [(Twist, Twist); 2]) {
         let (v, v_rate) = (motion.v, motion.v_rate);
         let (psi_rate, psi_acceleration) = (motion.psi_rate, motion.psi_acceleration);
-        let bend = self.arc.bent(psi);
-        let yaw_rate = v * bend.kappa;
-        let yaw_acceleration = v_rate * bend.kappa + v * bend.kappa_slope * psi_rate;
+        let shape = self.arc.bent(psi);
+        let yaw_rate = v * shape.kappa;
+        let yaw_acceleration = v_rate * shape.kappa + v * shape.kappa_slope * psi_rate;
 
         // Rate of 1/cos ψ over itself.
-        let growth = bend.tan * psi_rate;
+        let growth = shape.tan * psi_rate;
         let along = v_rate + v * growth;
         // Half of the rate at which the axles part, and its own rate, along the chord; then all
         // seen along the axles' headings.
         let [front, rear] = match self.form {
             Form::Exact => {
-                let parting = bend.slope * psi_rate;
-                let rate = bend.second * (psi_rate * psi_rate)
-                    + bend.slope * psi_acceleration
+                let parting = shape.slope * psi_rate;
+                let rate = shape.second * (psi_rate * psi_rate)
+                    + shape.slope * psi_acceleration
                     + parting * growth;
                 [(parting, rate), (-parting, -rate)]
-                    .map(|(part, rate)| ((v + part) * bend.sec, (along + rate) * bend.sec))
+                    .map(|(part, rate)| ((v + part) * shape.sec, (along + rate) * shape.sec))
             }
             Form::Printed => {
                 cold_path();
                 let sixth = -self.arc.length() / 6.0;
-                let parting = sixth * psi * psi_rate;
-                let rate = sixth * (psi_rate * psi_rate + psi * psi_acceleration);
+                let parting = sixth * psi.0 * psi_rate;
+                let rate = sixth * (psi_rate * psi_rate + psi.0 * psi_acceleration);
                 [(parting, rate), (-parting, -rate)]
-                    .map(|(part, rate)| (v * bend.sec + part, along * bend.sec + rate))
+                    .map(|(part, rate)| (v * shape.sec + part, along * shape.sec + rate))
             }
         };
         let front = (
@@ -261,12 +262,12 @@ impl Cascade {
             Twist::new(rear.0, yaw_rate - psi_rate),
             Twist::new(rear.1, yaw_acceleration - psi_acceleration),
         );
-        (bend, [front, rear])
+        (shape, [front, rear])
     }
 
     /// Postures of both axles, front first: half a chord ahead and behind, turned by +ψ and −ψ.
     #[inline(always)]
-    fn postures_of(center: &Transform, psi: f32, half_chord: f32) -> [Posture; 2] {
+    fn postures_of(center: &Transform, Steering(psi): Steering, half_chord: f32) -> [Posture; 2] {
         let (dx, dy) = (half_chord * center.cos, half_chord * center.sin);
         let Posture { x, y, phi } = center.posture;
         let (mut left, mut right) = (phi + psi, phi - psi);
@@ -284,9 +285,9 @@ impl Cascade {
     #[inline(always)]
     pub fn references(&self, center: impl Into<Transform>, motion: &Motion) -> [AxleReference; 2] {
         let psi = self.limited(motion.psi);
-        let (bend, [(front_twist, front_rate), (rear_twist, rear_rate)]) =
+        let (shape, [(front_twist, front_rate), (rear_twist, rear_rate)]) =
             self.twists_of(motion, psi);
-        let [front, rear] = Self::postures_of(&center.into(), psi, bend.half);
+        let [front, rear] = Self::postures_of(&center.into(), psi, shape.half);
         [
             AxleReference {
                 posture: front,
@@ -352,20 +353,20 @@ mod tests {
                 .build().unwrap();
             prop_assume!(kappa.abs() < cascade.max_curvature());
             let exact = bisected(length as f64, kappa as f64);
-            prop_assert!((cascade.steering(kappa) as f64 - exact).abs() < 3e-7);
+            prop_assert!((f64::from(cascade.steering(kappa).0) - exact).abs() < 3e-7);
         }
 
         #[test]
         fn steering_inverts_curvature(psi in -1.39f32..1.39, end in 0.0f32..0.4) {
             let cascade = cascade(end, Form::Exact);
-            prop_assert!((cascade.steering(cascade.curvature(psi)) - psi).abs() < 1e-6);
+            prop_assert!((cascade.steering(cascade.curvature(Steering(psi))).0 - psi).abs() < 1e-6);
         }
 
         #[test]
         fn axles_stand_where_the_bent_frame_puts_them(psi in -1.3f32..1.3, end in 0.0f32..0.1) {
             let cascade = cascade(end, Form::Exact);
             let center = Posture::new(0.4, -0.3, 2.0);
-            let motion = Motion { psi, ..Motion::default() };
+            let motion = Motion { psi: Steering(psi), ..Motion::default() };
             let [front, rear] = cascade.references(center, &motion).map(|axle| axle.posture);
             let relative = front.relative_to(rear);
             let (x, y) = walked(0.37, end as f64, psi as f64);
@@ -385,11 +386,11 @@ mod tests {
             v in -0.5f32..0.5, psi in -1.2f32..1.2, psi_rate in -2.0f32..2.0, end in 0.0f32..0.1,
         ) {
             let cascade = cascade(end, Form::Exact);
-            let motion = Motion { v, psi, psi_rate, ..Motion::default() };
+            let motion = Motion { v, psi: Steering(psi), psi_rate, ..Motion::default() };
             let twists = cascade.axle_twists(&motion);
             let chord = |p: f64| 0.37 * if p == 0.0 { 1.0 } else { p.sin() / p }
                 + 2.0 * end as f64 * p.cos();
-            let yaw_rate = v as f64 * cascade.curvature(psi) as f64;
+            let yaw_rate = v as f64 * cascade.curvature(Steering(psi)) as f64;
             let h = 1e-4;
             // O moves across its heading as the chord changes: ½ tan ψ ċ.
             let stretch = (chord(psi as f64 + h) - chord(psi as f64 - h)) / (2.0 * h);
@@ -424,11 +425,11 @@ mod tests {
             let cascade = cascade(0.03, form);
             let at = |t: f32| cascade.axle_twists(&Motion {
                 v: v + v_rate * t,
-                psi: psi + (psi_rate + 0.5 * psi_acceleration * t) * t,
+                psi: Steering(psi + (psi_rate + 0.5 * psi_acceleration * t) * t),
                 psi_rate: psi_rate + psi_acceleration * t,
                 ..Motion::default()
             });
-            let motion = Motion { v, v_rate, psi, psi_rate, psi_acceleration };
+            let motion = Motion { v, v_rate, psi: Steering(psi), psi_rate, psi_acceleration };
             let h = 4e-3;
             for i in 0..2 {
                 let analytic = cascade.axle_twists(&motion)[i].1;
@@ -463,7 +464,7 @@ mod tests {
         let gap = |psi: f32| {
             let motion = Motion {
                 v: 0.2,
-                psi,
+                psi: Steering(psi),
                 psi_rate: 1.0,
                 ..Motion::default()
             };
@@ -498,11 +499,11 @@ mod tests {
     #[test]
     fn bounds_hold_and_nan_counts_as_straight() {
         let cascade = Config::default().build().unwrap();
-        assert_eq!(cascade.steering(1e9), 0.5);
-        assert_eq!(cascade.steering(f32::NEG_INFINITY), -0.5);
-        assert_eq!(cascade.steering(f32::NAN), 0.0);
-        assert_eq!(cascade.curvature(f32::NAN), 0.0);
-        assert_eq!(cascade.curvature(9.0), cascade.max_curvature());
+        assert_eq!(cascade.steering(1e9).0, 0.5);
+        assert_eq!(cascade.steering(f32::NEG_INFINITY).0, -0.5);
+        assert_eq!(cascade.steering(f32::NAN).0, 0.0);
+        assert_eq!(cascade.curvature(Steering(f32::NAN)), 0.0);
+        assert_eq!(cascade.curvature(Steering(9.0)), cascade.max_curvature());
         // 2 · 0.5/(0.37 cos 0.5)
         assert!((cascade.max_curvature() - 3.079_712).abs() < 1e-5);
     }

@@ -25,7 +25,7 @@
 use super::cascade::{Cascade, Motion};
 use crate::config::{Allowed, ConfigError, in_range, non_negative, positive, require};
 use crate::math::trig::sqrt;
-use crate::math::{bounded, decay, greater, lesser};
+use crate::math::{Steering, bounded, greater, lag_gain, lesser};
 use core::hint::cold_path;
 
 /// Bends at which the speed limit is sampled when a governor is built.
@@ -185,7 +185,7 @@ struct Pace {
 
 impl Pace {
     fn new(config: &Config, max_steering_rate: f32, dt: f32) -> Self {
-        let steering = decay(config.steering_frequency_rad_s * dt);
+        let steering = lag_gain(config.steering_frequency_rad_s * dt);
         let strongest = config.max_steering_acceleration_rad_s2;
         let lead = strongest * (0.5 * (dt + config.max_interval_s));
         let ramp = config.max_acceleration_m_s2 * dt;
@@ -199,14 +199,14 @@ impl Pace {
             lead,
             lead_square: lead * lead,
             free: max_steering_rate * (0.5 * max_steering_rate + lead) / strongest,
-            speed_share: decay(config.speed_rate_per_s * dt),
+            speed_share: lag_gain(config.speed_rate_per_s * dt),
             ramp,
             final_ramp: FINAL_RAMP * ramp,
         }
     }
 }
 
-/// What is asked of the robot.
+/// Velocity and steering asked of the robot.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Wish {
@@ -215,8 +215,8 @@ pub struct Wish {
     /// Rate at which `v` is going to change where that is known (a trajectory), m/s²; removes the
     /// lag of the filter. Otherwise 0.
     pub v_rate: f32,
-    /// Steering angle, rad.
-    pub psi: f32,
+    /// Steering angle.
+    pub psi: Steering,
     /// Rate at which `psi` is going to change where that is known (a path ahead), rad/s; removes
     /// the lag of the filter. Otherwise 0.
     pub psi_rate: f32,
@@ -234,7 +234,7 @@ impl Wish {
             cascade.steering(kappa)
         } else {
             cold_path();
-            f32::NAN
+            Steering(f32::NAN)
         };
         Self {
             v,
@@ -256,11 +256,15 @@ pub struct State {
 }
 
 impl State {
-    /// At rest with the frame bent by `psi` (rad); NaN counts as straight.
-    pub fn at_rest(psi: f32) -> Self {
+    /// At rest at the steering angle `psi`; NaN counts as straight.
+    pub fn at_rest(psi: Steering) -> Self {
         Self {
             motion: Motion {
-                psi: if psi.is_finite() { psi } else { 0.0 },
+                psi: if psi.0.is_finite() {
+                    psi
+                } else {
+                    Steering::STRAIGHT
+                },
                 ..Motion::default()
             },
             ..Self::default()
@@ -293,7 +297,7 @@ impl Governor {
     /// Largest |½ c'(ψ)|/cos ψ within the steering limit, m/rad: grows with ψ.
     fn largest_parting(&self) -> f32 {
         let motion = Motion {
-            psi: self.config.max_steering_rad,
+            psi: Steering(self.config.max_steering_rad),
             psi_rate: 1.0,
             ..Motion::default()
         };
@@ -301,22 +305,20 @@ impl Governor {
         front.v.abs().max(rear.v.abs())
     }
 
-    /// Largest |v| (m/s) at which no wheel exceeds its limit with the frame bent by `psi` (rad),
-    /// and which the speed limit itself allows.
-    pub fn speed_limit(&self, psi: f32) -> f32 {
+    /// Largest |v| (m/s) at which no wheel exceeds its limit at the steering angle `psi`, and which the speed limit itself allows.
+    pub fn speed_limit(&self, Steering(psi): Steering) -> f32 {
         if psi.abs() < self.unlimited_steering {
             return self.config.max_speed_m_s;
         }
-        let bend = self
-            .cascade
-            .bent(bounded(psi, self.config.max_steering_rad));
-        let outer = bend.sec + self.config.half_track_m * bend.kappa.abs();
+        let within = bounded(psi, self.config.max_steering_rad);
+        let shape = self.cascade.bent(Steering(within));
+        let outer = shape.sec + self.config.half_track_m * shape.kappa.abs();
         lesser(self.wheel_speed_left / outer, self.config.max_speed_m_s)
     }
 
     /// The largest |ψ| at which no wheel limits the speed: the limit falls as the frame bends.
     fn last_unlimited_steering(&self) -> f32 {
-        let unlimited = |psi| self.speed_limit(psi) >= self.config.max_speed_m_s;
+        let unlimited = |psi| self.speed_limit(Steering(psi)) >= self.config.max_speed_m_s;
         let (mut good, mut bad) = (0.0, self.config.max_steering_rad);
         if unlimited(bad) {
             return bad;
@@ -336,9 +338,9 @@ impl Governor {
     fn steepest_speed_limit(&self) -> f32 {
         let step = self.config.max_steering_rad / SAMPLES as f32;
         let mut steepest = 0.0f32;
-        let mut last = self.speed_limit(0.0);
+        let mut last = self.speed_limit(Steering::STRAIGHT);
         for i in 1..=SAMPLES {
-            let next = self.speed_limit(step * i as f32);
+            let next = self.speed_limit(Steering(step * i as f32));
             steepest = steepest.max((last - next) / step);
             last = next;
         }
@@ -358,7 +360,7 @@ impl Governor {
     #[inline(always)]
     pub fn step(&self, state: &mut State, wish: &Wish, dt: f32) {
         // What is not finite makes the sum so; so do only numbers as large.
-        let sum = (wish.v + wish.psi) + (wish.v_rate + wish.psi_rate + wish.steering_slack);
+        let sum = (wish.v + wish.psi.0) + (wish.v_rate + wish.psi_rate + wish.steering_slack);
         if !(sum.abs() <= f32::MAX) {
             cold_path();
             return self.stop(state, dt);
@@ -392,18 +394,18 @@ impl Governor {
     #[inline(always)]
     fn pursue(&self, state: &mut State, wish: &Wish, pace: &Pace) {
         let before = state.motion;
-        let target_psi = bounded(wish.psi, self.config.max_steering_rad);
+        let target_psi = bounded(wish.psi.0, self.config.max_steering_rad);
         let target_rate = match wish.psi_rate {
             0.0 => 0.0,
             rate => bounded(rate, self.max_steering_rate),
         };
         // A critically damped filter. The wish is a moving target: it is where the next step finds
         // it.
-        let wanted = pace.stiffness * (target_psi - before.psi)
+        let wanted = pace.stiffness * (target_psi - before.psi.0)
             + pace.damping * (target_rate - before.psi_rate);
-        self.bend(&mut state.motion, wanted, pace);
+        self.steer(&mut state.motion, wanted, pace);
 
-        let astray = (target_psi - state.motion.psi).abs() - wish.steering_slack;
+        let astray = (target_psi - state.motion.psi.0).abs() - wish.steering_slack;
         let limit = self.speed_limit(state.motion.psi);
         let (mut target, mut rate) = (bounded(wish.v, limit), wish.v_rate);
         if astray > 0.0 {
@@ -441,7 +443,7 @@ impl Governor {
             return;
         };
         let Motion { v, psi_rate, .. } = state.motion;
-        self.bend(&mut state.motion, -psi_rate, pace);
+        self.steer(&mut state.motion, -psi_rate, pace);
         let change = lesser(self.config.stop_deceleration_m_s2 * pace.dt, v.abs());
         let limit = self.config.max_speed_m_s;
         self.drive(state, -change.copysign(v), limit, pace);
@@ -453,13 +455,13 @@ impl Governor {
     /// rate after the step is held where `ψ + (w + w')dt/2 + D(w') ≤ ψ_max`; if that holds before
     /// the step, full braking fulfils it after the step, so it holds for ever.
     #[inline(always)]
-    fn bend(&self, motion: &mut Motion, wanted: f32, pace: &Pace) {
+    fn steer(&self, motion: &mut Motion, wanted: f32, pace: &Pace) {
         let limit = self.config.max_steering_rad;
         let rate = motion.psi_rate;
         // The highest rate away from straight is at least zero: only that on the side that is
         // wanted can bind.
         let asked = rate + wanted;
-        let ahead = motion.psi + rate * pace.half_dt;
+        let ahead = motion.psi.0 + rate * pace.half_dt;
         let room = if asked < 0.0 {
             limit + ahead
         } else {
@@ -477,7 +479,7 @@ impl Governor {
             cold_path();
             next = rate + pace.bending.copysign(next - rate);
         }
-        motion.psi = bounded(motion.psi + pace.half_dt * (rate + next), limit);
+        motion.psi.0 = bounded(motion.psi.0 + pace.half_dt * (rate + next), limit);
         motion.psi_acceleration = (next - rate) * pace.per_dt;
         motion.psi_rate = next;
     }
@@ -528,7 +530,7 @@ mod tests {
     fn wish(v: f32, psi: f32) -> Wish {
         Wish {
             v,
-            psi,
+            psi: Steering(psi),
             ..Wish::default()
         }
     }
@@ -568,7 +570,7 @@ mod tests {
             let governor = config.build(&frame()).unwrap();
             let mut state = State::default();
             for ((v, v_rate), (psi, psi_rate), dt, steps, kind) in wishes {
-                let wish = Wish { v, v_rate, psi, psi_rate, ..Wish::default() };
+                let wish = Wish { v, v_rate, psi: Steering(psi), psi_rate, ..Wish::default() };
                 for _ in 0..steps {
                     let before = state.motion;
                     state = match kind {
@@ -580,7 +582,7 @@ mod tests {
                     let acceleration = if kind < 2 { 0.8 } else { 0.4 };
                     prop_assert!(now.v.abs() <= max_speed + 1e-6);
                     prop_assert!(now.v_rate.abs() <= acceleration * 1.001 + 1e-4, "{}", now.v_rate);
-                    prop_assert!(now.psi.abs() <= 0.5);
+                    prop_assert!(now.psi.0.abs() <= 0.5);
                     prop_assert!(now.psi_rate.abs() <= 1.0 + 1e-6);
                     prop_assert!(now.psi_acceleration.abs() <= 8.01);
                     prop_assert!(fastest_wheel(&now, 0.162) <= wheel * 1.0001);
@@ -589,7 +591,7 @@ mod tests {
                     let dt = dt.min(0.02);
                     prop_assert!((now.v - before.v - now.v_rate * dt).abs() < 1e-6);
                     let mean = 0.5 * (before.psi_rate + now.psi_rate);
-                    prop_assert!((now.psi - before.psi - mean * dt).abs() < 1e-6);
+                    prop_assert!((now.psi.0 - before.psi.0 - mean * dt).abs() < 1e-6);
                 }
             }
         }
@@ -597,9 +599,9 @@ mod tests {
         // Above 0.24 m/s the wheel speed limit holds at the largest steering angle.
         #[test]
         fn a_constant_wish_is_reached(v in -0.24f32..0.24, psi in -0.5f32..0.5, from in -0.5f32..0.5) {
-            let state = run(&governor(), State::at_rest(from), wish(v, psi), 0.01, 6.0);
+            let state = run(&governor(), State::at_rest(Steering(from)), wish(v, psi), 0.01, 6.0);
             prop_assert!((state.motion.v - v).abs() < 1e-4);
-            prop_assert!((state.motion.psi - psi).abs() < 1e-4);
+            prop_assert!((state.motion.psi.0 - psi).abs() < 1e-4);
         }
 
         #[test]
@@ -607,8 +609,8 @@ mod tests {
             let (governor, mut state) = (governor(), State::default());
             for _ in 0..300 {
                 state = stepped(&governor, &state, &wish(0.1, psi), 0.01);
-                prop_assert!(state.motion.psi * psi >= 0.0);
-                prop_assert!(state.motion.psi.abs() <= psi.abs() + 1e-5);
+                prop_assert!(state.motion.psi.0 * psi >= 0.0);
+                prop_assert!(state.motion.psi.0.abs() <= psi.abs() + 1e-5);
             }
         }
     }
@@ -626,7 +628,7 @@ mod tests {
                 let exact = 0.1 * (1.0 - (1.0 + x) * (-x).exp());
                 // A hold over half an interval delays the sampled filter by no more than that.
                 let tolerance = 0.3 * f64::from(dt) * 0.5 + 1e-5;
-                assert!((f64::from(state.motion.psi) - exact).abs() < tolerance);
+                assert!((f64::from(state.motion.psi.0) - exact).abs() < tolerance);
             }
         }
     }
@@ -639,16 +641,16 @@ mod tests {
             let psi = 0.4 * 0.01 * i as f32;
             let wish = |psi_rate| Wish {
                 v: 0.1,
-                psi,
+                psi: Steering(psi),
                 psi_rate,
                 ..Wish::default()
             };
             with = stepped(&governor, &with, &wish(0.4), 0.01);
             without = stepped(&governor, &without, &wish(0.0), 0.01);
         }
-        assert!((with.motion.psi - 0.4).abs() < 0.006);
+        assert!((with.motion.psi.0 - 0.4).abs() < 0.006);
         // 2/ω behind.
-        assert!((without.motion.psi - (0.4 - 0.4 * 0.25)).abs() < 0.006);
+        assert!((without.motion.psi.0 - (0.4 - 0.4 * 0.25)).abs() < 0.006);
         assert!(with.motion.v > 2.0 * without.motion.v, "speed waits");
     }
 
@@ -723,7 +725,10 @@ mod tests {
         let wish = wish(0.2, 0.1);
         let moving = run(&governor, State::default(), wish, 0.01, 2.0);
         for bad in [f32::NAN, f32::INFINITY] {
-            let absent = Wish { psi: bad, ..wish };
+            let absent = Wish {
+                psi: Steering(bad),
+                ..wish
+            };
             assert_eq!(
                 stepped(&governor, &moving, &absent, 0.01),
                 stopped(&governor, &moving, 0.01)

@@ -37,7 +37,7 @@ use crate::config::{ConfigError, in_range, non_negative, positive};
 use crate::math::trig::{
     atan2, clamp, cos, hypot, sin, sin_cos, sqrt, tanh_and_of_angle, wrap_angle,
 };
-use crate::math::{Posture, Transform, greater};
+use crate::math::{Posture, Steering, Transform, greater};
 use core::f32::consts::{PI, SQRT_2};
 use core::hint::cold_path;
 
@@ -484,9 +484,9 @@ fn away_from_zero(x: f32, least: f32) -> f32 {
     }
 }
 
-/// Curvature (1/m) of O's path when the axles are steered by `psi` (rad) against a frame of length
+/// Curvature (1/m) of O's path when the axles are steered by `psi` against a frame of length
 /// `frame_length_m`: κ = 2ψ/(L cos ψ) (paper eq. 5). Monotone and finite for |ψ| < π/2.
-pub fn curvature_of_steering(psi: f32, frame_length_m: f32) -> f32 {
+pub fn curvature_of_steering(Steering(psi): Steering, frame_length_m: f32) -> f32 {
     2.0 * psi / (frame_length_m * cos(psi))
 }
 
@@ -521,7 +521,10 @@ impl LimitsConfig {
         positive("frame_length_m", self.frame_length_m)?;
         Ok(Limits {
             max_speed: self.max_speed_m_s,
-            max_curvature: curvature_of_steering(self.max_steering_rad, self.frame_length_m),
+            max_curvature: curvature_of_steering(
+                Steering(self.max_steering_rad),
+                self.frame_length_m,
+            ),
         })
     }
 }

@@ -6,7 +6,7 @@
 //! [`dynamic`] turns a reference into wheel torques (eq. 7–10). [`path`] supplies references along
 //! a path.
 
-mod bend;
+mod arc;
 pub mod cascade;
 pub mod dynamic;
 pub mod funnel;

@@ -415,7 +415,7 @@ impl Config {
         positive("end_tolerance_m", self.end_tolerance_m)?;
         Ok(Follower {
             config: *self,
-            steering: Steering {
+            steering: SteeringLaw {
                 cascade: *cascade,
                 law: *law,
                 nominal_speed: self.nominal_speed_m_s,
@@ -459,14 +459,14 @@ impl Lead {
 
 /// Law (4) with the frame it steers.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Steering {
+struct SteeringLaw {
     cascade: Cascade,
     law: Law,
     /// v_0, m/s.
     nominal_speed: f32,
 }
 
-impl Steering {
+impl SteeringLaw {
     /// dκ/dψ at a curvature (1/m), 1/(m rad).
     fn curvature_slope(&self, kappa: f32) -> f32 {
         let [_, slope, _] = self
@@ -537,7 +537,7 @@ pub struct PathReference {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Follower {
     config: Config,
-    steering: Steering,
+    steering: SteeringLaw,
     lead: Lead,
 }
 
@@ -625,7 +625,7 @@ impl Follower {
         let mut speed = lower((top, 0.0), self.braking(0.0, (end - s).min(1e3)));
         // Beyond this, even a stop would not have to begin yet.
         let horizon = top * config.reaction_time_s + 0.5 * top * top / config.deceleration_m_s2;
-        let mut bend = None;
+        let mut steering = None;
         let mut before: Option<(f32, f32)> = None;
         for i in 0..N {
             let Some((a, b)) = path.segment_from(s, i) else {
@@ -636,10 +636,10 @@ impl Follower {
             }
             let length = (b.s - a.s).max(1e-6);
             let cascade = &self.steering.cascade;
-            let from = bend.unwrap_or_else(|| cascade.steering(a.kappa));
+            let from = steering.unwrap_or_else(|| cascade.steering(a.kappa));
             let to = cascade.steering(b.kappa);
-            bend = Some(to);
-            let slope = (to - from) / length;
+            steering = Some(to);
+            let slope = (to.0 - from.0) / length;
             let mut limit = config.max_steering_rate_rad_s / slope.abs().max(1e-6);
             if let Some((last, last_length)) = before {
                 let second = 2.0 * (slope - last).abs() / (last_length + length);
@@ -845,7 +845,7 @@ pub struct TrajectoryReference {
 /// Trajectory tracker.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tracker {
-    steering: Steering,
+    steering: SteeringLaw,
     lead: Lead,
 }
 
@@ -853,7 +853,7 @@ impl Tracker {
     /// The tracker for a frame, the law it steers by and the usual speed of its trajectories (m/s).
     pub fn new(cascade: &Cascade, law: &Law, nominal_speed_m_s: f32) -> Result<Self, ConfigError> {
         Ok(Self {
-            steering: Steering {
+            steering: SteeringLaw {
                 cascade: *cascade,
                 law: *law,
                 nominal_speed: positive("nominal_speed_m_s", nominal_speed_m_s)?,

@@ -32,8 +32,8 @@ use super::kinematic::{
 };
 use super::planner::{self, Plan, Planner, Progress, Search};
 use crate::config::{Allowed, ConfigError, in_range, non_negative, positive, require};
-use crate::math::Posture;
 use crate::math::trig::{clamp, cos, sin, sin_cos, sqrt};
+use crate::math::{Posture, Steering};
 
 /// How the goal is reached.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -247,14 +247,14 @@ pub enum Phase {
     GaveUp,
 }
 
-/// What the regulator is told each tick.
+/// Input of the regulator at a tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Input {
     /// Estimated posture of O.
     pub posture: Posture,
-    /// Steering angle that the governor commands now, rad (ψ). Not the estimate: its offset would
-    /// decide when to start.
-    pub steering_rad: f32,
+    /// Steering angle that the governor commands now. Not the estimate: its offset would decide when
+    /// to start.
+    pub steering: Steering,
     /// Velocity of O that the governor commands now, m/s.
     pub speed_m_s: f32,
     /// Posture that O is to reach, same frame as `posture`.
@@ -463,10 +463,10 @@ impl Regulator {
 
     /// Error of steering (rad) when `kappa` is asked for: the difference in curvature over its
     /// slope, which needs no inverse of eq. 5.
-    fn steering_error(&self, kappa: f32, psi: f32) -> f32 {
+    fn steering_error(&self, kappa: f32, psi: Steering) -> f32 {
         let length = self.config.limits.frame_length_m;
-        let (s, c) = sin_cos(psi);
-        let slope = 2.0 * (c + psi * s) / (length * c * c).max(1e-6);
+        let (s, c) = sin_cos(psi.0);
+        let slope = 2.0 * (c + psi.0 * s) / (length * c * c).max(1e-6);
         let kappa = self.limits.limit(Command {
             kappa,
             ..Command::REST
@@ -475,7 +475,7 @@ impl Regulator {
     }
 
     /// Factor of speed while the steering is on its way.
-    fn patience(&self, kappa: f32, psi: f32) -> f32 {
+    fn patience(&self, kappa: f32, psi: Steering) -> f32 {
         let share = self.steering_error(kappa, psi).abs() / self.config.steering_wait_rad;
         clamp(2.0 * (1.0 - share), 0.0, 1.0)
     }
@@ -617,7 +617,7 @@ impl Regulator {
                     .kappa
             }
         };
-        let error = self.steering_error(kappa, input.steering_rad).abs();
+        let error = self.steering_error(kappa, input.steering).abs();
         if error <= self.config.steering_tolerance_rad
             || state.elapsed >= self.config.steering_timeout_s
         {
@@ -664,7 +664,7 @@ impl Regulator {
             return self.output(state, 0.0, kappa);
         }
         let braking = sqrt(2.0 * self.config.braking_m_s2 * left).min(2.5 * left + 0.005);
-        let speed = braking.min(self.limits.max_speed()) * self.patience(kappa, input.steering_rad);
+        let speed = braking.min(self.limits.max_speed()) * self.patience(kappa, input.steering);
         self.output(state, sign * speed, kappa)
     }
 
@@ -696,7 +696,7 @@ impl Regulator {
             state.enter(Phase::Hold);
             return self.stand(state);
         }
-        let v = command.v * self.patience(command.kappa, input.steering_rad);
+        let v = command.v * self.patience(command.kappa, input.steering);
         self.output(state, v, command.kappa)
     }
 
@@ -725,7 +725,7 @@ impl Regulator {
         let v = self.config.approach.approach_gain_m_s * left;
         self.output(
             state,
-            sign * v * self.patience(kappa, input.steering_rad),
+            sign * v * self.patience(kappa, input.steering),
             kappa,
         )
     }
@@ -914,7 +914,7 @@ mod tests {
     fn input(robot: &Robot, goal: Posture) -> Input {
         Input {
             posture: robot.posture(),
-            steering_rad: robot.psi as f32,
+            steering: Steering(robot.psi as f32),
             speed_m_s: robot.v as f32,
             goal,
         }
@@ -966,7 +966,7 @@ mod tests {
             for (wild, tame, is_wild) in inputs {
                 let output = regulator.tick(&mut state, &Input {
                     posture: if is_wild { Posture::new(wild[0], wild[1], wild[2]) } else { tame.into() },
-                    steering_rad: wild[3],
+                    steering: Steering(wild[3]),
                     speed_m_s: wild[4],
                     goal: Posture::ORIGIN,
                 });

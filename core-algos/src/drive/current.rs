@@ -20,7 +20,7 @@
 //! supply not above zero, gives zero volts and says so.
 
 use crate::config::{Allowed, ConfigError, in_range, positive, require};
-use crate::math::order::{all_finite, lesser};
+use crate::math::compare::{all_finite, lesser};
 use crate::math::trig::{clamp, exp};
 
 /// Motor and loop.

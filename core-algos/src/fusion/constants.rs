@@ -6,8 +6,8 @@
 //!
 //! | index | constant |
 //! |---|---|
-//! | [`ZERO`] | bend that the zeros of the gauges add (rad), and their tilt from root to tip (m) |
-//! | [`GAIN`] | gain error of the beam: of the bend, and tilt from root to tip a radian of it (m) |
+//! | [`ZERO`] | relative heading that the zeros of the gauges add (rad), and their tilt from root to tip (m) |
+//! | [`GAIN`] | gain error of the beam: of the relative heading, and tilt from root to tip a radian of it (m) |
 //! | [`DRIFT`] | heading drift per metre of front and rear odometry: unequal wheels (rad/m), which also move the middle of an axle that turns |
 //! | [`SCALE`] | scale error of front and rear odometry: wheel size |
 //! | [`TURN`] | scale error of the headings that the wheels of front and rear report: track |
@@ -20,18 +20,18 @@
 //! An axle with a gyro turns by it: the wheels' share of the heading is then some thousandths, and
 //! with it what slip, unequal wheels and track do to it.
 //!
-//! **Tyres.** A bent frame turns the front axle back and the rear axle into the bend with the moment
-//! M = EI/L·bend, which the tyres of an axle hold by opposite forces F = M/2d. A brush tyre under load N
+//! **Tyres.** A bent frame turns the front axle back and the rear axle into the curve with the moment
+//! M = EI/L·2ψ, which the tyres of an axle hold by opposite forces F = M/2d. A brush tyre under load N
 //! slips by F/(NC)/(1 − F/μN) of the way w that it rolls. So an axle yaws by M/(2d²NC) a metre of
 //! w̄ = (|w_l| + |w_r|)/2, which its wheels do not see, and advances by the same times
 //! d (|w_r| − |w_l|)/2. Of two tyres that differ, sum and difference change places for half their difference.
 //!
 //! **Beam.** An error of the curvature along the strip moves the tip as seen from the root: its integral
-//! turns and moves it as a larger bend does, its first moment about the middle moves it across the chord.
+//! turns and moves it as a larger relative heading does, its first moment about the middle moves it across the chord.
 
-use crate::math::Posture;
 use crate::math::matrix::Mat;
 use crate::math::trig::{sin_cos, sinc};
+use crate::math::{Posture, RelativeHeading};
 
 /// Number of constants.
 pub const COUNT: usize = 20;
@@ -97,14 +97,14 @@ pub(super) fn error_by<const AXLE: usize>(
     ]
 }
 
-/// What the tyres of an axle are taken to do under the frame's moment.
+/// Model of the tyres of an axle under the frame's moment.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tyres {
     /// Half the track (the paper's d), m.
     pub half_track: f32,
-    /// Slip of an axle a metre rolled and a radian of a small bend, rad/m.
+    /// Slip of an axle a metre rolled and a radian of small relative heading, rad/m.
     pub compliance: f32,
-    /// Bend at which the tyres slide, rad.
+    /// Relative heading at which the tyres slide, rad.
     pub sliding: f32,
 }
 
@@ -112,28 +112,28 @@ impl Tyres {
     /// Largest share of the friction that the model is followed to.
     const MAX_SHARE: f32 = 0.7;
 
-    /// Bend over 1 − F/μN, and its derivative by the bend.
-    fn load(&self, bend: f32) -> (f32, f32) {
-        let share = (bend.abs() / self.sliding).min(Self::MAX_SHARE);
+    /// Relative heading over 1 − F/μN, and its derivative by the relative heading.
+    fn load(&self, RelativeHeading(heading): RelativeHeading) -> (f32, f32) {
+        let share = (heading.abs() / self.sliding).min(Self::MAX_SHARE);
         let factor = 1.0 / (1.0 - share);
         let slope = if share < Self::MAX_SHARE {
             factor * factor
         } else {
             factor
         };
-        (bend * factor, slope)
+        (heading * factor, slope)
     }
 }
 
-/// One axle's odometric increment and what its errors depend on.
+/// Odometric increment of one axle, with the quantities that its errors depend on.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Step {
     /// 0 for the front axle, 1 for the rear.
     pub axle: usize,
     /// Posture reached, in the frame of departure (m, m, rad).
     pub moved: Posture,
-    /// Heading of the front axle less that of the rear, rad.
-    pub bend: f32,
+    /// Heading of the front axle less that of the rear.
+    pub relative_heading: RelativeHeading,
     /// Time the increment spans, s.
     pub dt: f32,
     /// Share of the time in which a gyro took part, 0 to 1.
@@ -141,7 +141,7 @@ pub struct Step {
 }
 
 impl Step {
-    /// The front axle is turned back, the rear axle into the bend.
+    /// Sign of the turn under the frame's moment: the front axle turns back, the rear axle into the curve.
     fn sign(&self) -> f32 {
         if self.axle == 0 { -1.0 } else { 1.0 }
     }
@@ -163,7 +163,7 @@ impl Step {
         0.5 * (left + right)
     }
 
-    /// Advance and turn (m, rad) by a slip of one radian a metre and radian of bend: of both tyres, and of
+    /// Advance and turn (m, rad) by a slip of one radian a metre and radian of relative heading: of both tyres, and of
     /// one tyre more and the other less.
     fn slip(&self, tyres: &Tyres) -> [[f32; 2]; 2] {
         let [left, right] = self.rolled(tyres);
@@ -176,14 +176,14 @@ impl Step {
         ]
     }
 
-    /// True increment less the odometric one (m, m, rad), and its derivative by the bend.
+    /// True increment less the odometric one (m, m, rad), and its derivative by the relative heading.
     pub fn error(
         &self,
         tyres: &Tyres,
         by_constants: &Mat<3, COUNT>,
         constants: &[f32; COUNT],
     ) -> ([f32; 3], [f32; 3]) {
-        let (load, slope) = tyres.load(self.bend);
+        let (load, slope) = tyres.load(self.relative_heading);
         let of = |k: usize| constants[k % COUNT];
         let mut error = match self.axle {
             0 => error_by::<0>(by_constants, of),
@@ -195,12 +195,12 @@ impl Step {
         let own = self.difference_sign() * constants[COMPLIANCE + 1];
         let compliance = tyres.compliance + constants[COMPLIANCE] + own;
         let uneven = constants[UNEVEN + self.axle.min(1)];
-        let by_bend = [
+        let by_heading = [
             slope * (compliance * ahead + uneven * ahead_uneven),
             0.0,
             slope * (compliance * turn + uneven * turn_uneven),
         ];
-        (error, by_bend)
+        (error, by_heading)
     }
 
     /// Sign of the difference of the axles' compliances.
@@ -219,7 +219,7 @@ impl Step {
         by[1][SIDE + axle] = p.x;
         by[2][DRIFT + axle] = self.by_wheels() * p.x;
         by[2][TURN + axle] = self.by_wheels() * p.phi;
-        let (load, _) = tyres.load(self.bend);
+        let (load, _) = tyres.load(self.relative_heading);
         let [[ahead, turn], [ahead_uneven, turn_uneven]] = self.slip(tyres);
         let difference = self.difference_sign();
         by[0][COMPLIANCE] = load * ahead;
@@ -237,21 +237,28 @@ impl Step {
 /// Derivative of what the beam says of the front axle (m, m, rad, in the rear axle's frame) by the first
 /// [`OF_BEAM`] constants, for the posture `relative`.
 ///
-/// Of an arc, which a strip under pure moments is: for its bend φ and its tip (x, y) the tip moves by
-/// (x cot φ − x/φ …) with the bend; written with half angles nothing is divided by φ.
+/// Of an arc, which a strip under pure moments is: for its relative heading φ and its tip (x, y) the tip moves by
+/// (x cot φ − x/φ …) with φ; written with half angles nothing is divided by φ.
 pub fn beam_by_constants(relative: Posture) -> Mat<3, OF_BEAM> {
-    let bend = relative.phi;
-    let (sin, cos) = sin_cos(0.5 * bend);
-    // The chord c = L sinc(φ/2) lies at half the bend: d(x, y)/dφ = c'(cos, sin) + c/2 (−sin, cos).
+    let heading = relative.phi;
+    let (sin, cos) = sin_cos(0.5 * heading);
+    // The chord c = L sinc(φ/2) lies at φ/2: d(x, y)/dφ = c'(cos, sin) + c/2 (−sin, cos).
     let chord = relative.x * cos + relative.y * sin;
-    let shortened = chord * shortening(0.5 * bend);
-    let by_bend = [
+    let shortened = chord * shortening(0.5 * heading);
+    let by_heading = [
         shortened * cos - 0.5 * chord * sin,
         shortened * sin + 0.5 * chord * cos,
         1.0,
     ];
     let by_tilt = [sin, -cos, 0.0];
-    core::array::from_fn(|i| [by_bend[i], by_tilt[i], bend * by_bend[i], bend * by_tilt[i]])
+    core::array::from_fn(|i| {
+        [
+            by_heading[i],
+            by_tilt[i],
+            heading * by_heading[i],
+            heading * by_tilt[i],
+        ]
+    })
 }
 
 /// Half the logarithmic derivative of sinc at `a`: (cot a − 1/a)/2.
@@ -282,7 +289,7 @@ mod tests {
         Step {
             axle,
             moved: Posture::new(0.4, 0.02, 0.3),
-            bend: 0.5,
+            relative_heading: RelativeHeading(0.5),
             dt: 2.0,
             gyro_share,
         }
@@ -339,10 +346,10 @@ mod tests {
             sliding: (track * friction * load / moment) as f32,
         };
         for (x, phi) in [(0.3, 0.1), (0.0, 0.4), (-0.2, 0.3)] {
-            for bend in [-0.9f64, 0.2, 0.9] {
+            for heading in [-0.9f64, 0.2, 0.9] {
                 for (axle, sign) in [(0, -1.0), (1, 1.0)] {
                     // Force on the right tyre against the moment; the left one's is opposite.
-                    let force = -sign * moment * bend / track;
+                    let force = -sign * moment * heading / track;
                     let slip = |force: f64, rolled: f64| {
                         let small = -force * f64::abs(rolled) / (load * stiffness);
                         small / (1.0 - force.abs() / (friction * load))
@@ -354,12 +361,12 @@ mod tests {
                     let step = Step {
                         axle,
                         moved: Posture::new(x as f32, 0.0, phi as f32),
-                        bend: bend as f32,
+                        relative_heading: RelativeHeading(heading as f32),
                         dt: 1.0,
                         gyro_share: 0.0,
                     };
                     let (error, _) = step.error(&tyres, &step.by_constants(&tyres), &[0.0; COUNT]);
-                    let told = format!("{axle} {x} {phi} {bend}: {error:?}");
+                    let told = format!("{axle} {x} {phi} {heading}: {error:?}");
                     let ahead = 0.5 * (left + right);
                     let turn = (right - left) / track;
                     assert!((f64::from(error[0]) - ahead).abs() < 1e-7, "{told} {ahead}");
@@ -375,8 +382,8 @@ mod tests {
         let (half_track, own) = (f64::from(TYRES.half_track), [0.03, -0.01]);
         let radius = [0.004, -0.002];
         for (x, phi) in [(0.3, 0.1), (0.0, 0.4), (-0.2, 0.3)] {
-            for (bend, axle) in [(-0.9f64, 0), (0.2, 1), (0.9, 0), (-0.6, 1)] {
-                let load = bend / (1.0 - bend.abs() / f64::from(TYRES.sliding));
+            for (heading, axle) in [(-0.9f64, 0), (0.2, 1), (0.9, 0), (-0.6, 1)] {
+                let load = heading / (1.0 - heading.abs() / f64::from(TYRES.sliding));
                 let sign = if axle == 0 { -1.0 } else { 1.0 };
                 // Error of the way of the left wheel and of the right one.
                 let [left, right]: [f64; 2] = core::array::from_fn(|side| {
@@ -388,7 +395,7 @@ mod tests {
                 let step = Step {
                     axle,
                     moved: Posture::new(x as f32, 0.0, phi as f32),
-                    bend: bend as f32,
+                    relative_heading: RelativeHeading(heading as f32),
                     dt: 1.0,
                     gyro_share: 0.0,
                 };
@@ -400,7 +407,7 @@ mod tests {
                 constants[COMPLIANCE] = (0.5 * (own[0] + own[1])) as f32;
                 constants[UNEVEN + axle] = (0.5 * (own[1] - own[0])) as f32;
                 let (error, _) = step.error(&TYRES, &step.by_constants(&TYRES), &constants);
-                let told = format!("{axle} {x} {phi} {bend}: {error:?}");
+                let told = format!("{axle} {x} {phi} {heading}: {error:?}");
                 let (ahead, turn) = (0.5 * (left + right), 0.5 * (right - left) / half_track);
                 assert!((f64::from(error[0]) - ahead).abs() < 1e-7, "{told} {ahead}");
                 assert!((f64::from(error[2]) - turn).abs() < 3e-7, "{told} {turn}");
@@ -416,11 +423,11 @@ mod tests {
         let built = config.build().unwrap();
         let solver = PostureSolver::new(built, Method::Quadrature, 100).unwrap();
         let (length, half) = (config.length_m, config.half_thickness_m);
-        for bend in [-1.2f32, -0.4, 0.0, 0.1, 0.7, 1.6] {
+        for heading in [-1.2f32, -0.4, 0.0, 0.1, 0.7, 1.6] {
             let at = |change: &dyn Fn(f32) -> f32| {
                 let mut strain = [0.0; crate::beam::MAX_GAUGES];
                 for (strain, gauge) in strain.iter_mut().zip(config.gauges_m.iter()) {
-                    *strain = half * (bend / length + change(gauge - 0.5 * length));
+                    *strain = half * (heading / length + change(gauge - 0.5 * length));
                 }
                 let solution = solver.solve(&strain, built.gauges()).unwrap();
                 solution.relative.posture
@@ -430,8 +437,8 @@ mod tests {
             let changes: [&dyn Fn(f32) -> f32; OF_BEAM] = [
                 &|_| step / length,
                 &|s| step * tilt * length * s,
-                &|_| step * bend / length,
-                &|s| step * bend * tilt * length * s,
+                &|_| step * heading / length,
+                &|s| step * heading * tilt * length * s,
             ];
             let by = beam_by_constants(at(&|_| 0.0));
             for (k, change) in changes.into_iter().enumerate() {
@@ -440,9 +447,17 @@ mod tests {
                 for i in 0..3 {
                     let found = moved[i] / (2.0 * size);
                     let error = (found - by[i][k]).abs();
-                    // Across the chord to the fourth order of the bend, of 0.37 m by the strip's length.
-                    let slack = if k % 2 == 0 { 2e-4 } else { 0.03 * bend * bend };
-                    assert!(error < slack + 2e-4, "{bend} {k} {i}: {found} {}", by[i][k]);
+                    // Across the chord to the fourth order of the heading, of 0.37 m by the strip's length.
+                    let slack = if k % 2 == 0 {
+                        2e-4
+                    } else {
+                        0.03 * heading * heading
+                    };
+                    assert!(
+                        error < slack + 2e-4,
+                        "{heading} {k} {i}: {found} {}",
+                        by[i][k]
+                    );
                 }
             }
         }

@@ -56,9 +56,9 @@ use super::ekf::Verdict;
 use super::{Estimate, compound};
 use crate::beam::strip::{self, PostureSigmas};
 use crate::config::{ConfigError, in_range, non_negative, positive};
-use crate::math::Posture;
 use crate::math::matrix::{self, Mat, Mat3};
 use crate::math::trig::{sin_cos, sqrt, wrap_angle};
+use crate::math::{Posture, RelativeHeading};
 
 /// Number of states.
 pub const N: usize = FIRST + constants::COUNT;
@@ -85,7 +85,7 @@ pub struct Config {
     /// Half the track (the paper's d), m.
     #[cfg_attr(feature = "serde", serde(skip))]
     pub half_track_m: f32,
-    /// Moment of the frame on an axle a radian of bend, EI/L, N m.
+    /// Moment of the frame on an axle a radian of relative heading, EI/L, N m.
     #[cfg_attr(feature = "serde", serde(skip))]
     pub frame_moment_n_m: f32,
     /// Mass that the wheels of an axle carry, kg.
@@ -271,8 +271,8 @@ pub struct State {
     relative: Posture,
     constants: [f32; constants::COUNT],
     covariance: Covariance<N>,
-    /// Bend by which the tyres are loaded: as of the last time that both odometries had come as far, rad.
-    bend: f32,
+    /// Relative heading that loads the tyres: of the last tick with the odometry of both axles.
+    loading: RelativeHeading,
     /// Derivatives of the rear axle's posture, in its own frame, by the heading that a metre adds
     /// (m², m², m) and by the way that the floor adds to a metre along its x and y (m, m, rad).
     by_considered: [[f32; 3]; 3],
@@ -304,9 +304,9 @@ impl State {
         Estimate::new(self.relative, block)
     }
 
-    /// Bend by which the tyres are loaded, rad.
-    pub fn bend(&self) -> f32 {
-        self.bend
+    /// Relative heading that loads the tyres.
+    pub fn loading(&self) -> RelativeHeading {
+        self.loading
     }
 
     /// Estimates of the constants.
@@ -455,7 +455,7 @@ impl Joint {
             relative: relative.posture,
             constants: [0.0; constants::COUNT],
             covariance: Covariance::from_matrix(&p),
-            bend: relative.posture.phi,
+            loading: RelativeHeading(relative.posture.phi),
             by_considered: [[0.0; 3]; 3],
             considered: self.considered,
         }
@@ -488,7 +488,7 @@ impl Joint {
         let step = |axle: usize, moved: Posture, gyro_share: f32| Step {
             axle,
             moved,
-            bend: state.bend,
+            relative_heading: state.loading,
             dt,
             gyro_share,
         };
@@ -514,10 +514,10 @@ impl Joint {
         }
         // Relative: ⊖ d2 ⊕ (r ⊕ d1).
         let r = state.relative;
-        let (bend_sin, bend_cos) = sin_cos(r.phi);
+        let (relative_sin, relative_cos) = sin_cos(r.phi);
         let onto = [
-            [bend_cos, -bend_sin, 0.0],
-            [bend_sin, bend_cos, 0.0],
+            [relative_cos, -relative_sin, 0.0],
+            [relative_sin, relative_cos, 0.0],
             [0.0, 0.0, 1.0],
         ];
         let [x, y, phi] = matrix::apply(&onto, &[d1.x, d1.y, d1.phi]);
@@ -589,24 +589,24 @@ impl Joint {
             state.rear.y + north * d2.x + east * d2.y,
             wrap_angle(state.rear.phi + d2.phi),
         );
-        state.bend = state.relative.phi;
+        state.loading = RelativeHeading(state.relative.phi);
     }
 
     /// An increment corrected by what is known of the constants, and what its error depends on.
     fn correct(&self, step: &Step, state: &State) -> (Posture, IncrementError) {
         let by_constants = step.by_constants(&self.tyres);
-        let ([x, y, phi], by_bend) = step.error(&self.tyres, &by_constants, &state.constants);
+        let ([x, y, phi], by_heading) = step.error(&self.tyres, &by_constants, &state.constants);
         let p = step.moved;
         let error = IncrementError {
             by_constants,
-            by_bend,
+            by_heading,
         };
         (Posture::new(p.x + x, p.y + y, p.phi + phi), error)
     }
 
-    /// The odometry of one axle is missing: until it comes the bend is taken to be that of before.
-    pub fn keep_bend(&self, state: &mut State, bend: f32) {
-        state.bend = bend;
+    /// Keeps the relative heading that loads the tyres while the odometry of one axle is missing.
+    pub fn keep_loading(&self, state: &mut State, loading: RelativeHeading) {
+        state.loading = loading;
     }
 
     /// The beam: `measured` is the front axle's posture in the rear axle's frame with the covariance
@@ -681,7 +681,7 @@ impl Joint {
             state.relative.y + by[REL + 1],
             wrap_angle(state.relative.phi + by[REL_PHI]),
         );
-        state.bend = state.relative.phi;
+        state.loading = RelativeHeading(state.relative.phi);
         for k in 0..constants::COUNT {
             state.constants[k] += by[FIRST + k];
         }
@@ -704,10 +704,10 @@ impl Joint {
     }
 }
 
-/// What the error of an axle's increment depends on.
+/// Derivatives of the error of an axle's increment.
 struct IncrementError {
     by_constants: Mat<3, { constants::COUNT }>,
-    by_bend: [f32; 3],
+    by_heading: [f32; 3],
 }
 
 impl IncrementError {
@@ -715,7 +715,7 @@ impl IncrementError {
     #[inline(always)]
     fn of<const AXLE: usize>(&self, states: &[f32; N]) -> [f32; 3] {
         let error = constants::error_by::<AXLE>(&self.by_constants, |k| states[(FIRST + k) % N]);
-        core::array::from_fn(|i| error[i] + self.by_bend[i] * states[REL_PHI])
+        core::array::from_fn(|i| error[i] + self.by_heading[i] * states[REL_PHI])
     }
 }
 
@@ -735,17 +735,17 @@ impl Motion {
     fn apply(&self, states: &[f32; N]) -> [f32; 6] {
         let front = self.front_error.of::<0>(states);
         let rear = self.rear_error.of::<1>(states);
-        let [x, y, phi, ahead, aside, bend, ..] = *states;
+        let [x, y, phi, ahead, aside, turned, ..] = *states;
         let mut moved = [0.0; 6];
         // The last rows of all these matrices are those of a turn.
         for i in 0..2 {
             moved[i] = along(&self.by_rear[i], &[x, y, phi]) + along(&self.turn_back[i], &rear);
-            moved[REL + i] = along(&self.by_relative[i], &[ahead, aside, bend])
+            moved[REL + i] = along(&self.by_relative[i], &[ahead, aside, turned])
                 + along(&self.by_front[i], &front)
                 + along(&self.by_base[i], &rear);
         }
         moved[2] = phi + rear[2];
-        moved[REL_PHI] = bend + front[2] - rear[2];
+        moved[REL_PHI] = turned + front[2] - rear[2];
         moved
     }
 }
@@ -810,7 +810,7 @@ mod tests {
             let by = Step {
                 axle,
                 moved: Posture::new(0.3, -0.2, 0.1),
-                bend: 0.4,
+                relative_heading: RelativeHeading(0.4),
                 dt: 0.5,
                 gyro_share: 0.6,
             }
@@ -1140,17 +1140,17 @@ mod tests {
         config.build(0.01).unwrap()
     }
 
-    /// Drives forward and back with a constant bend, turned by `turn` more per metre. Also returns the rear
+    /// Drives forward and back with a constant shape, turned by `turn` more per metre. Also returns the rear
     /// axle's posture on a floor that moves by `by` per metre.
     fn drive(joint: &Joint, turn: f32, by: [f32; 2]) -> (State, Posture) {
         let robot = Estimate::with_sigmas(Posture::new(1.0, -0.5, 2.0), [1e-4; 3]);
-        let bend = Posture::new(0.36, 0.02, 0.2);
-        let mut state = joint.start(&robot, &Estimate::with_sigmas(bend, [1e-4; 3]));
+        let shape = Posture::new(0.36, 0.02, 0.2);
+        let mut state = joint.start(&robot, &Estimate::with_sigmas(shape, [1e-4; 3]));
         let mut world = state.rear;
         for i in 0..600 {
             let forward = if i < 450 { 2e-3 } else { -2e-3f32 };
             let rear = Posture::new(forward, 0.0, 1e-3 + turn * forward.abs());
-            let front = bend.inverse().compose(rear.compose(bend));
+            let front = shape.inverse().compose(rear.compose(shape));
             let [front, rear] = [front, rear].map(|d| Estimate::with_sigmas(d, [1e-6; 3]));
             joint.predict(&mut state, &front, &rear, [1.0; 2], 1.0);
             world = world.compose(rear.posture);

@@ -20,7 +20,7 @@
 //! can tell whose error has grown: it follows the axles in turn, and their opposite yaw cancels.
 //!
 //! **Noise.** To each increment's own covariance the configured slip is added: the wheels do not
-//! see it. It acts per metre, per second, and per second and radian of bend, for a held bend creeps
+//! see it. It acts per metre, per second, and per second and radian of relative heading, for a bent frame creeps
 //! even at standstill: the frame turns the axles against each other.
 //!
 //! **Loss.** An axle sends where its odometry has come to, not its last step, so a lost message
@@ -61,9 +61,9 @@ use super::ekf::Verdict;
 use super::track::{self, Sensitivity, Track};
 use super::{Estimate, constants, intersection, ipec, joint};
 use crate::config::{ConfigError, non_negative, positive};
-use crate::math::Posture;
 use crate::math::matrix::{self, Mat3};
 use crate::math::trig::{sqrt, wrap_angle};
+use crate::math::{Posture, RelativeHeading};
 use crate::topology::AxleId;
 
 /// Constants of odometry as noise of the same size, for the weights of IPEC: over this way, m, and
@@ -102,16 +102,16 @@ pub struct Slip {
     pub along_m_per_sqrt_m: f32,
     /// Across the heading, m/√m.
     pub across_m_per_sqrt_m: f32,
-    /// Across the heading, per radian of bend, m/√m/rad: tyres slip under the side force of a turn, for
+    /// Across the heading, per radian of relative heading, m/√m/rad: tyres slip under the side force of a turn, for
     /// as long as it lasts to the same side.
     pub side_m_per_sqrt_m: f32,
     /// In heading, rad/√m.
     pub heading_rad_per_sqrt_m: f32,
     /// In heading, at any speed, rad/√s.
     pub heading_rad_per_sqrt_s: f32,
-    /// In heading, per radian of bend, rad/√s/rad.
+    /// In heading, per radian of relative heading, rad/√s/rad.
     pub creep_per_sqrt_s: f32,
-    /// In heading, per radian of bend, rad/√m/rad.
+    /// In heading, per radian of relative heading, rad/√m/rad.
     pub creep_per_sqrt_m: f32,
     /// In position, at any speed, m/√s.
     pub position_m_per_sqrt_s: f32,
@@ -263,7 +263,7 @@ pub struct Tandem {
     start_sigmas: [f32; 3],
     frame_sigmas: [f32; 3],
     per_m: [f32; 3],
-    /// Variance across the heading, per metre and squared bend.
+    /// Variance across the heading, per metre and squared relative heading.
     side_per_m: f32,
     position_per_tick: f32,
     heading_per_tick: f32,
@@ -343,6 +343,13 @@ pub struct Output {
     pub ipec: Option<ipec::Correction>,
     /// Weights of covariance intersection for front and rear: 1 keeps the axle's own estimate.
     pub omega: Option<[f32; 2]>,
+}
+
+impl Output {
+    /// Heading of the front axle against the rear axle, within ±π.
+    pub fn relative_heading(&self) -> RelativeHeading {
+        RelativeHeading(wrap_angle(self.front.posture.phi - self.rear.posture.phi))
+    }
 }
 
 /// Estimates of both axles, or the joint filter.
@@ -442,12 +449,12 @@ impl Tandem {
         let rear = inputs.rear.filter(Increment::is_finite);
         // The relative posture is comparable only when both odometries have come as far.
         let complete = front.is_some() && rear.is_some();
-        let bend = match &state.tracks {
+        let heading = RelativeHeading(match &state.tracks {
             Tracks::Separate { front, rear } => wrap_angle(front.posture.phi - rear.posture.phi),
             Tracks::Joint(joint) => joint.relative().posture.phi,
-        };
-        let front = self.with_slip(front, bend);
-        let rear = self.with_slip(rear, bend);
+        });
+        let front = self.with_slip(front, heading);
+        let rear = self.with_slip(rear, heading);
 
         let mut output = Output::default();
         let beam = inputs
@@ -467,8 +474,8 @@ impl Tandem {
         } = state;
         match tracks {
             Tracks::Separate { front: f, rear: r } => {
-                self.advance(f, &front, 0, bend);
-                self.advance(r, &rear, 1, bend);
+                self.advance(f, &front, 0, heading);
+                self.advance(r, &rear, 1, heading);
                 if let Some(beam) = beam {
                     self.join(seen, [f, r], &beam, [&front, &rear], &mut output);
                 }
@@ -487,11 +494,11 @@ impl Tandem {
                         self.joint.forget_gyro_bias(joint, axle);
                     }
                 }
-                let bend = joint.bend();
+                let loading = joint.loading();
                 self.joint
                     .predict(joint, &front.estimate, &rear.estimate, shares, ticks);
                 if !complete {
-                    self.joint.keep_bend(joint, bend);
+                    self.joint.keep_loading(joint, loading);
                 }
                 if let Some(beam) = beam {
                     output.beam = self
@@ -543,7 +550,11 @@ impl Tandem {
     }
 
     /// The increment with slip added; none is a stay.
-    fn with_slip(&self, increment: Option<Increment>, bend: f32) -> Slipping {
+    fn with_slip(
+        &self,
+        increment: Option<Increment>,
+        RelativeHeading(heading): RelativeHeading,
+    ) -> Slipping {
         let Some(increment) = increment else {
             return Slipping::default();
         };
@@ -553,15 +564,15 @@ impl Tandem {
         let gyro_share = increment.gyro_share.clamp(0.0, 1.0);
         let by_wheels = 1.0 - gyro_share;
         let position = self.position_per_tick * ticks;
-        let heading = (self.heading_per_tick + self.creep_per_tick * bend * bend) * ticks;
+        let turning = (self.heading_per_tick + self.creep_per_tick * heading * heading) * ticks;
         let mut covariance = increment.covariance;
         covariance[0][0] += self.per_m[0] * driven + position;
-        let across = self.per_m[1] + self.side_per_m * bend * bend;
+        let across = self.per_m[1] + self.side_per_m * heading * heading;
         covariance[1][1] += across * driven + position;
-        let per_m = self.per_m[2] + self.creep_per_m * bend * bend;
-        covariance[2][2] += by_wheels * (per_m * driven + heading);
+        let per_m = self.per_m[2] + self.creep_per_m * heading * heading;
+        covariance[2][2] += by_wheels * (per_m * driven + turning);
         let by = |constant: usize| self.constants.own[constant] * by_wheels;
-        let (drift, slip) = (by(constants::DRIFT), by(constants::COMPLIANCE) * bend);
+        let (drift, slip) = (by(constants::DRIFT), by(constants::COMPLIANCE) * heading);
         let bias = self.constants.own[constants::GYRO_BIAS] * gyro_share;
         Slipping {
             estimate: Estimate::new(increment.posture, covariance),
@@ -575,12 +586,18 @@ impl Tandem {
     }
 
     /// Moves an axle (0 front, 1 rear) by its odometry.
-    fn advance(&self, track: &mut Track, increment: &Slipping, axle: usize, bend: f32) {
+    fn advance(
+        &self,
+        track: &mut Track,
+        increment: &Slipping,
+        axle: usize,
+        heading: RelativeHeading,
+    ) {
         let moved = into_departure(&increment.estimate);
         let step = constants::Step {
             axle,
             moved: moved.posture,
-            bend,
+            relative_heading: heading,
             dt: increment.ticks * self.period,
             gyro_share: increment.gyro_share,
         };
@@ -896,10 +913,10 @@ mod tests {
 
     #[test]
     fn opposite_creep_is_seen_by_the_beam_and_shared_by_both_axles() {
-        // A held bend relaxes while the wheels stand still: both axles turn, O does not.
-        let shape = |bend: f32| {
-            let (sin, cos) = crate::math::trig::sin_cos(0.5 * bend);
-            Estimate::with_sigmas(Posture::new(0.37 * cos, 0.37 * sin, bend), BEAM_SIGMAS)
+        // A bent frame relaxes while the wheels stand still: both axles turn, O does not.
+        let shape = |heading: f32| {
+            let (sin, cos) = crate::math::trig::sin_cos(0.5 * heading);
+            Estimate::with_sigmas(Posture::new(0.37 * cos, 0.37 * sin, heading), BEAM_SIGMAS)
         };
         let robot = Estimate::with_sigmas(Posture::ORIGIN, [1e-3; 3]);
         let outputs = [Mode::Joint, Mode::IntersectionIpec, Mode::Odometry].map(|mode| {
@@ -907,13 +924,13 @@ mod tests {
             let mut state = tandem.start_at(&robot, &shape(0.3));
             let mut output = Output::default();
             for tick in 0..500 {
-                let bend = 0.3 * crate::math::trig::exp(-0.01 * 0.01 * tick as f32);
+                let heading = 0.3 * crate::math::trig::exp(-0.01 * 0.01 * tick as f32);
                 output = tandem.step(
                     &mut state,
                     &Inputs {
                         front: Some(rest()),
                         rear: Some(rest()),
-                        beam: Some(shape(bend)),
+                        beam: Some(shape(heading)),
                     },
                 );
             }
@@ -1053,9 +1070,9 @@ mod tests {
     }
 
     #[test]
-    fn held_bend_creeps_at_standstill_in_the_covariance() {
+    fn bent_frame_creeps_at_standstill_in_the_covariance() {
         for mode in [Mode::Odometry, Mode::Joint] {
-            let growth = |bend: f32| {
+            let growth = |heading: f32| {
                 let mut config = Config {
                     mode,
                     ..Config::default()
@@ -1064,7 +1081,7 @@ mod tests {
                 config.slip.load_speed_m_s = 0.0;
                 let tandem = config.build().unwrap();
                 let relative = Estimate::with_sigmas(
-                    Posture::new(0.36, 0.18 * bend, bend),
+                    Posture::new(0.36, 0.18 * heading, heading),
                     [1e-3, 1e-3, 1e-3],
                 );
                 let robot = Estimate::with_sigmas(Posture::ORIGIN, [1e-3; 3]);

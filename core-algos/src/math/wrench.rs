@@ -1,7 +1,7 @@
 //! The wrench of the frame between two axles and what each axle feels of it.
 
-use super::Posture;
 use super::trig::sin_cos;
+use super::{Posture, Steering};
 
 /// Forces and moments of the frame, in the frame of its root (the rear axle's frame, moved to the
 /// root).
@@ -63,10 +63,10 @@ impl Wrench {
             && self.moment_end.is_finite()
     }
 
-    /// Pure bending by the steering angle `psi` (rad) of a frame of bending stiffness (N m²) and
+    /// Pure bending by the steering angle `psi` of a frame of bending stiffness (N m²) and
     /// flexible length (m): `M = EI 2ψ/L`.
-    pub fn pure_bending(stiffness: f32, length: f32, psi: f32) -> Self {
-        let moment = stiffness * 2.0 * psi / length;
+    pub fn pure_bending(stiffness: f32, length: f32, psi: Steering) -> Self {
+        let moment = stiffness * 2.0 * psi.0 / length;
         Self {
             moment_root: moment,
             moment_end: moment,
@@ -134,7 +134,7 @@ mod tests {
     #[test]
     fn bent_frame_wants_to_straighten() {
         // 0.833 N m² over 0.37 m at 0.5 rad: 2.25 N m.
-        let wrench = Wrench::pure_bending(0.833, 0.37, 0.5);
+        let wrench = Wrench::pure_bending(0.833, 0.37, Steering(0.5));
         let relative = Posture::new(0.3, 0.1, 1.0);
         assert!((wrench.on_rear(0.0).moment - 2.2514).abs() < 1e-3);
         assert_eq!(

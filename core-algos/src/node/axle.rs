@@ -21,7 +21,7 @@ use crate::control::wheel_observer::{self, WheelObserver};
 use crate::fusion::Estimate;
 use crate::fusion::ekf::{self, AxleFilter, Measurements, Verdict};
 use crate::fusion::standstill::{self, Bias, RestDetector, RestTimes, Zeroing};
-use crate::math::{AxleLoad, Posture, Twist, Wrench};
+use crate::math::{AxleLoad, Posture, Steering, Twist, Wrench};
 use crate::safety::supervisor::{self, Supervisor};
 use crate::safety::{Condition, Conditions, OperatingState, Permit, Request, ramp};
 use crate::time::{EPOCH, Micros, Stamped, TICK, epoch_start, is_epoch_start, seconds, sequence};
@@ -293,7 +293,7 @@ pub struct State {
     mode: Option<Stamped<LeadMode>>,
     /// The lead node has been heard while it did not drive.
     paused: bool,
-    steering: f32,
+    steering: Steering,
     velocity: f32,
     pending_posture: Option<(u8, Posture)>,
     pending_motion: Option<(u8, Twist, Twist)>,
@@ -326,7 +326,7 @@ impl State {
             gyro_zeroed: false,
             mode: None,
             paused: false,
-            steering: 0.0,
+            steering: Steering::STRAIGHT,
             velocity: 0.0,
             pending_posture: None,
             pending_motion: None,
@@ -409,7 +409,7 @@ impl AxleNode {
             } => {
                 state.mode = Some(Stamped::new(mode, now));
                 state.paused |= matches!(mode, LeadMode::Idle | LeadMode::Clear);
-                state.steering = steering_rad;
+                state.steering = Steering(steering_rad);
                 state.velocity = velocity_m_s;
             }
             Message::ReferencePosture {
@@ -605,7 +605,7 @@ impl AxleNode {
         let stop = state.stop.get_or_insert_with(|| Stop {
             ramp: match state.followed {
                 Some(reference) => ramp.begin(reference.posture, velocity, steering, length),
-                None => ramp.begin(state.filter.posture(), 0.0, 0.0, length),
+                None => ramp.begin(state.filter.posture(), 0.0, Steering::STRAIGHT, length),
             },
             hold: 1.0,
             held_nm: 0.0,
@@ -760,7 +760,7 @@ impl AxleNode {
         let psi = self.state.steering;
         let wrench =
             Wrench::pure_bending(self.frame.bending_stiffness_n_m2, self.frame.length_m, psi);
-        self.load(&wrench, Posture::new(0.0, 0.0, 2.0 * psi))
+        self.load(&wrench, Posture::new(0.0, 0.0, psi.relative_heading().0))
     }
 
     /// Load of the frame as the beam measured it, if that is fresh.

@@ -5,7 +5,7 @@
 //! reports of that epoch; its references hold for the same instant, and the axles move them on to
 //! their own time.
 //!
-//! The reference postures follow from the estimated midpoint and the commanded bend at each step
+//! The reference postures follow from the estimated midpoint and the commanded steering at each step
 //! and are not integrated, so the axles' controllers shape the robot while the kinematic
 //! controller alone closes the loop over its path.
 //!
@@ -28,8 +28,7 @@ use crate::fusion::Estimate;
 use crate::fusion::ekf::Verdict;
 use crate::fusion::tandem::{self, Increment, Tandem};
 use crate::math::matrix::{Mat3, diagonal, scale};
-use crate::math::trig::wrap_angle;
-use crate::math::{Posture, Transform, Twist, Wrench};
+use crate::math::{Posture, RelativeHeading, Transform, Twist, Wrench};
 use crate::safety::supervisor::{self, Supervisor};
 use crate::safety::{Condition, Conditions, OperatingState, Permit, Request, ramp};
 use crate::time::{EPOCH, Micros, Stamped, TICK, epoch_start, seconds, sequence};
@@ -75,8 +74,9 @@ pub struct Config {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
 pub struct Limits {
-    /// Bend of the frame, half the angle between the axles, rad.
-    pub bend_rad: f32,
+    /// Steering angle of the frame |ψ|, rad.
+    #[cfg_attr(feature = "serde", serde(rename = "bend_rad"))]
+    pub steering_rad: f32,
     /// Force of the frame on an axle, N.
     pub force_n: f32,
     /// Moment of the frame on an axle, N m.
@@ -95,7 +95,7 @@ pub struct Limits {
 impl Default for Limits {
     fn default() -> Self {
         Self {
-            bend_rad: 0.7,
+            steering_rad: 0.7,
             force_n: 25.0,
             moment_n_m: 6.0,
             // What a floor may make of 300 m.
@@ -109,7 +109,7 @@ impl Default for Limits {
 
 impl Limits {
     fn check(&self) -> Result<(), ConfigError> {
-        in_range("bend_rad", self.bend_rad, 0.05, 1.5)?;
+        in_range("bend_rad", self.steering_rad, 0.05, 1.5)?;
         positive("force_n", self.force_n)?;
         positive("moment_n_m", self.moment_n_m)?;
         positive("position_sigma_m", self.position_sigma_m)?;
@@ -215,13 +215,8 @@ const RESTART_SIGMAS: [f32; 3] = [0.1, 0.1, 0.3];
 
 /// Speed and yaw rate below which an axle counts as at rest before the robot drives, m/s, rad/s.
 const STILL: Twist = Twist::new(0.02, 0.1);
-/// Difference from the commanded bend beyond which a frame whose motors are off has let go of it, rad.
+/// Difference from the commanded steering angle beyond which a frame without power has let go, rad.
 const LET_GO: f32 = 0.05;
-
-/// Estimated bend of the frame, rad: half the angle between the axles (ψ).
-fn bend(fused: &tandem::Output) -> f32 {
-    0.5 * wrap_angle(fused.front.posture.phi - fused.rear.posture.phi)
-}
 
 /// The latest report of one axle.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -612,7 +607,7 @@ impl LeadNode {
                     &mut state.regulator,
                     &regulator::Input {
                         posture: center.posture,
-                        steering_rad: motion.psi,
+                        steering: motion.psi,
                         speed_m_s: motion.v,
                         goal,
                     },
@@ -782,11 +777,12 @@ impl LeadNode {
         let strained = state.wrench.is_some_and(|wrench| {
             fresh(wrench.time) && self.with.limits.exceeded_by(&wrench.value)
         });
-        // What the beam sees counts most; without it, what the axles think.
-        let bend = beam
-            .map(|posture| posture.value.phi)
-            .or(fused.map(|fused| 2.0 * self::bend(fused)));
-        let bent = bend.is_some_and(|bend| !(0.5 * bend.abs() <= self.with.limits.bend_rad));
+        // The beam's measurement counts most; without it, the estimates of the axles.
+        let heading = beam
+            .map(|posture| RelativeHeading(posture.value.phi))
+            .or(fused.map(tandem::Output::relative_heading));
+        let bent = heading
+            .is_some_and(|heading| !(heading.steering().0.abs() <= self.with.limits.steering_rad));
         let unsound = fused.is_some_and(|fused| !fused.robot.posture.is_finite());
         // Without the sensor the operator has chosen to drive by ever less.
         let uncertain = fused.is_some_and(|fused| {
@@ -829,12 +825,12 @@ impl LeadNode {
         ramp.step(stop, seconds(EPOCH)).halted
     }
 
-    /// Once the motors are off the frame does not stay as it was commanded to be: the next drive
-    /// begins with the bend that it has.
+    /// Without power the frame leaves the commanded steering angle: the next drive begins with the
+    /// estimated one.
     fn settle(&mut self, fused: &tandem::Output) {
-        let bend = bend(fused);
-        if !((bend - self.state.governor.motion.psi).abs() <= LET_GO) {
-            self.state.governor = governor::State::at_rest(bend);
+        let steering = fused.relative_heading().steering();
+        if !((steering.0 - self.state.governor.motion.psi.0).abs() <= LET_GO) {
+            self.state.governor = governor::State::at_rest(steering);
         }
     }
 
@@ -858,7 +854,7 @@ impl LeadNode {
         outbox.push(Message::LeadStatus {
             sequence: sequence(now),
             mode,
-            steering_rad: motion.psi,
+            steering_rad: motion.psi.0,
             velocity_m_s: motion.v,
         });
         Output {
@@ -883,7 +879,7 @@ impl LeadNode {
         outbox.push(Message::LeadStatus {
             sequence,
             mode,
-            steering_rad: motion.psi,
+            steering_rad: motion.psi.0,
             velocity_m_s: motion.v,
         });
         let axles = [fused.front.posture, fused.rear.posture];

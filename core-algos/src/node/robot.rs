@@ -260,6 +260,7 @@ mod tests {
     use crate::beam::sensor::PostureSolver;
     use crate::control::kinematic::curvature_of_steering;
     use crate::fusion::constants;
+    use crate::math::Steering;
 
     #[test]
     fn the_margin_is_kept_from_every_command() {
@@ -286,7 +287,8 @@ mod tests {
             config.geometry.rigid_end_m = rigid_end_m;
             let lead = config.completed().lead;
             let limits = lead.regulator.limits;
-            let regulated = curvature_of_steering(limits.max_steering_rad, limits.frame_length_m);
+            let regulated =
+                curvature_of_steering(Steering(limits.max_steering_rad), limits.frame_length_m);
             let bent = lead.cascade.build().unwrap().max_curvature();
             assert!((regulated - bent).abs() < 1e-5 * bent, "{regulated} {bent}");
         }

@@ -10,7 +10,7 @@
 
 use crate::config::{Allowed, ConfigError, in_range, positive, require};
 use crate::math::trig::{clamp, sin_cos};
-use crate::math::{Posture, Twist};
+use crate::math::{Posture, Steering, Twist};
 
 /// Steering angle beyond which the paths of the axles are not told apart, rad: cos ψ stays away
 /// from zero.
@@ -115,12 +115,18 @@ pub struct Reference {
 
 impl Ramp {
     /// Begins a stop of an axle whose reference posture is `posture`, of a robot whose midpoint
-    /// drives at `speed` (m/s) with the steering angle `psi` (rad) on a frame of `length` (m).
+    /// drives at `speed` (m/s) with the steering angle `psi` on a frame of `length` (m).
     /// Numbers that are not finite count as standstill.
-    pub fn begin(&self, posture: Posture, speed: f32, psi: f32, length: f32) -> State {
-        let bend = clamp(psi, -STEEPEST, STEEPEST);
-        let (_, c) = sin_cos(bend);
-        let start = Twist::new(speed / c, 2.0 * bend / (length * c) * speed);
+    pub fn begin(
+        &self,
+        posture: Posture,
+        speed: f32,
+        Steering(psi): Steering,
+        length: f32,
+    ) -> State {
+        let within = clamp(psi, -STEEPEST, STEEPEST);
+        let (_, c) = sin_cos(within);
+        let start = Twist::new(speed / c, 2.0 * within / (length * c) * speed);
         if !(posture.is_finite() && psi.is_finite() && start.is_finite()) {
             return State {
                 start: Twist::default(),
@@ -179,15 +185,15 @@ mod tests {
         let front = Posture::new(0.5 * chord as f32, 0.0, psi as f32);
         let rear = Posture::new(-0.5 * chord as f32, 0.0, -psi as f32);
         let mut states =
-            [front, rear].map(|p| ramp.begin(p, speed as f32, psi as f32, length as f32));
+            [front, rear].map(|p| ramp.begin(p, speed as f32, Steering(psi as f32), length as f32));
         let mut halted = 0;
         let mut holding = 0;
         for _ in 0..1200 {
             let [a, b] = states.each_mut().map(|state| ramp.step(state, 1e-3));
             let d = [a.posture.x - b.posture.x, a.posture.y - b.posture.y].map(f64::from);
             assert!((d[0].hypot(d[1]) - chord).abs() < 1e-5, "{d:?}");
-            let bend = 0.5 * f64::from(a.posture.phi - b.posture.phi);
-            assert!((bend - psi).abs() < 1e-5);
+            let steering = 0.5 * f64::from(a.posture.phi - b.posture.phi);
+            assert!((steering - psi).abs() < 1e-5);
             assert_eq!(a.halted, b.halted);
             assert_eq!(a.hold, b.hold);
             holding += usize::from(a.hold == 1.0);
@@ -202,7 +208,7 @@ mod tests {
     #[test]
     fn posture_twist_and_acceleration_belong_together() {
         let ramp = Config::default().build(TIMEOUT).unwrap();
-        let mut state = ramp.begin(Posture::new(1.0, 2.0, 0.3), 0.2, -0.3, 0.37);
+        let mut state = ramp.begin(Posture::new(1.0, 2.0, 0.3), 0.2, Steering(-0.3), 0.37);
         let dt = 1e-3f64;
         let mut last = ramp.step(&mut state, dt as f32);
         for _ in 0..190 {
@@ -222,7 +228,7 @@ mod tests {
     fn what_is_not_finite_is_standstill() {
         let ramp = Config::default().build(TIMEOUT).unwrap();
         for (speed, psi) in [(f32::NAN, 0.1), (0.2, f32::NAN), (f32::INFINITY, 0.0)] {
-            let mut state = ramp.begin(Posture::ORIGIN, speed, psi, 0.37);
+            let mut state = ramp.begin(Posture::ORIGIN, speed, Steering(psi), 0.37);
             let reference = ramp.step(&mut state, f32::NAN);
             assert_eq!(reference.twist, Twist::default());
             for _ in 0..1000 {
@@ -237,7 +243,7 @@ mod tests {
     fn every_stop_ends_before_the_supervisor_loses_patience() {
         let ramp = Config::default().build(TIMEOUT).unwrap();
         for speed in [0.0, 0.3, -0.9, 1.5, 50.0, f32::MAX] {
-            let mut state = ramp.begin(Posture::ORIGIN, speed, 0.2, 0.37);
+            let mut state = ramp.begin(Posture::ORIGIN, speed, Steering(0.2), 0.37);
             let ticks = (1..5_000)
                 .find(|_| ramp.step(&mut state, 1e-3).halted)
                 .unwrap();

@@ -71,8 +71,8 @@ pub struct Measured {
     pub speed: Speed,
     /// Step, s.
     pub step_s: f64,
-    /// Largest bend of the frame, rad.
-    pub largest_bend_rad: f64,
+    /// Largest relative heading of the axles, rad.
+    pub largest_heading_rad: f64,
     /// Largest force of the frame, N.
     pub largest_force_n: f64,
     /// Counters of one run.
@@ -184,11 +184,11 @@ fn measure(drive: &Drive, config: &PlantConfig, options: &Options) -> Result<Mea
     let torques: Vec<_> = (0..count)
         .map(|k| drive.torque(k as f64 * plant.step_s()))
         .collect();
-    let (mut bend, mut force) = (0.0f64, 0.0f64);
+    let (mut heading, mut force) = (0.0f64, 0.0f64);
     plant.place([0.0; 3]);
     for torque in &torques {
         plant.step(*torque);
-        bend = bend.max(plant.relative_posture()[2].abs());
+        heading = heading.max(plant.relative_posture()[2].abs());
         let [fx, fy] = plant.wrench().force;
         force = force.max(fx.hypot(fy));
     }
@@ -208,7 +208,7 @@ fn measure(drive: &Drive, config: &PlantConfig, options: &Options) -> Result<Mea
         name: drive.name,
         speed,
         step_s: plant.step_s(),
-        largest_bend_rad: bend,
+        largest_heading_rad: heading,
         largest_force_n: force,
         health: plant.health(),
         position_error_m: error.map(|e| e[0]),
@@ -286,7 +286,7 @@ pub fn command(args: &PlantBenchArgs) -> Result<(), Error> {
             format!("{:.0}", drive.speed.real_time_factor),
             format!("{:.0}", drive.speed.slowest),
             format!("{:.0}", drive.speed.fastest),
-            format!("{:.0}", drive.largest_bend_rad.to_degrees()),
+            format!("{:.0}", drive.largest_heading_rad.to_degrees()),
             format!("{:.1}", drive.largest_force_n),
             drive
                 .position_error_m

@@ -38,7 +38,7 @@ fn row(record: &Record) -> Row {
     let names = "relative_x_m relative_y_m relative_phi_rad";
     put(row, names, &record.relative);
     put(row, "phase mode", &[words[0].as_str(), words[1].as_str()]);
-    let motion = [motion.v, motion.v_rate, motion.psi, motion.psi_rate];
+    let motion = [motion.v, motion.v_rate, motion.psi.0, motion.psi_rate];
     let names = "v_m_s v_rate_m_s2 psi_rad psi_rate_rad_s";
     put(row, names, &motion.map(f64::from));
     let names =

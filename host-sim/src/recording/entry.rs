@@ -381,7 +381,7 @@ impl LeadEntry {
             nis: fused.beam.nis,
             velocity_m_s: motion.v,
             acceleration_m_s2: motion.v_rate,
-            steering_rad: motion.psi,
+            steering_rad: motion.psi.0,
             steering_rate_rad_s: motion.psi_rate,
             target: output.target.map(Pose::from),
             bits: Hex::of(output),

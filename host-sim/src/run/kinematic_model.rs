@@ -6,7 +6,7 @@
 
 use crate::paths::shortest;
 use core_algos::control::regulator::{Input, Phase, Regulator, State};
-use core_algos::math::Posture;
+use core_algos::math::{Posture, Steering};
 use core_algos::node::robot::RobotConfig;
 use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
@@ -253,7 +253,7 @@ pub fn regulate(
             &mut state,
             &Input {
                 posture: estimate,
-                steering_rad: robot.psi as f32,
+                steering: Steering(robot.psi as f32),
                 speed_m_s: robot.v as f32,
                 goal: goal.map(|value| value as f32).into(),
             },

@@ -282,12 +282,12 @@ pub fn drive_on(
             places[i] = place;
             deviations[i] = Deviation::of(seen[i], &route.path.at(place));
         }
-        let [x, y, bend] = record.relative;
+        let [x, y, heading] = record.relative;
         moment = Moment {
             target: route.path.at(places[0]),
             truth: deviations[0],
             estimate: deviations[1],
-            curvature: 2.0 * (0.5 * bend).tan() / x.hypot(y),
+            curvature: 2.0 * (0.5 * heading).tan() / x.hypot(y),
             record,
         };
         max_curvature = max_curvature.max(moment.curvature.abs());

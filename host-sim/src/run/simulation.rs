@@ -200,8 +200,8 @@ pub trait Robot {
     /// What the bus between the boards counted.
     fn bus(&self) -> BusStatistics;
 
-    /// True bend of the frame, rad: half the angle between the axles (ψ).
-    fn bend(&self) -> f64 {
+    /// True steering angle ψ, rad: half the angle between the axles.
+    fn steering(&self) -> f64 {
         let [front, rear] = self.plant().state().axle.map(|axle| axle.posture[2]);
         0.5 * (front - rear)
     }
@@ -738,8 +738,8 @@ struct Drive {
     last: [f64; 3],
     phase: Phase,
     direction: f64,
-    bend: f64,
-    commanded_bend: f64,
+    steering: f64,
+    commanded_steering: f64,
     path_curvature: f64,
     path_m: f64,
     cusps: u32,
@@ -754,8 +754,8 @@ impl Drive {
             last: robot.plant().midpoint(),
             phase: Phase::Stop,
             direction: 0.0,
-            bend: 0.0,
-            commanded_bend: 0.0,
+            steering: 0.0,
+            commanded_steering: 0.0,
             path_curvature: 0.0,
             path_m: 0.0,
             cusps: 0,
@@ -783,7 +783,9 @@ impl Drive {
         }
         self.last = record.midpoint;
         let lead = &record.lead;
-        self.commanded_bend = self.commanded_bend.max(f64::from(lead.motion.psi).abs());
+        self.commanded_steering = self
+            .commanded_steering
+            .max(f64::from(lead.motion.psi.0).abs());
         if lead.phase == Phase::Plan {
             self.plans += u32::from(self.phase != Phase::Plan);
             self.planning += 1;
@@ -833,7 +835,7 @@ pub fn regulate_on(
             let wrench = simulation.plant().wrench();
             force_square += wrench.force[0].powi(2) + wrench.force[1].powi(2);
             count += 1;
-            drive.bend = drive.bend.max(simulation.bend().abs());
+            drive.steering = drive.steering.max(simulation.steering().abs());
         }
         if !simulation.now().is_multiple_of(EPOCH) {
             continue;
@@ -865,8 +867,8 @@ pub fn regulate_on(
     let seen = [seen.x, seen.y, seen.phi].map(f64::from);
     outcome.relative_error = std::array::from_fn(|i| seen[i] - record.relative[i]);
     let frame = Model::of_robot(&scenario.robot);
-    outcome.max_curvature = frame.curvature(drive.bend);
-    outcome.max_commanded_curvature = frame.curvature(drive.commanded_bend);
+    outcome.max_curvature = frame.curvature(drive.steering);
+    outcome.max_commanded_curvature = frame.curvature(drive.commanded_steering);
     outcome.max_path_curvature = drive.path_curvature;
     outcome.path_m = drive.path_m;
     outcome.cusps = drive.cusps;

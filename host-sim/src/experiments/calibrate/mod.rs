@@ -15,7 +15,7 @@ use crate::targets::{self, Target};
 use crate::world::sensors::{Sensors, Stream, TrialImperfections, Truth, generator, normal};
 use core_algos::beam::MAX_GAUGES;
 use core_algos::bus::{self, Frame, Message};
-use core_algos::math::Posture;
+use core_algos::math::{Posture, Steering};
 use core_algos::params::Settings;
 use core_algos::time::EPOCH;
 use core_algos::topology::Role;
@@ -261,7 +261,7 @@ struct Seen {
     laps: [Lap; 2],
     /// Believed by each axle, m.
     track_m: [f64; 2],
-    bend: f64,
+    relative_heading: f64,
     beam: Vec<[f64; 3]>,
 }
 
@@ -274,7 +274,7 @@ impl Seen {
             midpoint: simulation.plant().midpoint(),
             laps: [Lap::default(), Lap::default()],
             track_m: [believed(Role::Front), believed(Role::Rear)],
-            bend: 0.0,
+            relative_heading: 0.0,
             beam: Vec::new(),
         }
     }
@@ -284,7 +284,12 @@ impl Seen {
             Ok(Message::AxlePosture { axle, posture, .. }) => {
                 let place = [posture.x, posture.y, posture.phi].map(f64::from);
                 let i = axle.index();
-                self.laps[i].add(place, self.track_m[i], self.bend, EPOCH as f64 * 1e-6);
+                self.laps[i].add(
+                    place,
+                    self.track_m[i],
+                    self.relative_heading,
+                    EPOCH as f64 * 1e-6,
+                );
             }
             Ok(Message::BeamPosture {
                 posture, gauges, ..
@@ -293,9 +298,9 @@ impl Seen {
                 let place = [posture.x, posture.y, posture.phi].map(|v| f64::from(v) + bad);
                 self.beam.push(place);
             }
-            // The commanded bend is known without the sensor, and without its errors.
+            // The commanded steering is known without the sensor, and without its errors.
             Ok(Message::LeadStatus { steering_rad, .. }) => {
-                self.bend = 2.0 * f64::from(steering_rad)
+                self.relative_heading = f64::from(Steering(steering_rad).relative_heading().0)
             }
             _ => {}
         }

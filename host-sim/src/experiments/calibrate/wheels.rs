@@ -33,8 +33,8 @@ struct Step {
 
 impl Lap {
     /// Takes in the next odometric posture (m, m, rad) of the axle whose track is believed to be
-    /// `track_m`; the frame was bent by `bend_rad` in the `dt_s` before it.
-    pub fn add(&mut self, posture: [f64; 3], track_m: f64, bend_rad: f64, dt_s: f64) {
+    /// `track_m`; the relative heading was `heading_rad` in the `dt_s` before it.
+    pub fn add(&mut self, posture: [f64; 3], track_m: f64, heading_rad: f64, dt_s: f64) {
         let [x, y, phi] = posture;
         if let Some([x0, y0, phi0]) = self.place {
             let turn = wrapped(phi - phi0);
@@ -44,7 +44,7 @@ impl Lap {
             self.steps.push(Step {
                 way: [ahead, aside],
                 turn,
-                by_errors: [2.0 * ahead / track_m, turn, bend_rad * dt_s],
+                by_errors: [2.0 * ahead / track_m, turn, heading_rad * dt_s],
             });
         }
         self.place = Some(posture);
@@ -118,7 +118,7 @@ pub struct Errors {
     pub ratio: f64,
     /// Share by which a true turn is larger than the odometry's.
     pub turn: f64,
-    /// True yaw rate beyond that of the wheels over the bend of the frame, 1/s.
+    /// True yaw rate beyond that of the wheels over the relative heading, 1/s.
     pub creep: f64,
 }
 
@@ -232,13 +232,13 @@ mod tests {
         let mut odometry = [0.0f64; 3];
         let track = 2.0 * BELIEVED.half_track_m;
         lap.add(odometry, track, 0.0, 0.0);
-        let mut step = |ds: f64, turn: f64, dt: f64, bend: f64| {
+        let mut step = |ds: f64, turn: f64, dt: f64, heading: f64| {
             // Advances of the wheels as believed, and as they are.
             let wheel = [ds - 0.5 * turn * track, ds + 0.5 * turn * track];
             let believed = radii(&BELIEVED);
             let real = radii(truth);
             let real = [0, 1].map(|i| wheel[i] * real[i] / believed[i]);
-            let true_turn = (real[1] - real[0]) / (2.0 * truth.half_track_m) + creep * bend * dt;
+            let true_turn = (real[1] - real[0]) / (2.0 * truth.half_track_m) + creep * heading * dt;
             let moves = [
                 (ds, turn, &mut odometry),
                 (0.5 * (real[0] + real[1]), true_turn, &mut place),
@@ -251,7 +251,7 @@ mod tests {
                     at[2] + turn,
                 ];
             }
-            lap.add(odometry, track, bend, dt);
+            lap.add(odometry, track, heading, dt);
         };
         for _ in 0..4 {
             let straight = side - 2.0 * radius;
@@ -260,7 +260,7 @@ mod tests {
             }
             for _ in 0..400 {
                 let arc = radius * FRAC_PI_2;
-                let bend = if radius > 0.0 {
+                let heading = if radius > 0.0 {
                     way * 0.37 / radius
                 } else {
                     0.0
@@ -269,7 +269,7 @@ mod tests {
                     arc / 400.0,
                     way * FRAC_PI_2 / 400.0,
                     arc / speed / 400.0,
-                    bend,
+                    heading,
                 );
             }
         }

@@ -94,8 +94,8 @@ pub struct Row {
     pub error_m: Option<f64>,
     /// Largest speed, m/s.
     pub speed_m_s: f64,
-    /// Largest bend of the frame, rad.
-    pub bend_rad: f64,
+    /// Largest true steering angle |ψ|, rad.
+    pub steering_rad: f64,
     /// Largest force of the frame, N.
     pub force_n: f64,
     /// Each run.
@@ -126,7 +126,7 @@ impl Row {
             stop_within_s: entry.stop_within_s,
             error_m: finished.map(|run| run.error_m).reduce(f64::max),
             speed_m_s: largest(|run| run.speed_m_s),
-            bend_rad: largest(|run| run.bend_rad),
+            steering_rad: largest(|run| run.steering_rad),
             force_n: largest(|run| run.force_n),
             outcomes: runs.to_vec(),
         }
@@ -220,7 +220,7 @@ impl Report {
             1e2 * run::TOLERANCE[0],
             run::TOLERANCE[1].to_degrees(),
             bounds.speed_m_s,
-            bounds.bend_rad.to_degrees(),
+            bounds.steering_rad.to_degrees(),
             bounds.force_n,
             bounds.moment_s,
             self.world,
@@ -249,7 +249,7 @@ impl Report {
                 number(allowed, 1.0, 1),
                 number(row.error_m, 1e2, 1),
                 row.speed_m_s,
-                row.bend_rad.to_degrees(),
+                row.steering_rad.to_degrees(),
                 row.force_n,
             );
         }

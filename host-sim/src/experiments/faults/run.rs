@@ -20,7 +20,7 @@ pub struct Bounds {
     /// Speed of an axle's midpoint, m/s. The governor allows half of it.
     pub speed_m_s: f64,
     /// Bend of the frame, half the angle between the axles, rad.
-    pub bend_rad: f64,
+    pub steering_rad: f64,
     /// Force of the frame, N.
     pub force_n: f64,
     /// The moment, s.
@@ -31,7 +31,7 @@ impl Default for Bounds {
     fn default() -> Self {
         Self {
             speed_m_s: 0.5,
-            bend_rad: 0.8,
+            steering_rad: 0.8,
             force_n: 40.0,
             moment_s: 0.3,
         }
@@ -96,8 +96,8 @@ pub struct Outcome {
     pub claimed: Option<[f64; 2]>,
     /// Largest speed from the fault on, m/s.
     pub speed_m_s: f64,
-    /// Largest bend from the fault on, rad.
-    pub bend_rad: f64,
+    /// Largest true steering angle |ψ| from the fault on, rad.
+    pub steering_rad: f64,
     /// Largest force of the frame from the fault on, N.
     pub force_n: f64,
     /// Torques at the end, N m.
@@ -156,7 +156,7 @@ pub fn run_on(
     let settle = (mission.settle_s * 1e6) as Micros;
     let limit = settle + (mission.time_limit_s * 1e6) as Micros;
     let at = case.at(scenario);
-    let [mut speed, mut bend, mut force] = [0.0f64; 3];
+    let [mut speed, mut steering, mut force] = [0.0f64; 3];
     let moment = (bounds.moment_s * 1e3) as u32;
     let mut beyond = [0u32; 3];
     let (mut rest, mut stopped_at) = (0u32, None);
@@ -173,12 +173,16 @@ pub fn run_on(
         let wrench = simulation.plant().wrench().force;
         let seen = [
             simulation.speed(),
-            simulation.bend().abs(),
+            simulation.steering().abs(),
             wrench[0].hypot(wrench[1]),
         ];
         if now >= at {
-            (speed, bend, force) = (speed.max(seen[0]), bend.max(seen[1]), force.max(seen[2]));
-            let limits = [bounds.speed_m_s, bounds.bend_rad, bounds.force_n];
+            (speed, steering, force) = (
+                speed.max(seen[0]),
+                steering.max(seen[1]),
+                force.max(seen[2]),
+            );
+            let limits = [bounds.speed_m_s, bounds.steering_rad, bounds.force_n];
             for i in 0..3 {
                 // NaN is beyond every bound.
                 let within = seen[i] <= limits[i];
@@ -235,7 +239,7 @@ pub fn run_on(
         heading_rad: libm::remainder(phi - goal[2], std::f64::consts::TAU).abs(),
         claimed,
         speed_m_s: speed,
-        bend_rad: bend,
+        steering_rad: steering,
         force_n: force,
         torque_nm: simulation.torque(),
         end_speed_m_s: simulation.speed(),

@@ -200,7 +200,7 @@ fn motion_lines(view: &View) -> Vec<Line<'static>> {
             left.heading_rad.to_degrees()
         )),
         Line::raw(format!("speed {:>7.3} m/s", motion.v)),
-        Line::raw(format!("bend ψ{:>7.3} rad", motion.psi)),
+        Line::raw(format!("bend ψ{:>7.3} rad", motion.psi.0)),
         wheels("front", view.wheel_speed[0]),
         wheels("rear", view.wheel_speed[1]),
     ]
@@ -363,7 +363,7 @@ mod tests {
         view.noticed[1].set(Condition::NeighbourLost, true);
         view.lead.mode = LeadMode::Hold;
         view.lead.motion.v = 0.2;
-        view.lead.motion.psi = -0.3;
+        view.lead.motion.psi.0 = -0.3;
         view.lead.fused.beam.nis = 2.25;
         let robot = &mut view.lead.fused.robot;
         robot.posture = Posture::new(-1.002, 0.503, 0.1);

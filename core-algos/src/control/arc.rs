@@ -8,8 +8,8 @@
 //!
 //! Nothing here fails. Angles are expected within ±[`super::cascade::MAX_STEERING`].
 
-use crate::math::bounded;
 use crate::math::small_angle::cos_and_sinc_slope;
+use crate::math::{Steering, bounded};
 use core::hint::cold_path;
 
 /// Most steps of the search for a steering angle.
@@ -33,8 +33,8 @@ pub(super) struct Arc {
     start: [f32; 4],
 }
 
-/// The frame bent by one steering angle.
-pub(super) struct Bend {
+/// Shape of the frame at one steering angle.
+pub(super) struct Shape {
     /// 1/cos ψ.
     pub sec: f32,
     /// tan ψ.
@@ -48,7 +48,7 @@ pub(super) struct Bend {
     pub kappa_slope: f32,
 }
 
-/// What both the bend and its inverse begin with.
+/// Half chord with what its derivatives need.
 struct Half {
     sin: f32,
     cos: f32,
@@ -90,15 +90,15 @@ impl Arc {
         }
     }
 
-    /// The frame bent by `psi` (rad).
+    /// Shape of the frame at a steering angle.
     #[inline(always)]
-    pub fn bent(&self, psi: f32) -> Bend {
-        let half = self.half(psi);
+    pub fn bent(&self, psi: Steering) -> Shape {
+        let half = self.half(psi.0);
         let sec = 1.0 / half.cos;
         let tan = half.sin * sec;
         let inverse = 1.0 / half.length;
         let kappa = tan * inverse;
-        Bend {
+        Shape {
             sec,
             tan,
             half: half.length,
@@ -109,11 +109,11 @@ impl Arc {
         }
     }
 
-    /// Steering angle (rad) of the path curvature `kappa` (1/m), which is less than that of `limit`
+    /// Steering angle of the path curvature `kappa` (1/m), which is less than that of `limit`
     /// (rad): the root of `sin ψ − κ cos ψ h(ψ)`, which grows with |ψ| for |ψ| < π/2. Its magnitude
     /// is at most `limit` but for rounding.
     #[inline(always)]
-    pub fn steering(&self, kappa: f32, limit: f32) -> f32 {
+    pub fn steering(&self, kappa: f32, limit: f32) -> Steering {
         let reach = kappa * self.half_chord;
         let square = reach * reach;
         let [s0, s1, s2, s3] = self.start;
@@ -122,14 +122,14 @@ impl Arc {
         let step = self.newton(start, kappa);
         // Up to half a radian one step is enough. A start beyond the limit may be near another root.
         if step.abs() <= SETTLED && start.abs() <= limit + SETTLED {
-            start - step
+            Steering(start - step)
         } else {
             cold_path();
-            self.search(bounded(start - step, limit), kappa, limit)
+            Steering(self.search(bounded(start - step, limit), kappa, limit))
         }
     }
 
-    /// How far `psi` is from the root by Newton's method.
+    /// Distance of `psi` from the root by Newton's method.
     #[inline(always)]
     fn newton(&self, psi: f32, kappa: f32) -> f32 {
         let half = self.half(psi);
@@ -216,7 +216,7 @@ mod tests {
             let tolerance = 1e-6;
             for sign in [1.0, -1.0] {
                 let found = arc.steering(sign * kappa, 1.5);
-                prop_assert!((sign * found - psi).abs() < tolerance, "{found} {psi}");
+                prop_assert!((sign * found.0 - psi).abs() < tolerance, "{found:?} {psi}");
             }
         }
 
@@ -226,7 +226,7 @@ mod tests {
             end in 0.0f32..0.2, psi in -1.2f32..1.2,
         ) {
             let arc = Arc::new(0.37, end);
-            let bend = arc.bent(psi);
+            let shape = arc.bent(Steering(psi));
             let half = |p: f64| {
                 let sinc = if p == 0.0 { 1.0 } else { p.sin() / p };
                 0.5 * f64::from(0.37f32) * sinc + f64::from(end) * p.cos()
@@ -235,12 +235,12 @@ mod tests {
             let kappa = |p: f64| p.tan() / half(p);
             let slope = |f: &dyn Fn(f64) -> f64| (f(p + h) - f(p - h)) / (2.0 * h);
             let second = (half(p + h) - 2.0 * half(p) + half(p - h)) / (h * h);
-            prop_assert!((f64::from(bend.half) - half(p)).abs() < 1e-7);
-            prop_assert!((f64::from(bend.slope) - slope(&half)).abs() < 1e-7);
-            prop_assert!((f64::from(bend.second) - second).abs() < 1e-6);
+            prop_assert!((f64::from(shape.half) - half(p)).abs() < 1e-7);
+            prop_assert!((f64::from(shape.slope) - slope(&half)).abs() < 1e-7);
+            prop_assert!((f64::from(shape.second) - second).abs() < 1e-6);
             let scale = 1.0 + kappa(p).abs();
-            prop_assert!((f64::from(bend.kappa) - kappa(p)).abs() < 1e-6 * scale);
-            prop_assert!((f64::from(bend.kappa_slope) - slope(&kappa)).abs() < 2e-5 * scale * scale);
+            prop_assert!((f64::from(shape.kappa) - kappa(p)).abs() < 1e-6 * scale);
+            prop_assert!((f64::from(shape.kappa_slope) - slope(&kappa)).abs() < 2e-5 * scale * scale);
         }
     }
 
