@@ -1,10 +1,10 @@
 //! The fault campaign and its committed table.
 
 use core_algos::safety::Condition;
-use core_algos::topology::Node;
-use core_algos::topology::Role;
+use core_algos::topology::{Node, Role};
 use host_sim::experiments::faults::campaign;
-use host_sim::run::simulation::{self, Simulation};
+use host_sim::run::regulate::regulate_on;
+use host_sim::run::simulation::Simulation;
 use host_sim::scenario::Scenario;
 use host_sim::world::faults::{CATALOGUE, Disturbance, Fault};
 use rayon::prelude::*;
@@ -77,7 +77,7 @@ fn raised(change: &str, fault: Fault, tick: u32) -> Vec<Condition> {
     let scenario = Scenario::parse(None, "", "test", &changes).unwrap();
     let mut simulation = Simulation::new(&scenario, 1, 0).unwrap();
     simulation.inject(fault, tick);
-    simulation::regulate_on(&mut simulation, &scenario, |_| {}).unwrap();
+    regulate_on(&mut simulation, &scenario, |_| {}).unwrap();
     let monitor = simulation.monitor();
     let reasons = monitor.changes().iter().filter_map(|status| status.reason);
     let notices = Node::ALL

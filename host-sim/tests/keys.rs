@@ -8,7 +8,9 @@ use core_algos::topology::Role;
 use host_sim::base::error::Error;
 use host_sim::paths::Path;
 use host_sim::run::path_run::{self, Manner, Route};
-use host_sim::run::simulation::{self, Observer, Record, Robot, Simulation};
+use host_sim::run::regulate::regulate_on;
+use host_sim::run::robot::{Observer, Record, Robot};
+use host_sim::run::simulation::Simulation;
 use host_sim::scenario::Scenario;
 use host_sim::scenario::effect::{self, Use};
 use host_sim::world::faults::{CATALOGUE, Entry};
@@ -148,7 +150,7 @@ impl Situation {
             (Task::Path(manner), Some(route)) => {
                 path_run::drive_on(&mut simulation, &scenario, route, manner, |_| {}).map(|_| ())
             }
-            _ => simulation::regulate_on(&mut simulation, &scenario, |_| {}).map(|_| ()),
+            _ => regulate_on(&mut simulation, &scenario, |_| {}).map(|_| ()),
         };
         Ok(std::mem::take(&mut *seen.lock().unwrap()))
     }

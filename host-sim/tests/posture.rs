@@ -3,7 +3,7 @@
 use host_sim::base::statistics::mean;
 use host_sim::experiments::posture::Variant;
 use host_sim::run::final_error::FinalError;
-use host_sim::run::simulation::{Outcome, regulate};
+use host_sim::run::regulate::{Outcome, regulate};
 use host_sim::scenario::Scenario;
 
 fn trials(scenario: &Scenario, count: u64) -> Vec<(Outcome, FinalError)> {

@@ -7,11 +7,13 @@ use core_algos::node::board::Samples;
 use core_algos::node::robot::RobotConfig;
 use core_algos::safety::{Condition, OperatingState};
 use core_algos::time::Micros;
-use core_algos::topology::Node;
-use core_algos::topology::Role;
+use core_algos::topology::{Node, Role};
 use host_sim::base::error::Error;
 use host_sim::run::recovery::Status;
-use host_sim::run::simulation::{Outcome, Record, Robot as _, Simulation, regulate_on};
+use host_sim::run::regulate::{Outcome, regulate_on};
+use host_sim::run::robot::Record;
+use host_sim::run::robot::Robot as _;
+use host_sim::run::simulation::Simulation;
 use host_sim::scenario::Scenario;
 use host_sim::targets::{
     self, Failure, FailureMode, Fault, InProcess, Order, Output, Posted, Report, Room, Target,

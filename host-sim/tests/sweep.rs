@@ -3,10 +3,9 @@
 
 use core_algos::control::kinematic::LimitsConfig;
 use core_algos::control::regulator::{Config, Strategy};
-use host_sim::experiments::sweep::SweepModel;
-use host_sim::experiments::sweep::{Report, Start, Sweep};
+use host_sim::experiments::sweep::{Report, Start, Sweep, SweepModel};
 use host_sim::run::kinematic_model::{Model, Trial, random_start, regulate};
-use host_sim::run::simulation;
+use host_sim::run::regulate;
 use host_sim::scenario::Scenario;
 use rayon::prelude::*;
 use serde_json::Value;
@@ -130,7 +129,7 @@ fn the_figures_of_a_trial_follow_from_its_states() {
     let (mut length, mut steering, mut commanded) = (0.0, 0.0f64, 0.0f64);
     let mut turning: f64 = 0.0;
     let mut last: Option<[f64; 3]> = None;
-    let outcome = simulation::regulate(&scenario, 5, 3, |record| {
+    let outcome = regulate::regulate(&scenario, 5, 3, |record| {
         let [x, y, phi] = record.midpoint;
         if let Some([x0, y0, phi0]) = last {
             let step = (x - x0).hypot(y - y0);

@@ -207,7 +207,7 @@ pub fn error(estimate: &Estimate, truth: [f64; 3]) -> [f64; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::world::sensors::{Stream, generator, normal};
+    use crate::world::random::{Stream, generator, normal};
     use proptest::prelude::*;
 
     #[test]

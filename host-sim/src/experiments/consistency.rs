@@ -13,7 +13,8 @@ use crate::base::table::Table;
 use crate::experiments::Context;
 use crate::experiments::arguments::Common;
 use crate::experiments::posture::{ROWS, Variant};
-use crate::run::simulation::{self, Record};
+use crate::run::regulate::regulate;
+use crate::run::robot::Record;
 use crate::scenario::Scenario;
 use crate::scenario::effect::{self, Use};
 use crate::view::plot::{Figure, Height, Panel};
@@ -316,7 +317,7 @@ pub fn measure(context: &Context, variants: &[Variant], runs: u32) -> Result<Rep
     let results = context.run("runs", variants.len() * count, |index| {
         let scenario = &scenarios[index / count];
         let mut observer = Observer::new(scenario.mission.settle_s);
-        simulation::regulate(
+        regulate(
             scenario,
             context.seed,
             (index % count) as u64,

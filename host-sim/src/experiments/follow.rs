@@ -11,7 +11,7 @@ use crate::experiments::recorder::Recorder;
 use crate::paths::Path;
 use crate::recording::{About, LogArgs, csv};
 use crate::run::path_run::{self, Deviation, Errors, Manner, Moment, Outcome, Route};
-use crate::run::simulation::Record;
+use crate::run::robot::Record;
 use crate::scenario::effect::{Taken, Use};
 use crate::view::figures::{self, FollowErrors, FollowRun, Snapshot};
 use crate::view::page;

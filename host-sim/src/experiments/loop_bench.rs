@@ -8,7 +8,9 @@ use crate::base::stopwatch::{self, Speed};
 use crate::base::table::Table;
 use crate::experiments::arguments::WorldChoice;
 use crate::recording::{About, Session, csv};
-use crate::run::simulation::{self, Record, Simulation};
+use crate::run::regulate::{regulate, regulate_on};
+use crate::run::robot::Record;
+use crate::run::simulation::Simulation;
 use crate::scenario::Scenario;
 use crate::targets;
 use clap::Args;
@@ -58,15 +60,15 @@ pub struct Measured {
 pub fn measure(scenario: &Scenario, seed: u64, repeats: usize) -> Result<Report, Error> {
     // The same trial takes the same simulated time in every run.
     let mut epochs: u64 = 0;
-    simulation::regulate(scenario, seed, 0, |_| epochs += 1)?;
+    regulate(scenario, seed, 0, |_| epochs += 1)?;
     let simulated_s = epochs as f64 * core_algos::time::EPOCH as f64 * 1e-6;
     let (mut failed, mut log_bytes, mut recorded_bytes) = (None, 0, 0);
     let plain = Speed::measure(repeats, simulated_s, || {
-        failed = simulation::regulate(scenario, seed, 0, |_| ()).err();
+        failed = regulate(scenario, seed, 0, |_| ()).err();
     });
     let logged = Speed::measure(repeats, simulated_s, || {
         let mut records: Vec<Record> = Vec::new();
-        failed = simulation::regulate(scenario, seed, 0, |record| records.push(*record)).err();
+        failed = regulate(scenario, seed, 0, |record| records.push(*record)).err();
         log_bytes = csv::of_records(&records).into_bytes().len();
     });
     let recorded = Speed::measure(repeats, simulated_s, || {
@@ -81,7 +83,7 @@ pub fn measure(scenario: &Scenario, seed: u64, repeats: usize) -> Result<Report,
             let targets = session.tap(targets::in_process(), scenario);
             let mut simulation = Simulation::on(targets, scenario, seed, 0)?;
             simulation.observe(Box::new(session.clone()));
-            simulation::regulate_on(&mut simulation, scenario, |_| ())?;
+            regulate_on(&mut simulation, scenario, |_| ())?;
             session.count()
         };
         match run() {

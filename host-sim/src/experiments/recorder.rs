@@ -3,7 +3,8 @@
 use crate::base::error::Error;
 use crate::base::interrupt::watch_for_interrupt;
 use crate::recording::{About, LogArgs, Session};
-use crate::run::simulation::{Observer, Simulation};
+use crate::run::robot::Observer;
+use crate::run::simulation::Simulation;
 use crate::targets;
 use crate::view::dashboard::Dashboard;
 use crate::view::dashboard::terminal::Terminal;

@@ -1,7 +1,7 @@
 //! Log of one trial as a table, one row an epoch.
 
 use crate::base::output::{Cell, Csv};
-use crate::run::simulation::Record;
+use crate::run::robot::Record;
 use core_algos::math::Posture;
 
 type Row = Vec<(&'static str, Cell)>;

@@ -7,7 +7,7 @@ use super::{About, BUILD, Line, failed, standard};
 use crate::base::error::Error;
 use crate::bus::dbc;
 use crate::run::recovery::Status;
-use crate::run::simulation::Record;
+use crate::run::robot::Record;
 use crate::targets::Report;
 use crate::world::body::Body;
 use core_algos::bus::{self, Frame, layout};

@@ -23,7 +23,7 @@ mod writer;
 
 use crate::base::error::Error;
 use crate::base::output;
-use crate::run::simulation::{Observer, Record, Robot};
+use crate::run::robot::{Observer, Record, Robot};
 use crate::scenario::Scenario;
 use crate::targets::{Report, Target};
 use core_algos::bus::Frame;

@@ -1,7 +1,7 @@
 //! Messages in Foxglove's own schemas.
 
 use super::entry::Pose as Planar;
-use crate::run::simulation::Record;
+use crate::run::robot::Record;
 use crate::world::body::Body;
 use foxglove::messages::{
     Color, CubePrimitive, FrameTransform, FrameTransforms, LinePrimitive, Point3, Pose,

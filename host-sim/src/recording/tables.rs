@@ -5,7 +5,7 @@ use super::entry::AxleTick;
 use crate::base::error::Error;
 use crate::base::output::{Cell, Csv, OutputDir, write_file};
 use crate::recording::csv;
-use crate::run::simulation::Record;
+use crate::run::robot::Record;
 use core_algos::beam::MAX_GAUGES;
 use core_algos::bus::{Frame, layout};
 use core_algos::topology::Role;

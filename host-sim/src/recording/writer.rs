@@ -4,7 +4,7 @@ use super::file::Mcap;
 use super::tables::Tables;
 use super::{Line, failed};
 use crate::base::error::Error;
-use crate::run::simulation::Record;
+use crate::run::robot::Record;
 use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::{Builder, JoinHandle};

@@ -9,5 +9,7 @@ pub mod kinematic_model;
 pub mod path_run;
 pub mod real_time;
 pub mod recovery;
+pub mod regulate;
+pub mod robot;
 pub mod simulation;
 pub mod virtual_robot;

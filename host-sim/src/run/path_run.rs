@@ -5,7 +5,8 @@ use crate::base::error::Error;
 use crate::paths::{
     Bounds, MAX_LENGTH_M, Path, PathError, SPACING_M, Sample, TimeLimits, Trajectory,
 };
-use crate::run::simulation::{Record, Simulation};
+use crate::run::robot::Record;
+use crate::run::simulation::Simulation;
 use crate::scenario::Scenario;
 use crate::targets::Order;
 use core_algos::control::path::{PathPoint, TrajectoryPoint};

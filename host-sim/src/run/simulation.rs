@@ -1,23 +1,21 @@
 //! One trial: plant, sensors, nodes and bus in lockstep at 1 kHz.
 
 use crate::base::error::Error;
-use crate::base::statistics::nees;
 use crate::bus::virtual_bus::{BusStatistics, VirtualBus};
 use crate::plant::{Outline, Plant, Station};
 use crate::run::bit_compare::Trace;
-use crate::run::kinematic_model::Model;
 use crate::run::real_time::Pace;
-use crate::run::recovery::{Monitor, Recovery, Status};
+use crate::run::recovery::{Monitor, Recovery};
+use crate::run::robot::{FRAME_POINTS, Observer, Observers, Record, Robot, Span};
 use crate::scenario::Scenario;
 use crate::targets::{
     self, BoardTraffic, Boards, Failure, FailureMode, Order, Posted, Room, Target,
 };
+use crate::world::drawn::Drawn;
 use crate::world::faults::{Fault, Injector, Readings};
-use crate::world::sensors::{Sensors, TrialImperfections, Truth};
+use crate::world::sensors::{Sensors, Truth};
 use core_algos::beam::calibration::Calibration;
 use core_algos::beam::{MAX_GAUGES, PerGauge};
-use core_algos::bus::{Frame, LeadMode};
-use core_algos::control::regulator::Phase;
 use core_algos::fusion::Estimate;
 use core_algos::fusion::tandem::Mode;
 use core_algos::hil::protocol::Place;
@@ -26,195 +24,14 @@ use core_algos::node::axle;
 use core_algos::node::lead::{self, Task};
 use core_algos::node::robot::RobotConfig;
 use core_algos::params::{Inertial, Settings};
-use core_algos::safety::{Condition, Conditions};
+use core_algos::safety::Conditions;
 use core_algos::time::{EPOCH, Micros, TICK};
 use core_algos::topology::{Node, Role};
-use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
-/// State of the robot at the beginning of an epoch, for logs and pictures.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Record {
-    /// Time, s.
-    pub time_s: f64,
-    /// True posture of the midpoint.
-    pub midpoint: [f64; 3],
-    /// True postures of the axles, front first.
-    pub axles: [[f64; 3]; 2],
-    /// What the lead node did at the latest step.
-    pub lead: lead::Output,
-    /// Wheel torques `[axle][left, right]`, N m.
-    pub torque: [[f64; 2]; 2],
-    /// Force and moments of the frame: x, y (rear axle's frame, N), root, end (N m).
-    pub wrench: [f64; 4],
-    /// True posture of the front axle in the rear axle's frame.
-    pub relative: [f64; 3],
-    /// Points of the bent frame from rear to front, global, m.
-    pub frame: [[f32; 2]; FRAME_POINTS],
-    /// True wheel speeds `[axle][left, right]`, rad/s.
-    pub wheel_speed: [[f64; 2]; 2],
-    /// Strains as measured, from the root; zero where there is no gauge.
-    pub strain: [f32; MAX_GAUGES],
-}
-
-impl Record {
-    /// The plant as it is at `now`, with what is known of the boards: the lead node's latest step, and
-    /// the strains of the gauges.
-    pub fn of(
-        now: Micros,
-        plant: &Plant,
-        outline: &Outline,
-        (lead, strain): (lead::Output, [f32; MAX_GAUGES]),
-    ) -> Self {
-        let (state, wrench) = (plant.state(), plant.wrench());
-        let mut frame = [[0.0; 2]; FRAME_POINTS];
-        plant.draw(outline, &mut frame);
-        Self {
-            time_s: now as f64 * 1e-6,
-            midpoint: plant.midpoint(),
-            axles: state.axle.map(|axle| axle.posture),
-            lead,
-            torque: state.axle.map(|axle| axle.torque),
-            wrench: [
-                wrench.force[0],
-                wrench.force[1],
-                wrench.root_moment,
-                wrench.end_moment,
-            ],
-            relative: plant.relative_posture(),
-            frame: frame.map(|point| point.map(|value| value as f32)),
-            wheel_speed: state.axle.map(|axle| axle.wheel_speed),
-            strain,
-        }
-    }
-}
-
-/// Observer of a run: a recording or a display.
-pub trait Observer: Send {
-    /// The state at the end of an epoch; an error ends the run.
-    fn epoch(&mut self, robot: &dyn Robot, record: &Record) -> Result<(), Error>;
-
-    /// Image that a virtual board runs.
-    fn board(&mut self, _role: Role, _image: String) {}
-
-    /// Frames that a virtual board sent at a tick, ms.
-    fn frames(&mut self, _role: Role, _tick: u32, _frames: Vec<Frame>) {}
-
-    /// Output of a virtual board's lead node at a tick, ms; its estimates hold at `held`.
-    fn lead(&mut self, _tick: u32, _held: Micros, _output: &lead::Output) {}
-
-    /// A virtual board lost power at a tick, ms.
-    fn off(&mut self, _role: Role, _tick: u32, _reason: &str) {}
-}
-
-/// Observers of a run.
-pub type Observers = Vec<Box<dyn Observer>>;
-
-/// Points of the frame's curve in a record.
-pub const FRAME_POINTS: usize = 13;
-
-/// How a trial ended.
-#[derive(Clone, Debug, Default)]
-pub struct Outcome {
-    /// True posture of the midpoint at the end.
-    pub midpoint: [f64; 3],
-    /// Estimated posture of the midpoint at the end.
-    pub estimate: [f64; 3],
-    /// Squared error of that over its claimed covariance; 3 on average if the claim is right.
-    pub nees: f64,
-    /// Whether the lead node reported the task done.
-    pub done: bool,
-    /// Whether it said that it is not certain of having reached its goal.
-    pub uncertain: bool,
-    /// Where it claims to be with 95 %: half axis of its position (m), half the interval of its heading
-    /// (rad).
-    pub claimed: [f64; 2],
-    /// Whether the regulator gave up.
-    pub gave_up: bool,
-    /// Time from the beginning of the task to its end, s.
-    pub duration_s: f64,
-    /// Root mean square of the magnitude of the frame's force over the task, N.
-    pub force_rms_n: f64,
-    /// Largest true curvature the frame was bent to over the task, at rest too: paper eq. 5 of half
-    /// the angle between the axles, 1/m.
-    pub max_curvature: f64,
-    /// Largest true curvature of the midpoint's path, turning per way, where the robot drove faster
-    /// than [`PATH_CURVATURE_SPEED_M_S`], 1/m.
-    pub max_path_curvature: f64,
-    /// Largest curvature the governor commanded over the task, 1/m.
-    pub max_commanded_curvature: f64,
-    /// Length of the midpoint's path, m.
-    pub path_m: f64,
-    /// Changes of direction while driving.
-    pub cusps: u32,
-    /// Times the regulator searched for a plan.
-    pub plans: u32,
-    /// Longest search, steps of the lead node.
-    pub planning_steps: u32,
-    /// True speed of the faster axle's midpoint at the end, m/s.
-    pub end_speed_m_s: f64,
-    /// Error of the estimated relative posture of the axles at the end: m, m, rad.
-    pub relative_error: [f64; 3],
-    /// The heartbeat that first told of a stop or a cut, if one did.
-    pub fault: Option<Status>,
-}
-
-/// Speed below which the curvature of the driven path is not looked at, m/s.
-pub const PATH_CURVATURE_SPEED_M_S: f64 = 0.05;
-
-/// Bounds of the time of a run, µs from the start of the simulation.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Span {
-    /// A robot that is done is watched at least until then.
-    pub least: Micros,
-    /// The run ends then, done or not.
-    pub most: Option<Micros>,
-}
-
 /// Time a run goes on after the lead node's fault, ticks: what follows from it can be seen.
 const GRACE: u64 = 1000;
-
-/// A robot that an experiment drives, wherever its boards run.
-pub trait Robot {
-    /// Simulated time, µs.
-    fn now(&self) -> Micros;
-    /// Gives the lead node a task.
-    fn command(&mut self, task: Task) -> Result<(), Error>;
-    /// One millisecond.
-    fn step(&mut self) -> Result<(), Error>;
-    /// The state for logs and pictures.
-    fn record(&self) -> Record;
-    /// The robot as it is.
-    fn plant(&self) -> &Plant;
-    /// What the nodes say of themselves.
-    fn monitor(&self) -> &Monitor;
-    /// Whether the robot, at rest for long enough, need not be watched any longer.
-    fn watched_enough(&self) -> bool;
-    /// Whether the run must end before its task.
-    fn must_end(&self) -> bool;
-    /// Ticks that began more than a tick late, if pace is kept.
-    fn pace(&self) -> Option<&Pace>;
-    /// The boards, with what went over the links to them.
-    fn traffic(&self) -> Vec<BoardTraffic>;
-    /// What the bus between the boards counted.
-    fn bus(&self) -> BusStatistics;
-
-    /// True steering angle ψ, rad: half the angle between the axles.
-    fn steering(&self) -> f64 {
-        let [front, rear] = self.plant().state().axle.map(|axle| axle.posture[2]);
-        0.5 * (front - rear)
-    }
-
-    /// True speed of the faster axle's midpoint, m/s.
-    fn speed(&self) -> f64 {
-        let speeds = self.plant().state().axle.map(|axle| {
-            let [forward, across, _] = axle.velocity;
-            forward.hypot(across)
-        });
-        speeds[0].max(speeds[1])
-    }
-}
 
 /// A trial in progress.
 pub struct Simulation {
@@ -272,7 +89,7 @@ impl Simulation {
     pub fn with(
         targets: [Box<dyn Target>; 3],
         scenario: &Scenario,
-        imperfections: &TrialImperfections,
+        imperfections: &Drawn,
         seed: u64,
         trial: u64,
     ) -> Result<Self, Error> {
@@ -713,7 +530,7 @@ impl Robot for Simulation {
 
 /// The configuration of this robot's boards: with the zero of its bridges, as found on a straight
 /// edge, and its converter's constants.
-pub(crate) fn calibrated(scenario: &Scenario, imperfections: &TrialImperfections) -> RobotConfig {
+pub(crate) fn calibrated(scenario: &Scenario, imperfections: &Drawn) -> RobotConfig {
     let bridge = &scenario.world.sensors.bridge;
     let mut config = scenario.robot.completed();
     let middle = f64::from(bridge.full_scale_counts());
@@ -721,7 +538,7 @@ pub(crate) fn calibrated(scenario: &Scenario, imperfections: &TrialImperfections
     calibration.full_scale_counts = 2 * bridge.full_scale_counts() - 1;
     calibration.strain_per_count = bridge.strain_per_count() as f32;
     let gauges = config.beam.strip.gauges_m.count();
-    let zeros = imperfections.zero_counts(bridge);
+    let zeros = bridge.zero_counts(imperfections);
     let zeros = zeros.map(|count| (count + middle) as f32);
     if let Some(zeros) = zeros.get(..gauges).and_then(PerGauge::new) {
         calibration.zero_counts = zeros;
@@ -732,165 +549,10 @@ pub(crate) fn calibrated(scenario: &Scenario, imperfections: &TrialImperfections
     config
 }
 
-/// What the drive looked like, gathered along the way.
-#[derive(Clone, Copy, Debug)]
-struct Drive {
-    last: [f64; 3],
-    phase: Phase,
-    direction: f64,
-    steering: f64,
-    commanded_steering: f64,
-    path_curvature: f64,
-    path_m: f64,
-    cusps: u32,
-    plans: u32,
-    planning: u32,
-    planning_steps: u32,
-}
-
-impl Drive {
-    fn new(robot: &impl Robot) -> Self {
-        Self {
-            last: robot.plant().midpoint(),
-            phase: Phase::Stop,
-            direction: 0.0,
-            steering: 0.0,
-            commanded_steering: 0.0,
-            path_curvature: 0.0,
-            path_m: 0.0,
-            cusps: 0,
-            plans: 0,
-            planning: 0,
-            planning_steps: 0,
-        }
-    }
-
-    /// Takes in the state after one more epoch.
-    fn observe(&mut self, record: &Record) {
-        const EPOCH_S: f64 = EPOCH as f64 * 1e-6;
-        let [x, y, phi] = self.last;
-        let (dx, dy) = (record.midpoint[0] - x, record.midpoint[1] - y);
-        let ahead = dx * phi.cos() + dy * phi.sin();
-        let turned = (record.midpoint[2] - phi + PI).rem_euclid(TAU) - PI;
-        self.path_m += dx.hypot(dy);
-        if ahead.abs() > PATH_CURVATURE_SPEED_M_S * EPOCH_S {
-            self.path_curvature = self.path_curvature.max((turned / ahead).abs());
-        }
-        // Slower than this may be a tremor at rest.
-        if ahead.abs() > 0.01 * EPOCH_S {
-            self.cusps += u32::from(ahead * self.direction < 0.0);
-            self.direction = ahead.signum();
-        }
-        self.last = record.midpoint;
-        let lead = &record.lead;
-        self.commanded_steering = self
-            .commanded_steering
-            .max(f64::from(lead.motion.psi.0).abs());
-        if lead.phase == Phase::Plan {
-            self.plans += u32::from(self.phase != Phase::Plan);
-            self.planning += 1;
-            self.planning_steps = self.planning_steps.max(self.planning);
-        } else {
-            self.planning = 0;
-        }
-        self.phase = lead.phase;
-    }
-}
-
-/// Regulates to the scenario's goal; `observe` is called once an epoch.
-pub fn regulate(
-    scenario: &Scenario,
-    seed: u64,
-    trial: u64,
-    observe: impl FnMut(&Record),
-) -> Result<Outcome, Error> {
-    regulate_on(
-        &mut Simulation::new(scenario, seed, trial)?,
-        scenario,
-        observe,
-    )
-}
-
-/// The same with a robot that has been made for the scenario.
-pub fn regulate_on(
-    simulation: &mut impl Robot,
-    scenario: &Scenario,
-    mut observe: impl FnMut(&Record),
-) -> Result<Outcome, Error> {
-    let goal = Posture::from(scenario.mission.goal.map(|v| v as f32));
-    let settle = (scenario.mission.settle_s * 1e6) as Micros;
-    let limit = settle + (scenario.mission.time_limit_s * 1e6) as Micros;
-    let rest = (scenario.mission.rest_s * 1e6) as Micros;
-    let mut outcome = Outcome::default();
-    let (mut force_square, mut count) = (0.0, 0u64);
-    let mut drive = Drive::new(simulation);
-    let mut done_at = None;
-    while simulation.now() < limit {
-        let now = simulation.now();
-        if now == settle {
-            simulation.command(Task::Regulate { goal })?;
-        }
-        simulation.step()?;
-        if now >= settle {
-            let wrench = simulation.plant().wrench();
-            force_square += wrench.force[0].powi(2) + wrench.force[1].powi(2);
-            count += 1;
-            drive.steering = drive.steering.max(simulation.steering().abs());
-        }
-        if !simulation.now().is_multiple_of(EPOCH) {
-            continue;
-        }
-        let record = simulation.record();
-        drive.observe(&record);
-        observe(&record);
-        let lead = &record.lead;
-        if lead.done && lead.mode == LeadMode::Hold && lead.phase == Phase::Done {
-            let since = *done_at.get_or_insert(now);
-            if now - since >= rest && simulation.watched_enough() {
-                break;
-            }
-        } else {
-            done_at = None;
-        }
-        if lead.phase == Phase::GaveUp {
-            outcome.gave_up = true;
-            break;
-        }
-        if simulation.must_end() {
-            break;
-        }
-    }
-    let record = simulation.record();
-    let fused = &record.lead.fused;
-    let center = fused.robot.posture;
-    let seen = fused.front.posture.relative_to(fused.rear.posture);
-    let seen = [seen.x, seen.y, seen.phi].map(f64::from);
-    outcome.relative_error = std::array::from_fn(|i| seen[i] - record.relative[i]);
-    let frame = Model::of_robot(&scenario.robot);
-    outcome.max_curvature = frame.curvature(drive.steering);
-    outcome.max_commanded_curvature = frame.curvature(drive.commanded_steering);
-    outcome.max_path_curvature = drive.path_curvature;
-    outcome.path_m = drive.path_m;
-    outcome.cusps = drive.cusps;
-    outcome.plans = drive.plans;
-    outcome.planning_steps = drive.planning_steps;
-    outcome.end_speed_m_s = simulation.speed();
-    outcome.fault = simulation.monitor().first_fault().copied();
-    outcome.midpoint = record.midpoint;
-    outcome.nees = nees(&fused.robot, record.midpoint);
-    outcome.estimate = [center.x, center.y, center.phi].map(f64::from);
-    outcome.done = done_at.is_some();
-    outcome.claimed = fused.robot.half_axes_95().map(f64::from);
-    let notices = simulation.monitor().noticed(Node::Lead);
-    outcome.uncertain = notices.contains(Condition::ReachedUncertain);
-    outcome.duration_s = (done_at.unwrap_or(simulation.now()).saturating_sub(settle)) as f64 * 1e-6;
-    outcome.force_rms_n = (force_square / count.max(1) as f64).sqrt();
-    Ok(outcome)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use core_algos::bus::LeadMode;
 
     #[test]
     fn torques_take_effect_one_tick_late_and_only_when_asked_for() {

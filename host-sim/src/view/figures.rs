@@ -2,7 +2,7 @@
 //!
 //! Postures are (x, y, heading) in metres and radians.
 
-use crate::run::simulation::Record;
+use crate::run::robot::Record;
 use crate::view::plot::{Figure, Height, Panel, extent};
 use crate::view::style::{
     BODY, ESTIMATE, End, FRAME, GOAL_MARK, Mark, OTHERS, REFERENCE, Rgb, Shape, Stroke, TRUTH,

@@ -5,7 +5,7 @@
 
 use crate::base::output::OutputDir;
 use crate::recording::BUILD;
-use crate::run::simulation::Record;
+use crate::run::robot::Record;
 use crate::scenario::Scenario;
 use crate::view::style::{self, ESTIMATE, TRUTH};
 use crate::world::body::Body;

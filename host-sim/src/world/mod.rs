@@ -6,11 +6,14 @@
 //! what it leaves out has its base value (`worlds/base.toml`). Four are built in ([`NAMES`]).
 
 pub mod body;
+pub mod drawn;
 pub mod effect;
 pub mod faults;
 mod figures;
+pub mod random;
 pub mod sensors;
 mod spread;
+mod table;
 
 pub use figures::{Figure, figures};
 pub use spread::{PlantErrors, Spread};
@@ -19,7 +22,9 @@ use crate::base::error::Error;
 use crate::base::toml_file;
 use crate::bus::virtual_bus::BusConfig;
 use crate::plant::{Plant, PlantConfig, Station};
-use crate::world::sensors::{SensorConfig, Stream, TrialImperfections, generator, normal};
+use crate::world::drawn::Drawn;
+use crate::world::random::{Stream, generator, normal};
+use crate::world::sensors::SensorConfig;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -128,7 +133,7 @@ impl World {
             .build()
             .map_err(|error| Error::input(format!("plant.{error}")))?;
         self.spread.check()?;
-        self.sensors.validate()?;
+        self.sensors.check()?;
         let length = self.plant.strip_length_m;
         let mut gauges = self.sensors.bridge.gauges_m.iter().enumerate();
         if let Some((i, place)) = gauges.find(|(_, place)| !(0.0..=length).contains(*place)) {
@@ -142,8 +147,8 @@ impl World {
 
     /// One robot: what differs from its means. The same numbers are drawn whatever the world; it only
     /// scales them.
-    pub fn draw(&self, seed: u64, trial: u64) -> TrialImperfections {
-        let mut drawn = TrialImperfections::draw(&self.sensors, seed, trial);
+    pub fn draw(&self, seed: u64, trial: u64) -> Drawn {
+        let mut drawn = self.sensors.draw(seed, trial);
         let mut random = generator(seed, trial, Stream::Plant);
         drawn.plant = self.spread.draw(&mut random);
         let mut random = generator(seed, trial, Stream::BridgeMakeup);
@@ -156,7 +161,7 @@ impl World {
     }
 
     /// The plant of one robot, with or without the sensing's weight.
-    pub fn plant_of(&self, robot: &TrialImperfections, sensing: bool) -> PlantConfig {
+    pub fn plant_of(&self, robot: &Drawn, sensing: bool) -> PlantConfig {
         let mut plant = self.plant.clone();
         if !sensing {
             plant.sensing_mass_kg = 0.0;
@@ -172,7 +177,7 @@ impl World {
     }
 
     /// Where the gauges of one robot sit on its strip.
-    pub fn gauges_of(&self, robot: &TrialImperfections, plant: &Plant) -> Vec<Station> {
+    pub fn gauges_of(&self, robot: &Drawn, plant: &Plant) -> Vec<Station> {
         let meant = self.sensors.bridge.gauges_m.iter();
         meant
             .zip(robot.gauge_shift_m)
@@ -316,7 +321,7 @@ mod tests {
         let world = World::load("careful").unwrap();
         let n = 4000;
         let draws: Vec<_> = (0..n).map(|trial| world.draw(5, trial)).collect();
-        let sigma = |value: &dyn Fn(&TrialImperfections) -> f64| {
+        let sigma = |value: &dyn Fn(&Drawn) -> f64| {
             (draws.iter().map(|d| value(d).powi(2)).sum::<f64>() / n as f64).sqrt()
         };
         for (found, wanted) in [

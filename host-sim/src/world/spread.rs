@@ -1,29 +1,30 @@
 //! How the plant's constants differ from robot to robot.
 
 use crate::plant::PlantConfig;
-use crate::world::sensors::normal;
-use core_algos::config::{ConfigError, in_range};
+use crate::world::random::normal;
+use crate::world::table::{table, up_to};
 use rand_pcg::Pcg64;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
-/// Standard deviations of the plant's constants about those of [`PlantConfig`], drawn a trial.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Spread {
-    /// Of the logarithm of each wheel's slip stiffness: 0.3 is ± 30 %.
-    pub slip_stiffness: f64,
-    /// Of the strip's bending stiffness, relative.
-    pub bending_stiffness: f64,
-    /// Of the strip's length, m.
-    pub strip_length_m: f64,
-    /// Of the way aside that each axle rolls, over its way ahead.
-    pub side_slip: f64,
-    /// Of the way that the floor takes the robot over the way it rolls, along each axis of the floor.
-    pub carpet_drift: f64,
-    /// Of each gear's play from flank to flank, rad at the wheel; the play is the draw's magnitude.
-    pub backlash_rad: f64,
-    /// Of the rolling radius' fall where the load is twice that at rest, relative; the magnitude counts.
-    pub radius_load_sensitivity: f64,
+table! {
+    /// Standard deviations of the plant's constants about those of [`PlantConfig`], drawn a trial: a
+    /// draw of eight of them must leave a plant that can be.
+    pub struct Spread("spread") {
+        /// Of the logarithm of each wheel's slip stiffness: 0.3 is ± 30 %.
+        slip_stiffness: f64 = 0.0, up_to(0.35);
+        /// Of the strip's bending stiffness, relative.
+        bending_stiffness: f64 = 0.0, up_to(0.1);
+        /// Of the strip's length, m.
+        strip_length_m: f64 = 0.0, up_to(0.01);
+        /// Of the way aside that each axle rolls, over its way ahead.
+        side_slip: f64 = 0.0, up_to(0.01);
+        /// Of the way that the floor takes the robot over the way it rolls, along each axis of the floor.
+        carpet_drift: f64 = 0.0, up_to(0.02);
+        /// Of each gear's play from flank to flank, rad at the wheel; the play is the draw's magnitude.
+        backlash_rad: f64 = 0.0, up_to(0.02);
+        /// Of the rolling radius' fall where the load is twice that at rest, relative; the magnitude counts.
+        radius_load_sensitivity: f64 = 0.0, up_to(0.01);
+    }
 }
 
 /// What the plant's constants are off by in one robot.
@@ -74,26 +75,6 @@ impl PlantErrors {
 }
 
 impl Spread {
-    /// Checks every value: a draw of eight standard deviations must leave a plant that can be.
-    pub fn check(&self) -> Result<(), ConfigError> {
-        for (field, value, most) in [
-            ("spread.slip_stiffness", self.slip_stiffness, 0.35),
-            ("spread.bending_stiffness", self.bending_stiffness, 0.1),
-            ("spread.strip_length_m", self.strip_length_m, 0.01),
-            ("spread.side_slip", self.side_slip, 0.01),
-            ("spread.carpet_drift", self.carpet_drift, 0.02),
-            ("spread.backlash_rad", self.backlash_rad, 0.02),
-            (
-                "spread.radius_load_sensitivity",
-                self.radius_load_sensitivity,
-                0.01,
-            ),
-        ] {
-            in_range(field, value as f32, 0.0, most)?;
-        }
-        Ok(())
-    }
-
     /// One robot's errors; the same numbers whatever the spread.
     pub fn draw(&self, random: &mut Pcg64) -> PlantErrors {
         let mut drawn = PlantErrors::NONE;

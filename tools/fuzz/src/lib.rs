@@ -6,18 +6,8 @@
 pub mod numbers;
 pub use plant;
 
-/// See the simulator's room of this name.
-pub mod base {
-    #[path = "../../../../host-sim/src/base/error.rs"]
-    pub mod error;
-    #[path = "../../../../host-sim/src/base/toml_file.rs"]
-    pub mod toml_file;
-}
-/// See the simulator's room of this name.
-pub mod bus {
-    #[path = "../../../../host-sim/src/bus/virtual_bus.rs"]
-    pub mod virtual_bus;
-}
+pub mod base;
+pub mod bus;
 #[path = "../../../host-sim/src/experiments/eval/mod.rs"]
 pub mod eval;
 #[path = "../../../host-sim/src/paths/mod.rs"]

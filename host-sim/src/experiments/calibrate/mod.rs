@@ -3,6 +3,7 @@
 
 pub mod command;
 pub mod gauges;
+mod procedures;
 pub mod turns;
 pub mod wheels;
 
@@ -12,7 +13,9 @@ use crate::run::path_run::{self, Manner, Route};
 use crate::run::simulation::Simulation;
 use crate::scenario::Scenario;
 use crate::targets::{self, Target};
-use crate::world::sensors::{Sensors, Stream, TrialImperfections, Truth, generator, normal};
+use crate::world::drawn::Drawn;
+use crate::world::random::{Stream, generator, normal};
+use crate::world::sensors::{Sensors, Truth};
 use core_algos::beam::MAX_GAUGES;
 use core_algos::bus::{self, Frame, Message};
 use core_algos::math::{Posture, Steering};
@@ -37,7 +40,7 @@ const CORNER_M: f64 = 0.6;
 
 /// The robot, or boards of one.
 pub struct Bench {
-    robot: TrialImperfections,
+    robot: Drawn,
     seed: u64,
     /// Whether the boards are given ones; here they are between runs.
     remote: bool,
@@ -69,7 +72,7 @@ impl Bench {
     }
 
     /// What only a simulation can know of the robot.
-    pub fn robot(&self) -> &TrialImperfections {
+    pub fn robot(&self) -> &Drawn {
         &self.robot
     }
 
@@ -80,7 +83,7 @@ impl Bench {
         let route = route.map_err(|error| Error::input(format!("path: {error}")))?;
         scenario.mission.start = route.start();
         let placed = scenario.world.draw(self.seed, run);
-        let robot = TrialImperfections {
+        let robot = Drawn {
             placement: placed.placement,
             encoder_phase: placed.encoder_phase,
             ..self.robot.clone()
@@ -151,7 +154,7 @@ impl Bench {
         let mut random = generator(self.seed, 1, Stream::Other(78));
         // What all bridges share after zeroing comes from the edge, and there has been no drift yet.
         let edge = normal(&mut random, bridge.common_sigma_strain);
-        let robot = TrialImperfections {
+        let robot = Drawn {
             bridge_drift: [0.0; MAX_GAUGES],
             ..self.robot.clone()
         };

@@ -13,7 +13,7 @@ use crate::experiments::campaign::report::Report;
 use crate::experiments::campaign::shard::Shard;
 use crate::experiments::campaign::study::Study;
 use crate::experiments::print;
-use crate::run::simulation;
+use crate::run::regulate::regulate;
 use clap::{Args, Subcommand};
 use core_algos::hil::framing::crc32c;
 use rayon::prelude::*;
@@ -200,7 +200,7 @@ fn shard(args: &CampaignArgs) -> Result<(), Error> {
 
 fn one(study: &Study, index: u64) -> Result<Finished, Error> {
     let run = study.run(index)?;
-    let outcome = simulation::regulate(&run.scenario, study.seed, run.trial.into(), |_| {})?;
+    let outcome = regulate(&run.scenario, study.seed, run.trial.into(), |_| {})?;
     Ok(Finished {
         index,
         run,

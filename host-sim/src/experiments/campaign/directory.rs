@@ -7,7 +7,7 @@ use super::columns::{Columns, Values};
 use super::study::{Run, Study};
 use crate::base::error::Error;
 use crate::base::output;
-use crate::run::simulation::Outcome;
+use crate::run::regulate::Outcome;
 use std::fs;
 use std::path::{Path, PathBuf};
 

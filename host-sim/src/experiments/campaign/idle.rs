@@ -3,7 +3,7 @@
 use super::columns::Columns;
 use super::study::{Kind, Study};
 use crate::base::error::Error;
-use crate::run::simulation;
+use crate::run::regulate::regulate;
 
 /// Trials of a combination that are run again with another value of a drawn quantity.
 const PROBES: u32 = 8;
@@ -44,7 +44,7 @@ fn drawn(study: &Study, varied: usize) -> Result<bool, Error> {
         for next in 0..2 {
             values[varied] = study.values(cell, trial + next)?.swap_remove(varied);
             let scenario = study.scenario(trial, &values)?;
-            let outcome = simulation::regulate(&scenario, study.seed, trial.into(), |_| {})?;
+            let outcome = regulate(&scenario, study.seed, trial.into(), |_| {})?;
             results.push(format!("{outcome:?}"));
         }
         if results[0] != results[1] {

@@ -4,7 +4,7 @@ use super::idle::idle_key;
 use super::pictures::{distributions, map, sensitivity};
 use super::report::{Report, rank_correlation, wilson};
 use super::study::Study;
-use crate::run::simulation::Outcome;
+use crate::run::regulate::Outcome;
 use crate::view::plot::tests::check_figure;
 
 const TEXT: &str = r#"

@@ -2,7 +2,8 @@
 
 use crate::base::error::Error;
 use crate::run::recovery::Status;
-use crate::run::simulation::{Robot as _, Simulation};
+use crate::run::robot::Robot as _;
+use crate::run::simulation::Simulation;
 use crate::scenario::Scenario;
 use crate::targets::Order;
 use crate::world::faults::{Entry, Fault};

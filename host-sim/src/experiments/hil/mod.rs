@@ -15,7 +15,9 @@ use crate::recording::{About, LogArgs, Session};
 use crate::run::bit_compare::{Difference, Trace};
 use crate::run::path_run::{self, Manner};
 use crate::run::recovery::Status;
-use crate::run::simulation::{self, Simulation, Span};
+use crate::run::regulate::regulate_on;
+use crate::run::robot::Span;
+use crate::run::simulation::Simulation;
 use crate::scenario::Scenario;
 use crate::scenario::effect::Use;
 use crate::targets::board_log::{self, BoardLog};
@@ -470,8 +472,7 @@ fn experiment(
     match task {
         Task::Posture(_) => {
             let mut trial = Trial::default();
-            let outcome =
-                simulation::regulate_on(simulation, scenario, |record| trial.see(record, true))?;
+            let outcome = regulate_on(simulation, scenario, |record| trial.see(record, true))?;
             trial.outcome = outcome;
             Ok(Outcome::Posture(Box::new(trial)))
         }

@@ -10,7 +10,8 @@ use crate::experiments::{Context, recorder};
 use crate::recording::{About, Session};
 use crate::run::final_error::FinalError;
 use crate::run::recovery::Status;
-use crate::run::simulation::{self, Robot};
+use crate::run::regulate::regulate_on;
+use crate::run::robot::Robot;
 use crate::run::virtual_robot::tools::debugger::Gdb;
 use crate::run::virtual_robot::tools::profile::{self, Profile};
 use crate::run::virtual_robot::tools::{Instruments, coverage};
@@ -281,8 +282,7 @@ impl Drive<'_> {
             robot.keep_pace();
         }
         let mut trial = Trial::default();
-        let outcome =
-            simulation::regulate_on(&mut robot, scenario, |record| trial.see(record, true))?;
+        let outcome = regulate_on(&mut robot, scenario, |record| trial.see(record, true))?;
         trial.outcome = outcome;
         robot.dismiss_observers();
         let mut recorded = robot.close()?;

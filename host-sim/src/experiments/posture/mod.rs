@@ -13,7 +13,8 @@ use crate::experiments::arguments::{Common, parse_posture};
 use crate::experiments::recorder::{self, Recorder};
 use crate::recording::{About, LogArgs, csv};
 use crate::run::final_error::FinalError;
-use crate::run::simulation::{self, Outcome, Record};
+use crate::run::regulate::{Outcome, regulate, regulate_on};
+use crate::run::robot::Record;
 use crate::scenario::Scenario;
 use crate::scenario::effect::{Run, Taken, Use};
 use crate::view::{figures, page};
@@ -277,12 +278,11 @@ pub fn run(args: &PostureArgs) -> Result<(), Error> {
         let (row, trial) = (index / trials, index % trials);
         let keep = shown.contains(&variants[row]) && trial < PICTURED;
         let mut kept = Trial::default();
-        kept.outcome =
-            simulation::regulate(&scenarios[row], context.seed, trial as u64, |record| {
-                if keep {
-                    kept.see(record, trial == 0);
-                }
-            })?;
+        kept.outcome = regulate(&scenarios[row], context.seed, trial as u64, |record| {
+            if keep {
+                kept.see(record, trial == 0);
+            }
+        })?;
         Ok(kept)
     })?;
     // The median trial is drawn in full, and is known only now.
@@ -291,7 +291,7 @@ pub fn run(args: &PostureArgs) -> Result<(), Error> {
             let median = pictures::median_trial(block, goal);
             if block[median].records.is_empty() {
                 let see = |record: &Record| block[median].see(record, true);
-                simulation::regulate(&scenarios[row], context.seed, median as u64, see)?;
+                regulate(&scenarios[row], context.seed, median as u64, see)?;
             }
         }
     }
@@ -358,7 +358,7 @@ fn first_trial(
     };
     let recorder = Recorder::begin(&args.log, &about, scenario.mission.goal, &[])?;
     let mut simulation = recorder.simulation()?;
-    let outcome = simulation::regulate_on(&mut simulation, &scenario, observe)?;
+    let outcome = regulate_on(&mut simulation, &scenario, observe)?;
     drop(simulation);
     Ok((outcome, recorder.close()?))
 }

@@ -3,7 +3,7 @@
 use crate::base::table::plus_minus;
 use crate::experiments::posture::{Row, Trial, Variant};
 use crate::run::final_error::FinalError;
-use crate::run::simulation::Record;
+use crate::run::robot::Record;
 use crate::scenario::Scenario;
 use crate::view::figures::{ErrorTrace, ErrorsColumn, PathsPanel, Snapshot};
 use crate::view::page;

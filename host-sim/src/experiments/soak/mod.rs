@@ -15,7 +15,7 @@ use crate::base::statistics::{self, nees};
 use crate::run::simulation::Simulation;
 use crate::scenario::Scenario;
 use crate::targets::Order;
-use crate::world::sensors::{Stream, generator};
+use crate::world::random::{Stream, generator};
 use core_algos::control::regulator::Phase;
 use core_algos::fusion::ekf::Verdict;
 use core_algos::math::Posture;

@@ -2,7 +2,7 @@
 
 use super::power::{BATTERY_V, Power};
 use crate::scenario::Scenario;
-use crate::world::sensors::TrialImperfections;
+use crate::world::drawn::Drawn;
 use core_algos::topology::Role;
 use virtual_board::Time;
 use virtual_board::chip::{Drive, Inputs, Pin, Surroundings};
@@ -71,7 +71,7 @@ pub struct AxleParts {
 
 impl AxleParts {
     /// Those of an axle of a scenario, as they were drawn.
-    pub fn of(scenario: &Scenario, drawn: &TrialImperfections, role: Role, seed: u64) -> Self {
+    pub fn of(scenario: &Scenario, drawn: &Drawn, role: Role, seed: u64) -> Self {
         let k = role as usize;
         let (gyro, accelerometer) = (
             &scenario.world.sensors.gyro,

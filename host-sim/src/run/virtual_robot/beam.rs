@@ -1,9 +1,9 @@
 //! What is soldered to the beam's board, wired as docs/wiring.md says.
 
 use super::power::{BATTERY_V, Power};
-use crate::world::sensors::{
-    BridgeConfig, GaugeAgeing, Stream, TrialImperfections, generator, normal,
-};
+use crate::world::drawn::Drawn;
+use crate::world::random::{Stream, generator, normal};
+use crate::world::sensors::{BridgeConfig, GaugeAgeing};
 use rand_pcg::Pcg64;
 use virtual_board::Time;
 use virtual_board::chip::{Drive, Inputs, Pin, Surroundings};
@@ -46,7 +46,7 @@ pub struct BridgeParts {
 
 impl BridgeParts {
     /// Those of bridge `k`, as they were drawn.
-    pub fn of(drawn: &TrialImperfections, k: usize) -> Self {
+    pub fn of(drawn: &Drawn, k: usize) -> Self {
         Self {
             gain_error: drawn.bridge_gain_error[k],
             offset: drawn.bridge_offset[k],

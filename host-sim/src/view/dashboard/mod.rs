@@ -10,7 +10,7 @@ pub mod terminal;
 pub mod view;
 
 use crate::base::error::Error;
-use crate::run::simulation::{Observer, Record, Robot};
+use crate::run::robot::{Observer, Record, Robot};
 use terminal::Terminal;
 use view::View;
 

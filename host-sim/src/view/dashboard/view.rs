@@ -2,7 +2,7 @@
 
 use crate::bus::virtual_bus::BusStatistics;
 use crate::run::recovery::{NODES, Status};
-use crate::run::simulation::{Record, Robot};
+use crate::run::robot::{Record, Robot};
 use crate::targets::BoardTraffic;
 use core_algos::node::lead;
 use core_algos::safety::{Conditions, OperatingState};

@@ -6,7 +6,7 @@ use super::bench::Bench;
 use super::run::node;
 use crate::base::error::Error;
 use crate::run::virtual_robot::{Options, store};
-use crate::world::sensors::{Stream, generator};
+use crate::world::random::{Stream, generator};
 use core_algos::bus::message::Calibrate;
 use core_algos::bus::{self, Message};
 use core_algos::params::stored::Report;

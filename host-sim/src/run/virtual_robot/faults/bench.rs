@@ -2,7 +2,7 @@
 
 use super::Campaign;
 use crate::base::error::Error;
-use crate::run::simulation::Robot;
+use crate::run::robot::Robot;
 use crate::run::virtual_robot::axle::AxleBoard;
 use crate::run::virtual_robot::beam::BeamBoard;
 use crate::run::virtual_robot::tools::{Instruments, coverage};
@@ -57,7 +57,7 @@ impl Bench {
 
     /// The robot, its boards still off.
     pub fn new(campaign: &Campaign, options: Options, seed: u64) -> Result<Self, Error> {
-        use crate::world::sensors::{Stream, generator};
+        use crate::world::random::{Stream, generator};
         let logs = Role::ALL.map(|_| BoardLog::quiet());
         let options = Options {
             threads: 1,

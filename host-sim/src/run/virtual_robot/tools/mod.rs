@@ -19,7 +19,7 @@ pub mod waves;
 use super::VirtualRobot;
 use crate::base::error::Error;
 use crate::run::real_time::Pace;
-use crate::run::simulation::{Observer, Observers, Robot};
+use crate::run::robot::{Observer, Observers, Robot};
 use crate::targets::{BoardTraffic, Event, Traffic};
 use core_algos::bus::Frame;
 use core_algos::time::{EPOCH, Micros};

@@ -1,0 +1,344 @@
+//! Paths: built-in shapes, sampled evenly by arc length.
+
+use super::limits::{Bounds, PathError, Place, positive};
+use super::{MAX_LENGTH_M, SPACING_M};
+use core_algos::control::path::PathPoint;
+use core_algos::math::Posture;
+use std::f64::consts::TAU;
+
+/// One sample of a path.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Sample {
+    /// Arc length, m.
+    pub s: f64,
+    /// Position, m.
+    pub x: f64,
+    /// Position, m.
+    pub y: f64,
+    /// Direction, rad in (−π, π].
+    pub phi: f64,
+    /// Curvature, 1/m, positive to the left.
+    pub kappa: f64,
+}
+
+impl Sample {
+    /// The same in the robot's single precision.
+    pub fn to_point(self) -> PathPoint {
+        PathPoint {
+            posture: Posture::new(self.x as f32, self.y as f32, self.phi as f32),
+            kappa: self.kappa as f32,
+            s: self.s as f32,
+        }
+    }
+}
+
+/// A plane curve: position and first two derivatives by its parameter.
+pub(super) type Curve<'a> = dyn Fn(f64) -> [[f64; 2]; 3] + 'a;
+
+/// A path sampled evenly by arc length.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Path {
+    pub(super) samples: Vec<Sample>,
+    /// Denser samples in the curve's parameter, so that no peak of curvature falls between.
+    dense: Vec<Sample>,
+    closed: bool,
+    /// Arc length and line of each waypoint.
+    pub(super) waypoints: Vec<(f64, Option<u64>)>,
+}
+
+fn sample(curve: &Curve, t: f64, s: f64) -> Sample {
+    let [[x, y], [dx, dy], [ddx, ddy]] = curve(t);
+    let speed = dx.hypot(dy);
+    Sample {
+        s,
+        x,
+        y,
+        phi: dy.atan2(dx),
+        // At a cusp the curvature is infinite, not NaN.
+        kappa: if speed > 0.0 {
+            (dx * ddy - dy * ddx) / speed.powi(3)
+        } else {
+            f64::INFINITY
+        },
+    }
+}
+
+/// Arc length of `curve` from `from` to `to`: Gauss–Legendre, five nodes.
+fn arc(curve: &Curve, from: f64, to: f64) -> f64 {
+    const NODES: [(f64, f64); 5] = [
+        (0.0, 0.568_888_888_888_888_9),
+        (0.538_469_310_105_683_1, 0.478_628_670_499_366_5),
+        (-0.538_469_310_105_683_1, 0.478_628_670_499_366_5),
+        (0.906_179_845_938_664, 0.236_926_885_056_189_1),
+        (-0.906_179_845_938_664, 0.236_926_885_056_189_1),
+    ];
+    let (middle, half) = (0.5 * (from + to), 0.5 * (to - from));
+    NODES
+        .iter()
+        .map(|(node, weight)| {
+            let [_, [dx, dy], _] = curve(middle + half * node);
+            weight * half * dx.hypot(dy)
+        })
+        .sum()
+}
+
+impl Path {
+    /// Samples `curve` over the knots of its parameter; each interval between knots is smooth.
+    pub(super) fn from_curve(
+        curve: &Curve,
+        knots: &[f64],
+        closed: bool,
+    ) -> Result<Self, PathError> {
+        const PIECES: usize = 24;
+        let mut table = vec![(knots[0], 0.0)];
+        let mut dense = vec![sample(curve, knots[0], 0.0)];
+        let mut waypoints = vec![(0.0, None)];
+        let mut s = 0.0;
+        for pair in knots.windows(2) {
+            for i in 0..PIECES {
+                let at = |i: usize| pair[0] + (pair[1] - pair[0]) * i as f64 / PIECES as f64;
+                s += arc(curve, at(i), at(i + 1));
+                if s > MAX_LENGTH_M {
+                    return Err(PathError::TooLong(s));
+                }
+                table.push((at(i + 1), s));
+                dense.push(sample(curve, at(i + 1), s));
+            }
+            waypoints.push((s, None));
+        }
+        let count = ((s / SPACING_M).round() as usize).max(2);
+        let mut samples = Vec::with_capacity(count + 1);
+        let mut piece = 0;
+        for i in 0..=count {
+            let target = s * i as f64 / count as f64;
+            while piece + 2 < table.len() && table[piece + 1].1 < target {
+                piece += 1;
+            }
+            let ((t0, s0), (t1, s1)) = (table[piece], table[piece + 1]);
+            let mut t = t0 + (t1 - t0) * (target - s0) / (s1 - s0).max(1e-12);
+            for _ in 0..4 {
+                let [_, [dx, dy], _] = curve(t);
+                let gap = target - s0 - arc(curve, t0, t);
+                t = (t + gap / dx.hypot(dy).max(1e-9)).clamp(t0, t1);
+            }
+            samples.push(sample(curve, t, target));
+        }
+        Ok(Self {
+            samples,
+            dense,
+            closed,
+            waypoints,
+        })
+    }
+
+    /// A straight line of `length` (m) from the origin along x.
+    pub fn line(length: f64) -> Result<Self, PathError> {
+        positive("length", length)?;
+        let mut path = Self::from_curve(
+            &|t| [[t, 0.0], [1.0, 0.0], [0.0, 0.0]],
+            &[0.0, length],
+            false,
+        )?;
+        path.waypoints.clear();
+        Ok(path)
+    }
+
+    /// A circle of `radius` (m) to the left, from the origin along x; closed.
+    pub fn circle(radius: f64) -> Result<Self, PathError> {
+        positive("radius", radius)?;
+        let curve = |t: f64| {
+            let (s, c) = t.sin_cos();
+            [
+                [radius * s, radius * (1.0 - c)],
+                [radius * c, radius * s],
+                [-radius * s, radius * c],
+            ]
+        };
+        let knots: Vec<f64> = (0..=8).map(|i| TAU * f64::from(i) / 8.0).collect();
+        let mut path = Self::from_curve(&curve, &knots, true)?;
+        path.waypoints.clear();
+        Ok(path)
+    }
+
+    /// A figure eight: Bernoulli's lemniscate of half width `half_width` (m, a), from its crossing
+    /// at the origin, turning left first; closed. Its curvature is 3ρ/a² at distance ρ from the
+    /// crossing: 0 there, at most 3/a, and as smooth as a circle's everywhere.
+    ///
+    /// It starts along x, so its axis lies at −45°.
+    pub fn figure_eight(half_width: f64) -> Result<Self, PathError> {
+        positive("half_width", half_width)?;
+        let curve = |t: f64| {
+            // ρ² = a² cos 2θ with the crossing at t = 0: x = a sin t/(1 + cos²t), y = x cos t.
+            let (s, c) = t.sin_cos();
+            let (q, dq, ddq) = (1.0 + c * c, -2.0 * s * c, 2.0 * (s * s - c * c));
+            let quotient = |n: f64, dn: f64, ddn: f64| {
+                let first = (dn * q - n * dq) / (q * q);
+                let second = (ddn - 2.0 * first * dq - n / q * ddq) / q;
+                [n / q, first, second]
+            };
+            let x = quotient(s, c, -s);
+            let y = quotient(s * c, c * c - s * s, -4.0 * s * c);
+            // The loop of t > 0 turns right from +45°; mirrored and turned by 45° it starts along
+            // x and turns left.
+            let h = 0.5f64.sqrt();
+            [0, 1, 2].map(|k| {
+                [
+                    half_width * h * (x[k] + y[k]),
+                    half_width * h * (x[k] - y[k]),
+                ]
+            })
+        };
+        let knots: Vec<f64> = (0..=16).map(|i| TAU * f64::from(i) / 16.0).collect();
+        let mut path = Self::from_curve(&curve, &knots, true)?;
+        path.waypoints.clear();
+        Ok(path)
+    }
+
+    /// The samples, evenly spaced; of a closed path the last is the first again.
+    pub fn samples(&self) -> &[Sample] {
+        &self.samples
+    }
+
+    /// Whether the path is a loop.
+    pub fn is_closed(&self) -> bool {
+        self.closed
+    }
+
+    /// Length (of a loop: of one lap), m.
+    pub fn length(&self) -> f64 {
+        self.samples.last().map_or(0.0, |last| last.s)
+    }
+
+    /// Largest |curvature|, 1/m.
+    pub fn max_curvature(&self) -> f64 {
+        self.samples
+            .iter()
+            .chain(&self.dense)
+            .fold(0.0, |most, at| at.kappa.abs().max(most))
+    }
+
+    /// The samples in the robot's single precision.
+    pub fn points(&self) -> Vec<PathPoint> {
+        self.samples.iter().map(|at| at.to_point()).collect()
+    }
+
+    fn place(&self, at: &Sample) -> Place {
+        let waypoint = self
+            .waypoints
+            .iter()
+            .enumerate()
+            .min_by(|(_, a), (_, b)| (a.0 - at.s).abs().total_cmp(&(b.0 - at.s).abs()))
+            .map(|(i, (_, line))| (i + 1, *line));
+        Place {
+            s: at.s,
+            x: at.x,
+            y: at.y,
+            waypoint,
+        }
+    }
+
+    /// Whether the frame can follow: the error names the place of the greatest excess.
+    pub fn check(&self, bounds: &Bounds) -> Result<(), PathError> {
+        let bound = bounds.max_curvature();
+        let worst = self
+            .samples
+            .iter()
+            .chain(&self.dense)
+            .max_by(|a, b| a.kappa.abs().total_cmp(&b.kappa.abs()));
+        if let Some(at) = worst
+            && !(at.kappa.abs() <= bound * (1.0 + 1e-9))
+        {
+            return Err(PathError::Curvature {
+                place: self.place(at),
+                value: at.kappa,
+                bound,
+            });
+        }
+        let bound = bounds.max_steering_rate_rad_s / bounds.min_speed_m_s;
+        let mut worst = (0.0, None);
+        for pair in self.samples.windows(2) {
+            let change = bounds.steering(pair[1].kappa) - bounds.steering(pair[0].kappa);
+            let slope = change.abs() / (pair[1].s - pair[0].s);
+            if !(slope <= worst.0) {
+                worst = (slope, Some(&pair[1]));
+            }
+        }
+        match worst {
+            (value, Some(at)) if !(value <= bound) => Err(PathError::SteeringRate {
+                place: self.place(at),
+                value,
+                bound,
+            }),
+            _ => Ok(()),
+        }
+    }
+
+    /// `laps` laps of a closed path as one open path; an open path as it is.
+    pub fn unrolled(&self, laps: u32) -> Self {
+        let mut path = self.clone();
+        if self.closed {
+            let (length, last) = (self.length(), self.samples.len() - 1);
+            for lap in 1..laps.max(1) {
+                let shifted = self.samples[1..=last].iter().map(|at| Sample {
+                    s: at.s + f64::from(lap) * length,
+                    ..*at
+                });
+                path.samples.extend(shifted);
+            }
+            path.closed = false;
+        }
+        path
+    }
+
+    /// The path at arc length `s` (m), limited to its ends: the cubic that keeps the headings of
+    /// both neighbouring samples.
+    pub fn at(&self, s: f64) -> Sample {
+        let last = self.samples.len() - 1;
+        let i = self
+            .samples
+            .partition_point(|at| at.s <= s)
+            .clamp(1, last.max(1))
+            - 1;
+        let (a, b) = (self.samples[i], self.samples[(i + 1).min(last)]);
+        let h = b.s - a.s;
+        let u = ((s - a.s) / h).clamp(0.0, 1.0);
+        let ease = u * u * (3.0 - 2.0 * u);
+        let leave = u * (1.0 - u) * (1.0 - u) * h;
+        let arrive = -u * u * (1.0 - u) * h;
+        let missing = wrapped(b.phi - a.phi) - 0.5 * h * (a.kappa + b.kappa);
+        let rise = b.kappa - a.kappa;
+        Sample {
+            s: a.s + u * h,
+            x: a.x + ease * (b.x - a.x) + leave * a.phi.cos() + arrive * b.phi.cos(),
+            y: a.y + ease * (b.y - a.y) + leave * a.phi.sin() + arrive * b.phi.sin(),
+            phi: wrapped(a.phi + u * h * (a.kappa + 0.5 * u * rise) + u * missing),
+            kappa: a.kappa + u * rise,
+        }
+    }
+
+    /// Arc length (m) of the point of the path nearest to `(x, y)` (m) among those within
+    /// `window` (m) of arc length `from` (m).
+    pub fn nearest(&self, x: f64, y: f64, from: f64, window: f64) -> f64 {
+        let first = self.samples.partition_point(|at| at.s < from - window);
+        let (mut best, mut least) = (from, f64::INFINITY);
+        for pair in self.samples[first.saturating_sub(1)..].windows(2) {
+            let (a, b) = (pair[0], pair[1]);
+            if a.s > from + window {
+                break;
+            }
+            let (dx, dy) = (b.x - a.x, b.y - a.y);
+            let along = dx * (x - a.x) + dy * (y - a.y);
+            let u = (along / (dx * dx + dy * dy).max(1e-18)).clamp(0.0, 1.0);
+            let gap = (x - a.x - u * dx).hypot(y - a.y - u * dy);
+            if gap < least {
+                (best, least) = (a.s + u * (b.s - a.s), gap);
+            }
+        }
+        best
+    }
+}
+
+/// The angle less whole turns, rad.
+pub(super) fn wrapped(angle: f64) -> f64 {
+    angle - TAU * (angle / TAU).round()
+}

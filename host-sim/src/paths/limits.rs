@@ -1,0 +1,208 @@
+//! Limits of the frame that a path must keep, and errors of paths.
+
+use super::{MAX_COORDINATE_M, MAX_LENGTH_M};
+use std::f64::consts::PI;
+use std::fmt;
+
+/// A place on a path, as an error names it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Place {
+    /// Arc length, m.
+    pub s: f64,
+    /// Position, m.
+    pub x: f64,
+    /// Position, m.
+    pub y: f64,
+    /// Nearest waypoint (from 1) and its line in the file.
+    pub waypoint: Option<(usize, Option<u64>)>,
+}
+
+impl fmt::Display for Place {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "s = {:.3} m, x = {:.3} m, y = {:.3} m",
+            self.s, self.x, self.y
+        )?;
+        match self.waypoint {
+            Some((number, Some(line))) => write!(f, " (near waypoint {number}, line {line})"),
+            Some((number, None)) => write!(f, " (near waypoint {number})"),
+            None => Ok(()),
+        }
+    }
+}
+
+/// Why there is no path.
+#[derive(Clone, Debug, PartialEq)]
+pub enum PathError {
+    /// A parameter of a shape outside its range.
+    Parameter {
+        /// Its name.
+        name: &'static str,
+        /// Its value.
+        value: f64,
+        /// What it must be.
+        allowed: &'static str,
+    },
+    /// A row that is not a waypoint.
+    Row {
+        /// Line in the file, from 1.
+        line: u64,
+        /// What is wrong with it.
+        problem: String,
+    },
+    /// The file could not be read.
+    Read(String),
+    /// A waypoint that cannot be used.
+    Waypoint {
+        /// Its number, from 1.
+        number: usize,
+        /// Line in the file, from 1.
+        line: Option<u64>,
+        /// What is wrong with it.
+        problem: String,
+    },
+    /// Fewer than two waypoints.
+    TooFew(usize),
+    /// Longer than [`MAX_LENGTH_M`].
+    TooLong(f64),
+    /// Curvature beyond what the frame can bend to.
+    Curvature {
+        /// Where.
+        place: Place,
+        /// The curvature there, 1/m.
+        value: f64,
+        /// Its bound, 1/m.
+        bound: f64,
+    },
+    /// Curvature that changes faster than the frame can bend even at the least speed.
+    SteeringRate {
+        /// Where.
+        place: Place,
+        /// |dψ/ds| there, rad/m.
+        value: f64,
+        /// Its bound, rad/m.
+        bound: f64,
+    },
+}
+
+impl fmt::Display for PathError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Parameter {
+                name,
+                value,
+                allowed,
+            } => write!(f, "{name} = {value}: must be {allowed}"),
+            Self::Row { line, problem } => write!(f, "line {line}: {problem}"),
+            Self::Read(problem) => f.write_str(problem),
+            Self::Waypoint {
+                number,
+                line: Some(line),
+                problem,
+            } => write!(f, "line {line}, waypoint {number}: {problem}"),
+            Self::Waypoint {
+                number,
+                line: None,
+                problem,
+            } => write!(f, "waypoint {number}: {problem}"),
+            Self::TooFew(count) => {
+                write!(f, "{count} waypoint(s): a path needs at least 2")
+            }
+            Self::TooLong(length) => write!(
+                f,
+                "the path is {length:.0} m long: must be at most {MAX_LENGTH_M} m"
+            ),
+            Self::Curvature {
+                place,
+                value,
+                bound,
+            } => write!(
+                f,
+                "curvature {value:.3} 1/m at {place}: the frame allows at most {bound:.3} 1/m"
+            ),
+            Self::SteeringRate {
+                place,
+                value,
+                bound,
+            } => write!(
+                f,
+                "steering changes by {value:.2} rad/m at {place}: at the least speed the frame \
+                 allows at most {bound:.2} rad/m"
+            ),
+        }
+    }
+}
+
+impl std::error::Error for PathError {}
+
+/// What the frame can bend.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bounds {
+    /// Flexible length of the frame (L), m.
+    pub frame_length_m: f64,
+    /// Rigid length at each end of it, m.
+    pub rigid_end_m: f64,
+    /// Largest steering angle |ψ|, rad.
+    pub max_steering_rad: f64,
+    /// Largest steering rate |ψ̇|, rad/s.
+    pub max_steering_rate_rad_s: f64,
+    /// Speed below which the robot will not go for the sake of steering, m/s.
+    pub min_speed_m_s: f64,
+}
+
+impl Default for Bounds {
+    fn default() -> Self {
+        Self {
+            frame_length_m: 0.37,
+            rigid_end_m: 0.0,
+            max_steering_rad: 0.5,
+            max_steering_rate_rad_s: 1.0,
+            min_speed_m_s: 0.05,
+        }
+    }
+}
+
+impl Bounds {
+    /// Curvature of the path (1/m) at a steering angle (rad): paper eq. 5, and rigid ends.
+    fn curvature(&self, psi: f64) -> f64 {
+        let (s, c) = psi.sin_cos();
+        let sinc = if psi.abs() < 1e-6 { 1.0 } else { s / psi };
+        2.0 * s / c / (self.frame_length_m * sinc + 2.0 * self.rigid_end_m * c)
+    }
+
+    /// Largest curvature, 1/m.
+    pub fn max_curvature(&self) -> f64 {
+        self.curvature(self.max_steering_rad)
+    }
+
+    /// Steering angle for a curvature (1/m), rad; monotone over all curvatures.
+    pub fn steering(&self, kappa: f64) -> f64 {
+        let bend = kappa.abs();
+        let length = self.frame_length_m + 2.0 * self.rigid_end_m;
+        // ψ ≤ ½ κ (L + 2a) < π/2, and the curvature grows with ψ between.
+        let (mut low, mut high) = (0.0, (0.5 * bend * length).min(0.5 * PI));
+        for _ in 0..50 {
+            let middle = 0.5 * (low + high);
+            if self.curvature(middle) <= bend {
+                low = middle;
+            } else {
+                high = middle;
+            }
+        }
+        (0.5 * (low + high)).copysign(kappa)
+    }
+}
+
+/// Refuses a size that is not a number greater than 0.
+pub(super) fn positive(name: &'static str, value: f64) -> Result<f64, PathError> {
+    if value > 0.0 && value <= MAX_COORDINATE_M {
+        Ok(value)
+    } else {
+        Err(PathError::Parameter {
+            name,
+            value,
+            allowed: "a number greater than 0 and at most 1000",
+        })
+    }
+}

@@ -1,0 +1,222 @@
+//! Regulation to a posture, and how it ended.
+
+use crate::base::error::Error;
+use crate::base::statistics::nees;
+use crate::run::kinematic_model::Model;
+use crate::run::recovery::Status;
+use crate::run::robot::{Record, Robot};
+use crate::run::simulation::Simulation;
+use crate::scenario::Scenario;
+use core_algos::bus::LeadMode;
+use core_algos::control::regulator::Phase;
+use core_algos::math::Posture;
+use core_algos::node::lead::Task;
+use core_algos::safety::Condition;
+use core_algos::time::{EPOCH, Micros};
+use core_algos::topology::Node;
+use std::f64::consts::{PI, TAU};
+
+/// How a trial ended.
+#[derive(Clone, Debug, Default)]
+pub struct Outcome {
+    /// True posture of the midpoint at the end.
+    pub midpoint: [f64; 3],
+    /// Estimated posture of the midpoint at the end.
+    pub estimate: [f64; 3],
+    /// Squared error of that over its claimed covariance; 3 on average if the claim is right.
+    pub nees: f64,
+    /// Whether the lead node reported the task done.
+    pub done: bool,
+    /// Whether it said that it is not certain of having reached its goal.
+    pub uncertain: bool,
+    /// Where it claims to be with 95 %: half axis of its position (m), half the interval of its heading
+    /// (rad).
+    pub claimed: [f64; 2],
+    /// Whether the regulator gave up.
+    pub gave_up: bool,
+    /// Time from the beginning of the task to its end, s.
+    pub duration_s: f64,
+    /// Root mean square of the magnitude of the frame's force over the task, N.
+    pub force_rms_n: f64,
+    /// Largest true curvature the frame was bent to over the task, at rest too: paper eq. 5 of half
+    /// the angle between the axles, 1/m.
+    pub max_curvature: f64,
+    /// Largest true curvature of the midpoint's path, turning per way, where the robot drove faster
+    /// than [`PATH_CURVATURE_SPEED_M_S`], 1/m.
+    pub max_path_curvature: f64,
+    /// Largest curvature the governor commanded over the task, 1/m.
+    pub max_commanded_curvature: f64,
+    /// Length of the midpoint's path, m.
+    pub path_m: f64,
+    /// Changes of direction while driving.
+    pub cusps: u32,
+    /// Times the regulator searched for a plan.
+    pub plans: u32,
+    /// Longest search, steps of the lead node.
+    pub planning_steps: u32,
+    /// True speed of the faster axle's midpoint at the end, m/s.
+    pub end_speed_m_s: f64,
+    /// Error of the estimated relative posture of the axles at the end: m, m, rad.
+    pub relative_error: [f64; 3],
+    /// The heartbeat that first told of a stop or a cut, if one did.
+    pub fault: Option<Status>,
+}
+
+/// Speed below which the curvature of the driven path is not looked at, m/s.
+pub const PATH_CURVATURE_SPEED_M_S: f64 = 0.05;
+
+/// What the drive looked like, gathered along the way.
+#[derive(Clone, Copy, Debug)]
+struct Drive {
+    last: [f64; 3],
+    phase: Phase,
+    direction: f64,
+    steering: f64,
+    commanded_steering: f64,
+    path_curvature: f64,
+    path_m: f64,
+    cusps: u32,
+    plans: u32,
+    planning: u32,
+    planning_steps: u32,
+}
+
+impl Drive {
+    fn new(robot: &impl Robot) -> Self {
+        Self {
+            last: robot.plant().midpoint(),
+            phase: Phase::Stop,
+            direction: 0.0,
+            steering: 0.0,
+            commanded_steering: 0.0,
+            path_curvature: 0.0,
+            path_m: 0.0,
+            cusps: 0,
+            plans: 0,
+            planning: 0,
+            planning_steps: 0,
+        }
+    }
+
+    /// Takes in the state after one more epoch.
+    fn observe(&mut self, record: &Record) {
+        const EPOCH_S: f64 = EPOCH as f64 * 1e-6;
+        let [x, y, phi] = self.last;
+        let (dx, dy) = (record.midpoint[0] - x, record.midpoint[1] - y);
+        let ahead = dx * phi.cos() + dy * phi.sin();
+        let turned = (record.midpoint[2] - phi + PI).rem_euclid(TAU) - PI;
+        self.path_m += dx.hypot(dy);
+        if ahead.abs() > PATH_CURVATURE_SPEED_M_S * EPOCH_S {
+            self.path_curvature = self.path_curvature.max((turned / ahead).abs());
+        }
+        // Slower than this may be a tremor at rest.
+        if ahead.abs() > 0.01 * EPOCH_S {
+            self.cusps += u32::from(ahead * self.direction < 0.0);
+            self.direction = ahead.signum();
+        }
+        self.last = record.midpoint;
+        let lead = &record.lead;
+        self.commanded_steering = self
+            .commanded_steering
+            .max(f64::from(lead.motion.psi.0).abs());
+        if lead.phase == Phase::Plan {
+            self.plans += u32::from(self.phase != Phase::Plan);
+            self.planning += 1;
+            self.planning_steps = self.planning_steps.max(self.planning);
+        } else {
+            self.planning = 0;
+        }
+        self.phase = lead.phase;
+    }
+}
+
+/// Regulates to the scenario's goal; `observe` is called once an epoch.
+pub fn regulate(
+    scenario: &Scenario,
+    seed: u64,
+    trial: u64,
+    observe: impl FnMut(&Record),
+) -> Result<Outcome, Error> {
+    regulate_on(
+        &mut Simulation::new(scenario, seed, trial)?,
+        scenario,
+        observe,
+    )
+}
+
+/// The same with a robot that has been made for the scenario.
+pub fn regulate_on(
+    simulation: &mut impl Robot,
+    scenario: &Scenario,
+    mut observe: impl FnMut(&Record),
+) -> Result<Outcome, Error> {
+    let goal = Posture::from(scenario.mission.goal.map(|v| v as f32));
+    let settle = (scenario.mission.settle_s * 1e6) as Micros;
+    let limit = settle + (scenario.mission.time_limit_s * 1e6) as Micros;
+    let rest = (scenario.mission.rest_s * 1e6) as Micros;
+    let mut outcome = Outcome::default();
+    let (mut force_square, mut count) = (0.0, 0u64);
+    let mut drive = Drive::new(simulation);
+    let mut done_at = None;
+    while simulation.now() < limit {
+        let now = simulation.now();
+        if now == settle {
+            simulation.command(Task::Regulate { goal })?;
+        }
+        simulation.step()?;
+        if now >= settle {
+            let wrench = simulation.plant().wrench();
+            force_square += wrench.force[0].powi(2) + wrench.force[1].powi(2);
+            count += 1;
+            drive.steering = drive.steering.max(simulation.steering().abs());
+        }
+        if !simulation.now().is_multiple_of(EPOCH) {
+            continue;
+        }
+        let record = simulation.record();
+        drive.observe(&record);
+        observe(&record);
+        let lead = &record.lead;
+        if lead.done && lead.mode == LeadMode::Hold && lead.phase == Phase::Done {
+            let since = *done_at.get_or_insert(now);
+            if now - since >= rest && simulation.watched_enough() {
+                break;
+            }
+        } else {
+            done_at = None;
+        }
+        if lead.phase == Phase::GaveUp {
+            outcome.gave_up = true;
+            break;
+        }
+        if simulation.must_end() {
+            break;
+        }
+    }
+    let record = simulation.record();
+    let fused = &record.lead.fused;
+    let center = fused.robot.posture;
+    let seen = fused.front.posture.relative_to(fused.rear.posture);
+    let seen = [seen.x, seen.y, seen.phi].map(f64::from);
+    outcome.relative_error = std::array::from_fn(|i| seen[i] - record.relative[i]);
+    let frame = Model::of_robot(&scenario.robot);
+    outcome.max_curvature = frame.curvature(drive.steering);
+    outcome.max_commanded_curvature = frame.curvature(drive.commanded_steering);
+    outcome.max_path_curvature = drive.path_curvature;
+    outcome.path_m = drive.path_m;
+    outcome.cusps = drive.cusps;
+    outcome.plans = drive.plans;
+    outcome.planning_steps = drive.planning_steps;
+    outcome.end_speed_m_s = simulation.speed();
+    outcome.fault = simulation.monitor().first_fault().copied();
+    outcome.midpoint = record.midpoint;
+    outcome.nees = nees(&fused.robot, record.midpoint);
+    outcome.estimate = [center.x, center.y, center.phi].map(f64::from);
+    outcome.done = done_at.is_some();
+    outcome.claimed = fused.robot.half_axes_95().map(f64::from);
+    let notices = simulation.monitor().noticed(Node::Lead);
+    outcome.uncertain = notices.contains(Condition::ReachedUncertain);
+    outcome.duration_s = (done_at.unwrap_or(simulation.now()).saturating_sub(settle)) as f64 * 1e-6;
+    outcome.force_rms_n = (force_square / count.max(1) as f64).sqrt();
+    Ok(outcome)
+}

@@ -1,0 +1,144 @@
+//! A robot that an experiment drives, its state for logs and pictures, and its observers.
+
+use crate::base::error::Error;
+use crate::bus::virtual_bus::BusStatistics;
+use crate::plant::{Outline, Plant};
+use crate::run::real_time::Pace;
+use crate::run::recovery::Monitor;
+use crate::targets::BoardTraffic;
+use core_algos::beam::MAX_GAUGES;
+use core_algos::bus::Frame;
+use core_algos::node::lead::{self, Task};
+use core_algos::time::Micros;
+use core_algos::topology::Role;
+
+/// State of the robot at the beginning of an epoch, for logs and pictures.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Record {
+    /// Time, s.
+    pub time_s: f64,
+    /// True posture of the midpoint.
+    pub midpoint: [f64; 3],
+    /// True postures of the axles, front first.
+    pub axles: [[f64; 3]; 2],
+    /// What the lead node did at the latest step.
+    pub lead: lead::Output,
+    /// Wheel torques `[axle][left, right]`, N m.
+    pub torque: [[f64; 2]; 2],
+    /// Force and moments of the frame: x, y (rear axle's frame, N), root, end (N m).
+    pub wrench: [f64; 4],
+    /// True posture of the front axle in the rear axle's frame.
+    pub relative: [f64; 3],
+    /// Points of the bent frame from rear to front, global, m.
+    pub frame: [[f32; 2]; FRAME_POINTS],
+    /// True wheel speeds `[axle][left, right]`, rad/s.
+    pub wheel_speed: [[f64; 2]; 2],
+    /// Strains as measured, from the root; zero where there is no gauge.
+    pub strain: [f32; MAX_GAUGES],
+}
+
+impl Record {
+    /// The plant as it is at `now`, with what is known of the boards: the lead node's latest step, and
+    /// the strains of the gauges.
+    pub fn of(
+        now: Micros,
+        plant: &Plant,
+        outline: &Outline,
+        (lead, strain): (lead::Output, [f32; MAX_GAUGES]),
+    ) -> Self {
+        let (state, wrench) = (plant.state(), plant.wrench());
+        let mut frame = [[0.0; 2]; FRAME_POINTS];
+        plant.draw(outline, &mut frame);
+        Self {
+            time_s: now as f64 * 1e-6,
+            midpoint: plant.midpoint(),
+            axles: state.axle.map(|axle| axle.posture),
+            lead,
+            torque: state.axle.map(|axle| axle.torque),
+            wrench: [
+                wrench.force[0],
+                wrench.force[1],
+                wrench.root_moment,
+                wrench.end_moment,
+            ],
+            relative: plant.relative_posture(),
+            frame: frame.map(|point| point.map(|value| value as f32)),
+            wheel_speed: state.axle.map(|axle| axle.wheel_speed),
+            strain,
+        }
+    }
+}
+
+/// Observer of a run: a recording or a display.
+pub trait Observer: Send {
+    /// The state at the end of an epoch; an error ends the run.
+    fn epoch(&mut self, robot: &dyn Robot, record: &Record) -> Result<(), Error>;
+
+    /// Image that a virtual board runs.
+    fn board(&mut self, _role: Role, _image: String) {}
+
+    /// Frames that a virtual board sent at a tick, ms.
+    fn frames(&mut self, _role: Role, _tick: u32, _frames: Vec<Frame>) {}
+
+    /// Output of a virtual board's lead node at a tick, ms; its estimates hold at `held`.
+    fn lead(&mut self, _tick: u32, _held: Micros, _output: &lead::Output) {}
+
+    /// A virtual board lost power at a tick, ms.
+    fn off(&mut self, _role: Role, _tick: u32, _reason: &str) {}
+}
+
+/// Observers of a run.
+pub type Observers = Vec<Box<dyn Observer>>;
+
+/// Points of the frame's curve in a record.
+pub const FRAME_POINTS: usize = 13;
+
+/// Bounds of the time of a run, µs from the start of the simulation.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Span {
+    /// A robot that is done is watched at least until then.
+    pub least: Micros,
+    /// The run ends then, done or not.
+    pub most: Option<Micros>,
+}
+
+/// A robot that an experiment drives, wherever its boards run.
+pub trait Robot {
+    /// Simulated time, µs.
+    fn now(&self) -> Micros;
+    /// Gives the lead node a task.
+    fn command(&mut self, task: Task) -> Result<(), Error>;
+    /// One millisecond.
+    fn step(&mut self) -> Result<(), Error>;
+    /// The state for logs and pictures.
+    fn record(&self) -> Record;
+    /// The robot as it is.
+    fn plant(&self) -> &Plant;
+    /// What the nodes say of themselves.
+    fn monitor(&self) -> &Monitor;
+    /// Whether the robot, at rest for long enough, need not be watched any longer.
+    fn watched_enough(&self) -> bool;
+    /// Whether the run must end before its task.
+    fn must_end(&self) -> bool;
+    /// Ticks that began more than a tick late, if pace is kept.
+    fn pace(&self) -> Option<&Pace>;
+    /// The boards, with what went over the links to them.
+    fn traffic(&self) -> Vec<BoardTraffic>;
+    /// What the bus between the boards counted.
+    fn bus(&self) -> BusStatistics;
+
+    /// True steering angle ψ, rad: half the angle between the axles.
+    fn steering(&self) -> f64 {
+        let [front, rear] = self.plant().state().axle.map(|axle| axle.posture[2]);
+        0.5 * (front - rear)
+    }
+
+    /// True speed of the faster axle's midpoint, m/s.
+    fn speed(&self) -> f64 {
+        let speeds = self.plant().state().axle.map(|axle| {
+            let [forward, across, _] = axle.velocity;
+            forward.hypot(across)
+        });
+        speeds[0].max(speeds[1])
+    }
+}

@@ -1,0 +1,83 @@
+//! Seeded random streams.
+//!
+//! A stream depends on nothing but (seed, trial, stream), and every sensor has one of its own. Two
+//! trials of one number meet the same imperfections and the same noise with any sensors fitted, so
+//! that they can be compared in pairs.
+
+use rand::SeedableRng;
+use rand_distr::{Distribution, StandardNormal};
+use rand_pcg::Pcg64;
+
+/// A random stream. The number is part of the generator's seed: it must never change its meaning.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stream {
+    /// Wheel radii and tracks.
+    Geometry,
+    /// Where the robot is put.
+    Placement,
+    /// Phases of the encoders.
+    Encoder,
+    /// Gyro of an axle (0 front, 1 rear).
+    Gyro(usize),
+    /// Accelerometer of an axle (0 front, 1 rear).
+    Accelerometer(usize),
+    /// A strain bridge.
+    Bridge(usize),
+    /// What all bridges share.
+    BridgeCommon,
+    /// The plant's constants.
+    Plant,
+    /// How all bridges are made.
+    BridgeMakeup,
+    /// Any further stream, for users of this module.
+    Other(u64),
+}
+
+impl Stream {
+    fn number(self) -> u64 {
+        match self {
+            Self::Geometry => 1,
+            Self::Placement => 2,
+            Self::Encoder => 3,
+            Self::BridgeCommon => 4,
+            Self::Plant => 5,
+            Self::BridgeMakeup => 6,
+            Self::Gyro(axle) => 0x100 + axle as u64,
+            Self::Accelerometer(axle) => 0x200 + axle as u64,
+            Self::Bridge(index) => 0x300 + index as u64,
+            Self::Other(number) => (1 << 32) + number,
+        }
+    }
+}
+
+/// The generator of one stream of one trial.
+///
+/// The three numbers are hashed into the whole state (SplitMix64 finaliser), since generators of
+/// this family that differ in their increment alone are correlated.
+pub fn generator(seed: u64, trial: u64, stream: Stream) -> Pcg64 {
+    let mut state = 0;
+    for word in [seed, trial, stream.number()] {
+        state = mix(state ^ word);
+    }
+    let mut bytes = [0; 32];
+    for chunk in bytes.chunks_exact_mut(8) {
+        state = mix(state);
+        chunk.copy_from_slice(&state.to_le_bytes());
+    }
+    Pcg64::from_seed(bytes)
+}
+
+/// One step of SplitMix64: a bijection of 64 bits in which each bit of the input moves half of
+/// the output's bits.
+pub(super) fn mix(state: u64) -> u64 {
+    let z = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+    let z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
+}
+
+/// A draw from the normal distribution of mean 0 and the given standard deviation.
+pub fn normal(generator: &mut Pcg64, sigma: f64) -> f64 {
+    let draw: f64 = StandardNormal.sample(generator);
+    sigma * draw
+}

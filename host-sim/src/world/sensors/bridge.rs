@@ -1,0 +1,237 @@
+//! Strain bridges: gauges, amplifier and converter.
+
+use super::SAMPLE_PERIOD_S;
+use super::delay::{Delay, Drift, MAX_DELAY_MS};
+use crate::world::drawn::Drawn;
+use crate::world::random::normal;
+use crate::world::table::{above_0, at_least_0, one_two_or_four, small, table, whole, within};
+use core_algos::beam::{MAX_GAUGES, strip};
+use core_algos::config::{Allowed, ConfigError, require};
+use rand_pcg::Pcg64;
+use std::f64::consts::TAU;
+
+table! {
+    /// Strain bridges: gauges, amplifier and converter.
+    ///
+    /// `counts = round(gauge_factor·active_gauges/4·strain·amplifier_gain·2^bits)`, zero at mid-scale
+    /// and saturated at ±2^(bits−1). The bridge is fed from the converter's reference, so the supply
+    /// drops out. `strain` is that of the outer fibre at the gauge's true place, with gain error,
+    /// offset, drift and noise, behind the amplifier's low-pass filter.
+    pub struct BridgeConfig("sensors.bridge") {
+        /// Relative resistance change over strain.
+        gauge_factor: f64 = 2.1, above_0;
+        /// Gauges of the bridge that see the strain: 1, 2 (one on each face) or 4 (two on each face).
+        active_gauges: u32 = 4, one_two_or_four;
+        /// Gain of the amplifier.
+        amplifier_gain: f64 = 60.0, above_0;
+        /// Corner of the amplifier's first-order low-pass filter, Hz.
+        bandwidth_hz: f64 = 200.0, above_0;
+        /// Effective bits of the converter over the whole range.
+        converter_bits: u32 = 14, whole(2, 24);
+        /// Noise at the converter as strain, rms at the sample rate.
+        noise_strain: f64 = 0.7e-6, at_least_0;
+        /// Relative standard deviation of each bridge's gain.
+        gain_sigma: f64 = 3e-3, small;
+        /// Relative standard deviation of the gain error that all bridges share. 1 to 2 %: foil and
+        /// glue stand 40 to 60 µm off a half thickness of 0.5 mm, which a lot has alike, and the strip's
+        /// thickness is known to 2 %.
+        common_gain_sigma: f64 = 0.0, small;
+        /// Standard deviation of each bridge's unbalance before zeroing, strain.
+        offset_sigma_strain: f64 = 200e-6, at_least_0;
+        /// Standard deviation of each bridge's change from zeroing to the start of a trial, strain.
+        drift_sigma_strain: f64 = 1e-6, at_least_0;
+        /// Standard deviation of the error that all bridges share after zeroing, strain: that of the edge
+        /// against which the frame is held (strain = angle·half thickness/length).
+        common_sigma_strain: f64 = 1e-6, at_least_0;
+        /// Random walk of each bridge during a trial, strain/√s.
+        drift_walk_strain: f64 = 0.05e-6, at_least_0;
+        /// Where along the strip the gauges are meant to sit, from its root, m; at most eight.
+        gauges_m: Vec<f64> = strip::Config::default().gauges_m.iter().map(f64::from).collect(), some_gauges;
+        /// Standard deviation of each gauge's place along the strip, m.
+        position_sigma_m: f64 = 0.3e-3, at_least_0;
+        /// Share of a sustained strain that a gauge loses in the end, as its adhesive and carrier creep:
+        /// −0.05 to 0.05.
+        creep_share: f64 = 0.0, within(0.05);
+        /// Standard deviation of that share, the same for all gauges of a robot.
+        creep_sigma: f64 = 0.0, small;
+        /// Time constant of the creep, s.
+        creep_time_s: f64 = 60.0, above_0;
+        /// Rise of the gauges' temperature since zeroing, in the end, K.
+        warming_k: f64 = 0.0, within(100.0);
+        /// Time constant of the warming, s.
+        warming_time_s: f64 = 600.0, above_0;
+        /// Standard deviation of what each bridge's zero moves by for a rise of 1 K, strain:
+        /// 0.5 to 1 µε for half bridges.
+        zero_per_k_sigma_strain: f64 = 0.2e-6, at_least_0;
+        /// Relative change of all gains for a rise of 1 K.
+        gain_per_k: f64 = 1e-4, within(1e-3);
+        /// Distance of the gauges from the strip's neutral axis, m.
+        // As single precision has it, so that figures of earlier versions stay to the bit.
+        half_thickness_m: f64 = f64::from(0.5e-3_f32), above_0;
+        /// Age of a sample when the board has it, ms.
+        delay_ms: u32 = 1, whole(0, MAX_DELAY_MS);
+    }
+}
+
+/// At least one gauge, and no more than there is room for.
+fn some_gauges(_: &'static str, gauges: &[f64]) -> Result<(), ConfigError> {
+    require(
+        (1..=MAX_GAUGES).contains(&gauges.len()),
+        "number of sensors.bridge.gauges_m",
+        gauges.len() as f32,
+        Allowed::Range(1.0, MAX_GAUGES as f32),
+    )
+    .map(drop)
+}
+
+impl BridgeConfig {
+    /// Strain of one count of a bridge without gain error: the board's nominal scale factor.
+    pub fn strain_per_count(&self) -> f64 {
+        let gain = self.gauge_factor * f64::from(self.active_gauges) / 4.0 * self.amplifier_gain;
+        1.0 / (gain * f64::from(self.converter_bits).exp2())
+    }
+
+    /// Largest magnitude of a count: the converter is saturated there.
+    pub fn full_scale_counts(&self) -> i32 {
+        1 << (self.converter_bits - 1)
+    }
+
+    /// What the bridges read, in counts, when the unbent robot was zeroed: the mean of so many
+    /// samples that noise and quantisation are gone. The board keeps it as its calibration.
+    pub fn zero_counts(&self, drawn: &Drawn) -> [f64; MAX_GAUGES] {
+        let limit = f64::from(self.full_scale_counts());
+        drawn
+            .bridge_offset
+            .map(|strain| (strain / self.strain_per_count()).clamp(-limit, limit - 1.0))
+    }
+}
+
+/// First-order low-pass filter, exact for an input that is linear between samples.
+#[derive(Clone, Debug)]
+pub(super) struct LowPass {
+    pole: f64,
+    weight_old: f64,
+    weight_new: f64,
+    input: f64,
+    output: f64,
+    started: bool,
+}
+
+impl LowPass {
+    pub fn new(bandwidth_hz: f64) -> Self {
+        let ratio = TAU * bandwidth_hz * SAMPLE_PERIOD_S;
+        let pole = (-ratio).exp();
+        let weight_new = 1.0 - (1.0 - pole) / ratio;
+        Self {
+            pole,
+            weight_old: 1.0 - pole - weight_new,
+            weight_new,
+            input: 0.0,
+            output: 0.0,
+            started: false,
+        }
+    }
+
+    pub fn pass(&mut self, input: f64) -> f64 {
+        if self.started {
+            self.output =
+                self.pole * self.output + self.weight_old * self.input + self.weight_new * input;
+        } else {
+            self.output = input;
+            self.started = true;
+        }
+        self.input = input;
+        self.output
+    }
+}
+
+/// What time under strain and warmth do to a gauge. A first-order lag each.
+#[derive(Clone, Debug)]
+pub struct GaugeAgeing {
+    creep_share: f64,
+    creep_step: f64,
+    crept: f64,
+    warming: f64,
+    warming_step: f64,
+    warmth: f64,
+    zero_per_k: f64,
+    gain_per_k: f64,
+}
+
+impl GaugeAgeing {
+    /// A gauge whose zero moves by `zero_per_k` (strain) for a rise of 1 K, and that creeps by so much
+    /// more than its kind, at rest until now.
+    pub fn new(config: &BridgeConfig, zero_per_k: f64, creep_error: f64) -> Self {
+        let step = |time: f64| -(-SAMPLE_PERIOD_S / time).exp_m1();
+        Self {
+            creep_share: config.creep_share + creep_error,
+            creep_step: step(config.creep_time_s),
+            crept: 0.0,
+            warming: config.warming_k,
+            warming_step: step(config.warming_time_s),
+            warmth: 0.0,
+            zero_per_k,
+            gain_per_k: config.gain_per_k,
+        }
+    }
+
+    /// What the gauge makes of a strain, and what its zero has moved by, a millisecond after the
+    /// last call.
+    pub fn next(&mut self, strain: f64) -> [f64; 2] {
+        self.crept += self.creep_step * (strain - self.crept);
+        self.warmth += self.warming_step * (self.warming - self.warmth);
+        let held = strain - self.creep_share * self.crept;
+        [
+            (1.0 + self.gain_per_k * self.warmth) * held,
+            self.zero_per_k * self.warmth,
+        ]
+    }
+}
+
+/// One bridge.
+#[derive(Clone, Debug)]
+pub(super) struct Bridge {
+    random: Pcg64,
+    gain: f64,
+    ageing: GaugeAgeing,
+    offset: Drift,
+    filter: LowPass,
+    noise_sigma: f64,
+    counts_per_strain: f64,
+    limit: f64,
+    delay: Delay<i32>,
+}
+
+impl Bridge {
+    /// A bridge of one robot; `random` gives its noise.
+    pub fn new(config: &BridgeConfig, drawn: &Drawn, index: usize, random: Pcg64) -> Self {
+        Self {
+            random,
+            gain: 1.0 + drawn.bridge_gain_error[index],
+            ageing: GaugeAgeing::new(
+                config,
+                drawn.bridge_zero_per_k[index],
+                drawn.gauge_creep_error,
+            ),
+            offset: Drift::new(
+                drawn.bridge_offset[index] + drawn.bridge_drift[index],
+                config.drift_walk_strain,
+            ),
+            filter: LowPass::new(config.bandwidth_hz),
+            noise_sigma: config.noise_strain,
+            counts_per_strain: 1.0 / config.strain_per_count(),
+            limit: f64::from(config.full_scale_counts()),
+            delay: Delay::new(config.delay_ms),
+        }
+    }
+
+    pub fn sample(&mut self, strain: f64) -> i32 {
+        let offset = self.offset.next(&mut self.random);
+        let [strain, moved] = self.ageing.next(strain);
+        let seen = self.filter.pass(self.gain * strain + (offset + moved));
+        let seen = seen + normal(&mut self.random, self.noise_sigma);
+        let counts = (seen * self.counts_per_strain).round();
+        self.delay
+            .pass(counts.clamp(-self.limit, self.limit - 1.0) as i32)
+    }
+}

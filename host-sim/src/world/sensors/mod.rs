@@ -1,0 +1,275 @@
+//! Sensor models: from the state of the plant to the samples a board reads.
+//!
+//! [`Sensors`] turns each millisecond of the plant ([`Truth`]) into the numbers on a board's pins
+//! ([`Samples`]): counts for encoders and strain bridges, SI values for the inertial sensor, whose scale
+//! factor is fixed by its data sheet. [`Drawn`] holds the errors of one robot. Standard deviations only
+//! scale the draws.
+//!
+//! The defaults are what such parts do when they are fitted with ordinary care. `worlds/base.toml`
+//! has each with its reason.
+
+mod bridge;
+mod delay;
+mod inertial;
+
+#[cfg(test)]
+mod tests;
+pub use bridge::{BridgeConfig, GaugeAgeing};
+pub use core_algos::beam::MAX_GAUGES;
+pub use delay::MAX_DELAY_MS;
+pub use inertial::{Accelerometer, Gyro, InertialConfig};
+
+use crate::world::drawn::Drawn;
+use crate::world::random::{Stream, generator, mix, normal};
+use crate::world::table::{above_0, at_least_0, small, table, whole};
+use bridge::Bridge;
+use core_algos::config::ConfigError;
+use delay::Delay;
+use inertial::InertialChannel;
+use rand_distr::{Distribution, Uniform};
+use serde::{Deserialize, Serialize};
+use std::f64::consts::TAU;
+
+/// Samples a second of every sensor.
+pub const SAMPLE_RATE_HZ: f64 = 1000.0;
+/// Time between samples, s.
+pub const SAMPLE_PERIOD_S: f64 = 1.0 / SAMPLE_RATE_HZ;
+
+/// All sensors of the robot and the care with which it was built and placed.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SensorConfig {
+    /// How well the robot is put on its start.
+    pub placement: PlacementConfig,
+    /// How well the odometry's constants are known.
+    pub geometry: GeometryConfig,
+    /// Wheel encoders.
+    pub encoder: EncoderConfig,
+    /// Yaw-rate gyroscope, one on each axle.
+    pub gyro: InertialConfig<Gyro>,
+    /// Longitudinal accelerometer, one on each axle.
+    pub accelerometer: InertialConfig<Accelerometer>,
+    /// Strain bridges on the frame.
+    pub bridge: BridgeConfig,
+}
+
+table! {
+    /// How well the robot is put on its start.
+    pub struct PlacementConfig("sensors.placement") {
+        /// Standard deviation of the start position of O along each axis, m.
+        position_sigma_m: f64 = 2e-3, at_least_0;
+        /// Standard deviation of the start heading, rad.
+        heading_sigma_rad: f64 = 2e-3, at_least_0;
+    }
+}
+
+table! {
+    /// How well the odometry's constants are known: true value over the value in the robot's
+    /// configuration.
+    pub struct GeometryConfig("sensors.geometry") {
+        /// Relative standard deviation of each wheel's rolling radius.
+        wheel_radius_sigma: f64 = 1e-3, small;
+        /// Relative standard deviation of each axle's effective track.
+        track_sigma: f64 = 3e-3, small;
+    }
+}
+
+table! {
+    /// Wheel encoders: `counts = floor(angle·counts_per_revolution/2π + phase)`.
+    pub struct EncoderConfig("sensors.encoder") {
+        /// Counts in one revolution of the wheel, all four edges of the quadrature counted. (An
+        /// encoder of 500 lines before a gear of 26 to 1 would give 52000.)
+        counts_per_revolution: u32 = 8192, whole(1, 1 << 20);
+        /// Age of a sample when the board has it, ms.
+        delay_ms: u32 = 0, whole(0, MAX_DELAY_MS);
+    }
+}
+
+impl SensorConfig {
+    /// Checks every value; all that is built from the configuration relies on it.
+    pub fn check(&self) -> Result<(), ConfigError> {
+        macro_rules! check_inertial {
+            ($sensor:ident) => {
+                check_inertial!($sensor: at_least_0, bias_sigma);
+                check_inertial!($sensor: at_least_0, rest_average_s);
+                check_inertial!($sensor: at_least_0, rest_age_s);
+                check_inertial!($sensor: at_least_0, bias_walk);
+                check_inertial!($sensor: at_least_0, noise_density);
+                check_inertial!($sensor: small, scale_sigma);
+                check_inertial!($sensor: above_0, range);
+                check_inertial!($sensor: whole(2, 24), bits);
+                check_inertial!($sensor: whole(0, MAX_DELAY_MS), delay_ms);
+            };
+            ($sensor:ident: $check:expr, $key:ident) => {
+                $check(
+                    concat!("sensors.", stringify!($sensor), ".", stringify!($key)),
+                    &self.$sensor.$key,
+                )?
+            };
+        }
+        self.placement.check()?;
+        self.geometry.check()?;
+        self.encoder.check()?;
+        check_inertial!(gyro);
+        check_inertial!(accelerometer);
+        self.bridge.check()
+    }
+
+    /// The errors of one robot's sensors; [`World::draw`](crate::world::World::draw) adds those of the
+    /// plant. The configuration only scales the numbers that are drawn.
+    pub fn draw(&self, seed: u64, trial: u64) -> Drawn {
+        let mut drawn = Drawn::none();
+
+        let mut random = generator(seed, trial, Stream::Geometry);
+        for factor in drawn.wheel_radius_factor.as_flattened_mut() {
+            *factor += normal(&mut random, self.geometry.wheel_radius_sigma);
+        }
+        for factor in &mut drawn.track_factor {
+            *factor += normal(&mut random, self.geometry.track_sigma);
+        }
+
+        let mut random = generator(seed, trial, Stream::Placement);
+        let place = &self.placement;
+        drawn.placement = [
+            place.position_sigma_m,
+            place.position_sigma_m,
+            place.heading_sigma_rad,
+        ]
+        .map(|sigma| normal(&mut random, sigma));
+
+        let mut random = generator(seed, trial, Stream::Encoder);
+        let unit = Uniform::new(0.0, 1.0).expect("an interval that is not empty");
+        for phase in drawn.encoder_phase.as_flattened_mut() {
+            *phase = unit.sample(&mut random);
+        }
+
+        for axle in 0..2 {
+            let mut random = generator(seed, trial, Stream::Gyro(axle));
+            drawn.gyro_bias[axle] = self.gyro.draw_bias(&mut random);
+            drawn.gyro_scale_error[axle] = normal(&mut random, self.gyro.scale_sigma);
+            let mut random = generator(seed, trial, Stream::Accelerometer(axle));
+            drawn.accelerometer_bias[axle] = self.accelerometer.draw_bias(&mut random);
+            drawn.accelerometer_scale_error[axle] =
+                normal(&mut random, self.accelerometer.scale_sigma);
+        }
+
+        let bridge = &self.bridge;
+        let mut random = generator(seed, trial, Stream::BridgeCommon);
+        let common = normal(&mut random, bridge.common_sigma_strain);
+        for index in 0..MAX_GAUGES {
+            let mut random = generator(seed, trial, Stream::Bridge(index));
+            drawn.bridge_gain_error[index] = normal(&mut random, bridge.gain_sigma);
+            drawn.bridge_offset[index] = normal(&mut random, bridge.offset_sigma_strain);
+            drawn.bridge_drift[index] = common + normal(&mut random, bridge.drift_sigma_strain);
+            drawn.gauge_shift_m[index] = normal(&mut random, bridge.position_sigma_m);
+            drawn.bridge_zero_per_k[index] = normal(&mut random, bridge.zero_per_k_sigma_strain);
+        }
+        drawn
+    }
+}
+
+/// What the sensors see of the plant at one instant. Axle 0 is the front, wheel 0 the left.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Truth {
+    /// Angle each wheel has turned against its axle since the start, rad, forward positive.
+    pub wheel_angle: [[f64; 2]; 2],
+    /// Yaw rate of each axle, rad/s, counter-clockwise positive.
+    pub yaw_rate: [f64; 2],
+    /// Specific force of each axle along its forward axis, m/s².
+    pub forward_acceleration: [f64; 2],
+    /// Strain of the outer fibre at each gauge's true place, positive where the frame bends left.
+    pub gauge_strain: [f64; MAX_GAUGES],
+    /// Number of gauges on the strip: the others are not sampled.
+    pub gauge_count: usize,
+}
+
+/// What the boards read at one tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Samples {
+    /// Encoder counters, by axle and wheel; they wrap around.
+    pub encoder_counts: [[i32; 2]; 2],
+    /// Yaw rate of each axle, rad/s; none where no gyro is fitted.
+    pub gyro: [Option<f32>; 2],
+    /// Longitudinal specific force of each axle, m/s²; none where no accelerometer is fitted.
+    pub accelerometer: [Option<f32>; 2],
+    /// Converter counts of the bridges, zero at mid-scale; zero where there is no gauge.
+    pub bridge_counts: [i32; MAX_GAUGES],
+}
+
+/// All sensors of one robot in one trial. One call of [`Self::sample`] a millisecond.
+#[derive(Clone, Debug)]
+pub struct Sensors {
+    counts_per_radian: f64,
+    encoder_phase: [[f64; 2]; 2],
+    encoder_delay: Delay<[[i32; 2]; 2]>,
+    gyro: [InertialChannel; 2],
+    accelerometer: [InertialChannel; 2],
+    bridges: [Bridge; MAX_GAUGES],
+}
+
+impl Sensors {
+    /// The sensors of one trial; refuses what [`SensorConfig::check`] refuses.
+    pub fn new(
+        config: &SensorConfig,
+        drawn: &Drawn,
+        seed: u64,
+        trial: u64,
+    ) -> Result<Self, ConfigError> {
+        config.check()?;
+        // Noise continues on streams of their own, so that it does not depend on how many numbers
+        // the imperfections took.
+        let noise = |stream: Stream| generator(mix(seed), trial, stream);
+        Ok(Self {
+            counts_per_radian: f64::from(config.encoder.counts_per_revolution) / TAU,
+            encoder_phase: drawn.encoder_phase,
+            encoder_delay: Delay::new(config.encoder.delay_ms),
+            gyro: [0, 1].map(|axle| {
+                InertialChannel::new(
+                    &config.gyro,
+                    drawn.gyro_bias[axle],
+                    drawn.gyro_scale_error[axle],
+                    noise(Stream::Gyro(axle)),
+                )
+            }),
+            accelerometer: [0, 1].map(|axle| {
+                InertialChannel::new(
+                    &config.accelerometer,
+                    drawn.accelerometer_bias[axle],
+                    drawn.accelerometer_scale_error[axle],
+                    noise(Stream::Accelerometer(axle)),
+                )
+            }),
+            bridges: std::array::from_fn(|index| {
+                Bridge::new(&config.bridge, drawn, index, noise(Stream::Bridge(index)))
+            }),
+        })
+    }
+
+    /// The readings one millisecond after the last call; no allocation.
+    pub fn sample(&mut self, truth: &Truth) -> Samples {
+        let mut samples = Samples::default();
+        for axle in 0..2 {
+            for wheel in 0..2 {
+                let counts = (truth.wheel_angle[axle][wheel] * self.counts_per_radian
+                    + self.encoder_phase[axle][wheel])
+                    .floor();
+                // Through i64: a hardware counter wraps where a float conversion would saturate.
+                samples.encoder_counts[axle][wheel] = counts as i64 as i32;
+            }
+            samples.gyro[axle] = self.gyro[axle].sample(truth.yaw_rate[axle]);
+            samples.accelerometer[axle] =
+                self.accelerometer[axle].sample(truth.forward_acceleration[axle]);
+        }
+        samples.encoder_counts = self.encoder_delay.pass(samples.encoder_counts);
+        let strains = truth.gauge_strain.iter().take(truth.gauge_count);
+        for ((counts, bridge), &strain) in samples
+            .bridge_counts
+            .iter_mut()
+            .zip(&mut self.bridges)
+            .zip(strains)
+        {
+            *counts = bridge.sample(strain);
+        }
+        samples
+    }
+}

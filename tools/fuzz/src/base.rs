@@ -1,0 +1,6 @@
+//! Errors and TOML text.
+
+#[path = "../../../host-sim/src/base/error.rs"]
+pub mod error;
+#[path = "../../../host-sim/src/base/toml_file.rs"]
+pub mod toml_file;
