@@ -26,10 +26,6 @@ const LONGER_FILES: &[(&str, usize)] = &[
     ("core-algos/src/fusion/tandem.rs", 801),
     ("core-algos/src/node/axle.rs", 806),
     ("core-algos/src/node/lead.rs", 913),
-    ("host-sim/src/cli/mod.rs", 866),
-    ("host-sim/src/paths/mod.rs", 1024),
-    ("host-sim/src/world/sensors.rs", 945),
-    ("host-sim/src/run/simulation.rs", 880),
     ("crates/virtual-board/src/chip/flash/mod.rs", 611),
 ];
 
