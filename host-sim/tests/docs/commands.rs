@@ -67,6 +67,9 @@ const NOT_RUN: &[(&str, Check, &str)] = &[
     ("rustup target add ", Check::File("ci.sh"), "ci.sh does it"),
     ("cargo install ", Check::Nothing, "a tool from elsewhere"),
     ("cargo build-", Check::Alias, "ci.sh builds every image"),
+    ("cargo build ", Check::File("ci.sh"), "ci.sh does it"),
+    ("cargo test ", Check::File("ci.sh"), "ci.sh does it"),
+    ("cargo doc ", Check::File("ci.sh"), "ci.sh does it"),
     ("cargo flash-", Check::Alias, "needs a debug probe"),
     (
         "cargo run --release -p firmware-common --example store_campaign",
