@@ -1,9 +1,9 @@
 //! Accesses by the core and by DMA: who answers, and whether the program may do so.
 
-use super::Cause;
+use super::cause::Cause;
+use super::effect::Request;
 use super::map::Unit;
-use super::shared::{Request, Source};
-use super::{CCM, CCM_LENGTH, Chip, FLASH, Peripheral, SRAM, SRAM_LENGTH, dma, map, rcc, register};
+use super::{CCM, CCM_LENGTH, Chip, FLASH, SRAM, SRAM_LENGTH, dma, map, rcc, register};
 use crate::core::{BusError, System, Transfer, Width};
 use crate::finding::Kind;
 use crate::time::{Cycles, NEVER};
@@ -284,31 +284,19 @@ impl Chip {
     /// Does what is due at `cycle`; gives when the next thing is due.
     fn catch_up(&mut self, cycle: Cycles, until: Cycles) -> Cycles {
         loop {
-            let (source, at) = self.shared.next();
+            let (unit, at) = self.shared.next();
             if at > cycle || self.reset.is_some() {
                 self.shared.take_sample_by(cycle);
                 self.shared.limit = at.min(until);
                 return at;
             }
             self.shared.now = at;
-            self.shared.schedule(source, NEVER);
-            let (units, shared) = (&mut self.units, &mut self.shared);
-            match source {
-                Source::Surroundings => self.advance_surroundings(),
-                Source::Rcc => units.rcc.event(source, shared),
-                Source::Flash => self.flash.event(source, shared),
-                Source::Watchdog => units.watchdog.event(source, shared),
-                Source::Tim1 => units.tim1.event(source, shared),
-                Source::Tim2 => units.tim2.event(source, shared),
-                Source::Tim3 => units.tim3.event(source, shared),
-                Source::Tim4 => units.tim4.event(source, shared),
-                Source::Tim5 => units.tim5.event(source, shared),
-                Source::Adc => units.adc.event(source, shared),
-                Source::Dma1 => units.dma1.event(source, shared),
-                Source::Dma2 => units.dma2.event(source, shared),
-                Source::Spi1 => units.spi1.event(source, shared),
-                Source::Can1 => units.can1.event(source, shared),
-                Source::Usart3 => units.usart3.event(source, shared),
+            self.shared.schedule(unit, NEVER);
+            if unit == Unit::World {
+                self.advance_surroundings();
+            } else {
+                let (peripheral, shared) = self.unit(unit);
+                peripheral.event(shared);
             }
             self.settle();
         }

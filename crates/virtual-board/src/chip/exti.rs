@@ -7,10 +7,11 @@
 //! USB and Ethernet; switching one on is a finding.
 
 use super::Peripheral;
+use super::effect::{Effect, Trigger};
 use super::interrupt::Interrupt;
 use super::pin::PORTS;
 use super::register::{Register, merge, narrow, word};
-use super::shared::{Effect, Shared, Trigger};
+use super::shared::Shared;
 use crate::finding::Kind;
 
 #[rustfmt::skip]

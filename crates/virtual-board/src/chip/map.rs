@@ -1,17 +1,20 @@
 //! Where the peripherals are, and which bit switches their clock on.
 
+use super::effect::Clocks;
 use super::interrupt::Interrupt;
 use super::pin::{PORTS, Signal};
-use super::shared::{Clocks, Source};
 
-/// A peripheral; all ports are one.
+/// A peripheral; all ports are one. Those that can have something due come first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(usize)]
 pub(crate) enum Unit {
+    /// What is around the chip.
+    World,
+    /// Oscillators, PLL.
     Rcc,
-    Pwr,
-    Gpio,
-    Exti,
-    Syscfg,
+    /// End of an operation of the flash.
+    Flash,
+    Watchdog,
     Tim1,
     Tim2,
     Tim3,
@@ -23,9 +26,11 @@ pub(crate) enum Unit {
     Spi1,
     Can1,
     Usart3,
-    Watchdog,
+    Pwr,
+    Gpio,
+    Exti,
+    Syscfg,
     Debug,
-    Flash,
 }
 
 /// Offsets of the registers of the RCC that switch clocks on.
@@ -138,7 +143,21 @@ const PLACE_OF: [usize; Unit::COUNT] = {
 
 impl Unit {
     /// How many there are.
-    const COUNT: usize = Self::Flash as usize + 1;
+    const COUNT: usize = Self::Debug as usize + 1;
+
+    /// Those that can have something due; of two at the same cycle the first in the list is first.
+    pub const SCHEDULED: [Self; 15] = {
+        use Unit::*;
+        [
+            World, Rcc, Flash, Watchdog, Tim1, Tim2, Tim3, Tim4, Tim5, Adc, Dma1, Dma2, Spi1, Can1,
+            Usart3,
+        ]
+    };
+
+    /// Index of a timer, 0 for TIM1.
+    pub const fn timer(self) -> usize {
+        self as usize - Self::Tim1 as usize
+    }
 
     /// The peripheral at an address, and the place within it.
     pub fn at(address: u32) -> Option<(Self, u32)> {
@@ -176,28 +195,14 @@ impl Unit {
     }
 
     /// The peripheral whose clock this bit of an enable register switches on, and which the same bit of
-    /// the reset register resets, with what it may have on the schedule.
-    pub fn reset_by(register: u32, bit: u32) -> Option<(Self, &'static [Source])> {
+    /// the reset register resets.
+    pub fn reset_by(register: u32, bit: u32) -> Option<Self> {
         if register == AHB1ENR && (bit as usize) < PORTS {
-            return Some((Self::Gpio, &[]));
+            return Some(Self::Gpio);
         }
-        let place = PLACES
-            .iter()
-            .find(|place| place.gate == Some((register, bit)))?;
-        let sources: &[Source] = match place.unit {
-            Self::Tim1 => &[Source::Tim1],
-            Self::Tim2 => &[Source::Tim2],
-            Self::Tim3 => &[Source::Tim3],
-            Self::Tim4 => &[Source::Tim4],
-            Self::Tim5 => &[Source::Tim5],
-            Self::Adc => &[Source::Adc],
-            Self::Dma1 => &[Source::Dma1],
-            Self::Dma2 => &[Source::Dma2],
-            Self::Spi1 => &[Source::Spi1],
-            Self::Usart3 => &[Source::Usart3],
-            _ => &[],
-        };
-        Some((place.unit, sources))
+        let gate = Some((register, bit));
+        let place = PLACES.iter().find(|place| place.gate == gate)?;
+        Some(place.unit)
     }
 
     /// Its interrupt lines.

@@ -8,9 +8,11 @@
 mod adc;
 mod bus;
 mod can;
+mod cause;
 mod debug;
 mod defects;
 mod dma;
+mod effect;
 mod exti;
 mod flash;
 mod gpio;
@@ -37,21 +39,22 @@ mod testing;
 mod tests;
 
 pub use adc::{Counts as Conversions, Errors as ConverterErrors};
+pub use cause::Cause;
 pub use defects::Defects;
+pub use effect::{Clocks, Request, Trigger};
 pub use flash::FlashOperation;
 pub use interrupt::Interrupt;
 pub use part::Part;
 pub use pin::{Drive, Pin, Signal};
-pub use rcc::Cause;
-pub use shared::{Clocks, Request, Trigger};
 pub use surroundings::{Bare, Inputs, SpiMode, Surroundings};
 pub use trace::PinChange;
 
 use crate::finding::{Findings, Kind};
 use crate::time::{Cycles, Time, Timebase};
+use effect::Effect;
 use map::Unit;
 use register::Register;
-use shared::{Effect, Shared, Source};
+use shared::Shared;
 
 /// A peripheral.
 pub(crate) trait Peripheral {
@@ -62,8 +65,8 @@ pub(crate) trait Peripheral {
     /// Writes the bits in `mask` of the register at `offset`; the others are zero in `value`.
     fn write(&mut self, offset: u32, value: u32, mask: u32, shared: &mut Shared);
     /// What it has due at `shared.now`; it is off the schedule until it puts itself there again.
-    fn event(&mut self, source: Source, shared: &mut Shared) {
-        let _ = (source, shared);
+    fn event(&mut self, shared: &mut Shared) {
+        let _ = shared;
     }
     /// The clocks of the buses have changed; places in the schedule that follow other clocks move.
     fn clocks_changed(&mut self, old: &Timebase, shared: &mut Shared) {
@@ -87,11 +90,8 @@ struct Units {
     gpio: gpio::Gpio,
     exti: exti::Exti,
     syscfg: exti::Syscfg,
-    tim1: timer::Timer,
-    tim2: timer::Timer,
-    tim3: timer::Timer,
-    tim4: timer::Timer,
-    tim5: timer::Timer,
+    /// TIM1 first.
+    timers: [timer::Timer; 5],
     adc: adc::Adc,
     dma1: dma::Dma,
     dma2: dma::Dma,
@@ -104,18 +104,13 @@ struct Units {
 
 impl Units {
     fn new() -> Self {
-        use timer::{Kind, Timer};
         Self {
             rcc: rcc::Rcc::default(),
             pwr: pwr::Pwr::default(),
             gpio: gpio::Gpio::default(),
             exti: exti::Exti::default(),
             syscfg: exti::Syscfg::default(),
-            tim1: Timer::new(Kind::Tim1),
-            tim2: Timer::new(Kind::Tim2),
-            tim3: Timer::new(Kind::Tim3),
-            tim4: Timer::new(Kind::Tim4),
-            tim5: Timer::new(Kind::Tim5),
+            timers: timer::Kind::ALL.map(timer::Timer::new),
             adc: adc::Adc::default(),
             dma1: dma::Dma::new(dma::Controller::Dma1),
             dma2: dma::Dma::new(dma::Controller::Dma2),
@@ -125,19 +120,6 @@ impl Units {
             watchdog: watchdog::Watchdog::default(),
             debug: debug::Debug::default(),
         }
-    }
-}
-
-impl Units {
-    /// Timers, TIM1 first.
-    fn timers(&mut self) -> [&mut timer::Timer; 5] {
-        [
-            &mut self.tim1,
-            &mut self.tim2,
-            &mut self.tim3,
-            &mut self.tim4,
-            &mut self.tim5,
-        ]
     }
 
     fn dma(&mut self, controller: dma::Controller) -> &mut dma::Dma {
@@ -271,7 +253,7 @@ impl Chip {
     pub fn refresh(&mut self) {
         let at = self.shared.world().next();
         let cycle = self.shared.base.cycle_of(at);
-        self.shared.schedule(Source::Surroundings, cycle);
+        self.shared.schedule(Unit::World, cycle);
     }
 
     fn set_frequency(&mut self, hz: u64) {
@@ -343,7 +325,7 @@ impl Chip {
                 Effect::ClockFailure => {
                     self.nmi = true;
                     shared.limit = 0;
-                    units.tim1.clock_failure(shared);
+                    units.timers[0].clock_failure(shared);
                 }
                 Effect::Sampled(pin) => {
                     if !units.gpio.is_analogue(pin) {
@@ -401,25 +383,9 @@ impl Chip {
     }
 
     fn clocks_changed(&mut self, old: &Timebase) {
-        let (u, shared) = (&mut self.units, &mut self.shared);
-        let units: [&mut dyn Peripheral; 14] = [
-            &mut u.rcc,
-            &mut u.watchdog,
-            &mut u.tim1,
-            &mut u.tim2,
-            &mut u.tim3,
-            &mut u.tim4,
-            &mut u.tim5,
-            &mut u.adc,
-            &mut u.dma1,
-            &mut u.dma2,
-            &mut u.spi1,
-            &mut u.can1,
-            &mut u.usart3,
-            &mut self.flash,
-        ];
-        for unit in units {
-            unit.clocks_changed(old, shared);
+        for unit in Unit::SCHEDULED {
+            let (peripheral, shared) = self.unit(unit);
+            peripheral.clocks_changed(old, shared);
         }
         self.refresh();
     }
@@ -434,7 +400,7 @@ impl Chip {
         if let Some(signal) = units.gpio.signal_at(pin)
             && let Some(timer) = signal.timer()
         {
-            units.timers()[timer].input(signal, level, shared);
+            units.timers[timer].input(signal, level, shared);
         }
     }
 
@@ -448,7 +414,7 @@ impl Chip {
         };
         let timers = [Unit::Tim1, Unit::Tim2, Unit::Tim3, Unit::Tim4, Unit::Tim5].map(off);
         let adc = off(Unit::Adc);
-        for (timer, off) in units.timers().into_iter().zip(timers) {
+        for (timer, off) in units.timers.iter_mut().zip(timers) {
             timer.gate(off, shared);
         }
         units.adc.gate(adc, shared);
@@ -462,11 +428,9 @@ impl Chip {
             Unit::Gpio => &mut u.gpio,
             Unit::Exti => &mut u.exti,
             Unit::Syscfg => &mut u.syscfg,
-            Unit::Tim1 => &mut u.tim1,
-            Unit::Tim2 => &mut u.tim2,
-            Unit::Tim3 => &mut u.tim3,
-            Unit::Tim4 => &mut u.tim4,
-            Unit::Tim5 => &mut u.tim5,
+            Unit::Tim1 | Unit::Tim2 | Unit::Tim3 | Unit::Tim4 | Unit::Tim5 => {
+                &mut u.timers[unit.timer()]
+            }
             Unit::Adc => &mut u.adc,
             Unit::Dma1 => &mut u.dma1,
             Unit::Dma2 => &mut u.dma2,
@@ -474,7 +438,8 @@ impl Chip {
             Unit::Can1 => &mut u.can1,
             Unit::Usart3 => &mut u.usart3,
             Unit::Watchdog => &mut u.watchdog,
-            Unit::Debug => &mut u.debug,
+            // The world has no registers.
+            Unit::Debug | Unit::World => &mut u.debug,
             Unit::Flash => &mut self.flash,
         };
         (peripheral, &mut self.shared)

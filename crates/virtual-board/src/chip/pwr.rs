@@ -6,8 +6,9 @@
 //! Not modelled: stop and standby modes, wake-up pin, backup regulator; asking for one is a finding.
 
 use super::Peripheral;
+use super::effect::Effect;
 use super::register::{Register, merge, narrow};
-use super::shared::{Effect, Shared};
+use super::shared::Shared;
 use crate::finding::Kind;
 
 // The part has one bit of VOS; HALs of the family write the two of its larger relatives, so that bit 15

@@ -1,10 +1,10 @@
 //! Resets of the chip and of its peripherals, and what the supply has to do with them.
 
+use super::cause::Cause;
+use super::effect::{Clocks, Effect};
 use super::map::Unit;
 use super::part::Random;
 use super::pin::{Drive, Pin};
-use super::rcc::Cause;
-use super::shared::{Clocks, Effect, Source};
 use super::{Chip, Units, pwr};
 use crate::device::Noise;
 use crate::time::{Cycles, NEVER, Time};
@@ -30,8 +30,8 @@ impl Chip {
         let shared = &mut self.shared;
         shared.lines = 0;
         shared.effects.clear();
-        for source in Source::ALL {
-            shared.schedule(source, NEVER);
+        for unit in Unit::SCHEDULED {
+            shared.schedule(unit, NEVER);
         }
         self.flash.reset(power_on, shared);
         self.units.can1.reset(shared);
@@ -79,7 +79,7 @@ impl Chip {
         }
         for timer in 0..5 {
             let frozen = halted && self.units.debug.stops_timer(timer);
-            self.units.timers()[timer].freeze(frozen, &mut self.shared);
+            self.units.timers[timer].freeze(frozen, &mut self.shared);
         }
         self.settle();
     }
@@ -128,23 +128,22 @@ impl Chip {
 
     /// The program resets a peripheral.
     pub(super) fn reset_unit(&mut self, register: u32, bit: u32) {
-        let Some((unit, sources)) = Unit::reset_by(register, bit) else {
+        let Some(unit) = Unit::reset_by(register, bit) else {
             return;
         };
-        for &source in sources {
-            self.shared.schedule(source, NEVER);
+        if Unit::SCHEDULED.contains(&unit) {
+            self.shared.schedule(unit, NEVER);
         }
         for &interrupt in unit.interrupts() {
             self.shared.line(interrupt, false);
         }
-        let new = Units::new();
+        let mut new = Units::new();
         let units = &mut self.units;
         match unit {
-            Unit::Tim1 => units.tim1 = new.tim1,
-            Unit::Tim2 => units.tim2 = new.tim2,
-            Unit::Tim3 => units.tim3 = new.tim3,
-            Unit::Tim4 => units.tim4 = new.tim4,
-            Unit::Tim5 => units.tim5 = new.tim5,
+            Unit::Tim1 | Unit::Tim2 | Unit::Tim3 | Unit::Tim4 | Unit::Tim5 => {
+                let timer = unit.timer();
+                std::mem::swap(&mut units.timers[timer], &mut new.timers[timer]);
+            }
             Unit::Adc => units.adc.reset(),
             Unit::Dma1 => units.dma1 = new.dma1,
             Unit::Dma2 => units.dma2 = new.dma2,

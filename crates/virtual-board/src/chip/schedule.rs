@@ -1,10 +1,10 @@
 //! Who is due next.
 
-use super::shared::Source;
+use super::map::Unit;
 use crate::time::{Cycles, NEVER};
 
 /// Leaves of the tree, a power of two.
-const LEAVES: usize = Source::COUNT.next_power_of_two();
+const LEAVES: usize = Unit::SCHEDULED.len().next_power_of_two();
 
 /// When each source is due. A tree whose every node names the earlier of the two below it, so that a
 /// change costs a comparison for each level; of two at the same cycle the first in the list is first.
@@ -27,20 +27,20 @@ impl Schedule {
         schedule
     }
 
-    pub fn set(&mut self, source: Source, at: Cycles) {
-        self.at[source as usize] = at;
-        self.climb(source as usize);
+    pub fn set(&mut self, unit: Unit, at: Cycles) {
+        self.at[unit as usize] = at;
+        self.climb(unit as usize);
     }
 
-    pub fn due(&self, source: Source) -> Cycles {
-        self.at[source as usize]
+    pub fn due(&self, unit: Unit) -> Cycles {
+        self.at[unit as usize]
     }
 
     /// The next that is due, and when.
-    pub fn next(&self) -> (Source, Cycles) {
+    pub fn next(&self) -> (Unit, Cycles) {
         let first = self.nodes[1] as usize;
-        let source = Source::ALL.get(first).copied();
-        (source.unwrap_or(Source::ALL[0]), self.at[first])
+        let source = Unit::SCHEDULED.get(first).copied();
+        (source.unwrap_or(Unit::SCHEDULED[0]), self.at[first])
     }
 
     fn climb(&mut self, leaf: usize) {
@@ -65,14 +65,14 @@ mod tests {
         assert_eq!(schedule.next().1, NEVER);
         let mut random = Noise::new(3);
         for _ in 0..10_000 {
-            let source = Source::ALL[random.bits() as usize % Source::COUNT];
+            let source = Unit::SCHEDULED[random.bits() as usize % Unit::SCHEDULED.len()];
             let at = match random.bits() % 20 {
                 0 => NEVER,
                 at => at,
             };
             schedule.set(source, at);
             assert_eq!(schedule.due(source), at);
-            let earliest = Source::ALL
+            let earliest = Unit::SCHEDULED
                 .iter()
                 .min_by_key(|&&source| schedule.due(source));
             let (next, at) = schedule.next();

@@ -1,165 +1,15 @@
 //! What all peripherals of a chip share: the moment, the clocks, interrupt lines, the schedule.
 
+use super::effect::{Clocks, Effect};
 use super::interrupt::Interrupt;
+use super::map::Unit;
 use super::part::Part;
-use super::pin::{Drive, Pin, Signal};
+use super::pin::Pin;
 use super::schedule::Schedule;
 use super::surroundings::Surroundings;
 use crate::finding::{Findings, Kind};
 use crate::time::{Cycles, Time, Timebase};
 use std::collections::VecDeque;
-
-/// Who can have something due.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(usize)]
-pub(crate) enum Source {
-    /// What is around the chip.
-    Surroundings,
-    /// Oscillators, PLL.
-    Rcc,
-    /// End of an operation of the flash.
-    Flash,
-    /// Independent watchdog.
-    Watchdog,
-    Tim1,
-    Tim2,
-    Tim3,
-    Tim4,
-    Tim5,
-    Adc,
-    Dma1,
-    Dma2,
-    Spi1,
-    Can1,
-    Usart3,
-}
-
-impl Source {
-    /// How many there are.
-    pub const COUNT: usize = Self::Usart3 as usize + 1;
-
-    /// All of them, at their index.
-    pub const ALL: [Self; Self::COUNT] = [
-        Self::Surroundings,
-        Self::Rcc,
-        Self::Flash,
-        Self::Watchdog,
-        Self::Tim1,
-        Self::Tim2,
-        Self::Tim3,
-        Self::Tim4,
-        Self::Tim5,
-        Self::Adc,
-        Self::Dma1,
-        Self::Dma2,
-        Self::Spi1,
-        Self::Can1,
-        Self::Usart3,
-    ];
-}
-
-/// Events inside the chip that start conversions.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[allow(missing_docs, reason = "the manual's names")]
-pub enum Trigger {
-    Tim1Trgo,
-    Tim1Cc1,
-    Tim1Cc2,
-    Tim1Cc3,
-    Tim1Cc4,
-    Tim2Trgo,
-    Tim2Cc1,
-    Tim2Cc2,
-    Tim2Cc3,
-    Tim2Cc4,
-    Tim3Trgo,
-    Tim3Cc1,
-    Tim3Cc2,
-    Tim3Cc4,
-    Tim4Trgo,
-    Tim4Cc1,
-    Tim4Cc2,
-    Tim4Cc3,
-    Tim4Cc4,
-    Tim5Trgo,
-    Tim5Cc1,
-    Tim5Cc2,
-    Tim5Cc3,
-    Tim5Cc4,
-    Exti11,
-    Exti15,
-}
-
-/// Who asks a DMA controller for a transfer.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[allow(missing_docs, reason = "the manual's names")]
-pub enum Request {
-    Adc1,
-    Spi1Rx,
-    Spi1Tx,
-    Usart3Rx,
-    Usart3Tx,
-}
-
-impl Request {
-    /// How many there are.
-    pub(crate) const COUNT: usize = Self::Usart3Tx as usize + 1;
-}
-
-/// What one part of the chip tells the others.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Effect {
-    /// A trigger rises or falls.
-    Trigger(Trigger, bool),
-    /// One transfer is wanted.
-    Dma(Request),
-    /// A peripheral begins to use a signal, which must be on a pin.
-    Uses(Signal),
-    /// A peripheral drives its output in another way.
-    Output(Signal, Drive),
-    /// A pin has another level now.
-    Level(Pin, bool),
-    /// The chip drives a pin in another way now.
-    Driven(Pin, Drive),
-    /// The core's clock runs at another frequency from now on, Hz.
-    Frequency(u64),
-    /// The crystal failed and the clock security system saw it.
-    ClockFailure,
-    /// The voltage detector says whether the supply is low.
-    VoltageDetector(bool),
-    /// The converter has sampled a pin for the first time since it was switched on.
-    Sampled(Pin),
-    /// The program resets a peripheral by the bit of this enable register that belongs to it.
-    ResetUnit(u32, u32),
-    /// The chip is reset.
-    Reset(super::rcc::Cause),
-}
-
-/// Frequencies of the buses' clocks as the program set them up, Hz.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Clocks {
-    /// Core, memories, DMA, GPIO.
-    pub hclk_hz: u64,
-    /// Cycles of the core in one of APB1.
-    pub apb1: u64,
-    /// Cycles of the core in one of APB2.
-    pub apb2: u64,
-    /// Cycles of the core in one of a timer's on APB1.
-    pub timer1: u64,
-    /// Cycles of the core in one of a timer's on APB2.
-    pub timer2: u64,
-}
-
-impl Clocks {
-    /// As after a reset: the internal oscillator.
-    pub const RESET: Self = Self {
-        hclk_hz: 16_000_000,
-        apb1: 1,
-        apb2: 1,
-        timer1: 1,
-        timer2: 1,
-    };
-}
 
 /// A voltage that the converter takes at an instant.
 #[derive(Clone, Copy, Debug)]
@@ -300,19 +150,19 @@ impl Shared {
         }
     }
 
-    /// Has a source called at this cycle; [`NEVER`] takes it off the schedule.
-    pub fn schedule(&mut self, source: Source, at: Cycles) {
-        self.schedule.set(source, at);
+    /// Has a peripheral called at this cycle; [`NEVER`] takes it off the schedule.
+    pub fn schedule(&mut self, unit: Unit, at: Cycles) {
+        self.schedule.set(unit, at);
         self.limit = 0;
     }
 
-    /// When a source is due.
-    pub fn due(&self, source: Source) -> Cycles {
-        self.schedule.due(source)
+    /// When a peripheral is due.
+    pub fn due(&self, unit: Unit) -> Cycles {
+        self.schedule.due(unit)
     }
 
     /// The next that is due, and when.
-    pub fn next(&self) -> (Source, Cycles) {
+    pub fn next(&self) -> (Unit, Cycles) {
         self.schedule.next()
     }
 

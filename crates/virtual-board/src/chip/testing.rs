@@ -1,7 +1,8 @@
 //! What tests of peripherals share.
 
 use super::interrupt::Interrupt;
-use super::shared::{Shared, Source};
+use super::map::Unit;
+use super::shared::Shared;
 use super::surroundings::Bare;
 use crate::finding::Kind;
 use crate::time::{Cycles, NEVER};
@@ -12,12 +13,12 @@ pub(crate) fn shared() -> Shared {
 }
 
 impl Shared {
-    /// Goes to what a source has due up to and including `end`, or to `end`; true if it has.
-    pub fn arrive(&mut self, source: Source, end: Cycles) -> bool {
-        let due = self.due(source);
+    /// Goes to what a peripheral has due up to and including `end`, or to `end`; true if it has.
+    pub fn arrive(&mut self, unit: Unit, end: Cycles) -> bool {
+        let due = self.due(unit);
         self.now = due.min(end);
         if due <= end {
-            self.schedule(source, NEVER);
+            self.schedule(unit, NEVER);
         }
         due <= end
     }

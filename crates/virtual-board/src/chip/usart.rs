@@ -1,10 +1,12 @@
 //! USART3, asynchronous.
 
 use super::Peripheral;
+use super::effect::{Effect, Request};
 use super::interrupt::Interrupt;
+use super::map::Unit;
 use super::pin::Signal;
 use super::register::{Register, merge, narrow};
-use super::shared::{Effect, Request, Shared, Source};
+use super::shared::Shared;
 use crate::finding::Kind;
 use crate::time::{Cycles, NEVER};
 
@@ -250,8 +252,8 @@ impl Usart {
 
     fn plan(&self, shared: &mut Shared) {
         let at = self.shift.map_or(NEVER, |(_, end)| end).min(self.idle);
-        if shared.due(Source::Usart3) != at {
-            shared.schedule(Source::Usart3, at);
+        if shared.due(Unit::Usart3) != at {
+            shared.schedule(Unit::Usart3, at);
         }
         let status = self.status();
         let by_cr1 = (self.cr1 & TXEIE != 0 && status & TXE != 0)
@@ -306,8 +308,7 @@ impl Peripheral for Usart {
         self.plan(shared);
     }
 
-    fn event(&mut self, source: Source, shared: &mut Shared) {
-        let _ = source;
+    fn event(&mut self, shared: &mut Shared) {
         if self.idle <= shared.now {
             self.idle = NEVER;
             self.sr |= IDLE;
@@ -330,183 +331,4 @@ impl Peripheral for Usart {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::chip::surroundings::Surroundings;
-    use crate::time::Time;
-
-    const SR: u32 = 0x00;
-    const DR: u32 = 0x04;
-    const BRR: u32 = 0x08;
-    const CR1: u32 = 0x0c;
-    const CR2: u32 = 0x10;
-    const CR3: u32 = 0x14;
-    /// 42 MHz / 42: 1 Mbit/s, a bit is 168 core cycles.
-    const BIT: Cycles = 168;
-    const FRAME: Cycles = 10 * BIT;
-
-    #[derive(Default)]
-    struct Line {
-        bytes: Vec<(u8, Time)>,
-    }
-
-    impl Surroundings for Line {
-        fn serial(&mut self, byte: u8, at: Time) {
-            self.bytes.push((byte, at));
-        }
-    }
-
-    struct Bench {
-        usart: Usart,
-        shared: Shared,
-    }
-
-    impl Bench {
-        /// Enabled, the idle frame of the transmitter behind it.
-        fn new(cr1: u32, brr: u32) -> Self {
-            let mut shared = Shared::new(Box::new(Line::default()), 0);
-            shared.base.set_frequency(0, 168_000_000);
-            shared.clocks.apb1 = 4;
-            let mut bench = Self {
-                usart: Usart::default(),
-                shared,
-            };
-            bench.write(BRR, brr);
-            bench.write(CR1, UE | TE | RE | cr1);
-            bench
-        }
-
-        fn idle() -> Self {
-            let mut bench = Self::new(0, 42);
-            bench.run(FRAME);
-            bench.shared.effects.clear();
-            bench
-        }
-
-        fn read(&mut self, offset: u32) -> u32 {
-            self.usart.read(offset, &mut self.shared)
-        }
-
-        fn write(&mut self, offset: u32, value: u32) {
-            self.usart.write(offset, value, !0, &mut self.shared);
-        }
-
-        fn receive(&mut self, byte: u8) {
-            self.usart.receive(byte, &mut self.shared);
-        }
-
-        fn run(&mut self, until: Cycles) {
-            while self.shared.arrive(Source::Usart3, until) {
-                self.usart.event(Source::Usart3, &mut self.shared);
-            }
-        }
-
-        fn sent(&mut self) -> Vec<(u8, Cycles)> {
-            let base = self.shared.base;
-            let any: &mut dyn std::any::Any = self.shared.world();
-            let line: &mut Line = any.downcast_mut().expect("a line");
-            let bytes = line.bytes.drain(..);
-            bytes.map(|(byte, at)| (byte, base.cycle_of(at))).collect()
-        }
-    }
-
-    #[test]
-    fn bytes_follow_each_other_behind_the_idle_frame() {
-        let mut bench = Bench::new(TCIE, 42);
-        bench.write(DR, 0x12);
-        assert_eq!(bench.read(SR) & (TXE | TC), 0);
-        bench.run(FRAME);
-        assert_eq!(bench.read(SR) & (TXE | TC), TXE);
-        bench.write(DR, 0x34);
-        assert_eq!(bench.shared.lines, 0);
-        bench.run(3 * FRAME - 1);
-        assert_eq!(bench.read(SR) & (TXE | TC), TXE);
-        bench.run(3 * FRAME);
-        assert_eq!(bench.read(SR) & (TXE | TC), TXE | TC);
-        assert_eq!(bench.shared.lines, 1 << Interrupt::Usart3 as u32);
-        let sent = bench.sent();
-        assert_eq!(sent, [(0x12, 2 * FRAME), (0x34, 3 * FRAME)]);
-        bench.write(SR, !TC);
-        assert_eq!(bench.shared.lines, 0);
-    }
-
-    #[test]
-    fn bits_last_as_the_divider_and_the_frame_say() {
-        // Oversampling by 8: 5 and 2/8: 42 clocks as well. 16 bits a sample otherwise.
-        for (cr1, cr2, brr, halves) in [
-            (OVER8, 0, 5 << 4 | 2, 20),
-            (0, 2 << 12, 42, 22),
-            (0, 1 << 12, 42, 19),
-            (M | PCE, 3 << 12, 42, 23),
-            (PCE, 0, 42, 20),
-        ] {
-            let mut bench = Bench::new(cr1, brr);
-            bench.write(CR2, cr2);
-            bench.run(10 * FRAME);
-            bench.write(DR, 0xff);
-            bench.run(20 * FRAME);
-            let sent = bench.sent();
-            let data = if cr1 & (M | PCE) == PCE { 0x7f } else { 0xff };
-            assert_eq!(sent, [(data, 10 * FRAME + halves * BIT / 2)]);
-            assert!(bench.shared.kinds().is_empty());
-        }
-    }
-
-    #[test]
-    fn bytes_arrive_and_then_the_line_is_idle() {
-        let mut bench = Bench::idle();
-        bench.write(CR1, UE | TE | RE | RXNEIE | IDLEIE);
-        bench.receive(0x41);
-        assert_ne!(bench.shared.lines, 0);
-        assert_eq!(bench.read(DR), 0x41);
-        assert_eq!(bench.shared.lines, 0);
-        let end = bench.shared.now + FRAME;
-        bench.run(end - 1);
-        assert_eq!(bench.read(SR) & IDLE, 0);
-        bench.run(end);
-        assert_eq!(bench.read(SR) & IDLE, IDLE);
-        assert_ne!(bench.shared.lines, 0);
-        bench.read(DR);
-        assert_eq!((bench.read(SR) & IDLE, bench.shared.lines), (0, 0));
-    }
-
-    #[test]
-    fn a_byte_that_is_not_fetched_is_an_overrun() {
-        let mut bench = Bench::idle();
-        bench.receive(1);
-        bench.receive(2);
-        assert_eq!(bench.read(SR) & (RXNE | ORE), RXNE | ORE);
-        assert_eq!(bench.read(DR), 1);
-        assert_eq!(bench.read(SR) & (RXNE | ORE), 0);
-        assert_eq!(bench.shared.kinds(), [Kind::Lost]);
-        // Disabled it hears nothing.
-        bench.write(CR1, UE | TE);
-        bench.receive(3);
-        assert_eq!(bench.read(SR) & RXNE, 0);
-    }
-
-    #[test]
-    fn streams_are_asked() {
-        let mut bench = Bench::idle();
-        bench.write(CR3, DMAT | DMAR);
-        bench.write(DR, 1);
-        bench.receive(1);
-        let effects: Vec<_> = bench.shared.effects.drain(..).collect();
-        let expected = [Request::Usart3Tx, Request::Usart3Tx, Request::Usart3Rx];
-        assert_eq!(effects, expected.map(Effect::Dma));
-    }
-
-    #[test]
-    fn what_is_not_modelled_and_mistakes_are_found() {
-        let mut bench = Bench::idle();
-        bench.write(CR3, HDSEL);
-        bench.write(CR2, LINEN);
-        assert_eq!(bench.shared.kinds(), [Kind::NotModelled; 2]);
-        bench.write(DR, 1);
-        bench.write(BRR, 43);
-        assert_eq!(bench.shared.kinds()[2], Kind::Forbidden);
-        bench.write(CR1, 0);
-        bench.write(DR, 1);
-        assert_eq!(bench.shared.kinds()[3..], [Kind::Forbidden; 2]);
-    }
-}
+mod tests;

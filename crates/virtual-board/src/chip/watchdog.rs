@@ -6,9 +6,11 @@
 //! counts from the first feeding. The prescaler's phase is not modelled: it begins anew at each feeding.
 
 use super::Peripheral;
-use super::rcc::Cause;
+use super::cause::Cause;
+use super::effect::Effect;
+use super::map::Unit;
 use super::register::{Register, narrow};
-use super::shared::{Effect, Shared, Source};
+use super::shared::Shared;
 use crate::finding::Kind;
 use crate::time::{Time, Timebase};
 
@@ -118,7 +120,7 @@ impl Watchdog {
         let updates = updates.into_iter().flatten().map(|(_, at)| at);
         let next = updates.chain(bites).min().unwrap_or(Time::NEVER);
         let cycle = shared.base.cycle_of(next);
-        shared.schedule(Source::Watchdog, cycle);
+        shared.schedule(Unit::Watchdog, cycle);
     }
 }
 
@@ -160,7 +162,7 @@ impl Peripheral for Watchdog {
         self.plan(shared);
     }
 
-    fn event(&mut self, _source: Source, shared: &mut Shared) {
+    fn event(&mut self, shared: &mut Shared) {
         let now = shared.time();
         if self.frozen.is_none() && self.bites.is_some_and(|at| at <= now) {
             shared.note(Kind::Reset, "by the independent watchdog");
@@ -191,8 +193,8 @@ mod tests {
     /// Lets so many microseconds pass; whether it has bitten.
     fn pass(dog: &mut Watchdog, shared: &mut Shared, micros: u64) -> bool {
         let end = shared.after(Time::from_micros(micros));
-        while shared.arrive(Source::Watchdog, end) {
-            dog.event(Source::Watchdog, shared);
+        while shared.arrive(Unit::Watchdog, end) {
+            dog.event(shared);
             if shared.effects.pop_back().is_some() {
                 return true;
             }
@@ -223,17 +225,17 @@ mod tests {
         let mut shared = shared();
         let mut dog = started(&mut shared);
         let fed = shared.now;
-        assert_eq!(shared.due(Source::Watchdog), fed + 8_000_000);
+        assert_eq!(shared.due(Unit::Watchdog), fed + 8_000_000);
         shared.now = fed + 4_000_000;
         dog.write(0x00, 0xaaaa, !0, &mut shared);
-        assert_eq!(shared.due(Source::Watchdog), fed + 12_000_000);
+        assert_eq!(shared.due(Unit::Watchdog), fed + 12_000_000);
         let old = shared.base;
         shared.base.set_frequency(fed + 4_000_000, 168_000_000);
         dog.clocks_changed(&old, &mut shared);
-        let bites = shared.due(Source::Watchdog);
+        let bites = shared.due(Unit::Watchdog);
         assert!(bites.abs_diff(fed + 4_000_000 + 84_000_000) <= 1, "{bites}");
         shared.now = bites;
-        dog.event(Source::Watchdog, &mut shared);
+        dog.event(&mut shared);
         assert_eq!(shared.effects.back(), Some(&Effect::Reset(Cause::Watchdog)));
         dog.write(0x08, 1, !0, &mut shared);
         assert_eq!(shared.kinds(), [Kind::Reset, Kind::Forbidden]);

@@ -203,12 +203,10 @@ fn multiple(h: u32) -> Insn {
         if list >> n & 1 != 0 && first != 1 << n {
             return UNPREDICTABLE;
         }
-        return Insn::regs(Op::Stm, 0, n, 0).with_imm(list).with_x(1);
+        return Insn::regs(Op::Stm, 0, n, 0).with(list, 1);
     }
     let write_back = u32::from(list >> n & 1 == 0);
-    Insn::regs(Op::Ldm, 0, n, 0)
-        .with_imm(list)
-        .with_x(write_back)
+    Insn::regs(Op::Ldm, 0, n, 0).with(list, write_back)
 }
 
 fn miscellaneous(pc: u32, h: u32) -> Insn {
@@ -225,9 +223,10 @@ fn miscellaneous(pc: u32, h: u32) -> Insn {
         }
         1 | 3 | 9 | 11 => {
             let offset = (h >> 9 & 1) << 6 | (h >> 3 & 31) << 1;
-            Insn::regs(Op::BranchRegister, 0, d, 0)
-                .with_imm(pc.wrapping_add(4).wrapping_add(offset))
-                .with_x((h >> 11 & 1) * INVERT)
+            Insn::regs(Op::BranchRegister, 0, d, 0).with(
+                pc.wrapping_add(4).wrapping_add(offset),
+                (h >> 11 & 1) * INVERT,
+            )
         }
         2 => {
             let (op, mask) = match h >> 6 & 3 {
@@ -250,9 +249,7 @@ fn miscellaneous(pc: u32, h: u32) -> Insn {
             if h & 0x0c != 0 || h & 3 == 0 {
                 return UNPREDICTABLE;
             }
-            Insn::new(Op::Special(Special::Cps))
-                .with_imm(h & 3)
-                .with_x(h >> 4 & 1)
+            Insn::new(Op::Special(Special::Cps)).with(h & 3, h >> 4 & 1)
         }
         10 => match h >> 6 & 3 {
             0 => Insn::regs(Op::Rev, d, 0, m),

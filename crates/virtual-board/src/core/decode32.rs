@@ -70,9 +70,7 @@ fn multiple(h: u32, g: u32) -> Insn {
             let op = if g >> 15 != 0 { Op::PopPc } else { Op::Pop };
             return Insn::regs(op, 0, 13, 0).with_imm(g & 0x7fff);
         }
-        return Insn::regs(Op::Ldm, 0, n, 0)
-            .with_imm(g)
-            .with_x(write_back | decrement << 1);
+        return Insn::regs(Op::Ldm, 0, n, 0).with(g, write_back | decrement << 1);
     }
     if g >> 15 != 0 {
         return UNPREDICTABLE;
@@ -80,9 +78,7 @@ fn multiple(h: u32, g: u32) -> Insn {
     if n == 13 && write_back != 0 && decrement != 0 {
         return Insn::regs(Op::Push, 0, 13, 0).with_imm(g);
     }
-    Insn::regs(Op::Stm, 0, n, 0)
-        .with_imm(g)
-        .with_x(write_back | decrement << 1)
+    Insn::regs(Op::Stm, 0, n, 0).with(g, write_back | decrement << 1)
 }
 
 fn double_exclusive_table(pc: u32, h: u32, g: u32) -> Insn {
@@ -115,12 +111,12 @@ fn double_exclusive_table(pc: u32, h: u32, g: u32) -> Insn {
         } else {
             offset
         };
-        return Insn::regs(Op::Ldrd, t, n, d).with_imm(imm).with_x(x);
+        return Insn::regs(Op::Ldrd, t, n, d).with(imm, x);
     }
     if n == 15 {
         return UNPREDICTABLE;
     }
-    Insn::regs(Op::Strd, t, n, d).with_imm(offset).with_x(x)
+    Insn::regs(Op::Strd, t, n, d).with(offset, x)
 }
 
 fn exclusive_word(h: u32, g: u32) -> Insn {
@@ -150,9 +146,7 @@ fn exclusive_table(pc: u32, h: u32, g: u32) -> Insn {
             if n == 13 || bad(d) || g >> 8 != 0xf0 {
                 return UNPREDICTABLE;
             }
-            return Insn::regs(Op::Table, 0, n, d)
-                .with_imm(pc.wrapping_add(4))
-                .with_x(kind);
+            return Insn::regs(Op::Table, 0, n, d).with(pc.wrapping_add(4), kind);
         }
         _ => return UNDEFINED,
     };
@@ -354,9 +348,7 @@ fn control(h: u32, g: u32) -> Insn {
             if mask == 0 || (mask != 2 && !flags) || !special_register(sysm) {
                 return UNPREDICTABLE;
             }
-            Insn::regs(Op::Special(Special::Msr), 0, n, 0)
-                .with_imm(sysm)
-                .with_x(mask)
+            Insn::regs(Op::Special(Special::Msr), 0, n, 0).with(sysm, mask)
         }
         0x3a if h & 15 != 15 || g & 0x2800 != 0 => UNPREDICTABLE,
         0x3a if g >> 8 & 7 != 0 => UNDEFINED,

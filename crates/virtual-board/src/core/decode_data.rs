@@ -78,12 +78,10 @@ pub(super) fn modified_immediate(h: u32, g: u32) -> Insn {
         Kind::Alu(alu) => alu,
         Kind::Test(Test::Cmp) => return Insn::regs(Op::CmpImm, 0, n, 0).with_imm(imm),
         Kind::Test(Test::Tst) => {
-            return Insn::regs(Op::TstImm, 0, n, 0).with_imm(imm).with_x(carry);
+            return Insn::regs(Op::TstImm, 0, n, 0).with(imm, carry);
         }
         Kind::Test(test) => {
-            return Insn::regs(Op::TestImm(test), 0, n, 0)
-                .with_imm(imm)
-                .with_x(carry);
+            return Insn::regs(Op::TestImm(test), 0, n, 0).with(imm, carry);
         }
     };
     let op = match (alu, s) {
@@ -97,7 +95,7 @@ pub(super) fn modified_immediate(h: u32, g: u32) -> Insn {
         (alu, false) => Op::AluImm(alu),
         (alu, true) => Op::AluImmS(alu),
     };
-    Insn::regs(op, d, n, 0).with_imm(imm).with_x(carry)
+    Insn::regs(op, d, n, 0).with(imm, carry)
 }
 
 fn add(d: u32, n: u32, imm: u32) -> Insn {
@@ -147,13 +145,11 @@ pub(super) fn plain_immediate(pc: u32, h: u32, g: u32) -> Insn {
                 (Dsp::Usat, width)
             };
             let right = operation & 2 != 0;
-            Insn::regs(Op::Dsp(op), d, n, 0)
-                .with_imm(bits | u32::from(right) << 8)
-                .with_x(low)
+            Insn::regs(Op::Dsp(op), d, n, 0).with(bits | u32::from(right) << 8, low)
         }
         20 | 28 if low + width < 32 => {
             let op = if operation == 20 { Op::Sbfx } else { Op::Ubfx };
-            Insn::regs(op, d, n, 0).with_imm(width + 1).with_x(low)
+            Insn::regs(op, d, n, 0).with(width + 1, low)
         }
         20 | 22 | 28 => UNPREDICTABLE,
         _ => UNDEFINED,
@@ -161,7 +157,7 @@ pub(super) fn plain_immediate(pc: u32, h: u32, g: u32) -> Insn {
 }
 
 fn field(op: Dsp, d: u32, n: u32, low: u32, width: u32) -> Insn {
-    Insn::regs(Op::Dsp(op), d, n, 0).with_imm(width).with_x(low)
+    Insn::regs(Op::Dsp(op), d, n, 0).with(width, low)
 }
 
 /// Data processing with a shifted register.
@@ -204,9 +200,7 @@ pub(super) fn shifted_register(h: u32, g: u32) -> Insn {
         Kind::Test(Test::Cmp) if plain => return Insn::regs(Op::CmpReg, 0, n, m),
         Kind::Test(test) if plain => return Insn::regs(Op::TestReg(test), 0, n, m),
         Kind::Test(test) => {
-            return Insn::regs(Op::TestShift(test), 0, n, m)
-                .with_imm(amount)
-                .with_x(u32::from(shift));
+            return Insn::regs(Op::TestShift(test), 0, n, m).with(amount, u32::from(shift));
         }
     };
     if d == 13 {
@@ -214,9 +208,7 @@ pub(super) fn shifted_register(h: u32, g: u32) -> Insn {
             return UNPREDICTABLE;
         }
         let x = u32::from(s) << 7;
-        return Insn::regs(Op::SpShift(alu), d, n, m)
-            .with_imm(amount)
-            .with_x(x);
+        return Insn::regs(Op::SpShift(alu), d, n, m).with(amount, x);
     }
     let op = match (alu, s) {
         (Alu::Mov, _) if plain => {
@@ -242,9 +234,7 @@ pub(super) fn shifted_register(h: u32, g: u32) -> Insn {
         (alu, false) => Op::AluShift(alu),
         (alu, true) => Op::AluShiftS(alu),
     };
-    Insn::regs(op, d, n, m)
-        .with_imm(amount)
-        .with_x(u32::from(shift))
+    Insn::regs(op, d, n, m).with(amount, u32::from(shift))
 }
 
 fn pack(h: u32, g: u32, amount: u32) -> Insn {
@@ -258,9 +248,7 @@ fn pack(h: u32, g: u32, amount: u32) -> Insn {
     // PKHTB by 0 means by 32.
     let top = g >> 5 & 1;
     let amount = if top != 0 && amount == 0 { 32 } else { amount };
-    Insn::regs(Op::Dsp(Dsp::Pkh), d, n, m)
-        .with_imm(top)
-        .with_x(amount)
+    Insn::regs(Op::Dsp(Dsp::Pkh), d, n, m).with(top, amount)
 }
 
 /// Data processing of registers: shifts, extensions, parallel and miscellaneous operations.
@@ -319,7 +307,7 @@ fn extension(h: u32, g: u32) -> Insn {
         (5, 15, 0) => (Op::Mask, 0xff),
         _ => (Op::Dsp(Dsp::Extend), rotation),
     };
-    Insn::regs(op, d, n, m).with_imm(imm).with_x(kind)
+    Insn::regs(op, d, n, m).with(imm, kind)
 }
 
 /// Multiplications with a result of 32 bits.
@@ -347,7 +335,7 @@ pub(super) fn multiply(h: u32, g: u32) -> Insn {
     if bad(d) || bad(n) || bad(m) || a == 13 {
         return UNPREDICTABLE;
     }
-    Insn::regs(op, d, n, m).with_imm(imm).with_x(a)
+    Insn::regs(op, d, n, m).with(imm, a)
 }
 
 /// Multiplications with a result of 64 bits, and divisions.
@@ -376,5 +364,5 @@ pub(super) fn long_multiply(h: u32, g: u32) -> Insn {
     if bad(high) || bad(low) || bad(n) || bad(m) || high == low {
         return UNPREDICTABLE;
     }
-    Insn::regs(op, low, n, m).with_imm(imm).with_x(high)
+    Insn::regs(op, low, n, m).with(imm, high)
 }

@@ -88,7 +88,7 @@ fn load_store(pc: u32, h: u32, g: u32, double: bool) -> Insn {
         Float::StoreMultiple
     };
     let x = write_back | decrement << 1 | u32::from(double) << 2;
-    float(op, d, n, 0).with_imm(count).with_x(x)
+    float(op, d, n, 0).with(count, x)
 }
 
 /// VLDR and VSTR.
@@ -210,9 +210,7 @@ fn other(h: u32, g: u32, d: u32, m: u32) -> Insn {
             } else {
                 Float::FromFixed
             };
-            float(op, d, 0, 0)
-                .with_imm(size - complement)
-                .with_x(kind & 1 | long << 1)
+            float(op, d, 0, 0).with(size - complement, kind & 1 | long << 1)
         }
         _ => UNDEFINED,
     }

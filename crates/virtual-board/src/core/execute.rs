@@ -134,6 +134,11 @@ impl Core {
     }
 
     #[inline(always)]
+    fn product_sum(&self, insn: &Insn) -> u32 {
+        self.product(insn).wrapping_add(self.reg(insn.x()))
+    }
+
+    #[inline(always)]
     fn logical_right(&self, insn: &Insn) -> u32 {
         self.reg(insn.m()).checked_shr(insn.imm).unwrap_or(0)
     }
@@ -236,10 +241,7 @@ impl Core {
             Op::ShiftReg(_) | Op::ShiftRegS(_) | Op::TstImm => self.execute_data(insn)?,
             Op::SpImm => self.set_sp(self.offset(insn)),
             Op::Mul => self.set(insn.d(), self.product(insn)),
-            Op::Mla => self.set(
-                insn.d(),
-                self.product(insn).wrapping_add(self.reg(insn.x())),
-            ),
+            Op::Mla => self.set(insn.d(), self.product_sum(insn)),
             Op::Mask => self.set(insn.d(), self.reg(insn.m()) & insn.imm),
             Op::Ubfx => self.set(insn.d(), self.bit_field(insn)),
             Op::It => self.it = insn.imm as u8,
@@ -263,9 +265,8 @@ impl Core {
             Op::StrbImm => self.store_from(system, insn, byte(self.offset(insn), pc))?,
             Op::StrhImm => self.store_from(system, insn, half(self.offset(insn), pc))?,
             Op::StrReg => self.store_from(system, insn, Transfer::word(self.index(insn), pc))?,
-            Op::LdrsbImm | Op::LdrshImm | Op::LdrsbReg | Op::LdrshReg | Op::LdrhReg => {
-                self.execute_load(system, insn, pc)?;
-            }
+            Op::LdrsbImm | Op::LdrshImm | Op::LdrsbReg => self.execute_load(system, insn, pc)?,
+            Op::LdrshReg | Op::LdrhReg => self.execute_load(system, insn, pc)?,
             Op::LoadPre(_) | Op::LoadPost(_) => self.execute_load(system, insn, pc)?,
             Op::StrbReg | Op::StrhReg => self.execute_store(system, insn, pc)?,
             Op::StorePre(_) | Op::StorePost(_) => self.execute_store(system, insn, pc)?,

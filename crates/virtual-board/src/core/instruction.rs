@@ -360,6 +360,11 @@ impl Insn {
         self
     }
 
+    /// With a constant, and the third source or the variant.
+    pub(super) const fn with(self, imm: u32, x: u32) -> Self {
+        self.with_imm(imm).with_x(x)
+    }
+
     /// With the third source or the variant.
     pub(super) const fn with_x(mut self, x: u32) -> Self {
         self.registers = self.registers & 0xff_ffff | x << 24;

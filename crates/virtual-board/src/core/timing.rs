@@ -31,123 +31,55 @@ pub(super) const FP_CONTEXT: u64 = 17;
 /// Cycles of division and square root.
 pub(super) const FP_DIVISION: u64 = 14;
 
-/// Branches whose target is a constant.
-pub(super) fn is_direct_branch(insn: &Insn) -> bool {
-    matches!(
-        insn.op,
-        Op::B
-            | Op::Bl
-            | Op::BranchRegister
-            | Op::BranchZero
-            | Op::BranchCarry
-            | Op::BranchNegative
-            | Op::BranchOverflow
-            | Op::BranchHigher
-            | Op::BranchGreaterEqual
-            | Op::BranchGreater
-    )
+/// What counts for the time of an instruction and its neighbours.
+#[derive(PartialEq, Eq)]
+enum Class {
+    /// A branch whose target is a constant.
+    Branch,
+    /// A load of one register.
+    Load,
+    /// A store of one register.
+    Store,
+    /// An integer operation whose result is a core register d.
+    Data,
+    /// Floating-point arithmetic whose result is d.
+    Float,
+    Other,
 }
 
-fn is_load(insn: &Insn) -> bool {
-    matches!(
-        insn.op,
-        Op::LdrImm
-            | Op::LdrbImm
-            | Op::LdrhImm
-            | Op::LdrsbImm
-            | Op::LdrshImm
-            | Op::LdrReg
-            | Op::LdrbReg
-            | Op::LdrhReg
-            | Op::LdrsbReg
-            | Op::LdrshReg
-            | Op::LdrLit
-            | Op::LoadLit(_)
-            | Op::LoadPre(_)
-            | Op::LoadPost(_)
-            | Op::LoadUser(_)
-            | Op::Ldrex(_)
-            | Op::Strex(_)
-    )
-}
-
-fn is_store(insn: &Insn) -> bool {
-    matches!(
-        insn.op,
-        Op::StrImm | Op::StrbImm | Op::StrhImm | Op::StorePre(_) | Op::StorePost(_)
-    ) || is_register_store(insn)
-}
-
-fn is_register_store(insn: &Insn) -> bool {
-    matches!(insn.op, Op::StrReg | Op::StrbReg | Op::StrhReg)
-}
-
-/// Integer operations whose result is a core register d.
-fn is_data(insn: &Insn) -> bool {
-    matches!(
-        insn.op,
-        Op::MovImm
-            | Op::MovImmS
-            | Op::MovReg
-            | Op::MovRegS
-            | Op::MovTop
-            | Op::AddImm
-            | Op::AddImmS
-            | Op::SubImmS
-            | Op::AddReg
-            | Op::AddRegS
-            | Op::SubReg
-            | Op::SubRegS
-            | Op::AddLsl
-            | Op::LslImm
-            | Op::LslImmS
-            | Op::LsrImm
-            | Op::LsrImmS
-            | Op::AsrImm
-            | Op::AsrImmS
-            | Op::AluImm(_)
-            | Op::AluImmS(_)
-            | Op::AluReg(_)
-            | Op::AluRegS(_)
-            | Op::AluShift(_)
-            | Op::AluShiftS(_)
-            | Op::ShiftReg(_)
-            | Op::ShiftRegS(_)
-            | Op::Mul
-            | Op::MulS
-            | Op::Mla
-            | Op::Mls
-            | Op::Ubfx
-            | Op::Sbfx
-            | Op::Mask
-            | Op::Sxtb
-            | Op::Sxth
-            | Op::Dsp(_)
-    )
-}
-
-/// Floating-point arithmetic whose result is d.
-fn is_float(insn: &Insn) -> bool {
-    use Float::{
-        Fnma, Fnms, FromFixed, FromHalf, FromInteger, Nmla, Nmls, Nmul, ToFixed, ToHalf, ToInteger,
-    };
+fn class(insn: &Insn) -> Class {
+    use Op::*;
     match insn.op {
-        Op::Vadd | Op::Vsub | Op::Vmul | Op::Vmla | Op::Vmls | Op::Vfma | Op::Vfms => true,
-        Op::Float(op) => matches!(
-            op,
-            Fnma | Fnms
-                | FromFixed
-                | FromHalf
-                | FromInteger
-                | Nmla
-                | Nmls
-                | Nmul
-                | ToFixed
-                | ToHalf
-                | ToInteger
-        ),
-        _ => false,
+        Op::Float(float) => float_class(float),
+        B | Bl | BranchRegister | BranchZero | BranchCarry | BranchNegative | BranchOverflow
+        | BranchHigher | BranchGreaterEqual | BranchGreater => Class::Branch,
+        LdrImm | LdrbImm | LdrhImm | LdrsbImm | LdrshImm | LdrReg | LdrbReg | LdrhReg
+        | LdrsbReg | LdrshReg | LdrLit | LoadLit(_) | LoadPre(_) | LoadPost(_) | LoadUser(_)
+        | Ldrex(_) | Strex(_) => Class::Load,
+        StrImm | StrbImm | StrhImm | StrReg | StrbReg | StrhReg | StorePre(_) | StorePost(_) => {
+            Class::Store
+        }
+        MovImm | MovImmS | MovReg | MovRegS | MovTop | AddImm | AddImmS | SubImmS | AddReg
+        | AddRegS | SubReg | SubRegS | AddLsl | LslImm | LslImmS | LsrImm | LsrImmS | AsrImm
+        | AsrImmS | AluImm(_) | AluImmS(_) | AluReg(_) | AluRegS(_) | AluShift(_)
+        | AluShiftS(_) | ShiftReg(_) | ShiftRegS(_) | Mul | MulS | Mla | Mls | Ubfx | Sbfx
+        | Mask | Sxtb | Sxth | Dsp(_) => Class::Data,
+        Vadd | Vsub | Vmul | Vmla | Vmls | Vfma | Vfms => Class::Float,
+        _ => Class::Other,
     }
+}
+
+fn float_class(float: Float) -> Class {
+    use Float::*;
+    match float {
+        Fnma | Fnms | Nmla | Nmls | Nmul | FromFixed | FromHalf | FromInteger | ToFixed
+        | ToHalf | ToInteger => Class::Float,
+        _ => Class::Other,
+    }
+}
+
+pub(super) fn is_direct_branch(insn: &Insn) -> bool {
+    class(insn) == Class::Branch
 }
 
 /// Singles that a floating-point instruction reads.
@@ -175,29 +107,22 @@ fn reads_single(insn: &Insn, register: u8) -> bool {
 
 /// Whether a load or store has its address from a register.
 fn address_from(insn: &Insn, register: u8) -> bool {
-    let by_register = matches!(
-        insn.op,
-        Op::LdrReg
-            | Op::LdrbReg
-            | Op::LdrhReg
-            | Op::LdrsbReg
-            | Op::LdrshReg
-            | Op::StrReg
-            | Op::StrbReg
-            | Op::StrhReg
-    );
-    let base = is_load(insn)
-        || is_store(insn)
-        || matches!(
-            insn.op,
-            Op::Ldrd | Op::Strd | Op::Ldm | Op::Stm | Op::Vldr | Op::Vstr
-        );
-    (base && insn.n() == register) || (by_register && insn.m() == register)
+    use Op::*;
+    let by_register = match insn.op {
+        LdrReg | LdrbReg | LdrhReg | LdrsbReg | LdrshReg => insn.m() == register,
+        StrReg | StrbReg | StrhReg => insn.m() == register,
+        _ => false,
+    };
+    let base = match insn.op {
+        Ldrd | Strd | Ldm | Stm | Vldr | Vstr => true,
+        _ => matches!(class(insn), Class::Load | Class::Store),
+    };
+    by_register || (base && insn.n() == register)
 }
 
 /// Whether the cycles of an instruction depend on the one behind it.
 pub(super) fn depends_on_follower(insn: &Insn) -> bool {
-    is_load(insn) || is_data(insn) || is_float(insn)
+    matches!(class(insn), Class::Load | Class::Data | Class::Float)
 }
 
 /// Gives an instruction its cycles, and a branch those to refill the pipeline; `unaligned`: it
@@ -213,11 +138,12 @@ pub(super) fn set_cycles(insn: &mut Insn, follower: Option<&Insn>, unaligned: bo
     }
     if let Some(follower) = follower {
         let on_address = address_from(follower, insn.d());
-        if is_load(insn) && (is_load(follower) || is_store(follower)) && !on_address {
-            cycles -= 1;
-        }
-        if (is_data(insn) && on_address) || (is_float(insn) && reads_single(follower, insn.d())) {
-            cycles += 1;
+        let accesses = matches!(class(follower), Class::Load | Class::Store);
+        match class(insn) {
+            Class::Load if accesses && !on_address => cycles -= 1,
+            Class::Data if on_address => cycles += 1,
+            Class::Float if reads_single(follower, insn.d()) => cycles += 1,
+            _ => {}
         }
     }
     insn.cycles = cycles.min(255) as u8;
@@ -228,7 +154,7 @@ fn alone(insn: &Insn) -> u32 {
     let registers = insn.imm.count_ones();
     match insn.op {
         Op::Empty => 0,
-        _ if is_load(insn) => 2,
+        _ if class(insn) == Class::Load => 2,
         Op::StrReg | Op::StrbReg | Op::StrhReg => 2,
         Op::StoreUser(_) => 2,
         Op::LoadTo(Mode::Literal | Mode::Offset | Mode::Pre | Mode::Post | Mode::Register) => 2,

@@ -21,9 +21,11 @@ mod transfer;
 mod write;
 
 use super::Peripheral;
+use super::effect::{Effect, Request, Trigger};
 use super::interrupt::Interrupt;
+use super::map::Unit;
 use super::register::{Register, merge};
-use super::shared::{Effect, Request, Shared, Source, Trigger};
+use super::shared::Shared;
 use crate::device::Noise;
 use crate::finding::Kind;
 use crate::time::{Cycles, NEVER, Time, Timebase};
@@ -179,9 +181,9 @@ impl Adc {
 
     /// Stops the conversion; gives what is left of it and of its sampling.
     fn left(&self, shared: &mut Shared) -> [Cycles; 2] {
-        let (now, due) = (shared.now, shared.due(Source::Adc));
+        let (now, due) = (shared.now, shared.due(Unit::Adc));
         let sampled = self.conversion.map_or(0, |c| c.sampled);
-        shared.schedule(Source::Adc, NEVER);
+        shared.schedule(Unit::Adc, NEVER);
         if sampled > now {
             shared.cancel_sample();
         }
@@ -200,7 +202,7 @@ impl Adc {
                 shared.sample(pin, now + sampled);
             }
         }
-        shared.schedule(Source::Adc, now + end);
+        shared.schedule(Unit::Adc, now + end);
     }
 
     fn reg(&self, offset: u32) -> u32 {
@@ -355,7 +357,7 @@ impl Adc {
             (None, Some(place)) => (false, place),
             (None, None) => {
                 self.conversion = None;
-                return shared.schedule(Source::Adc, NEVER);
+                return shared.schedule(Unit::Adc, NEVER);
             }
         };
         let channel = self.channel(injected, place);
@@ -370,7 +372,7 @@ impl Adc {
             Some(pin) => shared.sample(pin, sampled),
             None => shared.cancel_sample(),
         }
-        shared.schedule(Source::Adc, sampled + self.converting() * self.clock);
+        shared.schedule(Unit::Adc, sampled + self.converting() * self.clock);
     }
 
     /// The voltage of a channel inside the chip.
@@ -565,7 +567,7 @@ impl Peripheral for Adc {
         self.line(shared);
     }
 
-    fn event(&mut self, _source: Source, shared: &mut Shared) {
+    fn event(&mut self, shared: &mut Shared) {
         let Some(conversion) = self.conversion else {
             return;
         };

@@ -1,8 +1,8 @@
 //! Registers of the converter and their bits (RM0090, chapter 13).
 
+use super::super::effect::Trigger;
 use super::super::pin::Pin;
 use super::super::register::{Register, narrow, word};
-use super::super::shared::Trigger;
 
 // Places.
 pub(super) const SR: u32 = 0x00;

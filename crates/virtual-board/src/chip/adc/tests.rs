@@ -100,8 +100,8 @@ impl Bench {
 
     /// Runs up to and including `end`.
     fn pass(&mut self, end: Cycles) -> &mut Self {
-        while self.shared.arrive(Source::Adc, end) {
-            self.adc.event(Source::Adc, &mut self.shared);
+        while self.shared.arrive(Unit::Adc, end) {
+            self.adc.event(&mut self.shared);
             self.serve();
         }
         self

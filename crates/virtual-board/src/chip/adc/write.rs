@@ -2,7 +2,8 @@
 
 use super::registers::*;
 use super::{Adc, Conversion, Group, STABILISATION};
-use crate::chip::shared::{Shared, Source};
+use crate::chip::map::Unit;
+use crate::chip::shared::Shared;
 use crate::finding::Kind;
 use crate::time::NEVER;
 
@@ -41,7 +42,7 @@ impl Adc {
             (self.regular, self.injected) = (Group::default(), Group::default());
             self.conversion = None;
             shared.cancel_sample();
-            shared.schedule(Source::Adc, NEVER);
+            shared.schedule(Unit::Adc, NEVER);
         } else if old & ADON == 0 {
             self.stable = shared.time() + STABILISATION;
             self.checked = 0;

@@ -16,8 +16,9 @@ mod registers;
 
 use super::Peripheral;
 use super::interrupt::Interrupt;
+use super::map::Unit;
 use super::register::{Register, merge};
-use super::shared::{Shared, Source};
+use super::shared::Shared;
 use crate::finding::Kind;
 use crate::time::{NEVER, Time};
 use crate::wire::{Action, BitTiming, ErrorKind, Event, Frame, Settings, What};
@@ -327,8 +328,8 @@ impl Can {
         let event = self.events.front().map(|e| shared.base.cycle_of(e.at));
         let releases = self.fifos.iter().map(|fifo| fifo.release);
         let at = releases.chain(event).min().unwrap_or(NEVER);
-        if shared.due(Source::Can1) != at {
-            shared.schedule(Source::Can1, at);
+        if shared.due(Unit::Can1) != at {
+            shared.schedule(Unit::Can1, at);
         }
     }
 
@@ -517,8 +518,7 @@ impl Peripheral for Can {
         self.lines(shared);
     }
 
-    fn event(&mut self, source: Source, shared: &mut Shared) {
-        let _ = source;
+    fn event(&mut self, shared: &mut Shared) {
         for fifo in &mut self.fifos {
             if fifo.release <= shared.now {
                 fifo.released();

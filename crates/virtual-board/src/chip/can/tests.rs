@@ -64,8 +64,8 @@ impl Board {
     }
 
     fn run(&mut self, until: Cycles) {
-        while self.shared.arrive(Source::Can1, until) {
-            self.can.event(Source::Can1, &mut self.shared);
+        while self.shared.arrive(Unit::Can1, until) {
+            self.can.event(&mut self.shared);
         }
     }
 

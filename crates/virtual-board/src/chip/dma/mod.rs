@@ -16,9 +16,10 @@ mod stream;
 mod tests;
 
 use super::Peripheral;
+use super::effect::Request;
 use super::interrupt::Interrupt;
 use super::register::{Register, word};
-use super::shared::{Request, Shared, Source};
+use super::shared::Shared;
 use crate::core::Width;
 use crate::finding::Kind;
 pub(crate) use stream::Step;
@@ -317,6 +318,4 @@ impl Peripheral for Dma {
             _ => self.write_fcr(k, value, shared),
         }
     }
-
-    fn event(&mut self, _source: Source, _shared: &mut Shared) {}
 }

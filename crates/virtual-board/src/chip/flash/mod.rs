@@ -14,18 +14,20 @@
 mod accelerator;
 mod layout;
 mod options;
+mod write;
 
 use super::Peripheral;
 use super::interrupt::Interrupt;
+use super::map::Unit;
 use super::part::Random;
 use super::register::{Register, merge, narrow, word};
-use super::shared::{Shared, Source};
+use super::shared::Shared;
 use crate::core::{Transfer, Width};
 use crate::finding::Kind;
 use crate::time::{Cycles, NEVER, Time, Timebase};
 use accelerator::Accelerator;
 use layout::{BASE, LENGTH, ONCE_LENGTH, ONCE_LOCKS, PROGRAM, Parallelism, Place, SECTORS};
-use options::{OPTLOCK, OPTSTRT, Options, Protection};
+use options::{OPTLOCK, Options};
 
 #[rustfmt::skip]
 const REGISTERS: &[Register] = &[
@@ -299,7 +301,7 @@ impl Flash {
         if self.cr & EOPIE != 0 {
             self.sr |= EOP;
         }
-        shared.schedule(Source::Flash, NEVER);
+        shared.schedule(Unit::Flash, NEVER);
         self.line(shared);
     }
 
@@ -351,7 +353,7 @@ impl Flash {
 
     fn plan(&self, shared: &mut Shared) {
         let cycle = shared.base.cycle_of(self.busy_until);
-        shared.schedule(Source::Flash, cycle);
+        shared.schedule(Unit::Flash, cycle);
     }
 
     fn change(&mut self, first: usize, last: usize) {
@@ -470,84 +472,6 @@ impl Flash {
     pub fn take_changed(&mut self) -> Option<(u32, u32)> {
         self.changed.take()
     }
-
-    /// A key; whether the lock is open now.
-    fn key(&mut self, which: usize, value: u32, keys: [u32; 2], shared: &mut Shared) -> bool {
-        let given = &mut self.keys[which];
-        match *given {
-            Keys::None if value == keys[0] => *given = Keys::First,
-            Keys::First if value == keys[1] => {
-                *given = Keys::None;
-                return true;
-            }
-            _ => {
-                *given = Keys::Broken;
-                shared.bus_error = true;
-                let text = "flash: a wrong key, locked until the next reset";
-                shared.note(Kind::Forbidden, text);
-            }
-        }
-        false
-    }
-
-    /// The bus holds a write to a control register while an operation runs.
-    fn wait(&mut self, shared: &mut Shared) {
-        if self.operation.is_some() {
-            shared.held_until = shared.base.cycle_of(self.busy_until);
-            shared.now = shared.now.max(shared.held_until);
-            self.finish(shared);
-        }
-    }
-
-    fn write_cr(&mut self, value: u32, shared: &mut Shared) {
-        self.wait(shared);
-        if self.cr & LOCK != 0 {
-            return shared.note(Kind::Forbidden, "FLASH_CR written while locked");
-        }
-        self.cr = value & !STRT;
-        if value & STRT != 0 {
-            match value & (SER | MER) {
-                SER => self.erase_sector(shared),
-                MER => self.erase_all(shared),
-                _ => {
-                    let text = "FLASH_CR: STRT without one of SER and MER".to_owned();
-                    self.refuse(PGSERR, text, shared);
-                }
-            }
-        }
-        self.line(shared);
-    }
-
-    fn write_acr(&mut self, mut value: u32, shared: &mut Shared) {
-        for (reset, on, name) in [(ICRST, ICEN, "instruction"), (DCRST, DCEN, "data")] {
-            if value & reset != 0 && self.acr & on != 0 {
-                let text = format!("FLASH_ACR: the {name} cache is reset while it is on");
-                shared.note(Kind::Forbidden, text);
-                value &= !reset;
-            }
-        }
-        self.acr = value & 0x1f07;
-        self.accelerator.set(value);
-    }
-
-    fn write_optcr(&mut self, value: u32, shared: &mut Shared) {
-        self.wait(shared);
-        if self.optcr & OPTLOCK != 0 {
-            return shared.note(Kind::Forbidden, "FLASH_OPTCR written while locked");
-        }
-        if self.options.protection() == Protection::Forever {
-            let text = "FLASH_OPTCR written at read protection level 2";
-            return shared.note(Kind::Forbidden, text);
-        }
-        self.optcr = value & !OPTSTRT;
-        if value & OPTSTRT != 0 {
-            let mut takes = self.parallelism().sector(0);
-            if self.options.unprotects(value) {
-                takes = takes + self.parallelism().all();
-            }
-            self.begin(Operation::Options(value), takes, shared);
-        }
-    }
 }
 
 impl Peripheral for Flash {
@@ -587,7 +511,7 @@ impl Peripheral for Flash {
         }
     }
 
-    fn event(&mut self, _source: Source, shared: &mut Shared) {
+    fn event(&mut self, shared: &mut Shared) {
         self.finish(shared);
     }
 
@@ -599,258 +523,4 @@ impl Peripheral for Flash {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::chip::testing::shared;
-
-    fn of(address: u32, width: Width) -> Transfer {
-        Transfer {
-            address,
-            width,
-            pc: 0,
-        }
-    }
-
-    fn word(address: u32) -> Transfer {
-        of(address, Width::Word)
-    }
-
-    fn unlocked(shared: &mut Shared) -> Flash {
-        let mut flash = Flash::default();
-        for key in [0x4567_0123, 0xcdef_89ab] {
-            flash.write(0x04, key, !0, shared);
-        }
-        flash
-    }
-
-    #[test]
-    fn a_word_is_programmed_by_clearing_bits_and_the_core_waits_for_it() {
-        let mut shared = shared();
-        let mut flash = unlocked(&mut shared);
-        flash.write(0x10, PG | 2 << 8, !0, &mut shared);
-        for (value, stands) in [(0xffff_00ff, 0xffff_00ff), (0x1234_5678, 0x1234_0078)] {
-            let mut cycle = shared.now;
-            flash.program(word(BASE + 0x8000), value, &mut cycle, &mut shared);
-            assert_ne!(flash.read(0x0c, &mut shared) & BSY, 0);
-            let mut cycle = shared.now;
-            let read = flash.load(word(BASE + 0x8000), &mut cycle, &mut shared);
-            assert_eq!(read, Some(stands));
-            // 16 µs at 16 MHz.
-            assert_eq!(cycle - shared.now, 256);
-            shared.now = cycle;
-        }
-        assert!(shared.findings.list().is_empty());
-    }
-
-    #[test]
-    fn sectors_are_erased_in_their_time_and_their_places_are_the_manuals() {
-        // Typical times of the data sheet at 32 and 8 bits.
-        for (size, millis) in [(2, 550), (0, 1200)] {
-            let mut shared = shared();
-            let mut flash = unlocked(&mut shared);
-            flash.bytes_mut().fill(0);
-            flash.write(0x10, SER | 4 << 3 | size << 8 | STRT, !0, &mut shared);
-            let due = shared.due(Source::Flash);
-            assert_eq!(due, millis * 16_000);
-            assert_ne!(flash.read(0x0c, &mut shared) & BSY, 0);
-            shared.now = due;
-            flash.event(Source::Flash, &mut shared);
-            assert_eq!(flash.read(0x0c, &mut shared) & BSY, 0);
-            assert_eq!(flash.peek(BASE + 0xffff, Width::Byte), Some(0));
-            assert_eq!(flash.peek(BASE + 0x1_0000, Width::Word), Some(!0));
-            assert_eq!(flash.peek(BASE + 0x1_ffff, Width::Byte), Some(0xff));
-            assert_eq!(flash.peek(BASE + 0x2_0000, Width::Byte), Some(0));
-        }
-    }
-
-    #[test]
-    fn what_the_manual_forbids_is_found_and_changes_nothing() {
-        let mut shared = shared();
-        let mut flash = Flash::default();
-        let mut cycle = 0;
-        flash.program(word(BASE), 0, &mut cycle, &mut shared);
-        flash.write(0x10, PG, !0, &mut shared);
-        flash.write(0x04, 1, !0, &mut shared);
-        assert!(shared.bus_error);
-        for key in [0x4567_0123, 0xcdef_89ab] {
-            flash.write(0x04, key, !0, &mut shared);
-        }
-        assert_eq!(flash.read(0x10, &mut shared), LOCK);
-        assert_eq!(flash.peek(BASE, Width::Word), Some(!0));
-        assert!(shared.findings.list().len() >= 3);
-    }
-
-    /// Errors that a store of this width leaves.
-    fn errors_of(flash: &mut Flash, width: Width, shared: &mut Shared) -> u32 {
-        flash.write(0x0c, CLEARED_BY_ONE, !0, shared);
-        let mut cycle = shared.now;
-        flash.program(of(BASE + 0x2_0000, width), 0, &mut cycle, shared);
-        flash.read(0x0c, shared) & !BSY
-    }
-
-    #[test]
-    fn each_error_has_its_flag() {
-        let mut shared = shared();
-        let mut flash = unlocked(&mut shared);
-        assert_eq!(errors_of(&mut flash, Width::Word, &mut shared), PGSERR);
-        flash.write(0x10, PG | 2 << 8 | ERRIE, !0, &mut shared);
-        let found = errors_of(&mut flash, Width::Byte, &mut shared);
-        assert_eq!(found, PGPERR | OPERR);
-        assert_eq!(shared.lines, 1 << Interrupt::Flash as u32);
-        flash.options.write(flash.options.register() & !(1 << 21));
-        let found = errors_of(&mut flash, Width::Word, &mut shared);
-        assert_eq!(found, WRPERR | OPERR);
-        flash.write(0x10, SER | 5 << 3 | STRT, !0, &mut shared);
-        assert_eq!(flash.read(0x0c, &mut shared) & (BSY | WRPERR), WRPERR);
-        flash.write(0x10, MER | STRT, !0, &mut shared);
-        assert_eq!(flash.read(0x0c, &mut shared) & BSY, 0);
-        assert_eq!(flash.peek(BASE + 0x2_0000, Width::Word), Some(!0));
-    }
-
-    #[test]
-    fn the_end_of_an_operation_interrupts_and_a_write_to_cr_waits_for_it() {
-        let mut shared = shared();
-        let mut flash = unlocked(&mut shared);
-        flash.write(0x10, PG | 2 << 8 | EOPIE, !0, &mut shared);
-        let mut cycle = shared.now;
-        flash.program(word(BASE), 0, &mut cycle, &mut shared);
-        assert_eq!(shared.lines, 0);
-        flash.write(0x10, EOPIE, !0, &mut shared);
-        // 16 µs at 16 MHz.
-        assert_eq!(shared.held_until, 256);
-        assert_eq!(flash.read(0x0c, &mut shared), EOP);
-        assert_eq!(shared.lines, 1 << Interrupt::Flash as u32);
-        flash.write(0x0c, EOP, !0, &mut shared);
-        assert_eq!(shared.lines, 0);
-    }
-
-    #[test]
-    fn the_supply_and_the_clock_must_suffice() {
-        for (volts, size, hz, findings) in [
-            (2.75, 2, 16_000_000, 0),
-            (2.65, 2, 16_000_000, 1),
-            (2.65, 1, 16_000_000, 0),
-            (3.3, 2, 500_000, 1),
-        ] {
-            let mut shared = shared();
-            let mut flash = unlocked(&mut shared);
-            shared.volts = volts;
-            shared.clocks.hclk_hz = hz;
-            flash.write(0x10, SER | size << 8 | STRT, !0, &mut shared);
-            assert_eq!(shared.findings.list().len(), findings, "{volts} {size}");
-        }
-    }
-
-    #[test]
-    fn a_power_cut_leaves_some_bits_of_a_word() {
-        let mut shared = shared();
-        let mut flash = unlocked(&mut shared);
-        let mut torn = 0;
-        for k in 0..32 {
-            flash.cr = PG | 2 << 8;
-            let mut cycle = 0;
-            flash.program(word(BASE + 4 * k), 0xff, &mut cycle, &mut shared);
-            flash.reset(true, &mut shared);
-            let word = flash.peek(BASE + 4 * k, Width::Word).unwrap_or(0);
-            assert_eq!(word & 0xff, 0xff, "bits that were not to be cleared");
-            torn += u32::from(word != 0xff && word != !0);
-        }
-        assert!(torn > 25, "{torn}");
-    }
-
-    #[test]
-    fn a_power_cut_leaves_a_sector_that_is_neither_old_nor_erased() {
-        let mut shared = shared();
-        let mut flash = unlocked(&mut shared);
-        flash.bytes_mut().fill(0x5a);
-        flash.write(0x10, SER | 1 << 3 | 2 << 8 | STRT, !0, &mut shared);
-        flash.reset(true, &mut shared);
-        let count = |byte: u8| {
-            flash.bytes[0x4000..0x8000]
-                .iter()
-                .filter(|b| **b == byte)
-                .count()
-        };
-        assert!((3000..6000).contains(&count(0x5a)), "{}", count(0x5a));
-        assert!((3000..6000).contains(&count(0xff)), "{}", count(0xff));
-        assert!(
-            flash.bytes[..0x4000]
-                .iter()
-                .chain(&flash.bytes[0x8000..])
-                .all(|b| *b == 0x5a)
-        );
-    }
-
-    #[test]
-    fn option_bytes_are_written_and_a_cut_leaves_them_erased() {
-        for cut in [false, true] {
-            let mut shared = shared();
-            let mut flash = Flash::default();
-            flash.write(0x14, 0, !0, &mut shared);
-            assert_eq!(shared.findings.list().len(), 1, "locked");
-            for key in [0x0819_2a3b, 0x4c5d_6e7f] {
-                flash.write(0x08, key, !0, &mut shared);
-            }
-            let wanted = flash.read(0x14, &mut shared) & !0xc;
-            flash.write(0x14, wanted, !0, &mut shared);
-            flash.write(0x14, wanted | OPTSTRT, !0, &mut shared);
-            assert_ne!(flash.read(0x0c, &mut shared) & BSY, 0);
-            if !cut {
-                shared.now = shared.due(Source::Flash);
-                flash.event(Source::Flash, &mut shared);
-                flash.reset(false, &mut shared);
-                assert_eq!(flash.brown_out(), 3, "not before the next power-on");
-            }
-            flash.reset(true, &mut shared);
-            let (level, rdp) = if cut { (3, 0xff) } else { (0, 0xaa) };
-            assert_eq!(flash.brown_out(), level);
-            assert_eq!(flash.read(0x14, &mut shared) >> 8 & 0xff, rdp);
-        }
-    }
-
-    #[test]
-    fn the_area_that_is_programmed_once_is_locked_by_blocks() {
-        let mut shared = shared();
-        let mut flash = unlocked(&mut shared);
-        flash.write(0x10, PG, !0, &mut shared);
-        // The lock byte of block 1.
-        for (address, value) in [
-            (0x1fff_7820, 7),
-            (0x1fff_7a01, 0),
-            (0x1fff_7820, 0),
-            (0x1fff_7840, 3),
-        ] {
-            let mut cycle = shared.now;
-            flash.program(of(address, Width::Byte), value, &mut cycle, &mut shared);
-            shared.now = shared.due(Source::Flash).min(shared.now + 1000);
-            flash.event(Source::Flash, &mut shared);
-        }
-        let byte = |address: u32| flash.peek(address, Width::Byte);
-        assert_eq!([byte(0x1fff_7820), byte(0x1fff_7840)], [Some(7), Some(3)]);
-        assert_eq!(flash.sr & WRPERR, WRPERR);
-    }
-
-    #[test]
-    fn the_data_cache_gives_old_bytes_after_an_erase_until_it_is_reset() {
-        let mut shared = shared();
-        let mut flash = unlocked(&mut shared);
-        flash.bytes_mut()[0x8000] = 0x12;
-        flash.write(0x00, DCEN | 5, !0, &mut shared);
-        let load = |flash: &mut Flash, shared: &mut Shared| {
-            let mut cycle = shared.now;
-            flash.load(of(BASE + 0x8000, Width::Byte), &mut cycle, shared)
-        };
-        assert_eq!(load(&mut flash, &mut shared), Some(0x12));
-        flash.write(0x10, SER | 2 << 3 | 2 << 8 | STRT, !0, &mut shared);
-        assert_eq!(load(&mut flash, &mut shared), Some(0x12));
-        assert_eq!(flash.peek(BASE + 0x8000, Width::Byte), Some(0xff));
-        // A reset of the cache while it is on is not one.
-        flash.write(0x00, DCEN | DCRST | 5, !0, &mut shared);
-        assert_eq!(load(&mut flash, &mut shared), Some(0x12));
-        assert_eq!(shared.findings.list().len(), 1);
-        for acr in [5, DCRST | 5, DCEN | 5] {
-            flash.write(0x00, acr, !0, &mut shared);
-        }
-        assert_eq!(load(&mut flash, &mut shared), Some(0xff));
-    }
-}
+mod tests;

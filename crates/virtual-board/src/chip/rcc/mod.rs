@@ -12,15 +12,15 @@
 //! nothing. A peripheral can be used in the cycle after its clock was switched on, where the chip needs
 //! two (errata sheet, 2.1.13).
 
-mod cause;
 mod tree;
 
-pub use cause::Cause;
-
 use super::Peripheral;
+use super::cause::Cause;
+use super::effect::{Clocks, Effect};
 use super::interrupt::Interrupt;
+use super::map::Unit;
 use super::register::{Register, merge, narrow};
-use super::shared::{Clocks, Effect, Shared, Source};
+use super::shared::Shared;
 use crate::finding::Kind;
 use crate::time::{NEVER, Time, Timebase};
 use tree::Pll;
@@ -292,7 +292,7 @@ impl Rcc {
         let dues = self.oscillators.iter().filter_map(|one| one.due);
         let next = dues.chain(self.release).min();
         let cycle = next.map_or(NEVER, |at| shared.base.cycle_of(at).max(shared.now + 1));
-        shared.schedule(Source::Rcc, cycle);
+        shared.schedule(Unit::Rcc, cycle);
     }
 
     /// The core goes on with another clock.
@@ -499,7 +499,7 @@ impl Peripheral for Rcc {
         }
     }
 
-    fn event(&mut self, _source: Source, shared: &mut Shared) {
+    fn event(&mut self, shared: &mut Shared) {
         let now = shared.time();
         let is_due = |due: Option<Time>| due.is_some_and(|due| due <= now);
         if is_due(self.release) {
@@ -521,202 +521,4 @@ impl Peripheral for Rcc {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::chip::testing::shared;
-
-    /// Runs what is due until nothing is, or `until`.
-    fn pass(rcc: &mut Rcc, shared: &mut Shared, micros: u64) {
-        let end = shared.after(Time::from_micros(micros));
-        while shared.arrive(Source::Rcc, end) {
-            rcc.event(Source::Rcc, shared);
-        }
-    }
-
-    fn start(rcc: &mut Rcc, shared: &mut Shared) {
-        rcc.write(0x00, 0x0001_0081, !0, shared);
-        assert_eq!(rcc.read(0x00, shared) & 1 << 17, 0, "not at once");
-        pass(rcc, shared, 2_100);
-        assert_ne!(rcc.read(0x00, shared) & 1 << 17, 0);
-        // 8 MHz / 4 · 168 / 2.
-        rcc.write(0x04, 0x2040_2a04 | 7 << 24, !0, shared);
-        rcc.write(0x00, 0x0101_0081, !0, shared);
-        rcc.write(0x08, 0x0000_9402, !0, shared);
-        pass(rcc, shared, 200);
-    }
-
-    #[test]
-    fn the_manuals_way_to_168_mhz() {
-        let (mut rcc, mut shared) = (Rcc::default(), shared());
-        start(&mut rcc, &mut shared);
-        assert_eq!(rcc.read(0x08, &mut shared) >> 2 & 3, 2);
-        assert_eq!(rcc.clocks.hclk_hz, 168_000_000);
-        assert!(shared.effects.contains(&Effect::Frequency(168_000_000)));
-        let Clocks {
-            apb1,
-            apb2,
-            timer1,
-            timer2,
-            ..
-        } = shared.clocks;
-        assert_eq!([apb1, apb2, timer1, timer2], [4, 2, 2, 1]);
-        assert_eq!(shared.kinds(), []);
-    }
-
-    #[test]
-    fn clocks_beyond_their_limits_are_found() {
-        let (mut rcc, mut shared) = (Rcc::default(), shared());
-        start(&mut rcc, &mut shared);
-        // APB1 at 84 MHz.
-        rcc.write(0x08, 0x0000_9002, !0, &mut shared);
-        let found = shared.findings.list();
-        assert!(
-            found.len() == 1 && found[0].text.contains("PCLK1 84000000"),
-            "{found:?}"
-        );
-    }
-
-    #[test]
-    fn clock_security_takes_over_when_the_crystal_fails() {
-        let (mut rcc, mut shared) = (Rcc::default(), shared());
-        start(&mut rcc, &mut shared);
-        rcc.write(0x00, 0x0109_0081, !0, &mut shared);
-        shared.effects.clear();
-        rcc.crystal(false, &mut shared);
-        assert_eq!(rcc.clocks.hclk_hz, INTERNAL_HZ);
-        assert!(shared.effects.contains(&Effect::ClockFailure));
-        assert_ne!(rcc.read(0x0c, &mut shared) & 1 << 7, 0);
-        rcc.write(0x0c, 1 << 23, !0, &mut shared);
-        assert_eq!(rcc.read(0x0c, &mut shared) & 1 << 7, 0);
-    }
-
-    #[test]
-    fn without_clock_security_the_core_stands_still_until_the_crystal_swings_again() {
-        let (mut rcc, mut shared) = (Rcc::default(), shared());
-        start(&mut rcc, &mut shared);
-        shared.effects.clear();
-        rcc.crystal(false, &mut shared);
-        assert!(rcc.is_held());
-        assert!(shared.effects.iter().eq(&[Effect::Frequency(STALLED_HZ)]));
-        pass(&mut rcc, &mut shared, 50_000);
-        rcc.crystal(true, &mut shared);
-        pass(&mut rcc, &mut shared, 1_900);
-        assert!(rcc.is_held(), "2 ms to start");
-        // Then 0.1 ms for the PLL.
-        pass(&mut rcc, &mut shared, 300);
-        assert!(!rcc.is_held());
-        assert_eq!(shared.effects.back(), Some(&Effect::Frequency(168_000_000)));
-    }
-
-    #[test]
-    fn a_dead_crystal_is_never_ready_and_an_external_clock_needs_bypass() {
-        for (bypass, external, dead, ready) in [
-            (false, false, false, true),
-            (false, false, true, false),
-            (true, false, false, false),
-            (true, true, false, true),
-        ] {
-            let (mut rcc, mut shared) = (Rcc::default(), shared());
-            shared.part.external_clock = external;
-            rcc.crystal(!dead, &mut shared);
-            let cr = 0x81 | if bypass { HSEBYP } else { 0 };
-            rcc.write(0x00, cr, !0, &mut shared);
-            rcc.write(0x00, cr | HSEON, !0, &mut shared);
-            pass(&mut rcc, &mut shared, 10_000);
-            assert_eq!(rcc.read(0x00, &mut shared) >> 17 & 1 != 0, ready);
-        }
-    }
-
-    #[test]
-    fn what_the_core_runs_on_cannot_be_switched_off() {
-        let (mut rcc, mut shared) = (Rcc::default(), shared());
-        start(&mut rcc, &mut shared);
-        for off in [HSEON, PLLON] {
-            let cr = rcc.read(0x00, &mut shared);
-            rcc.write(0x00, cr & !off, !0, &mut shared);
-            assert_eq!(rcc.read(0x00, &mut shared), cr);
-        }
-        let cr = rcc.read(0x00, &mut shared);
-        rcc.write(0x00, cr & !HSION, !0, &mut shared);
-        assert_eq!(rcc.read(0x00, &mut shared) & 3, 0, "neither on nor ready");
-        let found = shared.findings.list();
-        assert!(found.len() == 1 && found[0].count == 2, "{found:?}");
-    }
-
-    #[test]
-    fn ready_flags_come_where_their_interrupt_is_enabled() {
-        let (mut rcc, mut shared) = (Rcc::default(), shared());
-        rcc.write(0x0c, 1 << 12, !0, &mut shared);
-        start(&mut rcc, &mut shared);
-        assert_eq!(rcc.read(0x0c, &mut shared), 1 << 12 | 1 << 4);
-        assert_eq!(shared.lines, 1 << Interrupt::Rcc as u32);
-        rcc.write(0x0c, 1 << 12 | 1 << 20, !0, &mut shared);
-        assert_eq!(shared.lines, 0);
-    }
-
-    #[test]
-    fn a_prescaler_of_a_bus_alone_is_told_too() {
-        let (mut rcc, mut shared) = (Rcc::default(), shared());
-        rcc.write(0x08, 4 << 10, !0, &mut shared);
-        assert_eq!((shared.clocks.apb1, shared.clocks.timer1), (2, 1));
-        assert!(shared.effects.iter().eq(&[Effect::Frequency(INTERNAL_HZ)]));
-    }
-
-    #[test]
-    fn a_reset_bit_resets_at_its_edge() {
-        let (mut rcc, mut shared) = (Rcc::default(), shared());
-        rcc.write(0x20, 1 << 25, !0, &mut shared);
-        rcc.write(0x20, 1 << 25 | 1, !0, &mut shared);
-        let told = [Effect::ResetUnit(0x40, 25), Effect::ResetUnit(0x40, 0)];
-        assert!(shared.effects.iter().eq(&told));
-        assert!(rcc.is_in_reset(0x40, 25) && !rcc.is_in_reset(0x40, 1));
-    }
-
-    #[test]
-    fn causes_add_up_until_they_are_cleared_or_the_power_fails() {
-        let mut shared = shared();
-        let mut rcc = Rcc::default();
-        rcc.begin(Kept::default(), Cause::PowerOn, &mut shared);
-        let mut after = |rcc: &mut Rcc, cause: Cause| {
-            let kept = rcc.kept(cause);
-            *rcc = Rcc::default();
-            rcc.begin(kept, cause, &mut shared);
-            rcc.read(CSR, &mut shared) >> 24
-        };
-        // Flags of RM0090, 7.3.21, over bit 24.
-        assert_eq!(after(&mut rcc, Cause::Watchdog), 0x2e);
-        assert_eq!(after(&mut rcc, Cause::Software), 0x3e);
-        assert_eq!(after(&mut rcc, Cause::BrownOut), 0x06);
-        assert_eq!(after(&mut rcc, Cause::Pin), 0x06);
-        rcc.write_csr(1 << 24, &mut super::super::testing::shared());
-        assert_eq!(after(&mut rcc, Cause::Pin), 0x04);
-        assert_eq!(after(&mut rcc, Cause::PowerOn), 0x0e);
-    }
-
-    #[test]
-    fn the_core_is_let_go_some_time_after_a_reset() {
-        for (cause, micros) in [(Cause::PowerOn, 1_500), (Cause::Software, 20)] {
-            let (mut rcc, mut shared) = (Rcc::default(), shared());
-            rcc.begin(Kept::default(), cause, &mut shared);
-            pass(&mut rcc, &mut shared, micros - 1);
-            assert!(rcc.is_held());
-            pass(&mut rcc, &mut shared, 1);
-            assert!(!rcc.is_held());
-        }
-    }
-
-    #[test]
-    fn the_backup_domain_outlives_resets_and_its_clock_is_chosen_once() {
-        let (mut rcc, mut shared) = (Rcc::default(), shared());
-        rcc.write(BDCR, 0x8200, !0, &mut shared);
-        let kept = rcc.kept(Cause::Watchdog);
-        let mut rcc = Rcc::default();
-        rcc.begin(kept, Cause::Watchdog, &mut shared);
-        rcc.write(BDCR, 0x8100, !0, &mut shared);
-        assert_eq!(rcc.read(BDCR, &mut shared), 0x8200);
-        rcc.write(BDCR, BDRST, !0, &mut shared);
-        rcc.write(BDCR, 0, !0, &mut shared);
-        assert_eq!(rcc.read(BDCR, &mut shared), 0);
-        assert_eq!(rcc.kept(Cause::PowerOn).backup, 0);
-    }
-}
+mod tests;

@@ -1,6 +1,6 @@
 //! From the settings of PLL and prescalers to frequencies, and their limits.
 
-use crate::chip::shared::Clocks;
+use crate::chip::effect::Clocks;
 
 /// The PLL by its register PLLCFGR and the frequency of its source.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

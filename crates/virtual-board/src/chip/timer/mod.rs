@@ -28,9 +28,10 @@ mod tests;
 mod write;
 
 use super::Peripheral;
+use super::effect::Effect;
 use super::pin::Drive;
 use super::register::{Register, merge};
-use super::shared::{Effect, Shared, Source};
+use super::shared::Shared;
 use crate::finding;
 use crate::time::{Cycles, NEVER};
 use counter::{Counter, Turn};
@@ -510,7 +511,7 @@ impl Timer {
             self.timed = first.is_some();
             next = next.min(first.unwrap_or(NEVER));
         }
-        shared.schedule(self.kind.source(), next);
+        shared.schedule(self.kind.unit(), next);
     }
 
     /// Filters and dead times that have run by now.
@@ -575,7 +576,7 @@ impl Peripheral for Timer {
         self.adjust(shared);
     }
 
-    fn event(&mut self, _source: Source, shared: &mut Shared) {
+    fn event(&mut self, shared: &mut Shared) {
         let now = shared.now;
         self.sync(shared);
         if self.timed {

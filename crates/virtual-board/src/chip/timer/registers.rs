@@ -1,8 +1,9 @@
 //! Registers of the timers and their bits (RM0090, chapters 17 and 18).
 
+use super::super::effect::{Clocks, Trigger};
 use super::super::interrupt::Interrupt;
+use super::super::map::Unit;
 use super::super::register::{Register, narrow};
-use super::super::shared::{Clocks, Source, Trigger};
 
 /// Which timer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -15,18 +16,14 @@ pub(crate) enum Kind {
 }
 
 impl Kind {
+    pub const ALL: [Self; 5] = [Self::Tim1, Self::Tim2, Self::Tim3, Self::Tim4, Self::Tim5];
+
     pub fn name(self) -> &'static str {
         ["TIM1", "TIM2", "TIM3", "TIM4", "TIM5"][self as usize]
     }
 
-    pub fn source(self) -> Source {
-        [
-            Source::Tim1,
-            Source::Tim2,
-            Source::Tim3,
-            Source::Tim4,
-            Source::Tim5,
-        ][self as usize]
+    pub fn unit(self) -> Unit {
+        Unit::SCHEDULED[Unit::Tim1 as usize + self as usize]
     }
 
     /// The largest value of the counter.

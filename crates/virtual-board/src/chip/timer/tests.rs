@@ -1,9 +1,10 @@
 //! Times are counted by hand from RM0090: a counter starts at the second edge of its clock after CEN.
 
 use super::*;
+use crate::chip::effect::Trigger;
 use crate::chip::interrupt::Interrupt;
+use crate::chip::map::Unit;
 use crate::chip::pin::Signal;
-use crate::chip::shared::Trigger;
 use crate::chip::testing::shared;
 use crate::finding::Kind as Finding;
 use Drive::{High, Low, Open};
@@ -36,9 +37,9 @@ impl Bench {
 
     /// Runs up to and including `end`.
     fn pass(&mut self, end: Cycles) -> &mut Self {
-        let source = self.timer.kind.source();
+        let source = self.timer.kind.unit();
         while self.shared.arrive(source, end) {
-            self.timer.event(source, &mut self.shared);
+            self.timer.event(&mut self.shared);
             self.collect();
         }
         self
@@ -129,7 +130,7 @@ fn nothing_is_on_the_schedule_that_nobody_waits_for_and_nothing_is_lost() {
         (SR, 0),
         (CR1, CEN),
     ]);
-    assert_eq!(bench.shared.due(Source::Tim3), NEVER);
+    assert_eq!(bench.shared.due(Unit::Tim3), NEVER);
     // Start at 2. The 1000th period has ended and 7 steps have passed, the channel was met 1001 times.
     bench.pass(2 + 6 * (10 * 1000 + 7) + 1);
     assert_eq!(bench.read(CNT), 7);

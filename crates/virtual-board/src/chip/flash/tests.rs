@@ -1,0 +1,254 @@
+use super::options::OPTSTRT;
+use super::*;
+use crate::chip::testing::shared;
+
+fn of(address: u32, width: Width) -> Transfer {
+    Transfer {
+        address,
+        width,
+        pc: 0,
+    }
+}
+
+fn word(address: u32) -> Transfer {
+    of(address, Width::Word)
+}
+
+fn unlocked(shared: &mut Shared) -> Flash {
+    let mut flash = Flash::default();
+    for key in [0x4567_0123, 0xcdef_89ab] {
+        flash.write(0x04, key, !0, shared);
+    }
+    flash
+}
+
+#[test]
+fn a_word_is_programmed_by_clearing_bits_and_the_core_waits_for_it() {
+    let mut shared = shared();
+    let mut flash = unlocked(&mut shared);
+    flash.write(0x10, PG | 2 << 8, !0, &mut shared);
+    for (value, stands) in [(0xffff_00ff, 0xffff_00ff), (0x1234_5678, 0x1234_0078)] {
+        let mut cycle = shared.now;
+        flash.program(word(BASE + 0x8000), value, &mut cycle, &mut shared);
+        assert_ne!(flash.read(0x0c, &mut shared) & BSY, 0);
+        let mut cycle = shared.now;
+        let read = flash.load(word(BASE + 0x8000), &mut cycle, &mut shared);
+        assert_eq!(read, Some(stands));
+        // 16 µs at 16 MHz.
+        assert_eq!(cycle - shared.now, 256);
+        shared.now = cycle;
+    }
+    assert!(shared.findings.list().is_empty());
+}
+
+#[test]
+fn sectors_are_erased_in_their_time_and_their_places_are_the_manuals() {
+    // Typical times of the data sheet at 32 and 8 bits.
+    for (size, millis) in [(2, 550), (0, 1200)] {
+        let mut shared = shared();
+        let mut flash = unlocked(&mut shared);
+        flash.bytes_mut().fill(0);
+        flash.write(0x10, SER | 4 << 3 | size << 8 | STRT, !0, &mut shared);
+        let due = shared.due(Unit::Flash);
+        assert_eq!(due, millis * 16_000);
+        assert_ne!(flash.read(0x0c, &mut shared) & BSY, 0);
+        shared.now = due;
+        flash.event(&mut shared);
+        assert_eq!(flash.read(0x0c, &mut shared) & BSY, 0);
+        assert_eq!(flash.peek(BASE + 0xffff, Width::Byte), Some(0));
+        assert_eq!(flash.peek(BASE + 0x1_0000, Width::Word), Some(!0));
+        assert_eq!(flash.peek(BASE + 0x1_ffff, Width::Byte), Some(0xff));
+        assert_eq!(flash.peek(BASE + 0x2_0000, Width::Byte), Some(0));
+    }
+}
+
+#[test]
+fn what_the_manual_forbids_is_found_and_changes_nothing() {
+    let mut shared = shared();
+    let mut flash = Flash::default();
+    let mut cycle = 0;
+    flash.program(word(BASE), 0, &mut cycle, &mut shared);
+    flash.write(0x10, PG, !0, &mut shared);
+    flash.write(0x04, 1, !0, &mut shared);
+    assert!(shared.bus_error);
+    for key in [0x4567_0123, 0xcdef_89ab] {
+        flash.write(0x04, key, !0, &mut shared);
+    }
+    assert_eq!(flash.read(0x10, &mut shared), LOCK);
+    assert_eq!(flash.peek(BASE, Width::Word), Some(!0));
+    assert!(shared.findings.list().len() >= 3);
+}
+
+/// Errors that a store of this width leaves.
+fn errors_of(flash: &mut Flash, width: Width, shared: &mut Shared) -> u32 {
+    flash.write(0x0c, CLEARED_BY_ONE, !0, shared);
+    let mut cycle = shared.now;
+    flash.program(of(BASE + 0x2_0000, width), 0, &mut cycle, shared);
+    flash.read(0x0c, shared) & !BSY
+}
+
+#[test]
+fn each_error_has_its_flag() {
+    let mut shared = shared();
+    let mut flash = unlocked(&mut shared);
+    assert_eq!(errors_of(&mut flash, Width::Word, &mut shared), PGSERR);
+    flash.write(0x10, PG | 2 << 8 | ERRIE, !0, &mut shared);
+    let found = errors_of(&mut flash, Width::Byte, &mut shared);
+    assert_eq!(found, PGPERR | OPERR);
+    assert_eq!(shared.lines, 1 << Interrupt::Flash as u32);
+    flash.options.write(flash.options.register() & !(1 << 21));
+    let found = errors_of(&mut flash, Width::Word, &mut shared);
+    assert_eq!(found, WRPERR | OPERR);
+    flash.write(0x10, SER | 5 << 3 | STRT, !0, &mut shared);
+    assert_eq!(flash.read(0x0c, &mut shared) & (BSY | WRPERR), WRPERR);
+    flash.write(0x10, MER | STRT, !0, &mut shared);
+    assert_eq!(flash.read(0x0c, &mut shared) & BSY, 0);
+    assert_eq!(flash.peek(BASE + 0x2_0000, Width::Word), Some(!0));
+}
+
+#[test]
+fn the_end_of_an_operation_interrupts_and_a_write_to_cr_waits_for_it() {
+    let mut shared = shared();
+    let mut flash = unlocked(&mut shared);
+    flash.write(0x10, PG | 2 << 8 | EOPIE, !0, &mut shared);
+    let mut cycle = shared.now;
+    flash.program(word(BASE), 0, &mut cycle, &mut shared);
+    assert_eq!(shared.lines, 0);
+    flash.write(0x10, EOPIE, !0, &mut shared);
+    // 16 µs at 16 MHz.
+    assert_eq!(shared.held_until, 256);
+    assert_eq!(flash.read(0x0c, &mut shared), EOP);
+    assert_eq!(shared.lines, 1 << Interrupt::Flash as u32);
+    flash.write(0x0c, EOP, !0, &mut shared);
+    assert_eq!(shared.lines, 0);
+}
+
+#[test]
+fn the_supply_and_the_clock_must_suffice() {
+    for (volts, size, hz, findings) in [
+        (2.75, 2, 16_000_000, 0),
+        (2.65, 2, 16_000_000, 1),
+        (2.65, 1, 16_000_000, 0),
+        (3.3, 2, 500_000, 1),
+    ] {
+        let mut shared = shared();
+        let mut flash = unlocked(&mut shared);
+        shared.volts = volts;
+        shared.clocks.hclk_hz = hz;
+        flash.write(0x10, SER | size << 8 | STRT, !0, &mut shared);
+        assert_eq!(shared.findings.list().len(), findings, "{volts} {size}");
+    }
+}
+
+#[test]
+fn a_power_cut_leaves_some_bits_of_a_word() {
+    let mut shared = shared();
+    let mut flash = unlocked(&mut shared);
+    let mut torn = 0;
+    for k in 0..32 {
+        flash.cr = PG | 2 << 8;
+        let mut cycle = 0;
+        flash.program(word(BASE + 4 * k), 0xff, &mut cycle, &mut shared);
+        flash.reset(true, &mut shared);
+        let word = flash.peek(BASE + 4 * k, Width::Word).unwrap_or(0);
+        assert_eq!(word & 0xff, 0xff, "bits that were not to be cleared");
+        torn += u32::from(word != 0xff && word != !0);
+    }
+    assert!(torn > 25, "{torn}");
+}
+
+#[test]
+fn a_power_cut_leaves_a_sector_that_is_neither_old_nor_erased() {
+    let mut shared = shared();
+    let mut flash = unlocked(&mut shared);
+    flash.bytes_mut().fill(0x5a);
+    flash.write(0x10, SER | 1 << 3 | 2 << 8 | STRT, !0, &mut shared);
+    flash.reset(true, &mut shared);
+    let count = |byte: u8| {
+        flash.bytes[0x4000..0x8000]
+            .iter()
+            .filter(|b| **b == byte)
+            .count()
+    };
+    assert!((3000..6000).contains(&count(0x5a)), "{}", count(0x5a));
+    assert!((3000..6000).contains(&count(0xff)), "{}", count(0xff));
+    assert!(
+        flash.bytes[..0x4000]
+            .iter()
+            .chain(&flash.bytes[0x8000..])
+            .all(|b| *b == 0x5a)
+    );
+}
+
+#[test]
+fn option_bytes_are_written_and_a_cut_leaves_them_erased() {
+    for cut in [false, true] {
+        let mut shared = shared();
+        let mut flash = Flash::default();
+        flash.write(0x14, 0, !0, &mut shared);
+        assert_eq!(shared.findings.list().len(), 1, "locked");
+        for key in [0x0819_2a3b, 0x4c5d_6e7f] {
+            flash.write(0x08, key, !0, &mut shared);
+        }
+        let wanted = flash.read(0x14, &mut shared) & !0xc;
+        flash.write(0x14, wanted, !0, &mut shared);
+        flash.write(0x14, wanted | OPTSTRT, !0, &mut shared);
+        assert_ne!(flash.read(0x0c, &mut shared) & BSY, 0);
+        if !cut {
+            shared.now = shared.due(Unit::Flash);
+            flash.event(&mut shared);
+            flash.reset(false, &mut shared);
+            assert_eq!(flash.brown_out(), 3, "not before the next power-on");
+        }
+        flash.reset(true, &mut shared);
+        let (level, rdp) = if cut { (3, 0xff) } else { (0, 0xaa) };
+        assert_eq!(flash.brown_out(), level);
+        assert_eq!(flash.read(0x14, &mut shared) >> 8 & 0xff, rdp);
+    }
+}
+
+#[test]
+fn the_area_that_is_programmed_once_is_locked_by_blocks() {
+    let mut shared = shared();
+    let mut flash = unlocked(&mut shared);
+    flash.write(0x10, PG, !0, &mut shared);
+    // The lock byte of block 1.
+    for (address, value) in [
+        (0x1fff_7820, 7),
+        (0x1fff_7a01, 0),
+        (0x1fff_7820, 0),
+        (0x1fff_7840, 3),
+    ] {
+        let mut cycle = shared.now;
+        flash.program(of(address, Width::Byte), value, &mut cycle, &mut shared);
+        shared.now = shared.due(Unit::Flash).min(shared.now + 1000);
+        flash.event(&mut shared);
+    }
+    let byte = |address: u32| flash.peek(address, Width::Byte);
+    assert_eq!([byte(0x1fff_7820), byte(0x1fff_7840)], [Some(7), Some(3)]);
+    assert_eq!(flash.sr & WRPERR, WRPERR);
+}
+
+#[test]
+fn the_data_cache_gives_old_bytes_after_an_erase_until_it_is_reset() {
+    let mut shared = shared();
+    let mut flash = unlocked(&mut shared);
+    flash.bytes_mut()[0x8000] = 0x12;
+    flash.write(0x00, DCEN | 5, !0, &mut shared);
+    let load = |flash: &mut Flash, shared: &mut Shared| {
+        let mut cycle = shared.now;
+        flash.load(of(BASE + 0x8000, Width::Byte), &mut cycle, shared)
+    };
+    assert_eq!(load(&mut flash, &mut shared), Some(0x12));
+    flash.write(0x10, SER | 2 << 3 | 2 << 8 | STRT, !0, &mut shared);
+    assert_eq!(load(&mut flash, &mut shared), Some(0x12));
+    assert_eq!(flash.peek(BASE + 0x8000, Width::Byte), Some(0xff));
+    // A reset of the cache while it is on is not one.
+    flash.write(0x00, DCEN | DCRST | 5, !0, &mut shared);
+    assert_eq!(load(&mut flash, &mut shared), Some(0x12));
+    assert_eq!(shared.findings.list().len(), 1);
+    for acr in [5, DCRST | 5, DCEN | 5] {
+        flash.write(0x00, acr, !0, &mut shared);
+    }
+    assert_eq!(load(&mut flash, &mut shared), Some(0xff));
+}

@@ -1,0 +1,154 @@
+use super::*;
+use crate::chip::testing::shared;
+
+const PB13: Pin = Pin::new('B', 13);
+const PORT_B: u32 = 0x400;
+
+#[test]
+fn an_output_drives_its_pin_and_the_world_hears_of_it() {
+    let (mut gpio, mut shared) = (Gpio::default(), shared());
+    gpio.begin(&Gpio::default(), &mut shared);
+    shared.effects.clear();
+    gpio.write(PORT_B + 0x18, 1 << 13, !0, &mut shared);
+    assert!(shared.effects.is_empty(), "still an input");
+    gpio.write(PORT_B, 0x280 | 1 << 26, !0, &mut shared);
+    let effects: Vec<_> = shared.effects.drain(..).collect();
+    assert_eq!(
+        effects,
+        [Effect::Driven(PB13, Drive::High), Effect::Level(PB13, true)]
+    );
+    // The half that resets.
+    gpio.write(PORT_B + 0x18, 1 << 29, 0xffff_0000, &mut shared);
+    assert_eq!(gpio.read(PORT_B + 0x10, &mut shared) >> 13 & 1, 0);
+    assert_eq!(gpio.read(PORT_B + 0x14, &mut shared), 0);
+}
+
+#[test]
+fn pulls_give_way_to_what_is_soldered_and_conflicts_are_found() {
+    let (mut gpio, mut shared) = (Gpio::default(), shared());
+    gpio.write(PORT_B + 0x0c, 0x100 | 1 << 26, !0, &mut shared);
+    assert!(gpio.level(PB13));
+    gpio.external(PB13, Drive::PullDown, &mut shared);
+    assert!(!gpio.level(PB13));
+    gpio.external(PB13, Drive::High, &mut shared);
+    assert!(gpio.level(PB13) && shared.findings.list().is_empty());
+    gpio.write(PORT_B, 0x280 | 1 << 26, !0, &mut shared);
+    assert_eq!(shared.findings.list().len(), 1);
+}
+
+#[test]
+fn a_signal_reaches_the_pin_that_has_its_function() {
+    let (mut gpio, mut shared) = (Gpio::default(), shared());
+    gpio.output(Signal::Tim1Ch1, Drive::High, &mut shared);
+    gpio.write(0x24, 1, 0xf, &mut shared);
+    gpio.write(0x00, 0xa800_0000 | 2 << 16, !0, &mut shared);
+    assert_eq!(gpio.pin_of(Signal::Tim1Ch1), Some(Pin::new('A', 8)));
+    assert!(gpio.level(Pin::new('A', 8)));
+    gpio.output(Signal::Tim1Ch1, Drive::Low, &mut shared);
+    assert!(!gpio.level(Pin::new('A', 8)));
+}
+
+#[test]
+fn a_reset_lets_the_chips_pins_go_and_the_worlds_stay() {
+    let (mut gpio, mut shared) = (Gpio::default(), shared());
+    gpio.external(Pin::new('C', 13), Drive::Low, &mut shared);
+    gpio.write(PORT_B, 0x280 | 1 << 26, !0, &mut shared);
+    gpio.write(PORT_B + 0x18, 1 << 13, !0, &mut shared);
+    shared.effects.clear();
+    let mut after = Gpio::default();
+    after.begin(&gpio, &mut shared);
+    assert!(shared.effects.contains(&Effect::Driven(PB13, Drive::Open)));
+    assert_eq!(after.world[Pin::new('C', 13).index()], Drive::Low);
+}
+
+#[test]
+fn an_open_drain_pulls_down_only() {
+    let (mut gpio, mut shared) = (Gpio::default(), shared());
+    gpio.write(PORT_B + 0x04, 1 << 13, !0, &mut shared);
+    gpio.write(PORT_B, 0x280 | 1 << 26, !0, &mut shared);
+    assert_eq!(gpio.driven(PB13), Drive::Low);
+    gpio.write(PORT_B + 0x18, 1 << 13, !0, &mut shared);
+    assert_eq!(gpio.driven(PB13), Drive::Open);
+    gpio.external(PB13, Drive::PullUp, &mut shared);
+    assert!(gpio.level(PB13) && shared.findings.list().is_empty());
+}
+
+#[test]
+fn an_analogue_pin_reads_low_whatever_is_soldered_to_it() {
+    let (mut gpio, mut shared) = (Gpio::default(), shared());
+    gpio.begin(&Gpio::default(), &mut shared);
+    gpio.external(PB13, Drive::High, &mut shared);
+    assert!(gpio.level(PB13));
+    shared.effects.clear();
+    gpio.write(PORT_B, 0x280 | 3 << 26, !0, &mut shared);
+    assert_eq!(gpio.read(PORT_B + 0x10, &mut shared) >> 13 & 1, 0);
+    assert!(shared.effects.iter().eq(&[Effect::Level(PB13, false)]));
+    assert!(gpio.is_analogue(PB13) && !gpio.floats(PB13));
+}
+
+#[test]
+fn a_pin_that_is_let_go_is_found_when_it_is_read() {
+    let (mut gpio, mut shared) = (Gpio::default(), shared());
+    gpio.read(PORT_B + 0x10, &mut shared);
+    gpio.external(PB13, Drive::High, &mut shared);
+    gpio.read(PORT_B + 0x10, &mut shared);
+    assert!(shared.findings.list().is_empty());
+    gpio.external(PB13, Drive::Open, &mut shared);
+    gpio.read(PORT_B + 0x10, &mut shared);
+    let found = shared.findings.list();
+    assert!(
+        found.len() == 1 && found[0].text.starts_with("PB13"),
+        "{found:?}"
+    );
+}
+
+#[test]
+fn a_locked_pin_keeps_its_settings_and_its_neighbours_do_not() {
+    let (mut gpio, mut shared) = (Gpio::default(), shared());
+    let lckr = PORT_B + 0x1c;
+    for value in [LCKK | 1 << 13, LCKK | 1 << 13] {
+        gpio.write(lckr, value, !0, &mut shared);
+    }
+    assert_eq!(gpio.read(lckr, &mut shared) & LCKK, 0, "not the sequence");
+    for value in [1 << 13, LCKK | 1 << 13] {
+        gpio.write(lckr, value, !0, &mut shared);
+    }
+    assert_ne!(gpio.read(lckr, &mut shared) & LCKK, 0);
+    gpio.write(PORT_B, 0x280 | 5 << 26, !0, &mut shared);
+    assert_eq!(gpio.read(PORT_B, &mut shared), 0x280 | 4 << 26);
+    gpio.write(PORT_B + 0x24, 0x0990_0000, !0, &mut shared);
+    assert_eq!(gpio.read(PORT_B + 0x24, &mut shared), 0x0900_0000);
+    assert_eq!(shared.findings.list().len(), 1);
+}
+
+#[test]
+fn a_peripheral_hears_the_level_of_the_pin_that_it_is_given() {
+    let (mut gpio, mut shared) = (Gpio::default(), shared());
+    gpio.begin(&Gpio::default(), &mut shared);
+    let pin = Pin::new('B', 12);
+    gpio.external(pin, Drive::High, &mut shared);
+    gpio.write(PORT_B + 0x24, 1 << 16, !0, &mut shared);
+    shared.effects.clear();
+    gpio.write(PORT_B, 0x280 | 2 << 24, !0, &mut shared);
+    assert_eq!(gpio.signal_at(pin), Some(Signal::Tim1Bkin));
+    assert!(shared.effects.iter().eq(&[Effect::Level(pin, true)]));
+}
+
+#[test]
+fn a_reset_of_a_port_lets_its_pins_go() {
+    let (mut gpio, mut shared) = (Gpio::default(), shared());
+    gpio.write(PORT_B, 0x280 | 1 << 26, !0, &mut shared);
+    gpio.reset(1, &mut shared);
+    assert_eq!(gpio.driven(PB13), Drive::Open);
+    // JTRST and JTDO are pins of the debug port.
+    assert_eq!(gpio.read(PORT_B, &mut shared), 0x280);
+    assert_eq!(gpio.driven(Pin::new('B', 4)), Drive::PullUp);
+}
+
+#[test]
+fn no_signal_has_more_pins_than_there_is_room_for() {
+    for &(_, _, signal) in ALTERNATE {
+        let pins = ALTERNATE.iter().filter(|(_, _, of)| *of == signal);
+        assert!(pins.count() <= CHOICES, "{signal:?}");
+    }
+}
