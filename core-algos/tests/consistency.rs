@@ -14,7 +14,7 @@ mod testing;
 use core_algos::beam::strip::PostureSigmas;
 use core_algos::fusion::ekf::{self, AxleFilter, Measurements};
 use core_algos::fusion::intersection;
-use core_algos::fusion::tandem::{self, Increment, Inputs, Mode, Output};
+use core_algos::fusion::robot::{self, Increment, Inputs, Mode, Output};
 use core_algos::fusion::{Estimate, constants, ipec, joint};
 use core_algos::math::Posture;
 use core_algos::math::matrix::Mat3;
@@ -82,14 +82,14 @@ impl Setting {
         }
     }
 
-    fn tier(&self, mode: Mode) -> tandem::Config {
-        let mut config = tandem::Config {
+    fn tier(&self, mode: Mode) -> robot::Config {
+        let mut config = robot::Config {
             mode,
             period_s: (STEPS_PER_EPOCH as f64 * STEP_S) as f32,
             beam_gate: None,
             // Placed well, so that what a drive adds counts.
             start_sigmas: [2e-3; 3],
-            ..tandem::Config::default()
+            ..robot::Config::default()
         };
         // The load of a frame that nothing measures is no part of these worlds.
         config.slip.load_speed_m_s = 0.0;
@@ -377,7 +377,7 @@ struct Honesty {
 }
 
 fn try_on(setting: Setting, drives: &[Drive], mode: Mode) -> Honesty {
-    let tandem = setting.tier(mode).build().unwrap();
+    let fusion = setting.tier(mode).build().unwrap();
     let n = drives.len() as f64;
     let mut honesty = Honesty {
         nees: [0.0; 3],
@@ -385,10 +385,10 @@ fn try_on(setting: Setting, drives: &[Drive], mode: Mode) -> Honesty {
         rms: [0.0; 2],
     };
     for drive in drives {
-        let mut state = tandem.start(Posture::ORIGIN);
+        let mut state = fusion.start(Posture::ORIGIN);
         let mut output = Output::default();
         for inputs in &drive.inputs {
-            output = tandem.step(&mut state, inputs);
+            output = fusion.step(&mut state, inputs);
             honesty.nis += f64::from(output.beam.nis) / (n * EPOCHS as f64);
         }
         let truth = [drive.front, drive.rear, midpoint(drive.front, drive.rear)];

@@ -205,13 +205,13 @@ fn drive(ticks: &[Tick]) -> Result<(), TestCaseError> {
                     s: n[1],
                 };
                 // Refused or not, what was pushed must not do harm.
-                let _ = lead.course().push_path_point(point);
+                let _ = lead.path_task().push_path_point(point);
                 let timed = TrajectoryPoint {
                     time_s: n[0],
                     v: n[1],
                     point,
                 };
-                let _ = lead.course().push_trajectory_point(timed);
+                let _ = lead.path_task().push_trajectory_point(timed);
                 lead.command(task);
             }
             for message in &tick.received {

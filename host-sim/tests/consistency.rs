@@ -1,6 +1,6 @@
 //! The estimates of the whole robot on the plant, over a few runs, against what they claim.
 
-use core_algos::fusion::tandem::Mode;
+use core_algos::fusion::robot::Mode;
 use host_sim::experiments::Context;
 use host_sim::experiments::arguments::{Common, WorldChoice};
 use host_sim::experiments::consistency::{Report, Row, Statement, measure};

@@ -63,8 +63,8 @@ const ELSEWHERE: &[(Condition, &str)] = &[
         Condition::SupplyWarning,
         "virtual boards: battery sags to 10.3 V",
     ),
-    (Condition::TickLate, "core-algos: node/pace.rs"),
-    (Condition::TickOverrun, "core-algos: node/pace.rs"),
+    (Condition::TickLate, "core-algos: node/tick_sync.rs"),
+    (Condition::TickOverrun, "core-algos: node/tick_sync.rs"),
     (Condition::ClockStepped, "core-algos: safety/supervisor.rs"),
 ];
 

@@ -1,6 +1,6 @@
 //! Path following and trajectory tracking of the whole robot: plant, sensors, bus, nodes.
 
-use core_algos::fusion::tandem::Mode;
+use core_algos::fusion::robot::Mode;
 use host_sim::paths::Path;
 use host_sim::run::path_run::{self, Manner, Moment, Outcome, Route};
 use host_sim::run::simulation::Simulation;

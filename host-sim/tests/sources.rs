@@ -23,7 +23,7 @@ const LONGER_FILES: &[(&str, usize)] = &[
     ("core-algos/src/fusion/ekf/factors.rs", 722),
     ("core-algos/src/fusion/ekf/mod.rs", 698),
     ("core-algos/src/fusion/joint.rs", 758),
-    ("core-algos/src/fusion/tandem.rs", 801),
+    ("core-algos/src/fusion/robot.rs", 801),
     ("core-algos/src/node/axle.rs", 806),
     ("core-algos/src/node/lead.rs", 913),
 ];

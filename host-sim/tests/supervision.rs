@@ -1,7 +1,7 @@
 //! What the robot does when something fails on the way: it drives on with less, or stops in order.
 
 use core_algos::beam::MAX_GAUGES;
-use core_algos::bus::{Frame, Message};
+use core_algos::bus::{CanFrame, Message};
 use core_algos::hil::protocol::Place;
 use core_algos::node::board::Samples;
 use core_algos::node::robot::RobotConfig;
@@ -59,7 +59,7 @@ impl Target for Tampered {
         self.board.room()
     }
 
-    fn receive(&mut self, now: Micros, frame: &Frame, message: &Message) {
+    fn receive(&mut self, now: Micros, frame: &CanFrame, message: &Message) {
         self.board.receive(now, frame, message);
     }
 

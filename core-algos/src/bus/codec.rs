@@ -3,7 +3,7 @@
 //! # Example
 //!
 //! ```
-//! use core_algos::bus::{Frame, LeadMode, Message, decode, encode};
+//! use core_algos::bus::{CanFrame, LeadMode, Message, decode, encode};
 //!
 //! let message = Message::LeadStatus {
 //!     sequence: 7,
@@ -20,7 +20,7 @@
 //! // 2500 and -1250 units of 1e-4, little-endian.
 //! assert_eq!(frame.data[..6], [7, 1, 0xc4, 0x09, 0x1e, 0xfb]);
 //! assert_eq!(decode(&frame), Ok(message));
-//! assert!(decode(&Frame { length: 3, ..frame }).is_err());
+//! assert!(decode(&CanFrame { length: 3, ..frame }).is_err());
 //! ```
 
 use super::layout::{self, Signal, id};
@@ -35,7 +35,7 @@ use core::fmt;
 
 /// A classic CAN data frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Frame {
+pub struct CanFrame {
     /// Identifier, 11 bits.
     pub id: u16,
     /// Number of data bytes, 0 to 8.
@@ -112,7 +112,7 @@ type Values = [f32; MAX_SIGNALS];
 /// Bytes of a message. NaN, infinity and values outside a signal's range are refused.
 ///
 /// Positions of odometric and reference postures are sent modulo [`POSITION_SPAN_M`].
-pub fn encode(message: &Message) -> Result<Frame, EncodeError> {
+pub fn encode(message: &Message) -> Result<CanFrame, EncodeError> {
     let (id, values) = to_values(message);
     let Some(layout) = layout::find(id) else {
         // The one message without an identifier: the service tool has no status.
@@ -134,7 +134,7 @@ pub fn encode(message: &Message) -> Result<Frame, EncodeError> {
         bits |= (u64::from(raw as u32) & mask) << position;
         position += u32::from(signal.bits);
     }
-    Ok(Frame {
+    Ok(CanFrame {
         id,
         length: layout.bytes(),
         data: bits.to_le_bytes(),
@@ -142,7 +142,7 @@ pub fn encode(message: &Message) -> Result<Frame, EncodeError> {
 }
 
 /// The message in a frame.
-pub fn decode(frame: &Frame) -> Result<Message, DecodeError> {
+pub fn decode(frame: &CanFrame) -> Result<Message, DecodeError> {
     let layout = layout::find(frame.id).ok_or(DecodeError::UnknownId(frame.id))?;
     if frame.length != layout.bytes() {
         return Err(DecodeError::Length {
@@ -732,7 +732,7 @@ mod tests {
                     bits |= (raw as u64 & ((1 << signal.bits) - 1)) << position;
                     position += u32::from(signal.bits);
                 }
-                let frame = Frame { id: layout.id, length: layout.bytes(), data: bits.to_le_bytes() };
+                let frame = CanFrame { id: layout.id, length: layout.bytes(), data: bits.to_le_bytes() };
                 let message = decode(&frame);
                 prop_assert!(message.is_ok(), "{message:?}");
                 // A covariance is rebuilt positive definite, so its correlations may change.
@@ -744,7 +744,7 @@ mod tests {
 
         #[test]
         fn any_frame_decodes_or_is_refused(id in 0u16..0x800, length in 0u8..16, data: [u8; 8]) {
-            if let Ok(message) = decode(&Frame { id, length, data }) {
+            if let Ok(message) = decode(&CanFrame { id, length, data }) {
                 // What was accepted is finite and can be sent again.
                 match message {
                     Message::AxleUncertainty { covariance, .. }
@@ -784,7 +784,7 @@ mod tests {
 
     #[test]
     fn unknown_and_short_frames_are_refused() {
-        let frame = |id, length| Frame {
+        let frame = |id, length| CanFrame {
             id,
             length,
             data: [0; 8],

@@ -10,5 +10,5 @@ pub mod codec;
 pub mod layout;
 pub mod message;
 
-pub use codec::{DecodeError, EncodeError, Frame, decode, encode};
+pub use codec::{CanFrame, DecodeError, EncodeError, decode, encode};
 pub use message::{LeadMode, Message};

@@ -132,7 +132,7 @@ impl Config {
             per_steering_tolerance: 1.0 / self.steering_tolerance_rad,
             twice_bending: 2.0 * self.max_steering_acceleration_rad_s2,
             longest_rest: 2.0 * self.reversal_hold_s + 1.0,
-            usual: Pace::new(self, self.max_steering_rate_rad_s, self.max_interval_s),
+            usual: StepGains::new(self, self.max_steering_rate_rad_s, self.max_interval_s),
         };
         // The share of the wheels' speed that bending takes, at its largest.
         let bending = self.half_track_m + governor.largest_parting();
@@ -158,7 +158,7 @@ impl Config {
 
 /// What depends on the interval alone.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Pace {
+struct StepGains {
     /// The interval, s, half of it, and its inverse, 1/s.
     dt: f32,
     half_dt: f32,
@@ -183,7 +183,7 @@ struct Pace {
     final_ramp: f32,
 }
 
-impl Pace {
+impl StepGains {
     fn new(config: &Config, max_steering_rate: f32, dt: f32) -> Self {
         let steering = lag_gain(config.steering_frequency_rad_s * dt);
         let strongest = config.max_steering_acceleration_rad_s2;
@@ -290,7 +290,7 @@ pub struct Governor {
     /// The clock of a rest stops here, s, so that a long one cannot stop that of a later one.
     longest_rest: f32,
     /// For steps of [`USUAL_INTERVAL_S`].
-    usual: Pace,
+    usual: StepGains,
 }
 
 impl Governor {
@@ -366,15 +366,15 @@ impl Governor {
             return self.stop(state, dt);
         }
         let mut other = None;
-        if let Some(pace) = self.pace(dt, &mut other) {
-            self.pursue(state, wish, pace);
+        if let Some(gains) = self.gains(dt, &mut other) {
+            self.pursue(state, wish, gains);
         }
     }
 
     /// What depends on the interval, which is put into `other` if it is not the usual one; none if
     /// it is not positive.
     #[inline(always)]
-    fn pace<'a>(&'a self, dt: f32, other: &'a mut Option<Pace>) -> Option<&'a Pace> {
+    fn gains<'a>(&'a self, dt: f32, other: &'a mut Option<StepGains>) -> Option<&'a StepGains> {
         if dt == self.usual.dt {
             return Some(&self.usual);
         }
@@ -386,13 +386,13 @@ impl Governor {
     }
 
     #[cold]
-    fn unusual(&self, dt: f32) -> Pace {
+    fn unusual(&self, dt: f32) -> StepGains {
         let dt = lesser(dt, self.config.max_interval_s);
-        Pace::new(&self.config, self.max_steering_rate, dt)
+        StepGains::new(&self.config, self.max_steering_rate, dt)
     }
 
     #[inline(always)]
-    fn pursue(&self, state: &mut State, wish: &Wish, pace: &Pace) {
+    fn pursue(&self, state: &mut State, wish: &Wish, gains: &StepGains) {
         let before = state.motion;
         let target_psi = bounded(wish.psi.0, self.config.max_steering_rad);
         let target_rate = match wish.psi_rate {
@@ -401,9 +401,9 @@ impl Governor {
         };
         // A critically damped filter. The wish is a moving target: it is where the next step finds
         // it.
-        let wanted = pace.stiffness * (target_psi - before.psi.0)
-            + pace.damping * (target_rate - before.psi_rate);
-        self.steer(&mut state.motion, wanted, pace);
+        let wanted = gains.stiffness * (target_psi - before.psi.0)
+            + gains.damping * (target_rate - before.psi_rate);
+        self.steer(&mut state.motion, wanted, gains);
 
         let astray = (target_psi - state.motion.psi.0).abs() - wish.steering_slack;
         let limit = self.speed_limit(state.motion.psi);
@@ -421,32 +421,32 @@ impl Governor {
             }
         }
         let gap = target - before.v;
-        let mut approach = gap.abs() * pace.speed_share;
-        if approach < pace.final_ramp {
-            approach = lesser(pace.final_ramp, gap.abs());
+        let mut approach = gap.abs() * gains.speed_share;
+        if approach < gains.final_ramp {
+            approach = lesser(gains.final_ramp, gap.abs());
         }
         let approach = if gap < 0.0 { -approach } else { approach };
-        let mut change = bounded(approach + rate * pace.dt, pace.ramp);
+        let mut change = bounded(approach + rate * gains.dt, gains.ramp);
         let after = before.v + change;
         if after * before.v < 0.0 || (before.v == 0.0 && after * heading < 0.0) {
             cold_path();
             change = -before.v;
         }
-        self.drive(state, change, limit, pace);
+        self.drive(state, change, limit, gains);
     }
 
     /// One step of `dt` (s) of an emergency stop: v ramps to zero at the stop deceleration, ψ̇ to
     /// zero at ψ̈_max, and ψ stays where that leaves it.
     pub fn stop(&self, state: &mut State, dt: f32) {
         let mut other = None;
-        let Some(pace) = self.pace(dt, &mut other) else {
+        let Some(gains) = self.gains(dt, &mut other) else {
             return;
         };
         let Motion { v, psi_rate, .. } = state.motion;
-        self.steer(&mut state.motion, -psi_rate, pace);
-        let change = lesser(self.config.stop_deceleration_m_s2 * pace.dt, v.abs());
+        self.steer(&mut state.motion, -psi_rate, gains);
+        let change = lesser(self.config.stop_deceleration_m_s2 * gains.dt, v.abs());
         let limit = self.config.max_speed_m_s;
-        self.drive(state, -change.copysign(v), limit, pace);
+        self.drive(state, -change.copysign(v), limit, gains);
     }
 
     /// Applies the change of ψ̇ nearest to `wanted` (rad/s) that keeps all three limits.
@@ -455,45 +455,45 @@ impl Governor {
     /// rate after the step is held where `ψ + (w + w')dt/2 + D(w') ≤ ψ_max`; if that holds before
     /// the step, full braking fulfils it after the step, so it holds for ever.
     #[inline(always)]
-    fn steer(&self, motion: &mut Motion, wanted: f32, pace: &Pace) {
+    fn steer(&self, motion: &mut Motion, wanted: f32, gains: &StepGains) {
         let limit = self.config.max_steering_rad;
         let rate = motion.psi_rate;
         // The highest rate away from straight is at least zero: only that on the side that is
         // wanted can bind.
         let asked = rate + wanted;
-        let ahead = motion.psi.0 + rate * pace.half_dt;
+        let ahead = motion.psi.0 + rate * gains.half_dt;
         let room = if asked < 0.0 {
             limit + ahead
         } else {
             limit - ahead
         };
-        let highest = if room >= pace.free {
+        let highest = if room >= gains.free {
             self.max_steering_rate
         } else {
             cold_path();
-            let braking = pace.lead_square + self.twice_bending * greater(room, 0.0);
-            lesser(sqrt(braking) - pace.lead, self.max_steering_rate)
+            let braking = gains.lead_square + self.twice_bending * greater(room, 0.0);
+            lesser(sqrt(braking) - gains.lead, self.max_steering_rate)
         };
         let mut next = bounded(asked, highest);
-        if !((next - rate).abs() <= pace.bending) {
+        if !((next - rate).abs() <= gains.bending) {
             cold_path();
-            next = rate + pace.bending.copysign(next - rate);
+            next = rate + gains.bending.copysign(next - rate);
         }
-        motion.psi.0 = bounded(motion.psi.0 + pace.half_dt * (rate + next), limit);
-        motion.psi_acceleration = (next - rate) * pace.per_dt;
+        motion.psi.0 = bounded(motion.psi.0 + gains.half_dt * (rate + next), limit);
+        motion.psi_acceleration = (next - rate) * gains.per_dt;
         motion.psi_rate = next;
     }
 
     /// Applies a change of speed and the speed limit.
     #[inline(always)]
-    fn drive(&self, state: &mut State, change: f32, limit: f32, pace: &Pace) {
+    fn drive(&self, state: &mut State, change: f32, limit: f32, gains: &StepGains) {
         let before = state.motion.v;
         let v = bounded(before + change, limit);
         state.motion.v = v;
-        state.motion.v_rate = (v - before) * pace.per_dt;
+        state.motion.v_rate = (v - before) * gains.per_dt;
         if v == 0.0 {
             cold_path();
-            state.rest_s = lesser(state.rest_s + pace.dt, self.longest_rest);
+            state.rest_s = lesser(state.rest_s + gains.dt, self.longest_rest);
         } else {
             state.rest_s = 0.0;
             state.direction = if v < 0.0 { -1.0 } else { 1.0 };

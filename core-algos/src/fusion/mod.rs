@@ -2,7 +2,7 @@
 //! correction, and the second tier that joins both axles through the beam.
 //!
 //! [`ekf`] runs on each axle at the rate of its sensors and hands odometric increments to
-//! [`tandem`], the second tier on the lead node; [`standstill`] zeroes its inertial sensors. The
+//! [`robot`], the second tier on the lead node; [`standstill`] zeroes its inertial sensors. The
 //! second tier is built from [`compound`] (a posture seen through the beam), [`constants`] (errors
 //! that stay the same) and [`track`] (what a posture owes to them), [`intersection`] (covariance
 //! intersection), [`ipec`] (internal posture error
@@ -15,8 +15,8 @@ pub mod ekf;
 pub mod intersection;
 pub mod ipec;
 pub mod joint;
+pub mod robot;
 pub mod standstill;
-pub mod tandem;
 #[cfg(test)]
 pub(crate) mod testing;
 pub mod track;

@@ -4,7 +4,7 @@
 //! asks [`Endpoint::save`] after each lot whether something is to be written, and answers with
 //! [`Endpoint::saved`]. Until then other requests stay without an answer, and the host repeats them.
 
-use super::framing::{Counters, Decoder, Frame, crc32c};
+use super::framing::{Counters, Decoder, SerialFrame, crc32c};
 use super::kept::{KeepError, Kept, Save};
 use super::protocol::{
     self, MAX_CONFIG, MAX_TELEMETRY, PROTOCOL, Packed, Place, Refusal, Reply, Request, StackUse,
@@ -104,7 +104,7 @@ struct Session {
     open: bool,
     /// Number of the last request, and what was answered.
     last: Option<u8>,
-    answer: Frame,
+    answer: SerialFrame,
     configuration: Configuration,
     kept: Kept,
     saving: Option<Saving>,
@@ -137,7 +137,7 @@ impl Session {
             stack,
             open: false,
             last: None,
-            answer: Frame::default(),
+            answer: SerialFrame::default(),
             configuration: Configuration::default(),
             kept: Kept::new(identity.role),
             saving: None,
@@ -178,7 +178,7 @@ impl Session {
     }
 
     /// Every reply is bounded to fit a frame; an empty one would make the host ask again.
-    fn respond(&mut self, number: u8, answer: Option<Frame>, send: &mut impl FnMut(&[u8])) {
+    fn respond(&mut self, number: u8, answer: Option<SerialFrame>, send: &mut impl FnMut(&[u8])) {
         self.answer = answer.unwrap_or_default();
         self.last = Some(number);
         send(self.answer.bytes());
@@ -239,18 +239,18 @@ impl Session {
                 Reply::Done
             }),
             Request::Path { points, end } => self.lead().and_then(|lead| {
-                let course = lead.course();
-                append(&points, |point| course.push_path_point(point))?;
+                let task = lead.path_task();
+                append(&points, |point| task.push_path_point(point))?;
                 if end {
-                    course.finish_path();
+                    task.finish_path();
                 }
                 Ok(Reply::Done)
             }),
             Request::Trajectory { points, end } => self.lead().and_then(|lead| {
-                let course = lead.course();
-                append(&points, |point| course.push_trajectory_point(point))?;
+                let task = lead.path_task();
+                append(&points, |point| task.push_trajectory_point(point))?;
                 if end {
-                    course.finish_trajectory();
+                    task.finish_trajectory();
                 }
                 Ok(Reply::Done)
             }),
@@ -377,8 +377,8 @@ impl Session {
         if let (Some(output), Some(lead)) = (output.lead, board.lead()) {
             self.telemetry.fill(&Telemetry {
                 output,
-                path_room: lead.course().path_room() as u16,
-                trajectory_room: lead.course().trajectory_room() as u16,
+                path_room: lead.path_task().path_room() as u16,
+                trajectory_room: lead.path_task().trajectory_room() as u16,
             });
         }
         Ok((output, refused))

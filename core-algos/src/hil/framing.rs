@@ -31,12 +31,12 @@ pub fn crc32c(bytes: &[u8]) -> u32 {
 
 /// One frame, ready to be sent.
 #[derive(Clone, Copy, Debug)]
-pub struct Frame {
+pub struct SerialFrame {
     bytes: [u8; MAX_FRAME],
     length: usize,
 }
 
-impl Default for Frame {
+impl Default for SerialFrame {
     fn default() -> Self {
         Self {
             bytes: [0; MAX_FRAME],
@@ -45,7 +45,7 @@ impl Default for Frame {
     }
 }
 
-impl Frame {
+impl SerialFrame {
     /// The frame of a payload; `None` if it is empty or too long.
     pub fn new(payload: &[u8]) -> Option<Self> {
         if payload.is_empty() {
@@ -171,7 +171,7 @@ mod tests {
     fn a_frame_has_seven_bytes_beside_its_payload_at_most_and_none_is_zero_but_the_ends() {
         for length in [1, 9, MAX_PAYLOAD] {
             for fill in [0, 1, 255] {
-                let frame = Frame::new(&vec![fill; length]).unwrap();
+                let frame = SerialFrame::new(&vec![fill; length]).unwrap();
                 let (end, inner) = frame.bytes().split_last().unwrap();
                 assert_eq!((*end, inner.contains(&0)), (0, false));
                 assert_eq!(frame.bytes().len(), length + 6);
@@ -180,15 +180,18 @@ mod tests {
                 assert_eq!(found, [vec![fill; length]]);
             }
         }
-        assert!(Frame::new(&[0; MAX_PAYLOAD + 1]).is_none());
-        assert!(Frame::new(&[]).is_none());
+        assert!(SerialFrame::new(&[0; MAX_PAYLOAD + 1]).is_none());
+        assert!(SerialFrame::new(&[]).is_none());
         assert!(decode(&mut Decoder::new(), &[1, 1, 1, 1, 1, 0]).is_empty());
     }
 
     #[test]
     fn a_stream_recovers_within_one_frame() {
         let payloads: Vec<Vec<u8>> = (0..4u8).map(|i| vec![i, 0, i, 77, 0]).collect();
-        let frames: Vec<Frame> = payloads.iter().map(|p| Frame::new(p).unwrap()).collect();
+        let frames: Vec<SerialFrame> = payloads
+            .iter()
+            .map(|p| SerialFrame::new(p).unwrap())
+            .collect();
         let length = frames[1].bytes().len();
         for place in 0..length {
             for damage in 0..3 {
@@ -233,7 +236,7 @@ mod tests {
     properties! {
         #[test]
         fn any_payload_comes_back(payload in prop::collection::vec(any::<u8>(), 1..=MAX_PAYLOAD)) {
-            let frame = Frame::new(&payload).unwrap();
+            let frame = SerialFrame::new(&payload).unwrap();
             prop_assert_eq!(decode(&mut Decoder::new(), frame.bytes()), [payload]);
         }
     }

@@ -4,7 +4,7 @@
 //! [`Request::Hello`] and [`Reply::Hello`] are the first variants and stay as they are in every
 //! version, so that two sides of different versions can tell.
 
-use super::framing::{Counters, Frame, MAX_PAYLOAD};
+use super::framing::{Counters, MAX_PAYLOAD, SerialFrame};
 use crate::beam::MAX_GAUGES;
 use crate::bus;
 use crate::control::path::{PathError, PathPoint, TrajectoryPoint};
@@ -294,10 +294,10 @@ pub struct Telemetry {
 }
 
 /// The frame of a numbered message; `None` if it does not fit.
-pub fn encode<T: Serialize>(number: u8, message: &T) -> Option<Frame> {
+pub fn encode<T: Serialize>(number: u8, message: &T) -> Option<SerialFrame> {
     let mut payload = [0; MAX_PAYLOAD];
     let used = postcard::to_slice(&(number, message), &mut payload).ok()?;
-    Frame::new(used)
+    SerialFrame::new(used)
 }
 
 /// Number and message of a payload; `None` if it is none of this version.
@@ -331,7 +331,7 @@ impl Packed {
     }
 
     /// Appends a frame; `false` if there is no room.
-    pub fn push(&mut self, frame: &bus::Frame) -> bool {
+    pub fn push(&mut self, frame: &bus::CanFrame) -> bool {
         let data = frame
             .data
             .get(..usize::from(frame.length))
@@ -355,7 +355,7 @@ impl Packed {
 }
 
 /// The frames in packed bytes; ends at the first that is cut short.
-pub fn unpack(mut bytes: &[u8]) -> impl Iterator<Item = bus::Frame> {
+pub fn unpack(mut bytes: &[u8]) -> impl Iterator<Item = bus::CanFrame> {
     core::iter::from_fn(move || {
         let (head, rest) = bytes.split_at_checked(2)?;
         let head = u16::from_le_bytes([*head.first()?, *head.last()?]);
@@ -364,7 +364,7 @@ pub fn unpack(mut bytes: &[u8]) -> impl Iterator<Item = bus::Frame> {
         let mut data = [0; 8];
         data.get_mut(..from.len())?.copy_from_slice(from);
         bytes = rest;
-        Some(bus::Frame {
+        Some(bus::CanFrame {
             id: head & 0x7ff,
             length: length as u8,
             data,
@@ -443,7 +443,7 @@ mod tests {
     fn telemetry_largest_lead_output_fits_epoch() {
         let output = lead::Output {
             target: Some(Default::default()),
-            fused: crate::fusion::tandem::Output {
+            fused: crate::fusion::robot::Output {
                 ipec: Some(crate::fusion::ipec::Correction::default()),
                 omega: Some([0.5; 2]),
                 ..Default::default()
@@ -489,7 +489,7 @@ mod tests {
 
     #[test]
     fn packed_frames_are_bounded_and_cut_ones_left_out() {
-        let frame = bus::Frame {
+        let frame = bus::CanFrame {
             id: 0x7ff,
             length: 8,
             data: [255; 8],
@@ -516,10 +516,10 @@ mod tests {
         #[test]
         fn frames_come_back(list in prop::collection::vec((0..MESSAGES.len(), any::<[u8; 8]>()), 0..MAX_BUS_FRAMES)) {
             let mut packed = Packed::new();
-            let frames: Vec<bus::Frame> = list.iter().map(|&(k, mut data)| {
+            let frames: Vec<bus::CanFrame> = list.iter().map(|&(k, mut data)| {
                 let length = MESSAGES[k].bytes();
                 data[usize::from(length)..].fill(0);
-                bus::Frame { id: MESSAGES[k].id, length, data }
+                bus::CanFrame { id: MESSAGES[k].id, length, data }
             }).collect();
             for frame in &frames {
                 prop_assert!(packed.push(frame));

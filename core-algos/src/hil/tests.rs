@@ -1,7 +1,7 @@
 //! Endpoint, protocol and framing together, as a host sees them.
 
 use super::endpoint::{Endpoint, Identity};
-use super::framing::{Counters, Decoder, Frame, MAX_FRAME, crc32c};
+use super::framing::{Counters, Decoder, MAX_FRAME, SerialFrame, crc32c};
 use super::protocol::{
     self, CONFIG_CHUNK, MAX_CONFIG, PROTOCOL, Packed, Place, Refusal, Reply, Request, StackUse,
     Telemetry,
@@ -198,7 +198,7 @@ fn a_front_board_behind_frames_does_what_it_does_without() {
     let goal = Posture::ORIGIN;
     let command = Task::Regulate { goal };
 
-    let (mut outbox, mut waiting) = (Outbox::new(), Vec::<bus::Frame>::new());
+    let (mut outbox, mut waiting) = (Outbox::new(), Vec::<bus::CanFrame>::new());
     let (mut received, mut wanted, mut outputs, mut driven) = (Vec::new(), Vec::new(), 0, 0);
     for tick in 0..400u32 {
         let now = u64::from(tick) * TICK;
@@ -220,7 +220,7 @@ fn a_front_board_behind_frames_does_what_it_does_without() {
         for frame in &frames {
             waiting.push(*frame);
             if (0x100..0x200).contains(&frame.id) || frame.id == 0x041 {
-                waiting.push(bus::Frame {
+                waiting.push(bus::CanFrame {
                     id: frame.id + 1,
                     ..*frame
                 });
@@ -253,7 +253,7 @@ fn a_front_board_behind_frames_does_what_it_does_without() {
         assert_eq!(protocol::unpack(bus).collect::<Vec<_>>(), frames);
         if now % EPOCH == LEAD_PHASE {
             received.clear();
-            let lead = board.lead().unwrap().course();
+            let lead = board.lead().unwrap().path_task();
             wanted = bits(&Telemetry {
                 output: output.lead.unwrap(),
                 path_room: lead.path_room() as u16,
@@ -386,7 +386,10 @@ fn what_does_not_fit_is_refused_with_its_reason() {
     ));
     host.refused(&axle(0), Refusal::NoSession);
     host.hello();
-    let unknown = [Frame::new(&[200, 99]).unwrap(), Frame::new(&[201]).unwrap()];
+    let unknown = [
+        SerialFrame::new(&[200, 99]).unwrap(),
+        SerialFrame::new(&[201]).unwrap(),
+    ];
     for (number, frame) in (200..).zip(unknown) {
         let payload = host.send(frame.bytes());
         let malformed = Reply::Refused(Refusal::Malformed);
@@ -611,7 +614,7 @@ fn parameters_are_neither_set_nor_saved_while_motors_may_be_on() {
     };
     let mut host = Host::started(Role::Front, &RobotConfig::default(), Some(place()));
     host.expect(&set, Reply::Done);
-    let mut waiting = Vec::<bus::Frame>::new();
+    let mut waiting = Vec::<bus::CanFrame>::new();
     let mut drives = false;
     for tick in 0..400u32 {
         if tick == 100 {
@@ -624,7 +627,7 @@ fn parameters_are_neither_set_nor_saved_while_motors_may_be_on() {
             packed.push(&frame);
             if (0x100..0x200).contains(&frame.id) || frame.id == 0x041 {
                 let id = frame.id + 1;
-                packed.push(&bus::Frame { id, ..frame });
+                packed.push(&bus::CanFrame { id, ..frame });
             }
         }
         let payload = host.ask(&Request::Axle {
@@ -670,7 +673,7 @@ fn the_stack_is_told_in_a_session() {
 fn bus_frames_that_cannot_be_decoded_are_counted() {
     let mut host = Host::started(Role::Rear, &RobotConfig::default(), None);
     let mut packed = Packed::new();
-    packed.push(&bus::Frame {
+    packed.push(&bus::CanFrame {
         id: 0x7ff,
         length: 8,
         data: [0; 8],
@@ -720,11 +723,11 @@ fn a_million_damaged_streams_pass_no_wrong_frame_and_do_no_harm() {
     let mut random = Random::new(11);
     let mut host = Host::started(Role::Front, &RobotConfig::default(), Some(place()));
     let mut originals: Vec<Vec<u8>> = Vec::new();
-    let frames: Vec<Frame> = (0..16)
+    let frames: Vec<SerialFrame> = (0..16)
         .map(|k| {
             let mut packed = Packed::new();
             for id in 0..k {
-                packed.push(&bus::Frame {
+                packed.push(&bus::CanFrame {
                     id: 0x100 + id as u16,
                     length: 8,
                     data: [k as u8; 8],
@@ -738,7 +741,7 @@ fn a_million_damaged_streams_pass_no_wrong_frame_and_do_no_harm() {
             let mut room = [0; 248];
             let payload = postcard::to_slice(&(k as u8, request), &mut room).unwrap();
             originals.push(payload.to_vec());
-            Frame::new(payload).unwrap()
+            SerialFrame::new(payload).unwrap()
         })
         .collect();
     let (mut wrong, mut tried, mut last_byte) = (0, 0u32, 0u32);
@@ -810,7 +813,7 @@ fn no_request_does_harm_whatever_it_holds() {
                 0 => below(&mut random, 15) as u8,
                 _ => 3 + below(&mut random, 12) as u8,
             };
-            let answer = host.send(Frame::new(&payload).unwrap().bytes());
+            let answer = host.send(SerialFrame::new(&payload).unwrap().bytes());
             answered += u32::from(protocol::decode::<Reply>(&answer).is_some());
             if round % 500 == 0 {
                 host = Host::started(role, &RobotConfig::default(), Some(place()));
@@ -832,7 +835,7 @@ fn a_million_bus_frames_are_decoded_or_refused() {
             0 => table[below(&mut random, table.len())].id,
             _ => below(&mut random, 0x1_0000) as u16,
         };
-        let frame = bus::Frame {
+        let frame = bus::CanFrame {
             id,
             length: below(&mut random, 10) as u8,
             data: core::array::from_fn(|_| below(&mut random, 256) as u8),

@@ -160,7 +160,7 @@ impl Default for Config {
 
 /// What an axle must know of the frame it is fixed to.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Frame {
+pub struct FrameProperties {
     /// Bending stiffness EI, N m².
     pub bending_stiffness_n_m2: f32,
     /// Flexible length L, m.
@@ -169,7 +169,7 @@ pub struct Frame {
 
 impl Config {
     /// The node of one axle; the error names the parameter that is wrong.
-    pub fn build(&self, axle: AxleId, frame: Frame) -> Result<AxleNode, ConfigError> {
+    pub fn build(&self, axle: AxleId, frame: FrameProperties) -> Result<AxleNode, ConfigError> {
         in_range("reference_timeout_s", self.reference_timeout_s, 0.01, 1.0)?;
         in_range("wrench_timeout_s", self.wrench_timeout_s, 0.01, 1.0)?;
         positive("bending_stiffness_n_m2", frame.bending_stiffness_n_m2)?;
@@ -341,7 +341,7 @@ impl State {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AxleNode {
     axle: AxleId,
-    frame: Frame,
+    frame: FrameProperties,
     reference_timeout: Micros,
     wrench_timeout: Micros,
     speed_source: SpeedSource,
@@ -811,7 +811,7 @@ mod tests {
     use core::f64::consts::TAU;
 
     fn node(axle: AxleId) -> AxleNode {
-        let frame = Frame {
+        let frame = FrameProperties {
             bending_stiffness_n_m2: 0.833,
             length_m: 0.37,
         };

@@ -272,7 +272,9 @@ mod tests {
             if let Some(lead) = board.lead() {
                 let sure = |x| Estimate::with_sigmas(Posture::new(x, 0.0, 0.0), [1e-3; 3]);
                 lead.initialize(&sure(1.0), &sure(0.37));
-                lead.course().push_path_point(PathPoint::default()).unwrap();
+                lead.path_task()
+                    .push_path_point(PathPoint::default())
+                    .unwrap();
                 lead.command(lead::Task::Regulate {
                     goal: Posture::ORIGIN,
                 });

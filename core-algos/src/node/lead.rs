@@ -16,7 +16,7 @@
 //! switch their motors off.
 
 use super::Outbox;
-use super::course::{self, Course};
+use super::path_task::{self, PathTask};
 use super::peers::{self, Peers};
 use crate::bus::codec::wrap_position;
 use crate::bus::{LeadMode, Message, layout};
@@ -26,7 +26,7 @@ use crate::control::governor::{self, Governor, Wish};
 use crate::control::regulator::{self, Phase, Regulator};
 use crate::fusion::Estimate;
 use crate::fusion::ekf::Verdict;
-use crate::fusion::tandem::{self, Increment, Tandem};
+use crate::fusion::robot::{self, Increment, RobotFusion};
 use crate::math::matrix::{Mat3, diagonal, scale};
 use crate::math::{Posture, RelativeHeading, Transform, Twist, Wrench};
 use crate::safety::supervisor::{self, Supervisor};
@@ -52,11 +52,11 @@ pub struct Config {
     /// they are let go until the next command.
     pub hold_s: f32,
     /// Second tier of fusion.
-    pub fusion: tandem::Config,
+    pub fusion: robot::Config,
     /// Posture regulation.
     pub regulator: regulator::Config,
     /// Path following and trajectory tracking.
-    pub course: course::Config,
+    pub course: path_task::Config,
     /// Governor of the midpoint's motion.
     pub governor: governor::Config,
     /// Cascade to the axles.
@@ -147,9 +147,9 @@ impl Default for Config {
         Self {
             report_timeout_s: layout::timeout_s(layout::id::AXLE_POSTURE),
             hold_s: 60.0,
-            fusion: tandem::Config::default(),
+            fusion: robot::Config::default(),
             regulator: regulator::Config::default(),
-            course: course::Config::default(),
+            course: path_task::Config::default(),
             governor: governor::Config::default(),
             cascade: cascade::Config::default(),
             limits: Limits::default(),
@@ -174,7 +174,7 @@ impl Config {
             longest_hold: (in_range("hold_s", self.hold_s, 0.1, 3600.0)? * 1e6) as Micros,
             fusion: self.fusion.build()?,
             regulator: self.regulator.build()?,
-            course: self.course.build(&cascade)?,
+            path_task: self.course.build(&cascade)?,
             governor: self.governor.build(&cascade)?,
             cascade,
         })
@@ -197,7 +197,7 @@ pub enum Task {
         /// The goal.
         goal: Posture,
     },
-    /// Follow the path in the node's buffer from its beginning (see [`LeadNode::course`]), and
+    /// Follow the path in the node's buffer from its beginning (see [`LeadNode::path_task`]), and
     /// rest at its end.
     Follow,
     /// Track the trajectory in the node's buffer, beginning now, and rest at its end.
@@ -335,7 +335,7 @@ pub struct Output {
     /// Mode sent to the axles.
     pub mode: LeadMode,
     /// Estimated postures of the axles and the midpoint, and what the beam added.
-    pub fused: tandem::Output,
+    pub fused: robot::Output,
     /// Commanded motion of the midpoint.
     pub motion: Motion,
     /// Phase of the regulator, when regulating.
@@ -355,7 +355,7 @@ pub struct State {
     tracks: [AxleTrack; 2],
     beam_posture: Option<Stamped<Posture>>,
     beam_uncertainty: Option<Stamped<Mat3>>,
-    fusion: Option<tandem::State>,
+    fusion: Option<robot::State>,
     regulator: regulator::State,
     governor: governor::State,
     wrench: Option<Stamped<Wrench>>,
@@ -391,8 +391,8 @@ fn active_until(done: bool) -> LeadMode {
     }
 }
 
-impl From<course::Step> for Decision {
-    fn from(step: course::Step) -> Self {
+impl From<path_task::Step> for Decision {
+    fn from(step: path_task::Step) -> Self {
         Self {
             wish: step.wish,
             mode: active_until(step.done),
@@ -408,9 +408,9 @@ impl From<course::Step> for Decision {
 pub struct Algorithms {
     report_timeout: Micros,
     longest_hold: Micros,
-    fusion: Tandem,
+    fusion: RobotFusion,
     regulator: Regulator,
-    course: Course,
+    path_task: PathTask,
     governor: Governor,
     cascade: Cascade,
     limits: Limits,
@@ -424,7 +424,7 @@ pub struct Algorithms {
 pub struct LeadNode {
     with: Algorithms,
     /// Beside the state, which passes over the stack: the buffers are three times as large.
-    course: course::State,
+    path_task: path_task::State,
     state: State,
 }
 
@@ -433,14 +433,14 @@ impl LeadNode {
     pub fn new(algorithms: Algorithms) -> Self {
         Self {
             with: algorithms,
-            course: course::State::EMPTY,
+            path_task: path_task::State::EMPTY,
             state: State::default(),
         }
     }
 
     /// Begins anew, as [`Self::new`] does.
     pub fn restart(&mut self) {
-        self.course.clear();
+        self.path_task.clear();
         self.state = State::default();
     }
 
@@ -452,7 +452,7 @@ impl LeadNode {
     }
 
     /// The second tier of fusion in its present state.
-    pub fn fusion(&self) -> Option<&tandem::State> {
+    pub fn fusion(&self) -> Option<&robot::State> {
         self.state.fusion.as_ref()
     }
 
@@ -461,7 +461,7 @@ impl LeadNode {
         self.state.task = task;
         self.state.done = false;
         self.state.released = false;
-        self.course.restart();
+        self.path_task.restart();
     }
 
     /// Where the node stands, and why.
@@ -471,8 +471,8 @@ impl LeadNode {
 
     /// The buffers of path and trajectory, to be filled before [`Task::Follow`] or [`Task::Track`]
     /// and while it runs.
-    pub fn course(&mut self) -> &mut course::State {
-        &mut self.course
+    pub fn path_task(&mut self) -> &mut path_task::State {
+        &mut self.path_task
     }
 
     /// The cascade, with the frame's geometry.
@@ -626,22 +626,25 @@ impl LeadNode {
                 }
             }
             Task::Follow => {
-                let step = self.with.course.follow(&mut self.course, *center, &motion);
+                let step = self
+                    .with
+                    .path_task
+                    .follow(&mut self.path_task, *center, &motion);
                 Decision::from(step)
             }
             Task::Track => {
                 let epoch = epoch_start(now, sequence(now));
                 let step = self
                     .with
-                    .course
-                    .track(&mut self.course, epoch, *center, &motion);
+                    .path_task
+                    .track(&mut self.path_task, epoch, *center, &motion);
                 Decision::from(step)
             }
         }
     }
 
     /// Brings the estimate to the present epoch; `None` while reports are missing.
-    fn fuse(&mut self, now: Micros) -> Option<tandem::Output> {
+    fn fuse(&mut self, now: Micros) -> Option<robot::Output> {
         let state = &mut self.state;
         let fusion = state.fusion.as_mut()?;
         for track in &state.tracks {
@@ -675,7 +678,7 @@ impl LeadNode {
             _ => None,
         };
         let lost = restarted != [None; 2];
-        let inputs = tandem::Inputs {
+        let inputs = robot::Inputs {
             front: front.increment(&rear),
             rear: rear.increment(&front),
             // The frame may have bent by more than an update of the estimate can follow.
@@ -694,7 +697,7 @@ impl LeadNode {
     fn supervise(
         &mut self,
         now: Micros,
-        fused: Option<&tandem::Output>,
+        fused: Option<&robot::Output>,
         outbox: &mut Outbox,
     ) -> supervisor::Output {
         let motion = self.state.governor.motion;
@@ -736,7 +739,7 @@ impl LeadNode {
     }
 
     /// What the task asks of the supervisor.
-    fn request(&self, fused: Option<&tandem::Output>) -> Option<Request> {
+    fn request(&self, fused: Option<&robot::Output>) -> Option<Request> {
         let state = &self.state;
         let resting = state.released || matches!(state.task, Task::Idle | Task::Clear);
         match state.supervisor.operating() {
@@ -751,7 +754,7 @@ impl LeadNode {
     }
 
     /// Whether the axles are at rest and the beam agrees with them.
-    fn still(&self, fused: Option<&tandem::Output>) -> bool {
+    fn still(&self, fused: Option<&robot::Output>) -> bool {
         let at_rest = |track: &AxleTrack| {
             let Twist { v, omega } = track.report.twist;
             v.abs() <= STILL.v && omega.abs() <= STILL.omega
@@ -761,7 +764,7 @@ impl LeadNode {
     }
 
     /// What is wrong at this step; `fused` is there if the axles' reports are.
-    fn watch(&self, now: Micros, fused: Option<&tandem::Output>) -> Conditions {
+    fn watch(&self, now: Micros, fused: Option<&robot::Output>) -> Conditions {
         let state = &self.state;
         let axles = [Node::FrontAxle, Node::RearAxle];
         let powered = state.supervisor.operating().permit() != Permit::Off;
@@ -780,7 +783,7 @@ impl LeadNode {
         // The beam's measurement counts most; without it, the estimates of the axles.
         let heading = beam
             .map(|posture| RelativeHeading(posture.value.phi))
-            .or(fused.map(tandem::Output::relative_heading));
+            .or(fused.map(robot::Output::relative_heading));
         let bent = heading
             .is_some_and(|heading| !(heading.steering().0.abs() <= self.with.limits.steering_rad));
         let unsound = fused.is_some_and(|fused| !fused.robot.posture.is_finite());
@@ -791,7 +794,7 @@ impl LeadNode {
             let refused = fused.beam.verdict == Verdict::Gated;
             vague || (refused && state.supervisor.operating() == OperatingState::Active)
         });
-        let certain = |fused: &tandem::Output| self.with.limits.is_certain(&fused.robot);
+        let certain = |fused: &robot::Output| self.with.limits.is_certain(&fused.robot);
         let doubtful = state.done && fused.is_some_and(|fused| !certain(fused));
         Conditions::NONE
             .with(
@@ -827,7 +830,7 @@ impl LeadNode {
 
     /// Without power the frame leaves the commanded steering angle: the next drive begins with the
     /// estimated one.
-    fn settle(&mut self, fused: &tandem::Output) {
+    fn settle(&mut self, fused: &robot::Output) {
         let steering = fused.relative_heading().steering();
         if !((steering.0 - self.state.governor.motion.psi.0).abs() <= LET_GO) {
             self.state.governor = governor::State::at_rest(steering);
@@ -837,7 +840,7 @@ impl LeadNode {
     fn idle(
         &mut self,
         now: Micros,
-        fused: Option<tandem::Output>,
+        fused: Option<robot::Output>,
         supervision: supervisor::Output,
         outbox: &mut Outbox,
     ) -> Output {
@@ -871,7 +874,7 @@ impl LeadNode {
         now: Micros,
         mode: LeadMode,
         references: &[AxleReference; 2],
-        fused: &tandem::Output,
+        fused: &robot::Output,
         outbox: &mut Outbox,
     ) {
         let sequence = sequence(now);
@@ -969,7 +972,7 @@ mod tests {
             let axles = [(front, number as u8), (at(0.0), number as u8 - 130)];
             let output = epoch(&mut node, number, axles);
             // Until its filter has settled and the beam has had its time, nothing is assumed.
-            assert_eq!(output.fused == tandem::Output::default(), number < 180);
+            assert_eq!(output.fused == robot::Output::default(), number < 180);
             last = output;
         }
         let [front, rear] = [last.fused.front.posture, last.fused.rear.posture];

@@ -9,11 +9,11 @@ pub mod axle;
 pub mod beam;
 pub mod board;
 pub mod clock;
-pub mod course;
 pub mod lead;
 pub mod outbox;
-pub mod pace;
+pub mod path_task;
 pub mod peers;
 pub mod robot;
+pub mod tick_sync;
 
 pub use outbox::Outbox;

@@ -229,7 +229,7 @@ impl RobotConfig {
     /// The node of one axle, for a board that runs no other.
     pub fn build_axle(&self, axle: AxleId) -> Result<axle::AxleNode, ConfigError> {
         self.check()?;
-        let frame = axle::Frame {
+        let frame = axle::FrameProperties {
             bending_stiffness_n_m2: self.geometry.bending_stiffness_n_m2,
             length_m: self.geometry.frame_length_m,
         };

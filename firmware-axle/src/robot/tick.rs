@@ -1,13 +1,13 @@
 //! The axle's tick, once a millisecond: sample → receive → node → limit → command → send.
 //!
 //! The front board's clock is the common time, and its lead node runs here too; the rear board
-//! follows by [`Pace`]. A board whose clock was moved begins anew with motors off.
+//! follows by [`TickSync`]. A board whose clock was moved begins anew with motors off.
 
 use core_algos::bus::Message;
 use core_algos::control::wheel_observer::{self, WheelObserver};
 use core_algos::drive::winding::{self, Winding};
 use core_algos::node::board::{Board, Output, Samples};
-use core_algos::node::pace::{Pace, Step};
+use core_algos::node::tick_sync::{Step, TickSync};
 use core_algos::node::{Outbox, axle};
 use core_algos::params::Drive;
 use core_algos::safety::{Condition, Conditions};
@@ -83,7 +83,7 @@ pub struct Axis {
 
 /// All that changes from tick to tick.
 struct State {
-    pace: Pace,
+    sync: TickSync,
     /// What the nodes of this board sent at the last tick, as the others read it.
     own: Outbox,
     wheels: [wheel_observer::State; 2],
@@ -100,9 +100,9 @@ pub async fn run(mut axis: Axis) -> ! {
     let mut stopwatch = Stopwatch::new(TICK as u32);
     let mut health = Every::new(HEALTH);
     let mut state = State {
-        pace: match axis.nodes.role() {
-            Role::Front => Pace::leading(),
-            _ => Pace::following(),
+        sync: match axis.nodes.role() {
+            Role::Front => TickSync::leading(),
+            _ => TickSync::following(),
         },
         own: Outbox::new(),
         wheels: [wheel_observer::State::default(); 2],
@@ -138,7 +138,7 @@ impl Axis {
         let Some(now) = now else {
             return Command::default();
         };
-        if let Some(message) = state.pace.sync(now, self.sender.take_sync_sent()) {
+        if let Some(message) = state.sync.sync(now, self.sender.take_sync_sent()) {
             self.sender.send(&message);
         }
         self.button.step(now, self.nodes);
@@ -147,7 +147,7 @@ impl Axis {
             gyro_rad_s: inertial.gyro_rad_s,
             acceleration_m_s2: inertial.acceleration_m_s2,
             conditions: self
-                .conditions(&state.pace, &feedback)
+                .conditions(&state.sync, &feedback)
                 .with(Condition::Restarted, state.restarted),
         });
         let mut outbox = Outbox::new();
@@ -161,7 +161,7 @@ impl Axis {
     }
 
     /// What the drivers find wrong.
-    fn conditions(&self, pace: &Pace, feedback: &Feedback) -> Conditions {
+    fn conditions(&self, sync: &TickSync, feedback: &Feedback) -> Conditions {
         let drive = &self.drive;
         let hotter = |bound: f32| feedback.temperature_c.is_some_and(|t| !(t <= bound));
         let below = |bound: f32| feedback.ready && !(feedback.supply_v >= bound);
@@ -181,7 +181,7 @@ impl Axis {
             )
             .with(Condition::MotorUnresponsive, feedback.unresponsive)
             .with(Condition::BusOff, can::is_off())
-            .union(pace.conditions())
+            .union(sync.conditions())
             .union(self.parameters);
         match feedback.fault {
             Some(fault) => conditions.with(fault, true),
@@ -191,8 +191,8 @@ impl Axis {
 
     /// The common time of this tick; `None` when nothing may be driven.
     fn now(&mut self, state: &mut State, local: Micros) -> Option<Micros> {
-        let step = state.pace.step(local);
-        self.motors.trim(state.pace.trim());
+        let step = state.sync.step(local);
+        self.motors.trim(state.sync.trim());
         match step {
             Step::Wait => None,
             Step::Run(now) => Some(now),
@@ -216,7 +216,7 @@ impl Axis {
         }
         state.own.clear();
         while let Some(arrived) = self.receiver.take() {
-            state.pace.receive(arrived.local, &arrived.message);
+            state.sync.receive(arrived.local, &arrived.message);
             if let Some(now) = now {
                 self.nodes.receive(now, &arrived.message);
             }
@@ -252,14 +252,14 @@ impl Axis {
         let feedback = self.motors.feedback();
         let winding_c = state.windings.map(|winding| winding.temperature_c);
         let board = self.nodes.role();
-        let now = state.pace.last().unwrap_or(local);
+        let now = state.sync.last().unwrap_or(local);
         let warmest = winding_c[0]
             .max(winding_c[1])
             .max(feedback.temperature_c.unwrap_or(-128.0));
         self.sender.send(&Message::BoardHealth {
             board,
             sequence: sequence(now),
-            missed_ticks: state.pace.missed().min(255) as u8,
+            missed_ticks: state.sync.missed().min(255) as u8,
             tick_jitter_us: timing_us.0,
             tick_worst_us: timing_us.1,
             supply_v: feedback.supply_v.clamp(0.0, 25.5),
@@ -268,10 +268,10 @@ impl Axis {
         self.reports.send(Report {
             feedback,
             winding_c,
-            in_step: state.pace.in_step(),
+            in_step: state.sync.in_step(),
             timing_us,
-            missed: state.pace.missed(),
-            restarts: state.pace.restarts(),
+            missed: state.sync.missed(),
+            restarts: state.sync.restarts(),
             inertial: self.inertial.answers(),
         });
     }

@@ -7,8 +7,8 @@ use core_algos::bus::{LeadMode, Message};
 use core_algos::config::ConfigError;
 use core_algos::node::Outbox;
 use core_algos::node::beam::BeamNode;
-use core_algos::node::pace::{Pace, Step};
 use core_algos::node::robot::RobotConfig;
+use core_algos::node::tick_sync::{Step, TickSync};
 use core_algos::params::Disarmed;
 use core_algos::safety::{Condition, Conditions, Permit};
 use core_algos::time::{Micros, TICK, sequence};
@@ -87,7 +87,7 @@ pub struct Beam {
 
 /// All that changes from tick to tick.
 struct State {
-    pace: Pace,
+    sync: TickSync,
     motors_on: Option<Micros>,
     saving: Option<u8>,
     /// Times conversions were lost.
@@ -105,7 +105,7 @@ pub async fn run(mut beam: Beam) -> ! {
     let mut stopwatch = Stopwatch::new(TICK as u32);
     let mut health = Every::new(HEALTH);
     let mut state = State {
-        pace: Pace::following(),
+        sync: TickSync::following(),
         motors_on: None,
         saving: None,
         lost: 0,
@@ -142,7 +142,7 @@ impl Beam {
 
     fn receive(&mut self, state: &mut State, local: Micros) {
         while let Some(arrived) = self.receiver.take() {
-            state.pace.receive(arrived.local, &arrived.message);
+            state.sync.receive(arrived.local, &arrived.message);
             self.node.receive(&arrived.message);
             match arrived.message {
                 Message::LeadStatus {
@@ -163,12 +163,12 @@ impl Beam {
 
     /// A restart is no different here: the node remembers samples, not times.
     fn run_node(&mut self, state: &mut State, block: &Block) {
-        let step = state.pace.step(block.local);
-        self.bridges.trim(state.pace.trim());
+        let step = state.sync.step(block.local);
+        self.bridges.trim(state.sync.trim());
         let (Step::Run(now) | Step::Restart(now)) = step else {
             return;
         };
-        let conditions = state.pace.conditions().union(self.parameters);
+        let conditions = state.sync.conditions().union(self.parameters);
         self.node
             .note(conditions.with(Condition::BusOff, can::is_off()));
         let mut outbox = Outbox::new();
@@ -232,8 +232,8 @@ impl Beam {
         let temperature_c = self.bridges.temperature();
         self.sender.send(&Message::BoardHealth {
             board: Role::Beam,
-            sequence: sequence(state.pace.last().unwrap_or(block.local)),
-            missed_ticks: state.pace.missed().min(255) as u8,
+            sequence: sequence(state.sync.last().unwrap_or(block.local)),
+            missed_ticks: state.sync.missed().min(255) as u8,
             tick_jitter_us: timing_us.0,
             tick_worst_us: timing_us.1,
             supply_v: (block.excitation * SUPPLY_V).clamp(0.0, 25.5),
@@ -244,9 +244,9 @@ impl Beam {
             excitation: block.excitation,
             temperature_c,
             gauges: gauges as u8,
-            in_step: state.pace.in_step(),
+            in_step: state.sync.in_step(),
             timing_us,
-            missed: state.pace.missed(),
+            missed: state.sync.missed(),
             lost: state.lost,
         });
     }

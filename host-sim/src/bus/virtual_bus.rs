@@ -1,6 +1,6 @@
 //! Virtual bus: every message goes through its bytes, arrives late and may be lost.
 
-use core_algos::bus::{self, Frame, Message, layout};
+use core_algos::bus::{self, CanFrame, Message, layout};
 use core_algos::time::Micros;
 use core_algos::topology::{Node, Role};
 use rand::{RngExt, SeedableRng};
@@ -66,7 +66,7 @@ pub struct BusStatistics {
 #[derive(Clone, Debug)]
 struct Transit {
     due: Micros,
-    frame: Frame,
+    frame: CanFrame,
     message: Message,
     received: [bool; 3],
 }
@@ -103,7 +103,7 @@ impl VirtualBus {
 
     /// Sends a message at `now`. It is encoded and decoded as between real boards; gives the frame
     /// that was on the bus.
-    pub fn send(&mut self, now: Micros, message: &Message) -> Option<Frame> {
+    pub fn send(&mut self, now: Micros, message: &Message) -> Option<CanFrame> {
         match bus::encode(message) {
             Ok(frame) if self.quantise => self.send_frame(now, &frame),
             Ok(frame) => self.transmit(now, &frame, *message),
@@ -116,7 +116,7 @@ impl VirtualBus {
     }
 
     /// Sends what a board has encoded itself.
-    pub fn send_frame(&mut self, now: Micros, frame: &Frame) -> Option<Frame> {
+    pub fn send_frame(&mut self, now: Micros, frame: &CanFrame) -> Option<CanFrame> {
         match bus::decode(frame) {
             Ok(message) => self.transmit(now, frame, message),
             Err(_) => {
@@ -127,7 +127,7 @@ impl VirtualBus {
         }
     }
 
-    fn transmit(&mut self, now: Micros, frame: &Frame, message: Message) -> Option<Frame> {
+    fn transmit(&mut self, now: Micros, frame: &CanFrame, message: Message) -> Option<CanFrame> {
         self.statistics.sent += 1;
         if self.severed {
             self.statistics.lost += 1;
@@ -221,7 +221,7 @@ impl VirtualBus {
     }
 
     /// Hands every message that has arrived by `now` to `receive`, once for each board it reaches.
-    pub fn deliver(&mut self, now: Micros, mut receive: impl FnMut(Role, &Frame, &Message)) {
+    pub fn deliver(&mut self, now: Micros, mut receive: impl FnMut(Role, &CanFrame, &Message)) {
         while self.transit.front().is_some_and(|first| first.due <= now) {
             if let Some(transit) = self.transit.pop_front() {
                 for board in Role::ALL {
@@ -246,7 +246,7 @@ impl VirtualBus {
 }
 
 /// The board that sends a frame; a service tool is none.
-fn sender(frame: &Frame) -> Option<Role> {
+fn sender(frame: &CanFrame) -> Option<Role> {
     match layout::find(frame.id)?.sender {
         Node::Lead | Node::FrontAxle => Some(Role::Front),
         Node::RearAxle => Some(Role::Rear),

@@ -22,7 +22,7 @@ use crate::view::style::{BAND, series};
 use clap::{Args, ValueEnum};
 use core_algos::fusion::Estimate;
 use core_algos::fusion::ekf::Verdict;
-use core_algos::fusion::tandem::Mode;
+use core_algos::fusion::robot::Mode;
 use serde::Serialize;
 
 /// Fusions that `consistency` compares.

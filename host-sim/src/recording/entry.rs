@@ -5,7 +5,7 @@
 //! (postcard, as on the serial link) in hexadecimal.
 
 use core_algos::beam::MAX_GAUGES;
-use core_algos::bus::{Frame, LeadMode, Message};
+use core_algos::bus::{CanFrame, LeadMode, Message};
 use core_algos::control::path::{PathPoint, TrajectoryPoint};
 use core_algos::control::regulator::Phase;
 use core_algos::fusion::Estimate;
@@ -121,11 +121,11 @@ impl<'de> Deserialize<'de> for Hex {
 
 /// A frame of the bus as `1a0#0011223344556677`: identifier, then data.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Can(pub Frame);
+pub struct Can(pub CanFrame);
 
 impl Serialize for Can {
     fn serialize<S: Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
-        let Frame { id, length, data } = self.0;
+        let CanFrame { id, length, data } = self.0;
         let mut text = [b'#'; 20];
         let digit = |nibble: u16| DIGITS[usize::from(nibble & 15)];
         for (place, shift) in text.iter_mut().zip([8, 4, 0]) {
@@ -149,7 +149,7 @@ impl<'de> Deserialize<'de> for Can {
             let mut data = [0; 8];
             data.get_mut(..bytes.len())?.copy_from_slice(&bytes);
             let length = bytes.len() as u8;
-            Some(Self(Frame { id, length, data }))
+            Some(Self(CanFrame { id, length, data }))
         };
         frame().ok_or_else(|| {
             let expected = "a frame as 1a0#0011, with at most eight bytes";
@@ -466,7 +466,7 @@ mod tests {
 
         #[test]
         fn every_frame_comes_back(id in 0u16..0x800, data: Vec<u8>) {
-            let mut frame = Frame { id, length: data.len().min(8) as u8, data: [0; 8] };
+            let mut frame = CanFrame { id, length: data.len().min(8) as u8, data: [0; 8] };
             let length = usize::from(frame.length);
             frame.data[..length].copy_from_slice(&data[..length]);
             let text = serde_json::to_string(&Can(frame)).unwrap();

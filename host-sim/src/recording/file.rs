@@ -10,7 +10,7 @@ use crate::run::recovery::Status;
 use crate::run::robot::Record;
 use crate::targets::Report;
 use crate::world::body::Body;
-use core_algos::bus::{self, Frame, layout};
+use core_algos::bus::{self, CanFrame, layout};
 use core_algos::hil::framing::crc32c;
 use core_algos::math::Posture;
 use core_algos::safety::{Class, OperatingState};
@@ -268,7 +268,7 @@ impl Mcap {
         }
     }
 
-    fn frames(&mut self, role: Role, tick: u32, frames: &[Frame]) {
+    fn frames(&mut self, role: Role, tick: u32, frames: &[CanFrame]) {
         let said = frames.iter().map(|frame| Said {
             name: layout::find(frame.id).map_or("unknown", |layout| layout.name),
             frame: Can(*frame),

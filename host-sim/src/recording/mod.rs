@@ -26,7 +26,7 @@ use crate::base::output;
 use crate::run::robot::{Observer, Record, Robot};
 use crate::scenario::Scenario;
 use crate::targets::{Report, Target};
-use core_algos::bus::Frame;
+use core_algos::bus::CanFrame;
 use core_algos::node::lead::{self, Task};
 use core_algos::time::Micros;
 use core_algos::topology::Role;
@@ -201,7 +201,7 @@ impl Observer for Session {
         self.note(Line::Board(role, image));
     }
 
-    fn frames(&mut self, role: Role, tick: u32, frames: Vec<Frame>) {
+    fn frames(&mut self, role: Role, tick: u32, frames: Vec<CanFrame>) {
         self.note(Line::Frames(role, tick, frames));
     }
 
@@ -224,7 +224,7 @@ enum Line {
     /// The host told the lead node something.
     Order(OrderEntry),
     /// A board put frames on the bus.
-    Frames(Role, u32, Vec<Frame>),
+    Frames(Role, u32, Vec<CanFrame>),
     /// The lead node's output, at a tick; the instant at which its estimates hold, if that is not the
     /// beginning of the host's epoch.
     Lead(u32, Option<Micros>, Box<lead::Output>),

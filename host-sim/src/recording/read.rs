@@ -10,7 +10,7 @@ use super::entry::{
 };
 use crate::base::error::Error;
 use core_algos::beam::MAX_GAUGES;
-use core_algos::bus::Frame;
+use core_algos::bus::CanFrame;
 use core_algos::hil::protocol::Place;
 use core_algos::node::board::Samples;
 use core_algos::node::robot::RobotConfig;
@@ -68,11 +68,11 @@ pub struct Step {
     /// What its sensors read.
     pub samples: Samples,
     /// Frames that arrived.
-    pub received: Vec<Frame>,
+    pub received: Vec<CanFrame>,
     /// Torques it commanded, N m.
     pub torque_nm: [Exact; 2],
     /// Frames it sent.
-    pub sent: Vec<Frame>,
+    pub sent: Vec<CanFrame>,
     /// The lead node's output, when it came with this tick's answer.
     pub lead: Option<Box<lead::Output>>,
 }
@@ -107,7 +107,7 @@ impl Recording {
 #[derive(Default)]
 struct Pending {
     /// Frames that each board sent at the tick whose entry comes next.
-    sent: [Vec<(u32, Frame)>; 3],
+    sent: [Vec<(u32, CanFrame)>; 3],
     lead: Option<LeadBits>,
 }
 
@@ -304,7 +304,7 @@ impl Recording {
 }
 
 /// The frames of a tick; those of others belong to ticks whose answers never came.
-fn sent_at(sent: &mut Vec<(u32, Frame)>, tick: u32) -> Vec<Frame> {
+fn sent_at(sent: &mut Vec<(u32, CanFrame)>, tick: u32) -> Vec<CanFrame> {
     let frames = sent.drain(..).filter(|(at, _)| *at == tick);
     frames.map(|(_, frame)| frame).collect()
 }

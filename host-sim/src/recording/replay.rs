@@ -12,7 +12,7 @@ use crate::recording::entry::{Exact, Given, Pose, TruthEntry, epoch_of};
 use crate::recording::read::{Event, Recording, Step};
 use crate::run::bit_compare::{lead_difference, show_frame};
 use crate::targets::{Fault, InProcess, Order, Posted, Target};
-use core_algos::bus::{self, Frame};
+use core_algos::bus::{self, CanFrame};
 use core_algos::fusion::ekf::Verdict;
 use core_algos::node::lead;
 use core_algos::node::robot::RobotConfig;
@@ -64,7 +64,7 @@ struct Again {
 /// What a board did at a tick.
 struct Done {
     torque_nm: [f32; 2],
-    sent: Vec<Frame>,
+    sent: Vec<CanFrame>,
 }
 
 impl Again {
@@ -121,7 +121,7 @@ impl Again {
     }
 
     /// One tick, with these frames arriving before it.
-    fn step(&mut self, step: &Step, received: &[Frame]) -> Result<Done, Error> {
+    fn step(&mut self, step: &Step, received: &[CanFrame]) -> Result<Done, Error> {
         let failed = |again: &Self, fault| again.failed(step.tick, fault);
         let now = Micros::from(step.tick) * TICK;
         for frame in received {
@@ -161,7 +161,7 @@ impl Again {
         };
         let count = step.sent.len().max(done.sent.len());
         if let Some(i) = (0..count).find(|&i| step.sent.get(i) != done.sent.get(i)) {
-            let show = |frame: Option<&Frame>| frame.map_or("absent".to_owned(), show_frame);
+            let show = |frame: Option<&CanFrame>| frame.map_or("absent".to_owned(), show_frame);
             return part(
                 "frame on the bus".to_owned(),
                 show(step.sent.get(i)),
@@ -245,8 +245,8 @@ pub fn estimate_again(
         .map(|events| events.iter().peekable());
     // When each frame was last sent, and what its sender sends at a tick now.
     let mut recorded: HashMap<(u16, u8, [u8; 8]), u32> = HashMap::new();
-    let mut now: HashMap<(u16, u32), Frame> = HashMap::new();
-    let key = |frame: &Frame| (frame.id, frame.length, frame.data);
+    let mut now: HashMap<(u16, u32), CanFrame> = HashMap::new();
+    let key = |frame: &CanFrame| (frame.id, frame.length, frame.data);
     let mut estimates = Estimates::new();
     while let Some(tick) = rest
         .iter_mut()
@@ -266,7 +266,7 @@ pub fn estimate_again(
                 let Event::Tick(step) = event else {
                     continue;
                 };
-                let received: Vec<Frame> = step
+                let received: Vec<CanFrame> = step
                     .received
                     .iter()
                     .filter_map(|frame| match recorded.get(&key(frame)) {

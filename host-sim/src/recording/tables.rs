@@ -7,7 +7,7 @@ use crate::base::output::{Cell, Csv, OutputDir, write_file};
 use crate::recording::csv;
 use crate::run::robot::Record;
 use core_algos::beam::MAX_GAUGES;
-use core_algos::bus::{Frame, layout};
+use core_algos::bus::{CanFrame, layout};
 use core_algos::topology::Role;
 use std::path::{Path, PathBuf};
 
@@ -108,7 +108,7 @@ impl Tables {
         ]);
     }
 
-    fn frame(&mut self, role: Role, tick: u32, frame: &Frame) {
+    fn frame(&mut self, role: Role, tick: u32, frame: &CanFrame) {
         let data = frame.data.iter().take(usize::from(frame.length));
         let name = layout::find(frame.id).map_or("unknown", |layout| layout.name);
         self.bus.row::<Cell>([

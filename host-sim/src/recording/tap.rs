@@ -4,7 +4,7 @@ use super::entry::{AxleTick, BeamTick, Can, Exact, Given, Hex, Off, OrderEntry, 
 use super::{Line, Session, in_words};
 use crate::base::error::Error;
 use crate::targets::{Fault, Order, Output, Posted, Report, Room, Target, Traffic};
-use core_algos::bus::{self, Frame, Message};
+use core_algos::bus::{self, CanFrame, Message};
 use core_algos::hil::framing::crc32c;
 use core_algos::hil::protocol::{Place, StackUse};
 use core_algos::node::board::Samples;
@@ -24,7 +24,7 @@ pub struct Tap {
     /// The tick that comes next, ms.
     next: u32,
     received: Vec<Can>,
-    sent: Vec<Frame>,
+    sent: Vec<CanFrame>,
 }
 
 impl Tap {
@@ -137,7 +137,7 @@ impl Target for Tap {
         self.target.room()
     }
 
-    fn receive(&mut self, now: Micros, frame: &Frame, message: &Message) {
+    fn receive(&mut self, now: Micros, frame: &CanFrame, message: &Message) {
         self.received.push(Can(*frame));
         self.target.receive(now, frame, message);
     }

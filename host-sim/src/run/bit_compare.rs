@@ -1,6 +1,6 @@
 //! What the boards of a run did, bit by bit, and where two runs part.
 
-use core_algos::bus::{Frame, layout};
+use core_algos::bus::{CanFrame, layout};
 use core_algos::node::lead;
 use core_algos::time::{EPOCH, TICK};
 use core_algos::topology::Role;
@@ -14,7 +14,7 @@ const EPOCH_TICKS: usize = (EPOCH / TICK) as usize;
 #[derive(Clone, Debug, Default)]
 pub struct Trace {
     torques: Vec<[[f32; 2]; 2]>,
-    frames: Vec<(u32, Frame)>,
+    frames: Vec<(u32, CanFrame)>,
     leads: Vec<lead::Output>,
 }
 
@@ -45,7 +45,7 @@ impl fmt::Display for Difference {
 
 impl Trace {
     /// A frame was sent at a tick.
-    pub fn frame(&mut self, tick: u32, frame: Frame) {
+    pub fn frame(&mut self, tick: u32, frame: CanFrame) {
         self.frames.push((tick, frame));
     }
 
@@ -60,7 +60,7 @@ impl Trace {
     }
 
     /// The frames on the bus, in the order of sending.
-    pub fn frames(&self) -> impl Iterator<Item = &Frame> {
+    pub fn frames(&self) -> impl Iterator<Item = &CanFrame> {
         self.frames.iter().map(|(_, frame)| frame)
     }
 
@@ -105,7 +105,7 @@ impl Trace {
         let place = (0..count).find(|&i| self.frames.get(i) != other.frames.get(i))?;
         let (a, b) = (self.frames.get(place), other.frames.get(place));
         let tick = [a, b].into_iter().flatten().map(|(tick, _)| *tick).min()?;
-        let show = |entry: Option<&(u32, Frame)>| match entry {
+        let show = |entry: Option<&(u32, CanFrame)>| match entry {
             Some((at, frame)) if *at == tick => show_frame(frame),
             _ => "absent".to_owned(),
         };
@@ -141,7 +141,7 @@ impl Trace {
 }
 
 /// A frame in words.
-pub fn show_frame(frame: &Frame) -> String {
+pub fn show_frame(frame: &CanFrame) -> String {
     let name = layout::find(frame.id).map_or("unknown", |layout| layout.name);
     let data = frame.data.get(..usize::from(frame.length));
     format!("{name} {:02x?}", data.unwrap_or(&frame.data))
@@ -193,7 +193,7 @@ mod tests {
         for tick in 0..20 {
             trace.frame(
                 tick,
-                Frame {
+                CanFrame {
                     id: 0x100,
                     length: 8,
                     data: [tick as u8; 8],

@@ -2,7 +2,7 @@
 //! a board was restarted.
 
 use crate::targets::{Boards, Order, What};
-use core_algos::bus::{self, Frame, Message};
+use core_algos::bus::{self, CanFrame, Message};
 use core_algos::node::lead::Task;
 use core_algos::safety::{Condition, Conditions, OperatingState};
 use core_algos::time::{Micros, TICK};
@@ -33,7 +33,7 @@ pub struct Status {
 
 impl Status {
     /// The heartbeat in a frame of a tick (ms); none if the frame is something else.
-    pub fn of(tick: u32, frame: &Frame) -> Option<Self> {
+    pub fn of(tick: u32, frame: &CanFrame) -> Option<Self> {
         Self::of_message(tick, &bus::decode(frame).ok()?)
     }
 
@@ -91,7 +91,7 @@ pub struct Monitor {
 
 impl Monitor {
     /// Takes in a frame that was sent at a tick (ms).
-    pub fn see(&mut self, tick: u32, frame: &Frame) {
+    pub fn see(&mut self, tick: u32, frame: &CanFrame) {
         let Some(status) = Status::of(tick, frame) else {
             return;
         };
@@ -243,7 +243,7 @@ impl Recovery {
 mod tests {
     use super::*;
 
-    fn frame(node: Node, state: OperatingState, reason: u8, notices: u16) -> Frame {
+    fn frame(node: Node, state: OperatingState, reason: u8, notices: u16) -> CanFrame {
         let message = Message::NodeStatus {
             node,
             sequence: 0,

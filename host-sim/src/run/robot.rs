@@ -7,7 +7,7 @@ use crate::run::real_time::Pace;
 use crate::run::recovery::Monitor;
 use crate::targets::BoardTraffic;
 use core_algos::beam::MAX_GAUGES;
-use core_algos::bus::Frame;
+use core_algos::bus::CanFrame;
 use core_algos::node::lead::{self, Task};
 use core_algos::time::Micros;
 use core_algos::topology::Role;
@@ -78,7 +78,7 @@ pub trait Observer: Send {
     fn board(&mut self, _role: Role, _image: String) {}
 
     /// Frames that a virtual board sent at a tick, ms.
-    fn frames(&mut self, _role: Role, _tick: u32, _frames: Vec<Frame>) {}
+    fn frames(&mut self, _role: Role, _tick: u32, _frames: Vec<CanFrame>) {}
 
     /// Output of a virtual board's lead node at a tick, ms; its estimates hold at `held`.
     fn lead(&mut self, _tick: u32, _held: Micros, _output: &lead::Output) {}

@@ -17,7 +17,7 @@ use crate::world::sensors::{Sensors, Truth};
 use core_algos::beam::calibration::Calibration;
 use core_algos::beam::{MAX_GAUGES, PerGauge};
 use core_algos::fusion::Estimate;
-use core_algos::fusion::tandem::Mode;
+use core_algos::fusion::robot::Mode;
 use core_algos::hil::protocol::Place;
 use core_algos::math::Posture;
 use core_algos::node::axle;

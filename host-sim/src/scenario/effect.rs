@@ -11,7 +11,7 @@ use crate::scenario::Scenario;
 use crate::world::effect::{Rules, in_world, leaves, listed, within};
 use core_algos::beam::sensor::Method;
 use core_algos::control::regulator::Strategy;
-use core_algos::fusion::tandem::Mode;
+use core_algos::fusion::robot::Mode;
 use toml::Table;
 
 /// Use of a scenario: the task of the run, or the model that replaces the robot.

@@ -16,7 +16,7 @@
 use super::losses::{Event, Losses, What};
 use super::{BoardTraffic, Fault, Order, Output, Posted, Report, Room, Target};
 use crate::base::error::Error;
-use core_algos::bus::{Frame, Message};
+use core_algos::bus::{CanFrame, Message};
 use core_algos::hil::protocol::Place;
 use core_algos::node::board::Samples;
 use core_algos::node::robot::RobotConfig;
@@ -217,7 +217,7 @@ impl Boards {
     }
 
     /// A message that reaches a board at `now`.
-    pub fn receive(&mut self, role: Role, now: Micros, frame: &Frame, message: &Message) {
+    pub fn receive(&mut self, role: Role, now: Micros, frame: &CanFrame, message: &Message) {
         let slot = &mut self.slots[role as usize];
         if slot.on && !slot.held {
             let behind = Micros::from(slot.behind) * TICK;

@@ -2,7 +2,7 @@
 
 use super::{Fault, Order, Output, Posted, Report, Room, Target};
 use crate::base::error::Error;
-use core_algos::bus::{Frame, Message};
+use core_algos::bus::{CanFrame, Message};
 use core_algos::hil::protocol::Place;
 use core_algos::node::Outbox;
 use core_algos::node::board::{Board, Samples};
@@ -60,21 +60,21 @@ impl Target for InProcess {
         match *order {
             Order::Task(task) => lead.command(task),
             Order::Path(points, end) => {
-                let course = lead.course();
+                let task = lead.path_task();
                 for point in points {
-                    course.push_path_point(*point).map_err(refused)?;
+                    task.push_path_point(*point).map_err(refused)?;
                 }
                 if end {
-                    course.finish_path();
+                    task.finish_path();
                 }
             }
             Order::Trajectory(points, end) => {
-                let course = lead.course();
+                let task = lead.path_task();
                 for point in points {
-                    course.push_trajectory_point(*point).map_err(refused)?;
+                    task.push_trajectory_point(*point).map_err(refused)?;
                 }
                 if end {
-                    course.finish_trajectory();
+                    task.finish_trajectory();
                 }
             }
         }
@@ -82,14 +82,14 @@ impl Target for InProcess {
     }
 
     fn room(&mut self) -> Room {
-        let course = self.lead().map(LeadNode::course);
+        let task = self.lead().map(LeadNode::path_task);
         Room {
-            path: course.as_ref().map_or(0, |course| course.path_room()),
-            trajectory: course.map_or(0, |course| course.trajectory_room()),
+            path: task.as_ref().map_or(0, |task| task.path_room()),
+            trajectory: task.map_or(0, |task| task.trajectory_room()),
         }
     }
 
-    fn receive(&mut self, now: Micros, _frame: &Frame, message: &Message) {
+    fn receive(&mut self, now: Micros, _frame: &CanFrame, message: &Message) {
         if let Some(board) = &mut self.board {
             board.receive(now, message);
         }

@@ -22,7 +22,7 @@ pub use losses::{Event, Losses, What};
 pub use remote::Remote;
 
 use crate::base::error::Error;
-use core_algos::bus::{Frame, Message};
+use core_algos::bus::{CanFrame, Message};
 use core_algos::control::path::{PathPoint, TrajectoryPoint};
 use core_algos::hil::protocol::{Place, StackUse};
 use core_algos::node::board::Samples;
@@ -47,7 +47,7 @@ pub enum Posted<'a> {
     /// A message still to be encoded.
     Message(&'a Message),
     /// What the board encoded.
-    Frame(&'a Frame),
+    Frame(&'a CanFrame),
 }
 
 /// What the lead node is told.
@@ -176,7 +176,7 @@ pub trait Target: Send {
     fn room(&mut self) -> Room;
 
     /// A message that arrived at `now`.
-    fn receive(&mut self, now: Micros, frame: &Frame, message: &Message);
+    fn receive(&mut self, now: Micros, frame: &CanFrame, message: &Message);
 
     /// Hands over the samples of a tick, ms.
     fn begin(&mut self, tick: u32, samples: &Samples) -> Result<(), Fault>;

@@ -5,14 +5,14 @@
 use super::link::Link;
 use super::{Fault, Latency, Order, Output, Posted, Report, Room, Target, Traffic};
 use crate::base::error::Error;
-use core_algos::bus::{Frame, Message};
+use core_algos::bus::{CanFrame, Message};
 use core_algos::hil::framing::{self, Decoder, MAX_FRAME};
 use core_algos::hil::protocol::{
     self, CONFIG_CHUNK, MAX_CONFIG, PROTOCOL, Packed, Place, Refusal, Reply, Request, StackUse,
     Telemetry,
 };
 use core_algos::node::board::Samples;
-use core_algos::node::course::{PATH_POINTS, TRAJECTORY_POINTS};
+use core_algos::node::path_task::{PATH_POINTS, TRAJECTORY_POINTS};
 use core_algos::node::robot::RobotConfig;
 use core_algos::time::{EPOCH, LEAD_PHASE, Micros, TICK};
 use core_algos::topology::Role;
@@ -242,7 +242,7 @@ impl Target for Remote {
         self.room
     }
 
-    fn receive(&mut self, _now: Micros, frame: &Frame, _message: &Message) {
+    fn receive(&mut self, _now: Micros, frame: &CanFrame, _message: &Message) {
         // The beam board has nothing to hear.
         if self.role != Role::Beam {
             self.overflow |= !self.bus.push(frame);
@@ -389,7 +389,7 @@ pub(super) struct Conversation {
     link: Box<dyn Link>,
     decoder: Decoder,
     number: u8,
-    asked: framing::Frame,
+    asked: framing::SerialFrame,
     asked_at: Instant,
     payload: Vec<u8>,
     repeated: u64,
@@ -403,7 +403,7 @@ impl Conversation {
             link,
             decoder: Decoder::new(),
             number: 0,
-            asked: framing::Frame::default(),
+            asked: framing::SerialFrame::default(),
             asked_at: Instant::now(),
             payload: Vec::new(),
             repeated: 0,

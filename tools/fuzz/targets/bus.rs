@@ -4,7 +4,7 @@
 
 use cfmmr_fuzz::numbers::Bytes;
 use core_algos::bus::layout::{self, MESSAGES};
-use core_algos::bus::{DecodeError, Frame, Message, decode, encode};
+use core_algos::bus::{DecodeError, CanFrame, Message, decode, encode};
 use core_algos::math::Posture;
 use libfuzzer_sys::fuzz_target;
 use std::f64::consts::TAU;
@@ -12,14 +12,14 @@ use std::f64::consts::TAU;
 fuzz_target!(|data: &[u8]| {
     let mut bytes = Bytes(data);
     match bytes.byte() % 4 {
-        0 => received(&Frame {
+        0 => received(&CanFrame {
             id: u16::from_le_bytes(bytes.array()),
             length: bytes.byte(),
             data: bytes.array(),
         }),
         1 | 2 => {
             let layout = &MESSAGES[usize::from(bytes.byte()) % MESSAGES.len()];
-            received(&Frame {
+            received(&CanFrame {
                 id: layout.id,
                 length: layout.bytes(),
                 data: bytes.array(),
@@ -33,7 +33,7 @@ fuzz_target!(|data: &[u8]| {
     }
 });
 
-fn received(frame: &Frame) {
+fn received(frame: &CanFrame) {
     let known = layout::find(frame.id);
     let message = match decode(frame) {
         Ok(message) => message,
@@ -60,7 +60,7 @@ fn received(frame: &Frame) {
 }
 
 /// Rounding happens once: what comes back is what was sent.
-fn settles(message: Message, frame: Frame) {
+fn settles(message: Message, frame: CanFrame) {
     let back = decode(&frame).expect("what was sent can be received");
     let uncertain = |m: &Message| {
         matches!(

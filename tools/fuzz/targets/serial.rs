@@ -3,7 +3,7 @@
 
 use cfmmr_fuzz::numbers::Bytes;
 use core_algos::bus;
-use core_algos::hil::framing::{Frame, MAX_FRAME, crc32c};
+use core_algos::hil::framing::{SerialFrame, MAX_FRAME, crc32c};
 use core_algos::hil::protocol::{
     self, CONFIG_CHUNK, MAX_CONFIG, MAX_TELEMETRY, PROTOCOL, Reply, Request, StackUse,
 };
@@ -86,7 +86,7 @@ fuzz_target!(|data: &[u8]| {
     while !bytes.is_empty() {
         let length = usize::from(bytes.byte());
         let payload = bytes.take(length);
-        let Some(frame) = Frame::new(payload) else {
+        let Some(frame) = SerialFrame::new(payload) else {
             continue;
         };
         let first = answer(&mut board, frame.bytes(), role);

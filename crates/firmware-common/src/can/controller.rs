@@ -94,8 +94,8 @@ pub fn counters() -> Counters {
     critical_section::with(|cs| COUNTERS.borrow(cs).get())
 }
 
-static TO_SEND: Channel<CriticalSectionRawMutex, (Micros, bus::Frame), SENDING> = Channel::new();
-static TO_TAKE: Channel<CriticalSectionRawMutex, (Micros, bus::Frame), ARRIVED> = Channel::new();
+static TO_SEND: Channel<CriticalSectionRawMutex, (Micros, bus::CanFrame), SENDING> = Channel::new();
+static TO_TAKE: Channel<CriticalSectionRawMutex, (Micros, bus::CanFrame), ARRIVED> = Channel::new();
 static SYNC_SENT: Mutex<Cell<Option<Micros>>> = Mutex::new(Cell::new(None));
 /// The controller was off the bus and has sent nothing since.
 static WAS_OFF: AtomicBool = AtomicBool::new(false);
@@ -306,7 +306,7 @@ fn fill(mailboxes: &mut Mailboxes, now: Micros) {
 }
 
 /// Writes a frame into a mailbox and asks for it to be sent.
-fn request(mailbox: usize, frame: &bus::Frame) {
+fn request(mailbox: usize, frame: &bus::CanFrame) {
     let [a, b, c, d, e, f, g, h] = frame.data;
     let registers = CAN1.tx(mailbox);
     registers.tdtr().write(|w| w.set_dlc(frame.length));
@@ -348,7 +348,7 @@ fn CAN1_RX0() {
 }
 
 /// The frame at the head of the FIFO; `None` if it is not a data frame of 11 bits.
-fn first_in_fifo() -> Option<bus::Frame> {
+fn first_in_fifo() -> Option<bus::CanFrame> {
     let registers = CAN1.rx(0);
     let head = registers.rir().read();
     if head.ide() != Ide::STANDARD || head.rtr() != Rtr::DATA {
@@ -362,7 +362,7 @@ fn first_in_fifo() -> Option<bus::Frame> {
     for byte in data.iter_mut().skip(length.into()) {
         *byte = 0;
     }
-    Some(bus::Frame {
+    Some(bus::CanFrame {
         id: head.stid(),
         length,
         data,

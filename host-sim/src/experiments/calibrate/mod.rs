@@ -17,7 +17,7 @@ use crate::world::drawn::Drawn;
 use crate::world::random::{Stream, generator, normal};
 use crate::world::sensors::{Sensors, Truth};
 use core_algos::beam::MAX_GAUGES;
-use core_algos::bus::{self, Frame, Message};
+use core_algos::bus::{self, CanFrame, Message};
 use core_algos::math::{Posture, Steering};
 use core_algos::params::Settings;
 use core_algos::time::EPOCH;
@@ -282,7 +282,7 @@ impl Seen {
         }
     }
 
-    fn take(&mut self, frame: &Frame) {
+    fn take(&mut self, frame: &CanFrame) {
         match bus::decode(frame) {
             Ok(Message::AxlePosture { axle, posture, .. }) => {
                 let place = [posture.x, posture.y, posture.phi].map(f64::from);

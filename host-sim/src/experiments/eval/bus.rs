@@ -26,7 +26,7 @@
 //! `{"BeamCalibrated":{"sequence","result","gauge"}}`.
 
 use super::{Kernel, parse};
-use core_algos::bus::{self, Frame, Message};
+use core_algos::bus::{self, CanFrame, Message};
 use serde::Deserialize;
 use serde_json::{Value, json};
 
@@ -48,7 +48,7 @@ struct Bytes {
     data: String,
 }
 
-fn frame(bytes: &Bytes) -> Result<Frame, String> {
+fn frame(bytes: &Bytes) -> Result<CanFrame, String> {
     let text = &bytes.data;
     let hexadecimal = text.bytes().all(|digit| digit.is_ascii_hexdigit());
     if !hexadecimal || !text.len().is_multiple_of(2) || text.len() > 16 {
@@ -61,7 +61,7 @@ fn frame(bytes: &Bytes) -> Result<Frame, String> {
         let digits = String::from_utf8_lossy(digits);
         *byte = u8::from_str_radix(&digits, 16).map_err(|error| error.to_string())?;
     }
-    Ok(Frame {
+    Ok(CanFrame {
         id: bytes.id,
         length: (text.len() / 2) as u8,
         data,

@@ -19,7 +19,7 @@ use crate::scenario::Scenario;
 use crate::scenario::effect::{Run, Taken, Use};
 use crate::view::{figures, page};
 use clap::{Args, ValueEnum};
-use core_algos::fusion::tandem::Mode;
+use core_algos::fusion::robot::Mode;
 use core_algos::safety::Condition;
 use pictures::Picture;
 use serde::Serialize;

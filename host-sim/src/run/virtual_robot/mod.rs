@@ -449,7 +449,7 @@ impl VirtualRobot {
             let bytes = record.frame.data();
             let mut data = [0; 8];
             data[..bytes.len()].copy_from_slice(bytes);
-            let frame = bus::Frame {
+            let frame = bus::CanFrame {
                 id,
                 length: bytes.len() as u8,
                 data,

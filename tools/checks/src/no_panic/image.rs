@@ -5,14 +5,14 @@ use core_algos::acquisition::analog::{Supply, Thermistor};
 use core_algos::acquisition::{inertial, oversampling};
 use core_algos::beam::procedure::{Event, Procedure};
 use core_algos::beam::{MAX_GAUGES, calibration};
-use core_algos::bus::{self, Frame, Message};
+use core_algos::bus::{self, CanFrame, Message};
 use core_algos::drive::bridge;
 use core_algos::drive::count::Extended;
 use core_algos::drive::current::{self, CurrentLoop};
 use core_algos::drive::shunt::{Shunt, Zeroing};
 use core_algos::drive::winding::{self, Winding};
 use core_algos::node::board::{Board, Samples};
-use core_algos::node::pace::Pace;
+use core_algos::node::tick_sync::TickSync;
 use core_algos::node::{Outbox, axle};
 use cortex_m_rt::entry;
 
@@ -29,7 +29,7 @@ fn panic(_: &core::panic::PanicInfo) -> ! {
 #[inline(never)]
 fn tick(board: &mut Board, outbox: &mut Outbox) {
     let now = black_box(0);
-    if let Ok(message) = bus::decode(&black_box(Frame {
+    if let Ok(message) = bus::decode(&black_box(CanFrame {
         id: 0,
         length: 0,
         data: [0; 8],
@@ -53,7 +53,7 @@ fn tick(board: &mut Board, outbox: &mut Outbox) {
 
 /// What stands between a board's peripherals and its nodes.
 struct Periphery {
-    pace: Pace,
+    sync: TickSync,
     current_loop: (CurrentLoop, current::State),
     winding: (Winding, winding::State),
     shunt: (Shunt, Zeroing),
@@ -68,12 +68,12 @@ struct Periphery {
 /// A tick of the periphery, again with values that the compiler knows nothing of.
 #[inline(never)]
 fn peripheral_tick(p: &mut Periphery) {
-    if let Ok(message) = bus::decode(&black_box(Frame {
+    if let Ok(message) = bus::decode(&black_box(CanFrame {
         id: 0,
         length: 0,
         data: [0; 8],
     })) {
-        p.pace.receive(black_box(0), &message);
+        p.sync.receive(black_box(0), &message);
         if let Message::BeamCalibration {
             sequence,
             calibrate,
@@ -82,8 +82,8 @@ fn peripheral_tick(p: &mut Periphery) {
             p.procedure.request(sequence, calibrate);
         }
     }
-    black_box(p.pace.step(black_box(0)));
-    black_box(p.pace.sync(black_box(0), black_box(None)));
+    black_box(p.sync.step(black_box(0)));
+    black_box(p.sync.sync(black_box(0), black_box(None)));
     let output = p
         .current_loop
         .0

@@ -21,7 +21,7 @@ use crate::base::error::Error;
 use crate::run::real_time::Pace;
 use crate::run::robot::{Observer, Observers, Robot};
 use crate::targets::{BoardTraffic, Event, Traffic};
-use core_algos::bus::Frame;
+use core_algos::bus::CanFrame;
 use core_algos::time::{EPOCH, Micros};
 use core_algos::topology::Role;
 use cuts::Cuts;
@@ -53,7 +53,7 @@ pub(super) struct Tools {
     /// Frames that each board has put on the bus, and sendings of it that failed.
     traffic: [Traffic; 3],
     /// Frames to be recorded, with their board.
-    frames: Vec<(Role, Frame)>,
+    frames: Vec<(Role, CanFrame)>,
     /// When the latest estimate of the lead node holds, µs since power on, if it was not recorded.
     held: Option<Micros>,
 }
@@ -74,7 +74,7 @@ impl Tools {
     }
 
     /// What was sent, for the recording.
-    pub fn keep(&mut self, role: Option<Role>, frame: &Frame) {
+    pub fn keep(&mut self, role: Option<Role>, frame: &CanFrame) {
         if let (false, Some(role)) = (self.observers.is_empty(), role) {
             self.frames.push((role, *frame));
         }
@@ -158,7 +158,7 @@ impl VirtualRobot {
         let tools = &mut self.tools;
         for role in Role::ALL {
             let sent = tools.frames.iter().filter(|sent| sent.0 == role);
-            let frames: Vec<Frame> = sent.map(|sent| sent.1).collect();
+            let frames: Vec<CanFrame> = sent.map(|sent| sent.1).collect();
             if !frames.is_empty() {
                 let each = tools.observers.iter_mut();
                 each.for_each(|observer| observer.frames(role, tick, frames.clone()));

@@ -79,9 +79,9 @@ impl Default for Config {
 
 impl Config {
     /// The ready-to-run form for a frame; the error names the field that is wrong.
-    pub fn build(&self, cascade: &Cascade) -> Result<Course, ConfigError> {
+    pub fn build(&self, cascade: &Cascade) -> Result<PathTask, ConfigError> {
         let law = self.law.build()?;
-        Ok(Course {
+        Ok(PathTask {
             follower: self.path.build(cascade, &law)?,
             tracker: Tracker::new(cascade, &law, self.path.nominal_speed_m_s)?,
             rest_speed: positive("rest_speed_m_s", self.rest_speed_m_s)?,
@@ -189,13 +189,13 @@ pub struct Step {
 
 /// Drives along paths and trajectories.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Course {
+pub struct PathTask {
     follower: Follower,
     tracker: Tracker,
     rest_speed: f32,
 }
 
-impl Course {
+impl PathTask {
     /// One epoch along the path, with O estimated at `center` and `motion` as last commanded.
     pub fn follow(&self, state: &mut State, center: impl Into<Transform>, motion: &Motion) -> Step {
         let center = center.into();
@@ -260,7 +260,7 @@ mod tests {
     use super::*;
     use crate::control::cascade;
 
-    fn course() -> Course {
+    fn task() -> PathTask {
         let cascade = cascade::Config::default().build().unwrap();
         Config::default().build(&cascade).unwrap()
     }
@@ -282,7 +282,7 @@ mod tests {
 
     #[test]
     fn path_of_any_length_streams_through_the_buffer() {
-        let (course, mut state) = (course(), State::default());
+        let (task, mut state) = (task(), State::default());
         let (mut pushed, count) = (0, 2000);
         let mut feed = |state: &mut State| {
             while pushed < count && state.path_room() > 0 {
@@ -302,7 +302,7 @@ mod tests {
         let mut x = 0.0;
         while x < 19.9 {
             feed(&mut state);
-            let step = course.follow(&mut state, Posture::new(x, 0.0, 0.0), &moving(0.2));
+            let step = task.follow(&mut state, Posture::new(x, 0.0, 0.0), &moving(0.2));
             assert!((step.target.unwrap().x - x).abs() < 1e-4);
             // The stream keeps ahead, so nothing slows the robot down before the end.
             let expected = if x < 19.7 { 0.2 } else { 0.1 };
@@ -315,7 +315,7 @@ mod tests {
 
     #[test]
     fn robot_waits_where_the_stream_breaks_off_and_ends_where_the_path_does() {
-        let (course, mut state) = (course(), State::default());
+        let (task, mut state) = (task(), State::default());
         for i in 0..=100 {
             state.push_path_point(on_line(i as f32 * 0.01)).unwrap();
         }
@@ -325,7 +325,7 @@ mod tests {
             let mut last = Step::default();
             let mut v = 0.0;
             for _ in 0..epochs {
-                last = course.follow(state, Posture::new(x, 0.0, 0.0), &moving(v));
+                last = task.follow(state, Posture::new(x, 0.0, 0.0), &moving(v));
                 v = last.wish.map_or(0.0, |wish| wish.v);
                 x += 0.01 * v;
             }
@@ -341,14 +341,14 @@ mod tests {
         assert!((x - 1.5).abs() < 1e-3 && ended.done, "{x} {ended:?}");
         assert_eq!(ended.wish, None);
         // Being pushed does not make it start again.
-        let pushed = course.follow(&mut state, Posture::new(1.3, 0.0, 0.0), &moving(0.0));
+        let pushed = task.follow(&mut state, Posture::new(1.3, 0.0, 0.0), &moving(0.0));
         assert!(pushed.done && pushed.wish.is_none());
     }
 
     #[test]
     fn loop_begins_at_its_beginning() {
         // A circle of 0.3 m radius: its last points are as near to the robot as its first ones.
-        let (course, mut state) = (course(), State::default());
+        let (task, mut state) = (task(), State::default());
         let count = 189;
         for i in 0..=count {
             let turn = core::f32::consts::TAU * i as f32 / count as f32;
@@ -362,17 +362,17 @@ mod tests {
         state.finish_path();
         state.restart();
         let behind = Posture::new(-0.002, 0.0, 0.0);
-        let step = course.follow(&mut state, behind, &moving(0.0));
+        let step = task.follow(&mut state, behind, &moving(0.0));
         assert!(!step.done && step.wish.unwrap().v > 0.1);
     }
 
     #[test]
     fn nothing_moves_without_points() {
-        let (course, mut state) = (course(), State::default());
+        let (task, mut state) = (task(), State::default());
         state.restart();
-        let step = course.follow(&mut state, Posture::ORIGIN, &moving(0.1));
+        let step = task.follow(&mut state, Posture::ORIGIN, &moving(0.1));
         assert_eq!(step, Step::default());
-        let step = course.track(&mut state, 10_000, Posture::ORIGIN, &moving(0.1));
+        let step = task.track(&mut state, 10_000, Posture::ORIGIN, &moving(0.1));
         assert_eq!(step, Step::default());
         // And time has not begun to run.
         assert_eq!(state.start, None);
@@ -380,7 +380,7 @@ mod tests {
 
     #[test]
     fn a_trajectory_given_again_goes_on_where_it_was_left() {
-        let (course, mut state) = (course(), State::default());
+        let (task, mut state) = (task(), State::default());
         for i in 0..100 {
             let time_s = i as f32 * 0.05;
             let point = TrajectoryPoint {
@@ -392,7 +392,7 @@ mod tests {
         }
         state.restart();
         let at = |state: &mut State, epoch: u64| {
-            let step = course.track(state, epoch, Posture::ORIGIN, &moving(0.1));
+            let step = task.track(state, epoch, Posture::ORIGIN, &moving(0.1));
             step.target.unwrap().x
         };
         at(&mut state, 1_000_000);
@@ -405,7 +405,7 @@ mod tests {
 
     #[test]
     fn trajectory_begins_with_its_first_epoch_and_ends_at_rest() {
-        let (course, mut state) = (course(), State::default());
+        let (task, mut state) = (task(), State::default());
         let mut pushed = 0;
         let mut feed = |state: &mut State| {
             // 0.1 m/s for 10 s; speed at the ends is of no concern here.
@@ -433,7 +433,7 @@ mod tests {
             let now = begin + epoch * 10_000;
             let x = (0.001 * epoch as f32).min(1.0);
             let v = if epoch < 1000 { 0.1 } else { 0.0 };
-            last = course.track(&mut state, now, Posture::new(x, 0.0, 0.0), &moving(v));
+            last = task.track(&mut state, now, Posture::new(x, 0.0, 0.0), &moving(v));
             // In the last interval the speed falls to zero at once.
             let tolerance = if epoch < 995 { 2e-4 } else { 5e-3 };
             assert!((last.target.unwrap().x - x).abs() < tolerance, "{epoch}");

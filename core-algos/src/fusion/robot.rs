@@ -34,7 +34,7 @@
 //!
 //! ```
 //! use core_algos::fusion::Estimate;
-//! use core_algos::fusion::tandem::{Config, Increment, Inputs, Output};
+//! use core_algos::fusion::robot::{Config, Increment, Inputs, Output};
 //! use core_algos::math::{Posture, matrix};
 //!
 //! let fusion = Config::default().build()?;
@@ -195,7 +195,7 @@ impl Default for Config {
 
 impl Config {
     /// The ready form; an error names the parameter out of range.
-    pub fn build(&self) -> Result<Tandem, ConfigError> {
+    pub fn build(&self) -> Result<RobotFusion, ConfigError> {
         let square = |x: f32| x * x;
         let t = positive("period_s", self.period_s)?;
         let slip = &self.slip;
@@ -209,7 +209,7 @@ impl Config {
             positive("beam_gate", gate)?;
         }
         let joint = self.joint.build(t)?;
-        Ok(Tandem {
+        Ok(RobotFusion {
             mode: self.mode,
             period: t,
             frame_length: positive("frame_length_m", self.frame_length_m)?,
@@ -257,7 +257,7 @@ impl Config {
 
 /// The second tier, ready to run.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Tandem {
+pub struct RobotFusion {
     mode: Mode,
     frame_length: f32,
     start_sigmas: [f32; 3],
@@ -387,7 +387,7 @@ impl State {
     }
 }
 
-impl Tandem {
+impl RobotFusion {
     /// Start with O at a known posture and the frame straight.
     pub fn start(&self, robot: Posture) -> State {
         let robot = Estimate::with_sigmas(robot, self.start_sigmas);
@@ -828,7 +828,7 @@ mod tests {
         Mode::Joint,
     ];
 
-    fn tandem(mode: Mode) -> Tandem {
+    fn fusion(mode: Mode) -> RobotFusion {
         Config {
             mode,
             ..Config::default()
@@ -887,11 +887,11 @@ mod tests {
     #[test]
     fn straight_drive_arrives_in_every_mode() {
         for mode in MODES {
-            let tandem = tandem(mode);
-            let mut state = tandem.start(Posture::new(-1.0, 0.5, core::f32::consts::FRAC_PI_2));
+            let fusion = fusion(mode);
+            let mut state = fusion.start(Posture::new(-1.0, 0.5, core::f32::consts::FRAC_PI_2));
             let mut output = Output::default();
             for _ in 0..400 {
-                output = tandem.step(
+                output = fusion.step(
                     &mut state,
                     &Inputs {
                         front: Some(forward()),
@@ -920,12 +920,12 @@ mod tests {
         };
         let robot = Estimate::with_sigmas(Posture::ORIGIN, [1e-3; 3]);
         let outputs = [Mode::Joint, Mode::IntersectionIpec, Mode::Odometry].map(|mode| {
-            let tandem = tandem(mode);
-            let mut state = tandem.start_at(&robot, &shape(0.3));
+            let fusion = fusion(mode);
+            let mut state = fusion.start_at(&robot, &shape(0.3));
             let mut output = Output::default();
             for tick in 0..500 {
                 let heading = 0.3 * crate::math::trig::exp(-0.01 * 0.01 * tick as f32);
-                output = tandem.step(
+                output = fusion.step(
                     &mut state,
                     &Inputs {
                         front: Some(rest()),
@@ -952,9 +952,9 @@ mod tests {
         };
         let noise = matrix::diagonal([1e-10, 1e-11, 1e-9]);
         for mode in MODES {
-            let tandem = tandem(mode);
+            let fusion = fusion(mode);
             let run = |lost: &dyn Fn(u16, usize) -> bool| {
-                let mut state = tandem.start(Posture::ORIGIN);
+                let mut state = fusion.start(Posture::ORIGIN);
                 let mut last = [0; 2];
                 let mut output = Output::default();
                 for k in 1..=300u16 {
@@ -975,7 +975,7 @@ mod tests {
                         rear: get(1),
                         beam: None,
                     };
-                    output = tandem.step(&mut state, &inputs);
+                    output = fusion.step(&mut state, &inputs);
                 }
                 output
             };
@@ -996,15 +996,15 @@ mod tests {
     #[test]
     fn what_is_not_finite_counts_as_absent() {
         for mode in MODES {
-            let tandem = tandem(mode);
-            let fresh = tandem.start(Posture::ORIGIN);
+            let fusion = fusion(mode);
+            let fresh = fusion.start(Posture::ORIGIN);
             for bad in [f32::NAN, f32::INFINITY] {
                 let mut state = fresh;
                 let mut increment = forward();
                 increment.posture.y = bad;
                 let mut beam = straight();
                 beam.covariance[0][0] = bad;
-                let output = tandem.step(
+                let output = fusion.step(
                     &mut state,
                     &Inputs {
                         front: Some(increment),
@@ -1013,7 +1013,7 @@ mod tests {
                     },
                 );
                 assert!(output.robot.is_finite());
-                let output = tandem.step(
+                let output = fusion.step(
                     &mut state,
                     &Inputs {
                         front: Some(rest()),
@@ -1041,11 +1041,11 @@ mod tests {
                 start_sigmas: [1e-4, 1e-4, 1e-3],
                 ..Config::default()
             };
-            let tandem = config.build().unwrap();
-            let mut state = tandem.start(Posture::ORIGIN);
+            let fusion = config.build().unwrap();
+            let mut state = fusion.start(Posture::ORIGIN);
             let mut step = |phi: f32| {
                 let beam = Estimate::with_sigmas(Posture::new(0.37, 0.0, phi), BEAM_SIGMAS);
-                tandem.step(
+                fusion.step(
                     &mut state,
                     &Inputs {
                         front: Some(rest()),
@@ -1079,22 +1079,22 @@ mod tests {
                 };
                 // Without a beam a load of the frame that nobody knows of would hide it.
                 config.slip.load_speed_m_s = 0.0;
-                let tandem = config.build().unwrap();
+                let fusion = config.build().unwrap();
                 let relative = Estimate::with_sigmas(
                     Posture::new(0.36, 0.18 * heading, heading),
                     [1e-3, 1e-3, 1e-3],
                 );
                 let robot = Estimate::with_sigmas(Posture::ORIGIN, [1e-3; 3]);
-                let mut state = tandem.start_at(&robot, &relative);
+                let mut state = fusion.start_at(&robot, &relative);
                 let inputs = Inputs {
                     front: Some(rest()),
                     rear: Some(rest()),
                     beam: None,
                 };
-                let first = tandem.step(&mut state, &inputs).front.covariance[2][2];
+                let first = fusion.step(&mut state, &inputs).front.covariance[2][2];
                 let mut last = first;
                 for _ in 0..200 {
-                    last = tandem.step(&mut state, &inputs).front.covariance[2][2];
+                    last = fusion.step(&mut state, &inputs).front.covariance[2][2];
                 }
                 last - first
             };
