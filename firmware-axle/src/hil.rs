@@ -2,7 +2,11 @@
 
 use embassy_executor::Spawner;
 use firmware_common::board;
-use firmware_common::hil::{Kind, run};
+#[cfg(feature = "emulated")]
+use firmware_common::emulated::run;
+use firmware_common::hil::Kind;
+#[cfg(not(feature = "emulated"))]
+use firmware_common::hil::run;
 
 #[embassy_executor::main]
 async fn main(_spawner: Spawner) {

@@ -10,11 +10,6 @@ use embassy_stm32::{Config, Peripherals};
 
 use crate::{critical, fault, stack, time_driver};
 
-/// Frequency of the core, Hz.
-pub const CORE_HZ: u32 = 168_000_000;
-/// Frequency of the bus APB1, Hz.
-pub const APB1_HZ: u32 = CORE_HZ / 4;
-
 /// Frequency of the crystal, Hz.
 const CRYSTAL_HZ: u32 = 8_000_000;
 

@@ -99,7 +99,7 @@ fn restart() -> ! {
 #[cfg(not(feature = "emulated"))]
 fn restart() -> ! {
     // Time for a probe to fetch the log; the watchdog may cut it short.
-    cortex_m::asm::delay(crate::board::CORE_HZ);
+    cortex_m::asm::delay(crate::clock::CORE_HZ);
     cortex_m::peripheral::SCB::sys_reset()
 }
 

@@ -3,6 +3,7 @@
 //! | module | what it holds |
 //! |---|---|
 //! | `board` | clocks, brown-out level, cause of the reset: the first call of every image |
+//! | `clock` | frequencies |
 //! | `accelerator` | prefetch and caches of the flash |
 //! | `critical` | critical sections that the current loop does not wait for |
 //! | `fault` | panics and processor faults: outputs safe, counted, kept, logged, restarted |
@@ -29,6 +30,8 @@ mod accelerator;
 pub mod attendance;
 #[cfg(target_os = "none")]
 pub mod board;
+#[cfg(target_os = "none")]
+pub mod clock;
 #[cfg(target_os = "none")]
 pub mod critical;
 #[cfg(target_os = "none")]

@@ -9,7 +9,7 @@ use embassy_stm32::peripherals::PC13;
 pub fn axle(pin: Peri<'static, PC13>) -> AxleId {
     let strap = Input::new(pin, Pull::Up);
     // The pull-up of 40 kΩ charges the pin's few picofarads within a microsecond.
-    cortex_m::asm::delay(crate::board::CORE_HZ / 100_000);
+    cortex_m::asm::delay(crate::clock::CORE_HZ / 100_000);
     if strap.is_high() {
         AxleId::Front
     } else {

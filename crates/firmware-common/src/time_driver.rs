@@ -17,7 +17,7 @@ use critical_section::Mutex;
 use embassy_time_driver::Driver;
 use embassy_time_queue_utils::Queue;
 
-use crate::board::CORE_HZ;
+use crate::clock::CORE_HZ;
 
 /// Core cycles in a microsecond and in a period of SysTick.
 const CYCLES_PER_US: u32 = CORE_HZ / 1_000_000;

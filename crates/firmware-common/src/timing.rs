@@ -6,7 +6,7 @@
 use cortex_m::peripheral::{DCB, DWT};
 use embassy_time::Instant;
 
-use crate::board::CORE_HZ;
+use crate::clock::CORE_HZ;
 
 const CYCLES_PER_US: u32 = CORE_HZ / 1_000_000;
 

@@ -11,7 +11,7 @@ use flat::Flat;
 use flat::semihosting::serve;
 use std::process::ExitCode;
 use virtual_board::core::{Core, Stop, System, WatchAccess, Width};
-use virtual_board::probe::image::Image;
+use virtual_board::image::Image;
 
 /// The current value of SysTick.
 const SYST_CVR: u32 = 0xe000_e018;

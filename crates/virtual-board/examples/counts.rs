@@ -5,7 +5,7 @@ use std::path::Path;
 use virtual_board::Time;
 use virtual_board::board::Board;
 use virtual_board::chip::Bare;
-use virtual_board::probe::image::Image;
+use virtual_board::image::Image;
 
 const SYSTICK: u16 = 15;
 /// No image needs longer to its first tick.

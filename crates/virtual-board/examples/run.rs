@@ -6,7 +6,7 @@ use std::time::Instant;
 use virtual_board::Time;
 use virtual_board::board::Board;
 use virtual_board::chip::Bare;
-use virtual_board::probe::image::Image;
+use virtual_board::image::Image;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();

@@ -7,7 +7,7 @@ use flat::Flat;
 use flat::semihosting::serve;
 use std::time::Instant;
 use virtual_board::core::{Core, Stop};
-use virtual_board::probe::image::Image;
+use virtual_board::image::Image;
 
 /// Sums words of a table, counts down, calls a function.
 const LOOP: [u16; 14] = [

@@ -19,7 +19,7 @@ use flat::peer::{FLASH, MOST, WORDS, prepare, restart, set_state, state, word, w
 use std::io::{self, BufReader, BufWriter, Read, Write};
 use std::path::Path;
 use virtual_board::core::{Core, Stop};
-use virtual_board::probe::image::Image;
+use virtual_board::image::Image;
 
 /// Where in the flash the core's own code is: behind any image.
 const OWN: usize = 0xf_f000;

@@ -1,8 +1,10 @@
 //! A board: core, chip and what is around it, in time.
 
 use crate::chip::{Cause, Chip, Surroundings};
+#[cfg(feature = "gdb")]
+use crate::core::WatchAccess;
 use crate::core::{Core, Stop, System};
-use crate::probe::image::Image;
+use crate::image::Image;
 use crate::time::{Cycles, Time};
 
 /// A reset of a board.
@@ -12,6 +14,16 @@ pub struct Reset {
     pub at: Time,
     /// Why.
     pub cause: Cause,
+}
+
+/// What the debugger gdb set.
+#[cfg(feature = "gdb")]
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Gdb {
+    pub breakpoints: Vec<u32>,
+    pub watchpoints: Vec<(u32, u32, WatchAccess)>,
+    /// Registers of peripherals may be read and written.
+    pub peripherals: bool,
 }
 
 /// A board.
@@ -30,7 +42,7 @@ pub struct Board {
     /// The core stands still while time goes on.
     held: bool,
     #[cfg(feature = "gdb")]
-    pub(crate) gdb: crate::probe::gdb::State,
+    pub(crate) gdb: Gdb,
 }
 
 impl Board {
@@ -194,7 +206,7 @@ impl Board {
 mod tests {
     use super::*;
     use crate::chip::Bare;
-    use crate::probe::image::tests::Builder;
+    use crate::image::tests::Builder;
 
     /// `1: adds r0, #1; b 1b`.
     fn counting() -> Board {

@@ -10,7 +10,8 @@
 //! | [`chip`] | memories, clocks and peripherals of the STM32F405 |
 //! | [`wire`] | the CAN bus between boards |
 //! | [`device`] | parts that are soldered to a board: sensors, drivers, encoders |
-//! | [`probe`] | what a debug probe would see: image, log, trace, profile, coverage |
+//! | [`image`] | an ELF file: what goes into the flash, symbols, source lines |
+//! | [`probe`] | what a debug probe would see: log, trace, profile, coverage |
 //!
 //! # Time
 //!
@@ -24,7 +25,9 @@ pub mod chip;
 pub mod core;
 pub mod device;
 pub mod finding;
+pub mod image;
 pub mod network;
+mod noise;
 pub mod probe;
 pub mod time;
 pub mod wire;

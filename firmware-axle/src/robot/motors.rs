@@ -40,7 +40,7 @@ use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use embassy_time::Instant;
 use firmware_common::attendance::Badge;
-use firmware_common::board::CORE_HZ;
+use firmware_common::clock::CORE_HZ;
 use firmware_common::{critical, fault};
 
 pub use exchange::{Command, Feedback};

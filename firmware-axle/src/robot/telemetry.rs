@@ -2,7 +2,7 @@
 
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::watch;
-use firmware_common::board::CORE_HZ;
+use firmware_common::clock::CORE_HZ;
 use firmware_common::{attendance, can, fault, stack};
 
 use super::tick::Report;

@@ -35,7 +35,7 @@ use embassy_time::{Duration, Instant, Timer};
 use super::bit_timing::BitTiming;
 use super::mailboxes::{COUNT, Mailboxes, Waiting};
 use crate::attendance::Badge;
-use crate::board::APB1_HZ;
+use crate::clock::APB1_HZ;
 
 /// Messages that wait to be sent; an epoch has at most fourteen of one board.
 const SENDING: usize = 24;

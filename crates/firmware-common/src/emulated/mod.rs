@@ -18,3 +18,10 @@ mod uart;
 
 #[cfg(target_os = "none")]
 pub use run::run;
+
+/// Ends the emulation because the host has closed its end of the link.
+#[cfg(target_os = "none")]
+fn host_gone() -> ! {
+    defmt::info!("the host has closed the link");
+    semihosting::process::exit(0)
+}

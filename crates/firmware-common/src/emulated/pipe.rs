@@ -6,8 +6,8 @@
 use semihosting::fs::{File, OpenOptions};
 use semihosting::io::{Read, Write};
 
+use super::host_gone;
 use super::options::Options;
-use super::run::host_gone;
 use crate::hil::Link;
 
 /// The two pipes, open.

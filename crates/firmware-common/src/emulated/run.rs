@@ -50,9 +50,3 @@ fn refuse(reason: &str) -> ! {
     defmt::error!("command line: {}", reason);
     semihosting::process::exit(2)
 }
-
-/// Ends the emulation because the host has closed its end of the link.
-pub fn host_gone() -> ! {
-    defmt::info!("the host has closed the link");
-    semihosting::process::exit(0)
-}

@@ -12,7 +12,7 @@ use embassy_stm32::{Peri, bind_interrupts};
 use embedded_io::{Read, ReadReady};
 use static_cell::ConstStaticCell;
 
-use super::run::host_gone;
+use super::host_gone;
 use crate::hil::Link;
 use crate::hil::uart::{BAUD, ROOM, send};
 

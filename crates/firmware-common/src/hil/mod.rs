@@ -17,8 +17,6 @@ use crate::store::Store;
 use crate::watchdog::Watchdog;
 use crate::{fault, stack};
 
-#[cfg(feature = "emulated")]
-pub use crate::emulated::run;
 #[cfg(not(feature = "emulated"))]
 pub use real::run;
 

@@ -30,6 +30,7 @@ mod spi;
 mod surroundings;
 mod timer;
 mod trace;
+mod transfer;
 mod usart;
 mod watchdog;
 
@@ -38,7 +39,7 @@ mod testing;
 #[cfg(test)]
 mod tests;
 
-pub use adc::{Counts as Conversions, Errors as ConverterErrors};
+pub use adc::Counts as Conversions;
 pub use cause::Cause;
 pub use defects::Defects;
 pub use effect::{Clocks, Request, Trigger};
@@ -48,6 +49,7 @@ pub use part::Part;
 pub use pin::{Drive, Pin, Signal};
 pub use surroundings::{Bare, Inputs, SpiMode, Surroundings};
 pub use trace::PinChange;
+pub use transfer::Errors as ConverterErrors;
 
 use crate::finding::{Findings, Kind};
 use crate::time::{Cycles, Time, Timebase};

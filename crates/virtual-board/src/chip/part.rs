@@ -1,6 +1,6 @@
 //! What differs from one chip and its crystal to the next.
 
-use super::adc::Errors;
+use super::transfer::Errors;
 use crate::time::Time;
 
 /// What differs from one chip and its crystal to the next; typical by default.

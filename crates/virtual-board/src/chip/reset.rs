@@ -6,7 +6,7 @@ use super::map::Unit;
 use super::part::Random;
 use super::pin::{Drive, Pin};
 use super::{Chip, Units, pwr};
-use crate::device::Noise;
+use crate::noise::Noise;
 use crate::time::{Cycles, NEVER, Time};
 
 impl Chip {

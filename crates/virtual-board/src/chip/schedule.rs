@@ -57,7 +57,7 @@ impl Schedule {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::device::Noise;
+    use crate::noise::Noise;
 
     #[test]
     fn the_next_is_the_earliest_and_of_equals_the_first() {

@@ -1,6 +1,8 @@
 //! 16-bit instructions (ARMv7-M Architecture Reference Manual, A5.2).
 
-use super::instruction::{Alu, Dsp, Insn, Mode, Op, Shift, Size, Special, Test};
+use super::instruction::{
+    Alu, Dsp, Insn, Mode, Op, Shift, Size, Special, Test, UNDEFINED, UNPREDICTABLE,
+};
 
 /// Branches by condition; every second inverts the one before.
 const CONDITIONAL: [Op; 7] = [
@@ -29,9 +31,6 @@ pub(super) fn branch(condition: u32, target: u32) -> Insn {
 pub(super) const fn signed(value: u32, bits: u32) -> u32 {
     (((value << (32 - bits)) as i32) >> (32 - bits)) as u32
 }
-
-const UNDEFINED: Insn = Insn::new(Op::Undefined);
-const UNPREDICTABLE: Insn = Insn::new(Op::Unpredictable);
 
 /// Decodes a halfword that is a whole instruction.
 pub(super) fn decode(pc: u32, h: u32) -> Insn {

@@ -4,15 +4,7 @@
 use super::decode_data as data;
 use super::decode_fp as fp;
 use super::decode16::{branch, load_offset, load_register, load_to, signed};
-use super::instruction::{Insn, Mode, Op, Size, Special};
-
-pub(super) const UNDEFINED: Insn = Insn::new(Op::Undefined);
-pub(super) const UNPREDICTABLE: Insn = Insn::new(Op::Unpredictable);
-
-/// A register that most instructions cannot use: stack pointer or program counter.
-pub(super) const fn bad(register: u32) -> bool {
-    register == 13 || register == 15
-}
+use super::instruction::{Insn, Mode, Op, Size, Special, UNDEFINED, UNPREDICTABLE, bad};
 
 /// True for the first halfword of a 32-bit instruction.
 pub(super) const fn is_wide(h: u16) -> bool {

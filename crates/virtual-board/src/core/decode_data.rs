@@ -1,7 +1,6 @@
 //! 32-bit data processing (ARMv7-M Architecture Reference Manual, A5.3.1 to A5.3.17).
 
-use super::decode32::{UNDEFINED, UNPREDICTABLE, bad};
-use super::instruction::{Alu, Dsp, Insn, Op, RRX, Shift, Test};
+use super::instruction::{Alu, Dsp, Insn, Op, RRX, Shift, Test, UNDEFINED, UNPREDICTABLE, bad};
 
 /// The operation of a data-processing instruction, which depends on the registers.
 enum Kind {

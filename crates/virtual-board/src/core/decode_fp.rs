@@ -1,8 +1,7 @@
 //! Floating point (ARMv7-M Architecture Reference Manual, A6.4 to A6.7): single precision, and
 //! moves of doubles.
 
-use super::decode32::{UNDEFINED, UNPREDICTABLE, bad};
-use super::instruction::{Float, Insn, Op};
+use super::instruction::{Float, Insn, Op, UNDEFINED, UNPREDICTABLE, bad};
 
 const fn float(op: Float, d: u32, n: u32, m: u32) -> Insn {
     Insn::regs(Op::Float(op), d, n, m)

@@ -422,3 +422,11 @@ impl Insn {
         self
     }
 }
+
+pub(super) const UNDEFINED: Insn = Insn::new(Op::Undefined);
+pub(super) const UNPREDICTABLE: Insn = Insn::new(Op::Unpredictable);
+
+/// A register that most instructions cannot use: stack pointer or program counter.
+pub(super) const fn bad(register: u32) -> bool {
+    register == 13 || register == 15
+}

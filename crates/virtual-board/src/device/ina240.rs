@@ -9,8 +9,8 @@
 //! decaying disturbance. The data sheet gives the last only as oscilloscope pictures: its size here is
 //! an estimate.
 
-use super::noise::Noise;
 use super::span_s;
+use crate::noise::Noise;
 use crate::time::Time;
 
 /// Characteristics of shunt and amplifier.

@@ -3,7 +3,7 @@
 //! Each part is a plain struct. What happens at its terminals is told with the exact time, in the
 //! order of time; what it shows is asked for at a time. A part that changes by itself says when
 //! ([`Icm42688::next`] and so on); whoever composes a board ([`crate::chip::Surroundings`]) calls its
-//! `advance` then. Noise comes from a generator of the part's own ([`Noise`]), so that parts neither
+//! `advance` then. Noise comes from a generator of the part's own ([`crate::noise`]), so that parts neither
 //! disturb each other nor depend on the order in which they are asked.
 
 mod bridge;
@@ -13,7 +13,6 @@ mod filter;
 mod icm42688;
 mod ina240;
 mod motor;
-mod noise;
 mod remarks;
 mod supply;
 mod switches;
@@ -25,7 +24,6 @@ pub use encoder::{Encoder, EncoderConfig, EncoderFault, Line, OutputStage};
 pub use icm42688::{Icm42688, InertialConfig, InertialFault, Motion};
 pub use ina240::{Amplifier, AmplifierConfig, AmplifierFault};
 pub use motor::{Motor, MotorConfig, Work};
-pub use noise::Noise;
 pub use remarks::{Remark, Remarks};
 pub use supply::{Divider, Profile, Supply};
 pub use switches::{Contact, Led};

@@ -1,6 +1,6 @@
 //! Contacts (button, strap, emergency stop) with bounce, and a light-emitting diode that is watched.
 
-use super::noise::Noise;
+use crate::noise::Noise;
 use crate::time::Time;
 use std::collections::VecDeque;
 

@@ -4,8 +4,8 @@
 //! instruction that came from it was executed. What the optimiser removed has no code and does not
 //! count; what it merged from two lines counts for the line that the table names.
 
-use super::image::Image;
 use crate::board::Board;
+use crate::image::Image;
 use std::collections::BTreeMap;
 use std::fmt::{self, Write};
 use std::ops::RangeInclusive;
@@ -164,8 +164,8 @@ impl fmt::Display for Coverage {
 
 #[cfg(test)]
 mod tests {
-    use super::super::image::tests::Builder;
     use super::*;
+    use crate::image::tests::Builder;
 
     fn image() -> Image {
         let rows = [

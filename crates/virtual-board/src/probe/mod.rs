@@ -2,7 +2,6 @@
 //!
 //! | module | what it holds |
 //! |---|---|
-//! | [`image`] | an ELF file: what goes into the flash, symbols, source lines |
 //! | [`rtt`] | the log channel in the target's memory |
 //! | [`vcd`] | signals over time as a Value Change Dump |
 //! | [`waves`] | pins, interrupts and bus of boards as such a dump |
@@ -13,7 +12,6 @@
 pub mod coverage;
 #[cfg(feature = "gdb")]
 pub mod gdb;
-pub mod image;
 pub mod profile;
 pub mod rtt;
 pub mod vcd;

@@ -1,7 +1,7 @@
 //! Where the time of a board goes: by function, by source line and by interrupt.
 
-use super::image::Image;
 use crate::board::Board;
+use crate::image::Image;
 use crate::time::Cycles;
 use std::collections::BTreeMap;
 use std::fmt;
@@ -177,8 +177,8 @@ impl fmt::Display for Times {
 
 #[cfg(test)]
 mod tests {
-    use super::super::image::tests::Builder;
     use super::*;
+    use crate::image::tests::Builder;
 
     fn times() -> Times {
         let image = Builder::new(&[0; 64])

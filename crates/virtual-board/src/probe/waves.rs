@@ -4,9 +4,9 @@
 //! has a handler of its own, high from its entry to its return with what preempts it, and the name
 //! of the one that runs. A scope for the bus: its level, 0 for dominant, and the frame that is sent.
 
-use super::image::Image;
 use super::vcd::{Dump, Form, NOTHING, Signal, Timescale, Value};
 use crate::chip::Pin;
+use crate::image::Image;
 use crate::network::Network;
 use crate::time::Time;
 use crate::wire::{Id, Level, Record};
@@ -191,7 +191,7 @@ mod tests {
     use super::*;
     use crate::board::Board;
     use crate::chip::Bare;
-    use crate::probe::image::tests::Builder;
+    use crate::image::tests::Builder;
     use crate::wire::Wire;
     use std::collections::BTreeMap;
     use vcd::{Command, Parser};

@@ -30,7 +30,7 @@ use embassy_stm32::{Peri, interrupt, interrupt as handler, rcc};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use embassy_time::{Duration, Instant, with_timeout};
-use firmware_common::board::CORE_HZ;
+use firmware_common::clock::CORE_HZ;
 use firmware_common::halves::{self, Half};
 use static_cell::ConstStaticCell;
 

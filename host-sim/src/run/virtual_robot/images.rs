@@ -6,7 +6,7 @@ use core_algos::hil::framing::crc32c;
 use core_algos::topology::Role;
 use std::path::Path;
 use std::sync::Arc;
-use virtual_board::probe::image::Image;
+use virtual_board::image::Image;
 
 /// An axle's image and the beam's.
 #[derive(Clone)]

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread::JoinHandle;
 use virtual_board::board::Board;
-use virtual_board::probe::image::Image;
+use virtual_board::image::Image;
 use virtual_board::probe::rtt::{Mode, Rtt};
 
 /// First address of the memory that holds the log.

@@ -3,7 +3,7 @@
 use core_algos::topology::Role;
 use serde::Serialize;
 use virtual_board::board::Board;
-use virtual_board::probe::image::Image;
+use virtual_board::image::Image;
 use virtual_board::wire::Statistics;
 
 /// Number of the exception whose handler is the current loop.

@@ -17,7 +17,6 @@
 mod registers;
 #[cfg(test)]
 mod tests;
-mod transfer;
 mod write;
 
 use super::Peripheral;
@@ -26,11 +25,11 @@ use super::interrupt::Interrupt;
 use super::map::Unit;
 use super::register::{Register, merge};
 use super::shared::Shared;
-use crate::device::Noise;
+use super::transfer;
 use crate::finding::Kind;
+use crate::noise::Noise;
 use crate::time::{Cycles, NEVER, Time, Timebase};
 use registers::*;
-pub use transfer::Errors;
 
 /// From switching on to the first conversion.
 const STABILISATION: Time = Time::from_micros(3);

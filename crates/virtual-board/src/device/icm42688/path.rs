@@ -1,7 +1,8 @@
 //! The signal path of gyroscope or accelerometer: from the truth to counts.
 
 use super::super::filter::{LowPass, Memory};
-use super::super::{later, noise::Noise, span_s};
+use super::super::{later, span_s};
+use crate::noise::Noise;
 use crate::time::Time;
 
 /// The filters run at least at this rate, Hz, and the output takes what it needs of it.

@@ -26,8 +26,6 @@
 mod registers;
 mod target;
 
-pub use target::State;
-
 use crate::board::Board;
 use crate::core::{Stop, WatchAccess};
 use gdbstub::common::Signal;

@@ -3,8 +3,8 @@
 use super::access;
 use super::registers::{CoreRegisters, CortexM4F};
 use crate::board::Board;
-use crate::core::{System, Transfer, WatchAccess, Width};
-use crate::probe::image::{CCM, FLASH, SRAM};
+use crate::core::{System, Transfer, Width};
+use crate::image::{CCM, FLASH, SRAM};
 use gdbstub::common::Signal;
 use gdbstub::target::ext::base::BaseOps;
 use gdbstub::target::ext::base::singlethread::{
@@ -18,15 +18,6 @@ use gdbstub::target::ext::breakpoints::{
 use gdbstub::target::ext::monitor_cmd::{ConsoleOutput, MonitorCmd, MonitorCmdOps, outputln};
 use gdbstub::target::{Target, TargetError, TargetResult};
 use std::convert::Infallible;
-
-/// What gdb set.
-#[derive(Clone, Debug, Default)]
-pub struct State {
-    breakpoints: Vec<u32>,
-    watchpoints: Vec<(u32, u32, WatchAccess)>,
-    /// Registers of peripherals may be read and written.
-    peripherals: bool,
-}
 
 /// Takes everything away that gdb set, and lets the board run.
 pub(super) fn release(board: &mut Board) {

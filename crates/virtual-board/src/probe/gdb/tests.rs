@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::chip::Bare;
-use crate::probe::image::tests::Builder;
+use crate::image::tests::Builder;
 use crate::time::Time;
 use std::io::Write;
 

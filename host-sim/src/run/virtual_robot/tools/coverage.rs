@@ -17,8 +17,8 @@ use crate::base::error::Error;
 use crate::run::virtual_robot::{Images, VirtualRobot};
 use core_algos::topology::Role;
 use std::path::Path;
+use virtual_board::image::Image;
 use virtual_board::probe::coverage::Coverage;
-use virtual_board::probe::image::Image;
 
 /// Packages whose lines are counted.
 const PACKAGES: [&str; 3] = [

@@ -4,8 +4,8 @@ use crate::base::error::Error;
 use std::fs::{self, File};
 use std::io::{self, BufWriter};
 use std::path::{Path, PathBuf};
+use virtual_board::image::Image;
 use virtual_board::network::Network;
-use virtual_board::probe::image::Image;
 use virtual_board::probe::waves;
 use virtual_board::wire::Record;
 

@@ -1,6 +1,6 @@
 //! From a voltage to a count: resolution, errors of the converter, alignment.
 
-use crate::device::Noise;
+use crate::noise::Noise;
 
 /// Errors of a converter.
 #[derive(Clone, Copy, Debug, PartialEq)]
