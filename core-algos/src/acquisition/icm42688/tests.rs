@@ -1,0 +1,264 @@
+use super::*;
+
+/// The sensor as its data sheet says: banks of registers, of which only those are kept that have
+/// a meaning here, and samples that vary once it is powered up.
+struct Part {
+    banks: [[u8; 128]; 3],
+    bank: usize,
+    /// Bytes on the wire in the latest step.
+    bytes: usize,
+    noise: u32,
+    yaw_counts: i16,
+    mute: bool,
+    frozen: bool,
+}
+
+impl Part {
+    fn new() -> Self {
+        let mut part = Self {
+            banks: [[0; 128]; 3],
+            bank: 0,
+            bytes: 0,
+            noise: 1,
+            yaw_counts: 0,
+            mute: false,
+            frozen: false,
+        };
+        part.reset();
+        part
+    }
+
+    /// Values after a reset, from the register map.
+    fn reset(&mut self) {
+        self.banks = [[0; 128]; 3];
+        self.bank = 0;
+        let values = [
+            (0, 0x2d, 0x10),
+            (0, 0x4f, 0x06),
+            (0, 0x50, 0x06),
+            (0, 0x51, 0x16),
+            (0, 0x52, 0x11),
+            (0, 0x53, 0x0d),
+            (0, 0x75, 0x47),
+            (1, 0x0c, 0x0d),
+            (1, 0x0d, 0xaa),
+            (1, 0x0e, 0x80),
+            (2, 0x03, 0x30),
+            (2, 0x04, 0x40),
+            (2, 0x05, 0x62),
+        ];
+        for (bank, address, value) in values {
+            self.banks[bank][address] = value;
+        }
+    }
+
+    fn sample(&mut self) {
+        let on = self.banks[0][0x4e] == 0x0f;
+        for axis in 0..6 {
+            self.noise = self
+                .noise
+                .wrapping_mul(1_664_525)
+                .wrapping_add(1_013_904_223);
+            let noise = (self.noise >> 29) as i16 - 4;
+            let value = match (on, axis) {
+                (false, _) => i16::MIN,
+                (true, 5) => self.yaw_counts + noise,
+                (true, 2) => 16_384 + noise,
+                (true, _) => noise,
+            };
+            let [high, low] = value.to_be_bytes();
+            self.banks[0][0x1f + 2 * axis] = high;
+            self.banks[0][0x20 + 2 * axis] = low;
+        }
+    }
+
+    fn transfer(&mut self, bytes: &mut [u8]) -> bool {
+        self.bytes += bytes.len();
+        if !self.frozen {
+            self.sample();
+        }
+        let first = usize::from(bytes[0] & 0x7f);
+        let read = bytes[0] & 0x80 != 0;
+        for (address, byte) in (first..).zip(&mut bytes[1..]) {
+            let bank = if address == 0x76 { 0 } else { self.bank };
+            let cell = &mut self.banks[bank][address];
+            match (read, self.mute) {
+                (true, true) => *byte = 0xff,
+                (true, false) => {
+                    *byte = *cell;
+                    if (bank, address) == (0, 0x2d) {
+                        *cell = 0;
+                    }
+                }
+                (false, true) => {}
+                (false, false) if address == 0x76 => self.bank = usize::from(*byte),
+                (false, false) if (bank, address) == (0, 0x11) => {
+                    if *byte == 1 {
+                        self.reset();
+                    }
+                }
+                (false, false) => *cell = *byte,
+            }
+        }
+        true
+    }
+}
+
+fn step(sensor: &mut Icm42688, part: &mut Part, still: bool) -> Reading {
+    part.bytes = 0;
+    let reading = sensor.step(still, |bytes| part.transfer(bytes));
+    // 10.5 MHz: 18 bytes are 14 µs.
+    assert!(part.bytes <= 18, "{}", part.bytes);
+    reading
+}
+
+/// A sensor that ran for so many milliseconds, motors off.
+fn after(ms: usize) -> (Icm42688, Part) {
+    let (mut sensor, mut part) = (Icm42688::new(1.0, 1.0).unwrap(), Part::new());
+    for _ in 0..ms {
+        step(&mut sensor, &mut part, true);
+    }
+    (sensor, part)
+}
+
+#[test]
+fn registers_are_those_of_the_data_sheet() {
+    let (sensor, part) = after(100);
+    assert!(sensor.is_set_up() && !sensor.is_lost());
+    assert_eq!(part.bank, 0);
+    // ±250 °/s and ±2 g at 8 kHz, UI filters of second order at a twentieth of that.
+    assert_eq!(
+        part.banks[0][0x4e..0x54],
+        [0x0f, 0x63, 0x63, 0x16, 0x66, 0x0d]
+    );
+    // 536 Hz: delta 12, its square 144, shift 8; for the accelerometer beside a disable bit.
+    assert_eq!(part.banks[1][0x0c..0x0f], [0x0c, 0x90, 0x80]);
+    assert_eq!(part.banks[2][0x03..0x06], [0x18, 0x90, 0x80]);
+}
+
+#[test]
+fn a_warm_start_finds_its_bank() {
+    let (mut sensor, mut part) = (Icm42688::new(1.0, 1.0).unwrap(), Part::new());
+    part.bank = 2;
+    for _ in 0..100 {
+        step(&mut sensor, &mut part, true);
+    }
+    assert!(sensor.is_set_up() && !sensor.is_lost());
+    assert_eq!(part.banks[0][0x52], 0x66);
+}
+
+#[test]
+fn yaw_rate_is_read_once_the_bias_is_known() {
+    let (mut sensor, mut part) = after(1200);
+    part.yaw_counts = 1310;
+    let reading = step(&mut sensor, &mut part, false);
+    // 131 counts per °/s, the noise of the part ±4 counts.
+    let yaw = reading.gyro_rad_s.unwrap();
+    assert!((yaw - 10f32.to_radians()).abs() < 6e-4, "{yaw}");
+    assert!(reading.acceleration_m_s2.unwrap().abs() < 6e-3);
+    for gain in [0.0, f32::NAN] {
+        assert!(Icm42688::new(gain, 1.0).is_err());
+    }
+}
+
+/// Lost at once, set up again, and back after a second of standstill, not before.
+#[test]
+fn a_reset_is_seen_at_once_and_the_bias_is_sought_anew() {
+    let (mut sensor, mut part) = after(1200);
+    part.reset();
+    assert_eq!(step(&mut sensor, &mut part, false), Reading::default());
+    assert!(sensor.is_lost());
+    for _ in 0..5000 {
+        assert_eq!(step(&mut sensor, &mut part, false), Reading::default());
+    }
+    assert!(sensor.is_lost() && sensor.is_set_up());
+    assert_eq!(
+        part.banks[0][0x4e..0x54],
+        [0x0f, 0x63, 0x63, 0x16, 0x66, 0x0d]
+    );
+    for _ in 0..1000 {
+        step(&mut sensor, &mut part, true);
+    }
+    assert!(!sensor.is_lost());
+    assert!(step(&mut sensor, &mut part, false).gyro_rad_s.is_some());
+}
+
+#[test]
+fn a_changed_register_is_found_and_a_disturbed_transfer_is_not_a_loss() {
+    for address in [0x4e, 0x4f, 0x50, 0x51, 0x52, 0x53] {
+        let (mut sensor, mut part) = after(1200);
+        part.banks[0][address] ^= 0x01;
+        let until = (0..).find(|_| {
+            step(&mut sensor, &mut part, false);
+            sensor.is_lost()
+        });
+        // Seven registers, one every 17 ms.
+        assert!(until.unwrap() <= 7 * 17 + 1, "{address:#x}: {until:?}");
+    }
+    let (mut sensor, mut part) = after(1200);
+    let mut asked = 0;
+    for _ in 0..3000 {
+        sensor.step(false, |bytes| {
+            let done = part.transfer(bytes);
+            if bytes.len() == 2 {
+                asked += 1;
+                bytes[1] ^= if asked % 2 == 0 { 0x80 } else { 0 };
+            }
+            done
+        });
+    }
+    assert!(asked > 100);
+    assert!(!sensor.is_lost());
+}
+
+#[test]
+fn a_line_that_is_stuck_or_a_frozen_sample_is_a_loss() {
+    let low = |bytes: &mut [u8]| {
+        bytes.fill(0);
+        true
+    };
+    let fails = |_: &mut [u8]| false;
+    // Low: by the registers read back; no transfer at all: as if nothing changed.
+    type Transfer = fn(&mut [u8]) -> bool;
+    let broken: [(Transfer, usize); 2] = [(low, 18), (fails, 51)];
+    for (transfer, within) in broken {
+        let (mut sensor, _) = after(1200);
+        let steps = (1..).find(|_| {
+            sensor.step(false, transfer);
+            sensor.is_lost()
+        });
+        assert!(steps.unwrap() <= within, "{steps:?}");
+    }
+    // High: the status tells of a reset.
+    let (mut sensor, mut part) = after(1200);
+    part.mute = true;
+    step(&mut sensor, &mut part, false);
+    assert!(sensor.is_lost());
+    // Asked again until it answers.
+    for _ in 0..1000 {
+        assert_eq!(step(&mut sensor, &mut part, true), Reading::default());
+    }
+    part.mute = false;
+    for _ in 0..1300 {
+        step(&mut sensor, &mut part, true);
+    }
+    assert!(!sensor.is_lost());
+
+    let (mut sensor, mut part) = after(1200);
+    part.frozen = true;
+    let steps = (1..).find(|_| {
+        step(&mut sensor, &mut part, false);
+        sensor.is_lost()
+    });
+    assert!(steps.unwrap() <= 51, "{steps:?}");
+}
+
+#[test]
+fn a_sensor_that_is_not_there_is_lost() {
+    let (mut sensor, mut part) = (Icm42688::new(1.0, 1.0).unwrap(), Part::new());
+    part.mute = true;
+    for _ in 0..10 {
+        step(&mut sensor, &mut part, true);
+    }
+    assert!(sensor.is_lost() && !sensor.is_set_up());
+}

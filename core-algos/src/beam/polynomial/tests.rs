@@ -1,0 +1,309 @@
+use super::super::reference::{Elastica, Random, integrate, polynomial};
+use super::super::strip::{Config, PerGauge, Uncertainty};
+use super::*;
+use std::vec::Vec;
+
+const LENGTH: f64 = 0.37;
+
+fn placements() -> Vec<Vec<f64>> {
+    let uniform = |n: usize| {
+        (0..n)
+            .map(|i| LENGTH * (i as f64 + 0.5) / n as f64)
+            .collect()
+    };
+    let ends = |n: usize| (0..n).map(|i| LENGTH * i as f64 / (n - 1) as f64).collect();
+    vec![
+        super::super::strip::GAUSS_5
+            .iter()
+            .map(|f| LENGTH * f64::from(*f))
+            .collect(),
+        uniform(2),
+        uniform(3),
+        uniform(5),
+        uniform(8),
+        ends(4),
+        ends(6),
+    ]
+}
+
+fn strip(gauges: &[f64], change: impl Fn(&mut Config)) -> Strip {
+    let gauges: Vec<f32> = gauges.iter().map(|g| *g as f32).collect();
+    let mut config = Config {
+        gauges_m: PerGauge::new(&gauges).unwrap(),
+        ..Config::default()
+    };
+    change(&mut config);
+    config.build().unwrap()
+}
+
+fn rule(strip: &Strip, mask: GaugeMask) -> Quadrature {
+    Quadrature::new(strip, Interpolant::new(strip, mask).unwrap())
+}
+
+fn padded(values: &[f64]) -> [f32; MAX_GAUGES] {
+    let values: Vec<f32> = values.iter().map(|v| *v as f32).collect();
+    PerGauge::new(&values).unwrap().padded()
+}
+
+/// Smooth bends up to 10 1/m whose end angle is at most 1.5 rad.
+fn smooth(random: &mut Random, gauges: &[f64]) -> Vec<f64> {
+    loop {
+        let amplitude = random.between(0.5, 5.0);
+        let (a, b, w, p) = (
+            random.between(-1.0, 1.0),
+            random.between(-1.0, 1.0),
+            random.between(0.0, 5.0),
+            random.between(0.0, 6.3),
+        );
+        let k: Vec<f64> = gauges
+            .iter()
+            .map(|g| amplitude * (a + b * (w * g / LENGTH + p).sin()))
+            .collect();
+        let end = integrate(LENGTH, 40, |s| polynomial(gauges, &k, s));
+        if end[2].abs() < 1.5 {
+            return k;
+        }
+    }
+}
+
+#[test]
+fn both_methods_match_the_same_polynomial_in_f64() {
+    let mut random = Random(1);
+    let (mut worst_m, mut worst_rad) = (0.0f64, 0.0f64);
+    for gauges in placements() {
+        let strip = strip(&gauges, |_| {});
+        let rule = rule(&strip, strip.gauges);
+        for _ in 0..60 {
+            let k = smooth(&mut random, &gauges);
+            let fast = quadrature(&strip, &rule, &padded(&k)).posture;
+            let exact = integrate(LENGTH, 400, |s| polynomial(&gauges, &k, s));
+            let pieces = piecewise(&strip, &rule, &padded(&k), 100).posture;
+            // The same arcs in f64, in the paper's form with its division.
+            let (mut x, mut y, mut phi) = (0.0, 0.0, 0.0f64);
+            for i in 0..100 {
+                let d_length = LENGTH / 100.0;
+                let rho = 1.0 / polynomial(&gauges, &k, (i as f64 + 0.5) * d_length);
+                let d_phi = d_length / rho;
+                let (dx, dy) = (rho * d_phi.sin(), rho * (1.0 - d_phi.cos()));
+                x += phi.cos() * dx - phi.sin() * dy;
+                y += phi.sin() * dx + phi.cos() * dy;
+                phi += d_phi;
+            }
+            for (found, expected) in [(fast, exact), (pieces, [x, y, phi])] {
+                worst_m = worst_m
+                    .max((f64::from(found.x) - expected[0]).abs())
+                    .max((f64::from(found.y) - expected[1]).abs());
+                worst_rad = worst_rad.max((f64::from(found.phi) - expected[2]).abs());
+            }
+        }
+    }
+    println!("worst {worst_m:e} m, {worst_rad:e} rad");
+    assert!(
+        worst_m < 5e-7 && worst_rad < 1.2e-6,
+        "{worst_m:e} {worst_rad:e}"
+    );
+}
+
+/// Eight nodes where they are enough: for any readings at all that pass, and for the shapes of
+/// a robot, which pass.
+#[test]
+fn gentle_bends_lose_nothing_and_are_the_rule() {
+    let mut random = Random(9);
+    for gauges in placements() {
+        let strip = strip(&gauges, |c| c.rigid_tip_m = 0.02);
+        let rule = rule(&strip, strip.gauges);
+        let mut passed = 0;
+        for _ in 0..3000 {
+            let size = random.between(0.1, 4.0);
+            let rough = random.between(0.0, 2.0);
+            let k: Vec<f64> = gauges
+                .iter()
+                .map(|_| size + rough * random.normal())
+                .collect();
+            let both = quadrature(&strip, &rule, &padded(&k)).posture;
+            assert_eq!(posture(&strip, &rule, &padded(&k)), both);
+            if rule.as_gentle(&padded(&k)).is_none() {
+                continue;
+            }
+            passed += 1;
+            let [x, y, phi] = integrate(LENGTH, 100, |s| polynomial(&gauges, &k, s));
+            let (x, y) = (x + 0.02 * phi.cos(), y + 0.02 * phi.sin());
+            let error = (f64::from(both.x) - x).hypot(f64::from(both.y) - y);
+            assert!(error < 3e-7, "{gauges:?} {k:?}: {error:e}");
+        }
+        assert!(passed > 100 || gauges.len() > GENTLE_GAUGES, "{passed}");
+        if gauges.len() != GENTLE_GAUGES {
+            continue;
+        }
+        let at: Vec<f64> = gauges.iter().map(|g| g / LENGTH).collect();
+        for _ in 0..500 {
+            let bent = Elastica::random(&mut random, 6.0).bent(&at);
+            let k: Vec<f64> = bent.curvature.iter().map(|k| k / LENGTH).collect();
+            let small = bent.end[2].abs() < 1.2 && k.iter().all(|k| k.abs() < 3.0);
+            assert!(!small || rule.as_gentle(&padded(&k)).is_some(), "{k:?}");
+        }
+    }
+}
+
+#[test]
+fn an_arc_ends_where_a_circle_does_and_rigid_ends_extend_it() {
+    let (root, tip) = (0.02f64, 0.03f64);
+    for gauges in placements() {
+        let strip = strip(&gauges, |c| {
+            c.rigid_root_m = root as f32;
+            c.rigid_tip_m = tip as f32;
+        });
+        let rule = rule(&strip, strip.gauges);
+        for k in [-4.0f64, -1.0, -1e-4, 1e-4, 0.7, 4.0] {
+            let phi = k * LENGTH;
+            let expected = [
+                root + phi.sin() / k + tip * phi.cos(),
+                (1.0 - phi.cos()) / k + tip * phi.sin(),
+                phi,
+            ];
+            for found in [
+                quadrature(&strip, &rule, &[k as f32; MAX_GAUGES]).posture,
+                piecewise(&strip, &rule, &[k as f32; MAX_GAUGES], 7).posture,
+            ] {
+                let found: [f32; 3] = found.into();
+                for i in 0..3 {
+                    assert!((f64::from(found[i]) - expected[i]).abs() < 1e-6);
+                }
+            }
+        }
+        let flat = quadrature(&strip, &rule, &[0.0; MAX_GAUGES]).posture;
+        assert!((flat.x - 0.42).abs() < 1e-6 && flat.y == 0.0 && flat.phi == 0.0);
+    }
+}
+
+#[test]
+fn piecewise_converges_to_quadrature_with_the_square_of_the_segment() {
+    let gauges = &placements()[0];
+    let strip = strip(gauges, |_| {});
+    let rule = rule(&strip, strip.gauges);
+    let k = padded(&[6.0, 4.0, -1.0, -3.0, 2.0]);
+    let limit = quadrature(&strip, &rule, &k).posture;
+    let error = |n| piecewise(&strip, &rule, &k, n).posture.distance(limit);
+    assert!((error(10) / error(20) - 4.0).abs() < 0.5);
+    assert!((error(20) / error(40) - 4.0).abs() < 0.5);
+    assert!(error(10_000) < 4e-7);
+}
+
+#[test]
+fn bending_left_leads_left() {
+    let strip = Config::default().build().unwrap();
+    let rule = rule(&strip, strip.gauges);
+    let curvature = strip.curvature(&[5e-4; MAX_GAUGES]);
+    assert_eq!(curvature[0], 1.0);
+    let p = quadrature(&strip, &rule, &curvature).posture;
+    assert!(p.y > 0.06 && p.phi > 0.36);
+}
+
+#[test]
+fn a_lost_gauge_leaves_the_polynomial_of_the_rest() {
+    let gauges = &placements()[3];
+    let strip = strip(gauges, |_| {});
+    let rest: Vec<f64> = [0, 1, 3, 4].map(|i| gauges[i]).to_vec();
+    let values = [1.0, 2.0, 2.5, 1.0];
+    let mut k = padded(&[1.0, 2.0, 0.0, 2.5, 1.0]);
+    k[2] = f32::NAN;
+    let rule = rule(&strip, strip.gauges.without(2));
+    let found = quadrature(&strip, &rule, &k);
+    let expected = integrate(LENGTH, 400, |s| polynomial(&rest, &values, s));
+    assert!(found.is_sound());
+    assert!((f64::from(found.posture.y) - expected[1]).abs() < 1e-6);
+    assert!((f64::from(found.posture.phi) - expected[2]).abs() < 2e-6);
+    assert!(Interpolant::new(&strip, GaugeMask(0b1)).is_none());
+}
+
+/// Noise-free readings of elastica shapes: what is left is the polynomial's own error, which
+/// the allowance must cover.
+#[test]
+fn covariance_covers_the_error_between_the_gauges() {
+    let mut random = Random(5);
+    for gauges in placements() {
+        if gauges.len() < 3 {
+            continue;
+        }
+        let strip = strip(&gauges, |c| {
+            let u = &mut c.uncertainty;
+            (u.noise_strain, u.offset_strain, u.common_offset_strain) = (1e-7, 0.0, 0.0);
+            (u.gain, u.common_gain) = (0.0, 0.0);
+        });
+        let rule = rule(&strip, strip.gauges);
+        let at: Vec<f64> = gauges.iter().map(|g| g / LENGTH).collect();
+        let (mut covered, n) = (0, 300);
+        let mut worst = [0.0f64; 2];
+        for _ in 0..n {
+            let bent = Elastica::random(&mut random, 12.0).bent(&at);
+            let k: Vec<f64> = bent.curvature.iter().map(|k| k / LENGTH).collect();
+            let found = quadrature(&strip, &rule, &padded(&k));
+            let p: [f32; 3] = found.posture.into();
+            let truth = [LENGTH * bent.end[0], LENGTH * bent.end[1], bent.end[2]];
+            let error: [f64; 3] = core::array::from_fn(|i| f64::from(p[i]) - truth[i]);
+            worst[0] = worst[0].max(error[0].hypot(error[1]));
+            worst[1] = worst[1].max(error[2].abs());
+            if (0..3).all(|i| error[i].powi(2) <= 9.0 * f64::from(found.covariance[i][i])) {
+                covered += 1;
+            }
+        }
+        println!("{at:.2?}: covered {covered} of {n}, worst {worst:?}");
+        assert!(covered >= n * 95 / 100, "{at:?}: {covered}");
+    }
+}
+
+/// The covariance against the spread of postures from perturbed readings.
+#[test]
+fn covariance_matches_monte_carlo() {
+    let gauges = &placements()[0];
+    let uncertainty = Uncertainty {
+        noise_strain: 6e-6,
+        offset_strain: 8e-6,
+        common_offset_strain: 5e-6,
+        gain: 0.02,
+        common_gain: 0.01,
+        interpolation: 0.0,
+        position_m: 1e-6,
+        heading_rad: 1e-6,
+        ..Uncertainty::default()
+    };
+    let strip = strip(gauges, |c| {
+        c.uncertainty = uncertainty;
+        c.rigid_tip_m = 0.05;
+    });
+    let rule = rule(&strip, strip.gauges);
+    let truth = [2.0, 3.0, 3.5, 2.0, -1.0];
+    let mut random = Random(7);
+    let n = 20_000;
+    let samples: Vec<[f64; 3]> = (0..n)
+        .map(|_| {
+            let thickness = f64::from(strip.half_thickness);
+            let offset = 5e-6 / thickness * random.normal();
+            let gain = 0.01 * random.normal();
+            let k = truth.map(|k| {
+                let own = (6e-6f64.hypot(8e-6)) / thickness * random.normal();
+                k * (1.0 + gain + 0.02 * random.normal()) + offset + own
+            });
+            let p: [f32; 3] = quadrature(&strip, &rule, &padded(&k)).posture.into();
+            p.map(f64::from)
+        })
+        .collect();
+    let found = quadrature(&strip, &rule, &padded(&truth)).covariance;
+    let mean: [f64; 3] =
+        core::array::from_fn(|i| samples.iter().map(|p| p[i]).sum::<f64>() / n as f64);
+    for r in 0..3 {
+        for c in 0..3 {
+            let sample: f64 = samples
+                .iter()
+                .map(|p| (p[r] - mean[r]) * (p[c] - mean[c]))
+                .sum::<f64>()
+                / n as f64;
+            let scale = f64::from(found[r][r] * found[c][c]).sqrt();
+            assert!(
+                (f64::from(found[r][c]) - sample).abs() < 0.05 * scale,
+                "{r}{c}: {} {sample}",
+                found[r][c]
+            );
+        }
+    }
+}

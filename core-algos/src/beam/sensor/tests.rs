@@ -1,0 +1,315 @@
+use super::super::reference::{Elastica, Random};
+use super::super::strip::GAUSS_5;
+use super::*;
+use proptest::prelude::*;
+
+const LENGTH: f64 = 0.37;
+const LSB: f64 = 1.0 / (4096.0 * 64.0 * 2.0);
+
+/// A strip that swings between bends, its bridges and its converter.
+struct Bench {
+    random: Random,
+    gain: [f64; 5],
+    offset: [f64; 5],
+    phase: f64,
+}
+
+impl Bench {
+    fn new(seed: u64) -> Self {
+        let mut random = Random(seed);
+        let common = 0.75e-6 * random.normal();
+        Self {
+            gain: core::array::from_fn(|_| 1.0 + 3e-3 * random.normal()),
+            offset: core::array::from_fn(|_| 1e-6 * random.normal() + common),
+            phase: random.between(0.0, 6.0),
+            random,
+        }
+    }
+
+    /// Strains and end posture `t` seconds in.
+    fn truth(&self, t: f64) -> ([f64; 5], [f64; 3]) {
+        let w = t + self.phase;
+        let shape = Elastica {
+            root_curvature: 1.2 * (1.9 * w).sin() + 0.4 * (0.7 * w).cos(),
+            force: [-2.0 * (1.3 * w).sin(), 1.5 * (1.1 * w).cos()],
+        };
+        let bent = shape.bent(&GAUSS_5.map(f64::from));
+        let strain = core::array::from_fn(|i| 0.5e-3 * bent.curvature[i] / LENGTH);
+        let [x, y, phi] = bent.end;
+        (strain, [LENGTH * x, LENGTH * y, phi])
+    }
+
+    fn counts(&mut self, strain: &[f64; 5]) -> [i32; MAX_GAUGES] {
+        let mut counts = [0; MAX_GAUGES];
+        for i in 0..5 {
+            let strain = strain[i] * self.gain[i] + self.offset[i];
+            let analog = 2048.0 + strain / LSB + 0.8 * self.random.normal();
+            counts[i] = analog.round() as i32;
+        }
+        counts
+    }
+
+    /// Ten samples around `t`, each passed through `tamper`.
+    fn estimate(
+        &mut self,
+        sensor: &RelativePositionSensor,
+        state: &mut State,
+        t: f64,
+        mut tamper: impl FnMut(&mut [i32; MAX_GAUGES], f64),
+    ) -> (Estimate, [f64; 3]) {
+        let (strain, end) = self.truth(t);
+        for _ in 0..10 {
+            let mut counts = self.counts(&strain);
+            tamper(&mut counts, self.random.unit());
+            sensor.sample(state, &counts);
+        }
+        (sensor.estimate(state), end)
+    }
+}
+
+fn sensor() -> RelativePositionSensor {
+    let mut config = Config::default();
+    config.strip.uncertainty = crate::beam::strip::Uncertainty::calibrated();
+    config.build().unwrap()
+}
+
+/// Squared error weighed by the covariance (three numbers: 3 on average).
+fn normalised_error(relative: &RelativePosture, truth: [f64; 3]) -> f64 {
+    let p: [f32; 3] = relative.posture.into();
+    let d: [f32; 3] = core::array::from_fn(|i| (f64::from(p[i]) - truth[i]) as f32);
+    let inverse = crate::math::matrix::inverse_spd(&relative.covariance).unwrap();
+    let weighed = crate::math::matrix::apply(&inverse, &d);
+    (0..3).map(|i| f64::from(d[i] * weighed[i])).sum()
+}
+
+/// A bend that grows at a constant rate is seen without lag, gaps in the samples or not.
+#[test]
+fn a_moving_frame_is_seen_as_it_is_now() {
+    let config = Config::default();
+    let sensor = config.build().unwrap();
+    let averaging = Config {
+        extrapolate: false,
+        ..config
+    };
+    let averaging = averaging.build().unwrap();
+    // ψ̇ = 1 rad/s: the front axle turns by 2 rad/s against the rear, 1 ms and 0.8 ms late.
+    let strain = |t: f64| 0.5e-3 / LENGTH * 2.0 * (t - 1.8e-3);
+    for gaps in [false, true] {
+        let (mut state, mut slow) = (State::default(), State::default());
+        let mut t = 0.1;
+        let mut last = None;
+        for period in 0..20 {
+            for k in 0..10 {
+                t += 1e-3;
+                let count = (2048.0 + strain(t) / LSB + 0.3 * f64::from(k % 3)).round();
+                let lost = gaps && (k == 3 || k == 7) && period > 0;
+                let counts = [if lost { -1 } else { count as i32 }; MAX_GAUGES];
+                sensor.sample(&mut state, &counts);
+                averaging.sample(&mut slow, &counts);
+            }
+            let phi = |estimate: Estimate| f64::from(estimate.relative.unwrap().posture.phi);
+            last = Some((
+                phi(sensor.estimate(&mut state)) - 2.0 * t,
+                phi(averaging.estimate(&mut slow)) - 2.0 * t,
+            ));
+        }
+        let (now, mean) = last.unwrap();
+        assert!(now.abs() < 1.5e-3, "{now}");
+        // 4.5 samples to the middle and 1.8 of latency, at 2 mrad each.
+        assert!((mean + 12.6e-3).abs() < 1.5e-3, "{mean}");
+    }
+}
+
+/// No alarm and an honest covariance over many robots and bends.
+#[test]
+fn healthy_sensors_raise_no_alarm_and_are_as_good_as_they_claim() {
+    let sensor = sensor();
+    let (mut total, mut n, mut worst_m, mut worst_rad) = (0.0, 0.0, 0.0f64, 0.0f64);
+    for robot in 0..30 {
+        let mut bench = Bench::new(1000 + robot);
+        let mut state = State::default();
+        for period in 0..300 {
+            let t = 0.03 * f64::from(period);
+            let (estimate, truth) = bench.estimate(&sensor, &mut state, t, |_, _| {});
+            assert_eq!(estimate.faults, [Fault::None; MAX_GAUGES]);
+            assert!(estimate.consistent && estimate.used.count() == 5);
+            let relative = estimate.relative.unwrap();
+            total += normalised_error(&relative, truth);
+            n += 1.0;
+            let p = relative.posture;
+            worst_m = worst_m.max((f64::from(p.x) - truth[0]).hypot(f64::from(p.y) - truth[1]));
+            worst_rad = worst_rad.max((f64::from(p.phi) - truth[2]).abs());
+        }
+    }
+    // 30 draws of gain and offset: the mean of 3 has a spread of 0.4.
+    assert!((1.0..4.5).contains(&(total / n)), "{}", total / n);
+    assert!(worst_m < 2e-3 && worst_rad < 8e-3, "{worst_m} {worst_rad}");
+}
+
+/// Runs with `tamper` from the second second on; gives the faults and the worst normalised
+/// error after the fault was found.
+fn tampered(
+    seed: u64,
+    mut tamper: impl FnMut(&mut [i32; MAX_GAUGES], f64),
+) -> (Option<u32>, [Fault; MAX_GAUGES], f64) {
+    let sensor = sensor();
+    let mut bench = Bench::new(seed);
+    let mut state = State::default();
+    let (mut found, mut faults, mut worst) = (None, [Fault::None; MAX_GAUGES], 0.0f64);
+    for period in 0..500 {
+        let t = 0.01 * f64::from(period);
+        let (estimate, truth) = bench.estimate(&sensor, &mut state, t, |counts, unit| {
+            if period >= 100 {
+                tamper(counts, unit);
+            }
+        });
+        faults = estimate.faults;
+        if faults != [Fault::None; MAX_GAUGES] {
+            found.get_or_insert(period - 100);
+            assert_eq!(estimate.used.count(), 4);
+            worst = worst.max(normalised_error(&estimate.relative.unwrap(), truth));
+        } else {
+            assert!(found.is_none() && (period < 100 || estimate.relative.is_some()));
+        }
+    }
+    (found, faults, worst)
+}
+
+fn only(i: usize, fault: Fault) -> [Fault; MAX_GAUGES] {
+    core::array::from_fn(|j| if i == j { fault } else { Fault::None })
+}
+
+#[test]
+fn each_failed_gauge_is_found_and_the_estimate_goes_on() {
+    for seed in 0..2 {
+        for gauge in 0..5 {
+            let (found, faults, worst) = tampered(seed, |counts, _| counts[gauge] = 4095);
+            assert_eq!((found, faults), (Some(4), only(gauge, Fault::Saturated)));
+            assert!(worst < 40.0, "{worst}");
+
+            let (found, faults, _) = tampered(seed, |counts, _| counts[gauge] = -1);
+            assert_eq!((found, faults), (Some(4), only(gauge, Fault::Missing)));
+
+            // Stuck without noise, stuck with noise, a jump of 300 µε.
+            let (found, faults, worst) = tampered(seed, |counts, _| counts[gauge] = 2150);
+            assert!(found.unwrap() < 250, "gauge {gauge}: {found:?}");
+            assert!(matches!(faults[gauge], Fault::Dead | Fault::Inconsistent));
+            assert!(worst < 40.0, "{worst}");
+
+            let (found, faults, worst) = tampered(seed, |counts, unit| {
+                counts[gauge] = 2150 + (6.0 * unit) as i32
+            });
+            assert!(found.unwrap() < 250, "gauge {gauge}: {found:?}");
+            assert_eq!(faults, only(gauge, Fault::Inconsistent));
+            assert!(worst < 40.0, "{worst}");
+
+            let (found, faults, _) = tampered(seed, |counts, _| counts[gauge] += 157);
+            assert!(found.unwrap() < 100, "gauge {gauge}: {found:?}");
+            assert_eq!(faults, only(gauge, Fault::Inconsistent));
+        }
+    }
+}
+
+/// Without the consistency watch, flatness alone finds a stuck gauge on a strip of three.
+#[test]
+fn a_flat_gauge_among_three_is_dead() {
+    let mut config = Config::default();
+    config.strip.gauges_m = strip::PerGauge::new(&[0.05, 0.185, 0.32]).unwrap();
+    config.calibration.zero_counts = strip::PerGauge::uniform(3, 2048.0);
+    config.calibration.gain = strip::PerGauge::uniform(3, 1.0);
+    let sensor = config.build().unwrap();
+    let mut state = State::default();
+    let mut faults = [Fault::None; MAX_GAUGES];
+    for t in 0..1000i32 {
+        let moving = 2048 + (t % 200 - 100).abs();
+        sensor.sample(&mut state, &[moving, 2100, moving, 0, 0, 0, 0, 0]);
+        if t % 10 == 9 {
+            let estimate = sensor.estimate(&mut state);
+            faults = estimate.faults;
+            assert!(estimate.relative.is_some());
+        }
+    }
+    assert_eq!(faults, only(1, Fault::Dead));
+}
+
+#[test]
+fn without_two_gauges_there_is_no_posture() {
+    let sensor = sensor();
+    let mut state = State::default();
+    assert_eq!(sensor.estimate(&mut state).relative, None);
+    sensor.sample(&mut state, &[2048, -1, -1, -1, 4095, 0, 0, 0]);
+    assert_eq!(sensor.estimate(&mut state).relative, None);
+    sensor.sample(&mut state, &[2048, -1, -1, 2048, 4095, 0, 0, 0]);
+    let estimate = sensor.estimate(&mut state);
+    assert_eq!(estimate.used, GaugeMask(0b1001));
+    // Two gauges know less than five.
+    let two = estimate.relative.unwrap().covariance;
+    sensor.sample(&mut state, &[2048; MAX_GAUGES]);
+    let five = sensor.estimate(&mut state).relative.unwrap().covariance;
+    assert!(two[1][1] > 1.3 * five[1][1] && two[2][2] > 1.3 * five[2][2]);
+}
+
+#[test]
+fn the_three_methods_agree_on_gentle_bends() {
+    let strain = [2e-4, 3e-4, 3e-4, 2.5e-4, 2e-4, 0.0, 0.0, 0.0];
+    let postures = [Method::Piecewise, Method::Quadrature, Method::Elastica].map(|method| {
+        let strip = strip::Config::default().build().unwrap();
+        let solver = PostureSolver::new(strip, method, 100).unwrap();
+        let solution = solver.solve(&strain, GaugeMask(255)).unwrap();
+        assert_eq!(solution.method, method);
+        assert_eq!(solution.wrench.is_some(), method == Method::Elastica);
+        solution.relative.posture
+    });
+    for p in postures {
+        assert!(p.distance(postures[2]) < 1e-3 && (p.phi - postures[2].phi).abs() < 4e-3);
+    }
+    let strip = strip::Config::default().build().unwrap();
+    assert_eq!(
+        PostureSolver::new(strip, Method::Piecewise, 0)
+            .unwrap_err()
+            .field,
+        "segments"
+    );
+}
+
+fn count() -> impl Strategy<Value = i32> {
+    prop_oneof![3 => 0i32..4096, 1 => proptest::num::i32::ANY]
+}
+
+properties! {
+    #[test]
+    fn any_counts_give_a_sound_posture_or_none(
+        samples in proptest::collection::vec(proptest::array::uniform8(count()), 1..40),
+        method in 0usize..3,
+    ) {
+        let method = [Method::Piecewise, Method::Quadrature, Method::Elastica][method];
+        let sensor = Config { method, segments: 10, ..Config::default() }.build().unwrap();
+        let mut state = State::default();
+        for counts in samples {
+            sensor.sample(&mut state, &counts);
+            let estimate = sensor.estimate(&mut state);
+            if let Some(relative) = estimate.relative {
+                prop_assert!(relative.is_sound() && estimate.used.count() >= 2);
+            }
+            prop_assert!(estimate.wrench.is_none_or(|wrench| wrench.is_finite()));
+            prop_assert!(estimate.strain.iter().all(|strain| strain.is_finite()));
+        }
+    }
+
+    #[test]
+    fn any_strains_give_a_sound_posture_or_none(
+        strain in proptest::array::uniform8(prop_oneof![
+            3 => -5e-3f32..5e-3,
+            1 => proptest::num::f32::ANY,
+        ]),
+        bits in proptest::num::u8::ANY,
+    ) {
+        for method in [Method::Piecewise, Method::Quadrature, Method::Elastica] {
+            let strip = strip::Config::default().build().unwrap();
+            let solver = PostureSolver::new(strip, method, 20).unwrap();
+            if let Some(solution) = solver.solve(&strain, GaugeMask(bits)) {
+                prop_assert!(solution.relative.is_sound());
+            }
+        }
+    }
+}

@@ -1,0 +1,238 @@
+use super::*;
+use crate::math::matrix::is_finite;
+use proptest::prelude::*;
+
+/// Signals that are no enumeration, each with its message.
+fn quantities() -> impl Iterator<Item = (&'static Signal, &'static layout::Layout)> {
+    layout::MESSAGES.iter().flat_map(|layout| {
+        let signals = layout.signals.iter();
+        signals
+            .filter(|signal| signal.labels.is_empty())
+            .map(move |signal| (signal, layout))
+    })
+}
+
+/// Half a unit beyond the range, computed in double precision.
+fn bounds(signal: &Signal) -> [f64; 2] {
+    let (low, high) = signal.raw_range();
+    let (scale, offset) = (f64::from(signal.scale), f64::from(signal.offset));
+    [
+        (f64::from(low) - 0.5) * scale + offset,
+        (f64::from(high) + 0.5) * scale + offset,
+    ]
+}
+
+fn range_holds(signal: &Signal, value: f32) -> bool {
+    let [low, high] = bounds(signal);
+    (low..high).contains(&f64::from(value))
+}
+
+/// So close to a bound that single precision may judge either way.
+fn at_a_bound(signal: &Signal, value: f32) -> bool {
+    bounds(signal)
+        .iter()
+        .any(|bound| (f64::from(value) - bound).abs() <= 1e-6 * bound.abs())
+}
+
+fn round_trip(message: Message) -> Message {
+    decode(&encode(&message).unwrap()).unwrap()
+}
+
+properties! {
+    #[test]
+    fn posture_survives_to_half_a_unit(
+        x in -52.0f32..52.0, y in -52.0f32..52.0, phi in -3.1f32..3.1, sequence: u8,
+    ) {
+        for axle in AxleId::BOTH {
+            let sent = Posture::new(x, y, phi);
+            let received = round_trip(Message::AxlePosture { axle, sequence, posture: sent });
+            let Message::AxlePosture { axle: a, sequence: s, posture } = received else {
+                panic!("{received:?}");
+            };
+            prop_assert_eq!((a, s), (axle, sequence));
+            let [dx, dy, dphi] = posture.minus(sent);
+            prop_assert!(dx.abs() < 6e-5 && dy.abs() < 6e-5 && dphi.abs() < 5.1e-5);
+        }
+    }
+
+    #[test]
+    fn positions_repeat_and_differences_stay(x in -400.0f32..400.0, step in -0.01f32..0.01) {
+        let sent = |x| match round_trip(Message::AxlePosture {
+            axle: AxleId::Rear, sequence: 0, posture: Posture::new(x, 0.0, 0.0),
+        }) {
+            Message::AxlePosture { posture, .. } => posture.x,
+            _ => f32::NAN,
+        };
+        let difference = wrap_position(sent(x + step) - sent(x));
+        prop_assert!((difference - step).abs() < 1.6e-4);
+    }
+
+    #[test]
+    fn covariance_stays_positive_definite_and_close(
+        l in proptest::array::uniform3(proptest::array::uniform3(-1.0f32..1.0)),
+        exponent in -7.0f32..-1.0,
+    ) {
+        let size = exponent.exp2() * 1e-3;
+        let mut m = crate::math::matrix::propagate(&l, &crate::math::matrix::identity());
+        for i in 0..3 {
+            m[i][i] += 1e-3;
+            for j in 0..3 {
+                m[i][j] *= size * size;
+            }
+        }
+        for i in 0..3 {
+            m[i][i] *= 1.0001;
+        }
+        let Message::BeamUncertainty { covariance, .. } =
+            round_trip(Message::BeamUncertainty { sequence: 1, covariance: m }) else {
+            panic!("another message");
+        };
+        prop_assert!(cholesky(&covariance).is_some());
+        for i in 0..3 {
+            let ratio = covariance[i][i] / m[i][i];
+            prop_assert!((0.975..1.025).contains(&ratio), "{}", ratio);
+        }
+    }
+
+    #[test]
+    fn positions_around_the_end_of_the_span_are_sent(turns in -3i32..3, step in -2e-4f32..2e-4) {
+        let x = (turns as f32 + 0.5) * POSITION_SPAN_M + step;
+        let Message::AxlePosture { posture, .. } = round_trip(Message::AxlePosture {
+            axle: AxleId::Front, sequence: 0, posture: Posture::new(x, -x, 0.0),
+        }) else {
+            panic!("another message");
+        };
+        // Far from the origin a position is itself no finer than this.
+        let resolution = 1e-4 + x.abs() * f32::EPSILON;
+        prop_assert!(wrap_position(posture.x - wrap_position(x)).abs() <= resolution);
+        prop_assert!(wrap_position(posture.y - wrap_position(-x)).abs() <= resolution);
+    }
+
+    /// Any value at all, of any signal: refused by name, or sent to the nearest unit.
+    #[test]
+    fn a_value_is_refused_or_rounded_to_the_nearest_unit(bits: u32, small in -40.0f32..40.0) {
+        for value in [f32::from_bits(bits), small] {
+            for (signal, layout) in quantities() {
+                match (to_raw(signal, value), range_holds(signal, value)) {
+                    (Some(raw), true) => {
+                        let off = f64::from(raw) * f64::from(signal.scale)
+                            + f64::from(signal.offset) - f64::from(value);
+                        let unit = f64::from(signal.scale);
+                        // Half a unit, and the rounding of the quotient in single precision.
+                        let slack = 0.5 * unit + 1e-6 * f64::from(value.abs() + signal.offset.abs());
+                        prop_assert!(off.abs() <= slack, "{} {}", layout.name, signal.name);
+                    }
+                    (None, false) => {}
+                    (raw, _) => prop_assert!(
+                        at_a_bound(signal, value), "{} {} {value} {raw:?}", layout.name, signal.name
+                    ),
+                }
+            }
+        }
+    }
+
+    /// Decoded and encoded again, every valid frame is the same frame.
+    #[test]
+    fn frames_survive_decoding_and_encoding(draws: [u32; MAX_SIGNALS]) {
+        for layout in &layout::MESSAGES {
+            let mut bits = 0u64;
+            let mut position = 0;
+            for (signal, draw) in layout.signals.iter().zip(draws) {
+                let (low, high) = if signal.name == "phi" {
+                    // The bus carries headings within half a turn.
+                    (-31_415, 31_415)
+                } else {
+                    signal.raw_range()
+                };
+                let raw = i64::from(low) + i64::from(draw) % (i64::from(high) - i64::from(low) + 1);
+                bits |= (raw as u64 & ((1 << signal.bits) - 1)) << position;
+                position += u32::from(signal.bits);
+            }
+            let frame = CanFrame { id: layout.id, length: layout.bytes(), data: bits.to_le_bytes() };
+            let message = decode(&frame);
+            prop_assert!(message.is_ok(), "{message:?}");
+            // A covariance is rebuilt positive definite, so its correlations may change.
+            if layout.signals.last().is_some_and(|signal| signal.name != "correlation_yphi") {
+                prop_assert_eq!(encode(&message.unwrap()), Ok(frame));
+            }
+        }
+    }
+
+    #[test]
+    fn any_frame_decodes_or_is_refused(id in 0u16..0x800, length in 0u8..16, data: [u8; 8]) {
+        if let Ok(message) = decode(&CanFrame { id, length, data }) {
+            // What was accepted is finite and can be sent again.
+            match message {
+                Message::AxleUncertainty { covariance, .. }
+                | Message::BeamUncertainty { covariance, .. } => {
+                    prop_assert!(is_finite(&covariance));
+                }
+                other => prop_assert!(encode(&other).is_ok()),
+            }
+        }
+    }
+}
+
+#[test]
+fn nan_infinity_and_range_are_refused_by_name() {
+    for bad in [f32::NAN, f32::INFINITY, 9.0] {
+        let error = encode(&Message::BeamWrench {
+            sequence: 0,
+            wrench: Wrench {
+                moment_root: bad,
+                ..Wrench::ZERO
+            },
+        })
+        .unwrap_err();
+        assert_eq!((error.message, error.signal), ("BeamWrench", "moment_root"));
+    }
+    let mut covariance = [[1e-6, 0.0, 0.0], [0.0, 1e-6, 0.0], [0.0, 0.0, f32::NAN]];
+    let send = |covariance| {
+        encode(&Message::BeamUncertainty {
+            sequence: 0,
+            covariance,
+        })
+    };
+    assert!(send(covariance).is_err());
+    covariance[2][2] = -1.0;
+    assert!(send(covariance).is_err());
+}
+
+#[test]
+fn unknown_and_short_frames_are_refused() {
+    let frame = |id, length| CanFrame {
+        id,
+        length,
+        data: [0; 8],
+    };
+    assert_eq!(decode(&frame(0x123, 8)), Err(DecodeError::UnknownId(0x123)));
+    assert_eq!(
+        decode(&frame(0x100, 7)),
+        Err(DecodeError::Length {
+            id: 0x100,
+            found: 7,
+            expected: 8
+        })
+    );
+    let mut undefined = frame(0x070, 6);
+    undefined.data[1] = 9;
+    assert_eq!(decode(&undefined), Err(DecodeError::Value { id: 0x070 }));
+}
+
+#[test]
+fn bytes_of_a_known_message() {
+    // sequence 7, force_x 1 N = 20 units, force_y −0.05 N = −1 unit, moments 0.002 and 0.
+    let frame = encode(&Message::BeamWrench {
+        sequence: 7,
+        wrench: Wrench {
+            force_x: 1.0,
+            force_y: -0.05,
+            moment_root: 0.002,
+            moment_end: 0.0,
+        },
+    })
+    .unwrap();
+    assert_eq!((frame.id, frame.length), (0x202, 8));
+    let expected: u64 = 7 | 20 << 8 | 0x3fff << 22 | 2 << 36;
+    assert_eq!(frame.data, expected.to_le_bytes());
+}

@@ -1,0 +1,259 @@
+use super::*;
+use crate::control::cascade;
+use proptest::prelude::*;
+
+fn frame() -> Cascade {
+    cascade::Config::default().build().unwrap()
+}
+
+fn governor() -> Governor {
+    Config::default().build(&frame()).unwrap()
+}
+
+fn stepped(governor: &Governor, state: &State, wish: &Wish, dt: f32) -> State {
+    let mut state = *state;
+    governor.step(&mut state, wish, dt);
+    state
+}
+
+fn stopped(governor: &Governor, state: &State, dt: f32) -> State {
+    let mut state = *state;
+    governor.stop(&mut state, dt);
+    state
+}
+
+fn wish(v: f32, psi: f32) -> Wish {
+    Wish {
+        v,
+        psi: Steering(psi),
+        ..Wish::default()
+    }
+}
+
+/// Circumferential speed of the fastest wheel.
+fn fastest_wheel(motion: &Motion, half_track: f32) -> f32 {
+    frame()
+        .axle_twists(motion)
+        .iter()
+        .map(|(twist, _)| twist.v.abs() + half_track * twist.omega.abs())
+        .fold(0.0, f32::max)
+}
+
+fn run(governor: &Governor, mut state: State, wish: Wish, dt: f32, time: f32) -> State {
+    for _ in 0..(time / dt).round() as usize {
+        state = stepped(governor, &state, &wish, dt);
+    }
+    state
+}
+
+properties! { cases 200;
+    /// Whatever is asked, at whatever interval, and stopped or not: all limits hold.
+    #[test]
+    fn no_limit_is_ever_exceeded(
+        wheel in 0.3f32..0.7, max_speed in 0.1f32..1.0,
+        wishes in prop::collection::vec(
+            (
+                (-2.0f32..2.0, -1.0f32..1.0), (-1.0f32..1.0, -3.0f32..3.0),
+                0.0005f32..0.05, 1usize..60, 0u8..8,
+            ),
+            1..30,
+        ),
+    ) {
+        let config = Config {
+            max_wheel_speed_m_s: wheel, max_speed_m_s: max_speed, ..Config::default()
+        };
+        let governor = config.build(&frame()).unwrap();
+        let mut state = State::default();
+        for ((v, v_rate), (psi, psi_rate), dt, steps, kind) in wishes {
+            let wish = Wish { v, v_rate, psi: Steering(psi), psi_rate, ..Wish::default() };
+            for _ in 0..steps {
+                let before = state.motion;
+                state = match kind {
+                    0 => stopped(&governor, &state, dt),
+                    1 => stepped(&governor, &state, &Wish { v: f32::NAN, ..wish }, dt),
+                    _ => stepped(&governor, &state, &wish, dt),
+                };
+                let now = state.motion;
+                let acceleration = if kind < 2 { 0.8 } else { 0.4 };
+                prop_assert!(now.v.abs() <= max_speed + 1e-6);
+                prop_assert!(now.v_rate.abs() <= acceleration * 1.001 + 1e-4, "{}", now.v_rate);
+                prop_assert!(now.psi.0.abs() <= 0.5);
+                prop_assert!(now.psi_rate.abs() <= 1.0 + 1e-6);
+                prop_assert!(now.psi_acceleration.abs() <= 8.01);
+                prop_assert!(fastest_wheel(&now, 0.162) <= wheel * 1.0001);
+                prop_assert!(before.v * now.v >= 0.0, "direction changes through zero");
+                // The rates are those of the values.
+                let dt = dt.min(0.02);
+                prop_assert!((now.v - before.v - now.v_rate * dt).abs() < 1e-6);
+                let mean = 0.5 * (before.psi_rate + now.psi_rate);
+                prop_assert!((now.psi.0 - before.psi.0 - mean * dt).abs() < 1e-6);
+            }
+        }
+    }
+
+    // Above 0.24 m/s the wheel speed limit holds at the largest steering angle.
+    #[test]
+    fn a_constant_wish_is_reached(v in -0.24f32..0.24, psi in -0.5f32..0.5, from in -0.5f32..0.5) {
+        let state = run(&governor(), State::at_rest(Steering(from)), wish(v, psi), 0.01, 6.0);
+        prop_assert!((state.motion.v - v).abs() < 1e-4);
+        prop_assert!((state.motion.psi.0 - psi).abs() < 1e-4);
+    }
+
+    #[test]
+    fn no_overshoot_from_rest(psi in -0.5f32..0.5) {
+        let (governor, mut state) = (governor(), State::default());
+        for _ in 0..300 {
+            state = stepped(&governor, &state, &wish(0.1, psi), 0.01);
+            prop_assert!(state.motion.psi.0 * psi >= 0.0);
+            prop_assert!(state.motion.psi.0.abs() <= psi.abs() + 1e-5);
+        }
+    }
+}
+
+/// Inside its limits the filter of ψ is the continuous one: `1 − (1 + ωt) e^(−ωt)`.
+#[test]
+fn small_step_follows_the_critically_damped_response() {
+    let governor = governor();
+    for dt in [0.001f32, 0.01, 0.02] {
+        let mut state = State::default();
+        for i in 1..=(1.0 / dt) as usize {
+            let wish = wish(0.0, 0.1);
+            state = stepped(&governor, &state, &wish, dt);
+            let x = 8.0 * f64::from(dt) * i as f64;
+            let exact = 0.1 * (1.0 - (1.0 + x) * (-x).exp());
+            // A hold over half an interval delays the sampled filter by no more than that.
+            let tolerance = 0.3 * f64::from(dt) * 0.5 + 1e-5;
+            assert!((f64::from(state.motion.psi.0) - exact).abs() < tolerance);
+        }
+    }
+}
+
+#[test]
+fn known_rate_removes_the_lag() {
+    let governor = governor();
+    let (mut with, mut without) = (State::default(), State::default());
+    for i in 1..=100 {
+        let psi = 0.4 * 0.01 * i as f32;
+        let wish = |psi_rate| Wish {
+            v: 0.1,
+            psi: Steering(psi),
+            psi_rate,
+            ..Wish::default()
+        };
+        with = stepped(&governor, &with, &wish(0.4), 0.01);
+        without = stepped(&governor, &without, &wish(0.0), 0.01);
+    }
+    assert!((with.motion.psi.0 - 0.4).abs() < 0.006);
+    // 2/ω behind.
+    assert!((without.motion.psi.0 - (0.4 - 0.4 * 0.25)).abs() < 0.006);
+    assert!(with.motion.v > 2.0 * without.motion.v, "speed waits");
+}
+
+#[test]
+fn known_acceleration_removes_the_lag_of_speed() {
+    let governor = governor();
+    let mut state = State::default();
+    for i in 1..=80 {
+        let wish = Wish {
+            v: 0.25 * 0.01 * i as f32,
+            v_rate: 0.25,
+            ..Wish::default()
+        };
+        state = stepped(&governor, &state, &wish, 0.01);
+    }
+    // Where the wish is at the end of the step.
+    assert!((state.motion.v - 0.2025).abs() < 1e-4, "{}", state.motion.v);
+}
+
+#[test]
+fn speed_waits_for_steering() {
+    let governor = governor();
+    let start = run(&governor, State::default(), wish(0.25, 0.0), 0.01, 3.0);
+    let turned = wish(0.25, 0.45);
+    let mut slowest = f32::MAX;
+    let mut state = start;
+    for _ in 0..300 {
+        state = stepped(&governor, &state, &turned, 0.01);
+        slowest = slowest.min(state.motion.v);
+    }
+    assert!(start.motion.v > 0.249 && slowest < 0.15);
+    assert!(state.motion.v > 0.24, "and goes on");
+}
+
+#[test]
+fn change_of_direction_rests_at_zero() {
+    let governor = governor();
+    let wish = |v| wish(v, 0.0);
+    let mut state = run(&governor, State::default(), wish(0.2), 0.01, 3.0);
+    let mut resting = 0;
+    for _ in 0..300 {
+        state = stepped(&governor, &state, &wish(-0.2), 0.01);
+        resting += usize::from(state.motion.v == 0.0);
+    }
+    assert!(state.motion.v < -0.19);
+    assert!((10..=12).contains(&resting), "{resting}");
+    // Having rested already, the next change starts at once.
+    state = run(&governor, state, wish(0.0), 0.01, 2.0);
+    assert_eq!(state.motion.v, 0.0);
+    assert!(stepped(&governor, &state, &wish(0.2), 0.01).motion.v > 0.0);
+}
+
+#[test]
+fn stop_is_a_ramp_to_rest() {
+    let governor = governor();
+    let turning = wish(0.25, 0.4);
+    let moving = run(&governor, State::default(), turning, 0.01, 0.4);
+    assert!(moving.motion.v > 0.01 && moving.motion.psi_rate > 0.1);
+    let mut state = moving;
+    let steps = (moving.motion.v / 0.8 / 0.01).ceil() as usize;
+    for _ in 0..steps.max(13) {
+        state = stopped(&governor, &state, 0.01);
+    }
+    assert_eq!((state.motion.v, state.motion.psi_rate), (0.0, 0.0));
+    let held = stopped(&governor, &state, 0.01).motion.psi;
+    assert_eq!(held, state.motion.psi);
+}
+
+#[test]
+fn absent_wish_brakes_and_a_bad_interval_changes_nothing() {
+    let governor = governor();
+    let wish = wish(0.2, 0.1);
+    let moving = run(&governor, State::default(), wish, 0.01, 2.0);
+    for bad in [f32::NAN, f32::INFINITY] {
+        let absent = Wish {
+            psi: Steering(bad),
+            ..wish
+        };
+        assert_eq!(
+            stepped(&governor, &moving, &absent, 0.01),
+            stopped(&governor, &moving, 0.01)
+        );
+        assert_eq!(
+            stepped(
+                &governor,
+                &moving,
+                &Wish::from_curvature(&frame(), 0.2, bad),
+                0.01
+            ),
+            stopped(&governor, &moving, 0.01)
+        );
+    }
+    for bad in [f32::NAN, 0.0, -1.0] {
+        assert_eq!(stepped(&governor, &moving, &wish, bad), moving);
+    }
+}
+
+#[test]
+fn impossible_limits_are_named() {
+    type Spoil = fn(&mut Config);
+    let spoilt: [(&str, Spoil); 3] = [
+        ("max_wheel_speed_m_s", |c| c.max_wheel_speed_m_s = 0.1),
+        ("max_steering_rad", |c| c.max_steering_rad = 0.6),
+        ("stop_deceleration_m_s2", |c| c.stop_deceleration_m_s2 = 0.1),
+    ];
+    for (field, spoil) in spoilt {
+        let mut config = Config::default();
+        spoil(&mut config);
+        assert_eq!(config.build(&frame()).unwrap_err().field, field);
+    }
+}

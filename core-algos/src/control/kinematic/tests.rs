@@ -1,0 +1,221 @@
+use super::*;
+use proptest::prelude::*;
+
+fn law(form: Form) -> Law {
+    Config {
+        form,
+        denominator_floor: 0.0,
+        ..Config::default()
+    }
+    .build()
+    .unwrap()
+}
+
+/// One integration step of unicycle and reference in f64 with fixed inputs, by RK4 of fine
+/// substeps: the motion the law is about, stated without polar coordinates.
+fn drive(mut q: [f64; 3], v: f64, omega: f64, time: f64) -> [f64; 3] {
+    let n = 20;
+    let h = time / n as f64;
+    for _ in 0..n {
+        let middle = q[2] + 0.5 * h * omega;
+        q[0] += h * v * middle.cos();
+        q[1] += h * v * middle.sin();
+        q[2] += h * omega;
+    }
+    q
+}
+
+/// e, θ, α of a posture against a reference in f64, angles not wrapped by f32 code.
+fn polar(q: [f64; 3], r: [f64; 3]) -> [f64; 3] {
+    let (dx, dy) = (r[0] - q[0], r[1] - q[1]);
+    let sight = dy.atan2(dx);
+    let wrap = |a: f64| a.sin().atan2(a.cos());
+    [dx.hypot(dy), wrap(sight - r[2]), wrap(sight - q[2])]
+}
+
+properties! {
+    /// The derived form makes δ obey δ̇ = −k1 tanh δ and θ + α obey −k2 tanh(θ + α), for a
+    /// reference at rest or in motion: measured by driving both bodies a little to and fro.
+    #[test]
+    fn errors_decay_as_designed(
+        x in -2.0f32..2.0, y in -2.0f32..2.0, phi in -3.0f32..3.0,
+        v_r in -0.3f32..0.3, kappa_r in -2.0f32..2.0,
+    ) {
+        let law = law(Form::Derived);
+        let posture = Posture::new(x, y, phi);
+        let error = PolarError::between(posture, Posture::new(0.3, -0.2, 0.7));
+        let command = law.command(error, v_r, kappa_r);
+        let (s, c) = (error.theta.sin(), error.alpha.cos());
+        let shape = (1e-3 + 2.0 * s * s).sqrt();
+        let denominator = error.distance_m * shape * c
+            + 0.2 * SQRT_2 * (2.0 * error.theta).sin() * error.alpha.sin();
+        prop_assume!(error.distance_m > 0.3 && denominator.abs() > 0.1);
+        prop_assume!((error.theta + error.alpha).abs() < 3.0);
+        prop_assume!(error.theta.abs() < 3.0 && error.alpha.abs() < 3.0);
+
+        let q = [x, y, phi].map(f64::from);
+        let r = [0.3f32, -0.2, 0.7].map(f64::from);
+        let h = 1e-4;
+        let at = |time: f64| {
+            let q = drive(q, command.v.into(), command.phi_dot.into(), time);
+            let r = drive(r, v_r.into(), f64::from(v_r) * f64::from(kappa_r), time);
+            let [e, theta, alpha] = polar(q, r);
+            let delta = e - 0.2 * (2.0 * (1.001 - (2.0 * theta).cos())).sqrt();
+            [delta, theta + alpha]
+        };
+        let (before, now, after) = (at(-h), at(0.0), at(h));
+        let delta_dot = (after[0] - before[0]) / (2.0 * h);
+        let sum_dot = (after[1] - before[1]) / (2.0 * h);
+        prop_assert!((delta_dot + 1.5 * now[0].tanh()).abs() < 2e-4, "{delta_dot} {}", now[0]);
+        prop_assert!((sum_dot + 2.0 * now[1].tanh()).abs() < 2e-4, "{sum_dot} {}", now[1]);
+    }
+
+    /// Along the approach path η falls as e-folds of distance: dη/ds = −p η/e.
+    #[test]
+    fn approach_path_straightens_arrival(
+        x in -2.0f32..2.0, y in -2.0f32..2.0, phi in -3.0f32..3.0, reverse: bool,
+    ) {
+        let law = Config { softening_m: 0.0, ..Config::default() }.build().unwrap();
+        let direction = if reverse { Direction::Reverse } else { Direction::Forward };
+        let posture = Posture::new(x, y, phi);
+        let error = PolarError::between(posture, Posture::ORIGIN);
+        prop_assume!(error.distance_m > 0.3 && error.arrival().abs() < 3.0);
+        let kappa = f64::from(direction.sign() * law.approach_curvature(error.along(direction)));
+        let h = 1e-4;
+        let eta = |ds: f64| {
+            let signed = ds * f64::from(direction.sign());
+            let q = drive([x, y, phi].map(f64::from), signed / h, signed / h * kappa, h);
+            let [_, theta, alpha] = polar(q, [0.0; 3]);
+            (theta + alpha).sin().atan2((theta + alpha).cos())
+        };
+        let slope = (eta(h) - eta(-h)) / (2.0 * h);
+        let expected = -3.0 * eta(0.0) / f64::from(error.distance_m);
+        prop_assert!((slope - expected).abs() < 1e-3 * (1.0 + expected.abs()), "{slope} {expected}");
+    }
+
+    #[test]
+    fn every_input_gives_a_finite_command(
+        x in proptest::num::f32::ANY, y in proptest::num::f32::ANY,
+        phi in proptest::num::f32::ANY, v_r in proptest::num::f32::ANY,
+        kappa_r in proptest::num::f32::ANY, printed: bool,
+    ) {
+        let law = law(if printed { Form::Printed } else { Form::Derived });
+        let posture = Posture::new(x, y, phi);
+        let limits = LimitsConfig::default().build().unwrap();
+        let error = PolarError::between(posture, Posture::ORIGIN);
+        for command in [
+            law.command(error, v_r, kappa_r),
+            law.approach(error, Direction::Forward),
+            law.approach(error, Direction::Reverse),
+        ] {
+            prop_assert!(command.v.is_finite() && command.kappa.is_finite());
+            prop_assert!(command.phi_dot.is_finite());
+            let limited = limits.limit(command);
+            prop_assert!(limited.v.abs() <= 0.25);
+            prop_assert!(limited.kappa.abs() <= limits.max_curvature());
+        }
+    }
+
+    /// Speed alone beyond its bound: the path (curvature) is what was asked for.
+    #[test]
+    fn limits_keep_the_path(v in -3.0f32..3.0, kappa in -3.0f32..3.0) {
+        let limits = Limits::new(0.25, 3.0).unwrap();
+        let out = limits.limit(Command { v, kappa, phi_dot: v * kappa });
+        prop_assert!((out.phi_dot - out.v * kappa).abs() < 1e-6);
+        prop_assert!(out.v * v >= 0.0);
+    }
+}
+
+#[test]
+fn degenerate_points_are_finite() {
+    for form in [Form::Derived, Form::Printed] {
+        let law = law(form);
+        let at_goal = law.track(Posture::ORIGIN, Reference::default());
+        assert_eq!(at_goal, Command::REST);
+        // Abeam of the goal, where the derived denominator passes zero.
+        let error = PolarError {
+            distance_m: 0.5,
+            theta: 0.0,
+            alpha: PI / 2.0,
+        };
+        let command = law.command(error, 0.0, 0.0);
+        assert!(command.v.is_finite() && command.kappa.is_finite());
+    }
+}
+
+#[test]
+fn floor_keeps_the_velocity_towards_the_goal_bounded() {
+    let law = Config::default().build().unwrap();
+    for i in -300..=300 {
+        let error = PolarError {
+            distance_m: 1.0,
+            theta: 0.3,
+            alpha: i as f32 * 0.01,
+        };
+        let v = law.command(error, 0.0, 0.0).v;
+        assert!((0.0..=1.5 / 0.3).contains(&v), "{v}");
+    }
+}
+
+#[test]
+fn a_reference_ahead_is_trailed_at_the_rest_distance() {
+    let law = Config::default().build().unwrap();
+    let rest = law.rest_distance();
+    assert!((rest - 0.2 * (2.0f32 * 1e-3).sqrt()).abs() < 1e-7);
+    let reference = Reference {
+        posture: Posture::new(rest, 0.0, 0.0),
+        v: 0.2,
+        kappa: 0.0,
+    };
+    let command = law.track(Posture::ORIGIN, reference);
+    assert!((command.v - 0.2).abs() < 1e-5 && command.kappa.abs() < 1e-5);
+}
+
+/// A reference on a circle or a line, forward or backing, is caught up with and then followed
+/// within millimetres once it is led.
+#[test]
+fn a_moving_reference_is_followed() {
+    let law = Config::default().build().unwrap();
+    let limits = Limits::new(0.4, 3.0).unwrap();
+    for v_r in [0.2f32, -0.2] {
+        for kappa_r in [0.0f32, 1.0, -0.5] {
+            let (mut q, mut r) = ([-0.3f64 * f64::from(v_r.signum()), 0.15, 0.2], [0.0f64; 3]);
+            for _ in 0..6000 {
+                // Led by the distance at which O trails its reference.
+                let ahead = law.rest_distance().copysign(v_r);
+                let led = Reference {
+                    posture: Posture::from(r.map(|c| c as f32)).advance(ahead, ahead * kappa_r),
+                    v: v_r,
+                    kappa: kappa_r,
+                };
+                let command = limits.limit(law.track(Posture::from(q.map(|c| c as f32)), led));
+                q = drive(q, command.v.into(), command.phi_dot.into(), 5e-3);
+                r = drive(r, v_r.into(), f64::from(v_r * kappa_r), 5e-3);
+            }
+            let off = (q[0] - r[0]).hypot(q[1] - r[1]);
+            assert!(off < 3e-3, "{v_r} {kappa_r}: {off}");
+            assert!((q[2] - r[2]).abs() < 0.03, "{v_r} {kappa_r}: {q:?} {r:?}");
+        }
+    }
+}
+
+#[test]
+fn bad_gains_are_named() {
+    let bad = Config {
+        epsilon: f32::NAN,
+        ..Config::default()
+    };
+    assert_eq!(bad.build().unwrap_err().field, "epsilon");
+    let bad = LimitsConfig {
+        max_steering_rad: 1.6,
+        ..LimitsConfig::default()
+    };
+    assert_eq!(bad.build().unwrap_err().field, "max_steering_rad");
+}
+
+#[test]
+fn steering_bound_gives_the_curvature_bound() {
+    // 2 · 0.5 / (0.37 · cos 0.5) by hand.
+    let limits = LimitsConfig::default().build().unwrap();
+    assert!((limits.max_curvature() - 3.079_7).abs() < 1e-3);
+}

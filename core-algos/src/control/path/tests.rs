@@ -1,0 +1,287 @@
+use super::*;
+use crate::control::{cascade, kinematic};
+use proptest::prelude::*;
+
+fn frame() -> Cascade {
+    cascade::Config::default().build().unwrap()
+}
+
+fn law() -> Law {
+    let config = kinematic::Config {
+        epsilon: 0.1,
+        ..kinematic::Config::default()
+    };
+    config.build().unwrap()
+}
+
+fn follower(config: Config) -> Follower {
+    config.build(&frame(), &law()).unwrap()
+}
+
+/// A clothoid of curvature `start + slope s`, integrated in `f64`.
+fn clothoid(start: f64, slope: f64, length: f64, at: f64) -> PathPoint {
+    let (mut x, mut y) = (0.0, 0.0);
+    let n = 400;
+    let heading = |s: f64| start * s + 0.5 * slope * s * s;
+    for i in 0..n {
+        let phi = heading(at * (i as f64 + 0.5) / n as f64);
+        x += at / n as f64 * phi.cos();
+        y += at / n as f64 * phi.sin();
+    }
+    assert!(at <= length);
+    PathPoint {
+        posture: Posture::new(x as f32, y as f32, wrap_angle(heading(at) as f32)),
+        kappa: (start + slope * at) as f32,
+        s: at as f32,
+    }
+}
+
+/// A circle of radius 0.5 m to the left from the origin, 100 segments.
+fn circle() -> PathBuffer<128> {
+    let mut path = PathBuffer::new();
+    let length = std::f64::consts::PI;
+    for i in 0..=100 {
+        path.push(clothoid(2.0, 0.0, length, length * i as f64 / 100.0))
+            .unwrap();
+    }
+    path
+}
+
+fn straight<const N: usize>(points: usize, spacing: f32) -> PathBuffer<N> {
+    let mut path = PathBuffer::new();
+    for i in 0..points {
+        let s = i as f32 * spacing;
+        path.push(PathPoint {
+            posture: Posture::new(s, 0.0, 0.0),
+            kappa: 0.0,
+            s,
+        })
+        .unwrap();
+    }
+    path
+}
+
+properties! { cases 64;
+    /// Between its points, a path of 2 cm spacing is the curve they were taken from.
+    #[test]
+    fn interpolation_is_the_curve(
+        start in -3.0f64..3.0, slope in -3.0f64..3.0, at in 0.0f64..1.0,
+    ) {
+        let mut path = PathBuffer::<64>::new();
+        for i in 0..=50 {
+            path.push(clothoid(start, slope, 1.0, i as f64 / 50.0)).unwrap();
+        }
+        let exact = clothoid(start, slope, 1.0, at);
+        let sample = path.at(at as f32).unwrap();
+        prop_assert!(sample.posture.distance(exact.posture) < 2e-6);
+        prop_assert!(wrap_angle(sample.posture.phi - exact.posture.phi).abs() < 1e-5);
+        prop_assert!((sample.kappa - exact.kappa).abs() < 1e-4);
+        prop_assert!((sample.kappa_slope - slope as f32).abs() < 1e-2);
+    }
+
+    /// The chord at which law (4) stands still behind a reference on a circle of the path: its
+    /// manifold error, evaluated by the law itself, vanishes.
+    #[test]
+    fn lead_puts_the_robot_on_the_manifold(
+        kappa in -2.5f32..2.5, lateral in -0.05f32..0.05,
+    ) {
+        let (law, lead) = (law(), Lead::of(&law()));
+        // O at the origin of a path along x; the reference on the path's circle.
+        let ahead = lead.distance(kappa, lateral);
+        let center = Posture::new(0.0, lateral, 0.0);
+        let reference = Posture::ORIGIN.advance(ahead, kappa * ahead);
+        let error = kinematic::PolarError::between(center, reference);
+        let tolerance = 5e-3 + 0.15 * lateral.abs();
+        prop_assert!(law.manifold_error(error).abs() < tolerance);
+    }
+
+    #[test]
+    fn nothing_but_finite_references(
+        x in prop::num::f32::ANY, y in prop::num::f32::ANY, phi in prop::num::f32::ANY,
+    ) {
+        let mut path = circle();
+        path.finish();
+        let follower = follower(Config::default());
+        let center = Posture::new(x, y, phi);
+        match follower.step(&Progress::default(), &path, center) {
+            None => prop_assert!(!center.is_finite()),
+            Some((progress, out)) => {
+                prop_assert!(progress.s >= 0.0 && progress.s <= path.end());
+                prop_assert!(out.reference.posture.is_finite() && out.reference.v.is_finite());
+            }
+        }
+    }
+
+    /// Driven at its reference speed with ideal steering, a robot keeps the limits of the
+    /// path's steering, whatever the curvature does.
+    #[test]
+    fn reference_speed_keeps_the_steering_limits(
+        bends in prop::collection::vec(-2.8f32..2.8, 3..10),
+    ) {
+        let mut path = PathBuffer::<512>::new();
+        let mut posture = Posture::ORIGIN;
+        // Curvature swings between the bends by a cosine over 40 cm each.
+        let mut kappa_before = 0.0;
+        let mut s = 0.0f32;
+        for bend in bends {
+            for i in 0..40 {
+                let u = i as f64 / 40.0;
+                let blend = 0.5 - 0.5 * (std::f64::consts::PI * u).cos();
+                let kappa = kappa_before + (bend - kappa_before) * blend as f32;
+                path.push(PathPoint { posture, kappa, s }).unwrap();
+                posture = posture.advance(0.01, kappa * 0.01);
+                s += 0.01;
+            }
+            kappa_before = bend;
+        }
+        path.finish();
+        let config = Config::default();
+        let follower = follower(config);
+        let mut at = 0.0f32;
+        let mut speed = follower.speed(&path, at, path.end()).0;
+        while at < path.end() - 0.01 {
+            let next = follower.speed(&path, at, path.end()).0;
+            // Braking no harder than configured, the steps of the samples apart.
+            prop_assert!(speed - next <= config.deceleration_m_s2 * 0.01 + 0.02);
+            speed = next;
+            let here = path.at(at).unwrap();
+            let by_psi = frame().curvature_derivatives(frame().steering(here.kappa))[1];
+            let rate = (here.kappa_slope * speed / by_psi).abs();
+            prop_assert!(
+                rate <= config.max_steering_rate_rad_s * 1.02
+                    || speed <= config.min_speed_m_s
+            );
+            at += (speed * 0.01).max(1e-4);
+        }
+        prop_assert!(follower.speed(&path, path.end(), path.end()).0 < 1e-3);
+    }
+}
+
+#[test]
+fn buffer_streams_and_tells_when_it_is_full() {
+    let mut path = straight::<16>(16, 0.02);
+    let point = |s| PathPoint {
+        posture: Posture::new(s, 0.0, 0.0),
+        kappa: 0.0,
+        s,
+    };
+    assert_eq!(path.push(point(0.32)), Err(PathError::Full));
+    path.discard_before(0.1);
+    assert_eq!((path.len(), path.room()), (11, 5));
+    assert!((path.start() - 0.1).abs() < 1e-6);
+    for i in 16..21 {
+        path.push(point(i as f32 * 0.02)).unwrap();
+    }
+    assert_eq!(path.room(), 0);
+    // Across the place where the ring turns.
+    for i in 0..60 {
+        let s = 0.1 + i as f32 * 0.005;
+        assert!((path.at(s).unwrap().posture.x - s).abs() < 1e-6);
+    }
+    assert_eq!(path.push(point(0.3)), Err(PathError::NotAdvancing));
+    path.discard_before(10.0);
+    assert_eq!(path.len(), 2, "the last segment stays");
+    assert_eq!(path.push(point(f32::NAN)), Err(PathError::NotFinite));
+    path.finish();
+    assert_eq!(path.push(point(9.0)), Err(PathError::Ended));
+}
+
+#[test]
+fn open_path_goes_on_beyond_its_ends() {
+    let path = straight::<16>(11, 0.02);
+    assert!((path.at(0.3).unwrap().posture.x - 0.3).abs() < 1e-6);
+    assert!((path.at(-0.1).unwrap().posture.x + 0.1).abs() < 1e-6);
+    assert!(PathBuffer::<4>::new().at(0.0).is_none());
+    let beyond = circle().at(std::f32::consts::PI * 1.25).unwrap().posture;
+    assert!(beyond.distance(Posture::new(0.5, 0.5, 0.0)) < 1e-4);
+}
+
+#[test]
+fn reference_waits_for_the_robot_and_never_goes_back() {
+    let path = straight::<128>(101, 0.02);
+    let follower = follower(Config::default());
+    let mut progress = Progress::default();
+    let mut step = |x: f32, y: f32| {
+        let (next, out) = follower
+            .step(&progress, &path, Posture::new(x, y, 0.0))
+            .unwrap();
+        progress = next;
+        (progress.s, out)
+    };
+    let (s, out) = step(0.7, 0.01);
+    assert!((s - 0.7).abs() < 1e-5 && (out.lateral_error_m - 0.01).abs() < 1e-6);
+    let rest = law().rest_distance();
+    assert!(out.reference.posture.x > 0.7 + rest - 1e-4);
+    assert!((out.remaining_m - 1.3).abs() < 1e-4);
+    assert!((step(0.75, 0.0).0 - 0.75).abs() < 1e-5);
+    assert!((step(0.60, 0.0).0 - 0.75).abs() < 1e-5, "not back");
+    // Further than the window: the robot cannot have gone there in a step.
+    assert!(step(1.9, 0.0).0 < 0.75 + 0.1 + 0.021);
+}
+
+#[test]
+fn unfinished_path_is_driven_to_its_last_point_but_not_ended() {
+    let mut path = straight::<64>(51, 0.02);
+    let follower = follower(Config::default());
+    let near = Posture::new(0.9995, 0.0, 0.0);
+    let start = Progress {
+        s: 0.95,
+        started: true,
+        finished: false,
+    };
+    let (open, out) = follower.step(&start, &path, near).unwrap();
+    assert!(!open.finished && out.reference.v < 0.01);
+    path.finish();
+    assert!(follower.step(&start, &path, near).unwrap().0.finished);
+}
+
+#[test]
+fn trajectory_is_met_at_its_times() {
+    // Constant acceleration 0.1 m/s² along x for 2 s, in points 0.1 s apart.
+    let mut buffer = TrajectoryBuffer::<32>::new();
+    for i in 0..=20 {
+        let time_s = i as f32 * 0.1;
+        let s = 0.05 * time_s * time_s;
+        let point = TrajectoryPoint {
+            time_s,
+            v: 0.1 * time_s,
+            point: PathPoint {
+                posture: Posture::new(s, 0.0, 0.0),
+                kappa: 0.0,
+                s,
+            },
+        };
+        buffer.push(point).unwrap();
+        assert_eq!(buffer.push(point), Err(PathError::NotAdvancing));
+    }
+    let tracker = Tracker::new(&frame(), &law(), 0.2).unwrap();
+    let rest = law().rest_distance();
+    for i in 1..60 {
+        let t = i as f32 * 0.0333;
+        let out = tracker.at(&buffer, t).unwrap();
+        assert!((out.target.x - 0.05 * t * t).abs() < 1e-5);
+        assert!((out.reference.v - 0.1 * t).abs() < 1e-5);
+        assert!((out.acceleration - 0.1).abs() < 1e-3);
+        assert!((out.reference.posture.x - out.target.x - rest).abs() < 1e-5);
+        assert!(!out.finished);
+    }
+    let end = tracker.at(&buffer, 5.0).unwrap();
+    assert!(end.finished && end.reference.v == 0.0 && (end.target.x - 0.2).abs() < 1e-6);
+    assert!(tracker.at(&buffer, f32::NAN).is_none());
+    assert!(tracker.at(&TrajectoryBuffer::<4>::new(), 0.0).is_none());
+    buffer.discard_before(1.05);
+    assert_eq!(buffer.len(), 11);
+}
+
+#[test]
+fn bad_configuration_is_named() {
+    let bad = Config {
+        min_speed_m_s: 0.5,
+        ..Config::default()
+    };
+    assert_eq!(
+        bad.build(&frame(), &law()).unwrap_err().field,
+        "min_speed_m_s"
+    );
+    assert!(Tracker::new(&frame(), &law(), f32::NAN).is_err());
+}

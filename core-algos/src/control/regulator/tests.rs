@@ -1,0 +1,241 @@
+use super::*;
+use proptest::prelude::{any, prop, prop_assert};
+
+/// A robot that does at once what it is told, except that it steers at 1 rad/s and changes speed
+/// at 0.4 m/s².
+struct Robot {
+    q: [f64; 3],
+    v: f64,
+    psi: f64,
+}
+
+impl Robot {
+    fn at(posture: Posture) -> Self {
+        Self {
+            q: [posture.x, posture.y, posture.phi].map(f64::from),
+            v: 0.0,
+            psi: 0.0,
+        }
+    }
+
+    fn posture(&self) -> Posture {
+        let [x, y, phi] = self.q;
+        Posture::new(x as f32, y as f32, phi.sin().atan2(phi.cos()) as f32)
+    }
+
+    fn obey(&mut self, command: Command) {
+        let kappa = |psi: f64| 2.0 * psi / (0.37 * psi.cos());
+        let wanted = f64::from(command.kappa);
+        // Towards the steering angle of the wanted curvature, 10 mrad a tick.
+        for _ in 0..10 {
+            let short = wanted - kappa(self.psi);
+            self.psi += 1e-3 * (short / 0.005).clamp(-1.0, 1.0);
+        }
+        self.v += (f64::from(command.v) - self.v).clamp(-0.004, 0.004);
+        let turn = 0.01 * self.v * kappa(self.psi);
+        let direction = self.q[2] + 0.5 * turn;
+        self.q[0] += 0.01 * self.v * direction.cos();
+        self.q[1] += 0.01 * self.v * direction.sin();
+        self.q[2] += turn;
+    }
+}
+
+/// Planning in parts gives every output of planning at once, to the bit, and leaves the tick
+/// nothing of its budget.
+#[test]
+fn planning_ahead_changes_nothing_but_when_it_is_done() {
+    let regulator = Config::default().build().unwrap();
+    let goal = Posture::ORIGIN;
+    for (parts, calls) in [(9, 9), (9, 4), (1, 3), (400, 17)] {
+        let start = Posture::new(0.1, -0.4, 2.5);
+        let (mut robot, mut state) = (Robot::at(start), State::default());
+        let (mut other, mut ahead) = (Robot::at(start), State::default());
+        let mut planning = 0;
+        for _ in 0..600 {
+            for _ in 0..calls {
+                regulator.plan_ahead(&mut ahead, parts);
+            }
+            if ahead.phase == Phase::Plan && parts == calls {
+                let budget = regulator.config.planner_budget;
+                assert_eq!(ahead.ahead, budget);
+                planning += 1;
+            }
+            let output = regulator.tick(&mut state, &input(&robot, goal));
+            assert_eq!(regulator.tick(&mut ahead, &input(&other, goal)), output);
+            assert_eq!(ahead, state);
+            robot.obey(output.command);
+            other.obey(output.command);
+        }
+        assert!(planning > 3 || parts != calls, "{planning}");
+    }
+}
+
+fn run(
+    regulator: &Regulator,
+    state: &mut State,
+    robot: &mut Robot,
+    goal: Posture,
+    ticks: usize,
+) -> Output {
+    let mut output = regulator.tick(state, &input(robot, goal));
+    for _ in 0..ticks {
+        robot.obey(output.command);
+        output = regulator.tick(state, &input(robot, goal));
+        if output.done {
+            break;
+        }
+    }
+    output
+}
+
+/// Friction holds a robot that is asked for little speed: it is done where it stands, or says that it
+/// comes no nearer, but does not wait for ever.
+#[test]
+fn a_robot_that_sticks_before_the_goal_comes_to_an_end() {
+    for (sticking, expected) in [(0.012, Phase::Done), (0.2, Phase::GaveUp)] {
+        let regulator = Config::default().build().unwrap();
+        let mut robot = Robot::at(Posture::new(-0.4, 0.02, 0.0));
+        let mut state = State::default();
+        for _ in 0..6000 {
+            let mut output = regulator.tick(&mut state, &input(&robot, Posture::ORIGIN));
+            if output.command.v.abs() < sticking {
+                (output.command.v, robot.v) = (0.0, 0.0);
+            }
+            robot.obey(output.command);
+        }
+        assert_eq!(state.phase, expected, "{:?}", robot.q);
+    }
+}
+
+fn input(robot: &Robot, goal: Posture) -> Input {
+    Input {
+        posture: robot.posture(),
+        steering: Steering(robot.psi as f32),
+        speed_m_s: robot.v as f32,
+        goal,
+    }
+}
+
+fn regulator(strategy: Strategy) -> Regulator {
+    Config {
+        strategy,
+        ..Config::default()
+    }
+    .build()
+    .unwrap()
+}
+
+properties! { cases 100;
+    /// Any start, any goal.
+    #[test]
+    fn reaches_the_goal_from_anywhere(
+        start in prop::array::uniform3(-2.0f32..2.0), turn in -3.1f32..3.1,
+        goal in prop::array::uniform3(-3.0f32..3.0),
+    ) {
+        let regulator = regulator(Strategy::Funnel);
+        let goal = Posture::from(goal);
+        let start = goal.compose(Posture::new(start[0], start[1], turn));
+        let (mut state, mut robot) = (State::default(), Robot::at(start));
+        let output = run(&regulator, &mut state, &mut robot, goal, 12_000);
+        prop_assert!(output.done, "{:?}", output.phase);
+        let [dx, dy, turn] = robot.posture().minus(goal);
+        // The bounds widen by 0.3 with each of up to three attempts.
+        let widest = 1.0 + 0.3 * f32::from(state.attempts.min(3)) + 1e-3;
+        let Config { accept_distance_m, accept_heading_rad, .. } = regulator.config;
+        prop_assert!(dx.hypot(dy) < widest * accept_distance_m, "{dx} {dy}");
+        prop_assert!(turn.abs() < widest * accept_heading_rad, "{turn}");
+        prop_assert!(robot.v.abs() < 5e-3);
+    }
+
+    /// Whatever it is told, in whatever order, what it asks for is within the limits.
+    #[test]
+    fn output_is_always_within_the_limits(
+        inputs in prop::collection::vec(
+            (prop::array::uniform5(prop::num::f32::ANY), prop::array::uniform3(-3.0f32..3.0), any::<bool>()),
+            1..60,
+        ),
+        paper: bool,
+    ) {
+        let regulator = regulator(if paper { Strategy::PaperLaw } else { Strategy::Funnel });
+        let bound = regulator.limits().max_curvature();
+        let mut state = State::default();
+        for (wild, tame, is_wild) in inputs {
+            let output = regulator.tick(&mut state, &Input {
+                posture: if is_wild { Posture::new(wild[0], wild[1], wild[2]) } else { tame.into() },
+                steering: Steering(wild[3]),
+                speed_m_s: wild[4],
+                goal: Posture::ORIGIN,
+            });
+            prop_assert!(output.command.v.abs() <= 0.25);
+            prop_assert!(output.command.kappa.abs() <= bound);
+            prop_assert!(!(output.feed_stop && output.command.v != 0.0));
+        }
+    }
+}
+
+#[test]
+fn the_papers_law_brings_the_papers_start_home() {
+    let regulator = regulator(Strategy::PaperLaw);
+    let mut robot = Robot::at(Posture::new(-1.342, -1.342, 0.0));
+    let mut state = State::default();
+    let output = run(&regulator, &mut state, &mut robot, Posture::ORIGIN, 6000);
+    assert!(output.done);
+    let [x, y, phi] = robot.q;
+    assert!(x.hypot(y) < 0.02 && phi.abs() < 0.05, "{:?}", robot.q);
+}
+
+#[test]
+fn a_robot_pushed_off_its_goal_comes_back() {
+    let regulator = regulator(Strategy::Funnel);
+    let mut robot = Robot::at(Posture::new(-0.6, 0.05, 0.0));
+    let mut state = State::default();
+    assert!(run(&regulator, &mut state, &mut robot, Posture::ORIGIN, 6000).done);
+    // A small push is within the hysteresis; a larger one is not.
+    robot.q[1] += 0.012;
+    let output = regulator.tick(&mut state, &input(&robot, Posture::ORIGIN));
+    assert!(output.done);
+    robot.q[1] += 0.05;
+    let output = regulator.tick(&mut state, &input(&robot, Posture::ORIGIN));
+    assert_eq!(output.phase, Phase::Stop);
+    assert!(run(&regulator, &mut state, &mut robot, Posture::ORIGIN, 12_000).done);
+    assert!(robot.q[0].hypot(robot.q[1]) < 0.01);
+}
+
+#[test]
+fn a_new_goal_starts_afresh_and_a_lost_estimate_stops() {
+    let regulator = regulator(Strategy::Funnel);
+    let mut robot = Robot::at(Posture::new(-1.0, 0.0, 0.0));
+    let mut state = State::default();
+    let output = run(&regulator, &mut state, &mut robot, Posture::ORIGIN, 200);
+    assert_eq!(output.phase, Phase::Approach);
+    let before = state;
+    let mut lost = input(&robot, Posture::ORIGIN);
+    lost.posture.x = f32::NAN;
+    assert_eq!(regulator.tick(&mut state, &lost).command.v, 0.0);
+    assert_eq!(state, before);
+    let other = Posture::new(1.0, 1.0, 2.0);
+    let output = regulator.tick(&mut state, &input(&robot, other));
+    assert_eq!(output.phase, Phase::Stop);
+    assert!(run(&regulator, &mut state, &mut robot, other, 12_000).done);
+    assert!(robot.posture().distance(other) < 0.01);
+}
+
+#[test]
+fn bad_parameters_are_named() {
+    let bad = Config {
+        steering_wait_rad: 0.01,
+        ..Config::default()
+    };
+    assert_eq!(bad.build().unwrap_err().field, "steering_wait_rad");
+    let bad = Config {
+        accept_distance_m: f32::NAN,
+        ..Config::default()
+    };
+    assert_eq!(bad.build().unwrap_err().field, "accept_distance_m");
+    let bad = Config {
+        approach: kinematic::Config::default(),
+        ..Config::default()
+    };
+    let error = bad.build().unwrap_err();
+    assert_eq!(error.field, "approach.circle_radius_m");
+}

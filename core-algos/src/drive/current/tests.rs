@@ -1,0 +1,240 @@
+use super::*;
+use proptest::prelude::*;
+
+/// The winding in double precision, exact for a voltage held over a period.
+struct Motor {
+    current: f64,
+    speed: f64,
+}
+
+impl Motor {
+    fn step(&mut self, config: &Config, voltage: f64) {
+        let (r, l) = (
+            f64::from(config.resistance_ohm),
+            f64::from(config.inductance_h),
+        );
+        let settled = (voltage - f64::from(config.torque_constant_nm_a) * self.speed) / r;
+        let left = (-r * f64::from(config.period_s) / l).exp();
+        self.current = settled + (self.current - settled) * left;
+    }
+}
+
+const SUPPLY: f64 = 12.0;
+
+/// Runs the loop; `delay` periods pass until a voltage takes effect.
+fn run(
+    config: &Config,
+    motor: &mut Motor,
+    steps: usize,
+    delay: usize,
+    mut torque: impl FnMut(usize) -> f32,
+) -> Vec<f64> {
+    let current_loop = config.build().unwrap();
+    let mut state = State::default();
+    let mut pending = std::collections::VecDeque::from(vec![0.0; delay]);
+    (0..steps)
+        .map(|k| {
+            let output = current_loop.step(
+                &mut state,
+                &Input {
+                    torque_nm: torque(k),
+                    current_a: motor.current as f32,
+                    speed_rad_s: motor.speed as f32,
+                    supply_v: SUPPLY as f32,
+                    limit_a: 10.0,
+                },
+            );
+            assert!(output.valid && output.duty.abs() <= config.max_duty * 1.000_001);
+            pending.push_back(f64::from(output.duty) * SUPPLY);
+            let voltage = pending.pop_front().unwrap();
+            motor.step(config, voltage);
+            motor.current
+        })
+        .collect()
+}
+
+#[test]
+fn a_step_is_followed_as_the_exponential_of_the_bandwidth() {
+    let config = Config::default();
+    for speed in [0.0, 8.0, -8.0] {
+        let mut motor = Motor {
+            current: 0.0,
+            speed,
+        };
+        let response = run(&config, &mut motor, 200, 0, |_| 0.3);
+        let bandwidth = f64::from(config.bandwidth_rad_s) * f64::from(config.period_s);
+        for (k, current) in response.iter().enumerate() {
+            let expected = 0.5 * (1.0 - (-bandwidth * (k + 1) as f64).exp());
+            assert!(
+                (current - expected).abs() < 1e-4,
+                "{k}: {current} {expected}"
+            );
+        }
+    }
+}
+
+#[test]
+fn a_voltage_one_period_late_does_not_overshoot() {
+    let mut config = Config::default();
+    config.bandwidth_rad_s = 5700.0;
+    let mut motor = Motor {
+        current: 0.0,
+        speed: 0.0,
+    };
+    let response = run(&config, &mut motor, 400, 1, |_| 0.3);
+    let peak = response.iter().fold(0.0f64, |a, &b| a.max(b));
+    assert!(peak < 0.5 + 1e-4, "{peak}");
+    assert!((response[399] - 0.5).abs() < 1e-4);
+    // Within 2 % after 1.5 ms.
+    assert!((response[30] - 0.5).abs() < 0.01, "{}", response[30]);
+}
+
+#[test]
+fn parameters_that_are_off_leave_no_lasting_error() {
+    let believed = Config::default();
+    let real = Config {
+        resistance_ohm: 3.6,
+        inductance_h: 3.0e-3,
+        torque_constant_nm_a: 0.54,
+        ..believed
+    };
+    let current_loop = believed.build().unwrap();
+    let (mut state, mut voltage) = (State::default(), 0.0);
+    let mut motor = Motor {
+        current: 0.0,
+        speed: 6.0,
+    };
+    for _ in 0..1000 {
+        let input = Input {
+            torque_nm: 0.9,
+            current_a: motor.current as f32,
+            speed_rad_s: 6.0,
+            supply_v: SUPPLY as f32,
+            limit_a: 10.0,
+        };
+        motor.step(&real, voltage);
+        voltage = f64::from(current_loop.step(&mut state, &input).duty) * SUPPLY;
+    }
+    assert!((motor.current - 1.5).abs() < 1e-3, "{}", motor.current);
+}
+
+/// Long in saturation, the loop leaves it at once when the reference comes back.
+#[test]
+fn saturation_does_not_wind_up() {
+    let config = Config::default();
+    let mut motor = Motor {
+        current: 0.0,
+        // Faster than the supply can drive 2 A through.
+        speed: 18.0,
+    };
+    let response = run(&config, &mut motor, 3000, 1, |k| {
+        if k < 2000 { 1.2 } else { 0.15 }
+    });
+    let stuck = (0.98 * SUPPLY - 0.6 * 18.0) / 2.88;
+    assert!((response[1999] - stuck).abs() < 1e-3, "{}", response[1999]);
+    // 2 ms are ten time constants of the loop.
+    assert!((response[2040] - 0.25).abs() < 2e-3, "{}", response[2040]);
+    let lowest = response[2000..].iter().fold(1.0f64, |a, &b| a.min(b));
+    assert!(lowest > 0.24, "{lowest}");
+}
+
+#[test]
+fn current_stays_within_the_lesser_limit() {
+    let config = Config::default();
+    let current_loop = config.build().unwrap();
+    for (limit, expected) in [(10.0, 4.0), (1.5, 1.5), (0.0, 0.0)] {
+        let mut state = State::default();
+        let mut motor = Motor {
+            current: 0.0,
+            speed: -2.0,
+        };
+        for _ in 0..500 {
+            let output = current_loop.step(
+                &mut state,
+                &Input {
+                    torque_nm: 100.0,
+                    current_a: motor.current as f32,
+                    speed_rad_s: -2.0,
+                    supply_v: SUPPLY as f32,
+                    limit_a: limit,
+                },
+            );
+            assert!(output.limited && output.reference_a == expected);
+            motor.step(&config, f64::from(output.duty) * SUPPLY);
+            assert!(motor.current < f64::from(expected) + 1e-3);
+        }
+        assert!((motor.current - f64::from(expected)).abs() < 1e-3);
+    }
+}
+
+properties! {
+    #[test]
+    fn any_input_gives_a_bounded_duty(bits: [u32; 5], rounds in 1usize..20) {
+        let config = Config::default();
+        let current_loop = config.build().unwrap();
+        let mut state = State::default();
+        let [torque_nm, current_a, speed_rad_s, supply_v, limit_a] = bits.map(f32::from_bits);
+        let input = Input { torque_nm, current_a, speed_rad_s, supply_v, limit_a };
+        for _ in 0..rounds {
+            let output = current_loop.step(&mut state, &input);
+            prop_assert!(output.duty.abs() <= 0.980_001);
+            prop_assert!(output.valid || output.duty == 0.0);
+        }
+        // Whatever came, the next sound sample is followed again.
+        let sound = Input { torque_nm: 0.0, supply_v: 12.0, limit_a: 1.0, ..Input::default() };
+        for _ in 0..2 {
+            prop_assert!(current_loop.step(&mut state, &sound).valid);
+        }
+    }
+}
+
+#[test]
+fn what_is_not_a_number_switches_off() {
+    let current_loop = Config::default().build().unwrap();
+    let good = Input {
+        torque_nm: 1.0,
+        current_a: 0.0,
+        speed_rad_s: 0.0,
+        supply_v: 12.0,
+        limit_a: 4.0,
+    };
+    let spoiled: [fn(&mut Input, f32); 5] = [
+        |i, x| i.torque_nm = x,
+        |i, x| i.current_a = x,
+        |i, x| i.speed_rad_s = x,
+        |i, x| i.supply_v = x,
+        |i, x| i.limit_a = x,
+    ];
+    for (k, spoil) in spoiled.iter().enumerate() {
+        for bad in [f32::NAN, f32::NEG_INFINITY] {
+            let mut state = State::default();
+            current_loop.step(&mut state, &good);
+            let mut input = good;
+            spoil(&mut input, bad);
+            assert_eq!(
+                current_loop.step(&mut state, &input),
+                Output::default(),
+                "{k}"
+            );
+            assert_eq!(state, State::default());
+        }
+    }
+}
+
+#[test]
+fn bad_parameters_are_named() {
+    type Spoil = fn(&mut Config);
+    let spoiled: [(Spoil, &str); 6] = [
+        (|c| c.resistance_ohm = 0.0, "resistance_ohm"),
+        (|c| c.inductance_h = f32::NAN, "inductance_h"),
+        (|c| c.bandwidth_rad_s = 6000.0, "bandwidth_rad_s"),
+        (|c| c.torque_constant_nm_a = -1.0, "torque_constant_nm_a"),
+        (|c| c.max_current_a = f32::INFINITY, "max_current_a"),
+        (|c| c.max_duty = 1.5, "max_duty"),
+    ];
+    for (spoil, field) in spoiled {
+        let mut config = Config::default();
+        spoil(&mut config);
+        assert_eq!(config.build().unwrap_err().field, field);
+    }
+}

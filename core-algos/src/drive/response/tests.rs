@@ -1,0 +1,155 @@
+use super::super::current;
+use super::*;
+use proptest::prelude::{any, prop_assert};
+
+const SUPPLY: f64 = 12.0;
+
+/// How a simulated winding differs from the one that is believed in.
+#[derive(Clone, Copy)]
+struct Winding {
+    open: bool,
+    resistance: f64,
+    constant: f64,
+}
+
+const SOUND: Winding = Winding {
+    open: false,
+    resistance: 1.0,
+    constant: 1.0,
+};
+
+/// Runs current loop and monitor on a winding in double precision; gives the period at which
+/// the monitor first objects.
+fn objects_at(
+    winding: Winding,
+    periods: usize,
+    torque: impl Fn(usize) -> f32,
+    speed: impl Fn(usize) -> f64,
+) -> Option<usize> {
+    let config = current::Config::default();
+    let current_loop = config.build().unwrap();
+    let response = Config::default().build().unwrap();
+    let (mut drive, mut state) = (current::State::default(), State::default());
+    let resistance = winding.resistance * f64::from(config.resistance_ohm);
+    let constant = winding.constant * f64::from(config.torque_constant_nm_a);
+    let left = (-resistance * f64::from(config.period_s) / f64::from(config.inductance_h)).exp();
+    let mut current = 0.0f64;
+    (0..periods).find(|&k| {
+        let (current_a, speed_rad_s) = (current as f32, speed(k) as f32);
+        let output = current_loop.step(
+            &mut drive,
+            &current::Input {
+                torque_nm: torque(k),
+                current_a,
+                speed_rad_s,
+                supply_v: SUPPLY as f32,
+                limit_a: 4.0,
+            },
+        );
+        let voltage = f64::from(output.duty) * SUPPLY;
+        response.step(&mut state, voltage as f32, current_a, speed_rad_s);
+        let settled = (voltage - constant * speed(k)) / resistance;
+        current = match winding.open {
+            true => 0.0,
+            false => settled + (current - settled) * left,
+        };
+        state.unexplained()
+    })
+}
+
+/// Torque that turns over between its limits, and a speed that goes with it.
+fn swinging(k: usize) -> (f32, f64) {
+    let t = k as f64 * 50e-6;
+    ((2.0 * (40.0 * t).sin()) as f32, 6.0 * (7.0 * t).sin())
+}
+
+#[test]
+fn a_sound_motor_is_never_objected_to() {
+    // As hot as a winding gets, and with the magnets' tolerance.
+    for (resistance, constant) in [(1.0, 1.0), (1.4, 0.95), (0.9, 1.05)] {
+        let winding = Winding {
+            resistance,
+            constant,
+            ..SOUND
+        };
+        let at = objects_at(winding, 40_000, |k| swinging(k).0, |k| swinging(k).1);
+        assert_eq!(at, None, "{resistance} {constant}");
+        // At the limit of the supply, and being driven against it.
+        for speed in [14.0, -14.0] {
+            assert_eq!(objects_at(winding, 20_000, |_| 2.0, |_| speed), None);
+        }
+    }
+}
+
+/// Any lasting torque brings an open winding to light: the loop goes on raising the voltage.
+#[test]
+fn an_open_winding_is_found_within_two_windows() {
+    let open = Winding {
+        open: true,
+        ..SOUND
+    };
+    for torque in [0.05f32, -0.3, 2.0] {
+        for speed in [0.0, 5.0, -5.0] {
+            let at = objects_at(open, 4_000, |_| torque, |_| speed);
+            assert!(at.is_some_and(|k| k <= 440), "{torque} {speed}: {at:?}");
+        }
+    }
+}
+
+#[test]
+fn an_open_motor_that_nothing_is_asked_of_is_not_known_to_be_one() {
+    let open = Winding {
+        open: true,
+        ..SOUND
+    };
+    assert_eq!(objects_at(open, 4_000, |_| 0.0, |_| 3.0), None);
+}
+
+properties! {
+    #[test]
+    fn a_number_that_is_not_finite_is_no_answer(place in 0usize..3, at in 0usize..200, bits: u32) {
+        let response = Config::default().build().unwrap();
+        let mut state = State::default();
+        let bad = f32::from_bits(bits | 0x7f80_0000);
+        for k in 0..=200 {
+            let mut input = [0.0, 0.0, 0.0];
+            if k == at { input[place] = bad; }
+            response.step(&mut state, input[0], input[1], input[2]);
+        }
+        prop_assert!(state.unexplained());
+        // Sound again after the next whole window.
+        for _ in 0..400 {
+            response.step(&mut state, 0.0, 0.0, 0.0);
+        }
+        prop_assert!(!state.unexplained());
+    }
+
+    #[test]
+    fn nothing_is_said_before_a_whole_window(voltage: f32, current in any::<f32>()) {
+        let response = Config::default().build().unwrap();
+        let mut state = State::default();
+        for _ in 0..200 {
+            response.step(&mut state, voltage, current, 0.0);
+            prop_assert!(!state.unexplained());
+        }
+    }
+}
+
+#[test]
+fn bad_parameters_are_named() {
+    type Spoil = fn(&mut Config);
+    let spoiled: [(Spoil, &str); 7] = [
+        (|c| c.resistance_ohm = 0.0, "resistance_ohm"),
+        (|c| c.inductance_h = f32::NAN, "inductance_h"),
+        (|c| c.torque_constant_nm_a = -1.0, "torque_constant_nm_a"),
+        (|c| c.period_s = f32::INFINITY, "period_s"),
+        (|c| c.window_s = 1e-5, "window_s"),
+        (|c| c.tolerance_v = 0.0, "tolerance_v"),
+        (|c| c.tolerance_share = -0.1, "tolerance_share"),
+    ];
+    for (spoil, field) in spoiled {
+        let mut config = Config::default();
+        spoil(&mut config);
+        assert_eq!(config.build().unwrap_err().field, field);
+    }
+}

@@ -1,0 +1,187 @@
+use super::*;
+use crate::beam::sensor::{Method, PostureSolver};
+use crate::beam::strip;
+
+const TYRES: Tyres = Tyres {
+    half_track: 0.162,
+    compliance: 0.09,
+    sliding: 2.4,
+};
+
+fn step(axle: usize, gyro_share: f32) -> Step {
+    Step {
+        axle,
+        moved: Posture::new(0.4, 0.02, 0.3),
+        relative_heading: RelativeHeading(0.5),
+        dt: 2.0,
+        gyro_share,
+    }
+}
+
+/// Heading error of a step of 2 s by a constant of size one.
+fn heading(axle: usize, gyro_share: f32, constant: usize) -> f32 {
+    step(axle, gyro_share).by_constants(&TYRES)[2][constant]
+}
+
+#[test]
+fn heading_owes_its_errors_to_the_sensor_it_comes_from() {
+    for axle in 0..2 {
+        assert_eq!(heading(axle, 0.0, DRIFT + axle), 0.4);
+        assert_eq!(heading(axle, 0.0, TURN + axle), 0.3);
+        assert_eq!(heading(axle, 0.0, GYRO_BIAS + axle), 0.0);
+        assert_eq!(heading(axle, 1.0, DRIFT + axle), 0.0);
+        assert_eq!(heading(axle, 1.0, COMPLIANCE), 0.0);
+        assert_eq!(heading(axle, 1.0, GYRO_BIAS + axle), 2.0);
+        assert_eq!(heading(axle, 1.0, GYRO_SCALE + axle), 0.3);
+        // A gyro that was there half of the time leaves half of each.
+        assert_eq!(heading(axle, 0.5, DRIFT + axle), 0.2);
+        assert_eq!(heading(axle, 0.5, GYRO_BIAS + axle), 1.0);
+    }
+}
+
+#[test]
+fn each_axle_has_constants_of_its_own_but_for_the_slip_under_the_frame() {
+    for constant in 0..COUNT {
+        let both = [0, 1].map(|axle| {
+            let by = step(axle, 0.5).by_constants(&TYRES);
+            [0, 1, 2].map(|i| by[i][constant])
+        });
+        let [front, rear] = both;
+        if constant == COMPLIANCE {
+            assert_eq!(front, rear.map(|by| -by));
+            assert!(rear[2] > 0.0);
+        } else if constant == COMPLIANCE + 1 {
+            assert_eq!(front, rear);
+            assert!(rear[2] < 0.0);
+        } else {
+            assert!(front == [0.0; 3] || rear == [0.0; 3], "{constant}");
+        }
+    }
+}
+
+/// The wheels' own forces and slips: what an axle does whose wheels slip as the brush model says.
+#[test]
+fn tyres_slip_as_a_brush_does_wheel_by_wheel() {
+    let (track, load, stiffness, friction, moment) = (0.324f64, 23.35, 20.0, 0.7, 2.25);
+    let tyres = Tyres {
+        half_track: 0.162,
+        compliance: (moment / (0.5 * track * track * load * stiffness)) as f32,
+        sliding: (track * friction * load / moment) as f32,
+    };
+    for (x, phi) in [(0.3, 0.1), (0.0, 0.4), (-0.2, 0.3)] {
+        for heading in [-0.9f64, 0.2, 0.9] {
+            for (axle, sign) in [(0, -1.0), (1, 1.0)] {
+                // Force on the right tyre against the moment; the left one's is opposite.
+                let force = -sign * moment * heading / track;
+                let slip = |force: f64, rolled: f64| {
+                    let small = -force * f64::abs(rolled) / (load * stiffness);
+                    small / (1.0 - force.abs() / (friction * load))
+                };
+                let [left, right] = [
+                    slip(-force, x - 0.5 * track * phi),
+                    slip(force, x + 0.5 * track * phi),
+                ];
+                let step = Step {
+                    axle,
+                    moved: Posture::new(x as f32, 0.0, phi as f32),
+                    relative_heading: RelativeHeading(heading as f32),
+                    dt: 1.0,
+                    gyro_share: 0.0,
+                };
+                let (error, _) = step.error(&tyres, &step.by_constants(&tyres), &[0.0; COUNT]);
+                let told = format!("{axle} {x} {phi} {heading}: {error:?}");
+                let ahead = 0.5 * (left + right);
+                let turn = (right - left) / track;
+                assert!((f64::from(error[0]) - ahead).abs() < 1e-7, "{told} {ahead}");
+                assert!((f64::from(error[2]) - turn).abs() < 1e-7, "{told} {turn}");
+            }
+        }
+    }
+}
+
+/// Each wheel by itself: its radius and its tyre are others than the mean of them all.
+#[test]
+fn unequal_wheels_and_tyres_move_each_side_by_its_own() {
+    let (half_track, own) = (f64::from(TYRES.half_track), [0.03, -0.01]);
+    let radius = [0.004, -0.002];
+    for (x, phi) in [(0.3, 0.1), (0.0, 0.4), (-0.2, 0.3)] {
+        for (heading, axle) in [(-0.9f64, 0), (0.2, 1), (0.9, 0), (-0.6, 1)] {
+            let load = heading / (1.0 - heading.abs() / f64::from(TYRES.sliding));
+            let sign = if axle == 0 { -1.0 } else { 1.0 };
+            // Error of the way of the left wheel and of the right one.
+            let [left, right]: [f64; 2] = core::array::from_fn(|side| {
+                let out = if side == 0 { -1.0 } else { 1.0 };
+                let rolled: f64 = x + out * half_track * phi;
+                let slip = (f64::from(TYRES.compliance) + own[side]) * load * half_track;
+                radius[side] * rolled + out * sign * slip * rolled.abs()
+            });
+            let step = Step {
+                axle,
+                moved: Posture::new(x as f32, 0.0, phi as f32),
+                relative_heading: RelativeHeading(heading as f32),
+                dt: 1.0,
+                gyro_share: 0.0,
+            };
+            let mut constants = [0.0; COUNT];
+            let mean = 0.5 * (radius[0] + radius[1]);
+            constants[SCALE + axle] = mean as f32;
+            constants[TURN + axle] = mean as f32;
+            constants[DRIFT + axle] = (0.5 * (radius[1] - radius[0]) / half_track) as f32;
+            constants[COMPLIANCE] = (0.5 * (own[0] + own[1])) as f32;
+            constants[UNEVEN + axle] = (0.5 * (own[1] - own[0])) as f32;
+            let (error, _) = step.error(&TYRES, &step.by_constants(&TYRES), &constants);
+            let told = format!("{axle} {x} {phi} {heading}: {error:?}");
+            let (ahead, turn) = (0.5 * (left + right), 0.5 * (right - left) / half_track);
+            assert!((f64::from(error[0]) - ahead).abs() < 1e-7, "{told} {ahead}");
+            assert!((f64::from(error[2]) - turn).abs() < 3e-7, "{told} {turn}");
+        }
+    }
+}
+
+/// Against the sensor itself: the posture from strains that are too large, all alike, in proportion
+/// or rising from root to tip.
+#[test]
+fn the_beam_moves_as_the_sensor_does_with_other_zeros_and_gains() {
+    let config = strip::Config::default();
+    let built = config.build().unwrap();
+    let solver = PostureSolver::new(built, Method::Quadrature, 100).unwrap();
+    let (length, half) = (config.length_m, config.half_thickness_m);
+    for heading in [-1.2f32, -0.4, 0.0, 0.1, 0.7, 1.6] {
+        let at = |change: &dyn Fn(f32) -> f32| {
+            let mut strain = [0.0; crate::beam::MAX_GAUGES];
+            for (strain, gauge) in strain.iter_mut().zip(config.gauges_m.iter()) {
+                *strain = half * (heading / length + change(gauge - 0.5 * length));
+            }
+            let solution = solver.solve(&strain, built.gauges()).unwrap();
+            solution.relative.posture
+        };
+        let step = 2e-2;
+        let tilt = 12.0 / (length * length * length);
+        let changes: [&dyn Fn(f32) -> f32; OF_BEAM] = [
+            &|_| step / length,
+            &|s| step * tilt * length * s,
+            &|_| step * heading / length,
+            &|s| step * heading * tilt * length * s,
+        ];
+        let by = beam_by_constants(at(&|_| 0.0));
+        for (k, change) in changes.into_iter().enumerate() {
+            let moved = at(change).minus(at(&|s| -change(s)));
+            let size = if k % 2 == 0 { step } else { step * length };
+            for i in 0..3 {
+                let found = moved[i] / (2.0 * size);
+                let error = (found - by[i][k]).abs();
+                // Across the chord to the fourth order of the heading, of 0.37 m by the strip's length.
+                let slack = if k % 2 == 0 {
+                    2e-4
+                } else {
+                    0.03 * heading * heading
+                };
+                assert!(
+                    error < slack + 2e-4,
+                    "{heading} {k} {i}: {found} {}",
+                    by[i][k]
+                );
+            }
+        }
+    }
+}

@@ -1,0 +1,447 @@
+use super::*;
+use crate::fusion::testing::Random;
+
+fn start() -> (Joint, State) {
+    let joint = Config::default().build(0.01).unwrap();
+    let robot = Estimate::with_sigmas(Posture::new(1.0, -0.5, 2.0), [2e-3, 3e-3, 4e-3]);
+    let relative = Estimate::with_sigmas(Posture::new(0.36, 0.02, 0.2), [1e-3, 2e-3, 5e-3]);
+    let state = joint.start(&robot, &relative);
+    (joint, state)
+}
+
+fn noise(random: &mut Random, size: f32) -> Mat3 {
+    let mut root = [[0.0; 3]; 3];
+    for i in 0..3 {
+        for j in 0..3 {
+            root[i][j] = size * (0.5 * random.normal() as f32 + if i == j { 1.0 } else { 0.0 });
+        }
+    }
+    matrix::propagate(&root, &matrix::identity())
+}
+
+#[test]
+fn start_gives_back_what_it_was_given() {
+    let (_, state) = start();
+    let robot = state.estimates().robot;
+    assert!(
+        robot
+            .posture
+            .minus(Posture::new(1.0, -0.5, 2.0))
+            .iter()
+            .all(|d| d.abs() < 1e-6)
+    );
+    let sigmas = [2e-3f32, 3e-3, 4e-3];
+    for i in 0..3 {
+        for j in 0..3 {
+            let expected = if i == j { sigmas[i] * sigmas[i] } else { 0.0 };
+            let error = robot.covariance[i][j] - expected;
+            assert!(
+                error.abs() < 1e-4 * sigmas[i] * sigmas[j],
+                "{i}{j} {error:e}"
+            );
+        }
+    }
+}
+
+/// The derivatives that are left out are zero, whatever the step.
+#[test]
+fn an_increment_depends_on_no_column_that_is_left_out() {
+    for axle in 0..2 {
+        let by = Step {
+            axle,
+            moved: Posture::new(0.3, -0.2, 0.1),
+            relative_heading: RelativeHeading(0.4),
+            dt: 0.5,
+            gyro_share: 0.6,
+        }
+        .by_constants(&start().0.tyres);
+        for constant in 0..constants::COUNT {
+            let of = |k: usize| f32::from(k == constant);
+            let error = match axle {
+                0 => constants::error_by::<0>(&by, of),
+                _ => constants::error_by::<1>(&by, of),
+            };
+            assert_eq!(error, by.map(|row| row[constant]), "{constant}");
+        }
+    }
+}
+
+/// The error of a state against another, in the filter's own error coordinates.
+fn error(at: &State, of: &State) -> [f64; N] {
+    let e = at.rear.relative_to(of.rear);
+    let r = at.relative.minus(of.relative);
+    let mut out = [0.0; N];
+    for (k, x) in [e.x, e.y, e.phi, r[0], r[1], r[2]].into_iter().enumerate() {
+        out[k] = f64::from(x);
+    }
+    for k in 0..constants::COUNT {
+        out[FIRST + k] = f64::from(at.constants[k] - of.constants[k]);
+    }
+    out
+}
+
+/// `state` moved by `by` in error coordinate `k`.
+fn moved(joint: &Joint, state: &State, k: usize, by: f32) -> State {
+    let mut out = *state;
+    let mut shift = [0.0; N];
+    shift[k] = by;
+    joint.shift(&mut out, &shift);
+    out
+}
+
+#[test]
+fn covariance_follows_the_linear_part_of_the_motion() {
+    let (joint, mut state) = start();
+    state.constants = [
+        5e-4, 1e-4, 1e-2, 2e-4, 3e-3, -4e-3, 2e-3, -1e-3, 3e-3, -2e-3, 2e-3, -3e-3, 0.02, 0.01,
+        0.03, -0.02, 1e-3, 2e-3, -4e-3, 5e-3,
+    ];
+    let shares = [0.3, 0.8];
+    // Correlated covariance, as large steps and updates leave it.
+    let front = Posture::new(0.05, 0.004, 0.03);
+    let rear = Posture::new(0.06, -0.002, -0.04);
+    let mut random = Random::new(1);
+    let noise1 = noise(&mut random, 3e-4);
+    let noise2 = noise(&mut random, 3e-4);
+    let (f1, f2) = (Estimate::new(front, noise1), Estimate::new(rear, noise2));
+    joint.predict(&mut state, &f1, &f2, shares, 5.0);
+
+    // Derivatives by central differences of the mean alone.
+    let go = |s: &State, d1: Posture, d2: Posture| {
+        let mut s = *s;
+        let zero = [[0.0; 3]; 3];
+        joint.predict(
+            &mut s,
+            &Estimate::new(d1, zero),
+            &Estimate::new(d2, zero),
+            shares,
+            5.0,
+        );
+        s
+    };
+    let centre = go(&state, front, rear);
+    let h = 4e-3f32;
+    let difference = |low: State, high: State| {
+        let (a, b) = (error(&low, &centre), error(&high, &centre));
+        core::array::from_fn::<f64, N, _>(|i| (b[i] - a[i]) / (2.0 * h as f64))
+    };
+    let mut columns = Vec::new();
+    for k in 0..N {
+        let low = go(&moved(&joint, &state, k, -h), front, rear);
+        let high = go(&moved(&joint, &state, k, h), front, rear);
+        columns.push(difference(low, high));
+    }
+    // Errors of the increments lie along the headings reached.
+    let reach = |d: Posture, k: usize, by: f32| {
+        let mut e = [0.0; 3];
+        e[k] = by;
+        let (s, c) = sin_cos(d.phi);
+        Posture::new(
+            d.x + c * e[0] - s * e[1],
+            d.y + s * e[0] + c * e[1],
+            d.phi + e[2],
+        )
+    };
+    let by_noise = |front_axle: bool| {
+        core::array::from_fn::<[f64; N], 3, _>(|k| {
+            let at = |by: f32| {
+                if front_axle {
+                    go(&state, reach(front, k, by), rear)
+                } else {
+                    go(&state, front, reach(rear, k, by))
+                }
+            };
+            difference(at(-h), at(h))
+        })
+    };
+    let (by_front, by_rear) = (by_noise(true), by_noise(false));
+
+    let before = state.covariance.matrix();
+    joint.predict(&mut state, &f1, &f2, shares, 5.0);
+    let after = state.covariance.matrix();
+    for i in 0..N {
+        for j in 0..N {
+            let mut sum = 0.0;
+            for k in 0..N {
+                for l in 0..N {
+                    sum += columns[k][i] * f64::from(before[k][l]) * columns[l][j];
+                }
+            }
+            for k in 0..3 {
+                for l in 0..3 {
+                    sum += by_front[k][i] * f64::from(noise1[k][l]) * by_front[l][j]
+                        + by_rear[k][i] * f64::from(noise2[k][l]) * by_rear[l][j];
+                }
+            }
+            if i == j && i >= FIRST {
+                sum += 5.0 * f64::from(joint.walk[i - FIRST]);
+            }
+            let scale = f64::from(after[i][i] * after[j][j]).sqrt();
+            let error = (f64::from(after[i][j]) - sum).abs();
+            assert!(error < 2e-3 * scale, "{i} {j}: {error:e} of {scale:e}");
+        }
+    }
+}
+
+#[test]
+fn update_equals_the_batch_update_in_f64() {
+    for seed in 0..30 {
+        let (joint, mut state) = start();
+        let mut random = Random::new(seed);
+        let step = Estimate::new(Posture::new(0.05, 0.0, 0.1), noise(&mut random, 1e-3));
+        for _ in 0..3 {
+            joint.predict(&mut state, &step, &step, [0.5; 2], 1.0);
+        }
+        let r = noise(&mut random, 2e-4);
+        let innovation = [1e-3, -2e-3, 3e-3];
+        state.constants = [1e-3; constants::COUNT];
+        let by = constants::beam_by_constants(state.relative);
+        let off = by.map(|row| 1e-3 * row.iter().sum::<f32>());
+        let seen = Posture::new(
+            state.relative.x + innovation[0] + off[0],
+            state.relative.y + innovation[1] + off[1],
+            state.relative.phi + innovation[2] + off[2],
+        );
+        let prior = state;
+        let outcome = joint.update(&mut state, &Estimate::new(seen, r), |_| true);
+        assert_eq!(outcome.verdict, Verdict::Used);
+
+        // Each of the four wheels rolls a little more than its encoder tells.
+        let play = f64::from(Config::default().play_sigma_m);
+        let d = f64::from(Config::default().half_track_m);
+        let relative = prior.relative;
+        let (x, y) = (f64::from(relative.x), f64::from(relative.y));
+        let (sin, cos) = f64::from(relative.phi).sin_cos();
+        let wheels = [-1.0, 1.0].map(|side| {
+            let (way, turn) = (0.5, side * 0.5 / d);
+            [
+                [way * cos, way * sin, turn],
+                [way - y * turn, x * turn, turn],
+            ]
+        });
+        let by_play = |i: usize, j: usize| -> f64 {
+            let wheels = wheels.as_flattened().iter();
+            wheels.map(|by| play * play * by[i] * by[j]).sum()
+        };
+
+        let p = prior.covariance.matrix().map(|row| row.map(f64::from));
+        let mut rows = [[0.0; N]; 3];
+        for i in 0..3 {
+            rows[i][REL + i] = 1.0;
+            for k in 0..OF_BEAM {
+                rows[i][FIRST + k] = f64::from(by[i][k]);
+            }
+        }
+        let ph = rows.map(|row| {
+            core::array::from_fn::<f64, N, _>(|i| (0..N).map(|j| row[j] * p[i][j]).sum())
+        });
+        // Inverse covariance of the innovation.
+        let inverse: [[f64; 3]; 3] = {
+            let s: [[f64; 3]; 3] = core::array::from_fn(|i| {
+                core::array::from_fn(|j| {
+                    let states = (0..N).map(|k| rows[i][k] * ph[j][k]).sum::<f64>();
+                    states + f64::from(r[i][j]) + by_play(i, j)
+                })
+            });
+            let cofactor = |i: usize, j: usize| {
+                let (a, b) = ((i + 1) % 3, (i + 2) % 3);
+                let (c, d) = ((j + 1) % 3, (j + 2) % 3);
+                s[a][c] * s[b][d] - s[a][d] * s[b][c]
+            };
+            let determinant: f64 = (0..3).map(|j| s[0][j] * cofactor(0, j)).sum();
+            core::array::from_fn(|i| core::array::from_fn(|j| cofactor(j, i) / determinant))
+        };
+        let exact = outcome.innovation.map(f64::from);
+        let nis: f64 = (0..9)
+            .map(|k| exact[k / 3] * inverse[k / 3][k % 3] * exact[k % 3])
+            .sum();
+        assert!((f64::from(outcome.nis) / nis - 1.0).abs() < 1e-3);
+        let after = state.covariance.matrix();
+        let shift = error(&state, &prior);
+        for i in 0..N {
+            let gain = |k: usize| -> f64 { (0..3).map(|l| ph[l][i] * inverse[l][k]).sum() };
+            let expected: f64 = (0..3).map(|k| gain(k) * exact[k]).sum();
+            let sigma = p[i][i].sqrt();
+            assert!((shift[i] - expected).abs() < 1e-3 * sigma, "{i}");
+            for j in 0..N {
+                let fall: f64 = (0..3).map(|k| gain(k) * ph[k][j]).sum();
+                let scale = f64::from(after[i][i] * after[j][j]).sqrt();
+                let error = (f64::from(after[i][j]) - (p[i][j] - fall)).abs();
+                assert!(error < 2e-4 * scale, "{i} {j} {error:e} {scale:e}");
+            }
+        }
+    }
+}
+
+#[test]
+fn positive_definite_over_a_hundred_thousand_ticks() {
+    let (joint, mut state) = start();
+    let step = Estimate::with_sigmas(Posture::new(0.0025, 0.0, 0.004), [5e-5, 2e-5, 2e-4]);
+    let beam = Estimate::with_sigmas(Posture::new(0.36, 0.02, 0.2), [5e-5, 5e-5, 2e-4]);
+    for tick in 0..100_000 {
+        joint.predict(&mut state, &step, &step, [0.5; 2], 1.0);
+        joint.update(&mut state, &beam, |_| true);
+        if tick % 64 == 0 {
+            joint.condition(&mut state, 64);
+        }
+        if tick % 997 == 0 {
+            let p = state.covariance.matrix().map(|row| row.map(f64::from));
+            let mut l = [[0.0f64; N]; N];
+            for j in 0..N {
+                let pivot = 1.0 - (0..j).map(|k| l[j][k] * l[j][k]).sum::<f64>();
+                assert!(
+                    p[j][j] > 0.0 && pivot > 0.0,
+                    "tick {tick} state {j}: {pivot:e}"
+                );
+                l[j][j] = pivot.sqrt();
+                for i in j + 1..N {
+                    let rest: f64 = (0..j).map(|k| l[i][k] * l[j][k]).sum();
+                    l[i][j] = (p[i][j] / (p[i][i] * p[j][j]).sqrt() - rest) / l[j][j];
+                }
+            }
+        }
+    }
+    let sigma = crate::math::trig::sqrt(state.estimates().rear.covariance[0][0]);
+    assert!(sigma > 0.05 && sigma.is_finite());
+}
+
+#[test]
+fn bad_measurement_changes_nothing() {
+    let (joint, before) = start();
+    for k in 0..2 {
+        let mut beam = Estimate::with_sigmas(Posture::new(0.36, 0.02, 0.2), [1e-4; 3]);
+        if k == 0 {
+            beam.posture.phi = f32::NAN;
+        } else {
+            beam.covariance[1][1] = -1.0;
+        }
+        let mut state = before;
+        let outcome = joint.update(&mut state, &beam, |_| true);
+        assert_eq!(outcome.verdict, Verdict::Invalid);
+        assert_eq!(state, before);
+    }
+    let config = Config {
+        scale_sigma: f32::NAN,
+        ..Config::default()
+    };
+    assert_eq!(config.build(0.01).unwrap_err().field, "scale_sigma");
+}
+
+#[test]
+fn a_gyro_that_was_zeroed_is_unknown_again_and_nothing_else_is() {
+    let (joint, mut state) = start();
+    let moved = Estimate::with_sigmas(Posture::new(0.002, 0.0, 0.003), [1e-5; 3]);
+    for _ in 0..300 {
+        joint.predict(&mut state, &moved, &moved, [1.0; 2], 1.0);
+        let relative = state.relative();
+        let beam = Estimate::with_sigmas(
+            Posture::new(relative.posture.x, 0.02, 0.2),
+            [1e-4, 1e-4, 2e-4],
+        );
+        joint.update(&mut state, &beam, |_| true);
+    }
+    let before = state;
+    let learnt = before.constants()[GYRO_BIAS];
+    assert!(learnt.abs() > 1e-6, "{learnt}");
+    joint.forget_gyro_bias(&mut state, 0);
+    assert_eq!(state.constants()[GYRO_BIAS], 0.0);
+    let sigma = state.constant_sigmas()[GYRO_BIAS];
+    assert!((sigma / Config::default().gyro_bias_sigma_rad_s - 1.0).abs() < 1e-5);
+    let forgotten = FIRST + GYRO_BIAS;
+    let (now, then) = (state.covariance().matrix(), before.covariance().matrix());
+    for i in 0..N {
+        for j in 0..N {
+            match (i == forgotten, j == forgotten) {
+                (false, false) => assert_eq!(now[i][j], then[i][j]),
+                (true, true) => {}
+                _ => assert_eq!(now[i][j], 0.0),
+            }
+        }
+    }
+    assert_eq!(state.estimates().robot, before.estimates().robot);
+    assert_eq!(
+        state.constants()[GYRO_BIAS + 1],
+        before.constants()[GYRO_BIAS + 1]
+    );
+}
+
+const BODIES: [fn(&State) -> Estimate; 3] = [
+    |state| state.estimates().rear,
+    |state| state.estimates().front,
+    |state| state.estimates().robot,
+];
+
+fn with_floor(steady_slip_sigma_rad_per_m: f32, floor_drift_sigma: f32) -> Joint {
+    let config = Config {
+        steady_slip_sigma_rad_per_m,
+        floor_drift_sigma,
+        ..Config::default()
+    };
+    config.build(0.01).unwrap()
+}
+
+/// Drives forward and back with a constant shape, turned by `turn` more per metre. Also returns the rear
+/// axle's posture on a floor that moves by `by` per metre.
+fn drive(joint: &Joint, turn: f32, by: [f32; 2]) -> (State, Posture) {
+    let robot = Estimate::with_sigmas(Posture::new(1.0, -0.5, 2.0), [1e-4; 3]);
+    let shape = Posture::new(0.36, 0.02, 0.2);
+    let mut state = joint.start(&robot, &Estimate::with_sigmas(shape, [1e-4; 3]));
+    let mut world = state.rear;
+    for i in 0..600 {
+        let forward = if i < 450 { 2e-3 } else { -2e-3f32 };
+        let rear = Posture::new(forward, 0.0, 1e-3 + turn * forward.abs());
+        let front = shape.inverse().compose(rear.compose(shape));
+        let [front, rear] = [front, rear].map(|d| Estimate::with_sigmas(d, [1e-6; 3]));
+        joint.predict(&mut state, &front, &rear, [1.0; 2], 1.0);
+        world = world.compose(rear.posture);
+        world.x += by[0] * forward.abs();
+        world.y += by[1] * forward.abs();
+    }
+    (state, world)
+}
+
+/// `wider` has the covariance of `plain` and that of independent errors of a standard deviation with
+/// these derivatives.
+fn assert_adds(plain: &Estimate, wider: &Estimate, sigma: f32, derivatives: &[[f32; 3]]) {
+    for i in 0..3 {
+        for k in 0..3 {
+            let added = wider.covariance[i][k] - plain.covariance[i][k];
+            let expected: f32 = derivatives.iter().map(|d| d[i] * d[k]).sum();
+            let error = added / (sigma * sigma) - expected;
+            assert!(error.abs() < 0.02, "{i}{k} {added:e} {expected:e}");
+        }
+    }
+}
+
+/// The derivative of the path by a turn of the robot as a whole per metre is found by driving it twice.
+#[test]
+fn steady_slip_adds_what_a_turn_per_metre_does() {
+    let sigma = 3e-4;
+    let (none, some) = (with_floor(0.0, 0.0), with_floor(sigma, 0.0));
+    let [plain, wider] = [&none, &some].map(|joint| drive(joint, 0.0, [0.0; 2]).0);
+    assert_eq!(plain.rear(), wider.rear());
+    assert_eq!(plain.relative().covariance, wider.relative().covariance);
+    let [left, right] = [-5e-3, 5e-3].map(|turn| drive(&none, turn, [0.0; 2]).0);
+    for of in BODIES {
+        let d = of(&right).posture.minus(of(&left).posture);
+        let d = d.map(|d| d / 1e-2);
+        assert!((d[2] - 1.2).abs() < 0.01, "{d:?}");
+        assert_adds(&of(&plain), &of(&wider), sigma, &[d]);
+    }
+}
+
+/// The derivative of the path by a way per metre along the floor's axes is found by driving it twice.
+#[test]
+fn floor_adds_what_a_way_per_metre_does() {
+    let sigma = 1e-2;
+    let (none, some) = (with_floor(0.0, 0.0), with_floor(0.0, sigma));
+    let [(plain, _), (wider, still)] = [&none, &some].map(|joint| drive(joint, 0.0, [0.0; 2]));
+    assert_eq!(plain.relative().covariance, wider.relative().covariance);
+    let pushed = [[1e-2, 0.0], [0.0, 1e-2]].map(|by| {
+        let (_, world) = drive(&none, 0.0, by);
+        world.minus(still).map(|d| d / 1e-2)
+    });
+    for of in BODIES {
+        assert_adds(&of(&plain), &of(&wider), sigma, &pushed);
+    }
+}

@@ -1,0 +1,301 @@
+use super::*;
+
+const BEAM_SIGMAS: [f32; 3] = [5e-5, 5e-5, 2e-4];
+const MODES: [Mode; 4] = [
+    Mode::Odometry,
+    Mode::Intersection,
+    Mode::IntersectionIpec,
+    Mode::Joint,
+];
+
+fn fusion(mode: Mode) -> RobotFusion {
+    Config {
+        mode,
+        ..Config::default()
+    }
+    .build()
+    .unwrap()
+}
+
+fn straight() -> Estimate {
+    Estimate::with_sigmas(Posture::new(0.37, 0.0, 0.0), BEAM_SIGMAS)
+}
+
+fn forward() -> Increment {
+    Increment::new(Posture::new(0.0025, 0.0, 0.0), [[0.0; 3]; 3])
+}
+
+fn rest() -> Increment {
+    Increment::new(Posture::ORIGIN, [[0.0; 3]; 3])
+}
+
+/// Repairing the covariance ahead of the next tick gives every output of repairing it then.
+#[test]
+fn preparing_changes_nothing_but_when_it_is_done() {
+    for mode in MODES {
+        let config = Config {
+            mode,
+            ..Config::default()
+        };
+        let fusion = config.build().unwrap();
+        let mut late = fusion.start(Posture::new(0.1, -0.2, 0.3));
+        let mut ahead = late;
+        let mut repairs = 0;
+        for tick in 0..400u16 {
+            let moved = Increment::new(
+                Posture::new(2e-3, 0.0, 1e-3),
+                matrix::diagonal([1e-9, 1e-9, 1e-8]),
+            );
+            let inputs = Inputs {
+                front: Some(moved),
+                rear: Some(moved),
+                beam: (tick % 3 != 0).then(straight),
+            };
+            assert_eq!(
+                fusion.step(&mut ahead, &inputs),
+                fusion.step(&mut late, &inputs)
+            );
+            let before = ahead;
+            fusion.prepare(&mut ahead);
+            repairs += u32::from(ahead != before);
+            fusion.prepare(&mut ahead);
+        }
+        assert_eq!(repairs, if mode == Mode::Joint { 6 } else { 0 });
+    }
+}
+
+#[test]
+fn straight_drive_arrives_in_every_mode() {
+    for mode in MODES {
+        let fusion = fusion(mode);
+        let mut state = fusion.start(Posture::new(-1.0, 0.5, core::f32::consts::FRAC_PI_2));
+        let mut output = Output::default();
+        for _ in 0..400 {
+            output = fusion.step(
+                &mut state,
+                &Inputs {
+                    front: Some(forward()),
+                    rear: Some(forward()),
+                    beam: Some(straight()),
+                },
+            );
+        }
+        let o = output.robot.posture;
+        let error = o.minus(Posture::new(-1.0, 1.5, core::f32::consts::FRAC_PI_2));
+        assert!(error.iter().all(|e| e.abs() < 1e-4), "{mode:?} {error:?}");
+        assert!((output.front.posture.y - 1.685).abs() < 1e-4, "{mode:?}");
+        assert!((output.rear.posture.y - 1.315).abs() < 1e-4, "{mode:?}");
+        for estimate in [output.front, output.rear, output.robot] {
+            assert!(matrix::cholesky(&estimate.covariance).is_some(), "{mode:?}");
+        }
+    }
+}
+
+#[test]
+fn opposite_creep_is_seen_by_the_beam_and_shared_by_both_axles() {
+    // A bent frame relaxes while the wheels stand still: both axles turn, O does not.
+    let shape = |heading: f32| {
+        let (sin, cos) = crate::math::trig::sin_cos(0.5 * heading);
+        Estimate::with_sigmas(Posture::new(0.37 * cos, 0.37 * sin, heading), BEAM_SIGMAS)
+    };
+    let robot = Estimate::with_sigmas(Posture::ORIGIN, [1e-3; 3]);
+    let outputs = [Mode::Joint, Mode::IntersectionIpec, Mode::Odometry].map(|mode| {
+        let fusion = fusion(mode);
+        let mut state = fusion.start_at(&robot, &shape(0.3));
+        let mut output = Output::default();
+        for tick in 0..500 {
+            let heading = 0.3 * crate::math::trig::exp(-0.01 * 0.01 * tick as f32);
+            output = fusion.step(
+                &mut state,
+                &Inputs {
+                    front: Some(rest()),
+                    rear: Some(rest()),
+                    beam: Some(shape(heading)),
+                },
+            );
+        }
+        output
+    });
+    let half = 0.15 * crate::math::trig::exp(-0.01 * 4.99);
+    for output in &outputs[..2] {
+        assert!((output.front.posture.phi - half).abs() < 2e-3, "{output:?}");
+        assert!((output.rear.posture.phi + half).abs() < 2e-3, "{output:?}");
+        assert!(output.robot.posture.phi.abs() < 1e-3, "{output:?}");
+    }
+    assert!((outputs[2].front.posture.phi - 0.15).abs() < 1e-5);
+}
+
+#[test]
+fn a_lost_message_only_delays() {
+    let turn =
+        |k: u16| Posture::new(0.0, 0.0, 0.3).advance(0.0025 * f32::from(k), 0.002 * f32::from(k));
+    let noise = matrix::diagonal([1e-10, 1e-11, 1e-9]);
+    for mode in MODES {
+        let fusion = fusion(mode);
+        let run = |lost: &dyn Fn(u16, usize) -> bool| {
+            let mut state = fusion.start(Posture::ORIGIN);
+            let mut last = [0; 2];
+            let mut output = Output::default();
+            for k in 1..=300u16 {
+                let mut get = |axle: usize| {
+                    if lost(k, axle) {
+                        return None;
+                    }
+                    let since = std::mem::replace(&mut last[axle], k);
+                    let ticks = k - since;
+                    let covariance = matrix::scale(&noise, f32::from(ticks));
+                    Some(Increment {
+                        ticks,
+                        ..Increment::new(turn(k).relative_to(turn(since)), covariance)
+                    })
+                };
+                let inputs = Inputs {
+                    front: get(0),
+                    rear: get(1),
+                    beam: None,
+                };
+                output = fusion.step(&mut state, &inputs);
+            }
+            output
+        };
+        let all = run(&|_, _| false);
+        let some =
+            run(&|k, axle| k > 0 && k < 298 && (k as usize * 7 + axle * 3).is_multiple_of(5));
+        for (a, b) in [(all.front, some.front), (all.rear, some.rear)] {
+            let error = a.posture.minus(b.posture);
+            assert!(error.iter().all(|e| e.abs() < 1e-5), "{mode:?} {error:?}");
+            for i in 0..3 {
+                let ratio = b.covariance[i][i] / a.covariance[i][i];
+                assert!((ratio - 1.0).abs() < 0.02, "{mode:?} {i} {ratio}");
+            }
+        }
+    }
+}
+
+#[test]
+fn what_is_not_finite_counts_as_absent() {
+    for mode in MODES {
+        let fusion = fusion(mode);
+        let fresh = fusion.start(Posture::ORIGIN);
+        for bad in [f32::NAN, f32::INFINITY] {
+            let mut state = fresh;
+            let mut increment = forward();
+            increment.posture.y = bad;
+            let mut beam = straight();
+            beam.covariance[0][0] = bad;
+            let output = fusion.step(
+                &mut state,
+                &Inputs {
+                    front: Some(increment),
+                    rear: None,
+                    beam: Some(beam),
+                },
+            );
+            assert!(output.robot.is_finite());
+            let output = fusion.step(
+                &mut state,
+                &Inputs {
+                    front: Some(rest()),
+                    rear: Some(rest()),
+                    beam: Some(beam),
+                },
+            );
+            assert!(output.front.is_finite() && output.rear.is_finite());
+            let expected = if mode == Mode::Odometry {
+                Verdict::Absent
+            } else {
+                Verdict::Invalid
+            };
+            assert_eq!(output.beam.verdict, expected);
+        }
+    }
+}
+
+#[test]
+fn a_leaping_beam_is_gated_until_it_insists() {
+    for mode in [Mode::Intersection, Mode::IntersectionIpec, Mode::Joint] {
+        let config = Config {
+            mode,
+            frame_sigmas: [2e-4, 2e-4, 1e-3],
+            start_sigmas: [1e-4, 1e-4, 1e-3],
+            ..Config::default()
+        };
+        let fusion = config.build().unwrap();
+        let mut state = fusion.start(Posture::ORIGIN);
+        let mut step = |phi: f32| {
+            let beam = Estimate::with_sigmas(Posture::new(0.37, 0.0, phi), BEAM_SIGMAS);
+            fusion.step(
+                &mut state,
+                &Inputs {
+                    front: Some(rest()),
+                    rear: Some(rest()),
+                    beam: Some(beam),
+                },
+            )
+        };
+        for _ in 0..20 {
+            assert_eq!(step(0.0).beam.verdict, Verdict::Used, "{mode:?}");
+        }
+        let leap = step(0.5);
+        assert_eq!(leap.beam.verdict, Verdict::Gated, "{mode:?}");
+        assert!(leap.front.posture.phi.abs() < 1e-2, "{mode:?}");
+        let mut refused = 1;
+        while step(0.5).beam.verdict == Verdict::Gated {
+            refused += 1;
+            assert!(refused < 1000, "{mode:?}");
+        }
+        assert!(refused <= usize::from(config.gate_patience), "{mode:?}");
+    }
+}
+
+#[test]
+fn bent_frame_creeps_at_standstill_in_the_covariance() {
+    for mode in [Mode::Odometry, Mode::Joint] {
+        let growth = |heading: f32| {
+            let mut config = Config {
+                mode,
+                ..Config::default()
+            };
+            // Without a beam a load of the frame that nobody knows of would hide it.
+            config.slip.load_speed_m_s = 0.0;
+            let fusion = config.build().unwrap();
+            let relative = Estimate::with_sigmas(
+                Posture::new(0.36, 0.18 * heading, heading),
+                [1e-3, 1e-3, 1e-3],
+            );
+            let robot = Estimate::with_sigmas(Posture::ORIGIN, [1e-3; 3]);
+            let mut state = fusion.start_at(&robot, &relative);
+            let inputs = Inputs {
+                front: Some(rest()),
+                rear: Some(rest()),
+                beam: None,
+            };
+            let first = fusion.step(&mut state, &inputs).front.covariance[2][2];
+            let mut last = first;
+            for _ in 0..200 {
+                last = fusion.step(&mut state, &inputs).front.covariance[2][2];
+            }
+            last - first
+        };
+        assert!(growth(0.5) > 10.0 * growth(0.0), "{mode:?}");
+        assert!(growth(0.0) > 0.0, "{mode:?}");
+    }
+}
+
+#[test]
+fn configuration_is_checked() {
+    let config = Config {
+        period_s: f32::NAN,
+        ..Config::default()
+    };
+    assert_eq!(config.build().unwrap_err().field, "period_s");
+    let mut config = Config::default();
+    config.slip.creep_per_sqrt_s = -1.0;
+    assert_eq!(config.build().unwrap_err().field, "creep_per_sqrt_s");
+    let mut config = Config::default();
+    config.start_sigmas[1] = 0.0;
+    assert_eq!(config.build().unwrap_err().field, "start_sigmas");
+    let mut config = Config::default();
+    config.joint.scale_sigma = f32::INFINITY;
+    assert_eq!(config.build().unwrap_err().field, "scale_sigma");
+}

@@ -1,0 +1,170 @@
+use super::*;
+use crate::bus::layout::MESSAGES;
+use crate::node::robot::RobotConfig;
+use crate::safety::{Condition, Conditions};
+use proptest::prelude::*;
+
+/// The encoded message.
+fn payload<T: Serialize>(message: &T) -> Vec<u8> {
+    let mut room = [0; MAX_PAYLOAD];
+    postcard::to_slice(&(7u8, message), &mut room)
+        .unwrap()
+        .to_vec()
+}
+
+#[test]
+fn encode_longest_messages_fits_frame() {
+    let far = PathPoint {
+        kappa: f32::MAX,
+        ..PathPoint::default()
+    };
+    let path = Request::Path {
+        points: [Some(far); POINTS],
+        end: true,
+    };
+    let trajectory = Request::Trajectory {
+        points: [Some(TrajectoryPoint::default()); POINTS],
+        end: true,
+    };
+    let configure = Request::Configure {
+        total: u16::MAX,
+        offset: u16::MAX,
+        bytes: &[255; CONFIG_CHUNK],
+    };
+    let full = [255; 10 * MAX_BUS_FRAMES];
+    let axle = Request::Axle {
+        tick: u32::MAX,
+        samples: axle::Samples {
+            encoder: [Some(i32::MIN); 2],
+            gyro_rad_s: Some(1.0),
+            acceleration_m_s2: Some(1.0),
+            conditions: Condition::ALL
+                .into_iter()
+                .fold(Conditions::NONE, |all, one| {
+                    all.union(Conditions::only(one))
+                }),
+        },
+        bus: &full,
+    };
+    let beam = Request::Beam {
+        tick: u32::MAX,
+        counts: [i32::MIN; MAX_GAUGES],
+    };
+    for request in [path, trajectory, configure, axle, beam] {
+        assert!(encode(255, &request).is_some(), "{request:?}");
+    }
+    let reply = Reply::Axle {
+        torque_nm: [1.0; 2],
+        active: true,
+        refused: 255,
+        bus: &full[..10 * MAX_SENT_FRAMES],
+        telemetry: &[255; TELEMETRY_CHUNK],
+    };
+    assert!(encode(255, &reply).is_some());
+}
+
+#[test]
+fn telemetry_largest_lead_output_fits_epoch() {
+    let output = lead::Output {
+        target: Some(Default::default()),
+        fused: crate::fusion::robot::Output {
+            ipec: Some(crate::fusion::ipec::Correction::default()),
+            omega: Some([0.5; 2]),
+            ..Default::default()
+        },
+        supervision: crate::safety::supervisor::Output {
+            reason: Some(Condition::Restarted),
+            ..Default::default()
+        },
+        ..Default::default()
+    };
+    let telemetry = Telemetry {
+        output,
+        path_room: u16::MAX,
+        trajectory_room: u16::MAX,
+    };
+    let mut room = [0; 2 * MAX_TELEMETRY];
+    let used = postcard::to_slice(&telemetry, &mut room).unwrap();
+    assert!(used.len() <= MAX_TELEMETRY - 2, "{}", used.len());
+}
+
+#[test]
+fn a_configuration_survives_and_builds_the_same_robot() {
+    let mut config = RobotConfig::default();
+    config.geometry.wheel_radius_m = 0.0731;
+    config.geometry.rigid_end_m = 0.01;
+    config.geometry.frame_length_m = 0.36;
+    config.limits.max_steering_rad = 0.45;
+    for config in [config, config.completed()] {
+        let mut room = [0; MAX_CONFIG];
+        let bytes = postcard::to_slice(&config, &mut room).unwrap();
+        let back: RobotConfig = postcard::from_bytes(bytes).unwrap();
+        assert_eq!(back.build().unwrap(), config.build().unwrap());
+    }
+}
+
+#[test]
+fn bytes_behind_a_message_are_no_message() {
+    let mut bytes = payload(&Reply::Done);
+    assert_eq!(decode(&bytes), Some((7, Reply::Done)));
+    bytes.push(0);
+    assert_eq!(decode::<Reply>(&bytes), None);
+}
+
+#[test]
+fn packed_frames_are_bounded_and_cut_ones_left_out() {
+    let frame = bus::CanFrame {
+        id: 0x7ff,
+        length: 8,
+        data: [255; 8],
+    };
+    let mut packed = Packed::new();
+    for _ in 0..MAX_BUS_FRAMES {
+        assert!(packed.push(&frame));
+    }
+    assert!(!packed.push(&frame));
+    assert_eq!(unpack(packed.bytes()).count(), MAX_BUS_FRAMES);
+    let (_, cut) = packed.bytes().split_last().unwrap().1.split_at(0);
+    assert_eq!(unpack(cut).count(), MAX_BUS_FRAMES - 1);
+    // A length that no frame has.
+    assert_eq!(
+        unpack(&[
+            0, 0xf0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16
+        ])
+        .count(),
+        0
+    );
+}
+
+properties! {
+    #[test]
+    fn frames_come_back(list in prop::collection::vec((0..MESSAGES.len(), any::<[u8; 8]>()), 0..MAX_BUS_FRAMES)) {
+        let mut packed = Packed::new();
+        let frames: Vec<bus::CanFrame> = list.iter().map(|&(k, mut data)| {
+            let length = MESSAGES[k].bytes();
+            data[usize::from(length)..].fill(0);
+            bus::CanFrame { id: MESSAGES[k].id, length, data }
+        }).collect();
+        for frame in &frames {
+            prop_assert!(packed.push(frame));
+        }
+        prop_assert_eq!(unpack(packed.bytes()).collect::<Vec<_>>(), frames);
+    }
+
+    #[test]
+    fn samples_keep_their_bits(bits: [u32; 2], encoder: [Option<i32>; 2]) {
+        let samples = axle::Samples {
+            encoder,
+            gyro_rad_s: Some(f32::from_bits(bits[0])),
+            acceleration_m_s2: Some(f32::from_bits(bits[1])),
+            conditions: Conditions::NONE,
+        };
+        let bytes = payload(&Request::Axle { tick: 5, samples, bus: &[] });
+        let Some((7, Request::Axle { samples: back, .. })) = decode(&bytes) else {
+            panic!("{bytes:?}");
+        };
+        prop_assert_eq!(back.encoder, encoder);
+        prop_assert_eq!(back.gyro_rad_s.map(f32::to_bits), Some(bits[0]));
+        prop_assert_eq!(back.acceleration_m_s2.map(f32::to_bits), Some(bits[1]));
+    }
+}

@@ -1,0 +1,417 @@
+use super::*;
+use crate::time::TICK;
+use core::f64::consts::TAU;
+
+fn node(axle: AxleId) -> AxleNode {
+    let frame = FrameProperties {
+        bending_stiffness_n_m2: 0.833,
+        length_m: 0.37,
+    };
+    let mut node = Config::default().build(axle, frame).unwrap();
+    lead(&mut node, 0, LeadMode::Idle);
+    node
+}
+
+/// Counts of wheels turned by these angles (rad).
+fn counts(angles: [f64; 2]) -> [Option<i32>; 2] {
+    let per_turn = f64::from(Config::default().wheel.counts_per_revolution);
+    angles.map(|angle| Some((angle / TAU * per_turn).floor() as i32))
+}
+
+fn reference(node: &mut AxleNode, now: Micros, v: f32, posture: Posture) {
+    let sequence = sequence(now);
+    let other = match node.axle() {
+        AxleId::Front => Node::RearAxle,
+        AxleId::Rear => Node::FrontAxle,
+    };
+    node.receive(
+        now,
+        &Message::NodeStatus {
+            node: other,
+            sequence,
+            state: OperatingState::Active,
+            reason: 0,
+            notices: 0,
+        },
+    );
+    node.receive(
+        now,
+        &Message::LeadStatus {
+            sequence,
+            mode: LeadMode::Active,
+            steering_rad: 0.0,
+            velocity_m_s: v,
+        },
+    );
+    node.receive(
+        now,
+        &Message::ReferencePosture {
+            axle: node.axle(),
+            sequence,
+            posture,
+        },
+    );
+    node.receive(
+        now,
+        &Message::ReferenceMotion {
+            axle: node.axle(),
+            sequence,
+            velocity_m_s: v,
+            yaw_rate_rad_s: 0.0,
+            acceleration_m_s2: 0.0,
+            yaw_acceleration_rad_s2: 0.0,
+        },
+    );
+}
+
+/// Wheels at rest.
+fn still() -> Samples {
+    Samples {
+        encoder: [Some(0); 2],
+        ..Samples::default()
+    }
+}
+
+#[test]
+fn odometry_follows_an_arc() {
+    let mut node = node(AxleId::Rear);
+    let mut outbox = Outbox::new();
+    for tick in 0..=4500u64 {
+        // Speed rises for one second, then stays.
+        let t = tick as f64 * 1e-3;
+        let turned = if t < 1.0 { 0.5 * t * t } else { t - 0.5 };
+        let samples = Samples {
+            encoder: counts([3.0 * turned, 4.0 * turned]),
+            ..Samples::default()
+        };
+        outbox.clear();
+        node.step(tick * TICK, &samples, &mut outbox);
+    }
+    // Wheels at 0.219 and 0.292 m/s, 0.324 m apart: an arc of radius 1.134 m.
+    let (v, omega) = (0.2555f64, 0.073 / 0.324);
+    let phi = omega * 4.0;
+    let expected = [v / omega * phi.sin(), v / omega * (1.0 - phi.cos()), phi];
+    let found = node.state.filter.posture();
+    assert!(
+        (found.x as f64 - expected[0]).abs() < 2e-3,
+        "{found:?} {expected:?}"
+    );
+    assert!(
+        (found.y as f64 - expected[1]).abs() < 2e-3,
+        "{found:?} {expected:?}"
+    );
+    assert!(
+        (found.phi as f64 - expected[2]).abs() < 4e-3,
+        "{found:?} {expected:?}"
+    );
+}
+
+#[test]
+fn reports_once_an_epoch() {
+    let mut node = node(AxleId::Front);
+    let mut reports = 0;
+    for tick in 0..100u64 {
+        let mut outbox = Outbox::new();
+        let samples = still();
+        node.step(tick * TICK, &samples, &mut outbox);
+        let count = outbox.iter().count();
+        assert_eq!(count, if tick % 10 == 0 { 4 } else { 0 });
+        reports += count;
+    }
+    assert_eq!(reports, 40);
+}
+
+#[test]
+fn a_reference_that_cannot_be_meant_moves_nothing() {
+    let samples = still();
+    let far = Posture::new(0.5, 0.0, 0.0);
+    for (v, posture) in [
+        (0.6, Posture::ORIGIN),
+        (f32::NAN, Posture::ORIGIN),
+        (0.1, far),
+    ] {
+        let mut node = node(AxleId::Front);
+        let mut outbox = Outbox::new();
+        node.step(0, &samples, &mut outbox);
+        reference(&mut node, 20 * TICK, 0.1, Posture::ORIGIN);
+        let before = node.step(21 * TICK, &samples, &mut outbox);
+        assert!(before.active && before.torque_nm[0] > 0.0);
+        reference(&mut node, 30 * TICK, v, posture);
+        let after = node.step(31 * TICK, &samples, &mut outbox);
+        match posture == far {
+            true => assert_eq!(after.torque_nm, [0.0; 2]),
+            // The one before it still holds.
+            false => assert!(after.active && after.torque_nm[0] < 2.0, "{after:?}"),
+        }
+        reference(&mut node, 40 * TICK, 0.1, Posture::ORIGIN);
+        let good = node.step(41 * TICK, &samples, &mut outbox);
+        assert!(good.active && good.torque_nm[0] > 0.0, "{good:?}");
+    }
+}
+
+#[test]
+fn drives_toward_its_reference_and_stops_without_one() {
+    let mut node = node(AxleId::Front);
+    let mut outbox = Outbox::new();
+    let samples = still();
+    assert!(
+        !node.step(0, &samples, &mut outbox).active,
+        "no reference yet"
+    );
+    reference(&mut node, 20 * TICK, 0.1, Posture::ORIGIN);
+    let output = node.step(21 * TICK, &samples, &mut outbox);
+    assert!(output.active && output.torque_nm[0] > 0.0 && output.torque_nm[1] > 0.0);
+    // 60 ms after the epoch of the last reference it brakes by itself, and stays off. The other axle
+    // is well throughout.
+    let well = Message::NodeStatus {
+        node: Node::RearAxle,
+        sequence: sequence(50 * TICK),
+        state: OperatingState::Active,
+        reason: 0,
+        notices: 0,
+    };
+    node.receive(50 * TICK, &well);
+    assert!(node.step(20 * TICK + 60_000, &samples, &mut outbox).active);
+    let state = |node: &AxleNode| node.supervision().operating();
+    assert_eq!(state(&node), OperatingState::Active);
+    node.step(20 * TICK + 61_000, &samples, &mut outbox);
+    assert_eq!(state(&node), OperatingState::SafeStop);
+    assert_eq!(node.supervision().first(), Some(Condition::CommandTimeout));
+    for tick in 82..1110 {
+        node.step(tick * TICK, &samples, &mut outbox);
+    }
+    assert_eq!(state(&node), OperatingState::Fault);
+    reference(&mut node, 1110 * TICK, 0.1, Posture::ORIGIN);
+    let off = node.step(1111 * TICK, &samples, &mut outbox);
+    assert_eq!(off, Output::default(), "latched");
+}
+
+fn lead(node: &mut AxleNode, now: Micros, mode: LeadMode) {
+    node.receive(
+        now,
+        &Message::LeadStatus {
+            sequence: sequence(now),
+            mode,
+            steering_rad: 0.0,
+            velocity_m_s: 0.0,
+        },
+    );
+}
+
+/// A lead node that wants nothing more is no fault: the axle brakes, lets go and is idle.
+#[test]
+fn a_dismissed_axle_comes_to_rest_without_a_fault() {
+    let mut node = node(AxleId::Front);
+    let mut outbox = Outbox::new();
+    let samples = still();
+    let mut braked = 0;
+    for tick in 20..1500u64 {
+        let now = tick * TICK;
+        if is_epoch_start(now) {
+            reference(&mut node, now, 0.0, Posture::ORIGIN);
+            if tick >= 100 {
+                lead(&mut node, now, LeadMode::Idle);
+            }
+        }
+        let output = node.step(now, &samples, &mut outbox);
+        outbox.clear();
+        let state = node.supervision().operating();
+        braked += u32::from(state == OperatingState::SafeStop && output.active);
+        assert_eq!(node.supervision().first(), None, "{tick}");
+        assert_eq!(
+            state == OperatingState::Active,
+            (20..100).contains(&tick),
+            "{tick}"
+        );
+    }
+    // Ramp, rest and release.
+    assert!((900..1100).contains(&braked), "{braked}");
+    assert_eq!(node.supervision().operating(), OperatingState::Idle);
+}
+
+/// A board that comes up in the middle of a drive is not to join in.
+#[test]
+fn an_axle_that_starts_while_the_robot_drives_waits_for_it_to_stop() {
+    let mut node = node(AxleId::Rear);
+    node.state = State::new();
+    let mut outbox = Outbox::new();
+    let samples = still();
+    for tick in 0..200u64 {
+        let now = tick * TICK;
+        if is_epoch_start(now) {
+            reference(&mut node, now, 0.1, Posture::ORIGIN);
+            if tick == 100 {
+                lead(&mut node, now, LeadMode::Idle);
+            }
+        }
+        let output = node.step(now, &samples, &mut outbox);
+        assert_eq!(output.active, tick >= 110, "{tick}");
+    }
+}
+
+/// Every reason to stop, from outside and from the samples, each from driving.
+#[test]
+fn stops_for_every_reason_and_drives_again_once_cleared() {
+    let cases: [(Condition, Samples); 5] = [
+        (Condition::EncoderFault, Samples::default()),
+        (
+            Condition::WheelSlip,
+            Samples {
+                gyro_rad_s: Some(3.0),
+                ..still()
+            },
+        ),
+        (
+            Condition::OverCurrent,
+            Samples {
+                conditions: Conditions::only(Condition::OverCurrent),
+                ..still()
+            },
+        ),
+        (
+            Condition::EmergencyStop,
+            Samples {
+                conditions: Conditions::only(Condition::EmergencyStop),
+                ..still()
+            },
+        ),
+        (Condition::TrackingLost, still()),
+    ];
+    for (condition, samples) in cases {
+        let mut node = node(AxleId::Rear);
+        let mut outbox = Outbox::new();
+        let ahead = match condition {
+            Condition::TrackingLost => 0.2,
+            _ => 0.0,
+        };
+        for tick in 0..2000u64 {
+            let now = tick * TICK;
+            if is_epoch_start(now) && tick < 600 {
+                reference(&mut node, now, 0.0, Posture::new(ahead, 0.0, 0.0));
+            }
+            let bad = (100..600).contains(&tick);
+            let given = if bad { samples } else { still() };
+            node.step(now, &given, &mut outbox);
+            if tick == 20 {
+                assert_eq!(node.supervision().operating(), OperatingState::Active);
+            }
+        }
+        assert_eq!(node.supervision().first(), Some(condition));
+        assert_eq!(node.supervision().operating(), OperatingState::Fault);
+        for tick in 2000..2100u64 {
+            let now = tick * TICK;
+            if is_epoch_start(now) {
+                reference(&mut node, now, 0.0, Posture::ORIGIN);
+            }
+            let mode = if tick < 2030 {
+                LeadMode::Clear
+            } else {
+                LeadMode::Active
+            };
+            lead(&mut node, now, mode);
+            node.step(now, &still(), &mut outbox);
+        }
+        assert_eq!(
+            node.supervision().operating(),
+            OperatingState::Active,
+            "{condition:?}"
+        );
+    }
+}
+
+#[test]
+fn a_neighbour_that_stops_or_falls_silent_stops_this_axle() {
+    for (silent, expected) in [
+        (true, Condition::NeighbourLost),
+        (false, Condition::NeighbourFault),
+    ] {
+        let mut node = node(AxleId::Front);
+        let mut outbox = Outbox::new();
+        let samples = still();
+        for tick in 0..300u64 {
+            let now = tick * TICK;
+            if is_epoch_start(now) {
+                let beat = node.state.peers;
+                reference(&mut node, now, 0.0, Posture::ORIGIN);
+                if tick >= 100 && silent {
+                    node.state.peers = beat;
+                } else if tick >= 100 {
+                    node.receive(
+                        now,
+                        &Message::NodeStatus {
+                            node: Node::RearAxle,
+                            sequence: 0,
+                            state: OperatingState::SafeStop,
+                            reason: Condition::SupplyLow.code(),
+                            notices: 0,
+                        },
+                    );
+                }
+            }
+            node.step(now, &samples, &mut outbox);
+            if tick == 99 {
+                assert_eq!(node.supervision().operating(), OperatingState::Active);
+            }
+        }
+        assert_eq!(node.supervision().first(), Some(expected));
+    }
+}
+
+#[test]
+fn halves_of_different_epochs_make_no_reference() {
+    let mut node = node(AxleId::Front);
+    let mut outbox = Outbox::new();
+    reference(&mut node, 0, 0.1, Posture::ORIGIN);
+    let now = 5 * EPOCH;
+    node.receive(
+        now,
+        &Message::ReferencePosture {
+            axle: AxleId::Front,
+            sequence: sequence(now),
+            posture: Posture::new(1.0, 0.0, 0.0),
+        },
+    );
+    let output = node.step(now, &Samples::default(), &mut outbox);
+    assert!(
+        output.error.x.abs() < 0.1,
+        "still the old reference: {output:?}"
+    );
+}
+
+#[test]
+fn messages_for_the_other_axle_are_ignored() {
+    let mut front = node(AxleId::Front);
+    let mut rear = node(AxleId::Rear);
+    reference(&mut rear, 0, 0.1, Posture::ORIGIN);
+    let before = *front.state();
+    front.receive(
+        0,
+        &Message::ReferencePosture {
+            axle: AxleId::Rear,
+            sequence: 0,
+            posture: Posture::ORIGIN,
+        },
+    );
+    assert_eq!(before, *front.state());
+    assert!(rear.state().reference.is_some());
+}
+
+#[test]
+fn nan_in_gives_zero_torque() {
+    let mut node = node(AxleId::Front);
+    let mut outbox = Outbox::new();
+    reference(&mut node, 0, f32::NAN, Posture::ORIGIN);
+    let output = node.step(TICK, &Samples::default(), &mut outbox);
+    assert_eq!(output.torque_nm, [0.0; 2]);
+    // A gyro that reads NaN is refused and the odometry stays finite.
+    for tick in 2..50 {
+        let samples = Samples {
+            encoder: [Some(0); 2],
+            gyro_rad_s: Some(f32::NAN),
+            acceleration_m_s2: Some(f32::INFINITY),
+            ..Samples::default()
+        };
+        node.step(tick * TICK, &samples, &mut outbox);
+    }
+    assert!(node.state.filter.posture().is_finite());
+}

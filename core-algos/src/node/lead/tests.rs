@@ -1,0 +1,204 @@
+use super::*;
+use crate::node::robot::RobotConfig;
+use crate::time::LEAD_PHASE;
+
+/// Reports of both axles at the beginning of an epoch, and the lead node's step.
+fn epoch(node: &mut LeadNode, number: u64, axles: [(Posture, u8); 2]) -> Output {
+    let now = number * EPOCH;
+    for axle in AxleId::BOTH {
+        let (posture, uptime) = axles[axle.index()];
+        let sequence = sequence(now);
+        node.receive(
+            now,
+            &Message::AxlePosture {
+                axle,
+                sequence,
+                posture,
+            },
+        );
+        node.receive(
+            now,
+            &Message::AxleMotion {
+                axle,
+                sequence,
+                velocity_m_s: 0.0,
+                yaw_rate_rad_s: 0.0,
+                refused: 0,
+                gyro_samples: 0,
+                gyro_zeroed: false,
+                uptime,
+            },
+        );
+    }
+    node.step(now + LEAD_PHASE, &mut Outbox::new())
+}
+
+fn node() -> LeadNode {
+    let mut node = LeadNode::new(RobotConfig::default().build_lead().unwrap());
+    let relative = Posture::new(0.37, 0.0, 0.0);
+    node.initialize(
+        &Estimate::with_sigmas(Posture::ORIGIN, [1e-3; 3]),
+        &Estimate::with_sigmas(relative, [1e-3; 3]),
+    );
+    node
+}
+
+#[test]
+fn odometry_that_begins_anew_is_no_motion() {
+    let mut node = node();
+    let at = |x: f32| Posture::new(x, 0.0, 0.0);
+    for number in 0..100 {
+        let x = 0.002 * number as f32;
+        epoch(&mut node, number, [(at(x), number as u8); 2]);
+    }
+    let front = at(0.2);
+    let mut last = Output::default();
+    // The rear axle is silent for a while and then back at its origin; there is no beam.
+    for number in 130..200 {
+        let axles = [(front, number as u8), (at(0.0), number as u8 - 130)];
+        let output = epoch(&mut node, number, axles);
+        // Until its filter has settled and the beam has had its time, nothing is assumed.
+        assert_eq!(output.fused == robot::Output::default(), number < 180);
+        last = output;
+    }
+    let [front, rear] = [last.fused.front.posture, last.fused.rear.posture];
+    assert!((front.x - 0.385).abs() < 5e-3, "{front:?}");
+    assert!((rear.x - 0.015).abs() < 5e-3, "{rear:?}");
+    let sigma = |estimate: &Estimate| estimate.covariance[2][2].max(0.0);
+    assert!(sigma(&last.fused.rear) > 100.0 * sigma(&last.fused.front));
+    // Afterwards it moves as it says.
+    let axles = [(at(0.21), 200), (at(0.01), 70)];
+    let output = epoch(&mut node, 200, axles);
+    assert!((output.fused.rear.posture.x - rear.x - 0.01).abs() < 1e-4);
+}
+
+#[test]
+fn a_long_silence_of_the_bus_is_no_restart() {
+    let mut node = node();
+    let at = |x: f32| Posture::new(x, 0.0, 0.0);
+    epoch(&mut node, 0, [(at(0.0), 0); 2]);
+    let before = epoch(&mut node, 1, [(at(0.0), 1); 2]);
+    let after = epoch(&mut node, 101, [(at(0.25), 101); 2]);
+    let moved = after.fused.robot.posture.x - before.fused.robot.posture.x;
+    assert!((moved - 0.25).abs() < 1e-4, "{moved}");
+}
+
+/// What a gyro was learnt to read too little is forgotten when its axle zeroes it, and only then.
+#[test]
+fn an_axle_that_zeroes_its_gyro_has_the_filter_forget_its_bias() {
+    use crate::fusion::constants::GYRO_BIAS;
+    let mut node = node();
+    let rate = 4e-4;
+    // The frame stays straight, and the front gyro says that its axle turns.
+    let mut known = |number: u64, zeroed: [bool; 2]| {
+        let now = number * EPOCH;
+        let sequence = sequence(now);
+        for axle in AxleId::BOTH {
+            let front = if axle == AxleId::Front { 1.0 } else { 0.0 };
+            let turned = front * rate * 0.01 * number as f32;
+            for message in [
+                Message::AxlePosture {
+                    axle,
+                    sequence,
+                    posture: Posture::new(0.0, 0.0, turned),
+                },
+                Message::AxleMotion {
+                    axle,
+                    sequence,
+                    velocity_m_s: 0.0,
+                    yaw_rate_rad_s: 0.0,
+                    refused: 0,
+                    gyro_samples: 10,
+                    gyro_zeroed: zeroed[axle.index()],
+                    uptime: number.min(255) as u8,
+                },
+                Message::AxleUncertainty {
+                    axle,
+                    sequence,
+                    covariance: diagonal([1e-12; 3]),
+                },
+            ] {
+                node.receive(now, &message);
+            }
+        }
+        node.receive(
+            now,
+            &Message::BeamUncertainty {
+                sequence,
+                covariance: diagonal([1e-9, 1e-9, 1e-8]),
+            },
+        );
+        node.receive(
+            now,
+            &Message::BeamPosture {
+                sequence,
+                posture: Posture::new(0.37, 0.0, 0.0),
+                gauges: 5,
+            },
+        );
+        node.step(now + LEAD_PHASE, &mut Outbox::new());
+        let joint = node.fusion().unwrap().joint().unwrap();
+        [0, 1].map(|axle| {
+            let k = GYRO_BIAS + axle;
+            (joint.constants()[k], joint.constant_sigmas()[k])
+        })
+    };
+    let mut before = known(0, [false; 2]);
+    let prior = before.map(|(_, sigma)| sigma);
+    for number in 1..1000 {
+        before = known(number, [false; 2]);
+    }
+    // An axle that turned would have moved aside.
+    assert!((before[0].0 / rate + 1.0).abs() < 0.1, "{before:?}");
+    // Had nothing been learnt, the biases would have walked for 10 s.
+    let walked = crate::fusion::joint::Config::default().gyro_bias_walk_rad_s_per_sqrt_s;
+    let unknown = (prior[0] * prior[0] + 10.0 * walked * walked).sqrt();
+    assert!(
+        before.iter().all(|(_, sigma)| *sigma < 0.6 * unknown),
+        "{before:?}"
+    );
+    let after = known(1000, [true, false]);
+    assert!(after[0].0.abs() < 0.05 * rate, "{after:?}");
+    assert!((after[0].1 / prior[0] - 1.0).abs() < 0.02, "{after:?}");
+    assert!((after[1].1 / before[1].1 - 1.0).abs() < 0.02, "{after:?}");
+}
+
+/// Held for as long as they may be, the motors are let go; the next command has them back.
+#[test]
+fn the_robot_is_not_held_for_ever() {
+    let mut node = node();
+    let mut number = 0;
+    let mut state = |node: &mut LeadNode| {
+        for sender in [Node::FrontAxle, Node::RearAxle] {
+            let beat = Message::NodeStatus {
+                node: sender,
+                sequence: sequence(number * EPOCH),
+                state: OperatingState::Active,
+                reason: 0,
+                notices: 0,
+            };
+            node.receive(number * EPOCH, &beat);
+        }
+        let axles = [(Posture::ORIGIN, number.min(255) as u8); 2];
+        let output = epoch(node, number, axles);
+        number += 1;
+        output.supervision.state
+    };
+    let center = Posture::new(0.0, 0.0, 0.0);
+    for _ in 0..2 {
+        node.command(Task::Regulate { goal: center });
+        let held = (0..20_000)
+            .map(|_| state(&mut node))
+            .skip_while(|state| *state != OperatingState::Armed)
+            .take_while(|state| *state != OperatingState::SafeStop)
+            .filter(|state| *state == OperatingState::Armed)
+            .count();
+        assert!((6_000..6_010).contains(&held), "{held}");
+        // Until then nothing drives, and nothing is wrong.
+        for _ in 0..300 {
+            state(&mut node);
+        }
+        assert_eq!(state(&mut node), OperatingState::Idle);
+        assert_eq!(node.supervision().first(), None);
+    }
+}

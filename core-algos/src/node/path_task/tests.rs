@@ -1,0 +1,183 @@
+use super::*;
+use crate::control::cascade;
+
+fn task() -> PathTask {
+    let cascade = cascade::Config::default().build().unwrap();
+    Config::default().build(&cascade).unwrap()
+}
+
+fn on_line(s: f32) -> PathPoint {
+    PathPoint {
+        posture: Posture::new(s, 0.0, 0.0),
+        kappa: 0.0,
+        s,
+    }
+}
+
+fn moving(v: f32) -> Motion {
+    Motion {
+        v,
+        ..Motion::default()
+    }
+}
+
+#[test]
+fn path_of_any_length_streams_through_the_buffer() {
+    let (task, mut state) = (task(), State::default());
+    let (mut pushed, count) = (0, 2000);
+    let mut feed = |state: &mut State| {
+        while pushed < count && state.path_room() > 0 {
+            state
+                .push_path_point(on_line(pushed as f32 * 0.01))
+                .unwrap();
+            pushed += 1;
+        }
+        if pushed == count {
+            state.finish_path();
+        }
+        pushed
+    };
+    assert_eq!(feed(&mut state), PATH_POINTS);
+    assert_eq!(state.push_path_point(on_line(9.0)), Err(PathError::Full));
+    state.restart();
+    let mut x = 0.0;
+    while x < 19.9 {
+        feed(&mut state);
+        let step = task.follow(&mut state, Posture::new(x, 0.0, 0.0), &moving(0.2));
+        assert!((step.target.unwrap().x - x).abs() < 1e-4);
+        // The stream keeps ahead, so nothing slows the robot down before the end.
+        let expected = if x < 19.7 { 0.2 } else { 0.1 };
+        assert!(step.wish.unwrap().v > expected - 1e-3, "{x}: {step:?}");
+        x += 0.05;
+    }
+    assert_eq!(feed(&mut state), count);
+    assert_eq!(state.push_path_point(on_line(99.0)), Err(PathError::Ended));
+}
+
+#[test]
+fn robot_waits_where_the_stream_breaks_off_and_ends_where_the_path_does() {
+    let (task, mut state) = (task(), State::default());
+    for i in 0..=100 {
+        state.push_path_point(on_line(i as f32 * 0.01)).unwrap();
+    }
+    state.restart();
+    let mut x = 0.0;
+    let mut drive = |state: &mut State, epochs: usize| {
+        let mut last = Step::default();
+        let mut v = 0.0;
+        for _ in 0..epochs {
+            last = task.follow(state, Posture::new(x, 0.0, 0.0), &moving(v));
+            v = last.wish.map_or(0.0, |wish| wish.v);
+            x += 0.01 * v;
+        }
+        (x, last)
+    };
+    let (x, waiting) = drive(&mut state, 1500);
+    assert!((x - 1.0).abs() < 3e-3 && !waiting.done, "{x} {waiting:?}");
+    for i in 101..=150 {
+        state.push_path_point(on_line(i as f32 * 0.01)).unwrap();
+    }
+    state.finish_path();
+    let (x, ended) = drive(&mut state, 1500);
+    assert!((x - 1.5).abs() < 1e-3 && ended.done, "{x} {ended:?}");
+    assert_eq!(ended.wish, None);
+    // Being pushed does not make it start again.
+    let pushed = task.follow(&mut state, Posture::new(1.3, 0.0, 0.0), &moving(0.0));
+    assert!(pushed.done && pushed.wish.is_none());
+}
+
+#[test]
+fn loop_begins_at_its_beginning() {
+    // A circle of 0.3 m radius: its last points are as near to the robot as its first ones.
+    let (task, mut state) = (task(), State::default());
+    let count = 189;
+    for i in 0..=count {
+        let turn = core::f32::consts::TAU * i as f32 / count as f32;
+        let s = 0.3 * turn;
+        let posture = Posture::ORIGIN.advance(s, turn);
+        let kappa = 1.0 / 0.3;
+        state
+            .push_path_point(PathPoint { posture, kappa, s })
+            .unwrap();
+    }
+    state.finish_path();
+    state.restart();
+    let behind = Posture::new(-0.002, 0.0, 0.0);
+    let step = task.follow(&mut state, behind, &moving(0.0));
+    assert!(!step.done && step.wish.unwrap().v > 0.1);
+}
+
+#[test]
+fn nothing_moves_without_points() {
+    let (task, mut state) = (task(), State::default());
+    state.restart();
+    let step = task.follow(&mut state, Posture::ORIGIN, &moving(0.1));
+    assert_eq!(step, Step::default());
+    let step = task.track(&mut state, 10_000, Posture::ORIGIN, &moving(0.1));
+    assert_eq!(step, Step::default());
+    // And time has not begun to run.
+    assert_eq!(state.start, None);
+}
+
+#[test]
+fn a_trajectory_given_again_goes_on_where_it_was_left() {
+    let (task, mut state) = (task(), State::default());
+    for i in 0..100 {
+        let time_s = i as f32 * 0.05;
+        let point = TrajectoryPoint {
+            time_s,
+            v: 0.1,
+            point: on_line(0.1 * time_s),
+        };
+        state.push_trajectory_point(point).unwrap();
+    }
+    state.restart();
+    let at = |state: &mut State, epoch: u64| {
+        let step = task.track(state, epoch, Posture::ORIGIN, &moving(0.1));
+        step.target.unwrap().x
+    };
+    at(&mut state, 1_000_000);
+    assert!((at(&mut state, 3_020_000) - 0.202).abs() < 1e-4);
+    state.restart();
+    // Points are 5 mm apart.
+    assert!((at(&mut state, 9_000_000) - 0.2).abs() < 1e-4);
+    assert!((at(&mut state, 9_100_000) - 0.21).abs() < 1e-4);
+}
+
+#[test]
+fn trajectory_begins_with_its_first_epoch_and_ends_at_rest() {
+    let (task, mut state) = (task(), State::default());
+    let mut pushed = 0;
+    let mut feed = |state: &mut State| {
+        // 0.1 m/s for 10 s; speed at the ends is of no concern here.
+        while pushed <= 200 && state.trajectory_room() > 0 {
+            let time_s = pushed as f32 * 0.05;
+            let point = TrajectoryPoint {
+                time_s,
+                v: if pushed < 200 { 0.1 } else { 0.0 },
+                point: on_line(0.1 * time_s),
+            };
+            state.push_trajectory_point(point).unwrap();
+            pushed += 1;
+        }
+        if pushed > 200 {
+            state.finish_trajectory();
+        }
+    };
+    feed(&mut state);
+    assert_eq!(state.trajectory_room(), 0);
+    state.restart();
+    let begin = 7_770_000;
+    let mut last = Step::default();
+    for epoch in 0..1100u64 {
+        feed(&mut state);
+        let now = begin + epoch * 10_000;
+        let x = (0.001 * epoch as f32).min(1.0);
+        let v = if epoch < 1000 { 0.1 } else { 0.0 };
+        last = task.track(&mut state, now, Posture::new(x, 0.0, 0.0), &moving(v));
+        // In the last interval the speed falls to zero at once.
+        let tolerance = if epoch < 995 { 2e-4 } else { 5e-3 };
+        assert!((last.target.unwrap().x - x).abs() < tolerance, "{epoch}");
+    }
+    assert!(last.done && last.wish.is_none());
+}

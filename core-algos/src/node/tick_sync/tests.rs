@@ -1,0 +1,166 @@
+use super::*;
+use crate::fusion::testing::Random;
+
+/// A board with a crystal of its own, in true time (µs, double precision).
+struct Board {
+    ticks: TickSync,
+    /// Local time is `offset + (1 + rate) t`.
+    offset: f64,
+    rate: f64,
+    /// True time of the next tick.
+    next: f64,
+    ran: Option<(Micros, f64)>,
+}
+
+impl Board {
+    fn new(ticks: TickSync, offset: f64, rate: f64, phase: f64) -> Self {
+        Self {
+            ticks,
+            offset,
+            rate,
+            next: phase,
+            ran: None,
+        }
+    }
+
+    fn local(&self, time: f64) -> Micros {
+        (self.offset + (1.0 + self.rate) * time) as Micros
+    }
+
+    /// One tick; the timer's period is trimmed by parts in 4200.
+    fn tick(&mut self) -> Step {
+        let step = self.ticks.step(self.local(self.next));
+        if let Step::Run(now) | Step::Restart(now) = step {
+            self.ran = Some((now, self.next));
+        }
+        let period = 1000.0 * (1.0 + f64::from(self.ticks.trim()) / 4200.0);
+        self.next += period / (1.0 + self.rate);
+        step
+    }
+}
+
+/// The front board's message, on the bus and off.
+fn exchange(front: &mut Board, rear: &mut Board, sent: &mut Option<Micros>, random: &mut Random) {
+    let Some((now, time)) = front.ran else {
+        return;
+    };
+    let Some(message) = front.ticks.sync(now, sent.take()) else {
+        return;
+    };
+    let end = time + 130.0 + 150.0 * random.uniform();
+    *sent = Some(front.local(end + 2.0 * random.uniform()));
+    let arrived = rear.local(end + 2.0 * random.uniform());
+    rear.ticks.receive(arrived, &message);
+}
+
+/// Runs both boards for some seconds of true time; counts of rear steps (wait, run, restart).
+fn run(front: &mut Board, rear: &mut Board, until: f64, talk: bool) -> [u32; 3] {
+    let (mut random, mut sent, mut counts) = (Random::new(8), None, [0; 3]);
+    while front.next < until || rear.next < until {
+        if front.next <= rear.next {
+            front.tick();
+            if talk {
+                exchange(front, rear, &mut sent, &mut random);
+            }
+        } else {
+            counts[match rear.tick() {
+                Step::Wait => 0,
+                Step::Run(_) => 1,
+                Step::Restart(_) => 2,
+            }] += 1;
+        }
+    }
+    counts
+}
+
+#[test]
+fn two_boards_run_the_same_milliseconds_at_the_same_time() {
+    for (rate, phase) in [(4e-5, 437.0), (-4e-5, 912.0)] {
+        let mut front = Board::new(TickSync::leading(), 350.0, 2e-5, 0.0);
+        let mut rear = Board::new(TickSync::following(), 7.7e6, rate, phase);
+        // The front board first brings its own ticks into step, 0.24 µs each.
+        run(&mut front, &mut rear, 20e6, true);
+        let (missed, restarts) = (rear.ticks.missed(), rear.ticks.restarts());
+        let mut worst = 0.0f64;
+        for second in 20..40 {
+            let counts = run(&mut front, &mut rear, f64::from(second) * 1e6 + 1e6, true);
+            assert_eq!([counts[0], counts[2]], [0, 0]);
+            let ((a, at), (b, bt)) = (front.ran.unwrap(), rear.ran.unwrap());
+            let apart = (at - bt) - (a as f64 - b as f64) / (1.0 + 2e-5);
+            worst = worst.max(apart.abs());
+        }
+        println!("ticks apart by at most {worst:.1} µs");
+        assert!(worst < 5.0, "{worst}");
+        assert_eq!(
+            (rear.ticks.missed(), rear.ticks.restarts()),
+            (missed, restarts)
+        );
+        assert!(front.ticks.restarts() == 0 && front.ticks.missed() == 0);
+    }
+}
+
+#[test]
+fn without_the_front_board_the_others_stop_running() {
+    let mut front = Board::new(TickSync::leading(), 0.0, 0.0, 0.0);
+    let mut rear = Board::new(TickSync::following(), 1e6, 3e-5, 200.0);
+    run(&mut front, &mut rear, 10e6, true);
+    assert!(rear.ticks.in_step());
+    let counts = run(&mut front, &mut rear, 12e6, false);
+    // The time is given up after a second.
+    assert!((950..=1050).contains(&counts[0]), "{counts:?}");
+    assert_eq!((counts[2], rear.ticks.in_step()), (0, false));
+}
+
+#[test]
+fn a_front_board_that_restarts_makes_the_others_begin_anew_once() {
+    let mut front = Board::new(TickSync::leading(), 0.0, 0.0, 0.0);
+    let mut rear = Board::new(TickSync::following(), 1e6, 3e-5, 200.0);
+    run(&mut front, &mut rear, 10e6, true);
+    let mut again = Board::new(TickSync::leading(), -10e6, 0.0, 10e6);
+    let counts = run(&mut again, &mut rear, 20e6, true);
+    assert_eq!(counts[2], 1, "{counts:?}");
+    let ((a, at), (b, bt)) = (again.ran.unwrap(), rear.ran.unwrap());
+    assert!((at - bt - (a as f64 - b as f64)).abs() < 5.0);
+}
+
+#[test]
+fn gaps_are_counted_and_long_ones_restart() {
+    let mut ticks = TickSync::leading();
+    assert_eq!(ticks.step(10_000), Step::Run(10_000));
+    assert_eq!(ticks.step(11_002), Step::Run(11_000));
+    assert_eq!(ticks.conditions(), Conditions::NONE);
+    assert_eq!(ticks.trim(), -1);
+    assert_eq!(ticks.step(13_998), Step::Run(14_000));
+    assert_eq!((ticks.trim(), ticks.missed()), (1, 2));
+    assert!(ticks.conditions().contains(Condition::TickLate));
+    assert_eq!(ticks.step(20_000), Step::Restart(20_000));
+    assert_eq!(
+        ticks.step(20_040),
+        Step::Restart(20_000),
+        "no millisecond runs twice"
+    );
+    let stepped = Conditions::only(Condition::ClockStepped);
+    assert_eq!(ticks.conditions(), stepped);
+    assert_eq!(ticks.step(21_450), Step::Wait);
+    assert_eq!(ticks.step(5_000), Step::Restart(5_000));
+    assert_eq!(ticks.restarts(), 3);
+}
+
+#[test]
+fn delays_are_those_of_the_epoch_before() {
+    let mut ticks = TickSync::leading();
+    let sync = |epoch, last_delay_us| {
+        Some(Message::TimeSync {
+            epoch,
+            last_delay_us,
+        })
+    };
+    assert_eq!(ticks.sync(10_000, None), sync(1, None));
+    assert_eq!(ticks.sync(11_000, None), None);
+    assert_eq!(ticks.sync(20_000, Some(10_130)), sync(2, Some(130)));
+    assert_eq!(ticks.sync(30_000, None), sync(3, None));
+    // An epoch was left out, a stamp is from before the epoch.
+    assert_eq!(ticks.sync(50_000, Some(30_100)), sync(5, None));
+    assert_eq!(ticks.sync(60_000, Some(49_000)), sync(6, None));
+    assert_eq!(TickSync::following().sync(10_000, None), None);
+}

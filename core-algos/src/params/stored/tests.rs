@@ -1,0 +1,155 @@
+use super::*;
+use crate::topology::Role;
+use proptest::prelude::*;
+
+fn check(settings: &Settings) -> Result<(), ConfigError> {
+    Role::ALL.iter().try_for_each(|&role| settings.check(role))
+}
+
+/// Writes what a save would.
+fn save(contents: &mut Contents, settings: &Settings, base: &Settings) -> usize {
+    let changes: Vec<(u8, Item)> = contents.changes(settings, base).collect();
+    for (key, item) in &changes {
+        contents.take(*key, &item.to_bytes());
+    }
+    if let Some(manifest) = contents.manifest() {
+        contents.take(MANIFEST_KEY, &manifest.to_bytes());
+    }
+    changes.len()
+}
+
+fn with(name: &str, value: f32) -> Settings {
+    let mut settings = Settings::default();
+    find(name).unwrap().set(&mut settings, value).unwrap();
+    settings
+}
+
+const RADIUS: &str = "robot.geometry.wheel_radius_m";
+
+#[test]
+fn what_is_saved_comes_back_and_only_changes_are_written() {
+    let base = Settings::default();
+    let mut contents = Contents::EMPTY;
+    assert_eq!(
+        contents.settle(&base, check).1.conditions(),
+        Conditions::NONE
+    );
+    assert_eq!(save(&mut contents, &base, &base), 0);
+    assert_eq!(contents, Contents::EMPTY);
+    let settings = with(RADIUS, 0.08);
+    assert_eq!(save(&mut contents, &settings, &base), 1);
+    assert_eq!(save(&mut contents, &settings, &base), 0);
+    let (loaded, report) = contents.settle(&base, check);
+    assert_eq!((loaded, report.stored()), (settings, 1));
+    assert_eq!(report.conditions(), Conditions::NONE);
+    // Back to the default is a value as every other.
+    assert_eq!(save(&mut contents, &base, &base), 1);
+    assert_eq!(contents.settle(&base, check).0, base);
+}
+
+#[test]
+fn what_is_lost_old_or_unusable_gives_defaults_and_a_notice() {
+    let base = Settings::default();
+    let mut contents = Contents::EMPTY;
+    save(&mut contents, &with(RADIUS, 0.08), &base);
+    let older = contents;
+    save(&mut contents, &with(RADIUS, 0.09), &base);
+    let notice = Conditions::only(Condition::ParameterDefault);
+    let place = TABLE.iter().position(|p| p.name == RADIUS).unwrap();
+    let judge = |contents: &Contents, source: Source| {
+        let (settings, report) = contents.settle(&base, check);
+        assert_eq!(
+            (settings, report.conditions()),
+            (base, notice),
+            "{source:?}"
+        );
+        assert_eq!(report.sources[place], source);
+        assert_eq!(report.first().map(|p| p.name), Some(RADIUS));
+    };
+    let mut gone = contents;
+    gone.items[place] = None;
+    judge(&gone, Source::Damaged);
+    let mut stale = contents;
+    stale.items[place] = older.items[place];
+    judge(&stale, Source::Damaged);
+    let mut other = contents;
+    other.items[place].as_mut().unwrap().version = 2;
+    judge(&other, Source::OtherVersion);
+    let mut beyond = contents;
+    beyond.items[place].as_mut().unwrap().value = f32::NAN;
+    judge(&beyond, Source::OutOfRange);
+    // Written, but the power failed before the manifest was: good, and not known to be all.
+    let mut newer = contents;
+    newer.manifest = older.manifest;
+    let mut unlisted = contents;
+    unlisted.manifest = None;
+    for contents in [newer, unlisted] {
+        let (settings, report) = contents.settle(&base, check);
+        assert_eq!(
+            (settings, report.conditions()),
+            (with(RADIUS, 0.09), notice)
+        );
+    }
+    // A save makes all of them good again.
+    for mut damaged in [gone, stale, other, beyond, newer, unlisted] {
+        let settings = damaged.settle(&base, check).0;
+        save(&mut damaged, &settings, &base);
+        let (again, report) = damaged.settle(&base, check);
+        assert_eq!((again, report.conditions()), (settings, Conditions::NONE));
+    }
+}
+
+#[test]
+fn values_that_contradict_each_other_are_not_used() {
+    let base = Settings::default();
+    let mut contents = Contents::EMPTY;
+    // Each in its range, and the stop is weaker than the acceleration.
+    let name = "robot.lead.governor.stop_deceleration_m_s2";
+    save(&mut contents, &with(name, 0.1), &base);
+    let (settings, report) = contents.settle(&base, check);
+    assert_eq!(settings, base);
+    assert_eq!(
+        report.unusable.map(|e| e.field),
+        Some("stop_deceleration_m_s2")
+    );
+    assert!(!report.conditions().is_empty());
+}
+
+#[test]
+fn the_longest_forms_have_their_stated_length() {
+    assert_eq!(ITEM_BYTES, 1 + 4 + 4);
+    assert_eq!(following(254), 255);
+    assert_eq!(following(255), 257);
+    assert_eq!(following(u32::MAX), 1);
+}
+
+properties! {
+    #[test]
+    fn bytes_come_back_and_no_bytes_do_harm(
+        version: u8, generation: u32, bits: u32, junk in prop::collection::vec(any::<u8>(), 0..120), key: u8,
+    ) {
+        let item = Item { version, generation, value: f32::from_bits(bits) };
+        let back = Item::from_bytes(&item.to_bytes()).unwrap();
+        prop_assert_eq!(back.to_bytes(), item.to_bytes());
+        let mut contents = Contents::EMPTY;
+        contents.take(key % 100, &junk);
+        contents.take(key % 100, &item.to_bytes());
+        let base = Settings::default();
+        let (settings, _) = contents.settle(&base, |_| Ok(()));
+        for parameter in &TABLE {
+            prop_assert!(parameter.validate(parameter.get(&settings)).is_ok());
+        }
+    }
+
+    /// Copies may be found in any order.
+    #[test]
+    fn the_newest_copy_counts(order in Just(vec![1u32, 2, 3, 4, 5]).prop_shuffle()) {
+        let mut contents = Contents::EMPTY;
+        for generation in order {
+            let value = 0.01 * generation as f32;
+            contents.take(1, &Item { version: 1, generation, value }.to_bytes());
+        }
+        let (settings, _) = contents.settle(&Settings::default(), |_| Ok(()));
+        prop_assert_eq!(settings.robot.geometry.wheel_radius_m, 0.01 * 5.0f32);
+    }
+}
