@@ -185,7 +185,12 @@ fn one_seed_gives_the_same_bytes_on_any_number_of_threads() {
         .find(|(name, _)| name == "result.json")
         .unwrap();
     let result: Value = serde_json::from_slice(&result.1).unwrap();
-    assert_eq!(result["seed"], 5);
+    assert_eq!(result["run"]["seed"], 5);
+    assert_eq!(
+        result["run"]["command"],
+        "cfmmr posture --trials 2 --rows pair --seed 5"
+    );
+    assert_eq!(result["run"]["scenario"]["world"], "careful");
     assert_eq!(result["trials"], 2);
     assert_eq!(result["rows"][1]["fusion"], "joint");
     assert!(result["rows"][1]["e_m"]["mean"].as_f64().unwrap() < 0.05);

@@ -18,7 +18,7 @@ fn report() -> Report {
         set: Vec::new(),
         seed: 21,
         out: None,
-        json: None,
+        json: Default::default(),
         threads: None,
     };
     let context = Context::new(&common, "consistency").unwrap();

@@ -1,7 +1,7 @@
 //! The whole loop on the plant: nodes, bus, sensors and the frame.
 
 use host_sim::base::statistics::mean;
-use host_sim::experiments::posture::Variant;
+use host_sim::experiments::posture::{Trial, Variant, paper, summarize};
 use host_sim::run::final_error::FinalError;
 use host_sim::run::regulate::{Outcome, regulate};
 use host_sim::scenario::Scenario;
@@ -82,6 +82,34 @@ fn every_variant_stops_by_itself() {
             let [dx, dy, _]: [f64; 3] =
                 std::array::from_fn(|i| outcome.estimate[i] - scenario.mission.goal[i]);
             assert!(dx.hypot(dy) < 0.05, "{}: {outcome:?}", variant.label());
+        }
+    }
+}
+
+/// Table 1 of the paper, taken as of six runs: signs of the means, means within three standard errors,
+/// standard deviations within a factor of 2.5.
+#[test]
+fn the_papers_robot_has_the_figures_of_table_1() {
+    let scenarios = paper::scenarios().unwrap();
+    for ((scenario, variant), measured) in scenarios.iter().zip(paper::ROWS).zip(paper::TABLE_1) {
+        let trials: Vec<Trial> = (0..60)
+            .map(|trial| Trial {
+                outcome: regulate(scenario, 7071, trial, |_| {}).unwrap(),
+                ..Trial::default()
+            })
+            .collect();
+        let simulated = paper::figures(&summarize(&variant, &trials, scenario.mission.goal));
+        for ([mean, sd], [expected, spread]) in simulated.into_iter().zip(measured) {
+            let label = format!(
+                "{}: {mean} ±{sd}, measured {expected} ±{spread}",
+                variant.label()
+            );
+            assert!(mean * expected > 0.0, "{label}");
+            assert!(
+                (mean - expected).abs() < 3.0 * spread / 6f64.sqrt(),
+                "{label}"
+            );
+            assert!(sd < 2.5 * spread && sd > spread / 2.5, "{label}");
         }
     }
 }

@@ -44,7 +44,7 @@ fn kinematic_starts_all_come_home_within_the_bound() {
     for kappa_max in [1.5, 2.5, 3.3] {
         let sweep = sweep(SweepModel::Kinematic, kappa_max);
         let starts = run(&sweep, 150);
-        let report = Report::of(&starts, &sweep, 5);
+        let report = Report::of(&starts, &sweep);
         check(&report);
         assert!(starts.iter().filter(|start| start.e_m >= 3e-3).count() <= 7);
         // No path of the bound is shorter than the shortest, but for the last millimetres.
@@ -112,7 +112,7 @@ fn both_strategies_bring_the_papers_start_home() {
 fn starts_of_the_whole_robot_come_home_within_the_bound() {
     for kappa_max in [1.5, 3.3] {
         let sweep = sweep(SweepModel::Plant, kappa_max);
-        let report = Report::of(&run(&sweep, 6), &sweep, 5);
+        let report = Report::of(&run(&sweep, 6), &sweep);
         check(&report);
         assert!(
             (0.99..1.2).contains(&report.length_ratio.mean),

@@ -90,7 +90,10 @@ class Report:
             self.add(name, [pair for row in rows for pair in row.items()])
 
     def json(self, name, path, without=()):
-        pairs = leaves(json.loads(Path(path).read_text()))
+        result = json.loads(Path(path).read_text())
+        # Version, build and commit differ.
+        result.pop("run", None)
+        pairs = leaves(result)
         self.add(name, [(at, value) for at, value in pairs if at.split(".")[-1] not in without])
 
     def log(self, name, path):
@@ -116,7 +119,7 @@ def run(*arguments):
 
 def posture(report, out, trials):
     for world in WORLDS:
-        run("posture", "--world", world, "--trials", trials, "--out", out / world, "--json", out / f"{world}.json")
+        run("posture", "--world", world, "--rows", "all", "--trials", trials, "--out", out / world, "--json", out / f"{world}.json")
         report.table(f"posture {world}, trials", out / world / "trials.csv")
         report.json(f"posture {world}, summary", out / f"{world}.json")
 

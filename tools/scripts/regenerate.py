@@ -86,6 +86,14 @@ HELPERS = {"pick": pick, "spread": spread, "rms": rms, "thousands": thousands, "
            "degrees": math.degrees}
 
 
+def without_run(text):
+    """A result without the description of its run: version, build and commit differ."""
+    result = json.loads(text)
+    if isinstance(result, dict):
+        result.pop("run", None)
+    return json.dumps(result, indent=2)
+
+
 @contextlib.contextmanager
 def output_of(commands, volatile):
     with tempfile.TemporaryDirectory(prefix="regenerate-") as folder:
@@ -121,7 +129,7 @@ class Output:
 
     def raw(self, pictures, page):
         """All that must not change unnoticed."""
-        texts = [file.read_text() for file in self.files]
+        texts = [without_run(file.read_text()) for file in self.files]
         if page or not texts:
             texts.append(self.stdout)
         for pattern in self.volatile:

@@ -9,8 +9,8 @@ pub enum Error {
     Input(String),
     /// Something else failed (a file could not be written, a thread pool not started).
     Failure(String),
-    /// The user ended the command.
-    Quit(String),
+    /// The user ended the run; the results are those of what was done.
+    Interrupted(String),
 }
 
 impl Error {
@@ -24,7 +24,7 @@ impl Error {
         match self {
             Self::Input(_) => 2,
             Self::Failure(_) => 1,
-            Self::Quit(_) => 0,
+            Self::Interrupted(_) => 130,
         }
     }
 }
@@ -32,7 +32,7 @@ impl Error {
 impl fmt::Display for Error {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Input(text) | Self::Failure(text) | Self::Quit(text) => f.write_str(text),
+            Self::Input(text) | Self::Failure(text) | Self::Interrupted(text) => f.write_str(text),
         }
     }
 }

@@ -11,4 +11,5 @@ pub mod spelling;
 pub mod statistics;
 pub mod stopwatch;
 pub mod table;
+pub mod terminal;
 pub mod toml_file;

@@ -1,4 +1,4 @@
-//! What to type instead of a scenario that was refused.
+//! Spelling suggestions for names and keys.
 
 use crate::base::error::Error;
 use std::path::Path;
@@ -7,7 +7,39 @@ use toml::{Table, Value};
 /// Likeness, from 0 to 1, from which on a name is offered in place of another.
 const ALIKE: f64 = 0.75;
 
-/// Adds to an error about a scenario what would have been right; `defaults` is a whole scenario.
+/// The known name that is most like a word, if one is like it.
+pub fn nearest<'a>(word: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+    let likeness = |name: &str| strsim::normalized_damerau_levenshtein(word, name);
+    let pairs = known.into_iter().map(|name| (likeness(name), name));
+    let alike = pairs.filter(|(like, _)| (ALIKE..1.0).contains(like));
+    alike
+        .max_by(|a, b| a.0.total_cmp(&b.0))
+        .map(|(_, name)| name)
+}
+
+/// `; did you mean NAME?` for a word that is like a known name, else nothing.
+pub fn hint<'a>(word: &str, known: impl IntoIterator<Item = &'a str>) -> String {
+    let meant = nearest(word, known);
+    meant.map_or_else(String::new, |name| format!("; did you mean {name}?"))
+}
+
+/// Adds a suggestion to the error of a TOML file whose unknown key is like one of its table.
+pub fn with_sibling(text: String) -> String {
+    let Some((key, known)) = text
+        .split_once("unknown field `")
+        .and_then(|(_, rest)| rest.split_once('`'))
+    else {
+        return text;
+    };
+    // After the key stand the allowed ones, each between backticks.
+    let meant = nearest(key, known.split('`').skip(1).step_by(2));
+    match meant {
+        Some(name) => format!("{}\ndid you mean {name}?\n", text.trim_end()),
+        None => text,
+    }
+}
+
+/// Adds a suggestion to an error about a scenario; `defaults` is a whole scenario.
 pub fn on_scenario(error: Error, file: Option<&Path>, defaults: &Table) -> Error {
     let Error::Input(text) = error else {
         return error;
@@ -22,8 +54,14 @@ pub fn on_scenario(error: Error, file: Option<&Path>, defaults: &Table) -> Error
         ));
     }
     let mut text = in_plain_words(&text);
-    if let Some(key) = unknown(&text) {
-        let meant = closest(&key, defaults).map(|path| format!("did you mean {path}? "));
+    if let Some(key) = unknown(&text)
+        && !text.contains("did you mean")
+    {
+        let meant = closest(&key, defaults).map(|path| match path == key {
+            // A table of a scenario, given in another file.
+            true => format!("{key} belongs into a scenario file. "),
+            false => format!("did you mean {path}? "),
+        });
         text = format!(
             "{}\n{}`cfmmr config` prints all keys with their defaults",
             text.trim_end(),

@@ -28,6 +28,27 @@ impl Summary {
     }
 }
 
+impl Summary {
+    /// Summary of angles, rad: circular mean and standard deviation √(−2 ln R) (Mardia and Jupp,
+    /// Directional Statistics, 2000, section 2.3).
+    pub fn of_angles(values: &[f64]) -> Self {
+        let n = values.len() as f64;
+        let sin = sum(values.iter().map(|angle| angle.sin())) / n;
+        let cos = sum(values.iter().map(|angle| angle.cos())) / n;
+        let spread = (-2.0 * sin.hypot(cos).min(1.0).ln()).sqrt();
+        Self {
+            mean: sin.atan2(cos),
+            // As with n − 1 in the denominator, to which it comes for small angles.
+            sd: if values.len() < 2 {
+                f64::NAN
+            } else {
+                spread * (n / (n - 1.0)).sqrt()
+            },
+            mean_abs: mean_abs(values),
+        }
+    }
+}
+
 /// Sum with the rounding errors carried along (Neumaier): exact to the last bit or so for any
 /// order of magnitude among the terms.
 pub fn sum(values: impl IntoIterator<Item = f64>) -> f64 {

@@ -1,5 +1,6 @@
-//! Plain text tables with aligned columns.
+//! Plain text tables with aligned columns, no wider than the terminal.
 
+use crate::base::terminal;
 use std::fmt;
 
 /// A table: the first column stands left, all others right unless all stand left.
@@ -26,6 +27,22 @@ impl Table {
         Self { left: true, ..self }
     }
 
+    /// The same with rows and columns exchanged: for few rows of many columns.
+    #[must_use]
+    pub fn transposed(self) -> Self {
+        let rows = [vec![self.header], self.rows].concat();
+        let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
+        let column = |n: usize| {
+            rows.iter()
+                .map(move |row| row.get(n).cloned().unwrap_or_default())
+        };
+        let mut table = Self::new(column(0));
+        for n in 1..columns {
+            table.row(column(n));
+        }
+        table
+    }
+
     /// Adds a row: cells beyond the header get a column without a name, missing ones stay empty.
     pub fn row<S: Into<String>>(&mut self, cells: impl IntoIterator<Item = S>) -> &mut Self {
         self.rows.push(cells.into_iter().map(Into::into).collect());
@@ -38,34 +55,67 @@ impl Table {
         self
     }
 
-    fn widths(&self) -> Vec<usize> {
-        let mut widths = Vec::new();
+    /// Widths of the columns. Where the table is wider than `limit`, the widest columns get narrower,
+    /// but no narrower than their longest word.
+    fn widths(&self, limit: usize) -> Vec<usize> {
+        let (mut widths, mut least) = (Vec::new(), Vec::new());
         for row in self.rows.iter().chain([&self.header]) {
             widths.resize(widths.len().max(row.len()), 0);
-            for (width, cell) in widths.iter_mut().zip(row) {
-                *width = (*width).max(cell.chars().count());
+            least.resize(widths.len(), 0);
+            for (column, cell) in row.iter().enumerate() {
+                let words = cell.split(' ').map(|word| word.chars().count());
+                widths[column] = cell.chars().count().max(widths[column]);
+                least[column] = words.max().unwrap_or(0).max(least[column]);
             }
+        }
+        while widths.iter().sum::<usize>() + 2 * widths.len().saturating_sub(1) > limit {
+            let columns = (0..widths.len()).filter(|&column| widths[column] > least[column]);
+            let Some(widest) = columns.max_by_key(|&column| widths[column]) else {
+                break;
+            };
+            widths[widest] -= 1;
         }
         widths
     }
 }
 
+/// Lines of a cell that is `width` characters wide.
+fn lines(cell: &str, width: usize) -> Vec<String> {
+    let mut lines = vec![String::new()];
+    for word in cell.split(' ') {
+        let line = lines.last_mut().expect("at least one line");
+        if !line.is_empty() && line.chars().count() + 1 + word.chars().count() > width {
+            lines.push(word.to_owned());
+        } else {
+            *line += if line.is_empty() { "" } else { " " };
+            *line += word;
+        }
+    }
+    lines
+}
+
 impl fmt::Display for Table {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let widths = self.widths();
+        let widths = self.widths(terminal::width());
         let total = widths.iter().sum::<usize>() + 2 * widths.len().saturating_sub(1);
         let rule = "─".repeat(total);
         let line = |f: &mut fmt::Formatter<'_>, row: &[String]| {
-            let mut text = String::new();
-            for (column, (cell, &width)) in row.iter().zip(&widths).enumerate() {
-                let gap = if column == 0 { "" } else { "  " };
-                text += &if column == 0 || self.left {
-                    format!("{gap}{cell:<width$}")
-                } else {
-                    format!("{gap}{cell:>width$}")
-                };
+            let cells = row.iter().zip(&widths);
+            let cells: Vec<_> = cells.map(|(cell, &width)| lines(cell, width)).collect();
+            for n in 0..cells.iter().map(Vec::len).max().unwrap_or(0) {
+                let mut text = String::new();
+                for (column, (cell, &width)) in cells.iter().zip(&widths).enumerate() {
+                    let cell = cell.get(n).map_or("", String::as_str);
+                    let gap = if column == 0 { "" } else { "  " };
+                    text += &if column == 0 || self.left {
+                        format!("{gap}{cell:<width$}")
+                    } else {
+                        format!("{gap}{cell:>width$}")
+                    };
+                }
+                writeln!(f, "{}", text.trim_end())?;
             }
-            writeln!(f, "{}", text.trim_end())
+            Ok(())
         };
         line(f, &self.header)?;
         writeln!(f, "{rule}")?;
@@ -91,6 +141,22 @@ pub fn plus_minus(mean: f64, spread: f64, digits: usize) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn table_wider_than_its_limit_wraps_between_words() {
+        let mut table = Table::new(["name", "text"]).left_aligned();
+        table.row(["a", &"word ".repeat(40)]);
+        let widths = table.widths(80);
+        assert_eq!(widths.iter().sum::<usize>() + 2, 80);
+        let longest = table
+            .to_string()
+            .lines()
+            .map(|line| line.chars().count())
+            .max();
+        assert_eq!(longest, Some(80));
+        assert_eq!(table.to_string().matches("word").count(), 40);
+        assert_eq!(table.widths(5), [4, 4], "no narrower than a word");
+    }
 
     #[test]
     fn columns_align_by_characters_not_bytes() {

@@ -4,6 +4,7 @@
 //! of the part: the text is laid over the defaults.
 
 use crate::base::error::Error;
+use crate::base::spelling;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::path::Path;
@@ -52,7 +53,8 @@ where
     lay_over(&mut table, given);
     let built: T = serde_path_to_error::deserialize(Value::Table(table)).map_err(|error| {
         let path = error.path().to_string();
-        Error::input(format!("{name}: {path}: {}", error.into_inner().message()))
+        let text = format!("{name}: {path}: {}", error.into_inner().message());
+        Error::input(spelling::with_sibling(text))
     })?;
     // As it is stored: a number may be finite in the text and too large for its field.
     let stored = Value::try_from(&built).map_err(|error| Error::Failure(error.to_string()))?;
@@ -67,7 +69,7 @@ where
 /// Why TOML text is refused, with the line.
 pub fn refusal(name: &str, text: &str, error: &toml::de::Error) -> Error {
     if error.span().is_some() {
-        return Error::input(format!("{name}: {error}"));
+        return Error::input(spelling::with_sibling(format!("{name}: {error}")));
     }
     // Nesting beyond what the parser bears has no place in its error: the line is the first with
     // which the text is refused so. Each is tried, so of a long text it is not told.

@@ -1,6 +1,7 @@
 //! `cfmmr codes`: the table of conditions and of operating states, as Markdown.
 
 use crate::base::error::Error;
+use crate::base::terminal;
 use core_algos::safety::condition::TABLE;
 use core_algos::safety::{Cause, Class, OperatingState, Request, transition};
 use std::fmt::Write;
@@ -77,7 +78,7 @@ fn causes() -> Vec<(&'static str, Cause)> {
 
 /// Prints the page.
 pub fn run() -> Result<(), Error> {
-    crate::experiments::print(&markdown())
+    terminal::print_page(&markdown())
 }
 
 #[cfg(test)]

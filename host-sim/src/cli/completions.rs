@@ -1,6 +1,7 @@
 //! `cfmmr completions`: what a shell needs to complete the command line.
 
 use crate::base::error::Error;
+use crate::base::terminal;
 use crate::cli;
 use clap::Args;
 
@@ -16,5 +17,5 @@ pub struct CompletionsArgs {
 pub fn run(args: &CompletionsArgs) -> Result<(), Error> {
     let mut script = Vec::new();
     clap_complete::generate(args.shell, &mut cli::command(), "cfmmr", &mut script);
-    crate::experiments::print(&String::from_utf8_lossy(&script))
+    terminal::print(&String::from_utf8_lossy(&script))
 }

@@ -1,6 +1,7 @@
 //! `cfmmr config`: the scenario with all defaults.
 
 use crate::base::error::Error;
+use crate::base::terminal;
 use crate::experiments::arguments::WorldChoice;
 use clap::Args;
 use std::path::PathBuf;
@@ -26,5 +27,5 @@ pub fn run(args: &ConfigArgs) -> Result<(), Error> {
         args.scenario.as_deref(),
         &args.set,
     )?;
-    crate::experiments::print(&scenario.to_toml()?)
+    terminal::print(&scenario.to_toml()?)
 }

@@ -2,6 +2,7 @@
 
 use crate::base::error::Error;
 use crate::base::output;
+use crate::base::terminal;
 use crate::bus::dbc;
 use clap::Args;
 use std::path::PathBuf;
@@ -20,13 +21,13 @@ pub struct DbcArgs {
 /// Prints the description or the load, or writes the description to a file.
 pub fn run(args: &DbcArgs) -> Result<(), Error> {
     if args.load {
-        return crate::experiments::print(&dbc::load());
+        return terminal::print(&dbc::load());
     }
     match &args.out {
         Some(path) => {
             output::write_file(path, dbc::description())?;
-            crate::experiments::print(&format!("wrote {}\n", path.display()))
+            terminal::print(&format!("wrote {}\n", path.display()))
         }
-        None => crate::experiments::print(&dbc::description()),
+        None => terminal::print(&dbc::description()),
     }
 }

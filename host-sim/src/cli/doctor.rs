@@ -2,8 +2,8 @@
 //! do about what is not.
 
 use crate::base::error::Error;
-use crate::base::output;
 use crate::base::table::Table;
+use crate::experiments::result::{JsonArgs, Provenance};
 use crate::targets::emulated::{self, OLDEST_QEMU, QemuFault};
 use crate::targets::images::TARGET;
 use clap::Args;
@@ -22,9 +22,9 @@ pub struct DoctorArgs {
     /// The emulator
     #[arg(long, value_name = "PROGRAM", default_value = "qemu-system-arm")]
     pub qemu: String,
-    /// Also write the result as JSON to this file
-    #[arg(long, value_name = "FILE")]
-    pub json: Option<PathBuf>,
+    /// Destination of the result as JSON.
+    #[command(flatten)]
+    pub json: JsonArgs,
 }
 
 /// Time in which a program tells its version. The first call may have to fetch a toolchain.
@@ -139,14 +139,12 @@ pub fn run(args: &DoctorArgs) -> Result<(), Error> {
         ok: failed.is_empty(),
         checks: checks.clone(),
     };
-    if let Some(path) = &args.json {
-        output::write_file(path, output::json(&report))?;
-    }
-    crate::experiments::print(&table(&checks))?;
+    args.json.write(&Provenance::default(), &report)?;
+    args.json.print(&table(&checks))?;
     match names.as_slice() {
-        [] => crate::experiments::print(
-            "\nall that simulation and hardware in the loop need is here\n",
-        ),
+        [] => args
+            .json
+            .print("\nall that simulation and hardware in the loop need is here\n"),
         names => Err(Error::Failure(format!(
             "simulation or hardware in the loop need what is not here: {}",
             names.join(", ")
@@ -155,16 +153,21 @@ pub fn run(args: &DoctorArgs) -> Result<(), Error> {
 }
 
 fn table(checks: &[Check]) -> String {
-    let mut table = Table::new(["", "state", "found", "what to do"]).left_aligned();
+    let mut table = Table::new(["", "state", "found"]).left_aligned();
+    // Not in the table: a command that is wrapped cannot be copied.
+    let mut remedies = String::new();
     for check in checks {
         let optional = match (check.needed, check.finding) {
             (false, finding) if finding != Finding::Ok => " (optional)",
             _ => "",
         };
         let state = format!("{}{optional}", check.finding.text());
-        table.row([check.name, &state, &check.found, &check.remedy]);
+        table.row([check.name, &state, &check.found]);
+        if !check.remedy.is_empty() {
+            remedies += &format!("\n{}: {}", check.name, check.remedy);
+        }
     }
-    table.to_string()
+    format!("{table}{remedies}\n")
 }
 
 /// The folder whose files say which toolchain is used, if it is where it was at the build.

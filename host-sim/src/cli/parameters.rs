@@ -1,6 +1,7 @@
 //! `cfmmr parameters`: the table of what a board keeps in its flash, as Markdown.
 
 use crate::base::error::Error;
+use crate::base::terminal;
 use core_algos::params::TABLE;
 use std::fmt::Write;
 
@@ -37,7 +38,7 @@ pub fn markdown() -> String {
 
 /// Prints the page.
 pub fn run() -> Result<(), Error> {
-    crate::experiments::print(&markdown())
+    terminal::print_page(&markdown())
 }
 
 #[cfg(test)]

@@ -2,12 +2,13 @@
 //! compare its tables and numbers with the protocol.
 
 use crate::base::error::Error;
+use crate::base::terminal;
 
 const PAGE: &str = include_str!("../../../docs/serial.md");
 
 /// Prints the page.
 pub fn run() -> Result<(), Error> {
-    crate::experiments::print(PAGE)
+    terminal::print_page(PAGE)
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! `cfmmr topics`: what a log holds, as Markdown.
 
 use crate::base::error::Error;
+use crate::base::terminal;
 use crate::recording::topics::{Schema, TOPICS};
 use std::fmt::Write;
 
@@ -47,5 +48,5 @@ fn fields(schema: &Schema) -> String {
 
 /// Prints the page.
 pub fn run() -> Result<(), Error> {
-    crate::experiments::print(&markdown())
+    terminal::print_page(&markdown())
 }

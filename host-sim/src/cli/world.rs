@@ -2,6 +2,7 @@
 
 use crate::base::error::Error;
 use crate::base::table::Table;
+use crate::base::terminal;
 use crate::world::{self, Figure, NAMES};
 use clap::Args;
 use serde::Serialize;
@@ -29,11 +30,11 @@ struct Printed<'a> {
 /// Prints a world, or the names of those that are built in.
 pub fn run(args: &WorldArgs) -> Result<(), Error> {
     let Some(name) = &args.name else {
-        return crate::experiments::print(&(NAMES.join("\n") + "\n"));
+        return terminal::print(&(NAMES.join("\n") + "\n"));
     };
     if args.toml {
         world::World::load(name)?;
-        return crate::experiments::print(&world::text(name)?);
+        return terminal::print(&world::text(name)?);
     }
     let figures = world::figures(name)?;
     if args.json {
@@ -42,9 +43,7 @@ pub fn run(args: &WorldArgs) -> Result<(), Error> {
             figures,
         };
         let json = serde_json::to_string_pretty(&printed);
-        return crate::experiments::print(
-            &(json.map_err(|error| Error::Failure(error.to_string()))? + "\n"),
-        );
+        return terminal::print(&(json.map_err(|error| Error::Failure(error.to_string()))? + "\n"));
     }
     let mut table = Table::new(["figure", "value", "unit", "reason"]).left_aligned();
     for (k, figure) in figures.iter().enumerate() {
@@ -58,7 +57,7 @@ pub fn run(args: &WorldArgs) -> Result<(), Error> {
             figure.reason.clone(),
         ]);
     }
-    crate::experiments::print(&format!(
+    terminal::print(&format!(
         "World {name}; σ: standard deviation, drawn a trial. Below the line: base values.\n\n{table}"
     ))
 }

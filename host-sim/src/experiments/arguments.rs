@@ -1,6 +1,7 @@
 //! Arguments that several experiments take.
 
 use crate::base::numbers::whole;
+use crate::experiments::result::JsonArgs;
 use clap::{Args, ValueEnum};
 use core_algos::topology::Role;
 use std::path::PathBuf;
@@ -33,9 +34,9 @@ pub struct Common {
     /// Directory for pictures, tables and logs [default: out/COMMAND]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Also write the result as JSON to this file
-    #[arg(long, value_name = "FILE")]
-    pub json: Option<PathBuf>,
+    /// Destination of the result as JSON.
+    #[command(flatten)]
+    pub json: JsonArgs,
     /// Number of threads; the result does not depend on it [default: one per core]
     #[arg(long, value_name = "N", value_parser = whole::<u16>(1..=1024))]
     pub threads: Option<u16>,

@@ -291,8 +291,6 @@ pub struct Row {
 /// The result of the command.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Report {
-    /// Seed.
-    pub seed: u64,
     /// Runs of each configuration.
     pub runs: u32,
     /// Degrees of freedom of a posture.
@@ -326,15 +324,23 @@ pub fn measure(context: &Context, variants: &[Variant], runs: u32) -> Result<Rep
         let duration_s = observer.epochs as f64 * 0.01;
         Ok((observer.run, duration_s))
     })?;
+    let mut results = results.into_iter();
+    let blocks: Vec<Vec<_>> = variants
+        .iter()
+        .map(|_| results.by_ref().take(count).flatten().collect())
+        .collect();
+    if blocks.iter().any(Vec::is_empty) {
+        let text = "interrupted before each row had a run: nothing is written";
+        return Err(Error::Interrupted(text.to_owned()));
+    }
     let band = mean_square_band(DEGREES, count, PROBABILITY);
     let quantile = chi_square_quantile(PROBABILITY, DEGREES as f64);
     let rows = variants
         .iter()
-        .zip(results.chunks(count))
+        .zip(&blocks)
         .map(|(variant, block)| summarize(variant, block, band, quantile))
         .collect();
     Ok(Report {
-        seed: context.seed,
         runs,
         degrees: DEGREES,
         probability: PROBABILITY,
@@ -405,7 +411,7 @@ pub fn run(args: &ConsistencyArgs) -> Result<(), Error> {
     files.text("consistency.svg", figure.svg());
     files.bytes("consistency.png", figure.png());
     files.csv("consistency.csv", csv(&report));
-    context.finish(&text, &report, files)
+    context.finish(&text, &report, files, &[], None)
 }
 
 fn csv(report: &Report) -> Csv {

@@ -3,6 +3,7 @@
 use crate::base::error::Error;
 use crate::base::numbers::{number, whole};
 use crate::base::output::{Cell, Csv, OutputDir};
+use crate::base::spelling;
 use crate::base::table::Table;
 use crate::experiments::Context;
 use crate::experiments::arguments::{Common, parse_posture};
@@ -101,8 +102,6 @@ impl From<Errors> for ErrorReport {
 /// The result of the commands.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Report {
-    /// Seed.
-    pub seed: u64,
     /// The path as given.
     pub path: String,
     /// Its length over all laps, m.
@@ -149,9 +148,10 @@ fn path_of(args: &FollowArgs) -> Result<Path, Error> {
                 ));
             }
             let text = File::open(file).map_err(|error| {
+                let hint = spelling::hint(file, ["line", "circle", "figure-eight"]);
                 Error::input(format!(
                     "--path {file}: {error}: must be line, circle, figure-eight, or a CSV file with \
-                     the columns x,y in metres"
+                     the columns x,y in metres{hint}"
                 ))
             })?;
             return Path::from_csv(text).map_err(|error| Error::input(format!("{file}: {error}")));
@@ -180,32 +180,24 @@ pub fn run(args: &FollowArgs, manner: Manner) -> Result<(), Error> {
         trial: 0,
         scenario,
     };
-    let recorder = Recorder::begin(&args.log, &about, route.goal(), &route.postures())?;
-    let mut results = context.run("runs", 1, |_| {
-        let mut kept = Kept::new(route);
-        let mut simulation = recorder.simulation()?;
-        let see = |moment: &Moment| kept.see(moment);
-        let outcome = path_run::drive_on(&mut simulation, scenario, route, manner, see)?;
-        let why = || {
-            simulation
-                .failure()
-                .unwrap_or("its time was over".to_owned())
-        };
-        let why = (!outcome.done).then(why);
-        Ok((outcome, kept, why))
-    })?;
+    let recorder = Recorder::begin(
+        &args.log,
+        &about,
+        route.goal(),
+        &route.postures(),
+        context.interrupt(),
+    )?;
+    let mut kept = Kept::new(route);
+    let mut simulation = recorder.simulation()?;
+    let see = |moment: &Moment| kept.see(moment);
+    let outcome = path_run::drive_on(&mut simulation, scenario, route, manner, see)?;
+    let failure = simulation.failure();
+    let why = (!outcome.done).then(|| failure.unwrap_or("time limit".to_owned()));
+    drop(simulation);
     let recorded = recorder.close()?;
-    let Some((outcome, kept, why)) = results.pop() else {
-        return Err(Error::Failure("no run".to_owned()));
-    };
     let (text, report, files) = publish(&context, &course, manner, (&outcome, &why), &kept)?;
-    context.finish_with(&text, &report, files, recorded)?;
-    match why {
-        None => Ok(()),
-        Some(why) => Err(Error::Failure(format!(
-            "the robot did not come to rest at the end of the path: {why}"
-        ))),
-    }
+    let failed = why.map(|why| format!("not at rest at the end of the path: {why}"));
+    context.finish(&text, &report, files, &recorded, failed)
 }
 
 /// A path and how it is to be driven.
@@ -318,7 +310,6 @@ pub fn publish(
     let mut files = context.output()?;
     let variant = Variant::of(scenario);
     let report = Report {
-        seed: context.seed,
         path: course.name.clone(),
         length_m: route.path().length(),
         speed_m_s: (course.speed_m_s * 1e6).round() / 1e6,

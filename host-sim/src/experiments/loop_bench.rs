@@ -3,10 +3,10 @@
 
 use crate::base::error::Error;
 use crate::base::numbers::whole;
-use crate::base::output;
 use crate::base::stopwatch::{self, Speed};
 use crate::base::table::Table;
 use crate::experiments::arguments::WorldChoice;
+use crate::experiments::result::{JsonArgs, Provenance};
 use crate::recording::{About, Session, csv};
 use crate::run::regulate::{regulate, regulate_on};
 use crate::run::robot::Record;
@@ -15,7 +15,6 @@ use crate::scenario::Scenario;
 use crate::targets;
 use clap::Args;
 use serde::Serialize;
-use std::path::PathBuf;
 
 /// Arguments of `loop-bench`.
 #[derive(Clone, Debug, Args)]
@@ -26,9 +25,9 @@ pub struct LoopBenchArgs {
     /// Number of runs; the median is reported
     #[arg(long, default_value_t = 7, value_parser = whole::<u32>(1..=1000))]
     pub repeats: u32,
-    /// Also write the result as JSON to this file
-    #[arg(long, value_name = "FILE")]
-    pub json: Option<PathBuf>,
+    /// Destination of the result as JSON.
+    #[command(flatten)]
+    pub json: JsonArgs,
 }
 
 /// Result of the bench.
@@ -113,11 +112,9 @@ pub fn measure(scenario: &Scenario, seed: u64, repeats: usize) -> Result<Report,
 
 /// `cfmmr loop-bench`.
 pub fn run(args: &LoopBenchArgs) -> Result<(), Error> {
-    let report = measure(
-        &Scenario::in_world(args.choice.world.as_deref())?,
-        1,
-        args.repeats as usize,
-    )?;
+    args.json.check()?;
+    let scenario = Scenario::in_world(args.choice.world.as_deref())?;
+    let report = measure(&scenario, 1, args.repeats as usize)?;
     let mut table = Table::new([
         "closed loop",
         "real-time factor",
@@ -138,10 +135,8 @@ pub fn run(args: &LoopBenchArgs) -> Result<(), Error> {
             format!("{:.0}", row.log_bytes as f64 * 1e-3),
         ]);
     }
-    if let Some(path) = &args.json {
-        output::write_file(path, output::json(&report))?;
-    }
-    crate::experiments::print(&format!(
+    args.json.write(&Provenance::of(&scenario, 1), &report)?;
+    args.json.print(&format!(
         "Plant, sensors, three boards and bus at 1 kHz, world {}, median of {} runs ({} time of the loop's \
          thread)\n\n{table}\n\
          logged: a table of the epochs. recorded: everything the boards got and did, as MCAP, which a second\n\

@@ -18,31 +18,27 @@ pub mod plant_bench;
 pub mod posture;
 pub mod recorder;
 pub mod replay;
+pub mod result;
 pub mod soak;
 pub mod sweep;
 
 use crate::base::error::Error;
-use crate::base::output::{self, OutputDir};
+use crate::base::interrupt::watch_for_interrupt;
+use crate::base::output::OutputDir;
 use crate::base::progress::Progress;
+use crate::base::terminal::wrapped;
 use crate::base::{spelling, toml_file};
 use crate::experiments::arguments::Common;
+use crate::experiments::result::{JsonArgs, Provenance};
 use crate::scenario::Scenario;
 use crate::scenario::effect::{Given, Run, Taken};
 use crate::world::body::Body;
 use rayon::prelude::*;
 use serde::Serialize;
-use std::io::{self, Write};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use toml::Table;
-
-/// Prints to standard output; a reader that has seen enough is no failure.
-pub fn print(text: &str) -> Result<(), Error> {
-    let mut out = io::stdout().lock();
-    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
-        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => Err(error.into()),
-        _ => Ok(()),
-    }
-}
 
 /// The scenario in a file with the changes of the command line; an error says what to type instead.
 pub fn scenario(
@@ -56,26 +52,6 @@ pub fn scenario(
     })
 }
 
-/// A result, and the world that it is of.
-#[derive(Serialize)]
-pub struct InWorld<'a, T> {
-    world: &'a str,
-    #[serde(flatten)]
-    result: &'a T,
-}
-
-impl<'a, T: Serialize> InWorld<'a, T> {
-    /// A result in a world of this name.
-    pub const fn new(world: &'a str, result: &'a T) -> Self {
-        Self { world, result }
-    }
-
-    /// As JSON.
-    pub fn json(&self) -> String {
-        output::json(self)
-    }
-}
-
 /// What an experiment needs besides its own arguments.
 pub struct Context {
     /// The scenario with the changes of the command line.
@@ -86,7 +62,8 @@ pub struct Context {
     pub name: String,
     given: Given,
     out: PathBuf,
-    json: Option<PathBuf>,
+    json: JsonArgs,
+    interrupt: Arc<AtomicBool>,
     pool: rayon::ThreadPool,
 }
 
@@ -104,18 +81,21 @@ impl Context {
             .num_threads(common.threads.map_or(0, usize::from))
             .build()
             .map_err(|error| Error::Failure(error.to_string()))?;
-        Ok(Self {
+        let default = || PathBuf::from("out").join(name);
+        let context = Self {
             scenario,
             seed: common.seed,
             name: name.to_owned(),
             given,
-            out: common
-                .out
-                .clone()
-                .unwrap_or_else(|| PathBuf::from("out").join(name)),
+            out: common.out.clone().unwrap_or_else(default),
             json: common.json.clone(),
+            interrupt: watch_for_interrupt()?,
             pool,
-        })
+        };
+        // Refused before the computation rather than after it.
+        context.json.check()?;
+        context.output()?;
+        Ok(context)
     }
 
     /// Refuses keys of `--set` without effect in any of the runs, and reports those of the scenario file.
@@ -123,67 +103,84 @@ impl Context {
         self.given.check(taken, runs)
     }
 
-    /// Runs `count` independent pieces of work on all threads; results in order of their index,
-    /// the first error by index if any failed.
+    /// A flag that Ctrl-C sets.
+    pub fn interrupt(&self) -> &Arc<AtomicBool> {
+        &self.interrupt
+    }
+
+    /// Runs `count` independent pieces of work on all threads; results in order of their index, none of
+    /// the pieces that an interrupt left undone; the first error by index if any failed.
     pub fn run<T: Send>(
         &self,
         label: &'static str,
         count: usize,
         work: impl Fn(usize) -> Result<T, Error> + Sync,
-    ) -> Result<Vec<T>, Error> {
+    ) -> Result<Vec<Option<T>>, Error> {
         let progress = Progress::new(count, label);
-        let results: Vec<Result<T, Error>> = self.pool.install(|| {
+        let results: Vec<Result<Option<T>, Error>> = self.pool.install(|| {
             (0..count)
                 .into_par_iter()
                 // A thread that is done takes over single pieces: no other is left with a long rest.
                 .with_max_len(1)
                 .map(|index| {
-                    let result = work(index);
+                    if self.interrupt.load(Relaxed) {
+                        return Ok(None);
+                    }
+                    let result = work(index)?;
                     progress.advance();
-                    result
+                    Ok(Some(result))
                 })
                 .collect()
         });
         results.into_iter().collect()
     }
 
-    /// The directory for result files.
-    pub fn output(&self) -> Result<OutputDir, Error> {
-        Ok(OutputDir::create(&self.out)?)
+    /// Path of the directory for result files.
+    pub fn folder(&self) -> &Path {
+        &self.out
     }
 
-    /// Writes the result where `--json` asked for it, and all files; then prints the table and
-    /// where they are.
+    /// The directory for result files.
+    pub fn output(&self) -> Result<OutputDir, Error> {
+        OutputDir::create(&self.out).map_err(|error| Error::input(format!("--out: {error}")))
+    }
+
+    /// Writes the result where `--json` asked for it, and all files; then prints the table and their
+    /// folder. `failed` says why no run ended as commanded, if none did.
     pub fn finish(
         &self,
         table: &str,
         result: &impl Serialize,
-        files: OutputDir,
-    ) -> Result<(), Error> {
-        self.finish_with(table, result, files, Vec::new())
-    }
-
-    /// The same after a recording, whose files are named too.
-    pub fn finish_with(
-        &self,
-        table: &str,
-        result: &impl Serialize,
         mut files: OutputDir,
-        recorded: Vec<PathBuf>,
+        recorded: &[PathBuf],
+        failed: Option<String>,
     ) -> Result<(), Error> {
-        let world = self.scenario.world.label();
-        let json = InWorld::new(&world, result).json();
-        if let Some(path) = &self.json {
-            output::write_file(path, &json)?;
+        let run = Provenance::of(&self.scenario, self.seed);
+        self.json.write(&run, result)?;
+        files.text("result.json", run.json(result));
+        let written = files.commit()?;
+        let names = |paths: &[PathBuf]| {
+            let names = paths.iter().filter_map(|path| path.file_name());
+            names
+                .map(|name| name.to_string_lossy().into_owned())
+                .collect::<Vec<_>>()
+        };
+        let mut text = wrapped(&format!(
+            "wrote {}: {}",
+            self.out.display(),
+            names(&written).join(" ")
+        ));
+        for path in recorded {
+            text += &format!("wrote {}\n", path.display());
         }
-        files.text("result.json", json);
-        let mut written = files.commit()?;
-        written.extend(recorded);
-        let lines: Vec<String> = written
-            .iter()
-            .map(|path| format!("wrote {}", path.display()))
-            .collect();
-        print(&format!("{table}\nworld {world}\n{}\n", lines.join("\n")))
+        self.json.print(&format!("{table}\n{text}"))?;
+        match failed {
+            _ if self.interrupt.load(Relaxed) => Err(Error::Interrupted(
+                "interrupted: the results are those of what was done".to_owned(),
+            )),
+            Some(why) => Err(Error::Failure(why)),
+            None => Ok(()),
+        }
     }
 
     /// Dimensions of the robot for pictures.

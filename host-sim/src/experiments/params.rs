@@ -3,9 +3,10 @@
 use crate::base::error::Error;
 use crate::base::output;
 use crate::base::table::Table;
+use crate::base::terminal::print;
 use crate::experiments::arguments::{BoardArgs, BoardName};
 use crate::experiments::boards::{Links, flash_of};
-use crate::experiments::print;
+use crate::experiments::result::{JsonArgs, Provenance};
 use crate::scenario::board_parameters::{self, Overlays, Values};
 use crate::targets::Remote;
 use crate::targets::board_log::BoardLog;
@@ -55,9 +56,9 @@ pub struct ParamsTarget {
     /// Only these boards, separated by commas [default: all that there are]
     #[arg(long, value_enum, value_delimiter = ',', value_name = "LIST")]
     pub board: Vec<BoardName>,
-    /// Also write the result as JSON to this file
-    #[arg(long, value_name = "FILE")]
-    pub json: Option<PathBuf>,
+    /// Destination of the result as JSON.
+    #[command(flatten)]
+    pub json: JsonArgs,
 }
 
 /// Arguments of `params get`.
@@ -185,9 +186,7 @@ fn connect(target: &ParamsTarget) -> Result<Vec<(Role, Remote)>, Error> {
 }
 
 fn write_json(target: &ParamsTarget, result: &impl Serialize) -> Result<(), Error> {
-    if let Some(path) = &target.json {
-        output::write_file(path, output::json(result))?;
-    }
+    target.json.write(&Provenance::default(), result)?;
     Ok(())
 }
 
@@ -307,7 +306,7 @@ pub fn save(boards: &BoardArgs, flash: &Path, overlays: &Overlays) -> Result<u32
         boards: boards.clone(),
         flash: flash.to_owned(),
         board: Vec::new(),
-        json: None,
+        json: JsonArgs::default(),
     };
     for name in BoardName::value_variants() {
         if !overlays.values(Role::from(*name))?.is_empty() {

@@ -2,14 +2,13 @@
 
 use crate::base::error::Error;
 use crate::base::numbers::{number, whole};
-use crate::base::output;
 use crate::base::stopwatch::{self, Speed};
 use crate::base::table::Table;
+use crate::experiments::result::{JsonArgs, Provenance};
 use crate::plant::reference::Reference;
 use crate::plant::{Health, Plant, PlantConfig, PlantError, Tyre};
 use clap::Args;
 use serde::Serialize;
-use std::path::PathBuf;
 
 /// Arguments of `plant-bench`.
 #[derive(Clone, Debug, Args)]
@@ -24,9 +23,9 @@ pub struct PlantBenchArgs {
     /// time
     #[arg(long, default_value_t = 0.0, value_name = "S", value_parser = number)]
     pub accuracy: f64,
-    /// Also write the result as JSON to this file
-    #[arg(long, value_name = "FILE")]
-    pub json: Option<PathBuf>,
+    /// Destination of the result as JSON.
+    #[command(flatten)]
+    pub json: JsonArgs,
 }
 
 /// What to measure.
@@ -269,6 +268,7 @@ pub fn command(args: &PlantBenchArgs) -> Result<(), Error> {
         repeats: args.repeats as usize,
         accuracy_seconds: args.accuracy,
     };
+    args.json.check()?;
     let report = run(&PlantConfig::default(), &options)
         .map_err(|error| Error::input(format!("plant.{error}")))?;
     let mut table = Table::new([
@@ -293,10 +293,8 @@ pub fn command(args: &PlantBenchArgs) -> Result<(), Error> {
                 .map_or(String::new(), |error| format!("{:.3}", 1e3 * error)),
         ]);
     }
-    if let Some(path) = &args.json {
-        output::write_file(path, output::json(&report))?;
-    }
-    crate::experiments::print(&format!(
+    args.json.write(&Provenance::default(), &report)?;
+    args.json.print(&format!(
         "Plant alone, one core, 1 ms steps, median of {} runs of {} s ({} time)\n\n{table}",
         args.repeats, args.duration, report.clock
     ))

@@ -1,7 +1,6 @@
 //! Recording and display of a run in this process.
 
 use crate::base::error::Error;
-use crate::base::interrupt::watch_for_interrupt;
 use crate::recording::{About, LogArgs, Session};
 use crate::run::robot::Observer;
 use crate::run::simulation::Simulation;
@@ -17,12 +16,17 @@ pub fn dashboard(
     args: &LogArgs,
     about: &About,
     goal: [f64; 3],
+    interrupt: &Arc<AtomicBool>,
 ) -> Result<Option<Box<dyn Observer>>, Error> {
     if !args.dashboard {
         return Ok(None);
     }
     let title = format!("cfmmr {}, seed {}", about.command, about.seed);
-    Ok(Some(Box::new(Dashboard::open(title, goal)?)))
+    Ok(Some(Box::new(Dashboard::open(
+        title,
+        goal,
+        interrupt.clone(),
+    )?)))
 }
 
 /// Checks before a long computation that the run can be shown and recorded.
@@ -33,14 +37,13 @@ pub fn check(args: &LogArgs) -> Result<(), Error> {
     args.check()
 }
 
-/// A run in this process that is recorded or shown, if that is asked for; Ctrl-C then ends it with
-/// what there is.
+/// A run in this process that is recorded or shown, if that is asked for.
 pub struct Recorder<'a> {
     args: &'a LogArgs,
     about: &'a About<'a>,
     goal: [f64; 3],
     session: Option<Session>,
-    interrupt: Option<Arc<AtomicBool>>,
+    interrupt: &'a Arc<AtomicBool>,
 }
 
 impl<'a> Recorder<'a> {
@@ -50,16 +53,13 @@ impl<'a> Recorder<'a> {
         about: &'a About<'a>,
         goal: [f64; 3],
         path: &[[f64; 3]],
+        interrupt: &'a Arc<AtomicBool>,
     ) -> Result<Self, Error> {
         check(args)?;
         let session = Session::begin(args, about)?;
-        let interrupt = match args.any() || args.is_watched() {
-            true => Some(watch_for_interrupt()?),
-            false => None,
-        };
-        if let (Some(session), Some(flag)) = (&session, &interrupt) {
+        if let Some(session) = &session {
             session.plan(goal, path);
-            session.await_viewer(flag)?;
+            session.await_viewer(interrupt)?;
         }
         Ok(Self {
             args,
@@ -86,10 +86,8 @@ impl<'a> Recorder<'a> {
         if let Some(session) = &self.session {
             simulation.observe(Box::new(session.clone()));
         }
-        if let Some(flag) = &self.interrupt {
-            simulation.stop_on(flag.clone());
-        }
-        if let Some(shown) = dashboard(self.args, self.about, self.goal)? {
+        simulation.stop_on(self.interrupt.clone());
+        if let Some(shown) = dashboard(self.args, self.about, self.goal, self.interrupt)? {
             simulation.observe(shown);
         }
         if self.args.is_watched() {

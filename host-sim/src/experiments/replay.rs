@@ -2,7 +2,8 @@
 
 use crate::base::error::Error;
 use crate::base::table::Table;
-use crate::base::{output, toml_file};
+use crate::base::toml_file;
+use crate::experiments::result::{JsonArgs, Provenance};
 use crate::recording::replay::{self, Parting, Quality};
 use crate::recording::{BUILD, read};
 use crate::scenario::Scenario;
@@ -24,9 +25,9 @@ pub struct ReplayArgs {
     /// recorded ones
     #[arg(long, value_name = "FILE")]
     pub with: Option<PathBuf>,
-    /// Also write the result as JSON to this file
-    #[arg(long, value_name = "FILE")]
-    pub json: Option<PathBuf>,
+    /// Destination of the result as JSON.
+    #[command(flatten)]
+    pub json: JsonArgs,
 }
 
 /// The result.
@@ -105,10 +106,8 @@ pub fn run(args: &ReplayArgs) -> Result<(), Error> {
         }
     }
     text += &table(&report);
-    if let Some(path) = &args.json {
-        output::write_file(path, output::json(&report))?;
-    }
-    crate::experiments::print(&text)?;
+    args.json.write(&Provenance::default(), &report)?;
+    args.json.print(&text)?;
     match report.difference {
         Some(_) => Err(Error::Failure("not identical".to_owned())),
         None => Ok(()),

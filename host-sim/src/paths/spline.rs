@@ -22,7 +22,8 @@ impl From<(f64, f64)> for Waypoint {
     }
 }
 
-/// The waypoints of a CSV file: two columns, x and y in metres, with or without the header `x,y`.
+/// The waypoints of a CSV file: two columns, x and y in metres, with or without the header `x,y`
+/// or `x_m,y_m`.
 /// Empty lines are skipped.
 pub fn waypoints(csv: &[u8]) -> Result<Vec<Waypoint>, PathError> {
     let mut waypoints = Vec::new();
@@ -46,8 +47,8 @@ pub fn waypoints(csv: &[u8]) -> Result<Vec<Waypoint>, PathError> {
                 fields.len()
             )));
         };
-        if std::mem::take(&mut first) && x.eq_ignore_ascii_case("x") && y.eq_ignore_ascii_case("y")
-        {
+        let header = [x, y].map(str::to_ascii_lowercase);
+        if std::mem::take(&mut first) && [["x", "y"], ["x_m", "y_m"]].iter().any(|h| header == *h) {
             continue;
         }
         let number = |name: &str, text: &str| {

@@ -173,6 +173,8 @@ fn header_is_optional() {
     let with = Path::from_csv("X, Y\n0,0\n1,0.1\n2,0\n".as_bytes()).unwrap();
     let without = Path::from_csv("0,0\n1,0.1\n2,0".as_bytes()).unwrap();
     assert_eq!(with.samples(), without.samples());
+    let units = Path::from_csv("x_m,y_m\n0,0\n1,0.1\n2,0\n".as_bytes()).unwrap();
+    assert_eq!(units.samples(), without.samples());
 }
 
 #[test]

@@ -317,7 +317,7 @@ pub fn drive_on(
         estimate: sums[1].errors(&at_rest[1]),
         max_curvature,
         done: done_at.is_some(),
-        duration_s: (done_at.unwrap_or(simulation.now()) - settle) as f64 * 1e-6,
+        duration_s: done_at.unwrap_or(simulation.now()).saturating_sub(settle) as f64 * 1e-6,
     })
 }
 

@@ -204,7 +204,10 @@ impl Simulation {
 
     /// Whether the run must end before its task.
     pub fn must_end(&self) -> bool {
-        self.failure().is_some() || self.span.most.is_some_and(|most| self.now() >= most)
+        let interrupted = |flag: &Arc<AtomicBool>| flag.load(Relaxed);
+        self.failure().is_some()
+            || self.interrupt.as_ref().is_some_and(interrupted)
+            || self.span.most.is_some_and(|most| self.now() >= most)
     }
 
     /// Why the robot cannot go on, if so: a board is lost, or the lead node has been in fault for a
@@ -297,7 +300,7 @@ impl Simulation {
         self.pace.as_ref()
     }
 
-    /// A flag that ends the run with an error once it is set.
+    /// A flag that ends the run once it is set.
     pub fn stop_on(&mut self, flag: Arc<AtomicBool>) {
         self.interrupt = Some(flag);
     }
@@ -322,10 +325,6 @@ impl Simulation {
     pub fn step(&mut self) -> Result<(), Error> {
         if let Some(pace) = &mut self.pace {
             pace.wait();
-        }
-        let interrupted = |flag: &Arc<AtomicBool>| flag.load(Relaxed);
-        if self.interrupt.as_ref().is_some_and(interrupted) {
-            return Err(Error::Failure("interrupted".to_owned()));
         }
         let (now, tick) = (self.now(), self.tick as u32);
         self.recover(tick)?;

@@ -19,6 +19,7 @@ pub use figures::{Figure, figures};
 pub use spread::{PlantErrors, Spread};
 
 use crate::base::error::Error;
+use crate::base::spelling;
 use crate::base::toml_file;
 use crate::bus::virtual_bus::BusConfig;
 use crate::plant::{Plant, PlantConfig, Station};
@@ -92,8 +93,9 @@ pub fn text(name: &str) -> Result<String, Error> {
     }
     std::fs::read_to_string(Path::new(name)).map_err(|error| {
         let names = NAMES.join(", ");
+        let hint = spelling::hint(name, NAMES);
         Error::input(format!(
-            "world = {name}: must be {names}, or a file: {error}"
+            "world = {name}: must be {names}, or a file: {error}{hint}"
         ))
     })
 }

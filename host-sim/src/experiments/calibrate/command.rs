@@ -5,12 +5,13 @@ use super::procedures::{Effect, Report, Row, calibrate_gauges, calibrate_gyros, 
 use crate::base::error::Error;
 use crate::base::numbers::whole;
 use crate::base::table::Table;
+use crate::base::terminal::print;
 use crate::base::{output, toml_file};
 use crate::experiments::arguments::{BoardArgs, WorldChoice};
 use crate::experiments::boards::Links;
 use crate::experiments::calibrate::Bench;
 use crate::experiments::params::save;
-use crate::experiments::print;
+use crate::experiments::result::{JsonArgs, Provenance};
 use crate::scenario::Scenario;
 use crate::scenario::effect::{Given, Use};
 use crate::targets::board_log::BoardLog;
@@ -76,9 +77,9 @@ pub struct CalibrateArgs {
     /// Write what was found to this file, for `params import` and as a scenario
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
-    /// Also write the result as JSON to this file
-    #[arg(long, value_name = "FILE")]
-    pub json: Option<PathBuf>,
+    /// Destination of the result as JSON.
+    #[command(flatten)]
+    pub json: JsonArgs,
 }
 
 /// Runs the command.
@@ -90,6 +91,7 @@ pub fn run(args: &CalibrateArgs) -> Result<(), Error> {
     )?;
     let (file, _) = toml_file::read(args.scenario.as_deref())?;
     Given::new(&args.set, &file)?.check(&[], &[(&scenario, Use::Calibrate)])?;
+    args.json.check()?;
     if !args.seeds.is_empty() {
         return run_several(args, &scenario);
     }
@@ -101,19 +103,19 @@ pub fn run(args: &CalibrateArgs) -> Result<(), Error> {
                 .to_owned(),
         );
     }
-    print(&text(&report))?;
+    args.json.print(&text(&report))?;
     if let Some(path) = &args.out {
         output::write_file(path, report.found.to_toml()?)?;
-        print(&format!("wrote {}\n", path.display()))?;
+        args.json.print(&format!("wrote {}\n", path.display()))?;
     }
     report.saved = wanted(args)?;
     if report.saved {
         let written = save(&args.boards, &args.flash, &report.found)?;
-        print(&format!("{written} values written to the flash\n"))?;
+        args.json
+            .print(&format!("{written} values written to the flash\n"))?;
     }
-    if let Some(path) = &args.json {
-        output::write_file(path, output::json(&report))?;
-    }
+    args.json
+        .write(&Provenance::of(&scenario, args.seed), &report)?;
     Ok(())
 }
 
@@ -213,10 +215,9 @@ fn run_several(args: &CalibrateArgs, scenario: &Scenario) -> Result<(), Error> {
     for (seed, error) in &several.failed {
         text += &format!(" Seed {seed}: {error}.");
     }
-    print(&format!("{text}\n"))?;
-    if let Some(path) = &args.json {
-        output::write_file(path, output::json(&several))?;
-    }
+    args.json.print(&format!("{text}\n"))?;
+    args.json
+        .write(&Provenance::of(scenario, args.seeds[0]), &several)?;
     match reports.is_empty() {
         true => Err(Error::Failure("no robot was calibrated".to_owned())),
         false => Ok(()),

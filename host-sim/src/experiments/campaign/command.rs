@@ -4,6 +4,7 @@ use crate::base::error::Error;
 use crate::base::numbers::whole;
 use crate::base::output::{self, OutputDir};
 use crate::base::progress::Progress;
+use crate::base::terminal::print;
 use crate::experiments::arguments::WorldChoice;
 use crate::experiments::campaign::columns::Columns;
 use crate::experiments::campaign::directory::{Block, Directory, Finished};
@@ -12,7 +13,7 @@ use crate::experiments::campaign::pictures;
 use crate::experiments::campaign::report::Report;
 use crate::experiments::campaign::shard::Shard;
 use crate::experiments::campaign::study::Study;
-use crate::experiments::print;
+use crate::experiments::result::{JsonArgs, Provenance};
 use crate::run::regulate::regulate;
 use clap::{Args, Subcommand};
 use core_algos::hil::framing::crc32c;
@@ -63,9 +64,9 @@ pub struct CampaignMerge {
     /// Directory for the result [default: DIR/merged]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Also write the result as JSON to this file
-    #[arg(long, value_name = "FILE")]
-    pub json: Option<PathBuf>,
+    /// Destination of the result as JSON.
+    #[command(flatten)]
+    pub json: JsonArgs,
 }
 
 /// Arguments of `campaign status`.
@@ -77,9 +78,9 @@ pub struct CampaignStatus {
     /// List the missing blocks and their runs
     #[arg(long)]
     pub missing: bool,
-    /// Also write the result as JSON to this file
-    #[arg(long, value_name = "FILE")]
-    pub json: Option<PathBuf>,
+    /// Destination of the result as JSON.
+    #[command(flatten)]
+    pub json: JsonArgs,
 }
 
 /// What a part of a campaign did.
@@ -271,10 +272,8 @@ fn status(args: &CampaignStatus) -> Result<(), Error> {
             );
         }
     }
-    if let Some(path) = &args.json {
-        output::write_file(path, output::json(&status))?;
-    }
-    print(&text)
+    args.json.write(&Provenance::default(), &status)?;
+    args.json.print(&text)
 }
 
 fn merge(args: &CampaignMerge) -> Result<(), Error> {
@@ -312,16 +311,15 @@ fn merge(args: &CampaignMerge) -> Result<(), Error> {
         files.text(&format!("{name}.svg"), figure.svg());
         files.bytes(&format!("{name}.png"), figure.png());
     }
-    files.json("result.json", &report);
-    if let Some(path) = &args.json {
-        output::write_file(path, output::json(&report))?;
-    }
+    let run = Provenance::of_files("cfmmr campaign merge");
+    files.text("result.json", run.json(&report));
+    args.json.write(&run, &report)?;
     let written = files.commit()?;
     let lines: Vec<String> = written
         .iter()
         .map(|path| format!("wrote {}", path.display()))
         .collect();
-    print(&format!(
+    args.json.print(&format!(
         "{}\nCRC-32C of runs.parquet: {hash:08x}\n{}\n",
         report.text(),
         lines.join("\n")

@@ -1,6 +1,7 @@
 //! The file of a study, and what each of its runs is.
 
 use crate::base::error::Error;
+use crate::base::toml_file;
 use crate::run::kinematic_model::random_start;
 use crate::scenario::Scenario;
 use crate::scenario::effect::{self, Use};
@@ -198,7 +199,8 @@ impl Study {
     /// Reads the text of a study; `name` stands in errors.
     pub fn parse(text: &str, name: &str) -> Result<Self, Error> {
         let refuse = |error: String| Error::input(format!("{name}: {error}"));
-        let study: Self = toml::from_str(text).map_err(|error| refuse(error.to_string()))?;
+        let study: Self =
+            toml::from_str(text).map_err(|error| toml_file::refusal(name, text, &error))?;
         study.check().map_err(|error| refuse(error.to_string()))?;
         Ok(study)
     }

@@ -5,10 +5,10 @@
 
 use crate::base::error::Error;
 use crate::base::interrupt::watch_for_interrupt;
-use crate::base::output;
 use crate::base::progress::Progress;
 use crate::experiments::faults::run::{self, Bounds, Case, End, Outcome};
 use crate::experiments::faults::{FaultsArgs, check_choice, is_chosen, scenario};
+use crate::experiments::result::Provenance;
 use crate::run::bit_compare::Trace;
 use crate::run::simulation::Simulation;
 use crate::scenario::Scenario;
@@ -22,7 +22,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 use std::fmt::Write;
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
 /// When the faults come, µs after the task began: under way with the frame bent.
 const AFTER: Micros = 4_000_000;
@@ -244,11 +244,13 @@ impl Source<'_> {
             after: AFTER,
             seed: SEED,
         };
+        if self.interrupt.load(Relaxed) {
+            return Err(Error::Interrupted("interrupted".to_owned()));
+        }
         let (fault, tick) = (trial.entry.fault, case.tick(scenario));
         let logs = Role::ALL.map(|_| BoardLog::default());
         let boards = self.images.start(self.qemu, Wire::Pipe, &logs)?;
         let mut there = Simulation::on(boards, scenario, SEED, 0)?;
-        there.stop_on(self.interrupt.clone());
         there.inject(fault, tick);
         if let Some((role, mode)) = trial.unannounced {
             let at = tick;
@@ -309,11 +311,10 @@ pub fn run(args: &FaultsArgs) -> Result<(), Error> {
         rows: rows?,
     };
     drop(progress);
-    if let Some(path) = &args.json {
-        output::write_file(path, output::json(&report))?;
-    }
+    args.json.write(&Provenance::of(&scenario, SEED), &report)?;
     let page = report.markdown();
-    crate::experiments::print(&format!("{page}\n{}", report.stacks()))?;
+    args.json
+        .print_page(&format!("{page}\n{}", report.stacks()))?;
     judge(&report, args.check.then_some(&committed))
 }
 

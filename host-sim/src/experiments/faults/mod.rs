@@ -6,10 +6,10 @@ pub mod run;
 
 use crate::base::error::Error;
 use crate::base::numbers::whole;
-use crate::base::output;
 use crate::base::progress::Progress;
 use crate::experiments::arguments::WorldChoice;
 use crate::experiments::faults::run::{Bounds, Case, End, Outcome};
+use crate::experiments::result::{JsonArgs, Provenance};
 use crate::scenario::Scenario;
 use crate::world::faults::{CATALOGUE, Entry};
 use clap::Args;
@@ -62,9 +62,9 @@ pub struct FaultsArgs {
     /// if a run ends in a way that its row of the table does not have
     #[arg(long, requires = "boards")]
     pub check: bool,
-    /// Also write the result as JSON to this file
-    #[arg(long, value_name = "FILE")]
-    pub json: Option<PathBuf>,
+    /// Destination of the result as JSON.
+    #[command(flatten)]
+    pub json: JsonArgs,
 }
 
 /// When the faults come, µs after the task began: while the robot plans and starts, under way with
@@ -279,13 +279,13 @@ pub(super) fn check_choice(only: &[String], names: &[&str]) -> Result<(), Error>
 pub fn run(args: &FaultsArgs) -> Result<(), Error> {
     let names: Vec<&str> = CATALOGUE.iter().map(|entry| entry.name).collect();
     check_choice(&args.only, &names)?;
+    args.json.check()?;
     let world = args.choice.world.as_deref();
     let report = campaign(world, u64::from(args.seeds), &args.only)?;
-    if let Some(path) = &args.json {
-        output::write_file(path, output::json(&report))?;
-    }
+    args.json
+        .write(&Provenance::of(&scenario(world)?, 1), &report)?;
     let page = report.markdown();
-    crate::experiments::print(&page)?;
+    args.json.print_page(&page)?;
     match report.wrong() {
         0 => Ok(()),
         wrong => Err(Error::Failure(format!("{wrong} runs were not right"))),

@@ -5,6 +5,7 @@ use crate::base::error::Error;
 use crate::base::output;
 use crate::base::progress::Progress;
 use crate::experiments::faults::{FaultsArgs, check_choice, is_chosen, scenario};
+use crate::experiments::result::Provenance;
 use crate::run::virtual_robot::Images;
 use crate::run::virtual_robot::faults::{
     self, Campaign, Case, Course, End, Entry, Outcome, Reference, catalogue,
@@ -293,9 +294,8 @@ pub fn run(args: &FaultsArgs) -> Result<(), Error> {
         .map_err(|error| Error::Failure(error.to_string()))?;
     let seeds = if args.quick { 1 } else { u64::from(args.seeds) };
     let report = pool.install(|| campaign(&trials, &entries, seeds))?;
-    if let Some(path) = &args.json {
-        output::write_file(path, output::json(&report))?;
-    }
+    args.json
+        .write(&Provenance::of(&trials.scenario, 1), &report)?;
     let page = report.markdown();
     let mut text = page + &report.complaints();
     if let (Some(file), Some(Ok(coverage))) = (
@@ -305,7 +305,7 @@ pub fn run(args: &FaultsArgs) -> Result<(), Error> {
         output::write_file(file, coverage.lcov())?;
         text += &format!("\nSource lines of the firmware that ran\n{coverage}");
     }
-    crate::experiments::print(&text)?;
+    args.json.print_page(&text)?;
     match report.wrong() {
         0 => {}
         wrong => return Err(Error::Failure(format!("{wrong} runs were wrong"))),

@@ -3,7 +3,6 @@
 pub mod on_virtual;
 
 use crate::base::error::Error;
-use crate::base::interrupt::watch_for_interrupt;
 use crate::base::numbers::{number, whole};
 use crate::base::table::Table;
 use crate::experiments::arguments::{BoardArgs, Common, parse_posture};
@@ -183,8 +182,7 @@ pub fn run(args: &HilArgs) -> Result<(), Error> {
             "bus.quantise = false: must be true with boards that send frames",
         ));
     }
-    context.output()?;
-    let interrupt = watch_for_interrupt()?;
+    let interrupt = context.interrupt().clone();
     let logs = Role::ALL.map(|_| BoardLog::default());
     let result = measure(args, &context, &task, &plan, &interrupt, &logs);
     let measured = match result {
@@ -207,10 +205,9 @@ pub fn run(args: &HilArgs) -> Result<(), Error> {
     let (text, experiment, mut files) = match (&task, &outcome) {
         (Task::Posture(variant), Outcome::Posture(trial)) => {
             let variants = [*variant];
-            let goal = context.scenario.mission.goal;
-            let trials = std::slice::from_ref(&**trial);
-            let (text, report, files) =
-                posture::publish(&context, &variants, &variants, trials, goal)?;
+            let trials = vec![*trial.clone()];
+            let (report, files) = posture::publish(&context, &variants, &variants, &[trials])?;
+            let text = posture::table(&report.rows, &variants);
             (text, serde_json::to_value(report), files)
         }
         (Task::Course(course, manner), Outcome::Course(outcome, kept)) => {
@@ -223,18 +220,14 @@ pub fn run(args: &HilArgs) -> Result<(), Error> {
     report.experiment = experiment.map_err(|error| Error::Failure(error.to_string()))?;
     board_log::put(&mut files, &logs);
     let text = format!("{text}\n{}", summary(&report));
-    context.finish_with(&text, &report, files, recorded)?;
-    let mut excess = report.boards.iter().filter_map(BoardReport::stack_excess);
-    if let Some(excess) = excess.next() {
-        return Err(Error::Failure(excess));
-    }
-    match (difference, report.ended) {
-        (Some(difference), _) => Err(Error::Failure(format!("not identical: {difference}"))),
-        (None, Some(why)) => Err(Error::Failure(format!(
-            "the run ended with the motors off before its task was done: {why}"
-        ))),
-        (None, None) => Ok(()),
-    }
+    let excess = report.boards.iter().find_map(BoardReport::stack_excess);
+    let different = difference.map(|difference| format!("not identical: {difference}"));
+    let stopped = report
+        .ended
+        .as_ref()
+        .map(|why| format!("the run ended with the motors off before its task was done: {why}"));
+    let failed = excess.or(different).or(stopped);
+    context.finish(&text, &report, files, &recorded, failed)
 }
 
 /// The experiment that the arguments ask for; what they change is written into the scenario.
@@ -432,7 +425,7 @@ fn measure(
     if let Some(session) = &session {
         simulation.observe(Box::new(session.clone()));
     }
-    if let Some(shown) = recorder::dashboard(&args.log, &about, goal)? {
+    if let Some(shown) = recorder::dashboard(&args.log, &about, goal, interrupt)? {
         simulation.observe(shown);
     }
     if args.real_time || args.log.is_watched() {
@@ -546,11 +539,12 @@ fn summary(report: &Report) -> String {
         }
         table.row(row);
     }
+    let table = table.transposed();
     let simulated = report.ticks as f64 * 1e-3;
     let mut text = format!(
-        "{table}\nlost: requests repeated; bytes: to and from the board; times: from sending a tick \
-         to its answer,\nwith the other boards' in between; stack: most used since the board's latest \
-         start, of its budget.\n\n{} ticks ({simulated:.1} s) in {:.1} s\n",
+        "{table}\nlost: requests repeated; bytes: sent + received; times: from a tick to its answer, other\n\
+         boards' included; stack: most used since the latest start, of its budget\n\n\
+         {} ticks ({simulated:.1} s) in {:.1} s\n",
         report.ticks, report.wall_s
     );
     if let Some(late) = report.late_ticks {

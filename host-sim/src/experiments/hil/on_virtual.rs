@@ -1,7 +1,6 @@
 //! `cfmmr hil --virtual`: the experiment with the images that users flash, on virtual boards.
 
 use crate::base::error::Error;
-use crate::base::interrupt::watch_for_interrupt;
 use crate::base::output;
 use crate::base::table::Table;
 use crate::experiments::hil::{HilArgs, Plan};
@@ -163,7 +162,7 @@ pub fn run(args: &HilArgs) -> Result<(), Error> {
     context.check_keys(&[], &[(&context.scenario, Use::Virtual)])?;
     let scenario = &context.scenario;
     let plan = plan(args, scenario)?;
-    let interrupt = watch_for_interrupt()?;
+    let interrupt = context.interrupt().clone();
     let mut options = Options {
         instruments: instruments(args, &interrupt)?,
         ..Options::default()
@@ -172,7 +171,6 @@ pub fn run(args: &HilArgs) -> Result<(), Error> {
         options.threads = threads.into();
     }
     let images = images(args)?;
-    context.output()?;
     let logs = Role::ALL.map(|_| BoardLog::default());
     let drive = Drive {
         args,
@@ -199,10 +197,9 @@ pub fn run(args: &HilArgs) -> Result<(), Error> {
         profiles,
         coverage,
     } = done;
-    let goal = context.scenario.mission.goal;
-    let trials = std::slice::from_ref(&trial);
-    let (text, experiment, mut files) =
-        posture::publish(&context, &[variant], &[variant], trials, goal)?;
+    let (experiment, mut files) =
+        posture::publish(&context, &[variant], &[variant], &[vec![trial]])?;
+    let text = posture::table(&experiment.rows, &[variant]);
     report.experiment =
         serde_json::to_value(experiment).map_err(|error| Error::Failure(error.to_string()))?;
     board_log::put(&mut files, &logs);
@@ -222,11 +219,8 @@ pub fn run(args: &HilArgs) -> Result<(), Error> {
         recorded.push(file.clone());
         text += &format!("\nSource lines of the firmware that ran\n{coverage}");
     }
-    context.finish_with(&text, &report, files, recorded)?;
-    match judge(&report, args.stop_after.is_some()) {
-        Some(why) => Err(Error::Failure(why)),
-        None => Ok(()),
-    }
+    let failed = judge(&report, args.stop_after.is_some());
+    context.finish(&text, &report, files, &recorded, failed)
 }
 
 /// An experiment that is about to run.
@@ -275,7 +269,7 @@ impl Drive<'_> {
             session.await_viewer(interrupt)?;
             robot.observe(Box::new(session.clone()));
         }
-        if let Some(shown) = recorder::dashboard(&args.log, &about, goal)? {
+        if let Some(shown) = recorder::dashboard(&args.log, &about, goal, interrupt)? {
             robot.observe(shown);
         }
         if args.real_time || args.log.is_watched() {
@@ -397,10 +391,11 @@ fn summary(report: &Report) -> String {
             board.can.error_frames.to_string(),
         ]);
     }
+    let table = table.transposed();
     let instructions: u64 = report.boards.iter().map(|board| board.instructions).sum();
     let mut text = format!(
-        "{table}\nReady {:.2} s after power on; {} frames. {:.1} s simulated in {:.1} s: {:.2} times real \
-         time, {:.0} MIPS.\n",
+        "{table}\nReady {:.2} s after power on; {} frames.\n\
+         {:.1} s simulated in {:.1} s: {:.2} times real time, {:.0} MIPS.\n",
         report.boot_s,
         report.frames,
         report.simulated_s,

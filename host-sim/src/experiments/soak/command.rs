@@ -2,15 +2,14 @@
 
 use crate::base::error::Error;
 use crate::base::numbers::whole;
-use crate::base::output;
 use crate::base::progress::Progress;
 use crate::experiments::arguments::WorldChoice;
+use crate::experiments::result::{JsonArgs, Provenance};
 use crate::experiments::soak::{self, Drift, MEMORY_KIB, PAIR_M, Report};
 use clap::Args;
 use core_algos::node::lead::Limits;
 use serde::Serialize;
 use std::fmt::Write;
-use std::path::PathBuf;
 use std::time::Instant;
 
 /// Arguments of `soak`.
@@ -25,9 +24,9 @@ pub struct SoakArgs {
     /// Seed of all random draws
     #[arg(long, default_value_t = 1, value_parser = whole::<u64>(0..=u64::MAX))]
     pub seed: u64,
-    /// Also write the result as JSON to this file
-    #[arg(long, value_name = "FILE")]
-    pub json: Option<PathBuf>,
+    /// Destination of the result as JSON.
+    #[command(flatten)]
+    pub json: JsonArgs,
 }
 
 /// Parts that are reported.
@@ -126,6 +125,7 @@ fn markdown(measured: &Measured) -> String {
 
 /// Runs the command.
 pub fn run(args: &SoakArgs) -> Result<(), Error> {
+    args.json.check()?;
     let progress = Progress::new(soak::pieces(), "soak");
     let started = Instant::now();
     let scenario = soak::scenario(args.choice.world.as_deref())?;
@@ -138,10 +138,9 @@ pub fn run(args: &SoakArgs) -> Result<(), Error> {
         problems: report.problems(),
         report,
     };
-    if let Some(path) = &args.json {
-        output::write_file(path, output::json(&measured))?;
-    }
-    crate::experiments::print(&markdown(&measured))?;
+    args.json
+        .write(&Provenance::of(&scenario, args.seed), &measured)?;
+    args.json.print_page(&markdown(&measured))?;
     match measured.problems.as_slice() {
         [] => Ok(()),
         problems => Err(Error::Failure(problems.join("; "))),

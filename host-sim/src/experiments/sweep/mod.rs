@@ -326,13 +326,19 @@ pub fn run(args: &SweepArgs) -> Result<(), Error> {
     let results = context.run("starts", args.starts as usize, |index| {
         sweep.run(context.seed, index as u64)
     })?;
-    let (starts, paths): (Vec<Start>, Vec<_>) = results.into_iter().unzip();
-    let report = Report::of(&starts, &sweep, context.seed);
+    let (starts, paths): (Vec<Start>, Vec<_>) = results.into_iter().flatten().unzip();
+    if starts.is_empty() {
+        let text = "interrupted before a start was done: nothing is written";
+        return Err(Error::Interrupted(text.to_owned()));
+    }
+    let report = Report::of(&starts, &sweep);
     let text = table(&report);
 
     let figure = picture::figure(&starts, paths, &report, context.scenario.mission.goal);
     files.text("sweep.svg", figure.svg());
     files.bytes("sweep.png", figure.png());
     files.csv("starts.csv", csv(&starts));
-    context.finish(&text, &report, files)
+    let reached = |start: &Start| start.failure.is_none();
+    let failed = (!starts.iter().any(reached)).then(|| "no start reached the goal".to_owned());
+    context.finish(&text, &report, files, &[], failed)
 }

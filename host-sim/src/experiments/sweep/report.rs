@@ -71,8 +71,6 @@ pub struct Report {
     pub inside_99: Option<usize>,
     /// `kinematic` or `plant`.
     pub model: &'static str,
-    /// Seed.
-    pub seed: u64,
     /// Bound of curvature, 1/m.
     pub kappa_max: f64,
     /// Failed starts by reason.
@@ -105,7 +103,7 @@ pub struct Report {
 
 impl Report {
     /// Summarises the starts of one sweep.
-    pub fn of(starts: &[Start], sweep: &Sweep, seed: u64) -> Self {
+    pub fn of(starts: &[Start], sweep: &Sweep) -> Self {
         let values = |pick: fn(&Start) -> f64| -> Vec<f64> { starts.iter().map(pick).collect() };
         let largest = |pick: fn(&Start) -> f64| starts.iter().map(pick).fold(0.0, f64::max);
         let count = |reason| starts.iter().filter(|s| s.failure == Some(reason)).count();
@@ -122,7 +120,6 @@ impl Report {
                 SweepModel::Kinematic => "kinematic",
                 SweepModel::Plant => "plant",
             },
-            seed,
             kappa_max: sweep.kappa_max,
             failures: Failures {
                 time: count(Failure::Time),

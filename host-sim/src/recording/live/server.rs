@@ -67,7 +67,9 @@ impl Server {
         );
         while !self.viewers.came.load(Relaxed) {
             if interrupt.load(Relaxed) {
-                return Err(Error::Failure("interrupted".to_owned()));
+                return Err(Error::Interrupted(
+                    "interrupted before a viewer came".to_owned(),
+                ));
             }
             thread::sleep(LOOK);
         }

@@ -229,7 +229,7 @@ impl VirtualRobot {
         self.span = span;
     }
 
-    /// A flag that ends the run with an error once it is set.
+    /// A flag that ends the run once it is set.
     pub fn stop_on(&mut self, flag: Arc<AtomicBool>) {
         self.interrupt = Some(flag);
     }
@@ -494,10 +494,6 @@ impl Robot for VirtualRobot {
     }
 
     fn step(&mut self) -> Result<(), Error> {
-        let interrupted = |flag: &Arc<AtomicBool>| flag.load(Relaxed);
-        if self.interrupt.as_ref().is_some_and(interrupted) {
-            return Err(Error::Failure("interrupted".to_owned()));
-        }
         self.begin_tick();
         self.advance()?;
         self.tick += 1;
@@ -528,7 +524,10 @@ impl Robot for VirtualRobot {
     }
 
     fn must_end(&self) -> bool {
-        self.failure.is_some() || self.span.most.is_some_and(|most| self.now() >= most)
+        let interrupted = |flag: &Arc<AtomicBool>| flag.load(Relaxed);
+        self.interrupt.as_ref().is_some_and(interrupted)
+            || self.failure.is_some()
+            || self.span.most.is_some_and(|most| self.now() >= most)
     }
 
     fn pace(&self) -> Option<&Pace> {

@@ -11,6 +11,8 @@ pub mod view;
 
 use crate::base::error::Error;
 use crate::run::robot::{Observer, Record, Robot};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use terminal::Terminal;
 use view::View;
 
@@ -25,11 +27,17 @@ pub struct Dashboard {
     epochs: u64,
     /// The true midpoint an epoch ago, when the latest estimate holds.
     before: Option<[f64; 3]>,
+    /// Set by the key q: ends the run.
+    interrupt: Arc<AtomicBool>,
 }
 
 impl Dashboard {
     /// Takes the terminal until this is dropped.
-    pub fn open(title: impl Into<String>, goal: [f64; 3]) -> Result<Self, Error> {
+    pub fn open(
+        title: impl Into<String>,
+        goal: [f64; 3],
+        interrupt: Arc<AtomicBool>,
+    ) -> Result<Self, Error> {
         let title = title.into();
         let first = View {
             title: title.clone(),
@@ -42,6 +50,7 @@ impl Dashboard {
             goal,
             epochs: 0,
             before: None,
+            interrupt,
         })
     }
 }
@@ -49,8 +58,7 @@ impl Dashboard {
 impl Observer for Dashboard {
     fn epoch(&mut self, robot: &dyn Robot, record: &Record) -> Result<(), Error> {
         if self.terminal.is_left() {
-            let time_s = record.time_s;
-            return Err(Error::Quit(format!("ended with q after {time_s:.2} s")));
+            self.interrupt.store(true, Relaxed);
         }
         let truth = self.before.replace(record.midpoint);
         if self.epochs.is_multiple_of(EPOCHS) {
