@@ -31,6 +31,8 @@ rustfmt --edition 2024 --check tools/rigless/src/main.rs
 step "clippy"
 # With the feature that the default leaves out; the builds below are without it.
 cargo clippy --locked --workspace --all-targets --features host-sim/live -- -D warnings
+# The virtual boards without the robot's parts.
+cargo clippy --locked --package virtual-board --all-targets -- -D warnings
 step "documentation"
 RUSTDOCFLAGS="-D warnings" cargo doc --locked --workspace --no-deps --quiet
 step "firmware for $target"
@@ -46,8 +48,8 @@ tools/scripts/check_no_panic.sh
 step "instruction counts"
 tools/scripts/count_instructions.py
 step "tests"
-# The feature `hil` adds the tests of the link protocol.
-cargo test --locked --workspace --exclude host-sim --features core-algos/hil
+# `hil` adds the tests of the link protocol, `devices` those of the robot's parts.
+cargo test --locked --workspace --exclude host-sim --features core-algos/hil,virtual-board/devices
 # As it is used, and with the dependencies of the steps below: a third of the time.
 cargo test --locked --release --package host-sim
 # Built by the tests. A build by itself leaves out what only tests want of the libraries, and takes two

@@ -5,6 +5,9 @@
 mod hil;
 #[cfg(all(target_os = "none", not(feature = "hil")))]
 mod robot;
+#[cfg(any(test, all(target_os = "none", not(feature = "hil"))))]
+#[cfg_attr(test, allow(dead_code, reason = "read by the image only"))]
+mod rules;
 
 #[cfg(not(target_os = "none"))]
 fn main() {

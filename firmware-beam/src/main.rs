@@ -5,6 +5,8 @@
 mod hil;
 #[cfg(all(target_os = "none", not(feature = "hil")))]
 mod robot;
+#[cfg(any(test, all(target_os = "none", not(feature = "hil"))))]
+mod rules;
 
 #[cfg(not(target_os = "none"))]
 fn main() {

@@ -43,7 +43,7 @@ use firmware_common::attendance::Badge;
 use firmware_common::clock::CORE_HZ;
 use firmware_common::{critical, fault};
 
-pub use exchange::{Command, Feedback};
+use crate::rules::{Command, Feedback};
 use timer::{Pwm, TOP};
 
 /// Core cycles in a microsecond.

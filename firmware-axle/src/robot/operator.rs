@@ -5,21 +5,17 @@ use core_algos::fusion::Estimate;
 use core_algos::math::Posture;
 use core_algos::node::board::Board;
 use core_algos::node::lead::Task;
-use core_algos::safety::OperatingState;
-use core_algos::time::{EPOCH, Micros, is_epoch_start};
+use core_algos::time::{Micros, is_epoch_start};
 use embassy_stm32::Peri;
 use embassy_stm32::gpio::{Input, Pull};
 use embassy_stm32::peripherals::PA0;
 
-/// Time the button must be down, in epochs: 50 ms.
-const HOLD: u8 = 5;
-const _: () = assert!(EPOCH == 10_000);
+use crate::rules::{Press, Presses};
 
 /// The button; high when pressed.
 pub struct Button {
     pin: Input<'static>,
-    held: u8,
-    driving: bool,
+    presses: Presses,
     /// Where a drive begins: midpoint, and front axle seen from the rear.
     start: (Estimate, Estimate),
 }
@@ -29,15 +25,14 @@ impl Button {
     pub fn new(pin: Peri<'static, PA0>, start: (Estimate, Estimate)) -> Self {
         Self {
             pin: Input::new(pin, Pull::Down),
-            held: 0,
-            driving: false,
+            presses: Presses::default(),
             start,
         }
     }
 
     /// The nodes began anew: they are idle.
     pub fn forget(&mut self) {
-        self.driving = false;
+        self.presses.forget();
     }
 
     /// Looks at the button; on the rear board there is no lead node and it does nothing.
@@ -45,31 +40,22 @@ impl Button {
         if !is_epoch_start(now) {
             return;
         }
-        self.held = if self.pin.is_high() {
-            self.held.saturating_add(1)
-        } else {
-            0
-        };
-        let Some(lead) = board.lead() else {
+        let lead = board.lead();
+        let state = lead.as_ref().map(|lead| lead.supervision().operating());
+        let press = self.presses.step(self.pin.is_high(), state);
+        let (Some(press), Some(lead)) = (press, lead) else {
             return;
         };
-        if self.held != HOLD {
-            return;
-        }
-        if lead.supervision().operating() == OperatingState::Fault {
-            lead.command(Task::Clear);
-            self.driving = false;
-            return;
-        }
-        self.driving = !self.driving;
-        if self.driving {
-            let (center, relative) = &self.start;
-            lead.initialize(center, relative);
-            lead.command(Task::Regulate {
-                goal: Posture::ORIGIN,
-            });
-        } else {
-            lead.command(Task::Stop);
-        }
+        let task = match press {
+            Press::Clear => Task::Clear,
+            Press::Stop => Task::Stop,
+            Press::Drive => {
+                let (center, relative) = &self.start;
+                lead.initialize(center, relative);
+                let goal = Posture::ORIGIN;
+                Task::Regulate { goal }
+            }
+        };
+        lead.command(task);
     }
 }

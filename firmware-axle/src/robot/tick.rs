@@ -6,7 +6,7 @@
 use core_algos::bus::Message;
 use core_algos::control::wheel_observer::{self, WheelObserver};
 use core_algos::drive::winding::{self, Winding};
-use core_algos::node::board::{Board, Output, Samples};
+use core_algos::node::board::{Board, Samples};
 use core_algos::node::tick_sync::{Step, TickSync};
 use core_algos::node::{Outbox, axle};
 use core_algos::params::Drive;
@@ -23,8 +23,9 @@ use firmware_common::timing::{Every, Stopwatch};
 
 use super::encoders::Encoders;
 use super::inertial::Inertial;
-use super::motors::{Command, Feedback, Motors};
+use super::motors::Motors;
 use super::operator::Button;
+use crate::rules::{Command, Feedback};
 
 /// Ticks between health reports on the bus.
 const HEALTH: u8 = 100;
@@ -157,36 +158,23 @@ impl Axis {
         for message in outbox.iter() {
             self.send(state, message);
         }
-        self.limited(state, &feedback, &output)
+        let parts = (&self.drive, &self.winding);
+        Command::limited(
+            &output,
+            &feedback,
+            &state.wheels,
+            parts,
+            &mut state.windings,
+        )
     }
 
-    /// What the drivers find wrong.
     fn conditions(&self, sync: &TickSync, feedback: &Feedback) -> Conditions {
-        let drive = &self.drive;
-        let hotter = |bound: f32| feedback.temperature_c.is_some_and(|t| !(t <= bound));
-        let below = |bound: f32| feedback.ready && !(feedback.supply_v >= bound);
-        let conditions = Conditions::NONE
-            .with(Condition::EmergencyStop, feedback.stopped)
+        feedback
+            .conditions(&self.drive)
             .with(Condition::InertialLost, !self.inertial.answers())
-            .with(
-                Condition::TemperatureHigh,
-                hotter(drive.driver_fold_back_c()),
-            )
-            .with(Condition::OverTemperature, hotter(drive.driver_max_c))
-            .with(Condition::SupplyWarning, below(drive.supply_warning_v))
-            .with(Condition::SupplyLow, below(drive.supply_minimum_v))
-            .with(
-                Condition::SupplyHigh,
-                feedback.supply_v > drive.supply_maximum_v,
-            )
-            .with(Condition::MotorUnresponsive, feedback.unresponsive)
             .with(Condition::BusOff, can::is_off())
             .union(sync.conditions())
-            .union(self.parameters);
-        match feedback.fault {
-            Some(fault) => conditions.with(fault, true),
-            None => conditions,
-        }
+            .union(self.parameters)
     }
 
     /// The common time of this tick; `None` when nothing may be driven.
@@ -228,24 +216,6 @@ impl Axis {
         if let Some(message) = self.sender.send(message) {
             state.own.push(message);
         }
-    }
-
-    /// What the node asks for, within what motors and drivers stand.
-    fn limited(&self, state: &mut State, feedback: &Feedback, output: &Output) -> Command {
-        let driver = self.drive.driver_share(feedback.temperature_c);
-        let mut command = Command {
-            on: output.active,
-            clear: output.clear,
-            torque_nm: output.torque_nm,
-            ..Command::default()
-        };
-        for i in 0..2 {
-            command.speed_rad_s[i] = state.wheels[i].speed_rad_s;
-            command.limit_a[i] =
-                self.winding
-                    .step(&mut state.windings[i], feedback.current_a[i], driver);
-        }
-        command
     }
 
     fn report_health(&mut self, state: &mut State, local: Micros, timing_us: (u16, u16)) {

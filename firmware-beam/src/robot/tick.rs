@@ -2,15 +2,15 @@
 
 use core_algos::beam::calibration;
 use core_algos::beam::procedure::{Event, Procedure};
+use core_algos::bus::Message;
 use core_algos::bus::message::CalibrationResult;
-use core_algos::bus::{LeadMode, Message};
 use core_algos::config::ConfigError;
 use core_algos::node::Outbox;
 use core_algos::node::beam::BeamNode;
 use core_algos::node::robot::RobotConfig;
 use core_algos::node::tick_sync::{Step, TickSync};
 use core_algos::params::Disarmed;
-use core_algos::safety::{Condition, Conditions, Permit};
+use core_algos::safety::{Condition, Conditions};
 use core_algos::time::{Micros, TICK, sequence};
 use core_algos::topology::Role;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
@@ -22,12 +22,10 @@ use firmware_common::fault;
 use firmware_common::timing::{Every, Stopwatch};
 
 use super::bridges::{Block, Bridges};
+use crate::rules::Motors;
 
 /// Ticks between health reports.
 const HEALTH: u8 = 100;
-/// Time since an axle last said that its motors are on, or the lead node wanted them on, after which
-/// they are taken to be off: the axles' own timeout has passed twice.
-const MOTORS_OFF: Micros = 100 * TICK;
 /// Nominal supply of the board, V; the excitation is measured against it.
 const SUPPLY_V: f32 = 3.3;
 
@@ -88,7 +86,7 @@ pub struct Beam {
 /// All that changes from tick to tick.
 struct State {
     sync: TickSync,
-    motors_on: Option<Micros>,
+    motors: Motors,
     saving: Option<u8>,
     /// Times conversions were lost.
     lost: u16,
@@ -106,7 +104,7 @@ pub async fn run(mut beam: Beam) -> ! {
     let mut health = Every::new(HEALTH);
     let mut state = State {
         sync: TickSync::following(),
-        motors_on: None,
+        motors: Motors::default(),
         saving: None,
         lost: 0,
     };
@@ -144,19 +142,14 @@ impl Beam {
         while let Some(arrived) = self.receiver.take() {
             state.sync.receive(arrived.local, &arrived.message);
             self.node.receive(&arrived.message);
-            match arrived.message {
-                Message::LeadStatus {
-                    mode: LeadMode::Active | LeadMode::Hold,
-                    ..
-                } => state.motors_on = Some(local),
-                Message::NodeStatus { state: other, .. } if other.permit() != Permit::Off => {
-                    state.motors_on = Some(local);
-                }
-                Message::BeamCalibration {
-                    sequence,
-                    calibrate,
-                } if state.saving.is_none() => self.procedure.request(sequence, calibrate),
-                _ => {}
+            state.motors.receive(local, &arrived.message);
+            if let Message::BeamCalibration {
+                sequence,
+                calibrate,
+            } = arrived.message
+                && state.saving.is_none()
+            {
+                self.procedure.request(sequence, calibrate);
             }
         }
     }
@@ -189,9 +182,7 @@ impl Beam {
             };
             self.answer(sequence, result, 0);
         }
-        let motors_off = state
-            .motors_on
-            .is_none_or(|last| block.local.saturating_sub(last) > MOTORS_OFF);
+        let motors_off = state.motors.are_off(block.local);
         let calibration = &self.config.beam.calibration;
         match self
             .procedure

@@ -2,32 +2,21 @@
 //!
 //! Each part is a plain struct. What happens at its terminals is told with the exact time, in the
 //! order of time; what it shows is asked for at a time. A part that changes by itself says when
-//! ([`Icm42688::next`] and so on); whoever composes a board ([`crate::chip::Surroundings`]) calls its
-//! `advance` then. Noise comes from a generator of the part's own ([`crate::noise`]), so that parts neither
+//! ([`Contact::next`] and so on); whoever composes a board ([`crate::chip::Surroundings`]) calls its
+//! `advance` then. Noise comes from a generator of the part's own, so that parts neither
 //! disturb each other nor depend on the order in which they are asked.
 
-mod bridge;
-mod drv8874;
 mod encoder;
-mod filter;
-mod icm42688;
-mod ina240;
-mod motor;
-mod remarks;
+#[cfg(feature = "devices")]
+mod robot;
 mod supply;
 mod switches;
-mod thermistor;
 
-pub use bridge::{Bridge, BridgeConfig, BridgeFault};
-pub use drv8874::{DriverConfig, Drv8874, Half, OverCurrent, Regulation};
 pub use encoder::{Encoder, EncoderConfig, EncoderFault, Line, OutputStage};
-pub use icm42688::{Icm42688, InertialConfig, InertialFault, Motion};
-pub use ina240::{Amplifier, AmplifierConfig, AmplifierFault};
-pub use motor::{Motor, MotorConfig, Work};
-pub use remarks::{Remark, Remarks};
+#[cfg(feature = "devices")]
+pub use robot::*;
 pub use supply::{Divider, Profile, Supply};
 pub use switches::{Contact, Led};
-pub use thermistor::{Thermistor, ThermistorFault};
 
 use crate::time::Time;
 

@@ -1,7 +1,7 @@
 //! The signal path of gyroscope or accelerometer: from the truth to counts.
 
 use super::super::filter::{LowPass, Memory};
-use super::super::{later, span_s};
+use crate::device::{later, span_s};
 use crate::noise::Noise;
 use crate::time::Time;
 

@@ -5,7 +5,7 @@
 //! ratiometric. The low-pass is of first order; strain is a straight line between two calls of
 //! [`Bridge::strain`], for which its answer is known in closed form, so sampling is exact at any time.
 
-use super::span_s;
+use crate::device::span_s;
 use crate::noise::Noise;
 use crate::time::Time;
 

@@ -20,8 +20,8 @@
 mod config;
 
 use super::motor::{Motor, Source, Work};
-use super::{later, span_s};
 use crate::chip::Drive;
+use crate::device::{later, span_s};
 use crate::time::Time;
 pub use config::{DriverConfig, OverCurrent, Regulation};
 use std::collections::VecDeque;

@@ -9,7 +9,7 @@
 //! decaying disturbance. The data sheet gives the last only as oscilloscope pictures: its size here is
 //! an estimate.
 
-use super::span_s;
+use crate::device::span_s;
 use crate::noise::Noise;
 use crate::time::Time;
 

@@ -15,8 +15,9 @@
 mod path;
 mod registers;
 
-use super::{Remarks, span_s};
+use super::Remarks;
 use crate::chip::Drive;
+use crate::device::span_s;
 use crate::time::Time;
 use path::{Errors, Path, Settings, Truth};
 use registers::*;

@@ -1,0 +1,275 @@
+//! Rules of the tick without access to hardware: conditions, limits, button.
+
+use core_algos::control::wheel_observer;
+use core_algos::drive::winding::{self, Winding};
+use core_algos::node::board::Output;
+use core_algos::params::Drive;
+use core_algos::safety::{Condition, Conditions, OperatingState};
+use core_algos::time::EPOCH;
+
+/// Epochs for which the button must be down: 50 ms.
+const HOLD: u8 = 5;
+const _: () = assert!(EPOCH == 10_000);
+
+/// What the tick asks of the motors.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Command {
+    /// Whether the motors may be on.
+    pub on: bool,
+    /// Whether a latched fault is to be forgotten.
+    pub clear: bool,
+    /// Wheel torques (left, right), N m, forward positive.
+    pub torque_nm: [f32; 2],
+    /// Wheel speeds (left, right), rad/s, for the back-EMF.
+    pub speed_rad_s: [f32; 2],
+    /// Largest currents, A.
+    pub limit_a: [f32; 2],
+}
+
+/// What the motors report; it holds for the last tick.
+#[derive(Clone, Copy, Debug)]
+pub struct Feedback {
+    /// Currents, root mean square over the tick, A.
+    pub current_a: [f32; 2],
+    /// Supply, V.
+    pub supply_v: f32,
+    /// Between the drivers, °C; `None` if the thermistor is open or short.
+    pub temperature_c: Option<f32>,
+    /// Whether the drivers are awake.
+    pub on: bool,
+    /// Whether the zeros of the current sensors are known.
+    pub ready: bool,
+    /// Whether the emergency stop is pressed at present.
+    pub stopped: bool,
+    /// Whether a motor's current does not answer to its voltage.
+    pub unresponsive: bool,
+    /// Longest run of the current loop since the start, core cycles.
+    pub longest_cycles: u32,
+    /// Why the motors were switched off; lasts until it is cleared.
+    pub fault: Option<Condition>,
+}
+
+impl Feedback {
+    /// Before the first tick.
+    pub const NOTHING: Self = Self {
+        current_a: [0.0; 2],
+        supply_v: 0.0,
+        temperature_c: None,
+        on: false,
+        ready: false,
+        stopped: false,
+        unresponsive: false,
+        longest_cycles: 0,
+        fault: None,
+    };
+
+    /// Conditions of drivers, motors and supply.
+    pub fn conditions(&self, drive: &Drive) -> Conditions {
+        let hotter = |bound: f32| self.temperature_c.is_some_and(|t| !(t <= bound));
+        let below = |bound: f32| self.ready && !(self.supply_v >= bound);
+        let too_high = self.supply_v > drive.supply_maximum_v;
+        let warm = hotter(drive.driver_fold_back_c());
+        let conditions = Conditions::NONE
+            .with(Condition::EmergencyStop, self.stopped)
+            .with(Condition::TemperatureHigh, warm)
+            .with(Condition::OverTemperature, hotter(drive.driver_max_c))
+            .with(Condition::SupplyWarning, below(drive.supply_warning_v))
+            .with(Condition::SupplyLow, below(drive.supply_minimum_v))
+            .with(Condition::SupplyHigh, too_high)
+            .with(Condition::MotorUnresponsive, self.unresponsive);
+        match self.fault {
+            Some(fault) => conditions.with(fault, true),
+            None => conditions,
+        }
+    }
+}
+
+impl Command {
+    /// What the node asks for, within the limits of motors and drivers.
+    pub fn limited(
+        output: &Output,
+        feedback: &Feedback,
+        wheels: &[wheel_observer::State; 2],
+        (drive, winding): (&Drive, &Winding),
+        windings: &mut [winding::State; 2],
+    ) -> Self {
+        let driver = drive.driver_share(feedback.temperature_c);
+        let mut command = Self {
+            on: output.active,
+            clear: output.clear,
+            torque_nm: output.torque_nm,
+            ..Self::default()
+        };
+        for i in 0..2 {
+            command.speed_rad_s[i] = wheels[i].speed_rad_s;
+            command.limit_a[i] = winding.step(&mut windings[i], feedback.current_a[i], driver);
+        }
+        command
+    }
+}
+
+/// Request of a press of the button.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Press {
+    /// Clear faults.
+    Clear,
+    /// Drive to the goal.
+    Drive,
+    /// Stop.
+    Stop,
+}
+
+/// The button's state between epochs.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Presses {
+    held: u8,
+    driving: bool,
+}
+
+impl Presses {
+    /// The nodes began anew: they are idle.
+    pub fn forget(&mut self) {
+        self.driving = false;
+    }
+
+    /// One epoch with the button's level and the lead node's state; `None` without a lead node.
+    pub fn step(&mut self, down: bool, lead: Option<OperatingState>) -> Option<Press> {
+        self.held = if down { self.held.saturating_add(1) } else { 0 };
+        let lead = lead.filter(|_| self.held == HOLD)?;
+        if lead == OperatingState::Fault {
+            self.driving = false;
+            return Some(Press::Clear);
+        }
+        self.driving = !self.driving;
+        Some(if self.driving {
+            Press::Drive
+        } else {
+            Press::Stop
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn found(feedback: Feedback) -> Conditions {
+        feedback.conditions(&Drive::default())
+    }
+
+    #[test]
+    fn conditions_follow_the_limits_of_supply_and_drivers() {
+        let drive = Drive::default();
+        let good = Feedback {
+            ready: true,
+            supply_v: drive.supply_warning_v + 0.1,
+            temperature_c: Some(25.0),
+            ..Feedback::NOTHING
+        };
+        assert_eq!(found(good), Conditions::NONE);
+        let supply = |supply_v| found(Feedback { supply_v, ..good });
+        let warned = Conditions::only(Condition::SupplyWarning);
+        assert_eq!(supply(drive.supply_minimum_v + 0.1), warned);
+        let low = warned.with(Condition::SupplyLow, true);
+        assert_eq!(supply(drive.supply_minimum_v - 0.1), low);
+        assert_eq!(supply(f32::NAN), low);
+        let high = Conditions::only(Condition::SupplyHigh);
+        assert_eq!(supply(drive.supply_maximum_v + 0.1), high);
+        // Unknown zeros: the supply is not measured yet.
+        assert_eq!(found(Feedback::NOTHING), Conditions::NONE);
+        let heat = |c| {
+            found(Feedback {
+                temperature_c: Some(c),
+                ..good
+            })
+        };
+        let warm = Conditions::only(Condition::TemperatureHigh);
+        assert_eq!(heat(drive.driver_max_c - 1.0), warm);
+        let hot = warm.with(Condition::OverTemperature, true);
+        assert_eq!([drive.driver_max_c + 1.0, f32::NAN].map(heat), [hot; 2]);
+        let fault = Some(Condition::DriverFault);
+        let stopped = Feedback {
+            stopped: true,
+            fault,
+            ..good
+        };
+        let both = Conditions::only(Condition::EmergencyStop).with(Condition::DriverFault, true);
+        assert_eq!(found(stopped), both);
+    }
+
+    #[test]
+    fn limits_fall_with_the_drivers_heat_and_each_windings_current() {
+        let drive = Drive::default();
+        let winding = drive.winding().build().unwrap();
+        let output = Output {
+            active: true,
+            torque_nm: [0.3, -0.2],
+            ..Output::default()
+        };
+        let limits = |temperature_c, seconds: usize| {
+            let current_a = [0.0, 2.0 * drive.max_current_a];
+            let feedback = Feedback {
+                current_a,
+                temperature_c,
+                ..Feedback::NOTHING
+            };
+            let mut windings = [winding.at_start(); 2];
+            let mut step = || {
+                let parts = (&drive, &winding);
+                Command::limited(
+                    &output,
+                    &feedback,
+                    &Default::default(),
+                    parts,
+                    &mut windings,
+                )
+            };
+            let last = (0..1000 * seconds).map(|_| step()).last().unwrap();
+            assert_eq!((last.on, last.torque_nm), (true, [0.3, -0.2]));
+            last.limit_a
+        };
+        let most = drive.max_current_a;
+        assert_eq!(limits(Some(25.0), 1), [most; 2]);
+        assert_eq!(limits(None, 1), [most / 2.0; 2]);
+        assert_eq!(limits(Some(drive.driver_max_c), 1), [0.0; 2]);
+        assert_eq!(limits(Some(25.0), 200), [most, 0.0]);
+    }
+
+    /// Requests of a button that is down in these epochs.
+    fn requests(presses: &mut Presses, down: &[bool], lead: Option<OperatingState>) -> Vec<Press> {
+        let step = |down: &bool| presses.step(*down, lead);
+        down.iter().filter_map(step).collect()
+    }
+
+    #[test]
+    fn a_press_counts_once_after_50_ms_and_bounces_do_not() {
+        let mut presses = Presses::default();
+        let idle = Some(OperatingState::Idle);
+        assert_eq!(
+            requests(&mut presses, &[true, true, true, true, false], idle),
+            []
+        );
+        assert_eq!(requests(&mut presses, &[true; 300], idle), [Press::Drive]);
+        assert_eq!(requests(&mut presses, &[false], idle), []);
+        assert_eq!(requests(&mut presses, &[true; 5], idle), [Press::Stop]);
+    }
+
+    #[test]
+    fn a_press_clears_a_fault_and_the_next_one_drives() {
+        let mut presses = Presses::default();
+        let press = [false, true, true, true, true, true];
+        for (lead, expected) in [
+            (OperatingState::Idle, Press::Drive),
+            (OperatingState::Fault, Press::Clear),
+            (OperatingState::Idle, Press::Drive),
+        ] {
+            assert_eq!(requests(&mut presses, &press, Some(lead)), [expected]);
+        }
+        presses.forget();
+        assert_eq!(requests(&mut presses, &press, None), []);
+        assert_eq!(
+            requests(&mut presses, &press, Some(OperatingState::Idle)),
+            [Press::Drive]
+        );
+    }
+}
