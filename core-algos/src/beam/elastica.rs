@@ -9,121 +9,40 @@
 //! [`Solver`] is valid by construction; [`Solver::fit`] is infallible and bounded (at most
 //! [`MAX_EVALUATIONS`] shapes); it gives `None` where no finite fit exists.
 
-use super::polynomial::Interpolant;
-use super::strip::{GaugeMask, MAX_GAUGES, RelativePosture, Strip};
-use crate::math::matrix::{
-    Mat3, apply, cholesky, cholesky_solve, inverse_spd, is_finite, propagate, scale, subtract,
-};
-use crate::math::trig::{cos, ln, sin_cos, sinc, sqrt};
-use crate::math::{Posture, small_angle};
+mod fit;
+mod minimum;
+mod ray;
+mod start;
+mod wrench;
 
-/// Standard deviations within which a force may be none.
-const VOUCHED: f32 = 2.0;
+use super::polynomial::Interpolant;
+use super::strip::{GaugeMask, MAX_GAUGES, Strip};
+use crate::math::matrix::{Mat3, cholesky, cholesky_solve};
+use crate::math::trig::{ln, sin_cos, sinc};
+pub use fit::Fit;
+use minimum::{Minimum, is_suspicious, lower, told};
+use ray::{Leg, Parameters, Ray};
+pub use start::Start;
+pub use wrench::Wrench;
 /// Most shapes computed for one fit.
 pub const MAX_EVALUATIONS: u8 = 40;
 /// Most shapes computed from one start.
 const MAX_DESCENT: usize = 10;
-/// Longest integration step, as a fraction of the length. Sixth order: 1/8 keeps the posture
-/// within 2e-6 of the length up to the second buckling load.
-const MAX_STEP: f32 = 0.1;
 /// A step this small, in squared standard deviations of the parameters, ends the iteration; what
 /// it leaves is smaller by its square.
 const CONVERGED: f32 = 1e-2;
 /// A step as small as this leaves the rest to the refinement, where there will be one.
 const CLOSE: f32 = 4.0;
-/// Axial compressions in units of EI/L² at which [`Solver::waves`] looks for a start.
-const WAVE_LOADS: [f32; 10] = [0.0, 5.0, 12.0, 20.0, 30.0, 42.0, 55.0, 70.0, 88.0, 110.0];
 /// Weight of the load's prior in its tail: cost `TAIL` ln(1 + |f|²/σ²).
 const TAIL: f32 = 3.0;
 /// What is left of it once the load is known.
 const REFINED_TAIL: f32 = 1e-3 * TAIL;
-/// The load is known if the prior decides less than this share of a parameter.
-const PRIOR_SHARE: f32 = 0.1;
 /// Most steps taken after that.
 const REFINEMENTS: u8 = 2;
 /// A compression of this many prior standard deviations is compared with none.
 const LARGE_LOAD: f32 = 3.0;
-/// A residual this large makes the fit try other starts.
-const SUSPICIOUS: f32 = 12.0;
 /// Largest |F| L²/EI the fit may reach: sixteen times the load of the second buckling mode.
 const MAX_LOAD: f32 = 1300.0;
-
-/// What the strip exerts on the axles, in the rear axle's frame.
-///
-/// The strip acts on the rear axle with force (+fx, +fy) and moment +root_moment about its
-/// midpoint, and on the front axle with force (−fx, −fy) and moment −tip_moment about its midpoint.
-/// Seen the other way, (fx, fy, tip_moment) is what the front axle exerts on the strip. A left
-/// bend by pure moments has fx = fy = 0 and both moments positive; a strip compressed between the
-/// axles has fx < 0.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Wrench {
-    /// Force along the rear axle's x, N.
-    pub fx: f32,
-    /// Force along the rear axle's y, N.
-    pub fy: f32,
-    /// Moment at the rear axle's midpoint, N m.
-    pub root_moment: f32,
-    /// Moment at the front axle's midpoint, N m.
-    pub tip_moment: f32,
-    /// Covariance of (fx, fy, root_moment). Of a strip that is nearly straight the strains do not
-    /// tell fx: then its variance is that of the prior.
-    pub covariance: Mat3,
-}
-
-impl Wrench {
-    /// Whether every number is finite.
-    pub fn is_finite(&self) -> bool {
-        self.fx.is_finite()
-            && self.fy.is_finite()
-            && self.root_moment.is_finite()
-            && self.tip_moment.is_finite()
-            && is_finite(&self.covariance)
-    }
-
-    /// What the strains vouch for: each force less what may be error, to nothing where it is within
-    /// two standard deviations. `posture` is that of the front axle, which the balance of
-    /// moments needs. Of a strip that is nearly straight the strains do not tell the axial force, and
-    /// what the fit gives then must neither stop the robot nor drive its motors.
-    pub fn vouched(&self, posture: Posture) -> Self {
-        let sure = |force: f32, variance: f32| {
-            let share = 1.0 - VOUCHED * VOUCHED * variance / (force * force);
-            // Not a number for no force.
-            if share > 0.0 { share * force } else { 0.0 }
-        };
-        let fx = sure(self.fx, self.covariance[0][0]);
-        let fy = sure(self.fy, self.covariance[1][1]);
-        Self {
-            fx,
-            fy,
-            tip_moment: self.root_moment + fx * posture.y - fy * posture.x,
-            ..*self
-        }
-    }
-}
-
-/// A fitted elastica.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Fit {
-    /// Front axle in the rear axle's frame.
-    pub relative: RelativePosture,
-    /// End forces.
-    pub wrench: Wrench,
-    /// Curvature of the fitted shape at every gauge of the strip, used or not, 1/m.
-    pub curvature: [f32; MAX_GAUGES],
-    /// Weighted sum of squared residuals.
-    pub chi_square: f32,
-    /// Readings minus the parameters they determine (the prior counts as information): what
-    /// `chi_square` is on average.
-    pub degrees_of_freedom: f32,
-    /// Whether the iteration settled.
-    pub converged: bool,
-    /// Shapes computed.
-    pub evaluations: u8,
-}
-
-/// Where a fit may start: where another one ended.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Start(Parameters);
 
 /// A fit under way: the lowest minimum so far, and where else one may be.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -150,112 +69,6 @@ impl Search {
     pub fn start(&self) -> Option<Start> {
         let best = self.best.as_ref().filter(|_| self.elsewhere)?;
         Some(Start(best.parameters))
-    }
-}
-
-/// Curvature at the middle and force there, in units of 1/L and EI/L², in the frame of the
-/// strip's middle. From the middle, errors grow over half the length only (a strip in tension
-/// amplifies them exponentially).
-type Parameters = [f32; 3];
-
-/// The shape at one point, in the frame of the middle, with derivatives by the parameters.
-/// Lengths in units of L.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Ray {
-    theta: f32,
-    x: f32,
-    y: f32,
-    d_theta: [f32; 3],
-    d_x: [f32; 3],
-    d_y: [f32; 3],
-}
-
-impl Ray {
-    const MIDDLE: Self = Self {
-        theta: 0.0,
-        x: 0.0,
-        y: 0.0,
-        d_theta: [0.0; 3],
-        d_x: [0.0; 3],
-        d_y: [0.0; 3],
-    };
-
-    /// Curvature here: the balance of moments, exact whatever the integration step.
-    fn curvature(&self, [middle, fx, fy]: Parameters) -> f32 {
-        middle + fx * self.y - fy * self.x
-    }
-
-    /// Derivative of [`Self::curvature`] by the parameters.
-    fn curvature_gradient(&self, [_, fx, fy]: Parameters) -> [f32; 3] {
-        let mut gradient = [1.0, self.y, -self.x];
-        for j in 0..3 {
-            gradient[j] += fx * self.d_y[j] - fy * self.d_x[j];
-        }
-        gradient
-    }
-
-    /// One step of signed length `h` along the strip: θ'' = f_x sin θ − f_y cos θ by the
-    /// five-stage, sixth-order Runge–Kutta–Nyström method of Albrecht (1955), positions by the
-    /// same stages, derivatives by differentiating the step itself.
-    fn step(&mut self, parameters: Parameters, h: f32) {
-        const A: [[f32; 4]; 5] = [
-            [0.0; 4],
-            [1.0 / 32.0, 0.0, 0.0, 0.0],
-            [-1.0 / 24.0, 1.0 / 6.0, 0.0, 0.0],
-            [3.0 / 32.0, 1.0 / 8.0, 1.0 / 16.0, 0.0],
-            [0.0, 3.0 / 7.0, -1.0 / 14.0, 1.0 / 7.0],
-        ];
-        const C: [f32; 5] = [0.0, 0.25, 0.5, 0.75, 1.0];
-        const B_ANGLE: [f32; 5] = [7.0 / 90.0, 4.0 / 15.0, 1.0 / 15.0, 4.0 / 45.0, 0.0];
-        const B_POSITION: [f32; 5] = [7.0 / 90.0, 16.0 / 45.0, 2.0 / 15.0, 16.0 / 45.0, 7.0 / 90.0];
-        let [_, fx, fy] = parameters;
-        let curvature = self.curvature(parameters);
-        let d_curvature = self.curvature_gradient(parameters);
-        let h2 = h * h;
-        let mut bend = [0.0; 5];
-        let mut d_bend = [[0.0; 3]; 5];
-        let mut next = *self;
-        next.theta += h * curvature;
-        for j in 0..3 {
-            next.d_theta[j] += h * d_curvature[j];
-        }
-        for stage in 0..5 {
-            let reach = C[stage] * h;
-            let mut theta = self.theta + reach * curvature;
-            let mut d_theta = [0.0; 3];
-            for j in 0..3 {
-                d_theta[j] = self.d_theta[j] + reach * d_curvature[j];
-            }
-            for earlier in 0..stage {
-                let a = h2 * A[stage][earlier];
-                theta += a * bend[earlier];
-                for j in 0..3 {
-                    d_theta[j] += a * d_bend[earlier][j];
-                }
-            }
-            let (s, c) = if theta.abs() <= small_angle::LIMIT {
-                small_angle::sin_cos(theta)
-            } else {
-                sin_cos(theta)
-            };
-            bend[stage] = fx * s - fy * c;
-            let stiffness = fx * c + fy * s;
-            d_bend[stage] = [
-                stiffness * d_theta[0],
-                stiffness * d_theta[1] + s,
-                stiffness * d_theta[2] - c,
-            ];
-            let (angle, position) = (h2 * B_ANGLE[stage], h * B_POSITION[stage]);
-            next.theta += angle * bend[stage];
-            next.x += position * c;
-            next.y += position * s;
-            for j in 0..3 {
-                next.d_theta[j] += angle * d_bend[stage][j];
-                next.d_x[j] -= position * s * d_theta[j];
-                next.d_y[j] += position * c * d_theta[j];
-            }
-        }
-        *self = next;
     }
 }
 
@@ -306,28 +119,6 @@ pub struct Solver {
     /// The last leg to the root and to the tip.
     root_leg: Leg,
     tip_leg: Leg,
-}
-
-/// A stretch between two points of interest: step length (signed, in units of L) and count.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct Leg {
-    step: f32,
-    count: u8,
-}
-
-impl Leg {
-    fn new(from_u: f32, to_u: f32) -> Self {
-        let length = 0.5 * (to_u - from_u);
-        let mut count = 0u8;
-        // At most half the strip, so at most four steps.
-        while f32::from(count) * MAX_STEP < length.abs() && count < 8 {
-            count += 1;
-        }
-        Self {
-            step: length / f32::from(count.max(1)),
-            count,
-        }
-    }
 }
 
 impl Solver {
@@ -662,48 +453,6 @@ impl Solver {
         LARGE_LOAD * self.strip.uncertainty.load_prior
     }
 
-    /// Starts from small-deflection theory: at a given axial load the curvature is a wave,
-    /// κ = a cos ωs + b sin ωs with ω² the compression, so one linear fit per load; the best
-    /// three, best first.
-    fn waves(&self, k: &[f32; MAX_GAUGES], weights: &[f32; MAX_GAUGES]) -> [Parameters; 3] {
-        let mut best = [(f32::INFINITY, [0.0; 3]); 3];
-        for load in WAVE_LOADS {
-            let omega = sqrt(load);
-            // A trace of a prior keeps the normal matrix regular.
-            let mut hessian = [[1e-3, 0.0], [0.0, 1e-3]];
-            let mut right = [0.0; 2];
-            let mut rows = [[0.0; 2]; MAX_GAUGES];
-            for i in 0..MAX_GAUGES {
-                let s = 0.5 * self.strip.u[i];
-                rows[i] = [cos(omega * s), s * sinc(omega * s)];
-                for r in 0..2 {
-                    right[r] += weights[i] * rows[i][r] * k[i];
-                    for c in 0..2 {
-                        hessian[r][c] += weights[i] * rows[i][r] * rows[i][c];
-                    }
-                }
-            }
-            let Some(factor) = cholesky(&hessian) else {
-                continue;
-            };
-            let [middle, slope] = cholesky_solve(&factor, &right);
-            let mut chi_square = 0.0;
-            for i in 0..MAX_GAUGES {
-                let residual = k[i] - rows[i][0] * middle - rows[i][1] * slope;
-                chi_square += weights[i] * residual * residual;
-            }
-            // At the middle, θ = 0 and κ' = −f_y; what is left of the load is along the strip.
-            let along = -sqrt((load * load - slope * slope).max(0.0));
-            let mut found = (chi_square, bounded([middle, along, -slope]));
-            for slot in &mut best {
-                if found.0 < slot.0 {
-                    core::mem::swap(slot, &mut found);
-                }
-            }
-        }
-        best.map(|(_, parameters)| parameters)
-    }
-
     /// One Gauss–Newton step from a minimum to that of other readings, and whether it was small.
     fn refined(&self, from: Minimum, readings: &Readings, evaluations: &mut u8) -> (Minimum, bool) {
         let normal = self.normal(&from.shape, from.parameters, readings);
@@ -808,172 +557,11 @@ impl Solver {
             converged,
         })
     }
-
-    /// Posture, wrench and their covariance at a minimum.
-    fn result(
-        &self,
-        minimum: &Minimum,
-        mask: GaugeMask,
-        readings: &Readings,
-        evaluations: u8,
-    ) -> Option<Fit> {
-        let strip = &self.strip;
-        let Readings {
-            k, weights, drift, ..
-        } = readings;
-        let Minimum {
-            parameters,
-            shape,
-            normal,
-            converged,
-        } = minimum;
-        let (root, tip) = (&shape.root, &shape.tip);
-        let inverse = inverse_spd(&normal.hessian)?;
-
-        // Parameters: independent errors weigh by construction; common ones move all readings.
-        let mut by_offset = [0.0; 3];
-        let mut by_gain = [0.0; 3];
-        for i in 0..MAX_GAUGES {
-            for r in 0..3 {
-                let weighted = weights[i] * shape.gradient[i][r];
-                by_offset[r] += weighted;
-                by_gain[r] += weighted * k[i];
-            }
-        }
-        let uncertainty = &strip.uncertainty;
-        let offset = uncertainty.common_offset_strain / strip.half_thickness * strip.length;
-        let by_offset = apply(&inverse, &by_offset).map(|v| v * offset);
-        let by_gain = apply(&inverse, &by_gain).map(|v| v * uncertainty.common_gain);
-        let mut spread = inverse;
-        for r in 0..3 {
-            for c in 0..3 {
-                spread[r][c] += by_offset[r] * by_offset[c] + by_gain[r] * by_gain[c];
-            }
-        }
-        // What a variance of 1 of each reading makes of it: the walk of the zeros, and the noise.
-        let mut unit: Mat3 = [[0.0; 3]; 3];
-        for i in 0..MAX_GAUGES {
-            let share = weights[i] * weights[i];
-            let gradient = &shape.gradient[i];
-            for r in 0..3 {
-                for c in 0..3 {
-                    unit[r][c] += share * gradient[r] * gradient[c];
-                }
-            }
-        }
-        let unit = propagate(&inverse, &unit);
-        let fresh = subtract(&spread, &scale(&unit, *drift));
-        let noise = scale(&unit, strip.noise_variance * strip.length * strip.length);
-
-        // Posture of the tip in the root's frame.
-        let (s, c) = sin_cos(root.theta);
-        let (dx, dy) = (tip.x - root.x, tip.y - root.y);
-        let (x, y) = (c * dx + s * dy, c * dy - s * dx);
-        let phi = tip.theta - root.theta;
-        let length = strip.length;
-        let flexible = Posture::new(length * x, length * y, phi);
-        let lever = strip.rigid_tip_lever(phi);
-        let mut jacobian: Mat3 = [[0.0; 3]; 3];
-        // Force in the root's frame and moment at the rear axle, in units of EI/L² and EI/L.
-        let [_, fx, fy] = *parameters;
-        let (load_x, load_y) = (c * fx + s * fy, c * fy - s * fx);
-        let root_curvature = root.curvature(*parameters);
-        let d_root_curvature = root.curvature_gradient(*parameters);
-        let arm = strip.rigid_root / length;
-        let mut wrench_jacobian: Mat3 = [[0.0; 3]; 3];
-        for j in 0..3 {
-            let turn = root.d_theta[j];
-            let (ddx, ddy) = (tip.d_x[j] - root.d_x[j], tip.d_y[j] - root.d_y[j]);
-            let d_phi = tip.d_theta[j] - turn;
-            jacobian[0][j] = length * (c * ddx + s * ddy + y * turn) + lever.0 * d_phi;
-            jacobian[1][j] = length * (c * ddy - s * ddx - x * turn) + lever.1 * d_phi;
-            jacobian[2][j] = d_phi;
-            let (unit_x, unit_y) = [(0.0, 0.0), (c, -s), (s, c)][j];
-            wrench_jacobian[0][j] = unit_x + load_y * turn;
-            wrench_jacobian[1][j] = unit_y - load_x * turn;
-            wrench_jacobian[2][j] = d_root_curvature[j] + arm * wrench_jacobian[1][j];
-        }
-        let force_unit = strip.stiffness / (length * length);
-        let moment_unit = strip.stiffness / length;
-        for j in 0..3 {
-            wrench_jacobian[0][j] *= force_unit;
-            wrench_jacobian[1][j] *= force_unit;
-            wrench_jacobian[2][j] *= moment_unit;
-        }
-        let posture = strip.with_rigid_ends(flexible);
-        let relative = RelativePosture {
-            posture,
-            covariance: strip.with_unseen_error(propagate(&jacobian, &fresh)),
-            noise: strip.with_unseen_error(propagate(&jacobian, &noise)),
-        };
-        let root_moment = moment_unit * (root_curvature + arm * load_y);
-        let (force_x, force_y) = (force_unit * load_x, force_unit * load_y);
-        let wrench = Wrench {
-            fx: force_x,
-            fy: force_y,
-            root_moment,
-            tip_moment: root_moment + force_x * posture.y - force_y * posture.x,
-            covariance: propagate(&wrench_jacobian, &spread),
-        };
-        // trace(H⁻¹ prior): how much of the parameters the prior decides.
-        let decided_by_prior = normal.prior * (inverse[1][1] + inverse[2][2]);
-        let fit = Fit {
-            relative,
-            wrench,
-            curvature: shape.curvature.map(|k| k / length),
-            chi_square: normal.chi_square,
-            degrees_of_freedom: (mask.count() as f32 - 3.0 + decided_by_prior).max(0.0),
-            converged: *converged,
-            evaluations,
-        };
-        (relative.is_sound() && wrench.is_finite() && fit.chi_square.is_finite()).then_some(fit)
-    }
-}
-
-/// Where a descent ended.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Minimum {
-    parameters: Parameters,
-    shape: Shape,
-    normal: Normal,
-    converged: bool,
-}
-
-impl Minimum {
-    /// Whether this is the lower minimum, or the same one but settled.
-    fn better_than(&self, other: &Self) -> bool {
-        let margin = if self.converged && !other.converged {
-            1e-2
-        } else {
-            -1e-2
-        };
-        self.normal.cost < other.normal.cost + margin
-    }
-}
-
-/// Whether the strains alone fix the load.
-fn told(normal: &Normal) -> bool {
-    inverse_spd(&normal.hessian)
-        .is_some_and(|inverse| normal.prior * (inverse[1][1] + inverse[2][2]) < PRIOR_SHARE)
-}
-
-/// Whether there may be a better minimum elsewhere.
-fn is_suspicious(found: Option<&Minimum>) -> bool {
-    found.is_none_or(|found| !found.converged || !(found.normal.chi_square < SUSPICIOUS))
 }
 
 /// Shapes that may be computed before those of the refinement.
 fn before_refinement(budget: u8) -> u8 {
     budget.clamp(4, MAX_EVALUATIONS) - REFINEMENTS
-}
-
-/// The lower of two minima.
-fn lower(a: Option<Minimum>, b: Option<Minimum>) -> Option<Minimum> {
-    match (a, b) {
-        (Some(a), Some(b)) if b.better_than(&a) => Some(b),
-        (None, b) => b,
-        (a, _) => a,
-    }
 }
 
 /// Parameters with the force limited to [`MAX_LOAD`], direction kept.

@@ -32,6 +32,7 @@ use crate::safety::OperatingState;
 use crate::topology::Node;
 use crate::topology::{AxleId, Role};
 use core::fmt;
+use core::slice::{Iter, IterMut};
 
 /// A classic CAN data frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -190,28 +191,6 @@ fn to_raw(signal: &Signal, value: f32) -> Option<i32> {
     (low..=high).contains(&raw).then_some(raw)
 }
 
-fn posture_values(sequence: u8, posture: &Posture) -> Values {
-    // What would round up to half a span is the other end of it.
-    const LAST: f32 = 0.5 * POSITION_SPAN_M - 6e-5;
-    let position = |x: f32| {
-        let wrapped = wrap_position(x);
-        if wrapped > LAST {
-            -0.5 * POSITION_SPAN_M
-        } else {
-            wrapped
-        }
-    };
-    [
-        f32::from(sequence),
-        position(posture.x),
-        position(posture.y),
-        wrap_angle(posture.phi),
-        0.0,
-        0.0,
-        0.0,
-    ]
-}
-
 /// A position difference or position brought into half a span around zero.
 pub fn wrap_position(x: f32) -> f32 {
     const HALF: f32 = 0.5 * POSITION_SPAN_M;
@@ -231,31 +210,9 @@ pub fn wrap_position(x: f32) -> f32 {
 /// Smallest standard deviation the bus tells from zero.
 const SIGMA_FLOOR: f32 = 2e-9;
 
-fn covariance_values(sequence: u8, covariance: &Mat3) -> Values {
-    let sigma = [0, 1, 2].map(|i| sqrt(covariance[i][i]).max(SIGMA_FLOOR));
-    let correlation = |i: usize, j: usize| covariance[i][j] / (sigma[i] * sigma[j]);
-    // `max` would turn NaN into the floor; a covariance that is not finite must not be sent.
-    let log = |i: usize| {
-        if covariance[i][i] >= 0.0 {
-            ln(sigma[i])
-        } else {
-            f32::NAN
-        }
-    };
-    [
-        f32::from(sequence),
-        log(0),
-        log(1),
-        log(2),
-        correlation(0, 1),
-        correlation(0, 2),
-        correlation(1, 2),
-    ]
-}
-
-fn covariance_from(values: &Values) -> Mat3 {
-    let sigma = [1, 2, 3].map(|i| exp(values[i]));
-    let mut correlation = [values[4], values[5], values[6]];
+/// Covariance of logarithms of standard deviations and of correlations.
+fn covariance_from(logs: [f32; 3], mut correlation: [f32; 3]) -> Mat3 {
+    let sigma = logs.map(exp);
     let mut m = [[0.0; 3]; 3];
     // Rounded correlations near one can make the matrix indefinite: pull them toward zero. The
     // scaled matrix is checked, because scaling rounds as well.
@@ -282,302 +239,231 @@ fn covariance_from(values: &Values) -> Mat3 {
     m
 }
 
-fn to_values(message: &Message) -> (u16, Values) {
-    let pick = |axle: AxleId, id: u16| id + axle.index() as u16;
-    match *message {
-        Message::TimeSync {
-            epoch,
-            last_delay_us,
-        } => (
-            id::TIME_SYNC,
-            [
-                f32::from(epoch as u8),
-                (epoch >> 8) as f32,
-                f32::from(last_delay_us.unwrap_or(UNKNOWN_DELAY)),
-                0.0,
-                0.0,
-                0.0,
-                0.0,
-            ],
-        ),
-        Message::LeadStatus {
-            sequence,
-            mode,
-            steering_rad,
-            velocity_m_s,
-        } => {
-            let (s, mode) = (f32::from(sequence), f32::from(mode as u8));
-            (
-                id::LEAD_STATUS,
-                [s, mode, steering_rad, velocity_m_s, 0.0, 0.0, 0.0],
-            )
+/// A field of a message as one or more values of the bus, in the order of its signals.
+trait Field: Sized {
+    /// Appends the values.
+    fn write(self, to: &mut IterMut<f32>);
+    /// Takes the values; `None` if they are no field of this type.
+    fn read(from: &mut Iter<f32>) -> Option<Self>;
+}
+
+impl Field for f32 {
+    fn write(self, to: &mut IterMut<f32>) {
+        if let Some(value) = to.next() {
+            *value = self;
         }
-        Message::NodeStatus {
-            node,
-            sequence,
-            state,
-            reason,
-            notices,
-        } => (
-            id::NODE_STATUS + node as u16,
-            [
-                f32::from(sequence),
-                f32::from(state as u8),
-                f32::from(reason),
-                f32::from(notices),
-                0.0,
-                0.0,
-                0.0,
-            ],
-        ),
-        Message::ReferencePosture {
-            axle,
-            sequence,
-            posture,
-        } => (
-            pick(axle, id::REFERENCE_POSTURE),
-            posture_values(sequence, &posture),
-        ),
-        Message::ReferenceMotion {
-            axle,
-            sequence,
-            velocity_m_s,
-            yaw_rate_rad_s,
-            acceleration_m_s2,
-            yaw_acceleration_rad_s2,
-        } => (
-            pick(axle, id::REFERENCE_MOTION),
-            [
-                f32::from(sequence),
-                velocity_m_s,
-                yaw_rate_rad_s,
-                acceleration_m_s2,
-                yaw_acceleration_rad_s2,
-                0.0,
-                0.0,
-            ],
-        ),
-        Message::AxlePosture {
-            axle,
-            sequence,
-            posture,
-        } => (
-            pick(axle, id::AXLE_POSTURE),
-            posture_values(sequence, &posture),
-        ),
-        Message::AxleMotion {
-            axle,
-            sequence,
-            velocity_m_s,
-            yaw_rate_rad_s,
-            refused,
-            gyro_samples,
-            gyro_zeroed,
-            uptime,
-        } => (
-            pick(axle, id::AXLE_MOTION),
-            [
-                f32::from(sequence),
-                velocity_m_s,
-                yaw_rate_rad_s,
-                f32::from(refused),
-                f32::from(gyro_samples),
-                f32::from(u8::from(gyro_zeroed)),
-                f32::from(uptime),
-            ],
-        ),
-        Message::AxleUncertainty {
-            axle,
-            sequence,
-            covariance,
-        } => (
-            pick(axle, id::AXLE_UNCERTAINTY),
-            covariance_values(sequence, &covariance),
-        ),
-        Message::BeamPosture {
-            sequence,
-            posture,
-            gauges,
-        } => (
-            id::BEAM_POSTURE,
-            [
-                f32::from(sequence),
-                posture.x,
-                posture.y,
-                wrap_angle(posture.phi),
-                f32::from(gauges),
-                0.0,
-                0.0,
-            ],
-        ),
-        Message::BeamUncertainty {
-            sequence,
-            covariance,
-        } => (
-            id::BEAM_UNCERTAINTY,
-            covariance_values(sequence, &covariance),
-        ),
-        Message::BeamWrench { sequence, wrench } => (
-            id::BEAM_WRENCH,
-            [
-                f32::from(sequence),
-                wrench.force_x,
-                wrench.force_y,
-                wrench.moment_root,
-                wrench.moment_end,
-                0.0,
-                0.0,
-            ],
-        ),
-        Message::BoardHealth {
-            board,
-            sequence,
-            missed_ticks,
-            tick_jitter_us,
-            tick_worst_us,
-            supply_v,
-            temperature_c,
-        } => (
-            id::BOARD_HEALTH + board as u16,
-            [
-                f32::from(sequence),
-                f32::from(missed_ticks),
-                f32::from(tick_jitter_us),
-                f32::from(tick_worst_us),
-                supply_v,
-                temperature_c,
-                0.0,
-            ],
-        ),
-        Message::BeamCalibration {
-            sequence,
-            calibrate,
-        } => {
-            let (command, curvature) = match calibrate {
-                Calibrate::Zero(curvature) => (0.0, curvature),
-                Calibrate::Gain(curvature) => (1.0, curvature),
+    }
+
+    fn read(from: &mut Iter<f32>) -> Option<Self> {
+        from.next().copied()
+    }
+}
+
+impl<const N: usize> Field for [f32; N] {
+    fn write(self, to: &mut IterMut<f32>) {
+        self.into_iter().for_each(|value| value.write(to));
+    }
+
+    fn read(from: &mut Iter<f32>) -> Option<Self> {
+        let mut values = [0.0; N];
+        for value in &mut values {
+            *value = f32::read(from)?;
+        }
+        Some(values)
+    }
+}
+
+/// A field of one value: `write` and `read` as functions of `f32`.
+macro_rules! single {
+    ($($kind:ty: |$field:ident| $write:expr, |$value:ident| $read:expr;)+) => {$(
+        impl Field for $kind {
+            fn write(self, to: &mut IterMut<f32>) {
+                let $field = self;
+                f32::write($write, to);
+            }
+
+            fn read(from: &mut Iter<f32>) -> Option<Self> {
+                let $value = f32::read(from)?;
+                $read
+            }
+        }
+    )+};
+}
+
+single! {
+    u8: |number| number.into(), |value| Some(value as u8);
+    u16: |number| number.into(), |value| Some(value as u16);
+    bool: |flag| u8::from(flag).into(), |value| Some(value != 0.0);
+    Option<u16>: |delay| delay.unwrap_or(UNKNOWN_DELAY).into(),
+        |value| Some(Some(value as u16).filter(|&delay| delay != UNKNOWN_DELAY));
+    LeadMode: |mode| f32::from(mode as u8), |value| Self::from_number(value as u8);
+    OperatingState: |state| f32::from(state as u8), |value| Self::from_number(value as u8);
+    CalibrationResult: |result| f32::from(result as u8), |value| Self::from_number(value as u8);
+}
+
+/// The number of an epoch: its lowest byte, then the rest.
+impl Field for u32 {
+    fn write(self, to: &mut IterMut<f32>) {
+        (self as u8).write(to);
+        ((self >> 8) as f32).write(to);
+    }
+
+    fn read(from: &mut Iter<f32>) -> Option<Self> {
+        let sequence = u8::read(from)?;
+        Some((f32::read(from)? as u32) << 8 | u32::from(sequence))
+    }
+}
+
+impl Field for Posture {
+    fn write(self, to: &mut IterMut<f32>) {
+        [self.x, self.y, wrap_angle(self.phi)].write(to);
+    }
+
+    fn read(from: &mut Iter<f32>) -> Option<Self> {
+        <[f32; 3]>::read(from).map(|[x, y, phi]| Self::new(x, y, phi))
+    }
+}
+
+/// A posture whose position is sent modulo [`POSITION_SPAN_M`].
+struct Odometric(Posture);
+
+impl Field for Odometric {
+    fn write(self, to: &mut IterMut<f32>) {
+        // A position that would round up to half a span is sent as the other end of the span.
+        const LAST: f32 = 0.5 * POSITION_SPAN_M - 6e-5;
+        let position = |x: f32| match wrap_position(x) {
+            wrapped if wrapped > LAST => -0.5 * POSITION_SPAN_M,
+            wrapped => wrapped,
+        };
+        let Posture { x, y, phi } = self.0;
+        Posture::new(position(x), position(y), phi).write(to);
+    }
+
+    fn read(from: &mut Iter<f32>) -> Option<Self> {
+        Posture::read(from).map(Self)
+    }
+}
+
+/// Logarithms of the standard deviations, then the correlations.
+impl Field for Mat3 {
+    fn write(self, to: &mut IterMut<f32>) {
+        let sigma = [0, 1, 2].map(|i| sqrt(self[i][i]).max(SIGMA_FLOOR));
+        for i in 0..3 {
+            // `max` would turn NaN into the floor; a covariance that is not finite must not be sent.
+            let log = if self[i][i] >= 0.0 {
+                ln(sigma[i])
+            } else {
+                f32::NAN
             };
-            let s = f32::from(sequence);
-            (
-                id::BEAM_CALIBRATION,
-                [s, command, curvature, 0.0, 0.0, 0.0, 0.0],
-            )
+            log.write(to);
         }
-        Message::BeamCalibrated {
-            sequence,
-            result,
-            gauge,
-        } => {
-            let (s, result) = (f32::from(sequence), f32::from(result as u8));
-            (
-                id::BEAM_CALIBRATED,
-                [s, result, f32::from(gauge), 0.0, 0.0, 0.0, 0.0],
-            )
+        for (i, j) in [(0, 1), (0, 2), (1, 2)] {
+            (self[i][j] / (sigma[i] * sigma[j])).write(to);
+        }
+    }
+
+    fn read(from: &mut Iter<f32>) -> Option<Self> {
+        Some(covariance_from(Field::read(from)?, Field::read(from)?))
+    }
+}
+
+impl Field for Wrench {
+    fn write(self, to: &mut IterMut<f32>) {
+        [
+            self.force_x,
+            self.force_y,
+            self.moment_root,
+            self.moment_end,
+        ]
+        .write(to);
+    }
+
+    fn read(from: &mut Iter<f32>) -> Option<Self> {
+        let [force_x, force_y, moment_root, moment_end] = Field::read(from)?;
+        Some(Self {
+            force_x,
+            force_y,
+            moment_root,
+            moment_end,
+        })
+    }
+}
+
+impl Field for Calibrate {
+    fn write(self, to: &mut IterMut<f32>) {
+        let (command, curvature) = match self {
+            Self::Zero(curvature) => (0.0, curvature),
+            Self::Gain(curvature) => (1.0, curvature),
+        };
+        [command, curvature].write(to);
+    }
+
+    fn read(from: &mut Iter<f32>) -> Option<Self> {
+        match (u8::read(from)?, f32::read(from)?) {
+            (0, curvature) => Some(Self::Zero(curvature)),
+            (1, curvature) => Some(Self::Gain(curvature)),
+            _ => None,
         }
     }
 }
 
-fn from_values(identifier: u16, values: &Values) -> Option<Message> {
-    let sequence = values[0] as u8;
-    let axle = if identifier & 1 == 0 {
-        AxleId::Front
-    } else {
-        AxleId::Rear
+/// Both directions of the messages: identifier, message, and its fields in the order of the signals.
+/// `+ field of values` adds the index of the field to the identifier.
+macro_rules! messages {
+    ($($id:ident $(+ $which:ident of $all:expr)? => $name:ident {
+        $($field:ident $(as $wire:ident)?),+
+    };)+) => {
+        fn to_values(message: &Message) -> (u16, Values) {
+            let mut values = [0.0; MAX_SIGNALS];
+            let mut to = values.iter_mut();
+            let id = match *message {
+                $(Message::$name { $($which,)? $($field),+ } => {
+                    $($(let $field = $wire($field);)? $field.write(&mut to);)+
+                    id::$id $(+ $which as u16)?
+                })+
+            };
+            (id, values)
+        }
+
+        fn from_values(identifier: u16, values: &Values) -> Option<Message> {
+            let mut from = values.iter();
+            $(
+                let index = usize::from(identifier.wrapping_sub(id::$id));
+                let known = index == 0 $(|| index < $all.len())?;
+                if known {
+                    $(let $which = *$all.get(index)?;)?
+                    $(let $field = Field::read(&mut from)?; $(let $wire($field) = $field;)?)+
+                    return Some(Message::$name { $($which,)? $($field),+ });
+                }
+            )+
+            None
+        }
     };
-    let of_axle = |front: u16| identifier == front || identifier == front + 1;
-    let posture = Posture::new(values[1], values[2], values[3]);
-    Some(match identifier {
-        id::TIME_SYNC => Message::TimeSync {
-            epoch: (values[1] as u32) << 8 | u32::from(sequence),
-            last_delay_us: Some(values[2] as u16).filter(|&delay| delay != UNKNOWN_DELAY),
-        },
-        id::LEAD_STATUS => Message::LeadStatus {
-            sequence,
-            mode: LeadMode::from_number(values[1] as u8)?,
-            steering_rad: values[2],
-            velocity_m_s: values[3],
-        },
-        id::NODE_STATUS..=0x043 => Message::NodeStatus {
-            node: *Node::ALL.get(usize::from(identifier - id::NODE_STATUS))?,
-            sequence,
-            state: OperatingState::from_number(values[1] as u8)?,
-            reason: values[2] as u8,
-            notices: values[3] as u16,
-        },
-        _ if of_axle(id::REFERENCE_POSTURE) => Message::ReferencePosture {
-            axle,
-            sequence,
-            posture,
-        },
-        _ if of_axle(id::REFERENCE_MOTION) => Message::ReferenceMotion {
-            axle,
-            sequence,
-            velocity_m_s: values[1],
-            yaw_rate_rad_s: values[2],
-            acceleration_m_s2: values[3],
-            yaw_acceleration_rad_s2: values[4],
-        },
-        _ if of_axle(id::AXLE_POSTURE) => Message::AxlePosture {
-            axle,
-            sequence,
-            posture,
-        },
-        _ if of_axle(id::AXLE_MOTION) => Message::AxleMotion {
-            axle,
-            sequence,
-            velocity_m_s: values[1],
-            yaw_rate_rad_s: values[2],
-            refused: values[3] as u8,
-            gyro_samples: values[4] as u8,
-            gyro_zeroed: values[5] != 0.0,
-            uptime: values[6] as u8,
-        },
-        _ if of_axle(id::AXLE_UNCERTAINTY) => Message::AxleUncertainty {
-            axle,
-            sequence,
-            covariance: covariance_from(values),
-        },
-        id::BEAM_POSTURE => Message::BeamPosture {
-            sequence,
-            posture,
-            gauges: values[4] as u8,
-        },
-        id::BEAM_UNCERTAINTY => Message::BeamUncertainty {
-            sequence,
-            covariance: covariance_from(values),
-        },
-        id::BEAM_WRENCH => Message::BeamWrench {
-            sequence,
-            wrench: Wrench {
-                force_x: values[1],
-                force_y: values[2],
-                moment_root: values[3],
-                moment_end: values[4],
-            },
-        },
-        id::BEAM_CALIBRATION => Message::BeamCalibration {
-            sequence,
-            calibrate: match values[1] as u8 {
-                0 => Calibrate::Zero(values[2]),
-                1 => Calibrate::Gain(values[2]),
-                _ => return None,
-            },
-        },
-        id::BEAM_CALIBRATED => Message::BeamCalibrated {
-            sequence,
-            result: CalibrationResult::from_number(values[1] as u8)?,
-            gauge: values[2] as u8,
-        },
-        _ => Message::BoardHealth {
-            board: *Role::ALL.get(usize::from(identifier.wrapping_sub(id::BOARD_HEALTH)))?,
-            sequence,
-            missed_ticks: values[1] as u8,
-            tick_jitter_us: values[2] as u16,
-            tick_worst_us: values[3] as u16,
-            supply_v: values[4],
-            temperature_c: values[5],
-        },
-    })
+}
+
+messages! {
+    TIME_SYNC => TimeSync { epoch, last_delay_us };
+    LEAD_STATUS => LeadStatus { sequence, mode, steering_rad, velocity_m_s };
+    NODE_STATUS + node of Node::ALL => NodeStatus { sequence, state, reason, notices };
+    REFERENCE_POSTURE + axle of AxleId::BOTH => ReferencePosture {
+        sequence, posture as Odometric
+    };
+    REFERENCE_MOTION + axle of AxleId::BOTH => ReferenceMotion {
+        sequence, velocity_m_s, yaw_rate_rad_s, acceleration_m_s2, yaw_acceleration_rad_s2
+    };
+    AXLE_POSTURE + axle of AxleId::BOTH => AxlePosture { sequence, posture as Odometric };
+    AXLE_MOTION + axle of AxleId::BOTH => AxleMotion {
+        sequence, velocity_m_s, yaw_rate_rad_s, refused, gyro_samples, gyro_zeroed, uptime
+    };
+    AXLE_UNCERTAINTY + axle of AxleId::BOTH => AxleUncertainty { sequence, covariance };
+    BEAM_POSTURE => BeamPosture { sequence, posture, gauges };
+    BEAM_UNCERTAINTY => BeamUncertainty { sequence, covariance };
+    BEAM_WRENCH => BeamWrench { sequence, wrench };
+    BOARD_HEALTH + board of Role::ALL => BoardHealth {
+        sequence, missed_ticks, tick_jitter_us, tick_worst_us, supply_v, temperature_c
+    };
+    BEAM_CALIBRATION => BeamCalibration { sequence, calibrate };
+    BEAM_CALIBRATED => BeamCalibrated { sequence, result, gauge };
 }
 
 #[cfg(test)]

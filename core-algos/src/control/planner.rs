@@ -15,68 +15,16 @@
 //!
 //! [`Config::build`] validates; nothing else can fail. A posture that is not finite yields no plan.
 
+mod plan;
+
+pub use plan::{Plan, Segment};
+
 use super::funnel::Candidate;
 use super::kinematic::Direction;
 use crate::config::{ConfigError, in_range, non_negative, positive};
 use crate::math::Posture;
 use crate::math::trig::{sin_cos, sinc, sqrt};
 use core::f32::consts::TAU;
-
-/// A piece of path of constant curvature.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Segment {
-    /// Which end leads.
-    pub direction: Direction,
-    /// Curvature of the path of O, 1/m, positive to the left of the robot's heading.
-    pub curvature: f32,
-    /// Length, m, not negative.
-    pub length_m: f32,
-}
-
-impl Segment {
-    /// The posture `distance` metres into the segment that starts at `from`.
-    pub fn posture_at(&self, from: Posture, distance: f32) -> Posture {
-        let ds = self.direction.sign() * distance;
-        from.advance(ds, ds * self.curvature)
-    }
-}
-
-/// Segments that lead into the funnel.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Plan {
-    first: Option<Segment>,
-    second: Option<Segment>,
-    /// Direction in which to approach the goal from the end of the segments.
-    pub approach: Direction,
-    /// Estimated length of segments and approach plus the price of cusps and stops, m.
-    pub cost_m: f32,
-}
-
-impl Plan {
-    /// A plan without segments: the approach starts at once.
-    pub const fn direct(approach: Direction) -> Self {
-        Self {
-            first: None,
-            second: None,
-            approach,
-            cost_m: 0.0,
-        }
-    }
-
-    /// Segment `index`; `None` past the last one.
-    pub fn segment(&self, index: usize) -> Option<Segment> {
-        match index {
-            0 => self.first,
-            1 => self.second,
-            _ => None,
-        }
-    }
-
-    /// The segments in order.
-    pub fn segments(&self) -> impl Iterator<Item = Segment> {
-        self.first.into_iter().chain(self.second)
-    }
-}
 
 /// Parameters of the search.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -436,43 +384,46 @@ impl Planner {
         };
     }
 
+    /// Lengthens the first segment of each motion by a step, once all second ones are tried.
+    fn lengthen_first(&self, search: &mut Search, first_steps: u16, best: Option<f32>) {
+        let step_m = self.config.pair_step_m;
+        let length = f32::from(first_steps + 1) * step_m;
+        let mut alive = false;
+        for (motion, ((pose, open), &step)) in
+            search.middle.iter_mut().zip(&self.pair_steps).enumerate()
+        {
+            let Some(unit) = self.segment(motion as u8, step_m) else {
+                continue;
+            };
+            *pose = pose.compose(step);
+            let least =
+                length + 2.0 * self.config.stop_price_m + sqrt(pose.x * pose.x + pose.y * pose.y);
+            *open = *open && length <= self.longest(&unit) && best.is_none_or(|best| least < best);
+            alive |= *open;
+        }
+        search.stage = if alive {
+            Stage::Pair {
+                first_steps: first_steps + 1,
+                first: 0,
+                second: 0,
+                steps: 0,
+            }
+        } else if search.best.is_some() {
+            Stage::Refine {
+                change: 0,
+                step_m: 0.5 * step_m,
+                helped: false,
+            }
+        } else {
+            Stage::Finished
+        };
+    }
+
     fn pair(&self, search: &mut Search, first_steps: u16, first: u8, second: u8, steps: u16) {
         let step_m = self.config.pair_step_m;
         let best = search.best.map(|plan| plan.cost_m);
         if usize::from(first) >= MOTIONS.len() {
-            // All motions done at this length of the first segment: one step further on each.
-            let length = f32::from(first_steps + 1) * step_m;
-            let mut alive = false;
-            for (motion, ((pose, open), &step)) in
-                search.middle.iter_mut().zip(&self.pair_steps).enumerate()
-            {
-                let Some(unit) = self.segment(motion as u8, step_m) else {
-                    continue;
-                };
-                *pose = pose.compose(step);
-                let least = length
-                    + 2.0 * self.config.stop_price_m
-                    + sqrt(pose.x * pose.x + pose.y * pose.y);
-                *open =
-                    *open && length <= self.longest(&unit) && best.is_none_or(|best| least < best);
-                alive |= *open;
-            }
-            search.stage = if alive {
-                Stage::Pair {
-                    first_steps: first_steps + 1,
-                    first: 0,
-                    second: 0,
-                    steps: 0,
-                }
-            } else if search.best.is_some() {
-                Stage::Refine {
-                    change: 0,
-                    step_m: 0.5 * step_m,
-                    helped: false,
-                }
-            } else {
-                Stage::Finished
-            };
+            self.lengthen_first(search, first_steps, best);
             return;
         }
         let next_first = Stage::Pair {

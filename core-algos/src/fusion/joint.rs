@@ -47,15 +47,16 @@
 //! # Ok::<(), core_algos::config::ConfigError>(())
 //! ```
 
-use super::constants::{
-    self, COMPLIANCE, DRIFT, GAIN, GYRO_BIAS, GYRO_SCALE, OF_BEAM, SCALE, SIDE, Step, TURN, Tyres,
-    UNEVEN, ZERO,
-};
+mod config;
+mod motion;
+
+pub use config::Config;
+use motion::{IncrementError, Motion};
+
+use super::constants::{self, GAIN, GYRO_BIAS, OF_BEAM, Step, Tyres, ZERO};
 use super::covariance::Covariance;
 use super::ekf::Verdict;
 use super::{Estimate, compound};
-use crate::beam::strip::{self, PostureSigmas};
-use crate::config::{ConfigError, in_range, non_negative, positive};
 use crate::math::matrix::{self, Mat, Mat3};
 use crate::math::trig::{sin_cos, sqrt, wrap_angle};
 use crate::math::{Posture, RelativeHeading};
@@ -73,153 +74,6 @@ const OF_BEAM_STATES: [usize; OF_BEAM] = [
     FIRST + GAIN,
     FIRST + GAIN + 1,
 ];
-
-/// Parameters of the joint filter beside those of the tier around it.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
-pub struct Config {
-    /// What zeros and gains of the gauges make of the beam's posture.
-    #[cfg_attr(feature = "serde", serde(skip))]
-    pub beam: PostureSigmas,
-    /// Half the track (the paper's d), m.
-    #[cfg_attr(feature = "serde", serde(skip))]
-    pub half_track_m: f32,
-    /// Moment of the frame on an axle a radian of relative heading, EI/L, N m.
-    #[cfg_attr(feature = "serde", serde(skip))]
-    pub frame_moment_n_m: f32,
-    /// Mass that the wheels of an axle carry, kg.
-    #[cfg_attr(feature = "serde", serde(skip))]
-    pub axle_mass_kg: f32,
-    /// Slip stiffness of the tyres over their load (C): rubber on a firm floor 10 to 40.
-    pub slip_stiffness: f32,
-    /// Friction coefficient of the tyres.
-    pub friction: f32,
-    /// Standard deviation of the slip of all tyres, relative: what floor and rubber make of it.
-    pub slip_sigma: f32,
-    /// Standard deviation of that of each tyre, relative.
-    pub tyre_slip_sigma: f32,
-    /// Standard deviation of an axle's heading drift, rad/m: relative difference of its wheel radii
-    /// over the track.
-    pub heading_drift_sigma_rad_per_m: f32,
-    /// Standard deviation of an axle's scale error (relative error of the mean wheel radius).
-    pub scale_sigma: f32,
-    /// Standard deviation of the scale error of the headings that the wheels report: relative error
-    /// of an axle's track.
-    pub turn_scale_sigma: f32,
-    /// Standard deviation of the way aside that an axle rolls, over its way ahead.
-    pub side_slip_sigma: f32,
-    /// Standard deviation of a gyro's bias when the robot sets off, rad/s.
-    pub gyro_bias_sigma_rad_s: f32,
-    /// Random walk of a gyro's bias, rad/s/√s.
-    pub gyro_bias_walk_rad_s_per_sqrt_s: f32,
-    /// Standard deviation of a gyro's scale error.
-    pub gyro_scale_sigma: f32,
-    /// Standard deviation of the heading that each metre adds to both axles, rad/m, because tyres
-    /// slip sideways steadily; it cannot be told from a common bias of the gyros, so it is not learnt,
-    /// only taken into account.
-    pub steady_slip_sigma_rad_per_m: f32,
-    /// Time in which what tyres, wheels and gains have been learnt to be is another again, s.
-    pub constancy_s: f32,
-    /// Standard deviation of the way of a wheel that its encoder tells and the floor does not see, or the
-    /// other way round, because of the play of its gear, m: beam and odometry disagree by so much.
-    pub play_sigma_m: f32,
-    /// Standard deviation of the way that the floor takes the robot, over the way it rolls, along each
-    /// axis of the floor; nothing on board tells it, so it is only taken into account.
-    pub floor_drift_sigma: f32,
-}
-
-impl Default for Config {
-    fn default() -> Self {
-        Self {
-            // Those of the default strip.
-            beam: strip::Config::default().sigmas(),
-            half_track_m: 0.162,
-            frame_moment_n_m: 0.833 / 0.37,
-            axle_mass_kg: 4.76,
-            slip_stiffness: 20.0,
-            friction: 0.7,
-            slip_sigma: 0.5,
-            tyre_slip_sigma: 0.3,
-            // Radii of each wheel known to 0.4 %, 0.324 m apart.
-            heading_drift_sigma_rad_per_m: 1.75e-2,
-            scale_sigma: 2.8e-3,
-            turn_scale_sigma: 1.25e-2,
-            side_slip_sigma: 3e-3,
-            // Zeroed over 0.4 s at rest: 4.9e-5 rad/s/√Hz of noise leave 5.5e-5 rad/s.
-            gyro_bias_sigma_rad_s: 6e-5,
-            gyro_bias_walk_rad_s_per_sqrt_s: 5e-5,
-            gyro_scale_sigma: 5e-3,
-            // Some 10 µm/s between axles 0.37 m apart at 0.12 m/s.
-            steady_slip_sigma_rad_per_m: 3e-4,
-            constancy_s: 3600.0,
-            // Evenly spread over 5 mrad of a wheel of 73 mm.
-            play_sigma_m: 1.1e-4,
-            floor_drift_sigma: 1.5e-2,
-        }
-    }
-}
-
-impl Config {
-    /// The ready form for one tick of `period_s`; an error names the parameter out of range.
-    pub fn build(&self, period_s: f32) -> Result<Joint, ConfigError> {
-        let t = positive("period_s", period_s)?;
-        macro_rules! variance {
-            ($($field:ident).+) => {{
-                let sigma = non_negative(stringify!($($field).+), self.$($field).+)?;
-                sigma * sigma
-            }};
-        }
-        let half_track = positive("half_track_m", self.half_track_m)?;
-        let moment = positive("frame_moment_n_m", self.frame_moment_n_m)?;
-        let wheel_load = 0.5 * GRAVITY * positive("axle_mass_kg", self.axle_mass_kg)?;
-        let stiffness = in_range("slip_stiffness", self.slip_stiffness, 1.0, 1e4)?;
-        let tyres = Tyres {
-            half_track,
-            compliance: moment / (2.0 * half_track * half_track * wheel_load * stiffness),
-            sliding: 2.0 * half_track * positive("friction", self.friction)? * wheel_load / moment,
-        };
-        let compliance = tyres.compliance * tyres.compliance;
-        // Of two tyres an axle and two axles.
-        let of_tyres = 0.25 * variance!(tyre_slip_sigma);
-        let mut prior = [0.0; constants::COUNT];
-        let mut walk = [0.0; constants::COUNT];
-        prior[ZERO] = variance!(beam.zero_rad);
-        prior[ZERO + 1] = variance!(beam.zero_tilt_m);
-        prior[GAIN] = variance!(beam.gain);
-        prior[GAIN + 1] = variance!(beam.gain_tilt_m);
-        prior[COMPLIANCE] = compliance * (variance!(slip_sigma) + of_tyres);
-        prior[COMPLIANCE + 1] = compliance * of_tyres;
-        for (first, variance) in [
-            (DRIFT, variance!(heading_drift_sigma_rad_per_m)),
-            (SCALE, variance!(scale_sigma)),
-            (TURN, variance!(turn_scale_sigma)),
-            (SIDE, variance!(side_slip_sigma)),
-            (UNEVEN, 2.0 * compliance * of_tyres),
-            (GYRO_BIAS, variance!(gyro_bias_sigma_rad_s)),
-            (GYRO_SCALE, variance!(gyro_scale_sigma)),
-        ] {
-            prior[first] = variance;
-            prior[first + 1] = variance;
-        }
-        walk[ZERO] = t * variance!(beam.walk_rad_per_sqrt_s);
-        walk[ZERO + 1] = t * variance!(beam.walk_tilt_m_per_sqrt_s);
-        walk[GYRO_BIAS] = t * variance!(gyro_bias_walk_rad_s_per_sqrt_s);
-        walk[GYRO_BIAS + 1] = walk[GYRO_BIAS];
-        let floor = variance!(floor_drift_sigma);
-        let play = variance!(play_sigma_m);
-        Ok(Joint {
-            t,
-            play_heading: 0.5 * play / (half_track * half_track),
-            play_way: 0.5 * play,
-            tyres,
-            prior,
-            kept: 1.0 - t / in_range("constancy_s", self.constancy_s, 10.0 * t, 1e7)?,
-            walk,
-            considered: [variance!(steady_slip_sigma_rad_per_m), floor, floor],
-        })
-    }
-}
 
 /// L⁻¹ b of a lower triangle L.
 fn solve_lower(l: &Mat3, b: &[f32; 3]) -> [f32; 3] {
@@ -702,58 +556,6 @@ impl Joint {
         }
         state.covariance.condition();
     }
-}
-
-/// Derivatives of the error of an axle's increment.
-struct IncrementError {
-    by_constants: Mat<3, { constants::COUNT }>,
-    by_heading: [f32; 3],
-}
-
-impl IncrementError {
-    /// The error that errors of the states make; few of the derivatives are not zero.
-    #[inline(always)]
-    fn of<const AXLE: usize>(&self, states: &[f32; N]) -> [f32; 3] {
-        let error = constants::error_by::<AXLE>(&self.by_constants, |k| states[(FIRST + k) % N]);
-        core::array::from_fn(|i| error[i] + self.by_heading[i] * states[REL_PHI])
-    }
-}
-
-/// The linear part of a tick's motion (F), but for the states that stay.
-struct Motion {
-    front_error: IncrementError,
-    rear_error: IncrementError,
-    by_rear: Mat3,
-    turn_back: Mat3,
-    by_relative: Mat3,
-    by_front: Mat3,
-    by_base: Mat3,
-}
-
-impl Motion {
-    /// Errors of the rear axle's and of the relative posture after it, from the errors of all states before.
-    fn apply(&self, states: &[f32; N]) -> [f32; 6] {
-        let front = self.front_error.of::<0>(states);
-        let rear = self.rear_error.of::<1>(states);
-        let [x, y, phi, ahead, aside, turned, ..] = *states;
-        let mut moved = [0.0; 6];
-        // The last rows of all these matrices are those of a turn.
-        for i in 0..2 {
-            moved[i] = along(&self.by_rear[i], &[x, y, phi]) + along(&self.turn_back[i], &rear);
-            moved[REL + i] = along(&self.by_relative[i], &[ahead, aside, turned])
-                + along(&self.by_front[i], &front)
-                + along(&self.by_base[i], &rear);
-        }
-        moved[2] = phi + rear[2];
-        moved[REL_PHI] = turned + front[2] - rear[2];
-        moved
-    }
-}
-
-/// Product of a row and a column.
-#[inline(always)]
-fn along(row: &[f32; 3], column: &[f32; 3]) -> f32 {
-    row[0] * column[0] + row[1] * column[1] + row[2] * column[2]
 }
 
 #[cfg(test)]

@@ -56,15 +56,21 @@
 //! # Ok::<(), core_algos::config::ConfigError>(())
 //! ```
 
+mod config;
+mod slip;
+
+pub use config::{Config, Mode, Slip};
+use slip::Slipping;
+
 use super::compound::Chain;
 use super::ekf::Verdict;
 use super::track::{self, Sensitivity, Track};
 use super::{Estimate, constants, intersection, ipec, joint};
-use crate::config::{ConfigError, non_negative, positive};
 use crate::math::matrix::{self, Mat3};
 use crate::math::trig::{sqrt, wrap_angle};
 use crate::math::{Posture, RelativeHeading};
 use crate::topology::AxleId;
+use config::Sigmas;
 
 /// Constants of odometry as noise of the same size, for the weights of IPEC: over this way, m, and
 /// this time, s.
@@ -74,186 +80,6 @@ const REFERENCE_TIME_S: f32 = 1.0;
 const WALK_TIME_S: f32 = 30.0;
 /// Ticks between two repairs of the joint filter's covariance.
 const CONDITION_INTERVAL: u8 = 64;
-
-/// Which fusion runs.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
-pub enum Mode {
-    /// Each axle's odometry alone.
-    Odometry,
-    /// Covariance intersection through the beam.
-    #[cfg_attr(feature = "serde", serde(alias = "ci"))]
-    Intersection,
-    /// Covariance intersection and internal posture error correction.
-    #[cfg_attr(feature = "serde", serde(alias = "ci+ipec"))]
-    IntersectionIpec,
-    /// One filter of both axles.
-    #[default]
-    Joint,
-}
-
-/// Slip of an axle that its wheels do not see, as random walks.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
-pub struct Slip {
-    /// Along the heading, m/√m.
-    pub along_m_per_sqrt_m: f32,
-    /// Across the heading, m/√m.
-    pub across_m_per_sqrt_m: f32,
-    /// Across the heading, per radian of relative heading, m/√m/rad: tyres slip under the side force of a turn, for
-    /// as long as it lasts to the same side.
-    pub side_m_per_sqrt_m: f32,
-    /// In heading, rad/√m.
-    pub heading_rad_per_sqrt_m: f32,
-    /// In heading, at any speed, rad/√s.
-    pub heading_rad_per_sqrt_s: f32,
-    /// In heading, per radian of relative heading, rad/√s/rad.
-    pub creep_per_sqrt_s: f32,
-    /// In heading, per radian of relative heading, rad/√m/rad.
-    pub creep_per_sqrt_m: f32,
-    /// In position, at any speed, m/√s.
-    pub position_m_per_sqrt_s: f32,
-    /// Speed at which an axle slips under the load of the frame where no beam measures it, m/s; its
-    /// wheels then turn it at this speed over half the track. Constant throughout a drive.
-    pub load_speed_m_s: f32,
-}
-
-impl Default for Slip {
-    fn default() -> Self {
-        Self {
-            along_m_per_sqrt_m: 5e-4,
-            across_m_per_sqrt_m: 2e-4,
-            side_m_per_sqrt_m: 1e-3,
-            heading_rad_per_sqrt_m: 2e-3,
-            heading_rad_per_sqrt_s: 2e-4,
-            creep_per_sqrt_s: 2e-3,
-            creep_per_sqrt_m: 5e-3,
-            position_m_per_sqrt_s: 1e-5,
-            // Up to 10 mm/s, where a tyre gives half of its friction, all alike probable.
-            load_speed_m_s: 5.8e-3,
-        }
-    }
-}
-
-/// Parameters of the second tier.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
-pub struct Config {
-    /// Which fusion runs.
-    pub mode: Mode,
-    /// Time between two ticks, s.
-    #[cfg_attr(feature = "serde", serde(skip))]
-    pub period_s: f32,
-    /// Distance between the axles with the frame straight (the paper's L), m.
-    #[cfg_attr(feature = "serde", serde(skip))]
-    pub frame_length_m: f32,
-    /// Standard deviations of the start posture of O (m, m, rad).
-    pub start_sigmas: [f32; 3],
-    /// Standard deviations of the front axle's posture in the rear axle's frame at the start, the
-    /// frame being taken as straight (m, m, rad).
-    pub frame_sigmas: [f32; 3],
-    /// Slip added to each axle's increments.
-    pub slip: Slip,
-    /// Largest accepted NIS of the beam's posture (three degrees of freedom); `None` accepts all.
-    pub beam_gate: Option<f32>,
-    /// Rejections of the beam in a row after which it is believed again.
-    pub gate_patience: u16,
-    /// Covariance intersection.
-    pub intersection: intersection::Config,
-    /// Internal posture error correction.
-    pub ipec: ipec::Config,
-    /// Joint filter. Its constant errors count in the other modes too, but for
-    /// those that are only taken into account.
-    pub joint: joint::Config,
-}
-
-impl Default for Config {
-    fn default() -> Self {
-        Self {
-            mode: Mode::Joint,
-            period_s: 0.01,
-            frame_length_m: 0.37,
-            start_sigmas: [5e-3, 5e-3, 1e-2],
-            frame_sigmas: [1e-3, 1e-3, 4e-3],
-            slip: Slip::default(),
-            beam_gate: Some(40.0),
-            gate_patience: 50,
-            // The determinant looks at relative sizes and cannot tell which axle's large error
-            // shrinks. A heading error is worth the position error it makes over the next metre.
-            intersection: intersection::Config {
-                criterion: intersection::Criterion::Trace,
-                heading_length_m: 1.0,
-            },
-            ipec: ipec::Config::default(),
-            joint: joint::Config::default(),
-        }
-    }
-}
-
-impl Config {
-    /// The ready form; an error names the parameter out of range.
-    pub fn build(&self) -> Result<RobotFusion, ConfigError> {
-        let square = |x: f32| x * x;
-        let t = positive("period_s", self.period_s)?;
-        let slip = &self.slip;
-        for sigma in self.start_sigmas {
-            positive("start_sigmas", sigma)?;
-        }
-        for sigma in self.frame_sigmas {
-            positive("frame_sigmas", sigma)?;
-        }
-        if let Some(gate) = self.beam_gate {
-            positive("beam_gate", gate)?;
-        }
-        let joint = self.joint.build(t)?;
-        Ok(RobotFusion {
-            mode: self.mode,
-            period: t,
-            frame_length: positive("frame_length_m", self.frame_length_m)?,
-            start_sigmas: self.start_sigmas,
-            frame_sigmas: self.frame_sigmas,
-            per_m: [
-                square(non_negative("along_m_per_sqrt_m", slip.along_m_per_sqrt_m)?),
-                square(non_negative(
-                    "across_m_per_sqrt_m",
-                    slip.across_m_per_sqrt_m,
-                )?),
-                square(non_negative(
-                    "heading_rad_per_sqrt_m",
-                    slip.heading_rad_per_sqrt_m,
-                )?),
-            ],
-            side_per_m: square(non_negative("side_m_per_sqrt_m", slip.side_m_per_sqrt_m)?),
-            position_per_tick: t * square(non_negative(
-                "position_m_per_sqrt_s",
-                slip.position_m_per_sqrt_s,
-            )?),
-            heading_per_tick: t * square(non_negative(
-                "heading_rad_per_sqrt_s",
-                slip.heading_rad_per_sqrt_s,
-            )?),
-            creep_per_tick: t * square(non_negative("creep_per_sqrt_s", slip.creep_per_sqrt_s)?),
-            creep_per_m: square(non_negative("creep_per_sqrt_m", slip.creep_per_sqrt_m)?),
-            constants: Sigmas::new(&joint, &self.joint),
-            load: match self.mode {
-                Mode::Odometry => {
-                    let speed = non_negative("load_speed_m_s", slip.load_speed_m_s)?;
-                    let half_track = 0.5 * positive("track_m", self.ipec.track_m)?;
-                    [speed, speed, speed / half_track]
-                }
-                _ => [0.0; 3],
-            },
-            beam_gate: self.beam_gate,
-            patience: self.gate_patience,
-            intersection: self.intersection.build()?,
-            ipec: self.ipec.build()?,
-            joint,
-        })
-    }
-}
 
 /// The second tier, ready to run.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -549,42 +375,6 @@ impl RobotFusion {
         self.step(state, &Inputs::default())
     }
 
-    /// The increment with slip added; none is a stay.
-    fn with_slip(
-        &self,
-        increment: Option<Increment>,
-        RelativeHeading(heading): RelativeHeading,
-    ) -> Slipping {
-        let Some(increment) = increment else {
-            return Slipping::default();
-        };
-        let ticks = f32::from(increment.ticks);
-        let advance = increment.posture.x;
-        let driven = advance.abs();
-        let gyro_share = increment.gyro_share.clamp(0.0, 1.0);
-        let by_wheels = 1.0 - gyro_share;
-        let position = self.position_per_tick * ticks;
-        let turning = (self.heading_per_tick + self.creep_per_tick * heading * heading) * ticks;
-        let mut covariance = increment.covariance;
-        covariance[0][0] += self.per_m[0] * driven + position;
-        let across = self.per_m[1] + self.side_per_m * heading * heading;
-        covariance[1][1] += across * driven + position;
-        let per_m = self.per_m[2] + self.creep_per_m * heading * heading;
-        covariance[2][2] += by_wheels * (per_m * driven + turning);
-        let by = |constant: usize| self.constants.own[constant] * by_wheels;
-        let (drift, slip) = (by(constants::DRIFT), by(constants::COMPLIANCE) * heading);
-        let bias = self.constants.own[constants::GYRO_BIAS] * gyro_share;
-        Slipping {
-            estimate: Estimate::new(increment.posture, covariance),
-            heading_variance: covariance[2][2]
-                + (drift * drift + slip * slip) * driven * REFERENCE_WAY_M
-                + bias * bias * ticks * self.period * REFERENCE_TIME_S,
-            advance,
-            ticks,
-            gyro_share,
-        }
-    }
-
     /// Moves an axle (0 front, 1 rear) by its odometry.
     fn advance(
         &self,
@@ -750,46 +540,6 @@ impl RobotFusion {
                 seen.rejected_in_a_row = seen.rejected_in_a_row.saturating_add(1);
             }
             Verdict::Invalid | Verdict::Absent => {}
-        }
-    }
-}
-
-/// An increment with slip.
-#[derive(Clone, Copy, Debug, Default)]
-struct Slipping {
-    /// Covariance along, across and in the heading reached.
-    estimate: Estimate,
-    /// Variance of the heading change with the constant drift as a random walk.
-    heading_variance: f32,
-    advance: f32,
-    ticks: f32,
-    gyro_share: f32,
-}
-
-/// Standard deviations of the constants that the axles' postures may owe something to.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Sigmas {
-    own: [f32; constants::COUNT],
-    /// Of the way that the floor takes the robot, over the way it rolls.
-    floor: f32,
-}
-
-impl Sigmas {
-    /// Those of the joint filter. Only that filter takes the tyres' slip off: here all of it is unknown.
-    fn new(joint: &joint::Joint, config: &joint::Config) -> Self {
-        let mut own = joint.prior_sigmas();
-        // A bias that walks adds walk²·T³/3 to the heading's variance in a time T; so does a constant
-        // one of variance walk²·T/3.
-        let walk = config.gyro_bias_walk_rad_s_per_sqrt_s;
-        for bias in &mut own[constants::GYRO_BIAS..constants::GYRO_BIAS + 2] {
-            *bias = sqrt(*bias * *bias + walk * walk * WALK_TIME_S / 3.0);
-        }
-        let slip = &mut own[constants::COMPLIANCE];
-        let all = joint.tyres().compliance;
-        *slip = sqrt(*slip * *slip + all * all);
-        Self {
-            own,
-            floor: config.floor_drift_sigma,
         }
     }
 }

@@ -11,206 +11,29 @@
 //! itself, along the path it is on, and switches its motors off; with any number that is not finite
 //! the torques are zero at once.
 
+mod config;
+mod watch;
+
+pub use config::{Config, FrameProperties, Limits, SpeedSource};
+
 use super::Outbox;
 use super::peers::{self, Peers};
-use crate::bus::{LeadMode, Message, layout};
-use crate::config::{ConfigError, in_range, positive};
+use crate::bus::{LeadMode, Message};
 use crate::control::cascade::AxleReference;
 use crate::control::dynamic::{self, Dynamic};
 use crate::control::wheel_observer::{self, WheelObserver};
 use crate::fusion::Estimate;
 use crate::fusion::ekf::{self, AxleFilter, Measurements, Verdict};
-use crate::fusion::standstill::{self, Bias, RestDetector, RestTimes, Zeroing};
+use crate::fusion::standstill::{Bias, RestDetector, RestTimes, Zeroing};
 use crate::math::{AxleLoad, Posture, Steering, Twist, Wrench};
 use crate::safety::supervisor::{self, Supervisor};
-use crate::safety::{Condition, Conditions, OperatingState, Permit, Request, ramp};
+use crate::safety::{Conditions, Permit, ramp};
 use crate::time::{EPOCH, Micros, Stamped, TICK, epoch_start, is_epoch_start, seconds, sequence};
 use crate::topology::AxleId;
 use crate::topology::Node;
 
-/// Speed the controller uses.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
-pub enum SpeedSource {
-    /// The tracking observers of the wheels: least lag.
-    #[default]
-    Wheels,
-    /// The axle filter.
-    Filter,
-}
-
 /// Age from which a reference is late: the lead node and the bus have had two epochs for it.
 const LATE: Micros = 3 * EPOCH;
-
-/// Parameters of an axle node.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
-pub struct Config {
-    /// Age of a mode or a reference after which the motors are switched off, s.
-    pub reference_timeout_s: f32,
-    /// Age of a wrench from the beam after which it is no longer used, s.
-    pub wrench_timeout_s: f32,
-    /// Speed the controller uses.
-    pub speed_source: SpeedSource,
-    /// Wheel observers.
-    pub wheel: wheel_observer::Config,
-    /// Radius of the right wheel over that of the left.
-    #[cfg_attr(feature = "serde", serde(skip))]
-    pub wheel_ratio: f32,
-    /// Time of rest after which the inertial sensors are zeroed, s: wheels still for the
-    /// accelerometer, motors off too for the gyro.
-    pub rest_hold_s: f32,
-    /// Time for which the motors must have been off before the gyro is zeroed, s, unless they never
-    /// were on: a bent frame unwinds over creeping tyres.
-    pub rest_settle_s: f32,
-    /// Zeroing of the gyro at standstill.
-    pub gyro_zero: standstill::Config,
-    /// Zeroing of the accelerometer at standstill.
-    pub accelerometer_zero: standstill::Config,
-    /// Axle filter.
-    pub filter: ekf::Config,
-    /// Dynamic controller.
-    pub controller: dynamic::Config,
-    /// When the axle stops because something is wrong.
-    pub limits: Limits,
-    /// How it stops.
-    pub stop: ramp::Config,
-    /// Supervisor.
-    pub supervisor: supervisor::Config,
-}
-
-/// Bounds of what a sound axle does; each counts only after the time of its condition.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
-pub struct Limits {
-    /// Distance from the reference, m.
-    pub tracking_m: f32,
-    /// Difference in heading from the reference, rad.
-    pub tracking_rad: f32,
-    /// Share of the largest torque from which a wheel that stands still is blocked.
-    pub stall_share: f32,
-    /// Speed below which a wheel stands still, rad/s.
-    pub stall_rad_s: f32,
-    /// Difference of the yaw rates by the wheels and by the gyro, rad/s.
-    pub slip_rad_s: f32,
-    /// Speed of a wheel over ground beyond which a reference is not taken, m/s.
-    #[cfg_attr(feature = "serde", serde(skip))]
-    pub wheel_speed_m_s: f32,
-}
-
-impl Default for Limits {
-    fn default() -> Self {
-        Self {
-            tracking_m: 0.08,
-            tracking_rad: 0.35,
-            stall_share: 0.6,
-            stall_rad_s: 0.2,
-            slip_rad_s: 0.8,
-            wheel_speed_m_s: 0.5,
-        }
-    }
-}
-
-impl Limits {
-    fn check(&self) -> Result<(), ConfigError> {
-        positive("tracking_m", self.tracking_m)?;
-        positive("tracking_rad", self.tracking_rad)?;
-        in_range("stall_share", self.stall_share, 0.1, 1.0)?;
-        positive("stall_rad_s", self.stall_rad_s)?;
-        positive("slip_rad_s", self.slip_rad_s)?;
-        positive("wheel_speed_m_s", self.wheel_speed_m_s)?;
-        Ok(())
-    }
-
-    /// Whether an error of the posture is within so many times what a sound axle has.
-    fn near(&self, error: Posture, times: f32) -> bool {
-        let (way, turn) = (times * self.tracking_m, times * self.tracking_rad);
-        error.x.abs() <= way && error.y.abs() <= way && error.phi.abs() <= turn
-    }
-
-    /// Whether a motion is one that this robot can be asked for.
-    fn allow(&self, twist: Twist, half_track: f32) -> bool {
-        twist.v.abs() + half_track * twist.omega.abs() <= self.wheel_speed_m_s
-    }
-}
-
-impl Default for Config {
-    fn default() -> Self {
-        Self {
-            reference_timeout_s: layout::timeout_s(layout::id::REFERENCE_POSTURE),
-            wrench_timeout_s: layout::timeout_s(layout::id::BEAM_WRENCH),
-            speed_source: SpeedSource::Wheels,
-            wheel: wheel_observer::Config::default(),
-            wheel_ratio: 1.0,
-            rest_hold_s: 0.1,
-            rest_settle_s: 60.0,
-            gyro_zero: standstill::Config::GYRO,
-            accelerometer_zero: standstill::Config::ACCELEROMETER,
-            filter: ekf::Config::default(),
-            controller: dynamic::Config::default(),
-            limits: Limits::default(),
-            stop: ramp::Config::default(),
-            supervisor: supervisor::Config::default(),
-        }
-    }
-}
-
-/// What an axle must know of the frame it is fixed to.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct FrameProperties {
-    /// Bending stiffness EI, N m².
-    pub bending_stiffness_n_m2: f32,
-    /// Flexible length L, m.
-    pub length_m: f32,
-}
-
-impl Config {
-    /// The node of one axle; the error names the parameter that is wrong.
-    pub fn build(&self, axle: AxleId, frame: FrameProperties) -> Result<AxleNode, ConfigError> {
-        in_range("reference_timeout_s", self.reference_timeout_s, 0.01, 1.0)?;
-        in_range("wrench_timeout_s", self.wrench_timeout_s, 0.01, 1.0)?;
-        positive("bending_stiffness_n_m2", frame.bending_stiffness_n_m2)?;
-        positive("frame_length_m", frame.length_m)?;
-        self.limits.check()?;
-        let to_micros = |s: f32| (s * 1e6) as Micros;
-        let period = positive("period_s", self.filter.period_s)?;
-        let rest_hold = in_range("rest_hold_s", self.rest_hold_s, 0.01, 10.0)?;
-        let rest_settle = in_range("rest_settle_s", self.rest_settle_s, 0.0, 3600.0)?;
-        let gyro_zero = self.gyro_zero.build(period)?;
-        let wheel_radius = positive("wheel_radius_m", self.controller.wheel_radius_m)?;
-        let ratio = in_range("wheel_ratio", self.wheel_ratio, 0.8, 1.25)?;
-        let left = 2.0 * wheel_radius / (1.0 + ratio);
-        Ok(AxleNode {
-            axle,
-            frame,
-            reference_timeout: to_micros(self.reference_timeout_s),
-            wrench_timeout: to_micros(self.wrench_timeout_s),
-            speed_source: self.speed_source,
-            wheel_radius,
-            wheel_radii: [left, ratio * left],
-            half_track: positive("half_track_m", self.controller.half_track_m)?,
-            period,
-            rest: RestTimes {
-                hold: (rest_hold / period).clamp(1.0, f32::from(u16::MAX)) as u16,
-                settle: (rest_settle / period) as u32,
-                spread: gyro_zero.spread(),
-            },
-            gyro_zero,
-            accelerometer_zero: self.accelerometer_zero.build(period)?,
-            observer: self.wheel.build()?,
-            filter: self.filter.build()?,
-            controller: self.controller.build()?,
-            stall_torque: self.limits.stall_share * self.controller.max_torque_nm,
-            limits: self.limits,
-            ramp: self.stop.build(self.supervisor.stop_timeout_s)?,
-            supervisor: self.supervisor.build()?,
-            state: State::new(),
-        })
-    }
-}
 
 /// What the sensors of an axle board read at a tick; `None` where nothing came.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -510,91 +333,6 @@ impl AxleNode {
             outbox.push(peers::heartbeat(node, now, state));
         }
         permit
-    }
-
-    /// What the lead node's mode asks of this axle.
-    fn request(&self, now: Micros) -> Option<Request> {
-        let mode = self.state.mode?.fresh(now, self.reference_timeout).copied();
-        let driving = matches!(mode, Some(LeadMode::Active | LeadMode::Hold));
-        match self.state.supervisor.operating() {
-            OperatingState::Boot => Some(Request::Ready),
-            // A board that starts while the robot drives stays off until the robot has stopped.
-            OperatingState::Idle
-                if driving && self.state.paused && self.reference(now).is_some() =>
-            {
-                Some(Request::Arm)
-            }
-            OperatingState::Armed if driving => Some(Request::Start),
-            OperatingState::Armed => Some(Request::Disarm),
-            OperatingState::Active if matches!(mode, Some(LeadMode::Idle | LeadMode::Clear)) => {
-                Some(Request::Disarm)
-            }
-            OperatingState::Fault if mode == Some(LeadMode::Clear) => Some(Request::Clear),
-            _ => None,
-        }
-    }
-
-    /// What is wrong at this tick.
-    fn watch(&self, now: Micros, samples: &Samples) -> Conditions {
-        let state = &self.state;
-        let other = match self.axle {
-            AxleId::Front => Node::RearAxle,
-            AxleId::Rear => Node::FrontAxle,
-        };
-        let operating = state.supervisor.operating();
-        let powered = operating.permit() != Permit::Off;
-        let active = operating == OperatingState::Active;
-        let astray =
-            |times: f32| state.output.active && !self.limits.near(state.output.error, times);
-        // An axle that is let go is not to stay, but it is not to be driven either.
-        let runs = |wheel: &wheel_observer::State| !(wheel.speed_rad_s.abs() <= LET_GO_RAD_S);
-        let unstopped = operating == OperatingState::SafeStop
-            && state
-                .stop
-                .as_ref()
-                .is_some_and(|stop| match stop.hold < 1.0 {
-                    true => state.wheels.iter().any(runs),
-                    false => astray(2.0),
-                });
-        let mut stalled = false;
-        let mut blind = false;
-        for i in 0..2 {
-            let wheel = &state.wheels[i];
-            let pushes = state.output.torque_nm[i].abs() >= self.stall_torque;
-            stalled |= pushes && wheel.speed_rad_s.abs() <= self.limits.stall_rad_s;
-            blind |= samples.encoder[i].is_none() || wheel.jumped;
-        }
-        let by_wheels = self.wheel_radius * 0.5 / self.half_track
-            * (state.wheels[1].speed_rad_s - state.wheels[0].speed_rad_s);
-        let slips = samples
-            .gyro_rad_s
-            .is_some_and(|rate| (rate - by_wheels).abs() > self.limits.slip_rad_s);
-        let unsound = !state.filter.posture().is_finite();
-        let late = state
-            .reference
-            .is_none_or(|reference| reference.age(now) > LATE);
-        // A lead node that lets the axle go sends no more references, and that is no fault.
-        let dismissed = state
-            .mode
-            .is_some_and(|mode| matches!(mode.value, LeadMode::Idle | LeadMode::Clear));
-        let failed = state.peers.failed(other, now) || state.peers.failed(Node::Lead, now);
-        samples
-            .conditions
-            .with(
-                Condition::CommandTimeout,
-                active && !dismissed && self.reference(now).is_none(),
-            )
-            .with(Condition::NeighbourLost, state.peers.lost(other, now))
-            .with(Condition::NeighbourFault, powered && failed)
-            .with(Condition::NotANumber, state.output.invalid || unsound)
-            .with(Condition::EncoderFault, blind)
-            .with(Condition::TrackingLost, active && astray(1.0))
-            .with(Condition::StopNotFollowed, unstopped)
-            .with(Condition::MotorStall, stalled)
-            .with(Condition::WheelSlip, slips)
-            .with(Condition::MeasurementRefused, state.refused > 0)
-            .with(Condition::TorqueLimited, state.output.limited)
-            .with(Condition::MessageLost, active && late)
     }
 
     /// The reference of the coordinated stop at this tick.

@@ -15,22 +15,26 @@
 //! anything else is wrong, the mode is [`LeadMode::Idle`], on which the axles brake together and
 //! switch their motors off.
 
+mod config;
+mod track;
+mod watch;
+
+pub use config::{Algorithms, Config, Limits};
+use track::{AxleTrack, SETTLING};
+
 use super::Outbox;
-use super::path_task::{self, PathTask};
+use super::path_task;
 use super::peers::{self, Peers};
-use crate::bus::codec::wrap_position;
-use crate::bus::{LeadMode, Message, layout};
-use crate::config::{ConfigError, in_range, positive};
-use crate::control::cascade::{self, AxleReference, Cascade, Motion};
-use crate::control::governor::{self, Governor, Wish};
-use crate::control::regulator::{self, Phase, Regulator};
+use crate::bus::{LeadMode, Message};
+use crate::control::cascade::{AxleReference, Cascade, Motion};
+use crate::control::governor::{self, Wish};
+use crate::control::regulator::{self, Phase};
 use crate::fusion::Estimate;
-use crate::fusion::ekf::Verdict;
-use crate::fusion::robot::{self, Increment, RobotFusion};
-use crate::math::matrix::{Mat3, diagonal, scale};
-use crate::math::{Posture, RelativeHeading, Transform, Twist, Wrench};
-use crate::safety::supervisor::{self, Supervisor};
-use crate::safety::{Condition, Conditions, OperatingState, Permit, Request, ramp};
+use crate::fusion::robot;
+use crate::math::matrix::Mat3;
+use crate::math::{Posture, Transform, Twist, Wrench};
+use crate::safety::supervisor;
+use crate::safety::{OperatingState, Permit, ramp};
 use crate::time::{EPOCH, Micros, Stamped, TICK, epoch_start, seconds, sequence};
 use crate::topology::AxleId;
 use crate::topology::Node;
@@ -40,146 +44,6 @@ const LATE: Micros = 2 * EPOCH;
 
 /// Steps of an axle in an epoch.
 const TICKS_PER_EPOCH: f32 = (EPOCH / TICK) as f32;
-
-/// Parameters of the lead node.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
-pub struct Config {
-    /// Age of an axle's report after which the motors are switched off, s.
-    pub report_timeout_s: f32,
-    /// Longest time that the motors hold the robot where it is, before a drive or after it, s; then
-    /// they are let go until the next command.
-    pub hold_s: f32,
-    /// Second tier of fusion.
-    pub fusion: robot::Config,
-    /// Posture regulation.
-    pub regulator: regulator::Config,
-    /// Path following and trajectory tracking.
-    pub course: path_task::Config,
-    /// Governor of the midpoint's motion.
-    pub governor: governor::Config,
-    /// Cascade to the axles.
-    pub cascade: cascade::Config,
-    /// When the robot stops because something is wrong.
-    pub limits: Limits,
-    /// How it stops.
-    pub stop: ramp::Config,
-    /// Supervisor.
-    pub supervisor: supervisor::Config,
-}
-
-/// Bounds of what a sound robot does; each counts only after the time of its condition.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
-pub struct Limits {
-    /// Steering angle of the frame |ψ|, rad.
-    #[cfg_attr(feature = "serde", serde(rename = "bend_rad"))]
-    pub steering_rad: f32,
-    /// Force of the frame on an axle, N.
-    pub force_n: f32,
-    /// Moment of the frame on an axle, N m.
-    pub moment_n_m: f32,
-    /// Standard deviation of the position of O, m; not looked at where the fusion is configured
-    /// without the relative position sensor.
-    pub position_sigma_m: f32,
-    /// Standard deviation of the heading of O, rad; likewise.
-    pub heading_sigma_rad: f32,
-    /// Half axis of the position of O in which a goal counts as reached for certain, with 95 %, m.
-    pub goal_position_m: f32,
-    /// The same of its heading, rad.
-    pub goal_heading_rad: f32,
-}
-
-impl Default for Limits {
-    fn default() -> Self {
-        Self {
-            steering_rad: 0.7,
-            force_n: 25.0,
-            moment_n_m: 6.0,
-            // What a floor may make of 300 m.
-            position_sigma_m: 5.0,
-            heading_sigma_rad: 0.5,
-            goal_position_m: 0.03,
-            goal_heading_rad: 0.052,
-        }
-    }
-}
-
-impl Limits {
-    fn check(&self) -> Result<(), ConfigError> {
-        in_range("bend_rad", self.steering_rad, 0.05, 1.5)?;
-        positive("force_n", self.force_n)?;
-        positive("moment_n_m", self.moment_n_m)?;
-        positive("position_sigma_m", self.position_sigma_m)?;
-        positive("heading_sigma_rad", self.heading_sigma_rad)?;
-        positive("goal_position_m", self.goal_position_m)?;
-        positive("goal_heading_rad", self.goal_heading_rad)?;
-        Ok(())
-    }
-
-    /// Whether the frame pushes, pulls or turns an axle too hard. NaN does.
-    fn exceeded_by(&self, wrench: &Wrench) -> bool {
-        let force = wrench.force_x * wrench.force_x + wrench.force_y * wrench.force_y;
-        !(force <= self.force_n * self.force_n
-            && wrench.moment_root.abs() <= self.moment_n_m
-            && wrench.moment_end.abs() <= self.moment_n_m)
-    }
-
-    /// Whether a goal is reached for certain by this estimate. By NaN it is not.
-    fn is_certain(&self, robot: &Estimate) -> bool {
-        let [position, heading] = robot.half_axes_95();
-        position <= self.goal_position_m && heading <= self.goal_heading_rad
-    }
-
-    /// Whether an estimate is too uncertain to drive by.
-    fn uncertain(&self, robot: &Estimate) -> bool {
-        let p = &robot.covariance;
-        let position = self.position_sigma_m * self.position_sigma_m;
-        let heading = self.heading_sigma_rad * self.heading_sigma_rad;
-        !(p[0][0] <= position && p[1][1] <= position && p[2][2] <= heading)
-    }
-}
-
-impl Default for Config {
-    fn default() -> Self {
-        Self {
-            report_timeout_s: layout::timeout_s(layout::id::AXLE_POSTURE),
-            hold_s: 60.0,
-            fusion: robot::Config::default(),
-            regulator: regulator::Config::default(),
-            course: path_task::Config::default(),
-            governor: governor::Config::default(),
-            cascade: cascade::Config::default(),
-            limits: Limits::default(),
-            stop: ramp::Config::default(),
-            supervisor: supervisor::Config::default(),
-        }
-    }
-}
-
-impl Config {
-    /// The algorithms of the node; the error names the parameter that is wrong.
-    pub fn build(&self) -> Result<Algorithms, ConfigError> {
-        in_range("report_timeout_s", self.report_timeout_s, 0.02, 1.0)?;
-        self.limits.check()?;
-        let cascade = self.cascade.build()?;
-        Ok(Algorithms {
-            limits: self.limits,
-            ramp: self.stop.build(self.supervisor.stop_timeout_s)?,
-            frame_length: self.cascade.frame_length_m,
-            supervisor: self.supervisor.build()?,
-            report_timeout: (self.report_timeout_s * 1e6) as Micros,
-            longest_hold: (in_range("hold_s", self.hold_s, 0.1, 3600.0)? * 1e6) as Micros,
-            fusion: self.fusion.build()?,
-            regulator: self.regulator.build()?,
-            path_task: self.course.build(&cascade)?,
-            governor: self.governor.build(&cascade)?,
-            cascade,
-        })
-    }
-}
 
 /// What the robot is to do.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -203,10 +67,6 @@ pub enum Task {
     /// Track the trajectory in the node's buffer, beginning now, and rest at its end.
     Track,
 }
-
-/// Time after which the filter of an axle that was restarted on the move, and takes itself to be at
-/// rest, has settled.
-const SETTLING: Micros = 100_000;
 /// Time that is waited for the beam to find a restarted axle by.
 const REJOIN_PATIENCE: Micros = 500_000;
 /// Standard deviations of what an axle may have moved beside the other one while its board was
@@ -217,116 +77,6 @@ const RESTART_SIGMAS: [f32; 3] = [0.1, 0.1, 0.3];
 const STILL: Twist = Twist::new(0.02, 0.1);
 /// Difference from the commanded steering angle beyond which a frame without power has let go, rad.
 const LET_GO: f32 = 0.05;
-
-/// The latest report of one axle.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct AxleReport {
-    /// Latest posture and time since the start, maybe not of one epoch.
-    posture: Option<Stamped<Posture>>,
-    uptime: Option<Stamped<Micros>>,
-    /// Latest posture whose time since the start is known: a posture alone does not tell whether
-    /// it is still one of the same odometric frame.
-    whole: Option<(Stamped<Posture>, Micros)>,
-    uncertainty: Option<Stamped<Mat3>>,
-    /// Latest speed and yaw rate.
-    twist: Twist,
-    /// Share of the axle's ticks in which its gyro took part.
-    gyro_share: f32,
-    gyro_zeroed: bool,
-}
-
-impl AxleReport {
-    fn pair(&mut self) {
-        if let (Some(posture), Some(uptime)) = (self.posture, self.uptime)
-            && posture.time == uptime.time
-        {
-            self.whole = Some((posture, uptime.value));
-        }
-    }
-}
-
-/// How an axle has moved since the last step of the lead node.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Advance {
-    /// Nothing new came, or nothing to compare it with.
-    Unknown,
-    /// By its odometry.
-    Moved(Increment),
-    /// Its odometry began anew on the way, which took this many epochs.
-    Restarted { ticks: u16 },
-}
-
-impl Advance {
-    /// The motion; that of an axle that was restarted is the `other`'s, give or take the frame.
-    fn increment(&self, other: &Self) -> Option<Increment> {
-        match (self, other) {
-            (Self::Unknown, _) => None,
-            (Self::Moved(increment), _) => Some(*increment),
-            (Self::Restarted { ticks }, other) => Some(Increment {
-                posture: match other {
-                    Self::Moved(increment) => increment.posture,
-                    _ => Posture::ORIGIN,
-                },
-                covariance: diagonal(RESTART_SIGMAS.map(|sigma| sigma * sigma)),
-                ticks: *ticks,
-                gyro_share: 0.0,
-                gyro_zeroed: true,
-            }),
-        }
-    }
-}
-
-/// One axle as the lead node knows it.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct AxleTrack {
-    report: AxleReport,
-    /// Odometric posture up to which the fused estimate goes.
-    odometry: Option<Stamped<Posture>>,
-}
-
-impl AxleTrack {
-    /// Time since the axle was started, if that was after the last step. After a silence longer than
-    /// the time it can tell, it may have been.
-    fn restarted(&self) -> Option<Micros> {
-        let (latest, uptime) = self.report.whole?;
-        (uptime < latest.time.saturating_sub(self.odometry?.time)).then_some(uptime)
-    }
-
-    /// The motion since the last step, however many epochs it spans.
-    fn advance(&mut self) -> Advance {
-        let Some((latest, uptime)) = self.report.whole else {
-            return Advance::Unknown;
-        };
-        let Some(last) = self.odometry else {
-            self.odometry = Some(latest);
-            return Advance::Unknown;
-        };
-        if latest.time <= last.time {
-            return Advance::Unknown;
-        }
-        self.odometry = Some(latest);
-        let span = latest.time - last.time;
-        let ticks = (span / EPOCH).min(u64::from(u16::MAX)) as u16;
-        if uptime < span {
-            return Advance::Restarted { ticks };
-        }
-        // Positions repeat after a span of the bus, so only their wrapped difference counts.
-        let moved = Posture::new(
-            wrap_position(latest.value.x - last.value.x),
-            wrap_position(latest.value.y - last.value.y),
-            latest.value.phi,
-        );
-        // The tier adds slip of its own, so a covariance that never came leaves some.
-        let covariance = self.report.uncertainty.map_or([[0.0; 3]; 3], |u| u.value);
-        Advance::Moved(Increment {
-            posture: moved.relative_to(Posture::new(0.0, 0.0, last.value.phi)),
-            covariance: scale(&covariance, f32::from(ticks)),
-            ticks,
-            gyro_share: self.report.gyro_share,
-            gyro_zeroed: self.report.gyro_zeroed,
-        })
-    }
-}
 
 /// What the lead node did at a step.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -401,22 +151,6 @@ impl From<path_task::Step> for Decision {
             done: step.done,
         }
     }
-}
-
-/// The algorithms of a lead node, ready to run: all that does not change.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Algorithms {
-    report_timeout: Micros,
-    longest_hold: Micros,
-    fusion: RobotFusion,
-    regulator: Regulator,
-    path_task: PathTask,
-    governor: Governor,
-    cascade: Cascade,
-    limits: Limits,
-    ramp: ramp::Ramp,
-    frame_length: f32,
-    supervisor: Supervisor,
 }
 
 /// The lead node.
@@ -736,82 +470,6 @@ impl LeadNode {
             _ => state.held = 0,
         }
         state.released |= state.held > self.with.longest_hold;
-    }
-
-    /// What the task asks of the supervisor.
-    fn request(&self, fused: Option<&robot::Output>) -> Option<Request> {
-        let state = &self.state;
-        let resting = state.released || matches!(state.task, Task::Idle | Task::Clear);
-        match state.supervisor.operating() {
-            OperatingState::Boot => Some(Request::Ready),
-            OperatingState::Idle if !resting => Some(Request::Arm),
-            OperatingState::Armed | OperatingState::Active if resting => Some(Request::Disarm),
-            OperatingState::Armed if !state.done && self.still(fused) => Some(Request::Start),
-            OperatingState::Active if state.done => Some(Request::Finish),
-            OperatingState::Fault if state.task == Task::Clear => Some(Request::Clear),
-            _ => None,
-        }
-    }
-
-    /// Whether the axles are at rest and the beam agrees with them.
-    fn still(&self, fused: Option<&robot::Output>) -> bool {
-        let at_rest = |track: &AxleTrack| {
-            let Twist { v, omega } = track.report.twist;
-            v.abs() <= STILL.v && omega.abs() <= STILL.omega
-        };
-        self.state.tracks.iter().all(at_rest)
-            && fused.is_some_and(|fused| fused.beam.verdict != Verdict::Gated)
-    }
-
-    /// What is wrong at this step; `fused` is there if the axles' reports are.
-    fn watch(&self, now: Micros, fused: Option<&robot::Output>) -> Conditions {
-        let state = &self.state;
-        let axles = [Node::FrontAxle, Node::RearAxle];
-        let powered = state.supervisor.operating().permit() != Permit::Off;
-        let lost = axles.iter().any(|&node| state.peers.lost(node, now));
-        let failed = axles.iter().any(|&node| state.peers.failed(node, now));
-        let fresh = |time: Micros| now.saturating_sub(time) <= self.with.report_timeout;
-        let reports = state.tracks.iter().map(|track| track.report.whole);
-        let late = powered
-            && reports
-                .flatten()
-                .any(|(posture, _)| posture.age(now) > LATE);
-        let beam = state.beam_posture.filter(|posture| fresh(posture.time));
-        let strained = state.wrench.is_some_and(|wrench| {
-            fresh(wrench.time) && self.with.limits.exceeded_by(&wrench.value)
-        });
-        // The beam's measurement counts most; without it, the estimates of the axles.
-        let heading = beam
-            .map(|posture| RelativeHeading(posture.value.phi))
-            .or(fused.map(robot::Output::relative_heading));
-        let bent = heading
-            .is_some_and(|heading| !(heading.steering().0.abs() <= self.with.limits.steering_rad));
-        let unsound = fused.is_some_and(|fused| !fused.robot.posture.is_finite());
-        // Without the sensor the operator has chosen to drive by ever less.
-        let uncertain = fused.is_some_and(|fused| {
-            let vague = self.with.fusion.uses_beam() && self.with.limits.uncertain(&fused.robot);
-            // Wheels may slip while a swinging frame is brought to rest, before the drive.
-            let refused = fused.beam.verdict == Verdict::Gated;
-            vague || (refused && state.supervisor.operating() == OperatingState::Active)
-        });
-        let certain = |fused: &robot::Output| self.with.limits.is_certain(&fused.robot);
-        let doubtful = state.done && fused.is_some_and(|fused| !certain(fused));
-        Conditions::NONE
-            .with(
-                Condition::NeighbourLost,
-                lost || (powered && fused.is_none()),
-            )
-            .with(Condition::NeighbourFault, powered && failed)
-            .with(
-                Condition::BeamLost,
-                self.with.fusion.uses_beam() && beam.is_none(),
-            )
-            .with(Condition::MessageLost, late)
-            .with(Condition::FrameBent, bent)
-            .with(Condition::WrenchHigh, strained)
-            .with(Condition::NotANumber, unsound)
-            .with(Condition::EstimateInconsistent, uncertain)
-            .with(Condition::ReachedUncertain, doubtful)
     }
 
     /// Runs the time of a stop; whether it is over.

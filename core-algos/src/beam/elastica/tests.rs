@@ -1,5 +1,6 @@
 use super::super::reference::{Bent, Elastica, Random};
 use super::super::strip::{Config, GAUSS_5, PerGauge};
+use super::minimum::SUSPICIOUS;
 use super::*;
 use proptest::prelude::*;
 use std::vec::Vec;

@@ -1,5 +1,6 @@
 use super::*;
 use crate::control::{cascade, kinematic};
+use crate::math::trig::wrap_angle;
 use proptest::prelude::*;
 
 fn frame() -> Cascade {

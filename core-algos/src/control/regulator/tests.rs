@@ -1,4 +1,5 @@
 use super::*;
+use crate::control::kinematic;
 use proptest::prelude::{any, prop, prop_assert};
 
 /// A robot that does at once what it is told, except that it steers at 1 rad/s and changes speed

@@ -18,6 +18,9 @@
 //! G Φ⁻¹; with noise, m' = m + b w, the regression of w on m', w = κᵀ m' + rest, is taken from the
 //! same terms: p = (G + γ κᵀ) m' + e + γ rest for γ = a − G b, a being the noise's share in p.
 
+mod observe;
+mod upkeep;
+
 use super::{N, PHI, X, Y};
 use crate::math::TwoFloat;
 use crate::math::matrix::{Mat, Mat3};
@@ -536,89 +539,6 @@ impl Covariance {
         self.find_coupling(0.0);
     }
 
-    /// Update by a measurement of `speed · v + yaw · φ̇` with noise of the given variance (eq. 18).
-    /// Returns the gain.
-    #[inline(always)]
-    pub(super) fn observe_rates(&mut self, speed: f32, yaw: f32, variance: f32) -> [f32; M] {
-        self.coupled = true;
-        bierman::<M, SPEED>(&mut self.motion, variance, |u, j| match j {
-            SPEED => speed,
-            YAW_RATE => u[SPEED][YAW_RATE] * speed + yaw,
-            _ => u[SPEED][j] * speed + u[YAW_RATE][j] * yaw,
-        })
-    }
-
-    /// The same for a measurement of the motion state `STATE`.
-    #[inline(always)]
-    pub(super) fn observe<const STATE: usize>(&mut self, variance: f32) -> [f32; M] {
-        bierman::<M, STATE>(&mut self.motion, variance, |u, j| {
-            if j == STATE { 1.0 } else { u[STATE][j] }
-        })
-    }
-
-    /// The same when no other state than `K` > `I` is correlated with the one measured, `I`. Returns
-    /// the gains of these two.
-    #[inline(always)]
-    pub(super) fn observe_first<const I: usize, const K: usize>(
-        &mut self,
-        variance: f32,
-    ) -> [f32; 2] {
-        let mut pair = [
-            [self.motion[I][I], self.motion[I][K]],
-            [0.0, self.motion[K][K]],
-        ];
-        let gain = bierman::<2, 0>(
-            &mut pair,
-            variance,
-            |u, j| if j == 0 { 1.0 } else { u[0][1] },
-        );
-        self.motion[I][I] = pair[0][0];
-        self.motion[I][K] = pair[0][1];
-        self.motion[K][K] = pair[1][1];
-        gain
-    }
-
-    /// The same for a measurement of `K`.
-    #[inline(always)]
-    pub(super) fn observe_second<const I: usize, const K: usize>(
-        &mut self,
-        variance: f32,
-    ) -> [f32; 2] {
-        let before = self.motion[K][K];
-        let inverse = 1.0 / (before + variance);
-        let gain = before * inverse;
-        self.motion[K][K] = gain * variance;
-        [self.motion[I][K] * gain, gain]
-    }
-
-    /// Update by measurements row · p, one after the other, given the innovations of p. Returns the
-    /// change of all states.
-    pub(super) fn observe_posture(
-        &mut self,
-        rows: &Mat3,
-        variances: &[f32; 3],
-        innovation: &[f32; 3],
-    ) -> [f32; N] {
-        let mut factors = self.factors();
-        let mut change = [0.0; N];
-        for (row, variance) in rows.iter().zip(variances) {
-            let mut h = [0.0; N];
-            let mut rest = 0.0;
-            for i in 0..3 {
-                h[i] = row[i];
-                rest += row[i] * (innovation[i] - change[i]);
-            }
-            let gain = bierman::<N, X>(&mut factors, *variance, |u, j| {
-                (0..j).fold(h[j], |sum, i| sum + u[i][j] * h[i])
-            });
-            for i in 0..N {
-                change[i] += gain[i] * rest;
-            }
-        }
-        *self = Self::from_factors(&factors);
-        change
-    }
-
     /// Takes the given share of the posture's own covariance out and returns it: what remains of its
     /// error when speeds and accelerations are known.
     pub(super) fn take_posture(&mut self, share: f32) -> Mat3 {
@@ -639,84 +559,4 @@ impl Covariance {
         }
         own
     }
-
-    /// One part of the upkeep, of which each is due now and then: parts 0 to 6 scale the variance
-    /// of a state back if it has grown without bound, correlations kept; part 7 looks whether what
-    /// ties the pairs has become negligible. Others do nothing.
-    pub(super) fn keep_up(&mut self, part: usize) {
-        if part < N {
-            let variance = self.variance(part);
-            if !(variance <= MAX_VARIANCE) {
-                self.shrink(part, crate::math::trig::sqrt(MAX_VARIANCE / variance));
-            }
-        } else if part == N && self.coupled {
-            self.find_coupling(Self::NEGLIGIBLE);
-        }
-    }
-
-    /// Variance of a state.
-    fn variance(&self, i: usize) -> f32 {
-        if i < 3 {
-            let mut own = self.own[i][i];
-            for k in i + 1..3 {
-                own += self.own[i][k] * self.own[i][k] * self.own[k][k];
-            }
-            own + self.motion_variance(&self.follow[i])
-        } else {
-            let mut row = [0.0; M];
-            row[i - 3] = 1.0;
-            self.motion_variance(&row)
-        }
-    }
-
-    #[cold]
-    fn shrink(&mut self, i: usize, factor: f32) {
-        let mut factors = self.factors();
-        for k in 0..i {
-            factors[k][i] /= factor;
-        }
-        for j in i + 1..N {
-            factors[i][j] *= factor;
-        }
-        factors[i][i] *= factor * factor;
-        *self = Self::from_factors(&factors);
-    }
-}
-
-/// The measurement update of a factorised covariance (Bierman): `row` gives the entries of Uᵀ h, of
-/// which those before `FIRST` are zero. Returns the gain.
-#[inline(always)]
-fn bierman<const K: usize, const FIRST: usize>(
-    u: &mut Mat<K, K>,
-    variance: f32,
-    row: impl Fn(&Mat<K, K>, usize) -> f32,
-) -> [f32; K] {
-    // The first column has nothing before it to correct.
-    let f = row(u, FIRST);
-    let g = u[FIRST][FIRST] * f;
-    // Innovation variance so far and its inverse.
-    let mut total = variance + f * g;
-    let mut inverse = 1.0 / total;
-    u[FIRST][FIRST] *= variance * inverse;
-    let mut gain = [0.0; K];
-    for i in 0..FIRST {
-        gain[i] = u[i][FIRST] * g;
-    }
-    gain[FIRST] = g;
-    for j in FIRST + 1..K {
-        let f = row(u, j);
-        let g = u[j][j] * f;
-        let before = total;
-        let shrink = -f * inverse;
-        total += f * g;
-        inverse = 1.0 / total;
-        u[j][j] *= before * inverse;
-        for i in 0..j {
-            let entry = u[i][j];
-            u[i][j] = entry + gain[i] * shrink;
-            gain[i] += entry * g;
-        }
-        gain[j] = g;
-    }
-    gain.map(|entry| entry * inverse)
 }

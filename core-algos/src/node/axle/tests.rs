@@ -1,4 +1,5 @@
 use super::*;
+use crate::safety::{Condition, OperatingState};
 use crate::time::TICK;
 use core::f64::consts::TAU;
 

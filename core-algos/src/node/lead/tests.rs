@@ -1,4 +1,5 @@
 use super::*;
+use crate::math::matrix::diagonal;
 use crate::node::robot::RobotConfig;
 use crate::time::LEAD_PHASE;
 

@@ -1,0 +1,52 @@
+//! Minima of the fit, and which of two is better.
+
+use super::ray::Parameters;
+use super::{Normal, Shape};
+use crate::math::matrix::inverse_spd;
+
+/// A residual this large makes the fit try other starts.
+pub(super) const SUSPICIOUS: f32 = 12.0;
+
+/// The load is known if the prior decides less than this share of a parameter.
+const PRIOR_SHARE: f32 = 0.1;
+
+/// Where a descent ended.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Minimum {
+    pub(super) parameters: Parameters,
+    pub(super) shape: Shape,
+    pub(super) normal: Normal,
+    pub(super) converged: bool,
+}
+
+impl Minimum {
+    /// Whether this is the lower minimum, or the same one but settled.
+    fn better_than(&self, other: &Self) -> bool {
+        let margin = if self.converged && !other.converged {
+            1e-2
+        } else {
+            -1e-2
+        };
+        self.normal.cost < other.normal.cost + margin
+    }
+}
+
+/// Whether the strains alone fix the load.
+pub(super) fn told(normal: &Normal) -> bool {
+    inverse_spd(&normal.hessian)
+        .is_some_and(|inverse| normal.prior * (inverse[1][1] + inverse[2][2]) < PRIOR_SHARE)
+}
+
+/// Whether there may be a better minimum elsewhere.
+pub(super) fn is_suspicious(found: Option<&Minimum>) -> bool {
+    found.is_none_or(|found| !found.converged || !(found.normal.chi_square < SUSPICIOUS))
+}
+
+/// The lower of two minima.
+pub(super) fn lower(a: Option<Minimum>, b: Option<Minimum>) -> Option<Minimum> {
+    match (a, b) {
+        (Some(a), Some(b)) if b.better_than(&a) => Some(b),
+        (None, b) => b,
+        (a, _) => a,
+    }
+}

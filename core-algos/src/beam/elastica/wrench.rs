@@ -1,0 +1,60 @@
+//! Wrench of the strip on the axles.
+
+use crate::math::Posture;
+use crate::math::matrix::{Mat3, is_finite};
+
+/// Standard deviations within which a force may be none.
+const VOUCHED: f32 = 2.0;
+
+/// What the strip exerts on the axles, in the rear axle's frame.
+///
+/// The strip acts on the rear axle with force (+fx, +fy) and moment +root_moment about its
+/// midpoint, and on the front axle with force (−fx, −fy) and moment −tip_moment about its midpoint.
+/// Seen the other way, (fx, fy, tip_moment) is what the front axle exerts on the strip. A left
+/// bend by pure moments has fx = fy = 0 and both moments positive; a strip compressed between the
+/// axles has fx < 0.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Wrench {
+    /// Force along the rear axle's x, N.
+    pub fx: f32,
+    /// Force along the rear axle's y, N.
+    pub fy: f32,
+    /// Moment at the rear axle's midpoint, N m.
+    pub root_moment: f32,
+    /// Moment at the front axle's midpoint, N m.
+    pub tip_moment: f32,
+    /// Covariance of (fx, fy, root_moment). Of a strip that is nearly straight the strains do not
+    /// tell fx: then its variance is that of the prior.
+    pub covariance: Mat3,
+}
+
+impl Wrench {
+    /// Whether every number is finite.
+    pub fn is_finite(&self) -> bool {
+        self.fx.is_finite()
+            && self.fy.is_finite()
+            && self.root_moment.is_finite()
+            && self.tip_moment.is_finite()
+            && is_finite(&self.covariance)
+    }
+
+    /// What the strains vouch for: each force less what may be error, to nothing where it is within
+    /// two standard deviations. `posture` is that of the front axle, which the balance of
+    /// moments needs. Of a strip that is nearly straight the strains do not tell the axial force, and
+    /// what the fit gives then must neither stop the robot nor drive its motors.
+    pub fn vouched(&self, posture: Posture) -> Self {
+        let sure = |force: f32, variance: f32| {
+            let share = 1.0 - VOUCHED * VOUCHED * variance / (force * force);
+            // Not a number for no force.
+            if share > 0.0 { share * force } else { 0.0 }
+        };
+        let fx = sure(self.fx, self.covariance[0][0]);
+        let fy = sure(self.fy, self.covariance[1][1]);
+        Self {
+            fx,
+            fy,
+            tip_moment: self.root_moment + fx * posture.y - fy * posture.x,
+            ..*self
+        }
+    }
+}

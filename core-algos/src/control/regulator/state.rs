@@ -1,0 +1,93 @@
+//! State of the regulator.
+
+use crate::control::planner::{Plan, Search};
+use crate::math::Posture;
+
+/// What the regulator is doing.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
+pub enum Phase {
+    /// Coming to rest, steering held.
+    #[default]
+    Stop,
+    /// At rest, searching for a plan.
+    Plan,
+    /// At rest, steering to the next curvature.
+    Steer,
+    /// Driving a segment of the plan.
+    Segment,
+    /// Following the law to the goal.
+    Approach,
+    /// At the goal, coming to rest; the posture is then judged.
+    Hold,
+    /// At rest on the goal.
+    Done,
+    /// At rest off the goal after the last attempt.
+    GaveUp,
+}
+
+/// What follows the present stop or steering.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) enum Next {
+    /// A new plan.
+    #[default]
+    Plan,
+    /// Segment of this index, or the approach after the last.
+    Step(u8),
+}
+
+/// All that changes.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct State {
+    pub(super) phase: Phase,
+    pub(super) goal: Option<Posture>,
+    pub(super) search: Option<Search>,
+    /// Candidates of the next tick that the search has looked at already.
+    pub(super) ahead: u32,
+    pub(super) plan: Plan,
+    pub(super) next: Next,
+    /// Where the present segment began.
+    pub(super) origin: Posture,
+    /// Where the robot was a tick ago.
+    pub(super) last: Posture,
+    /// Where it was last seen to move, and the time since, s.
+    pub(super) moved: Posture,
+    pub(super) still: f32,
+    /// Distance driven along the present segment, m.
+    pub(super) progress: f32,
+    /// Curvature of the final arc once the approach is on it, 1/m, of the robot's heading.
+    pub(super) final_curvature: Option<f32>,
+    /// Curvature that is held while the robot stands.
+    pub(super) kappa: f32,
+    /// Time in the present phase, s.
+    pub(super) elapsed: f32,
+    /// Time of consecutive ticks outside the funnel or without demand to move, s.
+    pub(super) doubt: f32,
+    pub(super) attempts: u8,
+}
+
+impl State {
+    /// What the regulator is doing.
+    pub fn phase(&self) -> Phase {
+        self.phase
+    }
+
+    /// Renewed attempts at the present goal.
+    pub fn attempts(&self) -> u8 {
+        self.attempts
+    }
+
+    pub(super) fn enter(&mut self, phase: Phase) {
+        self.phase = phase;
+        self.final_curvature = None;
+        self.elapsed = 0.0;
+        self.doubt = 0.0;
+        self.still = 0.0;
+    }
+
+    pub(super) fn stop_then(&mut self, next: Next) {
+        self.next = next;
+        self.enter(Phase::Stop);
+    }
+}

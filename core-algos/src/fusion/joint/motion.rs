@@ -1,0 +1,57 @@
+//! Linear part of the motion of a tick.
+
+use super::{FIRST, N, REL, REL_PHI};
+use crate::fusion::constants;
+use crate::math::matrix::{Mat, Mat3};
+
+/// Derivatives of the error of an axle's increment.
+pub(super) struct IncrementError {
+    pub(super) by_constants: Mat<3, { constants::COUNT }>,
+    pub(super) by_heading: [f32; 3],
+}
+
+impl IncrementError {
+    /// The error that errors of the states make; few of the derivatives are not zero.
+    #[inline(always)]
+    fn of<const AXLE: usize>(&self, states: &[f32; N]) -> [f32; 3] {
+        let error = constants::error_by::<AXLE>(&self.by_constants, |k| states[(FIRST + k) % N]);
+        core::array::from_fn(|i| error[i] + self.by_heading[i] * states[REL_PHI])
+    }
+}
+
+/// The linear part of a tick's motion (F), but for the states that stay.
+pub(super) struct Motion {
+    pub(super) front_error: IncrementError,
+    pub(super) rear_error: IncrementError,
+    pub(super) by_rear: Mat3,
+    pub(super) turn_back: Mat3,
+    pub(super) by_relative: Mat3,
+    pub(super) by_front: Mat3,
+    pub(super) by_base: Mat3,
+}
+
+impl Motion {
+    /// Errors of the rear axle's and of the relative posture after it, from the errors of all states before.
+    pub(super) fn apply(&self, states: &[f32; N]) -> [f32; 6] {
+        let front = self.front_error.of::<0>(states);
+        let rear = self.rear_error.of::<1>(states);
+        let [x, y, phi, ahead, aside, turned, ..] = *states;
+        let mut moved = [0.0; 6];
+        // The last rows of all these matrices are those of a turn.
+        for i in 0..2 {
+            moved[i] = along(&self.by_rear[i], &[x, y, phi]) + along(&self.turn_back[i], &rear);
+            moved[REL + i] = along(&self.by_relative[i], &[ahead, aside, turned])
+                + along(&self.by_front[i], &front)
+                + along(&self.by_base[i], &rear);
+        }
+        moved[2] = phi + rear[2];
+        moved[REL_PHI] = turned + front[2] - rear[2];
+        moved
+    }
+}
+
+/// Product of a row and a column.
+#[inline(always)]
+fn along(row: &[f32; 3], column: &[f32; 3]) -> f32 {
+    row[0] * column[0] + row[1] * column[1] + row[2] * column[2]
+}

@@ -1,0 +1,170 @@
+//! Configuration of the lead node.
+
+use crate::bus::layout;
+use crate::config::{ConfigError, in_range, positive};
+use crate::control::cascade::{self, Cascade};
+use crate::control::governor::{self, Governor};
+use crate::control::regulator::{self, Regulator};
+use crate::fusion::Estimate;
+use crate::fusion::robot::{self, RobotFusion};
+use crate::math::Wrench;
+use crate::node::path_task::{self, PathTask};
+use crate::safety::ramp;
+use crate::safety::supervisor::{self, Supervisor};
+use crate::time::Micros;
+
+/// Parameters of the lead node.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
+pub struct Config {
+    /// Age of an axle's report after which the motors are switched off, s.
+    pub report_timeout_s: f32,
+    /// Longest time that the motors hold the robot where it is, before a drive or after it, s; then
+    /// they are let go until the next command.
+    pub hold_s: f32,
+    /// Second tier of fusion.
+    pub fusion: robot::Config,
+    /// Posture regulation.
+    pub regulator: regulator::Config,
+    /// Path following and trajectory tracking.
+    pub course: path_task::Config,
+    /// Governor of the midpoint's motion.
+    pub governor: governor::Config,
+    /// Cascade to the axles.
+    pub cascade: cascade::Config,
+    /// When the robot stops because something is wrong.
+    pub limits: Limits,
+    /// How it stops.
+    pub stop: ramp::Config,
+    /// Supervisor.
+    pub supervisor: supervisor::Config,
+}
+
+/// Bounds of what a sound robot does; each counts only after the time of its condition.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
+pub struct Limits {
+    /// Steering angle of the frame |ψ|, rad.
+    #[cfg_attr(feature = "serde", serde(rename = "bend_rad"))]
+    pub steering_rad: f32,
+    /// Force of the frame on an axle, N.
+    pub force_n: f32,
+    /// Moment of the frame on an axle, N m.
+    pub moment_n_m: f32,
+    /// Standard deviation of the position of O, m; not looked at where the fusion is configured
+    /// without the relative position sensor.
+    pub position_sigma_m: f32,
+    /// Standard deviation of the heading of O, rad; likewise.
+    pub heading_sigma_rad: f32,
+    /// Half axis of the position of O in which a goal counts as reached for certain, with 95 %, m.
+    pub goal_position_m: f32,
+    /// The same of its heading, rad.
+    pub goal_heading_rad: f32,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self {
+            steering_rad: 0.7,
+            force_n: 25.0,
+            moment_n_m: 6.0,
+            // What a floor may make of 300 m.
+            position_sigma_m: 5.0,
+            heading_sigma_rad: 0.5,
+            goal_position_m: 0.03,
+            goal_heading_rad: 0.052,
+        }
+    }
+}
+
+impl Limits {
+    fn check(&self) -> Result<(), ConfigError> {
+        in_range("bend_rad", self.steering_rad, 0.05, 1.5)?;
+        positive("force_n", self.force_n)?;
+        positive("moment_n_m", self.moment_n_m)?;
+        positive("position_sigma_m", self.position_sigma_m)?;
+        positive("heading_sigma_rad", self.heading_sigma_rad)?;
+        positive("goal_position_m", self.goal_position_m)?;
+        positive("goal_heading_rad", self.goal_heading_rad)?;
+        Ok(())
+    }
+
+    /// Whether the frame pushes, pulls or turns an axle too hard. NaN does.
+    pub(super) fn exceeded_by(&self, wrench: &Wrench) -> bool {
+        let force = wrench.force_x * wrench.force_x + wrench.force_y * wrench.force_y;
+        !(force <= self.force_n * self.force_n
+            && wrench.moment_root.abs() <= self.moment_n_m
+            && wrench.moment_end.abs() <= self.moment_n_m)
+    }
+
+    /// Whether a goal is reached for certain by this estimate. By NaN it is not.
+    pub(super) fn is_certain(&self, robot: &Estimate) -> bool {
+        let [position, heading] = robot.half_axes_95();
+        position <= self.goal_position_m && heading <= self.goal_heading_rad
+    }
+
+    /// Whether an estimate is too uncertain to drive by.
+    pub(super) fn uncertain(&self, robot: &Estimate) -> bool {
+        let p = &robot.covariance;
+        let position = self.position_sigma_m * self.position_sigma_m;
+        let heading = self.heading_sigma_rad * self.heading_sigma_rad;
+        !(p[0][0] <= position && p[1][1] <= position && p[2][2] <= heading)
+    }
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            report_timeout_s: layout::timeout_s(layout::id::AXLE_POSTURE),
+            hold_s: 60.0,
+            fusion: robot::Config::default(),
+            regulator: regulator::Config::default(),
+            course: path_task::Config::default(),
+            governor: governor::Config::default(),
+            cascade: cascade::Config::default(),
+            limits: Limits::default(),
+            stop: ramp::Config::default(),
+            supervisor: supervisor::Config::default(),
+        }
+    }
+}
+
+impl Config {
+    /// The algorithms of the node; the error names the parameter that is wrong.
+    pub fn build(&self) -> Result<Algorithms, ConfigError> {
+        in_range("report_timeout_s", self.report_timeout_s, 0.02, 1.0)?;
+        self.limits.check()?;
+        let cascade = self.cascade.build()?;
+        Ok(Algorithms {
+            limits: self.limits,
+            ramp: self.stop.build(self.supervisor.stop_timeout_s)?,
+            frame_length: self.cascade.frame_length_m,
+            supervisor: self.supervisor.build()?,
+            report_timeout: (self.report_timeout_s * 1e6) as Micros,
+            longest_hold: (in_range("hold_s", self.hold_s, 0.1, 3600.0)? * 1e6) as Micros,
+            fusion: self.fusion.build()?,
+            regulator: self.regulator.build()?,
+            path_task: self.course.build(&cascade)?,
+            governor: self.governor.build(&cascade)?,
+            cascade,
+        })
+    }
+}
+
+/// The algorithms of a lead node, ready to run: all that does not change.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Algorithms {
+    pub(super) report_timeout: Micros,
+    pub(super) longest_hold: Micros,
+    pub(super) fusion: RobotFusion,
+    pub(super) regulator: Regulator,
+    pub(super) path_task: PathTask,
+    pub(super) governor: Governor,
+    pub(super) cascade: Cascade,
+    pub(super) limits: Limits,
+    pub(super) ramp: ramp::Ramp,
+    pub(super) frame_length: f32,
+    pub(super) supervisor: Supervisor,
+}

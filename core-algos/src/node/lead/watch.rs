@@ -1,0 +1,88 @@
+//! Conditions that the lead node watches, and its requests to the supervisor.
+
+use super::{LATE, LeadNode, STILL, Task, track};
+use crate::fusion::ekf::Verdict;
+use crate::fusion::robot;
+use crate::math::{RelativeHeading, Twist};
+use crate::safety::{Condition, Conditions, OperatingState, Permit, Request};
+use crate::time::Micros;
+use crate::topology::Node;
+use track::AxleTrack;
+
+impl LeadNode {
+    /// What the task asks of the supervisor.
+    pub(super) fn request(&self, fused: Option<&robot::Output>) -> Option<Request> {
+        let state = &self.state;
+        let resting = state.released || matches!(state.task, Task::Idle | Task::Clear);
+        match state.supervisor.operating() {
+            OperatingState::Boot => Some(Request::Ready),
+            OperatingState::Idle if !resting => Some(Request::Arm),
+            OperatingState::Armed | OperatingState::Active if resting => Some(Request::Disarm),
+            OperatingState::Armed if !state.done && self.still(fused) => Some(Request::Start),
+            OperatingState::Active if state.done => Some(Request::Finish),
+            OperatingState::Fault if state.task == Task::Clear => Some(Request::Clear),
+            _ => None,
+        }
+    }
+
+    /// Whether the axles are at rest and the beam agrees with them.
+    fn still(&self, fused: Option<&robot::Output>) -> bool {
+        let at_rest = |track: &AxleTrack| {
+            let Twist { v, omega } = track.report.twist;
+            v.abs() <= STILL.v && omega.abs() <= STILL.omega
+        };
+        self.state.tracks.iter().all(at_rest)
+            && fused.is_some_and(|fused| fused.beam.verdict != Verdict::Gated)
+    }
+
+    /// What is wrong at this step; `fused` is there if the axles' reports are.
+    pub(super) fn watch(&self, now: Micros, fused: Option<&robot::Output>) -> Conditions {
+        let state = &self.state;
+        let axles = [Node::FrontAxle, Node::RearAxle];
+        let powered = state.supervisor.operating().permit() != Permit::Off;
+        let lost = axles.iter().any(|&node| state.peers.lost(node, now));
+        let failed = axles.iter().any(|&node| state.peers.failed(node, now));
+        let fresh = |time: Micros| now.saturating_sub(time) <= self.with.report_timeout;
+        let reports = state.tracks.iter().map(|track| track.report.whole);
+        let late = powered
+            && reports
+                .flatten()
+                .any(|(posture, _)| posture.age(now) > LATE);
+        let beam = state.beam_posture.filter(|posture| fresh(posture.time));
+        let strained = state.wrench.is_some_and(|wrench| {
+            fresh(wrench.time) && self.with.limits.exceeded_by(&wrench.value)
+        });
+        // The beam's measurement counts most; without it, the estimates of the axles.
+        let heading = beam
+            .map(|posture| RelativeHeading(posture.value.phi))
+            .or(fused.map(robot::Output::relative_heading));
+        let bent = heading
+            .is_some_and(|heading| !(heading.steering().0.abs() <= self.with.limits.steering_rad));
+        let unsound = fused.is_some_and(|fused| !fused.robot.posture.is_finite());
+        // Without the sensor the operator has chosen to drive by ever less.
+        let uncertain = fused.is_some_and(|fused| {
+            let vague = self.with.fusion.uses_beam() && self.with.limits.uncertain(&fused.robot);
+            // Wheels may slip while a swinging frame is brought to rest, before the drive.
+            let refused = fused.beam.verdict == Verdict::Gated;
+            vague || (refused && state.supervisor.operating() == OperatingState::Active)
+        });
+        let certain = |fused: &robot::Output| self.with.limits.is_certain(&fused.robot);
+        let doubtful = state.done && fused.is_some_and(|fused| !certain(fused));
+        Conditions::NONE
+            .with(
+                Condition::NeighbourLost,
+                lost || (powered && fused.is_none()),
+            )
+            .with(Condition::NeighbourFault, powered && failed)
+            .with(
+                Condition::BeamLost,
+                self.with.fusion.uses_beam() && beam.is_none(),
+            )
+            .with(Condition::MessageLost, late)
+            .with(Condition::FrameBent, bent)
+            .with(Condition::WrenchHigh, strained)
+            .with(Condition::NotANumber, unsound)
+            .with(Condition::EstimateInconsistent, uncertain)
+            .with(Condition::ReachedUncertain, doubtful)
+    }
+}
