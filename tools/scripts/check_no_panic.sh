@@ -32,7 +32,7 @@ fi
 
 # An image without the nodes would link too.
 symbols=$(nm --demangle "$image")
-for step in AxleNode::step Tandem::step Regulator::tick Solver::begin RelativePositionSensor::work peripheral_tick; do
+for step in AxleNode::step RobotFusion::step Regulator::tick Solver::begin RelativePositionSensor::work peripheral_tick; do
   if ! grep -q "$step" <<<"$symbols"; then
     echo "check_no_panic.sh: $step is not in the image: it proves nothing" >&2
     exit 1

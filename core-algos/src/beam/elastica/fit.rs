@@ -77,12 +77,7 @@ impl Solver {
         evaluations: u8,
     ) -> Option<Fit> {
         let strip = &self.strip;
-        let Minimum {
-            parameters,
-            shape,
-            normal,
-            converged,
-        } = minimum;
+        let (parameters, shape, normal) = (minimum.parameters, &minimum.shape, &minimum.normal);
         let (root, tip) = (&shape.root, &shape.tip);
         let inverse = inverse_spd(&normal.hessian)?;
 
@@ -98,10 +93,10 @@ impl Solver {
         let lever = strip.rigid_tip_lever(phi);
         let mut jacobian: Mat3 = [[0.0; 3]; 3];
         // Force in the root's frame and moment at the rear axle, in units of EI/L² and EI/L.
-        let [_, fx, fy] = *parameters;
+        let [_, fx, fy] = parameters;
         let (load_x, load_y) = (c * fx + s * fy, c * fy - s * fx);
-        let root_curvature = root.curvature(*parameters);
-        let d_root_curvature = root.curvature_gradient(*parameters);
+        let root_curvature = root.curvature(parameters);
+        let d_root_curvature = root.curvature_gradient(parameters);
         let arm = strip.rigid_root / length;
         let mut wrench_jacobian: Mat3 = [[0.0; 3]; 3];
         for j in 0..3 {
@@ -146,7 +141,7 @@ impl Solver {
             curvature: shape.curvature.map(|k| k / length),
             chi_square: normal.chi_square,
             degrees_of_freedom: (mask.count() as f32 - 3.0 + decided_by_prior).max(0.0),
-            converged: *converged,
+            converged: minimum.converged,
             evaluations,
         };
         (relative.is_sound() && wrench.is_finite() && fit.chi_square.is_finite()).then_some(fit)
