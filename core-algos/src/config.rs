@@ -38,7 +38,7 @@ pub struct ConfigError {
     pub field: &'static str,
     /// The value that was refused.
     pub value: f32,
-    /// What it must be.
+    /// Allowed values.
     pub allowed: Allowed,
 }
 

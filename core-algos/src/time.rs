@@ -20,7 +20,7 @@ pub const LEAD_PHASE: Micros = 3_000;
 pub struct Stamped<T> {
     /// The value.
     pub value: T,
-    /// When it held.
+    /// Time at which the value held.
     pub time: Micros,
 }
 
@@ -53,7 +53,7 @@ pub const fn epoch_start(now: Micros, number: u8) -> Micros {
     epoch.saturating_sub(back) * EPOCH
 }
 
-/// Whether `now` is the beginning of an epoch.
+/// True if `now` is the beginning of an epoch.
 pub const fn is_epoch_start(now: Micros) -> bool {
     // In words of 32 bits: the processor divides no longer ones.
     const EPOCH_WORD: u32 = EPOCH as u32;

@@ -64,12 +64,12 @@ fn midpoint(front: Pose, rear: Pose) -> Pose {
     ]
 }
 
-/// What a world is made of, and what its filters are told.
+/// Errors of a world, and the configuration of its filters.
 #[derive(Clone, Copy)]
 struct Setting {
-    /// Whether the errors that last throughout a drive are there.
+    /// True if the errors that last throughout a drive are there.
     lasting: bool,
-    /// Whether the axles carry gyros.
+    /// True if the axles carry gyros.
     gyro: bool,
 }
 
@@ -165,7 +165,7 @@ impl Lasting {
         }
     }
 
-    /// What the beam says of an arc more than it is.
+    /// Error of the beam's reading of an arc.
     fn of_beam(&self, bend: f64) -> Pose {
         let arc = |bend: f64| {
             let half = 0.5 * bend;
@@ -206,7 +206,7 @@ fn wheels(t: f64) -> [[f64; 2]; 2] {
     })
 }
 
-/// What the second tier was given in one drive, and where the axles were at its end.
+/// Inputs of the second tier in one drive, and the axles' true postures at its end.
 struct Drive {
     inputs: Vec<Inputs>,
     front: Pose,

@@ -36,7 +36,7 @@ fn number() -> impl Strategy<Value = f32> {
     ]
 }
 
-/// What a broken sensor may give: within its units, or no number.
+/// Reading of a broken sensor: within its units, or no number.
 fn measured() -> impl Strategy<Value = f32> {
     number().prop_map(|x| {
         if x.is_finite() {
@@ -289,7 +289,7 @@ fn covariance() -> impl Strategy<Value = Mat3> {
     })
 }
 
-/// Whether a matrix is symmetric and positive definite, by Cholesky in `f64`.
+/// True if a matrix is symmetric and positive definite, by Cholesky in `f64`.
 fn is_definite<const N: usize>(m: &[[f64; N]; N]) -> bool {
     let mut l = [[0.0; N]; N];
     for i in 0..N {

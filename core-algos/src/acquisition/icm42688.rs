@@ -90,7 +90,7 @@ const SET_UP: [Write; 17] = [
 /// Place in the set-up after the reset: the sensor is asked for its name.
 const AFTER_RESET: usize = 2;
 
-/// What is read back, and what it must be.
+/// Registers that are read back, with their required values.
 const CHECKED: [(u8, u8); 7] = [
     (WHO_AM_I, IDENTITY),
     (PWR_MGMT0, LOW_NOISE),
@@ -110,7 +110,7 @@ const RETRY: u8 = 100;
 /// Address, three accelerations, three yaw rates, a time stamp, the interrupt status.
 const FRAME: usize = 1 + 6 + 6 + 2 + 1;
 
-/// What the sensor says; `None` while the bias is not known, and when it is lost.
+/// Readings of the sensor; `None` while the bias is not known or the sensor is lost.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Reading {
     /// Yaw rate, rad/s.
@@ -119,7 +119,7 @@ pub struct Reading {
     pub acceleration_m_s2: Option<f32>,
 }
 
-/// Where the driver stands.
+/// State of the driver.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Phase {
     /// Milliseconds to wait, then the next write of the set-up.
@@ -139,7 +139,7 @@ pub struct Icm42688 {
     lost: bool,
     last: [u8; 12],
     repeats: u8,
-    /// Which register is read back next, and whether it was wrong when last read.
+    /// Register that is read back next, and true if its last value was wrong.
     check: (u8, bool),
 }
 
@@ -157,13 +157,13 @@ impl Icm42688 {
         })
     }
 
-    /// Whether the sensor is lost: it did not answer, was reset or stuck, and its biases are not
+    /// True if the sensor is lost: it did not answer, was reset or stuck, and its biases are not
     /// known again yet.
     pub fn is_lost(&self) -> bool {
         self.lost
     }
 
-    /// Whether the set-up is through.
+    /// True if the set-up is through.
     pub fn is_set_up(&self) -> bool {
         matches!(self.phase, Phase::Running { .. })
     }

@@ -107,7 +107,7 @@ pub struct Channel {
 }
 
 impl Channel {
-    /// Whether the bias is known.
+    /// True if the bias is known.
     pub fn is_zeroed(&self) -> bool {
         self.state.bias_counts.is_some()
     }

@@ -142,7 +142,7 @@ impl PerGauge {
     }
 }
 
-/// What a single count tells.
+/// Meaning of a single count.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Conversion {
     /// A count inside the converter's range.
@@ -187,13 +187,13 @@ impl Calibration {
         self.strain_per_count.abs()
     }
 
-    /// Whether `strain` can be one of this strip. NaN cannot.
+    /// True if `strain` can be one of this strip. NaN cannot.
     pub fn is_plausible(&self, strain: f32) -> bool {
         strain.abs() <= self.max_strain
     }
 }
 
-/// When an average may be taken for a calibration.
+/// Conditions under which an average is taken for a calibration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(
     feature = "serde",

@@ -35,7 +35,7 @@ const CONVERGED: f32 = 1e-2;
 const CLOSE: f32 = 4.0;
 /// Weight of the load's prior in its tail: cost `TAIL` ln(1 + |f|²/σ²).
 const TAIL: f32 = 3.0;
-/// What is left of it once the load is known.
+/// Weight of the tail once the load is known.
 const REFINED_TAIL: f32 = 1e-3 * TAIL;
 /// Most steps taken after that.
 const REFINEMENTS: u8 = 2;
@@ -60,12 +60,12 @@ pub struct Search {
 }
 
 impl Search {
-    /// Whether a lower minimum may be elsewhere.
+    /// True if a lower minimum may be elsewhere.
     pub fn is_open(&self) -> bool {
         self.open
     }
 
-    /// Where the next fit should start, if not from the polynomial's shape.
+    /// Start of the next fit, if it is not the polynomial's shape.
     pub fn start(&self) -> Option<Start> {
         let best = self.best.as_ref().filter(|_| self.elsewhere)?;
         Some(Start(best.parameters))
@@ -81,7 +81,7 @@ struct Shape {
     tip: Ray,
 }
 
-/// What is fitted.
+/// Readings that are fitted.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Readings {
     /// Curvature × length; 0 outside the mask.
@@ -425,7 +425,8 @@ impl Solver {
             tried + 1 < search.starts.len() && (ambiguous || is_suspicious(search.best.as_ref()));
     }
 
-    /// What was found so far, refined: at most two shapes. `None` if it is no finite shape.
+    /// Refined fit of the best minimum so far: at most two shapes. `None` if the shape is not
+    /// finite.
     pub fn finish(&self, search: &Search) -> Option<Fit> {
         let mut best = search.best?;
         let mut readings = search.readings;

@@ -15,7 +15,7 @@
 use super::strip::{GaugeMask, MAX_GAUGES};
 use crate::config::{Allowed, ConfigError, in_range, require};
 
-/// What is wrong with a gauge.
+/// Fault of a gauge.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Fault {
     /// Nothing.
@@ -34,13 +34,13 @@ pub enum Fault {
 }
 
 impl Fault {
-    /// Whether it lasts until reset.
+    /// True if it lasts until reset.
     fn is_latched(self) -> bool {
         matches!(self, Self::Dead | Self::Inconsistent)
     }
 }
 
-/// When a gauge is taken out.
+/// Limits beyond which a gauge is taken out.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -59,7 +59,7 @@ pub struct Config {
     /// Difference between a flat reading and what the other gauges say, strain, from which the
     /// gauge is dead.
     pub dead_strain: f32,
-    /// Whether residuals are watched. Costs one fit a period when the method is not the elastica.
+    /// True if residuals are watched. Costs one fit a period when the method is not the elastica.
     pub watch_consistency: bool,
     /// Weighted sum of squared residuals from which the readings contradict each other. With the
     /// stated uncertainties a healthy strip exceeds 30 with probability 1e-5 or less.

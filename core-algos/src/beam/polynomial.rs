@@ -69,7 +69,7 @@ pub struct Interpolant {
     u: [f32; MAX_GAUGES],
     /// 1/Π(u_i − u_j) over the other gauges of the mask; 0 for a gauge that is not in it.
     weight: [f32; MAX_GAUGES],
-    /// How much each gauge counts in the two highest Legendre coefficients.
+    /// Weight of each gauge in the two highest Legendre coefficients.
     highest: [[f32; MAX_GAUGES]; 2],
 }
 

@@ -9,7 +9,7 @@ use super::calibration::{self, Standstill, StandstillError, StandstillLimits};
 use super::strip::{GaugeMask, MAX_GAUGES};
 use crate::bus::message::{Calibrate, CalibrationResult};
 
-/// What is to be done.
+/// Calibration to perform.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Event {
     /// Answer the request `sequence`: it was refused, gauge `gauge` being to blame.

@@ -62,7 +62,7 @@ pub struct Elastica {
     pub force: [f64; 2],
 }
 
-/// What an elastica does.
+/// State of an elastica.
 #[derive(Clone, Debug)]
 pub struct Bent {
     /// Curvature at each asked place.

@@ -48,7 +48,7 @@ const SEARCH_BUDGET: u8 = 16;
 /// Most shapes computed in the tick of an estimate; four settle all fits but one in thousands.
 const TICK_BUDGET: u8 = 8;
 
-/// How strains become a posture.
+/// Method that turns strains into a posture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(
     feature = "serde",
@@ -78,19 +78,19 @@ pub struct Config {
     /// Time between two estimates, s.
     #[cfg_attr(feature = "serde", serde(skip))]
     pub period_s: f32,
-    /// How strains become a posture.
+    /// Method that turns strains into a posture.
     pub method: Method,
     /// Pieces of the piecewise integration, 1 to 10 000.
     pub segments: u16,
-    /// Whether the estimate is that of the present: on the line fitted to the samples of the period,
-    /// `latency_samples` after the last. Otherwise their mean, half a period old, which has a third
-    /// of the noise but lags 10 mrad behind a frame that bends at its largest rate.
+    /// True if the estimate is that of the present: on the line fitted to the samples of the
+    /// period, `latency_samples` after the last. Otherwise their mean, half a period old, which has
+    /// a third of the noise but lags 10 mrad behind a frame that bends at its largest rate.
     pub extrapolate: bool,
     /// Age of a conversion when it arrives, in sample intervals: amplifier and converter.
     pub latency_samples: f32,
     /// Bridge counts to strain.
     pub calibration: calibration::Config,
-    /// When gauges are taken out.
+    /// Limits beyond which gauges are taken out.
     pub health: health::Config,
 }
 
@@ -295,7 +295,7 @@ pub struct State {
     /// Last strains and the gauges they are good for.
     strain: [f32; MAX_GAUGES],
     good: GaugeMask,
-    /// What the last estimate left to do, and where the next one starts.
+    /// Work left by the last estimate, with the start of the next one.
     work: Option<Work>,
     start: Option<Start>,
 }
@@ -311,18 +311,18 @@ struct Work {
     search: Option<Search>,
 }
 
-/// What a fit is for.
+/// Purpose of a fit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Purpose {
     /// The estimate's own: the next one starts where it ends.
     Settle,
-    /// What the readings say without this gauge, which may be to blame.
+    /// Fit without this gauge, which may be the faulty one.
     Blame(usize),
-    /// What the others say of this gauge, which may be flat.
+    /// Fit of the other gauges, to test if this one is flat.
     Flat(usize),
 }
 
-/// What the sensor says at the end of a period.
+/// Output of the sensor at the end of a period.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
     /// Front axle in the rear axle's frame; `None` if fewer than two gauges can be believed. It is
@@ -340,7 +340,7 @@ pub struct Estimate {
     pub method: Method,
     /// Weighted sum of squared residuals of the elastica, where it was fitted.
     pub chi_square: Option<f32>,
-    /// Whether the readings agree with each other. If not, the covariance is enlarged by the
+    /// True if the readings agree with each other. If not, the covariance is enlarged by the
     /// residual, and the gauge to blame is being searched.
     pub consistent: bool,
 }

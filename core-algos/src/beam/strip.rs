@@ -49,7 +49,7 @@ impl PerGauge {
         Self { values, count }
     }
 
-    /// How many gauges the list has.
+    /// Number of gauges in the list.
     pub fn count(&self) -> usize {
         self.count
     }
@@ -129,7 +129,7 @@ impl GaugeMask {
         Self(bits)
     }
 
-    /// Whether gauge `i` is in the set.
+    /// True if gauge `i` is in the set.
     pub fn contains(self, i: usize) -> bool {
         i < MAX_GAUGES && self.0 & (1 << i) != 0
     }
@@ -157,7 +157,7 @@ impl GaugeMask {
         Self(self.0 & other.0)
     }
 
-    /// How many gauges are in the set.
+    /// Number of gauges in the set.
     pub fn count(self) -> u32 {
         self.0.count_ones()
     }
@@ -176,7 +176,7 @@ pub struct RelativePosture {
 }
 
 impl RelativePosture {
-    /// Whether every number is finite and every variance positive.
+    /// True if every number is finite and every variance positive.
     pub fn is_sound(&self) -> bool {
         // What is not finite makes the sum so; so do only numbers as large.
         let mut sum = self.posture.x + self.posture.y + self.posture.phi;
@@ -220,9 +220,9 @@ pub struct Uncertainty {
     pub position_m: f32,
     /// Error of the heading that no strain shows, rad.
     pub heading_rad: f32,
-    /// How large an end force the elastica fit expects, in units of EI/L² (6.1 N on the default
-    /// strip). The prior has heavy tails: far larger forces are found without bias where the
-    /// strains show them, and the force stays near zero where they cannot (a straight strip).
+    /// End force that the elastica fit expects, in units of EI/L² (6.1 N on the default strip). The
+    /// prior has heavy tails: far larger forces are found without bias where the strains show them,
+    /// and the force stays near zero where they cannot (a straight strip).
     pub load_prior: f32,
 }
 
@@ -346,9 +346,9 @@ impl Default for Config {
 }
 
 impl Config {
-    /// What errors of the gauges, each by itself or common to all, make of the posture that is fitted: a
-    /// line is put through them. Of gauges that do not stand symmetrically about the middle the bend
-    /// and the tilt are correlated, which is not said here.
+    /// Standard deviations of the fitted posture by independent and common errors of the gauges,
+    /// through which a line is fitted. Correlation of relative heading and tilt is neglected; it
+    /// exists if the gauges are not symmetric about the middle.
     pub fn sigmas(&self) -> PostureSigmas {
         let count = self.gauges_m.count() as f32;
         let place = |at: f32| (2.0 * at - self.length_m) / self.length_m;

@@ -39,7 +39,7 @@ pub mod id {
     pub const BOARD_HEALTH: u16 = 0x300;
     /// A calibration asked of the beam board.
     pub const BEAM_CALIBRATION: u16 = 0x600;
-    /// How it ended.
+    /// Result of the calibration.
     pub const BEAM_CALIBRATED: u16 = 0x601;
 }
 
@@ -50,7 +50,7 @@ pub struct Signal {
     pub name: &'static str,
     /// Width in bits, at most 24.
     pub bits: u8,
-    /// Whether the raw value is two's complement.
+    /// True if the raw value is two's complement.
     pub signed: bool,
     /// Physical value of one raw unit.
     pub scale: f32,

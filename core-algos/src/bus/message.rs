@@ -37,7 +37,7 @@ macro_rules! wire_enum {
 }
 
 wire_enum! {
-    /// How a calibration ended.
+    /// Result of a calibration.
     CalibrationResult {
         /// Taken over and stored.
         #[default]
@@ -69,7 +69,7 @@ pub enum Calibrate {
 }
 
 wire_enum! {
-    /// What the lead node asks of the axles.
+    /// Mode that the lead node commands to the axles.
     LeadMode {
         /// Motors off.
         #[default]
@@ -101,7 +101,7 @@ pub enum Message {
     LeadStatus {
         /// Epoch modulo 256.
         sequence: u8,
-        /// What the axles are to do.
+        /// Mode commanded to the axles.
         mode: LeadMode,
         /// Commanded half steering angle ψ, rad.
         steering_rad: f32,
@@ -114,13 +114,13 @@ pub enum Message {
         node: Node,
         /// Epoch modulo 256.
         sequence: u8,
-        /// Where it stands.
+        /// Operating state.
         state: OperatingState,
         /// Code of the first stop or cut since the last clearing, see
         /// [`Condition`](crate::safety::Condition); of a node that is not armed, what arming waits
         /// for; 0 if there is none.
         reason: u8,
-        /// What else holds: bit k is row k of the table of conditions.
+        /// Other present conditions: bit k is row k of the table of conditions.
         notices: u16,
     },
     /// Reference posture of an axle in that axle's odometric frame.
@@ -170,7 +170,7 @@ pub enum Message {
         refused: u8,
         /// Yaw-rate samples that took part in the odometry since the last message, at most 127.
         gyro_samples: u8,
-        /// Whether the gyro was zeroed at rest since the last message.
+        /// True if the gyro was zeroed at rest since the last message.
         gyro_zeroed: bool,
         /// Epochs since the axle node was started and its odometric frame began, at most 255.
         uptime: u8,
@@ -229,14 +229,14 @@ pub enum Message {
     BeamCalibration {
         /// Comes back in the answer.
         sequence: u8,
-        /// What is asked.
+        /// Requested calibration.
         calibrate: Calibrate,
     },
     /// Answer of the beam board.
     BeamCalibrated {
         /// Of the request.
         sequence: u8,
-        /// How it ended.
+        /// Result of the calibration.
         result: CalibrationResult,
         /// Gauge to blame, counted from the root.
         gauge: u8,

@@ -30,7 +30,7 @@ use core::hint::cold_path;
 /// Largest steering angle that can be configured, rad. Beyond, 1/cos ψ loses its digits.
 pub const MAX_STEERING: f32 = 1.5;
 
-/// Which form of the axle velocities (paper eq. 6) is used.
+/// Form of the axle velocities (paper eq. 6).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]

@@ -67,7 +67,7 @@ use crate::control::cascade::AxleReference;
 use crate::math::trig::{clamp, sin_cos_near};
 use crate::math::{AxleLoad, Posture, Twist};
 
-/// Where the load of the frame on the axle comes from.
+/// Source of the load of the frame on the axle.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
@@ -117,9 +117,9 @@ pub struct Config {
     pub yaw_rate_gain_nm_s_rad: f32,
     /// Largest ‖ξ‖².
     pub max_xi_squared: f32,
-    /// Whether ‖F_K‖ is an entry of ξ; the frame force must not be off.
+    /// True if ‖F_K‖ is an entry of ξ; the frame force must not be off.
     pub frame_force_in_xi: bool,
-    /// Where the load of the frame comes from.
+    /// Source of the load of the frame.
     pub frame_force: FrameForce,
     /// Share of the frame's load that is fed forward.
     pub frame_feedforward: f32,
@@ -208,7 +208,7 @@ impl Config {
     }
 }
 
-/// What the controller of one axle knows at a step.
+/// Input of the controller of one axle at a step.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Input {
     /// Estimated posture of the axle (q).

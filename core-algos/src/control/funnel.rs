@@ -34,13 +34,13 @@ pub fn needed_curvature(error: PolarError) -> f32 {
     }
 }
 
-/// Whether the bearing is within its bound.
+/// True if the bearing is within its bound.
 fn bearing_allowed(alpha: f32, eta: f32) -> bool {
     let opposed = if alpha * eta < 0.0 { eta.abs() } else { 0.0 };
     alpha.abs() + opposed <= MAX_BEARING_RAD
 }
 
-/// Whether `error`, as seen along the driving direction, lies in the funnel of `curvature` (1/m).
+/// True if `error`, as seen along the driving direction, lies in the funnel of `curvature` (1/m).
 pub fn contains(error: PolarError, curvature: f32) -> bool {
     needed_curvature(error) <= curvature && bearing_allowed(error.alpha, error.arrival())
 }

@@ -156,7 +156,7 @@ impl Config {
     }
 }
 
-/// What depends on the interval alone.
+/// Gains that depend on the interval alone.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct StepGains {
     /// The interval, s, half of it, and its inverse, 1/s.
@@ -371,8 +371,8 @@ impl Governor {
         }
     }
 
-    /// What depends on the interval, which is put into `other` if it is not the usual one; none if
-    /// it is not positive.
+    /// Gains of the interval, stored in `other` if it is not the usual one; `None` if it is not
+    /// positive.
     #[inline(always)]
     fn gains<'a>(&'a self, dt: f32, other: &'a mut Option<StepGains>) -> Option<&'a StepGains> {
         if dt == self.usual.dt {

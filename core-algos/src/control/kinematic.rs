@@ -60,7 +60,7 @@ pub enum Form {
     Printed,
 }
 
-/// Which end of the robot leads.
+/// End of the robot that leads.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
@@ -208,7 +208,7 @@ impl Sight {
     }
 }
 
-/// What the robot's midpoint should do.
+/// Commanded motion of the robot's midpoint.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Command {
     /// Velocity of O along its heading, m/s; negative in reverse.

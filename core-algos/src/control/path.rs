@@ -77,7 +77,7 @@ pub struct Config {
     pub min_speed_m_s: f32,
     /// Delay between a lower reference speed and the robot's, s.
     pub reaction_time_s: f32,
-    /// How far ahead of its last position on the path the robot is looked for, m.
+    /// Length of path ahead of the last position that is searched for the robot, m.
     pub search_window_m: f32,
     /// Remaining distance at which the end counts as reached, m.
     pub end_tolerance_m: f32,
@@ -132,7 +132,7 @@ impl Config {
     }
 }
 
-/// How far ahead of the robot the reference must be for O to be where it should.
+/// Lead of the reference that puts O on the path.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Lead {
     /// r√(2ε), m.
@@ -212,16 +212,16 @@ impl SteeringLaw {
 pub struct Progress {
     /// Arc length of the point of the path nearest to O, m. It never falls.
     pub s: f32,
-    /// Whether the robot has been found on the path.
+    /// True if the robot has been found on the path.
     pub started: bool,
-    /// Whether the end has been reached; stays true.
+    /// True if the end has been reached; stays true.
     pub finished: bool,
 }
 
 /// Reference on a path, and where the robot stands to it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PathReference {
-    /// What law (4) is to be given: led so that O runs on the path.
+    /// Reference of law (4), led so that O runs on the path.
     pub reference: Reference,
     /// The point of the path that O should be at.
     pub target: Posture,
@@ -264,8 +264,8 @@ impl Follower {
         &self.config
     }
 
-    /// What is asked of the governor for O at `center`: law (4) on the reference that
-    /// [`Self::step`] gave for it, with the path's deceleration and steering rate as feedforward.
+    /// Wish to the governor for O at `center`: law (4) on the reference of [`Self::step`], with the
+    /// path's deceleration and steering rate as feedforward.
     pub fn wish(&self, center: impl Into<Transform>, reference: &PathReference) -> Wish {
         let rates = (reference.v_rate, reference.psi_rate);
         self.steering
@@ -414,9 +414,9 @@ impl Follower {
 /// Reference on a trajectory at one time.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TrajectoryReference {
-    /// What law (4) is to be given: led so that O runs on the trajectory.
+    /// Reference of law (4), led so that O runs on the trajectory.
     pub reference: Reference,
-    /// Where O should be.
+    /// Target posture of O.
     pub target: Posture,
     /// Curvature of the path there, 1/m.
     pub kappa: f32,
@@ -424,7 +424,7 @@ pub struct TrajectoryReference {
     pub acceleration: f32,
     /// Steering rate the trajectory asks for, rad/s: feedforward for the governor.
     pub psi_rate: f32,
-    /// Whether the last point known has been reached.
+    /// True if the last point known has been reached.
     pub finished: bool,
 }
 
@@ -448,8 +448,8 @@ impl Tracker {
         })
     }
 
-    /// What is asked of the governor for O at `center`: law (4) on the reference that
-    /// [`Self::at`] gave, with the trajectory's acceleration and steering rate as feedforward.
+    /// Wish to the governor for O at `center`: law (4) on the reference of [`Self::at`], with the
+    /// trajectory's acceleration and steering rate as feedforward.
     pub fn wish(&self, center: impl Into<Transform>, reference: &TrajectoryReference) -> Wish {
         let rates = (reference.acceleration, reference.psi_rate);
         self.steering

@@ -42,8 +42,8 @@ pub struct Config {
     pub max_straight_m: f32,
     /// Least distance from the goal, m, at which the approach may begin.
     pub min_approach_m: f32,
-    /// What is left of the funnel's bound `κ_d e` where the approach begins, rad: room for errors of
-    /// execution.
+    /// Margin to the funnel's bound `κ_d e` at the beginning of the approach, rad: room for errors
+    /// of execution.
     pub margin_rad: f32,
     /// Price of a change of direction, m.
     pub cusp_price_m: f32,
@@ -142,7 +142,7 @@ impl Pose {
     }
 }
 
-/// Where the search stands.
+/// Stage of the search.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Stage {
     /// One segment: motion, steps along it.
@@ -166,7 +166,7 @@ enum Stage {
     Finished,
 }
 
-/// What a call of [`Planner::step`] came to.
+/// Result of a call of [`Planner::step`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Progress {
     /// The search goes on.
@@ -616,7 +616,7 @@ mod tests {
             prop_assert!(end.distance_m >= 0.149);
         }
 
-        /// How the work is cut into ticks does not matter.
+        /// The division of the work into ticks does not change the plan.
         #[test]
         fn budget_does_not_change_the_plan(
             x in -1.0f32..1.0, y in -1.0f32..1.0, phi in -3.1f32..3.1,

@@ -53,14 +53,14 @@ pub struct Input {
     pub goal: Posture,
 }
 
-/// What the robot should do, before the governor.
+/// Commanded motion, before the governor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Output {
     /// Velocity and curvature of O within the limits.
     pub command: Command,
-    /// Which end leads, also at v = 0.
+    /// Leading end, also at v = 0.
     pub direction: Direction,
-    /// What the regulator is doing.
+    /// Phase of the regulator.
     pub phase: Phase,
     /// The robot is to stand still: command.v is 0 on purpose, not on the way through 0.
     pub feed_stop: bool,
@@ -150,8 +150,8 @@ impl Regulator {
         }
     }
 
-    /// Whether the robot is under way and does not move: friction can be more than what a small speed, or a
-    /// motor less than there should be, asks of the wheels.
+    /// True if the robot is under way and does not move: friction can be more than what a small
+    /// speed, or a motor less than there should be, asks of the wheels.
     fn is_stuck(&self, state: &mut State, input: &Input) -> bool {
         let under_way = matches!(state.phase, Phase::Segment | Phase::Approach);
         if !under_way || input.posture.distance(state.moved) > STUCK_M {
@@ -207,7 +207,7 @@ impl Regulator {
         clamp(2.0 * (1.0 - share), 0.0, 1.0)
     }
 
-    /// Whether the approach may go on (or begin) from `seen`: the funnel, with allowance for the
+    /// True if the approach may go on (or begin) from `seen`: the funnel, with allowance for the
     /// error of execution and of the estimate. The curvature itself stays within its limit.
     fn within_reach(&self, seen: PolarError) -> bool {
         let slack = self.config.leave_slack_rad / seen.distance_m.max(1e-3);
@@ -223,7 +223,7 @@ impl Regulator {
         PolarError::between(input.posture, input.goal)
     }
 
-    /// Whether the goal is reached, bounds widened by `factor`.
+    /// True if the goal is reached, bounds widened by `factor`.
     fn reached(&self, state: &State, error: PolarError, factor: f32) -> bool {
         let factor = factor * (1.0 + 0.3 * f32::from(state.attempts.min(3)));
         error.distance_m <= factor * self.config.accept_distance_m

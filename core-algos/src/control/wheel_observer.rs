@@ -96,7 +96,7 @@ pub struct State {
     pub speed_rad_s: f32,
     /// Estimated angle travelled in the last step, rad.
     pub increment_rad: f32,
-    /// Whether the last count was too far off to be a motion of the wheel. It became the new
+    /// True if the last count was too far off to be a motion of the wheel. It became the new
     /// origin; speed and increment are those predicted.
     pub jumped: bool,
     /// The last count taken in; `None` before the first.

@@ -4,12 +4,12 @@
 //! With the enable pin low the bridge brakes (slow decay through both low sides), so the mean
 //! voltage is duty times supply; dead time is the driver's own business. Coasting is its sleep pin's.
 
-/// What the timer and the direction pin are set to.
+/// Settings of the timer and the direction pin.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Pins {
     /// Compare value of the enable pin's channel, 0 to the timer's top.
     pub compare: u16,
-    /// Whether the direction pin is high: forward.
+    /// True if the direction pin is high: forward.
     pub forward: bool,
 }
 

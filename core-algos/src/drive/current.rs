@@ -93,7 +93,7 @@ impl Config {
     }
 }
 
-/// What the loop is told at a step.
+/// Input of the loop at a step.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Input {
     /// Wheel torque asked for, N m.
@@ -108,16 +108,16 @@ pub struct Input {
     pub limit_a: f32,
 }
 
-/// What the loop decides.
+/// Output of the loop.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Output {
     /// Share of the supply to put on the motor, −1 to 1.
     pub duty: f32,
     /// Current asked for, A, limits applied.
     pub reference_a: f32,
-    /// Whether a limit of current or voltage holds.
+    /// True if a limit of current or voltage holds.
     pub limited: bool,
-    /// Whether all inputs were usable; if not, the motor must be switched off.
+    /// True if all inputs were usable; if not, the motor must be switched off.
     pub valid: bool,
 }
 

@@ -24,9 +24,9 @@ pub struct Limits {
 pub struct Motor {
     /// Current, A; `None` if the reading is at a rail or its zero is not known.
     pub current_a: Option<f32>,
-    /// Whether the zero of the reading is known.
+    /// True if the zero of the reading is known.
     pub zeroed: bool,
-    /// Whether the driver reports a fault.
+    /// True if the driver reports a fault.
     pub faulty: bool,
 }
 
@@ -37,11 +37,11 @@ pub struct Sample {
     pub motors: [Motor; 2],
     /// Supply, V.
     pub supply_v: f32,
-    /// Whether the emergency stop acts.
+    /// True if the emergency stop acts.
     pub stopped: bool,
-    /// Whether the drivers are meant to be awake.
+    /// True if the drivers are meant to be awake.
     pub awake: bool,
-    /// Whether they had the time to wake up: before, they report a fault.
+    /// True if they had the time to wake up: before, they report a fault.
     pub ready: bool,
 }
 

@@ -83,7 +83,7 @@ pub struct State {
 }
 
 impl State {
-    /// Whether the motor did not answer in the last whole window.
+    /// True if the motor did not answer in the last whole window.
     pub fn unexplained(&self) -> bool {
         self.unexplained
     }
@@ -123,7 +123,7 @@ impl Response {
         state.speed += speed_rad_s;
     }
 
-    /// Whether a whole window that ends with the current `last` (A) obeys the winding's equation.
+    /// True if a whole window that ends with the current `last` (A) obeys the winding's equation.
     fn explains(&self, state: &State, last: f32) -> bool {
         let share = 1.0 / f32::from(self.periods);
         let current = state.current * share;

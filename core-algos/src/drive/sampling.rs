@@ -20,7 +20,7 @@
 pub struct Timing {
     /// Top of the counter.
     pub top: u16,
-    /// How far the top may be moved from that, either way.
+    /// Largest trim of the top to either side.
     pub trim: u16,
     /// From the trigger to the end of the last reading.
     pub window: u16,
@@ -155,7 +155,7 @@ mod tests {
         }
     }
 
-    /// Where one place takes over from another, to the count.
+    /// The sampling place changes at the exact count.
     #[test]
     fn no_edge_is_near_where_the_place_changes() {
         let limits = [0, 1, 661, 662, 663, 3423, 3424, 3425, 4116, 4199, 4200];

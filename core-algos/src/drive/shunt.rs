@@ -101,7 +101,7 @@ pub struct Zeroing {
     squares: u64,
 }
 
-/// How a zeroing ended.
+/// Result of a zeroing.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Zeroed {
     /// Not enough samples yet.

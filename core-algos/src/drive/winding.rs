@@ -107,7 +107,7 @@ pub fn fold_back(temperature: f32, from: f32, to: f32) -> f32 {
 pub struct State {
     /// Estimated temperature of the winding, °C.
     pub temperature_c: f32,
-    /// What a step added that the temperature is too coarse to hold.
+    /// Remainder of a step below the resolution of the temperature.
     carry: f32,
 }
 

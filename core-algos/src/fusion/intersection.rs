@@ -57,7 +57,7 @@ type Wide33 = [[TwoFloat; 3]; 3];
 /// extreme.
 const MAX_SEARCH: usize = 64;
 
-/// What the fused covariance minimises.
+/// Criterion that the fused covariance minimises.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
@@ -75,7 +75,7 @@ pub enum Criterion {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
 pub struct Config {
-    /// What the fused covariance minimises.
+    /// Criterion that the fused covariance minimises.
     pub criterion: Criterion,
     /// Length that turns a heading error into a position error in the trace criterion, m.
     pub heading_length_m: f32,
@@ -109,7 +109,7 @@ pub struct Intersection {
     weights: [f32; 3],
 }
 
-/// What covariance intersection gives.
+/// Result of covariance intersection.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fused {
     /// Weight of `a`'s information, 0 to 1; `b`'s is the rest.

@@ -164,7 +164,7 @@ impl State {
 /// Advance of the wheels in one interval, m: left and right of axle 1, left and right of axle 2.
 pub type WheelAdvance = [f32; 4];
 
-/// What one interval corrected.
+/// Correction of one interval.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Correction {
@@ -305,7 +305,7 @@ impl Ipec {
     }
 }
 
-/// Where axle 1 sees axle 2.
+/// Direction in which axle 1 sees axle 2.
 struct Direction {
     baseline: f32,
     alpha: f32,

@@ -238,7 +238,7 @@ impl State {
     }
 }
 
-/// What the joint filter knows of where the robot is.
+/// Estimates of the joint filter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimates {
     /// The front axle.
@@ -253,7 +253,7 @@ pub struct Estimates {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct BeamUpdate {
-    /// What became of the measurement.
+    /// Verdict on the measurement.
     pub verdict: Verdict,
     /// Measured minus predicted relative posture (m, m, rad).
     pub innovation: [f32; 3],
@@ -267,7 +267,7 @@ impl Joint {
         self.prior.map(sqrt)
     }
 
-    /// What the tyres are taken to do.
+    /// Model of the tyres.
     pub fn tyres(&self) -> &Tyres {
         &self.tyres
     }

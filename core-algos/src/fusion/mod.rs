@@ -50,8 +50,8 @@ impl Estimate {
         Self::new(posture, matrix::diagonal(sigmas.map(|sigma| sigma * sigma)))
     }
 
-    /// Where the truth lies with 95 %: the longer half axis of the ellipse of the position (m) and half
-    /// the interval of the heading (rad).
+    /// 95 % region: the longer half axis of the ellipse of the position (m) and half the interval
+    /// of the heading (rad).
     pub fn half_axes_95(&self) -> [f32; 2] {
         let p = &self.covariance;
         let half = 0.5 * (p[0][0] - p[1][1]);
@@ -61,7 +61,7 @@ impl Estimate {
         [sqrt(5.991 * longest), sqrt(3.841 * p[2][2])]
     }
 
-    /// Whether every number is finite.
+    /// True if every number is finite.
     pub fn is_finite(&self) -> bool {
         self.posture.is_finite() && matrix::is_finite(&self.covariance)
     }

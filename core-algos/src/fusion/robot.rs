@@ -141,7 +141,7 @@ impl Increment {
     }
 }
 
-/// What arrived since the last tick.
+/// Inputs since the last tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Inputs {
     /// Odometry of the front axle.
@@ -153,7 +153,7 @@ pub struct Inputs {
     pub beam: Option<Estimate>,
 }
 
-/// What the second tier knows after a tick.
+/// Estimates of the second tier after a tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Output {
@@ -165,7 +165,7 @@ pub struct Output {
     pub robot: Estimate,
     /// The beam's update: verdict, innovation and NIS.
     pub beam: joint::BeamUpdate,
-    /// What IPEC corrected, in the mode that runs it.
+    /// Correction by IPEC, in the mode that runs it.
     pub ipec: Option<ipec::Correction>,
     /// Weights of covariance intersection for front and rear: 1 keeps the axle's own estimate.
     pub omega: Option<[f32; 2]>,
@@ -195,7 +195,7 @@ pub struct State {
     beam: Beam,
 }
 
-/// What became of the beam's measurements.
+/// Record of the beam's measurements.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Beam {
     /// Last relative posture it gave.
@@ -342,7 +342,7 @@ impl RobotFusion {
         output
     }
 
-    /// Whether the beam takes part.
+    /// True if the beam takes part.
     pub fn uses_beam(&self) -> bool {
         self.mode != Mode::Odometry
     }
@@ -561,7 +561,7 @@ fn into_departure(increment: &Estimate) -> Estimate {
     )
 }
 
-/// Whether a relative posture can be used: finite, its covariance positive definite.
+/// True if a relative posture can be used: finite, its covariance positive definite.
 fn is_usable(beam: &Estimate) -> bool {
     beam.is_finite() && matrix::cholesky(&beam.covariance).is_some()
 }

@@ -127,7 +127,7 @@ impl Zeroing {
     }
 }
 
-/// What is asked of rest; times in ticks.
+/// Thresholds of rest; times in ticks.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RestTimes {
     /// Wheels still, and for the gyro motors off.
@@ -138,7 +138,7 @@ pub struct RestTimes {
     pub spread: f32,
 }
 
-/// Whether an axle has stood still for some time, by its encoders, motors and gyro.
+/// Detects that an axle has stood still for some time, by its encoders, motors and gyro.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RestDetector {
     counts: [Option<i32>; 2],
@@ -163,7 +163,7 @@ impl Default for RestDetector {
     }
 }
 
-/// What rests.
+/// Parts that are at rest.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Rest {
     /// Both wheels have kept their counts for the whole time.

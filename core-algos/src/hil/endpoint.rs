@@ -25,9 +25,9 @@ use core::fmt::Write;
 /// Who a board is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Identity {
-    /// What it was built from, at most 64 bytes.
+    /// Build identification, at most 64 bytes.
     pub build: &'static str,
-    /// Which board.
+    /// Board.
     pub role: Role,
 }
 
@@ -54,7 +54,7 @@ impl Endpoint {
         self.session.kept.load(contents);
     }
 
-    /// What is to be written to the store now, once; to be answered by [`Self::saved`].
+    /// Pending write to the store, given once; to be answered by [`Self::saved`].
     pub fn save(&mut self) -> Option<Save> {
         let off = self.session.saving.as_mut()?.off.take()?;
         Some(self.session.kept.save(off))
@@ -100,7 +100,7 @@ impl Endpoint {
 struct Session {
     identity: Identity,
     stack: fn() -> StackUse,
-    /// Whether a host has said hello in this version.
+    /// True if a host has said hello in this version.
     open: bool,
     /// Number of the last request, and what was answered.
     last: Option<u8>,

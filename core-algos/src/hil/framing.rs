@@ -75,7 +75,7 @@ impl SerialFrame {
     }
 }
 
-/// What a decoder has counted.
+/// Counters of a decoder.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct Counters {
     /// Frames whose check sum was right.
@@ -111,7 +111,7 @@ impl Decoder {
         }
     }
 
-    /// What has been counted.
+    /// Counters.
     pub fn counters(&self) -> Counters {
         self.counters
     }

@@ -8,7 +8,7 @@ use crate::config::ConfigError;
 use crate::params::{COUNT, Contents, Disarmed, Parameter, Report, Settings, TABLE, fingerprint};
 use crate::topology::Role;
 
-/// What is to be written to a store.
+/// Contents to write to a store.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Save {
     /// The parameters.
@@ -75,7 +75,7 @@ impl Kept {
         &self.settings
     }
 
-    /// How many there are, and by which table.
+    /// Number of parameters, and the version of their table.
     pub fn summary(&self) -> Reply<'static> {
         Reply::Parameters {
             table: fingerprint(),
@@ -102,13 +102,13 @@ impl Kept {
         set.map_err(KeepError::Value)
     }
 
-    /// Whether a node can be built from them: each value by itself is in range.
+    /// Checks that a node can be built from the values, each of which is in range by itself.
     pub fn check(&self) -> Result<(), KeepError> {
         let checked = self.settings.check(self.role);
         checked.map_err(KeepError::Value)
     }
 
-    /// What is to be written, once it is checked.
+    /// Contents to write, once checked.
     pub fn save(&self, off: Disarmed) -> Save {
         Save {
             settings: self.settings,

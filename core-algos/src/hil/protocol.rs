@@ -60,7 +60,7 @@ pub enum Request<'a> {
         hash: u32,
         /// The first tick that will come, ms.
         tick: u32,
-        /// Where the robot stands, for the lead node.
+        /// Start posture of the robot, for the lead node.
         place: Option<Place>,
     },
     /// Gives the lead node something to do.
@@ -69,21 +69,21 @@ pub enum Request<'a> {
     Path {
         /// The points.
         points: [Option<PathPoint>; POINTS],
-        /// Whether they are the last.
+        /// True if they are the last.
         end: bool,
     },
     /// Appends to the lead node's trajectory.
     Trajectory {
         /// The points.
         points: [Option<TrajectoryPoint>; POINTS],
-        /// Whether they are the last.
+        /// True if they are the last.
         end: bool,
     },
     /// One tick of an axle board.
     Axle {
         /// Time, ms.
         tick: u32,
-        /// What its sensors read.
+        /// Readings of its sensors.
         samples: axle::Samples,
         /// Bus frames that arrived, see [`Packed`].
         bus: &'a [u8],
@@ -123,7 +123,7 @@ pub enum Request<'a> {
     SaveParameters,
 }
 
-/// Where the robot stands at the start.
+/// Posture of the robot at the start.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Place {
     /// The midpoint.
@@ -141,9 +141,9 @@ pub enum Reply<'a> {
         protocol: u16,
         /// As in the request.
         nonce: u32,
-        /// Which board.
+        /// Board.
         role: Role,
-        /// What it was built from.
+        /// Build identification.
         build: &'a str,
         /// Frames since the board was started.
         counters: Counters,
@@ -155,11 +155,11 @@ pub enum Reply<'a> {
         /// The check sum.
         hash: u32,
     },
-    /// What an axle board did.
+    /// Output of an axle board.
     Axle {
         /// Wheel torques (left, right), N m.
         torque_nm: [f32; 2],
-        /// Whether the axle follows a reference.
+        /// True if the axle follows a reference.
         active: bool,
         /// Bus frames that could not be decoded or encoded at this tick.
         refused: u8,
@@ -168,7 +168,7 @@ pub enum Reply<'a> {
         /// The next part of the lead node's output.
         telemetry: &'a [u8],
     },
-    /// What a beam board did.
+    /// Output of a beam board.
     Beam {
         /// Messages that could not be encoded at this tick.
         refused: u8,
@@ -177,24 +177,24 @@ pub enum Reply<'a> {
     },
     /// The request was not carried out.
     Refused(Refusal<'a>),
-    /// What the board's stack has taken.
+    /// Stack use of the board.
     Stack(StackUse),
     /// The parameters that the board keeps.
     Parameters {
         /// Hash of its table, see [`crate::params::fingerprint`].
         table: u32,
-        /// How many there are.
+        /// Number of parameters.
         count: u8,
-        /// Whether those of its store together made no working node, so that it uses none of them.
+        /// True if those of its store together made no working node, so that it uses none of them.
         unusable: bool,
     },
     /// One of them.
     Parameter {
         /// The value.
         value: f32,
-        /// Where it came from at the board's start, or at the latest save.
+        /// Source of the value at the board's start, or at the latest save.
         source: Source,
-        /// Whether the board would have this value after a reset.
+        /// True if the board would have this value after a reset.
         saved: bool,
     },
     /// The store holds them.
@@ -204,7 +204,7 @@ pub enum Reply<'a> {
     },
 }
 
-/// What a board's stack has taken since its start.
+/// Stack use of a board since its start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct StackUse {
     /// Most bytes in use at any time.
@@ -216,7 +216,7 @@ pub struct StackUse {
 }
 
 impl StackUse {
-    /// Where the stack is not measured.
+    /// Value for a stack that is not measured.
     pub const fn unknown() -> Self {
         Self {
             used_bytes: 0,
@@ -225,7 +225,7 @@ impl StackUse {
         }
     }
 
-    /// Whether it was measured, and more was used than may be.
+    /// True if it was measured, and more was used than may be.
     pub fn is_beyond(&self) -> bool {
         self.size_bytes > 0 && self.used_bytes > self.budget_bytes
     }
@@ -241,7 +241,7 @@ pub enum Refusal<'a> {
     Malformed,
     /// The request is for another kind of board.
     OtherBoard {
-        /// What this board is.
+        /// Role of this board.
         role: Role,
     },
     /// A part of the parameters does not follow the one before, or they are too long.
@@ -275,14 +275,14 @@ pub enum Refusal<'a> {
     Armed,
     /// There is no such parameter.
     Index {
-        /// How many there are.
+        /// Number of parameters.
         count: u8,
     },
     /// The store could not be written, or did not hold afterwards what was written.
     NotSaved,
 }
 
-/// What the lead node did, and the room in its buffers.
+/// Output of the lead node, and the room in its buffers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Telemetry {
     /// Its output.

@@ -22,7 +22,7 @@ use crate::safety::Conditions;
 use crate::time::{EPOCH, LEAD_PHASE, TICK};
 use crate::topology::Role;
 
-/// What the board says of its stack.
+/// Stack use that the board reports.
 const STACK: StackUse = StackUse {
     used_bytes: 17_001,
     budget_bytes: 17_000,
@@ -33,7 +33,7 @@ const STACK: StackUse = StackUse {
 struct Host {
     board: Endpoint,
     number: u8,
-    /// What the board's store holds, and how often it was written; a store that is broken is not.
+    /// Contents of the board's store, and its number of writes; a broken store is not written.
     store: Contents,
     saves: u32,
     broken: bool,

@@ -29,8 +29,8 @@ pub fn bounded(x: f32, bound: f32) -> f32 {
     }
 }
 
-/// Whether all are finite. On a Cortex-M4F that costs two instructions a value; `f32::is_finite` beside
-/// other comparisons becomes a classification of bits, more than twenty.
+/// True if all are finite. On a Cortex-M4F this takes two instructions a value; `f32::is_finite`
+/// beside other comparisons becomes a classification of bits, more than twenty.
 #[inline(always)]
 pub fn all_finite<const N: usize>(values: [f32; N]) -> bool {
     // 0·x is zero for what is finite and NaN for all else.

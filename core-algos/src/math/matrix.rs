@@ -126,7 +126,7 @@ pub fn symmetrized<const N: usize>(a: &Mat<N, N>) -> Mat<N, N> {
     m
 }
 
-/// Whether every entry is finite.
+/// True if every entry is finite.
 pub fn is_finite<const R: usize, const C: usize>(a: &Mat<R, C>) -> bool {
     a.iter()
         .all(|row| row.iter().all(|entry| entry.is_finite()))

@@ -39,7 +39,7 @@ impl Posture {
         Self { x, y, phi }
     }
 
-    /// Whether all three components are finite.
+    /// True if all three components are finite.
     pub fn is_finite(&self) -> bool {
         self.x.is_finite() && self.y.is_finite() && self.phi.is_finite()
     }
@@ -185,7 +185,7 @@ impl Twist {
         Self { v, omega }
     }
 
-    /// Whether both components are finite.
+    /// True if both components are finite.
     pub fn is_finite(&self) -> bool {
         self.v.is_finite() && self.omega.is_finite()
     }

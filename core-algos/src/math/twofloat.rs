@@ -18,7 +18,7 @@ const SPLIT: f32 = 4097.0;
 pub struct TwoFloat {
     /// The `f32` nearest to the number.
     pub high: f32,
-    /// What `high` leaves.
+    /// Remainder that `high` cannot hold.
     pub low: f32,
 }
 
@@ -117,7 +117,7 @@ impl TwoFloat {
         }
     }
 
-    /// Whether both parts are finite.
+    /// True if both parts are finite.
     pub fn is_finite(self) -> bool {
         self.high.is_finite() && self.low.is_finite()
     }

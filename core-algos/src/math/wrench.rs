@@ -27,7 +27,7 @@ pub struct Wrench {
     pub moment_end: f32,
 }
 
-/// What the frame exerts on one axle, in that axle's own frame, at the axle's midpoint.
+/// Load of the frame on one axle, in that axle's own frame, at the axle's midpoint.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct AxleLoad {
@@ -40,7 +40,7 @@ pub struct AxleLoad {
 }
 
 impl AxleLoad {
-    /// Whether all components are finite.
+    /// True if all components are finite.
     pub fn is_finite(&self) -> bool {
         self.forward.is_finite() && self.lateral.is_finite() && self.moment.is_finite()
     }
@@ -55,7 +55,7 @@ impl Wrench {
         moment_end: 0.0,
     };
 
-    /// Whether all components are finite.
+    /// True if all components are finite.
     pub fn is_finite(&self) -> bool {
         self.force_x.is_finite()
             && self.force_y.is_finite()

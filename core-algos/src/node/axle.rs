@@ -35,7 +35,7 @@ use crate::topology::Node;
 /// Age from which a reference is late: the lead node and the bus have had two epochs for it.
 const LATE: Micros = 3 * EPOCH;
 
-/// What the sensors of an axle board read at a tick; `None` where nothing came.
+/// Readings of an axle board's sensors at a tick; `None` where a reading is missing.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Samples {
@@ -45,16 +45,16 @@ pub struct Samples {
     pub gyro_rad_s: Option<f32>,
     /// Acceleration along the heading, m/s².
     pub acceleration_m_s2: Option<f32>,
-    /// What the board's drivers find wrong: motors, supply, temperature, bus, time.
+    /// Conditions found by the board's drivers: motors, supply, temperature, bus, time.
     pub conditions: Conditions,
 }
 
-/// What the node did at a tick.
+/// Output of the node at a tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Output {
     /// Wheel torques (left, right), N m; positive drives forward.
     pub torque_nm: [f32; 2],
-    /// Whether a reference is being followed; otherwise the motors are off.
+    /// True if a reference is being followed; otherwise the motors are off.
     pub active: bool,
     /// Tracking error (e_X, e_Y, e_φ) in the axle's frame; zero when not active.
     pub error: Posture,
@@ -100,7 +100,7 @@ pub struct State {
     rest: RestDetector,
     gyro_bias: Bias,
     accelerometer_bias: Bias,
-    /// What the last step gave.
+    /// Output of the last step.
     output: Output,
     /// Reference of the last step.
     followed: Option<AxleReference>,
@@ -198,7 +198,7 @@ impl AxleNode {
         self.state = State::new();
     }
 
-    /// Which axle this is.
+    /// Axle of this node.
     pub fn axle(&self) -> AxleId {
         self.axle
     }
@@ -208,12 +208,12 @@ impl AxleNode {
         &self.state
     }
 
-    /// Where the axle stands, and why.
+    /// Operating state of the axle, and its reason.
     pub fn supervision(&self) -> &supervisor::State {
         &self.state.supervisor
     }
 
-    /// Whether the lead node asks to forget faults; the board's drivers forget theirs too.
+    /// True if the lead node asks to forget faults; the board's drivers forget theirs too.
     pub fn clears(&self, now: Micros) -> bool {
         let mode = self.state.mode.as_ref();
         mode.and_then(|mode| mode.fresh(now, self.reference_timeout)) == Some(&LeadMode::Clear)
@@ -299,7 +299,7 @@ impl AxleNode {
         self.state.output
     }
 
-    /// Which node this is.
+    /// Identity of this node.
     fn node(&self) -> Node {
         match self.axle {
             AxleId::Front => Node::FrontAxle,
@@ -307,7 +307,7 @@ impl AxleNode {
         }
     }
 
-    /// What the motors may do at this tick; the heartbeat goes out with it.
+    /// Permit of the motors at this tick; sends the heartbeat.
     fn supervise(&mut self, now: Micros, samples: &Samples, outbox: &mut Outbox) -> Permit {
         let mut input = supervisor::Input {
             conditions: self.watch(now, samples),

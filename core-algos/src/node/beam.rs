@@ -24,7 +24,7 @@ pub struct BeamNode {
     latest: Option<Estimate>,
     supervisor: Supervisor,
     supervision: supervisor::State,
-    /// What the board's drivers have found wrong in this epoch.
+    /// Conditions found by the board's drivers in this epoch.
     found: Conditions,
     /// Faults are to be forgotten at the next step.
     clear: bool,
@@ -72,7 +72,7 @@ impl BeamNode {
         self.latest.as_ref()
     }
 
-    /// Where the node stands, and why.
+    /// Operating state of the node, and its reason.
     pub fn supervision(&self) -> &supervisor::State {
         &self.supervision
     }

@@ -46,7 +46,7 @@ use crate::time::{EPOCH, LEAD_PHASE, Micros, is_epoch_start};
 use crate::topology::AxleId;
 use crate::topology::Role;
 
-/// What the sensors of a board read at a tick.
+/// Readings of a board's sensors at a tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Samples {
     /// Encoders and inertial sensors of an axle.
@@ -55,16 +55,16 @@ pub enum Samples {
     Beam([i32; MAX_GAUGES]),
 }
 
-/// What a board did at a tick.
+/// Output of a board at a tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Output {
     /// Wheel torques (left, right), N m; zero on the beam board.
     pub torque_nm: [f32; 2],
-    /// Whether the axle follows a reference; otherwise its motors are off.
+    /// True if the axle follows a reference; otherwise its motors are off.
     pub active: bool,
-    /// Whether latched faults of the board's drivers are to be forgotten.
+    /// True if latched faults of the board's drivers are to be forgotten.
     pub clear: bool,
-    /// What the lead node did, at the ticks it works.
+    /// Output of the lead node, at the ticks it works.
     pub lead: Option<lead::Output>,
 }
 
@@ -84,8 +84,8 @@ pub enum Board {
     Beam(BeamNode),
 }
 
-/// What a board is to run, checked: nothing can fail any more. Nodes are large and the stack of a
-/// board is not, so there [`Self::begin`] is called where the nodes are to stay.
+/// Checked configuration of a board: building the nodes from it cannot fail. Nodes are large and a
+/// board's stack is small, so [`Self::begin`] is called where the nodes are to stay.
 // There is no heap to put the larger variant on.
 #[allow(clippy::large_enum_variant)]
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -94,7 +94,7 @@ pub enum Ready {
     Front {
         /// The axle.
         axle: AxleNode,
-        /// What the lead node works with.
+        /// Algorithms of the lead node.
         lead: lead::Algorithms,
     },
     /// For [`Board::Rear`].
@@ -147,7 +147,7 @@ impl Board {
         }
     }
 
-    /// Which board this is.
+    /// Role of this board.
     pub fn role(&self) -> Role {
         match self {
             Self::Front { .. } => Role::Front,

@@ -134,7 +134,7 @@ impl CommonClock {
         Micros::try_from(local as i64 + whole + round).ok()
     }
 
-    /// How often the offset was taken anew because it did not fit, saturating.
+    /// Number of times the offset was replaced because it did not fit, saturating.
     pub fn steps(&self) -> u16 {
         self.steps
     }
@@ -145,7 +145,7 @@ impl CommonClock {
 pub struct Tick {
     /// The whole millisecond of common time that the tick stands for.
     pub now: Micros,
-    /// How much later the tick came, µs; negative if earlier.
+    /// Lateness of the tick, µs; negative if early.
     pub late_us: i16,
 }
 
@@ -160,7 +160,7 @@ impl Tick {
         }
     }
 
-    /// Whether the tick is close enough to its millisecond to run a node.
+    /// True if the tick is close enough to its millisecond to run a node.
     pub fn in_step(&self) -> bool {
         self.late_us.abs() <= 100
     }

@@ -45,7 +45,7 @@ const LATE: Micros = 2 * EPOCH;
 /// Steps of an axle in an epoch.
 const TICKS_PER_EPOCH: f32 = (EPOCH / TICK) as f32;
 
-/// What the robot is to do.
+/// Task of the robot.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Task {
@@ -78,7 +78,7 @@ const STILL: Twist = Twist::new(0.02, 0.1);
 /// Difference from the commanded steering angle beyond which a frame without power has let go, rad.
 const LET_GO: f32 = 0.05;
 
-/// What the lead node did at a step.
+/// Output of the lead node at a step.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Output {
@@ -90,11 +90,11 @@ pub struct Output {
     pub motion: Motion,
     /// Phase of the regulator, when regulating.
     pub phase: Phase,
-    /// Where the midpoint should be, on a path or trajectory.
+    /// Target posture of the midpoint, on a path or trajectory.
     pub target: Option<Posture>,
     /// The task is fulfilled and the robot at rest.
     pub done: bool,
-    /// Where the lead node stands, and why.
+    /// Operating state of the lead node, and its reason.
     pub supervision: supervisor::Output,
 }
 
@@ -121,7 +121,7 @@ pub struct State {
     supervisor: supervisor::State,
 }
 
-/// What the task asks for at a step.
+/// Decision of the task at a step.
 #[derive(Clone, Copy, Debug, Default)]
 struct Decision {
     /// Wish for the governor; none: brake.
@@ -198,7 +198,7 @@ impl LeadNode {
         self.path_task.restart();
     }
 
-    /// Where the node stands, and why.
+    /// Operating state of the node, and its reason.
     pub fn supervision(&self) -> &supervisor::State {
         &self.state.supervisor
     }
@@ -274,9 +274,9 @@ impl LeadNode {
         }
     }
 
-    /// What is done beside, at the ticks that neither begin an epoch nor have a [`Self::step`]: a part
-    /// of what the next step needs that is known already. Left out, that step does all of it, with the
-    /// same result.
+    /// Works ahead, at the ticks that neither begin an epoch nor have a [`Self::step`], on parts of
+    /// the next step that are known already. Without it the next step does all of the work, with
+    /// the same result.
     pub fn prepare(&mut self) {
         if let Some(fusion) = self.state.fusion.as_mut() {
             self.with.fusion.prepare(fusion);
@@ -325,7 +325,7 @@ impl LeadNode {
         }
     }
 
-    /// What the task asks for with O at `center`.
+    /// Decision of the task with O at `center`.
     fn decide(&mut self, now: Micros, center: &Transform) -> Decision {
         let state = &mut self.state;
         let motion = state.governor.motion;

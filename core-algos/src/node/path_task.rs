@@ -94,10 +94,10 @@ impl Config {
 pub struct State {
     path: PathBuffer<PATH_POINTS>,
     trajectory: TrajectoryBuffer<TRAJECTORY_POINTS>,
-    /// Whether the last point of the trajectory is its end.
+    /// True if the last point of the trajectory is its end.
     trajectory_ended: bool,
     progress: Progress,
-    /// When the trajectory began, and at which of its times.
+    /// Start of the trajectory, and the trajectory time then.
     start: Option<(Micros, f32)>,
     /// The end has been reached and the robot is being brought to rest.
     resting: bool,
@@ -176,12 +176,12 @@ impl State {
     }
 }
 
-/// What is to be done at an epoch.
+/// Output of the path task at an epoch.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Step {
     /// Wish for the governor; none: brake and keep the bend.
     pub wish: Option<Wish>,
-    /// Where O should be; none without a path.
+    /// Target posture of O; `None` without a path.
     pub target: Option<Posture>,
     /// The end has been reached and the robot is at rest.
     pub done: bool,

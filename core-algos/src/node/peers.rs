@@ -42,12 +42,12 @@ impl Peers {
         self.heard.get(node as usize)?.as_ref()?.fresh(now, timeout)
     }
 
-    /// Whether the node has not been heard for the time of its heartbeat, or never.
+    /// True if the node has not been heard for the time of its heartbeat, or never.
     pub fn lost(&self, node: Node, now: Micros) -> bool {
         self.fresh(node, now).is_none()
     }
 
-    /// Whether the node says that it is stopping or has stopped because something is wrong.
+    /// True if the node says that it is stopping or has stopped because something is wrong.
     pub fn failed(&self, node: Node, now: Micros) -> bool {
         self.fresh(node, now).is_some_and(|beat| {
             let stopped = matches!(beat.state, OperatingState::SafeStop | OperatingState::Fault);

@@ -62,11 +62,12 @@ pub struct Limits {
     /// Largest steering angle |ψ| the frame may be bent to, rad; bounds the curvature by
     /// 2ψ/(L cos ψ).
     pub max_steering_rad: f32,
-    /// What of it is never commanded, rad: room for the true bend to exceed the commanded one.
+    /// Margin to the largest steering angle that is never commanded, rad: the true angle may exceed
+    /// its command.
     ///
-    /// On tyres that creep the frame's moment holds the axles back and the true bend stays some 2 %
-    /// below its command; on tyres that hardly do, lag and the error of the beam let it exceed the
-    /// command, by 3 mrad at most in simulation.
+    /// On tyres that creep the frame's moment holds the axles back and the true angle stays some 2
+    /// % below its command; on stiff tyres lag and the error of the beam let it exceed the command,
+    /// by 3 mrad at most in simulation.
     pub steering_margin_rad: f32,
 }
 
@@ -104,8 +105,8 @@ pub struct RobotConfig {
     pub lead: lead::Config,
 }
 
-/// Where an operator who has only a button puts the robot's midpoint down before pressing it (m, m,
-/// rad): the start of the paper's experiment; the goal is the origin.
+/// Start posture of the midpoint for an operator who has only a button (m, m, rad): that of the
+/// paper's experiment; the goal is the origin.
 pub const START: Posture = Posture::new(-1.342, -1.342, 0.0);
 
 /// The nodes of a robot.

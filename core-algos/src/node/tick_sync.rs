@@ -16,7 +16,7 @@ use crate::time::{EPOCH, Micros, TICK, is_epoch_start};
 /// Longest time between two runs that is passed over.
 const PASSED_OVER: Micros = 5 * TICK;
 
-/// What a tick is to do.
+/// Action of a tick.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Step {
     /// The common time is not known or the tick is not in step with it: nothing may be driven.
@@ -105,7 +105,7 @@ impl TickSync {
         }
     }
 
-    /// What was wrong with the latest tick.
+    /// Conditions of the latest tick.
     pub fn conditions(&self) -> Conditions {
         self.conditions
     }
@@ -138,7 +138,7 @@ impl TickSync {
         self.trim
     }
 
-    /// Whether the latest tick ran the nodes.
+    /// True if the latest tick ran the nodes.
     pub fn in_step(&self) -> bool {
         self.in_step
     }

@@ -8,13 +8,13 @@ use crate::config::{Allowed, ConfigError, in_range, require};
 use crate::drive::winding::fold_back;
 use crate::drive::{current, response, shunt, winding};
 
-/// How far beyond its limits the supply may be before the motors are switched off at once, V below
-/// and above; in between the robot stops in order.
+/// Excess of the supply beyond its limits at which the motors are switched off at once, V below and
+/// above; in between the robot stops in order.
 const BEYOND_V: (f32, f32) = (1.0, 0.8);
 /// Share of the converter's range that a supply can be told from a broken divider.
 const READABLE: f32 = 0.98;
 
-/// What is behind the pins of an axle board.
+/// Circuits behind the pins of an axle board.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Drive {
     /// True supply voltage over the one read.
@@ -45,11 +45,11 @@ pub struct Drive {
     pub thermal_time_constant_s: f32,
     /// Temperature of the winding at which no current is left, °C.
     pub winding_max_c: f32,
-    /// How far below that the current is folded back, K.
+    /// Span below the limit in which the current is folded back, K.
     pub winding_fold_back_k: f32,
     /// Temperature between the drivers at which no current is left, °C.
     pub driver_max_c: f32,
-    /// How far below that the current is folded back, K.
+    /// Span below the limit in which the current is folded back, K.
     pub driver_fold_back_k: f32,
 }
 
@@ -156,7 +156,7 @@ impl Drive {
         })
     }
 
-    /// Whether everything can be built from it; the error names the field.
+    /// Checks that everything can be built from it; the error names the field.
     // Not inlined: the nodes are checked by the same caller, and a board's stack is small.
     #[inline(never)]
     pub fn check(&self) -> Result<(), ConfigError> {
@@ -191,7 +191,7 @@ mod tests {
         (a - b).abs() <= 1e-6 * b.abs()
     }
 
-    /// What the parameters say is what each part says for itself.
+    /// Parameters have the defaults of the parts that they configure.
     #[test]
     fn defaults_are_those_of_the_parts() {
         let drive = Drive::default();

@@ -108,7 +108,7 @@ impl Settings {
         Self::new(robot)
     }
 
-    /// Whether the nodes of a board can be built from them; the error names the field.
+    /// Checks that the nodes of a board can be built from them; the error names the field.
     pub fn check(&self, role: Role) -> Result<(), ConfigError> {
         in_range("gyro_gain", self.inertial.gyro_gain, 0.5, 2.0)?;
         let gain = self.inertial.accelerometer_gain;

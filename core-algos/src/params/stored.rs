@@ -26,7 +26,7 @@ const MANIFEST_VERSION: u8 = 1;
 pub struct Item {
     /// Version of its meaning.
     pub version: u8,
-    /// When it was written, in items written.
+    /// Generation: number of items written before.
     pub generation: u32,
     /// The value.
     pub value: f32,
@@ -56,10 +56,10 @@ impl Item {
     }
 }
 
-/// Which generation of each parameter is the newest.
+/// Newest generation of each parameter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Manifest {
-    /// When it was written.
+    /// Generation.
     pub generation: u32,
     /// By identifier, from 1: the low byte of the generation, which is never 0; 0 if none is stored.
     newest: [u8; MAX_ID as usize],
@@ -92,7 +92,7 @@ impl Manifest {
     }
 }
 
-/// Where the value of a parameter comes from.
+/// Source of the value of a parameter.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
@@ -111,13 +111,13 @@ pub enum Source {
 }
 
 impl Source {
-    /// Whether the user must be told.
+    /// True if the user must be told.
     pub const fn is_notice(self) -> bool {
         !matches!(self, Self::Default | Self::Stored)
     }
 }
 
-/// How the parameters were found after a start.
+/// Result of reading the parameters after a start.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Report {
     /// By parameter, in the order of the table.
@@ -140,7 +140,7 @@ impl Default for Report {
 }
 
 impl Report {
-    /// How many parameters have their default although something was stored.
+    /// Number of parameters that have their default although something was stored.
     pub fn defaults(&self) -> usize {
         match self.unusable {
             Some(_) => self.stored(),
@@ -152,7 +152,7 @@ impl Report {
         }
     }
 
-    /// How many values came from the store.
+    /// Number of values from the store.
     pub fn stored(&self) -> usize {
         self.sources
             .iter()
@@ -169,14 +169,14 @@ impl Report {
         Some(found.find(|(_, source)| source.is_notice())?.0)
     }
 
-    /// What the node is told.
+    /// Conditions for the node.
     pub fn conditions(&self) -> Conditions {
         let notice = self.defaults() > 0 || self.unverified || self.unusable.is_some();
         Conditions::NONE.with(Condition::ParameterDefault, notice)
     }
 }
 
-/// What was found in a store: of each item the newest copy.
+/// Contents found in a store: the newest copy of each item.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Contents {
     items: [Option<Item>; COUNT],

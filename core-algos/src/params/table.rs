@@ -21,9 +21,9 @@ pub struct Parameter {
     pub unit: &'static str,
     /// Smallest and largest value.
     pub range: (f32, f32),
-    /// Whether only whole numbers are values.
+    /// True if only whole numbers are values.
     pub whole: bool,
-    /// What it is.
+    /// Meaning of the parameter.
     pub meaning: &'static str,
     read: fn(&Settings) -> f32,
     write: fn(&mut Settings, f32),

@@ -2,7 +2,7 @@
 
 use crate::time::Micros;
 
-/// What a condition asks for. The upper two bits of a code are its class.
+/// Class of a condition by the required reaction. The upper two bits of a code are its class.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Class {
     /// A limit was met or something small was lost; reported only. Codes 0x01 to 0x3f.
@@ -26,7 +26,7 @@ impl Class {
         }
     }
 
-    /// Whether the condition ends the drive and is latched until cleared.
+    /// True if the condition ends the drive and is latched until cleared.
     pub const fn is_hard(self) -> bool {
         matches!(self, Self::Stop | Self::Cut)
     }
@@ -53,9 +53,9 @@ pub struct Entry {
     pub name: &'static str,
     /// Time that it must hold without a break before it counts.
     pub hold: Micros,
-    /// What it means.
+    /// Meaning of the condition.
     pub meaning: &'static str,
-    /// What to do about it.
+    /// Remedy.
     pub remedy: &'static str,
 }
 
@@ -267,18 +267,18 @@ impl Conditions {
         self.both(DEGRADED)
     }
 
-    /// Whether `condition` is in the set.
+    /// True if `condition` is in the set.
     pub const fn contains(self, condition: Condition) -> bool {
         self.0 & (1 << condition as u8) != 0
     }
 
-    /// What is in either set.
+    /// Union of the sets.
     #[must_use]
     pub const fn union(self, other: Self) -> Self {
         Self(self.0 | other.0)
     }
 
-    /// What is in both sets.
+    /// Intersection of the sets.
     #[must_use]
     pub const fn both(self, other: Self) -> Self {
         Self(self.0 & other.0)
@@ -295,7 +295,7 @@ impl Conditions {
         Self(rows as u64).both(ALL)
     }
 
-    /// Whether the set is empty.
+    /// True if the set is empty.
     pub const fn is_empty(self) -> bool {
         self.0 == 0
     }

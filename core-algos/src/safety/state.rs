@@ -2,7 +2,7 @@
 
 use super::condition::{Class, Condition};
 
-/// Where a node stands.
+/// Operating state of a node.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
@@ -42,7 +42,7 @@ impl OperatingState {
         Self::ALL.get(usize::from(number)).copied()
     }
 
-    /// What the motors may do.
+    /// Permit of the motors.
     pub const fn permit(self) -> Permit {
         match self {
             Self::Boot | Self::Idle | Self::Fault => Permit::Off,
@@ -65,7 +65,7 @@ impl OperatingState {
     }
 }
 
-/// What the motors may do.
+/// Permit of the motors.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Permit {
@@ -80,7 +80,7 @@ pub enum Permit {
     Drive,
 }
 
-/// What a node is asked, by its operator, by the lead node or by itself.
+/// Request to a node, by its operator, by the lead node or by itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Request {
     /// The self-check is done.
@@ -112,7 +112,7 @@ impl Request {
     ];
 }
 
-/// What makes a node change its state.
+/// Event that changes the state of a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Cause {
     /// Somebody asks.

@@ -98,13 +98,13 @@ pub struct Supervisor {
 pub struct State {
     operating: OperatingState,
     last: Option<Micros>,
-    /// How long each condition has held without a break, µs.
+    /// Time that each condition has held without a break, µs.
     held: [u32; BITS],
     /// Those that held at the last step.
     holding: Conditions,
-    /// What holds and has held for its time.
+    /// Conditions that have held for their time.
     present: Conditions,
-    /// What has been present since it was last taken.
+    /// Conditions that were present since the last call of [`Self::take_seen`].
     seen: Conditions,
     latched: Conditions,
     first: Option<Condition>,
@@ -145,12 +145,12 @@ impl State {
         self.first
     }
 
-    /// What has been present since the last call, or still is.
+    /// Conditions that were present since the last call, or still are.
     pub fn take_seen(&mut self) -> Conditions {
         core::mem::replace(&mut self.seen, self.present)
     }
 
-    /// How often a condition of `class` has come up, saturating.
+    /// Number of times a condition of `class` has come up, saturating.
     pub fn count(&self, class: Class) -> u16 {
         self.counts[class as usize]
     }
@@ -160,12 +160,12 @@ impl State {
     }
 }
 
-/// What the supervisor is told at a tick.
+/// Input of the supervisor at a tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Input {
-    /// What the monitors see at this instant.
+    /// Conditions that the monitors see at this instant.
     pub conditions: Conditions,
-    /// What is asked for, if anything.
+    /// Request, if any.
     pub request: Option<Request>,
     /// Way driven since the last tick, m; what is not finite uses the allowance up.
     pub moved_m: f32,
@@ -173,13 +173,13 @@ pub struct Input {
     pub halted: bool,
 }
 
-/// What the supervisor decided.
+/// Decision of the supervisor.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Output {
     /// The operating state.
     pub state: OperatingState,
-    /// What the motors may do.
+    /// Permit of the motors.
     pub permit: Permit,
     /// The reason of a stop or fault.
     pub reason: Option<Condition>,

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
-/// How a tyre's force grows with its slip.
+/// Law of the tyre's force over its slip.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Tyre {
@@ -37,7 +37,7 @@ pub struct PlantConfig {
     pub wheel_inertia_kg_m2: f64,
     /// Friction coefficient μ between tyre and ground.
     pub friction: f64,
-    /// How the tyre's force grows with its slip: `"creep"` or `"brush"`.
+    /// Law of the tyre's force over its slip: `"creep"` or `"brush"`.
     pub tyre: Tyre,
     /// Slip velocity at which the creep tyre gives half its friction, m/s.
     pub creep_velocity_m_s: f64,
@@ -60,7 +60,7 @@ pub struct PlantConfig {
     pub radius_load_sensitivity: f64,
     /// Mass carried by each axle, a point, kg.
     pub payload_kg: [f64; 2],
-    /// Where it is: forward and to the left of the axle's midpoint, m.
+    /// Position of the payload forward and to the left of the axle's midpoint, m.
     pub payload_position_m: [[f64; 2]; 2],
     /// Height of the centre of mass, m. Above 0, wheel loads shift with acceleration.
     pub center_of_mass_height_m: f64,

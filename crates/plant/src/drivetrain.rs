@@ -62,13 +62,13 @@ impl Drivetrain {
         }
     }
 
-    /// Whether any gear has play.
+    /// True if any gear has play.
     #[inline(always)]
     pub fn has_play(&self) -> bool {
         self.play
     }
 
-    /// Whether the motors cog.
+    /// True if the motors cog.
     #[inline(always)]
     pub fn cogs(&self) -> bool {
         self.cogging > 0.0

@@ -3,7 +3,7 @@
 pub type Vec3 = [f64; 3];
 pub type Mat3 = [[f64; 3]; 3];
 
-/// How the strip is clamped to the axles. Constant.
+/// Clamps of the strip on the axles. Constant.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Clamps {
     /// Direction (cos, sin) of the rear clamp, and of the strip that starts there, in the rear
@@ -36,7 +36,7 @@ impl Clamps {
     }
 }
 
-/// Where the axles and the strip's end are. The root frame has its origin at the midpoint of the
+/// Positions of the axles and the strip's end. The root frame has its origin at the midpoint of the
 /// rear axle and its x axis along the rear clamp.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Geometry {

@@ -42,7 +42,7 @@ const CREEP: [f64; 5] = [5.0, 20.0, 100.0, 500.0, 5000.0];
 pub struct Plant {
     wheels: Wheels,
     strip: Strip,
-    /// Whether the processor works on four numbers at once. The results are the same.
+    /// True if the processor works on four numbers at once. The results are the same.
     #[cfg(target_arch = "x86_64")]
     wide: bool,
     bodies: [Body; 2],
@@ -56,7 +56,7 @@ pub struct Plant {
     carpet: [f64; 2],
 
     state: PlantState,
-    /// What the wheels meet with; the command is that after the current loop.
+    /// Conditions of the wheels; the command is that after the current loop.
     conditions: Conditions,
     loads: Loads,
     drivetrain: Drivetrain,

@@ -23,7 +23,7 @@ pub trait Lanes:
     fn sqrt(self) -> Self;
     /// Magnitudes.
     fn abs(self) -> Self;
-    /// Whether every lane is at most `bound` (NaN is not).
+    /// True if every lane is at most `bound` (NaN is not).
     fn all_at_most(self, bound: f64) -> bool;
     /// The smaller, or `other` where either is NaN.
     fn min(self, other: Self) -> Self;

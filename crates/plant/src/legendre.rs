@@ -16,7 +16,7 @@ pub const PAIRS: usize = POINTS / 2;
 /// Order of the polynomial in each row of the frame's equations: orders whose slope function is
 /// even first, each group from the stiffest down, so that a pivot that may vanish comes late.
 pub const MODE: [usize; MODES] = [7, 5, 3, 1, 8, 6, 4, 2];
-/// How many of [`MODE`] have an even slope function; as many have an odd one.
+/// Number of [`MODE`] with an even slope function; as many have an odd one.
 pub const EVEN: usize = 4;
 
 /// P_n(ξ) and its derivative.

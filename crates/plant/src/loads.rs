@@ -72,8 +72,8 @@ impl Body {
         ]
     }
 
-    /// What the load in the frame of a body that has turned since the start of the step is to the
-    /// mass matrix of the start: the one that gives the same acceleration.
+    /// Load that gives the same acceleration with the mass matrix of the start of the step, of a
+    /// load in the frame of a body that has turned since.
     #[inline(always)]
     pub fn turned(&self, load: &Vec3, turn: [f64; 2]) -> Vec3 {
         if self.moment == [0.0; 2] {
@@ -133,7 +133,7 @@ impl Loads {
         self.now = self.at_rest;
     }
 
-    /// Whether the loads move at all.
+    /// True if the loads move at all.
     #[inline(always)]
     pub fn shift(&self) -> bool {
         self.height > 0.0

@@ -23,7 +23,7 @@ pub struct Reference {
     load: Load,
     end: [f64; 3],
     by_end: [[f64; 3]; 3],
-    /// Whether the strip's equilibrium was lost.
+    /// True if the strip's equilibrium was lost.
     pub lost: bool,
 }
 

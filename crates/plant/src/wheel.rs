@@ -63,7 +63,7 @@ pub struct Wheels {
     pub arm: [f64; 4],
 }
 
-/// What the wheels meet with during one part of a step.
+/// Conditions of the wheels during one part of a step.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Conditions {
     /// Load, N.
@@ -76,7 +76,7 @@ pub struct Conditions {
     pub drift: [[f64; 4]; 2],
 }
 
-/// What the wheels do at one instant, and its linearisation, wheel by wheel.
+/// Forces and torques of the wheels at one instant, and their linearisation, wheel by wheel.
 #[derive(Clone, Copy, Debug)]
 pub struct Contact<V> {
     /// Force of the ground on the tyre, forward and left, N.
@@ -169,7 +169,7 @@ impl Wheels {
         self.apart = self.meshed != [1.0; 4];
     }
 
-    /// Whether the motor of this wheel turns with it.
+    /// True if the motor of this wheel turns with it.
     #[inline(always)]
     pub fn meshed(&self, wheel: usize) -> bool {
         self.meshed[wheel] == 1.0
@@ -187,7 +187,7 @@ impl Wheels {
         }
     }
 
-    /// Whether wheels roll other than exactly ahead.
+    /// True if wheels roll other than exactly ahead.
     #[inline(always)]
     pub fn moved(&self) -> bool {
         self.moved

@@ -20,7 +20,7 @@ pub struct Fit {
     /// Readings minus the parameters they determine (the prior counts as information): what
     /// `chi_square` is on average.
     pub degrees_of_freedom: f32,
-    /// Whether the iteration settled.
+    /// True if the iteration settled.
     pub converged: bool,
     /// Shapes computed.
     pub evaluations: u8,

@@ -10,7 +10,7 @@ pub(super) const SUSPICIOUS: f32 = 12.0;
 /// The load is known if the prior decides less than this share of a parameter.
 const PRIOR_SHARE: f32 = 0.1;
 
-/// Where a descent ended.
+/// End of a descent.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Minimum {
     pub(super) parameters: Parameters,
@@ -20,7 +20,7 @@ pub(super) struct Minimum {
 }
 
 impl Minimum {
-    /// Whether this is the lower minimum, or the same one but settled.
+    /// True if this is the lower minimum, or the same one but settled.
     fn better_than(&self, other: &Self) -> bool {
         let margin = if self.converged && !other.converged {
             1e-2
@@ -31,13 +31,13 @@ impl Minimum {
     }
 }
 
-/// Whether the strains alone fix the load.
+/// True if the strains alone fix the load.
 pub(super) fn told(normal: &Normal) -> bool {
     inverse_spd(&normal.hessian)
         .is_some_and(|inverse| normal.prior * (inverse[1][1] + inverse[2][2]) < PRIOR_SHARE)
 }
 
-/// Whether there may be a better minimum elsewhere.
+/// True if there may be a better minimum elsewhere.
 pub(super) fn is_suspicious(found: Option<&Minimum>) -> bool {
     found.is_none_or(|found| !found.converged || !(found.normal.chi_square < SUSPICIOUS))
 }

@@ -333,7 +333,7 @@ fn the_force_of_a_bent_strip_is_vouched_for() {
     assert!((square / claimed).sqrt() < 1.3, "{square} {claimed}");
 }
 
-/// What walks counts in the wrench's covariance, and not in the posture's.
+/// The walk of the zeros counts in the wrench's covariance, and not in the posture's.
 #[test]
 fn walked_zeros_leave_the_covariance_of_the_posture() {
     let at = gauss();

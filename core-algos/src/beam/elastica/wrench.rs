@@ -6,13 +6,12 @@ use crate::math::matrix::{Mat3, is_finite};
 /// Standard deviations within which a force may be none.
 const VOUCHED: f32 = 2.0;
 
-/// What the strip exerts on the axles, in the rear axle's frame.
+/// Wrench of the strip on the axles, in the rear axle's frame.
 ///
 /// The strip acts on the rear axle with force (+fx, +fy) and moment +root_moment about its
 /// midpoint, and on the front axle with force (−fx, −fy) and moment −tip_moment about its midpoint.
-/// Seen the other way, (fx, fy, tip_moment) is what the front axle exerts on the strip. A left
-/// bend by pure moments has fx = fy = 0 and both moments positive; a strip compressed between the
-/// axles has fx < 0.
+/// A left bend by pure moments has fx = fy = 0 and both moments positive; a strip compressed
+/// between the axles has fx < 0.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Wrench {
     /// Force along the rear axle's x, N.
@@ -29,7 +28,7 @@ pub struct Wrench {
 }
 
 impl Wrench {
-    /// Whether every number is finite.
+    /// True if every number is finite.
     pub fn is_finite(&self) -> bool {
         self.fx.is_finite()
             && self.fy.is_finite()
@@ -38,10 +37,10 @@ impl Wrench {
             && is_finite(&self.covariance)
     }
 
-    /// What the strains vouch for: each force less what may be error, to nothing where it is within
-    /// two standard deviations. `posture` is that of the front axle, which the balance of
-    /// moments needs. Of a strip that is nearly straight the strains do not tell the axial force, and
-    /// what the fit gives then must neither stop the robot nor drive its motors.
+    /// Significant part of the wrench: each force is reduced by its uncertainty, and is zero within
+    /// two standard deviations. `posture` is that of the front axle, for the balance of moments.
+    /// The strains of a nearly straight strip do not determine the axial force; its fitted value
+    /// must neither stop the robot nor drive its motors.
     pub fn vouched(&self, posture: Posture) -> Self {
         let sure = |force: f32, variance: f32| {
             let share = 1.0 - VOUCHED * VOUCHED * variance / (force * force);

@@ -36,7 +36,7 @@ pub struct TrajectoryPoint {
     pub time_s: f32,
     /// Speed along the path, m/s, not negative.
     pub v: f32,
-    /// Where the reference is.
+    /// Point of the reference.
     pub point: PathPoint,
 }
 
@@ -102,7 +102,7 @@ impl<T: Copy, const N: usize> Ring<T, N> {
         self.get(self.count.checked_sub(1)?)
     }
 
-    /// Whether there was room.
+    /// True if there was room.
     pub(super) fn push(&mut self, value: T) -> bool {
         if self.count >= N {
             return false;
@@ -220,7 +220,7 @@ impl<const N: usize> PathBuffer<N> {
         self.ring.count
     }
 
-    /// Whether there is no point.
+    /// True if there is no point.
     pub fn is_empty(&self) -> bool {
         self.ring.count == 0
     }
@@ -255,7 +255,7 @@ impl<const N: usize> PathBuffer<N> {
         self.complete = true;
     }
 
-    /// Whether no more points will come.
+    /// True if no more points will come.
     pub fn is_complete(&self) -> bool {
         self.complete
     }
@@ -331,7 +331,7 @@ impl<const N: usize> TrajectoryBuffer<N> {
         self.ring.count
     }
 
-    /// Whether there is no point.
+    /// True if there is no point.
     pub fn is_empty(&self) -> bool {
         self.ring.count == 0
     }

@@ -5,7 +5,7 @@ use crate::config::{Allowed, ConfigError, in_range, non_negative, positive, requ
 use crate::control::kinematic::{self, LimitsConfig};
 use crate::control::{funnel, planner};
 
-/// How the goal is reached.
+/// Strategy to reach the goal.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
@@ -22,7 +22,7 @@ pub enum Strategy {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
 pub struct Config {
-    /// How the goal is reached.
+    /// Strategy to reach the goal.
     pub strategy: Strategy,
     /// Bounds of speed and steering.
     #[cfg_attr(feature = "serde", serde(skip))]

@@ -3,7 +3,7 @@
 use crate::control::planner::{Plan, Search};
 use crate::math::Posture;
 
-/// What the regulator is doing.
+/// Phase of the regulator.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
@@ -27,7 +27,7 @@ pub enum Phase {
     GaveUp,
 }
 
-/// What follows the present stop or steering.
+/// Phase after the present stop or steering.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) enum Next {
     /// A new plan.
@@ -47,11 +47,11 @@ pub struct State {
     pub(super) ahead: u32,
     pub(super) plan: Plan,
     pub(super) next: Next,
-    /// Where the present segment began.
+    /// Start of the present segment.
     pub(super) origin: Posture,
-    /// Where the robot was a tick ago.
+    /// Posture of the robot at the previous tick.
     pub(super) last: Posture,
-    /// Where it was last seen to move, and the time since, s.
+    /// Posture at the last observed motion, and the time since, s.
     pub(super) moved: Posture,
     pub(super) still: f32,
     /// Distance driven along the present segment, m.
@@ -68,7 +68,7 @@ pub struct State {
 }
 
 impl State {
-    /// What the regulator is doing.
+    /// Phase of the regulator.
     pub fn phase(&self) -> Phase {
         self.phase
     }

@@ -4,7 +4,7 @@ use proptest::prelude::{any, prop_assert};
 
 const SUPPLY: f64 = 12.0;
 
-/// How a simulated winding differs from the one that is believed in.
+/// Difference of a simulated winding from the configured one.
 #[derive(Clone, Copy)]
 struct Winding {
     open: bool,

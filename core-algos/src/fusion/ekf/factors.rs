@@ -44,8 +44,8 @@ pub struct Covariance {
     follow: Mat<3, M>,
     /// Covariance of e, in the form of `motion`.
     own: Mat3,
-    /// Whether an entry of U ties (v, v̇) to (φ̇, φ̈). Wheels and gyro together see v and φ̇ apart, so
-    /// that the two pairs are as a rule two filters of two states.
+    /// True if an entry of U ties (v, v̇) to (φ̇, φ̈). Wheels and gyro together see v and φ̇ apart,
+    /// so that the two pairs are as a rule two filters of two states.
     coupled: bool,
 }
 
@@ -167,7 +167,7 @@ impl Covariance {
         p
     }
 
-    /// Whether a correlation larger than `limit` ties the two pairs together.
+    /// Records if a correlation larger than `limit` couples the two pairs.
     fn find_coupling(&mut self, limit: f32) {
         const TIES: [[usize; 2]; 4] = [
             [SPEED, YAW_RATE],
@@ -187,7 +187,7 @@ impl Covariance {
         }
     }
 
-    /// Whether (v, v̇) and (φ̇, φ̈) are correlated.
+    /// True if (v, v̇) and (φ̇, φ̈) are correlated.
     #[inline(always)]
     pub(super) fn is_coupled(&self) -> bool {
         self.coupled
@@ -308,14 +308,14 @@ impl Covariance {
         block
     }
 
-    /// Whether every number is finite.
+    /// True if every number is finite.
     pub fn is_finite(&self) -> bool {
         crate::math::matrix::is_finite(&self.motion)
             && crate::math::matrix::is_finite(&self.follow)
             && crate::math::matrix::is_finite(&self.own)
     }
 
-    /// How the posture follows a change of the motion: G · `change`.
+    /// Change of the posture by a change of the motion: G · `change`.
     #[inline(always)]
     pub(super) fn follow(&self, change: &[f32; M]) -> [f32; 3] {
         let [x, y, phi] = &self.follow;

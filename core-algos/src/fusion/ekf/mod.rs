@@ -126,7 +126,7 @@ pub struct AxleFilter {
     patience: u16,
 }
 
-/// What the sensors of one axle say at one step; `None` where nothing came.
+/// Measurements of one axle at one step; `None` where a measurement is missing.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
@@ -141,7 +141,7 @@ pub struct Measurements {
     pub acceleration_m_s2: Option<f32>,
 }
 
-/// What became of one measurement.
+/// Verdict on one measurement.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Verdict {
@@ -168,7 +168,7 @@ pub struct Refusals {
 }
 
 impl Refusals {
-    /// Whether a sample with this NIS is to be used.
+    /// Verdict on a sample with this NIS.
     fn judge(&mut self, nis: impl FnOnce() -> f32, gate: Option<f32>, patience: u16) -> Verdict {
         if let Some(gate) = gate
             && !(nis() <= gate)
@@ -311,7 +311,7 @@ impl State {
         Estimate::new(self.posture(), self.covariance.posture())
     }
 
-    /// Whether every number is finite.
+    /// True if every number is finite.
     pub fn is_finite(&self) -> bool {
         self.posture.iter().all(|p| p.is_finite())
             && self.motion.iter().all(|m| m.is_finite())

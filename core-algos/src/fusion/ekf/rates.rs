@@ -45,7 +45,7 @@ impl Reduction {
         }
     }
 
-    /// Whether the second of the two measurements sees v too.
+    /// True if the second of the two measurements sees v too.
     #[inline(always)]
     pub(super) fn couples(&self) -> bool {
         self.coupling != 0.0

@@ -176,7 +176,7 @@ pub(super) fn fuse(
     (by_a * by_b < CANCELLATION * contrast.shrinking(w, v)).then_some(([w, v], shift, p))
 }
 
-/// How B differs from A, in A's own units.
+/// Difference of B from A, in A's own units.
 struct Contrast {
     /// Columns of L⁻¹ (B − A).
     half: [Vec3; 3],
@@ -344,8 +344,8 @@ mod tests {
         propagate(&size, &propagate(&root, &crate::math::matrix::identity()))
     }
 
-    /// What `f32` answers is what two floats say; what it leaves to them is rare where neither
-    /// input is worse than the other by much, and errors hardly correlated.
+    /// Answers in `f32` equal those of two floats; few cases are left to two floats where neither
+    /// input is much worse and errors are hardly correlated.
     #[test]
     fn answers_are_those_of_two_floats() {
         let mut random = Random::new(1);

@@ -12,7 +12,7 @@ use crate::fusion::constants::{
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
 pub struct Config {
-    /// What zeros and gains of the gauges make of the beam's posture.
+    /// Errors of the beam's posture by zeros and gains of the gauges.
     #[cfg_attr(feature = "serde", serde(skip))]
     pub beam: PostureSigmas,
     /// Half the track (the paper's d), m.

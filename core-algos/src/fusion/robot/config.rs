@@ -5,7 +5,7 @@ use crate::config::{ConfigError, non_negative, positive};
 use crate::fusion::{constants, intersection, ipec, joint};
 use crate::math::trig::sqrt;
 
-/// Which fusion runs.
+/// Fusion method.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
@@ -72,7 +72,7 @@ impl Default for Slip {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
 pub struct Config {
-    /// Which fusion runs.
+    /// Fusion method.
     pub mode: Mode,
     /// Time between two ticks, s.
     #[cfg_attr(feature = "serde", serde(skip))]

@@ -53,9 +53,9 @@ pub struct Config {
     pub filter: ekf::Config,
     /// Dynamic controller.
     pub controller: dynamic::Config,
-    /// When the axle stops because something is wrong.
+    /// Limits beyond which the axle stops.
     pub limits: Limits,
-    /// How it stops.
+    /// Ramp of a stop.
     pub stop: ramp::Config,
     /// Supervisor.
     pub supervisor: supervisor::Config,
@@ -105,13 +105,13 @@ impl Limits {
         Ok(())
     }
 
-    /// Whether an error of the posture is within so many times what a sound axle has.
+    /// True if an error of the posture is within so many times what a sound axle has.
     pub(super) fn near(&self, error: Posture, times: f32) -> bool {
         let (way, turn) = (times * self.tracking_m, times * self.tracking_rad);
         error.x.abs() <= way && error.y.abs() <= way && error.phi.abs() <= turn
     }
 
-    /// Whether a motion is one that this robot can be asked for.
+    /// True if a motion is one that this robot can be asked for.
     pub(super) fn allow(&self, twist: Twist, half_track: f32) -> bool {
         twist.v.abs() + half_track * twist.omega.abs() <= self.wheel_speed_m_s
     }
@@ -138,7 +138,7 @@ impl Default for Config {
     }
 }
 
-/// What an axle must know of the frame it is fixed to.
+/// Properties of the frame that an axle is fixed to.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FrameProperties {
     /// Bending stiffness EI, N m².

@@ -8,7 +8,7 @@ use crate::time::Micros;
 use crate::topology::{AxleId, Node};
 
 impl AxleNode {
-    /// What the lead node's mode asks of this axle.
+    /// Request to this axle by the lead node's mode.
     pub(super) fn request(&self, now: Micros) -> Option<Request> {
         let mode = self.state.mode?.fresh(now, self.reference_timeout).copied();
         let driving = matches!(mode, Some(LeadMode::Active | LeadMode::Hold));
@@ -30,7 +30,7 @@ impl AxleNode {
         }
     }
 
-    /// What is wrong at this tick.
+    /// Conditions present at this tick.
     pub(super) fn watch(&self, now: Micros, samples: &Samples) -> Conditions {
         let state = &self.state;
         let other = match self.axle {

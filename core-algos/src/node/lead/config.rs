@@ -33,9 +33,9 @@ pub struct Config {
     pub governor: governor::Config,
     /// Cascade to the axles.
     pub cascade: cascade::Config,
-    /// When the robot stops because something is wrong.
+    /// Limits beyond which the robot stops.
     pub limits: Limits,
-    /// How it stops.
+    /// Ramp of a stop.
     pub stop: ramp::Config,
     /// Supervisor.
     pub supervisor: supervisor::Config,
@@ -91,7 +91,7 @@ impl Limits {
         Ok(())
     }
 
-    /// Whether the frame pushes, pulls or turns an axle too hard. NaN does.
+    /// True if the frame pushes, pulls or turns an axle too hard, or for NaN.
     pub(super) fn exceeded_by(&self, wrench: &Wrench) -> bool {
         let force = wrench.force_x * wrench.force_x + wrench.force_y * wrench.force_y;
         !(force <= self.force_n * self.force_n
@@ -99,13 +99,13 @@ impl Limits {
             && wrench.moment_end.abs() <= self.moment_n_m)
     }
 
-    /// Whether a goal is reached for certain by this estimate. By NaN it is not.
+    /// True if a goal is reached for certain by this estimate; false for NaN.
     pub(super) fn is_certain(&self, robot: &Estimate) -> bool {
         let [position, heading] = robot.half_axes_95();
         position <= self.goal_position_m && heading <= self.goal_heading_rad
     }
 
-    /// Whether an estimate is too uncertain to drive by.
+    /// True if an estimate is too uncertain to drive by.
     pub(super) fn uncertain(&self, robot: &Estimate) -> bool {
         let p = &robot.covariance;
         let position = self.position_sigma_m * self.position_sigma_m;

@@ -84,7 +84,7 @@ fn a_long_silence_of_the_bus_is_no_restart() {
     assert!((moved - 0.25).abs() < 1e-4, "{moved}");
 }
 
-/// What a gyro was learnt to read too little is forgotten when its axle zeroes it, and only then.
+/// A learnt gyro bias is forgotten when the axle zeroes its gyro, and only then.
 #[test]
 fn an_axle_that_zeroes_its_gyro_has_the_filter_forget_its_bias() {
     use crate::fusion::constants::GYRO_BIAS;

@@ -38,7 +38,7 @@ impl AxleReport {
     }
 }
 
-/// How an axle has moved since the last step of the lead node.
+/// Motion of an axle since the last step of the lead node.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Advance {
     /// Nothing new came, or nothing to compare it with.

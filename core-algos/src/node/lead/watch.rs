@@ -10,7 +10,7 @@ use crate::topology::Node;
 use track::AxleTrack;
 
 impl LeadNode {
-    /// What the task asks of the supervisor.
+    /// Request of the task to the supervisor.
     pub(super) fn request(&self, fused: Option<&robot::Output>) -> Option<Request> {
         let state = &self.state;
         let resting = state.released || matches!(state.task, Task::Idle | Task::Clear);
@@ -25,7 +25,7 @@ impl LeadNode {
         }
     }
 
-    /// Whether the axles are at rest and the beam agrees with them.
+    /// True if the axles are at rest and the beam agrees with them.
     fn still(&self, fused: Option<&robot::Output>) -> bool {
         let at_rest = |track: &AxleTrack| {
             let Twist { v, omega } = track.report.twist;
@@ -35,7 +35,7 @@ impl LeadNode {
             && fused.is_some_and(|fused| fused.beam.verdict != Verdict::Gated)
     }
 
-    /// What is wrong at this step; `fused` is there if the axles' reports are.
+    /// Conditions present at this step; `fused` is `None` without the axles' reports.
     pub(super) fn watch(&self, now: Micros, fused: Option<&robot::Output>) -> Conditions {
         let state = &self.state;
         let axles = [Node::FrontAxle, Node::RearAxle];

@@ -78,12 +78,12 @@ pub struct Shape {
     unknowns: Column,
 }
 
-/// How a solution was reached.
+/// Record of a solution.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Solved {
     /// Factorisations used.
     pub iterations: u32,
-    /// Whether the equilibrium is stable under a held end.
+    /// True if the equilibrium is stable under a held end.
     pub stable: bool,
 }
 
@@ -117,7 +117,7 @@ impl Strip {
         self.length
     }
 
-    /// Where the end of an unstretched strip is, in the root frame and in units of its length.
+    /// Position of the end of an unstretched strip, in the root frame and in units of its length.
     fn ends(&self, z: &Column, turn: f64) -> [f64; 2] {
         let p: Points<Narrow> = self.points(z, turn);
         let weights = Twelve::load(&STRAND_WEIGHTS);
@@ -570,7 +570,7 @@ impl Equilibrium {
         ]
     }
 
-    /// What determines it: end and unknowns.
+    /// End and unknowns, which determine the equilibrium.
     #[inline(always)]
     pub fn shape(&self) -> Shape {
         Shape {

@@ -40,7 +40,7 @@ impl Strip {
         }
     }
 
-    /// What positions along the strip are made of.
+    /// Tangents, from which positions along the strip follow.
     pub fn tangents(&self, e: &Equilibrium) -> Tangents {
         let p = self.points::<Narrow>(&e.unknowns, e.end[2]);
         let stretch = Twelve([Narrow::splat(1.0); 3]) + p.tension * Narrow::splat(self.stretch);
