@@ -1,4 +1,4 @@
-//! What can be wrong: the one table of codes, classes, times, meanings and remedies.
+//! Conditions: the table of codes, classes, times, meanings and remedies.
 
 use crate::time::Micros;
 
@@ -42,7 +42,7 @@ impl Class {
     }
 }
 
-/// All that is known of a condition beforehand.
+/// Row of the table of conditions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Entry {
     /// The condition.
@@ -51,7 +51,7 @@ pub struct Entry {
     pub code: u8,
     /// Name in reports.
     pub name: &'static str,
-    /// Time that it must hold without a break before it counts.
+    /// Time that the condition must hold without a break before it counts.
     pub hold: Micros,
     /// Meaning of the condition.
     pub meaning: &'static str,
@@ -61,7 +61,7 @@ pub struct Entry {
 
 macro_rules! conditions {
     ($($name:ident = $code:literal $(bit $bit:literal)? $text:literal $hold_ms:literal ms: $meaning:literal; $remedy:literal.)+) => {
-        /// Something that can be wrong at a node.
+        /// Condition that a node reports.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
         #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
         #[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
@@ -99,78 +99,78 @@ macro_rules! conditions {
 
 conditions! {
     TorqueLimited = 0x01 "torque limited" 100 ms:
-        "the controller asks for more torque than the motors give"; "lower the speed or the acceleration limits".
+        "the commanded torque exceeds the torque limit of the motors"; "lower the speed or acceleration limits".
     MeasurementRefused = 0x02 "measurement refused" 0 ms:
-        "an innovation gate refused a measurement"; "look for slipping wheels or a loose sensor if it repeats".
+        "an innovation gate rejected a measurement"; "if it repeats, check for slipping wheels or a loose sensor".
     GaugeLost = 0x03 "gauge lost" 0 ms:
-        "a strain gauge is out and the posture comes from the rest"; "check the bridge named in the beam's report".
+        "a strain gauge failed; the other gauges give the posture"; "check the bridge named in the beam board's report".
     // Reserved: code 0x04 with bit 3, code 0xc6 with bit 35.
     MessageLost = 0x05 bit 4 "message lost" 0 ms:
-        "an expected message did not come"; "check cable, termination and bus load".
+        "an expected message did not arrive"; "check cable, termination and bus load".
     InertialLost = 0x06 "inertial sensor lost" 20 ms:
-        "gyro or accelerometer gives no sample"; "check the wiring of the sensor, driving goes on without it".
+        "gyro or accelerometer gives no sample; the robot drives on without it"; "check the wiring of the sensor".
     TemperatureHigh = 0x07 "temperature high" 500 ms:
-        "a motor or driver is near its temperature limit, its current is folded back"; "let it cool".
+        "a motor or driver is near its temperature limit; its current is reduced"; "let the motor and its driver cool".
     SupplyWarning = 0x08 "supply near its limit" 200 ms:
         "the supply voltage is near its lower limit"; "charge the battery".
     ParameterDefault = 0x09 "default parameter in use" 0 ms:
-        "a stored parameter was damaged and its default is used"; "set the parameter and save it".
+        "a stored parameter is damaged; its default is used"; "set the parameter and save it".
     ClockStepped = 0x0a "clock stepped" 0 ms:
-        "the node's clock was moved to the bus's by more than its drift explains"; "harmless once after a start".
+        "the clock was corrected by more than its drift explains"; "harmless once after a start".
     TickLate = 0x0b "tick late" 0 ms:
-        "a tick ended after its time"; "lower the load of the board".
+        "a tick ended after its deadline"; "reduce the load of the board".
     ConversionsLost = 0x0c "conversions lost" 0 ms:
-        "samples of the strain bridges were lost and their scan began anew"; "look for a faulty converter or an overload if it repeats".
+        "samples of the strain bridges were lost; the scan was restarted"; "if it repeats, check for a faulty converter or an overload".
     ReachedUncertain = 0x0d "reached, uncertain" 0 ms:
-        "the robot is where it believes its goal to be, but knows its posture less well than a goal asks for"; "give it an absolute fix, or calibrate it, tell it how well it was placed and drive a shorter way".
+        "goal reached, but the 95 % position error exceeds the tolerance"; "add position fixes, calibrate, set the placement accuracy, or drive a shorter path".
     BeamLost = 0x40 "relative position sensor lost" 50 ms:
-        "no posture comes from the beam, the estimate goes on from the encoders"; "check the beam board and its cable".
+        "the beam board sends no posture; the estimate continues from the encoders"; "check the beam board and its cable".
     EmergencyStop = 0x80 "emergency stop" 0 ms:
-        "the emergency stop was pressed or commanded"; "release it and clear the fault".
+        "the emergency stop was pressed or commanded"; "release the emergency stop and clear the fault".
     CommandTimeout = 0x81 "command timeout" 0 ms:
-        "references stopped coming"; "check the lead node and the bus".
+        "no references arrive"; "check the lead node and the bus".
     NeighbourLost = 0x82 "neighbour lost" 0 ms:
-        "the heartbeat of another node is missing"; "check that board's supply and cable".
+        "the heartbeat of another node is missing"; "check supply and cable of that board".
     NeighbourFault = 0x83 "neighbour stopped" 0 ms:
-        "another node is stopping or in fault"; "look at that node's code".
+        "another node is stopping or in fault"; "read the code of that node".
     BusOff = 0x84 "bus off" 20 ms:
-        "the bus controller has left the bus after too many errors"; "check cable, termination and bit rate".
+        "the CAN controller is in bus-off after too many errors"; "check cable, termination and bit rate".
     EstimateInconsistent = 0x85 "estimate inconsistent" 200 ms:
-        "measurements contradict each other or the covariance is beyond its bound"; "check wheels, gauges and calibration".
+        "measurements contradict each other, or the covariance exceeds its bound"; "check wheels, gauges and calibration".
     FrameBent = 0x86 "frame bent" 30 ms:
-        "the frame is bent beyond its limit"; "look for an obstacle or a slipping wheel, straighten the frame".
+        "the steering exceeds the limit of the frame"; "check for an obstacle or a slipping wheel; straighten the frame".
     WrenchHigh = 0x87 "wrench high" 30 ms:
-        "the frame pushes or pulls the axles beyond its limit"; "look for a blocked wheel or axles that disagree".
+        "the wrench of the frame exceeds its limit"; "check for a blocked wheel or axles that disagree".
     TrackingLost = 0x88 "tracking lost" 150 ms:
-        "an axle does not follow its reference"; "look for a weak motor, a lifted or blocked wheel".
+        "an axle does not follow its reference"; "check for a weak motor, a lifted wheel or a blocked wheel".
     OverTemperature = 0x89 "over temperature" 200 ms:
-        "a motor or driver is beyond its temperature limit"; "let it cool, lower the load".
+        "a motor or driver exceeds its temperature limit"; "let the motor and its driver cool; reduce the load".
     SupplyLow = 0x8a "supply low" 20 ms:
-        "the supply voltage is below its lower limit"; "charge the battery, check the cable".
+        "the supply voltage is below its lower limit"; "charge the battery; check the cable".
     TickOverrun = 0x8b "ticks overrun" 5 ms:
-        "ticks are missed one after the other"; "lower the load of the board".
+        "several ticks in succession were missed"; "reduce the load of the board".
     DegradedTooLong = 0x8c "degraded too long" 0 ms:
-        "time or distance allowed in a degraded state is used up"; "remove the cause of the degradation".
+        "the time or distance limit of degraded driving is reached"; "remove the cause of the degradation".
     WheelSlip = 0x8d "wheel slip" 100 ms:
-        "wheels and inertial sensor or beam disagree on the motion"; "look for a lifted wheel or a slippery floor".
+        "the wheels disagree with the inertial sensor or the beam"; "check for a lifted wheel or a slippery floor".
     SupplyHigh = 0x8e "supply high" 20 ms:
-        "the supply voltage is above its upper limit"; "check battery or charger, braking feeds back".
+        "the supply voltage is above its upper limit"; "check battery and charger; braking feeds energy back".
     NotANumber = 0xc0 "not a number" 0 ms:
-        "a computation of control or estimation left the finite numbers"; "report it with the log, restart the board".
+        "a result of control or estimation is not finite"; "report the log; restart the board".
     EncoderFault = 0xc1 "encoder fault" 5 ms:
         "an encoder is missing, jumps, or contradicts its motor"; "check the encoder and its cable".
     OverCurrent = 0xc2 "over current" 2 ms:
-        "a motor takes more current than its limit"; "look for a short or a blocked wheel".
+        "the current of a motor exceeds its limit"; "check for a short circuit or a blocked wheel".
     MotorStall = 0xc3 "motor stalled" 300 ms:
-        "a motor pushes with full torque and its wheel does not turn"; "look for a blocked wheel or a broken encoder".
+        "a wheel does not turn at full motor torque"; "check for a blocked wheel or a broken encoder".
     DriverFault = 0xc4 "driver fault" 0 ms:
         "a motor driver reports a fault"; "check motor and driver".
     MotorUnresponsive = 0xc5 "motor unresponsive" 50 ms:
-        "a motor's current does not follow its command"; "check the motor's wires".
+        "a motor's current does not follow its command"; "check the wires of the motor".
     Restarted = 0xc7 bit 36 "restarted" 0 ms:
-        "the board came back from a watchdog, a panic or a hard fault"; "read the kept message, report it, clear the fault".
+        "the board was reset by its watchdog, a panic or a hard fault"; "report the crash record; clear the fault".
     StopNotFollowed = 0xc8 "stop not followed" 20 ms:
-        "an axle does not slow down as the coordinated stop wants"; "look for a motor that is stuck on, check the driver".
+        "an axle does not decelerate as the coordinated stop requires"; "check the driver for a motor that stays on".
 }
 
 impl Condition {
@@ -184,7 +184,7 @@ impl Condition {
         Class::of(self.entry().code)
     }
 
-    /// The condition of a code; `None` if there is none.
+    /// The condition of a code, or `None`.
     pub fn from_code(code: u8) -> Option<Self> {
         let entry = TABLE.iter().find(|entry| entry.code == code)?;
         Some(entry.condition)

@@ -10,12 +10,14 @@ use std::fmt::Write;
 pub fn markdown() -> String {
     let mut text = String::from(
         "# Codes and operating states\n\n\
-         Written by `cfmmr codes`. A node reports what is wrong as one of these codes. The class\n\
-         says what follows: a **notice** is only reported; **degraded**: the robot drives on for a\n\
-         limited time and distance; **stop**: all axles slow down together along the path they are\n\
-         on, then the motors are off; **cut**: the motors are off at once. A stop and a cut stay\n\
-         until they are cleared.\n\n\
-         | code | class | name | holds for | meaning | what to do |\n|---|---|---|---|---|---|\n",
+         Printed by `cfmmr codes`. A node reports a condition as one of these codes. The class of the\n\
+         code decides the reaction:\n\n\
+         - **notice**: report only;\n\
+         - **degraded**: drive on for a limited time and distance;\n\
+         - **stop**: decelerate all axles together along their path, then switch the motors off;\n\
+         - **cut**: switch the motors off at once.\n\n\
+         A stop and a cut stay until they are cleared. *holds for* is the time that a condition must last.\n\n\
+         | code | class | name | holds for | meaning | remedy |\n|---|---|---|---|---|---|\n",
     );
     for entry in &TABLE {
         // Writing to a string does not fail.
@@ -31,8 +33,8 @@ pub fn markdown() -> String {
         );
     }
     text += "\n## Operating states\n\n\
-             The state after a cause (column) in a state (row); · where it stays. In brackets: only\n\
-             when no stop or cut is latched, otherwise as after the bar.\n\n";
+             Next state for each state (row) and cause (column); · means no change. A state in brackets\n\
+             applies if no stop or cut is latched, the state after the bar otherwise.\n\n";
     let causes = causes();
     let names: Vec<&str> = causes.iter().map(|(name, _)| *name).collect();
     let _ = writeln!(text, "| | {} |", names.join(" | "));

@@ -12,10 +12,10 @@ pub struct ConfigArgs {
     /// The world.
     #[command(flatten)]
     pub choice: WorldChoice,
-    /// Read this scenario first, so that the print shows it completed with defaults
+    /// Scenario file (TOML); missing keys are completed with defaults
     #[arg(long, value_name = "FILE")]
     pub scenario: Option<PathBuf>,
-    /// Change one entry, KEY=VALUE; may be repeated
+    /// Change one key of the scenario; may be repeated
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub set: Vec<String>,
 }

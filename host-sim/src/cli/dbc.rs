@@ -10,10 +10,10 @@ use std::path::PathBuf;
 /// Arguments of `dbc`.
 #[derive(Clone, Debug, Args)]
 pub struct DbcArgs {
-    /// Write the description to this file instead of printing it
+    /// Write to this file instead of the terminal
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
-    /// Print the worst-case load of the bus instead, message by message
+    /// Print the worst-case load of the bus by message
     #[arg(long, conflicts_with = "out")]
     pub load: bool,
 }

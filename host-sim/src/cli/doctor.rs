@@ -19,7 +19,7 @@ use std::{fs, thread};
 /// Arguments of `doctor`.
 #[derive(Clone, Debug, Args)]
 pub struct DoctorArgs {
-    /// The emulator
+    /// Emulator
     #[arg(long, value_name = "PROGRAM", default_value = "qemu-system-arm")]
     pub qemu: String,
     /// Destination of the result as JSON.

@@ -22,14 +22,14 @@ pub enum Algorithm {
     Cascade,
     /// Messages of the bus to bytes and back
     Bus,
-    /// The plant's beam (f64)
+    /// Frame of the plant (f64)
     Frame,
 }
 
 /// Arguments of `eval`.
 #[derive(Clone, Debug, Args)]
 pub struct EvalArgs {
-    /// The algorithm
+    /// Algorithm
     #[arg(value_enum)]
     pub name: Algorithm,
 }

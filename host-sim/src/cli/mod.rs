@@ -35,11 +35,11 @@ use doctor::DoctorArgs;
 use eval::EvalArgs;
 use world::WorldArgs;
 
-/// Control and sensing of a two-axle compliant-framed mobile robot: the boards' own code against a
+/// Control and sensing of a two-axle compliant-framed mobile robot: the code of the boards drives a
 /// simulated robot.
 ///
-/// Without a subcommand, `cfmmr` runs `cfmmr posture`: the robot drives from
-/// (-1.342 m, -1.342 m, 0°) to the origin with and without its relative position sensor.
+/// Without a command, `cfmmr` runs `cfmmr posture`: the robot drives from (-1.342 m, -1.342 m, 0°)
+/// to the origin, with and without strain gauges.
 #[derive(Debug, Parser)]
 #[command(name = "cfmmr", version, args_conflicts_with_subcommands = true)]
 pub struct Cli {
@@ -74,56 +74,54 @@ pub fn command() -> clap::Command {
 /// The subcommands.
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// Posture regulation to the origin: paired trials with and without the relative position
-    /// sensor, table, paths and errors over time
+    /// Drive to the origin: paired trials with and without strain gauges, with each fusion
     Posture(PostureArgs),
-    /// Path following on a line, a circle, a figure eight or waypoints from a CSV file
+    /// Follow a path: line, circle, figure eight or waypoints from a CSV file
     Follow(FollowArgs),
-    /// Trajectory tracking: the same paths with a time law
+    /// Track a trajectory: a path of `follow` with a time law
     Track(FollowArgs),
-    /// Hardware in the loop: the experiments with the boards' images in an emulator, or with real
-    /// boards on serial ports
+    /// Run an experiment with boards in the loop: in QEMU, on serial ports or virtual
     Hil(HilArgs),
-    /// Put a log through the nodes again: whether every bit is the same, or how well other
-    /// parameters would have estimated
+    /// Replay a log and compare it bit by bit, or estimate again with other parameters
     Replay(ReplayArgs),
-    /// Posture regulation from random starts: success share, map and paths
+    /// Drive to the origin from random starts: share of successes, map and paths
     Sweep(SweepArgs),
-    /// A Monte Carlo study over variations of a scenario, in any number of parts: run, status, merge
+    /// Run a Monte Carlo study over variations of a scenario, in any number of parts
     Campaign(CampaignArgs),
-    /// Consistency of the fused axle estimates (normalised estimation error squared)
+    /// Measure the consistency of the estimates (normalised estimation error squared)
     Consistency(ConsistencyArgs),
     /// Run one on-board algorithm on cases from standard input, one JSON object a line
     Eval(EvalArgs),
-    /// Print the table of the parameters a board keeps in its flash
+    /// Print the table of the parameters in a board's flash
     Parameters,
-    /// List, read, change and save the parameters of boards
+    /// List, get, set and save the parameters of boards
     Params(ParamsArgs),
-    /// Calibrate wheels, strain gauges or gyros, and save what was found
+    /// Calibrate wheels, strain gauges or gyros, and save the result
     Calibrate(CalibrateArgs),
-    /// Print the table of conditions, their codes, and the operating states
+    /// Print the table of fault codes and operating states
     Codes,
-    /// Print the table of what a log holds
+    /// Print the table of a log's topics
     Topics,
-    /// Print the table of what host and board say to each other on the serial link
+    /// Print the table of the serial protocol between host and board
     Serial,
     /// Print the scenario with all defaults as TOML
     Config(ConfigArgs),
-    /// Print a world, each figure with its reason: the true robot and its surroundings, as distributions
+    /// Print a world: the true robot and its surroundings as distributions, each figure with its
+    /// reason
     World(WorldArgs),
-    /// Print the description of the bus (DBC), or its load
+    /// Print the description of the CAN bus (DBC), or its load
     Dbc(DbcArgs),
-    /// Put faults into the simulated robot and see how it ends
+    /// Inject each fault of the catalogue into the simulated robot and print the outcomes
     Faults(FaultsArgs),
-    /// Drive for hours and see whether the estimator's health drifts or memory grows
+    /// Drive for hours and measure the estimator's health and the memory
     Soak(SoakArgs),
     /// Measure the real-time factor of the plant alone
     PlantBench(PlantBenchArgs),
     /// Measure the real-time factor of the whole closed loop
     LoopBench(LoopBenchArgs),
-    /// Check toolchain, emulator, probe and serial ports, and say what to do about what is missing
+    /// Check toolchain, emulator, debug probe and serial ports, and print what to type
     Doctor(DoctorArgs),
-    /// Print the completions of a shell, for example for `source <(cfmmr completions bash)`
+    /// Print the completions of a shell: `source <(cfmmr completions bash)`
     Completions(CompletionsArgs),
 }
 

@@ -10,12 +10,12 @@ use serde::Serialize;
 /// Arguments of `world`.
 #[derive(Clone, Debug, Args)]
 pub struct WorldArgs {
-    /// Name of a world, or a TOML file; without it the names are listed
+    /// World: a name or a TOML file [default: list the names]
     pub name: Option<String>,
-    /// Print it as JSON
+    /// Print the world as JSON
     #[arg(long, requires = "name")]
     pub json: bool,
-    /// Print its file, to begin one of one's own with
+    /// Print the file of the world, as a start for a new one
     #[arg(long, requires = "name", conflicts_with = "json")]
     pub toml: bool,
 }

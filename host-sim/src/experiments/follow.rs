@@ -30,25 +30,25 @@ pub struct FollowArgs {
     /// Where the run is recorded.
     #[command(flatten)]
     pub log: LogArgs,
-    /// line, circle, figure-eight, or a CSV file of waypoints (columns x,y in metres)
+    /// Path: line, circle, figure-eight, or a CSV file of waypoints (columns x,y in m)
     #[arg(long, default_value = "figure-eight", value_name = "PATH")]
     pub path: String,
-    /// Largest speed along the path, m/s; tracking leaves at least a tenth of the robot's speed
-    /// limit for catching up [default: that of the scenario, 0.2]
+    /// Largest speed along the path, m/s; `track` allows at most 90 % of the robot's limit
+    /// [default: the scenario's, 0.2]
     #[arg(long, value_name = "M/S", value_parser = number)]
     pub speed: Option<f64>,
-    /// Size of a built-in path: length of the line, radius of the circle, half width of the
-    /// figure eight, m [default: 3, 1, 1.5]
+    /// Length of the line, radius of the circle or half width of the figure eight, m [default: 3,
+    /// 1, 1.5]
     #[arg(long, value_name = "M", value_parser = number)]
     pub size: Option<f64>,
-    /// Laps of a closed path
+    /// Number of laps of a closed path
     #[arg(long, default_value_t = 1, value_parser = whole::<u32>(1..=10_000))]
     pub laps: u32,
-    /// Start posture of the robot's midpoint, as in `posture` [default: on the path's first point
-    /// and along it]
+    /// Start posture of the midpoint O, as in `posture` [default: on the first point of the path,
+    /// along it]
     #[arg(long, value_name = "X,Y,PHI", allow_hyphen_values = true)]
     pub from: Option<String>,
-    /// Run without the relative position sensor
+    /// Run without the relative position sensor (strain gauges)
     #[arg(long)]
     pub no_rps: bool,
     /// Run with gyroscopes and accelerometers

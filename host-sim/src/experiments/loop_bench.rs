@@ -22,7 +22,7 @@ pub struct LoopBenchArgs {
     /// The world.
     #[command(flatten)]
     pub choice: WorldChoice,
-    /// Number of runs; the median is reported
+    /// Number of runs; the result is the median
     #[arg(long, default_value_t = 7, value_parser = whole::<u32>(1..=1000))]
     pub repeats: u32,
     /// Destination of the result as JSON.

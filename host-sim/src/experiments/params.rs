@@ -22,7 +22,7 @@ use std::path::{Path, PathBuf};
 /// Arguments of `params`.
 #[derive(Clone, Debug, Args)]
 pub struct ParamsArgs {
-    /// What to do
+    /// Action
     #[command(subcommand)]
     pub action: ParamsAction,
 }
@@ -30,17 +30,17 @@ pub struct ParamsArgs {
 /// What to do with the parameters of boards.
 #[derive(Clone, Debug, Subcommand)]
 pub enum ParamsAction {
-    /// Show all parameters with units and ranges
+    /// List all parameters with units and ranges
     List(ParamsTarget),
-    /// Show some
+    /// Show the named parameters
     Get(ParamsGet),
-    /// Give some another value, until the board is reset or they are saved
+    /// Set parameters; lost at reset unless saved
     Set(ParamsSet),
-    /// Save in the flash what was set
+    /// Save the set parameters in the flash
     Save(ParamsTarget),
-    /// Write those that differ from what the boards were built with to a file
+    /// Export the parameters that differ from the image's defaults
     Export(ParamsExport),
-    /// Set those of a file
+    /// Set the parameters of a file
     Import(ParamsImport),
 }
 
@@ -50,10 +50,10 @@ pub struct ParamsTarget {
     /// Where the boards are; with none of these, in this process with their flash in files.
     #[command(flatten)]
     pub boards: BoardArgs,
-    /// Directory of files with the flash of boards that are emulated or in this process
+    /// Folder of the flash files of boards in QEMU or in this program
     #[arg(long, value_name = "DIR", default_value = "out/flash")]
     pub flash: PathBuf,
-    /// Only these boards, separated by commas [default: all that there are]
+    /// Boards, separated by commas [default: all]
     #[arg(long, value_enum, value_delimiter = ',', value_name = "LIST")]
     pub board: Vec<BoardName>,
     /// Destination of the result as JSON.
@@ -64,7 +64,7 @@ pub struct ParamsTarget {
 /// Arguments of `params get`.
 #[derive(Clone, Debug, Args)]
 pub struct ParamsGet {
-    /// Names, as in `cfmmr parameters`
+    /// Names of parameters, as `cfmmr parameters` lists them
     #[arg(value_name = "NAME", required = true)]
     pub names: Vec<String>,
     /// Which boards.
@@ -78,7 +78,7 @@ pub struct ParamsSet {
     /// New values, for example robot.geometry.wheel_radius_m=0.0731
     #[arg(value_name = "NAME=VALUE", required = true)]
     pub values: Vec<String>,
-    /// Save them in the flash
+    /// Save the parameters in the flash
     #[arg(long)]
     pub save: bool,
     /// Which boards.
@@ -89,10 +89,10 @@ pub struct ParamsSet {
 /// Arguments of `params export`.
 #[derive(Clone, Debug, Args)]
 pub struct ParamsExport {
-    /// File to write instead of printing
+    /// Write to this file instead of the terminal
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
-    /// All parameters, not only those that differ
+    /// Export all parameters
     #[arg(long)]
     pub all: bool,
     /// Which boards.
@@ -103,10 +103,10 @@ pub struct ParamsExport {
 /// Arguments of `params import`.
 #[derive(Clone, Debug, Args)]
 pub struct ParamsImport {
-    /// The file, as `params export` and `calibrate` write it
+    /// File that `params export` or `calibrate` wrote
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
-    /// Save them in the flash
+    /// Save the parameters in the flash
     #[arg(long)]
     pub save: bool,
     /// Which boards.

@@ -16,11 +16,10 @@ pub struct PlantBenchArgs {
     /// Simulated time of one run, s
     #[arg(long, default_value_t = 20.0, value_name = "S", value_parser = number)]
     pub duration: f64,
-    /// Number of runs of each drive; the median is reported
+    /// Number of runs of each drive; the result is the median
     #[arg(long, default_value_t = 7, value_parser = whole::<u32>(1..=1000))]
     pub repeats: u32,
-    /// Also compare with an explicit reference at 20 µs over this time, s; it runs at about real
-    /// time
+    /// Compare with an explicit reference at 20 µs over this time, s; about real time
     #[arg(long, default_value_t = 0.0, value_name = "S", value_parser = number)]
     pub accuracy: f64,
     /// Destination of the result as JSON.

@@ -18,11 +18,10 @@ use toml::{Table as Toml, Value};
 /// Arguments of `replay`.
 #[derive(Clone, Debug, Args)]
 pub struct ReplayArgs {
-    /// The log, as `--log` writes it
+    /// Log that `--log` wrote
     #[arg(value_name = "LOG")]
     pub file: PathBuf,
-    /// Estimate again with the parameters in this file (the robot part of a scenario) in place of the
-    /// recorded ones
+    /// Estimate again with the parameters in this file (table `[robot]` of a scenario)
     #[arg(long, value_name = "FILE")]
     pub with: Option<PathBuf>,
     /// Destination of the result as JSON.

@@ -46,19 +46,18 @@ pub const BUILD: &str = env!("BUILD");
 /// What becomes of a run besides its result: it is written down, shown, served.
 #[derive(Clone, Debug, Default, PartialEq, Eq, clap::Args)]
 pub struct LogArgs {
-    /// Write everything the boards got and did to this MCAP file (see docs/logs.md); of several
-    /// runs, the one of the robot as configured that is drawn
+    /// Record the inputs and outputs of the boards in this MCAP file (docs/logs.md); with several
+    /// trials: the plotted one
     #[arg(long, value_name = "FILE")]
     pub log: Option<PathBuf>,
-    /// Write the same run as CSV: the epochs into a FILE that ends in .csv, or epochs, ticks and bus
-    /// frames into a DIR
+    /// Write the run as CSV: epochs to FILE.csv, or epochs, ticks and bus frames to DIR
     #[arg(long, value_name = "DIR|FILE")]
     pub csv: Option<PathBuf>,
-    /// Show the run on the terminal while it goes, in step with the clock; q ends it
+    /// Show the run on the terminal in real time; q ends the run
     #[arg(long)]
     pub dashboard: bool,
-    /// Serve the run to Foxglove by websocket, in step with the clock, once a viewer has come; ADDR
-    /// is ADDRESS:PORT or a port (127.0.0.1:8765 if left out); see docs/live.md
+    /// Serve the run to Foxglove by websocket in real time, from the first viewer on; ADDR is
+    /// ADDRESS:PORT or a port [default: 127.0.0.1:8765] (docs/live.md)
     #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = "127.0.0.1:8765", value_parser = live::address)]
     pub live: Option<SocketAddr>,
 }

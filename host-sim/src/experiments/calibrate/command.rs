@@ -26,12 +26,12 @@ use std::path::PathBuf;
 /// What is calibrated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum CalibrateWhat {
-    /// Radius, ratio and track of the wheels of each axle: a straight way, then squares both ways
+    /// Radius, ratio and track of the wheels of each axle: a straight line, then squares both ways
     /// (UMBmark)
     Wheels,
-    /// Zeros and gains of the strain gauges: strip held straight, then on formers
+    /// Zeros and gains of the strain gauges: strip straight, then on formers
     Gauges,
-    /// Scale and bias of the gyros: known turns, and rests
+    /// Scale and bias of the gyros: known turns and rests
     Imu,
 }
 
@@ -47,19 +47,20 @@ pub struct CalibrateArgs {
     /// Where the boards are; with none of these, in this process with their flash in files.
     #[command(flatten)]
     pub boards: BoardArgs,
-    /// Directory of files with the flash of boards that are emulated or in this process
+    /// Folder of the flash files of boards in QEMU or in this program
     #[arg(long, value_name = "DIR", default_value = "out/flash")]
     pub flash: PathBuf,
-    /// Scenario file in TOML, see `cfmmr config`
+    /// Scenario file (TOML); missing keys keep their default, see `cfmmr config`
     #[arg(long, value_name = "FILE")]
     pub scenario: Option<PathBuf>,
-    /// Change one entry of the scenario; may be repeated
+    /// Change one key of the scenario; may be repeated
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub set: Vec<String>,
-    /// Seed of the robot's errors and of all noise
+    /// Seed of the robot's errors and of all random draws
     #[arg(long, default_value_t = 1, value_parser = whole::<u64>(0..=u64::MAX))]
     pub seed: u64,
-    /// The robots of several seeds, separated by commas: rms errors before and after; nothing is saved
+    /// Seeds of several robots, separated by commas: print rms errors before and after, save
+    /// nothing
     #[arg(
         long,
         value_name = "LIST",
@@ -68,13 +69,13 @@ pub struct CalibrateArgs {
         conflicts_with_all = ["seed", "yes", "out", "emulated", "front", "rear", "beam"]
     )]
     pub seeds: Vec<u64>,
-    /// Squares each way and at each speed
+    /// Number of squares each way and at each speed
     #[arg(long, default_value_t = 6, value_parser = whole::<u32>(1..=100))]
     pub laps: u32,
-    /// Save without asking
+    /// Save without confirmation
     #[arg(long)]
     pub yes: bool,
-    /// Write what was found to this file, for `params import` and as a scenario
+    /// Write the calibrated parameters to this file, for `params import` or `--scenario`
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
     /// Destination of the result as JSON.

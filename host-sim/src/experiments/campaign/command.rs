@@ -25,23 +25,22 @@ use std::path::PathBuf;
 #[derive(Clone, Debug, Args)]
 #[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 pub struct CampaignArgs {
-    /// What to do with the parts' files
+    /// Action on the files of the parts
     #[command(subcommand)]
     pub action: Option<CampaignAction>,
-    /// The study, a TOML file (docs/campaigns.md)
+    /// Study, a TOML file (docs/campaigns.md)
     #[arg(value_name = "FILE", required = true)]
     pub file: Option<PathBuf>,
     /// The world.
     #[command(flatten)]
     pub choice: WorldChoice,
-    /// Part I of N, from 0 [default: that of a Slurm array's task or an indexed Kubernetes job; else
-    /// all]
+    /// Part I of N, from 0 [default: that of the Slurm or Kubernetes job, else all]
     #[arg(long, value_name = "I/N")]
     pub shard: Option<String>,
-    /// Directory of the study's files [default: out/FILE]
+    /// Folder of the study's files [default: out/FILE]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Number of threads; the result does not depend on it [default: one per core]
+    /// Number of threads; does not change the result [default: one a core]
     #[arg(long, value_name = "N", value_parser = whole::<u16>(1..=1024))]
     pub threads: Option<u16>,
 }
@@ -49,19 +48,19 @@ pub struct CampaignArgs {
 /// What to do with the files of a campaign.
 #[derive(Clone, Debug, Subcommand)]
 pub enum CampaignAction {
-    /// Put all runs into one Parquet file, with a table and pictures
+    /// Merge all runs into one Parquet file, with a table and pictures
     Merge(CampaignMerge),
-    /// Tell which runs are there
+    /// Count finished and missing runs
     Status(CampaignStatus),
 }
 
 /// Arguments of `campaign merge`.
 #[derive(Clone, Debug, Args)]
 pub struct CampaignMerge {
-    /// Directory of the study's files
+    /// Folder of the study's files
     #[arg(value_name = "DIR")]
     pub directory: PathBuf,
-    /// Directory for the result [default: DIR/merged]
+    /// Folder of the result [default: DIR/merged]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Destination of the result as JSON.
@@ -72,7 +71,7 @@ pub struct CampaignMerge {
 /// Arguments of `campaign status`.
 #[derive(Clone, Debug, Args)]
 pub struct CampaignStatus {
-    /// Directory of the study's files
+    /// Folder of the study's files
     #[arg(value_name = "DIR")]
     pub directory: PathBuf,
     /// List the missing blocks and their runs

@@ -26,40 +26,40 @@ pub struct FaultsArgs {
     /// The world.
     #[command(flatten)]
     pub choice: WorldChoice,
-    /// Number of seeds
+    /// Number of seeds of each fault
     #[arg(long, default_value_t = 2, value_parser = whole::<u32>(1..=1000))]
     pub seeds: u32,
-    /// Only faults with this in their name; may be repeated
+    /// Run only faults whose name contains this text; may be repeated
     #[arg(long, value_name = "TEXT")]
     pub only: Vec<String>,
-    /// On boards in QEMU instead, with one seed and at one time, each run compared with the same run
-    /// in process
+    /// Run on boards in QEMU, with one seed at one time, and compare each run with the nodes in
+    /// this program
     #[arg(long, conflicts_with = "seeds", group = "boards")]
     pub emulated: bool,
-    /// QEMU for --emulated, 9.0 or newer
+    /// Emulator for --emulated, QEMU 9.0 or newer
     #[arg(long, value_name = "PROGRAM", default_value = "qemu-system-arm")]
     pub qemu: String,
-    /// Faults of the boards themselves instead, on virtual boards that run the images that users flash
+    /// Inject faults of the boards: virtual boards run the default images
     #[arg(long = "virtual", group = "boards")]
     pub virtual_boards: bool,
-    /// With --virtual: each fault once, at one time with one seed, and only some of the instants at
-    /// which power can fail
+    /// With --virtual: each fault at one time with one seed, and a selection of the instants of
+    /// power failure
     #[arg(long, requires = "virtual_boards", conflicts_with = "seeds")]
     pub quick: bool,
-    /// With --virtual: number of threads; the result does not depend on it [default: one per core]
+    /// With --virtual: number of threads; does not change the result [default: one a core]
     #[arg(long, value_name = "N", requires = "virtual_boards", value_parser = whole::<u16>(1..=1024))]
     pub threads: Option<u16>,
-    /// With --virtual: write which source lines of the firmware ran to this file (lcov)
+    /// With --virtual: write the line coverage of the firmware to this file (lcov)
     #[arg(long, value_name = "FILE", requires = "virtual_boards")]
     pub coverage: Option<PathBuf>,
-    /// With --virtual: another image of the axle boards
+    /// With --virtual: use this image (ELF) on both axle boards
     #[arg(long, value_name = "ELF", requires = "virtual_boards")]
     pub axle_image: Option<PathBuf>,
-    /// With --virtual: another image of the beam board
+    /// With --virtual: use this image (ELF) on the beam board
     #[arg(long, value_name = "ELF", requires = "virtual_boards")]
     pub beam_image: Option<PathBuf>,
-    /// With --emulated or --virtual: fail if a row is not as in the committed table, or, with --quick,
-    /// if a run ends in a way that its row of the table does not have
+    /// With --emulated or --virtual: exit 1 if a row differs from the committed table, or with
+    /// --quick, if an outcome is not in its row
     #[arg(long, requires = "boards")]
     pub check: bool,
     /// Destination of the result as JSON.

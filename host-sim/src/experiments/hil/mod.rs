@@ -46,87 +46,87 @@ pub struct HilArgs {
     /// Where the boards are.
     #[command(flatten)]
     pub boards: BoardArgs,
-    /// Run the images that users flash on virtual STM32F405 boards; they are built if needed
+    /// Run the default images on virtual STM32F405 boards; builds the images if needed
     #[arg(long = "virtual")]
     pub on_virtual: bool,
-    /// Image (ELF) of both axles' boards instead
+    /// Use this image (ELF) on both axle boards
     #[arg(long, value_name = "ELF", requires = "on_virtual")]
     pub axle_image: Option<PathBuf>,
-    /// Image of the front board instead
+    /// Use this image (ELF) on the front board
     #[arg(long, value_name = "ELF", requires = "on_virtual")]
     pub front_image: Option<PathBuf>,
-    /// Image of the rear board instead
+    /// Use this image (ELF) on the rear board
     #[arg(long, value_name = "ELF", requires = "on_virtual")]
     pub rear_image: Option<PathBuf>,
-    /// Image of the beam board instead
+    /// Use this image (ELF) on the beam board
     #[arg(long, value_name = "ELF", requires = "on_virtual")]
     pub beam_image: Option<PathBuf>,
-    /// Have a virtual board wait for gdb at a port of this machine when its power comes on, for example
+    /// Make a virtual board wait for gdb at this port when its power comes on, for example
     /// front@3333; may be repeated
     #[arg(long, value_name = "BOARD@PORT", requires = "on_virtual")]
     pub gdb: Vec<String>,
-    /// Write pins, interrupts and bus of virtual boards to this file (Value Change Dump, 5 MB a
-    /// simulated second and more)
+    /// Write pins, interrupts and bus of the virtual boards to this file (Value Change Dump, at
+    /// least 5 MB a simulated second)
     #[arg(long, value_name = "FILE", requires = "on_virtual")]
     pub vcd: Option<PathBuf>,
-    /// Tell where the time of virtual boards went, by function and by interrupt
+    /// Print the time of the virtual boards by function and interrupt
     #[arg(long, requires = "on_virtual")]
     pub profile: bool,
-    /// Write which source lines of the firmware virtual boards ran to this file (lcov)
+    /// Write the line coverage of the firmware on virtual boards to this file (lcov)
     #[arg(long, value_name = "FILE", requires = "on_virtual")]
     pub coverage: Option<PathBuf>,
-    /// Run with the parameters that the boards keep in their flash, laid over those of the scenario
+    /// Use the parameters in the boards' flash, laid over those of the scenario
     #[arg(long)]
     pub stored: bool,
-    /// Directory of files with the flash of emulated boards
+    /// Folder of the flash files of emulated boards
     #[arg(long, value_name = "DIR", requires = "emulated")]
     pub flash: Option<PathBuf>,
-    /// Keep pace with the clock: no tick begins before its time
+    /// Run in real time: no tick begins early
     #[arg(long)]
     pub real_time: bool,
-    /// Run the same in process and compare every bit
+    /// Run the nodes in this program too and compare every bit
     #[arg(long)]
     pub compare: bool,
-    /// Probability that a frame is lost on the bus between boards [default: that of the scenario, 0]
+    /// Probability that the bus loses a frame [default: the scenario's, 0]
     #[arg(long, value_name = "P", value_parser = number)]
     pub link_loss: Option<f64>,
-    /// Time from sending to receiving on the bus, ms [default: that of the scenario, 2]
+    /// Latency of the bus, ms [default: the scenario's, 2]
     #[arg(long, value_name = "MS")]
     pub link_delay: Option<u32>,
-    /// Run without the relative position sensor; there is no beam board then
+    /// Run without the relative position sensor and its beam board
     #[arg(long)]
     pub no_rps: bool,
     /// Run with gyroscopes and accelerometers
     #[arg(long)]
     pub imu: bool,
-    /// Start posture of the robot's midpoint, as in `posture`
+    /// Start posture of the midpoint O, as in `posture`
     #[arg(long, value_name = "X,Y,PHI", allow_hyphen_values = true)]
     pub from: Option<String>,
-    /// Follow a path instead, as `follow --path`
+    /// Follow this path, as `follow --path`
     #[arg(long, value_name = "PATH", conflicts_with = "track")]
     pub follow: Option<String>,
-    /// Track a trajectory instead, as `track --path`
+    /// Track this trajectory, as `track --path`
     #[arg(long, value_name = "PATH")]
     pub track: Option<String>,
-    /// Largest speed along a path, m/s
+    /// Largest speed along the path, m/s
     #[arg(long, value_name = "M/S", value_parser = number)]
     pub speed: Option<f64>,
     /// Size of a built-in path, m
     #[arg(long, value_name = "M", value_parser = number)]
     pub size: Option<f64>,
-    /// Laps of a closed path
+    /// Number of laps of a closed path
     #[arg(long, default_value_t = 1, value_parser = whole::<u32>(1..=10_000))]
     pub laps: u32,
-    /// Watch a robot that is done at least until this time, s
+    /// Minimum run time, s
     #[arg(long, value_name = "S", default_value_t = 20.0, value_parser = number)]
     pub duration: f64,
-    /// End at this time, done or not, s
+    /// End the run at this time, s
     #[arg(long, value_name = "S", value_parser = number)]
     pub stop_after: Option<f64>,
-    /// Switch a board off in the middle of the run, for example front@8.0 (s); may be repeated
+    /// Switch a board off at this time in s, for example front@8.0; may be repeated
     #[arg(long, value_name = "BOARD@S")]
     pub kill: Vec<String>,
-    /// Switch a board that was lost on again after this time, s
+    /// Restart a lost board after this time, s
     #[arg(long, value_name = "S", value_parser = number)]
     pub restart_after: Option<f64>,
 }

@@ -18,10 +18,10 @@ pub struct SoakArgs {
     /// The world.
     #[command(flatten)]
     pub choice: WorldChoice,
-    /// Axle ticks (ms)
+    /// Number of ticks (ms)
     #[arg(long, default_value_t = 10_000_000, value_parser = whole::<u64>(10_000..=4_000_000_000))]
     pub ticks: u64,
-    /// Seed of all random draws
+    /// Seed of all random draws; one seed gives the same bytes
     #[arg(long, default_value_t = 1, value_parser = whole::<u64>(0..=u64::MAX))]
     pub seed: u64,
     /// Destination of the result as JSON.

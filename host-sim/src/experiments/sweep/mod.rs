@@ -42,7 +42,7 @@ use core_algos::control::regulator::Regulator;
 /// Model a sweep runs on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum SweepModel {
-    /// Kinematics of the midpoint with steering dynamics and a perfect estimate.
+    /// Kinematics of the midpoint O with steering dynamics and a perfect estimate.
     Kinematic,
     /// Full plant, sensors, bus and estimation.
     Plant,
@@ -54,13 +54,13 @@ pub struct SweepArgs {
     /// Arguments every experiment takes.
     #[command(flatten)]
     pub common: Common,
-    /// Number of random starts (within 2 m of the goal in x and y, any heading)
+    /// Number of random starts, within 2 m of the goal in x and y, any heading
     #[arg(long, default_value_t = 1000, value_parser = whole::<u32>(1..=10_000_000))]
     pub starts: u32,
-    /// What the robot is simulated with
+    /// Model of the robot
     #[arg(long, value_enum, default_value_t = SweepModel::Plant)]
     pub model: SweepModel,
-    /// Largest curvature of the midpoint's path, 0.5 to 5 1/m [default: that of the scenario, 3.08]
+    /// Largest curvature of the path, 0.5 to 5 1/m [default: the scenario's, 3.08]
     #[arg(long, value_name = "1/M", value_parser = number)]
     pub kappa_max: Option<f64>,
 }
