@@ -9,13 +9,12 @@ use std::fmt::Write;
 pub fn markdown() -> String {
     let mut text = String::from(
         "# Parameters\n\n\
-         Written by `cfmmr parameters`. Each board keeps these in its own flash, one item each, so an\n\
-         axle's wheels and track are those of its own board. A parameter that was never saved has its\n\
-         default, which on the beam board is of that board's converter (readings are sums of 96\n\
-         conversions). Names are places in a scenario, apart from those of the inertial sensor and of\n\
-         motors, drivers and supply (`drive`, see [wiring.md](wiring.md)). The\n\
-         identifier is the key in the flash; a value saved under another version is not used.\n\
-         [store.md](store.md) says what a power cut or damaged flash does.\n\n\
+         Printed by `cfmmr parameters`. Each board keeps these parameters in its flash, so each axle has its\n\
+         own wheels and track. A parameter that was never saved has its default; on the beam board the\n\
+         default depends on the converter (a reading is the sum of 96 conversions). Names are keys of a\n\
+         scenario, except `inertial` and `drive` (motors, drivers and supply, see [wiring.md](wiring.md)).\n\
+         The identifier is the key in the flash; a value saved under another version is not used.\n\
+         [store.md](store.md) describes the effect of a power cut or a damaged flash.\n\n\
          | id | version | name | unit | from | to | default | meaning |\n|---|---|---|---|---|---|---|---|\n",
     );
     for parameter in &TABLE {

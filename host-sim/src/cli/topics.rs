@@ -9,10 +9,10 @@ use std::fmt::Write;
 pub fn markdown() -> String {
     let mut text = String::from(
         "# Topics of a log\n\n\
-         Written by `cfmmr topics`. Foxglove's own schemas are encoded as protobuf, the others as JSON;\n\
-         each is in the file. Times are simulated time since the start. [logs.md](logs.md) says how to\n\
-         make, open and replay a log.\n\n\
-         | topic | schema | rate | what |\n|---|---|---|---|\n",
+         Printed by `cfmmr topics`. Foxglove's schemas are encoded as protobuf, the others as JSON; the\n\
+         file contains each schema. Times are simulated time since the start. [logs.md](logs.md)\n\
+         describes recording, viewing and replay.\n\n\
+         | topic | schema | rate | contents |\n|---|---|---|---|\n",
     );
     for topic in &TOPICS {
         // Writing to a string does not fail.

@@ -528,12 +528,12 @@ fn table(report: &Report, variants: &[Variant]) -> String {
         table.row(cells);
     }
     format!(
-        "NEES of the estimated postures (3 degrees of freedom), {} runs a row; honest: {low:.2} \
+        "NEES of the estimated postures (3 degrees of freedom), {} runs a row; consistent: {low:.2} \
          to {high:.2}\n\n{table}\n\
-         claims are: where both axles lie against the 95 % band. front, rear, O: mean over the runs \
-         at their end.\nbelow 7.81: share of runs whose axles lie within their own 95 % ellipsoid \
-         (the worse axle). path: mean over\nthe runs and every half second. beam NIS: of the \
-         beam's innovations; 3 for a filter that knows all correlations.\n",
+         claims are: NEES of both axles against the 95 % band. front, rear, O: mean over the runs at \
+         their end.\nbelow 7.81: share of runs within the 95 % ellipsoid (the worse axle). path: \
+         mean over the runs and every\nhalf second. beam NIS: normalised innovation squared of the \
+         beam; 3 if all correlations are modelled.\n",
         report.runs
     )
 }

@@ -139,8 +139,8 @@ pub fn run(args: &LoopBenchArgs) -> Result<(), Error> {
     args.json.print(&format!(
         "Plant, sensors, three boards and bus at 1 kHz, world {}, median of {} runs ({} time of the loop's \
          thread)\n\n{table}\n\
-         logged: a table of the epochs. recorded: everything the boards got and did, as MCAP, which a second\n\
-         thread writes.\n",
+         logged: CSV of the epochs. recorded: inputs and outputs of the boards as MCAP, written by a second\n\
+         thread.\n",
         report.world, args.repeats, report.clock
     ))
 }

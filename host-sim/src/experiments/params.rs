@@ -163,7 +163,7 @@ fn connect(target: &ParamsTarget) -> Result<Vec<(Role, Remote)>, Error> {
         let there = !target.boards.any_port() || target.boards.port(role).is_some();
         if wanted && !there && !target.board.is_empty() {
             return Err(Error::input(format!(
-                "--board {0}: its port is not given: --{0} PORT",
+                "--board {0}: needs its port, --{0} PORT",
                 role.name()
             )));
         }
@@ -249,9 +249,9 @@ fn state(source: Source, saved: bool) -> &'static str {
         (_, false) => "not saved",
         (Source::Default, true) => "default",
         (Source::Stored, true) => "stored",
-        (Source::Damaged, true) => "default: the stored one is damaged",
-        (Source::OtherVersion, true) => "default: the stored one is of another version",
-        (Source::OutOfRange, true) => "default: the stored one is out of range",
+        (Source::Damaged, true) => "default: the stored value is damaged",
+        (Source::OtherVersion, true) => "default: the stored value has another version",
+        (Source::OutOfRange, true) => "default: the stored value is out of range",
     }
 }
 
@@ -266,7 +266,7 @@ fn run_get(get: &ParamsGet) -> Result<(), Error> {
 fn run_set(set: &ParamsSet) -> Result<(), Error> {
     if set.target.board.is_empty() {
         return Err(Error::input(
-            "--board: must name the boards whose parameters are to change, for example --board rear",
+            "--board: must name the boards to change, for example --board rear",
         ));
     }
     let values = set.values.iter().map(|text| parse(text));
@@ -363,9 +363,9 @@ fn change(
     write_json(target, &changes)?;
     let note = match (save, target.boards.any_port()) {
         (true, _) => format!("{written} values written to the flash"),
-        (false, true) => "not saved: lost when the board is reset; cfmmr params save".to_owned(),
+        (false, true) => "not saved: lost at reset; save with cfmmr params save".to_owned(),
         (false, false) => {
-            "not saved: these boards are off when the command ends; --save".to_owned()
+            "not saved: these boards end with the command; use --save".to_owned()
         }
     };
     print(&format!("{table}{note}\n"))

@@ -49,7 +49,7 @@ pub fn run(args: &ReplayArgs) -> Result<(), Error> {
     let name = args.file.display().to_string();
     let bytes = fs::read(&args.file).map_err(|error| {
         Error::input(format!(
-            "{name}: {error}: must be a log, as `cfmmr posture --log FILE` writes it"
+            "{name}: {error}: must be a log that `cfmmr posture --log FILE` wrote"
         ))
     })?;
     let recording = read::read(&bytes, &name)?;
@@ -57,7 +57,7 @@ pub fn run(args: &ReplayArgs) -> Result<(), Error> {
     let scenario: Scenario = toml_file::parse(scenario.unwrap_or_default(), &name, &[])?;
     if !scenario.world.bus.quantise {
         return Err(Error::input(format!(
-            "{name}: recorded with bus.quantise = false: what arrived was not what the frames hold, \
+            "{name}: recorded with bus.quantise = false: its messages differ from its frames, \
              so it cannot be replayed"
         )));
     }
@@ -122,14 +122,13 @@ fn changes(text: &str, file: &str) -> Result<Toml, Error> {
     let robot = given.remove("robot");
     if let Some(other) = given.keys().next() {
         return Err(Error::input(format!(
-            "{file}: {other}: only the robot's parameters can be other ones in a replay, [robot] and \
-             below"
+            "{file}: {other}: no effect in a replay; only the table [robot] can change"
         )));
     }
     match robot {
         Some(Value::Table(robot)) => Ok(robot),
         _ => Err(Error::input(format!(
-            "{file}: holds no parameter of [robot]"
+            "{file}: the table [robot] is missing"
         ))),
     }
 }
@@ -157,7 +156,7 @@ fn table(report: &Report) -> String {
         "axle to axle rms (mm)",
         "NEES",
         "NIS",
-        "refused",
+        "rejected",
     ]);
     let number = |value: Option<f64>, scale: f64, digits: usize| {
         value.map_or("–".to_owned(), |value| {
@@ -167,7 +166,7 @@ fn table(report: &Report) -> String {
     let degrees = 1f64.to_degrees();
     let rows = [
         ("recorded", Some(&report.recorded)),
-        ("with the parameters given", report.with.as_ref()),
+        ("with the given parameters", report.with.as_ref()),
     ];
     for (name, quality) in rows {
         let Some(quality) = quality else { continue };
@@ -185,9 +184,9 @@ fn table(report: &Report) -> String {
         ]);
     }
     format!(
-        "\nEstimated less true state of the midpoint, {} estimates\n\n{table}\n\
-         NEES, NIS: normalised squares of the midpoint's error and of the beam's innovation; each is 3\n\
-         on average where the covariances are right. refused: innovations beyond the gate.\n",
+        "\nEstimated less true state of the midpoint O, {} estimates\n\n{table}\n\
+         NEES, NIS: normalised squares of the error of O and of the innovation of the beam; 3 on average\n\
+         if the covariances are right. rejected: innovations beyond the gate.\n",
         report.recorded.count
     )
 }

@@ -129,7 +129,7 @@ pub fn read(bytes: &[u8], name: &str) -> Result<Recording, Error> {
             Record::Message { header, data } => {
                 position += 1;
                 let Some(topic) = topics.get(&header.channel_id) else {
-                    return Err(refuse(format!("message {position}: of an unknown channel")));
+                    return Err(refuse(format!("message {position}: unknown channel")));
                 };
                 recording
                     .take(&mut pending, topic, &data)
@@ -148,19 +148,19 @@ pub fn read(bytes: &[u8], name: &str) -> Result<Recording, Error> {
         Some(FORMAT) => {}
         Some(other) => {
             return Err(refuse(format!(
-                "a log of format {other}: this program reads format {FORMAT}"
+                "log of format {other}: this program reads format {FORMAT}"
             )));
         }
         None => {
             return Err(refuse(
-                "not a log of cfmmr: it has no metadata record of that name".to_owned(),
+                "not a log of cfmmr: the metadata record `cfmmr` is missing".to_owned(),
             ));
         }
     }
     if recording.ticks() == 0 {
         return Err(refuse(
-            "no board's ticks are in it (those of virtual boards never are: they are heard on the bus \
-             only), so there is nothing to replay"
+            "contains no ticks of boards, so it cannot be replayed (logs of virtual boards contain only \
+             bus frames)"
                 .to_owned(),
         ));
     }
@@ -171,15 +171,15 @@ pub fn read(bytes: &[u8], name: &str) -> Result<Recording, Error> {
 fn explain(error: &McapError) -> String {
     match error {
         McapError::BadMagic => {
-            "not a whole MCAP file: its first or last bytes are not those of one, \
-                                so it is another kind of file or was cut short"
+            "not a complete MCAP file: first or last bytes are wrong; truncated, \
+                                or another type of file"
                 .to_owned()
         }
         McapError::UnexpectedEof | McapError::UnexpectedEoc | McapError::BadFooter => {
-            "the file is cut short".to_owned()
+            "the file is truncated".to_owned()
         }
         McapError::UnsupportedCompression(which) => {
-            format!("compressed by {which}: cfmmr writes its logs without")
+            format!("compressed by {which}: cfmmr writes logs without compression")
         }
         error => format!("damaged: {error}"),
     }
@@ -207,7 +207,7 @@ impl Recording {
             "/lead" => pending.lead = Some(parse(data)?),
             "/host/order" => {
                 let entry: OrderEntry = parse(data)?;
-                let given = entry.bits.value().ok_or("its bits are none of a command")?;
+                let given = entry.bits.value().ok_or("its bits do not decode to a command")?;
                 self.push(Role::Front, Event::Order(entry.tick, given))?;
             }
             _ => {
@@ -240,9 +240,9 @@ impl Recording {
                 let place = entry.place.as_ref().map(|bits| bits.value());
                 Event::Start {
                     tick: entry.tick,
-                    config: Box::new(config.ok_or("its parameters are none of this version")?),
+                    config: Box::new(config.ok_or("its parameters do not decode in this version")?),
                     place: match place {
-                        Some(place) => Some(Box::new(place.ok_or("its place is none")?)),
+                        Some(place) => Some(Box::new(place.ok_or("its place does not decode")?)),
                         None => None,
                     },
                 }
@@ -269,7 +269,7 @@ impl Recording {
                     Some(lead) => {
                         let output = lead.bits.value();
                         Some(Box::new(
-                            output.ok_or("the lead node's bits are none of its output")?,
+                            output.ok_or("the bits of the lead node's output do not decode")?,
                         ))
                     }
                     None => None,
@@ -296,7 +296,7 @@ impl Recording {
     fn push(&mut self, role: Role, event: Event) -> Result<(), String> {
         let events = &mut self.boards[role as usize];
         if events.last().is_some_and(|last| last.tick() > event.tick()) {
-            return Err("its time lies before that of the message before".to_owned());
+            return Err("its time is before the previous message".to_owned());
         }
         events.push(event);
         Ok(())

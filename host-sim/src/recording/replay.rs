@@ -202,7 +202,7 @@ pub fn compare(recording: &Recording) -> Result<Option<Parting>, Error> {
                 true => again.step(step, &step.received)?,
                 false => {
                     return Err(Error::input(format!(
-                        "tick {}: the {} board was never started",
+                        "tick {}: the {} board has no start",
                         step.tick,
                         role.name()
                     )));
@@ -577,7 +577,7 @@ mod tests {
             found += u32::from(read::read(&damaged, "log").is_err());
         }
         assert!(found > 60, "{found}");
-        assert!(refused(b"time_s,x_m\n0.0,1.0\n").contains("another kind of file"));
+        assert!(refused(b"time_s,x_m\n0.0,1.0\n").contains("another type of file"));
         let mut empty = mcap::Writer::new(std::io::Cursor::new(Vec::new())).unwrap();
         empty.finish().unwrap();
         let foreign = empty.into_inner().into_inner();

@@ -53,7 +53,7 @@ impl Tap {
     /// The board gave no answer to the latest tick.
     fn failed(&mut self, fault: &Fault) {
         let reason = match fault {
-            Fault::Restarted => "restarted by itself".to_owned(),
+            Fault::Restarted => "restarted without a command".to_owned(),
             Fault::Silent(why) => why.clone(),
             Fault::Fatal(error) => error.to_string(),
         };

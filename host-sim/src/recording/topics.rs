@@ -99,7 +99,7 @@ pub const START: Schema = Schema {
         optional(
             "place",
             Kind::Text,
-            "where the lead node takes the robot to be, postcard in hexadecimal",
+            "initial estimate of the lead node, postcard in hexadecimal",
         ),
     ],
 };
@@ -107,27 +107,27 @@ pub const START: Schema = Schema {
 /// A board was switched off.
 pub const OFF: Schema = Schema {
     name: "cfmmr.Off",
-    text: "A board went off",
-    fields: &[TICK, field("reason", Kind::Text, "why")],
+    text: "A board was switched off",
+    fields: &[TICK, field("reason", Kind::Text, "reason")],
 };
 
 /// One tick of an axle board.
 pub const AXLE_TICK: Schema = Schema {
     name: "cfmmr.AxleTick",
-    text: "One tick of an axle board: what it got and the torques it commanded",
+    text: "One tick of an axle board: inputs and commanded torques",
     fields: &[
         TICK,
         field(
             "encoder",
             Kind::Integers(2),
-            "counts of the encoders (left, right), wrapping; null where none came",
+            "counts of the encoders (left, right), wrapping; null if missing",
         ),
         optional("gyro_rad_s", Kind::Number, "rad/s, yaw rate"),
         optional("acceleration_m_s2", Kind::Number, "m/s², along the heading"),
         field(
             "conditions",
             Kind::Integer,
-            "what the drivers find wrong, bit k is row k of the table of conditions",
+            "conditions reported by the drivers, bit k is row k of the table of conditions",
         ),
         RECEIVED,
         field(
@@ -141,13 +141,13 @@ pub const AXLE_TICK: Schema = Schema {
 /// One tick of the beam board.
 pub const BEAM_TICK: Schema = Schema {
     name: "cfmmr.BeamTick",
-    text: "One tick of the beam board: what it got",
+    text: "One tick of the beam board: inputs",
     fields: &[
         TICK,
         field(
             "counts",
             Kind::Integers(core_algos::beam::MAX_GAUGES),
-            "counts of the strain bridges from the root on; 0 where there is none",
+            "counts of the strain bridges from the root on; 0 if not fitted",
         ),
         RECEIVED,
     ],
@@ -156,7 +156,7 @@ pub const BEAM_TICK: Schema = Schema {
 /// A command of the host.
 pub const ORDER: Schema = Schema {
     name: "cfmmr.Order",
-    text: "What the host told the lead node before a tick",
+    text: "Command of the host to the lead node before a tick",
     fields: &[
         TICK,
         field("text", Kind::Text, "the command in words"),
@@ -167,7 +167,7 @@ pub const ORDER: Schema = Schema {
 /// Frames on the bus.
 pub const BUS: Schema = Schema {
     name: "cfmmr.BusFrames",
-    text: "What a board put on the bus at a tick",
+    text: "Frames that a board sent on the bus at a tick",
     fields: &[
         TICK,
         field("board", Kind::Text, "front, rear or beam"),
@@ -182,13 +182,13 @@ pub const BUS: Schema = Schema {
 /// The lead node's output.
 pub const LEAD: Schema = Schema {
     name: "cfmmr.Lead",
-    text: "What the lead node estimated and commanded in an epoch",
+    text: "Estimate and commands of the lead node in an epoch",
     fields: &[
         TICK,
         field(
             "epoch_s",
             Kind::Number,
-            "s, the instant at which the estimates hold",
+            "s, time of validity of the estimates",
         ),
         field(
             "mode",
@@ -204,12 +204,12 @@ pub const LEAD: Schema = Schema {
         field(
             "reason",
             Kind::Integer,
-            "code of the condition that stopped it, 0 if none",
+            "code of the condition that stopped the node, 0 if none",
         ),
         field(
             "done",
             Kind::Truth,
-            "whether the task is fulfilled and the robot at rest",
+            "true if the task is done and the robot at rest",
         ),
         field("robot", Kind::Estimate, "midpoint, global frame"),
         field("front", Kind::Estimate, "front axle, global frame"),
@@ -233,13 +233,13 @@ pub const LEAD: Schema = Schema {
         field(
             "steering_rad",
             Kind::Number,
-            "rad, commanded half angle between the axles",
+            "rad, commanded steering ψ",
         ),
         field("steering_rate_rad_s", Kind::Number, "rad/s, commanded"),
         optional(
             "target",
             Kind::Pose,
-            "where the midpoint should be on a path or trajectory, global frame",
+            "reference of the midpoint on a path or trajectory, global frame",
         ),
         field(
             "bits",
@@ -252,7 +252,7 @@ pub const LEAD: Schema = Schema {
 /// The true state.
 pub const TRUTH: Schema = Schema {
     name: "cfmmr.Truth",
-    text: "The simulated robot as it is, and the strains as measured",
+    text: "True state of the simulated robot, and measured strains",
     fields: &[
         field("time_s", Kind::Number, "s"),
         field("robot", Kind::Pose, "midpoint, global frame"),
@@ -276,12 +276,12 @@ pub const TRUTH: Schema = Schema {
         field(
             "force_n",
             Kind::Numbers(2),
-            "N, of the frame on the rear axle, in its frame",
+            "N, force of the frame on the rear axle, in the coordinates of that axle",
         ),
         field(
             "moment_nm",
             Kind::Numbers(2),
-            "N m, of the frame at root and end",
+            "N m, moment of the frame at root and tip",
         ),
         field("strain", Kind::List, "1, measured strains from the root on"),
     ],
@@ -313,36 +313,36 @@ pub const TOPICS: [Topic; 21] = [
         "/tf",
         foxglove(
             "foxglove.FrameTransforms",
-            "robot, front_axle, rear_axle as they are, robot_estimate as the lead node takes it to be, in the frame world",
+            "true robot, front_axle, rear_axle, and estimated robot_estimate, in the coordinates world",
         ),
         "100 Hz",
     ),
     topic(
         "/truth/robot",
-        foxglove("foxglove.PoseInFrame", "midpoint as it is"),
+        foxglove("foxglove.PoseInFrame", "true midpoint"),
         "100 Hz",
     ),
     topic(
         "/estimate/robot",
         foxglove(
             "foxglove.PoseInFrame",
-            "midpoint as the lead node takes it to be",
+            "estimated midpoint",
         ),
         "100 Hz",
     ),
     topic(
         "/truth/path",
-        foxglove("foxglove.PosesInFrame", "way of the midpoint so far"),
+        foxglove("foxglove.PosesInFrame", "path of the midpoint so far"),
         "1 Hz",
     ),
     topic(
         "/goal",
-        foxglove("foxglove.PoseInFrame", "where the run is to end"),
+        foxglove("foxglove.PoseInFrame", "goal of the run"),
         "once",
     ),
     topic(
         "/reference/path",
-        foxglove("foxglove.PosesInFrame", "path to be driven"),
+        foxglove("foxglove.PosesInFrame", "reference path"),
         "once",
     ),
     topic(
@@ -354,7 +354,7 @@ pub const TOPICS: [Topic; 21] = [
         "/log",
         foxglove(
             "foxglove.Log",
-            "changes of the nodes' operating states, and their reasons",
+            "changes of operating states, with their reasons",
         ),
         "changes",
     ),

@@ -120,7 +120,7 @@ impl Monitor {
         let first = self.first_fault()?;
         let advice = first.reason.map(|code| code.entry().remedy);
         let advice = advice.map_or_else(String::new, |remedy| format!(": {remedy}"));
-        Some(format!("the robot stopped for a fault at {first}{advice}"))
+        Some(format!("the robot stopped with a fault at {first}{advice}"))
     }
 
     /// Since which tick (ms) a node has been in fault, if it is.

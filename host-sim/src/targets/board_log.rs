@@ -49,7 +49,7 @@ impl BoardLog {
         let log = self.clone();
         thread::spawn(move || {
             let Ok(Some(table)) = Table::parse(&image) else {
-                return log.append("the image has no table of log messages");
+                return log.append("the image contains no table of log messages");
             };
             let mut decoder = table.new_stream_decoder();
             let mut room = [0; 1024];

@@ -299,7 +299,7 @@ impl Boards {
                 Ok(None)
             }
             Err(Fault::Restarted) => {
-                self.lost(i, tick, "restarted by itself".to_owned(), Some(1));
+                self.lost(i, tick, "restarted without a command".to_owned(), Some(1));
                 self.restart(i, tick + 1)?;
                 Ok(None)
             }
@@ -340,7 +340,7 @@ pub(super) fn fatal(role: Role, fault: Fault) -> Error {
         Fault::Fatal(error) => error,
         Fault::Silent(why) => Error::Failure(format!("{} board: {why}", role.name())),
         Fault::Restarted => Error::Failure(format!(
-            "{} board: was restarted while it was being started",
+            "{} board: restarted during its start",
             role.name()
         )),
     }

@@ -360,12 +360,12 @@ impl Emulated {
             }
             if let Some(status) = running.child.try_wait()? {
                 return Err(Error::Failure(format!(
-                    "{role} board: QEMU ended before the board had opened its link ({status})"
+                    "{role} board: QEMU ended before the board opened its link ({status})"
                 )));
             }
             if Instant::now() > deadline {
                 return Err(Error::Failure(format!(
-                    "{role} board: did not open its link in {START:?}"
+                    "{role} board: did not open its link within {START:?}"
                 )));
             }
             thread::sleep(Duration::from_millis(2));

@@ -28,7 +28,7 @@ pub trait Link: Send {
     fn kill(&mut self) -> Result<(), Error> {
         let name = self.name();
         Err(Error::input(format!(
-            "{name}: the board cannot be switched off from here"
+            "{name}: this program cannot switch the board off"
         )))
     }
 
@@ -41,7 +41,7 @@ pub trait Link: Send {
     fn halt(&mut self, _halted: bool) -> Result<(), Error> {
         let name = self.name();
         Err(Error::input(format!(
-            "{name}: the board cannot be stopped from here"
+            "{name}: this program cannot halt the board"
         )))
     }
 
@@ -49,7 +49,7 @@ pub trait Link: Send {
     fn revive(&mut self) -> Result<(), Error> {
         let name = self.name();
         Err(Error::input(format!(
-            "{name}: the board cannot be switched on from here"
+            "{name}: this program cannot switch the board on"
         )))
     }
 }

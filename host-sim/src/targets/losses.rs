@@ -46,7 +46,7 @@ impl fmt::Display for Event {
             ),
             What::Restarted => write!(f, "{role} board restarted"),
             What::Cleared => write!(f, "faults cleared by the {role}"),
-            What::Resumed => write!(f, "task given again by the {role}"),
+            What::Resumed => write!(f, "task repeated by the {role}"),
         }
     }
 }
@@ -108,8 +108,8 @@ impl Losses {
         self.restarted = Some(tick);
         self.record(tick, role.name(), What::Restarted);
         if role == Role::Front {
-            let why = "the front board was restarted, and with its lead node the estimate of where \
-                       the robot stands was lost";
+            let why = "the front board was restarted and its lead node lost the estimate of the \
+                       posture";
             self.end.get_or_insert((why.to_owned(), tick + GRACE));
         }
     }

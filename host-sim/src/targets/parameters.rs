@@ -89,15 +89,15 @@ impl Remote {
         };
         if (table, usize::from(count)) != (fingerprint(), COUNT) {
             return Err(Fault::Fatal(Error::Failure(format!(
-                "{} board: its table of parameters ({count}, hash {table:08x}) is not that of this \
-                 program ({COUNT}, hash {:08x}): flash the image of this version",
+                "{} board: its table of parameters ({count}, hash {table:08x}) differs from this program \
+                 ({COUNT}, hash {:08x}): flash the image of this version",
                 role.name(),
                 fingerprint()
             ))));
         }
         if unusable {
             eprintln!(
-                "{} board: what its flash holds makes no working node together: it uses the defaults",
+                "{} board: the stored parameters form no valid configuration; the board uses the defaults",
                 role.name()
             );
         }

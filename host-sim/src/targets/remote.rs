@@ -89,14 +89,14 @@ impl Remote {
             }
             if protocol != PROTOCOL {
                 return Err(Fault::Fatal(Error::Failure(format!(
-                    "{} board: its image ({build}) speaks version {protocol} of the protocol, this \
-                     program version {PROTOCOL}: flash the image of this version",
+                    "{} board: its image ({build}) has protocol version {protocol}, this program version \
+                     {PROTOCOL}: flash the image of this version",
                     expected.name()
                 ))));
             }
             if role != expected {
                 return Err(Fault::Fatal(Error::input(format!(
-                    "{} board: the board at this end is the {} board: check ports and strap",
+                    "{} board: this port leads to the {} board: check ports and strap",
                     expected.name(),
                     role.name()
                 ))));
@@ -127,7 +127,7 @@ impl Remote {
         let hash = framing::crc32c(bytes);
         if found != hash {
             return Err(Fault::Fatal(Error::Failure(format!(
-                "{} board: parameters have check sum {found:08x} there and {hash:08x} here",
+                "{} board: checksum of the parameters is {found:08x} on the board, {hash:08x} in this program",
                 self.role.name()
             ))));
         }
@@ -155,7 +155,7 @@ fn batch<T: Copy>(points: &[T]) -> [Option<T>; protocol::POINTS] {
 
 fn unexpected(role: Role, what: &str) -> Fault {
     Fault::Fatal(Error::Failure(format!(
-        "{} board: {what}: an answer of another kind",
+        "{} board: {what}: unexpected answer",
         role.name()
     )))
 }
@@ -168,13 +168,13 @@ pub(super) fn refused(role: Role, what: &str, reply: Reply) -> Fault {
         }
         Reply::Refused(Refusal::Parameter { text }) => text.to_owned(),
         Reply::Refused(Refusal::Armed) => {
-            "its motors may be on: parameters are changed and saved at rest".to_owned()
+            "its motors may be on: stop the robot to change or save parameters".to_owned()
         }
         Reply::Refused(Refusal::NotSaved) => {
-            "its flash could not be written, or does not hold what was written".to_owned()
+            "writing its flash failed".to_owned()
         }
         Reply::Refused(Refusal::Hash { found }) => {
-            format!("the parameters received there have check sum {found:08x}")
+            format!("the board received parameters with checksum {found:08x}")
         }
         Reply::Refused(reason) => format!("{reason:?}"),
         _ => return unexpected(role, what),
@@ -439,7 +439,7 @@ impl Conversation {
             if self.listen(deadline)? {
                 self.latency_us = self.asked_at.elapsed().as_micros() as u32;
                 let (_, reply) = protocol::decode(&self.payload).ok_or_else(|| {
-                    Error::Failure("a board gave an answer that is none of this version".to_owned())
+                    Error::Failure("a board sent an answer that does not decode in this version".to_owned())
                 })?;
                 return Ok(reply);
             }
@@ -475,7 +475,7 @@ impl Conversation {
 fn gone(error: std::io::Error) -> Fault {
     Fault::Silent(match error.kind() {
         std::io::ErrorKind::UnexpectedEof | std::io::ErrorKind::BrokenPipe => {
-            "the link was closed at its end".to_owned()
+            "the board closed the link".to_owned()
         }
         _ => error.to_string(),
     })

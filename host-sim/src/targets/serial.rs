@@ -32,7 +32,7 @@ impl Serial {
             .and_then(|port| Ok((port.try_clone()?, port)))
             .map_err(|error| {
                 Error::input(format!(
-                    "{}: {error}: must be a serial port that can do {baud} baud; `cfmmr doctor` lists \
+                    "{}: {error}: must be a serial port with {baud} baud; `cfmmr doctor` lists \
                      the ports there are and what they lack",
                     path.display()
                 ))

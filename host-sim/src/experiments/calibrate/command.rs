@@ -99,8 +99,8 @@ pub fn run(args: &CalibrateArgs) -> Result<(), Error> {
     let mut report = calibrate(args, &scenario, args.seed)?;
     if args.boards.any_port() {
         report.notes.push(
-            "these are the constants of the simulated robot: a board that is put back into a real one \
-             must not keep them (cfmmr params export before, import after)"
+            "these are constants of the simulated robot: before the board drives a real robot, restore its \
+             parameters (cfmmr params import; export them before a calibration)"
                 .to_owned(),
         );
     }
@@ -138,7 +138,7 @@ fn wanted(args: &CalibrateArgs) -> Result<bool, Error> {
         return Ok(true);
     }
     if !io::stdin().is_terminal() || !io::stdout().is_terminal() {
-        print("not saved: no terminal to ask at, and --yes was not given\n")?;
+        print("not saved: no terminal for a confirmation; use --yes\n")?;
         return Ok(false);
     }
     print("save to the boards? [y/N] ")?;
@@ -220,7 +220,7 @@ fn run_several(args: &CalibrateArgs, scenario: &Scenario) -> Result<(), Error> {
     args.json
         .write(&Provenance::of(scenario, args.seeds[0]), &several)?;
     match reports.is_empty() {
-        true => Err(Error::Failure("no robot was calibrated".to_owned())),
+        true => Err(Error::Failure("no robot could be calibrated".to_owned())),
         false => Ok(()),
     }
 }

@@ -101,12 +101,12 @@ impl Bench {
             })?;
         if let Some(why) = simulation.failure() {
             return Err(Error::Failure(format!(
-                "the robot did not come back: {why}"
+                "the robot did not return: {why}"
             )));
         }
         if !outcome.done {
             return Err(Error::Failure(
-                "the robot did not come back in time".to_owned(),
+                "the robot did not return in time".to_owned(),
             ));
         }
         let trace = simulation.take_trace().unwrap_or_default();

@@ -156,7 +156,7 @@ pub(super) fn calibrate_wheels(
             .collect();
         let old = believed(scenario, role)?;
         let errors: Errors = wheels::fit(&returns, 2.0 * old.half_track_m).ok_or_else(|| {
-            Error::Failure(format!("{} axle: the squares do not fit", role.name()))
+            Error::Failure(format!("{} axle: the fit of the squares failed", role.name()))
         })?;
         creep[i] = errors.creep;
         let new = old.corrected(scale, &errors);
@@ -193,8 +193,8 @@ pub(super) fn calibrate_wheels(
     let robot = both.map(|runs| 1e3 * runs.systematic(|run| run.robot));
     report.effect("E_max,syst, robot's estimate", "mm", robot);
     report.notes.push(format!(
-        "creep under the frame's moment: {:+.4} (front) and {:+.4} (rear) rad/s per rad of bend; no \
-         parameter corrects it, the joint filter estimates it",
+        "creep under the frame's moment: {:+.4} (front) and {:+.4} (rear) rad/s per rad of relative heading; \
+         the joint filter estimates it, no parameter corrects it",
         creep[0], creep[1]
     ));
     Ok(report)
@@ -211,7 +211,7 @@ pub(super) fn calibrate_gauges(scenario: &Scenario, bench: &mut Bench) -> Result
     for i in 0..count {
         let found = gauges::fit(&held, i, bridge.strain_per_count());
         let (zero, gain) = found
-            .ok_or_else(|| Error::Failure(format!("gauge {i}: the postures do not differ")))?;
+            .ok_or_else(|| Error::Failure(format!("gauge {i}: the strains of the postures do not differ")))?;
         zeros.push(zero);
         gains.push(gain);
         let zero = parameter(&format!("robot.beam.calibration.zero_counts[{i}]"))?;
@@ -268,12 +268,12 @@ pub(super) fn calibrate_gauges(scenario: &Scenario, bench: &mut Bench) -> Result
         / count as f64;
     let turn = |strain: f64| 1e3 * (strain * length / half).abs();
     report.effect(
-        "straight frame read as turned by",
+        "relative heading measured with a straight frame",
         "mrad",
         [turn(unzeroed), turn(left)],
     );
     report.notes.push(
-        "on the lap the frame is as it was measured before with zeros alone, and with zeros and gains"
+        "frame's end on a lap: before with calibrated zeros, after with calibrated zeros and gains"
             .to_owned(),
     );
     Ok(report)
@@ -286,13 +286,13 @@ pub(super) fn calibrate_gyros(scenario: &Scenario, bench: &mut Bench) -> Result<
         let mut settings = Settings::new(scenario.robot);
         scenario.boards.apply(role, &mut settings)?;
         let gain = turns::gain(&turned[i], SAMPLE_PERIOD_S)
-            .ok_or_else(|| Error::Failure(format!("{} gyro: it did not turn", role.name())))?;
+            .ok_or_else(|| Error::Failure(format!("{} gyro: no rotation measured", role.name())))?;
         let truth = 1.0 / (1.0 + bench.robot().gyro_scale_error[i]);
         let before = settings.inertial.gyro_gain.into();
         report.find(role, "inertial.gyro_gain", before, gain, truth)?;
         let bias = turned[i].iter().map(turns::Turn::bias).sum::<f64>() / turned[i].len() as f64;
         report.notes.push(format!(
-            "{} gyro: bias {:+.3} mrad/s at rest (true {:+.3}); not stored, each board finds it anew",
+            "{} gyro: bias {:+.3} mrad/s at rest (true {:+.3}); not stored, each board estimates it at rest",
             role.name(),
             1e3 * bias,
             1e3 * bench.robot().gyro_bias[i]

@@ -144,7 +144,7 @@ impl Columns {
     /// The file, with `notes` beside the columns.
     pub fn to_parquet(&self, notes: &[(&str, &str)]) -> Result<Vec<u8>, Error> {
         self.write(notes)
-            .map_err(|error| Error::Failure(format!("cannot make a Parquet file: {error}")))
+            .map_err(|error| Error::Failure(format!("cannot write a Parquet file: {error}")))
     }
 
     fn write(&self, notes: &[(&str, &str)]) -> Result<Vec<u8>, ParquetError> {
@@ -253,13 +253,13 @@ fn read_column(
         }
         _ => {
             return Err(ParquetError::General(
-                "a column of no known kind".to_owned(),
+                "a column of an unknown type".to_owned(),
             ));
         }
     };
     match values.len() == rows {
         true => Ok(values),
-        false => Err(ParquetError::General("a column is cut short".to_owned())),
+        false => Err(ParquetError::General("a column is truncated".to_owned())),
     }
 }
 

@@ -114,7 +114,7 @@ pub fn run(args: &CampaignArgs) -> Result<(), Error> {
 fn shard(args: &CampaignArgs) -> Result<(), Error> {
     let Some(file) = &args.file else {
         return Err(Error::input(
-            "a study's FILE, merge or status must be given",
+            "missing argument: give the FILE of a study, merge or status",
         ));
     };
     let mut study = Study::load(file)?;
@@ -237,7 +237,7 @@ fn look(directory: &Directory, mut keep: Option<&mut Columns>) -> Result<Status,
                 {
                     status
                         .spoiled
-                        .push(format!("block {block}: has other columns"));
+                        .push(format!("block {block}: its columns differ"));
                 }
             }
             Block::Missing => status.missing.push(block),
@@ -281,7 +281,7 @@ fn merge(args: &CampaignMerge) -> Result<(), Error> {
     let status = look(&directory, Some(&mut runs))?;
     if status.runs_done != status.runs || !status.spoiled.is_empty() {
         return Err(Error::Failure(format!(
-            "{}: {} of {} runs are there: run the missing parts first, see cfmmr campaign status \
+            "{}: {} of {} runs are complete: run the missing parts, listed by cfmmr campaign status \
              {} --missing",
             status.name,
             status.runs_done,
@@ -326,7 +326,7 @@ fn merge(args: &CampaignMerge) -> Result<(), Error> {
     match idle_key(study, &runs)? {
         None => Ok(()),
         Some(key) => Err(Error::Failure(format!(
-            "vary {key}: no result depends on it; remove it, or vary what acts in this scenario"
+            "vary {key}: no effect on any result; vary a key that acts in this scenario"
         ))),
     }
 }

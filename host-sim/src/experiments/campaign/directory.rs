@@ -58,7 +58,7 @@ impl Directory {
             Ok(found) if found == canonical => {}
             Ok(_) => {
                 return Err(Error::input(format!(
-                    "{}: holds another study than the one given: choose another --out, or remove it",
+                    "{}: belongs to a different study: choose another --out, or remove the folder",
                     copy.display()
                 )));
             }
@@ -82,7 +82,7 @@ impl Directory {
         let study = Study::load(&copy).map_err(|error| match copy.exists() {
             true => error,
             false => Error::input(format!(
-                "{}: is no directory of a campaign: it has no {COPY}",
+                "{}: not a campaign folder: {COPY} is missing",
                 path.display()
             )),
         })?;
@@ -120,15 +120,15 @@ impl Directory {
         };
         let note = |key: &str| notes.iter().find(|(other, _)| other == key).map(|(_, v)| v);
         if note(STUDY) != Some(&self.canonical) {
-            return spoiled("is of another study".to_owned());
+            return spoiled("belongs to a different study".to_owned());
         }
         if note(VERSION).map(String::as_str) != Some(THIS_VERSION) {
-            return spoiled(format!("was not made by version {THIS_VERSION}"));
+            return spoiled(format!("was not written by version {THIS_VERSION}"));
         }
         let expected = self.study.block_runs(block);
         let runs = columns.integers("run").iter();
         if !runs.copied().eq(expected.map(|run| run as i64)) {
-            return spoiled("does not hold the runs of its number".to_owned());
+            return spoiled("does not contain the runs of its block".to_owned());
         }
         Ok(Block::Complete(columns))
     }

@@ -211,7 +211,7 @@ fn map_of_starts(study: &Study, runs: &Columns, maps: &[Group], goal: [f64; 3]) 
         (group.label.clone(), starts.into_iter().flatten().collect())
     });
     let title = format!(
-        "{}: starts, and the largest error they end with",
+        "{}: starts, with the largest final error",
         study.name
     );
     figures::maps(&title, "e (cm)", &starts.collect::<Vec<_>>(), goal)
@@ -236,7 +236,7 @@ fn map_of_ends(study: &Study, runs: &Columns, maps: &[Group], goal: [f64; 3]) ->
         panel
     });
     let height = if maps.len() > 1 { 300.0 } else { 420.0 };
-    Figure::new(format!("{}: where the runs ended", study.name)).rows_of(
+    Figure::new(format!("{}: final positions", study.name)).rows_of(
         maps.len().clamp(1, MAPS),
         Height::Fixed(height),
         &panels.collect::<Vec<_>>(),
@@ -265,7 +265,7 @@ pub fn sensitivity(study: &Study, runs: &Columns) -> Option<Figure> {
             influence(vary, runs.doubles(&vary.key), &e_cm, &groups).y_limits(limits)
         })
         .collect();
-    let figure = Figure::new(format!("{}: error against what was varied", study.name));
+    let figure = Figure::new(format!("{}: error against the varied quantities", study.name));
     (!panels.is_empty()).then(|| figure.rows_of(3, Height::Fixed(260.0), &panels))
 }
 

@@ -125,13 +125,13 @@ impl Vary {
         {
             true => Ok(()),
             false => Err(wrong(format!(
-                "{name} = [{low}, {high}]: must be two finite numbers, the first one less{}",
+                "{name} = [{low}, {high}]: must be two finite numbers, the first smaller{}",
                 if least == 0.0 { " and above 0" } else { "" }
             ))),
         };
         match (&self.values, self.uniform, self.log_uniform, self.normal) {
             (Some(values), None, None, None) if !values.is_empty() => Ok(Kind::Values(values)),
-            (Some(_), None, None, None) => Err(wrong("values = []: must have at least one".into())),
+            (Some(_), None, None, None) => Err(wrong("values = []: must have at least one value".into())),
             (None, Some(range), None, None) => {
                 ordered("uniform", range, f64::NEG_INFINITY)?;
                 Ok(Kind::Drawn(Draw::Uniform(range)))

@@ -143,7 +143,7 @@ fn blocks_are_kept_and_spoiled_ones_noticed() {
     // Another study does not mix with it.
     let other = Study::parse(&TEXT.replace("seed = 3", "seed = 4"), "other").unwrap();
     let error = Directory::open_for(other, folder.path()).unwrap_err();
-    assert!(error.exit_code() == 2 && error.to_string().contains("another study"));
+    assert!(error.exit_code() == 2 && error.to_string().contains("a different study"));
     assert_eq!(Directory::open(folder.path()).unwrap().study(), &study());
     assert!(Directory::open(&folder.path().join("none")).is_err());
 }

@@ -125,7 +125,7 @@ impl Run {
         let pose = match &step.pose {
             None => None,
             Some(pose) => {
-                let fix = self.fix.ok_or("pose: the first line gives no R_pose")?;
+                let fix = self.fix.ok_or("pose: needs R_pose in the first line")?;
                 Some((Posture::from(check::vector("pose", pose)?), fix))
             }
         };
@@ -138,7 +138,7 @@ impl Run {
         let covariance = state.covariance().wide_matrix();
         let covariance = covariance.map(|row| row.map(check::exact));
         if !state.is_finite() || !covariance.iter().flatten().all(|entry| entry.is_finite()) {
-            return Err("the state has left the range of single precision".to_owned());
+            return Err("the state exceeds the range of single precision".to_owned());
         }
         self.state = state;
         let [x, y, phi] = state.precise_posture().map(check::exact);
@@ -157,7 +157,7 @@ impl Run {
 impl Kernel for Ekf {
     fn line(&mut self, text: &str) -> Result<Value, String> {
         match &mut self.stage {
-            Stage::Refused => Err("the first line was refused".to_owned()),
+            Stage::Refused => Err("the first line was rejected".to_owned()),
             Stage::Running(run) => run.step(&parse(text)?),
             Stage::Unconfigured => {
                 self.stage = Stage::Refused;

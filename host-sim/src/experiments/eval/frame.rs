@@ -69,7 +69,7 @@ fn solve(case: &Case) -> Result<Answer, String> {
     let chord = x.hypot(y);
     if chord > 1.05 * case.length {
         return Err(format!(
-            "pose = {:?}: the end lies {chord} m from the root, out of reach of a strip of {} m",
+            "pose = {:?}: the distance {chord} m from the root exceeds the length of the strip, {} m",
             case.pose, case.length
         ));
     }
@@ -80,7 +80,7 @@ fn solve(case: &Case) -> Result<Answer, String> {
     let strip = Strip::new(case.length, case.ei, case.ea, 0.0);
     let (equilibrium, stable) = strip
         .find(case.pose, &PLACES, &case.seed_curvature)
-        .ok_or("pose: no equilibrium was found on the branch of seed_curvature")?;
+        .ok_or("pose: no equilibrium on the branch of seed_curvature")?;
     Ok(Answer {
         wrench_end: strip.wrench(&equilibrium),
         root_moment: strip.root_moment(&equilibrium),

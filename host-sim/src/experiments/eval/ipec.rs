@@ -77,7 +77,7 @@ fn start(setup: &Setup) -> Result<(Algorithm, State), String> {
 impl Kernel for Ipec {
     fn line(&mut self, text: &str) -> Result<Value, String> {
         match &mut self.stage {
-            Stage::Refused => Err("the first line was refused".to_owned()),
+            Stage::Refused => Err("the first line was rejected".to_owned()),
             Stage::Unconfigured => {
                 self.stage = Stage::Refused;
                 let (algorithm, state) = start(&parse(text)?)?;
@@ -96,14 +96,14 @@ impl Kernel for Ipec {
                 }
                 let mut next = *state;
                 if algorithm.step(&mut next, &advance, &r).is_none() {
-                    return Err("d: brings the axles to one point, which has no direction".into());
+                    return Err("d: moves both axles to one point, so the heading is undefined".into());
                 }
                 let [axle1, axle2] = next
                     .precise_postures()
                     .map(|posture| posture.map(check::exact));
                 if !axle1.iter().chain(&axle2).all(|x| x.is_finite()) || !next.variance.is_finite()
                 {
-                    return Err("d: carries the axles out of the range of single precision".into());
+                    return Err("d: moves the axles out of the range of single precision".into());
                 }
                 *state = next;
                 Ok(json!({ "axle1": axle1, "axle2": axle2, "var_beta": next.variance }))

@@ -93,9 +93,9 @@ impl Trial {
             (Some(_), _) => "process killed, unannounced",
             (None, Fault::None) => "",
             (None, Fault::Bus(_) | Fault::Partition(_)) => "frames on the bus",
-            (None, Fault::Reset(..)) => "process killed and started",
+            (None, Fault::Reset(..)) => "process killed and restarted",
             (None, Fault::Loss(_)) => "process killed",
-            (None, Fault::Freeze(..) | Fault::SlowClock(..)) => "process stopped and let go on",
+            (None, Fault::Freeze(..) | Fault::SlowClock(..)) => "process stopped and continued",
             (
                 None,
                 Fault::MotorWeak(..)
@@ -170,12 +170,11 @@ impl Report {
     fn markdown(&self) -> String {
         let mut text = format!(
             "# Faults on emulated boards\n\n\
-             Written by `cfmmr faults --emulated`. The faults of [faults.md](faults.md), and boards\n\
-             that fail without the host's doing, with the three boards in QEMU: {} s after the task began,\n\
-             seed {SEED}, to the end of the run. *Seam* is what is interfered with: what the boards read,\n\
-             hear and drive is simulated on the host, the boards are processes of their own. *Identical*\n\
-             means that every torque, every frame on the bus, every output of the lead node and the outcome\n\
-             are, bit by bit, those of the same run in process. World: {}.\n\n\
+             Printed by `cfmmr faults --emulated`. The faults of [faults.md](faults.md), and failures of\n\
+             the boards themselves, with the three boards in QEMU: {} s after the start of the task, seed\n\
+             {SEED}, to the end of the run. *Seam* is the place of the fault. The host simulates inputs, bus\n\
+             and motors of the boards; each board is a process. *Identical*: every torque, frame and output\n\
+             of the lead node, and the outcome, equal bit by bit those of the nodes in the program. World: {}.\n\n\
              | fault | seam | ended | first reason | to rest (s) | error (cm) | ticks | compared with in process |\n\
              |---|---|---|---|---|---|---|---|\n",
             AFTER as f64 * 1e-6,
@@ -188,7 +187,7 @@ impl Report {
         let wrong = self.rows.iter().filter(|row| !row.is_right()).count();
         let _ = writeln!(
             text,
-            "\n{} runs, {wrong} of them not right.",
+            "\n{} runs, {wrong} failed.",
             self.rows.len()
         );
         text
@@ -263,7 +262,7 @@ impl Source<'_> {
         let mut here = Simulation::new(scenario, SEED, 0)?;
         here.inject(fault, tick);
         let (reference, expected) = recorded(&mut here, scenario, &case)?;
-        let outcomes = (outcome != reference).then(|| "the outcome differs".to_owned());
+        let outcomes = (outcome != reference).then(|| "the outcomes differ".to_owned());
         let difference = trace.difference(&expected);
         Ok(Row {
             fault: trial.name,
@@ -322,7 +321,7 @@ pub fn run(args: &FaultsArgs) -> Result<(), Error> {
 fn judge(report: &Report, committed: Option<&String>) -> Result<(), Error> {
     let wrong = report.rows.iter().filter(|row| !row.is_right()).count();
     if wrong > 0 {
-        return Err(Error::Failure(format!("{wrong} runs were not right")));
+        return Err(Error::Failure(format!("{wrong} runs failed")));
     }
     let boards = report.rows.iter().flat_map(|row| &row.boards);
     if let Some(excess) = boards.filter_map(BoardReport::stack_excess).next() {
@@ -330,7 +329,7 @@ fn judge(report: &Report, committed: Option<&String>) -> Result<(), Error> {
     }
     match committed.and_then(|page| report.unexpected(page)) {
         Some(row) => Err(Error::Failure(format!(
-            "not as in {PAGE}, which tools/scripts/regenerate.py faults-emulated rewrites:\n{row}"
+            "differs from {PAGE} (tools/scripts/regenerate.py faults-emulated rewrites it):\n{row}"
         ))),
         None => Ok(()),
     }

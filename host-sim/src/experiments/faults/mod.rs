@@ -205,12 +205,11 @@ impl Report {
         let runs: usize = self.rows.iter().map(|row| row.runs).sum();
         let mut text = format!(
             "# Faults\n\n\
-             Written by `cfmmr faults`. Each fault is put into the simulated robot {} s, {} s and\n\
-             {} s after its task began, with {} seeds each. A run is right if the robot finishes its task\n\
-             within {:.0} cm and {:.0}°, or stops, motors off, within the time stated and for a reason that\n\
-             fits the fault; and if at no time speed ({} m/s), bend of the frame ({:.0}°) or force of the\n\
-             frame ({} N) is exceeded for more than {} s. Reasons are explained in [codes.md](codes.md).\n\
-             World: {}.\n\n\
+             Printed by `cfmmr faults`. Each fault is injected {} s, {} s and {} s after the start of the\n\
+             task, with {} seeds each. A run passes if the robot finishes its task within {:.0} cm and {:.0}°,\n\
+             or stops with its motors off within the allowed time and with a code that fits the fault. In\n\
+             addition speed ({} m/s), steering ({:.0}°) and force of the frame ({} N) must not exceed their\n\
+             limits for more than {} s. [codes.md](codes.md) explains the codes. World: {}.\n\n\
              | fault | finished | stopped | other | reasons | to rest (s) | allowed (s) | error (cm) | speed (m/s) | bend (°) | force (N) |\n\
              |---|---|---|---|---|---|---|---|---|---|---|\n",
             TIMES[0] as f64 * 1e-6,
@@ -253,7 +252,7 @@ impl Report {
                 row.force_n,
             );
         }
-        let _ = writeln!(text, "\n{runs} runs, {} of them not right.", self.wrong());
+        let _ = writeln!(text, "\n{runs} runs, {} failed.", self.wrong());
         text
     }
 }
@@ -268,7 +267,7 @@ pub(super) fn check_choice(only: &[String], names: &[&str]) -> Result<(), Error>
     let unknown = |only: &&String| !names.iter().any(|name| name.contains(only.as_str()));
     match only.iter().find(unknown) {
         Some(only) => Err(Error::input(format!(
-            "--only {only}: no fault has this in its name; the faults are: {}",
+            "--only {only}: no fault has this text in its name; the faults are: {}",
             names.join(", ")
         ))),
         None => Ok(()),
@@ -288,6 +287,6 @@ pub fn run(args: &FaultsArgs) -> Result<(), Error> {
     args.json.print_page(&page)?;
     match report.wrong() {
         0 => Ok(()),
-        wrong => Err(Error::Failure(format!("{wrong} runs were not right"))),
+        wrong => Err(Error::Failure(format!("{wrong} runs failed"))),
     }
 }

@@ -124,16 +124,16 @@ impl Report {
             .collect();
         let mut text = format!(
             "# Faults of virtual boards\n\n\
-             Written by `cfmmr faults --virtual`. The images that users flash run on\n\
-             [virtual boards](virtual_boards.md) and drive the simulated robot; each fault comes {} after\n\
-             the button was pressed, each with {} seeds, which also choose the board or wheel that it\n\
-             strikes. *Goes on*: a second later (or when the struck board has restarted) the robot drives, no\n\
-             node has stopped, and it is within 2 cm of where it would be without the fault. *Stops*: no motor\n\
-             has current any more, within the time allowed for all motors and for those of the axle that is\n\
-             struck; truth is the motors' current, not what a board says. A run is wrong if neither holds, if\n\
-             the first code heard does not fit ([codes](codes.md)), if a board is reset or found to do\n\
-             anything that the fault does not explain, if a restart is not told, or if parameters in the\n\
-             flash are not what they were. World: {}.\n\n\
+             Printed by `cfmmr faults --virtual`. The default images run on [virtual boards](virtual_boards.md)\n\
+             and drive the simulated robot. Each fault occurs {} after the button was pressed, with {} seeds\n\
+             each; the seed also selects the affected board or wheel.\n\n\
+             - *Goes on*: a second later (or after the restart of the affected board) the robot drives, no node\n\
+               has stopped, and the robot is within 2 cm of its place without the fault.\n\
+             - *Stops*: no motor carries current after the allowed time, for all motors and for those of the\n\
+               affected axle. The simulated current decides, not the report of a board.\n\n\
+             A run fails if neither holds, if the first code does not fit ([codes](codes.md)), if a reset or a\n\
+             finding is not explained by the fault, if a restart is not reported, or if parameters in the flash\n\
+             have changed. World: {}.\n\n\
              | fault | seam | times × seeds | goes on | stops | other | codes | motors off (s) | allowed (s) | struck axle off (s) | allowed (s) |\n\
              |---|---|---|---|---|---|---|---|---|---|---|\n",
             seconds.join(", "),
@@ -148,7 +148,7 @@ impl Report {
         let rows = self.rows.len();
         let _ = writeln!(
             text,
-            "\n{rows} faults, {runs} runs, {} of them wrong.",
+            "\n{rows} faults, {runs} runs, {} failed.",
             self.wrong()
         );
         text
@@ -303,16 +303,16 @@ pub fn run(args: &FaultsArgs) -> Result<(), Error> {
         trials.coverage.as_ref().map(|sum| sum.lock()),
     ) {
         output::write_file(file, coverage.lcov())?;
-        text += &format!("\nSource lines of the firmware that ran\n{coverage}");
+        text += &format!("\nLine coverage of the firmware\n{coverage}");
     }
     args.json.print_page(&text)?;
     match report.wrong() {
         0 => {}
-        wrong => return Err(Error::Failure(format!("{wrong} runs were wrong"))),
+        wrong => return Err(Error::Failure(format!("{wrong} runs failed"))),
     }
     match report.unexpected(&committed, args.quick) {
         Some(row) if args.check => Err(Error::Failure(format!(
-            "not as in {PAGE}, which tools/scripts/regenerate.py faults-virtual rewrites:\n{row}"
+            "differs from {PAGE} (tools/scripts/regenerate.py faults-virtual rewrites it):\n{row}"
         ))),
         _ => Ok(()),
     }

@@ -63,12 +63,12 @@ struct Report {
 
 /// Options that `--virtual` does not go with, whether they were given, and why not.
 fn refuse(args: &HilArgs) -> Result<(), Error> {
-    const ELSEWHERE: &str = "virtual boards are all in this program: give one or the other";
-    const PINS: &str = "the images that users flash are told nothing but by their pins: a press of the \
-                        button drives the robot from the paper's start to the origin";
-    const FLASH: &str = "the flash of virtual boards holds the parameters of the scenario: set them \
-                         with --set or --scenario";
-    const BUS: &str = "the bus of virtual boards is carried bit by bit: it has no such property";
+    const ELSEWHERE: &str = "virtual boards run in this program; use one of the two";
+    const PINS: &str = "the default images take no commands: the button starts the drive from the paper's start \
+                        to the origin";
+    const FLASH: &str = "the flash of virtual boards holds the parameters of the scenario; use --set or \
+                         --scenario";
+    const BUS: &str = "the bus of virtual boards is simulated bit by bit and has no such key";
     let boards = &args.boards;
     let given = [
         ("--emulated", boards.emulated, ELSEWHERE),
@@ -88,12 +88,12 @@ fn refuse(args: &HilArgs) -> Result<(), Error> {
         (
             "--compare",
             args.compare,
-            "clocks, converters and the bus of virtual boards are not those of the nodes in process, so \
-             no two runs are the same bit by bit",
+            "clocks, converters and the bus of virtual boards differ from the nodes in this program, so \
+             the runs are not identical",
         ),
     ];
     match given.iter().find(|(_, given, _)| *given) {
-        Some((option, _, why)) => Err(Error::input(format!("{option}: not with --virtual: {why}"))),
+        Some((option, _, why)) => Err(Error::input(format!("{option}: not possible with --virtual: {why}"))),
         None => Ok(()),
     }
 }
@@ -110,8 +110,8 @@ fn plan(args: &HilArgs, scenario: &Scenario) -> Result<Plan, Error> {
     for (failure, text) in plan.failures.iter().zip(&args.kill) {
         if failure.role == Role::Beam && !mission.rps {
             return Err(Error::input(format!(
-                "--kill {text}: must be front or rear: without the relative position sensor there is no \
-                 beam board"
+                "--kill {text}: must be front or rear: no beam board without the relative position \
+                 sensor"
             )));
         }
         let at = f64::from(failure.at) * 1e-3;
@@ -217,7 +217,7 @@ pub fn run(args: &HilArgs) -> Result<(), Error> {
     if let Some(file) = &args.coverage {
         output::write_file(file, coverage.lcov().into_bytes())?;
         recorded.push(file.clone());
-        text += &format!("\nSource lines of the firmware that ran\n{coverage}");
+        text += &format!("\nLine coverage of the firmware\n{coverage}");
     }
     let failed = judge(&report, args.stop_after.is_some());
     context.finish(&text, &report, files, &recorded, failed)
@@ -321,7 +321,7 @@ fn report(robot: &mut VirtualRobot, trial: &Trial, goal: &[f64; 3], start: Insta
 fn judge(report: &Report, early: bool) -> Option<String> {
     if let Some(why) = &report.ended {
         return Some(format!(
-            "the run ended with the motors off before its task was done: {why}"
+            "the run ended with the motors off before the task was done: {why}"
         ));
     }
     for board in &report.boards {
@@ -340,7 +340,7 @@ fn judge(report: &Report, early: bool) -> Option<String> {
         for (count, what) in [
             (u64::from(board.missed_ticks), "ticks missed"),
             (board.can.overrun, "frames lost by overrun"),
-            (board.can.lost, "frames given up"),
+            (board.can.lost, "frames abandoned"),
             (board.can.error_frames, "error frames"),
         ] {
             // Power that is cut may cut a frame.

@@ -48,14 +48,15 @@ fn markdown(measured: &Measured) -> String {
     let limits = Limits::default();
     let mut text = format!(
         "# Soak\n\n\
-         Written by `cfmmr soak --ticks {} > docs/soak.md`. {:.2} hours of robot time: {} axle ticks\n\
-         with all sensors, all noise and a bus that loses 1 % of the frames, from goal to goal in a\n\
-         square of 3 m (world: {}), with the boards in process and no restart. It is dead reckoning throughout: σ is the\n\
-         largest standard deviation that the robot claims for its position and heading (usually it stops at\n\
-         {} m and {} rad, here it may not know its place), *error* that of its position at the goals (rms),\n\
-         NEES the squared error in terms of what is claimed: 3 of a consistent estimator, but each value\n\
-         goes with those before. NIS: of the beam's measurements, 3 of a consistent estimator. Pair: error\n\
-         (rms) of the posture of one axle seen from the other. Memory: resident, of the whole process.\n\n\
+         Printed by `cfmmr soak --ticks {} > docs/soak.md`. {:.2} hours of robot time: {} ticks with all\n\
+         sensors, all noise and a bus that loses 1 % of the frames, from goal to goal in a square of 3 m\n\
+         (world: {}). The boards run in the program without a restart. Position is by dead reckoning only.\n\n\
+         - *σ*: largest estimated standard deviation of position and heading. By default the robot stops at\n\
+           {} m and {} rad; this run has no such limit.\n\
+         - *error*: position error at the goals, rms. *pair*: error of the relative posture of the axles, rms.\n\
+         - *NEES*, *NIS*: normalised squares of the error and of the beam's innovation; 3 for a consistent\n\
+           estimator. Successive values are correlated.\n\
+         - *memory*: resident memory of the process.\n\n\
          | ticks | NIS | gated | NEES | error (cm) | σ (cm) | σ (°) | pair (mm) | pair (mrad) | goals reached | missed | memory (KiB) |\n\
          |---|---|---|---|---|---|---|---|---|---|---|---|\n",
         report.ticks,
@@ -90,7 +91,7 @@ fn markdown(measured: &Measured) -> String {
     if let Some(Drift { mean, gain, error }) = report.nis {
         let _ = writeln!(
             text,
-            "\nNIS: mean {mean:.3}; a line of least squares gains {gain:.3} ± {error:.3} over the whole run."
+            "\nNIS: mean {mean:.3}; least-squares trend {gain:.3} ± {error:.3} over the run."
         );
     }
     let faults: Vec<String> = report
@@ -111,13 +112,13 @@ fn markdown(measured: &Measured) -> String {
         [] => {
             let _ = writeln!(
                 text,
-                "The NIS does not drift (three standard errors, or a tenth of the mean), the pair's error\n\
-                 stays within {} mm, and memory grows by no more than {MEMORY_KIB} KiB after the first window.",
+                "The trend of the NIS is within three standard errors or a tenth of the mean. The pair error stays\n\
+                 within {} mm. Memory grows by at most {MEMORY_KIB} KiB after the first window.",
                 1e3 * PAIR_M
             );
         }
         problems => {
-            let _ = writeln!(text, "Not as it should be: {}.", problems.join("; "));
+            let _ = writeln!(text, "Failed: {}.", problems.join("; "));
         }
     }
     text

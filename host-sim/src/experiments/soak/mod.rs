@@ -155,16 +155,16 @@ impl Report {
         let mut problems = Vec::new();
         match self.nis {
             Some(drift) if drift.is_significant() => problems.push(format!(
-                "NIS drifts by {:.3} ± {:.3} over the run, its mean is {:.3}",
+                "NIS drifts by {:.3} ± {:.3} over the run, mean {:.3}",
                 drift.gain, drift.error, drift.mean
             )),
             Some(_) => {}
-            None => problems.push("NIS: too few values, the run is too short".to_owned()),
+            None => problems.push("NIS: too few values; the run is too short".to_owned()),
         }
         for window in &self.windows {
             if !(window.relative_m <= PAIR_M) {
                 problems.push(format!(
-                    "the pair's error is {:.2} mm up to tick {}: must be at most {} mm",
+                    "pair error {:.2} mm up to tick {}: must be at most {} mm",
                     1e3 * window.relative_m,
                     window.end,
                     1e3 * PAIR_M
@@ -177,7 +177,7 @@ impl Report {
             Some(nees) => problems.push(format!(
                 "NEES at the end is {nees:.1}: must be at most {WORST}"
             )),
-            None => problems.push("NEES: no goal was come to, the run is too short".to_owned()),
+            None => problems.push("NEES: no goal reached; the run is too short".to_owned()),
         }
         if let [first, .., last] = self.windows.as_slice() {
             let grown = last.resident_kib.saturating_sub(first.resident_kib);

@@ -210,22 +210,22 @@ pub(super) fn table(report: &Report) -> String {
         ),
         String::new(),
         format!(
-            "{} of {} ({share:.2} %) came to rest on the goal, as far as the robot claims to know; {} within 3 cm and 3°{}",
+            "{} of {} ({share:.2} %) ended at rest on the goal by the estimate; {} within 3 cm and 3°{}",
             report.successes,
             report.starts,
             report.within_3cm_3deg,
             report.inside_99.map_or(String::new(), |inside| format!(
-                ",\n{inside} with an estimate that is off by no more than its 99 % ellipsoid"
+                ",\n{inside} with the true posture in the 99 % ellipsoid of the estimate"
             ))
         ),
     ];
     let failures = &report.failures;
     for (reason, number) in [
-        ("not done in time", failures.time),
-        ("given up", failures.gave_up),
+        ("out of time", failures.time),
+        ("gave up", failures.gave_up),
         ("still moving", failures.moving),
-        ("too far from the goal", failures.position),
-        ("turned too far", failures.heading),
+        ("position error too large", failures.position),
+        ("heading error too large", failures.heading),
     ] {
         if number > 0 {
             lines.push(format!("  {reason}: {number}"));
@@ -246,13 +246,13 @@ pub(super) fn table(report: &Report) -> String {
     lines.push(format!("\n{table}"));
     let ratio = &report.length_ratio;
     lines.push(format!(
-        "path length over the shortest of bounded curvature: mean {:.3}, median {:.3}, 95 % below \
+        "path length over the shortest path of bounded curvature: mean {:.3}, median {:.3}, 95 % below \
          {:.3}",
         ratio.mean, ratio.p50, ratio.p95
     ));
     lines.push(format!(
-        "curvature (1/m): bound {:.3}; largest commanded {:.3}, true by the frame's bend {:.3}, true \
-         of the path {:.3};\nstarts beyond the bound: {}",
+        "curvature (1/m): bound {:.3}; largest commanded {:.3}, true of the frame {:.3}, true of the \
+         path {:.3};\nstarts beyond the bound: {}",
         report.kappa_max,
         report.max_commanded_curvature,
         report.max_curvature,
@@ -260,7 +260,7 @@ pub(super) fn table(report: &Report) -> String {
         report.bound_broken
     ));
     lines.push(format!(
-        "cusps: {:.2} in the mean; starts with more than one plan: {}; longest search for a plan: {} \
+        "cusps: mean {:.2}; starts with more than one plan: {}; longest search for a plan: {} \
          steps of 10 ms,\nat most {} candidate postures each\n",
         report.mean_cusps, report.replanned, report.max_planning_steps, report.planner_budget
     ));

@@ -348,7 +348,7 @@ impl VirtualRobot {
         for node in NODES.into_iter().filter(fitted) {
             let name = node.name();
             match self.monitor.latest(node) {
-                None => return Some(format!("nothing was heard of {name}")),
+                None => return Some(format!("no heartbeat of {name}")),
                 Some(status) if status.state != OperatingState::Idle || status.reason.is_some() => {
                     return Some(status.to_string());
                 }
@@ -553,8 +553,8 @@ fn check(scenario: &Scenario) -> Result<(), Error> {
     let asked = [mission.start, mission.goal].map(|place| Posture::from(place.map(|v| v as f32)));
     if asked != images {
         return Err(Error::input(format!(
-            "mission.start, mission.goal = {:?}, {:?}: the boards' own images drive from {START:?} to \
-             the origin",
+            "mission.start, mission.goal = {:?}, {:?}: the default images drive from {START:?} to the \
+             origin",
             mission.start, mission.goal
         )));
     }

@@ -49,8 +49,8 @@ fn wanted(scenario: &Scenario, role: Role) -> Result<Settings, Error> {
     left.lead.fusion.mode = asked.robot.lead.fusion.mode;
     if left != asked.robot {
         return Err(Error::input(
-            "robot: the boards' own images take the parameters of `cfmmr params list` from their \
-             flash; everything else of [robot] must be the default",
+            "robot: the default images take only the parameters of `cfmmr params list`; settings without a \
+             board parameter must keep their default",
         ));
     }
     Ok(settings)

@@ -146,7 +146,7 @@ fn link_lines(view: &View) -> Vec<Line<'static>> {
         let name = Span::raw(format!("{:<6}", role.name()));
         lines.push(match (on, traffic) {
             (false, _) => Line::from(vec![name, Span::styled("      off", DIM)]),
-            (true, None) => Line::from(vec![name, Span::styled("  in this process", DIM)]),
+            (true, None) => Line::from(vec![name, Span::styled("  in this program", DIM)]),
             (true, Some(traffic)) => Line::from(vec![
                 name,
                 Span::raw(format!("{:>8}", traffic.frames)),
@@ -212,7 +212,7 @@ fn fault_lines(view: &View, width: usize, height: usize) -> Vec<Line<'static>> {
     let mut texts: Vec<(String, Style)> = view.faults.iter().map(|f| fault(view, f)).collect();
     texts.extend(notices(view));
     if texts.is_empty() {
-        return vec![Line::styled("none so far", GOOD)];
+        return vec![Line::styled("none", GOOD)];
     }
     let mut lines = Vec::new();
     let count = texts.len();
@@ -413,7 +413,7 @@ mod tests {
                 "bend ψ -0.300 rad",
                 "front 1.25 -2.50 rad/s",
                 "rear 3.75 4.50 rad/s",
-                "none so far",
+                "none",
                 "q: end the run",
                 "7 late ticks, at most 12 ms",
             ] {
@@ -437,7 +437,7 @@ mod tests {
             let low = "0x8a supply low (RearAxle, 12.300 s): charge the battery, check the cable";
             assert!(text.contains(low), "{size:?}: {}", lines.join("\n"));
             assert!(text.contains("RearAxle Fault 40 0x8a"), "{text}");
-            assert!(!text.contains("none so far"));
+            assert!(!text.contains("none"));
             // Told by the lead node, which is not in fault any more.
             let told = "0x83 neighbour stopped (Lead, 12.300 s, cleared): look at that node's code";
             assert!(text.contains(told), "{size:?}: {}", lines.join("\n"));

@@ -44,8 +44,8 @@ pub fn check(images: &Images) -> Result<(), Error> {
         return Ok(());
     }
     Err(Error::input(format!(
-        "--coverage: no image has source lines of {} below {}: must be images built here, with their \
-         debug information",
+        "--coverage: no image has source lines of {} below {}: must be images built here, with debug \
+         information",
         PACKAGES
             .map(|package| package.trim_end_matches('/'))
             .join(", "),

@@ -30,7 +30,7 @@ impl Gdb {
             let (role, port) = parse(text)?;
             if ports.iter().any(|(other, _)| *other == role) {
                 return Err(Error::input(format!(
-                    "--gdb {text}: must be given once for each board"
+                    "--gdb {text}: only one port a board"
                 )));
             }
             // Tried now; opened when the board is there to answer.
@@ -48,7 +48,7 @@ fn listen(role: Role, port: u16) -> Result<Server, Error> {
     Server::listen(port).map_err(|error| {
         let name = role.name();
         Error::input(format!(
-            "--gdb {name}@{port}: {error}: must be a port that is free"
+            "--gdb {name}@{port}: {error}: must be a free port"
         ))
     })
 }
@@ -93,7 +93,7 @@ impl Debugger {
         for &(role, port) in &gdb.ports {
             let Some(place) = roles.iter().position(|other| *other == role) else {
                 return Err(Error::input(format!(
-                    "--gdb {}@{port}: that board is not fitted: must be one of the robot's",
+                    "--gdb {}@{port}: this board is not fitted",
                     role.name()
                 )));
             };
