@@ -122,7 +122,7 @@ async fn start(
     Ok((REPORTS.receiver().expect("the only one"), attendance))
 }
 
-/// What is made of the configuration.
+/// Objects built from the configuration.
 struct Built {
     nodes: Ready,
     observer: WheelObserver,

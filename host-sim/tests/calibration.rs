@@ -155,7 +155,7 @@ fn tables_of_the_docs_are_what_the_command_prints() {
     assert!(!folder.path().join("out/flash").exists());
 }
 
-/// What a program shows on a terminal where this is typed.
+/// Output of a program on a terminal with this input.
 fn at_a_terminal(directory: &Path, arguments: &[&str], typed: &str) -> String {
     let (master, path) = pseudo_terminal();
     let inner = File::options().read(true).write(true).open(path).unwrap();

@@ -120,14 +120,14 @@ impl Session {
         status
     }
 
-    /// Whether keys come line by line and are echoed, as a shell wants it.
+    /// True if the terminal echoes and delivers input line by line, as for a shell.
     fn is_sane(&self) -> bool {
         let modes = tcgetattr(&self.terminal).unwrap().local_modes;
         modes.contains(LocalModes::ICANON | LocalModes::ECHO | LocalModes::ISIG)
     }
 }
 
-/// What a terminal shows after these characters, as far as the dashboard uses one.
+/// Screen of a terminal after these characters, as far as the dashboard uses it.
 fn screen(shown: &str) -> Vec<String> {
     let mut lines = vec![vec![' '; 80]; 24];
     let (mut row, mut column) = (0, 0);

@@ -157,8 +157,8 @@ fn several_laps_are_streamed_through_the_small_buffer() {
     );
 }
 
-/// What the frame's own sensor is good for: without it the axles creep against each other, unseen,
-/// while the frame is bent.
+/// Without the relative position sensor the axles creep against each other, unmeasured, while the
+/// frame is bent.
 #[test]
 fn without_the_sensor_the_bend_is_lost() {
     let path = Path::circle(0.5).unwrap();

@@ -126,7 +126,7 @@ struct Unreliable {
 }
 
 impl Unreliable {
-    /// What is left of some bytes.
+    /// Bytes that remain after the damage.
     fn spoil(&mut self, bytes: &[u8]) -> Vec<u8> {
         let mut bytes = bytes.to_vec();
         if self.random.random::<f64>() < self.loss {

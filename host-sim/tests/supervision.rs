@@ -19,7 +19,7 @@ use host_sim::targets::{
     self, Failure, FailureMode, Fault, InProcess, Order, Output, Posted, Report, Room, Target,
 };
 
-/// When things fail, ms: in the middle of the drive.
+/// Time of the failures, ms: in the middle of the drive.
 const AT: u32 = 3000;
 
 /// A board whose samples are changed and whose messages are withheld from some tick on.

@@ -121,7 +121,7 @@ fn starts_of_the_whole_robot_come_home_within_the_bound() {
     }
 }
 
-/// What the sweep reports of a trial, against the same seen in the log of its states.
+/// Figures of the sweep for a trial against the log of its states.
 #[test]
 fn the_figures_of_a_trial_follow_from_its_states() {
     let mut scenario = Scenario::default();

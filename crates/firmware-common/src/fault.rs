@@ -16,10 +16,10 @@ use crate::stack;
 #[unsafe(link_section = ".uninit.FAULTS")]
 static mut RECORD: core::mem::MaybeUninit<Record> = core::mem::MaybeUninit::uninit();
 
-/// Whether the program was started again because of a fault or by the watchdog.
+/// True if a fault or the watchdog restarted the program.
 static RESTARTED: AtomicBool = AtomicBool::new(false);
 
-/// What to call to make the outputs safe; null before [`on_fault`].
+/// Function that makes the outputs safe; null before [`on_fault`].
 static MAKE_SAFE: AtomicPtr<()> = AtomicPtr::new(core::ptr::null_mut());
 static STOPPING: AtomicBool = AtomicBool::new(false);
 
@@ -34,7 +34,7 @@ pub fn counts() -> Faults {
     with_record(|record| record.faults)
 }
 
-/// Whether the program was started again because of a fault or by the watchdog.
+/// True if a fault or the watchdog restarted the program.
 pub fn restarted() -> bool {
     RESTARTED.load(Ordering::Relaxed)
 }

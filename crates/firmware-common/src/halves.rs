@@ -16,7 +16,7 @@ pub enum Half {
 }
 
 impl Half {
-    /// Where it begins in a buffer of blocks of this length.
+    /// Its start in a buffer of blocks of this length.
     pub const fn begins(self, block: usize) -> usize {
         match self {
             Self::First => 0,

@@ -74,14 +74,14 @@ impl Write for Text {
     }
 }
 
-/// What is kept.
+/// Kept data.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(C)]
 pub struct Record {
     magic: u32,
     /// Counts.
     pub faults: Faults,
-    /// What the last fault said.
+    /// Message of the last fault.
     pub message: Text,
     sum: u32,
 }

@@ -37,8 +37,8 @@ pub(crate) fn guard() {
     cortex_m::asm::isb();
 }
 
-/// Whether a fault is an overflow: the stack pointer left the stack, or what was denied lies in the
-/// guard. `status` and `address` are the registers CFSR and MMFAR.
+/// True if a fault is a stack overflow: the stack pointer left the stack, or the denied address
+/// lies in the guard. `status` and `address` are the registers CFSR and MMFAR.
 pub(crate) fn overflowed(sp: u32, status: u32, address: u32) -> bool {
     const ADDRESS_VALID: u32 = 1 << 7;
     const ON_ENTRY: u32 = 1 << 4;
@@ -54,14 +54,14 @@ fn end() -> u32 {
     addr_of!(_stack_end) as u32
 }
 
-/// How much of the stack was in use at most so far, bytes.
+/// Largest stack use so far, bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct HighWater {
     /// The most that was in use.
     pub used: usize,
-    /// What may be: `_stack_budget` in `memory.x`, for which the linker makes sure that there is room.
+    /// Allowed use: `_stack_budget` in `memory.x`; the linker reserves this room.
     pub budget: usize,
-    /// What there is.
+    /// Size of the stack.
     pub size: usize,
 }
 

@@ -14,7 +14,7 @@ const CYCLES_PER_US: u32 = CORE_HZ / 1_000_000;
 pub struct Stopwatch {
     /// µs.
     period: u32,
-    /// When it last began, µs.
+    /// Time of its latest start, µs.
     last: Option<u64>,
     began: u32,
     /// Largest deviation of an interval between beginnings from the period, µs.

@@ -51,7 +51,7 @@ impl Inertial {
         Ok(inertial)
     }
 
-    /// Whether the sensor answers, and as it was set up.
+    /// True if the sensor answers with its configuration.
     pub fn answers(&self) -> bool {
         !self.sensor.is_lost()
     }

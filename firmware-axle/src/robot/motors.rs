@@ -124,7 +124,7 @@ impl Motors {
         exchange::put_command(command);
     }
 
-    /// What was measured in the last tick.
+    /// Measurements of the last tick.
     pub fn feedback(&self) -> Feedback {
         exchange::feedback()
     }

@@ -7,7 +7,7 @@ use firmware_common::{attendance, can, fault, stack};
 
 use super::tick::Report;
 
-/// Where reports come from.
+/// Source of the reports.
 pub type Reports = watch::Receiver<'static, CriticalSectionRawMutex, Report, 1>;
 
 /// Tasks that must report for the watchdog to be fed, and how often, µs. The log itself feeds it: were

@@ -29,7 +29,7 @@ const HEALTH: u8 = 100;
 /// Nominal supply of the board, V; the excitation is measured against it.
 const SUPPLY_V: f32 = 3.3;
 
-/// What the log is told.
+/// Report for the log.
 #[derive(Clone, Copy, Debug)]
 pub struct Report {
     /// Excitation over its nominal value.
@@ -38,7 +38,7 @@ pub struct Report {
     pub temperature_c: Option<f32>,
     /// Gauges the latest posture was made from.
     pub gauges: u8,
-    /// Whether the common time is known and ticks are in step with it.
+    /// True if the common time is known and the ticks are in step with it.
     pub in_step: bool,
     /// Largest jitter and longest tick since the last report, µs.
     pub timing_us: (u16, u16),
@@ -48,7 +48,7 @@ pub struct Report {
     pub lost: u16,
 }
 
-/// Where the tick leaves its report.
+/// Destination of the tick's report.
 pub type Reports = watch::Sender<'static, CriticalSectionRawMutex, Report, 1>;
 
 /// A calibration on its way into the store, and whether it got there on the way back.
@@ -75,9 +75,9 @@ pub struct Beam {
     pub procedure: Procedure,
     /// The store's two signals.
     pub saving: &'static Saving,
-    /// How the parameters were found at the start.
+    /// State of the parameters at the start.
     pub parameters: Conditions,
-    /// Where reports go.
+    /// Destination of the reports.
     pub reports: Reports,
     /// For the watchdog.
     pub badge: Badge,

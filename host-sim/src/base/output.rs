@@ -10,10 +10,10 @@ use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::{fmt, fs, io};
 
-/// What could not be done with which file.
+/// Failed operation on a file.
 #[derive(Debug)]
 pub struct OutputError {
-    /// What was tried, as "cannot …".
+    /// Operation, as "cannot …".
     pub action: &'static str,
     /// The file or directory.
     pub path: PathBuf,
@@ -174,7 +174,7 @@ fn directory_of(path: &Path) -> &Path {
     }
 }
 
-/// Whether a file can be written there; leaves no trace.
+/// Checks that a file can be written at `path`; leaves no trace.
 pub fn try_file(path: &Path) -> Result<(), OutputError> {
     if path.is_dir() {
         return Err(failed("write", path)(io::ErrorKind::IsADirectory.into()));

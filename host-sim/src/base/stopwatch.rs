@@ -42,8 +42,8 @@ impl Speed {
     }
 }
 
-/// What the factors are taken from: `"cpu"`, the time that the thread ran, or `"wall"` where the
-/// system does not tell it.
+/// Clock of the factors: `"cpu"`, the time of the thread, or `"wall"` if the system has no such
+/// clock.
 pub fn clock() -> &'static str {
     if thread_time().is_some() {
         "cpu"

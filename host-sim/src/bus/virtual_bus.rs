@@ -18,8 +18,8 @@ pub struct BusConfig {
     /// Probability that a frame is lost between boards, 0 to 1. The lead node and the front axle
     /// share a board and lose nothing between them.
     pub loss: f64,
-    /// Whether messages arrive as their bytes hold them. Without it they arrive as they were sent,
-    /// which shows what quantisation costs; no real bus can do that.
+    /// True if messages arrive as decoded from their bytes. False leaves out the quantisation, to
+    /// measure its effect; no real bus can do that.
     pub quantise: bool,
 }
 
@@ -52,7 +52,7 @@ impl BusConfig {
     }
 }
 
-/// What the bus counted.
+/// Counters of the bus.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct BusStatistics {
     /// Messages sent.
@@ -239,7 +239,7 @@ impl VirtualBus {
         self.transit.clear();
     }
 
-    /// What was counted so far.
+    /// Counters so far.
     pub fn statistics(&self) -> BusStatistics {
         self.statistics
     }

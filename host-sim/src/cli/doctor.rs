@@ -34,7 +34,7 @@ const OLDEST_PYTHON: Version = [3, 10, 0];
 
 type Version = [u32; 3];
 
-/// How a check ended.
+/// Result of a check.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Finding {
@@ -62,15 +62,15 @@ impl Finding {
 /// One thing that was looked for.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Check {
-    /// What.
+    /// Description.
     pub name: &'static str,
-    /// Whether simulation or hardware in the loop need it.
+    /// True if simulation or hardware in the loop need it.
     pub needed: bool,
-    /// How it ended.
+    /// Result.
     pub finding: Finding,
-    /// What was found.
+    /// Findings.
     pub found: String,
-    /// What to do; empty if nothing.
+    /// Remedy; empty if none is needed.
     pub remedy: String,
 }
 
@@ -113,7 +113,7 @@ impl Check {
 /// The result of the command.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Report {
-    /// Whether all that is needed is here.
+    /// True if everything needed is installed.
     pub ok: bool,
     /// Everything that was looked for.
     pub checks: Vec<Check>,
@@ -176,7 +176,8 @@ fn workspace() -> Option<PathBuf> {
     workspace.is_dir().then_some(workspace)
 }
 
-/// What a program prints, on either output; an error if it cannot be started, fails or does not end.
+/// Output of a program, on either stream; an error if the program does not start, fails or does not
+/// end.
 fn ask(program: &str, arguments: &[&str]) -> io::Result<String> {
     let mut command = Command::new(program);
     command.args(arguments).stdin(Stdio::null());
@@ -271,7 +272,7 @@ fn toolchain(name: &'static str) -> Check {
     program(name, &["--version"], oldest, &remedy)
 }
 
-/// What links programs of this machine, as Rust calls it.
+/// Linker of this machine, as Rust calls it.
 fn linker() -> Check {
     let name = "cc";
     match ask(name, &["--version"]) {
@@ -358,7 +359,7 @@ fn probe() -> Check {
 #[derive(Clone, Debug, PartialEq)]
 struct Port {
     path: PathBuf,
-    /// Whether this user may read and write it.
+    /// True if this user may read and write it.
     permitted: bool,
     /// Group that may.
     group: String,

@@ -43,7 +43,7 @@ use world::WorldArgs;
 #[derive(Debug, Parser)]
 #[command(name = "cfmmr", version, args_conflicts_with_subcommands = true)]
 pub struct Cli {
-    /// What to do.
+    /// Action.
     #[command(subcommand)]
     pub command: Option<Command>,
     /// Arguments of `posture` when no subcommand is given.

@@ -20,7 +20,7 @@ pub struct WorldArgs {
     pub toml: bool,
 }
 
-/// What is written as JSON.
+/// Content of the JSON file.
 #[derive(Serialize)]
 struct Printed<'a> {
     world: &'a str,

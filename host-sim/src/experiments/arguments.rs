@@ -42,7 +42,7 @@ pub struct Common {
     pub threads: Option<u16>,
 }
 
-/// How frames reach an emulated board.
+/// Link to an emulated board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum LinkKind {
     /// Named pipes through semihosting: fast
@@ -51,7 +51,7 @@ pub enum LinkKind {
     Uart,
 }
 
-/// Where boards are: emulated, on serial ports, or in this process.
+/// Place of the boards: emulated, on serial ports, or in this process.
 #[derive(Clone, Debug, Args)]
 pub struct BoardArgs {
     /// Run the images of the boards in QEMU; they are built if needed

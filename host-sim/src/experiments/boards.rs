@@ -9,7 +9,7 @@ use crate::targets::serial::Serial;
 use core_algos::topology::Role;
 use std::path::{Path, PathBuf};
 
-/// Where the flash of boards that are not real is kept.
+/// Folder of the flash files of boards that are not real.
 pub const DEFAULT_FLASH: &str = "out/flash";
 
 impl BoardArgs {
@@ -22,12 +22,12 @@ impl BoardArgs {
         }
     }
 
-    /// Whether any board has one.
+    /// True if any board has a serial port.
     pub fn any_port(&self) -> bool {
         Role::ALL.iter().any(|role| self.port(*role).is_some())
     }
 
-    /// Whether any board is outside of this process.
+    /// True if any board is outside of this process.
     pub fn any(&self) -> bool {
         self.emulated || self.any_port()
     }

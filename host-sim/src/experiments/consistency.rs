@@ -68,7 +68,7 @@ pub struct ConsistencyArgs {
 pub const DEGREES: usize = 3;
 /// Probability of the band and of the quantile.
 pub const PROBABILITY: f64 = 0.95;
-/// What is judged, in the order of every array here.
+/// Evaluated bodies, in the order of every array here.
 pub const BODIES: [&str; 3] = ["front", "rear", "O"];
 /// Epochs between two instants at which the runs are compared.
 const INTERVAL: usize = 50;
@@ -141,7 +141,7 @@ impl Observer {
     }
 }
 
-/// Where the mean NEES lies.
+/// Position of the mean NEES against the band.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Place {
@@ -154,7 +154,7 @@ pub enum Place {
 }
 
 impl Place {
-    /// Where `mean` lies against `band`.
+    /// Position of `mean` against `band`.
     pub fn of(mean: f64, [low, high]: [f64; 2]) -> Self {
         if mean < low {
             Self::Below
@@ -166,7 +166,7 @@ impl Place {
     }
 }
 
-/// What a configuration's covariances are worth, by the NEES of both axles at the end of the runs.
+/// Consistency of a configuration, by the NEES of both axles at the end of the runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Statement {
@@ -204,7 +204,7 @@ impl Statement {
 pub struct Honesty {
     /// Mean NEES.
     pub nees: f64,
-    /// Where it lies.
+    /// Position against the band.
     pub band: Place,
     /// Share of the runs whose NEES is at most the χ² quantile.
     pub within: f64,
@@ -267,13 +267,13 @@ impl Instant {
 /// One configuration.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Row {
-    /// Whether the relative position sensor was fitted.
+    /// True if the relative position sensor was fitted.
     pub rps: bool,
-    /// Whether inertial sensors were fitted.
+    /// True if inertial sensors were fitted.
     pub imu: bool,
-    /// Which fusion ran.
+    /// Fusion.
     pub fusion: &'static str,
-    /// What its covariances are worth.
+    /// Consistency.
     pub statement: Statement,
     /// At the end of the runs, wherever that is in time: `time_s` is its mean.
     pub end: Instant,

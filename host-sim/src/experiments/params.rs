@@ -27,7 +27,7 @@ pub struct ParamsArgs {
     pub action: ParamsAction,
 }
 
-/// What to do with the parameters of boards.
+/// Action on the parameters of boards.
 #[derive(Clone, Debug, Subcommand)]
 pub enum ParamsAction {
     /// List all parameters with units and ranges
@@ -47,7 +47,7 @@ pub enum ParamsAction {
 /// Boards whose parameters are meant.
 #[derive(Clone, Debug, Args)]
 pub struct ParamsTarget {
-    /// Where the boards are; with none of these, in this process with their flash in files.
+    /// Place of the boards; by default in this process, with their flash in files.
     #[command(flatten)]
     pub boards: BoardArgs,
     /// Folder of the flash files of boards in QEMU or in this program
@@ -67,7 +67,7 @@ pub struct ParamsGet {
     /// Names of parameters, as `cfmmr parameters` lists them
     #[arg(value_name = "NAME", required = true)]
     pub names: Vec<String>,
-    /// Which boards.
+    /// Boards.
     #[command(flatten)]
     pub target: ParamsTarget,
 }
@@ -81,7 +81,7 @@ pub struct ParamsSet {
     /// Save the parameters in the flash
     #[arg(long)]
     pub save: bool,
-    /// Which boards.
+    /// Boards.
     #[command(flatten)]
     pub target: ParamsTarget,
 }
@@ -95,7 +95,7 @@ pub struct ParamsExport {
     /// Export all parameters
     #[arg(long)]
     pub all: bool,
-    /// Which boards.
+    /// Boards.
     #[command(flatten)]
     pub target: ParamsTarget,
 }
@@ -109,7 +109,7 @@ pub struct ParamsImport {
     /// Save the parameters in the flash
     #[arg(long)]
     pub save: bool,
-    /// Which boards.
+    /// Boards.
     #[command(flatten)]
     pub target: ParamsTarget,
 }
@@ -141,7 +141,7 @@ struct Row {
     meaning: &'static str,
 }
 
-/// What was done to a parameter.
+/// Change of a parameter.
 #[derive(Debug, Serialize)]
 struct Change {
     board: &'static str,
@@ -243,7 +243,7 @@ fn show(target: &ParamsTarget, wanted: &[&'static Parameter]) -> Result<(), Erro
     print(&table.to_string())
 }
 
-/// Where a value comes from, in words.
+/// Source of a value, in words.
 fn state(source: Source, saved: bool) -> &'static str {
     match (source, saved) {
         (_, false) => "not saved",
@@ -364,9 +364,7 @@ fn change(
     let note = match (save, target.boards.any_port()) {
         (true, _) => format!("{written} values written to the flash"),
         (false, true) => "not saved: lost at reset; save with cfmmr params save".to_owned(),
-        (false, false) => {
-            "not saved: these boards end with the command; use --save".to_owned()
-        }
+        (false, false) => "not saved: these boards end with the command; use --save".to_owned(),
     };
     print(&format!("{table}{note}\n"))
 }

@@ -27,7 +27,7 @@ pub struct PlantBenchArgs {
     pub json: JsonArgs,
 }
 
-/// What to measure.
+/// Options of the measurement.
 #[derive(Clone, Copy, Debug)]
 pub struct Options {
     /// Simulated time of one run, s.
@@ -52,8 +52,8 @@ impl Default for Options {
 /// Result of the bench.
 #[derive(Clone, Debug, Serialize)]
 pub struct Report {
-    /// What the real-time factors are taken from: `"cpu"`, the time that the thread ran, or
-    /// `"wall"` where the system does not tell it.
+    /// Clock of the real-time factors: `"cpu"`, the time of the thread, or `"wall"` if the system
+    /// has no such clock.
     pub clock: &'static str,
     /// Each drive.
     pub drives: Vec<Measured>,
@@ -88,7 +88,7 @@ pub struct Measured {
 pub struct Drive {
     /// Name.
     pub name: &'static str,
-    /// What is otherwise about the robot.
+    /// Changes of the robot.
     pub robot: fn(&mut PlantConfig),
     /// Amplitude (N m) and rate (rad/s) of the torque common to all wheels.
     pub base: [f64; 2],

@@ -34,7 +34,7 @@ pub struct ReplayArgs {
 pub struct Report {
     /// Ticks of the run.
     pub ticks: usize,
-    /// Whether every bit is the same; not looked at with other parameters.
+    /// True if every bit is identical; `None` with other parameters.
     pub identical: Option<bool>,
     /// The first thing that is not.
     pub difference: Option<Parting>,

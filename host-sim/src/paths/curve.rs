@@ -199,7 +199,7 @@ impl Path {
         &self.samples
     }
 
-    /// Whether the path is a loop.
+    /// True if the path is closed.
     pub fn is_closed(&self) -> bool {
         self.closed
     }
@@ -237,7 +237,7 @@ impl Path {
         }
     }
 
-    /// Whether the frame can follow: the error names the place of the greatest excess.
+    /// Checks that the frame can follow; the error names the place of the greatest excess.
     pub fn check(&self, bounds: &Bounds) -> Result<(), PathError> {
         let bound = bounds.max_curvature();
         let worst = self

@@ -41,14 +41,14 @@ pub enum PathError {
         name: &'static str,
         /// Its value.
         value: f64,
-        /// What it must be.
+        /// Allowed values.
         allowed: &'static str,
     },
     /// A row that is not a waypoint.
     Row {
         /// Line in the file, from 1.
         line: u64,
-        /// What is wrong with it.
+        /// Error.
         problem: String,
     },
     /// The file could not be read.
@@ -59,7 +59,7 @@ pub enum PathError {
         number: usize,
         /// Line in the file, from 1.
         line: Option<u64>,
-        /// What is wrong with it.
+        /// Error.
         problem: String,
     },
     /// Fewer than two waypoints.
@@ -68,7 +68,7 @@ pub enum PathError {
     TooLong(f64),
     /// Curvature beyond what the frame can bend to.
     Curvature {
-        /// Where.
+        /// Place.
         place: Place,
         /// The curvature there, 1/m.
         value: f64,
@@ -77,7 +77,7 @@ pub enum PathError {
     },
     /// Curvature that changes faster than the frame can bend even at the least speed.
     SteeringRate {
-        /// Where.
+        /// Place.
         place: Place,
         /// |dψ/ds| there, rad/m.
         value: f64,
@@ -136,7 +136,7 @@ impl fmt::Display for PathError {
 
 impl std::error::Error for PathError {}
 
-/// What the frame can bend.
+/// Bounds of the frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bounds {
     /// Flexible length of the frame (L), m.

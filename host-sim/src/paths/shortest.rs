@@ -172,7 +172,7 @@ fn lrslr(x: f64, y: f64, phi: f64) -> Lengths {
     (not_negative(t) && not_negative(v)).then_some([t, u, v])
 }
 
-/// How the three free lengths of a formula fill the pieces of its word.
+/// Map from the three free lengths of a formula to the pieces of its word.
 type Fill = fn([f64; 3]) -> [f64; 5];
 type Formula = fn(f64, f64, f64) -> Lengths;
 

@@ -47,7 +47,7 @@ pub struct Timed {
     pub v: f64,
     /// Acceleration along the path, m/s².
     pub a: f64,
-    /// Where the reference is.
+    /// Reference.
     pub sample: Sample,
 }
 

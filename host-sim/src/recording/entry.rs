@@ -167,14 +167,14 @@ pub struct Start {
     pub parameters: Hex,
     /// CRC-32C of these bytes, as the board checks it.
     pub parameters_hash: String,
-    /// Where the lead node takes the robot to be: `Place` as postcard.
+    /// Initial estimate of the lead node: `Place` as postcard.
     pub place: Option<Hex>,
 }
 
 /// A board was switched off.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Off {
-    /// When, ms.
+    /// Time, ms.
     pub tick: u32,
     /// Why.
     pub reason: String,
@@ -191,7 +191,7 @@ pub struct AxleTick {
     pub gyro_rad_s: Option<Exact>,
     /// Acceleration along the heading, m/s².
     pub acceleration_m_s2: Option<Exact>,
-    /// What the drivers find wrong.
+    /// Conditions reported by the drivers.
     pub conditions: Conditions,
     /// Frames that arrived before.
     pub received: Vec<Can>,
@@ -210,10 +210,10 @@ pub struct BeamTick {
     pub received: Vec<Can>,
 }
 
-/// What the host told the lead node.
+/// Command of the host to the lead node.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Given {
-    /// What to do.
+    /// Task.
     Task(Task),
     /// More of a path; whether it ends there.
     Path(Vec<PathPoint>, bool),
@@ -232,7 +232,7 @@ pub struct OrderEntry {
     pub bits: Hex,
 }
 
-/// What a board put on the bus at a tick.
+/// Frames that a board sent at a tick.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct BusEntry {
     /// Time, ms.
@@ -250,7 +250,7 @@ pub struct Said {
     pub name: &'static str,
     /// The frame.
     pub frame: Can,
-    /// What it says, as the receivers decode it.
+    /// Message, as the receivers decode it.
     pub message: Option<Message>,
 }
 
@@ -320,7 +320,7 @@ impl From<&Estimate> for Estimated {
     }
 }
 
-/// What the lead node did at a step.
+/// Output of the lead node at a step.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct LeadEntry {
     /// Tick of the board's answer, ms.
@@ -355,7 +355,7 @@ pub struct LeadEntry {
     pub steering_rad: f32,
     /// Commanded steering rate.
     pub steering_rate_rad_s: f32,
-    /// Where the midpoint should be.
+    /// Reference of the midpoint.
     pub target: Option<Pose>,
     /// `lead::Output` as postcard.
     pub bits: Hex,

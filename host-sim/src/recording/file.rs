@@ -115,7 +115,7 @@ pub struct Mcap {
     ticks: [Json; 3],
     off: [Json; 3],
     room: Vec<u8>,
-    /// What each node said of itself last.
+    /// Latest heartbeat of each node.
     statuses: [Option<Status>; Node::ALL.len()],
     /// The latest estimate and when it holds, ns.
     estimate: Option<(u64, Posture)>,
@@ -123,11 +123,11 @@ pub struct Mcap {
     epochs: u64,
     ended: Option<String>,
     whole: bool,
-    /// What was planned, for viewers that come later.
+    /// Goal and path, for viewers that connect later.
     planned: Planned,
 }
 
-/// Where the robot is to go, and along which path.
+/// Goal and path of the run.
 #[derive(Default)]
 struct Planned {
     goal: Option<PoseInFrame>,
@@ -181,7 +181,7 @@ impl Mcap {
         })
     }
 
-    /// Where the robot is to go, and along which path.
+    /// Goal and path of the run.
     pub fn plan(&mut self, goal: [f64; 3], path: &[[f64; 3]]) {
         let goal = standard::in_world(0, &goal.into());
         self.goal.log_with_meta(&goal, at(0));
@@ -226,7 +226,7 @@ impl Mcap {
         }
     }
 
-    /// What a tap heard.
+    /// Line of a tap.
     pub fn note(&mut self, line: &Line) {
         let Self { room, .. } = self;
         match line {
@@ -362,7 +362,7 @@ impl Mcap {
         self.epochs += 1;
     }
 
-    /// What is known of the run, at its end.
+    /// Metadata of the run, at its end.
     fn metadata(&mut self) {
         for role in Role::ALL {
             let board = std::mem::take(&mut self.boards[role as usize]);
@@ -395,7 +395,7 @@ impl Mcap {
         Ok(closed?)
     }
 
-    /// Where the file is.
+    /// Path of the file.
     pub fn path(&self) -> Option<PathBuf> {
         self.sink.path()
     }

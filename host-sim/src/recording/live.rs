@@ -11,7 +11,7 @@ mod server;
 
 pub use server::Server;
 
-/// Where to serve: an address with a port, or a port of this machine alone.
+/// Address of the server: an address with a port, or a port of this machine alone.
 pub fn address(text: &str) -> Result<SocketAddr, String> {
     let local = || {
         text.parse()

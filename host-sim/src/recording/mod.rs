@@ -40,10 +40,10 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tables::Tables;
 use writer::{Files, Note, Writer};
 
-/// What this program was built from.
+/// Commit that this program was built from.
 pub const BUILD: &str = env!("BUILD");
 
-/// What becomes of a run besides its result: it is written down, shown, served.
+/// Recording, dashboard and server of a run.
 #[derive(Clone, Debug, Default, PartialEq, Eq, clap::Args)]
 pub struct LogArgs {
     /// Record the inputs and outputs of the boards in this MCAP file (docs/logs.md); with several
@@ -63,17 +63,17 @@ pub struct LogArgs {
 }
 
 impl LogArgs {
-    /// Whether anything is to be recorded.
+    /// True if the run is recorded or served.
     pub fn any(&self) -> bool {
         self.log.is_some() || self.csv.is_some() || self.live.is_some()
     }
 
-    /// Whether somebody looks on, so that the run keeps pace with the clock.
+    /// True if the run is shown or served, so that it runs in real time.
     pub fn is_watched(&self) -> bool {
         self.dashboard || self.live.is_some()
     }
 
-    /// Whether all that is possible, tried before hours of work.
+    /// Checks the options before a long computation.
     pub fn check(&self) -> Result<(), Error> {
         if self.live.is_some() {
             live::check()?;
@@ -88,7 +88,7 @@ impl LogArgs {
     }
 }
 
-/// What a recording is of.
+/// Description of a recorded run.
 #[derive(Clone, Debug)]
 pub struct About<'a> {
     /// The command.
@@ -101,7 +101,7 @@ pub struct About<'a> {
     pub scenario: &'a Scenario,
 }
 
-/// What went wrong with a log.
+/// Error of a log.
 fn failed(error: impl std::fmt::Display) -> Error {
     Error::Failure(format!("log: {error}"))
 }
@@ -149,7 +149,7 @@ impl Session {
         })
     }
 
-    /// Where the robot is to go, and along which path.
+    /// Goal and path of the run.
     pub fn plan(&self, goal: [f64; 3], path: &[[f64; 3]]) {
         let mut writer = self.writer();
         match writer.files().map(|files| &mut files.mcap) {
@@ -214,7 +214,7 @@ impl Observer for Session {
     }
 }
 
-/// What a tap hears.
+/// Event at a tap.
 enum Line {
     /// A board's nodes were started.
     Start(Role, Box<(Start, Report)>),
@@ -227,7 +227,7 @@ enum Line {
     /// The lead node's output, at a tick; the instant at which its estimates hold, if that is not the
     /// beginning of the host's epoch.
     Lead(u32, Option<Micros>, Box<lead::Output>),
-    /// What a board is and runs.
+    /// Role of a board and its image.
     Board(Role, String),
     /// A tick of an axle board.
     Axle(Role, AxleTick),

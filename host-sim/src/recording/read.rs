@@ -22,7 +22,7 @@ use mcap::records::Record;
 use serde::de::DeserializeOwned;
 use std::collections::{BTreeMap, HashMap};
 
-/// What happened to a board.
+/// Event of a board.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Event {
     /// Its nodes were started.
@@ -31,7 +31,7 @@ pub enum Event {
         tick: u32,
         /// Parameters.
         config: Box<RobotConfig>,
-        /// Where the lead node takes the robot to be.
+        /// Initial estimate of the lead node.
         place: Option<Box<Place>>,
     },
     /// It was switched off or lost, at this tick, ms.
@@ -51,7 +51,7 @@ impl Event {
         }
     }
 
-    /// When, ms.
+    /// Time, ms.
     pub fn tick(&self) -> u32 {
         match self {
             Self::Start { tick, .. } | Self::Off(tick) | Self::Order(tick, _) => *tick,
@@ -65,7 +65,7 @@ impl Event {
 pub struct Step {
     /// Time, ms.
     pub tick: u32,
-    /// What its sensors read.
+    /// Samples.
     pub samples: Samples,
     /// Frames that arrived.
     pub received: Vec<CanFrame>,
@@ -82,9 +82,9 @@ pub struct Step {
 pub struct Recording {
     /// Metadata of the run.
     pub about: BTreeMap<String, String>,
-    /// How it ended.
+    /// Result.
     pub end: BTreeMap<String, String>,
-    /// What happened to each board, in the order of [`Role::ALL`].
+    /// Events of each board, in the order of [`Role::ALL`].
     pub boards: [Vec<Event>; 3],
     /// The true state, by time, ms.
     pub truth: BTreeMap<u32, TruthEntry>,
@@ -103,7 +103,7 @@ impl Recording {
     }
 }
 
-/// What is not yet complete while a log is read.
+/// Incomplete entries while a log is read.
 #[derive(Default)]
 struct Pending {
     /// Frames that each board sent at the tick whose entry comes next.
@@ -207,7 +207,10 @@ impl Recording {
             "/lead" => pending.lead = Some(parse(data)?),
             "/host/order" => {
                 let entry: OrderEntry = parse(data)?;
-                let given = entry.bits.value().ok_or("its bits do not decode to a command")?;
+                let given = entry
+                    .bits
+                    .value()
+                    .ok_or("its bits do not decode to a command")?;
                 self.push(Role::Front, Event::Order(entry.tick, given))?;
             }
             _ => {

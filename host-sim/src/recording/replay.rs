@@ -28,7 +28,7 @@ pub struct Parting {
     pub tick: u32,
     /// The board.
     pub board: &'static str,
-    /// What differs.
+    /// Name of the differing signal.
     pub signal: String,
     /// As recorded.
     pub recorded: String,
@@ -61,7 +61,7 @@ struct Again {
     lead: Option<lead::Output>,
 }
 
-/// What a board did at a tick.
+/// Output of a board at a tick.
 struct Done {
     torque_nm: [f32; 2],
     sent: Vec<CanFrame>,
@@ -148,7 +148,7 @@ impl Again {
         })
     }
 
-    /// What differs from the recorded tick.
+    /// First difference from the recorded tick.
     fn parting(&self, step: &Step, done: &Done) -> Option<Parting> {
         let part = |signal: String, recorded: String, replayed: String| {
             Some(Parting {
@@ -220,7 +220,7 @@ pub fn compare(recording: &Recording) -> Result<Option<Parting>, Error> {
     Ok(first)
 }
 
-/// What the lead node took the state to be, by the instant at which it holds, ms.
+/// Estimates of the lead node by time of validity, ms.
 pub type Estimates = BTreeMap<u32, lead::Output>;
 
 /// The lead node's outputs as recorded.
@@ -291,7 +291,7 @@ pub fn estimate_again(
     Ok(estimates)
 }
 
-/// How good estimates are.
+/// Quality of estimates.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Quality {
     /// Root mean square of the midpoint's position error, m; none without the true state.

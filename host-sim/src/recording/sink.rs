@@ -17,7 +17,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 /// The first error of a writer, which its user does not hear of.
 type FirstError = Arc<Mutex<Option<io::Error>>>;
 
-/// What a log is written to: a file, or nowhere but counted.
+/// Destination of a log: a file, or a byte counter.
 enum Medium {
     File(BufWriter<File>),
     /// Place and length.
@@ -104,7 +104,7 @@ pub struct Sink {
     handle: Option<McapWriterHandle<Watched>>,
     server: Option<Server>,
     error: FirstError,
-    /// Where it is while it is written, and where it will be.
+    /// Temporary and final path.
     paths: Option<(PathBuf, PathBuf)>,
     length: u64,
 }
@@ -135,7 +135,7 @@ impl Sink {
         }
     }
 
-    /// Whether a file, or what counts its bytes, takes what is written.
+    /// True if the log goes to a file or to the byte counter.
     pub fn is_file(&self) -> bool {
         self.handle.is_some()
     }
@@ -146,7 +146,7 @@ impl Sink {
         Ok(())
     }
 
-    /// What serves it, if it is served.
+    /// Server, if the log is served.
     pub fn server(&self) -> Option<&Server> {
         self.server.as_ref()
     }
@@ -172,12 +172,12 @@ impl Sink {
         })
     }
 
-    /// Where the file is, or will be.
+    /// Final path of the file.
     pub fn path(&self) -> Option<PathBuf> {
         self.paths.as_ref().map(|(_, path)| path.clone())
     }
 
-    /// Where channels are made.
+    /// Context of the channels.
     pub fn context(&self) -> &Arc<Context> {
         &self.context
     }

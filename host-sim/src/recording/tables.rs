@@ -11,7 +11,7 @@ use core_algos::bus::{CanFrame, layout};
 use core_algos::topology::Role;
 use std::path::{Path, PathBuf};
 
-/// Where the tables go: one file, or a folder.
+/// Destination of the tables: one file, or a folder.
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum Place {
     /// The epochs only.

@@ -17,7 +17,7 @@ pub struct Tap {
     role: Role,
     target: Box<dyn Target>,
     session: Session,
-    /// What a board in this process sends goes to the bus as it is encoded here.
+    /// True if the frames of a board in this process are encoded here.
     encoded: bool,
     /// The tick whose answer is awaited, ms, and its samples.
     begun: Option<(u32, Samples)>,

@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-/// What a field holds.
+/// Type of a field.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// A whole number.
@@ -34,9 +34,9 @@ pub enum Kind {
 pub struct Field {
     /// Name.
     pub name: &'static str,
-    /// What it holds.
+    /// Type.
     pub kind: Kind,
-    /// Whether it may be null.
+    /// True if the field may be null.
     pub optional: bool,
     /// Unit and meaning.
     pub text: &'static str,
@@ -67,7 +67,7 @@ const fn optional(name: &'static str, kind: Kind, text: &'static str) -> Field {
 pub struct Schema {
     /// Name; those of Foxglove are encoded as protobuf, ours as JSON.
     pub name: &'static str,
-    /// What a message is.
+    /// Description of the message.
     pub text: &'static str,
     /// Fields; none where the schema is Foxglove's.
     pub fields: &'static [Field],
@@ -230,11 +230,7 @@ pub const LEAD: Schema = Schema {
             "m/s, commanded velocity of the midpoint",
         ),
         field("acceleration_m_s2", Kind::Number, "m/s², commanded"),
-        field(
-            "steering_rad",
-            Kind::Number,
-            "rad, commanded steering ψ",
-        ),
+        field("steering_rad", Kind::Number, "rad, commanded steering ψ"),
         field("steering_rate_rad_s", Kind::Number, "rad/s, commanded"),
         optional(
             "target",
@@ -299,7 +295,7 @@ pub struct Topic {
     pub name: &'static str,
     /// Its messages.
     pub schema: Schema,
-    /// How often.
+    /// Rate.
     pub rate: &'static str,
 }
 
@@ -324,10 +320,7 @@ pub const TOPICS: [Topic; 21] = [
     ),
     topic(
         "/estimate/robot",
-        foxglove(
-            "foxglove.PoseInFrame",
-            "estimated midpoint",
-        ),
+        foxglove("foxglove.PoseInFrame", "estimated midpoint"),
         "100 Hz",
     ),
     topic(

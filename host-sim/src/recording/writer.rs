@@ -16,15 +16,15 @@ const WAITING: usize = 32;
 
 /// Something to be written down.
 pub(super) enum Note {
-    /// What a tap heard.
+    /// Line of a tap.
     Line(Line),
     /// The true state at the end of an epoch.
     Epoch(Box<Record>),
-    /// Where the robot is to go, and along which path.
+    /// Goal and path of the run.
     Plan([f64; 3], Vec<[f64; 3]>),
 }
 
-/// What is written.
+/// Files of a recording.
 pub(super) struct Files {
     pub mcap: Option<Mcap>,
     pub tables: Option<Tables>,
@@ -90,7 +90,7 @@ impl Thread {
     }
 }
 
-/// Where notes go.
+/// Destination of notes.
 enum Place {
     /// Nothing was noted yet, or it is written down where it is noted.
     Here(Box<Files>),
@@ -101,7 +101,7 @@ enum Place {
 /// Writes down what it is given, in order; what is dropped before it was closed is finished as it is.
 pub(super) struct Writer {
     place: Place,
-    /// Whether a thread was asked for.
+    /// True if a thread was started.
     tried: bool,
     batch: Vec<Note>,
     /// Viewers wait for every epoch.

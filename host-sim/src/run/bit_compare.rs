@@ -23,11 +23,11 @@ pub struct Trace {
 pub struct Difference {
     /// The tick, ms; of the lead node's output, the last of its epoch.
     pub tick: usize,
-    /// What differs.
+    /// Name of the differing signal.
     pub signal: String,
-    /// What the first trace has.
+    /// Value in the first trace.
     pub first: String,
-    /// What the second has.
+    /// Value in the second trace.
     pub second: String,
 }
 
@@ -69,7 +69,7 @@ impl Trace {
         self.torques.len()
     }
 
-    /// Where the traces part first; none if every bit is the same.
+    /// First difference of the traces; `None` if every bit is identical.
     pub fn difference(&self, other: &Self) -> Option<Difference> {
         let differences = [
             self.in_frames(other),
@@ -147,7 +147,7 @@ pub fn show_frame(frame: &CanFrame) -> String {
     format!("{name} {:02x?}", data.unwrap_or(&frame.data))
 }
 
-/// Where two outputs of the lead node differ in a bit, and the values there.
+/// First differing signal of two outputs of the lead node, with both values.
 pub fn lead_difference(a: &lead::Output, b: &lead::Output) -> Option<(String, String, String)> {
     if bits(a) == bits(b) {
         return None;

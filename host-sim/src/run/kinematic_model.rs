@@ -161,7 +161,7 @@ impl Robot {
     }
 }
 
-/// How one start ended.
+/// Result of one start.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Trial {
     /// Start posture of O.

@@ -13,15 +13,15 @@ use core_algos::control::path::{PathPoint, TrajectoryPoint};
 use core_algos::node::lead::Task;
 use core_algos::time::{EPOCH, Micros};
 
-/// How far the robot can get along its path in an epoch, m, with ample reserve; nearest points are
-/// looked for this far around the last one, so that a crossing does not confuse the branches.
+/// Search range for the nearest point around the last one, m: more than the robot drives in an
+/// epoch, less than the distance between the branches of a crossing.
 const WINDOW_M: f64 = 0.1;
 /// A run ends without success after this many times its expected duration, and a while.
 const PATIENCE: (f64, f64) = (2.0, 30.0);
 /// Share of the robot's speed limit that a trajectory may use; the rest is for catching up.
 const TIMED_SHARE: f64 = 0.9;
 
-/// What decides where the robot should be.
+/// Reference of the robot: the nearest point of the path, or the time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Manner {
     /// Path following: where it is along the path.
@@ -38,7 +38,7 @@ pub struct Route {
     max_curvature: f64,
 }
 
-/// What the robot of a scenario can bend.
+/// Bounds of the frame of a scenario's robot.
 pub fn bounds(scenario: &Scenario) -> Bounds {
     let robot = &scenario.robot;
     Bounds {
@@ -123,7 +123,7 @@ fn posture(at: &Sample) -> [f64; 3] {
     [at.x, at.y, at.phi]
 }
 
-/// Where a posture stands to the path or trajectory.
+/// Deviation of a posture from the path or trajectory.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Deviation {
     /// Distance to the left of the path, m.
@@ -153,7 +153,7 @@ impl Deviation {
 pub struct Moment {
     /// The state.
     pub record: Record,
-    /// Where O should be: on the path beside the true O, or where the trajectory is.
+    /// Reference of O: the point of the path beside the true O, or the point of the trajectory.
     pub target: Sample,
     /// Of the true midpoint.
     pub truth: Deviation,
@@ -212,7 +212,7 @@ impl Sums {
     }
 }
 
-/// How a run went.
+/// Outcome of a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Outcome {
     /// Errors of the true midpoint.
@@ -221,7 +221,7 @@ pub struct Outcome {
     pub estimate: Errors,
     /// Largest true |curvature| of O's path, 1/m.
     pub max_curvature: f64,
-    /// Whether the robot came to rest at the end.
+    /// True if the robot came to rest at the end.
     pub done: bool,
     /// Time from the beginning of the task to rest, s.
     pub duration_s: f64,
@@ -324,7 +324,7 @@ pub fn drive_on(
 /// The points not yet sent to the robot.
 struct Stream {
     points: Points,
-    /// Whether the end has been declared.
+    /// True if the end of the path was sent.
     ended: bool,
 }
 

@@ -13,14 +13,14 @@ use std::fmt;
 /// Nodes that send heartbeats.
 pub const NODES: [Node; 4] = [Node::Lead, Node::FrontAxle, Node::RearAxle, Node::Beam];
 
-/// What a node said of itself in a heartbeat.
+/// Heartbeat of a node.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Status {
-    /// When, s.
+    /// Time, s.
     pub time_s: f64,
     /// Who.
     pub node: Node,
-    /// Where it stands.
+    /// Operating state.
     pub state: OperatingState,
     /// The first stop or cut since the last clearing; of a node that is not armed, what arming waits
     /// for.
@@ -156,8 +156,8 @@ impl Monitor {
 /// Time in which faults must be cleared, ticks.
 const CLEARING: u32 = 500;
 
-/// What the host does after a board was restarted and the robot stopped for that: it waits, clears
-/// the faults, and gives the task again. The robot itself never drives on after a fault.
+/// Recovery by the host after the restart of a board: the host waits, clears the faults, and
+/// repeats the task. The robot itself never drives on after a fault.
 #[derive(Clone, Debug)]
 pub struct Recovery {
     /// Ticks.
@@ -185,12 +185,12 @@ impl Recovery {
         }
     }
 
-    /// Whether the robot may yet drive on.
+    /// True if the recovery is pending.
     pub fn pending(&self) -> bool {
         matches!(self.stage, Stage::Pausing { .. } | Stage::Clearing { .. })
     }
 
-    /// What is to be ordered at a tick; `task` is what the robot was to do.
+    /// Command of the host at a tick; `task` is the interrupted task.
     pub fn step(
         &mut self,
         tick: u32,

@@ -16,7 +16,7 @@ use core_algos::time::{EPOCH, Micros};
 use core_algos::topology::Node;
 use std::f64::consts::{PI, TAU};
 
-/// How a trial ended.
+/// Outcome of a trial.
 #[derive(Clone, Debug, Default)]
 pub struct Outcome {
     /// True posture of the midpoint at the end.
@@ -25,14 +25,13 @@ pub struct Outcome {
     pub estimate: [f64; 3],
     /// Squared error of that over its claimed covariance; 3 on average if the claim is right.
     pub nees: f64,
-    /// Whether the lead node reported the task done.
+    /// True if the lead node reported the task done.
     pub done: bool,
-    /// Whether it said that it is not certain of having reached its goal.
+    /// True if the lead node reported *reached, uncertain*.
     pub uncertain: bool,
-    /// Where it claims to be with 95 %: half axis of its position (m), half the interval of its heading
-    /// (rad).
+    /// Claimed 95 % errors: half axis of the position (m), half the interval of the heading (rad).
     pub claimed: [f64; 2],
-    /// Whether the regulator gave up.
+    /// True if the regulator gave up.
     pub gave_up: bool,
     /// Time from the beginning of the task to its end, s.
     pub duration_s: f64,
@@ -65,7 +64,7 @@ pub struct Outcome {
 /// Speed below which the curvature of the driven path is not looked at, m/s.
 pub const PATH_CURVATURE_SPEED_M_S: f64 = 0.05;
 
-/// What the drive looked like, gathered along the way.
+/// Statistics of the drive.
 #[derive(Clone, Copy, Debug)]
 struct Drive {
     last: [f64; 3],

@@ -21,7 +21,7 @@ pub struct Record {
     pub midpoint: [f64; 3],
     /// True postures of the axles, front first.
     pub axles: [[f64; 3]; 2],
-    /// What the lead node did at the latest step.
+    /// Latest output of the lead node.
     pub lead: lead::Output,
     /// Wheel torques `[axle][left, right]`, N m.
     pub torque: [[f64; 2]; 2],
@@ -114,17 +114,17 @@ pub trait Robot {
     fn record(&self) -> Record;
     /// The robot as it is.
     fn plant(&self) -> &Plant;
-    /// What the nodes say of themselves.
+    /// Monitor of the heartbeats.
     fn monitor(&self) -> &Monitor;
-    /// Whether the robot, at rest for long enough, need not be watched any longer.
+    /// True if the robot was at rest long enough to end the run.
     fn watched_enough(&self) -> bool;
-    /// Whether the run must end before its task.
+    /// True if the run must end before its task.
     fn must_end(&self) -> bool;
     /// Ticks that began more than a tick late, if pace is kept.
     fn pace(&self) -> Option<&Pace>;
     /// The boards, with what went over the links to them.
     fn traffic(&self) -> Vec<BoardTraffic>;
-    /// What the bus between the boards counted.
+    /// Counters of the bus between the boards.
     fn bus(&self) -> BusStatistics;
 
     /// True steering angle ψ, rad: half the angle between the axles.

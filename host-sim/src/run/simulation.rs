@@ -42,7 +42,7 @@ pub struct Simulation {
     outline: Outline,
     half_thickness: f64,
     converter_middle: i32,
-    /// What the drivers of the axle boards make of the inertial sensors.
+    /// Inertial sensor drivers of the axle boards.
     inertial: [Inertial; 2],
     boards: Boards,
     bus: VirtualBus,
@@ -52,9 +52,9 @@ pub struct Simulation {
     trace: Option<Trace>,
     observers: Observers,
     calibration: Calibration,
-    /// Whether the relative position sensor is fitted.
+    /// True if the relative position sensor is fitted.
     sensed: bool,
-    /// What the strain bridges read last.
+    /// Latest counts of the strain bridges.
     counts: [i32; MAX_GAUGES],
     pace: Option<Pace>,
     interrupt: Option<Arc<AtomicBool>>,
@@ -63,7 +63,7 @@ pub struct Simulation {
     recovery: Option<Recovery>,
     injector: Option<Injector>,
     full_scale: i32,
-    /// What the robot is to do, as ordered last.
+    /// Latest commanded task.
     task: Task,
 }
 
@@ -197,12 +197,12 @@ impl Simulation {
         self.span = span;
     }
 
-    /// Whether the robot, at rest for long enough, need not be watched any longer.
+    /// True if the robot was at rest long enough to end the run.
     pub fn watched_enough(&self) -> bool {
         self.now() >= self.span.least
     }
 
-    /// Whether the run must end before its task.
+    /// True if the run must end before its task.
     pub fn must_end(&self) -> bool {
         let interrupted = |flag: &Arc<AtomicBool>| flag.load(Relaxed);
         self.failure().is_some()
@@ -250,7 +250,7 @@ impl Simulation {
         self.torque
     }
 
-    /// What the nodes say of themselves.
+    /// Monitor of the heartbeats.
     pub fn monitor(&self) -> &Monitor {
         &self.monitor
     }
@@ -265,7 +265,7 @@ impl Simulation {
         self.trace = Some(Trace::default());
     }
 
-    /// What the boards did since [`Self::record_trace`].
+    /// Trace of the boards since [`Self::record_trace`].
     pub fn take_trace(&mut self) -> Option<Trace> {
         self.trace.take()
     }
@@ -280,12 +280,12 @@ impl Simulation {
         self.observers.clear();
     }
 
-    /// What the bus between the boards counted.
+    /// Counters of the bus between the boards.
     pub fn bus(&self) -> BusStatistics {
         self.bus.statistics()
     }
 
-    /// What went over the links to the boards.
+    /// Traffic of the links to the boards.
     pub fn traffic(&self) -> Vec<BoardTraffic> {
         self.boards.traffic()
     }
@@ -315,7 +315,7 @@ impl Simulation {
         self.tick * TICK
     }
 
-    /// What the lead node did at its latest step.
+    /// Latest output of the lead node.
     pub fn lead_output(&self) -> &lead::Output {
         &self.last_lead
     }
@@ -416,7 +416,7 @@ impl Simulation {
         Ok(())
     }
 
-    /// What the host does about a robot that stopped because a board was restarted.
+    /// Recovery by the host after the restart of a board.
     fn recover(&mut self, tick: u32) -> Result<(), Error> {
         let (boards, task) = (&mut self.boards, self.task);
         let recovery = self.recovery.as_mut();
@@ -426,7 +426,7 @@ impl Simulation {
         }
     }
 
-    /// What each board reads.
+    /// Samples of each board.
     fn sample(&mut self) -> Readings {
         let state = self.plant.state();
         for i in 0..2 {

@@ -16,7 +16,7 @@ use core_algos::topology::Role;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// What the robot is sent to do, and for how long.
+/// Task of the robot, and its time limits.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Mission {
@@ -24,7 +24,7 @@ pub struct Mission {
     pub start: [f64; 3],
     /// Goal posture of the robot's midpoint: m, m, rad.
     pub goal: [f64; 3],
-    /// Whether the relative position sensor is fitted; without it the robot is lighter too.
+    /// True if the relative position sensor is fitted; without it the robot is lighter.
     pub rps: bool,
     /// Time at rest before the task begins, s.
     pub settle_s: f64,
@@ -55,7 +55,7 @@ pub struct Scenario {
     pub mission: Mission,
     /// The configuration the boards run with: what the robot believes of itself.
     pub robot: RobotConfig,
-    /// What single boards have otherwise.
+    /// Parameters of single boards.
     pub boards: Overlays,
     /// The true robot and its surroundings.
     pub world: World,

@@ -26,15 +26,15 @@ use core_algos::topology::Role;
 /// A board that is to fail, and may be switched on again.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Failure {
-    /// Which board.
+    /// Board.
     pub role: Role,
-    /// When, ms from the start of the simulation.
+    /// Time, ms from the start of the simulation.
     pub at: u32,
-    /// How.
+    /// Kind of failure.
     pub mode: FailureMode,
 }
 
-/// How a board fails.
+/// Failure of a board.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum FailureMode {
     /// The host switches it off, and knows.
@@ -51,7 +51,7 @@ struct Slot {
     target: Box<dyn Target>,
     /// Not fitted, or switched off.
     on: bool,
-    /// When it is to be switched on again, ms.
+    /// Time of the restart, ms.
     revival: Option<u32>,
     /// Stands still.
     held: bool,
@@ -144,12 +144,12 @@ impl Boards {
         Ok(())
     }
 
-    /// What happened to the boards so far.
+    /// Events of the boards so far.
     pub fn events(&self) -> &[Event] {
         self.losses.events()
     }
 
-    /// When a board was last restarted, ms.
+    /// Latest restart of a board, ms.
     pub fn last_restart(&self) -> Option<u32> {
         self.losses.last_restart()
     }
@@ -164,7 +164,7 @@ impl Boards {
         self.losses.end(tick)
     }
 
-    /// What is known of each board that was fitted; those that are on are asked for their stack.
+    /// Report of each fitted board; running boards report their stack.
     pub fn reports(&mut self) -> Vec<Report> {
         let mut reports = Vec::new();
         for i in 0..3 {
@@ -181,7 +181,7 @@ impl Boards {
         reports
     }
 
-    /// What went over the links so far.
+    /// Traffic of the links so far.
     pub fn traffic(&self) -> Vec<BoardTraffic> {
         let of = |slot: &Slot| BoardTraffic {
             role: slot.role,
@@ -339,9 +339,8 @@ pub(super) fn fatal(role: Role, fault: Fault) -> Error {
     match fault {
         Fault::Fatal(error) => error,
         Fault::Silent(why) => Error::Failure(format!("{} board: {why}", role.name())),
-        Fault::Restarted => Error::Failure(format!(
-            "{} board: restarted during its start",
-            role.name()
-        )),
+        Fault::Restarted => {
+            Error::Failure(format!("{} board: restarted during its start", role.name()))
+        }
     }
 }

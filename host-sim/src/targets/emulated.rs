@@ -23,7 +23,7 @@ pub const OLDEST_QEMU: u32 = 9;
 /// Time in which an emulated board opens its link.
 const START: Duration = Duration::from_secs(20);
 
-/// How frames reach an emulated board.
+/// Link to an emulated board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Wire {
     /// Two named pipes, by semihosting: fast.

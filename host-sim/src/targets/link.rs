@@ -15,7 +15,7 @@ use std::time::Duration;
 
 /// A link to one board.
 pub trait Link: Send {
-    /// What the link is, for reports.
+    /// Name of the link, for reports.
     fn name(&self) -> &'static str;
 
     /// Sends bytes.
@@ -65,7 +65,7 @@ pub struct Loopback {
     halted: bool,
     waiting: VecDeque<u8>,
     store: Store<Flash<SECTOR>>,
-    /// Where the flash is kept when the program ends.
+    /// File that keeps the flash.
     file: Option<PathBuf>,
 }
 
@@ -105,7 +105,7 @@ impl Loopback {
     }
 }
 
-/// What a file holds that is the flash of a board; none if it is not there.
+/// Flash of a board from a file; `None` if the file does not exist.
 pub fn flash_file(path: &Path) -> Result<Option<Vec<u8>>, Error> {
     let wrong = |why: String| Error::input(format!("{}: {why}", path.display()));
     match std::fs::read(path) {

@@ -7,7 +7,7 @@ use std::fmt;
 /// Time the run goes on after it is clear that it must end, ticks: the motors go off within it.
 const GRACE: u32 = 1500;
 
-/// What happened to a board.
+/// Event of a board.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum What {
@@ -23,14 +23,14 @@ pub enum What {
     Resumed,
 }
 
-/// What happened to a board, and when.
+/// Event of a board, with its time.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Event {
     /// Time, s.
     pub time_s: f64,
-    /// Which board, or the host.
+    /// Board, or the host.
     pub role: &'static str,
-    /// What.
+    /// Description.
     pub what: What,
 }
 
@@ -55,7 +55,7 @@ impl fmt::Display for Event {
 #[derive(Clone, Debug, Default)]
 pub struct Losses {
     events: Vec<Event>,
-    /// When a board was last restarted, ms.
+    /// Latest restart of a board, ms.
     restarted: Option<u32>,
     /// The axle that was lost last, and when, until the other's motors are off.
     watched: Option<(Role, u32)>,
@@ -64,17 +64,17 @@ pub struct Losses {
 }
 
 impl Losses {
-    /// What happened so far.
+    /// Events so far.
     pub fn events(&self) -> &[Event] {
         &self.events
     }
 
-    /// Whether anything happened to a board.
+    /// True if there is an event of the board.
     pub fn has(&self, role: Role) -> bool {
         self.events.iter().any(|event| event.role == role.name())
     }
 
-    /// When a board was last restarted, ms.
+    /// Latest restart of a board, ms.
     pub fn last_restart(&self) -> Option<u32> {
         self.restarted
     }

@@ -32,28 +32,28 @@ use core_algos::time::Micros;
 use core_algos::topology::Role;
 use serde::Serialize;
 
-/// What a board did at a tick.
+/// Output of a board at a tick.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Output {
     /// Wheel torques (left, right), N m.
     pub torque_nm: [f32; 2],
-    /// What the lead node did at its latest step, once it is known: before the epoch ends.
+    /// Latest output of the lead node; known before the end of the epoch.
     pub lead: Option<lead::Output>,
 }
 
-/// What a board puts on the bus.
+/// Frame or message that a board sends.
 #[derive(Clone, Copy, Debug)]
 pub enum Posted<'a> {
     /// A message still to be encoded.
     Message(&'a Message),
-    /// What the board encoded.
+    /// Frame that the board encoded.
     Frame(&'a CanFrame),
 }
 
-/// What the lead node is told.
+/// Command to the lead node.
 #[derive(Clone, Copy, Debug)]
 pub enum Order<'a> {
-    /// What to do.
+    /// Task.
     Task(Task),
     /// More of the path, no more than there is room for; whether it ends there.
     Path(&'a [PathPoint], bool),
@@ -87,7 +87,7 @@ impl From<Error> for Fault {
     }
 }
 
-/// What went over the link to a board so far.
+/// Traffic of the link to a board so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Traffic {
     /// Frames received from the board.
@@ -103,20 +103,20 @@ pub struct Traffic {
 pub struct BoardTraffic {
     /// The board.
     pub role: Role,
-    /// Whether it is fitted and on.
+    /// True if the board is fitted and on.
     pub on: bool,
-    /// What went over its link; none of a board in this process.
+    /// Traffic of its link; `None` for a board in this process.
     pub traffic: Option<Traffic>,
 }
 
-/// What is known of a board after a run.
+/// Report of a board after a run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Report {
-    /// Which board.
+    /// Board.
     pub role: &'static str,
-    /// Where its nodes ran.
+    /// Place of its nodes.
     pub target: &'static str,
-    /// What it was built from.
+    /// Commit that its image was built from.
     pub build: String,
     /// Frames received from the board.
     pub frames: u64,
@@ -130,12 +130,12 @@ pub struct Report {
     pub received_per_tick: f64,
     /// From sending a tick to its answer.
     pub latency: Option<Latency>,
-    /// What its stack took at most since its latest start; none if it does not measure that.
+    /// Largest stack use since its latest start; `None` if not measured.
     pub stack: Option<StackUse>,
 }
 
 impl Report {
-    /// What is wrong with the use of its stack, if anything.
+    /// Violation of the stack budget, if any.
     pub fn stack_excess(&self) -> Option<String> {
         let stack = self.stack.filter(StackUse::is_beyond)?;
         Some(format!(
@@ -205,17 +205,17 @@ pub trait Target: Send {
     /// Switches the board on again; it is to be started then.
     fn revive(&mut self) -> Result<(), Error>;
 
-    /// What its stack took at most so far, if that is measured and the board answers.
+    /// Largest stack use so far; `None` if not measured or without an answer.
     fn stack(&mut self) -> Option<StackUse> {
         None
     }
 
-    /// What went over its link so far, if it has one.
+    /// Traffic of its link so far, if it has a link.
     fn traffic(&self) -> Option<Traffic> {
         None
     }
 
-    /// What is known of it without asking.
+    /// Report without a request to the board.
     fn report(&self) -> Report;
 }
 

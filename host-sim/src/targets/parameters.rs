@@ -11,18 +11,18 @@ use core_algos::params::{COUNT, Parameter, Source, TABLE, fingerprint};
 /// One parameter of a board.
 #[derive(Clone, Copy, Debug)]
 pub struct Kept {
-    /// Which one.
+    /// Parameter.
     pub parameter: &'static Parameter,
     /// Its value.
     pub value: f32,
-    /// Where the value came from when the board was started, or at its latest save.
+    /// Source of the value at the start of the board or at its latest save.
     pub source: Source,
-    /// Whether the board would have this value after a reset.
+    /// True if the board has this value after a reset.
     pub saved: bool,
 }
 
 impl Kept {
-    /// Whether the value is the board's own and not what it was built with.
+    /// True if the value differs from the image's default.
     pub fn is_own(&self) -> bool {
         self.source == Source::Stored || !self.saved
     }

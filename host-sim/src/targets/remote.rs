@@ -170,9 +170,7 @@ pub(super) fn refused(role: Role, what: &str, reply: Reply) -> Fault {
         Reply::Refused(Refusal::Armed) => {
             "its motors may be on: stop the robot to change or save parameters".to_owned()
         }
-        Reply::Refused(Refusal::NotSaved) => {
-            "writing its flash failed".to_owned()
-        }
+        Reply::Refused(Refusal::NotSaved) => "writing its flash failed".to_owned(),
         Reply::Refused(Refusal::Hash { found }) => {
             format!("the board received parameters with checksum {found:08x}")
         }
@@ -439,7 +437,9 @@ impl Conversation {
             if self.listen(deadline)? {
                 self.latency_us = self.asked_at.elapsed().as_micros() as u32;
                 let (_, reply) = protocol::decode(&self.payload).ok_or_else(|| {
-                    Error::Failure("a board sent an answer that does not decode in this version".to_owned())
+                    Error::Failure(
+                        "a board sent an answer that does not decode in this version".to_owned(),
+                    )
                 })?;
                 return Ok(reply);
             }
@@ -448,7 +448,7 @@ impl Conversation {
         Err(Fault::Silent(format!("no answer in {patience:?}")))
     }
 
-    /// Whether the answer came by the deadline.
+    /// Waits for the answer; false if the deadline passed.
     fn listen(&mut self, deadline: Instant) -> Result<bool, Fault> {
         let mut room = [0; 2 * MAX_FRAME];
         loop {

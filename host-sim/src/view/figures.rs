@@ -377,9 +377,9 @@ pub fn follow(title: &str, body: &Body, run: &FollowRun) -> Figure {
 pub struct SweepStart {
     /// Start posture of O.
     pub posture: [f64; 3],
-    /// What is shown by colour where the run ended within the tolerance.
+    /// Value shown by colour if the run ended within the tolerance.
     pub value: f64,
-    /// How the run ended.
+    /// End of the run.
     pub end: End,
     /// Path of O, m; empty where it is not to be shown.
     pub path: Vec<[f64; 2]>,

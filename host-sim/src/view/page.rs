@@ -15,7 +15,7 @@ use serde::{Serialize, Serializer};
 use serde_json::json;
 
 const PAGE: &str = include_str!("page.html");
-/// Where the data go, and the colours on a light and on a dark page.
+/// Placeholders of the data, and of the colours on a light and on a dark page.
 const PLACE: &str = "/*DATA*/";
 const LIGHT: &str = "/*LIGHT*/";
 const DARK: &str = "/*DARK*/";
@@ -60,7 +60,7 @@ pub struct Run<'a> {
     pub title: String,
     /// Name where there are several.
     pub name: String,
-    /// Where it was to end.
+    /// Goal.
     pub goal: Option<[f64; 3]>,
     /// Path it was to drive.
     pub reference: Vec<[f64; 2]>,

@@ -200,7 +200,7 @@ pub const INK: Rgb = BLACK;
 /// Mark of the goal.
 pub const GOAL_MARK: Mark = Mark::new(Shape::Target, 6.0, GOAL.stroke.color);
 
-/// How a run ended, from best to worst.
+/// End of a run, from best to worst.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum End {
     /// At rest, within 3 cm and 3° of the goal.

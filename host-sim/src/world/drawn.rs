@@ -4,7 +4,7 @@ use crate::world::spread::PlantErrors;
 use core_algos::beam::MAX_GAUGES;
 use serde::Serialize;
 
-/// What differs from trial to trial, constant within one. Axle 0 is the front, wheel 0 the left.
+/// Errors of one drawn robot, constant within a trial. Axle 0 is the front, wheel 0 the left.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Drawn {
     /// True rolling radius over nominal, by axle and wheel.
@@ -29,14 +29,14 @@ pub struct Drawn {
     pub bridge_offset: [f64; MAX_GAUGES],
     /// Further offset of each bridge at the start of the trial, strain; what all share included.
     pub bridge_drift: [f64; MAX_GAUGES],
-    /// What each bridge's zero moves by for a rise of 1 K, strain.
+    /// Zero shift of each bridge per kelvin, strain.
     pub bridge_zero_per_k: [f64; MAX_GAUGES],
     /// True place of each gauge along the strip minus the intended one, m: the plant's strain is
     /// to be taken there.
     pub gauge_shift_m: [f64; MAX_GAUGES],
-    /// What the gauges lose of a sustained strain beyond the mean share.
+    /// Creep of the gauges beyond the mean share.
     pub gauge_creep_error: f64,
-    /// What the plant's constants are off by.
+    /// Errors of the plant's constants.
     pub plant: PlantErrors,
 }
 

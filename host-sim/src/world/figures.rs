@@ -24,7 +24,7 @@ pub struct Figure {
     pub base: bool,
 }
 
-/// What comments say of an entry.
+/// Comments of an entry.
 #[derive(Clone, Debug, Default, PartialEq)]
 struct Said {
     unit: String,

@@ -65,7 +65,7 @@ pub struct World {
     pub name: String,
     /// The plant: the means of what differs from robot to robot.
     pub plant: PlantConfig,
-    /// How far they differ.
+    /// Spread from robot to robot.
     pub spread: Spread,
     /// Sensors, and how well the robot was built and placed.
     pub sensors: SensorConfig,
@@ -178,7 +178,7 @@ impl World {
         plant
     }
 
-    /// Where the gauges of one robot sit on its strip.
+    /// Places of the gauges of one robot on its strip.
     pub fn gauges_of(&self, robot: &Drawn, plant: &Plant) -> Vec<Station> {
         let meant = self.sensors.bridge.gauges_m.iter();
         meant

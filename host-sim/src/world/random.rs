@@ -13,7 +13,7 @@ use rand_pcg::Pcg64;
 pub enum Stream {
     /// Wheel radii and tracks.
     Geometry,
-    /// Where the robot is put.
+    /// Placement of the robot.
     Placement,
     /// Phases of the encoders.
     Encoder,
@@ -23,11 +23,11 @@ pub enum Stream {
     Accelerometer(usize),
     /// A strain bridge.
     Bridge(usize),
-    /// What all bridges share.
+    /// Errors common to all bridges.
     BridgeCommon,
     /// The plant's constants.
     Plant,
-    /// How all bridges are made.
+    /// Make of all bridges.
     BridgeMakeup,
     /// Any further stream, for users of this module.
     Other(u64),

@@ -27,7 +27,7 @@ table! {
     }
 }
 
-/// What the plant's constants are off by in one robot.
+/// Errors of the plant's constants in one robot.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PlantErrors {
     /// Slip stiffness of each wheel over the mean.

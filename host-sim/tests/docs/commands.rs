@@ -93,7 +93,7 @@ const NOT_RUN: &[(&str, Check, &str)] = &[
 /// Ports of real boards.
 const HARDWARE: &str = "/dev/tty";
 
-/// What stands for something else in the commands of the text.
+/// Placeholders in the commands of the text, and their values.
 const PLACEHOLDERS: &[(&str, &str)] = &[
     ("COMMAND", "posture"),
     ("NAME", "ekf"),
@@ -147,7 +147,7 @@ fn arguments(words: &[String]) -> Option<&[String]> {
     }
 }
 
-/// Whether the program takes these arguments.
+/// Parses the arguments as the program does.
 fn parse(arguments: &[String]) -> Result<(), String> {
     let name = "cfmmr".to_owned();
     match Cli::try_parse_from(std::iter::once(&name).chain(arguments)) {
@@ -272,7 +272,7 @@ fn prepare(folder: &Path, page: &Page) {
     fs::write(studies.join(name), study).unwrap();
 }
 
-/// Whether QEMU and the boards' Rust target are there, as ci.sh sees to it; without them the emulated
+/// True if QEMU and the boards' Rust target are installed, as by ci.sh; otherwise the emulated
 /// commands are only parsed.
 fn can_emulate() -> bool {
     let output = |program: &str, arguments: &[&str]| {

@@ -157,7 +157,7 @@ fn items_of(page: &Page) -> Vec<(&Code, &Code)> {
     found
 }
 
-/// Whether a word stands in a text.
+/// True if the text contains the word.
 fn has_word(text: &str, word: &str) -> bool {
     let part = |c: char| c.is_alphanumeric() || c == '_';
     text.match_indices(word)

@@ -5,7 +5,7 @@ use std::io::Write;
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
 
-/// What came of `cfmmr` with these arguments in a directory, given this on standard input.
+/// Output of `cfmmr` with these arguments and this standard input in a directory.
 pub fn cfmmr(directory: &Path, arguments: &[impl AsRef<OsStr>], input: &str) -> Output {
     let mut child = Command::new(env!("CARGO_BIN_EXE_cfmmr"))
         .args(arguments)

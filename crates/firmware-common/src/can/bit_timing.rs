@@ -87,7 +87,7 @@ mod tests {
         );
     }
 
-    /// What the usual calculators give for 42 MHz, 1 Mbit/s and a sample point at 85.7 %.
+    /// The usual calculators give this value for 42 MHz, 1 Mbit/s and a sample point at 85.7 %.
     #[test]
     fn the_register_is_laid_out_as_the_manual_says() {
         let timing = BitTiming {

@@ -57,7 +57,7 @@ const BIT_TIMING: BitTiming = match BitTiming::new(APB1_HZ, BIT_RATE) {
     None => panic!("no prescaler gives this bit rate"),
 };
 
-/// What became of the bus since the start, saturating.
+/// Counters of the bus since the start, saturating.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, defmt::Format)]
 pub struct Counters {
     /// Messages that could not be encoded.
@@ -99,14 +99,14 @@ static TO_TAKE: Channel<CriticalSectionRawMutex, (Micros, bus::CanFrame), ARRIVE
 static SYNC_SENT: Mutex<Cell<Option<Micros>>> = Mutex::new(Cell::new(None));
 /// The controller was off the bus and has sent nothing since.
 static WAS_OFF: AtomicBool = AtomicBool::new(false);
-/// Which handlers ran since the last look.
+/// Handlers that ran since the last look.
 static RAN: AtomicU32 = AtomicU32::new(0);
 const RAN_TX: u32 = 1 << 0;
 const RAN_RX0: u32 = 1 << 1;
 
-/// Whether the board cannot send: not yet on the bus, off it after too many errors, or back again
-/// without a frame that another board has acknowledged. Where nothing gets through, the controller
-/// comes back every two milliseconds only to leave again.
+/// True if the board cannot send: not yet on the bus, bus-off after too many errors, or back on the
+/// bus without an acknowledged frame. On a dead bus the controller recovers and goes bus-off again
+/// every two milliseconds.
 pub fn is_off() -> bool {
     if CAN1.esr().read().boff() {
         WAS_OFF.store(true, Ordering::Relaxed);
@@ -114,7 +114,7 @@ pub fn is_off() -> bool {
     !is_joined() || WAS_OFF.load(Ordering::Relaxed)
 }
 
-/// Whether the controller takes part in the bus at this moment.
+/// True if the controller takes part in the bus at this moment.
 fn is_joined() -> bool {
     !CAN1.msr().read().inak() && !CAN1.esr().read().boff()
 }
@@ -150,7 +150,7 @@ impl Sender {
         bus::decode(&frame).ok()
     }
 
-    /// When the latest [`Message::TimeSync`] of this board had left the bus, local time.
+    /// Local time at which the latest [`Message::TimeSync`] of this board had left the bus.
     pub fn take_sync_sent(&mut self) -> Option<Micros> {
         critical_section::with(|cs| SYNC_SENT.borrow(cs).take())
     }
@@ -215,7 +215,7 @@ fn accept_all() {
     CAN1.fmr().modify(|w| w.set_finit(false));
 }
 
-/// What interrupts; errors or not.
+/// Enabled interrupts, with or without errors.
 fn interrupts(errors: bool) -> Ier {
     let mut ier = Ier(0);
     ier.set_tmeie(true);

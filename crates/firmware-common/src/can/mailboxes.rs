@@ -17,11 +17,11 @@ pub const COUNT: usize = 3;
 pub struct Waiting {
     /// Its identifier.
     pub id: u16,
-    /// When it was handed over for sending, µs.
+    /// Time of the hand-over for sending, µs.
     pub since: Micros,
 }
 
-/// What is in the mailboxes.
+/// Content of the mailboxes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Mailboxes([Option<Waiting>; COUNT]);
 

@@ -3,7 +3,7 @@
 /// A load or store of one word.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Access {
-    /// Whether it loads.
+    /// True for a load.
     pub load: bool,
     /// Register loaded or stored.
     pub value: u32,

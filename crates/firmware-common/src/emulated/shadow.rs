@@ -72,7 +72,7 @@ impl Shadow {
         }
     }
 
-    /// What the chip would return: the register with ready bits that follow their enable bits.
+    /// Value that the chip returns: the register with ready bits that follow their enable bits.
     /// `None` outside the registers.
     pub fn read(&mut self, address: u32) -> Option<u32> {
         let value = *self.register(address)?;

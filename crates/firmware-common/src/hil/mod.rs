@@ -20,7 +20,7 @@ use crate::{fault, stack};
 #[cfg(not(feature = "emulated"))]
 pub use real::run;
 
-/// How bytes come and go.
+/// Byte link to the host.
 pub trait Link {
     /// Waits for bytes; the number read, at least one.
     fn read(&mut self, buffer: &mut [u8]) -> impl Future<Output = usize>;
@@ -29,7 +29,7 @@ pub trait Link {
     fn write(&mut self, bytes: &[u8]);
 }
 
-/// What an image is made for.
+/// Purpose of an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// Front or rear axle, as the strap says.
@@ -88,7 +88,7 @@ fn endpoint(identity: Identity) -> &'static mut Endpoint {
     ENDPOINT.init_with(|| Endpoint::new(identity, stack_use))
 }
 
-/// What the host is told of the stack, and the log too.
+/// Stack use for the host and the log.
 fn stack_use() -> StackUse {
     let stack = stack::high_water();
     defmt::info!("{}", stack);

@@ -75,7 +75,7 @@ pub struct Parameters {
     base: Settings,
     /// The settings to run with.
     pub settings: Settings,
-    /// How the store was found at the start.
+    /// State of the store at the start.
     pub report: Report,
 }
 

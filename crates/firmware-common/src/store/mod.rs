@@ -52,7 +52,7 @@ const BUFFER: usize = (1 + MANIFEST_BYTES).next_multiple_of(4);
 pub enum SaveError {
     /// The flash refused to be written or erased.
     Flash,
-    /// What was read back is not what was written.
+    /// The bytes read back differ from the written bytes.
     Verify,
 }
 
@@ -79,12 +79,12 @@ impl<F: NorFlash> Store<F> {
         }
     }
 
-    /// What was found at the latest reading.
+    /// Content at the latest reading.
     pub fn contents(&self) -> &Contents {
         &self.contents
     }
 
-    /// What the store holds. Nothing is written or erased.
+    /// Reads the store. Writes and erases nothing.
     pub async fn load(&mut self) -> &Contents {
         self.contents = self.read(None).await;
         &self.contents
@@ -121,7 +121,7 @@ impl<F: NorFlash> Store<F> {
         }
     }
 
-    /// Whether every value and the manifest were found at the last reading.
+    /// True if the last reading found every value and the manifest.
     fn holds(&self, settings: &Settings, base: &Settings) -> bool {
         let mut missing = self.contents.changes(settings, base);
         missing.next().is_none() && self.contents.manifest().is_none()
@@ -180,12 +180,12 @@ impl<F: NorFlash> Store<F> {
         true
     }
 
-    /// Whether a newest copy is in this sector alone.
+    /// True if only this sector has the newest copy of a value.
     async fn is_needed(&mut self, sector: &Range<u32>) -> bool {
         self.read(Some(sector)).await != self.read(None).await
     }
 
-    /// Whether the library takes a sector to be in use or full, and whether it is blank.
+    /// State of a sector for the library: in use or full; and blank.
     async fn state(&mut self, sector: &Range<u32>) -> (bool, bool) {
         let begun = view::is_marked(&mut self.flash, sector.start).await;
         let mut word = [0; 32];

@@ -25,10 +25,10 @@ impl Random {
     }
 }
 
-/// What a word that was being written, or a sector that was being erased, holds after a power cut.
+/// Content of a half-written word or a half-erased sector after a power cut.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Torn {
-    /// What it held before.
+    /// The content before.
     Untouched,
     /// Some bits of it are done.
     Bits,
@@ -47,7 +47,7 @@ impl Torn {
 /// sets them.
 #[derive(Clone, Debug)]
 pub struct Flash<const SECTOR: usize> {
-    /// What it holds.
+    /// Bytes of the flash.
     pub bytes: Vec<u8>,
     /// Words written and sectors erased.
     pub steps: u64,
@@ -55,7 +55,7 @@ pub struct Flash<const SECTOR: usize> {
     pub erases: u64,
     /// The step at which the power fails, and how that step ends.
     pub cut: Option<(u64, Torn)>,
-    /// Whether the power failed during an erase.
+    /// True if the power failed during an erase.
     pub cut_in_erase: bool,
     /// Writes of 1 where a 0 stands: the caller's mistake, or what a cut left.
     pub overwritten: u64,

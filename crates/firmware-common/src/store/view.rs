@@ -32,7 +32,7 @@ impl<'a, F: NorFlash> View<'a, F> {
         Self { flash, sector }
     }
 
-    /// What stands at an address instead of what is there.
+    /// Byte that the view shows at an address instead of the flash's byte.
     fn replaced(&self, address: u32) -> Option<u8> {
         let word = F::WRITE_SIZE.max(F::READ_SIZE) as u32;
         let Range { start, end } = self.sector;
@@ -78,7 +78,7 @@ impl<F: NorFlash> NorFlash for View<'_, F> {
     }
 }
 
-/// Whether the library takes what stands at `address` for a mark: half of the bits of a byte.
+/// True if the library reads the byte at `address` as a mark: half of its bits.
 pub async fn is_marked<F: NorFlash>(flash: &mut F, address: u32) -> bool {
     let mut bytes = [BLANK; 32];
     let Some(bytes) = bytes.get_mut(..F::READ_SIZE) else {

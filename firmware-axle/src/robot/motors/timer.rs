@@ -45,7 +45,7 @@ const ALTERNATE: u8 = 1;
 /// Channel of the trigger.
 const TRIGGER: usize = 3;
 
-/// Where to sample, see above.
+/// Sampling instants, see above.
 const SAMPLING: Sampling = match (Timing {
     top: TOP,
     trim: i8::MAX as u16,
@@ -101,13 +101,13 @@ impl Pwm {
         TIM1.cr1().modify(|w| w.set_cen(true));
     }
 
-    /// Whether the contact of the emergency stop is open at present.
+    /// True if the contact of the emergency stop is open.
     pub fn contact_open(&self) -> bool {
         self.stop.is_high()
     }
 
-    /// Whether the break input switched the outputs off since they were enabled, even if the contact
-    /// has closed again.
+    /// True if the break input switched the outputs off since they were enabled, even if the
+    /// contact has closed again.
     pub fn broken(&self) -> bool {
         !TIM1.bdtr().read().moe()
     }

@@ -79,7 +79,7 @@ struct Ready {
 /// The converter.
 pub struct Converter {
     samples: &'static mut [u16; BLOCK],
-    /// When the latest block was full.
+    /// Time of the latest full block.
     last: Option<Micros>,
 }
 
@@ -150,7 +150,7 @@ impl Converter {
     }
 }
 
-/// What never changes; the converter is still off.
+/// Sets the constant registers; the converter is still off.
 fn configure(scan: [u8; CHANNELS], injected: u8) {
     // 84 MHz / 4.
     pac::ADC123_COMMON

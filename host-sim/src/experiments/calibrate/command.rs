@@ -23,7 +23,7 @@ use serde::Serialize;
 use std::io::{self, IsTerminal, Write};
 use std::path::PathBuf;
 
-/// What is calibrated.
+/// Subject of a calibration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum CalibrateWhat {
     /// Radius, ratio and track of the wheels of each axle: a straight line, then squares both ways
@@ -41,10 +41,10 @@ pub struct CalibrateArgs {
     /// The world.
     #[command(flatten)]
     pub choice: WorldChoice,
-    /// What to calibrate
+    /// Subject
     #[arg(value_enum)]
     pub what: CalibrateWhat,
-    /// Where the boards are; with none of these, in this process with their flash in files.
+    /// Place of the boards; by default in this process, with their flash in files.
     #[command(flatten)]
     pub boards: BoardArgs,
     /// Folder of the flash files of boards in QEMU or in this program
@@ -132,7 +132,7 @@ fn calibrate(args: &CalibrateArgs, scenario: &Scenario, seed: u64) -> Result<Rep
     Ok(report)
 }
 
-/// Whether to save.
+/// True if the result is to be saved.
 fn wanted(args: &CalibrateArgs) -> Result<bool, Error> {
     if args.yes {
         return Ok(true);
@@ -171,7 +171,7 @@ fn boards(args: &CalibrateArgs) -> Result<Option<[Box<dyn Target>; 3]>, Error> {
     ]))
 }
 
-/// What calibrating several robots left, by seed those that it failed on.
+/// Errors after the calibration of several robots, and the seeds that failed.
 #[derive(Debug, Serialize)]
 struct Several {
     world: String,

@@ -42,12 +42,12 @@ const CORNER_M: f64 = 0.6;
 pub struct Bench {
     robot: Drawn,
     seed: u64,
-    /// Whether the boards are given ones; here they are between runs.
+    /// True if the boards are outside of this process.
     remote: bool,
     boards: Option<[Box<dyn Target>; 3]>,
 }
 
-/// What a run on a path showed.
+/// Result of a run on a path.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Run {
     /// Odometry of the axles and their true ends.
@@ -71,7 +71,7 @@ impl Bench {
         }
     }
 
-    /// What only a simulation can know of the robot.
+    /// True errors of the drawn robot.
     pub fn robot(&self) -> &Drawn {
         &self.robot
     }
@@ -100,9 +100,7 @@ impl Bench {
                 estimate = m.record.lead.fused.robot.posture;
             })?;
         if let Some(why) = simulation.failure() {
-            return Err(Error::Failure(format!(
-                "the robot did not return: {why}"
-            )));
+            return Err(Error::Failure(format!("the robot did not return: {why}")));
         }
         if !outcome.done {
             return Err(Error::Failure(
@@ -257,7 +255,7 @@ pub fn square(way: f64) -> Result<Path, Error> {
     Path::through(&points).map_err(|error| Error::Failure(error.to_string()))
 }
 
-/// What the boards said on the bus, and where the robot stood when it began.
+/// Odometry of the boards from the bus, and the start posture.
 struct Seen {
     axles: [[f64; 3]; 2],
     midpoint: [f64; 3],

@@ -41,7 +41,7 @@ pub(super) struct Effect {
     pub(super) after: f64,
 }
 
-/// What came of it.
+/// Result.
 #[derive(Clone, Debug, Default, Serialize)]
 pub(super) struct Report {
     pub(super) world: String,
@@ -156,7 +156,10 @@ pub(super) fn calibrate_wheels(
             .collect();
         let old = believed(scenario, role)?;
         let errors: Errors = wheels::fit(&returns, 2.0 * old.half_track_m).ok_or_else(|| {
-            Error::Failure(format!("{} axle: the fit of the squares failed", role.name()))
+            Error::Failure(format!(
+                "{} axle: the fit of the squares failed",
+                role.name()
+            ))
         })?;
         creep[i] = errors.creep;
         let new = old.corrected(scale, &errors);
@@ -210,8 +213,11 @@ pub(super) fn calibrate_gauges(scenario: &Scenario, bench: &mut Bench) -> Result
     let (mut zeros, mut gains) = (Vec::new(), Vec::new());
     for i in 0..count {
         let found = gauges::fit(&held, i, bridge.strain_per_count());
-        let (zero, gain) = found
-            .ok_or_else(|| Error::Failure(format!("gauge {i}: the strains of the postures do not differ")))?;
+        let (zero, gain) = found.ok_or_else(|| {
+            Error::Failure(format!(
+                "gauge {i}: the strains of the postures do not differ"
+            ))
+        })?;
         zeros.push(zero);
         gains.push(gain);
         let zero = parameter(&format!("robot.beam.calibration.zero_counts[{i}]"))?;

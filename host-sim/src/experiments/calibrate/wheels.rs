@@ -50,12 +50,12 @@ impl Lap {
         self.place = Some(posture);
     }
 
-    /// Where the odometry ended: m, m, rad.
+    /// Final odometric posture: m, m, rad.
     pub fn end(&self) -> [f64; 3] {
         self.place.unwrap_or_default()
     }
 
-    /// Where the axle ends if its odometry has these errors, and the derivatives of that by them.
+    /// Final posture of the axle for these odometry errors, and its derivatives by the errors.
     fn predict(&self, errors: &[f64; 3]) -> ([f64; 3], [[f64; 3]; 3]) {
         let [mut x, mut y, mut phi] = [0.0f64; 3];
         let (mut turned, mut moment) = ([0.0; 3], [[0.0; 2]; 3]);
@@ -111,7 +111,7 @@ impl Return {
     }
 }
 
-/// What is wrong with the constants of an axle.
+/// Errors of an axle's constants.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Errors {
     /// Share by which the right wheel is larger and the left one smaller than believed.

@@ -38,7 +38,7 @@ impl Values {
         }
     }
 
-    /// Whether there are none.
+    /// True if there are no rows.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -76,7 +76,7 @@ impl Values {
     }
 }
 
-/// What stands beside the columns of a file: keys and texts.
+/// Metadata of a file: keys and texts.
 pub type Notes = Vec<(String, String)>;
 
 /// A table of columns of the same length.

@@ -45,7 +45,7 @@ pub struct CampaignArgs {
     pub threads: Option<u16>,
 }
 
-/// What to do with the files of a campaign.
+/// Action on the files of a campaign.
 #[derive(Clone, Debug, Subcommand)]
 pub enum CampaignAction {
     /// Merge all runs into one Parquet file, with a table and pictures
@@ -82,7 +82,7 @@ pub struct CampaignStatus {
     pub json: JsonArgs,
 }
 
-/// What a part of a campaign did.
+/// Manifest of a part of a campaign.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 struct Manifest {
     /// Name of the study.
@@ -91,7 +91,7 @@ struct Manifest {
     study_crc32c: String,
     /// Version that ran.
     version: &'static str,
-    /// Which part.
+    /// Number of the part.
     shard: u64,
     /// Of how many.
     shards: u64,
@@ -208,7 +208,7 @@ fn one(study: &Study, index: u64) -> Result<Finished, Error> {
     })
 }
 
-/// What is there of a campaign.
+/// Finished and missing runs of a campaign.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 struct Status {
     name: String,

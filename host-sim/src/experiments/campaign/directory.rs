@@ -24,9 +24,9 @@ const COPY: &str = "study.toml";
 pub struct Finished {
     /// Its number in the study.
     pub index: u64,
-    /// What it was.
+    /// Run.
     pub run: Run,
-    /// How it ended.
+    /// Result.
     pub outcome: Outcome,
 }
 
@@ -38,7 +38,7 @@ pub struct Directory {
     canonical: String,
 }
 
-/// What is there of a block.
+/// State of a block.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Block {
     /// Its runs.
@@ -94,7 +94,7 @@ impl Directory {
         &self.study
     }
 
-    /// Where it is.
+    /// Its path.
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -103,7 +103,7 @@ impl Directory {
         self.path.join(format!("block-{block:06}.parquet"))
     }
 
-    /// What is there of a block.
+    /// State of a block.
     pub fn block(&self, block: u64) -> Result<Block, Error> {
         let path = self.file(block);
         let content = match fs::read(&path) {

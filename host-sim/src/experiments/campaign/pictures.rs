@@ -210,10 +210,7 @@ fn map_of_starts(study: &Study, runs: &Columns, maps: &[Group], goal: [f64; 3]) 
         }
         (group.label.clone(), starts.into_iter().flatten().collect())
     });
-    let title = format!(
-        "{}: starts, with the largest final error",
-        study.name
-    );
+    let title = format!("{}: starts, with the largest final error", study.name);
     figures::maps(&title, "e (cm)", &starts.collect::<Vec<_>>(), goal)
 }
 
@@ -265,7 +262,10 @@ pub fn sensitivity(study: &Study, runs: &Columns) -> Option<Figure> {
             influence(vary, runs.doubles(&vary.key), &e_cm, &groups).y_limits(limits)
         })
         .collect();
-    let figure = Figure::new(format!("{}: error against the varied quantities", study.name));
+    let figure = Figure::new(format!(
+        "{}: error against the varied quantities",
+        study.name
+    ));
     (!panels.is_empty()).then(|| figure.rows_of(3, Height::Fixed(260.0), &panels))
 }
 

@@ -6,7 +6,7 @@ use crate::base::statistics::{Summary, percentile};
 use crate::base::table::{Table, plus_minus};
 use serde::Serialize;
 
-/// What came out of one combination.
+/// Results of one combination.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Cell {
     /// The listed quantities and their values.
@@ -35,7 +35,7 @@ pub struct Cell {
     pub duration_s: Summary,
 }
 
-/// How strongly a drawn quantity and a result go together.
+/// Correlation of a drawn quantity with the results.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Influence {
     /// The quantity.

@@ -7,7 +7,7 @@ use crate::base::error::Error;
 pub struct Shard {
     /// From 0.
     pub index: u64,
-    /// How many there are.
+    /// Number of parts.
     pub count: u64,
 }
 
@@ -80,7 +80,7 @@ impl Shard {
         Ok(Self::WHOLE)
     }
 
-    /// Whether a block is this part's.
+    /// True if this part computes the block.
     pub fn has(self, block: u64) -> bool {
         block % self.count == self.index
     }

@@ -33,10 +33,10 @@ pub struct Study {
     /// Runs in one file: what is lost at most when a shard is killed.
     #[serde(default = "fifty")]
     pub block: u32,
-    /// Where the robot starts.
+    /// Start postures.
     #[serde(default)]
     pub starts: Starts,
-    /// What is varied.
+    /// Varied keys.
     #[serde(default)]
     pub vary: Vec<Vary>,
     /// Entries of the scenario that differ from the defaults in every run.
@@ -52,7 +52,7 @@ const fn fifty() -> u32 {
     50
 }
 
-/// Where the robot starts.
+/// Start postures.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Starts {
@@ -83,7 +83,7 @@ pub struct Vary {
     pub normal: Option<[f64; 2]>,
 }
 
-/// How a quantity is varied.
+/// Variation of a quantity.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Kind<'a> {
     /// A list.
@@ -115,7 +115,7 @@ impl Vary {
         values.is_none_or(|values| values.iter().all(|value| number(value).is_some()))
     }
 
-    /// How it is varied; the error names the entry.
+    /// Its variation; the error names the entry.
     pub fn kind(&self) -> Result<Kind<'_>, Error> {
         let wrong = |what: String| Error::input(format!("vary {}: {what}", self.key));
         let ordered = |name: &str, [low, high]: [f64; 2], least: f64| match low.is_finite()
@@ -131,7 +131,9 @@ impl Vary {
         };
         match (&self.values, self.uniform, self.log_uniform, self.normal) {
             (Some(values), None, None, None) if !values.is_empty() => Ok(Kind::Values(values)),
-            (Some(_), None, None, None) => Err(wrong("values = []: must have at least one value".into())),
+            (Some(_), None, None, None) => {
+                Err(wrong("values = []: must have at least one value".into()))
+            }
             (None, Some(range), None, None) => {
                 ordered("uniform", range, f64::NEG_INFINITY)?;
                 Ok(Kind::Drawn(Draw::Uniform(range)))
@@ -174,13 +176,13 @@ pub fn number(value: &toml::Value) -> Option<f64> {
 /// One run of a study.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Run {
-    /// Which of the combinations.
+    /// Index of the combination.
     pub cell: u64,
-    /// Which trial of it.
+    /// Index of the trial.
     pub trial: u32,
     /// The value of each varied quantity, in the order of the file.
     pub values: Vec<toml::Value>,
-    /// What the robot and its world are.
+    /// Robot and world.
     pub scenario: Scenario,
 }
 

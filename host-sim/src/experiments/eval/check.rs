@@ -51,7 +51,7 @@ pub fn vector<const N: usize>(field: &str, values: &[f64; N]) -> Result<[f32; N]
     Ok(out)
 }
 
-/// What a matrix must be.
+/// Requirement on a matrix.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Definite {
     /// Symmetric, positive definite.

@@ -96,7 +96,9 @@ impl Kernel for Ipec {
                 }
                 let mut next = *state;
                 if algorithm.step(&mut next, &advance, &r).is_none() {
-                    return Err("d: moves both axles to one point, so the heading is undefined".into());
+                    return Err(
+                        "d: moves both axles to one point, so the heading is undefined".into(),
+                    );
                 }
                 let [axle1, axle2] = next
                     .precise_postures()

@@ -24,7 +24,7 @@ use std::fmt::Write;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
-/// When the faults come, µs after the task began: under way with the frame bent.
+/// Time of the faults, µs after the start of the task: under way with the frame bent.
 const AFTER: Micros = 4_000_000;
 const SEED: u64 = 1;
 /// Page that holds the committed table.
@@ -86,7 +86,7 @@ fn trials() -> Vec<Trial> {
 }
 
 impl Trial {
-    /// What is done, and to what.
+    /// Kind and place of the fault.
     fn seam(&self) -> &'static str {
         match (self.unannounced, self.entry.fault) {
             (Some((_, FailureMode::Hang)), _) => "process stopped, unannounced",
@@ -114,20 +114,20 @@ impl Trial {
 pub struct Row {
     /// Name of the fault.
     pub fault: &'static str,
-    /// What is done, and to what.
+    /// Kind and place of the fault.
     pub seam: &'static str,
-    /// What the run showed.
+    /// Outcome of the run.
     pub outcome: Outcome,
     /// Ticks of the run.
     pub ticks: usize,
-    /// Where it and the run in process part.
+    /// First difference from the run in process.
     pub difference: Option<String>,
     /// The boards.
     pub boards: Vec<BoardReport>,
 }
 
 impl Row {
-    /// Whether it ended as it may, and as in process.
+    /// True if the outcome is allowed and identical to the run in process.
     fn is_right(&self) -> bool {
         self.outcome.end.is_right() && self.difference.is_none()
     }
@@ -185,15 +185,11 @@ impl Report {
             let _ = writeln!(text, "{}", row.markdown());
         }
         let wrong = self.rows.iter().filter(|row| !row.is_right()).count();
-        let _ = writeln!(
-            text,
-            "\n{} runs, {wrong} failed.",
-            self.rows.len()
-        );
+        let _ = writeln!(text, "\n{} runs, {wrong} failed.", self.rows.len());
         text
     }
 
-    /// What the stack of each board took at most.
+    /// Largest stack use of each board.
     fn stacks(&self) -> String {
         let boards = || self.rows.iter().flat_map(|row| &row.boards);
         let mut text = String::new();
@@ -228,7 +224,7 @@ fn recorded(
     Ok((outcome, simulation.take_trace().unwrap_or_default()))
 }
 
-/// Where boards come from.
+/// Source of the boards.
 struct Source<'a> {
     qemu: &'a str,
     images: Images,

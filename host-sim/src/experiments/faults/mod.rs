@@ -67,7 +67,7 @@ pub struct FaultsArgs {
     pub json: JsonArgs,
 }
 
-/// When the faults come, µs after the task began: while the robot plans and starts, under way with
+/// Times of the faults, µs after the start of the task: during planning and start, under way with
 /// the frame bent, and close to the goal.
 pub const TIMES: [Micros; 3] = [300_000, 4_000_000, 9_000_000];
 
@@ -140,7 +140,7 @@ pub struct Report {
     pub world: String,
     /// Seeds 1 to this.
     pub seeds: u64,
-    /// What no run may exceed for more than a moment.
+    /// Limits that no run may exceed for more than a moment.
     pub bounds: Bounds,
     /// Fault by fault.
     pub rows: Vec<Row>,
@@ -257,7 +257,7 @@ impl Report {
     }
 }
 
-/// Whether `--only` leaves a fault of this name in.
+/// True if `--only` selects a fault of this name.
 pub(super) fn is_chosen(name: &str, only: &[String]) -> bool {
     only.is_empty() || only.iter().any(|only| name.contains(only.as_str()))
 }

@@ -17,7 +17,7 @@ use std::collections::BTreeSet;
 use std::fmt::Write;
 use std::sync::Arc;
 
-/// When the faults come, ms after the button is pressed: while the robot starts, and under way.
+/// Times of the faults, ms after the press of the button: during the start, and under way.
 const TIMES: [u64; 3] = [400, 900, 1600];
 /// Page that holds the committed table.
 const PAGE: &str = "docs/faults_virtual.md";
@@ -27,7 +27,7 @@ const PAGE: &str = "docs/faults_virtual.md";
 pub struct Row {
     /// Name of the fault.
     pub fault: &'static str,
-    /// What is interfered with.
+    /// Place of the fault.
     pub seam: &'static str,
     /// Times of the fault.
     pub times: usize,
@@ -182,7 +182,7 @@ impl Report {
     }
 }
 
-/// Whether a row of the page has all ends and codes of a row of fewer runs.
+/// True if a row of the page contains all ends and codes of a row of fewer runs.
 fn covers(page: &str, row: &str) -> bool {
     let cells =
         |row: &str| -> Vec<String> { row.split('|').map(|c| c.trim().to_owned()).collect() };

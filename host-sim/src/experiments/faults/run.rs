@@ -50,7 +50,7 @@ const REST: u32 = 100;
 /// Time a stopped robot is watched, ticks.
 const WATCH: u32 = 1000;
 
-/// How a run ended.
+/// End of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum End {
@@ -69,20 +69,20 @@ pub enum End {
 }
 
 impl End {
-    /// Whether it may be.
+    /// True if this end is allowed.
     pub fn is_right(self) -> bool {
         matches!(self, Self::Finished | Self::Stopped)
     }
 }
 
-/// What a run showed.
+/// Outcome of a run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Outcome {
     /// Time of the fault, s.
     pub at_s: f64,
     /// Seed.
     pub seed: u64,
-    /// How it ended.
+    /// Result.
     pub end: End,
     /// The heartbeat that first told of a stop or a cut.
     pub first: Option<Status>,
@@ -105,7 +105,7 @@ pub struct Outcome {
     pub torque_nm: [[f64; 2]; 2],
     /// Speed at the end, m/s.
     pub end_speed_m_s: f64,
-    /// What the nodes said of themselves.
+    /// Heartbeats of the nodes.
     pub nodes: Vec<Status>,
 }
 
@@ -121,14 +121,14 @@ impl Outcome {
 pub struct Case<'a> {
     /// The fault and how the run may end.
     pub entry: &'a Entry,
-    /// When, µs after the task began.
+    /// Time, µs after the start of the task.
     pub after: Micros,
     /// Seed.
     pub seed: u64,
 }
 
 impl Case<'_> {
-    /// When, µs from the start of the simulation.
+    /// Time, µs from the start of the simulation.
     fn at(&self, scenario: &Scenario) -> Micros {
         (scenario.mission.settle_s * 1e6) as Micros + self.after
     }

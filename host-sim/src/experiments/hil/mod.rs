@@ -40,10 +40,10 @@ pub struct HilArgs {
     /// Arguments every experiment takes.
     #[command(flatten)]
     pub common: Common,
-    /// Where the run is recorded.
+    /// Recording of the run.
     #[command(flatten)]
     pub log: LogArgs,
-    /// Where the boards are.
+    /// Place of the boards.
     #[command(flatten)]
     pub boards: BoardArgs,
     /// Run the default images on virtual STM32F405 boards; builds the images if needed
@@ -134,15 +134,15 @@ pub struct HilArgs {
 /// Time between the stop for a restarted board and the host's clearing of the faults.
 const RECOVERY_PAUSE: Micros = 1_000_000;
 
-/// What the boards add to the result of an experiment.
+/// Result of an experiment with boards in the loop.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Report {
     /// Result of the experiment.
     #[serde(flatten)]
     pub experiment: Value,
-    /// Whether every bit was the same as in process; none if that was not asked for.
+    /// True if every bit equals the run in process; `None` without `--compare`.
     pub identical: Option<bool>,
-    /// Where the two parted first.
+    /// First difference.
     pub difference: Option<String>,
     /// Ticks of the run.
     pub ticks: usize,
@@ -152,7 +152,7 @@ pub struct Report {
     pub boards: Vec<BoardReport>,
     /// Boards lost and restarted.
     pub events: Vec<Event>,
-    /// What the nodes said of themselves: the first heartbeat of each, and every change of state.
+    /// Heartbeats: the first of each node, and every change of state.
     pub nodes: Vec<Status>,
     /// Why the run ended before its task, if a board or a fault was the reason.
     pub ended: Option<String>,
@@ -166,7 +166,7 @@ enum Task {
     Course(Box<follow::Course>, Manner),
 }
 
-/// What came of it.
+/// Result.
 enum Outcome {
     Posture(Box<Trial>),
     Course(path_run::Outcome, follow::Kept),
@@ -286,7 +286,7 @@ fn prepare(args: &HilArgs, context: &mut Context) -> Result<Task, Error> {
     Ok(Task::Course(Box::new(course), manner))
 }
 
-/// When the run ends, and which boards fail on the way.
+/// End of the run, and failures of boards on the way.
 pub(super) struct Plan {
     pub span: Span,
     pub failures: Vec<Failure>,
@@ -500,7 +500,7 @@ fn report(
     }
 }
 
-/// What is to be said of the boards.
+/// Summary of the boards.
 fn summary(report: &Report) -> String {
     let mut table = Table::new([
         "board",

@@ -29,7 +29,7 @@ use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 use virtual_board::probe::coverage::Coverage;
 
-/// What the boards add to the result of the experiment.
+/// Result of the experiment with virtual boards.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 struct Report {
     /// Result of the experiment.
@@ -39,7 +39,7 @@ struct Report {
     e_m: f64,
     /// Heading less that of the goal at the end, rad.
     heading_rad: f64,
-    /// Whether the robot came to rest on the goal.
+    /// True if the robot came to rest on the goal.
     reached: bool,
     /// Time from power on until all nodes were ready, s.
     boot_s: f64,
@@ -51,7 +51,7 @@ struct Report {
     frames: u64,
     /// The boards.
     boards: Vec<BoardReport>,
-    /// What the nodes said of themselves: every change of state.
+    /// Heartbeats: every change of state.
     nodes: Vec<Status>,
     /// Boards lost and restarted.
     events: Vec<Event>,
@@ -93,12 +93,14 @@ fn refuse(args: &HilArgs) -> Result<(), Error> {
         ),
     ];
     match given.iter().find(|(_, given, _)| *given) {
-        Some((option, _, why)) => Err(Error::input(format!("{option}: not possible with --virtual: {why}"))),
+        Some((option, _, why)) => Err(Error::input(format!(
+            "{option}: not possible with --virtual: {why}"
+        ))),
         None => Ok(()),
     }
 }
 
-/// What is to happen on the way, checked against the boards and the time that there are.
+/// Failures on the way, checked against the fitted boards and the duration.
 fn plan(args: &HilArgs, scenario: &Scenario) -> Result<Plan, Error> {
     let plan = Plan::new(args)?;
     let mission = &scenario.mission;
@@ -124,7 +126,7 @@ fn plan(args: &HilArgs, scenario: &Scenario) -> Result<Plan, Error> {
     Ok(plan)
 }
 
-/// What looks on from power on.
+/// Instruments from power on.
 fn instruments(args: &HilArgs, interrupt: &Arc<AtomicBool>) -> Result<Instruments, Error> {
     recorder::check(&args.log)?;
     for file in [&args.vcd, &args.coverage].into_iter().flatten() {
@@ -232,7 +234,7 @@ struct Drive<'a> {
     interrupt: Arc<AtomicBool>,
 }
 
-/// What came of it.
+/// Result.
 struct Done {
     trial: Trial,
     report: Report,
@@ -317,7 +319,7 @@ fn report(robot: &mut VirtualRobot, trial: &Trial, goal: &[f64; 3], start: Insta
     }
 }
 
-/// What is wrong with the run, if anything; one that was to end early need not reach the goal.
+/// Failure of the run, if any; a run with an early end need not reach the goal.
 fn judge(report: &Report, early: bool) -> Option<String> {
     if let Some(why) = &report.ended {
         return Some(format!(
@@ -353,7 +355,7 @@ fn judge(report: &Report, early: bool) -> Option<String> {
     (!report.reached && !early).then(|| "the robot did not come to rest on the goal".to_owned())
 }
 
-/// What is to be said of the boards.
+/// Summary of the boards.
 fn summary(report: &Report) -> String {
     let mut table = Table::new([
         "board",

@@ -32,7 +32,7 @@ pub struct SoakArgs {
 /// Parts that are reported.
 const WINDOWS: u64 = 10;
 
-/// What is written as JSON.
+/// Content of the JSON file.
 #[derive(Clone, Debug, Serialize)]
 struct Measured {
     #[serde(flatten)]

@@ -98,7 +98,7 @@ pub struct Window {
 pub struct Drift {
     /// Mean of the values.
     pub mean: f64,
-    /// What the line gains over the whole run.
+    /// Change along the line over the run.
     pub gain: f64,
     /// Standard error of that.
     pub error: f64,
@@ -125,14 +125,14 @@ impl Drift {
         Some(Self { mean, gain, error })
     }
 
-    /// Whether there is a drift: neither within three standard errors nor a small share of the mean.
+    /// True if the drift exceeds three standard errors and a small share of the mean.
     pub fn is_significant(&self) -> bool {
         let gain = self.gain.abs();
         !(gain <= 3.0 * self.error || gain <= DRIFT_SHARE * self.mean.abs())
     }
 }
 
-/// What a soak showed.
+/// Result of a soak.
 #[derive(Clone, Debug, Serialize)]
 pub struct Report {
     /// World of the run.
@@ -150,7 +150,7 @@ pub struct Report {
 }
 
 impl Report {
-    /// What is not as it should be.
+    /// Violated limits.
     pub fn problems(&self) -> Vec<String> {
         let mut problems = Vec::new();
         match self.nis {
@@ -244,7 +244,7 @@ fn resident_kib() -> Result<u64, Error> {
     Ok(number.ok_or_else(unknown)?)
 }
 
-/// What the robot is doing.
+/// Stage of the drive.
 #[derive(Clone, Copy, Debug)]
 enum Stage {
     /// It rests until a tick.
@@ -327,7 +327,7 @@ impl Soak {
         }
     }
 
-    /// Whether the goal is reached, or the drive over for another reason.
+    /// Checks for a reached goal or another end of the drive.
     fn judge(&mut self, tick: u64) -> Result<(), Error> {
         let Stage::Driving(since) = self.stage else {
             return Ok(());

@@ -105,7 +105,7 @@ impl Failure {
     }
 }
 
-/// How one start ended.
+/// Result of one start.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Start {
     /// Start posture of O: m, m, rad.
@@ -302,7 +302,7 @@ impl Sweep {
     }
 }
 
-/// Whether the path is to be kept at this time (s): each 0.2 s.
+/// True if the path has a point at this time (s): each 0.2 s.
 fn due(time_s: f64) -> bool {
     ((time_s * 100.0).round() as u64).is_multiple_of(20)
 }

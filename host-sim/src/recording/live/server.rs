@@ -12,7 +12,7 @@ use std::{mem, thread};
 /// Time between two looks at whether a viewer has come.
 const LOOK: Duration = Duration::from_millis(20);
 
-/// What viewers asked for since it was last looked at, and whether one ever did.
+/// Subscriptions since the last call, and whether a viewer ever connected.
 #[derive(Default)]
 struct Viewers {
     joined: Mutex<Vec<(ChannelId, SinkId)>>,
@@ -81,7 +81,7 @@ impl Server {
         self.handle.broadcast_time(nanos);
     }
 
-    /// What viewers asked for since the last call.
+    /// Subscriptions since the last call.
     pub fn joined(&self) -> Vec<(ChannelId, SinkId)> {
         let joined = self.viewers.joined.lock();
         mem::take(&mut *joined.unwrap_or_else(PoisonError::into_inner))

@@ -34,7 +34,7 @@ const AMBIENT_C: f64 = 25.0;
 /// Largest time for which contacts bounce.
 const BOUNCE: Time = Time::from_micros(5_000);
 
-/// How a wheel moves from a time on: angle (rad), speed (rad/s), forward positive.
+/// Motion of a wheel from a time on: angle (rad), speed (rad/s), forward positive.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct WheelMotion {
     /// Angle, rad.
@@ -43,16 +43,16 @@ pub struct WheelMotion {
     pub speed_rad_s: f64,
 }
 
-/// How an axle moves from a time on.
+/// Motion of an axle from a time on.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct AxleMotion {
     /// Wheels, left and right.
     pub wheels: [WheelMotion; 2],
-    /// What an inertial sensor in the middle of the axle feels.
+    /// Motion at an inertial sensor in the middle of the axle.
     pub inertial: Motion,
 }
 
-/// What differs from axle to axle.
+/// Parts that differ from axle to axle.
 #[derive(Clone, Debug)]
 pub struct AxleParts {
     /// The strap says that this is the rear one.
@@ -111,9 +111,9 @@ pub struct AxleBoard {
     pub(super) button: Contact,
     /// The strap's contact, and whether the chip knows.
     strap: (bool, bool),
-    /// When the drivers are to be looked at, because something is done to them then.
+    /// Times of scheduled events at the drivers.
     looks: Vec<Time>,
-    /// How the fault pins were driven when the chip was told last.
+    /// Latest levels of the fault pins at the chip.
     faults: [Drive; 2],
     /// Nothing was told yet.
     fresh: bool,

@@ -29,18 +29,18 @@ const SCANS: f64 = core_algos::acquisition::oversampling::SCANS as f64;
 /// Milliseconds between two steps of the bridges' drift.
 const DRIFT_MS: u32 = 100;
 
-/// What differs from beam to beam, by bridge.
+/// Parts that differ from beam to beam, by bridge.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct BridgeParts {
     /// Relative error of the gain.
     pub gain_error: f64,
     /// Unbalance when it was zeroed, strain.
     pub offset: f64,
-    /// What came to it since, strain.
+    /// Drift since then, strain.
     pub drift: f64,
-    /// What its zero moves by for a rise of 1 K, strain.
+    /// Zero shift per kelvin, strain.
     pub zero_per_k: f64,
-    /// How much more than its kind it creeps.
+    /// Creep beyond the mean share.
     pub creep_error: f64,
 }
 

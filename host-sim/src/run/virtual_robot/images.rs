@@ -49,7 +49,7 @@ impl Images {
         })
     }
 
-    /// What a board's image is: its check sum over what is flashed (CRC-32C).
+    /// Name of a board's image: checksum of the flashed bytes (CRC-32C).
     pub fn name(&self, role: Role) -> String {
         let segments = self.of(role).segments().iter();
         let bytes: Vec<u8> = segments.flat_map(|segment| segment.data.clone()).collect();

@@ -22,7 +22,7 @@ struct Clock {
     /// Beginning of an epoch in the listener's time, µs, and the epoch's number.
     began: Micros,
     epoch: Micros,
-    /// When that epoch's message had arrived.
+    /// Arrival time of that epoch's message.
     heard: Micros,
 }
 
@@ -39,11 +39,11 @@ pub struct Listener {
     start: (Estimate, Estimate),
     task: Task,
     clock: Option<Clock>,
-    /// What has arrived and not been handed to the node, with the common time of arrival.
+    /// Messages not yet given to the node, with the common time of arrival.
     waiting: VecDeque<(Micros, Message)>,
     mode: LeadMode,
     output: lead::Output,
-    /// When the latest estimates hold.
+    /// Time of validity of the latest estimates.
     held: Option<Micros>,
 }
 
@@ -67,12 +67,12 @@ impl Listener {
         })
     }
 
-    /// What the lead node did at its latest step, as far as it can be heard.
+    /// Latest output of the lead node, recomputed from the bus.
     pub fn output(&self) -> &lead::Output {
         &self.output
     }
 
-    /// When the estimates of that step hold, µs of the listener's time: at the beginning of the epoch.
+    /// Time of validity of the estimates, µs of the listener's time: the beginning of the epoch.
     pub fn held(&self) -> Option<Micros> {
         self.held
     }

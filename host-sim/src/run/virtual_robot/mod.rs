@@ -70,14 +70,14 @@ const BLOCKED_NM_S: f64 = 2.0;
 /// Standard gravity, m/s².
 const GRAVITY: f64 = 9.806_65;
 
-/// How the boards are run.
+/// Options of the boards.
 #[derive(Clone, Debug)]
 pub struct Options {
     /// Threads that the boards are spread over.
     pub threads: usize,
     /// Each board's power comes on so long after the first one's, ms.
     pub power_on_ms: [u64; 3],
-    /// What looks on.
+    /// Instruments.
     pub instruments: Instruments,
     /// Crystals that are off by so much, parts in 10⁹; by chance, if not given.
     pub fast_ppb: [Option<i64>; 3],
@@ -109,7 +109,7 @@ pub struct VirtualRobot {
     gauges: Vec<Station>,
     outline: Outline,
     half_thickness: f64,
-    /// What the gauges show: true strains and what they have drifted by.
+    /// Strains at the gauges: true strain plus drift.
     strains: [f32; MAX_GAUGES],
     listener: Listener,
     monitor: Monitor,
@@ -249,7 +249,7 @@ impl VirtualRobot {
         self.frames
     }
 
-    /// What is to be said of each board.
+    /// Report of each board.
     pub fn reports(&mut self) -> Vec<BoardReport> {
         let mut reports = Vec::new();
         for (place, &role) in self.roles.iter().enumerate() {
@@ -342,7 +342,7 @@ impl VirtualRobot {
         Ok(())
     }
 
-    /// What the robot is not ready for, if so.
+    /// First node that is not ready, or `None`.
     fn waits_for(&self) -> Option<String> {
         let fitted = |node: &Node| *node != Node::Beam || self.roles.contains(&Role::Beam);
         for node in NODES.into_iter().filter(fitted) {
@@ -546,7 +546,7 @@ impl Robot for VirtualRobot {
     }
 }
 
-/// What of a scenario the boards' own images cannot be told.
+/// Refuses settings of a scenario that the default images do not take.
 fn check(scenario: &Scenario) -> Result<(), Error> {
     let mission = &scenario.mission;
     let images = [START, Posture::ORIGIN];

@@ -15,7 +15,7 @@ pub struct Power {
     /// The battery, with what the drivers get of it.
     pub battery: Supply,
     rail: Profile,
-    /// What the chip knows of the rail ends here.
+    /// End of the rail's known course at the chip.
     known: Time,
     crystal: VecDeque<(Time, bool)>,
 }
@@ -46,7 +46,7 @@ impl Power {
         self.crystal.push_back((at, works));
     }
 
-    /// When something changes next.
+    /// Time of the next change.
     pub fn next(&self) -> Time {
         let crystal = self.crystal.front().map_or(Time::NEVER, |change| change.0);
         self.rail.next(self.known).min(crystal)

@@ -9,7 +9,7 @@ use virtual_board::wire::Statistics;
 /// Number of the exception whose handler is the current loop.
 const ADC: u16 = 16 + 18;
 
-/// What is gathered of a board along the way.
+/// Observations of a board.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Watch {
     missed_ticks: u8,
@@ -44,13 +44,13 @@ impl Watch {
 pub struct BoardFinding {
     /// Sort of thing.
     pub kind: &'static str,
-    /// What it is.
+    /// Description.
     pub text: String,
-    /// Where: function and line of the program.
+    /// Function and line of the program.
     pub place: String,
     /// First time, s since power on.
     pub time_s: f64,
-    /// How often.
+    /// Rate.
     pub count: u64,
 }
 
@@ -71,14 +71,14 @@ pub struct Can {
     pub error_frames: u64,
 }
 
-/// What is to be said of a board.
+/// Report of a board.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct BoardReport {
     /// Name.
     pub name: &'static str,
     /// Resets since power on, with time (s) and cause.
     pub resets: Vec<(f64, &'static str)>,
-    /// What it did wrong.
+    /// Findings.
     pub findings: Vec<BoardFinding>,
     /// Longest tick, as the board measures it, µs.
     pub longest_tick_us: u16,
@@ -102,7 +102,7 @@ pub struct BoardReport {
     pub can: Can,
 }
 
-/// What is to be said of a board with this image.
+/// Report of a board with this image.
 pub fn of(
     role: Role,
     image: &Image,

@@ -56,7 +56,7 @@ fn wanted(scenario: &Scenario, role: Role) -> Result<Settings, Error> {
     Ok(settings)
 }
 
-/// Whether a parameter is found by calibration.
+/// True if a calibration determines the parameter.
 fn is_calibrated(name: &str) -> bool {
     name.starts_with("robot.beam.calibration.")
 }

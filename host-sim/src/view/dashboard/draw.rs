@@ -78,7 +78,7 @@ fn section(frame: &mut Frame, area: Rect, title: &str, lines: Vec<Line<'static>>
     frame.render_widget(Paragraph::new(lines).block(block), area);
 }
 
-/// What runs, and how far it is.
+/// Title and progress of the run.
 fn header(view: &View, width: u16) -> Line<'static> {
     let end = format!(" {:?}  {:.2} s ", view.lead.mode, view.time_s);
     let room = usize::from(width).saturating_sub(end.chars().count());
@@ -206,8 +206,8 @@ fn motion_lines(view: &View) -> Vec<Line<'static>> {
     ]
 }
 
-/// What went wrong so far and what to do about it, as much as there is room for: the first fault
-/// first, notices and degradations last.
+/// Faults so far with their remedies, as far as the room allows: the first fault first, notices and
+/// degradations last.
 fn fault_lines(view: &View, width: usize, height: usize) -> Vec<Line<'static>> {
     let mut texts: Vec<(String, Style)> = view.faults.iter().map(|f| fault(view, f)).collect();
     texts.extend(notices(view));

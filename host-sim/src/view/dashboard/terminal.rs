@@ -73,7 +73,7 @@ impl Terminal {
             .unwrap_or_else(PoisonError::into_inner) = view;
     }
 
-    /// Whether the user wants the run to end.
+    /// True if the user ended the run.
     pub fn is_left(&self) -> bool {
         self.shared.left.load(Relaxed)
     }
@@ -126,7 +126,7 @@ impl Shared {
     }
 }
 
-/// Whether a key means the end.
+/// True if the key ends the run.
 fn ends(key: &KeyEvent) -> bool {
     let control = key.modifiers.contains(KeyModifiers::CONTROL);
     let end = match key.code {

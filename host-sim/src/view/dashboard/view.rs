@@ -10,7 +10,7 @@ use core_algos::safety::{Conditions, OperatingState};
 /// A run at one instant.
 #[derive(Clone, Debug, Default)]
 pub struct View {
-    /// What runs.
+    /// Title of the run.
     pub title: String,
     /// Simulated time, s.
     pub time_s: f64,
@@ -28,11 +28,11 @@ pub struct View {
     pub boards: Vec<BoardTraffic>,
     /// Bus between the boards.
     pub bus: BusStatistics,
-    /// What the lead node did last.
+    /// Latest output of the lead node.
     pub lead: lead::Output,
     /// True posture of the midpoint when the lead node's estimate holds: m, m, rad.
     pub truth: [f64; 3],
-    /// Where the midpoint is to go: m, m, rad.
+    /// Goal of the midpoint: m, m, rad.
     pub goal: [f64; 3],
     /// True wheel speeds `[axle][left, right]`, rad/s.
     pub wheel_speed: [[f64; 2]; 2],

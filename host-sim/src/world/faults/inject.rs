@@ -10,7 +10,7 @@ use core_algos::topology::Role;
 /// Ticks a board's slow clock has lost.
 pub type Drift = u32;
 
-/// What the boards read at a tick.
+/// Samples of the boards at a tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Readings {
     /// Front and rear axle.
@@ -125,12 +125,12 @@ impl Injector {
         }
     }
 
-    /// Whether the frame snaps at this tick.
+    /// True if the frame snaps at this tick.
     pub fn snaps(&self, tick: u32) -> bool {
         self.fault == Fault::FrameSnapped && tick == self.at
     }
 
-    /// Whether a board stands still at this tick.
+    /// True if a board stands still at this tick.
     pub fn frozen(&self, role: Role, tick: u32) -> bool {
         match self.fault {
             Fault::Freeze(frozen, ms) if frozen == role => {
@@ -144,7 +144,7 @@ impl Injector {
         }
     }
 
-    /// How many ticks a board's clock is behind at a tick.
+    /// Lag of a board's clock at a tick, ticks.
     pub fn behind(&self, role: Role, tick: u32) -> Drift {
         match self.fault {
             Fault::SlowClock(slow, period) if slow == role => {

@@ -14,7 +14,7 @@ use core_algos::topology::Role;
 /// A wheel: axle (0 front, 1 rear) and side (0 left, 1 right).
 pub type Wheel = (usize, usize);
 
-/// What goes wrong.
+/// Fault.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Fault {
     /// Nothing: the campaign's own check.
@@ -64,16 +64,16 @@ pub enum Fault {
     Reported(usize, Condition, u32, f64),
 }
 
-/// How a fault's runs may end.
+/// Fault with the allowed outcomes of its runs.
 #[derive(Clone, Copy, Debug)]
 pub struct Entry {
     /// Name in tables.
     pub name: &'static str,
     /// The fault.
     pub fault: Fault,
-    /// Whether the robot may finish its task, within the tolerance of an undisturbed run.
+    /// True if the robot may finish its task, within the tolerance of an undisturbed run.
     pub finish: bool,
-    /// Whether it may stop, and the codes that may be the first reason.
+    /// Codes that may be the first reason of a stop; empty if the robot must not stop.
     pub codes: &'static [Condition],
     /// Longest time from the fault to rest with motors off, s.
     pub stop_within_s: f64,
@@ -113,9 +113,9 @@ const fn stops(
     }
 }
 
-/// What a lost or late message leads to.
+/// Codes of a lost or late message.
 const SILENCE: &[Condition] = &[C::CommandTimeout, C::NeighbourLost, C::NeighbourFault];
-/// What messages with wrong contents, or of wrong times, lead to.
+/// Codes of messages with wrong contents or times.
 const CORRUPTION: &[Condition] = &[
     C::CommandTimeout,
     C::NeighbourLost,
@@ -128,7 +128,7 @@ const CORRUPTION: &[Condition] = &[
     // A stop begins from the last reference, which may be a wrong one: then the motors are cut.
     C::StopNotFollowed,
 ];
-/// What wheels that do not do as they should lead to.
+/// Codes of faulty wheels.
 const WHEELS: &[Condition] = &[
     C::TrackingLost,
     C::WheelSlip,
@@ -139,7 +139,7 @@ const WHEELS: &[Condition] = &[
     C::WrenchHigh,
     C::FrameBent,
 ];
-/// What gauges that lie lead to.
+/// Codes of wrong gauges.
 const GAUGES: &[Condition] = &[
     C::EstimateInconsistent,
     C::WrenchHigh,

@@ -45,7 +45,7 @@ table! {
         common_sigma_strain: f64 = 1e-6, at_least_0;
         /// Random walk of each bridge during a trial, strain/√s.
         drift_walk_strain: f64 = 0.05e-6, at_least_0;
-        /// Where along the strip the gauges are meant to sit, from its root, m; at most eight.
+        /// Nominal places of the gauges along the strip, from its root, m; at most eight.
         gauges_m: Vec<f64> = strip::Config::default().gauges_m.iter().map(f64::from).collect(), some_gauges;
         /// Standard deviation of each gauge's place along the strip, m.
         position_sigma_m: f64 = 0.3e-3, at_least_0;
@@ -96,8 +96,8 @@ impl BridgeConfig {
         1 << (self.converter_bits - 1)
     }
 
-    /// What the bridges read, in counts, when the unbent robot was zeroed: the mean of so many
-    /// samples that noise and quantisation are gone. The board keeps it as its calibration.
+    /// Counts of the bridges of the unbent robot, without noise and quantisation. The board keeps
+    /// them as its calibration.
     pub fn zero_counts(&self, drawn: &Drawn) -> [f64; MAX_GAUGES] {
         let limit = f64::from(self.full_scale_counts());
         drawn
@@ -145,7 +145,7 @@ impl LowPass {
     }
 }
 
-/// What time under strain and warmth do to a gauge. A first-order lag each.
+/// Creep and thermal drift of a gauge, a first-order lag each.
 #[derive(Clone, Debug)]
 pub struct GaugeAgeing {
     creep_share: f64,
@@ -175,8 +175,7 @@ impl GaugeAgeing {
         }
     }
 
-    /// What the gauge makes of a strain, and what its zero has moved by, a millisecond after the
-    /// last call.
+    /// Measured strain and zero drift of the gauge, a millisecond after the last call.
     pub fn next(&mut self, strain: f64) -> [f64; 2] {
         self.crept += self.creep_step * (strain - self.crept);
         self.warmth += self.warming_step * (self.warming - self.warmth);

@@ -23,7 +23,7 @@ pub struct Accelerometer;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default, bound = "InertialConfig<Kind>: Default")]
 pub struct InertialConfig<Kind> {
-    /// Whether the axles carry it.
+    /// True if the axles carry the sensor.
     pub fitted: bool,
     /// Standard deviation of the bias at power-up, u.
     pub bias_sigma: f64,

@@ -39,9 +39,9 @@ pub const SAMPLE_PERIOD_S: f64 = 1.0 / SAMPLE_RATE_HZ;
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SensorConfig {
-    /// How well the robot is put on its start.
+    /// Placement accuracy at the start.
     pub placement: PlacementConfig,
-    /// How well the odometry's constants are known.
+    /// Accuracy of the odometry's constants.
     pub geometry: GeometryConfig,
     /// Wheel encoders.
     pub encoder: EncoderConfig,
@@ -54,7 +54,7 @@ pub struct SensorConfig {
 }
 
 table! {
-    /// How well the robot is put on its start.
+    /// Placement accuracy at the start.
     pub struct PlacementConfig("sensors.placement") {
         /// Standard deviation of the start position of O along each axis, m.
         position_sigma_m: f64 = 2e-3, at_least_0;
@@ -64,7 +64,7 @@ table! {
 }
 
 table! {
-    /// How well the odometry's constants are known: true value over the value in the robot's
+    /// Accuracy of the odometry's constants: true value over the value in the robot's
     /// configuration.
     pub struct GeometryConfig("sensors.geometry") {
         /// Relative standard deviation of each wheel's rolling radius.
@@ -168,7 +168,7 @@ impl SensorConfig {
     }
 }
 
-/// What the sensors see of the plant at one instant. Axle 0 is the front, wheel 0 the left.
+/// Inputs of the sensors from the plant at one instant. Axle 0 is the front, wheel 0 the left.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Truth {
     /// Angle each wheel has turned against its axle since the start, rad, forward positive.
@@ -183,7 +183,7 @@ pub struct Truth {
     pub gauge_count: usize,
 }
 
-/// What the boards read at one tick.
+/// Samples of the boards at one tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Samples {
     /// Encoder counters, by axle and wheel; they wrap around.

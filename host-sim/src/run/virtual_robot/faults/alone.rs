@@ -21,7 +21,7 @@ use virtual_board::Time;
 use virtual_board::chip::FlashOperation;
 use virtual_board::wire::{Frame, Id};
 
-/// What came of a trial: the number of cases, or what went wrong.
+/// Result of a trial: the number of cases, or the failure.
 type Found = Result<Result<usize, String>, Error>;
 
 const SECTOR: usize = 16 << 10;
@@ -88,7 +88,7 @@ impl Bench {
         self.intruder(|node, _| node.send(at, frame));
     }
 
-    /// What a board's flash holds in the place of the store.
+    /// Content of the store in a board's flash.
     fn stored(&mut self, role: Role) -> Vec<u8> {
         let mut bytes = Vec::new();
         self.board(role, |board| bytes = board.chip().flash()[STORE].to_vec());
@@ -109,7 +109,7 @@ impl Bench {
         list
     }
 
-    /// What a board was found to do wrong, or how it was reset.
+    /// Finding or reset of a board, if any.
     fn complaint(&mut self, role: Role) -> Option<String> {
         let mut complaint = None;
         self.board(role, |board| {

@@ -34,7 +34,7 @@ pub struct Bench {
     seed: u64,
     /// The board that was struck.
     pub struck: Option<Role>,
-    /// What an act has seen to be wrong.
+    /// Failure that an act has seen.
     pub wrong: Option<String>,
     coverage: Option<Arc<Mutex<Coverage>>>,
 }

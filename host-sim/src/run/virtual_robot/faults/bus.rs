@@ -6,8 +6,8 @@ use core_algos::safety::Condition::{self, *};
 use core_algos::topology::Role;
 use virtual_board::wire::{Fault, Frame, Id, Level};
 
-/// What a bus leads to that does not carry messages. A board that lost the others' messages says so
-/// with the code of whichever it missed first.
+/// Codes of a bus that carries no messages. A board reports the code of the message that it missed
+/// first.
 const SILENCE: &[Condition] = &[BusOff, NeighbourLost, NeighbourFault, CommandTimeout];
 
 /// A frame of eight bytes of an identifier.
@@ -15,7 +15,7 @@ fn frame(id: u16) -> Frame {
     Frame::new(Id::Standard(id), &[0x55; 8])
 }
 
-/// What the transceiver of the struck wheel's board still does.
+/// Sets the remaining functions of the transceiver of the affected board.
 fn transceiver(bench: &mut Bench, sends: bool, hears: bool) {
     let role = bench.wheel().0;
     bench.transceiver(role, sends, hears);

@@ -28,7 +28,7 @@ pub type Alone = fn(&Campaign, u64) -> Result<Result<usize, String>, Error>;
 /// A look at the robot at the end of a run: what is wrong, in words.
 pub type Check = fn(&mut Bench) -> Option<String>;
 
-/// What kind of run it is.
+/// Kind of run.
 #[derive(Clone, Debug)]
 pub enum Course {
     /// The robot drives, then these acts follow.
@@ -45,11 +45,11 @@ pub enum Course {
 pub struct Entry {
     /// Name in tables.
     pub name: &'static str,
-    /// What is interfered with.
+    /// Place of the fault.
     pub seam: &'static str,
     /// The run.
     pub course: Course,
-    /// Whether the robot may drive on.
+    /// True if the robot may drive on.
     pub goes_on: bool,
     /// Codes that may be the first reason of a stop; none if it may not stop.
     pub codes: Vec<Condition>,
@@ -65,9 +65,9 @@ pub struct Entry {
     pub must_reset: bool,
     /// The robot may start although not all nodes are heard to be ready.
     pub unready: bool,
-    /// What must be among the notices of the struck board.
+    /// Notice that the affected board must report.
     pub notice: Option<Condition>,
-    /// What must not be wrong at the end.
+    /// Check at the end.
     pub check: Option<Check>,
     /// Findings that the fault itself brings about: what their texts contain.
     pub findings: &'static [&'static str],
@@ -75,7 +75,7 @@ pub struct Entry {
     pub rest_ms: u64,
     /// A board's crystal is off by this, parts in 10⁹.
     pub fast_ppb: [Option<i64>; 3],
-    /// When the power of each board comes on, ms.
+    /// Power-on time of each board, ms.
     pub power_on_ms: [u64; 3],
 }
 
@@ -106,7 +106,7 @@ impl Entry {
         }
     }
 
-    /// How its boards are run.
+    /// Options of its boards.
     pub fn options(&self) -> Options {
         Options {
             power_on_ms: self.power_on_ms,
@@ -207,7 +207,7 @@ impl Entry {
         self
     }
 
-    /// When the boards' power comes on, ms.
+    /// Sets the power-on time of each board, ms.
     pub fn powered(mut self, after_ms: [u64; 3]) -> Self {
         self.power_on_ms = after_ms;
         self

@@ -42,14 +42,14 @@ pub fn catalogue() -> Vec<Entry> {
     .concat()
 }
 
-/// What all runs have in common.
+/// Settings of all runs.
 pub struct Campaign {
     /// The robot.
     pub scenario: Scenario,
-    /// What its boards run.
+    /// Images of the boards.
     pub images: Images,
     /// Only some of the instants at which power can fail are tried.
     pub quick: bool,
-    /// Where the source lines that the boards run are gathered, if they are.
+    /// Sum of the line coverage, if requested.
     pub coverage: Option<Arc<Mutex<Coverage>>>,
 }

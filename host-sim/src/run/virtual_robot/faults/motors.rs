@@ -7,7 +7,7 @@ use core_algos::topology::Role;
 use virtual_board::Time;
 use virtual_board::device::{AmplifierFault, Half};
 
-/// What a motor leads to that does not do as it should.
+/// Codes of a faulty motor.
 const MOTOR: &[Condition] = &[
     TrackingLost,
     WheelSlip,

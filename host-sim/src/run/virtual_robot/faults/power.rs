@@ -7,7 +7,7 @@ use core_algos::topology::Role;
 use virtual_board::Time;
 use virtual_board::device::Profile;
 
-/// What follows when a board is gone.
+/// Codes of a missing board.
 const GONE: &[Condition] = &[NeighbourLost, NeighbourFault, CommandTimeout, BusOff];
 /// The same when it comes back as one that failed.
 const FAILED: &[Condition] = &[

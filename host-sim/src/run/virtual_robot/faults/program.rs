@@ -7,7 +7,7 @@ use core_algos::topology::Role;
 use virtual_board::Time;
 use virtual_board::board::Board;
 
-/// What a board leads to that stands still or comes back as one that failed.
+/// Codes of a board that halts or restarts.
 const HALTED: &[Condition] = &[
     NeighbourLost,
     NeighbourFault,
@@ -28,8 +28,8 @@ const TIM1_BDTR: u32 = 0x4001_0044;
 const MAIN_OUTPUT: u32 = 1 << 15;
 /// An address without memory.
 const NOTHING: u32 = 0x3000_0000;
-/// What a board is found to do that meets a fault of the processor: the fault itself, frames that come
-/// while it waits for its reset, the reset.
+/// Findings at a fault of the processor: the fault itself, frames during the wait for the reset,
+/// the reset.
 const CRASH: &[&str] = &["fault", "bus error", "unmapped", "overrun", "reset"];
 /// The same where the guard below the stack must have stopped the access.
 const GUARDED: &[&str] = &["fault", "overrun", "reset"];

@@ -31,13 +31,13 @@ const KEPT: usize = 3 * (16 << 10);
 pub struct Case<'a> {
     /// The fault.
     pub entry: &'a Entry,
-    /// When it comes after the button is pressed, ms.
+    /// Time of the fault after the press of the button, ms.
     pub after_ms: u64,
     /// Seed of everything.
     pub seed: u64,
 }
 
-/// How a run ended.
+/// End of a run.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum End {
@@ -49,14 +49,14 @@ pub enum End {
     Wrong(String),
 }
 
-/// What came of a run.
+/// Outcome of a run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Outcome {
     /// Seed.
     pub seed: u64,
     /// Time of the fault, ms after the button was pressed.
     pub after_ms: u64,
-    /// How it ended.
+    /// Result.
     pub end: End,
     /// The first reason that was heard of a stop.
     #[serde(serialize_with = "name")]
@@ -73,7 +73,7 @@ fn name<S: Serializer>(reason: &Option<Condition>, to: S) -> Result<S::Ok, S::Er
     reason.map(|reason| reason.entry().name).serialize(to)
 }
 
-/// Where the robot is without any fault, by ms since the button was pressed.
+/// Postures of the robot without a fault, by ms since the press of the button.
 pub type Reference = Vec<[f64; 3]>;
 
 /// The course of an undisturbed run, as long as any run is.
@@ -122,14 +122,14 @@ pub fn run(campaign: &Campaign, case: &Case, reference: &Reference) -> Result<Ou
     }
 }
 
-/// What was seen of a run.
+/// Observations of a run.
 #[derive(Clone, Copy, Debug, Default)]
 struct Seen {
     /// The fault began.
     from: Time,
-    /// When a motor of each axle had current last.
+    /// Last time at which a motor of each axle carried current.
     last: [Time; 2],
-    /// Whether it still had at the end.
+    /// True if a motor carried current at the end.
     driven: bool,
 }
 
@@ -195,7 +195,7 @@ pub fn node(role: Role) -> Node {
     }
 }
 
-/// Whether the struck board was reset and says that it has restarted.
+/// True if the affected board was reset and reports *restarted*.
 fn has_restarted(bench: &mut Bench) -> bool {
     let Some(role) = bench.struck else {
         return false;
@@ -212,7 +212,7 @@ fn kept(bench: &mut Bench) -> Vec<Vec<u8>> {
         .collect()
 }
 
-/// What must not be in any run: resets, findings, losses.
+/// Unexplained resets, findings and losses of a run.
 fn complaint(bench: &mut Bench, entry: &Entry, before: &[Vec<u8>]) -> Option<String> {
     for report in bench.robot.reports() {
         let name = report.name;

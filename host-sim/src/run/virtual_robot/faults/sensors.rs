@@ -13,11 +13,11 @@ use virtual_board::Time;
 use virtual_board::chip::Defects;
 use virtual_board::device::{BridgeFault, EncoderFault, InertialFault, Line, ThermistorFault};
 
-/// What a board is found to have lost, where the converter's requests are not served.
+/// Findings if the converter's requests are not served.
 const OVERRUN: &[&str] = &["overrun"];
-/// What strains that lie lead to.
+/// Codes of wrong strains.
 const STRAINS: &[Condition] = &[EstimateInconsistent, WrenchHigh, FrameBent, DegradedTooLong];
-/// What a wheel leads to that does not turn as its encoder says.
+/// Codes of a wrong encoder.
 const WHEELS: &[Condition] = &[
     TrackingLost,
     WheelSlip,
@@ -52,14 +52,14 @@ fn inertial(bench: &mut Bench, change: fn(&mut InertialFault)) {
     });
 }
 
-/// What the lead node still does without.
+/// Remaining degradation of the lead node.
 fn degraded(bench: &mut Bench) -> Option<String> {
     let notices = bench.robot.monitor.latest(Node::Lead)?.notices;
     let worst = notices.worst()?.entry().name;
     Some(format!("at the end still {worst}"))
 }
 
-/// How far the counter of the wheel's encoder is from what passed its disc.
+/// Difference between the encoder's counter and the edges of its disc.
 fn miscounted(bench: &mut Bench) -> Option<String> {
     /// They began within one line, and the filter holds one back.
     const APART: u16 = 8;

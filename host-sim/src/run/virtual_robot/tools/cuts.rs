@@ -4,12 +4,12 @@ use crate::run::virtual_robot::VirtualRobot;
 use crate::targets::{Event, Failure, Losses};
 use core_algos::topology::Role;
 
-/// What is to happen to the boards' power, and what did.
+/// Planned and past power cuts of the boards.
 #[derive(Default)]
 pub(super) struct Cuts {
     failures: Vec<Failure>,
     restart_after: Option<u32>,
-    /// When each board's power comes back, ms.
+    /// Time at which each board's power returns, ms.
     revivals: [Option<u32>; 3],
     off: [bool; 3],
     losses: Losses,

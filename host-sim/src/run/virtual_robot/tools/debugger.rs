@@ -29,9 +29,7 @@ impl Gdb {
         for text in texts {
             let (role, port) = parse(text)?;
             if ports.iter().any(|(other, _)| *other == role) {
-                return Err(Error::input(format!(
-                    "--gdb {text}: only one port a board"
-                )));
+                return Err(Error::input(format!("--gdb {text}: only one port a board")));
             }
             // Tried now; opened when the board is there to answer.
             listen(role, port)?;
@@ -47,9 +45,7 @@ impl Gdb {
 fn listen(role: Role, port: u16) -> Result<Server, Error> {
     Server::listen(port).map_err(|error| {
         let name = role.name();
-        Error::input(format!(
-            "--gdb {name}@{port}: {error}: must be a free port"
-        ))
+        Error::input(format!("--gdb {name}@{port}: {error}: must be a free port"))
     })
 }
 

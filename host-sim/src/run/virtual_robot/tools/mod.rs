@@ -31,18 +31,18 @@ use virtual_board::Time;
 use virtual_board::wire::Record as Sending;
 use waves::Waves;
 
-/// What is to look on from power on.
+/// Requested instruments.
 #[derive(Clone, Debug, Default)]
 pub struct Instruments {
     /// Debuggers that the boards wait for.
     pub gdb: Gdb,
     /// File for pins, interrupts and bus.
     pub vcd: Option<PathBuf>,
-    /// Whether time is counted by instruction, for [`profile`] and [`coverage`].
+    /// True if time is counted by instruction, for [`profile`] and [`coverage`].
     pub profile: bool,
 }
 
-/// What looks on.
+/// Instruments.
 #[derive(Default)]
 pub(super) struct Tools {
     debugger: Debugger,
@@ -54,7 +54,7 @@ pub(super) struct Tools {
     traffic: [Traffic; 3],
     /// Frames to be recorded, with their board.
     frames: Vec<(Role, CanFrame)>,
-    /// When the latest estimate of the lead node holds, µs since power on, if it was not recorded.
+    /// Time of validity of the latest unrecorded estimate, µs since power on.
     held: Option<Micros>,
 }
 
@@ -73,7 +73,7 @@ impl Tools {
         whole
     }
 
-    /// What was sent, for the recording.
+    /// Records a sent frame.
     pub fn keep(&mut self, role: Option<Role>, frame: &CanFrame) {
         if let (false, Some(role)) = (self.observers.is_empty(), role) {
             self.frames.push((role, *frame));
@@ -105,7 +105,7 @@ impl VirtualRobot {
         self.tools.pace = Some(Pace::new());
     }
 
-    /// What happened to the boards' power.
+    /// Events of the boards' power.
     pub fn events(&self) -> &[Event] {
         self.tools.cuts.events()
     }

@@ -18,7 +18,7 @@ pub struct Function {
 pub struct Interrupt {
     /// Name of its handler.
     pub name: String,
-    /// How often it ran.
+    /// Number of calls.
     pub count: u64,
     /// Time of all of them, without what preempted them, µs.
     pub us: f64,
@@ -30,7 +30,7 @@ pub struct Interrupt {
     pub longest_latency_us: f64,
 }
 
-/// Where the time of a board went since power on.
+/// Time of a board by function since power on.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Profile {
     /// The board.
