@@ -210,7 +210,7 @@ impl Report {
              or stops with its motors off within the allowed time and with a code that fits the fault. In\n\
              addition speed ({} m/s), steering ({:.0}°) and force of the frame ({} N) must not exceed their\n\
              limits for more than {} s. [codes.md](codes.md) explains the codes. World: {}.\n\n\
-             | fault | finished | stopped | other | reasons | to rest (s) | allowed (s) | error (cm) | speed (m/s) | bend (°) | force (N) |\n\
+             | fault | finished | stopped | other | reasons | to rest (s) | allowed (s) | error (cm) | speed (m/s) | steering (°) | force (N) |\n\
              |---|---|---|---|---|---|---|---|---|---|---|\n",
             TIMES[0] as f64 * 1e-6,
             TIMES[1] as f64 * 1e-6,
