@@ -144,9 +144,9 @@ pub fn run(args: &DoctorArgs) -> Result<(), Error> {
     match names.as_slice() {
         [] => args
             .json
-            .print("\nall that simulation and hardware in the loop need is here\n"),
+            .print("\neverything for simulation and hardware in the loop is installed\n"),
         names => Err(Error::Failure(format!(
-            "simulation or hardware in the loop need what is not here: {}",
+            "missing for simulation or hardware in the loop: {}",
             names.join(", ")
         ))),
     }
@@ -337,7 +337,7 @@ fn probe() -> Check {
     let listed = ask("probe-rs", &["list"]);
     let Ok(text) = listed else {
         let remedy = "install probe-rs first";
-        return Check::not(NAME, Finding::Missing, "cannot be looked for", remedy);
+        return Check::not(NAME, Finding::Missing, "cannot be checked", remedy);
     };
     let probes: Vec<_> = text
         .lines()

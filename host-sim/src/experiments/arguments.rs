@@ -9,8 +9,7 @@ use std::path::PathBuf;
 /// The world that an experiment is in.
 #[derive(Clone, Debug, Default, Args)]
 pub struct WorldChoice {
-    /// World that the robot drives in: one that `cfmmr world` lists, or a TOML file [default: that of the
-    /// scenario, or careful]
+    /// World: a name that `cfmmr world` lists, or a TOML file [default: the scenario's, or careful]
     #[arg(long, value_name = "NAME|FILE")]
     pub world: Option<String>,
 }
@@ -21,23 +20,22 @@ pub struct Common {
     /// The world.
     #[command(flatten)]
     pub choice: WorldChoice,
-    /// Scenario file in TOML; what it leaves out keeps its default (see `cfmmr config`)
+    /// Scenario file (TOML); missing keys keep their default, see `cfmmr config`
     #[arg(long, value_name = "FILE")]
     pub scenario: Option<PathBuf>,
-    /// Change one entry of the scenario, for example --set plant.friction=0.5; may be
-    /// repeated
+    /// Change one key of the scenario, for example --set plant.friction=0.5; may be repeated
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub set: Vec<String>,
-    /// Seed of all random draws; the same seed gives the same bytes
+    /// Seed of all random draws; one seed gives the same bytes
     #[arg(long, default_value_t = 1, value_parser = whole::<u64>(0..=u64::MAX))]
     pub seed: u64,
-    /// Directory for pictures, tables and logs [default: out/COMMAND]
+    /// Folder for pictures, tables and logs [default: out/COMMAND]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Destination of the result as JSON.
     #[command(flatten)]
     pub json: JsonArgs,
-    /// Number of threads; the result does not depend on it [default: one per core]
+    /// Number of threads; does not change the result [default: one a core]
     #[arg(long, value_name = "N", value_parser = whole::<u16>(1..=1024))]
     pub threads: Option<u16>,
 }
@@ -45,25 +43,25 @@ pub struct Common {
 /// Link to an emulated board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum LinkKind {
-    /// Named pipes through semihosting: fast
+    /// Use named pipes through semihosting: fast
     Pipe,
-    /// The board's serial port
+    /// Use the board's serial port
     Uart,
 }
 
 /// Place of the boards: emulated, on serial ports, or in this process.
 #[derive(Clone, Debug, Args)]
 pub struct BoardArgs {
-    /// Run the images of the boards in QEMU; they are built if needed
+    /// Run the boards' images in QEMU; builds the images if needed
     #[arg(long, conflicts_with_all = ["front", "rear", "beam"])]
     pub emulated: bool,
-    /// How frames reach emulated boards
+    /// Link to emulated boards
     #[arg(long, value_enum, default_value_t = LinkKind::Pipe, requires = "emulated")]
     pub link: LinkKind,
-    /// The emulator
+    /// Emulator
     #[arg(long, value_name = "PROGRAM", default_value = "qemu-system-arm")]
     pub qemu: String,
-    /// Serial port of the front board; a board that is not given runs in this process
+    /// Serial port of the front board; boards without a port run in this program
     #[arg(long, value_name = "PORT")]
     pub front: Option<PathBuf>,
     /// Serial port of the rear board
@@ -72,7 +70,7 @@ pub struct BoardArgs {
     /// Serial port of the beam board
     #[arg(long, value_name = "PORT")]
     pub beam: Option<PathBuf>,
-    /// Rate of the serial ports
+    /// Baud rate of the serial ports
     #[arg(long, default_value_t = 921_600, value_parser = whole::<u32>(9_600..=12_000_000))]
     pub baud: u32,
 }

@@ -27,7 +27,7 @@ pub struct FollowArgs {
     /// Arguments every experiment takes.
     #[command(flatten)]
     pub common: Common,
-    /// Where the run is recorded.
+    /// Recording of the run.
     #[command(flatten)]
     pub log: LogArgs,
     /// Path: line, circle, figure-eight, or a CSV file of waypoints (columns x,y in m)
@@ -108,11 +108,11 @@ pub struct Report {
     pub length_m: f64,
     /// Largest speed, m/s.
     pub speed_m_s: f64,
-    /// Whether the relative position sensor was fitted.
+    /// True if the relative position sensor was fitted.
     pub rps: bool,
-    /// Whether inertial sensors were fitted.
+    /// True if inertial sensors were fitted.
     pub imu: bool,
-    /// Which fusion ran.
+    /// Fusion.
     pub fusion: &'static str,
     /// Errors of the true midpoint.
     #[serde(flatten)]
@@ -123,9 +123,9 @@ pub struct Report {
     pub path_curvature: f64,
     /// Largest true |curvature| of the midpoint's way, 1/m.
     pub max_curvature: f64,
-    /// What the frame allows, 1/m.
+    /// Curvature bound of the frame, 1/m.
     pub curvature_bound: f64,
-    /// Whether the robot came to rest at the end.
+    /// True if the robot came to rest at the end.
     pub done: bool,
     /// Why it did not.
     pub ended: Option<String>,
@@ -144,7 +144,7 @@ fn path_of(args: &FollowArgs) -> Result<Path, Error> {
         file => {
             if args.size.is_some() {
                 return Err(Error::input(
-                    "--size: only for line, circle and figure-eight; waypoints have their own size",
+                    "--size: no effect on waypoints; only for line, circle and figure-eight",
                 ));
             }
             let text = File::open(file).map_err(|error| {
@@ -207,7 +207,7 @@ pub struct Course {
     pub name: String,
     /// One lap.
     pub path: Path,
-    /// What is driven.
+    /// Driven route.
     pub route: Route,
     /// Largest speed, m/s.
     pub speed_m_s: f64,
@@ -228,7 +228,7 @@ pub fn prepare(args: &FollowArgs, context: &mut Context) -> Result<Course, Error
     let path = path_of(args)?;
     if args.laps != 1 && !path.is_closed() {
         return Err(Error::input(format!(
-            "--laps {}: must be 1, for the path {} is open",
+            "--laps {}: must be 1 because the path {} is open",
             args.laps, args.path
         )));
     }
@@ -393,7 +393,7 @@ fn summary(report: &Report) -> Vec<(String, String)> {
     let row = |name: &str, value: String| (name.to_owned(), value);
     let errors = |errors: &ErrorReport| {
         format!(
-            "rms {:.2} mm, largest {:.2} mm, at the end {:.2} mm and {:.2}°",
+            "rms {:.2} mm, largest {:.2} mm, final {:.2} mm and {:.2}°",
             1e3 * errors.rms_m,
             1e3 * errors.max_m,
             1e3 * errors.final_m,
@@ -417,7 +417,7 @@ fn summary(report: &Report) -> Vec<(String, String)> {
         row(
             "Largest curvature",
             format!(
-                "path {:.2}, driven {:.2}, bound of the frame {:.2} 1/m",
+                "path {:.2}, true {:.2}, bound of the frame {:.2} 1/m",
                 report.path_curvature, report.max_curvature, report.curvature_bound
             ),
         ),
@@ -535,7 +535,7 @@ fn table(heading: &str, report: &Report, outcome: &Outcome) -> String {
     };
     format!(
         "{heading}\n{:.2} m at up to {} m/s; {end}\n\n{table}\n\
-         curvature: path {:.2}, driven {:.2}, bound of the frame {:.2} 1/m\n",
+         curvature: path {:.2}, true {:.2}, bound of the frame {:.2} 1/m\n",
         report.length_m,
         report.speed_m_s,
         report.path_curvature,

@@ -52,7 +52,7 @@ pub fn scenario(
     })
 }
 
-/// What an experiment needs besides its own arguments.
+/// Scenario, threads and output of an experiment.
 pub struct Context {
     /// The scenario with the changes of the command line.
     pub scenario: Scenario,

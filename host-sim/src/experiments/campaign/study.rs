@@ -131,9 +131,9 @@ impl Vary {
         };
         match (&self.values, self.uniform, self.log_uniform, self.normal) {
             (Some(values), None, None, None) if !values.is_empty() => Ok(Kind::Values(values)),
-            (Some(_), None, None, None) => {
-                Err(wrong("values = []: must have at least one value".into()))
-            }
+            (Some(_), None, None, None) => Err(wrong(
+                "values = []: must have at least one value value".into(),
+            )),
             (None, Some(range), None, None) => {
                 ordered("uniform", range, f64::NEG_INFINITY)?;
                 Ok(Kind::Drawn(Draw::Uniform(range)))

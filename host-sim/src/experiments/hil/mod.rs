@@ -179,7 +179,7 @@ pub fn run(args: &HilArgs) -> Result<(), Error> {
     let plan = Plan::new(args)?;
     if !context.scenario.world.bus.quantise && args.boards.any() {
         return Err(Error::input(
-            "bus.quantise = false: must be true with boards that send frames",
+            "bus.quantise = false: must be true with boards behind links",
         ));
     }
     let interrupt = context.interrupt().clone();
@@ -225,7 +225,7 @@ pub fn run(args: &HilArgs) -> Result<(), Error> {
     let stopped = report
         .ended
         .as_ref()
-        .map(|why| format!("the run ended with the motors off before its task was done: {why}"));
+        .map(|why| format!("the run ended with the motors off before the task was done: {why}"));
     let failed = excess.or(different).or(stopped);
     context.finish(&text, &report, files, &recorded, failed)
 }
@@ -234,8 +234,8 @@ pub fn run(args: &HilArgs) -> Result<(), Error> {
 fn prepare(args: &HilArgs, context: &mut Context) -> Result<Task, Error> {
     if !args.boards.any() {
         return Err(Error::input(
-            "hil: --emulated, or a serial port for a board (--front, --rear, --beam), must be given, \
-             for example `cfmmr hil --emulated`; `cfmmr doctor` says whether QEMU and ports are here",
+            "hil: needs --emulated, --virtual or a serial port (--front, --rear, --beam), for example \
+             `cfmmr hil --emulated`; `cfmmr doctor` checks QEMU and ports",
         ));
     }
     let scenario = &mut context.scenario;
@@ -250,7 +250,7 @@ fn prepare(args: &HilArgs, context: &mut Context) -> Result<Task, Error> {
     scenario.world.sensors.accelerometer.fitted |= args.imu;
     if !scenario.mission.rps && args.boards.beam.is_some() {
         return Err(Error::input(
-            "--beam: there is no beam board without the relative position sensor",
+            "--beam: no beam board without the relative position sensor",
         ));
     }
     let (path, manner) = match (&args.follow, &args.track) {
@@ -560,8 +560,8 @@ fn summary(report: &Report) -> String {
     {
         let pause = RECOVERY_PAUSE as f64 * 1e-6;
         text += &format!(
-            "a fault lasts until it is cleared: after a restart the host waits {pause} s, clears the \
-             faults\nand gives the task again; the robot by itself would have stayed at rest\n"
+            "after a restart the host waited {pause} s, cleared the faults and repeated the task;\n\
+             without the host the robot stays at rest\n"
         );
     }
     let faults = report.nodes.iter();

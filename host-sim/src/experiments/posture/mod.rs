@@ -41,13 +41,13 @@ pub struct PostureArgs {
     /// Arguments every experiment takes.
     #[command(flatten)]
     pub common: Common,
-    /// Where the run is recorded.
+    /// Recording of the run.
     #[command(flatten)]
     pub log: LogArgs,
-    /// Number of paired trials in each row
+    /// Number of paired trials a row
     #[arg(long, default_value_t = 50, value_parser = whole::<u32>(1..=1_000_000), conflicts_with_all = ["dashboard", "live"])]
     pub trials: u32,
-    /// Start posture of the robot's midpoint: metres, metres, heading in radians or with `deg`
+    /// Start posture of the midpoint O: m, m, rad, or heading with `deg`: -1.5,0.2,90deg
     #[arg(long, value_name = "X,Y,PHI", allow_hyphen_values = true)]
     pub from: Option<String>,
     /// Rows of the table
@@ -232,10 +232,10 @@ fn first_trial(
     Ok((outcome, recorder.close()?))
 }
 
-/// What is kept of a trial.
+/// Data of a trial.
 #[derive(Clone, Debug, Default)]
 pub struct Trial {
-    /// How it ended.
+    /// Result.
     pub outcome: Outcome,
     /// The midpoint's path, at 10 Hz.
     pub path: Vec<[f64; 2]>,

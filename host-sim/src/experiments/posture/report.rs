@@ -17,11 +17,11 @@ pub const CHI_SQUARE_99: f64 = 11.345;
 /// One row of the result.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Row {
-    /// Whether the relative position sensor was fitted.
+    /// True if the relative position sensor was fitted.
     pub rps: bool,
-    /// Whether inertial sensors were fitted.
+    /// True if inertial sensors were fitted.
     pub imu: bool,
-    /// Which fusion ran.
+    /// Fusion.
     pub fusion: &'static str,
     /// Distance of O from the goal.
     pub e_m: Summary,
@@ -117,7 +117,7 @@ pub fn summarize(variant: &Variant, trials: &[Trial], goal: [f64; 3]) -> Row {
     }
 }
 
-/// How a trial ended, in a word.
+/// End of a trial, in a word.
 fn end_of(outcome: &Outcome) -> String {
     match (&outcome.fault, outcome.done) {
         (Some(status), _) => status.reason.map_or_else(

@@ -6,11 +6,11 @@ use core_algos::fusion::robot::Mode;
 /// A configuration of sensors and fusion: one row of the table.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Variant {
-    /// Whether the relative position sensor is fitted.
+    /// True if the relative position sensor is fitted.
     pub rps: bool,
-    /// Whether the axles carry gyroscopes and accelerometers.
+    /// True if the axles carry gyroscopes and accelerometers.
     pub imu: bool,
-    /// Which fusion runs.
+    /// Fusion.
     pub mode: Mode,
 }
 
