@@ -11,12 +11,12 @@ use core_algos::time::EPOCH;
 const HOLD: u8 = 5;
 const _: () = assert!(EPOCH == 10_000);
 
-/// What the tick asks of the motors.
+/// Command of the tick to the motors.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Command {
-    /// Whether the motors may be on.
+    /// True if the motors may be on.
     pub on: bool,
-    /// Whether a latched fault is to be forgotten.
+    /// True to clear a latched fault.
     pub clear: bool,
     /// Wheel torques (left, right), N m, forward positive.
     pub torque_nm: [f32; 2],
@@ -26,7 +26,7 @@ pub struct Command {
     pub limit_a: [f32; 2],
 }
 
-/// What the motors report; it holds for the last tick.
+/// Report of the motors for the last tick.
 #[derive(Clone, Copy, Debug)]
 pub struct Feedback {
     /// Currents, root mean square over the tick, A.
@@ -35,13 +35,13 @@ pub struct Feedback {
     pub supply_v: f32,
     /// Between the drivers, °C; `None` if the thermistor is open or short.
     pub temperature_c: Option<f32>,
-    /// Whether the drivers are awake.
+    /// True if the drivers are awake.
     pub on: bool,
-    /// Whether the zeros of the current sensors are known.
+    /// True if the zeros of the current sensors are known.
     pub ready: bool,
-    /// Whether the emergency stop is pressed at present.
+    /// True if the emergency stop is pressed.
     pub stopped: bool,
-    /// Whether a motor's current does not answer to its voltage.
+    /// True if a motor's current does not follow its voltage.
     pub unresponsive: bool,
     /// Longest run of the current loop since the start, core cycles.
     pub longest_cycles: u32,

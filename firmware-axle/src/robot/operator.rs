@@ -16,7 +16,7 @@ use crate::rules::{Press, Presses};
 pub struct Button {
     pin: Input<'static>,
     presses: Presses,
-    /// Where a drive begins: midpoint, and front axle seen from the rear.
+    /// Start of a drive: midpoint, and front axle seen from the rear.
     start: (Estimate, Estimate),
 }
 

@@ -30,14 +30,14 @@ use crate::rules::{Command, Feedback};
 /// Ticks between health reports on the bus.
 const HEALTH: u8 = 100;
 
-/// What the log is told.
+/// Report for the log.
 #[derive(Clone, Copy, Debug)]
 pub struct Report {
     /// Motors.
     pub feedback: Feedback,
     /// Windings, °C.
     pub winding_c: [f32; 2],
-    /// Whether the common time is known and ticks are in step with it.
+    /// True if the common time is known and the ticks are in step with it.
     pub in_step: bool,
     /// Largest jitter and longest tick since the last report, µs.
     pub timing_us: (u16, u16),
@@ -45,11 +45,11 @@ pub struct Report {
     pub missed: u16,
     /// Times the nodes began anew since the start.
     pub restarts: u16,
-    /// Whether the inertial sensor answers.
+    /// True if the inertial sensor answers.
     pub inertial: bool,
 }
 
-/// Where the tick leaves its report.
+/// Destination of the tick's report.
 pub type Reports = watch::Sender<'static, CriticalSectionRawMutex, Report, 1>;
 
 /// Everything the tick works with.
@@ -74,9 +74,9 @@ pub struct Axis {
     pub winding: Winding,
     /// Limits of drivers and supply.
     pub drive: Drive,
-    /// How the parameters were found at the start.
+    /// State of the parameters at the start.
     pub parameters: Conditions,
-    /// Where reports go.
+    /// Destination of the reports.
     pub reports: Reports,
     /// For the watchdog.
     pub badge: Badge,
@@ -85,7 +85,7 @@ pub struct Axis {
 /// All that changes from tick to tick.
 struct State {
     sync: TickSync,
-    /// What the nodes of this board sent at the last tick, as the others read it.
+    /// Messages of this board's nodes at the last tick, as the other boards decode them.
     own: Outbox,
     wheels: [wheel_observer::State; 2],
     windings: [winding::State; 2],

@@ -25,7 +25,7 @@ pub fn put_feedback(feedback: Feedback) {
     critical::all(|cs| FEEDBACK.borrow(cs).set(feedback));
 }
 
-/// What was measured in the last tick.
+/// Measurements of the last tick.
 pub fn feedback() -> Feedback {
     critical::all(|cs| FEEDBACK.borrow(cs).get())
 }
