@@ -312,7 +312,7 @@ fn a_run_that_is_stopped_says_why_and_fails() {
     let output = cfmmr(folder.path(), &all);
     let error = String::from_utf8_lossy(&output.stderr).into_owned();
     assert_eq!(output.status.code(), Some(1), "{error}");
-    for word in ["wrench high (0x87)", " s: ", "look for a blocked wheel"] {
+    for word in ["wrench high (0x87)", " s: ", "check for a blocked wheel"] {
         assert!(error.contains(word), "no {word:?} in {error}");
     }
     let result = fs::read_to_string(folder.path().join("result.json")).unwrap();

@@ -475,7 +475,7 @@ mod tests {
         );
         said(
             |report| report.windows[1].relative_m = 3.1e-3,
-            "pair's error is 3.10 mm",
+            "pair error 3.10 mm",
         );
         said(|report| report.nis = None, "too few");
         said(

@@ -400,7 +400,7 @@ mod tests {
                 "RearAxle Idle 40",
                 "Beam not heard",
                 "front 123456 12 345",
-                "rear in this process",
+                "rear in this program",
                 "beam off",
                 "bus 98765 43",
                 "NIS 2.25",
@@ -434,12 +434,13 @@ mod tests {
         for size in SIZES {
             let lines = picture(&stopped(), size);
             let text = words(&lines);
-            let low = "0x8a supply low (RearAxle, 12.300 s): charge the battery, check the cable";
+            let low = "0x8a supply low (RearAxle, 12.300 s): charge the battery; check the cable";
             assert!(text.contains(low), "{size:?}: {}", lines.join("\n"));
             assert!(text.contains("RearAxle Fault 40 0x8a"), "{text}");
             assert!(!text.contains("none"));
             // Told by the lead node, which is not in fault any more.
-            let told = "0x83 neighbour stopped (Lead, 12.300 s, cleared): look at that node's code";
+            let told =
+                "0x83 neighbour stopped (Lead, 12.300 s, cleared): read the code of that node";
             assert!(text.contains(told), "{size:?}: {}", lines.join("\n"));
         }
         let text = words(&picture(&stopped(), (80, 24)));
