@@ -215,7 +215,7 @@ fn parameters_go_from_board_to_file_and_back_and_into_a_scenario() {
     run(&get);
     let read = || -> Value {
         let bytes = fs::read(folder.path().join("values.json")).unwrap();
-        serde_json::from_slice(&bytes).unwrap()
+        serde_json::from_slice::<Value>(&bytes).unwrap()["parameters"].clone()
     };
     assert_eq!(read()[1]["value"], 0.073, "it was not saved");
     run(&["params", "set", "--board", "rear,front", "--save", set]);

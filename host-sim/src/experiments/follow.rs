@@ -326,25 +326,7 @@ pub fn publish(
         duration_s: outcome.duration_s,
     };
     let records: Vec<_> = moments.iter().map(|moment| moment.record).collect();
-    let run = FollowRun {
-        reference: route
-            .path()
-            .samples()
-            .iter()
-            .map(|at| [at.x, at.y])
-            .collect(),
-        driven: moments
-            .iter()
-            .map(|moment| [moment.record.midpoint[0], moment.record.midpoint[1]])
-            .collect(),
-        snapshots: snapshots(&records),
-        distance_label: match manner {
-            Manner::Follow => "distance to the left of the path",
-            Manner::Track => "distance from the reference",
-        },
-        truth: over_time(moments, manner, |moment| &moment.truth),
-        estimate: over_time(moments, manner, |moment| &moment.estimate),
-    };
+    let run = followed(route, manner, moments, &records);
     let shape = FilePath::new(&course.name).file_stem();
     let shape = shape.map_or(course.name.clone(), |stem| {
         stem.to_string_lossy().into_owned()
@@ -386,6 +368,29 @@ pub fn publish(
         &[shown],
     );
     Ok((table(&heading, &report, outcome), report, files))
+}
+
+/// A run for its picture.
+fn followed(route: &Route, manner: Manner, moments: &[Moment], records: &[Record]) -> FollowRun {
+    FollowRun {
+        reference: route
+            .path()
+            .samples()
+            .iter()
+            .map(|at| [at.x, at.y])
+            .collect(),
+        driven: moments
+            .iter()
+            .map(|moment| [moment.record.midpoint[0], moment.record.midpoint[1]])
+            .collect(),
+        snapshots: snapshots(records),
+        distance_label: match manner {
+            Manner::Follow => "distance to the left of the path",
+            Manner::Track => "distance from the reference",
+        },
+        truth: over_time(moments, manner, |moment| &moment.truth),
+        estimate: over_time(moments, manner, |moment| &moment.estimate),
+    }
 }
 
 /// Rows of the page's summary.

@@ -185,9 +185,14 @@ fn connect(target: &ParamsTarget) -> Result<Vec<(Role, Remote)>, Error> {
     Ok(boards)
 }
 
-fn write_json(target: &ParamsTarget, result: &impl Serialize) -> Result<(), Error> {
-    target.json.write(&Provenance::default(), result)?;
-    Ok(())
+fn write_json(target: &ParamsTarget, parameters: &impl Serialize) -> Result<(), Error> {
+    #[derive(Serialize)]
+    struct Values<'a, T> {
+        parameters: &'a T,
+    }
+    target
+        .json
+        .write(&Provenance::default(), &Values { parameters })
 }
 
 fn show(target: &ParamsTarget, wanted: &[&'static Parameter]) -> Result<(), Error> {
@@ -240,7 +245,7 @@ fn show(target: &ParamsTarget, wanted: &[&'static Parameter]) -> Result<(), Erro
         ]);
     }
     write_json(target, &rows)?;
-    print(&table.to_string())
+    target.json.print(&table.to_string())
 }
 
 /// Source of a value, in words.
@@ -366,7 +371,7 @@ fn change(
         (false, true) => "not saved: lost at reset; save with cfmmr params save".to_owned(),
         (false, false) => "not saved: these boards end with the command; use --save".to_owned(),
     };
-    print(&format!("{table}{note}\n"))
+    target.json.print(&format!("{table}{note}\n"))
 }
 
 fn run_save(target: &ParamsTarget) -> Result<(), Error> {
@@ -381,7 +386,7 @@ fn run_save(target: &ParamsTarget) -> Result<(), Error> {
         written.push((role.name(), values));
     }
     write_json(target, &written)?;
-    print(&text)
+    target.json.print(&text)
 }
 
 fn run_export(export: &ParamsExport) -> Result<(), Error> {
@@ -399,6 +404,6 @@ fn run_export(export: &ParamsExport) -> Result<(), Error> {
             output::write_file(path, &text)?;
             print(&format!("wrote {}\n", path.display()))
         }
-        None => print(&text),
+        None => export.target.json.print(&text),
     }
 }

@@ -205,6 +205,58 @@ fn wrapped(angle: f64) -> f64 {
     angle.sin().atan2(angle.cos())
 }
 
+/// Correlated noise of the estimate: x, y (m), heading (rad).
+struct Noise {
+    values: [f64; 3],
+    keep: f64,
+    /// Share of the next draw: all of the first, so that the noise is stationary from the start.
+    fresh: f64,
+}
+
+impl Noise {
+    fn new(model: &Model, tick: f64) -> Self {
+        Self {
+            values: [0.0; 3],
+            keep: (-tick / model.noise_correlation_s).exp(),
+            fresh: 1.0,
+        }
+    }
+
+    fn next(&mut self, model: &Model, random: &mut Pcg64) -> [f64; 3] {
+        let scale = [
+            model.position_noise_m,
+            model.position_noise_m,
+            model.heading_noise_rad,
+        ];
+        for (value, scale) in self.values.iter_mut().zip(scale) {
+            let unit: f64 = StandardNormal.sample(random);
+            *value = self.keep * *value + self.fresh * scale * unit;
+        }
+        self.fresh = (1.0 - self.keep * self.keep).sqrt();
+        self.values
+    }
+}
+
+/// The driven way.
+#[derive(Default)]
+struct Way {
+    length_m: f64,
+    max_curvature: f64,
+    cusps: u32,
+    last_sign: f64,
+}
+
+impl Way {
+    fn see(&mut self, model: &Model, robot: &Robot) {
+        self.max_curvature = self.max_curvature.max(model.curvature(robot.psi).abs());
+        if robot.v.abs() > 5e-3 {
+            let sign = robot.v.signum();
+            self.cusps += u32::from(sign * self.last_sign < 0.0);
+            self.last_sign = sign;
+        }
+    }
+}
+
 /// Drives the regulator from `start` to `goal`; `seed` and `index` decide the estimate's noise.
 /// `trace` is called each tick with time, robot and phase.
 pub fn regulate(
@@ -221,29 +273,14 @@ pub fn regulate(
     let mut random = Pcg64::new(u128::from(seed), (u128::from(index) << 1) | 1);
     let mut robot = Robot::at(start);
     let mut state = State::default();
-    let (mut length_m, mut max_curvature, mut cusps, mut last_sign) = (0.0, 0.0f64, 0, 0.0);
+    let mut way = Way::default();
     let (mut attempts, mut plans, mut planning, mut planning_ticks) = (0, 0, 0, 0);
     let mut gave_up = false;
     let mut time_s = model.time_limit_s;
-    let mut noise = [0.0; 3];
-    let keep = (-tick / model.noise_correlation_s).exp();
+    let mut noise = Noise::new(model, tick);
     let mut at_goal = false;
     for k in 0..(model.time_limit_s / tick) as u64 {
-        let scale = [
-            model.position_noise_m,
-            model.position_noise_m,
-            model.heading_noise_rad,
-        ];
-        for (value, scale) in noise.iter_mut().zip(scale) {
-            let unit: f64 = StandardNormal.sample(&mut random);
-            // Stationary from the first tick on.
-            let fresh = if k == 0 {
-                1.0
-            } else {
-                (1.0 - keep * keep).sqrt()
-            };
-            *value = keep * *value + fresh * scale * unit;
-        }
+        let noise = noise.next(model, &mut random);
         let estimate = Posture::new(
             (robot.posture[0] + noise[0]) as f32,
             (robot.posture[1] + noise[1]) as f32,
@@ -271,16 +308,9 @@ pub fn regulate(
         for _ in 0..SUBSTEPS {
             let dt = tick / f64::from(SUBSTEPS);
             robot.advance(model, output.command.v.into(), psi, dt);
-            length_m += dt * robot.v.abs();
+            way.length_m += dt * robot.v.abs();
         }
-        max_curvature = max_curvature.max(model.curvature(robot.psi).abs());
-        if robot.v.abs() > 5e-3 {
-            let sign = robot.v.signum();
-            if sign * last_sign < 0.0 {
-                cusps += 1;
-            }
-            last_sign = sign;
-        }
+        way.see(model, &robot);
         if output.done && robot.v.abs() < 5e-3 {
             time_s = k as f64 * tick;
             at_goal = true;
@@ -308,13 +338,13 @@ pub fn regulate(
         distance_m,
         heading_rad,
         time_s,
-        length_m,
+        length_m: way.length_m,
         done: at_goal,
         gave_up,
         end_speed_m_s: robot.v.abs(),
         shortest_m: shortest::length(start, goal, bound),
-        max_curvature,
-        cusps,
+        max_curvature: way.max_curvature,
+        cusps: way.cusps,
         attempts,
         plans,
         planning_ticks,

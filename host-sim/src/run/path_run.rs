@@ -52,6 +52,33 @@ pub fn bounds(scenario: &Scenario) -> Bounds {
 }
 
 impl Route {
+    /// Deviations of the true and of the estimated midpoint, `since` µs after the beginning of the task;
+    /// `places` holds their arc lengths, m.
+    fn deviations(
+        &self,
+        manner: Manner,
+        record: &Record,
+        since: Micros,
+        places: &mut [f64; 2],
+    ) -> [Deviation; 2] {
+        let center = record.lead.fused.robot.posture;
+        let estimate = [center.x, center.y, center.phi].map(f64::from);
+        // The lead node's latest step was on the estimate of the epoch that has just passed.
+        let ages = [0, EPOCH];
+        let mut deviations = [Deviation::default(); 2];
+        for (i, [x, y, phi]) in [record.midpoint, estimate].into_iter().enumerate() {
+            places[i] = match manner {
+                Manner::Follow => self.path.nearest(x, y, places[i], WINDOW_M),
+                Manner::Track => {
+                    let time = (since - ages[i]) as f64 * 1e-6;
+                    self.trajectory.arc_length(time)
+                }
+            };
+            deviations[i] = Deviation::of([x, y, phi], &self.path.at(places[i]));
+        }
+        deviations
+    }
+
     /// `laps` laps of a closed path, or an open path, as the robot of `scenario` is to drive it.
     /// Refuses what its frame cannot bend to.
     pub fn new(path: &Path, laps: u32, scenario: &Scenario) -> Result<Self, PathError> {
@@ -262,27 +289,7 @@ pub fn drive_on(
             continue;
         }
         let record = simulation.record();
-        let center = record.lead.fused.robot.posture;
-        // The lead node's latest step was on the estimate of the epoch that has just passed.
-        let seen = [
-            record.midpoint,
-            [center.x, center.y, center.phi].map(f64::from),
-        ];
-        let ages = [0, EPOCH];
-        let mut deviations = [Deviation::default(); 2];
-        for i in 0..2 {
-            let place = match manner {
-                Manner::Follow => route
-                    .path
-                    .nearest(seen[i][0], seen[i][1], places[i], WINDOW_M),
-                Manner::Track => {
-                    let time = (now - settle - ages[i]) as f64 * 1e-6;
-                    route.trajectory.arc_length(time)
-                }
-            };
-            places[i] = place;
-            deviations[i] = Deviation::of(seen[i], &route.path.at(place));
-        }
+        let deviations = route.deviations(manner, &record, now - settle, &mut places);
         let [x, y, heading] = record.relative;
         moment = Moment {
             target: route.path.at(places[0]),

@@ -136,17 +136,7 @@ fn shard(args: &CampaignArgs) -> Result<(), Error> {
     let mine: Vec<u64> = (0..study.blocks())
         .filter(|&block| shard.has(block))
         .collect();
-    let mut to_do = Vec::new();
-    for &block in &mine {
-        match directory.block(block)? {
-            Block::Complete(_) => {}
-            Block::Missing => to_do.push(block),
-            Block::Spoiled(why) => {
-                eprintln!("{why}: done anew");
-                to_do.push(block);
-            }
-        }
-    }
+    let to_do = missing(&directory, &mine)?;
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(args.threads.map_or(0, usize::from))
         .build()
@@ -196,6 +186,22 @@ fn shard(args: &CampaignArgs) -> Result<(), Error> {
         count(&mine) - count(&to_do),
         path.display()
     ))
+}
+
+/// Blocks that are not there, or damaged.
+fn missing(directory: &Directory, blocks: &[u64]) -> Result<Vec<u64>, Error> {
+    let mut missing = Vec::new();
+    for &block in blocks {
+        match directory.block(block)? {
+            Block::Complete(_) => {}
+            Block::Missing => missing.push(block),
+            Block::Spoiled(why) => {
+                eprintln!("{why}: recomputed");
+                missing.push(block);
+            }
+        }
+    }
+    Ok(missing)
 }
 
 fn one(study: &Study, index: u64) -> Result<Finished, Error> {

@@ -146,6 +146,31 @@ pub fn run(scenario: &Scenario, case: &Case, bounds: &Bounds) -> Result<Outcome,
     run_on(&mut simulation, scenario, case, bounds)
 }
 
+/// Largest speed (m/s), steering angle (rad) and force (N), and ticks beyond the bound of each.
+#[derive(Default)]
+struct Extremes {
+    most: [f64; 3],
+    beyond: [u32; 3],
+}
+
+impl Extremes {
+    fn see(&mut self, seen: [f64; 3], bounds: &Bounds) {
+        let limits = [bounds.speed_m_s, bounds.steering_rad, bounds.force_n];
+        for i in 0..3 {
+            self.most[i] = self.most[i].max(seen[i]);
+            // NaN is beyond every bound.
+            let within = seen[i] <= limits[i];
+            self.beyond[i] = if within { 0 } else { self.beyond[i] + 1 };
+        }
+    }
+
+    /// True if one is beyond its bound for longer than a moment.
+    fn are_beyond(&self, bounds: &Bounds) -> bool {
+        let moment = (bounds.moment_s * 1e3) as u32;
+        self.beyond.iter().any(|ticks| *ticks > moment)
+    }
+}
+
 /// The same with a simulation into which the fault has been put.
 pub fn run_on(
     simulation: &mut Simulation,
@@ -157,9 +182,7 @@ pub fn run_on(
     let settle = (mission.settle_s * 1e6) as Micros;
     let limit = settle + (mission.time_limit_s * 1e6) as Micros;
     let at = case.at(scenario);
-    let [mut speed, mut steering, mut force] = [0.0f64; 3];
-    let moment = (bounds.moment_s * 1e3) as u32;
-    let mut beyond = [0u32; 3];
+    let mut extremes = Extremes::default();
     let (mut rest, mut stopped_at) = (0u32, None);
     let mut done = 0u32;
     let mut claimed = None;
@@ -178,18 +201,8 @@ pub fn run_on(
             wrench[0].hypot(wrench[1]),
         ];
         if now >= at {
-            (speed, steering, force) = (
-                speed.max(seen[0]),
-                steering.max(seen[1]),
-                force.max(seen[2]),
-            );
-            let limits = [bounds.speed_m_s, bounds.steering_rad, bounds.force_n];
-            for i in 0..3 {
-                // NaN is beyond every bound.
-                let within = seen[i] <= limits[i];
-                beyond[i] = if within { 0 } else { beyond[i] + 1 };
-            }
-            if beyond.iter().any(|ticks| *ticks > moment) {
+            extremes.see(seen, bounds);
+            if extremes.are_beyond(bounds) {
                 end = End::Uncontrolled;
                 break;
             }
@@ -239,9 +252,9 @@ pub fn run_on(
         error_m: (x - goal[0]).hypot(y - goal[1]),
         heading_rad: libm::remainder(phi - goal[2], std::f64::consts::TAU).abs(),
         claimed,
-        speed_m_s: speed,
-        steering_rad: steering,
-        force_n: force,
+        speed_m_s: extremes.most[0],
+        steering_rad: extremes.most[1],
+        force_n: extremes.most[2],
         torque_nm: simulation.torque(),
         end_speed_m_s: simulation.speed(),
         nodes: simulation.monitor().changes().to_vec(),

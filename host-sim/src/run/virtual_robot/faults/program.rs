@@ -183,7 +183,13 @@ fn hands() -> Vec<Entry> {
     ]
 }
 
+/// Faults of the program.
 fn faults() -> Vec<Entry> {
+    [crashes(), hangs()].concat()
+}
+
+/// Programs that crash.
+fn crashes() -> Vec<Entry> {
     vec![
         Entry::drive("wild store to nowhere", "program", |b| {
             wild_store(b, None, NOTHING);
@@ -239,6 +245,12 @@ fn faults() -> Vec<Entry> {
         .goes_on()
         .restarts()
         .finds(CRASH),
+    ]
+}
+
+/// Programs that hang, and the rest.
+fn hangs() -> Vec<Entry> {
+    vec![
         Entry::drive("the tick of an axle's board hangs", "program", |b| {
             wild_store(b, Some(TICK), RAM + 16);
         })
