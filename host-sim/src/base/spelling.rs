@@ -7,6 +7,9 @@ use toml::{Table, Value};
 /// Likeness, from 0 to 1, from which on a name is offered in place of another.
 const ALIKE: f64 = 0.75;
 
+/// Beginning of a suggestion.
+const MEANT: &str = "did you mean ";
+
 /// The known name that is most like a word, if one is like it.
 pub fn nearest<'a>(word: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let likeness = |name: &str| strsim::normalized_damerau_levenshtein(word, name);
@@ -20,21 +23,21 @@ pub fn nearest<'a>(word: &str, known: impl IntoIterator<Item = &'a str>) -> Opti
 /// `; did you mean NAME?` for a word that is like a known name, else nothing.
 pub fn hint<'a>(word: &str, known: impl IntoIterator<Item = &'a str>) -> String {
     let meant = nearest(word, known);
-    meant.map_or_else(String::new, |name| format!("; did you mean {name}?"))
+    meant.map_or_else(String::new, |name| format!("; {MEANT}{name}?"))
 }
 
-/// Adds a suggestion to the error of a TOML file whose unknown key is like one of its table.
+/// Puts a suggestion in place of the list of keys in the error of a TOML file whose unknown key is like
+/// one of its table.
 pub fn with_sibling(text: String) -> String {
-    let Some((key, known)) = text
+    let parts = text
         .split_once("unknown field `")
-        .and_then(|(_, rest)| rest.split_once('`'))
-    else {
+        .and_then(|(before, rest)| Some((before, rest.split_once('`')?)));
+    let Some((before, (key, known))) = parts else {
         return text;
     };
     // After the key stand the allowed ones, each between backticks.
-    let meant = nearest(key, known.split('`').skip(1).step_by(2));
-    match meant {
-        Some(name) => format!("{}\ndid you mean {name}?\n", text.trim_end()),
+    match nearest(key, known.split('`').skip(1).step_by(2)) {
+        Some(name) => format!("{before}unknown field `{key}`\n{MEANT}{name}?\n"),
         None => text,
     }
 }
@@ -54,14 +57,16 @@ pub fn on_scenario(error: Error, file: Option<&Path>, defaults: &Table) -> Error
         ));
     }
     let mut text = in_plain_words(&text);
-    if let Some(key) = unknown(&text)
-        && !text.contains("did you mean")
-    {
+    if let Some(key) = unknown(&text) {
         let meant = closest(&key, defaults).map(|path| match path == key {
             // A table of a scenario, given in another file.
             true => format!("{key} belongs into a scenario file. "),
-            false => format!("did you mean {path}? "),
+            false => format!("{MEANT}{path}? "),
         });
+        // With the path of the key, which a suggestion from its table alone lacks.
+        if let (Some(_), Some((before, _))) = (&meant, text.split_once(MEANT)) {
+            text = before.to_owned();
+        }
         text = format!(
             "{}\n{}`cfmmr config` prints all keys with their defaults",
             text.trim_end(),
