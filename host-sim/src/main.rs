@@ -16,7 +16,6 @@ fn main() -> ExitCode {
         Some(Command::Hil(args)) => experiments::hil::run(args),
         Some(Command::Replay(args)) => experiments::replay::run(args),
         Some(Command::Consistency(args)) => experiments::consistency::run(args),
-        Some(Command::Sweep(args)) => experiments::sweep::run(args),
         Some(Command::Eval(args)) => cli::eval::run(args),
         Some(Command::Calibrate(args)) => experiments::calibrate::command::run(args),
         Some(Command::Params(args)) => experiments::params::run(args),

@@ -229,7 +229,6 @@ fn help_names_every_command() {
         "follow",
         "track",
         "hil",
-        "sweep",
         "consistency",
         "eval",
         "config",

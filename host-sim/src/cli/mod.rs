@@ -26,7 +26,6 @@ use crate::experiments::plant_bench::PlantBenchArgs;
 use crate::experiments::posture::PostureArgs;
 use crate::experiments::replay::ReplayArgs;
 use crate::experiments::soak::command::SoakArgs;
-use crate::experiments::sweep::SweepArgs;
 use clap::{Arg, CommandFactory, FromArgMatches, Parser, Subcommand};
 use completions::CompletionsArgs;
 use config::ConfigArgs;
@@ -84,8 +83,6 @@ pub enum Command {
     Hil(HilArgs),
     /// Replay a log and compare it bit by bit, or estimate again with other parameters
     Replay(ReplayArgs),
-    /// Drive to the origin from random starts: share of successes, map and paths
-    Sweep(SweepArgs),
     /// Run a Monte Carlo study over variations of a scenario, in any number of parts
     Campaign(CampaignArgs),
     /// Measure the consistency of the estimates (normalised estimation error squared)

@@ -20,7 +20,6 @@ pub mod recorder;
 pub mod replay;
 pub mod result;
 pub mod soak;
-pub mod sweep;
 
 use crate::base::error::Error;
 use crate::base::interrupt::watch_for_interrupt;

@@ -351,7 +351,7 @@ pub fn regulate(
     }
 }
 
-/// Start `index` of a sweep: uniform in ±2 m and all headings, a function of `seed` and `index`
+/// Random start `index`: uniform in ±2 m and all headings, a function of `seed` and `index`
 /// alone.
 pub fn random_start(seed: u64, index: u64) -> [f64; 3] {
     let mut random = Pcg64::new(u128::from(seed), u128::from(index) << 1);

@@ -23,8 +23,6 @@ pub enum Use {
     Path,
     /// Regulation on virtual boards, which have circuits.
     Virtual,
-    /// Regulation of the kinematic model.
-    Kinematic,
     /// Calibration of wheels, gauges or gyros.
     Calibrate,
     /// Estimates recomputed from a log.
@@ -38,19 +36,6 @@ const SCENARIO: Rules<fn(&Scenario, Use) -> bool> = &[
          robot.beam.calibration.full_scale_counts",
         |_, used| used != Use::Replay,
         "in a simulation: sensors.bridge decides; on a board it is a parameter",
-    ),
-    (
-        "plant spread sensors bus boards robot.axle robot.beam robot.lead.fusion robot.lead.cascade \
-         robot.lead.limits robot.lead.stop robot.lead.supervisor robot.lead.hold_s \
-         robot.lead.report_timeout_s robot.lead.governor.stop_deceleration_m_s2 \
-         robot.lead.governor.steering_tolerance_rad robot.lead.governor.reversal_hold_s \
-         robot.lead.governor.max_wheel_speed_m_s robot.lead.governor.max_interval_s \
-         robot.geometry.half_thickness_m robot.geometry.bending_stiffness_n_m2 \
-         robot.geometry.half_track_m robot.geometry.wheel_radius_m robot.geometry.wheel_ratio \
-         robot.geometry.encoder_counts_per_revolution mission.rps mission.settle_s \
-         mission.time_limit_s mission.rest_s",
-        |_, used| used == Use::Kinematic,
-        "on the kinematic model",
     ),
     (
         "mission.start mission.goal mission.time_limit_s mission.rest_s",
@@ -155,7 +140,7 @@ const SCENARIO: Rules<fn(&Scenario, Use) -> bool> = &[
     ),
     (
         "robot.lead.course",
-        |_, used| matches!(used, Use::Regulate | Use::Virtual | Use::Kinematic),
+        |_, used| matches!(used, Use::Regulate | Use::Virtual),
         "without a path; vary robot.lead.regulator",
     ),
     (

@@ -5,8 +5,8 @@
 use crate::run::robot::Record;
 use crate::view::plot::{Figure, Height, Panel, extent};
 use crate::view::style::{
-    BODY, ESTIMATE, End, FRAME, GOAL_MARK, Mark, OTHERS, REFERENCE, Rgb, Shape, Stroke, TRUTH,
-    WHEELS, color_scale,
+    BODY, ESTIMATE, End, FRAME, GOAL_MARK, Mark, OTHERS, REFERENCE, Rgb, Shape, TRUTH, WHEELS,
+    color_scale,
 };
 use crate::world::body::Body;
 
@@ -372,21 +372,19 @@ pub fn follow(title: &str, body: &Body, run: &FollowRun) -> Figure {
         .row(Height::Fixed(140.0), [heading])
 }
 
-/// One start of a sweep.
+/// One start of a map.
 #[derive(Clone, Debug, PartialEq)]
-pub struct SweepStart {
+pub struct StartMark {
     /// Start posture of O.
     pub posture: [f64; 3],
     /// Value shown by colour if the run ended within the tolerance.
     pub value: f64,
     /// End of the run.
     pub end: End,
-    /// Path of O, m; empty where it is not to be shown.
-    pub path: Vec<[f64; 2]>,
 }
 
 /// Limits of the colours of runs that ended within the tolerance: up to the 98th percentile.
-fn color_limits<'a>(starts: impl Iterator<Item = &'a SweepStart>) -> [f64; 2] {
+fn color_limits<'a>(starts: impl Iterator<Item = &'a StartMark>) -> [f64; 2] {
     let within = starts.filter(|start| start.end == End::Within);
     let values = within
         .map(|start| start.value)
@@ -400,25 +398,19 @@ fn color_limits<'a>(starts: impl Iterator<Item = &'a SweepStart>) -> [f64; 2] {
 }
 
 /// Colour of a start: by its value within the tolerance, else by its end.
-fn color_of(start: &SweepStart, [low, high]: [f64; 2]) -> Rgb {
+fn color_of(start: &StartMark, [low, high]: [f64; 2]) -> Rgb {
     match start.end {
         End::Within => color_scale((start.value - low) / (high - low)),
         end => end.stroke().color,
     }
 }
 
-fn count_of(starts: &[SweepStart], end: End) -> usize {
+fn count_of(starts: &[StartMark], end: End) -> usize {
     starts.iter().filter(|start| start.end == end).count()
 }
 
-/// Starts: place, heading, end, and value by colour; `room` is for all marks. Legend: `label`.
-fn starts_panel(
-    starts: &[SweepStart],
-    limits: [f64; 2],
-    room: f64,
-    goal_at: [f64; 3],
-    label: impl Fn(End) -> String,
-) -> Panel {
+/// Starts: place, heading, end, and value by colour; `room` is for all marks.
+fn starts_panel(starts: &[StartMark], limits: [f64; 2], room: f64, goal_at: [f64; 3]) -> Panel {
     // Marks shrink so that thousands of them leave some white.
     let radius = (room / (starts.len() as f64).max(1.0).sqrt()).clamp(0.9, 3.5);
     let mut panel = Panel::new("x (m)", "y (m)").equal_axes();
@@ -430,7 +422,7 @@ fn starts_panel(
                 color,
                 ..end.mark(radius)
             };
-            panel.mark(label(end), [x, y], mark.heading(heading));
+            panel.mark(end.label(), [x, y], mark.heading(heading));
         }
     }
     let halo = Mark::new(Shape::Disc, 9.0, Rgb(255, 255, 255));
@@ -443,7 +435,7 @@ fn starts_panel(
 pub fn maps(
     title: &str,
     value_label: &str,
-    maps: &[(String, Vec<SweepStart>)],
+    maps: &[(String, Vec<StartMark>)],
     goal_at: [f64; 3],
 ) -> Figure {
     let limits = color_limits(maps.iter().flat_map(|(_, starts)| starts));
@@ -451,7 +443,7 @@ pub fn maps(
     let panels = maps.iter().map(|(label, starts)| {
         let room = 75.0 / columns as f64;
         let within = count_of(starts, End::Within);
-        starts_panel(starts, limits, room, goal_at, |end| end.label().to_owned())
+        starts_panel(starts, limits, room, goal_at)
             .title(label.clone())
             .caption(format!(
                 "{within} of {} {}",
@@ -465,55 +457,6 @@ pub fn maps(
         greatest: 660.0,
     };
     Figure::new(title).rows_of(columns, height, &panels.collect::<Vec<_>>())
-}
-
-/// Map of random starts: place, heading, end, and `value_label` by colour, beside the paths of
-/// some. The scale ends at the 98th percentile.
-pub fn sweep(title: &str, value_label: &str, starts: &[SweepStart], goal_at: [f64; 3]) -> Figure {
-    let limits = color_limits(starts.iter());
-    let mut shown: Vec<&SweepStart> = starts.iter().filter(|s| !s.path.is_empty()).collect();
-    let room = if shown.is_empty() { 75.0 } else { 45.0 };
-    let label = |end: End| format!("{}: {}", end.label(), count_of(starts, end));
-    let map = starts_panel(starts, limits, room, goal_at, label)
-        .title("starts")
-        .color_bar(value_label, limits);
-    let mut panels = Vec::new();
-    if !shown.is_empty() {
-        let mut paths = Panel::new("x (m)", "y (m)")
-            .title(format!("paths of {} starts", shown.len()))
-            .equal_axes();
-        for end in End::ALL {
-            for start in shown.iter().filter(|start| start.end == end) {
-                let stroke = Stroke {
-                    width: 1.4,
-                    color: color_of(start, limits),
-                    ..end.stroke()
-                };
-                paths.line(
-                    format!("path, {}", end.label()),
-                    start.path.iter().copied(),
-                    stroke,
-                );
-            }
-        }
-        shown.sort_by_key(|start| start.end);
-        for start in &shown {
-            let [x, y, heading] = start.posture;
-            let mark = Mark {
-                color: color_of(start, limits),
-                ..start.end.mark(3.2)
-            };
-            paths.mark(label(start.end), [x, y], mark.heading(heading));
-        }
-        goal(&mut paths, goal_at);
-        panels.push(paths);
-    }
-    panels.push(map);
-    let height = Height::Data {
-        least: 200.0,
-        greatest: 660.0,
-    };
-    Figure::new(title).row(height, panels)
 }
 
 #[cfg(test)]

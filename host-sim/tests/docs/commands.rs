@@ -23,7 +23,6 @@ const SHORTER: &[(&str, Options, &str)] = &[
         &[("--trials", "1")],
         "trials do not depend on each other",
     ),
-    ("sweep", &[("--starts", "4")], "nor do starts"),
     (
         "calibrate wheels",
         &[("--laps", "1")],

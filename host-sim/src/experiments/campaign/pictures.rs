@@ -7,7 +7,7 @@ use super::columns::Columns;
 use super::report::{listed, pick, short};
 use super::study::{Starts, Study, Vary};
 use crate::base::statistics::percentile;
-use crate::view::figures::{self, SweepStart};
+use crate::view::figures::{self, StartMark};
 use crate::view::plot::{Figure, Height, Panel};
 use crate::view::style::{BAND, End, INK, Mark, Shape, Stroke, series, series_by};
 
@@ -193,14 +193,13 @@ fn map_of_starts(study: &Study, runs: &Columns, maps: &[Group], goal: [f64; 3]) 
     let (trials, e_m, ends) = (study.trials as usize, runs.doubles("e_m"), ends(runs));
     let start = ["start_x_m", "start_y_m", "start_phi_rad"].map(|name| runs.doubles(name));
     let starts = maps.iter().map(|group| {
-        let mut starts: Vec<Option<SweepStart>> = vec![None; trials];
+        let mut starts: Vec<Option<StartMark>> = vec![None; trials];
         for &row in &group.rows {
             let (end, value) = (ends[row], 100.0 * e_m[row]);
-            let known = starts[row % trials].get_or_insert_with(|| SweepStart {
+            let known = starts[row % trials].get_or_insert_with(|| StartMark {
                 posture: start.map(|column| column[row]),
                 end,
                 value,
-                path: Vec::new(),
             });
             known.end = known.end.max(end);
             // Not a number is the worst.

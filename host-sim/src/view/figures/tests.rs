@@ -57,18 +57,13 @@ fn column(title: &str) -> ErrorsColumn {
     }
 }
 
-fn starts(count: u32) -> Vec<SweepStart> {
+fn starts(count: u32) -> Vec<StartMark> {
     (0..count)
         .map(f64::from)
-        .map(|k| SweepStart {
+        .map(|k| StartMark {
             posture: [2.0 * (1.3 * k).sin(), 2.0 * (1.7 * k).cos(), k],
             value: 5.0 + (0.3 * k).sin(),
             end: End::ALL[if k < 3.0 { k as usize } else { 0 }],
-            path: if k < 9.0 {
-                vec![[2.0 * (1.3 * k).sin(), 2.0 * (1.7 * k).cos()], [0.0; 2]]
-            } else {
-                Vec::new()
-            },
         })
         .collect()
 }
@@ -97,7 +92,12 @@ fn every_figure_is_whole_and_on_the_page() {
         ),
         errors("Posture errors", &[column("with RPS")]),
         follow("Path following", &BODY, &run),
-        sweep("Sweep", "time (s)", &starts(200), [0.0; 3]),
+        maps(
+            "Starts",
+            "time (s)",
+            &[("a".to_owned(), starts(200))],
+            [0.0; 3],
+        ),
     ] {
         check_figure(&figure);
         let [width, height] = png_size(&figure.png());
@@ -123,7 +123,7 @@ fn empty_results_still_give_figures() {
     for figure in [
         paths("", &BODY, &[empty]),
         errors("", &[no_errors]),
-        sweep("", "", &[], [0.0; 3]),
+        maps("", "", &[], [0.0; 3]),
     ] {
         check_figure(&figure);
     }
@@ -155,18 +155,17 @@ fn angles_are_not_drawn_within_5_cm_of_the_goal() {
 }
 
 #[test]
-fn sweep_tells_ends_apart_and_counts_them() {
-    let svg = sweep("", "time (s)", &starts(200), [0.0; 3]).svg();
+fn map_of_starts_tells_ends_apart() {
+    let map = |starts: Vec<StartMark>| maps("", "time (s)", &[("a".to_owned(), starts)], [0.0; 3]);
+    let svg = map(starts(200)).svg();
     for text in [
-        "within 3 cm and 3°: 198",
-        "outside 3 cm or 3°: 1",
-        "stopped or not done: 1",
-        "path, outside 3 cm or 3°",
+        "198 of 200 within 3 cm and 3°",
+        "outside 3 cm or 3°",
+        "stopped or not done",
     ] {
         assert!(svg.contains(text), "{text}");
     }
-    let all_within: Vec<SweepStart> = starts(3).into_iter().take(1).collect();
-    let svg = sweep("", "time (s)", &all_within, [0.0; 3]).svg();
+    let svg = map(starts(1)).svg();
     assert!(!svg.contains("outside") && !svg.contains("stopped"));
 }
 
