@@ -42,26 +42,6 @@ pub struct Field {
     pub text: &'static str,
 }
 
-const fn field(name: &'static str, kind: Kind, text: &'static str) -> Field {
-    let optional = false;
-    Field {
-        name,
-        kind,
-        optional,
-        text,
-    }
-}
-
-const fn optional(name: &'static str, kind: Kind, text: &'static str) -> Field {
-    let optional = true;
-    Field {
-        name,
-        kind,
-        optional,
-        text,
-    }
-}
-
 /// A kind of message.
 #[derive(Clone, Copy, Debug)]
 pub struct Schema {
@@ -73,215 +53,130 @@ pub struct Schema {
     pub fields: &'static [Field],
 }
 
-const TICK: Field = field(
-    "tick",
-    Kind::Integer,
-    "ms, time since the start of the simulation",
-);
-const RECEIVED: Field = field(
-    "received",
-    Kind::Texts,
-    "frames that arrived before the tick, each as identifier#data in hexadecimal",
-);
+/// Declares schemas: their fields with kind and meaning, `?` after the name of one that may be null.
+macro_rules! schemas {
+    ($($(#[$doc:meta])* pub const $schema:ident = $name:literal, $text:literal {
+        $($rows:tt)*
+    })*) => {$(
+        $(#[$doc])*
+        pub const $schema: Schema = Schema {
+            name: $name,
+            text: $text,
+            fields: schemas!(@fields [] $($rows)*),
+        };
+    )*};
+    (@fields [$($done:expr,)*]) => { &[$($done,)*] };
+    (@fields [$($done:expr,)*] $shared:ident; $($rest:tt)*) => {
+        schemas!(@fields [$($done,)* $shared,] $($rest)*)
+    };
+    (@fields [$($done:expr,)*] $name:ident: $kind:ident $(($n:expr))? $text:literal; $($rest:tt)*) => {
+        schemas!(@fields [$($done,)* Field {
+            name: stringify!($name), kind: Kind::$kind $(($n))?, optional: false, text: $text,
+        },] $($rest)*)
+    };
+    (@fields [$($done:expr,)*] $name:ident?: $kind:ident $(($n:expr))? $text:literal; $($rest:tt)*) => {
+        schemas!(@fields [$($done,)* Field {
+            name: stringify!($name), kind: Kind::$kind $(($n))?, optional: true, text: $text,
+        },] $($rest)*)
+    };
+}
 
-/// A board's nodes were started.
-pub const START: Schema = Schema {
-    name: "cfmmr.Start",
-    text: "The nodes of a board were started",
-    fields: &[
-        TICK,
-        field(
-            "parameters",
-            Kind::Text,
-            "parameters of the robot, postcard in hexadecimal",
-        ),
-        field("parameters_hash", Kind::Text, "CRC-32C of these bytes"),
-        optional(
-            "place",
-            Kind::Text,
-            "initial estimate of the lead node, postcard in hexadecimal",
-        ),
-    ],
+const TICK: Field = Field {
+    name: "tick",
+    kind: Kind::Integer,
+    optional: false,
+    text: "ms, time since the start of the simulation",
+};
+const RECEIVED: Field = Field {
+    name: "received",
+    kind: Kind::Texts,
+    optional: false,
+    text: "frames that arrived before the tick, each as identifier#data in hexadecimal",
 };
 
-/// A board was switched off.
-pub const OFF: Schema = Schema {
-    name: "cfmmr.Off",
-    text: "A board was switched off",
-    fields: &[TICK, field("reason", Kind::Text, "reason")],
-};
+schemas! {
+    /// A board's nodes were started.
+    pub const START = "cfmmr.Start", "The nodes of a board were started" {
+        TICK;
+        parameters: Text "parameters of the robot, postcard in hexadecimal";
+        parameters_hash: Text "CRC-32C of these bytes";
+        place?: Text "initial estimate of the lead node, postcard in hexadecimal";
+    }
 
-/// One tick of an axle board.
-pub const AXLE_TICK: Schema = Schema {
-    name: "cfmmr.AxleTick",
-    text: "One tick of an axle board: inputs and commanded torques",
-    fields: &[
-        TICK,
-        field(
-            "encoder",
-            Kind::Integers(2),
-            "counts of the encoders (left, right), wrapping; null if missing",
-        ),
-        optional("gyro_rad_s", Kind::Number, "rad/s, yaw rate"),
-        optional("acceleration_m_s2", Kind::Number, "m/s², along the heading"),
-        field(
-            "conditions",
-            Kind::Integer,
-            "conditions reported by the drivers, bit k is row k of the table of conditions",
-        ),
-        RECEIVED,
-        field(
-            "torque_nm",
-            Kind::Numbers(2),
-            "N m, wheel torques commanded (left, right)",
-        ),
-    ],
-};
+    /// A board was switched off.
+    pub const OFF = "cfmmr.Off", "A board was switched off" {
+        TICK;
+        reason: Text "reason";
+    }
 
-/// One tick of the beam board.
-pub const BEAM_TICK: Schema = Schema {
-    name: "cfmmr.BeamTick",
-    text: "One tick of the beam board: inputs",
-    fields: &[
-        TICK,
-        field(
-            "counts",
-            Kind::Integers(core_algos::beam::MAX_GAUGES),
-            "counts of the strain bridges from the root on; 0 if not fitted",
-        ),
-        RECEIVED,
-    ],
-};
+    /// One tick of an axle board.
+    pub const AXLE_TICK = "cfmmr.AxleTick", "One tick of an axle board: inputs and commanded torques" {
+        TICK;
+        encoder: Integers(2) "counts of the encoders (left, right), wrapping; null if missing";
+        gyro_rad_s?: Number "rad/s, yaw rate";
+        acceleration_m_s2?: Number "m/s², along the heading";
+        conditions: Integer "conditions reported by the drivers, bit k is row k of the table of conditions";
+        RECEIVED;
+        torque_nm: Numbers(2) "N m, wheel torques commanded (left, right)";
+    }
 
-/// A command of the host.
-pub const ORDER: Schema = Schema {
-    name: "cfmmr.Order",
-    text: "Command of the host to the lead node before a tick",
-    fields: &[
-        TICK,
-        field("text", Kind::Text, "the command in words"),
-        field("bits", Kind::Text, "the command, postcard in hexadecimal"),
-    ],
-};
+    /// One tick of the beam board.
+    pub const BEAM_TICK = "cfmmr.BeamTick", "One tick of the beam board: inputs" {
+        TICK;
+        counts: Integers(core_algos::beam::MAX_GAUGES) "counts of the strain bridges from the root on; 0 if not fitted";
+        RECEIVED;
+    }
 
-/// Frames on the bus.
-pub const BUS: Schema = Schema {
-    name: "cfmmr.BusFrames",
-    text: "Frames that a board sent on the bus at a tick",
-    fields: &[
-        TICK,
-        field("board", Kind::Text, "front, rear or beam"),
-        field(
-            "frames",
-            Kind::Frames,
-            "frames in order: name of the message as in the DBC, frame as identifier#data in hexadecimal, and message as the receivers decode it, in SI units as in its names",
-        ),
-    ],
-};
+    /// A command of the host.
+    pub const ORDER = "cfmmr.Order", "Command of the host to the lead node before a tick" {
+        TICK;
+        text: Text "the command in words";
+        bits: Text "the command, postcard in hexadecimal";
+    }
 
-/// The lead node's output.
-pub const LEAD: Schema = Schema {
-    name: "cfmmr.Lead",
-    text: "Estimate and commands of the lead node in an epoch",
-    fields: &[
-        TICK,
-        field(
-            "epoch_s",
-            Kind::Number,
-            "s, time of validity of the estimates",
-        ),
-        field(
-            "mode",
-            Kind::Text,
-            "mode sent to the axles: idle, active, hold, clear",
-        ),
-        field(
-            "phase",
-            Kind::Text,
-            "phase of the regulator: stop, plan, steer, segment, approach, hold, done, gave-up",
-        ),
-        field("state", Kind::Text, "operating state of the lead node"),
-        field(
-            "reason",
-            Kind::Integer,
-            "code of the condition that stopped the node, 0 if none",
-        ),
-        field(
-            "done",
-            Kind::Truth,
-            "true if the task is done and the robot at rest",
-        ),
-        field("robot", Kind::Estimate, "midpoint, global frame"),
-        field("front", Kind::Estimate, "front axle, global frame"),
-        field("rear", Kind::Estimate, "rear axle, global frame"),
-        field(
-            "innovation",
-            Kind::Numbers(3),
-            "m, m, rad: measured less predicted posture of the front axle in the rear axle's frame",
-        ),
-        field(
-            "nis",
-            Kind::Number,
-            "1, normalised innovation squared of the beam; 3 on average",
-        ),
-        field(
-            "velocity_m_s",
-            Kind::Number,
-            "m/s, commanded velocity of the midpoint",
-        ),
-        field("acceleration_m_s2", Kind::Number, "m/s², commanded"),
-        field("steering_rad", Kind::Number, "rad, commanded steering ψ"),
-        field("steering_rate_rad_s", Kind::Number, "rad/s, commanded"),
-        optional(
-            "target",
-            Kind::Pose,
-            "reference of the midpoint on a path or trajectory, global frame",
-        ),
-        field(
-            "bits",
-            Kind::Text,
-            "the whole output, postcard in hexadecimal",
-        ),
-    ],
-};
+    /// Frames on the bus.
+    pub const BUS = "cfmmr.BusFrames", "Frames that a board sent on the bus at a tick" {
+        TICK;
+        board: Text "front, rear or beam";
+        frames: Frames "frames in order: name of the message as in the DBC, frame as identifier#data in hexadecimal, and message as the receivers decode it, in SI units as in its names";
+    }
 
-/// The true state.
-pub const TRUTH: Schema = Schema {
-    name: "cfmmr.Truth",
-    text: "True state of the simulated robot, and measured strains",
-    fields: &[
-        field("time_s", Kind::Number, "s"),
-        field("robot", Kind::Pose, "midpoint, global frame"),
-        field("front", Kind::Pose, "front axle, global frame"),
-        field("rear", Kind::Pose, "rear axle, global frame"),
-        field(
-            "relative",
-            Kind::Pose,
-            "front axle in the rear axle's frame",
-        ),
-        field(
-            "wheel_speed_rad_s",
-            Kind::Numbers(4),
-            "rad/s: front left, front right, rear left, rear right",
-        ),
-        field(
-            "torque_nm",
-            Kind::Numbers(4),
-            "N m at the wheels, in the same order",
-        ),
-        field(
-            "force_n",
-            Kind::Numbers(2),
-            "N, force of the frame on the rear axle, in the coordinates of that axle",
-        ),
-        field(
-            "moment_nm",
-            Kind::Numbers(2),
-            "N m, moment of the frame at root and tip",
-        ),
-        field("strain", Kind::List, "1, measured strains from the root on"),
-    ],
-};
+    /// The lead node's output.
+    pub const LEAD = "cfmmr.Lead", "Estimate and commands of the lead node in an epoch" {
+        TICK;
+        epoch_s: Number "s, time of validity of the estimates";
+        mode: Text "mode sent to the axles: idle, active, hold, clear";
+        phase: Text "phase of the regulator: stop, plan, steer, segment, approach, hold, done, gave-up";
+        state: Text "operating state of the lead node";
+        reason: Integer "code of the condition that stopped the node, 0 if none";
+        done: Truth "true if the task is done and the robot at rest";
+        robot: Estimate "midpoint, global frame";
+        front: Estimate "front axle, global frame";
+        rear: Estimate "rear axle, global frame";
+        innovation: Numbers(3) "m, m, rad: measured less predicted posture of the front axle in the rear axle's frame";
+        nis: Number "1, normalised innovation squared of the beam; 3 on average";
+        velocity_m_s: Number "m/s, commanded velocity of the midpoint";
+        acceleration_m_s2: Number "m/s², commanded";
+        steering_rad: Number "rad, commanded steering ψ";
+        steering_rate_rad_s: Number "rad/s, commanded";
+        target?: Pose "reference of the midpoint on a path or trajectory, global frame";
+        bits: Text "the whole output, postcard in hexadecimal";
+    }
+
+    /// The true state.
+    pub const TRUTH = "cfmmr.Truth", "True state of the simulated robot, and measured strains" {
+        time_s: Number "s";
+        robot: Pose "midpoint, global frame";
+        front: Pose "front axle, global frame";
+        rear: Pose "rear axle, global frame";
+        relative: Pose "front axle in the rear axle's frame";
+        wheel_speed_rad_s: Numbers(4) "rad/s: front left, front right, rear left, rear right";
+        torque_nm: Numbers(4) "N m at the wheels, in the same order";
+        force_n: Numbers(2) "N, force of the frame on the rear axle, in the coordinates of that axle";
+        moment_nm: Numbers(2) "N m, moment of the frame at root and tip";
+        strain: List "1, measured strains from the root on";
+    }
+}
 
 const fn foxglove(name: &'static str, text: &'static str) -> Schema {
     let fields = &[];

@@ -79,38 +79,21 @@ pub struct Entry {
     pub stop_within_s: f64,
 }
 
-/// A fault after which the robot may finish, or stop with one of `codes` within `stop_within_s`.
-const fn survives(
-    name: &'static str,
-    fault: Fault,
-    codes: &'static [Condition],
-    stop_within_s: f64,
-) -> Entry {
-    Entry {
-        name,
-        fault,
-        finish: true,
-        codes,
-        stop_within_s,
-    }
-}
-
-/// A fault after which the robot must finish.
-const fn harmless(name: &'static str, fault: Fault) -> Entry {
-    survives(name, fault, &[], 0.0)
-}
-
-/// A fault after which the robot must stop.
-const fn stops(
-    name: &'static str,
-    fault: Fault,
-    codes: &'static [Condition],
-    stop_within_s: f64,
-) -> Entry {
-    Entry {
-        finish: false,
-        ..survives(name, fault, codes, stop_within_s)
-    }
+/// Declares faults by what the robot may do: `harmless`: it must finish; `survives`: it may finish, or stop
+/// with one of these codes within this time, s; `stops`: it must stop so.
+macro_rules! catalogue {
+    ($($name:literal: $fault:expr => $kind:ident $(($codes:expr) within $time:literal)?;)*) => {
+        &[$(catalogue!(@$kind $name, $fault $(, $codes, $time)?),)*]
+    };
+    (@harmless $name:literal, $fault:expr) => {
+        catalogue!(@survives $name, $fault, &[], 0.0)
+    };
+    (@survives $name:literal, $fault:expr, $codes:expr, $time:literal) => {
+        Entry { name: $name, fault: $fault, finish: true, codes: $codes, stop_within_s: $time }
+    };
+    (@stops $name:literal, $fault:expr, $codes:expr, $time:literal) => {
+        Entry { name: $name, fault: $fault, finish: false, codes: $codes, stop_within_s: $time }
+    };
 }
 
 /// Codes of a lost or late message.
@@ -151,127 +134,47 @@ const GAUGES: &[Condition] = &[
 const NO_BEAM: &[Condition] = &[C::DegradedTooLong];
 
 /// Every fault of the campaign.
-pub const CATALOGUE: &[Entry] = &[
-    harmless("none", Fault::None),
-    harmless("bus loses 1 %", Bus(Disturbance::loss(0.01))),
-    survives("bus loses 10 %", Bus(Disturbance::loss(0.1)), SILENCE, 60.0),
-    survives("bus loses 50 %", Bus(Disturbance::loss(0.5)), SILENCE, 20.0),
-    survives(
-        "bus late by 20 ms",
-        Bus(Disturbance::late(20)),
-        SILENCE,
-        2.0,
-    ),
-    survives(
-        "bus reorders within 8 ms",
-        Bus(Disturbance::jitter(8)),
-        SILENCE,
-        2.0,
-    ),
-    harmless("bus doubles 30 %", Bus(Disturbance::doubling(0.3))),
-    survives(
-        "bus corrupts 5 %",
-        Bus(Disturbance::corruption(0.05)),
-        CORRUPTION,
-        20.0,
-    ),
-    survives("babbling node", Bus(Disturbance::BABBLE), SILENCE, 20.0),
-    stops(
-        "rear board cut off the bus",
-        Partition(Role::Rear),
-        SILENCE,
-        1.5,
-    ),
-    survives(
-        "beam board cut off the bus",
-        Partition(Role::Beam),
-        NO_BEAM,
-        22.0,
-    ),
-    stops("front board resets", Reset(Role::Front, 200), SILENCE, 1.5),
-    stops("rear board resets", Reset(Role::Rear, 200), SILENCE, 1.5),
-    harmless("beam board resets", Reset(Role::Beam, 200)),
-    stops("front board lost", Loss(Role::Front), SILENCE, 1.5),
-    stops("rear board lost", Loss(Role::Rear), SILENCE, 1.5),
-    survives("beam board lost", Loss(Role::Beam), NO_BEAM, 22.0),
-    stops(
-        "front board freezes 0.3 s",
-        Freeze(Role::Front, 300),
-        SILENCE,
-        1.8,
-    ),
-    stops(
-        "rear board freezes 0.3 s",
-        Freeze(Role::Rear, 300),
-        SILENCE,
-        1.8,
-    ),
-    survives(
-        "rear clock slow by 0.02 %, no common time",
-        SlowClock(Role::Rear, 5000),
-        CORRUPTION,
-        20.0,
-    ),
-    survives(
-        "rear clock slow by 0.2 %, no common time",
-        SlowClock(Role::Rear, 500),
-        CORRUPTION,
-        20.0,
-    ),
-    harmless("gauge dead", GaugeRail(1, false)),
-    harmless("gauge saturated", GaugeRail(1, true)),
-    survives("all gauges dead", GaugeRail(5, false), NO_BEAM, 22.0),
-    survives("gauge stuck", GaugeStuck(2), GAUGES, 22.0),
-    survives("gauge drifts", GaugeDrift(2, 40.0), GAUGES, 22.0),
-    stops("encoder stuck", EncoderStuck((1, 0)), WHEELS, 2.0),
-    survives("encoder jumps", EncoderJumps((0, 0), 500), WHEELS, 2.0),
-    survives("encoders swapped", EncodersSwapped(1), WHEELS, 20.0),
-    stops("encoder missing", EncoderMissing((0, 1)), WHEELS, 1.5),
-    survives(
-        "gyro not a number",
-        GyroNotANumber(0),
-        &[C::NotANumber],
-        1.5,
-    ),
-    survives("gyro off by 0.3 rad/s", GyroBias(1, 0.3), WHEELS, 10.0),
-    harmless("accelerometer missing", AccelerometerMissing(0)),
-    survives("motor open", MotorWeak((0, 0), 0.0), WHEELS, 20.0),
-    survives("motor weak", MotorWeak((1, 1), 0.3), WHEELS, 20.0),
-    stops("motor stuck on", MotorStuckOn((0, 1), 1.5), WHEELS, 3.5),
-    survives("wheel lifted", WheelLifted((1, 0)), WHEELS, 20.0),
-    stops(
-        "frame snapped",
-        FrameSnapped,
-        &[
-            C::EstimateInconsistent,
-            C::FrameBent,
-            C::WrenchHigh,
-            C::TrackingLost,
-        ],
-        3.0,
-    ),
-    stops(
-        "supply dips",
-        Reported(1, C::SupplyLow, 150, 0.2),
-        &[C::SupplyLow, C::NeighbourFault],
-        1.5,
-    ),
-    stops(
-        "driver too hot",
-        Reported(0, C::OverTemperature, 0, 1.0),
-        &[C::OverTemperature, C::NeighbourFault],
-        1.8,
-    ),
-    stops(
-        "over current",
-        Reported(1, C::OverCurrent, 20, 1.0),
-        &[C::OverCurrent, C::NeighbourFault],
-        1.5,
-    ),
-    stops(
-        "emergency stop",
-        Reported(0, C::EmergencyStop, 0, 1.0),
-        &[C::EmergencyStop, C::NeighbourFault],
-        1.5,
-    ),
-];
+pub const CATALOGUE: &[Entry] = catalogue! {
+    "none": Fault::None => harmless;
+    "bus loses 1 %": Bus(Disturbance::loss(0.01)) => harmless;
+    "bus loses 10 %": Bus(Disturbance::loss(0.1)) => survives (SILENCE) within 60.0;
+    "bus loses 50 %": Bus(Disturbance::loss(0.5)) => survives (SILENCE) within 20.0;
+    "bus late by 20 ms": Bus(Disturbance::late(20)) => survives (SILENCE) within 2.0;
+    "bus reorders within 8 ms": Bus(Disturbance::jitter(8)) => survives (SILENCE) within 2.0;
+    "bus doubles 30 %": Bus(Disturbance::doubling(0.3)) => harmless;
+    "bus corrupts 5 %": Bus(Disturbance::corruption(0.05)) => survives (CORRUPTION) within 20.0;
+    "babbling node": Bus(Disturbance::BABBLE) => survives (SILENCE) within 20.0;
+    "rear board cut off the bus": Partition(Role::Rear) => stops (SILENCE) within 1.5;
+    "beam board cut off the bus": Partition(Role::Beam) => survives (NO_BEAM) within 22.0;
+    "front board resets": Reset(Role::Front, 200) => stops (SILENCE) within 1.5;
+    "rear board resets": Reset(Role::Rear, 200) => stops (SILENCE) within 1.5;
+    "beam board resets": Reset(Role::Beam, 200) => harmless;
+    "front board lost": Loss(Role::Front) => stops (SILENCE) within 1.5;
+    "rear board lost": Loss(Role::Rear) => stops (SILENCE) within 1.5;
+    "beam board lost": Loss(Role::Beam) => survives (NO_BEAM) within 22.0;
+    "front board freezes 0.3 s": Freeze(Role::Front, 300) => stops (SILENCE) within 1.8;
+    "rear board freezes 0.3 s": Freeze(Role::Rear, 300) => stops (SILENCE) within 1.8;
+    "rear clock slow by 0.02 %, no common time": SlowClock(Role::Rear, 5000) => survives (CORRUPTION) within 20.0;
+    "rear clock slow by 0.2 %, no common time": SlowClock(Role::Rear, 500) => survives (CORRUPTION) within 20.0;
+    "gauge dead": GaugeRail(1, false) => harmless;
+    "gauge saturated": GaugeRail(1, true) => harmless;
+    "all gauges dead": GaugeRail(5, false) => survives (NO_BEAM) within 22.0;
+    "gauge stuck": GaugeStuck(2) => survives (GAUGES) within 22.0;
+    "gauge drifts": GaugeDrift(2, 40.0) => survives (GAUGES) within 22.0;
+    "encoder stuck": EncoderStuck((1, 0)) => stops (WHEELS) within 2.0;
+    "encoder jumps": EncoderJumps((0, 0), 500) => survives (WHEELS) within 2.0;
+    "encoders swapped": EncodersSwapped(1) => survives (WHEELS) within 20.0;
+    "encoder missing": EncoderMissing((0, 1)) => stops (WHEELS) within 1.5;
+    "gyro not a number": GyroNotANumber(0) => survives (&[C::NotANumber]) within 1.5;
+    "gyro off by 0.3 rad/s": GyroBias(1, 0.3) => survives (WHEELS) within 10.0;
+    "accelerometer missing": AccelerometerMissing(0) => harmless;
+    "motor open": MotorWeak((0, 0), 0.0) => survives (WHEELS) within 20.0;
+    "motor weak": MotorWeak((1, 1), 0.3) => survives (WHEELS) within 20.0;
+    "motor stuck on": MotorStuckOn((0, 1), 1.5) => stops (WHEELS) within 3.5;
+    "wheel lifted": WheelLifted((1, 0)) => survives (WHEELS) within 20.0;
+    "frame snapped": FrameSnapped => stops (&[C::EstimateInconsistent, C::FrameBent, C::WrenchHigh, C::TrackingLost]) within 3.0;
+    "supply dips": Reported(1, C::SupplyLow, 150, 0.2) => stops (&[C::SupplyLow, C::NeighbourFault]) within 1.5;
+    "driver too hot": Reported(0, C::OverTemperature, 0, 1.0) => stops (&[C::OverTemperature, C::NeighbourFault]) within 1.8;
+    "over current": Reported(1, C::OverCurrent, 20, 1.0) => stops (&[C::OverCurrent, C::NeighbourFault]) within 1.5;
+    "emergency stop": Reported(0, C::EmergencyStop, 0, 1.0) => stops (&[C::EmergencyStop, C::NeighbourFault]) within 1.5;
+};
