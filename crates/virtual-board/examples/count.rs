@@ -9,7 +9,6 @@ mod flat;
 
 use flat::Flat;
 use flat::semihosting::serve;
-use std::process::ExitCode;
 use virtual_board::core::{Core, Stop, System, WatchAccess, Width};
 use virtual_board::image::Image;
 
@@ -60,29 +59,15 @@ fn run(image: &Image, by_cycles: bool) -> Result<bool, String> {
     }
 }
 
-fn main() -> ExitCode {
+fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let (path, by_cycles) = match arguments.as_slice() {
         [path, what] if what == "instructions" => (path, false),
         [path, what] if what == "cycles" => (path, true),
-        _ => {
-            eprintln!("usage: count IMAGE instructions|cycles");
-            return ExitCode::from(2);
-        }
+        _ => return Err("usage: count IMAGE instructions|cycles".into()),
     };
-    let image = match Image::open(path.as_ref()) {
-        Ok(image) => image,
-        Err(error) => {
-            eprintln!("count: {error}");
-            return ExitCode::from(2);
-        }
-    };
-    match run(&image, by_cycles) {
-        Ok(true) => ExitCode::SUCCESS,
-        Ok(false) => ExitCode::FAILURE,
-        Err(error) => {
-            eprintln!("count: {error}");
-            ExitCode::FAILURE
-        }
+    match run(&Image::open(path.as_ref())?, by_cycles)? {
+        true => Ok(()),
+        false => Err("the image ended with an error".into()),
     }
 }

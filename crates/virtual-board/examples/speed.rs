@@ -71,19 +71,14 @@ fn run(image: &Image, loud: bool) -> (u64, u64, f64) {
     (core.instructions(), core.cycles(), seconds)
 }
 
-fn main() {
+fn main() -> Result<(), Box<dyn std::error::Error>> {
     small_loop();
     for path in std::env::args().skip(1) {
-        let image = match Image::open(path.as_ref()) {
-            Ok(image) => image,
-            Err(error) => {
-                eprintln!("speed: {error}");
-                std::process::exit(2);
-            }
-        };
+        let image = Image::open(path.as_ref())?;
         let (instructions, cycles, first) = run(&image, true);
         let best = (0..9).fold(first, |best, _| best.min(run(&image, false).2));
         let mips = instructions as f64 / best / 1e6;
         println!("{instructions} instructions, {cycles} cycles: {mips:.0} MIPS");
     }
+    Ok(())
 }

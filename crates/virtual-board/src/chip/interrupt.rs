@@ -48,3 +48,15 @@ pub enum Interrupt {
     Dma2Stream6 = 69,
     Dma2Stream7 = 70,
 }
+
+impl Interrupt {
+    /// Lines of the streams of DMA1 and DMA2.
+    #[rustfmt::skip]
+    pub(crate) const OF_STREAMS: [[Self; 8]; 2] = {
+        use Interrupt::*;
+        [
+            [Dma1Stream0, Dma1Stream1, Dma1Stream2, Dma1Stream3, Dma1Stream4, Dma1Stream5, Dma1Stream6, Dma1Stream7],
+            [Dma2Stream0, Dma2Stream1, Dma2Stream2, Dma2Stream3, Dma2Stream4, Dma2Stream5, Dma2Stream6, Dma2Stream7],
+        ]
+    };
+}

@@ -94,39 +94,31 @@ const fn place(
     }
 }
 
+const fn by(register: u32, bit: u32) -> Option<(u32, u32)> {
+    Some((register, bit))
+}
+
 /// In the order of addresses.
 const PLACES: [Place; 20] = [
     place(0x1fff_7a10, 0x14, Unit::Debug, "UID", None),
-    place(0x4000_0000, 0x400, Unit::Tim2, "TIM2", Some((APB1ENR, 0))),
-    place(0x4000_0400, 0x400, Unit::Tim3, "TIM3", Some((APB1ENR, 1))),
-    place(0x4000_0800, 0x400, Unit::Tim4, "TIM4", Some((APB1ENR, 2))),
-    place(0x4000_0c00, 0x400, Unit::Tim5, "TIM5", Some((APB1ENR, 3))),
+    place(0x4000_0000, 0x400, Unit::Tim2, "TIM2", by(APB1ENR, 0)),
+    place(0x4000_0400, 0x400, Unit::Tim3, "TIM3", by(APB1ENR, 1)),
+    place(0x4000_0800, 0x400, Unit::Tim4, "TIM4", by(APB1ENR, 2)),
+    place(0x4000_0c00, 0x400, Unit::Tim5, "TIM5", by(APB1ENR, 3)),
     place(0x4000_3000, 0x400, Unit::Watchdog, "IWDG", None),
-    place(
-        0x4000_4800,
-        0x400,
-        Unit::Usart3,
-        "USART3",
-        Some((APB1ENR, 18)),
-    ),
-    place(0x4000_6400, 0x400, Unit::Can1, "CAN1", Some((APB1ENR, 25))),
-    place(0x4000_7000, 0x400, Unit::Pwr, "PWR", Some((APB1ENR, 28))),
-    place(0x4001_0000, 0x400, Unit::Tim1, "TIM1", Some((APB2ENR, 0))),
-    place(0x4001_2000, 0x400, Unit::Adc, "ADC1", Some((APB2ENR, 8))),
-    place(0x4001_3000, 0x400, Unit::Spi1, "SPI1", Some((APB2ENR, 12))),
-    place(
-        0x4001_3800,
-        0x400,
-        Unit::Syscfg,
-        "SYSCFG",
-        Some((APB2ENR, 14)),
-    ),
+    place(0x4000_4800, 0x400, Unit::Usart3, "USART3", by(APB1ENR, 18)),
+    place(0x4000_6400, 0x400, Unit::Can1, "CAN1", by(APB1ENR, 25)),
+    place(0x4000_7000, 0x400, Unit::Pwr, "PWR", by(APB1ENR, 28)),
+    place(0x4001_0000, 0x400, Unit::Tim1, "TIM1", by(APB2ENR, 0)),
+    place(0x4001_2000, 0x400, Unit::Adc, "ADC1", by(APB2ENR, 8)),
+    place(0x4001_3000, 0x400, Unit::Spi1, "SPI1", by(APB2ENR, 12)),
+    place(0x4001_3800, 0x400, Unit::Syscfg, "SYSCFG", by(APB2ENR, 14)),
     place(0x4001_3c00, 0x400, Unit::Exti, "EXTI", None),
     place(0x4002_0000, 9 * PORT, Unit::Gpio, "GPIO", None),
     place(0x4002_3800, 0x400, Unit::Rcc, "RCC", None),
     place(0x4002_3c00, 0x400, Unit::Flash, "FLASH", None),
-    place(0x4002_6000, 0x400, Unit::Dma1, "DMA1", Some((AHB1ENR, 21))),
-    place(0x4002_6400, 0x400, Unit::Dma2, "DMA2", Some((AHB1ENR, 22))),
+    place(0x4002_6000, 0x400, Unit::Dma1, "DMA1", by(AHB1ENR, 21)),
+    place(0x4002_6400, 0x400, Unit::Dma2, "DMA2", by(AHB1ENR, 22)),
     place(0xe004_2000, 0x400, Unit::Debug, "DBGMCU", None),
 ];
 
@@ -215,26 +207,8 @@ impl Unit {
             Self::Tim4 => &[Tim4],
             Self::Tim5 => &[Tim5],
             Self::Adc => &[Adc],
-            Self::Dma1 => &[
-                Dma1Stream0,
-                Dma1Stream1,
-                Dma1Stream2,
-                Dma1Stream3,
-                Dma1Stream4,
-                Dma1Stream5,
-                Dma1Stream6,
-                Dma1Stream7,
-            ],
-            Self::Dma2 => &[
-                Dma2Stream0,
-                Dma2Stream1,
-                Dma2Stream2,
-                Dma2Stream3,
-                Dma2Stream4,
-                Dma2Stream5,
-                Dma2Stream6,
-                Dma2Stream7,
-            ],
+            Self::Dma1 => &Interrupt::OF_STREAMS[0],
+            Self::Dma2 => &Interrupt::OF_STREAMS[1],
             Self::Spi1 => &[Spi1],
             Self::Can1 => &[Can1Tx, Can1Rx0, Can1Rx1, Can1Sce],
             Self::Usart3 => &[Usart3],

@@ -116,9 +116,9 @@ impl Units {
             adc: adc::Adc::default(),
             dma1: dma::Dma::new(dma::Controller::Dma1),
             dma2: dma::Dma::new(dma::Controller::Dma2),
-            spi1: spi::Spi::default(),
+            spi1: spi::Spi::after_reset(),
             can1: can::Can::default(),
-            usart3: usart::Usart::default(),
+            usart3: usart::Usart::after_reset(),
             watchdog: watchdog::Watchdog::default(),
             debug: debug::Debug::default(),
         }

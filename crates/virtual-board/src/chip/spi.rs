@@ -70,6 +70,7 @@ struct Shift {
 }
 
 /// The serial interface, as a master.
+#[derive(Default)]
 pub(crate) struct Spi {
     cr1: u32,
     cr2: u32,
@@ -84,23 +85,14 @@ pub(crate) struct Spi {
     mode: Option<SpiMode>,
 }
 
-impl Default for Spi {
-    fn default() -> Self {
+impl Spi {
+    pub fn after_reset() -> Self {
         Self {
-            cr1: 0,
-            cr2: 0,
-            sr: 0,
-            overrun_read: false,
-            received: 0,
-            waiting: None,
-            shift: None,
             polynomial: 7,
-            mode: None,
+            ..Self::default()
         }
     }
-}
 
-impl Spi {
     fn bits(&self) -> u32 {
         if self.cr1 & DFF != 0 { 16 } else { 8 }
     }

@@ -61,6 +61,7 @@ const REGISTERS: [Register; 7] = [
 ];
 
 /// The asynchronous serial interface.
+#[derive(Default)]
 pub(crate) struct Usart {
     /// IDLE, ORE, RXNE, TC.
     sr: u32,
@@ -80,25 +81,15 @@ pub(crate) struct Usart {
     idle: Cycles,
 }
 
-impl Default for Usart {
-    fn default() -> Self {
+impl Usart {
+    pub fn after_reset() -> Self {
         Self {
             sr: TC,
-            brr: 0,
-            cr1: 0,
-            cr2: 0,
-            cr3: 0,
-            gtpr: 0,
-            seen: 0,
-            received: 0,
-            waiting: None,
-            shift: None,
             idle: NEVER,
+            ..Self::default()
         }
     }
-}
 
-impl Usart {
     /// A byte has arrived; its stop bit ends now.
     pub fn receive(&mut self, byte: u8, shared: &mut Shared) {
         if self.cr1 & (UE | RE) != UE | RE {

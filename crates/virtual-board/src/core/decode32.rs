@@ -171,48 +171,41 @@ fn store_single(h: u32, g: u32) -> Insn {
     if t == 15 || (t == 13 && size != Size::Word) {
         return UNPREDICTABLE;
     }
-    if h & 0x80 != 0 {
-        return Insn::regs(offset, t, n, 0).with_imm(g & 0xfff);
-    }
-    if g & 0x800 == 0 {
-        if g & 0x7c0 != 0 {
-            return UNDEFINED;
-        }
-        if bad(m) {
-            return UNPREDICTABLE;
-        }
-        return Insn::regs(register, t, n, m).with_imm(g >> 4 & 3);
-    }
-    let Some((index, imm, user, write_back)) = indexed(g) else {
-        return UNDEFINED;
-    };
-    if user {
-        if bad(t) {
-            return UNPREDICTABLE;
-        }
-        return Insn::regs(Op::StoreUser(size), t, n, 0).with_imm(imm);
-    }
-    if write_back && n == t {
-        return UNPREDICTABLE;
-    }
-    let op = match (index, write_back) {
-        (true, false) => offset,
-        (true, true) => Op::StorePre(size),
-        _ => Op::StorePost(size),
-    };
-    Insn::regs(op, t, n, 0).with_imm(imm)
+    addressed(h, g, |mode| match mode {
+        Some(Mode::Offset) => Insn::regs(offset, t, n, 0),
+        Some(Mode::Register) => Insn::regs(register, t, n, m),
+        Some(Mode::Pre) => Insn::regs(Op::StorePre(size), t, n, 0),
+        Some(_) => Insn::regs(Op::StorePost(size), t, n, 0),
+        None => Insn::regs(Op::StoreUser(size), t, n, 0),
+    })
 }
 
-/// Index, offset, unprivileged and write back of an 8-bit offset; undefined without index and
-/// write back.
-fn indexed(g: u32) -> Option<(bool, u32, bool, bool)> {
-    let (index, up, write_back) = (g & 0x400 != 0, g & 0x200 != 0, g & 0x100 != 0);
-    let imm = g & 0xff;
-    if !index && !write_back {
-        return None;
+/// A load or store of one value by a register and an offset; `insn` gives the instruction of a mode, of
+/// an unprivileged access for none.
+fn addressed(h: u32, g: u32, insn: impl Fn(Option<Mode>) -> Insn) -> Insn {
+    let (n, t, m) = (h & 15, g >> 12, g & 15);
+    if h & 0x80 != 0 {
+        return insn(Some(Mode::Offset)).with_imm(g & 0xfff);
     }
-    let imm = if up { imm } else { imm.wrapping_neg() };
-    Some((index, imm, index && up && !write_back, write_back))
+    if g & 0x800 == 0 {
+        return match (g & 0x7c0, bad(m)) {
+            (0, false) => insn(Some(Mode::Register)).with_imm(g >> 4 & 3),
+            (0, true) => UNPREDICTABLE,
+            _ => UNDEFINED,
+        };
+    }
+    let (index, up, write_back) = (g & 0x400 != 0, g & 0x200 != 0, g & 0x100 != 0);
+    let mode = match (index, write_back) {
+        (false, false) => return UNDEFINED,
+        (true, false) if up && bad(t) => return UNPREDICTABLE,
+        (true, false) if up => None,
+        (_, true) if n == t => return UNPREDICTABLE,
+        (true, false) => Some(Mode::Offset),
+        (true, true) => Some(Mode::Pre),
+        (false, true) => Some(Mode::Post),
+    };
+    let imm = g & 0xff;
+    insn(mode).with_imm(if up { imm } else { imm.wrapping_neg() })
 }
 
 fn load_single(pc: u32, h: u32, g: u32) -> Insn {
@@ -256,36 +249,13 @@ fn load_from_register(size: Size, h: u32, g: u32) -> Insn {
             Insn::regs(ordinary, t, n, m)
         }
     };
-    if h & 0x80 != 0 {
-        return to(Mode::Offset, load_offset(size)).with_imm(g & 0xfff);
-    }
-    if g & 0x800 == 0 {
-        if g & 0x7c0 != 0 {
-            return UNDEFINED;
-        }
-        if bad(m) {
-            return UNPREDICTABLE;
-        }
-        return to(Mode::Register, load_register(size)).with_imm(g >> 4 & 3);
-    }
-    let Some((index, imm, user, write_back)) = indexed(g) else {
-        return UNDEFINED;
-    };
-    if user {
-        if bad(t) {
-            return UNPREDICTABLE;
-        }
-        return Insn::regs(Op::LoadUser(size), t, n, 0).with_imm(imm);
-    }
-    if write_back && n == t {
-        return UNPREDICTABLE;
-    }
-    match (index, write_back) {
-        (true, false) => to(Mode::Offset, load_offset(size)),
-        (true, true) => to(Mode::Pre, Op::LoadPre(size)),
-        _ => to(Mode::Post, Op::LoadPost(size)),
-    }
-    .with_imm(imm)
+    addressed(h, g, |mode| match mode {
+        Some(Mode::Offset) => to(Mode::Offset, load_offset(size)),
+        Some(Mode::Register) => to(Mode::Register, load_register(size)),
+        Some(Mode::Pre) => to(Mode::Pre, Op::LoadPre(size)),
+        Some(mode) => to(mode, Op::LoadPost(size)),
+        None => Insn::regs(Op::LoadUser(size), t, n, 0),
+    })
 }
 
 /// Loads of less than a word to the program counter: hints to the memory, which do nothing here.

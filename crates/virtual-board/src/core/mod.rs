@@ -240,7 +240,7 @@ impl Core {
             stop: None,
             trap_value: 0,
             nvic: Nvic::default(),
-            scb: Scb::default(),
+            scb: Scb::after_reset(),
             systick: SysTick::default(),
             dwt: Dwt::default(),
             mpu: Mpu::default(),

@@ -41,12 +41,6 @@ impl Core {
         self.lowest_msp
     }
 
-    /// Forgets how low the main stack pointer was.
-    pub fn reset_lowest_msp(&mut self) {
-        self.lowest_msp = u32::MAX;
-        self.note_stack();
-    }
-
     /// Addresses of the flash whose instruction was executed since it was last programmed.
     pub fn executed(&self) -> impl Iterator<Item = u32> {
         let addresses = (fetch::FLASH..).step_by(2);

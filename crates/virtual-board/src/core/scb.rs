@@ -83,7 +83,7 @@ pub(super) mod fpccr {
     pub(crate) const STATE: u32 = LSPACT | USER | THREAD | HFRDY | MMRDY | BFRDY | MONRDY;
 }
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct Scb {
     pub(super) actlr: u32,
     pub(super) vtor: u32,
@@ -102,23 +102,12 @@ pub(super) struct Scb {
     pub(super) demcr: u32,
 }
 
-impl Default for Scb {
-    fn default() -> Self {
+impl Scb {
+    pub(super) fn after_reset() -> Self {
         Self {
-            actlr: 0,
-            vtor: 0,
-            scr: 0,
             ccr: ccr::STKALIGN,
-            cfsr: 0,
-            hfsr: 0,
-            dfsr: 0,
-            mmfar: 0,
-            bfar: 0,
-            cpacr: 0,
             fpccr: fpccr::ASPEN | fpccr::LSPEN,
-            fpcar: 0,
-            fpdscr: 0,
-            demcr: 0,
+            ..Self::default()
         }
     }
 }

@@ -8,7 +8,6 @@ use crate::board::Board;
 use crate::image::Image;
 use std::collections::BTreeMap;
 use std::fmt::{self, Write};
-use std::ops::RangeInclusive;
 
 /// Lines with code of each file, and in how many runs each was covered.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -109,23 +108,6 @@ impl Coverage {
         })
     }
 
-    /// Lines with code that did not run, by file; neighbours (but for lines without code) together.
-    pub fn uncovered(&self) -> impl Iterator<Item = (&str, Vec<RangeInclusive<u32>>)> {
-        self.files.iter().filter_map(|(file, lines)| {
-            let mut ranges: Vec<RangeInclusive<u32>> = Vec::new();
-            let mut open = false;
-            for (&line, &hits) in lines {
-                match ranges.last_mut() {
-                    Some(last) if open && hits == 0 => *last = *last.start()..=line,
-                    _ if hits == 0 => ranges.push(line..=line),
-                    _ => {}
-                }
-                open = hits == 0;
-            }
-            (!ranges.is_empty()).then_some((file.as_str(), ranges))
-        })
-    }
-
     /// The `.info` file of lcov, which genhtml and code-review tools read.
     pub fn lcov(&self) -> String {
         let mut text = String::from("TN:\n");
@@ -193,8 +175,6 @@ mod tests {
             .collect();
         assert_eq!(counts, [("src/a.rs", 4, 2), ("src/b.rs", 1, 1)]);
         assert_eq!(coverage.total().percent(), 60.0);
-        let uncovered: Vec<_> = coverage.uncovered().collect();
-        assert_eq!(uncovered, [("src/a.rs", vec![11..=14])]);
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! Where the time of a board goes: by function, by source line and by interrupt.
 
 use crate::board::Board;
+use crate::core::ExceptionProfile;
 use crate::image::Image;
 use crate::time::Cycles;
 use std::collections::BTreeMap;
@@ -14,16 +15,8 @@ const ELSEWHERE: &str = "(outside the flash, and first fetches)";
 pub struct InterruptTime {
     /// Its name.
     pub name: String,
-    /// How often it ran.
-    pub count: u64,
-    /// Cycles of all of them, without what preempted them.
-    pub total: Cycles,
-    /// The longest from entry to return, with what preempted it.
-    pub longest: Cycles,
-    /// The longest without what preempted it.
-    pub longest_own: Cycles,
-    /// The longest from pending to the first instruction.
-    pub longest_latency: Cycles,
+    /// What it took.
+    pub times: ExceptionProfile,
 }
 
 /// Cycles of a function.
@@ -70,8 +63,11 @@ impl Times {
             .collect();
         // Stable: equals stay in the order of their names.
         functions.sort_by_key(|f| std::cmp::Reverse(f.cycles));
-        let mut interrupts: Vec<_> = interrupts.into_iter().filter(|i| i.count > 0).collect();
-        interrupts.sort_by_key(|i| std::cmp::Reverse(i.total));
+        let mut interrupts: Vec<_> = interrupts
+            .into_iter()
+            .filter(|i| i.times.count > 0)
+            .collect();
+        interrupts.sort_by_key(|i| std::cmp::Reverse(i.times.total));
         Self {
             functions,
             lines,
@@ -86,14 +82,7 @@ impl Times {
         let profile = board.core().profile()?;
         let interrupts = image.handlers().into_iter().map(|(number, name)| {
             let times = profile.exception(number);
-            InterruptTime {
-                name,
-                count: times.count,
-                total: times.total,
-                longest: times.longest,
-                longest_own: times.longest_own,
-                longest_latency: times.longest_latency,
-            }
+            InterruptTime { name, times }
         });
         let instructions = profile.instructions();
         let mut times = Self::new(image, instructions, interrupts, frequency_hz);
@@ -163,9 +152,10 @@ impl fmt::Display for Times {
             "times", "mean", "longest", "whole", "latency"
         )?;
         for i in &self.interrupts {
-            let (count, mean) = (i.count, us(i.total) / i.count as f64);
-            let (own, whole) = (us(i.longest_own), us(i.longest));
-            let (latency, name) = (us(i.longest_latency), &i.name);
+            let InterruptTime { name, times } = i;
+            let (count, mean) = (times.count, us(times.total) / times.count as f64);
+            let (own, whole) = (us(times.longest_own), us(times.longest));
+            let latency = us(times.longest_latency);
             writeln!(
                 f,
                 "{count:>9} {mean:>9.2} {own:>9.2} {whole:>9.2} {latency:>9.2}  {name}"
@@ -198,11 +188,13 @@ mod tests {
         ];
         let interrupt = |name: &str, count, total| InterruptTime {
             name: name.into(),
-            count,
-            total,
-            longest: 3360,
-            longest_own: 1680,
-            longest_latency: 168,
+            times: ExceptionProfile {
+                count,
+                total,
+                longest: 3360,
+                longest_own: 1680,
+                longest_latency: 168,
+            },
         };
         let interrupts = [
             interrupt("never", 0, 0),

@@ -1,6 +1,7 @@
 //! The wire with virtual nodes.
 
 use super::*;
+use crate::noise::Noise;
 use crate::time::Time;
 
 /// Quantum of the boards.
@@ -118,22 +119,10 @@ fn the_lowest_identifier_wins_and_the_others_follow() {
     assert_eq!(bench.wire.statistics(1).arbitrations_lost, 0);
 }
 
-/// A small generator of pseudo-random numbers.
-struct Random(u64);
-
-impl Random {
-    fn next(&mut self) -> u64 {
-        self.0 = self
-            .0
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1_442_695_040_888_963_407);
-        self.0 >> 33
-    }
-
-    fn frame(&mut self, id: u16) -> Frame {
-        let data: Vec<u8> = (0..self.next() % 9).map(|_| self.next() as u8).collect();
-        standard(id, &data)
-    }
+fn random_frame(random: &mut Noise, id: u16) -> Frame {
+    let length = random.bits() % 9;
+    let data: Vec<u8> = (0..length).map(|_| random.bits() as u8).collect();
+    standard(id, &data)
 }
 
 #[test]
@@ -145,11 +134,11 @@ fn what_happens_does_not_depend_on_the_quantum_and_is_told_ahead() {
         let mut wire = Wire::new(3, quantum, 1);
         wire.record();
         let mut nodes: Vec<_> = (0..3).map(|_| VirtualNode::new(settings)).collect();
-        let mut random = Random(1);
+        let mut random = Noise::new(1);
         for i in 0..300u64 {
-            let at = Time(micros(100).0 + i * 70_000_000 + random.next() % 60_000_000);
-            let id = (random.next() % 64) as u16 * 8 + (i % 3) as u16;
-            let frame = random.frame(id);
+            let at = Time(micros(100).0 + i * 70_000_000 + random.bits() % 60_000_000);
+            let id = (random.bits() % 64) as u16 * 8 + (i % 3) as u16;
+            let frame = random_frame(&mut random, id);
             nodes[(i % 3) as usize].send(at, frame);
         }
         nodes.iter_mut().for_each(VirtualNode::keep_events);
@@ -392,10 +381,10 @@ fn clocks_may_differ_as_far_as_the_specification_says() {
         let node = |sign: i64| Settings::new(BitTiming::new(500_000, (one, two), jump, sign * ppb));
         let mut bench = Bench::new(&[node(1), node(-1), node(1)]);
         bench.wire.set_delay(Time(0));
-        let mut random = Random(7);
+        let mut random = Noise::new(7);
         for i in 0..200 {
             let sender = (i % 2) as usize;
-            let frame = random.frame(i);
+            let frame = random_frame(&mut random, i);
             bench.nodes[sender].send(micros(100 + 600 * u64::from(i)), frame);
         }
         bench.run(micros(125_000));
@@ -414,8 +403,8 @@ fn clocks_may_differ_as_far_as_the_specification_says() {
 fn noise_costs_time_and_never_gives_wrong_frames() {
     let mut bench = Bench::equal(3);
     bench.wire.inject(micros(50), Fault::Noise(2e-4));
-    let mut random = Random(3);
-    let frames: Vec<_> = (0..100).map(|i| random.frame(i)).collect();
+    let mut random = Noise::new(3);
+    let frames: Vec<_> = (0..100).map(|i| random_frame(&mut random, i)).collect();
     for (i, &frame) in frames.iter().enumerate() {
         bench.nodes[0].send(micros(100 + 400 * i as u64), frame);
     }
@@ -463,10 +452,10 @@ fn a_dominant_bit_in_the_intermission_is_an_overload_and_no_error() {
 #[test]
 fn the_bus_is_busy_as_long_as_its_frames_are() {
     let mut bench = Bench::equal(2);
-    let mut random = Random(5);
+    let mut random = Noise::new(5);
     let mut bits = 0;
     for i in 0..100 {
-        let frame = random.frame(i);
+        let frame = random_frame(&mut random, i);
         bits += frame.bus_bits() as u64;
         bench.nodes[0].send(micros(100 + 200 * u64::from(i)), frame);
     }
@@ -485,10 +474,10 @@ fn leaps_and_single_steps_come_to_the_same() {
             // Noise that never strikes: the wire may not sleep or leap.
             bench.wire.inject(Time(0), Fault::Noise(1e-300));
         }
-        let mut random = Random(11);
+        let mut random = Noise::new(11);
         for i in 0..400u16 {
             let at = micros(100 + 97 * u64::from(i));
-            let frame = random.frame(i % 7 * 16 + i % 4);
+            let frame = random_frame(&mut random, i % 7 * 16 + i % 4);
             bench.nodes[usize::from(i % 4)].send(at, frame);
         }
         // Corrupted here and there.

@@ -61,15 +61,6 @@ const REQUESTS: [(Controller, usize, u32, Request); 9] = [
     (Controller::Dma2, 5, 3, Request::Spi1Tx),
 ];
 
-#[rustfmt::skip]
-const LINES: [[Interrupt; 8]; 2] = {
-    use Interrupt::*;
-    [
-        [Dma1Stream0, Dma1Stream1, Dma1Stream2, Dma1Stream3, Dma1Stream4, Dma1Stream5, Dma1Stream6, Dma1Stream7],
-        [Dma2Stream0, Dma2Stream1, Dma2Stream2, Dma2Stream3, Dma2Stream4, Dma2Stream5, Dma2Stream6, Dma2Stream7],
-    ]
-};
-
 /// First bit of a stream's flags in its status register.
 fn shift(stream: usize) -> u32 {
     [0, 6, 16, 22][stream % 4]
@@ -167,7 +158,7 @@ impl Dma {
     }
 
     fn line(&self, stream: usize, shared: &mut Shared) {
-        let line = LINES[self.controller as usize][stream];
+        let line = Interrupt::OF_STREAMS[self.controller as usize][stream];
         shared.line(line, self.streams[stream].active());
     }
 

@@ -41,7 +41,7 @@ impl Bench {
         shared.clocks.hclk_hz = 168_000_000;
         shared.clocks.apb2 = 2;
         Self {
-            spi: Spi::default(),
+            spi: Spi::after_reset(),
             shared,
         }
     }

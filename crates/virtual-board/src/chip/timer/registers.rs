@@ -43,13 +43,8 @@ impl Kind {
     }
 
     pub fn trgo(self) -> Trigger {
-        [
-            Trigger::Tim1Trgo,
-            Trigger::Tim2Trgo,
-            Trigger::Tim3Trgo,
-            Trigger::Tim4Trgo,
-            Trigger::Tim5Trgo,
-        ][self as usize]
+        use Trigger::*;
+        [Tim1Trgo, Tim2Trgo, Tim3Trgo, Tim4Trgo, Tim5Trgo][self as usize]
     }
 
     /// The trigger that a channel's output is for the converters.

@@ -35,7 +35,7 @@ impl Bench {
         shared.base.set_frequency(0, 168_000_000);
         shared.clocks.apb1 = 4;
         let mut bench = Self {
-            usart: Usart::default(),
+            usart: Usart::after_reset(),
             shared,
         };
         bench.write(BRR, brr);

@@ -455,7 +455,5 @@ fn the_depth_of_the_main_stack_is_kept() {
     .handler(11, &[0x4770]);
     machine.run_to_breakpoint();
     assert_eq!(machine.core.lowest_msp(), STACK - 0x10 - 0x40 - 0x80);
-    machine.core.reset_lowest_msp();
-    assert_eq!(machine.core.lowest_msp(), machine.r(13));
     assert_eq!(machine.private(SHPR3), 0);
 }

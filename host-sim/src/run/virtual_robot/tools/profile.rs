@@ -66,8 +66,8 @@ pub fn of(robot: &mut VirtualRobot, reports: &[BoardReport]) -> Vec<Profile> {
             name: function.name.clone(),
             us: us(function.cycles),
         });
-        let interrupt = |times: &InterruptTime| Interrupt {
-            name: times.name.clone(),
+        let interrupt = |InterruptTime { name, times }: &InterruptTime| Interrupt {
+            name: name.clone(),
             count: times.count,
             us: us(times.total),
             longest_us: us(times.longest_own),
