@@ -2,12 +2,18 @@
 //! what the image is built from.
 
 use std::path::{Path, PathBuf};
+use std::process::Command;
 use std::{env, fs};
 
 fn main() {
     let package = PathBuf::from(env::var("CARGO_MANIFEST_DIR").expect("set by cargo"));
     let workspace = package.parent().expect("a member's folder");
     println!("cargo::rustc-env=BUILD={}", build(&package, workspace));
+    if package.ends_with("host-sim")
+        && let Some(commit) = commit(workspace)
+    {
+        println!("cargo::rustc-env=COMMIT={commit}");
+    }
     // Built for the host the crate is only a message, see its `main`.
     if env::var("CARGO_CFG_TARGET_OS").as_deref() != Ok("none") {
         return;
@@ -39,6 +45,22 @@ fn build(package: &Path, workspace: &Path) -> String {
     let [name, version] =
         ["CARGO_PKG_NAME", "CARGO_PKG_VERSION"].map(|name| env::var(name).expect("set by cargo"));
     format!("{name} {version} {hash:016x}")
+}
+
+/// Commit of the workspace, if it is under version control.
+fn commit(workspace: &Path) -> Option<String> {
+    let log = workspace.join(".git/logs/HEAD");
+    if log.exists() {
+        println!("cargo::rerun-if-changed={}", log.display());
+    }
+    let mut git = Command::new("git");
+    let output = git
+        .args(["rev-parse", "HEAD"])
+        .current_dir(workspace)
+        .output()
+        .ok()?;
+    let text = String::from_utf8(output.stdout).ok()?;
+    output.status.success().then(|| text.trim().to_owned())
 }
 
 /// FNV-1a over the files' contents, in the order of their names.

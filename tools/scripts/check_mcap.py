@@ -262,7 +262,7 @@ def interrupted(program, folder):
         time.sleep(0.1)
     run.send_signal(signal.SIGINT)
     _, said = run.communicate(timeout=120)
-    assert run.returncode == 1 and "interrupted" in said, (run.returncode, said)
+    assert run.returncode == 130 and "interrupted" in said, (run.returncode, said)
     assert not list(folder.glob(".interrupted*")), "a temporary file was left"
     log = Log(path)
     assert log.metadata["cfmmr.end"]["whole"] == "false"

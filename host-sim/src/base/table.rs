@@ -55,43 +55,58 @@ impl Table {
         self
     }
 
-    /// Widths of the columns. Where the table is wider than `limit`, the widest columns get narrower,
-    /// but no narrower than their longest word.
+    /// Widths of the columns. Where the table is wider than `limit`, the widest columns get narrower:
+    /// down to their longest word, and if that is not enough to the longest part of a dotted name.
     fn widths(&self, limit: usize) -> Vec<usize> {
-        let (mut widths, mut least) = (Vec::new(), Vec::new());
-        for row in self.rows.iter().chain([&self.header]) {
-            widths.resize(widths.len().max(row.len()), 0);
-            least.resize(widths.len(), 0);
-            for (column, cell) in row.iter().enumerate() {
-                let words = cell.split(' ').map(|word| word.chars().count());
-                widths[column] = cell.chars().count().max(widths[column]);
-                least[column] = words.max().unwrap_or(0).max(least[column]);
+        let longest = |separators: &[char]| {
+            let mut widths = Vec::new();
+            for row in self.rows.iter().chain([&self.header]) {
+                widths.resize(widths.len().max(row.len()), 0);
+                for (width, cell) in widths.iter_mut().zip(row) {
+                    let parts = cell.split_inclusive(separators);
+                    let part = parts.map(|part| part.trim_end().chars().count()).max();
+                    *width = part.unwrap_or(0).max(*width);
+                }
             }
-        }
-        while widths.iter().sum::<usize>() + 2 * widths.len().saturating_sub(1) > limit {
-            let columns = (0..widths.len()).filter(|&column| widths[column] > least[column]);
-            let Some(widest) = columns.max_by_key(|&column| widths[column]) else {
-                break;
-            };
-            widths[widest] -= 1;
+            widths
+        };
+        let mut widths = longest(&[]);
+        for least in [longest(&[' ']), longest(&PARTS)] {
+            while widths.iter().sum::<usize>() + 2 * widths.len().saturating_sub(1) > limit {
+                let columns = (0..widths.len()).filter(|&column| widths[column] > least[column]);
+                let Some(widest) = columns.max_by_key(|&column| widths[column]) else {
+                    break;
+                };
+                widths[widest] -= 1;
+            }
         }
         widths
     }
 }
 
+/// Characters after which a name may be divided.
+const PARTS: [char; 4] = [' ', '.', '_', '/'];
+
 /// Lines of a cell that is `width` characters wide.
 fn lines(cell: &str, width: usize) -> Vec<String> {
     let mut lines = vec![String::new()];
-    for word in cell.split(' ') {
+    let fits = |word: &str| word.trim_end().chars().count() <= width;
+    let words = cell.split_inclusive(' ').flat_map(|word| match fits(word) {
+        true => vec![word],
+        false => word.split_inclusive(PARTS).collect(),
+    });
+    for word in words {
         let line = lines.last_mut().expect("at least one line");
-        if !line.is_empty() && line.chars().count() + 1 + word.chars().count() > width {
+        if !line.is_empty() && !fits(&format!("{line}{word}")) {
             lines.push(word.to_owned());
         } else {
-            *line += if line.is_empty() { "" } else { " " };
             *line += word;
         }
     }
     lines
+        .iter()
+        .map(|line| line.trim_end().to_owned())
+        .collect()
 }
 
 impl fmt::Display for Table {
@@ -156,6 +171,10 @@ mod tests {
         assert_eq!(longest, Some(80));
         assert_eq!(table.to_string().matches("word").count(), 40);
         assert_eq!(table.widths(5), [4, 4], "no narrower than a word");
+        assert_eq!(
+            lines("robot.limits.max_speed_m_s", 12),
+            ["robot.", "limits.max_", "speed_m_s"]
+        );
     }
 
     #[test]

@@ -107,6 +107,11 @@ impl Context {
         &self.interrupt
     }
 
+    /// True if Ctrl-C was pressed.
+    pub fn is_interrupted(&self) -> bool {
+        self.interrupt.load(Relaxed)
+    }
+
     /// Runs `count` independent pieces of work on all threads; results in order of their index, none of
     /// the pieces that an interrupt left undone; the first error by index if any failed.
     pub fn run<T: Send>(
@@ -122,7 +127,7 @@ impl Context {
                 // A thread that is done takes over single pieces: no other is left with a long rest.
                 .with_max_len(1)
                 .map(|index| {
-                    if self.interrupt.load(Relaxed) {
+                    if self.is_interrupted() {
                         return Ok(None);
                     }
                     let result = work(index)?;
@@ -174,7 +179,7 @@ impl Context {
         }
         self.json.print(&format!("{table}\n{text}"))?;
         match failed {
-            _ if self.interrupt.load(Relaxed) => Err(Error::Interrupted(
+            _ if self.is_interrupted() => Err(Error::Interrupted(
                 "interrupted: the results are those of what was done".to_owned(),
             )),
             Some(why) => Err(Error::Failure(why)),

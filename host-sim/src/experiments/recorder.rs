@@ -9,7 +9,7 @@ use crate::view::dashboard::Dashboard;
 use crate::view::dashboard::terminal::Terminal;
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
 /// The dashboard, if it is asked for.
 pub fn dashboard(
@@ -99,8 +99,13 @@ impl<'a> Recorder<'a> {
     /// Ends the recording; gives the files.
     pub fn close(self) -> Result<Vec<PathBuf>, Error> {
         match &self.session {
-            Some(session) => session.close(None),
+            Some(session) => session.close(ended(self.interrupt, None)),
             None => Ok(Vec::new()),
         }
     }
+}
+
+/// Reason in a log of a run that ended before its task.
+pub fn ended<'a>(interrupt: &AtomicBool, failure: Option<&'a str>) -> Option<&'a str> {
+    failure.or(interrupt.load(Relaxed).then_some("interrupted"))
 }

@@ -237,6 +237,26 @@ impl Noise {
     }
 }
 
+/// Searches for a plan: their number, ticks of the present and of the longest.
+#[derive(Default)]
+struct Searches {
+    count: u32,
+    ticks: u32,
+    longest: u32,
+}
+
+impl Searches {
+    fn see(&mut self, phase: Phase) {
+        if phase == Phase::Plan {
+            self.count += u32::from(self.ticks == 0);
+            self.ticks += 1;
+        } else {
+            self.ticks = 0;
+        }
+        self.longest = self.longest.max(self.ticks);
+    }
+}
+
 /// The driven way.
 #[derive(Default)]
 struct Way {
@@ -274,7 +294,7 @@ pub fn regulate(
     let mut robot = Robot::at(start);
     let mut state = State::default();
     let mut way = Way::default();
-    let (mut attempts, mut plans, mut planning, mut planning_ticks) = (0, 0, 0, 0);
+    let (mut attempts, mut searches) = (0, Searches::default());
     let mut gave_up = false;
     let mut time_s = model.time_limit_s;
     let mut noise = Noise::new(model, tick);
@@ -295,13 +315,7 @@ pub fn regulate(
                 goal: goal.map(|value| value as f32).into(),
             },
         );
-        if output.phase == Phase::Plan {
-            plans += u32::from(planning == 0);
-            planning += 1;
-        } else {
-            planning = 0;
-        }
-        planning_ticks = planning_ticks.max(planning);
+        searches.see(output.phase);
         attempts = attempts.max(state.attempts());
         trace(k as f64 * tick, &robot, output.phase);
         let psi = model.steering(output.command.kappa.into());
@@ -311,13 +325,9 @@ pub fn regulate(
             way.length_m += dt * robot.v.abs();
         }
         way.see(model, &robot);
-        if output.done && robot.v.abs() < 5e-3 {
-            time_s = k as f64 * tick;
-            at_goal = true;
-            break;
-        }
-        if output.phase == Phase::GaveUp {
-            gave_up = true;
+        at_goal = output.done && robot.v.abs() < 5e-3;
+        gave_up = !at_goal && output.phase == Phase::GaveUp;
+        if at_goal || gave_up {
             time_s = k as f64 * tick;
             break;
         }
@@ -346,8 +356,8 @@ pub fn regulate(
         max_curvature: way.max_curvature,
         cusps: way.cusps,
         attempts,
-        plans,
-        planning_ticks,
+        plans: searches.count,
+        planning_ticks: searches.longest,
     }
 }
 

@@ -264,14 +264,12 @@ pub(super) fn calibrate_gauges(scenario: &Scenario, bench: &mut Bench) -> Result
         );
     }
     // What the zeros do is known without driving: the mean strain they leave turns the frame's end.
-    let length = f64::from(scenario.robot.geometry.frame_length_m);
-    let half = f64::from(scenario.robot.geometry.half_thickness_m);
+    let geometry = &scenario.robot.geometry;
+    let [length, half] = [geometry.frame_length_m, geometry.half_thickness_m].map(f64::from);
     let unzeroed = robot.bridge_offset[..count].iter().sum::<f64>() / count as f64;
     let strain = bridge.strain_per_count();
-    let left = (0..count)
-        .map(|i| (truth[i] + middle - zeros[i]) * strain)
-        .sum::<f64>()
-        / count as f64;
+    let left = (0..count).map(|i| (truth[i] + middle - zeros[i]) * strain);
+    let left = left.sum::<f64>() / count as f64;
     let turn = |strain: f64| 1e3 * (strain * length / half).abs();
     report.effect(
         "relative heading measured with a straight frame",

@@ -146,6 +146,15 @@ pub fn run(scenario: &Scenario, case: &Case, bounds: &Bounds) -> Result<Outcome,
     run_on(&mut simulation, scenario, case, bounds)
 }
 
+/// End of a robot that stopped so long ago, µs; none while it is watched.
+fn stop(since: Micros, off: bool, speed: f64) -> Option<End> {
+    // The frame may swing a little when the motors let go.
+    if !off || !(speed < SWING_M_S) {
+        return Some(End::WrongStop);
+    }
+    (since >= Micros::from(WATCH) * TICK).then_some(End::Stopped)
+}
+
 /// Largest speed (m/s), steering angle (rad) and force (N), and ticks beyond the bound of each.
 #[derive(Default)]
 struct Extremes {
@@ -208,25 +217,14 @@ pub fn run_on(
             }
         }
         let off = simulation.torque() == [[0.0; 2]; 2];
-        rest = if off && seen[0] < REST_M_S {
-            rest + 1
-        } else {
-            0
-        };
+        rest = (rest + 1) * u32::from(off && seen[0] < REST_M_S);
         let faulted = simulation.monitor().first_fault().is_some();
         if now >= at && faulted && rest >= REST && stopped_at.is_none() {
             stopped_at = Some(now - Micros::from(rest) * TICK);
         }
-        if let Some(since) = stopped_at {
-            // The frame may swing a little when the motors let go.
-            if !off || !(seen[0] < SWING_M_S) {
-                end = End::WrongStop;
-                break;
-            }
-            if now - since >= Micros::from(WATCH) * TICK {
-                end = End::Stopped;
-                break;
-            }
+        if let Some(ended) = stopped_at.and_then(|since| stop(now - since, off, seen[0])) {
+            end = ended;
+            break;
         }
         // What the lead node did comes from a board in parts, all of it by the end of the epoch.
         if !simulation.now().is_multiple_of(EPOCH) {

@@ -436,7 +436,9 @@ fn measure(
     let wall_s = start.elapsed().as_secs_f64();
     simulation.dismiss_observers();
     let recorded = match &session {
-        Some(session) => session.close(simulation.failure().as_deref())?,
+        Some(session) => {
+            session.close(recorder::ended(interrupt, simulation.failure().as_deref()))?
+        }
         None => Vec::new(),
     };
     let trace = simulation.take_trace().unwrap_or_default();

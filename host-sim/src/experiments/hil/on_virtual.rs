@@ -283,7 +283,7 @@ impl Drive<'_> {
         robot.dismiss_observers();
         let mut recorded = robot.close()?;
         if let Some(session) = &session {
-            recorded.extend(session.close(robot.failure())?);
+            recorded.extend(session.close(recorder::ended(interrupt, robot.failure()))?);
         }
         let report = report(&mut robot, &trial, &goal, start);
         let mut coverage = Coverage::default();

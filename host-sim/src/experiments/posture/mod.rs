@@ -200,7 +200,7 @@ fn watch(args: &PostureArgs, context: &Context) -> Result<(), Error> {
 
 /// Runs the first trial with the sensor once more, and records it.
 fn record(args: &PostureArgs, context: &Context) -> Result<Vec<PathBuf>, Error> {
-    match args.log.any() {
+    match args.log.any() && !context.is_interrupted() {
         true => Ok(first_trial(args, context, |_| ())?.1),
         false => Ok(Vec::new()),
     }
