@@ -248,7 +248,7 @@ fn a_board_at_a_serial_port_is_shown_with_its_frames_and_losses() {
     command.args(["hil", "--dashboard", "--front", &port]);
     let mut session = Session::start(command.current_dir(folder.path()), 80, 24);
     // Nodes stand to the left of the links, in the same lines.
-    let inside = ["rear", "in", "this", "process"];
+    let inside = ["rear", "in", "this", "program"];
     session.expect_line(|words| words.windows(4).any(|words| words == inside));
     let counts = |words: &[&str]| -> Option<[u32; 3]> {
         let place = words.iter().position(|word| *word == "front")?;
