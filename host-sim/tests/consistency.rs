@@ -2,7 +2,7 @@
 
 use core_algos::fusion::robot::Mode;
 use host_sim::experiments::Context;
-use host_sim::experiments::arguments::{Common, WorldChoice};
+use host_sim::experiments::arguments::{Common, ScenarioArgs, WorldChoice};
 use host_sim::experiments::consistency::{Report, Row, Statement, measure};
 use host_sim::experiments::posture::Variant;
 
@@ -11,11 +11,12 @@ const RUNS: u32 = 20;
 fn report() -> Report {
     let common = Common {
         // The data sheets that the estimators' priors are from describe this one.
-        choice: WorldChoice {
-            world: Some("ordinary".into()),
+        scenario: ScenarioArgs {
+            choice: WorldChoice {
+                world: Some("ordinary".into()),
+            },
+            ..ScenarioArgs::default()
         },
-        scenario: None,
-        set: Vec::new(),
         seed: 21,
         out: None,
         json: Default::default(),

@@ -265,7 +265,7 @@ def interrupted(program, folder):
     assert run.returncode == 130 and "interrupted" in said, (run.returncode, said)
     assert not list(folder.glob(".interrupted*")), "a temporary file was left"
     log = Log(path)
-    assert log.metadata["cfmmr.end"]["whole"] == "false"
+    assert log.metadata["cfmmr.end"]["ended"] == "interrupted"
     assert len(log.messages["/boards/front/tick"]) > 1000
 
 

@@ -1,10 +1,15 @@
 //! Arguments that several experiments take.
 
+use crate::base::error::Error;
 use crate::base::numbers::whole;
+use crate::base::{spelling, toml_file};
 use crate::experiments::result::JsonArgs;
+use crate::scenario::Scenario;
+use crate::scenario::effect::Given;
 use clap::{Args, ValueEnum};
 use core_algos::topology::Role;
 use std::path::PathBuf;
+use toml::Table;
 
 /// The world that an experiment is in.
 #[derive(Clone, Debug, Default, Args)]
@@ -14,9 +19,9 @@ pub struct WorldChoice {
     pub world: Option<String>,
 }
 
-/// Arguments every experiment takes.
-#[derive(Clone, Debug, Args)]
-pub struct Common {
+/// The scenario that an experiment runs.
+#[derive(Clone, Debug, Default, Args)]
+pub struct ScenarioArgs {
     /// The world.
     #[command(flatten)]
     pub choice: WorldChoice,
@@ -26,6 +31,31 @@ pub struct Common {
     /// Change one key of the scenario, for example --set plant.friction=0.5; may be repeated
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub set: Vec<String>,
+}
+
+impl ScenarioArgs {
+    /// The scenario; an error says what to type instead.
+    pub fn load(&self) -> Result<Scenario, Error> {
+        let file = self.scenario.as_deref();
+        Scenario::load(self.choice.world.as_deref(), file, &self.set).map_err(|error| {
+            let defaults = Table::try_from(Scenario::default()).unwrap_or_default();
+            spelling::on_scenario(error, file, &defaults)
+        })
+    }
+
+    /// The keys that were given.
+    pub fn given(&self) -> Result<Given, Error> {
+        let (file, _) = toml_file::read(self.scenario.as_deref())?;
+        Given::new(&self.set, &file)
+    }
+}
+
+/// Arguments every experiment takes.
+#[derive(Clone, Debug, Args)]
+pub struct Common {
+    /// The scenario.
+    #[command(flatten)]
+    pub scenario: ScenarioArgs,
     /// Seed of all random draws; one seed gives the same bytes
     #[arg(long, default_value_t = 1, value_parser = whole::<u64>(0..=u64::MAX))]
     pub seed: u64,

@@ -21,18 +21,9 @@ use serde::Serialize;
 use std::fs::File;
 use std::path::Path as FilePath;
 
-/// Arguments of `follow` and `track`.
+/// Drive along a path.
 #[derive(Clone, Debug, Args)]
-pub struct FollowArgs {
-    /// Arguments every experiment takes.
-    #[command(flatten)]
-    pub common: Common,
-    /// Recording of the run.
-    #[command(flatten)]
-    pub log: LogArgs,
-    /// Path: line, circle, figure-eight, or a CSV file of waypoints (columns x,y in m)
-    #[arg(long, default_value = "figure-eight", value_name = "PATH")]
-    pub path: String,
+pub struct DriveArgs {
     /// Largest speed along the path, m/s; `track` allows at most 90 % of the robot's limit
     /// [default: the scenario's, 0.2]
     #[arg(long, value_name = "M/S", value_parser = number)]
@@ -56,48 +47,27 @@ pub struct FollowArgs {
     pub imu: bool,
 }
 
+/// Arguments of `follow` and `track`.
+#[derive(Clone, Debug, Args)]
+pub struct FollowArgs {
+    /// Arguments every experiment takes.
+    #[command(flatten)]
+    pub common: Common,
+    /// Recording of the run.
+    #[command(flatten)]
+    pub log: LogArgs,
+    /// Path: line, circle, figure-eight, or a CSV file of waypoints (columns x,y in m)
+    #[arg(long, default_value = "figure-eight", value_name = "PATH")]
+    pub path: String,
+    /// Sensors, start and speed.
+    #[command(flatten)]
+    pub drive: DriveArgs,
+}
+
 /// Most epochs that are kept of a run for log and picture; of a longer one, every n-th is.
 const MOST_ROWS: f64 = 20_000.0;
 /// Least distance between two robots in the picture, m.
 const APART_M: f64 = 0.65;
-
-/// Errors of the true or of the estimated midpoint.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct ErrorReport {
-    /// Root mean square of the distance (following: across the path), m.
-    pub rms_m: f64,
-    /// Largest distance, m.
-    pub max_m: f64,
-    /// Largest distance across the path, m.
-    pub max_cross_track_m: f64,
-    /// Root mean square of the heading error, rad.
-    pub rms_heading_rad: f64,
-    /// Distance from the end of the path at rest, m.
-    pub final_m: f64,
-    /// Heading at rest less that of the end, rad.
-    pub final_heading_rad: f64,
-}
-
-impl From<Errors> for ErrorReport {
-    fn from(errors: Errors) -> Self {
-        let Errors {
-            rms_m,
-            max_m,
-            max_cross_track_m,
-            rms_heading_rad,
-            final_m,
-            final_heading_rad,
-        } = errors;
-        Self {
-            rms_m,
-            max_m,
-            max_cross_track_m,
-            rms_heading_rad,
-            final_m,
-            final_heading_rad,
-        }
-    }
-}
 
 /// The result of the commands.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -116,9 +86,9 @@ pub struct Report {
     pub fusion: &'static str,
     /// Errors of the true midpoint.
     #[serde(flatten)]
-    pub truth: ErrorReport,
+    pub truth: Errors,
     /// Errors of the midpoint as the robot estimated it.
-    pub estimate: ErrorReport,
+    pub estimate: Errors,
     /// Largest |curvature| of the path, 1/m.
     pub path_curvature: f64,
     /// Largest true |curvature| of the midpoint's way, 1/m.
@@ -136,13 +106,13 @@ pub struct Report {
 /// The path that the arguments ask for.
 fn path_of(args: &FollowArgs) -> Result<Path, Error> {
     let name = args.path.as_str();
-    let size = |default: f64| args.size.unwrap_or(default);
+    let size = |default: f64| args.drive.size.unwrap_or(default);
     let built_in = match name {
         "line" => Path::line(size(3.0)),
         "circle" => Path::circle(size(1.0)),
         "figure-eight" => Path::figure_eight(size(1.5)),
         file => {
-            if args.size.is_some() {
+            if args.drive.size.is_some() {
                 return Err(Error::input(
                     "--size: no effect on waypoints; only for line, circle and figure-eight",
                 ));
@@ -226,23 +196,23 @@ pub const PATH: Taken = &[
 /// Reads path, speed and start, and writes them into the scenario.
 pub fn prepare(args: &FollowArgs, context: &mut Context) -> Result<Course, Error> {
     let path = path_of(args)?;
-    if args.laps != 1 && !path.is_closed() {
+    if args.drive.laps != 1 && !path.is_closed() {
         return Err(Error::input(format!(
             "--laps {}: must be 1 because the path {} is open",
-            args.laps, args.path
+            args.drive.laps, args.path
         )));
     }
     let scenario = &mut context.scenario;
-    if args.no_rps {
+    if args.drive.no_rps {
         scenario.mission.rps = false;
     }
-    if args.imu {
+    if args.drive.imu {
         scenario.world.sensors.gyro.fitted = true;
         scenario.world.sensors.accelerometer.fitted = true;
     }
     let limits = &mut scenario.robot.lead.course.path;
     let most = f64::from(scenario.robot.limits.max_speed_m_s);
-    if let Some(speed) = args.speed {
+    if let Some(speed) = args.drive.speed {
         if !(speed >= f64::from(limits.min_speed_m_s) && speed <= most) {
             return Err(Error::input(format!(
                 "--speed {speed}: must be a number from {} to {} m/s",
@@ -252,9 +222,9 @@ pub fn prepare(args: &FollowArgs, context: &mut Context) -> Result<Course, Error
         limits.max_speed_m_s = speed as f32;
     }
     let speed = f64::from(limits.max_speed_m_s).min(most);
-    let route = Route::new(&path, args.laps, scenario)
+    let route = Route::new(&path, args.drive.laps, scenario)
         .map_err(|error| Error::input(format!("path {}: {error}", args.path)))?;
-    scenario.mission.start = match &args.from {
+    scenario.mission.start = match &args.drive.from {
         Some(text) => parse_posture(text).map_err(Error::Input)?,
         None => route.start(),
     };
@@ -316,8 +286,8 @@ pub fn publish(
         rps: variant.rps,
         imu: variant.imu,
         fusion: variant.fusion(),
-        truth: outcome.truth.into(),
-        estimate: outcome.estimate.into(),
+        truth: outcome.truth,
+        estimate: outcome.estimate,
         path_curvature: course.path.max_curvature(),
         max_curvature: outcome.max_curvature,
         curvature_bound: route.curvature_bound(),
@@ -396,7 +366,7 @@ fn followed(route: &Route, manner: Manner, moments: &[Moment], records: &[Record
 /// Rows of the page's summary.
 fn summary(report: &Report) -> Vec<(String, String)> {
     let row = |name: &str, value: String| (name.to_owned(), value);
-    let errors = |errors: &ErrorReport| {
+    let errors = |errors: &Errors| {
         format!(
             "rms {:.2} mm, largest {:.2} mm, final {:.2} mm and {:.2}°",
             1e3 * errors.rms_m,

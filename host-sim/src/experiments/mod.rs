@@ -26,7 +26,6 @@ use crate::base::interrupt::watch_for_interrupt;
 use crate::base::output::OutputDir;
 use crate::base::progress::Progress;
 use crate::base::terminal::wrapped;
-use crate::base::{spelling, toml_file};
 use crate::experiments::arguments::Common;
 use crate::experiments::result::{JsonArgs, Provenance};
 use crate::scenario::Scenario;
@@ -37,19 +36,6 @@ use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
-use toml::Table;
-
-/// The scenario in a file with the changes of the command line; an error says what to type instead.
-pub fn scenario(
-    world: Option<&str>,
-    file: Option<&Path>,
-    changes: &[String],
-) -> Result<Scenario, Error> {
-    Scenario::load(world, file, changes).map_err(|error| {
-        let defaults = Table::try_from(Scenario::default()).unwrap_or_default();
-        spelling::on_scenario(error, file, &defaults)
-    })
-}
 
 /// Scenario, threads and output of an experiment.
 pub struct Context {
@@ -69,13 +55,8 @@ pub struct Context {
 impl Context {
     /// Reads the scenario and prepares the threads; `name` is the command.
     pub fn new(common: &Common, name: &str) -> Result<Self, Error> {
-        let scenario = scenario(
-            common.choice.world.as_deref(),
-            common.scenario.as_deref(),
-            &common.set,
-        )?;
-        let (file, _) = toml_file::read(common.scenario.as_deref())?;
-        let given = Given::new(&common.set, &file)?;
+        let scenario = common.scenario.load()?;
+        let given = common.scenario.given()?;
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(common.threads.map_or(0, usize::from))
             .build()

@@ -12,6 +12,7 @@ use crate::targets::Order;
 use core_algos::control::path::{PathPoint, TrajectoryPoint};
 use core_algos::node::lead::Task;
 use core_algos::time::{EPOCH, Micros};
+use serde::Serialize;
 
 /// Search range for the nearest point around the last one, m: more than the robot drives in an
 /// epoch, less than the distance between the branches of a crossing.
@@ -191,9 +192,9 @@ pub struct Moment {
 }
 
 /// Errors over a run and at its end.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Errors {
-    /// Root mean square of the distance, m.
+    /// Root mean square of the distance (following: across the path), m.
     pub rms_m: f64,
     /// Largest distance, m.
     pub max_m: f64,

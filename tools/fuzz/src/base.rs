@@ -1,6 +1,8 @@
-//! Errors and TOML text.
+//! Errors, spelling suggestions and TOML text.
 
 #[path = "../../../host-sim/src/base/error.rs"]
 pub mod error;
+#[path = "../../../host-sim/src/base/spelling.rs"]
+pub mod spelling;
 #[path = "../../../host-sim/src/base/toml_file.rs"]
 pub mod toml_file;

@@ -4,16 +4,16 @@
 use super::procedures::{Effect, Report, Row, calibrate_gauges, calibrate_gyros, calibrate_wheels};
 use crate::base::error::Error;
 use crate::base::numbers::whole;
+use crate::base::output;
 use crate::base::table::Table;
 use crate::base::terminal::print;
-use crate::base::{output, toml_file};
-use crate::experiments::arguments::{BoardArgs, WorldChoice};
+use crate::experiments::arguments::{BoardArgs, ScenarioArgs};
 use crate::experiments::boards::Links;
 use crate::experiments::calibrate::Bench;
 use crate::experiments::params::save;
 use crate::experiments::result::{JsonArgs, Provenance};
 use crate::scenario::Scenario;
-use crate::scenario::effect::{Given, Use};
+use crate::scenario::effect::Use;
 use crate::targets::board_log::BoardLog;
 use crate::targets::{InProcess, Remote, Target};
 use clap::{Args, ValueEnum};
@@ -38,9 +38,9 @@ pub enum CalibrateWhat {
 /// Arguments of `calibrate`.
 #[derive(Clone, Debug, Args)]
 pub struct CalibrateArgs {
-    /// The world.
+    /// The scenario.
     #[command(flatten)]
-    pub choice: WorldChoice,
+    pub scenario: ScenarioArgs,
     /// Subject
     #[arg(value_enum)]
     pub what: CalibrateWhat,
@@ -50,12 +50,6 @@ pub struct CalibrateArgs {
     /// Folder of the flash files of boards in QEMU or in this program
     #[arg(long, value_name = "DIR", default_value = "out/flash")]
     pub flash: PathBuf,
-    /// Scenario file (TOML); missing keys keep their default, see `cfmmr config`
-    #[arg(long, value_name = "FILE")]
-    pub scenario: Option<PathBuf>,
-    /// Change one key of the scenario; may be repeated
-    #[arg(long = "set", value_name = "KEY=VALUE")]
-    pub set: Vec<String>,
     /// Seed of the robot's errors and of all random draws
     #[arg(long, default_value_t = 1, value_parser = whole::<u64>(0..=u64::MAX))]
     pub seed: u64,
@@ -85,13 +79,10 @@ pub struct CalibrateArgs {
 
 /// Runs the command.
 pub fn run(args: &CalibrateArgs) -> Result<(), Error> {
-    let scenario = Scenario::load(
-        args.choice.world.as_deref(),
-        args.scenario.as_deref(),
-        &args.set,
-    )?;
-    let (file, _) = toml_file::read(args.scenario.as_deref())?;
-    Given::new(&args.set, &file)?.check(&[], &[(&scenario, Use::Calibrate)])?;
+    let scenario = args.scenario.load()?;
+    args.scenario
+        .given()?
+        .check(&[], &[(&scenario, Use::Calibrate)])?;
     args.json.check()?;
     if !args.seeds.is_empty() {
         return run_several(args, &scenario);

@@ -3,10 +3,11 @@
 pub mod on_virtual;
 
 use crate::base::error::Error;
-use crate::base::numbers::{number, whole};
+use crate::base::numbers::number;
 use crate::base::table::Table;
 use crate::experiments::arguments::{BoardArgs, Common, parse_posture};
 use crate::experiments::boards::{DEFAULT_FLASH, Links};
+use crate::experiments::follow::DriveArgs;
 use crate::experiments::follow::{self, FollowArgs};
 use crate::experiments::posture::{self, Trial, Variant};
 use crate::experiments::{Context, recorder};
@@ -93,30 +94,15 @@ pub struct HilArgs {
     /// Latency of the bus, ms [default: the scenario's, 2]
     #[arg(long, value_name = "MS")]
     pub link_delay: Option<u32>,
-    /// Run without the relative position sensor and its beam board
-    #[arg(long)]
-    pub no_rps: bool,
-    /// Run with gyroscopes and accelerometers
-    #[arg(long)]
-    pub imu: bool,
-    /// Start posture of the midpoint O, as in `posture`
-    #[arg(long, value_name = "X,Y,PHI", allow_hyphen_values = true)]
-    pub from: Option<String>,
+    /// Sensors, start and speed.
+    #[command(flatten)]
+    pub drive: DriveArgs,
     /// Follow this path, as `follow --path`
     #[arg(long, value_name = "PATH", conflicts_with = "track")]
     pub follow: Option<String>,
     /// Track this trajectory, as `track --path`
     #[arg(long, value_name = "PATH")]
     pub track: Option<String>,
-    /// Largest speed along the path, m/s
-    #[arg(long, value_name = "M/S", value_parser = number)]
-    pub speed: Option<f64>,
-    /// Size of a built-in path, m
-    #[arg(long, value_name = "M", value_parser = number)]
-    pub size: Option<f64>,
-    /// Number of laps of a closed path
-    #[arg(long, default_value_t = 1, value_parser = whole::<u32>(1..=10_000))]
-    pub laps: u32,
     /// Minimum run time, s
     #[arg(long, value_name = "S", default_value_t = 20.0, value_parser = number)]
     pub duration: f64,
@@ -245,9 +231,9 @@ fn prepare(args: &HilArgs, context: &mut Context) -> Result<Task, Error> {
     if let Some(delay) = args.link_delay {
         scenario.world.bus.latency_ms = delay;
     }
-    scenario.mission.rps &= !args.no_rps;
-    scenario.world.sensors.gyro.fitted |= args.imu;
-    scenario.world.sensors.accelerometer.fitted |= args.imu;
+    scenario.mission.rps &= !args.drive.no_rps;
+    scenario.world.sensors.gyro.fitted |= args.drive.imu;
+    scenario.world.sensors.accelerometer.fitted |= args.drive.imu;
     if !scenario.mission.rps && args.boards.beam.is_some() {
         return Err(Error::input(
             "--beam: no beam board without the relative position sensor",
@@ -257,12 +243,12 @@ fn prepare(args: &HilArgs, context: &mut Context) -> Result<Task, Error> {
         (Some(path), _) => (path, Manner::Follow),
         (None, Some(path)) => (path, Manner::Track),
         (None, None) => {
-            if args.speed.is_some() || args.size.is_some() {
+            if args.drive.speed.is_some() || args.drive.size.is_some() {
                 return Err(Error::input(
                     "--speed, --size: only with --follow or --track",
                 ));
             }
-            if let Some(text) = &args.from {
+            if let Some(text) = &args.drive.from {
                 scenario.mission.start = parse_posture(text).map_err(Error::Input)?;
             }
             scenario.check()?;
@@ -275,12 +261,7 @@ fn prepare(args: &HilArgs, context: &mut Context) -> Result<Task, Error> {
         common: args.common.clone(),
         log: args.log.clone(),
         path: path.clone(),
-        speed: args.speed,
-        size: args.size,
-        laps: args.laps,
-        from: args.from.clone(),
-        no_rps: args.no_rps,
-        imu: args.imu,
+        drive: args.drive.clone(),
     };
     let course = follow::prepare(&args, context)?;
     Ok(Task::Course(Box::new(course), manner))

@@ -79,12 +79,12 @@ fn refuse(args: &HilArgs) -> Result<(), Error> {
         ("--flash", args.flash.is_some(), FLASH),
         ("--link-loss", args.link_loss.is_some(), BUS),
         ("--link-delay", args.link_delay.is_some(), BUS),
-        ("--from", args.from.is_some(), PINS),
+        ("--from", args.drive.from.is_some(), PINS),
         ("--follow", args.follow.is_some(), PINS),
         ("--track", args.track.is_some(), PINS),
-        ("--speed", args.speed.is_some(), PINS),
-        ("--size", args.size.is_some(), PINS),
-        ("--laps", args.laps > 1, PINS),
+        ("--speed", args.drive.speed.is_some(), PINS),
+        ("--size", args.drive.size.is_some(), PINS),
+        ("--laps", args.drive.laps > 1, PINS),
         (
             "--compare",
             args.compare,
@@ -156,9 +156,9 @@ pub fn run(args: &HilArgs) -> Result<(), Error> {
     refuse(args)?;
     let mut context = Context::new(&args.common, "hil")?;
     let scenario = &mut context.scenario;
-    scenario.mission.rps &= !args.no_rps;
-    scenario.world.sensors.gyro.fitted |= args.imu;
-    scenario.world.sensors.accelerometer.fitted |= args.imu;
+    scenario.mission.rps &= !args.drive.no_rps;
+    scenario.world.sensors.gyro.fitted |= args.drive.imu;
+    scenario.world.sensors.accelerometer.fitted |= args.drive.imu;
     scenario.check()?;
     let variant = Variant::of(scenario);
     context.check_keys(&[], &[(&context.scenario, Use::Virtual)])?;
