@@ -6,11 +6,6 @@ use crate::math::trig::ln;
 /// A thermistor from the pin to ground, and a fixed resistor from the pin to the converter's
 /// reference: `ln(R/R₂₅) = B (1/T − 1/298.15 K)`. Ratiometric: the reference drops out.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(
-    feature = "serde",
-    derive(serde::Serialize, serde::Deserialize),
-    serde(deny_unknown_fields, default)
-)]
 pub struct ThermistorConfig {
     /// Resistance at 25 °C (R₂₅), Ω.
     pub resistance_25_ohm: f32,
@@ -67,11 +62,6 @@ impl Thermistor {
 
 /// A voltage behind a divider.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(
-    feature = "serde",
-    derive(serde::Serialize, serde::Deserialize),
-    serde(deny_unknown_fields, default)
-)]
 pub struct SupplyConfig {
     /// Voltage over that at the pin: (upper + lower)/lower resistor.
     pub divider: f32,

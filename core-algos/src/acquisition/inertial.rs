@@ -11,11 +11,6 @@ use crate::math::trig::sqrt;
 
 /// Scale and zeroing; `u` is the unit of the channel.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(
-    feature = "serde",
-    derive(serde::Serialize, serde::Deserialize),
-    serde(deny_unknown_fields)
-)]
 pub struct Config {
     /// Value of a count, u; negative if the part is mounted the other way round.
     pub unit_per_count: f32,

@@ -19,11 +19,8 @@ const GAIN_RANGE: (f32, f32) = (0.5, 2.0);
 
 /// Converter, amplifier and the stored calibration of each gauge.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(
-    feature = "serde",
-    derive(serde::Serialize, serde::Deserialize),
-    serde(deny_unknown_fields, default)
-)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
 pub struct Config {
     /// Highest count of the converter; the lowest is 0. A count outside means "no conversion".
     pub full_scale_counts: i32,
@@ -195,11 +192,8 @@ impl Calibration {
 
 /// Conditions under which an average is taken for a calibration.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(
-    feature = "serde",
-    derive(serde::Serialize, serde::Deserialize),
-    serde(deny_unknown_fields, default)
-)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
 pub struct StandstillLimits {
     /// Fewest samples of each gauge.
     pub min_samples: u32,

@@ -192,11 +192,8 @@ impl RelativePosture {
 
 /// Standard deviations of what separates a strain reading from the truth.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(
-    feature = "serde",
-    derive(serde::Serialize, serde::Deserialize),
-    serde(deny_unknown_fields, default)
-)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
 pub struct Uncertainty {
     /// Noise of one reading as used for one posture (after averaging), strain.
     pub noise_strain: f32,
@@ -298,11 +295,8 @@ pub struct PostureSigmas {
 
 /// Geometry, stiffness and gauges of the strip.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(
-    feature = "serde",
-    derive(serde::Serialize, serde::Deserialize),
-    serde(deny_unknown_fields, default)
-)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
 pub struct Config {
     /// Flexible length, m (the paper's L; rigid ends are not part of it).
     #[cfg_attr(feature = "serde", serde(skip))]

@@ -228,208 +228,77 @@ const BOARD_HEALTH: [Signal; 6] = [
 /// frame: it may miss one epoch more. The mode shares its limit.
 const COMMAND_TIMEOUT_MS: u16 = 60;
 
-const fn layout(id: u16, name: &'static str, sender: Node, signals: &'static [Signal]) -> Layout {
-    Layout {
-        id,
-        name,
-        sender,
-        period_ms: 10,
-        timeout_ms: 50,
-        signals,
-    }
+/// Rows: identifier, name, sender, period and timeout in ms, signals.
+macro_rules! messages {
+    ($($id:ident $(+ $index:literal)?, $name:literal, $sender:ident, $period:literal, $timeout:expr;
+        $signals:expr;)+) => {
+        /// Every message of the bus.
+        pub const MESSAGES: [Layout; [$($name),+].len()] = [$(Layout {
+            id: id::$id $(+ $index)?,
+            name: $name,
+            sender: Node::$sender,
+            period_ms: $period,
+            timeout_ms: $timeout,
+            signals: &$signals,
+        }),+];
+    };
 }
 
-impl Layout {
-    const fn every(self, period_ms: u16, timeout_ms: u16) -> Self {
-        Self {
-            period_ms,
-            timeout_ms,
-            ..self
-        }
-    }
+messages! {
+    TIME_SYNC, "TimeSync", FrontAxle, 10, 50; [
+        SEQUENCE,
+        Signal::unsigned("epoch_high", 24),
+        Signal::unsigned("last_delay", 16).in_unit("us"),
+    ];
+    NODE_STATUS, "NodeStatusLead", Lead, 10, 50; NODE_STATUS;
+    NODE_STATUS + 1, "NodeStatusFrontAxle", FrontAxle, 10, 50; NODE_STATUS;
+    NODE_STATUS + 2, "NodeStatusRearAxle", RearAxle, 10, 50; NODE_STATUS;
+    NODE_STATUS + 3, "NodeStatusBeam", Beam, 10, 50; NODE_STATUS;
+    LEAD_STATUS, "LeadStatus", Lead, 10, COMMAND_TIMEOUT_MS; [
+        SEQUENCE,
+        Signal::labelled("mode", 8, &LeadMode::NAMES),
+        Signal::signed("steering", 16, 1e-4, "rad"),
+        Signal::signed("velocity", 16, 1e-4, "m/s"),
+    ];
+    REFERENCE_POSTURE, "ReferencePostureFront", Lead, 10, COMMAND_TIMEOUT_MS; POSTURE;
+    REFERENCE_POSTURE + 1, "ReferencePostureRear", Lead, 10, COMMAND_TIMEOUT_MS; POSTURE;
+    REFERENCE_MOTION, "ReferenceMotionFront", Lead, 10, COMMAND_TIMEOUT_MS; REFERENCE_MOTION;
+    REFERENCE_MOTION + 1, "ReferenceMotionRear", Lead, 10, COMMAND_TIMEOUT_MS; REFERENCE_MOTION;
+    AXLE_POSTURE, "AxlePostureFront", FrontAxle, 10, 50; POSTURE;
+    AXLE_POSTURE + 1, "AxlePostureRear", RearAxle, 10, 50; POSTURE;
+    AXLE_MOTION, "AxleMotionFront", FrontAxle, 10, 50; AXLE_MOTION;
+    AXLE_MOTION + 1, "AxleMotionRear", RearAxle, 10, 50; AXLE_MOTION;
+    AXLE_UNCERTAINTY, "AxleUncertaintyFront", FrontAxle, 10, 50; UNCERTAINTY;
+    AXLE_UNCERTAINTY + 1, "AxleUncertaintyRear", RearAxle, 10, 50; UNCERTAINTY;
+    BEAM_POSTURE, "BeamPosture", Beam, 10, 50; [
+        SEQUENCE,
+        Signal::signed("x", 18, 5e-6, "m"),
+        Signal::signed("y", 18, 5e-6, "m"),
+        Signal::signed("phi", 16, 1e-4, "rad"),
+        Signal::unsigned("gauges", 4),
+    ];
+    BEAM_UNCERTAINTY, "BeamUncertainty", Beam, 10, 50; UNCERTAINTY;
+    BEAM_WRENCH, "BeamWrench", Beam, 10, 50; [
+        SEQUENCE,
+        Signal::signed("force_x", 14, 0.05, "N"),
+        Signal::signed("force_y", 14, 0.05, "N"),
+        Signal::signed("moment_root", 14, 1e-3, "N m"),
+        Signal::signed("moment_end", 14, 1e-3, "N m"),
+    ];
+    BOARD_HEALTH, "BoardHealthFront", FrontAxle, 100, 500; BOARD_HEALTH;
+    BOARD_HEALTH + 1, "BoardHealthRear", RearAxle, 100, 500; BOARD_HEALTH;
+    BOARD_HEALTH + 2, "BoardHealthBeam", Beam, 100, 500; BOARD_HEALTH;
+    BEAM_CALIBRATION, "BeamCalibration", Service, 0, 0; [
+        SEQUENCE,
+        Signal::labelled("command", 8, &["zero", "gain"]),
+        Signal::signed("curvature", 16, 1e-3, "1/m"),
+    ];
+    BEAM_CALIBRATED, "BeamCalibrated", Beam, 0, 0; [
+        SEQUENCE,
+        Signal::labelled("result", 8, &CalibrationResult::NAMES),
+        Signal::unsigned("gauge", 4),
+    ];
 }
-
-/// Every message of the bus.
-pub const MESSAGES: [Layout; 24] = [
-    layout(
-        id::TIME_SYNC,
-        "TimeSync",
-        Node::FrontAxle,
-        &[
-            SEQUENCE,
-            Signal::unsigned("epoch_high", 24),
-            Signal::unsigned("last_delay", 16).in_unit("us"),
-        ],
-    ),
-    layout(id::NODE_STATUS, "NodeStatusLead", Node::Lead, &NODE_STATUS),
-    layout(
-        id::NODE_STATUS + 1,
-        "NodeStatusFrontAxle",
-        Node::FrontAxle,
-        &NODE_STATUS,
-    ),
-    layout(
-        id::NODE_STATUS + 2,
-        "NodeStatusRearAxle",
-        Node::RearAxle,
-        &NODE_STATUS,
-    ),
-    layout(
-        id::NODE_STATUS + 3,
-        "NodeStatusBeam",
-        Node::Beam,
-        &NODE_STATUS,
-    ),
-    layout(
-        id::LEAD_STATUS,
-        "LeadStatus",
-        Node::Lead,
-        &[
-            SEQUENCE,
-            Signal::labelled("mode", 8, &LeadMode::NAMES),
-            Signal::signed("steering", 16, 1e-4, "rad"),
-            Signal::signed("velocity", 16, 1e-4, "m/s"),
-        ],
-    )
-    .every(10, COMMAND_TIMEOUT_MS),
-    layout(
-        id::REFERENCE_POSTURE,
-        "ReferencePostureFront",
-        Node::Lead,
-        &POSTURE,
-    )
-    .every(10, COMMAND_TIMEOUT_MS),
-    layout(
-        id::REFERENCE_POSTURE + 1,
-        "ReferencePostureRear",
-        Node::Lead,
-        &POSTURE,
-    )
-    .every(10, COMMAND_TIMEOUT_MS),
-    layout(
-        id::REFERENCE_MOTION,
-        "ReferenceMotionFront",
-        Node::Lead,
-        &REFERENCE_MOTION,
-    )
-    .every(10, COMMAND_TIMEOUT_MS),
-    layout(
-        id::REFERENCE_MOTION + 1,
-        "ReferenceMotionRear",
-        Node::Lead,
-        &REFERENCE_MOTION,
-    )
-    .every(10, COMMAND_TIMEOUT_MS),
-    layout(
-        id::AXLE_POSTURE,
-        "AxlePostureFront",
-        Node::FrontAxle,
-        &POSTURE,
-    ),
-    layout(
-        id::AXLE_POSTURE + 1,
-        "AxlePostureRear",
-        Node::RearAxle,
-        &POSTURE,
-    ),
-    layout(
-        id::AXLE_MOTION,
-        "AxleMotionFront",
-        Node::FrontAxle,
-        &AXLE_MOTION,
-    ),
-    layout(
-        id::AXLE_MOTION + 1,
-        "AxleMotionRear",
-        Node::RearAxle,
-        &AXLE_MOTION,
-    ),
-    layout(
-        id::AXLE_UNCERTAINTY,
-        "AxleUncertaintyFront",
-        Node::FrontAxle,
-        &UNCERTAINTY,
-    ),
-    layout(
-        id::AXLE_UNCERTAINTY + 1,
-        "AxleUncertaintyRear",
-        Node::RearAxle,
-        &UNCERTAINTY,
-    ),
-    layout(
-        id::BEAM_POSTURE,
-        "BeamPosture",
-        Node::Beam,
-        &[
-            SEQUENCE,
-            Signal::signed("x", 18, 5e-6, "m"),
-            Signal::signed("y", 18, 5e-6, "m"),
-            Signal::signed("phi", 16, 1e-4, "rad"),
-            Signal::unsigned("gauges", 4),
-        ],
-    ),
-    layout(
-        id::BEAM_UNCERTAINTY,
-        "BeamUncertainty",
-        Node::Beam,
-        &UNCERTAINTY,
-    ),
-    layout(
-        id::BEAM_WRENCH,
-        "BeamWrench",
-        Node::Beam,
-        &[
-            SEQUENCE,
-            Signal::signed("force_x", 14, 0.05, "N"),
-            Signal::signed("force_y", 14, 0.05, "N"),
-            Signal::signed("moment_root", 14, 1e-3, "N m"),
-            Signal::signed("moment_end", 14, 1e-3, "N m"),
-        ],
-    ),
-    layout(
-        id::BOARD_HEALTH,
-        "BoardHealthFront",
-        Node::FrontAxle,
-        &BOARD_HEALTH,
-    )
-    .every(100, 500),
-    layout(
-        id::BOARD_HEALTH + 1,
-        "BoardHealthRear",
-        Node::RearAxle,
-        &BOARD_HEALTH,
-    )
-    .every(100, 500),
-    layout(
-        id::BOARD_HEALTH + 2,
-        "BoardHealthBeam",
-        Node::Beam,
-        &BOARD_HEALTH,
-    )
-    .every(100, 500),
-    layout(
-        id::BEAM_CALIBRATION,
-        "BeamCalibration",
-        Node::Service,
-        &[
-            SEQUENCE,
-            Signal::labelled("command", 8, &["zero", "gain"]),
-            Signal::signed("curvature", 16, 1e-3, "1/m"),
-        ],
-    )
-    .every(0, 0),
-    layout(
-        id::BEAM_CALIBRATED,
-        "BeamCalibrated",
-        Node::Beam,
-        &[
-            SEQUENCE,
-            Signal::labelled("result", 8, &CalibrationResult::NAMES),
-            Signal::unsigned("gauge", 4),
-        ],
-    )
-    .every(0, 0),
-];
 
 /// The entry of the table for an identifier.
 pub fn find(id: u16) -> Option<&'static Layout> {

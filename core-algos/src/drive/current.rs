@@ -25,11 +25,6 @@ use crate::math::trig::{clamp, exp};
 
 /// Motor and loop.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(
-    feature = "serde",
-    derive(serde::Serialize, serde::Deserialize),
-    serde(deny_unknown_fields, default)
-)]
 pub struct Config {
     /// Resistance of winding, leads and bridge (R), Ω.
     pub resistance_ohm: f32,

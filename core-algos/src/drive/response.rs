@@ -12,11 +12,6 @@ use crate::config::{ConfigError, in_range};
 
 /// Motor and tolerances.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(
-    feature = "serde",
-    derive(serde::Serialize, serde::Deserialize),
-    serde(deny_unknown_fields, default)
-)]
 pub struct Config {
     /// Resistance of winding, leads and bridge (R), Ω.
     pub resistance_ohm: f32,

@@ -10,11 +10,6 @@ use crate::config::{Allowed, ConfigError, in_range, require};
 
 /// Amplifier and converter.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(
-    feature = "serde",
-    derive(serde::Serialize, serde::Deserialize),
-    serde(deny_unknown_fields, default)
-)]
 pub struct Config {
     /// Shunt times amplification, V/A; negative if the shunt is wired the other way round.
     pub volts_per_ampere: f32,

@@ -13,11 +13,6 @@ use crate::math::trig::{clamp, exp};
 
 /// Thermal data.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(
-    feature = "serde",
-    derive(serde::Serialize, serde::Deserialize),
-    serde(deny_unknown_fields, default)
-)]
 pub struct Config {
     /// Resistance of the winding (R), Ω.
     pub resistance_ohm: f32,

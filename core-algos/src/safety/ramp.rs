@@ -21,11 +21,8 @@ const MARGIN: f32 = 0.1;
 
 /// Parameters of the stop.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(
-    feature = "serde",
-    derive(serde::Serialize, serde::Deserialize),
-    serde(deny_unknown_fields, default)
-)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
 pub struct Config {
     /// Deceleration of the midpoint, m/s²; more from a speed at which the stop would outlast the
     /// supervisor's patience.

@@ -44,11 +44,8 @@ const LONGEST_GAP: Micros = 100_000;
 
 /// Parameters of a supervisor.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(
-    feature = "serde",
-    derive(serde::Serialize, serde::Deserialize),
-    serde(deny_unknown_fields, default)
-)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
 pub struct Config {
     /// Longest time the robot may drive on while degraded, s.
     pub degraded_time_s: f32,
