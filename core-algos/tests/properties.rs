@@ -20,8 +20,7 @@ use core_algos::node::lead::Task;
 use core_algos::node::robot::RobotConfig;
 use core_algos::node::{Outbox, axle};
 use core_algos::time::{EPOCH, LEAD_PHASE, Micros, TICK};
-use core_algos::topology::AxleId;
-use core_algos::topology::Role;
+use core_algos::topology::{AxleId, Role};
 use proptest::prelude::*;
 
 /// Numbers of which some are none.

@@ -29,8 +29,7 @@ use crate::math::matrix::{Mat3, cholesky};
 use crate::math::trig::{exp, ln, sqrt, wrap_angle};
 use crate::math::{Posture, Wrench};
 use crate::safety::OperatingState;
-use crate::topology::Node;
-use crate::topology::{AxleId, Role};
+use crate::topology::{AxleId, Node, Role};
 use core::fmt;
 use core::slice::{Iter, IterMut};
 

@@ -29,8 +29,7 @@ use crate::math::{AxleLoad, Posture, Steering, Twist, Wrench};
 use crate::safety::supervisor::{self, Supervisor};
 use crate::safety::{Conditions, Permit, ramp};
 use crate::time::{EPOCH, Micros, Stamped, TICK, epoch_start, is_epoch_start, seconds, sequence};
-use crate::topology::AxleId;
-use crate::topology::Node;
+use crate::topology::{AxleId, Node};
 
 /// Age from which a reference is late: the lead node and the bus have had two epochs for it.
 const LATE: Micros = 3 * EPOCH;

@@ -43,8 +43,7 @@ use crate::beam::MAX_GAUGES;
 use crate::bus::Message;
 use crate::config::ConfigError;
 use crate::time::{EPOCH, LEAD_PHASE, Micros, is_epoch_start};
-use crate::topology::AxleId;
-use crate::topology::Role;
+use crate::topology::{AxleId, Role};
 
 /// Readings of a board's sensors at a tick.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -36,8 +36,7 @@ use crate::math::{Posture, Transform, Twist, Wrench};
 use crate::safety::supervisor;
 use crate::safety::{OperatingState, Permit, ramp};
 use crate::time::{EPOCH, Micros, Stamped, TICK, epoch_start, seconds, sequence};
-use crate::topology::AxleId;
-use crate::topology::Node;
+use crate::topology::{AxleId, Node};
 
 /// Age from which a report is late: the bus has had a whole epoch for it.
 const LATE: Micros = 2 * EPOCH;

@@ -41,8 +41,7 @@ use crate::config::{ConfigError, in_range};
 use crate::node::board::Board;
 use crate::node::robot::RobotConfig;
 use crate::safety::{OperatingState, Permit};
-use crate::topology::AxleId;
-use crate::topology::Role;
+use crate::topology::{AxleId, Role};
 
 /// Everything on a board that has parameters.
 #[derive(Clone, Copy, Debug, PartialEq)]

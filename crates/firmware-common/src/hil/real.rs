@@ -9,8 +9,7 @@ use embedded_io_async::Read;
 use static_cell::ConstStaticCell;
 
 use core_algos::hil::Identity;
-use core_algos::topology::AxleId;
-use core_algos::topology::Role;
+use core_algos::topology::{AxleId, Role};
 
 use super::uart::{BAUD, ROOM, send};
 use super::{Kind, Link, serve};
