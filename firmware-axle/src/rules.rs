@@ -85,7 +85,7 @@ impl Feedback {
 }
 
 impl Command {
-    /// What the node asks for, within the limits of motors and drivers.
+    /// Commanded torque within the limits of motors and drivers.
     pub fn limited(
         output: &Output,
         feedback: &Feedback,

@@ -8,7 +8,7 @@ use core_algos::time::{Micros, TICK};
 /// own timeout has passed twice.
 const MOTORS_OFF: Micros = 100 * TICK;
 
-/// When a message last showed that motors are on or that the lead node wants them on.
+/// Time of the latest message that shows motors on, or that the lead node wants them on.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Motors(Option<Micros>);
 
