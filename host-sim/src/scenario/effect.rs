@@ -8,7 +8,7 @@
 use crate::base::error::Error;
 use crate::base::toml_file;
 use crate::scenario::Scenario;
-use crate::world::effect::{Rules, in_world, leaves, listed, within};
+use crate::world::effect::{Rules, in_world, leaves, listed, rules, within};
 use core_algos::beam::sensor::Method;
 use core_algos::control::regulator::Strategy;
 use core_algos::fusion::robot::Mode;
@@ -30,125 +30,74 @@ pub enum Use {
 }
 
 /// Rules within a scenario and its use.
-const SCENARIO: Rules<fn(&Scenario, Use) -> bool> = &[
-    (
-        "robot.beam.calibration.strain_per_count robot.beam.calibration.zero_counts \
-         robot.beam.calibration.full_scale_counts",
-        |_, used| used != Use::Replay,
-        "in a simulation: sensors.bridge decides; on a board it is a parameter",
-    ),
-    (
-        "mission.start mission.goal mission.time_limit_s mission.rest_s",
-        |_, used| used == Use::Calibrate,
-        "in a calibration",
-    ),
-    (
-        "robot.lead.regulator robot.lead.course robot.lead.governor robot.lead.cascade \
-         robot.lead.stop robot.lead.supervisor robot.lead.hold_s robot.axle.stop \
-         robot.axle.supervisor robot.axle.limits",
-        |_, used| used == Use::Replay,
-        "in a replay, which recomputes estimates",
-    ),
-    (
-        "robot.axle.filter.fix_gate",
-        |_, _| true,
-        "without position fixes, which no node sends",
-    ),
-    (
-        "robot.lead.regulator.approach.heading_gain_rad_s",
-        |_, _| true,
-        "in the approach, which has arrival_gain in its place",
-    ),
-    (
-        "robot.axle.supervisor.degraded_time_s robot.axle.supervisor.degraded_distance_m",
-        |_, _| true,
-        "in an axle node, which nothing degrades; vary robot.lead.supervisor",
-    ),
-    (
-        "robot.lead.regulator.law.arrival_gain robot.lead.regulator.law.softening_m \
-         robot.lead.course.law.arrival_gain robot.lead.course.law.softening_m",
-        |_, _| true,
-        "in the paper's form of the law; vary robot.lead.regulator.approach",
-    ),
-    (
-        "sensors.gyro.bias_sigma",
-        |scenario, _| scenario.world.sensors.gyro.rest_average_s > 0.0,
-        "with sensors.gyro.rest_average_s above 0: the mean at rest takes the bias away",
-    ),
-    (
-        "sensors.accelerometer.bias_sigma",
-        |scenario, _| scenario.world.sensors.accelerometer.rest_average_s > 0.0,
-        "with sensors.accelerometer.rest_average_s above 0: the mean at rest takes the bias away",
-    ),
-    (
-        "robot.lead.fusion.mode robot.lead.fusion.beam_gate robot.lead.fusion.gate_patience \
-         robot.beam sensors.bridge plant.sensing_mass_kg",
-        |scenario, _| !scenario.mission.rps,
-        "with mission.rps = false",
-    ),
-    (
-        "robot.lead.fusion.intersection",
-        |scenario, _| !matches!(mode(scenario), Mode::Intersection | Mode::IntersectionIpec),
-        "unless robot.lead.fusion.mode is \"intersection\" or \"intersection-ipec\"",
-    ),
-    (
-        "robot.lead.fusion.ipec",
-        |scenario, _| mode(scenario) != Mode::IntersectionIpec,
-        "unless robot.lead.fusion.mode = \"intersection-ipec\"",
-    ),
-    (
-        "robot.lead.fusion.slip.load_speed_m_s",
-        |scenario, _| mode(scenario) != Mode::Odometry,
-        "unless robot.lead.fusion.mode = \"odometry\" or mission.rps = false",
-    ),
-    (
-        "sensors.gyro.bias_sigma sensors.gyro.rest_average_s sensors.gyro.rest_age_s \
-         sensors.gyro.bias_walk sensors.gyro.noise_density sensors.gyro.scale_sigma \
-         sensors.gyro.range sensors.gyro.bits sensors.gyro.delay_ms robot.axle.gyro_zero \
-         robot.axle.filter.gyro_sigma_rad_s robot.lead.fusion.joint.gyro_bias_sigma_rad_s \
-         robot.lead.fusion.joint.gyro_bias_walk_rad_s_per_sqrt_s \
-         robot.lead.fusion.joint.gyro_scale_sigma inertial.gyro_gain",
-        |scenario, _| !scenario.world.sensors.gyro.fitted,
-        "with sensors.gyro.fitted = false",
-    ),
-    (
-        "sensors.accelerometer.bias_sigma sensors.accelerometer.rest_average_s \
-         sensors.accelerometer.rest_age_s sensors.accelerometer.bias_walk \
-         sensors.accelerometer.noise_density sensors.accelerometer.scale_sigma \
-         sensors.accelerometer.range sensors.accelerometer.bits sensors.accelerometer.delay_ms \
-         robot.axle.accelerometer_zero robot.axle.filter.accelerometer_sigma_m_s2 \
-         inertial.accelerometer_gain",
-        |scenario, _| !scenario.world.sensors.accelerometer.fitted,
-        "with sensors.accelerometer.fitted = false",
-    ),
-    (
-        "robot.lead.regulator.law robot.lead.regulator.stop_margin_m \
-         robot.lead.regulator.stop_speed_m_s",
-        |scenario, _| scenario.robot.lead.regulator.strategy == Strategy::Funnel,
-        "with robot.lead.regulator.strategy = \"funnel\"; vary robot.lead.regulator.approach",
-    ),
-    (
-        "robot.lead.regulator.approach robot.lead.regulator.planner \
-         robot.lead.regulator.planner_budget",
-        |scenario, _| scenario.robot.lead.regulator.strategy == Strategy::PaperLaw,
-        "with robot.lead.regulator.strategy = \"paper-law\"; vary robot.lead.regulator.law",
-    ),
-    (
-        "robot.lead.regulator",
-        |_, used| used == Use::Path,
-        "along a path; vary robot.lead.course",
-    ),
-    (
-        "robot.lead.course",
-        |_, used| matches!(used, Use::Regulate | Use::Virtual),
-        "without a path; vary robot.lead.regulator",
-    ),
-    (
-        "robot.beam.segments",
-        |scenario, _| scenario.robot.beam.method != Method::Piecewise,
-        "unless robot.beam.method = \"piecewise\"",
-    ),
-];
+const SCENARIO: Rules<fn(&Scenario, Use) -> bool> = rules! {
+    "robot.beam.calibration.strain_per_count robot.beam.calibration.zero_counts \
+     robot.beam.calibration.full_scale_counts":
+        |_, used| used != Use::Replay =>
+            "in a simulation: sensors.bridge decides; on a board it is a parameter";
+    "mission.start mission.goal mission.time_limit_s mission.rest_s":
+        |_, used| used == Use::Calibrate => "in a calibration";
+    "robot.lead.regulator robot.lead.course robot.lead.governor robot.lead.cascade \
+     robot.lead.stop robot.lead.supervisor robot.lead.hold_s robot.axle.stop \
+     robot.axle.supervisor robot.axle.limits":
+        |_, used| used == Use::Replay => "in a replay, which recomputes estimates";
+    "robot.axle.filter.fix_gate": |_, _| true => "without position fixes, which no node sends";
+    "robot.lead.regulator.approach.heading_gain_rad_s":
+        |_, _| true => "in the approach, which has arrival_gain in its place";
+    "robot.axle.supervisor.degraded_time_s robot.axle.supervisor.degraded_distance_m":
+        |_, _| true => "in an axle node, which nothing degrades; vary robot.lead.supervisor";
+    "robot.lead.regulator.law.arrival_gain robot.lead.regulator.law.softening_m \
+     robot.lead.course.law.arrival_gain robot.lead.course.law.softening_m":
+        |_, _| true => "in the paper's form of the law; vary robot.lead.regulator.approach";
+    "sensors.gyro.bias_sigma":
+        |scenario, _| scenario.world.sensors.gyro.rest_average_s > 0.0 =>
+            "with sensors.gyro.rest_average_s above 0: the mean at rest takes the bias away";
+    "sensors.accelerometer.bias_sigma":
+        |scenario, _| scenario.world.sensors.accelerometer.rest_average_s > 0.0 =>
+            "with sensors.accelerometer.rest_average_s above 0: the mean at rest takes the bias away";
+    "robot.lead.fusion.mode robot.lead.fusion.beam_gate robot.lead.fusion.gate_patience \
+     robot.beam sensors.bridge plant.sensing_mass_kg":
+        |scenario, _| !scenario.mission.rps => "with mission.rps = false";
+    "robot.lead.fusion.intersection":
+        |scenario, _| !matches!(mode(scenario), Mode::Intersection | Mode::IntersectionIpec) =>
+            "unless robot.lead.fusion.mode is \"intersection\" or \"intersection-ipec\"";
+    "robot.lead.fusion.ipec":
+        |scenario, _| mode(scenario) != Mode::IntersectionIpec =>
+            "unless robot.lead.fusion.mode = \"intersection-ipec\"";
+    "robot.lead.fusion.slip.load_speed_m_s":
+        |scenario, _| mode(scenario) != Mode::Odometry =>
+            "unless robot.lead.fusion.mode = \"odometry\" or mission.rps = false";
+    "sensors.gyro.bias_sigma sensors.gyro.rest_average_s sensors.gyro.rest_age_s \
+     sensors.gyro.bias_walk sensors.gyro.noise_density sensors.gyro.scale_sigma \
+     sensors.gyro.range sensors.gyro.bits sensors.gyro.delay_ms robot.axle.gyro_zero \
+     robot.axle.filter.gyro_sigma_rad_s robot.lead.fusion.joint.gyro_bias_sigma_rad_s \
+     robot.lead.fusion.joint.gyro_bias_walk_rad_s_per_sqrt_s \
+     robot.lead.fusion.joint.gyro_scale_sigma inertial.gyro_gain":
+        |scenario, _| !scenario.world.sensors.gyro.fitted => "with sensors.gyro.fitted = false";
+    "sensors.accelerometer.bias_sigma sensors.accelerometer.rest_average_s \
+     sensors.accelerometer.rest_age_s sensors.accelerometer.bias_walk \
+     sensors.accelerometer.noise_density sensors.accelerometer.scale_sigma \
+     sensors.accelerometer.range sensors.accelerometer.bits sensors.accelerometer.delay_ms \
+     robot.axle.accelerometer_zero robot.axle.filter.accelerometer_sigma_m_s2 \
+     inertial.accelerometer_gain":
+        |scenario, _| !scenario.world.sensors.accelerometer.fitted =>
+            "with sensors.accelerometer.fitted = false";
+    "robot.lead.regulator.law robot.lead.regulator.stop_margin_m \
+     robot.lead.regulator.stop_speed_m_s":
+        |scenario, _| scenario.robot.lead.regulator.strategy == Strategy::Funnel =>
+            "with robot.lead.regulator.strategy = \"funnel\"; vary robot.lead.regulator.approach";
+    "robot.lead.regulator.approach robot.lead.regulator.planner \
+     robot.lead.regulator.planner_budget":
+        |scenario, _| scenario.robot.lead.regulator.strategy == Strategy::PaperLaw =>
+            "with robot.lead.regulator.strategy = \"paper-law\"; vary robot.lead.regulator.law";
+    "robot.lead.regulator": |_, used| used == Use::Path => "along a path; vary robot.lead.course";
+    "robot.lead.course":
+        |_, used| matches!(used, Use::Regulate | Use::Virtual) =>
+            "without a path; vary robot.lead.regulator";
+    "robot.beam.segments":
+        |scenario, _| scenario.robot.beam.method != Method::Piecewise =>
+            "unless robot.beam.method = \"piecewise\"";
+};
 
 fn mode(scenario: &Scenario) -> Mode {
     match scenario.mission.rps {

@@ -5,58 +5,41 @@ use crate::plant::Tyre;
 use crate::world::World;
 use toml::{Table, Value};
 
+/// Declares rules: keys, condition, reason.
+macro_rules! rules {
+    ($($keys:literal: $idle:expr => $reason:literal;)*) => {
+        &[$(($keys, $idle, $reason)),*]
+    };
+}
+
+pub(crate) use rules;
+
 /// Keys or tables separated by spaces, the condition under which they have no effect, and the reason.
 pub type Rules<Condition> = &'static [(&'static str, Condition, &'static str)];
 
 /// Rules within a world.
-const WORLD: Rules<fn(&World) -> bool> = &[
-    (
-        "plant.creep_velocity_m_s",
-        |world| world.plant.tyre == Tyre::Brush,
-        "with plant.tyre = \"brush\"; vary plant.slip_stiffness",
-    ),
-    (
-        "plant.slip_stiffness plant.rest_creep_velocity_m_s spread.slip_stiffness",
-        |world| world.plant.tyre == Tyre::Creep,
-        "with plant.tyre = \"creep\"; vary plant.creep_velocity_m_s",
-    ),
-    (
-        "plant.static_decay_m_s",
-        |world| world.plant.static_excess == 0.0,
-        "with plant.static_excess = 0",
-    ),
-    (
-        "plant.load_transfer_time_s",
-        |world| world.plant.center_of_mass_height_m == 0.0,
-        "with plant.center_of_mass_height_m = 0",
-    ),
-    (
-        "plant.rotor_inertia_share",
-        |world| world.plant.backlash_rad == [[0.0; 2]; 2] && world.spread.backlash_rad == 0.0,
-        "without backlash: plant.backlash_rad and spread.backlash_rad are 0",
-    ),
-    (
-        "plant.cogging_periods plant.cogging_phase_rad",
-        |world| world.plant.cogging_torque_n_m == 0.0,
-        "with plant.cogging_torque_n_m = 0",
-    ),
-    (
-        "plant.payload_position_m",
-        |world| world.plant.payload_kg == [0.0; 2],
-        "with plant.payload_kg = 0",
-    ),
-    (
-        "sensors.bridge.warming_time_s sensors.bridge.zero_per_k_sigma_strain \
-         sensors.bridge.gain_per_k",
-        |world| world.sensors.bridge.warming_k == 0.0,
-        "with sensors.bridge.warming_k = 0",
-    ),
-    (
-        "sensors.bridge.creep_time_s",
-        |world| world.sensors.bridge.creep_share == 0.0 && world.sensors.bridge.creep_sigma == 0.0,
-        "with sensors.bridge.creep_share = 0 and creep_sigma = 0",
-    ),
-];
+const WORLD: Rules<fn(&World) -> bool> = rules! {
+    "plant.creep_velocity_m_s":
+        |world| world.plant.tyre == Tyre::Brush => "with plant.tyre = \"brush\"; vary plant.slip_stiffness";
+    "plant.slip_stiffness plant.rest_creep_velocity_m_s spread.slip_stiffness":
+        |world| world.plant.tyre == Tyre::Creep =>
+            "with plant.tyre = \"creep\"; vary plant.creep_velocity_m_s";
+    "plant.static_decay_m_s": |world| world.plant.static_excess == 0.0 => "with plant.static_excess = 0";
+    "plant.load_transfer_time_s":
+        |world| world.plant.center_of_mass_height_m == 0.0 => "with plant.center_of_mass_height_m = 0";
+    "plant.rotor_inertia_share":
+        |world| world.plant.backlash_rad == [[0.0; 2]; 2] && world.spread.backlash_rad == 0.0 =>
+            "without backlash: plant.backlash_rad and spread.backlash_rad are 0";
+    "plant.cogging_periods plant.cogging_phase_rad":
+        |world| world.plant.cogging_torque_n_m == 0.0 => "with plant.cogging_torque_n_m = 0";
+    "plant.payload_position_m": |world| world.plant.payload_kg == [0.0; 2] => "with plant.payload_kg = 0";
+    "sensors.bridge.warming_time_s sensors.bridge.zero_per_k_sigma_strain \
+     sensors.bridge.gain_per_k":
+        |world| world.sensors.bridge.warming_k == 0.0 => "with sensors.bridge.warming_k = 0";
+    "sensors.bridge.creep_time_s":
+        |world| world.sensors.bridge.creep_share == 0.0 && world.sensors.bridge.creep_sigma == 0.0 =>
+            "with sensors.bridge.creep_share = 0 and creep_sigma = 0";
+};
 
 /// Refuses a key of a world file without effect in that world.
 pub fn check_world(text: &str, world: &World) -> Result<(), Error> {

@@ -265,8 +265,9 @@ impl Core {
             Op::StrbImm => self.store_from(system, insn, byte(self.offset(insn), pc))?,
             Op::StrhImm => self.store_from(system, insn, half(self.offset(insn), pc))?,
             Op::StrReg => self.store_from(system, insn, Transfer::word(self.index(insn), pc))?,
-            Op::LdrsbImm | Op::LdrshImm | Op::LdrsbReg => self.execute_load(system, insn, pc)?,
-            Op::LdrshReg | Op::LdrhReg => self.execute_load(system, insn, pc)?,
+            Op::LdrsbImm | Op::LdrshImm | Op::LdrsbReg | Op::LdrshReg | Op::LdrhReg => {
+                self.execute_load(system, insn, pc)?
+            }
             Op::LoadPre(_) | Op::LoadPost(_) => self.execute_load(system, insn, pc)?,
             Op::StrbReg | Op::StrhReg => self.execute_store(system, insn, pc)?,
             Op::StorePre(_) | Op::StorePost(_) => self.execute_store(system, insn, pc)?,
@@ -287,7 +288,6 @@ impl Core {
             Op::Vabs => self.unary(system, insn, |m| m & !float::SIGN)?,
             Op::Vfma => self.ternary(system, insn, float::fma)?,
             Op::Vmla => self.ternary(system, insn, float::multiply_add)?,
-            Op::Empty => return Err(Trap::Undecoded),
             _ => return self.execute_rest(system, insn, pc, next),
         }
         Ok(next)
@@ -303,6 +303,7 @@ impl Core {
         next: u32,
     ) -> Done<u32> {
         match insn.op {
+            Op::Empty => return Err(Trap::Undecoded),
             Op::Undefined => return Err(Trap::Undefined),
             Op::Unpredictable => return Err(Trap::Unpredictable),
             Op::NoCoprocessor => return Err(Trap::NoCoprocessor),

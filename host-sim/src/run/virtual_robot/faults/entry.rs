@@ -7,6 +7,16 @@ use crate::run::virtual_robot::Options;
 use core_algos::safety::Condition;
 use core_algos::topology::Role;
 
+/// Entries of the catalogue: name, seam, run with its acts, then how it may end.
+macro_rules! entries {
+    ($($name:literal, $seam:literal, $run:ident($acts:expr)$(.$end:ident($($argument:expr),*))*;)*) => {
+        vec![$($crate::run::virtual_robot::faults::entry::Entry::$run($name, $seam, $acts)
+            $(.$end($($argument),*))*),*]
+    };
+}
+
+pub(super) use entries;
+
 /// Something that is done to the robot.
 pub type Act = fn(&mut Bench);
 

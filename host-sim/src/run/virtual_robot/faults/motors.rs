@@ -1,7 +1,7 @@
 //! Faults of drivers, motors and current sensing.
 
 use super::bench::Bench;
-use super::entry::{Entry, at};
+use super::entry::{Entry, at, entries};
 use core_algos::safety::Condition::{self, *};
 use core_algos::topology::Role;
 use virtual_board::Time;
@@ -47,79 +47,45 @@ pub fn entries() -> Vec<Entry> {
 }
 
 fn drivers() -> Vec<Entry> {
-    vec![
+    entries! {
         // Ten times, as six of ten are seen by the current loop.
-        Entry::steps(
-            "nFAULT low for 30 µs",
-            "DRV8874",
-            &[0, 10, 20, 30, 40, 50, 60, 70, 80, 90].map(|ms| {
-                at(ms, |b| {
-                    let after_us = b.draw(50);
-                    driver_fault(b, after_us, 30);
-                })
-            }),
-        )
-        .goes_on(),
-        Entry::drive("nFAULT low for 20 ms", "DRV8874", |b| {
-            driver_fault(b, 0, 20_000)
-        })
-        .stops(&[DriverFault])
-        .own_within(CUT_S),
-        Entry::drive("nFAULT low for good", "DRV8874", |b| {
-            driver_fault(b, 0, 60_000_000)
-        })
-        .stops(&[DriverFault])
-        .own_within(CUT_S),
-        Entry::drive("current sense stuck high", "INA240", |b| {
-            sense(b, AmplifierFault::Stuck(0.99));
-        })
-        .stops(&[OverCurrent])
-        .own_within(CUT_S),
-        Entry::drive("current sense stuck low", "INA240", |b| {
-            sense(b, AmplifierFault::Stuck(0.0));
-        })
-        .stops(&[OverCurrent])
-        .own_within(CUT_S),
-    ]
+        "nFAULT low for 30 µs", "DRV8874", steps(&[0, 10, 20, 30, 40, 50, 60, 70, 80, 90].map(|ms| {
+            at(ms, |b| {
+                let after_us = b.draw(50);
+                driver_fault(b, after_us, 30);
+            })
+        })).goes_on();
+        "nFAULT low for 20 ms", "DRV8874", drive(|b| { driver_fault(b, 0, 20_000) })
+            .stops(&[DriverFault]).own_within(CUT_S);
+        "nFAULT low for good", "DRV8874", drive(|b| { driver_fault(b, 0, 60_000_000) })
+            .stops(&[DriverFault]).own_within(CUT_S);
+        "current sense stuck high", "INA240", drive(|b| { sense(b, AmplifierFault::Stuck(0.99)); })
+            .stops(&[OverCurrent]).own_within(CUT_S);
+        "current sense stuck low", "INA240", drive(|b| { sense(b, AmplifierFault::Stuck(0.0)); })
+            .stops(&[OverCurrent]).own_within(CUT_S);
+    }
 }
 
 fn motors() -> Vec<Entry> {
-    vec![
-        Entry::drive("current sense shorted", "INA240", |b| {
-            sense(b, AmplifierFault::ShuntShort)
-        })
-        .goes_on()
-        .stops(MOTOR),
-        Entry::drive("motor open", "motor's lead", |b| {
+    entries! {
+        "current sense shorted", "INA240", drive(|b| { sense(b, AmplifierFault::ShuntShort) })
+            .goes_on().stops(MOTOR);
+        "motor open", "motor's lead", drive(|b| {
             b.at_wheel(|axle, side, now| axle.drivers[side].set_motor_open(true, now));
-        })
-        .goes_on()
-        .stops(MOTOR),
-        Entry::drive("motor stalled", "wheel", |b| {
+        }).goes_on().stops(MOTOR);
+        "motor stalled", "wheel", drive(|b| {
             let (role, side) = b.wheel();
             b.robot.blocked = Some((usize::from(role == Role::Rear), side));
-        })
-        .stops(MOTOR),
-        Entry::drive("half bridge stays on: OUT1 high", "DRV8874", |b| {
-            stuck(b, Half::One, true);
-        })
-        .stops(MOTOR)
-        .stops(NOTICED),
-        Entry::drive("half bridge stays on: OUT1 low", "DRV8874", |b| {
-            stuck(b, Half::One, false);
-        })
-        .stops(MOTOR)
-        .stops(NOTICED),
-        Entry::drive("half bridge stays on: OUT2 high", "DRV8874", |b| {
-            stuck(b, Half::Two, true);
-        })
-        .stops(MOTOR)
-        .stops(NOTICED),
-        Entry::drive("emergency stop", "contact", |b| {
+        }).stops(MOTOR);
+        "half bridge stays on: OUT1 high", "DRV8874", drive(|b| { stuck(b, Half::One, true); })
+            .stops(MOTOR).stops(NOTICED);
+        "half bridge stays on: OUT1 low", "DRV8874", drive(|b| { stuck(b, Half::One, false); })
+            .stops(MOTOR).stops(NOTICED);
+        "half bridge stays on: OUT2 high", "DRV8874", drive(|b| { stuck(b, Half::Two, true); })
+            .stops(MOTOR).stops(NOTICED);
+        "emergency stop", "contact", drive(|b| {
             let (role, _) = b.wheel();
             b.axle(role, |axle, now| axle.stop(true, now));
-        })
-        .stops(&[EmergencyStop])
-        .own_within(CUT_S),
-    ]
+        }).stops(&[EmergencyStop]).own_within(CUT_S);
+    }
 }

@@ -1,7 +1,7 @@
 //! Faults of supplies and crystals.
 
 use super::bench::Bench;
-use super::entry::{Entry, STOP_S, at};
+use super::entry::{Entry, STOP_S, at, entries};
 use core_algos::safety::Condition::{self, *};
 use core_algos::topology::Role;
 use virtual_board::Time;
@@ -66,101 +66,46 @@ pub fn entries() -> Vec<Entry> {
 }
 
 fn crystals() -> Vec<Entry> {
-    vec![
-        Entry::steps(
-            "crystal of an axle's board fails",
-            "crystal",
-            &[
-                at(0, |b| crystal(b, struck, false)),
-                at(300, |b| crystal(b, struck, true)),
-            ],
-        )
-        .stops(FAILED)
-        .own_within(0.003)
-        .restarts()
-        .finds(&["reset", "overrun"]),
-        Entry::drive(
-            "crystal of an axle's board fails for good",
-            "crystal",
-            |b| crystal(b, struck, false),
-        )
-        .stops(FAILED)
-        .own_within(0.003)
-        .resets(&Role::ALL)
-        .finds(&["reset", "overrun"]),
-        Entry::drive("crystal of the beam's board fails", "crystal", |b| {
-            crystal(b, beam, false)
-        })
-        .goes_on()
-        .resets(&[Role::Beam])
-        .finds(&["reset", "overrun"]),
-    ]
+    entries! {
+        "crystal of an axle's board fails", "crystal", steps(&[
+            at(0, |b| crystal(b, struck, false)),
+            at(300, |b| crystal(b, struck, true)),
+        ]).stops(FAILED).own_within(0.003).restarts().finds(&["reset", "overrun"]);
+        "crystal of an axle's board fails for good", "crystal", drive(|b| crystal(b, struck, false))
+            .stops(FAILED).own_within(0.003).resets(&Role::ALL).finds(&["reset", "overrun"]);
+        "crystal of the beam's board fails", "crystal", drive(|b| { crystal(b, beam, false) })
+            .goes_on().resets(&[Role::Beam]).finds(&["reset", "overrun"]);
+    }
 }
 
 fn batteries() -> Vec<Entry> {
-    vec![
-        Entry::steps(
-            "battery sags to 10.3 V for 0.5 s",
-            "battery",
-            &[at(0, |b| battery(b, 10.3)), at(500, |b| battery(b, 12.0))],
-        )
-        .notices(SupplyWarning)
-        .goes_on(),
-        Entry::steps(
-            "battery sags to 8 V for 0.1 s",
-            "battery",
-            &[at(0, |b| battery(b, 8.0)), at(100, |b| battery(b, 12.0))],
-        )
-        .stops(&[SupplyLow])
-        .within(STOP_S),
-        Entry::drive("battery at 18 V", "battery", |b| battery(b, 18.0))
-            .stops(&[SupplyHigh])
-            .within(STOP_S),
-    ]
+    entries! {
+        "battery sags to 10.3 V for 0.5 s", "battery", steps(&[at(0, |b| battery(b, 10.3)), at(500, |b| battery(b, 12.0))])
+            .notices(SupplyWarning).goes_on();
+        "battery sags to 8 V for 0.1 s", "battery", steps(&[at(0, |b| battery(b, 8.0)), at(100, |b| battery(b, 12.0))])
+            .stops(&[SupplyLow]).within(STOP_S);
+        "battery at 18 V", "battery", drive(|b| battery(b, 18.0)).stops(&[SupplyHigh]).within(STOP_S);
+    }
 }
 
 fn rails() -> Vec<Entry> {
-    vec![
-        Entry::drive("brown-out of an axle's board", "3.3 V", |b| {
-            dip(b, struck, 2.4, 500)
-        })
-        .stops(GONE)
-        .own_within(0.001)
-        .resets(&[Role::Front, Role::Rear]),
-        Entry::drive("brown-out of the beam's board", "3.3 V", |b| {
-            dip(b, beam, 2.4, 500)
-        })
-        .goes_on()
-        .resets(&[Role::Beam]),
-        Entry::drive("rail at 2.95 V for 5 ms", "3.3 V", |b| {
-            dip(b, struck, 2.95, 5000)
-        })
-        .goes_on(),
-        Entry::steps(
-            "an axle's board without power for 0.2 s",
-            "board's supply",
-            &[
-                at(0, |b| power(b, struck, false)),
-                at(200, |b| power(b, struck, true)),
-            ],
-        )
-        .stops(GONE)
-        .own_within(0.001),
-        Entry::steps(
-            "the beam's board without power for 0.2 s",
-            "board's supply",
-            &[
-                at(0, |b| power(b, beam, false)),
-                at(200, |b| power(b, beam, true)),
-            ],
-        )
-        .goes_on(),
-        Entry::drive("reset pin of an axle's board", "reset pin", |b| {
+    entries! {
+        "brown-out of an axle's board", "3.3 V", drive(|b| { dip(b, struck, 2.4, 500) })
+            .stops(GONE).own_within(0.001).resets(&[Role::Front, Role::Rear]);
+        "brown-out of the beam's board", "3.3 V", drive(|b| { dip(b, beam, 2.4, 500) })
+            .goes_on().resets(&[Role::Beam]);
+        "rail at 2.95 V for 5 ms", "3.3 V", drive(|b| { dip(b, struck, 2.95, 5000) }).goes_on();
+        "an axle's board without power for 0.2 s", "board's supply", steps(&[
+            at(0, |b| power(b, struck, false)),
+            at(200, |b| power(b, struck, true)),
+        ]).stops(GONE).own_within(0.001);
+        "the beam's board without power for 0.2 s", "board's supply", steps(&[
+            at(0, |b| power(b, beam, false)),
+            at(200, |b| power(b, beam, true)),
+        ]).goes_on();
+        "reset pin of an axle's board", "reset pin", drive(|b| {
             let role = b.wheel().0;
             b.board(role, |board| board.reset());
-        })
-        .stops(GONE)
-        .own_within(0.001)
-        .resets(&[Role::Front, Role::Rear]),
-    ]
+        }).stops(GONE).own_within(0.001).resets(&[Role::Front, Role::Rear]);
+    }
 }

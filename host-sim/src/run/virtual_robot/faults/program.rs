@@ -1,7 +1,7 @@
 //! What befalls the program: debuggers, hosts that read its log, fingers, and wild stores.
 
 use super::bench::Bench;
-use super::entry::{Entry, at};
+use super::entry::{Entry, at, entries};
 use core_algos::safety::Condition::{self, *};
 use core_algos::topology::Role;
 use virtual_board::Time;
@@ -89,70 +89,28 @@ pub fn entries() -> Vec<Entry> {
 }
 
 fn tools() -> Vec<Entry> {
-    vec![
-        Entry::drive(
-            "log host stops reading, buffer in blocking mode",
-            "RTT",
-            |b| {
-                let role = b.wheel().0;
-                b.robot.hang_reader(role);
-            },
-        )
-        .goes_on(),
-        Entry::steps(
-            "debugger halts an axle's board for 1 ms",
-            "debug port",
-            &[at(0, |b| hold(b, true)), at(1, |b| hold(b, false))],
-        )
-        .goes_on()
-        .stops(HALTED)
-        .finds(&["overrun"]),
-        Entry::steps(
-            "debugger halts an axle's board for 10 ms",
-            "debug port",
-            &[at(0, |b| hold(b, true)), at(10, |b| hold(b, false))],
-        )
-        .goes_on()
-        .stops(HALTED)
-        .finds(&["overrun"]),
-        Entry::steps(
-            "debugger halts an axle's board for 100 ms",
-            "debug port",
-            &[at(0, |b| hold(b, true)), at(100, |b| hold(b, false))],
-        )
-        .stops(HALTED)
-        .finds(&["overrun"]),
-        Entry::steps(
-            "debugger halts an axle's board for 1000 ms",
-            "debug port",
-            &[at(0, |b| hold(b, true)), at(1000, |b| hold(b, false))],
-        )
-        .stops(HALTED)
-        .own_within(WATCHDOG_S)
-        .resets(&[Role::Front, Role::Rear])
-        .finds(&["overrun", "reset"]),
-        Entry::steps(
-            "debugger halts the beam's board for 100 ms",
-            "debug port",
-            &[
-                at(0, |b| hold_beam(b, true)),
-                at(100, |b| hold_beam(b, false)),
-            ],
-        )
-        .goes_on()
-        .finds(&["overrun"]),
-        Entry::steps(
-            "debugger halts the beam's board for 1000 ms",
-            "debug port",
-            &[
-                at(0, |b| hold_beam(b, true)),
-                at(1000, |b| hold_beam(b, false)),
-            ],
-        )
-        .goes_on()
-        .resets(&[Role::Beam])
-        .finds(&["overrun", "reset"]),
-    ]
+    entries! {
+        "log host stops reading, buffer in blocking mode", "RTT", drive(|b| {
+            let role = b.wheel().0;
+            b.robot.hang_reader(role);
+        }).goes_on();
+        "debugger halts an axle's board for 1 ms", "debug port", steps(&[at(0, |b| hold(b, true)), at(1, |b| hold(b, false))])
+            .goes_on().stops(HALTED).finds(&["overrun"]);
+        "debugger halts an axle's board for 10 ms", "debug port", steps(&[at(0, |b| hold(b, true)), at(10, |b| hold(b, false))])
+            .goes_on().stops(HALTED).finds(&["overrun"]);
+        "debugger halts an axle's board for 100 ms", "debug port", steps(&[at(0, |b| hold(b, true)), at(100, |b| hold(b, false))])
+            .stops(HALTED).finds(&["overrun"]);
+        "debugger halts an axle's board for 1000 ms", "debug port", steps(&[at(0, |b| hold(b, true)), at(1000, |b| hold(b, false))])
+            .stops(HALTED).own_within(WATCHDOG_S).resets(&[Role::Front, Role::Rear]).finds(&["overrun", "reset"]);
+        "debugger halts the beam's board for 100 ms", "debug port", steps(&[
+            at(0, |b| hold_beam(b, true)),
+            at(100, |b| hold_beam(b, false)),
+        ]).goes_on().finds(&["overrun"]);
+        "debugger halts the beam's board for 1000 ms", "debug port", steps(&[
+            at(0, |b| hold_beam(b, true)),
+            at(1000, |b| hold_beam(b, false)),
+        ]).goes_on().resets(&[Role::Beam]).finds(&["overrun", "reset"]);
+    }
 }
 
 /// The button is pressed for so long and let go, each with the bounce of its contact.
@@ -164,23 +122,18 @@ fn press(bench: &mut Bench, from_us: u64, span_us: u64) {
 }
 
 fn hands() -> Vec<Entry> {
-    vec![
-        Entry::drive("button touched for 20 ms", "button", |b| {
-            press(b, 0, 20_000)
-        })
-        .goes_on(),
-        Entry::drive("button bounces for 60 ms", "button", |b| {
+    entries! {
+        "button touched for 20 ms", "button", drive(|b| { press(b, 0, 20_000) }).goes_on();
+        "button bounces for 60 ms", "button", drive(|b| {
             for k in 0..8 {
                 press(b, 8_000 * k, 4_000 + 200 * k);
             }
-        })
-        .goes_on(),
-        Entry::drive("strap of an axle's board changed", "PC13", |b| {
+        }).goes_on();
+        "strap of an axle's board changed", "PC13", drive(|b| {
             let role = b.wheel().0;
             b.axle(role, |axle, _| axle.strap(role == Role::Front));
-        })
-        .goes_on(),
-    ]
+        }).goes_on();
+    }
 }
 
 /// Faults of the program.
@@ -190,110 +143,65 @@ fn faults() -> Vec<Entry> {
 
 /// Programs that crash.
 fn crashes() -> Vec<Entry> {
-    vec![
-        Entry::drive("wild store to nowhere", "program", |b| {
-            wild_store(b, None, NOTHING);
-        })
-        .stops(HALTED)
-        .own_within(AT_ONCE_S)
-        .restarts()
-        .finds(CRASH),
-        Entry::drive("wild store below the stack", "program", |b| {
+    entries! {
+        "wild store to nowhere", "program", drive(|b| { wild_store(b, None, NOTHING); })
+            .stops(HALTED).own_within(AT_ONCE_S).restarts().finds(CRASH);
+        "wild store below the stack", "program", drive(|b| {
             let role = b.wheel().0;
             let end = b.end_of_stack(role).unwrap_or(RAM);
             wild_store(b, Some(TICK), end - 64);
-        })
-        .stops(HALTED)
-        .own_within(AT_ONCE_S)
-        .restarts()
-        .finds(GUARDED),
-        Entry::drive("wild store into the flash", "program", |b| {
-            wild_store(b, Some(TICK), 0x0800_4000);
-        })
-        .stops(HALTED)
-        .restarts()
-        .finds(&["reset", "flash", "overrun"]),
-        Entry::drive("stack overflow", "program", |b| {
+        }).stops(HALTED).own_within(AT_ONCE_S).restarts().finds(GUARDED);
+        "wild store into the flash", "program", drive(|b| { wild_store(b, Some(TICK), 0x0800_4000); })
+            .stops(HALTED).restarts().finds(&["reset", "flash", "overrun"]);
+        "stack overflow", "program", drive(|b| {
             let role = b.wheel().0;
             let end = b.end_of_stack(role).unwrap_or(RAM);
             b.board(role, |board| {
                 run_into(board, TICK);
                 board.core_mut().set_register(13, end + 8);
             });
-        })
-        .stops(HALTED)
-        .own_within(AT_ONCE_S)
-        .restarts()
-        .finds(GUARDED),
-        Entry::drive("HardFault in the current loop", "program", |b| {
+        }).stops(HALTED).own_within(AT_ONCE_S).restarts().finds(GUARDED);
+        "HardFault in the current loop", "program", drive(|b| {
             let role = b.wheel().0;
             b.board(role, |board| {
                 run_into(board, ADC);
                 board.core_mut().set_register(15, NOTHING);
             });
-        })
-        .stops(HALTED)
-        .own_within(AT_ONCE_S)
-        .restarts()
-        .finds(CRASH),
-        Entry::drive("HardFault of the beam's board", "program", |b| {
+        }).stops(HALTED).own_within(AT_ONCE_S).restarts().finds(CRASH);
+        "HardFault of the beam's board", "program", drive(|b| {
             b.board(Role::Beam, |board| {
                 run_into(board, TICK);
                 board.core_mut().set_register(15, NOTHING);
             });
-        })
-        .goes_on()
-        .restarts()
-        .finds(CRASH),
-    ]
+        }).goes_on().restarts().finds(CRASH);
+    }
 }
 
 /// Programs that hang, and the rest.
 fn hangs() -> Vec<Entry> {
-    vec![
-        Entry::drive("the tick of an axle's board hangs", "program", |b| {
-            wild_store(b, Some(TICK), RAM + 16);
-        })
-        .stops(HALTED)
-        .own_within(0.01)
-        .restarts()
-        .finds(&["reset"]),
-        Entry::drive(
-            "the current loop of an axle's board hangs",
-            "program",
-            |b| {
+    entries! {
+        "the tick of an axle's board hangs", "program", drive(|b| { wild_store(b, Some(TICK), RAM + 16); })
+            .stops(HALTED).own_within(0.01).restarts().finds(&["reset"]);
+        "the current loop of an axle's board hangs", "program", drive(|b| {
+            wild_store(b, Some(ADC), RAM + 16);
+        }).stops(HALTED).own_within(WATCHDOG_S).restarts().finds(&["reset", "overrun"]);
+        "emergency stop while the current loop hangs", "program, contact", steps(&[
+            at(0, |b| {
                 wild_store(b, Some(ADC), RAM + 16);
-            },
-        )
-        .stops(HALTED)
-        .own_within(WATCHDOG_S)
-        .restarts()
-        .finds(&["reset", "overrun"]),
-        Entry::steps(
-            "emergency stop while the current loop hangs",
-            "program, contact",
-            &[
-                at(0, |b| {
-                    wild_store(b, Some(ADC), RAM + 16);
-                    let role = b.wheel().0;
-                    b.axle(role, |axle, now| axle.stop(true, now));
-                }),
-                // Without the program the drivers stay awake, and brake.
-                at(20, |b| {
-                    let role = b.wheel().0;
-                    if b.register(role, TIM1_BDTR) & MAIN_OUTPUT != 0 {
-                        b.wrong = Some("pulses 20 ms after the contact opened".to_owned());
-                    }
-                }),
-                at(300, |b| {
-                    let role = b.wheel().0;
-                    b.axle(role, |axle, now| axle.stop(false, now));
-                }),
-            ],
-        )
-        .stops(HALTED)
-        .own_within(WATCHDOG_S)
-        .restarts()
-        .finds(&["reset", "overrun"]),
-    ]
+                let role = b.wheel().0;
+                b.axle(role, |axle, now| axle.stop(true, now));
+            }),
+            // Without the program the drivers stay awake, and brake.
+            at(20, |b| {
+                let role = b.wheel().0;
+                if b.register(role, TIM1_BDTR) & MAIN_OUTPUT != 0 {
+                    b.wrong = Some("pulses 20 ms after the contact opened".to_owned());
+                }
+            }),
+            at(300, |b| {
+                let role = b.wheel().0;
+                b.axle(role, |axle, now| axle.stop(false, now));
+            }),
+        ]).stops(HALTED).own_within(WATCHDOG_S).restarts().finds(&["reset", "overrun"]);
+    }
 }

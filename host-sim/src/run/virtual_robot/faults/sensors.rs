@@ -1,7 +1,7 @@
 //! Faults of converter, strain bridges, inertial sensor and encoders.
 
 use super::bench::Bench;
-use super::entry::{Entry, at};
+use super::entry::{Entry, at, entries};
 use super::program::WATCHDOG_S;
 use core_algos::safety::Condition::{
     self, CommandTimeout, ConversionsLost, DegradedTooLong, EstimateInconsistent, FrameBent,
@@ -84,138 +84,76 @@ pub fn entries() -> Vec<Entry> {
 }
 
 fn analogue() -> Vec<Entry> {
-    vec![
-        Entry::steps(
-            "converter overrun: the DMA stalls for 1 ms",
-            "DMA2 of the beam",
-            &[
-                at(0, |b| {
-                    b.somewhen();
-                    defects(b, Role::Beam, |d| d.dma_waits = true);
-                }),
-                at(1, |b| defects(b, Role::Beam, |d| d.dma_waits = false)),
-            ],
-        )
-        .goes_on()
-        .notices(ConversionsLost)
-        .check(degraded)
-        .finds(OVERRUN),
-        Entry::drive("DMA bus error", "DMA2 of the beam", |b| {
+    entries! {
+        "converter overrun: the DMA stalls for 1 ms", "DMA2 of the beam", steps(&[
+            at(0, |b| {
+                b.somewhen();
+                defects(b, Role::Beam, |d| d.dma_waits = true);
+            }),
+            at(1, |b| defects(b, Role::Beam, |d| d.dma_waits = false)),
+        ]).goes_on().notices(ConversionsLost).check(degraded).finds(OVERRUN);
+        "DMA bus error", "DMA2 of the beam", drive(|b| {
             b.somewhen();
             defects(b, Role::Beam, |d| d.dma_error = true);
-        })
-        .goes_on()
-        .notices(ConversionsLost)
-        .check(degraded)
-        .finds(&["overrun", "bus error"]),
-        Entry::drive("excitation lost", "strip", |b| {
-            b.beam(|beam, now| beam.excite(now, 0.0));
-        })
-        .goes_on(),
-        Entry::drive("a bridge open, up", "strip", |b| {
-            bridge(b, BridgeFault::Open(true))
-        })
-        .goes_on()
-        .stops(STRAINS),
-        Entry::drive("a bridge open, down", "strip", |b| {
-            bridge(b, BridgeFault::Open(false))
-        })
-        .goes_on()
-        .stops(STRAINS),
-        Entry::drive("an amplifier saturated, up", "strip", |b| {
-            bridge(b, BridgeFault::Saturated(true));
-        })
-        .goes_on()
-        .stops(STRAINS),
-        Entry::drive("an amplifier saturated, down", "strip", |b| {
-            bridge(b, BridgeFault::Saturated(false));
-        })
-        .goes_on()
-        .stops(STRAINS),
-        Entry::drive("one injected conversion missing", "ADC1 of an axle", |b| {
+        }).goes_on().notices(ConversionsLost).check(degraded).finds(&["overrun", "bus error"]);
+        "excitation lost", "strip", drive(|b| { b.beam(|beam, now| beam.excite(now, 0.0)); }).goes_on();
+        "a bridge open, up", "strip", drive(|b| { bridge(b, BridgeFault::Open(true)) })
+            .goes_on().stops(STRAINS);
+        "a bridge open, down", "strip", drive(|b| { bridge(b, BridgeFault::Open(false)) })
+            .goes_on().stops(STRAINS);
+        "an amplifier saturated, up", "strip", drive(|b| { bridge(b, BridgeFault::Saturated(true)); })
+            .goes_on().stops(STRAINS);
+        "an amplifier saturated, down", "strip", drive(|b| { bridge(b, BridgeFault::Saturated(false)); })
+            .goes_on().stops(STRAINS);
+        "one injected conversion missing", "ADC1 of an axle", drive(|b| {
             let role = b.wheel().0;
             defects(b, role, |d| d.triggers_lost = 1);
+        }).goes_on();
+        "injected conversions missing for good", "ADC1 of an axle", drive(|b| {
+            let role = b.wheel().0;
+            defects(b, role, |d| d.triggers_lost = u32::MAX);
         })
-        .goes_on(),
-        Entry::drive(
-            "injected conversions missing for good",
-            "ADC1 of an axle",
-            |b| {
-                let role = b.wheel().0;
-                defects(b, role, |d| d.triggers_lost = u32::MAX);
-            },
-        )
-        .stops(&[NeighbourLost, NeighbourFault, CommandTimeout, Restarted])
-        .own_within(WATCHDOG_S)
-        .resets(&[Role::Front, Role::Rear])
-        .finds(&["reset"]),
-        Entry::drive("thermistor of the drivers open", "PC3", |b| {
+            .stops(&[NeighbourLost, NeighbourFault, CommandTimeout, Restarted]).own_within(WATCHDOG_S).resets(&[Role::Front, Role::Rear]).finds(&["reset"]);
+        "thermistor of the drivers open", "PC3", drive(|b| {
             b.at_wheel(|axle, _, _| axle.thermistor.fault = ThermistorFault::Open);
-        })
-        .goes_on(),
-    ]
+        }).goes_on();
+    }
 }
 
 fn inertials() -> Vec<Entry> {
-    vec![
-        Entry::drive("inertial sensor's output stuck low", "SPI1", |b| {
+    entries! {
+        "inertial sensor's output stuck low", "SPI1", drive(|b| {
             inertial(b, |f| f.stuck_output = Some(false));
-        })
-        .goes_on()
-        .notices(InertialLost),
-        Entry::drive("inertial sensor's output stuck high", "SPI1", |b| {
+        }).goes_on().notices(InertialLost);
+        "inertial sensor's output stuck high", "SPI1", drive(|b| {
             inertial(b, |f| f.stuck_output = Some(true));
-        })
-        .goes_on()
-        .notices(InertialLost),
-        Entry::drive("inertial sensor resets itself", "ICM-42688-P", |b| {
+        }).goes_on().notices(InertialLost);
+        "inertial sensor resets itself", "ICM-42688-P", drive(|b| {
             b.at_wheel(|axle, _, now| {
                 if let Some(inertial) = &mut axle.inertial {
                     inertial.reset(now);
                 }
             });
-        })
-        .goes_on()
-        .notices(InertialLost),
-        Entry::drive(
-            "inertial sensor's samples stand still (no DRDY line: it is polled)",
-            "ICM-42688-P",
-            |b| {
-                inertial(b, |f| f.frozen = true);
-            },
-        )
-        .goes_on()
-        .stops(WHEELS),
-        Entry::drive(
-            "inertial sensor tells of no data (DRDY)",
-            "ICM-42688-P",
-            |b| {
-                inertial(b, |f| f.no_data_ready = true);
-            },
-        )
-        .goes_on(),
-    ]
+        }).goes_on().notices(InertialLost);
+        "inertial sensor's samples stand still (no DRDY line: it is polled)", "ICM-42688-P", drive(|b| {
+            inertial(b, |f| f.frozen = true);
+        }).goes_on().stops(WHEELS);
+        "inertial sensor tells of no data (DRDY)", "ICM-42688-P", drive(|b| {
+            inertial(b, |f| f.no_data_ready = true);
+        }).goes_on();
+    }
 }
 
 fn encoders() -> Vec<Entry> {
-    vec![
-        Entry::drive("encoder line A stuck", "encoder", |b| {
-            encoder(b, |f| f.stuck_a = Some(true));
-        })
-        .stops(WHEELS),
-        Entry::drive("encoder line B stuck", "encoder", |b| {
-            encoder(b, |f| f.stuck_b = Some(false));
-        })
-        .stops(WHEELS),
-        Entry::drive("encoder unplugged", "encoder", |b| {
+    entries! {
+        "encoder line A stuck", "encoder", drive(|b| { encoder(b, |f| f.stuck_a = Some(true)); }).stops(WHEELS);
+        "encoder line B stuck", "encoder", drive(|b| { encoder(b, |f| f.stuck_b = Some(false)); })
+            .stops(WHEELS);
+        "encoder unplugged", "encoder", drive(|b| {
             encoder(b, |f| (f.stuck_a, f.stuck_b) = (Some(true), Some(true)));
-        })
-        .stops(WHEELS),
-        Entry::drive("encoder lines swapped", "encoder", |b| {
-            encoder(b, |f| f.swapped = true);
-        })
-        .stops(WHEELS),
-        Entry::drive("2000 glitches of 200 ns on encoder lines", "encoder", |b| {
+        }).stops(WHEELS);
+        "encoder lines swapped", "encoder", drive(|b| { encoder(b, |f| f.swapped = true); }).stops(WHEELS);
+        "2000 glitches of 200 ns on encoder lines", "encoder", drive(|b| {
             let mut from = b.now();
             for _ in 0..2000 {
                 from = from + Time::from_nanos(50_000 + b.draw(400_000));
@@ -227,8 +165,6 @@ fn encoders() -> Vec<Entry> {
                     }
                 });
             }
-        })
-        .goes_on()
-        .check(miscounted),
-    ]
+        }).goes_on().check(miscounted);
+    }
 }
