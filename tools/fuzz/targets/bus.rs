@@ -4,7 +4,7 @@
 
 use cfmmr_fuzz::numbers::Bytes;
 use core_algos::bus::layout::{self, MESSAGES};
-use core_algos::bus::{DecodeError, CanFrame, Message, decode, encode};
+use core_algos::bus::{CanFrame, DecodeError, Message, decode, encode};
 use core_algos::math::Posture;
 use libfuzzer_sys::fuzz_target;
 use std::f64::consts::TAU;

@@ -3,9 +3,9 @@
 #![no_main]
 
 use cfmmr_fuzz::base::error::Error;
+use cfmmr_fuzz::base::toml_file;
 use cfmmr_fuzz::numbers::Bytes;
 use cfmmr_fuzz::scenario::Scenario;
-use cfmmr_fuzz::base::toml_file;
 use libfuzzer_sys::fuzz_target;
 use std::collections::HashSet;
 use std::sync::LazyLock;

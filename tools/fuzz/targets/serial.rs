@@ -3,7 +3,7 @@
 
 use cfmmr_fuzz::numbers::Bytes;
 use core_algos::bus;
-use core_algos::hil::framing::{SerialFrame, MAX_FRAME, crc32c};
+use core_algos::hil::framing::{MAX_FRAME, SerialFrame, crc32c};
 use core_algos::hil::protocol::{
     self, CONFIG_CHUNK, MAX_CONFIG, MAX_TELEMETRY, PROTOCOL, Reply, Request, StackUse,
 };

@@ -103,8 +103,10 @@ fn trials(
 ) -> Result<Vec<Vec<Trial>>, Error> {
     let (shown, goal) = (Variant::PAIR, context.scenario.mission.goal);
     let is_shown = |row: usize| variants.get(row).is_some_and(|row| shown.contains(row));
-    let results = context.run("trials", scenarios.len() * count, |index| {
-        let (row, trial) = (index / count, index % count);
+    // Trial by trial, so that an interrupt leaves trials of every row.
+    let rows = scenarios.len();
+    let results = context.run("trials", rows * count, |index| {
+        let (row, trial) = (index % rows, index / rows);
         let keep = is_shown(row) && trial < PICTURED;
         let mut kept = Trial::default();
         kept.outcome = regulate(&scenarios[row], context.seed, trial as u64, |record| {
@@ -114,19 +116,19 @@ fn trials(
         })?;
         Ok(kept)
     })?;
-    let mut results = results.into_iter();
-    let mut blocks = Vec::new();
-    for (row, scenario) in scenarios.iter().enumerate() {
-        let mut block: Vec<Trial> = results.by_ref().take(count).flatten().collect();
+    let mut blocks: Vec<Vec<Trial>> = vec![Vec::new(); rows];
+    for (index, trial) in results.into_iter().enumerate() {
+        blocks[index % rows].extend(trial);
+    }
+    for (row, (scenario, block)) in scenarios.iter().zip(&mut blocks).enumerate() {
         // The median trial is drawn in full, and is known only now.
         if is_shown(row) && !block.is_empty() {
-            let median = pictures::median_trial(&block, goal);
+            let median = pictures::median_trial(block, goal);
             if block[median].records.is_empty() {
                 let see = |record: &Record| block[median].see(record, true);
                 regulate(scenario, context.seed, median as u64, see)?;
             }
         }
-        blocks.push(block);
     }
     Ok(blocks)
 }
