@@ -12,7 +12,10 @@ fn health_does_not_drift_memory_does_not_grow_and_every_goal_is_reached() {
         400_000,
         4,
         5,
-        || pieces += 1,
+        || {
+            pieces += 1;
+            true
+        },
     )
     .unwrap();
     assert_eq!(pieces, soak::pieces());

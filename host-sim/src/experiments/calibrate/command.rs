@@ -269,8 +269,7 @@ fn text(report: &Report) -> String {
         "before",
         "after",
         "true",
-        "error before",
-        "error after",
+        "error",
     ]);
     for row in &report.parameters {
         let n = digits(row);
@@ -281,7 +280,6 @@ fn text(report: &Report) -> String {
             format!("{:.n$}", row.before),
             format!("{:.n$}", row.after),
             format!("{:.n$}", row.truth),
-            format!("{:+.n$}", row.before - row.truth),
             format!("{:+.n$}", row.after - row.truth),
         ]);
     }

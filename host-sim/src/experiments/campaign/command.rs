@@ -1,6 +1,7 @@
 //! `cfmmr campaign`: a Monte Carlo study over variations of a scenario, in any number of parts.
 
 use crate::base::error::Error;
+use crate::base::interrupt::watch_for_interrupt;
 use crate::base::numbers::whole;
 use crate::base::output::{self, OutputDir};
 use crate::base::progress::Progress;
@@ -20,6 +21,7 @@ use core_algos::hil::framing::crc32c;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::path::PathBuf;
+use std::sync::atomic::Ordering::Relaxed;
 
 /// Arguments of `campaign`.
 #[derive(Clone, Debug, Args)]
@@ -148,7 +150,11 @@ fn shard(args: &CampaignArgs) -> Result<(), Error> {
             .sum()
     };
     let progress = Progress::new(count(&to_do) as usize, "runs");
-    for &block in &to_do {
+    let interrupt = watch_for_interrupt()?;
+    for (n, &block) in to_do.iter().enumerate() {
+        if interrupt.load(Relaxed) {
+            return Err(interrupted(count(&to_do[..n]), count(&to_do)));
+        }
         let runs: Vec<Result<Finished, Error>> = pool.install(|| {
             let range = study.block_runs(block);
             range
@@ -185,6 +191,12 @@ fn shard(args: &CampaignArgs) -> Result<(), Error> {
         count(&to_do),
         count(&mine) - count(&to_do),
         path.display()
+    ))
+}
+
+fn interrupted(done: u64, all: u64) -> Error {
+    Error::Interrupted(format!(
+        "interrupted after {done} of {all} runs; the same command computes the others"
     ))
 }
 

@@ -5,6 +5,7 @@ pub mod on_virtual;
 pub mod run;
 
 use crate::base::error::Error;
+use crate::base::interrupt::watch_for_interrupt;
 use crate::base::numbers::whole;
 use crate::base::progress::Progress;
 use crate::experiments::arguments::WorldChoice;
@@ -19,6 +20,7 @@ use serde::Serialize;
 use std::collections::BTreeSet;
 use std::fmt::Write;
 use std::path::PathBuf;
+use std::sync::atomic::Ordering::Relaxed;
 
 /// Arguments of `faults`.
 #[derive(Clone, Debug, Args)]
@@ -142,6 +144,9 @@ pub struct Report {
     pub seeds: u64,
     /// Limits that no run may exceed for more than a moment.
     pub bounds: Bounds,
+    /// True if Ctrl-C ended the campaign early.
+    #[serde(skip)]
+    pub interrupted: bool,
     /// Fault by fault.
     pub rows: Vec<Row>,
 }
@@ -165,10 +170,14 @@ pub fn campaign(world: Option<&str>, seeds: u64, only: &[String]) -> Result<Repo
     let entries: Vec<&Entry> = CATALOGUE.iter().filter(chosen).collect();
     let each = TIMES.len() * seeds as usize;
     let progress = Progress::new(entries.len() * each, "runs");
-    let outcomes: Vec<Result<Outcome, Error>> = (0..entries.len() * each)
+    let interrupt = watch_for_interrupt()?;
+    let outcomes: Vec<Result<Option<Outcome>, Error>> = (0..entries.len() * each)
         .into_par_iter()
         .with_max_len(1)
         .map(|i| {
+            if interrupt.load(Relaxed) {
+                return Ok(None);
+            }
             let (time, seed) = (
                 TIMES[i % each % TIMES.len()],
                 (i % each / TIMES.len()) as u64,
@@ -178,18 +187,21 @@ pub fn campaign(world: Option<&str>, seeds: u64, only: &[String]) -> Result<Repo
                 after: time,
                 seed: 1 + seed,
             };
-            let outcome = run::run(&scenario, &case, &bounds);
+            let outcome = run::run(&scenario, &case, &bounds)?;
             progress.advance();
-            outcome
+            Ok(Some(outcome))
         })
         .collect();
-    let outcomes: Vec<Outcome> = outcomes.into_iter().collect::<Result<_, _>>()?;
-    let rows = entries.iter().zip(outcomes.chunks(each));
+    let outcomes: Vec<Option<Outcome>> = outcomes.into_iter().collect::<Result<_, _>>()?;
+    let runs = |chunk: &[Option<Outcome>]| chunk.iter().flatten().cloned().collect::<Vec<_>>();
+    let rows = entries.iter().zip(outcomes.chunks(each).map(runs));
+    let rows = rows.filter(|(_, runs)| !runs.is_empty());
     Ok(Report {
         world: scenario.world.label(),
         seeds,
         bounds,
-        rows: rows.map(|(entry, runs)| Row::of(entry, runs)).collect(),
+        interrupted: interrupt.load(Relaxed),
+        rows: rows.map(|(entry, runs)| Row::of(entry, &runs)).collect(),
     })
 }
 
@@ -285,6 +297,10 @@ pub fn run(args: &FaultsArgs) -> Result<(), Error> {
         .write(&Provenance::of(&scenario(world)?, 1), &report)?;
     let page = report.markdown();
     args.json.print_page(&page)?;
+    if report.interrupted {
+        let text = "interrupted: the table is that of the runs so far";
+        return Err(Error::Interrupted(text.to_owned()));
+    }
     match report.wrong() {
         0 => Ok(()),
         wrong => Err(Error::Failure(format!("{wrong} runs failed"))),

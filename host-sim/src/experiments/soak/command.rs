@@ -1,6 +1,7 @@
 //! `cfmmr soak`: hours of driving, and whether anything drifts or grows.
 
 use crate::base::error::Error;
+use crate::base::interrupt::watch_for_interrupt;
 use crate::base::numbers::whole;
 use crate::base::progress::Progress;
 use crate::experiments::arguments::WorldChoice;
@@ -10,6 +11,7 @@ use clap::Args;
 use core_algos::node::lead::Limits;
 use serde::Serialize;
 use std::fmt::Write;
+use std::sync::atomic::Ordering::Relaxed;
 use std::time::Instant;
 
 /// Arguments of `soak`.
@@ -130,12 +132,14 @@ pub fn run(args: &SoakArgs) -> Result<(), Error> {
     let progress = Progress::new(soak::pieces(), "soak");
     let started = Instant::now();
     let scenario = soak::scenario(args.choice.world.as_deref())?;
+    let interrupt = watch_for_interrupt()?;
     let report = soak::run(&scenario, args.ticks, WINDOWS, args.seed, || {
-        progress.advance()
+        progress.advance();
+        !interrupt.load(Relaxed)
     })?;
     drop(progress);
     let measured = Measured {
-        real_time_factor: soak::seconds(args.ticks) / started.elapsed().as_secs_f64(),
+        real_time_factor: soak::seconds(report.ticks) / started.elapsed().as_secs_f64(),
         problems: report.problems(),
         report,
     };
@@ -143,6 +147,9 @@ pub fn run(args: &SoakArgs) -> Result<(), Error> {
         .write(&Provenance::of(&scenario, args.seed), &measured)?;
     args.json.print_page(&markdown(&measured))?;
     match measured.problems.as_slice() {
+        _ if interrupt.load(Relaxed) => Err(Error::Interrupted(
+            "interrupted: the table is that of the time so far".to_owned(),
+        )),
         [] => Ok(()),
         problems => Err(Error::Failure(problems.join("; "))),
     }

@@ -363,27 +363,30 @@ impl Soak {
 }
 
 /// Drives for so many ticks, reported in `windows` equal parts; `advance` is called once for each of
-/// `PIECES` pieces.
+/// `PIECES` pieces and ends the run if it returns false.
 pub fn run(
     scenario: &Scenario,
     ticks: u64,
     windows: u64,
     seed: u64,
-    mut advance: impl FnMut(),
+    mut advance: impl FnMut() -> bool,
 ) -> Result<Report, Error> {
     let mut soak = Soak::new(scenario, seed)?;
     let mut reported = Vec::new();
     let mut innovations = Vec::new();
+    let mut done = 0;
     for tick in 0..ticks {
         soak.step(tick)?;
-        let done = tick + 1;
+        done = tick + 1;
         if done * PIECES / ticks > tick * PIECES / ticks {
             let piece = std::mem::take(&mut soak.piece);
             let middle = (tick as f64 + 0.5) / ticks as f64 - 0.5 / PIECES as f64;
             if piece.innovations > 0 {
                 innovations.push((middle, piece.nis / piece.innovations as f64));
             }
-            advance();
+            if !advance() {
+                break;
+            }
         }
         if done * windows / ticks > tick * windows / ticks {
             reported.push(std::mem::take(&mut soak.sums).window(done)?);
@@ -391,7 +394,7 @@ pub fn run(
     }
     Ok(Report {
         world: scenario.world.label(),
-        ticks,
+        ticks: done,
         seed,
         windows: reported,
         nis: Drift::of(&innovations),
