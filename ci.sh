@@ -93,7 +93,7 @@ timeout 600 target/release/cfmmr faults --emulated --check --only "board resets"
 step "calibration of emulated boards, kept in their flash"
 rm -rf target/calibrated
 timeout 300 target/release/cfmmr calibrate imu --emulated --yes --flash target/calibrated | grep "written to"
-timeout 60 target/release/cfmmr params list --emulated --flash target/calibrated | grep "gyro_gain.* stored"
+timeout 60 target/release/cfmmr params list --emulated --flash target/calibrated | grep -A3 gyro_gain | grep stored
 step "serial ports"
 tools/scripts/check_serial_ports.py --stop-after 1 | grep "identical"
 step "all passed"

@@ -222,30 +222,29 @@ fn show(target: &ParamsTarget, wanted: &[&'static Parameter]) -> Result<(), Erro
             }
         }
     }
-    let mut table = Table::new([
-        "parameter",
-        "board",
-        "value",
-        "unit",
-        "from",
-        "to",
-        "default",
-        "",
-    ]);
-    for row in &rows {
-        table.row([
-            row.name.to_owned(),
-            row.board.to_owned(),
-            row.value.to_string(),
-            row.unit.to_owned(),
-            row.from.to_string(),
-            row.to.to_string(),
-            row.default.to_string(),
-            state(row.source, row.saved).to_owned(),
-        ]);
+    // A parameter's name is too long for a column beside its values.
+    let mut text = String::new();
+    let mut names: Vec<&str> = rows.iter().map(|row| row.name).collect();
+    names.dedup();
+    let new = |n: usize| !names[..n].contains(&names[n]);
+    for n in (0..names.len()).filter(|&n| new(n)) {
+        let of_name: Vec<&Row> = rows.iter().filter(|row| row.name == names[n]).collect();
+        let Row {
+            name,
+            unit,
+            from,
+            to,
+            default,
+            ..
+        } = of_name[0];
+        text += &format!("{name}: {from} to {to} {unit}, default {default}\n");
+        for row in of_name {
+            let state = state(row.source, row.saved);
+            text += &format!("  {:<6} {:<12} {state}\n", row.board, row.value);
+        }
     }
     write_json(target, &rows)?;
-    target.json.print(&table.to_string())
+    target.json.print(&text)
 }
 
 /// Source of a value, in words.
