@@ -301,11 +301,8 @@ pub fn regulate(
     let mut at_goal = false;
     for k in 0..(model.time_limit_s / tick) as u64 {
         let noise = noise.next(model, &mut random);
-        let estimate = Posture::new(
-            (robot.posture[0] + noise[0]) as f32,
-            (robot.posture[1] + noise[1]) as f32,
-            wrapped(robot.posture[2] + noise[2]) as f32,
-        );
+        let [x, y, phi] = [0, 1, 2].map(|i| robot.posture[i] + noise[i]);
+        let estimate = Posture::new(x as f32, y as f32, wrapped(phi) as f32);
         let output = regulator.tick(
             &mut state,
             &Input {
