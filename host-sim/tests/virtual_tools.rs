@@ -426,7 +426,7 @@ fn bad_input_is_told_with_its_value_and_range() {
         ),
         (&["--restart-after", "0"], ["0", "0.001 to 36000"]),
         (&["--from", "0,0,0"], ["--from", "the button starts"]),
-        (&["--compare"], ["--compare", "bit by bit"]),
+        (&["--compare"], ["--compare", "not identical"]),
         (&["--stored"], ["--stored", "--scenario"]),
         (&["--link-loss", "0.1"], ["--link-loss", "bus"]),
     ] {
