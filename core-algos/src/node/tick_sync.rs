@@ -1,4 +1,4 @@
-//! When the nodes of a board run: its ticks in step with the common time, gaps, and the messages
+//! Schedule of a board's nodes: ticks in step with the common time, gaps, and the messages
 //! that keep the boards together.
 //!
 //! The front board's local time is the common one; the other boards follow by [`CommonClock`]. A

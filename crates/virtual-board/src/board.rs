@@ -16,7 +16,7 @@ pub struct Reset {
     pub cause: Cause,
 }
 
-/// What the debugger gdb set.
+/// Breakpoints and requests of the debugger gdb.
 #[cfg(feature = "gdb")]
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Gdb {

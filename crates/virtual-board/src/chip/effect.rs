@@ -1,4 +1,4 @@
-//! What one part of the chip tells the others.
+//! Effects of one part of the chip on the others.
 
 use super::cause::Cause;
 use super::pin::{Drive, Pin, Signal};
@@ -47,11 +47,11 @@ pub enum Request {
 }
 
 impl Request {
-    /// How many there are.
+    /// Number of variants.
     pub(crate) const COUNT: usize = Self::Usart3Tx as usize + 1;
 }
 
-/// What one part of the chip tells the others.
+/// Effects of one part of the chip on the others.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Effect {
     /// A trigger rises or falls.

@@ -8,7 +8,7 @@ use super::pin::{PORTS, Signal};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(usize)]
 pub(crate) enum Unit {
-    /// What is around the chip.
+    /// Surroundings of the chip.
     World,
     /// Oscillators, PLL.
     Rcc,
@@ -134,7 +134,7 @@ const PLACE_OF: [usize; Unit::COUNT] = {
 };
 
 impl Unit {
-    /// How many there are.
+    /// Number of variants.
     const COUNT: usize = Self::Debug as usize + 1;
 
     /// Those that can have something due; of two at the same cycle the first in the list is first.

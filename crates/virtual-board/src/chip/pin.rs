@@ -114,7 +114,7 @@ pub enum Signal {
 }
 
 impl Signal {
-    /// How many there are.
+    /// Number of variants.
     pub(crate) const COUNT: usize = Self::Usart3Tx as usize + 1;
 
     /// The timer that hears a pin with this signal: 0 for TIM1.

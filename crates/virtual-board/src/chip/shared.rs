@@ -156,7 +156,7 @@ impl Shared {
         self.limit = 0;
     }
 
-    /// When a peripheral is due.
+    /// Cycle at which a peripheral is due.
     pub fn due(&self, unit: Unit) -> Cycles {
         self.schedule.due(unit)
     }

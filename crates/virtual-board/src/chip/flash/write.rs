@@ -1,4 +1,4 @@
-//! What writes to the flash's registers do.
+//! Effects of writes to the registers of the flash.
 
 use super::options::{OPTLOCK, OPTSTRT, Protection};
 use super::*;
