@@ -26,7 +26,7 @@ use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::watch::Watch;
 use firmware_common::store::chip::Parameters;
 use firmware_common::watchdog::Watchdog;
-use firmware_common::{board, can, executors, fault, strap};
+use firmware_common::{board, board_id, can, executors, fault};
 use static_cell::StaticCell;
 
 use encoders::Encoders;
@@ -42,8 +42,8 @@ async fn main(spawner: Spawner) {
     let watchdog = Watchdog::start();
     match start(board::start(), watchdog).await {
         // In a task of its own, so that the stack of the start is free again.
-        Ok((reports, attendance)) => {
-            spawner.spawn(telemetry::run(reports, attendance).expect("spawned once"));
+        Ok((reports, task_watchdog)) => {
+            spawner.spawn(telemetry::run(reports, task_watchdog).expect("spawned once"));
         }
         Err(error) => {
             // Nothing was started: the motors stay off, and the watchdog, which nobody feeds, has the
@@ -65,20 +65,21 @@ fn drivers_asleep() {
 async fn start(
     p: Peripherals,
     watchdog: Watchdog,
-) -> Result<(telemetry::Reports, telemetry::Attendance), ConfigError> {
+) -> Result<(telemetry::Reports, telemetry::TaskWatchdog), ConfigError> {
     static REPORTS: Watch<CriticalSectionRawMutex, Report, 1> = Watch::new();
     static COUNTS: [AtomicU32; telemetry::TASKS.len()] =
         [const { AtomicU32::new(0) }; telemetry::TASKS.len()];
 
-    let role = tick::role(strap::axle(p.PC13));
+    let role = tick::role(board_id::axle(p.PC13));
     let parameters = Parameters::load(p.FLASH, role);
     let settings = &parameters.settings;
     let built = build(settings, role)?;
     let nodes = begin(built.nodes);
     let button = Button::new(p.PA0, settings.robot.put_down());
 
-    let (attendance, badges) = telemetry::Attendance::start(&COUNTS, telemetry::TASKS, watchdog);
-    let [of_drive, of_tick, of_bus] = badges;
+    let (task_watchdog, check_ins) =
+        telemetry::TaskWatchdog::start(&COUNTS, telemetry::TASKS, watchdog);
+    let [of_drive, of_tick, of_bus] = check_ins;
     let (sender, receiver) = can::start(p.CAN1, p.PB8, p.PB9);
     let encoders = Encoders::start((p.TIM3, p.PC6, p.PC7), (p.TIM4, p.PB6, p.PB7));
     let inertial = Inertial::start(p.SPI1, p.PA4, p.PA5, p.PA6, p.PA7, &settings.inertial).await?;
@@ -93,7 +94,7 @@ async fn start(
         supply: p.PC2,
         temperature: p.PC3,
         stop: p.PB12,
-        badge: of_drive,
+        check_in: of_drive,
     };
     let motors = Motors::start(parts, &settings.drive)?;
 
@@ -116,10 +117,10 @@ async fn start(
         drive: settings.drive,
         parameters: parameters.report.conditions(),
         reports: REPORTS.sender(),
-        badge: of_tick,
+        check_in: of_tick,
     };
     spawners.tick.spawn(tick::run(axis).expect("spawned once"));
-    Ok((REPORTS.receiver().expect("the only one"), attendance))
+    Ok((REPORTS.receiver().expect("the only one"), task_watchdog))
 }
 
 /// Objects built from the configuration.

@@ -55,8 +55,9 @@ fn start(p: Peripherals, watchdog: Watchdog, spawner: Spawner) -> Result<(), Con
     let procedure = Procedure::new(limits, settings.robot.geometry.half_thickness_m);
     let thermistor = ThermistorConfig::default().build()?;
 
-    let (attendance, badges) = background::Attendance::start(&COUNTS, background::TASKS, watchdog);
-    let [of_tick, of_bus] = badges;
+    let (task_watchdog, check_ins) =
+        background::TaskWatchdog::start(&COUNTS, background::TASKS, watchdog);
+    let [of_tick, of_bus] = check_ins;
     let (sender, receiver) = can::start(p.CAN1, p.PB8, p.PB9);
     interrupt::DMA2_STREAM0.set_priority(Priority::P4);
     let spawners = executors::start();
@@ -91,11 +92,11 @@ fn start(p: Peripherals, watchdog: Watchdog, spawner: Spawner) -> Result<(), Con
         saving: &SAVING,
         parameters: parameters.report.conditions(),
         reports: REPORTS.sender(),
-        badge: of_tick,
+        check_in: of_tick,
     };
     spawners.tick.spawn(tick::run(beam).expect("spawned once"));
     let reports = REPORTS.receiver().expect("the only one");
-    let background = background::run(reports, parameters, &SAVING, attendance);
+    let background = background::run(reports, parameters, &SAVING, task_watchdog);
     spawner.spawn(background.expect("spawned once"));
     Ok(())
 }

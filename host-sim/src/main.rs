@@ -2,7 +2,7 @@
 
 use host_sim::cli::{self, Cli, Command};
 use host_sim::experiments;
-use host_sim::run::path_run::Manner;
+use host_sim::run::path_run::PathMode;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
@@ -10,8 +10,8 @@ fn main() -> ExitCode {
     let result = match &cli.command {
         None => experiments::posture::run(&cli.posture),
         Some(Command::Posture(args)) => experiments::posture::run(args),
-        Some(Command::Follow(args)) => experiments::follow::run(args, Manner::Follow),
-        Some(Command::Track(args)) => experiments::follow::run(args, Manner::Track),
+        Some(Command::Follow(args)) => experiments::follow::run(args, PathMode::Follow),
+        Some(Command::Track(args)) => experiments::follow::run(args, PathMode::Track),
         Some(Command::Hil(args)) if args.on_virtual => experiments::hil::on_virtual::run(args),
         Some(Command::Hil(args)) => experiments::hil::run(args),
         Some(Command::Replay(args)) => experiments::replay::run(args),

@@ -2,7 +2,7 @@
 
 use core_algos::fusion::robot::Mode;
 use host_sim::paths::Path;
-use host_sim::run::path_run::{self, Manner, Moment, Outcome, Route};
+use host_sim::run::path_run::{self, Moment, Outcome, PathMode, Route};
 use host_sim::run::simulation::Simulation;
 use host_sim::scenario::Scenario;
 use std::fs;
@@ -19,12 +19,12 @@ fn scenario() -> Scenario {
     scenario
 }
 
-fn run(path: &Path, manner: Manner, scenario: &Scenario, seed: u64) -> (Outcome, Vec<Moment>) {
+fn run(path: &Path, path_mode: PathMode, scenario: &Scenario, seed: u64) -> (Outcome, Vec<Moment>) {
     let mut scenario = scenario.clone();
     let route = Route::new(path, 1, &scenario).unwrap();
     scenario.mission.start = route.start();
     let mut moments = Vec::new();
-    let outcome = drive(&scenario, &route, manner, seed, |moment| {
+    let outcome = drive(&scenario, &route, path_mode, seed, |moment| {
         moments.push(*moment);
     });
     (outcome, moments)
@@ -33,12 +33,12 @@ fn run(path: &Path, manner: Manner, scenario: &Scenario, seed: u64) -> (Outcome,
 fn drive(
     scenario: &Scenario,
     route: &Route,
-    manner: Manner,
+    path_mode: PathMode,
     seed: u64,
     observe: impl FnMut(&Moment),
 ) -> Outcome {
     let mut simulation = Simulation::new(scenario, seed, 0).unwrap();
-    path_run::drive_on(&mut simulation, scenario, route, manner, observe).unwrap()
+    path_run::drive_on(&mut simulation, scenario, route, path_mode, observe).unwrap()
 }
 
 fn paths() -> [(&'static str, Path); 4] {
@@ -53,7 +53,7 @@ fn paths() -> [(&'static str, Path); 4] {
 #[test]
 fn robot_follows_every_path_as_well_as_it_knows_where_it_is() {
     for (name, path) in paths() {
-        let (outcome, _) = run(&path, Manner::Follow, &scenario(), 3);
+        let (outcome, _) = run(&path, PathMode::Follow, &scenario(), 3);
         let (truth, seen) = (outcome.truth, outcome.estimate);
         assert!(outcome.done, "{name}");
         assert!(seen.rms_m < 1.5e-3 && seen.max_m < 5e-3, "{name}: {seen:?}");
@@ -68,7 +68,7 @@ fn robot_follows_every_path_as_well_as_it_knows_where_it_is() {
 #[test]
 fn robot_tracks_every_trajectory_in_time() {
     for (name, path) in paths() {
-        let (outcome, moments) = run(&path, Manner::Track, &scenario(), 4);
+        let (outcome, moments) = run(&path, PathMode::Track, &scenario(), 4);
         let (truth, seen) = (outcome.truth, outcome.estimate);
         assert!(outcome.done, "{name}");
         assert!(seen.rms_m < 3e-3 && seen.max_m < 0.01, "{name}: {seen:?}");
@@ -98,8 +98,8 @@ fn robot_tracks_every_trajectory_in_time() {
 #[test]
 fn curvature_keeps_its_bound_on_the_tightest_path() {
     let path = Path::figure_eight(0.99).unwrap();
-    for manner in [Manner::Follow, Manner::Track] {
-        let (outcome, moments) = run(&path, manner, &scenario(), 5);
+    for path_mode in [PathMode::Follow, PathMode::Track] {
+        let (outcome, moments) = run(&path, path_mode, &scenario(), 5);
         let bound = path_run::bounds(&scenario()).max_curvature();
         assert!(path.max_curvature() > 0.99 * bound);
         assert!(
@@ -127,7 +127,7 @@ fn robot_beside_the_path_comes_onto_it() {
     let route = Route::new(&path, 1, &scenario).unwrap();
     scenario.mission.start = [-0.1, 0.12, -0.4];
     let mut late = 0.0f64;
-    let outcome = drive(&scenario, &route, Manner::Follow, 2, |moment| {
+    let outcome = drive(&scenario, &route, PathMode::Follow, 2, |moment| {
         if moment.target.s > 0.9 {
             late = late.max(moment.estimate.lateral_m.abs());
         }
@@ -145,7 +145,7 @@ fn several_laps_are_streamed_through_the_small_buffer() {
     scenario.mission.start = route.start();
     let mut turned = 0.0;
     let mut last = scenario.mission.start[2];
-    let outcome = drive(&scenario, &route, Manner::Follow, 6, |moment| {
+    let outcome = drive(&scenario, &route, PathMode::Follow, 6, |moment| {
         let step = moment.record.midpoint[2] - last;
         turned += step - std::f64::consts::TAU * (step / std::f64::consts::TAU).round();
         last = moment.record.midpoint[2];
@@ -165,7 +165,7 @@ fn without_the_sensor_the_bend_is_lost() {
     let mut scenario = scenario();
     scenario.mission.rps = false;
     scenario.robot.lead.fusion.mode = Mode::Odometry;
-    let (without, _) = run(&path, Manner::Follow, &scenario, 3);
+    let (without, _) = run(&path, PathMode::Follow, &scenario, 3);
     assert!(without.truth.rms_m > 0.1, "{without:?}");
     assert!(without.estimate.rms_m < 0.03, "{without:?}");
 }
@@ -173,15 +173,15 @@ fn without_the_sensor_the_bend_is_lost() {
 #[test]
 fn same_seed_same_run() {
     let path = Path::line(0.4).unwrap();
-    let (one, first) = run(&path, Manner::Track, &scenario(), 7);
-    let (two, second) = run(&path, Manner::Track, &scenario(), 7);
+    let (one, first) = run(&path, PathMode::Track, &scenario(), 7);
+    let (two, second) = run(&path, PathMode::Track, &scenario(), 7);
     assert_eq!(one, two);
     assert_eq!(first.len(), second.len());
     for (a, b) in first.iter().zip(&second) {
         assert_eq!(a.record.midpoint, b.record.midpoint);
         assert_eq!(a.record.lead, b.record.lead);
     }
-    let (other, _) = run(&path, Manner::Track, &scenario(), 8);
+    let (other, _) = run(&path, PathMode::Track, &scenario(), 8);
     assert_ne!(one, other);
 }
 

@@ -11,7 +11,7 @@ use host_sim::experiments::faults::run::{self as faults, Bounds, Case};
 use host_sim::experiments::posture::Variant;
 use host_sim::paths::Path;
 use host_sim::run::bit_compare::Trace;
-use host_sim::run::path_run::{self, Manner, Route};
+use host_sim::run::path_run::{self, PathMode, Route};
 use host_sim::run::regulate::{Outcome, regulate_on};
 use host_sim::run::simulation::Simulation;
 use host_sim::scenario::Scenario;
@@ -94,12 +94,12 @@ fn paths_longer_than_the_boards_buffer_are_the_same_behind_frames() {
     let mut scenario = Scenario::default();
     let route = Route::new(&Path::line(3.5).unwrap(), 1, &scenario).unwrap();
     scenario.mission.start = route.start();
-    for manner in [Manner::Follow, Manner::Track] {
+    for path_mode in [PathMode::Follow, PathMode::Track] {
         let traces = [Role::ALL.map(framed), targets::in_process()].map(|targets| {
             let mut simulation = Simulation::on(targets, &scenario, 3, 0).unwrap();
             simulation.record_trace();
             let outcome =
-                path_run::drive_on(&mut simulation, &scenario, &route, manner, |_| {}).unwrap();
+                path_run::drive_on(&mut simulation, &scenario, &route, path_mode, |_| {}).unwrap();
             assert!(outcome.done);
             simulation.take_trace().unwrap()
         });

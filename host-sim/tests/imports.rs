@@ -22,7 +22,7 @@ const ORDERS: &[(&str, &str)] = &[
     ),
     (
         "crates/firmware-common",
-        "accelerator clock critical executors halves kept stack watchdog attendance fault store strap \
+        "accelerator clock critical executors dma_halves crash_record stack watchdog task_watchdog fault store board_id \
          time_driver timing can hil emulated board",
     ),
     (

@@ -7,7 +7,7 @@ use core_algos::params::TABLE;
 use core_algos::topology::Role;
 use host_sim::base::error::Error;
 use host_sim::paths::Path;
-use host_sim::run::path_run::{self, Manner, Route};
+use host_sim::run::path_run::{self, PathMode, Route};
 use host_sim::run::regulate::regulate_on;
 use host_sim::run::robot::{Observer, Record, Robot};
 use host_sim::run::simulation::Simulation;
@@ -32,7 +32,7 @@ struct Situation {
 #[derive(Clone, Copy, PartialEq)]
 enum Task {
     Regulate,
-    Path(Manner),
+    Path(PathMode),
 }
 
 /// Task, fault and changes of a line; the first is the experiment that runs by default.
@@ -102,8 +102,8 @@ impl Situation {
         assert!(fault.is_empty() || entry.is_some(), "{line}");
         Self {
             task: match task {
-                "follow" => Task::Path(Manner::Follow),
-                "track" => Task::Path(Manner::Track),
+                "follow" => Task::Path(PathMode::Follow),
+                "track" => Task::Path(PathMode::Track),
                 _ => Task::Regulate,
             },
             fault: entry.map(|entry| (entry, tick.parse().unwrap())),
@@ -147,8 +147,8 @@ impl Situation {
         }
         // An error is that of the observer: the run has changed.
         let _ = match (self.task, &route) {
-            (Task::Path(manner), Some(route)) => {
-                path_run::drive_on(&mut simulation, &scenario, route, manner, |_| {}).map(|_| ())
+            (Task::Path(path_mode), Some(route)) => {
+                path_run::drive_on(&mut simulation, &scenario, route, path_mode, |_| {}).map(|_| ())
             }
             _ => regulate_on(&mut simulation, &scenario, |_| {}).map(|_| ()),
         };

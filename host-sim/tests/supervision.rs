@@ -16,7 +16,7 @@ use host_sim::run::robot::Robot as _;
 use host_sim::run::simulation::Simulation;
 use host_sim::scenario::Scenario;
 use host_sim::targets::{
-    self, Failure, FailureMode, Fault, InProcess, Order, Output, Posted, Report, Room, Target,
+    self, Failure, FailureMode, Fault, HostCommand, InProcess, Output, Posted, Report, Room, Target,
 };
 
 /// Time of the failures, ms: in the middle of the drive.
@@ -51,8 +51,8 @@ impl Target for Tampered {
         self.board.start(config, tick, place)
     }
 
-    fn order(&mut self, order: &Order) -> Result<(), Fault> {
-        self.board.order(order)
+    fn command(&mut self, command: &HostCommand) -> Result<(), Fault> {
+        self.board.command(command)
     }
 
     fn room(&mut self) -> Room {

@@ -12,7 +12,7 @@
 //! - v follows a first-order lag with |v̇| limited. Its target is scaled by
 //!   `max(0, 1 − |ψ_wish − ψ|/tolerance)`: speed waits for steering, which keeps the path; a wish
 //!   may grant some slack. A change of direction passes through zero and rests there for a moment.
-//! - No wheel is asked for more than its speed limit. With bend ψ the fastest wheel (outer, either
+//! - No wheel is asked for more than its speed limit. With steering ψ the fastest wheel (outer, either
 //!   axle) runs at `|v| (1/cos ψ + d |κ|) + (d + ½ |c'|/cos ψ) |ψ̇|`; the last part is taken at
 //!   ψ̇_max, which leaves a speed limit that depends on ψ alone. If v could not brake as fast as a
 //!   bending frame lowers that limit, ψ̇_max is reduced when the governor is built.

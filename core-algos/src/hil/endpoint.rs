@@ -5,11 +5,11 @@
 //! [`Endpoint::saved`]. Until then other requests stay without an answer, and the host repeats them.
 
 use super::framing::{Counters, Decoder, SerialFrame, crc32c};
-use super::kept::{KeepError, Kept, Save};
 use super::protocol::{
     self, MAX_CONFIG, MAX_TELEMETRY, PROTOCOL, Packed, Place, Refusal, Reply, Request, StackUse,
     TELEMETRY_CHUNK, Telemetry,
 };
+use super::stored_parameters::{Save, StoreError, StoredParameters};
 use crate::bus;
 use crate::config::ConfigError;
 use crate::control::path::PathError;
@@ -51,13 +51,13 @@ impl Endpoint {
 
     /// Takes in what the board's store held at its start.
     pub fn load(&mut self, contents: &Contents) {
-        self.session.kept.load(contents);
+        self.session.stored.load(contents);
     }
 
     /// Pending write to the store, given once; to be answered by [`Self::saved`].
     pub fn save(&mut self) -> Option<Save> {
         let off = self.session.saving.as_mut()?.off.take()?;
-        Some(self.session.kept.save(off))
+        Some(self.session.stored.save(off))
     }
 
     /// Tells the host how the save ended: the number of values written and what the store holds, or
@@ -67,8 +67,8 @@ impl Endpoint {
     }
 
     /// The parameters that the board keeps.
-    pub fn kept(&self) -> &Kept {
-        &self.session.kept
+    pub fn kept(&self) -> &StoredParameters {
+        &self.session.stored
     }
 
     /// Takes bytes that arrived; gives each answer to `send`, whole.
@@ -106,7 +106,7 @@ struct Session {
     last: Option<u8>,
     answer: SerialFrame,
     configuration: Configuration,
-    kept: Kept,
+    stored: StoredParameters,
     saving: Option<Saving>,
     board: Option<Board>,
     tick: u32,
@@ -139,7 +139,7 @@ impl Session {
             last: None,
             answer: SerialFrame::default(),
             configuration: Configuration::default(),
-            kept: Kept::new(identity.role),
+            stored: StoredParameters::new(identity.role),
             saving: None,
             board: None,
             tick: 0,
@@ -187,7 +187,7 @@ impl Session {
     fn carry_out(&mut self, number: u8, request: Option<Request>, send: &mut impl FnMut(&[u8])) {
         if let (Some(Request::SaveParameters), true) = (request, self.open)
             && let Some(off) = Disarmed::of(self.board.as_ref())
-            && self.kept.check().is_ok()
+            && self.stored.check().is_ok()
         {
             let off = Some(off);
             self.saving = Some(Saving { number, off });
@@ -210,7 +210,7 @@ impl Session {
         };
         let reply = match done {
             Some((values, contents)) => {
-                self.kept.saved(contents);
+                self.stored.saved(contents);
                 Reply::Saved {
                     values: u8::try_from(values).unwrap_or(u8::MAX),
                 }
@@ -276,11 +276,11 @@ impl Session {
                 }),
             Request::Resume { tick } => self.resume(tick),
             Request::Stack => Ok(Reply::Stack((self.stack)())),
-            Request::Parameters => Ok(self.kept.summary()),
-            Request::Parameter { index } => self.kept.get(index),
+            Request::Parameters => Ok(self.stored.summary()),
+            Request::Parameter { index } => self.stored.get(index),
             Request::SetParameter { index, value } => {
                 let off = Disarmed::of(self.board.as_ref()).ok_or(Refusal::Armed)?;
-                match self.kept.set(index, value, off) {
+                match self.stored.set(index, value, off) {
                     Ok(()) => Ok(Reply::Done),
                     Err(error) => Err(not_kept(error, text)),
                 }
@@ -288,7 +288,7 @@ impl Session {
             // One that can be carried out does not come here.
             Request::SaveParameters => {
                 Disarmed::of(self.board.as_ref()).ok_or(Refusal::Armed)?;
-                Err(match self.kept.check() {
+                Err(match self.stored.check() {
                     Ok(()) => Refusal::NotSaved,
                     Err(error) => not_kept(error, text),
                 })
@@ -394,10 +394,10 @@ fn out_of_range<'a>(error: &ConfigError, text: &'a mut Text) -> Refusal<'a> {
     }
 }
 
-fn not_kept(error: KeepError, text: &mut Text) -> Refusal<'_> {
+fn not_kept(error: StoreError, text: &mut Text) -> Refusal<'_> {
     match error {
-        KeepError::Index => Refusal::Index { count: COUNT as u8 },
-        KeepError::Value(error) => out_of_range(&error, text),
+        StoreError::Index => Refusal::Index { count: COUNT as u8 },
+        StoreError::Value(error) => out_of_range(&error, text),
     }
 }
 

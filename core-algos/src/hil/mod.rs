@@ -24,11 +24,11 @@
 
 pub mod endpoint;
 pub mod framing;
-pub mod kept;
 pub mod protocol;
+pub mod stored_parameters;
 
 #[cfg(test)]
 mod tests;
 
 pub use endpoint::{Endpoint, Identity};
-pub use kept::Save;
+pub use stored_parameters::Save;

@@ -12,7 +12,7 @@ use crate::beam::{Estimate, MAX_GAUGES, RelativePositionSensor};
 use crate::bus::{LeadMode, Message};
 use crate::math::{Posture, Wrench};
 use crate::safety::supervisor::{self, Supervisor};
-use crate::safety::{Condition, Conditions, OperatingState, Request};
+use crate::safety::{Condition, Conditions, OperatingState, StateRequest};
 use crate::time::{Micros, is_epoch_start, sequence};
 use crate::topology::Node;
 
@@ -100,8 +100,8 @@ impl BeamNode {
             .with(Condition::GaugeLost, out)
             .with(Condition::BeamLost, estimate.relative.is_none());
         let request = match self.supervision.operating() {
-            OperatingState::Boot => Some(Request::Ready),
-            OperatingState::Fault if self.clear => Some(Request::Clear),
+            OperatingState::Boot => Some(StateRequest::Ready),
+            OperatingState::Fault if self.clear => Some(StateRequest::Clear),
             _ => None,
         };
         let input = supervisor::Input {

@@ -13,9 +13,9 @@
 
 pub mod condition;
 pub mod ramp;
-pub mod roll_call;
 pub mod state;
 pub mod supervisor;
+pub mod task_deadlines;
 
 pub use condition::{Class, Condition, Conditions};
-pub use state::{Cause, OperatingState, Permit, Request, transition};
+pub use state::{Cause, OperatingState, Permit, StateRequest, transition};

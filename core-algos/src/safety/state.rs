@@ -82,7 +82,7 @@ pub enum Permit {
 
 /// Request to a node, by its operator, by the lead node or by itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Request {
+pub enum StateRequest {
     /// The self-check is done.
     Ready,
     /// Switch the motors on.
@@ -99,7 +99,7 @@ pub enum Request {
     Halted,
 }
 
-impl Request {
+impl StateRequest {
     /// Every request.
     pub const ALL: [Self; 7] = [
         Self::Ready,
@@ -116,7 +116,7 @@ impl Request {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Cause {
     /// Somebody asks.
-    Request(Request),
+    Request(StateRequest),
     /// A condition holds and has held for its time.
     Condition(Condition),
 }
@@ -138,14 +138,14 @@ pub const fn transition(state: OperatingState, cause: Cause, hard: bool) -> Oper
             (Class::Stop, Fault) | (Class::Cut, _) => Fault,
         },
         Cause::Request(request) => match (request, state) {
-            (Request::Ready, Boot) if !hard => Idle,
-            (Request::Arm, Idle) if !hard => Armed,
-            (Request::Start, Armed) => Active,
-            (Request::Finish, Active) => Armed,
-            (Request::Disarm, Armed | Active) => SafeStop,
-            (Request::Halted, SafeStop) if hard => Fault,
-            (Request::Halted, SafeStop) => Idle,
-            (Request::Clear, Fault) if !hard => Idle,
+            (StateRequest::Ready, Boot) if !hard => Idle,
+            (StateRequest::Arm, Idle) if !hard => Armed,
+            (StateRequest::Start, Armed) => Active,
+            (StateRequest::Finish, Active) => Armed,
+            (StateRequest::Disarm, Armed | Active) => SafeStop,
+            (StateRequest::Halted, SafeStop) if hard => Fault,
+            (StateRequest::Halted, SafeStop) => Idle,
+            (StateRequest::Clear, Fault) if !hard => Idle,
             _ => state,
         },
     }
@@ -158,7 +158,7 @@ mod tests {
 
     fn causes() -> impl Iterator<Item = Cause> {
         let conditions = Condition::ALL.into_iter().map(Cause::Condition);
-        conditions.chain(Request::ALL.into_iter().map(Cause::Request))
+        conditions.chain(StateRequest::ALL.into_iter().map(Cause::Request))
     }
 
     fn all() -> impl Iterator<Item = (OperatingState, Cause, bool)> {
@@ -176,13 +176,13 @@ mod tests {
             if next == Armed && state != Armed {
                 let asked = matches!(
                     (state, cause),
-                    (Idle, Cause::Request(Request::Arm))
-                        | (Active, Cause::Request(Request::Finish))
+                    (Idle, Cause::Request(StateRequest::Arm))
+                        | (Active, Cause::Request(StateRequest::Finish))
                 );
                 assert!(asked && !(state == Idle && hard), "{state:?} {cause:?}");
             }
             if next == Active && state != Active {
-                assert_eq!((state, cause), (Armed, Cause::Request(Request::Start)));
+                assert_eq!((state, cause), (Armed, Cause::Request(StateRequest::Start)));
             }
         }
     }
@@ -206,7 +206,7 @@ mod tests {
     fn a_fault_is_left_by_clearing_alone_and_only_when_its_cause_is_gone() {
         for (state, cause, hard) in all() {
             if state == Fault && transition(state, cause, hard) != Fault {
-                assert_eq!(cause, Cause::Request(Request::Clear));
+                assert_eq!(cause, Cause::Request(StateRequest::Clear));
                 assert!(!hard);
                 assert_eq!(transition(state, cause, hard), Idle);
             }
@@ -219,7 +219,7 @@ mod tests {
         for state in OperatingState::ALL {
             for condition in Condition::ALL.into_iter().filter(|c| c.class().is_hard()) {
                 let mut now = transition(state, Cause::Condition(condition), true);
-                now = transition(now, Cause::Request(Request::Halted), true);
+                now = transition(now, Cause::Request(StateRequest::Halted), true);
                 assert_eq!(now.permit(), Permit::Off, "{state:?} {condition:?}");
             }
         }
@@ -229,16 +229,16 @@ mod tests {
     fn the_way_to_drive_and_back() {
         let mut state = Boot;
         for (request, expected) in [
-            (Request::Start, Boot),
-            (Request::Ready, Idle),
-            (Request::Start, Idle),
-            (Request::Arm, Armed),
-            (Request::Start, Active),
-            (Request::Finish, Armed),
-            (Request::Start, Active),
-            (Request::Disarm, SafeStop),
-            (Request::Start, SafeStop),
-            (Request::Halted, Idle),
+            (StateRequest::Start, Boot),
+            (StateRequest::Ready, Idle),
+            (StateRequest::Start, Idle),
+            (StateRequest::Arm, Armed),
+            (StateRequest::Start, Active),
+            (StateRequest::Finish, Armed),
+            (StateRequest::Start, Active),
+            (StateRequest::Disarm, SafeStop),
+            (StateRequest::Start, SafeStop),
+            (StateRequest::Halted, Idle),
         ] {
             state = transition(state, Cause::Request(request), false);
             assert_eq!(state, expected, "{request:?}");

@@ -9,7 +9,7 @@
 //!
 //! ```
 //! use core_algos::safety::supervisor::{Config, Input, State};
-//! use core_algos::safety::{Condition, Conditions, OperatingState, Permit, Request};
+//! use core_algos::safety::{Condition, Conditions, OperatingState, Permit, StateRequest};
 //!
 //! let supervisor = Config::default().build()?;
 //! let (mut state, mut now) = (State::default(), 0);
@@ -17,7 +17,7 @@
 //!     now += 1_000;
 //!     supervisor.step(&mut state, now, &input)
 //! };
-//! for request in [Request::Ready, Request::Arm, Request::Start] {
+//! for request in [StateRequest::Ready, StateRequest::Arm, StateRequest::Start] {
 //!     tick(Input { request: Some(request), ..Input::default() });
 //! }
 //! // A bent frame counts after 30 ms.
@@ -28,13 +28,13 @@
 //! assert_eq!(output.reason, Some(Condition::FrameBent));
 //! // It stays when the cause is gone; once the robot rests, the motors are off until it is cleared.
 //! assert_eq!(tick(Input { halted: true, ..Input::default() }).state, OperatingState::Fault);
-//! let clear = Input { request: Some(Request::Clear), ..Input::default() };
+//! let clear = Input { request: Some(StateRequest::Clear), ..Input::default() };
 //! assert_eq!(tick(clear).state, OperatingState::Idle);
 //! # Ok::<(), core_algos::config::ConfigError>(())
 //! ```
 
 use super::condition::{BITS, Class, Condition, Conditions};
-use super::state::{Cause, OperatingState, Permit, Request, transition};
+use super::state::{Cause, OperatingState, Permit, StateRequest, transition};
 use crate::config::{ConfigError, in_range, positive};
 use crate::time::Micros;
 
@@ -163,7 +163,7 @@ pub struct Input {
     /// Conditions that the monitors see at this instant.
     pub conditions: Conditions,
     /// Request, if any.
-    pub request: Option<Request>,
+    pub request: Option<StateRequest>,
     /// Way driven since the last tick, m; what is not finite uses the allowance up.
     pub moved_m: f32,
     /// The coordinated stop is over and the node's motors are no longer needed.
@@ -198,7 +198,7 @@ impl Supervisor {
         self.hold(state, dt, conditions);
         state.seen = state.seen.union(state.present);
         // Clearing forgets what is over; what still holds is latched again below.
-        if input.request == Some(Request::Clear) && state.operating == OperatingState::Fault {
+        if input.request == Some(StateRequest::Clear) && state.operating == OperatingState::Fault {
             state.latched = Conditions::NONE;
             state.first = None;
         }
@@ -285,7 +285,8 @@ impl Supervisor {
         state.stopping_for = state.stopping_for.saturating_add(dt);
         if halted || state.stopping_for > self.stop_timeout {
             let hard = state.hard();
-            state.operating = transition(state.operating, Cause::Request(Request::Halted), hard);
+            state.operating =
+                transition(state.operating, Cause::Request(StateRequest::Halted), hard);
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Panics, processor faults and overflows of the stack: outputs made safe, the fault counted, kept and logged, the board
 //! restarted.
 //!
-//! Counts and message stand in memory that a reset does not clear ([`kept`](crate::kept)), so that the
+//! Counts and message stand in memory that a reset does not clear ([`crash_record`](crate::crash_record)), so that the
 //! next start reports them.
 
 use core::fmt::{Arguments, Write};
@@ -9,8 +9,8 @@ use core::panic::PanicInfo;
 use core::ptr::addr_of_mut;
 use core::sync::atomic::{AtomicBool, AtomicPtr, Ordering};
 
-pub use crate::kept::Faults;
-use crate::kept::{Record, Text};
+pub use crate::crash_record::Faults;
+use crate::crash_record::{Record, Text};
 use crate::stack;
 
 #[unsafe(link_section = ".uninit.FAULTS")]

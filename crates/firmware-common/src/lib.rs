@@ -7,8 +7,8 @@
 //! | `accelerator` | prefetch and caches of the flash |
 //! | `critical` | critical sections that the current loop does not wait for |
 //! | `fault` | panics and processor faults: outputs safe, counted, kept, logged, restarted |
-//! | `kept` | what is kept over a reset |
-//! | `watchdog`, `attendance` | independent watchdog, fed only while every task reports |
+//! | `crash_record` | faults and the last message, kept over a reset |
+//! | `watchdog`, `task_watchdog` | independent watchdog, fed only while every task reports |
 //! | `time_driver` | time of `embassy-time` from SysTick |
 //! | `store` | parameters in flash |
 //! | `strap` | role of an axle board |
@@ -26,22 +26,22 @@
 
 #[cfg(all(target_os = "none", not(feature = "emulated")))]
 mod accelerator;
-#[cfg(all(target_os = "none", not(feature = "hil")))]
-pub mod attendance;
 #[cfg(target_os = "none")]
 pub mod board;
 #[cfg(target_os = "none")]
+pub mod board_id;
+#[cfg(target_os = "none")]
 pub mod clock;
+#[cfg(any(test, target_os = "none"))]
+pub mod crash_record;
 #[cfg(target_os = "none")]
 pub mod critical;
 #[cfg(target_os = "none")]
 pub mod fault;
-#[cfg(any(test, target_os = "none"))]
-pub mod kept;
 #[cfg(target_os = "none")]
 pub mod stack;
-#[cfg(target_os = "none")]
-pub mod strap;
+#[cfg(all(target_os = "none", not(feature = "hil")))]
+pub mod task_watchdog;
 #[cfg(target_os = "none")]
 pub mod time_driver;
 #[cfg(target_os = "none")]
@@ -49,7 +49,7 @@ pub mod timing;
 #[cfg(target_os = "none")]
 pub mod watchdog;
 
-pub mod halves;
+pub mod dma_halves;
 pub mod store;
 
 #[cfg(any(test, all(target_os = "none", not(feature = "hil"))))]

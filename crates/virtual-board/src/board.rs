@@ -1,6 +1,6 @@
 //! A board: core, chip and what is around it, in time.
 
-use crate::chip::{Cause, Chip, Surroundings};
+use crate::chip::{Cause, Chip, Circuit};
 #[cfg(feature = "gdb")]
 use crate::core::WatchAccess;
 use crate::core::{Core, Stop, System};
@@ -47,10 +47,10 @@ pub struct Board {
 
 impl Board {
     /// A board without power, its flash erased. Its clocks are fast by `fast_ppb` parts in 10⁹.
-    pub fn new(surroundings: Box<dyn Surroundings>, fast_ppb: i64) -> Self {
+    pub fn new(circuit: Box<dyn Circuit>, fast_ppb: i64) -> Self {
         Self {
             core: Core::new(),
-            chip: Chip::new(surroundings, fast_ppb),
+            chip: Chip::new(circuit, fast_ppb),
             powered: false,
             locked: false,
             resets: Vec::new(),

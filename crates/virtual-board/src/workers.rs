@@ -200,13 +200,13 @@ fn wait(patience: u32, ready: impl Fn() -> bool) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::chip::{Bare, Inputs, Surroundings};
+    use crate::chip::{Bare, Circuit, Inputs};
     use std::sync::mpsc;
 
     /// Says how far time has come, in steps of 10 µs, and panics at 1 ms.
     struct Clock(Time, mpsc::Sender<Time>);
 
-    impl Surroundings for Clock {
+    impl Circuit for Clock {
         fn next(&self) -> Time {
             self.0
         }

@@ -2,7 +2,7 @@
 //! registers. The core's clock is the internal oscillator, 16 MHz, and so are all others.
 
 use std::collections::VecDeque;
-use virtual_board::chip::{Chip, Drive, Inputs, Interrupt, Part, Pin, Surroundings};
+use virtual_board::chip::{Chip, ChipVariation, Circuit, Drive, Inputs, Interrupt, Pin};
 use virtual_board::core::{System, Transfer};
 use virtual_board::{Cycles, Time};
 
@@ -40,7 +40,7 @@ impl World {
     }
 }
 
-impl Surroundings for World {
+impl Circuit for World {
     fn pin(&mut self, pin: Pin, drive: Drive, at: Time) {
         self.driven.push((at.0 / CYCLE_PS, pin, drive));
     }
@@ -77,20 +77,20 @@ struct Bench {
 impl Bench {
     /// A chip whose converter has no noise, long after power came on.
     fn new() -> Self {
-        let mut part = Part::default();
+        let mut part = ChipVariation::default();
         part.converter.noise = 0.0;
         let mut chip = Chip::new(Box::new(World::default()), 0);
-        chip.set_part(part);
+        chip.set_variation(part);
         let mut bench = Self { chip, cycle: 0 };
         bench.pass(100_000);
         bench
     }
 
     fn world(&mut self) -> &mut World {
-        self.chip.surroundings().expect("the world")
+        self.chip.circuit().expect("the world")
     }
 
-    /// Has pins change; the chip looks at its surroundings.
+    /// Has pins change; the chip looks at its circuit.
     fn script(&mut self, script: &[(Cycles, Pin, Drive)]) {
         self.world().script.extend(script);
         self.chip.refresh();

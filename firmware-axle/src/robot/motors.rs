@@ -39,8 +39,8 @@ use embassy_stm32::{Peri, interrupt as handler, peripherals, triggers};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use embassy_time::Instant;
-use firmware_common::attendance::Badge;
 use firmware_common::clock::CORE_HZ;
+use firmware_common::task_watchdog::CheckIn;
 use firmware_common::{critical, fault};
 
 use crate::rules::{Command, Feedback};
@@ -86,7 +86,7 @@ pub struct Parts {
     /// break input.
     pub stop: Peri<'static, PB12>,
     /// For the watchdog.
-    pub badge: Badge,
+    pub check_in: CheckIn,
 }
 
 static DRIVE: Mutex<RefCell<Option<Drive>>> = Mutex::new(RefCell::new(None));
@@ -142,7 +142,7 @@ struct Drive {
     sleep: Output<'static>,
     faults: [Input<'static>; 2],
     pwm: Pwm,
-    badge: Badge,
+    check_in: CheckIn,
     shunt: Shunt,
     supply: Supply,
     thermistor: Thermistor,
@@ -194,7 +194,7 @@ impl Drive {
                 Input::new(parts.fault.1, Pull::Up),
             ],
             pwm,
-            badge: parts.badge,
+            check_in: parts.check_in,
             shunt: config.shunt().build()?,
             supply: config.supply().build()?,
             thermistor: ThermistorConfig::default().build()?,
@@ -354,7 +354,7 @@ impl Drive {
             return;
         }
         self.period = 0;
-        self.badge.report();
+        self.check_in.report();
         let mean = self.squares.map(|square| square / f32::from(PERIODS));
         self.squares = [0.0; 2];
         let feedback = Feedback {

@@ -3,7 +3,7 @@
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::watch;
 use firmware_common::clock::CORE_HZ;
-use firmware_common::{attendance, can, fault, stack};
+use firmware_common::{can, fault, stack, task_watchdog};
 
 use super::tick::Report;
 
@@ -19,17 +19,17 @@ pub const TASKS: [(&str, u64); 3] = [
 ];
 
 /// Who reports.
-pub type Attendance = attendance::Attendance<{ TASKS.len() }>;
+pub type TaskWatchdog = task_watchdog::TaskWatchdog<{ TASKS.len() }>;
 
 /// Logs for ever. The watchdog is looked after with each report of the tick, of which there are ten a
 /// second.
 #[embassy_executor::task]
-pub async fn run(mut reports: Reports, mut attendance: Attendance) -> ! {
+pub async fn run(mut reports: Reports, mut task_watchdog: TaskWatchdog) -> ! {
     let mut known = None;
     let mut count = 0u8;
     loop {
         let report = reports.changed().await;
-        if let Err(task) = attendance.check() {
+        if let Err(task) = task_watchdog.check() {
             defmt::error!("{} does not report: the watchdog is not fed", task);
         }
         let feedback = report.feedback;

@@ -15,9 +15,9 @@ use core_algos::time::{Micros, TICK, sequence};
 use core_algos::topology::{AxleId, Role};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::watch;
-use firmware_common::attendance::Badge;
 use firmware_common::can::{self, Receiver, Sender};
 use firmware_common::fault;
+use firmware_common::task_watchdog::CheckIn;
 use firmware_common::timing::{Every, Stopwatch};
 
 use super::encoders::Encoders;
@@ -78,7 +78,7 @@ pub struct Axis {
     /// Destination of the reports.
     pub reports: Reports,
     /// For the watchdog.
-    pub badge: Badge,
+    pub check_in: CheckIn,
 }
 
 /// All that changes from tick to tick.
@@ -112,7 +112,7 @@ pub async fn run(mut axis: Axis) -> ! {
     };
     loop {
         let local = axis.motors.tick().await;
-        axis.badge.report();
+        axis.check_in.report();
         stopwatch.begin();
         let command = axis.tick(&mut state, local);
         axis.motors.command(command);

@@ -3,7 +3,7 @@
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::watch;
 use firmware_common::store::chip::Parameters;
-use firmware_common::{attendance, can, fault, stack};
+use firmware_common::{can, fault, stack, task_watchdog};
 
 use super::tick::{Report, Saving};
 
@@ -15,7 +15,7 @@ pub type Reports = watch::Receiver<'static, CriticalSectionRawMutex, Report, 1>;
 pub const TASKS: [(&str, u64); 2] = [("tick", 10_000), ("bus", can::REPORTS_WITHIN)];
 
 /// Who reports.
-pub type Attendance = attendance::Attendance<{ TASKS.len() }>;
+pub type TaskWatchdog = task_watchdog::TaskWatchdog<{ TASKS.len() }>;
 
 /// Runs for ever. The watchdog is looked after with each report of the tick, of which there are ten a
 /// second.
@@ -24,19 +24,19 @@ pub async fn run(
     mut reports: Reports,
     parameters: &'static mut Parameters,
     saving: &'static Saving,
-    mut attendance: Attendance,
+    mut task_watchdog: TaskWatchdog,
 ) -> ! {
     let mut count = 0u8;
     loop {
         let report = reports.changed().await;
-        if let Err(task) = attendance.check() {
+        if let Err(task) = task_watchdog.check() {
             defmt::error!("{} does not report: the watchdog is not fed", task);
         }
         if let Some((calibration, off)) = saving.wanted.try_take() {
             parameters.settings.robot.beam.calibration = calibration;
-            attendance.watchdog().lengthen();
+            task_watchdog.watchdog().lengthen();
             let saved = parameters.save(off).await;
-            attendance.watchdog().shorten();
+            task_watchdog.watchdog().shorten();
             defmt::info!("calibration saved: {}", saved);
             saving.done.signal(saved);
         }

@@ -16,9 +16,9 @@ use core_algos::topology::Role;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use embassy_sync::watch;
-use firmware_common::attendance::Badge;
 use firmware_common::can::{self, Receiver, Sender};
 use firmware_common::fault;
+use firmware_common::task_watchdog::CheckIn;
 use firmware_common::timing::{Every, Stopwatch};
 
 use super::bridges::{Block, Bridges};
@@ -80,7 +80,7 @@ pub struct Beam {
     /// Destination of the reports.
     pub reports: Reports,
     /// For the watchdog.
-    pub badge: Badge,
+    pub check_in: CheckIn,
 }
 
 /// All that changes from tick to tick.
@@ -113,7 +113,7 @@ pub async fn run(mut beam: Beam) -> ! {
     }
     loop {
         let block = beam.bridges.read().await;
-        beam.badge.report();
+        beam.check_in.report();
         let Some(block) = block else {
             // Which sample is of which bridge is no longer known: the scan begins anew, and the axles
             // do without the beam for a few milliseconds.

@@ -3,7 +3,7 @@
 use crate::base::error::Error;
 use crate::base::terminal;
 use core_algos::safety::condition::TABLE;
-use core_algos::safety::{Cause, Class, OperatingState, Request, transition};
+use core_algos::safety::{Cause, Class, OperatingState, StateRequest, transition};
 use std::fmt::Write;
 
 /// The text of `docs/codes.md`.
@@ -65,13 +65,13 @@ fn causes() -> Vec<(&'static str, Cause)> {
         ("cut", Condition::NotANumber),
     ];
     let requests = [
-        ("ready", Request::Ready),
-        ("arm", Request::Arm),
-        ("start", Request::Start),
-        ("finish", Request::Finish),
-        ("disarm", Request::Disarm),
-        ("halted", Request::Halted),
-        ("clear", Request::Clear),
+        ("ready", StateRequest::Ready),
+        ("arm", StateRequest::Arm),
+        ("start", StateRequest::Start),
+        ("finish", StateRequest::Finish),
+        ("disarm", StateRequest::Disarm),
+        ("halted", StateRequest::Halted),
+        ("clear", StateRequest::Clear),
     ];
     let conditions = conditions.map(|(name, condition)| (name, Cause::Condition(condition)));
     let requests = requests.map(|(name, request)| (name, Cause::Request(request)));

@@ -5,7 +5,7 @@ use crate::base::numbers::whole;
 use crate::base::{spelling, toml_file};
 use crate::experiments::result::JsonArgs;
 use crate::scenario::Scenario;
-use crate::scenario::effect::Given;
+use crate::scenario::effect::GivenKeys;
 use clap::{Args, ValueEnum};
 use core_algos::topology::Role;
 use std::path::PathBuf;
@@ -44,9 +44,9 @@ impl ScenarioArgs {
     }
 
     /// The keys that were given.
-    pub fn given(&self) -> Result<Given, Error> {
+    pub fn given(&self) -> Result<GivenKeys, Error> {
         let (file, _) = toml_file::read(self.scenario.as_deref())?;
-        Given::new(&self.set, &file)
+        GivenKeys::new(&self.set, &file)
     }
 }
 

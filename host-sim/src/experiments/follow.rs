@@ -11,7 +11,7 @@ use crate::experiments::posture::Variant;
 use crate::experiments::recorder::Recorder;
 use crate::paths::Path;
 use crate::recording::{About, LogArgs, csv};
-use crate::run::path_run::{self, Deviation, Errors, Manner, Moment, Outcome, Route};
+use crate::run::path_run::{self, Deviation, Errors, Moment, Outcome, PathMode, Route};
 use crate::run::robot::Record;
 use crate::scenario::effect::{Taken, Use};
 use crate::view::figures::{self, FollowErrors, FollowRun, Snapshot};
@@ -131,16 +131,16 @@ fn path_of(args: &FollowArgs) -> Result<Path, Error> {
 }
 
 /// Name of the command, and what it does.
-fn names(manner: Manner) -> (&'static str, &'static str) {
-    match manner {
-        Manner::Follow => ("follow", "Path following"),
-        Manner::Track => ("track", "Trajectory tracking"),
+fn names(path_mode: PathMode) -> (&'static str, &'static str) {
+    match path_mode {
+        PathMode::Follow => ("follow", "Path following"),
+        PathMode::Track => ("track", "Trajectory tracking"),
     }
 }
 
 /// Runs `cfmmr follow` or `cfmmr track`.
-pub fn run(args: &FollowArgs, manner: Manner) -> Result<(), Error> {
-    let (name, _) = names(manner);
+pub fn run(args: &FollowArgs, path_mode: PathMode) -> Result<(), Error> {
+    let (name, _) = names(path_mode);
     let mut context = Context::new(&args.common, name)?;
     let course = prepare(args, &mut context)?;
     let (scenario, route) = (&context.scenario, &course.route);
@@ -160,12 +160,12 @@ pub fn run(args: &FollowArgs, manner: Manner) -> Result<(), Error> {
     let mut kept = Kept::new(route);
     let mut simulation = recorder.simulation()?;
     let see = |moment: &Moment| kept.see(moment);
-    let outcome = path_run::drive_on(&mut simulation, scenario, route, manner, see)?;
+    let outcome = path_run::drive_on(&mut simulation, scenario, route, path_mode, see)?;
     let failure = simulation.failure();
     let why = (!outcome.done).then(|| failure.unwrap_or("time limit".to_owned()));
     drop(simulation);
     let recorded = recorder.close()?;
-    let (text, report, files) = publish(&context, &course, manner, (&outcome, &why), &kept)?;
+    let (text, report, files) = publish(&context, &course, path_mode, (&outcome, &why), &kept)?;
     let failed = why.map(|why| format!("not at rest at the end of the path: {why}"));
     context.finish(&text, &report, files, &recorded, failed)
 }
@@ -271,11 +271,11 @@ impl Kept {
 pub fn publish(
     context: &Context,
     course: &Course,
-    manner: Manner,
+    path_mode: PathMode,
     (outcome, ended): (&Outcome, &Option<String>),
     kept: &Kept,
 ) -> Result<(String, Report, OutputDir), Error> {
-    let (name, title) = names(manner);
+    let (name, title) = names(path_mode);
     let (scenario, route, moments) = (&context.scenario, &course.route, &kept.moments);
     let mut files = context.output()?;
     let variant = Variant::of(scenario);
@@ -296,7 +296,7 @@ pub fn publish(
         duration_s: outcome.duration_s,
     };
     let records: Vec<_> = moments.iter().map(|moment| moment.record).collect();
-    let run = followed(route, manner, moments, &records);
+    let run = followed(route, path_mode, moments, &records);
     let shape = FilePath::new(&course.name).file_stem();
     let shape = shape.map_or(course.name.clone(), |stem| {
         stem.to_string_lossy().into_owned()
@@ -309,9 +309,9 @@ pub fn publish(
     files.csv("log.csv", csv::of_records(&records));
     let both = |moment: &Moment| {
         [&moment.truth, &moment.estimate].map(|deviation| {
-            let distance = match manner {
-                Manner::Follow => deviation.lateral_m,
-                Manner::Track => deviation.distance_m,
+            let distance = match path_mode {
+                PathMode::Follow => deviation.lateral_m,
+                PathMode::Track => deviation.distance_m,
             };
             [distance, deviation.heading_rad]
         })
@@ -323,9 +323,9 @@ pub fn publish(
         reference: run.reference.clone(),
         errors: moments.iter().map(both).collect(),
         records: moments.iter().map(|moment| &moment.record).collect(),
-        distance: match manner {
-            Manner::Follow => "Distance to the left of the path",
-            Manner::Track => "Distance from the reference",
+        distance: match path_mode {
+            PathMode::Follow => "Distance to the left of the path",
+            PathMode::Track => "Distance from the reference",
         },
         summary: summary(&report),
         scenario,
@@ -341,7 +341,12 @@ pub fn publish(
 }
 
 /// A run for its picture.
-fn followed(route: &Route, manner: Manner, moments: &[Moment], records: &[Record]) -> FollowRun {
+fn followed(
+    route: &Route,
+    path_mode: PathMode,
+    moments: &[Moment],
+    records: &[Record],
+) -> FollowRun {
     FollowRun {
         reference: route
             .path()
@@ -354,12 +359,12 @@ fn followed(route: &Route, manner: Manner, moments: &[Moment], records: &[Record
             .map(|moment| [moment.record.midpoint[0], moment.record.midpoint[1]])
             .collect(),
         snapshots: snapshots(records),
-        distance_label: match manner {
-            Manner::Follow => "distance to the left of the path",
-            Manner::Track => "distance from the reference",
+        distance_label: match path_mode {
+            PathMode::Follow => "distance to the left of the path",
+            PathMode::Track => "distance from the reference",
         },
-        truth: over_time(moments, manner, |moment| &moment.truth),
-        estimate: over_time(moments, manner, |moment| &moment.estimate),
+        truth: over_time(moments, path_mode, |moment| &moment.truth),
+        estimate: over_time(moments, path_mode, |moment| &moment.estimate),
     }
 }
 
@@ -404,7 +409,7 @@ const MOST_POINTS: usize = 2_000;
 
 fn over_time(
     moments: &[Moment],
-    manner: Manner,
+    path_mode: PathMode,
     of: impl Fn(&Moment) -> &Deviation,
 ) -> FollowErrors {
     let mut errors = FollowErrors::default();
@@ -414,9 +419,9 @@ fn over_time(
     {
         let deviation = of(moment);
         errors.t_s.push(moment.record.time_s);
-        errors.distance_m.push(match manner {
-            Manner::Follow => deviation.lateral_m,
-            Manner::Track => deviation.distance_m,
+        errors.distance_m.push(match path_mode {
+            PathMode::Follow => deviation.lateral_m,
+            PathMode::Track => deviation.distance_m,
         });
         errors.heading_rad.push(deviation.heading_rad);
     }

@@ -29,7 +29,7 @@ use crate::base::terminal::wrapped;
 use crate::experiments::arguments::Common;
 use crate::experiments::result::{JsonArgs, Provenance};
 use crate::scenario::Scenario;
-use crate::scenario::effect::{Given, Run, Taken};
+use crate::scenario::effect::{GivenKeys, Run, Taken};
 use crate::world::body::Body;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -45,7 +45,7 @@ pub struct Context {
     pub seed: u64,
     /// The command.
     pub name: String,
-    given: Given,
+    given: GivenKeys,
     out: PathBuf,
     json: JsonArgs,
     interrupt: Arc<AtomicBool>,

@@ -4,7 +4,7 @@ use crate::base::error::Error;
 use crate::base::table::Table;
 use crate::base::toml_file;
 use crate::experiments::result::{JsonArgs, Provenance};
-use crate::recording::replay::{self, Parting, Quality};
+use crate::recording::replay::{self, Divergence, Quality};
 use crate::recording::{BUILD, read};
 use crate::scenario::Scenario;
 use crate::scenario::effect::{self, Use};
@@ -37,7 +37,7 @@ pub struct Report {
     /// True if every bit is identical; `None` with other parameters.
     pub identical: Option<bool>,
     /// The first thing that is not.
-    pub difference: Option<Parting>,
+    pub difference: Option<Divergence>,
     /// The estimates as recorded.
     pub recorded: Quality,
     /// With other parameters.
@@ -77,8 +77,8 @@ pub fn run(args: &ReplayArgs) -> Result<(), Error> {
             report.identical = Some(report.difference.is_none());
             match &report.difference {
                 None => text += &format!("identical over {} ticks\n", report.ticks),
-                Some(parting) => {
-                    text += &format!("NOT identical: {parting}\n");
+                Some(divergence) => {
+                    text += &format!("NOT identical: {divergence}\n");
                     let build = recording.about.get("build");
                     if let Some(build) = build.filter(|build| *build != BUILD) {
                         text += &format!("recorded by {build}; this is {BUILD}\n");

@@ -6,11 +6,10 @@
 
 use core_algos::beam::MAX_GAUGES;
 use core_algos::bus::{CanFrame, LeadMode, Message};
-use core_algos::control::path::{PathPoint, TrajectoryPoint};
 use core_algos::control::regulator::Phase;
 use core_algos::fusion::Estimate;
 use core_algos::math::Posture;
-use core_algos::node::lead::{self, Task};
+use core_algos::node::lead;
 use core_algos::safety::{Conditions, OperatingState};
 use core_algos::topology::Role;
 use serde::de::{DeserializeOwned, Error as _, Unexpected};
@@ -210,25 +209,14 @@ pub struct BeamTick {
     pub received: Vec<Can>,
 }
 
-/// Command of the host to the lead node.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub enum Given {
-    /// Task.
-    Task(Task),
-    /// More of a path; whether it ends there.
-    Path(Vec<PathPoint>, bool),
-    /// More of a trajectory; whether it ends there.
-    Trajectory(Vec<TrajectoryPoint>, bool),
-}
-
 /// A command of the host.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct OrderEntry {
+pub struct HostCommandEntry {
     /// Time, ms: before this tick.
     pub tick: u32,
     /// The command in words.
     pub text: String,
-    /// [`Given`] as postcard.
+    /// `HostCommand` as postcard.
     pub bits: Hex,
 }
 
@@ -240,12 +228,12 @@ pub struct BusEntry {
     /// The board.
     pub board: Role,
     /// The frames, in order.
-    pub frames: Vec<Said>,
+    pub frames: Vec<LoggedFrame>,
 }
 
 /// A frame and what it says.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Said {
+pub struct LoggedFrame {
     /// Name of the message.
     pub name: &'static str,
     /// The frame.
@@ -265,7 +253,7 @@ pub struct BusFrames {
     pub frames: Vec<SaidFrame>,
 }
 
-/// The part of a [`Said`] that replay reads.
+/// The part of a [`LoggedFrame`] that replay reads.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 pub struct SaidFrame {
     /// The frame.

@@ -1,6 +1,6 @@
 //! The MCAP file: a channel for each topic.
 
-use super::entry::{ABOUT, BusEntry, Can, END, FORMAT, LeadEntry, Pose, Said, TruthEntry};
+use super::entry::{ABOUT, BusEntry, Can, END, FORMAT, LeadEntry, LoggedFrame, Pose, TruthEntry};
 use super::sink::Sink;
 use super::topics::TOPICS;
 use super::{About, BUILD, Line, failed, standard};
@@ -243,7 +243,7 @@ impl Mcap {
             }
             Line::Board(role, what) => self.boards[*role as usize].clone_from(what),
             Line::Frames(role, tick, frames) => self.frames(*role, *tick, frames),
-            Line::Order(entry) => self.order.write(room, entry.tick, entry),
+            Line::Command(entry) => self.order.write(room, entry.tick, entry),
             Line::Start(role, started) => {
                 let (entry, report) = &**started;
                 self.start[*role as usize].write(room, entry.tick, entry);
@@ -269,7 +269,7 @@ impl Mcap {
     }
 
     fn frames(&mut self, role: Role, tick: u32, frames: &[CanFrame]) {
-        let said = frames.iter().map(|frame| Said {
+        let said = frames.iter().map(|frame| LoggedFrame {
             name: layout::find(frame.id).map_or("unknown", |layout| layout.name),
             frame: Can(*frame),
             message: bus::decode(frame).ok(),

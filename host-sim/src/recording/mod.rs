@@ -25,12 +25,12 @@ use crate::base::error::Error;
 use crate::base::output;
 use crate::run::robot::{Observer, Record, Robot};
 use crate::scenario::Scenario;
-use crate::targets::{Report, Target};
+use crate::targets::{HostCommand, Report, Target};
 use core_algos::bus::CanFrame;
 use core_algos::node::lead::{self, Task};
 use core_algos::time::Micros;
 use core_algos::topology::Role;
-use entry::{AxleTick, BeamTick, Given, Off, OrderEntry, Start};
+use entry::{AxleTick, BeamTick, HostCommandEntry, Off, Start};
 use file::Mcap;
 use sink::Sink;
 use std::net::SocketAddr;
@@ -221,7 +221,7 @@ enum Line {
     /// A board went off.
     Off(Role, Off),
     /// The host told the lead node something.
-    Order(OrderEntry),
+    Command(HostCommandEntry),
     /// A board put frames on the bus.
     Frames(Role, u32, Vec<CanFrame>),
     /// The lead node's output, at a tick; the instant at which its estimates hold, if that is not the
@@ -236,17 +236,17 @@ enum Line {
 }
 
 /// A command in words.
-fn in_words(given: &Given) -> String {
+fn in_words(command: &HostCommand) -> String {
     let list = |count: usize, what: &str, end: bool| {
         let end = if end { ", the last" } else { "" };
         format!("{count} points of the {what}{end}")
     };
-    match given {
-        Given::Task(Task::Regulate { goal }) => {
+    match command {
+        HostCommand::Task(Task::Regulate { goal }) => {
             format!("regulate to {} m, {} m, {} rad", goal.x, goal.y, goal.phi)
         }
-        Given::Task(task) => format!("{task:?}").to_lowercase(),
-        Given::Path(points, end) => list(points.len(), "path", *end),
-        Given::Trajectory(points, end) => list(points.len(), "trajectory", *end),
+        HostCommand::Task(task) => format!("{task:?}").to_lowercase(),
+        HostCommand::Path(points, end) => list(points.len(), "path", *end),
+        HostCommand::Trajectory(points, end) => list(points.len(), "trajectory", *end),
     }
 }

@@ -5,10 +5,11 @@
 //! than the file.
 
 use super::entry::{
-    ABOUT, AxleTick, BeamTick, BusFrames, Can, END, Exact, FORMAT, Given, LeadBits, Off,
-    OrderEntry, Start, TruthEntry,
+    ABOUT, AxleTick, BeamTick, BusFrames, Can, END, Exact, FORMAT, HostCommandEntry, LeadBits, Off,
+    Start, TruthEntry,
 };
 use crate::base::error::Error;
+use crate::targets::host_command::HostCommand;
 use core_algos::beam::MAX_GAUGES;
 use core_algos::bus::CanFrame;
 use core_algos::hil::protocol::Place;
@@ -37,7 +38,7 @@ pub enum Event {
     /// It was switched off or lost, at this tick, ms.
     Off(u32),
     /// The lead node was told something before this tick, ms.
-    Order(u32, Given),
+    Command(u32, HostCommand),
     /// A tick.
     Tick(Box<Step>),
 }
@@ -54,7 +55,7 @@ impl Event {
     /// Time, ms.
     pub fn tick(&self) -> u32 {
         match self {
-            Self::Start { tick, .. } | Self::Off(tick) | Self::Order(tick, _) => *tick,
+            Self::Start { tick, .. } | Self::Off(tick) | Self::Command(tick, _) => *tick,
             Self::Tick(step) => step.tick,
         }
     }
@@ -206,12 +207,12 @@ impl Recording {
             }
             "/lead" => pending.lead = Some(parse(data)?),
             "/host/order" => {
-                let entry: OrderEntry = parse(data)?;
+                let entry: HostCommandEntry = parse(data)?;
                 let given = entry
                     .bits
                     .value()
                     .ok_or("its bits do not decode to a command")?;
-                self.push(Role::Front, Event::Order(entry.tick, given))?;
+                self.push(Role::Front, Event::Command(entry.tick, given))?;
             }
             _ => {
                 let board = topic.strip_prefix("/boards/");

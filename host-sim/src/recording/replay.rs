@@ -8,10 +8,10 @@
 
 use crate::base::error::Error;
 use crate::base::statistics::nees;
-use crate::recording::entry::{Exact, Given, Pose, TruthEntry, epoch_of};
+use crate::recording::entry::{Exact, Pose, TruthEntry, epoch_of};
 use crate::recording::read::{Event, Recording, Step};
 use crate::run::bit_compare::{lead_difference, show_frame};
-use crate::targets::{Fault, InProcess, Order, Posted, Target};
+use crate::targets::{Fault, InProcess, Posted, Target};
 use core_algos::bus::{self, CanFrame};
 use core_algos::fusion::ekf::Verdict;
 use core_algos::node::lead;
@@ -23,7 +23,7 @@ use std::collections::{BTreeMap, HashMap};
 
 /// The first thing that a board did otherwise.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Parting {
+pub struct Divergence {
     /// The tick, ms.
     pub tick: u32,
     /// The board.
@@ -36,7 +36,7 @@ pub struct Parting {
     pub replayed: String,
 }
 
-impl std::fmt::Display for Parting {
+impl std::fmt::Display for Divergence {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let Self {
             tick,
@@ -53,7 +53,7 @@ impl std::fmt::Display for Parting {
 }
 
 /// A board under replay.
-struct Again {
+struct ReplayedBoard {
     role: Role,
     target: InProcess,
     on: bool,
@@ -62,12 +62,12 @@ struct Again {
 }
 
 /// Output of a board at a tick.
-struct Done {
+struct TickResult {
     torque_nm: [f32; 2],
     sent: Vec<CanFrame>,
 }
 
-impl Again {
+impl ReplayedBoard {
     fn new(role: Role) -> Self {
         Self {
             role,
@@ -107,21 +107,14 @@ impl Again {
                 self.target.kill()?;
                 return Ok(());
             }
-            Event::Order(tick, given) => {
-                let order = match given {
-                    Given::Task(task) => Order::Task(*task),
-                    Given::Path(points, end) => Order::Path(points, *end),
-                    Given::Trajectory(points, end) => Order::Trajectory(points, *end),
-                };
-                (*tick, self.target.order(&order))
-            }
+            Event::Command(tick, command) => (*tick, self.target.command(command)),
             Event::Tick(_) => return Ok(()),
         };
         result.map_err(|fault| self.failed(tick, fault))
     }
 
     /// One tick, with these frames arriving before it.
-    fn step(&mut self, step: &Step, received: &[CanFrame]) -> Result<Done, Error> {
+    fn step(&mut self, step: &Step, received: &[CanFrame]) -> Result<TickResult, Error> {
         let failed = |again: &Self, fault| again.failed(step.tick, fault);
         let now = Micros::from(step.tick) * TICK;
         for frame in received {
@@ -142,16 +135,16 @@ impl Again {
         });
         let output = output.map_err(|fault| failed(self, fault))?;
         self.lead = output.lead.or(self.lead);
-        Ok(Done {
+        Ok(TickResult {
             torque_nm: output.torque_nm,
             sent,
         })
     }
 
     /// First difference from the recorded tick.
-    fn parting(&self, step: &Step, done: &Done) -> Option<Parting> {
+    fn divergence(&self, step: &Step, done: &TickResult) -> Option<Divergence> {
         let part = |signal: String, recorded: String, replayed: String| {
-            Some(Parting {
+            Some(Divergence {
                 tick: step.tick,
                 board: self.role.name(),
                 signal,
@@ -186,10 +179,10 @@ impl Again {
 }
 
 /// The first thing in which the nodes of this program part from those of a recording.
-pub fn compare(recording: &Recording) -> Result<Option<Parting>, Error> {
-    let mut first: Option<Parting> = None;
+pub fn compare(recording: &Recording) -> Result<Option<Divergence>, Error> {
+    let mut first: Option<Divergence> = None;
     for (role, events) in Role::ALL.into_iter().zip(&recording.boards) {
-        let mut again = Again::new(role);
+        let mut again = ReplayedBoard::new(role);
         for event in events {
             again.event(event, &|config| *config)?;
             let Event::Tick(step) = event else {
@@ -208,10 +201,10 @@ pub fn compare(recording: &Recording) -> Result<Option<Parting>, Error> {
                     )));
                 }
             };
-            if let Some(parting) = again.parting(step, &done) {
-                let earlier = |first: &Parting| first.tick <= parting.tick;
+            if let Some(divergence) = again.divergence(step, &done) {
+                let earlier = |first: &Divergence| first.tick <= divergence.tick;
                 if !first.as_ref().is_some_and(earlier) {
-                    first = Some(parting);
+                    first = Some(divergence);
                 }
                 break;
             }
@@ -238,7 +231,7 @@ pub fn estimate_again(
     recording: &Recording,
     change: &dyn Fn(&RobotConfig) -> RobotConfig,
 ) -> Result<Estimates, Error> {
-    let mut boards = Role::ALL.map(Again::new);
+    let mut boards = Role::ALL.map(ReplayedBoard::new);
     let mut rest = recording
         .boards
         .each_ref()
@@ -260,7 +253,7 @@ pub fn estimate_again(
                 let heard = again.event(event, change);
                 // By other estimates the robot is elsewhere on its path, so that more of the path may
                 // find no room. That steers; it does not estimate.
-                if !matches!(event, Event::Order(..)) {
+                if !matches!(event, Event::Command(..)) {
                     heard?;
                 }
                 let Event::Tick(step) = event else {
@@ -408,6 +401,7 @@ mod tests {
     use crate::recording::{About, LogArgs, Session, read};
     use crate::run::simulation::Simulation;
     use crate::scenario::Scenario;
+    use crate::targets::HostCommand;
     use crate::targets::{self, Failure, FailureMode};
     use core_algos::math::Posture;
     use core_algos::node::lead::Task;
@@ -446,7 +440,7 @@ mod tests {
             // The boards must have heard each other at rest.
             if tick == 200 {
                 let task = Task::Regulate { goal };
-                simulation.order(&Order::Task(task)).unwrap();
+                simulation.command(&HostCommand::Task(task)).unwrap();
             }
             simulation.step().unwrap();
         }

@@ -88,8 +88,11 @@ impl Tables {
                     .iter()
                     .for_each(|frame| self.frame(*role, *tick, frame));
             }
-            Line::Start(..) | Line::Off(..) | Line::Order(_) | Line::Lead(..) | Line::Board(..) => {
-            }
+            Line::Start(..)
+            | Line::Off(..)
+            | Line::Command(_)
+            | Line::Lead(..)
+            | Line::Board(..) => {}
         }
     }
 

@@ -1,9 +1,9 @@
 //! A board whose inputs and outputs are written down on their way, wherever it runs.
 
-use super::entry::{AxleTick, BeamTick, Can, Exact, Given, Hex, Off, OrderEntry, Start};
+use super::entry::{AxleTick, BeamTick, Can, Exact, Hex, HostCommandEntry, Off, Start};
 use super::{Line, Session, in_words};
 use crate::base::error::Error;
-use crate::targets::{Fault, Order, Output, Posted, Report, Room, Target, Traffic};
+use crate::targets::{Fault, HostCommand, Output, Posted, Report, Room, Target, Traffic};
 use core_algos::bus::{self, CanFrame, Message};
 use core_algos::hil::framing::crc32c;
 use core_algos::hil::protocol::{Place, StackUse};
@@ -118,17 +118,12 @@ impl Target for Tap {
         Ok(())
     }
 
-    fn order(&mut self, order: &Order) -> Result<(), Fault> {
-        self.target.order(order)?;
-        let given = match *order {
-            Order::Task(task) => Given::Task(task),
-            Order::Path(points, end) => Given::Path(points.to_vec(), end),
-            Order::Trajectory(points, end) => Given::Trajectory(points.to_vec(), end),
-        };
-        self.session.note(Line::Order(OrderEntry {
+    fn command(&mut self, command: &HostCommand) -> Result<(), Fault> {
+        self.target.command(command)?;
+        self.session.note(Line::Command(HostCommandEntry {
             tick: self.next,
-            text: in_words(&given),
-            bits: Hex::of(&given),
+            text: in_words(command),
+            bits: Hex::of(command),
         }));
         Ok(())
     }

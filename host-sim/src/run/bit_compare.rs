@@ -153,7 +153,7 @@ pub fn lead_difference(a: &lead::Output, b: &lead::Output) -> Option<(String, St
         return None;
     }
     let json = |output| serde_json::to_value(output).unwrap_or_default();
-    let found = parting(&json(a), &json(b));
+    let found = divergence(&json(a), &json(b));
     Some(found.unwrap_or_else(|| (String::new(), format!("{a:?}"), format!("{b:?}"))))
 }
 
@@ -167,9 +167,9 @@ fn bits(output: &lead::Output) -> Vec<u8> {
 }
 
 /// The first leaf in which two values differ, with its path.
-fn parting(a: &Value, b: &Value) -> Option<(String, String, String)> {
+fn divergence(a: &Value, b: &Value) -> Option<(String, String, String)> {
     let below = |key: String, a: &Value, b: &Value| {
-        parting(a, b).map(|(path, a, b)| (format!("{key}{path}"), a, b))
+        divergence(a, b).map(|(path, a, b)| (format!("{key}{path}"), a, b))
     };
     match (a, b) {
         (Value::Object(a), Value::Object(b)) if a.len() == b.len() => a

@@ -8,7 +8,7 @@ use crate::paths::{
 use crate::run::robot::Record;
 use crate::run::simulation::Simulation;
 use crate::scenario::Scenario;
-use crate::targets::Order;
+use crate::targets::HostCommand;
 use core_algos::control::path::{PathPoint, TrajectoryPoint};
 use core_algos::node::lead::Task;
 use core_algos::time::{EPOCH, Micros};
@@ -24,7 +24,7 @@ const TIMED_SHARE: f64 = 0.9;
 
 /// Reference of the robot: the nearest point of the path, or the time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Manner {
+pub enum PathMode {
     /// Path following: where it is along the path.
     Follow,
     /// Trajectory tracking: the time.
@@ -57,7 +57,7 @@ impl Route {
     /// `places` holds their arc lengths, m.
     fn deviations(
         &self,
-        manner: Manner,
+        path_mode: PathMode,
         record: &Record,
         since: Micros,
         places: &mut [f64; 2],
@@ -68,9 +68,9 @@ impl Route {
         let ages = [0, EPOCH];
         let mut deviations = [Deviation::default(); 2];
         for (i, [x, y, phi]) in [record.midpoint, estimate].into_iter().enumerate() {
-            places[i] = match manner {
-                Manner::Follow => self.path.nearest(x, y, places[i], WINDOW_M),
-                Manner::Track => {
+            places[i] = match path_mode {
+                PathMode::Follow => self.path.nearest(x, y, places[i], WINDOW_M),
+                PathMode::Track => {
                     let time = (since - ages[i]) as f64 * 1e-6;
                     self.trajectory.arc_length(time)
                 }
@@ -261,14 +261,14 @@ pub fn drive_on(
     simulation: &mut Simulation,
     scenario: &Scenario,
     route: &Route,
-    manner: Manner,
+    path_mode: PathMode,
     mut observe: impl FnMut(&Moment),
 ) -> Result<Outcome, Error> {
     let settle = (scenario.mission.settle_s * 1e6) as Micros / EPOCH * EPOCH;
     let rest = (scenario.mission.rest_s * 1e6) as Micros;
     let expected = PATIENCE.0 * route.trajectory.duration() + PATIENCE.1;
     let limit = settle + (expected * 1e6) as Micros;
-    let mut stream = Stream::new(route, manner);
+    let mut stream = Stream::new(route, path_mode);
     let mut places = [0.0; 2];
     let mut sums = [Sums::default(); 2];
     let (mut moment, mut max_curvature) = (Moment::default(), 0.0f64);
@@ -279,9 +279,9 @@ pub fn drive_on(
             stream.feed(simulation)?;
         }
         if now == settle {
-            simulation.order(&Order::Task(match manner {
-                Manner::Follow => Task::Follow,
-                Manner::Track => Task::Track,
+            simulation.command(&HostCommand::Task(match path_mode {
+                PathMode::Follow => Task::Follow,
+                PathMode::Track => Task::Track,
             }))?;
         }
         simulation.step()?;
@@ -290,7 +290,7 @@ pub fn drive_on(
             continue;
         }
         let record = simulation.record();
-        let deviations = route.deviations(manner, &record, now - settle, &mut places);
+        let deviations = route.deviations(path_mode, &record, now - settle, &mut places);
         let [x, y, heading] = record.relative;
         moment = Moment {
             target: route.path.at(places[0]),
@@ -342,10 +342,10 @@ enum Points {
 }
 
 impl Stream {
-    fn new(route: &Route, manner: Manner) -> Self {
-        let points = match manner {
-            Manner::Follow => Points::Path(route.path.points()),
-            Manner::Track => Points::Trajectory(route.trajectory.to_points()),
+    fn new(route: &Route, path_mode: PathMode) -> Self {
+        let points = match path_mode {
+            PathMode::Follow => Points::Path(route.path.points()),
+            PathMode::Track => Points::Trajectory(route.trajectory.to_points()),
         };
         Self {
             points,
@@ -365,7 +365,7 @@ impl Stream {
                 let end = fit == points.len();
                 let now: Vec<_> = points.drain(..fit).collect();
                 if fit > 0 || end {
-                    simulation.order(&Order::Path(&now, end))?;
+                    simulation.command(&HostCommand::Path(now, end))?;
                 }
                 end
             }
@@ -374,7 +374,7 @@ impl Stream {
                 let end = fit == points.len();
                 let now: Vec<_> = points.drain(..fit).collect();
                 if fit > 0 || end {
-                    simulation.order(&Order::Trajectory(&now, end))?;
+                    simulation.command(&HostCommand::Trajectory(now, end))?;
                 }
                 end
             }

@@ -6,14 +6,14 @@ use std::time::{Duration, Instant};
 
 /// Lets no tick begin before its time.
 #[derive(Clone, Debug)]
-pub struct Pace {
+pub struct RealTimeLimiter {
     start: Instant,
     ticks: u32,
     late: u32,
     worst: Duration,
 }
 
-impl Pace {
+impl RealTimeLimiter {
     /// Time begins now.
     pub fn new() -> Self {
         Self {
@@ -51,7 +51,7 @@ impl Pace {
     }
 }
 
-impl Default for Pace {
+impl Default for RealTimeLimiter {
     fn default() -> Self {
         Self::new()
     }

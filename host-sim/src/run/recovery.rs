@@ -1,7 +1,7 @@
 //! What the nodes say of themselves, as a listener on the bus hears it, and what the host does after
 //! a board was restarted.
 
-use crate::targets::{Boards, Order, What};
+use crate::targets::{Boards, HostCommand, What};
 use core_algos::bus::{self, CanFrame, Message};
 use core_algos::node::lead::Task;
 use core_algos::safety::{Condition, Conditions, OperatingState};
@@ -197,7 +197,7 @@ impl Recovery {
         monitor: &Monitor,
         boards: &mut Boards,
         task: Task,
-    ) -> Option<Order<'static>> {
+    ) -> Option<HostCommand> {
         match self.stage {
             Stage::Watching => {
                 let restart = boards.last_restart().filter(|at| Some(*at) != self.done)?;
@@ -217,7 +217,7 @@ impl Recovery {
                     until: tick + CLEARING,
                 };
                 boards.note(tick, What::Cleared);
-                Some(Order::Task(Task::Clear))
+                Some(HostCommand::Task(Task::Clear))
             }
             Stage::Clearing { until } => {
                 let idle = |node| monitor.state(node) == Some(OperatingState::Idle);
@@ -227,7 +227,7 @@ impl Recovery {
                 {
                     self.stage = Stage::Watching;
                     boards.note(tick, What::Resumed);
-                    return Some(Order::Task(task));
+                    return Some(HostCommand::Task(task));
                 }
                 if tick >= until {
                     self.stage = Stage::GivenUp;

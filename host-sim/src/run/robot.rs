@@ -3,7 +3,7 @@
 use crate::base::error::Error;
 use crate::bus::virtual_bus::BusStatistics;
 use crate::plant::{Outline, Plant};
-use crate::run::real_time::Pace;
+use crate::run::real_time::RealTimeLimiter;
 use crate::run::recovery::Monitor;
 use crate::targets::BoardTraffic;
 use core_algos::beam::MAX_GAUGES;
@@ -121,7 +121,7 @@ pub trait Robot {
     /// True if the run must end before its task.
     fn must_end(&self) -> bool;
     /// Ticks that began more than a tick late, if pace is kept.
-    fn pace(&self) -> Option<&Pace>;
+    fn pace(&self) -> Option<&RealTimeLimiter>;
     /// The boards, with what went over the links to them.
     fn traffic(&self) -> Vec<BoardTraffic>;
     /// Counters of the bus between the boards.

@@ -4,12 +4,12 @@ use crate::base::error::Error;
 use crate::bus::virtual_bus::{BusStatistics, VirtualBus};
 use crate::plant::{Outline, Plant, Station};
 use crate::run::bit_compare::Trace;
-use crate::run::real_time::Pace;
+use crate::run::real_time::RealTimeLimiter;
 use crate::run::recovery::{Monitor, Recovery};
 use crate::run::robot::{FRAME_POINTS, Observer, Observers, Record, Robot, Span};
 use crate::scenario::Scenario;
 use crate::targets::{
-    self, BoardTraffic, Boards, Failure, FailureMode, Order, Posted, Room, Target,
+    self, BoardTraffic, Boards, Failure, FailureMode, HostCommand, Posted, Room, Target,
 };
 use crate::world::drawn::Drawn;
 use crate::world::faults::{Fault, Injector, Readings};
@@ -56,7 +56,7 @@ pub struct Simulation {
     sensed: bool,
     /// Latest counts of the strain bridges.
     counts: [i32; MAX_GAUGES],
-    pace: Option<Pace>,
+    pace: Option<RealTimeLimiter>,
     interrupt: Option<Arc<AtomicBool>>,
     span: Span,
     monitor: Monitor,
@@ -170,11 +170,11 @@ impl Simulation {
     }
 
     /// Tells the lead node something.
-    pub fn order(&mut self, order: &Order) -> Result<(), Error> {
-        if let Order::Task(task) = *order {
-            self.task = task;
+    pub fn command(&mut self, command: &HostCommand) -> Result<(), Error> {
+        if let HostCommand::Task(task) = command {
+            self.task = *task;
         }
-        self.boards.order(order)
+        self.boards.command(command)
     }
 
     /// Points the lead node has room for, at the end of an epoch.
@@ -292,11 +292,11 @@ impl Simulation {
 
     /// From now on, no tick begins before its time on the clock.
     pub fn keep_pace(&mut self) {
-        self.pace = Some(Pace::new());
+        self.pace = Some(RealTimeLimiter::new());
     }
 
     /// Ticks that began more than a tick late, and the most a tick was late.
-    pub fn pace(&self) -> Option<&Pace> {
+    pub fn pace(&self) -> Option<&RealTimeLimiter> {
         self.pace.as_ref()
     }
 
@@ -421,7 +421,7 @@ impl Simulation {
         let (boards, task) = (&mut self.boards, self.task);
         let recovery = self.recovery.as_mut();
         match recovery.and_then(|recovery| recovery.step(tick, &self.monitor, boards, task)) {
-            Some(order) => boards.order(&order),
+            Some(order) => boards.command(&order),
             None => Ok(()),
         }
     }
@@ -487,7 +487,7 @@ impl Robot for Simulation {
     }
 
     fn command(&mut self, task: Task) -> Result<(), Error> {
-        self.order(&Order::Task(task))
+        self.command(&HostCommand::Task(task))
     }
 
     fn step(&mut self) -> Result<(), Error> {
@@ -514,7 +514,7 @@ impl Robot for Simulation {
         self.must_end()
     }
 
-    fn pace(&self) -> Option<&Pace> {
+    fn pace(&self) -> Option<&RealTimeLimiter> {
         self.pace()
     }
 
@@ -567,7 +567,7 @@ mod tests {
         );
         let goal = Posture::ORIGIN;
         simulation
-            .order(&Order::Task(Task::Regulate { goal }))
+            .command(&HostCommand::Task(Task::Regulate { goal }))
             .unwrap();
         let moving = |simulation: &Simulation| {
             let axles = simulation.plant().state().axle;
@@ -588,8 +588,8 @@ mod tests {
     fn without_messages_the_motors_go_off() {
         let mut simulation = Simulation::new(&Scenario::default(), 1, 0).unwrap();
         let goal = Posture::ORIGIN;
-        let task = Order::Task(Task::Regulate { goal });
-        simulation.order(&task).unwrap();
+        let task = HostCommand::Task(Task::Regulate { goal });
+        simulation.command(&task).unwrap();
         for _ in 0..3000 {
             simulation.step().unwrap();
         }

@@ -108,7 +108,7 @@ fn mode(scenario: &Scenario) -> Mode {
 
 /// Keys that a user gave.
 #[derive(Clone, Debug, Default)]
-pub struct Given {
+pub struct GivenKeys {
     /// Those of `--set`.
     set: Vec<String>,
     /// Those of the scenario file.
@@ -118,7 +118,7 @@ pub struct Given {
 /// A run: what it is made of, and the use of it.
 pub type Run<'a> = (&'a Scenario, Use);
 
-impl Given {
+impl GivenKeys {
     /// The keys of `--set` and of a scenario file that has been read without error.
     pub fn new(changes: &[String], file: &str) -> Result<Self, Error> {
         let keys = |table: Table| {

@@ -14,7 +14,7 @@
 //! - **An axle lost for good**: the run ends, at rest.
 
 use super::losses::{Event, Losses, What};
-use super::{BoardTraffic, Fault, Order, Output, Posted, Report, Room, Target};
+use super::{BoardTraffic, Fault, HostCommand, Output, Posted, Report, Room, Target};
 use crate::base::error::Error;
 use core_algos::bus::{CanFrame, Message};
 use core_algos::hil::protocol::Place;
@@ -192,12 +192,12 @@ impl Boards {
     }
 
     /// Tells the lead node something; a front board that is off does not hear it.
-    pub fn order(&mut self, order: &Order) -> Result<(), Error> {
+    pub fn command(&mut self, command: &HostCommand) -> Result<(), Error> {
         let [front, ..] = &mut self.slots;
         if !front.on {
             return Ok(());
         }
-        match front.target.order(order) {
+        match front.target.command(command) {
             // The tick that follows finds out as well, and deals with it.
             Ok(()) | Err(Fault::Restarted | Fault::Silent(_)) => Ok(()),
             Err(Fault::Fatal(error)) => Err(error),

@@ -1,6 +1,6 @@
 //! A board's nodes called directly.
 
-use super::{Fault, Order, Output, Posted, Report, Room, Target};
+use super::{Fault, HostCommand, Output, Posted, Report, Room, Target};
 use crate::base::error::Error;
 use core_algos::bus::{CanFrame, Message};
 use core_algos::hil::protocol::Place;
@@ -53,27 +53,27 @@ impl Target for InProcess {
         Ok(())
     }
 
-    fn order(&mut self, order: &Order) -> Result<(), Fault> {
+    fn command(&mut self, command: &HostCommand) -> Result<(), Fault> {
         let off = self.off();
         let lead = self.lead().ok_or(off)?;
         let refused = |error| Error::input(format!("path: {error}"));
-        match *order {
-            Order::Task(task) => lead.command(task),
-            Order::Path(points, end) => {
+        match command {
+            HostCommand::Task(task) => lead.command(*task),
+            HostCommand::Path(points, end) => {
                 let task = lead.path_task();
                 for point in points {
                     task.push_path_point(*point).map_err(refused)?;
                 }
-                if end {
+                if *end {
                     task.finish_path();
                 }
             }
-            Order::Trajectory(points, end) => {
+            HostCommand::Trajectory(points, end) => {
                 let task = lead.path_task();
                 for point in points {
                     task.push_trajectory_point(*point).map_err(refused)?;
                 }
-                if end {
+                if *end {
                     task.finish_trajectory();
                 }
             }

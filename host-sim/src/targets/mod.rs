@@ -8,6 +8,7 @@
 pub mod board_log;
 pub mod boards;
 pub mod emulated;
+pub mod host_command;
 pub mod images;
 pub mod in_process;
 pub mod link;
@@ -17,16 +18,16 @@ pub mod remote;
 pub mod serial;
 
 pub use boards::{Boards, Failure, FailureMode};
+pub use host_command::HostCommand;
 pub use in_process::InProcess;
 pub use losses::{Event, Losses, What};
 pub use remote::Remote;
 
 use crate::base::error::Error;
 use core_algos::bus::{CanFrame, Message};
-use core_algos::control::path::{PathPoint, TrajectoryPoint};
 use core_algos::hil::protocol::{Place, StackUse};
 use core_algos::node::board::Samples;
-use core_algos::node::lead::{self, Task};
+use core_algos::node::lead;
 use core_algos::node::robot::RobotConfig;
 use core_algos::time::Micros;
 use core_algos::topology::Role;
@@ -48,17 +49,6 @@ pub enum Posted<'a> {
     Message(&'a Message),
     /// Frame that the board encoded.
     Frame(&'a CanFrame),
-}
-
-/// Command to the lead node.
-#[derive(Clone, Copy, Debug)]
-pub enum Order<'a> {
-    /// Task.
-    Task(Task),
-    /// More of the path, no more than there is room for; whether it ends there.
-    Path(&'a [PathPoint], bool),
-    /// More of the trajectory, no more than there is room for; whether it ends there.
-    Trajectory(&'a [TrajectoryPoint], bool),
 }
 
 /// Points the lead node has room for.
@@ -170,7 +160,7 @@ pub trait Target: Send {
     ) -> Result<(), Fault>;
 
     /// Tells the lead node something; for the front board only.
-    fn order(&mut self, order: &Order) -> Result<(), Fault>;
+    fn command(&mut self, command: &HostCommand) -> Result<(), Fault>;
 
     /// Room in the lead node's buffers at the end of an epoch; for the front board only.
     fn room(&mut self) -> Room;

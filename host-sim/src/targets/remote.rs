@@ -3,7 +3,7 @@
 //! One request at a time, repeated until its answer comes; see [`core_algos::hil`].
 
 use super::link::Link;
-use super::{Fault, Latency, Order, Output, Posted, Report, Room, Target, Traffic};
+use super::{Fault, HostCommand, Latency, Output, Posted, Report, Room, Target, Traffic};
 use crate::base::error::Error;
 use core_algos::bus::{CanFrame, Message};
 use core_algos::hil::framing::{self, Decoder, MAX_FRAME};
@@ -204,29 +204,29 @@ impl Target for Remote {
         Ok(())
     }
 
-    fn order(&mut self, order: &Order) -> Result<(), Fault> {
-        match *order {
-            Order::Task(task) => self.carry_out("task", &Request::Command(task)),
-            Order::Path(points, end) => {
+    fn command(&mut self, command: &HostCommand) -> Result<(), Fault> {
+        match command {
+            HostCommand::Task(task) => self.carry_out("task", &Request::Command(*task)),
+            HostCommand::Path(points, end) => {
                 let count = points.len().div_ceil(protocol::POINTS).max(1);
                 for k in 0..count {
                     let rest = points.get(k * protocol::POINTS..).unwrap_or_default();
                     let request = Request::Path {
                         points: batch(rest),
-                        end: end && k + 1 == count,
+                        end: *end && k + 1 == count,
                     };
                     self.carry_out("path", &request)?;
                 }
                 self.room.path = self.room.path.saturating_sub(points.len());
                 Ok(())
             }
-            Order::Trajectory(points, end) => {
+            HostCommand::Trajectory(points, end) => {
                 let count = points.len().div_ceil(protocol::POINTS).max(1);
                 for k in 0..count {
                     let rest = points.get(k * protocol::POINTS..).unwrap_or_default();
                     let request = Request::Trajectory {
                         points: batch(rest),
-                        end: end && k + 1 == count,
+                        end: *end && k + 1 == count,
                     };
                     self.carry_out("trajectory", &request)?;
                 }

@@ -26,7 +26,7 @@ pub struct Figure {
 
 /// Comments of an entry.
 #[derive(Clone, Debug, Default, PartialEq)]
-struct Said {
+struct Annotation {
     unit: String,
     reason: String,
 }
@@ -66,7 +66,7 @@ fn leaves(table: &Table, within: &str, visit: &mut impl FnMut(&str, &Value)) {
 }
 
 /// The comments of a file that reads as a world, by key.
-fn comments(text: &str) -> BTreeMap<String, Said> {
+fn comments(text: &str) -> BTreeMap<String, Annotation> {
     let mut found = BTreeMap::new();
     let (mut table, mut above, mut reason) = (String::new(), Vec::new(), String::new());
     for line in text.lines().map(str::trim) {
@@ -81,11 +81,11 @@ fn comments(text: &str) -> BTreeMap<String, Said> {
                 reason = above.join(" ");
             }
             let unit = value.split_once('#').map_or("", |(_, unit)| unit.trim());
-            let said = Said {
+            let annotation = Annotation {
                 unit: unit.to_owned(),
                 reason: reason.clone(),
             };
-            found.insert(format!("{table}{}", key.trim()), said);
+            found.insert(format!("{table}{}", key.trim()), annotation);
             above.clear();
             continue;
         }
@@ -138,10 +138,10 @@ mod tests {
     #[test]
     fn a_comment_is_the_reason_of_what_follows_it_without_another() {
         let text = "# Of the file.\n\n[a.b]\n# First,\n# and more.\nx = 1 # m\ny = 2\n# Third.\nz = \"w\"\n\nv = 3\n";
-        let said = comments(text);
-        let reason = |key: &str| said[key].reason.as_str();
+        let annotation = comments(text);
+        let reason = |key: &str| annotation[key].reason.as_str();
         assert_eq!(reason("a.b.x"), "First, and more.");
-        assert_eq!(said["a.b.x"].unit, "m");
+        assert_eq!(annotation["a.b.x"].unit, "m");
         assert_eq!(reason("a.b.y"), "First, and more.");
         assert_eq!(reason("a.b.z"), "Third.");
         assert_eq!(reason("a.b.v"), "");

@@ -15,5 +15,6 @@ pub mod paths;
 pub mod recording;
 #[path = "../../../host-sim/src/scenario/mod.rs"]
 pub mod scenario;
+pub mod targets;
 #[path = "../../../host-sim/src/world/mod.rs"]
 pub mod world;

@@ -3,29 +3,29 @@
 use super::{AxleNode, LATE, LET_GO_RAD_S, Samples};
 use crate::bus::LeadMode;
 use crate::control::wheel_observer;
-use crate::safety::{Condition, Conditions, OperatingState, Permit, Request};
+use crate::safety::{Condition, Conditions, OperatingState, Permit, StateRequest};
 use crate::time::Micros;
 use crate::topology::{AxleId, Node};
 
 impl AxleNode {
     /// Request to this axle by the lead node's mode.
-    pub(super) fn request(&self, now: Micros) -> Option<Request> {
+    pub(super) fn request(&self, now: Micros) -> Option<StateRequest> {
         let mode = self.state.mode?.fresh(now, self.reference_timeout).copied();
         let driving = matches!(mode, Some(LeadMode::Active | LeadMode::Hold));
         match self.state.supervisor.operating() {
-            OperatingState::Boot => Some(Request::Ready),
+            OperatingState::Boot => Some(StateRequest::Ready),
             // A board that starts while the robot drives stays off until the robot has stopped.
             OperatingState::Idle
                 if driving && self.state.paused && self.reference(now).is_some() =>
             {
-                Some(Request::Arm)
+                Some(StateRequest::Arm)
             }
-            OperatingState::Armed if driving => Some(Request::Start),
-            OperatingState::Armed => Some(Request::Disarm),
+            OperatingState::Armed if driving => Some(StateRequest::Start),
+            OperatingState::Armed => Some(StateRequest::Disarm),
             OperatingState::Active if matches!(mode, Some(LeadMode::Idle | LeadMode::Clear)) => {
-                Some(Request::Disarm)
+                Some(StateRequest::Disarm)
             }
-            OperatingState::Fault if mode == Some(LeadMode::Clear) => Some(Request::Clear),
+            OperatingState::Fault if mode == Some(LeadMode::Clear) => Some(StateRequest::Clear),
             _ => None,
         }
     }

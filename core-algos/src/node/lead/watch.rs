@@ -4,23 +4,23 @@ use super::{LATE, LeadNode, STILL, Task, track};
 use crate::fusion::ekf::Verdict;
 use crate::fusion::robot;
 use crate::math::{RelativeHeading, Twist};
-use crate::safety::{Condition, Conditions, OperatingState, Permit, Request};
+use crate::safety::{Condition, Conditions, OperatingState, Permit, StateRequest};
 use crate::time::Micros;
 use crate::topology::Node;
 use track::AxleTrack;
 
 impl LeadNode {
     /// Request of the task to the supervisor.
-    pub(super) fn request(&self, fused: Option<&robot::Output>) -> Option<Request> {
+    pub(super) fn request(&self, fused: Option<&robot::Output>) -> Option<StateRequest> {
         let state = &self.state;
         let resting = state.released || matches!(state.task, Task::Idle | Task::Clear);
         match state.supervisor.operating() {
-            OperatingState::Boot => Some(Request::Ready),
-            OperatingState::Idle if !resting => Some(Request::Arm),
-            OperatingState::Armed | OperatingState::Active if resting => Some(Request::Disarm),
-            OperatingState::Armed if !state.done && self.still(fused) => Some(Request::Start),
-            OperatingState::Active if state.done => Some(Request::Finish),
-            OperatingState::Fault if state.task == Task::Clear => Some(Request::Clear),
+            OperatingState::Boot => Some(StateRequest::Ready),
+            OperatingState::Idle if !resting => Some(StateRequest::Arm),
+            OperatingState::Armed | OperatingState::Active if resting => Some(StateRequest::Disarm),
+            OperatingState::Armed if !state.done && self.still(fused) => Some(StateRequest::Start),
+            OperatingState::Active if state.done => Some(StateRequest::Finish),
+            OperatingState::Fault if state.task == Task::Clear => Some(StateRequest::Clear),
             _ => None,
         }
     }

@@ -20,7 +20,7 @@ impl Bench {
 
     fn driving() -> Self {
         let mut bench = Self::new();
-        for request in [Request::Ready, Request::Arm, Request::Start] {
+        for request in [StateRequest::Ready, StateRequest::Arm, StateRequest::Start] {
             bench.ask(request);
         }
         assert_eq!(bench.state.operating(), OperatingState::Active);
@@ -32,7 +32,7 @@ impl Bench {
         self.supervisor.step(&mut self.state, self.now, &input)
     }
 
-    fn ask(&mut self, request: Request) -> Output {
+    fn ask(&mut self, request: StateRequest) -> Output {
         self.step(Input {
             request: Some(request),
             ..Input::default()
@@ -93,10 +93,10 @@ fn a_stop_ends_in_a_latched_fault_that_clears_when_its_cause_is_gone() {
         assert_eq!(bench.step(Input::default()).state, OperatingState::Fault);
     }
     for request in [
-        Request::Ready,
-        Request::Arm,
-        Request::Start,
-        Request::Disarm,
+        StateRequest::Ready,
+        StateRequest::Arm,
+        StateRequest::Start,
+        StateRequest::Disarm,
     ] {
         assert_eq!(bench.ask(request).state, OperatingState::Fault);
     }
@@ -106,12 +106,12 @@ fn a_stop_ends_in_a_latched_fault_that_clears_when_its_cause_is_gone() {
     }
     let output = bench.step(Input {
         conditions: Conditions::only(Condition::SupplyLow),
-        request: Some(Request::Clear),
+        request: Some(StateRequest::Clear),
         ..Input::default()
     });
     assert_eq!(output.state, OperatingState::Fault);
     bench.step(Input::default());
-    let output = bench.ask(Request::Clear);
+    let output = bench.ask(StateRequest::Clear);
     assert_eq!((output.state, output.reason), (OperatingState::Idle, None));
 }
 
@@ -132,7 +132,7 @@ fn what_was_present_for_a_tick_is_told_once() {
 #[test]
 fn a_stop_that_never_comes_to_rest_is_cut() {
     let mut bench = Bench::driving();
-    bench.ask(Request::Disarm);
+    bench.ask(StateRequest::Disarm);
     let ticks = (1..)
         .find(|_| bench.step(Input::default()).permit == Permit::Off)
         .unwrap();
@@ -183,18 +183,18 @@ fn a_degradation_that_ends_gives_its_allowance_back() {
 #[test]
 fn arming_is_refused_while_a_stop_condition_holds() {
     let mut bench = Bench::new();
-    bench.ask(Request::Ready);
+    bench.ask(StateRequest::Ready);
     for _ in 0..50 {
         bench.with(Condition::NeighbourLost);
     }
     let output = bench.step(Input {
         conditions: Conditions::only(Condition::NeighbourLost),
-        request: Some(Request::Arm),
+        request: Some(StateRequest::Arm),
         ..Input::default()
     });
     assert_eq!(output.state, OperatingState::Idle);
     bench.step(Input::default());
-    assert_eq!(bench.ask(Request::Arm).state, OperatingState::Armed);
+    assert_eq!(bench.ask(StateRequest::Arm).state, OperatingState::Armed);
 }
 
 properties! {
@@ -217,7 +217,7 @@ properties! {
                 // Rare enough that the robot drives at times.
                 conditions.set(condition, bits.rotate_left(3 * k as u32) & 0x3f == 0x2a);
             }
-            let request = Request::ALL.get(usize::from(request)).copied();
+            let request = StateRequest::ALL.get(usize::from(request)).copied();
             let output = supervisor.step(&mut state, now, &Input { conditions, request, moved_m, halted });
             let hard = state.latched.iter().any(|c| c.class().is_hard());
             prop_assert!(!(hard && matches!(output.permit, Permit::Drive | Permit::Hold)));

@@ -34,8 +34,8 @@ use embassy_time::{Duration, Instant, Timer};
 
 use super::bit_timing::BitTiming;
 use super::mailboxes::{COUNT, Mailboxes, Waiting};
-use crate::attendance::Badge;
 use crate::clock::APB1_HZ;
+use crate::task_watchdog::CheckIn;
 
 /// Messages that wait to be sent; an epoch has at most fourteen of one board.
 const SENDING: usize = 24;
@@ -229,10 +229,10 @@ fn interrupts(errors: bool) -> Ier {
 /// Looks after what no interrupt tells: the way onto the bus, frames that wait too long, the next
 /// error. Both handlers run with every look, and the task reports only if they did.
 #[embassy_executor::task]
-pub async fn supervise(mut badge: Badge) -> ! {
+pub async fn supervise(mut check_in: CheckIn) -> ! {
     loop {
         if RAN.swap(0, Ordering::Relaxed) == RAN_TX | RAN_RX0 {
-            badge.report();
+            check_in.report();
         }
         join();
         CAN1.msr().write(|w| w.set_erri(true));

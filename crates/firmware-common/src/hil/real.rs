@@ -13,8 +13,8 @@ use core_algos::topology::{AxleId, Role};
 
 use super::uart::{BAUD, ROOM, send};
 use super::{Kind, Link, serve};
+use crate::board_id;
 use crate::store::chip::open;
-use crate::strap;
 use crate::watchdog::Watchdog;
 
 bind_interrupts!(struct Irqs {
@@ -25,7 +25,7 @@ bind_interrupts!(struct Irqs {
 pub async fn run(p: Peripherals, kind: Kind, build: &'static str) -> ! {
     let watchdog = Watchdog::start();
     let role = match kind {
-        Kind::Axle => match strap::axle(p.PC13) {
+        Kind::Axle => match board_id::axle(p.PC13) {
             AxleId::Front => Role::Front,
             AxleId::Rear => Role::Rear,
         },

@@ -46,7 +46,7 @@ impl Chip {
     /// A peripheral asks for a transfer: a controller says which accesses it makes of that, the chip
     /// makes them.
     pub(super) fn serve(&mut self, request: Request) {
-        if self.defects.dma_waits {
+        if self.injected_faults.dma_waits {
             return;
         }
         for (controller, unit) in [
@@ -73,7 +73,7 @@ impl Chip {
             return self.transfer(controller, stream);
         };
         let value = self.dma_read(from, width);
-        let fails = std::mem::take(&mut self.defects.dma_error);
+        let fails = std::mem::take(&mut self.injected_faults.dma_error);
         let value = if fails { Err(BusError) } else { value };
         let done = value.and_then(|value| self.dma_write(to, width, value));
         let (units, shared) = (&mut self.units, &mut self.shared);

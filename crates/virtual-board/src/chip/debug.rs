@@ -6,8 +6,8 @@
 //! that there are; asking for another peripheral, or for trace pins, is a finding.
 
 use super::Peripheral;
+use super::chip_variation::Random;
 use super::map::IDENTITY;
-use super::part::Random;
 use super::register::{Register, merge, narrow, word};
 use super::shared::Shared;
 use crate::finding::Kind;
@@ -60,7 +60,7 @@ impl Debug {
 
     /// Place on the wafer, number of the wafer and lot, as letters and digits.
     fn identity(shared: &Shared) -> [u32; 3] {
-        let mut random = Random::new(shared.part.seed);
+        let mut random = Random::new(shared.variation.seed);
         let mut draw = |most: u64| (random.next() >> 16) % most;
         let place = draw(100) << 16 | draw(100);
         let wafer = 1 + draw(25);
@@ -132,7 +132,7 @@ mod tests {
     fn identities_differ_by_seed_and_hold_a_lot_in_ascii() {
         let (mut debug, mut shared) = (Debug::default(), shared());
         let mut read = |seed: u64| {
-            shared.part.seed = seed;
+            shared.variation.seed = seed;
             [0, 4, 8].map(|at| debug.read(IDENTITY + at, &mut shared))
         };
         let mut seen: Vec<_> = (0..200).map(&mut read).collect();

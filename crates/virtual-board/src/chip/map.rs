@@ -8,7 +8,7 @@ use super::pin::{PORTS, Signal};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(usize)]
 pub(crate) enum Unit {
-    /// Surroundings of the chip.
+    /// Circuit of the chip.
     World,
     /// Oscillators, PLL.
     Rcc,

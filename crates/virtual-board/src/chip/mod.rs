@@ -9,16 +9,17 @@ mod adc;
 mod bus;
 mod can;
 mod cause;
+mod chip_variation;
+mod circuit;
 mod debug;
-mod defects;
 mod dma;
 mod effect;
 mod exti;
 mod flash;
 mod gpio;
+mod injected_faults;
 mod interrupt;
 mod map;
-mod part;
 mod pin;
 mod pwr;
 mod rcc;
@@ -27,7 +28,6 @@ mod reset;
 mod schedule;
 mod shared;
 mod spi;
-mod surroundings;
 mod timer;
 mod trace;
 mod transfer;
@@ -41,13 +41,13 @@ mod tests;
 
 pub use adc::Counts as Conversions;
 pub use cause::Cause;
-pub use defects::Defects;
+pub use chip_variation::ChipVariation;
+pub use circuit::{Bare, Circuit, Inputs, SpiMode};
 pub use effect::{Clocks, Request, Trigger};
 pub use flash::FlashOperation;
+pub use injected_faults::InjectedFaults;
 pub use interrupt::Interrupt;
-pub use part::Part;
 pub use pin::{Drive, Pin, Signal};
-pub use surroundings::{Bare, Inputs, SpiMode, Surroundings};
 pub use trace::PinChange;
 pub use transfer::Errors as ConverterErrors;
 
@@ -154,14 +154,14 @@ pub struct Chip {
     scrambles: u64,
     /// Changes of pins, while they are kept.
     traced: Option<Vec<PinChange>>,
-    defects: Defects,
+    injected_faults: InjectedFaults,
 }
 
 impl Chip {
     /// A chip with an erased flash, its power just on. Its clocks are fast by `fast_ppb` parts in 10⁹.
-    pub fn new(surroundings: Box<dyn Surroundings>, fast_ppb: i64) -> Self {
+    pub fn new(circuit: Box<dyn Circuit>, fast_ppb: i64) -> Self {
         let mut chip = Self {
-            shared: Shared::new(surroundings, fast_ppb),
+            shared: Shared::new(circuit, fast_ppb),
             units: Units::new(),
             flash: flash::Flash::default(),
             sram: vec![0; SRAM_LENGTH],
@@ -175,20 +175,20 @@ impl Chip {
             must_pause: false,
             scrambles: 0,
             traced: None,
-            defects: Defects::default(),
+            injected_faults: InjectedFaults::default(),
         };
         chip.power_off(0);
         chip
     }
 
     /// Has the chip be another than a typical one; to be called while its power is off.
-    pub fn set_part(&mut self, part: Part) {
-        self.shared.part = part;
+    pub fn set_variation(&mut self, variation: ChipVariation) {
+        self.shared.variation = variation;
         self.power_off(0);
     }
 
     /// What is around it.
-    pub fn surroundings<T: Surroundings>(&mut self) -> Option<&mut T> {
+    pub fn circuit<T: Circuit>(&mut self) -> Option<&mut T> {
         let any: &mut dyn std::any::Any = self.shared.world();
         any.downcast_mut()
     }
@@ -294,7 +294,7 @@ impl Chip {
             let (units, shared) = (&mut self.units, &mut self.shared);
             match effect {
                 Effect::Trigger(trigger, rises) => {
-                    if !(rises && self.defects.loses_trigger()) {
+                    if !(rises && self.injected_faults.loses_trigger()) {
                         units.adc.trigger(trigger, rises, shared);
                     }
                 }

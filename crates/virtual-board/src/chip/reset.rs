@@ -1,9 +1,9 @@
 //! Resets of the chip and of its peripherals, and what the supply has to do with them.
 
 use super::cause::Cause;
+use super::chip_variation::Random;
 use super::effect::{Clocks, Effect};
 use super::map::Unit;
-use super::part::Random;
 use super::pin::{Drive, Pin};
 use super::{Chip, Units, pwr};
 use crate::noise::Noise;
@@ -43,7 +43,7 @@ impl Chip {
             units.debug = before.debug;
         }
         let noise = match power_on {
-            true => Noise::new(shared.part.seed ^ self.scrambles << 48),
+            true => Noise::new(shared.variation.seed ^ self.scrambles << 48),
             false => before.adc.into_noise(),
         };
         units.adc.begin(noise);
@@ -87,7 +87,7 @@ impl Chip {
     /// What static memory shows after power came on: nothing that a program may rely on.
     pub(super) fn scramble(&mut self) {
         self.scrambles += 1;
-        let mut random = Random::new(self.shared.part.seed ^ self.scrambles << 48);
+        let mut random = Random::new(self.shared.variation.seed ^ self.scrambles << 48);
         for byte in self.sram.iter_mut().chain(&mut self.ccm) {
             *byte = random.next() as u8;
         }

@@ -1,12 +1,12 @@
 //! What all peripherals of a chip share: the moment, the clocks, interrupt lines, the schedule.
 
+use super::chip_variation::ChipVariation;
+use super::circuit::Circuit;
 use super::effect::{Clocks, Effect};
 use super::interrupt::Interrupt;
 use super::map::Unit;
-use super::part::Part;
 use super::pin::Pin;
 use super::schedule::Schedule;
-use super::surroundings::Surroundings;
 use crate::finding::{Findings, Kind};
 use crate::time::{Cycles, Time, Timebase};
 use std::collections::VecDeque;
@@ -36,10 +36,10 @@ pub(crate) struct Shared {
     pub limit: Cycles,
     /// What was found.
     pub findings: Findings,
-    surroundings: Box<dyn Surroundings>,
+    circuit: Box<dyn Circuit>,
     sample: Option<Sample>,
     /// What differs from one chip to the next.
-    pub part: Part,
+    pub variation: ChipVariation,
     /// Supply of the chip, V.
     pub volts: f64,
     /// The access ends in a bus error.
@@ -52,7 +52,7 @@ pub(crate) struct Shared {
 }
 
 impl Shared {
-    pub fn new(surroundings: Box<dyn Surroundings>, fast_ppb: i64) -> Self {
+    pub fn new(circuit: Box<dyn Circuit>, fast_ppb: i64) -> Self {
         Self {
             now: 0,
             pc: 0,
@@ -61,9 +61,9 @@ impl Shared {
             lines: 0,
             limit: 0,
             findings: Findings::default(),
-            surroundings,
+            circuit,
             sample: None,
-            part: Part::default(),
+            variation: ChipVariation::default(),
             volts: 3.3,
             bus_error: false,
             held_until: 0,
@@ -85,20 +85,20 @@ impl Shared {
 
     /// What is around the chip, which is called in the order of time: a voltage that was to be taken
     /// before now is taken first.
-    pub fn world(&mut self) -> &mut dyn Surroundings {
+    pub fn world(&mut self) -> &mut dyn Circuit {
         if self.sample.is_some_and(|sample| sample.at < self.now) {
             self.take_sample();
         }
-        &mut *self.surroundings
+        &mut *self.circuit
     }
 
     #[cfg(test)]
-    pub fn replace_world(&mut self, surroundings: Box<dyn Surroundings>) {
-        self.surroundings = surroundings;
+    pub fn replace_world(&mut self, circuit: Box<dyn Circuit>) {
+        self.circuit = circuit;
     }
 
     /// A voltage is to be taken at an instant to come: not by an event of its own, but before the
-    /// surroundings hear of anything later.
+    /// circuit hear of anything later.
     pub fn sample(&mut self, pin: Pin, at: Cycles) {
         self.sample = Some(Sample {
             pin,
@@ -117,7 +117,7 @@ impl Shared {
         let sample = self.sample.as_mut()?;
         if sample.volts.is_none() {
             let at = self.base.time_of(sample.at);
-            sample.volts = Some(self.surroundings.voltage(sample.pin, at));
+            sample.volts = Some(self.circuit.voltage(sample.pin, at));
         }
         sample.volts
     }

@@ -4,13 +4,13 @@
 //! before its end: that is when it is in the receive buffer.
 
 use super::Peripheral;
+use super::circuit::SpiMode;
 use super::effect::{Effect, Request};
 use super::interrupt::Interrupt;
 use super::map::Unit;
 use super::pin::Signal;
 use super::register::{Register, merge, narrow};
 use super::shared::Shared;
-use super::surroundings::SpiMode;
 use crate::finding::Kind;
 use crate::time::{Cycles, NEVER};
 

@@ -1,9 +1,9 @@
 //! What tests of peripherals share.
 
+use super::circuit::Bare;
 use super::interrupt::Interrupt;
 use super::map::Unit;
 use super::shared::Shared;
-use super::surroundings::Bare;
 use crate::finding::Kind;
 use crate::time::{Cycles, NEVER};
 

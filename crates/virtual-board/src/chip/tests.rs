@@ -20,7 +20,7 @@ enum Change {
     Pin(Pin, Drive),
 }
 
-impl Surroundings for World {
+impl Circuit for World {
     fn pin(&mut self, pin: Pin, drive: Drive, _at: Time) {
         self.heard.push((pin, drive));
     }
@@ -77,7 +77,7 @@ impl Bench {
     }
 
     fn world(&mut self) -> &mut World {
-        self.chip.surroundings().expect("the world")
+        self.chip.circuit().expect("the world")
     }
 
     fn read(&mut self, address: u32) -> u32 {
@@ -404,9 +404,9 @@ fn a_halted_core_stops_the_watchdog_that_is_told_so() {
 fn the_same_part_forgets_in_the_same_way() {
     let memory = |seed: u64| {
         let mut bench = Bench::new(&[]);
-        bench.chip.set_part(Part {
+        bench.chip.set_variation(ChipVariation {
             seed,
-            ..Part::default()
+            ..ChipVariation::default()
         });
         (bench.read(SRAM), bench.read(0x1fff_7a14))
     };

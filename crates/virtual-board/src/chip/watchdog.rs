@@ -42,7 +42,7 @@ impl Slow {
             let text = format!("IWDG_{name} written before the last write was taken over");
             return shared.note(Kind::Forbidden, text);
         }
-        self.next = Some((value, shared.time() + shared.part.slow(UPDATE)));
+        self.next = Some((value, shared.time() + shared.variation.slow(UPDATE)));
     }
 
     /// Takes over what is due.
@@ -105,7 +105,7 @@ impl Watchdog {
 
     fn count_from(&mut self, count: u32, shared: &mut Shared) {
         let periods = self.divider() * u64::from(count + 1);
-        let span = shared.part.slow(periods);
+        let span = shared.variation.slow(periods);
         if self.frozen.is_some() {
             self.frozen = Some(span);
         } else {
@@ -256,7 +256,7 @@ mod tests {
         for (hz, millis) in [(17_000, 941), (47_000, 340)] {
             let mut shared = shared();
             let mut dog = started(&mut shared);
-            shared.part.slow_hz = hz;
+            shared.variation.slow_hz = hz;
             dog.write(0x00, 0xaaaa, !0, &mut shared);
             assert!(!pass(&mut dog, &mut shared, millis * 1000), "{hz}");
             assert!(pass(&mut dog, &mut shared, 1000), "{hz}");

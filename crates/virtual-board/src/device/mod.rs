@@ -2,7 +2,7 @@
 //!
 //! Each part is a plain struct. What happens at its terminals is told with the exact time, in the
 //! order of time; what it shows is asked for at a time. A part that changes by itself says when
-//! ([`Contact::next`] and so on); whoever composes a board ([`crate::chip::Surroundings`]) calls its
+//! ([`Contact::next`] and so on); whoever composes a board ([`crate::chip::Circuit`]) calls its
 //! `advance` then. Noise comes from a generator of the part's own, so that parts neither
 //! disturb each other nor depend on the order in which they are asked.
 

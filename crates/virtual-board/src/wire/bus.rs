@@ -1,8 +1,8 @@
 //! The wire: what all nodes drive, what each of them reads, when.
 
+use super::can_node::{CanNode, Noise};
 use super::frame::Frame;
 use super::node::{Action, ErrorKind, Event, Node, What};
-use super::station::{Noise, Station};
 use super::statistics::Statistics;
 use super::timing::BitClock;
 use crate::time::Time;
@@ -83,7 +83,7 @@ pub struct Record {
 ///   a frame goes on; so a node that was reset in the middle of a frame may still acknowledge it;
 /// - a mailbox that is aborted in the same quantum in which it would have begun does not begin.
 pub struct Wire {
-    pub(super) stations: Vec<Station>,
+    pub(super) can_nodes: Vec<CanNode>,
     /// Dominant drivers at each piece.
     pub(super) drivers: Vec<u16>,
     pub(super) forced: Option<Level>,
@@ -108,7 +108,7 @@ impl Wire {
     /// [`Fault::Noise`].
     pub fn new(nodes: usize, quantum: Time, seed: u64) -> Self {
         Self {
-            stations: (0..nodes).map(|_| Station::new()).collect(),
+            can_nodes: (0..nodes).map(|_| CanNode::new()).collect(),
             drivers: vec![0; 256],
             forced: None,
             noise: Noise::new(seed),
@@ -158,9 +158,9 @@ impl Wire {
 
     /// Counts of a node.
     pub fn statistics(&self, node: usize) -> Statistics {
-        self.stations
+        self.can_nodes
             .get(node)
-            .map(|station| station.controller.statistics)
+            .map(|can_node| can_node.controller.statistics)
             .unwrap_or_default()
     }
 
@@ -192,12 +192,12 @@ impl Wire {
         self.collect(nodes);
         let horizon = until + self.quantum;
         loop {
-            let (station, due) = self.next(until);
+            let (can_node, due) = self.next(until);
             let action = self.actions.first().map_or(Time::NEVER, |a| a.0);
             let fault = self.faults.first().map_or(Time::NEVER, |f| f.0);
             let at = due.min(action).min(fault);
             if at >= until {
-                let closed = self.stations.iter().any(|s| s.controller.is_closed());
+                let closed = self.can_nodes.iter().any(|s| s.controller.is_closed());
                 let limit = if closed { horizon } else { until };
                 if at >= limit {
                     self.now = self.now.max(limit);
@@ -211,11 +211,11 @@ impl Wire {
             } else if action == at {
                 let (_, node, action) = self.actions.remove(0);
                 self.act(node, action, nodes);
-            } else if !self.leap(station, action.min(fault).min(horizon)) {
-                self.step(station, due, nodes);
+            } else if !self.fast_forward(can_node, action.min(fault).min(horizon)) {
+                self.step(can_node, due, nodes);
             }
             while let Some((node, at)) = self.woken.pop() {
-                self.stations[node].controller.happened.push(What::Woken);
+                self.can_nodes[node].controller.happened.push(What::Woken);
                 self.deliver(node, at, nodes);
             }
         }
@@ -223,7 +223,7 @@ impl Wire {
 
     /// Takes what the nodes did.
     fn collect(&mut self, nodes: &mut [&mut dyn Node]) {
-        for (i, (node, station)) in nodes.iter_mut().zip(&mut self.stations).enumerate() {
+        for (i, (node, can_node)) in nodes.iter_mut().zip(&mut self.can_nodes).enumerate() {
             while let Some((at, action)) = node.take_action() {
                 let Action::Abort { mailbox } = action else {
                     self.actions.push((at, i, action));
@@ -234,14 +234,14 @@ impl Wire {
                 self.actions
                     .retain(|(_, node, a)| *node != i || !is_same(a));
                 let given_up = (before - self.actions.len()) as u64;
-                station.controller.statistics.given_up += given_up;
-                station.controller.abort(mailbox);
+                can_node.controller.statistics.given_up += given_up;
+                can_node.controller.abort(mailbox);
             }
         }
         self.actions.sort_by_key(|&(at, _, _)| at);
     }
 
-    /// The station that has something to do next, and when; never, if that is not before `until`.
+    /// The node that has something to do next, and when; never, if that is not before `until`.
     fn next(&mut self, until: Time) -> (usize, Time) {
         if self.asleep {
             let wake = self.quiet_until();
@@ -251,51 +251,53 @@ impl Wire {
             self.wake(wake.max(self.now));
         }
         let mut best = (0, Time::NEVER);
-        for (i, station) in self.stations.iter().enumerate() {
-            if station.due < best.1 {
-                best = (i, station.due);
+        for (i, can_node) in self.can_nodes.iter().enumerate() {
+            if can_node.due < best.1 {
+                best = (i, can_node.due);
             }
         }
         best
     }
 
     fn quiet_until(&self) -> Time {
-        let quiet = self.stations.iter().map(|s| s.controller.quiet_until());
+        let quiet = self.can_nodes.iter().map(|s| s.controller.quiet_until());
         quiet.min().unwrap_or(Time::NEVER)
     }
 
-    /// After a time in which nothing happened, all stations' bits go on.
+    /// After a time in which nothing happened, all nodes' bits go on.
     fn wake(&mut self, now: Time) {
         self.asleep = false;
         let delay = self.delay;
-        for station in &mut self.stations {
-            station.clock.skip(now, delay);
-            station.plan(delay);
+        for can_node in &mut self.can_nodes {
+            can_node.clock.skip(now, delay);
+            can_node.plan(delay);
         }
     }
 
-    /// A station samples a bit or begins one.
+    /// A node samples a bit or begins one.
     fn step(&mut self, i: usize, at: Time, nodes: &mut [&mut dyn Node]) {
-        let station = &mut self.stations[i];
-        if station.clock.sampled {
-            let drives = station.controller.dominant;
-            station.clock.advance(station.controller.is_hard(), !drives);
-            let changes = drives != station.dominant;
-            station.plan(self.delay);
+        let can_node = &mut self.can_nodes[i];
+        if can_node.clock.sampled {
+            let drives = can_node.controller.dominant;
+            can_node
+                .clock
+                .advance(can_node.controller.is_hard(), !drives);
+            let changes = drives != can_node.dominant;
+            can_node.plan(self.delay);
             if changes {
                 self.drive(i, drives, at);
             }
             return;
         }
         let level = self.input(i);
-        let station = &mut self.stations[i];
-        let (busy, now) = (station.controller.is_busy(), station.clock.sample_time());
-        station.controller.sample(level, now);
-        station.clock.sample();
-        station.read = level;
-        station.plan(self.delay);
-        let is_busy = station.controller.is_busy();
-        if station.dominant && !station.controller.is_in() {
+        let can_node = &mut self.can_nodes[i];
+        let (busy, now) = (can_node.controller.is_busy(), can_node.clock.sample_time());
+        can_node.controller.sample(level, now);
+        can_node.clock.sample();
+        can_node.read = level;
+        can_node.plan(self.delay);
+        let is_busy = can_node.controller.is_busy();
+        if can_node.dominant && !can_node.controller.is_in() {
             self.drive(i, false, at);
         }
         let happened = self.deliver(i, now, nodes);
@@ -310,7 +312,7 @@ impl Wire {
     /// Sleeps when nothing goes on.
     fn doze(&mut self, at: Time) {
         let still = self.forced.is_none() && self.noise.is_off();
-        let driven = self.stations.iter().any(|s| s.dominant);
+        let driven = self.can_nodes.iter().any(|s| s.dominant);
         self.asleep = still && !driven && self.quiet_until() > at;
     }
 
@@ -329,11 +331,11 @@ impl Wire {
         }
     }
 
-    /// The level that a station reads, true for dominant.
+    /// The level that a node reads, true for dominant.
     fn input(&mut self, i: usize) -> bool {
-        let station = &self.stations[i];
-        let own = station.dominant && station.with(|s| s.silent || s.loopback);
-        let level = own || station.is_reading() && self.level(station.piece);
+        let can_node = &self.can_nodes[i];
+        let own = can_node.dominant && can_node.with(|s| s.silent || s.loopback);
+        let level = own || can_node.is_reading() && self.level(can_node.piece);
         level != (!self.noise.is_off() && self.noise.strikes())
     }
 
@@ -344,13 +346,13 @@ impl Wire {
         }
     }
 
-    /// A station drives another level from now on.
+    /// A node drives another level from now on.
     fn drive(&mut self, i: usize, dominant: bool, at: Time) {
-        let station = &mut self.stations[i];
-        let before = station.is_driving();
-        station.dominant = dominant;
-        let after = station.is_driving();
-        let piece = station.piece;
+        let can_node = &mut self.can_nodes[i];
+        let before = can_node.is_driving();
+        can_node.dominant = dominant;
+        let after = can_node.is_driving();
+        let piece = can_node.piece;
         if before == after {
             return;
         }
@@ -378,22 +380,22 @@ impl Wire {
             return;
         }
         let delay = self.delay;
-        for (i, station) in self.stations.iter_mut().enumerate() {
-            let reads = station.piece == piece && station.is_reading();
-            if reads && station.controller.wakes() {
+        for (i, can_node) in self.can_nodes.iter_mut().enumerate() {
+            let reads = can_node.piece == piece && can_node.is_reading();
+            if reads && can_node.controller.wakes() {
                 self.woken.push((i, at + delay));
             }
-            if reads && !station.read && station.controller.is_in() {
-                let hard = station.controller.is_hard();
-                station.clock.edge(at + delay, hard, !station.dominant);
-                station.plan(delay);
+            if reads && !can_node.read && can_node.controller.is_in() {
+                let hard = can_node.controller.is_hard();
+                can_node.clock.edge(at + delay, hard, !can_node.dominant);
+                can_node.plan(delay);
             }
         }
     }
 
     /// Tells a node what happened to it, if anything did.
     fn deliver(&mut self, i: usize, at: Time, nodes: &mut [&mut dyn Node]) -> bool {
-        let controller = &mut self.stations[i].controller;
+        let controller = &mut self.can_nodes[i].controller;
         if controller.happened.is_empty() {
             return false;
         }
@@ -421,28 +423,28 @@ impl Wire {
     fn act(&mut self, i: usize, action: Action, nodes: &mut [&mut dyn Node]) {
         let now = self.now;
         self.rouse();
-        let station = &mut self.stations[i];
-        let busy = station.controller.is_busy();
-        let timing = station.controller.settings().map(|s| s.timing);
-        let was_in = station.controller.is_in();
+        let can_node = &mut self.can_nodes[i];
+        let busy = can_node.controller.is_busy();
+        let timing = can_node.controller.settings().map(|s| s.timing);
+        let was_in = can_node.controller.is_in();
         match action {
             Action::Set(settings) => {
-                station.controller.set(settings);
-                if station.controller.is_in() && (!was_in || timing != Some(settings.timing)) {
-                    station.clock = BitClock::new(settings.timing, now);
-                    station.read = true;
+                can_node.controller.set(settings);
+                if can_node.controller.is_in() && (!was_in || timing != Some(settings.timing)) {
+                    can_node.clock = BitClock::new(settings.timing, now);
+                    can_node.read = true;
                 }
             }
             Action::Request { mailbox, frame } => {
-                return station.controller.request(mailbox, frame, now);
+                return can_node.controller.request(mailbox, frame, now);
             }
-            Action::Abort { mailbox } => return station.controller.abort(mailbox),
-            Action::Reset => station.controller.reset(),
+            Action::Abort { mailbox } => return can_node.controller.abort(mailbox),
+            Action::Reset => can_node.controller.reset(),
         }
-        let dominant = station.dominant && station.controller.is_in();
-        station.plan(self.delay);
-        let is_busy = station.controller.is_busy();
-        self.redrive(|stations| stations[i].dominant = dominant);
+        let dominant = can_node.dominant && can_node.controller.is_in();
+        can_node.plan(self.delay);
+        let is_busy = can_node.controller.is_busy();
+        self.redrive(|can_nodes| can_nodes[i].dominant = dominant);
         if busy != is_busy {
             self.occupy(is_busy, now);
         }
@@ -455,14 +457,14 @@ impl Wire {
         }
     }
 
-    /// Changes something about the stations and looks at all levels anew.
-    fn redrive(&mut self, change: impl FnOnce(&mut Vec<Station>)) {
+    /// Changes something about the nodes and looks at all levels anew.
+    fn redrive(&mut self, change: impl FnOnce(&mut Vec<CanNode>)) {
         let before: Vec<bool> = (0..self.drivers.len()).map(|p| self.level(p)).collect();
-        change(&mut self.stations);
+        change(&mut self.can_nodes);
         self.drivers.fill(0);
-        for station in &self.stations {
-            if station.is_driving() {
-                self.drivers[station.piece] += 1;
+        for can_node in &self.can_nodes {
+            if can_node.is_driving() {
+                self.drivers[can_node.piece] += 1;
             }
         }
         let now = self.now;
@@ -483,14 +485,14 @@ impl Wire {
                     self.changed(piece, level, now);
                 }
             }
-            Fault::Transceiver { node, sends, hears } => self.redrive(|stations| {
-                if let Some(station) = stations.get_mut(node) {
-                    (station.sends, station.hears) = (sends, hears);
+            Fault::Transceiver { node, sends, hears } => self.redrive(|can_nodes| {
+                if let Some(can_node) = can_nodes.get_mut(node) {
+                    (can_node.sends, can_node.hears) = (sends, hears);
                 }
             }),
-            Fault::Piece { node, piece } => self.redrive(|stations| {
-                if let Some(station) = stations.get_mut(node) {
-                    station.piece = piece.into();
+            Fault::Piece { node, piece } => self.redrive(|can_nodes| {
+                if let Some(can_node) = can_nodes.get_mut(node) {
+                    can_node.piece = piece.into();
                 }
             }),
             Fault::Noise(rate) => self.noise.set(rate),

@@ -6,19 +6,19 @@
 //! | [`timing`] | bit timing, synchronisation, tolerance of clocks |
 //! | `receiver` | a frame taken apart bit by bit |
 //! | `controller` | the protocol of one node: arbitration, errors, counters |
-//! | `station` | a node at the wire: clock, transceiver |
+//! | `can_node` | a node at the wire: clock, transceiver |
 //! | [`bus`] | the wire: levels, time, faults |
-//! | `leap` | the undisturbed middle of a frame in one go |
+//! | `frame_fast_path` | the undisturbed middle of a frame in one go |
 //! | [`node`] | what a wire and its nodes tell each other |
 //! | [`virtual_node`] | nodes without a board: a sender, a babbling node, a listener |
 
 pub mod bus;
+mod can_node;
 mod controller;
 pub mod frame;
-mod leap;
+mod frame_fast_path;
 pub mod node;
 mod receiver;
-mod station;
 mod statistics;
 pub mod timing;
 pub mod virtual_node;

@@ -465,13 +465,13 @@ fn the_bus_is_busy_as_long_as_its_frames_are() {
 }
 
 #[test]
-fn leaps_and_single_steps_come_to_the_same() {
-    let outcome = |leaps: bool| {
+fn the_fast_path_and_single_steps_come_to_the_same() {
+    let outcome = |fast: bool| {
         let node = |ppb| Settings::new(BitTiming::new(1_000_000, (5, 1), 1, ppb));
         let mut bench = Bench::new(&[node(0), node(120_000), node(-90_000), node(700)]);
         bench.wire.trace();
-        if !leaps {
-            // Noise that never strikes: the wire may not sleep or leap.
+        if !fast {
+            // Noise that never strikes: the wire may not sleep or be fast-forwarded.
             bench.wire.inject(Time(0), Fault::Noise(1e-300));
         }
         let mut random = Noise::new(11);
@@ -489,13 +489,13 @@ fn leaps_and_single_steps_come_to_the_same() {
         let events: Vec<_> = (0..4).map(|k| bench.events(k, |_| true)).collect();
         (bench.wire.take_records(), bench.wire.take_levels(), events)
     };
-    let (leaps, steps) = (outcome(true), outcome(false));
-    assert!(leaps.0.len() > 420);
-    let differs = leaps.0.iter().zip(&steps.0).find(|(a, b)| a != b);
+    let (fast, steps) = (outcome(true), outcome(false));
+    assert!(fast.0.len() > 420);
+    let differs = fast.0.iter().zip(&steps.0).find(|(a, b)| a != b);
     assert_eq!(differs, None);
-    assert_eq!(leaps.0.len(), steps.0.len());
-    let differs = leaps.1.iter().zip(&steps.1).find(|(a, b)| a != b);
+    assert_eq!(fast.0.len(), steps.0.len());
+    let differs = fast.1.iter().zip(&steps.1).find(|(a, b)| a != b);
     assert_eq!(differs, None);
-    assert_eq!(leaps.1.len(), steps.1.len());
-    assert_eq!(leaps.2, steps.2);
+    assert_eq!(fast.1.len(), steps.1.len());
+    assert_eq!(fast.2, steps.2);
 }

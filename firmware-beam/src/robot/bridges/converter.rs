@@ -31,7 +31,7 @@ use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use embassy_time::{Duration, Instant, with_timeout};
 use firmware_common::clock::CORE_HZ;
-use firmware_common::halves::{self, Half};
+use firmware_common::dma_halves::{self, Half};
 use static_cell::ConstStaticCell;
 
 /// Channels of a scan.
@@ -130,9 +130,9 @@ impl Converter {
             return;
         }
         let now = Instant::now().as_micros();
-        run(self
-            .last
-            .map_or(0, |last| halves::until_in_phase(now, BLOCK_US, last, TICK)));
+        run(self.last.map_or(0, |last| {
+            dma_halves::until_in_phase(now, BLOCK_US, last, TICK)
+        }));
     }
 
     /// The latest result of the injected conversion; `None` if there was none since the last call.
@@ -253,7 +253,7 @@ fn DMA2_STREAM0() {
         w.set_htif(0, half);
         w.set_tcif(0, complete);
     });
-    let (blocks, half) = halves::full(half, complete);
+    let (blocks, half) = dma_halves::full(half, complete);
     // Nobody else writes it.
     let number = FULL.load(Ordering::Relaxed).wrapping_add(blocks);
     FULL.store(number, Ordering::Relaxed);

@@ -3,6 +3,7 @@
 
 use super::procedures::{Effect, Report, Row, calibrate_gauges, calibrate_gyros, calibrate_wheels};
 use crate::base::error::Error;
+use crate::base::interrupt::watch_for_interrupt;
 use crate::base::numbers::whole;
 use crate::base::output;
 use crate::base::table::Table;
@@ -22,6 +23,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 use std::io::{self, IsTerminal, Write};
 use std::path::PathBuf;
+use std::sync::atomic::Ordering::Relaxed;
 
 /// Subject of a calibration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -181,8 +183,10 @@ fn run_several(args: &CalibrateArgs, scenario: &Scenario) -> Result<(), Error> {
         failed: Vec::new(),
     };
     let mut reports = Vec::new();
+    let interrupt = watch_for_interrupt()?;
     let calibrated = args.seeds.par_iter();
     let calibrated: Vec<_> = calibrated
+        .filter(|_| !interrupt.load(Relaxed))
         .map(|&seed| (seed, calibrate(args, scenario, seed)))
         .collect();
     for (seed, result) in calibrated {
@@ -210,6 +214,11 @@ fn run_several(args: &CalibrateArgs, scenario: &Scenario) -> Result<(), Error> {
     args.json.print(&format!("{text}\n"))?;
     args.json
         .write(&Provenance::of(scenario, args.seeds[0]), &several)?;
+    if interrupt.load(Relaxed) {
+        let (done, all) = (reports.len() + several.failed.len(), args.seeds.len());
+        let text = format!("interrupted: {done} of {all} robots calibrated");
+        return Err(Error::Interrupted(text));
+    }
     match reports.is_empty() {
         true => Err(Error::Failure("no robot could be calibrated".to_owned())),
         false => Ok(()),

@@ -9,7 +9,7 @@ pub mod wheels;
 
 use crate::base::error::Error;
 use crate::paths::{Path, Waypoint};
-use crate::run::path_run::{self, Manner, Route};
+use crate::run::path_run::{self, PathMode, Route};
 use crate::run::simulation::Simulation;
 use crate::scenario::Scenario;
 use crate::targets::{self, Target};
@@ -95,7 +95,7 @@ impl Bench {
         let mut relative = Vec::new();
         let mut estimate = Posture::ORIGIN;
         let outcome =
-            path_run::drive_on(&mut simulation, &scenario, &route, Manner::Follow, |m| {
+            path_run::drive_on(&mut simulation, &scenario, &route, PathMode::Follow, |m| {
                 relative.push(m.record.relative);
                 estimate = m.record.lead.fused.robot.posture;
             })?;

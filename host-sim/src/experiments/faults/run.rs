@@ -5,7 +5,7 @@ use crate::run::recovery::Status;
 use crate::run::robot::Robot as _;
 use crate::run::simulation::Simulation;
 use crate::scenario::Scenario;
-use crate::targets::Order;
+use crate::targets::HostCommand;
 use crate::world::faults::{Entry, Fault};
 use core_algos::bus::LeadMode;
 use core_algos::control::regulator::Phase;
@@ -200,7 +200,7 @@ pub fn run_on(
         let now = simulation.now();
         if now == settle {
             let goal = Posture::from(mission.goal.map(|v| v as f32));
-            simulation.order(&Order::Task(Task::Regulate { goal }))?;
+            simulation.command(&HostCommand::Task(Task::Regulate { goal }))?;
         }
         simulation.step()?;
         let wrench = simulation.plant().wrench().force;

@@ -13,7 +13,7 @@ use crate::experiments::posture::{self, Trial, Variant};
 use crate::experiments::{Context, recorder};
 use crate::recording::{About, LogArgs, Session};
 use crate::run::bit_compare::{Difference, Trace};
-use crate::run::path_run::{self, Manner};
+use crate::run::path_run::{self, PathMode};
 use crate::run::recovery::Status;
 use crate::run::regulate::regulate_on;
 use crate::run::robot::Span;
@@ -149,7 +149,7 @@ pub struct Report {
 /// The experiment.
 enum Task {
     Posture(Variant),
-    Course(Box<follow::Course>, Manner),
+    Course(Box<follow::Course>, PathMode),
 }
 
 /// Result.
@@ -196,9 +196,9 @@ pub fn run(args: &HilArgs) -> Result<(), Error> {
             let text = posture::table(&report.rows, &variants);
             (text, serde_json::to_value(report), files)
         }
-        (Task::Course(course, manner), Outcome::Course(outcome, kept)) => {
+        (Task::Course(course, path_mode), Outcome::Course(outcome, kept)) => {
             let ended = (outcome, &report.ended);
-            let (text, report, files) = follow::publish(&context, course, *manner, ended, kept)?;
+            let (text, report, files) = follow::publish(&context, course, *path_mode, ended, kept)?;
             (text, serde_json::to_value(report), files)
         }
         _ => return Err(Error::Failure("another task's outcome".to_owned())),
@@ -239,9 +239,9 @@ fn prepare(args: &HilArgs, context: &mut Context) -> Result<Task, Error> {
             "--beam: no beam board without the relative position sensor",
         ));
     }
-    let (path, manner) = match (&args.follow, &args.track) {
-        (Some(path), _) => (path, Manner::Follow),
-        (None, Some(path)) => (path, Manner::Track),
+    let (path, path_mode) = match (&args.follow, &args.track) {
+        (Some(path), _) => (path, PathMode::Follow),
+        (None, Some(path)) => (path, PathMode::Track),
         (None, None) => {
             if args.drive.speed.is_some() || args.drive.size.is_some() {
                 return Err(Error::input(
@@ -264,7 +264,7 @@ fn prepare(args: &HilArgs, context: &mut Context) -> Result<Task, Error> {
         drive: args.drive.clone(),
     };
     let course = follow::prepare(&args, context)?;
-    Ok(Task::Course(Box::new(course), manner))
+    Ok(Task::Course(Box::new(course), path_mode))
 }
 
 /// End of the run, and failures of boards on the way.
@@ -452,10 +452,10 @@ fn experiment(
             trial.outcome = outcome;
             Ok(Outcome::Posture(Box::new(trial)))
         }
-        Task::Course(course, manner) => {
+        Task::Course(course, path_mode) => {
             let mut kept = follow::Kept::new(&course.route);
             let see = |moment: &path_run::Moment| kept.see(moment);
-            let outcome = path_run::drive_on(simulation, scenario, &course.route, *manner, see)?;
+            let outcome = path_run::drive_on(simulation, scenario, &course.route, *path_mode, see)?;
             Ok(Outcome::Course(outcome, kept))
         }
     }

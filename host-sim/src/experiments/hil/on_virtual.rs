@@ -192,7 +192,7 @@ pub fn run(args: &HilArgs) -> Result<(), Error> {
             return Err(error);
         }
     };
-    let Done {
+    let DriveOutcome {
         trial,
         mut report,
         mut recorded,
@@ -235,7 +235,7 @@ struct Drive<'a> {
 }
 
 /// Result.
-struct Done {
+struct DriveOutcome {
     trial: Trial,
     report: Report,
     /// Files that were written on the way.
@@ -245,7 +245,12 @@ struct Done {
 }
 
 impl Drive<'_> {
-    fn run(&self, images: &Images, options: &Options, logs: &[BoardLog; 3]) -> Result<Done, Error> {
+    fn run(
+        &self,
+        images: &Images,
+        options: &Options,
+        logs: &[BoardLog; 3],
+    ) -> Result<DriveOutcome, Error> {
         let Self {
             args,
             context,
@@ -290,7 +295,7 @@ impl Drive<'_> {
         if args.coverage.is_some() {
             coverage::add(&mut robot, &mut coverage);
         }
-        Ok(Done {
+        Ok(DriveOutcome {
             profiles: profile::of(&mut robot, &report.boards),
             trial,
             report,

@@ -14,7 +14,7 @@ use crate::base::error::Error;
 use crate::base::statistics::{self, nees};
 use crate::run::simulation::Simulation;
 use crate::scenario::Scenario;
-use crate::targets::Order;
+use crate::targets::HostCommand;
 use crate::world::random::{Stream, generator};
 use core_algos::control::regulator::Phase;
 use core_algos::fusion::ekf::Verdict;
@@ -295,13 +295,14 @@ impl Soak {
         let lead = self.simulation.monitor().latest(Node::Lead);
         if lead.is_some_and(|lead| lead.state == OperatingState::Fault) {
             self.stage = Stage::Resting(tick + RECOVERY);
-            return self.simulation.order(&Order::Task(Task::Clear));
+            return self.simulation.command(&HostCommand::Task(Task::Clear));
         }
         let mut uniform = |half: f64| self.random.random_range(-half..half);
         let [x, y] = [uniform(SQUARE_M), uniform(SQUARE_M)];
         let goal = Posture::from([x, y, uniform(3.1)].map(|value| value as f32));
         self.stage = Stage::Driving(tick);
-        self.simulation.order(&Order::Task(Task::Regulate { goal }))
+        self.simulation
+            .command(&HostCommand::Task(Task::Regulate { goal }))
     }
 
     /// Takes in what the lead node estimates.
@@ -355,7 +356,7 @@ impl Soak {
         if let Some(reason) = reason {
             *self.faults.entry(reason.entry().name).or_default() += 1;
             self.stage = Stage::Resting(tick + RECOVERY);
-            self.simulation.order(&Order::Task(Task::Clear))?;
+            self.simulation.command(&HostCommand::Task(Task::Clear))?;
         }
         self.simulation.forget_changes();
         Ok(())

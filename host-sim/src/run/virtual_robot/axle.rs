@@ -5,7 +5,7 @@ use crate::scenario::Scenario;
 use crate::world::drawn::Drawn;
 use core_algos::topology::Role;
 use virtual_board::Time;
-use virtual_board::chip::{Drive, Inputs, Pin, Surroundings};
+use virtual_board::chip::{Circuit, Drive, Inputs, Pin};
 use virtual_board::device::{
     Amplifier, AmplifierConfig, Contact, Divider, DriverConfig, Drv8874, Encoder, EncoderConfig,
     Icm42688, InertialConfig, Motion, Motor, MotorConfig, Thermistor,
@@ -215,7 +215,7 @@ impl AxleBoard {
     }
 }
 
-impl Surroundings for AxleBoard {
+impl Circuit for AxleBoard {
     fn pin(&mut self, pin: Pin, drive: Drive, at: Time) {
         let level = drive == Drive::High;
         match pin {

@@ -6,7 +6,7 @@ use crate::world::random::{Stream, generator, normal};
 use crate::world::sensors::{BridgeConfig, GaugeAgeing};
 use rand_pcg::Pcg64;
 use virtual_board::Time;
-use virtual_board::chip::{Drive, Inputs, Pin, Surroundings};
+use virtual_board::chip::{Circuit, Drive, Inputs, Pin};
 use virtual_board::device::{Bridge, BridgeConfig as DeviceConfig, Thermistor};
 
 /// Bridges from the root.
@@ -165,7 +165,7 @@ impl BeamBoard {
     }
 }
 
-impl Surroundings for BeamBoard {
+impl Circuit for BeamBoard {
     fn pin(&mut self, _pin: Pin, _drive: Drive, _at: Time) {}
 
     fn voltage(&mut self, pin: Pin, at: Time) -> f64 {

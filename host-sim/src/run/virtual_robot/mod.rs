@@ -22,7 +22,7 @@ pub use report::BoardReport;
 use crate::base::error::Error;
 use crate::bus::virtual_bus::BusStatistics;
 use crate::plant::{Outline, Plant, Station};
-use crate::run::real_time::Pace;
+use crate::run::real_time::RealTimeLimiter;
 use crate::run::recovery::{Monitor, NODES};
 use crate::run::robot::{FRAME_POINTS, Record, Robot, Span};
 use crate::scenario::Scenario;
@@ -274,18 +274,12 @@ impl VirtualRobot {
 
     fn axle(&mut self, role: Role) -> Option<&mut AxleBoard> {
         let place = self.place(role)?;
-        self.network
-            .board(place)?
-            .chip()
-            .surroundings::<AxleBoard>()
+        self.network.board(place)?.chip().circuit::<AxleBoard>()
     }
 
     fn beam(&mut self) -> Option<&mut BeamBoard> {
         let place = self.place(Role::Beam)?;
-        self.network
-            .board(place)?
-            .chip()
-            .surroundings::<BeamBoard>()
+        self.network.board(place)?.chip().circuit::<BeamBoard>()
     }
 
     /// The host that reads a board's log stops doing so and leaves the log waiting for it.
@@ -530,7 +524,7 @@ impl Robot for VirtualRobot {
             || self.span.most.is_some_and(|most| self.now() >= most)
     }
 
-    fn pace(&self) -> Option<&Pace> {
+    fn pace(&self) -> Option<&RealTimeLimiter> {
         self.kept_pace()
     }
 

@@ -200,7 +200,7 @@ fn motion_lines(view: &View) -> Vec<Line<'static>> {
             left.heading_rad.to_degrees()
         )),
         Line::raw(format!("speed {:>7.3} m/s", motion.v)),
-        Line::raw(format!("bend ψ{:>7.3} rad", motion.psi.0)),
+        Line::raw(format!("steer {:>7.3} rad", motion.psi.0)),
         wheels("front", view.wheel_speed[0]),
         wheels("rear", view.wheel_speed[1]),
     ]
@@ -410,7 +410,7 @@ mod tests {
                 "sigma mm 2.0 3.0 0.00",
                 "to go 1.000 m 5.7°",
                 "speed 0.200 m/s",
-                "bend ψ -0.300 rad",
+                "steer -0.300 rad",
                 "front 1.25 -2.50 rad/s",
                 "rear 3.75 4.50 rad/s",
                 "none",

@@ -410,7 +410,7 @@ impl Adc {
             }
             None => self.inside(channel, shared),
         };
-        let errors = shared.part.converter;
+        let errors = shared.variation.converter;
         errors.count(volts / shared.volts, &mut self.noise)
     }
 

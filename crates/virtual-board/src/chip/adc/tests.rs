@@ -2,13 +2,13 @@
 //! after its trigger, an injected one three; a clock is two cycles.
 
 use super::*;
+use crate::chip::circuit::Circuit;
 use crate::chip::pin::Pin;
-use crate::chip::surroundings::Surroundings;
 
 /// Each pin has a voltage of its own, in counts: a hundred times its number in port and channel.
 struct Levels;
 
-impl Surroundings for Levels {
+impl Circuit for Levels {
     fn voltage(&mut self, pin: Pin, _at: Time) -> f64 {
         let channel = match pin.port() {
             0 => pin.number(),
@@ -50,7 +50,7 @@ impl Bench {
             data: Vec::new(),
             stream: Stream::Fetches,
         };
-        bench.shared.part.converter.noise = 0.0;
+        bench.shared.variation.converter.noise = 0.0;
         bench.write(&[
             (SMPR2, 1 << 3 | 1 << 6 | 2 << 9),
             (SQR1, 1 << 20),
@@ -132,7 +132,7 @@ fn a_scan_takes_the_data_sheets_time() {
 fn the_voltage_counts_where_sampling_ends() {
     /// Rises by a count in each cycle of 16 MHz.
     struct Ramp;
-    impl Surroundings for Ramp {
+    impl Circuit for Ramp {
         fn voltage(&mut self, _pin: Pin, at: Time) -> f64 {
             3.3 * at.seconds() * 16e6 / 4096.0
         }

@@ -17,9 +17,9 @@ mod options;
 mod write;
 
 use super::Peripheral;
+use super::chip_variation::Random;
 use super::interrupt::Interrupt;
 use super::map::Unit;
-use super::part::Random;
 use super::register::{Register, merge, narrow, word};
 use super::shared::Shared;
 use crate::core::{Transfer, Width};
@@ -204,7 +204,7 @@ impl Flash {
     /// What an operation leaves that was cut short.
     fn tear(&mut self, operation: Operation, shared: &Shared) {
         self.cuts += 1;
-        let mut random = Random::new(shared.part.seed ^ self.cuts << 32);
+        let mut random = Random::new(shared.variation.seed ^ self.cuts << 32);
         match operation {
             Operation::Program {
                 place,

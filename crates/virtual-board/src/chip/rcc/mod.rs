@@ -263,7 +263,7 @@ impl Rcc {
     fn source_hz(&self, which: usize, shared: &Shared) -> u64 {
         match which {
             INTERNAL => INTERNAL_HZ,
-            CRYSTAL => shared.part.crystal_hz,
+            CRYSTAL => shared.variation.crystal_hz,
             _ => self.pll(shared).core_hz,
         }
     }
@@ -278,9 +278,9 @@ impl Rcc {
             INTERNAL => INTERNAL_START,
             CRYSTAL if self.crystal_dead => return,
             // A crystal does not swing while its driver is bypassed.
-            CRYSTAL if external && !shared.part.external_clock => return,
-            CRYSTAL if shared.part.external_clock => EXTERNAL_START,
-            CRYSTAL => shared.part.crystal_start,
+            CRYSTAL if external && !shared.variation.external_clock => return,
+            CRYSTAL if shared.variation.external_clock => EXTERNAL_START,
+            CRYSTAL => shared.variation.crystal_start,
             PLL => PLL_LOCK,
             _ => SLOW_START,
         };

@@ -93,7 +93,7 @@ fn a_dead_crystal_is_never_ready_and_an_external_clock_needs_bypass() {
         (true, true, false, true),
     ] {
         let (mut rcc, mut shared) = (Rcc::default(), shared());
-        shared.part.external_clock = external;
+        shared.variation.external_clock = external;
         rcc.crystal(!dead, &mut shared);
         let cr = 0x81 | if bypass { HSEBYP } else { 0 };
         rcc.write(0x00, cr, !0, &mut shared);

@@ -1,5 +1,5 @@
 use super::*;
-use crate::chip::surroundings::Surroundings;
+use crate::chip::circuit::Circuit;
 use crate::time::Time;
 
 const CR1: u32 = 0;
@@ -18,7 +18,7 @@ struct Mirror {
     modes: Vec<SpiMode>,
 }
 
-impl Surroundings for Mirror {
+impl Circuit for Mirror {
     fn spi(&mut self, word: u16, bits: u32, at: Time) -> u16 {
         self.words.push((word, bits, at));
         !word

@@ -1,5 +1,5 @@
 use super::*;
-use crate::chip::surroundings::Surroundings;
+use crate::chip::circuit::Circuit;
 use crate::time::Time;
 
 const SR: u32 = 0x00;
@@ -17,7 +17,7 @@ struct Line {
     bytes: Vec<(u8, Time)>,
 }
 
-impl Surroundings for Line {
+impl Circuit for Line {
     fn serial(&mut self, byte: u8, at: Time) {
         self.bytes.push((byte, at));
     }

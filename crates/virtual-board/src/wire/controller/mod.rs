@@ -199,7 +199,7 @@ impl Controller {
     }
 
     /// So much has arrived now of a frame without errors; a sender goes on with this bit.
-    pub fn leap(&mut self, arrived: Receiver, next: usize) {
+    pub fn fast_forward(&mut self, arrived: Receiver, next: usize) {
         self.receiver = arrived;
         if let Some((pending, place)) = &mut self.sending {
             *place = next as u8;

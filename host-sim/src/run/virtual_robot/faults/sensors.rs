@@ -10,7 +10,7 @@ use core_algos::safety::Condition::{
 };
 use core_algos::topology::{Node, Role};
 use virtual_board::Time;
-use virtual_board::chip::Defects;
+use virtual_board::chip::InjectedFaults;
 use virtual_board::device::{BridgeFault, EncoderFault, InertialFault, Line, ThermistorFault};
 
 /// Findings if the converter's requests are not served.
@@ -29,8 +29,8 @@ const WHEELS: &[Condition] = &[
     FrameBent,
 ];
 
-fn defects(bench: &mut Bench, role: Role, change: fn(&mut Defects)) {
-    bench.board(role, |board| change(board.chip().defects()));
+fn injected_faults(bench: &mut Bench, role: Role, change: fn(&mut InjectedFaults)) {
+    bench.board(role, |board| change(board.chip().injected_faults()));
 }
 
 fn bridge(bench: &mut Bench, fault: BridgeFault) {
@@ -88,13 +88,13 @@ fn analogue() -> Vec<Entry> {
         "converter overrun: the DMA stalls for 1 ms", "DMA2 of the beam", steps(&[
             at(0, |b| {
                 b.somewhen();
-                defects(b, Role::Beam, |d| d.dma_waits = true);
+                injected_faults(b, Role::Beam, |d| d.dma_waits = true);
             }),
-            at(1, |b| defects(b, Role::Beam, |d| d.dma_waits = false)),
+            at(1, |b| injected_faults(b, Role::Beam, |d| d.dma_waits = false)),
         ]).goes_on().notices(ConversionsLost).check(degraded).finds(OVERRUN);
         "DMA bus error", "DMA2 of the beam", drive(|b| {
             b.somewhen();
-            defects(b, Role::Beam, |d| d.dma_error = true);
+            injected_faults(b, Role::Beam, |d| d.dma_error = true);
         }).goes_on().notices(ConversionsLost).check(degraded).finds(&["overrun", "bus error"]);
         "excitation lost", "strip", drive(|b| { b.beam(|beam, now| beam.excite(now, 0.0)); }).goes_on();
         "a bridge open, up", "strip", drive(|b| { bridge(b, BridgeFault::Open(true)) })
@@ -107,11 +107,11 @@ fn analogue() -> Vec<Entry> {
             .goes_on().stops(STRAINS);
         "one injected conversion missing", "ADC1 of an axle", drive(|b| {
             let role = b.wheel().0;
-            defects(b, role, |d| d.triggers_lost = 1);
+            injected_faults(b, role, |d| d.triggers_lost = 1);
         }).goes_on();
         "injected conversions missing for good", "ADC1 of an axle", drive(|b| {
             let role = b.wheel().0;
-            defects(b, role, |d| d.triggers_lost = u32::MAX);
+            injected_faults(b, role, |d| d.triggers_lost = u32::MAX);
         })
             .stops(&[NeighbourLost, NeighbourFault, CommandTimeout, Restarted]).own_within(WATCHDOG_S).resets(&[Role::Front, Role::Rear]).finds(&["reset"]);
         "thermistor of the drivers open", "PC3", drive(|b| {

@@ -18,7 +18,7 @@ pub mod waves;
 
 use super::VirtualRobot;
 use crate::base::error::Error;
-use crate::run::real_time::Pace;
+use crate::run::real_time::RealTimeLimiter;
 use crate::run::robot::{Observer, Observers, Robot};
 use crate::targets::{BoardTraffic, Event, Traffic};
 use core_algos::bus::CanFrame;
@@ -48,7 +48,7 @@ pub(super) struct Tools {
     debugger: Debugger,
     waves: Option<Waves>,
     cuts: Cuts,
-    pace: Option<Pace>,
+    pace: Option<RealTimeLimiter>,
     observers: Observers,
     /// Frames that each board has put on the bus, and sendings of it that failed.
     traffic: [Traffic; 3],
@@ -102,7 +102,7 @@ impl VirtualRobot {
 
     /// From now on, no tick begins before its time on the clock.
     pub fn keep_pace(&mut self) {
-        self.tools.pace = Some(Pace::new());
+        self.tools.pace = Some(RealTimeLimiter::new());
     }
 
     /// Events of the boards' power.
@@ -190,7 +190,7 @@ impl VirtualRobot {
         }
     }
 
-    pub(super) fn kept_pace(&self) -> Option<&Pace> {
+    pub(super) fn kept_pace(&self) -> Option<&RealTimeLimiter> {
         self.tools.pace.as_ref()
     }
 

@@ -8,14 +8,14 @@
 //! the instants of the part's own oscillator, noise, bias and scale, quantisation and saturation, data
 //! that stand still while the chip is selected, INT_STATUS that a read clears, INT1, temperature.
 //!
-//! Not modelled, and remarked when the program switches it on ([`Icm42688::unknown`]): the FIFO, time
+//! Not modelled, and noted when the program switches it on ([`Icm42688::unknown`]): the FIFO, time
 //! stamps, FSYNC, the low-power mode, motion detection, self test, offsets (bank 4), INT2, little
 //! endian data, other clock sources; nor the notch filter, whatever its setting.
 
 mod path;
 mod registers;
 
-use super::Remarks;
+use super::UnmodelledUses;
 use crate::chip::Drive;
 use crate::device::span_s;
 use crate::time::Time;
@@ -113,7 +113,7 @@ enum Transfer {
 pub struct Icm42688 {
     config: InertialConfig,
     fault: InertialFault,
-    unknown: Remarks,
+    unknown: UnmodelledUses,
     banks: [[u8; 128]; 3],
     bank: u8,
     transfer: Transfer,
@@ -156,7 +156,7 @@ impl Icm42688 {
         let mut sensor = Self {
             config,
             fault: InertialFault::default(),
-            unknown: Remarks::default(),
+            unknown: UnmodelledUses::default(),
             banks: [[0; 128]; 3],
             bank: 0,
             transfer: Transfer::Idle,
@@ -224,7 +224,7 @@ impl Icm42688 {
     }
 
     /// What was asked of it that is not modelled, or that its data sheet forbids.
-    pub fn unknown(&self) -> &Remarks {
+    pub fn unknown(&self) -> &UnmodelledUses {
         &self.unknown
     }
 
@@ -403,7 +403,7 @@ impl Icm42688 {
         let old = self.banks[usize::from(self.bank)][usize::from(address)];
         let new = old & !register.writable | value & register.writable;
         let changed = old ^ value;
-        self.remark(register, changed, new, at);
+        self.note_unmodelled(register, changed, new, at);
         if (self.bank, address) == (0, DEVICE_CONFIG) && value & 1 != 0 {
             return self.reset(at);
         }
@@ -414,8 +414,8 @@ impl Icm42688 {
         self.apply(at);
     }
 
-    /// Remarks what a write changes without a model of it.
-    fn remark(&mut self, register: &Register, changed: u8, value: u8, at: Time) {
+    /// Notes what a write changes without a model of it.
+    fn note_unmodelled(&mut self, register: &Register, changed: u8, value: u8, at: Time) {
         let name = register.name;
         let foreign = changed & register.writable & !register.modelled;
         if foreign != 0 {
@@ -528,8 +528,8 @@ struct Choice {
 }
 
 impl Choice {
-    /// The settings; `None` and a remark, if the path is on, where they are none of the data sheet's.
-    fn settings(&self, unknown: &mut Remarks, is_on: bool, at: Time) -> Option<Settings> {
+    /// The settings; `None` and a note, if the path is on, where they are none of the data sheet's.
+    fn settings(&self, unknown: &mut UnmodelledUses, is_on: bool, at: Time) -> Option<Settings> {
         let mut need = |found: Option<f64>, what: &str, value: u16| {
             if found.is_none() && is_on {
                 unknown.note(at, format!("{}: {what} {value}", self.name));

@@ -74,8 +74,8 @@ impl Bus {
         self.wait(60_000);
     }
 
-    /// The first bytes of all remarks.
-    fn remarks(&self) -> Vec<&str> {
+    /// The first bytes of all notes.
+    fn unmodelled(&self) -> Vec<&str> {
         let list = self.sensor.unknown().list();
         list.iter().map(|r| r.text.as_str()).collect()
     }
@@ -109,11 +109,11 @@ fn identity_reset_values_and_a_reset() {
     assert_eq!(bus.read(0x75), 0);
     bus.wait(1000);
     assert_eq!((bus.read(0x4f), bus.read(0x2d)), (0x06, 0x10));
-    assert_eq!(bus.remarks(), ["a read during a reset"]);
+    assert_eq!(bus.unmodelled(), ["a read during a reset"]);
 }
 
 #[test]
-fn the_firmwares_set_up_leaves_no_remark_and_scales_as_the_data_sheet_says() {
+fn the_firmwares_set_up_uses_nothing_unmodelled_and_scales_as_the_data_sheet_says() {
     let mut bus = Bus::new(silent());
     bus.sensor.motion(
         Time(2 * MS),
@@ -124,7 +124,7 @@ fn the_firmwares_set_up_leaves_no_remark_and_scales_as_the_data_sheet_says() {
         },
     );
     bus.set_up();
-    assert_eq!(bus.remarks(), [""; 0]);
+    assert_eq!(bus.unmodelled(), [""; 0]);
     // 131 LSB/(°/s), 16 384 LSB/g.
     assert_eq!(bus.sample(), [8192, 0, 16_384, 0, 0, 13_107]);
     // Everything reads back.
@@ -272,7 +272,7 @@ fn data_ready_at_the_pin() {
     assert_eq!(bus.sensor.int1(), Drive::High);
     assert_eq!(bus.read(0x2d) & 0x08, 0x08);
     assert_eq!(bus.sensor.int1(), Drive::Low);
-    assert_eq!(bus.remarks(), [""; 0]);
+    assert_eq!(bus.unmodelled(), [""; 0]);
 }
 
 #[test]
@@ -346,5 +346,5 @@ fn what_is_not_modelled_or_forbidden_is_told() {
         "accelerometer: range 4",
         "gyroscope off after 10.0 ms",
     ];
-    assert_eq!(bus.remarks(), expected);
+    assert_eq!(bus.unmodelled(), expected);
 }

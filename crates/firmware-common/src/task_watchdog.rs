@@ -1,20 +1,20 @@
 //! The tasks of a board report here, and the watchdog is fed only while all of them do.
 //!
-//! A task gets a [`Badge`] and reports with it each time round its loop. [`Attendance`] belongs to the
+//! A task gets a [`CheckIn`] and reports with it each time round its loop. [`TaskWatchdog`] belongs to the
 //! task that feeds; which task has been silent for too long is decided by
-//! [`core_algos::safety::roll_call`].
+//! [`core_algos::safety::task_deadlines`].
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
-use core_algos::safety::roll_call::RollCall;
+use core_algos::safety::task_deadlines::TaskDeadlines;
 use embassy_time::Instant;
 
 use crate::watchdog::Watchdog;
 
 /// A task's way to say that it goes on.
-pub struct Badge(&'static AtomicU32);
+pub struct CheckIn(&'static AtomicU32);
 
-impl Badge {
+impl CheckIn {
     /// The task has come round once more.
     pub fn report(&mut self) {
         // One writer, so no update is lost.
@@ -24,29 +24,29 @@ impl Badge {
 }
 
 /// All tasks of a board, and the watchdog that waits for them.
-pub struct Attendance<const N: usize> {
+pub struct TaskWatchdog<const N: usize> {
     names: [&'static str; N],
     counts: &'static [AtomicU32; N],
-    call: RollCall<N>,
+    call: TaskDeadlines<N>,
     watchdog: Watchdog,
 }
 
-impl<const N: usize> Attendance<N> {
-    /// Tasks by name, each with the longest time between two reports, µs; a badge for each, in order.
+impl<const N: usize> TaskWatchdog<N> {
+    /// Tasks by name, each with the longest time between two reports, µs; a [`CheckIn`] for each, in order.
     /// The start is over: `watchdog` is shortened.
     pub fn start(
         counts: &'static [AtomicU32; N],
         tasks: [(&'static str, u64); N],
         mut watchdog: Watchdog,
-    ) -> (Self, [Badge; N]) {
+    ) -> (Self, [CheckIn; N]) {
         watchdog.shorten();
-        let attendance = Self {
+        let task_watchdog = Self {
             names: tasks.map(|(name, _)| name),
             counts,
-            call: RollCall::new(tasks.map(|(_, within)| within), Instant::now().as_micros()),
+            call: TaskDeadlines::new(tasks.map(|(_, within)| within), Instant::now().as_micros()),
             watchdog,
         };
-        (attendance, counts.each_ref().map(Badge))
+        (task_watchdog, counts.each_ref().map(CheckIn))
     }
 
     /// Feeds the watchdog if every task has reported in time; names one that has not.

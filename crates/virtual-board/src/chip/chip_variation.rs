@@ -5,7 +5,7 @@ use crate::time::Time;
 
 /// What differs from one chip and its crystal to the next; typical by default.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Part {
+pub struct ChipVariation {
     /// Frequency of the crystal, Hz.
     pub crystal_hz: u64,
     /// Time from switching the crystal on to a stable clock (data sheet: 2 ms typically at 8 MHz).
@@ -21,7 +21,7 @@ pub struct Part {
     pub seed: u64,
 }
 
-impl Default for Part {
+impl Default for ChipVariation {
     fn default() -> Self {
         Self {
             crystal_hz: 8_000_000,
@@ -34,7 +34,7 @@ impl Default for Part {
     }
 }
 
-impl Part {
+impl ChipVariation {
     /// Time of so many periods of the slow oscillator.
     pub(crate) fn slow(&self, periods: u64) -> Time {
         let picoseconds = u128::from(periods) * 1_000_000_000_000 / u128::from(self.slow_hz.max(1));

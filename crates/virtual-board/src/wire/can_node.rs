@@ -6,7 +6,7 @@ use super::timing::{BitClock, BitTiming};
 use crate::time::Time;
 
 /// A node at the wire.
-pub(super) struct Station {
+pub(super) struct CanNode {
     pub controller: Controller,
     pub clock: BitClock,
     /// What it drives.
@@ -20,7 +20,7 @@ pub(super) struct Station {
     pub due: Time,
 }
 
-impl Station {
+impl CanNode {
     pub fn new() -> Self {
         Self {
             controller: Controller::new(),

@@ -21,7 +21,7 @@ pub struct Save {
 
 /// Why a parameter was not set, or the parameters not saved.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum KeepError {
+pub enum StoreError {
     /// There is no such parameter.
     Index,
     /// Out of range, or no node can be built with it.
@@ -30,7 +30,7 @@ pub enum KeepError {
 
 /// The parameters of one board.
 #[derive(Clone, Debug)]
-pub struct Kept {
+pub struct StoredParameters {
     role: Role,
     /// As they would be after a reset.
     stored: Settings,
@@ -39,7 +39,7 @@ pub struct Kept {
     settings: Settings,
 }
 
-impl Kept {
+impl StoredParameters {
     /// Those of a board whose store holds nothing.
     pub fn new(role: Role) -> Self {
         let base = Settings::of(role);
@@ -97,15 +97,15 @@ impl Kept {
     }
 
     /// Gives one another value, or changes nothing.
-    pub fn set(&mut self, index: u8, value: f32, _off: Disarmed) -> Result<(), KeepError> {
+    pub fn set(&mut self, index: u8, value: f32, _off: Disarmed) -> Result<(), StoreError> {
         let set = parameter(index)?.set(&mut self.settings, value);
-        set.map_err(KeepError::Value)
+        set.map_err(StoreError::Value)
     }
 
     /// Checks that a node can be built from the values, each of which is in range by itself.
-    pub fn check(&self) -> Result<(), KeepError> {
+    pub fn check(&self) -> Result<(), StoreError> {
         let checked = self.settings.check(self.role);
-        checked.map_err(KeepError::Value)
+        checked.map_err(StoreError::Value)
     }
 
     /// Contents to write, once checked.
@@ -118,6 +118,6 @@ impl Kept {
     }
 }
 
-fn parameter(index: u8) -> Result<&'static Parameter, KeepError> {
-    TABLE.get(usize::from(index)).ok_or(KeepError::Index)
+fn parameter(index: u8) -> Result<&'static Parameter, StoreError> {
+    TABLE.get(usize::from(index)).ok_or(StoreError::Index)
 }

@@ -15,19 +15,19 @@ const FEWEST: usize = 4;
 const TAIL: usize = 11;
 
 impl Wire {
-    /// Goes over bits that the station sends, all of them sampled before `limit`, if that is possible
-    /// just now: the station is about to begin a bit, and all others have sampled the one before.
-    pub(super) fn leap(&mut self, sender: usize, limit: Time) -> bool {
+    /// Goes over bits that the node sends, all of them sampled before `limit`, if that is possible
+    /// just now: the node is about to begin a bit, and all others have sampled the one before.
+    pub(super) fn fast_forward(&mut self, sender: usize, limit: Time) -> bool {
         let Some((from, to)) = self.stretch(sender, limit) else {
             return false;
         };
-        let Some((bits, _)) = self.stations[sender].controller.sending() else {
+        let Some((bits, _)) = self.can_nodes[sender].controller.sending() else {
             return false;
         };
         let bits = *bits;
         // Beginnings of the bits, with that of the one behind.
         let mut begins = [Time(0); 160];
-        let mut clock = self.stations[sender].clock;
+        let mut clock = self.can_nodes[sender].clock;
         for begin in &mut begins[from..to] {
             *begin = clock.next_time();
             clock.advance(false, false);
@@ -35,11 +35,11 @@ impl Wire {
         }
         begins[to] = clock.next_time();
         let mut clocks = [clock; 8];
-        for (station, clock) in self.stations.iter().zip(&mut clocks) {
-            if !station.controller.is_in() || station.controller.sending().is_some() {
+        for (can_node, clock) in self.can_nodes.iter().zip(&mut clocks) {
+            if !can_node.controller.is_in() || can_node.controller.sending().is_some() {
                 continue;
             }
-            *clock = station.clock;
+            *clock = can_node.clock;
             for i in from..to {
                 if bits.recessive(i - 1) && !bits.recessive(i) {
                     clock.edge(begins[i] + self.delay, false, true);
@@ -52,16 +52,16 @@ impl Wire {
                 clock.sample();
             }
         }
-        let mut arrived = *self.stations[sender].controller.arrived();
+        let mut arrived = *self.can_nodes[sender].controller.arrived();
         for i in from..to {
             arrived.step(!bits.recessive(i));
         }
-        for (station, clock) in self.stations.iter_mut().zip(clocks) {
-            if station.controller.is_in() {
-                station.clock = clock;
-                station.read = !bits.recessive(to - 1);
-                station.controller.leap(arrived, to);
-                station.plan(self.delay);
+        for (can_node, clock) in self.can_nodes.iter_mut().zip(clocks) {
+            if can_node.controller.is_in() {
+                can_node.clock = clock;
+                can_node.read = !bits.recessive(to - 1);
+                can_node.controller.fast_forward(arrived, to);
+                can_node.plan(self.delay);
             }
         }
         self.drove(sender, from, to, &begins);
@@ -70,41 +70,42 @@ impl Wire {
 
     /// The bits that can be gone over: from the one that the sender begins next to before another.
     fn stretch(&self, sender: usize, limit: Time) -> Option<(usize, usize)> {
-        let station = &self.stations[sender];
-        let (bits, from) = station.controller.sending()?;
+        let can_node = &self.can_nodes[sender];
+        let (bits, from) = can_node.controller.sending()?;
         let to = bits.length().saturating_sub(TAIL);
-        let calm = self.forced.is_none() && self.noise.is_off() && self.stations.len() <= 8;
-        if !calm || !station.clock.sampled || from == 0 || to < from + FEWEST {
+        let calm = self.forced.is_none() && self.noise.is_off() && self.can_nodes.len() <= 8;
+        if !calm || !can_node.clock.sampled || from == 0 || to < from + FEWEST {
             return None;
         }
-        let heard = station.sends && station.is_reading() && station.with(|s| s.sends && !s.silent);
-        let arrived = station.controller.arrived();
-        let follow = self.stations.iter().enumerate().all(|(i, other)| {
+        let heard =
+            can_node.sends && can_node.is_reading() && can_node.with(|s| s.sends && !s.silent);
+        let arrived = can_node.controller.arrived();
+        let follow = self.can_nodes.iter().enumerate().all(|(i, other)| {
             i == sender
                 || !other.controller.is_in()
                 || other.clock.sampled
                     && !other.dominant
                     && other.is_reading()
-                    && other.piece == station.piece
+                    && other.piece == can_node.piece
                     && other.controller.follows(arrived)
         });
         if !heard || !follow {
             return None;
         }
         // Others sample a bit later than the sender by less than a bit.
-        let span = limit - station.clock.next_time();
-        let fit = (span.0 / station.clock.bit().0.max(1)).saturating_sub(2);
+        let span = limit - can_node.clock.next_time();
+        let fit = (span.0 / can_node.clock.bit().0.max(1)).saturating_sub(2);
         let to = to.min(from + fit as usize);
         (to >= from + FEWEST).then_some((from, to))
     }
 
     /// What the sender drove in these bits.
     fn drove(&mut self, sender: usize, from: usize, to: usize, begins: &[Time; 160]) {
-        let station = &mut self.stations[sender];
-        let piece = station.piece;
-        let before = station.dominant;
-        let after = station.read;
-        station.dominant = after;
+        let can_node = &mut self.can_nodes[sender];
+        let piece = can_node.piece;
+        let before = can_node.dominant;
+        let after = can_node.read;
+        can_node.dominant = after;
         match (before, after) {
             (false, true) => self.drivers[piece] += 1,
             (true, false) => self.drivers[piece] -= 1,
@@ -113,7 +114,7 @@ impl Wire {
         if piece != 0 {
             return;
         }
-        if let (Some(levels), Some((bits, _))) = (&mut self.levels, station.controller.sending()) {
+        if let (Some(levels), Some((bits, _))) = (&mut self.levels, can_node.controller.sending()) {
             let mut last = before;
             for (i, &begin) in begins.iter().enumerate().take(to).skip(from) {
                 let dominant = !bits.recessive(i);

@@ -1,24 +1,24 @@
 //! Which of a board's tasks are alive: decides whether the watchdog may be fed.
 //!
 //! A task that stops, or is starved by one above it, misses its time and the watchdog is no longer
-//! fed, whatever the others do. The driver of the watchdog asks [`RollCall::complete`] and feeds only
+//! fed, whatever the others do. The driver of the watchdog asks [`TaskDeadlines::complete`] and feeds only
 //! if it says so; nothing else feeds.
 //!
 //! # Panic contract
 //!
-//! [`RollCall::new`] takes any times; nothing here can fail.
+//! [`TaskDeadlines::new`] takes any times; nothing here can fail.
 
 use crate::time::Micros;
 
 /// The tasks of a board, each with the longest time between two of its reports.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct RollCall<const N: usize> {
+pub struct TaskDeadlines<const N: usize> {
     within: [Micros; N],
     /// Count of reports at the latest look, and when it last changed.
     heard: [(u32, Micros); N],
 }
 
-impl<const N: usize> RollCall<N> {
+impl<const N: usize> TaskDeadlines<N> {
     /// Tasks that are to report within these times (µs), the first time so long after `now`.
     pub const fn new(within: [Micros; N], now: Micros) -> Self {
         Self {
@@ -54,7 +54,7 @@ mod tests {
     #[test]
     fn one_silent_task_among_busy_ones_is_enough() {
         for silent in 0..3 {
-            let mut call = RollCall::new([5_000, 20_000, 100_000], 0);
+            let mut call = TaskDeadlines::new([5_000, 20_000, 100_000], 0);
             let mut reports = [u32::MAX - 3; 3];
             let mut refused = None;
             for tick in 1..=300u64 {
@@ -75,7 +75,7 @@ mod tests {
 
     #[test]
     fn a_task_that_never_reports_has_its_time_from_the_start() {
-        let mut call = RollCall::new([10_000], 1_000_000);
+        let mut call = TaskDeadlines::new([10_000], 1_000_000);
         assert!(call.complete(1_010_000, [0]));
         assert!(!call.complete(1_010_001, [0]));
         assert!(call.complete(1_020_000, [1]), "it is back");
@@ -88,7 +88,7 @@ mod tests {
             events in prop::collection::vec((0usize..4, 1u64..4_000), 1..200),
         ) {
             let within = [1_000, 5_000, 30_000];
-            let mut call = RollCall::new(within, 0);
+            let mut call = TaskDeadlines::new(within, 0);
             let (mut now, mut counts) = (0, [0u32; 3]);
             // Reports are seen at the next look, which is when they count from.
             let (mut pending, mut last) = ([false; 3], [0u64; 3]);

@@ -2,9 +2,9 @@
 
 use super::Chip;
 
-/// Defects of a chip; none by default.
+/// Faults injected into a chip; none by default.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Defects {
+pub struct InjectedFaults {
     /// The DMA controllers serve no request, as if their bus were never free: a converter that goes on
     /// loses samples.
     pub dma_waits: bool,
@@ -16,12 +16,12 @@ pub struct Defects {
 
 impl Chip {
     /// What is broken inside, to be changed.
-    pub fn defects(&mut self) -> &mut Defects {
-        &mut self.defects
+    pub fn injected_faults(&mut self) -> &mut InjectedFaults {
+        &mut self.injected_faults
     }
 }
 
-impl Defects {
+impl InjectedFaults {
     /// Whether a trigger of the converter is lost.
     pub(super) fn loses_trigger(&mut self) -> bool {
         let lost = self.triggers_lost > 0;

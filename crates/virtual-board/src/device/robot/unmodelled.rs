@@ -7,7 +7,7 @@ const LIMIT: usize = 64;
 
 /// One thing, and how often.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Remark {
+pub struct UnmodelledUse {
     /// What it is, in words.
     pub text: String,
     /// The first time.
@@ -16,15 +16,15 @@ pub struct Remark {
     pub count: u64,
 }
 
-/// Remarks in the order of their first times.
+/// Uses in the order of their first times.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Remarks {
-    list: Vec<Remark>,
+pub struct UnmodelledUses {
+    list: Vec<UnmodelledUse>,
 }
 
-impl Remarks {
+impl UnmodelledUses {
     /// All of them.
-    pub fn list(&self) -> &[Remark] {
+    pub fn list(&self) -> &[UnmodelledUse] {
         &self.list
     }
 
@@ -34,7 +34,7 @@ impl Remarks {
         let full = self.list.len() == LIMIT;
         match known.or(full.then_some(LIMIT - 1)) {
             Some(index) => self.list[index].count += 1,
-            None => self.list.push(Remark { text, at, count: 1 }),
+            None => self.list.push(UnmodelledUse { text, at, count: 1 }),
         }
     }
 }
@@ -45,14 +45,14 @@ mod tests {
 
     #[test]
     fn equal_texts_are_counted_and_the_number_of_texts_is_bounded() {
-        let mut remarks = Remarks::default();
+        let mut unmodelled = UnmodelledUses::default();
         for k in 0..200u64 {
-            remarks.note(Time(k), format!("{}", k / 2));
+            unmodelled.note(Time(k), format!("{}", k / 2));
         }
-        assert_eq!(remarks.list().len(), LIMIT);
-        assert_eq!(remarks.list()[3].count, 2);
-        assert_eq!(remarks.list()[3].at, Time(6));
-        let sum: u64 = remarks.list().iter().map(|r| r.count).sum();
+        assert_eq!(unmodelled.list().len(), LIMIT);
+        assert_eq!(unmodelled.list()[3].count, 2);
+        assert_eq!(unmodelled.list()[3].at, Time(6));
+        let sum: u64 = unmodelled.list().iter().map(|r| r.count).sum();
         assert_eq!(sum, 200);
     }
 }

@@ -8,7 +8,7 @@ use std::any::Any;
 ///
 /// The chip calls it at exact times; between two calls nothing of it may change what the chip sees,
 /// but by [`Self::advance`] at the time that [`Self::next`] announced.
-pub trait Surroundings: Any + Send {
+pub trait Circuit: Any + Send {
     /// The chip drives this pin in another way now.
     fn pin(&mut self, pin: Pin, drive: Drive, at: Time) {
         let _ = (pin, drive, at);
@@ -58,7 +58,7 @@ pub trait Surroundings: Any + Send {
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Bare;
 
-impl Surroundings for Bare {}
+impl Circuit for Bare {}
 
 /// How SPI1 clocks its words.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
