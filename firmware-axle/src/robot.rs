@@ -40,7 +40,7 @@ async fn main(spawner: Spawner) {
     drivers_asleep();
     fault::on_fault(drivers_asleep);
     let watchdog = Watchdog::start();
-    match start(board::start(), watchdog).await {
+    match start(board::start(), watchdog) {
         // In a task of its own, so that the stack of the start is free again.
         Ok((reports, task_watchdog)) => {
             spawner.spawn(telemetry::run(reports, task_watchdog).expect("spawned once"));
@@ -62,7 +62,7 @@ fn drivers_asleep() {
 }
 
 /// Builds everything and starts it; what is left for the caller is the log.
-async fn start(
+fn start(
     p: Peripherals,
     watchdog: Watchdog,
 ) -> Result<(telemetry::Reports, telemetry::TaskWatchdog), ConfigError> {
@@ -82,7 +82,7 @@ async fn start(
     let [of_drive, of_tick, of_bus] = check_ins;
     let (sender, receiver) = can::start(p.CAN1, p.PB8, p.PB9);
     let encoders = Encoders::start((p.TIM3, p.PC6, p.PC7), (p.TIM4, p.PB6, p.PB7));
-    let inertial = Inertial::start(p.SPI1, p.PA4, p.PA5, p.PA6, p.PA7, &settings.inertial).await?;
+    let inertial = Inertial::start(p.SPI1, p.PA4, p.PA5, p.PA6, p.PA7, &settings.inertial)?;
     let parts = motors::Parts {
         adc: p.ADC1,
         timer: p.TIM1,

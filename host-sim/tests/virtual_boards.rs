@@ -110,3 +110,16 @@ fn boards_get_ready_in_whatever_order_their_power_comes() {
         }
     }
 }
+
+#[test]
+fn inertial_sensors_are_set_up_without_a_lost_frame_or_tick() {
+    let folder = tempfile::tempdir().unwrap();
+    for seed in ["1", "2"] {
+        let output = hil(
+            folder.path(),
+            &["--imu", "--seed", seed, "--stop-after", "0.3"],
+        );
+        let error = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{seed}: {error}");
+    }
+}

@@ -183,7 +183,8 @@ fn a_profile_adds_up_to_the_load_and_knows_the_longest_tick() {
         // What the board measures by its own counter.
         let told = board["longest_tick_us"].as_f64().unwrap();
         let seen = of("UART4")["longest_with_preemption_us"].as_f64().unwrap();
-        assert!((seen - told).abs() < 20.0, "{name}: {seen} {told}");
+        // The interrupt also holds the report of health, which the board does not count.
+        assert!((seen - told).abs() < 30.0, "{name}: {seen} {told}");
     }
 }
 
@@ -372,6 +373,10 @@ fn a_debugger_meets_the_first_instruction_and_time_stands_still_for_it() {
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
+    // A client that speaks something else is dropped, and the next one is served.
+    let mut stray = Debugger::connect(port);
+    stray.0.write_all(b"-").unwrap();
+    while stray.0.read(&mut [0; 64]).is_ok_and(|count| count > 0) {}
     let mut gdb = Debugger::connect(port);
     gdb.ask("?");
     assert_eq!(gdb.pc(), image.reset_vector() & !1);
@@ -386,6 +391,7 @@ fn a_debugger_meets_the_first_instruction_and_time_stands_still_for_it() {
     assert_eq!(gdb.ask("D"), "OK");
     let output = child.wait_with_output().unwrap();
     assert!(output.status.success(), "{}", error_of(&output));
+    assert!(error_of(&output).contains("gdb dropped"));
     let output = hil(folder.path(), &["--stop-after", "0.3", "--out", "without"]);
     assert!(output.status.success(), "{}", error_of(&output));
     for file in [

@@ -12,7 +12,6 @@ use embassy_stm32::peripherals::{PA4, PA5, PA6, PA7, SPI1};
 use embassy_stm32::spi::mode::Master;
 use embassy_stm32::spi::{self, Spi};
 use embassy_stm32::time::Hertz;
-use embassy_time::Timer;
 
 /// The sensor and its bus.
 pub struct Inertial {
@@ -26,8 +25,9 @@ struct Bus {
 }
 
 impl Inertial {
-    /// Sets it up. A sensor that does not answer is reported as such and the board goes on without.
-    pub async fn start(
+    /// Starts its bus. [`Self::read`] sets the sensor up, so that the board is on the bus without a wait;
+    /// a sensor that does not answer is reported as such, and the board goes on without.
+    pub fn start(
         spi: Peri<'static, SPI1>,
         select: Peri<'static, PA4>,
         clock: Peri<'static, PA5>,
@@ -37,18 +37,13 @@ impl Inertial {
     ) -> Result<Self, ConfigError> {
         let mut config = spi::Config::default();
         config.frequency = Hertz(10_500_000);
-        let mut inertial = Self {
+        Ok(Self {
             bus: Bus {
                 spi: Spi::new_blocking(spi, clock, mosi, miso, config),
                 select: Output::new(select, Level::High, Speed::High),
             },
             sensor: Icm42688::new(scale.gyro_gain, scale.accelerometer_gain)?,
-        };
-        while !inertial.sensor.is_set_up() && !inertial.sensor.is_lost() {
-            inertial.read(false);
-            Timer::after_millis(1).await;
-        }
-        Ok(inertial)
+        })
     }
 
     /// True if the sensor answers with its configuration.
@@ -56,7 +51,8 @@ impl Inertial {
         !self.sensor.is_lost()
     }
 
-    /// To be called every millisecond: reads the latest sample, in 12 µs, now and then 14.
+    /// To be called every millisecond: goes on with the set-up, or reads the latest sample in 12 µs, now and
+    /// then 14.
     /// `still` says that the motors are off.
     pub fn read(&mut self, still: bool) -> Reading {
         let Self { bus, sensor } = self;

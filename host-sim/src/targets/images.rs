@@ -1,7 +1,7 @@
 //! Images of the boards, built from this workspace.
 
 use crate::base::error::Error;
-use std::fs;
+use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
@@ -9,9 +9,15 @@ use std::process::{Command, Stdio};
 pub const TARGET: &str = "thumbv7em-none-eabihf";
 
 /// Builds a package's image if it is not up to date, with this feature, and gives the ELF file's bytes.
+/// All variants have one path, so a lock keeps other runs from building theirs in between.
 pub fn build(package: &str, feature: Option<&str>) -> Result<Vec<u8>, Error> {
     let workspace = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
+    let target = std::env::var_os("CARGO_TARGET_DIR").map(PathBuf::from);
+    let target = target.unwrap_or_else(|| workspace.join("target"));
+    let lock = target.join("images.lock");
+    let held = File::create(&lock).and_then(|file| file.lock().map(|()| file));
+    let _held = held.map_err(|error| Error::Failure(format!("{}: {error}", lock.display())))?;
     let status = Command::new(&cargo)
         .args(["build", "--quiet", "--locked", "--release"])
         .args(["--target", TARGET, "--package", package])
@@ -30,8 +36,6 @@ pub fn build(package: &str, feature: Option<&str>) -> Result<Vec<u8>, Error> {
              rustup target add {TARGET}"
         )));
     }
-    let target = std::env::var_os("CARGO_TARGET_DIR").map(PathBuf::from);
-    let target = target.unwrap_or_else(|| workspace.join("target"));
     let built = target.join(TARGET).join("release").join(package);
     fs::read(&built).map_err(|error| Error::Failure(format!("{}: {error}", built.display())))
 }

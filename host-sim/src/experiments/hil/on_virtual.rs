@@ -29,6 +29,9 @@ use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 use virtual_board::probe::coverage::Coverage;
 
+/// Limit of a tick, µs: a quarter of the millisecond is kept in reserve.
+const TICK_LIMIT_US: u16 = 750;
+
 /// Result of the experiment with virtual boards.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 struct Report {
@@ -342,6 +345,13 @@ fn judge(report: &Report, early: bool) -> Option<String> {
             return Some(format!(
                 "{} board: {}: {}, in {}",
                 board.name, finding.kind, finding.text, finding.place
+            ));
+        }
+        let longest = board.longest_tick_us;
+        if longest > TICK_LIMIT_US {
+            return Some(format!(
+                "{} board: a tick took {longest} µs; at most {TICK_LIMIT_US} µs",
+                board.name
             ));
         }
         for (count, what) in [

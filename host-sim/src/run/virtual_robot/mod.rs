@@ -327,12 +327,12 @@ impl VirtualRobot {
             }
         }
         self.booted = self.network.now();
-        self.watches
-            .iter_mut()
-            .zip(self.network.boards())
-            .for_each(|(watch, board)| {
-                watch.booted(board);
-            });
+        for (place, watch) in self.watches.iter_mut().enumerate() {
+            let lost = self.network.wire().statistics(place).given_up;
+            if let Some(board) = self.network.board(place) {
+                watch.booted(board, lost);
+            }
+        }
         Ok(())
     }
 

@@ -16,6 +16,8 @@ pub struct Watch {
     longest_tick_us: u16,
     tick_lateness_us: u16,
     boot_sp: u32,
+    boot_lost: u64,
+    boot_missed: u8,
     hclk_hz: u64,
 }
 
@@ -27,8 +29,10 @@ impl Watch {
         self.tick_lateness_us = self.tick_lateness_us.max(lateness_us);
     }
 
-    /// The board is ready: the lowest that its stack pointer has been, and the frequency of its core.
-    pub fn booted(&mut self, board: &mut Board) {
+    /// The board is ready: the lowest that its stack pointer has been, the frequency of its core, the
+    /// frames it gave up while it was alone on the bus, and the ticks it missed until it was in step.
+    pub fn booted(&mut self, board: &mut Board, lost: u64) {
+        (self.boot_lost, self.boot_missed) = (lost, self.missed_ticks);
         self.boot_sp = board.core().lowest_msp();
         self.hclk_hz = board.chip().clocks().hclk_hz;
     }
@@ -63,7 +67,7 @@ pub struct Can {
     pub received: u64,
     /// Frames lost because nobody fetched those before.
     pub overrun: u64,
-    /// Frames given up before they were sent.
+    /// Frames given up before they were sent, after all boards were ready.
     pub lost: u64,
     /// Arbitrations lost; the frame goes later.
     pub arbitrations_lost: u64,
@@ -84,7 +88,7 @@ pub struct BoardReport {
     pub longest_tick_us: u16,
     /// Largest lateness of a tick, as the board measures it, µs.
     pub tick_lateness_us: u16,
-    /// Ticks missed.
+    /// Ticks missed after all boards were ready.
     pub missed_ticks: u8,
     /// Longest time from the converter's trigger to the new duty, µs; only of a board with motors.
     pub longest_current_loop_us: Option<f64>,
@@ -138,7 +142,7 @@ pub fn of(
         findings,
         longest_tick_us: watch.longest_tick_us,
         tick_lateness_us: watch.tick_lateness_us,
-        missed_ticks: watch.missed_ticks,
+        missed_ticks: watch.missed_ticks.saturating_sub(watch.boot_missed),
         longest_current_loop_us: (role != Role::Beam && core.taken(ADC) > 0).then_some(reaction_us),
         load: 1.0 - core.asleep() as f64 / core.cycles().max(1) as f64,
         stack_used: used(core.lowest_msp()),
@@ -149,7 +153,7 @@ pub fn of(
             sent: can.sent,
             received: can.received,
             overrun,
-            lost: can.given_up,
+            lost: can.given_up.saturating_sub(watch.boot_lost),
             arbitrations_lost: can.arbitrations_lost,
             error_frames: can.error_frames(),
         },

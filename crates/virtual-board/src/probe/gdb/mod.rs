@@ -127,17 +127,28 @@ impl Session {
         let other = stream.try_clone().map_err(GdbError::Connection)?;
         board.core_mut().attach_debugger(true);
         board.stop();
-        let machine = GdbStub::new(other)
-            .run_state_machine(board)
-            .map_err(|error| GdbError::Protocol(error.to_string()))?;
+        let machine = GdbStub::new(other).run_state_machine(board);
+        let machine = machine.map_err(|error| {
+            target::release(board);
+            GdbError::Protocol(error.to_string())
+        })?;
         Ok(Self {
             stream,
             machine: Some(machine),
         })
     }
 
-    /// Does what gdb asks for, tells it when the board has stopped, and comes back at once.
+    /// Does what gdb asks for, tells it when the board has stopped, and comes back at once. After an
+    /// error the session is over and the board runs freely.
     pub fn serve(&mut self, board: &mut Board) -> Result<Next, GdbError> {
+        let next = self.step(board);
+        if next.is_err() {
+            self.leave(board);
+        }
+        next
+    }
+
+    fn step(&mut self, board: &mut Board) -> Result<Next, GdbError> {
         let mut bytes = [0; 1024];
         loop {
             self.report(board)?;
@@ -150,10 +161,7 @@ impl Session {
                         _ => Next::Wait,
                     });
                 }
-                Err(error) => {
-                    self.leave(board);
-                    return Err(GdbError::Connection(error));
-                }
+                Err(error) => return Err(GdbError::Connection(error)),
             };
             for &byte in &bytes[..count] {
                 self.feed(board, byte)?;

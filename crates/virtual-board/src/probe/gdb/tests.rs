@@ -293,3 +293,20 @@ fn a_port_in_use_is_an_error_that_says_which() {
     let error = Server::listen(port).unwrap_err().to_string();
     assert!(error.starts_with(&format!("port {port} cannot be opened")));
 }
+
+#[test]
+fn a_client_that_is_no_gdb_ends_its_session_and_the_board_runs_on() {
+    // An answer to nothing, and a packet with a wrong checksum.
+    for bytes in [b"-".as_slice(), b"$g#00"] {
+        let mut client = Client::new();
+        client.stream.write_all(bytes).unwrap();
+        let mut session = client.session.take().unwrap();
+        let mut calls = (0..100_000).map(|_| session.serve(&mut client.board));
+        let error = calls.find_map(Result::err).unwrap();
+        assert!(matches!(error, GdbError::Protocol(_)), "{error}");
+        let before = client.board.core().instructions();
+        let to = client.board.now() + Time::from_micros(10_000);
+        client.board.run_until(to);
+        assert!(client.board.core().instructions() > before);
+    }
+}

@@ -118,7 +118,7 @@ impl Debugger {
             attached.role.name()
         );
         while attached.session.is_none() {
-            attached.session = attached.server.poll(board).map_err(failed)?;
+            attached.poll(board)?;
             pause(&self.interrupt)?;
         }
         Ok(())
@@ -146,19 +146,33 @@ impl Debugger {
 impl Attached {
     /// Does what the debugger asks for; gives whether it has the board stopped.
     fn serve(&mut self, board: &mut Board) -> Result<bool, Error> {
-        let failed = |error: GdbError| broken(self.role, &error);
         let Some(session) = &mut self.session else {
-            self.session = self.server.poll(board).map_err(failed)?;
+            self.poll(board)?;
             return Ok(self.session.is_some());
         };
-        match session.serve(board).map_err(failed)? {
-            Next::Run => Ok(false),
-            Next::Wait => Ok(true),
-            Next::Gone => {
-                self.session = None;
-                Ok(false)
-            }
+        match session.serve(board) {
+            Ok(Next::Run) => return Ok(false),
+            Ok(Next::Wait) => return Ok(true),
+            Ok(Next::Gone) => {}
+            Err(error) => self.drop_client(&error),
         }
+        self.session = None;
+        Ok(false)
+    }
+
+    /// Takes a client that has connected. One that is no gdb is dropped, and the port goes on listening.
+    fn poll(&mut self, board: &mut Board) -> Result<(), Error> {
+        match self.server.poll(board) {
+            Ok(session) => self.session = session,
+            Err(error @ GdbError::Port(..)) => return Err(broken(self.role, &error)),
+            Err(error) => self.drop_client(&error),
+        }
+        Ok(())
+    }
+
+    fn drop_client(&self, error: &GdbError) {
+        let name = self.role.name();
+        eprintln!("{name} board: client at the port for gdb dropped: {error}");
     }
 }
 
