@@ -21,7 +21,7 @@ use core_algos::topology::Role;
 use embassy_executor::Spawner;
 use embassy_stm32::Peripherals;
 use embassy_stm32::pac::gpio::vals::Moder;
-use embassy_stm32::pac::{GPIOB, RCC};
+use embassy_stm32::pac::{GPIOC, RCC};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::watch::Watch;
 use firmware_common::store::chip::Parameters;
@@ -53,12 +53,12 @@ async fn main(spawner: Spawner) {
     }
 }
 
-/// Pulls nSLEEP of both drivers low: with PB13 an output, whatever else is set up. Before the motors
+/// Pulls nSLEEP of both drivers low: with PC4 an output, whatever else is set up. Before the motors
 /// are started this is their safe state.
 fn drivers_asleep() {
-    RCC.ahb1enr().modify(|w| w.set_gpioben(true));
-    GPIOB.bsrr().write(|w| w.set_br(13, true));
-    GPIOB.moder().modify(|w| w.set_moder(13, Moder::OUTPUT));
+    RCC.ahb1enr().modify(|w| w.set_gpiocen(true));
+    GPIOC.bsrr().write(|w| w.set_br(4, true));
+    GPIOC.moder().modify(|w| w.set_moder(4, Moder::OUTPUT));
 }
 
 /// Builds everything and starts it; what is left for the caller is the log.
@@ -88,7 +88,7 @@ fn start(
         timer: p.TIM1,
         enable: (p.PA8, p.PA9),
         direction: (p.PB14, p.PB15),
-        sleep: p.PB13,
+        sleep: p.PC4,
         fault: (p.PC8, p.PC9),
         current: (p.PC0, p.PC1),
         supply: p.PC2,

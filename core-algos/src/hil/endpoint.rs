@@ -75,7 +75,7 @@ impl Endpoint {
     pub fn receive(&mut self, bytes: &[u8], send: &mut impl FnMut(&[u8])) {
         for &byte in bytes {
             let before = self.decoder.counters();
-            if let Some(payload) = self.decoder.push(byte) {
+            if let Some(payload) = self.decoder.take_byte(byte) {
                 let counters = Counters {
                     received: before.received.wrapping_add(1),
                     ..before

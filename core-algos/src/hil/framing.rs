@@ -117,7 +117,7 @@ impl Decoder {
     }
 
     /// Takes the next byte; the payload when it ends a good frame.
-    pub fn push(&mut self, byte: u8) -> Option<&[u8]> {
+    pub fn take_byte(&mut self, byte: u8) -> Option<&[u8]> {
         if byte != 0 {
             // A frame that is too long is remembered by its length alone.
             if let Some(slot) = self.bytes.get_mut(self.length) {
@@ -157,7 +157,7 @@ mod tests {
     fn decode(decoder: &mut Decoder, bytes: &[u8]) -> Vec<Vec<u8>> {
         let pushed = bytes
             .iter()
-            .filter_map(|&byte| decoder.push(byte).map(<[u8]>::to_vec));
+            .filter_map(|&byte| decoder.take_byte(byte).map(<[u8]>::to_vec));
         pushed.collect()
     }
 

@@ -5,7 +5,7 @@
 //! the frame, so the result depends neither on the speed of the link nor on that of the board.
 //!
 //! [`framing`] turns payloads into frames of a byte stream and finds them again; [`protocol`] is
-//! what is said; [`endpoint`] is the board's side, without input or output of its own; [`kept`] are
+//! what is said; [`endpoint`] is the board's side, without input or output of its own; [`stored_parameters`] are
 //! the parameters in the board's store, which a host may read, change and save.
 //!
 //! # Order and loss

@@ -81,7 +81,7 @@ impl Host {
         let (mut decoder, mut payload) = (Decoder::new(), Vec::new());
         let mut take = |answer: &[u8]| {
             for &byte in answer {
-                if let Some(found) = decoder.push(byte) {
+                if let Some(found) = decoder.take_byte(byte) {
                     payload = found.to_vec();
                 }
             }
@@ -761,7 +761,7 @@ fn a_million_damaged_streams_pass_no_wrong_frame_and_do_no_harm() {
             bytes
         };
         for &byte in &bytes {
-            if let Some(payload) = decoder.push(byte) {
+            if let Some(payload) = decoder.take_byte(byte) {
                 wrong += u32::from(!originals.iter().any(|original| original == payload));
             }
         }

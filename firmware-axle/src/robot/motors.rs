@@ -31,9 +31,9 @@ use critical_section::Mutex;
 use embassy_stm32::adc::{Adc, AdcChannel, Exten, InjectedAdc, SampleTime};
 use embassy_stm32::gpio::{Input, Level, Output, Pull, Speed};
 use embassy_stm32::interrupt::{self, InterruptExt, Priority};
-use embassy_stm32::pac::GPIOB;
+use embassy_stm32::pac::GPIOC;
 use embassy_stm32::peripherals::{
-    ADC1, PA8, PA9, PB12, PB13, PB14, PB15, PC0, PC1, PC2, PC3, PC8, PC9,
+    ADC1, PA8, PA9, PB12, PB14, PB15, PC0, PC1, PC2, PC3, PC4, PC8, PC9,
 };
 use embassy_stm32::{Peri, interrupt as handler, peripherals, triggers};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
@@ -73,7 +73,7 @@ pub struct Parts {
     /// Direction pins (left, right).
     pub direction: (Peri<'static, PB14>, Peri<'static, PB15>),
     /// Sleep pin of both drivers, low: asleep; the drivers' own pull-down holds it in reset.
-    pub sleep: Peri<'static, PB13>,
+    pub sleep: Peri<'static, PC4>,
     /// Fault pins of the drivers (left, right), low: fault.
     pub fault: (Peri<'static, PC8>, Peri<'static, PC9>),
     /// Currents (left, right).
@@ -400,6 +400,6 @@ fn TIM7() {
 
 /// Motors off by registers alone: drivers asleep, pulses off.
 fn make_safe() {
-    GPIOB.bsrr().write(|w| w.set_br(13, true));
+    GPIOC.bsrr().write(|w| w.set_br(4, true));
     Pwm::disable();
 }

@@ -1,4 +1,4 @@
-//! The parameters that a board behind a link keeps; see [`core_algos::hil::kept`].
+//! The parameters that a board behind a link keeps; see [`core_algos::hil::stored_parameters`].
 
 use super::boards::fatal;
 use super::remote::refused;

@@ -456,7 +456,7 @@ impl Conversation {
             let count = self.link.receive(&mut room, left).map_err(gone)?;
             let mut found = false;
             for &byte in room.get(..count).unwrap_or_default() {
-                if let Some(payload) = self.decoder.push(byte)
+                if let Some(payload) = self.decoder.take_byte(byte)
                     && payload.first() == Some(&self.number)
                 {
                     self.payload.clear();

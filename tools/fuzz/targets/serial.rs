@@ -126,7 +126,7 @@ fn check(answer: &[u8], role: Role) -> Vec<u8> {
     let mut decoder = core_algos::hil::framing::Decoder::new();
     let mut payload = None;
     for &byte in answer {
-        if let Some(found) = decoder.push(byte) {
+        if let Some(found) = decoder.take_byte(byte) {
             assert!(payload.replace(found.to_vec()).is_none(), "one frame");
         }
     }

@@ -13,7 +13,7 @@ use virtual_board::device::{
 
 const ENABLE: [Pin; 2] = [Pin::new('A', 8), Pin::new('A', 9)];
 const DIRECTION: [Pin; 2] = [Pin::new('B', 14), Pin::new('B', 15)];
-const AWAKE: Pin = Pin::new('B', 13);
+const AWAKE: Pin = Pin::new('C', 4);
 const FAULT: [Pin; 2] = [Pin::new('C', 8), Pin::new('C', 9)];
 const CURRENT: [Pin; 2] = [Pin::new('C', 0), Pin::new('C', 1)];
 const SUPPLY: Pin = Pin::new('C', 2);
@@ -322,5 +322,25 @@ impl Circuit for AxleBoard {
             self.strap.1 = true;
         }
         self.fresh = false;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_loader_in_rom_drives_no_pin_that_wakes_the_motors() {
+        // Outputs and buses of the loader of an STM32F40x, by AN2606: USART1, USART3 twice, CAN2, USB.
+        let loader = [
+            ('A', [9, 10, 11, 12].as_slice()),
+            ('B', &[5, 10, 11, 13]),
+            ('C', &[10, 11]),
+        ];
+        for (port, numbers) in loader {
+            for &number in numbers {
+                assert_ne!(AWAKE, Pin::new(port, number));
+            }
+        }
     }
 }

@@ -69,6 +69,8 @@ struct Attached {
     role: Role,
     server: Server,
     session: Option<Session>,
+    /// A debugger has let the board run.
+    begun: bool,
 }
 
 /// The debuggers of a robot.
@@ -98,6 +100,7 @@ impl Debugger {
                 role,
                 server: listen(role, port)?,
                 session: None,
+                begun: false,
             });
         }
         Ok(Self {
@@ -148,16 +151,24 @@ impl Attached {
     fn serve(&mut self, board: &mut Board) -> Result<bool, Error> {
         let Some(session) = &mut self.session else {
             self.poll(board)?;
-            return Ok(self.session.is_some());
+            return Ok(self.session.is_some() || !self.begun);
         };
         match session.serve(board) {
-            Ok(Next::Run) => return Ok(false),
+            Ok(Next::Run) => {
+                self.begun = true;
+                return Ok(false);
+            }
             Ok(Next::Wait) => return Ok(true),
-            Ok(Next::Gone) => {}
-            Err(error) => self.drop_client(&error),
+            Ok(Next::Gone) => self.begun = true,
+            Err(error) => {
+                self.drop_client(&error);
+                if !self.begun {
+                    board.stop();
+                }
+            }
         }
         self.session = None;
-        Ok(false)
+        Ok(!self.begun)
     }
 
     /// Takes a client that has connected. One that is no gdb is dropped, and the port goes on listening.
