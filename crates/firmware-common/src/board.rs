@@ -23,6 +23,7 @@ pub fn start() -> Peripherals {
     #[cfg(feature = "emulated")]
     crate::emulated::shim::install();
     stack::guard();
+    stop_with_core();
 
     let mut config = Config::default();
     config.rcc.hse = Some(Hse {
@@ -68,6 +69,20 @@ pub fn start() -> Peripherals {
     }
     brown_out::set();
     peripherals
+}
+
+/// A debugger that halts the core stops the watchdogs and TIM1 with it, and the outputs of a stopped TIM1
+/// are off (RM0090, 38.16.2): without that the motors would go on with their last duty.
+fn stop_with_core() {
+    #[cfg(not(feature = "emulated"))]
+    {
+        use embassy_stm32::pac::DBGMCU;
+        DBGMCU.apb1fzr().modify(|w| {
+            w.set_iwdg(true);
+            w.set_wwdg(true);
+        });
+        DBGMCU.apb2fzr().modify(|w| w.set_tim1(true));
+    }
 }
 
 /// Why the board started.

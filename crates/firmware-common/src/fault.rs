@@ -9,6 +9,9 @@ use core::panic::PanicInfo;
 use core::ptr::addr_of_mut;
 use core::sync::atomic::{AtomicBool, AtomicPtr, Ordering};
 
+#[cfg(not(feature = "emulated"))]
+use embassy_stm32::pac::{RCC, rcc::vals::Sw};
+
 pub use crate::crash_record::Faults;
 use crate::crash_record::{Record, Text};
 use crate::stack;
@@ -98,8 +101,15 @@ fn restart() -> ! {
 
 #[cfg(not(feature = "emulated"))]
 fn restart() -> ! {
-    // Time for a probe to fetch the log; the watchdog may cut it short.
-    cortex_m::asm::delay(crate::clock::CORE_HZ);
+    // 0.1 to 0.2 s for a probe to fetch the log: less than the shortest time of the watchdog, whose reset would
+    // count as a second fault. Without its crystal the core runs at 16 MHz.
+    let crystal = RCC.cfgr().read().sws() != Sw::HSI;
+    let hz = if crystal {
+        crate::clock::CORE_HZ
+    } else {
+        16_000_000
+    };
+    cortex_m::asm::delay(hz / 10);
     cortex_m::peripheral::SCB::sys_reset()
 }
 

@@ -1,11 +1,11 @@
 //! Causes of resets, and the flags that show them.
 
+use crate::chip::register::bits;
+
 // Flags of CSR.
-const BORRSTF: u32 = 1 << 25;
-const PINRSTF: u32 = 1 << 26;
-const PORRSTF: u32 = 1 << 27;
-const SFTRSTF: u32 = 1 << 28;
-const IWDGRSTF: u32 = 1 << 29;
+bits! {
+    BORRSTF 25, PINRSTF 26, PORRSTF 27, SFTRSTF 28, IWDGRSTF 29
+}
 
 /// Why the chip was reset.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

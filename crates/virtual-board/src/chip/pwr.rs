@@ -7,7 +7,7 @@
 
 use super::Peripheral;
 use super::effect::Effect;
-use super::register::{Register, merge, narrow};
+use super::register::{Register, bits, merge, narrow};
 use super::shared::Shared;
 use crate::finding::Kind;
 
@@ -27,10 +27,9 @@ const DBP: u32 = 1 << 8;
 const FPDS: u32 = 1 << 9;
 const VOS: u32 = 1 << 14;
 // Bits of CSR.
-const PVDO: u32 = 1 << 2;
-const EWUP: u32 = 1 << 8;
-const BRE: u32 = 1 << 9;
-const VOSRDY: u32 = 1 << 14;
+bits! {
+    PVDO 2, EWUP 8, BRE 9, VOSRDY 14
+}
 
 /// Below the lower one the detector or reset acts, above the upper one it lets go, mV.
 #[derive(Clone, Copy)]

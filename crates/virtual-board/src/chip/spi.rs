@@ -9,41 +9,28 @@ use super::effect::{Effect, Request};
 use super::interrupt::Interrupt;
 use super::map::Unit;
 use super::pin::Signal;
-use super::register::{Register, merge, narrow};
+use super::register::{Register, bits, merge, narrow};
 use super::shared::Shared;
 use crate::finding::Kind;
 use crate::time::{Cycles, NEVER};
 
-/// CR1.
-const CPHA: u32 = 1;
-const CPOL: u32 = 1 << 1;
-const MSTR: u32 = 1 << 2;
-const SPE: u32 = 1 << 6;
-const LSBFIRST: u32 = 1 << 7;
-const SSI: u32 = 1 << 8;
-const SSM: u32 = 1 << 9;
-const RXONLY: u32 = 1 << 10;
-const DFF: u32 = 1 << 11;
-const CRCEN: u32 = 1 << 13;
-const BIDIMODE: u32 = 1 << 15;
+// CR1.
+bits! {
+    CPHA 0, CPOL 1, MSTR 2, SPE 6, LSBFIRST 7, SSI 8, SSM 9, RXONLY 10, DFF 11, CRCEN 13,
+    BIDIMODE 15
+}
 /// What must not change while a word is on its way.
 const SHAPE: u32 = CPHA | CPOL | MSTR | 7 << 3 | LSBFIRST | DFF;
 
-/// CR2.
-const RXDMAEN: u32 = 1;
-const TXDMAEN: u32 = 1 << 1;
-const SSOE: u32 = 1 << 2;
-const FRF: u32 = 1 << 4;
-const ERRIE: u32 = 1 << 5;
-const RXNEIE: u32 = 1 << 6;
-const TXEIE: u32 = 1 << 7;
+// CR2.
+bits! {
+    RXDMAEN 0, TXDMAEN 1, SSOE 2, FRF 4, ERRIE 5, RXNEIE 6, TXEIE 7
+}
 
-/// SR.
-const RXNE: u32 = 1;
-const TXE: u32 = 1 << 1;
-const MODF: u32 = 1 << 5;
-const OVR: u32 = 1 << 6;
-const BSY: u32 = 1 << 7;
+// SR.
+bits! {
+    RXNE 0, TXE 1, MODF 5, OVR 6, BSY 7
+}
 
 /// The highest frequency of the clock (data sheet, SPI1 as a master), Hz.
 const CLOCK_LIMIT: u64 = 42_000_000;

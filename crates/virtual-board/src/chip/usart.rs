@@ -5,33 +5,22 @@ use super::effect::{Effect, Request};
 use super::interrupt::Interrupt;
 use super::map::Unit;
 use super::pin::Signal;
-use super::register::{Register, merge, narrow};
+use super::register::{Register, bits, merge, narrow};
 use super::shared::Shared;
 use crate::finding::Kind;
 use crate::time::{Cycles, NEVER};
 
-/// SR.
-const ORE: u32 = 1 << 3;
-const IDLE: u32 = 1 << 4;
-const RXNE: u32 = 1 << 5;
-const TC: u32 = 1 << 6;
-const TXE: u32 = 1 << 7;
+// SR.
+bits! {
+    ORE 3, IDLE 4, RXNE 5, TC 6, TXE 7
+}
 /// Flags that reading SR and then DR clears.
 const BY_READING: u32 = 0x1f;
 
-/// CR1.
-const SBK: u32 = 1;
-const RWU: u32 = 1 << 1;
-const RE: u32 = 1 << 2;
-const TE: u32 = 1 << 3;
-const IDLEIE: u32 = 1 << 4;
-const RXNEIE: u32 = 1 << 5;
-const TCIE: u32 = 1 << 6;
-const TXEIE: u32 = 1 << 7;
-const PCE: u32 = 1 << 10;
-const M: u32 = 1 << 12;
-const UE: u32 = 1 << 13;
-const OVER8: u32 = 1 << 15;
+// CR1.
+bits! {
+    SBK 0, RWU 1, RE 2, TE 3, IDLEIE 4, RXNEIE 5, TCIE 6, TXEIE 7, PCE 10, M 12, UE 13, OVER8 15
+}
 const CR1_BITS: u32 = 0xbfff;
 
 /// CR2.
@@ -39,15 +28,10 @@ const CLKEN: u32 = 1 << 11;
 const LINEN: u32 = 1 << 14;
 const CR2_BITS: u32 = 0x7f6f;
 
-/// CR3.
-const EIE: u32 = 1;
-const IREN: u32 = 1 << 1;
-const HDSEL: u32 = 1 << 3;
-const SCEN: u32 = 1 << 5;
-const DMAR: u32 = 1 << 6;
-const DMAT: u32 = 1 << 7;
-const RTSE: u32 = 1 << 8;
-const CTSE: u32 = 1 << 9;
+// CR3.
+bits! {
+    EIE 0, IREN 1, HDSEL 3, SCEN 5, DMAR 6, DMAT 7, RTSE 8, CTSE 9
+}
 const CR3_BITS: u32 = 0xfff;
 
 const REGISTERS: [Register; 7] = [

@@ -2,7 +2,7 @@
 
 use super::super::effect::Trigger;
 use super::super::pin::Pin;
-use super::super::register::{Register, narrow, word};
+use super::super::register::{Register, bits, narrow, word};
 
 // Places.
 pub(super) const SR: u32 = 0x00;
@@ -37,32 +37,20 @@ pub(super) const REGISTERS: &[Register] = &[
 ];
 
 // Bits of SR.
-pub(super) const AWD: u32 = 1;
-pub(super) const EOC: u32 = 1 << 1;
-pub(super) const JEOC: u32 = 1 << 2;
-pub(super) const JSTRT: u32 = 1 << 3;
-pub(super) const STRT: u32 = 1 << 4;
-pub(super) const OVR: u32 = 1 << 5;
+bits! { pub(super):
+    AWD 0, EOC 1, JEOC 2, JSTRT 3, STRT 4, OVR 5
+}
 // Bits of CR1.
-pub(super) const EOCIE: u32 = 1 << 5;
-pub(super) const AWDIE: u32 = 1 << 6;
-pub(super) const JEOCIE: u32 = 1 << 7;
-pub(super) const SCAN: u32 = 1 << 8;
-pub(super) const AWDSGL: u32 = 1 << 9;
-pub(super) const JAUTO: u32 = 1 << 10;
-pub(super) const DISCEN: u32 = 1 << 11;
-pub(super) const JDISCEN: u32 = 1 << 12;
-pub(super) const JAWDEN: u32 = 1 << 22;
-pub(super) const AWDEN: u32 = 1 << 23;
+bits! { pub(super):
+    EOCIE 5, AWDIE 6, JEOCIE 7, SCAN 8, AWDSGL 9, JAUTO 10, DISCEN 11, JDISCEN 12, JAWDEN 22,
+    AWDEN 23
+}
 pub(super) const RES: u32 = 3 << 24;
 pub(super) const OVRIE: u32 = 1 << 26;
 // Bits of CR2.
-pub(super) const ADON: u32 = 1;
-pub(super) const CONT: u32 = 1 << 1;
-pub(super) const DMA: u32 = 1 << 8;
-pub(super) const DDS: u32 = 1 << 9;
-pub(super) const EOCS: u32 = 1 << 10;
-pub(super) const ALIGN: u32 = 1 << 11;
+bits! { pub(super):
+    ADON 0, CONT 1, DMA 8, DDS 9, EOCS 10, ALIGN 11
+}
 pub(super) const JEXTEN: u32 = 3 << 20;
 pub(super) const JSWSTART: u32 = 1 << 22;
 pub(super) const SWSTART: u32 = 1 << 30;

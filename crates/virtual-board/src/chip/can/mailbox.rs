@@ -1,13 +1,12 @@
 //! Transmit mailboxes.
 
+use crate::chip::register::bits;
 use crate::wire::{Frame, Id};
 
-/// Bits of TSR of mailbox 0; those of the next lie 8 bits higher.
-pub(super) const RQCP: u32 = 1;
-pub(super) const TXOK: u32 = 1 << 1;
-pub(super) const ALST: u32 = 1 << 2;
-pub(super) const TERR: u32 = 1 << 3;
-pub(super) const ABRQ: u32 = 1 << 7;
+// Bits of TSR of mailbox 0; those of the next lie 8 bits higher.
+bits! { pub(super):
+    RQCP 0, TXOK 1, ALST 2, TERR 3, ABRQ 7
+}
 
 /// TIxR: request, remote, extended.
 pub(super) const TXRQ: u32 = 1;

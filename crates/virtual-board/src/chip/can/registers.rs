@@ -1,28 +1,19 @@
 //! Places and bits of the registers (RM0090, "CAN registers").
 
-use super::super::register::{Register, word};
+use super::super::register::{Register, bits, word};
 use super::filter::ALL;
 
-/// MCR.
-pub(super) const INRQ: u32 = 1;
-pub(super) const SLEEP: u32 = 1 << 1;
-pub(super) const TXFP: u32 = 1 << 2;
-pub(super) const RFLM: u32 = 1 << 3;
-pub(super) const NART: u32 = 1 << 4;
-pub(super) const AWUM: u32 = 1 << 5;
-pub(super) const ABOM: u32 = 1 << 6;
-pub(super) const TTCM: u32 = 1 << 7;
-pub(super) const RESET: u32 = 1 << 15;
+// MCR.
+bits! { pub(super):
+    INRQ 0, SLEEP 1, TXFP 2, RFLM 3, NART 4, AWUM 5, ABOM 6, TTCM 7, RESET 15
+}
 pub(super) const MCR_BITS: u32 = 0x0001_80ff;
 pub(super) const MCR_RESET: u32 = 1 << 16 | SLEEP;
 
-/// MSR.
-pub(super) const INAK: u32 = 1;
-pub(super) const SLAK: u32 = 1 << 1;
-pub(super) const ERRI: u32 = 1 << 2;
-pub(super) const WKUI: u32 = 1 << 3;
-pub(super) const SLAKI: u32 = 1 << 4;
-pub(super) const TXM: u32 = 1 << 8;
+// MSR.
+bits! { pub(super):
+    INAK 0, SLAK 1, ERRI 2, WKUI 3, SLAKI 4, TXM 8
+}
 /// The last sample and the level of the pin: recessive.
 pub(super) const RECESSIVE: u32 = 3 << 10;
 
@@ -31,13 +22,9 @@ pub(super) const TMEIE: u32 = 1;
 pub(super) const FMPIE: [u32; 2] = [1 << 1, 1 << 4];
 pub(super) const FFIE: [u32; 2] = [1 << 2, 1 << 5];
 pub(super) const FOVIE: [u32; 2] = [1 << 3, 1 << 6];
-pub(super) const EWGIE: u32 = 1 << 8;
-pub(super) const EPVIE: u32 = 1 << 9;
-pub(super) const BOFIE: u32 = 1 << 10;
-pub(super) const LECIE: u32 = 1 << 11;
-pub(super) const ERRIE: u32 = 1 << 15;
-pub(super) const WKUIE: u32 = 1 << 16;
-pub(super) const SLKIE: u32 = 1 << 17;
+bits! { pub(super):
+    EWGIE 8, EPVIE 9, BOFIE 10, LECIE 11, ERRIE 15, WKUIE 16, SLKIE 17
+}
 pub(super) const IER_BITS: u32 = 0x0003_8f7f;
 
 /// ESR.

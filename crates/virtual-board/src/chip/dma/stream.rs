@@ -1,32 +1,24 @@
 //! A stream: its registers, its FIFO, and the steps of which its transfers consist.
 
+use crate::chip::register::bits;
 use crate::core::Width;
 
 // Bits of SxCR.
-pub(super) const EN: u32 = 1;
-pub(super) const DMEIE: u32 = 1 << 1;
-pub(super) const TEIE: u32 = 1 << 2;
-pub(super) const HTIE: u32 = 1 << 3;
-pub(super) const TCIE: u32 = 1 << 4;
-pub(super) const PFCTRL: u32 = 1 << 5;
+bits! { pub(super):
+    EN 0, DMEIE 1, TEIE 2, HTIE 3, TCIE 4, PFCTRL 5
+}
 pub(super) const DIR: u32 = 3 << 6;
-pub(super) const TO_PERIPHERAL: u32 = 1 << 6;
-pub(super) const CIRC: u32 = 1 << 8;
-pub(super) const PINC: u32 = 1 << 9;
-pub(super) const MINC: u32 = 1 << 10;
-pub(super) const PINCOS: u32 = 1 << 15;
-pub(super) const DBM: u32 = 1 << 18;
-pub(super) const CT: u32 = 1 << 19;
+bits! { pub(super):
+    TO_PERIPHERAL 6, CIRC 8, PINC 9, MINC 10, PINCOS 15, DBM 18, CT 19
+}
 pub(super) const BURSTS: u32 = 15 << 21;
 // Bits of SxFCR.
 pub(super) const DMDIS: u32 = 1 << 2;
 pub(super) const FEIE: u32 = 1 << 7;
 // Flags of a stream.
-pub(super) const FEIF: u32 = 1;
-pub(super) const DMEIF: u32 = 1 << 2;
-pub(super) const TEIF: u32 = 1 << 3;
-pub(super) const HTIF: u32 = 1 << 4;
-pub(super) const TCIF: u32 = 1 << 5;
+bits! { pub(super):
+    FEIF 0, DMEIF 2, TEIF 3, HTIF 4, TCIF 5
+}
 
 /// Bytes of the FIFO.
 const DEPTH: u32 = 16;

@@ -20,7 +20,7 @@ use super::Peripheral;
 use super::chip_variation::Random;
 use super::interrupt::Interrupt;
 use super::map::Unit;
-use super::register::{Register, merge, narrow, word};
+use super::register::{Register, bits, merge, narrow, word};
 use super::shared::Shared;
 use crate::core::{Transfer, Width};
 use crate::finding::Kind;
@@ -36,28 +36,18 @@ const REGISTERS: &[Register] = &[
 ];
 
 // Bits of SR.
-const EOP: u32 = 1;
-const OPERR: u32 = 1 << 1;
-const WRPERR: u32 = 1 << 4;
-const PGAERR: u32 = 1 << 5;
-const PGPERR: u32 = 1 << 6;
-const PGSERR: u32 = 1 << 7;
-const BSY: u32 = 1 << 16;
+bits! {
+    EOP 0, OPERR 1, WRPERR 4, PGAERR 5, PGPERR 6, PGSERR 7, BSY 16
+}
 const CLEARED_BY_ONE: u32 = EOP | OPERR | WRPERR | PGAERR | PGPERR | PGSERR;
 // Bits of CR.
-const PG: u32 = 1;
-const SER: u32 = 1 << 1;
-const MER: u32 = 1 << 2;
-const STRT: u32 = 1 << 16;
-const EOPIE: u32 = 1 << 24;
-const ERRIE: u32 = 1 << 25;
-const LOCK: u32 = 1 << 31;
+bits! {
+    PG 0, SER 1, MER 2, STRT 16, EOPIE 24, ERRIE 25, LOCK 31
+}
 // Bits of ACR.
-const PRFTEN: u32 = 1 << 8;
-const ICEN: u32 = 1 << 9;
-const DCEN: u32 = 1 << 10;
-const ICRST: u32 = 1 << 11;
-const DCRST: u32 = 1 << 12;
+bits! {
+    PRFTEN 8, ICEN 9, DCEN 10, ICRST 11, DCRST 12
+}
 
 /// The slowest clock of the core for programming and erasing, Hz.
 const SLOWEST_HZ: u64 = 1_000_000;

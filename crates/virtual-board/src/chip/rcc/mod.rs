@@ -19,7 +19,7 @@ use super::cause::Cause;
 use super::effect::{Clocks, Effect};
 use super::interrupt::Interrupt;
 use super::map::Unit;
-use super::register::{Register, merge, narrow};
+use super::register::{Register, bits, merge, narrow};
 use super::shared::Shared;
 use crate::finding::Kind;
 use crate::time::{NEVER, Time, Timebase};
@@ -63,12 +63,9 @@ const CSR: u32 = 0x74;
 const RESET_TO_ENABLE: u32 = 0x20;
 
 // Bits of CR.
-const HSION: u32 = 1;
-const HSEON: u32 = 1 << 16;
-const HSEBYP: u32 = 1 << 18;
-const CSSON: u32 = 1 << 19;
-const PLLON: u32 = 1 << 24;
-const PLLI2SON: u32 = 1 << 26;
+bits! {
+    HSION 0, HSEON 16, HSEBYP 18, CSSON 19, PLLON 24, PLLI2SON 26
+}
 const TRIM: u32 = 0xf8;
 /// PLLCFGR: the crystal and not the internal oscillator is the PLL's source.
 const PLLSRC: u32 = 1 << 22;

@@ -110,10 +110,14 @@ impl Timer {
         }
     }
 
-    /// A debugger halts the core, or lets it go on, while DBGMCU stops the timer with it.
+    /// A debugger halts the core, or lets it go on, while DBGMCU stops the timer with it. The outputs of
+    /// TIM1 are off meanwhile, as with MOE clear.
     pub fn freeze(&mut self, frozen: bool, shared: &mut Shared) {
         self.sync(shared);
-        self.frozen = frozen;
+        let was = std::mem::replace(&mut self.frozen, frozen);
+        if was != frozen && self.kind == Kind::Tim1 {
+            self.main_changed(shared);
+        }
         self.adjust(shared);
     }
 
@@ -171,7 +175,7 @@ impl Timer {
 
     /// Whether outputs are enabled altogether.
     fn main_enabled(&self) -> bool {
-        self.kind != Kind::Tim1 || self.reg(BDTR) & MOE != 0
+        self.kind != Kind::Tim1 || self.reg(BDTR) & MOE != 0 && !self.frozen
     }
 
     /// Cycles of the core in one of f_DTS.

@@ -3,7 +3,7 @@
 use super::super::effect::{Clocks, Trigger};
 use super::super::interrupt::Interrupt;
 use super::super::map::Unit;
-use super::super::register::{Register, narrow};
+use super::super::register::{Register, bits, narrow};
 
 /// Which timer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -110,11 +110,9 @@ pub(super) const OR: u32 = 0x50;
 pub(super) const COUNT: usize = 21;
 
 // Bits of CR1.
-pub(super) const CEN: u32 = 1;
-pub(super) const UDIS: u32 = 1 << 1;
-pub(super) const URS: u32 = 1 << 2;
-pub(super) const OPM: u32 = 1 << 3;
-pub(super) const DIR: u32 = 1 << 4;
+bits! { pub(super):
+    CEN 0, UDIS 1, URS 2, OPM 3, DIR 4
+}
 pub(super) const CMS: u32 = 3 << 5;
 pub(super) const ARPE: u32 = 1 << 7;
 // Bits of CR2.
@@ -122,17 +120,13 @@ pub(super) const CCPC: u32 = 1;
 pub(super) const TI1S: u32 = 1 << 7;
 pub(super) const IDLES: u32 = 0x7f00;
 // Bits of SR, DIER and EGR.
-pub(super) const UPDATE: u32 = 1;
-pub(super) const COMMUTATION: u32 = 1 << 5;
-pub(super) const TRIGGER: u32 = 1 << 6;
-pub(super) const BREAK: u32 = 1 << 7;
+bits! { pub(super):
+    UPDATE 0, COMMUTATION 5, TRIGGER 6, BREAK 7
+}
 // Bits of BDTR.
-pub(super) const MOE: u32 = 1 << 15;
-pub(super) const AOE: u32 = 1 << 14;
-pub(super) const BKP: u32 = 1 << 13;
-pub(super) const BKE: u32 = 1 << 12;
-pub(super) const OSSR: u32 = 1 << 11;
-pub(super) const OSSI: u32 = 1 << 10;
+bits! { pub(super):
+    MOE 15, AOE 14, BKP 13, BKE 12, OSSR 11, OSSI 10
+}
 pub(super) const LOCK: u32 = 3 << 8;
 pub(super) const DTG: u32 = 0xff;
 

@@ -516,6 +516,20 @@ fn a_halted_or_gated_timer_stands_still() {
 }
 
 #[test]
+fn a_halted_tim1_has_its_outputs_off() {
+    let mut bench = Bench::new(Kind::Tim1);
+    // Channel 1 forced active.
+    bench.write(&[(CCMR1, 0x50), (CCER, 1), (BDTR, MOE | OSSI), (CR1, CEN)]);
+    let drives = |bench: &Bench| bench.timer.channels[0].drives[0];
+    assert_eq!(drives(&bench), Drive::High);
+    bench.timer.freeze(true, &mut bench.shared);
+    assert_eq!(drives(&bench), Drive::Low);
+    assert_eq!(bench.read(BDTR) & MOE, MOE);
+    bench.timer.freeze(false, &mut bench.shared);
+    assert_eq!(drives(&bench), Drive::High);
+}
+
+#[test]
 fn another_clock_changes_the_pace_from_its_moment_on() {
     let mut bench = Bench::new(Kind::Tim2);
     bench.write(&[(CR1, CEN)]).pass(101);

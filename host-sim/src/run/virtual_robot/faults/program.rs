@@ -45,6 +45,29 @@ fn hold(bench: &mut Bench, held: bool) {
     bench.board(role, |board| board.hold(held));
 }
 
+/// The board's core has been halted for 1 ms: the last edge at its motors must be 0.9 ms old.
+fn without_pulses(bench: &mut Bench) {
+    let role = bench.wheel().0;
+    let mut latest = Time(0);
+    bench.axle(role, |axle, _| {
+        for driver in &axle.drivers {
+            latest = latest.max(driver.latest_edge().0);
+        }
+    });
+    if bench.now() - latest < Time::from_micros(900) {
+        bench.wrong = Some("pulses while the core was halted".to_owned());
+    }
+}
+
+/// The struck board was reset by its program alone, so that one fault counts.
+fn by_the_program(bench: &mut Bench) -> Option<String> {
+    let struck = bench.struck?.name();
+    let reports = bench.robot.reports();
+    let report = reports.iter().find(|report| report.name == struck)?;
+    let other = report.resets.iter().find(|(_, cause)| *cause != "software");
+    other.map(|(time_s, cause)| format!("reset by {cause} at {time_s:.3} s"))
+}
+
 fn hold_beam(bench: &mut Bench, held: bool) {
     bench.board(Role::Beam, |board| board.hold(held));
 }
@@ -94,14 +117,17 @@ fn tools() -> Vec<Entry> {
             let role = b.wheel().0;
             b.robot.hang_reader(role);
         }).goes_on();
-        "debugger halts an axle's board for 1 ms", "debug port", steps(&[at(0, |b| hold(b, true)), at(1, |b| hold(b, false))])
+        "debugger halts an axle's board for 1 ms", "debug port", steps(&[at(0, |b| hold(b, true)), at(1, |b| {
+            without_pulses(b);
+            hold(b, false);
+        })])
             .goes_on().stops(HALTED).finds(&["overrun"]);
         "debugger halts an axle's board for 10 ms", "debug port", steps(&[at(0, |b| hold(b, true)), at(10, |b| hold(b, false))])
             .goes_on().stops(HALTED).finds(&["overrun"]);
         "debugger halts an axle's board for 100 ms", "debug port", steps(&[at(0, |b| hold(b, true)), at(100, |b| hold(b, false))])
             .stops(HALTED).finds(&["overrun"]);
         "debugger halts an axle's board for 1000 ms", "debug port", steps(&[at(0, |b| hold(b, true)), at(1000, |b| hold(b, false))])
-            .stops(HALTED).own_within(WATCHDOG_S).resets(&[Role::Front, Role::Rear]).finds(&["overrun", "reset"]);
+            .stops(HALTED).finds(&["overrun"]);
         "debugger halts the beam's board for 100 ms", "debug port", steps(&[
             at(0, |b| hold_beam(b, true)),
             at(100, |b| hold_beam(b, false)),
@@ -109,7 +135,7 @@ fn tools() -> Vec<Entry> {
         "debugger halts the beam's board for 1000 ms", "debug port", steps(&[
             at(0, |b| hold_beam(b, true)),
             at(1000, |b| hold_beam(b, false)),
-        ]).goes_on().resets(&[Role::Beam]).finds(&["overrun", "reset"]);
+        ]).goes_on().finds(&["overrun"]);
     }
 }
 
@@ -145,12 +171,12 @@ fn faults() -> Vec<Entry> {
 fn crashes() -> Vec<Entry> {
     entries! {
         "wild store to nowhere", "program", drive(|b| { wild_store(b, None, NOTHING); })
-            .stops(HALTED).own_within(AT_ONCE_S).restarts().finds(CRASH);
+            .stops(HALTED).own_within(AT_ONCE_S).restarts().check(by_the_program).finds(CRASH);
         "wild store below the stack", "program", drive(|b| {
             let role = b.wheel().0;
             let end = b.end_of_stack(role).unwrap_or(RAM);
             wild_store(b, Some(TICK), end - 64);
-        }).stops(HALTED).own_within(AT_ONCE_S).restarts().finds(GUARDED);
+        }).stops(HALTED).own_within(AT_ONCE_S).restarts().check(by_the_program).finds(GUARDED);
         "wild store into the flash", "program", drive(|b| { wild_store(b, Some(TICK), 0x0800_4000); })
             .stops(HALTED).restarts().finds(&["reset", "flash", "overrun"]);
         "stack overflow", "program", drive(|b| {
@@ -160,20 +186,20 @@ fn crashes() -> Vec<Entry> {
                 run_into(board, TICK);
                 board.core_mut().set_register(13, end + 8);
             });
-        }).stops(HALTED).own_within(AT_ONCE_S).restarts().finds(GUARDED);
+        }).stops(HALTED).own_within(AT_ONCE_S).restarts().check(by_the_program).finds(GUARDED);
         "HardFault in the current loop", "program", drive(|b| {
             let role = b.wheel().0;
             b.board(role, |board| {
                 run_into(board, ADC);
                 board.core_mut().set_register(15, NOTHING);
             });
-        }).stops(HALTED).own_within(AT_ONCE_S).restarts().finds(CRASH);
+        }).stops(HALTED).own_within(AT_ONCE_S).restarts().check(by_the_program).finds(CRASH);
         "HardFault of the beam's board", "program", drive(|b| {
             b.board(Role::Beam, |board| {
                 run_into(board, TICK);
                 board.core_mut().set_register(15, NOTHING);
             });
-        }).goes_on().restarts().finds(CRASH);
+        }).goes_on().restarts().check(by_the_program).finds(CRASH);
     }
 }
 
