@@ -112,14 +112,15 @@ fn boards_get_ready_in_whatever_order_their_power_comes() {
 }
 
 #[test]
-fn inertial_sensors_are_set_up_without_a_lost_frame_or_tick() {
+fn boards_drive_in_other_than_the_default_configuration() {
     let folder = tempfile::tempdir().unwrap();
-    for seed in ["1", "2"] {
-        let output = hil(
-            folder.path(),
-            &["--imu", "--seed", seed, "--stop-after", "0.3"],
-        );
+    for arguments in [
+        &["--imu", "--seed", "1", "--stop-after", "0.3"][..],
+        &["--imu", "--seed", "2", "--stop-after", "0.3"],
+        &["--no-rps"],
+    ] {
+        let output = hil(folder.path(), arguments);
         let error = String::from_utf8_lossy(&output.stderr);
-        assert!(output.status.success(), "{seed}: {error}");
+        assert!(output.status.success(), "{arguments:?}: {error}");
     }
 }

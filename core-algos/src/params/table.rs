@@ -7,6 +7,7 @@ use super::Settings;
 use crate::beam::PerGauge;
 use crate::config::{Allowed, ConfigError, in_range, require};
 use crate::control::regulator::Strategy;
+use crate::fusion::robot::Mode;
 
 /// One parameter.
 #[derive(Clone, Copy, Debug)]
@@ -115,6 +116,19 @@ macro_rules! access {
             },
         )
     };
+    (mode $first:ident $($rest:ident)+) => {
+        (
+            |settings| settings.$first$(.$rest)+ as u8 as f32,
+            |settings, value| {
+                settings.$first$(.$rest)+ = match value {
+                    0.0 => Mode::Odometry,
+                    1.0 => Mode::Intersection,
+                    2.0 => Mode::IntersectionIpec,
+                    _ => Mode::Joint,
+                }
+            },
+        )
+    };
     (($i:literal) $first:ident $($rest:ident)+) => {
         (
             |settings| gauge(&settings.$first$(.$rest)+, $i),
@@ -137,6 +151,9 @@ macro_rules! is_whole {
         true
     };
     (strategy) => {
+        true
+    };
+    (mode) => {
         true
     };
     ($other:tt) => {
@@ -251,6 +268,7 @@ parameters! {
     92 v 1 number drive.winding_fold_back_k, "K" 5.0 to 35.0: "span below that temperature in which the current limit falls";
     93 v 1 number drive.driver_max_c, "degC" 60.0 to 150.0: "driver temperature at which the current limit is 0";
     94 v 1 number drive.driver_fold_back_k, "K" 5.0 to 35.0: "span below that temperature in which the current limit falls";
+    95 v 1 mode robot.lead.fusion.mode, "" 0.0 to 3.0: "fusion on the front board: 0 odometry (no beam board fitted), 1 intersection, 2 intersection and IPEC, 3 joint filter";
 }
 
 #[cfg(test)]
@@ -286,7 +304,9 @@ mod tests {
                 parameter.name
             );
             let mut settings = start;
-            let other = if parameter.whole {
+            let other = if parameter.whole && default == parameter.range.1 {
+                default - 1.0
+            } else if parameter.whole {
                 default + 1.0
             } else {
                 0.5 * (parameter.range.0 + parameter.range.1)

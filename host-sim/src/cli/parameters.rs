@@ -50,8 +50,9 @@ mod tests {
     /// Each name is the way to the same number in a scenario.
     #[test]
     fn names_are_those_of_a_scenario() {
-        // The strategy is a word in a scenario.
-        let numbers = TABLE.iter().filter(|p| !p.name.ends_with("strategy"));
+        // Strategy and mode are words in a scenario.
+        let is_word = |name: &str| name.ends_with("strategy") || name.ends_with("mode");
+        let numbers = TABLE.iter().filter(|p| !is_word(p.name));
         for parameter in numbers.filter(|p| p.name.starts_with("robot.")) {
             let mut settings = Settings::default();
             let value = match parameter.whole {

@@ -46,7 +46,6 @@ fn wanted(scenario: &Scenario, role: Role) -> Result<Settings, Error> {
     }
     let mut left = settings.robot.completed();
     left.beam.calibration = asked.robot.beam.calibration;
-    left.lead.fusion.mode = asked.robot.lead.fusion.mode;
     if left != asked.robot {
         return Err(Error::input(
             "robot: the default images take only the parameters of `cfmmr params list`; settings without a \
