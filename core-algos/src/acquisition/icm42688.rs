@@ -164,7 +164,7 @@ impl Icm42688 {
     }
 
     /// True if the set-up is through.
-    pub fn is_set_up(&self) -> bool {
+    fn is_set_up(&self) -> bool {
         matches!(self.phase, Phase::Running { .. })
     }
 

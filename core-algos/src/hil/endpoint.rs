@@ -67,7 +67,7 @@ impl Endpoint {
     }
 
     /// The parameters that the board keeps.
-    pub fn kept(&self) -> &StoredParameters {
+    pub fn stored(&self) -> &StoredParameters {
         &self.session.stored
     }
 

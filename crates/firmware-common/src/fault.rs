@@ -79,6 +79,9 @@ fn stop(count: impl FnOnce(&mut Faults) -> &mut u32, what: Arguments) -> ! {
         // SAFETY: the pointer was stored from a `fn()`.
         unsafe { core::mem::transmute::<*mut (), fn()>(make_safe)() };
     }
+    // Off the bus: on another clock the controller would disturb it until the reset.
+    #[cfg(not(feature = "emulated"))]
+    RCC.apb1rstr().modify(|w| w.set_can1rst(true));
     // A fault while stopping, such as one inside the log, ends without another word.
     if !STOPPING.swap(true, Ordering::AcqRel) {
         with_record(|record| {
@@ -103,11 +106,9 @@ fn restart() -> ! {
 fn restart() -> ! {
     // 0.1 to 0.2 s for a probe to fetch the log: less than the shortest time of the watchdog, whose reset would
     // count as a second fault. Without its crystal the core runs at 16 MHz.
-    let crystal = RCC.cfgr().read().sws() != Sw::HSI;
-    let hz = if crystal {
-        crate::clock::CORE_HZ
-    } else {
-        16_000_000
+    let hz = match RCC.cfgr().read().sws() {
+        Sw::HSI => 16_000_000,
+        _ => crate::clock::CORE_HZ,
     };
     cortex_m::asm::delay(hz / 10);
     cortex_m::peripheral::SCB::sys_reset()

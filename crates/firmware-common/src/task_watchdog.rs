@@ -27,7 +27,7 @@ impl CheckIn {
 pub struct TaskWatchdog<const N: usize> {
     names: [&'static str; N],
     counts: &'static [AtomicU32; N],
-    call: TaskDeadlines<N>,
+    deadlines: TaskDeadlines<N>,
     watchdog: Watchdog,
 }
 
@@ -43,7 +43,10 @@ impl<const N: usize> TaskWatchdog<N> {
         let task_watchdog = Self {
             names: tasks.map(|(name, _)| name),
             counts,
-            call: TaskDeadlines::new(tasks.map(|(_, within)| within), Instant::now().as_micros()),
+            deadlines: TaskDeadlines::new(
+                tasks.map(|(_, within)| within),
+                Instant::now().as_micros(),
+            ),
             watchdog,
         };
         (task_watchdog, counts.each_ref().map(CheckIn))
@@ -54,11 +57,14 @@ impl<const N: usize> TaskWatchdog<N> {
         let now = Instant::now().as_micros();
         let counts = self.counts.each_ref();
         let reports = counts.map(|count| count.load(Ordering::Relaxed));
-        if self.call.complete(now, reports) {
+        if self.deadlines.complete(now, reports) {
             self.watchdog.feed();
             return Ok(());
         }
-        let late = self.call.late(now).and_then(|task| self.names.get(task));
+        let late = self
+            .deadlines
+            .late(now)
+            .and_then(|task| self.names.get(task));
         Err(late.copied().unwrap_or("unknown"))
     }
 

@@ -162,6 +162,11 @@ impl Drv8874 {
         self.input((self.pins.0, level), at);
     }
 
+    /// True if EN/IN1 is high.
+    pub fn is_enabled(&self) -> bool {
+        self.pins.0
+    }
+
     fn input(&mut self, pins: (bool, bool), at: Time) {
         self.advance(at);
         if pins != self.pins {
