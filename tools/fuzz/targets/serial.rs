@@ -115,7 +115,7 @@ fn answer(board: &mut Endpoint, frame: &[u8], role: Role) -> Vec<u8> {
 /// A store that cannot be written.
 fn fail_to_save(board: &mut Endpoint, send: &mut impl FnMut(&[u8])) {
     if let Some(save) = board.save() {
-        assert!(save.settings.check(board.kept().role()).is_ok());
+        assert!(save.settings.check(board.stored().role()).is_ok());
         board.saved(None, send);
     }
 }
