@@ -35,7 +35,7 @@ impl Motors {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use core_algos::safety::OperatingState;
+    use core_algos::safety::{Conditions, OperatingState};
     use core_algos::topology::Node;
 
     fn lead(mode: LeadMode) -> Message {
@@ -53,7 +53,7 @@ mod tests {
             sequence: 0,
             state,
             reason: 0,
-            notices: 0,
+            notices: Conditions::NONE,
         }
     }
 

@@ -31,6 +31,7 @@ fn no_fault_leads_to_uncontrolled_motion_and_the_table_is_as_committed() {
 /// Runs beside those of the catalogue: narrow limits, and what the drivers of an axle report.
 const RUNS: &[(&str, Fault)] = &[
     ("robot.lead.limits.bend_rad=0.2", Fault::None),
+    ("robot.lead.limits.position_sigma_m=0.01", Fault::None),
     (
         "robot.axle.limits.tracking_m=0.01",
         Fault::Bus(Disturbance::corruption(0.05)),

@@ -78,6 +78,8 @@ def to_board(name, signals):
         content["epoch"] = int(rest["epoch_high"]) * 256 + int(rest["sequence"])
         content["last_delay_us"] = None if delay == 65535 else int(delay)
         return {stem: content}
+    if stem == "NodeStatus":
+        rest["notices"] += rest.pop("notices_high") << 24
     if stem == "BeamCalibration":
         content = {
             "sequence": int(rest["sequence"]),

@@ -28,7 +28,7 @@ use super::message::{Calibrate, CalibrationResult, LeadMode, Message, POSITION_S
 use crate::math::matrix::{Mat3, cholesky};
 use crate::math::trig::{exp, ln, sqrt, wrap_angle};
 use crate::math::{Posture, Wrench};
-use crate::safety::OperatingState;
+use crate::safety::{Conditions, OperatingState};
 use crate::topology::{AxleId, Node, Role};
 use core::fmt;
 use core::slice::{Iter, IterMut};
@@ -313,6 +313,20 @@ impl Field for u32 {
     }
 }
 
+/// Bits of a set: the lowest 24, then 16 more.
+impl Field for Conditions {
+    fn write(self, to: &mut IterMut<f32>) {
+        let bits = self.bits();
+        [(bits & 0xff_ffff) as f32, (bits >> 24) as f32].write(to);
+    }
+
+    fn read(from: &mut Iter<f32>) -> Option<Self> {
+        let [low, high] = Field::read(from)?;
+        let (low, high): (f32, f32) = (low, high);
+        Some(Self::from_bits(low as u64 | (high as u64) << 24))
+    }
+}
+
 impl Field for Posture {
     fn write(self, to: &mut IterMut<f32>) {
         [self.x, self.y, wrap_angle(self.phi)].write(to);
@@ -329,7 +343,7 @@ struct Odometric(Posture);
 impl Field for Odometric {
     fn write(self, to: &mut IterMut<f32>) {
         // A position that would round up to half a span is sent as the other end of the span.
-        const LAST: f32 = 0.5 * POSITION_SPAN_M - 6e-5;
+        const LAST: f32 = 0.5 * POSITION_SPAN_M - 6e-6;
         let position = |x: f32| match wrap_position(x) {
             wrapped if wrapped > LAST => -0.5 * POSITION_SPAN_M,
             wrapped => wrapped,

@@ -157,8 +157,8 @@ const SEQUENCE: Signal = Signal::unsigned("sequence", 8);
 
 const POSTURE: [Signal; 4] = [
     SEQUENCE,
-    Signal::signed("x", 20, 1e-4, "m"),
-    Signal::signed("y", 20, 1e-4, "m"),
+    Signal::signed("x", 20, 1e-5, "m"),
+    Signal::signed("y", 20, 1e-5, "m"),
     Signal::signed("phi", 16, 1e-4, "rad"),
 ];
 
@@ -204,11 +204,12 @@ const AXLE_MOTION: [Signal; 7] = [
     Signal::unsigned("uptime", 8),
 ];
 
-const NODE_STATUS: [Signal; 4] = [
+const NODE_STATUS: [Signal; 5] = [
     SEQUENCE,
     Signal::labelled("state", 8, &OperatingState::NAMES),
     Signal::unsigned("reason", 8),
-    Signal::unsigned("notices", 16),
+    Signal::unsigned("notices", 24),
+    Signal::unsigned("notices_high", 16),
 ];
 
 const BOARD_HEALTH: [Signal; 6] = [

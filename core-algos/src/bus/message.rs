@@ -7,11 +7,11 @@
 use crate::math::Posture;
 use crate::math::matrix::Mat3;
 use crate::math::wrench::Wrench;
-use crate::safety::OperatingState;
+use crate::safety::{Conditions, OperatingState};
 use crate::topology::{AxleId, Node, Role};
 
 /// Span after which a transmitted odometric position repeats, m.
-pub const POSITION_SPAN_M: f32 = 104.857_6;
+pub const POSITION_SPAN_M: f32 = 10.485_76;
 
 /// An enumeration that crosses the bus as its index, with the names of its values.
 macro_rules! wire_enum {
@@ -120,8 +120,8 @@ pub enum Message {
         /// [`Condition`](crate::safety::Condition); of a node that is not armed, what arming waits
         /// for; 0 if there is none.
         reason: u8,
-        /// Other present conditions: bit k is row k of the table of conditions.
-        notices: u16,
+        /// Notices and degradations since the heartbeat before.
+        notices: Conditions,
     },
     /// Reference posture of an axle in that axle's odometric frame.
     ReferencePosture {

@@ -1,9 +1,10 @@
 //! Axle node: encoders and inertial sensors in, wheel torques out, once a millisecond.
 //!
 //! The step reads in the order of the data: wheels → zeroing → filter → report → supervision →
-//! reference → control. The posture is odometric, in a frame of its own that begins where the axle was started; the lead
-//! node knows where that frame lies and sends references in it, so a correction of the global
-//! estimate never makes the controller jump.
+//! reference → control. The posture is odometric, in a frame of its own that begins where the axle was
+//! started, and its position is kept modulo the span of the bus. The lead node knows where that frame
+//! lies and sends references in it, so a correction of the global estimate never makes the controller
+//! jump.
 //!
 //! # Panic contract
 //!
@@ -18,6 +19,7 @@ pub use config::{Config, FrameProperties, Limits, SpeedSource};
 
 use super::Outbox;
 use super::peers::{self, Peers};
+use crate::bus::codec::wrap_position;
 use crate::bus::{LeadMode, Message};
 use crate::control::cascade::AxleReference;
 use crate::control::dynamic::{self, Dynamic};
@@ -358,9 +360,14 @@ impl AxleNode {
     }
 
     /// Torques after the reference.
-    fn control(&self, now: Micros, speeds: [f32; 2], reference: AxleReference) -> Output {
+    fn control(&self, now: Micros, speeds: [f32; 2], mut reference: AxleReference) -> Output {
+        let posture = self.state.filter.posture();
+        // Positions repeat after a span of the bus: of all places with these the nearest is meant.
+        let to = &mut reference.posture;
+        to.x = posture.x + wrap_position(to.x - posture.x);
+        to.y = posture.y + wrap_position(to.y - posture.y);
         let command = self.controller.step(&dynamic::Input {
-            posture: self.state.filter.posture(),
+            posture,
             twist: self.twist(speeds),
             reference,
             reference_load: self.reference_load(),
@@ -431,6 +438,10 @@ impl AxleNode {
         let (axle, sequence) = (self.axle, sequence(now));
         let started = self.state.started.unwrap_or(now);
         let epochs = now.saturating_sub(started) / EPOCH;
+        let own = self.state.filter.posture();
+        self.state
+            .filter
+            .shift([own.x, own.y].map(|x| wrap_position(x) - x));
         let increment = self.state.filter.take_increment();
         let twist = self.state.filter.twist();
         let covariance = increment.covariance;

@@ -63,14 +63,14 @@ pub fn heartbeat(node: Node, now: Micros, state: &mut supervisor::State) -> Mess
         sequence: sequence(now),
         state: state.operating(),
         reason: state.first().map_or(0, |condition| condition.code()),
-        notices: state.take_seen().low_rows(),
+        notices: state.take_seen().soft(),
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::safety::Condition;
+    use crate::safety::{Condition, Conditions};
 
     fn beat(node: Node, state: OperatingState, reason: u8) -> Message {
         Message::NodeStatus {
@@ -78,7 +78,7 @@ mod tests {
             sequence: 0,
             state,
             reason,
-            notices: 0,
+            notices: Conditions::NONE,
         }
     }
 

@@ -421,7 +421,7 @@ mod tests {
         };
         assert_eq!(through(false), sent.x);
         let error = (through(true) - sent.x).abs();
-        assert!(error > 1e-5 && error < 5.1e-5, "{error}");
+        assert!(error > 1e-6 && error < 5.1e-6, "{error}");
     }
 
     #[test]

@@ -51,7 +51,7 @@ impl Status {
                 node,
                 state,
                 reason: Condition::from_code(reason),
-                notices: Conditions::from_low_rows(notices),
+                notices,
             }),
             _ => None,
         }
@@ -243,7 +243,7 @@ impl Recovery {
 mod tests {
     use super::*;
 
-    fn frame(node: Node, state: OperatingState, reason: u8, notices: u16) -> CanFrame {
+    fn frame(node: Node, state: OperatingState, reason: u8, notices: Conditions) -> CanFrame {
         let message = Message::NodeStatus {
             node,
             sequence: 0,
@@ -258,15 +258,18 @@ mod tests {
     fn changes_are_kept_and_repetitions_are_not() {
         let mut monitor = Monitor::default();
         let low = Condition::SupplyLow.code();
-        let lost = Conditions::only(Condition::MessageLost).low_rows();
+        let lost = Conditions::only(Condition::MessageLost);
         for tick in 0..30 {
-            monitor.see(tick, &frame(Node::Lead, OperatingState::Idle, 0, 0));
+            monitor.see(
+                tick,
+                &frame(Node::Lead, OperatingState::Idle, 0, Conditions::NONE),
+            );
             let (state, reason) = match tick {
                 ..10 => (OperatingState::Active, 0),
                 10..20 => (OperatingState::SafeStop, low),
                 _ => (OperatingState::Fault, low),
             };
-            let notices = if tick == 5 { lost } else { 0 };
+            let notices = if tick == 5 { lost } else { Conditions::NONE };
             monitor.see(tick, &frame(Node::RearAxle, state, reason, notices));
         }
         let times: Vec<f64> = monitor.changes().iter().map(|c| c.time_s).collect();

@@ -329,6 +329,13 @@ impl State {
         self.posture[PHI] = self.posture[PHI].wrapped_once();
     }
 
+    /// Moves the origin of the frame: the position grows by `by`, m, and the covariance stays.
+    pub fn shift(&mut self, by: [f32; 2]) {
+        for (position, by) in self.posture.iter_mut().zip(by) {
+            *position = position.advanced(by);
+        }
+    }
+
     /// Takes in what measurements of the motion have shown of its error.
     #[inline(always)]
     fn correct(&mut self, change: &[f32; M]) {

@@ -32,7 +32,7 @@ fn reference(node: &mut AxleNode, now: Micros, v: f32, posture: Posture) {
             sequence,
             state: OperatingState::Active,
             reason: 0,
-            notices: 0,
+            notices: Conditions::NONE,
         },
     );
     node.receive(
@@ -107,6 +107,51 @@ fn odometry_follows_an_arc() {
     );
 }
 
+/// 40 m are four spans of the bus. What the lead node adds up is what the axle has gone, and a
+/// reference a centimetre ahead is a centimetre ahead, across the ends of the span as well.
+#[test]
+fn a_long_way_is_counted_to_ten_micrometres_and_driven_on() {
+    use crate::bus::{codec::wrap_position, decode, encode};
+    let (mut node, mut outbox) = (node(AxleId::Rear), Outbox::new());
+    let (mut sum, mut last, mut spans, mut own) = (0.0f64, 0.0, 0, 0.0f64);
+    for tick in 0..=100_000u64 {
+        let now = tick * TICK;
+        // 0.4 m/s after the first second, along the axle's heading of zero.
+        let t = tick as f64 * 1e-3;
+        let turned = 0.4 / 0.073 * if t < 1.0 { 0.5 * t * t } else { t - 0.5 };
+        let samples = Samples {
+            encoder: counts([turned; 2]),
+            ..Samples::default()
+        };
+        outbox.clear();
+        let output = node.step(now, &samples, &mut outbox);
+        if tick > 2000 {
+            assert!((output.error.x.abs() - 0.01).abs() < 1e-3, "{output:?}");
+            assert_ne!(output.torque_nm, [0.0; 2]);
+        }
+        let Some(report) = outbox
+            .iter()
+            .find(|m| matches!(m, Message::AxlePosture { .. }))
+        else {
+            continue;
+        };
+        let Ok(Message::AxlePosture { posture, .. }) = decode(&encode(report).unwrap()) else {
+            panic!("{report:?}");
+        };
+        sum += f64::from(wrap_position(posture.x - last));
+        last = posture.x;
+        let [x, ..] = node.state.filter.precise_posture();
+        let x = f64::from(x.high) + f64::from(x.low);
+        spans += i32::from(x < own - 5.0);
+        own = x;
+        let gone = own + f64::from(spans) * 10.485_76;
+        assert!((sum - gone).abs() < 1e-5, "{sum} {gone}");
+        reference(&mut node, now, 0.4, Posture::new(last + 0.01, 0.0, 0.0));
+    }
+    assert_eq!(spans, 4);
+    assert!((sum - 39.8).abs() < 1e-2, "{sum}");
+}
+
 #[test]
 fn reports_once_an_epoch() {
     let mut node = node(AxleId::Front);
@@ -169,7 +214,7 @@ fn drives_toward_its_reference_and_stops_without_one() {
         sequence: sequence(50 * TICK),
         state: OperatingState::Active,
         reason: 0,
-        notices: 0,
+        notices: Conditions::NONE,
     };
     node.receive(50 * TICK, &well);
     assert!(node.step(20 * TICK + 60_000, &samples, &mut outbox).active);
@@ -344,7 +389,7 @@ fn a_neighbour_that_stops_or_falls_silent_stops_this_axle() {
                             sequence: 0,
                             state: OperatingState::SafeStop,
                             reason: Condition::SupplyLow.code(),
-                            notices: 0,
+                            notices: Conditions::NONE,
                         },
                     );
                 }

@@ -53,10 +53,9 @@ pub struct Limits {
     pub force_n: f32,
     /// Moment of the frame on an axle, N m.
     pub moment_n_m: f32,
-    /// Standard deviation of the position of O, m; not looked at where the fusion is configured
-    /// without the relative position sensor.
+    /// Standard deviation of the position of O beyond which the estimate counts as vague, m.
     pub position_sigma_m: f32,
-    /// Standard deviation of the heading of O, rad; likewise.
+    /// The same of its heading, rad.
     pub heading_sigma_rad: f32,
     /// Half axis of the position of O in which a goal counts as reached for certain, with 95 %, m.
     pub goal_position_m: f32,
@@ -105,8 +104,8 @@ impl Limits {
         position <= self.goal_position_m && heading <= self.goal_heading_rad
     }
 
-    /// True if an estimate is too uncertain to drive by.
-    pub(super) fn uncertain(&self, robot: &Estimate) -> bool {
+    /// True if an estimate says little of where the robot is.
+    pub(super) fn is_vague(&self, robot: &Estimate) -> bool {
         let p = &robot.covariance;
         let position = self.position_sigma_m * self.position_sigma_m;
         let heading = self.heading_sigma_rad * self.heading_sigma_rad;

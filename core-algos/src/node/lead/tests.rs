@@ -176,7 +176,7 @@ fn the_robot_is_not_held_for_ever() {
                 sequence: sequence(number * EPOCH),
                 state: OperatingState::Active,
                 reason: 0,
-                notices: 0,
+                notices: crate::safety::Conditions::NONE,
             };
             node.receive(number * EPOCH, &beat);
         }

@@ -3,6 +3,7 @@
 use super::{LATE, LeadNode, STILL, Task, track};
 use crate::fusion::ekf::Verdict;
 use crate::fusion::robot;
+use crate::math::matrix::is_finite;
 use crate::math::{RelativeHeading, Twist};
 use crate::safety::{Condition, Conditions, OperatingState, Permit, StateRequest};
 use crate::time::Micros;
@@ -58,14 +59,13 @@ impl LeadNode {
             .or(fused.map(robot::Output::relative_heading));
         let bent = heading
             .is_some_and(|heading| !(heading.steering().0.abs() <= self.with.limits.steering_rad));
-        let unsound = fused.is_some_and(|fused| !fused.robot.posture.is_finite());
-        // Without the sensor the operator has chosen to drive by ever less.
-        let uncertain = fused.is_some_and(|fused| {
-            let vague = self.with.fusion.uses_beam() && self.with.limits.uncertain(&fused.robot);
-            // Wheels may slip while a swinging frame is brought to rest, before the drive.
-            let refused = fused.beam.verdict == Verdict::Gated;
-            vague || (refused && state.supervisor.operating() == OperatingState::Active)
+        let unsound = fused.is_some_and(|fused| {
+            !(fused.robot.posture.is_finite() && is_finite(&fused.robot.covariance))
         });
+        let vague = fused.is_some_and(|fused| self.with.limits.is_vague(&fused.robot));
+        // Wheels may slip while a swinging frame is brought to rest, before the drive.
+        let driving = state.supervisor.operating() == OperatingState::Active;
+        let refused = driving && fused.is_some_and(|fused| fused.beam.verdict == Verdict::Gated);
         let certain = |fused: &robot::Output| self.with.limits.is_certain(&fused.robot);
         let doubtful = state.done && fused.is_some_and(|fused| !certain(fused));
         Conditions::NONE
@@ -82,7 +82,8 @@ impl LeadNode {
             .with(Condition::FrameBent, bent)
             .with(Condition::WrenchHigh, strained)
             .with(Condition::NotANumber, unsound)
-            .with(Condition::EstimateInconsistent, uncertain)
+            .with(Condition::EstimateInconsistent, refused)
+            .with(Condition::EstimateVague, vague)
             .with(Condition::ReachedUncertain, doubtful)
     }
 }

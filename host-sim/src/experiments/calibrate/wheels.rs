@@ -12,6 +12,7 @@
 //! speeds tell the two apart.
 
 use crate::plant::elastica::solve;
+use core_algos::bus::message::POSITION_SPAN_M;
 
 /// Standard deviation of the ends of the axle as measured, m; it weighs heading against position.
 const MARK_M: f64 = 1e-3;
@@ -33,10 +34,14 @@ struct Step {
 
 impl Lap {
     /// Takes in the next odometric posture (m, m, rad) of the axle whose track is believed to be
-    /// `track_m`; the relative heading was `heading_rad` in the `dt_s` before it.
+    /// `track_m`, as sent, modulo the span of the bus; the relative heading was `heading_rad` in the
+    /// `dt_s` before it.
     pub fn add(&mut self, posture: [f64; 3], track_m: f64, heading_rad: f64, dt_s: f64) {
-        let [x, y, phi] = posture;
+        let [mut x, mut y, phi] = posture;
         if let Some([x0, y0, phi0]) = self.place {
+            let span = f64::from(POSITION_SPAN_M);
+            x -= span * ((x - x0) / span).round();
+            y -= span * ((y - y0) / span).round();
             let turn = wrapped(phi - phi0);
             let (s, c) = (phi0 + 0.5 * turn).sin_cos();
             let ahead = c * (x - x0) + s * (y - y0);
@@ -47,7 +52,7 @@ impl Lap {
                 by_errors: [2.0 * ahead / track_m, turn, heading_rad * dt_s],
             });
         }
-        self.place = Some(posture);
+        self.place = Some([x, y, phi]);
     }
 
     /// Final odometric posture: m, m, rad.

@@ -8,7 +8,6 @@ use crate::experiments::arguments::WorldChoice;
 use crate::experiments::result::{JsonArgs, Provenance};
 use crate::experiments::soak::{self, Drift, MEMORY_KIB, PAIR_M, Report};
 use clap::Args;
-use core_algos::node::lead::Limits;
 use serde::Serialize;
 use std::fmt::Write;
 use std::sync::atomic::Ordering::Relaxed;
@@ -47,14 +46,12 @@ struct Measured {
 /// The page.
 fn markdown(measured: &Measured) -> String {
     let report = &measured.report;
-    let limits = Limits::default();
     let mut text = format!(
         "# Soak\n\n\
          Printed by `cfmmr soak --ticks {} > docs/soak.md`. {:.2} hours of robot time: {} ticks with all\n\
          sensors, all noise and a bus that loses 1 % of the frames, from goal to goal in a square of 3 m\n\
          (world: {}). The boards run in the program without a restart. Position is by dead reckoning only.\n\n\
-         - *σ*: largest estimated standard deviation of position and heading. By default the robot stops at\n\
-           {} m and {} rad; this run has no such limit.\n\
+         - *σ*: largest estimated standard deviation of position and heading.\n\
          - *error*: position error at the goals, rms. *pair*: error of the relative posture of the axles, rms.\n\
          - *NEES*, *NIS*: normalised squares of the error and of the beam's innovation; 3 for a consistent\n\
            estimator. Successive values are correlated.\n\
@@ -65,8 +62,6 @@ fn markdown(measured: &Measured) -> String {
         soak::seconds(report.ticks) / 3600.0,
         report.ticks,
         report.world,
-        limits.position_sigma_m,
-        limits.heading_sigma_rad,
     );
     for window in &report.windows {
         let number = |value: Option<f64>| value.map_or(String::new(), |v| format!("{v:.2}"));

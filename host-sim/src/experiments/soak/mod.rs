@@ -49,16 +49,13 @@ pub const PAIR_M: f64 = 3e-3;
 /// Largest squared error, of three components, that one sound estimate in a thousand exceeds.
 const WORST: f64 = 16.27;
 
-/// Robot and surroundings of the soak: all sensors, all noise, and a bus that loses 1 %. Nobody puts
-/// the robot on a known place for hours, so it may be less certain of its own than it usually must.
+/// Robot and surroundings of the soak: all sensors, all noise, and a bus that loses 1 %.
 pub fn scenario(world: Option<&str>) -> Result<Scenario, Error> {
     let mut scenario = Scenario::in_world(world)?;
     scenario.world.sensors.gyro.fitted = true;
     scenario.world.sensors.accelerometer.fitted = true;
     let loss = &mut scenario.world.bus.loss;
     *loss = loss.max(0.01);
-    let limits = &mut scenario.robot.lead.limits;
-    (limits.position_sigma_m, limits.heading_sigma_rad) = (1e3, 3.0);
     Ok(scenario)
 }
 
