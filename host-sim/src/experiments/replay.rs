@@ -19,8 +19,7 @@ use toml::{Table as Toml, Value};
 #[derive(Clone, Debug, Args)]
 pub struct ReplayArgs {
     /// Log that `--log` wrote
-    #[arg(value_name = "LOG")]
-    pub file: PathBuf,
+        pub log: PathBuf,
     /// Estimate again with the parameters in this file (table `[robot]` of a scenario)
     #[arg(long, value_name = "FILE")]
     pub with: Option<PathBuf>,
@@ -46,8 +45,8 @@ pub struct Report {
 
 /// Runs the command.
 pub fn run(args: &ReplayArgs) -> Result<(), Error> {
-    let name = args.file.display().to_string();
-    let bytes = fs::read(&args.file).map_err(|error| {
+    let name = args.log.display().to_string();
+    let bytes = fs::read(&args.log).map_err(|error| {
         Error::input(format!(
             "{name}: {error}: must be a log that `cfmmr posture --log FILE` wrote"
         ))
