@@ -95,7 +95,7 @@ fn command_line(arguments: impl Iterator<Item = String>) -> String {
 #[derive(Clone, Debug, Default, Args)]
 pub struct JsonArgs {
     /// Write the result as JSON to FILE; `-`: to standard output, the table to standard error
-    #[arg(long = "json", value_name = "FILE")]
+    #[arg(id = "json", long = "json", value_name = "FILE")]
     file: Option<PathBuf>,
 }
 
