@@ -19,7 +19,7 @@ use toml::{Table as Toml, Value};
 #[derive(Clone, Debug, Args)]
 pub struct ReplayArgs {
     /// Log that `--log` wrote
-        pub log: PathBuf,
+    pub log: PathBuf,
     /// Estimate again with the parameters in this file (table `[robot]` of a scenario)
     #[arg(long, value_name = "FILE")]
     pub with: Option<PathBuf>,
