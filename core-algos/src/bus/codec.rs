@@ -24,7 +24,9 @@
 //! ```
 
 use super::layout::{self, Signal, id};
-use super::message::{Calibrate, CalibrationResult, LeadMode, Message, POSITION_SPAN_M};
+use super::message::{
+    Calibrate, CalibrationResult, LeadMode, Message, POSITION_SPAN_M, POSITION_STEP_M,
+};
 use crate::math::matrix::{Mat3, cholesky};
 use crate::math::trig::{exp, ln, sqrt, wrap_angle};
 use crate::math::{Posture, Wrench};
@@ -321,8 +323,7 @@ impl Field for Conditions {
     }
 
     fn read(from: &mut Iter<f32>) -> Option<Self> {
-        let [low, high] = Field::read(from)?;
-        let (low, high): (f32, f32) = (low, high);
+        let [low, high]: [f32; 2] = Field::read(from)?;
         Some(Self::from_bits(low as u64 | (high as u64) << 24))
     }
 }
@@ -343,7 +344,7 @@ struct Odometric(Posture);
 impl Field for Odometric {
     fn write(self, to: &mut IterMut<f32>) {
         // A position that would round up to half a span is sent as the other end of the span.
-        const LAST: f32 = 0.5 * POSITION_SPAN_M - 6e-6;
+        const LAST: f32 = 0.5 * POSITION_SPAN_M - 0.6 * POSITION_STEP_M;
         let position = |x: f32| match wrap_position(x) {
             wrapped if wrapped > LAST => -0.5 * POSITION_SPAN_M,
             wrapped => wrapped,

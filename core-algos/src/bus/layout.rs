@@ -4,7 +4,7 @@
 //! `raw · scale + offset`, and the range follows from width and scale. Periods and timeouts stand
 //! here alone: defaults elsewhere are taken from [`timeout_s`].
 
-use super::message::{CalibrationResult, LeadMode};
+use super::message::{CalibrationResult, LeadMode, POSITION_BITS, POSITION_STEP_M};
 use crate::safety::OperatingState;
 use crate::topology::Node;
 
@@ -157,8 +157,8 @@ const SEQUENCE: Signal = Signal::unsigned("sequence", 8);
 
 const POSTURE: [Signal; 4] = [
     SEQUENCE,
-    Signal::signed("x", 20, 1e-5, "m"),
-    Signal::signed("y", 20, 1e-5, "m"),
+    Signal::signed("x", POSITION_BITS, POSITION_STEP_M, "m"),
+    Signal::signed("y", POSITION_BITS, POSITION_STEP_M, "m"),
     Signal::signed("phi", 16, 1e-4, "rad"),
 ];
 

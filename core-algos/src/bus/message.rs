@@ -10,8 +10,12 @@ use crate::math::wrench::Wrench;
 use crate::safety::{Conditions, OperatingState};
 use crate::topology::{AxleId, Node, Role};
 
-/// Span after which a transmitted odometric position repeats, m.
-pub const POSITION_SPAN_M: f32 = 10.485_76;
+/// Step of a transmitted odometric position, m.
+pub const POSITION_STEP_M: f32 = 1e-5;
+/// Width of a transmitted odometric position, bits.
+pub const POSITION_BITS: u8 = 20;
+/// Span after which it repeats, m.
+pub const POSITION_SPAN_M: f32 = POSITION_STEP_M * (1 << POSITION_BITS) as f32;
 
 /// An enumeration that crosses the bus as its index, with the names of its values.
 macro_rules! wire_enum {
