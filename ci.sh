@@ -36,7 +36,7 @@ cargo clippy --locked --package virtual-board --all-targets -- -D warnings
 step "documentation"
 RUSTDOCFLAGS="-D warnings" cargo doc --locked --workspace --no-deps --quiet
 step "firmware for $target"
-images=(--locked --release --package firmware-axle --package firmware-beam --target "$target")
+images=(--locked --profile image --package firmware-axle --package firmware-beam --target "$target")
 for features in "" hil emulated; do
   cargo clippy "${images[@]}" --package firmware-common --features "$features" -- -D warnings
   RUSTDOCFLAGS="-D warnings" cargo doc "${images[@]}" --package firmware-common --no-deps --quiet \

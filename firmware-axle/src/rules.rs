@@ -4,7 +4,7 @@ use core_algos::control::wheel_observer;
 use core_algos::drive::winding::{self, Winding};
 use core_algos::node::board::Output;
 use core_algos::params::Drive;
-use core_algos::safety::{Condition, Conditions, OperatingState};
+use core_algos::safety::{Condition, Conditions};
 use core_algos::time::EPOCH;
 
 /// Epochs for which the button must be down: 50 ms.
@@ -132,11 +132,11 @@ impl Presses {
         self.driving = false;
     }
 
-    /// One epoch with the button's level and the lead node's state; `None` without a lead node.
-    pub fn step(&mut self, down: bool, lead: Option<OperatingState>) -> Option<Press> {
+    /// One epoch with the button's level, and whether the robot is stopped by a fault; `None` without a
+    /// lead node.
+    pub fn step(&mut self, down: bool, faulted: Option<bool>) -> Option<Press> {
         self.held = if down { self.held.saturating_add(1) } else { 0 };
-        let lead = lead.filter(|_| self.held == HOLD)?;
-        if lead == OperatingState::Fault {
+        if faulted.filter(|_| self.held == HOLD)? {
             self.driving = false;
             return Some(Press::Clear);
         }
@@ -236,15 +236,15 @@ mod tests {
     }
 
     /// Requests of a button that is down in these epochs.
-    fn requests(presses: &mut Presses, down: &[bool], lead: Option<OperatingState>) -> Vec<Press> {
-        let step = |down: &bool| presses.step(*down, lead);
+    fn requests(presses: &mut Presses, down: &[bool], faulted: Option<bool>) -> Vec<Press> {
+        let step = |down: &bool| presses.step(*down, faulted);
         down.iter().filter_map(step).collect()
     }
 
     #[test]
     fn a_press_counts_once_after_50_ms_and_bounces_do_not() {
         let mut presses = Presses::default();
-        let idle = Some(OperatingState::Idle);
+        let idle = Some(false);
         assert_eq!(
             requests(&mut presses, &[true, true, true, true, false], idle),
             []
@@ -258,18 +258,15 @@ mod tests {
     fn a_press_clears_a_fault_and_the_next_one_drives() {
         let mut presses = Presses::default();
         let press = [false, true, true, true, true, true];
-        for (lead, expected) in [
-            (OperatingState::Idle, Press::Drive),
-            (OperatingState::Fault, Press::Clear),
-            (OperatingState::Idle, Press::Drive),
+        for (faulted, expected) in [
+            (false, Press::Drive),
+            (true, Press::Clear),
+            (false, Press::Drive),
         ] {
-            assert_eq!(requests(&mut presses, &press, Some(lead)), [expected]);
+            assert_eq!(requests(&mut presses, &press, Some(faulted)), [expected]);
         }
         presses.forget();
         assert_eq!(requests(&mut presses, &press, None), []);
-        assert_eq!(
-            requests(&mut presses, &press, Some(OperatingState::Idle)),
-            [Press::Drive]
-        );
+        assert_eq!(requests(&mut presses, &press, Some(false)), [Press::Drive]);
     }
 }

@@ -32,7 +32,6 @@ fn main() -> ExitCode {
             experiments::faults::on_virtual::run(args)
         }
         Some(Command::Faults(args)) => experiments::faults::run(args),
-        Some(Command::LoopBench(args)) => experiments::loop_bench::run(args),
         Some(Command::Soak(args)) => experiments::soak::command::run(args),
         Some(Command::Campaign(args)) => experiments::campaign::command::run(args),
         Some(Command::Doctor(args)) => cli::doctor::run(args),

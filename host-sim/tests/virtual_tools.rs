@@ -236,8 +236,8 @@ fn coverage_has_the_lines_of_the_repository_that_ran() {
         found.copied().unwrap_or(0)
     };
     // Pressed once, on the front board only.
-    let initialize = "lead.initialize(center, relative);";
-    assert_eq!(count("robot/operator.rs", initialize), 1);
+    let drive = "let (center, relative) = &self.start;";
+    assert_eq!(count("robot/operator.rs", drive), 1);
     // Both axles look at it.
     let held = "self.held = if down { self.held.saturating_add(1) } else { 0 };";
     assert_eq!(count("rules.rs", held), 2);
@@ -246,27 +246,20 @@ fn coverage_has_the_lines_of_the_repository_that_ran() {
 #[test]
 fn a_rear_board_that_loses_its_power_stops_the_robot() {
     let folder = tempfile::tempdir().unwrap();
-    let arguments = ["--kill", "rear@1.2", "--restart-after", "0.3", "--out", "."];
-    let output = hil(folder.path(), &arguments);
+    let output = hil(folder.path(), &["--kill", "rear@1.2", "--out", "."]);
     let said = error_of(&output);
     assert_eq!(output.status.code(), Some(1), "{said}");
+    let told = String::from_utf8_lossy(&output.stdout);
     assert!(
-        said.contains("motors off") && said.contains("neighbour lost"),
+        said.contains("motors off") && told.contains("FrontAxle: Fault, neighbour lost"),
         "{said}"
     );
     let result = result(folder.path());
     let events = result["events"].as_array().unwrap();
-    let times: Vec<f64> = events
-        .iter()
-        .map(|event| event["time_s"].as_f64().unwrap())
-        .collect();
-    assert_eq!(times[..2], [1.2, 1.5], "{events:?}");
-    assert_eq!(events[1]["what"], "restarted");
-    let off = events[2]["what"]["motors-off"].as_u64().unwrap();
+    assert_eq!(events[0]["time_s"], 1.2, "{events:?}");
+    let off = events[1]["what"]["motors-off"].as_u64().unwrap();
     // 50 ms until it is noticed, 250 to slow down, 100 at rest, 750 to let the frame go.
     assert!((100..1150).contains(&off), "{off}");
-    let log = fs::read_to_string(folder.path().join("board-rear.log")).unwrap();
-    assert_eq!(log.matches("reset by PowerOn").count(), 2, "{log}");
     // What the boards warn of is on the terminal too, with the board's name.
     let log = fs::read_to_string(folder.path().join("board-front.log")).unwrap();
     let warnings = log
@@ -278,6 +271,32 @@ fn a_rear_board_that_loses_its_power_stops_the_robot() {
             "{warning}: {said}"
         );
     }
+}
+
+#[test]
+fn after_the_restart_of_a_front_board_the_user_drives_again_from_the_start() {
+    let folder = tempfile::tempdir().unwrap();
+    let arguments = [
+        "--kill",
+        "front@1.2",
+        "--restart-after",
+        "0.3",
+        "--out",
+        ".",
+    ];
+    let output = hil(folder.path(), &arguments);
+    assert!(output.status.success(), "{}", error_of(&output));
+    let result = result(folder.path());
+    assert!(result["e_m"].as_f64().unwrap() < 0.1, "{result}");
+    let events = result["events"].as_array().unwrap();
+    let what: Vec<_> = events
+        .iter()
+        .filter_map(|event| event["what"].as_str())
+        .collect();
+    // One press clears the faults of all nodes.
+    assert_eq!(what, ["restarted", "cleared", "resumed"], "{events:?}");
+    let log = fs::read_to_string(folder.path().join("board-front.log")).unwrap();
+    assert_eq!(log.matches("reset by PowerOn").count(), 2, "{log}");
 }
 
 #[test]

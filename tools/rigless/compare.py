@@ -70,9 +70,9 @@ def main():
     wrong = 0
     print("| image | | rigless | virtual board | |\n|---|---|---|---|---|")
     for name in COMPARED:
-        build = ["cargo", "build", "--locked", "--quiet", "--release", "--target", TARGET]
+        build = ["cargo", "build", "--locked", "--quiet", "--profile", "image", "--target", TARGET]
         run(build + ["--package", name], cwd=ROOT)
-        image = ROOT / "target" / TARGET / "release" / name
+        image = ROOT / "target" / TARGET / "image" / name
         for what, other, own, slack in rows(name, theirs(image), ours(image)):
             differs = abs(other - own) > slack or (own == 0 and what != "resets")
             wrong += differs

@@ -124,7 +124,7 @@ def main():
         times = kernels(arguments.quick)
     except subprocess.CalledProcessError as error:
         fail(error.stderr.strip())
-    plant, loop = bench("plant-bench", *repeats), bench("loop-bench", *repeats)
+    plant = bench("plant-bench", *repeats)
 
     few, many = arguments.trials // 10, arguments.trials
     rows, results = [], {}
@@ -166,23 +166,6 @@ def main():
                 f"| {drive['name']} | {span.format(**drive)} | {own['real_time_factor']:.0f} |"
                 f" {model}: {row['real_time_factor']:.0f} |"
             )
-    page += [
-        "",
-        "## Whole closed loop",
-        "",
-        "Plant, sensors, the nodes of three boards at 1 kHz and the bus on one core; MCAP is written by a"
-        " second thread, for which the loop waits only if it falls behind.",
-        "",
-        "| | real-time factor | by the wall clock |",
-        "|---|---|---|",
-    ]
-    names = {
-        "plain": "without a log",
-        "logged": "with a log of every epoch as CSV",
-        "recorded": "with everything the boards got and did as MCAP",
-    }
-    page += [f"| {names[row['name']]} | {span.format(**row)} | {row['wall_real_time_factor']:.0f} |"
-             for row in loop["loops"]]
     page += [
         "",
         "Where the time goes: [profile.md](profile.md).",

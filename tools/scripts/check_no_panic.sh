@@ -5,8 +5,8 @@ set -euo pipefail
 cd "$(dirname "$0")/../.."
 
 target=thumbv7em-none-eabihf
-build=(cargo build --locked --quiet --package firmware-checks --bin no-panic --profile no-panic --target "$target")
-image=target/$target/no-panic/no-panic
+build=(cargo build --locked --quiet --package firmware-checks --bin no-panic --profile image --target "$target")
+image=target/$target/image/no-panic
 
 if ! command -v nm >/dev/null; then
   echo "check_no_panic.sh: nm is missing: install binutils" >&2

@@ -18,7 +18,7 @@ import threading
 import tty
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
-IMAGES = ROOT / "target" / "thumbv7em-none-eabihf" / "release"
+IMAGES = ROOT / "target" / "thumbv7em-none-eabihf" / "image"
 BOARDS = {"front": "firmware-axle", "rear": "firmware-axle", "beam": "firmware-beam"}
 START_S = 20  # time in which an emulated board opens its ports
 LIMIT_S = 180

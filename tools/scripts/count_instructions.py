@@ -17,7 +17,7 @@ from elf_code import Image
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 TARGET = "thumbv7em-none-eabihf"
-IMAGE = ROOT / "target" / TARGET / "count" / "firmware-bench"
+IMAGE = ROOT / "target" / TARGET / "image" / "firmware-bench"
 COUNTS = ROOT / "tools/bench/counts.json"
 TOLERANCE = 0.02
 # Of each: mean and largest count, bytes of stack and of code.
@@ -72,7 +72,7 @@ def fail(text):
 def emulate():
     """What the image prints in the emulator; it is built before."""
     build = ["cargo", "build", "--locked", "--quiet", "--package", "firmware-bench"]
-    build += ["--profile", "count", "--target", TARGET]
+    build += ["--profile", "image", "--target", TARGET]
     if subprocess.run(build, cwd=ROOT).returncode != 0:
         fail("the image does not build")
     if shutil.which("qemu-system-arm") is None:

@@ -15,9 +15,9 @@ for board in axle beam; do
   for variant in default hil emulated; do
     features=()
     [ $variant = default ] || features=(--features $variant)
-    cargo build --quiet --locked --release --package firmware-$board --target $target "${features[@]}"
+    cargo build --quiet --locked --profile image --package firmware-$board --target $target "${features[@]}"
     # Segments: type, offset, virtual and physical address, size in file and in memory.
-    readelf --segments --wide target/$target/release/firmware-$board |
+    readelf --segments --wide target/$target/image/firmware-$board |
       while read -r type _ virtual physical file memory _; do
         if [ "$type" = LOAD ]; then echo $((virtual)) $((physical)) $((file)) $((memory)); fi
       done | awk -v name="firmware-$board, $variant" '

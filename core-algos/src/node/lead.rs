@@ -202,6 +202,13 @@ impl LeadNode {
         &self.state.supervisor
     }
 
+    /// True if this node or an axle is stopped by a fault that [`Task::Clear`] has to clear.
+    pub fn is_faulted(&self, now: Micros) -> bool {
+        let failed = |node| self.state.peers.failed(node, now);
+        self.state.supervisor.operating() == OperatingState::Fault
+            || [Node::FrontAxle, Node::RearAxle].into_iter().any(failed)
+    }
+
     /// The buffers of path and trajectory, to be filled before [`Task::Follow`] or [`Task::Track`]
     /// and while it runs.
     pub fn path_task(&mut self) -> &mut path_task::State {

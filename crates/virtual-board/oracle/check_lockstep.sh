@@ -6,12 +6,11 @@ set -euo pipefail
 cd "$(dirname "$0")/../../.."
 
 built=target/thumbv7em-none-eabihf
-image() { cargo build --locked --quiet --target thumbv7em-none-eabihf --package "$@"; }
 # The default images, which may have been built with a feature since.
-image firmware-axle --release
-image firmware-beam --release
-image firmware-bench --profile count
-images=("$built/release/firmware-axle" "$built/release/firmware-beam" "$built/count/firmware-bench")
+for package in firmware-{axle,beam,bench}; do
+  cargo build --locked --quiet --target thumbv7em-none-eabihf --profile image --package "$package"
+done
+images=("$built"/image/firmware-{axle,beam,bench})
 
 . tools/scripts/python_tools.sh
 python_tools check_lockstep.sh unicorn unicorn==2.1.4

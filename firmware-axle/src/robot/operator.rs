@@ -41,8 +41,8 @@ impl Button {
             return;
         }
         let lead = board.lead();
-        let state = lead.as_ref().map(|lead| lead.supervision().operating());
-        let press = self.presses.step(self.pin.is_high(), state);
+        let faulted = lead.as_ref().map(|lead| lead.is_faulted(now));
+        let press = self.presses.step(self.pin.is_high(), faulted);
         let (Some(press), Some(lead)) = (press, lead) else {
             return;
         };

@@ -20,7 +20,6 @@ use crate::experiments::consistency::ConsistencyArgs;
 use crate::experiments::faults::FaultsArgs;
 use crate::experiments::follow::FollowArgs;
 use crate::experiments::hil::HilArgs;
-use crate::experiments::loop_bench::LoopBenchArgs;
 use crate::experiments::params::ParamsArgs;
 use crate::experiments::plant_bench::PlantBenchArgs;
 use crate::experiments::posture::PostureArgs;
@@ -114,8 +113,6 @@ pub enum Command {
     Soak(SoakArgs),
     /// Measure the real-time factor of the plant alone
     PlantBench(PlantBenchArgs),
-    /// Measure the real-time factor of the whole closed loop
-    LoopBench(LoopBenchArgs),
     /// Check toolchain, emulator, debug probe and serial ports, and print what to type
     Doctor(DoctorArgs),
     /// Print the completions of a shell: `source <(cfmmr completions bash)`

@@ -12,7 +12,6 @@ pub mod eval;
 pub mod faults;
 pub mod follow;
 pub mod hil;
-pub mod loop_bench;
 pub mod params;
 pub mod plant_bench;
 pub mod posture;

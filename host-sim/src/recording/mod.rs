@@ -125,12 +125,6 @@ impl Session {
         Ok(Some(Self::of(Files { mcap, tables }, args.live.is_some())))
     }
 
-    /// A recording whose bytes are only counted.
-    pub fn counted(about: &About) -> Result<Self, Error> {
-        let mcap = Some(Mcap::new(Sink::counted()?, about)?);
-        Ok(Self::of(Files { mcap, tables: None }, false))
-    }
-
     fn of(files: Files, prompt: bool) -> Self {
         Self(Arc::new(Mutex::new(Writer::new(files, prompt))))
     }
@@ -173,14 +167,6 @@ impl Session {
         match self.writer().finish()? {
             Some(files) => files.close(ended),
             None => Ok(Vec::new()),
-        }
-    }
-
-    /// Ends a recording that was only counted; gives its length, bytes.
-    pub fn count(&self) -> Result<u64, Error> {
-        match self.writer().finish()?.and_then(|files| files.mcap) {
-            Some(mut mcap) => mcap.close(None),
-            None => Ok(0),
         }
     }
 

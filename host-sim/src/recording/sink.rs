@@ -17,15 +17,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 /// The first error of a writer, which its user does not hear of.
 type FirstError = Arc<Mutex<Option<io::Error>>>;
 
-/// Destination of a log: a file, or a byte counter.
-enum Medium {
-    File(BufWriter<File>),
-    /// Place and length.
-    Counter(u64, u64),
-}
-
+/// The file of a log.
 struct Watched {
-    medium: Medium,
+    file: BufWriter<File>,
     error: FirstError,
 }
 
@@ -42,39 +36,19 @@ impl Watched {
 
 impl Write for Watched {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        let written = match &mut self.medium {
-            Medium::File(file) => file.write(bytes),
-            Medium::Counter(place, length) => {
-                *place += bytes.len() as u64;
-                *length = (*length).max(*place);
-                Ok(bytes.len())
-            }
-        };
+        let written = self.file.write(bytes);
         self.note(written)
     }
 
     fn flush(&mut self) -> io::Result<()> {
-        let flushed = match &mut self.medium {
-            Medium::File(file) => file.flush(),
-            Medium::Counter(..) => Ok(()),
-        };
+        let flushed = self.file.flush();
         self.note(flushed)
     }
 }
 
 impl Seek for Watched {
     fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
-        let place = match &mut self.medium {
-            Medium::File(file) => file.seek(to),
-            Medium::Counter(place, length) => {
-                *place = match to {
-                    SeekFrom::Start(place) => place,
-                    SeekFrom::End(by) => length.saturating_add_signed(by),
-                    SeekFrom::Current(by) => place.saturating_add_signed(by),
-                };
-                Ok(*place)
-            }
-        };
+        let place = self.file.seek(to);
         self.note(place)
     }
 }
@@ -113,14 +87,8 @@ impl Sink {
     /// A log in a file, which appears when it is closed or dropped.
     pub fn to_file(path: &Path) -> Result<Self, OutputError> {
         let (temporary, file) = create(path)?;
-        let medium = Medium::File(BufWriter::new(file));
         let paths = Some((temporary, path.to_path_buf()));
-        Self::open(medium, paths).map_err(failed(path))
-    }
-
-    /// A log that is only counted, to measure its speed.
-    pub fn counted() -> io::Result<Self> {
-        Self::open(Medium::Counter(0, 0), None)
+        Self::open(BufWriter::new(file), paths).map_err(failed(path))
     }
 
     /// A log that is not written, to be served.
@@ -135,7 +103,7 @@ impl Sink {
         }
     }
 
-    /// True if the log goes to a file or to the byte counter.
+    /// True if the log goes to a file.
     pub fn is_file(&self) -> bool {
         self.handle.is_some()
     }
@@ -151,11 +119,11 @@ impl Sink {
         self.server.as_ref()
     }
 
-    fn open(medium: Medium, paths: Option<(PathBuf, PathBuf)>) -> io::Result<Self> {
+    fn open(file: BufWriter<File>, paths: Option<(PathBuf, PathBuf)>) -> io::Result<Self> {
         let context = Context::new();
         let error = FirstError::default();
         let watched = Watched {
-            medium,
+            file,
             error: error.clone(),
         };
         let handle = McapWriter::with_options(foxglove::McapWriteOptions::new().profile("cfmmr"))
@@ -204,9 +172,6 @@ impl Sink {
         let mut result = match handle.close() {
             Ok(mut watched) => {
                 let _ = watched.flush();
-                if let Medium::Counter(_, length) = watched.medium {
-                    self.length = length;
-                }
                 Ok(())
             }
             Err(error) => Err(io::Error::other(error)),

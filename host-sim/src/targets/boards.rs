@@ -156,7 +156,7 @@ impl Boards {
 
     /// Notes what the host did.
     pub fn note(&mut self, tick: u32, what: What) {
-        self.losses.note(tick, what);
+        self.losses.note(tick, "host", what);
     }
 
     /// Why the run cannot go on at `tick`, if so.
@@ -324,6 +324,9 @@ impl Boards {
         slot.on = true;
         slot.next = tick;
         self.losses.restarted(tick, role);
+        if role == Role::Front {
+            self.losses.lost_estimate(tick);
+        }
         Ok(())
     }
 

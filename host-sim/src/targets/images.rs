@@ -8,6 +8,9 @@ use std::process::{Command, Stdio};
 /// The boards' target.
 pub const TARGET: &str = "thumbv7em-none-eabihf";
 
+/// Profile of Cargo.toml that they are built with.
+const PROFILE: &str = "image";
+
 /// Builds a package's image if it is not up to date, with this feature, and gives the ELF file's bytes.
 /// All variants have one path, so a lock keeps other runs from building theirs in between.
 pub fn build(package: &str, feature: Option<&str>) -> Result<Vec<u8>, Error> {
@@ -19,7 +22,7 @@ pub fn build(package: &str, feature: Option<&str>) -> Result<Vec<u8>, Error> {
     let held = File::create(&lock).and_then(|file| file.lock().map(|()| file));
     let _held = held.map_err(|error| Error::Failure(format!("{}: {error}", lock.display())))?;
     let status = Command::new(&cargo)
-        .args(["build", "--quiet", "--locked", "--release"])
+        .args(["build", "--quiet", "--locked", "--profile", PROFILE])
         .args(["--target", TARGET, "--package", package])
         .args(
             feature
@@ -36,6 +39,6 @@ pub fn build(package: &str, feature: Option<&str>) -> Result<Vec<u8>, Error> {
              rustup target add {TARGET}"
         )));
     }
-    let built = target.join(TARGET).join("release").join(package);
+    let built = target.join(TARGET).join(PROFILE).join(package);
     fs::read(&built).map_err(|error| Error::Failure(format!("{}: {error}", built.display())))
 }

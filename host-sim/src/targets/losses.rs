@@ -28,7 +28,7 @@ pub enum What {
 pub struct Event {
     /// Time, s.
     pub time_s: f64,
-    /// Board, or the host.
+    /// Board, host or user.
     pub role: &'static str,
     /// Description.
     pub what: What,
@@ -85,9 +85,9 @@ impl Losses {
         (tick >= *at).then_some(why)
     }
 
-    /// Notes what the host did.
-    pub fn note(&mut self, tick: u32, what: What) {
-        self.record(tick, "host", what);
+    /// Notes what the host or the user did.
+    pub fn note(&mut self, tick: u32, by: &'static str, what: What) {
+        self.record(tick, by, what);
     }
 
     /// A board has gone off, to come back or not.
@@ -107,11 +107,13 @@ impl Losses {
     pub fn restarted(&mut self, tick: u32, role: Role) {
         self.restarted = Some(tick);
         self.record(tick, role.name(), What::Restarted);
-        if role == Role::Front {
-            let why = "the front board was restarted and its lead node lost the estimate of the \
-                       posture";
-            self.end.get_or_insert((why.to_owned(), tick + GRACE));
-        }
+    }
+
+    /// The run cannot go on, because the estimate of the posture is lost.
+    pub fn lost_estimate(&mut self, tick: u32) {
+        let why =
+            "the front board was restarted and its lead node lost the estimate of the posture";
+        self.end.get_or_insert((why.to_owned(), tick + GRACE));
     }
 
     /// Notes when the motors of the others are off; a board that is lost has none.

@@ -31,6 +31,7 @@ use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use embassy_time::{Duration, Instant, with_timeout};
 use firmware_common::clock::CORE_HZ;
+use firmware_common::critical;
 use firmware_common::dma_halves::{self, Half};
 use static_cell::ConstStaticCell;
 
@@ -244,9 +245,12 @@ fn stop() -> bool {
 #[handler]
 fn DMA2_STREAM0() {
     let local = Instant::now().as_micros();
-    if BETWEEN.contains(&pac::TIM2.cnt().read()) {
-        pac::ADC1.cr2().modify(|w| w.set_jswstart(true));
-    }
+    // The bus's handlers would interrupt this one, and between the two lines the time would be over.
+    critical::all(|_| {
+        if BETWEEN.contains(&pac::TIM2.cnt().read()) {
+            pac::ADC1.cr2().modify(|w| w.set_jswstart(true));
+        }
+    });
     let flags = DMA2.isr(0).read();
     let (half, complete) = (flags.htif(0), flags.tcif(0));
     DMA2.ifcr(0).write(|w| {

@@ -97,6 +97,10 @@ impl Listener {
     }
 
     fn synchronise(&mut self, at: Micros, epoch: Micros, last_delay_us: Option<u16>) {
+        if self.clock.is_some_and(|last| epoch <= last.epoch) {
+            // The front board was restarted and counts anew.
+            self.waiting.clear();
+        }
         let began = match (self.clock, last_delay_us) {
             (Some(last), Some(delay)) if last.epoch + 1 == epoch => {
                 last.heard + EPOCH - Micros::from(delay)

@@ -106,6 +106,10 @@ pub struct VirtualRobot {
     readers: Vec<Reader>,
     watches: Vec<Watch>,
     plant: Plant,
+    /// Midpoint at the start.
+    start: [f64; 3],
+    /// Angles of the motors when the robot was put there again, rad.
+    turned: [[f64; 2]; 2],
     gauges: Vec<Station>,
     outline: Outline,
     half_thickness: f64,
@@ -154,11 +158,10 @@ impl VirtualRobot {
         check(scenario)?;
         let drawn = scenario.world.draw(seed, trial);
         let plant = scenario.world.plant_of(&drawn, scenario.mission.rps);
-        let mut plant = plant
-            .build()
-            .map_err(|error| Error::input(format!("plant.{error}")))?;
-        let start = scenario.mission.start;
-        plant.place(std::array::from_fn(|i| start[i] + drawn.placement[i]));
+        let plant = plant.build();
+        let mut plant = plant.map_err(|error| Error::input(format!("plant.{error}")))?;
+        let start = std::array::from_fn(|i| scenario.mission.start[i] + drawn.placement[i]);
+        plant.place(start);
         let config = scenario.robot.completed();
         let gauges = scenario.world.gauges_of(&drawn, &plant);
         let bridges: Vec<BridgeParts> = (0..gauges.len())
@@ -193,10 +196,8 @@ impl VirtualRobot {
         }
         let mut wire = Wire::new(boards.len() + options.others, QUANTUM, seed);
         wire.record();
-        let places = scenario.robot.put_down();
-        let task = Task::Regulate {
-            goal: Posture::ORIGIN,
-        };
+        let goal = Posture::ORIGIN;
+        let heard = (scenario.robot.put_down(), Task::Regulate { goal });
         Ok(Self {
             network: Network::new(boards, wire, QUANTUM, options.threads),
             readers: roles
@@ -207,12 +208,14 @@ impl VirtualRobot {
             half_thickness: scenario.world.sensors.bridge.half_thickness_m,
             strains: [0.0; MAX_GAUGES],
             outline: plant.outline(FRAME_POINTS),
-            listener: Listener::new(&config, places, task)?,
+            listener: Listener::new(&config, heard.0, heard.1)?,
             monitor: Monitor::default(),
             images: images.clone(),
             roles,
             gauges,
             plant,
+            start,
+            turned: Default::default(),
             frames: 0,
             booted: Time(0),
             tick: 0,
@@ -396,8 +399,9 @@ impl VirtualRobot {
     fn show_motion(&mut self, at: Time) {
         let state = *self.plant.state();
         for (role, axle) in [Role::Front, Role::Rear].into_iter().zip(&state.axle) {
+            let turned = self.turned[role as usize];
             let wheel = |k: usize| WheelMotion {
-                angle_rad: axle.motor_angle[k],
+                angle_rad: turned[k] + axle.motor_angle[k],
                 speed_rad_s: axle.motor_speed[k],
             };
             let motion = AxleMotion {
@@ -479,11 +483,7 @@ impl Robot for VirtualRobot {
     }
 
     fn command(&mut self, _task: Task) -> Result<(), Error> {
-        let now = self.network.now();
-        let front = self.axle(Role::Front);
-        let front = front.ok_or_else(|| Error::Failure("no front board".to_owned()))?;
-        front.press(true, now);
-        front.press(false, now + PRESS);
+        self.press();
         Ok(())
     }
 
@@ -493,6 +493,7 @@ impl Robot for VirtualRobot {
         self.tick += 1;
         if let Some(fault) = self.monitor.fault_since(Node::Lead)
             && self.tick.saturating_sub(fault) >= GRACE
+            && !self.restart_pending()
             && let Some(why) = self.monitor.why_stopped()
         {
             self.failure.get_or_insert(why);

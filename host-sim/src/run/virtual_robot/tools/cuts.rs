@@ -1,7 +1,7 @@
 //! Boards whose power is cut in the middle of a run, and comes back.
 
 use crate::run::virtual_robot::VirtualRobot;
-use crate::targets::{Event, Failure, Losses};
+use crate::targets::{Event, Failure, Losses, What};
 use core_algos::topology::Role;
 
 /// Planned and past power cuts of the boards.
@@ -18,6 +18,10 @@ pub(super) struct Cuts {
 impl Cuts {
     pub fn events(&self) -> &[Event] {
         self.losses.events()
+    }
+
+    pub fn note(&mut self, tick: u32, what: What) {
+        self.losses.note(tick, "user", what);
     }
 
     pub fn is_off(&self, role: Role) -> bool {
@@ -55,8 +59,14 @@ impl VirtualRobot {
                 board.power(true);
                 (cuts.off[k], cuts.revivals[k]) = (false, None);
                 cuts.losses.restarted(tick, role);
+                self.tools.user.restarted(tick, role);
             }
         }
+    }
+
+    /// True if a board's power will come back, or the user will act after it has.
+    pub(in crate::run::virtual_robot) fn restart_pending(&self) -> bool {
+        self.tools.user.is_waited_for() || self.tools.cuts.revivals.iter().any(Option::is_some)
     }
 
     /// Looks whether the motors are off, and whether the run must end.

@@ -7,6 +7,7 @@
 //! | [`waves`] | pins, interrupts and bus in a file |
 //! | [`profile`] | where the boards' time went |
 //! | [`coverage`] | source lines that ran |
+//! | `user` | what the user does after the restart of an axle board |
 //!
 //! What is not asked for costs nothing.
 
@@ -14,6 +15,7 @@ pub mod coverage;
 pub mod cuts;
 pub mod debugger;
 pub mod profile;
+mod user;
 pub mod waves;
 
 use super::VirtualRobot;
@@ -48,6 +50,7 @@ pub(super) struct Tools {
     debugger: Debugger,
     waves: Option<Waves>,
     cuts: Cuts,
+    user: user::User,
     pace: Option<RealTimeLimiter>,
     observers: Observers,
     /// Frames that each board has put on the bus, and sendings of it that failed.
@@ -149,6 +152,7 @@ impl VirtualRobot {
             pace.wait();
         }
         self.switch_power();
+        self.act_as_user();
     }
 
     /// After a tick of the experiment.
