@@ -10,5 +10,5 @@ use firmware_common::hil::run;
 
 #[embassy_executor::main]
 async fn main(_spawner: Spawner) {
-    run(board::start(), Kind::Axle, env!("BUILD")).await
+    run(board::start(env!("BUILD")), Kind::Axle, env!("BUILD")).await
 }

@@ -24,6 +24,7 @@ use embassy_stm32::pac::gpio::vals::Moder;
 use embassy_stm32::pac::{GPIOC, RCC};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::watch::Watch;
+use firmware_common::led::Led;
 use firmware_common::store::chip::Parameters;
 use firmware_common::watchdog::Watchdog;
 use firmware_common::{board, board_id, can, executors, fault};
@@ -40,7 +41,7 @@ async fn main(spawner: Spawner) {
     drivers_asleep();
     fault::on_fault(drivers_asleep);
     let watchdog = Watchdog::start();
-    match start(board::start(), watchdog) {
+    match start(board::start(env!("BUILD")), watchdog) {
         // In a task of its own, so that the stack of the start is free again.
         Ok((reports, task_watchdog)) => {
             spawner.spawn(telemetry::run(reports, task_watchdog).expect("spawned once"));
@@ -106,6 +107,7 @@ fn start(
         .spawn(can::supervise(of_bus).expect("spawned once"));
     let axis = Axis {
         motors,
+        led: Led::new(p.PC12),
         encoders,
         inertial,
         button,

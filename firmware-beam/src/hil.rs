@@ -10,5 +10,5 @@ use firmware_common::hil::run;
 
 #[embassy_executor::main]
 async fn main(_spawner: Spawner) {
-    run(board::start(), Kind::Beam, env!("BUILD")).await
+    run(board::start(env!("BUILD")), Kind::Beam, env!("BUILD")).await
 }

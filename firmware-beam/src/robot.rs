@@ -21,6 +21,7 @@ use embassy_stm32::interrupt::{self, InterruptExt, Priority};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use embassy_sync::watch::Watch;
+use firmware_common::led::Led;
 use firmware_common::store::chip::Parameters;
 use firmware_common::watchdog::Watchdog;
 use firmware_common::{board, can, executors};
@@ -31,7 +32,7 @@ use tick::{Beam, Report, Saving};
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
     let watchdog = Watchdog::start();
-    if let Err(error) = start(board::start(), watchdog, spawner) {
+    if let Err(error) = start(board::start(env!("BUILD")), watchdog, spawner) {
         // Nothing was started, and the watchdog, which nobody feeds, has the board try again.
         defmt::error!("configuration: {} = {}", error.field, error.value);
     }
@@ -83,6 +84,7 @@ fn start(p: Peripherals, watchdog: Watchdog, spawner: Spawner) -> Result<(), Con
         thermistor,
     );
     let beam = Beam {
+        led: Led::new(p.PC12),
         bridges,
         sender,
         receiver,

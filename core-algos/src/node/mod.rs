@@ -10,6 +10,7 @@ pub mod beam;
 pub mod board;
 pub mod clock;
 pub mod lead;
+pub mod led;
 pub mod outbox;
 pub mod path_task;
 pub mod peers;

@@ -76,13 +76,16 @@ impl Manifest {
         bytes
     }
 
-    /// The manifest of some bytes; `None` if they are of another length or version.
+    /// The manifest of some bytes; `None` if they are too many or of another version. A manifest of a
+    /// time with fewer identifiers is shorter: of the others nothing was stored.
     pub fn from_bytes(bytes: &[u8]) -> Option<Self> {
         let rest = bytes.strip_prefix(&[MANIFEST_VERSION])?;
-        let (generation, newest) = rest.split_first_chunk()?;
+        let (generation, listed) = rest.split_first_chunk()?;
+        let mut newest = [0; MAX_ID as usize];
+        newest.get_mut(..listed.len())?.copy_from_slice(listed);
         Some(Self {
             generation: u32::from_le_bytes(*generation),
-            newest: newest.try_into().ok()?,
+            newest,
         })
     }
 

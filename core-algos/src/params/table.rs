@@ -31,7 +31,7 @@ pub struct Parameter {
 }
 
 /// Largest identifier.
-pub const MAX_ID: u8 = 95;
+pub const MAX_ID: u8 = 191;
 
 impl Parameter {
     /// Its value in `settings`.

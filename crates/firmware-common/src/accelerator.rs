@@ -7,6 +7,10 @@
 //! | data cache, 8 lines of 128 bits | always |
 //! | prefetch of the next 128 bits | but on chips of revision A, by whose errata sheet (ES0182) it does not work |
 //!
+//! Prefetch reads the flash while the converters work, which adds noise (AN4073). The later chips of the family can
+//! mask it (ADCDC1 of PWR_CR), the STM32F405 cannot. Without prefetch the beam board's longest tick is 0.10 to 0.13 ms
+//! longer, beyond its limit, so prefetch stays on.
+//!
 //! A cache may be reset only while it is off (RM0090, 3.5). A write to the flash updates the data
 //! cache, an erase does not: [`flush`] follows it.
 

@@ -13,13 +13,14 @@ use crate::{critical, fault, stack, time_driver};
 /// Frequency of the crystal, Hz.
 const CRYSTAL_HZ: u32 = 8_000_000;
 
-/// Brings the board up and gives its peripherals; call it once, first.
+/// Brings the board up and gives its peripherals; call it once, first. `build` names the image: the first
+/// line of the log.
 ///
 /// Core at 168 MHz from the crystal through the PLL, AHB at the same, APB1 at 42 MHz, APB2 at
 /// 84 MHz, 48 MHz for USB unused; prefetch and caches of the flash on, the crystal watched. Below the
 /// stack is a guard before anything else is done. Then the clock of `embassy-time` runs, the brown-out
 /// level is set, and the log says why the board was reset and which faults it had since power came on.
-pub fn start() -> Peripherals {
+pub fn start(build: &str) -> Peripherals {
     #[cfg(feature = "emulated")]
     crate::emulated::shim::install();
     stack::guard();
@@ -53,6 +54,7 @@ pub fn start() -> Peripherals {
         // it is a fault ([`fault`]) and a break of TIM1, on the internal oscillator.
         RCC.cr().modify(|w| w.set_csson(true));
     }
+    defmt::info!("{=str}", build);
     let clocks = embassy_stm32::rcc::clocks(&peripherals.RCC);
     defmt::info!(
         "core at {} Hz",

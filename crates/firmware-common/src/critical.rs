@@ -6,6 +6,14 @@
 //! such a section guards, neither wake a task nor log nor ask for the time. What it shares with the
 //! rest is exchanged under [`all`], which masks it too and is kept short.
 
+//!
+//! # Short handlers
+//!
+//! Arm erratum 776924: a VDIV or VSQRT that is interrupted may give a wrong result if the handler uses no
+//! floating point and returns before the instruction's 14 cycles are over. No handler of the images is that
+//! short. The shortest are those of the executors, with two barriers and an exclusive access before a task is
+//! looked for, and the bus's status handler, with a write over APB1 and a critical section.
+
 use cortex_m::peripheral::scb::SystemHandler;
 use cortex_m::register::{basepri, basepri_max};
 use critical_section::{CriticalSection, Impl, RawRestoreState};

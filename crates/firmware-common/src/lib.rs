@@ -11,11 +11,12 @@
 //! | `watchdog`, `task_watchdog` | independent watchdog, fed only while every task reports |
 //! | `time_driver` | time of `embassy-time` from SysTick |
 //! | `store` | parameters in flash |
-//! | `strap` | role of an axle board |
+//! | `board_id` | role of an axle board |
+//! | `led` | LED: state of the node (not with `hil`) |
 //! | `stack` | how much stack was ever used, and the guard below it |
 //! | `timing` | how late ticks come and how long they take |
 //! | `can` | the bus (not with `hil`) |
-//! | `halves` | bookkeeping of a buffer that a DMA stream fills |
+//! | `dma_halves` | bookkeeping of a buffer that a DMA stream fills |
 //! | `executors` | tick above bus above thread (not with `hil`) |
 //! | `hil` | hardware in the loop: the node fed from a serial link (feature `hil`) |
 //! | `emulated` | what QEMU needs (feature `emulated`) |
@@ -38,6 +39,8 @@ pub mod crash_record;
 pub mod critical;
 #[cfg(target_os = "none")]
 pub mod fault;
+#[cfg(all(target_os = "none", not(feature = "hil")))]
+pub mod led;
 #[cfg(target_os = "none")]
 pub mod stack;
 #[cfg(all(target_os = "none", not(feature = "hil")))]

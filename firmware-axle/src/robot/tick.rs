@@ -17,6 +17,7 @@ use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::watch;
 use firmware_common::can::{self, Receiver, Sender};
 use firmware_common::fault;
+use firmware_common::led::Led;
 use firmware_common::task_watchdog::CheckIn;
 use firmware_common::timing::{Every, Stopwatch};
 
@@ -59,6 +60,8 @@ pub struct Axis {
     pub encoders: Encoders,
     /// Inertial sensor.
     pub inertial: Inertial,
+    /// State of the node, to be seen.
+    pub led: Led,
     /// Operator's button.
     pub button: Button,
     /// Bus, outwards.
@@ -126,6 +129,7 @@ pub async fn run(mut axis: Axis) -> ! {
 impl Axis {
     /// One tick at local time `local`.
     fn tick(&mut self, state: &mut State, local: Micros) -> Command {
+        self.led.step(local);
         let feedback = self.motors.feedback();
         let encoder = self.encoders.read();
         let inertial = self.inertial.read(!feedback.on);
@@ -212,6 +216,7 @@ impl Axis {
 
     /// Sends a message; the nodes of this board get it at the next tick, as the others read it.
     fn send(&mut self, state: &mut State, message: &Message) {
+        self.led.see(message);
         if let Some(message) = self.sender.send(message) {
             state.own.push(message);
         }

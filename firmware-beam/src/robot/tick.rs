@@ -18,6 +18,7 @@ use embassy_sync::signal::Signal;
 use embassy_sync::watch;
 use firmware_common::can::{self, Receiver, Sender};
 use firmware_common::fault;
+use firmware_common::led::Led;
 use firmware_common::task_watchdog::CheckIn;
 use firmware_common::timing::{Every, Stopwatch};
 
@@ -61,6 +62,8 @@ pub struct Saving {
 
 /// Everything the tick works with.
 pub struct Beam {
+    /// State of the node, to be seen.
+    pub led: Led,
     /// Bridges.
     pub bridges: Bridges,
     /// Bus, outwards.
@@ -133,6 +136,7 @@ pub async fn run(mut beam: Beam) -> ! {
 
 impl Beam {
     fn tick(&mut self, state: &mut State, block: &Block) {
+        self.led.step(block.local);
         self.receive(state, block.local);
         self.run_node(state, block);
         self.calibrate(state, block);
@@ -167,6 +171,7 @@ impl Beam {
         let mut outbox = Outbox::new();
         self.node.step(now, &block.counts, &mut outbox);
         for message in outbox.iter() {
+            self.led.see(message);
             self.sender.send(message);
         }
     }

@@ -2,6 +2,7 @@
 
 use crate::base::error::Error;
 use crate::base::terminal;
+use core_algos::node::led;
 use core_algos::safety::condition::TABLE;
 use core_algos::safety::{Cause, Class, OperatingState, StateRequest, transition};
 use std::fmt::Write;
@@ -51,6 +52,11 @@ pub fn markdown() -> String {
         });
         let cells: Vec<String> = cells.collect();
         let _ = writeln!(text, "| **{}** | {} |", state.name(), cells.join(" | "));
+    }
+    text += "\n## LED\n\nThe LED of a board (PC12) shows the state of its node; on the front board that of the axle.\n\n\
+             | state | LED |\n|---|---|\n";
+    for (state, pattern) in led::PATTERNS {
+        let _ = writeln!(text, "| {} | {pattern} |", state.name());
     }
     text
 }

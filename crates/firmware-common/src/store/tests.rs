@@ -38,11 +38,39 @@ fn a_blank_store_gives_the_defaults_and_a_save_writes_only_what_differs() {
     assert_eq!(run(store.save(&wanted, &base, disarmed())), Ok(2));
     assert_eq!(run(store.save(&wanted, &base, disarmed())), Ok(0));
     let flash = store.into_flash();
-    // Two items of 8 and 12 bytes, a manifest of 8 and 104, and the mark of the sector.
-    assert_eq!((flash.steps, flash.erases), (5 + 5 + 28 + 1, 0));
+    // Two items of 8 and 12 bytes, a manifest of 8 and 200, and the mark of the sector.
+    assert_eq!((flash.steps, flash.erases), (5 + 5 + 52 + 1, 0));
     let range = flash.range();
     let mut store = Store::new(flash, range).unwrap();
     assert_eq!(run(store.load()).settle(&base, |_| Ok(())).0, wanted);
+}
+
+#[test]
+fn a_store_of_an_image_with_95_identifiers_is_read_and_written_on() {
+    let base = Settings::default();
+    let flash = Flash::<4096>::new(2, 1);
+    let range = flash.range();
+    let mut store = Store::new(flash, range).unwrap();
+    let with = |settings: Settings, name: &str, value| {
+        let mut settings = settings;
+        find(name).unwrap().set(&mut settings, value).unwrap();
+        settings
+    };
+    let wanted = with(base, "robot.geometry.wheel_radius_m", 0.0735);
+    let mut contents = Contents::EMPTY;
+    for (key, item) in Contents::EMPTY.changes(&wanted, &base) {
+        run(store.append(key, &item.to_bytes())).unwrap();
+        contents.take(key, &item.to_bytes());
+    }
+    let manifest = contents.manifest().unwrap().to_bytes();
+    run(store.append(MANIFEST_KEY, &manifest[..5 + 95])).unwrap();
+    let (settings, report) = run(store.load()).settle(&base, |_| Ok(()));
+    assert_eq!((settings, report.conditions().is_empty()), (wanted, true));
+    assert_eq!(run(store.save(&wanted, &base, disarmed())), Ok(0));
+    let wanted = with(wanted, "robot.lead.fusion.mode", 0.0);
+    assert_eq!(run(store.save(&wanted, &base, disarmed())), Ok(1));
+    let (settings, report) = run(store.load()).settle(&base, |_| Ok(()));
+    assert_eq!((settings, report.conditions().is_empty()), (wanted, true));
 }
 
 /// Damage may leave one; the library takes the first byte of what it read before for its key.

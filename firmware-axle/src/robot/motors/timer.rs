@@ -1,6 +1,8 @@
 //! TIM1: pulses of both drivers, the break input of the emergency stop and the trigger of the
 //! converter.
 //!
+//! The HAL's `ComplementaryPwm` is not used: it does not make OC4REF the trigger output (MMS of CR2).
+//!
 //! # Pulses
 //!
 //! The counter goes up and down between zero and [`TOP`], 168 MHz / (2 · 4200) = 20 kHz. An output is

@@ -1,6 +1,9 @@
 //! The converter's registers: scans of ADC1 at the pace of TIM2, fetched by DMA2 stream 0 (RM0090,
 //! chapters 13, 18 and 10).
 //!
+//! The HAL's ring-buffered converter is not used: it does not tell when a block was full, and does not look at the
+//! converter's overrun.
+//!
 //! TIM2's update starts a scan; the stream fetches each conversion into a circular buffer of two
 //! blocks. Its handler, at the end of each, stamps the block and starts the injected conversion: the
 //! next scan is 2.7 µs away, and the injected conversion takes 1.3 µs. A handler that comes late leaves

@@ -1,0 +1,133 @@
+//! Pattern of a board's LED: the operating state of its node, and in fault the code.
+
+use crate::bus::Message;
+use crate::safety::OperatingState;
+use crate::topology::Node;
+
+/// Part of a blink, ms; a digit is that many blinks of twice this.
+const BEAT_MS: u32 = 200;
+/// Dark beats after a digit, after which the next one begins.
+const GAP: u32 = 4;
+/// Dark beats after the last digit.
+const PAUSE: u32 = 10;
+
+/// Patterns as text, for the documentation.
+pub const PATTERNS: [(OperatingState, &str); 6] = [
+    (OperatingState::Boot, "5 flashes a second"),
+    (OperatingState::Idle, "a flash of 0.1 s every 2 s"),
+    (OperatingState::Armed, "2 flashes a second"),
+    (OperatingState::Active, "on"),
+    (OperatingState::SafeStop, "5 flashes a second"),
+    (
+        OperatingState::Fault,
+        "the code's two hexadecimal digits, each as that many blinks of 0.4 s; 0 is one blink of 1.2 s",
+    ),
+];
+
+/// What the LED shows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Led {
+    state: OperatingState,
+    code: u8,
+}
+
+impl Led {
+    /// Takes in a message that the board sends: the heartbeat of its node says what to show. That of the
+    /// lead node beside it does not count.
+    pub fn see(&mut self, message: &Message) {
+        if let Message::NodeStatus {
+            node,
+            state,
+            reason,
+            ..
+        } = *message
+            && node != Node::Lead
+        {
+            (self.state, self.code) = (state, reason);
+        }
+    }
+
+    /// True if the LED is lit, so many milliseconds after any instant.
+    pub fn is_lit(&self, ms: u32) -> bool {
+        match self.state {
+            OperatingState::Boot | OperatingState::SafeStop => ms % 200 < 100,
+            OperatingState::Idle => ms % 2000 < 100,
+            OperatingState::Armed => ms % 500 < 250,
+            OperatingState::Active => true,
+            OperatingState::Fault => self.blinks(ms / BEAT_MS),
+        }
+    }
+
+    fn blinks(&self, beat: u32) -> bool {
+        let digits = [self.code >> 4, self.code & 0xf];
+        // Beats of a digit: lit and dark by turns, or three lit ones for 0.
+        let length = |digit: u8| if digit == 0 { 3 } else { 2 * u32::from(digit) };
+        let period = digits.map(length).iter().sum::<u32>() + GAP + PAUSE;
+        let mut beat = beat % period;
+        for digit in digits {
+            if beat < length(digit) {
+                return digit == 0 || beat.is_multiple_of(2);
+            }
+            match beat.checked_sub(length(digit) + GAP) {
+                Some(after) => beat = after,
+                None => return false,
+            }
+        }
+        false
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::safety::Conditions;
+
+    fn led(node: Node, state: OperatingState, reason: u8) -> Led {
+        let mut led = Led::default();
+        led.see(&Message::NodeStatus {
+            node,
+            sequence: 0,
+            state,
+            reason,
+            notices: Conditions::NONE,
+        });
+        led
+    }
+
+    /// Lengths of the lit and dark stretches from 0 to `ms`, s.
+    fn stretches(led: Led, ms: u32) -> Vec<(bool, f64)> {
+        let mut found: Vec<(bool, f64)> = Vec::new();
+        for ms in 0..ms {
+            match found.last_mut() {
+                Some((lit, length)) if *lit == led.is_lit(ms) => *length += 1e-3,
+                _ => found.push((led.is_lit(ms), 1e-3)),
+            }
+        }
+        let rounded = |(lit, length): (bool, f64)| (lit, (length * 10.0).round() / 10.0);
+        found.into_iter().map(rounded).collect()
+    }
+
+    #[test]
+    fn a_fault_blinks_its_code_digit_by_digit() {
+        let (on, off) = ((true, 0.2), (false, 0.2));
+        let short = led(Node::RearAxle, OperatingState::Fault, 0x21);
+        // Two blinks, a gap, one blink, the pause, and the first again.
+        let expected = [on, off, on, (false, 1.0), on, (false, 2.2), on];
+        assert_eq!(stretches(short, 4_200), expected);
+        let zero = led(Node::Beam, OperatingState::Fault, 0x10);
+        let expected = [on, (false, 1.0), (true, 0.6), (false, 2.0)];
+        assert_eq!(stretches(zero, 3_800), expected);
+    }
+
+    #[test]
+    fn each_state_has_its_pattern_and_the_lead_node_none() {
+        let share = |state| {
+            let led = led(Node::FrontAxle, state, 0);
+            (0..2000).filter(|&ms| led.is_lit(ms)).count()
+        };
+        let states = PATTERNS.map(|(state, _)| state);
+        assert_eq!(states, OperatingState::ALL);
+        assert_eq!(states.map(share)[..5], [1000, 100, 1000, 2000, 1000]);
+        assert_eq!(led(Node::Lead, OperatingState::Active, 0), Led::default());
+    }
+}
