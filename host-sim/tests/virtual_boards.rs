@@ -74,6 +74,35 @@ fn what_is_no_image_of_the_chip_is_refused_by_name() {
 }
 
 #[test]
+fn an_image_of_another_board_or_variant_is_refused_by_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let image = |package, feature| host_sim::targets::images::build(package, feature).unwrap();
+    for (name, bytes, what) in [
+        (
+            "beam",
+            image("firmware-beam", None),
+            "firmware-beam, default image",
+        ),
+        (
+            "hil",
+            image("firmware-axle", Some("hil")),
+            "firmware-axle, hil image",
+        ),
+        (
+            "emulated",
+            image("firmware-axle", Some("emulated")),
+            "firmware-axle, emulated image",
+        ),
+    ] {
+        fs::write(folder.path().join(name), bytes).unwrap();
+        let output = hil(folder.path(), &["--axle-image", name]);
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{said}");
+        assert!(said.contains(what), "{name}: {said}");
+    }
+}
+
+#[test]
 fn what_the_images_cannot_be_told_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     for arguments in [

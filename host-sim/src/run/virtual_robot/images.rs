@@ -24,8 +24,9 @@ impl Images {
         rear: Option<&Path>,
         beam: Option<&Path>,
     ) -> Result<Self, Error> {
-        let given = |file: &Path| {
+        let given = |(file, package): (&Path, &str)| {
             let image = Image::open(file).map_err(|error| Error::input(error.to_string()))?;
+            check(file, &image, package)?;
             Ok::<_, Error>(Arc::new(image))
         };
         let built = |package: &str| {
@@ -36,7 +37,10 @@ impl Images {
             ))
         };
         // Files first: a wrong one is told before anything is built.
-        let [front, rear, beam] = [front, rear, beam].map(|file| file.map(given).transpose());
+        let [axle, beam_board] = ["firmware-axle", "firmware-beam"];
+        let files = [(front, axle), (rear, axle), (beam, beam_board)];
+        let [front, rear, beam] =
+            files.map(|(file, package)| file.map(|file| given((file, package))).transpose());
         let (front, rear, beam) = (front?, rear?, beam?);
         let axle = match (&front, &rear) {
             (Some(axle), Some(_)) => axle.clone(),
@@ -64,4 +68,32 @@ impl Images {
             Role::Beam => &self.beam,
         }
     }
+}
+
+/// Refuses an image that says it is of another board or another variant than the one users flash: the first line
+/// of its log (name, version, variant if any, hash). An image that does not say what it is passes.
+fn check(file: &Path, image: &Image, package: &str) -> Result<(), Error> {
+    for segment in image.segments() {
+        for place in 0..segment.data.len() {
+            let text = &segment.data[place..];
+            if !text.starts_with(b"firmware-axle ") && !text.starts_with(b"firmware-beam ") {
+                continue;
+            }
+            let text = String::from_utf8_lossy(&text[..text.len().min(64)]).into_owned();
+            let words: Vec<&str> = text.split_ascii_whitespace().collect();
+            let variant = words
+                .get(2)
+                .copied()
+                .filter(|word| ["hil", "emulated"].contains(word));
+            if words[0] != package || variant.is_some() {
+                return Err(Error::input(format!(
+                    "{}: {}, {} image: must be a {package} image of the default variant",
+                    file.display(),
+                    words[0],
+                    variant.unwrap_or("default"),
+                )));
+            }
+        }
+    }
+    Ok(())
 }
