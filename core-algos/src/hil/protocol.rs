@@ -309,20 +309,8 @@ pub fn decode<'a, T: Deserialize<'a>>(payload: &'a [u8]) -> Option<(u8, T)> {
 }
 
 /// Bus frames, each as identifier and length in two bytes and then its data.
-#[derive(Clone, Copy, Debug)]
-pub struct Packed {
-    bytes: [u8; 10 * MAX_BUS_FRAMES],
-    length: usize,
-}
-
-impl Default for Packed {
-    fn default() -> Self {
-        Self {
-            bytes: [0; 10 * MAX_BUS_FRAMES],
-            length: 0,
-        }
-    }
-}
+#[derive(Clone, Debug, Default)]
+pub struct Packed(heapless::Vec<u8, { 10 * MAX_BUS_FRAMES }>);
 
 impl Packed {
     /// No frames.
@@ -337,20 +325,14 @@ impl Packed {
             .get(..usize::from(frame.length))
             .unwrap_or(&frame.data);
         let head = frame.id & 0x7ff | (data.len() as u16) << 12;
-        let end = self.length + 2 + data.len();
-        let Some(room) = self.bytes.get_mut(self.length..end) else {
-            return false;
-        };
-        let (to_head, to_data) = room.split_at_mut(2);
-        to_head.copy_from_slice(&head.to_le_bytes());
-        to_data.copy_from_slice(data);
-        self.length = end;
-        true
+        let room = self.0.capacity() - self.0.len() >= 2 + data.len();
+        room && self.0.extend_from_slice(&head.to_le_bytes()).is_ok()
+            && self.0.extend_from_slice(data).is_ok()
     }
 
     /// The bytes.
     pub fn bytes(&self) -> &[u8] {
-        self.bytes.get(..self.length).unwrap_or_default()
+        &self.0
     }
 }
 

@@ -1,14 +1,15 @@
 //! Messages a node wants to send, in order.
 
 use crate::bus::Message;
+use heapless::Vec;
 
 /// Room for the messages of one step.
 pub const CAPACITY: usize = 8;
 
 /// A short list of messages; what does not fit is counted and dropped.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Outbox {
-    messages: [Option<Message>; CAPACITY],
+    messages: Vec<Message, CAPACITY>,
     dropped: u16,
 }
 
@@ -20,20 +21,18 @@ impl Outbox {
 
     /// Appends a message.
     pub fn push(&mut self, message: Message) {
-        match self.messages.iter_mut().find(|slot| slot.is_none()) {
-            Some(slot) => *slot = Some(message),
-            None => self.dropped = self.dropped.saturating_add(1),
-        }
+        let full = self.messages.push(message).is_err();
+        self.dropped = self.dropped.saturating_add(full.into());
     }
 
     /// The messages in the order they were appended.
     pub fn iter(&self) -> impl Iterator<Item = &Message> {
-        self.messages.iter().flatten()
+        self.messages.iter()
     }
 
     /// Forgets the messages; the count of dropped ones stays.
     pub fn clear(&mut self) {
-        self.messages = [None; CAPACITY];
+        self.messages.clear();
     }
 
     /// Messages that found no room since the list was made.
@@ -60,11 +59,7 @@ mod tests {
             outbox.push(status(sequence));
         }
         assert_eq!(outbox.dropped(), 2);
-        assert!(
-            outbox
-                .iter()
-                .eq((0..8).map(status).collect::<Vec<_>>().iter())
-        );
+        assert!(outbox.iter().copied().eq((0..8).map(status)));
         outbox.clear();
         assert_eq!(outbox.iter().count(), 0);
     }

@@ -385,8 +385,8 @@ impl Mcap {
         self.sink.metadata(END, &end);
     }
 
-    /// Finishes the file of a run; `ended` says why one ended before its task. Gives its length.
-    pub fn close(&mut self, ended: Option<&str>) -> Result<u64, Error> {
+    /// Finishes the file of a run; `ended` says why one ended before its task.
+    pub fn close(&mut self, ended: Option<&str>) -> Result<(), Error> {
         self.ended = ended.map(str::to_owned);
         self.whole = true;
         self.metadata();

@@ -80,7 +80,6 @@ pub struct Sink {
     error: FirstError,
     /// Temporary and final path.
     paths: Option<(PathBuf, PathBuf)>,
-    length: u64,
 }
 
 impl Sink {
@@ -99,7 +98,6 @@ impl Sink {
             server: None,
             error: FirstError::default(),
             paths: None,
-            length: 0,
         }
     }
 
@@ -136,7 +134,6 @@ impl Sink {
             server: None,
             error,
             paths,
-            length: 0,
         })
     }
 
@@ -160,34 +157,25 @@ impl Sink {
         }
     }
 
-    /// Finishes the log and gives its length, bytes; an error if not all of it could be written, and
-    /// then there is no file.
-    pub fn close(&mut self) -> Result<u64, OutputError> {
+    /// Finishes the log; an error if not all of it could be written, and then there is no file.
+    pub fn close(&mut self) -> Result<(), OutputError> {
         if let Some(server) = self.server.take() {
             server.stop();
         }
         let Some(handle) = self.handle.take() else {
-            return Ok(self.length);
+            return Ok(());
         };
-        let mut result = match handle.close() {
-            Ok(mut watched) => {
-                let _ = watched.flush();
-                Ok(())
-            }
-            Err(error) => Err(io::Error::other(error)),
-        };
+        let closed = handle.close().map_err(io::Error::other);
+        let mut result = closed.map(|mut watched| drop(watched.flush()));
         let mut first = self.error.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(error) = first.take() {
             result = Err(error);
         }
         let Some((temporary, path)) = &self.paths else {
-            return Ok(self.length);
+            return Ok(());
         };
-        let result = result.and_then(|()| {
-            self.length = fs::metadata(temporary)?.len();
-            fs::rename(temporary, path)
-        });
-        result.map(|()| self.length).map_err(|source| {
+        let result = result.and_then(|()| fs::rename(temporary, path));
+        result.map_err(|source| {
             let _ = fs::remove_file(temporary);
             failed(path)(source)
         })
