@@ -203,7 +203,8 @@ fn crashes() -> Vec<Entry> {
 fn hangs() -> Vec<Entry> {
     entries! {
         "the tick of an axle's board hangs", "program", drive(|b| { wild_store(b, Some(TICK), RAM + 16); })
-            .stops(HALTED).own_within(0.01).restarts().finds(&["reset"]);
+            // In a critical section of the tick the bus's handlers wait too.
+            .stops(HALTED).own_within(0.01).restarts().finds(&["reset", "overrun"]);
         "the current loop of an axle's board hangs", "program", drive(|b| {
             wild_store(b, Some(ADC), RAM + 16);
         }).stops(HALTED).own_within(WATCHDOG_S).restarts().finds(&["reset", "overrun"]);
