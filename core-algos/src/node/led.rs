@@ -24,7 +24,7 @@ pub const PATTERNS: [(OperatingState, &str); 6] = [
     ),
 ];
 
-/// What the LED shows.
+/// State and code on the LED.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Led {
     state: OperatingState,

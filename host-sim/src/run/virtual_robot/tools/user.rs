@@ -14,7 +14,7 @@ const CLEARING: u32 = 500;
 /// Presses before the user gives up.
 const PRESSES: u32 = 3;
 
-/// What the user is about to do.
+/// Next act of the user.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct User {
     /// Tick of the next look at the robot, and how often the button was pressed.
