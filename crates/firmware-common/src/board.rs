@@ -63,8 +63,8 @@ pub fn start(build: &str) -> Peripherals {
 
     time_driver::start();
     let cause = ResetCause::take();
-    let (faults, message) =
-        fault::begin(cause == ResetCause::PowerOn, cause == ResetCause::Watchdog);
+    let by_watchdog = matches!(cause, ResetCause::Watchdog | ResetCause::WindowWatchdog);
+    let (faults, message) = fault::begin(cause == ResetCause::PowerOn, by_watchdog);
     defmt::info!("reset by {}, {}", cause, faults);
     if let Some(text) = message.as_str().filter(|text| !text.is_empty()) {
         defmt::error!("before the reset: {}", text);
@@ -94,6 +94,8 @@ pub enum ResetCause {
     PowerOn,
     /// The independent watchdog was not fed.
     Watchdog,
+    /// The window watchdog was not fed: the current loop stood still.
+    WindowWatchdog,
     /// The program asked for it, after a fault or on command.
     Software,
     /// The reset pin, which a debug probe drives too.
@@ -110,7 +112,9 @@ impl ResetCause {
         // The pin's flag accompanies all others, so it comes last.
         if flags.porrstf() || flags.borrstf() {
             Self::PowerOn
-        } else if flags.wdgrstf() || flags.wwdgrstf() {
+        } else if flags.wwdgrstf() {
+            Self::WindowWatchdog
+        } else if flags.wdgrstf() {
             Self::Watchdog
         } else if flags.sftrstf() {
             Self::Software

@@ -15,6 +15,8 @@ use embassy_stm32::pac::{RCC, rcc::vals::Sw};
 pub use crate::crash_record::Faults;
 use crate::crash_record::{Record, Text};
 use crate::stack;
+#[cfg(not(feature = "emulated"))]
+use crate::watchdog::WindowWatchdog;
 
 #[unsafe(link_section = ".uninit.FAULTS")]
 static mut RECORD: core::mem::MaybeUninit<Record> = core::mem::MaybeUninit::uninit();
@@ -110,7 +112,10 @@ fn restart() -> ! {
         Sw::HSI => 16_000_000,
         _ => crate::clock::CORE_HZ,
     };
-    cortex_m::asm::delay(hz / 10);
+    for _ in 0..50 {
+        cortex_m::asm::delay(hz / 500);
+        WindowWatchdog::feed_after_fault();
+    }
     cortex_m::peripheral::SCB::sys_reset()
 }
 

@@ -1,11 +1,12 @@
-//! Independent watchdog: resets the board if the work that feeds it stops.
+//! Watchdogs: they reset the board if the work that feeds them stops.
 //!
-//! It is started before anything else, by its registers alone (RM0090, 21.3): the crystal, for which
+//! The window watchdog waits for the current loop, 6 ms at most, and the independent one for all tasks. The
+//! independent one is started before anything else, by its registers alone (RM0090, 21.3): the crystal, for which
 //! the start of the clocks waits without limit, is the first that may never come. Its oscillator
 //! starts with it.
 
-use embassy_stm32::pac::IWDG;
 use embassy_stm32::pac::iwdg::vals::{Key, Pr};
+use embassy_stm32::pac::{IWDG, RCC, WWDG};
 
 /// Time without feeding after which the board is reset, µs; its clock is good to ±45 %.
 pub const TIMEOUT_US: u32 = 500_000;
@@ -58,5 +59,36 @@ impl Watchdog {
     /// Begins the time anew. To be called where the board's work is known to go on, not by a timer.
     pub fn feed(&mut self) {
         IWDG.kr().write(|w| w.set_key(Key::RESET));
+    }
+}
+
+/// Window watchdog of the current loop, without a window: 64 counts of 4096 cycles of APB1, 6.2 ms at 42 MHz.
+///
+/// Only a reset stops it. An erase of the flash holds the core for longer, so a board with this watchdog
+/// erases nothing.
+pub struct WindowWatchdog(());
+
+impl WindowWatchdog {
+    /// Starts it.
+    pub fn start() -> Self {
+        RCC.apb1enr().modify(|w| w.set_wwdgen(true));
+        WWDG.cr().write(|w| {
+            w.set_wdga(true);
+            w.set_t(0x7f);
+        });
+        Self(())
+    }
+
+    /// Begins its time anew.
+    pub fn feed(&mut self) {
+        WWDG.cr().write(|w| w.set_t(0x7f));
+    }
+
+    /// Begins its time anew if it was started, for the wait after a fault.
+    #[cfg(not(feature = "emulated"))]
+    pub(crate) fn feed_after_fault() {
+        if RCC.apb1enr().read().wwdgen() {
+            Self(()).feed();
+        }
     }
 }

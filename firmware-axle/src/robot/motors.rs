@@ -41,6 +41,7 @@ use embassy_sync::signal::Signal;
 use embassy_time::Instant;
 use firmware_common::clock::CORE_HZ;
 use firmware_common::task_watchdog::CheckIn;
+use firmware_common::watchdog::WindowWatchdog;
 use firmware_common::{critical, fault};
 
 use crate::rules::{Command, Feedback};
@@ -143,6 +144,8 @@ struct Drive {
     faults: [Input<'static>; 2],
     pwm: Pwm,
     check_in: CheckIn,
+    /// Fed once a period: a loop that stands still would leave the motors their last duty.
+    watchdog: WindowWatchdog,
     shunt: Shunt,
     supply: Supply,
     thermistor: Thermistor,
@@ -218,6 +221,8 @@ impl Drive {
             period: 0,
             began: 0,
             longest: 0,
+            // Last: from here on the loop must run.
+            watchdog: WindowWatchdog::start(),
         })
     }
 
@@ -262,6 +267,7 @@ impl Drive {
         }
         self.set_pins(pins);
         self.report(currents, supply_v, temperature);
+        self.watchdog.feed();
     }
 
     fn take_command(&mut self) {

@@ -4,7 +4,7 @@ use crate::chip::register::bits;
 
 // Flags of CSR.
 bits! {
-    BORRSTF 25, PINRSTF 26, PORRSTF 27, SFTRSTF 28, IWDGRSTF 29
+    BORRSTF 25, PINRSTF 26, PORRSTF 27, SFTRSTF 28, IWDGRSTF 29, WWDGRSTF 30
 }
 
 /// Why the chip was reset.
@@ -20,6 +20,8 @@ pub enum Cause {
     Software,
     /// The independent watchdog.
     Watchdog,
+    /// The window watchdog.
+    WindowWatchdog,
 }
 
 impl Cause {
@@ -31,6 +33,7 @@ impl Cause {
             Self::Pin => "reset pin",
             Self::Software => "software",
             Self::Watchdog => "watchdog",
+            Self::WindowWatchdog => "window watchdog",
         }
     }
 
@@ -49,6 +52,7 @@ impl Cause {
                 Self::Pin => 0,
                 Self::Software => SFTRSTF,
                 Self::Watchdog => IWDGRSTF,
+                Self::WindowWatchdog => WWDGRSTF,
             }
     }
 }

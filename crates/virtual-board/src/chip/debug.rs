@@ -2,8 +2,8 @@
 //!
 //! Source: reference manual RM0090, chapters 38 and 39. The identity is that of revision Y, on which
 //! prefetch may be used (the errata sheet forbids it on revision A). A system reset leaves the debug
-//! unit as it is. What a debugger's halt stops is modelled for the independent watchdog and the timers
-//! that there are; asking for another peripheral, or for trace pins, is a finding.
+//! unit as it is. What a debugger's halt stops is modelled for the watchdogs and the timers that there are;
+//! asking for another peripheral, or for trace pins, is a finding.
 
 use super::Peripheral;
 use super::chip_variation::Random;
@@ -21,7 +21,7 @@ const FLASH_KIB: u32 = 1024;
 const REFERENCE: u32 = 1502;
 const TEMPERATURE: [u32; 2] = [959, 1207];
 
-/// APB1_FZ: real-time clock, window watchdog and independent watchdog; the first two are not there.
+/// APB1_FZ: real-time clock, which is not there, window watchdog and independent watchdog.
 const FREEZE_RTC: u32 = 1 << 10;
 const FREEZE_WWDG: u32 = 1 << 11;
 const FREEZE_IWDG: u32 = 1 << 12;
@@ -48,6 +48,11 @@ impl Debug {
     /// Whether a halted core stops the independent watchdog.
     pub fn stops_watchdog(&self) -> bool {
         self.settings[1] & FREEZE_IWDG != 0
+    }
+
+    /// Whether a halted core stops the window watchdog.
+    pub fn stops_window_watchdog(&self) -> bool {
+        self.settings[1] & FREEZE_WWDG != 0
     }
 
     /// Whether a halted core stops a timer, 0 for TIM1.

@@ -15,6 +15,7 @@ pub(crate) enum Unit {
     /// End of an operation of the flash.
     Flash,
     Watchdog,
+    WindowWatchdog,
     Tim1,
     Tim2,
     Tim3,
@@ -46,7 +47,7 @@ pub(crate) const IDENTITY: u32 = 0x800;
 const NOT_MODELLED: &[(u32, u32, &str)] = &[
     (0x4000_1000, 0x4000_13ff, "TIM6"), (0x4000_1400, 0x4000_17ff, "TIM7"), (0x4000_1800, 0x4000_1bff, "TIM12"),
     (0x4000_1c00, 0x4000_1fff, "TIM13"), (0x4000_2000, 0x4000_23ff, "TIM14"), (0x4000_2800, 0x4000_2bff, "RTC"),
-    (0x4000_2c00, 0x4000_2fff, "WWDG"), (0x4000_3400, 0x4000_37ff, "I2S2ext"), (0x4000_3800, 0x4000_3bff, "SPI2"),
+    (0x4000_3400, 0x4000_37ff, "I2S2ext"), (0x4000_3800, 0x4000_3bff, "SPI2"),
     (0x4000_3c00, 0x4000_3fff, "SPI3"), (0x4000_4000, 0x4000_43ff, "I2S3ext"), (0x4000_4400, 0x4000_47ff, "USART2"),
     (0x4000_4c00, 0x4000_4fff, "UART4"), (0x4000_5000, 0x4000_53ff, "UART5"), (0x4000_5400, 0x4000_5fff, "I2C"),
     (0x4000_6800, 0x4000_6bff, "CAN2"), (0x4000_7400, 0x4000_77ff, "DAC"), (0x4001_0400, 0x4001_07ff, "TIM8"),
@@ -99,12 +100,19 @@ const fn by(register: u32, bit: u32) -> Option<(u32, u32)> {
 }
 
 /// In the order of addresses.
-const PLACES: [Place; 20] = [
+const PLACES: [Place; 21] = [
     place(0x1fff_7a10, 0x14, Unit::Debug, "UID", None),
     place(0x4000_0000, 0x400, Unit::Tim2, "TIM2", by(APB1ENR, 0)),
     place(0x4000_0400, 0x400, Unit::Tim3, "TIM3", by(APB1ENR, 1)),
     place(0x4000_0800, 0x400, Unit::Tim4, "TIM4", by(APB1ENR, 2)),
     place(0x4000_0c00, 0x400, Unit::Tim5, "TIM5", by(APB1ENR, 3)),
+    place(
+        0x4000_2c00,
+        0x400,
+        Unit::WindowWatchdog,
+        "WWDG",
+        by(APB1ENR, 11),
+    ),
     place(0x4000_3000, 0x400, Unit::Watchdog, "IWDG", None),
     place(0x4000_4800, 0x400, Unit::Usart3, "USART3", by(APB1ENR, 18)),
     place(0x4000_6400, 0x400, Unit::Can1, "CAN1", by(APB1ENR, 25)),
@@ -138,10 +146,24 @@ impl Unit {
     const COUNT: usize = Self::Debug as usize + 1;
 
     /// Those that can have something due; of two at the same cycle the first in the list is first.
-    pub const SCHEDULED: [Self; 15] = {
+    pub const SCHEDULED: [Self; 16] = {
         use Unit::*;
         [
-            World, Rcc, Flash, Watchdog, Tim1, Tim2, Tim3, Tim4, Tim5, Adc, Dma1, Dma2, Spi1, Can1,
+            World,
+            Rcc,
+            Flash,
+            Watchdog,
+            WindowWatchdog,
+            Tim1,
+            Tim2,
+            Tim3,
+            Tim4,
+            Tim5,
+            Adc,
+            Dma1,
+            Dma2,
+            Spi1,
+            Can1,
             Usart3,
         ]
     };

@@ -33,6 +33,7 @@ mod trace;
 mod transfer;
 mod usart;
 mod watchdog;
+mod window_watchdog;
 
 #[cfg(test)]
 mod testing;
@@ -101,6 +102,7 @@ struct Units {
     can1: can::Can,
     usart3: usart::Usart,
     watchdog: watchdog::Watchdog,
+    window_watchdog: window_watchdog::WindowWatchdog,
     debug: debug::Debug,
 }
 
@@ -120,6 +122,7 @@ impl Units {
             can1: can::Can::default(),
             usart3: usart::Usart::after_reset(),
             watchdog: watchdog::Watchdog::default(),
+            window_watchdog: window_watchdog::WindowWatchdog::default(),
             debug: debug::Debug::default(),
         }
     }
@@ -406,7 +409,7 @@ impl Chip {
         }
     }
 
-    /// Timers and converter go on only while their clocks are on.
+    /// Timers, converter and window watchdog go on only while their clocks are on.
     fn gate(&mut self) {
         let (units, shared) = (&mut self.units, &mut self.shared);
         let rcc = &units.rcc;
@@ -415,11 +418,12 @@ impl Chip {
             gate.is_some_and(|(register, bit)| !rcc.is_enabled(register, bit))
         };
         let timers = [Unit::Tim1, Unit::Tim2, Unit::Tim3, Unit::Tim4, Unit::Tim5].map(off);
-        let adc = off(Unit::Adc);
+        let (adc, window) = (off(Unit::Adc), off(Unit::WindowWatchdog));
         for (timer, off) in units.timers.iter_mut().zip(timers) {
             timer.gate(off, shared);
         }
         units.adc.gate(adc, shared);
+        units.window_watchdog.gate(window, shared);
     }
 
     fn unit(&mut self, unit: Unit) -> (&mut dyn Peripheral, &mut Shared) {
@@ -440,6 +444,7 @@ impl Chip {
             Unit::Can1 => &mut u.can1,
             Unit::Usart3 => &mut u.usart3,
             Unit::Watchdog => &mut u.watchdog,
+            Unit::WindowWatchdog => &mut u.window_watchdog,
             // The world has no registers.
             Unit::Debug | Unit::World => &mut u.debug,
             Unit::Flash => &mut self.flash,

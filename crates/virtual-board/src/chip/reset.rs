@@ -77,6 +77,8 @@ impl Chip {
         if !halted || self.units.debug.stops_watchdog() {
             self.units.watchdog.freeze(halted, &mut self.shared);
         }
+        let frozen = halted && self.units.debug.stops_window_watchdog();
+        self.units.window_watchdog.freeze(frozen, &mut self.shared);
         for timer in 0..5 {
             let frozen = halted && self.units.debug.stops_timer(timer);
             self.units.timers[timer].freeze(frozen, &mut self.shared);
@@ -150,6 +152,7 @@ impl Chip {
             Unit::Spi1 => units.spi1 = new.spi1,
             Unit::Can1 => units.can1.reset(&mut self.shared),
             Unit::Usart3 => units.usart3 = new.usart3,
+            Unit::WindowWatchdog => units.window_watchdog = new.window_watchdog,
             Unit::Syscfg => units.syscfg = new.syscfg,
             Unit::Pwr => {
                 units.pwr = new.pwr;

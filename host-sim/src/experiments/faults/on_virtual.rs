@@ -35,7 +35,7 @@ pub struct Row {
     pub cases: usize,
     /// Longest time allowed to all motors off, s, if the robot may stop.
     pub off_within_s: Option<f64>,
-    /// The same for the axle that is struck.
+    /// Longest time allowed to the last pulse of the struck axle, s.
     pub own_within_s: Option<f64>,
     /// Each run.
     pub outcomes: Vec<Outcome>,
@@ -99,8 +99,12 @@ impl Row {
             codes.join(", "),
             number(longest(|run| run.off_s).filter(|_| stops)),
             limit(self.off_within_s),
-            number(longest(|run| run.own_off_s).filter(|_| self.own_within_s.is_some())),
-            limit(self.own_within_s),
+            number(
+                longest(|run| run.own_off_s)
+                    .filter(|_| self.own_within_s.is_some())
+                    .map(|s| 1e3 * s)
+            ),
+            limit(self.own_within_s.map(|s| 1e3 * s)),
         )
     }
 }
@@ -129,12 +133,12 @@ impl Report {
              each; the seed also selects the affected board or wheel.\n\n\
              - *Goes on*: a second later (or after the restart of the affected board) the robot drives, no node\n\
                has stopped, and the robot is within 2 cm of its place without the fault.\n\
-             - *Stops*: no motor carries current after the allowed time, for all motors and for those of the\n\
-               affected axle. The simulated current decides, not the report of a board.\n\n\
+             - *Stops*: no motor carries current after the allowed time. The simulated current decides, not the\n\
+               report of a board. The drivers of the affected axle end their last pulse within the allowed time.\n\n\
              A run fails if neither holds, if the first code does not fit ([codes](codes.md)), if a reset or a\n\
              finding is not explained by the fault, if a restart is not reported, or if parameters in the flash\n\
              have changed. World: {}.\n\n\
-             | fault | seam | times × seeds | goes on | stops | other | codes | motors off (s) | allowed (s) | struck axle off (s) | allowed (s) |\n\
+             | fault | seam | times × seeds | goes on | stops | other | codes | motors off (s) | allowed (s) | last pulse of struck axle (ms) | allowed (ms) |\n\
              |---|---|---|---|---|---|---|---|---|---|---|\n",
             seconds.join(", "),
             self.seeds,

@@ -65,7 +65,7 @@ pub struct Entry {
     pub codes: Vec<Condition>,
     /// Longest time from the fault to all motors off, s.
     pub off_within_s: f64,
-    /// The same for the motors of the axle that is struck, s.
+    /// Longest time from the fault to the last pulse of the struck axle's drivers, s.
     pub own_within_s: Option<f64>,
     /// The board that is struck must have restarted and must say so.
     pub restarts: bool,
@@ -163,7 +163,7 @@ impl Entry {
         self
     }
 
-    /// Those of the struck axle are.
+    /// The drivers of the struck axle give no pulse after so long.
     pub fn own_within(mut self, seconds: f64) -> Self {
         self.own_within_s = Some(seconds);
         self

@@ -34,12 +34,11 @@ const NOTHING: u32 = 0x3000_0000;
 const CRASH: &[&str] = &["fault", "bus error", "unmapped", "overrun", "reset"];
 /// The same where the guard below the stack must have stopped the access.
 const GUARDED: &[&str] = &["fault", "overrun", "reset"];
-/// Time in which the motors of a board are off that has met a fault of the processor, s.
-const AT_ONCE_S: f64 = 0.002;
+/// Time after which a board that has met a fault of the processor gives no pulse, s.
+const AT_ONCE_S: f64 = 1e-3;
 
-/// Time in which the motors of a board are off whose current loop stands still, s: that of the
-/// watchdog, and what passes from its last feeding.
-pub const WATCHDOG_S: f64 = 0.6;
+/// Time after which a board whose current loop stands still gives no pulse, s: that of the window watchdog.
+pub const WATCHDOG_S: f64 = 0.01;
 
 fn hold(bench: &mut Bench, held: bool) {
     let role = bench.wheel().0;
@@ -214,7 +213,6 @@ fn hangs() -> Vec<Entry> {
                 let role = b.wheel().0;
                 b.axle(role, |axle, now| axle.stop(true, now));
             }),
-            // Without the program the drivers stay awake, and brake.
             at(20, |b| {
                 let role = b.wheel().0;
                 if b.register(role, TIM1_BDTR) & MAIN_OUTPUT != 0 {

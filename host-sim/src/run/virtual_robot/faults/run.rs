@@ -9,6 +9,7 @@ use core_algos::safety::{Condition, OperatingState};
 use core_algos::topology::{Node, Role};
 use serde::{Serialize, Serializer};
 use virtual_board::Time;
+use virtual_board::device::Drv8874;
 use virtual_board::wire::ErrorKind;
 
 /// A current that counts, A: 25 mN m at the wheel.
@@ -63,7 +64,7 @@ pub struct Outcome {
     pub reason: Option<Condition>,
     /// Time from the fault to all motors off, s.
     pub off_s: Option<f64>,
-    /// The same for the axle that was struck.
+    /// Time from the fault to the last pulse of the struck axle's drivers, s.
     pub own_off_s: Option<f64>,
     /// Cases that were tried, of a board by itself.
     pub cases: usize,
@@ -257,6 +258,12 @@ fn complaint(bench: &mut Bench, entry: &Entry, before: &[Vec<u8>]) -> Option<Str
     (entry.restarts && !has_restarted(bench)).then(|| "the restart was not told".to_owned())
 }
 
+/// End of the last pulse of the struck axle's drivers.
+fn last_pulse(bench: &mut Bench) -> Option<Time> {
+    let axle = bench.robot.axle(bench.struck?)?;
+    axle.drivers.iter().map(Drv8874::driven_until).max()
+}
+
 /// Errors on the bus; that nobody acknowledges while the others start is none.
 fn misread(bench: &mut Bench) -> Option<String> {
     let of_board = |role| {
@@ -287,12 +294,8 @@ fn judge(
     let reason = first.and_then(|status| status.reason);
     let off = |last: Time| (last - seen.from).seconds();
     let off_s = (!seen.driven).then(|| off(seen.last[0].max(seen.last[1])));
-    let axle = match bench.struck {
-        Some(Role::Front) => Some(0),
-        Some(Role::Rear) => Some(1),
-        _ => None,
-    };
-    let own_off_s = axle.filter(|_| !seen.driven).map(|k| off(seen.last[k]));
+    let last = last_pulse(&mut bench).filter(|_| !seen.driven);
+    let own_off_s = last.map(off);
     let wrong = complaint(&mut bench, entry, before).or_else(|| match off_s {
         Some(off_s) => stopped_wrongly(entry, reason, off_s, own_off_s),
         None => drives_wrongly(&bench, case, seen.from, reference),
@@ -334,7 +337,7 @@ fn stopped_wrongly(
     }
     match (own_off_s, entry.own_within_s) {
         (Some(own), Some(within)) if own > within => {
-            Some(format!("the struck axle's motors off after {own:.3} s"))
+            Some(format!("last pulse of the struck axle after {own:.6} s"))
         }
         _ => None,
     }

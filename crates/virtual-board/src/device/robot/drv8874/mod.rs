@@ -116,6 +116,8 @@ pub struct Drv8874 {
     braking: Option<Time>,
     /// Since when the bridge drives.
     driving_since: Time,
+    /// End of its latest pulse.
+    driven_until: Time,
     /// nFAULT held low, and the bridge off, from outside.
     forced: Option<(Time, Time)>,
     legs: [Leg; 2],
@@ -143,6 +145,7 @@ impl Drv8874 {
             over_until: None,
             braking: None,
             driving_since: Time(0),
+            driven_until: Time(0),
             forced: None,
             legs: [Leg::OFF; 2],
             lead_v: 0.0,
@@ -250,6 +253,14 @@ impl Drv8874 {
     /// Derivative of the current at the time of the latest call, A/s.
     pub fn current_slope(&self) -> f64 {
         self.motor.slope_a_s()
+    }
+
+    /// End of the latest pulse: the last time at which the supply drove the motor.
+    pub fn driven_until(&self) -> Time {
+        match self.is_driving() {
+            true => self.now,
+            false => self.driven_until,
+        }
     }
 
     /// The latest edge of OUT1, to which the shunt's amplifier answers: when, and by how much, V.
@@ -399,8 +410,10 @@ impl Drv8874 {
         let was_driving = self.is_driving();
         self.legs[0].set(first, self.now, self.config.dead);
         self.legs[1].set(second, self.now, self.config.dead);
-        if self.is_driving() && !was_driving {
-            self.driving_since = self.now;
+        match (was_driving, self.is_driving()) {
+            (false, true) => self.driving_since = self.now,
+            (true, false) => self.driven_until = self.now,
+            _ => {}
         }
     }
 

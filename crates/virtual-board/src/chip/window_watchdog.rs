@@ -1,0 +1,267 @@
+//! Window watchdog.
+//!
+//! Source: reference manual RM0090, chapter 22. A counter of seven bits counts down at PCLK1 / 4096, divided
+//! once more by 1 to 8; the chip is reset when the counter leaves 0x40, or when the program writes it above
+//! the window.
+//!
+//! The prescaler's phase is not modelled: a write begins a whole count, where the chip's first count may be
+//! shorter by up to one. Before it is activated the counter stands still. Not modelled: the early wake-up
+//! interrupt; asking for it is a finding.
+
+use super::Peripheral;
+use super::cause::Cause;
+use super::effect::Effect;
+use super::map::Unit;
+use super::register::{Register, bits, merge, narrow};
+use super::shared::Shared;
+use crate::finding::Kind;
+use crate::time::{Cycles, NEVER, Timebase};
+
+const REGISTERS: &[Register] = &[
+    narrow(0x00, "CR", 0xff),
+    narrow(0x04, "CFR", 0x3ff),
+    narrow(0x08, "SR", 1),
+];
+
+// Bits of CR and CFR.
+bits! {
+    WDGA 7, EWI 9
+}
+const COUNT: u32 = 0x7f;
+/// The lowest count without a reset.
+const LOWEST: u32 = 0x40;
+
+/// Window watchdog.
+pub(crate) struct WindowWatchdog {
+    /// The count where it does not run.
+    count: u32,
+    configuration: u32,
+    active: bool,
+    /// Cycles of a count.
+    period: Cycles,
+    /// The cycle of the reset while it runs.
+    bites: Option<Cycles>,
+    /// Cycles that were left when it was stopped.
+    left: Option<Cycles>,
+    gated: bool,
+    frozen: bool,
+}
+
+impl Default for WindowWatchdog {
+    fn default() -> Self {
+        Self {
+            count: COUNT,
+            configuration: COUNT,
+            active: false,
+            period: 1,
+            bites: None,
+            left: None,
+            gated: true,
+            frozen: false,
+        }
+    }
+}
+
+impl WindowWatchdog {
+    /// Its clock is off, or on.
+    pub fn gate(&mut self, off: bool, shared: &mut Shared) {
+        self.gated = off;
+        self.plan(shared);
+    }
+
+    /// A debugger halts the core, or lets it go on, while its bit in DBGMCU stops the watchdog.
+    pub fn freeze(&mut self, frozen: bool, shared: &mut Shared) {
+        self.frozen = frozen;
+        self.plan(shared);
+    }
+
+    fn plan(&mut self, shared: &mut Shared) {
+        let stands = self.gated || self.frozen;
+        if stands && let Some(at) = self.bites.take() {
+            self.left = Some(at.saturating_sub(shared.now));
+        } else if !stands && let Some(left) = self.left.take() {
+            self.bites = Some(shared.now + left);
+        }
+        shared.schedule(Unit::WindowWatchdog, self.bites.unwrap_or(NEVER));
+    }
+
+    /// Cycles of the core in a count, by the clocks of now.
+    fn cycles(&self, shared: &Shared) -> Cycles {
+        (shared.clocks.apb1 * 4096) << (self.configuration >> 7 & 3)
+    }
+
+    /// The count now.
+    fn counted(&self, now: Cycles) -> u32 {
+        let left = match (self.bites, self.left) {
+            (Some(at), _) => at.saturating_sub(now),
+            (_, Some(left)) => left,
+            _ => return self.count,
+        };
+        LOWEST - 1 + left.div_ceil(self.period) as u32
+    }
+
+    fn bite(shared: &mut Shared) {
+        shared.note(Kind::Reset, "by the window watchdog");
+        shared.effect(Effect::Reset(Cause::WindowWatchdog));
+    }
+
+    /// The chosen or the bus's clock is another: what is left of the counts takes longer or shorter.
+    fn stretch(&mut self, shared: &mut Shared) {
+        let (before, now) = (self.period, shared.now);
+        self.period = self.cycles(shared);
+        let scale = |left: Cycles| left * self.period / before;
+        self.bites = self.bites.map(|at| now + scale(at.saturating_sub(now)));
+        self.left = self.left.map(scale);
+        self.plan(shared);
+    }
+
+    fn control(&mut self, value: u32, shared: &mut Shared) {
+        let early = self.active && self.counted(shared.now) > self.configuration & COUNT;
+        self.active |= value & WDGA != 0;
+        self.count = value & COUNT;
+        if !self.active {
+            return;
+        }
+        if early || self.count < LOWEST {
+            return Self::bite(shared);
+        }
+        self.period = self.cycles(shared);
+        let counts = u64::from(self.count + 1 - LOWEST);
+        (self.bites, self.left) = (None, Some(counts * self.period));
+        self.plan(shared);
+    }
+}
+
+impl Peripheral for WindowWatchdog {
+    fn registers(&self) -> &'static [Register] {
+        REGISTERS
+    }
+
+    fn read(&mut self, offset: u32, shared: &mut Shared) -> u32 {
+        match offset {
+            0x00 => u32::from(self.active) << 7 | self.counted(shared.now),
+            0x04 => self.configuration,
+            _ => 0,
+        }
+    }
+
+    fn write(&mut self, offset: u32, value: u32, mask: u32, shared: &mut Shared) {
+        match offset {
+            0x00 => self.control(value, shared),
+            0x04 => {
+                self.configuration = merge(self.configuration, value, mask);
+                if value & EWI != 0 {
+                    shared.note(Kind::NotModelled, "WWDG: early wake-up interrupt");
+                }
+                self.stretch(shared);
+            }
+            _ => {}
+        }
+    }
+
+    fn event(&mut self, shared: &mut Shared) {
+        if self.bites.is_some_and(|at| at <= shared.now) {
+            self.bites = None;
+            return Self::bite(shared);
+        }
+        self.plan(shared);
+    }
+
+    fn clocks_changed(&mut self, _old: &Timebase, shared: &mut Shared) {
+        if self.period != self.cycles(shared) {
+            self.stretch(shared);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::chip::testing::shared;
+
+    /// Started with this count, at 16 MHz without a divider.
+    fn started(shared: &mut Shared, count: u32) -> WindowWatchdog {
+        let mut dog = WindowWatchdog::default();
+        dog.gate(false, shared);
+        dog.write(0x00, WDGA | count, !0, shared);
+        dog
+    }
+
+    /// Lets so many cycles pass; true if it has bitten.
+    fn pass(dog: &mut WindowWatchdog, shared: &mut Shared, cycles: Cycles) -> bool {
+        let end = shared.now + cycles;
+        if shared.arrive(Unit::WindowWatchdog, end) {
+            dog.event(shared);
+        }
+        shared.effects.pop_back() == Some(Effect::Reset(Cause::WindowWatchdog))
+    }
+
+    #[test]
+    fn window_watchdog_resets_after_its_counts() {
+        // Formula of the manual: 4096 · 2^WDGTB · (T[5:0] + 1) periods of PCLK1.
+        for (count, wdgtb) in [(0x7f, 0), (0x40, 0), (0x4f, 3)] {
+            let mut shared = shared();
+            let mut dog = started(&mut shared, count);
+            dog.write(0x04, wdgtb << 7 | COUNT, !0, &mut shared);
+            let periods = (4096 << wdgtb) * u64::from(count - 0x3f);
+            assert!(!pass(&mut dog, &mut shared, periods - 1), "{count}");
+            assert_eq!(dog.read(0x00, &mut shared), WDGA | 0x40);
+            assert!(pass(&mut dog, &mut shared, 1), "{count}");
+        }
+    }
+
+    #[test]
+    fn fed_window_watchdog_starts_its_count_anew() {
+        let mut shared = shared();
+        let mut dog = started(&mut shared, 0x41);
+        assert!(!pass(&mut dog, &mut shared, 8000));
+        dog.write(0x00, 0x41, !0, &mut shared);
+        assert!(!pass(&mut dog, &mut shared, 8191));
+        assert!(pass(&mut dog, &mut shared, 1));
+    }
+
+    #[test]
+    fn write_above_the_window_or_below_the_lowest_count_resets() {
+        for (window, value, resets) in [(0x50, 0x7f, true), (0x7f, 0x3f, true), (0x7f, 0x7f, false)]
+        {
+            let mut shared = shared();
+            let mut dog = started(&mut shared, 0x60);
+            dog.write(0x04, window, !0, &mut shared);
+            dog.write(0x00, value, !0, &mut shared);
+            assert_eq!(pass(&mut dog, &mut shared, 0), resets, "{window} {value}");
+        }
+    }
+
+    #[test]
+    fn stopped_clock_and_halted_core_stop_the_window_watchdog() {
+        let mut shared = shared();
+        let mut dog = started(&mut shared, 0x41);
+        dog.gate(true, &mut shared);
+        assert!(!pass(&mut dog, &mut shared, 1_000_000));
+        dog.freeze(true, &mut shared);
+        dog.gate(false, &mut shared);
+        assert!(!pass(&mut dog, &mut shared, 1_000_000));
+        dog.freeze(false, &mut shared);
+        assert!(!pass(&mut dog, &mut shared, 8191));
+        assert!(pass(&mut dog, &mut shared, 1));
+    }
+
+    #[test]
+    fn divided_bus_clock_stretches_the_counts() {
+        let mut shared = shared();
+        let mut dog = started(&mut shared, 0x41);
+        assert!(!pass(&mut dog, &mut shared, 4096));
+        shared.clocks.apb1 = 4;
+        let old = shared.base;
+        dog.clocks_changed(&old, &mut shared);
+        assert!(!pass(&mut dog, &mut shared, 4 * 4096 - 1));
+        assert!(pass(&mut dog, &mut shared, 1));
+    }
+
+    #[test]
+    fn early_wake_up_is_a_finding() {
+        let mut shared = shared();
+        WindowWatchdog::default().write(0x04, EWI, !0, &mut shared);
+        assert_eq!(shared.kinds(), [Kind::NotModelled]);
+    }
+}
