@@ -22,7 +22,7 @@ const ORDERS: &[(&str, &str)] = &[
     ),
     (
         "crates/firmware-common",
-        "accelerator clock critical executors dma_halves crash_record stack watchdog task_watchdog fault store board_id \
+        "accelerator crystal clock critical executors dma_halves crash_record stack watchdog task_watchdog fault supply store board_id \
          time_driver timing can hil emulated board",
     ),
     (

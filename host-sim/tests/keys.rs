@@ -75,6 +75,7 @@ robot.lead.hold_s=6 | posture || mission.rest_s=60
 robot.axle.supervisor.stop_timeout_s=0.5 | posture | motor stuck on | robot.axle.stop.release_s=0.2
 robot.lead.supervisor.stop_timeout_s=0.5 | posture | motor stuck on | robot.lead.stop.release_s=0.2
 robot.axle.wheel.max_speed_rad_s=600 | posture | encoder jumps |
+robot.axle.reference_timeout_s=0.012 | posture | bus loses 50 % |
 robot.axle.wrench_timeout_s=0.5 | posture | beam board lost | robot.axle.controller.frame_force=beam
 robot.beam.health.active_counts=100000 | posture | gauge stuck @600 | robot.beam.health.max_chi_square=1e6
 robot.beam.health.flat_window_periods=200 | posture | gauge stuck @600 | robot.beam.health.max_chi_square=1e6

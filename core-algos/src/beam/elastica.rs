@@ -27,7 +27,7 @@ pub use wrench::Wrench;
 /// Most shapes computed for one fit.
 pub const MAX_EVALUATIONS: u8 = 40;
 /// Most shapes computed from one start.
-const MAX_DESCENT: usize = 10;
+const MAX_DESCENT: u8 = 10;
 /// A step this small, in squared standard deviations of the parameters, ends the iteration; what
 /// it leaves is smaller by its square.
 const CONVERGED: f32 = 1e-2;
@@ -41,6 +41,10 @@ const REFINED_TAIL: f32 = 1e-3 * TAIL;
 const REFINEMENTS: u8 = 2;
 /// A compression of this many prior standard deviations is compared with none.
 const LARGE_LOAD: f32 = 3.0;
+/// Cost of the other starts, in shapes.
+const STARTS_EFFORT: u8 = 2;
+/// Cost of [`Solver::finish`], in shapes.
+pub const FINISH_EFFORT: u8 = REFINEMENTS;
 /// Largest |F| L²/EI the fit may reach: sixteen times the load of the second buckling mode.
 const MAX_LOAD: f32 = 1300.0;
 
@@ -50,9 +54,11 @@ pub struct Search {
     mask: GaugeMask,
     readings: Readings,
     best: Option<Minimum>,
-    /// Other starts, once the first is tried, and how many were.
-    starts: [Parameters; 3],
+    /// Other starts, once they are computed, and how many were tried.
+    starts: Option<[Parameters; 3]>,
     tried: u8,
+    /// The descent from one of them that is under way.
+    descent: Option<Descent>,
     /// The lowest minimum is not that of the polynomial's shape.
     elsewhere: bool,
     open: bool,
@@ -70,6 +76,16 @@ impl Search {
         let best = self.best.as_ref().filter(|_| self.elsewhere)?;
         Some(Start(best.parameters))
     }
+}
+
+/// A descent from a start: the lowest point so far.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Descent {
+    lowest: Minimum,
+    damping: f32,
+    /// Steps, with the start.
+    steps: u8,
+    done: bool,
 }
 
 /// A computed shape: curvatures at the gauges, and both ends.
@@ -336,9 +352,7 @@ impl Solver {
         budget: u8,
     ) -> Option<Fit> {
         let mut search = self.begin(curvature, mask, (drift, None), budget)?;
-        while search.is_open() {
-            self.go_on(&mut search, budget);
-        }
+        self.go_on(&mut search, budget, u8::MAX);
         self.finish(&search)
     }
 
@@ -396,8 +410,9 @@ impl Solver {
             mask,
             readings,
             best,
-            starts: [[0.0; 3]; 3],
+            starts: None,
             tried: 0,
+            descent: None,
             elsewhere: remembered.is_some()
                 && best.as_ref().map(|found| found.parameters) == remembered,
             open: is_suspicious(best.as_ref()) || ambiguous || !compared,
@@ -405,24 +420,46 @@ impl Solver {
         })
     }
 
-    /// Tries one start more: at most ten shapes, and `budget` in all.
-    pub fn go_on(&self, search: &mut Search, budget: u8) {
+    /// Goes on with the search by at most `effort` shapes, and `budget` in all; the computation of the other starts
+    /// counts as two. Returns the effort that is left.
+    pub fn go_on(&self, search: &mut Search, budget: u8, mut effort: u8) -> u8 {
         search.readings.budget = before_refinement(budget);
         let readings = &search.readings;
-        if search.tried == 0 {
-            search.starts = self.waves(&readings.k, &readings.weights);
-        }
-        let tried = usize::from(search.tried);
-        if let Some(&start) = search.starts.get(tried) {
+        while search.open {
+            let Some(starts) = search.starts else {
+                if effort < STARTS_EFFORT {
+                    return 0;
+                }
+                effort -= STARTS_EFFORT;
+                search.starts = Some(self.waves(&readings.k, &readings.weights));
+                continue;
+            };
+            let evaluations = &mut search.evaluations;
+            let limit = evaluations.saturating_add(effort);
+            let start = starts.get(usize::from(search.tried)).copied();
+            let fresh = |evaluations: &mut u8| self.start_at(start?, readings, evaluations);
+            let mut descent = match search.descent.take() {
+                None if effort == 0 => return 0,
+                None => fresh(evaluations),
+                under_way => under_way,
+            };
+            while let Some(descent) = descent.as_mut().filter(|descent| !descent.done) {
+                if *evaluations >= limit {
+                    search.descent = Some(*descent);
+                    return 0;
+                }
+                self.descend_once(descent, readings, evaluations);
+            }
+            effort = limit.saturating_sub(*evaluations);
             let before = search.best.as_ref().map(|best| best.parameters);
-            let found = self.descend(start, readings, &mut search.evaluations);
-            search.best = lower(search.best, found);
+            search.best = lower(search.best, descent.map(|descent| descent.lowest));
             search.elsewhere |= search.best.as_ref().map(|best| best.parameters) != before;
+            search.tried += 1;
+            let more = usize::from(search.tried) < starts.len();
+            let ambiguous = search.mask.count() <= 3;
+            search.open = more && (ambiguous || is_suspicious(search.best.as_ref()));
         }
-        search.tried += 1;
-        let ambiguous = search.mask.count() <= 3;
-        search.open =
-            tried + 1 < search.starts.len() && (ambiguous || is_suspicious(search.best.as_ref()));
+        effort
     }
 
     /// Refined fit of the best minimum so far: at most two shapes. `None` if the shape is not
@@ -490,73 +527,93 @@ impl Solver {
         readings: &Readings,
         evaluations: &mut u8,
     ) -> Option<Minimum> {
+        let mut descent = self.start_at(start, readings, evaluations)?;
+        while !descent.done {
+            self.descend_once(&mut descent, readings, evaluations);
+        }
+        Some(descent.lowest)
+    }
+
+    /// A descent that has computed the shape of its start. `None` if the budget is used up or the shape is not
+    /// finite.
+    fn start_at(
+        &self,
+        parameters: Parameters,
+        readings: &Readings,
+        evaluations: &mut u8,
+    ) -> Option<Descent> {
         if *evaluations >= readings.budget {
             return None;
         }
-        let mut parameters = start;
-        let mut shape = self.shape(parameters);
-        let mut normal = self.normal(&shape, parameters, readings);
+        let shape = self.shape(parameters);
+        let normal = self.normal(&shape, parameters, readings);
         *evaluations += 1;
-        if !normal.cost.is_finite() {
-            return None;
-        }
-        let mut damping = 0.0;
-        let mut converged = false;
-        for _ in 1..MAX_DESCENT {
-            if *evaluations >= readings.budget {
-                break;
-            }
-            let mut hessian = normal.hessian;
-            for i in 0..3 {
-                hessian[i][i] *= 1.0 + damping;
-            }
-            let Some(factor) = cholesky(&hessian) else {
-                damping = 10.0 * damping + 1e-3;
-                continue;
-            };
-            let step = cholesky_solve(&factor, &normal.descent);
-            // Decrease that the step promises, in squared standard deviations.
-            let mut promise = 0.0;
-            for i in 0..3 {
-                promise += step[i] * normal.descent[i];
-            }
-            // The refinement that follows makes this step too; other minima are compared with what
-            // it will reach. A large load must show what it reaches.
-            let modest = parameters[1].abs() <= self.large_load();
-            if damping == 0.0 && modest && promise < CLOSE && told(&normal) {
-                normal.cost -= promise;
-                converged = true;
-                break;
-            }
-            let mut trial = parameters;
-            for i in 0..3 {
-                trial[i] += step[i];
-            }
-            let trial = bounded(trial);
-            let trial_shape = self.shape(trial);
-            let trial_normal = self.normal(&trial_shape, trial, readings);
-            *evaluations += 1;
-            let small = promise < CONVERGED;
-            // The slack covers rounding in the sum of squares.
-            if trial_normal.cost <= normal.cost * (1.0 + 1e-5) + 1e-3 {
-                parameters = trial;
-                shape = trial_shape;
-                normal = trial_normal;
-                damping = if damping > 1e-3 { 0.1 * damping } else { 0.0 };
-            } else {
-                damping = 10.0 * damping + 1e-2;
-            }
-            if small {
-                converged = true;
-                break;
-            }
-        }
-        Some(Minimum {
-            parameters,
-            shape,
-            normal,
-            converged,
+        normal.cost.is_finite().then_some(Descent {
+            lowest: Minimum {
+                parameters,
+                shape,
+                normal,
+                converged: false,
+            },
+            damping: 0.0,
+            steps: 1,
+            done: false,
         })
+    }
+
+    /// One step of a descent: at most one shape.
+    fn descend_once(&self, descent: &mut Descent, readings: &Readings, evaluations: &mut u8) {
+        let Descent {
+            lowest,
+            damping,
+            steps,
+            done,
+        } = descent;
+        if *evaluations >= readings.budget || *steps >= MAX_DESCENT {
+            *done = true;
+            return;
+        }
+        *steps += 1;
+        let mut hessian = lowest.normal.hessian;
+        for i in 0..3 {
+            hessian[i][i] *= 1.0 + *damping;
+        }
+        let Some(factor) = cholesky(&hessian) else {
+            *damping = 10.0 * *damping + 1e-3;
+            return;
+        };
+        let step = cholesky_solve(&factor, &lowest.normal.descent);
+        // Decrease that the step promises, in squared standard deviations.
+        let mut promise = 0.0;
+        for i in 0..3 {
+            promise += step[i] * lowest.normal.descent[i];
+        }
+        // The refinement that follows makes this step too; other minima are compared with what
+        // it will reach. A large load must show what it reaches.
+        let modest = lowest.parameters[1].abs() <= self.large_load();
+        if *damping == 0.0 && modest && promise < CLOSE && told(&lowest.normal) {
+            lowest.normal.cost -= promise;
+            (lowest.converged, *done) = (true, true);
+            return;
+        }
+        let mut trial = lowest.parameters;
+        for i in 0..3 {
+            trial[i] += step[i];
+        }
+        let trial = bounded(trial);
+        let shape = self.shape(trial);
+        let normal = self.normal(&shape, trial, readings);
+        *evaluations += 1;
+        // The slack covers rounding in the sum of squares.
+        if normal.cost <= lowest.normal.cost * (1.0 + 1e-5) + 1e-3 {
+            (lowest.parameters, lowest.shape, lowest.normal) = (trial, shape, normal);
+            *damping = if *damping > 1e-3 { 0.1 * *damping } else { 0.0 };
+        } else {
+            *damping = 10.0 * *damping + 1e-2;
+        }
+        if promise < CONVERGED {
+            (lowest.converged, *done) = (true, true);
+        }
     }
 }
 

@@ -36,7 +36,7 @@
 //! ```
 
 use super::calibration::{self, Calibration, Conversion};
-use super::elastica::{Fit, MAX_EVALUATIONS, Search, Solver, Start, Wrench};
+use super::elastica::{FINISH_EFFORT, Fit, MAX_EVALUATIONS, Search, Solver, Start, Wrench};
 use super::health::{self, Fault, Monitor};
 use super::polynomial::{Interpolant, Quadrature, piecewise, quadrature};
 use super::strip::{self, GaugeMask, MAX_GAUGES, RelativePosture, Strip};
@@ -46,7 +46,11 @@ use crate::math::matrix::scale;
 /// Shapes computed for a fit that only looks for the gauge to blame.
 const SEARCH_BUDGET: u8 = 16;
 /// Most shapes computed in the tick of an estimate; four settle all fits but one in thousands.
-const TICK_BUDGET: u8 = 8;
+const TICK_BUDGET: u8 = 5;
+/// The same of a tick of the work that is left.
+const WORK_BUDGET: u8 = 5;
+/// Most shapes computed to begin a fit.
+const BEGIN_EFFORT: u8 = TICK_BUDGET - FINISH_EFFORT;
 
 /// Method that turns strains into a posture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -352,7 +356,7 @@ impl RelativePositionSensor {
 
     /// Takes one conversion of every gauge (entries beyond the strip's gauges are not read). A
     /// count outside the converter's range means that there was none. Cost about 100 operations; while an
-    /// estimate has left work, at most ten shapes of it, so that nine calls do it all.
+    /// estimate has left work, at most five shapes of it, so that nine calls do it all.
     pub fn sample(&self, state: &mut State, counts: &[i32; MAX_GAUGES]) {
         if state.work.is_some() {
             self.work(state);
@@ -382,7 +386,7 @@ impl RelativePositionSensor {
     }
 
     /// Closes the period: the posture from the samples since the last call. Cost: one fit of at most
-    /// eight shapes. Where that does not settle, the quadrature stands in; the search goes on
+    /// five shapes. Where that does not settle, the quadrature stands in; the search goes on
     /// with the next samples ([`Self::sample`]), and the next estimate starts where it ended. So does
     /// the search for a gauge to blame.
     pub fn estimate(&self, state: &mut State) -> Estimate {
@@ -507,34 +511,52 @@ impl RelativePositionSensor {
     /// Goes on with what an estimate has left to do.
     #[inline(never)]
     fn work(&self, state: &mut State) {
-        let Some(work) = &mut state.work else {
+        let mut effort = WORK_BUDGET;
+        while let Some(work) = &mut state.work {
+            let solver = &self.posture.solver;
+            let (mask, budget) = match work.purpose {
+                Purpose::Settle => (work.used, MAX_EVALUATIONS),
+                Purpose::Blame(i) | Purpose::Flat(i) => (work.used.without(i), SEARCH_BUDGET),
+            };
+            match &mut work.search {
+                None if effort < BEGIN_EFFORT => return,
+                None => {
+                    effort -= BEGIN_EFFORT;
+                    let start = (work.drift, None);
+                    work.search = solver.begin(&work.curvature, mask, start, TICK_BUDGET);
+                    if work.search.is_none() {
+                        self.conclude(state);
+                    }
+                }
+                Some(search) if search.is_open() => {
+                    effort = solver.go_on(search, budget, effort);
+                    if search.is_open() {
+                        return;
+                    }
+                }
+                Some(_) if effort < FINISH_EFFORT => return,
+                Some(_) => {
+                    effort -= FINISH_EFFORT;
+                    self.conclude(state);
+                }
+            }
+        }
+    }
+
+    /// Ends the fit under way and does what it was for.
+    fn conclude(&self, state: &mut State) {
+        let Some(work) = state.work.take() else {
             return;
         };
         let solver = &self.posture.solver;
         let used = work.used;
-        let (mask, budget) = match work.purpose {
-            Purpose::Settle => (used, MAX_EVALUATIONS),
-            Purpose::Blame(i) | Purpose::Flat(i) => (used.without(i), SEARCH_BUDGET),
-        };
-        match &mut work.search {
-            Some(search) => solver.go_on(search, budget),
-            None => {
-                work.search = solver.begin(&work.curvature, mask, (work.drift, None), TICK_BUDGET);
-            }
-        }
-        if work.search.as_ref().is_some_and(Search::is_open) {
-            return;
-        }
-        let fit = work
-            .search
-            .as_ref()
-            .and_then(|search| solver.finish(search));
-        let start = work.search.as_ref().and_then(Search::start);
+        let search = work.search.as_ref();
+        let fit = search.and_then(|search| solver.finish(search));
+        let start = search.and_then(Search::start);
         let work = Work {
             search: None,
-            ..*work
+            ..work
         };
-        state.work = None;
         match work.purpose {
             Purpose::Settle => {
                 state.start = start;

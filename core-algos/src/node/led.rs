@@ -1,5 +1,7 @@
 //! Pattern of a board's LED: the operating state of its node, and in fault the code.
 
+use core::fmt;
+
 use crate::bus::Message;
 use crate::safety::OperatingState;
 use crate::topology::Node;
@@ -11,18 +13,37 @@ const GAP: u32 = 4;
 /// Dark beats after the last digit.
 const PAUSE: u32 = 10;
 
-/// Patterns as text, for the documentation.
-pub const PATTERNS: [(OperatingState, &str); 6] = [
-    (OperatingState::Boot, "5 flashes a second"),
-    (OperatingState::Idle, "a flash of 0.1 s every 2 s"),
-    (OperatingState::Armed, "2 flashes a second"),
-    (OperatingState::Active, "on"),
-    (OperatingState::SafeStop, "5 flashes a second"),
-    (
-        OperatingState::Fault,
-        "the code's two hexadecimal digits, each as that many blinks of 0.4 s; 0 is one blink of 1.2 s",
-    ),
+/// Pattern of each state but fault: lit for so long, of so long, ms.
+const PATTERNS: [(OperatingState, u32, u32); 5] = [
+    (OperatingState::Boot, 500, 1000),
+    (OperatingState::Idle, 100, 2000),
+    (OperatingState::Armed, 250, 500),
+    (OperatingState::Active, 1, 1),
+    (OperatingState::SafeStop, 100, 200),
 ];
+
+/// Pattern of a state, for the documentation.
+pub struct Pattern(pub OperatingState);
+
+impl fmt::Display for Pattern {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let digit = 2 * BEAT_MS;
+        match pattern(self.0) {
+            Some((lit, period)) if lit == period => f.write_str("on"),
+            Some((lit, period)) => write!(f, "on for {lit} of {period} ms"),
+            None => write!(
+                f,
+                "the code's two hexadecimal digits, each as that many blinks of {digit} ms; 0 is one blink of {} ms",
+                3 * BEAT_MS
+            ),
+        }
+    }
+}
+
+fn pattern(state: OperatingState) -> Option<(u32, u32)> {
+    let found = PATTERNS.iter().find(|pattern| pattern.0 == state);
+    found.map(|&(_, lit, period)| (lit, period))
+}
 
 /// State and code on the LED.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -49,12 +70,9 @@ impl Led {
 
     /// True if the LED is lit, so many milliseconds after any instant.
     pub fn is_lit(&self, ms: u32) -> bool {
-        match self.state {
-            OperatingState::Boot | OperatingState::SafeStop => ms % 200 < 100,
-            OperatingState::Idle => ms % 2000 < 100,
-            OperatingState::Armed => ms % 500 < 250,
-            OperatingState::Active => true,
-            OperatingState::Fault => self.blinks(ms / BEAT_MS),
+        match pattern(self.state) {
+            Some((lit, period)) => ms % period < lit,
+            None => self.blinks(ms / BEAT_MS),
         }
     }
 
@@ -120,14 +138,19 @@ mod tests {
     }
 
     #[test]
-    fn each_state_has_its_pattern_and_the_lead_node_none() {
-        let share = |state| {
+    fn patterns_differ_by_their_text_and_are_as_it_says() {
+        let texts = OperatingState::ALL.map(|state| Pattern(state).to_string());
+        for (i, state) in OperatingState::ALL.into_iter().enumerate() {
+            assert!(!texts[..i].contains(&texts[i]), "{}", texts[i]);
             let led = led(Node::FrontAxle, state, 0);
-            (0..2000).filter(|&ms| led.is_lit(ms)).count()
-        };
-        let states = PATTERNS.map(|(state, _)| state);
-        assert_eq!(states, OperatingState::ALL);
-        assert_eq!(states.map(share)[..5], [1000, 100, 1000, 2000, 1000]);
+            let on = (0..2000).filter(|&ms| led.is_lit(ms)).count();
+            let [lit, period] = match texts[i].split(' ').collect::<Vec<_>>()[..] {
+                ["on", "for", lit, "of", period, "ms"] => [lit, period].map(|t| t.parse().unwrap()),
+                ["on"] => [1, 1],
+                _ => continue,
+            };
+            assert_eq!(on, 2000 / period * lit, "{state:?}");
+        }
         assert_eq!(led(Node::Lead, OperatingState::Active, 0), Led::default());
     }
 }

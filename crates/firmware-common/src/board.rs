@@ -1,6 +1,6 @@
-//! Start of a board: clocks, brown-out level, cause of the reset.
+//! Start of a board: supply, crystal, clocks, cause of the reset.
 
-use embassy_stm32::pac::{FLASH, RCC};
+use embassy_stm32::pac::RCC;
 use embassy_stm32::rcc::{
     AHBPrescaler, APBPrescaler, Hse, HseMode, Pll, PllMul, PllPDiv, PllPreDiv, PllQDiv, PllSource,
     Sysclk,
@@ -9,26 +9,31 @@ use embassy_stm32::time::Hertz;
 use embassy_stm32::{Config, Peripherals};
 
 use crate::{critical, fault, stack, time_driver};
-
-/// Frequency of the crystal, Hz.
-const CRYSTAL_HZ: u32 = 8_000_000;
+#[cfg(not(feature = "emulated"))]
+use crate::{crystal, supply};
 
 /// Brings the board up and gives its peripherals; call it once, first. `build` names the image: the first
 /// line of the log.
 ///
 /// Core at 168 MHz from the crystal through the PLL, AHB at the same, APB1 at 42 MHz, APB2 at
 /// 84 MHz, 48 MHz for USB unused; prefetch and caches of the flash on, the crystal watched. Below the
-/// stack is a guard before anything else is done. Then the clock of `embassy-time` runs, the brown-out
-/// level is set, and the log says why the board was reset and which faults it had since power came on.
+/// stack is a guard before anything else is done; then supply and crystal are checked. At the end the clock of
+/// `embassy-time` runs, and the log says why the board was reset and which faults it had since power came on.
 pub fn start(build: &str) -> Peripherals {
     #[cfg(feature = "emulated")]
     crate::emulated::shim::install();
     stack::guard();
     stop_with_core();
+    // The emulator has neither supply nor crystal.
+    #[cfg(not(feature = "emulated"))]
+    {
+        supply::wait();
+        crystal::check();
+    }
 
     let mut config = Config::default();
     config.rcc.hse = Some(Hse {
-        freq: Hertz(CRYSTAL_HZ),
+        freq: Hertz(8_000_000),
         mode: HseMode::Oscillator,
     });
     config.rcc.pll_src = PllSource::HSE;
@@ -46,15 +51,18 @@ pub fn start(build: &str) -> Peripherals {
     config.rcc.apb2_pre = APBPrescaler::DIV2;
     let peripherals = embassy_stm32::init(config);
     critical::set_up();
-    // The emulator has neither wait states nor what would hide them, nor a crystal.
+    // Nor has it wait states and what would hide them.
     #[cfg(not(feature = "emulated"))]
     {
+        supply::watch();
         crate::accelerator::enable();
         // A crystal that stops would leave the core without a clock and the timers as they stand. Now
         // it is a fault ([`fault`]) and a break of TIM1, on the internal oscillator.
         RCC.cr().modify(|w| w.set_csson(true));
     }
     defmt::info!("{=str}", build);
+    #[cfg(not(feature = "emulated"))]
+    supply::log();
     let clocks = embassy_stm32::rcc::clocks(&peripherals.RCC);
     defmt::info!(
         "core at {} Hz",
@@ -69,7 +77,6 @@ pub fn start(build: &str) -> Peripherals {
     if let Some(text) = message.as_str().filter(|text| !text.is_empty()) {
         defmt::error!("before the reset: {}", text);
     }
-    brown_out::set();
     peripherals
 }
 
@@ -90,7 +97,7 @@ fn stop_with_core() {
 /// Why the board started.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, defmt::Format)]
 pub enum ResetCause {
-    /// Power came on, or sagged below the brown-out level.
+    /// Power came on, or sagged below the brown-out level of the option bytes.
     PowerOn,
     /// The independent watchdog was not fed.
     Watchdog,
@@ -122,41 +129,6 @@ impl ResetCause {
             Self::Pin
         } else {
             Self::Unknown
-        }
-    }
-}
-
-/// Brown-out level: below it the chip is held in reset, so that no output is driven by a core that
-/// runs outside its supply range.
-mod brown_out {
-    use super::FLASH;
-
-    /// `BOR_LEV` of level 3: reset below 2.7 V (typical), the lowest supply for 168 MHz without
-    /// flash errors.
-    const LEVEL_3: u8 = 0b00;
-    const BOR_LEV: u32 = 0b11 << 2;
-    const OPTSTRT: u32 = 1 << 1;
-    const OPTLOCK: u32 = 1 << 0;
-    /// Polls of the busy flag; writing option bytes takes milliseconds.
-    const PATIENCE: u32 = 10_000_000;
-
-    /// Writes the level to the option bytes if they hold another; it counts from the next power-on.
-    pub fn set() {
-        let options = FLASH.optcr().read().0;
-        if (options & BOR_LEV) >> 2 == LEVEL_3.into() {
-            return;
-        }
-        FLASH.optkeyr().write_value(0x0819_2a3b);
-        FLASH.optkeyr().write_value(0x4c5d_6e7f);
-        let wanted = (options & !(BOR_LEV | OPTLOCK)) | u32::from(LEVEL_3) << 2;
-        FLASH.optcr().modify(|w| w.0 = wanted);
-        FLASH.optcr().modify(|w| w.0 = wanted | OPTSTRT);
-        let written = (0..PATIENCE).any(|_| !FLASH.sr().read().bsy());
-        FLASH.optcr().modify(|w| w.0 = wanted | OPTLOCK);
-        if written {
-            defmt::info!("brown-out level set to 2.7 V, in force from the next power-on");
-        } else {
-            defmt::error!("brown-out level: the flash stayed busy");
         }
     }
 }

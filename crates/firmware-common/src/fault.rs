@@ -10,7 +10,7 @@ use core::ptr::addr_of_mut;
 use core::sync::atomic::{AtomicBool, AtomicPtr, Ordering};
 
 #[cfg(not(feature = "emulated"))]
-use embassy_stm32::pac::{RCC, rcc::vals::Sw};
+use embassy_stm32::pac::{FLASH, RCC, rcc::vals::Sw};
 
 pub use crate::crash_record::Faults;
 use crate::crash_record::{Record, Text};
@@ -73,17 +73,36 @@ fn with_record<T>(f: impl FnOnce(&mut Record) -> T) -> T {
     })
 }
 
-/// Outputs safe, then `count`, keep and log `what`, then restart.
-fn stop(count: impl FnOnce(&mut Faults) -> &mut u32, what: Arguments) -> ! {
+/// Interrupts off, outputs safe, off the bus.
+fn make_safe() {
     cortex_m::interrupt::disable();
     let make_safe = MAKE_SAFE.load(Ordering::Acquire);
     if !make_safe.is_null() {
         // SAFETY: the pointer was stored from a `fn()`.
         unsafe { core::mem::transmute::<*mut (), fn()>(make_safe)() };
     }
-    // Off the bus: on another clock the controller would disturb it until the reset.
+    // On another clock the controller would disturb the bus until the reset.
     #[cfg(not(feature = "emulated"))]
     RCC.apb1rstr().modify(|w| w.set_can1rst(true));
+}
+
+/// The supply falls: within microseconds it may be too low for the core's clock, and the internal oscillator takes
+/// over before the fault is recorded.
+#[cfg(not(feature = "emulated"))]
+pub(crate) fn supply_low() -> ! {
+    make_safe();
+    RCC.cfgr().modify(|w| w.set_sw(Sw::HSI));
+    // Below 2.1 V prefetch does not work.
+    FLASH.acr().modify(|w| w.set_prften(false));
+    stop(
+        |faults| &mut faults.processor,
+        format_args!("the supply fell below 2.8 V"),
+    )
+}
+
+/// Outputs safe, then `count`, keep and log `what`, then restart.
+fn stop(count: impl FnOnce(&mut Faults) -> &mut u32, what: Arguments) -> ! {
+    make_safe();
     // A fault while stopping, such as one inside the log, ends without another word.
     if !STOPPING.swap(true, Ordering::AcqRel) {
         with_record(|record| {
@@ -106,14 +125,14 @@ fn restart() -> ! {
 
 #[cfg(not(feature = "emulated"))]
 fn restart() -> ! {
-    // 0.1 to 0.2 s for a probe to fetch the log: less than the shortest time of the watchdog, whose reset would
-    // count as a second fault. Without its crystal the core runs at 16 MHz.
+    // 0.1 s for a probe to fetch the log: less than the shortest time of the independent watchdog, whose reset would
+    // count as a second fault. Without its crystal the core runs at 16 MHz. A turn of the delay takes three cycles.
     let hz = match RCC.cfgr().read().sws() {
         Sw::HSI => 16_000_000,
         _ => crate::clock::CORE_HZ,
     };
     for _ in 0..50 {
-        cortex_m::asm::delay(hz / 500);
+        cortex_m::asm::delay(hz / 3 / 500);
         WindowWatchdog::feed_after_fault();
     }
     cortex_m::peripheral::SCB::sys_reset()

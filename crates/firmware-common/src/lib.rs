@@ -2,7 +2,7 @@
 //!
 //! | module | what it holds |
 //! |---|---|
-//! | `board` | clocks, brown-out level, cause of the reset: the first call of every image |
+//! | `board` | supply, crystal, clocks, cause of the reset: the first call of every image |
 //! | `clock` | frequencies |
 //! | `accelerator` | prefetch and caches of the flash |
 //! | `critical` | critical sections that the current loop does not wait for |
@@ -37,12 +37,16 @@ pub mod clock;
 pub mod crash_record;
 #[cfg(target_os = "none")]
 pub mod critical;
+#[cfg(all(target_os = "none", not(feature = "emulated")))]
+mod crystal;
 #[cfg(target_os = "none")]
 pub mod fault;
 #[cfg(all(target_os = "none", not(feature = "hil")))]
 pub mod led;
 #[cfg(target_os = "none")]
 pub mod stack;
+#[cfg(all(target_os = "none", not(feature = "emulated")))]
+mod supply;
 #[cfg(all(target_os = "none", not(feature = "hil")))]
 pub mod task_watchdog;
 #[cfg(target_os = "none")]

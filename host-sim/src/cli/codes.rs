@@ -55,9 +55,10 @@ pub fn markdown() -> String {
     }
     text += "\n## LED\n\nThe LED of a board (PC12) shows the state of its node; on the front board that of the axle.\n\n\
              | state | LED |\n|---|---|\n";
-    for (state, pattern) in led::PATTERNS {
-        let _ = writeln!(text, "| {} | {pattern} |", state.name());
+    for state in OperatingState::ALL {
+        let _ = writeln!(text, "| {} | {} |", state.name(), led::Pattern(state));
     }
+    text += "| – | 20 flashes a second: the crystal is missing or has not 8 MHz; the board tries again every 2 s |\n";
     text
 }
 

@@ -74,8 +74,8 @@ fn a_fit_in_pieces_is_the_same_fit_and_its_end_a_good_start() {
         searched += 1;
         while search.is_open() {
             let before = search.evaluations;
-            solver.go_on(&mut search, MAX_EVALUATIONS);
-            assert!(search.evaluations - before <= MAX_DESCENT as u8);
+            solver.go_on(&mut search, MAX_EVALUATIONS, 5);
+            assert!(search.evaluations - before <= 5);
         }
         let found = solver.finish(&search).unwrap();
         assert!(!whole.converged || found.chi_square < whole.chi_square + SUSPICIOUS);

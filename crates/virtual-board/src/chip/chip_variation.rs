@@ -12,8 +12,13 @@ pub struct ChipVariation {
     pub crystal_start: Time,
     /// Whether a clock, and not a crystal, is soldered to the oscillator's input.
     pub external_clock: bool,
+    /// Frequency of the fast internal oscillator, Hz (data sheet: 16 MHz ± 1 % at 25 °C, − 8 to + 4.5 % over
+    /// all temperatures).
+    pub internal_hz: u64,
     /// Frequency of the slow internal oscillator, Hz (data sheet: 17 to 47 kHz).
     pub slow_hz: u64,
+    /// Brown-out level in the option bytes, 0 the highest and 3 none, as a flasher has written it.
+    pub brown_out: u32,
     /// Errors of the analogue converter.
     pub converter: Errors,
     /// Makes the unique identifier, what memory shows after power came on, what an operation of the
@@ -27,7 +32,9 @@ impl Default for ChipVariation {
             crystal_hz: 8_000_000,
             crystal_start: Time::from_micros(2_000),
             external_clock: false,
+            internal_hz: 16_000_000,
             slow_hz: 32_000,
+            brown_out: 3,
             converter: Errors::default(),
             seed: 1,
         }

@@ -28,6 +28,7 @@ mod reset;
 mod schedule;
 mod shared;
 mod spi;
+mod tim11;
 mod timer;
 mod trace;
 mod transfer;
@@ -95,6 +96,7 @@ struct Units {
     syscfg: exti::Syscfg,
     /// TIM1 first.
     timers: [timer::Timer; 5],
+    tim11: tim11::Tim11,
     adc: adc::Adc,
     dma1: dma::Dma,
     dma2: dma::Dma,
@@ -115,6 +117,7 @@ impl Units {
             exti: exti::Exti::default(),
             syscfg: exti::Syscfg::default(),
             timers: timer::Kind::ALL.map(timer::Timer::new),
+            tim11: tim11::Tim11::default(),
             adc: adc::Adc::default(),
             dma1: dma::Dma::new(dma::Controller::Dma1),
             dma2: dma::Dma::new(dma::Controller::Dma2),
@@ -187,6 +190,7 @@ impl Chip {
     /// Has the chip be another than a typical one; to be called while its power is off.
     pub fn set_variation(&mut self, variation: ChipVariation) {
         self.shared.variation = variation;
+        self.flash.set_brown_out(variation.brown_out);
         self.power_off(0);
     }
 
@@ -230,12 +234,6 @@ impl Chip {
     /// The bytes of the flash.
     pub fn flash(&mut self) -> &mut Vec<u8> {
         self.flash.bytes_mut()
-    }
-
-    /// Sets the brown-out level in the option bytes, 0 the highest and 3 none, as an earlier program has
-    /// done; in force from the next power-on.
-    pub fn set_brown_out(&mut self, level: u32) {
-        self.flash.set_brown_out(level);
     }
 
     /// The operations of the flash that the program has begun so far.
@@ -437,6 +435,7 @@ impl Chip {
             Unit::Tim1 | Unit::Tim2 | Unit::Tim3 | Unit::Tim4 | Unit::Tim5 => {
                 &mut u.timers[unit.timer()]
             }
+            Unit::Tim11 => &mut u.tim11,
             Unit::Adc => &mut u.adc,
             Unit::Dma1 => &mut u.dma1,
             Unit::Dma2 => &mut u.dma2,

@@ -35,8 +35,11 @@ impl Chip {
         }
         self.flash.reset(power_on, shared);
         self.units.can1.reset(shared);
-        shared.clocks = Clocks::RESET;
-        self.set_frequency(Clocks::RESET.hclk_hz);
+        shared.clocks = Clocks {
+            hclk_hz: shared.variation.internal_hz,
+            ..Clocks::RESET
+        };
+        self.set_frequency(self.shared.clocks.hclk_hz);
         let (units, shared) = (&mut self.units, &mut self.shared);
         units.rcc.begin(before.rcc.kept(cause), cause, shared);
         if !power_on {
@@ -147,6 +150,7 @@ impl Chip {
                 std::mem::swap(&mut units.timers[timer], &mut new.timers[timer]);
             }
             Unit::Adc => units.adc.reset(),
+            Unit::Tim11 => units.tim11 = new.tim11,
             Unit::Dma1 => units.dma1 = new.dma1,
             Unit::Dma2 => units.dma2 = new.dma2,
             Unit::Spi1 => units.spi1 = new.spi1,

@@ -40,6 +40,8 @@ pub(crate) struct Shared {
     sample: Option<Sample>,
     /// What differs from one chip to the next.
     pub variation: ChipVariation,
+    /// Period of the crystal divided for the real-time clock, while both are on.
+    pub divided_crystal: Option<Time>,
     /// Supply of the chip, V.
     pub volts: f64,
     /// The access ends in a bus error.
@@ -64,6 +66,7 @@ impl Shared {
             circuit,
             sample: None,
             variation: ChipVariation::default(),
+            divided_crystal: None,
             volts: 3.3,
             bus_error: false,
             held_until: 0,

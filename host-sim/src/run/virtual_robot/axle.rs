@@ -26,6 +26,7 @@ const ENCODER: [[Pin; 2]; 2] = [
 const SELECT: Pin = Pin::new('A', 4);
 const STRAP: Pin = Pin::new('C', 13);
 const BUTTON: Pin = Pin::new('A', 0);
+const LED: Pin = Pin::new('C', 12);
 
 /// Supply of chip, amplifiers and sensors, V.
 const LOGIC_V: f64 = 3.3;
@@ -109,6 +110,8 @@ pub struct AxleBoard {
     pub(super) thermistor: Thermistor,
     pub(super) stop: Contact,
     pub(super) button: Contact,
+    /// Edges of the LED; it is lit at every other one, from the first on.
+    pub(super) led: Vec<Time>,
     /// The strap's contact, and whether the chip knows.
     strap: (bool, bool),
     /// Times of scheduled events at the drivers.
@@ -150,6 +153,7 @@ impl AxleBoard {
             thermistor: Thermistor::default(),
             stop: Contact::new(true, BOUNCE, seed(4)),
             button: Contact::new(false, BOUNCE, seed(5)),
+            led: Vec::new(),
             strap: (parts.rear, false),
             looks: Vec::new(),
             faults: [Drive::Open; 2],
@@ -223,6 +227,8 @@ impl Circuit for AxleBoard {
                 .drivers
                 .iter_mut()
                 .for_each(|driver| driver.awake(level, at)),
+            LED if (drive == Drive::Low) != self.led.len().is_multiple_of(2) => {}
+            LED => self.led.push(at),
             SELECT => {
                 if let Some(inertial) = &mut self.inertial {
                     inertial.select(drive == Drive::Low, at);

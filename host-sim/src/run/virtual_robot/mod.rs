@@ -48,6 +48,7 @@ use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use tools::{Instruments, Tools};
 use virtual_board::Time;
 use virtual_board::board::Board;
+use virtual_board::chip::ChipVariation;
 use virtual_board::device::Motion;
 use virtual_board::network::Network;
 use virtual_board::wire::{Id, Wire};
@@ -81,8 +82,22 @@ pub struct Options {
     pub instruments: Instruments,
     /// Crystals that are off by so much, parts in 10⁹; by chance, if not given.
     pub fast_ppb: [Option<i64>; 3],
+    /// Changes a chip beyond what the seed draws.
+    pub vary: fn(Role, &mut ChipVariation),
     /// Nodes at the bus beside the boards.
     pub others: usize,
+}
+
+/// A chip within the limits of its data sheet.
+fn chip(seed: u64) -> ChipVariation {
+    let mut random = generator(seed, 0, Stream::Other(0x201));
+    ChipVariation {
+        crystal_start: Time::from_micros(random.random_range(1_000..=5_000)),
+        internal_hz: random.random_range(15_840_000..=16_160_000),
+        slow_hz: random.random_range(17_000..=47_000),
+        seed,
+        ..ChipVariation::default()
+    }
 }
 
 impl Default for Options {
@@ -93,6 +108,7 @@ impl Default for Options {
             power_on_ms: [0; 3],
             instruments: Instruments::default(),
             fast_ppb: [None; 3],
+            vary: |_, _| {},
             others: 0,
         }
     }
@@ -188,6 +204,9 @@ impl VirtualRobot {
                     Board::new(Box::new(AxleBoard::new(&parts)), fast_ppb)
                 }
             };
+            let mut variation = chip(part_seed);
+            (options.vary)(role, &mut variation);
+            board.chip().set_variation(variation);
             board.flash(images.of(role));
             let kept = store::sectors(scenario, role, &bridges)?;
             let flash = board.chip().flash();

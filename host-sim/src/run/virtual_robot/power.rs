@@ -10,6 +10,10 @@ pub const BATTERY_V: f64 = 12.0;
 /// Supply of chip, amplifiers and sensors, V.
 const LOGIC_V: f64 = 3.3;
 
+/// Fall of the rail, s/V, and the steps in which the chip sees a fall.
+const FALL_S_PER_V: f64 = 100e-6;
+const FALL_STEPS: u32 = 100;
+
 /// Supplies and clock of a board.
 pub struct Power {
     /// The battery, with what the drivers get of it.
@@ -36,9 +40,16 @@ impl Power {
         self.rail.at(at)
     }
 
-    /// The rail stands at another voltage from one time to another.
+    /// The rail falls to another voltage and comes back at a time, once it is there: 10 µF discharged by 0.1 A.
     pub fn dip(&mut self, from: Time, to: Time, volts: f64) {
-        self.rail = Profile::through([(from, LOGIC_V), (from, volts), (to, volts), (to, LOGIC_V)]);
+        let fall = |share: f64| {
+            let depth = share * (LOGIC_V - volts);
+            let after = Time::from_nanos((depth * FALL_S_PER_V * 1e9) as u64);
+            (from + after, LOGIC_V - depth)
+        };
+        let falls = (0..=FALL_STEPS).map(|k| fall(f64::from(k) / f64::from(FALL_STEPS)));
+        let to = to.max(fall(1.0).0);
+        self.rail = Profile::through(falls.chain([(to, volts), (to, LOGIC_V)]));
     }
 
     /// The crystal stops at a time, or starts.

@@ -25,8 +25,6 @@ use crate::finding::Kind;
 use crate::time::{NEVER, Time, Timebase};
 use tree::Pll;
 
-/// Frequency of the internal oscillator, Hz.
-const INTERNAL_HZ: u64 = 16_000_000;
 /// Stands for no clock at all; a cycle is then as long as the time base can have it.
 const STALLED_HZ: u64 = 1_000;
 /// Start-up of the internal oscillator, the slow one, and the PLL.
@@ -165,6 +163,7 @@ impl Rcc {
     /// After a reset.
     pub fn begin(&mut self, kept: Kept, cause: Cause, shared: &mut Shared) {
         self.causes = kept.causes | cause.flags();
+        self.clocks = shared.clocks;
         self.crystal_dead = kept.crystal_dead;
         *self.reg_mut(BDCR) = kept.backup;
         let delay = if cause.is_power() {
@@ -259,7 +258,7 @@ impl Rcc {
 
     fn source_hz(&self, which: usize, shared: &Shared) -> u64 {
         match which {
-            INTERNAL => INTERNAL_HZ,
+            INTERNAL => shared.variation.internal_hz,
             CRYSTAL => shared.variation.crystal_hz,
             _ => self.pll(shared).core_hz,
         }
@@ -286,6 +285,11 @@ impl Rcc {
     }
 
     fn plan(&self, shared: &mut Shared) {
+        let divider = u64::from(self.reg(8) >> 16 & 31);
+        let hz = shared.variation.crystal_hz;
+        let divided = Time(divider * 1_000_000_000_000 / hz.max(1));
+        let runs = self.oscillators[CRYSTAL].ready && divider >= 2;
+        shared.divided_crystal = runs.then_some(divided);
         let dues = self.oscillators.iter().filter_map(|one| one.due);
         let next = dues.chain(self.release).min();
         let cycle = next.map_or(NEVER, |at| shared.base.cycle_of(at).max(shared.now + 1));
@@ -381,6 +385,7 @@ impl Rcc {
         if !self.follow_switch(shared) && (value ^ old) & 0xfcf0 != 0 {
             self.update(shared);
         }
+        self.plan(shared);
     }
 
     /// Switches to the oscillator that is asked for as soon as it is ready.

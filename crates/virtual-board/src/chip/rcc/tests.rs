@@ -59,7 +59,7 @@ fn clock_security_takes_over_when_the_crystal_fails() {
     rcc.write(0x00, 0x0109_0081, !0, &mut shared);
     shared.effects.clear();
     rcc.crystal(false, &mut shared);
-    assert_eq!(rcc.clocks.hclk_hz, INTERNAL_HZ);
+    assert_eq!(rcc.clocks.hclk_hz, 16_000_000);
     assert!(shared.effects.contains(&Effect::ClockFailure));
     assert_ne!(rcc.read(0x0c, &mut shared) & 1 << 7, 0);
     rcc.write(0x0c, 1 << 23, !0, &mut shared);
@@ -135,7 +135,7 @@ fn a_prescaler_of_a_bus_alone_is_told_too() {
     let (mut rcc, mut shared) = (Rcc::default(), shared());
     rcc.write(0x08, 4 << 10, !0, &mut shared);
     assert_eq!((shared.clocks.apb1, shared.clocks.timer1), (2, 1));
-    assert!(shared.effects.iter().eq(&[Effect::Frequency(INTERNAL_HZ)]));
+    assert!(shared.effects.iter().eq(&[Effect::Frequency(16_000_000)]));
 }
 
 #[test]

@@ -19,6 +19,7 @@ use rand::RngExt;
 use std::ops::Range;
 use virtual_board::Time;
 use virtual_board::chip::FlashOperation;
+use virtual_board::finding::Kind;
 use virtual_board::wire::{Frame, Id};
 
 /// Result of a trial: the number of cases, or the failure.
@@ -113,7 +114,8 @@ impl Bench {
     fn complaint(&mut self, role: Role) -> Option<String> {
         let mut complaint = None;
         self.board(role, |board| {
-            let finding = board.chip().findings().list().first();
+            let mut findings = board.chip().findings().list().iter();
+            let finding = findings.find(|found| found.kind != Kind::Reset);
             complaint = finding.map(ToString::to_string);
         });
         complaint

@@ -23,9 +23,6 @@ use virtual_board::wire::{BitTiming, Fault, Settings, VirtualNode};
 /// Place of the node at the bus that is no board.
 pub const OTHER: usize = Role::ALL.len();
 
-/// Level 3 of the brown-out reset.
-const BROWN_OUT: u32 = 0;
-
 /// The robot, and whom a fault strikes.
 pub struct Bench {
     pub robot: VirtualRobot,
@@ -74,10 +71,6 @@ impl Bench {
         let mut node = VirtualNode::new(Settings::new(BitTiming::megabit()));
         node.babble(None);
         robot.network.add(node);
-        // All but its first start: the brown-out level has been set by the one before.
-        for board in robot.network.boards() {
-            board.chip().set_brown_out(BROWN_OUT);
-        }
         let mut bench = Self {
             robot,
             random: generator(seed, 0, Stream::Other(0x300)),

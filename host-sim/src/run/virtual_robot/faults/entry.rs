@@ -6,6 +6,7 @@ use crate::base::error::Error;
 use crate::run::virtual_robot::Options;
 use core_algos::safety::Condition;
 use core_algos::topology::Role;
+use virtual_board::chip::ChipVariation;
 
 /// Entries of the catalogue: name, seam, run with its acts, then how it may end.
 macro_rules! entries {
@@ -87,6 +88,8 @@ pub struct Entry {
     pub fast_ppb: [Option<i64>; 3],
     /// Power-on time of each board, ms.
     pub power_on_ms: [u64; 3],
+    /// Changes a chip beyond what the seed draws.
+    pub vary: fn(Role, &mut ChipVariation),
 }
 
 /// Longest time that a stop takes: the slowest fault is noticed 0.1 s after it came, and a stop ends
@@ -113,6 +116,7 @@ impl Entry {
             rest_ms: 250,
             fast_ppb: [None; 3],
             power_on_ms: [0; 3],
+            vary: |_, _| {},
         }
     }
 
@@ -121,6 +125,7 @@ impl Entry {
         Options {
             power_on_ms: self.power_on_ms,
             fast_ppb: self.fast_ppb,
+            vary: self.vary,
             ..Options::default()
         }
     }
@@ -214,6 +219,12 @@ impl Entry {
     /// A board's crystal is fast.
     pub fn fast(mut self, role: Role, ppb: i64) -> Self {
         self.fast_ppb[role as usize] = Some(ppb);
+        self
+    }
+
+    /// Chips are others.
+    pub fn vary(mut self, vary: fn(Role, &mut ChipVariation)) -> Self {
+        self.vary = vary;
         self
     }
 

@@ -42,6 +42,32 @@ fn stuck(bench: &mut Bench, half: Half, upper: bool) {
     bench.at_wheel(|axle, side, now| axle.drivers[side].set_stuck(half, Some(upper), now));
 }
 
+/// The LED of the struck board blinks the code of the emergency stop, 0x80.
+fn blinks_code(bench: &mut Bench) -> Option<String> {
+    let from = bench.now();
+    bench.pass(10_000);
+    let mut digits = Vec::new();
+    bench.axle(bench.struck?, |axle, _| {
+        let edges: Vec<f64> = axle.led.iter().map(|at| at.seconds()).collect();
+        // Lit from every even edge to the next one.
+        for lit in edges.chunks_exact(2).filter(|lit| lit[0] > from.seconds()) {
+            let dark = digits
+                .last()
+                .map_or(f64::MAX, |&(_, end): &(u32, f64)| lit[0] - end);
+            let long = lit[1] - lit[0] > 0.5;
+            match digits.last_mut() {
+                Some(last) if dark < 0.5 && !long => *last = (last.0 + 1, lit[1]),
+                _ => digits.push((u32::from(!long), lit[1])),
+            }
+        }
+    });
+    let digits: Vec<u32> = digits.into_iter().map(|(digit, _)| digit).collect();
+    let shows = digits
+        .windows(3)
+        .any(|three| matches!(three, [8, 0, _] | [_, 8, 0]));
+    (!shows).then(|| format!("the LED blinks {digits:?}: must be 8, 0"))
+}
+
 pub fn entries() -> Vec<Entry> {
     [drivers(), motors()].concat()
 }
@@ -86,6 +112,6 @@ fn motors() -> Vec<Entry> {
         "emergency stop", "contact", drive(|b| {
             let (role, _) = b.wheel();
             b.axle(role, |axle, now| axle.stop(true, now));
-        }).stops(&[EmergencyStop]).own_within(CUT_S);
+        }).stops(&[EmergencyStop]).own_within(CUT_S).check(blinks_code);
     }
 }

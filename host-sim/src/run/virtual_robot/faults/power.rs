@@ -2,6 +2,7 @@
 
 use super::bench::Bench;
 use super::entry::{Entry, STOP_S, at, entries};
+use super::program::by_the_program;
 use core_algos::safety::Condition::{self, *};
 use core_algos::topology::Role;
 use virtual_board::Time;
@@ -90,10 +91,12 @@ fn batteries() -> Vec<Entry> {
 
 fn rails() -> Vec<Entry> {
     entries! {
-        "brown-out of an axle's board", "3.3 V", drive(|b| { dip(b, struck, 2.4, 500) })
-            .stops(GONE).own_within(0.001).resets(&[Role::Front, Role::Rear]);
-        "brown-out of the beam's board", "3.3 V", drive(|b| { dip(b, beam, 2.4, 500) })
-            .goes_on().resets(&[Role::Beam]);
+        "rail of an axle's board at 2.4 V for 0.5 ms", "3.3 V", drive(|b| { dip(b, struck, 2.4, 500) })
+            .stops(FAILED).own_within(0.001).restarts().check(by_the_program).finds(&["reset"]);
+        "the same, brown-out level 3", "3.3 V, option bytes", drive(|b| { dip(b, struck, 2.4, 500) })
+            .vary(|_, chip| chip.brown_out = 0).stops(FAILED).own_within(0.001).resets(&[Role::Front, Role::Rear]);
+        "rail of the beam's board at 2.4 V for 0.5 ms", "3.3 V", drive(|b| { dip(b, beam, 2.4, 500) })
+            .goes_on().restarts().check(by_the_program).finds(&["reset"]);
         "rail at 2.95 V for 5 ms", "3.3 V", drive(|b| { dip(b, struck, 2.95, 5000) }).goes_on();
         "an axle's board without power for 0.2 s", "board's supply", steps(&[
             at(0, |b| power(b, struck, false)),

@@ -5,6 +5,24 @@ use super::entry::{Entry, at, entries};
 use super::power::{beam, crystal, struck};
 use core_algos::topology::Role;
 
+/// The LED of the front board has flashed 20 times a second.
+fn blinks_fast(bench: &mut Bench) -> Option<String> {
+    let mut halves = 0;
+    let mut spans = Vec::new();
+    bench.axle(Role::Front, |axle, _| {
+        spans = axle
+            .led
+            .windows(2)
+            .map(|edges| (edges[1] - edges[0]).micros())
+            .collect();
+        halves = spans
+            .iter()
+            .filter(|us| (24_500..25_500).contains(*us))
+            .count();
+    });
+    (halves < 20).then(|| format!("{halves} halves of a blink at the LED: must be 20 and more"))
+}
+
 pub fn entries() -> Vec<Entry> {
     [orders(), buses(), others()].concat()
 }
@@ -69,6 +87,12 @@ fn others() -> Vec<Entry> {
             .resets(&[Role::Front, Role::Rear]).finds(&["reset"]);
         "crystal of the beam's board dead for good", "crystal", start(&[at(0, |b| crystal(b, beam, false))])
             .unready().resets(&[Role::Beam]).finds(&["reset"]);
+        "crystal of the front board at 12 MHz", "crystal", start(&[])
+            .vary(|role, chip| if role == Role::Front { chip.crystal_hz = 12_000_000 })
+            .resets(&[Role::Front, Role::Rear]).check(blinks_fast).finds(&["reset"]);
+        "slow oscillators at 17 kHz", "LSI", start(&[]).vary(|_, chip| chip.slow_hz = 17_000).goes_on();
+        "slow oscillators at 47 kHz", "LSI", start(&[]).vary(|_, chip| chip.slow_hz = 47_000).goes_on();
+        "internal oscillators 4 % slow", "HSI", start(&[]).vary(|_, chip| chip.internal_hz = 15_360_000).goes_on();
         "emergency stop open from the start", "contact", start(&[at(0, |b| {
             let role = b.wheel().0;
             b.axle(role, |axle, now| axle.stop(true, now));

@@ -1,0 +1,86 @@
+//! Frequency of the crystal, measured against the internal oscillator before the core runs on it.
+//!
+//! A crystal of another frequency would change every time constant, and the bus would hear nothing. TIM11 counts
+//! the internal oscillator, 16 MHz, from one edge of the divided crystal to another (RM0090, 19.5.11). The internal
+//! oscillator is good to −8 and +4.5 % over all temperatures, 1 % at 25 °C (data sheet).
+
+use embassy_stm32::pac::gpio::vals::Moder;
+use embassy_stm32::pac::timer::vals::CcmrInputCcs;
+use embassy_stm32::pac::{GPIOC, RCC, TIM11};
+
+/// Frequency of the crystal, Hz.
+const HZ: u32 = 8_000_000;
+/// Frequency of the internal oscillator, Hz.
+const INTERNAL_HZ: u32 = 16_000_000;
+/// Largest deviation, %.
+const TOLERANCE: u32 = 9;
+/// Divider of the crystal before the timer, and edges in a capture.
+const DIVIDER: u32 = 31;
+const EDGES: u32 = 8;
+/// Captures of a measurement: 4 ms at most must lie between two of them.
+const CAPTURES: u32 = 32;
+/// Looks at a flag, some 10 cycles each: 0.1 s and 1 ms.
+const START_LOOKS: u32 = 160_000;
+const CAPTURE_LOOKS: u32 = 1_600;
+/// The internal input of TIM11 by its option register.
+const HSE_RTC: u32 = 2;
+/// A half of the LED's blink, turns of a delay of three cycles: 20 flashes a second.
+const BLINK: u32 = INTERNAL_HZ / 3 / 40;
+
+/// Goes on if the crystal has its frequency. Otherwise the LED blinks until the watchdog resets the board, which
+/// tries again.
+pub(crate) fn check() {
+    let found = start().and_then(|()| measure());
+    if found.is_some_and(|hz| hz.abs_diff(HZ) <= HZ / 100 * TOLERANCE) {
+        return;
+    }
+    defmt::error!("crystal: {} Hz, must be {} Hz", found, HZ);
+    RCC.ahb1enr().modify(|w| w.set_gpiocen(true));
+    GPIOC.moder().modify(|w| w.set_moder(12, Moder::OUTPUT));
+    loop {
+        GPIOC.bsrr().write(|w| w.set_br(12, true));
+        cortex_m::asm::delay(BLINK);
+        GPIOC.bsrr().write(|w| w.set_bs(12, true));
+        cortex_m::asm::delay(BLINK);
+    }
+}
+
+/// Switches the crystal on; `None` if it does not start within 0.1 s.
+fn start() -> Option<()> {
+    RCC.cr().modify(|w| w.set_hseon(true));
+    (0..START_LOOKS)
+        .find(|_| RCC.cr().read().hserdy())
+        .map(drop)
+}
+
+/// Its frequency, Hz; `None` if no edges come.
+fn measure() -> Option<u32> {
+    RCC.cfgr().modify(|w| w.set_rtcpre(DIVIDER as u8));
+    RCC.apb2enr().modify(|w| w.set_tim11en(true));
+    TIM11.or().write_value(HSE_RTC);
+    TIM11.ccmr_input(0).write(|w| {
+        w.set_ccs(0, CcmrInputCcs::TI4);
+        w.set_icpsc(0, 3);
+    });
+    TIM11.ccer().write(|w| w.set_cce(0, true));
+    TIM11.cr1().write(|w| w.set_cen(true));
+    let mut last = capture()?;
+    let mut counts = 0;
+    for _ in 0..CAPTURES {
+        let next = capture()?;
+        counts += u32::from(next.wrapping_sub(last));
+        last = next;
+    }
+    RCC.apb2rstr().modify(|w| w.set_tim11rst(true));
+    RCC.apb2rstr().modify(|w| w.set_tim11rst(false));
+    RCC.apb2enr().modify(|w| w.set_tim11en(false));
+    let edges = u64::from(DIVIDER * EDGES * CAPTURES);
+    let hz = u64::from(INTERNAL_HZ) * edges / u64::from(counts.max(1));
+    Some(hz.min(u32::MAX.into()) as u32)
+}
+
+/// The count at the next capture.
+fn capture() -> Option<u16> {
+    (0..CAPTURE_LOOKS).find(|_| TIM11.sr().read().ccif(0))?;
+    Some(TIM11.ccr(0).read().ccr())
+}
