@@ -9,6 +9,7 @@
 //! [`Solver`] is valid by construction; [`Solver::fit`] is infallible and bounded (at most
 //! [`MAX_EVALUATIONS`] shapes); it gives `None` where no finite fit exists.
 
+mod descent;
 mod fit;
 mod minimum;
 mod ray;
@@ -19,6 +20,7 @@ use super::polynomial::Interpolant;
 use super::strip::{GaugeMask, MAX_GAUGES, Strip};
 use crate::math::matrix::{Mat3, cholesky, cholesky_solve};
 use crate::math::trig::{ln, sin_cos, sinc};
+use descent::Descent;
 pub use fit::Fit;
 use minimum::{Minimum, is_suspicious, lower, told};
 use ray::{Leg, Parameters, Ray};
@@ -26,13 +28,9 @@ pub use start::Start;
 pub use wrench::Wrench;
 /// Most shapes computed for one fit.
 pub const MAX_EVALUATIONS: u8 = 40;
-/// Most shapes computed from one start.
-const MAX_DESCENT: u8 = 10;
 /// A step this small, in squared standard deviations of the parameters, ends the iteration; what
 /// it leaves is smaller by its square.
 const CONVERGED: f32 = 1e-2;
-/// A step as small as this leaves the rest to the refinement, where there will be one.
-const CLOSE: f32 = 4.0;
 /// Weight of the load's prior in its tail: cost `TAIL` ln(1 + |f|²/σ²).
 const TAIL: f32 = 3.0;
 /// Weight of the tail once the load is known.
@@ -76,16 +74,6 @@ impl Search {
         let best = self.best.as_ref().filter(|_| self.elsewhere)?;
         Some(Start(best.parameters))
     }
-}
-
-/// A descent from a start: the lowest point so far.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Descent {
-    lowest: Minimum,
-    damping: f32,
-    /// Steps, with the start.
-    steps: u8,
-    done: bool,
 }
 
 /// A computed shape: curvatures at the gauges, and both ends.
@@ -518,101 +506,6 @@ impl Solver {
             (refined, promise < CONVERGED)
         } else {
             (from, true)
-        }
-    }
-
-    fn descend(
-        &self,
-        start: Parameters,
-        readings: &Readings,
-        evaluations: &mut u8,
-    ) -> Option<Minimum> {
-        let mut descent = self.start_at(start, readings, evaluations)?;
-        while !descent.done {
-            self.descend_once(&mut descent, readings, evaluations);
-        }
-        Some(descent.lowest)
-    }
-
-    /// A descent that has computed the shape of its start. `None` if the budget is used up or the shape is not
-    /// finite.
-    fn start_at(
-        &self,
-        parameters: Parameters,
-        readings: &Readings,
-        evaluations: &mut u8,
-    ) -> Option<Descent> {
-        if *evaluations >= readings.budget {
-            return None;
-        }
-        let shape = self.shape(parameters);
-        let normal = self.normal(&shape, parameters, readings);
-        *evaluations += 1;
-        normal.cost.is_finite().then_some(Descent {
-            lowest: Minimum {
-                parameters,
-                shape,
-                normal,
-                converged: false,
-            },
-            damping: 0.0,
-            steps: 1,
-            done: false,
-        })
-    }
-
-    /// One step of a descent: at most one shape.
-    fn descend_once(&self, descent: &mut Descent, readings: &Readings, evaluations: &mut u8) {
-        let Descent {
-            lowest,
-            damping,
-            steps,
-            done,
-        } = descent;
-        if *evaluations >= readings.budget || *steps >= MAX_DESCENT {
-            *done = true;
-            return;
-        }
-        *steps += 1;
-        let mut hessian = lowest.normal.hessian;
-        for i in 0..3 {
-            hessian[i][i] *= 1.0 + *damping;
-        }
-        let Some(factor) = cholesky(&hessian) else {
-            *damping = 10.0 * *damping + 1e-3;
-            return;
-        };
-        let step = cholesky_solve(&factor, &lowest.normal.descent);
-        // Decrease that the step promises, in squared standard deviations.
-        let mut promise = 0.0;
-        for i in 0..3 {
-            promise += step[i] * lowest.normal.descent[i];
-        }
-        // The refinement that follows makes this step too; other minima are compared with what
-        // it will reach. A large load must show what it reaches.
-        let modest = lowest.parameters[1].abs() <= self.large_load();
-        if *damping == 0.0 && modest && promise < CLOSE && told(&lowest.normal) {
-            lowest.normal.cost -= promise;
-            (lowest.converged, *done) = (true, true);
-            return;
-        }
-        let mut trial = lowest.parameters;
-        for i in 0..3 {
-            trial[i] += step[i];
-        }
-        let trial = bounded(trial);
-        let shape = self.shape(trial);
-        let normal = self.normal(&shape, trial, readings);
-        *evaluations += 1;
-        // The slack covers rounding in the sum of squares.
-        if normal.cost <= lowest.normal.cost * (1.0 + 1e-5) + 1e-3 {
-            (lowest.parameters, lowest.shape, lowest.normal) = (trial, shape, normal);
-            *damping = if *damping > 1e-3 { 0.1 * *damping } else { 0.0 };
-        } else {
-            *damping = 10.0 * *damping + 1e-2;
-        }
-        if promise < CONVERGED {
-            (lowest.converged, *done) = (true, true);
         }
     }
 }

@@ -3,6 +3,7 @@
 use super::power::{BATTERY_V, Power};
 use crate::scenario::Scenario;
 use crate::world::drawn::Drawn;
+use crate::world::random::{Stream, generator, normal};
 use core_algos::topology::Role;
 use virtual_board::Time;
 use virtual_board::chip::{Circuit, Drive, Inputs, Pin};
@@ -78,6 +79,8 @@ impl AxleParts {
             &scenario.world.sensors.gyro,
             &scenario.world.sensors.accelerometer,
         );
+        // The average at rest takes the bias away; what comes after it is that of the world's sensors.
+        let mut random = generator(seed, 0, Stream::Other(0x202));
         let third = |value: f64| [0.0, 0.0, value];
         let first = |value: f64| [value, 0.0, 0.0];
         Self {
@@ -86,10 +89,10 @@ impl AxleParts {
             phase: drawn.encoder_phase[k],
             inertial: gyro.fitted.then(|| InertialConfig {
                 gyro_density: gyro.noise_density,
-                gyro_bias: third(drawn.gyro_bias[k]),
+                gyro_bias: third(normal(&mut random, gyro.bias_sigma)),
                 gyro_scale: third(drawn.gyro_scale_error[k]),
                 accel_density: accelerometer.noise_density,
-                accel_bias: first(drawn.accelerometer_bias[k]),
+                accel_bias: first(normal(&mut random, accelerometer.bias_sigma)),
                 accel_scale: first(drawn.accelerometer_scale_error[k]),
                 ..InertialConfig::default()
             }),
@@ -122,15 +125,50 @@ pub struct AxleBoard {
     fresh: bool,
 }
 
+/// Drivers with their motors, amplifiers, and the resistors of the supply's divider, Ω, within their tolerances.
+fn power_parts(parts: &AxleParts) -> ([Drv8874; 2], [Amplifier; 2], [f64; 2]) {
+    // Standard deviations of a third of the data sheets' tolerances, relative ones but the offset's, V.
+    let mut random = generator(parts.seed, 0, Stream::Other(0x203));
+    let mut scaled = |nominal: f64, sigma: f64| nominal * (1.0 + normal(&mut random, sigma));
+    let resistors = [47e3, 10e3].map(|ohm| scaled(ohm, 3e-3));
+    let mut driver = || {
+        let nominal = MotorConfig::default();
+        let motor = Motor::new(MotorConfig {
+            resistance_ohm: scaled(nominal.resistance_ohm, 0.03),
+            inductance_h: scaled(nominal.inductance_h, 0.06),
+            constant_nm_a: scaled(nominal.constant_nm_a, 0.02),
+        });
+        let nominal = DriverConfig::default();
+        let config = DriverConfig {
+            on_ohm: scaled(nominal.on_ohm, 0.06),
+            trip_a: scaled(nominal.trip_a, 0.02),
+            ..nominal
+        };
+        Drv8874::new(config, motor, parts.battery_v)
+    };
+    let drivers = [driver(), driver()];
+    let mut amplifier = |k: u64| {
+        let config = AmplifierConfig {
+            gain_error: normal(&mut random, 4e-3),
+            offset_v: normal(&mut random, 8e-6),
+            ..AmplifierConfig::default()
+        };
+        Amplifier::new(config, part_seed(parts.seed, 1 + k))
+    };
+    let amplifiers = [amplifier(0), amplifier(1)];
+    (drivers, amplifiers, resistors)
+}
+
+/// Seed of a part of an axle.
+fn part_seed(seed: u64, part: u64) -> u64 {
+    seed ^ part.wrapping_mul(0x9e37_79b9_7f4a_7c15)
+}
+
 impl AxleBoard {
     /// The parts at rest.
     pub fn new(parts: &AxleParts) -> Self {
-        let seed = |part: u64| parts.seed ^ part.wrapping_mul(0x9e37_79b9_7f4a_7c15);
-        let amplifier = |k: u64| Amplifier::new(AmplifierConfig::default(), seed(1 + k));
-        let driver = || {
-            let motor = Motor::new(MotorConfig::default());
-            Drv8874::new(DriverConfig::default(), motor, parts.battery_v)
-        };
+        let seed = |part: u64| part_seed(parts.seed, part);
+        let (drivers, amplifiers, resistors) = power_parts(parts);
         let encoder = |k: usize| {
             let phase = match k {
                 0 => parts.phase[k],
@@ -144,11 +182,11 @@ impl AxleBoard {
             })
         };
         Self {
-            drivers: [driver(), driver()],
-            amplifiers: [amplifier(0), amplifier(1)],
+            drivers,
+            amplifiers,
             encoders: [encoder(0), encoder(1)],
             inertial: parts.inertial.map(|config| Icm42688::new(config, seed(3))),
-            divider: Divider::new(47e3, 10e3, 100e-9, parts.battery_v),
+            divider: Divider::new(resistors[0], resistors[1], 100e-9, parts.battery_v),
             power: Power::new(parts.battery_v),
             thermistor: Thermistor::default(),
             stop: Contact::new(true, BOUNCE, seed(4)),

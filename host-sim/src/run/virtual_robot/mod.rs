@@ -11,12 +11,14 @@ pub mod faults;
 mod images;
 pub mod listener;
 mod log;
+mod options;
 mod power;
 pub mod report;
 mod store;
 pub mod tools;
 
 pub use images::Images;
+pub use options::Options;
 pub use report::BoardReport;
 
 use crate::base::error::Error;
@@ -28,7 +30,9 @@ use crate::run::robot::{FRAME_POINTS, Record, Robot, Span};
 use crate::scenario::Scenario;
 use crate::targets::BoardTraffic;
 use crate::targets::board_log::BoardLog;
+use crate::world::drawn::Drawn;
 use crate::world::random::{Stream, generator};
+use crate::world::sensors::Sensors;
 use axle::{AxleBoard, AxleMotion, AxleParts, WheelMotion};
 use beam::{BeamBoard, BridgeParts};
 use core_algos::beam::MAX_GAUGES;
@@ -48,7 +52,6 @@ use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use tools::{Instruments, Tools};
 use virtual_board::Time;
 use virtual_board::board::Board;
-use virtual_board::chip::ChipVariation;
 use virtual_board::device::Motion;
 use virtual_board::network::Network;
 use virtual_board::wire::{Id, Wire};
@@ -71,49 +74,6 @@ const BLOCKED_NM_S: f64 = 2.0;
 /// Standard gravity, m/s².
 const GRAVITY: f64 = 9.806_65;
 
-/// Options of the boards.
-#[derive(Clone, Debug)]
-pub struct Options {
-    /// Threads that the boards are spread over.
-    pub threads: usize,
-    /// Each board's power comes on so long after the first one's, ms.
-    pub power_on_ms: [u64; 3],
-    /// Instruments.
-    pub instruments: Instruments,
-    /// Crystals that are off by so much, parts in 10⁹; by chance, if not given.
-    pub fast_ppb: [Option<i64>; 3],
-    /// Changes a chip beyond what the seed draws.
-    pub vary: fn(Role, &mut ChipVariation),
-    /// Nodes at the bus beside the boards.
-    pub others: usize,
-}
-
-/// A chip within the limits of its data sheet.
-fn chip(seed: u64) -> ChipVariation {
-    let mut random = generator(seed, 0, Stream::Other(0x201));
-    ChipVariation {
-        crystal_start: Time::from_micros(random.random_range(1_000..=5_000)),
-        internal_hz: random.random_range(15_840_000..=16_160_000),
-        slow_hz: random.random_range(17_000..=47_000),
-        seed,
-        ..ChipVariation::default()
-    }
-}
-
-impl Default for Options {
-    fn default() -> Self {
-        let threads = std::thread::available_parallelism().map_or(1, usize::from);
-        Self {
-            threads: threads.min(2),
-            power_on_ms: [0; 3],
-            instruments: Instruments::default(),
-            fast_ppb: [None; 3],
-            vary: |_, _| {},
-            others: 0,
-        }
-    }
-}
-
 /// The robot.
 pub struct VirtualRobot {
     network: Network,
@@ -131,6 +91,10 @@ pub struct VirtualRobot {
     half_thickness: f64,
     /// Strains at the gauges: true strain plus drift.
     strains: [f32; MAX_GAUGES],
+    /// Biases of the inertial sensors since their average at rest, from the start of the task on.
+    sensors: Box<Sensors>,
+    started: bool,
+    biases: [[f64; 2]; 2],
     listener: Listener,
     monitor: Monitor,
     frames: u64,
@@ -143,6 +107,43 @@ pub struct VirtualRobot {
     tools: Tools,
     /// A wheel that is blocked: axle and side.
     blocked: Option<(usize, usize)>,
+}
+
+/// The boards with their parts, images and stores, without power.
+fn boards(
+    scenario: &Scenario,
+    images: &Images,
+    (seed, trial): (u64, u64),
+    options: &Options,
+    roles: &[Role],
+    (drawn, bridges): &(Drawn, Vec<BridgeParts>),
+) -> Result<Vec<Board>, Error> {
+    let mut random = generator(seed, trial, Stream::Other(0x200));
+    let mut boards = Vec::new();
+    for &role in roles {
+        let fast_ppb = random.random_range(-CRYSTAL_PPB..=CRYSTAL_PPB);
+        let fast_ppb = options.fast_ppb[role as usize].unwrap_or(fast_ppb);
+        let part_seed: u64 = random.random();
+        let mut board = match role {
+            Role::Beam => {
+                let parts = BeamBoard::new(&scenario.world.sensors.bridge, bridges, seed, trial);
+                Board::new(Box::new(parts), fast_ppb)
+            }
+            Role::Front | Role::Rear => {
+                let parts = AxleParts::of(scenario, drawn, role, part_seed);
+                Board::new(Box::new(AxleBoard::new(&parts)), fast_ppb)
+            }
+        };
+        let mut variation = options::chip(part_seed);
+        (options.vary)(role, &mut variation);
+        board.chip().set_variation(variation);
+        board.flash(images.of(role));
+        let kept = store::sectors(scenario, role, bridges)?;
+        let flash = board.chip().flash();
+        flash[store::FIRST..store::FIRST + kept.len()].copy_from_slice(&kept);
+        boards.push(board);
+    }
+    Ok(boards)
 }
 
 impl VirtualRobot {
@@ -178,6 +179,8 @@ impl VirtualRobot {
         let mut plant = plant.map_err(|error| Error::input(format!("plant.{error}")))?;
         let start = std::array::from_fn(|i| scenario.mission.start[i] + drawn.placement[i]);
         plant.place(start);
+        let sensors = Sensors::new(&scenario.world.sensors, &drawn, seed, trial)
+            .map_err(|error| Error::input(error.to_string()))?;
         let config = scenario.robot.completed();
         let gauges = scenario.world.gauges_of(&drawn, &plant);
         let bridges: Vec<BridgeParts> = (0..gauges.len())
@@ -187,32 +190,8 @@ impl VirtualRobot {
             .into_iter()
             .filter(|role| scenario.mission.rps || *role != Role::Beam)
             .collect();
-        let mut random = generator(seed, trial, Stream::Other(0x200));
-        let mut boards = Vec::new();
-        for &role in &roles {
-            let fast_ppb = random.random_range(-CRYSTAL_PPB..=CRYSTAL_PPB);
-            let fast_ppb = options.fast_ppb[role as usize].unwrap_or(fast_ppb);
-            let part_seed: u64 = random.random();
-            let mut board = match role {
-                Role::Beam => {
-                    let parts =
-                        BeamBoard::new(&scenario.world.sensors.bridge, &bridges, seed, trial);
-                    Board::new(Box::new(parts), fast_ppb)
-                }
-                Role::Front | Role::Rear => {
-                    let parts = AxleParts::of(scenario, &drawn, role, part_seed);
-                    Board::new(Box::new(AxleBoard::new(&parts)), fast_ppb)
-                }
-            };
-            let mut variation = chip(part_seed);
-            (options.vary)(role, &mut variation);
-            board.chip().set_variation(variation);
-            board.flash(images.of(role));
-            let kept = store::sectors(scenario, role, &bridges)?;
-            let flash = board.chip().flash();
-            flash[store::FIRST..store::FIRST + kept.len()].copy_from_slice(&kept);
-            boards.push(board);
-        }
+        let parts = (drawn, bridges);
+        let boards = boards(scenario, images, (seed, trial), options, &roles, &parts)?;
         let mut wire = Wire::new(boards.len() + options.others, QUANTUM, seed);
         wire.record();
         let goal = Posture::ORIGIN;
@@ -227,6 +206,9 @@ impl VirtualRobot {
             half_thickness: scenario.world.sensors.bridge.half_thickness_m,
             strains: [0.0; MAX_GAUGES],
             outline: plant.outline(FRAME_POINTS),
+            sensors: Box::new(sensors),
+            started: false,
+            biases: Default::default(),
             listener: Listener::new(&config, heard.0, heard.1)?,
             monitor: Monitor::default(),
             images: images.clone(),
@@ -417,7 +399,11 @@ impl VirtualRobot {
     /// The parts around the boards move as the plant does.
     fn show_motion(&mut self, at: Time) {
         let state = *self.plant.state();
+        if self.started {
+            self.biases = self.sensors.inertial_biases();
+        }
         for (role, axle) in [Role::Front, Role::Rear].into_iter().zip(&state.axle) {
+            let [rate, force] = self.biases[role as usize];
             let turned = self.turned[role as usize];
             let wheel = |k: usize| WheelMotion {
                 angle_rad: turned[k] + axle.motor_angle[k],
@@ -426,9 +412,9 @@ impl VirtualRobot {
             let motion = AxleMotion {
                 wheels: [wheel(0), wheel(1)],
                 inertial: Motion {
-                    rate: [0.0, 0.0, axle.velocity[2]],
+                    rate: [0.0, 0.0, axle.velocity[2] + rate],
                     rate_slope: [0.0, 0.0, axle.acceleration[2]],
-                    force: [axle.acceleration[0], axle.acceleration[1], GRAVITY],
+                    force: [axle.acceleration[0] + force, axle.acceleration[1], GRAVITY],
                     force_slope: [0.0; 3],
                 },
             };
@@ -503,6 +489,7 @@ impl Robot for VirtualRobot {
 
     fn command(&mut self, _task: Task) -> Result<(), Error> {
         self.press();
+        self.started = true;
         Ok(())
     }
 

@@ -138,12 +138,23 @@ impl InertialChannel {
         }
     }
 
+    /// Bias of this sample, and the reading's noise.
+    fn errors(&mut self) -> (f64, f64) {
+        let bias = self.bias.next(&mut self.random);
+        (bias, normal(&mut self.random, self.noise_sigma))
+    }
+
+    /// The bias that [`Self::sample`] would have; takes its place.
+    pub fn bias(&mut self) -> f64 {
+        if self.fitted { self.errors().0 } else { 0.0 }
+    }
+
     pub fn sample(&mut self, truth: f64) -> Option<f32> {
         if !self.fitted {
             return None;
         }
-        let bias = self.bias.next(&mut self.random);
-        let value = self.scale * truth + bias + normal(&mut self.random, self.noise_sigma);
+        let (bias, noise) = self.errors();
+        let value = self.scale * truth + bias + noise;
         let value = (value / self.resolution).round() * self.resolution;
         let value = value.clamp(-self.range, self.range - self.resolution);
         Some(self.delay.pass(value as f32))

@@ -245,6 +245,12 @@ impl Sensors {
         })
     }
 
+    /// Biases of the next inertial samples by axle: gyro, rad/s, and accelerometer, m/s², after the average at
+    /// rest. For sensors that are simulated elsewhere, in place of [`Self::sample`].
+    pub fn inertial_biases(&mut self) -> [[f64; 2]; 2] {
+        [0, 1].map(|axle: usize| [self.gyro[axle].bias(), self.accelerometer[axle].bias()])
+    }
+
     /// The readings one millisecond after the last call; no allocation.
     pub fn sample(&mut self, truth: &Truth) -> Samples {
         let mut samples = Samples::default();
