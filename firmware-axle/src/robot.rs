@@ -24,6 +24,7 @@ use embassy_stm32::pac::gpio::vals::Moder;
 use embassy_stm32::pac::{GPIOC, RCC};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::watch::Watch;
+use firmware_common::identity::Identity;
 use firmware_common::led::Led;
 use firmware_common::store::chip::Parameters;
 use firmware_common::watchdog::Watchdog;
@@ -108,6 +109,7 @@ fn start(
     let axis = Axis {
         motors,
         led: Led::new(p.PC12),
+        identity: Identity::new(env!("BUILD")),
         encoders,
         inertial,
         button,

@@ -21,6 +21,7 @@ use embassy_stm32::interrupt::{self, InterruptExt, Priority};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use embassy_sync::watch::Watch;
+use firmware_common::identity::Identity;
 use firmware_common::led::Led;
 use firmware_common::store::chip::Parameters;
 use firmware_common::watchdog::Watchdog;
@@ -85,6 +86,7 @@ fn start(p: Peripherals, watchdog: Watchdog, spawner: Spawner) -> Result<(), Con
     );
     let beam = Beam {
         led: Led::new(p.PC12),
+        identity: Identity::new(env!("BUILD")),
         bridges,
         sender,
         receiver,

@@ -1,5 +1,6 @@
 //! The robot with the images that users flash, on virtual boards.
 
+use host_sim::run::robot::Robot;
 use host_sim::run::virtual_robot::{Images, Options, VirtualRobot};
 use host_sim::scenario::Scenario;
 use host_sim::targets::board_log::BoardLog;
@@ -49,6 +50,13 @@ fn threads_change_no_byte_and_seeds_do() {
         "{}",
         one[1]
     );
+    let result = fs::read_to_string(folder.path().join("one/result.json")).unwrap();
+    let result: serde_json::Value = serde_json::from_str(&result).unwrap();
+    for (log, board) in one[1..].iter().zip(result["boards"].as_array().unwrap()) {
+        // What the board sends on the bus is what it logs.
+        let hash = log.lines().next().unwrap().rsplit(' ').next().unwrap();
+        assert_eq!(board["build"], hash[..6], "{board}");
+    }
     assert_eq!(one, run("two", "1", "2"));
     assert_ne!(one[0], run("other", "2", "1")[0]);
 }
@@ -151,5 +159,39 @@ fn boards_drive_in_other_than_the_default_configuration() {
         let output = hil(folder.path(), arguments);
         let error = String::from_utf8_lossy(&output.stderr);
         assert!(output.status.success(), "{arguments:?}: {error}");
+    }
+}
+
+/// With the motors off the beam board logs the noise of its bridges, which is that of gauges and converter.
+#[test]
+fn beam_board_at_rest_logs_noise_of_its_bridges() {
+    let images = Images::open(None, None, None).unwrap();
+    let scenario = Scenario::default();
+    let logs = [(); 3].map(|()| BoardLog::quiet());
+    let options = Options::default();
+    let mut robot = VirtualRobot::new(&scenario, &images, 1, 0, &options, &logs).unwrap();
+    for _ in 0..11_500 {
+        robot.step().unwrap();
+    }
+    let log = logs[2].text();
+    let line = log
+        .lines()
+        .find(|line| line.contains("noise of the bridges"));
+    let counts = line.unwrap_or_else(|| panic!("{log}"));
+    let counts = counts
+        .split(['[', ']', ','])
+        .filter_map(|part| part.trim().parse::<f64>().ok());
+    let counts: Vec<f64> = counts.filter(|&count| count > 0.0).collect();
+    // A conversion has 0.6 counts of 12 bits and the rounding's 0.29; a reading is the sum of 96.
+    let bridge = &scenario.world.sensors.bridge;
+    let gauge = bridge.noise_strain * bridge.gauge_factor * f64::from(bridge.active_gauges) / 4.0;
+    let converter = 0.6f64.hypot(0.29) / 4096.0 / 96f64.sqrt();
+    let expected = 96.0 * 4096.0 * (gauge * bridge.amplifier_gain).hypot(converter);
+    assert_eq!(counts.len(), 5, "{counts:?}");
+    for count in counts {
+        assert!(
+            (0.8..1.3).contains(&(count / expected)),
+            "{count}, expected {expected}"
+        );
     }
 }

@@ -9,3 +9,4 @@ pub mod analog;
 pub mod icm42688;
 pub mod inertial;
 pub mod oversampling;
+pub mod rest_noise;

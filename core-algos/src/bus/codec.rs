@@ -25,7 +25,7 @@
 
 use super::layout::{self, Signal, id};
 use super::message::{
-    Calibrate, CalibrationResult, LeadMode, Message, POSITION_SPAN_M, POSITION_STEP_M,
+    Calibrate, CalibrationResult, Hash24, LeadMode, Message, POSITION_SPAN_M, POSITION_STEP_M,
 };
 use crate::math::matrix::{Mat3, cholesky};
 use crate::math::trig::{exp, ln, sqrt, wrap_angle};
@@ -297,6 +297,7 @@ single! {
     bool: |flag| u8::from(flag).into(), |value| Some(value != 0.0);
     Option<u16>: |delay| delay.unwrap_or(UNKNOWN_DELAY).into(),
         |value| Some(Some(value as u16).filter(|&delay| delay != UNKNOWN_DELAY));
+    Hash24: |hash| hash.0 as f32, |value| Some(Self(value as u32));
     LeadMode: |mode| f32::from(mode as u8), |value| Self::from_number(value as u8);
     OperatingState: |state| f32::from(state as u8), |value| Self::from_number(value as u8);
     CalibrationResult: |result| f32::from(result as u8), |value| Self::from_number(value as u8);
@@ -478,6 +479,7 @@ messages! {
     };
     BEAM_CALIBRATION => BeamCalibration { sequence, calibrate };
     BEAM_CALIBRATED => BeamCalibrated { sequence, result, gauge };
+    BOARD_IDENTITY + board of Role::ALL => BoardIdentity { sequence, chip, build, schema };
 }
 
 #[cfg(test)]

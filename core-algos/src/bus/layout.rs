@@ -41,6 +41,8 @@ pub mod id {
     pub const BEAM_CALIBRATION: u16 = 0x600;
     /// Result of the calibration.
     pub const BEAM_CALIBRATED: u16 = 0x601;
+    /// Identity of the front board; plus one for the rear, plus two for the beam.
+    pub const BOARD_IDENTITY: u16 = 0x720;
 }
 
 /// One signal of a message.
@@ -225,6 +227,13 @@ const BOARD_HEALTH: [Signal; 6] = [
     Signal::signed("temperature", 8, 1.0, "degC"),
 ];
 
+const BOARD_IDENTITY: [Signal; 4] = [
+    SEQUENCE,
+    Signal::unsigned("chip", 24),
+    Signal::unsigned("build", 24),
+    Signal::unsigned("schema", 8),
+];
+
 /// A reference is two frames of one epoch, and one of them is lost twice as often as a message of one
 /// frame: it may miss one epoch more. The mode shares its limit.
 const COMMAND_TIMEOUT_MS: u16 = 60;
@@ -299,6 +308,28 @@ messages! {
         Signal::labelled("result", 8, &CalibrationResult::NAMES),
         Signal::unsigned("gauge", 4),
     ];
+    BOARD_IDENTITY, "BoardIdentityFront", FrontAxle, 1000, 5000; BOARD_IDENTITY;
+    BOARD_IDENTITY + 1, "BoardIdentityRear", RearAxle, 1000, 5000; BOARD_IDENTITY;
+    BOARD_IDENTITY + 2, "BoardIdentityBeam", Beam, 1000, 5000; BOARD_IDENTITY;
+}
+
+/// Check number of the table (FNV-1a): identifiers, widths, scales and offsets.
+pub fn schema() -> u8 {
+    let mut sum = 0x811c_9dc5_u32;
+    let mut add = |word: u32| {
+        for byte in word.to_le_bytes() {
+            sum = (sum ^ u32::from(byte)).wrapping_mul(0x0100_0193);
+        }
+    };
+    for layout in &MESSAGES {
+        add(layout.id.into());
+        for signal in layout.signals {
+            add(u32::from(signal.bits) << 1 | u32::from(signal.signed));
+            add(signal.scale.to_bits());
+            add(signal.offset.to_bits());
+        }
+    }
+    (sum ^ sum >> 8 ^ sum >> 16 ^ sum >> 24) as u8
 }
 
 /// The entry of the table for an identifier.

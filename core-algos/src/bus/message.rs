@@ -87,6 +87,27 @@ wire_enum! {
     }
 }
 
+/// A hash of 24 bits.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Hash24(pub u32);
+
+impl Hash24 {
+    /// Hash (FNV-1a) of bytes.
+    pub fn of(bytes: &[u8]) -> Self {
+        let fold = |sum: u32, byte: &u8| (sum ^ u32::from(*byte)).wrapping_mul(0x0100_0193);
+        let sum = bytes.iter().fold(0x811c_9dc5, fold);
+        Self((sum ^ sum >> 24) & 0xff_ffff)
+    }
+
+    /// First six digits of the hash at the end of the text that names an image; zero without one.
+    pub fn of_build(text: &str) -> Self {
+        let hash = text.rsplit(' ').next().unwrap_or_default();
+        let digits = hash.get(..6).unwrap_or_default();
+        Self(u32::from_str_radix(digits, 16).unwrap_or_default())
+    }
+}
+
 /// A message on the bus.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -244,5 +265,18 @@ pub enum Message {
         result: CalibrationResult,
         /// Gauge to blame, counted from the root.
         gauge: u8,
+    },
+    /// Identity of a board.
+    BoardIdentity {
+        /// The board.
+        board: Role,
+        /// Epoch modulo 256.
+        sequence: u8,
+        /// Hash of the chip's unique identifier.
+        chip: Hash24,
+        /// First digits of the hash of the image's sources.
+        build: Hash24,
+        /// [`schema`](super::layout::schema) of the image.
+        schema: u8,
     },
 }

@@ -12,6 +12,7 @@
 //! | `time_driver` | time of `embassy-time` from SysTick |
 //! | `store` | parameters in flash |
 //! | `board_id` | role of an axle board |
+//! | `identity` | identity of the board on the bus (not with `hil`) |
 //! | `led` | LED: state of the node (not with `hil`) |
 //! | `stack` | how much stack was ever used, and the guard below it |
 //! | `timing` | how late ticks come and how long they take |
@@ -41,6 +42,8 @@ pub mod critical;
 mod crystal;
 #[cfg(target_os = "none")]
 pub mod fault;
+#[cfg(all(target_os = "none", not(feature = "hil")))]
+pub mod identity;
 #[cfg(all(target_os = "none", not(feature = "hil")))]
 pub mod led;
 #[cfg(target_os = "none")]

@@ -42,7 +42,7 @@ pub(crate) fn watch() {
 /// The brown-out level in force, for the log.
 pub(crate) fn log() {
     match FLASH.optcr().read().bor_lev() {
-        3 => defmt::warn!("brown-out level off: set level 3 with the flasher"),
+        3 => defmt::info!("brown-out level off: set level 3 with the flasher"),
         level => defmt::info!("brown-out level {}", 3 - level),
     }
 }

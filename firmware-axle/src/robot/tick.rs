@@ -17,6 +17,7 @@ use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::watch;
 use firmware_common::can::{self, Receiver, Sender};
 use firmware_common::fault;
+use firmware_common::identity::Identity;
 use firmware_common::led::Led;
 use firmware_common::task_watchdog::CheckIn;
 use firmware_common::timing::{Every, Stopwatch};
@@ -62,6 +63,8 @@ pub struct Axis {
     pub inertial: Inertial,
     /// State of the node, to be seen.
     pub led: Led,
+    /// Identity of the board, for the bus.
+    pub identity: Identity,
     /// Operator's button.
     pub button: Button,
     /// Bus, outwards.
@@ -239,6 +242,9 @@ impl Axis {
             supply_v: feedback.supply_v.clamp(0.0, 25.5),
             temperature_c: warmest.clamp(-128.0, 127.0),
         });
+        if let Some(message) = self.identity.message(board, sequence(now)) {
+            self.sender.send(&message);
+        }
         self.reports.send(Report {
             feedback,
             winding_c,

@@ -57,6 +57,9 @@ pub async fn run(
             report.excitation,
             report.temperature_c
         );
+        if let Some(noise) = report.noise {
+            defmt::info!("noise of the bridges at rest over 10 s: {} counts", noise);
+        }
         defmt::info!(
             "bus off {}, {}; {}; {}",
             can::is_off(),

@@ -1,7 +1,8 @@
 //! The beam's tick, once a millisecond: sample → receive → node → calibrate → send.
 
-use core_algos::beam::calibration;
+use core_algos::acquisition::rest_noise::RestNoise;
 use core_algos::beam::procedure::{Event, Procedure};
+use core_algos::beam::{MAX_GAUGES, calibration};
 use core_algos::bus::Message;
 use core_algos::bus::message::CalibrationResult;
 use core_algos::config::ConfigError;
@@ -18,6 +19,7 @@ use embassy_sync::signal::Signal;
 use embassy_sync::watch;
 use firmware_common::can::{self, Receiver, Sender};
 use firmware_common::fault;
+use firmware_common::identity::Identity;
 use firmware_common::led::Led;
 use firmware_common::task_watchdog::CheckIn;
 use firmware_common::timing::{Every, Stopwatch};
@@ -47,6 +49,8 @@ pub struct Report {
     pub missed: u16,
     /// Times conversions were lost since the start.
     pub lost: u16,
+    /// Standard deviations of the bridges over the last 10 s with the motors off, counts.
+    pub noise: Option<[f32; MAX_GAUGES]>,
 }
 
 /// Destination of the tick's report.
@@ -64,6 +68,8 @@ pub struct Saving {
 pub struct Beam {
     /// State of the node, to be seen.
     pub led: Led,
+    /// Identity of the board, for the bus.
+    pub identity: Identity,
     /// Bridges.
     pub bridges: Bridges,
     /// Bus, outwards.
@@ -93,6 +99,8 @@ struct State {
     saving: Option<u8>,
     /// Times conversions were lost.
     lost: u16,
+    rest_noise: RestNoise<MAX_GAUGES>,
+    noise: Option<[f32; MAX_GAUGES]>,
 }
 
 /// The node of a configuration.
@@ -110,6 +118,8 @@ pub async fn run(mut beam: Beam) -> ! {
         motors: Motors::default(),
         saving: None,
         lost: 0,
+        rest_noise: RestNoise::default(),
+        noise: None,
     };
     if fault::restarted() {
         beam.node.note(Conditions::only(Condition::Restarted));
@@ -140,6 +150,11 @@ impl Beam {
         self.receive(state, block.local);
         self.run_node(state, block);
         self.calibrate(state, block);
+        if !state.motors.are_off(block.local) {
+            state.rest_noise = RestNoise::default();
+        } else if let Some(noise) = state.rest_noise.step(&block.counts) {
+            state.noise = Some(noise);
+        }
     }
 
     fn receive(&mut self, state: &mut State, local: Micros) {
@@ -226,9 +241,13 @@ impl Beam {
 
     fn report_health(&mut self, state: &State, block: &Block, timing_us: (u16, u16)) {
         let temperature_c = self.bridges.temperature();
+        let sequence = sequence(state.sync.last().unwrap_or(block.local));
+        if let Some(message) = self.identity.message(Role::Beam, sequence) {
+            self.sender.send(&message);
+        }
         self.sender.send(&Message::BoardHealth {
             board: Role::Beam,
-            sequence: sequence(state.sync.last().unwrap_or(block.local)),
+            sequence,
             missed_ticks: state.sync.missed().min(255) as u8,
             tick_jitter_us: timing_us.0,
             tick_worst_us: timing_us.1,
@@ -244,6 +263,7 @@ impl Beam {
             timing_us,
             missed: state.sync.missed(),
             lost: state.lost,
+            noise: state.noise,
         });
     }
 }

@@ -28,9 +28,9 @@ use embassy_stm32::pac::can::regs::{Btr, Fr1, Fr2, Ier, Tdhr, Tdlr};
 use embassy_stm32::pac::can::vals::{Ide, Rtr};
 use embassy_stm32::peripherals::{self, PB8, PB9};
 use embassy_stm32::{Peri, interrupt as handler, rcc};
-use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
-use embassy_sync::channel::Channel;
 use embassy_time::{Duration, Instant, Timer};
+use heapless::spsc::{Consumer, Producer, Queue};
+use static_cell::StaticCell;
 
 use super::bit_timing::BitTiming;
 use super::mailboxes::{COUNT, Mailboxes, Waiting};
@@ -94,8 +94,11 @@ pub fn counters() -> Counters {
     critical_section::with(|cs| COUNTERS.borrow(cs).get())
 }
 
-static TO_SEND: Channel<CriticalSectionRawMutex, (Micros, bus::CanFrame), SENDING> = Channel::new();
-static TO_TAKE: Channel<CriticalSectionRawMutex, (Micros, bus::CanFrame), ARRIVED> = Channel::new();
+/// A frame, and the local time at which it was to be sent or had arrived.
+type Timed = (Micros, bus::CanFrame);
+/// The handlers' ends of both queues, until each handler takes its own.
+static TO_SEND: Mutex<Cell<Option<Consumer<'static, Timed>>>> = Mutex::new(Cell::new(None));
+static TO_TAKE: Mutex<Cell<Option<Producer<'static, Timed>>>> = Mutex::new(Cell::new(None));
 static SYNC_SENT: Mutex<Cell<Option<Micros>>> = Mutex::new(Cell::new(None));
 /// The controller was off the bus and has sent nothing since.
 static WAS_OFF: AtomicBool = AtomicBool::new(false);
@@ -129,7 +132,7 @@ pub struct Arrived {
 }
 
 /// The board's end for what it sends.
-pub struct Sender(());
+pub struct Sender(Producer<'static, Timed>);
 
 impl Sender {
     /// Puts a message in the queue. What cannot be encoded or finds no room is counted. Gives the
@@ -140,7 +143,7 @@ impl Sender {
             return None;
         };
         let now = Instant::now().as_micros();
-        if TO_SEND.try_send((now, frame)).is_err() {
+        if self.0.enqueue((now, frame)).is_err() {
             count(|counters| &mut counters.dropped);
         }
         // With all mailboxes full the next one that becomes free tells.
@@ -157,13 +160,13 @@ impl Sender {
 }
 
 /// The board's end for what arrived.
-pub struct Receiver(());
+pub struct Receiver(Consumer<'static, Timed>);
 
 impl Receiver {
     /// The next message, if there is one.
     pub fn take(&mut self) -> Option<Arrived> {
         loop {
-            let (local, frame) = TO_TAKE.try_receive().ok()?;
+            let (local, frame) = self.0.dequeue()?;
             match bus::decode(&frame) {
                 Ok(message) => return Some(Arrived { local, message }),
                 Err(_) => count(|counters| &mut counters.unknown),
@@ -186,6 +189,16 @@ pub fn start(
     // Dropped they would be disconnected.
     core::mem::forget((rx, tx));
 
+    // A queue holds one frame less than it has places.
+    static SENDING_QUEUE: StaticCell<Queue<Timed, { SENDING + 1 }>> = StaticCell::new();
+    static ARRIVED_QUEUE: StaticCell<Queue<Timed, { ARRIVED + 1 }>> = StaticCell::new();
+    let (send, to_send) = SENDING_QUEUE.init(Queue::new()).split();
+    let (to_take, take) = ARRIVED_QUEUE.init(Queue::new()).split();
+    critical_section::with(|cs| {
+        TO_SEND.borrow(cs).set(Some(to_send));
+        TO_TAKE.borrow(cs).set(Some(to_take));
+    });
+
     rcc::enable_and_reset::<peripherals::CAN1>();
     // Out of sleep and into initialisation, which needs no bus.
     CAN1.mcr().modify(|w| {
@@ -202,7 +215,7 @@ pub fn start(
         // SAFETY: the handlers have their data from the start.
         unsafe { interrupt.enable() };
     }
-    (Sender(()), Receiver(()))
+    (Sender(send), Receiver(take))
 }
 
 /// One filter, a mask of 32 bits that asks for nothing, into FIFO 0.
@@ -251,9 +264,18 @@ fn join() {
     }
 }
 
+/// A handler's own end of a queue, taken over at its first run.
+fn own<'a, T>(end: &'a mut Option<T>, from: &Mutex<Cell<Option<T>>>) -> Option<&'a mut T> {
+    if end.is_none() {
+        *end = critical_section::with(|cs| from.borrow(cs).take());
+    }
+    end.as_mut()
+}
+
 #[handler]
 fn CAN1_TX() {
     static mut MAILBOXES: Mailboxes = Mailboxes::new();
+    static mut QUEUE: Option<Consumer<'static, Timed>> = None;
     let now = Instant::now().as_micros();
     RAN.fetch_or(RAN_TX, Ordering::Relaxed);
     acknowledge(MAILBOXES, now);
@@ -261,7 +283,9 @@ fn CAN1_TX() {
         // One that is on the wire just now may still succeed; what became of it is told later.
         CAN1.tsr().write(|w| w.set_abrq(mailbox, true));
     }
-    fill(MAILBOXES, now);
+    if let Some(queue) = own(QUEUE, &TO_SEND) {
+        fill(MAILBOXES, queue, now);
+    }
 }
 
 /// Takes note of what was sent or given up.
@@ -284,9 +308,9 @@ fn acknowledge(mailboxes: &mut Mailboxes, now: Micros) {
 }
 
 /// Moves frames from the queue to mailboxes.
-fn fill(mailboxes: &mut Mailboxes, now: Micros) {
+fn fill(mailboxes: &mut Mailboxes, queue: &mut Consumer<Timed>, now: Micros) {
     let joined = is_joined();
-    while let Ok((since, frame)) = TO_SEND.try_peek() {
+    while let Some(&(since, frame)) = queue.peek() {
         if now.saturating_sub(since) > STALE {
             count(|counters| &mut counters.dropped);
         } else if joined && let Some(mailbox) = mailboxes.choose(frame.id) {
@@ -301,7 +325,7 @@ fn fill(mailboxes: &mut Mailboxes, now: Micros) {
         } else {
             break;
         }
-        let _ = TO_SEND.try_receive();
+        queue.dequeue();
     }
 }
 
@@ -321,6 +345,10 @@ fn request(mailbox: usize, frame: &bus::CanFrame) {
 
 #[handler]
 fn CAN1_RX0() {
+    static mut QUEUE: Option<Producer<'static, Timed>> = None;
+    let Some(queue) = own(QUEUE, &TO_TAKE) else {
+        return;
+    };
     RAN.fetch_or(RAN_RX0, Ordering::Relaxed);
     let fifo = CAN1.rfr(0);
     for _ in 0..FIFO_LOOKS {
@@ -339,7 +367,7 @@ fn CAN1_RX0() {
         let local = Instant::now().as_micros();
         let frame = first_in_fifo();
         fifo.write(|w| w.set_rfom(true));
-        match frame.map(|frame| TO_TAKE.try_send((local, frame))) {
+        match frame.map(|frame| queue.enqueue((local, frame))) {
             Some(Ok(())) => {}
             Some(Err(_)) => count(|counters| &mut counters.dropped),
             None => count(|counters| &mut counters.unknown),

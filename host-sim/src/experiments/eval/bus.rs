@@ -23,7 +23,8 @@
 //! `{"BoardHealth":{"board","sequence","missed_ticks","tick_jitter_us","tick_worst_us",
 //! "supply_v","temperature_c"}}`,
 //! `{"BeamCalibration":{"sequence","calibrate":{"zero":1/m}|{"gain":1/m}}}`,
-//! `{"BeamCalibrated":{"sequence","result","gauge"}}`.
+//! `{"BeamCalibrated":{"sequence","result","gauge"}}`,
+//! `{"BoardIdentity":{"board","sequence","chip","build","schema"}}`.
 
 use super::{Kernel, parse};
 use core_algos::bus::{self, CanFrame, Message};

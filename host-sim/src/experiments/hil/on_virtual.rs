@@ -367,6 +367,7 @@ fn judge(report: &Report, early: bool) -> Option<String> {
 fn summary(report: &Report) -> String {
     let mut table = Table::new([
         "board",
+        "build",
         "resets",
         "findings",
         "longest tick (µs)",
@@ -386,6 +387,7 @@ fn summary(report: &Report) -> String {
         let stack = board.stack_used.zip(board.stack_size);
         table.row([
             board.name.to_owned(),
+            or_none(board.build.clone()),
             board.resets.len().to_string(),
             board.findings.len().to_string(),
             board.longest_tick_us.to_string(),

@@ -49,7 +49,7 @@ use rand::RngExt;
 use report::Watch;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
-use tools::{Instruments, Tools};
+use tools::Tools;
 use virtual_board::Time;
 use virtual_board::board::Board;
 use virtual_board::device::Motion;
@@ -439,6 +439,30 @@ impl VirtualRobot {
     }
 
     /// Listens to the bus.
+    /// Takes note of what a board reports about itself.
+    fn watch(&mut self, message: &Message) {
+        let (Message::BoardHealth { board, .. } | Message::BoardIdentity { board, .. }) = *message
+        else {
+            return;
+        };
+        let place = self.place(board);
+        let Some(watch) = place.and_then(|place| self.watches.get_mut(place)) else {
+            return;
+        };
+        match *message {
+            Message::BoardHealth {
+                missed_ticks,
+                tick_worst_us,
+                tick_jitter_us,
+                ..
+            } => {
+                watch.health(missed_ticks, tick_worst_us, tick_jitter_us);
+            }
+            Message::BoardIdentity { build, schema, .. } => watch.identify(build, schema),
+            _ => {}
+        }
+    }
+
     fn hear(&mut self) {
         for record in self.network.wire().take_records() {
             let sender = self.roles.get(record.node).copied();
@@ -467,17 +491,7 @@ impl VirtualRobot {
             if let Message::LeadStatus { .. } = message {
                 self.tools.lead(self.listener.held());
             }
-            if let Message::BoardHealth {
-                board,
-                missed_ticks,
-                tick_worst_us,
-                tick_jitter_us,
-                ..
-            } = message
-                && let Some(place) = self.place(board)
-            {
-                self.watches[place].health(missed_ticks, tick_worst_us, tick_jitter_us);
-            }
+            self.watch(&message);
         }
     }
 }

@@ -1,5 +1,6 @@
 //! What is to be said of a virtual board after a run.
 
+use core_algos::bus::message::Hash24;
 use core_algos::topology::Role;
 use serde::Serialize;
 use virtual_board::board::Board;
@@ -19,6 +20,7 @@ pub struct Watch {
     boot_lost: u64,
     boot_missed: u8,
     hclk_hz: u64,
+    identity: Option<(Hash24, u8)>,
 }
 
 impl Watch {
@@ -27,6 +29,11 @@ impl Watch {
         self.missed_ticks = self.missed_ticks.max(missed);
         self.longest_tick_us = self.longest_tick_us.max(longest_us);
         self.tick_lateness_us = self.tick_lateness_us.max(lateness_us);
+    }
+
+    /// The board has sent its identity.
+    pub fn identify(&mut self, build: Hash24, schema: u8) {
+        self.identity = Some((build, schema));
     }
 
     /// The board is ready: the lowest that its stack pointer has been, the frequency of its core, the
@@ -100,6 +107,8 @@ pub struct BoardReport {
     pub stack_size: Option<u32>,
     /// Most stack that was in use until the board was ready, bytes.
     pub boot_stack: Option<u32>,
+    /// First digits of the hash of the image's sources, as the board sends them.
+    pub build: Option<String>,
     /// Instructions executed.
     pub instructions: u64,
     /// The bus.
@@ -148,6 +157,7 @@ pub fn of(
         stack_used: used(core.lowest_msp()),
         stack_size: size,
         boot_stack: used(watch.boot_sp),
+        build: watch.identity.map(|(build, _)| format!("{:06x}", build.0)),
         instructions: core.instructions(),
         can: Can {
             sent: can.sent,
