@@ -77,7 +77,9 @@ fn start(
     let settings = &parameters.settings;
     let built = build(settings, role)?;
     let nodes = begin(built.nodes);
-    let button = Button::new(p.PA0, settings.robot.put_down());
+    let drive = settings.button;
+    let put_down = settings.robot.put_down(drive.start);
+    let button = Button::new(p.PA0, put_down, drive.goal);
 
     let (task_watchdog, check_ins) =
         telemetry::TaskWatchdog::start(&COUNTS, telemetry::TASKS, watchdog);

@@ -114,8 +114,8 @@ fn an_image_of_another_board_or_variant_is_refused_by_name() {
 fn what_the_images_cannot_be_told_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     for arguments in [
-        &["--set", "mission.goal=[1.0, 0.0, 0.0]"][..],
-        &["--set", "robot.axle.rest_hold_s=0.2"],
+        &["--set", "robot.axle.rest_hold_s=0.2"][..],
+        &["--set", "boards.front.button.goal.x=1.0"],
         &["--follow", "circle"],
         &["--emulated"],
     ] {
@@ -155,6 +155,7 @@ fn boards_drive_in_other_than_the_default_configuration() {
         &["--imu", "--seed", "1", "--stop-after", "0.3"][..],
         &["--imu", "--seed", "2", "--stop-after", "0.3"],
         &["--no-rps"],
+        &["--from=-0.6,0.1,0.2", "--set", "mission.goal=[0.4,0.1,0.1]"],
     ] {
         let output = hil(folder.path(), arguments);
         let error = String::from_utf8_lossy(&output.stderr);

@@ -237,7 +237,7 @@ fn coverage_has_the_lines_of_the_repository_that_ran() {
         found.copied().unwrap_or(0)
     };
     // Pressed once, on the front board only.
-    let drive = "let (center, relative) = &self.start;";
+    let drive = "Task::Regulate { goal: self.goal }";
     assert_eq!(count("robot/operator.rs", drive), 1);
     // Both axles look at it.
     let held = "self.held = if down { self.held.saturating_add(1) } else { 0 };";
@@ -451,7 +451,7 @@ fn bad_input_is_told_with_its_value_and_range() {
             ["beam@1", "front or rear"],
         ),
         (&["--restart-after", "0"], ["0", "0.001 to 36000"]),
-        (&["--from", "0,0,0"], ["--from", "the button starts"]),
+        (&["--follow", "circle"], ["--follow", "take no commands"]),
         (&["--compare"], ["--compare", "not identical"]),
         (&["--stored"], ["--stored", "--scenario"]),
         (&["--link-loss", "0.1"], ["--link-loss", "bus"]),

@@ -69,6 +69,11 @@ impl Search {
         self.open
     }
 
+    /// True if the best minimum so far is one.
+    pub fn is_converged(&self) -> bool {
+        self.best.as_ref().is_some_and(|best| best.converged)
+    }
+
     /// Start of the next fit, if it is not the polynomial's shape.
     pub fn start(&self) -> Option<Start> {
         let best = self.best.as_ref().filter(|_| self.elsewhere)?;

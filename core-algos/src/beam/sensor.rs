@@ -413,8 +413,9 @@ impl RelativePositionSensor {
         } else {
             None
         };
-        let fit = search.as_ref().and_then(|search| solver.finish(search));
-        let fit = fit.filter(|fit| fit.converged);
+        // The polynomial that replaces any other fit costs what a refinement does.
+        let minimum = search.as_ref().filter(|search| search.is_converged());
+        let fit = minimum.and_then(|search| solver.finish(search));
         let solution = self.posture.solution(&curvature, used, fit);
         state.start = search.as_ref().and_then(Search::start);
         state.work = None;

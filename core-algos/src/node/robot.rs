@@ -175,13 +175,13 @@ impl RobotConfig {
         self
     }
 
-    /// Start of a robot that was put down on [`START`] with its frame straight: the midpoint, and the
-    /// front axle in the rear axle's frame.
-    pub fn put_down(&self) -> (Estimate, Estimate) {
+    /// Estimates of a robot that was put down with its midpoint on `start` and its frame straight: the midpoint,
+    /// and the front axle in the rear axle's frame.
+    pub fn put_down(&self, start: Posture) -> (Estimate, Estimate) {
         let geometry = &self.geometry;
         let straight_m = geometry.frame_length_m + 2.0 * geometry.rigid_end_m;
         (
-            Estimate::with_sigmas(START, self.lead.fusion.start_sigmas),
+            Estimate::with_sigmas(start, self.lead.fusion.start_sigmas),
             Estimate::with_sigmas(
                 Posture::new(straight_m, 0.0, 0.0),
                 self.lead.fusion.frame_sigmas,

@@ -38,8 +38,9 @@ pub use table::{COUNT, Parameter, TABLE, find, fingerprint};
 use crate::acquisition::oversampling::{FULL_SCALE, SCANS};
 use crate::beam::PerGauge;
 use crate::config::{ConfigError, in_range};
+use crate::math::Posture;
 use crate::node::board::Board;
-use crate::node::robot::RobotConfig;
+use crate::node::robot::{RobotConfig, START};
 use crate::safety::{OperatingState, Permit};
 use crate::topology::{AxleId, Role};
 
@@ -52,6 +53,26 @@ pub struct Settings {
     pub inertial: Inertial,
     /// Motors, drivers and supply of an axle's board.
     pub drive: Drive,
+    /// Drive that the front board's button begins.
+    pub button: Button,
+}
+
+/// Drive that the front board's button begins.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Button {
+    /// Posture at which the robot was put down, m and rad.
+    pub start: Posture,
+    /// Goal, m and rad.
+    pub goal: Posture,
+}
+
+impl Default for Button {
+    fn default() -> Self {
+        Self {
+            start: START,
+            goal: Posture::ORIGIN,
+        }
+    }
 }
 
 /// Scale of an inertial sensor; its biases are found anew at every standstill.
@@ -85,6 +106,7 @@ impl Settings {
             robot,
             inertial: Inertial::default(),
             drive: Drive::default(),
+            button: Button::default(),
         }
     }
 

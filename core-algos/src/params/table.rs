@@ -269,6 +269,12 @@ parameters! {
     93 v 1 number drive.driver_max_c, "degC" 60.0 to 150.0: "driver temperature at which the current limit is 0";
     94 v 1 number drive.driver_fold_back_k, "K" 5.0 to 35.0: "span below that temperature in which the current limit falls";
     95 v 1 mode robot.lead.fusion.mode, "" 0.0 to 3.0: "fusion on the front board: 0 odometry (no beam board fitted), 1 intersection, 2 intersection and IPEC, 3 joint filter";
+    96 v 1 number button.start.x, "m" -50.0 to 50.0: "start of the button's drive, x";
+    97 v 1 number button.start.y, "m" -50.0 to 50.0: "start of the button's drive, y";
+    98 v 1 number button.start.phi, "rad" -3.2 to 3.2: "start of the button's drive, heading";
+    99 v 1 number button.goal.x, "m" -50.0 to 50.0: "goal of the button's drive, x";
+    100 v 1 number button.goal.y, "m" -50.0 to 50.0: "goal of the button's drive, y";
+    101 v 1 number button.goal.phi, "rad" -3.2 to 3.2: "goal of the button's drive, heading";
 }
 
 #[cfg(test)]

@@ -18,15 +18,17 @@ pub struct Button {
     presses: Presses,
     /// Start of a drive: midpoint, and front axle seen from the rear.
     start: (Estimate, Estimate),
+    goal: Posture,
 }
 
 impl Button {
-    /// On its pin; a press begins a drive at `start`: midpoint, and front axle seen from the rear.
-    pub fn new(pin: Peri<'static, PA0>, start: (Estimate, Estimate)) -> Self {
+    /// On its pin; a press begins a drive to `goal` at `start`: midpoint, and front axle seen from the rear.
+    pub fn new(pin: Peri<'static, PA0>, start: (Estimate, Estimate), goal: Posture) -> Self {
         Self {
             pin: Input::new(pin, Pull::Down),
             presses: Presses::default(),
             start,
+            goal,
         }
     }
 
@@ -52,8 +54,7 @@ impl Button {
             Press::Drive => {
                 let (center, relative) = &self.start;
                 lead.initialize(center, relative);
-                let goal = Posture::ORIGIN;
-                Task::Regulate { goal }
+                Task::Regulate { goal: self.goal }
             }
         };
         lead.command(task);

@@ -217,6 +217,7 @@ const STEERING: &str = "robot.geometry.half_thickness_m robot.geometry.rigid_end
 fn on_other_board(board: &str, parameter: &str, used: Use) -> Option<&'static str> {
     let of = |keys: &str| listed(parameter, keys);
     match board {
+        _ if of("button") => Some("in a simulation: mission.start and mission.goal set it"),
         _ if used != Use::Virtual && of("drive") => {
             Some("in a simulation: it describes the circuit of a board")
         }

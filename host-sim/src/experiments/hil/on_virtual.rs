@@ -67,8 +67,7 @@ struct Report {
 /// Options that `--virtual` does not go with, whether they were given, and why not.
 fn refuse(args: &HilArgs) -> Result<(), Error> {
     const ELSEWHERE: &str = "virtual boards run in this program; use one of the two";
-    const PINS: &str = "the default images take no commands: the button starts the drive from the paper's start \
-                        to the origin";
+    const PINS: &str = "the default images take no commands: the button begins a drive to a goal";
     const FLASH: &str = "the flash of virtual boards holds the parameters of the scenario; use --set or \
                          --scenario";
     const BUS: &str = "the bus of virtual boards is simulated bit by bit and has no such key";
@@ -82,7 +81,6 @@ fn refuse(args: &HilArgs) -> Result<(), Error> {
         ("--flash", args.flash.is_some(), FLASH),
         ("--link-loss", args.link_loss.is_some(), BUS),
         ("--link-delay", args.link_delay.is_some(), BUS),
-        ("--from", args.drive.from.is_some(), PINS),
         ("--follow", args.follow.is_some(), PINS),
         ("--track", args.track.is_some(), PINS),
         ("--speed", args.drive.speed.is_some(), PINS),

@@ -39,7 +39,6 @@ use core_algos::beam::MAX_GAUGES;
 use core_algos::bus::{self, Message};
 use core_algos::math::Posture;
 use core_algos::node::lead::Task;
-use core_algos::node::robot::START;
 use core_algos::safety::OperatingState;
 use core_algos::time::Micros;
 use core_algos::topology::{Node, Role};
@@ -109,6 +108,10 @@ pub struct VirtualRobot {
     blocked: Option<(usize, usize)>,
 }
 
+fn posture(place: [f64; 3]) -> Posture {
+    Posture::from(place.map(|value| value as f32))
+}
+
 /// The boards with their parts, images and stores, without power.
 fn boards(
     scenario: &Scenario,
@@ -172,7 +175,6 @@ impl VirtualRobot {
         options: &Options,
         logs: &[BoardLog; 3],
     ) -> Result<Self, Error> {
-        check(scenario)?;
         let drawn = scenario.world.draw(seed, trial);
         let plant = scenario.world.plant_of(&drawn, scenario.mission.rps);
         let plant = plant.build();
@@ -194,8 +196,10 @@ impl VirtualRobot {
         let boards = boards(scenario, images, (seed, trial), options, &roles, &parts)?;
         let mut wire = Wire::new(boards.len() + options.others, QUANTUM, seed);
         wire.record();
-        let goal = Posture::ORIGIN;
-        let heard = (scenario.robot.put_down(), Task::Regulate { goal });
+        let mission = &scenario.mission;
+        let [start_of_task, goal] = [mission.start, mission.goal].map(posture);
+        let put_down = scenario.robot.put_down(start_of_task);
+        let heard = (put_down, Task::Regulate { goal });
         Ok(Self {
             network: Network::new(boards, wire, QUANTUM, options.threads),
             readers: roles
@@ -559,19 +563,4 @@ impl Robot for VirtualRobot {
             ..BusStatistics::default()
         }
     }
-}
-
-/// Refuses settings of a scenario that the default images do not take.
-fn check(scenario: &Scenario) -> Result<(), Error> {
-    let mission = &scenario.mission;
-    let images = [START, Posture::ORIGIN];
-    let asked = [mission.start, mission.goal].map(|place| Posture::from(place.map(|v| v as f32)));
-    if asked != images {
-        return Err(Error::input(format!(
-            "mission.start, mission.goal = {:?}, {:?}: the default images drive from {START:?} to the \
-             origin",
-            mission.start, mission.goal
-        )));
-    }
-    Ok(())
 }

@@ -5,7 +5,7 @@ use super::beam::{BridgeParts, zero};
 use crate::base::error::Error;
 use crate::scenario::Scenario;
 use core_algos::acquisition::oversampling::FULL_SCALE;
-use core_algos::params::{Disarmed, Settings, TABLE};
+use core_algos::params::{Button, Disarmed, Settings, TABLE};
 use core_algos::topology::Role;
 use firmware_common::store::Store;
 use firmware_common::store::simulated::{Flash, run};
@@ -36,6 +36,8 @@ pub fn sectors(scenario: &Scenario, role: Role, bridges: &[BridgeParts]) -> Resu
 /// The settings of a board that are asked for. What no parameter tells the board must be the default.
 fn wanted(scenario: &Scenario, role: Role) -> Result<Settings, Error> {
     let mut asked = Settings::new(scenario.robot.completed());
+    let [start, goal] = [scenario.mission.start, scenario.mission.goal].map(super::posture);
+    asked.button = Button { start, goal };
     scenario.boards.apply(role, &mut asked)?;
     let mut settings = Settings::of(role);
     for parameter in TABLE
