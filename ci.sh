@@ -21,9 +21,6 @@ if ! rustc --print target-libdir --target "$target" 2>/dev/null | xargs test -d;
   }
 fi
 
-step "emulator"
-tools/scripts/install_qemu.sh
-
 step "formatting"
 cargo fmt --all --check
 cargo fmt --manifest-path tools/fuzz/Cargo.toml --check
@@ -37,19 +34,16 @@ step "documentation"
 RUSTDOCFLAGS="-D warnings" cargo doc --locked --workspace --no-deps --quiet
 step "firmware for $target"
 images=(--locked --profile image --package firmware-axle --package firmware-beam --target "$target")
-for features in "" hil emulated; do
-  cargo clippy "${images[@]}" --package firmware-common --features "$features" -- -D warnings
-  RUSTDOCFLAGS="-D warnings" cargo doc "${images[@]}" --package firmware-common --no-deps --quiet \
-    --features "$features"
-  cargo build "${images[@]}" --features "$features"
-done
+cargo clippy "${images[@]}" --package firmware-common -- -D warnings
+RUSTDOCFLAGS="-D warnings" cargo doc "${images[@]}" --package firmware-common --no-deps --quiet
+cargo build "${images[@]}"
 step "no panic in any node step"
 tools/scripts/check_no_panic.sh
 step "instruction counts"
 tools/scripts/count_instructions.py
 step "tests"
-# `hil` adds the tests of the link protocol, `devices` those of the robot's parts.
-cargo test --locked --workspace --exclude host-sim --features core-algos/hil,virtual-board/devices
+# `link` adds the tests of the link, `devices` those of the robot's parts.
+cargo test --locked --workspace --exclude host-sim --features core-algos/link,virtual-board/devices
 # As it is used, and with the dependencies of the steps below: a third of the time.
 cargo test --locked --release --package host-sim
 # Built by the tests. A build by itself leaves out what only tests want of the libraries, and takes two
@@ -68,32 +62,19 @@ step "live view against a websocket client"
 tools/scripts/check_live.sh
 step "report pages in Chromium"
 tools/scripts/check_report.sh
-step "the paper's experiment on emulated boards"
+step "the paper's experiment with virtual boards in a session"
 hil() {
-  timeout 600 target/release/cfmmr hil --emulated --compare --out target/hil "$@" | grep -A1 "ticks ("
+  timeout 600 target/release/cfmmr hil --on virtual --compare --out target/hil "$@" | grep -A1 "ticks ("
 }
 hil --log target/hil/run.mcap
 target/release/cfmmr replay target/hil/run.mcap | grep "identical over"
-hil --no-rps
-hil --link uart --stop-after 2
+hil --no-rps --stop-after 4
 step "the images that users flash, on virtual boards"
 timeout 900 target/release/cfmmr hil --virtual --out target/virtual | grep -A4 "^board "
 step "the virtual boards' core against Unicorn in lockstep"
 crates/virtual-board/oracle/check_lockstep.sh
-step "the virtual boards' core against QEMU on the instruction counts"
-crates/virtual-board/oracle/qemu.py
 step "faults on virtual boards"
 timeout 900 target/release/cfmmr faults --virtual --quick --check | tail -3
 step "frames of the virtual bus against other implementations"
 crates/virtual-board/oracle/check_can_bits.sh 2000
-step "faults on emulated boards"
-timeout 600 target/release/cfmmr faults --emulated --check --only "board resets" --only freezes \
-  --only corrupts --only "encoder stuck" --only "encoder missing" --only "gyro off" --only "motor stuck" \
-  --only "supply dips" --only "ends by itself" --only "rear board hangs" | tail -5
-step "calibration of emulated boards, kept in their flash"
-rm -rf target/calibrated
-timeout 300 target/release/cfmmr calibrate imu --emulated --yes --flash target/calibrated | grep "written to"
-timeout 60 target/release/cfmmr params list --emulated --flash target/calibrated | grep -A3 gyro_gain | grep stored
-step "serial ports"
-tools/scripts/check_serial_ports.py --stop-after 1 | grep "identical"
 step "all passed"

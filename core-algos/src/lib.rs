@@ -32,8 +32,8 @@ pub mod config;
 pub mod control;
 pub mod drive;
 pub mod fusion;
-#[cfg(feature = "hil")]
-pub mod hil;
+#[cfg(feature = "link")]
+pub mod link;
 pub mod math;
 pub mod node;
 pub mod params;

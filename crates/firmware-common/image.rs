@@ -24,7 +24,7 @@ fn main() {
     }
 }
 
-/// Name, version and variant (none for the default one) of the image and a hash of all it is built from in this
+/// Name and version of the image and a hash of all it is built from in this
 /// workspace: the same sources give the same text, with version control or without.
 fn build(package: &Path, workspace: &Path) -> String {
     let mut hash = 0xcbf2_9ce4_8422_2325;
@@ -44,14 +44,7 @@ fn build(package: &Path, workspace: &Path) -> String {
     }
     let [name, version] =
         ["CARGO_PKG_NAME", "CARGO_PKG_VERSION"].map(|name| env::var(name).expect("set by cargo"));
-    let variant = ["emulated", "hil"].into_iter().find(|feature| {
-        let variable = format!("CARGO_FEATURE_{}", feature.to_uppercase());
-        env::var_os(variable).is_some()
-    });
-    match variant {
-        Some(variant) => format!("{name} {version} {variant} {hash:016x}"),
-        None => format!("{name} {version} {hash:016x}"),
-    }
+    format!("{name} {version} {hash:016x}")
 }
 
 /// Commit of the workspace, if it is under version control.

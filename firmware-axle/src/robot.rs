@@ -15,7 +15,7 @@ use core::sync::atomic::AtomicU32;
 use core_algos::config::ConfigError;
 use core_algos::control::wheel_observer::WheelObserver;
 use core_algos::drive::winding::Winding;
-use core_algos::node::board::{Board, Ready};
+use core_algos::node::board::Ready;
 use core_algos::params::Settings;
 use core_algos::topology::Role;
 use embassy_executor::Spawner;
@@ -26,10 +26,10 @@ use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::watch::Watch;
 use firmware_common::identity::Identity;
 use firmware_common::led::Led;
+use firmware_common::link::{self, Link};
 use firmware_common::store::chip::Parameters;
 use firmware_common::watchdog::Watchdog;
 use firmware_common::{board, board_id, can, executors, fault};
-use static_cell::StaticCell;
 
 use encoders::Encoders;
 use inertial::Inertial;
@@ -42,16 +42,10 @@ async fn main(spawner: Spawner) {
     drivers_asleep();
     fault::on_fault(drivers_asleep);
     let watchdog = Watchdog::start();
-    match start(board::start(env!("BUILD")), watchdog) {
-        // In a task of its own, so that the stack of the start is free again.
-        Ok((reports, task_watchdog)) => {
-            spawner.spawn(telemetry::run(reports, task_watchdog).expect("spawned once"));
-        }
-        Err(error) => {
-            // Nothing was started: the motors stay off, and the watchdog, which nobody feeds, has the
-            // board try again.
-            defmt::error!("configuration: {} = {}", error.field, error.value);
-        }
+    if let Err(error) = start(board::start(env!("BUILD")), watchdog, spawner) {
+        // Nothing was started: the motors stay off, and the watchdog, which nobody feeds, has the board try
+        // again.
+        defmt::error!("configuration: {} = {}", error.field, error.value);
     }
 }
 
@@ -63,20 +57,23 @@ fn drivers_asleep() {
     GPIOC.moder().modify(|w| w.set_moder(4, Moder::OUTPUT));
 }
 
-/// Builds everything and starts it; what is left for the caller is the log.
-fn start(
-    p: Peripherals,
-    watchdog: Watchdog,
-) -> Result<(telemetry::Reports, telemetry::TaskWatchdog), ConfigError> {
+/// Builds everything and starts it, or a session. The log is a task too, so that the stack of the start is free
+/// again.
+fn start(p: Peripherals, watchdog: Watchdog, spawner: Spawner) -> Result<(), ConfigError> {
     static REPORTS: Watch<CriticalSectionRawMutex, Report, 1> = Watch::new();
     static COUNTS: [AtomicU32; telemetry::TASKS.len()] =
         [const { AtomicU32::new(0) }; telemetry::TASKS.len()];
 
     let role = tick::role(board_id::axle(p.PC13));
     let parameters = Parameters::load(p.FLASH, role);
+    let link = Link::open(p.USART3, p.PB11, p.PB10, role, env!("BUILD"));
+    if link::session_wanted() {
+        link.serve(watchdog, parameters, spawner);
+        return Ok(());
+    }
     let settings = &parameters.settings;
     let built = build(settings, role)?;
-    let nodes = begin(built.nodes);
+    let nodes = link.place(built.nodes);
     let drive = settings.button;
     let put_down = settings.robot.put_down(drive.start);
     let button = Button::new(p.PA0, put_down, drive.goal);
@@ -126,7 +123,10 @@ fn start(
         check_in: of_tick,
     };
     spawners.tick.spawn(tick::run(axis).expect("spawned once"));
-    Ok((REPORTS.receiver().expect("the only one"), task_watchdog))
+    let reports = REPORTS.receiver().expect("the only one");
+    spawner.spawn(telemetry::run(reports, task_watchdog).expect("spawned once"));
+    link.attend(spawner);
+    Ok(())
 }
 
 /// Objects built from the configuration.
@@ -145,12 +145,4 @@ fn build(settings: &Settings, role: Role) -> Result<Built, ConfigError> {
         observer: config.completed().axle.wheel.build()?,
         winding: settings.drive.winding().build()?,
     })
-}
-
-/// The nodes in their static place. Not inlined: on their way there they may lie on the stack, all
-/// 15 kB, and then nothing else of the start does.
-#[inline(never)]
-fn begin(nodes: Ready) -> &'static mut Board {
-    static NODES: StaticCell<Board> = StaticCell::new();
-    NODES.init_with(|| nodes.begin())
 }

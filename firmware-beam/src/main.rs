@@ -1,11 +1,9 @@
 //! Image of the beam board.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
-#[cfg(all(target_os = "none", feature = "hil"))]
-mod hil;
-#[cfg(all(target_os = "none", not(feature = "hil")))]
+#[cfg(target_os = "none")]
 mod robot;
-#[cfg(any(test, all(target_os = "none", not(feature = "hil"))))]
+#[cfg(any(test, target_os = "none"))]
 mod rules;
 
 #[cfg(not(target_os = "none"))]

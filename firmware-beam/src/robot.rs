@@ -23,6 +23,7 @@ use embassy_sync::signal::Signal;
 use embassy_sync::watch::Watch;
 use firmware_common::identity::Identity;
 use firmware_common::led::Led;
+use firmware_common::link::{self, Link};
 use firmware_common::store::chip::Parameters;
 use firmware_common::watchdog::Watchdog;
 use firmware_common::{board, can, executors};
@@ -39,7 +40,7 @@ async fn main(spawner: Spawner) {
     }
 }
 
-/// Builds everything and starts it. The background is a task too, so that the stack of the start is
+/// Builds everything and starts it, or a session. The background is a task too, so that the stack of the start is
 /// free again.
 fn start(p: Peripherals, watchdog: Watchdog, spawner: Spawner) -> Result<(), ConfigError> {
     static REPORTS: Watch<CriticalSectionRawMutex, Report, 1> = Watch::new();
@@ -51,6 +52,11 @@ fn start(p: Peripherals, watchdog: Watchdog, spawner: Spawner) -> Result<(), Con
     };
 
     let parameters = Parameters::load(p.FLASH, Role::Beam);
+    let link = Link::open(p.USART3, p.PB11, p.PB10, Role::Beam, env!("BUILD"));
+    if link::session_wanted() {
+        link.serve(watchdog, parameters, spawner);
+        return Ok(());
+    }
     let settings = &parameters.settings;
     let node = tick::node(&settings.robot)?;
     let limits = StandstillLimits::default().build()?;
@@ -102,5 +108,6 @@ fn start(p: Peripherals, watchdog: Watchdog, spawner: Spawner) -> Result<(), Con
     let reports = REPORTS.receiver().expect("the only one");
     let background = background::run(reports, parameters, &SAVING, task_watchdog);
     spawner.spawn(background.expect("spawned once"));
+    link.attend(spawner);
     Ok(())
 }

@@ -9,7 +9,7 @@
 //! | [`bus`] | simulated CAN bus, its description |
 //! | [`world`] | true robot: distributions, draws, sensors, faults |
 //! | [`scenario`] | mission, the robot's parameters, scenario files |
-//! | [`targets`] | boards in this process, emulated, on serial ports |
+//! | [`targets`] | boards in this process, virtual, on serial ports |
 //! | [`run`] | one trial, tasks, recovery, virtual boards |
 //! | [`recording`] | logs and their replay |
 //! | [`view`] | figures, report pages, dashboard |

@@ -27,7 +27,6 @@ fn main() -> ExitCode {
         Some(Command::Config(args)) => cli::config::run(args),
         Some(Command::World(args)) => cli::world::run(args),
         Some(Command::PlantBench(args)) => experiments::plant_bench::command(args),
-        Some(Command::Faults(args)) if args.emulated => experiments::faults::emulated::run(args),
         Some(Command::Faults(args)) if args.virtual_boards => {
             experiments::faults::on_virtual::run(args)
         }

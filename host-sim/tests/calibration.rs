@@ -9,7 +9,8 @@ use core_algos::topology::Role;
 use host_sim::experiments::calibrate::Bench;
 use host_sim::scenario::Scenario;
 use host_sim::targets::board_log::BoardLog;
-use host_sim::targets::emulated::{Emulated, Images, Wire};
+use host_sim::targets::images::Images;
+use host_sim::targets::virtual_link::VirtualLink;
 use host_sim::targets::{Remote, Target};
 use program::cfmmr;
 use serde_json::Value;
@@ -109,22 +110,22 @@ fn radius_and_ratio_are_found_and_odometry_less_creep_comes_back() {
 /// Calibration is the same bits on the boards' images, with what was found laid over as well; saving on
 /// them is in the tests of the parameters.
 #[test]
-fn runs_on_emulated_boards_are_those_of_boards_in_this_process() {
-    let images = Images::build().unwrap();
+fn runs_on_virtual_boards_are_those_of_boards_in_this_process() {
+    let images = Images::open(None, None, None).unwrap();
     let boards = Role::ALL.map(|role| -> Box<dyn Target> {
         let log = BoardLog::default();
-        let board = Emulated::start("qemu-system-arm", role, Wire::Pipe, &images, log, None);
+        let board = VirtualLink::start(&images, role, &log, None);
         Box::new(Remote::new(role, Box::new(board.unwrap())))
     });
     let nominal = Scenario::in_world(Some("ideal")).unwrap();
     let mut found = nominal.clone();
     let ratio = find("robot.geometry.wheel_ratio").unwrap();
     found.boards.put(Role::Rear, &[(ratio, 0.995)]);
-    let mut emulated = Bench::new(&nominal, 1, Some(boards));
+    let mut on_boards = Bench::new(&nominal, 1, Some(boards));
     let mut here = Bench::new(&nominal, 1, None);
     let line = host_sim::paths::Path::line(0.3).unwrap();
     let [before, after] = [&nominal, &found].map(|scenario| {
-        let run = emulated.drive(scenario, &line, 1).unwrap();
+        let run = on_boards.drive(scenario, &line, 1).unwrap();
         assert_eq!(run, here.drive(scenario, &line, 1).unwrap());
         run.axles
     });

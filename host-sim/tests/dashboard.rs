@@ -3,8 +3,8 @@
 
 mod terminal;
 
-use core_algos::hil::protocol::StackUse;
-use core_algos::hil::{Endpoint, Identity};
+use core_algos::link::protocol::StackUse;
+use core_algos::link::{Endpoint, Identity};
 use core_algos::topology::Role;
 use host_sim::view::dashboard::Dashboard;
 use rustix::termios::{LocalModes, Winsize, tcgetattr, tcsetwinsize};
@@ -245,7 +245,8 @@ fn a_board_at_a_serial_port_is_shown_with_its_frames_and_losses() {
     let folder = tempfile::tempdir().unwrap();
     let port = front_board(300);
     let mut command = Command::new(env!("CARGO_BIN_EXE_cfmmr"));
-    command.args(["hil", "--dashboard", "--front", &port]);
+    command.args(["hil", "--dashboard", "--on"]);
+    command.arg(format!("serial:front={port}"));
     let mut session = Session::start(command.current_dir(folder.path()), 80, 24);
     // Nodes stand to the left of the links, in the same lines.
     let inside = ["rear", "in", "this", "program"];

@@ -120,18 +120,10 @@ fn a_mistake_is_answered_with_what_to_type() {
             &["follow", "--speed", "-0.1"],
             &["--speed -0.1", "from 0.02 to 0.25 m/s"],
         ),
+        (&["hil"], &["--on virtual", "--on serial:", "cfmmr doctor"]),
         (
-            &["hil"],
-            &[
-                "--emulated",
-                "--front",
-                "cfmmr hil --emulated",
-                "cfmmr doctor",
-            ],
-        ),
-        (
-            &["hil", "--front", "/dev/no-such-port"],
-            &["--front /dev/no-such-port", "serial port", "cfmmr doctor"],
+            &["hil", "--on", "serial:front=/dev/no-such-port"],
+            &["front=/dev/no-such-port", "serial port", "cfmmr doctor"],
         ),
         (&["params", "lst"], &["lst", "list", "--help"]),
         (&["calibrate", "wheel"], &["wheel", "wheels, gauges, imu"]),
@@ -203,7 +195,7 @@ fn completions_are_read_by_bash_and_name_every_command() {
         text(&bash(&script).stdout).trim().to_owned()
     };
     assert_eq!(complete("cfmmr pos", 1), "posture");
-    assert_eq!(complete("cfmmr hil --emu", 2), "--emulated");
+    assert_eq!(complete("cfmmr hil --comp", 2), "--compare");
     let unknown = cfmmr(folder.path(), &["completions", "tcl"]);
     assert_eq!(unknown.status.code(), Some(2));
     assert!(text(&unknown.stderr).contains("bash"));
@@ -218,7 +210,6 @@ impl Machine {
         machine.says("rustc", "rustc 99.1.0 (abcdef 2026-01-01)");
         machine.says("cargo", "cargo 99.1.0 (abcdef 2026-01-01)");
         machine.says("cc", "cc (Debian) 12.2.0");
-        machine.says("qemu-system-arm", "QEMU emulator version 10.0.2 (Debian)");
         machine.with_target(true);
         machine
     }
@@ -277,7 +268,7 @@ fn the_doctor_finds_what_is_needed_and_says_what_to_type() {
     let machine = Machine::new();
     let (code, checks, said) = machine.doctor();
     assert_eq!(code, 0, "{said}");
-    for name in ["rustc", "cargo", "cc", "target", "qemu"] {
+    for name in ["rustc", "cargo", "cc", "target"] {
         assert_eq!(checks[name]["finding"], "ok", "{said}");
         assert_eq!(checks[name]["needed"], true);
     }
@@ -323,12 +314,6 @@ fn the_doctor_fails_for_each_thing_that_is_needed_and_for_nothing_else() {
     case(&missing("rustc"), "rustc", "missing", "https://rustup.rs");
     case(&missing("cargo"), "cargo", "missing", "https://rustup.rs");
     case(&missing("cc"), "cc", "missing", "C compiler");
-    case(
-        &missing("qemu-system-arm"),
-        "qemu",
-        "missing",
-        "tools/scripts/install_qemu.sh",
-    );
     let old = |name: &'static str, line: &'static str| move |m: &Machine| m.says(name, line);
     case(
         &old("cargo", "cargo 1.80.0 (a b)"),
@@ -345,13 +330,6 @@ fn the_doctor_fails_for_each_thing_that_is_needed_and_for_nothing_else() {
         "too-old",
         "rustup toolchain install 1.95.0",
     );
-    case(
-        &old("qemu-system-arm", "QEMU emulator version 7.2.19"),
-        "qemu",
-        "too-old",
-        "tools/scripts/install_qemu.sh",
-    );
-    case(&old("qemu-system-arm", "hello"), "qemu", "unusable", "9.0");
     case(
         &|machine: &Machine| machine.with_target(false),
         "target",

@@ -2,8 +2,7 @@
 
 mod terminal;
 
-use core_algos::hil::protocol::StackUse;
-use core_algos::hil::{Endpoint, Identity};
+use core_algos::link::Identity;
 use core_algos::safety::{Condition, OperatingState};
 use core_algos::topology::{Node, Role};
 use host_sim::base::error::Error;
@@ -15,8 +14,11 @@ use host_sim::run::path_run::{self, PathMode, Route};
 use host_sim::run::regulate::{Outcome, regulate_on};
 use host_sim::run::simulation::Simulation;
 use host_sim::scenario::Scenario;
+use host_sim::targets::board_log::BoardLog;
+use host_sim::targets::images::Images;
 use host_sim::targets::link::{Link, Loopback};
 use host_sim::targets::serial::Serial;
+use host_sim::targets::virtual_link::VirtualLink;
 use host_sim::targets::{self, Failure, FailureMode, InProcess, Remote, Target, What};
 use host_sim::world::faults::CATALOGUE;
 use rand::{RngExt, SeedableRng};
@@ -366,39 +368,44 @@ fn faults_of_boards_and_bus_are_the_same_behind_frames() {
     }
 }
 
-/// A pseudo-terminal with an endpoint behind it, until its other end is closed.
-fn terminal(role: Role) -> (PathBuf, JoinHandle<()>) {
+/// A pseudo-terminal with a board behind it, until its other end is closed.
+fn terminal(mut board: impl Link + 'static) -> (PathBuf, JoinHandle<()>) {
     let (master, path) = pseudo_terminal();
     let path = PathBuf::from(path);
     // Kept open until the board's thread ends, so that the terminal does not hang up between.
     let keep = File::options().read(true).write(true).open(&path).unwrap();
     let mut port = File::from(master);
-    let identity = Identity {
-        build: "terminal",
-        role,
-    };
-    let mut endpoint = Endpoint::new(identity, StackUse::unknown);
     let board = thread::spawn(move || {
-        let mut room = [0; 512];
+        let (mut room, mut answer) = ([0; 512], [0; 512]);
         let mut keep = Some(keep);
         while let Ok(count @ 1..) = port.read(&mut room) {
             keep = None;
-            endpoint.receive(&room[..count], &mut |answer| {
-                port.write_all(answer).unwrap();
-            });
+            board.send(&room[..count]).unwrap();
+            while let count @ 1.. = board.receive(&mut answer, Duration::ZERO).unwrap() {
+                // Nobody listens to the answer to the last word.
+                let _ = port.write_all(&answer[..count]);
+            }
         }
         drop(keep);
     });
     (path, board)
 }
 
+/// One is virtual, with its own image; it resets into the session.
 #[test]
 fn boards_on_serial_ports_are_the_same() {
     let mut scenario = short();
     scenario.mission.time_limit_s = 1.5;
+    let images = Images::open(None, None, None).unwrap();
     let mut boards = Vec::new();
     let targets = Role::ALL.map(|role| {
-        let (path, board) = terminal(role);
+        let (path, board) = match role {
+            Role::Rear => {
+                let log = BoardLog::default();
+                terminal(VirtualLink::start(&images, role, &log, None).unwrap())
+            }
+            _ => terminal(loopback(role)),
+        };
         boards.push(board);
         let port = Serial::open(&path, 921_600).unwrap();
         Box::new(Remote::new(role, Box::new(port))) as Box<dyn Target>

@@ -9,7 +9,7 @@ use syn::visit::{self, Visit};
 const ORDERS: &[(&str, &str)] = &[
     (
         "core-algos",
-        "config math time topology acquisition control safety bus drive beam fusion node params hil",
+        "config math time topology acquisition control safety bus drive beam fusion node params link",
     ),
     (
         "crates/plant",
@@ -23,7 +23,7 @@ const ORDERS: &[(&str, &str)] = &[
     (
         "crates/firmware-common",
         "accelerator crystal clock critical executors dma_halves crash_record stack watchdog task_watchdog fault supply store board_id \
-         time_driver timing can identity hil emulated board",
+         time_driver timing can identity link board",
     ),
     (
         "host-sim",

@@ -1,15 +1,16 @@
-//! Parameters of boards over their links, in process and emulated, and the commands on them.
+//! Parameters of boards over their links, in process and virtual, and the commands on them.
 
 #[path = "shared/program.rs"]
 mod program;
 
-use core_algos::hil::Identity;
+use core_algos::link::Identity;
 use core_algos::params::{Source, find};
 use core_algos::topology::Role;
 use host_sim::targets::board_log::BoardLog;
-use host_sim::targets::emulated::{Emulated, Images, Wire, check_qemu};
+use host_sim::targets::images::Images;
 use host_sim::targets::link::{Link, Loopback};
 use host_sim::targets::parameters::Kept;
+use host_sim::targets::virtual_link::VirtualLink;
 use host_sim::targets::{Remote, Target};
 use program::cfmmr;
 use serde_json::Value;
@@ -81,37 +82,20 @@ fn what_was_saved_is_there_after_a_reset() {
 
 /// The board's own image, with the store that writes the chip's flash; the flash is a file.
 #[test]
-fn what_was_saved_is_there_after_a_reset_of_an_emulated_board() {
-    let qemu = "qemu-system-arm";
-    check_qemu(qemu).unwrap();
-    let images = Images::build().unwrap();
+fn what_was_saved_is_there_after_a_reset_of_a_virtual_board() {
+    let images = Images::open(None, None, None).unwrap();
     let folder = tempfile::tempdir().unwrap();
-    let start = |role: Role, wire| {
-        // Semihosting takes neither blanks nor commas.
+    for role in Role::ALL {
         let file = folder.path().join(format!("a, b {}", role.name()));
         let log = BoardLog::default();
-        Emulated::start(qemu, role, wire, &images, log, Some(&file)).unwrap()
-    };
-    for (role, wire) in [
-        (Role::Front, Wire::Pipe),
-        (Role::Rear, Wire::Pipe),
-        (Role::Beam, Wire::Uart),
-    ] {
-        set_save_and_reset(Box::new(start(role, wire)), role);
+        let board = VirtualLink::start(&images, role, &log, Some(&file)).unwrap();
+        set_save_and_reset(Box::new(board), role);
     }
-    // Both read each other's files: a board in this process finds what the emulated one wrote.
+    // Both read each other's files: a board in this process finds what the virtual one wrote.
     let file = folder.path().join("a, b rear");
     let mut board = Remote::new(Role::Rear, loopback(Role::Rear, &file));
     board.greet().unwrap();
     assert_eq!(kept(&mut board, RADIUS).value, 0.0731);
-    // Without a file nothing can be saved, and the board says so.
-    let log = BoardLog::default();
-    let bare = Emulated::start(qemu, Role::Rear, Wire::Pipe, &images, log, None).unwrap();
-    let mut board = Remote::new(Role::Rear, Box::new(bare));
-    board.greet().unwrap();
-    board.set_parameter(find(RADIUS).unwrap(), 0.0731).unwrap();
-    let error = board.save_parameters().unwrap_err();
-    assert!(error.to_string().contains("flash"), "{error}");
 }
 
 fn text(bytes: &[u8]) -> String {

@@ -2,7 +2,7 @@
 
 use core_algos::beam::MAX_GAUGES;
 use core_algos::bus::{CanFrame, Message};
-use core_algos::hil::protocol::Place;
+use core_algos::link::protocol::Place;
 use core_algos::node::board::Samples;
 use core_algos::node::robot::RobotConfig;
 use core_algos::safety::{Condition, OperatingState};

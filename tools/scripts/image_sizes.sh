@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Prints flash and RAM of every image as a table: constant data and code, and static variables in what
+# Prints flash and RAM of both images as a table: constant data and code, and static variables in what
 # memory.x leaves them beside the stack.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
@@ -12,17 +12,13 @@ command -v readelf >/dev/null || {
 echo "| image | flash, KiB of 1024 | variables, KiB of 48 |"
 echo "|---|---|---|"
 for board in axle beam; do
-  for variant in default hil emulated; do
-    features=()
-    [ $variant = default ] || features=(--features $variant)
-    cargo build --quiet --locked --profile image --package firmware-$board --target $target "${features[@]}"
-    # Segments: type, offset, virtual and physical address, size in file and in memory.
-    readelf --segments --wide target/$target/image/firmware-$board |
-      while read -r type _ virtual physical file memory _; do
-        if [ "$type" = LOAD ]; then echo $((virtual)) $((physical)) $((file)) $((memory)); fi
-      done | awk -v name="firmware-$board, $variant" '
-        $2 < 536870912 { flash += $3 }
-        $1 >= 536870912 { ram += $4 }
-        END { printf "| %s | %.1f | %.1f |\n", name, flash / 1024, ram / 1024 }'
-  done
+  cargo build --quiet --locked --profile image --package firmware-$board --target $target
+  # Segments: type, offset, virtual and physical address, size in file and in memory.
+  readelf --segments --wide target/$target/image/firmware-$board |
+    while read -r type _ virtual physical file memory _; do
+      if [ "$type" = LOAD ]; then echo $((virtual)) $((physical)) $((file)) $((memory)); fi
+    done | awk -v name="firmware-$board" '
+      $2 < 536870912 { flash += $3 }
+      $1 >= 536870912 { ram += $4 }
+      END { printf "| %s | %.1f | %.1f |\n", name, flash / 1024, ram / 1024 }'
 done

@@ -3,7 +3,7 @@
 //! [`axle::AxleNode`] runs once a millisecond on each axle board, [`beam::BeamNode`] on the beam
 //! board, [`lead::LeadNode`] once an epoch of 10 ms on the front board. A node is given the time,
 //! its samples and the messages it received, and gives back commands and messages; it knows no
-//! clock, bus or hardware. The same object runs in a simulation, on an emulated and on a real board.
+//! clock, bus or hardware. The same object runs in a simulation, on a virtual and on a real board.
 
 pub mod axle;
 pub mod beam;

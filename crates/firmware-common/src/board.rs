@@ -1,6 +1,6 @@
 //! Start of a board: supply, crystal, clocks, cause of the reset.
 
-use embassy_stm32::pac::RCC;
+use embassy_stm32::pac::{DBGMCU, RCC};
 use embassy_stm32::rcc::{
     AHBPrescaler, APBPrescaler, Hse, HseMode, Pll, PllMul, PllPDiv, PllPreDiv, PllQDiv, PllSource,
     Sysclk,
@@ -8,9 +8,7 @@ use embassy_stm32::rcc::{
 use embassy_stm32::time::Hertz;
 use embassy_stm32::{Config, Peripherals};
 
-use crate::{critical, fault, stack, time_driver};
-#[cfg(not(feature = "emulated"))]
-use crate::{crystal, supply};
+use crate::{accelerator, critical, crystal, fault, stack, supply, time_driver};
 
 /// Brings the board up and gives its peripherals; call it once, first. `build` names the image: the first
 /// line of the log.
@@ -20,16 +18,10 @@ use crate::{crystal, supply};
 /// stack is a guard before anything else is done; then supply and crystal are checked. At the end the clock of
 /// `embassy-time` runs, and the log says why the board was reset and which faults it had since power came on.
 pub fn start(build: &str) -> Peripherals {
-    #[cfg(feature = "emulated")]
-    crate::emulated::shim::install();
     stack::guard();
     stop_with_core();
-    // The emulator has neither supply nor crystal.
-    #[cfg(not(feature = "emulated"))]
-    {
-        supply::wait();
-        crystal::check();
-    }
+    supply::wait();
+    crystal::check();
 
     let mut config = Config::default();
     config.rcc.hse = Some(Hse {
@@ -51,17 +43,12 @@ pub fn start(build: &str) -> Peripherals {
     config.rcc.apb2_pre = APBPrescaler::DIV2;
     let peripherals = embassy_stm32::init(config);
     critical::set_up();
-    // Nor has it wait states and what would hide them.
-    #[cfg(not(feature = "emulated"))]
-    {
-        supply::watch();
-        crate::accelerator::enable();
-        // A crystal that stops would leave the core without a clock and the timers as they stand. Now
-        // it is a fault ([`fault`]) and a break of TIM1, on the internal oscillator.
-        RCC.cr().modify(|w| w.set_csson(true));
-    }
+    supply::watch();
+    accelerator::enable();
+    // A crystal that stops would leave the core without a clock and the timers as they stand. Now
+    // it is a fault ([`fault`]) and a break of TIM1, on the internal oscillator.
+    RCC.cr().modify(|w| w.set_csson(true));
     defmt::info!("{=str}", build);
-    #[cfg(not(feature = "emulated"))]
     supply::log();
     let clocks = embassy_stm32::rcc::clocks(&peripherals.RCC);
     defmt::info!(
@@ -83,15 +70,11 @@ pub fn start(build: &str) -> Peripherals {
 /// A debugger that halts the core stops the watchdogs and TIM1 with it, and the outputs of a stopped TIM1
 /// are off (RM0090, 38.16.2): without that the motors would go on with their last duty.
 fn stop_with_core() {
-    #[cfg(not(feature = "emulated"))]
-    {
-        use embassy_stm32::pac::DBGMCU;
-        DBGMCU.apb1fzr().modify(|w| {
-            w.set_iwdg(true);
-            w.set_wwdg(true);
-        });
-        DBGMCU.apb2fzr().modify(|w| w.set_tim1(true));
-    }
+    DBGMCU.apb1fzr().modify(|w| {
+        w.set_iwdg(true);
+        w.set_wwdg(true);
+    });
+    DBGMCU.apb2fzr().modify(|w| w.set_tim1(true));
 }
 
 /// Why the board started.

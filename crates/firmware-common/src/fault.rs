@@ -9,13 +9,11 @@ use core::panic::PanicInfo;
 use core::ptr::addr_of_mut;
 use core::sync::atomic::{AtomicBool, AtomicPtr, Ordering};
 
-#[cfg(not(feature = "emulated"))]
 use embassy_stm32::pac::{FLASH, RCC, rcc::vals::Sw};
 
 pub use crate::crash_record::Faults;
 use crate::crash_record::{Record, Text};
 use crate::stack;
-#[cfg(not(feature = "emulated"))]
 use crate::watchdog::WindowWatchdog;
 
 #[unsafe(link_section = ".uninit.FAULTS")]
@@ -82,13 +80,11 @@ fn make_safe() {
         unsafe { core::mem::transmute::<*mut (), fn()>(make_safe)() };
     }
     // On another clock the controller would disturb the bus until the reset.
-    #[cfg(not(feature = "emulated"))]
     RCC.apb1rstr().modify(|w| w.set_can1rst(true));
 }
 
 /// The supply falls: within microseconds it may be too low for the core's clock, and the internal oscillator takes
 /// over before the fault is recorded.
-#[cfg(not(feature = "emulated"))]
 pub(crate) fn supply_low() -> ! {
     make_safe();
     RCC.cfgr().modify(|w| w.set_sw(Sw::HSI));
@@ -118,12 +114,6 @@ fn stop(count: impl FnOnce(&mut Faults) -> &mut u32, what: Arguments) -> ! {
     restart()
 }
 
-#[cfg(feature = "emulated")]
-fn restart() -> ! {
-    semihosting::process::exit(1)
-}
-
-#[cfg(not(feature = "emulated"))]
 fn restart() -> ! {
     // 0.1 s for a probe to fetch the log: less than the shortest time of the independent watchdog, whose reset would
     // count as a second fault. Without its crystal the core runs at 16 MHz. A turn of the delay takes three cycles.
@@ -166,7 +156,6 @@ pub(crate) extern "C" fn hard_fault(pc: u32, lr: u32, sp: u32) -> ! {
 /// The hard fault vector. The stack may be used up, and then neither has the processor put registers
 /// there nor can this handler: as nothing of the program goes on, it begins the stack anew. Only what
 /// is certain to be in RAM is read before.
-#[cfg(not(feature = "emulated"))]
 #[unsafe(naked)]
 #[unsafe(no_mangle)]
 unsafe extern "C" fn HardFault() {

@@ -12,21 +12,20 @@
 //! | `time_driver` | time of `embassy-time` from SysTick |
 //! | `store` | parameters in flash |
 //! | `board_id` | role of an axle board |
-//! | `identity` | identity of the board on the bus (not with `hil`) |
-//! | `led` | LED: state of the node (not with `hil`) |
+//! | `identity` | identity of the board on the bus |
+//! | `led` | LED: state of the node |
 //! | `stack` | how much stack was ever used, and the guard below it |
 //! | `timing` | how late ticks come and how long they take |
-//! | `can` | the bus (not with `hil`) |
+//! | `can` | the bus |
 //! | `dma_halves` | bookkeeping of a buffer that a DMA stream fills |
-//! | `executors` | tick above bus above thread (not with `hil`) |
-//! | `hil` | hardware in the loop: the node fed from a serial link (feature `hil`) |
-//! | `emulated` | what QEMU needs (feature `emulated`) |
+//! | `executors` | tick above bus above thread |
+//! | `link` | serial port: identity, and the session with a rig |
 //!
 //! All but what can be tested on a host is for the board.
 
 #![cfg_attr(target_os = "none", no_std)]
 
-#[cfg(all(target_os = "none", not(feature = "emulated")))]
+#[cfg(target_os = "none")]
 mod accelerator;
 #[cfg(target_os = "none")]
 pub mod board;
@@ -38,19 +37,19 @@ pub mod clock;
 pub mod crash_record;
 #[cfg(target_os = "none")]
 pub mod critical;
-#[cfg(all(target_os = "none", not(feature = "emulated")))]
+#[cfg(target_os = "none")]
 mod crystal;
 #[cfg(target_os = "none")]
 pub mod fault;
-#[cfg(all(target_os = "none", not(feature = "hil")))]
+#[cfg(target_os = "none")]
 pub mod identity;
-#[cfg(all(target_os = "none", not(feature = "hil")))]
+#[cfg(target_os = "none")]
 pub mod led;
 #[cfg(target_os = "none")]
 pub mod stack;
-#[cfg(all(target_os = "none", not(feature = "emulated")))]
+#[cfg(target_os = "none")]
 mod supply;
-#[cfg(all(target_os = "none", not(feature = "hil")))]
+#[cfg(target_os = "none")]
 pub mod task_watchdog;
 #[cfg(target_os = "none")]
 pub mod time_driver;
@@ -62,17 +61,13 @@ pub mod watchdog;
 pub mod dma_halves;
 pub mod store;
 
-#[cfg(any(test, all(target_os = "none", not(feature = "hil"))))]
+#[cfg(any(test, target_os = "none"))]
 pub mod can;
-#[cfg(all(target_os = "none", not(feature = "hil")))]
+#[cfg(target_os = "none")]
 pub mod executors;
 
-#[cfg(any(test, all(target_os = "none", feature = "emulated")))]
-pub mod emulated;
-#[cfg(all(target_os = "none", feature = "hil"))]
-pub mod hil;
+#[cfg(target_os = "none")]
+pub mod link;
 
-#[cfg(all(target_os = "none", not(feature = "emulated")))]
+#[cfg(target_os = "none")]
 use defmt_rtt as _;
-#[cfg(all(target_os = "none", feature = "emulated"))]
-use defmt_semihosting as _;

@@ -1,7 +1,6 @@
 //! Time of `embassy-time` from SysTick, in microseconds.
 //!
-//! SysTick serves the real board and the emulated one alike (QEMU's timers have no compare
-//! interrupt), and leaves every timer of the chip to motors and encoders. Time is read to the
+//! SysTick leaves every timer of the chip to motors and encoders. Time is read to the
 //! microsecond; alarms ring on the millisecond.
 //!
 //! SysTick has the highest priority of all that ask for the time, so that none of them sees a period

@@ -85,7 +85,6 @@ impl WindowWatchdog {
     }
 
     /// Begins its time anew if it was started, for the wait after a fault.
-    #[cfg(not(feature = "emulated"))]
     pub(crate) fn feed_after_fault() {
         if RCC.apb1enr().read().wwdgen() {
             Self(()).feed();

@@ -1,9 +1,8 @@
 //! Runs an image that counts instructions by SysTick, such as firmware-bench, and prints what it prints:
 //! `count IMAGE instructions|cycles`.
 //!
-//! QEMU can let a fixed time pass with each instruction. Here a read of the SysTick gives what it would
-//! give there: [`MILLITICKS`] thousandths of a tick with each instruction, or with each cycle. The memory
-//! has no wait states.
+//! A read of the SysTick gives [`MILLITICKS`] thousandths of a tick with each instruction, or with each cycle. The
+//! memory has no wait states.
 
 mod flat;
 

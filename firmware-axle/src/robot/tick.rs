@@ -19,6 +19,7 @@ use firmware_common::can::{self, Receiver, Sender};
 use firmware_common::fault;
 use firmware_common::identity::Identity;
 use firmware_common::led::Led;
+use firmware_common::link;
 use firmware_common::task_watchdog::CheckIn;
 use firmware_common::timing::{Every, Stopwatch};
 
@@ -121,6 +122,7 @@ pub async fn run(mut axis: Axis) -> ! {
         axis.check_in.report();
         stopwatch.begin();
         let command = axis.tick(&mut state, local);
+        link::set_armed(state.driving || axis.motors.feedback().on);
         axis.motors.command(command);
         stopwatch.end();
         if health.tick() {

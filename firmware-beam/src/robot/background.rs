@@ -35,7 +35,7 @@ pub async fn run(
         if let Some((calibration, off)) = saving.wanted.try_take() {
             parameters.settings.robot.beam.calibration = calibration;
             task_watchdog.watchdog().lengthen();
-            let saved = parameters.save(off).await;
+            let saved = parameters.save(off);
             task_watchdog.watchdog().shorten();
             defmt::info!("calibration saved: {}", saved);
             saving.done.signal(saved);

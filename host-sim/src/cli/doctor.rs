@@ -4,7 +4,6 @@
 use crate::base::error::Error;
 use crate::base::table::Table;
 use crate::experiments::result::{JsonArgs, Provenance};
-use crate::targets::emulated::{self, OLDEST_QEMU, QemuFault};
 use crate::targets::images::TARGET;
 use clap::Args;
 use rustix::fs::Access;
@@ -19,9 +18,6 @@ use std::{fs, thread};
 /// Arguments of `doctor`.
 #[derive(Clone, Debug, Args)]
 pub struct DoctorArgs {
-    /// Emulator
-    #[arg(long, value_name = "PROGRAM", default_value = "qemu-system-arm")]
-    pub qemu: String,
     /// Destination of the result as JSON.
     #[command(flatten)]
     pub json: JsonArgs,
@@ -127,7 +123,6 @@ pub fn run(args: &DoctorArgs) -> Result<(), Error> {
         toolchain("cargo").needed(),
         linker().needed(),
         target().needed(),
-        qemu(&args.qemu).needed(),
         probe_rs(),
         probe(),
         ports(&serial_ports(Path::new("/dev"), &groups)),
@@ -299,18 +294,6 @@ fn target() -> Check {
             one_line(&error.to_string()),
             remedy,
         ),
-    }
-}
-
-fn qemu(name: &str) -> Check {
-    let need =
-        format!("version {OLDEST_QEMU}.0 or newer: tools/scripts/install_qemu.sh installs it");
-    let not = |finding, found: &str| Check::not("qemu", finding, found, need.clone());
-    match emulated::find_qemu(name) {
-        Ok(version) => Check::ok("qemu", version),
-        Err(QemuFault::TooOld(version)) => not(Finding::TooOld, &version),
-        Err(QemuFault::Other) => not(Finding::Unusable, &format!("{name} is not QEMU")),
-        Err(QemuFault::Absent(error)) => not(Finding::Missing, &format!("{name}: {error}")),
     }
 }
 

@@ -78,7 +78,7 @@ pub enum Command {
     Follow(FollowArgs),
     /// Track a trajectory: a path of `follow` with a time law
     Track(FollowArgs),
-    /// Run an experiment with boards in the loop: in QEMU, on serial ports or virtual
+    /// Run an experiment with boards in the loop: virtual or on serial ports
     Hil(HilArgs),
     /// Replay a log and compare it bit by bit, or estimate again with other parameters
     Replay(ReplayArgs),
@@ -113,7 +113,7 @@ pub enum Command {
     Soak(SoakArgs),
     /// Measure the real-time factor of the plant alone
     PlantBench(PlantBenchArgs),
-    /// Check toolchain, emulator, debug probe and serial ports, and print what to type
+    /// Check toolchain, debug probe and serial ports, and print what to type
     Doctor(DoctorArgs),
     /// Print the completions of a shell: `source <(cfmmr completions bash)`
     Completions(CompletionsArgs),

@@ -14,8 +14,8 @@ pub fn run() -> Result<(), Error> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use core_algos::hil::framing::{MAX_FRAME, MAX_PAYLOAD};
-    use core_algos::hil::protocol::{
+    use core_algos::link::framing::{MAX_FRAME, MAX_PAYLOAD};
+    use core_algos::link::protocol::{
         CONFIG_CHUNK, MAX_BUS_FRAMES, MAX_SENT_FRAMES, POINTS, PROTOCOL, Reply, Request, decode,
         encode,
     };

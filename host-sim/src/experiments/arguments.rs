@@ -70,36 +70,46 @@ pub struct Common {
     pub threads: Option<u16>,
 }
 
-/// Link to an emulated board.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum LinkKind {
-    /// Use named pipes through semihosting: fast
-    Pipe,
-    /// Use the board's serial port
-    Uart,
+/// Place of the boards.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum Place {
+    /// Their nodes run in this program.
+    #[default]
+    InProcess,
+    /// Their images run on virtual boards.
+    Virtual,
+    /// Serial ports of front, rear and beam board; boards without a port run in this program.
+    Serial([Option<PathBuf>; 3]),
 }
 
-/// Place of the boards: emulated, on serial ports, or in this process.
+/// The place in `in-process`, `virtual` or `serial:front=PORT,rear=PORT,beam=PORT`.
+fn place(text: &str) -> Result<Place, String> {
+    const ALLOWED: &str =
+        "must be in-process, virtual or serial:front=PORT[,rear=PORT][,beam=PORT]";
+    let ports = match text {
+        "in-process" => return Ok(Place::InProcess),
+        "virtual" => return Ok(Place::Virtual),
+        _ => text.strip_prefix("serial:").ok_or(ALLOWED)?,
+    };
+    let mut found = [None, None, None];
+    for part in ports.split(',') {
+        let (board, port) = part.split_once('=').ok_or(ALLOWED)?;
+        let role = Role::ALL.into_iter().find(|role| role.name() == board);
+        let place = &mut found[role.ok_or(ALLOWED)? as usize];
+        if port.is_empty() || place.replace(PathBuf::from(port)).is_some() {
+            return Err(format!("{board} {ALLOWED}"));
+        }
+    }
+    Ok(Place::Serial(found))
+}
+
+/// Place of the boards.
 #[derive(Clone, Debug, Args)]
 pub struct BoardArgs {
-    /// Run the boards' images in QEMU; builds the images if needed
-    #[arg(long, conflicts_with_all = ["front", "rear", "beam"])]
-    pub emulated: bool,
-    /// Link to emulated boards
-    #[arg(long, value_enum, default_value_t = LinkKind::Pipe, requires = "emulated")]
-    pub link: LinkKind,
-    /// Emulator
-    #[arg(long, value_name = "PROGRAM", default_value = "qemu-system-arm")]
-    pub qemu: String,
-    /// Serial port of the front board; boards without a port run in this program
-    #[arg(long, value_name = "PORT")]
-    pub front: Option<PathBuf>,
-    /// Serial port of the rear board
-    #[arg(long, value_name = "PORT")]
-    pub rear: Option<PathBuf>,
-    /// Serial port of the beam board
-    #[arg(long, value_name = "PORT")]
-    pub beam: Option<PathBuf>,
+    /// Place of the boards: in-process, virtual (their images on virtual boards, built if needed),
+    /// or serial:front=PORT,rear=PORT,beam=PORT; boards without a port run in this program
+    #[arg(long, value_name = "PLACE", default_value = "in-process", value_parser = place)]
+    pub on: Place,
     /// Baud rate of the serial ports
     #[arg(long, default_value_t = 921_600, value_parser = whole::<u32>(9_600..=12_000_000))]
     pub baud: u32,

@@ -1,11 +1,12 @@
 //! Links to the boards that a command line names.
 
 use crate::base::error::Error;
-use crate::experiments::arguments::{BoardArgs, LinkKind};
+use crate::experiments::arguments::{BoardArgs, Place};
 use crate::targets::board_log::BoardLog;
-use crate::targets::emulated::{self, Emulated, Images, Wire};
+use crate::targets::images::Images;
 use crate::targets::link::Link;
 use crate::targets::serial::Serial;
+use crate::targets::virtual_link::VirtualLink;
 use core_algos::topology::Role;
 use std::path::{Path, PathBuf};
 
@@ -15,21 +16,20 @@ pub const DEFAULT_FLASH: &str = "out/flash";
 impl BoardArgs {
     /// The serial port of a board.
     pub fn port(&self, role: Role) -> Option<&Path> {
-        match role {
-            Role::Front => self.front.as_deref(),
-            Role::Rear => self.rear.as_deref(),
-            Role::Beam => self.beam.as_deref(),
+        match &self.on {
+            Place::Serial(ports) => ports[role as usize].as_deref(),
+            _ => None,
         }
     }
 
     /// True if any board has a serial port.
     pub fn any_port(&self) -> bool {
-        Role::ALL.iter().any(|role| self.port(*role).is_some())
+        matches!(self.on, Place::Serial(_))
     }
 
     /// True if any board is outside of this process.
     pub fn any(&self) -> bool {
-        self.emulated || self.any_port()
+        self.on != Place::InProcess
     }
 }
 
@@ -46,14 +46,11 @@ pub struct Links<'a> {
 }
 
 impl<'a> Links<'a> {
-    /// Builds the images of emulated boards, if there are to be any; their flash is in this directory.
+    /// Builds the images of virtual boards, if there are to be any; their store is in this directory.
     pub fn new(args: &'a BoardArgs, flash: Option<PathBuf>) -> Result<Self, Error> {
-        let images = match args.emulated {
-            true => {
-                emulated::check_qemu(&args.qemu)?;
-                Some(Images::build()?)
-            }
-            false => None,
+        let images = match args.on {
+            Place::Virtual => Some(Images::open(None, None, None)?),
+            _ => None,
         };
         Ok(Self {
             args,
@@ -64,21 +61,20 @@ impl<'a> Links<'a> {
 
     /// The link to a board; none if it is in this process.
     pub fn open(&self, role: Role, log: &BoardLog) -> Result<Option<Box<dyn Link>>, Error> {
-        let args = self.args;
-        let wire = match args.link {
-            LinkKind::Pipe => Wire::Pipe,
-            LinkKind::Uart => Wire::Uart,
-        };
-        Ok(match (&self.images, args.port(role)) {
+        Ok(match (&self.images, self.args.port(role)) {
             (Some(images), _) => {
                 let flash = self.flash.as_ref().map(|flash| flash_of(flash, role));
-                let (log, flash) = (log.clone(), flash.as_deref());
-                let board = Emulated::start(&args.qemu, role, wire, images, log, flash)?;
-                Some(Box::new(board))
+                Some(Box::new(VirtualLink::start(
+                    images,
+                    role,
+                    log,
+                    flash.as_deref(),
+                )?))
             }
             (None, Some(port)) => {
-                let port = Serial::open(port, args.baud)
-                    .map_err(|error| Error::input(format!("--{} {error}", role.name())))?;
+                let port = Serial::open(port, self.args.baud).map_err(|error| {
+                    Error::input(format!("--on serial:{}={error}", role.name()))
+                })?;
                 Some(Box::new(port))
             }
             (None, None) => None,

@@ -13,7 +13,7 @@ use crate::targets::board_log::BoardLog;
 use crate::targets::link::Loopback;
 use crate::targets::parameters::Kept;
 use clap::{Args, Subcommand, ValueEnum};
-use core_algos::hil::Identity;
+use core_algos::link::Identity;
 use core_algos::params::{Parameter, Settings, Source, TABLE};
 use core_algos::topology::Role;
 use serde::Serialize;
@@ -50,7 +50,7 @@ pub struct ParamsTarget {
     /// Place of the boards; by default in this process, with their flash in files.
     #[command(flatten)]
     pub boards: BoardArgs,
-    /// Folder of the flash files of boards in QEMU or in this program
+    /// Folder of the flash files of boards that are not real
     #[arg(long, value_name = "DIR", default_value = "out/flash")]
     pub flash: PathBuf,
     /// Boards, separated by commas [default: all]
@@ -163,7 +163,7 @@ fn connect(target: &ParamsTarget) -> Result<Vec<(Role, Remote)>, Error> {
         let there = !target.boards.any_port() || target.boards.port(role).is_some();
         if wanted && !there && !target.board.is_empty() {
             return Err(Error::input(format!(
-                "--board {0}: needs its port, --{0} PORT",
+                "--board {0}: needs its port, --on serial:{0}=PORT",
                 role.name()
             )));
         }

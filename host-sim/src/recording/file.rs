@@ -11,7 +11,7 @@ use crate::run::robot::Record;
 use crate::targets::Report;
 use crate::world::body::Body;
 use core_algos::bus::{self, CanFrame, layout};
-use core_algos::hil::framing::crc32c;
+use core_algos::link::framing::crc32c;
 use core_algos::math::Posture;
 use core_algos::safety::{Class, OperatingState};
 use core_algos::topology::{Node, Role};

@@ -12,7 +12,7 @@ use crate::base::error::Error;
 use crate::targets::host_command::HostCommand;
 use core_algos::beam::MAX_GAUGES;
 use core_algos::bus::CanFrame;
-use core_algos::hil::protocol::Place;
+use core_algos::link::protocol::Place;
 use core_algos::node::board::Samples;
 use core_algos::node::robot::RobotConfig;
 use core_algos::node::{axle, lead};

@@ -18,7 +18,7 @@ use core_algos::beam::calibration::Calibration;
 use core_algos::beam::{MAX_GAUGES, PerGauge};
 use core_algos::fusion::Estimate;
 use core_algos::fusion::robot::Mode;
-use core_algos::hil::protocol::Place;
+use core_algos::link::protocol::Place;
 use core_algos::math::Posture;
 use core_algos::node::axle;
 use core_algos::node::lead::{self, Task};

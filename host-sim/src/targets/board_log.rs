@@ -1,4 +1,4 @@
-//! Log of an emulated board: defmt frames on its standard output, decoded line by line.
+//! Log of a virtual board: defmt frames, decoded line by line.
 
 use crate::base::output::OutputDir;
 use core_algos::topology::Role;

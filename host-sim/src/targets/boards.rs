@@ -17,7 +17,7 @@ use super::losses::{Event, Losses, What};
 use super::{BoardTraffic, Fault, HostCommand, Output, Posted, Report, Room, Target};
 use crate::base::error::Error;
 use core_algos::bus::{CanFrame, Message};
-use core_algos::hil::protocol::Place;
+use core_algos::link::protocol::Place;
 use core_algos::node::board::Samples;
 use core_algos::node::robot::RobotConfig;
 use core_algos::time::{Micros, TICK};

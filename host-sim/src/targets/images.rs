@@ -1,9 +1,13 @@
-//! Images of the boards, built from this workspace.
+//! The images of the boards, built from this workspace or read from files.
 
 use crate::base::error::Error;
+use core_algos::link::framing::crc32c;
+use core_algos::topology::Role;
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
+use std::sync::Arc;
+use virtual_board::image::Image;
 
 /// The boards' target.
 pub const TARGET: &str = "thumbv7em-none-eabihf";
@@ -11,9 +15,9 @@ pub const TARGET: &str = "thumbv7em-none-eabihf";
 /// Profile of Cargo.toml that they are built with.
 const PROFILE: &str = "image";
 
-/// Builds a package's image if it is not up to date, with this feature, and gives the ELF file's bytes.
-/// All variants have one path, so a lock keeps other runs from building theirs in between.
-pub fn build(package: &str, feature: Option<&str>) -> Result<Vec<u8>, Error> {
+/// Builds a package's image if it is not up to date, and gives the ELF file's bytes. A lock keeps two runs from
+/// building at once.
+pub fn build(package: &str) -> Result<Vec<u8>, Error> {
     let workspace = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
     let target = std::env::var_os("CARGO_TARGET_DIR").map(PathBuf::from);
@@ -24,11 +28,6 @@ pub fn build(package: &str, feature: Option<&str>) -> Result<Vec<u8>, Error> {
     let status = Command::new(&cargo)
         .args(["build", "--quiet", "--locked", "--profile", PROFILE])
         .args(["--target", TARGET, "--package", package])
-        .args(
-            feature
-                .into_iter()
-                .flat_map(|feature| ["--features", feature]),
-        )
         .current_dir(&workspace)
         .stdin(Stdio::null())
         .status()
@@ -41,4 +40,88 @@ pub fn build(package: &str, feature: Option<&str>) -> Result<Vec<u8>, Error> {
     }
     let built = target.join(TARGET).join(PROFILE).join(package);
     fs::read(&built).map_err(|error| Error::Failure(format!("{}: {error}", built.display())))
+}
+
+/// An axle's image and the beam's.
+#[derive(Clone)]
+pub struct Images {
+    front: Arc<Image>,
+    rear: Arc<Image>,
+    beam: Arc<Image>,
+}
+
+impl Images {
+    /// The images that users flash, built if they are not up to date; a file that is given takes the
+    /// place of one.
+    pub fn open(
+        front: Option<&Path>,
+        rear: Option<&Path>,
+        beam: Option<&Path>,
+    ) -> Result<Self, Error> {
+        let given = |(file, package): (&Path, &str)| {
+            let image = Image::open(file).map_err(|error| Error::input(error.to_string()))?;
+            check(file, &image, package)?;
+            Ok::<_, Error>(Arc::new(image))
+        };
+        let built = |package: &str| {
+            let bytes = build(package)?;
+            let image = Image::parse(package, bytes);
+            Ok::<_, Error>(Arc::new(
+                image.map_err(|error| Error::Failure(error.to_string()))?,
+            ))
+        };
+        // Files first: a wrong one is told before anything is built.
+        let [axle, beam_board] = ["firmware-axle", "firmware-beam"];
+        let files = [(front, axle), (rear, axle), (beam, beam_board)];
+        let [front, rear, beam] =
+            files.map(|(file, package)| file.map(|file| given((file, package))).transpose());
+        let (front, rear, beam) = (front?, rear?, beam?);
+        let axle = match (&front, &rear) {
+            (Some(axle), Some(_)) => axle.clone(),
+            _ => built("firmware-axle")?,
+        };
+        Ok(Self {
+            front: front.unwrap_or_else(|| axle.clone()),
+            rear: rear.unwrap_or(axle),
+            beam: beam.map_or_else(|| built("firmware-beam"), Ok)?,
+        })
+    }
+
+    /// Name of a board's image: checksum of the flashed bytes (CRC-32C).
+    pub fn name(&self, role: Role) -> String {
+        let segments = self.of(role).segments().iter();
+        let bytes: Vec<u8> = segments.flat_map(|segment| segment.data.clone()).collect();
+        format!("virtual, image {:08x}", crc32c(&bytes))
+    }
+
+    /// The image of a board.
+    pub fn of(&self, role: Role) -> &Image {
+        match role {
+            Role::Front => &self.front,
+            Role::Rear => &self.rear,
+            Role::Beam => &self.beam,
+        }
+    }
+}
+
+/// Refuses an image that says it is of another board: the first line of its log (name, version, hash). An image that
+/// does not say what it is passes.
+fn check(file: &Path, image: &Image, package: &str) -> Result<(), Error> {
+    for segment in image.segments() {
+        for place in 0..segment.data.len() {
+            let text = &segment.data[place..];
+            if !text.starts_with(b"firmware-axle ") && !text.starts_with(b"firmware-beam ") {
+                continue;
+            }
+            let text = String::from_utf8_lossy(&text[..text.len().min(64)]).into_owned();
+            let found = text.split_ascii_whitespace().next().unwrap_or_default();
+            if found != package {
+                return Err(Error::input(format!(
+                    "{}: {found} image: must be a {package} image",
+                    file.display(),
+                )));
+            }
+        }
+    }
+    Ok(())
 }

@@ -3,7 +3,7 @@
 use super::{Fault, HostCommand, Output, Posted, Report, Room, Target};
 use crate::base::error::Error;
 use core_algos::bus::{CanFrame, Message};
-use core_algos::hil::protocol::Place;
+use core_algos::link::protocol::Place;
 use core_algos::node::Outbox;
 use core_algos::node::board::{Board, Samples};
 use core_algos::node::lead::LeadNode;

@@ -2,8 +2,8 @@
 
 use crate::base::error::Error;
 use crate::base::output;
-use core_algos::hil::protocol::StackUse;
-use core_algos::hil::{Endpoint, Identity};
+use core_algos::link::protocol::StackUse;
+use core_algos::link::{Endpoint, Identity};
 use firmware_common::store::Store;
 use firmware_common::store::simulated::{Flash, run};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};

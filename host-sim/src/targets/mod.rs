@@ -7,15 +7,16 @@
 
 pub mod board_log;
 pub mod boards;
-pub mod emulated;
 pub mod host_command;
 pub mod images;
 pub mod in_process;
 pub mod link;
+pub mod log_reader;
 pub mod losses;
 pub mod parameters;
 pub mod remote;
 pub mod serial;
+pub mod virtual_link;
 
 pub use boards::{Boards, Failure, FailureMode};
 pub use host_command::HostCommand;
@@ -25,7 +26,7 @@ pub use remote::Remote;
 
 use crate::base::error::Error;
 use core_algos::bus::{CanFrame, Message};
-use core_algos::hil::protocol::{Place, StackUse};
+use core_algos::link::protocol::{Place, StackUse};
 use core_algos::node::board::Samples;
 use core_algos::node::lead;
 use core_algos::node::robot::RobotConfig;

@@ -1,11 +1,11 @@
-//! The parameters that a board behind a link keeps; see [`core_algos::hil::stored_parameters`].
+//! The parameters that a board behind a link keeps; see [`core_algos::link::stored_parameters`].
 
 use super::boards::fatal;
 use super::remote::refused;
 use super::{Fault, Remote};
 use crate::base::error::Error;
 use crate::scenario::board_parameters::Values;
-use core_algos::hil::protocol::{Refusal, Reply, Request};
+use core_algos::link::protocol::{Refusal, Reply, Request};
 use core_algos::params::{COUNT, Parameter, Source, TABLE, fingerprint};
 
 /// One parameter of a board.

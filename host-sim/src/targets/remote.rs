@@ -1,13 +1,13 @@
 //! A board's nodes at the other end of a link.
 //!
-//! One request at a time, repeated until its answer comes; see [`core_algos::hil`].
+//! One request at a time, repeated until its answer comes; see [`core_algos::link`].
 
 use super::link::Link;
 use super::{Fault, HostCommand, Latency, Output, Posted, Report, Room, Target, Traffic};
 use crate::base::error::Error;
 use core_algos::bus::{CanFrame, Message};
-use core_algos::hil::framing::{self, Decoder, MAX_FRAME};
-use core_algos::hil::protocol::{
+use core_algos::link::framing::{self, Decoder, MAX_FRAME};
+use core_algos::link::protocol::{
     self, CONFIG_CHUNK, MAX_CONFIG, PROTOCOL, Packed, Place, Refusal, Reply, Request, StackUse,
     Telemetry,
 };
@@ -62,8 +62,25 @@ impl Remote {
         }
     }
 
-    /// Begins a session, and checks that the board is the one that is expected.
+    /// Begins a session: a board that drives is asked for one, and resets. Checks that the board is the one that is
+    /// expected.
     pub(super) fn hello(&mut self) -> Result<(), Fault> {
+        for _ in 0..STALE {
+            if self.greet_once()? {
+                return Ok(());
+            }
+            self.conversation.ask(&Request::Rig)?;
+            match self.conversation.answer()? {
+                // Where the answer was lost, the board has reset already.
+                Reply::Done | Reply::Refused(Refusal::NoSession) => {}
+                other => return Err(refused(self.role, "a session", other)),
+            }
+        }
+        Err(unexpected(self.role, "session"))
+    }
+
+    /// Says hello; whether the board is in a session.
+    fn greet_once(&mut self) -> Result<bool, Fault> {
         static NONCE: AtomicU32 = AtomicU32::new(1);
         let sent = NONCE.fetch_add(1, Relaxed);
         let request = Request::Hello {
@@ -79,6 +96,7 @@ impl Remote {
                 nonce,
                 role,
                 build,
+                session,
                 ..
             } = self.conversation.answer()?
             else {
@@ -102,7 +120,7 @@ impl Remote {
                 ))));
             }
             self.build = build.to_owned();
-            return Ok(());
+            return Ok(session);
         }
         Err(unexpected(expected, "hello"))
     }
@@ -181,6 +199,15 @@ pub(super) fn refused(role: Role, what: &str, reply: Reply) -> Fault {
         "{} board refuses {what}: {reason}",
         role.name()
     )))
+}
+
+impl Drop for Remote {
+    /// The board goes back to driving; without an answer it does so by itself.
+    fn drop(&mut self) {
+        if !self.build.is_empty() {
+            let _ = self.conversation.ask(&Request::Leave);
+        }
+    }
 }
 
 impl Target for Remote {
@@ -473,10 +500,11 @@ impl Conversation {
 }
 
 fn gone(error: std::io::Error) -> Fault {
-    Fault::Silent(match error.kind() {
-        std::io::ErrorKind::UnexpectedEof | std::io::ErrorKind::BrokenPipe => {
-            "the board closed the link".to_owned()
-        }
-        _ => error.to_string(),
-    })
+    use std::io::ErrorKind::{BrokenPipe, Other, UnexpectedEof};
+    match error.kind() {
+        UnexpectedEof | BrokenPipe => Fault::Silent("the board closed the link".to_owned()),
+        // What a virtual board did that no board may do.
+        Other => Fault::Fatal(Error::Failure(error.to_string())),
+        _ => Fault::Silent(error.to_string()),
+    }
 }

@@ -34,7 +34,7 @@ const SHORTER: &[(&str, Options, &str)] = &[
         "the whole way is driven by ci.sh",
     ),
     (
-        "hil --emulated",
+        "hil --on virtual",
         &[("--stop-after", "0.4")],
         "what follows are more ticks of the same kind",
     ),
@@ -80,11 +80,6 @@ const NOT_RUN: &[(&str, Check, &str)] = &[
         "tools/scripts/",
         Check::Script,
         "ci.sh runs it, or it needs what that installs",
-    ),
-    (
-        "qemu-system-arm ",
-        Check::Nothing,
-        "cfmmr hil starts it so, with files of its own",
     ),
     ("rerun ", Check::Nothing, "a viewer from elsewhere"),
 ];
@@ -229,7 +224,7 @@ fn check(command: &str, words: &[String], check: &Check) -> Result<(), String> {
 }
 
 /// Runs a line of a block, or does what stands for that.
-fn carry_out(folder: &Path, line: &str, emulate: bool) -> Result<(), String> {
+fn carry_out(folder: &Path, line: &str, boards: bool) -> Result<(), String> {
     let (input, command) = match line.strip_prefix("echo ").and_then(|l| l.split_once(" | ")) {
         Some((input, command)) => (words(input).join(" ") + "\n", command),
         None => (String::new(), line),
@@ -240,8 +235,8 @@ fn carry_out(folder: &Path, line: &str, emulate: bool) -> Result<(), String> {
     }
     if let Some(arguments) = arguments(&words) {
         parse(arguments)?;
-        let emulated = arguments.iter().any(|word| word == "--emulated");
-        if command.contains(HARDWARE) || (emulated && !emulate) {
+        let on_boards = command.contains("--on virtual");
+        if command.contains(HARDWARE) || (on_boards && !boards) {
             return Ok(());
         }
         return run(folder, &shorter(arguments), &input);
@@ -271,27 +266,24 @@ fn prepare(folder: &Path, page: &Page) {
     fs::write(studies.join(name), study).unwrap();
 }
 
-/// True if QEMU and the boards' Rust target are installed, as by ci.sh; otherwise the emulated
-/// commands are only parsed.
-fn can_emulate() -> bool {
-    let output = |program: &str, arguments: &[&str]| {
-        let output = Command::new(program).args(arguments).output().ok()?;
-        let text = String::from_utf8_lossy(&output.stdout).into_owned();
-        output.status.success().then_some(text)
-    };
-    let target = [
+/// True if the boards' Rust target is installed, as by ci.sh; otherwise commands on virtual boards are only parsed.
+fn has_target() -> bool {
+    let arguments = [
         "--print",
         "target-libdir",
         "--target",
         "thumbv7em-none-eabihf",
     ];
-    output("qemu-system-arm", &["--version"]).is_some()
-        && output("rustc", &target).is_some_and(|folder| Path::new(folder.trim()).is_dir())
+    let output = Command::new("rustc").args(arguments).output();
+    output.is_ok_and(|output| {
+        let folder = String::from_utf8_lossy(&output.stdout).into_owned();
+        output.status.success() && Path::new(folder.trim()).is_dir()
+    })
 }
 
 #[test]
 fn commands_in_blocks_run() {
-    let emulate = can_emulate();
+    let boards = has_target();
     let (mut wrong, mut count) = (Vec::new(), 0);
     for page in pages::all() {
         let blocks = page.blocks.iter().filter(|b| b.language() == "sh");
@@ -310,7 +302,7 @@ fn commands_in_blocks_run() {
         for (block, line) in lines {
             count += 1;
             let begun = std::time::Instant::now();
-            if let Err(error) = carry_out(folder.path(), &line, emulate) {
+            if let Err(error) = carry_out(folder.path(), &line, boards) {
                 wrong.push(format!("{}:{block}: {line}: {error}", page.path.display()));
             }
             println!("{:5.1} s  {line}", begun.elapsed().as_secs_f32());

@@ -1,4 +1,4 @@
-//! Counts instructions of the boards' algorithms on an emulated Cortex-M4F:
+//! Counts instructions of the boards' algorithms on the virtual board's core:
 //! `tools/scripts/count_instructions.py`.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
@@ -7,6 +7,6 @@ mod image;
 
 #[cfg(not(target_os = "none"))]
 fn main() {
-    eprintln!("this image runs in an emulator: tools/scripts/count_instructions.py");
+    eprintln!("this image runs on the virtual board's core: tools/scripts/count_instructions.py");
     std::process::exit(2);
 }

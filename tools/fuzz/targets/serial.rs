@@ -3,11 +3,11 @@
 
 use cfmmr_fuzz::numbers::Bytes;
 use core_algos::bus;
-use core_algos::hil::framing::{MAX_FRAME, SerialFrame, crc32c};
-use core_algos::hil::protocol::{
+use core_algos::link::framing::{MAX_FRAME, SerialFrame, crc32c};
+use core_algos::link::protocol::{
     self, CONFIG_CHUNK, MAX_CONFIG, MAX_TELEMETRY, PROTOCOL, Reply, Request, StackUse,
 };
-use core_algos::hil::{Endpoint, Identity};
+use core_algos::link::{Endpoint, Identity};
 use core_algos::node::robot::RobotConfig;
 use core_algos::topology::Role;
 use libfuzzer_sys::fuzz_target;
@@ -123,7 +123,7 @@ fn fail_to_save(board: &mut Endpoint, send: &mut impl FnMut(&[u8])) {
 /// An answer is one whole frame, and what is in it makes sense.
 fn check(answer: &[u8], role: Role) -> Vec<u8> {
     assert!(answer.len() <= MAX_FRAME && answer.last() == Some(&0));
-    let mut decoder = core_algos::hil::framing::Decoder::new();
+    let mut decoder = core_algos::link::framing::Decoder::new();
     let mut payload = None;
     for &byte in answer {
         if let Some(found) = decoder.take_byte(byte) {

@@ -4,7 +4,7 @@
 
 use super::Store;
 use crate::accelerator;
-use core_algos::params::{Disarmed, Report, Settings};
+use core_algos::params::{Contents, Disarmed, Report, Settings};
 use core_algos::topology::Role;
 use defmt::{info, warn};
 use embassy_embedded_hal::adapter::BlockingAsync;
@@ -57,7 +57,7 @@ impl NorFlash for Region {
 const RANGE: core::ops::Range<u32> = 16 * 1024..64 * 1024;
 
 /// The store.
-pub fn open(flash: Peri<'static, FLASH>) -> Store<Region> {
+fn open(flash: Peri<'static, FLASH>) -> Store<Region> {
     let region = Flash::new_blocking(flash)
         .into_blocking_regions()
         .bank1_region1;
@@ -118,15 +118,25 @@ impl Parameters {
         (self.settings, self.report) = contents.settle(&self.base, check);
     }
 
-    /// Saves the settings; whether that worked.
-    pub async fn save(&mut self, off: Disarmed) -> bool {
-        match self.store.save(&self.settings, &self.base, off).await {
-            Ok(_) => true,
-            Err(error) => {
-                warn!("parameters not saved: {}", defmt::Debug2Format(&error));
-                false
-            }
-        }
+    /// Saves the settings; whether that worked. The core does the writing: nothing else runs meanwhile but
+    /// interrupts.
+    pub fn save(&mut self, off: Disarmed) -> bool {
+        let settings = self.settings;
+        self.write(&settings, off).is_some()
+    }
+
+    /// Writes settings to the store; gives the number of values written.
+    #[inline(never)]
+    pub(crate) fn write(&mut self, settings: &Settings, off: Disarmed) -> Option<usize> {
+        let saved = block_on(self.store.save(settings, &self.base, off));
+        saved
+            .inspect_err(|error| warn!("parameters not saved: {}", defmt::Debug2Format(error)))
+            .ok()
+    }
+
+    /// What the store holds.
+    pub(crate) fn contents(&self) -> &Contents {
+        self.store.contents()
     }
 }
 

@@ -10,7 +10,7 @@
 
 #[cfg(not(target_os = "none"))]
 pub mod campaign;
-#[cfg(all(target_os = "none", not(feature = "emulated")))]
+#[cfg(target_os = "none")]
 pub mod chip;
 #[cfg(not(target_os = "none"))]
 pub mod simulated;

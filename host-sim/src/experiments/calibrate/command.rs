@@ -49,7 +49,7 @@ pub struct CalibrateArgs {
     /// Place of the boards; by default in this process, with their flash in files.
     #[command(flatten)]
     pub boards: BoardArgs,
-    /// Folder of the flash files of boards in QEMU or in this program
+    /// Folder of the flash files of boards that are not real
     #[arg(long, value_name = "DIR", default_value = "out/flash")]
     pub flash: PathBuf,
     /// Seed of the robot's errors and of all random draws
@@ -62,7 +62,7 @@ pub struct CalibrateArgs {
         value_name = "LIST",
         value_delimiter = ',',
         value_parser = whole::<u64>(0..=u64::MAX),
-        conflicts_with_all = ["seed", "yes", "out", "emulated", "front", "rear", "beam"]
+        conflicts_with_all = ["seed", "yes", "out", "on"]
     )]
     pub seeds: Vec<u64>,
     /// Number of squares each way and at each speed

@@ -17,7 +17,7 @@ use crate::experiments::campaign::study::Study;
 use crate::experiments::result::{JsonArgs, Provenance};
 use crate::run::regulate::regulate;
 use clap::{Args, Subcommand};
-use core_algos::hil::framing::crc32c;
+use core_algos::link::framing::crc32c;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::path::PathBuf;

@@ -1,6 +1,5 @@
 //! `cfmmr faults`: every fault of the catalogue, at several times and with several seeds.
 
-pub mod emulated;
 pub mod on_virtual;
 pub mod run;
 
@@ -34,15 +33,8 @@ pub struct FaultsArgs {
     /// Run only faults whose name contains this text; may be repeated
     #[arg(long, value_name = "TEXT")]
     pub only: Vec<String>,
-    /// Run on boards in QEMU, with one seed at one time, and compare each run with the nodes in
-    /// this program
-    #[arg(long, conflicts_with = "seeds", group = "boards")]
-    pub emulated: bool,
-    /// Emulator for --emulated, QEMU 9.0 or newer
-    #[arg(long, value_name = "PROGRAM", default_value = "qemu-system-arm")]
-    pub qemu: String,
     /// Inject faults of the boards: virtual boards run the default images
-    #[arg(long = "virtual", group = "boards")]
+    #[arg(long = "virtual")]
     pub virtual_boards: bool,
     /// With --virtual: each fault at one time with one seed, and a selection of the instants of
     /// power failure
@@ -60,9 +52,9 @@ pub struct FaultsArgs {
     /// With --virtual: use this image (ELF) on the beam board
     #[arg(long, value_name = "ELF", requires = "virtual_boards")]
     pub beam_image: Option<PathBuf>,
-    /// With --emulated or --virtual: exit 1 if a row differs from the committed table, or with
-    /// --quick, if an outcome is not in its row
-    #[arg(long, requires = "boards")]
+    /// With --virtual: exit 1 if a row differs from the committed table, or with --quick, if an
+    /// outcome is not in its row
+    #[arg(long, requires = "virtual_boards")]
     pub check: bool,
     /// Destination of the result as JSON.
     #[command(flatten)]

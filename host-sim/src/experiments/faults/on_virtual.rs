@@ -6,11 +6,11 @@ use crate::base::output;
 use crate::base::progress::Progress;
 use crate::experiments::faults::{FaultsArgs, check_choice, is_chosen, scenario};
 use crate::experiments::result::Provenance;
-use crate::run::virtual_robot::Images;
 use crate::run::virtual_robot::faults::{
     self, Campaign, Case, Course, End, Entry, Outcome, Reference, catalogue,
 };
 use crate::run::virtual_robot::tools::coverage;
+use crate::targets::images::Images;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::collections::BTreeSet;

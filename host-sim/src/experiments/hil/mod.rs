@@ -1,4 +1,4 @@
-//! `cfmmr hil`: an experiment with emulated or real boards in the loop.
+//! `cfmmr hil`: an experiment with virtual or real boards in the loop.
 
 pub mod on_virtual;
 
@@ -79,8 +79,8 @@ pub struct HilArgs {
     /// Use the parameters in the boards' flash, laid over those of the scenario
     #[arg(long)]
     pub stored: bool,
-    /// Folder of the flash files of emulated boards
-    #[arg(long, value_name = "DIR", requires = "emulated")]
+    /// With --on virtual: folder of the files with the boards' stores
+    #[arg(long, value_name = "DIR", requires = "on")]
     pub flash: Option<PathBuf>,
     /// Run in real time: no tick begins early
     #[arg(long)]
@@ -220,8 +220,8 @@ pub fn run(args: &HilArgs) -> Result<(), Error> {
 fn prepare(args: &HilArgs, context: &mut Context) -> Result<Task, Error> {
     if !args.boards.any() {
         return Err(Error::input(
-            "hil: needs --emulated, --virtual or a serial port (--front, --rear, --beam), for example \
-             `cfmmr hil --emulated`; `cfmmr doctor` checks QEMU and ports",
+            "hil: needs --on virtual or serial ports (--on serial:front=PORT,rear=PORT,beam=PORT); `cfmmr \
+             doctor` lists the ports",
         ));
     }
     let scenario = &mut context.scenario;
@@ -234,9 +234,9 @@ fn prepare(args: &HilArgs, context: &mut Context) -> Result<Task, Error> {
     scenario.mission.rps &= !args.drive.no_rps;
     scenario.world.sensors.gyro.fitted |= args.drive.imu;
     scenario.world.sensors.accelerometer.fitted |= args.drive.imu;
-    if !scenario.mission.rps && args.boards.beam.is_some() {
+    if !scenario.mission.rps && args.boards.port(Role::Beam).is_some() {
         return Err(Error::input(
-            "--beam: no beam board without the relative position sensor",
+            "--on serial:beam: no beam board without the relative position sensor",
         ));
     }
     let (path, path_mode) = match (&args.follow, &args.track) {

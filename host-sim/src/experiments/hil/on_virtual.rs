@@ -14,11 +14,12 @@ use crate::run::robot::Robot;
 use crate::run::virtual_robot::tools::debugger::Gdb;
 use crate::run::virtual_robot::tools::profile::{self, Profile};
 use crate::run::virtual_robot::tools::{Instruments, coverage};
-use crate::run::virtual_robot::{BoardReport, Images, Options, VirtualRobot};
+use crate::run::virtual_robot::{BoardReport, Options, VirtualRobot};
 use crate::scenario::Scenario;
 use crate::scenario::effect::Use;
 use crate::targets::Event;
 use crate::targets::board_log::{self, BoardLog};
+use crate::targets::images::Images;
 use core_algos::safety::OperatingState;
 use core_algos::topology::Role;
 use serde::Serialize;
@@ -66,17 +67,12 @@ struct Report {
 
 /// Options that `--virtual` does not go with, whether they were given, and why not.
 fn refuse(args: &HilArgs) -> Result<(), Error> {
-    const ELSEWHERE: &str = "virtual boards run in this program; use one of the two";
     const PINS: &str = "the default images take no commands: the button begins a drive to a goal";
     const FLASH: &str = "the flash of virtual boards holds the parameters of the scenario; use --set or \
                          --scenario";
     const BUS: &str = "the bus of virtual boards is simulated bit by bit and has no such key";
-    let boards = &args.boards;
     let given = [
-        ("--emulated", boards.emulated, ELSEWHERE),
-        ("--front", boards.front.is_some(), ELSEWHERE),
-        ("--rear", boards.rear.is_some(), ELSEWHERE),
-        ("--beam", boards.beam.is_some(), ELSEWHERE),
+        ("--on", args.boards.any(), "give one of the two"),
         ("--stored", args.stored, FLASH),
         ("--flash", args.flash.is_some(), FLASH),
         ("--link-loss", args.link_loss.is_some(), BUS),

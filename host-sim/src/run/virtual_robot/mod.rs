@@ -8,16 +8,13 @@
 pub mod axle;
 pub mod beam;
 pub mod faults;
-mod images;
 pub mod listener;
-mod log;
 mod options;
 mod power;
 pub mod report;
 mod store;
 pub mod tools;
 
-pub use images::Images;
 pub use options::Options;
 pub use report::BoardReport;
 
@@ -30,6 +27,8 @@ use crate::run::robot::{FRAME_POINTS, Record, Robot, Span};
 use crate::scenario::Scenario;
 use crate::targets::BoardTraffic;
 use crate::targets::board_log::BoardLog;
+use crate::targets::images::Images;
+use crate::targets::log_reader::Reader;
 use crate::world::drawn::Drawn;
 use crate::world::random::{Stream, generator};
 use crate::world::sensors::Sensors;
@@ -43,7 +42,6 @@ use core_algos::safety::OperatingState;
 use core_algos::time::Micros;
 use core_algos::topology::{Node, Role};
 use listener::Listener;
-use log::Reader;
 use rand::RngExt;
 use report::Watch;
 use std::sync::Arc;

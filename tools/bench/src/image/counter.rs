@@ -1,4 +1,4 @@
-//! Instructions by the emulator's clock: it is told to let 128 ns pass with each instruction, and
+//! Instructions by the clock of the core that runs the image: it lets 128 ns pass with each instruction, and
 //! SysTick counts at 168 MHz. Stack by a pattern written below the stack pointer before a call.
 
 use core::arch::asm;

@@ -1,4 +1,4 @@
-//! The image: measures, prints one line each, and ends the emulator.
+//! The image: measures, prints one line each, and ends.
 
 mod counter;
 mod ours;
@@ -6,7 +6,7 @@ mod problem;
 
 use cortex_m_rt::entry;
 use counter::Counter;
-// Prints the message and ends the emulator with an error.
+// Prints the message and ends.with an error.
 use panic_semihosting as _;
 use semihosting::println;
 

@@ -14,7 +14,8 @@
 //! ```
 
 use crate::base::error::Error;
-use crate::run::virtual_robot::{Images, VirtualRobot};
+use crate::run::virtual_robot::VirtualRobot;
+use crate::targets::images::Images;
 use core_algos::topology::Role;
 use std::path::Path;
 use virtual_board::image::Image;

@@ -12,7 +12,7 @@ use super::protocol::{
 use super::stored_parameters::{Save, StoreError, StoredParameters};
 use crate::bus;
 use crate::config::ConfigError;
-use crate::control::path::PathError;
+use crate::control::path::{PathError, PathPoint};
 use crate::node::Outbox;
 use crate::node::board::{Board, Output, Ready, Samples};
 use crate::node::lead::LeadNode;
@@ -31,7 +31,16 @@ pub struct Identity {
     pub role: Role,
 }
 
-/// A board at the end of a link.
+impl Identity {
+    /// Build identification, cut between characters to at most 64 bytes.
+    pub fn short_build(&self) -> &'static str {
+        let text = self.build;
+        let end = (0..=64).rev().find(|&end| text.is_char_boundary(end));
+        end.and_then(|end| text.get(..end)).unwrap_or(text)
+    }
+}
+
+/// A board at the end of a link, in a session with a rig.
 #[derive(Clone, Debug)]
 pub struct Endpoint {
     decoder: Decoder,
@@ -90,6 +99,16 @@ impl Endpoint {
         self.decoder.counters()
     }
 
+    /// True if the host has left: the board is to be reset.
+    pub fn has_left(&self) -> bool {
+        self.session.left
+    }
+
+    /// Starts nodes that were built elsewhere, in their place.
+    pub fn begin(&mut self, nodes: Ready) -> &mut Board {
+        begin(&mut self.session.board, nodes)
+    }
+
     /// The nodes, once they have been started.
     pub fn board(&self) -> Option<&Board> {
         self.session.board.as_ref()
@@ -102,6 +121,8 @@ struct Session {
     stack: fn() -> StackUse,
     /// True if a host has said hello in this version.
     open: bool,
+    /// True if the host has left since.
+    left: bool,
     /// Number of the last request, and what was answered.
     last: Option<u8>,
     answer: SerialFrame,
@@ -116,8 +137,8 @@ struct Session {
 
 /// The nodes in their place. Not inlined, so that nothing else is on the stack while they pass over it.
 #[inline(never)]
-fn begin(place: &mut Option<Board>, nodes: Ready) {
-    *place = Some(nodes.begin());
+fn begin(place: &mut Option<Board>, nodes: Ready) -> &mut Board {
+    place.insert(nodes.begin())
 }
 
 /// A save under way.
@@ -136,6 +157,7 @@ impl Session {
             identity,
             stack,
             open: false,
+            left: false,
             last: None,
             answer: SerialFrame::default(),
             configuration: Configuration::default(),
@@ -157,15 +179,16 @@ impl Session {
         }
         let request = protocol::decode::<Request>(payload).map(|(_, request)| request);
         if let Some(Request::Hello { protocol, nonce }) = request {
-            self.open = protocol == PROTOCOL;
+            (self.open, self.left) = (protocol == PROTOCOL, false);
             self.configuration = Configuration::default();
             self.board = None;
             let reply = Reply::Hello {
                 protocol: PROTOCOL,
                 nonce,
                 role: self.identity.role,
-                build: shortened(self.identity.build),
+                build: self.identity.short_build(),
                 counters,
+                session: true,
             };
             self.respond(number, protocol::encode(number, &reply), send);
             // The next request is no repetition, whatever its number.
@@ -194,7 +217,7 @@ impl Session {
             return;
         }
         // What a reply refers to stands here.
-        let (mut text, mut bus) = (Text::default(), Packed::new());
+        let (mut text, mut bus) = (Text::new(), Packed::new());
         let reply = match request {
             Some(request) if self.open => self.reply_to(request, &mut text, &mut bus),
             Some(_) => Err(Refusal::NoSession),
@@ -228,6 +251,9 @@ impl Session {
     ) -> Result<Reply<'a>, Refusal<'a>> {
         match request {
             Request::Hello { .. } => Err(Refusal::Malformed),
+            // A session is under way.
+            Request::Rig => Ok(Reply::Done),
+            Request::Leave => self.leave(),
             Request::Configure {
                 total,
                 offset,
@@ -238,14 +264,7 @@ impl Session {
                 lead.command(task);
                 Reply::Done
             }),
-            Request::Path { points, end } => self.lead().and_then(|lead| {
-                let task = lead.path_task();
-                append(&points, |point| task.push_path_point(point))?;
-                if end {
-                    task.finish_path();
-                }
-                Ok(Reply::Done)
-            }),
+            Request::Path { points, end } => self.path(&points, end),
             Request::Trajectory { points, end } => self.lead().and_then(|lead| {
                 let task = lead.path_task();
                 append(&points, |point| task.push_trajectory_point(point))?;
@@ -310,10 +329,28 @@ impl Session {
         match Ready::new(&config, self.identity.role) {
             Ok(nodes) => begin(&mut self.board, nodes),
             Err(error) => return Err(out_of_range(&error, text)),
-        }
+        };
         self.tick = tick;
         if let (Some(place), Ok(lead)) = (place, self.lead()) {
             lead.initialize(&place.center, &place.relative);
+        }
+        Ok(Reply::Done)
+    }
+
+    fn leave<'a>(&mut self) -> Result<Reply<'a>, Refusal<'a>> {
+        self.left = true;
+        Ok(Reply::Done)
+    }
+
+    fn path<'a>(
+        &mut self,
+        points: &[Option<PathPoint>],
+        end: bool,
+    ) -> Result<Reply<'a>, Refusal<'a>> {
+        let task = self.lead()?.path_task();
+        append(points, |point| task.push_path_point(point))?;
+        if end {
+            task.finish_path();
         }
         Ok(Reply::Done)
     }
@@ -399,12 +436,6 @@ fn not_kept(error: StoreError, text: &mut Text) -> Refusal<'_> {
         StoreError::Index => Refusal::Index { count: COUNT as u8 },
         StoreError::Value(error) => out_of_range(&error, text),
     }
-}
-
-/// At most 64 bytes, cut between characters.
-fn shortened(text: &str) -> &str {
-    let end = (0..=64).rev().find(|&end| text.is_char_boundary(end));
-    end.and_then(|end| text.get(..end)).unwrap_or(text)
 }
 
 /// Hands each point on; the first that is not taken is the reason.
@@ -512,37 +543,4 @@ impl Spread {
 }
 
 /// A line of text of bounded length.
-#[derive(Clone, Copy, Debug)]
-struct Text {
-    bytes: [u8; 160],
-    length: usize,
-}
-
-impl Default for Text {
-    fn default() -> Self {
-        Self {
-            bytes: [0; 160],
-            length: 0,
-        }
-    }
-}
-
-impl Text {
-    fn as_str(&self) -> &str {
-        let bytes = self.bytes.get(..self.length).unwrap_or_default();
-        core::str::from_utf8(bytes).unwrap_or_default()
-    }
-}
-
-impl Write for Text {
-    fn write_str(&mut self, text: &str) -> core::fmt::Result {
-        let end = self.length + text.len();
-        let room = self
-            .bytes
-            .get_mut(self.length..end)
-            .ok_or(core::fmt::Error)?;
-        room.copy_from_slice(text.as_bytes());
-        self.length = end;
-        Ok(())
-    }
-}
+type Text = heapless::String<160>;

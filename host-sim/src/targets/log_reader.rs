@@ -1,6 +1,6 @@
 //! The boards' logs: what a probe reads out of their memory, decoded line by line.
 
-use crate::targets::board_log::BoardLog;
+use super::board_log::BoardLog;
 use core_algos::topology::Role;
 use std::io::Read;
 use std::sync::Arc;

@@ -1,5 +1,6 @@
 //! Endpoint, protocol and framing together, as a host sees them.
 
+use super::attendant::Attendant;
 use super::endpoint::{Endpoint, Identity};
 use super::framing::{Counters, Decoder, MAX_FRAME, SerialFrame, crc32c};
 use super::protocol::{
@@ -856,4 +857,74 @@ fn a_million_bus_frames_are_decoded_or_refused() {
     }
     println!("{accepted} frames decoded");
     assert!(accepted > 30_000);
+}
+
+/// The answers of a board that drives, and whether it resets.
+fn attended(attendant: &mut Attendant, bytes: &[u8], armed: bool) -> (Vec<Vec<u8>>, bool) {
+    let (mut decoder, mut answers) = (Decoder::new(), Vec::new());
+    let session = attendant.receive(bytes, armed, &mut |answer| {
+        for &byte in answer {
+            answers.extend(decoder.take_byte(byte).map(<[u8]>::to_vec));
+        }
+    });
+    (answers, session)
+}
+
+#[test]
+fn a_board_that_drives_says_who_it_is_and_goes_into_a_session_with_its_motors_off() {
+    let identity = Identity {
+        build: "test build",
+        role: Role::Rear,
+    };
+    let mut attendant = Attendant::new(identity);
+    let hello = Request::Hello {
+        protocol: PROTOCOL + 1,
+        nonce: 77,
+    };
+    let request = |number, request: &Request| protocol::encode(number, request).unwrap();
+    // Of another version as well: the host is told what this one is.
+    let (answers, session) = attended(&mut attendant, request(3, &hello).bytes(), true);
+    let reply = Reply::Hello {
+        protocol: PROTOCOL,
+        nonce: 77,
+        role: Role::Rear,
+        build: "test build",
+        counters: Counters::default(),
+        session: false,
+    };
+    assert_eq!(protocol::decode(&answers[0]), Some((3, reply)));
+    assert!(!session && answers.len() == 1);
+
+    let rig = request(4, &Request::Rig);
+    let refused = |refusal| Reply::Refused(refusal);
+    let (answers, session) = attended(&mut attendant, rig.bytes(), true);
+    assert_eq!(
+        protocol::decode(&answers[0]),
+        Some((4, refused(Refusal::Armed)))
+    );
+    assert!(!session);
+    // Nothing else is done outside of a session.
+    for (number, other) in [
+        (5, Request::Stack),
+        (6, Request::SaveParameters),
+        (7, Request::Leave),
+    ] {
+        let (answers, session) = attended(&mut attendant, request(number, &other).bytes(), false);
+        let no_session = refused(Refusal::NoSession);
+        assert_eq!(protocol::decode(&answers[0]), Some((number, no_session)));
+        assert!(!session);
+    }
+    let (answers, session) = attended(&mut attendant, rig.bytes(), false);
+    assert_eq!(protocol::decode(&answers[0]), Some((4, Reply::Done)));
+    assert!(session);
+}
+
+#[test]
+fn a_session_ends_when_the_host_leaves_and_not_before() {
+    let mut host = Host::new(Role::Rear);
+    host.hello();
+    host.expect(&Request::Rig, Reply::Done);
+    assert!(!host.board.has_left());
+    host.expect(&Request::Leave, Reply::Done);
+    assert!(host.board.has_left());
 }

@@ -17,7 +17,7 @@ use crate::topology::Role;
 use serde::{Deserialize, Serialize};
 
 /// Version of the protocol: changes with every change of what is said, or of a configuration.
-pub const PROTOCOL: u16 = 6;
+pub const PROTOCOL: u16 = 7;
 /// Largest encoded configuration, bytes.
 pub const MAX_CONFIG: usize = 2048;
 /// Bytes of a configuration in one request.
@@ -45,6 +45,10 @@ pub enum Request<'a> {
         /// Comes back in the reply, so that the reply to an earlier hello is not taken for it.
         nonce: u32,
     },
+    /// Asks a board that drives for a session with a rig: it answers and resets into one. Its motors must be off.
+    Rig,
+    /// Ends the session: the board answers and resets.
+    Leave,
     /// A part of the encoded [`crate::node::robot::RobotConfig`].
     Configure {
         /// Bytes of the whole.
@@ -147,6 +151,8 @@ pub enum Reply<'a> {
         build: &'a str,
         /// Frames since the board was started.
         counters: Counters,
+        /// True in a session with a rig; other requests than [`Request::Rig`] wait for one.
+        session: bool,
     },
     /// The request was carried out.
     Done,

@@ -4,6 +4,9 @@
 //! the board answers with its torques and the messages it sends. The board's time is the time in
 //! the frame, so the result depends neither on the speed of the link nor on that of the board.
 //!
+//! A board that drives answers as an [`Attendant`]: it says who it is, and resets into a session when asked with its
+//! motors off. In a session the [`Endpoint`] answers.
+//!
 //! [`framing`] turns payloads into frames of a byte stream and finds them again; [`protocol`] is
 //! what is said; [`endpoint`] is the board's side, without input or output of its own; [`stored_parameters`] are
 //! the parameters in the board's store, which a host may read, change and save.
@@ -22,6 +25,7 @@
 //! Nothing here panics, whatever bytes come: wrong ones are counted, requests that do not fit the
 //! session are refused with a reason.
 
+pub mod attendant;
 pub mod endpoint;
 pub mod framing;
 pub mod protocol;
@@ -30,5 +34,6 @@ pub mod stored_parameters;
 #[cfg(test)]
 mod tests;
 
+pub use attendant::Attendant;
 pub use endpoint::{Endpoint, Identity};
 pub use stored_parameters::Save;

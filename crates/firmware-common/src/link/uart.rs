@@ -1,0 +1,159 @@
+//! USART3 (TX on PB10, RX on PB11), fetched and fed by DMA1 (RM0090, chapters 10 and 30).
+//!
+//! The HAL's drivers are not used: the buffered one has an interrupt a byte, the one with a ring reads the data
+//! register in each call, and the one with DMA panics on an empty write.
+//!
+//! Stream 1 writes what arrives into a ring. The line that falls idle after the last byte wakes the reader: the host
+//! sends one request and waits for its answer.
+
+use core::sync::atomic::{AtomicU8, Ordering, compiler_fence};
+
+use core_algos::link::framing::MAX_FRAME;
+use embassy_stm32::gpio::{AfType, Flex, OutputType, Pull, Speed};
+use embassy_stm32::interrupt::{self, InterruptExt, Priority};
+use embassy_stm32::pac::dma::vals::Dir;
+use embassy_stm32::pac::{self, DMA1};
+use embassy_stm32::peripherals::{PB10, PB11, USART3};
+use embassy_stm32::{Peri, interrupt as handler, rcc};
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::signal::Signal;
+use static_cell::ConstStaticCell;
+
+/// Symbols a second; 42 MHz give 913 043, 0.9 % slow, well within what a UART tolerates.
+const BAUD: u32 = 921_600;
+/// Clock of APB1, Hz.
+const CLOCK_HZ: u32 = 42_000_000;
+/// Alternate function of the pins.
+const ALTERNATE: u8 = 7;
+/// Streams of the receiver and the transmitter, and the channel of both.
+const RX: usize = 1;
+const TX: usize = 3;
+const CHANNEL: u8 = 4;
+/// Bytes that wait to be read: two of the longest frames.
+const ROOM: usize = 2 * MAX_FRAME;
+
+static RING: [AtomicU8; ROOM] = [const { AtomicU8::new(0) }; ROOM];
+static IDLE: Signal<CriticalSectionRawMutex, ()> = Signal::new();
+
+/// The port.
+pub struct Uart {
+    /// Bytes of the ring that were read, modulo its length.
+    read: usize,
+    sending: &'static mut [u8; MAX_FRAME],
+}
+
+impl Uart {
+    /// Starts it, once.
+    pub fn start(
+        _uart: Peri<'static, USART3>,
+        rx: Peri<'static, PB11>,
+        tx: Peri<'static, PB10>,
+    ) -> Self {
+        static SENDING: ConstStaticCell<[u8; MAX_FRAME]> = ConstStaticCell::new([0; MAX_FRAME]);
+        // The clock of DMA1 runs since the HAL was started.
+        rcc::enable_and_reset::<USART3>();
+        let (mut rx, mut tx) = (Flex::new(rx), Flex::new(tx));
+        // Without an adapter the input would float.
+        rx.set_as_af_unchecked(ALTERNATE, AfType::input(Pull::Up));
+        tx.set_as_af_unchecked(
+            ALTERNATE,
+            AfType::output(OutputType::PushPull, Speed::Medium),
+        );
+        // A pin that is dropped is disconnected.
+        core::mem::forget((rx, tx));
+
+        let uart = pac::USART3;
+        let stream = DMA1.st(RX);
+        stream.par().write_value(uart.dr().as_ptr() as u32);
+        stream.m0ar().write_value(RING.as_ptr() as u32);
+        stream.ndtr().write(|w| w.set_ndt(ROOM as u16));
+        stream.cr().write(|w| {
+            w.set_chsel(CHANNEL);
+            w.set_minc(true);
+            w.set_circ(true);
+            w.set_en(true);
+        });
+        uart.brr()
+            .write_value(pac::usart::regs::Brr((CLOCK_HZ + BAUD / 2) / BAUD));
+        uart.cr3().write(|w| {
+            w.set_dmar(true);
+            w.set_dmat(true);
+        });
+        // Below the tick; above the thread, whose reader it wakes.
+        interrupt::USART3.set_priority(Priority::P6);
+        interrupt::USART3.unpend();
+        // SAFETY: the handler below is the interrupt's, and shares nothing but a signal.
+        unsafe { interrupt::USART3.enable() };
+        uart.cr1().write(|w| {
+            w.set_ue(true);
+            w.set_te(true);
+            w.set_re(true);
+            w.set_idleie(true);
+        });
+        Self {
+            read: 0,
+            sending: SENDING.take(),
+        }
+    }
+
+    /// Waits for bytes; the number read, at least one.
+    pub async fn read(&mut self, buffer: &mut [u8]) -> usize {
+        loop {
+            let left = usize::from(DMA1.st(RX).ndtr().read().ndt());
+            let written = (ROOM - left) % ROOM;
+            let count = ((written + ROOM - self.read) % ROOM).min(buffer.len());
+            if count == 0 {
+                IDLE.wait().await;
+                continue;
+            }
+            compiler_fence(Ordering::Acquire);
+            for byte in &mut buffer[..count] {
+                *byte = RING[self.read].load(Ordering::Relaxed);
+                self.read = (self.read + 1) % ROOM;
+            }
+            return count;
+        }
+    }
+
+    /// Sends a frame, after the one before; what is longer than any is cut off.
+    pub fn write(&mut self, bytes: &[u8]) {
+        let stream = DMA1.st(TX);
+        // A stream without bytes would not start, nor end.
+        if bytes.is_empty() {
+            return;
+        }
+        while stream.cr().read().en() {}
+        let count = bytes.len().min(MAX_FRAME);
+        self.sending[..count].copy_from_slice(&bytes[..count]);
+        compiler_fence(Ordering::Release);
+        DMA1.ifcr(TX / 4).write(|w| {
+            w.set_htif(TX % 4, true);
+            w.set_tcif(TX % 4, true);
+        });
+        stream.par().write_value(pac::USART3.dr().as_ptr() as u32);
+        stream.m0ar().write_value(self.sending.as_ptr() as u32);
+        stream.ndtr().write(|w| w.set_ndt(count as u16));
+        stream.cr().write(|w| {
+            w.set_chsel(CHANNEL);
+            w.set_dir(Dir::MEMORY_TO_PERIPHERAL);
+            w.set_minc(true);
+            w.set_en(true);
+        });
+    }
+
+    /// Waits until all is sent.
+    pub fn flush(&mut self) {
+        while DMA1.st(TX).cr().read().en() {}
+        // The last bytes are in the shift register and before it: two of 11 µs, in cycles.
+        cortex_m::asm::delay(2 * 11 * (crate::clock::CORE_HZ / 1_000_000));
+    }
+}
+
+#[handler]
+fn USART3() {
+    // One after the other these two reads clear the flags, those of errors of the line too: a frame that such an error
+    // spoiled is found by its check. DMA has fetched the byte a whole byte's time ago.
+    pac::USART3.sr().read();
+    pac::USART3.dr().read();
+    IDLE.signal(());
+}
