@@ -8,8 +8,8 @@
 mod properties;
 
 use core_algos::beam::MAX_GAUGES;
-use core_algos::bus::message::{LeadMode, Message};
 use core_algos::bus::{self};
+use core_algos::bus::{LeadMode, Message};
 use core_algos::control::path::{PathPoint, TrajectoryPoint};
 use core_algos::fusion::ekf::{self, Measurements};
 use core_algos::fusion::{Estimate, intersection};

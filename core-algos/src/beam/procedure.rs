@@ -7,7 +7,7 @@
 
 use super::calibration::{self, Standstill, StandstillError, StandstillLimits};
 use super::strip::{GaugeMask, MAX_GAUGES};
-use crate::bus::message::{Calibrate, CalibrationResult};
+use crate::bus::field::{Calibrate, CalibrationResult};
 
 /// Calibration to perform.
 #[derive(Clone, Copy, Debug, PartialEq)]

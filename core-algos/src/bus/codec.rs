@@ -23,17 +23,11 @@
 //! assert!(decode(&CanFrame { length: 3, ..frame }).is_err());
 //! ```
 
-use super::layout::{self, Signal, id};
-use super::message::{
-    Calibrate, CalibrationResult, Hash24, LeadMode, Message, POSITION_SPAN_M, POSITION_STEP_M,
-};
-use crate::math::matrix::{Mat3, cholesky};
-use crate::math::trig::{exp, ln, sqrt, wrap_angle};
-use crate::math::{Posture, Wrench};
-use crate::safety::{Conditions, OperatingState};
-use crate::topology::{AxleId, Node, Role};
+use super::field::Values;
+use super::layout;
+use super::message::Message;
+use super::signal::Signal;
 use core::fmt;
-use core::slice::{Iter, IterMut};
 
 /// A classic CAN data frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -106,22 +100,18 @@ impl fmt::Display for DecodeError {
 
 impl core::error::Error for DecodeError {}
 
-/// Raw delay of a [`Message::TimeSync`] that says "not known".
-const UNKNOWN_DELAY: u16 = u16::MAX;
-const MAX_SIGNALS: usize = 7;
-type Values = [f32; MAX_SIGNALS];
-
 /// Bytes of a message. NaN, infinity and values outside a signal's range are refused.
 ///
-/// Positions of odometric and reference postures are sent modulo [`POSITION_SPAN_M`].
+/// Positions of odometric and reference postures are sent modulo
+/// [`POSITION_SPAN_M`](super::field::POSITION_SPAN_M).
 pub fn encode(message: &Message) -> Result<CanFrame, EncodeError> {
-    let (id, values) = to_values(message);
-    let Some(layout) = layout::find(id) else {
+    let (id, values) = message.to_values();
+    let Some(layout) = id.and_then(layout::find) else {
         // The one message without an identifier: the service tool has no status.
         return Err(EncodeError {
             message: "NodeStatus",
             signal: "node",
-            value: f32::from(id),
+            value: f32::NAN,
         });
     };
     let mut bits = 0u64;
@@ -137,7 +127,7 @@ pub fn encode(message: &Message) -> Result<CanFrame, EncodeError> {
         position += u32::from(signal.bits);
     }
     Ok(CanFrame {
-        id,
+        id: layout.id,
         length: layout.bytes(),
         data: bits.to_le_bytes(),
     })
@@ -154,7 +144,7 @@ pub fn decode(frame: &CanFrame) -> Result<Message, DecodeError> {
         });
     }
     let mut bits = u64::from_le_bytes(frame.data);
-    let mut values = [0.0; MAX_SIGNALS];
+    let mut values = Values::default();
     for (signal, value) in layout.signals.iter().zip(&mut values) {
         let raw = (bits & ((1u64 << signal.bits) - 1)) as u32;
         bits >>= signal.bits;
@@ -169,7 +159,7 @@ pub fn decode(frame: &CanFrame) -> Result<Message, DecodeError> {
         }
         *value = signal.physical(raw);
     }
-    from_values(frame.id, &values).ok_or(DecodeError::Value { id: frame.id })
+    Message::from_values(frame.id, &values).ok_or(DecodeError::Value { id: frame.id })
 }
 
 /// Nearest raw value; `None` for NaN and out of range.
@@ -190,296 +180,6 @@ fn to_raw(signal: &Signal, value: f32) -> Option<i32> {
         whole
     };
     (low..=high).contains(&raw).then_some(raw)
-}
-
-/// A position difference or position brought into half a span around zero.
-pub fn wrap_position(x: f32) -> f32 {
-    const HALF: f32 = 0.5 * POSITION_SPAN_M;
-    if x.abs() < HALF {
-        return x;
-    }
-    let reduced = x % POSITION_SPAN_M;
-    if reduced >= HALF {
-        reduced - POSITION_SPAN_M
-    } else if reduced < -HALF {
-        reduced + POSITION_SPAN_M
-    } else {
-        reduced
-    }
-}
-
-/// Smallest standard deviation the bus tells from zero.
-const SIGMA_FLOOR: f32 = 2e-9;
-
-/// Covariance of logarithms of standard deviations and of correlations.
-fn covariance_from(logs: [f32; 3], mut correlation: [f32; 3]) -> Mat3 {
-    let sigma = logs.map(exp);
-    let mut m = [[0.0; 3]; 3];
-    // Rounded correlations near one can make the matrix indefinite: pull them toward zero. The
-    // scaled matrix is checked, because scaling rounds as well.
-    for _ in 0..8 {
-        let [xy, xp, yp] = correlation;
-        let unit = [[1.0, xy, xp], [xy, 1.0, yp], [xp, yp, 1.0]];
-        for i in 0..3 {
-            for j in 0..3 {
-                m[i][j] = unit[i][j] * (sigma[i] * sigma[j]);
-            }
-        }
-        if cholesky(&m).is_some() {
-            return m;
-        }
-        correlation = correlation.map(|c| 0.97 * c);
-    }
-    for i in 0..3 {
-        for j in 0..3 {
-            if i != j {
-                m[i][j] = 0.0;
-            }
-        }
-    }
-    m
-}
-
-/// A field of a message as one or more values of the bus, in the order of its signals.
-trait Field: Sized {
-    /// Appends the values.
-    fn write(self, to: &mut IterMut<f32>);
-    /// Takes the values; `None` if they are no field of this type.
-    fn read(from: &mut Iter<f32>) -> Option<Self>;
-}
-
-impl Field for f32 {
-    fn write(self, to: &mut IterMut<f32>) {
-        if let Some(value) = to.next() {
-            *value = self;
-        }
-    }
-
-    fn read(from: &mut Iter<f32>) -> Option<Self> {
-        from.next().copied()
-    }
-}
-
-impl<const N: usize> Field for [f32; N] {
-    fn write(self, to: &mut IterMut<f32>) {
-        self.into_iter().for_each(|value| value.write(to));
-    }
-
-    fn read(from: &mut Iter<f32>) -> Option<Self> {
-        let mut values = [0.0; N];
-        for value in &mut values {
-            *value = f32::read(from)?;
-        }
-        Some(values)
-    }
-}
-
-/// A field of one value: `write` and `read` as functions of `f32`.
-macro_rules! single {
-    ($($kind:ty: |$field:ident| $write:expr, |$value:ident| $read:expr;)+) => {$(
-        impl Field for $kind {
-            fn write(self, to: &mut IterMut<f32>) {
-                let $field = self;
-                f32::write($write, to);
-            }
-
-            fn read(from: &mut Iter<f32>) -> Option<Self> {
-                let $value = f32::read(from)?;
-                $read
-            }
-        }
-    )+};
-}
-
-single! {
-    u8: |number| number.into(), |value| Some(value as u8);
-    u16: |number| number.into(), |value| Some(value as u16);
-    bool: |flag| u8::from(flag).into(), |value| Some(value != 0.0);
-    Option<u16>: |delay| delay.unwrap_or(UNKNOWN_DELAY).into(),
-        |value| Some(Some(value as u16).filter(|&delay| delay != UNKNOWN_DELAY));
-    Hash24: |hash| hash.0 as f32, |value| Some(Self(value as u32));
-    LeadMode: |mode| f32::from(mode as u8), |value| Self::from_number(value as u8);
-    OperatingState: |state| f32::from(state as u8), |value| Self::from_number(value as u8);
-    CalibrationResult: |result| f32::from(result as u8), |value| Self::from_number(value as u8);
-}
-
-/// The number of an epoch: its lowest byte, then the rest.
-impl Field for u32 {
-    fn write(self, to: &mut IterMut<f32>) {
-        (self as u8).write(to);
-        ((self >> 8) as f32).write(to);
-    }
-
-    fn read(from: &mut Iter<f32>) -> Option<Self> {
-        let sequence = u8::read(from)?;
-        Some((f32::read(from)? as u32) << 8 | u32::from(sequence))
-    }
-}
-
-/// Bits of a set: the lowest 24, then 16 more.
-impl Field for Conditions {
-    fn write(self, to: &mut IterMut<f32>) {
-        let bits = self.bits();
-        [(bits & 0xff_ffff) as f32, (bits >> 24) as f32].write(to);
-    }
-
-    fn read(from: &mut Iter<f32>) -> Option<Self> {
-        let [low, high]: [f32; 2] = Field::read(from)?;
-        Some(Self::from_bits(low as u64 | (high as u64) << 24))
-    }
-}
-
-impl Field for Posture {
-    fn write(self, to: &mut IterMut<f32>) {
-        [self.x, self.y, wrap_angle(self.phi)].write(to);
-    }
-
-    fn read(from: &mut Iter<f32>) -> Option<Self> {
-        <[f32; 3]>::read(from).map(|[x, y, phi]| Self::new(x, y, phi))
-    }
-}
-
-/// A posture whose position is sent modulo [`POSITION_SPAN_M`].
-struct Odometric(Posture);
-
-impl Field for Odometric {
-    fn write(self, to: &mut IterMut<f32>) {
-        // A position that would round up to half a span is sent as the other end of the span.
-        const LAST: f32 = 0.5 * POSITION_SPAN_M - 0.6 * POSITION_STEP_M;
-        let position = |x: f32| match wrap_position(x) {
-            wrapped if wrapped > LAST => -0.5 * POSITION_SPAN_M,
-            wrapped => wrapped,
-        };
-        let Posture { x, y, phi } = self.0;
-        Posture::new(position(x), position(y), phi).write(to);
-    }
-
-    fn read(from: &mut Iter<f32>) -> Option<Self> {
-        Posture::read(from).map(Self)
-    }
-}
-
-/// Logarithms of the standard deviations, then the correlations.
-impl Field for Mat3 {
-    fn write(self, to: &mut IterMut<f32>) {
-        let sigma = [0, 1, 2].map(|i| sqrt(self[i][i]).max(SIGMA_FLOOR));
-        for i in 0..3 {
-            // `max` would turn NaN into the floor; a covariance that is not finite must not be sent.
-            let log = if self[i][i] >= 0.0 {
-                ln(sigma[i])
-            } else {
-                f32::NAN
-            };
-            log.write(to);
-        }
-        for (i, j) in [(0, 1), (0, 2), (1, 2)] {
-            (self[i][j] / (sigma[i] * sigma[j])).write(to);
-        }
-    }
-
-    fn read(from: &mut Iter<f32>) -> Option<Self> {
-        Some(covariance_from(Field::read(from)?, Field::read(from)?))
-    }
-}
-
-impl Field for Wrench {
-    fn write(self, to: &mut IterMut<f32>) {
-        [
-            self.force_x,
-            self.force_y,
-            self.moment_root,
-            self.moment_end,
-        ]
-        .write(to);
-    }
-
-    fn read(from: &mut Iter<f32>) -> Option<Self> {
-        let [force_x, force_y, moment_root, moment_end] = Field::read(from)?;
-        Some(Self {
-            force_x,
-            force_y,
-            moment_root,
-            moment_end,
-        })
-    }
-}
-
-impl Field for Calibrate {
-    fn write(self, to: &mut IterMut<f32>) {
-        let (command, curvature) = match self {
-            Self::Zero(curvature) => (0.0, curvature),
-            Self::Gain(curvature) => (1.0, curvature),
-        };
-        [command, curvature].write(to);
-    }
-
-    fn read(from: &mut Iter<f32>) -> Option<Self> {
-        match (u8::read(from)?, f32::read(from)?) {
-            (0, curvature) => Some(Self::Zero(curvature)),
-            (1, curvature) => Some(Self::Gain(curvature)),
-            _ => None,
-        }
-    }
-}
-
-/// Both directions of the messages: identifier, message, and its fields in the order of the signals.
-/// `+ field of values` adds the index of the field to the identifier.
-macro_rules! messages {
-    ($($id:ident $(+ $which:ident of $all:expr)? => $name:ident {
-        $($field:ident $(as $wire:ident)?),+
-    };)+) => {
-        fn to_values(message: &Message) -> (u16, Values) {
-            let mut values = [0.0; MAX_SIGNALS];
-            let mut to = values.iter_mut();
-            let id = match *message {
-                $(Message::$name { $($which,)? $($field),+ } => {
-                    $($(let $field = $wire($field);)? $field.write(&mut to);)+
-                    id::$id $(+ $which as u16)?
-                })+
-            };
-            (id, values)
-        }
-
-        fn from_values(identifier: u16, values: &Values) -> Option<Message> {
-            let mut from = values.iter();
-            $(
-                let index = usize::from(identifier.wrapping_sub(id::$id));
-                let known = index == 0 $(|| index < $all.len())?;
-                if known {
-                    $(let $which = *$all.get(index)?;)?
-                    $(let $field = Field::read(&mut from)?; $(let $wire($field) = $field;)?)+
-                    return Some(Message::$name { $($which,)? $($field),+ });
-                }
-            )+
-            None
-        }
-    };
-}
-
-messages! {
-    TIME_SYNC => TimeSync { epoch, last_delay_us };
-    LEAD_STATUS => LeadStatus { sequence, mode, steering_rad, velocity_m_s };
-    NODE_STATUS + node of Node::ALL => NodeStatus { sequence, state, reason, notices };
-    REFERENCE_POSTURE + axle of AxleId::BOTH => ReferencePosture {
-        sequence, posture as Odometric
-    };
-    REFERENCE_MOTION + axle of AxleId::BOTH => ReferenceMotion {
-        sequence, velocity_m_s, yaw_rate_rad_s, acceleration_m_s2, yaw_acceleration_rad_s2
-    };
-    AXLE_POSTURE + axle of AxleId::BOTH => AxlePosture { sequence, posture as Odometric };
-    AXLE_MOTION + axle of AxleId::BOTH => AxleMotion {
-        sequence, velocity_m_s, yaw_rate_rad_s, refused, gyro_samples, gyro_zeroed, uptime
-    };
-    AXLE_UNCERTAINTY + axle of AxleId::BOTH => AxleUncertainty { sequence, covariance };
-    BEAM_POSTURE => BeamPosture { sequence, posture, gauges };
-    BEAM_UNCERTAINTY => BeamUncertainty { sequence, covariance };
-    BEAM_WRENCH => BeamWrench { sequence, wrench };
-    BOARD_HEALTH + board of Role::ALL => BoardHealth {
-        sequence, missed_ticks, tick_jitter_us, tick_worst_us, supply_v, temperature_c
-    };
-    BEAM_CALIBRATION => BeamCalibration { sequence, calibrate };
-    BEAM_CALIBRATED => BeamCalibrated { sequence, result, gauge };
-    BOARD_IDENTITY + board of Role::ALL => BoardIdentity { sequence, chip, build, schema };
 }
 
 #[cfg(test)]

@@ -1,282 +1,351 @@
-//! What the nodes tell each other.
+//! The messages of the bus: the one table that [`Message`], codec, timeouts of the nodes, bus description and
+//! docs/bus.md come from.
 //!
-//! Every message carries a sequence number: the number, modulo 256, of the 10 ms epoch its content
-//! refers to. Odometric postures are cumulative, so a lost message delays information and loses
-//! none; their positions are sent modulo [`POSITION_SPAN_M`], and only differences are used.
+//! Every message carries a sequence number: the number, modulo 256, of the 10 ms epoch its content refers to. Odometric
+//! postures are cumulative, so a lost message delays information and loses none; their positions are sent modulo
+//! [`POSITION_SPAN_M`](super::field::POSITION_SPAN_M), and only differences are used.
+//!
+//! An identifier is a function times 16, plus a number that counts the axles; the beam has functions of its own. So there
+//! is room for more axles.
 
+use super::field::{
+    Calibrate, CalibrationResult, Field, Hash24, LeadMode, Odometric, POSITION_BITS,
+    POSITION_STEP_M, Values,
+};
+use super::signal::{Layout, Signal};
 use crate::math::Posture;
 use crate::math::matrix::Mat3;
 use crate::math::wrench::Wrench;
 use crate::safety::{Conditions, OperatingState};
 use crate::topology::{AxleId, Node, Role};
 
-/// Step of a transmitted odometric position, m.
-pub const POSITION_STEP_M: f32 = 1e-5;
-/// Width of a transmitted odometric position, bits.
-pub const POSITION_BITS: u8 = 20;
-/// Span after which it repeats, m.
-pub const POSITION_SPAN_M: f32 = POSITION_STEP_M * (1 << POSITION_BITS) as f32;
+/// A reference is two frames of one epoch, and one of them is lost twice as often as a message of one
+/// frame: it may miss one epoch more. The mode shares its limit.
+const COMMAND_MS: u16 = 60;
 
-/// An enumeration that crosses the bus as its index, with the names of its values.
-macro_rules! wire_enum {
-    ($(#[$doc:meta])* $name:ident { $($(#[$note:meta])* $value:ident = $label:literal,)+ }) => {
-        $(#[$doc])*
-        #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+const SEQUENCE: [Signal; 1] = [Signal::unsigned("sequence", 8)];
+
+const POSTURE: [Signal; 3] = [
+    Signal::signed("x", POSITION_BITS, POSITION_STEP_M, "m"),
+    Signal::signed("y", POSITION_BITS, POSITION_STEP_M, "m"),
+    Signal::signed("phi", 16, 1e-4, "rad"),
+];
+
+/// Standard deviations as natural logarithms, so that 1e-8 and 1 are resolved alike (2 %), and
+/// correlation coefficients.
+const UNCERTAINTY: [Signal; 6] = [
+    Signal::log_sigma("ln_sigma_x", "ln m"),
+    Signal::log_sigma("ln_sigma_y", "ln m"),
+    Signal::log_sigma("ln_sigma_phi", "ln rad"),
+    Signal::signed("correlation_xy", 8, 1.0 / 127.0, ""),
+    Signal::signed("correlation_xphi", 8, 1.0 / 127.0, ""),
+    Signal::signed("correlation_yphi", 8, 1.0 / 127.0, ""),
+];
+
+/// Rows: meaning and name; identifiers, each with what it adds to the name and its sender; period and age at which the
+/// content no longer counts, ms, 0 if there is none; fields with meaning, type and signals.
+macro_rules! messages {
+    ($(
+        $(#[doc = $meaning:literal])+
+        $constant:ident = $name:ident $(of $which:ident: $kind:ident in $all:ident)? at {
+            $($id:literal $suffix:literal from $sender:ident),+
+        } every $period:literal counts $timeout:expr;
+        {$(
+            $(#[doc = $note:literal])+
+            $field:ident: $type:ty $(as $wire:ident)? = $signals:expr,
+        )+}
+    )+) => {
+        /// A message on the bus.
+        #[derive(Clone, Copy, Debug, PartialEq)]
         #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-        #[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
-        pub enum $name { $($(#[$note])* $value,)+ }
+        #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
+        pub enum Message {$(
+            $(#[doc = $meaning])+
+            $name {
+                $(
+                    /// Whose it is.
+                    $which: $kind,
+                )?
+                $($(#[doc = $note])+ $field: $type,)+
+            },
+        )+}
 
-        impl $name {
-            /// Every value, in the order of its number.
-            pub const ALL: [Self; [$($label),+].len()] = [$(Self::$value),+];
-            /// Names of the values.
-            pub const NAMES: [&'static str; Self::ALL.len()] = [$($label),+];
+        /// First identifier of each message.
+        pub mod id {$(
+            $(#[doc = $meaning])+
+            pub const $constant: u16 = super::ids::$constant[0];
+        )+}
 
-            /// The value with this number.
-            pub fn from_number(number: u8) -> Option<Self> {
-                Self::ALL.get(usize::from(number)).copied()
+        mod ids {$(pub const $constant: &[u16] = &[$($id),+];)+}
+
+        mod meanings {$(pub const $constant: &str = concat!($($meaning),+);)+}
+
+        mod signals {
+            use super::*;
+            $(pub const $constant: &[Signal] = {
+                const FIELDS: &[&[Signal]] = &[$(&$signals),+];
+                const NOTES: &[&str] = &[$(concat!($($note),+)),+];
+                &super::flat::<{ super::count(FIELDS) }>(FIELDS, NOTES)
+            };)+
+        }
+
+        /// Every message of the bus, by identifier.
+        pub const MESSAGES: [Layout; [$($($id),+),+].len()] = [$($(Layout {
+            id: $id,
+            name: concat!(stringify!($name), $suffix),
+            meaning: meanings::$constant,
+            sender: Node::$sender,
+            period_ms: $period,
+            timeout_ms: $timeout,
+            signals: signals::$constant,
+        }),+),+];
+
+        impl Message {
+            /// Identifier, none of a node that has no such message, and values of the signals.
+            pub(super) fn to_values(self) -> (Option<u16>, Values) {
+                let mut values = Values::default();
+                let mut to = values.iter_mut();
+                let id = match self {$(
+                    Self::$name { $($which,)? $($field),+ } => {
+                        $($(let $field = $wire($field);)? $field.write(&mut to);)+
+                        ids::$constant.get(0 $(+ $which as usize)?).copied()
+                    }
+                )+};
+                (id, values)
+            }
+
+            /// The message of an identifier; `None` if there is none or a value is undefined.
+            pub(super) fn from_values(identifier: u16, values: &Values) -> Option<Self> {
+                let mut from = values.iter();
+                $(if let Some(_place) = ids::$constant.iter().position(|&id| id == identifier) {
+                    $(let $which = *$kind::$all.get(_place)?;)?
+                    $(let $field = Field::read(&mut from)?; $(let $wire($field) = $field;)?)+
+                    return Some(Self::$name { $($which,)? $($field),+ });
+                })+
+                None
             }
         }
     };
 }
 
-wire_enum! {
-    /// Result of a calibration.
-    CalibrationResult {
-        /// Taken over and stored.
-        #[default]
-        Stored = "stored",
-        /// Refused: the motors are on.
-        MotorsOn = "motors_on",
-        /// Refused: a sample was saturated or missing.
-        BadSample = "bad_sample",
-        /// Refused: samples scatter too much.
-        Noisy = "noisy",
-        /// Refused: the average moved.
-        Drifting = "drifting",
-        /// Refused: the result is out of range.
-        OutOfRange = "out_of_range",
-        /// In use, but it could not be stored.
-        NotStored = "not_stored",
+/// Number of signals of all fields.
+const fn count(fields: &[&[Signal]]) -> usize {
+    let (mut count, mut i) = (0, 0);
+    while i < fields.len() {
+        count += fields[i].len();
+        i += 1;
     }
+    count
 }
 
-/// A calibration the beam board can be asked for.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
-pub enum Calibrate {
-    /// The strip is bent to this curvature now (0 for straight), 1/m: find the zeros.
-    Zero(f32),
-    /// The strip is bent to this curvature now, 1/m: find the gains.
-    Gain(f32),
+/// Signals of all fields one after the other, each with the meaning of its field.
+const fn flat<const N: usize>(fields: &[&[Signal]], notes: &[&'static str]) -> [Signal; N] {
+    let mut all = [SEQUENCE[0]; N];
+    let (mut place, mut i) = (0, 0);
+    while i < fields.len() {
+        let mut k = 0;
+        while k < fields[i].len() {
+            all[place] = fields[i][k];
+            all[place].meaning = notes[i];
+            (place, k) = (place + 1, k + 1);
+        }
+        i += 1;
+    }
+    all
 }
 
-wire_enum! {
-    /// Mode that the lead node commands to the axles.
-    LeadMode {
-        /// Motors off.
-        #[default]
-        Idle = "idle",
-        /// Follow the references.
-        Active = "active",
-        /// Standstill at the end of a task: hold the references.
-        Hold = "hold",
-        /// Motors off, and forget latched faults.
-        Clear = "clear",
-    }
-}
-
-/// A hash of 24 bits.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub struct Hash24(pub u32);
-
-impl Hash24 {
-    /// Hash (FNV-1a) of bytes.
-    pub fn of(bytes: &[u8]) -> Self {
-        let fold = |sum: u32, byte: &u8| (sum ^ u32::from(*byte)).wrapping_mul(0x0100_0193);
-        let sum = bytes.iter().fold(0x811c_9dc5, fold);
-        Self((sum ^ sum >> 24) & 0xff_ffff)
-    }
-
-    /// First six digits of the hash at the end of the text that names an image; zero without one.
-    pub fn of_build(text: &str) -> Self {
-        let hash = text.rsplit(' ').next().unwrap_or_default();
-        let digits = hash.get(..6).unwrap_or_default();
-        Self(u32::from_str_radix(digits, 16).unwrap_or_default())
-    }
-}
-
-/// A message on the bus.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
-pub enum Message {
-    /// Sent by the front board at the beginning of every epoch, so that all boards count the same
-    /// time.
-    TimeSync {
+messages! {
+    /// Common time, sent by the front board at the beginning of every epoch.
+    TIME_SYNC = TimeSync at { 0x010 "" from FrontAxle } every 10 counts 50;
+    {
         /// Number of the epoch that begins.
-        epoch: u32,
+        epoch: u32 = [Signal::unsigned("sequence", 8), Signal::unsigned("epoch_high", 24)],
         /// Time from the beginning of the epoch before to the end of that epoch's `TimeSync` on the
-        /// bus, µs; `None` if it was not sent or not within 65 ms.
-        last_delay_us: Option<u16>,
-    },
-    /// Mode and progress of the lead node.
-    LeadStatus {
-        /// Epoch modulo 256.
-        sequence: u8,
-        /// Mode commanded to the axles.
-        mode: LeadMode,
-        /// Commanded half steering angle ψ, rad.
-        steering_rad: f32,
-        /// Commanded velocity of the midpoint, m/s.
-        velocity_m_s: f32,
-    },
+        /// bus, µs; none if it was not sent or not within 65 ms.
+        last_delay_us: Option<u16> = [Signal::unsigned("last_delay", 16).in_unit("us")],
+    }
     /// Operating state of a node: its heartbeat.
-    NodeStatus {
-        /// The node.
-        node: Node,
+    NODE_STATUS = NodeStatus of node: Node in ALL at {
+        0x040 "Lead" from Lead, 0x041 "FrontAxle" from FrontAxle,
+        0x042 "RearAxle" from RearAxle, 0x050 "Beam" from Beam
+    } every 10 counts 50;
+    {
         /// Epoch modulo 256.
-        sequence: u8,
+        sequence: u8 = SEQUENCE,
         /// Operating state.
-        state: OperatingState,
+        state: OperatingState = [Signal::labelled("state", 8, &OperatingState::NAMES)],
         /// Code of the first stop or cut since the last clearing, see
         /// [`Condition`](crate::safety::Condition); of a node that is not armed, what arming waits
         /// for; 0 if there is none.
-        reason: u8,
+        reason: u8 = [Signal::unsigned("reason", 8)],
         /// Notices and degradations since the heartbeat before.
-        notices: Conditions,
-    },
-    /// Reference posture of an axle in that axle's odometric frame.
-    ReferencePosture {
-        /// The axle addressed.
-        axle: AxleId,
-        /// Epoch modulo 256 at whose beginning the reference holds.
-        sequence: u8,
-        /// The reference.
-        posture: Posture,
-    },
-    /// Reference velocities and accelerations of an axle.
-    ReferenceMotion {
-        /// The axle addressed.
-        axle: AxleId,
-        /// Epoch modulo 256 at whose beginning the reference holds.
-        sequence: u8,
-        /// Forward velocity, m/s.
-        velocity_m_s: f32,
-        /// Yaw rate, rad/s.
-        yaw_rate_rad_s: f32,
-        /// Forward acceleration, m/s².
-        acceleration_m_s2: f32,
-        /// Yaw acceleration, rad/s².
-        yaw_acceleration_rad_s2: f32,
-    },
-    /// Odometric posture of an axle since it was started, in its own frame.
-    AxlePosture {
-        /// The axle that measured.
-        axle: AxleId,
-        /// Epoch modulo 256 at whose beginning the posture holds.
-        sequence: u8,
-        /// The posture.
-        posture: Posture,
-    },
-    /// Velocity of an axle.
-    AxleMotion {
-        /// The axle that measured.
-        axle: AxleId,
+        notices: Conditions = [Signal::unsigned("notices", 24), Signal::unsigned("notices_high", 16)],
+    }
+    /// Mode and progress of the lead node.
+    LEAD_STATUS = LeadStatus at { 0x070 "" from Lead } every 10 counts COMMAND_MS;
+    {
         /// Epoch modulo 256.
-        sequence: u8,
+        sequence: u8 = SEQUENCE,
+        /// Mode commanded to the axles.
+        mode: LeadMode = [Signal::labelled("mode", 8, &LeadMode::NAMES)],
+        /// Commanded half steering angle ψ, rad.
+        steering_rad: f32 = [Signal::signed("steering", 16, 1e-4, "rad")],
+        /// Commanded velocity of the midpoint, m/s.
+        velocity_m_s: f32 = [Signal::signed("velocity", 16, 1e-4, "m/s")],
+    }
+    /// Reference posture of an axle in that axle's odometric frame.
+    REFERENCE_POSTURE = ReferencePosture of axle: AxleId in BOTH at {
+        0x080 "Front" from Lead, 0x081 "Rear" from Lead
+    } every 10 counts COMMAND_MS;
+    {
+        /// Epoch modulo 256 at whose beginning the reference holds.
+        sequence: u8 = SEQUENCE,
+        /// The reference.
+        posture: Posture as Odometric = POSTURE,
+    }
+    /// Reference velocities and accelerations of an axle.
+    REFERENCE_MOTION = ReferenceMotion of axle: AxleId in BOTH at {
+        0x090 "Front" from Lead, 0x091 "Rear" from Lead
+    } every 10 counts COMMAND_MS;
+    {
+        /// Epoch modulo 256 at whose beginning the reference holds.
+        sequence: u8 = SEQUENCE,
         /// Forward velocity, m/s.
-        velocity_m_s: f32,
+        velocity_m_s: f32 = [Signal::signed("velocity", 14, 2e-4, "m/s")],
         /// Yaw rate, rad/s.
-        yaw_rate_rad_s: f32,
+        yaw_rate_rad_s: f32 = [Signal::signed("yaw_rate", 14, 1e-3, "rad/s")],
+        /// Forward acceleration, m/s².
+        acceleration_m_s2: f32 = [Signal::signed("acceleration", 14, 1e-3, "m/s2")],
+        /// Yaw acceleration, rad/s².
+        yaw_acceleration_rad_s2: f32 = [Signal::signed("yaw_acceleration", 14, 0.02, "rad/s2")],
+    }
+    /// Odometric posture of an axle since it was started, in its own frame.
+    AXLE_POSTURE = AxlePosture of axle: AxleId in BOTH at {
+        0x100 "Front" from FrontAxle, 0x101 "Rear" from RearAxle
+    } every 10 counts 50;
+    {
+        /// Epoch modulo 256 at whose beginning the posture holds.
+        sequence: u8 = SEQUENCE,
+        /// The posture.
+        posture: Posture as Odometric = POSTURE,
+    }
+    /// Velocity of an axle.
+    AXLE_MOTION = AxleMotion of axle: AxleId in BOTH at {
+        0x110 "Front" from FrontAxle, 0x111 "Rear" from RearAxle
+    } every 10 counts 50;
+    {
+        /// Epoch modulo 256.
+        sequence: u8 = SEQUENCE,
+        /// Forward velocity, m/s.
+        velocity_m_s: f32 = [Signal::signed("velocity", 16, 1e-4, "m/s")],
+        /// Yaw rate, rad/s.
+        yaw_rate_rad_s: f32 = [Signal::signed("yaw_rate", 16, 1e-3, "rad/s")],
         /// Measurements refused by the innovation gate since the last message, at most 255.
-        refused: u8,
+        refused: u8 = [Signal::unsigned("refused", 8)],
         /// Yaw-rate samples that took part in the odometry since the last message, at most 127.
-        gyro_samples: u8,
+        gyro_samples: u8 = [Signal::unsigned("gyro_samples", 7)],
         /// True if the gyro was zeroed at rest since the last message.
-        gyro_zeroed: bool,
+        gyro_zeroed: bool = [Signal::unsigned("gyro_zeroed", 1)],
         /// Epochs since the axle node was started and its odometric frame began, at most 255.
-        uptime: u8,
-    },
+        uptime: u8 = [Signal::unsigned("uptime", 8)],
+    }
     /// Covariance of the odometric increment of an axle over the last epoch, in the axle's frame
     /// at the beginning of that epoch.
-    AxleUncertainty {
-        /// The axle that measured.
-        axle: AxleId,
+    AXLE_UNCERTAINTY = AxleUncertainty of axle: AxleId in BOTH at {
+        0x120 "Front" from FrontAxle, 0x121 "Rear" from RearAxle
+    } every 10 counts 50;
+    {
         /// Epoch modulo 256.
-        sequence: u8,
+        sequence: u8 = SEQUENCE,
         /// Covariance of (x, y, phi): m², m rad, rad².
-        covariance: Mat3,
-    },
+        covariance: Mat3 = UNCERTAINTY,
+    }
     /// Posture of the front axle in the rear axle's frame, from the strains of the beam.
-    BeamPosture {
+    BEAM_POSTURE = BeamPosture at { 0x200 "" from Beam } every 10 counts 50;
+    {
         /// Epoch modulo 256 at whose beginning the posture holds.
-        sequence: u8,
+        sequence: u8 = SEQUENCE,
         /// The posture.
-        posture: Posture,
+        posture: Posture = [
+            Signal::signed("x", 18, 5e-6, "m"),
+            Signal::signed("y", 18, 5e-6, "m"),
+            Signal::signed("phi", 16, 1e-4, "rad"),
+        ],
         /// Number of gauges in use; 0 when there is no valid estimate.
-        gauges: u8,
-    },
+        gauges: u8 = [Signal::unsigned("gauges", 4)],
+    }
     /// Covariance of the beam's posture.
-    BeamUncertainty {
+    BEAM_UNCERTAINTY = BeamUncertainty at { 0x210 "" from Beam } every 10 counts 50;
+    {
         /// Epoch modulo 256.
-        sequence: u8,
+        sequence: u8 = SEQUENCE,
         /// Covariance of (x, y, phi): m², m rad, rad².
-        covariance: Mat3,
-    },
+        covariance: Mat3 = UNCERTAINTY,
+    }
     /// Wrench of the frame, from the strains.
-    BeamWrench {
+    BEAM_WRENCH = BeamWrench at { 0x220 "" from Beam } every 10 counts 50;
+    {
         /// Epoch modulo 256.
-        sequence: u8,
+        sequence: u8 = SEQUENCE,
         /// The wrench.
-        wrench: Wrench,
-    },
+        wrench: Wrench = [
+            Signal::signed("force_x", 14, 0.05, "N"),
+            Signal::signed("force_y", 14, 0.05, "N"),
+            Signal::signed("moment_root", 14, 1e-3, "N m"),
+            Signal::signed("moment_end", 14, 1e-3, "N m"),
+        ],
+    }
     /// Health of a board.
-    BoardHealth {
-        /// The board.
-        board: Role,
+    BOARD_HEALTH = BoardHealth of board: Role in ALL at {
+        0x300 "Front" from FrontAxle, 0x301 "Rear" from RearAxle, 0x310 "Beam" from Beam
+    } every 100 counts 500;
+    {
         /// Epoch modulo 256.
-        sequence: u8,
+        sequence: u8 = SEQUENCE,
         /// Ticks that were missed since the start, at most 255.
-        missed_ticks: u8,
+        missed_ticks: u8 = [Signal::unsigned("missed_ticks", 8)],
         /// Largest lateness of a tick since the last report, µs, at most 4095.
-        tick_jitter_us: u16,
+        tick_jitter_us: u16 = [Signal::unsigned("tick_jitter", 12).in_unit("us")],
         /// Longest tick since the last report, µs, at most 4095.
-        tick_worst_us: u16,
+        tick_worst_us: u16 = [Signal::unsigned("tick_worst", 12).in_unit("us")],
         /// Supply of the board, V, at most 25.5.
-        supply_v: f32,
+        supply_v: f32 = [Signal { scale: 0.1, ..Signal::unsigned("supply", 8) }.in_unit("V")],
         /// Highest temperature on the board, °C, −128 to 127.
-        temperature_c: f32,
-    },
-    /// Asks the beam board for a calibration.
-    BeamCalibration {
+        temperature_c: f32 = [Signal::signed("temperature", 8, 1.0, "degC")],
+    }
+    /// Request for a calibration of the beam board.
+    BEAM_CALIBRATION = BeamCalibration at { 0x600 "" from Service } every 0 counts 0;
+    {
         /// Comes back in the answer.
-        sequence: u8,
+        sequence: u8 = SEQUENCE,
         /// Requested calibration.
-        calibrate: Calibrate,
-    },
-    /// Answer of the beam board.
-    BeamCalibrated {
+        calibrate: Calibrate = [
+            Signal::labelled("command", 8, &["zero", "gain"]),
+            Signal::signed("curvature", 16, 1e-3, "1/m"),
+        ],
+    }
+    /// Result of a calibration of the beam board.
+    BEAM_CALIBRATED = BeamCalibrated at { 0x610 "" from Beam } every 0 counts 0;
+    {
         /// Of the request.
-        sequence: u8,
+        sequence: u8 = SEQUENCE,
         /// Result of the calibration.
-        result: CalibrationResult,
+        result: CalibrationResult = [Signal::labelled("result", 8, &CalibrationResult::NAMES)],
         /// Gauge to blame, counted from the root.
-        gauge: u8,
-    },
+        gauge: u8 = [Signal::unsigned("gauge", 4)],
+    }
     /// Identity of a board.
-    BoardIdentity {
-        /// The board.
-        board: Role,
+    BOARD_IDENTITY = BoardIdentity of board: Role in ALL at {
+        0x720 "Front" from FrontAxle, 0x721 "Rear" from RearAxle, 0x730 "Beam" from Beam
+    } every 1000 counts 5000;
+    {
         /// Epoch modulo 256.
-        sequence: u8,
+        sequence: u8 = SEQUENCE,
         /// Hash of the chip's unique identifier.
-        chip: Hash24,
+        chip: Hash24 = [Signal::unsigned("chip", 24)],
         /// First digits of the hash of the image's sources.
-        build: Hash24,
+        build: Hash24 = [Signal::unsigned("build", 24)],
         /// [`schema`](super::layout::schema) of the image.
-        schema: u8,
-    },
+        schema: u8 = [Signal::unsigned("schema", 8)],
+    }
 }

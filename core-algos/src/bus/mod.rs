@@ -1,14 +1,17 @@
 //! Messages between the nodes and their bytes on a classic CAN bus.
 //!
-//! [`message`] holds the typed messages; [`layout`] the one table of identifiers, signals, scales
-//! and ranges; [`codec`] turns a message into at most eight bytes and back by that table.
+//! [`message`] holds the one table of messages; [`field`] types of their fields; [`signal`] and [`layout`] what the table says of
+//! identifiers and signals; [`codec`] turns a message into at most eight bytes and back by it.
 //!
 //! Encoding refuses NaN and values out of range; decoding refuses unknown identifiers and frames of
 //! the wrong length. Neither can panic.
 
 pub mod codec;
+pub mod field;
 pub mod layout;
 pub mod message;
+pub mod signal;
 
 pub use codec::{CanFrame, DecodeError, EncodeError, decode, encode};
-pub use message::{LeadMode, Message};
+pub use field::LeadMode;
+pub use message::Message;

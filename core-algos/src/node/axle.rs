@@ -19,7 +19,7 @@ pub use config::{Config, FrameProperties, Limits, SpeedSource};
 
 use super::Outbox;
 use super::peers::{self, Peers};
-use crate::bus::codec::wrap_position;
+use crate::bus::field::wrap_position;
 use crate::bus::{LeadMode, Message};
 use crate::control::cascade::AxleReference;
 use crate::control::dynamic::{self, Dynamic};

@@ -37,13 +37,16 @@ pub fn start(build: &str) -> Peripherals {
         divq: Some(PllQDiv::DIV7),
         divr: None,
     });
-    config.rcc.sys = Sysclk::PLL1_P;
     config.rcc.ahb_pre = AHBPrescaler::DIV1;
     config.rcc.apb1_pre = APBPrescaler::DIV4;
     config.rcc.apb2_pre = APBPrescaler::DIV2;
-    let peripherals = embassy_stm32::init(config);
+    // The HAL resets the voltage detector: the clock is raised when the supply is watched again.
+    let mut rcc = config.rcc;
+    let mut peripherals = embassy_stm32::init(config);
     critical::set_up();
     supply::watch();
+    rcc.sys = Sysclk::PLL1_P;
+    embassy_stm32::rcc::reinit(rcc, &mut peripherals.RCC);
     accelerator::enable();
     // A crystal that stops would leave the core without a clock and the timers as they stand. Now
     // it is a fault ([`fault`]) and a break of TIM1, on the internal oscillator.

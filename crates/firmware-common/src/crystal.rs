@@ -26,22 +26,26 @@ const CAPTURE_LOOKS: u32 = 1_600;
 const HSE_RTC: u32 = 2;
 /// A half of the LED's blink, turns of a delay of three cycles: 20 flashes a second.
 const BLINK: u32 = INTERNAL_HZ / 3 / 40;
+/// Blinks between two measurements.
+const BLINKS: u32 = 8;
 
-/// Goes on if the crystal has its frequency. Otherwise the LED blinks until the watchdog resets the board, which
-/// tries again.
+/// Goes on once the crystal has its frequency. Until then the LED blinks, and the watchdog resets the board after two
+/// seconds.
 pub(crate) fn check() {
-    let found = start().and_then(|()| measure());
-    if found.is_some_and(|hz| hz.abs_diff(HZ) <= HZ / 100 * TOLERANCE) {
-        return;
-    }
-    defmt::error!("crystal: {} Hz, must be {} Hz", found, HZ);
-    RCC.ahb1enr().modify(|w| w.set_gpiocen(true));
-    GPIOC.moder().modify(|w| w.set_moder(12, Moder::OUTPUT));
     loop {
-        GPIOC.bsrr().write(|w| w.set_br(12, true));
-        cortex_m::asm::delay(BLINK);
-        GPIOC.bsrr().write(|w| w.set_bs(12, true));
-        cortex_m::asm::delay(BLINK);
+        let found = start().and_then(|()| measure());
+        if found.is_some_and(|hz| hz.abs_diff(HZ) <= HZ / 100 * TOLERANCE) {
+            return;
+        }
+        defmt::error!("crystal: {} Hz, must be {} Hz", found, HZ);
+        RCC.ahb1enr().modify(|w| w.set_gpiocen(true));
+        GPIOC.moder().modify(|w| w.set_moder(12, Moder::OUTPUT));
+        for _ in 0..BLINKS {
+            GPIOC.bsrr().write(|w| w.set_br(12, true));
+            cortex_m::asm::delay(BLINK);
+            GPIOC.bsrr().write(|w| w.set_bs(12, true));
+            cortex_m::asm::delay(BLINK);
+        }
     }
 }
 
@@ -57,6 +61,8 @@ fn start() -> Option<()> {
 fn measure() -> Option<u32> {
     RCC.cfgr().modify(|w| w.set_rtcpre(DIVIDER as u8));
     RCC.apb2enr().modify(|w| w.set_tim11en(true));
+    RCC.apb2rstr().modify(|w| w.set_tim11rst(true));
+    RCC.apb2rstr().modify(|w| w.set_tim11rst(false));
     TIM11.or().write_value(HSE_RTC);
     TIM11.ccmr_input(0).write(|w| {
         w.set_ccs(0, CcmrInputCcs::TI4);

@@ -1,8 +1,8 @@
 //! Identity of the board, for the bus: its chip, its image and the image's messages.
 
 use core_algos::bus::Message;
+use core_algos::bus::field::Hash24;
 use core_algos::bus::layout::schema;
-use core_algos::bus::message::Hash24;
 use core_algos::topology::Role;
 use embassy_stm32::uid;
 

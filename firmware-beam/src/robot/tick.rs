@@ -4,7 +4,7 @@ use core_algos::acquisition::rest_noise::RestNoise;
 use core_algos::beam::procedure::{Event, Procedure};
 use core_algos::beam::{MAX_GAUGES, calibration};
 use core_algos::bus::Message;
-use core_algos::bus::message::CalibrationResult;
+use core_algos::bus::field::CalibrationResult;
 use core_algos::config::ConfigError;
 use core_algos::node::Outbox;
 use core_algos::node::beam::BeamNode;

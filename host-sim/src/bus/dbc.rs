@@ -1,8 +1,8 @@
 //! The bus description (DBC) and the load of the bus, from the one table of messages.
 
 use crate::base::table::Table;
+use core_algos::bus::field::POSITION_SPAN_M;
 use core_algos::bus::layout::{self, BIT_RATE, Layout, MESSAGES, Signal};
-use core_algos::bus::message::POSITION_SPAN_M;
 use core_algos::topology::Node;
 use std::fmt::Write;
 
@@ -20,6 +20,15 @@ pub fn description() -> String {
         "CM_ \"Positions of odometric and reference postures are sent modulo {POSITION_SPAN_M} m; \
          ln_sigma_* is the natural logarithm of a standard deviation.\";\n"
     );
+    for Layout { id, meaning, .. } in &MESSAGES {
+        text += &format!("CM_ BO_ {id} \"{}\";\n", plain(meaning));
+    }
+    for layout in &MESSAGES {
+        for signal in layout.signals {
+            let (name, meaning) = (signal.name, plain(signal.meaning));
+            text += &format!("CM_ SG_ {} {name} \"{meaning}\";\n", layout.id);
+        }
+    }
     text += "BA_DEF_ \"Baudrate\" INT 1 1000000;\n";
     for (attribute, _) in TIMES {
         text += &format!("BA_DEF_ BO_ \"{attribute}\" INT 0 65535;\n");
@@ -85,6 +94,48 @@ fn signal(signal: &Signal, start: u32, receivers: &str) -> String {
     )
 }
 
+/// A comment of the table as plain text.
+fn plain(comment: &str) -> String {
+    let text = comment
+        .trim()
+        .replace('"', "'")
+        .replace(['`', '[', ']'], "");
+    // Paths of links are for rustdoc.
+    let paths = [
+        ("(crate::safety::Condition)", ""),
+        ("(super::layout::schema)", ""),
+    ];
+    paths
+        .iter()
+        .fold(text, |text, (path, with)| text.replace(path, with))
+}
+
+/// The messages as a table in Markdown.
+pub fn page() -> String {
+    let mut text = String::from(
+        "| id | message | from | every (ms) | counts for (ms) | meaning |\n|---|---|---|---|---|---|\n",
+    );
+    let time = |ms: u16| {
+        if ms == 0 {
+            String::new()
+        } else {
+            ms.to_string()
+        }
+    };
+    for layout in &MESSAGES {
+        text += &format!(
+            "| {:#05x} | `{}` | {} | {} | {} | {} |\n",
+            layout.id,
+            layout.name,
+            layout.sender.name(),
+            time(layout.period_ms),
+            time(layout.timeout_ms),
+            plain(layout.meaning),
+        );
+    }
+    text
+}
+
 /// The load of the bus, message by message, as text.
 pub fn load() -> String {
     let mut table = Table::new(["id", "message", "sender", "bytes", "bits", "period", "load"]);
@@ -134,7 +185,7 @@ mod tests {
         let signals: usize = MESSAGES.iter().map(|layout| layout.signals.len()).sum();
         assert_eq!(lines(&text, " SG_ ").count(), signals);
         assert!(text.contains(
-            "BO_ 514 BeamWrench: 8 Beam\n \
+            "BO_ 544 BeamWrench: 8 Beam\n \
              SG_ sequence : 0|8@1+ (1,0) [0|255] \"\" Lead,FrontAxle,RearAxle,Service\n \
              SG_ force_x : 8|14@1- (0.05,0) [-409.6|409.55002] \"N\" \
              Lead,FrontAxle,RearAxle,Service\n"

@@ -16,12 +16,18 @@ pub struct DbcArgs {
     /// Print the worst-case load of the bus by message
     #[arg(long, conflicts_with = "out")]
     pub load: bool,
+    /// Print the messages as a table
+    #[arg(long, conflicts_with_all = ["out", "load"])]
+    pub table: bool,
 }
 
 /// Prints the description or the load, or writes the description to a file.
 pub fn run(args: &DbcArgs) -> Result<(), Error> {
     if args.load {
         return terminal::print(&dbc::load());
+    }
+    if args.table {
+        return terminal::print_page(&dbc::page());
     }
     match &args.out {
         Some(path) => {

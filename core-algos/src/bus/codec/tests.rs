@@ -1,5 +1,9 @@
 use super::*;
+use crate::bus::field::{POSITION_SPAN_M, wrap_position};
+use crate::math::matrix::cholesky;
 use crate::math::matrix::is_finite;
+use crate::math::{Posture, Wrench};
+use crate::topology::AxleId;
 use proptest::prelude::*;
 
 /// Signals that are no enumeration, each with its message.
@@ -133,7 +137,7 @@ properties! {
 
     /// Decoded and encoded again, every valid frame is the same frame.
     #[test]
-    fn frames_survive_decoding_and_encoding(draws: [u32; MAX_SIGNALS]) {
+    fn frames_survive_decoding_and_encoding(draws: [u32; crate::bus::field::MAX_SIGNALS]) {
         for layout in &layout::MESSAGES {
             let mut bits = 0u64;
             let mut position = 0;
@@ -232,7 +236,7 @@ fn bytes_of_a_known_message() {
         },
     })
     .unwrap();
-    assert_eq!((frame.id, frame.length), (0x202, 8));
+    assert_eq!((frame.id, frame.length), (0x220, 8));
     let expected: u64 = 7 | 20 << 8 | 0x3fff << 22 | 2 << 36;
     assert_eq!(frame.data, expected.to_le_bytes());
 }

@@ -111,7 +111,7 @@ fn odometry_follows_an_arc() {
 /// reference a centimetre ahead is a centimetre ahead, across the ends of the span as well.
 #[test]
 fn a_long_way_is_counted_to_ten_micrometres_and_driven_on() {
-    use crate::bus::{codec::wrap_position, decode, encode};
+    use crate::bus::{decode, encode, field::wrap_position};
     let (mut node, mut outbox) = (node(AxleId::Rear), Outbox::new());
     let (mut sum, mut last, mut spans, mut own) = (0.0f64, 0.0, 0, 0.0f64);
     for tick in 0..=100_000u64 {

@@ -1,7 +1,7 @@
 //! Reports of one axle, paired to odometric increments.
 
 use super::RESTART_SIGMAS;
-use crate::bus::codec::wrap_position;
+use crate::bus::field::wrap_position;
 use crate::fusion::robot::Increment;
 use crate::math::matrix::{Mat3, diagonal, scale};
 use crate::math::{Posture, Twist};

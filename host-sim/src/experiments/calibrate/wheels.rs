@@ -12,7 +12,7 @@
 //! speeds tell the two apart.
 
 use crate::plant::elastica::solve;
-use core_algos::bus::message::POSITION_SPAN_M;
+use core_algos::bus::field::POSITION_SPAN_M;
 
 /// Standard deviation of the ends of the axle as measured, m; it weighs heading against position.
 const MARK_M: f64 = 1e-3;

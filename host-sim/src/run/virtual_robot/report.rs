@@ -1,6 +1,6 @@
 //! What is to be said of a virtual board after a run.
 
-use core_algos::bus::message::Hash24;
+use core_algos::bus::field::Hash24;
 use core_algos::topology::Role;
 use serde::Serialize;
 use virtual_board::board::Board;

@@ -7,7 +7,7 @@ use super::run::node;
 use crate::base::error::Error;
 use crate::run::virtual_robot::{Options, store};
 use crate::world::random::{Stream, generator};
-use core_algos::bus::message::Calibrate;
+use core_algos::bus::field::Calibrate;
 use core_algos::bus::{self, Message};
 use core_algos::params::stored::Report;
 use core_algos::params::{Disarmed, Settings, TABLE};

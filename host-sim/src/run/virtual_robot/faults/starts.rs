@@ -79,9 +79,9 @@ fn buses() -> Vec<Entry> {
 
 fn others() -> Vec<Entry> {
     entries! {
-        "crystal dead for the first 2.5 s", "crystal", start(&[
+        "crystal dead for the first 4.5 s", "crystal", start(&[
             at(0, |b| crystal(b, Bench::any, false)),
-            at(2500, |b| crystal(b, Bench::any, true)),
+            at(4500, |b| crystal(b, Bench::any, true)),
         ]).goes_on().must_reset().finds(&["reset"]);
         "crystal of an axle's board dead for good", "crystal", start(&[at(0, |b| crystal(b, struck, false))])
             .resets(&[Role::Front, Role::Rear]).finds(&["reset"]);
