@@ -1,5 +1,11 @@
 //! The robot with the images that users flash, on virtual boards.
 
+use core_algos::bus::LeadMode;
+use core_algos::control::path::PathPoint;
+use core_algos::link::protocol::{POINTS, Place, Request};
+use core_algos::math::Posture;
+use core_algos::node::lead::Task;
+use core_algos::topology::Role;
 use host_sim::run::robot::Robot;
 use host_sim::run::virtual_robot::{Options, VirtualRobot};
 use host_sim::scenario::Scenario;
@@ -176,6 +182,72 @@ fn beam_board_at_rest_logs_noise_of_its_bridges() {
         assert!(
             (0.8..1.3).contains(&(count / expected)),
             "{count}, expected {expected}"
+        );
+    }
+}
+
+/// A computer at the front board's serial port drives the robot that the button would send elsewhere.
+#[test]
+fn orders_at_the_serial_port_drive_the_robot() {
+    let images = Images::open(None, None, None).unwrap();
+    let scenario = Scenario::default();
+    let logs = [(); 3].map(|()| BoardLog::quiet());
+    let mut robot =
+        VirtualRobot::new(&scenario, &images, 1, 0, &Options::default(), &logs).unwrap();
+    let mut number = 0;
+    let mut ask = |robot: &mut VirtualRobot, role, request| {
+        number += 1;
+        let answer = robot.ask(role, (number, &request), |reply| format!("{reply:?}"));
+        answer.unwrap().unwrap()
+    };
+    let [x, y, phi] = scenario.mission.start.map(|value| value as f32);
+    let (center, relative) = scenario.robot.put_down(Posture::new(x, y, phi));
+    let place = Request::Place(Place { center, relative });
+    let goal = Posture::new(x + 0.8, y + 0.1, 0.2);
+    let drive = Request::Command(Task::Regulate { goal });
+    assert!(ask(&mut robot, Role::Rear, drive).contains("OtherBoard"));
+    let tight = PathPoint {
+        posture: goal,
+        kappa: 100.0,
+        s: 0.0,
+    };
+    let mut points = [None; POINTS];
+    points[0] = Some(tight);
+    let path = Request::Path { points, end: true };
+    assert!(ask(&mut robot, Role::Front, path).contains("TooTight"));
+    assert_eq!(ask(&mut robot, Role::Front, place), "Done");
+    assert_eq!(ask(&mut robot, Role::Front, drive), "Done");
+    let lead = |robot: &VirtualRobot| robot.record().lead;
+    for _ in 0..3000 {
+        robot.step().unwrap();
+    }
+    // Under way it takes no session; the rear board neither, whose motors are on too.
+    assert!(robot.speed() > 0.05, "{}", robot.speed());
+    for role in [Role::Front, Role::Rear] {
+        assert!(ask(&mut robot, role, Request::Rig).contains("Armed"));
+    }
+    for _ in 0..15_000 {
+        robot.step().unwrap();
+    }
+    let [dx, dy] = [0, 1].map(|i| robot.plant().midpoint()[i] - [goal.x, goal.y].map(f64::from)[i]);
+    assert!(
+        lead(&robot).mode == LeadMode::Hold,
+        "{:?}",
+        lead(&robot).mode
+    );
+    assert!(dx.hypot(dy) < 0.05, "{dx} {dy}");
+    assert_eq!(
+        ask(&mut robot, Role::Front, Request::Command(Task::Idle)),
+        "Done"
+    );
+    for board in robot.reports() {
+        assert!(
+            board.resets.is_empty() && board.findings.is_empty(),
+            "{board:?}"
+        );
+        assert!(
+            board.longest_tick_us <= 750 && board.missed_ticks == 0,
+            "{board:?}"
         );
     }
 }

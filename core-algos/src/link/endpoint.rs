@@ -5,6 +5,7 @@
 //! [`Endpoint::saved`]. Until then other requests stay without an answer, and the host repeats them.
 
 use super::framing::{Counters, Decoder, SerialFrame, crc32c};
+use super::order::Order;
 use super::protocol::{
     self, MAX_CONFIG, MAX_TELEMETRY, PROTOCOL, Packed, Place, Refusal, Reply, Request, StackUse,
     TELEMETRY_CHUNK, Telemetry,
@@ -12,7 +13,6 @@ use super::protocol::{
 use super::stored_parameters::{Save, StoreError, StoredParameters};
 use crate::bus;
 use crate::config::ConfigError;
-use crate::control::path::{PathError, PathPoint};
 use crate::node::Outbox;
 use crate::node::board::{Board, Output, Ready, Samples};
 use crate::node::lead::LeadNode;
@@ -260,19 +260,10 @@ impl Session {
                 bytes,
             } => self.configuration.append(total, offset, bytes),
             Request::Start { hash, tick, place } => self.start(hash, tick, place, text),
-            Request::Command(task) => self.lead().map(|lead| {
-                lead.command(task);
-                Reply::Done
-            }),
-            Request::Path { points, end } => self.path(&points, end),
-            Request::Trajectory { points, end } => self.lead().and_then(|lead| {
-                let task = lead.path_task();
-                append(&points, |point| task.push_trajectory_point(point))?;
-                if end {
-                    task.finish_trajectory();
-                }
-                Ok(Reply::Done)
-            }),
+            Request::Place(_)
+            | Request::Command(_)
+            | Request::Path { .. }
+            | Request::Trajectory { .. } => self.order(&request),
             Request::Axle {
                 tick,
                 samples,
@@ -342,16 +333,9 @@ impl Session {
         Ok(Reply::Done)
     }
 
-    fn path<'a>(
-        &mut self,
-        points: &[Option<PathPoint>],
-        end: bool,
-    ) -> Result<Reply<'a>, Refusal<'a>> {
-        let task = self.lead()?.path_task();
-        append(points, |point| task.push_path_point(point))?;
-        if end {
-            task.finish_path();
-        }
+    fn order<'a>(&mut self, request: &Request) -> Result<Reply<'a>, Refusal<'a>> {
+        let order = Order::of(request).ok_or(Refusal::Malformed)?;
+        order.carry_out(self.lead()?).map_err(Refusal::Point)?;
         Ok(Reply::Done)
     }
 
@@ -436,17 +420,6 @@ fn not_kept(error: StoreError, text: &mut Text) -> Refusal<'_> {
         StoreError::Index => Refusal::Index { count: COUNT as u8 },
         StoreError::Value(error) => out_of_range(&error, text),
     }
-}
-
-/// Hands each point on; the first that is not taken is the reason.
-fn append<'a, T: Copy>(
-    points: &[Option<T>],
-    mut push: impl FnMut(T) -> Result<(), PathError>,
-) -> Result<(), Refusal<'a>> {
-    points
-        .iter()
-        .flatten()
-        .try_for_each(|point| push(*point).map_err(Refusal::Point))
 }
 
 /// Encoded configuration as it comes in.

@@ -17,7 +17,7 @@ use crate::topology::Role;
 use serde::{Deserialize, Serialize};
 
 /// Version of the protocol: changes with every change of what is said, or of a configuration.
-pub const PROTOCOL: u16 = 7;
+pub const PROTOCOL: u16 = 8;
 /// Largest encoded configuration, bytes.
 pub const MAX_CONFIG: usize = 2048;
 /// Bytes of a configuration in one request.
@@ -67,6 +67,8 @@ pub enum Request<'a> {
         /// Start posture of the robot, for the lead node.
         place: Option<Place>,
     },
+    /// Says where the robot stands, at rest.
+    Place(Place),
     /// Gives the lead node something to do.
     Command(Task),
     /// Appends to the lead node's path.

@@ -1,11 +1,12 @@
 //! Endpoint, protocol and framing together, as a host sees them.
 
-use super::attendant::Attendant;
+use super::attendant::{Attendant, Demand};
 use super::endpoint::{Endpoint, Identity};
 use super::framing::{Counters, Decoder, MAX_FRAME, SerialFrame, crc32c};
+use super::order::Order;
 use super::protocol::{
-    self, CONFIG_CHUNK, MAX_CONFIG, PROTOCOL, Packed, Place, Refusal, Reply, Request, StackUse,
-    Telemetry,
+    self, CONFIG_CHUNK, MAX_CONFIG, POINTS, PROTOCOL, Packed, Place, Refusal, Reply, Request,
+    StackUse, Telemetry,
 };
 use crate::beam::MAX_GAUGES;
 use crate::bus;
@@ -15,7 +16,7 @@ use crate::fusion::testing::Random;
 use crate::math::Posture;
 use crate::node::Outbox;
 use crate::node::axle;
-use crate::node::board::{Board, Samples};
+use crate::node::board::{Board, Ready, Samples};
 use crate::node::lead::Task;
 use crate::node::robot::RobotConfig;
 use crate::params::{COUNT, Contents, Settings, Source, TABLE, fingerprint};
@@ -859,31 +860,62 @@ fn a_million_bus_frames_are_decoded_or_refused() {
     assert!(accepted > 30_000);
 }
 
-/// The answers of a board that drives, and whether it resets.
-fn attended(attendant: &mut Attendant, bytes: &[u8], armed: bool) -> (Vec<Vec<u8>>, bool) {
-    let (mut decoder, mut answers) = (Decoder::new(), Vec::new());
-    let session = attendant.receive(bytes, armed, &mut |answer| {
-        for &byte in answer {
-            answers.extend(decoder.take_byte(byte).map(<[u8]>::to_vec));
+/// A board that drives, with what it answered.
+struct Driving {
+    attendant: Attendant,
+    demand: Option<Demand>,
+}
+
+impl Driving {
+    fn new(role: Role) -> Self {
+        let identity = Identity {
+            build: "test build",
+            role,
+        };
+        Self {
+            attendant: Attendant::new(identity, || STACK),
+            demand: None,
         }
-    });
-    (answers, session)
+    }
+
+    /// The payloads of its answers to a request.
+    fn ask(&mut self, number: u8, request: &Request, armed: bool) -> Vec<Vec<u8>> {
+        let frame = protocol::encode(number, request).unwrap();
+        let mut sent = Vec::new();
+        let mut send = |answer: &[u8]| sent.extend_from_slice(answer);
+        self.demand = self.attendant.receive(frame.bytes(), armed, &mut send);
+        payloads(&sent)
+    }
+
+    fn done(&mut self, done: Result<(), PathError>) -> Vec<Vec<u8>> {
+        let mut sent = Vec::new();
+        self.attendant
+            .done(done, &mut |answer| sent.extend_from_slice(answer));
+        payloads(&sent)
+    }
+}
+
+fn payloads(bytes: &[u8]) -> Vec<Vec<u8>> {
+    let mut decoder = Decoder::new();
+    let payloads = bytes
+        .iter()
+        .filter_map(|&byte| decoder.take_byte(byte).map(<[u8]>::to_vec));
+    payloads.collect()
+}
+
+fn assert_answered(answers: &[Vec<u8>], number: u8, reply: Reply) {
+    assert_eq!(answers.len(), 1);
+    assert_eq!(protocol::decode(&answers[0]), Some((number, reply)));
 }
 
 #[test]
 fn a_board_that_drives_says_who_it_is_and_goes_into_a_session_with_its_motors_off() {
-    let identity = Identity {
-        build: "test build",
-        role: Role::Rear,
-    };
-    let mut attendant = Attendant::new(identity);
+    let mut board = Driving::new(Role::Rear);
     let hello = Request::Hello {
         protocol: PROTOCOL + 1,
         nonce: 77,
     };
-    let request = |number, request: &Request| protocol::encode(number, request).unwrap();
     // Of another version as well: the host is told what this one is.
-    let (answers, session) = attended(&mut attendant, request(3, &hello).bytes(), true);
     let reply = Reply::Hello {
         protocol: PROTOCOL,
         nonce: 77,
@@ -892,31 +924,83 @@ fn a_board_that_drives_says_who_it_is_and_goes_into_a_session_with_its_motors_of
         counters: Counters::default(),
         session: false,
     };
-    assert_eq!(protocol::decode(&answers[0]), Some((3, reply)));
-    assert!(!session && answers.len() == 1);
-
-    let rig = request(4, &Request::Rig);
+    assert_answered(&board.ask(3, &hello, true), 3, reply);
     let refused = |refusal| Reply::Refused(refusal);
-    let (answers, session) = attended(&mut attendant, rig.bytes(), true);
-    assert_eq!(
-        protocol::decode(&answers[0]),
-        Some((4, refused(Refusal::Armed)))
+    assert_answered(
+        &board.ask(4, &Request::Rig, true),
+        4,
+        refused(Refusal::Armed),
     );
-    assert!(!session);
-    // Nothing else is done outside of a session.
-    for (number, other) in [
-        (5, Request::Stack),
-        (6, Request::SaveParameters),
-        (7, Request::Leave),
-    ] {
-        let (answers, session) = attended(&mut attendant, request(number, &other).bytes(), false);
-        let no_session = refused(Refusal::NoSession);
-        assert_eq!(protocol::decode(&answers[0]), Some((number, no_session)));
-        assert!(!session);
+    assert_eq!(board.demand, None);
+    // Nothing of a session is done outside of one.
+    for (number, other) in [(5, Request::SaveParameters), (6, Request::Leave)] {
+        let answers = board.ask(number, &other, false);
+        assert_answered(&answers, number, refused(Refusal::NoSession));
+        assert_eq!(board.demand, None);
     }
-    let (answers, session) = attended(&mut attendant, rig.bytes(), false);
-    assert_eq!(protocol::decode(&answers[0]), Some((4, Reply::Done)));
-    assert!(session);
+    assert_answered(&board.ask(7, &Request::Stack, true), 7, Reply::Stack(STACK));
+    let other = refused(Refusal::OtherBoard { role: Role::Rear });
+    let stop = Request::Command(Task::Stop);
+    assert_answered(&board.ask(8, &stop, true), 8, other);
+    assert_answered(&board.ask(9, &Request::Rig, false), 9, Reply::Done);
+    assert_eq!(board.demand, Some(Demand::Session));
+}
+
+/// Repeated requests are answered again and carried out once; an order is answered when it is done.
+#[test]
+fn an_order_is_carried_out_once_and_answered_when_it_is_done() {
+    let mut board = Driving::new(Role::Front);
+    let goal = Posture::new(1.0, -0.5, 0.25);
+    let drive = Request::Command(Task::Regulate { goal });
+    assert!(board.ask(1, &drive, true).is_empty());
+    let order = Order::Task(Task::Regulate { goal });
+    assert_eq!(board.demand, Some(Demand::Order(order)));
+    // The host is impatient.
+    assert!(board.ask(1, &drive, true).is_empty());
+    assert_eq!(board.demand, None);
+    assert_answered(&board.done(Ok(())), 1, Reply::Done);
+    assert_answered(&board.ask(1, &drive, true), 1, Reply::Done);
+    assert_eq!(board.demand, None);
+
+    let points = [None; POINTS];
+    let path = Request::Path { points, end: true };
+    assert!(board.ask(2, &path, true).is_empty());
+    let full = Reply::Refused(Refusal::Point(PathError::Full));
+    assert_answered(&board.done(Err(PathError::Full)), 2, full);
+    assert_answered(&board.ask(2, &path, true), 2, full);
+}
+
+#[test]
+fn orders_reach_the_lead_node() {
+    let config = RobotConfig::default();
+    let mut nodes = Ready::new(&config, Role::Front).unwrap().begin();
+    let lead = nodes.lead().unwrap();
+    let (center, relative) = config.put_down(Posture::new(2.0, 1.0, 0.5));
+    Order::Place(Place { center, relative })
+        .carry_out(lead)
+        .unwrap();
+    let mut other = lead.clone();
+    other.initialize(&center, &relative);
+    assert_eq!(lead.fusion(), other.fusion());
+    // Points within the curvature that the frame bends to are taken, others refused with the reason.
+    let bound = lead.cascade().max_curvature();
+    for (kappa, expected) in [
+        (bound, Ok(())),
+        (-bound, Ok(())),
+        (1.01 * bound, Err(PathError::TooTight)),
+        (-1.01 * bound, Err(PathError::TooTight)),
+        (f32::NAN, Err(PathError::NotFinite)),
+    ] {
+        let mut points = [None; POINTS];
+        let (posture, s) = (Posture::ORIGIN, 0.0);
+        points[0] = Some(PathPoint { posture, kappa, s });
+        lead.restart();
+        assert_eq!(
+            Order::Path(points, true).carry_out(lead),
+            expected,
+            "{kappa}"
+        );
+    }
 }
 
 #[test]

@@ -11,7 +11,7 @@ use core_algos::node::tick_sync::{Step, TickSync};
 use core_algos::node::{Outbox, axle};
 use core_algos::params::Drive;
 use core_algos::safety::{Condition, Conditions};
-use core_algos::time::{Micros, TICK, sequence};
+use core_algos::time::{EPOCH, Micros, TICK, sequence};
 use core_algos::topology::{AxleId, Role};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::watch;
@@ -29,6 +29,8 @@ use super::motors::Motors;
 use super::operator::Button;
 use crate::rules::{Command, Feedback};
 
+/// Tick of an epoch at which orders of the link are carried out.
+const ORDER_PHASE: Micros = 5 * TICK;
 /// Ticks between health reports on the bus.
 const HEALTH: u8 = 100;
 
@@ -151,6 +153,10 @@ impl Axis {
             self.sender.send(&message);
         }
         self.button.step(now, self.nodes);
+        // At a tick in which the lead node does little else.
+        if let (ORDER_PHASE, Some(lead)) = (now % EPOCH, self.nodes.lead()) {
+            link::carry_out(lead);
+        }
         let samples = Samples::Axle(axle::Samples {
             encoder: encoder.map(Some),
             gyro_rad_s: inertial.gyro_rad_s,

@@ -16,6 +16,7 @@ pub mod losses;
 pub mod parameters;
 pub mod remote;
 pub mod serial;
+pub mod serial_line;
 pub mod virtual_link;
 
 pub use boards::{Boards, Failure, FailureMode};

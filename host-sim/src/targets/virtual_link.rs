@@ -7,6 +7,7 @@ use super::board_log::BoardLog;
 use super::images::Images;
 use super::link::{Link, flash_file, make_flash_file};
 use super::log_reader::Reader;
+use super::serial_line::SerialLine;
 use crate::base::error::Error;
 use crate::base::output;
 use core_algos::topology::Role;
@@ -24,8 +25,6 @@ use virtual_board::finding::Kind;
 /// Strap of the rear board, and nSLEEP of the drivers.
 const STRAP: Pin = Pin::new('C', 13);
 const NSLEEP: Pin = Pin::new('C', 4);
-/// Length of a byte at 921 600 baud, ns.
-const BYTE_NS: u64 = 10_851;
 /// Time that the board runs between looks at what it sent.
 const SLICE_NS: u64 = 200_000;
 /// Time after which a request counts as lost, ns.
@@ -37,10 +36,7 @@ const STORE: usize = 16 << 10;
 struct Port {
     rear: bool,
     told: bool,
-    /// Bytes on their way to the board, and when the first arrives.
-    incoming: VecDeque<u8>,
-    due: Time,
-    sent: Vec<u8>,
+    line: SerialLine,
     /// The drivers were woken.
     woken: bool,
 }
@@ -51,14 +47,13 @@ impl Circuit for Port {
     }
 
     fn serial(&mut self, byte: u8, _at: Time) {
-        self.sent.push(byte);
+        self.line.sent.push(byte);
     }
 
     fn next(&self) -> Time {
-        match (self.told, self.incoming.is_empty()) {
-            (false, _) => Time(0),
-            (true, false) => self.due,
-            (true, true) => Time::NEVER,
+        match self.told {
+            true => self.line.next(),
+            false => Time(0),
         }
     }
 
@@ -68,12 +63,7 @@ impl Circuit for Port {
             let strap = if self.rear { Drive::Low } else { Drive::Open };
             inputs.pins.push((STRAP, strap));
         }
-        if self.due <= at
-            && let Some(byte) = self.incoming.pop_front()
-        {
-            inputs.serial.push(byte);
-            self.due = at + Time::from_nanos(BYTE_NS);
-        }
+        self.line.advance(at, inputs);
     }
 }
 
@@ -109,17 +99,15 @@ impl Bench {
             return Ok(Vec::new());
         }
         let now = self.board.now();
-        let port = self.port()?;
-        port.incoming.extend(bytes);
-        port.due = now + Time::from_nanos(BYTE_NS);
+        self.port()?.line.send(bytes, now);
         self.board.chip().refresh();
         let end = now + Time::from_nanos(PATIENCE_NS);
         loop {
             let until = self.board.now() + Time::from_nanos(SLICE_NS);
             self.board.run_until(until);
-            let port = self.port()?;
+            let sent = &self.port()?.line.sent;
             // An answer ends with a zero, and is more than that.
-            if port.sent.len() > 1 && port.sent.ends_with(&[0]) || until > end {
+            if sent.len() > 1 && sent.ends_with(&[0]) || until > end {
                 break;
             }
         }
@@ -134,7 +122,7 @@ impl Bench {
         if port.woken {
             return Err(io::Error::other("the drivers were woken in a session"));
         }
-        Ok(std::mem::take(&mut port.sent))
+        Ok(std::mem::take(&mut port.line.sent))
     }
 
     fn port(&mut self) -> io::Result<&mut Port> {
@@ -179,9 +167,7 @@ impl VirtualLink {
         let port = Port {
             rear: role == Role::Rear,
             told: false,
-            incoming: VecDeque::new(),
-            due: Time(0),
-            sent: Vec::new(),
+            line: SerialLine::default(),
             woken: false,
         };
         let image = images.of(role);

@@ -52,6 +52,8 @@ pub enum PathError {
     NotAdvancing,
     /// The path has already been ended.
     Ended,
+    /// The frame does not bend to the curvature.
+    TooTight,
 }
 
 impl fmt::Display for PathError {
@@ -61,6 +63,7 @@ impl fmt::Display for PathError {
             Self::NotFinite => "a component of the point is not a finite number",
             Self::NotAdvancing => "the point does not lie after the one before it",
             Self::Ended => "the path has already been ended",
+            Self::TooTight => "the curvature of the point is more than the frame bends to",
         })
     }
 }

@@ -10,13 +10,17 @@ use core::mem::MaybeUninit;
 use core::ptr::addr_of_mut;
 use core::sync::atomic::{AtomicBool, Ordering};
 
+use core_algos::control::path::PathError;
 use core_algos::link::protocol::StackUse;
-use core_algos::link::{Attendant, Endpoint, Identity};
+use core_algos::link::{Attendant, Demand, Endpoint, Identity, Order};
 use core_algos::node::board::{Board, Ready};
+use core_algos::node::lead::LeadNode;
 use core_algos::topology::Role;
 use embassy_executor::Spawner;
 use embassy_stm32::Peri;
 use embassy_stm32::peripherals::{PB10, PB11, USART3};
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::signal::Signal;
 use embassy_time::{Duration, Instant, with_timeout};
 use static_cell::StaticCell;
 
@@ -39,6 +43,17 @@ const SESSION: u32 = 0x5e55_10e1;
 
 /// True while the motors of this board may be on.
 static ARMED: AtomicBool = AtomicBool::new(false);
+
+/// Order on its way to the tick, and how it was carried out.
+static ORDER: Signal<CriticalSectionRawMutex, Order> = Signal::new();
+static DONE: Signal<CriticalSectionRawMutex, Result<(), PathError>> = Signal::new();
+
+/// Carries out an order that has come, if one has.
+pub fn carry_out(lead: &mut LeadNode) {
+    if let Some(order) = ORDER.try_take() {
+        DONE.signal(order.carry_out(lead));
+    }
+}
 
 /// Says whether the motors of this board may be on.
 pub fn set_armed(armed: bool) {
@@ -107,15 +122,23 @@ impl Link {
 async fn attend(link: Link) -> ! {
     static ATTENDANT: StaticCell<Attendant> = StaticCell::new();
     let Link { mut uart, identity } = link;
-    let attendant = ATTENDANT.init_with(|| Attendant::new(identity));
+    let attendant = ATTENDANT.init_with(|| Attendant::new(identity, stack_use));
     let mut buffer = [0; 64];
     loop {
         let count = uart.read(&mut buffer).await;
         let armed = ARMED.load(Ordering::Relaxed);
-        if attendant.receive(&buffer[..count], armed, &mut |reply| uart.write(reply)) {
-            uart.flush();
-            defmt::info!("reset into a session with a rig");
-            restart(true);
+        match attendant.receive(&buffer[..count], armed, &mut |reply| uart.write(reply)) {
+            Some(Demand::Order(order)) => {
+                ORDER.signal(order);
+                let done = DONE.wait().await;
+                attendant.done(done, &mut |reply| uart.write(reply));
+            }
+            Some(Demand::Session) => {
+                uart.flush();
+                defmt::info!("reset into a session with a rig");
+                restart(true);
+            }
+            None => {}
         }
     }
 }

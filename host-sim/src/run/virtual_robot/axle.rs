@@ -2,6 +2,7 @@
 
 use super::power::{BATTERY_V, Power};
 use crate::scenario::Scenario;
+use crate::targets::serial_line::SerialLine;
 use crate::world::drawn::Drawn;
 use crate::world::random::{Stream, generator, normal};
 use core_algos::topology::Role;
@@ -113,6 +114,8 @@ pub struct AxleBoard {
     pub(super) thermistor: Thermistor,
     pub(super) stop: Contact,
     pub(super) button: Contact,
+    /// Serial port.
+    pub(super) serial: SerialLine,
     /// Edges of the LED; it is lit at every other one, from the first on.
     pub(super) led: Vec<Time>,
     /// The strap's contact, and whether the chip knows.
@@ -191,6 +194,7 @@ impl AxleBoard {
             thermistor: Thermistor::default(),
             stop: Contact::new(true, BOUNCE, seed(4)),
             button: Contact::new(false, BOUNCE, seed(5)),
+            serial: SerialLine::default(),
             led: Vec::new(),
             strap: (parts.rear, false),
             looks: Vec::new(),
@@ -305,6 +309,10 @@ impl Circuit for AxleBoard {
         inertial.map_or(!0, |inertial| inertial.exchange(word as u8, at).into())
     }
 
+    fn serial(&mut self, byte: u8, _at: Time) {
+        self.serial.sent.push(byte);
+    }
+
     fn supply(&mut self, at: Time) -> f64 {
         self.power.logic_v(at)
     }
@@ -319,7 +327,10 @@ impl Circuit for AxleBoard {
         let [left, right] = &self.encoders;
         let switches = self.stop.next().min(self.button.next());
         let looks = self.looks.iter().copied().min().unwrap_or(Time::NEVER);
-        let other = switches.min(looks).min(self.power.next());
+        let other = switches
+            .min(looks)
+            .min(self.power.next())
+            .min(self.serial.next());
         left.next().min(right.next()).min(other)
     }
 
@@ -331,6 +342,7 @@ impl Circuit for AxleBoard {
                 inputs.pins.extend([(pins[0], a), (pins[1], b)]);
             }
         }
+        self.serial.advance(at, inputs);
         if self.fresh || self.stop.next() <= at {
             self.stop.advance(at);
             let closed = self.stop.is_closed();

@@ -1,9 +1,13 @@
 //! The user, after an axle board was restarted: clears the faults by the button, puts the robot back on its start and
 //! presses the button again.
 
+use crate::base::error::Error;
 use crate::run::recovery::Monitor;
+use crate::run::robot::Robot;
 use crate::run::virtual_robot::{PRESS, VirtualRobot};
 use crate::targets::What;
+use core_algos::link::framing::Decoder;
+use core_algos::link::protocol::{self, Reply, Request};
 use core_algos::safety::OperatingState;
 use core_algos::topology::{Node, Role};
 
@@ -11,6 +15,8 @@ use core_algos::topology::{Node, Role};
 const PAUSE: u32 = 1000;
 /// Time in which the nodes must become idle after a press, ticks.
 const CLEARING: u32 = 500;
+/// Time in which a board answers at its serial port, ticks.
+const ANSWER: u32 = 100;
 /// Presses before the user gives up.
 const PRESSES: u32 = 3;
 
@@ -64,6 +70,35 @@ impl VirtualRobot {
         let what = if ready { What::Resumed } else { What::Cleared };
         self.tools.cuts.note(tick, what);
         self.tools.user.next = (!ready).then_some((tick + CLEARING, presses + 1));
+    }
+
+    /// Sends a request to an axle board's serial port and runs until the answer has come; the answer is read by `take`.
+    /// `None` if there is none within 0.1 s, or it is of another number.
+    pub fn ask<T>(
+        &mut self,
+        role: Role,
+        (number, request): (u8, &Request),
+        take: impl FnOnce(Reply) -> T,
+    ) -> Result<Option<T>, Error> {
+        let now = self.network.now();
+        let frame = protocol::encode(number, request);
+        let (Some(frame), Some(axle)) = (frame, self.axle(role)) else {
+            return Ok(None);
+        };
+        axle.serial.sent.clear();
+        axle.serial.send(frame.bytes(), now);
+        for _ in 0..ANSWER {
+            self.step()?;
+            let mut decoder = Decoder::new();
+            let sent = self.axle(role).map(|axle| axle.serial.sent.clone());
+            for byte in sent.unwrap_or_default() {
+                let answer = decoder.take_byte(byte).and_then(protocol::decode::<Reply>);
+                if let Some((answered, reply)) = answer {
+                    return Ok((answered == number).then(|| take(reply)));
+                }
+            }
+        }
+        Ok(None)
     }
 
     /// Presses the button of the front board.

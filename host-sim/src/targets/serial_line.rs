@@ -1,0 +1,46 @@
+//! The wires between a serial adapter and a virtual board.
+
+use std::collections::VecDeque;
+use virtual_board::Time;
+use virtual_board::chip::Inputs;
+
+/// Length of a byte at 921 600 baud, ns.
+const BYTE_NS: u64 = 10_851;
+
+/// Bytes on their way, both ways.
+#[derive(Default)]
+pub struct SerialLine {
+    incoming: VecDeque<u8>,
+    /// When the first of them arrives.
+    due: Time,
+    /// What the board has sent.
+    pub sent: Vec<u8>,
+}
+
+impl SerialLine {
+    /// Sends bytes to the board from `now` on, after those on their way.
+    pub fn send(&mut self, bytes: &[u8], now: Time) {
+        if self.incoming.is_empty() {
+            self.due = now + Time::from_nanos(BYTE_NS);
+        }
+        self.incoming.extend(bytes);
+    }
+
+    /// When the next byte arrives at the board.
+    pub fn next(&self) -> Time {
+        match self.incoming.is_empty() {
+            true => Time::NEVER,
+            false => self.due,
+        }
+    }
+
+    /// Hands over the byte that is due at `at`.
+    pub fn advance(&mut self, at: Time, inputs: &mut Inputs) {
+        if self.next() <= at
+            && let Some(byte) = self.incoming.pop_front()
+        {
+            inputs.serial.push(byte);
+            self.due = at + Time::from_nanos(BYTE_NS);
+        }
+    }
+}
