@@ -48,6 +48,10 @@ const RUNS: &[(&str, Fault)] = &[
         "bus.loss=0.0",
         Fault::Reported(0, Condition::NotANumber, 20, 1.0),
     ),
+    (
+        "bus.loss=0.0",
+        Fault::Reported(0, Condition::BusOff, 0, 1.0),
+    ),
 ];
 /// Codes that no run in this process raises, each with what does.
 const ELSEWHERE: &[(Condition, &str)] = &[
