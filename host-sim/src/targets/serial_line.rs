@@ -11,9 +11,9 @@ const BYTE_NS: u64 = 10_851;
 #[derive(Default)]
 pub struct SerialLine {
     incoming: VecDeque<u8>,
-    /// When the first of them arrives.
+    /// Arrival of the first of them.
     due: Time,
-    /// What the board has sent.
+    /// Bytes that the board has sent.
     pub sent: Vec<u8>,
 }
 
@@ -26,7 +26,7 @@ impl SerialLine {
         self.incoming.extend(bytes);
     }
 
-    /// When the next byte arrives at the board.
+    /// Arrival of the next byte at the board.
     pub fn next(&self) -> Time {
         match self.incoming.is_empty() {
             true => Time::NEVER,

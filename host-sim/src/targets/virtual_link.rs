@@ -32,7 +32,7 @@ const PATIENCE_NS: u64 = 250_000_000;
 /// First byte of the store in the flash.
 const STORE: usize = 16 << 10;
 
-/// What is soldered to the board: a serial adapter and, on a rear board, the strap.
+/// Circuit of the board: a serial adapter and, on a rear board, the strap.
 struct Port {
     rear: bool,
     told: bool,
@@ -67,7 +67,7 @@ impl Circuit for Port {
     }
 }
 
-/// What the thread of a board is asked to do.
+/// Order to the thread of a board.
 enum Order {
     Send(Vec<u8>),
     Power(bool),
@@ -260,7 +260,7 @@ impl Drop for VirtualLink {
     fn drop(&mut self) {
         self.orders = None;
         if let Some(thread) = self.thread.take() {
-            // It has ended, whatever of.
+            // The thread has ended, by a panic or not.
             let _ = thread.join();
         }
     }
