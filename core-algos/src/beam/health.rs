@@ -1,4 +1,4 @@
-//! Which gauges can be believed.
+//! Health of the gauges.
 //!
 //! Three kinds of evidence, from cheap to costly:
 //! - **a period's own samples**: missing, saturated, or a strain the strip cannot have. Such a

@@ -103,7 +103,7 @@ pub struct Layout {
     pub id: u16,
     /// Name, as in the bus description.
     pub name: &'static str,
-    /// What it tells.
+    /// Meaning, one sentence.
     pub meaning: &'static str,
     /// Who sends it.
     pub sender: Node,

@@ -1,4 +1,4 @@
-//! What switches the motors off at once: a driver's fault, too much current, a supply beyond its
+//! Conditions that switch the motors off at once: a driver's fault, too much current, a supply beyond its
 //! limits, the emergency stop. Seen every period of the pulse-width modulation; all but the emergency
 //! stop must last.
 //!

@@ -1,4 +1,4 @@
-//! Whether a motor answers: the voltage that its current and speed explain, against the one applied.
+//! Response of a motor: the voltage that its current and speed explain, against the one applied.
 //!
 //! Over a window of `n` periods of length T the means of voltage, current and speed obey
 //! `V = R i + k_e ω + L (i_n − i_0)/(n T)`. What is left over stays small for a sound motor, within

@@ -1,4 +1,4 @@
-//! When to sample the motor currents within a period of the pulse-width modulation.
+//! Instants to sample the motor currents within a period of the pulse-width modulation.
 //!
 //! The counter goes up to its top and down again, the pulses stand around zero, and the converter is
 //! started when the counter passes a compare value on the way up. The readings of both currents

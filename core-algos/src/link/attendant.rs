@@ -8,7 +8,7 @@ use super::protocol::{self, PROTOCOL, Refusal, Reply, Request, StackUse};
 use crate::control::path::PathError;
 use crate::topology::Role;
 
-/// What the board is to do for a request.
+/// Action that a request demands of the board.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[must_use]
 pub enum Demand {

@@ -423,21 +423,10 @@ fn not_kept(error: StoreError, text: &mut Text) -> Refusal<'_> {
 }
 
 /// Encoded configuration as it comes in.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug, Default)]
 struct Configuration {
-    bytes: [u8; MAX_CONFIG],
-    received: usize,
+    bytes: heapless::Vec<u8, MAX_CONFIG>,
     total: usize,
-}
-
-impl Default for Configuration {
-    fn default() -> Self {
-        Self {
-            bytes: [0; MAX_CONFIG],
-            received: 0,
-            total: 0,
-        }
-    }
 }
 
 impl Configuration {
@@ -449,66 +438,55 @@ impl Configuration {
         part: &[u8],
     ) -> Result<Reply<'a>, Refusal<'a>> {
         if offset == 0 {
-            self.received = 0;
+            self.bytes.clear();
             self.total = usize::from(total);
         }
         let refusal = Refusal::Part {
-            received: self.received as u16,
+            received: self.bytes.len() as u16,
         };
-        let end = self.received + part.len();
-        let follows = usize::from(offset) == self.received && usize::from(total) == self.total;
-        if !follows || end > self.total {
+        let received = self.bytes.len();
+        let follows = usize::from(offset) == received && usize::from(total) == self.total;
+        if !follows || received + part.len() > self.total {
             return Err(refusal);
         }
-        let room = self.bytes.get_mut(self.received..end).ok_or(refusal)?;
-        room.copy_from_slice(part);
-        self.received = end;
+        self.bytes.extend_from_slice(part).map_err(|_| refusal)?;
         Ok(Reply::Configured {
-            hash: crc32c(self.bytes.get(..end).unwrap_or_default()),
+            hash: crc32c(&self.bytes),
         })
     }
 
     /// All of them, if they are complete and have this check sum.
     fn complete<'a>(&self, hash: u32) -> Result<&[u8], Refusal<'a>> {
-        let bytes = self.bytes.get(..self.received).unwrap_or_default();
-        let found = crc32c(bytes);
-        if self.received != self.total || found != hash {
+        let found = crc32c(&self.bytes);
+        if self.bytes.len() != self.total || found != hash {
             return Err(Refusal::Hash { found });
         }
-        Ok(bytes)
+        Ok(&self.bytes)
     }
 }
 
 /// The lead node's output on its way, a part with each reply. It begins with its length.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug, Default)]
 struct Spread {
-    bytes: [u8; MAX_TELEMETRY],
-    length: usize,
+    bytes: heapless::Vec<u8, MAX_TELEMETRY>,
     sent: usize,
-}
-
-impl Default for Spread {
-    fn default() -> Self {
-        Self {
-            bytes: [0; MAX_TELEMETRY],
-            length: 0,
-            sent: 0,
-        }
-    }
 }
 
 impl Spread {
     fn fill(&mut self, telemetry: &Telemetry) {
-        let (head, room) = self.bytes.split_at_mut(2);
+        let mut encoded = [0; MAX_TELEMETRY - 2];
         // Its largest size is known to fit; nothing is sent otherwise.
-        let used = postcard::to_slice(telemetry, room).map_or(0, |used| used.len());
-        head.copy_from_slice(&(used as u16).to_le_bytes());
-        self.length = 2 + used;
+        let encoded = postcard::to_slice(telemetry, &mut encoded).map_or(&[][..], |used| used);
+        self.bytes.clear();
+        let length = (encoded.len() as u16).to_le_bytes();
+        for part in [&length[..], encoded] {
+            let _ = self.bytes.extend_from_slice(part);
+        }
         self.sent = 0;
     }
 
     fn next(&mut self) -> &[u8] {
-        let end = self.length.min(self.sent + TELEMETRY_CHUNK);
+        let end = self.bytes.len().min(self.sent + TELEMETRY_CHUNK);
         let part = self.bytes.get(self.sent..end).unwrap_or_default();
         self.sent = end;
         part

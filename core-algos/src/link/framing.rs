@@ -30,20 +30,8 @@ pub fn crc32c(bytes: &[u8]) -> u32 {
 }
 
 /// One frame, ready to be sent.
-#[derive(Clone, Copy, Debug)]
-pub struct SerialFrame {
-    bytes: [u8; MAX_FRAME],
-    length: usize,
-}
-
-impl Default for SerialFrame {
-    fn default() -> Self {
-        Self {
-            bytes: [0; MAX_FRAME],
-            length: 1,
-        }
-    }
-}
+#[derive(Clone, Debug, Default)]
+pub struct SerialFrame(heapless::Vec<u8, MAX_FRAME>);
 
 impl SerialFrame {
     /// The frame of a payload; `None` if it is empty or too long.
@@ -57,21 +45,23 @@ impl SerialFrame {
             .split_at_mut_checked(payload.len())?;
         head.copy_from_slice(payload);
         tail.copy_from_slice(&crc32c(payload).to_le_bytes());
-        let mut frame = Self::default();
-        let room = frame.bytes.get_mut(1..MAX_FRAME - 1)?;
+        let mut frame = heapless::Vec::from_array([0; MAX_FRAME]);
+        let room = frame.get_mut(1..MAX_FRAME - 1)?;
         let stuffed = cobs::try_encode(checked.get(..payload.len() + CRC_BYTES)?, room).ok()?;
-        frame.length = stuffed + 2;
-        Some(frame)
+        frame.truncate(stuffed + 2);
+        // The encoder leaves the rest as it was; a frame ends with a 0.
+        *frame.last_mut()? = 0;
+        Some(Self(frame))
     }
 
     /// The bytes to send.
     pub fn bytes(&self) -> &[u8] {
-        self.bytes.get(1..self.length).unwrap_or_default()
+        self.0.get(1..).unwrap_or_default()
     }
 
     /// The bytes to send when this repeats what may have been cut short: a 0 comes first.
     pub fn repeated(&self) -> &[u8] {
-        self.bytes.get(..self.length).unwrap_or_default()
+        &self.0
     }
 }
 

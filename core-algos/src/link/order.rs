@@ -1,4 +1,4 @@
-//! What a host asks of the lead node.
+//! Orders of a host for the lead node.
 
 use super::protocol::{POINTS, Place, Request};
 use crate::control::path::{PathError, PathPoint, TrajectoryPoint};

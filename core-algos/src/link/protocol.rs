@@ -1,4 +1,4 @@
-//! What host and board say to each other: each payload is a number and a [`Request`] or [`Reply`]
+//! Requests of a host and replies of a board: each payload is a number and a [`Request`] or [`Reply`]
 //! as postcard.
 //!
 //! [`Request::Hello`] and [`Reply::Hello`] are the first variants and stay as they are in every

@@ -1,4 +1,4 @@
-//! What one board runs: an axle node, on the front board with the lead node beside it, or the beam
+//! Nodes of one board: an axle node, on the front board with the lead node beside it, or the beam
 //! node.
 //!
 //! A board takes in the messages that arrived, then the samples of a tick. The order is fixed here,

@@ -1,4 +1,4 @@
-//! What a node knows of the others: their heartbeats.
+//! Heartbeats of the other nodes.
 
 use crate::bus::Message;
 use crate::bus::layout;

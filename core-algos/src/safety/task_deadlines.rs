@@ -1,4 +1,4 @@
-//! Which of a board's tasks are alive: decides whether the watchdog may be fed.
+//! Deadlines of a board's tasks: decides whether the watchdog may be fed.
 //!
 //! A task that stops, or is starved by one above it, misses its time and the watchdog is no longer
 //! fed, whatever the others do. The driver of the watchdog asks [`TaskDeadlines::complete`] and feeds only

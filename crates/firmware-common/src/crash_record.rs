@@ -1,4 +1,4 @@
-//! What is kept over a reset: counts of faults and the last message, with a check sum.
+//! Crash record, kept over a reset: counts of faults and the last message, with a check sum.
 //!
 //! The memory holds chance after power-on, and half a record after a reset in the middle of a write;
 //! the check sum tells both from a record.

@@ -1,4 +1,4 @@
-//! What both boards share.
+//! Drivers and services of both boards.
 //!
 //! | module | what it holds |
 //! |---|---|

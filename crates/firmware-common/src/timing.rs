@@ -1,7 +1,7 @@
-//! How late ticks come, and how long they take.
+//! Lateness and duration of the ticks.
 //!
-//! How late by the clock of `embassy-time`: the cycle counter (DWT) stands still while the core sleeps.
-//! How long by the cycle counter: a tick does not sleep.
+//! Lateness is by the clock of `embassy-time`: the cycle counter (DWT) stands still while the core sleeps.
+//! Duration is by the cycle counter: a tick does not sleep.
 
 use cortex_m::peripheral::{DCB, DWT};
 use embassy_time::Instant;

@@ -134,7 +134,7 @@ impl Parameters {
             .ok()
     }
 
-    /// What the store holds.
+    /// Contents of the store.
     pub(crate) fn contents(&self) -> &Contents {
         self.store.contents()
     }

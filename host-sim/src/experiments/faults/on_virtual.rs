@@ -7,10 +7,11 @@ use crate::base::progress::Progress;
 use crate::experiments::faults::{FaultsArgs, check_choice, is_chosen, scenario};
 use crate::experiments::result::Provenance;
 use crate::run::virtual_robot::faults::{
-    self, Campaign, Case, Course, End, Entry, Outcome, Reference, catalogue,
+    self, Campaign, Case, Course, End, Entry, Outcome, Reference, SILENCE, catalogue,
 };
 use crate::run::virtual_robot::tools::coverage;
 use crate::targets::images::Images;
+use core_algos::safety::Condition;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::collections::BTreeSet;
@@ -33,6 +34,9 @@ pub struct Row {
     pub times: usize,
     /// Cases of a board by itself.
     pub cases: usize,
+    /// True if the fault silences the bus: the first of [`SILENCE`] depends on the phase of the bus.
+    #[serde(skip)]
+    pub silences: bool,
     /// Longest time allowed to all motors off, s, if the robot may stop.
     pub off_within_s: Option<f64>,
     /// Longest time allowed to the last pulse of the struck axle, s.
@@ -51,6 +55,7 @@ impl Row {
             seam: entry.seam,
             times: times.len(),
             cases: outcomes.iter().map(|run| run.cases).sum(),
+            silences: SILENCE.iter().all(|code| entry.codes.contains(code)),
             off_within_s: may_stop.then_some(entry.off_within_s),
             own_within_s: entry.own_within_s,
             outcomes,
@@ -71,7 +76,11 @@ impl Row {
 
     fn codes(&self) -> BTreeSet<&'static str> {
         let reasons = self.outcomes.iter().filter_map(|run| run.reason);
-        reasons.map(|reason| reason.entry().name).collect()
+        let name = |reason: Condition| match self.silences && SILENCE.contains(&reason) {
+            true => "silence",
+            false => reason.entry().name,
+        };
+        reasons.map(name).collect()
     }
 
     fn markdown(&self) -> String {
@@ -137,7 +146,8 @@ impl Report {
                report of a board. The drivers of the affected axle end their last pulse within the allowed time.\n\n\
              A run fails if neither holds, if the first code does not fit ([codes](codes.md)), if a reset or a\n\
              finding is not explained by the fault, if a restart is not reported, or if parameters in the flash\n\
-             have changed. World: {}.\n\n\
+             have changed. *Silence*: bus off, neighbour lost, neighbour stopped or command timeout; which of them\n\
+             comes first depends on the phase of the bus. World: {}.\n\n\
              | fault | seam | times × seeds | goes on | stops | other | codes | motors off (s) | allowed (s) | last pulse of struck axle (ms) | allowed (ms) |\n\
              |---|---|---|---|---|---|---|---|---|---|---|\n",
             seconds.join(", "),

@@ -8,7 +8,7 @@ use virtual_board::wire::{Fault, Frame, Id, Level};
 
 /// Codes of a bus that carries no messages. A board reports the code of the message that it missed
 /// first.
-const SILENCE: &[Condition] = &[BusOff, NeighbourLost, NeighbourFault, CommandTimeout];
+pub const SILENCE: &[Condition] = &[BusOff, NeighbourLost, NeighbourFault, CommandTimeout];
 
 /// A frame of eight bytes of an identifier.
 fn frame(id: u16) -> Frame {

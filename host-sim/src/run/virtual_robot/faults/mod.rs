@@ -20,6 +20,7 @@ mod run;
 mod sensors;
 mod starts;
 
+pub use bus::SILENCE;
 pub use entry::{Course, Entry};
 pub use run::{Case, End, Outcome, Reference, reference, run};
 
