@@ -24,7 +24,6 @@ fi
 step "formatting"
 cargo fmt --all --check
 cargo fmt --manifest-path tools/fuzz/Cargo.toml --check
-rustfmt --edition 2024 --check tools/rigless/src/main.rs
 step "clippy"
 # With the feature that the default leaves out; the builds below are without it.
 cargo clippy --locked --workspace --all-targets --features host-sim/live -- -D warnings
@@ -70,7 +69,7 @@ hil --log target/hil/run.mcap
 target/release/cfmmr replay target/hil/run.mcap | grep "identical over"
 hil --no-rps --stop-after 4
 step "the images that users flash, on virtual boards"
-timeout 900 target/release/cfmmr hil --virtual --out target/virtual | grep -A4 "^board "
+timeout 900 target/release/cfmmr posture --on virtual --out target/virtual | grep -A4 "^board "
 step "the virtual boards' core against Unicorn in lockstep"
 crates/virtual-board/oracle/check_lockstep.sh
 step "faults on virtual boards"

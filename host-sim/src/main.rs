@@ -1,18 +1,28 @@
 //! Command line of `cfmmr`.
 
+use host_sim::base::error::Error;
 use host_sim::cli::{self, Cli, Command};
-use host_sim::experiments;
+use host_sim::experiments::follow::FollowArgs;
+use host_sim::experiments::{self, whole_robot};
 use host_sim::run::path_run::PathMode;
 use std::process::ExitCode;
+
+fn follow(args: &FollowArgs, path_mode: PathMode) -> Result<(), Error> {
+    match args.robot.has_boards() {
+        true => whole_robot::follow(args, path_mode),
+        false => experiments::follow::run(args, path_mode),
+    }
+}
 
 fn main() -> ExitCode {
     let cli = Cli::read();
     let result = match &cli.command {
+        None if cli.posture.robot.has_boards() => whole_robot::posture(&cli.posture),
         None => experiments::posture::run(&cli.posture),
+        Some(Command::Posture(args)) if args.robot.has_boards() => whole_robot::posture(args),
         Some(Command::Posture(args)) => experiments::posture::run(args),
-        Some(Command::Follow(args)) => experiments::follow::run(args, PathMode::Follow),
-        Some(Command::Track(args)) => experiments::follow::run(args, PathMode::Track),
-        Some(Command::Hil(args)) if args.on_virtual => experiments::hil::on_virtual::run(args),
+        Some(Command::Follow(args)) => follow(args, PathMode::Follow),
+        Some(Command::Track(args)) => follow(args, PathMode::Track),
         Some(Command::Hil(args)) => experiments::hil::run(args),
         Some(Command::Replay(args)) => experiments::replay::run(args),
         Some(Command::Consistency(args)) => experiments::consistency::run(args),

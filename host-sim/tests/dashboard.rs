@@ -276,7 +276,14 @@ fn a_board_at_a_serial_port_is_shown_with_its_frames_and_losses() {
 fn virtual_boards_are_shown_with_what_they_say_on_the_bus() {
     let folder = tempfile::tempdir().unwrap();
     let mut command = Command::new(env!("CARGO_BIN_EXE_cfmmr"));
-    command.args(["hil", "--virtual", "--dashboard", "--kill", "beam@0.2"]);
+    command.args([
+        "posture",
+        "--on",
+        "virtual",
+        "--dashboard",
+        "--kill",
+        "beam@0.2",
+    ]);
     let mut session = Session::start(command.current_dir(folder.path()), 80, 24);
     session.expect_line(|words| words.contains(&"RearAxle") && words.contains(&"Idle"));
     session.expect_line(|words| words.ends_with(&["beam", "off"]));

@@ -1,23 +1,27 @@
 //! The robot with the images that users flash, on virtual boards.
 
 use core_algos::bus::LeadMode;
+use core_algos::bus::layout;
 use core_algos::control::path::PathPoint;
-use core_algos::link::protocol::{POINTS, Place, Request};
+use core_algos::link::framing::Decoder;
+use core_algos::link::protocol::{self, Reply, Request};
 use core_algos::math::Posture;
 use core_algos::node::lead::Task;
 use core_algos::topology::Role;
 use host_sim::run::robot::Robot;
 use host_sim::run::virtual_robot::{Options, VirtualRobot};
 use host_sim::scenario::Scenario;
+use host_sim::targets::HostCommand;
 use host_sim::targets::board_log::BoardLog;
 use host_sim::targets::images::Images;
 use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};
+use virtual_board::Time;
 
-fn hil(folder: &Path, arguments: &[&str]) -> Output {
+fn posture(folder: &Path, arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_cfmmr"))
-        .args(["hil", "--virtual"])
+        .args(["posture", "--on", "virtual"])
         .args(arguments)
         .current_dir(folder)
         .output()
@@ -28,7 +32,7 @@ fn hil(folder: &Path, arguments: &[&str]) -> Output {
 fn threads_change_no_byte_and_seeds_do() {
     let folder = tempfile::tempdir().unwrap();
     let run = |name: &str, seed: &str, threads: &str| {
-        let output = hil(
+        let output = posture(
             folder.path(),
             &[
                 "--stop-after",
@@ -79,12 +83,12 @@ fn what_is_no_image_of_the_chip_is_refused_by_name() {
         ("text", b"firmware"),
     ] {
         fs::write(folder.path().join(name), bytes).unwrap();
-        let output = hil(folder.path(), &["--beam-image", name, "--axle-image", name]);
+        let output = posture(folder.path(), &["--beam-image", name, "--axle-image", name]);
         let said = String::from_utf8_lossy(&output.stderr);
         assert_eq!(output.status.code(), Some(2), "{name}: {said}");
         assert!(said.contains(name), "{name}: {said}");
     }
-    let output = hil(folder.path(), &["--beam-image", "absent"]);
+    let output = posture(folder.path(), &["--beam-image", "absent"]);
     assert_eq!(output.status.code(), Some(2));
 }
 
@@ -93,7 +97,7 @@ fn an_image_of_another_board_is_refused_by_name() {
     let folder = tempfile::tempdir().unwrap();
     let image = host_sim::targets::images::build("firmware-beam").unwrap();
     fs::write(folder.path().join("beam"), image).unwrap();
-    let output = hil(folder.path(), &["--axle-image", "beam"]);
+    let output = posture(folder.path(), &["--axle-image", "beam"]);
     let said = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(2), "{said}");
     assert!(said.contains("beam: firmware-beam image"), "{said}");
@@ -105,10 +109,10 @@ fn what_the_images_cannot_be_told_is_refused() {
     for arguments in [
         &["--set", "robot.axle.rest_hold_s=0.2"][..],
         &["--set", "boards.front.button.goal.x=1.0"],
-        &["--follow", "circle"],
-        &["--on", "virtual"],
+        &["--set", "robot.lead.course.path.min_speed_m_s=0.05"],
+        &["--rows", "all"],
     ] {
-        let output = hil(folder.path(), arguments);
+        let output = posture(folder.path(), arguments);
         let said = String::from_utf8_lossy(&output.stderr);
         assert_eq!(output.status.code(), Some(2), "{arguments:?}: {said}");
     }
@@ -146,7 +150,7 @@ fn boards_drive_in_other_than_the_default_configuration() {
         &["--no-rps"],
         &["--from=-0.6,0.1,0.2", "--set", "mission.goal=[0.4,0.1,0.1]"],
     ] {
-        let output = hil(folder.path(), arguments);
+        let output = posture(folder.path(), arguments);
         let error = String::from_utf8_lossy(&output.stderr);
         assert!(output.status.success(), "{arguments:?}: {error}");
     }
@@ -186,6 +190,23 @@ fn beam_board_at_rest_logs_noise_of_its_bridges() {
     }
 }
 
+/// Reply of the rear board to a request at its serial port, which has no other host.
+fn reply_of_rear(robot: &mut VirtualRobot, number: u8, request: &Request) -> String {
+    let frame = protocol::encode(number, request).unwrap();
+    let now = Time::from_micros(((robot.boot_s() * 1e6).round() as u64) + robot.now());
+    robot.serial(Role::Rear).unwrap().send(frame.bytes(), now);
+    for _ in 0..20 {
+        robot.step().unwrap();
+    }
+    let mut decoder = Decoder::new();
+    let sent = std::mem::take(&mut robot.serial(Role::Rear).unwrap().sent);
+    let mut replies = sent.iter().filter_map(|&byte| {
+        let (answered, reply) = protocol::decode::<Reply>(decoder.take_byte(byte)?)?;
+        (answered == number).then(|| format!("{reply:?}"))
+    });
+    replies.next().unwrap()
+}
+
 /// A computer at the front board's serial port drives the robot that the button would send elsewhere.
 #[test]
 fn orders_at_the_serial_port_drive_the_robot() {
@@ -194,52 +215,36 @@ fn orders_at_the_serial_port_drive_the_robot() {
     let logs = [(); 3].map(|()| BoardLog::quiet());
     let mut robot =
         VirtualRobot::new(&scenario, &images, 1, 0, &Options::default(), &logs).unwrap();
-    let mut number = 0;
-    let mut ask = |robot: &mut VirtualRobot, role, request| {
-        number += 1;
-        let answer = robot.ask(role, (number, &request), |reply| format!("{reply:?}"));
-        answer.unwrap().unwrap()
-    };
-    let [x, y, phi] = scenario.mission.start.map(|value| value as f32);
-    let (center, relative) = scenario.robot.put_down(Posture::new(x, y, phi));
-    let place = Request::Place(Place { center, relative });
+    let [x, y, _] = scenario.mission.start.map(|value| value as f32);
     let goal = Posture::new(x + 0.8, y + 0.1, 0.2);
-    let drive = Request::Command(Task::Regulate { goal });
-    assert!(ask(&mut robot, Role::Rear, drive).contains("OtherBoard"));
+    let drive = HostCommand::Task(Task::Regulate { goal });
+    let request = Request::Command(Task::Regulate { goal });
+    assert!(reply_of_rear(&mut robot, 1, &request).contains("OtherBoard"));
     let tight = PathPoint {
         posture: goal,
         kappa: 100.0,
         s: 0.0,
     };
-    let mut points = [None; POINTS];
-    points[0] = Some(tight);
-    let path = Request::Path { points, end: true };
-    assert!(ask(&mut robot, Role::Front, path).contains("TooTight"));
-    assert_eq!(ask(&mut robot, Role::Front, place), "Done");
-    assert_eq!(ask(&mut robot, Role::Front, drive), "Done");
-    let lead = |robot: &VirtualRobot| robot.record().lead;
+    robot
+        .command(&HostCommand::Path(vec![tight], true))
+        .unwrap();
+    let error = (0..100).find_map(|_| robot.step().err()).unwrap();
+    assert_eq!(error.exit_code(), 2, "{error}");
+    robot.command(&drive).unwrap();
+    assert!(!robot.is_settled());
     for _ in 0..3000 {
         robot.step().unwrap();
     }
-    // Under way it takes no session; the rear board neither, whose motors are on too.
-    assert!(robot.speed() > 0.05, "{}", robot.speed());
-    for role in [Role::Front, Role::Rear] {
-        assert!(ask(&mut robot, role, Request::Rig).contains("Armed"));
-    }
+    // Under way a board takes no session.
+    assert!(robot.is_settled() && robot.speed() > 0.05);
+    assert!(reply_of_rear(&mut robot, 2, &Request::Rig).contains("Armed"));
     for _ in 0..15_000 {
         robot.step().unwrap();
     }
     let [dx, dy] = [0, 1].map(|i| robot.plant().midpoint()[i] - [goal.x, goal.y].map(f64::from)[i]);
-    assert!(
-        lead(&robot).mode == LeadMode::Hold,
-        "{:?}",
-        lead(&robot).mode
-    );
+    let lead = robot.record().lead;
+    assert_eq!((lead.mode, lead.done), (LeadMode::Hold, true));
     assert!(dx.hypot(dy) < 0.05, "{dx} {dy}");
-    assert_eq!(
-        ask(&mut robot, Role::Front, Request::Command(Task::Idle)),
-        "Done"
-    );
     for board in robot.reports() {
         assert!(
             board.resets.is_empty() && board.findings.is_empty(),
@@ -248,6 +253,65 @@ fn orders_at_the_serial_port_drive_the_robot() {
         assert!(
             board.longest_tick_us <= 750 && board.missed_ticks == 0,
             "{board:?}"
+        );
+    }
+}
+
+/// The bus frames in the reports of the front board are those on the wire, none is missing.
+#[test]
+fn reports_of_the_front_board_hold_every_frame_on_the_bus() {
+    let images = Images::open(None, None, None).unwrap();
+    let scenario = Scenario::default();
+    let logs = [(); 3].map(|()| BoardLog::quiet());
+    let mut robot =
+        VirtualRobot::new(&scenario, &images, 1, 0, &Options::default(), &logs).unwrap();
+    let goal = Posture::ORIGIN;
+    robot
+        .command(&HostCommand::Task(Task::Regulate { goal }))
+        .unwrap();
+    for _ in 0..500 {
+        robot.step().unwrap();
+    }
+    robot.link().take_frames();
+    let before = robot.frames();
+    for _ in 0..2000 {
+        robot.step().unwrap();
+    }
+    let on_wire = (robot.frames() - before) as i64;
+    let frames = robot.link().take_frames();
+    assert_eq!(robot.link().lost(), 0);
+    // A few are on their way at either end.
+    assert!(on_wire > 3500, "{on_wire}");
+    let difference = frames.len() as i64 - on_wire;
+    assert!(difference.abs() <= 12, "{difference} of {on_wire}");
+    let steps = |id| frames.iter().filter(|frame| frame.id == id).count();
+    assert_eq!(steps(layout::id::LEAD_STATUS), 200);
+    assert!((199..=201).contains(&steps(layout::id::TIME_SYNC)));
+}
+
+/// A robot on virtual boards ends where one in this process ends, along a path and along a trajectory.
+#[test]
+fn paths_on_virtual_boards_end_as_in_process() {
+    let folder = tempfile::tempdir().unwrap();
+    for command in ["follow", "track"] {
+        let run = |place: &str| {
+            let output = Command::new(env!("CARGO_BIN_EXE_cfmmr"))
+                .args([command, "--path", "line", "--size", "0.8", "--on", place])
+                .current_dir(folder.path())
+                .output()
+                .unwrap();
+            let error = String::from_utf8_lossy(&output.stderr);
+            assert!(output.status.success(), "{command} {place}: {error}");
+            let file = folder.path().join("out").join(command).join("result.json");
+            let result: serde_json::Value =
+                serde_json::from_slice(&fs::read(file).unwrap()).unwrap();
+            assert_eq!(result["done"], true, "{command} {place}");
+            result["final_m"].as_f64().unwrap()
+        };
+        let [inside, outside] = ["in-process", "virtual"].map(run);
+        assert!(
+            (inside - outside).abs() < 0.002,
+            "{command}: {inside} {outside}"
         );
     }
 }

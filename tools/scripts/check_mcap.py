@@ -30,7 +30,7 @@ EACH_EPOCH = ["/lead", "/truth", "/tf", "/truth/robot"]
 ONCE = ["/goal", "/boards/front/start", "/boards/rear/start", "/boards/beam/start"]
 COUNTS_PER_REVOLUTION = 8192
 # Boards that are heard on the bus only.
-VIRTUAL = "hil --virtual"
+VIRTUAL = "posture --on virtual"
 
 
 def crc32c(data):
@@ -217,7 +217,7 @@ def virtual(call, folder, database):
     """A run on virtual boards: what is on the bus, the listener's estimate and the truth; no more."""
     path, tables, out = folder / "virtual.mcap", folder / "virtual-tables", folder / "virtual"
     arguments = ["--stop-after", 1.5, "--log", path, "--csv", tables, "--out", out]
-    call("hil", "--virtual", *arguments)
+    call("posture", "--on", "virtual", *arguments)
     log = Log(path)
     about, end = log.metadata["cfmmr"], log.metadata["cfmmr.end"]
     assert about["command"] == VIRTUAL and end["whole"] == "true"

@@ -142,7 +142,7 @@ def campaign(report, out, trials):
 def boards(report, out, *limits):
     run("hil", "--on", "virtual", *limits, "--out", out / "session", "--csv", out / "session")
     report.table("boards in a session, epochs.csv", out / "session/epochs.csv")
-    run("hil", "--virtual", *limits, "--out", out / "virtual", "--csv", out / "virtual", "--threads", "1")
+    run("posture", "--on", "virtual", *limits, "--out", out / "virtual", "--csv", out / "virtual", "--threads", "1")
     report.table("virtual boards, epochs.csv", out / "virtual/epochs.csv")
 
 

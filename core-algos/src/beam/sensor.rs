@@ -47,8 +47,8 @@ use crate::math::matrix::scale;
 const SEARCH_BUDGET: u8 = 16;
 /// Most shapes computed in the tick of an estimate; four settle all fits but one in thousands.
 const TICK_BUDGET: u8 = 5;
-/// The same of a tick of the work that is left.
-const WORK_BUDGET: u8 = 5;
+/// The same of a tick of the work that is left: other starts and the end of a search cost more than they count.
+const WORK_BUDGET: u8 = 4;
 /// Most shapes computed to begin a fit.
 const BEGIN_EFFORT: u8 = TICK_BUDGET - FINISH_EFFORT;
 

@@ -4,9 +4,18 @@
 use super::endpoint::Identity;
 use super::framing::{Decoder, SerialFrame};
 use super::order::Order;
-use super::protocol::{self, PROTOCOL, Refusal, Reply, Request, StackUse};
+use super::protocol::{
+    self, MAX_TELEMETRY, PROTOCOL, Packed, Refusal, Reply, Request, Spread, StackUse, Telemetry,
+};
 use crate::control::path::PathError;
 use crate::topology::Role;
+
+/// Time between reports to a host that watches, ms: about four bus frames.
+pub const REPORT_MS: u64 = 2;
+/// Bus frames of a report, at most.
+pub const REPORT_FRAMES: usize = 9;
+/// Bytes of the lead node's output in a report: all of it in two.
+const REPORT_CHUNK: usize = MAX_TELEMETRY / 2;
 
 /// Action that a request demands of the board.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -16,6 +25,8 @@ pub enum Demand {
     Order(Order),
     /// To reset into a session.
     Session,
+    /// To hand over bus frames and outputs of the lead node from here on.
+    Watch,
 }
 
 /// A board that drives.
@@ -29,6 +40,9 @@ pub struct Attendant {
     answer: SerialFrame,
     /// Number of an order that is being carried out.
     pending: Option<u8>,
+    /// True if the host watches.
+    watched: bool,
+    telemetry: Spread,
 }
 
 impl Attendant {
@@ -41,6 +55,8 @@ impl Attendant {
             last: None,
             answer: SerialFrame::default(),
             pending: None,
+            watched: false,
+            telemetry: Spread::default(),
         }
     }
 
@@ -85,6 +101,11 @@ impl Attendant {
                 (_, Some(_)) => Reply::Refused(Refusal::OtherBoard {
                     role: self.identity.role,
                 }),
+                (Some(Request::Watch), _) => {
+                    self.watched = true;
+                    demand = Some(Demand::Watch);
+                    Reply::Done
+                }
                 (Some(Request::Stack), _) => Reply::Stack((self.stack)()),
                 (Some(Request::Rig), _) if armed => Reply::Refused(Refusal::Armed),
                 (Some(Request::Rig), _) => {
@@ -102,6 +123,40 @@ impl Attendant {
             }
         }
         demand
+    }
+
+    /// True if a host watches: [`Self::report`] is due every [`REPORT_MS`].
+    pub fn is_watched(&self) -> bool {
+        self.watched
+    }
+
+    /// True if the last output of the lead node was sent to its end.
+    pub fn wants_telemetry(&self) -> bool {
+        self.telemetry.is_sent()
+    }
+
+    /// Takes in the next output of the lead node.
+    pub fn tell(&mut self, telemetry: &Telemetry) {
+        self.telemetry.fill(telemetry);
+    }
+
+    /// Sends the host these bus frames and the next part of the lead node's output, unless there is nothing to send.
+    pub fn report(&mut self, lost: u16, bus: &Packed, send: &mut impl FnMut(&[u8])) {
+        let offset = self.telemetry.sent() as u16;
+        let telemetry = self.telemetry.next(REPORT_CHUNK);
+        if telemetry.is_empty() && bus.bytes().is_empty() {
+            return;
+        }
+        let report = Reply::Report {
+            lost,
+            bus: bus.bytes(),
+            offset,
+            telemetry,
+        };
+        // Bounded to fit; an empty frame is not sent.
+        if let Some(frame) = protocol::encode(0, &report) {
+            send(frame.bytes());
+        }
     }
 
     /// Answers the order that was carried out, or why it was not.

@@ -7,7 +7,7 @@
 use super::framing::{Counters, Decoder, SerialFrame, crc32c};
 use super::order::Order;
 use super::protocol::{
-    self, MAX_CONFIG, MAX_TELEMETRY, PROTOCOL, Packed, Place, Refusal, Reply, Request, StackUse,
+    self, MAX_CONFIG, PROTOCOL, Packed, Place, Refusal, Reply, Request, Spread, StackUse,
     TELEMETRY_CHUNK, Telemetry,
 };
 use super::stored_parameters::{Save, StoreError, StoredParameters};
@@ -250,7 +250,8 @@ impl Session {
         bus: &'a mut Packed,
     ) -> Result<Reply<'a>, Refusal<'a>> {
         match request {
-            Request::Hello { .. } => Err(Refusal::Malformed),
+            // A rig gets the lead node's output with each tick, and is the bus.
+            Request::Hello { .. } | Request::Watch => Err(Refusal::Malformed),
             // A session is under way.
             Request::Rig => Ok(Reply::Done),
             Request::Leave => self.leave(),
@@ -275,7 +276,7 @@ impl Session {
                         active: output.active,
                         refused,
                         bus: bus.bytes(),
-                        telemetry: self.telemetry.next(),
+                        telemetry: self.telemetry.next(TELEMETRY_CHUNK),
                     })
             }
             Request::Beam { tick, counts } => self
@@ -396,11 +397,7 @@ impl Session {
             }
         }
         if let (Some(output), Some(lead)) = (output.lead, board.lead()) {
-            self.telemetry.fill(&Telemetry {
-                output,
-                path_room: lead.path_task().path_room() as u16,
-                trajectory_room: lead.path_task().trajectory_room() as u16,
-            });
+            self.telemetry.fill(&Telemetry::of(output, lead));
         }
         Ok((output, refused))
     }
@@ -462,34 +459,6 @@ impl Configuration {
             return Err(Refusal::Hash { found });
         }
         Ok(&self.bytes)
-    }
-}
-
-/// The lead node's output on its way, a part with each reply. It begins with its length.
-#[derive(Clone, Debug, Default)]
-struct Spread {
-    bytes: heapless::Vec<u8, MAX_TELEMETRY>,
-    sent: usize,
-}
-
-impl Spread {
-    fn fill(&mut self, telemetry: &Telemetry) {
-        let mut encoded = [0; MAX_TELEMETRY - 2];
-        // Its largest size is known to fit; nothing is sent otherwise.
-        let encoded = postcard::to_slice(telemetry, &mut encoded).map_or(&[][..], |used| used);
-        self.bytes.clear();
-        let length = (encoded.len() as u16).to_le_bytes();
-        for part in [&length[..], encoded] {
-            let _ = self.bytes.extend_from_slice(part);
-        }
-        self.sent = 0;
-    }
-
-    fn next(&mut self) -> &[u8] {
-        let end = self.bytes.len().min(self.sent + TELEMETRY_CHUNK);
-        let part = self.bytes.get(self.sent..end).unwrap_or_default();
-        self.sent = end;
-        part
     }
 }
 

@@ -10,14 +10,14 @@ use crate::bus;
 use crate::control::path::{PathError, PathPoint, TrajectoryPoint};
 use crate::fusion::Estimate;
 use crate::node::axle;
-use crate::node::lead::{self, Task};
+use crate::node::lead::{self, LeadNode, Task};
 use crate::node::outbox;
 use crate::params::Source;
 use crate::topology::Role;
 use serde::{Deserialize, Serialize};
 
 /// Version of the protocol: changes with every change of what is said, or of a configuration.
-pub const PROTOCOL: u16 = 8;
+pub const PROTOCOL: u16 = 9;
 /// Largest encoded configuration, bytes.
 pub const MAX_CONFIG: usize = 2048;
 /// Bytes of a configuration in one request.
@@ -127,6 +127,8 @@ pub enum Request<'a> {
     },
     /// Writes what has changed to the store. Motors must be off.
     SaveParameters,
+    /// Has a board that drives send [`Reply::Report`] unasked, until it is reset.
+    Watch,
 }
 
 /// Posture of the robot at the start.
@@ -209,6 +211,17 @@ pub enum Reply<'a> {
     Saved {
         /// Values that were written.
         values: u8,
+    },
+    /// Answers no request: bus frames that the board sent and received, and the lead node's output.
+    Report {
+        /// Bus frames since the start of the watch that found no room.
+        lost: u16,
+        /// Bus frames, see [`Packed`].
+        bus: &'a [u8],
+        /// Place of the part in the output.
+        offset: u16,
+        /// The next part of the lead node's output, see [`Spread`].
+        telemetry: &'a [u8],
     },
 }
 
@@ -299,6 +312,58 @@ pub struct Telemetry {
     pub path_room: u16,
     /// Points the trajectory has room for.
     pub trajectory_room: u16,
+}
+
+impl Telemetry {
+    /// Output of a step of the lead node, with the room it has.
+    pub fn of(output: lead::Output, lead: &mut LeadNode) -> Self {
+        let path = lead.path_task();
+        Self {
+            output,
+            path_room: path.path_room() as u16,
+            trajectory_room: path.trajectory_room() as u16,
+        }
+    }
+}
+
+/// The lead node's output on its way, a part with each reply. It begins with its length.
+#[derive(Clone, Debug, Default)]
+pub struct Spread {
+    bytes: heapless::Vec<u8, MAX_TELEMETRY>,
+    sent: usize,
+}
+
+impl Spread {
+    /// Puts an output in place of the one before.
+    pub fn fill(&mut self, telemetry: &Telemetry) {
+        let mut encoded = [0; MAX_TELEMETRY - 2];
+        // Its largest size is known to fit; nothing is sent otherwise.
+        let encoded = postcard::to_slice(telemetry, &mut encoded).map_or(&[][..], |used| used);
+        self.bytes.clear();
+        let length = (encoded.len() as u16).to_le_bytes();
+        for part in [&length[..], encoded] {
+            let _ = self.bytes.extend_from_slice(part);
+        }
+        self.sent = 0;
+    }
+
+    /// The next part, of `most` bytes.
+    pub fn next(&mut self, most: usize) -> &[u8] {
+        let end = self.bytes.len().min(self.sent + most);
+        let part = self.bytes.get(self.sent..end).unwrap_or_default();
+        self.sent = end;
+        part
+    }
+
+    /// Bytes that were sent.
+    pub fn sent(&self) -> usize {
+        self.sent
+    }
+
+    /// True if all of it was sent.
+    pub fn is_sent(&self) -> bool {
+        self.sent == self.bytes.len()
+    }
 }
 
 /// The frame of a numbered message; `None` if it does not fit.

@@ -1,6 +1,6 @@
 //! Endpoint, protocol and framing together, as a host sees them.
 
-use super::attendant::{Attendant, Demand};
+use super::attendant::{Attendant, Demand, REPORT_FRAMES};
 use super::endpoint::{Endpoint, Identity};
 use super::framing::{Counters, Decoder, MAX_FRAME, SerialFrame, crc32c};
 use super::order::Order;
@@ -9,7 +9,7 @@ use super::protocol::{
     StackUse, Telemetry,
 };
 use crate::beam::MAX_GAUGES;
-use crate::bus;
+use crate::bus::{self, Message};
 use crate::control::path::{PathError, PathPoint};
 use crate::fusion::Estimate;
 use crate::fusion::testing::Random;
@@ -17,7 +17,7 @@ use crate::math::Posture;
 use crate::node::Outbox;
 use crate::node::axle;
 use crate::node::board::{Board, Ready, Samples};
-use crate::node::lead::Task;
+use crate::node::lead::{LeadNode, Task};
 use crate::node::robot::RobotConfig;
 use crate::params::{COUNT, Contents, Settings, Source, TABLE, fingerprint};
 use crate::safety::Conditions;
@@ -1011,4 +1011,73 @@ fn a_session_ends_when_the_host_leaves_and_not_before() {
     assert!(!host.board.has_left());
     host.expect(&Request::Leave, Reply::Done);
     assert!(host.board.has_left());
+}
+
+/// Bus frames and every output of the lead node reach a host that watches, and one only.
+#[test]
+fn a_host_that_watches_gets_bus_frames_and_outputs() {
+    let identity = Identity {
+        build: "test",
+        role: Role::Front,
+    };
+    let mut board = Attendant::new(identity, StackUse::unknown);
+    let mut sent = Vec::new();
+    let mut config = RobotConfig::default()
+        .completed()
+        .build_lead()
+        .map(LeadNode::new)
+        .unwrap();
+    let telemetry = Telemetry::of(config.step(4_000, &mut Outbox::new()), &mut config);
+    assert!(!board.is_watched() && board.wants_telemetry());
+    let watch = protocol::encode(9, &Request::Watch).unwrap();
+    let demand = board.receive(watch.bytes(), true, &mut |bytes| {
+        sent.extend_from_slice(bytes)
+    });
+    assert_eq!(demand, Some(Demand::Watch));
+    assert!(board.is_watched());
+    board.tell(&telemetry);
+    assert!(!board.wants_telemetry());
+    let mut bus = Packed::new();
+    let frame = bus::encode(&Message::TimeSync {
+        epoch: 77,
+        last_delay_us: None,
+    })
+    .unwrap();
+    for _ in 0..REPORT_FRAMES {
+        assert!(bus.push(&frame));
+    }
+    // The report without anything in it is not sent.
+    for bus in [&bus, &bus, &Packed::new()] {
+        board.report(3, bus, &mut |bytes| sent.extend_from_slice(bytes));
+    }
+    assert!(board.wants_telemetry());
+    let mut decoder = Decoder::new();
+    let (mut frames, mut parts, mut replies) = (0, Vec::new(), 0);
+    for byte in sent {
+        let Some(payload) = decoder.take_byte(byte) else {
+            continue;
+        };
+        replies += 1;
+        match protocol::decode::<Reply>(payload).unwrap() {
+            (9, Reply::Done) => {}
+            (
+                0,
+                Reply::Report {
+                    lost: 3,
+                    bus,
+                    offset,
+                    telemetry,
+                },
+            ) => {
+                assert_eq!(usize::from(offset), parts.len());
+                parts.extend_from_slice(telemetry);
+                frames += protocol::unpack(bus).filter(|it| *it == frame).count();
+            }
+            other => panic!("{other:?}"),
+        }
+    }
+    assert_eq!((replies, frames), (3, 2 * REPORT_FRAMES));
+    let (length, bytes) = parts.split_first_chunk().unwrap();
+    assert_eq!(usize::from(u16::from_le_bytes(*length)), bytes.len());
+    assert_eq!(postcard::from_bytes(bytes), Ok(telemetry));
 }

@@ -25,6 +25,8 @@ const OFFSET_GAIN: f32 = 0.02;
 const RATE_GAIN: f32 = 1e-4;
 /// Largest rate between two crystals that is believed: 200 ppm.
 const MAX_RATE: f32 = 200e-6 * EPOCH as f32;
+/// Largest error of a tick that gets in step, µs.
+const LOCK_US: i16 = 50;
 /// Error beyond which a pair is left out, µs.
 const GATE_US: f32 = 100.0;
 /// Pairs left out in a row after which the offset is taken anew.
@@ -160,17 +162,18 @@ impl Tick {
         }
     }
 
-    /// True if the tick is close enough to its millisecond to run a node.
-    pub fn in_step(&self) -> bool {
-        self.late_us.abs() <= 100
+    /// True if the tick is close enough to its millisecond to run a node: within 0.1 ms, and within half of that
+    /// if the tick before was not. Without the difference an error near the bound would let single ticks through.
+    pub fn in_step(&self, before: bool) -> bool {
+        self.late_us.abs() <= if before { 2 * LOCK_US } else { LOCK_US }
     }
 
     /// Counts by which the period of the board's timer is to differ from the nominal one until the
-    /// next tick: −1, 0 or 1 in step. Out of step four times that, since one count in 4200 gains
+    /// next tick: −1, 0 or 1 near the millisecond. Far from it four times that, since one count in 4200 gains
     /// little on a crystal that is off by 200 ppm.
     pub fn trim(&self) -> i8 {
         // A tick that comes late needs shorter periods.
-        -(self.late_us.signum() as i8) * if self.in_step() { 1 } else { 4 }
+        -(self.late_us.signum() as i8) * if self.in_step(false) { 1 } else { 4 }
     }
 }
 
@@ -309,7 +312,7 @@ mod tests {
             for k in 0..20_000 {
                 let tick = Tick::of(common as Micros);
                 if k > 5000 {
-                    assert!(tick.late_us.abs() <= 2 && tick.in_step(), "{tick:?}");
+                    assert!(tick.late_us.abs() <= 2 && tick.in_step(false), "{tick:?}");
                     assert_eq!(Some(tick.now), last.map(|now: Micros| now + TICK));
                 }
                 last = Some(tick.now);

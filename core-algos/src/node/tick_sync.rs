@@ -2,7 +2,8 @@
 //! that keep the boards together.
 //!
 //! The front board's local time is the common one; the other boards follow by [`CommonClock`]. A
-//! tick runs the nodes when it is within a tenth of a millisecond of its whole millisecond. A gap of
+//! tick runs the nodes when it is within a tenth of a millisecond of its whole millisecond, and begins to within half of
+//! that. A gap of
 //! a few ticks is counted and passed over; after a longer one, or when the common time was moved,
 //! the nodes begin anew with motors off, since nothing they remember has a valid time.
 //!
@@ -82,7 +83,9 @@ impl TickSync {
         };
         let tick = common.map(Tick::of);
         self.trim = tick.map_or(0, |tick| tick.trim());
-        let now = tick.filter(Tick::in_step).map(|tick| tick.now);
+        let before = self.in_step;
+        let near = tick.filter(|tick| tick.in_step(before));
+        let now = near.map(|tick| tick.now);
         self.in_step = now.is_some();
         self.conditions = Conditions::NONE;
         let Some(now) = now else {

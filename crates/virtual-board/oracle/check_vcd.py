@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Has other programs read a Value Change Dump of virtual boards: GTKWave, and sigrok, which is what PulseView reads with.
 
-    cfmmr hil --virtual --stop-after 0.3 --vcd waves.vcd
+    cfmmr posture --on virtual --stop-after 0.3 --vcd waves.vcd
     crates/virtual-board/oracle/check_vcd.py waves.vcd
 
 GTKWave's converter must keep every change of every signal. sigrok's CAN decoder, which sees nothing but the level of
@@ -83,7 +83,7 @@ def sigrok(file, frames):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("file", type=pathlib.Path, metavar="FILE", help="Value Change Dump of `cfmmr hil --virtual`")
+    parser.add_argument("file", type=pathlib.Path, metavar="FILE", help="Value Change Dump of `cfmmr posture --on virtual`")
     arguments = parser.parse_args()
     for tool, package in [("vcd2fst", "gtkwave"), ("sigrok-cli", "sigrok-cli")]:
         if not shutil.which(tool):

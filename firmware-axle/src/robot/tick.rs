@@ -163,10 +163,14 @@ impl Axis {
             acceleration_m_s2: inertial.acceleration_m_s2,
             conditions: self
                 .conditions(&state.sync, &feedback)
+                .with(Condition::InertialLost, inertial.gyro_rad_s.is_none())
                 .with(Condition::Restarted, state.restarted),
         });
         let mut outbox = Outbox::new();
         let output = self.nodes.step(now, &samples, &mut outbox);
+        if let (Some(output), Some(lead)) = (output.lead, self.nodes.lead()) {
+            link::tell(output, lead);
+        }
         state.restarted &= !output.clear;
         state.driving = output.active;
         for message in outbox.iter() {
@@ -185,7 +189,6 @@ impl Axis {
     fn conditions(&self, sync: &TickSync, feedback: &Feedback) -> Conditions {
         feedback
             .conditions(&self.drive)
-            .with(Condition::InertialLost, !self.inertial.answers())
             .with(Condition::BusOff, can::is_off())
             .union(sync.conditions())
             .union(self.parameters)

@@ -132,7 +132,7 @@ mod tests {
     fn posture_is_the_default_command() {
         let cli = Cli::parse_from(["cfmmr", "--trials", "3", "--from", "-1,-1,0"]);
         assert!(cli.command.is_none());
-        assert_eq!(cli.posture.trials, 3);
+        assert_eq!(cli.posture.trials, Some(3));
         assert_eq!(cli.posture.from.as_deref(), Some("-1,-1,0"));
     }
 }

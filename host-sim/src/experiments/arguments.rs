@@ -1,7 +1,7 @@
 //! Arguments that several experiments take.
 
 use crate::base::error::Error;
-use crate::base::numbers::whole;
+use crate::base::numbers::{number, whole};
 use crate::base::{spelling, toml_file};
 use crate::experiments::result::JsonArgs;
 use crate::scenario::Scenario;
@@ -113,6 +113,135 @@ pub struct BoardArgs {
     /// Baud rate of the serial ports
     #[arg(long, default_value_t = 921_600, value_parser = whole::<u32>(9_600..=12_000_000))]
     pub baud: u32,
+}
+
+/// Sensors of the robot.
+#[derive(Clone, Debug, Default, Args)]
+pub struct SensorArgs {
+    /// Run without the relative position sensor (strain gauges)
+    #[arg(long)]
+    pub no_rps: bool,
+    /// Run with gyroscopes and accelerometers
+    #[arg(long)]
+    pub imu: bool,
+}
+
+impl SensorArgs {
+    /// Fits the sensors.
+    pub fn apply(&self, scenario: &mut Scenario) {
+        scenario.mission.rps &= !self.no_rps;
+        scenario.world.sensors.gyro.fitted |= self.imu;
+        scenario.world.sensors.accelerometer.fitted |= self.imu;
+    }
+}
+
+/// Duration of a run with boards, and their failures on the way.
+#[derive(Clone, Debug, Default, Args)]
+#[command(next_help_heading = "Boards")]
+pub struct PlanArgs {
+    /// Run in real time: no tick begins early
+    #[arg(long)]
+    pub real_time: bool,
+    /// Minimum run time, s
+    #[arg(long, value_name = "S", value_parser = number)]
+    pub duration: Option<f64>,
+    /// End the run at this time, s
+    #[arg(long, value_name = "S", value_parser = number)]
+    pub stop_after: Option<f64>,
+    /// Switch a board off at this time in s, for example front@8.0; may be repeated
+    #[arg(long, value_name = "BOARD@S")]
+    pub kill: Vec<String>,
+    /// Restart a lost board after this time, s
+    #[arg(long, value_name = "S", value_parser = number)]
+    pub restart_after: Option<f64>,
+}
+
+/// Images of virtual boards, and instruments at them.
+#[derive(Clone, Debug, Default, Args)]
+#[command(next_help_heading = "Virtual boards")]
+pub struct VirtualArgs {
+    /// Use this image (ELF) on both axle boards
+    #[arg(long, value_name = "ELF")]
+    pub axle_image: Option<PathBuf>,
+    /// Use this image (ELF) on the front board
+    #[arg(long, value_name = "ELF")]
+    pub front_image: Option<PathBuf>,
+    /// Use this image (ELF) on the rear board
+    #[arg(long, value_name = "ELF")]
+    pub rear_image: Option<PathBuf>,
+    /// Use this image (ELF) on the beam board
+    #[arg(long, value_name = "ELF")]
+    pub beam_image: Option<PathBuf>,
+    /// Make a board wait for gdb at this port when its power comes on, for example front@3333; may
+    /// be repeated
+    #[arg(long, value_name = "BOARD@PORT")]
+    pub gdb: Vec<String>,
+    /// Write pins, interrupts and bus to this file (Value Change Dump, at least 5 MB a simulated
+    /// second)
+    #[arg(long, value_name = "FILE")]
+    pub vcd: Option<PathBuf>,
+    /// Print the time by function and interrupt
+    #[arg(long)]
+    pub profile: bool,
+    /// Write the line coverage of the firmware to this file (lcov)
+    #[arg(long, value_name = "FILE")]
+    pub coverage: Option<PathBuf>,
+}
+
+/// The robot of `posture`, `follow` and `track`.
+#[derive(Clone, Debug, Default, Args)]
+#[command(next_help_heading = "Boards")]
+pub struct RobotArgs {
+    /// Place of the boards: in-process, or virtual (their images on virtual boards, built if needed)
+    #[arg(long, value_name = "PLACE", default_value = "in-process", value_parser = whole_place)]
+    pub on: Place,
+    /// Duration and failures.
+    #[command(flatten)]
+    pub plan: PlanArgs,
+    /// Images and instruments.
+    #[command(flatten)]
+    pub instruments: VirtualArgs,
+}
+
+impl RobotArgs {
+    /// True if the robot has boards of its own.
+    pub fn has_boards(&self) -> bool {
+        self.on != Place::InProcess
+    }
+
+    /// Refuses options of boards for a robot without any.
+    pub fn refuse_without_boards(&self) -> Result<(), Error> {
+        let (plan, instruments) = (&self.plan, &self.instruments);
+        let given = [
+            ("--real-time", plan.real_time),
+            ("--duration", plan.duration.is_some()),
+            ("--stop-after", plan.stop_after.is_some()),
+            ("--kill", !plan.kill.is_empty()),
+            ("--restart-after", plan.restart_after.is_some()),
+            ("--axle-image", instruments.axle_image.is_some()),
+            ("--front-image", instruments.front_image.is_some()),
+            ("--rear-image", instruments.rear_image.is_some()),
+            ("--beam-image", instruments.beam_image.is_some()),
+            ("--gdb", !instruments.gdb.is_empty()),
+            ("--vcd", instruments.vcd.is_some()),
+            ("--profile", instruments.profile),
+            ("--coverage", instruments.coverage.is_some()),
+        ];
+        match given.iter().find(|(_, given)| *given) {
+            Some((option, _)) => Err(Error::input(format!("{option}: only with --on virtual"))),
+            None => Ok(()),
+        }
+    }
+}
+
+/// The place of a whole robot.
+fn whole_place(text: &str) -> Result<Place, String> {
+    match place(text)? {
+        Place::Serial(_) => {
+            Err("must be in-process or virtual; with boards at serial ports use hil".to_owned())
+        }
+        place => Ok(place),
+    }
 }
 
 /// A board of the robot.

@@ -6,7 +6,7 @@ use crate::base::output::{Cell, Csv, OutputDir};
 use crate::base::spelling;
 use crate::base::table::Table;
 use crate::experiments::Context;
-use crate::experiments::arguments::{Common, parse_posture};
+use crate::experiments::arguments::{Common, RobotArgs, SensorArgs, parse_posture};
 use crate::experiments::posture::Variant;
 use crate::experiments::recorder::Recorder;
 use crate::paths::Path;
@@ -39,12 +39,9 @@ pub struct DriveArgs {
     /// along it]
     #[arg(long, value_name = "X,Y,PHI", allow_hyphen_values = true)]
     pub from: Option<String>,
-    /// Run without the relative position sensor (strain gauges)
-    #[arg(long)]
-    pub no_rps: bool,
-    /// Run with gyroscopes and accelerometers
-    #[arg(long)]
-    pub imu: bool,
+    /// Sensors.
+    #[command(flatten)]
+    pub sensors: SensorArgs,
 }
 
 /// Arguments of `follow` and `track`.
@@ -62,6 +59,9 @@ pub struct FollowArgs {
     /// Sensors, start and speed.
     #[command(flatten)]
     pub drive: DriveArgs,
+    /// The robot.
+    #[command(flatten)]
+    pub robot: RobotArgs,
 }
 
 /// Most epochs that are kept of a run for log and picture; of a longer one, every n-th is.
@@ -131,7 +131,7 @@ fn path_of(args: &FollowArgs) -> Result<Path, Error> {
 }
 
 /// Name of the command, and what it does.
-fn names(path_mode: PathMode) -> (&'static str, &'static str) {
+pub fn names(path_mode: PathMode) -> (&'static str, &'static str) {
     match path_mode {
         PathMode::Follow => ("follow", "Path following"),
         PathMode::Track => ("track", "Trajectory tracking"),
@@ -142,7 +142,8 @@ fn names(path_mode: PathMode) -> (&'static str, &'static str) {
 pub fn run(args: &FollowArgs, path_mode: PathMode) -> Result<(), Error> {
     let (name, _) = names(path_mode);
     let mut context = Context::new(&args.common, name)?;
-    let course = prepare(args, &mut context)?;
+    args.robot.refuse_without_boards()?;
+    let course = prepare(args, &mut context, Use::Path)?;
     let (scenario, route) = (&context.scenario, &course.route);
     let about = About {
         command: name,
@@ -194,7 +195,7 @@ pub const PATH: Taken = &[
 ];
 
 /// Reads path, speed and start, and writes them into the scenario.
-pub fn prepare(args: &FollowArgs, context: &mut Context) -> Result<Course, Error> {
+pub fn prepare(args: &FollowArgs, context: &mut Context, purpose: Use) -> Result<Course, Error> {
     let path = path_of(args)?;
     if args.drive.laps != 1 && !path.is_closed() {
         return Err(Error::input(format!(
@@ -203,13 +204,7 @@ pub fn prepare(args: &FollowArgs, context: &mut Context) -> Result<Course, Error
         )));
     }
     let scenario = &mut context.scenario;
-    if args.drive.no_rps {
-        scenario.mission.rps = false;
-    }
-    if args.drive.imu {
-        scenario.world.sensors.gyro.fitted = true;
-        scenario.world.sensors.accelerometer.fitted = true;
-    }
+    args.drive.sensors.apply(scenario);
     let limits = &mut scenario.robot.lead.course.path;
     let most = f64::from(scenario.robot.limits.max_speed_m_s);
     if let Some(speed) = args.drive.speed {
@@ -229,7 +224,7 @@ pub fn prepare(args: &FollowArgs, context: &mut Context) -> Result<Course, Error
         None => route.start(),
     };
     scenario.check()?;
-    context.check_keys(PATH, &[(&context.scenario, Use::Path)])?;
+    context.check_keys(PATH, &[(&context.scenario, purpose)])?;
     context.output()?;
     Ok(Course {
         name: args.path.clone(),

@@ -12,6 +12,7 @@ pub mod eval;
 pub mod faults;
 pub mod follow;
 pub mod hil;
+pub mod mission;
 pub mod params;
 pub mod plant_bench;
 pub mod posture;
@@ -19,6 +20,7 @@ pub mod recorder;
 pub mod replay;
 pub mod result;
 pub mod soak;
+pub mod whole_robot;
 
 use crate::base::error::Error;
 use crate::base::interrupt::watch_for_interrupt;

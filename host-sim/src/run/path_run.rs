@@ -5,8 +5,7 @@ use crate::base::error::Error;
 use crate::paths::{
     Bounds, MAX_LENGTH_M, Path, PathError, SPACING_M, Sample, TimeLimits, Trajectory,
 };
-use crate::run::robot::Record;
-use crate::run::simulation::Simulation;
+use crate::run::robot::{Record, Robot};
 use crate::scenario::Scenario;
 use crate::targets::HostCommand;
 use core_algos::control::path::{PathPoint, TrajectoryPoint};
@@ -71,7 +70,7 @@ impl Route {
             places[i] = match path_mode {
                 PathMode::Follow => self.path.nearest(x, y, places[i], WINDOW_M),
                 PathMode::Track => {
-                    let time = (since - ages[i]) as f64 * 1e-6;
+                    let time = since.saturating_sub(ages[i]) as f64 * 1e-6;
                     self.trajectory.arc_length(time)
                 }
             };
@@ -255,10 +254,10 @@ pub struct Outcome {
     pub duration_s: f64,
 }
 
-/// Drives `route` in a simulation of `scenario`; `observe` is called once an epoch from the beginning
+/// Drives `route` with a robot of `scenario`; `observe` is called once an epoch from the beginning
 /// of the task. The robot starts where the scenario says.
 pub fn drive_on(
-    simulation: &mut Simulation,
+    robot: &mut impl Robot,
     scenario: &Scenario,
     route: &Route,
     path_mode: PathMode,
@@ -272,25 +271,31 @@ pub fn drive_on(
     let mut places = [0.0; 2];
     let mut sums = [Sums::default(); 2];
     let (mut moment, mut max_curvature) = (Moment::default(), 0.0f64);
-    let mut done_at = None;
-    while simulation.now() < limit {
-        let now = simulation.now();
+    let (mut began, mut done_at) = (None, None);
+    while robot.now() < limit {
+        let now = robot.now();
         if now.is_multiple_of(EPOCH) {
-            stream.feed(simulation)?;
+            stream.feed(robot)?;
         }
         if now == settle {
-            simulation.command(&HostCommand::Task(match path_mode {
+            robot.command(&HostCommand::Task(match path_mode {
                 PathMode::Follow => Task::Follow,
                 PathMode::Track => Task::Track,
             }))?;
         }
-        simulation.step()?;
-        let now = simulation.now();
-        if now <= settle || !now.is_multiple_of(EPOCH) {
-            continue;
+        if began.is_none() && now >= settle && robot.is_settled() {
+            began = Some(now);
         }
-        let record = simulation.record();
-        let deviations = route.deviations(path_mode, &record, now - settle, &mut places);
+        robot.step()?;
+        let now = robot.now();
+        let Some(began) = began.filter(|_| now.is_multiple_of(EPOCH)) else {
+            if robot.must_end() {
+                break;
+            }
+            continue;
+        };
+        let record = robot.record();
+        let deviations = route.deviations(path_mode, &record, now - began, &mut places);
         let [x, y, heading] = record.relative;
         moment = Moment {
             target: route.path.at(places[0]),
@@ -308,11 +313,11 @@ pub fn drive_on(
         }
         if moment.record.lead.done {
             let since = *done_at.get_or_insert(now);
-            if now - since >= rest && simulation.watched_enough() {
+            if now - since >= rest && robot.watched_enough() {
                 break;
             }
         }
-        if simulation.must_end() {
+        if robot.must_end() {
             break;
         }
     }
@@ -325,7 +330,7 @@ pub fn drive_on(
         estimate: sums[1].errors(&at_rest[1]),
         max_curvature,
         done: done_at.is_some(),
-        duration_s: done_at.unwrap_or(simulation.now()).saturating_sub(settle) as f64 * 1e-6,
+        duration_s: done_at.unwrap_or(robot.now()).saturating_sub(settle) as f64 * 1e-6,
     })
 }
 
@@ -354,18 +359,18 @@ impl Stream {
     }
 
     /// Fills the robot's buffer and declares the end after the last point.
-    fn feed(&mut self, simulation: &mut Simulation) -> Result<(), Error> {
+    fn feed(&mut self, robot: &mut impl Robot) -> Result<(), Error> {
         if self.ended {
             return Ok(());
         }
-        let room = simulation.room();
+        let room = robot.room();
         self.ended = match &mut self.points {
             Points::Path(points) => {
                 let fit = room.path.min(points.len());
                 let end = fit == points.len();
                 let now: Vec<_> = points.drain(..fit).collect();
                 if fit > 0 || end {
-                    simulation.command(&HostCommand::Path(now, end))?;
+                    robot.command(&HostCommand::Path(now, end))?;
                 }
                 end
             }
@@ -374,7 +379,7 @@ impl Stream {
                 let end = fit == points.len();
                 let now: Vec<_> = points.drain(..fit).collect();
                 if fit > 0 || end {
-                    simulation.command(&HostCommand::Trajectory(now, end))?;
+                    robot.command(&HostCommand::Trajectory(now, end))?;
                 }
                 end
             }

@@ -7,6 +7,7 @@ use crate::run::recovery::Status;
 use crate::run::robot::{Record, Robot};
 use crate::run::simulation::Simulation;
 use crate::scenario::Scenario;
+use crate::targets::HostCommand;
 use core_algos::bus::LeadMode;
 use core_algos::control::regulator::Phase;
 use core_algos::math::Posture;
@@ -160,7 +161,7 @@ pub fn regulate_on(
     while simulation.now() < limit {
         let now = simulation.now();
         if now == settle {
-            simulation.command(Task::Regulate { goal })?;
+            simulation.command(&HostCommand::Task(Task::Regulate { goal }))?;
         }
         simulation.step()?;
         if now >= settle {

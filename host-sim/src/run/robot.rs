@@ -5,10 +5,10 @@ use crate::bus::virtual_bus::BusStatistics;
 use crate::plant::{Outline, Plant};
 use crate::run::real_time::RealTimeLimiter;
 use crate::run::recovery::Monitor;
-use crate::targets::BoardTraffic;
+use crate::targets::{BoardTraffic, HostCommand, Room};
 use core_algos::beam::MAX_GAUGES;
 use core_algos::bus::CanFrame;
-use core_algos::node::lead::{self, Task};
+use core_algos::node::lead;
 use core_algos::time::Micros;
 use core_algos::topology::Role;
 
@@ -106,8 +106,14 @@ pub struct Span {
 pub trait Robot {
     /// Simulated time, µs.
     fn now(&self) -> Micros;
-    /// Gives the lead node a task.
-    fn command(&mut self, task: Task) -> Result<(), Error>;
+    /// Gives the lead node a task, or points of a path or trajectory. It gets them at once, or soon.
+    fn command(&mut self, command: &HostCommand) -> Result<(), Error>;
+    /// True if the lead node has got all commands.
+    fn is_settled(&self) -> bool;
+    /// Points the lead node has room for, at the end of an epoch.
+    fn room(&mut self) -> Room;
+    /// Why the robot cannot go on, if so.
+    fn failure(&self) -> Option<String>;
     /// One millisecond.
     fn step(&mut self) -> Result<(), Error>;
     /// The state for logs and pictures.

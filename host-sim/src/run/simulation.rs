@@ -486,8 +486,20 @@ impl Robot for Simulation {
         self.now()
     }
 
-    fn command(&mut self, task: Task) -> Result<(), Error> {
-        self.command(&HostCommand::Task(task))
+    fn command(&mut self, command: &HostCommand) -> Result<(), Error> {
+        self.command(command)
+    }
+
+    fn is_settled(&self) -> bool {
+        true
+    }
+
+    fn room(&mut self) -> Room {
+        self.room()
+    }
+
+    fn failure(&self) -> Option<String> {
+        self.failure()
     }
 
     fn step(&mut self) -> Result<(), Error> {

@@ -23,6 +23,8 @@ pub enum Use {
     Path,
     /// Regulation on virtual boards, which have circuits.
     Virtual,
+    /// A path on virtual boards.
+    VirtualPath,
     /// Calibration of wheels, gauges or gyros.
     Calibrate,
     /// Estimates recomputed from a log.
@@ -90,7 +92,8 @@ const SCENARIO: Rules<fn(&Scenario, Use) -> bool> = rules! {
      robot.lead.regulator.planner_budget":
         |scenario, _| scenario.robot.lead.regulator.strategy == Strategy::PaperLaw =>
             "with robot.lead.regulator.strategy = \"paper-law\"; vary robot.lead.regulator.law";
-    "robot.lead.regulator": |_, used| used == Use::Path => "along a path; vary robot.lead.course";
+    "robot.lead.regulator":
+        |_, used| matches!(used, Use::Path | Use::VirtualPath) => "along a path; vary robot.lead.course";
     "robot.lead.course":
         |_, used| matches!(used, Use::Regulate | Use::Virtual) =>
             "without a path; vary robot.lead.regulator";
@@ -218,7 +221,7 @@ fn on_other_board(board: &str, parameter: &str, used: Use) -> Option<&'static st
     let of = |keys: &str| listed(parameter, keys);
     match board {
         _ if of("button") => Some("in a simulation: mission.start and mission.goal set it"),
-        _ if used != Use::Virtual && of("drive") => {
+        _ if !matches!(used, Use::Virtual | Use::VirtualPath) && of("drive") => {
             Some("in a simulation: it describes the circuit of a board")
         }
         "rear" | "beam" if of("robot.lead") => {

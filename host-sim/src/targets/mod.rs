@@ -10,6 +10,7 @@ pub mod boards;
 pub mod host_command;
 pub mod images;
 pub mod in_process;
+pub mod lead_link;
 pub mod link;
 pub mod log_reader;
 pub mod losses;

@@ -167,7 +167,7 @@ const EMPTY: Room = Room {
 };
 
 /// The first points of a list, as many as one request holds.
-fn batch<T: Copy>(points: &[T]) -> [Option<T>; protocol::POINTS] {
+pub(super) fn batch<T: Copy>(points: &[T]) -> [Option<T>; protocol::POINTS] {
     std::array::from_fn(|i| points.get(i).copied())
 }
 
@@ -385,7 +385,7 @@ impl Target for Remote {
 }
 
 /// The lead node's output, once all of it has come.
-fn complete(telemetry: &[u8]) -> Option<Telemetry> {
+pub(super) fn complete(telemetry: &[u8]) -> Option<Telemetry> {
     let (length, bytes) = telemetry.split_first_chunk()?;
     let all = usize::from(u16::from_le_bytes(*length)) == bytes.len();
     all.then(|| postcard::from_bytes(bytes).ok()).flatten()

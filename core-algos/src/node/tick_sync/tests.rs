@@ -164,3 +164,26 @@ fn delays_are_those_of_the_epoch_before() {
     assert_eq!(ticks.sync(60_000, Some(49_000)), sync(6, None));
     assert_eq!(TickSync::following().sync(10_000, None), None);
 }
+
+/// A clock that approaches the common time with a jitter around the bound misses no tick on its way.
+#[test]
+fn a_board_that_gets_in_step_misses_no_tick() {
+    let mut ticks = TickSync::following();
+    let sync = |epoch, last_delay_us| Message::TimeSync {
+        epoch,
+        last_delay_us,
+    };
+    // Common time is local time; ticks are late by an error that falls from 0.2 ms, with jitter.
+    let mut random = Random::new(5);
+    let mut runs = 0;
+    for k in 1..2_000u64 {
+        let error = 200.0 * (-(k as f64) / 400.0).exp() + 8.0 * random.normal();
+        let local = (k * TICK).saturating_add_signed(error as i64);
+        if k % 10 == 0 {
+            ticks.receive(k * TICK + 100, &sync((k / 10) as u32, Some(100)));
+        }
+        runs += u32::from(ticks.step(local) != Step::Wait);
+    }
+    assert!(runs > 1_000, "{runs}");
+    assert_eq!(ticks.missed(), 0);
+}

@@ -34,6 +34,7 @@ use static_cell::StaticCell;
 
 use super::bit_timing::BitTiming;
 use super::mailboxes::{COUNT, Mailboxes, Waiting};
+use super::tap;
 use crate::clock::APB1_HZ;
 use crate::task_watchdog::CheckIn;
 
@@ -142,6 +143,7 @@ impl Sender {
             count(|counters| &mut counters.refused);
             return None;
         };
+        tap::copy(&frame);
         let now = Instant::now().as_micros();
         if self.0.enqueue((now, frame)).is_err() {
             count(|counters| &mut counters.dropped);
@@ -167,6 +169,7 @@ impl Receiver {
     pub fn take(&mut self) -> Option<Arrived> {
         loop {
             let (local, frame) = self.0.dequeue()?;
+            tap::copy(&frame);
             match bus::decode(&frame) {
                 Ok(message) => return Some(Arrived { local, message }),
                 Err(_) => count(|counters| &mut counters.unknown),

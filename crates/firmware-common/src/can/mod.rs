@@ -9,6 +9,7 @@
 //! | `bit_timing` | bit rate, sample point and jump width as the register has them |
 //! | `mailboxes` | which mailbox a frame may take, and which frames have waited too long |
 //! | `controller` | the registers and their interrupts |
+//! | `tap` | copies of the frames for a host at the serial port |
 //!
 //! The HAL's driver is not used: it displaces frames from their mailboxes, stamps arrivals in a task,
 //! passes over a full FIFO, and waits for ever for a bus that is not there.
@@ -18,6 +19,8 @@ pub mod mailboxes;
 
 #[cfg(target_os = "none")]
 mod controller;
+#[cfg(target_os = "none")]
+pub mod tap;
 #[cfg(target_os = "none")]
 pub use controller::{
     Arrived, Counters, REPORTS_WITHIN, Receiver, Sender, counters, is_off, start, supervise,

@@ -11,10 +11,11 @@ use core::ptr::addr_of_mut;
 use core::sync::atomic::{AtomicBool, Ordering};
 
 use core_algos::control::path::PathError;
-use core_algos::link::protocol::StackUse;
+use core_algos::link::attendant::{REPORT_FRAMES, REPORT_MS};
+use core_algos::link::protocol::{Packed, StackUse, Telemetry};
 use core_algos::link::{Attendant, Demand, Endpoint, Identity, Order};
 use core_algos::node::board::{Board, Ready};
-use core_algos::node::lead::LeadNode;
+use core_algos::node::lead::{LeadNode, Output};
 use core_algos::topology::Role;
 use embassy_executor::Spawner;
 use embassy_stm32::Peri;
@@ -26,7 +27,7 @@ use static_cell::StaticCell;
 
 use crate::store::chip::Parameters;
 use crate::watchdog::Watchdog;
-use crate::{fault, stack};
+use crate::{can, fault, stack};
 use uart::Uart;
 
 /// Longest wait for bytes before the watchdog is fed all the same.
@@ -47,6 +48,18 @@ static ARMED: AtomicBool = AtomicBool::new(false);
 /// Order on its way to the tick, and how it was carried out.
 static ORDER: Signal<CriticalSectionRawMutex, Order> = Signal::new();
 static DONE: Signal<CriticalSectionRawMutex, Result<(), PathError>> = Signal::new();
+
+/// Output of the lead node on its way to a host that watches.
+static LEAD: Signal<CriticalSectionRawMutex, Telemetry> = Signal::new();
+/// True while a host watches.
+static WATCHED: AtomicBool = AtomicBool::new(false);
+
+/// Hands over the output of a step of the lead node, if a host watches.
+pub fn tell(output: Output, lead: &mut LeadNode) {
+    if WATCHED.load(Ordering::Relaxed) {
+        LEAD.signal(Telemetry::of(output, lead));
+    }
+}
 
 /// Carries out an order that has come, if one has.
 pub fn carry_out(lead: &mut LeadNode) {
@@ -125,13 +138,25 @@ async fn attend(link: Link) -> ! {
     let attendant = ATTENDANT.init_with(|| Attendant::new(identity, stack_use));
     let mut buffer = [0; 64];
     loop {
-        let count = uart.read(&mut buffer).await;
+        let count = match attendant.is_watched() {
+            true => {
+                let read = uart.read(&mut buffer);
+                let count = with_timeout(Duration::from_millis(REPORT_MS), read).await;
+                report_to_host(attendant, &mut uart);
+                count.unwrap_or(0)
+            }
+            false => uart.read(&mut buffer).await,
+        };
         let armed = ARMED.load(Ordering::Relaxed);
         match attendant.receive(&buffer[..count], armed, &mut |reply| uart.write(reply)) {
             Some(Demand::Order(order)) => {
                 ORDER.signal(order);
                 let done = DONE.wait().await;
                 attendant.done(done, &mut |reply| uart.write(reply));
+            }
+            Some(Demand::Watch) => {
+                can::tap::watch();
+                WATCHED.store(true, Ordering::Relaxed);
             }
             Some(Demand::Session) => {
                 uart.flush();
@@ -141,6 +166,25 @@ async fn attend(link: Link) -> ! {
             None => {}
         }
     }
+}
+
+/// Sends the host the frames of the bus and the next part of the lead node's output. While the report before is on the
+/// line there is no other: frames wait, and an output is replaced by the next.
+fn report_to_host(attendant: &mut Attendant, uart: &mut Uart) {
+    if !uart.is_free() {
+        return;
+    }
+    if attendant.wants_telemetry()
+        && let Some(telemetry) = LEAD.try_take()
+    {
+        attendant.tell(&telemetry);
+    }
+    let mut bus = Packed::new();
+    for frame in core::iter::from_fn(can::tap::take).take(REPORT_FRAMES) {
+        // There is room for this many.
+        let _ = bus.push(&frame);
+    }
+    attendant.report(can::tap::lost(), &bus, &mut |report| uart.write(report));
 }
 
 /// Serves a session until the host leaves or is silent. The watchdog is fed once a turn: a node that does not return

@@ -115,6 +115,11 @@ impl Uart {
         }
     }
 
+    /// True if the frame before is on its way to the end.
+    pub fn is_free(&self) -> bool {
+        !DMA1.st(TX).cr().read().en()
+    }
+
     /// Sends a frame, after the one before; what is longer than any is cut off.
     pub fn write(&mut self, bytes: &[u8]) {
         let stream = DMA1.st(TX);

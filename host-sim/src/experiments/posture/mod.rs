@@ -10,7 +10,7 @@ use crate::base::error::Error;
 use crate::base::numbers::whole;
 use crate::base::output::OutputDir;
 use crate::experiments::Context;
-use crate::experiments::arguments::{Common, parse_posture};
+use crate::experiments::arguments::{Common, RobotArgs, SensorArgs, parse_posture};
 use crate::experiments::recorder::{self, Recorder};
 use crate::recording::{About, LogArgs, csv};
 use crate::run::regulate::{Outcome, regulate, regulate_on};
@@ -44,17 +44,25 @@ pub struct PostureArgs {
     /// Recording of the run.
     #[command(flatten)]
     pub log: LogArgs,
-    /// Number of paired trials a row
-    #[arg(long, default_value_t = 50, value_parser = whole::<u32>(1..=1_000_000), conflicts_with_all = ["dashboard", "live"])]
-    pub trials: u32,
+    /// Number of paired trials a row [default: 50]
+    #[arg(long, value_parser = whole::<u32>(1..=1_000_000), conflicts_with_all = ["dashboard", "live"])]
+    pub trials: Option<u32>,
     /// Start posture of the midpoint O: m, m, rad, or heading with `deg`: -1.5,0.2,90deg
     #[arg(long, value_name = "X,Y,PHI", allow_hyphen_values = true)]
     pub from: Option<String>,
-    /// Rows of the table
-    #[arg(long, value_enum, default_value_t = RowSelection::Main, conflicts_with_all = ["dashboard", "live"])]
-    pub rows: RowSelection,
+    /// Rows of the table [default: main]
+    #[arg(long, value_enum, conflicts_with_all = ["dashboard", "live"])]
+    pub rows: Option<RowSelection>,
+    /// Sensors of a robot with boards.
+    #[command(flatten)]
+    pub sensors: SensorArgs,
+    /// The robot.
+    #[command(flatten)]
+    pub robot: RobotArgs,
 }
 
+/// Number of trials a row.
+const TRIALS: u32 = 50;
 /// Trials of a row whose paths are kept for the picture, which shows no more: so the memory does not
 /// grow with their number, but for the outcome of each.
 const PICTURED: usize = 200;
@@ -62,14 +70,18 @@ const PICTURED: usize = 200;
 /// Runs the command.
 pub fn run(args: &PostureArgs) -> Result<(), Error> {
     let mut context = Context::new(&args.common, "posture")?;
-    if let Some(text) = &args.from {
-        context.scenario.mission.start = parse_posture(text).map_err(Error::Input)?;
-        context.scenario.check()?;
+    args.robot.refuse_without_boards()?;
+    if args.sensors.imu || args.sensors.no_rps {
+        return Err(Error::input(
+            "--imu, --no-rps: only with --on virtual; here each row sets the sensors, see --rows",
+        ));
     }
+    place(args, &mut context)?;
     if args.log.is_watched() {
         return watch(args, &context);
     }
-    let variants: &[Variant] = match args.rows {
+    let selection = args.rows.unwrap_or(RowSelection::Main);
+    let variants: &[Variant] = match selection {
         RowSelection::Main => &Variant::MAIN,
         RowSelection::All => &Variant::ALL,
         RowSelection::Pair => &Variant::PAIR,
@@ -79,10 +91,15 @@ pub fn run(args: &PostureArgs) -> Result<(), Error> {
     check_keys(args, &context, &scenarios)?;
     // Refused before the trials rather than after them.
     recorder::check(&args.log)?;
-    if args.rows == RowSelection::Main {
+    if selection == RowSelection::Main {
         scenarios.extend(paper::scenarios()?);
     }
-    let mut blocks = trials(&context, variants, &scenarios, args.trials as usize)?;
+    let mut blocks = trials(
+        &context,
+        variants,
+        &scenarios,
+        args.trials.unwrap_or(TRIALS) as usize,
+    )?;
     let of_paper = blocks.split_off(variants.len());
     let (mut report, files) = publish(&context, variants, &Variant::PAIR, &blocks)?;
     let goal = context.scenario.mission.goal;
@@ -92,6 +109,14 @@ pub fn run(args: &PostureArgs) -> Result<(), Error> {
     let recorded = record(args, &context)?;
     let text = screen(&context, &report, variants);
     context.finish(&text, &report, files, &recorded, failure(&report))
+}
+
+/// Puts the robot where the arguments say.
+pub fn place(args: &PostureArgs, context: &mut Context) -> Result<(), Error> {
+    if let Some(text) = &args.from {
+        context.scenario.mission.start = parse_posture(text).map_err(Error::Input)?;
+    }
+    context.scenario.check()
 }
 
 /// Trials of each scenario. Those of an interrupted command are fewer.

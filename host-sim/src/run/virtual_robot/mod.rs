@@ -1,15 +1,16 @@
 //! The robot with its boards as users flash them: the boards' default images on virtual STM32F405
 //! boards, with everything that is wired to them, in the simulated plant.
 //!
-//! Nothing connects the host with the boards but the robot: motors turn wheels, wheels turn encoders,
-//! the bent frame strains gauges, a button is pressed. What the host knows of the nodes it hears on the
-//! bus, as a tool on the real bus would; see [`listener`].
+//! Nothing connects the host with the boards but the robot and the serial port of the front board: motors turn wheels,
+//! wheels turn encoders, the bent frame strains gauges. Orders and the lead node's output go through the port
+//! ([`LeadLink`]), states are read on the bus.
 
 pub mod axle;
 pub mod beam;
+mod clock;
 pub mod faults;
-pub mod listener;
 mod options;
+mod port;
 mod power;
 pub mod report;
 mod store;
@@ -25,23 +26,25 @@ use crate::run::real_time::RealTimeLimiter;
 use crate::run::recovery::{Monitor, NODES};
 use crate::run::robot::{FRAME_POINTS, Record, Robot, Span};
 use crate::scenario::Scenario;
-use crate::targets::BoardTraffic;
 use crate::targets::board_log::BoardLog;
 use crate::targets::images::Images;
+use crate::targets::lead_link::LeadLink;
 use crate::targets::log_reader::Reader;
+use crate::targets::{BoardTraffic, HostCommand, Room};
 use crate::world::drawn::Drawn;
 use crate::world::random::{Stream, generator};
 use crate::world::sensors::Sensors;
 use axle::{AxleBoard, AxleMotion, AxleParts, WheelMotion};
 use beam::{BeamBoard, BridgeParts};
+use clock::Clock;
 use core_algos::beam::MAX_GAUGES;
 use core_algos::bus::{self, Message};
+use core_algos::link::protocol::Place;
 use core_algos::math::Posture;
-use core_algos::node::lead::Task;
-use core_algos::safety::OperatingState;
+use core_algos::node::lead::{self, Task};
+use core_algos::safety::{Condition, OperatingState};
 use core_algos::time::Micros;
 use core_algos::topology::{Node, Role};
-use listener::Listener;
 use rand::RngExt;
 use report::Watch;
 use std::sync::Arc;
@@ -88,11 +91,19 @@ pub struct VirtualRobot {
     half_thickness: f64,
     /// Strains at the gauges: true strain plus drift.
     strains: [f32; MAX_GAUGES],
-    /// Biases of the inertial sensors since their average at rest, from the start of the task on.
+    /// Biases of the inertial sensors since their average at rest, which ends before all nodes are ready.
     sensors: Box<Sensors>,
-    started: bool,
+    /// True if inertial sensors are fitted.
+    inertial: bool,
     biases: [[f64; 2]; 2],
-    listener: Listener,
+    link: LeadLink,
+    clock: Clock,
+    /// Place where the robot is put, as the lead node is told.
+    place: Place,
+    /// Latest output of the lead node that came through the link.
+    lead: lead::Output,
+    /// The latest task.
+    task: Task,
     monitor: Monitor,
     frames: u64,
     /// Time from power on to the beginning of the experiment.
@@ -181,7 +192,6 @@ impl VirtualRobot {
         plant.place(start);
         let sensors = Sensors::new(&scenario.world.sensors, &drawn, seed, trial)
             .map_err(|error| Error::input(error.to_string()))?;
-        let config = scenario.robot.completed();
         let gauges = scenario.world.gauges_of(&drawn, &plant);
         let bridges: Vec<BridgeParts> = (0..gauges.len())
             .map(|k| BridgeParts::of(&drawn, k))
@@ -194,10 +204,7 @@ impl VirtualRobot {
         let boards = boards(scenario, images, (seed, trial), options, &roles, &parts)?;
         let mut wire = Wire::new(boards.len() + options.others, QUANTUM, seed);
         wire.record();
-        let mission = &scenario.mission;
-        let [start_of_task, goal] = [mission.start, mission.goal].map(posture);
-        let put_down = scenario.robot.put_down(start_of_task);
-        let heard = (put_down, Task::Regulate { goal });
+        let (center, relative) = scenario.robot.put_down(posture(scenario.mission.start));
         Ok(Self {
             network: Network::new(boards, wire, QUANTUM, options.threads),
             readers: roles
@@ -209,9 +216,13 @@ impl VirtualRobot {
             strains: [0.0; MAX_GAUGES],
             outline: plant.outline(FRAME_POINTS),
             sensors: Box::new(sensors),
-            started: false,
+            inertial: scenario.world.sensors.gyro.fitted,
             biases: Default::default(),
-            listener: Listener::new(&config, heard.0, heard.1)?,
+            link: LeadLink::default(),
+            clock: Clock::default(),
+            place: Place { center, relative },
+            lead: lead::Output::default(),
+            task: Task::Idle,
             monitor: Monitor::default(),
             images: images.clone(),
             roles,
@@ -238,11 +249,6 @@ impl VirtualRobot {
     /// A flag that ends the run once it is set.
     pub fn stop_on(&mut self, flag: Arc<AtomicBool>) {
         self.interrupt = Some(flag);
-    }
-
-    /// Why the robot cannot go on, if so.
-    pub fn failure(&self) -> Option<&str> {
-        self.failure.as_deref()
     }
 
     /// Time that the boards took from power on until all nodes were ready, s.
@@ -333,6 +339,7 @@ impl VirtualRobot {
             }
         }
         self.booted = self.network.now();
+        self.link.open(self.place);
         for (place, watch) in self.watches.iter_mut().enumerate() {
             let lost = self.network.wire().statistics(place).given_up;
             if let Some(board) = self.network.board(place) {
@@ -351,6 +358,12 @@ impl VirtualRobot {
                 None => return Some(format!("no heartbeat of {name}")),
                 Some(status) if status.state != OperatingState::Idle || status.reason.is_some() => {
                     return Some(status.to_string());
+                }
+                // A fitted sensor is there once its bias was found at rest; the robot would drive without it.
+                Some(status)
+                    if self.inertial && status.notices.contains(Condition::InertialLost) =>
+                {
+                    return Some(format!("{name}: bias of the inertial sensor not yet known"));
                 }
                 Some(_) => {}
             }
@@ -401,7 +414,7 @@ impl VirtualRobot {
     /// The parts around the boards move as the plant does.
     fn show_motion(&mut self, at: Time) {
         let state = *self.plant.state();
-        if self.started {
+        if self.booted > Time(0) {
             self.biases = self.sensors.inertial_biases();
         }
         for (role, axle) in [Role::Front, Role::Rear].into_iter().zip(&state.axle) {
@@ -440,7 +453,6 @@ impl VirtualRobot {
         }
     }
 
-    /// Listens to the bus.
     /// Takes note of what a board reports about itself.
     fn watch(&mut self, message: &Message) {
         let (Message::BoardHealth { board, .. } | Message::BoardIdentity { board, .. }) = *message
@@ -465,6 +477,7 @@ impl VirtualRobot {
         }
     }
 
+    /// Reads the frames on the bus.
     fn hear(&mut self) {
         for record in self.network.wire().take_records() {
             let sender = self.roles.get(record.node).copied();
@@ -489,10 +502,7 @@ impl VirtualRobot {
             let Ok(message) = bus::decode(&frame) else {
                 continue;
             };
-            self.listener.hear(record.end.micros(), &message);
-            if let Message::LeadStatus { .. } = message {
-                self.tools.lead(self.listener.held());
-            }
+            self.clock.hear(record.end.micros(), &message);
             self.watch(&message);
         }
     }
@@ -503,15 +513,31 @@ impl Robot for VirtualRobot {
         self.tick * core_algos::time::TICK
     }
 
-    fn command(&mut self, _task: Task) -> Result<(), Error> {
-        self.press();
-        self.started = true;
+    fn command(&mut self, command: &HostCommand) -> Result<(), Error> {
+        if let HostCommand::Task(task) = command {
+            self.task = *task;
+        }
+        self.link.command(command);
         Ok(())
+    }
+
+    fn is_settled(&self) -> bool {
+        self.link.is_settled()
+    }
+
+    fn room(&mut self) -> Room {
+        self.link.room()
+    }
+
+    fn failure(&self) -> Option<String> {
+        self.failure.clone()
     }
 
     fn step(&mut self) -> Result<(), Error> {
         self.begin_tick();
+        self.ask()?;
         self.advance()?;
+        self.answer()?;
         self.tick += 1;
         if let Some(fault) = self.monitor.fault_since(Node::Lead)
             && self.tick.saturating_sub(fault) >= GRACE
@@ -524,7 +550,7 @@ impl Robot for VirtualRobot {
     }
 
     fn record(&self) -> Record {
-        let seen = (*self.listener.output(), self.strains);
+        let seen = (self.lead, self.strains);
         Record::of(self.now(), &self.plant, &self.outline, seen)
     }
 

@@ -2,14 +2,11 @@
 
 use super::Campaign;
 use crate::base::error::Error;
-use crate::run::robot::Robot;
 use crate::run::virtual_robot::axle::AxleBoard;
 use crate::run::virtual_robot::beam::BeamBoard;
 use crate::run::virtual_robot::tools::{Instruments, coverage};
 use crate::run::virtual_robot::{Options, VirtualRobot};
 use crate::targets::board_log::BoardLog;
-use core_algos::math::Posture;
-use core_algos::node::lead::Task;
 use core_algos::topology::Role;
 use rand::RngExt;
 use rand_pcg::Pcg64;
@@ -93,9 +90,8 @@ impl Bench {
     }
 
     /// Presses the button.
-    pub fn press(&mut self) -> Result<(), Error> {
-        let goal = Posture::ORIGIN;
-        self.robot.command(Task::Regulate { goal })
+    pub fn press(&mut self) {
+        self.robot.press();
     }
 
     /// One of several, by chance.

@@ -81,7 +81,7 @@ pub type Reference = Vec<[f64; 3]>;
 pub fn reference(campaign: &Campaign, seed: u64, longest_ms: u64) -> Result<Reference, Error> {
     let mut bench = Bench::new(campaign, Options::default(), seed)?;
     bench.robot.boot(&Options::default())?;
-    bench.press()?;
+    bench.press();
     let ticks = longest_ms + WATCH_MS + 1_000;
     Ok((0..ticks)
         .map(|_| {
@@ -114,7 +114,7 @@ pub fn run(campaign: &Campaign, case: &Case, reference: &Reference) -> Result<Ou
             let mut bench = Bench::new(campaign, options.clone(), case.seed)?;
             let before = kept(&mut bench);
             bench.robot.boot(&options)?;
-            bench.press()?;
+            bench.press();
             bench.pass(case.after_ms);
             let seen = watch(&mut bench, case.entry, steps);
             Ok(judge(bench, case, seen, reference, &before))
@@ -383,7 +383,7 @@ fn start(campaign: &Campaign, case: &Case, steps: &[Step]) -> Result<Outcome, Er
         }
     }
     let waits = bench.robot.waits_for();
-    bench.press()?;
+    bench.press();
     bench.pass(DRIVE_MS / 2);
     let mut driven = false;
     for _ in 0..DRIVE_MS / 2 {

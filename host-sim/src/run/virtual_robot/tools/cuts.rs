@@ -2,6 +2,7 @@
 
 use crate::run::virtual_robot::VirtualRobot;
 use crate::targets::{Event, Failure, Losses, What};
+use core_algos::node::lead::Task;
 use core_algos::topology::Role;
 
 /// Planned and past power cuts of the boards.
@@ -60,6 +61,15 @@ impl VirtualRobot {
                 (cuts.off[k], cuts.revivals[k]) = (false, None);
                 cuts.losses.restarted(tick, role);
                 self.tools.user.restarted(tick, role);
+                if role == Role::Front {
+                    // It has forgotten its host.
+                    self.link.open(self.place);
+                    let path = matches!(self.task, Task::Follow | Task::Track);
+                    self.failure = path.then(|| {
+                        "the front board was restarted: its path and its posture are lost"
+                            .to_owned()
+                    });
+                }
             }
         }
     }

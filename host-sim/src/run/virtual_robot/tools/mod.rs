@@ -83,6 +83,11 @@ impl Tools {
         }
     }
 
+    /// True if a board has no power.
+    pub fn is_off(&self, role: Role) -> bool {
+        self.cuts.is_off(role)
+    }
+
     /// The lead node has stepped; its estimates hold at this time since power on, µs.
     pub fn lead(&mut self, held: Option<Micros>) {
         self.held = held;

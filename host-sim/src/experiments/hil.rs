@@ -1,29 +1,24 @@
 //! `cfmmr hil`: an experiment with virtual or real boards in the loop.
 
-pub mod on_virtual;
-
 use crate::base::error::Error;
 use crate::base::numbers::number;
 use crate::base::table::Table;
-use crate::experiments::arguments::{BoardArgs, Common, parse_posture};
+use crate::experiments::arguments::{BoardArgs, Common, PlanArgs, RobotArgs, parse_posture};
 use crate::experiments::boards::{DEFAULT_FLASH, Links};
 use crate::experiments::follow::DriveArgs;
 use crate::experiments::follow::{self, FollowArgs};
-use crate::experiments::posture::{self, Trial, Variant};
+use crate::experiments::mission::{Mission, Outcome, Plan};
+use crate::experiments::posture::Variant;
 use crate::experiments::{Context, recorder};
 use crate::recording::{About, LogArgs, Session};
 use crate::run::bit_compare::{Difference, Trace};
-use crate::run::path_run::{self, PathMode};
+use crate::run::path_run::PathMode;
 use crate::run::recovery::Status;
-use crate::run::regulate::regulate_on;
-use crate::run::robot::Span;
 use crate::run::simulation::Simulation;
 use crate::scenario::Scenario;
 use crate::scenario::effect::Use;
 use crate::targets::board_log::{self, BoardLog};
-use crate::targets::{
-    self, Event, Failure, FailureMode, InProcess, Remote, Report as BoardReport, Target, What,
-};
+use crate::targets::{self, Event, InProcess, Remote, Report as BoardReport, Target, What};
 use clap::Args;
 use core_algos::safety::OperatingState;
 use core_algos::time::Micros;
@@ -47,44 +42,12 @@ pub struct HilArgs {
     /// Place of the boards.
     #[command(flatten)]
     pub boards: BoardArgs,
-    /// Run the default images on virtual STM32F405 boards; builds the images if needed
-    #[arg(long = "virtual")]
-    pub on_virtual: bool,
-    /// Use this image (ELF) on both axle boards
-    #[arg(long, value_name = "ELF", requires = "on_virtual")]
-    pub axle_image: Option<PathBuf>,
-    /// Use this image (ELF) on the front board
-    #[arg(long, value_name = "ELF", requires = "on_virtual")]
-    pub front_image: Option<PathBuf>,
-    /// Use this image (ELF) on the rear board
-    #[arg(long, value_name = "ELF", requires = "on_virtual")]
-    pub rear_image: Option<PathBuf>,
-    /// Use this image (ELF) on the beam board
-    #[arg(long, value_name = "ELF", requires = "on_virtual")]
-    pub beam_image: Option<PathBuf>,
-    /// Make a virtual board wait for gdb at this port when its power comes on, for example
-    /// front@3333; may be repeated
-    #[arg(long, value_name = "BOARD@PORT", requires = "on_virtual")]
-    pub gdb: Vec<String>,
-    /// Write pins, interrupts and bus of the virtual boards to this file (Value Change Dump, at
-    /// least 5 MB a simulated second)
-    #[arg(long, value_name = "FILE", requires = "on_virtual")]
-    pub vcd: Option<PathBuf>,
-    /// Print the time of the virtual boards by function and interrupt
-    #[arg(long, requires = "on_virtual")]
-    pub profile: bool,
-    /// Write the line coverage of the firmware on virtual boards to this file (lcov)
-    #[arg(long, value_name = "FILE", requires = "on_virtual")]
-    pub coverage: Option<PathBuf>,
     /// Use the parameters in the boards' flash, laid over those of the scenario
     #[arg(long)]
     pub stored: bool,
     /// With --on virtual: folder of the files with the boards' stores
     #[arg(long, value_name = "DIR", requires = "on")]
     pub flash: Option<PathBuf>,
-    /// Run in real time: no tick begins early
-    #[arg(long)]
-    pub real_time: bool,
     /// Run the nodes in this program too and compare every bit
     #[arg(long)]
     pub compare: bool,
@@ -103,20 +66,13 @@ pub struct HilArgs {
     /// Track this trajectory, as `track --path`
     #[arg(long, value_name = "PATH")]
     pub track: Option<String>,
-    /// Minimum run time, s
-    #[arg(long, value_name = "S", default_value_t = 20.0, value_parser = number)]
-    pub duration: f64,
-    /// End the run at this time, s
-    #[arg(long, value_name = "S", value_parser = number)]
-    pub stop_after: Option<f64>,
-    /// Switch a board off at this time in s, for example front@8.0; may be repeated
-    #[arg(long, value_name = "BOARD@S")]
-    pub kill: Vec<String>,
-    /// Restart a lost board after this time, s
-    #[arg(long, value_name = "S", value_parser = number)]
-    pub restart_after: Option<f64>,
+    /// Duration and failures.
+    #[command(flatten)]
+    pub plan: PlanArgs,
 }
 
+/// Minimum run time, s.
+const LEAST_S: f64 = 20.0;
 /// Time between the stop for a restarted board and the host's clearing of the faults.
 const RECOVERY_PAUSE: Micros = 1_000_000;
 
@@ -146,23 +102,11 @@ pub struct Report {
     pub late_ticks: Option<u32>,
 }
 
-/// The experiment.
-enum Task {
-    Posture(Variant),
-    Course(Box<follow::Course>, PathMode),
-}
-
-/// Result.
-enum Outcome {
-    Posture(Box<Trial>),
-    Course(path_run::Outcome, follow::Kept),
-}
-
 /// Runs the command.
 pub fn run(args: &HilArgs) -> Result<(), Error> {
     let mut context = Context::new(&args.common, "hil")?;
     let task = prepare(args, &mut context)?;
-    let plan = Plan::new(args)?;
+    let plan = Plan::new(&args.plan, LEAST_S)?;
     if !context.scenario.world.bus.quantise && args.boards.any() {
         return Err(Error::input(
             "bus.quantise = false: must be true with boards behind links",
@@ -188,22 +132,8 @@ pub fn run(args: &HilArgs) -> Result<(), Error> {
         mut report,
         recorded,
     } = measured;
-    let (text, experiment, mut files) = match (&task, &outcome) {
-        (Task::Posture(variant), Outcome::Posture(trial)) => {
-            let variants = [*variant];
-            let trials = vec![*trial.clone()];
-            let (report, files) = posture::publish(&context, &variants, &variants, &[trials])?;
-            let text = posture::table(&report.rows, &variants);
-            (text, serde_json::to_value(report), files)
-        }
-        (Task::Course(course, path_mode), Outcome::Course(outcome, kept)) => {
-            let ended = (outcome, &report.ended);
-            let (text, report, files) = follow::publish(&context, course, *path_mode, ended, kept)?;
-            (text, serde_json::to_value(report), files)
-        }
-        _ => return Err(Error::Failure("another task's outcome".to_owned())),
-    };
-    report.experiment = experiment.map_err(|error| Error::Failure(error.to_string()))?;
+    let (text, experiment, mut files) = task.publish(&context, outcome, &report.ended)?;
+    report.experiment = experiment;
     board_log::put(&mut files, &logs);
     let text = format!("{text}\n{}", summary(&report));
     let excess = report.boards.iter().find_map(BoardReport::stack_excess);
@@ -217,7 +147,7 @@ pub fn run(args: &HilArgs) -> Result<(), Error> {
 }
 
 /// The experiment that the arguments ask for; what they change is written into the scenario.
-fn prepare(args: &HilArgs, context: &mut Context) -> Result<Task, Error> {
+fn prepare(args: &HilArgs, context: &mut Context) -> Result<Mission, Error> {
     if !args.boards.any() {
         return Err(Error::input(
             "hil: needs --on virtual or serial ports (--on serial:front=PORT,rear=PORT,beam=PORT); `cfmmr \
@@ -231,9 +161,7 @@ fn prepare(args: &HilArgs, context: &mut Context) -> Result<Task, Error> {
     if let Some(delay) = args.link_delay {
         scenario.world.bus.latency_ms = delay;
     }
-    scenario.mission.rps &= !args.drive.no_rps;
-    scenario.world.sensors.gyro.fitted |= args.drive.imu;
-    scenario.world.sensors.accelerometer.fitted |= args.drive.imu;
+    args.drive.sensors.apply(scenario);
     if !scenario.mission.rps && args.boards.port(Role::Beam).is_some() {
         return Err(Error::input(
             "--on serial:beam: no beam board without the relative position sensor",
@@ -254,7 +182,7 @@ fn prepare(args: &HilArgs, context: &mut Context) -> Result<Task, Error> {
             scenario.check()?;
             let variant = Variant::of(scenario);
             context.check_keys(&[], &[(&context.scenario, Use::Regulate)])?;
-            return Ok(Task::Posture(variant));
+            return Ok(Mission::Posture(variant));
         }
     };
     let args = FollowArgs {
@@ -262,65 +190,10 @@ fn prepare(args: &HilArgs, context: &mut Context) -> Result<Task, Error> {
         log: args.log.clone(),
         path: path.clone(),
         drive: args.drive.clone(),
+        robot: RobotArgs::default(),
     };
-    let course = follow::prepare(&args, context)?;
-    Ok(Task::Course(Box::new(course), path_mode))
-}
-
-/// End of the run, and failures of boards on the way.
-pub(super) struct Plan {
-    pub span: Span,
-    pub failures: Vec<Failure>,
-    pub restart_after: Option<u32>,
-}
-
-impl Plan {
-    pub fn new(args: &HilArgs) -> Result<Self, Error> {
-        let micros =
-            |name: &str, value: f64| seconds(name, value, 0.0).map(|s| (s * 1e6) as Micros);
-        let failures = args.kill.iter().map(|text| failure(text));
-        let restart_after = args
-            .restart_after
-            .map(|value| seconds("--restart-after", value, 0.001).map(|s| (s * 1e3) as u32));
-        let most = args.stop_after.map(|value| micros("--stop-after", value));
-        Ok(Self {
-            span: Span {
-                least: micros("--duration", args.duration)?,
-                most: most.transpose()?,
-            },
-            failures: failures.collect::<Result<_, _>>()?,
-            restart_after: restart_after.transpose()?,
-        })
-    }
-}
-
-fn seconds(name: &str, value: f64, least: f64) -> Result<f64, Error> {
-    if value >= least && value <= 36_000.0 {
-        Ok(value)
-    } else {
-        Err(Error::input(format!(
-            "{name} {value}: must be a number from {least} to 36000"
-        )))
-    }
-}
-
-/// A failure from `BOARD@S`.
-fn failure(text: &str) -> Result<Failure, Error> {
-    let parts = text.split_once('@').and_then(|(board, time)| {
-        let role = Role::ALL.into_iter().find(|role| role.name() == board)?;
-        Some((role, time.parse::<f64>().ok()?))
-    });
-    let Some((role, time)) = parts else {
-        return Err(Error::input(format!(
-            "--kill {text}: must be front, rear or beam, then @ and a time in seconds"
-        )));
-    };
-    let at = (seconds("--kill", time, 0.0)? * 1e3).round() as u32;
-    Ok(Failure {
-        role,
-        at,
-        mode: FailureMode::Off,
-    })
+    let course = follow::prepare(&args, context, Use::Path)?;
+    Ok(Mission::Path(Box::new(course), path_mode))
 }
 
 /// The boards that the arguments ask for. What they keep is laid over the scenario, if that is wanted.
@@ -362,15 +235,12 @@ struct Measured {
 fn measure(
     args: &HilArgs,
     context: &Context,
-    task: &Task,
+    task: &Mission,
     plan: &Plan,
     interrupt: &Arc<AtomicBool>,
     logs: &[BoardLog; 3],
 ) -> Result<Measured, Error> {
-    let mut scenario = match task {
-        Task::Posture(variant) => variant.apply(&context.scenario),
-        Task::Course(..) => context.scenario.clone(),
-    };
+    let mut scenario = task.scenario(context);
     let mut targets = boards(args, &mut scenario, logs)?;
     let about = About {
         command: "hil",
@@ -393,10 +263,7 @@ fn measure(
         simulation.record_trace();
         Ok(simulation)
     };
-    let (goal, path) = match task {
-        Task::Posture(_) => (scenario.mission.goal, Vec::new()),
-        Task::Course(course, _) => (course.route.goal(), course.route.postures()),
-    };
+    let (goal, path) = task.goal(&scenario);
     if let Some(session) = &session {
         targets = session.tap(targets, &scenario);
         session.plan(goal, &path);
@@ -409,11 +276,11 @@ fn measure(
     if let Some(shown) = recorder::dashboard(&args.log, &about, goal, interrupt)? {
         simulation.observe(shown);
     }
-    if args.real_time || args.log.is_watched() {
+    if args.plan.real_time || args.log.is_watched() {
         simulation.keep_pace();
     }
     let start = Instant::now();
-    let outcome = experiment(&mut simulation, &scenario, task)?;
+    let outcome = task.drive(&mut simulation, &scenario)?;
     let wall_s = start.elapsed().as_secs_f64();
     simulation.dismiss_observers();
     let recorded = match &session {
@@ -426,7 +293,7 @@ fn measure(
     let difference = match args.compare {
         true => {
             let mut reference = prepare(targets::in_process())?;
-            experiment(&mut reference, &scenario, task)?;
+            task.drive(&mut reference, &scenario)?;
             Some(trace.difference(&reference.take_trace().unwrap_or_default()))
         }
         false => None,
@@ -438,27 +305,6 @@ fn measure(
         report,
         recorded,
     })
-}
-
-fn experiment(
-    simulation: &mut Simulation,
-    scenario: &Scenario,
-    task: &Task,
-) -> Result<Outcome, Error> {
-    match task {
-        Task::Posture(_) => {
-            let mut trial = Trial::default();
-            let outcome = regulate_on(simulation, scenario, |record| trial.see(record, true))?;
-            trial.outcome = outcome;
-            Ok(Outcome::Posture(Box::new(trial)))
-        }
-        Task::Course(course, path_mode) => {
-            let mut kept = follow::Kept::new(&course.route);
-            let see = |moment: &path_run::Moment| kept.see(moment);
-            let outcome = path_run::drive_on(simulation, scenario, &course.route, *path_mode, see)?;
-            Ok(Outcome::Course(outcome, kept))
-        }
-    }
 }
 
 fn report(
@@ -557,20 +403,4 @@ fn summary(report: &Report) -> String {
         (None, None) => {}
     }
     text
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn failures_name_a_board_and_a_time() {
-        let found = failure("front@8.0").unwrap();
-        assert_eq!((found.role, found.at), (Role::Front, 8000));
-        for bad in [
-            "front", "middle@1", "rear@", "rear@nan", "beam@-1", "beam@1e9",
-        ] {
-            assert_eq!(failure(bad).unwrap_err().exit_code(), 2, "{bad}");
-        }
-    }
 }

@@ -1,15 +1,18 @@
-//! `cfmmr hil --virtual`: the experiment with the images that users flash, on virtual boards.
+//! `posture`, `follow` and `track` with `--on virtual`: the images that users flash, on virtual boards with everything that
+//! is wired to them. The robot gets its task at the serial port of the front board.
 
 use crate::base::error::Error;
 use crate::base::output;
 use crate::base::table::Table;
-use crate::experiments::hil::{HilArgs, Plan};
-use crate::experiments::posture::{self, Trial, Variant};
+use crate::experiments::arguments::{Common, RobotArgs, VirtualArgs};
+use crate::experiments::follow::{self, FollowArgs};
+use crate::experiments::mission::{Mission, Outcome, Plan};
+use crate::experiments::posture::{self, PostureArgs, Variant};
 use crate::experiments::{Context, recorder};
-use crate::recording::{About, Session};
+use crate::recording::{About, LogArgs, Session};
 use crate::run::final_error::FinalError;
+use crate::run::path_run::PathMode;
 use crate::run::recovery::Status;
-use crate::run::regulate::regulate_on;
 use crate::run::robot::Robot;
 use crate::run::virtual_robot::tools::debugger::Gdb;
 use crate::run::virtual_robot::tools::profile::{self, Profile};
@@ -33,7 +36,7 @@ use virtual_board::probe::coverage::Coverage;
 /// Limit of a tick, µs: a quarter of the millisecond is kept in reserve.
 const TICK_LIMIT_US: u64 = 750;
 
-/// Result of the experiment with virtual boards.
+/// Result of a run on virtual boards.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 struct Report {
     /// Result of the experiment.
@@ -65,48 +68,16 @@ struct Report {
     late_ticks: Option<u32>,
 }
 
-/// Options that `--virtual` does not go with, whether they were given, and why not.
-fn refuse(args: &HilArgs) -> Result<(), Error> {
-    const PINS: &str = "the default images take no commands: the button begins a drive to a goal";
-    const FLASH: &str = "the flash of virtual boards holds the parameters of the scenario; use --set or \
-                         --scenario";
-    const BUS: &str = "the bus of virtual boards is simulated bit by bit and has no such key";
-    let given = [
-        ("--on", args.boards.any(), "give one of the two"),
-        ("--stored", args.stored, FLASH),
-        ("--flash", args.flash.is_some(), FLASH),
-        ("--link-loss", args.link_loss.is_some(), BUS),
-        ("--link-delay", args.link_delay.is_some(), BUS),
-        ("--follow", args.follow.is_some(), PINS),
-        ("--track", args.track.is_some(), PINS),
-        ("--speed", args.drive.speed.is_some(), PINS),
-        ("--size", args.drive.size.is_some(), PINS),
-        ("--laps", args.drive.laps > 1, PINS),
-        (
-            "--compare",
-            args.compare,
-            "clocks, converters and the bus of virtual boards differ from the nodes in this program, so \
-             the runs are not identical",
-        ),
-    ];
-    match given.iter().find(|(_, given, _)| *given) {
-        Some((option, _, why)) => Err(Error::input(format!(
-            "{option}: not possible with --virtual: {why}"
-        ))),
-        None => Ok(()),
-    }
-}
-
 /// Failures on the way, checked against the fitted boards and the duration.
-fn plan(args: &HilArgs, scenario: &Scenario) -> Result<Plan, Error> {
-    let plan = Plan::new(args)?;
+fn plan(args: &RobotArgs, scenario: &Scenario) -> Result<Plan, Error> {
+    let plan = Plan::new(&args.plan, 0.0)?;
     let mission = &scenario.mission;
     let most = plan
         .span
         .most
         .map_or(f64::INFINITY, |most| most as f64 * 1e-6);
     let end = most.min(mission.settle_s + mission.time_limit_s);
-    for (failure, text) in plan.failures.iter().zip(&args.kill) {
+    for (failure, text) in plan.failures.iter().zip(&args.plan.kill) {
         if failure.role == Role::Beam && !mission.rps {
             return Err(Error::input(format!(
                 "--kill {text}: must be front or rear: no beam board without the relative position \
@@ -124,8 +95,7 @@ fn plan(args: &HilArgs, scenario: &Scenario) -> Result<Plan, Error> {
 }
 
 /// Instruments from power on.
-fn instruments(args: &HilArgs, interrupt: &Arc<AtomicBool>) -> Result<Instruments, Error> {
-    recorder::check(&args.log)?;
+fn instruments(args: &VirtualArgs, interrupt: &Arc<AtomicBool>) -> Result<Instruments, Error> {
     for file in [&args.vcd, &args.coverage].into_iter().flatten() {
         output::try_file(file)?;
     }
@@ -137,7 +107,7 @@ fn instruments(args: &HilArgs, interrupt: &Arc<AtomicBool>) -> Result<Instrument
 }
 
 /// The images of the boards.
-fn images(args: &HilArgs) -> Result<Images, Error> {
+fn images(args: &VirtualArgs) -> Result<Images, Error> {
     let axle = args.axle_image.as_deref();
     let front = args.front_image.as_deref().or(axle);
     let rear = args.rear_image.as_deref().or(axle);
@@ -148,33 +118,55 @@ fn images(args: &HilArgs) -> Result<Images, Error> {
     Ok(images)
 }
 
-/// Runs the command.
-pub fn run(args: &HilArgs) -> Result<(), Error> {
-    refuse(args)?;
-    let mut context = Context::new(&args.common, "hil")?;
-    let scenario = &mut context.scenario;
-    scenario.mission.rps &= !args.drive.no_rps;
-    scenario.world.sensors.gyro.fitted |= args.drive.imu;
-    scenario.world.sensors.accelerometer.fitted |= args.drive.imu;
-    scenario.check()?;
-    let variant = Variant::of(scenario);
-    context.check_keys(&[], &[(&context.scenario, Use::Virtual)])?;
-    let scenario = &context.scenario;
-    let plan = plan(args, scenario)?;
+/// Runs `cfmmr posture` with boards.
+pub fn posture(args: &PostureArgs) -> Result<(), Error> {
+    if args.trials.is_some() || args.rows.is_some() {
+        return Err(Error::input(
+            "--trials, --rows: only in process; on virtual boards there is one run of the scenario's robot",
+        ));
+    }
+    let mut context = Context::new(&args.common, "posture")?;
+    args.sensors.apply(&mut context.scenario);
+    posture::place(args, &mut context)?;
+    let variant = Variant::of(&context.scenario);
+    let from = args.from.as_ref().map(|_| ("mission.start", "with --from"));
+    let taken: Vec<_> = from.into_iter().collect();
+    context.check_keys(&taken, &[(&context.scenario, Use::Virtual)])?;
+    let mission = Mission::Posture(variant);
+    run(&context, &mission, (&args.common, &args.log, &args.robot))
+}
+
+/// Runs `cfmmr follow` or `cfmmr track` with boards.
+pub fn follow(args: &FollowArgs, path_mode: PathMode) -> Result<(), Error> {
+    let mut context = Context::new(&args.common, follow::names(path_mode).0)?;
+    let course = follow::prepare(args, &mut context, Use::VirtualPath)?;
+    let mission = Mission::Path(Box::new(course), path_mode);
+    run(&context, &mission, (&args.common, &args.log, &args.robot))
+}
+
+fn run(
+    context: &Context,
+    mission: &Mission,
+    (common, log, args): (&Common, &LogArgs, &RobotArgs),
+) -> Result<(), Error> {
+    let plan = plan(args, &context.scenario)?;
+    recorder::check(log)?;
     let interrupt = context.interrupt().clone();
     let mut options = Options {
-        instruments: instruments(args, &interrupt)?,
+        instruments: instruments(&args.instruments, &interrupt)?,
         ..Options::default()
     };
-    if let Some(threads) = args.common.threads {
+    if let Some(threads) = common.threads {
         options.threads = threads.into();
     }
-    let images = images(args)?;
+    let images = images(&args.instruments)?;
     let logs = Role::ALL.map(|_| BoardLog::default());
     let drive = Drive {
         args,
-        context: &context,
-        scenario: variant.apply(&context.scenario),
+        log,
+        context,
+        mission,
+        scenario: mission.scenario(context),
         plan,
         interrupt,
     };
@@ -190,20 +182,17 @@ pub fn run(args: &HilArgs) -> Result<(), Error> {
         }
     };
     let DriveOutcome {
-        trial,
+        outcome,
         mut report,
         mut recorded,
         profiles,
         coverage,
     } = done;
-    let (experiment, mut files) =
-        posture::publish(&context, &[variant], &[variant], &[vec![trial]])?;
-    let text = posture::table(&experiment.rows, &[variant]);
-    report.experiment =
-        serde_json::to_value(experiment).map_err(|error| Error::Failure(error.to_string()))?;
+    let (text, experiment, mut files) = mission.publish(context, outcome, &report.ended)?;
+    report.experiment = experiment;
     board_log::put(&mut files, &logs);
     let mut text = format!("{text}\n{}", summary(&report));
-    if args.profile {
+    if args.instruments.profile {
         files.json("profile.json", &profiles);
         for profile in &profiles {
             files.text(
@@ -213,19 +202,21 @@ pub fn run(args: &HilArgs) -> Result<(), Error> {
             text += &format!("\n{}", profile.table);
         }
     }
-    if let Some(file) = &args.coverage {
+    if let Some(file) = &args.instruments.coverage {
         output::write_file(file, coverage.lcov().into_bytes())?;
         recorded.push(file.clone());
         text += &format!("\nLine coverage of the firmware\n{coverage}");
     }
-    let failed = judge(&report, args.stop_after.is_some());
+    let failed = judge(&report, args.plan.stop_after.is_some());
     context.finish(&text, &report, files, &recorded, failed)
 }
 
-/// An experiment that is about to run.
+/// A run that is about to begin.
 struct Drive<'a> {
-    args: &'a HilArgs,
+    args: &'a RobotArgs,
+    log: &'a LogArgs,
     context: &'a Context,
+    mission: &'a Mission,
     scenario: Scenario,
     plan: Plan,
     interrupt: Arc<AtomicBool>,
@@ -233,7 +224,7 @@ struct Drive<'a> {
 
 /// Result.
 struct DriveOutcome {
-    trial: Trial,
+    outcome: Outcome,
     report: Report,
     /// Files that were written on the way.
     recorded: Vec<PathBuf>,
@@ -249,11 +240,13 @@ impl Drive<'_> {
         logs: &[BoardLog; 3],
     ) -> Result<DriveOutcome, Error> {
         let Self {
-            args,
+            log,
             context,
+            mission,
             scenario,
             plan,
             interrupt,
+            ..
         } = self;
         let start = Instant::now();
         let mut robot = VirtualRobot::new(scenario, images, context.seed, 0, options, logs)?;
@@ -261,40 +254,39 @@ impl Drive<'_> {
         robot.stop_on(interrupt.clone());
         robot.plan(plan.failures.clone(), plan.restart_after);
         let about = About {
-            command: "hil --virtual",
+            command: &context.name,
             seed: context.seed,
             trial: 0,
             scenario,
         };
-        let goal = scenario.mission.goal;
-        let session = Session::begin(&args.log, &about)?;
+        let (goal, path) = mission.goal(scenario);
+        let session = Session::begin(log, &about)?;
         if let Some(session) = &session {
-            session.plan(goal, &[]);
+            session.plan(goal, &path);
             session.await_viewer(interrupt)?;
             robot.observe(Box::new(session.clone()));
         }
-        if let Some(shown) = recorder::dashboard(&args.log, &about, goal, interrupt)? {
+        if let Some(shown) = recorder::dashboard(log, &about, goal, interrupt)? {
             robot.observe(shown);
         }
-        if args.real_time || args.log.is_watched() {
+        if self.args.plan.real_time || log.is_watched() {
             robot.keep_pace();
         }
-        let mut trial = Trial::default();
-        let outcome = regulate_on(&mut robot, scenario, |record| trial.see(record, true))?;
-        trial.outcome = outcome;
+        let outcome = mission.drive(&mut robot, scenario)?;
         robot.dismiss_observers();
         let mut recorded = robot.close()?;
         if let Some(session) = &session {
-            recorded.extend(session.close(recorder::ended(interrupt, robot.failure()))?);
+            let why = robot.failure();
+            recorded.extend(session.close(recorder::ended(interrupt, why.as_deref()))?);
         }
-        let report = report(&mut robot, &trial, &goal, start);
+        let report = report(&mut robot, outcome.done(), &goal, start);
         let mut coverage = Coverage::default();
-        if args.coverage.is_some() {
+        if self.args.instruments.coverage.is_some() {
             coverage::add(&mut robot, &mut coverage);
         }
         Ok(DriveOutcome {
             profiles: profile::of(&mut robot, &report.boards),
-            trial,
+            outcome,
             report,
             recorded,
             coverage,
@@ -302,13 +294,13 @@ impl Drive<'_> {
     }
 }
 
-fn report(robot: &mut VirtualRobot, trial: &Trial, goal: &[f64; 3], start: Instant) -> Report {
-    let error = FinalError::of(trial.outcome.midpoint, *goal);
+fn report(robot: &mut VirtualRobot, reached: bool, goal: &[f64; 3], start: Instant) -> Report {
+    let error = FinalError::of(robot.plant().midpoint(), *goal);
     Report {
         experiment: Value::Null,
         e_m: error.e_m,
         heading_rad: error.heading_rad,
-        reached: trial.outcome.done,
+        reached,
         boot_s: robot.boot_s(),
         simulated_s: robot.boot_s() + robot.now() as f64 * 1e-6,
         wall_s: start.elapsed().as_secs_f64(),
@@ -316,7 +308,7 @@ fn report(robot: &mut VirtualRobot, trial: &Trial, goal: &[f64; 3], start: Insta
         boards: robot.reports(),
         nodes: robot.monitor().changes().to_vec(),
         events: robot.events().to_vec(),
-        ended: robot.failure().map(str::to_owned),
+        ended: robot.failure(),
         late_ticks: robot.pace().map(|pace| pace.late()),
     }
 }

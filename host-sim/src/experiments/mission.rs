@@ -1,0 +1,180 @@
+//! Tasks of a robot, driven by a robot on boards of any kind: regulation to a posture, or a path.
+
+use crate::base::error::Error;
+use crate::base::output::OutputDir;
+use crate::experiments::Context;
+use crate::experiments::arguments::PlanArgs;
+use crate::experiments::follow::{self, Course, Kept};
+use crate::experiments::posture::{self, Trial, Variant};
+use crate::run::path_run::{self, Moment, PathMode};
+use crate::run::regulate::regulate_on;
+use crate::run::robot::{Robot, Span};
+use crate::scenario::Scenario;
+use crate::targets::{Failure, FailureMode};
+use core_algos::time::Micros;
+use core_algos::topology::Role;
+use serde_json::Value;
+
+/// The task.
+pub enum Mission {
+    /// Regulation to the goal of the scenario.
+    Posture(Variant),
+    /// A path, or a trajectory along it.
+    Path(Box<Course>, PathMode),
+}
+
+/// Result.
+pub enum Outcome {
+    /// Of a regulation.
+    Posture(Box<Trial>),
+    /// Along a path.
+    Path(Box<path_run::Outcome>, Kept),
+}
+
+impl Outcome {
+    /// True if the robot came to rest at the end of its task.
+    pub fn done(&self) -> bool {
+        match self {
+            Self::Posture(trial) => trial.outcome.done,
+            Self::Path(outcome, _) => outcome.done,
+        }
+    }
+}
+
+impl Mission {
+    /// The scenario of the run.
+    pub fn scenario(&self, context: &Context) -> Scenario {
+        match self {
+            Self::Posture(variant) => variant.apply(&context.scenario),
+            Self::Path(..) => context.scenario.clone(),
+        }
+    }
+
+    /// Goal, and points of the path.
+    pub fn goal(&self, scenario: &Scenario) -> ([f64; 3], Vec<[f64; 3]>) {
+        match self {
+            Self::Posture(_) => (scenario.mission.goal, Vec::new()),
+            Self::Path(course, _) => (course.route.goal(), course.route.postures()),
+        }
+    }
+
+    /// Has a robot carry it out.
+    pub fn drive(&self, robot: &mut impl Robot, scenario: &Scenario) -> Result<Outcome, Error> {
+        Ok(match self {
+            Self::Posture(_) => {
+                let mut trial = Trial::default();
+                let outcome = regulate_on(robot, scenario, |record| trial.see(record, true))?;
+                trial.outcome = outcome;
+                Outcome::Posture(Box::new(trial))
+            }
+            Self::Path(course, path_mode) => {
+                let mut kept = Kept::new(&course.route);
+                let see = |moment: &Moment| kept.see(moment);
+                let outcome = path_run::drive_on(robot, scenario, &course.route, *path_mode, see)?;
+                Outcome::Path(Box::new(outcome), kept)
+            }
+        })
+    }
+
+    /// Table, result and files of a run, and why it ended early if it did.
+    pub fn publish(
+        &self,
+        context: &Context,
+        outcome: Outcome,
+        ended: &Option<String>,
+    ) -> Result<(String, Value, OutputDir), Error> {
+        let (text, report, files) = match (self, outcome) {
+            (Self::Posture(variant), Outcome::Posture(trial)) => {
+                let variants = [*variant];
+                let (report, files) =
+                    posture::publish(context, &variants, &variants, &[vec![*trial]])?;
+                let text = posture::table(&report.rows, &variants);
+                (text, serde_json::to_value(report), files)
+            }
+            (Self::Path(course, path_mode), Outcome::Path(outcome, kept)) => {
+                let (text, report, files) =
+                    follow::publish(context, course, *path_mode, (&outcome, ended), &kept)?;
+                (text, serde_json::to_value(report), files)
+            }
+            _ => return Err(Error::Failure("another task's outcome".to_owned())),
+        };
+        let report = report.map_err(|error| Error::Failure(error.to_string()))?;
+        Ok((text, report, files))
+    }
+}
+
+/// End of the run, and failures of boards on the way.
+pub struct Plan {
+    /// Bounds of the time.
+    pub span: Span,
+    /// Boards that are switched off.
+    pub failures: Vec<Failure>,
+    /// Time until a lost board is switched on again, ms.
+    pub restart_after: Option<u32>,
+}
+
+impl Plan {
+    /// The plan of these arguments; the run lasts at least `least_s`.
+    pub fn new(args: &PlanArgs, least_s: f64) -> Result<Self, Error> {
+        let micros =
+            |name: &str, value: f64| seconds(name, value, 0.0).map(|s| (s * 1e6) as Micros);
+        let failures = args.kill.iter().map(|text| failure(text));
+        let restart_after = args
+            .restart_after
+            .map(|value| seconds("--restart-after", value, 0.001).map(|s| (s * 1e3) as u32));
+        let most = args.stop_after.map(|value| micros("--stop-after", value));
+        Ok(Self {
+            span: Span {
+                least: micros("--duration", args.duration.unwrap_or(least_s))?,
+                most: most.transpose()?,
+            },
+            failures: failures.collect::<Result<_, _>>()?,
+            restart_after: restart_after.transpose()?,
+        })
+    }
+}
+
+fn seconds(name: &str, value: f64, least: f64) -> Result<f64, Error> {
+    if value >= least && value <= 36_000.0 {
+        Ok(value)
+    } else {
+        Err(Error::input(format!(
+            "{name} {value}: must be a number from {least} to 36000"
+        )))
+    }
+}
+
+/// A failure from `BOARD@S`.
+fn failure(text: &str) -> Result<Failure, Error> {
+    let parts = text.split_once('@').and_then(|(board, time)| {
+        let role = Role::ALL.into_iter().find(|role| role.name() == board)?;
+        Some((role, time.parse::<f64>().ok()?))
+    });
+    let Some((role, time)) = parts else {
+        return Err(Error::input(format!(
+            "--kill {text}: must be front, rear or beam, then @ and a time in seconds"
+        )));
+    };
+    let at = (seconds("--kill", time, 0.0)? * 1e3).round() as u32;
+    Ok(Failure {
+        role,
+        at,
+        mode: FailureMode::Off,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn failures_name_a_board_and_a_time() {
+        let found = failure("front@8.0").unwrap();
+        assert_eq!((found.role, found.at), (Role::Front, 8000));
+        for bad in [
+            "front", "middle@1", "rear@", "rear@nan", "beam@-1", "beam@1e9",
+        ] {
+            assert_eq!(failure(bad).unwrap_err().exit_code(), 2, "{bad}");
+        }
+    }
+}

@@ -1,0 +1,265 @@
+//! The front board of a robot that drives, at its serial port: orders for the lead node, its output, and the bus frames.
+//!
+//! The link has no clock and no port: whoever has both calls [`LeadLink::take`] with the bytes that came and
+//! [`LeadLink::to_send`] for those to send.
+
+use super::remote::{batch, complete, refused};
+use super::{Fault, HostCommand, Room};
+use crate::base::error::Error;
+use core_algos::bus::CanFrame;
+use core_algos::link::framing::{Decoder, SerialFrame};
+use core_algos::link::protocol::{self, POINTS, PROTOCOL, Place, Reply, Request, Telemetry};
+use core_algos::time::Micros;
+use core_algos::topology::Role;
+use std::collections::VecDeque;
+
+/// Time after which a request is repeated, µs.
+const REPEAT: Micros = 250_000;
+/// Times that a request is sent before the board counts as silent.
+const ATTEMPTS: u32 = 20;
+/// Output of the lead node whose room is that after an order: two outputs may be on their way when it is carried out.
+const FRESH: u32 = 3;
+
+/// A request that waits for its answer.
+struct Pending {
+    number: u8,
+    what: &'static str,
+    frame: SerialFrame,
+    sent: Option<Micros>,
+    attempts: u32,
+}
+
+/// The link.
+#[derive(Default)]
+pub struct LeadLink {
+    decoder: Decoder,
+    number: u8,
+    waiting: VecDeque<Pending>,
+    parts: Vec<u8>,
+    latest: Option<Telemetry>,
+    /// Outputs since the latest answer to an order.
+    outputs: u32,
+    frames: Vec<CanFrame>,
+    lost: u16,
+    build: String,
+}
+
+impl LeadLink {
+    /// A link to a board that stands at a place. Whatever was asked before is forgotten.
+    pub fn open(&mut self, place: Place) {
+        let number = self.number;
+        *self = Self {
+            number,
+            ..Self::default()
+        };
+        self.ask(
+            "hello",
+            &Request::Hello {
+                protocol: PROTOCOL,
+                nonce: number.into(),
+            },
+        );
+        self.ask("watch", &Request::Watch);
+        self.place(place);
+    }
+
+    /// Says where the robot stands, at rest.
+    pub fn place(&mut self, place: Place) {
+        self.ask("place", &Request::Place(place));
+    }
+
+    /// Puts an order at the end of the queue.
+    pub fn command(&mut self, command: &HostCommand) {
+        match command {
+            HostCommand::Task(task) => self.ask("task", &Request::Command(*task)),
+            HostCommand::Path(points, end) => {
+                for (points, end) in batches(points, *end) {
+                    self.ask("path", &Request::Path { points, end });
+                }
+            }
+            HostCommand::Trajectory(points, end) => {
+                for (points, end) in batches(points, *end) {
+                    self.ask("trajectory", &Request::Trajectory { points, end });
+                }
+            }
+        }
+    }
+
+    fn ask(&mut self, what: &'static str, request: &Request) {
+        // Number 0 is that of reports.
+        self.number = self.number % u8::MAX + 1;
+        self.waiting.push_back(Pending {
+            number: self.number,
+            what,
+            // Every request of this link is bounded to fit.
+            frame: protocol::encode(self.number, request).unwrap_or_default(),
+            sent: None,
+            attempts: 0,
+        });
+        self.outputs = 0;
+    }
+
+    /// True if the board has answered all that it was asked.
+    pub fn is_settled(&self) -> bool {
+        self.waiting.is_empty()
+    }
+
+    /// Points that the lead node has room for; none before it has told.
+    pub fn room(&self) -> Room {
+        match &self.latest {
+            Some(latest) if self.is_settled() && self.outputs >= FRESH => Room {
+                path: latest.path_room.into(),
+                trajectory: latest.trajectory_room.into(),
+            },
+            _ => Room {
+                path: 0,
+                trajectory: 0,
+            },
+        }
+    }
+
+    /// Latest output of the lead node, once one has come.
+    pub fn latest(&self) -> Option<&Telemetry> {
+        self.latest.as_ref()
+    }
+
+    /// Bus frames that came since the last call, in the order of the front board.
+    pub fn take_frames(&mut self) -> Vec<CanFrame> {
+        std::mem::take(&mut self.frames)
+    }
+
+    /// Bus frames that the board had no room for.
+    pub fn lost(&self) -> u16 {
+        self.lost
+    }
+
+    /// Build of the board's image, once it has answered.
+    pub fn build(&self) -> &str {
+        &self.build
+    }
+
+    /// Bytes to send at `now`; an error if the board does not answer.
+    pub fn to_send(&mut self, now: Micros) -> Result<Option<&[u8]>, Error> {
+        let Some(pending) = self.waiting.front_mut() else {
+            return Ok(None);
+        };
+        if let Some(sent) = pending.sent
+            && now.saturating_sub(sent) < REPEAT
+        {
+            return Ok(None);
+        }
+        if pending.attempts == ATTEMPTS {
+            return Err(Error::Failure(format!(
+                "front board: {}: no answer at its serial port in {} s",
+                pending.what,
+                Micros::from(ATTEMPTS) * REPEAT / 1_000_000
+            )));
+        }
+        (pending.sent, pending.attempts) = (Some(now), pending.attempts + 1);
+        Ok(Some(pending.frame.repeated()))
+    }
+
+    /// Takes bytes that came; gives whether an output of the lead node is complete.
+    pub fn take(&mut self, bytes: &[u8]) -> Result<bool, Error> {
+        let mut complete = false;
+        for &byte in bytes {
+            let Some(payload) = self.decoder.take_byte(byte) else {
+                continue;
+            };
+            let Some((number, reply)) = protocol::decode::<Reply>(payload) else {
+                continue;
+            };
+            if let Reply::Report {
+                lost,
+                bus,
+                offset,
+                telemetry,
+            } = reply
+            {
+                self.lost = lost;
+                self.frames.extend(protocol::unpack(bus));
+                let part = (usize::from(offset), telemetry);
+                complete |= Self::join(&mut self.parts, part, &mut self.latest);
+                self.outputs += u32::from(complete);
+                continue;
+            }
+            let pending = self.waiting.front();
+            if let Some(what) = pending
+                .filter(|it| it.number == number)
+                .map(|pending| pending.what)
+            {
+                self.waiting.pop_front();
+                match reply {
+                    Reply::Done => {}
+                    Reply::Hello {
+                        protocol,
+                        role,
+                        build,
+                        ..
+                    } => {
+                        self.build = build.to_owned();
+                        greeted(protocol, role, build)?;
+                    }
+                    other => return Err(failure(what, other)),
+                }
+                self.outputs = 0;
+            }
+        }
+        Ok(complete)
+    }
+
+    /// Appends a part of an output; a part that does not follow is dropped with those before it.
+    fn join(
+        parts: &mut Vec<u8>,
+        (offset, part): (usize, &[u8]),
+        latest: &mut Option<Telemetry>,
+    ) -> bool {
+        if offset == 0 {
+            parts.clear();
+        }
+        if part.is_empty() || offset != parts.len() {
+            return false;
+        }
+        parts.extend_from_slice(part);
+        let found = complete(parts);
+        let done = found.is_some();
+        *latest = found.or(*latest);
+        done
+    }
+}
+
+/// Points in requests, and whether each is the last.
+fn batches<T: Copy>(
+    points: &[T],
+    end: bool,
+) -> impl Iterator<Item = ([Option<T>; POINTS], bool)> + use<'_, T> {
+    let count = points.len().div_ceil(POINTS).max(1);
+    (0..count).map(move |k| {
+        let rest = points.get(k * POINTS..).unwrap_or_default();
+        (batch(rest), end && k + 1 == count)
+    })
+}
+
+fn greeted(protocol: u16, role: Role, build: &str) -> Result<(), Error> {
+    if protocol != PROTOCOL {
+        return Err(Error::input(format!(
+            "front board: its image ({build}) has protocol version {protocol}, this program version {PROTOCOL}: \
+             flash the image of this version"
+        )));
+    }
+    if role != Role::Front {
+        return Err(Error::input(format!(
+            "--on serial:front: this port leads to the {} board: check ports and strap",
+            role.name()
+        )));
+    }
+    Ok(())
+}
+
+fn failure(what: &str, reply: Reply) -> Error {
+    match refused(Role::Front, what, reply) {
+        Fault::Fatal(error) => error,
+        Fault::Silent(why) => Error::Failure(format!("front board: {what}: {why}")),
+        Fault::Restarted => Error::Failure(format!("front board: {what}: it was restarted")),
+    }
+}
