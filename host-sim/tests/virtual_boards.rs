@@ -241,7 +241,7 @@ fn orders_at_the_serial_port_drive_the_robot() {
     for _ in 0..15_000 {
         robot.step().unwrap();
     }
-    let [dx, dy] = [0, 1].map(|i| robot.plant().midpoint()[i] - [goal.x, goal.y].map(f64::from)[i]);
+    let [dx, dy] = [0, 1].map(|i| robot.record().midpoint[i] - [goal.x, goal.y].map(f64::from)[i]);
     let lead = robot.record().lead;
     assert_eq!((lead.mode, lead.done), (LeadMode::Hold, true));
     assert!(dx.hypot(dy) < 0.05, "{dx} {dy}");

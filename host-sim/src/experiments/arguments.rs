@@ -189,18 +189,33 @@ pub struct VirtualArgs {
 }
 
 /// The robot of `posture`, `follow` and `track`.
-#[derive(Clone, Debug, Default, Args)]
+#[derive(Clone, Debug, Args)]
 #[command(next_help_heading = "Boards")]
 pub struct RobotArgs {
-    /// Place of the boards: in-process, or virtual (their images on virtual boards, built if needed)
-    #[arg(long, value_name = "PLACE", default_value = "in-process", value_parser = whole_place)]
+    /// Place of the boards: in-process, virtual (their images on virtual boards, built if needed),
+    /// or serial:front=PORT (a real robot at its front board's port)
+    #[arg(long, value_name = "PLACE", default_value = "in-process", value_parser = place)]
     pub on: Place,
+    /// Baud rate of the serial port
+    #[arg(long, default_value_t = 921_600, value_parser = whole::<u32>(9_600..=12_000_000))]
+    pub baud: u32,
     /// Duration and failures.
     #[command(flatten)]
     pub plan: PlanArgs,
     /// Images and instruments.
     #[command(flatten)]
     pub instruments: VirtualArgs,
+}
+
+impl Default for RobotArgs {
+    fn default() -> Self {
+        Self {
+            on: Place::InProcess,
+            baud: 921_600,
+            plan: PlanArgs::default(),
+            instruments: VirtualArgs::default(),
+        }
+    }
 }
 
 impl RobotArgs {
@@ -211,11 +226,19 @@ impl RobotArgs {
 
     /// Refuses options of boards for a robot without any.
     pub fn refuse_without_boards(&self) -> Result<(), Error> {
-        let (plan, instruments) = (&self.plan, &self.instruments);
-        let given = [
-            ("--real-time", plan.real_time),
+        let plan = &self.plan;
+        refuse(&[
             ("--duration", plan.duration.is_some()),
             ("--stop-after", plan.stop_after.is_some()),
+        ])?;
+        self.refuse_of_virtual_boards()
+    }
+
+    /// Refuses options of virtual boards for others.
+    pub fn refuse_of_virtual_boards(&self) -> Result<(), Error> {
+        let (plan, instruments) = (&self.plan, &self.instruments);
+        refuse(&[
+            ("--real-time", plan.real_time),
             ("--kill", !plan.kill.is_empty()),
             ("--restart-after", plan.restart_after.is_some()),
             ("--axle-image", instruments.axle_image.is_some()),
@@ -226,21 +249,14 @@ impl RobotArgs {
             ("--vcd", instruments.vcd.is_some()),
             ("--profile", instruments.profile),
             ("--coverage", instruments.coverage.is_some()),
-        ];
-        match given.iter().find(|(_, given)| *given) {
-            Some((option, _)) => Err(Error::input(format!("{option}: only with --on virtual"))),
-            None => Ok(()),
-        }
+        ])
     }
 }
 
-/// The place of a whole robot.
-fn whole_place(text: &str) -> Result<Place, String> {
-    match place(text)? {
-        Place::Serial(_) => {
-            Err("must be in-process or virtual; with boards at serial ports use hil".to_owned())
-        }
-        place => Ok(place),
+fn refuse(options: &[(&str, bool)]) -> Result<(), Error> {
+    match options.iter().find(|(_, given)| *given) {
+        Some((option, _)) => Err(Error::input(format!("{option}: only with --on virtual"))),
+        None => Ok(()),
     }
 }
 

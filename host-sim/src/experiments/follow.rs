@@ -253,6 +253,11 @@ impl Kept {
         }
     }
 
+    /// State at each moment.
+    pub fn records(&self) -> Vec<Record> {
+        self.moments.iter().map(|moment| moment.record).collect()
+    }
+
     /// Takes in the next moment.
     pub fn see(&mut self, moment: &Moment) {
         if self.epoch.is_multiple_of(self.stride) || moment.record.lead.done {
@@ -290,7 +295,7 @@ pub fn publish(
         ended: ended.clone(),
         duration_s: outcome.duration_s,
     };
-    let records: Vec<_> = moments.iter().map(|moment| moment.record).collect();
+    let records = kept.records();
     let run = followed(route, path_mode, moments, &records);
     let shape = FilePath::new(&course.name).file_stem();
     let shape = shape.map_or(course.name.clone(), |stem| {

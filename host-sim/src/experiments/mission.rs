@@ -8,7 +8,7 @@ use crate::experiments::follow::{self, Course, Kept};
 use crate::experiments::posture::{self, Trial, Variant};
 use crate::run::path_run::{self, Moment, PathMode};
 use crate::run::regulate::regulate_on;
-use crate::run::robot::{Robot, Span};
+use crate::run::robot::{Record, Robot, Span};
 use crate::scenario::Scenario;
 use crate::targets::{Failure, FailureMode};
 use core_algos::time::Micros;
@@ -37,6 +37,22 @@ impl Outcome {
         match self {
             Self::Posture(trial) => trial.outcome.done,
             Self::Path(outcome, _) => outcome.done,
+        }
+    }
+
+    /// Time from the beginning of the task to its end, s.
+    pub fn duration_s(&self) -> f64 {
+        match self {
+            Self::Posture(trial) => trial.outcome.duration_s,
+            Self::Path(outcome, _) => outcome.duration_s,
+        }
+    }
+
+    /// State at each epoch that was kept.
+    pub fn records(&self) -> Vec<Record> {
+        match self {
+            Self::Posture(trial) => trial.records.clone(),
+            Self::Path(_, kept) => kept.records(),
         }
     }
 }

@@ -16,6 +16,7 @@ pub mod mission;
 pub mod params;
 pub mod plant_bench;
 pub mod posture;
+pub mod real_robot;
 pub mod recorder;
 pub mod replay;
 pub mod result;
@@ -82,6 +83,14 @@ impl Context {
     /// Refuses keys of `--set` without effect in any of the runs, and reports those of the scenario file.
     pub fn check_keys(&self, taken: Taken, runs: &[Run]) -> Result<(), Error> {
         self.given.check(taken, runs)
+    }
+
+    /// Refuses keys of `--set` that a real robot has no use for: its parameters are those of its boards.
+    pub fn check_mission_keys(&self) -> Result<(), Error> {
+        self.given.check_only(
+            "mission",
+            "for a real robot: its boards have their parameters, see `cfmmr params`",
+        )
     }
 
     /// A flag that Ctrl-C sets.

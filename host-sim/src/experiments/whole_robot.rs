@@ -1,14 +1,14 @@
-//! `posture`, `follow` and `track` with `--on virtual`: the images that users flash, on virtual boards with everything that
+//! `posture`, `follow` and `track` with boards. With `--on virtual`: the images that users flash, on virtual boards with everything that
 //! is wired to them. The robot gets its task at the serial port of the front board.
 
 use crate::base::error::Error;
 use crate::base::output;
 use crate::base::table::Table;
-use crate::experiments::arguments::{Common, RobotArgs, VirtualArgs};
+use crate::experiments::arguments::{Common, Place, RobotArgs, SensorArgs, VirtualArgs};
 use crate::experiments::follow::{self, FollowArgs};
 use crate::experiments::mission::{Mission, Outcome, Plan};
 use crate::experiments::posture::{self, PostureArgs, Variant};
-use crate::experiments::{Context, recorder};
+use crate::experiments::{Context, real_robot, recorder};
 use crate::recording::{About, LogArgs, Session};
 use crate::run::final_error::FinalError;
 use crate::run::path_run::PathMode;
@@ -122,10 +122,11 @@ fn images(args: &VirtualArgs) -> Result<Images, Error> {
 pub fn posture(args: &PostureArgs) -> Result<(), Error> {
     if args.trials.is_some() || args.rows.is_some() {
         return Err(Error::input(
-            "--trials, --rows: only in process; on virtual boards there is one run of the scenario's robot",
+            "--trials, --rows: only in process; on boards there is one run of one robot",
         ));
     }
     let mut context = Context::new(&args.common, "posture")?;
+    check_real(&args.robot, &args.sensors, &args.common)?;
     args.sensors.apply(&mut context.scenario);
     posture::place(args, &mut context)?;
     let variant = Variant::of(&context.scenario);
@@ -133,15 +134,43 @@ pub fn posture(args: &PostureArgs) -> Result<(), Error> {
     let taken: Vec<_> = from.into_iter().collect();
     context.check_keys(&taken, &[(&context.scenario, Use::Virtual)])?;
     let mission = Mission::Posture(variant);
-    run(&context, &mission, (&args.common, &args.log, &args.robot))
+    run_on(&context, &mission, (&args.common, &args.log, &args.robot))
 }
 
 /// Runs `cfmmr follow` or `cfmmr track` with boards.
 pub fn follow(args: &FollowArgs, path_mode: PathMode) -> Result<(), Error> {
     let mut context = Context::new(&args.common, follow::names(path_mode).0)?;
+    check_real(&args.robot, &args.drive.sensors, &args.common)?;
     let course = follow::prepare(args, &mut context, Use::VirtualPath)?;
     let mission = Mission::Path(Box::new(course), path_mode);
-    run(&context, &mission, (&args.common, &args.log, &args.robot))
+    run_on(&context, &mission, (&args.common, &args.log, &args.robot))
+}
+
+/// Refuses what a real robot has of its own.
+fn check_real(robot: &RobotArgs, sensors: &SensorArgs, common: &Common) -> Result<(), Error> {
+    let given = [
+        ("--imu", sensors.imu),
+        ("--no-rps", sensors.no_rps),
+        ("--world", common.scenario.choice.world.is_some()),
+    ];
+    match given.iter().find(|(_, given)| *given) {
+        Some((option, _)) if matches!(robot.on, Place::Serial(_)) => Err(Error::input(format!(
+            "{option}: no effect with --on serial: a real robot has its sensors and its surroundings"
+        ))),
+        _ => Ok(()),
+    }
+}
+
+fn run_on(
+    context: &Context,
+    mission: &Mission,
+    arguments: (&Common, &LogArgs, &RobotArgs),
+) -> Result<(), Error> {
+    let (_, log, args) = arguments;
+    match args.on {
+        Place::Serial(_) => real_robot::run(context, mission, (log, args)),
+        _ => run(context, mission, arguments),
+    }
 }
 
 fn run(
@@ -295,7 +324,7 @@ impl Drive<'_> {
 }
 
 fn report(robot: &mut VirtualRobot, reached: bool, goal: &[f64; 3], start: Instant) -> Report {
-    let error = FinalError::of(robot.plant().midpoint(), *goal);
+    let error = FinalError::of(robot.record().midpoint, *goal);
     Report {
         experiment: Value::Null,
         e_m: error.e_m,

@@ -6,11 +6,15 @@ use core_algos::math::Posture;
 
 type Row = Vec<(&'static str, Cell)>;
 
-/// Appends values with the names of their columns, separated by spaces.
+/// Appends values with the names of their columns, separated by spaces. A value that is not known is an empty cell.
 fn put<C: Copy + Into<Cell>>(row: &mut Row, names: &'static str, values: &[C]) {
     let names = names.split(' ');
     debug_assert_eq!(names.clone().count(), values.len());
-    row.extend(names.zip(values).map(|(name, &value)| (name, value.into())));
+    let cell = |value: C| match value.into() {
+        Cell::Double(value) if value.is_nan() => Cell::Empty,
+        cell => cell,
+    };
+    row.extend(names.zip(values).map(|(name, &value)| (name, cell(value))));
 }
 
 fn row(record: &Record) -> Row {

@@ -11,5 +11,6 @@ pub mod real_time;
 pub mod recovery;
 pub mod regulate;
 pub mod robot;
+pub mod serial_robot;
 pub mod simulation;
 pub mod virtual_robot;

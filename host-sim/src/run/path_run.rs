@@ -76,6 +76,10 @@ impl Route {
             };
             deviations[i] = Deviation::of([x, y, phi], &self.path.at(places[i]));
         }
+        if record.midpoint[0].is_nan() {
+            // The place of a robot whose true posture is not known is the estimated one.
+            places[0] = places[1];
+        }
         deviations
     }
 
@@ -228,10 +232,18 @@ impl Sums {
 
     fn errors(&self, last: &Deviation) -> Errors {
         let rms = |sum: f64| (sum / self.count.max(1.0)).sqrt();
+        // The largest of unknown values is not known either.
+        let largest = |value: f64| {
+            if self.distance.is_nan() {
+                f64::NAN
+            } else {
+                value
+            }
+        };
         Errors {
             rms_m: rms(self.distance),
-            max_m: self.max,
-            max_cross_track_m: self.max_lateral,
+            max_m: largest(self.max),
+            max_cross_track_m: largest(self.max_lateral),
             rms_heading_rad: rms(self.heading),
             final_m: last.distance_m,
             final_heading_rad: last.heading_rad,

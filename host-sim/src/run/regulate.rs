@@ -84,7 +84,7 @@ struct Drive {
 impl Drive {
     fn new(robot: &impl Robot) -> Self {
         Self {
-            last: robot.plant().midpoint(),
+            last: robot.record().midpoint,
             phase: Phase::Stop,
             direction: 0.0,
             steering: 0.0,
@@ -165,8 +165,10 @@ pub fn regulate_on(
         }
         simulation.step()?;
         if now >= settle {
-            let wrench = simulation.plant().wrench();
-            force_square += wrench.force[0].powi(2) + wrench.force[1].powi(2);
+            let [x, y] = simulation
+                .plant()
+                .map_or([f64::NAN; 2], |plant| plant.wrench().force);
+            force_square += x.powi(2) + y.powi(2);
             count += 1;
             drive.steering = drive.steering.max(simulation.steering().abs());
         }

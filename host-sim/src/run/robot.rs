@@ -38,6 +38,23 @@ pub struct Record {
 }
 
 impl Record {
+    /// The lead node's output of a robot whose true state is not known: that is NaN.
+    pub fn without_truth(now: Micros, lead: lead::Output) -> Self {
+        const UNKNOWN: f64 = f64::NAN;
+        Self {
+            time_s: now as f64 * 1e-6,
+            midpoint: [UNKNOWN; 3],
+            axles: [[UNKNOWN; 3]; 2],
+            lead,
+            torque: [[UNKNOWN; 2]; 2],
+            wrench: [UNKNOWN; 4],
+            relative: [UNKNOWN; 3],
+            frame: [[f32::NAN; 2]; FRAME_POINTS],
+            wheel_speed: [[UNKNOWN; 2]; 2],
+            strain: [f32::NAN; MAX_GAUGES],
+        }
+    }
+
     /// The plant as it is at `now`, with what is known of the boards: the lead node's latest step, and
     /// the strains of the gauges.
     pub fn of(
@@ -118,8 +135,8 @@ pub trait Robot {
     fn step(&mut self) -> Result<(), Error>;
     /// The state for logs and pictures.
     fn record(&self) -> Record;
-    /// The robot as it is.
-    fn plant(&self) -> &Plant;
+    /// The robot as it is; `None` if it is a real one.
+    fn plant(&self) -> Option<&Plant>;
     /// Monitor of the heartbeats.
     fn monitor(&self) -> &Monitor;
     /// True if the robot was at rest long enough to end the run.
@@ -133,18 +150,22 @@ pub trait Robot {
     /// Counters of the bus between the boards.
     fn bus(&self) -> BusStatistics;
 
-    /// True steering angle ψ, rad: half the angle between the axles.
+    /// True steering angle ψ, rad, or NaN: half the angle between the axles.
     fn steering(&self) -> f64 {
-        let [front, rear] = self.plant().state().axle.map(|axle| axle.posture[2]);
-        0.5 * (front - rear)
+        self.plant().map_or(f64::NAN, |plant| {
+            let [front, rear] = plant.state().axle.map(|axle| axle.posture[2]);
+            0.5 * (front - rear)
+        })
     }
 
-    /// True speed of the faster axle's midpoint, m/s.
+    /// True speed of the faster axle's midpoint, m/s, or NaN.
     fn speed(&self) -> f64 {
-        let speeds = self.plant().state().axle.map(|axle| {
-            let [forward, across, _] = axle.velocity;
-            forward.hypot(across)
-        });
-        speeds[0].max(speeds[1])
+        self.plant().map_or(f64::NAN, |plant| {
+            let speeds = plant.state().axle.map(|axle| {
+                let [forward, across, _] = axle.velocity;
+                forward.hypot(across)
+            });
+            speeds[0].max(speeds[1])
+        })
     }
 }

@@ -510,8 +510,8 @@ impl Robot for Simulation {
         self.record()
     }
 
-    fn plant(&self) -> &Plant {
-        self.plant()
+    fn plant(&self) -> Option<&Plant> {
+        Some(self.plant())
     }
 
     fn monitor(&self) -> &Monitor {

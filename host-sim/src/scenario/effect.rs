@@ -154,6 +154,14 @@ impl GivenKeys {
         }
         Ok(())
     }
+
+    /// Refuses a key of `--set` outside of `table`, with the reason.
+    pub fn check_only(&self, table: &str, reason: &str) -> Result<(), Error> {
+        match self.set.iter().find(|key| !within(key, table)) {
+            Some(key) => Err(Error::input(format!("--set {key}: no effect {reason}"))),
+            None => Ok(()),
+        }
+    }
 }
 
 /// Keys whose place a command takes, each with the reason.

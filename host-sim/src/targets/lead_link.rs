@@ -133,6 +133,11 @@ impl LeadLink {
         self.lost
     }
 
+    /// Damaged frames at the port.
+    pub fn damaged(&self) -> u32 {
+        self.decoder.counters().damaged
+    }
+
     /// Build of the board's image, once it has answered.
     pub fn build(&self) -> &str {
         &self.build

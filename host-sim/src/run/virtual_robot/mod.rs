@@ -97,6 +97,8 @@ pub struct VirtualRobot {
     inertial: bool,
     biases: [[f64; 2]; 2],
     link: LeadLink,
+    /// True if this program is the host at the front board's serial port.
+    hosted: bool,
     clock: Clock,
     /// Place where the robot is put, as the lead node is told.
     place: Place,
@@ -219,6 +221,7 @@ impl VirtualRobot {
             inertial: scenario.world.sensors.gyro.fitted,
             biases: Default::default(),
             link: LeadLink::default(),
+            hosted: false,
             clock: Clock::default(),
             place: Place { center, relative },
             lead: lead::Output::default(),
@@ -339,7 +342,10 @@ impl VirtualRobot {
             }
         }
         self.booted = self.network.now();
-        self.link.open(self.place);
+        self.hosted = options.host;
+        if options.host {
+            self.link.open(self.place);
+        }
         for (place, watch) in self.watches.iter_mut().enumerate() {
             let lost = self.network.wire().statistics(place).given_up;
             if let Some(board) = self.network.board(place) {
@@ -554,8 +560,8 @@ impl Robot for VirtualRobot {
         Record::of(self.now(), &self.plant, &self.outline, seen)
     }
 
-    fn plant(&self) -> &Plant {
-        &self.plant
+    fn plant(&self) -> Option<&Plant> {
+        Some(&self.plant)
     }
 
     fn monitor(&self) -> &Monitor {

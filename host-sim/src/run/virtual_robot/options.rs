@@ -22,6 +22,8 @@ pub struct Options {
     pub vary: fn(Role, &mut ChipVariation),
     /// Nodes at the bus beside the boards.
     pub others: usize,
+    /// True if this program is the host at the front board's serial port.
+    pub host: bool,
 }
 
 /// A chip within the limits of its data sheet.
@@ -46,6 +48,7 @@ impl Default for Options {
             fast_ppb: [None; 3],
             vary: |_, _| {},
             others: 0,
+            host: true,
         }
     }
 }

@@ -34,6 +34,9 @@ impl VirtualRobot {
 
     /// Takes what the front board sent at its serial port.
     pub(super) fn answer(&mut self) -> Result<(), Error> {
+        if !self.hosted {
+            return Ok(());
+        }
         let port = self.serial(Role::Front);
         let sent = port.map(|port| std::mem::take(&mut port.sent));
         if self.link.take(&sent.unwrap_or_default())?

@@ -1,0 +1,185 @@
+//! `posture`, `follow` and `track` with `--on serial:front=PORT`: a real robot, which gets its task at the serial port of
+//! its front board. Its true posture is not known: errors are those of its own estimate.
+
+use crate::base::error::Error;
+use crate::base::table::Table;
+use crate::experiments::arguments::{Place as Boards, RobotArgs};
+use crate::experiments::mission::{Mission, Outcome, Plan};
+use crate::experiments::{Context, recorder};
+use crate::recording::{About, LogArgs, Session, csv};
+use crate::run::final_error::FinalError;
+use crate::run::recovery::Status;
+use crate::run::robot::{Record, Robot};
+use crate::run::serial_robot::SerialRobot;
+use crate::targets::serial::Serial;
+use core_algos::link::protocol::Place;
+use core_algos::math::Posture;
+use core_algos::topology::Role;
+use serde::Serialize;
+use std::path::PathBuf;
+
+/// Result.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+struct Report {
+    /// Build of the front board's image.
+    build: String,
+    /// True if the robot reported its task done.
+    reached: bool,
+    /// Why the run ended before its task, if so.
+    ended: Option<String>,
+    /// Time from the beginning of the task to its end, s.
+    duration_s: f64,
+    /// Estimated posture of the midpoint at the end: m, m, rad.
+    estimate: [f64; 3],
+    /// Distance of the estimated midpoint from the goal, m.
+    e_estimated_m: f64,
+    /// Estimated heading less that of the goal, rad.
+    heading_estimated_rad: f64,
+    /// Claimed 95 % errors: half axis of the position (m), half the interval of the heading (rad).
+    claimed: [f64; 2],
+    /// Largest distance of the estimated midpoint from the path, m.
+    max_cross_track_m: Option<f64>,
+    /// Bus frames that the front board reported, and those that it had no room for.
+    frames: u64,
+    /// Lost frames.
+    lost: u16,
+    /// Heartbeats: every change of state.
+    nodes: Vec<Status>,
+}
+
+/// Runs the task of a command.
+pub fn run(
+    context: &Context,
+    mission: &Mission,
+    (log, args): (&LogArgs, &RobotArgs),
+) -> Result<(), Error> {
+    args.refuse_of_virtual_boards()?;
+    context.check_mission_keys()?;
+    let plan = Plan::new(&args.plan, 0.0)?;
+    recorder::check(log)?;
+    let Boards::Serial([Some(front), None, None]) = &args.on else {
+        return Err(Error::input(
+            "--on serial: must be serial:front=PORT: the front board's port is that of the robot",
+        ));
+    };
+    let port = Serial::open(front, args.baud)
+        .map_err(|error| Error::input(format!("--on serial:front={error}")))?;
+    let scenario = mission.scenario(context);
+    let [x, y, phi] = scenario.mission.start.map(|value| value as f32);
+    let (center, relative) = scenario.robot.put_down(Posture::new(x, y, phi));
+    let mut robot = SerialRobot::open(Box::new(port), Place { center, relative })?;
+    robot.limit(plan.span);
+    let interrupt = context.interrupt();
+    robot.stop_on(interrupt.clone());
+    let about = About {
+        command: &context.name,
+        seed: context.seed,
+        trial: 0,
+        scenario: &scenario,
+    };
+    let (goal, path) = mission.goal(&scenario);
+    let session = Session::begin(log, &about)?;
+    if let Some(session) = &session {
+        session.plan(goal, &path);
+        session.await_viewer(interrupt)?;
+        robot.observe(Box::new(session.clone()));
+    }
+    if let Some(shown) = recorder::dashboard(log, &about, goal, interrupt)? {
+        robot.observe(shown);
+    }
+    let outcome = mission.drive(&mut robot, &scenario)?;
+    robot.dismiss_observers();
+    let recorded = match &session {
+        Some(session) => session.close(recorder::ended(interrupt, robot.failure().as_deref()))?,
+        None => Vec::new(),
+    };
+    let report = report(&robot, &outcome, goal);
+    // Stops the robot.
+    drop(robot);
+    publish(context, &report, &outcome, &recorded)
+}
+
+fn publish(
+    context: &Context,
+    report: &Report,
+    outcome: &Outcome,
+    recorded: &[PathBuf],
+) -> Result<(), Error> {
+    let mut files = context.output()?;
+    let records: Vec<Record> = outcome.records();
+    files.csv("log.csv", csv::of_records(&records));
+    let failed = match (&report.ended, report.reached) {
+        (Some(why), _) => Some(why.clone()),
+        (None, false) => Some("the robot did not come to rest on the goal".to_owned()),
+        (None, true) => None,
+    };
+    context.finish(&table(report), report, files, recorded, failed)
+}
+
+fn report(robot: &SerialRobot, outcome: &Outcome, goal: [f64; 3]) -> Report {
+    let fused = robot.record().lead.fused.robot;
+    let at = fused.posture;
+    let estimate = [at.x, at.y, at.phi].map(f64::from);
+    let error = FinalError::of(estimate, goal);
+    let path = match outcome {
+        Outcome::Posture(_) => None,
+        Outcome::Path(outcome, _) => Some(outcome.estimate.max_cross_track_m),
+    };
+    Report {
+        build: robot.build().to_owned(),
+        reached: outcome.done(),
+        ended: robot.failure(),
+        duration_s: outcome.duration_s(),
+        estimate,
+        e_estimated_m: error.e_m,
+        heading_estimated_rad: error.heading_rad,
+        claimed: fused.half_axes_95().map(f64::from),
+        max_cross_track_m: path,
+        frames: robot.bus().sent,
+        lost: robot.lost(),
+        nodes: robot.monitor().changes().to_vec(),
+    }
+}
+
+fn table(report: &Report) -> String {
+    let mut table = Table::new(["robot at its front board", ""]);
+    let mut row = |name: &str, value: String| {
+        table.row([name.to_owned(), value]);
+    };
+    row("build", report.build.clone());
+    let end = match (&report.ended, report.reached) {
+        (Some(_), _) => "stopped by a fault",
+        (None, true) => "at rest on the goal",
+        (None, false) => "NOT at rest on the goal",
+    };
+    row("end", format!("{end} after {:.1} s", report.duration_s));
+    row(
+        "estimate less goal",
+        format!(
+            "{:.1} cm, {:.2}°",
+            100.0 * report.e_estimated_m,
+            report.heading_estimated_rad.to_degrees()
+        ),
+    );
+    let [position, heading] = report.claimed;
+    row(
+        "95 % error of the estimate",
+        format!("{:.1} cm, {:.2}°", 100.0 * position, heading.to_degrees()),
+    );
+    if let Some(distance) = report.max_cross_track_m {
+        row(
+            "largest estimated distance from the path",
+            format!("{:.1} mm", 1e3 * distance),
+        );
+    }
+    row(
+        "bus frames",
+        format!("{} reported, {} lost", report.frames, report.lost),
+    );
+    let mut text = format!("{table}\n");
+    let role = Role::Front.name();
+    if report.lost > 0 {
+        text += &format!("the {role} board had no room for {} frames\n", report.lost);
+    }
+    text
+}

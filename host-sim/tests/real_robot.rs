@@ -1,0 +1,172 @@
+//! A robot at a serial port. The port is a pseudo-terminal, the robot behind it is one of virtual boards.
+
+mod terminal;
+
+use core_algos::topology::Role;
+use host_sim::run::robot::Robot;
+use host_sim::run::virtual_robot::{Options, VirtualRobot};
+use host_sim::scenario::Scenario;
+use host_sim::targets::board_log::BoardLog;
+use host_sim::targets::images::Images;
+use host_sim::targets::link::Descriptors;
+use serde_json::Value;
+use std::fs::{self, File};
+use std::path::Path;
+use std::process::{Command, Output};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
+use terminal::pseudo_terminal;
+use virtual_board::Time;
+
+/// A robot whose front board is at a port, until it is dropped.
+struct Bench {
+    port: String,
+    done: Arc<AtomicBool>,
+    robot: Option<JoinHandle<VirtualRobot>>,
+}
+
+impl Bench {
+    fn new(scenario: &Scenario) -> Self {
+        let (master, port) = pseudo_terminal();
+        let file = File::from(master);
+        let mut wire = Descriptors::new(file.try_clone().unwrap(), file);
+        let images = Images::open(None, None, None).unwrap();
+        let options = Options {
+            host: false,
+            ..Options::default()
+        };
+        let logs = [(); 3].map(|()| BoardLog::quiet());
+        let mut robot = VirtualRobot::new(scenario, &images, 1, 0, &options, &logs).unwrap();
+        let done = Arc::new(AtomicBool::new(false));
+        let end = done.clone();
+        let robot = thread::spawn(move || {
+            robot.keep_pace();
+            let mut room = [0; 512];
+            while !end.load(Relaxed) {
+                robot.step().unwrap();
+                let now = Time::from_micros((robot.boot_s() * 1e6).round() as u64 + robot.now());
+                // Nobody has opened the other end yet, or any more.
+                let count = wire.receive(&mut room, Duration::ZERO).unwrap_or(0);
+                let port = robot.serial(Role::Front).unwrap();
+                port.send(&room[..count], now);
+                let sent = std::mem::take(&mut port.sent);
+                let _ = wire.send(&sent);
+            }
+            robot
+        });
+        Self {
+            port,
+            done,
+            robot: Some(robot),
+        }
+    }
+
+    fn run(&self, folder: &Path, arguments: &[&str]) -> Output {
+        Command::new(env!("CARGO_BIN_EXE_cfmmr"))
+            .args(arguments)
+            .args(["--on", &format!("serial:front={}", self.port)])
+            .current_dir(folder)
+            .output()
+            .unwrap()
+    }
+
+    /// The robot after the run.
+    fn robot(mut self) -> VirtualRobot {
+        self.done.store(true, Relaxed);
+        let mut robot = self.robot.take().unwrap().join().unwrap();
+        for _ in 0..1500 {
+            robot.step().unwrap();
+        }
+        robot
+    }
+}
+
+fn result(folder: &Path, command: &str) -> Value {
+    let file = folder.join("out").join(command).join("result.json");
+    serde_json::from_slice(&fs::read(file).unwrap()).unwrap()
+}
+
+/// The command drives the robot to its goal and stops it; what it cannot know is missing, not zero.
+#[test]
+fn a_robot_at_a_serial_port_drives_to_its_goal() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut scenario = Scenario::default();
+    scenario.mission.start = [-0.6, 0.1, 0.2];
+    let bench = Bench::new(&scenario);
+    for wrong in [
+        &["posture", "--imu"][..],
+        &["posture", "--set", "plant.friction=0.5"],
+        &["follow", "--world", "ordinary"],
+        &["track", "--kill", "rear@1"],
+    ] {
+        let output = bench.run(folder.path(), wrong);
+        assert_eq!(output.status.code(), Some(2), "{wrong:?}");
+    }
+    let output = bench.run(folder.path(), &["posture", "--from", "-0.6,0.1,0.2"]);
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success(), "{said}");
+    let report = result(folder.path(), "posture");
+    assert_eq!(
+        (&report["reached"], &report["lost"]),
+        (&true.into(), &0.into())
+    );
+    assert!(report["e_estimated_m"].as_f64().unwrap() < 0.02, "{report}");
+    assert!(report["claimed"][0].as_f64().unwrap() > 0.0);
+    let log = fs::read_to_string(folder.path().join("out/posture/log.csv")).unwrap();
+    let mut lines = log.lines();
+    let columns: Vec<&str> = lines.next().unwrap().split(',').collect();
+    let last: Vec<&str> = lines.next_back().unwrap().split(',').collect();
+    let cell = |name: &str| last[columns.iter().position(|column| *column == name).unwrap()];
+    assert_eq!((cell("x_m"), cell("torque_front_left_nm")), ("", ""));
+    assert!(cell("x_est_m").parse::<f64>().unwrap().abs() < 0.02);
+    let robot = bench.robot();
+    let [x, y, _] = robot.record().midpoint;
+    assert!(x.hypot(y) < 0.05, "{x} {y}");
+    assert!(
+        robot
+            .plant()
+            .unwrap()
+            .state()
+            .axle
+            .iter()
+            .all(|axle| axle.torque == [0.0; 2])
+    );
+}
+
+/// A path is sent in parts while the robot drives. Ended early, the run leaves a robot at rest with its motors off.
+#[test]
+fn a_robot_at_a_serial_port_is_stopped_at_the_end_of_the_run() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut scenario = Scenario::default();
+    scenario.mission.start = [0.0; 3];
+    let bench = Bench::new(&scenario);
+    let arguments = [
+        "follow",
+        "--path",
+        "line",
+        "--size",
+        "3",
+        "--stop-after",
+        "4",
+    ];
+    let output = bench.run(folder.path(), &arguments);
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    let report = result(folder.path(), "follow");
+    assert!(report["reached"] == false && report["estimate"][0].as_f64().unwrap() > 0.1);
+    let robot = bench.robot();
+    let [x, y, _] = robot.record().midpoint;
+    assert!((0.1..1.5).contains(&x) && y.abs() < 0.1, "{x} {y}");
+    assert!(robot.speed() < 1e-3);
+    assert!(
+        robot
+            .plant()
+            .unwrap()
+            .state()
+            .axle
+            .iter()
+            .all(|axle| axle.torque == [0.0; 2])
+    );
+}
