@@ -3,6 +3,7 @@
 mod terminal;
 
 use core_algos::topology::Role;
+use host_sim::run::real_time::RealTimeLimiter;
 use host_sim::run::robot::Robot;
 use host_sim::run::virtual_robot::{Options, VirtualRobot};
 use host_sim::scenario::Scenario;
@@ -42,7 +43,7 @@ impl Bench {
         let done = Arc::new(AtomicBool::new(false));
         let end = done.clone();
         let robot = thread::spawn(move || {
-            robot.keep_pace();
+            robot.control_mut().pace = Some(RealTimeLimiter::new());
             let mut room = [0; 512];
             while !end.load(Relaxed) {
                 robot.step().unwrap();

@@ -260,12 +260,14 @@ impl RobotFusion {
 
     /// Repairs the joint filter's covariance if it is time: what the next tick would begin with, so
     /// that the tick itself is short. Whether it is called changes nothing in what [`Self::step`]
-    /// gives.
-    pub fn prepare(&self, state: &mut State) {
-        if let (0, Tracks::Joint(joint)) = (state.until_condition, &mut state.tracks) {
-            state.until_condition = CONDITION_INTERVAL;
-            self.joint.condition(joint, CONDITION_INTERVAL);
-        }
+    /// gives. True if there was something to repair.
+    pub fn prepare(&self, state: &mut State) -> bool {
+        let (0, Tracks::Joint(joint)) = (state.until_condition, &mut state.tracks) else {
+            return false;
+        };
+        state.until_condition = CONDITION_INTERVAL;
+        self.joint.condition(joint, CONDITION_INTERVAL);
+        true
     }
 
     /// One tick.

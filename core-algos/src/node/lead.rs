@@ -284,10 +284,12 @@ impl LeadNode {
     /// the next step that are known already. Without it the next step does all of the work, with
     /// the same result.
     pub fn prepare(&mut self) {
-        if let Some(fusion) = self.state.fusion.as_mut() {
-            self.with.fusion.prepare(fusion);
+        let fusion = self.state.fusion.as_mut();
+        if fusion.is_some_and(|fusion| self.with.fusion.prepare(fusion)) {
+            return;
         }
-        let ticks = (EPOCH / TICK) as u32 - 2;
+        // One of these ticks may have gone to the fusion.
+        let ticks = (EPOCH / TICK) as u32 - 3;
         self.with
             .regulator
             .plan_ahead(&mut self.state.regulator, ticks);

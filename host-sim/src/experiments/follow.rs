@@ -8,7 +8,7 @@ use crate::base::table::Table;
 use crate::experiments::Context;
 use crate::experiments::arguments::{Common, RobotArgs, SensorArgs, parse_posture};
 use crate::experiments::posture::Variant;
-use crate::experiments::recorder::Recorder;
+use crate::experiments::recorder::Stage;
 use crate::paths::Path;
 use crate::recording::{About, LogArgs, csv};
 use crate::run::path_run::{self, Deviation, Errors, Moment, Outcome, PathMode, Route};
@@ -151,21 +151,18 @@ pub fn run(args: &FollowArgs, path_mode: PathMode) -> Result<(), Error> {
         trial: 0,
         scenario,
     };
-    let recorder = Recorder::begin(
-        &args.log,
-        &about,
-        route.goal(),
-        &route.postures(),
-        context.interrupt(),
-    )?;
+    let path = route.postures();
+    let goal = (route.goal(), &path[..]);
+    let stage = Stage::begin(&args.log, &about, goal, context.interrupt())?;
     let mut kept = Kept::new(route);
-    let mut simulation = recorder.simulation()?;
+    let mut simulation = stage.simulation()?;
     let see = |moment: &Moment| kept.see(moment);
-    let outcome = path_run::drive_on(&mut simulation, scenario, route, path_mode, see)?;
+    let driven = stage.run(&mut simulation, |robot| {
+        path_run::drive_on(robot, scenario, route, path_mode, see)
+    })?;
+    let (outcome, recorded) = (driven.outcome, driven.recorded);
     let failure = simulation.failure();
     let why = (!outcome.done).then(|| failure.unwrap_or("time limit".to_owned()));
-    drop(simulation);
-    let recorded = recorder.close()?;
     let (text, report, files) = publish(&context, &course, path_mode, (&outcome, &why), &kept)?;
     let failed = why.map(|why| format!("not at rest at the end of the path: {why}"));
     context.finish(&text, &report, files, &recorded, failed)

@@ -1,19 +1,21 @@
 //! `cfmmr hil`: an experiment with virtual or real boards in the loop.
 
 use crate::base::error::Error;
-use crate::base::numbers::number;
 use crate::base::table::Table;
+use crate::experiments::Context;
 use crate::experiments::arguments::{BoardArgs, Common, PlanArgs, RobotArgs, parse_posture};
 use crate::experiments::boards::{DEFAULT_FLASH, Links};
 use crate::experiments::follow::DriveArgs;
 use crate::experiments::follow::{self, FollowArgs};
 use crate::experiments::mission::{Mission, Outcome, Plan};
 use crate::experiments::posture::Variant;
-use crate::experiments::{Context, recorder};
-use crate::recording::{About, LogArgs, Session};
+use crate::experiments::recorder::Stage;
+use crate::recording::{About, LogArgs};
 use crate::run::bit_compare::{Difference, Trace};
 use crate::run::path_run::PathMode;
+use crate::run::real_time::RealTimeLimiter;
 use crate::run::recovery::Status;
+use crate::run::robot::Robot;
 use crate::run::simulation::Simulation;
 use crate::scenario::Scenario;
 use crate::scenario::effect::Use;
@@ -28,7 +30,6 @@ use serde_json::Value;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
-use std::time::Instant;
 
 /// Arguments of `hil`.
 #[derive(Clone, Debug, Args)]
@@ -51,12 +52,6 @@ pub struct HilArgs {
     /// Run the nodes in this program too and compare every bit
     #[arg(long)]
     pub compare: bool,
-    /// Probability that the bus loses a frame [default: the scenario's, 0]
-    #[arg(long, value_name = "P", value_parser = number)]
-    pub link_loss: Option<f64>,
-    /// Latency of the bus, ms [default: the scenario's, 2]
-    #[arg(long, value_name = "MS")]
-    pub link_delay: Option<u32>,
     /// Sensors, start and speed.
     #[command(flatten)]
     pub drive: DriveArgs,
@@ -155,12 +150,6 @@ fn prepare(args: &HilArgs, context: &mut Context) -> Result<Mission, Error> {
         ));
     }
     let scenario = &mut context.scenario;
-    if let Some(loss) = args.link_loss {
-        scenario.world.bus.loss = loss;
-    }
-    if let Some(delay) = args.link_delay {
-        scenario.world.bus.latency_ms = delay;
-    }
     args.drive.sensors.apply(scenario);
     if !scenario.mission.rps && args.boards.port(Role::Beam).is_some() {
         return Err(Error::input(
@@ -241,15 +230,17 @@ fn measure(
     logs: &[BoardLog; 3],
 ) -> Result<Measured, Error> {
     let mut scenario = task.scenario(context);
-    let mut targets = boards(args, &mut scenario, logs)?;
+    let targets = boards(args, &mut scenario, logs)?;
     let about = About {
         command: "hil",
         seed: context.seed,
         trial: 0,
         scenario: &scenario,
     };
-    recorder::check(&args.log)?;
-    let session = Session::begin(&args.log, &about)?;
+    let (goal, path) = task.goal(&scenario);
+    let mut stage = Stage::begin(&args.log, &about, (goal, &path), interrupt)?;
+    stage.span = plan.span;
+    stage.real_time |= args.plan.real_time;
     let prepare = |targets: [Box<dyn Target>; 3]| -> Result<Simulation, Error> {
         let mut simulation = Simulation::on(targets, &scenario, context.seed, 0)?;
         simulation
@@ -258,37 +249,13 @@ fn measure(
         if plan.restart_after.is_some() {
             simulation.recover_after(RECOVERY_PAUSE);
         }
-        simulation.limit(plan.span);
-        simulation.stop_on(interrupt.clone());
+        simulation.control_mut().span = plan.span;
+        simulation.control_mut().interrupt = Some(interrupt.clone());
         simulation.record_trace();
         Ok(simulation)
     };
-    let (goal, path) = task.goal(&scenario);
-    if let Some(session) = &session {
-        targets = session.tap(targets, &scenario);
-        session.plan(goal, &path);
-        session.await_viewer(interrupt)?;
-    }
-    let mut simulation = prepare(targets)?;
-    if let Some(session) = &session {
-        simulation.observe(Box::new(session.clone()));
-    }
-    if let Some(shown) = recorder::dashboard(&args.log, &about, goal, interrupt)? {
-        simulation.observe(shown);
-    }
-    if args.plan.real_time || args.log.is_watched() {
-        simulation.keep_pace();
-    }
-    let start = Instant::now();
-    let outcome = task.drive(&mut simulation, &scenario)?;
-    let wall_s = start.elapsed().as_secs_f64();
-    simulation.dismiss_observers();
-    let recorded = match &session {
-        Some(session) => {
-            session.close(recorder::ended(interrupt, simulation.failure().as_deref()))?
-        }
-        None => Vec::new(),
-    };
+    let mut simulation = prepare(stage.tap(targets))?;
+    let driven = stage.run(&mut simulation, |robot| task.drive(robot, &scenario))?;
     let trace = simulation.take_trace().unwrap_or_default();
     let difference = match args.compare {
         true => {
@@ -298,12 +265,12 @@ fn measure(
         }
         false => None,
     };
-    let report = report(&mut simulation, &trace, wall_s, difference.as_ref());
+    let report = report(&mut simulation, &trace, driven.wall_s, difference.as_ref());
     Ok(Measured {
-        outcome,
+        outcome: driven.outcome,
         difference: difference.flatten(),
         report,
-        recorded,
+        recorded: driven.recorded,
     })
 }
 
@@ -325,7 +292,11 @@ fn report(
         boards: simulation.boards().reports(),
         nodes: simulation.monitor().changes().to_vec(),
         ended: simulation.failure(),
-        late_ticks: simulation.pace().map(|pace| pace.late()),
+        late_ticks: simulation
+            .control()
+            .pace
+            .as_ref()
+            .map(RealTimeLimiter::late),
     }
 }
 

@@ -3,10 +3,11 @@
 
 use crate::base::error::Error;
 use crate::base::table::Table;
+use crate::experiments::Context;
 use crate::experiments::arguments::{Place as Boards, RobotArgs};
 use crate::experiments::mission::{Mission, Outcome, Plan};
-use crate::experiments::{Context, recorder};
-use crate::recording::{About, LogArgs, Session, csv};
+use crate::experiments::recorder::{self, Stage};
+use crate::recording::{About, LogArgs, csv};
 use crate::run::final_error::FinalError;
 use crate::run::recovery::Status;
 use crate::run::robot::{Record, Robot};
@@ -67,10 +68,6 @@ pub fn run(
     let scenario = mission.scenario(context);
     let [x, y, phi] = scenario.mission.start.map(|value| value as f32);
     let (center, relative) = scenario.robot.put_down(Posture::new(x, y, phi));
-    let mut robot = SerialRobot::open(Box::new(port), Place { center, relative })?;
-    robot.limit(plan.span);
-    let interrupt = context.interrupt();
-    robot.stop_on(interrupt.clone());
     let about = About {
         command: &context.name,
         seed: context.seed,
@@ -78,25 +75,16 @@ pub fn run(
         scenario: &scenario,
     };
     let (goal, path) = mission.goal(&scenario);
-    let session = Session::begin(log, &about)?;
-    if let Some(session) = &session {
-        session.plan(goal, &path);
-        session.await_viewer(interrupt)?;
-        robot.observe(Box::new(session.clone()));
-    }
-    if let Some(shown) = recorder::dashboard(log, &about, goal, interrupt)? {
-        robot.observe(shown);
-    }
-    let outcome = mission.drive(&mut robot, &scenario)?;
-    robot.dismiss_observers();
-    let recorded = match &session {
-        Some(session) => session.close(recorder::ended(interrupt, robot.failure().as_deref()))?,
-        None => Vec::new(),
-    };
-    let report = report(&robot, &outcome, goal);
+    let mut stage = Stage::begin(log, &about, (goal, &path), context.interrupt())?;
+    stage.span = plan.span;
+    // Time is the computer's.
+    stage.real_time = false;
+    let mut robot = SerialRobot::open(Box::new(port), Place { center, relative })?;
+    let driven = stage.run(&mut robot, |robot| mission.drive(robot, &scenario))?;
+    let report = report(&robot, &driven.outcome, goal);
     // Stops the robot.
     drop(robot);
-    publish(context, &report, &outcome, &recorded)
+    publish(context, &report, &driven.outcome, &driven.recorded)
 }
 
 fn publish(

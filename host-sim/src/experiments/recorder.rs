@@ -1,18 +1,20 @@
-//! Recording and display of a run in this process.
+//! Recording and display of a run.
 
 use crate::base::error::Error;
 use crate::recording::{About, LogArgs, Session};
-use crate::run::robot::Observer;
+use crate::run::real_time::RealTimeLimiter;
+use crate::run::robot::{Observer, Robot, Span};
 use crate::run::simulation::Simulation;
-use crate::targets;
+use crate::targets::{self, Target};
 use crate::view::dashboard::Dashboard;
 use crate::view::dashboard::terminal::Terminal;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::time::Instant;
 
 /// The dashboard, if it is asked for.
-pub fn dashboard(
+fn dashboard(
     args: &LogArgs,
     about: &About,
     goal: [f64; 3],
@@ -37,22 +39,35 @@ pub fn check(args: &LogArgs) -> Result<(), Error> {
     args.check()
 }
 
-/// A run in this process that is recorded or shown, if that is asked for.
-pub struct Recorder<'a> {
+/// The stage of a run: its bounds, its recording and its display.
+pub struct Stage<'a> {
     args: &'a LogArgs,
     about: &'a About<'a>,
     goal: [f64; 3],
     session: Option<Session>,
     interrupt: &'a Arc<AtomicBool>,
+    /// Bounds of the time.
+    pub span: Span,
+    /// True if no tick may begin before its time on the clock.
+    pub real_time: bool,
 }
 
-impl<'a> Recorder<'a> {
-    /// Begins the recording of a run to `goal`, along a path if it has points.
+/// A run that has ended.
+pub struct Driven<T> {
+    /// Result of the task.
+    pub outcome: T,
+    /// Files that were recorded.
+    pub recorded: Vec<PathBuf>,
+    /// Time from the first tick to the last, s.
+    pub wall_s: f64,
+}
+
+impl<'a> Stage<'a> {
+    /// Begins the recording of a run to a goal, along a path if it has points.
     pub fn begin(
         args: &'a LogArgs,
         about: &'a About<'a>,
-        goal: [f64; 3],
-        path: &[[f64; 3]],
+        (goal, path): ([f64; 3], &[[f64; 3]]),
         interrupt: &'a Arc<AtomicBool>,
     ) -> Result<Self, Error> {
         check(args)?;
@@ -65,12 +80,22 @@ impl<'a> Recorder<'a> {
             args,
             about,
             goal,
-            interrupt,
             session,
+            interrupt,
+            span: Span::default(),
+            real_time: args.is_watched(),
         })
     }
 
-    /// The run.
+    /// The boards, whose inputs and outputs are recorded.
+    pub fn tap(&self, targets: [Box<dyn Target>; 3]) -> [Box<dyn Target>; 3] {
+        match &self.session {
+            Some(session) => session.tap(targets, self.about.scenario),
+            None => targets,
+        }
+    }
+
+    /// A robot with its boards in this process.
     pub fn simulation(&self) -> Result<Simulation, Error> {
         let About {
             scenario,
@@ -78,34 +103,42 @@ impl<'a> Recorder<'a> {
             trial,
             ..
         } = *self.about;
-        let mut targets = targets::in_process();
+        Simulation::on(self.tap(targets::in_process()), scenario, seed, trial)
+    }
+
+    /// Has a robot carry out its task, and ends the recording.
+    pub fn run<R: Robot, T>(
+        &self,
+        robot: &mut R,
+        drive: impl FnOnce(&mut R) -> Result<T, Error>,
+    ) -> Result<Driven<T>, Error> {
         if let Some(session) = &self.session {
-            targets = session.tap(targets, scenario);
+            robot.observe(Box::new(session.clone()));
         }
-        let mut simulation = Simulation::on(targets, scenario, seed, trial)?;
-        if let Some(session) = &self.session {
-            simulation.observe(Box::new(session.clone()));
-        }
-        simulation.stop_on(self.interrupt.clone());
         if let Some(shown) = dashboard(self.args, self.about, self.goal, self.interrupt)? {
-            simulation.observe(shown);
+            robot.observe(shown);
         }
-        if self.args.is_watched() {
-            simulation.keep_pace();
-        }
-        Ok(simulation)
+        let control = robot.control_mut();
+        control.span = self.span;
+        control.interrupt = Some(self.interrupt.clone());
+        control.pace = self.real_time.then(RealTimeLimiter::new);
+        let start = Instant::now();
+        let outcome = drive(robot)?;
+        let wall_s = start.elapsed().as_secs_f64();
+        // Displays close.
+        robot.control_mut().observers.clear();
+        let why = robot.failure();
+        let ended = why
+            .as_deref()
+            .or(self.interrupt.load(Relaxed).then_some("interrupted"));
+        let recorded = match &self.session {
+            Some(session) => session.close(ended)?,
+            None => Vec::new(),
+        };
+        Ok(Driven {
+            outcome,
+            recorded,
+            wall_s,
+        })
     }
-
-    /// Ends the recording; gives the files.
-    pub fn close(self) -> Result<Vec<PathBuf>, Error> {
-        match &self.session {
-            Some(session) => session.close(ended(self.interrupt, None)),
-            None => Ok(Vec::new()),
-        }
-    }
-}
-
-/// Reason in a log of a run that ended before its task.
-pub fn ended<'a>(interrupt: &AtomicBool, failure: Option<&'a str>) -> Option<&'a str> {
-    failure.or(interrupt.load(Relaxed).then_some("interrupted"))
 }

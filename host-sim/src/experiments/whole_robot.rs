@@ -8,10 +8,12 @@ use crate::experiments::arguments::{Common, Place, RobotArgs, SensorArgs, Virtua
 use crate::experiments::follow::{self, FollowArgs};
 use crate::experiments::mission::{Mission, Outcome, Plan};
 use crate::experiments::posture::{self, PostureArgs, Variant};
-use crate::experiments::{Context, real_robot, recorder};
-use crate::recording::{About, LogArgs, Session};
+use crate::experiments::recorder::{self, Stage};
+use crate::experiments::{Context, real_robot};
+use crate::recording::{About, LogArgs};
 use crate::run::final_error::FinalError;
 use crate::run::path_run::PathMode;
+use crate::run::real_time::RealTimeLimiter;
 use crate::run::recovery::Status;
 use crate::run::robot::Robot;
 use crate::run::virtual_robot::tools::debugger::Gdb;
@@ -278,10 +280,6 @@ impl Drive<'_> {
             ..
         } = self;
         let start = Instant::now();
-        let mut robot = VirtualRobot::new(scenario, images, context.seed, 0, options, logs)?;
-        robot.limit(plan.span);
-        robot.stop_on(interrupt.clone());
-        robot.plan(plan.failures.clone(), plan.restart_after);
         let about = About {
             command: &context.name,
             seed: context.seed,
@@ -289,33 +287,22 @@ impl Drive<'_> {
             scenario,
         };
         let (goal, path) = mission.goal(scenario);
-        let session = Session::begin(log, &about)?;
-        if let Some(session) = &session {
-            session.plan(goal, &path);
-            session.await_viewer(interrupt)?;
-            robot.observe(Box::new(session.clone()));
-        }
-        if let Some(shown) = recorder::dashboard(log, &about, goal, interrupt)? {
-            robot.observe(shown);
-        }
-        if self.args.plan.real_time || log.is_watched() {
-            robot.keep_pace();
-        }
-        let outcome = mission.drive(&mut robot, scenario)?;
-        robot.dismiss_observers();
-        let mut recorded = robot.close()?;
-        if let Some(session) = &session {
-            let why = robot.failure();
-            recorded.extend(session.close(recorder::ended(interrupt, why.as_deref()))?);
-        }
-        let report = report(&mut robot, outcome.done(), &goal, start);
+        let mut stage = Stage::begin(log, &about, (goal, &path), interrupt)?;
+        stage.span = plan.span;
+        stage.real_time |= self.args.plan.real_time;
+        let mut robot = VirtualRobot::new(scenario, images, context.seed, 0, options, logs)?;
+        robot.plan(plan.failures.clone(), plan.restart_after);
+        let driven = stage.run(&mut robot, |robot| mission.drive(robot, scenario))?;
+        let mut recorded = driven.recorded;
+        recorded.extend(robot.close()?);
+        let report = report(&mut robot, driven.outcome.done(), &goal, start);
         let mut coverage = Coverage::default();
         if self.args.instruments.coverage.is_some() {
             coverage::add(&mut robot, &mut coverage);
         }
         Ok(DriveOutcome {
             profiles: profile::of(&mut robot, &report.boards),
-            outcome,
+            outcome: driven.outcome,
             report,
             recorded,
             coverage,
@@ -338,7 +325,7 @@ fn report(robot: &mut VirtualRobot, reached: bool, goal: &[f64; 3], start: Insta
         nodes: robot.monitor().changes().to_vec(),
         events: robot.events().to_vec(),
         ended: robot.failure(),
-        late_ticks: robot.pace().map(|pace| pace.late()),
+        late_ticks: robot.control().pace.as_ref().map(RealTimeLimiter::late),
     }
 }
 

@@ -399,6 +399,7 @@ impl Errors {
 mod tests {
     use super::*;
     use crate::recording::{About, LogArgs, Session, read};
+    use crate::run::robot::Robot;
     use crate::run::simulation::Simulation;
     use crate::scenario::Scenario;
     use crate::targets::HostCommand;

@@ -9,8 +9,10 @@ use crate::targets::{BoardTraffic, HostCommand, Room};
 use core_algos::beam::MAX_GAUGES;
 use core_algos::bus::CanFrame;
 use core_algos::node::lead;
-use core_algos::time::Micros;
+use core_algos::time::{EPOCH, Micros};
 use core_algos::topology::Role;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
 /// State of the robot at the beginning of an epoch, for logs and pictures.
 #[derive(Clone, Copy, Debug, Default)]
@@ -119,6 +121,19 @@ pub struct Span {
     pub most: Option<Micros>,
 }
 
+/// Bounds, pace and observers of a run.
+#[derive(Default)]
+pub struct RunControl {
+    /// Bounds of the time.
+    pub span: Span,
+    /// Flag that ends the run once it is set.
+    pub interrupt: Option<Arc<AtomicBool>>,
+    /// Limiter, if no tick is to begin before its time on the clock.
+    pub pace: Option<RealTimeLimiter>,
+    /// Observers of the state.
+    pub observers: Observers,
+}
+
 /// A robot that an experiment drives, wherever its boards run.
 pub trait Robot {
     /// Simulated time, µs.
@@ -139,16 +154,58 @@ pub trait Robot {
     fn plant(&self) -> Option<&Plant>;
     /// Monitor of the heartbeats.
     fn monitor(&self) -> &Monitor;
-    /// True if the robot was at rest long enough to end the run.
-    fn watched_enough(&self) -> bool;
-    /// True if the run must end before its task.
-    fn must_end(&self) -> bool;
-    /// Ticks that began more than a tick late, if pace is kept.
-    fn pace(&self) -> Option<&RealTimeLimiter>;
+    /// Bounds, pace and observers of the run.
+    fn control(&self) -> &RunControl;
+    /// The same, to be changed.
+    fn control_mut(&mut self) -> &mut RunControl;
     /// The boards, with what went over the links to them.
     fn traffic(&self) -> Vec<BoardTraffic>;
     /// Counters of the bus between the boards.
     fn bus(&self) -> BusStatistics;
+
+    /// Builds of the boards' images.
+    fn builds(&self) -> Vec<(Role, String)> {
+        Vec::new()
+    }
+
+    /// Has an observer see the state once an epoch.
+    fn observe(&mut self, mut observer: Box<dyn Observer>) {
+        for (role, build) in self.builds() {
+            observer.board(role, build);
+        }
+        self.control_mut().observers.push(observer);
+    }
+
+    /// Shows the observers the state at the end of an epoch.
+    fn show(&mut self) -> Result<(), Error>
+    where
+        Self: Sized,
+    {
+        if self.control().observers.is_empty() || !self.now().is_multiple_of(EPOCH) {
+            return Ok(());
+        }
+        let record = self.record();
+        let mut observers = std::mem::take(&mut self.control_mut().observers);
+        let shown = observers
+            .iter_mut()
+            .try_for_each(|observer| observer.epoch(self, &record));
+        self.control_mut().observers = observers;
+        shown
+    }
+
+    /// True if the robot was at rest long enough to end the run.
+    fn watched_enough(&self) -> bool {
+        self.now() >= self.control().span.least
+    }
+
+    /// True if the run must end before its task.
+    fn must_end(&self) -> bool {
+        let control = self.control();
+        let interrupted = |flag: &Arc<AtomicBool>| flag.load(Relaxed);
+        control.interrupt.as_ref().is_some_and(interrupted)
+            || self.failure().is_some()
+            || control.span.most.is_some_and(|most| self.now() >= most)
+    }
 
     /// True steering angle ψ, rad, or NaN: half the angle between the axles.
     fn steering(&self) -> f64 {

@@ -6,18 +6,15 @@
 use crate::base::error::Error;
 use crate::bus::virtual_bus::BusStatistics;
 use crate::plant::Plant;
-use crate::run::real_time::RealTimeLimiter;
 use crate::run::recovery::Monitor;
-use crate::run::robot::{Observer, Observers, Record, Robot, Span};
+use crate::run::robot::{Record, Robot, RunControl};
 use crate::targets::lead_link::LeadLink;
 use crate::targets::link::Link;
 use crate::targets::{BoardTraffic, HostCommand, Room, Traffic};
 use core_algos::link::protocol::Place;
 use core_algos::node::lead::{self, Task};
-use core_algos::time::{EPOCH, Micros, TICK};
+use core_algos::time::{Micros, TICK};
 use core_algos::topology::{Node, Role};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 
 /// Longest time without a byte from the board, µs.
@@ -36,9 +33,7 @@ pub struct SerialRobot {
     lead: lead::Output,
     monitor: Monitor,
     frames: u64,
-    observers: Observers,
-    interrupt: Option<Arc<AtomicBool>>,
-    span: Span,
+    control: RunControl,
 }
 
 impl SerialRobot {
@@ -53,9 +48,7 @@ impl SerialRobot {
             lead: lead::Output::default(),
             monitor: Monitor::default(),
             frames: 0,
-            observers: Vec::new(),
-            interrupt: None,
-            span: Span::default(),
+            control: RunControl::default(),
         };
         robot.link.open(place);
         while robot.link.latest().is_none() || !robot.link.is_settled() {
@@ -76,27 +69,6 @@ impl SerialRobot {
     /// Bus frames that the front board had no room for.
     pub fn lost(&self) -> u16 {
         self.link.lost()
-    }
-
-    /// Bounds the time of the run.
-    pub fn limit(&mut self, span: Span) {
-        self.span = span;
-    }
-
-    /// A flag that ends the run once it is set.
-    pub fn stop_on(&mut self, flag: Arc<AtomicBool>) {
-        self.interrupt = Some(flag);
-    }
-
-    /// Has an observer see the bus frames, and the state once an epoch.
-    pub fn observe(&mut self, mut observer: Box<dyn Observer>) {
-        observer.board(Role::Front, self.link.build().to_owned());
-        self.observers.push(observer);
-    }
-
-    /// Ends the observation: displays close.
-    pub fn dismiss_observers(&mut self) {
-        self.observers.clear();
     }
 
     /// Exchanges bytes with the board until `until`.
@@ -135,7 +107,7 @@ impl SerialRobot {
         }
         self.frames += frames.len() as u64;
         if !frames.is_empty() {
-            for observer in &mut self.observers {
+            for observer in &mut self.control.observers {
                 observer.frames(Role::Front, tick, frames.clone());
             }
         }
@@ -158,7 +130,7 @@ impl SerialRobot {
 
 impl Drop for SerialRobot {
     fn drop(&mut self) {
-        self.observers.clear();
+        self.control.observers.clear();
         // A robot that does not answer was reported.
         let _ = self.stop();
     }
@@ -191,15 +163,7 @@ impl Robot for SerialRobot {
         let until = self.began + Duration::from_micros((self.tick + 1) * TICK);
         self.exchange(until)?;
         self.tick += 1;
-        if self.now().is_multiple_of(EPOCH) && !self.observers.is_empty() {
-            let record = self.record();
-            let mut observers = std::mem::take(&mut self.observers);
-            for observer in &mut observers {
-                observer.epoch(self, &record)?;
-            }
-            self.observers = observers;
-        }
-        Ok(())
+        self.show()
     }
 
     fn record(&self) -> Record {
@@ -214,19 +178,16 @@ impl Robot for SerialRobot {
         &self.monitor
     }
 
-    fn watched_enough(&self) -> bool {
-        self.now() >= self.span.least
+    fn control(&self) -> &RunControl {
+        &self.control
     }
 
-    fn must_end(&self) -> bool {
-        let interrupted = |flag: &Arc<AtomicBool>| flag.load(Relaxed);
-        self.interrupt.as_ref().is_some_and(interrupted)
-            || self.failure().is_some()
-            || self.span.most.is_some_and(|most| self.now() >= most)
+    fn control_mut(&mut self) -> &mut RunControl {
+        &mut self.control
     }
 
-    fn pace(&self) -> Option<&RealTimeLimiter> {
-        None
+    fn builds(&self) -> Vec<(Role, String)> {
+        vec![(Role::Front, self.link.build().to_owned())]
     }
 
     fn traffic(&self) -> Vec<BoardTraffic> {

@@ -4,9 +4,8 @@ use crate::base::error::Error;
 use crate::bus::virtual_bus::{BusStatistics, VirtualBus};
 use crate::plant::{Outline, Plant, Station};
 use crate::run::bit_compare::Trace;
-use crate::run::real_time::RealTimeLimiter;
 use crate::run::recovery::{Monitor, Recovery};
-use crate::run::robot::{FRAME_POINTS, Observer, Observers, Record, Robot, Span};
+use crate::run::robot::{FRAME_POINTS, Record, Robot, RunControl};
 use crate::scenario::Scenario;
 use crate::targets::{
     self, BoardTraffic, Boards, Failure, FailureMode, HostCommand, Posted, Room, Target,
@@ -27,8 +26,6 @@ use core_algos::params::{Inertial, Settings};
 use core_algos::safety::Conditions;
 use core_algos::time::{EPOCH, Micros, TICK};
 use core_algos::topology::{Node, Role};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
 /// Time a run goes on after the lead node's fault, ticks: what follows from it can be seen.
 const GRACE: u64 = 1000;
@@ -50,15 +47,12 @@ pub struct Simulation {
     tick: u64,
     last_lead: lead::Output,
     trace: Option<Trace>,
-    observers: Observers,
     calibration: Calibration,
     /// True if the relative position sensor is fitted.
     sensed: bool,
     /// Latest counts of the strain bridges.
     counts: [i32; MAX_GAUGES],
-    pace: Option<RealTimeLimiter>,
-    interrupt: Option<Arc<AtomicBool>>,
-    span: Span,
+    control: RunControl,
     monitor: Monitor,
     recovery: Option<Recovery>,
     injector: Option<Injector>,
@@ -146,13 +140,10 @@ impl Simulation {
             tick: 0,
             last_lead: lead::Output::default(),
             trace: None,
-            observers: Vec::new(),
             calibration,
             sensed: scenario.mission.rps,
             counts: [0; MAX_GAUGES],
-            pace: None,
-            interrupt: None,
-            span: Span::default(),
+            control: RunControl::default(),
             monitor: Monitor::default(),
             recovery: None,
             injector: None,
@@ -190,24 +181,6 @@ impl Simulation {
     /// Gives the boards back, for another simulation.
     pub fn release(self) -> [Box<dyn Target>; 3] {
         self.boards.release()
-    }
-
-    /// Bounds the time of the run.
-    pub fn limit(&mut self, span: Span) {
-        self.span = span;
-    }
-
-    /// True if the robot was at rest long enough to end the run.
-    pub fn watched_enough(&self) -> bool {
-        self.now() >= self.span.least
-    }
-
-    /// True if the run must end before its task.
-    pub fn must_end(&self) -> bool {
-        let interrupted = |flag: &Arc<AtomicBool>| flag.load(Relaxed);
-        self.failure().is_some()
-            || self.interrupt.as_ref().is_some_and(interrupted)
-            || self.span.most.is_some_and(|most| self.now() >= most)
     }
 
     /// Why the robot cannot go on, if so: a board is lost, or the lead node has been in fault for a
@@ -270,16 +243,6 @@ impl Simulation {
         self.trace.take()
     }
 
-    /// Has an observer see the state once an epoch.
-    pub fn observe(&mut self, observer: Box<dyn Observer>) {
-        self.observers.push(observer);
-    }
-
-    /// Ends the observation: displays close.
-    pub fn dismiss_observers(&mut self) {
-        self.observers.clear();
-    }
-
     /// Counters of the bus between the boards.
     pub fn bus(&self) -> BusStatistics {
         self.bus.statistics()
@@ -288,21 +251,6 @@ impl Simulation {
     /// Traffic of the links to the boards.
     pub fn traffic(&self) -> Vec<BoardTraffic> {
         self.boards.traffic()
-    }
-
-    /// From now on, no tick begins before its time on the clock.
-    pub fn keep_pace(&mut self) {
-        self.pace = Some(RealTimeLimiter::new());
-    }
-
-    /// Ticks that began more than a tick late, and the most a tick was late.
-    pub fn pace(&self) -> Option<&RealTimeLimiter> {
-        self.pace.as_ref()
-    }
-
-    /// A flag that ends the run once it is set.
-    pub fn stop_on(&mut self, flag: Arc<AtomicBool>) {
-        self.interrupt = Some(flag);
     }
 
     /// The robot as it is.
@@ -323,7 +271,7 @@ impl Simulation {
     /// One millisecond: sample, deliver, run the nodes, move the plant. Torques take effect one
     /// tick late, as on the boards.
     pub fn step(&mut self) -> Result<(), Error> {
-        if let Some(pace) = &mut self.pace {
+        if let Some(pace) = &mut self.control.pace {
             pace.wait();
         }
         let (now, tick) = (self.now(), self.tick as u32);
@@ -372,23 +320,7 @@ impl Simulation {
                 trace.lead(&self.last_lead);
             }
         }
-        if (self.tick * TICK).is_multiple_of(EPOCH) {
-            self.show()?;
-        }
-        Ok(())
-    }
-
-    /// Shows those who look on the state at the end of an epoch.
-    fn show(&mut self) -> Result<(), Error> {
-        if self.observers.is_empty() {
-            return Ok(());
-        }
-        let record = self.record();
-        let mut observers = std::mem::take(&mut self.observers);
-        let mut each = observers.iter_mut();
-        each.try_for_each(|observer| observer.epoch(self, &record))?;
-        self.observers = observers;
-        Ok(())
+        self.show()
     }
 
     /// Puts the fault in.
@@ -518,16 +450,12 @@ impl Robot for Simulation {
         self.monitor()
     }
 
-    fn watched_enough(&self) -> bool {
-        self.watched_enough()
+    fn control(&self) -> &RunControl {
+        &self.control
     }
 
-    fn must_end(&self) -> bool {
-        self.must_end()
-    }
-
-    fn pace(&self) -> Option<&RealTimeLimiter> {
-        self.pace()
+    fn control_mut(&mut self) -> &mut RunControl {
+        &mut self.control
     }
 
     fn traffic(&self) -> Vec<BoardTraffic> {

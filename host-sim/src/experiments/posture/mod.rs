@@ -11,7 +11,7 @@ use crate::base::numbers::whole;
 use crate::base::output::OutputDir;
 use crate::experiments::Context;
 use crate::experiments::arguments::{Common, RobotArgs, SensorArgs, parse_posture};
-use crate::experiments::recorder::{self, Recorder};
+use crate::experiments::recorder::{self, Stage};
 use crate::recording::{About, LogArgs, csv};
 use crate::run::regulate::{Outcome, regulate, regulate_on};
 use crate::run::robot::Record;
@@ -246,17 +246,13 @@ fn first_trial(
         trial: 0,
         scenario: &scenario,
     };
-    let recorder = Recorder::begin(
-        &args.log,
-        &about,
-        scenario.mission.goal,
-        &[],
-        context.interrupt(),
-    )?;
-    let mut simulation = recorder.simulation()?;
-    let outcome = regulate_on(&mut simulation, &scenario, observe)?;
-    drop(simulation);
-    Ok((outcome, recorder.close()?))
+    let goal = (scenario.mission.goal, &[][..]);
+    let stage = Stage::begin(&args.log, &about, goal, context.interrupt())?;
+    let mut simulation = stage.simulation()?;
+    let driven = stage.run(&mut simulation, |robot| {
+        regulate_on(robot, &scenario, observe)
+    })?;
+    Ok((driven.outcome, driven.recorded))
 }
 
 /// Data of a trial.

@@ -22,9 +22,8 @@ pub use report::BoardReport;
 use crate::base::error::Error;
 use crate::bus::virtual_bus::BusStatistics;
 use crate::plant::{Outline, Plant, Station};
-use crate::run::real_time::RealTimeLimiter;
 use crate::run::recovery::{Monitor, NODES};
-use crate::run::robot::{FRAME_POINTS, Record, Robot, Span};
+use crate::run::robot::{FRAME_POINTS, Record, Robot, RunControl};
 use crate::scenario::Scenario;
 use crate::targets::board_log::BoardLog;
 use crate::targets::images::Images;
@@ -47,8 +46,6 @@ use core_algos::time::Micros;
 use core_algos::topology::{Node, Role};
 use rand::RngExt;
 use report::Watch;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use tools::Tools;
 use virtual_board::Time;
 use virtual_board::board::Board;
@@ -111,8 +108,7 @@ pub struct VirtualRobot {
     /// Time from power on to the beginning of the experiment.
     booted: Time,
     tick: u64,
-    span: Span,
-    interrupt: Option<Arc<AtomicBool>>,
+    control: RunControl,
     failure: Option<String>,
     tools: Tools,
     /// A wheel that is blocked: axle and side.
@@ -236,22 +232,11 @@ impl VirtualRobot {
             frames: 0,
             booted: Time(0),
             tick: 0,
-            span: Span::default(),
-            interrupt: None,
+            control: RunControl::default(),
             failure: None,
             tools: Tools::default(),
             blocked: None,
         })
-    }
-
-    /// Bounds the time of the run.
-    pub fn limit(&mut self, span: Span) {
-        self.span = span;
-    }
-
-    /// A flag that ends the run once it is set.
-    pub fn stop_on(&mut self, flag: Arc<AtomicBool>) {
-        self.interrupt = Some(flag);
     }
 
     /// Time that the boards took from power on until all nodes were ready, s.
@@ -502,7 +487,9 @@ impl VirtualRobot {
                 length: bytes.len() as u8,
                 data,
             };
-            self.tools.keep(sender, &frame);
+            if !self.control.observers.is_empty() {
+                self.tools.keep(sender, &frame);
+            }
             let at = record.end - self.booted;
             self.monitor.see((at.micros() / 1000) as u32, &frame);
             let Ok(message) = bus::decode(&frame) else {
@@ -568,19 +555,17 @@ impl Robot for VirtualRobot {
         &self.monitor
     }
 
-    fn watched_enough(&self) -> bool {
-        self.now() >= self.span.least
+    fn control(&self) -> &RunControl {
+        &self.control
     }
 
-    fn must_end(&self) -> bool {
-        let interrupted = |flag: &Arc<AtomicBool>| flag.load(Relaxed);
-        self.interrupt.as_ref().is_some_and(interrupted)
-            || self.failure.is_some()
-            || self.span.most.is_some_and(|most| self.now() >= most)
+    fn control_mut(&mut self) -> &mut RunControl {
+        &mut self.control
     }
 
-    fn pace(&self) -> Option<&RealTimeLimiter> {
-        self.kept_pace()
+    fn builds(&self) -> Vec<(Role, String)> {
+        let of = |role: &Role| (*role, self.images.name(*role));
+        self.roles.iter().map(of).collect()
     }
 
     fn traffic(&self) -> Vec<BoardTraffic> {

@@ -1,6 +1,7 @@
 //! What the dashboard shows.
 
 use crate::bus::virtual_bus::BusStatistics;
+use crate::run::real_time::RealTimeLimiter;
 use crate::run::recovery::{NODES, Status};
 use crate::run::robot::{Record, Robot};
 use crate::targets::BoardTraffic;
@@ -42,10 +43,11 @@ impl View {
     /// The state of a robot at the end of an epoch.
     pub fn of(robot: &dyn Robot, record: &Record) -> Self {
         let monitor = robot.monitor();
+        let pace = robot.control().pace.as_ref();
         Self {
             time_s: record.time_s,
-            late_ticks: robot.pace().map_or(0, |pace| pace.late()),
-            most_late_s: robot.pace().map_or(0.0, |pace| pace.worst().as_secs_f64()),
+            late_ticks: pace.map_or(0, RealTimeLimiter::late),
+            most_late_s: pace.map_or(0.0, |pace| pace.worst().as_secs_f64()),
             nodes: NODES.map(|node| monitor.latest(node).copied()),
             noticed: NODES.map(|node| monitor.noticed(node)),
             faults: faults(monitor.changes()),

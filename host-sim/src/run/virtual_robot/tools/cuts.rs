@@ -50,7 +50,7 @@ impl VirtualRobot {
             if !cuts.off[k] && cuts.failures.iter().any(due) {
                 board.power(false);
                 let why = "switched off".to_owned();
-                let observers = self.tools.observers.iter_mut();
+                let observers = self.control.observers.iter_mut();
                 observers.for_each(|observer| observer.off(role, tick, &why));
                 let back = cuts.restart_after.map(|after| tick + after.max(1));
                 (cuts.off[k], cuts.revivals[k]) = (true, back);

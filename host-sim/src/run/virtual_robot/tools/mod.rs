@@ -20,8 +20,7 @@ pub mod waves;
 
 use super::VirtualRobot;
 use crate::base::error::Error;
-use crate::run::real_time::RealTimeLimiter;
-use crate::run::robot::{Observer, Observers, Robot};
+use crate::run::robot::Robot;
 use crate::targets::{BoardTraffic, Event, Traffic};
 use core_algos::bus::CanFrame;
 use core_algos::time::{EPOCH, Micros};
@@ -51,8 +50,6 @@ pub(super) struct Tools {
     waves: Option<Waves>,
     cuts: Cuts,
     user: user::User,
-    pace: Option<RealTimeLimiter>,
-    observers: Observers,
     /// Frames that each board has put on the bus, and sendings of it that failed.
     traffic: [Traffic; 3],
     /// Frames to be recorded, with their board.
@@ -78,7 +75,7 @@ impl Tools {
 
     /// Records a sent frame.
     pub fn keep(&mut self, role: Option<Role>, frame: &CanFrame) {
-        if let (false, Some(role)) = (self.observers.is_empty(), role) {
+        if let Some(role) = role {
             self.frames.push((role, *frame));
         }
     }
@@ -95,24 +92,6 @@ impl Tools {
 }
 
 impl VirtualRobot {
-    /// Has an observer see the frames on the bus, and the state once an epoch.
-    pub fn observe(&mut self, mut observer: Box<dyn Observer>) {
-        for &role in &self.roles {
-            observer.board(role, self.images.name(role));
-        }
-        self.tools.observers.push(observer);
-    }
-
-    /// Ends the observation: displays close.
-    pub fn dismiss_observers(&mut self) {
-        self.tools.observers.clear();
-    }
-
-    /// From now on, no tick begins before its time on the clock.
-    pub fn keep_pace(&mut self) {
-        self.tools.pace = Some(RealTimeLimiter::new());
-    }
-
     /// Events of the boards' power.
     pub fn events(&self) -> &[Event] {
         self.tools.cuts.events()
@@ -153,7 +132,7 @@ impl VirtualRobot {
 
     /// Before a tick of the experiment.
     pub(super) fn begin_tick(&mut self) {
-        if let Some(pace) = &mut self.tools.pace {
+        if let Some(pace) = &mut self.control.pace {
             pace.wait();
         }
         self.switch_power();
@@ -164,31 +143,26 @@ impl VirtualRobot {
     pub(super) fn end_tick(&mut self) -> Result<(), Error> {
         self.watch_power();
         let tick = self.tick as u32 - 1;
-        let tools = &mut self.tools;
+        let frames = std::mem::take(&mut self.tools.frames);
+        let ends = self.now().is_multiple_of(EPOCH);
+        let observers = &mut self.control.observers;
         for role in Role::ALL {
-            let sent = tools.frames.iter().filter(|sent| sent.0 == role);
+            let sent = frames.iter().filter(|sent| sent.0 == role);
             let frames: Vec<CanFrame> = sent.map(|sent| sent.1).collect();
             if !frames.is_empty() {
-                let each = tools.observers.iter_mut();
+                let each = observers.iter_mut();
                 each.for_each(|observer| observer.frames(role, tick, frames.clone()));
             }
         }
-        tools.frames.clear();
-        if !self.now().is_multiple_of(EPOCH) || self.tools.observers.is_empty() {
-            return Ok(());
-        }
-        let record = self.record();
-        let held = self.tools.held.take();
-        let held = held.and_then(|held| held.checked_sub(self.booted.micros()));
-        let mut observers = std::mem::take(&mut self.tools.observers);
-        for observer in &mut observers {
-            if let Some(held) = held {
-                observer.lead(tick, held, &record.lead);
+        if ends
+            && let Some(held) = self.tools.held.take()
+            && let Some(held) = held.checked_sub(self.booted.micros())
+        {
+            for observer in observers {
+                observer.lead(tick, held, &self.lead);
             }
-            observer.epoch(self, &record)?;
         }
-        self.tools.observers = observers;
-        Ok(())
+        self.show()
     }
 
     /// Ends what writes to files by itself; gives the files.
@@ -197,10 +171,6 @@ impl VirtualRobot {
             Some(waves) => waves.finish(&mut self.network).map(|path| vec![path]),
             None => Ok(Vec::new()),
         }
-    }
-
-    pub(super) fn kept_pace(&self) -> Option<&RealTimeLimiter> {
-        self.tools.pace.as_ref()
     }
 
     /// The boards, with what they have put on the bus.
