@@ -52,19 +52,18 @@ pub fn bounds(scenario: &Scenario) -> Bounds {
 }
 
 impl Route {
-    /// Deviations of the true and of the estimated midpoint, `since` µs after the beginning of the task;
-    /// `places` holds their arc lengths, m.
+    /// Deviations of the true and of the estimated midpoint, `since` µs after the beginning of the task. The estimate
+    /// is `age` µs old. `places` holds their arc lengths, m.
     fn deviations(
         &self,
         path_mode: PathMode,
         record: &Record,
-        since: Micros,
+        (since, age): (Micros, Micros),
         places: &mut [f64; 2],
     ) -> [Deviation; 2] {
         let center = record.lead.fused.robot.posture;
         let estimate = [center.x, center.y, center.phi].map(f64::from);
-        // The lead node's latest step was on the estimate of the epoch that has just passed.
-        let ages = [0, EPOCH];
+        let ages = [0, age];
         let mut deviations = [Deviation::default(); 2];
         for (i, [x, y, phi]) in [record.midpoint, estimate].into_iter().enumerate() {
             places[i] = match path_mode {
@@ -307,7 +306,8 @@ pub fn drive_on(
             continue;
         };
         let record = robot.record();
-        let deviations = route.deviations(path_mode, &record, now - began, &mut places);
+        let times = (now - began, robot.estimate_age());
+        let deviations = route.deviations(path_mode, &record, times, &mut places);
         let [x, y, heading] = record.relative;
         moment = Moment {
             target: route.path.at(places[0]),

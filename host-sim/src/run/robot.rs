@@ -163,6 +163,12 @@ pub trait Robot {
     /// Counters of the bus between the boards.
     fn bus(&self) -> BusStatistics;
 
+    /// Age of the estimates in a record at the end of an epoch, µs. The lead node works on those of the epoch that has
+    /// just passed.
+    fn estimate_age(&self) -> Micros {
+        EPOCH
+    }
+
     /// Builds of the boards' images.
     fn builds(&self) -> Vec<(Role, String)> {
         Vec::new()

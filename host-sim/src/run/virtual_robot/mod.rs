@@ -42,7 +42,7 @@ use core_algos::link::protocol::Place;
 use core_algos::math::Posture;
 use core_algos::node::lead::{self, Task};
 use core_algos::safety::{Condition, OperatingState};
-use core_algos::time::Micros;
+use core_algos::time::{EPOCH, Micros};
 use core_algos::topology::{Node, Role};
 use rand::RngExt;
 use report::Watch;
@@ -101,6 +101,8 @@ pub struct VirtualRobot {
     place: Place,
     /// Latest output of the lead node that came through the link.
     lead: lead::Output,
+    /// Time of validity of its estimates, µs since power on.
+    held: Option<Micros>,
     /// The latest task.
     task: Task,
     monitor: Monitor,
@@ -221,6 +223,7 @@ impl VirtualRobot {
             clock: Clock::default(),
             place: Place { center, relative },
             lead: lead::Output::default(),
+            held: None,
             task: Task::Idle,
             monitor: Monitor::default(),
             images: images.clone(),
@@ -561,6 +564,11 @@ impl Robot for VirtualRobot {
 
     fn control_mut(&mut self) -> &mut RunControl {
         &mut self.control
+    }
+
+    fn estimate_age(&self) -> Micros {
+        let now = self.network.now().micros();
+        self.held.map_or(EPOCH, |held| now.saturating_sub(held))
     }
 
     fn builds(&self) -> Vec<(Role, String)> {

@@ -43,7 +43,8 @@ impl VirtualRobot {
             && let Some(latest) = self.link.latest()
         {
             self.lead = latest.output;
-            self.tools.lead(self.clock.held());
+            self.held = self.clock.held();
+            self.tools.lead(self.held);
         }
         Ok(())
     }
