@@ -29,8 +29,6 @@ EACH_TICK = ["/boards/front/tick", "/boards/rear/tick", "/boards/beam/tick"]
 EACH_EPOCH = ["/lead", "/truth", "/tf", "/truth/robot"]
 ONCE = ["/goal", "/boards/front/start", "/boards/rear/start", "/boards/beam/start"]
 COUNTS_PER_REVOLUTION = 8192
-# Boards that are heard on the bus only.
-VIRTUAL = "posture --on virtual"
 
 
 def crc32c(data):
@@ -101,7 +99,8 @@ class Log:
         scenario = tomllib.loads(about["scenario"])
         assert scenario["mission"] and about["build"].startswith("host-sim "), about
         assert about["scenario_hash"] == crc32c(about["scenario"].encode())
-        if about["command"] == VIRTUAL:
+        if not self.messages["/boards/front/start"]:
+            # Boards that run by themselves: no samples, and the parameters are in their flash.
             return
         start = self.messages["/boards/front/start"][0][1]
         assert about["parameters_hash"] == start["parameters_hash"] == crc32c(bytes.fromhex(start["parameters"]))
@@ -133,9 +132,11 @@ def compare_epochs(log, rows):
     lead = {m["tick"] // 10: m for _, m in log.messages["/lead"]}
     robot = {at // 1_000_000: m for (at, _), m in zip(log.messages["/truth/robot"], log.standard["/truth/robot"])}
     wheels = ["front_left", "front_right", "rear_left", "rear_right"]
+    led = None
     for row in rows:
         tick = round(float(row["time_s"]) * 1e3)
-        m, led = truth[tick], lead[tick // 10 - 1]
+        # An output that does not arrive within its epoch leaves the one before it.
+        m, led = truth[tick], lead.get(tick // 10 - 1, led)
         for group, prefix in (("robot", ""), ("front", "front_"), ("rear", "rear_"), ("relative", "relative_")):
             for key in ("x_m", "y_m", "phi_rad"):
                 near(m[group][key], row[prefix + key], 0.0, (tick, group, key))
@@ -146,6 +147,8 @@ def compare_epochs(log, rows):
             near(strain, row[f"strain_{i + 1}"], 1e-9, (tick, "strain", i))
         near(m["force_n"][0], row["force_x_n"], 0.0, tick)
         near(m["moment_nm"][1], row["moment_end_nm"], 0.0, tick)
+        if led is None:
+            continue
         for group, prefix in (("robot", ""), ("front", "front_"), ("rear", "rear_")):
             for key in ("x", "y", "phi"):
                 unit = "rad" if key == "phi" else "m"
@@ -214,25 +217,25 @@ def compare_tables(log, folder):
 
 
 def virtual(call, folder, database):
-    """A run on virtual boards: what is on the bus, the listener's estimate and the truth; no more."""
+    """A run on virtual boards: what is on the bus, the estimate as reported and the truth; no more."""
     path, tables, out = folder / "virtual.mcap", folder / "virtual-tables", folder / "virtual"
     arguments = ["--stop-after", 1.5, "--log", path, "--csv", tables, "--out", out]
     call("posture", "--on", "virtual", *arguments)
     log = Log(path)
     about, end = log.metadata["cfmmr"], log.metadata["cfmmr.end"]
-    assert about["command"] == VIRTUAL and end["whole"] == "true"
+    assert about["command"] == "posture" and end["whole"] == "true"
     assert about["board_front"] == about["board_rear"] != about["board_beam"], about
     epochs = int(end["epochs"])
     assert epochs == 150, epochs
     for topic in EACH_EPOCH[1:]:
         assert len(log.messages[topic]) == epochs, topic
-    # The estimate of the first may hold at an instant before the experiment began.
-    assert epochs - len(log.messages["/lead"]) in (0, 1), len(log.messages["/lead"])
+    # The front board reports from the host's first request on.
+    assert 0 <= epochs - len(log.messages["/lead"]) <= 10, len(log.messages["/lead"])
     for topic in EACH_TICK + ONCE[1:] + ["/host/order"]:
         assert not log.messages[topic], f"{topic}: not on the bus"
     for _, lead in log.messages["/lead"]:
         # Estimates hold at the front board's own epochs, a little before they are heard of.
-        assert 0 < lead["tick"] * 1e-3 - lead["epoch_s"] < 0.02, lead
+        assert 0 < lead["tick"] * 1e-3 - lead["epoch_s"] < 0.03, lead
     rows = table(out / "log-joint.csv")
     compare_epochs(log, rows[1:])
     compare_epochs(log, table(tables / "epochs.csv")[1:])
