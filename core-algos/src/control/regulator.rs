@@ -76,6 +76,10 @@ const STALL_S: f32 = 1.0;
 /// Way (m) that a robot under way makes in this time (s), or it is stuck.
 const STUCK_M: f32 = 1e-3;
 const STUCK_S: f32 = 2.0;
+/// Sideways shift of the estimate (m) that makes an attempt the estimate's failure, and attempts of that kind that count
+/// as one.
+const SHIFT_M: f32 = 0.02;
+const SHIFTED: u16 = 8;
 /// Remainder of a segment that counts as driven, m.
 const SEGMENT_END_M: f32 = 2e-3;
 
@@ -112,8 +116,9 @@ impl Regulator {
         if !(input.posture.is_finite() && input.goal.is_finite()) {
             return self.stand(state);
         }
-        self.accept_goal(state, input.goal);
+        self.accept_goal(state, input);
         state.elapsed += self.config.tick_s;
+        Self::note_shift(state, input.posture);
         if self.is_stuck(state, input) {
             state.enter(Phase::Hold);
         }
@@ -135,7 +140,8 @@ impl Regulator {
         output
     }
 
-    fn accept_goal(&self, state: &mut State, goal: Posture) {
+    fn accept_goal(&self, state: &mut State, input: &Input) {
+        let goal = input.goal;
         let same = state.goal.is_some_and(|old| {
             let [dx, dy, turn] = goal.minus(old);
             dx * dx + dy * dy <= NEW_GOAL.0 * NEW_GOAL.0 && turn.abs() <= NEW_GOAL.1
@@ -144,10 +150,22 @@ impl Regulator {
             let kappa = state.kappa;
             *state = State {
                 goal: Some(goal),
+                last: input.posture,
                 kappa,
                 ..State::default()
             };
         }
+    }
+
+    /// Adds up the estimate's motion sideways, which is not driven: corrections of a filter, decimetres where a heading
+    /// is corrected 60 m from the start.
+    fn note_shift(state: &mut State, seen: Posture) {
+        state.shift_m += seen
+            .relative_to(Posture {
+                phi: seen.phi,
+                ..state.last
+            })
+            .y;
     }
 
     /// True if the robot is under way and does not move: friction can be more than what a small
@@ -225,7 +243,7 @@ impl Regulator {
 
     /// True if the goal is reached, bounds widened by `factor`.
     fn reached(&self, state: &State, error: PolarError, factor: f32) -> bool {
-        let factor = factor * (1.0 + 0.3 * f32::from(state.attempts.min(3)));
+        let factor = factor * (1.0 + 0.3 * f32::from(state.attempts().min(3)));
         error.distance_m <= factor * self.config.accept_distance_m
             && error.heading().abs() <= factor * self.config.accept_heading_rad
     }
@@ -321,12 +339,16 @@ impl Regulator {
         }
     }
 
-    /// Another attempt, if any is left.
+    /// Another attempt, if any is left. One that failed for a shift of the estimate counts as a part of one.
     fn renew(&self, state: &mut State) {
-        if state.attempts >= self.config.max_attempts {
+        state.spent += match state.shift_m.abs() > SHIFT_M {
+            true => 1,
+            false => SHIFTED,
+        };
+        state.shift_m = 0.0;
+        if state.attempts() > self.config.max_attempts {
             state.enter(Phase::GaveUp);
         } else {
-            state.attempts += 1;
             state.stop_then(Next::Plan);
         }
     }
@@ -472,7 +494,7 @@ impl Regulator {
 
     fn done(&self, state: &mut State, input: &Input) -> Output {
         if !self.reached(state, self.error(input), self.config.release_factor) {
-            state.attempts = 0;
+            state.spent = 0;
             state.stop_then(Next::Plan);
         }
         self.stand(state)

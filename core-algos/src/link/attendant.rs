@@ -25,7 +25,8 @@ pub enum Demand {
     Order(Order),
     /// To reset into a session.
     Session,
-    /// To hand over bus frames and outputs of the lead node from here on.
+    /// To hand over bus frames and outputs of the lead node from here on, with [`Attendant::report`] every
+    /// [`REPORT_MS`].
     Watch,
 }
 
@@ -40,8 +41,6 @@ pub struct Attendant {
     answer: SerialFrame,
     /// Number of an order that is being carried out.
     pending: Option<u8>,
-    /// True if the host watches.
-    watched: bool,
     telemetry: Spread,
 }
 
@@ -55,12 +54,12 @@ impl Attendant {
             last: None,
             answer: SerialFrame::default(),
             pending: None,
-            watched: false,
             telemetry: Spread::default(),
         }
     }
 
-    /// Takes bytes that arrived and gives each answer to `send`, whole. A board that is `armed` refuses a session.
+    /// Takes bytes that arrived and gives each answer to `send`, whole. A board that is `armed` refuses a session and a
+    /// new place.
     /// While an order is carried out, other requests stay without an answer, and the host repeats them.
     pub fn receive(
         &mut self,
@@ -93,6 +92,9 @@ impl Attendant {
                     send(self.answer.repeated());
                     continue;
                 }
+                (_, Some(Order::Place(_))) if armed && self.identity.role == Role::Front => {
+                    Reply::Refused(Refusal::Armed)
+                }
                 (_, Some(order)) if self.identity.role == Role::Front => {
                     self.pending = Some(number);
                     demand = Some(Demand::Order(order));
@@ -102,7 +104,6 @@ impl Attendant {
                     role: self.identity.role,
                 }),
                 (Some(Request::Watch), _) => {
-                    self.watched = true;
                     demand = Some(Demand::Watch);
                     Reply::Done
                 }
@@ -123,11 +124,6 @@ impl Attendant {
             }
         }
         demand
-    }
-
-    /// True if a host watches: [`Self::report`] is due every [`REPORT_MS`].
-    pub fn is_watched(&self) -> bool {
-        self.watched
     }
 
     /// True if the last output of the lead node was sent to its end.

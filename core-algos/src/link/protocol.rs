@@ -291,8 +291,8 @@ pub enum Refusal<'a> {
     },
     /// A point of a path or trajectory was not taken.
     Point(PathError),
-    /// Motors may be on: parameters are changed and saved before the nodes are started, or while an
-    /// axle gives no torque.
+    /// Motors may be on: a session, a new place, and parameters changed or saved need nodes that have not been started
+    /// or an axle that gives no torque.
     Armed,
     /// There is no such parameter.
     Index {

@@ -962,6 +962,18 @@ fn an_order_is_carried_out_once_and_answered_when_it_is_done() {
     assert_answered(&board.ask(1, &drive, true), 1, Reply::Done);
     assert_eq!(board.demand, None);
 
+    let stand = Request::Place(place());
+    assert_answered(
+        &board.ask(3, &stand, true),
+        3,
+        Reply::Refused(Refusal::Armed),
+    );
+    assert_eq!(board.demand, None);
+    assert!(board.ask(4, &stand, false).is_empty());
+    let order = Order::Place(place());
+    assert_eq!(board.demand, Some(Demand::Order(order)));
+    assert_answered(&board.done(Ok(())), 4, Reply::Done);
+
     let points = [None; POINTS];
     let path = Request::Path { points, end: true };
     assert!(board.ask(2, &path, true).is_empty());
@@ -1028,13 +1040,12 @@ fn a_host_that_watches_gets_bus_frames_and_outputs() {
         .map(LeadNode::new)
         .unwrap();
     let telemetry = Telemetry::of(config.step(4_000, &mut Outbox::new()), &mut config);
-    assert!(!board.is_watched() && board.wants_telemetry());
+    assert!(board.wants_telemetry());
     let watch = protocol::encode(9, &Request::Watch).unwrap();
     let demand = board.receive(watch.bytes(), true, &mut |bytes| {
         sent.extend_from_slice(bytes)
     });
     assert_eq!(demand, Some(Demand::Watch));
-    assert!(board.is_watched());
     board.tell(&telemetry);
     assert!(!board.wants_telemetry());
     let mut bus = Packed::new();

@@ -186,7 +186,10 @@ pub(super) fn refused(role: Role, what: &str, reply: Reply) -> Fault {
         }
         Reply::Refused(Refusal::Parameter { text }) => text.to_owned(),
         Reply::Refused(Refusal::Armed) => {
-            "its motors may be on: stop the robot to change or save parameters".to_owned()
+            return Fault::Fatal(Error::input(format!(
+                "{} board refuses {what}: its motors may be on; stop the robot first",
+                role.name()
+            )));
         }
         Reply::Refused(Refusal::NotSaved) => "writing its flash failed".to_owned(),
         Reply::Refused(Refusal::Hash { found }) => {

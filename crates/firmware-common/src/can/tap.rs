@@ -18,9 +18,14 @@ pub fn watch() {
     WATCHED.store(true, Ordering::Relaxed);
 }
 
+/// True once a host watches.
+pub fn is_watched() -> bool {
+    WATCHED.load(Ordering::Relaxed)
+}
+
 /// Copies a frame, if a host watches.
 pub(super) fn copy(frame: &CanFrame) {
-    if WATCHED.load(Ordering::Relaxed) && FRAMES.try_send(*frame).is_err() {
+    if is_watched() && FRAMES.try_send(*frame).is_err() {
         LOST.fetch_add(1, Ordering::Relaxed);
     }
 }

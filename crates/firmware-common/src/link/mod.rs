@@ -51,12 +51,10 @@ static DONE: Signal<CriticalSectionRawMutex, Result<(), PathError>> = Signal::ne
 
 /// Output of the lead node on its way to a host that watches.
 static LEAD: Signal<CriticalSectionRawMutex, Telemetry> = Signal::new();
-/// True while a host watches.
-static WATCHED: AtomicBool = AtomicBool::new(false);
 
 /// Hands over the output of a step of the lead node, if a host watches.
 pub fn tell(output: Output, lead: &mut LeadNode) {
-    if WATCHED.load(Ordering::Relaxed) {
+    if can::tap::is_watched() {
         LEAD.signal(Telemetry::of(output, lead));
     }
 }
@@ -138,7 +136,7 @@ async fn attend(link: Link) -> ! {
     let attendant = ATTENDANT.init_with(|| Attendant::new(identity, stack_use));
     let mut buffer = [0; 64];
     loop {
-        let count = match attendant.is_watched() {
+        let count = match can::tap::is_watched() {
             true => {
                 let read = uart.read(&mut buffer);
                 let count = with_timeout(Duration::from_millis(REPORT_MS), read).await;
@@ -154,10 +152,7 @@ async fn attend(link: Link) -> ! {
                 let done = DONE.wait().await;
                 attendant.done(done, &mut |reply| uart.write(reply));
             }
-            Some(Demand::Watch) => {
-                can::tap::watch();
-                WATCHED.store(true, Ordering::Relaxed);
-            }
+            Some(Demand::Watch) => can::tap::watch(),
             Some(Demand::Session) => {
                 uart.flush();
                 defmt::info!("reset into a session with a rig");
