@@ -73,7 +73,7 @@ timeout 900 target/release/cfmmr posture --on virtual --out target/virtual | gre
 step "the virtual boards' core against Unicorn in lockstep"
 crates/virtual-board/oracle/check_lockstep.sh
 step "faults on virtual boards"
-timeout 900 target/release/cfmmr faults --virtual --quick --check | tail -3
+timeout 900 target/release/cfmmr faults --on virtual --quick --check | tail -3
 step "frames of the virtual bus against other implementations"
 crates/virtual-board/oracle/check_can_bits.sh 2000
 step "all passed"

@@ -6,13 +6,13 @@ use core_algos::link::Identity;
 use core_algos::safety::{Condition, OperatingState};
 use core_algos::topology::{Node, Role};
 use host_sim::base::error::Error;
-use host_sim::experiments::faults::run::{self as faults, Bounds, Case};
 use host_sim::experiments::posture::Variant;
 use host_sim::paths::Path;
 use host_sim::run::bit_compare::Trace;
 use host_sim::run::path_run::{self, PathMode, Route};
 use host_sim::run::regulate::{Outcome, regulate_on};
 use host_sim::run::simulation::Simulation;
+use host_sim::run::virtual_robot::faults::{self, Case, Course, End, catalogue, model};
 use host_sim::scenario::Scenario;
 use host_sim::targets::board_log::BoardLog;
 use host_sim::targets::images::Images;
@@ -20,7 +20,6 @@ use host_sim::targets::link::{Link, Loopback};
 use host_sim::targets::serial::Serial;
 use host_sim::targets::virtual_link::VirtualLink;
 use host_sim::targets::{self, Failure, FailureMode, InProcess, Remote, Target, What};
-use host_sim::world::faults::CATALOGUE;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use std::fs::File;
@@ -331,19 +330,23 @@ fn faulty(
 ) -> (faults::Outcome, Trace) {
     let scenario = Scenario::default();
     let mut simulation = Simulation::on(targets, &scenario, case.seed, 0).unwrap();
-    let at = case.tick(&scenario);
-    simulation.inject(case.entry.fault, at);
+    let at = model::tick(&scenario, case);
+    let Course::Model(fault) = case.entry.course else {
+        panic!("{}", case.entry.name);
+    };
+    simulation.inject(fault, at);
     if let Some((role, mode)) = unannounced {
         let failure = Failure { role, at, mode };
         simulation.boards().plan(vec![failure], None);
     }
     simulation.record_trace();
-    let outcome = faults::run_on(&mut simulation, &scenario, case, &Bounds::default()).unwrap();
+    let outcome = model::run_on(&mut simulation, &scenario, case).unwrap();
     (outcome, simulation.take_trace().unwrap())
 }
 
 #[test]
 fn faults_of_boards_and_bus_are_the_same_behind_frames() {
+    let all = catalogue();
     let (crash, hang) = (FailureMode::Crash, FailureMode::Hang);
     for (name, unannounced) in [
         ("front board resets", None),
@@ -354,17 +357,23 @@ fn faults_of_boards_and_bus_are_the_same_behind_frames() {
         ("rear board lost", Some((Role::Rear, crash))),
         ("front board lost", Some((Role::Front, hang))),
     ] {
-        let entry = CATALOGUE.iter().find(|entry| entry.name == name).unwrap();
+        let entry = all.iter().find(|entry| entry.name == name).unwrap();
         // Not at the beginning of an epoch.
-        let (after, seed) = (2_003_000, 3);
-        let case = Case { entry, after, seed };
+        let (after_ms, seed) = (2_003, 3);
+        let case = Case {
+            entry,
+            after_ms,
+            seed,
+        };
         let (outcome, trace) = faulty(Role::ALL.map(framed), &case, unannounced);
         let (reference, expected) = faulty(targets::in_process(), &case, None);
         assert_same(&trace, &expected);
         assert_eq!(outcome, reference, "{name}");
         // A bus that spoils some frames may be driven on with.
-        let stopped = outcome.first.is_some() && outcome.stop_s.is_some();
-        assert!(stopped || name.starts_with("bus"), "{name}");
+        assert!(
+            outcome.end == End::Stopped || name.starts_with("bus"),
+            "{name}"
+        );
     }
 }
 

@@ -11,9 +11,10 @@ use host_sim::run::path_run::{self, PathMode, Route};
 use host_sim::run::regulate::regulate_on;
 use host_sim::run::robot::{Observer, Record, Robot};
 use host_sim::run::simulation::Simulation;
+use host_sim::run::virtual_robot::faults::{Course, catalogue};
 use host_sim::scenario::Scenario;
 use host_sim::scenario::effect::{self, Use};
-use host_sim::world::faults::{CATALOGUE, Entry};
+use host_sim::world::faults::Fault;
 use rayon::prelude::*;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::{Arc, Mutex};
@@ -25,7 +26,7 @@ const FAULT_TICK: &str = "4000";
 /// A task in a changed default scenario, and a fault with its tick.
 struct Situation {
     task: Task,
-    fault: Option<(&'static Entry, u32)>,
+    fault: Option<(Fault, u32)>,
     changes: Vec<String>,
 }
 
@@ -58,7 +59,7 @@ posture | gauge drifts |
 posture | gauge stuck |
 posture | beam board lost |
 posture | bus loses 50 % |
-posture | motor open |
+posture | motor without torque |
 posture | motor stuck on |
 posture | encoder stuck |
 posture | gyro off by 0.3 rad/s | sensors.gyro.fitted=true sensors.accelerometer.fitted=true
@@ -100,15 +101,19 @@ impl Situation {
             panic!("{line}");
         };
         let (name, tick) = fault.split_once(" @").unwrap_or((fault, FAULT_TICK));
-        let entry = CATALOGUE.iter().find(|entry| entry.name == name);
+        let entry = catalogue().into_iter().find(|entry| entry.name == name);
         assert!(fault.is_empty() || entry.is_some(), "{line}");
+        let modelled = entry.and_then(|entry| match entry.course {
+            Course::Model(fault) => Some(fault),
+            _ => None,
+        });
         Self {
             task: match task {
                 "follow" => Task::Path(PathMode::Follow),
                 "track" => Task::Path(PathMode::Track),
                 _ => Task::Regulate,
             },
-            fault: entry.map(|entry| (entry, tick.parse().unwrap())),
+            fault: modelled.map(|fault| (fault, tick.parse().unwrap())),
             changes: changes.split_whitespace().map(str::to_owned).collect(),
         }
     }
@@ -144,8 +149,8 @@ impl Situation {
             seen: seen.clone(),
             before: before.to_vec(),
         }));
-        if let Some((entry, tick)) = self.fault {
-            simulation.inject(entry.fault, tick);
+        if let Some((fault, tick)) = self.fault {
+            simulation.inject(fault, tick);
         }
         // An error is that of the observer: the run has changed.
         let _ = match (self.task, &route) {

@@ -14,7 +14,7 @@ const SEED: u64 = 1;
 fn trials() -> (Campaign, Reference) {
     let campaign = Campaign {
         scenario: Scenario::default(),
-        images: Images::open(None, None, None).unwrap(),
+        images: Some(Images::open(None, None, None).unwrap()),
         quick: true,
         coverage: None,
     };
@@ -79,10 +79,12 @@ fn the_judge_finds_what_an_entry_does_not_allow() {
 #[test]
 fn a_fault_that_is_not_in_the_catalogue_is_refused() {
     for arguments in [
-        &["--virtual", "--only", "earthquake"][..],
-        &["--quick"],
-        &["--virtual", "--threads", "0"],
-        &["--check"],
+        &["--only", "earthquake"][..],
+        &["--only", "crystal"],
+        &["--quick", "--seeds", "2"],
+        &["--threads", "0"],
+        &["--on", "serial:front=/dev/null"],
+        &["--axle-image", "x"],
     ] {
         let output = Command::new(env!("CARGO_BIN_EXE_cfmmr"))
             .arg("faults")

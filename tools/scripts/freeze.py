@@ -147,7 +147,7 @@ def boards(report, out, *limits):
 
 
 def faults(report, out):
-    for name, options in [("in process", []), ("virtual", ["--virtual", "--quick"])]:
+    for name, options in [("in process", []), ("virtual", ["--on", "virtual", "--quick"])]:
         path = out / f"faults {name}.json"
         run("faults", *options, "--json", path)
         report.json(f"faults {name}", path)

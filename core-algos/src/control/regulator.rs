@@ -346,7 +346,7 @@ impl Regulator {
             false => SHIFTED,
         };
         state.shift_m = 0.0;
-        if state.attempts() > self.config.max_attempts {
+        if state.spent > SHIFTED * u16::from(self.config.max_attempts) {
             state.enter(Phase::GaveUp);
         } else {
             state.stop_then(Next::Plan);

@@ -82,7 +82,6 @@ pub struct VirtualBus {
     statistics: BusStatistics,
     severed: bool,
     disturbance: Option<Disturbance>,
-    parted: Option<Role>,
 }
 
 impl VirtualBus {
@@ -97,7 +96,6 @@ impl VirtualBus {
             statistics: BusStatistics::default(),
             severed: false,
             disturbance: None,
-            parted: None,
         }
     }
 
@@ -135,13 +133,9 @@ impl VirtualBus {
         }
         let origin = sender(frame);
         let mut received = [true; 3];
-        let parted = |board| {
-            let parted = self.parted.is_some() && Some(board) != origin;
-            parted && (self.parted == Some(board) || self.parted == origin)
-        };
         for board in Role::ALL {
             let lost = self.loss > 0.0 && Some(board) != origin;
-            if parted(board) || (lost && self.rng.random::<f64>() < self.loss) {
+            if lost && self.rng.random::<f64>() < self.loss {
                 received[board as usize] = false;
                 self.statistics.lost += 1;
             }
@@ -153,51 +147,48 @@ impl VirtualBus {
             received,
         };
         match self.disturbance {
-            Some(disturbance) => self.carry(transit, origin, &disturbance),
+            Some(disturbance) => self.carry(transit, origin, disturbance),
             None => self.transit.push_back(transit),
         }
         Some(*frame)
     }
 
     /// The way of a frame over a disturbed bus.
-    fn carry(&mut self, mut transit: Transit, origin: Option<Role>, how: &Disturbance) {
-        for board in Role::ALL {
-            if Some(board) != origin && self.rng.random::<f64>() < how.loss {
-                transit.received[board as usize] = false;
-                self.statistics.lost += 1;
-            }
-        }
+    fn carry(&mut self, mut transit: Transit, origin: Option<Role>, how: Disturbance) {
         // What stays on its own board is not disturbed.
         let mut own = transit.clone();
-        own.received =
-            Role::ALL.map(|board| transit.received[board as usize] && Some(board) == origin);
         for board in Role::ALL {
+            own.received[board as usize] &= Some(board) == origin;
             transit.received[board as usize] &= Some(board) != origin;
         }
         self.queue(own);
-        let jitter = self.rng.random_range(0..=how.jitter_ms);
-        transit.due += Micros::from(how.late_ms + jitter) * 1_000;
-        if self.rng.random::<f64>() < how.corruption {
-            let (len, bits) = (
-                usize::from(transit.frame.length),
-                self.rng.random_range(1..=3),
-            );
-            for _ in 0..bits {
-                let (byte, bit) = (self.rng.random_range(0..8), self.rng.random_range(0..8));
-                if byte < len {
-                    transit.frame.data[byte] ^= 1 << bit;
+        match how {
+            Disturbance::Loss(share) => {
+                for received in transit.received.iter_mut().filter(|received| **received) {
+                    *received = self.rng.random::<f64>() >= share;
+                    self.statistics.lost += u64::from(!*received);
                 }
             }
-            match bus::decode(&transit.frame) {
-                Ok(message) => transit.message = message,
-                Err(_) => {
+            Disturbance::Late(ms) => transit.due += Micros::from(ms) * 1_000,
+            Disturbance::Jitter(ms) => {
+                transit.due += Micros::from(self.rng.random_range(0..=ms)) * 1_000;
+            }
+            Disturbance::Doubling(share) if self.rng.random::<f64>() < share => {
+                self.queue(transit.clone());
+            }
+            Disturbance::Corruption(share) if self.rng.random::<f64>() < share => {
+                let bits = 8 * usize::from(transit.frame.length.max(1));
+                for _ in 0..self.rng.random_range(1..=3) {
+                    let bit = self.rng.random_range(0..bits);
+                    transit.frame.data[bit / 8] ^= 1 << (bit % 8);
+                }
+                let Ok(message) = bus::decode(&transit.frame) else {
                     self.statistics.refused += 1;
                     return;
-                }
+                };
+                transit.message = message;
             }
-        }
-        if self.rng.random::<f64>() < how.doubling {
-            self.queue(transit.clone());
+            Disturbance::Doubling(_) | Disturbance::Corruption(_) => {}
         }
         self.queue(transit);
     }
@@ -213,11 +204,6 @@ impl VirtualBus {
     /// From now on frames are disturbed between boards.
     pub fn disturb(&mut self, disturbance: Disturbance) {
         self.disturbance = Some(disturbance);
-    }
-
-    /// From now on nothing reaches or leaves this board.
-    pub fn part(&mut self, board: Role) {
-        self.parted = Some(board);
     }
 
     /// Hands every message that has arrived by `now` to `receive`, once for each board it reaches.
@@ -255,81 +241,19 @@ fn sender(frame: &CanFrame) -> Option<Role> {
     }
 }
 
-/// A disturbance of the bus; all of it at once.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Disturbance {
-    /// Probability that a receiver loses a frame.
-    pub loss: f64,
-    /// Added latency, ms.
-    pub late_ms: u32,
-    /// Largest latency added at random, frame by frame, ms: frames overtake each other.
-    pub jitter_ms: u32,
-    /// Probability that a frame arrives twice.
-    pub doubling: f64,
-    /// Probability that some bits of a frame change without its check sum showing it.
-    pub corruption: f64,
-    /// Frames of random content a node sends each ms.
-    pub babble: u32,
-}
-
-impl Disturbance {
-    const NONE: Self = Self {
-        loss: 0.0,
-        late_ms: 0,
-        jitter_ms: 0,
-        doubling: 0.0,
-        corruption: 0.0,
-        babble: 0,
-    };
-
-    /// A node that sends frames of the highest priority as fast as it can: what others send comes
-    /// late or is given up.
-    pub const BABBLE: Self = Self {
-        loss: 0.3,
-        late_ms: 3,
-        babble: 5,
-        ..Self::NONE
-    };
-
-    /// Loses frames.
-    pub const fn loss(share: f64) -> Self {
-        Self {
-            loss: share,
-            ..Self::NONE
-        }
-    }
-
-    /// Delays all frames.
-    pub const fn late(ms: u32) -> Self {
-        Self {
-            late_ms: ms,
-            ..Self::NONE
-        }
-    }
-
-    /// Delays each frame by another time.
-    pub const fn jitter(ms: u32) -> Self {
-        Self {
-            jitter_ms: ms,
-            ..Self::NONE
-        }
-    }
-
-    /// Doubles frames.
-    pub const fn doubling(share: f64) -> Self {
-        Self {
-            doubling: share,
-            ..Self::NONE
-        }
-    }
-
-    /// Changes bits.
-    pub const fn corruption(share: f64) -> Self {
-        Self {
-            corruption: share,
-            ..Self::NONE
-        }
-    }
+/// A disturbance of the frames between boards.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Disturbance {
+    /// A receiver loses a frame with this probability.
+    Loss(f64),
+    /// All frames come so many ms later.
+    Late(u32),
+    /// Each frame comes up to so many ms later: frames overtake each other.
+    Jitter(u32),
+    /// A frame arrives twice with this probability.
+    Doubling(f64),
+    /// Bits of a frame change with this probability, without its check sum showing it.
+    Corruption(f64),
 }
 
 #[cfg(test)]

@@ -83,7 +83,7 @@ pub enum Place {
 }
 
 /// The place in `in-process`, `virtual` or `serial:front=PORT,rear=PORT,beam=PORT`.
-fn place(text: &str) -> Result<Place, String> {
+pub fn place(text: &str) -> Result<Place, String> {
     const ALLOWED: &str =
         "must be in-process, virtual or serial:front=PORT[,rear=PORT][,beam=PORT]";
     let ports = match text {
@@ -253,7 +253,8 @@ impl RobotArgs {
     }
 }
 
-fn refuse(options: &[(&str, bool)]) -> Result<(), Error> {
+/// Refuses options of virtual boards that are given.
+pub fn refuse(options: &[(&str, bool)]) -> Result<(), Error> {
     match options.iter().find(|(_, given)| *given) {
         Some((option, _)) => Err(Error::input(format!("{option}: only with --on virtual"))),
         None => Ok(()),

@@ -342,7 +342,6 @@ impl Simulation {
         }
         match injector.fault() {
             (Fault::Bus(disturbance), at) if at == tick => self.bus.disturb(disturbance),
-            (Fault::Partition(role), at) if at == tick => self.bus.part(role),
             _ => {}
         }
         Ok(())

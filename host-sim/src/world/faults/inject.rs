@@ -91,7 +91,7 @@ impl Injector {
                 *gyro = gyro.map(|rate| rate + bias);
             }
             Fault::AccelerometerMissing(i) => axles[i].acceleration_m_s2 = None,
-            Fault::Reported(i, condition, ms, _) if ms == 0 || since < ms => {
+            Fault::Reported(i, condition, ms) if ms == 0 || since < ms => {
                 let conditions = &mut axles[i].conditions;
                 *conditions = conditions.union(Conditions::only(condition));
             }
@@ -101,17 +101,14 @@ impl Injector {
 
     /// Changes what the motors give at a tick; `wanted` is what the boards commanded.
     pub fn torque(&self, tick: u32, wanted: &mut [[f64; 2]; 2]) {
-        let Some(since) = tick.checked_sub(self.at) else {
+        if tick < self.at {
             return;
-        };
+        }
         match self.fault {
             Fault::MotorWeak((i, side), share) => wanted[i][side] *= share,
             // A board that has switched off its bridges has both commands at exactly zero.
             Fault::MotorStuckOn((i, side), torque) if wanted[i] != [0.0; 2] => {
                 wanted[i][side] = torque;
-            }
-            Fault::Reported(i, _, ms, share) if ms == 0 || since < ms => {
-                wanted[i].iter_mut().for_each(|torque| *torque *= share);
             }
             _ => {}
         }

@@ -62,7 +62,7 @@ impl Bench {
             },
             ..options
         };
-        let (scenario, images) = (&campaign.scenario, &campaign.images);
+        let (scenario, images) = (&campaign.scenario, campaign.images()?);
         let mut robot = VirtualRobot::without_power(scenario, images, seed, 0, &options, &logs)?;
         robot.fit(&options.instruments)?;
         let mut node = VirtualNode::new(Settings::new(BitTiming::megabit()));

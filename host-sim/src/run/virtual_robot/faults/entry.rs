@@ -4,6 +4,7 @@ use super::Campaign;
 use super::bench::Bench;
 use crate::base::error::Error;
 use crate::run::virtual_robot::Options;
+use crate::world::faults::Fault;
 use core_algos::safety::Condition;
 use core_algos::topology::Role;
 use virtual_board::chip::ChipVariation;
@@ -49,6 +50,8 @@ pub enum Course {
     Start(Vec<Step>),
     /// One board by itself.
     Alone(Alone),
+    /// The robot drives to its goal, its boards in this process, with this fault of samples, frames or plant.
+    Model(Fault),
 }
 
 /// A fault and what may follow from it.
@@ -148,6 +151,16 @@ impl Entry {
     /// A trial of one board.
     pub fn alone(name: &'static str, seam: &'static str, trial: Alone) -> Self {
         Self::new(name, seam, Course::Alone(trial)).goes_on()
+    }
+
+    /// A fault of samples, frames or plant of a robot whose boards run in this process.
+    pub fn model(name: &'static str, seam: &'static str, fault: Fault) -> Self {
+        Self::new(name, seam, Course::Model(fault))
+    }
+
+    /// True if it needs the images of the boards.
+    pub fn needs_images(&self) -> bool {
+        !matches!(self.course, Course::Model(_))
     }
 
     /// The robot may drive on.

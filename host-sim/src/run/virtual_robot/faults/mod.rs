@@ -1,9 +1,11 @@
-//! Faults of the boards as users flash them: at registers, pins, supplies and wires of virtual boards.
+//! Catalogue of faults: in the samples and frames of a simulated robot whose boards run in this process, and at registers,
+//! pins, supplies and wires of virtual boards that run the images that users flash.
 //!
 //! | file | what it holds |
 //! |---|---|
 //! | `bench` | the robot with what an act of a fault can reach |
 //! | `entry` | what an entry of the catalogue says |
+//! | `model` | faults of samples, frames and plant, with a run of them |
 //! | `bus`, `power`, `sensors`, `motors`, `program`, `starts`, `memory` | the catalogue |
 //! | `alone` | boards that are tried one by one: power cuts and brown-outs |
 //! | `run` | a run and how it is judged |
@@ -13,6 +15,7 @@ mod bench;
 mod bus;
 mod entry;
 mod memory;
+pub mod model;
 mod motors;
 mod power;
 mod program;
@@ -24,6 +27,7 @@ pub use bus::SILENCE;
 pub use entry::{Course, Entry};
 pub use run::{Case, End, Outcome, Reference, reference, run};
 
+use crate::base::error::Error;
 use crate::run::virtual_robot::Images;
 use crate::scenario::Scenario;
 use std::sync::{Arc, Mutex};
@@ -32,6 +36,7 @@ use virtual_board::probe::coverage::Coverage;
 /// Every fault, in the order of the table.
 pub fn catalogue() -> Vec<Entry> {
     [
+        model::entries(),
         bus::entries(),
         power::entries(),
         memory::entries(),
@@ -47,10 +52,18 @@ pub fn catalogue() -> Vec<Entry> {
 pub struct Campaign {
     /// The robot.
     pub scenario: Scenario,
-    /// Images of the boards.
-    pub images: Images,
+    /// Images of the boards; without them only faults of the simulation in process can be run.
+    pub images: Option<Images>,
     /// Only some of the instants at which power can fail are tried.
     pub quick: bool,
     /// Sum of the line coverage, if requested.
     pub coverage: Option<Arc<Mutex<Coverage>>>,
+}
+
+impl Campaign {
+    /// Images of the boards.
+    fn images(&self) -> Result<&Images, Error> {
+        let missing = || Error::input("faults of the boards need their images");
+        self.images.as_ref().ok_or_else(missing)
+    }
 }

@@ -3,6 +3,7 @@
 use super::Campaign;
 use super::bench::Bench;
 use super::entry::{Course, Entry, Step};
+use super::model;
 use crate::base::error::Error;
 use crate::run::virtual_robot::{Options, store};
 use core_algos::safety::{Condition, OperatingState};
@@ -32,7 +33,7 @@ const KEPT: usize = 3 * (16 << 10);
 pub struct Case<'a> {
     /// The fault.
     pub entry: &'a Entry,
-    /// Time of the fault after the press of the button, ms.
+    /// Time of the fault after the press of the button or the task, ms.
     pub after_ms: u64,
     /// Seed of everything.
     pub seed: u64,
@@ -42,7 +43,7 @@ pub struct Case<'a> {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum End {
-    /// The robot drove on.
+    /// The robot drove on, or finished its task.
     WentOn,
     /// All motors were off in time.
     Stopped,
@@ -55,7 +56,7 @@ pub enum End {
 pub struct Outcome {
     /// Seed.
     pub seed: u64,
-    /// Time of the fault, ms after the button was pressed.
+    /// Time of the fault, ms after the button was pressed or the task was given.
     pub after_ms: u64,
     /// Result.
     pub end: End,
@@ -120,6 +121,7 @@ pub fn run(campaign: &Campaign, case: &Case, reference: &Reference) -> Result<Ou
             Ok(judge(bench, case, seen, reference, &before))
         }
         Course::Start(steps) => start(campaign, case, steps),
+        Course::Model(fault) => model::run(campaign, case, *fault),
     }
 }
 
@@ -316,7 +318,7 @@ fn judge(
     }
 }
 
-fn stopped_wrongly(
+pub(super) fn stopped_wrongly(
     entry: &Entry,
     reason: Option<Condition>,
     off_s: f64,
