@@ -4,6 +4,7 @@
 //! trial at 1 kHz.
 
 pub mod bit_compare;
+pub mod drive;
 pub mod final_error;
 pub mod kinematic_model;
 pub mod path_run;

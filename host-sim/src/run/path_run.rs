@@ -5,12 +5,13 @@ use crate::base::error::Error;
 use crate::paths::{
     Bounds, MAX_LENGTH_M, Path, PathError, SPACING_M, Sample, TimeLimits, Trajectory,
 };
+use crate::run::drive::{Errand, Progress, drive};
 use crate::run::robot::{Record, Robot};
 use crate::scenario::Scenario;
 use crate::targets::HostCommand;
 use core_algos::control::path::{PathPoint, TrajectoryPoint};
 use core_algos::node::lead::Task;
-use core_algos::time::{EPOCH, Micros};
+use core_algos::time::Micros;
 use serde::Serialize;
 
 /// Search range for the nearest point around the last one, m: more than the robot drives in an
@@ -265,6 +266,63 @@ pub struct Outcome {
     pub duration_s: f64,
 }
 
+/// A route under way.
+struct Drive<'a, F> {
+    route: &'a Route,
+    path_mode: PathMode,
+    observe: F,
+    stream: Stream,
+    /// Arc lengths of the true and of the estimated midpoint, m.
+    places: [f64; 2],
+    sums: [Sums; 2],
+    moment: Moment,
+    max_curvature: f64,
+    done: bool,
+}
+
+impl<R: Robot, F: FnMut(&Moment)> Errand<R> for Drive<'_, F> {
+    fn task(&self) -> Task {
+        match self.path_mode {
+            PathMode::Follow => Task::Follow,
+            PathMode::Track => Task::Track,
+        }
+    }
+
+    fn feed(&mut self, robot: &mut R) -> Result<(), Error> {
+        self.stream.feed(robot)
+    }
+
+    fn epoch(&mut self, robot: &R, record: &Record, since: Option<Micros>) -> Progress {
+        let Some(since) = since else {
+            return Progress::Driving;
+        };
+        let times = (since, robot.estimate_age());
+        let deviations = self
+            .route
+            .deviations(self.path_mode, record, times, &mut self.places);
+        let [x, y, heading] = record.relative;
+        self.moment = Moment {
+            target: self.route.path.at(self.places[0]),
+            truth: deviations[0],
+            estimate: deviations[1],
+            curvature: 2.0 * (0.5 * heading).tan() / x.hypot(y),
+            record: *record,
+        };
+        self.max_curvature = self.max_curvature.max(self.moment.curvature.abs());
+        (self.observe)(&self.moment);
+        if !self.done {
+            for (sum, deviation) in self.sums.iter_mut().zip(&deviations) {
+                sum.add(deviation);
+            }
+        }
+        self.done |= record.lead.done;
+        match record.lead.done {
+            true => Progress::Done,
+            false => Progress::Driving,
+        }
+    }
+}
+
 /// Drives `route` with a robot of `scenario`; `observe` is called once an epoch from the beginning
 /// of the task. The robot starts where the scenario says.
 pub fn drive_on(
@@ -272,77 +330,32 @@ pub fn drive_on(
     scenario: &Scenario,
     route: &Route,
     path_mode: PathMode,
-    mut observe: impl FnMut(&Moment),
+    observe: impl FnMut(&Moment),
 ) -> Result<Outcome, Error> {
-    let settle = (scenario.mission.settle_s * 1e6) as Micros / EPOCH * EPOCH;
-    let rest = (scenario.mission.rest_s * 1e6) as Micros;
-    let expected = PATIENCE.0 * route.trajectory.duration() + PATIENCE.1;
-    let limit = settle + (expected * 1e6) as Micros;
-    let mut stream = Stream::new(route, path_mode);
-    let mut places = [0.0; 2];
-    let mut sums = [Sums::default(); 2];
-    let (mut moment, mut max_curvature) = (Moment::default(), 0.0f64);
-    let (mut began, mut done_at) = (None, None);
-    while robot.now() < limit {
-        let now = robot.now();
-        if now.is_multiple_of(EPOCH) {
-            stream.feed(robot)?;
-        }
-        if now == settle {
-            robot.command(&HostCommand::Task(match path_mode {
-                PathMode::Follow => Task::Follow,
-                PathMode::Track => Task::Track,
-            }))?;
-        }
-        if began.is_none() && now >= settle && robot.is_settled() {
-            began = Some(now);
-        }
-        robot.step()?;
-        let now = robot.now();
-        let Some(began) = began.filter(|_| now.is_multiple_of(EPOCH)) else {
-            if robot.must_end() {
-                break;
-            }
-            continue;
-        };
-        let record = robot.record();
-        let times = (now - began, robot.estimate_age());
-        let deviations = route.deviations(path_mode, &record, times, &mut places);
-        let [x, y, heading] = record.relative;
-        moment = Moment {
-            target: route.path.at(places[0]),
-            truth: deviations[0],
-            estimate: deviations[1],
-            curvature: 2.0 * (0.5 * heading).tan() / x.hypot(y),
-            record,
-        };
-        max_curvature = max_curvature.max(moment.curvature.abs());
-        observe(&moment);
-        if done_at.is_none() {
-            for (sum, deviation) in sums.iter_mut().zip(&deviations) {
-                sum.add(deviation);
-            }
-        }
-        if moment.record.lead.done {
-            let since = *done_at.get_or_insert(now);
-            if now - since >= rest && robot.watched_enough() {
-                break;
-            }
-        }
-        if robot.must_end() {
-            break;
-        }
-    }
+    let mut run = Drive {
+        route,
+        path_mode,
+        observe,
+        stream: Stream::new(route, path_mode),
+        places: [0.0; 2],
+        sums: [Sums::default(); 2],
+        moment: Moment::default(),
+        max_curvature: 0.0,
+        done: false,
+    };
+    let limit_s = PATIENCE.0 * route.trajectory.duration() + PATIENCE.1;
+    let ended = drive(robot, scenario, limit_s, &mut run)?;
     let end = route.end();
-    let center = moment.record.lead.fused.robot.posture;
+    let record = &run.moment.record;
+    let center = record.lead.fused.robot.posture;
     let estimate = [center.x, center.y, center.phi].map(f64::from);
-    let at_rest = [moment.record.midpoint, estimate].map(|at| Deviation::of(at, &end));
+    let at_rest = [record.midpoint, estimate].map(|at| Deviation::of(at, &end));
     Ok(Outcome {
-        truth: sums[0].errors(&at_rest[0]),
-        estimate: sums[1].errors(&at_rest[1]),
-        max_curvature,
-        done: done_at.is_some(),
-        duration_s: done_at.unwrap_or(robot.now()).saturating_sub(settle) as f64 * 1e-6,
+        truth: run.sums[0].errors(&at_rest[0]),
+        estimate: run.sums[1].errors(&at_rest[1]),
+        max_curvature: run.max_curvature,
+        done: ended.done,
+        duration_s: ended.duration_s,
     })
 }
 

@@ -2,12 +2,12 @@
 
 use crate::base::error::Error;
 use crate::base::statistics::nees;
+use crate::run::drive::{Errand, Progress, drive};
 use crate::run::kinematic_model::Model;
 use crate::run::recovery::Status;
 use crate::run::robot::{Record, Robot};
 use crate::run::simulation::Simulation;
 use crate::scenario::Scenario;
-use crate::targets::HostCommand;
 use core_algos::bus::LeadMode;
 use core_algos::control::regulator::Phase;
 use core_algos::math::Posture;
@@ -144,81 +144,91 @@ pub fn regulate(
     )
 }
 
-/// The same with a robot that has been made for the scenario.
-pub fn regulate_on(
-    simulation: &mut impl Robot,
-    scenario: &Scenario,
-    mut observe: impl FnMut(&Record),
-) -> Result<Outcome, Error> {
-    let goal = Posture::from(scenario.mission.goal.map(|v| v as f32));
-    let settle = (scenario.mission.settle_s * 1e6) as Micros;
-    let limit = settle + (scenario.mission.time_limit_s * 1e6) as Micros;
-    let rest = (scenario.mission.rest_s * 1e6) as Micros;
-    let mut outcome = Outcome::default();
-    let (mut force_square, mut count) = (0.0, 0u64);
-    let mut drive = Drive::new(simulation);
-    let mut done_at = None;
-    while simulation.now() < limit {
-        let now = simulation.now();
-        if now == settle {
-            simulation.command(&HostCommand::Task(Task::Regulate { goal }))?;
-        }
-        simulation.step()?;
-        if now >= settle {
-            let [x, y] = simulation
-                .plant()
-                .map_or([f64::NAN; 2], |plant| plant.wrench().force);
-            force_square += x.powi(2) + y.powi(2);
-            count += 1;
-            drive.steering = drive.steering.max(simulation.steering().abs());
-        }
-        if !simulation.now().is_multiple_of(EPOCH) {
-            continue;
-        }
-        let record = simulation.record();
-        drive.observe(&record);
-        observe(&record);
+/// Regulation under way.
+struct Regulation<F> {
+    goal: Posture,
+    observe: F,
+    drive: Drive,
+    /// Sum of the squares of the frame's force, N², and its ticks.
+    force_square: f64,
+    ticks: u64,
+    gave_up: bool,
+}
+
+impl<R: Robot, F: FnMut(&Record)> Errand<R> for Regulation<F> {
+    fn task(&self) -> Task {
+        Task::Regulate { goal: self.goal }
+    }
+
+    fn tick(&mut self, robot: &R) -> Progress {
+        let force = robot.plant().map(|plant| plant.wrench().force);
+        let [x, y] = force.unwrap_or([f64::NAN; 2]);
+        self.force_square += x.powi(2) + y.powi(2);
+        self.ticks += 1;
+        self.drive.steering = self.drive.steering.max(robot.steering().abs());
+        Progress::Driving
+    }
+
+    fn epoch(&mut self, _robot: &R, record: &Record, _since: Option<Micros>) -> Progress {
+        self.drive.observe(record);
+        (self.observe)(record);
         let lead = &record.lead;
-        if lead.done && lead.mode == LeadMode::Hold && lead.phase == Phase::Done {
-            let since = *done_at.get_or_insert(now);
-            if now - since >= rest && simulation.watched_enough() {
-                break;
-            }
-        } else {
-            done_at = None;
-        }
-        if lead.phase == Phase::GaveUp {
-            outcome.gave_up = true;
-            break;
-        }
-        if simulation.must_end() {
-            break;
+        self.gave_up = lead.phase == Phase::GaveUp;
+        match lead.phase {
+            Phase::GaveUp => Progress::Over,
+            Phase::Done if lead.done && lead.mode == LeadMode::Hold => Progress::Done,
+            _ => Progress::Driving,
         }
     }
-    let record = simulation.record();
+}
+
+/// The same with a robot that has been made for the scenario.
+pub fn regulate_on(
+    robot: &mut impl Robot,
+    scenario: &Scenario,
+    observe: impl FnMut(&Record),
+) -> Result<Outcome, Error> {
+    let mut regulation = Regulation {
+        goal: Posture::from(scenario.mission.goal.map(|v| v as f32)),
+        observe,
+        drive: Drive::new(robot),
+        force_square: 0.0,
+        ticks: 0,
+        gave_up: false,
+    };
+    let end = drive(
+        robot,
+        scenario,
+        scenario.mission.time_limit_s,
+        &mut regulation,
+    )?;
+    let record = robot.record();
     let fused = &record.lead.fused;
     let center = fused.robot.posture;
     let seen = fused.front.posture.relative_to(fused.rear.posture);
     let seen = [seen.x, seen.y, seen.phi].map(f64::from);
-    outcome.relative_error = std::array::from_fn(|i| seen[i] - record.relative[i]);
     let frame = Model::of_robot(&scenario.robot);
-    outcome.max_curvature = frame.curvature(drive.steering);
-    outcome.max_commanded_curvature = frame.curvature(drive.commanded_steering);
-    outcome.max_path_curvature = drive.path_curvature;
-    outcome.path_m = drive.path_m;
-    outcome.cusps = drive.cusps;
-    outcome.plans = drive.plans;
-    outcome.planning_steps = drive.planning_steps;
-    outcome.end_speed_m_s = simulation.speed();
-    outcome.fault = simulation.monitor().first_fault().copied();
-    outcome.midpoint = record.midpoint;
-    outcome.nees = nees(&fused.robot, record.midpoint);
-    outcome.estimate = [center.x, center.y, center.phi].map(f64::from);
-    outcome.done = done_at.is_some();
-    outcome.claimed = fused.robot.half_axes_95().map(f64::from);
-    let notices = simulation.monitor().noticed(Node::Lead);
-    outcome.uncertain = notices.contains(Condition::ReachedUncertain);
-    outcome.duration_s = (done_at.unwrap_or(simulation.now()).saturating_sub(settle)) as f64 * 1e-6;
-    outcome.force_rms_n = (force_square / count.max(1) as f64).sqrt();
-    Ok(outcome)
+    let drive = regulation.drive;
+    let notices = robot.monitor().noticed(Node::Lead);
+    Ok(Outcome {
+        midpoint: record.midpoint,
+        estimate: [center.x, center.y, center.phi].map(f64::from),
+        nees: nees(&fused.robot, record.midpoint),
+        done: end.done,
+        uncertain: notices.contains(Condition::ReachedUncertain),
+        claimed: fused.robot.half_axes_95().map(f64::from),
+        gave_up: regulation.gave_up,
+        duration_s: end.duration_s,
+        force_rms_n: (regulation.force_square / regulation.ticks.max(1) as f64).sqrt(),
+        max_curvature: frame.curvature(drive.steering),
+        max_path_curvature: drive.path_curvature,
+        max_commanded_curvature: frame.curvature(drive.commanded_steering),
+        path_m: drive.path_m,
+        cusps: drive.cusps,
+        plans: drive.plans,
+        planning_steps: drive.planning_steps,
+        end_speed_m_s: robot.speed(),
+        relative_error: std::array::from_fn(|i| seen[i] - record.relative[i]),
+        fault: robot.monitor().first_fault().copied(),
+    })
 }

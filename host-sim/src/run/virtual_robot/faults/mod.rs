@@ -8,7 +8,8 @@
 //! | `model` | faults of samples, frames and plant, with a run of them |
 //! | `bus`, `power`, `sensors`, `motors`, `program`, `starts`, `memory` | the catalogue |
 //! | `alone` | boards that are tried one by one: power cuts and brown-outs |
-//! | `run` | a run and how it is judged |
+//! | `outcome` | a run to do, and how it ended |
+//! | `run` | a run on virtual boards and how it is judged |
 
 mod alone;
 mod bench;
@@ -17,6 +18,7 @@ mod entry;
 mod memory;
 pub mod model;
 mod motors;
+mod outcome;
 mod power;
 mod program;
 mod run;
@@ -25,7 +27,8 @@ mod starts;
 
 pub use bus::SILENCE;
 pub use entry::{Course, Entry};
-pub use run::{Case, End, Outcome, Reference, reference, run};
+pub use outcome::{Case, End, Outcome};
+pub use run::{Reference, reference, run};
 
 use crate::base::error::Error;
 use crate::run::virtual_robot::Images;

@@ -2,12 +2,12 @@
 
 use super::Campaign;
 use super::entry::{Entry, entries};
-use super::run::{Case, End, Outcome, stopped_wrongly};
+use super::outcome::{Case, End, Outcome, stopped_wrongly};
 use crate::base::error::Error;
-use crate::run::robot::Robot as _;
+use crate::run::drive::{Errand, Progress, drive};
+use crate::run::robot::{Record, Robot as _};
 use crate::run::simulation::Simulation;
 use crate::scenario::Scenario;
-use crate::targets::HostCommand;
 use crate::world::faults::Disturbance;
 use crate::world::faults::Fault::{
     self, AccelerometerMissing, Bus, EncoderJumps, EncoderMissing, EncoderStuck, EncodersSwapped,
@@ -19,7 +19,7 @@ use core_algos::control::regulator::Phase;
 use core_algos::math::Posture;
 use core_algos::node::lead::Task;
 use core_algos::safety::Condition::{self, *};
-use core_algos::time::{EPOCH, Micros, TICK};
+use core_algos::time::{Micros, TICK};
 use core_algos::topology::Role;
 
 /// Codes of a lost or late message.
@@ -138,60 +138,84 @@ pub(super) fn run(campaign: &Campaign, case: &Case, fault: Fault) -> Result<Outc
     run_on(&mut simulation, &campaign.scenario, case)
 }
 
-/// How a run went.
-#[derive(Default)]
-struct Seen {
+/// A run under way.
+struct Watch {
+    goal: Posture,
+    /// Time of the fault, µs.
+    from: Micros,
     /// Consecutive ticks beyond each bound.
     beyond: [u32; 3],
     /// Consecutive ticks at rest with motors off.
     rest: u32,
     /// Time of the stop, µs.
     stopped: Option<Micros>,
-    /// Consecutive epochs in which the lead node took the task for done.
-    done: u32,
-    /// Failure, in words; the end of the run.
+    /// Failure, in words.
     wrong: Option<String>,
-    /// Result, if nothing is wrong; the end of the run.
-    end: Option<End>,
 }
 
-impl Seen {
-    /// Takes in the state after one more tick.
-    fn see(&mut self, simulation: &Simulation, rest_s: f64) {
+impl Watch {
+    /// The bound that was exceeded for longer than a moment.
+    fn exceeded(&mut self, simulation: &Simulation) -> Option<String> {
         let force = simulation.plant().wrench().force;
-        let speed = simulation.speed();
-        let seen = [speed, simulation.steering().abs(), force[0].hypot(force[1])];
+        let seen = [
+            simulation.speed(),
+            simulation.steering().abs(),
+            force[0].hypot(force[1]),
+        ];
+        let mut exceeded = None;
         for (i, beyond) in self.beyond.iter_mut().enumerate() {
             // NaN is beyond every bound.
             let within = seen[i] <= BOUNDS[i];
             *beyond = if within { 0 } else { *beyond + 1 };
             if *beyond > MOMENT {
                 let what = ["speed", "steering", "force"][i];
-                self.wrong = Some(format!("{what} of {:.2}, beyond {}", seen[i], BOUNDS[i]));
+                exceeded = Some(format!("{what} of {:.2}, beyond {}", seen[i], BOUNDS[i]));
             }
         }
-        let (now, off) = (simulation.now(), simulation.torque() == [[0.0; 2]; 2]);
+        exceeded
+    }
+}
+
+impl Errand<Simulation> for Watch {
+    fn task(&self) -> Task {
+        Task::Regulate { goal: self.goal }
+    }
+
+    fn must_end(&self, _robot: &Simulation) -> bool {
+        false
+    }
+
+    fn tick(&mut self, simulation: &Simulation) -> Progress {
+        let now = simulation.now() - TICK;
+        if now < self.from {
+            return Progress::Driving;
+        }
+        self.wrong = self.exceeded(simulation);
+        let (speed, off) = (simulation.speed(), simulation.torque() == [[0.0; 2]; 2]);
         self.rest = (self.rest + 1) * u32::from(off && speed < REST_M_S);
         let faulted = simulation.monitor().first_fault().is_some();
         match self.stopped {
             // The frame may swing a little when the motors let go.
             Some(_) if !off || !(speed < SWING_M_S) => {
-                self.wrong = Some("drives again after its stop".to_owned())
+                self.wrong = Some("drives again after its stop".to_owned());
             }
-            Some(since) if now - since > WATCH => self.end = Some(End::Stopped),
+            Some(since) if now - since >= WATCH => return Progress::Over,
             None if faulted && self.rest >= REST => {
-                self.stopped = Some(now - TICK - Micros::from(self.rest) * TICK);
+                self.stopped = Some(now - Micros::from(self.rest) * TICK);
             }
             _ => {}
         }
-        // What the lead node did comes from a board in parts, all of it by the end of the epoch.
-        if now.is_multiple_of(EPOCH) {
-            let lead = simulation.lead_output();
-            let done = lead.done && lead.mode == LeadMode::Hold && lead.phase == Phase::Done;
-            self.done = if done { self.done + 1 } else { 0 };
-            if f64::from(self.done) * EPOCH as f64 * 1e-6 >= rest_s {
-                self.end = Some(End::WentOn);
-            }
+        match self.wrong {
+            Some(_) => Progress::Over,
+            None => Progress::Driving,
+        }
+    }
+
+    fn epoch(&mut self, _robot: &Simulation, record: &Record, _since: Option<Micros>) -> Progress {
+        let lead = &record.lead;
+        match lead.done && lead.mode == LeadMode::Hold && lead.phase == Phase::Done {
+            true => Progress::Done,
+            false => Progress::Driving,
         }
     }
 }
@@ -203,36 +227,29 @@ pub fn run_on(
     case: &Case,
 ) -> Result<Outcome, Error> {
     let mission = &scenario.mission;
-    let settle = (mission.settle_s * 1e6) as Micros;
-    let limit = settle + (mission.time_limit_s * 1e6) as Micros;
-    let from = Micros::from(tick(scenario, case)) * TICK;
-    let mut seen = Seen::default();
-    while seen.end.is_none() && seen.wrong.is_none() {
-        let now = simulation.now();
-        if now == settle {
-            let goal = Posture::from(mission.goal.map(|v| v as f32));
-            simulation.command(&HostCommand::Task(Task::Regulate { goal }))?;
-        }
-        simulation.step()?;
-        if now >= from {
-            seen.see(simulation, mission.rest_s);
-        }
-        if simulation.now() >= limit {
-            seen.wrong
-                .get_or_insert("neither done nor stopped".to_owned());
-        }
-    }
+    let mut watch = Watch {
+        goal: Posture::from(mission.goal.map(|v| v as f32)),
+        from: Micros::from(tick(scenario, case)) * TICK,
+        beyond: [0; 3],
+        rest: 0,
+        stopped: None,
+        wrong: None,
+    };
+    let done = drive(simulation, scenario, mission.time_limit_s, &mut watch)?.done;
     let first = simulation.monitor().first_fault().copied();
     let reason = first.and_then(|status| status.reason);
-    let off_s = seen.stopped.map(|at| at.saturating_sub(from) as f64 * 1e-6);
-    let wrong = seen.wrong.or_else(|| match off_s {
+    let since = |at: Micros| at.saturating_sub(watch.from) as f64 * 1e-6;
+    let off_s = watch.stopped.map(since);
+    let wrong = watch.wrong.or_else(|| match off_s {
         Some(off_s) => stopped_wrongly(case.entry, reason, off_s, None),
-        None => missed(simulation, scenario, case.entry),
+        None if done => missed(simulation, scenario, case.entry),
+        None => Some("neither done nor stopped".to_owned()),
     });
+    let end = if done { End::WentOn } else { End::Stopped };
     Ok(Outcome {
         seed: case.seed,
         after_ms: case.after_ms,
-        end: wrong.map_or(seen.end.unwrap_or(End::Stopped), End::Wrong),
+        end: wrong.map_or(end, End::Wrong),
         reason,
         off_s,
         own_off_s: None,

@@ -4,11 +4,11 @@ use super::Campaign;
 use super::bench::Bench;
 use super::entry::{Course, Entry, Step};
 use super::model;
+use super::outcome::{Case, End, Outcome, stopped_wrongly};
 use crate::base::error::Error;
 use crate::run::virtual_robot::{Options, store};
 use core_algos::safety::{Condition, OperatingState};
 use core_algos::topology::{Node, Role};
-use serde::{Serialize, Serializer};
 use virtual_board::Time;
 use virtual_board::device::Drv8874;
 use virtual_board::wire::ErrorKind;
@@ -27,53 +27,6 @@ const STAYS_MS: u64 = 100;
 const DRIVE_MS: u64 = 400;
 /// The parameters in the flash.
 const KEPT: usize = 3 * (16 << 10);
-
-/// One run to do.
-#[derive(Clone, Copy, Debug)]
-pub struct Case<'a> {
-    /// The fault.
-    pub entry: &'a Entry,
-    /// Time of the fault after the press of the button or the task, ms.
-    pub after_ms: u64,
-    /// Seed of everything.
-    pub seed: u64,
-}
-
-/// End of a run.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum End {
-    /// The robot drove on, or finished its task.
-    WentOn,
-    /// All motors were off in time.
-    Stopped,
-    /// Anything else, in words.
-    Wrong(String),
-}
-
-/// Outcome of a run.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Outcome {
-    /// Seed.
-    pub seed: u64,
-    /// Time of the fault, ms after the button was pressed or the task was given.
-    pub after_ms: u64,
-    /// Result.
-    pub end: End,
-    /// The first reason that was heard of a stop.
-    #[serde(serialize_with = "name")]
-    pub reason: Option<Condition>,
-    /// Time from the fault to all motors off, s.
-    pub off_s: Option<f64>,
-    /// Time from the fault to the last pulse of the struck axle's drivers, s.
-    pub own_off_s: Option<f64>,
-    /// Cases that were tried, of a board by itself.
-    pub cases: usize,
-}
-
-fn name<S: Serializer>(reason: &Option<Condition>, to: S) -> Result<S::Ok, S::Error> {
-    reason.map(|reason| reason.entry().name).serialize(to)
-}
 
 /// Postures of the robot without a fault, by ms since the press of the button.
 pub type Reference = Vec<[f64; 3]>;
@@ -315,33 +268,6 @@ fn judge(
         off_s,
         own_off_s,
         cases: 1,
-    }
-}
-
-pub(super) fn stopped_wrongly(
-    entry: &Entry,
-    reason: Option<Condition>,
-    off_s: f64,
-    own_off_s: Option<f64>,
-) -> Option<String> {
-    if entry.goes_on && entry.codes.is_empty() {
-        return Some(format!("stopped: {reason:?}"));
-    }
-    let fits = match reason {
-        Some(reason) => entry.codes.contains(&reason),
-        None => entry.codes.is_empty(),
-    };
-    if !fits {
-        return Some(format!("stopped for another reason: {reason:?}"));
-    }
-    if off_s > entry.off_within_s {
-        return Some(format!("motors off after {off_s:.3} s"));
-    }
-    match (own_off_s, entry.own_within_s) {
-        (Some(own), Some(within)) if own > within => {
-            Some(format!("last pulse of the struck axle after {own:.6} s"))
-        }
-        _ => None,
     }
 }
 

@@ -1,0 +1,105 @@
+//! The run loop: a robot, wherever its boards run, carries out a task.
+
+use crate::base::error::Error;
+use crate::run::robot::{Record, Robot};
+use crate::scenario::Scenario;
+use crate::targets::HostCommand;
+use core_algos::node::lead::Task;
+use core_algos::time::{EPOCH, Micros, TICK};
+
+/// State of a task at the end of an epoch.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Progress {
+    /// Under way.
+    Driving,
+    /// The lead node takes it for done.
+    Done,
+    /// Over: the lead node gave up, or the task itself has seen enough.
+    Over,
+}
+
+/// A task as the host gives and observes it.
+pub trait Errand<R: Robot> {
+    /// What the lead node is told once the robot has settled.
+    fn task(&self) -> Task;
+
+    /// The beginning of an epoch: points of a path may be sent.
+    fn feed(&mut self, _robot: &mut R) -> Result<(), Error> {
+        Ok(())
+    }
+
+    /// The state after a tick, from the task on.
+    fn tick(&mut self, _robot: &R) -> Progress {
+        Progress::Driving
+    }
+
+    /// True if the run must end here whatever the task.
+    fn must_end(&self, robot: &R) -> bool {
+        robot.must_end()
+    }
+
+    /// The state at the end of an epoch, and the time since the lead node got the task, µs; none before.
+    fn epoch(&mut self, robot: &R, record: &Record, since: Option<Micros>) -> Progress;
+}
+
+/// End of a run.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct End {
+    /// True if the lead node took the task for done, from then on to the end of the run.
+    pub done: bool,
+    /// Time from the task to its end, s.
+    pub duration_s: f64,
+}
+
+/// Has a robot settle, gives it a task, and goes on until it has rested at its end, the task is over, or `limit_s` have
+/// passed since the task was given.
+pub fn drive<R: Robot>(
+    robot: &mut R,
+    scenario: &Scenario,
+    limit_s: f64,
+    errand: &mut impl Errand<R>,
+) -> Result<End, Error> {
+    let micros = |seconds: f64| (seconds * 1e6) as Micros;
+    let settle = micros(scenario.mission.settle_s) / EPOCH * EPOCH;
+    let limit = settle + micros(limit_s);
+    let rest = micros(scenario.mission.rest_s);
+    let (mut began, mut done_at) = (None, None);
+    while robot.now() < limit {
+        let now = robot.now();
+        if now.is_multiple_of(EPOCH) {
+            errand.feed(robot)?;
+        }
+        if now == settle {
+            robot.command(&HostCommand::Task(errand.task()))?;
+        }
+        if began.is_none() && now >= settle && robot.is_settled() {
+            began = Some(now);
+        }
+        robot.step()?;
+        if now >= settle && errand.tick(robot) == Progress::Over {
+            break;
+        }
+        if !robot.now().is_multiple_of(EPOCH) {
+            continue;
+        }
+        let since = began.map(|began| robot.now() - began);
+        match errand.epoch(robot, &robot.record(), since) {
+            Progress::Driving => done_at = None,
+            Progress::Over => break,
+            Progress::Done => {
+                let since = *done_at.get_or_insert(robot.now() - TICK);
+                if now - since >= rest && robot.watched_enough() {
+                    break;
+                }
+            }
+        }
+        if errand.must_end(robot) {
+            break;
+        }
+    }
+    let end = done_at.unwrap_or(robot.now());
+    Ok(End {
+        done: done_at.is_some(),
+        duration_s: end.saturating_sub(settle) as f64 * 1e-6,
+    })
+}

@@ -1,0 +1,80 @@
+//! A run to do, and how it ended.
+
+use super::entry::Entry;
+use core_algos::safety::Condition;
+use serde::{Serialize, Serializer};
+
+/// One run to do.
+#[derive(Clone, Copy, Debug)]
+pub struct Case<'a> {
+    /// The fault.
+    pub entry: &'a Entry,
+    /// Time of the fault after the press of the button or the task, ms.
+    pub after_ms: u64,
+    /// Seed of everything.
+    pub seed: u64,
+}
+
+/// End of a run.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum End {
+    /// The robot drove on, or finished its task.
+    WentOn,
+    /// All motors were off in time.
+    Stopped,
+    /// Anything else, in words.
+    Wrong(String),
+}
+
+/// Outcome of a run.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Outcome {
+    /// Seed.
+    pub seed: u64,
+    /// Time of the fault, ms after the button was pressed or the task was given.
+    pub after_ms: u64,
+    /// Result.
+    pub end: End,
+    /// The first reason that was heard of a stop.
+    #[serde(serialize_with = "name")]
+    pub reason: Option<Condition>,
+    /// Time from the fault to all motors off, s.
+    pub off_s: Option<f64>,
+    /// Time from the fault to the last pulse of the struck axle's drivers, s.
+    pub own_off_s: Option<f64>,
+    /// Cases that were tried, of a board by itself.
+    pub cases: usize,
+}
+
+fn name<S: Serializer>(reason: &Option<Condition>, to: S) -> Result<S::Ok, S::Error> {
+    reason.map(|reason| reason.entry().name).serialize(to)
+}
+
+/// What is wrong with a stop for this reason, after this time; `own_off_s` is that of the struck axle.
+pub(super) fn stopped_wrongly(
+    entry: &Entry,
+    reason: Option<Condition>,
+    off_s: f64,
+    own_off_s: Option<f64>,
+) -> Option<String> {
+    if entry.goes_on && entry.codes.is_empty() {
+        return Some(format!("stopped: {reason:?}"));
+    }
+    let fits = match reason {
+        Some(reason) => entry.codes.contains(&reason),
+        None => entry.codes.is_empty(),
+    };
+    if !fits {
+        return Some(format!("stopped for another reason: {reason:?}"));
+    }
+    if off_s > entry.off_within_s {
+        return Some(format!("motors off after {off_s:.3} s"));
+    }
+    match (own_off_s, entry.own_within_s) {
+        (Some(own), Some(within)) if own > within => {
+            Some(format!("last pulse of the struck axle after {own:.6} s"))
+        }
+        _ => None,
+    }
+}
