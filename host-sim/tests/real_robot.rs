@@ -12,27 +12,56 @@ use host_sim::targets::images::Images;
 use host_sim::targets::link::Descriptors;
 use serde_json::Value;
 use std::fs::{self, File};
-use std::path::Path;
+use std::os::unix::fs::symlink;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
+use tempfile::TempDir;
 use terminal::pseudo_terminal;
 use virtual_board::Time;
 
+/// A port of its own name, with the other end of the terminal that it leads to.
+struct Port {
+    name: PathBuf,
+    wire: Option<Descriptors>,
+}
+
+impl Port {
+    fn plug(&mut self, plugged: bool) {
+        if plugged == self.wire.is_some() {
+            return;
+        }
+        self.wire = plugged.then(|| {
+            let (master, path) = pseudo_terminal();
+            symlink(path, &self.name).unwrap();
+            let file = File::from(master);
+            Descriptors::new(file.try_clone().unwrap(), file)
+        });
+        if !plugged {
+            fs::remove_file(&self.name).unwrap();
+        }
+    }
+}
+
 /// A robot whose front board is at a port, until it is dropped.
 struct Bench {
-    port: String,
+    folder: TempDir,
     done: Arc<AtomicBool>,
     robot: Option<JoinHandle<VirtualRobot>>,
 }
 
 impl Bench {
-    fn new(scenario: &Scenario) -> Self {
-        let (master, port) = pseudo_terminal();
-        let file = File::from(master);
-        let mut wire = Descriptors::new(file.try_clone().unwrap(), file);
+    /// If its cable is `loose`, it is unplugged for half a second of every two from the first motion on.
+    fn new(scenario: &Scenario, loose: bool) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let mut port = Port {
+            name: folder.path().join("port"),
+            wire: None,
+        };
+        port.plug(true);
         let images = Images::open(None, None, None).unwrap();
         let options = Options {
             host: false,
@@ -44,21 +73,30 @@ impl Bench {
         let end = done.clone();
         let robot = thread::spawn(move || {
             robot.control_mut().pace = Some(RealTimeLimiter::new());
-            let mut room = [0; 512];
+            let (mut room, mut moved) = ([0; 512], None);
             while !end.load(Relaxed) {
                 robot.step().unwrap();
+                if robot.speed() > 0.01 {
+                    moved.get_or_insert(robot.now());
+                }
+                let since = moved.map_or(0, |moved| robot.now() - moved);
+                port.plug(!loose || since / 500_000 % 4 != 1);
                 let now = Time::from_micros((robot.boot_s() * 1e6).round() as u64 + robot.now());
                 // Nobody has opened the other end yet, or any more.
-                let count = wire.receive(&mut room, Duration::ZERO).unwrap_or(0);
-                let port = robot.serial(Role::Front).unwrap();
-                port.send(&room[..count], now);
-                let sent = std::mem::take(&mut port.sent);
-                let _ = wire.send(&sent);
+                let count = port
+                    .wire
+                    .as_mut()
+                    .map(|wire| wire.receive(&mut room, Duration::ZERO));
+                let count = count.and_then(Result::ok).unwrap_or(0);
+                let board = robot.serial(Role::Front).unwrap();
+                board.send(&room[..count], now);
+                let sent = std::mem::take(&mut board.sent);
+                let _ = port.wire.as_mut().map(|wire| wire.send(&sent));
             }
             robot
         });
         Self {
-            port,
+            folder,
             done,
             robot: Some(robot),
         }
@@ -67,7 +105,10 @@ impl Bench {
     fn run(&self, folder: &Path, arguments: &[&str]) -> Output {
         Command::new(env!("CARGO_BIN_EXE_cfmmr"))
             .args(arguments)
-            .args(["--on", &format!("serial:front={}", self.port)])
+            .args([
+                "--on",
+                &format!("serial:front={}/port", self.folder.path().display()),
+            ])
             .current_dir(folder)
             .output()
             .unwrap()
@@ -95,7 +136,7 @@ fn a_robot_at_a_serial_port_drives_to_its_goal() {
     let folder = tempfile::tempdir().unwrap();
     let mut scenario = Scenario::default();
     scenario.mission.start = [-0.6, 0.1, 0.2];
-    let bench = Bench::new(&scenario);
+    let bench = Bench::new(&scenario, false);
     for wrong in [
         &["posture", "--imu"][..],
         &["posture", "--set", "plant.friction=0.5"],
@@ -136,13 +177,29 @@ fn a_robot_at_a_serial_port_drives_to_its_goal() {
     );
 }
 
+/// A port that closes while the robot drives is opened again, and the points of the path go on.
+#[test]
+fn a_loose_cable_does_not_end_the_run() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut scenario = Scenario::default();
+    scenario.mission.start = [0.0; 3];
+    let bench = Bench::new(&scenario, true);
+    let output = bench.run(folder.path(), &["follow", "--path", "line", "--size", "2"]);
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success(), "{said}");
+    let report = result(folder.path(), "follow");
+    assert!(report["reconnected"].as_u64().unwrap() >= 4, "{report}");
+    let [x, y, _] = bench.robot().record().midpoint;
+    assert!((x - 2.0).hypot(y) < 0.05, "{x} {y}");
+}
+
 /// A path is sent in parts while the robot drives. Ended early, the run leaves a robot at rest with its motors off.
 #[test]
 fn a_robot_at_a_serial_port_is_stopped_at_the_end_of_the_run() {
     let folder = tempfile::tempdir().unwrap();
     let mut scenario = Scenario::default();
     scenario.mission.start = [0.0; 3];
-    let bench = Bench::new(&scenario);
+    let bench = Bench::new(&scenario, false);
     let arguments = [
         "follow",
         "--path",

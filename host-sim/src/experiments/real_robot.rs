@@ -11,7 +11,8 @@ use crate::recording::{About, LogArgs, csv};
 use crate::run::final_error::FinalError;
 use crate::run::recovery::Status;
 use crate::run::robot::{Record, Robot};
-use crate::run::serial_robot::SerialRobot;
+use crate::run::serial_robot::{Connect, SerialRobot};
+use crate::targets::link::Link;
 use crate::targets::serial::Serial;
 use core_algos::link::protocol::Place;
 use core_algos::math::Posture;
@@ -44,6 +45,8 @@ struct Report {
     frames: u64,
     /// Lost frames.
     lost: u16,
+    /// Times the port was opened again.
+    reconnected: u32,
     /// Heartbeats: every change of state.
     nodes: Vec<Status>,
 }
@@ -63,8 +66,13 @@ pub fn run(
             "--on serial: must be serial:front=PORT: the front board's port is that of the robot",
         ));
     };
-    let port = Serial::open(front, args.baud)
-        .map_err(|error| Error::input(format!("--on serial:front={error}")))?;
+    let (path, baud) = (front.clone(), args.baud);
+    let connect: Connect = Box::new(move || {
+        let port = Serial::open(&path, baud);
+        let named = |error| Error::input(format!("--on serial:front={error}"));
+        port.map(|port| Box::new(port) as Box<dyn Link>)
+            .map_err(named)
+    });
     let scenario = mission.scenario(context);
     let [x, y, phi] = scenario.mission.start.map(|value| value as f32);
     let (center, relative) = scenario.robot.put_down(Posture::new(x, y, phi));
@@ -79,7 +87,7 @@ pub fn run(
     stage.span = plan.span;
     // Time is the computer's.
     stage.real_time = false;
-    let mut robot = SerialRobot::open(Box::new(port), Place { center, relative })?;
+    let mut robot = SerialRobot::open(connect, Place { center, relative })?;
     let driven = stage.run(&mut robot, |robot| mission.drive(robot, &scenario))?;
     let report = report(&robot, &driven.outcome, goal);
     // Stops the robot.
@@ -125,6 +133,7 @@ fn report(robot: &SerialRobot, outcome: &Outcome, goal: [f64; 3]) -> Report {
         max_cross_track_m: path,
         frames: robot.bus().sent,
         lost: robot.lost(),
+        reconnected: robot.reconnected(),
         nodes: robot.monitor().changes().to_vec(),
     }
 }
@@ -168,6 +177,12 @@ fn table(report: &Report) -> String {
     let role = Role::Front.name();
     if report.lost > 0 {
         text += &format!("the {role} board had no room for {} frames\n", report.lost);
+    }
+    if report.reconnected > 0 {
+        text += &format!(
+            "its serial port was opened again, times: {}\n",
+            report.reconnected
+        );
     }
     text
 }

@@ -1,7 +1,7 @@
 //! A real robot behind the serial port of its front board. Its true state is not known.
 //!
 //! Time is the computer's. The board needs no host to drive: when the run ends, or is dropped, the host stops the robot
-//! and has its motors switched off.
+//! and has its motors switched off. A port that closes is opened again: the robot has gone on with its task meanwhile.
 
 use crate::base::error::Error;
 use crate::bus::virtual_bus::BusStatistics;
@@ -17,19 +17,29 @@ use core_algos::time::{Micros, TICK};
 use core_algos::topology::{Node, Role};
 use std::time::{Duration, Instant};
 
-/// Longest time without a byte from the board, µs.
+/// Longest time without a byte from the board before its port is opened again, µs.
 const SILENCE: Micros = 1_000_000;
+/// Time between attempts to open it, µs, and the longest time without a byte before the run ends.
+const ATTEMPT: Micros = 250_000;
+const PATIENCE: Micros = 10_000_000;
 /// Longest time that the robot gets to stop at the end of a run, and then to switch its motors off.
 const STOP: Duration = Duration::from_secs(5);
 
+/// Opens the port of the front board.
+pub type Connect = Box<dyn FnMut() -> Result<Box<dyn Link>, Error>>;
+
 /// The robot.
 pub struct SerialRobot {
-    port: Box<dyn Link>,
+    connect: Connect,
+    /// None while it is closed.
+    port: Option<Box<dyn Link>>,
     link: LeadLink,
     began: Instant,
     tick: u64,
-    /// Time of the latest bytes, µs.
+    /// Time of the latest bytes, and of the latest opening, µs.
     heard: Micros,
+    opened: Micros,
+    reconnected: u32,
     lead: lead::Output,
     monitor: Monitor,
     frames: u64,
@@ -38,13 +48,16 @@ pub struct SerialRobot {
 
 impl SerialRobot {
     /// A robot at rest at a place; waits for the first output of its lead node.
-    pub fn open(port: Box<dyn Link>, place: Place) -> Result<Self, Error> {
+    pub fn open(mut connect: Connect, place: Place) -> Result<Self, Error> {
         let mut robot = Self {
-            port,
+            port: Some(connect()?),
+            connect,
             link: LeadLink::default(),
             began: Instant::now(),
             tick: 0,
             heard: 0,
+            opened: 0,
+            reconnected: 0,
             lead: lead::Output::default(),
             monitor: Monitor::default(),
             frames: 0,
@@ -56,7 +69,7 @@ impl SerialRobot {
         }
         // The run begins now.
         robot.tick = 0;
-        robot.heard = 0;
+        (robot.heard, robot.opened) = (0, 0);
         robot.began = Instant::now();
         Ok(robot)
     }
@@ -71,16 +84,55 @@ impl SerialRobot {
         self.link.lost()
     }
 
+    /// Times the port was opened again.
+    pub fn reconnected(&self) -> u32 {
+        self.reconnected
+    }
+
+    /// Waits until `until`, and opens the port again if it is time for it.
+    fn reconnect(&mut self, until: Instant) -> Result<(), Error> {
+        let now = self.now();
+        if now.saturating_sub(self.heard) > PATIENCE {
+            return Err(Error::Failure(format!(
+                "front board: silent at its serial port for {} s: the robot goes on with its task; press its button \
+                 to stop it",
+                PATIENCE / 1_000_000
+            )));
+        }
+        std::thread::sleep(until.saturating_duration_since(Instant::now()));
+        if now.saturating_sub(self.opened) < ATTEMPT {
+            return Ok(());
+        }
+        self.opened = now;
+        if let Ok(port) = (self.connect)() {
+            self.port = Some(port);
+            self.reconnected += 1;
+            self.link.rejoin();
+        }
+        Ok(())
+    }
+
     /// Exchanges bytes with the board until `until`.
     fn exchange(&mut self, until: Instant) -> Result<(), Error> {
         let now = self.now();
-        if let Some(bytes) = self.link.to_send(now)? {
-            self.port.send(bytes)?;
+        let silent = now.saturating_sub(self.heard.max(self.opened)) > SILENCE;
+        let Some(port) = self.port.as_mut().filter(|_| !silent) else {
+            self.port = None;
+            return self.reconnect(until);
+        };
+        if let Some(bytes) = self.link.to_send(now)?
+            && port.send(bytes).is_err()
+        {
+            self.port = None;
+            return Ok(());
         }
         let mut room = [0; 512];
         loop {
             let left = until.saturating_duration_since(Instant::now());
-            let count = self.port.receive(&mut room, left)?;
+            let Ok(count) = port.receive(&mut room, left) else {
+                self.port = None;
+                break;
+            };
             if count > 0 {
                 self.heard = now;
                 if self.link.take(&room[..count])?
@@ -92,13 +144,6 @@ impl SerialRobot {
             if left.is_zero() {
                 break;
             }
-        }
-        if now.saturating_sub(self.heard) > SILENCE && self.link.is_settled() {
-            return Err(Error::Failure(format!(
-                "front board: silent at its serial port for {} s: the robot goes on with its task; press its button \
-                 to stop it",
-                SILENCE / 1_000_000
-            )));
         }
         let tick = self.tick as u32;
         let frames = self.link.take_frames();

@@ -52,15 +52,26 @@ impl LeadLink {
             number,
             ..Self::default()
         };
-        self.ask(
-            "hello",
-            &Request::Hello {
-                protocol: PROTOCOL,
-                nonce: number.into(),
-            },
-        );
-        self.ask("watch", &Request::Watch);
+        self.greet();
         self.place(place);
+    }
+
+    fn greet(&mut self) {
+        let hello = Request::Hello {
+            protocol: PROTOCOL,
+            nonce: self.number.into(),
+        };
+        self.ask("hello", &hello);
+        self.ask("watch", &Request::Watch);
+    }
+
+    /// The port was opened again. An order that waits goes first: the board knows the last one by its number, and carries
+    /// it out once.
+    pub fn rejoin(&mut self) {
+        for pending in &mut self.waiting {
+            (pending.sent, pending.attempts) = (None, 0);
+        }
+        self.greet();
     }
 
     /// Says where the robot stands, at rest.
