@@ -110,17 +110,7 @@ pub fn run(args: &HilArgs) -> Result<(), Error> {
     let interrupt = context.interrupt().clone();
     let logs = Role::ALL.map(|_| BoardLog::default());
     let result = measure(args, &context, &task, &plan, &interrupt, &logs);
-    let measured = match result {
-        Ok(measured) => measured,
-        Err(error) => {
-            // What the boards said may tell why.
-            let mut files = context.output()?;
-            if board_log::put(&mut files, &logs) {
-                files.commit()?;
-            }
-            return Err(error);
-        }
-    };
+    let measured = board_log::kept(result, &logs, || context.output())?;
     let Measured {
         outcome,
         difference,

@@ -201,17 +201,8 @@ fn run(
         plan,
         interrupt,
     };
-    let done = match drive.run(&images, &options, &logs) {
-        Ok(done) => done,
-        Err(error) => {
-            // What the boards said may tell why.
-            let mut files = context.output()?;
-            if board_log::put(&mut files, &logs) {
-                files.commit()?;
-            }
-            return Err(error);
-        }
-    };
+    let done = drive.run(&images, &options, &logs);
+    let done = board_log::kept(done, &logs, || context.output())?;
     let DriveOutcome {
         outcome,
         mut report,

@@ -1,5 +1,6 @@
 //! Log of a virtual board: defmt frames, decoded line by line.
 
+use crate::base::error::Error;
 use crate::base::output::OutputDir;
 use core_algos::topology::Role;
 use defmt_decoder::{DecodeError, Table};
@@ -72,6 +73,21 @@ impl BoardLog {
             }
         })
     }
+}
+
+/// The result of a run; before an error, the logs are put into the output folder: what the boards said may tell why.
+pub fn kept<T>(
+    result: Result<T, Error>,
+    logs: &[BoardLog; 3],
+    output: impl FnOnce() -> Result<OutputDir, Error>,
+) -> Result<T, Error> {
+    if result.is_err() {
+        let mut files = output()?;
+        if put(&mut files, logs) {
+            files.commit()?;
+        }
+    }
+    result
 }
 
 /// Adds the boards' logs; whether there is anything in them.

@@ -160,8 +160,12 @@ impl Chip {
         Ok(())
     }
 
-    /// Judges an access; whether it may go on.
+    /// Judges an access; whether it may go on. One that a failing supply has overtaken is none: the core is held in reset
+    /// and sees no answer.
     fn judge(&mut self, unit: Unit, offset: u32, width: Width, write: Option<(u32, u32)>) -> bool {
+        if self.sagged.is_some() {
+            return false;
+        }
         if let Some((register, bit)) = unit.gate(offset) {
             let rcc = &self.units.rcc;
             let off = !rcc.is_enabled(register, bit);

@@ -248,6 +248,19 @@ fn a_brown_out_lets_the_pins_go_until_the_supply_is_back() {
     assert_eq!((bench.causes(), bench.read(SRAM)), (0x0e, 0x1234_5678));
 }
 
+/// The supply fails just before an access of an instruction that began earlier.
+#[test]
+fn an_access_that_a_brown_out_overtakes_is_no_fault_of_the_program() {
+    let mut bench = Bench::new(&[(10_000, Change::Supply(1.6))]);
+    bench.pass(2_000);
+    bench.drive();
+    bench.pass(7_999);
+    bench.cycle = bench.chip.cycle_of(Time::from_micros(10_001));
+    bench.read(GPIOB + 0x10);
+    assert!(bench.chip.is_held());
+    assert_eq!(bench.findings(), []);
+}
+
 #[test]
 fn memory_forgets_where_the_supply_falls_too_low() {
     let changes = [(10_000, Change::Supply(1.0)), (20_000, Change::Supply(3.3))];

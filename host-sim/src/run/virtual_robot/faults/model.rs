@@ -3,6 +3,7 @@
 use super::Campaign;
 use super::entry::{Entry, entries};
 use super::outcome::{Case, End, Outcome, stopped_wrongly};
+use super::sensors::WHEELS;
 use crate::base::error::Error;
 use crate::run::drive::{Errand, Progress, drive};
 use crate::run::robot::{Record, Robot as _};
@@ -37,17 +38,6 @@ const CORRUPTION: &[Condition] = &[
     // A stop begins from the last reference, which may be a wrong one: then the motors are cut.
     StopNotFollowed,
 ];
-/// Codes of faulty wheels.
-const WHEELS: &[Condition] = &[
-    TrackingLost,
-    WheelSlip,
-    Condition::EncoderFault,
-    MotorStall,
-    MotorUnresponsive,
-    EstimateInconsistent,
-    WrenchHigh,
-    FrameBent,
-];
 /// Codes of wrong gauges.
 const GAUGES: &[Condition] = &[EstimateInconsistent, WrenchHigh, FrameBent, DegradedTooLong];
 /// Codes of a frame in two pieces.
@@ -58,8 +48,9 @@ const BEAM_S: f64 = 22.0;
 const SLOW_S: f64 = 20.0;
 
 /// Speed of an axle's midpoint (m/s; the governor allows half of it), steering angle |ψ| (rad) and force of the frame (N)
-/// that a robot under control never exceeds for longer than [`MOMENT`] ticks.
+/// that a robot under control never exceeds for longer than 0.3 s.
 pub const BOUNDS: [f64; 3] = [0.5, 0.8, 40.0];
+/// The same, ticks.
 const MOMENT: u32 = 300;
 /// Largest distance (m) and heading error (rad) of a finished task.
 pub const TOLERANCE: [f64; 2] = [0.03, 0.052_36];

@@ -18,7 +18,7 @@ const OVERRUN: &[&str] = &["overrun"];
 /// Codes of wrong strains.
 const STRAINS: &[Condition] = &[EstimateInconsistent, WrenchHigh, FrameBent, DegradedTooLong];
 /// Codes of a wrong encoder.
-const WHEELS: &[Condition] = &[
+pub(super) const WHEELS: &[Condition] = &[
     TrackingLost,
     WheelSlip,
     Condition::EncoderFault,
