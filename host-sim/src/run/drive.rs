@@ -20,7 +20,7 @@ pub enum Progress {
 
 /// A task as the host gives and observes it.
 pub trait Errand<R: Robot> {
-    /// What the lead node is told once the robot has settled.
+    /// Task of the lead node; it gets it once the robot has settled.
     fn task(&self) -> Task;
 
     /// The beginning of an epoch: points of a path may be sent.

@@ -51,7 +51,7 @@ fn name<S: Serializer>(reason: &Option<Condition>, to: S) -> Result<S::Ok, S::Er
     reason.map(|reason| reason.entry().name).serialize(to)
 }
 
-/// What is wrong with a stop for this reason, after this time; `own_off_s` is that of the struck axle.
+/// Complaint about a stop for this reason, after this time; `own_off_s` is that of the struck axle.
 pub(super) fn stopped_wrongly(
     entry: &Entry,
     reason: Option<Condition>,
