@@ -385,7 +385,8 @@ impl Solver {
             best = self.descend(start, &readings, &mut evaluations);
         }
         let remembered = best.as_ref().map(|found| found.parameters);
-        if ambiguous || is_suspicious(best.as_ref()) {
+        let affordable = evaluations < readings.budget;
+        if affordable && (ambiguous || is_suspicious(best.as_ref())) {
             let start = self.start(&interpolant, &k, &weights);
             best = lower(best, self.descend(start, &readings, &mut evaluations));
         }
@@ -468,7 +469,9 @@ impl Solver {
         let won = fx.abs().max(fy.abs()) > self.large_load() && !ambiguous;
         if won || told(&best.normal) {
             readings.tail = REFINED_TAIL;
-            for _ in 0..REFINEMENTS {
+            // The budget bounds the time of the tick. A search that has used it up leaves one step.
+            let spent = evaluations >= readings.budget;
+            for _ in 0..if spent { 1 } else { REFINEMENTS } {
                 let (refined, settled) = self.refined(best, &readings, &mut evaluations);
                 best = refined;
                 if settled {

@@ -16,7 +16,6 @@ use crate::world::sensors::{Sensors, Truth};
 use core_algos::beam::calibration::Calibration;
 use core_algos::beam::{MAX_GAUGES, PerGauge};
 use core_algos::fusion::Estimate;
-use core_algos::fusion::robot::Mode;
 use core_algos::link::protocol::Place;
 use core_algos::math::Posture;
 use core_algos::node::axle;
@@ -470,7 +469,7 @@ impl Robot for Simulation {
 /// edge, and its converter's constants.
 pub(crate) fn calibrated(scenario: &Scenario, imperfections: &Drawn) -> RobotConfig {
     let bridge = &scenario.world.sensors.bridge;
-    let mut config = scenario.robot.completed();
+    let mut config = scenario.completed_robot();
     let middle = f64::from(bridge.full_scale_counts());
     let calibration = &mut config.beam.calibration;
     calibration.full_scale_counts = 2 * bridge.full_scale_counts() - 1;
@@ -480,9 +479,6 @@ pub(crate) fn calibrated(scenario: &Scenario, imperfections: &Drawn) -> RobotCon
     let zeros = zeros.map(|count| (count + middle) as f32);
     if let Some(zeros) = zeros.get(..gauges).and_then(PerGauge::new) {
         calibration.zero_counts = zeros;
-    }
-    if !scenario.mission.rps {
-        config.lead.fusion.mode = Mode::Odometry;
     }
     config
 }

@@ -61,13 +61,13 @@ const SCENARIO: Rules<fn(&Scenario, Use) -> bool> = rules! {
      robot.beam sensors.bridge plant.sensing_mass_kg":
         |scenario, _| !scenario.mission.rps => "with mission.rps = false";
     "robot.lead.fusion.intersection":
-        |scenario, _| !matches!(mode(scenario), Mode::Intersection | Mode::IntersectionIpec) =>
+        |scenario, _| !matches!(scenario.fusion(), Mode::Intersection | Mode::IntersectionIpec) =>
             "unless robot.lead.fusion.mode is \"intersection\" or \"intersection-ipec\"";
     "robot.lead.fusion.ipec":
-        |scenario, _| mode(scenario) != Mode::IntersectionIpec =>
+        |scenario, _| scenario.fusion() != Mode::IntersectionIpec =>
             "unless robot.lead.fusion.mode = \"intersection-ipec\"";
     "robot.lead.fusion.slip.load_speed_m_s":
-        |scenario, _| mode(scenario) != Mode::Odometry =>
+        |scenario, _| scenario.fusion() != Mode::Odometry =>
             "unless robot.lead.fusion.mode = \"odometry\" or mission.rps = false";
     "sensors.gyro.bias_sigma sensors.gyro.rest_average_s sensors.gyro.rest_age_s \
      sensors.gyro.bias_walk sensors.gyro.noise_density sensors.gyro.scale_sigma \
@@ -101,13 +101,6 @@ const SCENARIO: Rules<fn(&Scenario, Use) -> bool> = rules! {
         |scenario, _| scenario.robot.beam.method != Method::Piecewise =>
             "unless robot.beam.method = \"piecewise\"";
 };
-
-fn mode(scenario: &Scenario) -> Mode {
-    match scenario.mission.rps {
-        true => scenario.robot.lead.fusion.mode,
-        false => Mode::Odometry,
-    }
-}
 
 /// Keys that a user gave.
 #[derive(Clone, Debug, Default)]

@@ -10,6 +10,7 @@ use crate::plant::PlantConfig;
 use crate::scenario::board_parameters::Overlays;
 use crate::world::sensors::SensorConfig;
 use crate::world::{self, Spread, World};
+use core_algos::fusion::robot::Mode;
 use core_algos::node::robot::RobotConfig;
 use core_algos::params::Settings;
 use core_algos::topology::Role;
@@ -173,6 +174,22 @@ impl Scenario {
                 .map_err(|error| Error::input(format!("boards.{}: {error}", role.name())))?;
         }
         self.world.check()
+    }
+
+    /// Fusion of the lead node. A robot without the relative position sensor has one of encoders and
+    /// inertial sensors alone.
+    pub fn fusion(&self) -> Mode {
+        match self.mission.rps {
+            true => self.robot.lead.fusion.mode,
+            false => Mode::Odometry,
+        }
+    }
+
+    /// The robot's configuration with its derived values and [`Self::fusion`].
+    pub fn completed_robot(&self) -> RobotConfig {
+        let mut robot = self.robot.completed();
+        robot.lead.fusion.mode = self.fusion();
+        robot
     }
 
     /// The scenario as TOML.

@@ -97,6 +97,31 @@ fn a_fit_in_pieces_is_the_same_fit_and_its_end_a_good_start() {
     assert!(searched > 10, "{searched}");
 }
 
+/// A tick's budget bounds the shapes of an estimate, the refinement among them.
+#[test]
+fn budget_of_a_tick_bounds_search_and_refinement() {
+    let (at, mut random) = (gauss(), Random(8));
+    let solver = solver(&at, |_| {});
+    let mask = solver.strip.gauges;
+    let mut spent = 0;
+    for _ in 0..3000 {
+        let shape = Elastica::random(&mut random, 60.0);
+        let readings = curvature(&shape.bent(&at));
+        let near = solver.begin(&readings, mask, (0.0, None), MAX_EVALUATIONS);
+        let start = near.and_then(|search| search.best).map(|best| {
+            let [middle, fx, fy] = best.parameters;
+            Start([middle, 1.1 * fx, fy])
+        });
+        let search = solver.begin(&readings, mask, (0.0, start), 5).unwrap();
+        assert!(search.evaluations <= 3, "{shape:?}");
+        if search.evaluations == 3 {
+            spent += 1;
+            assert!(solver.finish(&search).unwrap().evaluations <= 4);
+        }
+    }
+    assert!(spent > 100, "{spent}");
+}
+
 /// Worst position error (m) and heading error (rad) over `count` shapes; with `lose`, one
 /// gauge after the other is missing.
 fn worst(at: &[f64], load: f64, lose: bool, count: usize) -> (f64, f64) {

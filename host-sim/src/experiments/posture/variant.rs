@@ -41,10 +41,7 @@ impl Variant {
         Self {
             rps: scenario.mission.rps,
             imu: scenario.world.sensors.gyro.fitted,
-            mode: match scenario.mission.rps {
-                true => scenario.robot.lead.fusion.mode,
-                false => Mode::Odometry,
-            },
+            mode: scenario.fusion(),
         }
     }
 

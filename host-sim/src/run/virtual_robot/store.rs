@@ -35,7 +35,7 @@ pub fn sectors(scenario: &Scenario, role: Role, bridges: &[BridgeParts]) -> Resu
 
 /// The settings of a board that are asked for. What no parameter tells the board must be the default.
 fn wanted(scenario: &Scenario, role: Role) -> Result<Settings, Error> {
-    let mut asked = Settings::new(scenario.robot.completed());
+    let mut asked = Settings::new(scenario.completed_robot());
     let [start, goal] = [scenario.mission.start, scenario.mission.goal].map(super::posture);
     asked.button = Button { start, goal };
     scenario.boards.apply(role, &mut asked)?;
@@ -84,4 +84,21 @@ fn calibrate(
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use core_algos::fusion::robot::Mode;
+
+    #[test]
+    fn without_the_sensor_the_stored_fusion_is_odometry() {
+        let mut scenario = Scenario::default();
+        for rps in [true, false] {
+            scenario.mission.rps = rps;
+            let stored = wanted(&scenario, Role::Front).unwrap();
+            assert_eq!(stored.robot.lead.fusion.mode, scenario.fusion());
+        }
+        assert_eq!(scenario.fusion(), Mode::Odometry);
+    }
 }
