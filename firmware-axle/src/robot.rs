@@ -26,7 +26,7 @@ use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::watch::Watch;
 use firmware_common::identity::Identity;
 use firmware_common::led::Led;
-use firmware_common::link::{self, Link};
+use firmware_common::link::{self, Link, Way};
 use firmware_common::store::chip::Parameters;
 use firmware_common::watchdog::Watchdog;
 use firmware_common::{board, board_id, can, executors, fault};
@@ -67,8 +67,9 @@ fn start(p: Peripherals, watchdog: Watchdog, spawner: Spawner) -> Result<(), Con
     let role = tick::role(board_id::axle(p.PC13));
     let parameters = Parameters::load(p.FLASH, role);
     let link = Link::open(p.USART3, p.PB11, p.PB10, role, env!("BUILD"));
-    if link::session_wanted() {
-        link.serve(watchdog, parameters, spawner);
+    if let Some(way) = link::session_wanted() {
+        let bus = (way == Way::Bus).then(|| can::start(p.CAN1, p.PB8, p.PB9));
+        link.serve(watchdog, parameters, bus, spawner);
         return Ok(());
     }
     let settings = &parameters.settings;

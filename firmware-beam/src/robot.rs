@@ -23,7 +23,7 @@ use embassy_sync::signal::Signal;
 use embassy_sync::watch::Watch;
 use firmware_common::identity::Identity;
 use firmware_common::led::Led;
-use firmware_common::link::{self, Link};
+use firmware_common::link::{self, Link, Way};
 use firmware_common::store::chip::Parameters;
 use firmware_common::watchdog::Watchdog;
 use firmware_common::{board, can, executors};
@@ -53,8 +53,9 @@ fn start(p: Peripherals, watchdog: Watchdog, spawner: Spawner) -> Result<(), Con
 
     let parameters = Parameters::load(p.FLASH, Role::Beam);
     let link = Link::open(p.USART3, p.PB11, p.PB10, Role::Beam, env!("BUILD"));
-    if link::session_wanted() {
-        link.serve(watchdog, parameters, spawner);
+    if let Some(way) = link::session_wanted() {
+        let bus = (way == Way::Bus).then(|| can::start(p.CAN1, p.PB8, p.PB9));
+        link.serve(watchdog, parameters, bus, spawner);
         return Ok(());
     }
     let settings = &parameters.settings;

@@ -50,6 +50,8 @@ impl Port {
 struct Bench {
     folder: TempDir,
     done: Arc<AtomicBool>,
+    /// Switches the boards off for half a second.
+    cycle: Arc<AtomicBool>,
     robot: Option<JoinHandle<VirtualRobot>>,
 }
 
@@ -70,11 +72,19 @@ impl Bench {
         let logs = [(); 3].map(|()| BoardLog::quiet());
         let mut robot = VirtualRobot::new(scenario, &images, 1, 0, &options, &logs).unwrap();
         let done = Arc::new(AtomicBool::new(false));
-        let end = done.clone();
+        let cycle = Arc::new(AtomicBool::new(false));
+        let (end, off) = (done.clone(), cycle.clone());
         let robot = thread::spawn(move || {
             robot.control_mut().pace = Some(RealTimeLimiter::new());
             let (mut room, mut moved) = ([0; 512], None);
             while !end.load(Relaxed) {
+                if off.swap(false, Relaxed) {
+                    robot.power(false);
+                    for _ in 0..500 {
+                        robot.step().unwrap();
+                    }
+                    robot.power(true);
+                }
                 robot.step().unwrap();
                 if robot.speed() > 0.01 {
                     moved.get_or_insert(robot.now());
@@ -98,6 +108,7 @@ impl Bench {
         Self {
             folder,
             done,
+            cycle,
             robot: Some(robot),
         }
     }
@@ -227,4 +238,61 @@ fn a_robot_at_a_serial_port_is_stopped_at_the_end_of_the_run() {
             .iter()
             .all(|axle| axle.torque == [0.0; 2])
     );
+}
+
+/// Parameters of all boards, over the port of the front board.
+fn parameters(bench: &Bench) -> Value {
+    let folder = tempfile::tempdir().unwrap();
+    let output = bench.run(folder.path(), &["params", "list", "--json", "-"]);
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success(), "{said}");
+    let all: Value = serde_json::from_slice(&output.stdout).unwrap();
+    all["parameters"].clone()
+}
+
+/// Each board keeps what was set and saved over the port of the front board, and a new robot takes it over.
+#[test]
+fn parameters_of_three_boards_pass_the_port_of_the_front_board() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = |bench: &Bench, arguments: &[&str]| {
+        let output = bench.run(folder.path(), arguments);
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.success(), "{arguments:?}: {said}");
+    };
+    let scenario = Scenario::in_world(Some("ordinary")).unwrap();
+    let bench = Bench::new(&scenario, false);
+    let before = parameters(&bench);
+    for (board, radius) in [("front", "0.0731"), ("rear", "0.0732"), ("beam", "0.0733")] {
+        let value = format!("robot.geometry.wheel_radius_m={radius}");
+        run(
+            &bench,
+            &["params", "set", &value, "--save", "--board", board],
+        );
+    }
+    bench.cycle.store(true, Relaxed);
+    let kept = parameters(&bench);
+    let rows = kept.as_array().unwrap();
+    let mut changed = Vec::new();
+    for (before, after) in before.as_array().unwrap().iter().zip(rows) {
+        if before != after {
+            assert_eq!(
+                (&after["source"], &after["saved"]),
+                (&"stored".into(), &true.into())
+            );
+            changed.push((
+                after["board"].clone(),
+                after["value"].as_f64().unwrap() as f32,
+            ));
+        }
+    }
+    let wanted = [("front", 0.0731f32), ("rear", 0.0732), ("beam", 0.0733)];
+    assert_eq!(changed, wanted.map(|(board, value)| (board.into(), value)));
+    run(&bench, &["params", "export", "--out", "robot.toml"]);
+    drop(bench.robot());
+
+    let new = Bench::new(&Scenario::default(), false);
+    assert_ne!(parameters(&new), kept);
+    run(&new, &["params", "import", "robot.toml", "--save"]);
+    new.cycle.store(true, Relaxed);
+    assert_eq!(parameters(&new), kept);
 }

@@ -40,6 +40,15 @@ pub struct CanFrame {
     pub data: [u8; 8],
 }
 
+impl CanFrame {
+    /// The data bytes.
+    pub fn bytes(&self) -> &[u8] {
+        self.data
+            .get(..usize::from(self.length))
+            .unwrap_or(&self.data)
+    }
+}
+
 /// A value that cannot be sent.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EncodeError {

@@ -18,13 +18,15 @@ pub const REPORT_FRAMES: usize = 9;
 const REPORT_CHUNK: usize = MAX_TELEMETRY / 2;
 
 /// Action that a request demands of the board.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 #[must_use]
 pub enum Demand {
     /// To carry out an order, and to answer it with [`Attendant::done`].
     Order(Order),
     /// To reset into a session.
     Session,
+    /// To send a frame to another board over the bus, and to hand its reply to [`Attendant::relayed`].
+    Relay(Role, SerialFrame),
     /// To hand over bus frames and outputs of the lead node from here on, with [`Attendant::report`] every
     /// [`REPORT_MS`].
     Watch,
@@ -41,6 +43,8 @@ pub struct Attendant {
     answer: SerialFrame,
     /// Number of an order that is being carried out.
     pending: Option<u8>,
+    /// Another board whose reply is due.
+    relaying: Option<Role>,
     telemetry: Spread,
 }
 
@@ -54,6 +58,7 @@ impl Attendant {
             last: None,
             answer: SerialFrame::default(),
             pending: None,
+            relaying: None,
             telemetry: Spread::default(),
         }
     }
@@ -88,6 +93,13 @@ impl Attendant {
                     counters,
                     session: false,
                 },
+                // The other board knows a repetition.
+                (Some(Request::Relay { role, payload }), _) if role != self.identity.role => {
+                    self.relaying = Some(role);
+                    let frame = SerialFrame::new(payload);
+                    demand = frame.map(|frame| Demand::Relay(role, frame));
+                    continue;
+                }
                 _ if self.last == Some(number) => {
                     send(self.answer.repeated());
                     continue;
@@ -124,6 +136,17 @@ impl Attendant {
             }
         }
         demand
+    }
+
+    /// Takes the reply of another board.
+    pub fn relayed(&mut self, from: Role, payload: &[u8], send: &mut impl FnMut(&[u8])) {
+        if self.relaying == Some(from)
+            && let Some(&number) = payload.first()
+            && let Some(frame) = protocol::encode(number, &Reply::Relayed { payload })
+        {
+            self.relaying = None;
+            send(frame.bytes());
+        }
     }
 
     /// True if the last output of the lead node was sent to its end.

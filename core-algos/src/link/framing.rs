@@ -30,7 +30,7 @@ pub fn crc32c(bytes: &[u8]) -> u32 {
 }
 
 /// One frame, ready to be sent.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct SerialFrame(heapless::Vec<u8, MAX_FRAME>);
 
 impl SerialFrame {

@@ -9,7 +9,8 @@
 //!
 //! [`framing`] turns payloads into frames of a byte stream and finds them again; [`protocol`] is
 //! what is said; [`endpoint`] is the board's side, without input or output of its own; [`stored_parameters`] are
-//! the parameters in the board's store, which a host may read, change and save.
+//! the parameters in the board's store, which a host may read, change and save; [`segment`] carries frames over the bus,
+//! so that one serial port reaches every board.
 //!
 //! # Order and loss
 //!
@@ -30,6 +31,7 @@ pub mod endpoint;
 pub mod framing;
 pub mod order;
 pub mod protocol;
+pub mod segment;
 pub mod stored_parameters;
 
 #[cfg(test)]

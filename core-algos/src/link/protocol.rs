@@ -17,7 +17,7 @@ use crate::topology::Role;
 use serde::{Deserialize, Serialize};
 
 /// Version of the protocol: changes with every change of what is said, or of a configuration.
-pub const PROTOCOL: u16 = 9;
+pub const PROTOCOL: u16 = 10;
 /// Largest encoded configuration, bytes.
 pub const MAX_CONFIG: usize = 2048;
 /// Bytes of a configuration in one request.
@@ -129,6 +129,13 @@ pub enum Request<'a> {
     SaveParameters,
     /// Has a board that drives send [`Reply::Report`] unasked, until it is reset.
     Watch,
+    /// Has a board that drives send a request to another board, over the bus.
+    Relay {
+        /// The other board.
+        role: Role,
+        /// Number and request, as for a port of its own.
+        payload: &'a [u8],
+    },
 }
 
 /// Posture of the robot at the start.
@@ -222,6 +229,11 @@ pub enum Reply<'a> {
         offset: u16,
         /// The next part of the lead node's output, see [`Spread`].
         telemetry: &'a [u8],
+    },
+    /// Reply of another board to [`Request::Relay`]; the number is that of the reply.
+    Relayed {
+        /// Number and reply.
+        payload: &'a [u8],
     },
 }
 
@@ -393,10 +405,7 @@ impl Packed {
 
     /// Appends a frame; `false` if there is no room.
     pub fn push(&mut self, frame: &bus::CanFrame) -> bool {
-        let data = frame
-            .data
-            .get(..usize::from(frame.length))
-            .unwrap_or(&frame.data);
+        let data = frame.bytes();
         let head = frame.id & 0x7ff | (data.len() as u16) << 12;
         let room = self.0.capacity() - self.0.len() >= 2 + data.len();
         room && self.0.extend_from_slice(&head.to_le_bytes()).is_ok()

@@ -946,6 +946,35 @@ fn a_board_that_drives_says_who_it_is_and_goes_into_a_session_with_its_motors_of
     assert_eq!(board.demand, Some(Demand::Session));
 }
 
+/// A request for another board is handed on as often as it comes, and one reply of that board is handed back.
+#[test]
+fn request_for_another_board_is_relayed_and_its_reply_returned() {
+    let mut board = Driving::new(Role::Front);
+    let mut room = [[0; 32]; 2];
+    let [request, reply] = &mut room;
+    let inner = postcard::to_slice(&(9u8, Request::Stack), request).unwrap();
+    let role = Role::Beam;
+    let relay = Request::Relay {
+        role,
+        payload: inner,
+    };
+    for _ in 0..2 {
+        assert!(board.ask(9, &relay, true).is_empty());
+        let frame = SerialFrame::new(inner).unwrap();
+        assert_eq!(board.demand, Some(Demand::Relay(role, frame)));
+    }
+    let reply = postcard::to_slice(&(9u8, Reply::Stack(STACK)), reply).unwrap();
+    let mut relayed = |from| {
+        let mut sent = Vec::new();
+        let mut send = |bytes: &[u8]| sent.extend_from_slice(bytes);
+        board.attendant.relayed(from, reply, &mut send);
+        payloads(&sent)
+    };
+    assert!(relayed(Role::Rear).is_empty());
+    assert_answered(&relayed(role), 9, Reply::Relayed { payload: reply });
+    assert!(relayed(role).is_empty());
+}
+
 /// Repeated requests are answered again and carried out once; an order is answered when it is done.
 #[test]
 fn an_order_is_carried_out_once_and_answered_when_it_is_done() {

@@ -126,6 +126,7 @@ pub async fn run(mut axis: Axis) -> ! {
         let command = axis.tick(&mut state, local);
         link::set_armed(state.driving || axis.motors.feedback().on);
         axis.motors.command(command);
+        axis.sender.serve();
         stopwatch.end();
         if health.tick() {
             axis.report_health(&mut state, local, stopwatch.take());

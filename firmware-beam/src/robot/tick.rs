@@ -21,6 +21,7 @@ use firmware_common::can::{self, Receiver, Sender};
 use firmware_common::fault;
 use firmware_common::identity::Identity;
 use firmware_common::led::Led;
+use firmware_common::link;
 use firmware_common::task_watchdog::CheckIn;
 use firmware_common::timing::{Every, Stopwatch};
 
@@ -150,6 +151,8 @@ impl Beam {
         self.receive(state, block.local);
         self.run_node(state, block);
         self.calibrate(state, block);
+        self.sender.serve();
+        link::set_armed(!state.motors.are_off(block.local));
         if !state.motors.are_off(block.local) {
             state.rest_noise = RestNoise::default();
         } else if let Some(noise) = state.rest_noise.step(&block.counts) {

@@ -5,6 +5,7 @@ use crate::experiments::arguments::{BoardArgs, Place};
 use crate::targets::board_log::BoardLog;
 use crate::targets::images::Images;
 use crate::targets::link::Link;
+use crate::targets::relay::Relay;
 use crate::targets::serial::Serial;
 use crate::targets::virtual_link::VirtualLink;
 use core_algos::topology::Role;
@@ -57,6 +58,21 @@ impl<'a> Links<'a> {
             images,
             flash,
         })
+    }
+
+    /// The link to a board, by the port of another board if it has none itself; none if it is in this process.
+    pub fn reach(&self, role: Role, log: &BoardLog) -> Result<Option<Box<dyn Link>>, Error> {
+        let relay = Role::ALL
+            .into_iter()
+            .find(|role| self.args.port(*role).is_some())
+            .filter(|_| self.args.port(role).is_none());
+        match relay {
+            Some(relay) => match self.open(relay, log)? {
+                Some(port) => Ok(Some(Box::new(Relay::open(relay, port, role)?))),
+                None => Ok(None),
+            },
+            None => self.open(role, log),
+        }
     }
 
     /// The link to a board; none if it is in this process.

@@ -1,4 +1,4 @@
-//! `cfmmr params`: parameters that boards keep, listed, changed and saved over their links.
+//! `cfmmr params`: parameters that boards keep, listed and changed over their links.
 
 use crate::base::error::Error;
 use crate::base::output;
@@ -34,10 +34,8 @@ pub enum ParamsAction {
     List(ParamsTarget),
     /// Show the named parameters
     Get(ParamsGet),
-    /// Set parameters; lost at reset unless saved
+    /// Set parameters; without --save the values are only checked
     Set(ParamsSet),
-    /// Save the set parameters in the flash
-    Save(ParamsTarget),
     /// Export the parameters that differ from the image's defaults
     Export(ParamsExport),
     /// Set the parameters of a file
@@ -120,7 +118,6 @@ pub fn run(args: &ParamsArgs) -> Result<(), Error> {
         ParamsAction::List(target) => show(target, &TABLE.iter().collect::<Vec<_>>()),
         ParamsAction::Get(get) => run_get(get),
         ParamsAction::Set(set) => run_set(set),
-        ParamsAction::Save(target) => run_save(target),
         ParamsAction::Export(export) => run_export(export),
         ParamsAction::Import(import) => run_import(import),
     }
@@ -152,25 +149,19 @@ struct Change {
     saved: bool,
 }
 
-/// The boards that are meant, in a session each.
-fn connect(target: &ParamsTarget) -> Result<Vec<(Role, Remote)>, Error> {
+/// Gives `act` each board that is meant, in a session that ends before that of the next board: with one port the others
+/// are reached over the bus, and the board at the port has no session meanwhile.
+fn at_each(
+    target: &ParamsTarget,
+    mut act: impl FnMut(Role, &mut Remote) -> Result<(), Error>,
+) -> Result<(), Error> {
     let links = Links::new(&target.boards, Some(target.flash.clone()))?;
-    let mut boards = Vec::new();
     for role in Role::ALL {
-        let wanted =
-            target.board.is_empty() || target.board.iter().any(|name| Role::from(*name) == role);
-        // With some boards on ports, the others are not there.
-        let there = !target.boards.any_port() || target.boards.port(role).is_some();
-        if wanted && !there && !target.board.is_empty() {
-            return Err(Error::input(format!(
-                "--board {0}: needs its port, --on serial:{0}=PORT",
-                role.name()
-            )));
-        }
-        if !wanted || !there {
+        let named = target.board.iter().any(|name| Role::from(*name) == role);
+        if !target.board.is_empty() && !named {
             continue;
         }
-        let link = match links.open(role, &BoardLog::default())? {
+        let link = match links.reach(role, &BoardLog::default())? {
             Some(link) => link,
             None => {
                 let build = env!("CARGO_PKG_VERSION");
@@ -180,9 +171,9 @@ fn connect(target: &ParamsTarget) -> Result<Vec<(Role, Remote)>, Error> {
         };
         let mut remote = Remote::new(role, link);
         remote.greet()?;
-        boards.push((role, remote));
+        act(role, &mut remote)?;
     }
-    Ok(boards)
+    Ok(())
 }
 
 fn write_json(target: &ParamsTarget, parameters: &impl Serialize) -> Result<(), Error> {
@@ -197,7 +188,7 @@ fn write_json(target: &ParamsTarget, parameters: &impl Serialize) -> Result<(), 
 
 fn show(target: &ParamsTarget, wanted: &[&'static Parameter]) -> Result<(), Error> {
     let mut rows = Vec::new();
-    for (role, mut remote) in connect(target)? {
+    at_each(target, |role, remote| {
         let base = Settings::of(role);
         for kept in remote.parameters()? {
             let Kept {
@@ -221,7 +212,8 @@ fn show(target: &ParamsTarget, wanted: &[&'static Parameter]) -> Result<(), Erro
                 });
             }
         }
-    }
+        Ok(())
+    })?;
     // A parameter's name is too long for a column beside its values.
     let mut text = String::new();
     let mut names: Vec<&str> = rows.iter().map(|row| row.name).collect();
@@ -318,12 +310,13 @@ pub fn save(boards: &BoardArgs, flash: &Path, overlays: &Overlays) -> Result<u32
         }
     }
     let mut written = 0;
-    for (role, mut remote) in connect(&target)? {
+    at_each(&target, |role, remote| {
         for (parameter, value) in overlays.values(role)? {
             remote.set_parameter(parameter, value)?;
         }
         written += u32::from(remote.save_parameters()?);
-    }
+        Ok(())
+    })?;
     Ok(written)
 }
 
@@ -336,7 +329,7 @@ fn change(
 ) -> Result<(), Error> {
     let mut changes = Vec::new();
     let mut written = 0;
-    for (role, mut remote) in connect(target)? {
+    at_each(target, |role, remote| {
         let before = remote.parameters()?;
         for (parameter, value) in wanted(role)? {
             let old = before.iter().find(|kept| kept.parameter.id == parameter.id);
@@ -353,7 +346,8 @@ fn change(
         if save {
             written += u32::from(remote.save_parameters()?);
         }
-    }
+        Ok(())
+    })?;
     let mut table = Table::new(["parameter", "board", "before", "after", "unit"]);
     for change in &changes {
         table.row([
@@ -365,37 +359,22 @@ fn change(
         ]);
     }
     write_json(target, &changes)?;
-    let note = match (save, target.boards.any_port()) {
-        (true, _) => format!("{written} values written to the flash"),
-        (false, true) => "not saved: lost at reset; save with cfmmr params save".to_owned(),
-        (false, false) => "not saved: these boards end with the command; use --save".to_owned(),
+    let note = match save {
+        true => format!("{written} values written to the flash"),
+        false => "checked and not saved: the boards keep their values; use --save".to_owned(),
     };
     target.json.print(&format!("{table}{note}\n"))
 }
 
-fn run_save(target: &ParamsTarget) -> Result<(), Error> {
-    let mut written = Vec::new();
-    let mut text = String::new();
-    for (role, mut remote) in connect(target)? {
-        let values = remote.save_parameters()?;
-        text += &format!(
-            "{} board: {values} values written to the flash\n",
-            role.name()
-        );
-        written.push((role.name(), values));
-    }
-    write_json(target, &written)?;
-    target.json.print(&text)
-}
-
 fn run_export(export: &ParamsExport) -> Result<(), Error> {
     let mut overlays = Overlays::default();
-    for (role, mut remote) in connect(&export.target)? {
+    at_each(&export.target, |role, remote| {
         let kept = remote.parameters()?;
         let some = kept.iter().filter(|kept| export.all || kept.is_own());
         let values: Values = some.map(|kept| (kept.parameter, kept.value)).collect();
         overlays.put(role, &values);
-    }
+        Ok(())
+    })?;
     let text = overlays.to_toml()?;
     write_json(&export.target, &overlays)?;
     match &export.out {

@@ -15,6 +15,7 @@ pub mod link;
 pub mod log_reader;
 pub mod losses;
 pub mod parameters;
+pub mod relay;
 pub mod remote;
 pub mod serial;
 pub mod serial_line;

@@ -79,6 +79,22 @@ impl Remote {
         Err(unexpected(self.role, "session"))
     }
 
+    /// Ends a session that an earlier host has left open: a board in a session does not relay.
+    pub(super) fn attend(&mut self) -> Result<(), Fault> {
+        for _ in 0..STALE {
+            if !self.greet_once()? {
+                return Ok(());
+            }
+            self.carry_out("the end of its session", &Request::Leave)?;
+        }
+        Err(unexpected(self.role, "end of its session"))
+    }
+
+    /// The link.
+    pub(super) fn link(&mut self) -> &mut dyn Link {
+        self.conversation.link.as_mut()
+    }
+
     /// Says hello; whether the board is in a session.
     fn greet_once(&mut self) -> Result<bool, Fault> {
         static NONCE: AtomicU32 = AtomicU32::new(1);

@@ -34,7 +34,7 @@ use static_cell::StaticCell;
 
 use super::bit_timing::BitTiming;
 use super::mailboxes::{COUNT, Mailboxes, Waiting};
-use super::tap;
+use super::{service, tap};
 use crate::clock::APB1_HZ;
 use crate::task_watchdog::CheckIn;
 
@@ -144,6 +144,18 @@ impl Sender {
             return None;
         };
         tap::copy(&frame);
+        self.put(frame);
+        bus::decode(&frame).ok()
+    }
+
+    /// Sends the next frame of the link; to be called once a tick.
+    pub fn serve(&mut self) {
+        if let Some(frame) = service::next() {
+            self.put(frame);
+        }
+    }
+
+    fn put(&mut self, frame: bus::CanFrame) {
         let now = Instant::now().as_micros();
         if self.0.enqueue((now, frame)).is_err() {
             count(|counters| &mut counters.dropped);
@@ -152,7 +164,6 @@ impl Sender {
         if (0..COUNT).any(|mailbox| CAN1.tsr().read().tme(mailbox)) {
             interrupt::CAN1_TX.pend();
         }
-        bus::decode(&frame).ok()
     }
 
     /// Local time at which the latest [`Message::TimeSync`] of this board had left the bus.
@@ -169,6 +180,9 @@ impl Receiver {
     pub fn take(&mut self) -> Option<Arrived> {
         loop {
             let (local, frame) = self.0.dequeue()?;
+            if service::takes(&frame) {
+                continue;
+            }
             tap::copy(&frame);
             match bus::decode(&frame) {
                 Ok(message) => return Some(Arrived { local, message }),
@@ -250,13 +264,30 @@ pub async fn supervise(mut check_in: CheckIn) -> ! {
         if RAN.swap(0, Ordering::Relaxed) == RAN_TX | RAN_RX0 {
             check_in.report();
         }
-        join();
-        CAN1.msr().write(|w| w.set_erri(true));
-        CAN1.ier().write_value(interrupts(true));
-        interrupt::CAN1_TX.pend();
-        interrupt::CAN1_RX0.pend();
+        look();
         Timer::after(LOOK).await;
     }
+}
+
+/// Keeps the bus of a board in a session, whose nodes do not take part in it: only frames of the link pass.
+#[embassy_executor::task]
+pub async fn carry(bus: (Sender, Receiver)) -> ! {
+    let (mut sender, mut receiver) = bus;
+    loop {
+        while receiver.take().is_some() {}
+        sender.serve();
+        look();
+        Timer::after_millis(1).await;
+    }
+}
+
+/// One look at the controller.
+fn look() {
+    join();
+    CAN1.msr().write(|w| w.set_erri(true));
+    CAN1.ier().write_value(interrupts(true));
+    interrupt::CAN1_TX.pend();
+    interrupt::CAN1_RX0.pend();
 }
 
 /// Once the controller is in its initialisation: sets the bit timing and leaves it.

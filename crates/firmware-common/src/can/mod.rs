@@ -9,6 +9,7 @@
 //! | `bit_timing` | bit rate, sample point and jump width as the register has them |
 //! | `mailboxes` | which mailbox a frame may take, and which frames have waited too long |
 //! | `controller` | the registers and their interrupts |
+//! | `service` | frames of the link of other boards |
 //! | `tap` | copies of the frames for a host at the serial port |
 //!
 //! The HAL's driver is not used: it displaces frames from their mailboxes, stamps arrivals in a task,
@@ -20,8 +21,10 @@ pub mod mailboxes;
 #[cfg(target_os = "none")]
 mod controller;
 #[cfg(target_os = "none")]
+pub mod service;
+#[cfg(target_os = "none")]
 pub mod tap;
 #[cfg(target_os = "none")]
 pub use controller::{
-    Arrived, Counters, REPORTS_WITHIN, Receiver, Sender, counters, is_off, start, supervise,
+    Arrived, Counters, REPORTS_WITHIN, Receiver, Sender, carry, counters, is_off, start, supervise,
 };

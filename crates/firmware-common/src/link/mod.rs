@@ -1,8 +1,11 @@
 //! The link of a board: its serial port, and what it serves there.
 //!
-//! A board that drives says who it is ([`Link::attend`]). With its motors off it can be asked for a session with a rig: it
-//! resets, and its nodes are fed from the link instead of sensors and bus ([`Link::serve`]). Drivers, sensors and bus are
-//! not started then; the session ends with a reset.
+//! A board that drives says who it is ([`Link::attend`]). With its motors off it can be asked for a session: it resets, and
+//! its nodes are fed from the link instead of sensors and bus ([`Link::serve`]). Drivers and sensors are not started then;
+//! the session ends with a reset.
+//!
+//! A host at the serial port of another board reaches this one over the bus. A session that it asks for there is served
+//! there.
 
 pub mod uart;
 
@@ -12,26 +15,32 @@ use core::sync::atomic::{AtomicBool, Ordering};
 
 use core_algos::control::path::PathError;
 use core_algos::link::attendant::{REPORT_FRAMES, REPORT_MS};
+use core_algos::link::framing::Decoder;
 use core_algos::link::protocol::{Packed, StackUse, Telemetry};
+use core_algos::link::segment::{self, Direction};
 use core_algos::link::{Attendant, Demand, Endpoint, Identity, Order};
 use core_algos::node::board::{Board, Ready};
 use core_algos::node::lead::{LeadNode, Output};
 use core_algos::topology::Role;
 use embassy_executor::Spawner;
+use embassy_futures::select::{Either, select};
 use embassy_stm32::Peri;
 use embassy_stm32::peripherals::{PB10, PB11, USART3};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
-use embassy_time::{Duration, Instant, with_timeout};
+use embassy_time::{Duration, Instant, Timer, with_timeout};
 use static_cell::StaticCell;
 
+use crate::can::{self, service};
 use crate::store::chip::Parameters;
 use crate::watchdog::Watchdog;
-use crate::{can, fault, stack};
+use crate::{fault, stack};
 use uart::Uart;
 
 /// Longest wait for bytes before the watchdog is fed all the same.
 const IDLE: Duration = Duration::from_millis(100);
+/// Time between reports to a host that watches.
+const REPORT_EVERY: Duration = Duration::from_millis(REPORT_MS);
 /// A session in which nothing was said for so long has ended.
 const SILENCE: Duration = Duration::from_secs(60);
 /// Time between reports in the log.
@@ -40,7 +49,38 @@ const REPORT: Duration = Duration::from_secs(10);
 /// Word that asks the next start for a session; chance after power came on.
 #[unsafe(link_section = ".uninit.SESSION")]
 static mut WANTED: MaybeUninit<u32> = MaybeUninit::uninit();
-const SESSION: u32 = 0x5e55_10e1;
+
+/// Way from the host to the board, with the word that asks for a session there.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[repr(u32)]
+pub enum Way {
+    /// The board's serial port.
+    Serial = 0x5e55_10e1,
+    /// The port of another board, and the bus.
+    Bus = 0x5e55_10e2,
+}
+
+impl Way {
+    /// Sends bytes of this board to the host.
+    fn send(self, uart: &mut Uart, role: Role, bytes: &[u8]) {
+        match self {
+            Self::Serial => uart.write(bytes),
+            Self::Bus => service::send(segment::frames(role, Direction::From, bytes)),
+        }
+    }
+
+    /// Waits until all is sent.
+    async fn flush(self, uart: &mut Uart) {
+        if self == Self::Serial {
+            return uart.flush();
+        }
+        while !service::is_sent() {
+            Timer::after_millis(1).await;
+        }
+        // Longer than a frame waits for a busy bus.
+        Timer::after_millis(20).await;
+    }
+}
 
 /// True while the motors of this board may be on.
 static ARMED: AtomicBool = AtomicBool::new(false);
@@ -71,21 +111,23 @@ pub fn set_armed(armed: bool) {
     ARMED.store(armed, Ordering::Relaxed);
 }
 
-/// True if this start was asked for by a request for a session; once.
-pub fn session_wanted() -> bool {
+/// Way of the request for a session that has asked for this start, if one has; once.
+pub fn session_wanted() -> Option<Way> {
     let place = addr_of_mut!(WANTED).cast::<u32>();
     // SAFETY: nobody else uses the word, and any pattern is a number; volatile, because it was written before the
     // reset.
     unsafe {
-        let wanted = place.read_volatile() == SESSION;
+        let wanted = place.read_volatile();
         place.write_volatile(0);
-        wanted
+        [Way::Serial, Way::Bus]
+            .into_iter()
+            .find(|way| *way as u32 == wanted)
     }
 }
 
 /// Resets the board, into a session or out of it.
-fn restart(session: bool) -> ! {
-    let word = if session { SESSION } else { 0 };
+fn restart(session: Option<Way>) -> ! {
+    let word = session.map_or(0, |way| way as u32);
     // SAFETY: as in [`session_wanted`].
     unsafe { addr_of_mut!(WANTED).cast::<u32>().write_volatile(word) };
     cortex_m::peripheral::SCB::sys_reset()
@@ -117,9 +159,19 @@ impl Link {
         spawner.spawn(attend(self).expect("spawned once"));
     }
 
-    /// Serves a session.
-    pub fn serve(self, watchdog: Watchdog, parameters: &'static mut Parameters, spawner: Spawner) {
-        spawner.spawn(serve(self, watchdog, parameters).expect("spawned once"));
+    /// Serves a session; `bus` is the bus of one that was asked for there.
+    pub fn serve(
+        self,
+        watchdog: Watchdog,
+        parameters: &'static mut Parameters,
+        bus: Option<(can::Sender, can::Receiver)>,
+        spawner: Spawner,
+    ) {
+        let way = if bus.is_some() { Way::Bus } else { Way::Serial };
+        if let Some(bus) = bus {
+            spawner.spawn(can::carry(bus).expect("spawned once"));
+        }
+        spawner.spawn(serve(self, way, watchdog, parameters).expect("spawned once"));
     }
 
     /// The place of the nodes of a board that drives: that of the nodes in a session.
@@ -131,34 +183,69 @@ impl Link {
 /// Answers what the link brings to a board that drives, for ever.
 #[embassy_executor::task]
 async fn attend(link: Link) -> ! {
-    static ATTENDANT: StaticCell<Attendant> = StaticCell::new();
+    static ATTENDANTS: StaticCell<[Attendant; 2]> = StaticCell::new();
     let Link { mut uart, identity } = link;
-    let attendant = ATTENDANT.init_with(|| Attendant::new(identity, stack_use));
+    let role = identity.role;
+    let [at_port, on_bus] =
+        ATTENDANTS.init_with(|| [(); 2].map(|()| Attendant::new(identity, stack_use)));
+    let mut relayed = Decoder::new();
     let mut buffer = [0; 64];
     loop {
-        let count = match can::tap::is_watched() {
-            true => {
-                let read = uart.read(&mut buffer);
-                let count = with_timeout(Duration::from_millis(REPORT_MS), read).await;
-                report_to_host(attendant, &mut uart);
-                count.unwrap_or(0)
-            }
-            false => uart.read(&mut buffer).await,
-        };
+        let watched = can::tap::is_watched();
+        let wait = if watched { REPORT_EVERY } else { IDLE };
+        let arrived = select(uart.read(&mut buffer), service::receive());
+        let arrived = with_timeout(wait, arrived).await;
+        if watched {
+            report_to_host(at_port, &mut uart);
+        }
         let armed = ARMED.load(Ordering::Relaxed);
-        match attendant.receive(&buffer[..count], armed, &mut |reply| uart.write(reply)) {
-            Some(Demand::Order(order)) => {
+        let (way, demand) = match &arrived {
+            Ok(Either::First(count)) => {
+                let mut send = |reply: &[u8]| uart.write(reply);
+                let demand = at_port.receive(&buffer[..*count], armed, &mut send);
+                (Way::Serial, demand)
+            }
+            Ok(Either::Second(frame)) => {
+                let demand = match segment::address(frame.id) {
+                    Some((to, Direction::To)) if to == role => {
+                        let mut send = |reply: &[u8]| Way::Bus.send(&mut uart, role, reply);
+                        on_bus.receive(frame.bytes(), armed, &mut send)
+                    }
+                    Some((from, Direction::From)) => {
+                        for &byte in frame.bytes() {
+                            if let Some(payload) = relayed.take_byte(byte) {
+                                at_port.relayed(from, payload, &mut |reply| uart.write(reply));
+                            }
+                        }
+                        None
+                    }
+                    _ => None,
+                };
+                (Way::Bus, demand)
+            }
+            Err(_) => continue,
+        };
+        match (demand, way) {
+            (Some(Demand::Order(order)), way) => {
                 ORDER.signal(order);
                 let done = DONE.wait().await;
-                attendant.done(done, &mut |reply| uart.write(reply));
+                let attendant = match way {
+                    Way::Serial => &mut *at_port,
+                    Way::Bus => &mut *on_bus,
+                };
+                attendant.done(done, &mut |reply| way.send(&mut uart, role, reply));
             }
-            Some(Demand::Watch) => can::tap::watch(),
-            Some(Demand::Session) => {
-                uart.flush();
-                defmt::info!("reset into a session with a rig");
-                restart(true);
+            (Some(Demand::Session), way) => {
+                way.flush(&mut uart).await;
+                defmt::info!("reset into a session");
+                restart(Some(way));
             }
-            None => {}
+            (Some(Demand::Watch), Way::Serial) => can::tap::watch(),
+            (Some(Demand::Relay(to, frame)), Way::Serial) => {
+                service::send(segment::frames(to, Direction::To, frame.repeated()));
+            }
+            // A host that watches has a port, and a board relays for its port only.
+            (Some(Demand::Watch | Demand::Relay(..)), Way::Bus) | (None, _) => {}
         }
     }
 }
@@ -185,31 +272,49 @@ fn report_to_host(attendant: &mut Attendant, uart: &mut Uart) {
 /// Serves a session until the host leaves or is silent. The watchdog is fed once a turn: a node that does not return
 /// from a step lets it reset the board.
 #[embassy_executor::task]
-async fn serve(link: Link, mut watchdog: Watchdog, parameters: &'static mut Parameters) -> ! {
+async fn serve(
+    link: Link,
+    way: Way,
+    mut watchdog: Watchdog,
+    parameters: &'static mut Parameters,
+) -> ! {
     let Link { mut uart, identity } = link;
+    let role = identity.role;
     watchdog.shorten();
     let endpoint = endpoint(identity);
     endpoint.load(parameters.contents());
-    defmt::info!("{}: session with a rig", identity.role.name());
+    defmt::info!("{}: session", role.name());
     let mut buffer = [0; 256];
     let (mut heard, mut reported) = (Instant::now(), Instant::now());
     loop {
         watchdog.feed();
-        if let Ok(count) = with_timeout(IDLE, uart.read(&mut buffer)).await {
-            endpoint.receive(&buffer[..count], &mut |reply| uart.write(reply));
+        let arrived = select(uart.read(&mut buffer), service::receive());
+        let arrived = with_timeout(IDLE, arrived).await;
+        let bytes = match &arrived {
+            Ok(Either::First(count)) if way == Way::Serial => &buffer[..*count],
+            Ok(Either::Second(frame))
+                if segment::address(frame.id) == Some((role, Direction::To)) =>
+            {
+                frame.bytes()
+            }
+            _ => &[],
+        };
+        if !bytes.is_empty() {
+            let mut send = |reply: &[u8]| way.send(&mut uart, role, reply);
+            endpoint.receive(bytes, &mut send);
             if let Some(save) = endpoint.save() {
                 watchdog.lengthen();
                 let values = parameters.write(&save.settings, save.off);
                 watchdog.shorten();
                 let done = values.map(|values| (values, parameters.contents()));
-                endpoint.saved(done, &mut |reply| uart.write(reply));
+                endpoint.saved(done, &mut send);
             }
             heard = Instant::now();
         }
         if endpoint.has_left() || heard.elapsed() > SILENCE {
-            uart.flush();
+            way.flush(&mut uart).await;
             defmt::info!("end of the session");
-            restart(false);
+            restart(None);
         }
         if reported.elapsed() > REPORT {
             reported = Instant::now();

@@ -32,6 +32,15 @@ impl VirtualRobot {
         self.axle(role).map(|axle| &mut axle.serial)
     }
 
+    /// Switches all boards off or on.
+    pub fn power(&mut self, on: bool) {
+        for place in 0..self.roles.len() {
+            if let Some(board) = self.network.board(place) {
+                board.power(on);
+            }
+        }
+    }
+
     /// Takes what the front board sent at its serial port.
     pub(super) fn answer(&mut self) -> Result<(), Error> {
         if !self.hosted {

@@ -1,0 +1,97 @@
+//! Bytes of the link on the bus: frames of at most eight bytes, so that one serial port reaches every board.
+//!
+//! | identifier | bytes |
+//! |---|---|
+//! | 0x700 + axle | requests to the board of an axle |
+//! | 0x710 + axle | its replies |
+//! | 0x740 | requests to the beam board |
+//! | 0x750 | its replies |
+//!
+//! The identifiers are the last ones of the bus: every message goes first. A frame that is lost breaks the check sum of
+//! the payload ([`super::framing`]), and the host repeats its request.
+
+use crate::bus::CanFrame;
+use crate::topology::Role;
+
+/// Direction of bytes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Direction {
+    /// Requests to the board.
+    To,
+    /// Replies of the board.
+    From,
+}
+
+const ADDRESSES: [(u16, Role, Direction); 6] = [
+    (0x700, Role::Front, Direction::To),
+    (0x701, Role::Rear, Direction::To),
+    (0x710, Role::Front, Direction::From),
+    (0x711, Role::Rear, Direction::From),
+    (0x740, Role::Beam, Direction::To),
+    (0x750, Role::Beam, Direction::From),
+];
+
+/// Board and direction of an identifier; `None` for messages.
+pub fn address(id: u16) -> Option<(Role, Direction)> {
+    // Messages, which are nearly all of the frames, need no search.
+    let mut addresses = ADDRESSES.iter().filter(|_| id >= 0x700);
+    let found = addresses.find(|address| address.0 == id);
+    found.map(|&(_, role, direction)| (role, direction))
+}
+
+/// Frames of bytes to or from a board.
+pub fn frames(role: Role, direction: Direction, bytes: &[u8]) -> impl Iterator<Item = CanFrame> {
+    let found = ADDRESSES
+        .iter()
+        .find(|address| (address.1, address.2) == (role, direction));
+    let id = found.map_or(0x7ff, |address| address.0);
+    bytes.chunks(8).map(move |chunk| {
+        let mut data = [0; 8];
+        for (slot, &byte) in data.iter_mut().zip(chunk) {
+            *slot = byte;
+        }
+        CanFrame {
+            id,
+            length: chunk.len() as u8,
+            data,
+        }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bus::layout::MESSAGES;
+    use crate::link::framing::{Decoder, MAX_PAYLOAD, SerialFrame};
+    use std::vec::Vec;
+
+    #[test]
+    fn payloads_of_every_length_pass_the_bus() {
+        for role in Role::ALL {
+            for direction in [Direction::To, Direction::From] {
+                for length in 1..=MAX_PAYLOAD {
+                    let payload: Vec<u8> = (0..length).map(|i| (i * 7) as u8).collect();
+                    let frame = SerialFrame::new(&payload).unwrap();
+                    let mut decoder = Decoder::new();
+                    let mut found = None;
+                    for frame in frames(role, direction, frame.repeated()) {
+                        assert_eq!(address(frame.id), Some((role, direction)));
+                        for &byte in frame.bytes() {
+                            found = found.or(decoder.take_byte(byte).map(<[u8]>::to_vec));
+                        }
+                    }
+                    assert_eq!(found.as_ref(), Some(&payload));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn identifiers_are_those_of_no_message() {
+        for layout in MESSAGES {
+            assert_eq!(address(layout.id), None, "{}", layout.name);
+            // A lower identifier goes first; the identities of the boards are sent once a second.
+            assert!(layout.id < 0x700 || layout.period_ms >= 1000);
+        }
+    }
+}
