@@ -6,7 +6,6 @@
 
 mod curve;
 mod limits;
-pub mod shortest;
 mod spline;
 mod trajectory;
 

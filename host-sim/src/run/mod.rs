@@ -6,7 +6,6 @@
 pub mod bit_compare;
 pub mod drive;
 pub mod final_error;
-pub mod kinematic_model;
 pub mod path_run;
 pub mod real_time;
 pub mod recovery;

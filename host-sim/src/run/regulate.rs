@@ -3,7 +3,6 @@
 use crate::base::error::Error;
 use crate::base::statistics::nees;
 use crate::run::drive::{Errand, Progress, drive};
-use crate::run::kinematic_model::Model;
 use crate::run::recovery::Status;
 use crate::run::robot::{Record, Robot};
 use crate::run::simulation::Simulation;
@@ -12,6 +11,7 @@ use core_algos::bus::LeadMode;
 use core_algos::control::regulator::Phase;
 use core_algos::math::Posture;
 use core_algos::node::lead::Task;
+use core_algos::node::robot::Geometry;
 use core_algos::safety::Condition;
 use core_algos::time::{EPOCH, Micros};
 use core_algos::topology::Node;
@@ -207,7 +207,8 @@ pub fn regulate_on(
     let center = fused.robot.posture;
     let seen = fused.front.posture.relative_to(fused.rear.posture);
     let seen = [seen.x, seen.y, seen.phi].map(f64::from);
-    let frame = Model::of_robot(&scenario.robot);
+    let geometry = &scenario.robot.completed().geometry;
+    let curvature = |steering| curvature(geometry, steering);
     let drive = regulation.drive;
     let notices = robot.monitor().noticed(Node::Lead);
     Ok(Outcome {
@@ -220,9 +221,9 @@ pub fn regulate_on(
         gave_up: regulation.gave_up,
         duration_s: end.duration_s,
         force_rms_n: (regulation.force_square / regulation.ticks.max(1) as f64).sqrt(),
-        max_curvature: frame.curvature(drive.steering),
+        max_curvature: curvature(drive.steering),
         max_path_curvature: drive.path_curvature,
-        max_commanded_curvature: frame.curvature(drive.commanded_steering),
+        max_commanded_curvature: curvature(drive.commanded_steering),
         path_m: drive.path_m,
         cusps: drive.cusps,
         plans: drive.plans,
@@ -231,4 +232,16 @@ pub fn regulate_on(
         relative_error: std::array::from_fn(|i| seen[i] - record.relative[i]),
         fault: robot.monitor().first_fault().copied(),
     })
+}
+
+/// Curvature (1/m) of the midpoint's path at a steering angle ψ (rad): 2 tan ψ over the distance of the axles, which is
+/// paper eq. 5 without rigid ends.
+pub fn curvature(geometry: &Geometry, steering: f64) -> f64 {
+    let (length, rigid) = (geometry.frame_length_m, geometry.rigid_end_m);
+    let ratio = match steering.abs() < 1e-9 {
+        true => 1.0,
+        false => steering.sin() / steering,
+    };
+    let chord = f64::from(length) * ratio + 2.0 * f64::from(rigid) * steering.cos();
+    2.0 * steering.tan() / chord
 }

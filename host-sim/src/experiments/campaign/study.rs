@@ -2,7 +2,6 @@
 
 use crate::base::error::Error;
 use crate::base::toml_file;
-use crate::run::kinematic_model::random_start;
 use crate::scenario::Scenario;
 use crate::scenario::effect::{self, Use};
 use rand::RngExt;
@@ -339,6 +338,17 @@ impl Study {
         scenario.check()?;
         Ok(scenario)
     }
+}
+
+/// Random start `index`: uniform in ±2 m and all headings, a function of `seed` and `index`
+/// alone.
+pub fn random_start(seed: u64, index: u64) -> [f64; 3] {
+    let mut random = Pcg64::new(u128::from(seed), u128::from(index) << 1);
+    [
+        random.random_range(-2.0..2.0),
+        random.random_range(-2.0..2.0),
+        random.random_range(-std::f64::consts::PI..std::f64::consts::PI),
+    ]
 }
 
 impl Draw {
