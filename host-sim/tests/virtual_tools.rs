@@ -472,3 +472,27 @@ fn bad_input_is_told_with_its_value_and_range() {
         assert_eq!(output.status.code(), Some(2), "{option}");
     }
 }
+
+/// Goals one after the other, with the figures of the boards; memory does not grow with the frames of the bus.
+#[test]
+fn soak_on_virtual_boards_reaches_goals_in_bounded_memory() {
+    let folder = tempfile::tempdir().unwrap();
+    let arguments = ["soak", "--on", "virtual", "--ticks", "30000", "--json", "-"];
+    let mut command = Command::new(env!("CARGO_BIN_EXE_cfmmr"));
+    let command = command.args(arguments).current_dir(folder.path());
+    let output = command.output().unwrap();
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let sum = |key: &str| {
+        let windows = report["windows"].as_array().unwrap().iter();
+        windows
+            .map(|window| window[key].as_u64().unwrap())
+            .sum::<u64>()
+    };
+    assert!(sum("reached") >= 2 && sum("missed") == 0, "{report}");
+    let memory = |window: usize| report["windows"][window]["resident_kib"].as_u64().unwrap();
+    assert!(memory(9) < memory(0) + 400, "{report}");
+    for board in report["boards"].as_array().unwrap() {
+        assert_eq!(board["missed_ticks"], 0, "{board}");
+        assert!(board["longest_tick_us"].as_u64().unwrap() <= 750, "{board}");
+    }
+}

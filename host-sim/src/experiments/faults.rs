@@ -169,7 +169,8 @@ impl Row {
 /// The result of the campaign.
 #[derive(Clone, Debug, Serialize)]
 pub struct Report {
-    /// World of the runs.
+    /// World of the runs; in JSON it stands in the run.
+    #[serde(skip)]
     pub world: String,
     /// Seeds 1 to this.
     pub seeds: u64,

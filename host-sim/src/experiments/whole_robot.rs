@@ -35,9 +35,6 @@ use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 use virtual_board::probe::coverage::Coverage;
 
-/// Limit of a tick, µs: a quarter of the millisecond is kept in reserve.
-const TICK_LIMIT_US: u64 = 750;
-
 /// Result of a run on virtual boards.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 struct Report {
@@ -327,31 +324,9 @@ fn judge(report: &Report, early: bool) -> Option<String> {
             "the run ended with the motors off before the task was done: {why}"
         ));
     }
-    for board in &report.boards {
-        let name = board.name;
-        if let Some((time_s, cause)) = board.resets.first() {
-            return Some(format!("{name} board: reset by {cause} at {time_s:.3} s"));
-        }
-        if let Some(finding) = board.findings.first() {
-            return Some(format!(
-                "{name} board: {}: {}, in {}",
-                finding.kind, finding.text, finding.place
-            ));
-        }
-        let longest = u64::from(board.longest_tick_us);
-        for (count, most, what) in [
-            (longest, TICK_LIMIT_US, "µs in the longest tick"),
-            (u64::from(board.missed_ticks), 0, "ticks missed"),
-            (board.can.overrun, 0, "frames lost by overrun"),
-            (board.can.lost, 0, "frames abandoned"),
-            (board.can.error_frames, 0, "error frames"),
-        ] {
-            // Power that is cut may cut a frame.
-            let cut = what == "error frames" && !report.events.is_empty();
-            if count > most && !cut {
-                return Some(format!("{name} board: {count} {what}, at most {most}"));
-            }
-        }
+    let cut = !report.events.is_empty();
+    if let Some(why) = report.boards.iter().find_map(|board| board.problem(cut)) {
+        return Some(why);
     }
     (!report.reached && !early).then(|| "the robot did not come to rest on the goal".to_owned())
 }

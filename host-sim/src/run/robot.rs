@@ -154,6 +154,8 @@ pub trait Robot {
     fn plant(&self) -> Option<&Plant>;
     /// Monitor of the heartbeats.
     fn monitor(&self) -> &Monitor;
+    /// The same, to be changed.
+    fn monitor_mut(&mut self) -> &mut Monitor;
     /// Bounds, pace and observers of the run.
     fn control(&self) -> &RunControl;
     /// The same, to be changed.

@@ -223,6 +223,10 @@ impl Robot for SerialRobot {
         &self.monitor
     }
 
+    fn monitor_mut(&mut self) -> &mut Monitor {
+        &mut self.monitor
+    }
+
     fn control(&self) -> &RunControl {
         &self.control
     }

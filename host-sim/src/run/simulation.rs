@@ -227,11 +227,6 @@ impl Simulation {
         &self.monitor
     }
 
-    /// Forgets the changes of state that the nodes told of so far.
-    pub fn forget_changes(&mut self) {
-        self.monitor.forget_changes();
-    }
-
     /// From now on, keeps what the boards do.
     pub fn record_trace(&mut self) {
         self.trace = Some(Trace::default());
@@ -446,6 +441,10 @@ impl Robot for Simulation {
 
     fn monitor(&self) -> &Monitor {
         self.monitor()
+    }
+
+    fn monitor_mut(&mut self) -> &mut Monitor {
+        &mut self.monitor
     }
 
     fn control(&self) -> &RunControl {

@@ -4,9 +4,15 @@ use crate::base::error::Error;
 use crate::base::interrupt::watch_for_interrupt;
 use crate::base::numbers::whole;
 use crate::base::progress::Progress;
-use crate::experiments::arguments::WorldChoice;
+use crate::experiments::arguments::{Place, WorldChoice, place};
 use crate::experiments::result::{JsonArgs, Provenance};
-use crate::experiments::soak::{self, Drift, MEMORY_KIB, PAIR_M, Report};
+use crate::experiments::soak::{self, Drift, MEMORY_KIB, PAIR_M, Report, Window};
+use crate::run::simulation::Simulation;
+use crate::run::virtual_robot::report::BoardReport;
+use crate::run::virtual_robot::{Options, VirtualRobot};
+use crate::scenario::Scenario;
+use crate::targets::board_log::BoardLog;
+use crate::targets::images::Images;
 use clap::Args;
 use serde::Serialize;
 use std::fmt::Write;
@@ -22,6 +28,9 @@ pub struct SoakArgs {
     /// Number of ticks (ms)
     #[arg(long, default_value_t = 10_000_000, value_parser = whole::<u64>(10_000..=4_000_000_000))]
     pub ticks: u64,
+    /// Place of the boards: in-process, or virtual (their images on virtual boards, built if needed)
+    #[arg(long, value_name = "PLACE", default_value = "in-process", value_parser = place)]
+    pub on: Place,
     /// Seed of all random draws; one seed gives the same bytes
     #[arg(long, default_value_t = 1, value_parser = whole::<u64>(0..=u64::MAX))]
     pub seed: u64,
@@ -40,17 +49,53 @@ struct Measured {
     report: Report,
     /// Simulated time over time taken.
     real_time_factor: f64,
+    /// Virtual boards.
+    boards: Vec<BoardReport>,
     problems: Vec<String>,
 }
 
+/// A window's row of the table.
+fn row(window: &Window) -> String {
+    let number = |value: Option<f64>| value.map_or(String::new(), |v| format!("{v:.2}"));
+    let error = window.position_m.map(|error| 1e2 * error);
+    format!(
+        "| {} | {:.3} | {} of {} | {} | {} | {:.1} | {:.1} | {:.2} | {:.2} | {} | {} | {} |\n",
+        window.end,
+        window.nis,
+        window.gated,
+        window.innovations,
+        number(window.nees),
+        number(error),
+        1e2 * window.sigma_m,
+        window.sigma_rad.to_degrees(),
+        1e3 * window.relative_m,
+        1e3 * window.relative_rad,
+        window.reached,
+        window.missed,
+        window
+            .resident_kib
+            .map_or(String::new(), |kib| kib.to_string()),
+    )
+}
+
 /// The page.
-fn markdown(measured: &Measured) -> String {
+fn markdown(measured: &Measured, scenario: &Scenario) -> String {
     let report = &measured.report;
+    let (command, boards) = match measured.boards.is_empty() {
+        true => (
+            "> docs/soak.md",
+            "The boards run in the program without a restart",
+        ),
+        false => (
+            "--on virtual",
+            "The boards are virtual and run without a restart",
+        ),
+    };
     let mut text = format!(
         "# Soak\n\n\
-         Printed by `cfmmr soak --ticks {} > docs/soak.md`. {:.2} hours of robot time: {} ticks with all\n\
-         sensors, all noise and a bus that loses 1 % of the frames, from goal to goal in a square of 3 m\n\
-         (world: {}). The boards run in the program without a restart. Position is by dead reckoning only.\n\n\
+         Printed by `cfmmr soak --ticks {} {command}`. {:.2} hours of robot time: {} ticks with all\n\
+         sensors, all noise and a bus that loses {} % of the frames, from goal to goal in a square of 3 m\n\
+         (world: {}). {boards}. Position is by dead reckoning only.\n\n\
          - *σ*: largest estimated standard deviation of position and heading.\n\
          - *error*: position error at the goals, rms. *pair*: error of the relative posture of the axles, rms.\n\
          - *NEES*, *NIS*: normalised squares of the error and of the beam's innovation; 3 for a consistent\n\
@@ -61,34 +106,28 @@ fn markdown(measured: &Measured) -> String {
         report.ticks,
         soak::seconds(report.ticks) / 3600.0,
         report.ticks,
-        report.world,
+        100.0 * scenario.world.bus.loss,
+        scenario.world.label(),
     );
     for window in &report.windows {
-        let number = |value: Option<f64>| value.map_or(String::new(), |v| format!("{v:.2}"));
-        let error = window.position_m.map(|error| 1e2 * error);
-        // Writing to a string does not fail.
-        let _ = writeln!(
-            text,
-            "| {} | {:.3} | {} of {} | {} | {} | {:.1} | {:.1} | {:.2} | {:.2} | {} | {} | {} |",
-            window.end,
-            window.nis,
-            window.gated,
-            window.innovations,
-            number(window.nees),
-            number(error),
-            1e2 * window.sigma_m,
-            window.sigma_rad.to_degrees(),
-            1e3 * window.relative_m,
-            1e3 * window.relative_rad,
-            window.reached,
-            window.missed,
-            window.resident_kib,
-        );
+        text += &row(window);
     }
     if let Some(Drift { mean, gain, error }) = report.nis {
         let _ = writeln!(
             text,
             "\nNIS: mean {mean:.3}; least-squares trend {gain:.3} ± {error:.3} over the run."
+        );
+    }
+    for board in &measured.boards {
+        let _ = writeln!(
+            text,
+            "\n{} board: longest tick {} µs, missed {}, load {:.0} %, findings {}, resets {}.",
+            board.name,
+            board.longest_tick_us,
+            board.missed_ticks,
+            100.0 * board.load,
+            board.findings.len(),
+            board.resets.len()
         );
     }
     let faults: Vec<String> = report
@@ -102,7 +141,7 @@ fn markdown(measured: &Measured) -> String {
     };
     let _ = writeln!(
         text,
-        "\nStops for a fault: {faults}. Speed: {:.0} times real time.",
+        "\nStops for a fault: {faults}. Speed: {:.1} times real time.",
         measured.real_time_factor
     );
     match measured.problems.as_slice() {
@@ -124,23 +163,44 @@ fn markdown(measured: &Measured) -> String {
 /// Runs the command.
 pub fn run(args: &SoakArgs) -> Result<(), Error> {
     args.json.check()?;
+    if matches!(args.on, Place::Serial(_)) {
+        return Err(Error::input(
+            "--on: must be in-process or virtual: a soak compares estimates with the true posture",
+        ));
+    }
+    let in_process = args.on == Place::InProcess;
+    let scenario = soak::scenario(args.choice.world.as_deref(), in_process)?;
+    let interrupt = watch_for_interrupt()?;
     let progress = Progress::new(soak::pieces(), "soak");
     let started = Instant::now();
-    let scenario = soak::scenario(args.choice.world.as_deref())?;
-    let interrupt = watch_for_interrupt()?;
-    let report = soak::run(&scenario, args.ticks, WINDOWS, args.seed, || {
+    let mut advance = || {
         progress.advance();
         !interrupt.load(Relaxed)
-    })?;
+    };
+    let run = (args.ticks, WINDOWS, args.seed);
+    let (report, boards) = if in_process {
+        let mut robot = Simulation::new(&scenario, args.seed, 0)?;
+        let report = soak::run(&mut robot, &scenario, run, &mut advance)?;
+        (report, Vec::new())
+    } else {
+        let images = Images::open(None, None, None)?;
+        let logs = [(); 3].map(|()| BoardLog::default());
+        let options = Options::default();
+        let mut robot = VirtualRobot::new(&scenario, &images, args.seed, 0, &options, &logs)?;
+        let report = soak::run(&mut robot, &scenario, run, &mut advance)?;
+        (report, robot.reports())
+    };
     drop(progress);
+    let of_boards = boards.iter().filter_map(|board| board.problem(false));
     let measured = Measured {
         real_time_factor: soak::seconds(report.ticks) / started.elapsed().as_secs_f64(),
-        problems: report.problems(),
+        problems: report.problems().into_iter().chain(of_boards).collect(),
         report,
+        boards,
     };
     args.json
         .write(&Provenance::of(&scenario, args.seed), &measured)?;
-    args.json.print_page(&markdown(&measured))?;
+    args.json.print_page(&markdown(&measured, &scenario))?;
     match measured.problems.as_slice() {
         _ if interrupt.load(Relaxed) => Err(Error::Interrupted(
             "interrupted: the table is that of the time so far".to_owned(),

@@ -12,7 +12,8 @@ pub mod command;
 
 use crate::base::error::Error;
 use crate::base::statistics::{self, nees};
-use crate::run::simulation::Simulation;
+use crate::run::drive::{Errand, Progress, drive};
+use crate::run::robot::{Record, Robot};
 use crate::scenario::Scenario;
 use crate::targets::HostCommand;
 use crate::world::random::{Stream, generator};
@@ -21,13 +22,12 @@ use core_algos::fusion::ekf::Verdict;
 use core_algos::math::Posture;
 use core_algos::node::lead::Task;
 use core_algos::safety::OperatingState;
-use core_algos::time::{EPOCH, TICK};
+use core_algos::time::{EPOCH, Micros, TICK};
 use core_algos::topology::Node;
 use rand::RngExt;
 use rand_pcg::Pcg64;
 use serde::Serialize;
 use std::collections::BTreeMap;
-use std::io::{self, ErrorKind};
 
 /// Time for one goal, ticks.
 const PATIENCE: u64 = 60_000;
@@ -49,13 +49,16 @@ pub const PAIR_M: f64 = 3e-3;
 /// Largest squared error, of three components, that one sound estimate in a thousand exceeds.
 const WORST: f64 = 16.27;
 
-/// Robot and surroundings of the soak: all sensors, all noise, and a bus that loses 1 %.
-pub fn scenario(world: Option<&str>) -> Result<Scenario, Error> {
+/// Robot and surroundings of the soak: all sensors, all noise, and, in process, a bus that loses 1 %.
+pub fn scenario(world: Option<&str>, in_process: bool) -> Result<Scenario, Error> {
     let mut scenario = Scenario::in_world(world)?;
+    scenario.mission.settle_s = 0.0;
     scenario.world.sensors.gyro.fitted = true;
     scenario.world.sensors.accelerometer.fitted = true;
-    let loss = &mut scenario.world.bus.loss;
-    *loss = loss.max(0.01);
+    if in_process {
+        let loss = &mut scenario.world.bus.loss;
+        *loss = loss.max(0.01);
+    }
     Ok(scenario)
 }
 
@@ -86,8 +89,8 @@ pub struct Window {
     pub reached: u64,
     /// Goals given up.
     pub missed: u64,
-    /// Resident memory of this process at its end, KiB.
-    pub resident_kib: u64,
+    /// Resident memory of this process at its end, KiB; missing where the system does not tell.
+    pub resident_kib: Option<u64>,
 }
 
 /// A straight line through values over time.
@@ -132,12 +135,8 @@ impl Drift {
 /// Result of a soak.
 #[derive(Clone, Debug, Serialize)]
 pub struct Report {
-    /// World of the run.
-    pub world: String,
     /// Ticks.
     pub ticks: u64,
-    /// Seed of all draws.
-    pub seed: u64,
     /// Windows of equal length.
     pub windows: Vec<Window>,
     /// Drift of the innovations.
@@ -176,8 +175,10 @@ impl Report {
             )),
             None => problems.push("NEES: no goal reached; the run is too short".to_owned()),
         }
-        if let [first, .., last] = self.windows.as_slice() {
-            let grown = last.resident_kib.saturating_sub(first.resident_kib);
+        if let [first, .., last] = self.windows.as_slice()
+            && let (Some(first), Some(last)) = (first.resident_kib, last.resident_kib)
+        {
+            let grown = last.saturating_sub(first);
             if grown > MEMORY_KIB {
                 problems.push(format!(
                     "memory grew by {grown} KiB after the first window: must be at most {MEMORY_KIB}"
@@ -212,9 +213,9 @@ struct Sums {
 }
 
 impl Sums {
-    fn window(&self, end: u64) -> Result<Window, Error> {
+    fn window(&self, end: u64) -> Window {
         let epochs = self.epochs.max(1) as f64;
-        Ok(Window {
+        Window {
             end,
             nis: self.nis / self.innovations.max(1) as f64,
             innovations: self.innovations,
@@ -227,18 +228,16 @@ impl Sums {
             relative_rad: (self.relative[1] / epochs).sqrt(),
             reached: self.reached,
             missed: self.missed,
-            resident_kib: resident_kib()?,
-        })
+            resident_kib: resident_kib(),
+        }
     }
 }
 
 /// Resident memory of this process, KiB.
-fn resident_kib() -> Result<u64, Error> {
-    let status = std::fs::read_to_string("/proc/self/status")?;
-    let line = status.lines().find(|line| line.starts_with("VmRSS:"));
-    let number = line.and_then(|line| line.split_whitespace().nth(1)?.parse().ok());
-    let unknown = || io::Error::new(ErrorKind::InvalidData, "/proc/self/status: no VmRSS");
-    Ok(number.ok_or_else(unknown)?)
+fn resident_kib() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find(|line| line.starts_with("VmRSS:"))?;
+    line.split_whitespace().nth(1)?.parse().ok()
 }
 
 /// Stage of the drive.
@@ -251,61 +250,27 @@ enum Stage {
 }
 
 /// A soak under way.
-struct Soak {
-    simulation: Simulation,
+struct Soak<'a> {
+    ticks: u64,
+    windows: u64,
+    advance: &'a mut dyn FnMut() -> bool,
     random: Pcg64,
     stage: Stage,
+    /// A drive has ended: the monitor's changes are no longer needed.
+    judged: bool,
     sums: Sums,
     piece: Sums,
+    reported: Vec<Window>,
+    /// Mean NIS of each piece at its middle, 0 to 1.
+    innovations: Vec<(f64, f64)>,
     faults: BTreeMap<&'static str, u64>,
 }
 
-impl Soak {
-    fn new(scenario: &Scenario, seed: u64) -> Result<Self, Error> {
-        Ok(Self {
-            simulation: Simulation::new(scenario, seed, 0)?,
-            random: generator(seed, 1, Stream::Other(1)),
-            stage: Stage::Resting(REST),
-            sums: Sums::default(),
-            piece: Sums::default(),
-            faults: BTreeMap::new(),
-        })
-    }
-
-    /// One tick.
-    fn step(&mut self, tick: u64) -> Result<(), Error> {
-        match self.stage {
-            Stage::Resting(until) if tick >= until => self.next(tick)?,
-            _ => {}
-        }
-        self.simulation.step()?;
-        if self.simulation.now().is_multiple_of(EPOCH) {
-            self.observe();
-            self.judge(tick)?;
-        }
-        Ok(())
-    }
-
-    /// Gives the robot a goal, or clears its fault, as often as it takes: what is still wrong is not
-    /// cleared.
-    fn next(&mut self, tick: u64) -> Result<(), Error> {
-        let lead = self.simulation.monitor().latest(Node::Lead);
-        if lead.is_some_and(|lead| lead.state == OperatingState::Fault) {
-            self.stage = Stage::Resting(tick + RECOVERY);
-            return self.simulation.command(&HostCommand::Task(Task::Clear));
-        }
-        let mut uniform = |half: f64| self.random.random_range(-half..half);
-        let [x, y] = [uniform(SQUARE_M), uniform(SQUARE_M)];
-        let goal = Posture::from([x, y, uniform(3.1)].map(|value| value as f32));
-        self.stage = Stage::Driving(tick);
-        self.simulation
-            .command(&HostCommand::Task(Task::Regulate { goal }))
-    }
-
+impl Soak<'_> {
     /// Takes in what the lead node estimates.
-    fn observe(&mut self) {
-        let fused = self.simulation.lead_output().fused;
-        let truth = self.simulation.plant().relative_posture();
+    fn observe(&mut self, record: &Record) {
+        let fused = record.lead.fused;
+        let truth = record.relative;
         let seen = fused.front.posture.relative_to(fused.rear.posture);
         let [x, y, phi] = [seen.x, seen.y, seen.phi].map(f64::from);
         let turned = libm::remainder(phi - truth[2], std::f64::consts::TAU);
@@ -326,23 +291,23 @@ impl Soak {
     }
 
     /// Checks for a reached goal or another end of the drive.
-    fn judge(&mut self, tick: u64) -> Result<(), Error> {
+    fn judge(&mut self, robot: &impl Robot, record: &Record, tick: u64) {
         let Stage::Driving(since) = self.stage else {
-            return Ok(());
+            return;
         };
         if tick - since < REST {
-            return Ok(());
+            return;
         }
-        let lead = self.simulation.lead_output();
+        let lead = &record.lead;
         let (done, gave_up) = (lead.done, lead.phase == Phase::GaveUp);
-        let monitor = self.simulation.monitor();
+        let monitor = robot.monitor();
         let reason = monitor
             .fault_since(Node::Lead)
             .and_then(|_| monitor.first_fault()?.reason);
         if reason.is_none() && !done && !gave_up && tick - since < PATIENCE {
-            return Ok(());
+            return;
         }
-        let (estimate, truth) = (lead.fused.robot, self.simulation.plant().midpoint());
+        let (estimate, truth) = (lead.fused.robot, record.midpoint);
         let [x, y] = [estimate.posture.x, estimate.posture.y].map(f64::from);
         self.sums.nees += nees(&estimate, truth);
         self.sums.square_m2 += (x - truth[0]).powi(2) + (y - truth[1]).powi(2);
@@ -352,50 +317,108 @@ impl Soak {
         self.stage = Stage::Resting(tick + REST);
         if let Some(reason) = reason {
             *self.faults.entry(reason.entry().name).or_default() += 1;
-            self.stage = Stage::Resting(tick + RECOVERY);
-            self.simulation.command(&HostCommand::Task(Task::Clear))?;
         }
-        self.simulation.forget_changes();
-        Ok(())
+        self.judged = true;
+    }
+
+    /// Ends a piece and a window, if they end at this tick; false if the run is to end.
+    fn report(&mut self, tick: u64) -> bool {
+        let before = tick - EPOCH / TICK;
+        let ends = |parts: u64| tick * parts / self.ticks > before * parts / self.ticks;
+        let (piece, window) = (ends(PIECES), ends(self.windows));
+        if window {
+            let sums = std::mem::take(&mut self.sums);
+            self.reported.push(sums.window(tick));
+        }
+        if !piece {
+            return true;
+        }
+        let piece = std::mem::take(&mut self.piece);
+        let middle = tick as f64 / self.ticks as f64 - 0.5 / PIECES as f64;
+        if piece.innovations > 0 {
+            let nis = piece.nis / piece.innovations as f64;
+            self.innovations.push((middle, nis));
+        }
+        (self.advance)()
     }
 }
 
-/// Drives for so many ticks, reported in `windows` equal parts; `advance` is called once for each of
-/// `PIECES` pieces and ends the run if it returns false.
-pub fn run(
-    scenario: &Scenario,
-    ticks: u64,
-    windows: u64,
-    seed: u64,
-    mut advance: impl FnMut() -> bool,
-) -> Result<Report, Error> {
-    let mut soak = Soak::new(scenario, seed)?;
-    let mut reported = Vec::new();
-    let mut innovations = Vec::new();
-    let mut done = 0;
-    for tick in 0..ticks {
-        soak.step(tick)?;
-        done = tick + 1;
-        if done * PIECES / ticks > tick * PIECES / ticks {
-            let piece = std::mem::take(&mut soak.piece);
-            let middle = (tick as f64 + 0.5) / ticks as f64 - 0.5 / PIECES as f64;
-            if piece.innovations > 0 {
-                innovations.push((middle, piece.nis / piece.innovations as f64));
-            }
-            if !advance() {
-                break;
-            }
+impl<R: Robot> Errand<R> for Soak<'_> {
+    fn task(&self) -> Task {
+        Task::Idle
+    }
+
+    /// Gives the robot a goal, or clears its fault, as often as it takes: what is still wrong is not
+    /// cleared.
+    fn feed(&mut self, robot: &mut R) -> Result<(), Error> {
+        if std::mem::take(&mut self.judged) {
+            robot.monitor_mut().forget_changes();
         }
-        if done * windows / ticks > tick * windows / ticks {
-            reported.push(std::mem::take(&mut soak.sums).window(done)?);
+        let tick = robot.now() / TICK;
+        let Stage::Resting(until) = self.stage else {
+            return Ok(());
+        };
+        let lead = robot.monitor().latest(Node::Lead);
+        let faulty = lead.is_some_and(|lead| lead.state == OperatingState::Fault);
+        if tick < until {
+            return Ok(());
+        }
+        if faulty {
+            self.stage = Stage::Resting(tick + RECOVERY);
+            return robot.command(&HostCommand::Task(Task::Clear));
+        }
+        let mut uniform = |half: f64| self.random.random_range(-half..half);
+        let [x, y] = [uniform(SQUARE_M), uniform(SQUARE_M)];
+        let goal = Posture::from([x, y, uniform(3.1)].map(|value| value as f32));
+        self.stage = Stage::Driving(tick);
+        robot.command(&HostCommand::Task(Task::Regulate { goal }))
+    }
+
+    /// A fault ends no soak.
+    fn must_end(&self, _robot: &R) -> bool {
+        false
+    }
+
+    fn epoch(&mut self, robot: &R, record: &Record, since: Option<Micros>) -> Progress {
+        let tick = robot.now() / TICK;
+        // The first estimates of a board are those from before it got its place.
+        if since.is_some_and(|since| since >= REST * TICK) {
+            self.observe(record);
+            self.judge(robot, record, tick);
+        }
+        match self.report(tick) {
+            true => Progress::Driving,
+            false => Progress::Over,
         }
     }
+}
+
+/// Drives a robot for so many ticks, reported in `windows` equal parts; `advance` is called once for each of
+/// `PIECES` pieces and ends the run if it returns false.
+pub fn run(
+    robot: &mut impl Robot,
+    scenario: &Scenario,
+    (ticks, windows, seed): (u64, u64, u64),
+    advance: &mut dyn FnMut() -> bool,
+) -> Result<Report, Error> {
+    let mut soak = Soak {
+        ticks,
+        windows,
+        advance,
+        random: generator(seed, 1, Stream::Other(1)),
+        stage: Stage::Resting(REST),
+        judged: false,
+        sums: Sums::default(),
+        piece: Sums::default(),
+        reported: Vec::new(),
+        innovations: Vec::new(),
+        faults: BTreeMap::new(),
+    };
+    drive(robot, scenario, seconds(ticks), &mut soak)?;
     Ok(Report {
-        world: scenario.world.label(),
-        ticks: done,
-        seed,
-        windows: reported,
-        nis: Drift::of(&innovations),
+        ticks: robot.now() / TICK,
+        windows: soak.reported,
+        nis: Drift::of(&soak.innovations),
         faults: soak.faults,
     })
 }
@@ -445,13 +468,11 @@ mod tests {
             innovations: 1000,
             nees: Some(2.0),
             reached: 40,
-            resident_kib: 10_000,
+            resident_kib: Some(10_000),
             ..Window::default()
         };
         Report {
-            world: "ordinary".to_owned(),
             ticks: 1000,
-            seed: 1,
             windows: vec![window; 5],
             nis: Drift::of(&values(200, 0.0)),
             faults: BTreeMap::new(),
@@ -488,7 +509,7 @@ mod tests {
             "NEES at the end",
         );
         said(
-            |report| report.windows[4].resident_kib += MEMORY_KIB + 1,
+            |report| report.windows[4].resident_kib = Some(10_001 + MEMORY_KIB),
             "memory grew",
         );
         said(|report| report.windows[2].missed = 1, "1 goals");

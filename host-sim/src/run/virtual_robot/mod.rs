@@ -558,6 +558,10 @@ impl Robot for VirtualRobot {
         &self.monitor
     }
 
+    fn monitor_mut(&mut self) -> &mut Monitor {
+        &mut self.monitor
+    }
+
     fn control(&self) -> &RunControl {
         &self.control
     }

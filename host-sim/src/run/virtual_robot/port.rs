@@ -55,6 +55,8 @@ impl VirtualRobot {
             self.held = self.clock.held();
             self.tools.lead(self.held);
         }
+        // The robot's own frames are read on its bus.
+        self.link.take_frames();
         Ok(())
     }
 }

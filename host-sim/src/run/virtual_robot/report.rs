@@ -115,6 +115,39 @@ pub struct BoardReport {
     pub can: Can,
 }
 
+/// Limit of a tick, µs: a quarter of the millisecond is kept in reserve.
+const TICK_LIMIT_US: u64 = 750;
+
+impl BoardReport {
+    /// First thing that a sound board does not do, if any. Power that is cut may cut a frame.
+    pub fn problem(&self, cut: bool) -> Option<String> {
+        let name = self.name;
+        if let Some((time_s, cause)) = self.resets.first() {
+            return Some(format!("{name} board: reset by {cause} at {time_s:.3} s"));
+        }
+        if let Some(finding) = self.findings.first() {
+            return Some(format!(
+                "{name} board: {}: {}, in {}",
+                finding.kind, finding.text, finding.place
+            ));
+        }
+        let error_frames = if cut { 0 } else { self.can.error_frames };
+        let counts = [
+            (
+                self.longest_tick_us.into(),
+                TICK_LIMIT_US,
+                "µs in the longest tick",
+            ),
+            (self.missed_ticks.into(), 0, "ticks missed"),
+            (self.can.overrun, 0, "frames lost by overrun"),
+            (self.can.lost, 0, "frames abandoned"),
+            (error_frames, 0, "error frames"),
+        ];
+        let beyond = counts.into_iter().find(|(count, most, _)| count > most);
+        beyond.map(|(count, most, what)| format!("{name} board: {count} {what}, at most {most}"))
+    }
+}
+
 /// Report of a board with this image.
 pub fn of(
     role: Role,
