@@ -296,3 +296,45 @@ fn parameters_of_three_boards_pass_the_port_of_the_front_board() {
     new.cycle.store(true, Relaxed);
     assert_eq!(parameters(&new), kept);
 }
+
+/// Zeros of the gauges of a straight strip, through the front board and the bus; a bent one is refused.
+#[test]
+fn gauges_of_a_robot_at_a_serial_port_are_zeroed() {
+    let folder = tempfile::tempdir().unwrap();
+    let scenario = Scenario::in_world(Some("ordinary")).unwrap();
+    let bench = Bench::new(&scenario, false);
+    let zeros = |bench: &Bench| -> Vec<f64> {
+        let all = parameters(bench);
+        let rows = all.as_array().unwrap().iter();
+        let of_beam = rows.filter(|row| row["board"] == "beam");
+        let zeros = of_beam.filter(|row| row["name"].as_str().unwrap().contains("zero_counts"));
+        zeros.map(|row| row["value"].as_f64().unwrap()).collect()
+    };
+    let before = zeros(&bench);
+    let zero = ["calibrate", "gauges", "--yes"];
+    for (wrong, code) in [
+        (&["calibrate", "wheels", "--yes"][..], 2),
+        (&["calibrate", "gauges"], 2),
+        (&["calibrate", "gauges", "--yes", "--world", "ideal"], 2),
+        // The strip is straight: no strain gives these gains.
+        (&["calibrate", "gauges", "--yes", "--former", "2"], 1),
+    ] {
+        let output = bench.run(folder.path(), wrong);
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(code), "{wrong:?}: {said}");
+    }
+    let output = bench.run(folder.path(), &zero);
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success(), "{said}");
+    bench.cycle.store(true, Relaxed);
+    let after = zeros(&bench);
+    let moved = before.iter().zip(&after).filter(|(a, b)| a != b).count();
+    assert!(moved >= 5, "{before:?} {after:?}");
+    // The walk of the zeros since they were stored, not more.
+    let largest = before
+        .iter()
+        .zip(&after)
+        .map(|(a, b)| (a - b).abs())
+        .fold(0.0, f64::max);
+    assert!(largest < 600.0, "{before:?} {after:?}");
+}

@@ -7,8 +7,9 @@ use super::order::Order;
 use super::protocol::{
     self, MAX_TELEMETRY, PROTOCOL, Packed, Refusal, Reply, Request, Spread, StackUse, Telemetry,
 };
+use crate::bus::{self, CanFrame, layout};
 use crate::control::path::PathError;
-use crate::topology::Role;
+use crate::topology::{Node, Role};
 
 /// Time between reports to a host that watches, ms: about four bus frames.
 pub const REPORT_MS: u64 = 2;
@@ -27,9 +28,18 @@ pub enum Demand {
     Session,
     /// To send a frame to another board over the bus, and to hand its reply to [`Attendant::relayed`].
     Relay(Role, SerialFrame),
+    /// To send a frame on the bus.
+    Send(CanFrame),
     /// To hand over bus frames and outputs of the lead node from here on, with [`Attendant::report`] every
     /// [`REPORT_MS`].
     Watch,
+}
+
+/// The frame, if it is one that a service tool may send.
+fn service(packed: &[u8]) -> Option<CanFrame> {
+    let frame = protocol::unpack(packed).next()?;
+    let sender = layout::find(frame.id)?.sender;
+    (sender == Node::Service && bus::decode(&frame).is_ok()).then_some(frame)
 }
 
 /// A board that drives.
@@ -119,6 +129,13 @@ impl Attendant {
                     demand = Some(Demand::Watch);
                     Reply::Done
                 }
+                (Some(Request::Send { bus }), _) => match service(bus) {
+                    Some(frame) => {
+                        demand = Some(Demand::Send(frame));
+                        Reply::Done
+                    }
+                    None => Reply::Refused(Refusal::Malformed),
+                },
                 (Some(Request::Stack), _) => Reply::Stack((self.stack)()),
                 (Some(Request::Rig), _) if armed => Reply::Refused(Refusal::Armed),
                 (Some(Request::Rig), _) => {

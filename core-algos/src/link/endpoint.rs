@@ -251,9 +251,10 @@ impl Session {
     ) -> Result<Reply<'a>, Refusal<'a>> {
         match request {
             // A rig gets the lead node's output with each tick, and is the bus.
-            Request::Hello { .. } | Request::Watch | Request::Relay { .. } => {
-                Err(Refusal::Malformed)
-            }
+            Request::Hello { .. }
+            | Request::Watch
+            | Request::Relay { .. }
+            | Request::Send { .. } => Err(Refusal::Malformed),
             // A session is under way.
             Request::Rig => Ok(Reply::Done),
             Request::Leave => self.leave(),

@@ -136,6 +136,11 @@ pub enum Request<'a> {
         /// Number and request, as for a port of its own.
         payload: &'a [u8],
     },
+    /// Has a board that drives send a message of [`crate::topology::Node::Service`] on the bus.
+    Send {
+        /// The frame, see [`Packed`].
+        bus: &'a [u8],
+    },
 }
 
 /// Posture of the robot at the start.

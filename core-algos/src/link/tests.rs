@@ -975,6 +975,43 @@ fn request_for_another_board_is_relayed_and_its_reply_returned() {
     assert!(relayed(role).is_empty());
 }
 
+/// A host may speak for the service tool, and for no node.
+#[test]
+fn messages_of_nodes_are_not_sent_for_a_host() {
+    let calibrate = bus::field::Calibrate::Zero(0.0);
+    let sequence = 7;
+    let allowed = Message::BeamCalibration {
+        sequence,
+        calibrate,
+    };
+    let mode = bus::LeadMode::Active;
+    let forged = Message::LeadStatus {
+        sequence,
+        mode,
+        steering_rad: 0.0,
+        velocity_m_s: 0.1,
+    };
+    let mut board = Driving::new(Role::Front);
+    for (number, message, sent) in [(1, allowed, true), (2, forged, false)] {
+        let frame = bus::encode(&message).unwrap();
+        let mut packed = Packed::new();
+        assert!(packed.push(&frame));
+        let bus = packed.bytes();
+        let reply = match sent {
+            true => Reply::Done,
+            false => Reply::Refused(Refusal::Malformed),
+        };
+        assert_answered(
+            &board.ask(number, &Request::Send { bus }, true),
+            number,
+            reply,
+        );
+        assert_eq!(board.demand, sent.then_some(Demand::Send(frame)));
+    }
+    let nothing = board.ask(3, &Request::Send { bus: &[] }, true);
+    assert_answered(&nothing, 3, Reply::Refused(Refusal::Malformed));
+}
+
 /// Repeated requests are answered again and carried out once; an order is answered when it is done.
 #[test]
 fn an_order_is_carried_out_once_and_answered_when_it_is_done() {

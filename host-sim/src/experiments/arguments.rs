@@ -43,6 +43,11 @@ impl ScenarioArgs {
         })
     }
 
+    /// True if any option was given.
+    pub fn is_given(&self) -> bool {
+        self.choice.world.is_some() || self.scenario.is_some() || !self.set.is_empty()
+    }
+
     /// The keys that were given.
     pub fn given(&self) -> Result<GivenKeys, Error> {
         let (file, _) = toml_file::read(self.scenario.as_deref())?;

@@ -8,7 +8,9 @@ use super::{Fault, HostCommand, Room};
 use crate::base::error::Error;
 use core_algos::bus::CanFrame;
 use core_algos::link::framing::{Decoder, SerialFrame};
-use core_algos::link::protocol::{self, POINTS, PROTOCOL, Place, Reply, Request, Telemetry};
+use core_algos::link::protocol::{
+    self, POINTS, PROTOCOL, Packed, Place, Reply, Request, Telemetry,
+};
 use core_algos::time::Micros;
 use core_algos::topology::Role;
 use std::collections::VecDeque;
@@ -54,6 +56,18 @@ impl LeadLink {
         };
         self.greet();
         self.place(place);
+    }
+
+    /// Watches a board without a word on where it stands.
+    pub fn watch(&mut self) {
+        self.greet();
+    }
+
+    /// Has the board send a frame of a service tool on the bus.
+    pub fn send(&mut self, frame: &CanFrame) {
+        let mut bus = Packed::new();
+        bus.push(frame);
+        self.ask("bus frame", &Request::Send { bus: bus.bytes() });
     }
 
     fn greet(&mut self) {

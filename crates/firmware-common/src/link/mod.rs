@@ -241,6 +241,7 @@ async fn attend(link: Link) -> ! {
                 restart(Some(way));
             }
             (Some(Demand::Watch), Way::Serial) => can::tap::watch(),
+            (Some(Demand::Send(frame)), _) => service::send(core::iter::once(frame)),
             (Some(Demand::Relay(to, frame)), Way::Serial) => {
                 service::send(segment::frames(to, Direction::To, frame.repeated()));
             }

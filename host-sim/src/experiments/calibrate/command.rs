@@ -2,9 +2,10 @@
 //! know, on boards wherever they are.
 
 use super::procedures::{Effect, Report, Row, calibrate_gauges, calibrate_gyros, calibrate_wheels};
+use super::real;
 use crate::base::error::Error;
 use crate::base::interrupt::watch_for_interrupt;
-use crate::base::numbers::whole;
+use crate::base::numbers::{number, whole};
 use crate::base::output;
 use crate::base::table::Table;
 use crate::base::terminal::print;
@@ -68,6 +69,10 @@ pub struct CalibrateArgs {
     /// Number of squares each way and at each speed
     #[arg(long, default_value_t = 6, value_parser = whole::<u32>(1..=100))]
     pub laps: u32,
+    /// Curvature of the former that holds the strip of a real robot: determine the gains; without it the strip is
+    /// straight: determine the zeros
+    #[arg(long, value_name = "1/M", value_parser = number, allow_hyphen_values = true)]
+    pub former: Option<f64>,
     /// Save without confirmation
     #[arg(long)]
     pub yes: bool,
@@ -81,6 +86,14 @@ pub struct CalibrateArgs {
 
 /// Runs the command.
 pub fn run(args: &CalibrateArgs) -> Result<(), Error> {
+    if args.boards.any_port() {
+        return calibrate_real(args);
+    }
+    if args.former.is_some() {
+        return Err(Error::input(
+            "--former: only with --on serial: the simulated robot has formers of ±1 and ±2 per metre",
+        ));
+    }
     let scenario = args.scenario.load()?;
     args.scenario
         .given()?
@@ -90,13 +103,6 @@ pub fn run(args: &CalibrateArgs) -> Result<(), Error> {
         return run_several(args, &scenario);
     }
     let mut report = calibrate(args, &scenario, args.seed)?;
-    if args.boards.any_port() {
-        report.notes.push(
-            "these are constants of the simulated robot: before the board drives a real robot, restore its \
-             parameters (cfmmr params import; export them before a calibration)"
-                .to_owned(),
-        );
-    }
     args.json.print(&text(&report))?;
     if let Some(path) = &args.out {
         output::write_file(path, report.found.to_toml()?)?;
@@ -111,6 +117,23 @@ pub fn run(args: &CalibrateArgs) -> Result<(), Error> {
     args.json
         .write(&Provenance::of(&scenario, args.seed), &report)?;
     Ok(())
+}
+
+/// Calibrates a robot at a serial port.
+fn calibrate_real(args: &CalibrateArgs) -> Result<(), Error> {
+    if args.what != CalibrateWhat::Gauges {
+        return Err(Error::input(
+            "--on serial: only with gauges: the other procedures act on the simulated robot",
+        ));
+    }
+    if args.out.is_some() || args.scenario.is_given() || args.seed != 1 || args.laps != 6 {
+        return Err(Error::input(
+            "--out, --world, --scenario, --set, --seed, --laps: no effect with --on serial: the beam board computes and \
+             saves the calibration; read it with cfmmr params export",
+        ));
+    }
+    args.json.check()?;
+    real::run(&args.boards, args.former, !args.yes, &args.json)
 }
 
 fn calibrate(args: &CalibrateArgs, scenario: &Scenario, seed: u64) -> Result<Report, Error> {

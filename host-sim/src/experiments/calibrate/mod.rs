@@ -4,6 +4,7 @@
 pub mod command;
 pub mod gauges;
 mod procedures;
+mod real;
 pub mod turns;
 pub mod wheels;
 

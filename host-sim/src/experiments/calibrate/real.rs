@@ -1,0 +1,136 @@
+//! Strain gauges of a real robot, by the procedure of its beam board. The request passes the front board's port and the
+//! bus.
+
+use crate::base::error::Error;
+use crate::base::terminal::print;
+use crate::experiments::arguments::BoardArgs;
+use crate::experiments::boards::Links;
+use crate::experiments::result::{JsonArgs, Provenance};
+use crate::targets::board_log::BoardLog;
+use crate::targets::lead_link::LeadLink;
+use crate::targets::link::Link;
+use core_algos::bus::field::{Calibrate, CalibrationResult};
+use core_algos::bus::{self, Message};
+use core_algos::topology::Role;
+use serde::Serialize;
+use std::io::{self, IsTerminal, Write};
+use std::time::{Duration, Instant};
+
+/// Longest time of the procedure: the average takes three seconds.
+const PATIENCE: Duration = Duration::from_secs(15);
+/// Longest wait for bytes.
+const WAIT: Duration = Duration::from_millis(10);
+
+/// Result.
+#[derive(Debug, Serialize)]
+struct Report {
+    calibrate: Calibrate,
+    result: CalibrationResult,
+    /// Gauge to blame, counted from the root.
+    gauge: Option<u8>,
+}
+
+/// Runs the procedure, with a former of this curvature (1/m) or with a straight strip, after a confirmation of the user if
+/// that is wanted.
+pub fn run(
+    boards: &BoardArgs,
+    former: Option<f64>,
+    confirm: bool,
+    json: &JsonArgs,
+) -> Result<(), Error> {
+    let (calibrate, hold) = match former {
+        None => (Calibrate::Zero(0.0), "straight, against an edge".to_owned()),
+        Some(curvature) => (
+            Calibrate::Gain(curvature as f32),
+            format!("on the former of {curvature} per metre"),
+        ),
+    };
+    if confirm {
+        wait(&hold)?;
+    }
+    let links = Links::new(boards, None)?;
+    let Some(port) = links.open(Role::Front, &BoardLog::default())? else {
+        return Err(Error::input(
+            "--on serial: must be serial:front=PORT: the request passes the front board",
+        ));
+    };
+    let (result, gauge) = request(port, calibrate)?;
+    let report = Report {
+        calibrate,
+        result,
+        gauge: (result != CalibrationResult::Stored).then_some(gauge),
+    };
+    json.write(&Provenance::default(), &report)?;
+    let why = match result {
+        CalibrationResult::Stored => return json.print("calibrated and saved\n"),
+        CalibrationResult::MotorsOn => "its motors are on: stop the robot".to_owned(),
+        CalibrationResult::BadSample => {
+            format!("gauge {gauge} is saturated or missing: check its wires")
+        }
+        CalibrationResult::Noisy => format!("gauge {gauge} scatters: hold the strip still"),
+        CalibrationResult::Drifting => format!("gauge {gauge} moved: hold the strip still"),
+        CalibrationResult::OutOfRange => {
+            format!(
+                "gauge {gauge}: the result is out of range: check the curvature, calibrate the zeros first"
+            )
+        }
+        CalibrationResult::NotStored => {
+            "the calibration is in use, but writing the flash failed".to_owned()
+        }
+    };
+    Err(Error::Failure(format!("beam board: not calibrated: {why}")))
+}
+
+/// Asks the user to hold the strip.
+fn wait(hold: &str) -> Result<(), Error> {
+    if !io::stdin().is_terminal() {
+        return Err(Error::input(
+            "no terminal for a confirmation that the strip is held: use --yes",
+        ));
+    }
+    print(&format!("hold the strip {hold}, then press Enter "))?;
+    io::stdout().flush()?;
+    io::stdin().read_line(&mut String::new())?;
+    Ok(())
+}
+
+/// Sends the request and waits for the answer of the beam board.
+fn request(
+    mut port: Box<dyn Link>,
+    calibrate: Calibrate,
+) -> Result<(CalibrationResult, u8), Error> {
+    // Answers to earlier requests have other numbers.
+    let sequence = (std::process::id() % 256) as u8;
+    let message = Message::BeamCalibration {
+        sequence,
+        calibrate,
+    };
+    let frame =
+        bus::encode(&message).map_err(|error| Error::input(format!("--former: {error}")))?;
+    let mut link = LeadLink::default();
+    link.watch();
+    link.send(&frame);
+    let began = Instant::now();
+    let mut room = [0; 512];
+    while began.elapsed() < PATIENCE {
+        if let Some(bytes) = link.to_send(began.elapsed().as_micros() as u64)? {
+            port.send(bytes)?;
+        }
+        let count = port.receive(&mut room, WAIT)?;
+        link.take(&room[..count])?;
+        for frame in link.take_frames() {
+            if let Ok(Message::BeamCalibrated {
+                sequence: answered,
+                result,
+                gauge,
+            }) = bus::decode(&frame)
+                && answered == sequence
+            {
+                return Ok((result, gauge));
+            }
+        }
+    }
+    Err(Error::Failure(format!(
+        "beam board: no answer in {PATIENCE:?}: check that it is on the bus"
+    )))
+}
