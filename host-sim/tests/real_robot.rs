@@ -310,6 +310,22 @@ fn gauges_of_a_robot_at_a_serial_port_are_zeroed() {
         let zeros = of_beam.filter(|row| row["name"].as_str().unwrap().contains("zero_counts"));
         zeros.map(|row| row["value"].as_f64().unwrap()).collect()
     };
+    let output = bench.run(folder.path(), &["doctor", "--json", "-"]);
+    let found: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert!(output.status.success() && found["ok"] == true, "{found}");
+    for (board, name) in found["boards"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .zip(["front", "rear", "beam"])
+    {
+        assert_eq!(
+            (&board["board"], &board["panics"]),
+            (&name.into(), &0.into())
+        );
+        assert!(board["build"].as_str().unwrap().len() > 5, "{board}");
+        assert!(board["stack_used"].as_u64().unwrap() > 10_000, "{board}");
+    }
     let before = zeros(&bench);
     let zero = ["calibrate", "gauges", "--yes"];
     for (wrong, code) in [

@@ -5,7 +5,8 @@ use super::endpoint::Identity;
 use super::framing::{Decoder, SerialFrame};
 use super::order::Order;
 use super::protocol::{
-    self, MAX_TELEMETRY, PROTOCOL, Packed, Refusal, Reply, Request, Spread, StackUse, Telemetry,
+    self, CrashRecord, MAX_TELEMETRY, PROTOCOL, Packed, Refusal, Reply, Request, Spread, StackUse,
+    Telemetry,
 };
 use crate::bus::{self, CanFrame, layout};
 use crate::control::path::PathError;
@@ -35,6 +36,38 @@ pub enum Demand {
     Watch,
 }
 
+/// Stack use and crash record of the board.
+type Sources = (fn() -> StackUse, fn() -> CrashRecord);
+
+/// Reply to a request that is no order, and the action that it demands. `crash` holds what the reply refers to.
+fn answer<'a>(
+    request: Option<Request>,
+    armed: bool,
+    (stack, record): Sources,
+    crash: &'a mut CrashRecord,
+) -> (Reply<'a>, Option<Demand>) {
+    match request {
+        Some(Request::Watch) => (Reply::Done, Some(Demand::Watch)),
+        Some(Request::Send { bus }) => match service(bus) {
+            Some(frame) => (Reply::Done, Some(Demand::Send(frame))),
+            None => (Reply::Refused(Refusal::Malformed), None),
+        },
+        Some(Request::Crash) => {
+            *crash = record();
+            let reply = Reply::Crash {
+                counts: crash.counts,
+                message: &crash.message,
+            };
+            (reply, None)
+        }
+        Some(Request::Stack) => (Reply::Stack(stack()), None),
+        Some(Request::Rig) if armed => (Reply::Refused(Refusal::Armed), None),
+        Some(Request::Rig) => (Reply::Done, Some(Demand::Session)),
+        Some(_) => (Reply::Refused(Refusal::NoSession), None),
+        None => (Reply::Refused(Refusal::Malformed), None),
+    }
+}
+
 /// The frame, if it is one that a service tool may send.
 fn service(packed: &[u8]) -> Option<CanFrame> {
     let frame = protocol::unpack(packed).next()?;
@@ -48,6 +81,7 @@ pub struct Attendant {
     decoder: Decoder,
     identity: Identity,
     stack: fn() -> StackUse,
+    crash: fn() -> CrashRecord,
     /// Number of the last request, and what was answered.
     last: Option<u8>,
     answer: SerialFrame,
@@ -59,12 +93,13 @@ pub struct Attendant {
 }
 
 impl Attendant {
-    /// A board that has just been started; `stack` measures its stack.
-    pub fn new(identity: Identity, stack: fn() -> StackUse) -> Self {
+    /// A board that has just been started; `stack` measures its stack, `crash` reads its crash record.
+    pub fn new(identity: Identity, stack: fn() -> StackUse, crash: fn() -> CrashRecord) -> Self {
         Self {
             decoder: Decoder::new(),
             identity,
             stack,
+            crash,
             last: None,
             answer: SerialFrame::default(),
             pending: None,
@@ -83,6 +118,7 @@ impl Attendant {
         send: &mut impl FnMut(&[u8]),
     ) -> Option<Demand> {
         let mut demand = None;
+        let mut crash = CrashRecord::default();
         for &byte in bytes {
             let counters = self.decoder.counters();
             let Some(payload) = self.decoder.take_byte(byte) else {
@@ -125,25 +161,12 @@ impl Attendant {
                 (_, Some(_)) => Reply::Refused(Refusal::OtherBoard {
                     role: self.identity.role,
                 }),
-                (Some(Request::Watch), _) => {
-                    demand = Some(Demand::Watch);
-                    Reply::Done
+                (request, None) => {
+                    let reports = (self.stack, self.crash);
+                    let (reply, wanted) = answer(request, armed, reports, &mut crash);
+                    demand = wanted.or(demand);
+                    reply
                 }
-                (Some(Request::Send { bus }), _) => match service(bus) {
-                    Some(frame) => {
-                        demand = Some(Demand::Send(frame));
-                        Reply::Done
-                    }
-                    None => Reply::Refused(Refusal::Malformed),
-                },
-                (Some(Request::Stack), _) => Reply::Stack((self.stack)()),
-                (Some(Request::Rig), _) if armed => Reply::Refused(Refusal::Armed),
-                (Some(Request::Rig), _) => {
-                    demand = Some(Demand::Session);
-                    Reply::Done
-                }
-                (Some(_), _) => Reply::Refused(Refusal::NoSession),
-                (None, _) => Reply::Refused(Refusal::Malformed),
             };
             let again = matches!(reply, Reply::Hello { .. });
             let frame = protocol::encode(number, &reply);

@@ -254,6 +254,7 @@ impl Session {
             Request::Hello { .. }
             | Request::Watch
             | Request::Relay { .. }
+            | Request::Crash
             | Request::Send { .. } => Err(Refusal::Malformed),
             // A session is under way.
             Request::Rig => Ok(Reply::Done),

@@ -141,6 +141,8 @@ pub enum Request<'a> {
         /// The frame, see [`Packed`].
         bus: &'a [u8],
     },
+    /// Asks a board that drives for [`Reply::Crash`].
+    Crash,
 }
 
 /// Posture of the robot at the start.
@@ -240,6 +242,22 @@ pub enum Reply<'a> {
         /// Number and reply.
         payload: &'a [u8],
     },
+    /// Faults of the program since power came on.
+    Crash {
+        /// Panics, faults of the processor, resets by the watchdog, overflows of the stack.
+        counts: [u32; 4],
+        /// Message of the fault that ended the program last.
+        message: &'a str,
+    },
+}
+
+/// Crash record of a board: what [`Reply::Crash`] holds.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct CrashRecord {
+    /// Panics, faults of the processor, resets by the watchdog, overflows of the stack.
+    pub counts: [u32; 4],
+    /// Message of the fault that ended the program last; empty without one.
+    pub message: heapless::String<160>,
 }
 
 /// Stack use of a board since its start.

@@ -5,8 +5,8 @@ use super::endpoint::{Endpoint, Identity};
 use super::framing::{Counters, Decoder, MAX_FRAME, SerialFrame, crc32c};
 use super::order::Order;
 use super::protocol::{
-    self, CONFIG_CHUNK, MAX_CONFIG, POINTS, PROTOCOL, Packed, Place, Refusal, Reply, Request,
-    StackUse, Telemetry,
+    self, CONFIG_CHUNK, CrashRecord, MAX_CONFIG, POINTS, PROTOCOL, Packed, Place, Refusal, Reply,
+    Request, StackUse, Telemetry,
 };
 use crate::beam::MAX_GAUGES;
 use crate::bus::{self, Message};
@@ -860,6 +860,13 @@ fn a_million_bus_frames_are_decoded_or_refused() {
     assert!(accepted > 30_000);
 }
 
+fn crash() -> CrashRecord {
+    CrashRecord {
+        counts: [1, 2, 3, 4],
+        message: heapless::String::try_from("panicked at tick.rs:120").unwrap(),
+    }
+}
+
 /// A board that drives, with what it answered.
 struct Driving {
     attendant: Attendant,
@@ -873,7 +880,7 @@ impl Driving {
             role,
         };
         Self {
-            attendant: Attendant::new(identity, || STACK),
+            attendant: Attendant::new(identity, || STACK, crash),
             demand: None,
         }
     }
@@ -939,6 +946,11 @@ fn a_board_that_drives_says_who_it_is_and_goes_into_a_session_with_its_motors_of
         assert_eq!(board.demand, None);
     }
     assert_answered(&board.ask(7, &Request::Stack, true), 7, Reply::Stack(STACK));
+    let record = Reply::Crash {
+        counts: [1, 2, 3, 4],
+        message: "panicked at tick.rs:120",
+    };
+    assert_answered(&board.ask(10, &Request::Crash, true), 10, record);
     let other = refused(Refusal::OtherBoard { role: Role::Rear });
     let stop = Request::Command(Task::Stop);
     assert_answered(&board.ask(8, &stop, true), 8, other);
@@ -1098,7 +1110,7 @@ fn a_host_that_watches_gets_bus_frames_and_outputs() {
         build: "test",
         role: Role::Front,
     };
-    let mut board = Attendant::new(identity, StackUse::unknown);
+    let mut board = Attendant::new(identity, StackUse::unknown, crash);
     let mut sent = Vec::new();
     let mut config = RobotConfig::default()
         .completed()

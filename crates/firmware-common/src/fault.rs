@@ -4,11 +4,14 @@
 //! Counts and message stand in memory that a reset does not clear ([`crash_record`](crate::crash_record)), so that the
 //! next start reports them.
 
+use core::cell::Cell;
 use core::fmt::{Arguments, Write};
 use core::panic::PanicInfo;
 use core::ptr::addr_of_mut;
 use core::sync::atomic::{AtomicBool, AtomicPtr, Ordering};
 
+use core_algos::link::protocol::CrashRecord;
+use critical_section::Mutex;
 use embassy_stm32::pac::{FLASH, RCC, rcc::vals::Sw};
 
 pub use crate::crash_record::Faults;
@@ -37,6 +40,25 @@ pub fn counts() -> Faults {
     with_record(|record| record.faults)
 }
 
+/// Message of the fault before this start.
+static LAST: Mutex<Cell<Text>> = Mutex::new(Cell::new(Text::EMPTY));
+
+/// Counts and last message, for a host.
+pub fn record() -> CrashRecord {
+    let Faults {
+        panics,
+        processor,
+        watchdog,
+        stack,
+    } = counts();
+    let last = critical_section::with(|cs| LAST.borrow(cs).get());
+    let message = last.as_str().and_then(|text| text.try_into().ok());
+    CrashRecord {
+        counts: [panics, processor, watchdog, stack],
+        message: message.unwrap_or_default(),
+    }
+}
+
 /// True if a fault or the watchdog restarted the program.
 pub fn restarted() -> bool {
     RESTARTED.load(Ordering::Relaxed)
@@ -53,6 +75,7 @@ pub(crate) fn begin(power_on: bool, by_watchdog: bool) -> (Faults, Text) {
         let message = core::mem::replace(&mut record.message, Text::EMPTY);
         let told = message.as_str().is_some_and(|text| !text.is_empty());
         RESTARTED.store(by_watchdog || told, Ordering::Relaxed);
+        critical_section::with(|cs| LAST.borrow(cs).set(message));
         (record.faults, message)
     })
 }

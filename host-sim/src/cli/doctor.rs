@@ -3,6 +3,8 @@
 
 use crate::base::error::Error;
 use crate::base::table::Table;
+use crate::cli::doctor_boards;
+use crate::experiments::arguments::BoardArgs;
 use crate::experiments::result::{JsonArgs, Provenance};
 use crate::targets::images::TARGET;
 use clap::Args;
@@ -18,6 +20,9 @@ use std::{fs, thread};
 /// Arguments of `doctor`.
 #[derive(Clone, Debug, Args)]
 pub struct DoctorArgs {
+    /// Boards of a robot to ask for image, stack and faults, instead of the checks of this computer
+    #[command(flatten)]
+    pub boards: BoardArgs,
     /// Destination of the result as JSON.
     #[command(flatten)]
     pub json: JsonArgs,
@@ -117,6 +122,9 @@ pub struct Report {
 
 /// Runs the command.
 pub fn run(args: &DoctorArgs) -> Result<(), Error> {
+    if args.boards.any() {
+        return doctor_boards::run(&args.boards, &args.json);
+    }
     let groups = fs::read_to_string("/etc/group").unwrap_or_default();
     let checks = vec![
         toolchain("rustc").needed(),

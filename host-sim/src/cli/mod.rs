@@ -8,6 +8,7 @@ pub mod completions;
 pub mod config;
 pub mod dbc;
 pub mod doctor;
+mod doctor_boards;
 pub mod eval;
 pub mod parameters;
 pub mod serial;

@@ -2,14 +2,15 @@
 //!
 //! One request at a time, repeated until its answer comes; see [`core_algos::link`].
 
+use super::boards::fatal;
 use super::link::Link;
 use super::{Fault, HostCommand, Latency, Output, Posted, Report, Room, Target, Traffic};
 use crate::base::error::Error;
 use core_algos::bus::{CanFrame, Message};
 use core_algos::link::framing::{self, Decoder, MAX_FRAME};
 use core_algos::link::protocol::{
-    self, CONFIG_CHUNK, MAX_CONFIG, PROTOCOL, Packed, Place, Refusal, Reply, Request, StackUse,
-    Telemetry,
+    self, CONFIG_CHUNK, CrashRecord, MAX_CONFIG, PROTOCOL, Packed, Place, Refusal, Reply, Request,
+    StackUse, Telemetry,
 };
 use core_algos::node::board::Samples;
 use core_algos::node::path_task::{PATH_POINTS, TRAJECTORY_POINTS};
@@ -88,6 +89,26 @@ impl Remote {
             self.carry_out("the end of its session", &Request::Leave)?;
         }
         Err(unexpected(self.role, "end of its session"))
+    }
+
+    /// Crash record of a board that drives.
+    pub fn crash_record(&mut self) -> Result<CrashRecord, Error> {
+        let role = self.role;
+        self.ask_for_crash_record()
+            .map_err(|fault| fatal(role, fault))
+    }
+
+    fn ask_for_crash_record(&mut self) -> Result<CrashRecord, Fault> {
+        let role = self.role;
+        self.attend()?;
+        self.conversation.ask(&Request::Crash)?;
+        match self.conversation.answer()? {
+            Reply::Crash { counts, message } => Ok(CrashRecord {
+                counts,
+                message: message.try_into().unwrap_or_default(),
+            }),
+            other => Err(refused(role, "its crash record", other)),
+        }
     }
 
     /// The link.

@@ -186,8 +186,8 @@ async fn attend(link: Link) -> ! {
     static ATTENDANTS: StaticCell<[Attendant; 2]> = StaticCell::new();
     let Link { mut uart, identity } = link;
     let role = identity.role;
-    let [at_port, on_bus] =
-        ATTENDANTS.init_with(|| [(); 2].map(|()| Attendant::new(identity, stack_use)));
+    let [at_port, on_bus] = ATTENDANTS
+        .init_with(|| [(); 2].map(|()| Attendant::new(identity, stack_use, fault::record)));
     let mut relayed = Decoder::new();
     let mut buffer = [0; 64];
     loop {
