@@ -36,6 +36,8 @@ impl Port {
         }
         self.wire = plugged.then(|| {
             let (master, path) = pseudo_terminal();
+            // A board does not wait for a host that no longer reads.
+            rustix::io::ioctl_fionbio(&master, true).unwrap();
             symlink(path, &self.name).unwrap();
             let file = File::from(master);
             Descriptors::new(file.try_clone().unwrap(), file)
