@@ -206,6 +206,31 @@ fn a_loose_cable_does_not_end_the_run() {
     assert!((x - 2.0).hypot(y) < 0.05, "{x} {y}");
 }
 
+/// A robot that was switched off and on has no task any more: the run ends and says so.
+#[test]
+fn a_robot_without_power_for_a_moment_ends_the_run() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut scenario = Scenario::default();
+    scenario.mission.start = [0.0; 3];
+    let bench = Bench::new(&scenario, false);
+    for seconds in [2, 5] {
+        let cycle = bench.cycle.clone();
+        let cut = thread::spawn(move || {
+            thread::sleep(Duration::from_secs(seconds));
+            cycle.store(true, Relaxed);
+        });
+        let output = bench.run(folder.path(), &["follow", "--path", "line", "--size", "3"]);
+        cut.join().unwrap();
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(1), "{said}");
+        assert!(said.contains("front board: it was restarted"), "{said}");
+    }
+    // The simulated robot rolls on without resistance, its motors off.
+    let robot = bench.robot();
+    let axles = robot.plant().unwrap().state().axle;
+    assert!(axles.iter().all(|axle| axle.torque == [0.0; 2]));
+}
+
 /// A path is sent in parts while the robot drives. Ended early, the run leaves a robot at rest with its motors off.
 #[test]
 fn a_robot_at_a_serial_port_is_stopped_at_the_end_of_the_run() {

@@ -42,6 +42,8 @@ pub struct LeadLink {
     /// Outputs since the latest answer to an order.
     outputs: u32,
     frames: Vec<CanFrame>,
+    /// Requests that the board has answered.
+    answered: u32,
     lost: u16,
     build: String,
 }
@@ -225,14 +227,23 @@ impl LeadLink {
                         protocol,
                         role,
                         build,
+                        counters,
                         ..
                     } => {
                         self.build = build.to_owned();
                         greeted(protocol, role, build)?;
+                        // The board counts from its start.
+                        if counters.received < self.answered {
+                            return Err(Error::Failure(
+                                "front board: it was restarted, and its place and its task are lost: start the run again"
+                                    .to_owned(),
+                            ));
+                        }
                     }
                     other => return Err(failure(what, other)),
                 }
                 self.outputs = 0;
+                self.answered = self.answered.saturating_add(1);
             }
         }
         Ok(complete)
