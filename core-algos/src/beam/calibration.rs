@@ -130,7 +130,7 @@ impl Config {
 }
 
 impl PerGauge {
-    /// A list of the same length with other values.
+    /// List of other values, of equal length.
     fn replaced(&self, values: [f32; MAX_GAUGES]) -> Self {
         values
             .get(..self.count())

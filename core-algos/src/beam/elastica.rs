@@ -57,7 +57,7 @@ pub struct Search {
     tried: u8,
     /// The descent from one of them that is under way.
     descent: Option<Descent>,
-    /// The lowest minimum is not that of the polynomial's shape.
+    /// True if the descent from the polynomial's shape did not give the lowest minimum.
     elsewhere: bool,
     open: bool,
     evaluations: u8,
@@ -219,7 +219,7 @@ impl Solver {
     }
 
     /// Weights of the readings `k` (curvature × length): inverse variances, 0 outside the mask;
-    /// `drift` is what the walk of the zeros added to them.
+    /// `drift` is the variance added by the walk of the zeros.
     fn weights(&self, k: &[f32; MAX_GAUGES], mask: GaugeMask, drift: f32) -> [f32; MAX_GAUGES] {
         let length = self.strip.length;
         let mut weights = [0.0; MAX_GAUGES];
@@ -487,7 +487,7 @@ impl Solver {
         LARGE_LOAD * self.strip.uncertainty.load_prior
     }
 
-    /// One Gauss–Newton step from a minimum to that of other readings, and whether it was small.
+    /// One Gauss–Newton step from a minimum to the minimum of other readings; true if the step was small.
     fn refined(&self, from: Minimum, readings: &Readings, evaluations: &mut u8) -> (Minimum, bool) {
         let normal = self.normal(&from.shape, from.parameters, readings);
         let Some(factor) = cholesky(&normal.hessian) else {

@@ -53,15 +53,15 @@ pub struct Config {
     pub flat_window_periods: u16,
     /// Counts by which half of the other gauges must have moved in that window.
     pub active_counts: i32,
-    /// Difference between a flat reading and what the other gauges say, strain, from which the
-    /// gauge is dead.
+    /// Difference between a flat reading and the fit of the other gauges from which the gauge is dead,
+    /// strain.
     pub dead_strain: f32,
     /// True if residuals are watched. Costs one fit a period when the method is not the elastica.
     pub watch_consistency: bool,
     /// Weighted sum of squared residuals from which the readings contradict each other. With the
     /// stated uncertainties a healthy strip exceeds 30 with probability 1e-5 or less.
     pub max_chi_square: f32,
-    /// Times in a row that the same gauge must be found guilty.
+    /// Searches in a row that must blame one gauge.
     pub verdicts: u8,
 }
 
@@ -184,7 +184,7 @@ impl State {
 }
 
 impl Monitor {
-    /// Closes a period: `verdicts` is what its samples say of each gauge of `gauges`.
+    /// Closes a period: `verdicts` holds the fault of each gauge of `gauges` by its samples.
     pub(super) fn close_period(
         &self,
         state: &mut State,

@@ -15,7 +15,7 @@ use crate::math::{greater, small_angle};
 const NODES: usize = 16;
 /// Number of nodes for a gentle bend.
 const GENTLE_NODES: usize = 8;
-/// Most gauges whose bends are looked at for being gentle.
+/// Largest number of gauges for the check of gentle bends.
 const GENTLE_GAUGES: usize = 5;
 /// Largest highest Legendre coefficient of a gentle bend, in units of 1/L: with |θ| up to
 /// [`small_angle::LIMIT`], eight nodes then leave 1e-6 L at most.
@@ -468,7 +468,7 @@ fn covariances<const N: usize>(
 }
 
 impl Strip {
-    /// Variance of a gauge's curvature, what it shares with the others left out, 1/m².
+    /// Variance of a gauge's curvature without errors shared by all gauges, 1/m².
     #[inline(always)]
     pub(super) fn gauge_variance(&self, curvature: f32) -> f32 {
         let gain = self.uncertainty.gain * curvature;

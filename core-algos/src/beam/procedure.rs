@@ -48,7 +48,7 @@ impl Procedure {
         }
     }
 
-    /// Begins a calibration; one that was running is given up.
+    /// Begins a calibration and gives up a running one.
     pub fn request(&mut self, sequence: u8, calibrate: Calibrate) {
         self.running = Some((sequence, calibrate, Standstill::default()));
     }

@@ -14,7 +14,7 @@
 //!
 //! let config = Config::default();
 //! let sensor = config.build()?;
-//! // Bent to a circle of 0.5 m radius: what the converter gives of each bridge.
+//! // Counts of each bridge with the strip bent to a circle of 0.5 m radius.
 //! let strain = 2.0 * config.strip.half_thickness_m;
 //! let zero = config.calibration.zero_counts.padded();
 //! let counts = zero.map(|zero| (zero + strain / config.calibration.strain_per_count) as i32);
@@ -125,7 +125,7 @@ impl Config {
     }
 }
 
-/// A posture and what came with it.
+/// Posture with wrench, gauges and method.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Solution {
     /// Front axle in the rear axle's frame.
@@ -413,7 +413,7 @@ impl RelativePositionSensor {
         } else {
             None
         };
-        // The polynomial that replaces any other fit costs what a refinement does.
+        // Without a minimum the polynomial replaces the fit, at the cost of a refinement.
         let minimum = search.as_ref().filter(|search| search.is_converged());
         let fit = minimum.and_then(|search| solver.finish(search));
         let solution = self.posture.solution(&curvature, used, fit);
@@ -462,7 +462,7 @@ impl RelativePositionSensor {
         self.drift * state.age as f32
     }
 
-    /// Strain of each gauge and what its samples say of it; starts a new period.
+    /// Strain and fault of each gauge by its samples; starts a new period.
     fn close_period(&self, state: &mut State) -> ([f32; MAX_GAUGES], [Fault; MAX_GAUGES]) {
         let gauges = self.strip().gauges();
         let mut counts = [0.0; MAX_GAUGES];
@@ -509,7 +509,7 @@ impl RelativePositionSensor {
         state.work = Some(Work { purpose, ..done });
     }
 
-    /// Goes on with what an estimate has left to do.
+    /// Continues the work that an estimate has left.
     #[inline(never)]
     fn work(&self, state: &mut State) {
         let mut effort = WORK_BUDGET;
@@ -544,7 +544,7 @@ impl RelativePositionSensor {
         }
     }
 
-    /// Ends the fit under way and does what it was for.
+    /// Ends the fit under way and uses it for its purpose.
     fn conclude(&self, state: &mut State) {
         let Some(work) = state.work.take() else {
             return;

@@ -170,15 +170,14 @@ pub struct RelativePosture {
     pub posture: Posture,
     /// Covariance of (x, y, phi) in that frame.
     pub covariance: Mat3,
-    /// Its part that is new at each estimate: what zeros and gains of the gauges make of it, which stay, is
-    /// left out.
+    /// Covariance of the errors that are new at each estimate; without lasting errors of zeros and gains.
     pub noise: Mat3,
 }
 
 impl RelativePosture {
     /// True if every number is finite and every variance positive.
     pub fn is_sound(&self) -> bool {
-        // What is not finite makes the sum so; so do only numbers as large.
+        // One number that is not finite makes the sum not finite. Finite numbers of this size do not.
         let mut sum = self.posture.x + self.posture.y + self.posture.phi;
         for row in self.covariance.iter().chain(&self.noise) {
             for entry in row {
@@ -190,7 +189,7 @@ impl RelativePosture {
     }
 }
 
-/// Standard deviations of what separates a strain reading from the truth.
+/// Standard deviations of the errors of a strain reading.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
@@ -224,7 +223,7 @@ pub struct Uncertainty {
 }
 
 impl Default for Uncertainty {
-    /// Of ordinary foil gauges, full bridges, zeroed on the robot with the frame let go. A matched bridge
+    /// Values of ordinary foil gauges, full bridges, zeroed on the robot with the frame let go. A matched bridge
     /// moves by 0.5 to 1 µε/K and a strain held by up to 1 % of it; clamps that are not square bend the
     /// strip that is zeroed by milliradians. Foil and glue stand 40 to 60 µm off the strip's surface.
     fn default() -> Self {
@@ -244,7 +243,7 @@ impl Default for Uncertainty {
 }
 
 impl Uncertainty {
-    /// Of gauges whose gains were calibrated and whose zeros were found just now.
+    /// Values of gauges with calibrated gains and new zeros.
     #[cfg(test)]
     pub(super) fn calibrated() -> Self {
         Self {
@@ -276,7 +275,7 @@ impl Uncertainty {
     }
 }
 
-/// Standard deviations of what lasting errors of the gauges make of the posture.
+/// Standard deviations of the posture's errors due to lasting errors of the gauges.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PostureSigmas {
     /// Bend that the zeros add, rad.
@@ -500,7 +499,7 @@ impl Strip {
         )
     }
 
-    /// Adds what no strain shows to the covariance of a posture.
+    /// Adds the errors that no strain shows to the covariance of a posture.
     pub(super) fn with_unseen_error(&self, mut covariance: Mat3) -> Mat3 {
         let position = self.uncertainty.position_m * self.uncertainty.position_m;
         covariance[0][0] += position;

@@ -246,7 +246,7 @@ pub enum Reply<'a> {
     Crash {
         /// Panics, faults of the processor, resets by the watchdog, overflows of the stack.
         counts: [u32; 4],
-        /// Message of the fault that ended the program last.
+        /// Message of the fault that caused the latest start, if one did.
         message: &'a str,
     },
 }
@@ -256,7 +256,7 @@ pub enum Reply<'a> {
 pub struct CrashRecord {
     /// Panics, faults of the processor, resets by the watchdog, overflows of the stack.
     pub counts: [u32; 4],
-    /// Message of the fault that ended the program last; empty without one.
+    /// Message of the fault that caused the latest start; empty if none did.
     pub message: heapless::String<160>,
 }
 

@@ -22,7 +22,7 @@ struct Row {
     processor_faults: Option<u32>,
     watchdog_resets: Option<u32>,
     stack_overflows: Option<u32>,
-    /// Message of the fault that ended the program last.
+    /// Message of the fault before the latest start.
     last_fault: String,
     /// Why there is no report.
     error: Option<String>,
@@ -56,7 +56,15 @@ pub fn run(args: &BoardArgs, json: &JsonArgs) -> Result<(), Error> {
         let board = role.name();
         boards.push(Row { board, ..row });
     }
-    let sound = |row: &Row| row.error.is_none() && row.last_fault.is_empty();
+    let sound = |row: &Row| {
+        let counts = [
+            row.panics,
+            row.processor_faults,
+            row.watchdog_resets,
+            row.stack_overflows,
+        ];
+        row.error.is_none() && counts.iter().flatten().all(|count| *count == 0)
+    };
     let failed = boards.iter().filter(|row| !sound(row));
     let failed: Vec<&str> = failed.map(|row| row.board).collect();
     let failed = failed.join(", ");

@@ -112,7 +112,8 @@ pub fn place(text: &str) -> Result<Place, String> {
 #[derive(Clone, Debug, Args)]
 pub struct BoardArgs {
     /// Place of the boards: in-process, virtual (their images on virtual boards, built if needed),
-    /// or serial:front=PORT,rear=PORT,beam=PORT; boards without a port run in this program
+    /// or serial:front=PORT,rear=PORT,beam=PORT; other boards than those with a port run in this program (hil) or
+    /// are reached over the bus (params, doctor)
     #[arg(long, value_name = "PLACE", default_value = "in-process", value_parser = place)]
     pub on: Place,
     /// Baud rate of the serial ports

@@ -228,10 +228,18 @@ impl LeadLink {
                         role,
                         build,
                         counters,
+                        session,
                         ..
                     } => {
                         self.build = build.to_owned();
                         greeted(protocol, role, build)?;
+                        if session {
+                            return Err(Error::Failure(
+                                "front board: it is in a session of another program, which ends after 60 s of \
+                                 silence"
+                                    .to_owned(),
+                            ));
+                        }
                         // The board counts from its start.
                         if counters.received < self.answered {
                             return Err(Error::Failure(

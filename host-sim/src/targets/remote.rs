@@ -86,7 +86,12 @@ impl Remote {
             if !self.greet_once()? {
                 return Ok(());
             }
-            self.carry_out("the end of its session", &Request::Leave)?;
+            self.conversation.ask(&Request::Leave)?;
+            match self.conversation.answer()? {
+                // Where the answer was lost, the board has reset already.
+                Reply::Done | Reply::Refused(Refusal::NoSession) => {}
+                other => return Err(refused(self.role, "the end of its session", other)),
+            }
         }
         Err(unexpected(self.role, "end of its session"))
     }

@@ -2,7 +2,7 @@
 
 use super::link::{Descriptors, Link};
 use crate::base::error::Error;
-use rustix::fs::{Mode, OFlags};
+use rustix::fs::{FlockOperation, Mode, OFlags, flock};
 use rustix::termios::{OptionalActions, QueueSelector, tcflush, tcgetattr, tcsetattr};
 use std::fs::File;
 use std::io;
@@ -21,6 +21,12 @@ impl Serial {
         let port = || -> io::Result<File> {
             let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
             let port = rustix::fs::open(path, flags, Mode::empty())?;
+            flock(&port, FlockOperation::NonBlockingLockExclusive).map_err(
+                |error| match error {
+                    rustix::io::Errno::WOULDBLOCK => io::Error::other("another program uses it"),
+                    other => other.into(),
+                },
+            )?;
             let mut settings = tcgetattr(&port)?;
             settings.make_raw();
             settings.set_speed(baud)?;

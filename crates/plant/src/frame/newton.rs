@@ -94,7 +94,7 @@ impl Factor {
         }
         forward!(0 1 2 3 4 5 6 7 8);
         let y = Column::store(Twelve(r) * self.reciprocal.load());
-        // Unknown by unknown from the last: what was found last is taken away last, so that each
+        // Unknown by unknown from the last: the last one found is taken away last, so that each
         // waits for one product only.
         let mut x = Column::ZERO;
         macro_rules! backward {

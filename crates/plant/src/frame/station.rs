@@ -1,4 +1,4 @@
-//! Places along the strip whose position and curvature are asked for again and again.
+//! Places along the strip with repeated queries of position and curvature.
 
 use super::super::lanes::{Lanes, Narrow, Twelve};
 use super::super::legendre::{LANES, MODE, MODES, NODES, ORDER, POINTS, Strand, WEIGHTS};

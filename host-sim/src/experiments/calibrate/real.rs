@@ -2,7 +2,6 @@
 //! bus.
 
 use crate::base::error::Error;
-use crate::base::terminal::print;
 use crate::experiments::arguments::BoardArgs;
 use crate::experiments::boards::Links;
 use crate::experiments::result::{JsonArgs, Provenance};
@@ -10,10 +9,10 @@ use crate::targets::board_log::BoardLog;
 use crate::targets::lead_link::LeadLink;
 use crate::targets::link::Link;
 use core_algos::bus::field::{Calibrate, CalibrationResult};
-use core_algos::bus::{self, Message};
+use core_algos::bus::{self, CanFrame, Message};
 use core_algos::topology::Role;
 use serde::Serialize;
-use std::io::{self, IsTerminal, Write};
+use std::io::{self, IsTerminal};
 use std::time::{Duration, Instant};
 
 /// Longest time of the procedure: the average takes three seconds.
@@ -26,7 +25,7 @@ const WAIT: Duration = Duration::from_millis(10);
 struct Report {
     calibrate: Calibrate,
     result: CalibrationResult,
-    /// Gauge to blame, counted from the root.
+    /// Gauge to blame, counted from 1 at the root.
     gauge: Option<u8>,
 }
 
@@ -45,20 +44,38 @@ pub fn run(
             format!("on the former of {curvature} per metre"),
         ),
     };
-    if confirm {
-        wait(&hold)?;
+    if former.is_some_and(|curvature| curvature.abs() < 0.1) {
+        return Err(Error::input(
+            "--former: must be at least 0.1 per metre: a flatter former shows no gain",
+        ));
     }
+    // Answers to earlier requests have other numbers.
+    let sequence = (std::process::id() % 256) as u8;
+    let message = Message::BeamCalibration {
+        sequence,
+        calibrate,
+    };
+    let frame =
+        bus::encode(&message).map_err(|error| Error::input(format!("--former: {error}")))?;
     let links = Links::new(boards, None)?;
     let Some(port) = links.open(Role::Front, &BoardLog::default())? else {
         return Err(Error::input(
             "--on serial: must be serial:front=PORT: the request passes the front board",
         ));
     };
-    let (result, gauge) = request(port, calibrate)?;
+    if confirm {
+        wait(&hold)?;
+    }
+    let (result, gauge) = request(port, sequence, &frame)?;
+    let named = matches!(
+        result,
+        CalibrationResult::BadSample | CalibrationResult::Noisy | CalibrationResult::Drifting
+    );
+    let gauge = gauge + 1;
     let report = Report {
         calibrate,
         result,
-        gauge: (result != CalibrationResult::Stored).then_some(gauge),
+        gauge: named.then_some(gauge),
     };
     json.write(&Provenance::default(), &report)?;
     let why = match result {
@@ -70,9 +87,7 @@ pub fn run(
         CalibrationResult::Noisy => format!("gauge {gauge} scatters: hold the strip still"),
         CalibrationResult::Drifting => format!("gauge {gauge} moved: hold the strip still"),
         CalibrationResult::OutOfRange => {
-            format!(
-                "gauge {gauge}: the result is out of range: check the curvature, calibrate the zeros first"
-            )
+            "the result is out of range: check the curvature, calibrate the zeros first".to_owned()
         }
         CalibrationResult::NotStored => {
             "the calibration is in use, but writing the flash failed".to_owned()
@@ -88,28 +103,23 @@ fn wait(hold: &str) -> Result<(), Error> {
             "no terminal for a confirmation that the strip is held: use --yes",
         ));
     }
-    print(&format!("hold the strip {hold}, then press Enter "))?;
-    io::stdout().flush()?;
-    io::stdin().read_line(&mut String::new())?;
-    Ok(())
+    // Standard output may be that of the JSON.
+    eprint!("hold the strip {hold}, then press Enter ");
+    match io::stdin().read_line(&mut String::new())? {
+        0 => Err(Error::input("not confirmed: nothing was calibrated")),
+        _ => Ok(()),
+    }
 }
 
 /// Sends the request and waits for the answer of the beam board.
 fn request(
     mut port: Box<dyn Link>,
-    calibrate: Calibrate,
+    sequence: u8,
+    frame: &CanFrame,
 ) -> Result<(CalibrationResult, u8), Error> {
-    // Answers to earlier requests have other numbers.
-    let sequence = (std::process::id() % 256) as u8;
-    let message = Message::BeamCalibration {
-        sequence,
-        calibrate,
-    };
-    let frame =
-        bus::encode(&message).map_err(|error| Error::input(format!("--former: {error}")))?;
     let mut link = LeadLink::default();
     link.watch();
-    link.send(&frame);
+    link.send(frame);
     let began = Instant::now();
     let mut room = [0; 512];
     while began.elapsed() < PATIENCE {

@@ -163,6 +163,12 @@ fn markdown(measured: &Measured, scenario: &Scenario) -> String {
 /// Runs the command.
 pub fn run(args: &SoakArgs) -> Result<(), Error> {
     args.json.check()?;
+    if !args.ticks.is_multiple_of(10) {
+        return Err(Error::input(format!(
+            "--ticks {}: must be a multiple of 10: the robot is judged at the end of an epoch",
+            args.ticks
+        )));
+    }
     if matches!(args.on, Place::Serial(_)) {
         return Err(Error::input(
             "--on: must be in-process or virtual: a soak compares estimates with the true posture",

@@ -94,6 +94,7 @@ pub struct VirtualRobot {
     inertial: bool,
     biases: [[f64; 2]; 2],
     link: LeadLink,
+    reported: Vec<bus::CanFrame>,
     /// True if this program is the host at the front board's serial port.
     hosted: bool,
     clock: Clock,
@@ -219,6 +220,7 @@ impl VirtualRobot {
             inertial: scenario.world.sensors.gyro.fitted,
             biases: Default::default(),
             link: LeadLink::default(),
+            reported: Vec::new(),
             hosted: false,
             clock: Clock::default(),
             place: Place { center, relative },

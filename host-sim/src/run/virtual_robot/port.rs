@@ -4,6 +4,7 @@ use super::VirtualRobot;
 use crate::base::error::Error;
 use crate::targets::lead_link::LeadLink;
 use crate::targets::serial_line::SerialLine;
+use core_algos::bus::CanFrame;
 use core_algos::time::TICK;
 use core_algos::topology::Role;
 
@@ -20,6 +21,11 @@ impl VirtualRobot {
             port.send(&bytes, now);
         }
         Ok(())
+    }
+
+    /// Bus frames that the front board reported in the latest tick.
+    pub fn reported(&self) -> &[CanFrame] {
+        &self.reported
     }
 
     /// The link to the front board.
@@ -55,8 +61,7 @@ impl VirtualRobot {
             self.held = self.clock.held();
             self.tools.lead(self.held);
         }
-        // The robot's own frames are read on its bus.
-        self.link.take_frames();
+        self.reported = self.link.take_frames();
         Ok(())
     }
 }
