@@ -71,7 +71,7 @@ pub fn run(
         result,
         CalibrationResult::BadSample | CalibrationResult::Noisy | CalibrationResult::Drifting
     );
-    let gauge = gauge + 1;
+    let gauge = gauge.saturating_add(1);
     let report = Report {
         calibrate,
         result,
