@@ -5,6 +5,7 @@ use core_algos::bus::layout;
 use core_algos::control::path::PathPoint;
 use core_algos::link::framing::Decoder;
 use core_algos::link::protocol::{self, Reply, Request};
+use core_algos::link::{Order, Stamp};
 use core_algos::math::Posture;
 use core_algos::node::lead::Task;
 use core_algos::topology::Role;
@@ -218,7 +219,9 @@ fn orders_at_the_serial_port_drive_the_robot() {
     let [x, y, _] = scenario.mission.start.map(|value| value as f32);
     let goal = Posture::new(x + 0.8, y + 0.1, 0.2);
     let drive = HostCommand::Task(Task::Regulate { goal });
-    let request = Request::Command(Task::Regulate { goal });
+    let stamp = Stamp::default();
+    let order = Order::Task(Task::Regulate { goal });
+    let request = Request::Order { stamp, order };
     assert!(reply_of_rear(&mut robot, 1, &request).contains("OtherBoard"));
     let tight = PathPoint {
         posture: goal,

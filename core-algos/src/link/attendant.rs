@@ -3,6 +3,7 @@
 
 use super::endpoint::Identity;
 use super::framing::{Decoder, SerialFrame};
+use super::lease::Lease;
 use super::order::Order;
 use super::protocol::{
     self, CrashRecord, MAX_TELEMETRY, PROTOCOL, Packed, Refusal, Reply, Request, Spread, StackUse,
@@ -10,6 +11,7 @@ use super::protocol::{
 };
 use crate::bus::{self, CanFrame, layout};
 use crate::control::path::PathError;
+use crate::time::Micros;
 use crate::topology::{Node, Role};
 
 /// Time between reports to a host that watches, ms: about four bus frames.
@@ -36,13 +38,46 @@ pub enum Demand {
     Watch,
 }
 
+/// State of a board that its attendants share.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Station {
+    /// Time of the board, µs.
+    pub now: Micros,
+    /// True while its motors may be on.
+    pub armed: bool,
+    /// Host that commands the robot.
+    pub lease: Lease,
+}
+
+impl Station {
+    /// Admits a request to the lead node, if the lead node is on this board.
+    fn admit(&mut self, role: Role, request: &Request) -> Result<(), Refusal<'static>> {
+        let (Request::Order { stamp, .. } | Request::Keep(stamp) | Request::Release(stamp)) =
+            request
+        else {
+            return Ok(());
+        };
+        if role != Role::Front {
+            return Err(Refusal::OtherBoard { role });
+        }
+        self.lease.admit(self.now, *stamp)?;
+        match request {
+            Request::Order {
+                order: Order::Place(_),
+                ..
+            } if self.armed => Err(Refusal::Armed),
+            _ => Ok(()),
+        }
+    }
+}
+
 /// Stack use and crash record of the board.
 type Sources = (fn() -> StackUse, fn() -> CrashRecord);
 
 /// Reply to a request that is no order, and the action that it demands. `crash` holds what the reply refers to.
 fn answer<'a>(
     request: Option<Request>,
-    armed: bool,
+    station: &mut Station,
     (stack, record): Sources,
     crash: &'a mut CrashRecord,
 ) -> (Reply<'a>, Option<Demand>) {
@@ -61,7 +96,12 @@ fn answer<'a>(
             (reply, None)
         }
         Some(Request::Stack) => (Reply::Stack(stack()), None),
-        Some(Request::Rig) if armed => (Reply::Refused(Refusal::Armed), None),
+        Some(Request::Keep(_)) => (Reply::Done, None),
+        Some(Request::Release(_)) => {
+            station.lease.release();
+            (Reply::Done, None)
+        }
+        Some(Request::Rig) if station.armed => (Reply::Refused(Refusal::Armed), None),
         Some(Request::Rig) => (Reply::Done, Some(Demand::Session)),
         Some(_) => (Reply::Refused(Refusal::NoSession), None),
         None => (Reply::Refused(Refusal::Malformed), None),
@@ -108,13 +148,13 @@ impl Attendant {
         }
     }
 
-    /// Takes bytes that arrived and gives each answer to `send`, whole. A board that is `armed` refuses a session and a
+    /// Takes bytes that arrived and gives each answer to `send`, whole. A board that is armed refuses a session and a
     /// new place.
     /// While an order is carried out, other requests stay without an answer, and the host repeats them.
     pub fn receive(
         &mut self,
         bytes: &[u8],
-        armed: bool,
+        station: &mut Station,
         send: &mut impl FnMut(&[u8]),
     ) -> Option<Demand> {
         let mut demand = None;
@@ -128,45 +168,43 @@ impl Attendant {
                 continue;
             };
             let request = protocol::decode::<Request>(payload).map(|(_, request)| request);
-            let order = request.as_ref().and_then(Order::of);
-            let reply = match (request, order) {
+            let role = self.identity.role;
+            let reply = match request {
                 // Never taken for a repetition.
-                (Some(Request::Hello { nonce, .. }), _) => Reply::Hello {
+                Some(Request::Hello { nonce, .. }) => Reply::Hello {
                     protocol: PROTOCOL,
                     nonce,
-                    role: self.identity.role,
+                    role,
                     build: self.identity.short_build(),
                     counters,
                     session: false,
                 },
-                // The other board knows a repetition.
-                (Some(Request::Relay { role, payload }), _) if role != self.identity.role => {
-                    self.relaying = Some(role);
+                // The other board knows a repetition. One board relays: the identifiers do not name it.
+                Some(Request::Relay { role: to, payload }) if role == Role::Front && to != role => {
+                    self.relaying = Some(to);
                     let frame = SerialFrame::new(payload);
-                    demand = frame.map(|frame| Demand::Relay(role, frame));
+                    demand = frame.map(|frame| Demand::Relay(to, frame));
                     continue;
                 }
                 _ if self.last == Some(number) => {
                     send(self.answer.repeated());
                     continue;
                 }
-                (_, Some(Order::Place(_))) if armed && self.identity.role == Role::Front => {
-                    Reply::Refused(Refusal::Armed)
-                }
-                (_, Some(order)) if self.identity.role == Role::Front => {
-                    self.pending = Some(number);
-                    demand = Some(Demand::Order(order));
-                    continue;
-                }
-                (_, Some(_)) => Reply::Refused(Refusal::OtherBoard {
-                    role: self.identity.role,
-                }),
-                (request, None) => {
-                    let reports = (self.stack, self.crash);
-                    let (reply, wanted) = answer(request, armed, reports, &mut crash);
-                    demand = wanted.or(demand);
-                    reply
-                }
+                Some(Request::Relay { .. }) => Reply::Refused(Refusal::OtherBoard { role }),
+                request => match request.map_or(Ok(()), |request| station.admit(role, &request)) {
+                    Err(refusal) => Reply::Refused(refusal),
+                    Ok(()) => {
+                        if let Some(Request::Order { order, .. }) = request {
+                            self.pending = Some(number);
+                            demand = Some(Demand::Order(order));
+                            continue;
+                        }
+                        let reports = (self.stack, self.crash);
+                        let (reply, wanted) = answer(request, station, reports, &mut crash);
+                        demand = wanted.or(demand);
+                        reply
+                    }
+                },
             };
             let again = matches!(reply, Reply::Hello { .. });
             let frame = protocol::encode(number, &reply);

@@ -5,7 +5,6 @@
 //! [`Endpoint::saved`]. Until then other requests stay without an answer, and the host repeats them.
 
 use super::framing::{Counters, Decoder, SerialFrame, crc32c};
-use super::order::Order;
 use super::protocol::{
     self, MAX_CONFIG, PROTOCOL, Packed, Place, Refusal, Reply, Request, Spread, StackUse,
     TELEMETRY_CHUNK, Telemetry,
@@ -255,6 +254,8 @@ impl Session {
             | Request::Watch
             | Request::Relay { .. }
             | Request::Crash
+            | Request::Keep(_)
+            | Request::Release(_)
             | Request::Send { .. } => Err(Refusal::Malformed),
             // A session is under way.
             Request::Rig => Ok(Reply::Done),
@@ -265,10 +266,11 @@ impl Session {
                 bytes,
             } => self.configuration.append(total, offset, bytes),
             Request::Start { hash, tick, place } => self.start(hash, tick, place, text),
-            Request::Place(_)
-            | Request::Command(_)
-            | Request::Path { .. }
-            | Request::Trajectory { .. } => self.order(&request),
+            // The session is that of one host.
+            Request::Order { order, .. } => {
+                order.carry_out(self.lead()?).map_err(Refusal::Point)?;
+                Ok(Reply::Done)
+            }
             Request::Axle {
                 tick,
                 samples,
@@ -335,12 +337,6 @@ impl Session {
 
     fn leave<'a>(&mut self) -> Result<Reply<'a>, Refusal<'a>> {
         self.left = true;
-        Ok(Reply::Done)
-    }
-
-    fn order<'a>(&mut self, request: &Request) -> Result<Reply<'a>, Refusal<'a>> {
-        let order = Order::of(request).ok_or(Refusal::Malformed)?;
-        order.carry_out(self.lead()?).map_err(Refusal::Point)?;
         Ok(Reply::Done)
     }
 

@@ -4,8 +4,8 @@
 //! the board answers with its torques and the messages it sends. The board's time is the time in
 //! the frame, so the result depends neither on the speed of the link nor on that of the board.
 //!
-//! A board that drives answers as an [`Attendant`]: it says who it is, takes the [`order`]s for its lead node, and resets
-//! into a session when asked with its motors off. In a session the [`Endpoint`] answers.
+//! A board that drives answers as an [`Attendant`]: it says who it is, takes the [`order`]s for its lead node from the host
+//! that holds its [`lease`], and resets into a session when asked with its motors off. In a session the [`Endpoint`] answers.
 //!
 //! [`framing`] turns payloads into frames of a byte stream and finds them again; [`protocol`] is
 //! what is said; [`endpoint`] is the board's side, without input or output of its own; [`stored_parameters`] are
@@ -29,6 +29,7 @@
 pub mod attendant;
 pub mod endpoint;
 pub mod framing;
+pub mod lease;
 pub mod order;
 pub mod protocol;
 pub mod segment;
@@ -39,5 +40,6 @@ mod tests;
 
 pub use attendant::{Attendant, Demand};
 pub use endpoint::{Endpoint, Identity};
+pub use lease::{Lease, Stamp};
 pub use order::Order;
 pub use stored_parameters::Save;

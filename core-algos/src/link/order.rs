@@ -1,38 +1,39 @@
 //! Orders of a host for the lead node.
 
-use super::protocol::{POINTS, Place, Request};
+use super::protocol::{POINTS, Place};
 use crate::control::path::{PathError, PathPoint, TrajectoryPoint};
 use crate::node::lead::{LeadNode, Task};
+use serde::{Deserialize, Serialize};
 
 /// Share of the curvature's bound that a point may exceed it by, for rounding.
 const ROUNDING: f32 = 1e-3;
 
-/// A request to the lead node.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// Order for the lead node.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Order {
-    /// Posture of the robot, at rest.
+    /// Sets the posture of the robot, at rest. Its motors must be off.
     Place(Place),
-    /// Task.
+    /// Gives it a task.
     Task(Task),
-    /// Points to append to the path, and whether they are the last.
-    Path([Option<PathPoint>; POINTS], bool),
-    /// Points to append to the trajectory, and whether they are the last.
-    Trajectory([Option<TrajectoryPoint>; POINTS], bool),
+    /// Appends to its path.
+    Path {
+        /// The points.
+        points: [Option<PathPoint>; POINTS],
+        /// True if they are the last.
+        end: bool,
+    },
+    /// Appends to its trajectory.
+    Trajectory {
+        /// The points.
+        points: [Option<TrajectoryPoint>; POINTS],
+        /// True if they are the last.
+        end: bool,
+    },
 }
 
 impl Order {
-    /// The order in a request; `None` if it is for another.
-    pub fn of(request: &Request) -> Option<Self> {
-        match *request {
-            Request::Place(place) => Some(Self::Place(place)),
-            Request::Command(task) => Some(Self::Task(task)),
-            Request::Path { points, end } => Some(Self::Path(points, end)),
-            Request::Trajectory { points, end } => Some(Self::Trajectory(points, end)),
-            _ => None,
-        }
-    }
-
-    /// Hands it to the node. Points after one that the node refuses are not taken.
+    /// Hands it to the node. Points after one that the node refuses are not taken. Goals and speeds must be finite, and the
+    /// frame must bend to the curvature.
     pub fn carry_out(&self, lead: &mut LeadNode) -> Result<(), PathError> {
         let bound = (1.0 + ROUNDING) * lead.cascade().max_curvature();
         let bends = |kappa: f32| match kappa.abs() > bound {
@@ -41,8 +42,24 @@ impl Order {
         };
         match self {
             Self::Place(place) => lead.initialize(&place.center, &place.relative),
-            Self::Task(task) => lead.command(*task),
-            Self::Path(points, end) => {
+            Self::Task(task) => {
+                let finite = match *task {
+                    Task::Regulate { goal } => goal.is_finite(),
+                    Task::Drive {
+                        speed_m_s,
+                        curvature,
+                    } => {
+                        bends(curvature)?;
+                        (speed_m_s + curvature).is_finite()
+                    }
+                    _ => true,
+                };
+                match finite {
+                    true => lead.command(*task),
+                    false => return Err(PathError::NotFinite),
+                }
+            }
+            Self::Path { points, end } => {
                 let path = lead.path_task();
                 points.iter().flatten().try_for_each(|point| {
                     bends(point.kappa)?;
@@ -52,7 +69,7 @@ impl Order {
                     path.finish_path();
                 }
             }
-            Self::Trajectory(points, end) => {
+            Self::Trajectory { points, end } => {
                 let path = lead.path_task();
                 points.iter().flatten().try_for_each(|point| {
                     bends(point.point.kappa)?;

@@ -5,19 +5,21 @@
 //! version, so that two sides of different versions can tell.
 
 use super::framing::{Counters, MAX_PAYLOAD, SerialFrame};
+use super::lease::Stamp;
+use super::order::Order;
 use crate::beam::MAX_GAUGES;
 use crate::bus;
-use crate::control::path::{PathError, PathPoint, TrajectoryPoint};
+use crate::control::path::PathError;
 use crate::fusion::Estimate;
 use crate::node::axle;
-use crate::node::lead::{self, LeadNode, Task};
+use crate::node::lead::{self, LeadNode};
 use crate::node::outbox;
 use crate::params::Source;
 use crate::topology::Role;
 use serde::{Deserialize, Serialize};
 
 /// Version of the protocol: changes with every change of what is said, or of a configuration.
-pub const PROTOCOL: u16 = 10;
+pub const PROTOCOL: u16 = 11;
 /// Largest encoded configuration, bytes.
 pub const MAX_CONFIG: usize = 2048;
 /// Bytes of a configuration in one request.
@@ -67,24 +69,17 @@ pub enum Request<'a> {
         /// Start posture of the robot, for the lead node.
         place: Option<Place>,
     },
-    /// Says where the robot stands, at rest.
-    Place(Place),
-    /// Gives the lead node something to do.
-    Command(Task),
-    /// Appends to the lead node's path.
-    Path {
-        /// The points.
-        points: [Option<PathPoint>; POINTS],
-        /// True if they are the last.
-        end: bool,
+    /// Gives the lead node an order. A board that drives takes it from the host that holds its lease.
+    Order {
+        /// Sender and place of the order.
+        stamp: Stamp,
+        /// The order.
+        order: Order,
     },
-    /// Appends to the lead node's trajectory.
-    Trajectory {
-        /// The points.
-        points: [Option<TrajectoryPoint>; POINTS],
-        /// True if they are the last.
-        end: bool,
-    },
+    /// Takes or renews the lease of a board that drives.
+    Keep(Stamp),
+    /// Ends the lease.
+    Release(Stamp),
     /// One tick of an axle board.
     Axle {
         /// Time, ms.
@@ -324,7 +319,7 @@ pub enum Refusal<'a> {
         /// The tick that was expected, ms.
         expected: u32,
     },
-    /// A point of a path or trajectory was not taken.
+    /// A point of a path or trajectory, a goal or a speed was not taken.
     Point(PathError),
     /// Motors may be on: a session, a new place, and parameters changed or saved need nodes that have not been started
     /// or an axle that gives no torque.
@@ -336,6 +331,10 @@ pub enum Refusal<'a> {
     },
     /// The store could not be written, or did not hold afterwards what was written.
     NotSaved,
+    /// Another host commands the robot.
+    Leased,
+    /// The order is not newer than the latest one.
+    OldOrder,
 }
 
 /// Output of the lead node, and the room in its buffers.

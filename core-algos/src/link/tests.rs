@@ -1,8 +1,9 @@
 //! Endpoint, protocol and framing together, as a host sees them.
 
-use super::attendant::{Attendant, Demand, REPORT_FRAMES};
+use super::attendant::{Attendant, Demand, REPORT_FRAMES, Station};
 use super::endpoint::{Endpoint, Identity};
 use super::framing::{Counters, Decoder, MAX_FRAME, SerialFrame, crc32c};
+use super::lease::Stamp;
 use super::order::Order;
 use super::protocol::{
     self, CONFIG_CHUNK, CrashRecord, MAX_CONFIG, POINTS, PROTOCOL, Packed, Place, Refusal, Reply,
@@ -23,6 +24,7 @@ use crate::params::{COUNT, Contents, Settings, Source, TABLE, fingerprint};
 use crate::safety::Conditions;
 use crate::time::{EPOCH, LEAD_PHASE, TICK};
 use crate::topology::Role;
+use core::sync::atomic::{AtomicU16, Ordering};
 
 /// Stack use that the board reports.
 const STACK: StackUse = StackUse {
@@ -207,7 +209,7 @@ fn a_front_board_behind_frames_does_what_it_does_without() {
         // A board that comes up while the robot is driven would stay off.
         if tick == 100 {
             board.lead().unwrap().command(command);
-            host.expect(&Request::Command(command), Reply::Done);
+            host.expect(&order(Order::Task(command)), Reply::Done);
         }
         // The bus brings back what the board sent a tick ago, and the other axle's reports.
         let arriving = core::mem::take(&mut waiting);
@@ -448,11 +450,14 @@ fn what_does_not_fit_is_refused_with_its_reason() {
     points[0] = point;
     points[1] = point;
     let refusal = Refusal::Point(PathError::NotAdvancing);
-    host.refused(&Request::Path { points, end: true }, refusal);
+    host.refused(&order(Order::Path { points, end: true }), refusal);
 
     let role = Role::Rear;
     let mut host = Host::started(role, &config, None);
-    host.refused(&Request::Command(Task::Stop), Refusal::OtherBoard { role });
+    host.refused(
+        &order(Order::Task(Task::Stop)),
+        Refusal::OtherBoard { role },
+    );
     let role = Role::Beam;
     let mut host = Host::started(role, &config, None);
     host.refused(&axle(0), Refusal::OtherBoard { role });
@@ -621,7 +626,7 @@ fn parameters_are_neither_set_nor_saved_while_motors_may_be_on() {
     for tick in 0..400u32 {
         if tick == 100 {
             let goal = Posture::ORIGIN;
-            host.expect(&Request::Command(Task::Regulate { goal }), Reply::Done);
+            host.expect(&order(Order::Task(Task::Regulate { goal })), Reply::Done);
         }
         // The bus brings back what the board sent a tick ago, and as if from the other axle.
         let mut packed = Packed::new();
@@ -860,6 +865,16 @@ fn a_million_bus_frames_are_decoded_or_refused() {
     assert!(accepted > 30_000);
 }
 
+/// The order in a request, as the next one of a host.
+fn order(order: Order) -> Request<'static> {
+    static SEQUENCE: AtomicU16 = AtomicU16::new(0);
+    let stamp = Stamp {
+        owner: 7,
+        sequence: SEQUENCE.fetch_add(1, Ordering::Relaxed),
+    };
+    Request::Order { stamp, order }
+}
+
 fn crash() -> CrashRecord {
     CrashRecord {
         counts: [1, 2, 3, 4],
@@ -870,6 +885,7 @@ fn crash() -> CrashRecord {
 /// A board that drives, with what it answered.
 struct Driving {
     attendant: Attendant,
+    station: Station,
     demand: Option<Demand>,
 }
 
@@ -881,6 +897,7 @@ impl Driving {
         };
         Self {
             attendant: Attendant::new(identity, || STACK, crash),
+            station: Station::default(),
             demand: None,
         }
     }
@@ -890,7 +907,10 @@ impl Driving {
         let frame = protocol::encode(number, request).unwrap();
         let mut sent = Vec::new();
         let mut send = |answer: &[u8]| sent.extend_from_slice(answer);
-        self.demand = self.attendant.receive(frame.bytes(), armed, &mut send);
+        self.station.armed = armed;
+        self.demand = self
+            .attendant
+            .receive(frame.bytes(), &mut self.station, &mut send);
         payloads(&sent)
     }
 
@@ -952,7 +972,7 @@ fn a_board_that_drives_says_who_it_is_and_goes_into_a_session_with_its_motors_of
     };
     assert_answered(&board.ask(10, &Request::Crash, true), 10, record);
     let other = refused(Refusal::OtherBoard { role: Role::Rear });
-    let stop = Request::Command(Task::Stop);
+    let stop = order(Order::Task(Task::Stop));
     assert_answered(&board.ask(8, &stop, true), 8, other);
     assert_answered(&board.ask(9, &Request::Rig, false), 9, Reply::Done);
     assert_eq!(board.demand, Some(Demand::Session));
@@ -985,6 +1005,11 @@ fn request_for_another_board_is_relayed_and_its_reply_returned() {
     assert!(relayed(Role::Rear).is_empty());
     assert_answered(&relayed(role), 9, Reply::Relayed { payload: reply });
     assert!(relayed(role).is_empty());
+    // The identifiers on the bus do not name the relay: there is one.
+    let mut rear = Driving::new(Role::Rear);
+    let other = Refusal::OtherBoard { role: Role::Rear };
+    assert_answered(&rear.ask(9, &relay, true), 9, Reply::Refused(other));
+    assert_eq!(rear.demand, None);
 }
 
 /// A host may speak for the service tool, and for no node.
@@ -1029,35 +1054,86 @@ fn messages_of_nodes_are_not_sent_for_a_host() {
 fn an_order_is_carried_out_once_and_answered_when_it_is_done() {
     let mut board = Driving::new(Role::Front);
     let goal = Posture::new(1.0, -0.5, 0.25);
-    let drive = Request::Command(Task::Regulate { goal });
-    assert!(board.ask(1, &drive, true).is_empty());
-    let order = Order::Task(Task::Regulate { goal });
-    assert_eq!(board.demand, Some(Demand::Order(order)));
+    let drive = Order::Task(Task::Regulate { goal });
+    let request = order(drive);
+    assert!(board.ask(1, &request, true).is_empty());
+    assert_eq!(board.demand, Some(Demand::Order(drive)));
     // The host is impatient.
-    assert!(board.ask(1, &drive, true).is_empty());
+    assert!(board.ask(1, &request, true).is_empty());
     assert_eq!(board.demand, None);
     assert_answered(&board.done(Ok(())), 1, Reply::Done);
-    assert_answered(&board.ask(1, &drive, true), 1, Reply::Done);
+    assert_answered(&board.ask(1, &request, true), 1, Reply::Done);
     assert_eq!(board.demand, None);
 
-    let stand = Request::Place(place());
-    assert_answered(
-        &board.ask(3, &stand, true),
-        3,
-        Reply::Refused(Refusal::Armed),
-    );
+    let stand = Order::Place(place());
+    let armed = Reply::Refused(Refusal::Armed);
+    assert_answered(&board.ask(3, &order(stand), true), 3, armed);
     assert_eq!(board.demand, None);
-    assert!(board.ask(4, &stand, false).is_empty());
-    let order = Order::Place(place());
-    assert_eq!(board.demand, Some(Demand::Order(order)));
+    assert!(board.ask(4, &order(stand), false).is_empty());
+    assert_eq!(board.demand, Some(Demand::Order(stand)));
     assert_answered(&board.done(Ok(())), 4, Reply::Done);
 
     let points = [None; POINTS];
-    let path = Request::Path { points, end: true };
+    let path = order(Order::Path { points, end: true });
     assert!(board.ask(2, &path, true).is_empty());
     let full = Reply::Refused(Refusal::Point(PathError::Full));
     assert_answered(&board.done(Err(PathError::Full)), 2, full);
     assert_answered(&board.ask(2, &path, true), 2, full);
+}
+
+/// A frame of another host, or one that was late, does not reach the lead node.
+#[test]
+fn order_without_the_lease_or_with_an_old_sequence_is_refused() {
+    let mut board = Driving::new(Role::Front);
+    let stop = Order::Task(Task::Stop);
+    let of = |owner, sequence| Request::Order {
+        stamp: Stamp { owner, sequence },
+        order: stop,
+    };
+    let refused = Reply::Refused;
+    assert!(board.ask(1, &of(1, 10), true).is_empty());
+    assert_eq!(board.demand, Some(Demand::Order(stop)));
+    assert_answered(&board.done(Ok(())), 1, Reply::Done);
+    for (number, request, refusal) in [
+        (2, of(2, 11), Refusal::Leased),
+        (3, of(1, 10), Refusal::OldOrder),
+        (
+            4,
+            Request::Keep(Stamp {
+                owner: 2,
+                sequence: 11,
+            }),
+            Refusal::Leased,
+        ),
+        (
+            5,
+            Request::Release(Stamp {
+                owner: 2,
+                sequence: 12,
+            }),
+            Refusal::Leased,
+        ),
+    ] {
+        assert_answered(&board.ask(number, &request, true), number, refused(refusal));
+        assert_eq!(board.demand, None, "{request:?}");
+    }
+    // Watching needs no lease.
+    assert_answered(&board.ask(6, &Request::Watch, true), 6, Reply::Done);
+    let owner = 1;
+    let keep = Request::Keep(Stamp {
+        owner,
+        sequence: 11,
+    });
+    assert_answered(&board.ask(7, &keep, true), 7, Reply::Done);
+    let release = Request::Release(Stamp {
+        owner,
+        sequence: 12,
+    });
+    board.station.now = 900_000;
+    assert_answered(&board.ask(8, &release, true), 8, Reply::Done);
+    board.station.now = 1_000_001;
+    assert!(board.ask(9, &of(2, 1), true).is_empty());
+    assert_eq!(board.demand, Some(Demand::Order(stop)));
 }
 
 #[test]
@@ -1086,10 +1162,26 @@ fn orders_reach_the_lead_node() {
         points[0] = Some(PathPoint { posture, kappa, s });
         lead.restart();
         assert_eq!(
-            Order::Path(points, true).carry_out(lead),
+            Order::Path { points, end: true }.carry_out(lead),
             expected,
             "{kappa}"
         );
+        let drive = Task::Drive {
+            speed_m_s: 0.1,
+            curvature: kappa,
+        };
+        assert_eq!(Order::Task(drive).carry_out(lead), expected, "{kappa}");
+    }
+    let goal = Posture::new(0.0, f32::INFINITY, 0.0);
+    for task in [
+        Task::Regulate { goal },
+        Task::Drive {
+            speed_m_s: f32::NAN,
+            curvature: 0.0,
+        },
+    ] {
+        let refused = Order::Task(task).carry_out(lead);
+        assert_eq!(refused, Err(PathError::NotFinite), "{task:?}");
     }
 }
 
@@ -1120,7 +1212,7 @@ fn a_host_that_watches_gets_bus_frames_and_outputs() {
     let telemetry = Telemetry::of(config.step(4_000, &mut Outbox::new()), &mut config);
     assert!(board.wants_telemetry());
     let watch = protocol::encode(9, &Request::Watch).unwrap();
-    let demand = board.receive(watch.bytes(), true, &mut |bytes| {
+    let demand = board.receive(watch.bytes(), &mut Station::default(), &mut |bytes| {
         sent.extend_from_slice(bytes)
     });
     assert_eq!(demand, Some(Demand::Watch));

@@ -65,7 +65,20 @@ pub enum Task {
     Follow,
     /// Track the trajectory in the node's buffer, beginning now, and rest at its end.
     Track,
+    /// Drive with this speed and curvature. The robot stops if the task is not given again within [`DEAD_MAN`].
+    Drive {
+        /// Speed of O, m/s.
+        speed_m_s: f32,
+        /// Curvature of its path, 1/m.
+        curvature: f32,
+    },
 }
+
+/// Time after the latest [`Task::Drive`] at which the robot stops.
+pub const DEAD_MAN: Micros = 200_000;
+/// Speed below which the robot counts as at rest after a drive, m/s.
+const REST_M_S: f32 = 1e-3;
+
 /// Time that is waited for the beam to find a restarted axle by.
 const REJOIN_PATIENCE: Micros = 500_000;
 /// Standard deviations of what an axle may have moved beside the other one while its board was
@@ -110,6 +123,10 @@ pub struct State {
     wrench: Option<Stamped<Wrench>>,
     /// The task is fulfilled, as of the last step.
     done: bool,
+    /// The regulator gave up, as of the last step.
+    gave_up: bool,
+    /// Time since the latest command.
+    silent: Micros,
     /// Time for which the motors have held the robot where it is.
     held: Micros,
     /// They held it for as long as they may: the next command is waited for.
@@ -118,6 +135,13 @@ pub struct State {
     stop: Option<ramp::State>,
     peers: Peers,
     supervisor: supervisor::State,
+}
+
+impl State {
+    /// True if the host that drives the robot is silent.
+    fn is_silent(&self) -> bool {
+        matches!(self.task, Task::Drive { .. }) && self.silent >= DEAD_MAN
+    }
 }
 
 /// Decision of the task at a step.
@@ -192,7 +216,8 @@ impl LeadNode {
     /// Gives the robot something to do; the present motion is taken over.
     pub fn command(&mut self, task: Task) {
         self.state.task = task;
-        self.state.done = false;
+        (self.state.done, self.state.gave_up) = (false, false);
+        self.state.silent = 0;
         self.state.released = false;
         self.path_task.restart();
     }
@@ -297,6 +322,7 @@ impl LeadNode {
 
     /// One step at `now`; references go to `outbox`.
     pub fn step(&mut self, now: Micros, outbox: &mut Outbox) -> Output {
+        self.state.silent = self.state.silent.saturating_add(EPOCH);
         let fused = self.fuse(now);
         let supervision = self.supervise(now, fused.as_ref(), outbox);
         let driving = matches!(supervision.permit, Permit::Hold | Permit::Drive);
@@ -320,6 +346,7 @@ impl LeadNode {
         }
         let motion = self.state.governor.motion;
         self.state.done = decision.done;
+        self.state.gave_up = decision.phase == Phase::GaveUp;
         let references = self.with.cascade.references(center, &motion);
         self.send_references(now, decision.mode, &references, &fused, outbox);
         Output {
@@ -364,6 +391,20 @@ impl LeadNode {
                     mode: active_until(output.done),
                     phase: output.phase,
                     done: output.done,
+                    ..active
+                }
+            }
+            Task::Drive {
+                speed_m_s,
+                curvature,
+            } => {
+                let alive = !state.is_silent();
+                let done = !alive && motion.v.abs() < REST_M_S;
+                let wish = || Wish::from_curvature(&self.with.cascade, speed_m_s, curvature);
+                Decision {
+                    wish: alive.then(wish),
+                    mode: active_until(done),
+                    done,
                     ..active
                 }
             }

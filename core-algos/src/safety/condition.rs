@@ -104,7 +104,7 @@ conditions! {
         "an innovation gate rejected a measurement"; "if it repeats, check for slipping wheels or a loose sensor".
     GaugeLost = 0x03 "gauge lost" 0 ms:
         "a strain gauge failed; the other gauges give the posture"; "check the bridge named in the beam board's report".
-    // Reserved: code 0x04 with bit 3, code 0xc6 with bit 35.
+    // Reserved: code 0x04, code 0xc6 with bit 35.
     MessageLost = 0x05 bit 4 "message lost" 0 ms:
         "an expected message did not arrive"; "check cable, termination and bus load".
     InertialLost = 0x06 "inertial sensor lost" 20 ms:
@@ -125,6 +125,10 @@ conditions! {
         "goal reached, but the 95 % position error exceeds the tolerance"; "add position fixes, calibrate, set the placement accuracy, or drive a shorter path".
     EstimateVague = 0x0e bit 38 "estimate vague" 200 ms:
         "the standard deviation of the robot's posture exceeds its bound"; "add position fixes, or drive a shorter path".
+    CommanderSilent = 0x0f bit 39 "commander silent" 0 ms:
+        "no speed command arrived for 200 ms; the robot stops"; "check the cable to the computer".
+    GaveUp = 0x10 bit 3 "gave up" 0 ms:
+        "the robot did not reach its goal in the allowed attempts"; "calibrate, add position fixes, or choose a nearer goal".
     BeamLost = 0x40 bit 13 "relative position sensor lost" 50 ms:
         "the beam board sends no posture; the estimate continues from the encoders"; "check the beam board and its cable".
     EmergencyStop = 0x80 "emergency stop" 0 ms:
@@ -363,7 +367,7 @@ mod tests {
             ],
             [34, 37]
         );
-        let mut unknown = Conditions::from_bits(1 << 3 | 1 << 13 | 1 << 63).iter();
+        let mut unknown = Conditions::from_bits(1 << 35 | 1 << 13 | 1 << 63).iter();
         assert_eq!(unknown.next(), Some(Condition::BeamLost));
         assert_eq!(unknown.next(), None);
     }

@@ -11,7 +11,7 @@ use core_algos::node::tick_sync::{Step, TickSync};
 use core_algos::node::{Outbox, axle};
 use core_algos::params::Drive;
 use core_algos::safety::{Condition, Conditions};
-use core_algos::time::{EPOCH, Micros, TICK, sequence};
+use core_algos::time::{EPOCH, LEAD_PHASE, Micros, TICK, sequence};
 use core_algos::topology::{AxleId, Role};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::watch;
@@ -29,8 +29,8 @@ use super::motors::Motors;
 use super::operator::Button;
 use crate::rules::{Command, Feedback};
 
-/// Tick of an epoch at which orders of the link are carried out.
-const ORDER_PHASE: Micros = 5 * TICK;
+/// Time in an epoch at which orders of the link are carried out: the lead node's step follows.
+const ORDER_PHASE: Micros = LEAD_PHASE - TICK;
 /// Ticks between health reports on the bus.
 const HEALTH: u8 = 100;
 

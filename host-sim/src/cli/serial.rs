@@ -96,6 +96,9 @@ mod tests {
     #[test]
     fn every_variant_and_field_of_the_protocol_is_in_the_table() {
         assert_complete("Requests", &variants::<Request>(&[7], |value| value));
+        // Behind the number of the frame: that of the request, the owner and the sequence.
+        let order = |value: Value| value["Order"]["order"].clone();
+        assert_complete("Orders", &variants::<Request>(&[7, 5, 0, 0], order));
         let replies = variants::<Reply>(&[7], |value| value);
         assert_complete("Replies", &replies);
         let refused = replies.iter().position(|(name, _)| name == "Refused");

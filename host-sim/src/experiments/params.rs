@@ -170,8 +170,12 @@ fn at_each(
             }
         };
         let mut remote = Remote::new(role, link);
+        if target.boards.any_port() {
+            remote.end_earlier_session()?;
+        }
         remote.greet()?;
         act(role, &mut remote)?;
+        remote.leave()?;
     }
     Ok(())
 }
@@ -329,7 +333,7 @@ fn change(
 ) -> Result<(), Error> {
     let mut changes = Vec::new();
     let mut written = 0;
-    at_each(target, |role, remote| {
+    let done = at_each(target, |role, remote| {
         let before = remote.parameters()?;
         for (parameter, value) in wanted(role)? {
             let old = before.iter().find(|kept| kept.parameter.id == parameter.id);
@@ -347,7 +351,10 @@ fn change(
             written += u32::from(remote.save_parameters()?);
         }
         Ok(())
-    })?;
+    });
+    if done.is_err() && changes.is_empty() {
+        return done;
+    }
     let mut table = Table::new(["parameter", "board", "before", "after", "unit"]);
     for change in &changes {
         table.row([
@@ -358,12 +365,16 @@ fn change(
             change.unit.to_owned(),
         ]);
     }
-    write_json(target, &changes)?;
+    if done.is_ok() {
+        write_json(target, &changes)?;
+    }
+    // After an error the table shows the boards that came before it.
     let note = match save {
         true => format!("{written} values written to the flash"),
         false => "checked and not saved: the boards keep their values; use --save".to_owned(),
     };
-    target.json.print(&format!("{table}{note}\n"))
+    target.json.print(&format!("{table}{note}\n"))?;
+    done
 }
 
 fn run_export(export: &ParamsExport) -> Result<(), Error> {

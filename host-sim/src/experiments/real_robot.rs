@@ -87,7 +87,7 @@ pub fn run(
     stage.span = plan.span;
     // Time is the computer's.
     stage.real_time = false;
-    let mut robot = SerialRobot::open(connect, Place { center, relative })?;
+    let mut robot = SerialRobot::open(connect, Some(Place { center, relative }))?;
     let driven = stage.run(&mut robot, |robot| mission.drive(robot, &scenario))?;
     let report = report(&robot, &driven.outcome, goal);
     // Stops the robot.

@@ -232,6 +232,10 @@ fn in_words(command: &HostCommand) -> String {
             format!("regulate to {} m, {} m, {} rad", goal.x, goal.y, goal.phi)
         }
         HostCommand::Task(task) => format!("{task:?}").to_lowercase(),
+        HostCommand::Place(place) => {
+            let at = place.center.posture;
+            format!("posture {} m, {} m, {} rad", at.x, at.y, at.phi)
+        }
         HostCommand::Path(points, end) => list(points.len(), "path", *end),
         HostCommand::Trajectory(points, end) => list(points.len(), "trajectory", *end),
     }

@@ -47,12 +47,13 @@ pub struct SerialRobot {
 }
 
 impl SerialRobot {
-    /// A robot at rest at a place; waits for the first output of its lead node.
-    pub fn open(mut connect: Connect, place: Place) -> Result<Self, Error> {
+    /// A robot at rest at a place, or where it believes to be; waits for the first output of its lead node.
+    pub fn open(mut connect: Connect, place: Option<Place>) -> Result<Self, Error> {
         let mut robot = Self {
             port: Some(connect()?),
             connect,
-            link: LeadLink::default(),
+            // Another program has another number.
+            link: LeadLink::of_owner(std::process::id() as u16),
             began: Instant::now(),
             tick: 0,
             heard: 0,
@@ -63,7 +64,10 @@ impl SerialRobot {
             frames: 0,
             control: RunControl::default(),
         };
-        robot.link.open(place);
+        match place {
+            Some(place) => robot.link.open(place),
+            None => robot.link.watch(),
+        }
         while robot.link.latest().is_none() || !robot.link.is_settled() {
             robot.step()?;
         }
@@ -168,6 +172,10 @@ impl SerialRobot {
             while Instant::now() < end && (!self.link.is_settled() || moving(&self.lead)) {
                 self.step()?;
             }
+        }
+        self.link.release();
+        while !self.link.is_settled() {
+            self.step()?;
         }
         Ok(())
     }

@@ -1,6 +1,8 @@
 //! Commands of the host to the lead node.
 
 use core_algos::control::path::{PathPoint, TrajectoryPoint};
+use core_algos::link::Order;
+use core_algos::link::protocol::{POINTS, Place};
 use core_algos::node::lead::Task;
 use serde::{Deserialize, Serialize};
 
@@ -13,4 +15,47 @@ pub enum HostCommand {
     Path(Vec<PathPoint>, bool),
     /// More of the trajectory, no more than there is room for; true if it ends there.
     Trajectory(Vec<TrajectoryPoint>, bool),
+    /// Posture of the robot, at rest with its motors off.
+    Place(Place),
+}
+
+impl HostCommand {
+    /// Orders of the link that carry it out.
+    pub fn orders(&self) -> Vec<Order> {
+        match self {
+            Self::Task(task) => vec![Order::Task(*task)],
+            Self::Place(place) => vec![Order::Place(*place)],
+            Self::Path(points, end) => {
+                batches(points, *end, |points, end| Order::Path { points, end })
+            }
+            Self::Trajectory(points, end) => batches(points, *end, |points, end| {
+                Order::Trajectory { points, end }
+            }),
+        }
+    }
+
+    /// Subject in messages.
+    pub fn subject(&self) -> &'static str {
+        match self {
+            Self::Task(Task::Drive { .. }) => "speed",
+            Self::Task(_) => "task",
+            Self::Place(_) => "posture",
+            Self::Path(..) => "path",
+            Self::Trajectory(..) => "trajectory",
+        }
+    }
+}
+
+/// Points in orders of at most [`POINTS`]; one without points if there are none.
+fn batches<T: Copy>(
+    points: &[T],
+    end: bool,
+    order: impl Fn([Option<T>; POINTS], bool) -> Order,
+) -> Vec<Order> {
+    let count = points.len().div_ceil(POINTS).max(1);
+    let batch = |k: usize| {
+        let points = std::array::from_fn(|i| points.get(k * POINTS + i).copied());
+        order(points, end && k + 1 == count)
+    };
+    (0..count).map(batch).collect()
 }

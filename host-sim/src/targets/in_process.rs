@@ -56,29 +56,11 @@ impl Target for InProcess {
     fn command(&mut self, command: &HostCommand) -> Result<(), Fault> {
         let off = self.off();
         let lead = self.lead().ok_or(off)?;
-        let refused = |error| Error::input(format!("path: {error}"));
-        match command {
-            HostCommand::Task(task) => lead.command(*task),
-            HostCommand::Path(points, end) => {
-                let task = lead.path_task();
-                for point in points {
-                    task.push_path_point(*point).map_err(refused)?;
-                }
-                if *end {
-                    task.finish_path();
-                }
-            }
-            HostCommand::Trajectory(points, end) => {
-                let task = lead.path_task();
-                for point in points {
-                    task.push_trajectory_point(*point).map_err(refused)?;
-                }
-                if *end {
-                    task.finish_trajectory();
-                }
-            }
-        }
-        Ok(())
+        let mut orders = command.orders().into_iter();
+        let refused = |error| Error::input(format!("{}: {error}", command.subject()));
+        Ok(orders
+            .try_for_each(|order| order.carry_out(lead))
+            .map_err(refused)?)
     }
 
     fn room(&mut self) -> Room {

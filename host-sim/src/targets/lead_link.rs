@@ -3,14 +3,14 @@
 //! The link has no clock and no port: whoever has both calls [`LeadLink::take`] with the bytes that came and
 //! [`LeadLink::to_send`] for those to send.
 
-use super::remote::{batch, complete, refused};
+use super::remote::{complete, refused};
 use super::{Fault, HostCommand, Room};
 use crate::base::error::Error;
 use core_algos::bus::CanFrame;
+use core_algos::link::Stamp;
 use core_algos::link::framing::{Decoder, SerialFrame};
-use core_algos::link::protocol::{
-    self, POINTS, PROTOCOL, Packed, Place, Reply, Request, Telemetry,
-};
+use core_algos::link::lease::TERM;
+use core_algos::link::protocol::{self, PROTOCOL, Packed, Place, Reply, Request, Telemetry};
 use core_algos::time::Micros;
 use core_algos::topology::Role;
 use std::collections::VecDeque;
@@ -19,6 +19,11 @@ use std::collections::VecDeque;
 const REPEAT: Micros = 250_000;
 /// Times that a request is sent before the board counts as silent.
 const ATTEMPTS: u32 = 20;
+/// Time between renewals of the lease, µs.
+const RENEW: Micros = TERM / 4;
+/// Subjects of requests that are treated differently: see [`HostCommand::subject`].
+const SPEED: &str = "speed";
+const LEASE: &str = "lease";
 /// Output of the lead node whose room is that after an order: two outputs may be on their way when it is carried out.
 const FRESH: u32 = 3;
 
@@ -46,23 +51,31 @@ pub struct LeadLink {
     answered: u32,
     lost: u16,
     build: String,
+    /// Stamp of the latest order.
+    stamp: Stamp,
+    /// Set while this host has the lease: the time of the latest order or renewal that was sent, µs.
+    kept: Option<Option<Micros>>,
 }
 
 impl LeadLink {
-    /// A link to a board that stands at a place. Whatever was asked before is forgotten.
-    pub fn open(&mut self, place: Place) {
-        let number = self.number;
-        *self = Self {
-            number,
+    /// A link of a host that draws this number for its lease.
+    pub fn of_owner(owner: u16) -> Self {
+        Self {
+            stamp: Stamp { owner, sequence: 0 },
             ..Self::default()
-        };
-        self.greet();
-        self.place(place);
+        }
     }
 
-    /// Watches a board without a word on where it stands.
-    pub fn watch(&mut self) {
-        self.greet();
+    /// A link to a board that stands at a place. Whatever was asked before is forgotten.
+    pub fn open(&mut self, place: Place) {
+        let (number, stamp) = (self.number, self.stamp);
+        *self = Self {
+            number,
+            stamp,
+            ..Self::default()
+        };
+        self.watch();
+        self.command(&HostCommand::Place(place));
     }
 
     /// Has the board send a frame of a service tool on the bus.
@@ -72,7 +85,8 @@ impl LeadLink {
         self.ask("bus frame", &Request::Send { bus: bus.bytes() });
     }
 
-    fn greet(&mut self) {
+    /// Asks the board who it is, and watches it.
+    pub fn watch(&mut self) {
         let hello = Request::Hello {
             protocol: PROTOCOL,
             nonce: self.number.into(),
@@ -87,29 +101,35 @@ impl LeadLink {
         for pending in &mut self.waiting {
             (pending.sent, pending.attempts) = (None, 0);
         }
-        self.greet();
+        self.watch();
     }
 
-    /// Says where the robot stands, at rest.
-    pub fn place(&mut self, place: Place) {
-        self.ask("place", &Request::Place(place));
-    }
-
-    /// Puts an order at the end of the queue.
+    /// Puts an order at the end of the queue. A speed that the board has not confirmed is replaced: the latest one counts.
     pub fn command(&mut self, command: &HostCommand) {
-        match command {
-            HostCommand::Task(task) => self.ask("task", &Request::Command(*task)),
-            HostCommand::Path(points, end) => {
-                for (points, end) in batches(points, *end) {
-                    self.ask("path", &Request::Path { points, end });
-                }
-            }
-            HostCommand::Trajectory(points, end) => {
-                for (points, end) in batches(points, *end) {
-                    self.ask("trajectory", &Request::Trajectory { points, end });
-                }
-            }
+        let what = command.subject();
+        let late = self.waiting.back().map(|pending| pending.what);
+        if what == SPEED && late == Some(SPEED) {
+            self.waiting.pop_back();
         }
+        for order in command.orders() {
+            let stamp = self.stamp();
+            self.ask(what, &Request::Order { stamp, order });
+        }
+        self.outputs = 0;
+    }
+
+    /// Ends the lease.
+    pub fn release(&mut self) {
+        let stamp = self.stamp();
+        self.ask("release", &Request::Release(stamp));
+        self.kept = None;
+    }
+
+    /// The stamp of the next order.
+    fn stamp(&mut self) -> Stamp {
+        self.kept.get_or_insert(None);
+        self.stamp.sequence = self.stamp.sequence.wrapping_add(1);
+        self.stamp
     }
 
     fn ask(&mut self, what: &'static str, request: &Request) {
@@ -123,12 +143,11 @@ impl LeadLink {
             sent: None,
             attempts: 0,
         });
-        self.outputs = 0;
     }
 
-    /// True if the board has answered all that it was asked.
+    /// True if the board has answered all that it was asked, renewals of the lease apart.
     pub fn is_settled(&self) -> bool {
-        self.waiting.is_empty()
+        self.waiting.iter().all(|pending| pending.what == LEASE)
     }
 
     /// Points that the lead node has room for; none before it has told.
@@ -172,6 +191,16 @@ impl LeadLink {
 
     /// Bytes to send at `now`; an error if the board does not answer.
     pub fn to_send(&mut self, now: Micros) -> Result<Option<&[u8]>, Error> {
+        if let Some(kept) = &mut self.kept {
+            let due = now.saturating_sub(*kept.get_or_insert(now)) >= RENEW;
+            if !self.waiting.is_empty() {
+                *kept = Some(now);
+            } else if due {
+                *kept = Some(now);
+                let stamp = self.stamp();
+                self.ask(LEASE, &Request::Keep(stamp));
+            }
+        }
         let Some(pending) = self.waiting.front_mut() else {
             return Ok(None);
         };
@@ -221,6 +250,9 @@ impl LeadLink {
                 .map(|pending| pending.what)
             {
                 self.waiting.pop_front();
+                if what != LEASE {
+                    self.outputs = 0;
+                }
                 match reply {
                     Reply::Done => {}
                     Reply::Hello {
@@ -250,7 +282,6 @@ impl LeadLink {
                     }
                     other => return Err(failure(what, other)),
                 }
-                self.outputs = 0;
                 self.answered = self.answered.saturating_add(1);
             }
         }
@@ -275,18 +306,6 @@ impl LeadLink {
         *latest = found.or(*latest);
         done
     }
-}
-
-/// Points in requests, and whether each is the last.
-fn batches<T: Copy>(
-    points: &[T],
-    end: bool,
-) -> impl Iterator<Item = ([Option<T>; POINTS], bool)> + use<'_, T> {
-    let count = points.len().div_ceil(POINTS).max(1);
-    (0..count).map(move |k| {
-        let rest = points.get(k * POINTS..).unwrap_or_default();
-        (batch(rest), end && k + 1 == count)
-    })
 }
 
 fn greeted(protocol: u16, role: Role, build: &str) -> Result<(), Error> {

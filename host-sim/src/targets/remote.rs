@@ -7,6 +7,7 @@ use super::link::Link;
 use super::{Fault, HostCommand, Latency, Output, Posted, Report, Room, Target, Traffic};
 use crate::base::error::Error;
 use core_algos::bus::{CanFrame, Message};
+use core_algos::link::Stamp;
 use core_algos::link::framing::{self, Decoder, MAX_FRAME};
 use core_algos::link::protocol::{
     self, CONFIG_CHUNK, CrashRecord, MAX_CONFIG, PROTOCOL, Packed, Place, Refusal, Reply, Request,
@@ -94,6 +95,23 @@ impl Remote {
             }
         }
         Err(unexpected(self.role, "end of its session"))
+    }
+
+    /// Ends a session that an earlier host has left open, with the parameters that it has changed and not saved.
+    pub fn end_earlier_session(&mut self) -> Result<(), Error> {
+        let role = self.role;
+        self.attend().map_err(|fault| fatal(role, fault))
+    }
+
+    /// Ends the session and waits for the answer.
+    pub fn leave(mut self) -> Result<(), Error> {
+        let left = self.carry_out("the end of the session", &Request::Leave);
+        self.build.clear();
+        match left {
+            // Where the answer was lost, the board has reset already.
+            Ok(()) | Err(Fault::Restarted) => Ok(()),
+            Err(fault) => Err(fatal(self.role, fault)),
+        }
     }
 
     /// Crash record of a board that drives.
@@ -208,11 +226,6 @@ const EMPTY: Room = Room {
     trajectory: TRAJECTORY_POINTS,
 };
 
-/// The first points of a list, as many as one request holds.
-pub(super) fn batch<T: Copy>(points: &[T]) -> [Option<T>; protocol::POINTS] {
-    std::array::from_fn(|i| points.get(i).copied())
-}
-
 fn unexpected(role: Role, what: &str) -> Fault {
     Fault::Fatal(Error::Failure(format!(
         "{} board: {what}: unexpected answer",
@@ -224,7 +237,7 @@ pub(super) fn refused(role: Role, what: &str, reply: Reply) -> Fault {
     let reason = match reply {
         Reply::Refused(Refusal::NoSession | Refusal::NotStarted) => return Fault::Restarted,
         Reply::Refused(Refusal::Point(error)) => {
-            return Fault::Fatal(Error::input(format!("path: {error}")));
+            return Fault::Fatal(Error::input(format!("{what}: {error}")));
         }
         Reply::Refused(Refusal::Parameter { text }) => text.to_owned(),
         Reply::Refused(Refusal::Armed) => {
@@ -232,6 +245,9 @@ pub(super) fn refused(role: Role, what: &str, reply: Reply) -> Fault {
                 "{} board refuses {what}: its motors may be on; stop the robot first",
                 role.name()
             )));
+        }
+        Reply::Refused(Refusal::Leased) => {
+            "another program commands the robot, or did so a second ago".to_owned()
         }
         Reply::Refused(Refusal::NotSaved) => "writing its flash failed".to_owned(),
         Reply::Refused(Refusal::Hash { found }) => {
@@ -277,35 +293,21 @@ impl Target for Remote {
     }
 
     fn command(&mut self, command: &HostCommand) -> Result<(), Fault> {
-        match command {
-            HostCommand::Task(task) => self.carry_out("task", &Request::Command(*task)),
-            HostCommand::Path(points, end) => {
-                let count = points.len().div_ceil(protocol::POINTS).max(1);
-                for k in 0..count {
-                    let rest = points.get(k * protocol::POINTS..).unwrap_or_default();
-                    let request = Request::Path {
-                        points: batch(rest),
-                        end: *end && k + 1 == count,
-                    };
-                    self.carry_out("path", &request)?;
-                }
-                self.room.path = self.room.path.saturating_sub(points.len());
-                Ok(())
-            }
-            HostCommand::Trajectory(points, end) => {
-                let count = points.len().div_ceil(protocol::POINTS).max(1);
-                for k in 0..count {
-                    let rest = points.get(k * protocol::POINTS..).unwrap_or_default();
-                    let request = Request::Trajectory {
-                        points: batch(rest),
-                        end: *end && k + 1 == count,
-                    };
-                    self.carry_out("trajectory", &request)?;
-                }
-                self.room.trajectory = self.room.trajectory.saturating_sub(points.len());
-                Ok(())
-            }
+        for order in command.orders() {
+            // A session is that of one host.
+            let stamp = Stamp::default();
+            self.carry_out(command.subject(), &Request::Order { stamp, order })?;
         }
+        match command {
+            HostCommand::Path(points, _) => {
+                self.room.path = self.room.path.saturating_sub(points.len());
+            }
+            HostCommand::Trajectory(points, _) => {
+                self.room.trajectory = self.room.trajectory.saturating_sub(points.len());
+            }
+            HostCommand::Task(_) | HostCommand::Place(_) => {}
+        }
+        Ok(())
     }
 
     fn room(&mut self) -> Room {

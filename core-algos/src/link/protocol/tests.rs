@@ -1,5 +1,6 @@
 use super::*;
 use crate::bus::layout::MESSAGES;
+use crate::control::path::{PathPoint, TrajectoryPoint};
 use crate::node::robot::RobotConfig;
 use crate::safety::{Condition, Conditions};
 use proptest::prelude::*;
@@ -18,13 +19,23 @@ fn encode_longest_messages_fits_frame() {
         kappa: f32::MAX,
         ..PathPoint::default()
     };
-    let path = Request::Path {
-        points: [Some(far); POINTS],
-        end: true,
+    let stamp = Stamp {
+        owner: u16::MAX,
+        sequence: u16::MAX,
     };
-    let trajectory = Request::Trajectory {
-        points: [Some(TrajectoryPoint::default()); POINTS],
-        end: true,
+    let path = Request::Order {
+        stamp,
+        order: Order::Path {
+            points: [Some(far); POINTS],
+            end: true,
+        },
+    };
+    let trajectory = Request::Order {
+        stamp,
+        order: Order::Trajectory {
+            points: [Some(TrajectoryPoint::default()); POINTS],
+            end: true,
+        },
     };
     let configure = Request::Configure {
         total: u16::MAX,

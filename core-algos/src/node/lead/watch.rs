@@ -85,5 +85,7 @@ impl LeadNode {
             .with(Condition::EstimateInconsistent, refused)
             .with(Condition::EstimateVague, vague)
             .with(Condition::ReachedUncertain, doubtful)
+            .with(Condition::CommanderSilent, state.is_silent())
+            .with(Condition::GaveUp, state.gave_up)
     }
 }

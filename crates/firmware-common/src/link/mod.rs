@@ -14,7 +14,7 @@ use core::ptr::addr_of_mut;
 use core::sync::atomic::{AtomicBool, Ordering};
 
 use core_algos::control::path::PathError;
-use core_algos::link::attendant::{REPORT_FRAMES, REPORT_MS};
+use core_algos::link::attendant::{REPORT_FRAMES, REPORT_MS, Station};
 use core_algos::link::framing::Decoder;
 use core_algos::link::protocol::{Packed, StackUse, Telemetry};
 use core_algos::link::segment::{self, Direction};
@@ -189,6 +189,7 @@ async fn attend(link: Link) -> ! {
     let [at_port, on_bus] = ATTENDANTS
         .init_with(|| [(); 2].map(|()| Attendant::new(identity, stack_use, fault::record)));
     let mut relayed = Decoder::new();
+    let mut station = Station::default();
     let mut buffer = [0; 64];
     loop {
         let watched = can::tap::is_watched();
@@ -198,18 +199,19 @@ async fn attend(link: Link) -> ! {
         if watched {
             report_to_host(at_port, &mut uart);
         }
-        let armed = ARMED.load(Ordering::Relaxed);
+        station.now = Instant::now().as_micros();
+        station.armed = ARMED.load(Ordering::Relaxed);
         let (way, demand) = match &arrived {
             Ok(Either::First(count)) => {
                 let mut send = |reply: &[u8]| uart.write(reply);
-                let demand = at_port.receive(&buffer[..*count], armed, &mut send);
+                let demand = at_port.receive(&buffer[..*count], &mut station, &mut send);
                 (Way::Serial, demand)
             }
             Ok(Either::Second(frame)) => {
                 let demand = match segment::address(frame.id) {
                     Some((to, Direction::To)) if to == role => {
                         let mut send = |reply: &[u8]| Way::Bus.send(&mut uart, role, reply);
-                        on_bus.receive(frame.bytes(), armed, &mut send)
+                        on_bus.receive(frame.bytes(), &mut station, &mut send)
                     }
                     Some((from, Direction::From)) => {
                         for &byte in frame.bytes() {

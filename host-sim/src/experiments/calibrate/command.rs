@@ -17,7 +17,7 @@ use crate::experiments::result::{JsonArgs, Provenance};
 use crate::scenario::Scenario;
 use crate::scenario::effect::Use;
 use crate::targets::board_log::BoardLog;
-use crate::targets::{InProcess, Remote, Target};
+use crate::targets::{Remote, Target};
 use clap::{Args, ValueEnum};
 use core_algos::topology::Role;
 use rayon::prelude::*;
@@ -168,23 +168,19 @@ fn wanted(args: &CalibrateArgs) -> Result<bool, Error> {
     Ok(yes)
 }
 
-/// The boards that are not in this process; none if all are.
+/// The virtual boards; none if all boards are in this process.
 fn boards(args: &CalibrateArgs) -> Result<Option<[Box<dyn Target>; 3]>, Error> {
     if !args.boards.any() {
         return Ok(None);
     }
     let links = Links::new(&args.boards, None)?;
-    let board = |role: Role| -> Result<Box<dyn Target>, Error> {
-        Ok(match links.open(role, &BoardLog::default())? {
-            Some(link) => Box::new(Remote::new(role, link)),
-            None => Box::new(InProcess::new(role)),
-        })
-    };
-    Ok(Some([
-        board(Role::Front)?,
-        board(Role::Rear)?,
-        board(Role::Beam)?,
-    ]))
+    let mut boards = Vec::new();
+    for role in Role::ALL {
+        if let Some(link) = links.open(role, &BoardLog::default())? {
+            boards.push(Box::new(Remote::new(role, link)) as Box<dyn Target>);
+        }
+    }
+    Ok(boards.try_into().ok())
 }
 
 /// Errors after the calibration of several robots, and the seeds that failed.

@@ -65,7 +65,7 @@ impl VirtualRobot {
             }
             (true, true) => {
                 self.put_back();
-                self.link.place(self.place);
+                self.link.command(&HostCommand::Place(self.place));
                 self.link.command(&HostCommand::Task(task));
             }
             (true, false) => self.link.command(&HostCommand::Task(task)),

@@ -1,0 +1,89 @@
+//! Lease: one host at a time commands the robot, any number may watch.
+//!
+//! The first order of a host takes the lease, each further order renews it. It ends when the host releases it, or after
+//! [`TERM`] without an order.
+
+use super::protocol::Refusal;
+use crate::time::Micros;
+use serde::{Deserialize, Serialize};
+
+/// Time after the latest order at which the lease ends.
+pub const TERM: Micros = 1_000_000;
+
+/// Sender and place of an order.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Stamp {
+    /// Number that a host draws at its start.
+    pub owner: u16,
+    /// Number of the order; it grows by at least one and begins again after 65535.
+    pub sequence: u16,
+}
+
+/// Lease of the front board.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Lease {
+    latest: Option<(Stamp, Micros)>,
+}
+
+impl Lease {
+    /// Admits an order that arrived at `now`. Refuses that of another host while the lease lasts, and one that is not newer
+    /// than the latest.
+    pub fn admit(&mut self, now: Micros, stamp: Stamp) -> Result<(), Refusal<'static>> {
+        if let Some((latest, renewed)) = self.latest {
+            let lasts = now.saturating_sub(renewed) <= TERM;
+            let newer = stamp.sequence.wrapping_sub(latest.sequence).cast_signed() > 0;
+            match stamp.owner == latest.owner {
+                true if !newer => return Err(Refusal::OldOrder),
+                false if lasts => return Err(Refusal::Leased),
+                _ => {}
+            }
+        }
+        self.latest = Some((stamp, now));
+        Ok(())
+    }
+
+    /// Ends the lease; old orders stay refused.
+    pub fn release(&mut self) {
+        if let Some((_, renewed)) = &mut self.latest {
+            *renewed = 0;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const fn stamp(owner: u16, sequence: u16) -> Stamp {
+        Stamp { owner, sequence }
+    }
+
+    #[test]
+    fn order_of_another_host_is_refused_until_the_lease_ends() {
+        let mut lease = Lease::default();
+        let began = 5 * TERM;
+        assert_eq!(lease.admit(began, stamp(1, 7)), Ok(()));
+        assert_eq!(lease.admit(began + TERM, stamp(2, 9)), Err(Refusal::Leased));
+        assert_eq!(lease.admit(began + TERM, stamp(1, 8)), Ok(()));
+        assert_eq!(lease.admit(began + 2 * TERM + 1, stamp(2, 1)), Ok(()));
+        assert_eq!(
+            lease.admit(began + 2 * TERM + 2, stamp(1, 9)),
+            Err(Refusal::Leased)
+        );
+        lease.release();
+        assert_eq!(lease.admit(began + 2 * TERM + 3, stamp(1, 9)), Ok(()));
+    }
+
+    #[test]
+    fn order_with_old_sequence_is_refused() {
+        let mut lease = Lease::default();
+        assert_eq!(lease.admit(0, stamp(1, u16::MAX)), Ok(()));
+        for old in [u16::MAX, u16::MAX - 1, 0x8000] {
+            assert_eq!(lease.admit(1, stamp(1, old)), Err(Refusal::OldOrder));
+        }
+        assert_eq!(lease.admit(1, stamp(1, 0)), Ok(()));
+        // A host that came back after the end of its lease is no other one.
+        assert_eq!(lease.admit(10 * TERM, stamp(1, 0)), Err(Refusal::OldOrder));
+        assert_eq!(lease.admit(10 * TERM, stamp(1, 1)), Ok(()));
+    }
+}
