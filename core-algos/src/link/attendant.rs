@@ -3,7 +3,7 @@
 
 use super::endpoint::Identity;
 use super::framing::{Decoder, SerialFrame};
-use super::lease::Lease;
+use super::lease::{Denied, Lease};
 use super::order::Order;
 use super::protocol::{
     self, CrashRecord, MAX_TELEMETRY, PROTOCOL, Packed, Refusal, Reply, Request, Spread, StackUse,
@@ -60,7 +60,12 @@ impl Station {
         if role != Role::Front {
             return Err(Refusal::OtherBoard { role });
         }
-        self.lease.admit(self.now, *stamp)?;
+        self.lease
+            .admit(self.now, *stamp)
+            .map_err(|denied| match denied {
+                Denied::Leased => Refusal::Leased,
+                Denied::OldOrder => Refusal::OldOrder,
+            })?;
         match request {
             Request::Order {
                 order: Order::Place(_),

@@ -3,7 +3,6 @@
 //! The first order of a host takes the lease, each further order renews it. It ends when the host releases it, or after
 //! [`TERM`] without an order.
 
-use super::protocol::Refusal;
 use crate::time::Micros;
 use serde::{Deserialize, Serialize};
 
@@ -19,6 +18,15 @@ pub struct Stamp {
     pub sequence: u16,
 }
 
+/// Why an order is not admitted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Denied {
+    /// Another host commands the robot.
+    Leased,
+    /// The order is not newer than the latest one.
+    OldOrder,
+}
+
 /// Lease of the front board.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Lease {
@@ -28,13 +36,13 @@ pub struct Lease {
 impl Lease {
     /// Admits an order that arrived at `now`. Refuses that of another host while the lease lasts, and one that is not newer
     /// than the latest.
-    pub fn admit(&mut self, now: Micros, stamp: Stamp) -> Result<(), Refusal<'static>> {
+    pub fn admit(&mut self, now: Micros, stamp: Stamp) -> Result<(), Denied> {
         if let Some((latest, renewed)) = self.latest {
             let lasts = now.saturating_sub(renewed) <= TERM;
             let newer = stamp.sequence.wrapping_sub(latest.sequence).cast_signed() > 0;
             match stamp.owner == latest.owner {
-                true if !newer => return Err(Refusal::OldOrder),
-                false if lasts => return Err(Refusal::Leased),
+                true if !newer => return Err(Denied::OldOrder),
+                false if lasts => return Err(Denied::Leased),
                 _ => {}
             }
         }
@@ -63,12 +71,12 @@ mod tests {
         let mut lease = Lease::default();
         let began = 5 * TERM;
         assert_eq!(lease.admit(began, stamp(1, 7)), Ok(()));
-        assert_eq!(lease.admit(began + TERM, stamp(2, 9)), Err(Refusal::Leased));
+        assert_eq!(lease.admit(began + TERM, stamp(2, 9)), Err(Denied::Leased));
         assert_eq!(lease.admit(began + TERM, stamp(1, 8)), Ok(()));
         assert_eq!(lease.admit(began + 2 * TERM + 1, stamp(2, 1)), Ok(()));
         assert_eq!(
             lease.admit(began + 2 * TERM + 2, stamp(1, 9)),
-            Err(Refusal::Leased)
+            Err(Denied::Leased)
         );
         lease.release();
         assert_eq!(lease.admit(began + 2 * TERM + 3, stamp(1, 9)), Ok(()));
@@ -79,11 +87,11 @@ mod tests {
         let mut lease = Lease::default();
         assert_eq!(lease.admit(0, stamp(1, u16::MAX)), Ok(()));
         for old in [u16::MAX, u16::MAX - 1, 0x8000] {
-            assert_eq!(lease.admit(1, stamp(1, old)), Err(Refusal::OldOrder));
+            assert_eq!(lease.admit(1, stamp(1, old)), Err(Denied::OldOrder));
         }
         assert_eq!(lease.admit(1, stamp(1, 0)), Ok(()));
         // A host that came back after the end of its lease is no other one.
-        assert_eq!(lease.admit(10 * TERM, stamp(1, 0)), Err(Refusal::OldOrder));
+        assert_eq!(lease.admit(10 * TERM, stamp(1, 0)), Err(Denied::OldOrder));
         assert_eq!(lease.admit(10 * TERM, stamp(1, 1)), Ok(()));
     }
 }

@@ -1,12 +1,24 @@
 //! Orders of a host for the lead node.
 
-use super::protocol::{POINTS, Place};
 use crate::control::path::{PathError, PathPoint, TrajectoryPoint};
+use crate::fusion::Estimate;
 use crate::node::lead::{LeadNode, Task};
 use serde::{Deserialize, Serialize};
 
 /// Share of the curvature's bound that a point may exceed it by, for rounding.
 const ROUNDING: f32 = 1e-3;
+
+/// Points of a path or trajectory in one order.
+pub const POINTS: usize = 8;
+
+/// Posture of the robot at the start.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Place {
+    /// The midpoint.
+    pub center: Estimate,
+    /// Front axle in the rear axle's frame.
+    pub relative: Estimate,
+}
 
 /// Order for the lead node.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

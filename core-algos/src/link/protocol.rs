@@ -7,10 +7,10 @@
 use super::framing::{Counters, MAX_PAYLOAD, SerialFrame};
 use super::lease::Stamp;
 use super::order::Order;
+pub use super::order::{POINTS, Place};
 use crate::beam::MAX_GAUGES;
 use crate::bus;
 use crate::control::path::PathError;
-use crate::fusion::Estimate;
 use crate::node::axle;
 use crate::node::lead::{self, LeadNode};
 use crate::node::outbox;
@@ -24,8 +24,6 @@ pub const PROTOCOL: u16 = 11;
 pub const MAX_CONFIG: usize = 2048;
 /// Bytes of a configuration in one request.
 pub const CONFIG_CHUNK: usize = 200;
-/// Points of a path or trajectory in one request.
-pub const POINTS: usize = 8;
 /// Bytes of the lead node's output that go with one reply. It is spread over the ticks that follow
 /// the lead node's, so that no reply is much longer than another.
 pub const TELEMETRY_CHUNK: usize = 40;
@@ -138,15 +136,6 @@ pub enum Request<'a> {
     },
     /// Asks a board that drives for [`Reply::Crash`].
     Crash,
-}
-
-/// Posture of the robot at the start.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Place {
-    /// The midpoint.
-    pub center: Estimate,
-    /// Front axle in the rear axle's frame.
-    pub relative: Estimate,
 }
 
 /// From board to host.
