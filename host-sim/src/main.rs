@@ -23,6 +23,7 @@ fn main() -> ExitCode {
         Some(Command::Posture(args)) => experiments::posture::run(args),
         Some(Command::Follow(args)) => follow(args, PathMode::Follow),
         Some(Command::Track(args)) => follow(args, PathMode::Track),
+        Some(Command::Drive(args)) => experiments::drive::run(args),
         Some(Command::Hil(args)) => experiments::hil::run(args),
         Some(Command::Replay(args)) => experiments::replay::run(args),
         Some(Command::Consistency(args)) => experiments::consistency::run(args),

@@ -2,7 +2,8 @@
 
 mod terminal;
 
-use core_algos::topology::Role;
+use core_algos::safety::Condition;
+use core_algos::topology::{Node, Role};
 use host_sim::run::real_time::RealTimeLimiter;
 use host_sim::run::robot::Robot;
 use host_sim::run::virtual_robot::{Options, VirtualRobot};
@@ -204,6 +205,68 @@ fn a_loose_cable_does_not_end_the_run() {
     assert!(report["reconnected"].as_u64().unwrap() >= 4, "{report}");
     let [x, y, _] = bench.robot().record().midpoint;
     assert!((x - 2.0).hypot(y) < 0.05, "{x} {y}");
+}
+
+/// A script goes through the port as in the program. The next command goes on where the robot believes to be; another
+/// program is refused meanwhile, because the port is taken.
+#[test]
+fn script_drives_a_robot_at_a_serial_port() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut scenario = Scenario::default();
+    scenario.mission.start = [0.0; 3];
+    let bench = Bench::new(&scenario, false);
+    let script = "goto 0.5 0.1 0.2\nspeed 0.1 0.4 2\nstop\nclear\npose 1 1 0\n";
+    fs::write(folder.path().join("script"), script).unwrap();
+    let output = bench.run(
+        folder.path(),
+        &["drive", "--script", "script", "--from", "0,0,0"],
+    );
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success(), "{said}");
+    let report = result(folder.path(), "drive");
+    let steps = report["steps"].as_array().unwrap();
+    assert_eq!(steps.len(), 5);
+    assert!(steps.iter().all(|step| step["done"] == true), "{steps:?}");
+    assert_eq!(steps[2]["code"], Value::Null);
+    let [x, y] = ["x", "y"].map(|key| steps[3][key].as_f64().unwrap());
+
+    let output = bench.run(folder.path(), &["drive", "goto", "1.3", "1", "0"]);
+    assert!(output.status.success(), "{output:?}");
+    let report = result(folder.path(), "drive");
+    assert!(
+        (report["steps"][0]["x"].as_f64().unwrap() - 1.3).abs() < 0.02,
+        "{report}"
+    );
+    let [true_x, true_y, heading] = bench.robot().record().midpoint;
+    let moved = (true_x - x).hypot(true_y - y);
+    assert!(
+        (moved - 0.3).abs() < 0.05 && heading > 0.1,
+        "{moved} {heading}"
+    );
+}
+
+/// A speed is driven only while the host is there: each time the cable is out the robot brakes, and goes on afterwards.
+#[test]
+fn robot_brakes_while_its_cable_is_out() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut scenario = Scenario::default();
+    scenario.mission.start = [0.0; 3];
+    let bench = Bench::new(&scenario, true);
+    let output = bench.run(
+        folder.path(),
+        &["drive", "speed", "0.15", "0", "7", "--from", "0,0,0"],
+    );
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success(), "{said}");
+    let report = result(folder.path(), "drive");
+    let reconnected = &report["reconnected"];
+    assert!(reconnected.as_u64().unwrap() >= 1, "{reconnected}");
+    let robot = bench.robot();
+    // The port is out for half a second of every two.
+    let [x, _, _] = robot.record().midpoint;
+    assert!((0.02..0.95).contains(&x), "{x}");
+    let notices = robot.monitor().noticed(Node::Lead);
+    assert!(notices.contains(Condition::CommanderSilent));
 }
 
 /// A robot that was switched off and on has no task any more: the run ends and says so.

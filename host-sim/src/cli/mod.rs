@@ -18,6 +18,7 @@ pub mod world;
 use crate::experiments::calibrate::command::CalibrateArgs;
 use crate::experiments::campaign::command::CampaignArgs;
 use crate::experiments::consistency::ConsistencyArgs;
+use crate::experiments::drive::DriveArgs;
 use crate::experiments::faults::FaultsArgs;
 use crate::experiments::follow::FollowArgs;
 use crate::experiments::hil::HilArgs;
@@ -79,6 +80,8 @@ pub enum Command {
     Follow(FollowArgs),
     /// Track a trajectory: a path of `follow` with a time law
     Track(FollowArgs),
+    /// Drive the robot by a script or one step: goals, paths, speeds, stops
+    Drive(DriveArgs),
     /// Run an experiment with boards in the loop: virtual or on serial ports
     Hil(HilArgs),
     /// Replay a log and compare it bit by bit, or estimate again with other parameters

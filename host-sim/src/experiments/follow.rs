@@ -3,13 +3,12 @@
 use crate::base::error::Error;
 use crate::base::numbers::{number, whole};
 use crate::base::output::{Cell, Csv, OutputDir};
-use crate::base::spelling;
 use crate::base::table::Table;
 use crate::experiments::Context;
 use crate::experiments::arguments::{Common, RobotArgs, SensorArgs, parse_posture};
 use crate::experiments::posture::Variant;
 use crate::experiments::recorder::Stage;
-use crate::paths::Path;
+use crate::paths::{self, Path};
 use crate::recording::{About, LogArgs, csv};
 use crate::run::path_run::{self, Deviation, Errors, Moment, Outcome, PathMode, Route};
 use crate::run::robot::Record;
@@ -18,7 +17,6 @@ use crate::view::figures::{self, FollowErrors, FollowRun, Snapshot};
 use crate::view::page;
 use clap::Args;
 use serde::Serialize;
-use std::fs::File;
 use std::path::Path as FilePath;
 
 /// Drive along a path.
@@ -103,33 +101,6 @@ pub struct Report {
     pub duration_s: f64,
 }
 
-/// The path that the arguments ask for.
-fn path_of(args: &FollowArgs) -> Result<Path, Error> {
-    let name = args.path.as_str();
-    let size = |default: f64| args.drive.size.unwrap_or(default);
-    let built_in = match name {
-        "line" => Path::line(size(3.0)),
-        "circle" => Path::circle(size(1.0)),
-        "figure-eight" => Path::figure_eight(size(1.5)),
-        file => {
-            if args.drive.size.is_some() {
-                return Err(Error::input(
-                    "--size: no effect on waypoints; only for line, circle and figure-eight",
-                ));
-            }
-            let text = File::open(file).map_err(|error| {
-                let hint = spelling::hint(file, ["line", "circle", "figure-eight"]);
-                Error::input(format!(
-                    "--path {file}: {error}: must be line, circle, figure-eight, or a CSV file with \
-                     the columns x,y in metres{hint}"
-                ))
-            })?;
-            return Path::from_csv(text).map_err(|error| Error::input(format!("{file}: {error}")));
-        }
-    };
-    built_in.map_err(|error| Error::input(format!("--size: {name}: {error}")))
-}
-
 /// Name of the command, and what it does.
 pub fn names(path_mode: PathMode) -> (&'static str, &'static str) {
     match path_mode {
@@ -193,7 +164,8 @@ pub const PATH: Taken = &[
 
 /// Reads path, speed and start, and writes them into the scenario.
 pub fn prepare(args: &FollowArgs, context: &mut Context, purpose: Use) -> Result<Course, Error> {
-    let path = path_of(args)?;
+    let path = paths::named(&args.path, ("--size", args.drive.size))
+        .map_err(|error| Error::input(format!("--path {}: {error}", args.path)))?;
     if args.drive.laps != 1 && !path.is_closed() {
         return Err(Error::input(format!(
             "--laps {}: must be 1 because the path {} is open",

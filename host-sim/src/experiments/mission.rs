@@ -4,11 +4,13 @@ use crate::base::error::Error;
 use crate::base::output::OutputDir;
 use crate::experiments::Context;
 use crate::experiments::arguments::PlanArgs;
+use crate::experiments::driven::{self, Driven};
 use crate::experiments::follow::{self, Course, Kept};
 use crate::experiments::posture::{self, Trial, Variant};
 use crate::run::path_run::{self, Moment, PathMode};
 use crate::run::regulate::regulate_on;
 use crate::run::robot::{Record, Robot, Span};
+use crate::run::script::Line;
 use crate::scenario::Scenario;
 use crate::targets::{Failure, FailureMode};
 use core_algos::time::Micros;
@@ -21,6 +23,13 @@ pub enum Mission {
     Posture(Variant),
     /// A path, or a trajectory along it.
     Path(Box<Course>, PathMode),
+    /// Steps of a script.
+    Script {
+        /// The steps.
+        lines: Vec<Line>,
+        /// True if a real robot is told where it starts.
+        placed: bool,
+    },
 }
 
 /// Result.
@@ -29,6 +38,8 @@ pub enum Outcome {
     Posture(Box<Trial>),
     /// Along a path.
     Path(Box<path_run::Outcome>, Kept),
+    /// Of a script.
+    Script(Driven),
 }
 
 impl Outcome {
@@ -37,6 +48,7 @@ impl Outcome {
         match self {
             Self::Posture(trial) => trial.outcome.done,
             Self::Path(outcome, _) => outcome.done,
+            Self::Script(driven) => driven.failure().is_none(),
         }
     }
 
@@ -45,6 +57,15 @@ impl Outcome {
         match self {
             Self::Posture(trial) => trial.outcome.duration_s,
             Self::Path(outcome, _) => outcome.duration_s,
+            Self::Script(driven) => driven.ends.iter().map(|end| end.duration_s).sum(),
+        }
+    }
+
+    /// Why the task was not carried out, if so.
+    pub fn failure(&self) -> Option<String> {
+        match self {
+            Self::Script(driven) => driven.failure(),
+            _ => (!self.done()).then(|| "the robot did not come to rest on the goal".to_owned()),
         }
     }
 
@@ -53,6 +74,7 @@ impl Outcome {
         match self {
             Self::Posture(trial) => trial.records.clone(),
             Self::Path(_, kept) => kept.records(),
+            Self::Script(driven) => driven.records.clone(),
         }
     }
 }
@@ -62,15 +84,24 @@ impl Mission {
     pub fn scenario(&self, context: &Context) -> Scenario {
         match self {
             Self::Posture(variant) => variant.apply(&context.scenario),
-            Self::Path(..) => context.scenario.clone(),
+            Self::Path(..) | Self::Script { .. } => context.scenario.clone(),
         }
     }
 
-    /// Goal, and points of the path.
+    /// True if a real robot is told where it starts.
+    pub fn is_placed(&self) -> bool {
+        !matches!(self, Self::Script { placed: false, .. })
+    }
+
+    /// Goal, NaN if there is none, and points of the path.
     pub fn goal(&self, scenario: &Scenario) -> ([f64; 3], Vec<[f64; 3]>) {
         match self {
             Self::Posture(_) => (scenario.mission.goal, Vec::new()),
             Self::Path(course, _) => (course.route.goal(), course.route.postures()),
+            Self::Script { lines, .. } => {
+                let goal = driven::goal(lines).unwrap_or([f64::NAN; 3]);
+                (goal, Vec::new())
+            }
         }
     }
 
@@ -89,6 +120,7 @@ impl Mission {
                 let outcome = path_run::drive_on(robot, scenario, &course.route, *path_mode, see)?;
                 Outcome::Path(Box::new(outcome), kept)
             }
+            Self::Script { lines, .. } => Outcome::Script(Driven::by(robot, scenario, lines)?),
         })
     }
 
@@ -111,6 +143,9 @@ impl Mission {
                 let (text, report, files) =
                     follow::publish(context, course, *path_mode, (&outcome, ended), &kept)?;
                 (text, serde_json::to_value(report), files)
+            }
+            (Self::Script { lines, .. }, Outcome::Script(driven)) => {
+                return driven::publish(context, lines, &driven);
             }
             _ => return Err(Error::Failure("another task's outcome".to_owned())),
         };

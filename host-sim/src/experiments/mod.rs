@@ -8,6 +8,8 @@ pub mod boards;
 pub mod calibrate;
 pub mod campaign;
 pub mod consistency;
+pub mod drive;
+pub mod driven;
 pub mod eval;
 pub mod faults;
 pub mod follow;

@@ -5,12 +5,14 @@ use crate::base::error::Error;
 use crate::base::table::Table;
 use crate::experiments::Context;
 use crate::experiments::arguments::{Place as Boards, RobotArgs};
+use crate::experiments::driven;
 use crate::experiments::mission::{Mission, Outcome, Plan};
 use crate::experiments::recorder::{self, Stage};
 use crate::recording::{About, LogArgs, csv};
 use crate::run::final_error::FinalError;
 use crate::run::recovery::Status;
 use crate::run::robot::{Record, Robot};
+use crate::run::script::StepEnd;
 use crate::run::serial_robot::{Connect, SerialRobot};
 use crate::targets::link::Link;
 use crate::targets::serial::Serial;
@@ -49,6 +51,9 @@ struct Report {
     reconnected: u32,
     /// Heartbeats: every change of state.
     nodes: Vec<Status>,
+    /// Steps of a script.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    steps: Vec<StepEnd>,
 }
 
 /// Runs the task of a command.
@@ -76,6 +81,7 @@ pub fn run(
     let scenario = mission.scenario(context);
     let [x, y, phi] = scenario.mission.start.map(|value| value as f32);
     let (center, relative) = scenario.robot.put_down(Posture::new(x, y, phi));
+    let place = Place { center, relative };
     let about = About {
         command: &context.name,
         seed: context.seed,
@@ -87,7 +93,7 @@ pub fn run(
     stage.span = plan.span;
     // Time is the computer's.
     stage.real_time = false;
-    let mut robot = SerialRobot::open(connect, Some(Place { center, relative }))?;
+    let mut robot = SerialRobot::open(connect, mission.is_placed().then_some(place))?;
     let driven = stage.run(&mut robot, |robot| mission.drive(robot, &scenario))?;
     let report = report(&robot, &driven.outcome, goal);
     // Stops the robot.
@@ -104,11 +110,7 @@ fn publish(
     let mut files = context.output()?;
     let records: Vec<Record> = outcome.records();
     files.csv("log.csv", csv::of_records(&records));
-    let failed = match (&report.ended, report.reached) {
-        (Some(why), _) => Some(why.clone()),
-        (None, false) => Some("the robot did not come to rest on the goal".to_owned()),
-        (None, true) => None,
-    };
+    let failed = report.ended.clone().or_else(|| outcome.failure());
     context.finish(&table(report), report, files, recorded, failed)
 }
 
@@ -118,8 +120,12 @@ fn report(robot: &SerialRobot, outcome: &Outcome, goal: [f64; 3]) -> Report {
     let estimate = [at.x, at.y, at.phi].map(f64::from);
     let error = FinalError::of(estimate, goal);
     let path = match outcome {
-        Outcome::Posture(_) => None,
+        Outcome::Posture(_) | Outcome::Script(_) => None,
         Outcome::Path(outcome, _) => Some(outcome.estimate.max_cross_track_m),
+    };
+    let steps = match outcome {
+        Outcome::Script(driven) => driven.ends.clone(),
+        _ => Vec::new(),
     };
     Report {
         build: robot.build().to_owned(),
@@ -135,6 +141,7 @@ fn report(robot: &SerialRobot, outcome: &Outcome, goal: [f64; 3]) -> Report {
         lost: robot.lost(),
         reconnected: robot.reconnected(),
         nodes: robot.monitor().changes().to_vec(),
+        steps,
     }
 }
 
@@ -146,18 +153,20 @@ fn table(report: &Report) -> String {
     row("build", report.build.clone());
     let end = match (&report.ended, report.reached) {
         (Some(_), _) => "stopped by a fault",
-        (None, true) => "at rest on the goal",
-        (None, false) => "NOT at rest on the goal",
+        (None, true) => "task carried out",
+        (None, false) => "task NOT carried out",
     };
     row("end", format!("{end} after {:.1} s", report.duration_s));
-    row(
-        "estimate less goal",
-        format!(
-            "{:.1} cm, {:.2}°",
-            100.0 * report.e_estimated_m,
-            report.heading_estimated_rad.to_degrees()
-        ),
-    );
+    if report.e_estimated_m.is_finite() {
+        row(
+            "estimate less goal",
+            format!(
+                "{:.1} cm, {:.2}°",
+                100.0 * report.e_estimated_m,
+                report.heading_estimated_rad.to_degrees()
+            ),
+        );
+    }
     let [position, heading] = report.claimed;
     row(
         "95 % error of the estimate",
@@ -173,7 +182,10 @@ fn table(report: &Report) -> String {
         "bus frames",
         format!("{} reported, {} lost", report.frames, report.lost),
     );
-    let mut text = format!("{table}\n");
+    let mut text = match report.steps.is_empty() {
+        true => format!("{table}\n"),
+        false => format!("{}\n{table}\n", driven::table(&report.steps)),
+    };
     let role = Role::Front.name();
     if report.lost > 0 {
         text += &format!("the {role} board had no room for {} frames\n", report.lost);

@@ -73,7 +73,9 @@ impl<'a> Stage<'a> {
         check(args)?;
         let session = Session::begin(args, about)?;
         if let Some(session) = &session {
-            session.plan(goal, path);
+            if goal[0].is_finite() {
+                session.plan(goal, path);
+            }
             session.await_viewer(interrupt)?;
         }
         Ok(Self {

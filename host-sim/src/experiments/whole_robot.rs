@@ -146,7 +146,7 @@ pub fn follow(args: &FollowArgs, path_mode: PathMode) -> Result<(), Error> {
 }
 
 /// Refuses what a real robot has of its own.
-fn check_real(robot: &RobotArgs, sensors: &SensorArgs, common: &Common) -> Result<(), Error> {
+pub fn check_real(robot: &RobotArgs, sensors: &SensorArgs, common: &Common) -> Result<(), Error> {
     let given = [
         ("--imu", sensors.imu),
         ("--no-rps", sensors.no_rps),
@@ -160,7 +160,8 @@ fn check_real(robot: &RobotArgs, sensors: &SensorArgs, common: &Common) -> Resul
     }
 }
 
-fn run_on(
+/// Runs a task on virtual boards or on a real robot.
+pub fn run_on(
     context: &Context,
     mission: &Mission,
     arguments: (&Common, &LogArgs, &RobotArgs),
@@ -207,6 +208,7 @@ fn run(
         profiles,
         coverage,
     } = done;
+    let failed = judge(&report, outcome.failure(), args.plan.stop_after.is_some());
     let (text, experiment, mut files) = mission.publish(context, outcome, &report.ended)?;
     report.experiment = experiment;
     board_log::put(&mut files, &logs);
@@ -226,7 +228,6 @@ fn run(
         recorded.push(file.clone());
         text += &format!("\nLine coverage of the firmware\n{coverage}");
     }
-    let failed = judge(&report, args.plan.stop_after.is_some());
     context.finish(&text, &report, files, &recorded, failed)
 }
 
@@ -317,8 +318,8 @@ fn report(robot: &mut VirtualRobot, reached: bool, goal: &[f64; 3], start: Insta
     }
 }
 
-/// Failure of the run, if any; a run with an early end need not reach the goal.
-fn judge(report: &Report, early: bool) -> Option<String> {
+/// Failure of the run, if any; a run with an early end need not carry out its task.
+fn judge(report: &Report, undone: Option<String>, early: bool) -> Option<String> {
     if let Some(why) = &report.ended {
         return Some(format!(
             "the run ended with the motors off before the task was done: {why}"
@@ -328,7 +329,7 @@ fn judge(report: &Report, early: bool) -> Option<String> {
     if let Some(why) = report.boards.iter().find_map(|board| board.problem(cut)) {
         return Some(why);
     }
-    (!report.reached && !early).then(|| "the robot did not come to rest on the goal".to_owned())
+    undone.filter(|_| !early)
 }
 
 /// Summary of the boards.

@@ -194,6 +194,18 @@ impl Path {
         Ok(path)
     }
 
+    /// The path turned and shifted so that its origin lies at a posture (m, m, rad).
+    #[must_use]
+    pub fn placed(&self, [x, y, phi]: [f64; 3]) -> Self {
+        let (s, c) = phi.sin_cos();
+        let mut path = self.clone();
+        for at in path.samples.iter_mut().chain(&mut path.dense) {
+            (at.x, at.y) = (x + c * at.x - s * at.y, y + s * at.x + c * at.y);
+            at.phi += phi - TAU * ((at.phi + phi) / TAU).round();
+        }
+        path
+    }
+
     /// The samples, evenly spaced; of a closed path the last is the first again.
     pub fn samples(&self) -> &[Sample] {
         &self.samples

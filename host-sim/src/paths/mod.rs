@@ -4,6 +4,10 @@
 //! A path is sampled evenly by arc length. [`Path::check`] holds it against what the frame can
 //! bend and names the first place that breaks a bound.
 
+use crate::base::error::Error;
+use crate::base::spelling;
+use std::fs::File;
+
 mod curve;
 mod limits;
 mod spline;
@@ -25,3 +29,30 @@ pub const MAX_COORDINATE_M: f64 = 1000.0;
 pub const MAX_LENGTH_M: f64 = 5000.0;
 /// Waypoints must be this far apart, m.
 pub const MIN_SEPARATION_M: f64 = 1e-3;
+/// Names of the built-in paths.
+pub const NAMES: [&str; 3] = ["line", "circle", "figure-eight"];
+
+/// A built-in path of this size (length of the line, radius of the circle, half width of the figure eight, m), or the
+/// waypoints of a CSV file. Errors call the size as the user does.
+pub fn named(name: &str, (called, size): (&str, Option<f64>)) -> Result<Path, Error> {
+    let built_in = match name {
+        "line" => Path::line(size.unwrap_or(3.0)),
+        "circle" => Path::circle(size.unwrap_or(1.0)),
+        "figure-eight" => Path::figure_eight(size.unwrap_or(1.5)),
+        _ if size.is_some() => {
+            return Err(Error::input(format!(
+                "{called}: no effect on waypoints; only for line, circle and figure-eight"
+            )));
+        }
+        file => {
+            let text = File::open(file).map_err(|error| {
+                let hint = spelling::hint(file, NAMES);
+                Error::input(format!(
+                    "{error}: must be line, circle, figure-eight, or a CSV file with the columns x,y in metres{hint}"
+                ))
+            })?;
+            return Path::from_csv(text).map_err(|error| Error::input(error.to_string()));
+        }
+    };
+    built_in.map_err(|error| Error::input(format!("{called}: {error}")))
+}

@@ -20,8 +20,8 @@ pub enum Progress {
 
 /// A task as the host gives and observes it.
 pub trait Errand<R: Robot> {
-    /// Task of the lead node; it gets it once the robot has settled.
-    fn task(&self) -> Task;
+    /// Task of the lead node; it gets it once the robot has settled. `None` leaves it with the task it has.
+    fn task(&self) -> Option<Task>;
 
     /// The beginning of an epoch: points of a path may be sent.
     fn feed(&mut self, _robot: &mut R) -> Result<(), Error> {
@@ -61,6 +61,8 @@ pub fn drive<R: Robot>(
 ) -> Result<End, Error> {
     let micros = |seconds: f64| (seconds * 1e6) as Micros;
     let settle = micros(scenario.mission.settle_s) / EPOCH * EPOCH;
+    // A robot that has driven already has settled.
+    let settle = settle.max(robot.now().next_multiple_of(EPOCH));
     let limit = settle + micros(limit_s);
     let rest = micros(scenario.mission.rest_s);
     let (mut began, mut done_at) = (None, None);
@@ -69,8 +71,10 @@ pub fn drive<R: Robot>(
         if now.is_multiple_of(EPOCH) {
             errand.feed(robot)?;
         }
-        if now == settle {
-            robot.command(&HostCommand::Task(errand.task()))?;
+        if now == settle
+            && let Some(task) = errand.task()
+        {
+            robot.command(&HostCommand::Task(task))?;
         }
         if began.is_none() && now >= settle && robot.is_settled() {
             began = Some(now);

@@ -11,6 +11,7 @@ pub mod real_time;
 pub mod recovery;
 pub mod regulate;
 pub mod robot;
+pub mod script;
 pub mod serial_robot;
 pub mod simulation;
 pub mod virtual_robot;

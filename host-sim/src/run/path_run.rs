@@ -281,11 +281,11 @@ struct Drive<'a, F> {
 }
 
 impl<R: Robot, F: FnMut(&Moment)> Errand<R> for Drive<'_, F> {
-    fn task(&self) -> Task {
-        match self.path_mode {
+    fn task(&self) -> Option<Task> {
+        Some(match self.path_mode {
             PathMode::Follow => Task::Follow,
             PathMode::Track => Task::Track,
-        }
+        })
     }
 
     fn feed(&mut self, robot: &mut R) -> Result<(), Error> {

@@ -87,6 +87,7 @@ pub struct Monitor {
     latest: [Option<Status>; NODES.len()],
     changes: Vec<Status>,
     noticed: [Conditions; NODES.len()],
+    recent: Conditions,
 }
 
 impl Monitor {
@@ -98,6 +99,9 @@ impl Monitor {
         let place = status.node as usize;
         let noticed = &mut self.noticed[place];
         *noticed = noticed.union(status.notices);
+        if status.node == Node::Lead {
+            self.recent = self.recent.union(status.notices);
+        }
         let before = self.latest[place].replace(status);
         let same = |before: Status| (before.state, before.reason) == (status.state, status.reason);
         if !before.is_some_and(same) {
@@ -134,6 +138,11 @@ impl Monitor {
     pub fn noticed(&self, node: Node) -> Conditions {
         let noticed = self.noticed.get(node as usize).copied();
         noticed.unwrap_or_default()
+    }
+
+    /// Notices of the lead node since the last call.
+    pub fn take_recent(&mut self) -> Conditions {
+        std::mem::take(&mut self.recent)
     }
 
     /// The heartbeat that first told of a stop or a cut.

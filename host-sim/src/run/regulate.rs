@@ -156,8 +156,8 @@ struct Regulation<F> {
 }
 
 impl<R: Robot, F: FnMut(&Record)> Errand<R> for Regulation<F> {
-    fn task(&self) -> Task {
-        Task::Regulate { goal: self.goal }
+    fn task(&self) -> Option<Task> {
+        Some(Task::Regulate { goal: self.goal })
     }
 
     fn tick(&mut self, robot: &R) -> Progress {

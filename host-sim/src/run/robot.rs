@@ -206,11 +206,16 @@ pub trait Robot {
         self.now() >= self.control().span.least
     }
 
+    /// True if the user ends the run.
+    fn is_interrupted(&self) -> bool {
+        let interrupted = |flag: &Arc<AtomicBool>| flag.load(Relaxed);
+        self.control().interrupt.as_ref().is_some_and(interrupted)
+    }
+
     /// True if the run must end before its task.
     fn must_end(&self) -> bool {
         let control = self.control();
-        let interrupted = |flag: &Arc<AtomicBool>| flag.load(Relaxed);
-        control.interrupt.as_ref().is_some_and(interrupted)
+        self.is_interrupted()
             || self.failure().is_some()
             || control.span.most.is_some_and(|most| self.now() >= most)
     }

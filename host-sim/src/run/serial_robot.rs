@@ -11,17 +11,21 @@ use crate::run::robot::{Record, Robot, RunControl};
 use crate::targets::lead_link::LeadLink;
 use crate::targets::link::Link;
 use crate::targets::{BoardTraffic, HostCommand, Room, Traffic};
+use core_algos::link::lease::TERM;
 use core_algos::link::protocol::Place;
 use core_algos::node::lead::{self, Task};
 use core_algos::time::{Micros, TICK};
 use core_algos::topology::{Node, Role};
+use std::thread;
 use std::time::{Duration, Instant};
 
-/// Longest time without a byte from the board before its port is opened again, µs.
+/// Longest time without a report of the board before its port is opened again, µs.
 const SILENCE: Micros = 1_000_000;
-/// Time between attempts to open it, µs, and the longest time without a byte before the run ends.
+/// Time between attempts to open it, µs, and the longest time without a report before the run ends.
 const ATTEMPT: Micros = 250_000;
 const PATIENCE: Micros = 10_000_000;
+/// Time in which the lease of another program ends.
+const LEASE: Duration = Duration::from_micros(TERM + 100_000);
 /// Longest time that the robot gets to stop at the end of a run, and then to switch its motors off.
 const STOP: Duration = Duration::from_secs(5);
 
@@ -36,7 +40,7 @@ pub struct SerialRobot {
     link: LeadLink,
     began: Instant,
     tick: u64,
-    /// Time of the latest bytes, and of the latest opening, µs.
+    /// Time of the latest report, and of the latest opening, µs.
     heard: Micros,
     opened: Micros,
     reconnected: u32,
@@ -64,18 +68,30 @@ impl SerialRobot {
             frames: 0,
             control: RunControl::default(),
         };
-        match place {
-            Some(place) => robot.link.open(place),
-            None => robot.link.watch(),
+        let mut ready = robot.await_lead(place);
+        if robot.link.is_leased() {
+            // A program that ended without a word leaves its lease behind.
+            thread::sleep(LEASE);
+            ready = robot.await_lead(place);
         }
-        while robot.link.latest().is_none() || !robot.link.is_settled() {
-            robot.step()?;
-        }
+        ready?;
         // The run begins now.
         robot.tick = 0;
         (robot.heard, robot.opened) = (0, 0);
         robot.began = Instant::now();
         Ok(robot)
+    }
+
+    /// Asks the board for reports, and tells it where it stands; waits for both.
+    fn await_lead(&mut self, place: Option<Place>) -> Result<(), Error> {
+        match place {
+            Some(place) => self.link.open(place),
+            None => self.link.watch(),
+        }
+        while self.link.latest().is_none() || !self.link.is_settled() {
+            self.step()?;
+        }
+        Ok(())
     }
 
     /// Build of the front board's image.
@@ -103,7 +119,7 @@ impl SerialRobot {
                 PATIENCE / 1_000_000
             )));
         }
-        std::thread::sleep(until.saturating_duration_since(Instant::now()));
+        thread::sleep(until.saturating_duration_since(Instant::now()));
         if now.saturating_sub(self.opened) < ATTEMPT {
             return Ok(());
         }
@@ -138,11 +154,14 @@ impl SerialRobot {
                 break;
             };
             if count > 0 {
-                self.heard = now;
+                let before = self.link.reports();
                 if self.link.take(&room[..count])?
                     && let Some(latest) = self.link.latest()
                 {
                     self.lead = latest.output;
+                }
+                if self.link.reports() > before {
+                    self.heard = now;
                 }
             }
             if left.is_zero() {

@@ -10,7 +10,9 @@ use core_algos::bus::CanFrame;
 use core_algos::link::Stamp;
 use core_algos::link::framing::{Decoder, SerialFrame};
 use core_algos::link::lease::TERM;
-use core_algos::link::protocol::{self, PROTOCOL, Packed, Place, Reply, Request, Telemetry};
+use core_algos::link::protocol::{
+    self, PROTOCOL, Packed, Place, Refusal, Reply, Request, Telemetry,
+};
 use core_algos::time::Micros;
 use core_algos::topology::Role;
 use std::collections::VecDeque;
@@ -47,6 +49,8 @@ pub struct LeadLink {
     /// Outputs since the latest answer to an order.
     outputs: u32,
     frames: Vec<CanFrame>,
+    /// Reports since the start.
+    reports: u64,
     /// Requests that the board has answered.
     answered: u32,
     lost: u16,
@@ -55,6 +59,7 @@ pub struct LeadLink {
     stamp: Stamp,
     /// Set while this host has the lease: the time of the latest order or renewal that was sent, µs.
     kept: Option<Option<Micros>>,
+    leased: bool,
 }
 
 impl LeadLink {
@@ -118,6 +123,11 @@ impl LeadLink {
         self.outputs = 0;
     }
 
+    /// True if an order was refused because another host has the lease.
+    pub fn is_leased(&self) -> bool {
+        self.leased
+    }
+
     /// Ends the lease.
     pub fn release(&mut self) {
         let stamp = self.stamp();
@@ -172,6 +182,11 @@ impl LeadLink {
     /// Bus frames that came since the last call, in the order of the front board.
     pub fn take_frames(&mut self) -> Vec<CanFrame> {
         std::mem::take(&mut self.frames)
+    }
+
+    /// Reports that came. A board that was restarted answers and reports nothing.
+    pub fn reports(&self) -> u64 {
+        self.reports
     }
 
     /// Bus frames that the board had no room for.
@@ -238,6 +253,7 @@ impl LeadLink {
             } = reply
             {
                 self.lost = lost;
+                self.reports += 1;
                 self.frames.extend(protocol::unpack(bus));
                 let part = (usize::from(offset), telemetry);
                 complete |= Self::join(&mut self.parts, part, &mut self.latest);
@@ -280,7 +296,10 @@ impl LeadLink {
                             ));
                         }
                     }
-                    other => return Err(failure(what, other)),
+                    other => {
+                        self.leased |= matches!(other, Reply::Refused(Refusal::Leased));
+                        return Err(failure(what, other));
+                    }
                 }
                 self.answered = self.answered.saturating_add(1);
             }

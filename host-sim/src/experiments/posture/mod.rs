@@ -2,7 +2,7 @@
 //! paper's experiment has it.
 
 pub mod paper;
-mod pictures;
+pub mod pictures;
 mod report;
 mod variant;
 

@@ -160,7 +160,7 @@ fn estimate(record: &Record) -> [f64; 3] {
 }
 
 /// Paths of the four wheels, at 20 Hz.
-fn wheel_paths(records: &[Record], half_track: f64) -> Vec<Vec<[f64; 2]>> {
+pub fn wheel_paths(records: &[Record], half_track: f64) -> Vec<Vec<[f64; 2]>> {
     let mut paths = Vec::new();
     for axle in 0..2 {
         for side in [half_track, -half_track] {
@@ -180,7 +180,7 @@ fn wheel_paths(records: &[Record], half_track: f64) -> Vec<Vec<[f64; 2]>> {
 }
 
 /// The robot at the start, at some instants and at the end.
-fn snapshots(records: &[Record]) -> Vec<Snapshot> {
+pub fn snapshots(records: &[Record]) -> Vec<Snapshot> {
     let Some(last) = records.len().checked_sub(1) else {
         return Vec::new();
     };

@@ -344,8 +344,8 @@ impl Soak<'_> {
 }
 
 impl<R: Robot> Errand<R> for Soak<'_> {
-    fn task(&self) -> Task {
-        Task::Idle
+    fn task(&self) -> Option<Task> {
+        None
     }
 
     /// Gives the robot a goal, or clears its fault, as often as it takes: what is still wrong is not

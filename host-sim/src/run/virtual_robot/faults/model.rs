@@ -168,8 +168,8 @@ impl Watch {
 }
 
 impl Errand<Simulation> for Watch {
-    fn task(&self) -> Task {
-        Task::Regulate { goal: self.goal }
+    fn task(&self) -> Option<Task> {
+        Some(Task::Regulate { goal: self.goal })
     }
 
     fn must_end(&self, _robot: &Simulation) -> bool {

@@ -1,0 +1,94 @@
+//! `cfmmr drive`: the robot takes the steps of a script or one step of the command line.
+
+use crate::base::error::Error;
+use crate::experiments::arguments::{Common, Place, RobotArgs, SensorArgs, parse_posture};
+use crate::experiments::mission::Mission;
+use crate::experiments::recorder::Stage;
+use crate::experiments::{Context, whole_robot};
+use crate::recording::{About, LogArgs};
+use crate::run::script;
+use crate::scenario::effect::{Taken, Use};
+use clap::Args;
+use std::fs;
+use std::path::PathBuf;
+
+/// Arguments of `drive`.
+#[derive(Clone, Debug, Args)]
+pub struct DriveArgs {
+    /// Step: goto X Y PHI, follow PATH [SIZE [LAPS]], speed V KAPPA SECONDS, stop, clear, wait SECONDS, or pose X Y PHI
+    #[arg(value_name = "STEP", num_args = 1..)]
+    pub step: Vec<String>,
+    /// Script with one step a line; comments begin with #
+    #[arg(long, value_name = "FILE", conflicts_with = "step")]
+    pub script: Option<PathBuf>,
+    /// Start posture of the midpoint O, for example -1.5,0.2,90deg [default: 0,0,0; of a real robot: where it believes
+    /// to be]
+    #[arg(long, value_name = "X,Y,PHI", allow_hyphen_values = true)]
+    pub from: Option<String>,
+    /// Sensors.
+    #[command(flatten)]
+    pub sensors: SensorArgs,
+    /// Arguments every experiment takes.
+    #[command(flatten)]
+    pub common: Common,
+    /// Recording of the run.
+    #[command(flatten)]
+    pub log: LogArgs,
+    /// The robot.
+    #[command(flatten)]
+    pub robot: RobotArgs,
+}
+
+/// Keys that the steps decide.
+const STEPS: Taken = &[
+    ("mission.start", "in a drive: use --from"),
+    ("mission.goal", "in a drive: use goto"),
+];
+
+/// Runs the command.
+pub fn run(args: &DriveArgs) -> Result<(), Error> {
+    let mut context = Context::new(&args.common, "drive")?;
+    args.sensors.apply(&mut context.scenario);
+    let from = args.from.as_deref().map(parse_posture).transpose();
+    let from = from.map_err(Error::Input)?;
+    context.scenario.mission.start = from.unwrap_or_default();
+    context.scenario.check()?;
+    let text = match &args.script {
+        Some(file) => fs::read_to_string(file)
+            .map_err(|error| Error::input(format!("--script {}: {error}", file.display())))?,
+        None => args.step.join(" "),
+    };
+    let lines = script::parse(&text, &context.scenario).map_err(|error| match &args.script {
+        Some(file) => Error::input(format!("--script {}: {error}", file.display())),
+        None => error,
+    })?;
+    let mission = Mission::Script {
+        lines,
+        placed: from.is_some(),
+    };
+    if args.robot.has_boards() {
+        whole_robot::check_real(&args.robot, &args.sensors, &args.common)?;
+        if args.robot.on == Place::Virtual {
+            context.check_keys(STEPS, &[(&context.scenario, Use::Virtual)])?;
+        }
+        return whole_robot::run_on(&context, &mission, (&args.common, &args.log, &args.robot));
+    }
+    args.robot.refuse_without_boards()?;
+    context.check_keys(STEPS, &[(&context.scenario, Use::Regulate)])?;
+    let about = About {
+        command: &context.name,
+        seed: context.seed,
+        trial: 0,
+        scenario: &context.scenario,
+    };
+    let (goal, path) = mission.goal(&context.scenario);
+    let stage = Stage::begin(&args.log, &about, (goal, &path), context.interrupt())?;
+    let mut simulation = stage.simulation()?;
+    let driven = stage.run(&mut simulation, |robot| {
+        mission.drive(robot, about.scenario)
+    })?;
+    let ended = simulation.failure();
+    let failed = ended.clone().or_else(|| driven.outcome.failure());
+    let (text, report, files) = mission.publish(&context, driven.outcome, &ended)?;
+    context.finish(&text, &report, files, &driven.recorded, failed)
+}

@@ -1,0 +1,463 @@
+//! Steps that a user has the robot take: goals, paths, speeds, stops.
+//!
+//! [`parse`] reads a script and refuses all of it if one line is wrong; [`carry_out`] has a robot take its steps.
+
+use crate::base::error::Error;
+use crate::base::spelling;
+use crate::paths::{self, MAX_COORDINATE_M, Path};
+use crate::run::drive::{Errand, Progress, drive};
+use crate::run::path_run::{self, PathMode, Route};
+use crate::run::robot::{Record, Robot};
+use crate::scenario::Scenario;
+use crate::targets::HostCommand;
+use core_algos::bus::LeadMode;
+use core_algos::control::regulator::Phase;
+use core_algos::link::protocol::Place;
+use core_algos::math::Posture;
+use core_algos::node::lead::{DEAD_MAN, Task};
+use core_algos::safety::{Condition, Conditions, OperatingState};
+use core_algos::time::Micros;
+use core_algos::topology::Node;
+use serde::Serialize;
+
+/// Time between speed commands, µs: four of them before the robot stops.
+const SPEED_EVERY: Micros = DEAD_MAN / 4;
+/// Longest time of a stop, a clearing of faults or a new posture, s.
+const SHORT_S: f64 = 10.0;
+/// Longest time of a wait or a speed, s.
+const LONGEST_S: f64 = 36_000.0;
+/// Commanded speed below which the robot counts as at rest, m/s.
+const REST_M_S: f32 = 1e-3;
+
+/// Names of the steps with their arguments.
+const STEPS: [(&str, &str); 7] = [
+    ("goto", "X Y PHI"),
+    ("follow", "PATH [SIZE [LAPS]]"),
+    ("speed", "V KAPPA SECONDS"),
+    ("stop", ""),
+    ("clear", ""),
+    ("wait", "SECONDS"),
+    ("pose", "X Y PHI"),
+];
+
+/// Step of a script.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Step {
+    /// Drive to a posture: m, m, rad.
+    Goto([f64; 3]),
+    /// Follow a path over a number of laps. True if it begins where the robot stands; waypoints of a file are global.
+    Follow(Box<Path>, u32, bool),
+    /// Drive with a speed (m/s) and a curvature (1/m) for a time (s).
+    Speed(f64, f64, f64),
+    /// Brake and hold.
+    Stop,
+    /// Motors off; forget the faults whose causes are gone.
+    Clear,
+    /// Do nothing for a time, s.
+    Wait(f64),
+    /// Motors off; tell the robot its posture: m, m, rad.
+    Pose([f64; 3]),
+}
+
+/// Line of a script.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Line {
+    /// Number, from 1.
+    pub number: usize,
+    /// Text.
+    pub text: String,
+    /// Step.
+    pub step: Step,
+}
+
+/// End of a step.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct StepEnd {
+    /// Number of the line.
+    pub line: usize,
+    /// The step.
+    pub step: String,
+    /// True if the step was carried out.
+    pub done: bool,
+    /// Code of the condition that ended the step, or under which it is done.
+    pub code: Option<String>,
+    /// Estimated posture at the end, m.
+    pub x: f64,
+    /// Estimated posture at the end, m.
+    pub y: f64,
+    /// Estimated heading at the end, rad.
+    pub phi: f64,
+    /// True posture at the end, where it is known.
+    pub truth: Option<[f64; 3]>,
+    /// Duration, s.
+    pub duration_s: f64,
+}
+
+/// Steps of a script: one a line, comments from # on. An error names the line.
+pub fn parse(text: &str, scenario: &Scenario) -> Result<Vec<Line>, Error> {
+    let mut lines = Vec::new();
+    for (index, line) in text.lines().enumerate() {
+        let text = line.split('#').next().unwrap_or_default().trim();
+        if text.is_empty() {
+            continue;
+        }
+        let number = index + 1;
+        let named = |error: Error| Error::input(format!("line {number}: {text}: {error}"));
+        lines.push(Line {
+            number,
+            text: text.to_owned(),
+            step: step(text, scenario).map_err(named)?,
+        });
+    }
+    match lines.is_empty() {
+        true => Err(Error::input("the script has no step")),
+        false => Ok(lines),
+    }
+}
+
+fn step(text: &str, scenario: &Scenario) -> Result<Step, Error> {
+    let mut words = text.split_whitespace();
+    let name = words.next().unwrap_or_default();
+    let words: Vec<&str> = words.collect();
+    let Some((_, usage)) = STEPS.iter().find(|(known, _)| *known == name) else {
+        let hint = spelling::hint(name, STEPS.map(|(name, _)| name));
+        let known = STEPS.map(|(name, _)| name).join(", ");
+        return Err(Error::input(format!("must begin with {known}{hint}")));
+    };
+    let count = || Error::input(format!("must be: {name} {usage}"));
+    let number = |place: usize, what: &str, least: f64, most: f64| {
+        let text = words.get(place).ok_or_else(count)?;
+        match text.parse::<f64>() {
+            Ok(value) if value >= least && value <= most => Ok(value),
+            _ => Err(Error::input(format!(
+                "{what} = {text}: must be a number from {least} to {most}"
+            ))),
+        }
+    };
+    let posture = || {
+        const TURN: f64 = std::f64::consts::TAU;
+        const FAR: f64 = MAX_COORDINATE_M;
+        Ok::<_, Error>([
+            number(0, "X (m)", -FAR, FAR)?,
+            number(1, "Y (m)", -FAR, FAR)?,
+            number(2, "PHI (rad)", -TURN, TURN)?,
+        ])
+    };
+    let exactly = |expected: usize| match words.len() == expected {
+        true => Ok(()),
+        false => Err(count()),
+    };
+    match name {
+        "goto" => exactly(3).and_then(|()| posture()).map(Step::Goto),
+        "pose" => exactly(3).and_then(|()| posture()).map(Step::Pose),
+        "wait" => exactly(1)
+            .and_then(|()| number(0, "SECONDS", 0.0, LONGEST_S))
+            .map(Step::Wait),
+        "speed" => {
+            exactly(3)?;
+            let most = f64::from(scenario.robot.limits.max_speed_m_s);
+            let bound = path_run::bounds(scenario).max_curvature();
+            let round = |value: f64| (value * 1e4).floor() / 1e4;
+            let (most, bound) = (round(most), round(bound));
+            Ok(Step::Speed(
+                number(0, "V (m/s)", -most, most)?,
+                number(1, "KAPPA (1/m)", -bound, bound)?,
+                number(2, "SECONDS", 0.0, LONGEST_S)?,
+            ))
+        }
+        "follow" => {
+            if words.is_empty() || words.len() > 3 {
+                return Err(count());
+            }
+            let size = (words.len() > 1).then(|| number(1, "SIZE (m)", 0.0, f64::MAX));
+            let laps = (words.len() > 2).then(|| number(2, "LAPS", 1.0, 10_000.0));
+            let laps = laps.transpose()?.unwrap_or(1.0);
+            let path = paths::named(words[0], ("SIZE", size.transpose()?))?;
+            if laps.fract() != 0.0 || (laps > 1.0 && !path.is_closed()) {
+                return Err(Error::input(format!(
+                    "LAPS = {laps}: must be a whole number, and 1 for an open path"
+                )));
+            }
+            let laps = laps as u32;
+            Route::new(&path, laps, scenario).map_err(|error| Error::input(error.to_string()))?;
+            let here = paths::NAMES.contains(&words[0]);
+            Ok(Step::Follow(Box::new(path), laps, here))
+        }
+        "stop" => exactly(0).map(|()| Step::Stop),
+        _ => exactly(0).map(|()| Step::Clear),
+    }
+}
+
+/// Has a robot take the steps in turn, up to the first that fails; `observe` sees each epoch.
+pub fn carry_out(
+    robot: &mut impl Robot,
+    scenario: &Scenario,
+    lines: &[Line],
+    mut observe: impl FnMut(&Record),
+) -> Result<Vec<StepEnd>, Error> {
+    let mut ends = Vec::new();
+    for line in lines {
+        let began = robot.now();
+        robot.monitor_mut().take_recent();
+        let done = take(robot, scenario, &line.step, &mut observe)?;
+        let record = robot.record();
+        let at = record.lead.fused.robot.posture;
+        let [x, y, phi] = [at.x, at.y, at.phi].map(f64::from);
+        let notices = robot.monitor_mut().take_recent();
+        let code =
+            condition(robot, &record, (done, notices)).map(|it| format!("{:#04x}", it.code()));
+        ends.push(StepEnd {
+            line: line.number,
+            step: line.text.clone(),
+            done,
+            code,
+            x,
+            y,
+            phi,
+            truth: (!record.midpoint[0].is_nan()).then_some(record.midpoint),
+            duration_s: (robot.now() - began) as f64 * 1e-6,
+        });
+        if !done || robot.must_end() {
+            break;
+        }
+    }
+    Ok(ends)
+}
+
+/// Condition that ended a step, or the notice under which it is done.
+fn condition(
+    robot: &impl Robot,
+    record: &Record,
+    (done, notices): (bool, Conditions),
+) -> Option<Condition> {
+    let notice = |condition| notices.contains(condition).then_some(condition);
+    match done {
+        true => notice(Condition::ReachedUncertain),
+        false => record
+            .lead
+            .supervision
+            .reason
+            .or_else(|| robot.monitor().first_fault()?.reason)
+            .or_else(|| notice(Condition::GaveUp)),
+    }
+}
+
+/// Takes a step; true if it was carried out.
+fn take(
+    robot: &mut impl Robot,
+    scenario: &Scenario,
+    step: &Step,
+    observe: &mut impl FnMut(&Record),
+) -> Result<bool, Error> {
+    if let Step::Follow(path, laps, here) = step {
+        let at = robot.record().lead.fused.robot.posture;
+        let path = match here {
+            true => path.placed([at.x, at.y, at.phi].map(f64::from)),
+            false => Path::clone(path),
+        };
+        let route = Route::new(&path, *laps, scenario).map_err(|e| Error::input(e.to_string()))?;
+        let see = |moment: &path_run::Moment| observe(&moment.record);
+        return Ok(path_run::drive_on(robot, scenario, &route, PathMode::Follow, see)?.done);
+    }
+    let limit_s = match step {
+        Step::Goto(_) => scenario.mission.time_limit_s,
+        Step::Speed(_, _, seconds) | Step::Wait(seconds) => SHORT_S + seconds,
+        _ => SHORT_S,
+    };
+    let mut taking = Taking {
+        step,
+        observe,
+        given: None,
+        placed: false,
+        finished: false,
+    };
+    let end = drive(robot, scenario, limit_s, &mut taking)?;
+    Ok(taking.finished || end.done)
+}
+
+/// Step under way.
+struct Taking<'a, F> {
+    step: &'a Step,
+    observe: &'a mut F,
+    /// Time of the latest command, µs.
+    given: Option<Micros>,
+    /// The posture was given.
+    placed: bool,
+    /// The step was carried out and the robot need not rest.
+    finished: bool,
+}
+
+impl<F> Taking<'_, F> {
+    /// The end of the step, if it has come.
+    fn finish(&mut self, finished: bool) -> Progress {
+        self.finished = finished;
+        match finished {
+            true => Progress::Over,
+            false => Progress::Driving,
+        }
+    }
+}
+
+impl<R: Robot, F: FnMut(&Record)> Errand<R> for Taking<'_, F> {
+    fn task(&self) -> Option<Task> {
+        match *self.step {
+            Step::Goto(goal) => Some(Task::Regulate {
+                goal: Posture::from(goal.map(|value| value as f32)),
+            }),
+            Step::Speed(speed, curvature, _) => Some(Task::Drive {
+                speed_m_s: speed as f32,
+                curvature: curvature as f32,
+            }),
+            Step::Stop => Some(Task::Stop),
+            Step::Clear => Some(Task::Clear),
+            Step::Pose(_) => Some(Task::Idle),
+            Step::Wait(_) | Step::Follow(..) => None,
+        }
+    }
+
+    fn feed(&mut self, robot: &mut R) -> Result<(), Error> {
+        let now = robot.now();
+        let off = robot.record().lead.supervision.state == OperatingState::Idle;
+        match (self.step, self.given, Errand::<R>::task(self)) {
+            (Step::Speed(..), Some(given), Some(task)) if now - given >= SPEED_EVERY => {
+                self.given = Some(now);
+                robot.command(&HostCommand::Task(task))
+            }
+            (Step::Pose(pose), Some(_), _) if off && !self.placed => {
+                self.placed = true;
+                robot.command(&HostCommand::Place(place(robot, *pose)))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn must_end(&self, robot: &R) -> bool {
+        // A fault is there to be cleared.
+        match self.step {
+            Step::Clear => robot.is_interrupted(),
+            _ => robot.must_end(),
+        }
+    }
+
+    fn epoch(&mut self, robot: &R, record: &Record, since: Option<Micros>) -> Progress {
+        (self.observe)(record);
+        let Some(since) = since else {
+            return Progress::Driving;
+        };
+        self.given.get_or_insert(robot.now());
+        let lead = &record.lead;
+        let passed = |seconds: f64| since as f64 * 1e-6 >= seconds;
+        match *self.step {
+            Step::Goto(_) => match lead.phase {
+                Phase::GaveUp => Progress::Over,
+                Phase::Done if lead.done && lead.mode == LeadMode::Hold => Progress::Done,
+                _ => Progress::Driving,
+            },
+            Step::Speed(_, _, seconds) | Step::Wait(seconds) => self.finish(passed(seconds)),
+            Step::Stop => self.finish(
+                passed(0.05)
+                    && lead.motion.v.abs() < REST_M_S
+                    && matches!(lead.mode, LeadMode::Active | LeadMode::Idle),
+            ),
+            Step::Clear => self.finish(passed(0.05) && is_clear(robot)),
+            Step::Pose([x, y, _]) => {
+                let at = lead.fused.robot.posture;
+                let off = (f64::from(at.x) - x).hypot(f64::from(at.y) - y);
+                self.finish(self.placed && robot.is_settled() && off < 1e-3)
+            }
+            Step::Follow(..) => Progress::Over,
+        }
+    }
+}
+
+/// True if the lead node is idle without a reason to be so.
+fn is_clear(robot: &impl Robot) -> bool {
+    let lead = robot.monitor().latest(Node::Lead);
+    lead.is_some_and(|lead| lead.state == OperatingState::Idle && lead.reason.is_none())
+}
+
+/// A robot put down at a posture, its frame bent as the lead node estimates it, or straight if it has no estimate.
+fn place(robot: &impl Robot, pose: [f64; 3]) -> Place {
+    let fused = robot.record().lead.fused;
+    let at = Posture::from(pose.map(|value| value as f32));
+    let (center, mut relative) = Scenario::default().robot.put_down(at);
+    let known = fused.robot.covariance[0][0] > 0.0;
+    if known {
+        relative.posture = fused.front.posture.relative_to(fused.rear.posture);
+    }
+    Place { center, relative }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::run::simulation::Simulation;
+
+    fn error(text: &str) -> String {
+        let error = parse(text, &Scenario::default()).unwrap_err();
+        assert_eq!(error.exit_code(), 2, "{text}");
+        error.to_string()
+    }
+
+    #[test]
+    fn wrong_line_is_named_with_its_fault() {
+        for (text, expected) in [
+            ("", "no step"),
+            (
+                "stop\ngotto 1 2 3",
+                "line 2: gotto 1 2 3: must begin with goto",
+            ),
+            ("gotto 1 2 3", "did you mean goto?"),
+            ("goto 1 2", "line 1: goto 1 2: must be: goto X Y PHI"),
+            ("goto 1 x 2", "Y (m) = x: must be a number from -1000"),
+            ("goto 1 2 inf", "PHI (rad) = inf"),
+            ("speed 9 0 1", "V (m/s) = 9: must be a number from -"),
+            (
+                "speed 0.1 50 1",
+                "KAPPA (1/m) = 50: must be a number from -",
+            ),
+            ("wait -1", "SECONDS = -1: must be a number from 0"),
+            ("stop now", "must be: stop"),
+            ("follow circle 0.05", "curvature"),
+            ("follow line 2 3", "LAPS = 3"),
+            ("follow nowhere.csv", "nowhere.csv"),
+        ] {
+            let error = error(text);
+            assert!(error.contains(expected), "{text}: {error}");
+        }
+    }
+
+    /// Each step leaves the simulated robot where the step says, by the truth of the plant.
+    #[test]
+    fn steps_leave_the_robot_where_they_say() {
+        let mut scenario = Scenario::default();
+        scenario.mission.start = [0.0; 3];
+        let text = "goto 1 0.2 0.3 # first\n\nspeed 0.1 0.5 4\nstop\nclear\npose 5 5 0\n\
+                    follow line 0.5\nwait 0.5\ngoto 6 5 0";
+        let lines = parse(text, &scenario).unwrap();
+        let mut robot = Simulation::new(&scenario, 1, 0).unwrap();
+        let ends = carry_out(&mut robot, &scenario, &lines, |_| ()).unwrap();
+        let numbers: Vec<usize> = ends.iter().map(|end| end.line).collect();
+        assert_eq!(numbers, [1, 3, 4, 5, 6, 7, 8, 9]);
+        assert!(ends.iter().all(|end| end.done), "{ends:?}");
+        let truth = |n: usize| ends[n].truth.unwrap();
+        let near = |at: [f64; 3], x: f64, y: f64| {
+            let off = (at[0] - x).hypot(at[1] - y);
+            assert!(off < 0.05, "{at:?}, expected {x}, {y}");
+        };
+        near(truth(0), 1.0, 0.2);
+        // Speed times time, less the ramps, on an arc to the left.
+        let way = (truth(2)[0] - 1.0).hypot(truth(2)[1] - 0.2);
+        assert!((0.3..0.45).contains(&way), "{way}");
+        assert!(
+            (0.1..0.3).contains(&(truth(2)[2] - truth(0)[2])),
+            "{ends:?}"
+        );
+        // The posture that was told shifts all that follows; the robot stands where it stood.
+        near(truth(4), truth(3)[0], truth(3)[1]);
+        assert!((ends[4].x - 5.0).hypot(ends[4].y - 5.0) < 1e-3, "{ends:?}");
+        let moved = (truth(5)[0] - truth(4)[0]).hypot(truth(5)[1] - truth(4)[1]);
+        assert!((moved - 0.5).abs() < 0.03, "{moved}");
+        assert!((ends[7].x - 6.0).hypot(ends[7].y - 5.0) < 0.01, "{ends:?}");
+    }
+}

@@ -1,0 +1,171 @@
+//! `cfmmr drive`: scripts and single steps.
+
+use core_algos::node::lead::Task;
+use host_sim::run::robot::Robot;
+use host_sim::run::virtual_robot::{Options, VirtualRobot};
+use host_sim::scenario::Scenario;
+use host_sim::targets::HostCommand;
+use host_sim::targets::board_log::BoardLog;
+use host_sim::targets::images::Images;
+use serde_json::Value;
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Output};
+
+const SCRIPT: &str = "goto 0.6 0.1 0.2\nspeed 0.1 0.4 2\nstop\nclear\ngoto 0 0 0\n";
+
+fn drive(folder: &Path, arguments: &[&str]) -> Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_cfmmr"));
+    command.arg("drive").args(arguments).current_dir(folder);
+    command.output().unwrap()
+}
+
+fn steps(output: &Output) -> Vec<Value> {
+    let result: Value = serde_json::from_slice(&output.stdout).unwrap();
+    result["steps"].as_array().unwrap().clone()
+}
+
+#[test]
+fn script_is_driven_in_process_and_on_virtual_boards_alike() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("script"), SCRIPT).unwrap();
+    let [simulated, boards] = ["in-process", "virtual"].map(|on| {
+        let output = drive(
+            folder.path(),
+            &["--script", "script", "--on", on, "--json", "-"],
+        );
+        assert_eq!(output.status.code(), Some(0), "{on}: {output:?}");
+        steps(&output)
+    });
+    assert_eq!((simulated.len(), boards.len()), (5, 5));
+    for (simulated, board) in simulated.iter().zip(&boards) {
+        for key in ["line", "done", "code"] {
+            assert_eq!(simulated[key], board[key], "{simulated} {board}");
+        }
+        assert_eq!(simulated["done"], true);
+        let truth = |step: &Value, k: usize| step["truth"][k].as_f64().unwrap();
+        let off = |k: usize| truth(simulated, k) - truth(board, k);
+        assert!(off(0).hypot(off(1)) < 0.004, "{simulated} {board}");
+    }
+}
+
+#[test]
+fn failed_step_ends_the_script_with_exit_1_and_its_code() {
+    let folder = tempfile::tempdir().unwrap();
+    // A robot that may not bend its frame stops by itself.
+    let limit = "robot.lead.limits.bend_rad=0.06";
+    let script = "speed 0.1 0 1\nspeed 0.1 1.5 5\nstop\n";
+    fs::write(folder.path().join("script"), script).unwrap();
+    let output = drive(
+        folder.path(),
+        &["--script", "script", "--set", limit, "--json", "-"],
+    );
+    assert_eq!(output.status.code(), Some(1), "{output:?}");
+    let steps = steps(&output);
+    assert_eq!(steps.len(), 2);
+    assert_eq!(
+        (&steps[0]["done"], &steps[1]["done"]),
+        (&Value::Bool(true), &Value::Bool(false))
+    );
+    assert_eq!(steps[1]["code"], "0x86");
+}
+
+#[test]
+fn one_step_of_the_command_line_is_taken_and_a_wrong_one_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = drive(
+        folder.path(),
+        &["goto", "-0.4", "0", "0.1", "--from", "0,0,0", "--json", "-"],
+    );
+    assert_eq!(output.status.code(), Some(0), "{output:?}");
+    let x = steps(&output)[0]["x"].as_f64().unwrap();
+    assert!((x + 0.4).abs() < 0.01, "{x}");
+
+    fs::write(folder.path().join("wrong"), "goto 1 0 0\nfolow circle\n").unwrap();
+    for (arguments, named) in [
+        (&["goto", "1", "2"][..], "goto X Y PHI"),
+        (&["--script", "wrong"], "line 2: folow circle"),
+        (&["--script", "none"], "--script none"),
+        (&["follow", "circle", "0.2"], "curvature"),
+        (&[], "no step"),
+    ] {
+        let output = drive(folder.path(), arguments);
+        let text = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(2), "{text}");
+        assert!(text.contains(named), "{text}");
+    }
+}
+
+/// Rounds of the test of reaction times; `ROUNDS=200` measures more.
+const ROUNDS: u64 = 6;
+
+/// The board's reaction to a speed: torque within 25 ms of the command, and a lower reference within 220 ms of the last one.
+/// The instants lie at different phases of the boards' epochs.
+#[test]
+fn speed_command_acts_within_25_ms_and_its_absence_within_220_ms() {
+    let images = Images::open(None, None, None).unwrap();
+    let logs = [(); 3].map(|()| BoardLog::quiet());
+    let scenario = Scenario::default();
+    let mut robot =
+        VirtualRobot::new(&scenario, &images, 1, 0, &Options::default(), &logs).unwrap();
+    let rounds = std::env::var("ROUNDS").map_or(ROUNDS, |text| text.parse().unwrap());
+    let torque = |robot: &VirtualRobot| {
+        let axles = robot.plant().unwrap().state().axle;
+        axles
+            .iter()
+            .map(|axle| axle.torque.iter().sum::<f64>())
+            .sum::<f64>()
+            .abs()
+    };
+    let speed = |speed_m_s: f32| {
+        HostCommand::Task(Task::Drive {
+            speed_m_s,
+            curvature: 0.0,
+        })
+    };
+    let run = |robot: &mut VirtualRobot, ticks: u64| {
+        for _ in 0..ticks {
+            robot.step().unwrap();
+        }
+    };
+    let (mut most_to_torque, mut most_to_brake) = (0, 0);
+    for round in 0..rounds {
+        robot.command(&HostCommand::Task(Task::Stop)).unwrap();
+        run(&mut robot, 1500 + 7 * round);
+        let noise = (0..100).map(|_| {
+            robot.step().unwrap();
+            torque(&robot)
+        });
+        let noise = noise.fold(0.0, f64::max);
+        let direction = if round % 2 == 0 { 0.2 } else { -0.2 };
+        robot.command(&speed(direction)).unwrap();
+        let to_torque = (1..100).find(|_| {
+            robot.step().unwrap();
+            torque(&robot) > 1.5 * noise + 0.002
+        });
+        most_to_torque = most_to_torque.max(to_torque.unwrap());
+        for _ in 0..20 {
+            robot.command(&speed(direction)).unwrap();
+            run(&mut robot, 50);
+        }
+        robot.command(&speed(direction)).unwrap();
+        let before = robot.record().lead.motion.v.abs();
+        assert!(before > 0.15, "{before}");
+        let to_brake = (1..400).find(|_| {
+            robot.step().unwrap();
+            robot.record().lead.motion.v.abs() < before - 1e-4
+        });
+        most_to_brake = most_to_brake.max(to_brake.unwrap());
+    }
+    println!("{rounds} rounds: torque after {most_to_torque} ms, brake after {most_to_brake} ms");
+    assert!(
+        most_to_torque <= 25 && most_to_brake <= 220,
+        "{most_to_torque} {most_to_brake}"
+    );
+    for board in robot.reports() {
+        assert!(
+            board.longest_tick_us <= 750 && board.findings.is_empty(),
+            "{board:?}"
+        );
+    }
+}
