@@ -305,7 +305,8 @@ fn virtual_boards_are_shown_with_what_they_say_on_the_bus() {
 #[test]
 #[ignore = "a part of a_panic_leaves_the_terminal_as_it_was, which runs it on a terminal"]
 fn panics_with_the_dashboard_open() {
-    let _dashboard = Dashboard::open("test", [0.0; 3], Default::default()).unwrap();
+    let _dashboard =
+        Dashboard::open("test", [0.0; 3], Default::default(), Default::default()).unwrap();
     thread::sleep(Duration::from_millis(200));
     panic!("told after the dashboard");
 }

@@ -4,6 +4,7 @@ mod terminal;
 
 use core_algos::safety::Condition;
 use core_algos::topology::{Node, Role};
+use host_sim::run::keyboard::Keyboard;
 use host_sim::run::real_time::RealTimeLimiter;
 use host_sim::run::robot::Robot;
 use host_sim::run::virtual_robot::{Options, VirtualRobot};
@@ -78,7 +79,7 @@ impl Bench {
         let cycle = Arc::new(AtomicBool::new(false));
         let (end, off) = (done.clone(), cycle.clone());
         let robot = thread::spawn(move || {
-            robot.control_mut().pace = Some(RealTimeLimiter::new());
+            robot.control_mut().pace = Some(RealTimeLimiter::new(Keyboard::default()));
             let (mut room, mut moved) = ([0; 512], None);
             while !end.load(Relaxed) {
                 if off.swap(false, Relaxed) {

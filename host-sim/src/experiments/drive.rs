@@ -6,8 +6,10 @@ use crate::experiments::mission::Mission;
 use crate::experiments::recorder::Stage;
 use crate::experiments::{Context, whole_robot};
 use crate::recording::{About, LogArgs};
-use crate::run::script;
+use crate::run::keyboard::Keyboard;
+use crate::run::script::{self, Line};
 use crate::scenario::effect::{Taken, Use};
+use crate::view::dashboard::terminal::Terminal;
 use clap::Args;
 use std::fs;
 use std::path::PathBuf;
@@ -15,7 +17,7 @@ use std::path::PathBuf;
 /// Arguments of `drive`.
 #[derive(Clone, Debug, Args)]
 pub struct DriveArgs {
-    /// Step: goto X Y PHI, follow PATH [SIZE [LAPS]], speed V KAPPA SECONDS, stop, clear, wait SECONDS, or pose X Y PHI
+    /// Step; without steps and script the keyboard drives: goto X Y PHI, follow PATH [SIZE [LAPS]], speed V KAPPA SECONDS, stop, clear, wait SECONDS, or pose X Y PHI
     #[arg(value_name = "STEP", num_args = 1..)]
     pub step: Vec<String>,
     /// Script with one step a line; comments begin with #
@@ -53,15 +55,16 @@ pub fn run(args: &DriveArgs) -> Result<(), Error> {
     let from = from.map_err(Error::Input)?;
     context.scenario.mission.start = from.unwrap_or_default();
     context.scenario.check()?;
-    let text = match &args.script {
-        Some(file) => fs::read_to_string(file)
-            .map_err(|error| Error::input(format!("--script {}: {error}", file.display())))?,
-        None => args.step.join(" "),
+    let lines = match args.script.is_none() && args.step.is_empty() {
+        true => {
+            let keyboard = Keyboard::of_driver(script::limits(&context.scenario));
+            Terminal::check().map_err(|_| {
+                Error::input("STEP or --script FILE: needed where there is no terminal to drive at")
+            })?;
+            script::by_hand(keyboard)
+        }
+        false => lines_of(args, &context)?,
     };
-    let lines = script::parse(&text, &context.scenario).map_err(|error| match &args.script {
-        Some(file) => Error::input(format!("--script {}: {error}", file.display())),
-        None => error,
-    })?;
     let mission = Mission::Script {
         lines,
         placed: from.is_some(),
@@ -82,7 +85,8 @@ pub fn run(args: &DriveArgs) -> Result<(), Error> {
         scenario: &context.scenario,
     };
     let (goal, path) = mission.goal(&context.scenario);
-    let stage = Stage::begin(&args.log, &about, (goal, &path), context.interrupt())?;
+    let mut stage = Stage::begin(&args.log, &about, (goal, &path), context.interrupt())?;
+    mission.prepare(&mut stage);
     let mut simulation = stage.simulation()?;
     let driven = stage.run(&mut simulation, |robot| {
         mission.drive(robot, about.scenario)
@@ -91,4 +95,17 @@ pub fn run(args: &DriveArgs) -> Result<(), Error> {
     let failed = ended.clone().or_else(|| driven.outcome.failure());
     let (text, report, files) = mission.publish(&context, driven.outcome, &ended)?;
     context.finish(&text, &report, files, &driven.recorded, failed)
+}
+
+/// Steps of the script or the command line.
+fn lines_of(args: &DriveArgs, context: &Context) -> Result<Vec<Line>, Error> {
+    let text = match &args.script {
+        Some(file) => fs::read_to_string(file)
+            .map_err(|error| Error::input(format!("--script {}: {error}", file.display())))?,
+        None => args.step.join(" "),
+    };
+    script::parse(&text, &context.scenario).map_err(|error| match &args.script {
+        Some(file) => Error::input(format!("--script {}: {error}", file.display())),
+        None => error,
+    })
 }

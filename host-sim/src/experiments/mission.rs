@@ -7,10 +7,11 @@ use crate::experiments::arguments::PlanArgs;
 use crate::experiments::driven::{self, Driven};
 use crate::experiments::follow::{self, Course, Kept};
 use crate::experiments::posture::{self, Trial, Variant};
+use crate::experiments::recorder::Stage;
 use crate::run::path_run::{self, Moment, PathMode};
 use crate::run::regulate::regulate_on;
 use crate::run::robot::{Record, Robot, Span};
-use crate::run::script::Line;
+use crate::run::script::{Line, Step};
 use crate::scenario::Scenario;
 use crate::targets::{Failure, FailureMode};
 use core_algos::time::Micros;
@@ -85,6 +86,16 @@ impl Mission {
         match self {
             Self::Posture(variant) => variant.apply(&context.scenario),
             Self::Path(..) | Self::Script { .. } => context.scenario.clone(),
+        }
+    }
+
+    /// Prepares the display of the run.
+    pub fn prepare(&self, stage: &mut Stage) {
+        if let Self::Script { lines, .. } = self
+            && let Some(Step::Hand(keyboard)) = lines.first().map(|line| &line.step)
+        {
+            stage.keyboard = keyboard.clone();
+            stage.real_time = true;
         }
     }
 

@@ -91,6 +91,7 @@ pub fn run(
     let (goal, path) = mission.goal(&scenario);
     let mut stage = Stage::begin(log, &about, (goal, &path), context.interrupt())?;
     stage.span = plan.span;
+    mission.prepare(&mut stage);
     // Time is the computer's.
     stage.real_time = false;
     let mut robot = SerialRobot::open(connect, mission.is_placed().then_some(place))?;

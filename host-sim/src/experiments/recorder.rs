@@ -2,6 +2,7 @@
 
 use crate::base::error::Error;
 use crate::recording::{About, LogArgs, Session};
+use crate::run::keyboard::Keyboard;
 use crate::run::real_time::RealTimeLimiter;
 use crate::run::robot::{Observer, Robot, Span};
 use crate::run::simulation::Simulation;
@@ -18,15 +19,17 @@ fn dashboard(
     args: &LogArgs,
     about: &About,
     goal: [f64; 3],
+    keyboard: &Keyboard,
     interrupt: &Arc<AtomicBool>,
 ) -> Result<Option<Box<dyn Observer>>, Error> {
-    if !args.dashboard {
+    if !args.dashboard && !keyboard.drives() {
         return Ok(None);
     }
     let title = format!("cfmmr {}, seed {}", about.command, about.seed);
     Ok(Some(Box::new(Dashboard::open(
         title,
         goal,
+        keyboard.clone(),
         interrupt.clone(),
     )?)))
 }
@@ -50,6 +53,8 @@ pub struct Stage<'a> {
     pub span: Span,
     /// True if no tick may begin before its time on the clock.
     pub real_time: bool,
+    /// Keys of the dashboard.
+    pub keyboard: Keyboard,
 }
 
 /// A run that has ended.
@@ -86,6 +91,7 @@ impl<'a> Stage<'a> {
             interrupt,
             span: Span::default(),
             real_time: args.is_watched(),
+            keyboard: Keyboard::default(),
         })
     }
 
@@ -117,22 +123,33 @@ impl<'a> Stage<'a> {
         if let Some(session) = &self.session {
             robot.observe(Box::new(session.clone()));
         }
-        if let Some(shown) = dashboard(self.args, self.about, self.goal, self.interrupt)? {
+        if let Some(shown) = dashboard(
+            self.args,
+            self.about,
+            self.goal,
+            &self.keyboard,
+            self.interrupt,
+        )? {
             robot.observe(shown);
         }
         let control = robot.control_mut();
         control.span = self.span;
         control.interrupt = Some(self.interrupt.clone());
-        control.pace = self.real_time.then(RealTimeLimiter::new);
+        control.pace = self
+            .real_time
+            .then(|| RealTimeLimiter::new(self.keyboard.clone()));
         let start = Instant::now();
         let outcome = drive(robot)?;
         let wall_s = start.elapsed().as_secs_f64();
-        // Displays close.
-        robot.control_mut().observers.clear();
         let why = robot.failure();
         let ended = why
             .as_deref()
             .or(self.interrupt.load(Relaxed).then_some("interrupted"));
+        // Displays close.
+        let observers = std::mem::take(&mut robot.control_mut().observers);
+        for mut observer in observers {
+            observer.ended(ended.unwrap_or("The run is over"));
+        }
         let recorded = match &self.session {
             Some(session) => session.close(ended)?,
             None => Vec::new(),

@@ -279,6 +279,7 @@ impl Drive<'_> {
         let mut stage = Stage::begin(log, &about, (goal, &path), interrupt)?;
         stage.span = plan.span;
         stage.real_time |= self.args.plan.real_time;
+        mission.prepare(&mut stage);
         let mut robot = VirtualRobot::new(scenario, images, context.seed, 0, options, logs)?;
         robot.plan(plan.failures.clone(), plan.restart_after);
         let driven = stage.run(&mut robot, |robot| mission.drive(robot, scenario))?;

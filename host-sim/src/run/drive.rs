@@ -63,7 +63,7 @@ pub fn drive<R: Robot>(
     let settle = micros(scenario.mission.settle_s) / EPOCH * EPOCH;
     // A robot that has driven already has settled.
     let settle = settle.max(robot.now().next_multiple_of(EPOCH));
-    let limit = settle + micros(limit_s);
+    let limit = settle.saturating_add(micros(limit_s));
     let rest = micros(scenario.mission.rest_s);
     let (mut began, mut done_at) = (None, None);
     while robot.now() < limit {

@@ -6,6 +6,7 @@
 pub mod bit_compare;
 pub mod drive;
 pub mod final_error;
+pub mod keyboard;
 pub mod path_run;
 pub mod real_time;
 pub mod recovery;

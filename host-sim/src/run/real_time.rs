@@ -1,43 +1,55 @@
 //! Ticks in step with the clock.
 
+use super::keyboard::Keyboard;
 use core_algos::time::TICK;
 use std::thread;
 use std::time::{Duration, Instant};
 
+/// Time between looks at the keys of a paused run.
+const PAUSE: Duration = Duration::from_millis(10);
+
 /// Lets no tick begin before its time.
 #[derive(Clone, Debug)]
 pub struct RealTimeLimiter {
-    start: Instant,
-    ticks: u32,
+    due: Instant,
     late: u32,
     worst: Duration,
+    keyboard: Keyboard,
 }
 
 impl RealTimeLimiter {
-    /// Time begins now.
-    pub fn new() -> Self {
+    /// Time begins now. The keys pause the run and change its speed.
+    pub fn new(keyboard: Keyboard) -> Self {
         Self {
-            start: Instant::now(),
-            ticks: 0,
+            due: Instant::now(),
             late: 0,
             worst: Duration::ZERO,
+            keyboard,
         }
     }
 
     /// Waits for the time of the next tick.
     pub fn wait(&mut self) {
-        let tick = Duration::from_micros(TICK);
-        let due = tick * self.ticks;
-        self.ticks += 1;
-        let passed = self.start.elapsed();
-        match due.checked_sub(passed) {
+        while self.keyboard.holds() {
+            thread::sleep(PAUSE);
+            self.due = Instant::now();
+        }
+        let tick = Duration::from_micros(TICK).div_f64(self.keyboard.pace().1);
+        let now = Instant::now();
+        match self.due.checked_duration_since(now) {
             Some(left) => thread::sleep(left),
             None => {
-                let late = passed - due;
+                let late = now - self.due;
                 self.late += u32::from(late > tick);
                 self.worst = self.worst.max(late);
             }
         }
+        self.due += tick;
+    }
+
+    /// Keys that pause the run and change its speed.
+    pub fn keyboard(&self) -> &Keyboard {
+        &self.keyboard
     }
 
     /// Ticks that began more than a tick late.
@@ -48,11 +60,5 @@ impl RealTimeLimiter {
     /// The most a tick was late.
     pub fn worst(&self) -> Duration {
         self.worst
-    }
-}
-
-impl Default for RealTimeLimiter {
-    fn default() -> Self {
-        Self::new()
     }
 }

@@ -93,6 +93,9 @@ pub trait Observer: Send {
     /// The state at the end of an epoch; an error ends the run.
     fn epoch(&mut self, robot: &dyn Robot, record: &Record) -> Result<(), Error>;
 
+    /// The run is over; the text says how it ended.
+    fn ended(&mut self, _text: &str) {}
+
     /// Image that a virtual board runs.
     fn board(&mut self, _role: Role, _image: String) {}
 

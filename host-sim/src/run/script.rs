@@ -6,6 +6,7 @@ use crate::base::error::Error;
 use crate::base::spelling;
 use crate::paths::{self, MAX_COORDINATE_M, Path};
 use crate::run::drive::{Errand, Progress, drive};
+use crate::run::keyboard::Keyboard;
 use crate::run::path_run::{self, PathMode, Route};
 use crate::run::robot::{Record, Robot};
 use crate::scenario::Scenario;
@@ -57,6 +58,8 @@ pub enum Step {
     Wait(f64),
     /// Motors off; tell the robot its posture: m, m, rad.
     Pose([f64; 3]),
+    /// Drive as the keys say, until the user ends the run.
+    Hand(Keyboard),
 }
 
 /// Line of a script.
@@ -91,6 +94,22 @@ pub struct StepEnd {
     pub truth: Option<[f64; 3]>,
     /// Duration, s.
     pub duration_s: f64,
+}
+
+/// The drive by hand.
+pub fn by_hand(keyboard: Keyboard) -> Vec<Line> {
+    vec![Line {
+        number: 1,
+        text: "keyboard".to_owned(),
+        step: Step::Hand(keyboard),
+    }]
+}
+
+/// Largest speed (m/s) and curvature (1/m) that a step may ask for.
+pub fn limits(scenario: &Scenario) -> [f64; 2] {
+    let most = f64::from(scenario.robot.limits.max_speed_m_s);
+    let bound = path_run::bounds(scenario).max_curvature();
+    [most, bound].map(|value| (value * 1e4).floor() / 1e4)
 }
 
 /// Steps of a script: one a line, comments from # on. An error names the line.
@@ -155,10 +174,7 @@ fn step(text: &str, scenario: &Scenario) -> Result<Step, Error> {
             .map(Step::Wait),
         "speed" => {
             exactly(3)?;
-            let most = f64::from(scenario.robot.limits.max_speed_m_s);
-            let bound = path_run::bounds(scenario).max_curvature();
-            let round = |value: f64| (value * 1e4).floor() / 1e4;
-            let (most, bound) = (round(most), round(bound));
+            let [most, bound] = limits(scenario);
             Ok(Step::Speed(
                 number(0, "V (m/s)", -most, most)?,
                 number(1, "KAPPA (1/m)", -bound, bound)?,
@@ -262,13 +278,15 @@ fn take(
     let limit_s = match step {
         Step::Goto(_) => scenario.mission.time_limit_s,
         Step::Speed(_, _, seconds) | Step::Wait(seconds) => SHORT_S + seconds,
+        Step::Hand(_) => f64::MAX,
         _ => SHORT_S,
     };
     let mut taking = Taking {
         step,
         observe,
         given: None,
-        placed: false,
+        // A robot that has not been driven needs no stop.
+        placed: matches!(step, Step::Hand(_)),
         finished: false,
     };
     let end = drive(robot, scenario, limit_s, &mut taking)?;
@@ -281,13 +299,32 @@ struct Taking<'a, F> {
     observe: &'a mut F,
     /// Time of the latest command, µs.
     given: Option<Micros>,
-    /// The posture was given.
+    /// The posture was given, or a robot that is driven by hand was told to stop.
     placed: bool,
     /// The step was carried out and the robot need not rest.
     finished: bool,
 }
 
 impl<F> Taking<'_, F> {
+    /// Task that the keys ask for; a stop is given once.
+    fn by_hand(&mut self, keyboard: &Keyboard) -> Option<Task> {
+        let hand = keyboard.hand();
+        let rests = hand.speed_m_s == 0.0;
+        let stopped = std::mem::replace(&mut self.placed, rests);
+        match () {
+            () if hand.clear => {
+                keyboard.cleared();
+                Some(Task::Clear)
+            }
+            () if !rests => Some(Task::Drive {
+                speed_m_s: hand.speed_m_s as f32,
+                curvature: hand.curvature as f32,
+            }),
+            () if stopped => None,
+            () => Some(Task::Stop),
+        }
+    }
+
     /// The end of the step, if it has come.
     fn finish(&mut self, finished: bool) -> Progress {
         self.finished = finished;
@@ -311,12 +348,20 @@ impl<R: Robot, F: FnMut(&Record)> Errand<R> for Taking<'_, F> {
             Step::Stop => Some(Task::Stop),
             Step::Clear => Some(Task::Clear),
             Step::Pose(_) => Some(Task::Idle),
-            Step::Wait(_) | Step::Follow(..) => None,
+            Step::Wait(_) | Step::Follow(..) | Step::Hand(_) => None,
         }
     }
 
     fn feed(&mut self, robot: &mut R) -> Result<(), Error> {
         let now = robot.now();
+        if let (Step::Hand(keyboard), Some(given)) = (self.step, self.given) {
+            if now - given < SPEED_EVERY {
+                return Ok(());
+            }
+            self.given = Some(now);
+            let task = self.by_hand(keyboard);
+            return task.map_or(Ok(()), |task| robot.command(&HostCommand::Task(task)));
+        }
         let off = robot.record().lead.supervision.state == OperatingState::Idle;
         match (self.step, self.given, Errand::<R>::task(self)) {
             (Step::Speed(..), Some(given), Some(task)) if now - given >= SPEED_EVERY => {
@@ -334,7 +379,7 @@ impl<R: Robot, F: FnMut(&Record)> Errand<R> for Taking<'_, F> {
     fn must_end(&self, robot: &R) -> bool {
         // A fault is there to be cleared.
         match self.step {
-            Step::Clear => robot.is_interrupted(),
+            Step::Clear | Step::Hand(_) => robot.is_interrupted(),
             _ => robot.must_end(),
         }
     }
@@ -366,6 +411,7 @@ impl<R: Robot, F: FnMut(&Record)> Errand<R> for Taking<'_, F> {
                 self.finish(self.placed && robot.is_settled() && off < 1e-3)
             }
             Step::Follow(..) => Progress::Over,
+            Step::Hand(ref keyboard) => self.finish(keyboard.is_ended()),
         }
     }
 }

@@ -261,9 +261,9 @@ impl LeadLink {
                 continue;
             }
             let pending = self.waiting.front();
-            if let Some(what) = pending
+            if let Some((what, repeated)) = pending
                 .filter(|it| it.number == number)
-                .map(|pending| pending.what)
+                .map(|pending| (pending.what, pending.attempts > 1))
             {
                 self.waiting.pop_front();
                 if what != LEASE {
@@ -271,6 +271,8 @@ impl LeadLink {
                 }
                 match reply {
                     Reply::Done => {}
+                    // It was carried out, and its answer was lost.
+                    Reply::Refused(Refusal::OldOrder) if repeated => {}
                     Reply::Hello {
                         protocol,
                         role,

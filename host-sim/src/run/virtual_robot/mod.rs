@@ -112,6 +112,7 @@ pub struct VirtualRobot {
     booted: Time,
     tick: u64,
     control: RunControl,
+    /// Loss of a board that ends the run.
     failure: Option<String>,
     tools: Tools,
     /// A wheel that is blocked: axle and side.
@@ -528,7 +529,14 @@ impl Robot for VirtualRobot {
     }
 
     fn failure(&self) -> Option<String> {
-        self.failure.clone()
+        if self.failure.is_some() {
+            return self.failure.clone();
+        }
+        let fault = self.monitor.fault_since(Node::Lead)?;
+        let lasts = self.tick.saturating_sub(fault) >= GRACE;
+        (lasts && !self.restart_pending())
+            .then(|| self.monitor.why_stopped())
+            .flatten()
     }
 
     fn step(&mut self) -> Result<(), Error> {
@@ -537,13 +545,6 @@ impl Robot for VirtualRobot {
         self.advance()?;
         self.answer()?;
         self.tick += 1;
-        if let Some(fault) = self.monitor.fault_since(Node::Lead)
-            && self.tick.saturating_sub(fault) >= GRACE
-            && !self.restart_pending()
-            && let Some(why) = self.monitor.why_stopped()
-        {
-            self.failure.get_or_insert(why);
-        }
         self.end_tick()
     }
 

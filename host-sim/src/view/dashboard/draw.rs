@@ -2,8 +2,10 @@
 //!
 //! It needs 60 columns and 20 lines; what a smaller terminal cannot show is not shown in part.
 
+use super::map;
 use super::view::View;
 use crate::run::final_error::FinalError;
+use crate::run::keyboard::Hand;
 use crate::run::recovery::{NODES, Status};
 use crate::targets::BoardTraffic;
 use core_algos::safety::{Condition, Conditions, OperatingState};
@@ -17,6 +19,8 @@ use ratatui::widgets::{Block, Borders, Paragraph};
 pub const LEAST: (u16, u16) = (60, 20);
 /// Width of the left column in the smallest terminal.
 const LEFT: u16 = 34;
+/// The smallest terminal with a map.
+const WITH_MAP: (u16, u16) = (80, 24);
 /// Age of a heartbeat from which on its node counts as silent, s.
 const SILENT_S: f64 = 0.5;
 
@@ -39,22 +43,79 @@ pub fn draw(frame: &mut Frame, view: &View) {
         frame.render_widget(Paragraph::new(Text::from_iter(lines)), area);
         return;
     }
-    let rows = [1, 6, 6].map(Constraint::Length);
-    let rows = [
-        rows[0],
-        rows[1],
-        rows[2],
+    let faults = fault_lines(view, area.width.into(), usize::MAX).len() + 1;
+    let faults = u16::try_from(faults).unwrap_or(u16::MAX).max(4);
+    // Faults come before the map.
+    match area.width >= WITH_MAP.0 && area.height >= faults.saturating_add(WITH_MAP.1 - 4) {
+        true => draw_with_map(frame, view, faults),
+        false => draw_without_map(frame, view),
+    }
+}
+
+fn draw_without_map(frame: &mut Frame, view: &View) {
+    let [head, upper, middle, faults, foot] = Layout::vertical([
+        Constraint::Length(1),
+        Constraint::Length(6),
+        Constraint::Length(6),
         Constraint::Fill(1),
         Constraint::Length(1),
-    ];
-    let [head, upper, middle, faults, foot] = Layout::vertical(rows).areas(area);
+    ])
+    .areas(frame.area());
     let columns = [
-        Constraint::Length(LEFT.max(area.width / 2)),
+        Constraint::Length(LEFT.max(frame.area().width / 2)),
         Constraint::Length(1),
         Constraint::Fill(1),
     ];
     let [nodes, _, links] = Layout::horizontal(columns).areas(upper);
     let [estimate, _, motion] = Layout::horizontal(columns).areas(middle);
+    draw_rest(
+        frame,
+        view,
+        [head, nodes, links, estimate, motion, faults, foot],
+    );
+}
+
+fn draw_with_map(frame: &mut Frame, view: &View, lines: u16) {
+    let [head, body, faults, foot] = Layout::vertical([
+        Constraint::Length(1),
+        Constraint::Fill(1),
+        Constraint::Length(lines),
+        Constraint::Length(1),
+    ])
+    .areas(frame.area());
+    let [left, _, right] = Layout::horizontal([
+        Constraint::Length(LEFT + 6),
+        Constraint::Length(1),
+        Constraint::Fill(1),
+    ])
+    .areas(body);
+    let heights = [
+        Constraint::Length(6),
+        Constraint::Length(6),
+        Constraint::Fill(1),
+    ];
+    let [nodes, estimate, motion] = Layout::vertical(heights).areas(left);
+    let heights = [
+        Constraint::Length(6),
+        Constraint::Fill(1),
+        Constraint::Length(1),
+    ];
+    let [links, map, gauges] = Layout::vertical(heights).areas(right);
+    map::draw(frame, map, view);
+    frame.render_widget(Paragraph::new(strains(view)), gauges);
+    draw_rest(
+        frame,
+        view,
+        [head, nodes, links, estimate, motion, faults, foot],
+    );
+}
+
+/// Draws everything but the map in these places.
+fn draw_rest(
+    frame: &mut Frame,
+    view: &View,
+    [head, nodes, links, estimate, motion, faults, foot]: [Rect; 7],
+) {
     frame.render_widget(header(view, head.width), head);
     section(frame, nodes, "Nodes", node_lines(view));
     section(frame, links, "Links", link_lines(view));
@@ -100,7 +161,30 @@ fn footer(view: &View) -> Line<'static> {
             )
         }
     };
-    Line::from(vec![Span::raw(" q: end the run"), late])
+    if let Some(end) = &view.end {
+        return Line::styled(
+            format!(" {end}; q: leave"),
+            Style::new().add_modifier(Modifier::BOLD),
+        );
+    }
+    let mut text = " q: end the run".to_owned();
+    match view.pace {
+        Some((true, _)) => text += "  PAUSED: p, step: .",
+        Some((false, rate)) if rate != 1.0 => text += &format!("  p: pause  +/-: speed {rate}"),
+        Some(_) => text += "  p: pause  +/-: speed",
+        None => {}
+    }
+    if let Some(hand) = view.hand {
+        let Hand {
+            speed_m_s,
+            curvature,
+            ..
+        } = hand;
+        text = format!(
+            " {speed_m_s:.2} m/s {curvature:+.2} 1/m  arrows, WASD: drive  space: stop  c: clear  q: end"
+        );
+    }
+    Line::from(vec![Span::raw(text), late])
 }
 
 fn node_lines(view: &View) -> Vec<Line<'static>> {
@@ -204,6 +288,19 @@ fn motion_lines(view: &View) -> Vec<Line<'static>> {
         wheels("front", view.wheel_speed[0]),
         wheels("rear", view.wheel_speed[1]),
     ]
+}
+
+/// Strains of the gauges.
+fn strains(view: &View) -> String {
+    let known = view
+        .strain
+        .iter()
+        .filter(|strain| strain.is_finite() && **strain != 0.0);
+    let shown: String = known
+        .take(5)
+        .map(|strain| format!("{:>6.0}", 1e6 * strain))
+        .collect();
+    format!("strain µε{shown}")
 }
 
 /// Faults so far with their remedies, as far as the room allows: the first fault first, notices and

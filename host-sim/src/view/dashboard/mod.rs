@@ -6,28 +6,41 @@
 //! other.
 
 pub mod draw;
+mod map;
 pub mod terminal;
 pub mod view;
 
 use crate::base::error::Error;
+use crate::run::keyboard::Keyboard;
 use crate::run::robot::{Observer, Record, Robot};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::thread;
+use std::time::Duration;
 use terminal::Terminal;
 use view::View;
 
 /// Epochs between two views: 20 a second.
 const EPOCHS: u64 = 5;
 
+/// Points of the trail, at most; when it is full, every second one goes.
+const TRAIL: usize = 400;
+/// Time between looks at the keys after the run.
+const AFTER: Duration = Duration::from_millis(20);
+
 /// An observer that shows the run on the terminal.
 pub struct Dashboard {
     terminal: Terminal,
-    title: String,
-    goal: [f64; 3],
+    keyboard: Keyboard,
+    /// What does not change, and the latest view.
+    view: View,
     epochs: u64,
     /// The true midpoint an epoch ago, when the latest estimate holds.
     before: Option<[f64; 3]>,
-    /// Set by the key q: ends the run.
+    /// Estimated path of the midpoint, every so many views.
+    trail: Vec<[f64; 2]>,
+    stride: u64,
+    /// Ends the run.
     interrupt: Arc<AtomicBool>,
 }
 
@@ -36,40 +49,74 @@ impl Dashboard {
     pub fn open(
         title: impl Into<String>,
         goal: [f64; 3],
+        keyboard: Keyboard,
         interrupt: Arc<AtomicBool>,
     ) -> Result<Self, Error> {
-        let title = title.into();
-        let first = View {
-            title: title.clone(),
+        let view = View {
+            title: title.into(),
             goal,
             ..View::default()
         };
         Ok(Self {
-            terminal: Terminal::open(first)?,
-            title,
-            goal,
+            terminal: Terminal::open(view.clone(), keyboard.clone())?,
+            keyboard,
+            view,
             epochs: 0,
             before: None,
+            trail: Vec::new(),
+            stride: 1,
             interrupt,
         })
+    }
+
+    /// Adds a point to the trail.
+    fn trace(&mut self, record: &Record) {
+        let views = self.epochs / EPOCHS;
+        if !views.is_multiple_of(self.stride) {
+            return;
+        }
+        let at = record.lead.fused.robot.posture;
+        self.trail.push([at.x, at.y].map(f64::from));
+        if self.trail.len() > TRAIL {
+            let mut number = 0;
+            self.trail.retain(|_| {
+                number += 1;
+                number % 2 == 1
+            });
+            self.stride *= 2;
+        }
     }
 }
 
 impl Observer for Dashboard {
     fn epoch(&mut self, robot: &dyn Robot, record: &Record) -> Result<(), Error> {
-        if self.terminal.is_left() {
+        // A drive by hand ends by itself.
+        if self.keyboard.is_ended() && !self.keyboard.drives() {
             self.interrupt.store(true, Relaxed);
         }
         let truth = self.before.replace(record.midpoint);
         if self.epochs.is_multiple_of(EPOCHS) {
-            self.terminal.show(View {
-                title: self.title.clone(),
-                goal: self.goal,
+            self.trace(record);
+            self.view = View {
+                title: std::mem::take(&mut self.view.title),
+                goal: self.view.goal,
                 truth: truth.unwrap_or(record.midpoint),
+                trail: self.trail.clone(),
+                hand: self.keyboard.drives().then(|| self.keyboard.hand()),
                 ..View::of(robot, record)
-            });
+            };
+            self.terminal.show(self.view.clone());
         }
         self.epochs += 1;
         Ok(())
+    }
+
+    /// The last view stays until the user leaves it.
+    fn ended(&mut self, text: &str) {
+        self.view.end = Some(text.to_owned());
+        self.terminal.show(self.view.clone());
+        while !self.keyboard.is_ended() && !self.interrupt.load(Relaxed) {
+            thread::sleep(AFTER);
+        }
     }
 }

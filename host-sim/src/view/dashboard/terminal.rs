@@ -4,6 +4,7 @@
 use super::draw::draw;
 use super::view::View;
 use crate::base::error::Error;
+use crate::run::keyboard::{Key, Keyboard};
 use ratatui::DefaultTerminal;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 use std::io::{self, IsTerminal};
@@ -24,8 +25,7 @@ pub struct Terminal {
 
 struct Shared {
     view: Mutex<View>,
-    /// The user wants the run to end.
-    left: AtomicBool,
+    keyboard: Keyboard,
     /// The run has ended.
     over: AtomicBool,
 }
@@ -43,7 +43,7 @@ impl Terminal {
     }
 
     /// Takes the terminal and shows `view` until there is another one.
-    pub fn open(view: View) -> Result<Self, Error> {
+    pub fn open(view: View, keyboard: Keyboard) -> Result<Self, Error> {
         Self::check()?;
         let terminal = ratatui::try_init().map_err(|error| {
             ratatui::restore();
@@ -51,7 +51,7 @@ impl Terminal {
         })?;
         let shared = Arc::new(Shared {
             view: Mutex::new(view),
-            left: AtomicBool::new(false),
+            keyboard,
             over: AtomicBool::new(false),
         });
         let thread = {
@@ -71,11 +71,6 @@ impl Terminal {
             .view
             .lock()
             .unwrap_or_else(PoisonError::into_inner) = view;
-    }
-
-    /// True if the user ended the run.
-    pub fn is_left(&self) -> bool {
-        self.shared.left.load(Relaxed)
     }
 }
 
@@ -102,7 +97,7 @@ impl Shared {
             let drawn = terminal.draw(|frame| draw(frame, &view)).map(|_| ());
             // Without a terminal nobody sees the run.
             if drawn.and_then(|()| self.listen(next)).is_err() {
-                self.left.store(true, Relaxed);
+                self.keyboard.press(Key::End);
                 return;
             }
         }
@@ -115,26 +110,43 @@ impl Shared {
             if !event::poll(left)? {
                 return Ok(());
             }
-            if matches!(event::read()?, Event::Key(key) if ends(&key))
-                && self.left.swap(true, Relaxed)
-            {
+            let Event::Key(pressed) = event::read()? else {
+                continue;
+            };
+            let key = key_of(&pressed);
+            if key == Some(Key::End) && self.keyboard.is_ended() {
                 // Asked twice: the run does not get to the end of its epoch.
                 ratatui::restore();
                 process::exit(130);
+            }
+            if let Some(key) = key {
+                self.keyboard.press(key);
             }
         }
     }
 }
 
-/// True if the key ends the run.
-fn ends(key: &KeyEvent) -> bool {
-    let control = key.modifiers.contains(KeyModifiers::CONTROL);
-    let end = match key.code {
-        KeyCode::Char('q' | 'Q') | KeyCode::Esc => true,
-        KeyCode::Char('c') => control,
-        _ => false,
-    };
-    end && key.kind == KeyEventKind::Press
+/// Action of a key, if it has one.
+fn key_of(pressed: &KeyEvent) -> Option<Key> {
+    let control = pressed.modifiers.contains(KeyModifiers::CONTROL);
+    if pressed.kind == KeyEventKind::Release {
+        return None;
+    }
+    Some(match pressed.code {
+        KeyCode::Char('c') if control => Key::End,
+        KeyCode::Char('q' | 'Q') | KeyCode::Esc => Key::End,
+        KeyCode::Char('p' | 'P') => Key::Pause,
+        KeyCode::Char('.') => Key::Step,
+        KeyCode::Char('+') => Key::Faster,
+        KeyCode::Char('-') => Key::Slower,
+        KeyCode::Up | KeyCode::Char('w' | 'W') => Key::Forward,
+        KeyCode::Down | KeyCode::Char('s' | 'S') => Key::Backward,
+        KeyCode::Left | KeyCode::Char('a' | 'A') => Key::Left,
+        KeyCode::Right | KeyCode::Char('d' | 'D') => Key::Right,
+        KeyCode::Char(' ') => Key::Halt,
+        KeyCode::Char('c' | 'C') => Key::Clear,
+        _ => return None,
+    })
 }
 
 #[cfg(test)]
@@ -142,15 +154,20 @@ mod tests {
     use super::*;
 
     #[test]
-    fn q_escape_and_control_c_end_the_run_and_nothing_else_does() {
-        let key = |code, modifiers| KeyEvent::new(code, modifiers);
+    fn keys_have_the_actions_that_the_footer_names() {
         let none = KeyModifiers::NONE;
-        for code in [KeyCode::Char('q'), KeyCode::Char('Q'), KeyCode::Esc] {
-            assert!(ends(&key(code, none)));
-        }
-        assert!(ends(&key(KeyCode::Char('c'), KeyModifiers::CONTROL)));
-        for code in [KeyCode::Char('c'), KeyCode::Char('x'), KeyCode::Enter] {
-            assert!(!ends(&key(code, none)));
+        for (code, modifiers, expected) in [
+            (KeyCode::Char('q'), none, Some(Key::End)),
+            (KeyCode::Esc, none, Some(Key::End)),
+            (KeyCode::Char('c'), KeyModifiers::CONTROL, Some(Key::End)),
+            (KeyCode::Char('c'), none, Some(Key::Clear)),
+            (KeyCode::Up, none, Some(Key::Forward)),
+            (KeyCode::Char('A'), none, Some(Key::Left)),
+            (KeyCode::Char(' '), none, Some(Key::Halt)),
+            (KeyCode::Char('x'), none, None),
+            (KeyCode::Enter, none, None),
+        ] {
+            assert_eq!(key_of(&KeyEvent::new(code, modifiers)), expected);
         }
     }
 }

@@ -1,10 +1,12 @@
 //! What the dashboard shows.
 
 use crate::bus::virtual_bus::BusStatistics;
+use crate::run::keyboard::Hand;
 use crate::run::real_time::RealTimeLimiter;
 use crate::run::recovery::{NODES, Status};
 use crate::run::robot::{Record, Robot};
 use crate::targets::BoardTraffic;
+use core_algos::beam::MAX_GAUGES;
 use core_algos::node::lead;
 use core_algos::safety::{Conditions, OperatingState};
 
@@ -37,6 +39,18 @@ pub struct View {
     pub goal: [f64; 3],
     /// True wheel speeds `[axle][left, right]`, rad/s.
     pub wheel_speed: [[f64; 2]; 2],
+    /// Strains as measured, from the root; NaN or zero where there is no gauge.
+    pub strain: [f32; MAX_GAUGES],
+    /// Postures of front and rear axle: the true ones where they are known.
+    pub axles: [[f64; 3]; 2],
+    /// Estimated path of the midpoint, m.
+    pub trail: Vec<[f64; 2]>,
+    /// Pause and speed of a simulation.
+    pub pace: Option<(bool, f64)>,
+    /// Command of a drive by hand.
+    pub hand: Option<Hand>,
+    /// End of the run, once it is over.
+    pub end: Option<String>,
 }
 
 impl View {
@@ -55,7 +69,21 @@ impl View {
             bus: robot.bus(),
             lead: record.lead,
             wheel_speed: record.wheel_speed,
+            strain: record.strain,
+            axles: axles(record),
+            pace: pace.map(|pace| pace.keyboard().pace()),
             ..Self::default()
+        }
+    }
+}
+
+/// Postures of the axles: the true ones, or the estimated ones.
+fn axles(record: &Record) -> [[f64; 3]; 2] {
+    let fused = &record.lead.fused;
+    match record.axles[0][0].is_nan() {
+        false => record.axles,
+        true => {
+            [fused.front.posture, fused.rear.posture].map(|at| [at.x, at.y, at.phi].map(f64::from))
         }
     }
 }

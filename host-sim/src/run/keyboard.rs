@@ -1,0 +1,219 @@
+//! Keys of the dashboard: end of the run, pause, single steps and speed of a simulation, and the drive by hand.
+
+use core_algos::time::{EPOCH, TICK};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+/// Time after the latest key at which a robot that is driven by hand stops.
+const HANDS_OFF: Duration = Duration::from_secs(5);
+/// Speeds of a simulation, times real time.
+const RATES: (f64, f64) = (0.125, 16.0);
+/// Steps from rest to the largest speed, and from straight to the largest curvature.
+const STEPS: f64 = 8.0;
+
+/// Action of a key.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Key {
+    /// Ends the run.
+    End,
+    /// Stops the simulated time, or lets it go on.
+    Pause,
+    /// Lets a simulation that is paused go on for an epoch.
+    Step,
+    /// Doubles the speed of the simulation.
+    Faster,
+    /// Halves it.
+    Slower,
+    /// Raises the speed of the robot.
+    Forward,
+    /// Lowers it.
+    Backward,
+    /// Bends the path to the left.
+    Left,
+    /// Bends it to the right.
+    Right,
+    /// Stops the robot.
+    Halt,
+    /// Clears its faults.
+    Clear,
+}
+
+/// Command of the hand.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Hand {
+    /// Speed, m/s.
+    pub speed_m_s: f64,
+    /// Curvature, 1/m.
+    pub curvature: f64,
+    /// True if the faults are to be cleared.
+    pub clear: bool,
+}
+
+/// State of the keys.
+#[derive(Clone, Copy, Debug)]
+struct Keys {
+    ended: bool,
+    paused: bool,
+    /// Ticks that a paused simulation may go on.
+    ticks: u64,
+    rate: f64,
+    hand: Hand,
+    /// Largest speed (m/s) and curvature (1/m) of a drive by hand.
+    limits: Option<[f64; 2]>,
+    pressed: Instant,
+}
+
+/// Keys that the dashboard reads and the run obeys; clones share them.
+#[derive(Clone, Debug)]
+pub struct Keyboard(Arc<Mutex<Keys>>);
+
+impl PartialEq for Keyboard {
+    fn eq(&self, other: &Self) -> bool {
+        Arc::ptr_eq(&self.0, &other.0)
+    }
+}
+
+impl Default for Keyboard {
+    fn default() -> Self {
+        Self(Arc::new(Mutex::new(Keys {
+            ended: false,
+            paused: false,
+            ticks: 0,
+            rate: 1.0,
+            hand: Hand::default(),
+            limits: None,
+            pressed: Instant::now(),
+        })))
+    }
+}
+
+impl Keyboard {
+    /// Keys that drive a robot with at most this speed (m/s) and curvature (1/m).
+    pub fn of_driver(limits: [f64; 2]) -> Self {
+        let keyboard = Self::default();
+        keyboard.keys().limits = Some(limits);
+        keyboard
+    }
+
+    fn keys(&self) -> MutexGuard<'_, Keys> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// A key was pressed.
+    pub fn press(&self, key: Key) {
+        let mut keys = self.keys();
+        keys.pressed = Instant::now();
+        let limits = keys.limits.unwrap_or_default();
+        let add = |value: f64, limit: f64, steps: f64| {
+            let raised = ((value / limit * STEPS).round() + steps) / STEPS;
+            limit * raised.clamp(-1.0, 1.0)
+        };
+        let hand = keys.hand;
+        match key {
+            Key::End => keys.ended = true,
+            Key::Pause => keys.paused = !keys.paused,
+            Key::Step => keys.ticks = EPOCH / TICK,
+            Key::Faster => keys.rate = (2.0 * keys.rate).min(RATES.1),
+            Key::Slower => keys.rate = (0.5 * keys.rate).max(RATES.0),
+            _ if keys.limits.is_none() => {}
+            Key::Forward => keys.hand.speed_m_s = add(hand.speed_m_s, limits[0], 1.0),
+            Key::Backward => keys.hand.speed_m_s = add(hand.speed_m_s, limits[0], -1.0),
+            Key::Left => keys.hand.curvature = add(hand.curvature, limits[1], 1.0),
+            Key::Right => keys.hand.curvature = add(hand.curvature, limits[1], -1.0),
+            Key::Halt => keys.hand = Hand::default(),
+            Key::Clear => {
+                keys.hand = Hand {
+                    clear: true,
+                    ..Hand::default()
+                };
+            }
+        }
+    }
+
+    /// True if the user ended the run.
+    pub fn is_ended(&self) -> bool {
+        self.keys().ended
+    }
+
+    /// True if the keys drive the robot.
+    pub fn drives(&self) -> bool {
+        self.keys().limits.is_some()
+    }
+
+    /// Pause and speed of the simulation.
+    pub fn pace(&self) -> (bool, f64) {
+        let keys = self.keys();
+        (keys.paused, keys.rate)
+    }
+
+    /// True if a simulation has to wait: it is paused and has used up its step.
+    pub fn holds(&self) -> bool {
+        let mut keys = self.keys();
+        if !keys.paused || keys.ended {
+            return false;
+        }
+        let holds = keys.ticks == 0;
+        keys.ticks = keys.ticks.saturating_sub(1);
+        holds
+    }
+
+    /// The command of the hand. A robot whose driver pressed no key for five seconds stops.
+    pub fn hand(&self) -> Hand {
+        let mut keys = self.keys();
+        if keys.pressed.elapsed() > HANDS_OFF {
+            keys.hand.speed_m_s = 0.0;
+        }
+        keys.hand
+    }
+
+    /// The faults were cleared.
+    pub fn cleared(&self) {
+        self.keys().hand.clear = false;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn keys_change_speed_and_curvature_within_their_limits() {
+        let keyboard = Keyboard::of_driver([0.4, 2.0]);
+        for _ in 0..3 {
+            keyboard.press(Key::Forward);
+        }
+        keyboard.press(Key::Right);
+        let hand = keyboard.hand();
+        assert!((hand.speed_m_s - 0.15).abs() < 1e-12 && (hand.curvature + 0.25).abs() < 1e-12);
+        for _ in 0..30 {
+            keyboard.press(Key::Backward);
+            keyboard.press(Key::Left);
+        }
+        let hand = keyboard.hand();
+        assert_eq!((hand.speed_m_s, hand.curvature), (-0.4, 2.0));
+        keyboard.press(Key::Clear);
+        assert!(keyboard.hand().clear && keyboard.hand().speed_m_s == 0.0);
+        keyboard.press(Key::Halt);
+        assert_eq!(keyboard.hand(), Hand::default());
+        // Without a driver the keys do not drive.
+        let watcher = Keyboard::default();
+        watcher.press(Key::Forward);
+        assert_eq!(watcher.hand(), Hand::default());
+    }
+
+    #[test]
+    fn paused_simulation_goes_on_by_one_epoch_a_step() {
+        let keyboard = Keyboard::default();
+        assert!(!keyboard.holds());
+        keyboard.press(Key::Pause);
+        assert!(keyboard.holds());
+        keyboard.press(Key::Step);
+        assert_eq!((0..100).filter(|_| !keyboard.holds()).count(), 10);
+        keyboard.press(Key::Pause);
+        assert!(!keyboard.holds());
+        for _ in 0..10 {
+            keyboard.press(Key::Faster);
+        }
+        assert_eq!(keyboard.pace(), (false, 16.0));
+    }
+}

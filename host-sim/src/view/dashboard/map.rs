@@ -1,0 +1,148 @@
+//! Map of the run: robot with its bent frame, path, goal, and the 95 % ellipse of the position.
+
+use super::view::View;
+use ratatui::Frame;
+use ratatui::layout::Rect;
+use ratatui::style::Color;
+use ratatui::symbols::Marker;
+use ratatui::widgets::canvas::{Canvas, Line, Points};
+use ratatui::widgets::{Block, Borders};
+
+/// Half of an axle's drawn length, m.
+const HALF_TRACK_M: f64 = 0.16;
+/// Least half width and height of the map, m.
+const LEAST_M: f64 = 0.5;
+/// Scale of a standard deviation for 95 % of a plane distribution: √5.991.
+const SCALE_95: f64 = 2.4477;
+
+/// Draws the map.
+pub fn draw(frame: &mut Frame, area: Rect, view: &View) {
+    let Some((center, half)) = bounds(view, area) else {
+        return;
+    };
+    let title = format!(" Map, {:.1} x {:.1} m ", 2.0 * half[0], 2.0 * half[1]);
+    let block = Block::new().borders(Borders::TOP).title(title);
+    let canvas = Canvas::default()
+        .block(block)
+        .marker(Marker::Braille)
+        .x_bounds([center[0] - half[0], center[0] + half[0]])
+        .y_bounds([center[1] - half[1], center[1] + half[1]])
+        .paint(|context| {
+            let mut points = |coords: &[[f64; 2]], color| {
+                let coords: Vec<(f64, f64)> = coords.iter().map(|[x, y]| (*x, *y)).collect();
+                context.draw(&Points::new(&coords, color));
+            };
+            points(&view.trail, Color::Blue);
+            points(&ellipse(view), Color::Yellow);
+            let mut lines = |corners: &[[f64; 2]], color| {
+                for pair in corners.windows(2) {
+                    let ([x1, y1], [x2, y2]) = (pair[0], pair[1]);
+                    context.draw(&Line::new(x1, y1, x2, y2, color));
+                }
+            };
+            lines(&strip(view.axles), Color::White);
+            for [x, y, phi] in view.axles {
+                let (s, c) = phi.sin_cos();
+                let end = |side: f64| [x - side * HALF_TRACK_M * s, y + side * HALF_TRACK_M * c];
+                lines(&[end(1.0), end(-1.0)], Color::White);
+            }
+            let [x, y, phi] = view.goal;
+            let ahead = [x + 0.1 * phi.cos(), y + 0.1 * phi.sin()];
+            lines(&[[x, y], ahead], Color::Green);
+            context.print(x, y, "+");
+        });
+    frame.render_widget(canvas, area);
+}
+
+/// Center and half size of the map, m, with the same scale in both directions: a cell is twice as high as wide.
+fn bounds(view: &View, area: Rect) -> Option<([f64; 2], [f64; 2])> {
+    let corners = view.axles.iter().chain([&view.goal]);
+    let corners = corners
+        .map(|at| [at[0], at[1]])
+        .chain(view.trail.iter().copied());
+    let known = corners.filter(|at| at.iter().all(|value| value.is_finite()));
+    let (low, high) = known.fold(([f64::MAX; 2], [f64::MIN; 2]), |(low, high), at| {
+        let with = |limit: [f64; 2], better: fn(f64, f64) -> f64| {
+            [better(limit[0], at[0]), better(limit[1], at[1])]
+        };
+        (with(low, f64::min), with(high, f64::max))
+    });
+    let cells = [
+        f64::from(area.width),
+        2.0 * f64::from(area.height.checked_sub(1)?),
+    ];
+    if low[0] > high[0] || cells.contains(&0.0) {
+        return None;
+    }
+    let center = [0, 1].map(|k| 0.5 * (low[k] + high[k]));
+    let half = [0, 1].map(|k| (0.5 * (high[k] - low[k]) + 0.3).max(LEAST_M));
+    let scale = (half[0] / cells[0]).max(half[1] / cells[1]);
+    Some((center, cells.map(|count| scale * count)))
+}
+
+/// The strip between the axles: the cubic with their headings at its ends.
+fn strip([front, rear]: [[f64; 3]; 2]) -> Vec<[f64; 2]> {
+    let length = (front[0] - rear[0]).hypot(front[1] - rear[1]);
+    let point = |i: u32| {
+        let t = f64::from(i) / 8.0;
+        let (t2, t3) = (t * t, t * t * t);
+        let (start, end) = (2.0 * t3 - 3.0 * t2 + 1.0, 3.0 * t2 - 2.0 * t3);
+        let (out, into) = (t3 - 2.0 * t2 + t, t3 - t2);
+        let along = |k: usize, direction: fn(f64) -> f64| {
+            let slopes = out * direction(rear[2]) + into * direction(front[2]);
+            start * rear[k] + end * front[k] + length * slopes
+        };
+        [along(0, f64::cos), along(1, f64::sin)]
+    };
+    (0..=8).map(point).collect()
+}
+
+/// Points of the ellipse that holds the midpoint with 95 %.
+fn ellipse(view: &View) -> Vec<[f64; 2]> {
+    let robot = &view.lead.fused.robot;
+    let [x, y] = [robot.posture.x, robot.posture.y].map(f64::from);
+    let p = |i: usize, k: usize| f64::from(robot.covariance[i][k]);
+    // Cholesky factor.
+    let a = p(0, 0).max(0.0).sqrt();
+    let b = if a > 0.0 { p(0, 1) / a } else { 0.0 };
+    let c = (p(1, 1) - b * b).max(0.0).sqrt();
+    let point = |i: u32| {
+        let (sin, cos) = (std::f64::consts::TAU * f64::from(i) / 48.0).sin_cos();
+        [x + SCALE_95 * a * cos, y + SCALE_95 * (b * cos + c * sin)]
+    };
+    (0..48).map(point).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use core_algos::math::Posture;
+
+    /// Every point has the Mahalanobis distance of 95 %.
+    #[test]
+    fn ellipse_has_the_distance_of_95_percent() {
+        let mut view = View::default();
+        let robot = &mut view.lead.fused.robot;
+        robot.posture = Posture::new(1.0, -2.0, 0.3);
+        let (xx, xy, yy) = (0.04f32, 0.02f32, 0.03f32);
+        robot.covariance[0] = [xx, xy, 0.0];
+        robot.covariance[1] = [xy, yy, 0.0];
+        let (xx, xy, yy) = (f64::from(xx), f64::from(xy), f64::from(yy));
+        let det = xx * yy - xy * xy;
+        for [x, y] in ellipse(&view) {
+            let (dx, dy) = (x - 1.0, y + 2.0);
+            let squared = (yy * dx * dx - 2.0 * xy * dx * dy + xx * dy * dy) / det;
+            assert!((squared - 5.991).abs() < 1e-2, "{squared}");
+        }
+    }
+
+    #[test]
+    fn strip_begins_and_ends_at_the_axles_along_their_headings() {
+        let (front, rear) = ([0.35, 0.1, 0.6], [0.0, 0.0, -0.2]);
+        let strip = strip([front, rear]);
+        assert_eq!((strip[0], strip[8]), ([0.0, 0.0], [0.35, 0.1]));
+        let slope = |a: [f64; 2], b: [f64; 2]| (b[1] - a[1]).atan2(b[0] - a[0]);
+        assert!((slope(strip[0], strip[1]) + 0.2).abs() < 0.2);
+        assert!((slope(strip[7], strip[8]) - 0.6).abs() < 0.2);
+    }
+}
