@@ -2,7 +2,7 @@
 //!
 //! [`Image::parse`] checks everything that running it relies on; what is wrong is told with the field,
 //! its value and what is allowed. Symbols and debug information may be missing: then functions or
-//! source lines are not known, and [`Image::missing`] says so.
+//! source lines are not known.
 
 mod lines;
 
@@ -55,24 +55,6 @@ impl fmt::Display for ImageError {
 
 impl std::error::Error for ImageError {}
 
-/// Something that makes a part of the tools less telling.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Missing {
-    /// No symbol table: functions have no names, and no variable is found by its name.
-    Symbols,
-    /// No line table: places in the program have no source line.
-    Lines,
-}
-
-impl fmt::Display for Missing {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Symbols => "no symbols (.symtab): functions have no names",
-            Self::Lines => "no debug information (.debug_line): places have no source lines",
-        })
-    }
-}
-
 /// Bytes that go into the flash.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Segment {
@@ -105,13 +87,11 @@ pub struct Symbol {
 pub struct Image {
     bytes: Vec<u8>,
     segments: Vec<Segment>,
-    initial_sp: u32,
     reset_vector: u32,
     /// By address.
     functions: Vec<Symbol>,
     /// By the name in the file and by the readable one.
     names: HashMap<String, (u32, u32)>,
-    has_lines: bool,
     lines: OnceLock<Lines>,
 }
 
@@ -144,18 +124,13 @@ impl Image {
         check_header(&bytes)?;
         let elf = ElfFile32::<LittleEndian>::parse(&*bytes).map_err(|e| cut(e, &bytes))?;
         let segments = segments(&elf, &bytes)?;
-        let (initial_sp, reset_vector) = vectors(&segments)?;
+        let reset_vector = vectors(&segments)?;
         let (functions, names) = symbols(&elf);
-        let has_lines = elf
-            .section_by_name(".debug_line")
-            .is_some_and(|section| section.size() > 0);
         Ok(Self {
             segments,
-            initial_sp,
             reset_vector,
             functions,
             names,
-            has_lines,
             lines: OnceLock::new(),
             bytes,
         })
@@ -181,31 +156,14 @@ impl Image {
         }
     }
 
-    /// The stack pointer after a reset.
-    pub fn initial_sp(&self) -> u32 {
-        self.initial_sp
-    }
-
     /// Where the program begins (with the Thumb bit).
     pub fn reset_vector(&self) -> u32 {
         self.reset_vector
     }
 
-    /// What the file lacks.
-    pub fn missing(&self) -> Vec<Missing> {
-        let symbols = self.names.is_empty().then_some(Missing::Symbols);
-        let lines = (!self.has_lines).then_some(Missing::Lines);
-        symbols.into_iter().chain(lines).collect()
-    }
-
     /// The address of a function or variable by its name, as it is in the file or in the source.
     pub fn symbol(&self, name: &str) -> Option<u32> {
         self.names.get(name).map(|s| s.0)
-    }
-
-    /// Functions by address. Several names may stand for the same.
-    pub fn functions(&self) -> &[Symbol] {
-        &self.functions
     }
 
     /// The function in which an address lies.
@@ -365,8 +323,8 @@ fn segments(elf: &ElfFile32<'_, LittleEndian>, bytes: &[u8]) -> Result<Vec<Segme
     Ok(segments)
 }
 
-/// The stack pointer and the program's beginning, checked.
-fn vectors(segments: &[Segment]) -> Result<(u32, u32), Wrong> {
+/// The program's beginning, checked as the stack pointer is.
+fn vectors(segments: &[Segment]) -> Result<u32, Wrong> {
     let first = segments
         .iter()
         .find(|s| s.address == FLASH.start)
@@ -394,7 +352,7 @@ fn vectors(segments: &[Segment]) -> Result<(u32, u32), Wrong> {
             "an odd address (Thumb) within the image",
         ));
     }
-    Ok((sp, reset))
+    Ok(reset)
 }
 
 type Names = HashMap<String, (u32, u32)>;

@@ -112,7 +112,7 @@ impl Bench {
         let mut bench = Self::new(boards);
         if other {
             let on = Settings::new(BitTiming::megabit());
-            bench.other.set(Time(0), on);
+            bench.other = VirtualNode::new(on);
         }
         for board in &mut bench.boards {
             board.write(MCR, ABOM);
@@ -287,7 +287,7 @@ fn nobody_acknowledges_counts_to_128_and_no_further() {
     assert_eq!(board.read(TSR) >> 26 & 7, 0b110);
     // Another comes: the frame gets through.
     let on = Settings::new(BitTiming::megabit());
-    bench.other.set(Time::from_micros(20_000), on);
+    bench.other = VirtualNode::new(on);
     bench.run(20_400);
     let board = bench.board();
     assert_eq!(board.read(TSR) & 3, RQCP | TXOK);
@@ -519,7 +519,7 @@ fn in_loopback_it_hears_itself_and_silent_it_disturbs_nobody() {
     board.write(BTR, SILM | 4 << 16 | 5);
     board.write(MCR, 0);
     let on = Settings::new(BitTiming::megabit());
-    bench.other.set(Time(0), on);
+    bench.other = VirtualNode::new(on);
     bench.run(100);
     bench.board().request(0, 0x100, 7);
     let frame = Frame::new(Id::Standard(1), &[]);

@@ -73,8 +73,6 @@ fn code_in_flash_that_changes_is_forgotten() {
     machine.chip.program(CODE, &[0x2002]);
     machine.go_on();
     assert_eq!(machine.r(0), 2);
-    let executed: Vec<u32> = machine.core.executed().collect();
-    assert_eq!(executed, [CODE, CODE + 2, CODE + 4]);
 }
 
 #[test]

@@ -11,7 +11,12 @@
 //! use virtual_board::probe::gdb::{GdbError, Next, Server};
 //!
 //! fn debug(board: &mut Board, port: u16) -> Result<(), GdbError> {
-//!     let mut session = Server::listen(port)?.wait(board)?;
+//!     let server = Server::listen(port)?;
+//!     let mut session = loop {
+//!         if let Some(session) = server.poll(board)? {
+//!             break session;
+//!         }
+//!     };
 //!     loop {
 //!         board.run_until(board.now() + virtual_board::Time::from_micros(1000));
 //!         match session.serve(board)? {
@@ -88,14 +93,6 @@ impl Server {
     pub fn port(&self) -> Result<u16, GdbError> {
         let address = self.listener.local_addr().map_err(GdbError::Connection)?;
         Ok(address.port())
-    }
-
-    /// Waits until gdb connects, and stops the board then.
-    pub fn wait(&self, board: &mut Board) -> Result<Session, GdbError> {
-        let blocking = self.listener.set_nonblocking(false);
-        blocking.map_err(GdbError::Connection)?;
-        let (stream, _) = self.listener.accept().map_err(GdbError::Connection)?;
-        Session::new(stream, board)
     }
 
     /// A session if gdb has connected since the last call.

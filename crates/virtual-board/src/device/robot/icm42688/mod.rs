@@ -6,17 +6,16 @@
 //! rates of the low-noise mode, the anti-alias filter (second order) and the user-interface filter
 //! (order and bandwidth; Butterworth, since the data sheet states orders and corners alone), samples at
 //! the instants of the part's own oscillator, noise, bias and scale, quantisation and saturation, data
-//! that stand still while the chip is selected, INT_STATUS that a read clears, INT1, temperature.
+//! that stand still while the chip is selected, INT_STATUS that a read clears, temperature.
 //!
 //! Not modelled, and noted when the program switches it on ([`Icm42688::unknown`]): the FIFO, time
-//! stamps, FSYNC, the low-power mode, motion detection, self test, offsets (bank 4), INT2, little
+//! stamps, FSYNC, the low-power mode, motion detection, self test, offsets (bank 4), INT1, INT2, little
 //! endian data, other clock sources; nor the notch filter, whatever its setting.
 
 mod path;
 mod registers;
 
 use super::UnmodelledUses;
-use crate::chip::Drive;
 use crate::device::span_s;
 use crate::time::Time;
 use path::{Errors, Path, Settings, Truth};
@@ -31,7 +30,7 @@ const QUIET_TIME: Time = Time::from_micros(200);
 /// A gyroscope must stay on for so long.
 const LEAST_ON: Time = Time::from_micros(45_000);
 
-// Bits of INT_STATUS and INT_SOURCE0.
+// Bits of INT_STATUS.
 const RESET_DONE: u8 = 0x10;
 const DATA_READY: u8 = 0x08;
 
@@ -95,7 +94,7 @@ pub struct InertialFault {
     pub stuck_output: Option<bool>,
     /// The data registers stand still; everything else works.
     pub frozen: bool,
-    /// Neither the bit nor the pin tells that data are ready.
+    /// The bit does not tell that data are ready.
     pub no_data_ready: bool,
 }
 
@@ -117,12 +116,9 @@ pub struct Icm42688 {
     banks: [[u8; 128]; 3],
     bank: u8,
     transfer: Transfer,
-    now: Time,
     /// A reset lasts until then.
     resetting: Option<Time>,
     status: u8,
-    /// INT1 is active until then.
-    pulse_until: Option<Time>,
     gyro: Path,
     accel: Path,
     celsius: f64,
@@ -160,10 +156,8 @@ impl Icm42688 {
             banks: [[0; 128]; 3],
             bank: 0,
             transfer: Transfer::Idle,
-            now: Time(0),
             resetting: None,
             status: 0,
-            pulse_until: None,
             gyro: Path::new(gyro, settings, config.clock_error, seed),
             accel: Path::new(accel, settings, config.clock_error, !seed),
             celsius: 25.0,
@@ -212,7 +206,6 @@ impl Icm42688 {
         }
         self.bank = 0;
         self.status = 0;
-        self.pulse_until = None;
         self.gyro.switch(None);
         self.accel.switch(None);
         self.gyro_on_since = None;
@@ -272,68 +265,20 @@ impl Icm42688 {
         }
     }
 
-    /// How INT1 is driven at the time of the latest call.
-    pub fn int1(&self) -> Drive {
-        let config = self.banks[0][usize::from(INT_CONFIG)];
-        let level = self.is_interrupting() == (config & 1 != 0);
-        match config & 2 != 0 {
-            true => Drive::to(level),
-            false if level => Drive::Open,
-            false => Drive::Low,
-        }
-    }
-
-    fn is_interrupting(&self) -> bool {
-        let latched = self.banks[0][usize::from(INT_CONFIG)] & 4 != 0;
-        if latched {
-            self.status & self.sources() != 0
-        } else {
-            self.pulse_until.is_some()
-        }
-    }
-
-    fn sources(&self) -> u8 {
-        self.banks[0][usize::from(INT_SOURCE0)]
-    }
-
-    /// When INT1 may change next. What happens inside without being seen there is done when it is
-    /// looked at.
-    pub fn next(&self) -> Time {
-        let mut next = self.resetting.unwrap_or(Time::NEVER);
-        if self.sources() & DATA_READY != 0 {
-            next = next.min(self.gyro.next()).min(self.accel.next());
-        }
-        next.min(self.pulse_until.unwrap_or(Time::NEVER))
-    }
-
-    /// Goes on until a time.
-    pub fn advance(&mut self, to: Time) {
-        while self.next() <= to {
-            self.advance_within(self.next());
-        }
-        self.advance_within(to);
-    }
-
-    /// Goes on without passing anything that INT1 shows.
-    fn advance_within(&mut self, to: Time) {
-        if let Some(until) = self.resetting.filter(|&until| until <= to) {
+    fn advance(&mut self, to: Time) {
+        if self.resetting.is_some_and(|until| until <= to) {
             self.resetting = None;
-            self.announce(RESET_DONE, until);
-        }
-        if self.pulse_until.is_some_and(|until| until <= to) {
-            self.pulse_until = None;
+            self.status |= RESET_DONE;
         }
         let (gyro, accel) = (self.gyro.advance(to), self.accel.advance(to));
-        let latest = gyro.map(|s| s.0).max(accel.map(|s| s.0));
-        if let Some(at) = latest {
+        if gyro.is_some() || accel.is_some() {
             if !self.fault.frozen {
-                self.take(gyro.map(|s| s.1), accel.map(|s| s.1));
+                self.take(gyro, accel);
             }
             if !self.fault.no_data_ready {
-                self.announce(DATA_READY, at);
+                self.status |= DATA_READY;
             }
         }
-        self.now = self.now.max(to);
     }
 
     fn take(&mut self, gyro: Option<[i16; 3]>, accel: Option<[i16; 3]>) {
@@ -350,16 +295,6 @@ impl Icm42688 {
         }
         if self.transfer == Transfer::Idle {
             self.shown = self.data;
-        }
-    }
-
-    /// Something that INT_STATUS tells, and INT1 if it is routed there.
-    fn announce(&mut self, bit: u8, at: Time) {
-        self.status |= bit;
-        if self.sources() & bit != 0 {
-            let short = self.banks[0][usize::from(INT_CONFIG1)] & 0x40 != 0;
-            let span = Time::from_micros(if short { 8 } else { 100 });
-            self.pulse_until = Some(at + span);
         }
     }
 
@@ -429,13 +364,6 @@ impl Icm42688 {
         }
         if (register.bank, register.address) == (0, INTF_CONFIG0) && value & 3 == 2 {
             self.unknown.note(at, format!("{name}: SPI switched off"));
-        }
-        let routed = (register.bank, register.address) == (0, INT_SOURCE0)
-            && value & DATA_READY != 0
-            && self.banks[0][usize::from(INT_CONFIG1)] & 0x10 != 0;
-        if routed {
-            let text = "INT1 in use without INT_ASYNC_RESET cleared".into();
-            self.unknown.note(at, text);
         }
     }
 

@@ -246,36 +246,6 @@ fn a_burst_is_coherent() {
 }
 
 #[test]
-fn data_ready_at_the_pin() {
-    let mut bus = Bus::new(silent());
-    // Push-pull, active high, pulses of 8 µs, data ready.
-    for (address, value) in [(0x14, 0x03), (0x64, 0x60), (0x65, 0x08), (0x4e, 0x0c)] {
-        bus.write(address, value);
-    }
-    assert_eq!(bus.sensor.next(), bus.at + Time(45 * MS));
-    let mut edges = Vec::new();
-    while edges.len() < 6 {
-        let at = bus.sensor.next();
-        bus.sensor.advance(at);
-        edges.push((at.0 - bus.at.0, bus.sensor.int1() == Drive::High));
-    }
-    let first = 45 * MS;
-    let expected: Vec<_> = (0..3)
-        .flat_map(|k| [(first + k * MS, true), (first + k * MS + 8 * US, false)])
-        .collect();
-    assert_eq!(edges, expected);
-    // Latched: until INT_STATUS is read.
-    bus.wait(60_000);
-    bus.write(0x14, 0x07);
-    bus.wait(2_000);
-    bus.sensor.advance(bus.at);
-    assert_eq!(bus.sensor.int1(), Drive::High);
-    assert_eq!(bus.read(0x2d) & 0x08, 0x08);
-    assert_eq!(bus.sensor.int1(), Drive::Low);
-    assert_eq!(bus.unmodelled(), [""; 0]);
-}
-
-#[test]
 fn temperature_in_its_units() {
     let mut bus = Bus::new(silent());
     bus.sensor.temperature(Time(2 * MS), 45.0);
