@@ -1,5 +1,7 @@
 #![doc = include_str!("../README.md")]
 
+#[macro_use]
+mod bits;
 pub mod board;
 pub mod chip;
 pub mod core;

@@ -7,7 +7,7 @@
 
 use super::Peripheral;
 use super::effect::Effect;
-use super::register::{Register, bits, merge, narrow};
+use super::register::{Register, merge, narrow};
 use super::shared::Shared;
 use crate::finding::Kind;
 

@@ -9,7 +9,7 @@ use super::effect::{Effect, Request};
 use super::interrupt::Interrupt;
 use super::map::Unit;
 use super::pin::Signal;
-use super::register::{Register, bits, merge, narrow};
+use super::register::{Register, merge, narrow};
 use super::shared::Shared;
 use crate::finding::Kind;
 use crate::time::{Cycles, NEVER};

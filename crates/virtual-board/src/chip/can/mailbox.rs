@@ -1,6 +1,5 @@
 //! Transmit mailboxes.
 
-use crate::chip::register::bits;
 use crate::wire::{Frame, Id};
 
 // Bits of TSR of mailbox 0; those of the next lie 8 bits higher.

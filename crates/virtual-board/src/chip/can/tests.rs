@@ -33,7 +33,7 @@ impl Board {
         shared.clocks.hclk_hz = 1_000_000 * MICRO;
         shared.clocks.apb1 = 4;
         let mut board = Self {
-            can: Can::default(),
+            can: Can::after_reset(),
             shared,
         };
         board.write(MCR, INRQ | ABOM);

@@ -1,6 +1,5 @@
 //! A stream: its registers, its FIFO, and the steps of which its transfers consist.
 
-use crate::chip::register::bits;
 use crate::core::Width;
 
 // Bits of SxCR.

@@ -589,7 +589,7 @@ impl Peripheral for Timer {
         self.plan(shared);
     }
 
-    fn clocks_changed(&mut self, _old: &crate::time::Timebase, shared: &mut Shared) {
+    fn clocks_changed(&mut self, shared: &mut Shared) {
         self.sync(shared);
         self.plan(shared);
     }

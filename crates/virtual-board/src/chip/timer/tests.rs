@@ -534,8 +534,7 @@ fn another_clock_changes_the_pace_from_its_moment_on() {
     let mut bench = Bench::new(Kind::Tim2);
     bench.write(&[(CR1, CEN)]).pass(101);
     bench.shared.clocks.timer1 = 4;
-    let base = bench.shared.base;
-    bench.timer.clocks_changed(&base, &mut bench.shared);
+    bench.timer.clocks_changed(&mut bench.shared);
     bench.pass(301);
     assert_eq!(bench.read(CNT), 150);
 }
