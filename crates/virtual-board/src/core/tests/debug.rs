@@ -80,8 +80,7 @@ fn the_profile_adds_up() {
             0x4770, // bx lr
         ],
     )
-    .register(1, 1)
-    .register(2, ISPR0);
+    .registers(&[(1, 1), (2, ISPR0)]);
     machine.set_private(ISER0, 1);
     // Less urgent than the line.
     machine.set_private(0xe000_ed1c, 0x8000_0000);

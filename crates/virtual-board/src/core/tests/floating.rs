@@ -346,9 +346,7 @@ fn instructions_move_and_compute() {
         0xfa10, 0xee11, 0x2a90, 0xeebd, 0x2ac1, 0xee12, 0x3a10, 0xec55, 0x4a30, 0xbe00,
     ];
     let (a, b) = (3.5f32, -2.75f32);
-    let mut machine = Machine::new(&program)
-        .register(0, a.to_bits())
-        .register(1, b.to_bits());
+    let mut machine = Machine::new(&program).registers(&[(0, a.to_bits()), (1, b.to_bits())]);
     machine.set_private(CPACR, 0x00f0_0000);
     machine.run_to_breakpoint();
     assert_eq!(f32::from_bits(machine.r(2)), a * b - (a + b));

@@ -7,13 +7,14 @@ fn cycles(program: &[u16]) -> u64 {
     let mut code = program.to_vec();
     code.push(0xbe00);
     let behind = CODE + 2 * program.len() as u32;
-    let mut machine = Machine::new(&code)
-        .register(0, LOG)
-        .register(1, LOG + 0x40)
-        .register(2, 4)
-        .register(3, 0xffff_ffff)
-        .register(4, 3)
-        .register(6, behind | 1);
+    let mut machine = Machine::new(&code).registers(&[
+        (0, LOG),
+        (1, LOG + 0x40),
+        (2, 4),
+        (3, 0xffff_ffff),
+        (4, 3),
+        (6, behind | 1),
+    ]);
     machine.chip.set_word(LOG, behind | 1);
     machine.chip.set_word(LOG + 4, behind | 1);
     machine.set_private(CPACR, 0x00f0_0000);
