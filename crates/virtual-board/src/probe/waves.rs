@@ -4,7 +4,7 @@
 //! has a handler of its own, high from its entry to its return with what preempts it, and the name
 //! of the one that runs. A scope for the bus: its level, 0 for dominant, and the frame that is sent.
 
-use super::vcd::{Dump, Form, NOTHING, Signal, Timescale, Value};
+use super::vcd::{Dump, Form, NOTHING, Signal, Value};
 use crate::chip::Pin;
 use crate::image::Image;
 use crate::network::Network;
@@ -53,7 +53,7 @@ fn value(level: Option<bool>) -> Value {
 impl<W: io::Write> Waves<W> {
     /// A dump of the boards of a network, each with its name and image, from now on.
     pub fn new(writer: W, network: &mut Network, boards: &[(&str, &Image)]) -> Self {
-        let mut dump = Dump::new(writer, Timescale::Nanosecond);
+        let mut dump = Dump::new(writer);
         let mut signals = Vec::new();
         let now = network.now();
         for (&(name, image), board) in boards.iter().zip(network.boards()) {

@@ -325,14 +325,14 @@ fn off_the_bus_it_comes_back_by_itself_or_when_the_program_says_so() {
         let mcr = if recover { ABOM } else { 0 };
         bench.board().write(&[(MCR, mcr), (IER, ERRIE | BOFIE)]);
         // It sends but reads recessive.
-        bench.wire.inject(
-            Time::from_micros(200),
-            Fault::Transceiver {
-                node: 0,
-                sends: true,
-                hears: false,
-            },
-        );
+        let transceiver = |hears| Fault::Transceiver {
+            node: 0,
+            sends: true,
+            hears,
+        };
+        bench
+            .wire
+            .inject(Time::from_micros(200), transceiver(false));
         bench.run(240);
         bench.board().request(0, 0x100, 0);
         while bench.board().read(ESR) & BOFF == 0 {
@@ -343,14 +343,9 @@ fn off_the_bus_it_comes_back_by_itself_or_when_the_program_says_so() {
         let board = bench.board();
         assert_eq!(board.read(ESR) & (BOFF | LEC), BOFF | 5 << 4);
         assert!(board.shared.is_high(Interrupt::Can1Sce));
-        bench.wire.inject(
-            Time::from_micros(from),
-            Fault::Transceiver {
-                node: 0,
-                sends: true,
-                hears: true,
-            },
-        );
+        bench
+            .wire
+            .inject(Time::from_micros(from), transceiver(true));
         if !recover {
             bench.run(10_000);
             let board = bench.board();

@@ -8,15 +8,15 @@
 //! the instants of the part's own oscillator, noise, bias and scale, quantisation and saturation, data
 //! that stand still while the chip is selected, INT_STATUS that a read clears, temperature.
 //!
-//! Not modelled, and noted when the program switches it on ([`Icm42688::unknown`]): the FIFO, time
+//! Not modelled, and noted when the program switches it on ([`Icm42688::findings`]): the FIFO, time
 //! stamps, FSYNC, the low-power mode, motion detection, self test, offsets (bank 4), INT1, INT2, little
 //! endian data, other clock sources; nor the notch filter, whatever its setting.
 
 mod path;
 mod registers;
 
-use super::UnmodelledUses;
 use crate::device::span_s;
+use crate::finding::{Findings, Kind};
 use crate::time::Time;
 use path::{Errors, Path, Settings, Truth};
 use registers::*;
@@ -112,7 +112,7 @@ enum Transfer {
 pub struct Icm42688 {
     config: InertialConfig,
     fault: InertialFault,
-    unknown: UnmodelledUses,
+    findings: Findings,
     banks: [[u8; 128]; 3],
     bank: u8,
     transfer: Transfer,
@@ -152,7 +152,7 @@ impl Icm42688 {
         let mut sensor = Self {
             config,
             fault: InertialFault::default(),
-            unknown: UnmodelledUses::default(),
+            findings: Findings::default(),
             banks: [[0; 128]; 3],
             bank: 0,
             transfer: Transfer::Idle,
@@ -217,8 +217,12 @@ impl Icm42688 {
     }
 
     /// What was asked of it that is not modelled, or that its data sheet forbids.
-    pub fn unknown(&self) -> &UnmodelledUses {
-        &self.unknown
+    pub fn findings(&self) -> &Findings {
+        &self.findings
+    }
+
+    fn note(&mut self, at: Time, text: impl Into<String>) {
+        self.findings.note(Kind::NotModelled, 0, at, text);
     }
 
     /// Its select line is low (selected) or high.
@@ -300,12 +304,12 @@ impl Icm42688 {
 
     fn read(&mut self, address: u8, at: Time) -> u8 {
         if self.resetting.is_some() {
-            self.unknown.note(at, "a read during a reset".into());
+            self.note(at, "a read during a reset");
             return 0;
         }
         if register(self.bank, address).is_none() {
             let text = format!("a read of {address:#04x} in bank {}", self.bank);
-            self.unknown.note(at, text);
+            self.note(at, text);
             return 0;
         }
         match (self.bank, address) {
@@ -321,15 +325,15 @@ impl Icm42688 {
 
     fn write(&mut self, address: u8, value: u8, at: Time) {
         if self.resetting.is_some() {
-            return self.unknown.note(at, "a write during a reset".into());
+            return self.note(at, "a write during a reset");
         }
         let Some(register) = register(self.bank, address) else {
             let text = format!("a write to {address:#04x} in bank {}", self.bank);
-            return self.unknown.note(at, text);
+            return self.note(at, text);
         };
         if at < self.quiet_until && address != REG_BANK_SEL {
             let text = format!("{} written within 200 µs of switching on", register.name);
-            self.unknown.note(at, text);
+            self.note(at, text);
         }
         if address == REG_BANK_SEL {
             self.bank = value & 7;
@@ -355,15 +359,15 @@ impl Icm42688 {
         let foreign = changed & register.writable & !register.modelled;
         if foreign != 0 {
             let text = format!("{name}: bits {foreign:#04x} are not modelled ({value:#04x})");
-            self.unknown.note(at, text);
+            self.note(at, text);
         }
         let reserved = changed & !register.writable;
         if reserved != 0 {
             let text = format!("{name}: reserved bits {reserved:#04x} changed");
-            self.unknown.note(at, text);
+            self.note(at, text);
         }
         if (register.bank, register.address) == (0, INTF_CONFIG0) && value & 3 == 2 {
-            self.unknown.note(at, format!("{name}: SPI switched off"));
+            self.note(at, format!("{name}: SPI switched off"));
         }
     }
 
@@ -376,7 +380,7 @@ impl Icm42688 {
         let (was, is) = (old >> 2 & 3, new >> 2 & 3);
         if is == 2 || new & 3 == 2 {
             let text = format!("PWR_MGMT0: {new:#04x}: low-power or reserved mode");
-            self.unknown.note(at, text);
+            self.note(at, text);
         }
         if was == 0 && is != 0 {
             self.gyro_on_since = Some(at);
@@ -385,7 +389,7 @@ impl Icm42688 {
             && at < since + LEAST_ON
         {
             let text = format!("gyroscope off after {:.1} ms", 1e3 * span_s(since, at));
-            self.unknown.note(at, text);
+            self.note(at, text);
         }
         if (was == 3) != (is == 3) {
             // From standby it takes no longer than from the beginning.
@@ -427,10 +431,10 @@ impl Icm42688 {
             unfiltered: of(&two, aaf) & 1 != 0,
             widest: 16.0 * GRAVITY,
         };
-        if let Some(settings) = gyro.settings(&mut self.unknown, self.gyro.is_on(), at) {
+        if let Some(settings) = gyro.settings(&mut self.findings, self.gyro.is_on(), at) {
             self.gyro.set(settings, at);
         }
-        if let Some(settings) = accel.settings(&mut self.unknown, self.accel.is_on(), at) {
+        if let Some(settings) = accel.settings(&mut self.findings, self.accel.is_on(), at) {
             self.accel.set(settings, at);
         }
     }
@@ -457,10 +461,11 @@ struct Choice {
 
 impl Choice {
     /// The settings; `None` and a note, if the path is on, where they are none of the data sheet's.
-    fn settings(&self, unknown: &mut UnmodelledUses, is_on: bool, at: Time) -> Option<Settings> {
+    fn settings(&self, findings: &mut Findings, is_on: bool, at: Time) -> Option<Settings> {
         let mut need = |found: Option<f64>, what: &str, value: u16| {
             if found.is_none() && is_on {
-                unknown.note(at, format!("{}: {what} {value}", self.name));
+                let text = format!("{}: {what} {value}", self.name);
+                findings.note(Kind::NotModelled, 0, at, text);
             }
             found
         };
