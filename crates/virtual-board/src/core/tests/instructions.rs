@@ -80,23 +80,10 @@ fn conditions_hold_as_the_table_says() {
     for flags in 0..16u32 {
         let (n, z) = (flags & 8 != 0, flags & 4 != 0);
         let (c, v) = (flags & 2 != 0, flags & 1 != 0);
-        let table = [
-            z,
-            !z,
-            c,
-            !c,
-            n,
-            !n,
-            v,
-            !v,
-            c && !z,
-            !c || z,
-            n == v,
-            n != v,
-            !z && n == v,
-            z || n != v,
-        ];
-        for (condition, expected) in table.into_iter().enumerate() {
+        // Each, then its inverse.
+        let holds = [z, c, n, v, c && !z, n == v, !z && n == v];
+        let table = holds.into_iter().flat_map(|holds| [holds, !holds]);
+        for (condition, expected) in table.enumerate() {
             let branch = 0xd000 | (condition as u16) << 8;
             // In an IT block the other way round: executed if it holds.
             let it = 0xbf08 | (condition as u16) << 4;
