@@ -60,7 +60,6 @@ use map::Unit;
 use register::Register;
 use shared::Shared;
 
-/// A peripheral.
 pub(crate) trait Peripheral {
     /// Its registers, in the order of their places.
     fn registers(&self) -> &'static [Register];

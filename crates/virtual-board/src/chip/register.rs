@@ -1,6 +1,5 @@
 //! Registers of a peripheral: names, places, bits.
 
-/// A register.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Register {
     /// Place from the peripheral's base, bytes.

@@ -31,7 +31,6 @@ const COUNT: u32 = 0x7f;
 /// The lowest count without a reset.
 const LOWEST: u32 = 0x40;
 
-/// Window watchdog.
 pub(crate) struct WindowWatchdog {
     /// The count where it does not run.
     count: u32,

@@ -274,24 +274,24 @@ fn hint(h: u32) -> Insn {
 
 /// A load of a size by constant offset; signed sizes have none in 16 bits.
 pub(super) const fn load_offset(size: Size) -> Op {
-    match size {
-        Size::Word => Op::LdrImm,
-        Size::Half => Op::LdrhImm,
-        Size::Byte => Op::LdrbImm,
-        Size::SignedHalf => Op::LdrshImm,
-        Size::SignedByte => Op::LdrsbImm,
-    }
+    [
+        Op::LdrImm,
+        Op::LdrhImm,
+        Op::LdrbImm,
+        Op::LdrshImm,
+        Op::LdrsbImm,
+    ][size as usize]
 }
 
 /// A load of a size by register.
 pub(super) const fn load_register(size: Size) -> Op {
-    match size {
-        Size::Word => Op::LdrReg,
-        Size::Half => Op::LdrhReg,
-        Size::Byte => Op::LdrbReg,
-        Size::SignedHalf => Op::LdrshReg,
-        Size::SignedByte => Op::LdrsbReg,
-    }
+    [
+        Op::LdrReg,
+        Op::LdrhReg,
+        Op::LdrbReg,
+        Op::LdrshReg,
+        Op::LdrsbReg,
+    ][size as usize]
 }
 
 /// Loads that end in the stack pointer or the program counter.

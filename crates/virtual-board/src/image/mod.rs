@@ -6,10 +6,11 @@
 
 mod lines;
 
-pub use lines::{Place, Rows};
+pub use lines::Place;
 
 use lines::Lines;
 use object::LittleEndian;
+use object::elf::{EM_ARM, ET_EXEC, PT_LOAD};
 use object::read::elf::{ElfFile32, FileHeader, ProgramHeader};
 use object::{Object, ObjectSection, ObjectSymbol, SymbolKind};
 use std::collections::HashMap;
@@ -205,7 +206,7 @@ impl Image {
     }
 
     /// All stretches of code with their source lines, by address.
-    pub fn lines_of_code(&self) -> Rows<'_> {
+    pub fn lines_of_code(&self) -> impl Iterator<Item = (Range<u32>, Place<'_>)> {
         self.lines().rows()
     }
 
@@ -260,22 +261,13 @@ fn check_header(bytes: &[u8]) -> Result<(), Wrong> {
         let value = format!("{} bytes long", bytes.len());
         return Err(("the file", value, "a whole ELF file"));
     }
-    let half = |at: usize| u16::from_le_bytes([bytes[at], bytes[at + 1]]);
+    let byte = |at: usize| u16::from(bytes[at]);
+    let half = |at: usize| byte(at) | byte(at + 1) << 8;
     for (field, value, right, allowed) in [
-        ("its class", u16::from(bytes[4]), 1, "1 (32 bits)"),
-        (
-            "its data encoding",
-            u16::from(bytes[5]),
-            1,
-            "1 (little endian)",
-        ),
-        ("its machine", half(18), object::elf::EM_ARM, "40 (Arm)"),
-        (
-            "its type",
-            half(16),
-            object::elf::ET_EXEC,
-            "2 (a linked program)",
-        ),
+        ("its class", byte(4), 1, "1 (32 bits)"),
+        ("its data encoding", byte(5), 1, "1 (little endian)"),
+        ("its machine", half(18), EM_ARM, "40 (Arm)"),
+        ("its type", half(16), ET_EXEC, "2 (a linked program)"),
     ] {
         if value != right {
             return Err((field, value.to_string(), allowed));
@@ -290,7 +282,7 @@ fn segments(elf: &ElfFile32<'_, LittleEndian>, bytes: &[u8]) -> Result<Vec<Segme
     let headers = headers.map_err(|e| cut(e, bytes))?;
     let mut segments = Vec::new();
     for (number, header) in headers.iter().enumerate() {
-        if header.p_type(endian) != object::elf::PT_LOAD || header.p_filesz(endian) == 0 {
+        if header.p_type(endian) != PT_LOAD || header.p_filesz(endian) == 0 {
             continue;
         }
         let (address, length) = (header.p_paddr(endian), header.p_filesz(endian));

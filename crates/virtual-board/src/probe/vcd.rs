@@ -82,11 +82,8 @@ impl<W: io::Write> Dump<W> {
     }
 
     /// Registers a signal; `scope` names the scopes from the outermost, with `/` between. Registered
-    /// after the first [`Self::flush`] it would be missing in the file: then this is `None`.
-    pub fn register(&mut self, scope: &str, name: &str, form: Form) -> Option<Signal> {
-        if self.begun {
-            return None;
-        }
+    /// after the first [`Self::flush`] it is missing in the file.
+    pub fn register(&mut self, scope: &str, name: &str, form: Form) -> Signal {
         self.entries.push(Entry {
             scope: scope
                 .split('/')
@@ -98,7 +95,7 @@ impl<W: io::Write> Dump<W> {
             id: None,
             last: None,
         });
-        Some(Signal(self.entries.len() - 1))
+        Signal(self.entries.len() - 1)
     }
 
     /// Notes a change.
@@ -178,7 +175,7 @@ impl<W: io::Write> Dump<W> {
         let Some(entry) = self.entries.get_mut(signal.0) else {
             return Ok(());
         };
-        if entry.last.as_ref() == Some(&value) {
+        if entry.id.is_none() || entry.last.as_ref() == Some(&value) {
             return Ok(());
         }
         let time = nanos(at).max(self.written.unwrap_or(0));
@@ -229,12 +226,10 @@ mod tests {
     fn dump() -> Vec<u8> {
         let mut file = Vec::new();
         let mut dump = Dump::new(&mut file);
-        let register =
-            |dump: &mut Dump<_>, scope, name, form| dump.register(scope, name, form).unwrap();
-        let pin = register(&mut dump, "front/pins", "PA8", Form::Wire);
-        let frame = register(&mut dump, "bus", "frame", Form::Text);
-        let active = register(&mut dump, "front", "exception", Form::Text);
-        let rear = register(&mut dump, "rear/pins", "PA8", Form::Wire);
+        let pin = dump.register("front/pins", "PA8", Form::Wire);
+        let frame = dump.register("bus", "frame", Form::Text);
+        let active = dump.register("front", "exception", Form::Text);
+        let rear = dump.register("rear/pins", "PA8", Form::Wire);
         let level = Value::Level;
         let text = |text: &str| Value::Text(text.into());
         // Rounded down to nanoseconds.
@@ -246,7 +241,8 @@ mod tests {
         dump.change(Time(3_000_999), frame, text("0x123 [8] de ad"));
         // Too late: it comes at the time reached.
         dump.change(Time(500_000), rear, Value::HighZ);
-        assert_eq!(dump.register("late", "x", Form::Wire), None);
+        let late = dump.register("late", "x", Form::Wire);
+        dump.change(Time(4_000_000), late, level(true));
         dump.finish(Time(9_000_500)).unwrap();
         file
     }

@@ -414,7 +414,7 @@ impl Wire {
         let dominant = can_node.dominant && can_node.controller.is_in();
         can_node.plan(self.delay);
         let is_busy = can_node.controller.is_busy();
-        self.redrive(|can_nodes| can_nodes[i].dominant = dominant);
+        self.redrive(|wire| wire.can_nodes[i].dominant = dominant);
         if busy != is_busy {
             self.occupy(is_busy);
         }
@@ -427,10 +427,10 @@ impl Wire {
         }
     }
 
-    /// Changes something about the nodes and looks at all levels anew.
-    fn redrive(&mut self, change: impl FnOnce(&mut Vec<CanNode>)) {
+    /// Changes something about the nodes or the wire and looks at all levels anew.
+    fn redrive(&mut self, change: impl FnOnce(&mut Self)) {
         let before: Vec<bool> = (0..self.drivers.len()).map(|p| self.level(p)).collect();
-        change(&mut self.can_nodes);
+        change(self);
         self.drivers.fill(0);
         for can_node in &self.can_nodes {
             if can_node.is_driving() {
@@ -447,21 +447,14 @@ impl Wire {
     fn strike(&mut self, fault: Fault) {
         self.rouse();
         match fault {
-            Fault::Level(level) => {
-                let before: Vec<bool> = (0..self.drivers.len()).map(|p| self.level(p)).collect();
-                self.forced = level;
-                let now = self.now;
-                for (piece, level) in before.into_iter().enumerate() {
-                    self.changed(piece, level, now);
-                }
-            }
-            Fault::Transceiver { node, sends, hears } => self.redrive(|can_nodes| {
-                if let Some(can_node) = can_nodes.get_mut(node) {
+            Fault::Level(level) => self.redrive(|wire| wire.forced = level),
+            Fault::Transceiver { node, sends, hears } => self.redrive(|wire| {
+                if let Some(can_node) = wire.can_nodes.get_mut(node) {
                     (can_node.sends, can_node.hears) = (sends, hears);
                 }
             }),
-            Fault::Piece { node, piece } => self.redrive(|can_nodes| {
-                if let Some(can_node) = can_nodes.get_mut(node) {
+            Fault::Piece { node, piece } => self.redrive(|wire| {
+                if let Some(can_node) = wire.can_nodes.get_mut(node) {
                     can_node.piece = piece.into();
                 }
             }),

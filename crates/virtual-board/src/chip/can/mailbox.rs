@@ -12,7 +12,6 @@ pub(super) const TXRQ: u32 = 1;
 const RTR: u32 = 1 << 1;
 const IDE: u32 = 1 << 2;
 
-/// A mailbox.
 #[derive(Debug, Default)]
 pub(super) struct Mailbox {
     /// TIxR, TDTxR, TDLxR, TDHxR.

@@ -27,10 +27,10 @@ bits! { pub(super):
 }
 pub(super) const IER_BITS: u32 = 0x0003_8f7f;
 
-/// ESR.
-pub(super) const EWGF: u32 = 1;
-pub(super) const EPVF: u32 = 1 << 1;
-pub(super) const BOFF: u32 = 1 << 2;
+// ESR.
+bits! { pub(super):
+    EWGF 0, EPVF 1, BOFF 2
+}
 pub(super) const LEC: u32 = 7 << 4;
 
 /// BTR.

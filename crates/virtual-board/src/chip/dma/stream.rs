@@ -38,7 +38,6 @@ enum Side {
     Memory,
 }
 
-/// A stream.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Stream {
     pub cr: u32,

@@ -40,7 +40,6 @@ use output::{Mode, Stage};
 pub(crate) use registers::Kind;
 use registers::*;
 
-/// A channel.
 #[derive(Clone, Copy, Debug, Default)]
 struct Channel {
     preload: u32,
@@ -65,7 +64,6 @@ struct Needs {
     channels: u32,
 }
 
-/// A timer.
 pub(crate) struct Timer {
     kind: Kind,
     /// Registers as they were written, by offset over 4.

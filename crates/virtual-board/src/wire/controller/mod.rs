@@ -77,7 +77,6 @@ pub(crate) struct Ended {
     pub error: Option<ErrorKind>,
 }
 
-/// A controller.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Controller {
     settings: Option<Settings>,

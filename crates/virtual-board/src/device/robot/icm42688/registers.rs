@@ -1,6 +1,5 @@
 //! The register map, as far as it is in the data sheet and of use to a driver.
 
-/// A register.
 pub(super) struct Register {
     pub bank: u8,
     pub address: u8,
