@@ -87,6 +87,12 @@ fn the_process_stack_is_used_by_the_thread_alone() {
 
 #[test]
 fn an_interrupt_inside_an_it_block_comes_back_to_its_middle() {
+    let first = [
+        0x9807, // ldr r0, [sp, #28]
+        0x6038, // str r0, [r7]
+        0x45bd, // cmp sp, r7
+        0x4770, // bx lr
+    ];
     // The store pends line 0; the block goes on afterwards, its else part not executed.
     let mut machine = Machine::new(&[
         0x4280, // cmp r0, r0
@@ -97,15 +103,7 @@ fn an_interrupt_inside_an_it_block_comes_back_to_its_middle() {
         0x3308, // addne r3, #8
         0xbe00, // bkpt
     ])
-    .handler(
-        16,
-        &[
-            0x9807, // ldr r0, [sp, #28]
-            0x6038, // str r0, [r7]
-            0x45bd, // cmp sp, r7
-            0x4770, // bx lr
-        ],
-    )
+    .handler(16, &first)
     .registers(&[(1, 1), (2, ISPR0), (3, 0), (7, LOG)]);
     enable(&mut machine, [0; 4]);
     assert_eq!(machine.run_to_breakpoint(), 0);
@@ -120,20 +118,18 @@ fn an_interrupt_inside_an_it_block_comes_back_to_its_middle() {
 
 /// Handlers: line 1 pends lines 0 and 2. The order in which they log with these priorities.
 fn order_of_three(group: u32, priorities: [u8; 4]) -> Vec<u32> {
+    let second = [
+        0x2005, // movs r0, #5
+        0x6010, // str r0, [r2]
+        0x2602, // movs r6, #2
+        0xc740, // stm r7!, {r6}
+        0x4770, // bx lr
+    ];
     // str r1, [r2]; bkpt
     let mut machine = Machine::new(&[0x6011, 0xbe00])
         .handler(16, &logging(1))
         .handler(18, &logging(3))
-        .handler(
-            17,
-            &[
-                0x2005, // movs r0, #5
-                0x6010, // str r0, [r2]
-                0x2602, // movs r6, #2
-                0xc740, // stm r7!, {r6}
-                0x4770, // bx lr
-            ],
-        )
+        .handler(17, &second)
         .registers(&[(1, 2), (2, ISPR0), (7, LOG)]);
     machine.set_private(AIRCR, 0x05fa_0000 | group << 8);
     enable(&mut machine, priorities);
@@ -157,25 +153,21 @@ fn the_group_alone_decides_on_preemption_and_the_subpriority_on_the_order() {
 fn one_that_arrives_during_entry_goes_first_and_the_frame_is_shared() {
     // b .
     let program = [0xe7fe];
+    let first = [
+        0x2601, // movs r6, #1
+        0xc740, // stm r7!, {r6}
+        0x466d, // mov r5, sp
+        0x4770, // bx lr
+    ];
+    let second = [
+        0x2602, // movs r6, #2
+        0xc740, // stm r7!, {r6}
+        0x456d, // cmp r5, sp
+        0xbe00, // bkpt
+    ];
     let mut machine = Machine::new(&program)
-        .handler(
-            16,
-            &[
-                0x2601, // movs r6, #1
-                0xc740, // stm r7!, {r6}
-                0x466d, // mov r5, sp
-                0x4770, // bx lr
-            ],
-        )
-        .handler(
-            17,
-            &[
-                0x2602, // movs r6, #2
-                0xc740, // stm r7!, {r6}
-                0x456d, // cmp r5, sp
-                0xbe00, // bkpt
-            ],
-        )
+        .handler(16, &first)
+        .handler(17, &second)
         .register(7, LOG);
     enable(&mut machine, [0x10, 0x20, 0, 0]);
     let begin = machine.core.cycles();
