@@ -64,13 +64,13 @@ impl Core {
     }
 
     /// The upper word of accumulator ± product, rounded if bit 0 says so.
-    fn upper_product(&self, insn: &Insn, accumulator: i64, sign: i64) -> i64 {
+    fn upper_product(&self, insn: &Insn, accumulator: i64, sign: i64) -> u32 {
         let product = i64::from(self.reg(insn.n()) as i32) * i64::from(self.reg(insn.m()) as i32);
         let rounding = if insn.imm & 1 != 0 { 0x8000_0000 } else { 0 };
         let sum = (accumulator << 32)
             .wrapping_add(product.wrapping_mul(sign))
             .wrapping_add(rounding);
-        sum >> 32
+        (sum >> 32) as u32
     }
 
     #[inline(never)]
@@ -135,32 +135,48 @@ impl Core {
     }
 
     fn execute_products(&mut self, insn: &Insn, op: Dsp) {
-        let accumulator = self.accumulator(insn);
-        let value = match op {
-            Dsp::SmulHalf => self.half_product(insn),
-            Dsp::SmlaHalf => self.half_product(insn) + accumulator,
-            Dsp::SmulWide => self.wide_product(insn),
-            Dsp::SmlaWide => self.wide_product(insn) + accumulator,
-            Dsp::SmulDual => self.dual(insn),
-            Dsp::SmlaDual => self.dual(insn) + accumulator,
-            Dsp::SmlalDual => self.long(insn).wrapping_add(self.dual(insn)),
-            Dsp::SmlalHalf => self.long(insn).wrapping_add(self.half_product(insn)),
-            Dsp::Smmul => self.upper_product(insn, 0, 1),
-            Dsp::Smmla => self.upper_product(insn, accumulator, 1),
-            Dsp::Smmls => self.upper_product(insn, accumulator, -1),
-            Dsp::Umaal => {
-                let product = u64::from(self.reg(insn.n())) * u64::from(self.reg(insn.m()));
-                let sum = u64::from(self.reg(insn.x())) + u64::from(self.reg(insn.d()));
-                (product + sum) as i64
-            }
-            _ => return,
-        };
         match op {
-            Dsp::SmlaHalf | Dsp::SmlaWide | Dsp::SmulDual | Dsp::SmlaDual => {
+            Dsp::SmulHalf => self.set(insn.d(), self.half_product(insn) as u32),
+            Dsp::SmlaHalf => {
+                let value = self.half_product(insn) + self.accumulator(insn);
                 self.set_with_overflow(insn, value);
             }
-            Dsp::SmlalDual | Dsp::SmlalHalf | Dsp::Umaal => self.set_long(insn, value as u64),
-            _ => self.set(insn.d(), value as u32),
+            Dsp::SmulWide => self.set(insn.d(), self.wide_product(insn) as u32),
+            Dsp::SmlaWide => {
+                let value = self.wide_product(insn) + self.accumulator(insn);
+                self.set_with_overflow(insn, value);
+            }
+            Dsp::SmulDual => {
+                let value = self.dual(insn);
+                self.set_with_overflow(insn, value);
+            }
+            Dsp::SmlaDual => {
+                let value = self.dual(insn) + self.accumulator(insn);
+                self.set_with_overflow(insn, value);
+            }
+            Dsp::SmlalDual => {
+                let value = self.long(insn).wrapping_add(self.dual(insn));
+                self.set_long(insn, value as u64);
+            }
+            Dsp::SmlalHalf => {
+                let value = self.long(insn).wrapping_add(self.half_product(insn));
+                self.set_long(insn, value as u64);
+            }
+            Dsp::Smmul => self.set(insn.d(), self.upper_product(insn, 0, 1)),
+            Dsp::Smmla => {
+                let value = self.upper_product(insn, self.accumulator(insn), 1);
+                self.set(insn.d(), value);
+            }
+            Dsp::Smmls => {
+                let value = self.upper_product(insn, self.accumulator(insn), -1);
+                self.set(insn.d(), value);
+            }
+            Dsp::Umaal => {
+                let product = u64::from(self.reg(insn.n())) * u64::from(self.reg(insn.m()));
+                let value = product + u64::from(self.reg(insn.x())) + u64::from(self.reg(insn.d()));
+                self.set_long(insn, value);
+            }
+            _ => {}
         }
     }
 
