@@ -8,7 +8,7 @@ mod flat;
 
 use flat::Flat;
 use flat::semihosting::serve;
-use virtual_board::core::{Core, Stop, System, WatchAccess, Width};
+use virtual_board::core::{Stop, System, WatchAccess, Width};
 use virtual_board::image::Image;
 
 /// The current value of SysTick.
@@ -29,11 +29,7 @@ fn loaded(flat: &mut Flat, pc: u32) -> Option<usize> {
 }
 
 fn run(image: &Image, by_cycles: bool) -> Result<bool, String> {
-    let mut flat = Flat::default();
-    image.load(&mut flat.flash);
-    let mut core = Core::new();
-    core.attach_debugger(true);
-    core.reset(&mut flat);
+    let (mut core, mut flat) = Flat::start(image);
     core.add_watchpoint(SYST_CVR, Width::Word.bytes(), WatchAccess::Read);
     loop {
         match core.run(&mut flat, u64::MAX) {

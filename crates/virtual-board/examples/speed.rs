@@ -51,11 +51,7 @@ fn small_loop() {
 
 /// Runs an image to its end; gives instructions, cycles and seconds.
 fn run(image: &Image, loud: bool) -> (u64, u64, f64) {
-    let mut flat = Flat::default();
-    image.load(&mut flat.flash);
-    let mut core = Core::new();
-    core.attach_debugger(true);
-    core.reset(&mut flat);
+    let (mut core, mut flat) = Flat::start(image);
     let begin = Instant::now();
     loop {
         match core.run(&mut flat, u64::MAX) {

@@ -1,5 +1,13 @@
 #![doc = include_str!("../README.md")]
 
+/// Bits of registers: a constant for each name and place.
+macro_rules! bits {
+    (pub($scope:tt): $($name:ident $bit:literal),* $(,)?) => {
+        $(pub($scope) const $name: u32 = 1 << $bit;)*
+    };
+    ($($name:ident $bit:literal),* $(,)?) => { $(const $name: u32 = 1 << $bit;)* };
+}
+
 pub mod board;
 pub mod chip;
 pub mod core;

@@ -5,7 +5,8 @@ pub mod peer;
 #[allow(dead_code)]
 pub mod semihosting;
 
-use virtual_board::core::{BusError, System, Transfer, Width};
+use virtual_board::core::{BusError, Core, System, Transfer, Width};
+use virtual_board::image::Image;
 use virtual_board::{Cycles, Kind};
 
 /// Memories alone.
@@ -42,6 +43,17 @@ impl Flat {
         };
         let offset = offset as usize;
         memory.get_mut(offset..offset + width.bytes() as usize)
+    }
+
+    /// An image about to run, with a debugger.
+    #[allow(dead_code)]
+    pub fn start(image: &Image) -> (Core, Self) {
+        let mut flat = Self::default();
+        image.load(&mut flat.flash);
+        let mut core = Core::new();
+        core.attach_debugger(true);
+        core.reset(&mut flat);
+        (core, flat)
     }
 
     /// Puts code or data into the flash.

@@ -1,7 +1,5 @@
 //! Causes of resets, and the flags that show them.
 
-use crate::chip::register::bits;
-
 // Flags of CSR.
 bits! {
     BORRSTF 25, PINRSTF 26, PORRSTF 27, SFTRSTF 28, IWDGRSTF 29, WWDGRSTF 30

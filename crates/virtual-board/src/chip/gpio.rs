@@ -142,14 +142,15 @@ impl Routes {
             signals: [None; PINS],
             pins: [[NOWHERE; CHOICES]; Signal::COUNT],
         };
-        for &(pin, function, signal) in ALTERNATE {
+        let is_on = |function: u32, pin: &&Pin| {
             let (port, number) = (&ports[pin.port()], pin.number());
-            if port.mode_of(number) == ALTERNATE_FUNCTION && port.alternate_of(number) == function {
+            port.mode_of(number) == ALTERNATE_FUNCTION && port.alternate_of(number) == function
+        };
+        for &(signal, function, pins) in ALTERNATE {
+            let chosen = pins.iter().filter(|pin| is_on(function, pin));
+            for (place, pin) in routes.pins[signal as usize].iter_mut().zip(chosen) {
                 routes.signals[pin.index()] = Some(signal);
-                let places = &mut routes.pins[signal as usize];
-                if let Some(place) = places.iter_mut().find(|place| **place == NOWHERE) {
-                    *place = pin.index() as u8;
-                }
+                *place = pin.index() as u8;
             }
         }
         routes

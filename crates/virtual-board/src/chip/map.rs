@@ -14,8 +14,8 @@ pub(crate) enum Unit {
     Rcc,
     /// End of an operation of the flash.
     Flash,
-    Watchdog,
-    WindowWatchdog,
+    Iwdg,
+    Wwdg,
     Tim1,
     Tim2,
     Tim3,
@@ -107,14 +107,8 @@ const PLACES: [Place; 22] = [
     place(0x4000_0400, 0x400, Unit::Tim3, "TIM3", by(APB1ENR, 1)),
     place(0x4000_0800, 0x400, Unit::Tim4, "TIM4", by(APB1ENR, 2)),
     place(0x4000_0c00, 0x400, Unit::Tim5, "TIM5", by(APB1ENR, 3)),
-    place(
-        0x4000_2c00,
-        0x400,
-        Unit::WindowWatchdog,
-        "WWDG",
-        by(APB1ENR, 11),
-    ),
-    place(0x4000_3000, 0x400, Unit::Watchdog, "IWDG", None),
+    place(0x4000_2c00, 0x400, Unit::Wwdg, "WWDG", by(APB1ENR, 11)),
+    place(0x4000_3000, 0x400, Unit::Iwdg, "IWDG", None),
     place(0x4000_4800, 0x400, Unit::Usart3, "USART3", by(APB1ENR, 18)),
     place(0x4000_6400, 0x400, Unit::Can1, "CAN1", by(APB1ENR, 25)),
     place(0x4000_7000, 0x400, Unit::Pwr, "PWR", by(APB1ENR, 28)),
@@ -151,22 +145,8 @@ impl Unit {
     pub const SCHEDULED: [Self; 16] = {
         use Unit::*;
         [
-            World,
-            Rcc,
-            Flash,
-            Watchdog,
-            WindowWatchdog,
-            Tim1,
-            Tim2,
-            Tim3,
-            Tim4,
-            Tim5,
-            Adc,
-            Dma1,
-            Dma2,
-            Spi1,
-            Can1,
-            Usart3,
+            World, Rcc, Flash, Iwdg, Wwdg, Tim1, Tim2, Tim3, Tim4, Tim5, Adc, Dma1, Dma2, Spi1,
+            Can1, Usart3,
         ]
     };
 
@@ -247,10 +227,7 @@ impl Unit {
             Self::Tim1 => &[
                 Tim1Ch1, Tim1Ch2, Tim1Ch3, Tim1Ch4, Tim1Ch1N, Tim1Ch2N, Tim1Ch3N,
             ],
-            Self::Tim2 => &[Tim2Ch1, Tim2Ch2, Tim2Ch3, Tim2Ch4],
-            Self::Tim3 => &[Tim3Ch1, Tim3Ch2, Tim3Ch3, Tim3Ch4],
-            Self::Tim4 => &[Tim4Ch1, Tim4Ch2, Tim4Ch3, Tim4Ch4],
-            Self::Tim5 => &[Tim5Ch1, Tim5Ch2, Tim5Ch3, Tim5Ch4],
+            Self::Tim2 | Self::Tim3 | Self::Tim4 | Self::Tim5 => &Signal::CHANNELS[self.timer()],
             Self::Spi1 => &[Spi1Sck, Spi1Mosi],
             Self::Usart3 => &[Usart3Tx],
             _ => &[],
@@ -262,10 +239,7 @@ impl Unit {
         use Signal::*;
         match self {
             Self::Tim1 => &[Tim1Bkin, Tim1Ch1, Tim1Ch2],
-            Self::Tim2 => &[Tim2Ch1, Tim2Ch2],
-            Self::Tim3 => &[Tim3Ch1, Tim3Ch2],
-            Self::Tim4 => &[Tim4Ch1, Tim4Ch2],
-            Self::Tim5 => &[Tim5Ch1, Tim5Ch2],
+            Self::Tim2 | Self::Tim3 | Self::Tim4 | Self::Tim5 => self.outputs().split_at(2).0,
             _ => &[],
         }
     }

@@ -54,13 +54,12 @@ pub use trace::PinChange;
 pub use transfer::Errors as ConverterErrors;
 
 use crate::finding::{Findings, Kind};
-use crate::time::{Cycles, Time, Timebase};
+use crate::time::{Cycles, Time};
 use effect::Effect;
 use map::Unit;
 use register::Register;
 use shared::Shared;
 
-/// A peripheral.
 pub(crate) trait Peripheral {
     /// Its registers, in the order of their places.
     fn registers(&self) -> &'static [Register];
@@ -73,8 +72,8 @@ pub(crate) trait Peripheral {
         let _ = shared;
     }
     /// The clocks of the buses have changed; places in the schedule that follow other clocks move.
-    fn clocks_changed(&mut self, old: &Timebase, shared: &mut Shared) {
-        let _ = (old, shared);
+    fn clocks_changed(&mut self, shared: &mut Shared) {
+        let _ = shared;
     }
 }
 
@@ -122,7 +121,7 @@ impl Units {
             dma1: dma::Dma::new(dma::Controller::Dma1),
             dma2: dma::Dma::new(dma::Controller::Dma2),
             spi1: spi::Spi::after_reset(),
-            can1: can::Can::default(),
+            can1: can::Can::after_reset(),
             usart3: usart::Usart::after_reset(),
             watchdog: watchdog::Watchdog::default(),
             window_watchdog: window_watchdog::WindowWatchdog::default(),
@@ -317,13 +316,12 @@ impl Chip {
                     self.trace(pin);
                 }
                 Effect::Frequency(hz) => {
-                    let old = self.shared.base;
                     let before = self.shared.clocks.hclk_hz;
                     self.set_frequency(hz);
                     self.clock_changed = true;
                     self.shared.limit = 0;
                     self.judge_clock(hz > before);
-                    self.clocks_changed(&old);
+                    self.clocks_changed();
                 }
                 Effect::ClockFailure => {
                     self.nmi = true;
@@ -385,10 +383,10 @@ impl Chip {
         }
     }
 
-    fn clocks_changed(&mut self, old: &Timebase) {
+    fn clocks_changed(&mut self) {
         for unit in Unit::SCHEDULED {
             let (peripheral, shared) = self.unit(unit);
-            peripheral.clocks_changed(old, shared);
+            peripheral.clocks_changed(shared);
         }
         self.refresh();
     }
@@ -416,7 +414,7 @@ impl Chip {
             gate.is_some_and(|(register, bit)| !rcc.is_enabled(register, bit))
         };
         let timers = [Unit::Tim1, Unit::Tim2, Unit::Tim3, Unit::Tim4, Unit::Tim5].map(off);
-        let (adc, window) = (off(Unit::Adc), off(Unit::WindowWatchdog));
+        let (adc, window) = (off(Unit::Adc), off(Unit::Wwdg));
         for (timer, off) in units.timers.iter_mut().zip(timers) {
             timer.gate(off, shared);
         }
@@ -442,8 +440,8 @@ impl Chip {
             Unit::Spi1 => &mut u.spi1,
             Unit::Can1 => &mut u.can1,
             Unit::Usart3 => &mut u.usart3,
-            Unit::Watchdog => &mut u.watchdog,
-            Unit::WindowWatchdog => &mut u.window_watchdog,
+            Unit::Iwdg => &mut u.watchdog,
+            Unit::Wwdg => &mut u.window_watchdog,
             // The world has no registers.
             Unit::Debug | Unit::World => &mut u.debug,
             Unit::Flash => &mut self.flash,

@@ -117,89 +117,82 @@ impl Signal {
     /// Number of variants.
     pub(crate) const COUNT: usize = Self::Usart3Tx as usize + 1;
 
+    /// Channels of TIM1 to TIM5.
+    pub(crate) const CHANNELS: [[Self; 4]; 5] = {
+        use Signal::*;
+        [
+            [Tim1Ch1, Tim1Ch2, Tim1Ch3, Tim1Ch4],
+            [Tim2Ch1, Tim2Ch2, Tim2Ch3, Tim2Ch4],
+            [Tim3Ch1, Tim3Ch2, Tim3Ch3, Tim3Ch4],
+            [Tim4Ch1, Tim4Ch2, Tim4Ch3, Tim4Ch4],
+            [Tim5Ch1, Tim5Ch2, Tim5Ch3, Tim5Ch4],
+        ]
+    };
+
     /// The timer that hears a pin with this signal: 0 for TIM1.
     pub(crate) fn timer(self) -> Option<usize> {
+        let of = |channels: &[Self; 4]| channels.contains(&self);
         match self {
-            Self::Tim1Ch1 | Self::Tim1Ch2 | Self::Tim1Ch3 | Self::Tim1Ch4 => Some(0),
             Self::Tim1Bkin => Some(0),
-            Self::Tim2Ch1 | Self::Tim2Ch2 | Self::Tim2Ch3 | Self::Tim2Ch4 => Some(1),
-            Self::Tim3Ch1 | Self::Tim3Ch2 | Self::Tim3Ch3 | Self::Tim3Ch4 => Some(2),
-            Self::Tim4Ch1 | Self::Tim4Ch2 | Self::Tim4Ch3 | Self::Tim4Ch4 => Some(3),
-            Self::Tim5Ch1 | Self::Tim5Ch2 | Self::Tim5Ch3 | Self::Tim5Ch4 => Some(4),
-            _ => None,
+            _ => Self::CHANNELS.iter().position(of),
         }
     }
 }
 
-/// Alternate functions of the STM32F405 (its data sheet's table 9), as far as they are modelled.
-pub(crate) const ALTERNATE: &[(Pin, u32, Signal)] = &[
-    (Pin::new('A', 8), 1, Signal::Tim1Ch1),
-    (Pin::new('E', 9), 1, Signal::Tim1Ch1),
-    (Pin::new('A', 9), 1, Signal::Tim1Ch2),
-    (Pin::new('E', 11), 1, Signal::Tim1Ch2),
-    (Pin::new('A', 10), 1, Signal::Tim1Ch3),
-    (Pin::new('E', 13), 1, Signal::Tim1Ch3),
-    (Pin::new('A', 11), 1, Signal::Tim1Ch4),
-    (Pin::new('E', 14), 1, Signal::Tim1Ch4),
-    (Pin::new('A', 7), 1, Signal::Tim1Ch1N),
-    (Pin::new('B', 13), 1, Signal::Tim1Ch1N),
-    (Pin::new('E', 8), 1, Signal::Tim1Ch1N),
-    (Pin::new('B', 0), 1, Signal::Tim1Ch2N),
-    (Pin::new('B', 14), 1, Signal::Tim1Ch2N),
-    (Pin::new('E', 10), 1, Signal::Tim1Ch2N),
-    (Pin::new('B', 1), 1, Signal::Tim1Ch3N),
-    (Pin::new('B', 15), 1, Signal::Tim1Ch3N),
-    (Pin::new('E', 12), 1, Signal::Tim1Ch3N),
-    (Pin::new('A', 6), 1, Signal::Tim1Bkin),
-    (Pin::new('B', 12), 1, Signal::Tim1Bkin),
-    (Pin::new('E', 15), 1, Signal::Tim1Bkin),
-    (Pin::new('A', 0), 1, Signal::Tim2Ch1),
-    (Pin::new('A', 5), 1, Signal::Tim2Ch1),
-    (Pin::new('A', 15), 1, Signal::Tim2Ch1),
-    (Pin::new('A', 1), 1, Signal::Tim2Ch2),
-    (Pin::new('B', 3), 1, Signal::Tim2Ch2),
-    (Pin::new('A', 2), 1, Signal::Tim2Ch3),
-    (Pin::new('B', 10), 1, Signal::Tim2Ch3),
-    (Pin::new('A', 3), 1, Signal::Tim2Ch4),
-    (Pin::new('B', 11), 1, Signal::Tim2Ch4),
-    (Pin::new('A', 6), 2, Signal::Tim3Ch1),
-    (Pin::new('B', 4), 2, Signal::Tim3Ch1),
-    (Pin::new('C', 6), 2, Signal::Tim3Ch1),
-    (Pin::new('A', 7), 2, Signal::Tim3Ch2),
-    (Pin::new('B', 5), 2, Signal::Tim3Ch2),
-    (Pin::new('C', 7), 2, Signal::Tim3Ch2),
-    (Pin::new('B', 0), 2, Signal::Tim3Ch3),
-    (Pin::new('C', 8), 2, Signal::Tim3Ch3),
-    (Pin::new('B', 1), 2, Signal::Tim3Ch4),
-    (Pin::new('C', 9), 2, Signal::Tim3Ch4),
-    (Pin::new('B', 6), 2, Signal::Tim4Ch1),
-    (Pin::new('D', 12), 2, Signal::Tim4Ch1),
-    (Pin::new('B', 7), 2, Signal::Tim4Ch2),
-    (Pin::new('D', 13), 2, Signal::Tim4Ch2),
-    (Pin::new('B', 8), 2, Signal::Tim4Ch3),
-    (Pin::new('D', 14), 2, Signal::Tim4Ch3),
-    (Pin::new('B', 9), 2, Signal::Tim4Ch4),
-    (Pin::new('D', 15), 2, Signal::Tim4Ch4),
-    (Pin::new('A', 0), 2, Signal::Tim5Ch1),
-    (Pin::new('H', 10), 2, Signal::Tim5Ch1),
-    (Pin::new('A', 1), 2, Signal::Tim5Ch2),
-    (Pin::new('H', 11), 2, Signal::Tim5Ch2),
-    (Pin::new('A', 2), 2, Signal::Tim5Ch3),
-    (Pin::new('H', 12), 2, Signal::Tim5Ch3),
-    (Pin::new('A', 3), 2, Signal::Tim5Ch4),
-    (Pin::new('I', 0), 2, Signal::Tim5Ch4),
-    (Pin::new('A', 5), 5, Signal::Spi1Sck),
-    (Pin::new('A', 6), 5, Signal::Spi1Miso),
-    (Pin::new('A', 7), 5, Signal::Spi1Mosi),
-    (Pin::new('B', 3), 5, Signal::Spi1Sck),
-    (Pin::new('B', 4), 5, Signal::Spi1Miso),
-    (Pin::new('B', 5), 5, Signal::Spi1Mosi),
-    (Pin::new('A', 11), 9, Signal::Can1Rx),
-    (Pin::new('A', 12), 9, Signal::Can1Tx),
-    (Pin::new('B', 8), 9, Signal::Can1Rx),
-    (Pin::new('B', 9), 9, Signal::Can1Tx),
-    (Pin::new('B', 10), 7, Signal::Usart3Tx),
-    (Pin::new('B', 11), 7, Signal::Usart3Rx),
-    (Pin::new('C', 10), 7, Signal::Usart3Tx),
-    (Pin::new('C', 11), 7, Signal::Usart3Rx),
-];
+/// Pins of a port.
+const fn port(letter: char) -> [Pin; 16] {
+    let mut pins = [Pin::new(letter, 0); 16];
+    let mut number = 0;
+    while number < 16 {
+        pins[number] = Pin::new(letter, number as u8);
+        number += 1;
+    }
+    pins
+}
+
+const A: [Pin; 16] = port('A');
+const B: [Pin; 16] = port('B');
+const C: [Pin; 16] = port('C');
+const D: [Pin; 16] = port('D');
+const E: [Pin; 16] = port('E');
+const H: [Pin; 16] = port('H');
+const I: [Pin; 16] = port('I');
+
+/// Alternate functions of the STM32F405 (its data sheet's table 9), as far as they are modelled: signal,
+/// number of the function, pins.
+pub(crate) const ALTERNATE: &[(Signal, u32, &[Pin])] = {
+    use Signal::*;
+    &[
+        (Tim1Ch1, 1, &[A[8], E[9]]),
+        (Tim1Ch2, 1, &[A[9], E[11]]),
+        (Tim1Ch3, 1, &[A[10], E[13]]),
+        (Tim1Ch4, 1, &[A[11], E[14]]),
+        (Tim1Ch1N, 1, &[A[7], B[13], E[8]]),
+        (Tim1Ch2N, 1, &[B[0], B[14], E[10]]),
+        (Tim1Ch3N, 1, &[B[1], B[15], E[12]]),
+        (Tim1Bkin, 1, &[A[6], B[12], E[15]]),
+        (Tim2Ch1, 1, &[A[0], A[5], A[15]]),
+        (Tim2Ch2, 1, &[A[1], B[3]]),
+        (Tim2Ch3, 1, &[A[2], B[10]]),
+        (Tim2Ch4, 1, &[A[3], B[11]]),
+        (Tim3Ch1, 2, &[A[6], B[4], C[6]]),
+        (Tim3Ch2, 2, &[A[7], B[5], C[7]]),
+        (Tim3Ch3, 2, &[B[0], C[8]]),
+        (Tim3Ch4, 2, &[B[1], C[9]]),
+        (Tim4Ch1, 2, &[B[6], D[12]]),
+        (Tim4Ch2, 2, &[B[7], D[13]]),
+        (Tim4Ch3, 2, &[B[8], D[14]]),
+        (Tim4Ch4, 2, &[B[9], D[15]]),
+        (Tim5Ch1, 2, &[A[0], H[10]]),
+        (Tim5Ch2, 2, &[A[1], H[11]]),
+        (Tim5Ch3, 2, &[A[2], H[12]]),
+        (Tim5Ch4, 2, &[A[3], I[0]]),
+        (Spi1Sck, 5, &[A[5], B[3]]),
+        (Spi1Miso, 5, &[A[6], B[4]]),
+        (Spi1Mosi, 5, &[A[7], B[5]]),
+        (Can1Rx, 9, &[A[11], B[8]]),
+        (Can1Tx, 9, &[A[12], B[9]]),
+        (Usart3Rx, 7, &[B[11], C[11]]),
+        (Usart3Tx, 7, &[B[10], C[10]]),
+    ]
+};

@@ -7,7 +7,7 @@
 
 use super::Peripheral;
 use super::effect::Effect;
-use super::register::{Register, bits, merge, narrow};
+use super::register::{Register, merge, narrow};
 use super::shared::Shared;
 use crate::finding::Kind;
 
@@ -19,13 +19,10 @@ const REGISTERS: &[Register] = &[
 ];
 
 // Bits of CR.
-const LPDS: u32 = 1;
-const PDDS: u32 = 1 << 1;
-const PVDE: u32 = 1 << 4;
+bits! {
+    LPDS 0, PDDS 1, PVDE 4, DBP 8, FPDS 9, VOS 14
+}
 const PLS: u32 = 7 << 5;
-const DBP: u32 = 1 << 8;
-const FPDS: u32 = 1 << 9;
-const VOS: u32 = 1 << 14;
 // Bits of CSR.
 bits! {
     PVDO 2, EWUP 8, BRE 9, VOSRDY 14

@@ -1,15 +1,5 @@
 //! Registers of a peripheral: names, places, bits.
 
-/// Bits of registers: a constant for each name and place.
-macro_rules! bits {
-    (pub($scope:tt): $($name:ident $bit:literal),* $(,)?) => {
-        $(pub($scope) const $name: u32 = 1 << $bit;)*
-    };
-    ($($name:ident $bit:literal),* $(,)?) => { $(const $name: u32 = 1 << $bit;)* };
-}
-pub(crate) use bits;
-
-/// A register.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Register {
     /// Place from the peripheral's base, bytes.

@@ -156,7 +156,7 @@ impl Chip {
             Unit::Spi1 => units.spi1 = new.spi1,
             Unit::Can1 => units.can1.reset(&mut self.shared),
             Unit::Usart3 => units.usart3 = new.usart3,
-            Unit::WindowWatchdog => units.window_watchdog = new.window_watchdog,
+            Unit::Wwdg => units.window_watchdog = new.window_watchdog,
             Unit::Syscfg => units.syscfg = new.syscfg,
             Unit::Pwr => {
                 units.pwr = new.pwr;

@@ -139,6 +139,15 @@ impl Shared {
         self.findings.note(kind, self.pc, at, text);
     }
 
+    /// Notes features without a model that the program switches on: bits and names.
+    pub fn note_not_modelled(&mut self, switched_on: u32, features: &[(u32, &str)]) {
+        for &(bit, name) in features {
+            if switched_on & bit != 0 {
+                self.note(Kind::NotModelled, name);
+            }
+        }
+    }
+
     /// Sets the level of an interrupt line.
     pub fn line(&mut self, interrupt: Interrupt, level: bool) {
         let bit = 1 << interrupt as u32;

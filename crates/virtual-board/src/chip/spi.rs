@@ -9,7 +9,7 @@ use super::effect::{Effect, Request};
 use super::interrupt::Interrupt;
 use super::map::Unit;
 use super::pin::Signal;
-use super::register::{Register, bits, merge, narrow};
+use super::register::{Register, merge, narrow};
 use super::shared::Shared;
 use crate::finding::Kind;
 use crate::time::{Cycles, NEVER};
@@ -97,15 +97,12 @@ impl Spi {
 
     fn write_cr1(&mut self, value: u32, shared: &mut Shared) {
         let changed = self.cr1 ^ value;
-        for (bit, name) in [
+        let features = [
             (BIDIMODE, "SPI1: one bidirectional line"),
             (CRCEN, "SPI1: checksums"),
             (RXONLY, "SPI1: receive only"),
-        ] {
-            if changed & value & bit != 0 {
-                shared.note(Kind::NotModelled, name);
-            }
-        }
+        ];
+        shared.note_not_modelled(changed & value, &features);
         if self.shift.is_some() && changed & (SHAPE | SPE) != 0 {
             let text = "SPI1: CR1 changed while a word is on its way (BSY)";
             shared.note(Kind::Forbidden, text);
@@ -206,10 +203,14 @@ impl Spi {
 
     /// Asks again for what no stream has done yet.
     pub fn ask(&self, shared: &mut Shared) {
+        self.request_receive(shared);
+        self.request_transmit(shared);
+    }
+
+    fn request_receive(&self, shared: &mut Shared) {
         if self.cr2 & RXDMAEN != 0 && self.sr & RXNE != 0 {
             shared.effect(Effect::Dma(Request::Spi1Rx));
         }
-        self.request_transmit(shared);
     }
 
     fn sample(&mut self, shift: Shift, shared: &mut Shared) {
@@ -225,9 +226,7 @@ impl Spi {
         }
         self.received = word;
         self.sr |= RXNE;
-        if self.cr2 & RXDMAEN != 0 {
-            shared.effect(Effect::Dma(Request::Spi1Rx));
-        }
+        self.request_receive(shared);
     }
 
     fn plan(&self, shared: &mut Shared) {
@@ -285,8 +284,8 @@ impl Peripheral for Spi {
                 if self.cr2 & FRF != 0 {
                     shared.note(Kind::NotModelled, "SPI1: TI frame format");
                 }
-                if self.cr2 & !old & RXDMAEN != 0 && self.sr & RXNE != 0 {
-                    shared.effect(Effect::Dma(Request::Spi1Rx));
+                if !old & RXDMAEN != 0 {
+                    self.request_receive(shared);
                 }
                 if self.cr2 & !old & TXDMAEN != 0 {
                     self.request_transmit(shared);

@@ -1,15 +1,69 @@
 //! What tests of peripherals share.
 
-use super::circuit::Bare;
+use super::Peripheral;
+use super::circuit::{Bare, Circuit};
+use super::effect::{Effect, Request};
 use super::interrupt::Interrupt;
 use super::map::Unit;
 use super::shared::Shared;
 use crate::finding::Kind;
 use crate::time::{Cycles, NEVER};
+use std::any::Any;
 
 /// What peripherals share, after a reset and with nothing around.
 pub(crate) fn shared() -> Shared {
     Shared::new(Box::new(Bare), 0)
+}
+
+/// A peripheral that is driven through its registers.
+pub(crate) struct Bench<P> {
+    pub part: P,
+    pub shared: Shared,
+    unit: Unit,
+}
+
+impl<P: Peripheral> Bench<P> {
+    /// A peripheral of a chip with this around it, at 168 MHz with the dividers 4 and 2.
+    pub fn around(circuit: impl Circuit, unit: Unit, part: P) -> Self {
+        let mut shared = Shared::new(Box::new(circuit), 0);
+        shared.base.set_frequency(0, 168_000_000);
+        shared.clocks.hclk_hz = 168_000_000;
+        (shared.clocks.apb1, shared.clocks.apb2) = (4, 2);
+        Self { part, shared, unit }
+    }
+
+    pub fn read(&mut self, offset: u32) -> u32 {
+        self.part.read(offset, &mut self.shared)
+    }
+
+    pub fn write(&mut self, values: &[(u32, u32)]) {
+        for &(offset, value) in values {
+            self.part.write(offset, value, !0, &mut self.shared);
+        }
+    }
+
+    /// Runs up to and including `until`.
+    pub fn run(&mut self, until: Cycles) {
+        while self.shared.arrive(self.unit, until) {
+            self.part.event(&mut self.shared);
+        }
+    }
+
+    /// What is around the chip.
+    pub fn world<T: Circuit>(&mut self) -> &mut T {
+        let any: &mut dyn Any = self.shared.world();
+        any.downcast_mut().expect("the circuit of the bench")
+    }
+
+    /// Transfers that were asked for since the last call.
+    pub fn requests(&mut self) -> Vec<Request> {
+        let effects = self.shared.effects.drain(..);
+        let requests = effects.filter_map(|effect| match effect {
+            Effect::Dma(request) => Some(request),
+            _ => None,
+        });
+        requests.collect()
+    }
 }
 
 impl Shared {

@@ -1,16 +1,26 @@
 //! What the parts of the chip do together.
 
+mod analog;
+
 use super::*;
 use crate::core::{BusError, System, Transfer};
 use crate::time::Cycles;
 use std::collections::VecDeque;
 
-/// Changes at times, and what was heard.
+/// Changes at times, voltages by channel, and what was heard.
 #[derive(Default)]
 struct World {
     due: VecDeque<(Time, Change)>,
     volts: Option<f64>,
-    heard: Vec<(Pin, Drive)>,
+    heard: Vec<(Time, Pin, Drive)>,
+    words: Vec<u16>,
+}
+
+impl World {
+    /// Counts of twelve bits that stand at a pin of port A.
+    fn count(pin: Pin) -> u32 {
+        300 + 500 * pin.number()
+    }
 }
 
 #[derive(Clone, Copy)]
@@ -21,8 +31,17 @@ enum Change {
 }
 
 impl Circuit for World {
-    fn pin(&mut self, pin: Pin, drive: Drive, _at: Time) {
-        self.heard.push((pin, drive));
+    fn pin(&mut self, pin: Pin, drive: Drive, at: Time) {
+        self.heard.push((at, pin, drive));
+    }
+
+    fn voltage(&mut self, pin: Pin, _at: Time) -> f64 {
+        3.3 * f64::from(Self::count(pin)) / 4096.0
+    }
+
+    fn spi(&mut self, word: u16, _bits: u32, _at: Time) -> u16 {
+        self.words.push(word);
+        word ^ 0xff
     }
 
     fn next(&self) -> Time {
@@ -133,6 +152,22 @@ impl Bench {
         self.set(GPIOB, 1 << 26);
     }
 
+    /// The pin that the chip drove in another way last.
+    fn last_drive(&mut self) -> Option<(Pin, Drive)> {
+        let heard = self.world().heard.last()?;
+        Some((heard.1, heard.2))
+    }
+
+    fn unlock(&mut self) {
+        self.write(FLASH_KEYR, 0x4567_0123);
+        self.write(FLASH_KEYR, 0xcdef_89ab);
+    }
+
+    fn unlock_options(&mut self) {
+        self.write(FLASH_ACR + 0x08, 0x0819_2a3b);
+        self.write(FLASH_ACR + 0x08, 0x4c5d_6e7f);
+    }
+
     fn causes(&mut self) -> u32 {
         self.read(RCC + 0x74) >> 24
     }
@@ -239,7 +274,7 @@ fn a_brown_out_lets_the_pins_go_until_the_supply_is_back() {
     assert!(!bench.chip.is_held(), "brown-out is off in a new chip");
     bench.pass(1_000);
     assert!(bench.chip.is_held() && bench.chip.must_stop());
-    assert_eq!(bench.world().heard.last(), Some(&(PB13, Drive::Open)));
+    assert_eq!(bench.last_drive(), Some((PB13, Drive::Open)));
     bench.pass(1_000);
     assert!(bench.chip.is_held(), "hysteresis");
     assert_eq!(bench.pass(1_000), Some(Cause::PowerOn));
@@ -283,9 +318,7 @@ fn the_brown_out_level_holds_from_the_power_on_after_it_was_set() {
         (3_400_000, Change::Supply(3.3)),
     ];
     let mut bench = Bench::new(&sag);
-    for key in [0x0819_2a3b, 0x4c5d_6e7f] {
-        bench.write(FLASH_ACR + 0x08, key);
-    }
+    bench.unlock_options();
     let level_3 = bench.read(FLASH_ACR + 0x14) & !0xc;
     bench.write(FLASH_ACR + 0x14, level_3);
     bench.write(FLASH_ACR + 0x14, level_3 | 2);
@@ -302,7 +335,7 @@ fn a_peripheral_that_is_reset_has_its_defaults_and_cannot_be_used_meanwhile() {
     let mut bench = Bench::new(&[]);
     bench.drive();
     bench.write(RCC + 0x10, 2);
-    assert_eq!(bench.world().heard.last(), Some(&(PB13, Drive::Open)));
+    assert_eq!(bench.last_drive(), Some((PB13, Drive::Open)));
     bench.read(GPIOB);
     let found = bench.findings();
     assert_eq!(
@@ -346,9 +379,7 @@ fn a_wrong_key_is_a_bus_error_and_the_flash_stays_locked_until_a_reset() {
         .write(Transfer::word(FLASH_KEYR, 0), 1, &mut bench.cycle);
     assert_eq!(wrong, Err(BusError));
     bench.chip.restart(Cause::Software, bench.cycle);
-    for key in [0x4567_0123, 0xcdef_89ab] {
-        bench.write(FLASH_KEYR, key);
-    }
+    bench.unlock();
     assert_eq!(bench.read(FLASH_ACR + 0x10), 0);
 }
 
@@ -356,9 +387,7 @@ fn a_wrong_key_is_a_bus_error_and_the_flash_stays_locked_until_a_reset() {
 fn a_write_to_the_flash_holds_the_core_and_changes_the_code() {
     let mut bench = Bench::new(&[]);
     bench.chip.take_changed_code();
-    for key in [0x4567_0123, 0xcdef_89ab] {
-        bench.write(FLASH_KEYR, key);
-    }
+    bench.unlock();
     bench.write(FLASH_ACR + 0x10, 2 << 8 | 1);
     bench.write(FLASH + 0x8000, 0xbf00_bf00);
     let before = bench.cycle;
@@ -449,9 +478,7 @@ fn after_a_power_failure_the_chip_waits_for_its_own_brown_out_level() {
         (1_100_000, Change::Supply(2.5)),
         (1_200_000, Change::Supply(3.0)),
     ]);
-    for key in [0x0819_2a3b, 0x4c5d_6e7f] {
-        bench.write(FLASH_ACR + 0x08, key);
-    }
+    bench.unlock_options();
     let level_3 = bench.read(FLASH_ACR + 0x14) & !0xc;
     bench.write(FLASH_ACR + 0x14, level_3 | 2);
     assert_eq!(bench.pass(1_150_000), None);
@@ -501,9 +528,7 @@ fn a_reset_of_syscfg_takes_the_lines_back_to_port_a() {
 #[test]
 fn a_write_to_the_flashs_control_register_waits_for_the_operation() {
     let mut bench = Bench::new(&[]);
-    for key in [0x4567_0123, 0xcdef_89ab] {
-        bench.write(FLASH_KEYR, key);
-    }
+    bench.unlock();
     bench.write(FLASH_ACR + 0x10, 2 << 8 | 1);
     bench.write(FLASH, 0);
     let before = bench.cycle;

@@ -5,7 +5,7 @@ use super::effect::{Effect, Request};
 use super::interrupt::Interrupt;
 use super::map::Unit;
 use super::pin::Signal;
-use super::register::{Register, bits, merge, narrow};
+use super::register::{Register, merge, narrow};
 use super::shared::Shared;
 use crate::finding::Kind;
 use crate::time::{Cycles, NEVER};
@@ -86,9 +86,7 @@ impl Usart {
         } else {
             self.received = byte & self.mask();
             self.sr |= RXNE;
-            if self.cr3 & DMAR != 0 {
-                shared.effect(Effect::Dma(Request::Usart3Rx));
-            }
+            self.request_receive(shared);
         }
         self.plan(shared);
     }
@@ -121,11 +119,8 @@ impl Usart {
 
     fn write_cr1(&mut self, value: u32, shared: &mut Shared) {
         let changed = self.cr1 ^ value;
-        for (bit, name) in [(SBK, "break"), (RWU, "mute mode")] {
-            if changed & value & bit != 0 {
-                shared.note(Kind::NotModelled, format!("USART3: {name}"));
-            }
-        }
+        let features = [(SBK, "USART3: break"), (RWU, "USART3: mute mode")];
+        shared.note_not_modelled(changed & value, &features);
         if changed & (M | PCE) != 0 && value & (M | PCE) == M {
             shared.note(Kind::NotModelled, "USART3: nine data bits");
         }
@@ -189,39 +184,37 @@ impl Usart {
 
     /// Asks again for what no stream has done yet.
     pub fn ask(&self, shared: &mut Shared) {
+        self.request_receive(shared);
+        self.request_transmit(shared);
+    }
+
+    fn request_receive(&self, shared: &mut Shared) {
         if self.cr3 & DMAR != 0 && self.sr & RXNE != 0 {
             shared.effect(Effect::Dma(Request::Usart3Rx));
         }
-        self.request_transmit(shared);
     }
 
     fn write_cr3(&mut self, value: u32, shared: &mut Shared) {
         let old = std::mem::replace(&mut self.cr3, value);
-        for (bit, name) in [
-            (IREN, "infrared"),
-            (HDSEL, "half duplex"),
-            (SCEN, "smartcard"),
-            (RTSE, "RTS"),
-            (CTSE, "CTS"),
-        ] {
-            if value & !old & bit != 0 {
-                shared.note(Kind::NotModelled, format!("USART3: {name}"));
-            }
-        }
+        let features = [
+            (IREN, "USART3: infrared"),
+            (HDSEL, "USART3: half duplex"),
+            (SCEN, "USART3: smartcard"),
+            (RTSE, "USART3: RTS"),
+            (CTSE, "USART3: CTS"),
+        ];
+        shared.note_not_modelled(value & !old, &features);
         if value & !old & DMAT != 0 {
             self.request_transmit(shared);
         }
-        if value & !old & DMAR != 0 && self.sr & RXNE != 0 {
-            shared.effect(Effect::Dma(Request::Usart3Rx));
+        if !old & DMAR != 0 {
+            self.request_receive(shared);
         }
     }
 
     fn write_cr2(&mut self, value: u32, shared: &mut Shared) {
-        for (bit, name) in [(LINEN, "LIN"), (CLKEN, "synchronous mode")] {
-            if value & !self.cr2 & bit != 0 {
-                shared.note(Kind::NotModelled, format!("USART3: {name}"));
-            }
-        }
+        let features = [(LINEN, "USART3: LIN"), (CLKEN, "USART3: synchronous mode")];
+        shared.note_not_modelled(value & !self.cr2, &features);
         self.cr2 = value;
     }
 

@@ -12,7 +12,7 @@ use super::map::Unit;
 use super::register::{Register, narrow};
 use super::shared::Shared;
 use crate::finding::Kind;
-use crate::time::{Time, Timebase};
+use crate::time::Time;
 
 const REGISTERS: &[Register] = &[
     narrow(0x00, "KR", 0xffff),
@@ -120,7 +120,7 @@ impl Watchdog {
         let updates = updates.into_iter().flatten().map(|(_, at)| at);
         let next = updates.chain(bites).min().unwrap_or(Time::NEVER);
         let cycle = shared.base.cycle_of(next);
-        shared.schedule(Unit::Watchdog, cycle);
+        shared.schedule(Unit::Iwdg, cycle);
     }
 }
 
@@ -180,7 +180,7 @@ impl Peripheral for Watchdog {
         self.plan(shared);
     }
 
-    fn clocks_changed(&mut self, _old: &Timebase, shared: &mut Shared) {
+    fn clocks_changed(&mut self, shared: &mut Shared) {
         self.plan(shared);
     }
 }
@@ -193,7 +193,7 @@ mod tests {
     /// Lets so many microseconds pass; whether it has bitten.
     fn pass(dog: &mut Watchdog, shared: &mut Shared, micros: u64) -> bool {
         let end = shared.after(Time::from_micros(micros));
-        while shared.arrive(Unit::Watchdog, end) {
+        while shared.arrive(Unit::Iwdg, end) {
             dog.event(shared);
             if shared.effects.pop_back().is_some() {
                 return true;
@@ -225,14 +225,13 @@ mod tests {
         let mut shared = shared();
         let mut dog = started(&mut shared);
         let fed = shared.now;
-        assert_eq!(shared.due(Unit::Watchdog), fed + 8_000_000);
+        assert_eq!(shared.due(Unit::Iwdg), fed + 8_000_000);
         shared.now = fed + 4_000_000;
         dog.write(0x00, 0xaaaa, !0, &mut shared);
-        assert_eq!(shared.due(Unit::Watchdog), fed + 12_000_000);
-        let old = shared.base;
+        assert_eq!(shared.due(Unit::Iwdg), fed + 12_000_000);
         shared.base.set_frequency(fed + 4_000_000, 168_000_000);
-        dog.clocks_changed(&old, &mut shared);
-        let bites = shared.due(Unit::Watchdog);
+        dog.clocks_changed(&mut shared);
+        let bites = shared.due(Unit::Iwdg);
         assert!(bites.abs_diff(fed + 4_000_000 + 84_000_000) <= 1, "{bites}");
         shared.now = bites;
         dog.event(&mut shared);

@@ -12,10 +12,10 @@ use super::Peripheral;
 use super::cause::Cause;
 use super::effect::Effect;
 use super::map::Unit;
-use super::register::{Register, bits, merge, narrow};
+use super::register::{Register, merge, narrow};
 use super::shared::Shared;
 use crate::finding::Kind;
-use crate::time::{Cycles, NEVER, Timebase};
+use crate::time::{Cycles, NEVER};
 
 const REGISTERS: &[Register] = &[
     narrow(0x00, "CR", 0xff),
@@ -31,7 +31,6 @@ const COUNT: u32 = 0x7f;
 /// The lowest count without a reset.
 const LOWEST: u32 = 0x40;
 
-/// Window watchdog.
 pub(crate) struct WindowWatchdog {
     /// The count where it does not run.
     count: u32,
@@ -82,7 +81,7 @@ impl WindowWatchdog {
         } else if !stands && let Some(left) = self.left.take() {
             self.bites = Some(shared.now + left);
         }
-        shared.schedule(Unit::WindowWatchdog, self.bites.unwrap_or(NEVER));
+        shared.schedule(Unit::Wwdg, self.bites.unwrap_or(NEVER));
     }
 
     /// Cycles of the core in a count, by the clocks of now.
@@ -167,7 +166,7 @@ impl Peripheral for WindowWatchdog {
         self.plan(shared);
     }
 
-    fn clocks_changed(&mut self, _old: &Timebase, shared: &mut Shared) {
+    fn clocks_changed(&mut self, shared: &mut Shared) {
         if self.period != self.cycles(shared) {
             self.stretch(shared);
         }
@@ -190,7 +189,7 @@ mod tests {
     /// Lets so many cycles pass; true if it has bitten.
     fn pass(dog: &mut WindowWatchdog, shared: &mut Shared, cycles: Cycles) -> bool {
         let end = shared.now + cycles;
-        if shared.arrive(Unit::WindowWatchdog, end) {
+        if shared.arrive(Unit::Wwdg, end) {
             dog.event(shared);
         }
         shared.effects.pop_back() == Some(Effect::Reset(Cause::WindowWatchdog))
@@ -252,8 +251,7 @@ mod tests {
         let mut dog = started(&mut shared, 0x41);
         assert!(!pass(&mut dog, &mut shared, 4096));
         shared.clocks.apb1 = 4;
-        let old = shared.base;
-        dog.clocks_changed(&old, &mut shared);
+        dog.clocks_changed(&mut shared);
         assert!(!pass(&mut dog, &mut shared, 4 * 4096 - 1));
         assert!(pass(&mut dog, &mut shared, 1));
     }

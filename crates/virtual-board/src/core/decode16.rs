@@ -1,7 +1,8 @@
 //! 16-bit instructions (ARMv7-M Architecture Reference Manual, A5.2).
 
 use super::instruction::{
-    Alu, Dsp, Insn, Mode, Op, Shift, Size, Special, Test, UNDEFINED, UNPREDICTABLE,
+    self, Alu, Dsp, Insn, Mode, Op, Shift, Size, Special, Test, UNDEFINED, UNPREDICTABLE, directed,
+    literal,
 };
 
 /// Branches by condition; every second inverts the one before.
@@ -39,10 +40,7 @@ pub(super) fn decode(pc: u32, h: u32) -> Insn {
         2 | 3 => immediate(h),
         4 if h >> 10 == 0b01_0000 => data_processing(h),
         4 if h >> 10 == 0b01_0001 => high_registers(pc, h),
-        4 => {
-            let address = (pc.wrapping_add(4) & !3).wrapping_add((h & 0xff) << 2);
-            Insn::regs(Op::LdrLit, h >> 8 & 7, 15, 0).with_imm(address)
-        }
+        4 => Insn::regs(Op::LdrLit, h >> 8 & 7, 15, 0).with_imm(literal(pc, (h & 0xff) << 2)),
         5 => register_offset(h),
         6..=8 => immediate_offset(h),
         9 => {
@@ -58,8 +56,7 @@ pub(super) fn decode(pc: u32, h: u32) -> Insn {
             if h & 0x800 != 0 {
                 Insn::regs(Op::AddImm, d, 13, 0).with_imm(imm)
             } else {
-                let address = (pc.wrapping_add(4) & !3).wrapping_add(imm);
-                Insn::regs(Op::MovImm, d, 0, 0).with_imm(address)
+                Insn::regs(Op::MovImm, d, 0, 0).with_imm(literal(pc, imm))
             }
         }
         11 => miscellaneous(pc, h),
@@ -212,12 +209,7 @@ fn miscellaneous(pc: u32, h: u32) -> Insn {
     let (d, m) = (h & 7, h >> 3 & 7);
     match h >> 8 & 15 {
         0 => {
-            let imm = (h & 0x7f) << 2;
-            let imm = if h & 0x80 != 0 {
-                imm.wrapping_neg()
-            } else {
-                imm
-            };
+            let imm = directed(h & 0x80 == 0, (h & 0x7f) << 2);
             Insn::regs(Op::SpImm, 13, 13, 0).with_imm(imm)
         }
         1 | 3 | 9 | 11 => {
@@ -272,13 +264,7 @@ fn miscellaneous(pc: u32, h: u32) -> Insn {
 fn hint(h: u32) -> Insn {
     let (condition, mask) = (h >> 4 & 15, h & 15);
     if mask == 0 {
-        return Insn::new(Op::Special(match condition {
-            1 => Special::Yield,
-            2 => Special::Wfe,
-            3 => Special::Wfi,
-            4 => Special::Sev,
-            _ => Special::Nop,
-        }));
+        return instruction::hint(condition);
     }
     if condition == 15 || (condition == 14 && mask.count_ones() != 1) {
         return UNPREDICTABLE;
@@ -288,24 +274,24 @@ fn hint(h: u32) -> Insn {
 
 /// A load of a size by constant offset; signed sizes have none in 16 bits.
 pub(super) const fn load_offset(size: Size) -> Op {
-    match size {
-        Size::Word => Op::LdrImm,
-        Size::Half => Op::LdrhImm,
-        Size::Byte => Op::LdrbImm,
-        Size::SignedHalf => Op::LdrshImm,
-        Size::SignedByte => Op::LdrsbImm,
-    }
+    [
+        Op::LdrImm,
+        Op::LdrhImm,
+        Op::LdrbImm,
+        Op::LdrshImm,
+        Op::LdrsbImm,
+    ][size as usize]
 }
 
 /// A load of a size by register.
 pub(super) const fn load_register(size: Size) -> Op {
-    match size {
-        Size::Word => Op::LdrReg,
-        Size::Half => Op::LdrhReg,
-        Size::Byte => Op::LdrbReg,
-        Size::SignedHalf => Op::LdrshReg,
-        Size::SignedByte => Op::LdrsbReg,
-    }
+    [
+        Op::LdrReg,
+        Op::LdrhReg,
+        Op::LdrbReg,
+        Op::LdrshReg,
+        Op::LdrsbReg,
+    ][size as usize]
 }
 
 /// Loads that end in the stack pointer or the program counter.

@@ -4,7 +4,9 @@
 use super::decode_data as data;
 use super::decode_fp as fp;
 use super::decode16::{branch, load_offset, load_register, load_to, signed};
-use super::instruction::{Insn, Mode, Op, Size, Special, UNDEFINED, UNPREDICTABLE, bad};
+use super::instruction::{
+    Insn, Mode, Op, Size, Special, UNDEFINED, UNPREDICTABLE, bad, directed, hint, literal,
+};
 
 /// True for the first halfword of a 32-bit instruction.
 pub(super) const fn is_wide(h: u16) -> bool {
@@ -88,21 +90,13 @@ fn double_exclusive_table(pc: u32, h: u32, g: u32) -> Insn {
     if bad(t) || bad(d) || (write_back != 0 && (n == t || n == d)) {
         return UNPREDICTABLE;
     }
-    let offset = if up != 0 {
-        offset
-    } else {
-        offset.wrapping_neg()
-    };
+    let offset = directed(up != 0, offset);
     let x = index | write_back << 1;
     if load {
         if t == d || (n == 15 && write_back != 0) {
             return UNPREDICTABLE;
         }
-        let imm = if n == 15 {
-            (pc.wrapping_add(4) & !3).wrapping_add(offset)
-        } else {
-            offset
-        };
+        let imm = if n == 15 { literal(pc, offset) } else { offset };
         return Insn::regs(Op::Ldrd, t, n, d).with(imm, x);
     }
     if n == 15 {
@@ -204,8 +198,7 @@ fn addressed(h: u32, g: u32, insn: impl Fn(Option<Mode>) -> Insn) -> Insn {
         (true, true) => Some(Mode::Pre),
         (false, true) => Some(Mode::Post),
     };
-    let imm = g & 0xff;
-    insn(mode).with_imm(if up { imm } else { imm.wrapping_neg() })
+    insn(mode).with_imm(directed(up, g & 0xff))
 }
 
 fn load_single(pc: u32, h: u32, g: u32) -> Insn {
@@ -225,12 +218,7 @@ fn load_single(pc: u32, h: u32, g: u32) -> Insn {
         return UNPREDICTABLE;
     }
     if n == 15 {
-        let base = pc.wrapping_add(4) & !3;
-        let address = if h & 0x80 != 0 {
-            base.wrapping_add(g & 0xfff)
-        } else {
-            base.wrapping_sub(g & 0xfff)
-        };
+        let address = literal(pc, directed(h & 0x80 != 0, g & 0xfff));
         return match size {
             Size::Word if bad(t) => load_to(Mode::Literal, t, 15, 0).with_imm(address),
             Size::Word => Insn::regs(Op::LdrLit, t, 15, 0).with_imm(address),
@@ -314,13 +302,7 @@ fn control(h: u32, g: u32) -> Insn {
         }
         0x3a if h & 15 != 15 || g & 0x2800 != 0 => UNPREDICTABLE,
         0x3a if g >> 8 & 7 != 0 => UNDEFINED,
-        0x3a => Insn::new(Op::Special(match g & 0xff {
-            1 => Special::Yield,
-            2 => Special::Wfe,
-            3 => Special::Wfi,
-            4 => Special::Sev,
-            _ => Special::Nop,
-        })),
+        0x3a => hint(g & 0xff),
         0x3b if h & 15 != 15 || g & 0x2f00 != 0x0f00 => UNPREDICTABLE,
         0x3b => match g >> 4 & 15 {
             2 if g & 15 == 15 => Insn::new(Op::Special(Special::Clrex)),

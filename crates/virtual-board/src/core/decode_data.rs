@@ -1,6 +1,8 @@
 //! 32-bit data processing (ARMv7-M Architecture Reference Manual, A5.3.1 to A5.3.17).
 
-use super::instruction::{Alu, Dsp, Insn, Op, RRX, Shift, Test, UNDEFINED, UNPREDICTABLE, bad};
+use super::instruction::{
+    Alu, Dsp, Insn, Op, RRX, Shift, Test, UNDEFINED, UNPREDICTABLE, bad, literal,
+};
 
 /// The operation of a data-processing instruction, which depends on the registers.
 enum Kind {
@@ -115,11 +117,12 @@ pub(super) fn plain_immediate(pc: u32, h: u32, g: u32) -> Insn {
     if bad(d) && !(d == 13 && n == 13 && matches!(operation, 0 | 10)) {
         return UNPREDICTABLE;
     }
-    let base = pc.wrapping_add(4) & !3;
     match operation {
-        0 if n == 15 => Insn::regs(Op::MovImm, d, 0, 0).with_imm(base.wrapping_add(imm12)),
+        0 if n == 15 => Insn::regs(Op::MovImm, d, 0, 0).with_imm(literal(pc, imm12)),
         0 => add(d, n, imm12),
-        10 if n == 15 => Insn::regs(Op::MovImm, d, 0, 0).with_imm(base.wrapping_sub(imm12)),
+        10 if n == 15 => {
+            Insn::regs(Op::MovImm, d, 0, 0).with_imm(literal(pc, imm12.wrapping_neg()))
+        }
         10 => add(d, n, imm12.wrapping_neg()),
         4 => Insn::regs(Op::MovImm, d, 0, 0).with_imm(imm16),
         12 => Insn::regs(Op::MovTop, d, 0, 0).with_imm(imm16 << 16),
@@ -217,12 +220,8 @@ pub(super) fn shifted_register(h: u32, g: u32) -> Insn {
                 Op::MovReg
             }
         }
-        (Alu::Mov, false) if shift == 0 => Op::LslImm,
-        (Alu::Mov, false) if shift == 1 => Op::LsrImm,
-        (Alu::Mov, false) if shift == 2 => Op::AsrImm,
-        (Alu::Mov, true) if shift == 0 => Op::LslImmS,
-        (Alu::Mov, true) if shift == 1 => Op::LsrImmS,
-        (Alu::Mov, true) if shift == 2 => Op::AsrImmS,
+        (Alu::Mov, false) if shift < 3 => [Op::LslImm, Op::LsrImm, Op::AsrImm][shift as usize],
+        (Alu::Mov, true) if shift < 3 => [Op::LslImmS, Op::LsrImmS, Op::AsrImmS][shift as usize],
         (Alu::Add, false) if plain => Op::AddReg,
         (Alu::Add, true) if plain => Op::AddRegS,
         (Alu::Sub, false) if plain => Op::SubReg,

@@ -1,7 +1,7 @@
 //! Floating point (ARMv7-M Architecture Reference Manual, A6.4 to A6.7): single precision, and
 //! moves of doubles.
 
-use super::instruction::{Float, Insn, Op, UNDEFINED, UNPREDICTABLE, bad};
+use super::instruction::{Float, Insn, Op, UNDEFINED, UNPREDICTABLE, bad, directed, literal};
 
 const fn float(op: Float, d: u32, n: u32, m: u32) -> Insn {
     Insn::regs(Op::Float(op), d, n, m)
@@ -93,17 +93,12 @@ fn load_store(pc: u32, h: u32, g: u32, double: bool) -> Insn {
 /// VLDR and VSTR.
 fn offset(pc: u32, h: u32, g: u32, d: u32) -> Insn {
     let (n, load, double) = (h & 15, h & 0x10 != 0, g & 0x100 != 0);
-    let bytes = (g & 0xff) << 2;
-    let mut imm = if h & 0x80 != 0 {
-        bytes
-    } else {
-        bytes.wrapping_neg()
-    };
+    let mut imm = directed(h & 0x80 != 0, (g & 0xff) << 2);
     if n == 15 {
         if !load {
             return UNPREDICTABLE;
         }
-        imm = (pc.wrapping_add(4) & !3).wrapping_add(imm);
+        imm = literal(pc, imm);
     }
     if double && d >= 32 {
         return UNDEFINED;
@@ -127,10 +122,7 @@ fn transfer(h: u32, g: u32, double: bool) -> Insn {
         Op::VmovFromCore
     };
     if double {
-        if g & 0x60 != 0 || operation > 1 {
-            return UNDEFINED;
-        }
-        if n >= 32 {
+        if g & 0x60 != 0 || operation > 1 || n >= 32 {
             return UNDEFINED;
         }
         if bad(t) || g & 15 != 0 {

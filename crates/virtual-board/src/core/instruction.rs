@@ -430,3 +430,24 @@ pub(super) const UNPREDICTABLE: Insn = Insn::new(Op::Unpredictable);
 pub(super) const fn bad(register: u32) -> bool {
     register == 13 || register == 15
 }
+
+/// Address of a literal: from the aligned program counter on, as an instruction reads it.
+pub(super) const fn literal(pc: u32, offset: u32) -> u32 {
+    (pc.wrapping_add(4) & !3).wrapping_add(offset)
+}
+
+/// An offset to be added, negative if `up` is not set.
+pub(super) const fn directed(up: bool, offset: u32) -> u32 {
+    if up { offset } else { offset.wrapping_neg() }
+}
+
+/// The hints NOP, YIELD, WFE, WFI and SEV by their number.
+pub(super) const fn hint(number: u32) -> Insn {
+    Insn::new(Op::Special(match number {
+        1 => Special::Yield,
+        2 => Special::Wfe,
+        3 => Special::Wfi,
+        4 => Special::Sev,
+        _ => Special::Nop,
+    }))
+}

@@ -38,7 +38,6 @@ fn bytes(at: Transfer) -> impl Iterator<Item = (u32, Transfer)> {
 }
 
 impl Core {
-    /// A load.
     #[inline(always)]
     pub(super) fn load(&mut self, system: &mut impl System, at: Transfer) -> Done<u32> {
         if at.is_aligned() && self.plain[(at.address >> 24) as usize] {
@@ -50,7 +49,6 @@ impl Core {
         self.load_checked(system, at)
     }
 
-    /// A store.
     #[inline(always)]
     pub(super) fn store(&mut self, system: &mut impl System, at: Transfer, value: u32) -> Done {
         if at.is_aligned() && self.plain[(at.address >> 24) as usize] {

@@ -67,7 +67,6 @@ mod tests;
 pub use debug::Access as WatchAccess;
 pub use nvic::{LINES, exception as exceptions};
 pub use profile::{ExceptionEvent, ExceptionProfile, Profile};
-pub use scb::{cfsr, hfsr};
 pub use system::{BusError, System, Transfer, Width};
 
 use self::debug::Debug;

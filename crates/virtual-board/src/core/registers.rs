@@ -1,7 +1,6 @@
 //! Registers as a debugger sees them, and what the core counted.
 
-use super::instruction::Op;
-use super::{Core, Sleep, fetch};
+use super::Core;
 use crate::time::Cycles;
 
 impl Core {
@@ -26,11 +25,6 @@ impl Core {
         self.asleep
     }
 
-    /// True while the core sleeps or is locked up.
-    pub fn is_asleep(&self) -> bool {
-        self.sleep != Sleep::Awake
-    }
-
     /// How often an exception was entered.
     pub fn taken(&self, exception: u16) -> u64 {
         self.taken.get(usize::from(exception)).copied().unwrap_or(0)
@@ -39,16 +33,6 @@ impl Core {
     /// The lowest that the main stack pointer ever was.
     pub fn lowest_msp(&self) -> u32 {
         self.lowest_msp
-    }
-
-    /// Addresses of the flash whose instruction was executed since it was last programmed.
-    pub fn executed(&self) -> impl Iterator<Item = u32> {
-        let addresses = (fetch::FLASH..).step_by(2);
-        let known = |insn: &super::Insn| insn.op != Op::Empty;
-        addresses
-            .zip(&self.decoded)
-            .filter(move |(_, insn)| known(insn))
-            .map(|(address, _)| address)
     }
 
     /// A register: 13 the stack pointer in use, 14 the link register, 15 the program counter.

@@ -1,85 +1,46 @@
 //! System control block: registers that configure the processor or tell what went wrong.
 
-/// Bits of the configurable fault status register.
-pub mod cfsr {
-    /// Memory management: fetch.
-    pub const IACCVIOL: u32 = 1;
-    /// Memory management: data.
-    pub const DACCVIOL: u32 = 1 << 1;
-    /// Memory management: unstacking.
-    pub const MUNSTKERR: u32 = 1 << 3;
-    /// Memory management: stacking.
-    pub const MSTKERR: u32 = 1 << 4;
-    /// Memory management: lazy saving of floating point.
-    pub const MLSPERR: u32 = 1 << 5;
-    /// MMFAR holds an address.
-    pub const MMARVALID: u32 = 1 << 7;
-    /// Bus: fetch.
-    pub const IBUSERR: u32 = 1 << 8;
-    /// Bus: data, precise.
-    pub const PRECISERR: u32 = 1 << 9;
-    /// Bus: unstacking.
-    pub const UNSTKERR: u32 = 1 << 11;
-    /// Bus: stacking.
-    pub const STKERR: u32 = 1 << 12;
-    /// Bus: lazy saving of floating point.
-    pub const LSPERR: u32 = 1 << 13;
-    /// BFAR holds an address.
-    pub const BFARVALID: u32 = 1 << 15;
-    /// Usage: undefined instruction.
-    pub const UNDEFINSTR: u32 = 1 << 16;
-    /// Usage: not in Thumb state.
-    pub const INVSTATE: u32 = 1 << 17;
-    /// Usage: exception return that does not fit.
-    pub const INVPC: u32 = 1 << 18;
-    /// Usage: coprocessor that is off or does not exist.
-    pub const NOCP: u32 = 1 << 19;
-    /// Usage: unaligned.
-    pub const UNALIGNED: u32 = 1 << 24;
-    /// Usage: division by zero.
-    pub const DIVBYZERO: u32 = 1 << 25;
+/// Bits of the configurable fault status register: memory management, bus, usage.
+pub(super) mod cfsr {
+    bits! { pub(crate):
+        IACCVIOL 0, DACCVIOL 1, MUNSTKERR 3, MSTKERR 4, MLSPERR 5, MMARVALID 7
+    }
+    bits! { pub(crate):
+        IBUSERR 8, PRECISERR 9, UNSTKERR 11, STKERR 12, LSPERR 13, BFARVALID 15
+    }
+    bits! { pub(crate):
+        UNDEFINSTR 16, INVSTATE 17, INVPC 18, NOCP 19, UNALIGNED 24, DIVBYZERO 25
+    }
 }
 
 /// Bits of the hard fault status register.
-pub mod hfsr {
-    /// The vector could not be read.
-    pub const VECTTBL: u32 = 1 << 1;
-    /// Another fault that was disabled or could not be taken.
-    pub const FORCED: u32 = 1 << 30;
-    /// A breakpoint without debugger.
-    pub const DEBUGEVT: u32 = 1 << 31;
+pub(super) mod hfsr {
+    bits! { pub(crate):
+        VECTTBL 1, FORCED 30, DEBUGEVT 31
+    }
 }
 
 /// Bits of the configuration and control register.
 pub(super) mod ccr {
-    pub(crate) const NONBASETHRDENA: u32 = 1;
-    pub(crate) const USERSETMPEND: u32 = 1 << 1;
-    pub(crate) const UNALIGN_TRP: u32 = 1 << 3;
-    pub(crate) const DIV_0_TRP: u32 = 1 << 4;
-    pub(crate) const BFHFNMIGN: u32 = 1 << 8;
-    pub(crate) const STKALIGN: u32 = 1 << 9;
+    bits! { pub(crate):
+        NONBASETHRDENA 0, USERSETMPEND 1, UNALIGN_TRP 3, DIV_0_TRP 4, BFHFNMIGN 8, STKALIGN 9
+    }
     pub(crate) const WRITABLE: u32 =
         NONBASETHRDENA | USERSETMPEND | UNALIGN_TRP | DIV_0_TRP | BFHFNMIGN | STKALIGN;
 }
 
 /// Bits of the system control register.
 pub(super) mod scr {
-    pub(crate) const SLEEPONEXIT: u32 = 1 << 1;
-    pub(crate) const SLEEPDEEP: u32 = 1 << 2;
-    pub(crate) const SEVONPEND: u32 = 1 << 4;
+    bits! { pub(crate):
+        SLEEPONEXIT 1, SLEEPDEEP 2, SEVONPEND 4
+    }
 }
 
 /// Bits of the floating-point context control register.
 pub(super) mod fpccr {
-    pub(crate) const LSPACT: u32 = 1;
-    pub(crate) const USER: u32 = 1 << 1;
-    pub(crate) const THREAD: u32 = 1 << 3;
-    pub(crate) const HFRDY: u32 = 1 << 4;
-    pub(crate) const MMRDY: u32 = 1 << 5;
-    pub(crate) const BFRDY: u32 = 1 << 6;
-    pub(crate) const MONRDY: u32 = 1 << 8;
-    pub(crate) const LSPEN: u32 = 1 << 30;
-    pub(crate) const ASPEN: u32 = 1 << 31;
+    bits! { pub(crate):
+        LSPACT 0, USER 1, THREAD 3, HFRDY 4, MMRDY 5, BFRDY 6, MONRDY 8, LSPEN 30, ASPEN 31
+    }
     pub(crate) const STATE: u32 = LSPACT | USER | THREAD | HFRDY | MMRDY | BFRDY | MONRDY;
 }
 

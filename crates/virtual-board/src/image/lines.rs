@@ -3,6 +3,7 @@
 use gimli::{Dwarf, EndianSlice, LittleEndian, SectionId, Unit};
 use std::collections::HashMap;
 use std::fmt;
+use std::ops::Range;
 
 /// A source line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -71,11 +72,10 @@ impl Lines {
         (pc < row.end).then(|| self.place(row)).flatten()
     }
 
-    pub fn rows(&self) -> Rows<'_> {
-        Rows {
-            lines: self,
-            next: 0,
-        }
+    /// Stretches of code with their source lines: first address, address behind the last, place.
+    pub fn rows(&self) -> impl Iterator<Item = (Range<u32>, Place<'_>)> {
+        let rows = self.rows.iter();
+        rows.filter_map(|row| Some((row.start..row.end, self.place(row)?)))
     }
 
     /// Line 0 is code that belongs to no line.
@@ -85,27 +85,6 @@ impl Lines {
             file,
             line: row.line,
         })
-    }
-}
-
-/// Stretches of code with their source lines: first address, address behind the last, place.
-#[derive(Debug)]
-pub struct Rows<'a> {
-    lines: &'a Lines,
-    next: usize,
-}
-
-impl<'a> Iterator for Rows<'a> {
-    type Item = (std::ops::Range<u32>, Place<'a>);
-
-    fn next(&mut self) -> Option<Self::Item> {
-        loop {
-            let row = self.lines.rows.get(self.next)?;
-            self.next += 1;
-            if let Some(place) = self.lines.place(row) {
-                return Some((row.start..row.end, place));
-            }
-        }
     }
 }
 
@@ -180,19 +159,11 @@ fn name<'a>(
     }
     if let Some(file) = header.file(number) {
         // Directory 0 is the unit's own.
-        if let Some(directory) = file
-            .directory(header)
-            .filter(|_| file.directory_index() != 0)
-        {
-            join(
-                &mut path,
-                &dwarf.attr_string(unit, directory)?.to_string_lossy(),
-            );
+        let directory = file.directory(header);
+        let directory = directory.filter(|_| file.directory_index() != 0);
+        for part in directory.into_iter().chain([file.path_name()]) {
+            join(&mut path, &dwarf.attr_string(unit, part)?.to_string_lossy());
         }
-        join(
-            &mut path,
-            &dwarf.attr_string(unit, file.path_name())?.to_string_lossy(),
-        );
     }
     Ok(path)
 }

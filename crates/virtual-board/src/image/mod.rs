@@ -2,14 +2,15 @@
 //!
 //! [`Image::parse`] checks everything that running it relies on; what is wrong is told with the field,
 //! its value and what is allowed. Symbols and debug information may be missing: then functions or
-//! source lines are not known, and [`Image::missing`] says so.
+//! source lines are not known.
 
 mod lines;
 
-pub use lines::{Place, Rows};
+pub use lines::Place;
 
 use lines::Lines;
 use object::LittleEndian;
+use object::elf::{EM_ARM, ET_EXEC, PT_LOAD};
 use object::read::elf::{ElfFile32, FileHeader, ProgramHeader};
 use object::{Object, ObjectSection, ObjectSymbol, SymbolKind};
 use std::collections::HashMap;
@@ -55,24 +56,6 @@ impl fmt::Display for ImageError {
 
 impl std::error::Error for ImageError {}
 
-/// Something that makes a part of the tools less telling.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Missing {
-    /// No symbol table: functions have no names, and no variable is found by its name.
-    Symbols,
-    /// No line table: places in the program have no source line.
-    Lines,
-}
-
-impl fmt::Display for Missing {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Symbols => "no symbols (.symtab): functions have no names",
-            Self::Lines => "no debug information (.debug_line): places have no source lines",
-        })
-    }
-}
-
 /// Bytes that go into the flash.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Segment {
@@ -105,13 +88,11 @@ pub struct Symbol {
 pub struct Image {
     bytes: Vec<u8>,
     segments: Vec<Segment>,
-    initial_sp: u32,
     reset_vector: u32,
     /// By address.
     functions: Vec<Symbol>,
     /// By the name in the file and by the readable one.
     names: HashMap<String, (u32, u32)>,
-    has_lines: bool,
     lines: OnceLock<Lines>,
 }
 
@@ -144,18 +125,13 @@ impl Image {
         check_header(&bytes)?;
         let elf = ElfFile32::<LittleEndian>::parse(&*bytes).map_err(|e| cut(e, &bytes))?;
         let segments = segments(&elf, &bytes)?;
-        let (initial_sp, reset_vector) = vectors(&segments)?;
+        let reset_vector = vectors(&segments)?;
         let (functions, names) = symbols(&elf);
-        let has_lines = elf
-            .section_by_name(".debug_line")
-            .is_some_and(|section| section.size() > 0);
         Ok(Self {
             segments,
-            initial_sp,
             reset_vector,
             functions,
             names,
-            has_lines,
             lines: OnceLock::new(),
             bytes,
         })
@@ -181,31 +157,14 @@ impl Image {
         }
     }
 
-    /// The stack pointer after a reset.
-    pub fn initial_sp(&self) -> u32 {
-        self.initial_sp
-    }
-
     /// Where the program begins (with the Thumb bit).
     pub fn reset_vector(&self) -> u32 {
         self.reset_vector
     }
 
-    /// What the file lacks.
-    pub fn missing(&self) -> Vec<Missing> {
-        let symbols = self.names.is_empty().then_some(Missing::Symbols);
-        let lines = (!self.has_lines).then_some(Missing::Lines);
-        symbols.into_iter().chain(lines).collect()
-    }
-
     /// The address of a function or variable by its name, as it is in the file or in the source.
     pub fn symbol(&self, name: &str) -> Option<u32> {
         self.names.get(name).map(|s| s.0)
-    }
-
-    /// Functions by address. Several names may stand for the same.
-    pub fn functions(&self) -> &[Symbol] {
-        &self.functions
     }
 
     /// The function in which an address lies.
@@ -247,7 +206,7 @@ impl Image {
     }
 
     /// All stretches of code with their source lines, by address.
-    pub fn lines_of_code(&self) -> Rows<'_> {
+    pub fn lines_of_code(&self) -> impl Iterator<Item = (Range<u32>, Place<'_>)> {
         self.lines().rows()
     }
 
@@ -302,22 +261,13 @@ fn check_header(bytes: &[u8]) -> Result<(), Wrong> {
         let value = format!("{} bytes long", bytes.len());
         return Err(("the file", value, "a whole ELF file"));
     }
-    let half = |at: usize| u16::from_le_bytes([bytes[at], bytes[at + 1]]);
+    let byte = |at: usize| u16::from(bytes[at]);
+    let half = |at: usize| byte(at) | byte(at + 1) << 8;
     for (field, value, right, allowed) in [
-        ("its class", u16::from(bytes[4]), 1, "1 (32 bits)"),
-        (
-            "its data encoding",
-            u16::from(bytes[5]),
-            1,
-            "1 (little endian)",
-        ),
-        ("its machine", half(18), object::elf::EM_ARM, "40 (Arm)"),
-        (
-            "its type",
-            half(16),
-            object::elf::ET_EXEC,
-            "2 (a linked program)",
-        ),
+        ("its class", byte(4), 1, "1 (32 bits)"),
+        ("its data encoding", byte(5), 1, "1 (little endian)"),
+        ("its machine", half(18), EM_ARM, "40 (Arm)"),
+        ("its type", half(16), ET_EXEC, "2 (a linked program)"),
     ] {
         if value != right {
             return Err((field, value.to_string(), allowed));
@@ -332,7 +282,7 @@ fn segments(elf: &ElfFile32<'_, LittleEndian>, bytes: &[u8]) -> Result<Vec<Segme
     let headers = headers.map_err(|e| cut(e, bytes))?;
     let mut segments = Vec::new();
     for (number, header) in headers.iter().enumerate() {
-        if header.p_type(endian) != object::elf::PT_LOAD || header.p_filesz(endian) == 0 {
+        if header.p_type(endian) != PT_LOAD || header.p_filesz(endian) == 0 {
             continue;
         }
         let (address, length) = (header.p_paddr(endian), header.p_filesz(endian));
@@ -365,8 +315,8 @@ fn segments(elf: &ElfFile32<'_, LittleEndian>, bytes: &[u8]) -> Result<Vec<Segme
     Ok(segments)
 }
 
-/// The stack pointer and the program's beginning, checked.
-fn vectors(segments: &[Segment]) -> Result<(u32, u32), Wrong> {
+/// The program's beginning, checked as the stack pointer is.
+fn vectors(segments: &[Segment]) -> Result<u32, Wrong> {
     let first = segments
         .iter()
         .find(|s| s.address == FLASH.start)
@@ -394,7 +344,7 @@ fn vectors(segments: &[Segment]) -> Result<(u32, u32), Wrong> {
             "an odd address (Thumb) within the image",
         ));
     }
-    Ok((sp, reset))
+    Ok(reset)
 }
 
 type Names = HashMap<String, (u32, u32)>;

@@ -43,15 +43,9 @@ impl Coverage {
         for (range, place) in image.lines_of_code() {
             let first = executed.partition_point(|&a| a < range.start);
             let ran = executed.get(first).is_some_and(|&a| a < range.end);
-            if !coverage.files.contains_key(place.file) {
-                coverage
-                    .files
-                    .insert(place.file.to_owned(), BTreeMap::new());
-            }
-            if let Some(lines) = coverage.files.get_mut(place.file) {
-                let hits = lines.entry(place.line).or_default();
-                *hits = (*hits).max(u64::from(ran));
-            }
+            let lines = coverage.files.entry(place.file.to_owned()).or_default();
+            let hits = lines.entry(place.line).or_default();
+            *hits = (*hits).max(u64::from(ran));
         }
         coverage
     }

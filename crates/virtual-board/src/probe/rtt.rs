@@ -22,18 +22,6 @@ pub enum Mode {
     Block,
 }
 
-/// What was seen at the latest call.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum State {
-    /// The control block was not found yet: the program did not get so far.
-    #[default]
-    Absent,
-    /// All is well.
-    Present,
-    /// The control block is there, the channel in it is no ring in the memory.
-    Damaged,
-}
-
 /// The host's side of up channel 0.
 #[derive(Clone, Debug)]
 pub struct Rtt {
@@ -44,8 +32,6 @@ pub struct Rtt {
     /// By a symbol, so that it is not looked for.
     fixed: bool,
     reading: bool,
-    state: State,
-    bytes: u64,
 }
 
 /// The fields of the channel.
@@ -68,24 +54,12 @@ impl Rtt {
             block,
             fixed: block.is_some(),
             reading: true,
-            state: State::Absent,
-            bytes: 0,
         }
     }
 
     /// The host stops reading, or goes on. The channel's mode stays as it is.
     pub fn set_reading(&mut self, reading: bool) {
         self.reading = reading;
-    }
-
-    /// What was seen at the latest [`Self::poll`].
-    pub fn state(&self) -> State {
-        self.state
-    }
-
-    /// Bytes read so far.
-    pub fn bytes(&self) -> u64 {
-        self.bytes
     }
 
     /// Reads what is there and appends it to `out`.
@@ -103,27 +77,14 @@ impl Rtt {
             write,
             read,
         } = channel;
-        let before = out.len();
         if write < read {
             out.extend_from_slice(&memory[ring + read..ring + size]);
             out.extend_from_slice(&memory[ring..ring + write]);
         } else {
             out.extend_from_slice(&memory[ring + read..ring + write]);
         }
-        self.bytes += (out.len() - before) as u64;
         if write != read {
             memory[fields + 16..fields + 20].copy_from_slice(&(write as u32).to_le_bytes());
-        }
-    }
-
-    /// The mode that the channel is in.
-    pub fn mode(&mut self, memory: &[u8]) -> Option<Mode> {
-        let fields = self.channel(memory)?.fields;
-        match word(memory, fields + 20)? & 3 {
-            0 => Some(Mode::Skip),
-            1 => Some(Mode::Trim),
-            2 => Some(Mode::Block),
-            _ => None,
         }
     }
 
@@ -144,9 +105,7 @@ impl Rtt {
     }
 
     fn channel(&mut self, memory: &[u8]) -> Option<Channel> {
-        self.state = State::Absent;
         let start = self.find(memory)?;
-        self.state = State::Damaged;
         let fields = start + CHANNEL;
         let field = |index: usize| word(memory, fields + 4 * index);
         let channel = Channel {
@@ -163,11 +122,6 @@ impl Rtt {
             && fields + CHANNEL_LENGTH <= memory.len()
             && channel.write < channel.size
             && channel.read < channel.size;
-        self.state = if sound {
-            State::Present
-        } else {
-            State::Damaged
-        };
         sound.then_some(channel)
     }
 
@@ -263,7 +217,6 @@ mod tests {
             }
             rtt.poll(&mut target.memory, &mut out);
             assert_eq!(out, sent);
-            assert_eq!((rtt.bytes(), rtt.state()), (256, State::Present));
         }
     }
 
@@ -273,7 +226,7 @@ mod tests {
         let mut rtt = Rtt::new(BASE, None);
         let mut out = Vec::new();
         rtt.set_mode(&mut target.memory, Mode::Block);
-        assert_eq!(rtt.mode(&target.memory), Some(Mode::Block));
+        assert_eq!(word(&target.memory, BLOCK + 44), Some(2));
         rtt.set_reading(false);
         assert_eq!(target.write(&[7; 20]), SIZE - 1);
         rtt.poll(&mut target.memory, &mut out);
@@ -290,7 +243,6 @@ mod tests {
         let mut rtt = Rtt::new(BASE, None);
         let (mut memory, mut out) = (vec![0x55u8; 0x200], Vec::new());
         rtt.poll(&mut memory, &mut out);
-        assert_eq!(rtt.state(), State::Absent);
         for (offset, value) in [
             (16, 0),
             (28, 0x2100_0000),
@@ -302,13 +254,12 @@ mod tests {
             target.set(BLOCK + offset, value);
             let before = target.memory.clone();
             rtt.poll(&mut target.memory, &mut out);
-            assert_eq!(rtt.state(), State::Damaged, "{offset}");
-            assert!(target.memory == before && out.is_empty());
+            assert!(target.memory == before && out.is_empty(), "{offset}");
         }
         // A control block at the very end of the memory.
         let mut end = vec![0; 0x200];
         end[0x1f0..].copy_from_slice(IDENTITY);
         rtt.poll(&mut end, &mut out);
-        assert_eq!(rtt.state(), State::Damaged);
+        assert!(out.is_empty());
     }
 }

@@ -1,5 +1,5 @@
 //! Signals over time as a Value Change Dump (IEEE 1364-2005, 18.2), which GTKWave, PulseView and
-//! others open.
+//! others open. Times are in nanoseconds: PulseView makes a sample of each.
 //!
 //! Signals are registered first, each in a scope (`front/pins`, say). Changes may be told in any
 //! order of time; [`Dump::flush`] sorts what is due and writes it. One that does not change anything is
@@ -9,16 +9,6 @@ use crate::time::Time;
 use std::collections::BTreeMap;
 use std::io;
 use vcd::{IdCode, SimulationCommand, TimescaleUnit, VarType, Writer};
-
-/// The unit of times in the file.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Timescale {
-    /// 1 ns. PulseView makes a sample of each.
-    #[default]
-    Nanosecond,
-    /// 1 ps: times are exact.
-    Picosecond,
-}
 
 /// What a text shows while there is nothing to show.
 pub const NOTHING: &str = "-";
@@ -72,20 +62,18 @@ struct Entry {
 /// A file that is being written.
 pub struct Dump<W: io::Write> {
     writer: Writer<W>,
-    timescale: Timescale,
     entries: Vec<Entry>,
     pending: Vec<Change>,
     begun: bool,
-    /// The latest time written, in the file's unit.
+    /// The latest time written, ns.
     written: Option<u64>,
 }
 
 impl<W: io::Write> Dump<W> {
     /// A file without signals.
-    pub fn new(writer: W, timescale: Timescale) -> Self {
+    pub fn new(writer: W) -> Self {
         Self {
             writer: Writer::new(writer),
-            timescale,
             entries: Vec::new(),
             pending: Vec::new(),
             begun: false,
@@ -94,11 +82,8 @@ impl<W: io::Write> Dump<W> {
     }
 
     /// Registers a signal; `scope` names the scopes from the outermost, with `/` between. Registered
-    /// after the first [`Self::flush`] it would be missing in the file: then this is `None`.
-    pub fn register(&mut self, scope: &str, name: &str, form: Form) -> Option<Signal> {
-        if self.begun {
-            return None;
-        }
+    /// after the first [`Self::flush`] it is missing in the file.
+    pub fn register(&mut self, scope: &str, name: &str, form: Form) -> Signal {
         self.entries.push(Entry {
             scope: scope
                 .split('/')
@@ -110,7 +95,7 @@ impl<W: io::Write> Dump<W> {
             id: None,
             last: None,
         });
-        Some(Signal(self.entries.len() - 1))
+        Signal(self.entries.len() - 1)
     }
 
     /// Notes a change.
@@ -137,29 +122,18 @@ impl<W: io::Write> Dump<W> {
     /// Writes everything and ends the file at a time.
     pub fn finish(mut self, at: Time) -> io::Result<()> {
         self.flush(Time::NEVER)?;
-        let end = self.unit(at);
+        let end = nanos(at);
         if self.written.is_none_or(|written| written < end) {
             self.writer.timestamp(end)?;
         }
         self.writer.flush()
     }
 
-    fn unit(&self, at: Time) -> u64 {
-        match self.timescale {
-            Timescale::Nanosecond => at.0 / 1000,
-            Timescale::Picosecond => at.0,
-        }
-    }
-
     /// The header: scopes as a tree, signals in the order registered.
     fn begin(&mut self) -> io::Result<()> {
         self.begun = true;
         self.writer.version("virtual-board")?;
-        let unit = match self.timescale {
-            Timescale::Nanosecond => TimescaleUnit::NS,
-            Timescale::Picosecond => TimescaleUnit::PS,
-        };
-        self.writer.timescale(1, unit)?;
+        self.writer.timescale(1, TimescaleUnit::NS)?;
         let mut scopes: BTreeMap<Vec<String>, Vec<usize>> = BTreeMap::new();
         for (index, entry) in self.entries.iter().enumerate() {
             scopes.entry(entry.scope.clone()).or_default().push(index);
@@ -201,10 +175,10 @@ impl<W: io::Write> Dump<W> {
         let Some(entry) = self.entries.get_mut(signal.0) else {
             return Ok(());
         };
-        if entry.last.as_ref() == Some(&value) {
+        if entry.id.is_none() || entry.last.as_ref() == Some(&value) {
             return Ok(());
         }
-        let time = self.unit(at).max(self.written.unwrap_or(0));
+        let time = nanos(at).max(self.written.unwrap_or(0));
         if self.written != Some(time) {
             self.writer.timestamp(time)?;
             self.written = Some(time);
@@ -230,6 +204,11 @@ impl<W: io::Write> Dump<W> {
     }
 }
 
+/// A time in the unit of the file.
+fn nanos(at: Time) -> u64 {
+    at.0 / 1000
+}
+
 /// A word as the format allows: printable, without spaces, not empty.
 fn word(text: &str) -> String {
     let words = text
@@ -244,26 +223,27 @@ mod tests {
     use super::*;
     use vcd::{Command, Parser};
 
-    fn dump(timescale: Timescale) -> Vec<u8> {
+    fn dump() -> Vec<u8> {
         let mut file = Vec::new();
-        let mut dump = Dump::new(&mut file, timescale);
-        let register =
-            |dump: &mut Dump<_>, scope, name, form| dump.register(scope, name, form).unwrap();
-        let pin = register(&mut dump, "front/pins", "PA8", Form::Wire);
-        let frame = register(&mut dump, "bus", "frame", Form::Text);
-        let active = register(&mut dump, "front", "exception", Form::Text);
-        let rear = register(&mut dump, "rear/pins", "PA8", Form::Wire);
-        let level = |level| Value::Level(level);
-        dump.change(Time(3_000), pin, level(false));
-        dump.change(Time(1_000), pin, level(true));
-        dump.change(Time(2_000), pin, level(true));
-        dump.change(Time(1_500), active, Value::Text("SysTick".into()));
-        dump.flush(Time(2_500)).unwrap();
-        dump.change(Time(3_000), frame, Value::Text("0x123 [8] de ad".into()));
+        let mut dump = Dump::new(&mut file);
+        let pin = dump.register("front/pins", "PA8", Form::Wire);
+        let frame = dump.register("bus", "frame", Form::Text);
+        let active = dump.register("front", "exception", Form::Text);
+        let rear = dump.register("rear/pins", "PA8", Form::Wire);
+        let level = Value::Level;
+        let text = |text: &str| Value::Text(text.into());
+        // Rounded down to nanoseconds.
+        dump.change(Time(3_000_000), pin, level(false));
+        dump.change(Time(1_000_000), pin, level(true));
+        dump.change(Time(2_000_000), pin, level(true));
+        dump.change(Time(1_500_900), active, text("SysTick"));
+        dump.flush(Time(2_500_000)).unwrap();
+        dump.change(Time(3_000_999), frame, text("0x123 [8] de ad"));
         // Too late: it comes at the time reached.
-        dump.change(Time(500), rear, Value::HighZ);
-        assert_eq!(dump.register("late", "x", Form::Wire), None);
-        dump.finish(Time(9_000)).unwrap();
+        dump.change(Time(500_000), rear, Value::HighZ);
+        let late = dump.register("late", "x", Form::Wire);
+        dump.change(Time(4_000_000), late, level(true));
+        dump.finish(Time(9_000_500)).unwrap();
         file
     }
 
@@ -282,8 +262,8 @@ mod tests {
 
     #[test]
     fn changes_come_sorted_and_only_where_something_changes() {
-        let (commands, header) = read(&dump(Timescale::Picosecond));
-        assert_eq!(header.timescale, Some((1, TimescaleUnit::PS)));
+        let (commands, header) = read(&dump());
+        assert_eq!(header.timescale, Some((1, TimescaleUnit::NS)));
         let id = |path: &[&str]| header.find_var(path).unwrap().code;
         let [pin, rear] = ["front", "rear"].map(|b| id(&[b, "pins", "PA8"]));
         let (frame, active) = (id(&["bus", "frame"]), id(&["front", "exception"]));
@@ -304,13 +284,5 @@ mod tests {
         assert_eq!(commands[0], "at 0");
         assert!(commands[2..begin].contains(&format!("{pin} x")));
         assert_eq!(begin, 6);
-    }
-
-    #[test]
-    fn nanoseconds_are_rounded_down_and_keep_their_order() {
-        let (commands, header) = read(&dump(Timescale::Nanosecond));
-        assert_eq!(header.timescale, Some((1, TimescaleUnit::NS)));
-        let times: Vec<_> = commands.iter().filter(|c| c.starts_with("at ")).collect();
-        assert_eq!(times, ["at 0", "at 1", "at 3", "at 9"]);
     }
 }

@@ -4,7 +4,7 @@
 //! has a handler of its own, high from its entry to its return with what preempts it, and the name
 //! of the one that runs. A scope for the bus: its level, 0 for dominant, and the frame that is sent.
 
-use super::vcd::{Dump, Form, NOTHING, Signal, Timescale, Value};
+use super::vcd::{Dump, Form, NOTHING, Signal, Value};
 use crate::chip::Pin;
 use crate::image::Image;
 use crate::network::Network;
@@ -26,7 +26,7 @@ struct Handler {
 struct BoardSignals {
     pins: Vec<(Pin, Signal)>,
     handlers: Vec<Handler>,
-    running: Option<Signal>,
+    running: Signal,
     /// Exceptions that have not returned, the one that runs last.
     active: Vec<u16>,
 }
@@ -35,8 +35,8 @@ struct BoardSignals {
 pub struct Waves<W: io::Write> {
     dump: Dump<W>,
     boards: Vec<BoardSignals>,
-    level: Option<Signal>,
-    frame: Option<Signal>,
+    level: Signal,
+    frame: Signal,
 }
 
 /// The pins of a package with 64.
@@ -53,7 +53,7 @@ fn value(level: Option<bool>) -> Value {
 impl<W: io::Write> Waves<W> {
     /// A dump of the boards of a network, each with its name and image, from now on.
     pub fn new(writer: W, network: &mut Network, boards: &[(&str, &Image)]) -> Self {
-        let mut dump = Dump::new(writer, Timescale::Nanosecond);
+        let mut dump = Dump::new(writer);
         let mut signals = Vec::new();
         let now = network.now();
         for (&(name, image), board) in boards.iter().zip(network.boards()) {
@@ -61,21 +61,18 @@ impl<W: io::Write> Waves<W> {
             let mut pin_signals = Vec::new();
             for pin in pins() {
                 let signal = dump.register(&scope("pins"), &pin.to_string(), Form::Wire);
-                if let Some(signal) = signal {
-                    dump.change(now, signal, value(board.chip().pin_level(pin)));
-                    pin_signals.push((pin, signal));
-                }
+                dump.change(now, signal, value(board.chip().pin_level(pin)));
+                pin_signals.push((pin, signal));
             }
             let mut handlers = Vec::new();
-            for (number, handler) in image.handlers() {
-                if let Some(signal) = dump.register(&scope("interrupts"), &handler, Form::Wire) {
-                    dump.change(now, signal, Value::Level(false));
-                    handlers.push(Handler {
-                        number,
-                        name: handler,
-                        signal,
-                    });
-                }
+            for (number, name) in image.handlers() {
+                let signal = dump.register(&scope("interrupts"), &name, Form::Wire);
+                dump.change(now, signal, Value::Level(false));
+                handlers.push(Handler {
+                    number,
+                    name,
+                    signal,
+                });
             }
             let running = dump.register(&scope("interrupts"), "exception", Form::Text);
             signals.push(BoardSignals {
@@ -89,9 +86,7 @@ impl<W: io::Write> Waves<W> {
         }
         let level = dump.register("bus", "level", Form::Wire);
         let frame = dump.register("bus", "frame", Form::Text);
-        if let Some(level) = level {
-            dump.change(now, level, Value::Level(true));
-        }
+        dump.change(now, level, Value::Level(true));
         network.wire().trace();
         Self {
             dump,
@@ -103,7 +98,6 @@ impl<W: io::Write> Waves<W> {
 
     /// A sending on the bus that has ended.
     pub fn frame(&mut self, record: &Record) {
-        let Some(signal) = self.frame else { return };
         let id = match record.frame.id() {
             Id::Standard(id) => format!("{id:03x}"),
             Id::Extended(id) => format!("{id:08x}"),
@@ -118,9 +112,9 @@ impl<W: io::Write> Waves<W> {
             .error
             .map_or_else(String::new, |error| format!("!{error:?}"));
         let text = Value::Text(format!("{id}#{data}{error}"));
-        self.dump.change(record.start, signal, text);
+        self.dump.change(record.start, self.frame, text);
         self.dump
-            .change(record.end, signal, Value::Text(NOTHING.to_owned()));
+            .change(record.end, self.frame, Value::Text(NOTHING.to_owned()));
     }
 
     /// Writes what has happened since the last call.
@@ -137,11 +131,9 @@ impl<W: io::Write> Waves<W> {
                 signals.exception(&mut self.dump, at, event.exception, event.begins);
             }
         }
-        if let Some(signal) = self.level {
-            for (at, level) in network.wire().take_levels() {
-                let level = Value::Level(level == Level::Recessive);
-                self.dump.change(at, signal, level);
-            }
+        for (at, level) in network.wire().take_levels() {
+            let level = Value::Level(level == Level::Recessive);
+            self.dump.change(at, self.level, level);
         }
         self.dump.flush(network.now() - DELAY)
     }
@@ -175,14 +167,12 @@ impl BoardSignals {
         if begins {
             show(number, true);
         }
-        if let Some(signal) = self.running {
-            let running = self.active.last().copied();
-            let name = running.map(|number| {
-                handler(number).map_or_else(|| number.to_string(), |handler| handler.name.clone())
-            });
-            let name = name.unwrap_or_else(|| NOTHING.to_owned());
-            dump.change(at, signal, Value::Text(name));
-        }
+        let running = self.active.last().copied();
+        let name = running.map(|number| {
+            handler(number).map_or_else(|| number.to_string(), |handler| handler.name.clone())
+        });
+        let name = name.unwrap_or_else(|| NOTHING.to_owned());
+        dump.change(at, self.running, Value::Text(name));
     }
 }
 

@@ -88,6 +88,7 @@ pub struct Wire {
     pub(super) drivers: Vec<u16>,
     pub(super) forced: Option<Level>,
     pub(super) noise: Noise,
+    /// From a controller's output to all inputs: twice that of a transceiver and of the wire between.
     pub(super) delay: Time,
     quantum: Time,
     now: Time,
@@ -99,8 +100,6 @@ pub struct Wire {
     /// Sleeping nodes that saw a dominant level.
     woken: Vec<(usize, Time)>,
     busy: usize,
-    busy_since: Time,
-    busy_time: Time,
 }
 
 impl Wire {
@@ -122,15 +121,7 @@ impl Wire {
             levels: None,
             woken: Vec::new(),
             busy: 0,
-            busy_since: Time(0),
-            busy_time: Time(0),
         }
-    }
-
-    /// Sets the delay from a controller's output to all inputs, 150 ns if not set: twice that of a
-    /// transceiver and of the wire between. It must be shorter than half a bit.
-    pub fn set_delay(&mut self, delay: Time) {
-        self.delay = delay;
     }
 
     /// Keeps what was sent from now on, for [`Self::take_records`].
@@ -164,27 +155,12 @@ impl Wire {
             .unwrap_or_default()
     }
 
-    /// Time during which the bus was not idle.
-    pub fn busy(&self) -> Time {
-        if self.busy > 0 {
-            self.busy_time + (self.now - self.busy_since)
-        } else {
-            self.busy_time
-        }
-    }
-
     /// Brings a fault about at this time, at the earliest where the wire is: up to a quantum ahead of
     /// the boards.
     pub fn inject(&mut self, at: Time, fault: Fault) {
         let at = at.max(self.now);
         let place = self.faults.partition_point(|&(time, _)| time <= at);
         self.faults.insert(place, (at, fault));
-    }
-
-    /// Forces the bus to a level for some time: one bit time of it corrupts the frame that goes on.
-    pub fn disturb(&mut self, from: Time, span: Time, level: Level) {
-        self.inject(from, Fault::Level(Some(level)));
-        self.inject(from.max(self.now) + span, Fault::Level(None));
     }
 
     /// Goes on to `until`, to where all nodes have run.
@@ -302,7 +278,7 @@ impl Wire {
         }
         let happened = self.deliver(i, now, nodes);
         if busy != is_busy {
-            self.occupy(is_busy, at);
+            self.occupy(is_busy);
         }
         if self.busy == 0 && (happened || busy) {
             self.doze(at);
@@ -316,18 +292,12 @@ impl Wire {
         self.asleep = still && !driven && self.quiet_until() > at;
     }
 
-    /// Counts the time during which the bus is not idle.
-    fn occupy(&mut self, is_busy: bool, at: Time) {
+    /// Counts the nodes for which the bus is not idle.
+    fn occupy(&mut self, is_busy: bool) {
         if is_busy {
-            if self.busy == 0 {
-                self.busy_since = at;
-            }
             self.busy += 1;
-            return;
-        }
-        self.busy -= 1;
-        if self.busy == 0 {
-            self.busy_time = self.busy_time + (at - self.busy_since);
+        } else {
+            self.busy -= 1;
         }
     }
 
@@ -444,9 +414,9 @@ impl Wire {
         let dominant = can_node.dominant && can_node.controller.is_in();
         can_node.plan(self.delay);
         let is_busy = can_node.controller.is_busy();
-        self.redrive(|can_nodes| can_nodes[i].dominant = dominant);
+        self.redrive(|wire| wire.can_nodes[i].dominant = dominant);
         if busy != is_busy {
-            self.occupy(is_busy, now);
+            self.occupy(is_busy);
         }
         self.deliver(i, now, nodes);
     }
@@ -457,10 +427,10 @@ impl Wire {
         }
     }
 
-    /// Changes something about the nodes and looks at all levels anew.
-    fn redrive(&mut self, change: impl FnOnce(&mut Vec<CanNode>)) {
+    /// Changes something about the nodes or the wire and looks at all levels anew.
+    fn redrive(&mut self, change: impl FnOnce(&mut Self)) {
         let before: Vec<bool> = (0..self.drivers.len()).map(|p| self.level(p)).collect();
-        change(&mut self.can_nodes);
+        change(self);
         self.drivers.fill(0);
         for can_node in &self.can_nodes {
             if can_node.is_driving() {
@@ -477,21 +447,14 @@ impl Wire {
     fn strike(&mut self, fault: Fault) {
         self.rouse();
         match fault {
-            Fault::Level(level) => {
-                let before: Vec<bool> = (0..self.drivers.len()).map(|p| self.level(p)).collect();
-                self.forced = level;
-                let now = self.now;
-                for (piece, level) in before.into_iter().enumerate() {
-                    self.changed(piece, level, now);
-                }
-            }
-            Fault::Transceiver { node, sends, hears } => self.redrive(|can_nodes| {
-                if let Some(can_node) = can_nodes.get_mut(node) {
+            Fault::Level(level) => self.redrive(|wire| wire.forced = level),
+            Fault::Transceiver { node, sends, hears } => self.redrive(|wire| {
+                if let Some(can_node) = wire.can_nodes.get_mut(node) {
                     (can_node.sends, can_node.hears) = (sends, hears);
                 }
             }),
-            Fault::Piece { node, piece } => self.redrive(|can_nodes| {
-                if let Some(can_node) = can_nodes.get_mut(node) {
+            Fault::Piece { node, piece } => self.redrive(|wire| {
+                if let Some(can_node) = wire.can_nodes.get_mut(node) {
                     can_node.piece = piece.into();
                 }
             }),

@@ -23,7 +23,7 @@ pub(super) struct CanNode {
 impl CanNode {
     pub fn new() -> Self {
         Self {
-            controller: Controller::new(),
+            controller: Controller::default(),
             clock: BitClock::new(BitTiming::megabit(), Time(0)),
             dominant: false,
             read: false,

@@ -113,15 +113,8 @@ impl Frame {
         }
         bits.finish()
     }
-
-    /// Bits that it occupies the bus: from the start of frame to the end of the intermission.
-    pub fn bus_bits(&self) -> usize {
-        self.bits().length() + INTERMISSION
-    }
 }
 
-/// Bits of the intermission, which follows every frame.
-pub const INTERMISSION: usize = 3;
 /// Bits behind the stuffed ones: delimiter of the checksum, acknowledgement and its delimiter, end of
 /// frame.
 const TAIL: usize = 3 + 7;
@@ -294,8 +287,9 @@ mod tests {
         for s in 0..=8usize {
             for fill in [0u8, 0x55, 0xff, 0x3c, 0x1f] {
                 let data = vec![fill; s];
-                let standard = Frame::new(Id::Standard(0x0f0), &data).bus_bits();
-                let extended = Frame::new(Id::Extended(0x0123_4567), &data).bus_bits();
+                let ids = [Id::Standard(0x0f0), Id::Extended(0x0123_4567)];
+                // With the intermission.
+                let [standard, extended] = ids.map(|id| Frame::new(id, &data).bits().length() + 3);
                 assert!((8 * s + 47..=8 * s + 47 + (33 + 8 * s) / 4).contains(&standard));
                 assert!((8 * s + 67..=8 * s + 67 + (53 + 8 * s) / 4).contains(&extended));
             }

@@ -3,7 +3,7 @@
 //! | file | what it holds |
 //! |---|---|
 //! | [`frame`] | frames, their bits on the wire with checksum and stuff bits |
-//! | [`timing`] | bit timing, synchronisation, tolerance of clocks |
+//! | [`timing`] | bit timing, synchronisation |
 //! | `receiver` | a frame taken apart bit by bit |
 //! | `controller` | the protocol of one node: arbitration, errors, counters |
 //! | `can_node` | a node at the wire: clock, transceiver |

@@ -25,15 +25,14 @@ const STANDARD: u16 = 19;
 const EXTENDED: u16 = 39;
 
 /// A frame on its way in.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Receiver {
     run: u8,
     last: bool,
     /// Bits so far without stuff bits.
     count: u16,
-    /// Bits without stuff bits up to the end of the checksum; until the length code has arrived, more
-    /// than any frame has.
-    total: u16,
+    /// Bits without stuff bits up to the end of the checksum, once the length code has arrived.
+    total: Option<u16>,
     crc: u16,
     identifier: u32,
     extended: bool,
@@ -45,23 +44,6 @@ pub(crate) struct Receiver {
 }
 
 impl Receiver {
-    /// Before the start of frame.
-    pub fn new() -> Self {
-        Self {
-            run: 0,
-            last: false,
-            count: 0,
-            total: u16::MAX,
-            crc: 0,
-            identifier: 0,
-            extended: false,
-            remote: false,
-            code: 0,
-            data: 0,
-            tail: 0,
-        }
-    }
-
     /// Bits so far without stuff bits.
     pub fn count(&self) -> u16 {
         self.count
@@ -85,7 +67,7 @@ impl Receiver {
 
     /// The next bit.
     pub fn step(&mut self, dominant: bool) -> Step {
-        if self.count == self.total && self.run != 5 {
+        if self.total == Some(self.count) && self.run != 5 {
             return self.tail(dominant);
         }
         if self.run == 5 {
@@ -118,13 +100,13 @@ impl Receiver {
             14..=31 if self.extended => self.identifier = self.identifier << 1 | value,
             32 if self.extended => self.remote = bit,
             // The checksum.
-            n if n >= head.max(self.total - 15) => {}
+            n if self.total.is_some_and(|total| n >= total - 15) => {}
             n if n >= head => self.data = self.data << 1 | u64::from(bit),
             n if n >= head - 4 => {
                 self.code = self.code << 1 | bit as u8;
                 if n == head - 1 {
                     let bytes = if self.remote { 0 } else { self.code.min(8) };
-                    self.total = head + 8 * u16::from(bytes) + 15;
+                    self.total = Some(head + 8 * u16::from(bytes) + 15);
                 }
             }
             _ => {}
@@ -154,7 +136,7 @@ mod tests {
     use super::*;
 
     fn receive(bits: impl Iterator<Item = bool>) -> (Vec<Step>, Receiver) {
-        let mut receiver = Receiver::new();
+        let mut receiver = Receiver::default();
         let steps = bits.map(|recessive| receiver.step(!recessive)).collect();
         (steps, receiver)
     }

@@ -45,15 +45,6 @@ impl BitTiming {
     pub fn bit(&self) -> Time {
         Time(((u128::from(self.quantum) * u128::from(self.quanta())) >> 32) as u64)
     }
-
-    /// The largest difference of clocks, as a part of one, at which two nodes with this timing
-    /// understand each other (CAN specification 2.0, section 9: ten bits between edges, thirteen bits
-    /// to the sample behind an error flag), without propagation and the quantum to which edges are seen.
-    pub fn tolerance(&self) -> f64 {
-        let (bit, jump) = (f64::from(self.quanta()), f64::from(self.jump));
-        let phase = f64::from(self.segment1.min(self.segment2));
-        (jump / (20.0 * bit)).min(phase / (2.0 * (13.0 * bit - f64::from(self.segment2))))
-    }
 }
 
 /// Where a controller is in its bits. Quanta are counted from the origin; they do not move when it
@@ -229,14 +220,6 @@ mod tests {
         let mut idle = clock(1);
         idle.edge(Time::from_nanos(430), true, true);
         assert_eq!(idle.sample_time(), Time::from_nanos(1200));
-    }
-
-    #[test]
-    fn tolerance_is_that_of_the_specification_for_the_widest_jump() {
-        // The specification's example: SJW = PS1 = PS2 = 4 of 10 quanta: 1.58 %... by 13 bits.
-        let timing = BitTiming::new(1_000_000, (5, 4), 4, 0);
-        assert!((timing.tolerance() - 4.0 / (2.0 * 126.0)).abs() < 1e-12);
-        assert!((timing.tolerance() - 0.0158).abs() < 1e-4);
     }
 
     #[test]

@@ -8,15 +8,12 @@ use std::collections::VecDeque;
 /// Mailboxes of a virtual node.
 const MAILBOXES: u8 = 3;
 
-/// A controller without a board: it sends what it is given, and keeps what happens to it.
+/// A controller without a board: it sends what it is given.
 pub struct VirtualNode {
     actions: VecDeque<(Time, Action)>,
     waiting: VecDeque<(Time, Frame)>,
     free: Vec<u8>,
     babble: Option<Frame>,
-    received: Vec<(Time, Frame)>,
-    events: Vec<Event>,
-    keeps: bool,
 }
 
 impl VirtualNode {
@@ -27,15 +24,7 @@ impl VirtualNode {
             waiting: VecDeque::new(),
             free: (0..MAILBOXES).rev().collect(),
             babble: None,
-            received: Vec::new(),
-            events: Vec::new(),
-            keeps: false,
         }
-    }
-
-    /// Takes part in another way from a time on.
-    pub fn set(&mut self, at: Time, settings: Settings) {
-        self.actions.push_back((at, Action::Set(settings)));
     }
 
     /// Sends a frame, not before this time. Frames are sent in the order given.
@@ -46,21 +35,6 @@ impl VirtualNode {
     /// Sends this frame without end, as often as the bus lets it, or stops doing so.
     pub fn babble(&mut self, frame: Option<Frame>) {
         self.babble = frame;
-    }
-
-    /// Keeps all that happens from now on, for [`Self::take_events`].
-    pub fn keep_events(&mut self) {
-        self.keeps = true;
-    }
-
-    /// What happened since the last call.
-    pub fn take_events(&mut self) -> Vec<Event> {
-        std::mem::take(&mut self.events)
-    }
-
-    /// What arrived since the last call, with the time of its end.
-    pub fn take_received(&mut self) -> Vec<(Time, Frame)> {
-        std::mem::take(&mut self.received)
     }
 }
 
@@ -80,17 +54,9 @@ impl Node for VirtualNode {
 
     fn event(&mut self, event: Event) {
         match event.what {
-            What::Sent { mailbox, .. }
-            | What::Failed {
-                mailbox,
-                again: false,
-                ..
-            } => self.free.push(mailbox),
-            What::Received { frame, .. } => self.received.push((event.at, frame)),
+            What::Failed { again: true, .. } => {}
+            What::Sent { mailbox, .. } | What::Failed { mailbox, .. } => self.free.push(mailbox),
             _ => {}
-        }
-        if self.keeps {
-            self.events.push(event);
         }
     }
 }

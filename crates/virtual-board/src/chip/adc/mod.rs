@@ -28,7 +28,7 @@ use super::shared::Shared;
 use super::transfer;
 use crate::finding::Kind;
 use crate::noise::Noise;
-use crate::time::{Cycles, NEVER, Time, Timebase};
+use crate::time::{Cycles, NEVER, Time};
 use registers::*;
 
 /// From switching on to the first conversion.
@@ -582,7 +582,7 @@ impl Peripheral for Adc {
         self.sample_next(0, shared);
     }
 
-    fn clocks_changed(&mut self, _old: &Timebase, shared: &mut Shared) {
+    fn clocks_changed(&mut self, shared: &mut Shared) {
         let clock = self.clock(shared);
         if self.conversion.is_some() && self.gated.is_none() && clock != self.clock {
             let left = self.left(shared).map(|left| left / self.clock * clock);

@@ -2,7 +2,7 @@
 
 use super::super::effect::Trigger;
 use super::super::pin::Pin;
-use super::super::register::{Register, bits, narrow, word};
+use super::super::register::{Register, narrow, word};
 
 // Places.
 pub(super) const SR: u32 = 0x00;

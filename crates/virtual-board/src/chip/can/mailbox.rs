@@ -1,6 +1,5 @@
 //! Transmit mailboxes.
 
-use crate::chip::register::bits;
 use crate::wire::{Frame, Id};
 
 // Bits of TSR of mailbox 0; those of the next lie 8 bits higher.
@@ -13,7 +12,6 @@ pub(super) const TXRQ: u32 = 1;
 const RTR: u32 = 1 << 1;
 const IDE: u32 = 1 << 2;
 
-/// A mailbox.
 #[derive(Debug, Default)]
 pub(super) struct Mailbox {
     /// TIxR, TDTxR, TDLxR, TDHxR.

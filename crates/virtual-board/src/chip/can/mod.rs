@@ -32,14 +32,16 @@ use std::collections::VecDeque;
 const MAX_RATE: u64 = 1_000_000;
 
 /// How the controller takes part.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Mode {
+    #[default]
     Sleep,
     Initialisation,
     Normal,
 }
 
 /// The controller.
+#[derive(Default)]
 pub(crate) struct Can {
     mcr: u32,
     /// ERRI, WKUI, SLAKI.
@@ -66,35 +68,19 @@ pub(crate) struct Can {
     events: VecDeque<Event>,
 }
 
-impl Default for Can {
-    fn default() -> Self {
+impl Can {
+    pub fn after_reset() -> Self {
         Self {
             mcr: MCR_RESET,
-            msr: 0,
-            ier: 0,
-            esr: 0,
             btr: 0x0123_0000,
-            tec: 0,
-            rec: 0,
-            mode: Mode::Sleep,
-            target: Mode::Sleep,
-            mailboxes: Default::default(),
-            requests: 0,
-            sending: None,
-            fifos: Default::default(),
-            filters: Filters::default(),
-            lost: 0,
-            actions: VecDeque::new(),
-            events: VecDeque::new(),
+            ..Self::default()
         }
     }
-}
 
-impl Can {
     /// A reset, of the chip or of the controller alone. What the program did before still reaches the
     /// wire, and then the reset.
     pub fn reset(&mut self, shared: &mut Shared) {
-        let old = std::mem::take(self);
+        let old = std::mem::replace(self, Self::after_reset());
         (self.actions, self.lost) = (old.actions, old.lost);
         self.act(Action::Reset, shared);
         self.plan(shared);
@@ -464,8 +450,7 @@ impl Peripheral for Can {
         &REGISTERS
     }
 
-    fn read(&mut self, offset: u32, shared: &mut Shared) -> u32 {
-        let _ = shared;
+    fn read(&mut self, offset: u32, _shared: &mut Shared) -> u32 {
         match offset {
             0x00 => self.mcr,
             0x04 => self.msr(),
@@ -535,8 +520,7 @@ impl Peripheral for Can {
         self.lines(shared);
     }
 
-    fn clocks_changed(&mut self, old: &crate::time::Timebase, shared: &mut Shared) {
-        let _ = old;
+    fn clocks_changed(&mut self, shared: &mut Shared) {
         if self.target == Mode::Normal {
             self.act(Action::Set(self.settings(shared)), shared);
         }

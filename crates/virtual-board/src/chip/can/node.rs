@@ -84,26 +84,30 @@ mod tests {
         chip
     }
 
-    fn run(chip: &mut Chip, cycle: &mut Cycles, micros: u64) -> VirtualNode {
+    /// Frames that another node received from the chip.
+    fn run(chip: &mut Chip, cycle: &mut Cycles, micros: u64) -> Vec<Frame> {
         let mut other = VirtualNode::new(Settings::new(BitTiming::megabit()));
         let mut wire = Wire::new(2, Time::from_micros(20), 1);
+        wire.record();
         for quantum in 1..=micros / 20 {
             *cycle = (*cycle).max(quantum * 20 * MICRO);
             chip.advance(*cycle, *cycle);
             let until = Time::from_micros(20 * quantum);
             wire.advance(until, &mut [chip, &mut other]);
         }
-        other
+        let records = wire.take_records().into_iter();
+        let sent = records.filter(|record| record.error.is_none());
+        let frames: Vec<_> = sent.map(|record| record.frame).collect();
+        assert_eq!(wire.statistics(1).received, frames.len() as u64);
+        frames
     }
 
     #[test]
     fn a_chip_sends_a_frame() {
         let mut cycle = 0;
         let mut chip = chip(true, &mut cycle);
-        let mut other = run(&mut chip, &mut cycle, 200);
-        let received = other.take_received();
-        assert_eq!(received.len(), 1);
-        assert_eq!(received[0].1, Frame::new(Id::Standard(0x123), &[0x42]));
+        let received = run(&mut chip, &mut cycle, 200);
+        assert_eq!(received, [Frame::new(Id::Standard(0x123), &[0x42])]);
         assert_eq!(read(&mut chip, CAN1 + 8, &mut cycle), 0x1c00_0003);
         assert!(chip.findings().list().is_empty());
     }
@@ -112,8 +116,7 @@ mod tests {
     fn without_pins_it_sends_nothing_and_that_is_found() {
         let mut cycle = 0;
         let mut chip = chip(false, &mut cycle);
-        let mut other = run(&mut chip, &mut cycle, 400);
-        assert!(other.take_received().is_empty());
+        assert_eq!(run(&mut chip, &mut cycle, 400), []);
         let pins = chip.findings().list().iter();
         assert_eq!(pins.filter(|f| f.kind == Kind::Pin).count(), 2);
         assert_eq!(read(&mut chip, CAN1 + 8, &mut cycle) & 3, 0);
@@ -124,7 +127,6 @@ mod tests {
         let mut cycle = 0;
         let mut chip = chip(true, &mut cycle);
         chip.restart(crate::chip::Cause::Software, 0);
-        let mut other = run(&mut chip, &mut cycle, 200);
-        assert!(other.take_received().is_empty());
+        assert_eq!(run(&mut chip, &mut cycle, 200), []);
     }
 }

@@ -1,6 +1,6 @@
 //! Places and bits of the registers (RM0090, "CAN registers").
 
-use super::super::register::{Register, bits, word};
+use super::super::register::{Register, word};
 use super::filter::ALL;
 
 // MCR.
@@ -27,10 +27,10 @@ bits! { pub(super):
 }
 pub(super) const IER_BITS: u32 = 0x0003_8f7f;
 
-/// ESR.
-pub(super) const EWGF: u32 = 1;
-pub(super) const EPVF: u32 = 1 << 1;
-pub(super) const BOFF: u32 = 1 << 2;
+// ESR.
+bits! { pub(super):
+    EWGF 0, EPVF 1, BOFF 2
+}
 pub(super) const LEC: u32 = 7 << 4;
 
 /// BTR.
@@ -47,63 +47,37 @@ pub(super) const MAILBOXES: u32 = 0x180;
 pub(super) const OUTPUTS: u32 = 0x1b0;
 pub(super) const BANKS: u32 = 0x240;
 
-macro_rules! banks {
-    ($($n:literal)*) => {
-        [$(
-            word(BANKS + 8 * $n, concat!("F", $n, "R1"), !0),
-            word(BANKS + 8 * $n + 4, concat!("F", $n, "R2"), !0),
-        )*]
+macro_rules! registers {
+    (outgoing: $($out:literal)*; incoming: $($in:literal)*; filters: $($bank:literal)*) => {
+        [
+            word(0x00, "MCR", MCR_BITS), word(0x04, "MSR", 0xf1f), word(0x08, "TSR", 0xff8f_8f8f),
+            word(0x0c, "RF0R", 0x3b), word(0x10, "RF1R", 0x3b), word(0x14, "IER", IER_BITS),
+            word(0x18, "ESR", 0xffff_0077), word(0x1c, "BTR", BTR_BITS),
+            $(
+                word(MAILBOXES + 16 * $out, concat!("TI", $out, "R"), !0),
+                word(MAILBOXES + 16 * $out + 4, concat!("TDT", $out, "R"), TDTR_BITS),
+                word(MAILBOXES + 16 * $out + 8, concat!("TDL", $out, "R"), !0),
+                word(MAILBOXES + 16 * $out + 12, concat!("TDH", $out, "R"), !0),
+            )*
+            $(
+                word(OUTPUTS + 16 * $in, concat!("RI", $in, "R"), !1),
+                word(OUTPUTS + 16 * $in + 4, concat!("RDT", $in, "R"), 0xffff_ff0f),
+                word(OUTPUTS + 16 * $in + 8, concat!("RDL", $in, "R"), !0),
+                word(OUTPUTS + 16 * $in + 12, concat!("RDH", $in, "R"), !0),
+            )*
+            word(0x200, "FMR", FMR_BITS).keeping(FMR_ONES), word(0x204, "FM1R", ALL),
+            word(0x20c, "FS1R", ALL), word(0x214, "FFA1R", ALL), word(0x21c, "FA1R", ALL),
+            $(
+                word(BANKS + 8 * $bank, concat!("F", $bank, "R1"), !0),
+                word(BANKS + 8 * $bank + 4, concat!("F", $bank, "R2"), !0),
+            )*
+        ]
     };
 }
 
-/// Registers before the filter banks.
-const HEAD: [Register; 33] = [
-    word(0x00, "MCR", MCR_BITS),
-    word(0x04, "MSR", 0xf1f),
-    word(0x08, "TSR", 0xff8f_8f8f),
-    word(0x0c, "RF0R", 0x3b),
-    word(0x10, "RF1R", 0x3b),
-    word(0x14, "IER", IER_BITS),
-    word(0x18, "ESR", 0xffff_0077),
-    word(0x1c, "BTR", BTR_BITS),
-    word(0x180, "TI0R", !0),
-    word(0x184, "TDT0R", TDTR_BITS),
-    word(0x188, "TDL0R", !0),
-    word(0x18c, "TDH0R", !0),
-    word(0x190, "TI1R", !0),
-    word(0x194, "TDT1R", TDTR_BITS),
-    word(0x198, "TDL1R", !0),
-    word(0x19c, "TDH1R", !0),
-    word(0x1a0, "TI2R", !0),
-    word(0x1a4, "TDT2R", TDTR_BITS),
-    word(0x1a8, "TDL2R", !0),
-    word(0x1ac, "TDH2R", !0),
-    word(0x1b0, "RI0R", !1),
-    word(0x1b4, "RDT0R", 0xffff_ff0f),
-    word(0x1b8, "RDL0R", !0),
-    word(0x1bc, "RDH0R", !0),
-    word(0x1c0, "RI1R", !1),
-    word(0x1c4, "RDT1R", 0xffff_ff0f),
-    word(0x1c8, "RDL1R", !0),
-    word(0x1cc, "RDH1R", !0),
-    word(0x200, "FMR", FMR_BITS).keeping(FMR_ONES),
-    word(0x204, "FM1R", ALL),
-    word(0x20c, "FS1R", ALL),
-    word(0x214, "FFA1R", ALL),
-    word(0x21c, "FA1R", ALL),
-];
-
-const FILTERS: [Register; 56] = banks!(
-    0 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19 20 21 22 23 24 25 26 27
-);
-
 /// All registers.
-pub(super) const REGISTERS: [Register; 89] = {
-    let mut all = [HEAD[0]; 89];
-    let mut k = 0;
-    while k < 89 {
-        all[k] = if k < 33 { HEAD[k] } else { FILTERS[k - 33] };
-        k += 1;
-    }
-    all
-};
+pub(super) const REGISTERS: [Register; 89] = registers!(
+    outgoing: 0 1 2;
+    incoming: 0 1;
+    filters: 0 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19 20 21 22 23 24 25 26 27
+);

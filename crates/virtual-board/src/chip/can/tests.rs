@@ -1,7 +1,7 @@
 //! The controller through its registers, on a wire with others.
 
 use super::*;
-use crate::chip::testing;
+use crate::chip::{Bare, testing};
 use crate::time::Cycles;
 use crate::wire::{Fault, Id, Level, Node, VirtualNode, Wire};
 
@@ -21,52 +21,28 @@ const RDT0R: u32 = 0x1b4;
 const FMR: u32 = 0x200;
 
 /// A board with nothing but its controller.
-struct Board {
-    can: Can,
-    shared: Shared,
-}
+type Board = testing::Bench<Can>;
 
 impl Board {
     fn new() -> Self {
-        let mut shared = testing::shared();
-        shared.base.set_frequency(0, 1_000_000 * MICRO);
-        shared.clocks.hclk_hz = 1_000_000 * MICRO;
-        shared.clocks.apb1 = 4;
-        let mut board = Self {
-            can: Can::default(),
-            shared,
-        };
-        board.write(MCR, INRQ | ABOM);
+        let mut board = Self::around(Bare, Unit::Can1, Can::after_reset());
+        board.write(&[(MCR, INRQ | ABOM)]);
         assert_eq!(board.read(MSR) & 3, INAK);
         // One filter that takes all into FIFO 0.
-        board.write(FMR, 0x2a1c_0e01);
-        board.write(0x20c, 1);
-        board.write(0x21c, 1);
-        board.write(FMR, 0x2a1c_0e00);
+        board.write(&[
+            (FMR, 0x2a1c_0e01),
+            (0x20c, 1),
+            (0x21c, 1),
+            (FMR, 0x2a1c_0e00),
+        ]);
         // 42 MHz in six, seven quanta.
-        board.write(BTR, 4 << 16 | 5);
+        board.write(&[(BTR, 4 << 16 | 5)]);
         board
-    }
-
-    fn read(&mut self, offset: u32) -> u32 {
-        self.can.read(offset, &mut self.shared)
-    }
-
-    fn write(&mut self, offset: u32, value: u32) {
-        self.can.write(offset, value, !0, &mut self.shared);
     }
 
     fn request(&mut self, mailbox: u32, id: u32, data: u32) {
         let place = MAILBOXES + 16 * mailbox;
-        self.write(place + 4, 4);
-        self.write(place + 8, data);
-        self.write(place, id << 21 | 1);
-    }
-
-    fn run(&mut self, until: Cycles) {
-        while self.shared.arrive(Unit::Can1, until) {
-            self.can.event(&mut self.shared);
-        }
+        self.write(&[(place + 4, 4), (place + 8, data), (place, id << 21 | 1)]);
     }
 
     fn found(&self, kind: Kind) -> usize {
@@ -77,11 +53,11 @@ impl Board {
 
 impl Node for Board {
     fn take_action(&mut self) -> Option<(Time, Action)> {
-        self.can.actions.pop_front()
+        self.part.actions.pop_front()
     }
 
     fn event(&mut self, event: Event) {
-        self.can.post(event, &mut self.shared);
+        self.part.post(event, &mut self.shared);
     }
 }
 
@@ -112,10 +88,10 @@ impl Bench {
         let mut bench = Self::new(boards);
         if other {
             let on = Settings::new(BitTiming::megabit());
-            bench.other.set(Time(0), on);
+            bench.other = VirtualNode::new(on);
         }
         for board in &mut bench.boards {
-            board.write(MCR, ABOM);
+            board.write(&[(MCR, ABOM)]);
         }
         bench.run(100);
         for board in &mut bench.boards {
@@ -150,13 +126,13 @@ fn it_leaves_its_initialisation_after_eleven_recessive_bits_and_not_before() {
     bench
         .wire
         .inject(Time(0), Fault::Level(Some(Level::Dominant)));
-    bench.board().write(MCR, ABOM);
+    bench.board().write(&[(MCR, ABOM)]);
     bench.run(10_000);
     assert_eq!(bench.board().read(MSR) & 3, INAK);
     // The way back to the initialisation does not need the bus.
-    bench.board().write(MCR, ABOM | INRQ);
+    bench.board().write(&[(MCR, ABOM | INRQ)]);
     assert_eq!(bench.board().read(MSR) & 3, INAK);
-    bench.board().write(MCR, ABOM);
+    bench.board().write(&[(MCR, ABOM)]);
     let free = Time::from_micros(10_060);
     bench.wire.inject(free, Fault::Level(None));
     bench.run(10_060);
@@ -172,7 +148,7 @@ fn a_frame_is_sent_received_and_told_to_the_cycle() {
     let mut bench = Bench::joined(2, false);
     let begin = bench.now;
     for board in &mut bench.boards {
-        board.write(IER, TMEIE | FMPIE[0]);
+        board.write(&[(IER, TMEIE | FMPIE[0])]);
     }
     bench.board().request(0, 0x123, 0x0403_0201);
     assert_eq!(bench.board().read(TSR) >> 24, 0b0001_1001);
@@ -211,7 +187,7 @@ fn a_frame_is_sent_received_and_told_to_the_cycle() {
     assert!((sent - received).abs_diff(MICRO) < MICRO / 2);
     let board = bench.board();
     assert_eq!(board.read(TSR) & 0xff, RQCP | TXOK);
-    board.write(TSR, RQCP);
+    board.write(&[(TSR, RQCP)]);
     assert_eq!(board.read(TSR), 0x1c00_0000);
     assert!(!board.shared.is_high(Interrupt::Can1Tx));
     let board = &mut bench.boards[1];
@@ -219,7 +195,7 @@ fn a_frame_is_sent_received_and_told_to_the_cycle() {
     assert_eq!(board.read(OUTPUTS), 0x123 << 21);
     assert_eq!(board.read(RDT0R), 4);
     assert_eq!(board.read(RDT0R + 4), 0x0403_0201);
-    board.write(RF0R, RFOM);
+    board.write(&[(RF0R, RFOM)]);
     assert_eq!(board.read(RF0R), 1 | RFOM);
     board.run(board.shared.now + 8);
     assert_eq!(board.read(RF0R), 0);
@@ -240,7 +216,7 @@ fn mailboxes_go_by_identifier_or_by_time() {
     ] {
         let mut bench = Bench::joined(2, false);
         let board = bench.board();
-        board.write(MCR, mcr);
+        board.write(&[(MCR, mcr)]);
         board.request(0, 0x300, 0);
         board.run(board.shared.now + 10);
         board.request(1, 0x100, 0);
@@ -272,7 +248,7 @@ fn equal_identifiers_go_by_the_number_of_the_mailbox() {
 fn nobody_acknowledges_counts_to_128_and_no_further() {
     let mut bench = Bench::joined(1, false);
     let board = bench.board();
-    board.write(IER, ERRIE | EPVIE);
+    board.write(&[(IER, ERRIE | EPVIE)]);
     board.request(0, 0x100, 0);
     bench.run(400);
     let board = bench.board();
@@ -282,12 +258,12 @@ fn nobody_acknowledges_counts_to_128_and_no_further() {
     let board = bench.board();
     assert_eq!(board.read(ESR), 128 << 16 | 3 << 4 | EPVF | EWGF);
     assert!(board.shared.is_high(Interrupt::Can1Sce));
-    board.write(MSR, ERRI);
+    board.write(&[(MSR, ERRI)]);
     assert!(!board.shared.is_high(Interrupt::Can1Sce));
     assert_eq!(board.read(TSR) >> 26 & 7, 0b110);
     // Another comes: the frame gets through.
     let on = Settings::new(BitTiming::megabit());
-    bench.other.set(Time::from_micros(20_000), on);
+    bench.other = VirtualNode::new(on);
     bench.run(20_400);
     let board = bench.board();
     assert_eq!(board.read(TSR) & 3, RQCP | TXOK);
@@ -303,7 +279,7 @@ fn an_abort_frees_what_waits_at_once_and_what_is_sent_at_its_end() {
     let now = bench.now;
     let board = bench.board();
     board.run(now);
-    board.write(TSR, ABRQ | ABRQ << 8);
+    board.write(&[(TSR, ABRQ | ABRQ << 8)]);
     // Mailbox 0 is on the wire, mailbox 1 waits.
     let status = board.read(TSR);
     assert_eq!(status & 0xff, ABRQ);
@@ -320,7 +296,7 @@ fn an_abort_frees_what_waits_at_once_and_what_is_sent_at_its_end() {
     bench.board().request(0, 0x100, 0);
     bench.run(140);
     bench.board().run(140 * MICRO);
-    bench.board().write(TSR, ABRQ);
+    bench.board().write(&[(TSR, ABRQ)]);
     assert_eq!(bench.board().read(TSR) & 0xff, ABRQ);
     bench.run(400);
     assert_eq!(bench.board().read(TSR) & 0xff, RQCP | TERR);
@@ -331,7 +307,7 @@ fn an_abort_frees_what_waits_at_once_and_what_is_sent_at_its_end() {
 #[test]
 fn without_retransmission_a_lost_arbitration_is_the_end() {
     let mut bench = Bench::joined(1, true);
-    bench.board().write(MCR, ABOM | NART);
+    bench.board().write(&[(MCR, ABOM | NART)]);
     bench.board().request(0, 0x100, 0);
     let now = bench.boards[0].shared.time();
     bench.other.send(now, Frame::new(Id::Standard(0x0ff), &[]));
@@ -347,17 +323,16 @@ fn off_the_bus_it_comes_back_by_itself_or_when_the_program_says_so() {
     for recover in [true, false] {
         let mut bench = Bench::joined(2, false);
         let mcr = if recover { ABOM } else { 0 };
-        bench.board().write(MCR, mcr);
-        bench.board().write(IER, ERRIE | BOFIE);
+        bench.board().write(&[(MCR, mcr), (IER, ERRIE | BOFIE)]);
         // It sends but reads recessive.
-        bench.wire.inject(
-            Time::from_micros(200),
-            Fault::Transceiver {
-                node: 0,
-                sends: true,
-                hears: false,
-            },
-        );
+        let transceiver = |hears| Fault::Transceiver {
+            node: 0,
+            sends: true,
+            hears,
+        };
+        bench
+            .wire
+            .inject(Time::from_micros(200), transceiver(false));
         bench.run(240);
         bench.board().request(0, 0x100, 0);
         while bench.board().read(ESR) & BOFF == 0 {
@@ -368,22 +343,17 @@ fn off_the_bus_it_comes_back_by_itself_or_when_the_program_says_so() {
         let board = bench.board();
         assert_eq!(board.read(ESR) & (BOFF | LEC), BOFF | 5 << 4);
         assert!(board.shared.is_high(Interrupt::Can1Sce));
-        bench.wire.inject(
-            Time::from_micros(from),
-            Fault::Transceiver {
-                node: 0,
-                sends: true,
-                hears: true,
-            },
-        );
+        bench
+            .wire
+            .inject(Time::from_micros(from), transceiver(true));
         if !recover {
             bench.run(10_000);
             let board = bench.board();
             assert_eq!(board.read(ESR) & BOFF, BOFF);
-            board.write(MCR, INRQ);
+            board.write(&[(MCR, INRQ)]);
             bench.run(10_100);
             assert_eq!(bench.board().read(MSR) & 3, INAK);
-            bench.board().write(MCR, 0);
+            bench.board().write(&[(MCR, 0)]);
             // Eleven bits to join.
             from = bench.now / MICRO + 11;
         }
@@ -401,7 +371,7 @@ fn off_the_bus_it_comes_back_by_itself_or_when_the_program_says_so() {
 #[test]
 fn a_fourth_frame_overruns_and_is_found() {
     let mut bench = Bench::joined(1, true);
-    bench.board().write(IER, FFIE[0]);
+    bench.board().write(&[(IER, FFIE[0])]);
     for id in 0..4 {
         bench.other.send(Time(0), Frame::new(Id::Standard(id), &[]));
     }
@@ -410,11 +380,11 @@ fn a_fourth_frame_overruns_and_is_found() {
     bench.run(1000);
     let board = bench.board();
     assert_eq!(board.read(RF0R), 3 | FULL | FOVR);
-    assert_eq!(board.can.lost(), 1);
+    assert_eq!(board.part.lost(), 1);
     assert_eq!(board.found(Kind::Lost), 1);
-    board.write(RF0R, FULL);
+    board.write(&[(RF0R, FULL)]);
     assert!(!board.shared.is_high(Interrupt::Can1Rx0));
-    board.write(IER, FOVIE[0]);
+    board.write(&[(IER, FOVIE[0])]);
     assert!(board.shared.is_high(Interrupt::Can1Rx0));
 }
 
@@ -423,24 +393,23 @@ fn what_the_manual_forbids_is_found_and_changes_nothing() {
     let mut bench = Bench::joined(1, false);
     let board = bench.board();
     let btr = board.read(BTR);
-    board.write(BTR, 7);
+    board.write(&[(BTR, 7)]);
     assert_eq!(board.read(BTR), btr);
-    board.write(0x204, 1);
+    board.write(&[(0x204, 1)]);
     assert_eq!(board.read(0x204), 0);
-    board.write(BANKS, 1);
+    board.write(&[(BANKS, 1)]);
     assert_eq!(board.read(BANKS), 0);
     board.request(0, 0x100, 1);
-    board.write(MAILBOXES + 8, 2);
+    board.write(&[(MAILBOXES + 8, 2)]);
     assert_eq!(board.read(MAILBOXES + 8), 1);
     assert_eq!(board.found(Kind::Forbidden), 4);
-    board.write(MCR, ABOM | TTCM);
+    board.write(&[(MCR, ABOM | TTCM)]);
     assert_eq!(board.found(Kind::Forbidden), 5);
     assert_eq!(board.found(Kind::ClockLimit), 0);
     // The divider as it is after a reset: 42 MHz by eight.
     let mut bench = Bench::new(1);
     let board = bench.board();
-    board.write(BTR, 0x0123_0000);
-    board.write(MCR, ABOM);
+    board.write(&[(BTR, 0x0123_0000), (MCR, ABOM)]);
     bench.run(100);
     assert_eq!(bench.board().found(Kind::ClockLimit), 1);
 }
@@ -448,13 +417,14 @@ fn what_the_manual_forbids_is_found_and_changes_nothing() {
 #[test]
 fn asleep_it_is_woken_by_the_bus() {
     let mut bench = Bench::joined(1, true);
-    bench.board().write(IER, SLKIE | WKUIE);
-    bench.board().write(MCR, ABOM | AWUM | SLEEP);
+    bench
+        .board()
+        .write(&[(IER, SLKIE | WKUIE), (MCR, ABOM | AWUM | SLEEP)]);
     bench.run(200);
     let board = bench.board();
     assert_eq!(board.read(MSR) & 0x1f, SLAK | SLAKI);
     assert!(board.shared.is_high(Interrupt::Can1Sce));
-    board.write(MSR, SLAKI);
+    board.write(&[(MSR, SLAKI)]);
     assert!(!board.shared.is_high(Interrupt::Can1Sce));
     for _ in 0..2 {
         let frame = Frame::new(Id::Standard(1), &[]);
@@ -476,7 +446,7 @@ fn to_leave_the_bus_it_waits_for_the_end_of_its_frame() {
     let mut bench = Bench::joined(1, true);
     bench.board().request(0, 0x100, 0);
     bench.run(120);
-    bench.board().write(MCR, INRQ | ABOM);
+    bench.board().write(&[(MCR, INRQ | ABOM)]);
     assert_eq!(bench.board().read(MSR) & 3, 0);
     bench.run(240);
     let board = bench.board();
@@ -490,7 +460,7 @@ fn a_reset_in_the_middle_of_a_frame_cuts_it() {
     bench.board().request(0, 0x100, 0);
     bench.run(120);
     let board = bench.board();
-    board.can.reset(&mut board.shared);
+    board.part.reset(&mut board.shared);
     bench.run(1000);
     let board = bench.board();
     assert_eq!(board.read(MSR) & 3, SLAK);
@@ -503,8 +473,7 @@ fn a_reset_in_the_middle_of_a_frame_cuts_it() {
 fn in_loopback_it_hears_itself_and_silent_it_disturbs_nobody() {
     let mut bench = Bench::new(1);
     let board = bench.board();
-    board.write(BTR, LBKM | SILM | 4 << 16 | 5);
-    board.write(MCR, 0);
+    board.write(&[(BTR, LBKM | SILM | 4 << 16 | 5), (MCR, 0)]);
     bench.run(100);
     bench.board().request(0, 0x100, 7);
     bench.run(1000);
@@ -516,10 +485,9 @@ fn in_loopback_it_hears_itself_and_silent_it_disturbs_nobody() {
     // A silent node alone does not acknowledge, and does not send.
     let mut bench = Bench::new(1);
     let board = bench.board();
-    board.write(BTR, SILM | 4 << 16 | 5);
-    board.write(MCR, 0);
+    board.write(&[(BTR, SILM | 4 << 16 | 5), (MCR, 0)]);
     let on = Settings::new(BitTiming::megabit());
-    bench.other.set(Time(0), on);
+    bench.other = VirtualNode::new(on);
     bench.run(100);
     bench.board().request(0, 0x100, 7);
     let frame = Frame::new(Id::Standard(1), &[]);

@@ -1,6 +1,5 @@
 //! A stream: its registers, its FIFO, and the steps of which its transfers consist.
 
-use crate::chip::register::bits;
 use crate::core::Width;
 
 // Bits of SxCR.
@@ -39,7 +38,6 @@ enum Side {
     Memory,
 }
 
-/// A stream.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Stream {
     pub cr: u32,

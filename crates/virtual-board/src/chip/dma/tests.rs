@@ -111,11 +111,6 @@ impl Bench {
         self.write(&[(0x08, 0x3d)]);
     }
 
-    fn findings(&self) -> Vec<Kind> {
-        let list = self.shared.findings.list();
-        list.iter().map(|finding| finding.kind).collect()
-    }
-
     fn interrupted(&self) -> bool {
         self.shared.lines == 1 << Interrupt::Dma2Stream0 as u32
     }
@@ -188,7 +183,7 @@ fn a_running_stream_must_not_be_set_up_and_stops_when_told() {
         bench.write(&[(offset, value)]);
         assert_eq!(bench.read(offset), before);
     }
-    assert_eq!(bench.findings(), [Kind::Forbidden]);
+    assert_eq!(bench.shared.kinds(), [Kind::Forbidden]);
     bench.ask();
     let cr = bench.read(CR);
     bench.write(&[(CR, cr & !EN)]);
@@ -201,7 +196,7 @@ fn a_stream_does_not_start_with_its_flags_up() {
     let mut bench = Bench::new(4, 0, MINC | HALVES);
     let cr = bench.read(CR);
     bench.write(&[(CR, cr & !EN), (CR, cr)]);
-    assert_eq!(bench.findings(), [Kind::Forbidden]);
+    assert_eq!(bench.shared.kinds(), [Kind::Forbidden]);
     assert_eq!(bench.read(CR) & EN, 0);
     bench.clear();
     bench.write(&[(CR, cr)]);
@@ -222,7 +217,7 @@ fn double_buffers_take_turns() {
     assert_eq!(places, expected);
     // The idle one may be moved.
     bench.write(&[(M1AR, 0x2000_0400)]);
-    assert!(bench.findings().is_empty());
+    assert!(bench.shared.kinds().is_empty());
     (0..2).for_each(|_| assert!(bench.ask().is_some()));
     assert_eq!(bench.written()[1].0, 0x2000_0400);
     // Moving the one in use is an error of the transfer.
@@ -320,7 +315,7 @@ fn a_bus_error_stops_the_stream() {
     assert_eq!((bench.flags(), bench.read(CR) & EN), (TEIF, 0));
     assert!(bench.interrupted());
     assert_eq!(bench.ask(), None);
-    assert_eq!(bench.findings(), [Kind::Fault]);
+    assert_eq!(bench.shared.kinds(), [Kind::Fault]);
 }
 
 #[test]
@@ -335,11 +330,11 @@ fn what_is_not_modelled_or_set_up_wrongly_is_found() {
         bench.write(&[(CR, 0), (PAR, PERIPHERAL + 2)]);
         bench.clear();
         bench.write(&[(CR, cr | EN)]);
-        assert_eq!(bench.findings(), [kind], "{cr:#x}");
+        assert_eq!(bench.shared.kinds(), [kind], "{cr:#x}");
         assert_eq!(bench.read(CR) & EN != 0, starts);
     }
     let bench = Bench::new(0, 0, 0);
-    assert_eq!(bench.findings(), [Kind::Forbidden]);
+    assert_eq!(bench.shared.kinds(), [Kind::Forbidden]);
     let bench = Bench::new(3, DMDIS, 2 << 13);
-    assert_eq!(bench.findings(), [Kind::Forbidden]);
+    assert_eq!(bench.shared.kinds(), [Kind::Forbidden]);
 }

@@ -111,7 +111,6 @@ impl<const N: usize> Cache<N> {
     }
 }
 
-/// The accelerator.
 #[derive(Clone, Debug)]
 pub(super) struct Accelerator {
     pub wait_states: u64,

@@ -20,11 +20,11 @@ use super::Peripheral;
 use super::chip_variation::Random;
 use super::interrupt::Interrupt;
 use super::map::Unit;
-use super::register::{Register, bits, merge, narrow, word};
+use super::register::{Register, merge, narrow, word};
 use super::shared::Shared;
 use crate::core::{Transfer, Width};
 use crate::finding::Kind;
-use crate::time::{Cycles, NEVER, Time, Timebase};
+use crate::time::{Cycles, NEVER, Time};
 use accelerator::Accelerator;
 use layout::{BASE, LENGTH, ONCE_LENGTH, ONCE_LOCKS, PROGRAM, Parallelism, Place, SECTORS};
 use options::{OPTLOCK, Options};
@@ -505,7 +505,7 @@ impl Peripheral for Flash {
         self.finish(shared);
     }
 
-    fn clocks_changed(&mut self, _old: &Timebase, shared: &mut Shared) {
+    fn clocks_changed(&mut self, shared: &mut Shared) {
         if self.operation.is_some() {
             self.plan(shared);
         }

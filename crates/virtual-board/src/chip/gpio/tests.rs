@@ -147,8 +147,9 @@ fn a_reset_of_a_port_lets_its_pins_go() {
 
 #[test]
 fn no_signal_has_more_pins_than_there_is_room_for() {
-    for &(_, _, signal) in ALTERNATE {
-        let pins = ALTERNATE.iter().filter(|(_, _, of)| *of == signal);
-        assert!(pins.count() <= CHOICES, "{signal:?}");
+    for (signal, _, pins) in ALTERNATE {
+        assert!(pins.len() <= CHOICES, "{signal:?}");
+        let rows = ALTERNATE.iter().filter(|(of, ..)| of == signal);
+        assert_eq!(rows.count(), 1, "{signal:?}");
     }
 }

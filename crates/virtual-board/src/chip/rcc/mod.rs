@@ -19,10 +19,10 @@ use super::cause::Cause;
 use super::effect::{Clocks, Effect};
 use super::interrupt::Interrupt;
 use super::map::Unit;
-use super::register::{Register, bits, merge, narrow};
+use super::register::{Register, merge, narrow};
 use super::shared::Shared;
 use crate::finding::Kind;
-use crate::time::{NEVER, Time, Timebase};
+use crate::time::{NEVER, Time};
 use tree::Pll;
 
 /// Stands for no clock at all; a cycle is then as long as the time base can have it.
@@ -517,7 +517,7 @@ impl Peripheral for Rcc {
         self.plan(shared);
     }
 
-    fn clocks_changed(&mut self, _old: &Timebase, shared: &mut Shared) {
+    fn clocks_changed(&mut self, shared: &mut Shared) {
         self.plan(shared);
     }
 }

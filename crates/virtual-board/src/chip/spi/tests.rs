@@ -1,5 +1,6 @@
 use super::*;
 use crate::chip::circuit::Circuit;
+use crate::chip::testing::Bench;
 use crate::time::Time;
 
 const CR1: u32 = 0;
@@ -29,66 +30,22 @@ impl Circuit for Mirror {
     }
 }
 
-struct Bench {
-    spi: Spi,
-    shared: Shared,
+fn disabled() -> Bench<Spi> {
+    Bench::around(Mirror::default(), Unit::Spi1, Spi::after_reset())
 }
 
-impl Bench {
-    fn new() -> Self {
-        let mut shared = Shared::new(Box::new(Mirror::default()), 0);
-        shared.base.set_frequency(0, 168_000_000);
-        shared.clocks.hclk_hz = 168_000_000;
-        shared.clocks.apb2 = 2;
-        Self {
-            spi: Spi::after_reset(),
-            shared,
-        }
-    }
-
-    fn enabled() -> Self {
-        let mut bench = Self::new();
-        bench.write(CR1, MASTER);
-        bench.write(CR1, MASTER | SPE);
-        bench.shared.effects.clear();
-        bench
-    }
-
-    fn read(&mut self, offset: u32) -> u32 {
-        self.spi.read(offset, &mut self.shared)
-    }
-
-    fn write(&mut self, offset: u32, value: u32) {
-        self.spi.write(offset, value, !0, &mut self.shared);
-    }
-
-    fn run(&mut self, until: Cycles) {
-        while self.shared.arrive(Unit::Spi1, until) {
-            self.spi.event(&mut self.shared);
-        }
-    }
-
-    fn mirror(&mut self) -> &mut Mirror {
-        let any: &mut dyn std::any::Any = self.shared.world();
-        any.downcast_mut().expect("a mirror")
-    }
-
-    fn requests(&mut self) -> Vec<Request> {
-        let effects = self.shared.effects.drain(..);
-        effects
-            .filter_map(|effect| match effect {
-                Effect::Dma(request) => Some(request),
-                _ => None,
-            })
-            .collect()
-    }
+fn enabled() -> Bench<Spi> {
+    let mut bench = disabled();
+    bench.write(&[(CR1, MASTER), (CR1, MASTER | SPE)]);
+    bench.shared.effects.clear();
+    bench
 }
 
 #[test]
 fn a_word_takes_its_bits_and_is_received_half_a_bit_before_its_end() {
-    let mut bench = Bench::enabled();
+    let mut bench = enabled();
     assert_eq!(bench.read(SR), TXE);
-    bench.write(DR, 0x5a);
+    bench.write(&[(DR, 0x5a)]);
     assert_eq!(bench.read(SR), TXE | BSY);
     bench.run(8 * BIT - BIT / 2 - 1);
     assert_eq!(bench.read(SR), TXE | BSY);
@@ -99,16 +56,14 @@ fn a_word_takes_its_bits_and_is_received_half_a_bit_before_its_end() {
     bench.run(8 * BIT);
     assert_eq!(bench.read(SR), TXE);
     let end = bench.shared.base.time_of(8 * BIT);
-    assert_eq!(bench.mirror().words, [(0x5a, 8, end)]);
+    assert_eq!(bench.world::<Mirror>().words, [(0x5a, 8, end)]);
     assert!(bench.shared.kinds().is_empty());
 }
 
 #[test]
 fn waiting_words_follow_without_a_gap() {
-    let mut bench = Bench::enabled();
-    bench.write(CR2, RXNEIE);
-    bench.write(DR, 1);
-    bench.write(DR, 2);
+    let mut bench = enabled();
+    bench.write(&[(CR2, RXNEIE), (DR, 1), (DR, 2)]);
     assert_eq!(bench.read(SR), BSY);
     let mut words = Vec::new();
     for _ in 0..2 {
@@ -124,34 +79,29 @@ fn waiting_words_follow_without_a_gap() {
 
 #[test]
 fn words_of_sixteen_bits_and_the_clock_as_the_device_sees_it() {
-    let mut bench = Bench::new();
+    let mut bench = disabled();
     let cr1 = MASTER | DFF | CPOL | CPHA | LSBFIRST;
-    bench.write(CR1, cr1);
-    bench.write(CR1, cr1 | SPE);
-    bench.write(DR, 0x1234);
+    bench.write(&[(CR1, cr1), (CR1, cr1 | SPE), (DR, 0x1234)]);
     bench.run(16 * BIT);
     assert_eq!(bench.read(DR), 0xedcb);
-    assert_eq!(bench.mirror().words[0].1, 16);
+    assert_eq!(bench.world::<Mirror>().words[0].1, 16);
     let mode = SpiMode {
         idles_high: true,
         second_edge: true,
         low_first: true,
         clock_hz: 84_000_000 / 8,
     };
-    assert_eq!(bench.mirror().modes, [mode]);
+    assert_eq!(bench.world::<Mirror>().modes, [mode]);
     // Once, not with each transfer.
-    bench.write(CR1, cr1);
-    bench.write(CR1, cr1 | SPE);
+    bench.write(&[(CR1, cr1), (CR1, cr1 | SPE)]);
     let signals = [Signal::Spi1Sck, Signal::Spi1Miso, Signal::Spi1Mosi];
     assert_eq!(bench.shared.effects, signals.map(Effect::Uses));
 }
 
 #[test]
 fn what_is_not_read_in_time_is_an_overrun() {
-    let mut bench = Bench::enabled();
-    bench.write(CR2, ERRIE);
-    bench.write(DR, 1);
-    bench.write(DR, 2);
+    let mut bench = enabled();
+    bench.write(&[(CR2, ERRIE), (DR, 1), (DR, 2)]);
     bench.run(16 * BIT);
     assert_eq!(bench.read(SR), TXE | RXNE | OVR);
     assert_ne!(bench.shared.lines, 0);
@@ -164,13 +114,12 @@ fn what_is_not_read_in_time_is_an_overrun() {
 
 #[test]
 fn streams_are_asked_when_a_buffer_is_free_or_full() {
-    let mut bench = Bench::enabled();
-    bench.write(CR2, RXDMAEN);
-    bench.write(CR2, RXDMAEN | TXDMAEN);
+    let mut bench = enabled();
+    bench.write(&[(CR2, RXDMAEN), (CR2, RXDMAEN | TXDMAEN)]);
     assert_eq!(bench.requests(), [Request::Spi1Tx]);
-    bench.write(DR, 1);
+    bench.write(&[(DR, 1)]);
     assert_eq!(bench.requests(), [Request::Spi1Tx]);
-    bench.write(DR, 2);
+    bench.write(&[(DR, 2)]);
     assert_eq!(bench.requests(), []);
     bench.run(8 * BIT - BIT / 2);
     assert_eq!(bench.requests(), [Request::Spi1Rx]);
@@ -180,40 +129,38 @@ fn streams_are_asked_when_a_buffer_is_free_or_full() {
 
 #[test]
 fn a_stream_may_fill_the_buffer_before_the_interface_is_enabled() {
-    let mut bench = Bench::new();
-    bench.write(CR1, MASTER);
-    bench.write(CR2, RXDMAEN | TXDMAEN);
+    let mut bench = disabled();
+    bench.write(&[(CR1, MASTER), (CR2, RXDMAEN | TXDMAEN)]);
     assert_eq!(bench.requests(), [Request::Spi1Tx]);
-    bench.write(DR, 0x21);
+    bench.write(&[(DR, 0x21)]);
     // The word waits; the stream is asked for the next as the first goes on its way.
     bench.run(100 * BIT);
     assert_eq!((bench.requests(), bench.read(SR)), (vec![], 0));
-    bench.write(CR1, MASTER | SPE);
+    bench.write(&[(CR1, MASTER | SPE)]);
     assert_eq!(bench.requests(), [Request::Spi1Tx]);
     bench.run(108 * BIT);
-    assert_eq!(bench.mirror().words[0].0, 0x21);
+    assert_eq!(bench.world::<Mirror>().words[0].0, 0x21);
     assert_eq!(bench.shared.kinds(), []);
 }
 
 #[test]
 fn mistakes_are_found() {
-    let mut bench = Bench::enabled();
-    bench.write(DR, 1);
-    bench.write(CR1, MASTER);
+    let mut bench = enabled();
+    bench.write(&[(DR, 1), (CR1, MASTER)]);
     assert_eq!(bench.shared.kinds(), [Kind::Forbidden]);
-    bench.write(DR, 1);
+    bench.write(&[(DR, 1)]);
     assert_eq!(bench.shared.kinds(), [Kind::Forbidden; 2]);
     // Without a level at its select input the master gives up.
-    bench.write(CR1, (MASTER & !SSI) | SPE);
+    bench.write(&[(CR1, (MASTER & !SSI) | SPE)]);
     assert_eq!(bench.read(SR) & MODF, MODF);
     assert_eq!(bench.read(CR1) & (SPE | MSTR), 0);
-    bench.write(CR1, 0);
+    bench.write(&[(CR1, 0)]);
     assert_eq!(bench.read(SR) & MODF, 0);
-    bench.write(CR1, SSM | SSI | SPE);
+    bench.write(&[(CR1, SSM | SSI | SPE)]);
     assert_eq!(bench.shared.kinds().last(), Some(&Kind::NotModelled));
     // PCLK2 beyond its limit divided by two.
-    let mut bench = Bench::new();
+    let mut bench = disabled();
     bench.shared.clocks.apb2 = 1;
-    bench.write(CR1, MSTR | SSM | SSI | SPE);
+    bench.write(&[(CR1, MSTR | SSM | SSI | SPE)]);
     assert_eq!(bench.shared.kinds(), [Kind::ClockLimit]);
 }

@@ -40,7 +40,6 @@ use output::{Mode, Stage};
 pub(crate) use registers::Kind;
 use registers::*;
 
-/// A channel.
 #[derive(Clone, Copy, Debug, Default)]
 struct Channel {
     preload: u32,
@@ -65,7 +64,6 @@ struct Needs {
     channels: u32,
 }
 
-/// A timer.
 pub(crate) struct Timer {
     kind: Kind,
     /// Registers as they were written, by offset over 4.
@@ -589,7 +587,7 @@ impl Peripheral for Timer {
         self.plan(shared);
     }
 
-    fn clocks_changed(&mut self, _old: &crate::time::Timebase, shared: &mut Shared) {
+    fn clocks_changed(&mut self, shared: &mut Shared) {
         self.sync(shared);
         self.plan(shared);
     }

@@ -143,14 +143,7 @@ pub(super) fn signal(kind: Kind, channel: usize, complement: bool) -> Option<Sig
         let all = [Tim1Ch1N, Tim1Ch2N, Tim1Ch3N];
         return (kind == Kind::Tim1).then_some(*all.get(channel)?);
     }
-    let all = match kind {
-        Kind::Tim1 => [Tim1Ch1, Tim1Ch2, Tim1Ch3, Tim1Ch4],
-        Kind::Tim2 => [Tim2Ch1, Tim2Ch2, Tim2Ch3, Tim2Ch4],
-        Kind::Tim3 => [Tim3Ch1, Tim3Ch2, Tim3Ch3, Tim3Ch4],
-        Kind::Tim4 => [Tim4Ch1, Tim4Ch2, Tim4Ch3, Tim4Ch4],
-        Kind::Tim5 => [Tim5Ch1, Tim5Ch2, Tim5Ch3, Tim5Ch4],
-    };
-    all.get(channel).copied()
+    Some(*Signal::CHANNELS[kind as usize].get(channel)?)
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 use super::super::effect::{Clocks, Trigger};
 use super::super::interrupt::Interrupt;
 use super::super::map::Unit;
-use super::super::register::{Register, bits, narrow};
+use super::super::register::{Register, narrow};
 
 /// Which timer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

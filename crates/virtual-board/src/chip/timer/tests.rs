@@ -293,42 +293,18 @@ fn full_and_empty_pulses_have_no_edges() {
 #[test]
 fn outputs_do_what_their_modes_say() {
     // ARR 9, CCR 4: set, clear, toggle on match; forced; pulses; then polarity.
-    for (mode, ccer, edges) in [
-        (1, 1, vec![(5, High)]),
-        (2, 1, vec![]),
-        (3, 1, vec![(5, High), (15, Low), (25, High)]),
-        (4, 1, vec![]),
-        (5, 1, vec![(0, High)]),
-        (
-            6,
-            1,
-            vec![
-                (0, High),
-                (5, Low),
-                (11, High),
-                (15, Low),
-                (21, High),
-                (25, Low),
-            ],
-        ),
-        (
-            7,
-            1,
-            vec![(5, High), (11, Low), (15, High), (21, Low), (25, High)],
-        ),
-        (
-            6,
-            3,
-            vec![
-                (0, Low),
-                (5, High),
-                (11, Low),
-                (15, High),
-                (21, Low),
-                (25, High),
-            ],
-        ),
+    for (mode, ccer, levels, times) in [
+        (1, 1, [High, Low], [5].as_slice()),
+        (2, 1, [High, Low], &[]),
+        (3, 1, [High, Low], &[5, 15, 25]),
+        (4, 1, [High, Low], &[]),
+        (5, 1, [High, Low], &[0]),
+        (6, 1, [High, Low], &[0, 5, 11, 15, 21, 25]),
+        (7, 1, [High, Low], &[5, 11, 15, 21, 25]),
+        (6, 3, [Low, High], &[0, 5, 11, 15, 21, 25]),
     ] {
+        let levels = levels.into_iter().cycle();
+        let edges: Vec<_> = times.iter().copied().zip(levels).collect();
         let mut bench = Bench::new(Kind::Tim3);
         bench.write(&[(ARR, 9), (CCR1, 4), (CCER, ccer)]);
         bench.seen.clear();
@@ -534,8 +510,7 @@ fn another_clock_changes_the_pace_from_its_moment_on() {
     let mut bench = Bench::new(Kind::Tim2);
     bench.write(&[(CR1, CEN)]).pass(101);
     bench.shared.clocks.timer1 = 4;
-    let base = bench.shared.base;
-    bench.timer.clocks_changed(&base, &mut bench.shared);
+    bench.timer.clocks_changed(&mut bench.shared);
     bench.pass(301);
     assert_eq!(bench.read(CNT), 150);
 }

@@ -1,5 +1,6 @@
 use super::*;
 use crate::chip::circuit::Circuit;
+use crate::chip::testing::Bench;
 use crate::time::Time;
 
 const SR: u32 = 0x00;
@@ -23,77 +24,43 @@ impl Circuit for Line {
     }
 }
 
-struct Bench {
-    usart: Usart,
-    shared: Shared,
+/// Enabled, the idle frame of the transmitter behind it.
+fn enabled(cr1: u32, brr: u32) -> Bench<Usart> {
+    let mut bench = Bench::around(Line::default(), Unit::Usart3, Usart::after_reset());
+    bench.write(&[(BRR, brr), (CR1, UE | TE | RE | cr1)]);
+    bench
 }
 
-impl Bench {
-    /// Enabled, the idle frame of the transmitter behind it.
-    fn new(cr1: u32, brr: u32) -> Self {
-        let mut shared = Shared::new(Box::new(Line::default()), 0);
-        shared.base.set_frequency(0, 168_000_000);
-        shared.clocks.apb1 = 4;
-        let mut bench = Self {
-            usart: Usart::after_reset(),
-            shared,
-        };
-        bench.write(BRR, brr);
-        bench.write(CR1, UE | TE | RE | cr1);
-        bench
-    }
+fn idle() -> Bench<Usart> {
+    let mut bench = enabled(0, 42);
+    bench.run(FRAME);
+    bench.shared.effects.clear();
+    bench
+}
 
-    fn idle() -> Self {
-        let mut bench = Self::new(0, 42);
-        bench.run(FRAME);
-        bench.shared.effects.clear();
-        bench
-    }
-
-    fn read(&mut self, offset: u32) -> u32 {
-        self.usart.read(offset, &mut self.shared)
-    }
-
-    fn write(&mut self, offset: u32, value: u32) {
-        self.usart.write(offset, value, !0, &mut self.shared);
-    }
-
-    fn receive(&mut self, byte: u8) {
-        self.usart.receive(byte, &mut self.shared);
-    }
-
-    fn run(&mut self, until: Cycles) {
-        while self.shared.arrive(Unit::Usart3, until) {
-            self.usart.event(&mut self.shared);
-        }
-    }
-
-    fn sent(&mut self) -> Vec<(u8, Cycles)> {
-        let base = self.shared.base;
-        let any: &mut dyn std::any::Any = self.shared.world();
-        let line: &mut Line = any.downcast_mut().expect("a line");
-        let bytes = line.bytes.drain(..);
-        bytes.map(|(byte, at)| (byte, base.cycle_of(at))).collect()
-    }
+fn sent(bench: &mut Bench<Usart>) -> Vec<(u8, Cycles)> {
+    let base = bench.shared.base;
+    let bytes = bench.world::<Line>().bytes.drain(..);
+    bytes.map(|(byte, at)| (byte, base.cycle_of(at))).collect()
 }
 
 #[test]
 fn bytes_follow_each_other_behind_the_idle_frame() {
-    let mut bench = Bench::new(TCIE, 42);
-    bench.write(DR, 0x12);
+    let mut bench = enabled(TCIE, 42);
+    bench.write(&[(DR, 0x12)]);
     assert_eq!(bench.read(SR) & (TXE | TC), 0);
     bench.run(FRAME);
     assert_eq!(bench.read(SR) & (TXE | TC), TXE);
-    bench.write(DR, 0x34);
+    bench.write(&[(DR, 0x34)]);
     assert_eq!(bench.shared.lines, 0);
     bench.run(3 * FRAME - 1);
     assert_eq!(bench.read(SR) & (TXE | TC), TXE);
     bench.run(3 * FRAME);
     assert_eq!(bench.read(SR) & (TXE | TC), TXE | TC);
     assert_eq!(bench.shared.lines, 1 << Interrupt::Usart3 as u32);
-    let sent = bench.sent();
+    let sent = sent(&mut bench);
     assert_eq!(sent, [(0x12, 2 * FRAME), (0x34, 3 * FRAME)]);
-    bench.write(SR, !TC);
+    bench.write(&[(SR, !TC)]);
     assert_eq!(bench.shared.lines, 0);
 }
 
@@ -107,12 +74,12 @@ fn bits_last_as_the_divider_and_the_frame_say() {
         (M | PCE, 3 << 12, 42, 23),
         (PCE, 0, 42, 20),
     ] {
-        let mut bench = Bench::new(cr1, brr);
-        bench.write(CR2, cr2);
+        let mut bench = enabled(cr1, brr);
+        bench.write(&[(CR2, cr2)]);
         bench.run(10 * FRAME);
-        bench.write(DR, 0xff);
+        bench.write(&[(DR, 0xff)]);
         bench.run(20 * FRAME);
-        let sent = bench.sent();
+        let sent = sent(&mut bench);
         let data = if cr1 & (M | PCE) == PCE { 0x7f } else { 0xff };
         assert_eq!(sent, [(data, 10 * FRAME + halves * BIT / 2)]);
         assert!(bench.shared.kinds().is_empty());
@@ -121,9 +88,9 @@ fn bits_last_as_the_divider_and_the_frame_say() {
 
 #[test]
 fn bytes_arrive_and_then_the_line_is_idle() {
-    let mut bench = Bench::idle();
-    bench.write(CR1, UE | TE | RE | RXNEIE | IDLEIE);
-    bench.receive(0x41);
+    let mut bench = idle();
+    bench.write(&[(CR1, UE | TE | RE | RXNEIE | IDLEIE)]);
+    bench.part.receive(0x41, &mut bench.shared);
     assert_ne!(bench.shared.lines, 0);
     assert_eq!(bench.read(DR), 0x41);
     assert_eq!(bench.shared.lines, 0);
@@ -139,40 +106,35 @@ fn bytes_arrive_and_then_the_line_is_idle() {
 
 #[test]
 fn a_byte_that_is_not_fetched_is_an_overrun() {
-    let mut bench = Bench::idle();
-    bench.receive(1);
-    bench.receive(2);
+    let mut bench = idle();
+    bench.part.receive(1, &mut bench.shared);
+    bench.part.receive(2, &mut bench.shared);
     assert_eq!(bench.read(SR) & (RXNE | ORE), RXNE | ORE);
     assert_eq!(bench.read(DR), 1);
     assert_eq!(bench.read(SR) & (RXNE | ORE), 0);
     assert_eq!(bench.shared.kinds(), [Kind::Lost]);
     // Disabled it hears nothing.
-    bench.write(CR1, UE | TE);
-    bench.receive(3);
+    bench.write(&[(CR1, UE | TE)]);
+    bench.part.receive(3, &mut bench.shared);
     assert_eq!(bench.read(SR) & RXNE, 0);
 }
 
 #[test]
 fn streams_are_asked() {
-    let mut bench = Bench::idle();
-    bench.write(CR3, DMAT | DMAR);
-    bench.write(DR, 1);
-    bench.receive(1);
-    let effects: Vec<_> = bench.shared.effects.drain(..).collect();
+    let mut bench = idle();
+    bench.write(&[(CR3, DMAT | DMAR), (DR, 1)]);
+    bench.part.receive(1, &mut bench.shared);
     let expected = [Request::Usart3Tx, Request::Usart3Tx, Request::Usart3Rx];
-    assert_eq!(effects, expected.map(Effect::Dma));
+    assert_eq!(bench.requests(), expected);
 }
 
 #[test]
 fn what_is_not_modelled_and_mistakes_are_found() {
-    let mut bench = Bench::idle();
-    bench.write(CR3, HDSEL);
-    bench.write(CR2, LINEN);
+    let mut bench = idle();
+    bench.write(&[(CR3, HDSEL), (CR2, LINEN)]);
     assert_eq!(bench.shared.kinds(), [Kind::NotModelled; 2]);
-    bench.write(DR, 1);
-    bench.write(BRR, 43);
+    bench.write(&[(DR, 1), (BRR, 43)]);
     assert_eq!(bench.shared.kinds()[2], Kind::Forbidden);
-    bench.write(CR1, 0);
-    bench.write(DR, 1);
+    bench.write(&[(CR1, 0), (DR, 1)]);
     assert_eq!(bench.shared.kinds()[3..], [Kind::Forbidden; 2]);
 }

@@ -54,6 +54,19 @@ fn a_watchpoint_stops_behind_the_access() {
 
 #[test]
 fn the_profile_adds_up() {
+    let call = [
+        0x6011, // str r1, [r2]
+        0x2332, // movs r3, #50
+        0x3b01, // 1: subs r3, #1
+        0xd1fd, // bne 1b
+        0x4770, // bx lr
+    ];
+    let first = [
+        0x2314, // movs r3, #20
+        0x3b01, // 1: subs r3, #1
+        0xd1fd, // bne 1b
+        0x4770, // bx lr
+    ];
     let mut machine = Machine::new(&[
         0x2064, // movs r0, #100
         0x3801, // 1: subs r0, #1
@@ -61,27 +74,9 @@ fn the_profile_adds_up() {
         0xdf00, // svc #0
         0xbe00, // bkpt
     ])
-    .handler(
-        11,
-        &[
-            0x6011, // str r1, [r2]
-            0x2332, // movs r3, #50
-            0x3b01, // 1: subs r3, #1
-            0xd1fd, // bne 1b
-            0x4770, // bx lr
-        ],
-    )
-    .handler(
-        16,
-        &[
-            0x2314, // movs r3, #20
-            0x3b01, // 1: subs r3, #1
-            0xd1fd, // bne 1b
-            0x4770, // bx lr
-        ],
-    )
-    .register(1, 1)
-    .register(2, ISPR0);
+    .handler(11, &call)
+    .handler(16, &first)
+    .registers(&[(1, 1), (2, ISPR0)]);
     machine.set_private(ISER0, 1);
     // Less urgent than the line.
     machine.set_private(0xe000_ed1c, 0x8000_0000);

@@ -30,10 +30,8 @@ fn counting(last: u16) -> [u16; 5] {
 
 #[test]
 fn a_supervisor_call_saves_what_the_manual_says() {
-    let mut machine = Machine::new(&[
-        0xdf05, // svc #5
-        0xbe00, // bkpt
-    ]);
+    // svc #5; bkpt
+    let mut machine = Machine::new(&[0xdf05, 0xbe00]);
     for number in 0..13 {
         machine.core.set_register(number, 0x1000 + number as u32);
     }
@@ -76,8 +74,7 @@ fn the_process_stack_is_used_by_the_thread_alone() {
         0xdf00, // svc #0
         0xbe00, // bkpt
     ])
-    .register(0, 0x2000_1000)
-    .register(1, 2);
+    .registers(&[(0, 0x2000_1000), (1, 2)]);
     assert_eq!(machine.run_to_breakpoint(), 11);
     assert_eq!(machine.r(14), 0xffff_fffd);
     assert_eq!(machine.core.psp(), 0x2000_1000 - 0x20);
@@ -90,6 +87,12 @@ fn the_process_stack_is_used_by_the_thread_alone() {
 
 #[test]
 fn an_interrupt_inside_an_it_block_comes_back_to_its_middle() {
+    let first = [
+        0x9807, // ldr r0, [sp, #28]
+        0x6038, // str r0, [r7]
+        0x45bd, // cmp sp, r7
+        0x4770, // bx lr
+    ];
     // The store pends line 0; the block goes on afterwards, its else part not executed.
     let mut machine = Machine::new(&[
         0x4280, // cmp r0, r0
@@ -100,19 +103,8 @@ fn an_interrupt_inside_an_it_block_comes_back_to_its_middle() {
         0x3308, // addne r3, #8
         0xbe00, // bkpt
     ])
-    .handler(
-        16,
-        &[
-            0x9807, // ldr r0, [sp, #28]
-            0x6038, // str r0, [r7]
-            0x45bd, // cmp sp, r7
-            0x4770, // bx lr
-        ],
-    )
-    .register(1, 1)
-    .register(2, ISPR0)
-    .register(3, 0)
-    .register(7, LOG);
+    .handler(16, &first)
+    .registers(&[(1, 1), (2, ISPR0), (3, 0), (7, LOG)]);
     enable(&mut machine, [0; 4]);
     assert_eq!(machine.run_to_breakpoint(), 0);
     assert_eq!(machine.r(3), 3);
@@ -126,25 +118,19 @@ fn an_interrupt_inside_an_it_block_comes_back_to_its_middle() {
 
 /// Handlers: line 1 pends lines 0 and 2. The order in which they log with these priorities.
 fn order_of_three(group: u32, priorities: [u8; 4]) -> Vec<u32> {
-    let mut machine = Machine::new(&[
-        0x6011, // str r1, [r2]
-        0xbe00, // bkpt
-    ])
-    .handler(16, &logging(1))
-    .handler(18, &logging(3))
-    .handler(
-        17,
-        &[
-            0x2005, // movs r0, #5
-            0x6010, // str r0, [r2]
-            0x2602, // movs r6, #2
-            0xc740, // stm r7!, {r6}
-            0x4770, // bx lr
-        ],
-    )
-    .register(1, 2)
-    .register(2, ISPR0)
-    .register(7, LOG);
+    let second = [
+        0x2005, // movs r0, #5
+        0x6010, // str r0, [r2]
+        0x2602, // movs r6, #2
+        0xc740, // stm r7!, {r6}
+        0x4770, // bx lr
+    ];
+    // str r1, [r2]; bkpt
+    let mut machine = Machine::new(&[0x6011, 0xbe00])
+        .handler(16, &logging(1))
+        .handler(18, &logging(3))
+        .handler(17, &second)
+        .registers(&[(1, 2), (2, ISPR0), (7, LOG)]);
     machine.set_private(AIRCR, 0x05fa_0000 | group << 8);
     enable(&mut machine, priorities);
     assert_eq!(machine.run_to_breakpoint(), 0);
@@ -165,28 +151,23 @@ fn the_group_alone_decides_on_preemption_and_the_subpriority_on_the_order() {
 
 #[test]
 fn one_that_arrives_during_entry_goes_first_and_the_frame_is_shared() {
-    let program = [
-        0xe7fe, // b .
+    // b .
+    let program = [0xe7fe];
+    let first = [
+        0x2601, // movs r6, #1
+        0xc740, // stm r7!, {r6}
+        0x466d, // mov r5, sp
+        0x4770, // bx lr
+    ];
+    let second = [
+        0x2602, // movs r6, #2
+        0xc740, // stm r7!, {r6}
+        0x456d, // cmp r5, sp
+        0xbe00, // bkpt
     ];
     let mut machine = Machine::new(&program)
-        .handler(
-            16,
-            &[
-                0x2601, // movs r6, #1
-                0xc740, // stm r7!, {r6}
-                0x466d, // mov r5, sp
-                0x4770, // bx lr
-            ],
-        )
-        .handler(
-            17,
-            &[
-                0x2602, // movs r6, #2
-                0xc740, // stm r7!, {r6}
-                0x456d, // cmp r5, sp
-                0xbe00, // bkpt
-            ],
-        )
+        .handler(16, &first)
+        .handler(17, &second)
         .register(7, LOG);
     enable(&mut machine, [0x10, 0x20, 0, 0]);
     let begin = machine.core.cycles();
@@ -208,12 +189,10 @@ fn one_that_arrives_during_entry_goes_first_and_the_frame_is_shared() {
 #[test]
 fn a_line_that_stays_high_comes_again_and_one_that_falls_does_not() {
     for (falls, times) in [(true, 1), (false, 3)] {
-        let mut machine = Machine::new(&[
-            0xbf00, // nop
-            0xe7fe, // b .
-        ])
-        .handler(16, &counting(0x03))
-        .register(6, 0);
+        // nop; b .
+        let mut machine = Machine::new(&[0xbf00, 0xe7fe])
+            .handler(16, &counting(0x03))
+            .register(6, 0);
         enable(&mut machine, [0; 4]);
         let begin = machine.core.cycles();
         machine.chip.schedule = vec![(begin + 20, 1)];
@@ -263,10 +242,7 @@ fn basepri_max_only_raises() {
         0xf3ef, 0x8711, // mrs r7, basepri
         0xbe00, // bkpt
     ])
-    .register(0, 0x40)
-    .register(1, 0x80)
-    .register(2, 0)
-    .register(3, 0x20);
+    .registers(&[(0, 0x40), (1, 0x80), (2, 0), (3, 0x20)]);
     machine.run_to_breakpoint();
     assert_eq!([4, 5, 6, 7].map(|k| machine.r(k)), [0x40, 0x40, 0x40, 0x20]);
 }
@@ -289,8 +265,7 @@ fn floating_point_is_saved_when_the_handler_first_uses_it() {
     ];
     let mut machine = Machine::new(&program)
         .handler(16, &handler)
-        .register(1, 1)
-        .register(2, ISPR0);
+        .registers(&[(1, 1), (2, ISPR0)]);
     machine.set_private(CPACR, 0x00f0_0000);
     enable(&mut machine, [0; 4]);
     assert_eq!(machine.run_to_breakpoint(), 16);
@@ -319,8 +294,7 @@ fn floating_point_that_the_handler_leaves_alone_is_never_written() {
         0xbe00, // bkpt
     ])
     .handler(16, &[0x4770])
-    .register(1, 1)
-    .register(2, ISPR0);
+    .registers(&[(1, 1), (2, ISPR0)]);
     machine.set_private(CPACR, 0x00f0_0000);
     enable(&mut machine, [0; 4]);
     assert_eq!(machine.run_to_breakpoint(), 0);
@@ -331,13 +305,9 @@ fn floating_point_that_the_handler_leaves_alone_is_never_written() {
 
 #[test]
 fn floating_point_is_saved_at_once_if_lazy_saving_is_off() {
-    let mut machine = Machine::new(&[
-        0xeef7, 0x1a00, // vmov.f32 s3, #1.0
-        0x6011, // str r1, [r2]
-        0xbe00, // bkpt
-    ])
-    .register(1, 1)
-    .register(2, ISPR0);
+    // vmov.f32 s3, #1.0; str r1, [r2]; bkpt
+    let mut machine =
+        Machine::new(&[0xeef7, 0x1a00, 0x6011, 0xbe00]).registers(&[(1, 1), (2, ISPR0)]);
     machine.set_private(CPACR, 0x00f0_0000);
     machine.set_private(FPCCR, 1 << 31);
     enable(&mut machine, [0; 4]);
@@ -357,11 +327,10 @@ fn an_exclusive_access_fails_after_an_exception() {
         0xe843, 0x0600, // strex r6, r0, [r3]
         0xbe00, // bkpt
     ];
-    let mut machine = Machine::new(&program)
-        .handler(16, &[0x4770])
-        .register(1, 1)
-        .register(2, ISPR0)
-        .register(3, LOG);
+    let mut machine =
+        Machine::new(&program)
+            .handler(16, &[0x4770])
+            .registers(&[(1, 1), (2, ISPR0), (3, LOG)]);
     enable(&mut machine, [0; 4]);
     machine.run_to_breakpoint();
     assert_eq!([4, 5, 6].map(|k| machine.r(k)), [1, 0, 1]);
@@ -384,10 +353,8 @@ fn pending_can_be_cleared_and_the_trigger_register_pends() {
 
 #[test]
 fn the_vector_table_can_be_moved() {
-    let mut machine = Machine::new(&[
-        0xdf00, // svc #0
-        0xbe00, // bkpt
-    ]);
+    // svc #0; bkpt
+    let mut machine = Machine::new(&[0xdf00, 0xbe00]);
     machine.set_private(VTOR, 0x2000_4000);
     machine.chip.set_word(0x2000_402c, (HANDLERS + 64 * 20) | 1);
     assert_eq!(machine.run_to_breakpoint(), 11);
@@ -397,12 +364,8 @@ fn the_vector_table_can_be_moved() {
 #[test]
 fn a_reset_request_needs_the_key() {
     for (value, resets) in [(0x0000_0004, 0), (0x05fa_0004, 1)] {
-        let mut machine = Machine::new(&[
-            0x6008, // str r0, [r1]
-            0xe7fe, // b .
-        ])
-        .register(0, value)
-        .register(1, AIRCR);
+        // str r0, [r1]; b .
+        let mut machine = Machine::new(&[0x6008, 0xe7fe]).registers(&[(0, value), (1, AIRCR)]);
         let stop = machine.run();
         assert_eq!(stop == Stop::Reset, resets == 1);
         assert_eq!(machine.chip.resets, resets);
@@ -426,11 +389,10 @@ fn a_reset_begins_anew_but_goes_on_counting() {
 
 #[test]
 fn systick_interrupts_every_period() {
-    let mut machine = Machine::new(&[
-        0xe7fe, // b .
-    ])
-    .handler(15, &counting(0x0a))
-    .register(6, 0);
+    // b .
+    let mut machine = Machine::new(&[0xe7fe])
+        .handler(15, &counting(0x0a))
+        .register(6, 0);
     machine.set_private(0xe000_e014, 999);
     machine.set_private(0xe000_e018, 0);
     machine.set_private(0xe000_e010, 7);

@@ -45,8 +45,7 @@ fn usage_faults_tell_their_reason() {
     ];
     for (program, bit) in programs {
         let mut machine = enabled(program).register(0, LOG + 2);
-        assert_eq!(machine.run_to_breakpoint(), USAGE);
-        assert_eq!(machine.private(CFSR), bit);
+        machine.ends_in(USAGE, &[(CFSR, bit)]);
         assert_eq!(stacked_pc(&mut machine), CODE);
         // Bits are cleared by writing them.
         machine.set_private(CFSR, bit);
@@ -62,20 +61,18 @@ fn traps_that_are_off_by_default() {
         (&[0xfbb0, 0xf1f2, 0xbe00], 1 << 4, 1 << 25),
     ];
     for (program, control, bit) in programs {
-        let mut machine = enabled(program).register(0, LOG + 1).register(2, 0);
+        let mut machine = enabled(program).registers(&[(0, LOG + 1), (2, 0)]);
         assert_eq!(machine.run_to_breakpoint(), 0);
-        let mut machine = enabled(program).register(0, LOG + 1).register(2, 0);
+        let mut machine = enabled(program).registers(&[(0, LOG + 1), (2, 0)]);
         machine.set_private(CCR, 1 << 9 | control);
-        assert_eq!(machine.run_to_breakpoint(), USAGE);
-        assert_eq!(machine.private(CFSR), bit);
+        machine.ends_in(USAGE, &[(CFSR, bit)]);
     }
 }
 
 #[test]
 fn a_jump_to_an_even_address_leaves_the_state_that_there_is() {
     let mut machine = enabled(&[0x4700]).register(0, CODE + 0x40);
-    assert_eq!(machine.run_to_breakpoint(), USAGE);
-    assert_eq!(machine.private(CFSR), 1 << 17);
+    machine.ends_in(USAGE, &[(CFSR, 1 << 17)]);
     assert_eq!(stacked_pc(&mut machine), CODE + 0x40);
 }
 
@@ -84,10 +81,7 @@ fn a_bus_fault_names_the_address_and_changes_no_register() {
     // ldr r1, [r0], #4; str r1, [r0, #4]!; ldm r0!, {r1, r2}; pop {r1, r2}
     let programs: [&[u16]; 4] = [&[0xf850, 0x1b04], &[0xf840, 0x1f04], &[0xc806], &[0xbc06]];
     for program in programs {
-        let mut machine = enabled(program)
-            .register(0, 0x6000_0000)
-            .register(1, 11)
-            .register(2, 12);
+        let mut machine = enabled(program).registers(&[(0, 0x6000_0000), (1, 11), (2, 12)]);
         let popping = program[0] == 0xbc06;
         if popping {
             // The first word can be read, the second cannot: RAM ends there.
@@ -96,8 +90,7 @@ fn a_bus_fault_names_the_address_and_changes_no_register() {
         machine
             .core
             .set_register(13, if popping { 0x2000_fffc } else { STACK });
-        assert_eq!(machine.run_to_breakpoint(), BUS);
-        assert_eq!(machine.private(CFSR), 1 << 9 | 1 << 15);
+        machine.ends_in(BUS, &[(CFSR, 1 << 9 | 1 << 15)]);
         let address = match program[0] {
             0xbc06 => 0x2001_0000,
             0xf840 => 0x6000_0004,
@@ -113,9 +106,7 @@ fn a_bus_fault_names_the_address_and_changes_no_register() {
 #[test]
 fn a_fault_that_is_not_enabled_becomes_a_hard_fault_and_a_finding() {
     let mut machine = Machine::new(&[0x6801]).register(0, 0x6000_0000);
-    assert_eq!(machine.run_to_breakpoint(), HARD);
-    assert_eq!(machine.private(HFSR), 1 << 30);
-    assert_eq!(machine.private(CFSR), 1 << 9 | 1 << 15);
+    machine.ends_in(HARD, &[(HFSR, 1 << 30), (CFSR, 1 << 9 | 1 << 15)]);
     assert!(machine.chip.found(Kind::Fault));
 }
 
@@ -123,8 +114,7 @@ fn a_fault_that_is_not_enabled_becomes_a_hard_fault_and_a_finding() {
 fn a_fault_in_a_handler_of_the_same_urgency_escalates() {
     let mut machine = enabled(&[0xde00]);
     machine.chip.program(HANDLERS + 64 * 6, &[0xde00]);
-    assert_eq!(machine.run_to_breakpoint(), HARD);
-    assert_eq!(machine.private(HFSR), 1 << 30);
+    machine.ends_in(HARD, &[(HFSR, 1 << 30)]);
     assert_eq!(stacked_pc(&mut machine), HANDLERS + 64 * 6);
 }
 
@@ -132,8 +122,7 @@ fn a_fault_in_a_handler_of_the_same_urgency_escalates() {
 fn a_supervisor_call_that_cannot_be_taken_escalates() {
     // cpsid i; svc
     let mut machine = Machine::new(&[0xb672, 0xdf00]);
-    assert_eq!(machine.run_to_breakpoint(), HARD);
-    assert_eq!(machine.private(HFSR), 1 << 30);
+    machine.ends_in(HARD, &[(HFSR, 1 << 30)]);
 }
 
 #[test]
@@ -196,24 +185,18 @@ fn a_fault_handler_is_entered_although_its_frame_cannot_be_stacked() {
     // No bus or memory fault of its own: the hard fault takes them all, once.
     let mut machine = Machine::new(&[0x6001]).register(0, 0x6000_0000);
     machine.core.set_register(13, 0x2000_0010);
-    assert_eq!(machine.run_to_breakpoint(), HARD);
-    assert_eq!(machine.private(CFSR), 1 << 9 | 1 << 15 | 1 << 12);
-    assert_eq!(machine.private(HFSR), 1 << 30);
+    machine.ends_in(HARD, &[(CFSR, 1 << 9 | 1 << 15 | 1 << 12), (HFSR, 1 << 30)]);
     // A fault of another sort that is as urgent as the one of stacking becomes a hard fault.
     let mut machine = enabled(&[0xde00]);
     machine.core.set_register(13, 0x2000_0010);
-    assert_eq!(machine.run_to_breakpoint(), HARD);
-    assert_eq!(machine.private(CFSR), 1 << 16 | 1 << 12);
-    assert_eq!(machine.private(HFSR), 1 << 30);
+    machine.ends_in(HARD, &[(CFSR, 1 << 16 | 1 << 12), (HFSR, 1 << 30)]);
 }
 
 #[test]
 fn a_stack_overflow_without_handlers_is_a_hard_fault_that_tells_of_stacking() {
     let mut machine = Machine::new(&[0xdf00]);
     machine.core.set_register(13, 0x2000_0010);
-    assert_eq!(machine.run_to_breakpoint(), HARD);
-    assert_eq!(machine.private(CFSR), 1 << 12);
-    assert_eq!(machine.private(HFSR), 1 << 30);
+    machine.ends_in(HARD, &[(CFSR, 1 << 12), (HFSR, 1 << 30)]);
 }
 
 #[test]
@@ -223,8 +206,7 @@ fn a_return_with_a_value_that_does_not_fit_is_refused() {
         let mut machine = enabled(&[0xdf00]).register(0, value);
         // bx r0
         machine.chip.program(HANDLERS + 64 * 11, &[0x4700]);
-        assert_eq!(machine.run_to_breakpoint(), USAGE);
-        assert_eq!(machine.private(CFSR), 1 << 18);
+        machine.ends_in(USAGE, &[(CFSR, 1 << 18)]);
         assert_eq!(machine.r(14), value);
     }
 }
@@ -234,8 +216,7 @@ fn a_frame_with_a_wrong_exception_number_is_refused() {
     // The handler writes 11 into the stacked IPSR: str r0, [sp, #28]; bx lr
     let mut machine = enabled(&[0xdf00]).register(0, 0x0100_000b);
     machine.chip.program(HANDLERS + 64 * 11, &[0x9007, 0x4770]);
-    assert_eq!(machine.run_to_breakpoint(), USAGE);
-    assert_eq!(machine.private(CFSR), 1 << 18);
+    machine.ends_in(USAGE, &[(CFSR, 1 << 18)]);
 }
 
 #[test]
@@ -243,8 +224,7 @@ fn fetching_where_nothing_may_be_executed() {
     // bx r0 to a peripheral: forbidden by the map. bx r0 to where there is nothing: bus.
     for (target, exception, bit) in [(0x4000_0001u32, MEMORY, 1), (0x1fff_0001, BUS, 1 << 8)] {
         let mut machine = enabled(&[0x4700]).register(0, target);
-        assert_eq!(machine.run_to_breakpoint(), exception);
-        assert_eq!(machine.private(CFSR), bit);
+        machine.ends_in(exception, &[(CFSR, bit)]);
         assert_eq!(stacked_pc(&mut machine), target & !1);
     }
 }
@@ -272,20 +252,16 @@ fn a_guard_of_the_protection_unit_stops_a_store_and_a_frame() {
     // str r0, [r1]
     let mut machine = enabled(&[0x6008]).register(1, LOG + 0x104);
     guard(&mut machine, LOG + 0x100);
-    assert_eq!(machine.run_to_breakpoint(), MEMORY);
-    assert_eq!(machine.private(CFSR), 1 << 1 | 1 << 7);
-    assert_eq!(machine.private(MMFAR), LOG + 0x104);
+    machine.ends_in(MEMORY, &[(CFSR, 1 << 1 | 1 << 7), (MMFAR, LOG + 0x104)]);
     // A frame that reaches into the guard; the call is less urgent than the fault.
     let mut machine = enabled(&[0xdf00]);
     machine.set_private(0xe000_ed1c, 0x8000_0000);
     machine.core.set_register(13, LOG + 0x128);
     guard(&mut machine, LOG + 0x100);
-    assert_eq!(machine.run_to_breakpoint(), MEMORY);
-    assert_eq!(machine.private(CFSR), 1 << 4);
+    machine.ends_in(MEMORY, &[(CFSR, 1 << 4)]);
     // The words beside the guard are free.
-    let mut machine = enabled(&[0x6008, 0x6010, 0xbe00])
-        .register(1, LOG + 0xfc)
-        .register(2, LOG + 0x120);
+    let mut machine =
+        enabled(&[0x6008, 0x6010, 0xbe00]).registers(&[(1, LOG + 0xfc), (2, LOG + 0x120)]);
     guard(&mut machine, LOG + 0x100);
     assert_eq!(machine.run_to_breakpoint(), 0);
 }
@@ -296,9 +272,7 @@ fn unprivileged_code_reaches_neither_private_peripherals_nor_masks() {
     let mut machine = enabled(&[
         0xf380, 0x8814, 0xf3bf, 0x8f6f, 0xb672, 0xf3ef, 0x8210, 0x680b,
     ])
-    .register(0, 1)
-    .register(1, CFSR)
-    .register(2, 9);
+    .registers(&[(0, 1), (1, CFSR), (2, 9)]);
     assert_eq!(machine.run_to_breakpoint(), BUS);
     assert_eq!(machine.r(2), 0);
     assert_eq!(machine.core.masks() & 1, 0);

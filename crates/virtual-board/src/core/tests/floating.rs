@@ -260,24 +260,15 @@ fn integers_convert_as_the_language_does_it() {
         let a = numbers.any();
         let x = f32::from_bits(a);
         let mut status = 0;
-        assert_eq!(
-            float::to_fixed(a, fixed(false), 3, &mut status),
-            x as i32 as u32
-        );
+        let to_integer = |mode| float::to_fixed(a, fixed(false), mode, &mut 0);
+        let truncated = float::to_fixed(a, fixed(false), 3, &mut status);
+        assert_eq!(truncated, x as i32 as u32);
         let outside = x.is_nan() || x.trunc() < -2_147_483_648.0 || x >= 2_147_483_648.0;
         assert_eq!(status & IOC != 0, outside, "{x}");
         assert_eq!(status & IXC != 0, !outside && x.trunc() != x, "{x}");
         assert_eq!(float::to_fixed(a, fixed(true), 3, &mut status), x as u32);
-        let nearest = x.round_ties_even() as i32 as u32;
-        assert_eq!(float::to_fixed(a, fixed(false), 0, &mut status), nearest);
-        assert_eq!(
-            float::to_fixed(a, fixed(false), 1, &mut status),
-            x.ceil() as i32 as u32
-        );
-        assert_eq!(
-            float::to_fixed(a, fixed(false), 2, &mut status),
-            x.floor() as i32 as u32
-        );
+        let rounded = [x.round_ties_even(), x.ceil(), x.floor()];
+        assert_eq!([0, 1, 2].map(to_integer), rounded.map(|x| x as i32 as u32));
         let word = numbers.bits() >> (a % 32);
         let signed = f32::from_bits(float::from_fixed(i64::from(word as i32), 0, 0, &mut status));
         assert_eq!(signed, word as i32 as f32);
@@ -346,9 +337,7 @@ fn instructions_move_and_compute() {
         0xfa10, 0xee11, 0x2a90, 0xeebd, 0x2ac1, 0xee12, 0x3a10, 0xec55, 0x4a30, 0xbe00,
     ];
     let (a, b) = (3.5f32, -2.75f32);
-    let mut machine = Machine::new(&program)
-        .register(0, a.to_bits())
-        .register(1, b.to_bits());
+    let mut machine = Machine::new(&program).registers(&[(0, a.to_bits()), (1, b.to_bits())]);
     machine.set_private(CPACR, 0x00f0_0000);
     machine.run_to_breakpoint();
     assert_eq!(f32::from_bits(machine.r(2)), a * b - (a + b));

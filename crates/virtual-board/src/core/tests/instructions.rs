@@ -56,7 +56,7 @@ fn division_multiplication_and_bit_fields_agree_with_wider_arithmetic() {
     ];
     for a in numbers {
         for b in numbers {
-            let mut machine = Machine::new(&program).register(0, a).register(1, b);
+            let mut machine = Machine::new(&program).registers(&[(0, a), (1, b)]);
             machine.run_to_breakpoint();
             let (x, y) = (i128::from(a as i32), i128::from(b as i32));
             assert_eq!(machine.r(2), if y == 0 { 0 } else { (x / y) as u32 });
@@ -80,29 +80,15 @@ fn conditions_hold_as_the_table_says() {
     for flags in 0..16u32 {
         let (n, z) = (flags & 8 != 0, flags & 4 != 0);
         let (c, v) = (flags & 2 != 0, flags & 1 != 0);
-        let table = [
-            z,
-            !z,
-            c,
-            !c,
-            n,
-            !n,
-            v,
-            !v,
-            c && !z,
-            !c || z,
-            n == v,
-            n != v,
-            !z && n == v,
-            z || n != v,
-        ];
-        for (condition, expected) in table.into_iter().enumerate() {
+        // Each, then its inverse.
+        let holds = [z, c, n, v, c && !z, n == v, !z && n == v];
+        let table = holds.into_iter().flat_map(|holds| [holds, !holds]);
+        for (condition, expected) in table.enumerate() {
             let branch = 0xd000 | (condition as u16) << 8;
             // In an IT block the other way round: executed if it holds.
             let it = 0xbf08 | (condition as u16) << 4;
-            let mut machine = Machine::new(&[branch, 0x2001, it, 0x2101, 0xbe00])
-                .register(0, 0)
-                .register(1, 0);
+            let mut machine =
+                Machine::new(&[branch, 0x2001, it, 0x2101, 0xbe00]).registers(&[(0, 0), (1, 0)]);
             machine.core.set_xpsr(flags << 28 | 1 << 24);
             // movs changes N and Z, so the branch and the block are looked at apart.
             machine.core.add_breakpoint(CODE + 4);

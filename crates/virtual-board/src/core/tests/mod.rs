@@ -178,8 +178,14 @@ impl Machine {
         self
     }
 
-    fn register(mut self, number: usize, value: u32) -> Self {
-        self.core.set_register(number, value);
+    fn register(self, number: usize, value: u32) -> Self {
+        self.registers(&[(number, value)])
+    }
+
+    fn registers(mut self, values: &[(usize, u32)]) -> Self {
+        for &(number, value) in values {
+            self.core.set_register(number, value);
+        }
         self
     }
 
@@ -198,6 +204,14 @@ impl Machine {
             self.chip.notes
         );
         self.core.exception()
+    }
+
+    /// Runs to a breakpoint in an exception, after which private peripherals have these values.
+    fn ends_in(&mut self, exception: u16, registers: &[(u32, u32)]) {
+        assert_eq!(self.run_to_breakpoint(), exception);
+        for &(address, value) in registers {
+            assert_eq!(self.private(address), value, "{address:#x}");
+        }
     }
 
     /// Goes on behind the breakpoint that it stands at.

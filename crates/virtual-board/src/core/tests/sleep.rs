@@ -1,6 +1,7 @@
 //! WFI, WFE and what wakes from them.
 
 use super::*;
+use crate::core::Sleep;
 
 /// A machine with line 0 enabled that rises after 500 cycles.
 fn rising(program: &[u16]) -> Machine {
@@ -35,7 +36,7 @@ fn wfi_wakes_by_what_primask_holds_back_and_basepri_does_not() {
     let mut machine = rising(&[0xf380, 0x8811, 0xbf30, 0xbe00]).register(0, 0x10);
     machine.set_private(IPR0, 0x20);
     assert_eq!(machine.run(), Stop::Until);
-    assert!(machine.core.is_asleep());
+    assert_ne!(machine.core.sleep, Sleep::Awake);
 }
 
 #[test]
@@ -53,7 +54,7 @@ fn wfe_takes_the_event_of_sev_and_of_exceptions() {
     let mut machine = Machine::new(&[0xbf40, 0xbf20, 0xbf20, 0xbe00]);
     assert_eq!(machine.run(), Stop::Until);
     assert_eq!(machine.core.pc(), CODE + 6);
-    assert!(machine.core.is_asleep());
+    assert_ne!(machine.core.sleep, Sleep::Awake);
     // svc; wfe: entry and return leave an event.
     let mut machine = Machine::new(&[0xdf00, 0xbf20, 0xbe00]).handler(11, &[0x4770]);
     machine.run_to_breakpoint();
@@ -76,7 +77,7 @@ fn sleep_on_exit_goes_back_to_sleep_after_the_handler() {
     machine.set_private(SCR, 2);
     assert_eq!(machine.run(), Stop::Until);
     assert_eq!(machine.r(6), 1);
-    assert!(machine.core.is_asleep());
+    assert_ne!(machine.core.sleep, Sleep::Awake);
 }
 
 #[test]

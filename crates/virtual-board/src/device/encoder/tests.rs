@@ -110,41 +110,27 @@ fn a_wheel_that_goes_on_as_told_makes_no_edge_twice() {
 
 #[test]
 fn broken_encoders() {
-    let mut encoder = Encoder::new(EncoderConfig::default());
-    encoder.motion(Time(0), 0.0, 1.0, 0.0);
-    encoder.set_fault(EncoderFault {
-        stuck_a: Some(true),
-        ..EncoderFault::default()
-    });
-    let mut decoder = Decoder::default();
-    decoder.see(encoder.levels());
-    decoder.run(&mut encoder, Time(100 * MS));
+    // A wheel with this phase that turns for so many milliseconds: true count and decoded one.
+    let turned = |phase: f64, speed: f64, ms: u64, set: &dyn Fn(&mut EncoderFault)| {
+        let config = EncoderConfig::default();
+        let mut encoder = Encoder::new(EncoderConfig { phase, ..config });
+        let mut fault = EncoderFault::default();
+        set(&mut fault);
+        encoder.set_fault(fault);
+        encoder.motion(Time(0), 0.0, speed, 0.0);
+        let mut decoder = Decoder::default();
+        decoder.see(encoder.levels());
+        decoder.run(&mut encoder, Time(ms * MS));
+        (encoder.count(), decoder.count)
+    };
     // It sees B alone, which leads nowhere.
-    assert!(decoder.count.abs() <= 2 && encoder.count() > 100);
-
-    let mut swapped = Encoder::new(EncoderConfig::default());
-    swapped.set_fault(EncoderFault {
-        swapped: true,
-        ..EncoderFault::default()
-    });
-    swapped.motion(Time(0), 0.0, 1.0, 0.0);
-    let mut decoder = Decoder::default();
-    decoder.run(&mut swapped, Time(100 * MS));
-    assert_eq!(decoder.count, -swapped.count());
-
+    let (count, decoded) = turned(0.5, 1.0, 100, &|fault| fault.stuck_a = Some(true));
+    assert!(decoded.abs() <= 2 && count > 100);
+    let (count, decoded) = turned(0.5, 1.0, 100, &|fault| fault.swapped = true);
+    assert_eq!(decoded, -count);
     // Ten covered lines of 2048 cost forty counts a turn.
-    let mut covered = Encoder::new(EncoderConfig {
-        phase: 0.0,
-        ..EncoderConfig::default()
-    });
-    covered.set_fault(EncoderFault {
-        missing: 100..110,
-        ..EncoderFault::default()
-    });
-    covered.motion(Time(0), 0.0, TAU, 0.0);
-    let mut decoder = Decoder::default();
-    decoder.run(&mut covered, Time(1000 * MS));
-    assert_eq!(covered.count() - decoder.count, 40);
+    let (count, decoded) = turned(0.0, TAU, 1000, &|fault| fault.missing = 100..110);
+    assert_eq!(count - decoded, 40);
 }
 
 #[test]

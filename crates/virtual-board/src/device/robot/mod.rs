@@ -7,7 +7,6 @@ mod icm42688;
 mod ina240;
 mod motor;
 mod thermistor;
-mod unmodelled;
 
 pub use bridge::{Bridge, BridgeConfig, BridgeFault};
 pub use drv8874::{DriverConfig, Drv8874, Half, OverCurrent, Regulation};
@@ -15,4 +14,3 @@ pub use icm42688::{Icm42688, InertialConfig, InertialFault, Motion};
 pub use ina240::{Amplifier, AmplifierConfig, AmplifierFault};
 pub use motor::{Motor, MotorConfig, Work};
 pub use thermistor::{Thermistor, ThermistorFault};
-pub use unmodelled::{UnmodelledUse, UnmodelledUses};

@@ -43,17 +43,17 @@ pub struct Work {
 impl Work {
     /// Mean current, A.
     pub fn mean_current_a(&self) -> f64 {
-        if self.span_s > 0.0 {
-            self.charge_as / self.span_s
-        } else {
-            0.0
-        }
+        self.mean(self.charge_as)
     }
 
     /// Mean current out of the supply, A.
     pub fn mean_supplied_a(&self) -> f64 {
+        self.mean(self.supplied_as)
+    }
+
+    fn mean(&self, integral: f64) -> f64 {
         if self.span_s > 0.0 {
-            self.supplied_as / self.span_s
+            integral / self.span_s
         } else {
             0.0
         }

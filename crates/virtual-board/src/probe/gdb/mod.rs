@@ -11,7 +11,12 @@
 //! use virtual_board::probe::gdb::{GdbError, Next, Server};
 //!
 //! fn debug(board: &mut Board, port: u16) -> Result<(), GdbError> {
-//!     let mut session = Server::listen(port)?.wait(board)?;
+//!     let server = Server::listen(port)?;
+//!     let mut session = loop {
+//!         if let Some(session) = server.poll(board)? {
+//!             break session;
+//!         }
+//!     };
 //!     loop {
 //!         board.run_until(board.now() + virtual_board::Time::from_micros(1000));
 //!         match session.serve(board)? {
@@ -59,6 +64,16 @@ impl fmt::Display for GdbError {
 
 impl std::error::Error for GdbError {}
 
+impl From<io::Error> for GdbError {
+    fn from(error: io::Error) -> Self {
+        Self::Connection(error)
+    }
+}
+
+fn protocol(error: impl fmt::Display) -> GdbError {
+    GdbError::Protocol(error.to_string())
+}
+
 /// What the caller is to do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Next {
@@ -86,26 +101,16 @@ impl Server {
 
     /// The port.
     pub fn port(&self) -> Result<u16, GdbError> {
-        let address = self.listener.local_addr().map_err(GdbError::Connection)?;
-        Ok(address.port())
-    }
-
-    /// Waits until gdb connects, and stops the board then.
-    pub fn wait(&self, board: &mut Board) -> Result<Session, GdbError> {
-        let blocking = self.listener.set_nonblocking(false);
-        blocking.map_err(GdbError::Connection)?;
-        let (stream, _) = self.listener.accept().map_err(GdbError::Connection)?;
-        Session::new(stream, board)
+        Ok(self.listener.local_addr()?.port())
     }
 
     /// A session if gdb has connected since the last call.
     pub fn poll(&self, board: &mut Board) -> Result<Option<Session>, GdbError> {
-        let polling = self.listener.set_nonblocking(true);
-        polling.map_err(GdbError::Connection)?;
+        self.listener.set_nonblocking(true)?;
         match self.listener.accept() {
             Ok((stream, _)) => Session::new(stream, board).map(Some),
             Err(error) if error.kind() == ErrorKind::WouldBlock => Ok(None),
-            Err(error) => Err(GdbError::Connection(error)),
+            Err(error) => Err(error.into()),
         }
     }
 }
@@ -121,16 +126,14 @@ pub struct Session {
 
 impl Session {
     fn new(stream: TcpStream, board: &mut Board) -> Result<Self, GdbError> {
-        stream
-            .set_nonblocking(false)
-            .map_err(GdbError::Connection)?;
-        let other = stream.try_clone().map_err(GdbError::Connection)?;
+        stream.set_nonblocking(false)?;
+        let other = stream.try_clone()?;
         board.core_mut().attach_debugger(true);
         board.stop();
         let machine = GdbStub::new(other).run_state_machine(board);
         let machine = machine.map_err(|error| {
             target::release(board);
-            GdbError::Protocol(error.to_string())
+            protocol(error)
         })?;
         Ok(Self {
             stream,
@@ -161,7 +164,7 @@ impl Session {
                         _ => Next::Wait,
                     });
                 }
-                Err(error) => return Err(GdbError::Connection(error)),
+                Err(error) => return Err(error.into()),
             };
             for &byte in &bytes[..count] {
                 self.feed(board, byte)?;
@@ -189,7 +192,7 @@ impl Session {
                 return Ok(());
             };
             let next = machine.report_stop(board, reason(stop));
-            self.machine = Some(next.map_err(|error| GdbError::Protocol(error.to_string()))?);
+            self.machine = Some(next.map_err(protocol)?);
         }
         Ok(())
     }
@@ -204,14 +207,14 @@ impl Session {
                 return Ok(());
             }
         };
-        let next = next.map_err(|error| GdbError::Protocol(error.to_string()))?;
+        let next = next.map_err(protocol)?;
         self.machine = match next {
             GdbStubStateMachine::Disconnected(_) => None,
             GdbStubStateMachine::CtrlCInterrupt(machine) => {
                 board.stop();
                 let reason = SingleThreadStopReason::Signal(Signal::SIGINT);
                 let next = machine.interrupt_handled(board, Some(reason));
-                Some(next.map_err(|error| GdbError::Protocol(error.to_string()))?)
+                Some(next.map_err(protocol)?)
             }
             next => Some(next),
         };

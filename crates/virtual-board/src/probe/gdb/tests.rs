@@ -27,7 +27,8 @@ impl Client {
         board.power(true);
         let server = Server::listen(0).unwrap();
         let stream = TcpStream::connect(("127.0.0.1", server.port().unwrap())).unwrap();
-        let session = Some(server.wait(&mut board).unwrap());
+        let mut calls = std::iter::repeat_with(|| server.poll(&mut board).unwrap());
+        let session = calls.find_map(|session| session);
         stream.set_nonblocking(true).unwrap();
         stream.set_nodelay(true).unwrap();
         Self {

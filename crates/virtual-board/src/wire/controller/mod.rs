@@ -35,9 +35,10 @@ struct Pending {
 }
 
 /// What a controller is doing.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum State {
     /// Not on the bus.
+    #[default]
     Out,
     /// Counts recessive bits before it takes part.
     Joining(u8),
@@ -60,8 +61,9 @@ enum State {
 }
 
 /// What a flag is for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Flag {
+    #[default]
     Active,
     Passive,
     Overload,
@@ -75,8 +77,7 @@ pub(crate) struct Ended {
     pub error: Option<ErrorKind>,
 }
 
-/// A controller.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct Controller {
     settings: Option<Settings>,
     state: State,
@@ -106,29 +107,6 @@ pub(crate) struct Controller {
 }
 
 impl Controller {
-    pub fn new() -> Self {
-        Self {
-            settings: None,
-            state: State::Out,
-            flag: Flag::Active,
-            flag_level: false,
-            spared: false,
-            sender: false,
-            receiver: Receiver::new(),
-            sending: None,
-            pending: Vec::new(),
-            start: Time(0),
-            tec: 0,
-            rec: 0,
-            off: false,
-            leaving: false,
-            dominant: false,
-            happened: Vec::new(),
-            ended: None,
-            statistics: Statistics::default(),
-        }
-    }
-
     /// Error counters as they are shown.
     pub fn counters(&self) -> (u8, u8) {
         // Off the bus the bxCAN shows the last value that fits.
@@ -227,7 +205,7 @@ impl Controller {
     pub fn reset(&mut self) {
         *self = Self {
             statistics: self.statistics,
-            ..Self::new()
+            ..Self::default()
         };
     }
 
@@ -387,7 +365,7 @@ impl Controller {
 
     fn begin(&mut self, now: Time, sending: Option<(Pending, u8)>) {
         self.state = State::Frame;
-        self.receiver = Receiver::new();
+        self.receiver = Receiver::default();
         self.sending = sending;
         self.sender = false;
         self.start = now;

@@ -55,8 +55,6 @@ pub struct DriverConfig {
     pub retry: Time,
     /// Undervoltage lockout: off below the first, on above the second, V. Data sheet: 4.35 and 4.45.
     pub lockout_v: (f64, f64),
-    /// Thermal shutdown: off above the first, on below the second, °C. Data sheet: 175, 20 less.
-    pub hot_c: (f64, f64),
 }
 
 impl Default for DriverConfig {
@@ -77,7 +75,6 @@ impl Default for DriverConfig {
             deglitch: Time::from_micros(3),
             retry: Time::from_micros(2000),
             lockout_v: (4.35, 4.45),
-            hot_c: (175.0, 155.0),
         }
     }
 }

@@ -11,11 +11,11 @@
 //! | 1 | 1 | 1 | high | low | forward |
 //!
 //! Modelled: propagation delay, dead time (the diodes conduct, so it takes voltage), resistance of the
-//! transistors, wake and sleep times, over-current (retry or latch), undervoltage lockout, thermal
-//! shutdown, current regulation with fixed off-time or cycle by cycle, nFAULT, and transistors that
-//! stay on. Not modelled: rise and fall times (150 ns), the charge pump, sensing delay of the current
-//! regulation, what nFAULT shows while the driver wakes up (the data sheet does not say; it is high
-//! here).
+//! transistors, wake and sleep times, over-current (retry or latch), undervoltage lockout, current
+//! regulation with fixed off-time or cycle by cycle, nFAULT, and transistors that stay on. Not
+//! modelled: rise and fall times (150 ns), the charge pump, thermal shutdown, sensing delay of the
+//! current regulation, what nFAULT shows while the driver wakes up (the data sheet does not say; it is
+//! high here).
 
 mod config;
 
@@ -108,7 +108,6 @@ pub struct Drv8874 {
     power: Power,
     supply_v: f64,
     locked_out: bool,
-    hot: bool,
     /// Over-current: since when it lasts, and until when the driver is off for it.
     over_since: Option<Time>,
     over_until: Option<Time>,
@@ -140,7 +139,6 @@ impl Drv8874 {
             power: Power::Asleep,
             supply_v,
             locked_out: supply_v < config.lockout_v.1,
-            hot: false,
             over_since: None,
             over_until: None,
             braking: None,
@@ -202,17 +200,6 @@ impl Drv8874 {
             self.over_until = None;
         } else if volts > self.config.lockout_v.1 {
             self.locked_out = false;
-        }
-        self.settle();
-    }
-
-    /// Temperature of the driver, °C, from now on.
-    pub fn junction(&mut self, celsius: f64, at: Time) {
-        self.advance(at);
-        if celsius > self.config.hot_c.0 {
-            self.hot = true;
-        } else if celsius < self.config.hot_c.1 {
-            self.hot = false;
         }
         self.settle();
     }
@@ -291,18 +278,13 @@ impl Drv8874 {
     fn faults(&self) -> bool {
         let works = matches!(self.power, Power::Awake | Power::Dozing(_));
         let chops = self.braking.is_some() && self.config.regulation == Regulation::CycleByCycle;
-        let own = self.locked_out || self.hot || self.over_until.is_some() || chops;
+        let own = self.locked_out || self.over_until.is_some() || chops;
         (works && own) || self.is_forced()
     }
 
     fn is_forced(&self) -> bool {
         self.forced
             .is_some_and(|(from, to)| from <= self.now && self.now < to)
-    }
-
-    /// When something of it changes by itself.
-    pub fn next(&self) -> Time {
-        self.due
     }
 
     /// Goes on until a time, with all that happens by itself until then.
@@ -487,8 +469,7 @@ impl Drv8874 {
 
     fn targets(&self) -> [Gate; 2] {
         let works = matches!(self.power, Power::Awake | Power::Dozing(_));
-        let off =
-            !works || self.locked_out || self.hot || self.over_until.is_some() || self.is_forced();
+        let off = !works || self.locked_out || self.over_until.is_some() || self.is_forced();
         match self.inputs {
             _ if off => [Gate::Off; 2],
             _ if self.braking.is_some() => [Gate::Low; 2],

@@ -6,18 +6,17 @@
 //! rates of the low-noise mode, the anti-alias filter (second order) and the user-interface filter
 //! (order and bandwidth; Butterworth, since the data sheet states orders and corners alone), samples at
 //! the instants of the part's own oscillator, noise, bias and scale, quantisation and saturation, data
-//! that stand still while the chip is selected, INT_STATUS that a read clears, INT1, temperature.
+//! that stand still while the chip is selected, INT_STATUS that a read clears, temperature.
 //!
-//! Not modelled, and noted when the program switches it on ([`Icm42688::unknown`]): the FIFO, time
-//! stamps, FSYNC, the low-power mode, motion detection, self test, offsets (bank 4), INT2, little
+//! Not modelled, and noted when the program switches it on ([`Icm42688::findings`]): the FIFO, time
+//! stamps, FSYNC, the low-power mode, motion detection, self test, offsets (bank 4), INT1, INT2, little
 //! endian data, other clock sources; nor the notch filter, whatever its setting.
 
 mod path;
 mod registers;
 
-use super::UnmodelledUses;
-use crate::chip::Drive;
 use crate::device::span_s;
+use crate::finding::{Findings, Kind};
 use crate::time::Time;
 use path::{Errors, Path, Settings, Truth};
 use registers::*;
@@ -31,7 +30,7 @@ const QUIET_TIME: Time = Time::from_micros(200);
 /// A gyroscope must stay on for so long.
 const LEAST_ON: Time = Time::from_micros(45_000);
 
-// Bits of INT_STATUS and INT_SOURCE0.
+// Bits of INT_STATUS.
 const RESET_DONE: u8 = 0x10;
 const DATA_READY: u8 = 0x08;
 
@@ -95,7 +94,7 @@ pub struct InertialFault {
     pub stuck_output: Option<bool>,
     /// The data registers stand still; everything else works.
     pub frozen: bool,
-    /// Neither the bit nor the pin tells that data are ready.
+    /// The bit does not tell that data are ready.
     pub no_data_ready: bool,
 }
 
@@ -113,16 +112,13 @@ enum Transfer {
 pub struct Icm42688 {
     config: InertialConfig,
     fault: InertialFault,
-    unknown: UnmodelledUses,
+    findings: Findings,
     banks: [[u8; 128]; 3],
     bank: u8,
     transfer: Transfer,
-    now: Time,
     /// A reset lasts until then.
     resetting: Option<Time>,
     status: u8,
-    /// INT1 is active until then.
-    pulse_until: Option<Time>,
     gyro: Path,
     accel: Path,
     celsius: f64,
@@ -156,14 +152,12 @@ impl Icm42688 {
         let mut sensor = Self {
             config,
             fault: InertialFault::default(),
-            unknown: UnmodelledUses::default(),
+            findings: Findings::default(),
             banks: [[0; 128]; 3],
             bank: 0,
             transfer: Transfer::Idle,
-            now: Time(0),
             resetting: None,
             status: 0,
-            pulse_until: None,
             gyro: Path::new(gyro, settings, config.clock_error, seed),
             accel: Path::new(accel, settings, config.clock_error, !seed),
             celsius: 25.0,
@@ -212,7 +206,6 @@ impl Icm42688 {
         }
         self.bank = 0;
         self.status = 0;
-        self.pulse_until = None;
         self.gyro.switch(None);
         self.accel.switch(None);
         self.gyro_on_since = None;
@@ -224,8 +217,12 @@ impl Icm42688 {
     }
 
     /// What was asked of it that is not modelled, or that its data sheet forbids.
-    pub fn unknown(&self) -> &UnmodelledUses {
-        &self.unknown
+    pub fn findings(&self) -> &Findings {
+        &self.findings
+    }
+
+    fn note(&mut self, at: Time, text: impl Into<String>) {
+        self.findings.note(Kind::NotModelled, 0, at, text);
     }
 
     /// Its select line is low (selected) or high.
@@ -272,68 +269,20 @@ impl Icm42688 {
         }
     }
 
-    /// How INT1 is driven at the time of the latest call.
-    pub fn int1(&self) -> Drive {
-        let config = self.banks[0][usize::from(INT_CONFIG)];
-        let level = self.is_interrupting() == (config & 1 != 0);
-        match config & 2 != 0 {
-            true => Drive::to(level),
-            false if level => Drive::Open,
-            false => Drive::Low,
-        }
-    }
-
-    fn is_interrupting(&self) -> bool {
-        let latched = self.banks[0][usize::from(INT_CONFIG)] & 4 != 0;
-        if latched {
-            self.status & self.sources() != 0
-        } else {
-            self.pulse_until.is_some()
-        }
-    }
-
-    fn sources(&self) -> u8 {
-        self.banks[0][usize::from(INT_SOURCE0)]
-    }
-
-    /// When INT1 may change next. What happens inside without being seen there is done when it is
-    /// looked at.
-    pub fn next(&self) -> Time {
-        let mut next = self.resetting.unwrap_or(Time::NEVER);
-        if self.sources() & DATA_READY != 0 {
-            next = next.min(self.gyro.next()).min(self.accel.next());
-        }
-        next.min(self.pulse_until.unwrap_or(Time::NEVER))
-    }
-
-    /// Goes on until a time.
-    pub fn advance(&mut self, to: Time) {
-        while self.next() <= to {
-            self.advance_within(self.next());
-        }
-        self.advance_within(to);
-    }
-
-    /// Goes on without passing anything that INT1 shows.
-    fn advance_within(&mut self, to: Time) {
-        if let Some(until) = self.resetting.filter(|&until| until <= to) {
+    fn advance(&mut self, to: Time) {
+        if self.resetting.is_some_and(|until| until <= to) {
             self.resetting = None;
-            self.announce(RESET_DONE, until);
-        }
-        if self.pulse_until.is_some_and(|until| until <= to) {
-            self.pulse_until = None;
+            self.status |= RESET_DONE;
         }
         let (gyro, accel) = (self.gyro.advance(to), self.accel.advance(to));
-        let latest = gyro.map(|s| s.0).max(accel.map(|s| s.0));
-        if let Some(at) = latest {
+        if gyro.is_some() || accel.is_some() {
             if !self.fault.frozen {
-                self.take(gyro.map(|s| s.1), accel.map(|s| s.1));
+                self.take(gyro, accel);
             }
             if !self.fault.no_data_ready {
-                self.announce(DATA_READY, at);
+                self.status |= DATA_READY;
             }
         }
-        self.now = self.now.max(to);
     }
 
     fn take(&mut self, gyro: Option<[i16; 3]>, accel: Option<[i16; 3]>) {
@@ -353,24 +302,14 @@ impl Icm42688 {
         }
     }
 
-    /// Something that INT_STATUS tells, and INT1 if it is routed there.
-    fn announce(&mut self, bit: u8, at: Time) {
-        self.status |= bit;
-        if self.sources() & bit != 0 {
-            let short = self.banks[0][usize::from(INT_CONFIG1)] & 0x40 != 0;
-            let span = Time::from_micros(if short { 8 } else { 100 });
-            self.pulse_until = Some(at + span);
-        }
-    }
-
     fn read(&mut self, address: u8, at: Time) -> u8 {
         if self.resetting.is_some() {
-            self.unknown.note(at, "a read during a reset".into());
+            self.note(at, "a read during a reset");
             return 0;
         }
         if register(self.bank, address).is_none() {
             let text = format!("a read of {address:#04x} in bank {}", self.bank);
-            self.unknown.note(at, text);
+            self.note(at, text);
             return 0;
         }
         match (self.bank, address) {
@@ -386,15 +325,15 @@ impl Icm42688 {
 
     fn write(&mut self, address: u8, value: u8, at: Time) {
         if self.resetting.is_some() {
-            return self.unknown.note(at, "a write during a reset".into());
+            return self.note(at, "a write during a reset");
         }
         let Some(register) = register(self.bank, address) else {
             let text = format!("a write to {address:#04x} in bank {}", self.bank);
-            return self.unknown.note(at, text);
+            return self.note(at, text);
         };
         if at < self.quiet_until && address != REG_BANK_SEL {
             let text = format!("{} written within 200 µs of switching on", register.name);
-            self.unknown.note(at, text);
+            self.note(at, text);
         }
         if address == REG_BANK_SEL {
             self.bank = value & 7;
@@ -420,22 +359,15 @@ impl Icm42688 {
         let foreign = changed & register.writable & !register.modelled;
         if foreign != 0 {
             let text = format!("{name}: bits {foreign:#04x} are not modelled ({value:#04x})");
-            self.unknown.note(at, text);
+            self.note(at, text);
         }
         let reserved = changed & !register.writable;
         if reserved != 0 {
             let text = format!("{name}: reserved bits {reserved:#04x} changed");
-            self.unknown.note(at, text);
+            self.note(at, text);
         }
         if (register.bank, register.address) == (0, INTF_CONFIG0) && value & 3 == 2 {
-            self.unknown.note(at, format!("{name}: SPI switched off"));
-        }
-        let routed = (register.bank, register.address) == (0, INT_SOURCE0)
-            && value & DATA_READY != 0
-            && self.banks[0][usize::from(INT_CONFIG1)] & 0x10 != 0;
-        if routed {
-            let text = "INT1 in use without INT_ASYNC_RESET cleared".into();
-            self.unknown.note(at, text);
+            self.note(at, format!("{name}: SPI switched off"));
         }
     }
 
@@ -448,7 +380,7 @@ impl Icm42688 {
         let (was, is) = (old >> 2 & 3, new >> 2 & 3);
         if is == 2 || new & 3 == 2 {
             let text = format!("PWR_MGMT0: {new:#04x}: low-power or reserved mode");
-            self.unknown.note(at, text);
+            self.note(at, text);
         }
         if was == 0 && is != 0 {
             self.gyro_on_since = Some(at);
@@ -457,7 +389,7 @@ impl Icm42688 {
             && at < since + LEAST_ON
         {
             let text = format!("gyroscope off after {:.1} ms", 1e3 * span_s(since, at));
-            self.unknown.note(at, text);
+            self.note(at, text);
         }
         if (was == 3) != (is == 3) {
             // From standby it takes no longer than from the beginning.
@@ -499,10 +431,10 @@ impl Icm42688 {
             unfiltered: of(&two, aaf) & 1 != 0,
             widest: 16.0 * GRAVITY,
         };
-        if let Some(settings) = gyro.settings(&mut self.unknown, self.gyro.is_on(), at) {
+        if let Some(settings) = gyro.settings(&mut self.findings, self.gyro.is_on(), at) {
             self.gyro.set(settings, at);
         }
-        if let Some(settings) = accel.settings(&mut self.unknown, self.accel.is_on(), at) {
+        if let Some(settings) = accel.settings(&mut self.findings, self.accel.is_on(), at) {
             self.accel.set(settings, at);
         }
     }
@@ -529,10 +461,11 @@ struct Choice {
 
 impl Choice {
     /// The settings; `None` and a note, if the path is on, where they are none of the data sheet's.
-    fn settings(&self, unknown: &mut UnmodelledUses, is_on: bool, at: Time) -> Option<Settings> {
+    fn settings(&self, findings: &mut Findings, is_on: bool, at: Time) -> Option<Settings> {
         let mut need = |found: Option<f64>, what: &str, value: u16| {
             if found.is_none() && is_on {
-                unknown.note(at, format!("{}: {what} {value}", self.name));
+                let text = format!("{}: {what} {value}", self.name);
+                findings.note(Kind::NotModelled, 0, at, text);
             }
             found
         };

@@ -130,12 +130,6 @@ impl Path {
         self.first.is_some()
     }
 
-    /// When the next sample is due.
-    pub fn next(&self) -> Time {
-        let left = self.steps.next_multiple_of(self.steps_per_sample);
-        self.time_of(left)
-    }
-
     fn time_of(&self, step: u64) -> Time {
         match self.first {
             Some(first) => first + Time((step as f64 * self.period_ps) as u64),
@@ -143,8 +137,8 @@ impl Path {
         }
     }
 
-    /// Goes on until a time; the latest sample if there was one, and when.
-    pub fn advance(&mut self, to: Time) -> Option<(Time, [i16; 3])> {
+    /// Goes on until a time; the latest sample if there was one.
+    pub fn advance(&mut self, to: Time) -> Option<[i16; 3]> {
         let mut latest = None;
         loop {
             let at = self.time_of(self.steps);
@@ -153,7 +147,7 @@ impl Path {
             }
             let sample = self.step(at);
             if self.steps.is_multiple_of(self.steps_per_sample) {
-                latest = Some((at, sample.map(|x| self.quantised(x))));
+                latest = Some(sample.map(|x| self.quantised(x)));
             }
             self.steps += 1;
         }

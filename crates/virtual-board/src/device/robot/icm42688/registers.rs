@@ -1,6 +1,5 @@
 //! The register map, as far as it is in the data sheet and of use to a driver.
 
-/// A register.
 pub(super) struct Register {
     pub bank: u8,
     pub address: u8,
@@ -27,7 +26,6 @@ const fn r(bank: u8, address: u8, name: &'static str, bits: [u8; 3]) -> Register
 }
 
 pub(super) const DEVICE_CONFIG: u8 = 0x11;
-pub(super) const INT_CONFIG: u8 = 0x14;
 pub(super) const TEMP_DATA1: u8 = 0x1d;
 pub(super) const GYRO_DATA_Z0: u8 = 0x2a;
 pub(super) const INT_STATUS: u8 = 0x2d;
@@ -38,8 +36,6 @@ pub(super) const ACCEL_CONFIG0: u8 = 0x50;
 pub(super) const GYRO_CONFIG1: u8 = 0x51;
 pub(super) const GYRO_ACCEL_CONFIG0: u8 = 0x52;
 pub(super) const ACCEL_CONFIG1: u8 = 0x53;
-pub(super) const INT_CONFIG1: u8 = 0x64;
-pub(super) const INT_SOURCE0: u8 = 0x65;
 pub(super) const REG_BANK_SEL: u8 = 0x76;
 /// Bank 1: bit 1 switches the gyroscope's anti-alias filter off.
 pub(super) const GYRO_CONFIG_STATIC2: u8 = 0x0b;
@@ -53,7 +49,7 @@ pub(super) const REGISTERS: &[Register] = &[
     r(0, DEVICE_CONFIG, "DEVICE_CONFIG", [0x00, 0x11, 0x01]),
     // Slew rates are not seen here.
     r(0, 0x13, "DRIVE_CONFIG", [0x05, 0x3f, 0x3f]),
-    r(0, INT_CONFIG, "INT_CONFIG", [0x00, 0x3f, 0x07]),
+    r(0, 0x14, "INT_CONFIG", [0x00, 0x3f, 0x00]),
     r(0, 0x16, "FIFO_CONFIG", [0x00, 0xc0, 0x00]),
     r(0, 0x1d, "TEMP_DATA1", [0x80, 0, 0]),
     r(0, 0x1e, "TEMP_DATA0", [0x00, 0, 0]),
@@ -84,12 +80,7 @@ pub(super) const REGISTERS: &[Register] = &[
     r(0, GYRO_CONFIG0, "GYRO_CONFIG0", [0x06, 0xef, 0xef]),
     r(0, ACCEL_CONFIG0, "ACCEL_CONFIG0", [0x06, 0xef, 0xef]),
     r(0, GYRO_CONFIG1, "GYRO_CONFIG1", [0x16, 0xef, 0x0c]),
-    r(
-        0,
-        GYRO_ACCEL_CONFIG0,
-        "GYRO_ACCEL_CONFIG0",
-        [0x11, 0xff, 0xff],
-    ),
+    r(0, 0x52, "GYRO_ACCEL_CONFIG0", [0x11, 0xff, 0xff]),
     r(0, ACCEL_CONFIG1, "ACCEL_CONFIG1", [0x0d, 0x1e, 0x18]),
     r(0, 0x54, "TMST_CONFIG", [0x23, 0x1f, 0x00]),
     r(0, 0x56, "APEX_CONFIG0", [0x82, 0xfb, 0x00]),
@@ -99,8 +90,8 @@ pub(super) const REGISTERS: &[Register] = &[
     r(0, 0x61, "FIFO_CONFIG3", [0x00, 0x0f, 0x00]),
     r(0, 0x62, "FSYNC_CONFIG", [0x10, 0x73, 0x00]),
     r(0, 0x63, "INT_CONFIG0", [0x00, 0x3f, 0x00]),
-    r(0, INT_CONFIG1, "INT_CONFIG1", [0x10, 0x70, 0x70]),
-    r(0, INT_SOURCE0, "INT_SOURCE0", [0x10, 0x7f, 0x18]),
+    r(0, 0x64, "INT_CONFIG1", [0x10, 0x70, 0x00]),
+    r(0, 0x65, "INT_SOURCE0", [0x10, 0x7f, 0x00]),
     r(0, 0x66, "INT_SOURCE1", [0x00, 0x4f, 0x00]),
     r(0, 0x68, "INT_SOURCE3", [0x00, 0x7f, 0x00]),
     r(0, 0x69, "INT_SOURCE4", [0x00, 0x4f, 0x00]),
@@ -109,12 +100,7 @@ pub(super) const REGISTERS: &[Register] = &[
     r(0, 0x70, "SELF_TEST_CONFIG", [0x00, 0x7f, 0x00]),
     r(0, 0x75, "WHO_AM_I", [0x47, 0, 0]),
     // The notch filter is not modelled, so switching it off is.
-    r(
-        1,
-        GYRO_CONFIG_STATIC2,
-        "GYRO_CONFIG_STATIC2",
-        [0xa0, 0x03, 0x03],
-    ),
+    r(1, 0x0b, "GYRO_CONFIG_STATIC2", [0xa0, 0x03, 0x03]),
     r(1, 0x0c, "GYRO_CONFIG_STATIC3", [0x0d, 0x3f, 0x3f]),
     r(1, 0x0d, "GYRO_CONFIG_STATIC4", [0xaa, 0xff, 0xff]),
     r(1, 0x0e, "GYRO_CONFIG_STATIC5", [0x80, 0xff, 0xff]),

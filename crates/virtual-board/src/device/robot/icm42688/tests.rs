@@ -37,6 +37,13 @@ impl Bus {
         self.frame([address, value]);
     }
 
+    /// From now on it moves as `set` says, and not otherwise.
+    fn moves(&mut self, set: impl Fn(&mut Motion)) {
+        let mut motion = Motion::default();
+        set(&mut motion);
+        self.sensor.motion(self.at, motion);
+    }
+
     fn wait(&mut self, us: u64) {
         self.at = self.at + Time(us * US);
     }
@@ -76,7 +83,7 @@ impl Bus {
 
     /// The first bytes of all notes.
     fn unmodelled(&self) -> Vec<&str> {
-        let list = self.sensor.unknown().list();
+        let list = self.sensor.findings().list();
         list.iter().map(|r| r.text.as_str()).collect()
     }
 }
@@ -115,14 +122,10 @@ fn identity_reset_values_and_a_reset() {
 #[test]
 fn the_firmwares_set_up_uses_nothing_unmodelled_and_scales_as_the_data_sheet_says() {
     let mut bus = Bus::new(silent());
-    bus.sensor.motion(
-        Time(2 * MS),
-        Motion {
-            rate: [0.0, 0.0, 100f64.to_radians()],
-            force: [0.5 * GRAVITY, 0.0, GRAVITY],
-            ..Motion::default()
-        },
-    );
+    bus.moves(|motion| {
+        motion.rate[2] = 100f64.to_radians();
+        motion.force = [0.5 * GRAVITY, 0.0, GRAVITY];
+    });
     bus.set_up();
     assert_eq!(bus.unmodelled(), [""; 0]);
     // 131 LSB/(°/s), 16 384 LSB/g.
@@ -131,13 +134,7 @@ fn the_firmwares_set_up_uses_nothing_unmodelled_and_scales_as_the_data_sheet_say
     for (address, value) in [(0x4e, 0x0f), (0x4f, 0x63), (0x50, 0x63), (0x52, 0x66)] {
         assert_eq!(bus.read(address), value);
     }
-    bus.sensor.motion(
-        bus.at,
-        Motion {
-            rate: [-9.0, 9.0, 0.0],
-            ..Motion::default()
-        },
-    );
+    bus.moves(|motion| motion.rate = [-9.0, 9.0, 0.0]);
     bus.wait(20_000);
     assert_eq!(bus.sample()[3..5], [-32_766, 32_767]);
 }
@@ -152,14 +149,10 @@ fn start_times_and_the_rate_of_the_samples() {
     bus.write(0x4f, 0x66);
     bus.write(0x4e, 0x0f);
     let on = bus.at;
-    bus.at = on + Time(9 * MS);
-    assert_eq!(bus.sample()[0], i16::MIN);
-    bus.at = on + Time(11 * MS);
-    assert!(bus.sample()[0] != i16::MIN);
-    bus.at = on + Time(44 * MS);
-    assert_eq!(bus.sample()[3], i16::MIN);
-    bus.at = on + Time(46 * MS);
-    assert!(bus.sample()[3] != i16::MIN);
+    for (ms, axis, runs) in [(9, 0, false), (11, 0, true), (44, 3, false), (46, 3, true)] {
+        bus.at = on + Time(ms * MS);
+        assert_eq!(bus.sample()[axis] != i16::MIN, runs, "{ms} ms");
+    }
     // At 1 kHz less 1 % a second has 990 samples, each of which is seen once.
     let mut last = bus.sample();
     let mut changes = 0;
@@ -201,13 +194,7 @@ fn a_ramp_comes_late_by_the_filters_delay() {
     let mut bus = Bus::new(silent());
     bus.set_up();
     let from = bus.at;
-    bus.sensor.motion(
-        from,
-        Motion {
-            rate_slope: [0.0, 0.0, 100f64.to_radians()],
-            ..Motion::default()
-        },
-    );
+    bus.moves(|motion| motion.rate_slope[2] = 100f64.to_radians());
     bus.at = from + Time(1000 * MS);
     let asked = bus.at;
     let counts = f64::from(bus.sample()[5]);
@@ -223,13 +210,7 @@ fn a_ramp_comes_late_by_the_filters_delay() {
 fn a_burst_is_coherent() {
     let mut bus = Bus::new(silent());
     bus.set_up();
-    bus.sensor.motion(
-        bus.at,
-        Motion {
-            rate_slope: [2.0, 2.0, 2.0],
-            ..Motion::default()
-        },
-    );
+    bus.moves(|motion| motion.rate_slope = [2.0; 3]);
     bus.wait(500_000);
     // A transfer that takes 10 ms: 80 samples pass, none is seen.
     bus.sensor.select(true, bus.at);
@@ -246,36 +227,6 @@ fn a_burst_is_coherent() {
 }
 
 #[test]
-fn data_ready_at_the_pin() {
-    let mut bus = Bus::new(silent());
-    // Push-pull, active high, pulses of 8 µs, data ready.
-    for (address, value) in [(0x14, 0x03), (0x64, 0x60), (0x65, 0x08), (0x4e, 0x0c)] {
-        bus.write(address, value);
-    }
-    assert_eq!(bus.sensor.next(), bus.at + Time(45 * MS));
-    let mut edges = Vec::new();
-    while edges.len() < 6 {
-        let at = bus.sensor.next();
-        bus.sensor.advance(at);
-        edges.push((at.0 - bus.at.0, bus.sensor.int1() == Drive::High));
-    }
-    let first = 45 * MS;
-    let expected: Vec<_> = (0..3)
-        .flat_map(|k| [(first + k * MS, true), (first + k * MS + 8 * US, false)])
-        .collect();
-    assert_eq!(edges, expected);
-    // Latched: until INT_STATUS is read.
-    bus.wait(60_000);
-    bus.write(0x14, 0x07);
-    bus.wait(2_000);
-    bus.sensor.advance(bus.at);
-    assert_eq!(bus.sensor.int1(), Drive::High);
-    assert_eq!(bus.read(0x2d) & 0x08, 0x08);
-    assert_eq!(bus.sensor.int1(), Drive::Low);
-    assert_eq!(bus.unmodelled(), [""; 0]);
-}
-
-#[test]
 fn temperature_in_its_units() {
     let mut bus = Bus::new(silent());
     bus.sensor.temperature(Time(2 * MS), 45.0);
@@ -288,35 +239,21 @@ fn temperature_in_its_units() {
 fn broken_sensors() {
     let mut bus = Bus::new(InertialConfig::default());
     bus.set_up();
-    let set = |bus: &mut Bus, fault| bus.sensor.set_fault(bus.at, fault);
+    let with = |bus: &mut Bus, set: &dyn Fn(&mut InertialFault)| {
+        let mut fault = InertialFault::default();
+        set(&mut fault);
+        bus.sensor.set_fault(bus.at, fault);
+    };
     for level in [false, true] {
-        set(
-            &mut bus,
-            InertialFault {
-                stuck_output: Some(level),
-                ..InertialFault::default()
-            },
-        );
+        with(&mut bus, &|fault| fault.stuck_output = Some(level));
         assert_eq!(bus.read(0x75), u8::from(level) * 0xff);
     }
-    set(
-        &mut bus,
-        InertialFault {
-            frozen: true,
-            ..InertialFault::default()
-        },
-    );
+    with(&mut bus, &|fault| fault.frozen = true);
     let first = bus.sample();
     bus.wait(100_000);
     assert_eq!(bus.sample(), first);
     assert_eq!(bus.read(0x2d) & 0x08, 0x08);
-    set(
-        &mut bus,
-        InertialFault {
-            no_data_ready: true,
-            ..InertialFault::default()
-        },
-    );
+    with(&mut bus, &|fault| fault.no_data_ready = true);
     bus.read(0x2d);
     bus.wait(100_000);
     assert_eq!(bus.read(0x2d), 0);
