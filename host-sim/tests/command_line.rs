@@ -233,7 +233,6 @@ fn help_names_every_command() {
         "eval",
         "config",
         "dbc",
-        "plant-bench",
     ] {
         assert!(help.contains(command), "{command}");
     }

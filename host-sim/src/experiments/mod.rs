@@ -14,7 +14,6 @@ pub mod follow;
 pub mod hil;
 pub mod mission;
 pub mod params;
-pub mod plant_bench;
 pub mod posture;
 pub mod real_robot;
 pub mod recorder;
