@@ -5,6 +5,7 @@
 
 use crate::base::output::OutputDir;
 use crate::recording::BUILD;
+use crate::run::final_error::wrap;
 use crate::run::robot::Record;
 use crate::scenario::Scenario;
 use crate::view::style::{self, ESTIMATE, TRUTH};
@@ -91,12 +92,6 @@ struct Plot {
     series: Vec<Series>,
 }
 
-/// Turns that are left out so that two headings are less than half a turn apart.
-fn less_turns(angle: f64) -> f64 {
-    let turn = std::f64::consts::TAU;
-    angle - turn * (angle / turn).round()
-}
-
 fn posture(p: Posture) -> [f64; 3] {
     [p.x, p.y, p.phi].map(f64::from)
 }
@@ -129,7 +124,7 @@ impl Run<'_> {
             let truth = record(i).midpoint;
             std::array::from_fn::<f64, 3, _>(|k| seen[k] - truth[k])
         };
-        let degrees = |angle: f64| less_turns(angle).to_degrees();
+        let degrees = |angle: f64| wrap(angle).to_degrees();
         let errors = |k: usize, part: usize| move |i: usize| self.errors[i][k][part];
         let strains = ["1", "2", "3", "4", "5", "6", "7", "8"];
         let fitted = self.scenario.robot.beam.strip.gauges_m.count();
@@ -250,7 +245,7 @@ impl Run<'_> {
             "estimate": list(&|record| {
                 let [x, y, phi] = posture(record.lead.fused.robot.posture);
                 let truth = record.midpoint[2];
-                [x, y, truth + less_turns(phi - truth)]
+                [x, y, truth + wrap(phi - truth)]
             }),
             "frame": each(&|record| json!(frame(record))),
             "covariance": each(&|record| json!(covariance(record))),
