@@ -3,29 +3,9 @@
 #[path = "shared/program.rs"]
 mod program;
 
-use program::{assert_refused, json_file, succeed, with_input};
+use program::{assert_refused, files, json_file, succeed, with_input};
 use serde_json::Value;
 use std::fs;
-use std::path::Path;
-
-/// Names and bytes of all files below a directory.
-fn files(directory: &Path) -> Vec<(String, Vec<u8>)> {
-    let mut found = Vec::new();
-    let mut open = vec![directory.to_owned()];
-    while let Some(folder) = open.pop() {
-        for entry in fs::read_dir(folder).unwrap() {
-            let path = entry.unwrap().path();
-            if path.is_dir() {
-                open.push(path);
-            } else {
-                let name = path.strip_prefix(directory).unwrap();
-                found.push((name.display().to_string(), fs::read(&path).unwrap()));
-            }
-        }
-    }
-    found.sort();
-    found
-}
 
 #[test]
 fn bad_input_is_refused_by_name_and_nothing_is_written() {

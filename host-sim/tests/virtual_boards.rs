@@ -29,13 +29,8 @@ fn threads_change_no_byte_and_seeds_do() {
     let run = |name: &str, seed: &str, threads: &str| {
         let run = format!("--stop-after 0.8 --seed {seed} --threads {threads} --out {name}");
         succeed(folder.path(), &format!("{POSTURE} {run}"));
-        let files = [
-            "log-joint.csv",
-            "board-front.log",
-            "board-rear.log",
-            "board-beam.log",
-        ];
-        files.map(|file| fs::read_to_string(folder.path().join(name).join(file)).unwrap())
+        program::RUN_FILES
+            .map(|file| fs::read_to_string(folder.path().join(name).join(file)).unwrap())
     };
     let one = run("one", "1", "1");
     assert!(

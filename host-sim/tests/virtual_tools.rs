@@ -385,12 +385,7 @@ fn a_debugger_meets_the_first_instruction_and_time_stands_still_for_it() {
     let run = Run::from(child.wait_with_output().unwrap()).ends_with(0);
     assert!(run.error.contains("gdb dropped"), "{}", run.error);
     posture(folder.path(), "--stop-after 0.3 --out without").ends_with(0);
-    for file in [
-        "log-joint.csv",
-        "board-front.log",
-        "board-rear.log",
-        "board-beam.log",
-    ] {
+    for file in program::RUN_FILES {
         let [with, without] =
             ["with", "without"].map(|run| fs::read_to_string(folder.path().join(run).join(file)));
         assert_eq!(with.unwrap(), without.unwrap(), "{file}");

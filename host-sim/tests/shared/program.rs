@@ -8,6 +8,14 @@ use std::io::Write;
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
 
+/// Files of a run on virtual boards that are the same in another run of the same bytes.
+pub const RUN_FILES: [&str; 4] = [
+    "log-joint.csv",
+    "board-front.log",
+    "board-rear.log",
+    "board-beam.log",
+];
+
 /// Exit code and texts of a run of `cfmmr`.
 pub struct Run {
     pub code: Option<i32>,
@@ -94,4 +102,23 @@ pub fn assert_refused(folder: &Path, command: &str, table: &str) {
 /// The JSON file of a name in a folder.
 pub fn json_file(folder: &Path, name: &str) -> Value {
     serde_json::from_slice(&fs::read(folder.join(name)).unwrap()).unwrap()
+}
+
+/// Names and bytes of all files below a directory.
+pub fn files(directory: &Path) -> Vec<(String, Vec<u8>)> {
+    let mut found = Vec::new();
+    let mut open = vec![directory.to_owned()];
+    while let Some(folder) = open.pop() {
+        for entry in fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                open.push(path);
+            } else {
+                let name = path.strip_prefix(directory).unwrap();
+                found.push((name.display().to_string(), fs::read(&path).unwrap()));
+            }
+        }
+    }
+    found.sort();
+    found
 }
