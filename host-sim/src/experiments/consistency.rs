@@ -301,22 +301,15 @@ pub fn measure(context: &Context, variants: &[Variant], runs: u32) -> Result<Rep
         .map(|variant| variant.apply(&context.scenario))
         .collect();
     let count = runs as usize;
-    let results = context.run("runs", variants.len() * count, |index| {
-        let scenario = &scenarios[index % scenarios.len()];
+    let blocks = context.run_rows("runs", (variants.len(), count), |row, trial| {
+        let scenario = &scenarios[row];
         let mut observer = Observer::new(scenario.mission.settle_s);
-        regulate(
-            scenario,
-            context.seed,
-            (index / scenarios.len()) as u64,
-            |record: &Record| observer.observe(record),
-        )?;
+        regulate(scenario, context.seed, trial as u64, |record: &Record| {
+            observer.observe(record);
+        })?;
         let duration_s = observer.epochs as f64 * 0.01;
         Ok((observer.run, duration_s))
     })?;
-    let mut blocks: Vec<Vec<_>> = vec![Vec::new(); variants.len()];
-    for (index, run) in results.into_iter().enumerate() {
-        blocks[index % variants.len()].extend(run);
-    }
     if blocks.iter().any(Vec::is_empty) {
         let text = "interrupted before each row had a run: nothing is written";
         return Err(Error::Interrupted(text.to_owned()));

@@ -104,61 +104,55 @@ macro_rules! messages {
 
 pub(super) use {kinds, messages};
 
+/// A list of so many items; without a number, of any.
+fn list(items: &Value, count: Option<usize>) -> Value {
+    let mut schema = json!({ "type": "array", "items": items });
+    if let Some(count) = count {
+        schema["minItems"] = count.into();
+        schema["maxItems"] = count.into();
+    }
+    schema
+}
+
+/// An object of these properties and no others.
+fn object<'a>(properties: impl IntoIterator<Item = (&'a str, Value)>) -> Value {
+    let (names, schemas): (Vec<_>, Vec<_>) = properties.into_iter().unzip();
+    let named = names.iter().map(|name| (*name).to_owned()).zip(schemas);
+    let properties: serde_json::Map<_, _> = named.collect();
+    json!({
+        "type": "object", "additionalProperties": false, "required": names, "properties": properties,
+    })
+}
+
 impl Kind {
     fn schema(self) -> Value {
+        let text = json!({ "type": "string" });
         let number = json!({ "type": ["number", "string", "null"] });
-        let pose = [("x_m", "m"), ("y_m", "m"), ("phi_rad", "rad")];
-        let mut properties: serde_json::Map<String, Value> = pose
-            .into_iter()
-            .map(|(name, unit)| {
-                (
-                    name.to_owned(),
-                    json!({ "type": "number", "description": unit }),
-                )
-            })
-            .collect();
+        let pose = [("x_m", "m"), ("y_m", "m"), ("phi_rad", "rad")]
+            .map(|(name, unit)| (name, json!({ "type": "number", "description": unit })));
         match self {
             Self::Integer => json!({ "type": "integer" }),
             Self::Number => number,
             Self::Truth => json!({ "type": "boolean" }),
-            Self::Text => json!({ "type": "string" }),
-            Self::Integers(n) => json!({
-                "type": "array", "minItems": n, "maxItems": n,
-                "items": { "type": ["integer", "null"] },
-            }),
-            Self::Numbers(n) => {
-                json!({ "type": "array", "minItems": n, "maxItems": n, "items": number })
-            }
-            Self::List => json!({ "type": "array", "items": number }),
-            Self::Texts => json!({ "type": "array", "items": { "type": "string" } }),
-            Self::Pose => json!({
-                "type": "object", "additionalProperties": false,
-                "required": ["x_m", "y_m", "phi_rad"], "properties": properties,
-            }),
+            Self::Text => text,
+            Self::Integers(n) => list(&json!({ "type": ["integer", "null"] }), Some(n)),
+            Self::Numbers(n) => list(&number, Some(n)),
+            Self::List => list(&number, None),
+            Self::Texts => list(&text, None),
+            Self::Pose => object(pose),
             Self::Estimate => {
-                let row = json!({ "type": "array", "minItems": 3, "maxItems": 3, "items": number });
-                let covariance = json!({
-                    "description": "m², m rad, rad²: covariance of (x, y, phi)",
-                    "type": "array", "minItems": 3, "maxItems": 3, "items": row,
-                });
-                properties.insert("covariance".to_owned(), covariance);
-                json!({
-                    "type": "object", "additionalProperties": false,
-                    "required": ["x_m", "y_m", "phi_rad", "covariance"], "properties": properties,
-                })
+                let mut covariance = list(&list(&number, Some(3)), Some(3));
+                covariance["description"] = "m², m rad, rad²: covariance of (x, y, phi)".into();
+                object(pose.into_iter().chain([("covariance", covariance)]))
             }
             Self::Frames => {
-                let text = json!({ "type": "string" });
-                json!({
-                    "type": "array",
-                    "items": {
-                        "type": "object", "additionalProperties": false,
-                        "required": ["name", "frame", "message"],
-                        "properties": {
-                            "name": text, "frame": text, "message": { "type": ["object", "null"] },
-                        },
-                    },
-                })
+                let message = json!({ "type": ["object", "null"] });
+                let frame = object([
+                    ("name", text.clone()),
+                    ("frame", text),
+                    ("message", message),
+                ]);
+                list(&frame, None)
             }
         }
     }
