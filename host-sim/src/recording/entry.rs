@@ -215,7 +215,7 @@ messages! {
         bits: Hex, "the command, postcard in hexadecimal";
     }
 
-    #[derive(Clone, Debug, PartialEq, Serialize)]
+    #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
     pub struct BusEntry = "cfmmr.BusFrames", "Frames that a board sent on the bus at a tick" {
         tick: u32, "ms, time since the start of the simulation";
         board: Role, "front, rear or beam";
@@ -259,33 +259,17 @@ messages! {
     }
 }
 
-/// A frame and what it says.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+/// A frame and what it says; replay reads the frame alone.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LoggedFrame {
     /// Name of the message.
+    #[serde(skip_deserializing)]
     pub name: &'static str,
     /// The frame.
     pub frame: Can,
     /// Message, as the receivers decode it.
+    #[serde(skip_deserializing)]
     pub message: Option<Message>,
-}
-
-/// The part of a [`BusEntry`] that replay reads.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-pub struct BusFrames {
-    /// Time, ms.
-    pub tick: u32,
-    /// The board.
-    pub board: Role,
-    /// The frames, in order.
-    pub frames: Vec<SaidFrame>,
-}
-
-/// The part of a [`LoggedFrame`] that replay reads.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-pub struct SaidFrame {
-    /// The frame.
-    pub frame: Can,
 }
 
 /// Position and heading.

@@ -5,7 +5,7 @@
 //! than the file.
 
 use super::entry::{
-    ABOUT, AxleTick, BeamTick, BusFrames, Can, END, Exact, FORMAT, HostCommandEntry, LeadBits, Off,
+    ABOUT, AxleTick, BeamTick, BusEntry, Can, END, Exact, FORMAT, HostCommandEntry, LeadBits, Off,
     Start, TruthEntry,
 };
 use crate::base::error::Error;
@@ -200,7 +200,7 @@ impl Recording {
                 self.truth.insert(tick, entry);
             }
             "/bus" => {
-                let entry: BusFrames = parse(data)?;
+                let entry: BusEntry = parse(data)?;
                 let frames = entry.frames.into_iter();
                 pending.sent[entry.board as usize]
                     .extend(frames.map(|said| (entry.tick, said.frame.0)));

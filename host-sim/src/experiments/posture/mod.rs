@@ -185,18 +185,15 @@ fn failure(report: &Report) -> Option<String> {
     ))
 }
 
+/// Reason why a key has no effect that each row sets.
+const SET: &str = "here: each row sets it, see --rows";
+
 /// Keys that each row sets.
 pub const ROWS: Taken = &[
-    ("mission.rps", "here: each row sets it, see --rows"),
-    (
-        "robot.lead.fusion.mode",
-        "here: each row sets it, see --rows",
-    ),
-    ("sensors.gyro.fitted", "here: each row sets it, see --rows"),
-    (
-        "sensors.accelerometer.fitted",
-        "here: each row sets it, see --rows",
-    ),
+    ("mission.rps", SET),
+    ("robot.lead.fusion.mode", SET),
+    ("sensors.gyro.fitted", SET),
+    ("sensors.accelerometer.fitted", SET),
 ];
 
 /// Refuses keys without effect in any row.
