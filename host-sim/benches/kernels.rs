@@ -9,7 +9,7 @@ use core_algos::fusion::ekf::{self, Measurements};
 use core_algos::fusion::{Estimate, intersection};
 use core_algos::math::{Posture, trig};
 use divan::{Bencher, black_box};
-use host_sim::experiments::plant_bench::{Drive, HARSH, NORMAL};
+use host_sim::plant::drive::{Drive, HARSH, NORMAL};
 use host_sim::plant::{Plant, PlantConfig};
 use host_sim::run::simulation::Simulation;
 use host_sim::scenario::Scenario;

@@ -37,7 +37,6 @@ fn main() -> ExitCode {
         Some(Command::Serial) => cli::serial::run(),
         Some(Command::Config(args)) => cli::config::run(args),
         Some(Command::World(args)) => cli::world::run(args),
-        Some(Command::PlantBench(args)) => experiments::plant_bench::command(args),
         Some(Command::Faults(args)) => experiments::faults::run(args),
         Some(Command::Soak(args)) => experiments::soak::command::run(args),
         Some(Command::Campaign(args)) => experiments::campaign::command::run(args),

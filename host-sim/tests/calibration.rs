@@ -12,26 +12,19 @@ use host_sim::targets::board_log::BoardLog;
 use host_sim::targets::images::Images;
 use host_sim::targets::virtual_link::VirtualLink;
 use host_sim::targets::{Remote, Target};
-use program::cfmmr;
+use program::{command, json_file, succeed};
 use serde_json::Value;
 use std::fs::{self, File};
 use std::io::{Read, Write};
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::Stdio;
 use terminal::pseudo_terminal;
 
-fn text(bytes: &[u8]) -> String {
-    String::from_utf8_lossy(bytes).into_owned()
-}
-
 /// The report of a calibration of the robot of a seed.
-fn calibrate(directory: &Path, what: &str, seed: u32, more: &[&str]) -> Value {
-    let seed = seed.to_string();
-    let mut arguments = vec!["calibrate", what, "--seed", &seed, "--json", "report.json"];
-    arguments.extend(more);
-    let output = cfmmr(directory, &arguments, "");
-    assert!(output.status.success(), "{}", text(&output.stderr));
-    serde_json::from_slice(&fs::read(directory.join("report.json")).unwrap()).unwrap()
+fn calibrate(directory: &Path, what: &str, seed: u32, more: &str) -> Value {
+    let arguments = format!("calibrate {what} --seed {seed} --json report.json {more}");
+    succeed(directory, &arguments);
+    json_file(directory, "report.json")
 }
 
 /// Errors before and after of the parameters whose name ends so.
@@ -54,7 +47,7 @@ fn rms(values: impl Iterator<Item = f64>) -> f64 {
 }
 
 /// Every residual of several robots is within a bound of five standard deviations of what limits it.
-fn assert_found(what: &str, bounds: &[(&str, f64)], more: &[&str]) {
+fn assert_found(what: &str, bounds: &[(&str, f64)], more: &str) {
     let folder = tempfile::tempdir().unwrap();
     let reports: Vec<Value> = [1, 2, 4]
         .into_iter()
@@ -78,14 +71,14 @@ fn assert_found(what: &str, bounds: &[(&str, f64)], more: &[&str]) {
 #[test]
 fn gauges_are_as_good_as_edge_and_formers() {
     let bounds = [("zero_counts", 2.2), ("gain", 7e-4)];
-    assert_found("gauges", &bounds, &[]);
+    assert_found("gauges", &bounds, "");
 }
 
 /// Two turns of 18.85 rad with 2 mrad at the marks: 0.75e-4; the bias walks by 0.5e-4 rad/s/√s in the
 /// 18 s of each, 3.8e-3 rad less what the rests see of it.
 #[test]
 fn gyros_are_as_good_as_marks_and_bias() {
-    assert_found("imu", &[("gyro_gain", 1.5e-4)], &[]);
+    assert_found("imu", &[("gyro_gain", 1.5e-4)], "");
 }
 
 /// A way of 4 m, measured twice to 1 mm at its end: 1.8e-4 of the radius. What is left of the ratio is
@@ -95,10 +88,10 @@ fn gyros_are_as_good_as_marks_and_bias() {
 fn radius_and_ratio_are_found_and_odometry_less_creep_comes_back() {
     let bounds = [("wheel_radius_m", 1.3e-5), ("wheel_ratio", 1e-4)];
     // A carpet that takes the robot along cannot be told from larger wheels.
-    let more = ["--laps", "1", "--world", "ideal"];
-    assert_found("wheels", &bounds, &more);
+    let more = "--laps 1 --world ideal";
+    assert_found("wheels", &bounds, more);
     let folder = tempfile::tempdir().unwrap();
-    let report = calibrate(folder.path(), "wheels", 1, &more);
+    let report = calibrate(folder.path(), "wheels", 1, more);
     for effect in report["effects"].as_array().unwrap() {
         if effect["what"].as_str().unwrap().ends_with("less creep") {
             let number = |key: &str| effect[key].as_f64().unwrap();
@@ -145,24 +138,20 @@ fn tables_of_the_docs_are_what_the_command_prints() {
     let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/calibration.md");
     let page = fs::read_to_string(page).unwrap();
     for what in ["gauges", "imu"] {
-        let command = ["calibrate", what, "--seeds", "1,2,3,4,5,6"];
-        let line = format!("cargo cfmmr {}\n", command.join(" "));
+        let command = format!("calibrate {what} --seeds 1,2,3,4,5,6");
+        let line = format!("cargo cfmmr {command}\n");
         assert!(page.contains(&line), "{line}");
-        let output = cfmmr(folder.path(), &command, "");
-        assert!(output.status.success(), "{}", text(&output.stderr));
-        let shown = text(&output.stdout);
+        let shown = succeed(folder.path(), &command);
         assert!(page.contains(&shown), "not in the page:\n{shown}");
     }
     assert!(!folder.path().join("out/flash").exists());
 }
 
 /// Output of a program on a terminal with this input.
-fn at_a_terminal(directory: &Path, arguments: &[&str], typed: &str) -> String {
+fn at_a_terminal(directory: &Path, arguments: &str, typed: &str) -> String {
     let (master, path) = pseudo_terminal();
     let inner = File::options().read(true).write(true).open(path).unwrap();
-    let mut child = Command::new(env!("CARGO_BIN_EXE_cfmmr"))
-        .args(arguments)
-        .current_dir(directory)
+    let mut child = command(directory, arguments)
         .stdin(inner.try_clone().unwrap())
         .stdout(inner)
         .stderr(Stdio::null())
@@ -177,7 +166,7 @@ fn at_a_terminal(directory: &Path, arguments: &[&str], typed: &str) -> String {
         shown.extend_from_slice(&room[..count]);
     }
     assert!(child.wait().unwrap().success());
-    text(&shown)
+    String::from_utf8_lossy(&shown).into_owned()
 }
 
 #[test]
@@ -185,7 +174,7 @@ fn at_a_terminal_it_asks_and_does_as_it_is_told() {
     let folder = tempfile::tempdir().unwrap();
     let flash = folder.path().join("out/flash");
     for (typed, saved) in [("n\n", false), ("\n", false), ("y\n", true)] {
-        let shown = at_a_terminal(folder.path(), &["calibrate", "imu"], typed);
+        let shown = at_a_terminal(folder.path(), "calibrate imu", typed);
         let (before, after) = shown.split_once("save to the boards? [y/N]").unwrap();
         assert!(before.contains("inertial.gyro_gain"), "{shown}");
         assert_eq!(after.contains("not saved"), !saved, "{shown}");
@@ -197,27 +186,18 @@ fn at_a_terminal_it_asks_and_does_as_it_is_told() {
 #[test]
 fn nothing_is_saved_unasked_and_what_is_saved_is_what_was_found() {
     let folder = tempfile::tempdir().unwrap();
-    let arguments = [
-        "calibrate",
-        "imu",
-        "--out",
-        "found.toml",
-        "--json",
-        "report.json",
-    ];
-    let output = cfmmr(folder.path(), &arguments, "");
-    let shown = text(&output.stdout);
-    assert!(
-        output.status.success() && shown.contains("not saved: no terminal"),
-        "{shown}"
+    let shown = succeed(
+        folder.path(),
+        "calibrate imu --out found.toml --json report.json",
     );
+    assert!(shown.contains("not saved: no terminal"), "{shown}");
     assert!(!folder.path().join("out/flash").exists());
-    let report = calibrate(folder.path(), "imu", 1, &["--yes"]);
+    let report = calibrate(folder.path(), "imu", 1, "--yes");
     assert_eq!(report["saved"], true);
-    let export = cfmmr(folder.path(), &["params", "export"], "");
+    let export = succeed(folder.path(), "params export");
     let found = fs::read_to_string(folder.path().join("found.toml")).unwrap();
-    assert_eq!(text(&export.stdout), found);
+    assert_eq!(export, found);
     assert_eq!(found.matches("inertial.gyro_gain = ").count(), 2, "{found}");
-    let config = cfmmr(folder.path(), &["config", "--scenario", "found.toml"], "");
-    assert!(text(&config.stdout).contains("[boards.rear.inertial]"));
+    let config = succeed(folder.path(), "config --scenario found.toml");
+    assert!(config.contains("[boards.rear.inertial]"));
 }

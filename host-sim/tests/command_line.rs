@@ -3,138 +3,56 @@
 #[path = "shared/program.rs"]
 mod program;
 
-use program::cfmmr;
+use program::{assert_refused, files, json_file, succeed, with_input};
 use serde_json::Value;
 use std::fs;
-use std::path::Path;
-
-fn text(bytes: &[u8]) -> String {
-    String::from_utf8_lossy(bytes).into_owned()
-}
-
-/// Names and bytes of all files below a directory.
-fn files(directory: &Path) -> Vec<(String, Vec<u8>)> {
-    let mut found = Vec::new();
-    let mut open = vec![directory.to_owned()];
-    while let Some(folder) = open.pop() {
-        for entry in fs::read_dir(folder).unwrap() {
-            let path = entry.unwrap().path();
-            if path.is_dir() {
-                open.push(path);
-            } else {
-                let name = path.strip_prefix(directory).unwrap();
-                found.push((name.display().to_string(), fs::read(&path).unwrap()));
-            }
-        }
-    }
-    found.sort();
-    found
-}
 
 #[test]
 fn bad_input_is_refused_by_name_and_nothing_is_written() {
-    let scenario = |content: &str| {
-        let folder = tempfile::tempdir().unwrap();
-        fs::write(folder.path().join("scenario.toml"), content).unwrap();
-        folder
-    };
-    let cases: [(&str, &[&str], &[&str]); 13] = [
-        ("[plant", &["posture"], &["scenario.toml"]),
-        ("[plant]\nmass = 1", &["posture"], &["mass"]),
+    for (content, line) in [
+        ("[plant", "| scenario.toml"),
+        ("[plant]\nmass = 1", "| mass"),
         (
             "[robot.geometry]\nframe_length_m = 0.0",
-            &["posture"],
-            &["frame_length_m", "0"],
+            "| frame_length_m | 0",
         ),
         (
             "[robot.geometry]\nwheel_radius_m = nan",
-            &["posture"],
-            &["wheel_radius_m", "NaN"],
+            "| wheel_radius_m | NaN",
         ),
-        (
-            "[plant]\nstrip_length_m = nan",
-            &["posture"],
-            &["strip_length_m", "NaN"],
-        ),
-        (
-            "[plant]\nfriction = -1.0",
-            &["posture"],
-            &["friction", "-1"],
-        ),
+        ("[plant]\nstrip_length_m = nan", "| strip_length_m | NaN"),
+        ("[plant]\nfriction = -1.0", "| friction | -1"),
         (
             "[robot.beam.strip]\ngauges_m = [0.1, 0.05, 0.2, 0.3, 0.35]",
-            &["posture"],
-            &["gauges_m"],
+            "| gauges_m",
         ),
         (
             "[robot.beam.strip]\ngauges_m = [0.1, 0.2, 0.3, 0.35, 0.4]",
-            &["posture"],
-            &["gauges_m", "0.4"],
+            "| gauges_m | 0.4",
         ),
-        ("[bus]\nloss = 1.5", &["posture"], &["bus.loss", "1.5"]),
-        ("", &["posture", "--from", "1,2"], &["--from"]),
-        ("", &["posture", "--from", "nan,0,0"], &["--from", "nan"]),
-        (
-            "",
-            &["posture", "--set", "mission.start=[0,0,1e9]"],
-            &["mission.start"],
-        ),
-        ("", &["posture", "--trials", "0"], &["--trials"]),
-    ];
-    for (content, arguments, expected) in cases {
-        let folder = scenario(content);
-        let mut all = arguments.to_vec();
-        all.extend(["--scenario", "scenario.toml", "--json", "result.json"]);
-        let output = cfmmr(folder.path(), &all, "");
-        let error = text(&output.stderr);
-        assert_eq!(
-            output.status.code(),
-            Some(2),
-            "{content} {arguments:?}: {error}"
-        );
-        for word in expected {
-            assert!(
-                error.contains(word),
-                "{content} {arguments:?}: no {word:?} in {error}"
-            );
-        }
-        assert_eq!(
-            files(folder.path()).len(),
-            1,
-            "{content} {arguments:?} wrote files"
-        );
+        ("[bus]\nloss = 1.5", "| bus.loss | 1.5"),
+        ("", "--from 1,2 | --from"),
+        ("", "--from nan,0,0 | --from | nan"),
+        ("", "--set mission.start=[0,0,1e9] | mission.start"),
+        ("", "--trials 0 | --trials"),
+    ] {
+        let folder = tempfile::tempdir().unwrap();
+        fs::write(folder.path().join("scenario.toml"), content).unwrap();
+        let command = "posture --scenario scenario.toml --json result.json";
+        assert_refused(folder.path(), command, line);
     }
-}
-
-#[test]
-fn missing_scenario_file_is_named() {
     let folder = tempfile::tempdir().unwrap();
-    let output = cfmmr(folder.path(), &["posture", "--scenario", "none.toml"], "");
-    assert_eq!(output.status.code(), Some(2));
-    assert!(text(&output.stderr).contains("none.toml"));
+    assert_refused(folder.path(), "posture", "--scenario none.toml | none.toml");
 }
 
 #[test]
 fn printed_configuration_is_a_scenario_and_stays_the_same() {
     let folder = tempfile::tempdir().unwrap();
-    let first = cfmmr(folder.path(), &["config"], "");
-    assert!(first.status.success());
-    fs::write(folder.path().join("all.toml"), &first.stdout).unwrap();
-    let second = cfmmr(folder.path(), &["config", "--scenario", "all.toml"], "");
-    assert!(second.status.success(), "{}", text(&second.stderr));
-    assert_eq!(text(&first.stdout), text(&second.stdout));
-    let changed = cfmmr(
-        folder.path(),
-        &[
-            "config",
-            "--set",
-            "plant.friction=0.5",
-            "--set",
-            "robot.lead.fusion.mode=ci",
-        ],
-        "",
-    );
-    let changed = text(&changed.stdout);
+    let first = succeed(folder.path(), "config");
+    fs::write(folder.path().join("all.toml"), &first).unwrap();
+    assert_eq!(first, succeed(folder.path(), "config --scenario all.toml"));
+    let changes = "config --set plant.friction=0.5 --set robot.lead.fusion.mode=ci";
+    let changed = succeed(folder.path(), changes);
     assert!(changed.contains("friction = 0.5") && changed.contains("\"intersection\""));
 }
 
@@ -142,32 +60,18 @@ fn printed_configuration_is_a_scenario_and_stays_the_same() {
 fn one_seed_gives_the_same_bytes_on_any_number_of_threads() {
     let run = |threads: &str, seed: &str| {
         let folder = tempfile::tempdir().unwrap();
-        let output = cfmmr(
+        let options = "--trials 2 --rows pair --out out --json result.json";
+        let out = succeed(
             folder.path(),
-            &[
-                "posture",
-                "--trials",
-                "2",
-                "--rows",
-                "pair",
-                "--seed",
-                seed,
-                "--threads",
-                threads,
-                "--out",
-                "out",
-                "--json",
-                "result.json",
-            ],
-            "",
+            &format!("posture {options} --seed {seed} --threads {threads}"),
         );
-        assert!(output.status.success(), "{}", text(&output.stderr));
-        (text(&output.stdout), files(folder.path()))
+        let result = json_file(folder.path(), "result.json");
+        (out, files(folder.path()), result)
     };
     let one = run("1", "5");
     let many = run("3", "5");
     assert_eq!(one.0, many.0, "printed tables");
-    let names = |run: &(String, Vec<(String, Vec<u8>)>)| -> Vec<String> {
+    let names = |run: &(String, Vec<(String, Vec<u8>)>, Value)| -> Vec<String> {
         run.1.iter().map(|(name, _)| name.clone()).collect()
     };
     assert_eq!(names(&one), names(&many));
@@ -179,12 +83,7 @@ fn one_seed_gives_the_same_bytes_on_any_number_of_threads() {
     for name in ["paths.png", "paths.svg", "errors.png", "errors.svg"] {
         assert!(names(&one).contains(&format!("out/{name}")), "{name}");
     }
-    let result = one
-        .1
-        .iter()
-        .find(|(name, _)| name == "result.json")
-        .unwrap();
-    let result: Value = serde_json::from_slice(&result.1).unwrap();
+    let result = &one.2;
     assert_eq!(result["run"]["seed"], 5);
     assert_eq!(
         result["run"]["command"],
@@ -201,14 +100,10 @@ fn eval_goes_on_after_a_bad_line_and_ends_with_2() {
     let folder = tempfile::tempdir().unwrap();
     let good = r#"{"v":0.2,"kappa":1.0,"kappa_dot":0.1,"length":0.37,"form":"exact"}"#;
     let bad = r#"{"v":0.2,"kappa":1.0,"kappa_dot":0.1,"length":0,"form":"exact"}"#;
-    let output = cfmmr(
-        folder.path(),
-        &["eval", "cascade"],
-        &format!("{bad}\n{good}\n"),
-    );
-    assert_eq!(output.status.code(), Some(2));
-    let lines: Vec<Value> = text(&output.stdout)
-        .lines()
+    let eval = |lines: &str| with_input(folder.path(), &["eval", "cascade"], lines);
+    let run = eval(&format!("{bad}\n{good}\n")).ends_with(2);
+    let lines = run.out.lines();
+    let lines: Vec<Value> = lines
         .map(|line| serde_json::from_str(line).unwrap())
         .collect();
     assert_eq!(lines.len(), 2);
@@ -216,25 +111,15 @@ fn eval_goes_on_after_a_bad_line_and_ends_with_2() {
     // κ = 2ψ/(L cos ψ) solved for ψ.
     let psi = lines[1]["psi"].as_f64().unwrap();
     assert!((2.0 * psi / (0.37 * psi.cos()) - 1.0).abs() < 1e-5);
-    let output = cfmmr(folder.path(), &["eval", "cascade"], &format!("{good}\n"));
-    assert_eq!(output.status.code(), Some(0));
+    eval(&format!("{good}\n")).ends_with(0);
 }
 
 #[test]
 fn help_names_every_command() {
     let folder = tempfile::tempdir().unwrap();
-    let help = text(&cfmmr(folder.path(), &["--help"], "").stdout);
-    for command in [
-        "posture",
-        "follow",
-        "track",
-        "hil",
-        "consistency",
-        "eval",
-        "config",
-        "dbc",
-        "plant-bench",
-    ] {
+    let help = succeed(folder.path(), "--help");
+    let commands = "posture follow track hil consistency eval config dbc";
+    for command in commands.split(' ') {
         assert!(help.contains(command), "{command}");
     }
 }

@@ -1,12 +1,15 @@
 //! The dashboard on a pseudo-terminal: it draws the run, ends when asked, and leaves the terminal as it
 //! was.
 
+#[path = "shared/program.rs"]
+mod program;
 mod terminal;
 
 use core_algos::link::protocol::StackUse;
 use core_algos::link::{Endpoint, Identity};
 use core_algos::topology::Role;
 use host_sim::view::dashboard::Dashboard;
+use program::{assert_refused, command};
 use rustix::termios::{LocalModes, Winsize, tcgetattr, tcsetwinsize};
 use std::fs::{File, OpenOptions};
 use std::io::{Read, Write};
@@ -33,11 +36,11 @@ struct Session {
 }
 
 impl Session {
-    fn start(command: &mut Command, columns: u16, lines: u16) -> Self {
+    fn start(command: &mut Command) -> Self {
         let (master, path) = pseudo_terminal();
         let size = Winsize {
-            ws_row: lines,
-            ws_col: columns,
+            ws_row: 24,
+            ws_col: 80,
             ws_xpixel: 0,
             ws_ypixel: 0,
         };
@@ -163,11 +166,7 @@ impl Drop for Session {
 }
 
 fn posture(folder: &tempfile::TempDir) -> Session {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_cfmmr"));
-    command
-        .args(["posture", "--dashboard"])
-        .current_dir(folder.path());
-    let mut session = Session::start(&mut command, 80, 24);
+    let mut session = Session::start(&mut command(folder.path(), "posture --dashboard"));
     for text in [ENTER, "RearAxle", "Links", "Estimate", "Faults"] {
         session.expect(text);
     }
@@ -244,10 +243,8 @@ fn front_board(damaged: usize) -> String {
 fn a_board_at_a_serial_port_is_shown_with_its_frames_and_losses() {
     let folder = tempfile::tempdir().unwrap();
     let port = front_board(300);
-    let mut command = Command::new(env!("CARGO_BIN_EXE_cfmmr"));
-    command.args(["hil", "--dashboard", "--on"]);
-    command.arg(format!("serial:front={port}"));
-    let mut session = Session::start(command.current_dir(folder.path()), 80, 24);
+    let arguments = format!("hil --dashboard --on serial:front={port}");
+    let mut session = Session::start(&mut command(folder.path(), &arguments));
     // Nodes stand to the left of the links, in the same lines.
     let inside = ["rear", "in", "this", "program"];
     session.expect_line(|words| words.windows(4).any(|words| words == inside));
@@ -275,16 +272,8 @@ fn a_board_at_a_serial_port_is_shown_with_its_frames_and_losses() {
 #[test]
 fn virtual_boards_are_shown_with_what_they_say_on_the_bus() {
     let folder = tempfile::tempdir().unwrap();
-    let mut command = Command::new(env!("CARGO_BIN_EXE_cfmmr"));
-    command.args([
-        "posture",
-        "--on",
-        "virtual",
-        "--dashboard",
-        "--kill",
-        "beam@0.2",
-    ]);
-    let mut session = Session::start(command.current_dir(folder.path()), 80, 24);
+    let arguments = "posture --on virtual --dashboard --kill beam@0.2";
+    let mut session = Session::start(&mut command(folder.path(), arguments));
     session.expect_line(|words| words.contains(&"RearAxle") && words.contains(&"Idle"));
     session.expect_line(|words| words.ends_with(&["beam", "off"]));
     session.expect_line(|words| words.contains(&"RearAxle") && words.contains(&"Active"));
@@ -320,7 +309,7 @@ fn a_panic_leaves_the_terminal_as_it_was() {
         "--ignored",
         "--nocapture",
     ]);
-    let mut session = Session::start(&mut command, 80, 24);
+    let mut session = Session::start(&mut command);
     session.expect(ENTER);
     session.expect("Links");
     assert!(!session.end().success());
@@ -333,18 +322,10 @@ fn a_panic_leaves_the_terminal_as_it_was() {
 fn without_a_terminal_it_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     for command in ["posture", "follow"] {
-        let output = Command::new(env!("CARGO_BIN_EXE_cfmmr"))
-            .args([command, "--dashboard"])
-            .current_dir(folder.path())
-            .stdin(Stdio::null())
-            .output()
-            .unwrap();
-        assert_eq!(output.status.code(), Some(2));
-        let error = String::from_utf8_lossy(&output.stderr);
-        assert!(
-            error.contains("--dashboard") && error.contains("terminal"),
-            "{error}"
+        assert_refused(
+            folder.path(),
+            command,
+            "--dashboard | --dashboard | terminal",
         );
-        assert_eq!(folder.path().read_dir().unwrap().count(), 0);
     }
 }

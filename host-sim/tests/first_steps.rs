@@ -1,23 +1,46 @@
 //! What a new user meets: mistakes, help, completions and the doctor.
 
+#[path = "shared/program.rs"]
+mod program;
+
+use program::{Run, assert_refused, command, json_file, succeed};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
-use std::path::Path;
-use std::process::{Command, Output, Stdio};
+use std::process::Command;
 
-const CFMMR: &str = env!("CARGO_BIN_EXE_cfmmr");
-
-fn cfmmr(folder: &Path, arguments: &[&str]) -> Output {
-    let mut command = Command::new(CFMMR);
-    command.args(arguments).current_dir(folder);
-    command.stdin(Stdio::null()).output().unwrap()
-}
-
-fn text(bytes: &[u8]) -> String {
-    String::from_utf8_lossy(bytes).into_owned()
-}
+/// Mistakes, and parts of the answer.
+const MISTAKES: &str = r#"
+postur | postur | posture | --help
+posture --trial 3 | --trial' | --trials
+posture --trials many | --trials | many | 1 to 1000000
+posture --trials -3 | --trials | -3 | 1 to 1000000
+posture --seed one | --seed | one | whole number from 0 to
+posture --seed -1 | --seed | -1 | whole number from 0 to
+posture --rows both | --rows | both | all, pair
+posture --json | --json | <FILE>
+posture --scenario none.toml | --scenario none.toml | TOML | cfmmr config > FILE
+posture --scenario key.toml | key.toml | line 2 | frictoin | did you mean plant.friction? | cfmmr config
+posture --scenario unit.toml | unit.toml | strip_length_m = "370 mm" | expected a number
+posture --scenario range.toml | bus.loss | 1.5 | 0 | 1
+posture --set friction=1 | friction | did you mean plant.friction?
+posture --set plant.friction=high | plant.friction | high | expected a number
+posture --set plant.friction | --set plant.friction | KEY=VALUE | for example
+posture --from 1m,2m,0 | --from | X = 1m | -50 | 50.00000 m, | --from -1.5,0.2,90deg
+posture --from 1,2,90 | --from | PHI = 90 | -6.28319 | 6.28319 rad | 90deg
+follow --path fig8 | --path fig8 | line, circle, figure-eight | CSV
+follow --path other.csv | other.csv | line 1 | x and y
+follow --speed 20cm | --speed <M/S> | 20cm | plain number
+follow --speed -0.1 | --speed -0.1 | from 0.02 to 0.25 m/s
+hil | --on virtual | --on serial: | cfmmr doctor
+hil --on serial:front=/dev/no-such-port | front=/dev/no-such-port | serial port | cfmmr doctor
+params lst | lst | list | --help
+calibrate wheel | wheel | wheels, gauges, imu
+calibrate imu --seeds 1,x | --seeds | 'x' | whole number from 0 to
+calibrate imu --seeds 1,2 --yes | --seeds | cannot be used with | --yes
+replay none.mcap | none.mcap | cfmmr posture --log FILE
+"#;
 
 #[test]
 fn a_mistake_is_answered_with_what_to_type() {
@@ -27,132 +50,7 @@ fn a_mistake_is_answered_with_what_to_type() {
     write("unit.toml", "[plant]\nstrip_length_m = \"370 mm\"\n");
     write("range.toml", "[bus]\nloss = 1.5\n");
     write("other.csv", "a\n1\n");
-    let cases: [(&[&str], &[&str]); 28] = [
-        (&["postur"], &["postur", "posture", "--help"]),
-        (&["posture", "--trial", "3"], &["--trial'", "--trials"]),
-        (
-            &["posture", "--trials", "many"],
-            &["--trials", "many", "1 to 1000000"],
-        ),
-        (
-            &["posture", "--trials", "-3"],
-            &["--trials", "-3", "1 to 1000000"],
-        ),
-        (
-            &["posture", "--seed", "one"],
-            &["--seed", "one", "whole number from 0 to"],
-        ),
-        (
-            &["posture", "--seed", "-1"],
-            &["--seed", "-1", "whole number from 0 to"],
-        ),
-        (
-            &["posture", "--rows", "both"],
-            &["--rows", "both", "all, pair"],
-        ),
-        (&["posture", "--json"], &["--json", "<FILE>"]),
-        (
-            &["posture", "--scenario", "none.toml"],
-            &["--scenario none.toml", "TOML", "cfmmr config > FILE"],
-        ),
-        (
-            &["posture", "--scenario", "key.toml"],
-            &[
-                "key.toml",
-                "line 2",
-                "frictoin",
-                "did you mean plant.friction?",
-                "cfmmr config",
-            ],
-        ),
-        (
-            &["posture", "--scenario", "unit.toml"],
-            &[
-                "unit.toml",
-                "strip_length_m = \"370 mm\"",
-                "expected a number",
-            ],
-        ),
-        (
-            &["posture", "--scenario", "range.toml"],
-            &["bus.loss", "1.5", "0", "1"],
-        ),
-        (
-            &["posture", "--set", "friction=1"],
-            &["friction", "did you mean plant.friction?"],
-        ),
-        (
-            &["posture", "--set", "plant.friction=high"],
-            &["plant.friction", "high", "expected a number"],
-        ),
-        (
-            &["posture", "--set", "plant.friction"],
-            &["--set plant.friction", "KEY=VALUE", "for example"],
-        ),
-        (
-            &["posture", "--from", "1m,2m,0"],
-            &[
-                "--from",
-                "X = 1m",
-                "-50",
-                "50",
-                " m,",
-                "--from -1.5,0.2,90deg",
-            ],
-        ),
-        (
-            &["posture", "--from", "1,2,90"],
-            &["--from", "PHI = 90", "-6.28319", "6.28319 rad", "90deg"],
-        ),
-        (
-            &["follow", "--path", "fig8"],
-            &["--path fig8", "line, circle, figure-eight", "CSV"],
-        ),
-        (
-            &["follow", "--path", "other.csv"],
-            &["other.csv", "line 1", "x and y"],
-        ),
-        (
-            &["follow", "--speed", "20cm"],
-            &["--speed <M/S>", "20cm", "plain number"],
-        ),
-        (
-            &["follow", "--speed", "-0.1"],
-            &["--speed -0.1", "from 0.02 to 0.25 m/s"],
-        ),
-        (&["hil"], &["--on virtual", "--on serial:", "cfmmr doctor"]),
-        (
-            &["hil", "--on", "serial:front=/dev/no-such-port"],
-            &["front=/dev/no-such-port", "serial port", "cfmmr doctor"],
-        ),
-        (&["params", "lst"], &["lst", "list", "--help"]),
-        (&["calibrate", "wheel"], &["wheel", "wheels, gauges, imu"]),
-        (
-            &["calibrate", "imu", "--seeds", "1,x"],
-            &["--seeds", "'x'", "whole number from 0 to"],
-        ),
-        (
-            &["calibrate", "imu", "--seeds", "1,2", "--yes"],
-            &["--seeds", "cannot be used with", "--yes"],
-        ),
-        (
-            &["replay", "none.mcap"],
-            &["none.mcap", "cfmmr posture --log FILE"],
-        ),
-    ];
-    for (arguments, words) in cases {
-        let output = cfmmr(folder.path(), arguments);
-        let error = text(&output.stderr);
-        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {error}");
-        for word in words {
-            assert!(
-                error.contains(word),
-                "{arguments:?}: no {word:?} in {error}"
-            );
-        }
-    }
-    let kept = fs::read_dir(folder.path()).unwrap().count();
-    assert_eq!(kept, 4, "a refused command wrote something");
+    assert_refused(folder.path(), "", MISTAKES);
 }
 
 /// Names of all subcommands.
@@ -168,37 +66,29 @@ fn commands() -> Vec<String> {
 fn completions_are_read_by_bash_and_name_every_command() {
     let folder = tempfile::tempdir().unwrap();
     for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
-        let output = cfmmr(folder.path(), &["completions", shell]);
-        assert!(output.status.success(), "{shell}: {}", text(&output.stderr));
-        let script = text(&output.stdout);
+        let script = succeed(folder.path(), &format!("completions {shell}"));
         for name in commands() {
             assert!(script.contains(&name), "{shell}: no {name}");
         }
         fs::write(folder.path().join(shell), script).unwrap();
     }
-    let bash = |script: &str| {
+    let bash = |script: &str| -> Run {
         let mut command = Command::new("bash");
-        let output = command
-            .args(["-c", script])
-            .current_dir(folder.path())
-            .output();
-        output.unwrap()
+        let command = command.args(["-c", script]).current_dir(folder.path());
+        command.output().unwrap().into()
     };
-    let parsed = bash("bash -n bash");
-    assert!(parsed.status.success(), "{}", text(&parsed.stderr));
+    bash("bash -n bash").ends_with(0);
     let complete = |words: &str, place: usize| {
         let script = format!(
             "source ./bash; COMP_WORDS=({words}); COMP_CWORD={place}; \
              _cfmmr cfmmr \"${{COMP_WORDS[COMP_CWORD]}}\" \"${{COMP_WORDS[COMP_CWORD-1]}}\"; \
              echo \"${{COMPREPLY[@]}}\""
         );
-        text(&bash(&script).stdout).trim().to_owned()
+        bash(&script).out.trim().to_owned()
     };
     assert_eq!(complete("cfmmr pos", 1), "posture");
     assert_eq!(complete("cfmmr hil --comp", 2), "--compare");
-    let unknown = cfmmr(folder.path(), &["completions", "tcl"]);
-    assert_eq!(unknown.status.code(), Some(2));
-    assert!(text(&unknown.stderr).contains("bash"));
+    assert_refused(folder.path(), "completions", "tcl | bash");
 }
 
 /// A folder of programs of this machine as a test wants them, and nothing else.
@@ -245,21 +135,16 @@ impl Machine {
 
     /// Exit code, what was said of each check, and all of the output.
     fn doctor(&self) -> (i32, BTreeMap<String, Value>, String) {
-        let result = self.0.path().join("result.json");
-        let output = Command::new(CFMMR)
-            .args(["doctor", "--json"])
-            .arg(&result)
-            .env("PATH", self.0.path())
-            .output()
-            .unwrap();
-        let result: Value = serde_json::from_slice(&fs::read(result).unwrap()).unwrap();
-        let code = output.status.code().unwrap();
+        let folder = self.0.path();
+        let mut command = command(folder, "doctor --json result.json");
+        let run = Run::from(command.env("PATH", folder).output().unwrap());
+        let result = json_file(folder, "result.json");
+        let code = run.code.unwrap();
         assert_eq!(result["ok"], code == 0);
         let checks = result["checks"].as_array().unwrap().iter();
         let checks =
             checks.map(|check| (check["name"].as_str().unwrap().to_owned(), check.clone()));
-        let said = text(&output.stdout) + &text(&output.stderr);
-        (code, checks.collect(), said)
+        (code, checks.collect(), run.out + &run.error)
     }
 }
 
@@ -350,16 +235,10 @@ fn the_doctor_fails_for_each_thing_that_is_needed_and_for_nothing_else() {
 #[test]
 fn a_program_without_the_server_says_how_to_get_one() {
     let folder = tempfile::tempdir().unwrap();
-    for command in ["posture", "follow", "track"] {
-        let output = cfmmr(folder.path(), &[command, "--live"]);
-        assert_eq!(output.status.code(), Some(2), "{command}");
-        let error = text(&output.stderr);
-        assert!(
-            error.contains("--live") && error.contains("--features live"),
-            "{error}"
-        );
-    }
-    let output = cfmmr(folder.path(), &["posture", "--live", "here"]);
-    assert!(text(&output.stderr).contains("ADDRESS:PORT"));
-    assert_eq!(folder.path().read_dir().unwrap().count(), 0);
+    let table = "
+        posture --live | --live | --features live
+        follow --live | --live | --features live
+        track --live | --live | --features live
+        posture --live here | ADDRESS:PORT";
+    assert_refused(folder.path(), "", table);
 }

@@ -1,13 +1,15 @@
 //! Path following and trajectory tracking of the whole robot: plant, sensors, bus, nodes.
 
+#[path = "shared/program.rs"]
+mod program;
+
 use core_algos::fusion::robot::Mode;
 use host_sim::paths::Path;
 use host_sim::run::path_run::{self, Moment, Outcome, PathMode, Route};
 use host_sim::run::simulation::Simulation;
 use host_sim::scenario::Scenario;
+use program::{assert_refused, cfmmr, files, json_file, succeed};
 use std::fs;
-use std::path::Path as FilePath;
-use std::process::{Command, Output};
 
 /// Waypoints with bends both ways, the first of them at once.
 const WAVE: &str = "x,y\n0,0\n0.5,0.12\n0.9,0.5\n1.5,0.6\n2.0,0.3\n";
@@ -202,13 +204,20 @@ fn path_beyond_the_frame_is_refused_with_place_and_value() {
     assert!(Route::new(&ring, 8, &scenario()).is_err());
 }
 
-fn cfmmr(folder: &FilePath, arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_cfmmr"))
-        .args(arguments)
-        .current_dir(folder)
-        .output()
-        .unwrap()
-}
+/// Bad paths, and parts of the answer.
+const REFUSED: &str = "
+--path hook.csv | hook.csv | curvature | line 4
+--path word.csv | word.csv | line 3 | one
+--path short.csv | short.csv | at least 2
+--path nan.csv | nan.csv | line 2 | NaN
+--path none.csv | none.csv
+--path circle --size 0.3 | circle | 3.333
+--path line --size 0 | --size | 0
+--path line --size NaN | --size | NaN
+--path hook.csv --size 1 | --size
+--speed 0.3 | --speed | 0.3 | 0.25
+--from 1,2 | --from
+";
 
 #[test]
 fn commands_refuse_bad_paths_by_name_and_write_nothing() {
@@ -218,36 +227,12 @@ fn commands_refuse_bad_paths_by_name_and_write_nothing() {
     file("word.csv", "x,y\n0,0\none,0\n");
     file("short.csv", "x,y\n0,0\n");
     file("nan.csv", "0,0\n1,NaN\n");
-    let before = fs::read_dir(folder.path()).unwrap().count();
-    let cases: [(&[&str], &[&str]); 11] = [
-        (
-            &["--path", "hook.csv"],
-            &["hook.csv", "curvature", "line 4"],
-        ),
-        (&["--path", "word.csv"], &["word.csv", "line 3", "one"]),
-        (&["--path", "short.csv"], &["short.csv", "at least 2"]),
-        (&["--path", "nan.csv"], &["nan.csv", "line 2", "NaN"]),
-        (&["--path", "none.csv"], &["none.csv"]),
-        (&["--path", "circle", "--size", "0.3"], &["circle", "3.333"]),
-        (&["--path", "line", "--size", "0"], &["--size", "0"]),
-        (&["--path", "line", "--size", "NaN"], &["--size", "NaN"]),
-        (&["--path", "hook.csv", "--size", "1"], &["--size"]),
-        (&["--speed", "0.3"], &["--speed", "0.3", "0.25"]),
-        (&["--from", "1,2"], &["--from"]),
-    ];
     for command in ["follow", "track"] {
-        for (arguments, expected) in cases {
-            let mut all = vec![command, "--json", "result.json"];
-            all.extend(arguments);
-            let output = cfmmr(folder.path(), &all);
-            let error = String::from_utf8_lossy(&output.stderr).into_owned();
-            assert_eq!(output.status.code(), Some(2), "{arguments:?}: {error}");
-            for word in expected {
-                assert!(error.contains(word), "no {word:?} in {error}");
-            }
-            let after = fs::read_dir(folder.path()).unwrap().count();
-            assert_eq!(before, after, "{arguments:?} wrote files");
-        }
+        assert_refused(
+            folder.path(),
+            &format!("{command} --json result.json"),
+            REFUSED,
+        );
     }
 }
 
@@ -256,51 +241,20 @@ fn commands_write_the_same_bytes_for_the_same_seed() {
     for command in ["follow", "track"] {
         let run = |seed: &str| {
             let folder = tempfile::tempdir().unwrap();
-            let output = cfmmr(
-                folder.path(),
-                &[
-                    command,
-                    "--path",
-                    "line",
-                    "--size",
-                    "0.5",
-                    "--seed",
-                    seed,
-                    "--out",
-                    "out",
-                    "--json",
-                    "result.json",
-                ],
-            );
-            assert!(output.status.success());
-            let mut files: Vec<_> = fs::read_dir(folder.path().join("out"))
-                .unwrap()
-                .map(|entry| entry.unwrap().path())
-                .map(|path| {
-                    (
-                        path.file_name().unwrap().to_owned(),
-                        fs::read(path).unwrap(),
-                    )
-                })
-                .collect();
-            files.sort();
-            let json = fs::read(folder.path().join("result.json")).unwrap();
-            (output.stdout, files, json)
+            let options = "--path line --size 0.5 --out out --json result.json";
+            let out = succeed(folder.path(), &format!("{command} {options} --seed {seed}"));
+            let written = files(&folder.path().join("out"));
+            (out, written, json_file(folder.path(), "result.json"))
         };
         let one = run("3");
         assert!(one == run("3"), "{command}");
         assert_ne!(one.0, run("4").0, "{command}");
-        let names: Vec<_> = one
-            .1
-            .iter()
-            .map(|(name, _)| name.to_string_lossy())
-            .collect();
-        for name in ["png", "svg"].map(|ending| format!("{command}.{ending}")) {
-            assert!(names.contains(&name.as_str().into()), "{names:?}");
+        for ending in ["png", "svg"] {
+            let name = format!("{command}.{ending}");
+            assert!(one.1.iter().any(|(file, _)| *file == name), "{name}");
         }
-        let result: serde_json::Value = serde_json::from_slice(&one.2).unwrap();
         for field in ["rms_m", "final_m", "final_heading_rad"] {
-            assert!(result[field].as_f64().unwrap().abs() < 0.02, "{field}");
+            assert!(one.2[field].as_f64().unwrap().abs() < 0.02, "{field}");
         }
     }
 }
@@ -308,11 +262,8 @@ fn commands_write_the_same_bytes_for_the_same_seed() {
 #[test]
 fn a_run_that_is_stopped_says_why_and_fails() {
     let folder = tempfile::tempdir().unwrap();
-    let limit = "robot.lead.limits.moment_n_m=0.1";
-    let all = ["follow", "--set", limit, "--json", "result.json"];
-    let output = cfmmr(folder.path(), &all);
-    let error = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert_eq!(output.status.code(), Some(1), "{error}");
+    let arguments = "follow --set robot.lead.limits.moment_n_m=0.1 --json result.json";
+    let error = cfmmr(folder.path(), arguments).ends_with(1).error;
     for word in ["wrench high (0x87)", " s: ", "check for a blocked wheel"] {
         assert!(error.contains(word), "no {word:?} in {error}");
     }

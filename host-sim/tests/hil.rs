@@ -196,17 +196,9 @@ fn loss_and_damage_on_the_serial_link_cost_repetitions_and_nothing_else() {
     assert_same(&trace, &run(targets::in_process(), &scenario, 5).1);
 }
 
-/// Events of a mission in which a board is switched off after 3 s, and what came of it; the host
-/// clears faults a second after a restart.
+/// Events of a mission in which a board is switched off after 3 s, and what came of it; with
+/// `clear` the host clears faults a second after a restart.
 fn with_failure(
-    targets: [Box<dyn Target>; 3],
-    role: Role,
-    restart_after: Option<u32>,
-) -> (Outcome, Simulation) {
-    with_failure_and(targets, role, restart_after, true)
-}
-
-fn with_failure_and(
     targets: [Box<dyn Target>; 3],
     role: Role,
     restart_after: Option<u32>,
@@ -254,8 +246,7 @@ const STOP_MS: RangeInclusive<u32> = 35 + 950..=60 + 1100;
 
 #[test]
 fn a_robot_that_stopped_for_a_restart_stays_at_rest_until_it_is_cleared() {
-    let (outcome, simulation) =
-        with_failure_and(targets::in_process(), Role::Rear, Some(100), false);
+    let (outcome, simulation) = with_failure(targets::in_process(), Role::Rear, Some(100), false);
     assert!(!outcome.done);
     assert_torques_zero(&simulation);
     assert!(simulation.failure().unwrap().contains("neighbour lost"));
@@ -273,7 +264,7 @@ fn a_robot_that_stopped_for_a_restart_stays_at_rest_until_it_is_cleared() {
 #[test]
 fn a_rear_board_that_restarts_stops_the_robot_which_then_drives_on() {
     for targets in [Role::ALL.map(framed), targets::in_process()] {
-        let (outcome, mut simulation) = with_failure(targets, Role::Rear, Some(500));
+        let (outcome, mut simulation) = with_failure(targets, Role::Rear, Some(500), true);
         let off = motors_off(&mut simulation).unwrap();
         assert!(STOP_MS.contains(&off), "{off} ms");
         let restarted = |event: &targets::Event| event.what == What::Restarted;
@@ -290,7 +281,7 @@ fn a_rear_board_that_restarts_stops_the_robot_which_then_drives_on() {
 #[test]
 fn a_front_board_that_restarts_ends_the_run_with_motors_off() {
     for targets in [Role::ALL.map(framed), targets::in_process()] {
-        let (outcome, mut simulation) = with_failure(targets, Role::Front, Some(500));
+        let (outcome, mut simulation) = with_failure(targets, Role::Front, Some(500), true);
         let off = motors_off(&mut simulation).unwrap();
         assert!(STOP_MS.contains(&off), "{off} ms");
         assert!(!outcome.done);
@@ -302,7 +293,7 @@ fn a_front_board_that_restarts_ends_the_run_with_motors_off() {
 
 #[test]
 fn an_axle_lost_for_good_ends_the_run_with_motors_off_and_a_lost_beam_does_not() {
-    let (outcome, mut simulation) = with_failure(Role::ALL.map(framed), Role::Rear, None);
+    let (outcome, mut simulation) = with_failure(Role::ALL.map(framed), Role::Rear, None, true);
     let off = motors_off(&mut simulation).unwrap();
     assert!(STOP_MS.contains(&off), "{off} ms");
     let fault = simulation.monitor().first_fault().unwrap();
@@ -317,7 +308,8 @@ fn an_axle_lost_for_good_ends_the_run_with_motors_off_and_a_lost_beam_does_not()
     assert_torques_zero(&simulation);
 
     for restart_after in [None, Some(500)] {
-        let (outcome, simulation) = with_failure(Role::ALL.map(framed), Role::Beam, restart_after);
+        let targets = Role::ALL.map(framed);
+        let (outcome, simulation) = with_failure(targets, Role::Beam, restart_after, true);
         assert!(outcome.done && simulation.failure().is_none());
     }
 }

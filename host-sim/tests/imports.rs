@@ -14,7 +14,7 @@ const ORDERS: &[(&str, &str)] = &[
     (
         "crates/plant",
         "config elastica geometry lanes legendre reference sincos state wheel drivetrain frame loads \
-         integrator",
+         integrator drive",
     ),
     (
         "crates/virtual-board",

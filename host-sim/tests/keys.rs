@@ -221,27 +221,8 @@ fn entry<'a>(value: &'a mut Value, path: &[String]) -> &'a mut Value {
 
 /// Other values, of which some may be out of range.
 fn others(value: &Value) -> Vec<Value> {
-    let words = [
-        "creep",
-        "brush",
-        "paper-law",
-        "funnel",
-        "derived",
-        "printed",
-        "exact",
-        "trace",
-        "determinant",
-        "elastica",
-        "piecewise",
-        "quadrature",
-        "wheels",
-        "filter",
-        "off",
-        "reference",
-        "beam",
-        "joint",
-        "odometry",
-    ];
+    let words = "creep brush paper-law funnel derived printed exact trace determinant elastica \
+                 piecewise quadrature wheels filter off reference beam joint odometry";
     match *value {
         Value::Float(0.0) => [1e-3, 0.05, 1e-6, 1.0, 5.0].map(Value::Float).to_vec(),
         Value::Float(x) => [1.1, 0.9, 1.01, 2.0, 0.5, 10.0, 0.1]
@@ -251,7 +232,7 @@ fn others(value: &Value) -> Vec<Value> {
             .map(Value::Integer)
             .to_vec(),
         Value::Boolean(flag) => vec![Value::Boolean(!flag)],
-        _ => words.map(|word| Value::String(word.to_owned())).to_vec(),
+        _ => words.split_whitespace().map(Value::from).collect(),
     }
 }
 

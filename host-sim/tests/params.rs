@@ -12,8 +12,7 @@ use host_sim::targets::link::{Link, Loopback};
 use host_sim::targets::parameters::Kept;
 use host_sim::targets::virtual_link::VirtualLink;
 use host_sim::targets::{Remote, Target};
-use program::cfmmr;
-use serde_json::Value;
+use program::{assert_refused, json_file, succeed};
 use std::fs;
 use std::path::Path;
 
@@ -98,9 +97,18 @@ fn what_was_saved_is_there_after_a_reset_of_a_virtual_board() {
     assert_eq!(kept(&mut board, RADIUS).value, 0.0731);
 }
 
-fn text(bytes: &[u8]) -> String {
-    String::from_utf8_lossy(bytes).into_owned()
-}
+/// Wrong commands, and parts of the answer.
+const WRONG: &str = "
+set --board rear robot.geometry.wheel_radius_m=9 | robot.geometry.wheel_radius_m = 9 | 0.01 to 0.5
+set --board rear robot.geometry.wheel_radius_m=nan | wheel_radius_m = NaN | 0.01 to 0.5
+set --board rear robot.geometry.wheel_radius_m=wide | wheel_radius_m = wide | 0.01 to 0.5
+set --board rear wheel_radius_m=0.07 | no such parameter | robot.geometry.wheel_radius_m
+set robot.geometry.wheel_radius_m=0.07 | --board
+get nonsense | nonsense | cfmmr parameters
+import none.toml | none.toml
+import wrong.toml | boards.rear | max_speed_m_s = 3 | 0.01 to 2
+import other.toml | other.toml | plant
+";
 
 #[test]
 fn wrong_commands_end_with_2_and_say_what_is_allowed() {
@@ -115,94 +123,30 @@ fn wrong_commands_end_with_2_and_say_what_is_allowed() {
         "[plant]\nfriction = 0.7\n",
     )
     .unwrap();
-    let cases: [(&[&str], &[&str]); 9] = [
-        (
-            &["set", "--board", "rear", "robot.geometry.wheel_radius_m=9"],
-            &["robot.geometry.wheel_radius_m = 9", "0.01 to 0.5"],
-        ),
-        (
-            &[
-                "set",
-                "--board",
-                "rear",
-                "robot.geometry.wheel_radius_m=nan",
-            ],
-            &["wheel_radius_m = NaN", "0.01 to 0.5"],
-        ),
-        (
-            &[
-                "set",
-                "--board",
-                "rear",
-                "robot.geometry.wheel_radius_m=wide",
-            ],
-            &["wheel_radius_m = wide", "0.01 to 0.5"],
-        ),
-        (
-            &["set", "--board", "rear", "wheel_radius_m=0.07"],
-            &["no such parameter", "robot.geometry.wheel_radius_m"],
-        ),
-        (&["set", "robot.geometry.wheel_radius_m=0.07"], &["--board"]),
-        (&["get", "nonsense"], &["nonsense", "cfmmr parameters"]),
-        (&["import", "none.toml"], &["none.toml"]),
-        (
-            &["import", "wrong.toml"],
-            &["boards.rear", "max_speed_m_s = 3", "0.01 to 2"],
-        ),
-        (&["import", "other.toml"], &["other.toml", "plant"]),
-    ];
-    for (arguments, words) in cases {
-        let mut all = vec!["params"];
-        all.extend(arguments);
-        let output = cfmmr(folder.path(), &all, "");
-        let error = text(&output.stderr);
-        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {error}");
-        for word in words {
-            assert!(
-                error.contains(word),
-                "{arguments:?}: no {word:?} in {error}"
-            );
-        }
-    }
-    assert!(!folder.path().join("out").exists(), "nothing was written");
+    assert_refused(folder.path(), "params", WRONG);
 }
 
 #[test]
 fn parameters_go_from_board_to_file_and_back_and_into_a_scenario() {
     let folder = tempfile::tempdir().unwrap();
-    let run = |arguments: &[&str]| {
-        let output = cfmmr(folder.path(), arguments, "");
-        assert!(output.status.success(), "{}", text(&output.stderr));
-        text(&output.stdout)
-    };
+    let run = |arguments: &str| succeed(folder.path(), arguments);
     // Of the gauges, the first two can only move together.
-    let moved = [
-        "params",
-        "set",
-        "--board",
-        "beam",
-        "--save",
-        "robot.beam.strip.gauges_m[0]=0.09",
-        "robot.beam.strip.gauges_m[1]=0.1",
-    ];
-    let shown = run(&moved);
+    let set = "params set --board beam --save robot.beam.strip.gauges_m[0]=0.09";
+    let shown = run(&format!("{set} robot.beam.strip.gauges_m[1]=0.1"));
     assert!(shown.contains("2 values written"), "{shown}");
-    let output = cfmmr(folder.path(), &moved[..6], "");
-    assert!(output.status.success(), "the same again");
+    // The same again.
+    run(set);
     let set = "robot.geometry.wheel_radius_m=0.0731";
-    let shown = run(&["params", "set", "--board", "rear", set]);
+    let shown = run(&format!("params set --board rear {set}"));
     assert!(
         shown.contains("0.073") && shown.contains("not saved"),
         "{shown}"
     );
-    let get = ["params", "get", RADIUS, "--json", "values.json"];
+    let get = format!("params get {RADIUS} --json values.json");
     run(&get);
-    let read = || -> Value {
-        let bytes = fs::read(folder.path().join("values.json")).unwrap();
-        serde_json::from_slice::<Value>(&bytes).unwrap()["parameters"].clone()
-    };
+    let read = || json_file(folder.path(), "values.json")["parameters"].clone();
     assert_eq!(read()[1]["value"], 0.073, "it was not saved");
-    run(&["params", "set", "--board", "rear,front", "--save", set]);
+    run(&format!("params set --board rear,front --save {set}"));
     run(&get);
     let values = read();
     for (i, board, value) in [
@@ -214,13 +158,13 @@ fn parameters_go_from_board_to_file_and_back_and_into_a_scenario() {
         assert!((values[i]["value"].as_f64().unwrap() - value).abs() < 1e-7);
         assert_eq!(values[i]["unit"], "m");
     }
-    let list = run(&["params", "list", "--board", "rear"]);
+    let list = run("params list --board rear");
     let mut lines = list.lines().skip_while(|line| !line.starts_with(RADIUS));
     let line = [lines.next().unwrap(), lines.next().unwrap()].concat();
     for word in ["rear", "0.0731", " m,", "0.01", "0.5", "0.073", "stored"] {
         assert!(line.contains(word), "no {word} in {line}");
     }
-    run(&["params", "export", "--out", "mine.toml"]);
+    run("params export --out mine.toml");
     let file = fs::read_to_string(folder.path().join("mine.toml")).unwrap();
     assert!(
         file.contains("[boards.rear]\nrobot.geometry.wheel_radius_m = 0.0731  # m, 0.01 to 0.5")
@@ -230,16 +174,9 @@ fn parameters_go_from_board_to_file_and_back_and_into_a_scenario() {
         "{file}"
     );
     // Other boards, which have nothing of their own, become the same.
-    run(&[
-        "params",
-        "import",
-        "mine.toml",
-        "--save",
-        "--flash",
-        "others",
-    ]);
-    assert_eq!(run(&["params", "export", "--flash", "others"]), file);
+    run("params import mine.toml --save --flash others");
+    assert_eq!(run("params export --flash others"), file);
     // And the same file is part of a scenario.
-    let config = run(&["config", "--scenario", "mine.toml"]);
+    let config = run("config --scenario mine.toml");
     assert!(config.contains("[boards.rear.robot.geometry]\nwheel_radius_m = 0.0731"));
 }

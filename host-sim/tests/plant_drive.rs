@@ -1,6 +1,6 @@
 //! The whole plant: against the explicit reference, and against what mechanics demands.
 
-use host_sim::experiments::plant_bench::{HARSH, NORMAL, compare};
+use host_sim::plant::drive::{HARSH, NORMAL};
 use host_sim::plant::{Plant, PlantConfig};
 
 fn config() -> PlantConfig {
@@ -11,7 +11,7 @@ fn plant(config: &PlantConfig) -> Plant {
     config.build().expect("the configuration is valid")
 }
 
-/// The bench command compares over 20 s; this is its beginning.
+/// `crates/plant/examples/drives.rs` compares over 5 s; this is its beginning.
 #[test]
 fn postures_follow_the_explicit_reference() {
     for (drive, creep) in [
@@ -25,7 +25,7 @@ fn postures_follow_the_explicit_reference() {
             rolling_resistance: 0.01,
             ..config()
         };
-        let [position, heading] = compare(&drive, &config, 0.6).unwrap();
+        let [position, heading] = drive.error(&config, 0.6).unwrap();
         assert!(position < 5e-5, "{} {creep}: {position} m", drive.name);
         assert!(heading < 3e-4, "{} {creep}: {heading} rad", drive.name);
     }
@@ -40,7 +40,7 @@ fn error_falls_with_the_square_of_the_step() {
             tolerance_m_s: 1.0,
             ..config()
         };
-        compare(&drive, &config, 0.7).unwrap()[0]
+        drive.error(&config, 0.7).unwrap()[0]
     };
     let (coarse, fine) = (error(2e-3), error(1e-3));
     println!("{coarse} {fine}");

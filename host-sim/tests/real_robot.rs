@@ -1,5 +1,7 @@
 //! A robot at a serial port. The port is a pseudo-terminal, the robot behind it is one of virtual boards.
 
+#[path = "shared/program.rs"]
+mod program;
 mod terminal;
 
 use core_algos::safety::Condition;
@@ -12,11 +14,11 @@ use host_sim::scenario::Scenario;
 use host_sim::targets::board_log::BoardLog;
 use host_sim::targets::images::Images;
 use host_sim::targets::link::Descriptors;
+use program::{Run, cfmmr, json_file};
 use serde_json::Value;
 use std::fs::{self, File};
 use std::os::unix::fs::symlink;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::thread::{self, JoinHandle};
@@ -117,16 +119,17 @@ impl Bench {
         }
     }
 
-    fn run(&self, folder: &Path, arguments: &[&str]) -> Output {
-        Command::new(env!("CARGO_BIN_EXE_cfmmr"))
-            .args(arguments)
-            .args([
-                "--on",
-                &format!("serial:front={}/port", self.folder.path().display()),
-            ])
-            .current_dir(folder)
-            .output()
-            .unwrap()
+    /// A robot at the origin.
+    fn at_origin(loose: bool) -> Self {
+        let mut scenario = Scenario::default();
+        scenario.mission.start = [0.0; 3];
+        Self::new(&scenario, loose)
+    }
+
+    fn run(&self, folder: &Path, arguments: &str) -> Run {
+        let port = self.folder.path().join("port");
+        let on = format!("{arguments} --on serial:front={}", port.display());
+        cfmmr(folder, &on)
     }
 
     /// The robot after the run.
@@ -140,9 +143,13 @@ impl Bench {
     }
 }
 
+fn assert_motors_off(robot: &VirtualRobot) {
+    let axles = robot.plant().unwrap().state().axle;
+    assert!(axles.iter().all(|axle| axle.torque == [0.0; 2]));
+}
+
 fn result(folder: &Path, command: &str) -> Value {
-    let file = folder.join("out").join(command).join("result.json");
-    serde_json::from_slice(&fs::read(file).unwrap()).unwrap()
+    json_file(folder, &format!("out/{command}/result.json"))
 }
 
 /// The command drives the robot to its goal and stops it; what it cannot know is missing, not zero.
@@ -153,17 +160,15 @@ fn a_robot_at_a_serial_port_drives_to_its_goal() {
     scenario.mission.start = [-0.6, 0.1, 0.2];
     let bench = Bench::new(&scenario, false);
     for wrong in [
-        &["posture", "--imu"][..],
-        &["posture", "--set", "plant.friction=0.5"],
-        &["follow", "--world", "ordinary"],
-        &["track", "--kill", "rear@1"],
+        "posture --imu",
+        "posture --set plant.friction=0.5",
+        "follow --world ordinary",
+        "track --kill rear@1",
     ] {
-        let output = bench.run(folder.path(), wrong);
-        assert_eq!(output.status.code(), Some(2), "{wrong:?}");
+        bench.run(folder.path(), wrong).ends_with(2);
     }
-    let output = bench.run(folder.path(), &["posture", "--from", "-0.6,0.1,0.2"]);
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(output.status.success(), "{said}");
+    let run = bench.run(folder.path(), "posture --from -0.6,0.1,0.2");
+    run.ends_with(0);
     let report = result(folder.path(), "posture");
     assert_eq!(
         (&report["reached"], &report["lost"]),
@@ -181,27 +186,16 @@ fn a_robot_at_a_serial_port_drives_to_its_goal() {
     let robot = bench.robot();
     let [x, y, _] = robot.record().midpoint;
     assert!(x.hypot(y) < 0.05, "{x} {y}");
-    assert!(
-        robot
-            .plant()
-            .unwrap()
-            .state()
-            .axle
-            .iter()
-            .all(|axle| axle.torque == [0.0; 2])
-    );
+    assert_motors_off(&robot);
 }
 
 /// A port that closes while the robot drives is opened again, and the points of the path go on.
 #[test]
 fn a_loose_cable_does_not_end_the_run() {
     let folder = tempfile::tempdir().unwrap();
-    let mut scenario = Scenario::default();
-    scenario.mission.start = [0.0; 3];
-    let bench = Bench::new(&scenario, true);
-    let output = bench.run(folder.path(), &["follow", "--path", "line", "--size", "2"]);
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(output.status.success(), "{said}");
+    let bench = Bench::at_origin(true);
+    let run = bench.run(folder.path(), "follow --path line --size 2");
+    run.ends_with(0);
     let report = result(folder.path(), "follow");
     assert!(report["reconnected"].as_u64().unwrap() >= 4, "{report}");
     let [x, y, _] = bench.robot().record().midpoint;
@@ -274,82 +268,51 @@ fn robot_brakes_while_its_cable_is_out() {
 #[test]
 fn a_robot_without_power_for_a_moment_ends_the_run() {
     let folder = tempfile::tempdir().unwrap();
-    let mut scenario = Scenario::default();
-    scenario.mission.start = [0.0; 3];
-    let bench = Bench::new(&scenario, false);
+    let bench = Bench::at_origin(false);
     for seconds in [2, 5] {
         let cycle = bench.cycle.clone();
         let cut = thread::spawn(move || {
             thread::sleep(Duration::from_secs(seconds));
             cycle.store(true, Relaxed);
         });
-        let output = bench.run(folder.path(), &["follow", "--path", "line", "--size", "3"]);
+        let run = bench.run(folder.path(), "follow --path line --size 3");
         cut.join().unwrap();
-        let said = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert_eq!(output.status.code(), Some(1), "{said}");
+        let said = run.ends_with(1).error;
         assert!(said.contains("front board: it was restarted"), "{said}");
     }
     // The simulated robot rolls on without resistance, its motors off.
     let robot = bench.robot();
-    let axles = robot.plant().unwrap().state().axle;
-    assert!(axles.iter().all(|axle| axle.torque == [0.0; 2]));
+    assert_motors_off(&robot);
 }
 
 /// A path is sent in parts while the robot drives. Ended early, the run leaves a robot at rest with its motors off.
 #[test]
 fn a_robot_at_a_serial_port_is_stopped_at_the_end_of_the_run() {
     let folder = tempfile::tempdir().unwrap();
-    let mut scenario = Scenario::default();
-    scenario.mission.start = [0.0; 3];
-    let bench = Bench::new(&scenario, false);
-    let arguments = [
-        "follow",
-        "--path",
-        "line",
-        "--size",
-        "3",
-        "--stop-after",
-        "4",
-    ];
-    let output = bench.run(folder.path(), &arguments);
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert_eq!(output.status.code(), Some(1), "{said}");
+    let bench = Bench::at_origin(false);
+    let arguments = "follow --path line --size 3 --stop-after 4";
+    bench.run(folder.path(), arguments).ends_with(1);
     let report = result(folder.path(), "follow");
     assert!(report["reached"] == false && report["estimate"][0].as_f64().unwrap() > 0.1);
     let robot = bench.robot();
     let [x, y, _] = robot.record().midpoint;
     assert!((0.1..1.5).contains(&x) && y.abs() < 0.1, "{x} {y}");
     assert!(robot.speed() < 1e-3);
-    assert!(
-        robot
-            .plant()
-            .unwrap()
-            .state()
-            .axle
-            .iter()
-            .all(|axle| axle.torque == [0.0; 2])
-    );
+    assert_motors_off(&robot);
 }
 
 /// Parameters of all boards, over the port of the front board.
 fn parameters(bench: &Bench) -> Value {
     let folder = tempfile::tempdir().unwrap();
-    let output = bench.run(folder.path(), &["params", "list", "--json", "-"]);
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(output.status.success(), "{said}");
-    let all: Value = serde_json::from_slice(&output.stdout).unwrap();
-    all["parameters"].clone()
+    let run = bench.run(folder.path(), "params list --json -");
+    run.ends_with(0).json()["parameters"].clone()
 }
 
 /// Each board keeps what was set and saved over the port of the front board, and a new robot takes it over.
 #[test]
 fn parameters_of_three_boards_pass_the_port_of_the_front_board() {
     let folder = tempfile::tempdir().unwrap();
-    let run = |bench: &Bench, arguments: &[&str]| {
-        let output = bench.run(folder.path(), arguments);
-        let said = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert!(output.status.success(), "{arguments:?}: {said}");
-    };
+    let run = |bench: &Bench, arguments: &str| bench.run(folder.path(), arguments).ends_with(0);
     let scenario = Scenario::in_world(Some("ordinary")).unwrap();
     let bench = Bench::new(&scenario, false);
     let before = parameters(&bench);
@@ -357,7 +320,7 @@ fn parameters_of_three_boards_pass_the_port_of_the_front_board() {
         let value = format!("robot.geometry.wheel_radius_m={radius}");
         run(
             &bench,
-            &["params", "set", &value, "--save", "--board", board],
+            &format!("params set {value} --save --board {board}"),
         );
     }
     bench.cycle.store(true, Relaxed);
@@ -378,12 +341,12 @@ fn parameters_of_three_boards_pass_the_port_of_the_front_board() {
     }
     let wanted = [("front", 0.0731f32), ("rear", 0.0732), ("beam", 0.0733)];
     assert_eq!(changed, wanted.map(|(board, value)| (board.into(), value)));
-    run(&bench, &["params", "export", "--out", "robot.toml"]);
+    run(&bench, "params export --out robot.toml");
     drop(bench.robot());
 
     let new = Bench::new(&Scenario::default(), false);
     assert_ne!(parameters(&new), kept);
-    run(&new, &["params", "import", "robot.toml", "--save"]);
+    run(&new, "params import robot.toml --save");
     new.cycle.store(true, Relaxed);
     assert_eq!(parameters(&new), kept);
 }
@@ -401,9 +364,9 @@ fn gauges_of_a_robot_at_a_serial_port_are_zeroed() {
         let zeros = of_beam.filter(|row| row["name"].as_str().unwrap().contains("zero_counts"));
         zeros.map(|row| row["value"].as_f64().unwrap()).collect()
     };
-    let output = bench.run(folder.path(), &["doctor", "--json", "-"]);
-    let found: Value = serde_json::from_slice(&output.stdout).unwrap();
-    assert!(output.status.success() && found["ok"] == true, "{found}");
+    let doctor = bench.run(folder.path(), "doctor --json -");
+    let found = doctor.ends_with(0).json();
+    assert!(found["ok"] == true, "{found}");
     for (board, name) in found["boards"]
         .as_array()
         .unwrap()
@@ -418,21 +381,17 @@ fn gauges_of_a_robot_at_a_serial_port_are_zeroed() {
         assert!(board["stack_used"].as_u64().unwrap() > 10_000, "{board}");
     }
     let before = zeros(&bench);
-    let zero = ["calibrate", "gauges", "--yes"];
     for (wrong, code) in [
-        (&["calibrate", "wheels", "--yes"][..], 2),
-        (&["calibrate", "gauges"], 2),
-        (&["calibrate", "gauges", "--yes", "--world", "ideal"], 2),
+        ("calibrate wheels --yes", 2),
+        ("calibrate gauges", 2),
+        ("calibrate gauges --yes --world ideal", 2),
         // The strip is straight: no strain gives these gains.
-        (&["calibrate", "gauges", "--yes", "--former", "2"], 1),
+        ("calibrate gauges --yes --former 2", 1),
     ] {
-        let output = bench.run(folder.path(), wrong);
-        let said = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert_eq!(output.status.code(), Some(code), "{wrong:?}: {said}");
+        bench.run(folder.path(), wrong).ends_with(code);
     }
-    let output = bench.run(folder.path(), &zero);
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(output.status.success(), "{said}");
+    let zero = bench.run(folder.path(), "calibrate gauges --yes");
+    zero.ends_with(0);
     bench.cycle.store(true, Relaxed);
     let after = zeros(&bench);
     let moved = before.iter().zip(&after).filter(|(a, b)| a != b).count();

@@ -1,6 +1,5 @@
 //! What the robot does when something fails on the way: it drives on with less, or stops in order.
 
-use core_algos::beam::MAX_GAUGES;
 use core_algos::bus::{CanFrame, Message};
 use core_algos::link::protocol::Place;
 use core_algos::node::board::Samples;
@@ -26,7 +25,7 @@ const AT: u32 = 3000;
 struct Tampered {
     board: InProcess,
     tick: u32,
-    samples: fn(&mut Samples),
+    samples: Box<dyn Fn(&mut Samples) + Send>,
     keeps: fn(&Message) -> bool,
 }
 
@@ -35,7 +34,7 @@ impl Tampered {
         Self {
             board: InProcess::new(role),
             tick: 0,
-            samples: |_| {},
+            samples: Box::new(|_| {}),
             keeps: |_| true,
         }
     }
@@ -73,7 +72,7 @@ impl Target for Tampered {
     }
 
     fn finish(&mut self, post: &mut dyn FnMut(Posted)) -> Result<Output, Fault> {
-        let Self { tick, keeps, .. } = *self;
+        let (tick, keeps) = (self.tick, self.keeps);
         self.board.finish(&mut |posted| match posted {
             Posted::Message(message) if tick >= AT && !keeps(message) => {}
             posted => post(posted),
@@ -230,12 +229,14 @@ fn the_allowance_is_checked() {
 #[test]
 fn with_one_gauge_less_the_robot_arrives() {
     for gauge in [0, 2, 4] {
-        let dead: fn(&mut Samples) = match gauge {
-            0 => |samples| dead_gauge::<0>(samples),
-            2 => |samples| dead_gauge::<2>(samples),
-            _ => |samples| dead_gauge::<4>(samples),
+        // The bridge's cable is off: the converter reads its lower rail.
+        let dead = move |samples: &mut Samples| match samples {
+            Samples::Beam(counts) => counts[gauge] = 0,
+            Samples::Axle(_) => {}
         };
-        let run = Run::new(&Scenario::default(), |[_, _, beam]| beam.samples = dead);
+        let run = Run::new(&Scenario::default(), |[_, _, beam]| {
+            beam.samples = Box::new(dead);
+        });
         assert!(run.outcome.done && run.outcome.fault.is_none(), "{gauge}");
         let monitor = run.simulation.monitor();
         assert!(monitor.noticed(Node::Beam).contains(Condition::GaugeLost));
@@ -243,14 +244,6 @@ fn with_one_gauge_less_the_robot_arrives() {
         let [x, y, phi] = run.outcome.midpoint;
         println!("gauge {gauge}: {:.4} m, {phi:.4} rad", x.hypot(y));
         assert!(x.hypot(y) < 0.03 && phi.abs() < 0.052, "{gauge}");
-    }
-}
-
-/// The bridge's cable is off: the converter reads its lower rail.
-fn dead_gauge<const K: usize>(samples: &mut Samples) {
-    const { assert!(K < MAX_GAUGES) };
-    if let Samples::Beam(counts) = samples {
-        counts[K] = 0;
     }
 }
 

@@ -1,5 +1,8 @@
 //! The robot with the images that users flash, on virtual boards.
 
+#[path = "shared/program.rs"]
+mod program;
+
 use core_algos::bus::LeadMode;
 use core_algos::bus::layout;
 use core_algos::control::path::PathPoint;
@@ -15,46 +18,20 @@ use host_sim::scenario::Scenario;
 use host_sim::targets::HostCommand;
 use host_sim::targets::board_log::BoardLog;
 use host_sim::targets::images::Images;
+use program::{assert_refused, json_file, succeed};
 use std::fs;
-use std::path::Path;
-use std::process::{Command, Output};
 use virtual_board::Time;
 
-fn posture(folder: &Path, arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_cfmmr"))
-        .args(["posture", "--on", "virtual"])
-        .args(arguments)
-        .current_dir(folder)
-        .output()
-        .unwrap()
-}
+const POSTURE: &str = "posture --on virtual";
 
 #[test]
 fn threads_change_no_byte_and_seeds_do() {
     let folder = tempfile::tempdir().unwrap();
     let run = |name: &str, seed: &str, threads: &str| {
-        let output = posture(
-            folder.path(),
-            &[
-                "--stop-after",
-                "0.8",
-                "--seed",
-                seed,
-                "--threads",
-                threads,
-                "--out",
-                name,
-            ],
-        );
-        let said = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert!(output.status.success(), "{said}");
-        let files = [
-            "log-joint.csv",
-            "board-front.log",
-            "board-rear.log",
-            "board-beam.log",
-        ];
-        files.map(|file| fs::read_to_string(folder.path().join(name).join(file)).unwrap())
+        let run = format!("--stop-after 0.8 --seed {seed} --threads {threads} --out {name}");
+        succeed(folder.path(), &format!("{POSTURE} {run}"));
+        program::RUN_FILES
+            .map(|file| fs::read_to_string(folder.path().join(name).join(file)).unwrap())
     };
     let one = run("one", "1", "1");
     assert!(
@@ -62,8 +39,7 @@ fn threads_change_no_byte_and_seeds_do() {
         "{}",
         one[1]
     );
-    let result = fs::read_to_string(folder.path().join("one/result.json")).unwrap();
-    let result: serde_json::Value = serde_json::from_str(&result).unwrap();
+    let result = json_file(folder.path(), "one/result.json");
     for (log, board) in one[1..].iter().zip(result["boards"].as_array().unwrap()) {
         // What the board sends on the bus is what it logs.
         let hash = log.lines().next().unwrap().rsplit(' ').next().unwrap();
@@ -84,13 +60,10 @@ fn what_is_no_image_of_the_chip_is_refused_by_name() {
         ("text", b"firmware"),
     ] {
         fs::write(folder.path().join(name), bytes).unwrap();
-        let output = posture(folder.path(), &["--beam-image", name, "--axle-image", name]);
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(2), "{name}: {said}");
-        assert!(said.contains(name), "{name}: {said}");
+        let line = format!("--beam-image {name} --axle-image {name} | {name}");
+        assert_refused(folder.path(), POSTURE, &line);
     }
-    let output = posture(folder.path(), &["--beam-image", "absent"]);
-    assert_eq!(output.status.code(), Some(2));
+    assert_refused(folder.path(), POSTURE, "--beam-image absent");
 }
 
 #[test]
@@ -98,25 +71,19 @@ fn an_image_of_another_board_is_refused_by_name() {
     let folder = tempfile::tempdir().unwrap();
     let image = host_sim::targets::images::build("firmware-beam").unwrap();
     fs::write(folder.path().join("beam"), image).unwrap();
-    let output = posture(folder.path(), &["--axle-image", "beam"]);
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(2), "{said}");
-    assert!(said.contains("beam: firmware-beam image"), "{said}");
+    let line = "--axle-image beam | beam: firmware-beam image";
+    assert_refused(folder.path(), POSTURE, line);
 }
 
 #[test]
 fn what_the_images_cannot_be_told_is_refused() {
     let folder = tempfile::tempdir().unwrap();
-    for arguments in [
-        &["--set", "robot.axle.rest_hold_s=0.2"][..],
-        &["--set", "boards.front.button.goal.x=1.0"],
-        &["--set", "robot.lead.course.path.min_speed_m_s=0.05"],
-        &["--rows", "all"],
-    ] {
-        let output = posture(folder.path(), arguments);
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {said}");
-    }
+    let table = "
+        --set robot.axle.rest_hold_s=0.2
+        --set boards.front.button.goal.x=1.0
+        --set robot.lead.course.path.min_speed_m_s=0.05
+        --rows all";
+    assert_refused(folder.path(), POSTURE, table);
 }
 
 /// Together, and each board a second after the others.
@@ -146,25 +113,28 @@ fn boards_get_ready_in_whatever_order_their_power_comes() {
 fn boards_drive_in_other_than_the_default_configuration() {
     let folder = tempfile::tempdir().unwrap();
     for arguments in [
-        &["--imu", "--seed", "1", "--stop-after", "0.3"][..],
-        &["--imu", "--seed", "2", "--stop-after", "0.3"],
-        &["--no-rps"],
-        &["--from=-0.6,0.1,0.2", "--set", "mission.goal=[0.4,0.1,0.1]"],
+        "--imu --seed 1 --stop-after 0.3",
+        "--imu --seed 2 --stop-after 0.3",
+        "--no-rps",
+        "--from=-0.6,0.1,0.2 --set mission.goal=[0.4,0.1,0.1]",
     ] {
-        let output = posture(folder.path(), arguments);
-        let error = String::from_utf8_lossy(&output.stderr);
-        assert!(output.status.success(), "{arguments:?}: {error}");
+        succeed(folder.path(), &format!("{POSTURE} {arguments}"));
     }
+}
+
+/// A robot with the logs of its boards.
+fn robot(scenario: &Scenario) -> (VirtualRobot, [BoardLog; 3]) {
+    let images = Images::open(None, None, None).unwrap();
+    let logs = [(); 3].map(|()| BoardLog::quiet());
+    let robot = VirtualRobot::new(scenario, &images, 1, 0, &Options::default(), &logs);
+    (robot.unwrap(), logs)
 }
 
 /// With the motors off the beam board logs the noise of its bridges, which is that of gauges and converter.
 #[test]
 fn beam_board_at_rest_logs_noise_of_its_bridges() {
-    let images = Images::open(None, None, None).unwrap();
     let scenario = Scenario::default();
-    let logs = [(); 3].map(|()| BoardLog::quiet());
-    let options = Options::default();
-    let mut robot = VirtualRobot::new(&scenario, &images, 1, 0, &options, &logs).unwrap();
+    let (mut robot, logs) = robot(&scenario);
     for _ in 0..11_500 {
         robot.step().unwrap();
     }
@@ -211,11 +181,8 @@ fn reply_of_rear(robot: &mut VirtualRobot, number: u8, request: &Request) -> Str
 /// A computer at the front board's serial port drives the robot that the button would send elsewhere.
 #[test]
 fn orders_at_the_serial_port_drive_the_robot() {
-    let images = Images::open(None, None, None).unwrap();
     let scenario = Scenario::default();
-    let logs = [(); 3].map(|()| BoardLog::quiet());
-    let mut robot =
-        VirtualRobot::new(&scenario, &images, 1, 0, &Options::default(), &logs).unwrap();
+    let (mut robot, _) = robot(&scenario);
     let [x, y, _] = scenario.mission.start.map(|value| value as f32);
     let goal = Posture::new(x + 0.8, y + 0.1, 0.2);
     let drive = HostCommand::Task(Task::Regulate { goal });
@@ -263,11 +230,7 @@ fn orders_at_the_serial_port_drive_the_robot() {
 /// The bus frames in the reports of the front board are those on the wire, none is missing.
 #[test]
 fn reports_of_the_front_board_hold_every_frame_on_the_bus() {
-    let images = Images::open(None, None, None).unwrap();
-    let scenario = Scenario::default();
-    let logs = [(); 3].map(|()| BoardLog::quiet());
-    let mut robot =
-        VirtualRobot::new(&scenario, &images, 1, 0, &Options::default(), &logs).unwrap();
+    let (mut robot, _) = robot(&Scenario::default());
     let goal = Posture::ORIGIN;
     robot
         .command(&HostCommand::Task(Task::Regulate { goal }))
@@ -298,16 +261,9 @@ fn paths_on_virtual_boards_end_as_in_process() {
     let folder = tempfile::tempdir().unwrap();
     for command in ["follow", "track"] {
         let run = |place: &str| {
-            let output = Command::new(env!("CARGO_BIN_EXE_cfmmr"))
-                .args([command, "--path", "line", "--size", "0.8", "--on", place])
-                .current_dir(folder.path())
-                .output()
-                .unwrap();
-            let error = String::from_utf8_lossy(&output.stderr);
-            assert!(output.status.success(), "{command} {place}: {error}");
-            let file = folder.path().join("out").join(command).join("result.json");
-            let result: serde_json::Value =
-                serde_json::from_slice(&fs::read(file).unwrap()).unwrap();
+            let arguments = format!("{command} --path line --size 0.8 --on {place}");
+            succeed(folder.path(), &arguments);
+            let result = json_file(folder.path(), &format!("out/{command}/result.json"));
             assert_eq!(result["done"], true, "{command} {place}");
             result["final_m"].as_f64().unwrap()
         };

@@ -1,12 +1,15 @@
 //! Faults of the boards that run the images that users flash: a few of them, and the judge.
 
+#[path = "shared/program.rs"]
+mod program;
+
 use host_sim::run::virtual_robot::faults::{
     Campaign, Case, End, Entry, Outcome, Reference, catalogue, reference, run,
 };
 use host_sim::scenario::Scenario;
 use host_sim::targets::images::Images;
+use program::assert_refused;
 use std::collections::HashSet;
-use std::process::Command;
 
 const AFTER_MS: u64 = 400;
 const SEED: u64 = 1;
@@ -78,19 +81,13 @@ fn the_judge_finds_what_an_entry_does_not_allow() {
 
 #[test]
 fn a_fault_that_is_not_in_the_catalogue_is_refused() {
-    for arguments in [
-        &["--only", "earthquake"][..],
-        &["--only", "crystal"],
-        &["--quick", "--seeds", "2"],
-        &["--threads", "0"],
-        &["--on", "serial:front=/dev/null"],
-        &["--axle-image", "x"],
-    ] {
-        let output = Command::new(env!("CARGO_BIN_EXE_cfmmr"))
-            .arg("faults")
-            .args(arguments)
-            .output()
-            .unwrap();
-        assert_eq!(output.status.code(), Some(2), "{arguments:?}");
-    }
+    let table = "
+        --only earthquake
+        --only crystal
+        --quick --seeds 2
+        --threads 0
+        --on serial:front=/dev/null
+        --axle-image x";
+    let folder = tempfile::tempdir().unwrap();
+    assert_refused(folder.path(), "faults", table);
 }

@@ -1,36 +1,23 @@
 //! What looks on while virtual boards run, each by a reader of its own.
 
+#[path = "shared/program.rs"]
+mod program;
+
 use host_sim::targets::images::Images;
+use program::{Run, assert_refused, cfmmr, json_file};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fs;
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::path::Path;
-use std::process::{Command, Output, Stdio};
+use std::process::Stdio;
 use std::sync::OnceLock;
 use std::thread;
 use std::time::Duration;
 
-fn command(folder: &Path, arguments: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_cfmmr"));
-    command
-        .args(["posture", "--on", "virtual"])
-        .args(arguments)
-        .current_dir(folder);
-    command
-}
-
-fn posture(folder: &Path, arguments: &[&str]) -> Output {
-    command(folder, arguments).output().unwrap()
-}
-
-fn error_of(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stderr).into_owned()
-}
-
-fn result(folder: &Path) -> Value {
-    serde_json::from_slice(&fs::read(folder.join("result.json")).unwrap()).unwrap()
+fn posture(folder: &Path, arguments: &str) -> Run {
+    cfmmr(folder, &format!("posture --on virtual {arguments}"))
 }
 
 /// A run with everything that writes files.
@@ -38,12 +25,9 @@ fn traced() -> &'static Path {
     static RUN: OnceLock<tempfile::TempDir> = OnceLock::new();
     let folder = RUN.get_or_init(|| {
         let folder = tempfile::tempdir().unwrap();
-        let arguments = "--stop-after 1.2 --out . --vcd new/run.vcd --profile --coverage run.info";
-        let mut arguments: Vec<&str> = arguments.split(' ').collect();
-        arguments.extend(["--csv", "tables"]);
-        let output = posture(folder.path(), &arguments);
-        assert!(output.status.success(), "{}", error_of(&output));
-        let said = String::from_utf8_lossy(&output.stdout);
+        let files = "--vcd new/run.vcd --profile --coverage run.info --csv tables";
+        let arguments = format!("--stop-after 1.2 --out . {files}");
+        let said = posture(folder.path(), &arguments).ends_with(0).out;
         for words in [
             "front board\n",
             "with preemption",
@@ -132,7 +116,7 @@ fn waveforms_have_the_frequencies_of_the_firmware_and_the_bits_of_the_bus() {
         .filter(is_frame)
         .map(|f| &f.1)
         .collect();
-    assert_eq!(result(folder)["frames"], frames.len());
+    assert_eq!(json_file(folder, "result.json")["frames"], frames.len());
     let table = fs::read_to_string(folder.join("tables/bus.csv")).unwrap();
     let mut recorded = 0;
     for row in table.lines().skip(1) {
@@ -150,9 +134,8 @@ fn waveforms_have_the_frequencies_of_the_firmware_and_the_bits_of_the_bus() {
 #[test]
 fn a_profile_adds_up_to_the_load_and_knows_the_longest_tick() {
     let folder = traced();
-    let profiles = fs::read_to_string(folder.join("profile.json")).unwrap();
-    let profiles: Value = serde_json::from_str(&profiles).unwrap();
-    let result = result(folder);
+    let profiles = json_file(folder, "profile.json");
+    let result = json_file(folder, "result.json");
     for (profile, board) in profiles
         .as_array()
         .unwrap()
@@ -248,15 +231,13 @@ fn coverage_has_the_lines_of_the_repository_that_ran() {
 #[test]
 fn a_rear_board_that_loses_its_power_stops_the_robot() {
     let folder = tempfile::tempdir().unwrap();
-    let output = posture(folder.path(), &["--kill", "rear@1.2", "--out", "."]);
-    let said = error_of(&output);
-    assert_eq!(output.status.code(), Some(1), "{said}");
-    let told = String::from_utf8_lossy(&output.stdout);
+    let run = posture(folder.path(), "--kill rear@1.2 --out .").ends_with(1);
+    let (said, told) = (run.error, run.out);
     assert!(
         said.contains("motors off") && told.contains("FrontAxle: Fault, neighbour"),
         "{said}"
     );
-    let result = result(folder.path());
+    let result = json_file(folder.path(), "result.json");
     let events = result["events"].as_array().unwrap();
     assert_eq!(events[0]["time_s"], 1.2, "{events:?}");
     let off = events[1]["what"]["motors-off"].as_u64().unwrap();
@@ -278,17 +259,9 @@ fn a_rear_board_that_loses_its_power_stops_the_robot() {
 #[test]
 fn after_the_restart_of_a_front_board_the_user_drives_again_from_the_start() {
     let folder = tempfile::tempdir().unwrap();
-    let arguments = [
-        "--kill",
-        "front@1.2",
-        "--restart-after",
-        "0.3",
-        "--out",
-        ".",
-    ];
-    let output = posture(folder.path(), &arguments);
-    assert!(output.status.success(), "{}", error_of(&output));
-    let result = result(folder.path());
+    let arguments = "--kill front@1.2 --restart-after 0.3 --out .";
+    posture(folder.path(), arguments).ends_with(0);
+    let result = json_file(folder.path(), "result.json");
     assert!(result["e_m"].as_f64().unwrap() < 0.1, "{result}");
     let events = result["events"].as_array().unwrap();
     let what: Vec<_> = events
@@ -305,9 +278,8 @@ fn after_the_restart_of_a_front_board_the_user_drives_again_from_the_start() {
 fn without_the_beam_board_the_robot_goes_on() {
     let folder = tempfile::tempdir().unwrap();
     let arguments = "--kill beam@0.2 --restart-after 0.2 --stop-after 0.9 --out .";
-    let output = posture(folder.path(), &arguments.split(' ').collect::<Vec<_>>());
-    assert!(output.status.success(), "{}", error_of(&output));
-    let result = result(folder.path());
+    posture(folder.path(), arguments).ends_with(0);
+    let result = json_file(folder.path(), "result.json");
     assert_eq!(result["events"].as_array().unwrap().len(), 2);
     assert_eq!(result["boards"][2]["resets"], Value::Array(Vec::new()));
     let log = fs::read_to_string(folder.path().join("board-beam.log")).unwrap();
@@ -388,8 +360,8 @@ fn a_debugger_meets_the_first_instruction_and_time_stands_still_for_it() {
     let handler = image.symbol("ADC").unwrap();
     let port = free_port();
     let at = format!("rear@{port}");
-    let arguments = ["--stop-after", "0.3", "--gdb", &at, "--out", "with"];
-    let child = command(folder.path(), &arguments)
+    let arguments = format!("posture --on virtual --stop-after 0.3 --gdb {at} --out with");
+    let child = program::command(folder.path(), &arguments)
         .stdout(Stdio::null())
         .stderr(Stdio::piped())
         .spawn()
@@ -410,17 +382,10 @@ fn a_debugger_meets_the_first_instruction_and_time_stands_still_for_it() {
         thread::sleep(Duration::from_millis(700));
     }
     assert_eq!(gdb.ask("D"), "OK");
-    let output = child.wait_with_output().unwrap();
-    assert!(output.status.success(), "{}", error_of(&output));
-    assert!(error_of(&output).contains("gdb dropped"));
-    let output = posture(folder.path(), &["--stop-after", "0.3", "--out", "without"]);
-    assert!(output.status.success(), "{}", error_of(&output));
-    for file in [
-        "log-joint.csv",
-        "board-front.log",
-        "board-rear.log",
-        "board-beam.log",
-    ] {
+    let run = Run::from(child.wait_with_output().unwrap()).ends_with(0);
+    assert!(run.error.contains("gdb dropped"), "{}", run.error);
+    posture(folder.path(), "--stop-after 0.3 --out without").ends_with(0);
+    for file in program::RUN_FILES {
         let [with, without] =
             ["with", "without"].map(|run| fs::read_to_string(folder.path().join(run).join(file)));
         assert_eq!(with.unwrap(), without.unwrap(), "{file}");
@@ -432,56 +397,29 @@ fn bad_input_is_told_with_its_value_and_range() {
     let folder = tempfile::tempdir().unwrap();
     let taken = TcpListener::bind(("127.0.0.1", 0)).unwrap();
     let taken = format!("front@{}", taken.local_addr().unwrap().port());
-    for (arguments, words) in [
-        (&["--gdb", "front@0"][..], ["front@0", "1 to 65535"]),
-        (
-            &["--gdb", "left@3333"],
-            ["left@3333", "front, rear or beam"],
-        ),
-        (&["--gdb", &taken], [&taken, "free"]),
-        (&["--gdb", "beam@3333", "--no-rps"], ["beam", "not fitted"]),
-        (&["--kill", "rear@-1"], ["-1", "0 to 36000"]),
-        (&["--kill", "left@1"], ["left@1", "front, rear or beam"]),
-        (
-            &["--kill", "rear@3", "--stop-after", "2"],
-            ["3 s", "at 2 s"],
-        ),
-        (&["--kill", "rear@91"], ["91 s", "at 90.5 s"]),
-        (
-            &["--kill", "beam@1", "--no-rps"],
-            ["beam@1", "front or rear"],
-        ),
-        (&["--restart-after", "0"], ["0", "0.001 to 36000"]),
-        (&["--rows", "all"], ["--rows", "in process"]),
-    ] {
-        let output = posture(folder.path(), arguments);
-        let said = error_of(&output);
-        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {said}");
-        for words in words {
-            assert!(said.contains(words), "{arguments:?}: {said}");
-        }
-    }
-    for option in [
-        "--gdb=front@3333",
-        "--profile",
-        "--vcd=run.vcd",
-        "--coverage=run.info",
-    ] {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_cfmmr"));
-        let output = command.args(["posture", option]).output().unwrap();
-        assert_eq!(output.status.code(), Some(2), "{option}");
-    }
+    let table = format!(
+        "--gdb front@0 | front@0 | 1 to 65535
+         --gdb left@3333 | left@3333 | front, rear or beam
+         --gdb {taken} | {taken} | free
+         --gdb beam@3333 --no-rps | beam | not fitted
+         --kill rear@-1 | -1 | 0 to 36000
+         --kill left@1 | left@1 | front, rear or beam
+         --kill rear@3 --stop-after 2 | 3 s | at 2 s
+         --kill rear@91 | 91 s | at 90.5 s
+         --kill beam@1 --no-rps | beam@1 | front or rear
+         --restart-after 0 | 0 | 0.001 to 36000
+         --rows all | --rows | in process"
+    );
+    assert_refused(folder.path(), "posture --on virtual", &table);
+    let options = "--gdb=front@3333\n--profile\n--vcd=run.vcd\n--coverage=run.info";
+    assert_refused(folder.path(), "posture", options);
 }
 
 /// Goals one after the other, with the figures of the boards; memory does not grow with the frames of the bus.
 #[test]
 fn soak_on_virtual_boards_reaches_goals_in_bounded_memory() {
     let folder = tempfile::tempdir().unwrap();
-    let arguments = ["soak", "--on", "virtual", "--ticks", "30000", "--json", "-"];
-    let mut command = Command::new(env!("CARGO_BIN_EXE_cfmmr"));
-    let command = command.args(arguments).current_dir(folder.path());
-    let output = command.output().unwrap();
-    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let report = cfmmr(folder.path(), "soak --on virtual --ticks 30000 --json -").json();
     let sum = |key: &str| {
         let windows = report["windows"].as_array().unwrap().iter();
         windows

@@ -3,10 +3,10 @@
 
 Two differential-drive axles in the plane, joined by a strip of hinged segments whose hinge
 stiffness is EI over the segment's length; wheels on a plane with the friction of the plant; the
-drives of the bench. Rounds of `cfmmr plant-bench` and of MuJoCo alternate, so that both meet the
+drives of the bench. Rounds of the example `drives` of `plant` and of MuJoCo alternate, so that both meet the
 same machine; the medians are printed as a table, or with --json as one JSON object.
 
-Needs: pip install mujoco; cargo build --release
+Needs: pip install mujoco
 """
 
 import argparse
@@ -16,7 +16,6 @@ import pathlib
 import statistics
 import subprocess
 import sys
-import tempfile
 import time
 
 try:
@@ -38,7 +37,7 @@ DAMPING = 1e-3
 FRICTION = 0.7
 DENSITY = 7850 * 0.05 * 0.001  # kg/m of the strip
 
-# (base amplitude, rate), (steering amplitude, rate): as in host-sim/src/experiments/plant_bench.rs.
+# (base amplitude, rate), (steering amplitude, rate): as in crates/plant/src/drive.rs.
 DRIVES = {
     "normal": ((0.15, 1.3), (0.4, 0.9)),
     "harsh": ((1.2, 2.0), (1.0, 3.1)),
@@ -127,14 +126,12 @@ def run(compiled, drive, seconds):
     return seconds / taken, finite
 
 
-def plant(binary, seconds):
+def plant():
     """Real-time factor of each drive in one run of the plant."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = pathlib.Path(folder) / "bench.json"
-        command = [binary, "plant-bench", "--repeats", "1", "--duration", str(seconds)]
-        subprocess.run([*command, "--json", path], check=True, stdout=subprocess.DEVNULL)
-        report = json.loads(path.read_text())
-    return {drive["name"]: drive["real_time_factor"] for drive in report["drives"]}
+    command = "cargo run --release --quiet --locked --package plant --example drives".split()
+    done = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True, cwd=ROOT)
+    rows = (line.rsplit(": ", 1) for line in done.stdout.splitlines())
+    return {name: float(factor) for name, factor in rows}
 
 
 def main():
@@ -144,11 +141,8 @@ def main():
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--timestep", type=float, default=1e-3)
     parser.add_argument("--free", action="store_true", help="six degrees of freedom at the root")
-    parser.add_argument("--binary", default=ROOT / "target" / "release" / "cfmmr")
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     arguments = parser.parse_args()
-    if not pathlib.Path(arguments.binary).exists():
-        parser.error(f"--binary {arguments.binary}: not there; cargo build --release makes it")
     compiled = {
         segments: mujoco.MjModel.from_xml_string(
             model(segments, arguments.timestep, not arguments.free)
@@ -157,7 +151,7 @@ def main():
     }
     factors = {}
     for _ in range(arguments.repeats):
-        for name, factor in plant(arguments.binary, 4 * arguments.seconds).items():
+        for name, factor in plant().items():
             factors.setdefault((name, "cfmmr"), []).append(factor)
         for segments in arguments.segments:
             for name, drive in DRIVES.items():

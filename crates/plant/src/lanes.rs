@@ -129,6 +129,14 @@ macro_rules! narrow {
 }
 narrow!(Add add +, Sub sub -, Mul mul *, Div div /);
 
+impl Narrow {
+    /// These numbers where they are taken, others elsewhere.
+    #[inline(always)]
+    fn or_where(self, others: &[f64; 4], taken: impl Fn(usize) -> bool) -> Self {
+        Self([0, 1, 2, 3].map(|i| if taken(i) { self.0[i] } else { others[i] }))
+    }
+}
+
 impl Lanes for Narrow {
     #[inline(always)]
     fn splat(x: f64) -> Self {
@@ -159,33 +167,15 @@ impl Lanes for Narrow {
     }
     #[inline(always)]
     fn min(self, other: Self) -> Self {
-        let mut out = other.0;
-        for i in 0..4 {
-            if self.0[i] < out[i] {
-                out[i] = self.0[i];
-            }
-        }
-        Self(out)
+        self.or_where(&other.0, |i| self.0[i] < other.0[i])
     }
     #[inline(always)]
     fn max(self, other: Self) -> Self {
-        let mut out = other.0;
-        for i in 0..4 {
-            if self.0[i] > out[i] {
-                out[i] = self.0[i];
-            }
-        }
-        Self(out)
+        self.or_where(&other.0, |i| self.0[i] > other.0[i])
     }
     #[inline(always)]
     fn where_equal(self, a: Self, b: Self) -> Self {
-        let mut out = [0.0; 4];
-        for i in 0..4 {
-            if a.0[i] == b.0[i] {
-                out[i] = self.0[i];
-            }
-        }
-        Self(out)
+        self.or_where(&[0.0; 4], |i| a.0[i] == b.0[i])
     }
     #[inline(always)]
     fn halves_swapped(self) -> Self {
@@ -198,13 +188,7 @@ impl Lanes for Narrow {
     }
     #[inline(always)]
     fn transposed(rows: [Self; 4]) -> [Self; 4] {
-        let mut out = [Self([0.0; 4]); 4];
-        for i in 0..4 {
-            for j in 0..4 {
-                out[i].0[j] = rows[j].0[i];
-            }
-        }
-        out
+        [0, 1, 2, 3].map(|i| Self(rows.map(|row| row.0[i])))
     }
 }
 

@@ -4,6 +4,23 @@
 //! only the positive node of each pair is tabulated: sums over the strip work on the even and the
 //! odd part of an integrand, at half the cost.
 
+/// A table of so many rows and columns, entry by entry.
+macro_rules! table {
+    ([$rows:expr, $columns:expr], |$i:ident, $j:ident| $entry:expr) => {{
+        let mut table = [[0.0; $columns]; $rows];
+        let mut $i = 0;
+        while $i < $rows {
+            let mut $j = 0;
+            while $j < $columns {
+                table[$i][$j] = $entry;
+                $j += 1;
+            }
+            $i += 1;
+        }
+        table
+    }};
+}
+
 /// Curvature polynomials, orders 0 to `ORDER − 1`.
 pub const ORDER: usize = 9;
 /// Those that are unknown: all but order 0, which the turn of the end gives.
@@ -89,19 +106,7 @@ pub const WEIGHTS: [f64; PAIRS] = {
 };
 
 /// Slope functions at the positive nodes, in the order of [`MODE`].
-pub const SLOPES: [[f64; MODES]; PAIRS] = {
-    let mut table = [[0.0; MODES]; PAIRS];
-    let mut k = 0;
-    while k < PAIRS {
-        let mut i = 0;
-        while i < MODES {
-            table[k][i] = slope(MODE[i], NODES[k]);
-            i += 1;
-        }
-        k += 1;
-    }
-    table
-};
+pub const SLOPES: [[f64; MODES]; PAIRS] = table!([PAIRS, MODES], |k, i| slope(MODE[i], NODES[k]));
 
 /// Twelve values along the strip, in lanes: the four outermost positive nodes; the other two and
 /// their mirrors; the mirrors of the first four.
@@ -115,87 +120,52 @@ pub const LANES: [[(usize, f64); 4]; 3] = [
 ];
 
 /// Weights along the strip.
-pub const STRAND_WEIGHTS: Strand = {
-    let mut table = [[0.0; 4]; 3];
-    let mut n = 0;
-    while n < 12 {
-        table[n / 4][n % 4] = WEIGHTS[LANES[n / 4][n % 4].0];
-        n += 1;
-    }
-    table
-};
+pub const STRAND_WEIGHTS: Strand = table!([3, 4], |g, n| WEIGHTS[LANES[g][n].0]);
 
 /// Slope function of order 0, (1 + ξ)/2, along the strip.
-pub const STRAND_RISE: Strand = {
-    let mut table = [[0.0; 4]; 3];
-    let mut n = 0;
-    while n < 12 {
-        let (node, side) = LANES[n / 4][n % 4];
-        table[n / 4][n % 4] = 0.5 * (1.0 + side * NODES[node]);
-        n += 1;
-    }
-    table
-};
+pub const STRAND_RISE: Strand = table!([3, 4], |g, n| {
+    let (node, side) = LANES[g][n];
+    0.5 * (1.0 + side * NODES[node])
+});
 
 /// Slope functions along the first eight values of a [`Strand`], in the order of [`MODE`]; the
 /// last four follow by parity.
 pub const STRAND_SLOPES: [[[f64; 4]; 2]; MODES] = {
-    let mut table = [[[0.0; 4]; 2]; MODES];
+    let mut all = [[[0.0; 4]; 2]; MODES];
     let mut i = 0;
     while i < MODES {
-        let mut n = 0;
-        while n < 8 {
-            let (node, side) = LANES[n / 4][n % 4];
-            let side = if i < EVEN { 1.0 } else { side };
-            table[i][n / 4][n % 4] = side * SLOPES[node][i];
-            n += 1;
-        }
+        all[i] = table!([2, 4], |g, n| {
+            let (node, side) = LANES[g][n];
+            (if i < EVEN { 1.0 } else { side }) * SLOPES[node][i]
+        });
         i += 1;
     }
-    table
+    all
 };
 
 /// Products of slope functions at each positive node, in lanes. Rows 0 to 3: even ones with each
 /// other, row 3 left out, its last entry in place of the first of row 1 (symmetry says the rest).
 /// Rows 3 to 6: odd ones in the same way. Rows 6 to 10: even ones with the odd ones.
 pub const PRODUCTS: [[[f64; 4]; 10]; PAIRS] = {
-    let mut table = [[[0.0; 4]; 10]; PAIRS];
+    let mut all = [[[0.0; 4]; 10]; PAIRS];
     let mut k = 0;
     while k < PAIRS {
         let s = &SLOPES[k];
-        let mut n = 0;
-        while n < 4 {
-            let mut i = 0;
-            while i < 3 {
-                table[k][i][n] = s[i] * s[n];
-                table[k][3 + i][n] = s[EVEN + i] * s[EVEN + n];
-                i += 1;
-            }
-            let mut i = 0;
-            while i < EVEN {
-                table[k][6 + i][n] = s[i] * s[EVEN + n];
-                i += 1;
-            }
-            n += 1;
-        }
-        table[k][1][0] = s[3] * s[3];
-        table[k][4][0] = s[EVEN + 3] * s[EVEN + 3];
+        all[k] = table!([10, 4], |row, n| match row {
+            0..3 => s[row] * s[n],
+            3..6 => s[EVEN + row - 3] * s[EVEN + n],
+            _ => s[row - 6] * s[EVEN + n],
+        });
+        all[k][1][0] = s[3] * s[3];
+        all[k][4][0] = s[EVEN + 3] * s[EVEN + 3];
         k += 1;
     }
-    table
+    all
 };
 
 /// Bending stiffness of each row, 1/(2n + 1), on a strip of unit length and stiffness; even and odd
 /// slope functions.
-pub const BENDING: [[f64; 4]; 2] = {
-    let mut table = [[0.0; 4]; 2];
-    let mut i = 0;
-    while i < MODES {
-        table[i / 4][i % 4] = 1.0 / (2 * MODE[i] + 1) as f64;
-        i += 1;
-    }
-    table
-};
+pub const BENDING: [[f64; 4]; 2] = table!([2, 4], |g, n| 1.0 / (2 * MODE[4 * g + n] + 1) as f64);
 
 #[cfg(test)]
 mod tests {

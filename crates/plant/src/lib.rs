@@ -11,6 +11,7 @@
 //! Deterministic to the bit: no fused operations, elementary functions from `libm` or from here.
 
 mod config;
+pub mod drive;
 mod drivetrain;
 pub mod elastica;
 pub mod frame;

@@ -1,40 +1,9 @@
 //! The plant against the explicit reference, with the brush tyre and with everything that makes the
 //! robot other than its drawing.
 
+use plant::drive::{HARSH, NORMAL};
 use plant::reference::Reference;
 use plant::{PlantConfig, Tyre};
-
-/// Torques of a drive: amplitudes (N m) and rates (rad/s) of what is common to all wheels and of
-/// what turns the axles against each other.
-type Drive = [[f64; 2]; 2];
-const NORMAL: Drive = [[0.15, 1.3], [0.4, 0.9]];
-const HARSH: Drive = [[1.2, 2.0], [1.0, 3.1]];
-
-fn torque([base, steer]: Drive, t: f64) -> [[f64; 2]; 2] {
-    let wave = |[amplitude, rate]: [f64; 2]| amplitude * (rate * t).sin();
-    let (base, steer) = (wave(base), wave(steer));
-    [[base - steer, base + steer], [base + steer, base - steer]]
-}
-
-/// Largest distance (m) and difference of heading (rad) over `steps` of 1 ms, the reference taking
-/// `fine` steps in each.
-fn compare(drive: Drive, config: &PlantConfig, steps: usize, fine: usize) -> [f64; 2] {
-    let mut plant = config.build().unwrap();
-    let mut reference = Reference::new(config, plant.state().axle.map(|a| a.posture));
-    let mut worst = [0.0f64; 2];
-    for k in 0..steps {
-        let torque = torque(drive, k as f64 * 1e-3);
-        plant.step(torque);
-        reference.advance(1e-3, fine, torque);
-        for (axle, q) in plant.state().axle.iter().zip(reference.postures()) {
-            let p = axle.posture;
-            worst[0] = worst[0].max((p[0] - q[0]).hypot(p[1] - q[1]));
-            worst[1] = worst[1].max((p[2] - q[2]).abs());
-        }
-    }
-    assert!(!reference.lost);
-    worst
-}
 
 fn brush(stiffness: f64) -> PlantConfig {
     PlantConfig {
@@ -53,10 +22,10 @@ fn brush_tyre_follows_the_reference() {
         (NORMAL, 40.0),
         (HARSH, 20.0),
     ] {
-        let [position, heading] = compare(drive, &brush(stiffness), 400, 100);
-        println!("{drive:?} {stiffness}: {position} m, {heading} rad");
-        assert!(position < 5e-5, "{drive:?} {stiffness}: {position} m");
-        assert!(heading < 3e-4, "{drive:?} {stiffness}: {heading} rad");
+        let [position, heading] = drive.error(&brush(stiffness), 0.4).unwrap();
+        println!("{} {stiffness}: {position} m, {heading} rad", drive.name);
+        assert!(position < 5e-5, "{} {stiffness}: {position} m", drive.name);
+        assert!(heading < 3e-4, "{} {stiffness}: {heading} rad", drive.name);
     }
 }
 
@@ -78,10 +47,10 @@ fn crooked() -> PlantConfig {
 #[test]
 fn a_crooked_robot_follows_the_reference() {
     for (drive, allowed) in [(NORMAL, [5e-5, 5e-4]), (HARSH, [1.5e-4, 8e-4])] {
-        let [position, heading] = compare(drive, &crooked(), 400, 100);
-        println!("{drive:?}: {position} m, {heading} rad");
-        assert!(position < allowed[0], "{drive:?}: {position} m");
-        assert!(heading < allowed[1], "{drive:?}: {heading} rad");
+        let [position, heading] = drive.error(&crooked(), 0.4).unwrap();
+        println!("{}: {position} m, {heading} rad", drive.name);
+        assert!(position < allowed[0], "{}: {position} m", drive.name);
+        assert!(heading < allowed[1], "{}: {heading} rad", drive.name);
     }
 }
 
@@ -108,7 +77,7 @@ fn the_reference_sees_each_imperfection() {
         let start = reference.postures();
         let mut worst = 0.0f64;
         for k in 0..400 {
-            let torque = torque(NORMAL, k as f64 * 1e-3);
+            let torque = NORMAL.torque(k as f64 * 1e-3);
             plant.step(torque);
             reference.advance(1e-3, 100, torque);
         }

@@ -9,7 +9,6 @@ pub mod output;
 pub mod progress;
 pub mod spelling;
 pub mod statistics;
-pub mod stopwatch;
 pub mod table;
 pub mod terminal;
 pub mod toml_file;

@@ -23,7 +23,6 @@ use crate::experiments::faults::FaultsArgs;
 use crate::experiments::follow::FollowArgs;
 use crate::experiments::hil::HilArgs;
 use crate::experiments::params::ParamsArgs;
-use crate::experiments::plant_bench::PlantBenchArgs;
 use crate::experiments::posture::PostureArgs;
 use crate::experiments::replay::ReplayArgs;
 use crate::experiments::soak::command::SoakArgs;
@@ -115,8 +114,6 @@ pub enum Command {
     Faults(FaultsArgs),
     /// Drive for hours and measure the estimator's health and the memory
     Soak(SoakArgs),
-    /// Measure the real-time factor of the plant alone
-    PlantBench(PlantBenchArgs),
     /// Check toolchain, debug probe and serial ports, and print what to type
     Doctor(DoctorArgs),
     /// Print the completions of a shell: `source <(cfmmr completions bash)`

@@ -7,12 +7,13 @@
 
 use crate::base::error::Error;
 use crate::base::numbers::whole;
-use crate::base::output::{Cell, Csv};
+use crate::base::output::Csv;
 use crate::base::statistics::{self, chi_square_quantile, error, mean_square_band, nees};
 use crate::base::table::Table;
 use crate::experiments::Context;
 use crate::experiments::arguments::Common;
 use crate::experiments::posture::{ROWS, Variant};
+use crate::recording::csv;
 use crate::run::regulate::regulate;
 use crate::run::robot::Record;
 use crate::scenario::Scenario;
@@ -22,10 +23,9 @@ use crate::view::style::{BAND, series};
 use clap::{Args, ValueEnum};
 use core_algos::fusion::Estimate;
 use core_algos::fusion::ekf::Verdict;
-use core_algos::fusion::robot::Mode;
 use serde::Serialize;
 
-/// Fusions that `consistency` compares.
+/// Fusions that `consistency` compares, by [`Variant::fusion`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Fusion {
     /// Odometry alone, without the relative position sensor
@@ -37,17 +37,6 @@ pub enum Fusion {
     CiIpec,
     /// Joint filter of both axles
     Joint,
-}
-
-impl From<Fusion> for Mode {
-    fn from(fusion: Fusion) -> Self {
-        match fusion {
-            Fusion::Odometry => Self::Odometry,
-            Fusion::Ci => Self::Intersection,
-            Fusion::CiIpec => Self::IntersectionIpec,
-            Fusion::Joint => Self::Joint,
-        }
-    }
 }
 
 /// Arguments of `consistency`.
@@ -312,22 +301,15 @@ pub fn measure(context: &Context, variants: &[Variant], runs: u32) -> Result<Rep
         .map(|variant| variant.apply(&context.scenario))
         .collect();
     let count = runs as usize;
-    let results = context.run("runs", variants.len() * count, |index| {
-        let scenario = &scenarios[index % scenarios.len()];
+    let blocks = context.run_rows("runs", (variants.len(), count), |row, trial| {
+        let scenario = &scenarios[row];
         let mut observer = Observer::new(scenario.mission.settle_s);
-        regulate(
-            scenario,
-            context.seed,
-            (index / scenarios.len()) as u64,
-            |record: &Record| observer.observe(record),
-        )?;
+        regulate(scenario, context.seed, trial as u64, |record: &Record| {
+            observer.observe(record);
+        })?;
         let duration_s = observer.epochs as f64 * 0.01;
         Ok((observer.run, duration_s))
     })?;
-    let mut blocks: Vec<Vec<_>> = vec![Vec::new(); variants.len()];
-    for (index, run) in results.into_iter().enumerate() {
-        blocks[index % variants.len()].extend(run);
-    }
     if blocks.iter().any(Vec::is_empty) {
         let text = "interrupted before each row had a run: nothing is written";
         return Err(Error::Interrupted(text.to_owned()));
@@ -395,7 +377,9 @@ pub fn run(args: &ConsistencyArgs) -> Result<(), Error> {
     let context = Context::new(&args.common, "consistency")?;
     let mut variants = Variant::ALL.to_vec();
     if !args.fusion.is_empty() {
-        variants.retain(|v| args.fusion.iter().any(|&fusion| v.mode == fusion.into()));
+        let names = args.fusion.iter().filter_map(ValueEnum::to_possible_value);
+        let names: Vec<_> = names.collect();
+        variants.retain(|v| names.iter().any(|name| name.get_name() == v.fusion()));
     }
     let rows: Vec<Scenario> = variants
         .iter()
@@ -414,47 +398,25 @@ pub fn run(args: &ConsistencyArgs) -> Result<(), Error> {
 }
 
 fn csv(report: &Report) -> Csv {
-    let mut csv = Csv::new([
-        "rps",
-        "imu",
-        "fusion",
-        "body",
-        "end",
-        "time_s",
-        "nees",
-        "band_low",
-        "band_high",
-        "within",
-        "rms_x_m",
-        "rms_y_m",
-        "rms_phi_rad",
-        "claimed_x_m",
-        "claimed_y_m",
-        "claimed_phi_rad",
-    ]);
+    let mut rows = Vec::new();
     for row in &report.rows {
         let instants = row.path.iter().map(|instant| (false, instant));
         for (end, instant) in instants.chain([(true, &row.end)]) {
             for (name, body) in BODIES.into_iter().zip(instant.bodies()) {
-                let mut cells: Vec<Cell> = vec![
-                    row.rps.into(),
-                    row.imu.into(),
-                    row.fusion.into(),
-                    name.into(),
-                    end.into(),
-                    instant.time_s.into(),
-                    body.nees.into(),
-                    report.band[0].into(),
-                    report.band[1].into(),
-                    body.within.into(),
-                ];
-                cells.extend(body.rms.map(Cell::from));
-                cells.extend(body.claimed.map(Cell::from));
-                csv.row(cells);
+                let mut cells = csv::Row::default();
+                cells.put("rps imu", &[row.rps, row.imu]);
+                cells.put("fusion body", &[row.fusion, name]);
+                cells.put("end", &[end]);
+                cells.put("time_s nees", &[instant.time_s, body.nees]);
+                cells.put("band_low band_high", &report.band);
+                cells.put("within", &[body.within]);
+                cells.put("rms_x_m rms_y_m rms_phi_rad", &body.rms);
+                cells.put("claimed_x_m claimed_y_m claimed_phi_rad", &body.claimed);
+                rows.push(cells);
             }
         }
     }
-    csv
+    csv::Row::table(rows)
 }
 
 /// Fusions of the picture, and their words in its legend.

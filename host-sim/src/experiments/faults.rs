@@ -6,6 +6,7 @@ use crate::base::numbers::whole;
 use crate::base::output;
 use crate::base::progress::Progress;
 use crate::experiments::arguments::{Place, WorldChoice, place, refuse};
+use crate::experiments::pool;
 use crate::experiments::result::{JsonArgs, Provenance};
 use crate::run::virtual_robot::faults::{
     Campaign, Case, Course, End, Entry, Outcome, Reference, SILENCE, catalogue, model, reference,
@@ -427,10 +428,7 @@ pub fn run(args: &FaultsArgs) -> Result<(), Error> {
         coverage::check(images)?;
         output::try_file(file)?;
     }
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(args.threads.map_or(0, usize::from))
-        .build()
-        .map_err(|error| Error::Failure(error.to_string()))?;
+    let pool = pool(args.threads)?;
     let seeds = if args.quick { 1 } else { u64::from(args.seeds) };
     let report = pool.install(|| campaign(&trials, &entries, seeds))?;
     args.json

@@ -16,7 +16,6 @@ pub mod follow;
 pub mod hil;
 pub mod mission;
 pub mod params;
-pub mod plant_bench;
 pub mod posture;
 pub mod real_robot;
 pub mod recorder;
@@ -41,6 +40,13 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
+/// So many threads; without a number one a core.
+pub fn pool(threads: Option<u16>) -> Result<rayon::ThreadPool, Error> {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.map_or(0, usize::from));
+    pool.build()
+        .map_err(|error| Error::Failure(error.to_string()))
+}
+
 /// Scenario, threads and output of an experiment.
 pub struct Context {
     /// The scenario with the changes of the command line.
@@ -61,10 +67,7 @@ impl Context {
     pub fn new(common: &Common, name: &str) -> Result<Self, Error> {
         let scenario = common.scenario.load()?;
         let given = common.scenario.given()?;
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(common.threads.map_or(0, usize::from))
-            .build()
-            .map_err(|error| Error::Failure(error.to_string()))?;
+        let pool = pool(common.threads)?;
         let default = || PathBuf::from("out").join(name);
         let context = Self {
             scenario,
@@ -130,6 +133,23 @@ impl Context {
                 .collect()
         });
         results.into_iter().collect()
+    }
+
+    /// Runs `count` trials of each row, trial by trial, so that an interrupt leaves trials of every row.
+    pub fn run_rows<T: Send>(
+        &self,
+        trials: &'static str,
+        (rows, count): (usize, usize),
+        work: impl Fn(usize, usize) -> Result<T, Error> + Sync,
+    ) -> Result<Vec<Vec<T>>, Error> {
+        let results = self.run(trials, rows * count, |index| {
+            work(index % rows, index / rows)
+        })?;
+        let mut blocks: Vec<Vec<T>> = (0..rows).map(|_| Vec::new()).collect();
+        for (index, result) in results.into_iter().enumerate() {
+            blocks[index % rows].extend(result);
+        }
+        Ok(blocks)
     }
 
     /// Path of the directory for result files.

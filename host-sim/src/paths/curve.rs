@@ -131,16 +131,18 @@ impl Path {
         })
     }
 
+    /// A built-in shape: it has no waypoints.
+    fn shape(curve: &Curve, knots: &[f64], closed: bool) -> Result<Self, PathError> {
+        let mut path = Self::from_curve(curve, knots, closed)?;
+        path.waypoints.clear();
+        Ok(path)
+    }
+
     /// A straight line of `length` (m) from the origin along x.
     pub fn line(length: f64) -> Result<Self, PathError> {
         positive("length", length)?;
-        let mut path = Self::from_curve(
-            &|t| [[t, 0.0], [1.0, 0.0], [0.0, 0.0]],
-            &[0.0, length],
-            false,
-        )?;
-        path.waypoints.clear();
-        Ok(path)
+        let curve = |t: f64| [[t, 0.0], [1.0, 0.0], [0.0, 0.0]];
+        Self::shape(&curve, &[0.0, length], false)
     }
 
     /// A circle of `radius` (m) to the left, from the origin along x; closed.
@@ -155,9 +157,7 @@ impl Path {
             ]
         };
         let knots: Vec<f64> = (0..=8).map(|i| TAU * f64::from(i) / 8.0).collect();
-        let mut path = Self::from_curve(&curve, &knots, true)?;
-        path.waypoints.clear();
-        Ok(path)
+        Self::shape(&curve, &knots, true)
     }
 
     /// A figure eight: Bernoulli's lemniscate of half width `half_width` (m, a), from its crossing
@@ -189,9 +189,7 @@ impl Path {
             })
         };
         let knots: Vec<f64> = (0..=16).map(|i| TAU * f64::from(i) / 16.0).collect();
-        let mut path = Self::from_curve(&curve, &knots, true)?;
-        path.waypoints.clear();
-        Ok(path)
+        Self::shape(&curve, &knots, true)
     }
 
     /// The path turned and shifted so that its origin lies at a posture (m, m, rad).
@@ -314,9 +312,7 @@ impl Path {
         let (a, b) = (self.samples[i], self.samples[(i + 1).min(last)]);
         let h = b.s - a.s;
         let u = ((s - a.s) / h).clamp(0.0, 1.0);
-        let ease = u * u * (3.0 - 2.0 * u);
-        let leave = u * (1.0 - u) * (1.0 - u) * h;
-        let arrive = -u * u * (1.0 - u) * h;
+        let [ease, leave, arrive] = cubic(u, h);
         let missing = wrapped(b.phi - a.phi) - 0.5 * h * (a.kappa + b.kappa);
         let rise = b.kappa - a.kappa;
         Sample {
@@ -348,6 +344,16 @@ impl Path {
         }
         best
     }
+}
+
+/// Shares of the cubic between two points, at `u` from 0 to 1: of the way between them, and of the
+/// slopes at the first and the second one, `h` apart.
+pub(super) fn cubic(u: f64, h: f64) -> [f64; 3] {
+    [
+        u * u * (3.0 - 2.0 * u),
+        u * (1.0 - u) * (1.0 - u) * h,
+        -u * u * (1.0 - u) * h,
+    ]
 }
 
 /// The angle less whole turns, rad.

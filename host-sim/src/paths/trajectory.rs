@@ -1,6 +1,6 @@
 //! Trajectories: the time law along a path.
 
-use super::curve::{Path, Sample};
+use super::curve::{Path, Sample, cubic};
 use super::limits::{Bounds, PathError, positive};
 use core_algos::control::path::TrajectoryPoint;
 
@@ -159,9 +159,7 @@ impl Trajectory {
         let (a, b) = (self.points[i], self.points[i + 1]);
         let span = b.t - a.t;
         let u = ((t - a.t) / span).clamp(0.0, 1.0);
-        let ease = u * u * (3.0 - 2.0 * u);
-        let leave = u * (1.0 - u) * (1.0 - u) * span;
-        let arrive = -u * u * (1.0 - u) * span;
+        let [ease, leave, arrive] = cubic(u, span);
         a.sample.s + ease * (b.sample.s - a.sample.s) + leave * a.v + arrive * b.v
     }
 

@@ -4,17 +4,38 @@ use crate::base::output::{Cell, Csv};
 use crate::run::robot::Record;
 use core_algos::math::Posture;
 
-type Row = Vec<(&'static str, Cell)>;
+/// A row of a table, each value beside the name of its column.
+#[derive(Debug, Default)]
+pub struct Row(Vec<(&'static str, Cell)>);
 
-/// Appends values with the names of their columns, separated by spaces. A value that is not known is an empty cell.
+impl Row {
+    /// Appends values with the names of their columns, separated by spaces.
+    pub fn put<C: Copy + Into<Cell>>(&mut self, names: &'static str, values: &[C]) {
+        let names = names.split(' ');
+        debug_assert_eq!(names.clone().count(), values.len());
+        let cells = values.iter().map(|&value| value.into());
+        self.0.extend(names.zip(cells));
+    }
+
+    /// The table of these rows.
+    pub fn table(rows: impl IntoIterator<Item = Self>) -> Csv {
+        let mut rows = rows.into_iter().peekable();
+        let names = rows.peek().into_iter().flat_map(|Self(row)| row);
+        let mut csv = Csv::new(names.map(|(name, _)| name));
+        rows.for_each(|Self(row)| csv.row(row.into_iter().map(|(_, cell)| cell)));
+        csv
+    }
+}
+
+/// Appends values; one that is not known is an empty cell.
 fn put<C: Copy + Into<Cell>>(row: &mut Row, names: &'static str, values: &[C]) {
-    let names = names.split(' ');
-    debug_assert_eq!(names.clone().count(), values.len());
-    let cell = |value: C| match value.into() {
-        Cell::Double(value) if value.is_nan() => Cell::Empty,
-        cell => cell,
-    };
-    row.extend(names.zip(values).map(|(name, &value)| (name, cell(value))));
+    let first = row.0.len();
+    row.put(names, values);
+    for (_, cell) in &mut row.0[first..] {
+        if matches!(cell, Cell::Double(value) if value.is_nan()) {
+            *cell = Cell::Empty;
+        }
+    }
 }
 
 fn row(record: &Record) -> Row {
@@ -26,7 +47,7 @@ fn row(record: &Record) -> Row {
         format!("{:?}", record.lead.phase).to_lowercase(),
         format!("{:?}", record.lead.mode).to_lowercase(),
     ];
-    let mut cells = Row::new();
+    let mut cells = Row::default();
     let row = &mut cells;
     put(row, "time_s", &[record.time_s]);
     put(row, "x_m y_m phi_rad", &record.midpoint);
@@ -63,10 +84,10 @@ fn row(record: &Record) -> Row {
 
 /// The records as CSV with a header; names carry the unit, `_est` marks the robot's own estimate.
 pub fn of_records(records: &[Record]) -> Csv {
-    let header = row(&Record::default());
+    let Row(header) = row(&Record::default());
     let mut csv = Csv::new(header.iter().map(|(name, _)| name));
     for record in records {
-        csv.row(row(record).into_iter().map(|(_, cell)| cell));
+        csv.row(row(record).0.into_iter().map(|(_, cell)| cell));
     }
     csv
 }

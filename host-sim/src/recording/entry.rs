@@ -4,6 +4,7 @@
 //! the same `f64`, whose shortest decimal reads back the same; structures also as the bytes
 //! (postcard, as on the serial link) in hexadecimal.
 
+use super::schema::{Field, Kind, Schema, kinds, messages};
 use core_algos::beam::MAX_GAUGES;
 use core_algos::bus::{CanFrame, LeadMode, Message};
 use core_algos::control::regulator::Phase;
@@ -157,107 +158,118 @@ impl<'de> Deserialize<'de> for Can {
     }
 }
 
-/// A board's nodes were started.
+kinds! {
+    Kind::Integer => u8, u32, Conditions;
+    Kind::Number => f32, f64, Exact;
+    Kind::Truth => bool;
+    Kind::Text => String, Hex, Role, LeadMode, Phase, OperatingState;
+    Kind::Integers(2) => [Option<i32>; 2];
+    Kind::Integers(MAX_GAUGES) => [i32; MAX_GAUGES];
+    Kind::Numbers(2) => [f64; 2], [Exact; 2];
+    Kind::Numbers(3) => [f32; 3];
+    Kind::Numbers(4) => [f64; 4];
+    Kind::List => Vec<f32>;
+    Kind::Texts => Vec<Can>;
+    Kind::Pose => Pose;
+    Kind::Estimate => Estimated;
+    Kind::Frames => Vec<LoggedFrame>;
+}
+
+messages! {
+    #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+    pub struct Start = "cfmmr.Start", "The nodes of a board were started" {
+        tick: u32, "ms, time since the start of the simulation";
+        parameters: Hex, "parameters of the robot, postcard in hexadecimal";
+        parameters_hash: String, "CRC-32C of these bytes";
+        place: Option<Hex>, "initial estimate of the lead node, postcard in hexadecimal";
+    }
+
+    #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+    pub struct Off = "cfmmr.Off", "A board was switched off" {
+        tick: u32, "ms, time since the start of the simulation";
+        reason: String, "reason";
+    }
+
+    #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+    pub struct AxleTick = "cfmmr.AxleTick", "One tick of an axle board: inputs and commanded torques" {
+        tick: u32, "ms, time since the start of the simulation";
+        encoder: [Option<i32>; 2], "counts of the encoders (left, right), wrapping; null if missing";
+        gyro_rad_s: Option<Exact>, "rad/s, yaw rate";
+        acceleration_m_s2: Option<Exact>, "m/s², along the heading";
+        conditions: Conditions, "conditions reported by the drivers, bit k is row k of the table of conditions";
+        received: Vec<Can>, "frames that arrived before the tick, each as identifier#data in hexadecimal";
+        torque_nm: [Exact; 2], "N m, wheel torques commanded (left, right)";
+    }
+
+    #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+    pub struct BeamTick = "cfmmr.BeamTick", "One tick of the beam board: inputs" {
+        tick: u32, "ms, time since the start of the simulation";
+        counts: [i32; MAX_GAUGES], "counts of the strain bridges from the root on; 0 if not fitted";
+        received: Vec<Can>, "frames that arrived before the tick, each as identifier#data in hexadecimal";
+    }
+
+    #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+    pub struct HostCommandEntry = "cfmmr.Order", "Command of the host to the lead node before a tick" {
+        tick: u32, "ms, time since the start of the simulation";
+        text: String, "the command in words";
+        bits: Hex, "the command, postcard in hexadecimal";
+    }
+
+    #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+    pub struct BusEntry = "cfmmr.BusFrames", "Frames that a board sent on the bus at a tick" {
+        tick: u32, "ms, time since the start of the simulation";
+        board: Role, "front, rear or beam";
+        frames: Vec<LoggedFrame>, "frames in order: name of the message as in the DBC, frame as identifier#data in hexadecimal, and message as the receivers decode it, in SI units as in its names";
+    }
+
+    #[derive(Clone, Debug, PartialEq, Serialize)]
+    pub struct LeadEntry = "cfmmr.Lead", "Estimate and commands of the lead node in an epoch" {
+        tick: u32, "ms, time since the start of the simulation";
+        epoch_s: f64, "s, time of validity of the estimates";
+        mode: LeadMode, "mode sent to the axles: idle, active, hold, clear";
+        phase: Phase, "phase of the regulator: stop, plan, steer, segment, approach, hold, done, gave-up";
+        state: OperatingState, "operating state of the lead node";
+        reason: u8, "code of the condition that stopped the node, 0 if none";
+        done: bool, "true if the task is done and the robot at rest";
+        robot: Estimated, "midpoint, global frame";
+        front: Estimated, "front axle, global frame";
+        rear: Estimated, "rear axle, global frame";
+        innovation: [f32; 3], "m, m, rad: measured less predicted posture of the front axle in the rear axle's frame";
+        nis: f32, "1, normalised innovation squared of the beam; 3 on average";
+        velocity_m_s: f32, "m/s, commanded velocity of the midpoint";
+        acceleration_m_s2: f32, "m/s², commanded";
+        steering_rad: f32, "rad, commanded steering ψ";
+        steering_rate_rad_s: f32, "rad/s, commanded";
+        target: Option<Pose>, "reference of the midpoint on a path or trajectory, global frame";
+        bits: Hex, "the whole output, postcard in hexadecimal";
+    }
+
+    #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+    pub struct TruthEntry = "cfmmr.Truth", "True state of the simulated robot, and measured strains" {
+        time_s: f64, "s";
+        robot: Pose, "midpoint, global frame";
+        front: Pose, "front axle, global frame";
+        rear: Pose, "rear axle, global frame";
+        relative: Pose, "front axle in the rear axle's frame";
+        wheel_speed_rad_s: [f64; 4], "rad/s: front left, front right, rear left, rear right";
+        torque_nm: [f64; 4], "N m at the wheels, in the same order";
+        force_n: [f64; 2], "N, force of the frame on the rear axle, in the coordinates of that axle";
+        moment_nm: [f64; 2], "N m, moment of the frame at root and tip";
+        strain: Vec<f32>, "1, measured strains from the root on";
+    }
+}
+
+/// A frame and what it says; replay reads the frame alone.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Start {
-    /// The first tick, ms.
-    pub tick: u32,
-    /// `RobotConfig` as postcard.
-    pub parameters: Hex,
-    /// CRC-32C of these bytes, as the board checks it.
-    pub parameters_hash: String,
-    /// Initial estimate of the lead node: `Place` as postcard.
-    pub place: Option<Hex>,
-}
-
-/// A board was switched off.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Off {
-    /// Time, ms.
-    pub tick: u32,
-    /// Why.
-    pub reason: String,
-}
-
-/// One tick of an axle board.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct AxleTick {
-    /// Time, ms.
-    pub tick: u32,
-    /// Encoder counts (left, right).
-    pub encoder: [Option<i32>; 2],
-    /// Yaw rate, rad/s.
-    pub gyro_rad_s: Option<Exact>,
-    /// Acceleration along the heading, m/s².
-    pub acceleration_m_s2: Option<Exact>,
-    /// Conditions reported by the drivers.
-    pub conditions: Conditions,
-    /// Frames that arrived before.
-    pub received: Vec<Can>,
-    /// Wheel torques commanded (left, right), N m.
-    pub torque_nm: [Exact; 2],
-}
-
-/// One tick of the beam board.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct BeamTick {
-    /// Time, ms.
-    pub tick: u32,
-    /// Counts of the bridges.
-    pub counts: [i32; MAX_GAUGES],
-    /// Frames that arrived before.
-    pub received: Vec<Can>,
-}
-
-/// A command of the host.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct HostCommandEntry {
-    /// Time, ms: before this tick.
-    pub tick: u32,
-    /// The command in words.
-    pub text: String,
-    /// `HostCommand` as postcard.
-    pub bits: Hex,
-}
-
-/// Frames that a board sent at a tick.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct BusEntry {
-    /// Time, ms.
-    pub tick: u32,
-    /// The board.
-    pub board: Role,
-    /// The frames, in order.
-    pub frames: Vec<LoggedFrame>,
-}
-
-/// A frame and what it says.
-#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct LoggedFrame {
     /// Name of the message.
+    #[serde(skip_deserializing)]
     pub name: &'static str,
     /// The frame.
     pub frame: Can,
     /// Message, as the receivers decode it.
+    #[serde(skip_deserializing)]
     pub message: Option<Message>,
-}
-
-/// The part of a [`BusEntry`] that replay reads.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-pub struct BusFrames {
-    /// Time, ms.
-    pub tick: u32,
-    /// The board.
-    pub board: Role,
-    /// The frames, in order.
-    pub frames: Vec<SaidFrame>,
-}
-
-/// The part of a [`LoggedFrame`] that replay reads.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-pub struct SaidFrame {
-    /// The frame.
-    pub frame: Can,
 }
 
 /// Position and heading.
@@ -308,47 +320,6 @@ impl From<&Estimate> for Estimated {
     }
 }
 
-/// Output of the lead node at a step.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct LeadEntry {
-    /// Tick of the board's answer, ms.
-    pub tick: u32,
-    /// The instant at which the estimates hold, s.
-    pub epoch_s: f64,
-    /// Mode sent to the axles.
-    pub mode: LeadMode,
-    /// Phase of the regulator.
-    pub phase: Phase,
-    /// Operating state of the lead node.
-    pub state: OperatingState,
-    /// Code of the condition that stopped it, 0 if none.
-    pub reason: u8,
-    /// The task is fulfilled.
-    pub done: bool,
-    /// Midpoint.
-    pub robot: Estimated,
-    /// Front axle.
-    pub front: Estimated,
-    /// Rear axle.
-    pub rear: Estimated,
-    /// Measured less predicted relative posture.
-    pub innovation: [f32; 3],
-    /// Normalised innovation squared.
-    pub nis: f32,
-    /// Commanded velocity.
-    pub velocity_m_s: f32,
-    /// Commanded acceleration.
-    pub acceleration_m_s2: f32,
-    /// Commanded steering angle.
-    pub steering_rad: f32,
-    /// Commanded steering rate.
-    pub steering_rate_rad_s: f32,
-    /// Reference of the midpoint.
-    pub target: Option<Pose>,
-    /// `lead::Output` as postcard.
-    pub bits: Hex,
-}
-
 impl LeadEntry {
     /// The entry of an output that came at `tick`.
     pub fn new(tick: u32, output: &lead::Output) -> Self {
@@ -390,31 +361,6 @@ pub struct LeadBits {
 pub fn epoch_of(tick: u32) -> u32 {
     const TICKS: u32 = (core_algos::time::EPOCH / core_algos::time::TICK) as u32;
     tick / TICKS * TICKS
-}
-
-/// The simulated robot as it really is.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct TruthEntry {
-    /// Time, s.
-    pub time_s: f64,
-    /// Midpoint.
-    pub robot: Pose,
-    /// Front axle.
-    pub front: Pose,
-    /// Rear axle.
-    pub rear: Pose,
-    /// Front axle in the rear axle's frame.
-    pub relative: Pose,
-    /// Wheel speeds: front left, front right, rear left, rear right, rad/s.
-    pub wheel_speed_rad_s: [f64; 4],
-    /// Torques at the wheels, in the same order, N m.
-    pub torque_nm: [f64; 4],
-    /// Force of the frame on the rear axle, in its frame, N.
-    pub force_n: [f64; 2],
-    /// Moments of the frame at root and end, N m.
-    pub moment_nm: [f64; 2],
-    /// Strains as measured, from the root.
-    pub strain: Vec<f32>,
 }
 
 #[cfg(test)]

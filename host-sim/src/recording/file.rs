@@ -123,15 +123,9 @@ pub struct Mcap {
     epochs: u64,
     ended: Option<String>,
     whole: bool,
-    /// Goal and path, for viewers that connect later.
-    planned: Planned,
-}
-
-/// Goal and path of the run.
-#[derive(Default)]
-struct Planned {
-    goal: Option<PoseInFrame>,
-    reference: Option<PosesInFrame>,
+    /// Goal and path of the run, for viewers that connect later.
+    planned_goal: Option<PoseInFrame>,
+    planned_path: Option<PosesInFrame>,
 }
 
 impl Mcap {
@@ -176,7 +170,8 @@ impl Mcap {
             epochs: 0,
             ended: Some("interrupted".to_owned()),
             whole: false,
-            planned: Planned::default(),
+            planned_goal: None,
+            planned_path: None,
             sink,
         })
     }
@@ -185,14 +180,14 @@ impl Mcap {
     pub fn plan(&mut self, goal: [f64; 3], path: &[[f64; 3]]) {
         let goal = standard::in_world(0, &goal.into());
         self.goal.log_with_meta(&goal, at(0));
-        self.planned.goal = Some(goal);
+        self.planned_goal = Some(goal);
         if !path.is_empty() {
             let stride = path.len().div_ceil(REFERENCE_POINTS);
             let points = path.iter().step_by(stride).copied();
             let poses: Vec<Pose> = points.map(Pose::from).collect();
             let path = standard::path(0, &poses);
             self.reference.log_with_meta(&path, at(0));
-            self.planned.reference = Some(path);
+            self.planned_path = Some(path);
         }
     }
 
@@ -211,7 +206,7 @@ impl Mcap {
         };
         server.time(time);
         for (channel, viewer) in server.joined() {
-            let (goal, reference) = (&self.planned.goal, &self.planned.reference);
+            let (goal, reference) = (&self.planned_goal, &self.planned_path);
             if let Some(goal) = goal.as_ref().filter(|_| channel == self.goal.id()) {
                 self.goal
                     .log_with_meta_to_sink(goal, at(time), Some(viewer));

@@ -3,7 +3,7 @@
 //!
 //! A [`Session`] is one recording. [`Session::tap`] puts a listener on each board, wherever it runs;
 //! as an [`Observer`] it takes in the true state once an epoch. [`topics`] is the table of what is
-//! written, [`entry`] what the messages hold, [`read`] the way back.
+//! written, [`entry`] declares the messages, [`read`] the way back.
 //!
 //! Times are simulated time since the start, in a log as nanoseconds: one run gives the same bytes
 //! every time.
@@ -14,6 +14,7 @@ mod file;
 mod live;
 pub mod read;
 pub mod replay;
+mod schema;
 mod sink;
 mod standard;
 pub mod tables;

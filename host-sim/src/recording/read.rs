@@ -5,7 +5,7 @@
 //! than the file.
 
 use super::entry::{
-    ABOUT, AxleTick, BeamTick, BusFrames, Can, END, Exact, FORMAT, HostCommandEntry, LeadBits, Off,
+    ABOUT, AxleTick, BeamTick, BusEntry, Can, END, Exact, FORMAT, HostCommandEntry, LeadBits, Off,
     Start, TruthEntry,
 };
 use crate::base::error::Error;
@@ -200,7 +200,7 @@ impl Recording {
                 self.truth.insert(tick, entry);
             }
             "/bus" => {
-                let entry: BusFrames = parse(data)?;
+                let entry: BusEntry = parse(data)?;
                 let frames = entry.frames.into_iter();
                 pending.sent[entry.board as usize]
                     .extend(frames.map(|said| (entry.tick, said.frame.0)));
@@ -241,14 +241,12 @@ impl Recording {
             ("start", _) => {
                 let entry: Start = parse(data)?;
                 let config = entry.parameters.value();
-                let place = entry.place.as_ref().map(|bits| bits.value());
+                let place = entry.place.as_ref().map(|bits| bits.value().map(Box::new));
+                let place = place.map(|place| place.ok_or("its place does not decode"));
                 Event::Start {
                     tick: entry.tick,
                     config: Box::new(config.ok_or("its parameters do not decode in this version")?),
-                    place: match place {
-                        Some(place) => Some(Box::new(place.ok_or("its place does not decode")?)),
-                        None => None,
-                    },
+                    place: place.transpose()?,
                 }
             }
             ("off", _) => Event::Off(parse::<Off>(data)?.tick),
@@ -266,18 +264,12 @@ impl Recording {
             }
             ("tick", _) => {
                 let entry: AxleTick = parse(data)?;
-                let lead = match pending
-                    .lead
-                    .take_if(|lead| role == Role::Front && lead.tick == entry.tick)
-                {
-                    Some(lead) => {
-                        let output = lead.bits.value();
-                        Some(Box::new(
-                            output.ok_or("the bits of the lead node's output do not decode")?,
-                        ))
-                    }
-                    None => None,
-                };
+                let current = |lead: &mut LeadBits| role == Role::Front && lead.tick == entry.tick;
+                let lead = pending.lead.take_if(current);
+                let lead = lead.map(|lead| lead.bits.value().map(Box::new));
+                let lead = lead
+                    .map(|output| output.ok_or("the bits of the lead node's output do not decode"));
+                let lead = lead.transpose()?;
                 Event::Tick(Box::new(Step {
                     tick: entry.tick,
                     samples: Samples::Axle(axle::Samples {

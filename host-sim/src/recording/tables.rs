@@ -44,21 +44,12 @@ impl Tables {
             }
         };
         let counts = (1..=MAX_GAUGES).map(|i| format!("bridge_{i}_counts"));
-        let header = [
-            "time_s",
-            "axle",
-            "encoder_left_counts",
-            "encoder_right_counts",
-            "gyro_rad_s",
-            "acceleration_m_s2",
-            "conditions_bits",
-            "torque_left_nm",
-            "torque_right_nm",
-        ];
+        let header = "time_s axle encoder_left_counts encoder_right_counts gyro_rad_s \
+                      acceleration_m_s2 conditions_bits torque_left_nm torque_right_nm";
         Ok(Self {
             place,
             records: Vec::new(),
-            axles: Csv::new(header),
+            axles: Csv::new(header.split_whitespace()),
             beam: Csv::new(std::iter::once("time_s".to_owned()).chain(counts)),
             bus: Csv::new(["time_s", "board", "identifier_hex", "message", "data_hex"]),
         })

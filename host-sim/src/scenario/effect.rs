@@ -8,11 +8,10 @@
 use crate::base::error::Error;
 use crate::base::toml_file;
 use crate::scenario::Scenario;
-use crate::world::effect::{Rules, in_world, leaves, listed, rules, within};
+use crate::world::effect::{Rules, in_world, keys, listed, rules, within};
 use core_algos::beam::sensor::Method;
 use core_algos::control::regulator::Strategy;
 use core_algos::fusion::robot::Mode;
-use toml::Table;
 
 /// Use of a scenario: the task of the run, or the model that replaces the robot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -117,14 +116,9 @@ pub type Run<'a> = (&'a Scenario, Use);
 impl GivenKeys {
     /// The keys of `--set` and of a scenario file that has been read without error.
     pub fn new(changes: &[String], file: &str) -> Result<Self, Error> {
-        let keys = |table: Table| {
-            let mut keys = Vec::new();
-            leaves("", &table, &mut keys);
-            keys
-        };
         Ok(Self {
-            set: keys(toml_file::changes(changes)?),
-            file: keys(toml::from_str(file).unwrap_or_default()),
+            set: keys(&toml_file::changes(changes)?),
+            file: keys(&toml::from_str(file).unwrap_or_default()),
         })
     }
 
@@ -175,8 +169,7 @@ pub fn text(key: &str, taken: Taken, runs: &[Run]) -> Option<String> {
 
 /// Refuses a key of a file for one run without effect in the run.
 pub fn check_file(text: &str, file: &str, run: Run) -> Result<(), Error> {
-    let mut keys = Vec::new();
-    leaves("", &toml::from_str(text).unwrap_or_default(), &mut keys);
+    let keys = keys(&toml::from_str(text).unwrap_or_default());
     match keys.iter().find_map(|key| self::text(key, &[], &[run])) {
         Some(text) => Err(Error::input(format!("{file}: {text}"))),
         None => Ok(()),

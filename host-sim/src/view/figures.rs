@@ -2,6 +2,7 @@
 //!
 //! Postures are (x, y, heading) in metres and radians.
 
+use crate::run::final_error::FinalError;
 use crate::run::robot::Record;
 use crate::view::plot::{Figure, Height, Panel, extent};
 use crate::view::style::{
@@ -182,36 +183,23 @@ fn ahead([x, y, heading]: [f64; 3], [forward, left]: [f64; 2]) -> [f64; 2] {
     ]
 }
 
-/// Posture errors of one trial over time.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct ErrorTrace {
-    /// Time, s.
-    pub t_s: Vec<f64>,
-    /// Distance of O from the goal, m.
-    pub e_m: Vec<f64>,
-    /// Line of sight minus the goal's heading, rad.
-    pub theta_rad: Vec<f64>,
-    /// Line of sight minus the robot's heading, rad.
-    pub alpha_rad: Vec<f64>,
-}
-
 /// Posture errors of one configuration.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ErrorsColumn {
     /// Configuration, and the trial.
     pub title: String,
-    /// By the robot's own estimate.
-    pub estimate: ErrorTrace,
-    /// True errors.
-    pub truth: ErrorTrace,
+    /// Time, s, and errors by the robot's own estimate.
+    pub estimate: Vec<(f64, FinalError)>,
+    /// Time, s, and true errors.
+    pub truth: Vec<(f64, FinalError)>,
 }
 
-/// One of the three errors: label, caption unit, factor of the caption and plotted values.
+/// One of the three errors: label, caption unit, factor of the caption and plotted value.
 struct ErrorAxis {
     label: &'static str,
     unit: &'static str,
     per_unit: f64,
-    pick: fn(&ErrorTrace) -> Vec<f64>,
+    pick: fn(&FinalError) -> f64,
 }
 
 const ERROR_AXES: [ErrorAxis; 3] = [
@@ -219,31 +207,28 @@ const ERROR_AXES: [ErrorAxis; 3] = [
         label: "e (m)",
         unit: " cm",
         per_unit: 100.0,
-        pick: |trace| trace.e_m.clone(),
+        pick: |error| error.e_m,
     },
     ErrorAxis {
         label: "θ (°) at e ≥ 5 cm",
         unit: "°",
         per_unit: 1.0,
-        pick: |trace| angle_far_away(trace, &trace.theta_rad),
+        pick: |error| angle_far_away(error, error.theta_rad),
     },
     ErrorAxis {
         label: "α (°) at e ≥ 5 cm",
         unit: "°",
         per_unit: 1.0,
-        pick: |trace| angle_far_away(trace, &trace.alpha_rad),
+        pick: |error| angle_far_away(error, error.alpha_rad),
     },
 ];
 
 /// An angle in degrees; not a number within [`LEAST_DISTANCE_M`] of the goal.
-fn angle_far_away(trace: &ErrorTrace, angle: &[f64]) -> Vec<f64> {
-    let pairs = angle.iter().zip(&trace.e_m);
-    pairs
-        .map(|(angle, &e)| match e < LEAST_DISTANCE_M {
-            true => f64::NAN,
-            false => angle.to_degrees(),
-        })
-        .collect()
+fn angle_far_away(error: &FinalError, angle: f64) -> f64 {
+    match error.e_m < LEAST_DISTANCE_M {
+        true => f64::NAN,
+        false => angle.to_degrees(),
+    }
 }
 
 /// Posture errors over time (paper figure 8): e, θ and α as estimated and as they are, with the
@@ -279,12 +264,16 @@ fn error_panel(axis: &ErrorAxis, row: usize, column: &ErrorsColumn) -> Panel {
         ("true", &column.truth, TRUTH),
         ("robot's estimate", &column.estimate, ESTIMATE),
     ] {
-        let values = (axis.pick)(trace);
-        last.extend(values.last().map(|value| match value.is_finite() {
-            true => format!("{:.1}{}", value * axis.per_unit, axis.unit).replace('-', "−"),
-            false => "–".to_owned(),
-        }));
-        let points = trace.t_s.iter().zip(values).map(|(&t, value)| [t, value]);
+        let points = trace.iter().map(|(t, error)| [*t, (axis.pick)(error)]);
+        last.extend(
+            points
+                .clone()
+                .next_back()
+                .map(|[_, value]| match value.is_finite() {
+                    true => format!("{:.1}{}", value * axis.per_unit, axis.unit).replace('-', "−"),
+                    false => "–".to_owned(),
+                }),
+        );
         panel.line(name, with_gaps(points, 180.0), look.stroke);
     }
     match last.as_slice() {

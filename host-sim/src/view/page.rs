@@ -5,6 +5,7 @@
 
 use crate::base::output::OutputDir;
 use crate::recording::BUILD;
+use crate::run::final_error::wrap;
 use crate::run::robot::Record;
 use crate::scenario::Scenario;
 use crate::view::style::{self, ESTIMATE, TRUTH};
@@ -91,12 +92,6 @@ struct Plot {
     series: Vec<Series>,
 }
 
-/// Turns that are left out so that two headings are less than half a turn apart.
-fn less_turns(angle: f64) -> f64 {
-    let turn = std::f64::consts::TAU;
-    angle - turn * (angle / turn).round()
-}
-
 fn posture(p: Posture) -> [f64; 3] {
     [p.x, p.y, p.phi].map(f64::from)
 }
@@ -120,76 +115,68 @@ impl Run<'_> {
             look: format!("--{look}"),
             data: shown.iter().map(|&i| Rounded(value(i))).collect(),
         };
+        // Values of a sample and of the n-th series.
+        let numbered = |names: &[&'static str], value: &dyn Fn(usize, usize) -> f64| {
+            let names = names.iter().enumerate();
+            names
+                .map(|(n, name)| column(name, &format!("c{n}"), &|i| value(i, n)))
+                .collect::<Vec<_>>()
+        };
+        let both = |value: &dyn Fn(usize, usize) -> f64| {
+            vec![
+                column("true", TRUTH.name, &|i| value(i, 0)),
+                column("as estimated", ESTIMATE.name, &|i| value(i, 1)),
+            ]
+        };
+        let plot = |title, unit, series| Plot {
+            title,
+            unit,
+            series,
+        };
         let record = |i: usize| self.records[i];
         let sigma = |i: usize, axis: usize| {
             f64::from(record(i).lead.fused.robot.covariance[axis][axis]).sqrt()
         };
-        let off = |i: usize| {
+        let off = |i: usize, axis: usize| {
             let seen = posture(record(i).lead.fused.robot.posture);
-            let truth = record(i).midpoint;
-            std::array::from_fn::<f64, 3, _>(|k| seen[k] - truth[k])
+            seen[axis] - record(i).midpoint[axis]
         };
-        let degrees = |angle: f64| less_turns(angle).to_degrees();
-        let errors = |k: usize, part: usize| move |i: usize| self.errors[i][k][part];
+        let degrees = |angle: f64| wrap(angle).to_degrees();
+        let position = |i: usize, n: usize| match n {
+            0 | 1 => 1e3 * off(i, n),
+            _ => 2e3 * sigma(i, n - 2),
+        };
+        let heading = |i: usize, n: usize| match n {
+            0 => degrees(off(i, 2)),
+            _ => 2.0 * sigma(i, 2).to_degrees(),
+        };
+        let torque = |i: usize, n: usize| record(i).torque.as_flattened()[n];
+        let strain = |i: usize, n: usize| 1e6 * f64::from(record(i).strain[n]);
+        let names = ["x", "y", "2σ x", "2σ y"];
+        let wheels = ["front left", "front right", "rear left", "rear right"];
         let strains = ["1", "2", "3", "4", "5", "6", "7", "8"];
         let fitted = self.scenario.robot.beam.strip.gauges_m.count();
         let gauges = if self.scenario.mission.rps { fitted } else { 0 };
-        let strain = |k: usize| move |i: usize| 1e6 * f64::from(record(i).strain[k]);
+        let distances = both(&|i, k| 1e3 * self.errors[i][k][0]);
+        let headings = both(&|i, k| degrees(self.errors[i][k][1]));
         let mut plots = vec![
-            Plot {
-                title: self.distance,
-                unit: "mm",
-                series: vec![
-                    column("true", TRUTH.name, &|i| 1e3 * errors(0, 0)(i)),
-                    column("as estimated", ESTIMATE.name, &|i| 1e3 * errors(1, 0)(i)),
-                ],
-            },
-            Plot {
-                title: "Heading error",
-                unit: "°",
-                series: vec![
-                    column("true", TRUTH.name, &|i| degrees(errors(0, 1)(i))),
-                    column("as estimated", ESTIMATE.name, &|i| degrees(errors(1, 1)(i))),
-                ],
-            },
-            Plot {
-                title: "Position, estimate less truth",
-                unit: "mm",
-                series: vec![
-                    column("x", "c0", &|i| 1e3 * off(i)[0]),
-                    column("y", "c1", &|i| 1e3 * off(i)[1]),
-                    column("2σ x", "c2", &|i| 2e3 * sigma(i, 0)),
-                    column("2σ y", "c3", &|i| 2e3 * sigma(i, 1)),
-                ],
-            },
-            Plot {
-                title: "Heading, estimate less truth",
-                unit: "°",
-                series: vec![
-                    column("heading", "c0", &|i| degrees(off(i)[2])),
-                    column("2σ", "c1", &|i| 2.0 * sigma(i, 2).to_degrees()),
-                ],
-            },
-            Plot {
-                title: "Wheel torques",
-                unit: "N m",
-                series: vec![
-                    column("front left", "c0", &|i| record(i).torque[0][0]),
-                    column("front right", "c1", &|i| record(i).torque[0][1]),
-                    column("rear left", "c2", &|i| record(i).torque[1][0]),
-                    column("rear right", "c3", &|i| record(i).torque[1][1]),
-                ],
-            },
+            plot(self.distance, "mm", distances),
+            plot("Heading error", "°", headings),
+            plot(
+                "Position, estimate less truth",
+                "mm",
+                numbered(&names, &position),
+            ),
+            plot(
+                "Heading, estimate less truth",
+                "°",
+                numbered(&["heading", "2σ"], &heading),
+            ),
+            plot("Wheel torques", "N m", numbered(&wheels, &torque)),
         ];
         if gauges > 0 {
-            let names = strains.into_iter().take(gauges).enumerate();
-            plots.push(Plot {
-                title: "Strains, from the rear end on",
-                unit: "µm/m",
-                series: names
-                    .map(|(k, name)| column(name, &format!("c{k}"), &strain(k)))
-                    .collect(),
-            });
+            let series = numbered(&strains[..gauges], &strain);
+            plots.push(plot("Strains, from the rear end on", "µm/m", series));
         }
         plots
     }
@@ -250,7 +237,7 @@ impl Run<'_> {
             "estimate": list(&|record| {
                 let [x, y, phi] = posture(record.lead.fused.robot.posture);
                 let truth = record.midpoint[2];
-                [x, y, truth + less_turns(phi - truth)]
+                [x, y, truth + wrap(phi - truth)]
             }),
             "frame": each(&|record| json!(frame(record))),
             "covariance": each(&|record| json!(covariance(record))),

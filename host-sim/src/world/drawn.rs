@@ -5,7 +5,7 @@ use core_algos::beam::MAX_GAUGES;
 use serde::Serialize;
 
 /// Errors of one drawn robot, constant within a trial. Axle 0 is the front, wheel 0 the left.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Drawn {
     /// True rolling radius over nominal, by axle and wheel.
     pub wheel_radius_factor: [[f64; 2]; 2],
@@ -46,19 +46,8 @@ impl Drawn {
         Self {
             wheel_radius_factor: [[1.0; 2]; 2],
             track_factor: [1.0; 2],
-            placement: [0.0; 3],
-            encoder_phase: [[0.0; 2]; 2],
-            gyro_bias: [0.0; 2],
-            gyro_scale_error: [0.0; 2],
-            accelerometer_bias: [0.0; 2],
-            accelerometer_scale_error: [0.0; 2],
-            bridge_gain_error: [0.0; MAX_GAUGES],
-            bridge_offset: [0.0; MAX_GAUGES],
-            bridge_drift: [0.0; MAX_GAUGES],
-            bridge_zero_per_k: [0.0; MAX_GAUGES],
-            gauge_shift_m: [0.0; MAX_GAUGES],
-            gauge_creep_error: 0.0,
-            plant: PlantErrors::NONE,
+            plant: PlantErrors::none(),
+            ..Self::default()
         }
     }
 }

@@ -43,8 +43,7 @@ const WORLD: Rules<fn(&World) -> bool> = rules! {
 
 /// Refuses a key of a world file without effect in that world.
 pub fn check_world(text: &str, world: &World) -> Result<(), Error> {
-    let mut keys = Vec::new();
-    leaves("", &toml::from_str(text).unwrap_or_default(), &mut keys);
+    let keys = keys(&toml::from_str(text).unwrap_or_default());
     let idle = |key: &String| Some(format!("{key}: no effect {}", in_world(key, world)?));
     match keys.iter().find_map(idle) {
         Some(text) => Err(Error::input(format!("world = {}: {text}", world.name))),
@@ -72,16 +71,22 @@ pub fn within(key: &str, prefix: &str) -> bool {
 }
 
 /// Keys of all values that are not tables.
-pub fn leaves(prefix: &str, table: &Table, keys: &mut Vec<String>) {
+pub fn keys(table: &Table) -> Vec<String> {
+    let mut keys = Vec::new();
+    leaves("", table, &mut |key, _| keys.push(key.to_owned()));
+    keys
+}
+
+/// Visits all values that are not tables with their keys.
+pub fn leaves(prefix: &str, table: &Table, visit: &mut impl FnMut(&str, &Value)) {
     for (name, value) in table {
-        let key = if prefix.is_empty() {
-            name.clone()
-        } else {
-            format!("{prefix}.{name}")
+        let key = match prefix {
+            "" => name.clone(),
+            _ => format!("{prefix}.{name}"),
         };
         match value {
-            Value::Table(inner) => leaves(&key, inner, keys),
-            _ => keys.push(key),
+            Value::Table(inner) => leaves(&key, inner, visit),
+            _ => visit(&key, value),
         }
     }
 }

@@ -3,6 +3,7 @@
 //! The comment above an entry is its reason, and that of the entries that follow it without a comment of
 //! their own; what stands behind an entry of `base.toml` is the unit in every world.
 
+use super::effect::leaves;
 use super::{BASE, World, text};
 use crate::base::error::Error;
 use serde::Serialize;
@@ -37,7 +38,7 @@ pub fn figures(name: &str) -> Result<Vec<Figure>, Error> {
     let table = Table::try_from(&world).map_err(|error| Error::Failure(error.to_string()))?;
     let (own, base) = (comments(&text(name)?), comments(BASE));
     let mut figures = Vec::new();
-    leaves(&table, "", &mut |key, value| {
+    leaves("", &table, &mut |key, value| {
         let below = base.get(key).cloned().unwrap_or_default();
         figures.push(Figure {
             key: key.to_owned(),
@@ -49,20 +50,6 @@ pub fn figures(name: &str) -> Result<Vec<Figure>, Error> {
     });
     figures.sort_by_key(|figure| figure.base);
     Ok(figures)
-}
-
-/// Visits every entry that is not a table.
-fn leaves(table: &Table, within: &str, visit: &mut impl FnMut(&str, &Value)) {
-    for (key, value) in table {
-        let key = match within {
-            "" => key.clone(),
-            _ => format!("{within}.{key}"),
-        };
-        match value {
-            Value::Table(inner) => leaves(inner, &key, visit),
-            _ => visit(&key, value),
-        }
-    }
 }
 
 /// The comments of a file that reads as a world, by key.

@@ -28,7 +28,7 @@ table! {
 }
 
 /// Errors of the plant's constants in one robot.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct PlantErrors {
     /// Slip stiffness of each wheel over the mean.
     pub slip_stiffness_factor: [[f64; 2]; 2],
@@ -48,15 +48,13 @@ pub struct PlantErrors {
 
 impl PlantErrors {
     /// A plant as it is configured.
-    pub const NONE: Self = Self {
-        slip_stiffness_factor: [[1.0; 2]; 2],
-        bending_stiffness_factor: 1.0,
-        strip_length_m: 0.0,
-        side_slip: [0.0; 2],
-        carpet_drift: [0.0; 2],
-        backlash_rad: [[0.0; 2]; 2],
-        radius_load_sensitivity: 0.0,
-    };
+    pub fn none() -> Self {
+        Self {
+            slip_stiffness_factor: [[1.0; 2]; 2],
+            bending_stiffness_factor: 1.0,
+            ..Self::default()
+        }
+    }
 
     /// Makes a plant this one.
     pub fn apply(&self, plant: &mut PlantConfig) {
@@ -77,7 +75,7 @@ impl PlantErrors {
 impl Spread {
     /// One robot's errors; the same numbers whatever the spread.
     pub fn draw(&self, random: &mut Pcg64) -> PlantErrors {
-        let mut drawn = PlantErrors::NONE;
+        let mut drawn = PlantErrors::none();
         for factor in drawn.slip_stiffness_factor.as_flattened_mut() {
             *factor = normal(random, self.slip_stiffness).exp();
         }

@@ -5,7 +5,7 @@
 //! [`NOT_RUN`] with its reason, what is run shorter in [`SHORTER`].
 
 use crate::pages::{self, Page, root};
-use crate::program::cfmmr;
+use crate::program::with_input;
 use clap::Parser;
 use clap::error::ErrorKind;
 use host_sim::cli::Cli;
@@ -194,12 +194,11 @@ fn lines(text: &str) -> Vec<String> {
 }
 
 fn run(folder: &Path, arguments: &[String], input: &str) -> Result<(), String> {
-    let output = cfmmr(folder, arguments, input);
-    if output.status.success() {
-        return Ok(());
+    let run = with_input(folder, arguments, input);
+    match run.code {
+        Some(0) => Ok(()),
+        code => Err(format!("{code:?}: {}", run.error)),
     }
-    let said = String::from_utf8_lossy(&output.stderr);
-    Err(format!("{}: {said}", output.status))
 }
 
 fn check(command: &str, words: &[String], check: &Check) -> Result<(), String> {
@@ -272,13 +271,8 @@ fn prepare(folder: &Path, page: &Page) {
 
 /// True if the boards' Rust target is installed, as by ci.sh; otherwise commands on virtual boards are only parsed.
 fn has_target() -> bool {
-    let arguments = [
-        "--print",
-        "target-libdir",
-        "--target",
-        "thumbv7em-none-eabihf",
-    ];
-    let output = Command::new("rustc").args(arguments).output();
+    let arguments = "--print target-libdir --target thumbv7em-none-eabihf";
+    let output = Command::new("rustc").args(arguments.split(' ')).output();
     output.is_ok_and(|output| {
         let folder = String::from_utf8_lossy(&output.stdout).into_owned();
         output.status.success() && Path::new(folder.trim()).is_dir()

@@ -4,3 +4,5 @@
 pub mod entry;
 #[path = "../../../host-sim/src/recording/read.rs"]
 pub mod read;
+#[path = "../../../host-sim/src/recording/schema.rs"]
+pub mod schema;

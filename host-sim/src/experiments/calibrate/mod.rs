@@ -10,6 +10,7 @@ pub mod wheels;
 
 use crate::base::error::Error;
 use crate::paths::{Path, Waypoint};
+use crate::run::final_error::wrap;
 use crate::run::path_run::{self, PathMode, Route};
 use crate::run::simulation::Simulation;
 use crate::scenario::Scenario;
@@ -116,7 +117,7 @@ impl Bench {
         let mut heading = [0.0; 2];
         let axles = std::array::from_fn(|i| {
             let [x, y, phi] = between(seen.axles[i], state.axle[i].posture);
-            heading[i] = wrapped(phi - seen.laps[i].end()[2]);
+            heading[i] = wrap(phi - seen.laps[i].end()[2]);
             Return {
                 lap: seen.laps[i].clone(),
                 // Marks at both wheels.
@@ -334,13 +335,9 @@ pub fn believed(scenario: &Scenario, role: Role) -> Result<wheels::Axle, Error> 
     })
 }
 
-fn wrapped(angle: f64) -> f64 {
-    angle - TAU * (angle / TAU).round()
-}
-
 /// A posture seen from another one.
 fn between(from: [f64; 3], to: [f64; 3]) -> [f64; 3] {
     let (s, c) = from[2].sin_cos();
     let (x, y) = (to[0] - from[0], to[1] - from[1]);
-    [c * x + s * y, c * y - s * x, wrapped(to[2] - from[2])]
+    [c * x + s * y, c * y - s * x, wrap(to[2] - from[2])]
 }

@@ -12,6 +12,7 @@
 //! speeds tell the two apart.
 
 use crate::plant::elastica::solve;
+use crate::run::final_error::wrap;
 use core_algos::bus::field::POSITION_SPAN_M;
 
 /// Standard deviation of the ends of the axle as measured, m; it weighs heading against position.
@@ -42,7 +43,7 @@ impl Lap {
             let span = f64::from(POSITION_SPAN_M);
             x -= span * ((x - x0) / span).round();
             y -= span * ((y - y0) / span).round();
-            let turn = wrapped(phi - phi0);
+            let turn = wrap(phi - phi0);
             let (s, c) = (phi0 + 0.5 * turn).sin_cos();
             let ahead = c * (x - x0) + s * (y - y0);
             let aside = c * (y - y0) - s * (x - x0);
@@ -86,11 +87,6 @@ impl Lap {
         }
         ([x, y, phi], by)
     }
-}
-
-fn wrapped(angle: f64) -> f64 {
-    let turn = std::f64::consts::TAU;
-    angle - turn * (angle / turn).round()
 }
 
 /// A run and where it really ended, in the frame in which the axle began: m, m, rad.
@@ -151,7 +147,7 @@ fn improve(returns: &[Return], errors: &[f64; 3], weights: &[f64; 3]) -> Option<
         let (end, by) = item.lap.predict(errors);
         for k in 0..3 {
             let miss = item.end[k] - end[k];
-            let miss = weights[k] * if k == 2 { wrapped(miss) } else { miss };
+            let miss = weights[k] * if k == 2 { wrap(miss) } else { miss };
             let row = by[k].map(|value| weights[k] * value);
             for i in 0..3 {
                 right[i] += row[i] * miss;

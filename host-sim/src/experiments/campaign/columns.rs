@@ -5,7 +5,8 @@
 use crate::base::error::Error;
 use bytes::Bytes;
 use parquet::basic::{LogicalType, Repetition, Type as Physical};
-use parquet::data_type::{BoolType, ByteArray, ByteArrayType, DoubleType, Int64Type};
+use parquet::column::reader::{ColumnReader, ColumnReaderImpl};
+use parquet::data_type::{BoolType, ByteArray, ByteArrayType, DataType, DoubleType, Int64Type};
 use parquet::errors::ParquetError;
 use parquet::file::metadata::KeyValue;
 use parquet::file::properties::WriterProperties;
@@ -28,19 +29,13 @@ pub enum Values {
 }
 
 impl Values {
-    /// Number of values.
-    pub fn len(&self) -> usize {
+    fn len(&self) -> usize {
         match self {
             Self::Double(values) => values.len(),
             Self::Integer(values) => values.len(),
             Self::Flag(values) => values.len(),
             Self::Text(values) => values.len(),
         }
-    }
-
-    /// True if there are no rows.
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
     }
 
     /// True if two rows have the same value to the bit.
@@ -224,42 +219,32 @@ impl Columns {
     }
 }
 
-fn read_column(
-    reader: parquet::column::reader::ColumnReader,
+/// All records of a column.
+fn records<T: DataType>(
+    mut reader: ColumnReaderImpl<T>,
     rows: usize,
-) -> Result<Values, ParquetError> {
-    use parquet::column::reader::ColumnReader as Reader;
+) -> Result<Vec<T::T>, ParquetError> {
+    let mut values = Vec::new();
+    reader.read_records(rows, None, None, &mut values)?;
+    Ok(values)
+}
+
+fn read_column(reader: ColumnReader, rows: usize) -> Result<Values, ParquetError> {
+    let error = |text: &str| Err(ParquetError::General(text.to_owned()));
     let values = match reader {
-        Reader::DoubleColumnReader(mut reader) => {
-            let mut values = Vec::new();
-            reader.read_records(rows, None, None, &mut values)?;
-            Values::Double(values)
-        }
-        Reader::Int64ColumnReader(mut reader) => {
-            let mut values = Vec::new();
-            reader.read_records(rows, None, None, &mut values)?;
-            Values::Integer(values)
-        }
-        Reader::BoolColumnReader(mut reader) => {
-            let mut values = Vec::new();
-            reader.read_records(rows, None, None, &mut values)?;
-            Values::Flag(values)
-        }
-        Reader::ByteArrayColumnReader(mut reader) => {
-            let mut values: Vec<ByteArray> = Vec::new();
-            reader.read_records(rows, None, None, &mut values)?;
+        ColumnReader::DoubleColumnReader(reader) => Values::Double(records(reader, rows)?),
+        ColumnReader::Int64ColumnReader(reader) => Values::Integer(records(reader, rows)?),
+        ColumnReader::BoolColumnReader(reader) => Values::Flag(records(reader, rows)?),
+        ColumnReader::ByteArrayColumnReader(reader) => {
+            let values = records(reader, rows)?;
             let words = values.iter().map(|v| v.as_utf8().map(str::to_owned));
             Values::Text(words.collect::<Result<_, _>>()?)
         }
-        _ => {
-            return Err(ParquetError::General(
-                "a column of an unknown type".to_owned(),
-            ));
-        }
+        _ => return error("a column of an unknown type"),
     };
     match values.len() == rows {
         true => Ok(values),
-        false => Err(ParquetError::General("a column is truncated".to_owned())),
+        false => error("a column is truncated"),
     }
 }
 

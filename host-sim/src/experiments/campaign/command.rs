@@ -14,6 +14,7 @@ use crate::experiments::campaign::pictures;
 use crate::experiments::campaign::report::Report;
 use crate::experiments::campaign::shard::Shard;
 use crate::experiments::campaign::study::Study;
+use crate::experiments::pool;
 use crate::experiments::result::{JsonArgs, Provenance};
 use crate::run::regulate::regulate;
 use clap::{Args, Subcommand};
@@ -139,10 +140,7 @@ fn shard(args: &CampaignArgs) -> Result<(), Error> {
         .filter(|&block| shard.has(block))
         .collect();
     let to_do = missing(&directory, &mine)?;
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(args.threads.map_or(0, usize::from))
-        .build()
-        .map_err(|error| Error::Failure(error.to_string()))?;
+    let pool = pool(args.threads)?;
     let count = |blocks: &[u64]| -> u64 {
         blocks
             .iter()

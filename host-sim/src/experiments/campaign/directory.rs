@@ -7,6 +7,7 @@ use super::columns::{Columns, Values};
 use super::study::{Run, Study};
 use crate::base::error::Error;
 use crate::base::output;
+use crate::run::final_error::FinalError;
 use crate::run::regulate::Outcome;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -145,11 +146,6 @@ impl Directory {
     }
 }
 
-fn wrap(angle: f64) -> f64 {
-    let turn = std::f64::consts::TAU;
-    angle - turn * (angle / turn).round()
-}
-
 /// The table of some runs: what they were, then how they ended.
 fn columns(study: &Study, runs: &[Finished]) -> Columns {
     let whole = |pick: &dyn Fn(&Finished) -> i64| Values::Integer(runs.iter().map(pick).collect());
@@ -167,56 +163,44 @@ fn columns(study: &Study, runs: &[Finished]) -> Columns {
         };
         columns.push((vary.key.clone(), values));
     }
-    type Pick = fn(&Finished) -> f64;
-    let goal = |r: &Finished| r.run.scenario.mission.goal;
-    let start = |r: &Finished| r.run.scenario.mission.start;
+    let error = |r: &Finished| FinalError::of(r.outcome.midpoint, r.run.scenario.mission.goal);
     for (i, name) in ["start_x_m", "start_y_m", "start_phi_rad"]
         .into_iter()
         .enumerate()
     {
-        columns.push((name.to_owned(), number(&|r| start(r)[i])));
+        let start = number(&|r| r.run.scenario.mission.start[i]);
+        columns.push((name.to_owned(), start));
     }
-    let error = |r: &Finished| {
-        let [x, y, _] = r.outcome.midpoint;
-        (goal(r)[0] - x).hypot(goal(r)[1] - y)
+    let fault = |r: &Finished| {
+        let reason = r.outcome.fault.as_ref().and_then(|fault| fault.reason);
+        reason.map_or(0, |condition| condition.code().into())
     };
-    let heading = |r: &Finished| wrap(r.outcome.midpoint[2] - goal(r)[2]);
-    columns.extend([
-        ("e_m".to_owned(), number(&error)),
-        ("heading_rad".to_owned(), number(&heading)),
+    let ends = [
+        ("e_m", number(&|r| error(r).e_m)),
+        ("heading_rad", number(&|r| error(r).heading_rad)),
+        ("within_3cm_3deg", flag(&|r| error(r).is_near())),
+        ("done", flag(&|r| r.outcome.done)),
+        ("gave_up", flag(&|r| r.outcome.gave_up)),
+        ("fault_code", whole(&fault)),
+        ("x_m", number(&|r| r.outcome.midpoint[0])),
+        ("y_m", number(&|r| r.outcome.midpoint[1])),
+        ("phi_rad", number(&|r| r.outcome.midpoint[2])),
         (
-            "within_3cm_3deg".to_owned(),
-            flag(&|r| error(r) <= 0.03 && heading(r).abs() <= 3f64.to_radians()),
-        ),
-        ("done".to_owned(), flag(&|r| r.outcome.done)),
-        ("gave_up".to_owned(), flag(&|r| r.outcome.gave_up)),
-        (
-            "fault_code".to_owned(),
-            whole(&|r| {
-                let reason = r.outcome.fault.as_ref().and_then(|fault| fault.reason);
-                reason.map_or(0, |condition| condition.code().into())
+            "estimate_error_m",
+            number(&|r| {
+                let ([x, y, _], [u, v, _]) = (r.outcome.midpoint, r.outcome.estimate);
+                (u - x).hypot(v - y)
             }),
         ),
-    ]);
-    let outcomes: [(&str, Pick); 9] = [
-        ("x_m", |r| r.outcome.midpoint[0]),
-        ("y_m", |r| r.outcome.midpoint[1]),
-        ("phi_rad", |r| r.outcome.midpoint[2]),
-        ("estimate_error_m", |r| {
-            let ([x, y, _], [u, v, _]) = (r.outcome.midpoint, r.outcome.estimate);
-            (u - x).hypot(v - y)
-        }),
-        ("drift_m", |r| {
-            let [x, y, _] = r.outcome.relative_error;
-            x.hypot(y)
-        }),
-        ("force_rms_n", |r| r.outcome.force_rms_n),
-        ("max_curvature_1_m", |r| r.outcome.max_curvature),
-        ("duration_s", |r| r.outcome.duration_s),
-        ("path_m", |r| r.outcome.path_m),
+        (
+            "drift_m",
+            number(&|r| r.outcome.relative_error[0].hypot(r.outcome.relative_error[1])),
+        ),
+        ("force_rms_n", number(&|r| r.outcome.force_rms_n)),
+        ("max_curvature_1_m", number(&|r| r.outcome.max_curvature)),
+        ("duration_s", number(&|r| r.outcome.duration_s)),
+        ("path_m", number(&|r| r.outcome.path_m)),
     ];
-    for (name, pick) in outcomes {
-        columns.push((name.to_owned(), number(&pick)));
-    }
+    columns.extend(ends.map(|(name, values)| (name.to_owned(), values)));
     Columns(columns)
 }

@@ -51,16 +51,15 @@ impl Shard {
             })
         };
         let read = |name: &str| variable(name).map(|text| number(name, text)).transpose();
+        let needed = |name: &str, beside: &str, advice: &str| {
+            let missing = || format!("{name} is missing beside {beside}: {advice}");
+            read(name)?.ok_or_else(|| Error::input(missing()))
+        };
         if let Some(task) = read("SLURM_ARRAY_TASK_ID")? {
-            let missing = |name: &str| {
-                Error::input(format!(
-                    "{name} is missing beside SLURM_ARRAY_TASK_ID: give --shard I/N"
-                ))
-            };
             let least = read("SLURM_ARRAY_TASK_MIN")?.unwrap_or(0);
             let step = read("SLURM_ARRAY_TASK_STEP")?.unwrap_or(1).max(1);
-            let count =
-                read("SLURM_ARRAY_TASK_COUNT")?.ok_or_else(|| missing("SLURM_ARRAY_TASK_COUNT"))?;
+            let advice = "give --shard I/N";
+            let count = needed("SLURM_ARRAY_TASK_COUNT", "SLURM_ARRAY_TASK_ID", advice)?;
             let Some(above) = task.checked_sub(least) else {
                 return Err(Error::input(format!(
                     "SLURM_ARRAY_TASK_ID={task}: must be at least SLURM_ARRAY_TASK_MIN={least}"
@@ -69,12 +68,8 @@ impl Shard {
             return Self::new("SLURM_ARRAY_TASK_ID", above / step, count);
         }
         if let Some(index) = read("JOB_COMPLETION_INDEX")? {
-            let count = read("CFMMR_SHARDS")?.ok_or_else(|| {
-                Error::input(
-                    "CFMMR_SHARDS is missing beside JOB_COMPLETION_INDEX: set it to the job's \
-                     completions, or give --shard I/N",
-                )
-            })?;
+            let advice = "set it to the job's completions, or give --shard I/N";
+            let count = needed("CFMMR_SHARDS", "JOB_COMPLETION_INDEX", advice)?;
             return Self::new("JOB_COMPLETION_INDEX", index, count);
         }
         Ok(Self::WHOLE)

@@ -116,43 +116,37 @@ impl Vary {
 
     /// Its variation; the error names the entry.
     pub fn kind(&self) -> Result<Kind<'_>, Error> {
-        let wrong = |what: String| Error::input(format!("vary {}: {what}", self.key));
-        let ordered = |name: &str, [low, high]: [f64; 2], least: f64| match low.is_finite()
-            && high.is_finite()
-            && low > least
-            && low < high
-        {
-            true => Ok(()),
-            false => Err(wrong(format!(
-                "{name} = [{low}, {high}]: must be two finite numbers, the first smaller{}",
-                if least == 0.0 { " and above 0" } else { "" }
-            ))),
+        let wrong = |what: String| Err(Error::input(format!("vary {}: {what}", self.key)));
+        let ordered = |name: &str, [low, high]: [f64; 2], least: f64, draw: Draw| {
+            let above = if least == 0.0 { " and above 0" } else { "" };
+            match low.is_finite() && high.is_finite() && low > least && low < high {
+                true => Ok(Kind::Drawn(draw)),
+                false => wrong(format!(
+                    "{name} = [{low}, {high}]: must be two finite numbers, the first smaller{above}"
+                )),
+            }
         };
         match (&self.values, self.uniform, self.log_uniform, self.normal) {
             (Some(values), None, None, None) if !values.is_empty() => Ok(Kind::Values(values)),
-            (Some(_), None, None, None) => Err(wrong(
-                "values = []: must have at least one value value".into(),
-            )),
+            (Some(_), None, None, None) => {
+                wrong("values = []: must have at least one value value".into())
+            }
             (None, Some(range), None, None) => {
-                ordered("uniform", range, f64::NEG_INFINITY)?;
-                Ok(Kind::Drawn(Draw::Uniform(range)))
+                ordered("uniform", range, f64::NEG_INFINITY, Draw::Uniform(range))
             }
             (None, None, Some(range), None) => {
-                ordered("log_uniform", range, 0.0)?;
-                Ok(Kind::Drawn(Draw::LogUniform(range)))
+                ordered("log_uniform", range, 0.0, Draw::LogUniform(range))
             }
             (None, None, None, Some([mean, sigma])) => {
                 match mean.is_finite() && sigma.is_finite() && sigma > 0.0 {
                     true => Ok(Kind::Drawn(Draw::Normal([mean, sigma]))),
-                    false => Err(wrong(format!(
+                    false => wrong(format!(
                         "normal = [{mean}, {sigma}]: must be a finite mean and a standard deviation \
                          above 0"
-                    ))),
+                    )),
                 }
             }
-            _ => Err(wrong(
-                "must have exactly one of values, uniform, log_uniform, normal".into(),
-            )),
+            _ => wrong("must have exactly one of values, uniform, log_uniform, normal".into()),
         }
     }
 }

@@ -68,33 +68,24 @@ fn every_combination_has_the_same_trials() {
 
 #[test]
 fn a_study_is_refused_by_the_name_of_what_is_wrong() {
-    for (from, to, named) in [
-        ("trials = 4", "trials = 0", "trials"),
-        ("block = 3", "block = 0", "block"),
-        ("trials = 4", "trials = 9000000", "runs"),
-        (
-            "uniform = [0.0, 0.002]",
-            "uniform = [0.002, 0.0]",
-            "uniform",
-        ),
-        (
-            "uniform = [0.0, 0.002]",
-            "log_uniform = [0.0, 0.002]",
-            "log_uniform",
-        ),
-        ("uniform = [0.0, 0.002]", "normal = [0.0, 0.0]", "normal"),
-        ("uniform = [0.0, 0.002]", "", "exactly one"),
-        ("values = [true, false]", "values = []", "values"),
-        (
-            "values = [true, false]",
-            "values = [true, 3]",
-            "mission.rps",
-        ),
-        ("mission.rps", "mission.rsp", "rsp"),
-        ("mission.rps", "plant.creep_velocity_m_s", "twice"),
-        ("[-0.5, 0.1, 0.0]", "[-0.5, 0.1]", "start"),
-        ("seed = 3", "sede = 3", "sede"),
-    ] {
+    let changes = r#"
+        trials = 4 => trials = 0 => trials
+        block = 3 => block = 0 => block
+        trials = 4 => trials = 9000000 => runs
+        uniform = [0.0, 0.002] => uniform = [0.002, 0.0] => uniform
+        uniform = [0.0, 0.002] => log_uniform = [0.0, 0.002] => log_uniform
+        uniform = [0.0, 0.002] => normal = [0.0, 0.0] => normal
+        uniform = [0.0, 0.002] => => exactly one
+        values = [true, false] => values = [] => values
+        values = [true, false] => values = [true, 3] => mission.rps
+        mission.rps => mission.rsp => rsp
+        mission.rps => plant.creep_velocity_m_s => twice
+        [-0.5, 0.1, 0.0] => [-0.5, 0.1] => start
+        seed = 3 => sede = 3 => sede"#;
+    for change in changes.trim().lines() {
+        let [from, to, named] = change.split("=>").map(str::trim).collect::<Vec<_>>()[..] else {
+            panic!("{change}");
+        };
         let text = TEXT.replace(from, to);
         assert_ne!(text, TEXT);
         let error = Study::parse(&text, "file.toml").unwrap_err();

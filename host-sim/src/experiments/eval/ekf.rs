@@ -12,7 +12,7 @@
 //! are off. A bad line is refused and the filter stays as it was.
 
 use super::check::{self, Definite};
-use super::{Kernel, parse};
+use super::{Kernel, Stage};
 use core_algos::fusion::ekf::{AxleFilter, Config, Fix, Measurements, ProcessNoise, State};
 use core_algos::math::Posture;
 use serde::Deserialize;
@@ -21,15 +21,7 @@ use serde_json::{Value, json};
 /// Runs [`core_algos::fusion::ekf`]: a configuration line, then one line a step.
 #[derive(Clone, Debug, Default)]
 pub struct Ekf {
-    stage: Stage,
-}
-
-#[derive(Clone, Debug, Default)]
-enum Stage {
-    #[default]
-    Unconfigured,
-    Refused,
-    Running(Box<Run>),
+    stage: Stage<Box<Run>>,
 }
 
 #[derive(Clone, Debug)]
@@ -156,16 +148,8 @@ impl Run {
 
 impl Kernel for Ekf {
     fn line(&mut self, text: &str) -> Result<Value, String> {
-        match &mut self.stage {
-            Stage::Refused => Err("the first line was rejected".to_owned()),
-            Stage::Running(run) => run.step(&parse(text)?),
-            Stage::Unconfigured => {
-                self.stage = Stage::Refused;
-                let run = Run::new(&parse(text)?)?;
-                self.stage = Stage::Running(Box::new(run));
-                Ok(Value::Null)
-            }
-        }
+        let start = |setup: &Setup| Run::new(setup).map(Box::new);
+        self.stage.line(text, start, |run, step| run.step(step))
     }
 }
 
@@ -244,29 +228,17 @@ mod tests {
 
     #[test]
     fn a_bad_first_line_names_the_field_and_spoils_the_rest() {
-        let mut asymmetric = setup();
-        asymmetric["Q"][0][1] = json!(1e-8);
-        let mut indefinite = setup();
-        indefinite["P0"][3][3] = json!(0.0);
-        let mut period = setup();
-        period["dt"] = json!(0.0);
-        let mut track = setup();
-        track["track"] = json!(-0.3);
-        let mut noise = setup();
-        noise["R"][2] = json!(-1.0);
-        let mut fix = setup();
-        fix["R_pose"][0][0] = json!(-1.0);
-        let mut start = setup();
-        start["x0"][6] = json!("a");
-        for (bad, field) in [
-            (asymmetric, "Q[1][0]"),
-            (indefinite, "P0[3][3]"),
-            (period, "dt = 0"),
-            (track, "track = -0.3"),
-            (noise, "R[2] = -1"),
-            (fix, "R_pose[0][0]"),
-            (start, "x0[6]"),
+        for (entry, value, field) in [
+            ("/Q/0/1", json!(1e-8), "Q[1][0]"),
+            ("/P0/3/3", json!(0.0), "P0[3][3]"),
+            ("/dt", json!(0.0), "dt = 0"),
+            ("/track", json!(-0.3), "track = -0.3"),
+            ("/R/2", json!(-1.0), "R[2] = -1"),
+            ("/R_pose/0/0", json!(-1.0), "R_pose[0][0]"),
+            ("/x0/6", json!("a"), "x0[6]"),
         ] {
+            let mut bad = setup();
+            *bad.pointer_mut(entry).unwrap() = value;
             let mut ekf = Ekf::default();
             let error = ekf.line(&bad.to_string()).unwrap_err();
             assert!(error.contains(field), "{error}");

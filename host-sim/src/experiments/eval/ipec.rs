@@ -10,7 +10,7 @@
 //! `{"axle1":[3],"axle2":[3],"var_beta"}`: postures, headings wrapped to [−π, π], and the variance
 //! σ_β² (rad²) gathered since the start.
 
-use super::{Kernel, check, parse};
+use super::{Kernel, Stage, check};
 use core_algos::fusion::ipec::{Config, Ipec as Algorithm, MIN_BASELINE_M, State};
 use core_algos::math::Posture;
 use serde::Deserialize;
@@ -19,15 +19,7 @@ use serde_json::{Value, json};
 /// Runs [`core_algos::fusion::ipec`]: a configuration line, then one line an interval.
 #[derive(Clone, Debug, Default)]
 pub struct Ipec {
-    stage: Stage,
-}
-
-#[derive(Clone, Debug, Default)]
-enum Stage {
-    #[default]
-    Unconfigured,
-    Refused,
-    Running(Algorithm, State),
+    stage: Stage<(Algorithm, State)>,
 }
 
 #[derive(Deserialize)]
@@ -74,43 +66,31 @@ fn start(setup: &Setup) -> Result<(Algorithm, State), String> {
     Ok((algorithm, State::new(axle1, axle2)))
 }
 
+fn step((algorithm, state): &mut (Algorithm, State), interval: &Interval) -> Result<Value, String> {
+    let advance = check::vector("d", &interval.d)?;
+    let r = Posture::from(check::vector("r", &interval.r)?);
+    if !(r.distance(Posture::ORIGIN) >= MIN_BASELINE_M) {
+        return Err(format!(
+            "r = [{}, {}, …]: must be at least {MIN_BASELINE_M} m long",
+            interval.r[0], interval.r[1]
+        ));
+    }
+    let mut next = *state;
+    if algorithm.step(&mut next, &advance, &r).is_none() {
+        return Err("d: moves both axles to one point, so the heading is undefined".into());
+    }
+    let postures = next.precise_postures();
+    let [axle1, axle2] = postures.map(|posture| posture.map(check::exact));
+    if !axle1.iter().chain(&axle2).all(|x| x.is_finite()) || !next.variance.is_finite() {
+        return Err("d: moves the axles out of the range of single precision".into());
+    }
+    *state = next;
+    Ok(json!({ "axle1": axle1, "axle2": axle2, "var_beta": next.variance }))
+}
+
 impl Kernel for Ipec {
     fn line(&mut self, text: &str) -> Result<Value, String> {
-        match &mut self.stage {
-            Stage::Refused => Err("the first line was rejected".to_owned()),
-            Stage::Unconfigured => {
-                self.stage = Stage::Refused;
-                let (algorithm, state) = start(&parse(text)?)?;
-                self.stage = Stage::Running(algorithm, state);
-                Ok(Value::Null)
-            }
-            Stage::Running(algorithm, state) => {
-                let interval: Interval = parse(text)?;
-                let advance = check::vector("d", &interval.d)?;
-                let r = Posture::from(check::vector("r", &interval.r)?);
-                if !(r.distance(Posture::ORIGIN) >= MIN_BASELINE_M) {
-                    return Err(format!(
-                        "r = [{}, {}, …]: must be at least {MIN_BASELINE_M} m long",
-                        interval.r[0], interval.r[1]
-                    ));
-                }
-                let mut next = *state;
-                if algorithm.step(&mut next, &advance, &r).is_none() {
-                    return Err(
-                        "d: moves both axles to one point, so the heading is undefined".into(),
-                    );
-                }
-                let [axle1, axle2] = next
-                    .precise_postures()
-                    .map(|posture| posture.map(check::exact));
-                if !axle1.iter().chain(&axle2).all(|x| x.is_finite()) || !next.variance.is_finite()
-                {
-                    return Err("d: moves the axles out of the range of single precision".into());
-                }
-                *state = next;
-                Ok(json!({ "axle1": axle1, "axle2": axle2, "var_beta": next.variance }))
-            }
-        }
+        self.stage.line(text, start, step)
     }
 }
 

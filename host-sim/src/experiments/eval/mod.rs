@@ -22,6 +22,38 @@ pub trait Kernel {
     fn line(&mut self, text: &str) -> Result<Value, String>;
 }
 
+/// State of a kernel whose first line configures it.
+#[derive(Clone, Debug, Default)]
+pub enum Stage<T> {
+    /// No line was read.
+    #[default]
+    Unconfigured,
+    /// The first line was refused, and so is every other.
+    Refused,
+    /// Configured.
+    Running(T),
+}
+
+impl<T> Stage<T> {
+    /// The result of a line: `start` configures by the first one, `step` computes by the others.
+    fn line<Setup: DeserializeOwned, Step: DeserializeOwned>(
+        &mut self,
+        text: &str,
+        start: impl FnOnce(&Setup) -> Result<T, String>,
+        step: impl FnOnce(&mut T, &Step) -> Result<Value, String>,
+    ) -> Result<Value, String> {
+        match self {
+            Self::Refused => Err("the first line was rejected".to_owned()),
+            Self::Running(run) => step(run, &parse(text)?),
+            Self::Unconfigured => {
+                *self = Self::Refused;
+                *self = Self::Running(start(&parse(text)?)?);
+                Ok(Value::Null)
+            }
+        }
+    }
+}
+
 /// Reads one JSON object; an error names the field.
 pub fn parse<T: DeserializeOwned>(text: &str) -> Result<T, String> {
     let mut reader = serde_json::Deserializer::from_str(text);

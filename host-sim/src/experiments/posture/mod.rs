@@ -128,10 +128,8 @@ fn trials(
 ) -> Result<Vec<Vec<Trial>>, Error> {
     let (shown, goal) = (Variant::PAIR, context.scenario.mission.goal);
     let is_shown = |row: usize| variants.get(row).is_some_and(|row| shown.contains(row));
-    // Trial by trial, so that an interrupt leaves trials of every row.
-    let rows = scenarios.len();
-    let results = context.run("trials", rows * count, |index| {
-        let (row, trial) = (index % rows, index / rows);
+    let rows = (scenarios.len(), count);
+    let mut blocks = context.run_rows("trials", rows, |row, trial| {
         let keep = is_shown(row) && trial < PICTURED;
         let mut kept = Trial::default();
         kept.outcome = regulate(&scenarios[row], context.seed, trial as u64, |record| {
@@ -141,10 +139,6 @@ fn trials(
         })?;
         Ok(kept)
     })?;
-    let mut blocks: Vec<Vec<Trial>> = vec![Vec::new(); rows];
-    for (index, trial) in results.into_iter().enumerate() {
-        blocks[index % rows].extend(trial);
-    }
     for (row, (scenario, block)) in scenarios.iter().zip(&mut blocks).enumerate() {
         // The median trial is drawn in full, and is known only now.
         if is_shown(row) && !block.is_empty() {
@@ -191,18 +185,15 @@ fn failure(report: &Report) -> Option<String> {
     ))
 }
 
+/// Reason why a key has no effect that each row sets.
+const SET: &str = "here: each row sets it, see --rows";
+
 /// Keys that each row sets.
 pub const ROWS: Taken = &[
-    ("mission.rps", "here: each row sets it, see --rows"),
-    (
-        "robot.lead.fusion.mode",
-        "here: each row sets it, see --rows",
-    ),
-    ("sensors.gyro.fitted", "here: each row sets it, see --rows"),
-    (
-        "sensors.accelerometer.fitted",
-        "here: each row sets it, see --rows",
-    ),
+    ("mission.rps", SET),
+    ("robot.lead.fusion.mode", SET),
+    ("sensors.gyro.fitted", SET),
+    ("sensors.accelerometer.fitted", SET),
 ];
 
 /// Refuses keys without effect in any row.

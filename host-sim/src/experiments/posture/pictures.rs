@@ -5,7 +5,7 @@ use crate::experiments::posture::{Row, Trial, Variant};
 use crate::run::final_error::FinalError;
 use crate::run::robot::Record;
 use crate::scenario::Scenario;
-use crate::view::figures::{ErrorTrace, ErrorsColumn, PathsPanel, Snapshot};
+use crate::view::figures::{ErrorsColumn, PathsPanel, Snapshot};
 use crate::view::page;
 use crate::view::style::End;
 
@@ -97,46 +97,34 @@ impl<'a> Picture<'a> {
             outcome, records, ..
         } = &trials[self.shown];
         let last = FinalError::of(outcome.midpoint, goal);
-        let line = |name: &str, value: String| (name.to_owned(), value);
+        let at_rest = if outcome.done {
+            "at rest"
+        } else {
+            "NOT at rest"
+        };
+        let [e_mm, heading] = [1e3 * last.e_m, last.heading_rad.to_degrees()];
         let mut summary = vec![
-            line(
-                "Error at the end",
-                format!(
-                    "{:.2} mm, {:.2}°",
-                    1e3 * last.e_m,
-                    last.heading_rad.to_degrees()
-                ),
-            ),
-            line(
+            ("Error at the end", format!("{e_mm:.2} mm, {heading:.2}°")),
+            (
                 "Time",
-                match outcome.done {
-                    true => format!("at rest on the goal after {:.1} s", outcome.duration_s),
-                    false => format!("NOT at rest on the goal after {:.1} s", outcome.duration_s),
-                },
+                format!("{at_rest} on the goal after {:.1} s", outcome.duration_s),
             ),
-            line(
+            (
                 "Way",
                 format!("{:.2} m, {} cusps", outcome.path_m, outcome.cusps),
             ),
-            line(
+            (
                 "Force of the frame, rms",
                 format!("{:.2} N", outcome.force_rms_n),
             ),
         ];
+        let all = format!("Error of all {} trials", trials.len());
         if trials.len() > 1 {
-            summary.push(line(
-                &format!("Error of all {} trials", trials.len()),
-                format!(
-                    "{} mm, {}°",
-                    plus_minus(1e3 * row.e_m.mean, 1e3 * row.e_m.sd, 2),
-                    plus_minus(
-                        row.heading_rad.mean.to_degrees(),
-                        row.heading_rad.sd.to_degrees(),
-                        2
-                    )
-                ),
-            ));
+            let [mean, sd] = [row.heading_rad.mean, row.heading_rad.sd].map(f64::to_degrees);
+            let e_mm = plus_minus(1e3 * row.e_m.mean, 1e3 * row.e_m.sd, 2);
+            summary.push((&all, format!("{e_mm} mm, {}°", plus_minus(mean, sd, 2))));
         }
+        let summary = summary.into_iter();
         page::Run {
             title: format!("Posture regulation: {}", self.title()),
             name: self.title(),
@@ -148,7 +136,9 @@ impl<'a> Picture<'a> {
                 .collect(),
             records: records.iter().collect(),
             distance: "Distance to the goal",
-            summary,
+            summary: summary
+                .map(|(name, text)| (name.to_owned(), text))
+                .collect(),
             scenario: self.scenario,
         }
     }
@@ -188,16 +178,15 @@ pub fn snapshots(records: &[Record]) -> Vec<Snapshot> {
     parts.collect()
 }
 
-fn trace(records: &[Record], goal: [f64; 3], posture: impl Fn(&Record) -> [f64; 3]) -> ErrorTrace {
-    let mut trace = ErrorTrace::default();
-    for record in records.iter().step_by(2) {
-        let error = FinalError::of(posture(record), goal);
-        trace.t_s.push(record.time_s);
-        trace.e_m.push(error.e_m);
-        trace.theta_rad.push(error.theta_rad);
-        trace.alpha_rad.push(error.alpha_rad);
-    }
-    trace
+/// Errors of a posture over time, at 50 Hz.
+fn trace(
+    records: &[Record],
+    goal: [f64; 3],
+    posture: impl Fn(&Record) -> [f64; 3],
+) -> Vec<(f64, FinalError)> {
+    let some = records.iter().step_by(2);
+    some.map(|record| (record.time_s, FinalError::of(posture(record), goal)))
+        .collect()
 }
 
 #[cfg(test)]

@@ -2,9 +2,10 @@
 
 use super::Trial;
 use super::variant::Variant;
-use crate::base::output::{Cell, Csv};
+use crate::base::output::Csv;
 use crate::base::statistics::{self, Summary};
 use crate::base::table::Table;
+use crate::recording::csv;
 use crate::run::final_error::FinalError;
 use crate::run::regulate::Outcome;
 use core_algos::safety::Condition;
@@ -161,56 +162,32 @@ pub fn table(rows: &[Row], variants: &[Variant]) -> String {
 
 /// End of each trial.
 pub fn trials_csv(variants: &[Variant], blocks: &[Vec<Trial>], goal: [f64; 3]) -> Csv {
-    let mut csv = Csv::new([
-        "rps",
-        "imu",
-        "fusion",
-        "trial",
-        "x_m",
-        "y_m",
-        "phi_rad",
-        "e_m",
-        "heading_rad",
-        "theta_rad",
-        "alpha_rad",
-        "force_rms_n",
-        "duration_s",
-        "done",
-        "end",
-        "nees",
-        "drift_m",
-        "claimed_m",
-    ]);
     let trials = variants.iter().zip(blocks).flat_map(|(variant, block)| {
         let numbered = block.iter().enumerate();
         numbered.map(move |(trial, Trial { outcome, .. })| (variant, trial, outcome))
     });
-    for (variant, trial, outcome) in trials {
+    csv::Row::table(trials.map(|(variant, trial, outcome)| {
         let error = FinalError::of(outcome.midpoint, goal);
-        csv.row::<Cell>([
-            variant.rps.into(),
-            variant.imu.into(),
-            variant.fusion().into(),
-            trial.into(),
-            outcome.midpoint[0].into(),
-            outcome.midpoint[1].into(),
-            outcome.midpoint[2].into(),
-            error.e_m.into(),
-            error.heading_rad.into(),
-            error.theta_rad.into(),
-            error.alpha_rad.into(),
-            outcome.force_rms_n.into(),
-            outcome.duration_s.into(),
-            outcome.done.into(),
-            end_of(outcome).as_str().into(),
-            outcome.nees.into(),
-            outcome.relative_error[0]
-                .hypot(outcome.relative_error[1])
-                .into(),
-            outcome.claimed[0].into(),
-        ]);
-    }
-    csv
+        let [dx, dy, _] = outcome.relative_error;
+        let mut row = csv::Row::default();
+        row.put("rps imu", &[variant.rps, variant.imu]);
+        row.put("fusion", &[variant.fusion()]);
+        row.put("trial", &[trial]);
+        row.put("x_m y_m phi_rad", &outcome.midpoint);
+        row.put("e_m heading_rad", &[error.e_m, error.heading_rad]);
+        row.put("theta_rad alpha_rad", &[error.theta_rad, error.alpha_rad]);
+        row.put(
+            "force_rms_n duration_s",
+            &[outcome.force_rms_n, outcome.duration_s],
+        );
+        row.put("done", &[outcome.done]);
+        row.put("end", &[end_of(outcome).as_str()]);
+        row.put(
+            "nees drift_m claimed_m",
+            &[outcome.nees, dx.hypot(dy), outcome.claimed[0]],
+        );
+        row
+    }))
 }
 
 #[cfg(test)]

@@ -36,17 +36,15 @@ fn panel(title: &str, spread: f64) -> PathsPanel {
     }
 }
 
-fn trace(offset: f64) -> ErrorTrace {
-    let t_s: Vec<f64> = (0..500).map(|k| f64::from(k) * 0.02).collect();
-    ErrorTrace {
-        e_m: t_s.iter().map(|t| (-t).exp() + offset).collect(),
-        theta_rad: t_s
-            .iter()
-            .map(|t| (3.0 + t).sin().atan2((3.0 + t).cos()))
-            .collect(),
-        alpha_rad: t_s.iter().map(|t| 2.0 * (-t).exp() - offset).collect(),
-        t_s,
-    }
+fn trace(offset: f64) -> Vec<(f64, FinalError)> {
+    let error = |t: f64| FinalError {
+        e_m: (-t).exp() + offset,
+        heading_rad: 0.0,
+        theta_rad: (3.0 + t).sin().atan2((3.0 + t).cos()),
+        alpha_rad: 2.0 * (-t).exp() - offset,
+    };
+    let times = (0..500).map(|k| f64::from(k) * 0.02);
+    times.map(|t| (t, error(t))).collect()
 }
 
 fn column(title: &str) -> ErrorsColumn {
@@ -117,8 +115,8 @@ fn empty_results_still_give_figures() {
     };
     let no_errors = ErrorsColumn {
         title: "none".into(),
-        estimate: ErrorTrace::default(),
-        truth: ErrorTrace::default(),
+        estimate: Vec::new(),
+        truth: Vec::new(),
     };
     for figure in [
         paths("", &BODY, &[empty]),

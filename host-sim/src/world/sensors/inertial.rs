@@ -51,41 +51,33 @@ pub struct InertialConfig<Kind> {
 
 impl Default for InertialConfig<Gyro> {
     fn default() -> Self {
-        Self {
-            fitted: false,
-            bias_sigma: 8.7e-3,
-            rest_average_s: 1.0,
-            rest_age_s: 60.0,
-            bias_walk: 5e-5,
-            noise_density: 4.9e-5,
-            scale_sigma: 5e-3,
-            range: 4.36,
-            bits: 16,
-            delay_ms: 1,
-            kind: Gyro,
-        }
+        Self::of(Gyro, 8.7e-3, 5e-5, 4.9e-5, 4.36)
     }
 }
 
 impl Default for InertialConfig<Accelerometer> {
     fn default() -> Self {
-        Self {
-            fitted: false,
-            bias_sigma: 0.2,
-            rest_average_s: 1.0,
-            rest_age_s: 60.0,
-            bias_walk: 5e-3,
-            noise_density: 6.9e-4,
-            scale_sigma: 5e-3,
-            range: 19.6,
-            bits: 16,
-            delay_ms: 1,
-            kind: Accelerometer,
-        }
+        Self::of(Accelerometer, 0.2, 5e-3, 6.9e-4, 19.6)
     }
 }
 
 impl<Kind> InertialConfig<Kind> {
+    fn of(kind: Kind, bias_sigma: f64, bias_walk: f64, noise_density: f64, range: f64) -> Self {
+        Self {
+            fitted: false,
+            bias_sigma,
+            rest_average_s: 1.0,
+            rest_age_s: 60.0,
+            bias_walk,
+            noise_density,
+            scale_sigma: 5e-3,
+            range,
+            bits: 16,
+            delay_ms: 1,
+            kind,
+        }
+    }
+
     /// Standard deviation of one sample's noise.
     fn noise_sigma(&self) -> f64 {
         self.noise_density * (SAMPLE_RATE_HZ / 2.0).sqrt()

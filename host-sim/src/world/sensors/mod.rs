@@ -89,22 +89,20 @@ impl SensorConfig {
     /// Checks every value; all that is built from the configuration relies on it.
     pub fn check(&self) -> Result<(), ConfigError> {
         macro_rules! check_inertial {
-            ($sensor:ident) => {
-                check_inertial!($sensor: at_least_0, bias_sigma);
-                check_inertial!($sensor: at_least_0, rest_average_s);
-                check_inertial!($sensor: at_least_0, rest_age_s);
-                check_inertial!($sensor: at_least_0, bias_walk);
-                check_inertial!($sensor: at_least_0, noise_density);
-                check_inertial!($sensor: small, scale_sigma);
-                check_inertial!($sensor: above_0, range);
-                check_inertial!($sensor: whole(2, 24), bits);
-                check_inertial!($sensor: whole(0, MAX_DELAY_MS), delay_ms);
-            };
-            ($sensor:ident: $check:expr, $key:ident) => {
+            ($sensor:ident: $($check:expr => $($key:ident)+;)*) => {$($(
                 $check(
                     concat!("sensors.", stringify!($sensor), ".", stringify!($key)),
                     &self.$sensor.$key,
-                )?
+                )?;
+            )+)*};
+            ($sensor:ident) => {
+                check_inertial! { $sensor:
+                    at_least_0 => bias_sigma rest_average_s rest_age_s bias_walk noise_density;
+                    small => scale_sigma;
+                    above_0 => range;
+                    whole(2, 24) => bits;
+                    whole(0, MAX_DELAY_MS) => delay_ms;
+                }
             };
         }
         self.placement.check()?;

@@ -1,0 +1,117 @@
+//! Open-loop drives on which speed and accuracy of the plant are measured: `examples/drives.rs`.
+
+use crate::reference::Reference;
+use crate::{PlantConfig, PlantError, Tyre};
+
+/// An open-loop drive: a plant and wheel torques over time.
+#[derive(Clone, Copy, Debug)]
+pub struct Drive {
+    /// Name.
+    pub name: &'static str,
+    /// Changes of the robot.
+    pub robot: fn(&mut PlantConfig),
+    /// Amplitude (N m) and rate (rad/s) of the torque common to all wheels.
+    pub base: [f64; 2],
+    /// Amplitude and rate of the torque that turns the axles against each other.
+    pub steer: [f64; 2],
+}
+
+/// Speeds to 0.9 m/s with the frame bent to 50°: beyond what the controllers ask for.
+pub const NORMAL: Drive = Drive {
+    name: "normal",
+    robot: |c| (c.tyre, c.creep_velocity_m_s) = (Tyre::Creep, 0.01),
+    base: [0.15, 1.3],
+    steer: [0.4, 0.9],
+};
+
+/// Wheels spinning on stiff tyres, the frame bent to 130° and pulled taut with hundreds of newtons.
+pub const HARSH: Drive = Drive {
+    name: "harsh",
+    robot: |c| (c.tyre, c.creep_velocity_m_s) = (Tyre::Creep, 0.003),
+    base: [1.2, 2.0],
+    steer: [1.0, 3.1],
+};
+
+/// Normal and harsh drive on both tyres, then the normal drive with everything that the plant has.
+pub const DRIVES: [Drive; 5] = [
+    NORMAL,
+    HARSH,
+    Drive {
+        name: "normal, brush tyre",
+        robot: |c| c.tyre = Tyre::Brush,
+        ..NORMAL
+    },
+    Drive {
+        name: "harsh, brush tyre",
+        robot: |c| c.tyre = Tyre::Brush,
+        ..HARSH
+    },
+    Drive {
+        name: "normal, every imperfection",
+        robot: |c| {
+            *c = PlantConfig {
+                tyre: Tyre::Brush,
+                friction: 0.6,
+                slip_stiffness: [[15.0, 20.0], [26.0, 18.0]],
+                static_excess: 0.2,
+                rolling_resistance: 0.03,
+                side_slip: [0.002, -0.002],
+                carpet_drift: [0.005, -0.005],
+                radius_load_sensitivity: 1e-3,
+                payload_kg: [0.5, 0.3],
+                payload_position_m: [[0.02, 0.05], [-0.03, 0.02]],
+                center_of_mass_height_m: 0.08,
+                backlash_rad: [[5e-3; 2]; 2],
+                cogging_torque_n_m: 0.01,
+                rigid_root_m: 5e-3,
+                rigid_tip_m: 5e-3,
+                clamp_angle_root_rad: 0.01,
+                clamp_angle_tip_rad: -0.01,
+                ..c.clone()
+            }
+        },
+        ..NORMAL
+    },
+];
+
+impl Drive {
+    /// The robot that this drive is for: the configured one with the drive's changes.
+    pub fn config(&self, config: &PlantConfig) -> PlantConfig {
+        let mut config = config.clone();
+        (self.robot)(&mut config);
+        config
+    }
+
+    /// Wheel torques at time `t`, N m.
+    pub fn torque(&self, t: f64) -> [[f64; 2]; 2] {
+        let wave = |[amplitude, rate]: [f64; 2]| amplitude * libm::sin(rate * t);
+        let (base, steer) = (wave(self.base), wave(self.steer));
+        [[base - steer, base + steer], [base + steer, base - steer]]
+    }
+
+    /// Largest difference in position (m) and heading (rad) of an axle between the plant and a
+    /// reference at 20 µs (8 µs with the brush tyre, stiffer at rest). NaN if the reference lost the
+    /// frame's equilibrium.
+    pub fn error(&self, config: &PlantConfig, seconds: f64) -> Result<[f64; 2], PlantError> {
+        let mut plant = config.build()?;
+        let step = plant.step_s();
+        let mut reference = Reference::new(config, plant.state().axle.map(|a| a.posture));
+        let finest = match config.tyre {
+            Tyre::Creep => 20e-6,
+            Tyre::Brush => 8e-6,
+        };
+        let fine = (step / finest).ceil() as usize;
+        let mut worst = [0.0f64; 2];
+        for k in 0..(seconds / step).round() as usize {
+            let torque = self.torque(k as f64 * step);
+            plant.step(torque);
+            reference.advance(step, fine, torque);
+            for (axle, q) in plant.state().axle.iter().zip(reference.postures()) {
+                let p = axle.posture;
+                worst[0] = worst[0].max((p[0] - q[0]).hypot(p[1] - q[1]));
+                worst[1] = worst[1].max((p[2] - q[2]).abs());
+            }
+        }
+        Ok(if reference.lost { [f64::NAN; 2] } else { worst })
+    }
+}
