@@ -207,6 +207,52 @@ fn a_signal_ends_the_run_and_the_terminal_is_as_it_was() {
     assert!(after.contains("interrupted"), "{after:?}");
 }
 
+fn drive(folder: &tempfile::TempDir, arguments: &[&str]) -> Session {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_cfmmr"));
+    command.arg("drive").args(arguments);
+    Session::start(command.current_dir(folder.path()))
+}
+
+/// Three keys forward and one to the left: the robot drives so, rests after the space bar, and the result is written.
+#[test]
+fn keys_drive_the_robot() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut session = drive(&folder, &[]);
+    session.expect_line(|words| words.contains(&"WASD:"));
+    for key in [&b"w"[..], b"\x1b[A", b"W", b"a"] {
+        session.press(key);
+    }
+    session.expect_line(|words| words.starts_with(&["0.09", "m/s", "+0.38", "1/m"]));
+    session.expect_line(|words| words.windows(2).any(|pair| pair == ["speed", "0.094"]));
+    session.press(b" ");
+    session.expect_line(|words| words.windows(2).any(|pair| pair == ["speed", "0.000"]));
+    session.press(b"q");
+    assert_eq!(session.end().code(), Some(0), "{:?}", session.shown);
+    assert!(session.is_sane());
+    let result = std::fs::read(folder.path().join("out/drive/result.json")).unwrap();
+    let result: serde_json::Value = serde_json::from_slice(&result).unwrap();
+    let step = &result["steps"][0];
+    let [x, y] = ["x", "y"].map(|key| step[key].as_f64().unwrap());
+    assert!(step["done"] == true && x > 0.03 && y > 0.0, "{step}");
+}
+
+/// The simulation pauses, takes a step of an epoch, and goes faster; the last view stays.
+#[test]
+fn simulation_is_paused_stepped_and_sped_up_by_keys() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut session = drive(&folder, &["goto", "1", "0", "0", "--dashboard"]);
+    session.expect("Active");
+    session.press(b"p");
+    session.expect_line(|words| words.contains(&"PAUSED:"));
+    session.press(b".");
+    session.press(b"p");
+    session.press(b"++");
+    session.expect_line(|words| words.windows(2).any(|pair| pair == ["speed", "4"]));
+    session.expect_line(|words| words.starts_with(&["The", "run", "is", "over;"]));
+    session.press(b"q");
+    assert_eq!(session.end().code(), Some(0), "{:?}", session.shown);
+}
+
 /// A front board at the end of a serial port, whose path is given. Of the answers, one is damaged.
 fn front_board(damaged: usize) -> String {
     let (master, path) = pseudo_terminal();

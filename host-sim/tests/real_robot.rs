@@ -212,12 +212,8 @@ fn script_drives_a_robot_at_a_serial_port() {
     let bench = Bench::new(&scenario, false);
     let script = "goto 0.5 0.1 0.2\nspeed 0.1 0.4 2\nstop\nclear\npose 1 1 0\n";
     fs::write(folder.path().join("script"), script).unwrap();
-    let output = bench.run(
-        folder.path(),
-        &["drive", "--script", "script", "--from", "0,0,0"],
-    );
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(output.status.success(), "{said}");
+    let run = bench.run(folder.path(), "drive --script script --from 0,0,0");
+    assert_eq!(run.code, Some(0), "{}", run.error);
     let report = result(folder.path(), "drive");
     let steps = report["steps"].as_array().unwrap();
     assert_eq!(steps.len(), 5);
@@ -225,8 +221,8 @@ fn script_drives_a_robot_at_a_serial_port() {
     assert_eq!(steps[2]["code"], Value::Null);
     let [x, y] = ["x", "y"].map(|key| steps[3][key].as_f64().unwrap());
 
-    let output = bench.run(folder.path(), &["drive", "goto", "1.3", "1", "0"]);
-    assert!(output.status.success(), "{output:?}");
+    let run = bench.run(folder.path(), "drive goto 1.3 1 0");
+    assert_eq!(run.code, Some(0), "{}", run.error);
     let report = result(folder.path(), "drive");
     assert!(
         (report["steps"][0]["x"].as_f64().unwrap() - 1.3).abs() < 0.02,
@@ -247,12 +243,8 @@ fn robot_brakes_while_its_cable_is_out() {
     let mut scenario = Scenario::default();
     scenario.mission.start = [0.0; 3];
     let bench = Bench::new(&scenario, true);
-    let output = bench.run(
-        folder.path(),
-        &["drive", "speed", "0.15", "0", "7", "--from", "0,0,0"],
-    );
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(output.status.success(), "{said}");
+    let run = bench.run(folder.path(), "drive speed 0.15 0 7 --from 0,0,0");
+    assert_eq!(run.code, Some(0), "{}", run.error);
     let report = result(folder.path(), "drive");
     let reconnected = &report["reconnected"];
     assert!(reconnected.as_u64().unwrap() >= 1, "{reconnected}");

@@ -180,9 +180,9 @@ fn footer(view: &View) -> Line<'static> {
             curvature,
             ..
         } = hand;
-        text = format!(
+        return Line::raw(format!(
             " {speed_m_s:.2} m/s {curvature:+.2} 1/m  arrows, WASD: drive  space: stop  c: clear  q: end"
-        );
+        ));
     }
     Line::from(vec![Span::raw(text), late])
 }
@@ -278,11 +278,14 @@ fn motion_lines(view: &View) -> Vec<Line<'static>> {
         Line::raw(format!("{name:<5}{left:>7.2}{right:>7.2} rad/s"))
     };
     vec![
-        Line::raw(format!(
-            "to go {:>7.3} m {:>6.1}°",
-            left.e_m,
-            left.heading_rad.to_degrees()
-        )),
+        Line::raw(match left.e_m.is_nan() {
+            true => String::new(),
+            false => format!(
+                "to go {:>7.3} m {:>6.1}°",
+                left.e_m,
+                left.heading_rad.to_degrees()
+            ),
+        }),
         Line::raw(format!("speed {:>7.3} m/s", motion.v)),
         Line::raw(format!("steer {:>7.3} rad", motion.psi.0)),
         wheels("front", view.wheel_speed[0]),

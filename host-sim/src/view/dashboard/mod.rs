@@ -102,7 +102,6 @@ impl Observer for Dashboard {
                 goal: self.view.goal,
                 truth: truth.unwrap_or(record.midpoint),
                 trail: self.trail.clone(),
-                hand: self.keyboard.drives().then(|| self.keyboard.hand()),
                 ..View::of(robot, record)
             };
             self.terminal.show(self.view.clone());

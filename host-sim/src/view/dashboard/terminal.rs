@@ -89,11 +89,14 @@ impl Shared {
     fn run(&self, mut terminal: DefaultTerminal) {
         while !self.over.load(Relaxed) {
             let next = Instant::now() + PICTURE;
-            let view = self
+            let mut view = self
                 .view
                 .lock()
                 .unwrap_or_else(PoisonError::into_inner)
                 .clone();
+            // A paused run shows nothing new, but keys act.
+            view.pace = view.pace.map(|_| self.keyboard.pace());
+            view.hand = self.keyboard.drives().then(|| self.keyboard.hand());
             let drawn = terminal.draw(|frame| draw(frame, &view)).map(|_| ());
             // Without a terminal nobody sees the run.
             if drawn.and_then(|()| self.listen(next)).is_err() {
