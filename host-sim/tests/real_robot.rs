@@ -19,6 +19,7 @@ use serde_json::Value;
 use std::fs::{self, File};
 use std::os::unix::fs::symlink;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::thread::{self, JoinHandle};
@@ -234,6 +235,23 @@ fn script_drives_a_robot_at_a_serial_port() {
         (moved - 0.3).abs() < 0.05 && heading > 0.1,
         "{moved} {heading}"
     );
+}
+
+/// The client of a user, in another language and from the protocol page alone.
+#[test]
+fn python_client_drives_a_robot_to_its_goal() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let tools = Command::new(root.join("tools/scripts/client_python.sh")).output();
+    let tools = Run::from(tools.unwrap()).ends_with(0);
+    let bench = Bench::at_origin(false);
+    let client = Command::new(tools.out.trim())
+        .arg(root.join("tools/client/drive.py"))
+        .arg(bench.folder.path().join("port"))
+        .args(["0.5", "-0.1", "-0.2"])
+        .output();
+    let run = Run::from(client.unwrap()).ends_with(0);
+    let [x, y, _] = bench.robot().record().midpoint;
+    assert!((x - 0.5).hypot(y + 0.1) < 0.05, "{x} {y} {}", run.out);
 }
 
 /// A speed is driven only while the host is there: each time the cable is out the robot brakes, and goes on afterwards.

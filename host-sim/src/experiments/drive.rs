@@ -17,7 +17,8 @@ use std::path::PathBuf;
 /// Arguments of `drive`.
 #[derive(Clone, Debug, Args)]
 pub struct DriveArgs {
-    /// Step; without steps and script the keyboard drives: goto X Y PHI, follow PATH [SIZE [LAPS]], speed V KAPPA SECONDS, stop, clear, wait SECONDS, or pose X Y PHI
+    /// Step: goto X Y PHI, follow PATH, speed V KAPPA SECONDS, stop, clear, wait SECONDS or pose X Y PHI
+    /// (docs/driving.md); without a step and a script the keyboard drives
     #[arg(value_name = "STEP", num_args = 1..)]
     pub step: Vec<String>,
     /// Script with one step a line; comments begin with #

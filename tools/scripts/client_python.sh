@@ -1,0 +1,7 @@
+#!/usr/bin/env bash
+# Prints the Python that tools/client/drive.py runs with: a virtual environment with its packages.
+set -euo pipefail
+cd "$(dirname "$0")/../.."
+. tools/scripts/python_tools.sh
+python_tools client_python.sh "serial, cobs, crc32c" pyserial==3.5 cobs==1.2.2 crc32c==2.8
+echo "$PWD/$python"
