@@ -21,6 +21,9 @@ fn main() {
     println!("cargo::rustc-link-search={}", workspace.display());
     for argument in ["--nmagic", "-Tlink.x", "-Tdefmt.x"] {
         println!("cargo::rustc-link-arg-bins={argument}");
+        if package.join("examples").is_dir() {
+            println!("cargo::rustc-link-arg-examples={argument}");
+        }
     }
 }
 

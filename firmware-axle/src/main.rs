@@ -2,10 +2,10 @@
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
 #[cfg(target_os = "none")]
-mod robot;
-#[cfg(any(test, target_os = "none"))]
-#[cfg_attr(test, allow(dead_code, reason = "read by the image only"))]
-mod rules;
+#[embassy_executor::main]
+async fn main(spawner: embassy_executor::Spawner) {
+    firmware_axle::robot::run(spawner, None);
+}
 
 #[cfg(not(target_os = "none"))]
 fn main() {

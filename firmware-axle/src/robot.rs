@@ -13,6 +13,7 @@ mod tick;
 use core::sync::atomic::AtomicU32;
 
 use core_algos::config::ConfigError;
+use core_algos::control::controller::KinematicController;
 use core_algos::control::wheel_observer::WheelObserver;
 use core_algos::drive::winding::Winding;
 use core_algos::node::board::Ready;
@@ -37,12 +38,12 @@ use motors::Motors;
 use operator::Button;
 use tick::{Axis, Report};
 
-#[embassy_executor::main]
-async fn main(spawner: Spawner) {
+/// Runs the board. The controller of the user takes the place of the regulator.
+pub fn run(spawner: Spawner, controller: Option<&'static dyn KinematicController>) {
     drivers_asleep();
     fault::on_fault(drivers_asleep);
     let watchdog = Watchdog::start();
-    if let Err(error) = start(board::start(env!("BUILD")), watchdog, spawner) {
+    if let Err(error) = start(board::start(env!("BUILD")), watchdog, controller, spawner) {
         // Nothing was started: the motors stay off, and the watchdog, which nobody feeds, has the board try
         // again.
         defmt::error!("configuration: {} = {}", error.field, error.value);
@@ -59,7 +60,12 @@ fn drivers_asleep() {
 
 /// Builds everything and starts it, or a session. The log is a task too, so that the stack of the start is free
 /// again.
-fn start(p: Peripherals, watchdog: Watchdog, spawner: Spawner) -> Result<(), ConfigError> {
+fn start(
+    p: Peripherals,
+    watchdog: Watchdog,
+    controller: Option<&'static dyn KinematicController>,
+    spawner: Spawner,
+) -> Result<(), ConfigError> {
     static REPORTS: Watch<CriticalSectionRawMutex, Report, 1> = Watch::new();
     static COUNTS: [AtomicU32; telemetry::TASKS.len()] =
         [const { AtomicU32::new(0) }; telemetry::TASKS.len()];
@@ -75,6 +81,9 @@ fn start(p: Peripherals, watchdog: Watchdog, spawner: Spawner) -> Result<(), Con
     let settings = &parameters.settings;
     let built = build(settings, role)?;
     let nodes = link.place(built.nodes);
+    if let (Some(controller), Some(lead)) = (controller, nodes.lead()) {
+        lead.set_controller(controller);
+    }
     let drive = settings.button;
     let put_down = settings.robot.put_down(drive.start);
     let button = Button::new(p.PA0, put_down, drive.goal);

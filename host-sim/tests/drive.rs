@@ -1,12 +1,18 @@
 //! `cfmmr drive`: scripts and single steps.
 
+#[path = "../../firmware-axle/examples/law/mod.rs"]
+mod law;
+
 use core_algos::node::lead::Task;
+use core_algos::topology::Role;
+use host_sim::run::regulate::regulate_on;
 use host_sim::run::robot::Robot;
+use host_sim::run::simulation::Simulation;
 use host_sim::run::virtual_robot::{Options, VirtualRobot};
 use host_sim::scenario::Scenario;
-use host_sim::targets::HostCommand;
 use host_sim::targets::board_log::BoardLog;
 use host_sim::targets::images::Images;
+use host_sim::targets::{HostCommand, InProcess};
 use serde_json::Value;
 use std::fs;
 use std::path::Path;
@@ -87,7 +93,7 @@ fn one_step_of_the_command_line_is_taken_and_a_wrong_one_refused() {
         (&["--script", "wrong"], "line 2: folow circle"),
         (&["--script", "none"], "--script none"),
         (&["follow", "circle", "0.2"], "curvature"),
-        (&[], "no step"),
+        (&[], "STEP or --script FILE"),
     ] {
         let output = drive(folder.path(), arguments);
         let text = String::from_utf8_lossy(&output.stderr).into_owned();
@@ -168,4 +174,47 @@ fn speed_command_acts_within_25_ms_and_its_absence_within_220_ms() {
             "{board:?}"
         );
     }
+}
+
+/// The law of the example drives the robot, in process and in the image of the example.
+#[test]
+fn own_controller_takes_the_place_of_the_regulator() {
+    let scenario = Scenario::default();
+    let boards = Role::ALL.map(|role| Box::new(InProcess::with_controller(role, &law::Polar)) as _);
+    let mut robot = Simulation::on(boards, &scenario, 1, 0).unwrap();
+    let outcome = regulate_on(&mut robot, &scenario, |_| ()).unwrap();
+    assert!(outcome.done && outcome.plans == 0);
+    let [x, y, _] = outcome.midpoint;
+    assert!(x.hypot(y) < 0.05, "{x} {y}");
+
+    let target = "thumbv7em-none-eabihf";
+    let package = ["--package", "firmware-axle", "--example", "own_controller"];
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let built = Command::new(env!("CARGO"))
+        .args([
+            "build",
+            "--quiet",
+            "--locked",
+            "--profile",
+            "image",
+            "--target",
+            target,
+        ])
+        .args(package)
+        .current_dir(&root)
+        .status();
+    assert!(built.unwrap().success());
+    let folders = std::env::var("CARGO_TARGET_DIR").map_or(root.join("target"), Into::into);
+    let image = folders.join(target).join("image/examples/own_controller");
+    let folder = tempfile::tempdir().unwrap();
+    let run = Command::new(env!("CARGO_BIN_EXE_cfmmr"))
+        .args(["posture", "--on", "virtual", "--json", "-", "--axle-image"])
+        .arg(image)
+        .current_dir(folder.path())
+        .output()
+        .unwrap();
+    assert_eq!(run.status.code(), Some(0), "{run:?}");
+    let result: Value = serde_json::from_slice(&run.stdout).unwrap();
+    let e_m = result["e_m"].as_f64().unwrap();
+    assert!(e_m < 0.05, "{e_m}");
 }

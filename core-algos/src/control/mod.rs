@@ -4,10 +4,11 @@
 //! any start posture to where that law cannot fail; [`governor`] shapes its output within limits of
 //! speed, acceleration and steering; [`cascade`] turns it into a reference for each axle (eq. 5, 6);
 //! [`dynamic`] turns a reference into wheel torques (eq. 7–10). [`path`] supplies references along
-//! a path.
+//! a path. A [`controller`] of the user takes the place of the regulator.
 
 mod arc;
 pub mod cascade;
+pub mod controller;
 pub mod dynamic;
 pub mod funnel;
 pub mod governor;

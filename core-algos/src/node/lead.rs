@@ -27,6 +27,7 @@ use super::path_task;
 use super::peers::{self, Peers};
 use crate::bus::{LeadMode, Message};
 use crate::control::cascade::{AxleReference, Cascade, Motion};
+use crate::control::controller::{KinematicController, Memory, Own};
 use crate::control::governor::{self, Wish};
 use crate::control::regulator::{self, Phase};
 use crate::fusion::Estimate;
@@ -119,6 +120,8 @@ pub struct State {
     beam_uncertainty: Option<Stamped<Mat3>>,
     fusion: Option<robot::State>,
     regulator: regulator::State,
+    /// Memory of the controller of the user.
+    memory: Memory,
     governor: governor::State,
     wrench: Option<Stamped<Wrench>>,
     /// The task is fulfilled, as of the last step.
@@ -180,6 +183,7 @@ impl From<path_task::Step> for Decision {
 #[derive(Clone, Debug, PartialEq)]
 pub struct LeadNode {
     with: Algorithms,
+    own: Own,
     /// Beside the state, which passes over the stack: the buffers are three times as large.
     path_task: path_task::State,
     state: State,
@@ -190,12 +194,18 @@ impl LeadNode {
     pub fn new(algorithms: Algorithms) -> Self {
         Self {
             with: algorithms,
+            own: Own::default(),
             path_task: path_task::State::EMPTY,
             state: State::default(),
         }
     }
 
-    /// Begins anew, as [`Self::new`] does.
+    /// Regulates with a controller of the user in place of the regulator.
+    pub fn set_controller(&mut self, controller: &'static dyn KinematicController) {
+        self.own = Own(Some(controller));
+    }
+
+    /// Begins anew, as [`Self::new`] does, with the same controller.
     pub fn restart(&mut self) {
         self.path_task.clear();
         self.state = State::default();
@@ -218,6 +228,7 @@ impl LeadNode {
         self.state.task = task;
         (self.state.done, self.state.gave_up) = (false, false);
         self.state.silent = 0;
+        self.state.memory = Memory::default();
         self.state.released = false;
         self.path_task.restart();
     }
@@ -372,25 +383,29 @@ impl LeadNode {
             Task::Idle | Task::Clear => Decision::default(),
             Task::Stop => active,
             Task::Regulate { goal } => {
-                let output = self.with.regulator.tick(
-                    &mut state.regulator,
-                    &regulator::Input {
-                        posture: center.posture,
-                        steering: motion.psi,
-                        speed_m_s: motion.v,
-                        goal,
-                    },
-                );
-                let command = output.command;
+                let input = regulator::Input {
+                    posture: center.posture,
+                    steering: motion.psi,
+                    speed_m_s: motion.v,
+                    goal,
+                };
+                let (v, kappa, phase, done) = match self.own.0 {
+                    None => {
+                        let output = self.with.regulator.tick(&mut state.regulator, &input);
+                        let command = output.command;
+                        (command.v, command.kappa, output.phase, output.done)
+                    }
+                    Some(controller) => {
+                        let wanted = controller.step(&mut state.memory, &input);
+                        let phase = [Phase::Approach, Phase::Done][usize::from(wanted.done)];
+                        (wanted.v, wanted.kappa, phase, wanted.done)
+                    }
+                };
                 Decision {
-                    wish: Some(Wish::from_curvature(
-                        &self.with.cascade,
-                        command.v,
-                        command.kappa,
-                    )),
-                    mode: active_until(output.done),
-                    phase: output.phase,
-                    done: output.done,
+                    wish: Some(Wish::from_curvature(&self.with.cascade, v, kappa)),
+                    mode: active_until(done),
+                    phase,
+                    done,
                     ..active
                 }
             }

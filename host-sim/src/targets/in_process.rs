@@ -3,6 +3,7 @@
 use super::{Fault, HostCommand, Output, Posted, Report, Room, Target};
 use crate::base::error::Error;
 use core_algos::bus::{CanFrame, Message};
+use core_algos::control::controller::KinematicController;
 use core_algos::link::protocol::Place;
 use core_algos::node::Outbox;
 use core_algos::node::board::{Board, Samples};
@@ -17,6 +18,7 @@ pub struct InProcess {
     board: Option<Board>,
     tick: Option<(u32, Samples)>,
     outbox: Outbox,
+    controller: Option<&'static dyn KinematicController>,
 }
 
 impl InProcess {
@@ -27,6 +29,15 @@ impl InProcess {
             board: None,
             tick: None,
             outbox: Outbox::new(),
+            controller: None,
+        }
+    }
+
+    /// The same with a kinematic controller of the user.
+    pub fn with_controller(role: Role, controller: &'static dyn KinematicController) -> Self {
+        Self {
+            controller: Some(controller),
+            ..Self::new(role)
         }
     }
 
@@ -47,8 +58,14 @@ impl Target for InProcess {
         place: Option<&Place>,
     ) -> Result<(), Fault> {
         self.board = Some(Board::new(config, self.role).map_err(Error::from)?);
-        if let (Some(place), Some(lead)) = (place, self.lead()) {
-            lead.initialize(&place.center, &place.relative);
+        let controller = self.controller;
+        if let Some(lead) = self.lead() {
+            if let Some(place) = place {
+                lead.initialize(&place.center, &place.relative);
+            }
+            if let Some(controller) = controller {
+                lead.set_controller(controller);
+            }
         }
         Ok(())
     }

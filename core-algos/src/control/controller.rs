@@ -1,0 +1,47 @@
+//! Interface of a kinematic controller that takes the place of the [`Regulator`](super::regulator::Regulator).
+//!
+//! The governor shapes its output within the limits of speed, acceleration and steering, and the cascade turns it into
+//! references of the axles, as with the regulator.
+
+use super::regulator::Input;
+use core::fmt;
+
+/// Memory of a controller between steps, zero at the beginning of a task.
+pub type Memory = [f32; 8];
+
+/// Motion that a controller wants.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Wanted {
+    /// Velocity of O, m/s.
+    pub v: f32,
+    /// Curvature of its path, 1/m.
+    pub kappa: f32,
+    /// True if the goal is reached and the robot at rest.
+    pub done: bool,
+}
+
+/// Kinematic controller of posture regulation.
+pub trait KinematicController: Sync {
+    /// Motion for the next epoch of 10 ms.
+    fn step(&self, memory: &mut Memory, input: &Input) -> Wanted;
+}
+
+/// Controller of the user, if there is one.
+#[derive(Clone, Copy, Default)]
+pub struct Own(pub Option<&'static dyn KinematicController>);
+
+impl PartialEq for Own {
+    fn eq(&self, other: &Self) -> bool {
+        match (self.0, other.0) {
+            (Some(one), Some(other)) => core::ptr::addr_eq(one, other),
+            (None, None) => true,
+            _ => false,
+        }
+    }
+}
+
+impl fmt::Debug for Own {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.0.map_or("regulator", |_| "own controller"))
+    }
+}

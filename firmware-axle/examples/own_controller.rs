@@ -1,0 +1,14 @@
+//! Image of the axle board with a kinematic controller of one's own.
+#![cfg_attr(target_os = "none", no_std, no_main)]
+
+#[cfg(target_os = "none")]
+mod law;
+
+#[cfg(target_os = "none")]
+#[embassy_executor::main]
+async fn main(spawner: embassy_executor::Spawner) {
+    firmware_axle::robot::run(spawner, Some(&law::Polar));
+}
+
+#[cfg(not(target_os = "none"))]
+fn main() {}

@@ -1,0 +1,28 @@
+//! Posture regulation with a kinematic controller of one's own: the law in polar coordinates of Aicardi et al. (1995).
+//! `firmware-axle/examples/own_controller.rs` is the image of the board with the same law.
+
+#[path = "../../firmware-axle/examples/law/mod.rs"]
+mod law;
+
+use core_algos::topology::Role;
+use host_sim::base::error::Error;
+use host_sim::run::regulate::regulate_on;
+use host_sim::run::simulation::Simulation;
+use host_sim::scenario::Scenario;
+use host_sim::targets::InProcess;
+
+fn main() -> Result<(), Error> {
+    let scenario = Scenario::default();
+    for seed in 1..=5 {
+        let boards =
+            Role::ALL.map(|role| Box::new(InProcess::with_controller(role, &law::Polar)) as _);
+        let mut robot = Simulation::on(boards, &scenario, seed, 0)?;
+        let outcome = regulate_on(&mut robot, &scenario, |_| ())?;
+        let [x, y, phi] = outcome.midpoint.map(|value| 100.0 * value);
+        println!(
+            "seed {seed}: done {}, {x:.1} cm, {y:.1} cm, {phi:.1} crad",
+            outcome.done
+        );
+    }
+    Ok(())
+}
