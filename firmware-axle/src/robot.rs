@@ -86,7 +86,7 @@ fn start(
     }
     let drive = settings.button;
     let put_down = settings.robot.put_down(drive.start);
-    let button = Button::new(p.PA0, put_down, drive.goal);
+    let button = Button::new(p.PA0, put_down, drive);
 
     let (task_watchdog, check_ins) =
         telemetry::TaskWatchdog::start(&COUNTS, telemetry::TASKS, watchdog);

@@ -2,8 +2,10 @@
 
 use core_algos::control::wheel_observer;
 use core_algos::drive::winding::{self, Winding};
+use core_algos::math::Posture;
 use core_algos::node::board::Output;
-use core_algos::params::Drive;
+use core_algos::node::lead::{Activity, Task};
+use core_algos::params::{Button, Drive};
 use core_algos::safety::{Condition, Conditions};
 use core_algos::time::EPOCH;
 
@@ -108,44 +110,30 @@ impl Command {
     }
 }
 
-/// Request of a press of the button.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Press {
-    /// Clear faults.
-    Clear,
-    /// Drive to the goal.
-    Drive,
-    /// Stop.
-    Stop,
-}
-
 /// The button's state between epochs.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Presses {
     held: u8,
-    driving: bool,
 }
 
 impl Presses {
-    /// The nodes began anew: they are idle.
-    pub fn forget(&mut self) {
-        self.driving = false;
-    }
-
-    /// One epoch with the button's level, and whether the robot is stopped by a fault; `None` without a
-    /// lead node.
-    pub fn step(&mut self, down: bool, faulted: Option<bool>) -> Option<Press> {
+    /// One epoch with the button's level; true once for each press.
+    pub fn step(&mut self, down: bool) -> bool {
         self.held = if down { self.held.saturating_add(1) } else { 0 };
-        if faulted.filter(|_| self.held == HOLD)? {
-            self.driving = false;
-            return Some(Press::Clear);
-        }
-        self.driving = !self.driving;
-        Some(if self.driving {
-            Press::Drive
-        } else {
-            Press::Stop
-        })
+        self.held == HOLD
+    }
+}
+
+/// Task that a press gives a robot; `None` leaves it with the one it has.
+pub fn task_of_press(activity: Activity, button: &Button, latest: Option<Posture>) -> Option<Task> {
+    match (activity, button.action) {
+        (Activity::Faulted, _) => Some(Task::Clear),
+        (Activity::Busy, _) => Some(Task::Stop),
+        (Activity::Resting, 0) => Some(Task::Regulate {
+            goal: latest.unwrap_or(button.goal),
+        }),
+        (Activity::Resting, 1) => Some(Task::Regulate { goal: button.goal }),
+        (Activity::Resting, _) => None,
     }
 }
 
@@ -235,38 +223,35 @@ mod tests {
         assert_eq!(limits(Some(25.0), 200), [most, 0.0]);
     }
 
-    /// Requests of a button that is down in these epochs.
-    fn requests(presses: &mut Presses, down: &[bool], faulted: Option<bool>) -> Vec<Press> {
-        let step = |down: &bool| presses.step(*down, faulted);
-        down.iter().filter_map(step).collect()
-    }
-
     #[test]
     fn a_press_counts_once_after_50_ms_and_bounces_do_not() {
         let mut presses = Presses::default();
-        let idle = Some(false);
-        assert_eq!(
-            requests(&mut presses, &[true, true, true, true, false], idle),
-            []
-        );
-        assert_eq!(requests(&mut presses, &[true; 300], idle), [Press::Drive]);
-        assert_eq!(requests(&mut presses, &[false], idle), []);
-        assert_eq!(requests(&mut presses, &[true; 5], idle), [Press::Stop]);
+        let mut count = |down: &[bool]| down.iter().filter(|down| presses.step(**down)).count();
+        assert_eq!(count(&[true, true, true, true, false]), 0);
+        assert_eq!(count(&[true; 300]), 1);
+        assert_eq!(count(&[false, true, true]), 0);
+        assert_eq!(count(&[true; 5]), 1);
     }
 
     #[test]
-    fn a_press_clears_a_fault_and_the_next_one_drives() {
-        let mut presses = Presses::default();
-        let press = [false, true, true, true, true, true];
-        for (faulted, expected) in [
-            (false, Press::Drive),
-            (true, Press::Clear),
-            (false, Press::Drive),
+    fn a_press_clears_a_fault_stops_a_robot_or_begins_a_drive() {
+        let (own, latest) = (Posture::new(1.0, 2.0, 3.0), Posture::new(4.0, 5.0, 6.0));
+        let regulate = |goal| Some(Task::Regulate { goal });
+        for (action, after_none, after_some) in [
+            (0, regulate(own), regulate(latest)),
+            (1, regulate(own), regulate(own)),
+            (2, None, None),
         ] {
-            assert_eq!(requests(&mut presses, &press, Some(faulted)), [expected]);
+            let button = Button {
+                goal: own,
+                action,
+                ..Button::default()
+            };
+            let press = |activity, latest| task_of_press(activity, &button, latest);
+            assert_eq!(press(Activity::Resting, None), after_none);
+            assert_eq!(press(Activity::Resting, Some(latest)), after_some);
+            assert_eq!(press(Activity::Busy, Some(latest)), Some(Task::Stop));
+            assert_eq!(press(Activity::Faulted, None), Some(Task::Clear));
         }
-        presses.forget();
-        assert_eq!(requests(&mut presses, &press, None), []);
-        assert_eq!(requests(&mut presses, &press, Some(false)), [Press::Drive]);
     }
 }

@@ -14,7 +14,7 @@ use host_sim::scenario::Scenario;
 use host_sim::targets::board_log::BoardLog;
 use host_sim::targets::images::Images;
 use host_sim::targets::link::Descriptors;
-use program::{Run, cfmmr, json_file};
+use program::{Run, json_file};
 use serde_json::Value;
 use std::fs::{self, File};
 use std::os::unix::fs::symlink;
@@ -127,10 +127,14 @@ impl Bench {
         Self::new(&scenario, loose)
     }
 
-    fn run(&self, folder: &Path, arguments: &str) -> Run {
+    fn command(&self, folder: &Path, arguments: &str) -> Command {
         let port = self.folder.path().join("port");
         let on = format!("{arguments} --on serial:front={}", port.display());
-        cfmmr(folder, &on)
+        program::command(folder, &on)
+    }
+
+    fn run(&self, folder: &Path, arguments: &str) -> Run {
+        self.command(folder, arguments).output().unwrap().into()
     }
 
     /// The robot after the run.
@@ -252,6 +256,30 @@ fn python_client_drives_a_robot_to_its_goal() {
     let run = Run::from(client.unwrap()).ends_with(0);
     let [x, y, _] = bench.robot().record().midpoint;
     assert!((x - 0.5).hypot(y + 0.1) < 0.05, "{x} {y} {}", run.out);
+}
+
+/// Ctrl-C once: the robot brakes, its motors go off and the result is written. Twice: the motors go off and the program ends.
+#[test]
+fn control_c_stops_the_robot_and_a_second_one_at_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let bench = Bench::at_origin(false);
+    for count in [1, 2] {
+        let drive = format!("drive goto {} 0 0 --from 0,0,0", 2 * count);
+        let mut child = bench.command(folder.path(), &drive).spawn().unwrap();
+        thread::sleep(Duration::from_secs(4));
+        for _ in 0..count {
+            let process = rustix::process::Pid::from_child(&child);
+            rustix::process::kill_process(process, rustix::process::Signal::INT).unwrap();
+            thread::sleep(Duration::from_millis(100));
+        }
+        assert_eq!(child.wait().unwrap().code(), Some(130));
+        let written = folder.path().join("out/drive/result.json");
+        assert_eq!(written.exists(), count == 1);
+        let _ = fs::remove_file(written);
+    }
+    let robot = bench.robot();
+    assert_motors_off(&robot);
+    assert!((0.3..1.9).contains(&robot.record().midpoint[0]));
 }
 
 /// A speed is driven only while the host is there: each time the cable is out the robot brakes, and goes on afterwards.

@@ -75,6 +75,17 @@ pub enum Task {
     },
 }
 
+/// Activity of the robot, as its button sees it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Activity {
+    /// Stopped by a fault that [`Task::Clear`] has to clear.
+    Faulted,
+    /// Under way with a task.
+    Busy,
+    /// Without a task, or done with it.
+    Resting,
+}
+
 /// Time after the latest [`Task::Drive`] at which the robot stops.
 pub const DEAD_MAN: Micros = 200_000;
 /// Speed below which the robot counts as at rest after a drive, m/s.
@@ -130,6 +141,8 @@ pub struct State {
     gave_up: bool,
     /// Time since the latest command.
     silent: Micros,
+    /// Goal of the latest regulation.
+    goal: Option<Posture>,
     /// Time for which the motors have held the robot where it is.
     held: Micros,
     /// They held it for as long as they may: the next command is waited for.
@@ -226,6 +239,9 @@ impl LeadNode {
     /// Gives the robot something to do; the present motion is taken over.
     pub fn command(&mut self, task: Task) {
         self.state.task = task;
+        if let Task::Regulate { goal } = task {
+            self.state.goal = Some(goal);
+        }
         (self.state.done, self.state.gave_up) = (false, false);
         self.state.silent = 0;
         self.state.memory = Memory::default();
@@ -238,11 +254,22 @@ impl LeadNode {
         &self.state.supervisor
     }
 
-    /// True if this node or an axle is stopped by a fault that [`Task::Clear`] has to clear.
-    pub fn is_faulted(&self, now: Micros) -> bool {
+    /// Activity of the robot.
+    pub fn activity(&self, now: Micros) -> Activity {
         let failed = |node| self.state.peers.failed(node, now);
-        self.state.supervisor.operating() == OperatingState::Fault
-            || [Node::FrontAxle, Node::RearAxle].into_iter().any(failed)
+        let faulted = self.state.supervisor.operating() == OperatingState::Fault
+            || [Node::FrontAxle, Node::RearAxle].into_iter().any(failed);
+        let idle = matches!(self.state.task, Task::Idle | Task::Stop | Task::Clear);
+        match idle || self.state.done || self.state.released {
+            _ if faulted => Activity::Faulted,
+            true => Activity::Resting,
+            false => Activity::Busy,
+        }
+    }
+
+    /// Goal of the latest regulation since the robot was told where it stands.
+    pub fn latest_goal(&self) -> Option<Posture> {
+        self.state.goal
     }
 
     /// The buffers of path and trajectory, to be filled before [`Task::Follow`] or [`Task::Track`]

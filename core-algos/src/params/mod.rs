@@ -64,6 +64,9 @@ pub struct Button {
     pub start: Posture,
     /// Goal, m and rad.
     pub goal: Posture,
+    /// Action of a robot at rest: 0 the latest goal again, `goal` if there was none; 1 `goal` from `start`; 2 none.
+    /// The button stops a robot that drives.
+    pub action: u32,
 }
 
 impl Default for Button {
@@ -71,6 +74,7 @@ impl Default for Button {
         Self {
             start: START,
             goal: Posture::ORIGIN,
+            action: 0,
         }
     }
 }

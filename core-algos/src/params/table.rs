@@ -275,6 +275,7 @@ parameters! {
     99 v 1 number button.goal.x, "m" -50.0 to 50.0: "goal of the button's drive, x";
     100 v 1 number button.goal.y, "m" -50.0 to 50.0: "goal of the button's drive, y";
     101 v 1 number button.goal.phi, "rad" -3.2 to 3.2: "goal of the button's drive, heading";
+    102 v 1 count button.action, "" 0.0 to 2.0: "button of a robot at rest: 0 latest goal again, the button's if there was none; 1 the button's start and goal; 2 nothing";
 }
 
 #[cfg(test)]

@@ -1,62 +1,56 @@
-//! The user's button of the front board: press to drive to the goal, press again to stop; after a
-//! fault, the first press clears it.
+//! The user's button of the front board: it stops a robot that drives, clears a fault, or begins a drive.
 
 use core_algos::fusion::Estimate;
-use core_algos::math::Posture;
 use core_algos::node::board::Board;
 use core_algos::node::lead::Task;
+use core_algos::params;
 use core_algos::time::{Micros, is_epoch_start};
 use embassy_stm32::Peri;
 use embassy_stm32::gpio::{Input, Pull};
 use embassy_stm32::peripherals::PA0;
 
-use crate::rules::{Press, Presses};
+use crate::rules::{Presses, task_of_press};
 
 /// The button; high when pressed.
 pub struct Button {
     pin: Input<'static>,
     presses: Presses,
-    /// Start of a drive: midpoint, and front axle seen from the rear.
+    /// Start of a drive to the button's own goal: midpoint, and front axle seen from the rear.
     start: (Estimate, Estimate),
-    goal: Posture,
+    settings: params::Button,
 }
 
 impl Button {
-    /// On its pin; a press begins a drive to `goal` at `start`: midpoint, and front axle seen from the rear.
-    pub fn new(pin: Peri<'static, PA0>, start: (Estimate, Estimate), goal: Posture) -> Self {
+    /// On its pin; a drive to the button's own goal begins at `start`: midpoint, and front axle seen from the rear.
+    pub fn new(
+        pin: Peri<'static, PA0>,
+        start: (Estimate, Estimate),
+        settings: params::Button,
+    ) -> Self {
         Self {
             pin: Input::new(pin, Pull::Down),
             presses: Presses::default(),
             start,
-            goal,
+            settings,
         }
-    }
-
-    /// The nodes began anew: they are idle.
-    pub fn forget(&mut self) {
-        self.presses.forget();
     }
 
     /// Looks at the button; on the rear board there is no lead node and it does nothing.
     pub fn step(&mut self, now: Micros, board: &mut Board) {
-        if !is_epoch_start(now) {
+        if !is_epoch_start(now) || !self.presses.step(self.pin.is_high()) {
             return;
         }
-        let lead = board.lead();
-        let faulted = lead.as_ref().map(|lead| lead.is_faulted(now));
-        let press = self.presses.step(self.pin.is_high(), faulted);
-        let (Some(press), Some(lead)) = (press, lead) else {
+        let Some(lead) = board.lead() else {
             return;
         };
-        let task = match press {
-            Press::Clear => Task::Clear,
-            Press::Stop => Task::Stop,
-            Press::Drive => {
-                let (center, relative) = &self.start;
-                lead.initialize(center, relative);
-                Task::Regulate { goal: self.goal }
-            }
-        };
-        lead.command(task);
+        let task = task_of_press(lead.activity(now), &self.settings, lead.latest_goal());
+        let placed = lead.fusion().is_some() && self.settings.action != 1;
+        if let (false, Some(Task::Regulate { .. })) = (placed, task) {
+            let (center, relative) = &self.start;
+            lead.initialize(center, relative);
+        }
+        if let Some(task) = task {
+            lead.command(task);
+        }
     }
 }

@@ -206,7 +206,6 @@ impl Axis {
                 // The nodes forget that they drove; the user must be told why they stopped.
                 state.restarted |= state.driving;
                 self.nodes.restart();
-                self.button.forget();
                 state.own.clear();
                 Some(now)
             }

@@ -4,9 +4,10 @@
 //! and has its motors switched off. A port that closes is opened again: the robot has gone on with its task meanwhile.
 
 use crate::base::error::Error;
+use crate::base::interrupt;
 use crate::bus::virtual_bus::BusStatistics;
 use crate::plant::Plant;
-use crate::run::recovery::Monitor;
+use crate::run::recovery::{Monitor, NODES};
 use crate::run::robot::{Record, Robot, RunControl};
 use crate::targets::lead_link::LeadLink;
 use crate::targets::link::Link;
@@ -14,8 +15,10 @@ use crate::targets::{BoardTraffic, HostCommand, Room, Traffic};
 use core_algos::link::lease::TERM;
 use core_algos::link::protocol::Place;
 use core_algos::node::lead::{self, Task};
+use core_algos::safety::Permit;
 use core_algos::time::{Micros, TICK};
 use core_algos::topology::{Node, Role};
+use std::io::Write;
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -68,6 +71,7 @@ impl SerialRobot {
             frames: 0,
             control: RunControl::default(),
         };
+        robot.guard();
         let mut ready = robot.await_lead(place);
         if robot.link.is_leased() {
             // A program that ended without a word leaves its lease behind.
@@ -80,6 +84,22 @@ impl SerialRobot {
         (robot.heard, robot.opened) = (0, 0);
         robot.began = Instant::now();
         Ok(robot)
+    }
+
+    /// A program that ends at once switches the motors off by the port that is open now.
+    fn guard(&self) {
+        let port = self.port.as_ref().and_then(|port| port.second());
+        let mut frames = self.link.motors_off();
+        interrupt::set_last_action(move || {
+            // Several, should one be lost: the user wants to be sure.
+            for _ in 0..3 {
+                let frame = frames();
+                let _ = port
+                    .as_ref()
+                    .map(|mut port| port.write_all(frame.repeated()));
+                thread::sleep(Duration::from_millis(20));
+            }
+        });
     }
 
     /// Asks the board for reports, and tells it where it stands; waits for both.
@@ -126,6 +146,7 @@ impl SerialRobot {
         self.opened = now;
         if let Ok(port) = (self.connect)() {
             self.port = Some(port);
+            self.guard();
             self.reconnected += 1;
             self.link.rejoin();
         }
@@ -182,13 +203,22 @@ impl SerialRobot {
         Ok(())
     }
 
+    /// True if the robot is at rest; after [`Task::Idle`], if its motors are off.
+    fn has_stopped(&self, task: Task) -> bool {
+        let on = |node: &Node| {
+            let latest = self.monitor.latest(*node);
+            latest.is_some_and(|latest| latest.state.permit() != Permit::Off)
+        };
+        let off = !NODES.iter().any(on);
+        self.lead.motion.v.abs() <= 1e-3 && (off || task != Task::Idle)
+    }
+
     /// Stops the robot and switches its motors off.
     fn stop(&mut self) -> Result<(), Error> {
         for task in [Task::Stop, Task::Idle] {
             self.command(&HostCommand::Task(task))?;
             let end = Instant::now() + STOP;
-            let moving = |lead: &lead::Output| lead.motion.v.abs() > 1e-3;
-            while Instant::now() < end && (!self.link.is_settled() || moving(&self.lead)) {
+            while Instant::now() < end && (!self.link.is_settled() || !self.has_stopped(task)) {
                 self.step()?;
             }
         }
@@ -203,6 +233,8 @@ impl SerialRobot {
 impl Drop for SerialRobot {
     fn drop(&mut self) {
         self.control.observers.clear();
+        // The flag would end the stop at once.
+        self.control.interrupt = None;
         // A robot that does not answer was reported.
         let _ = self.stop();
     }

@@ -7,15 +7,18 @@ use super::remote::{complete, refused};
 use super::{Fault, HostCommand, Room};
 use crate::base::error::Error;
 use core_algos::bus::CanFrame;
-use core_algos::link::Stamp;
 use core_algos::link::framing::{Decoder, SerialFrame};
 use core_algos::link::lease::TERM;
 use core_algos::link::protocol::{
     self, PROTOCOL, Packed, Place, Refusal, Reply, Request, Telemetry,
 };
+use core_algos::link::{Order, Stamp};
+use core_algos::node::lead::Task;
 use core_algos::time::Micros;
 use core_algos::topology::Role;
 use std::collections::VecDeque;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU16, Ordering::Relaxed};
 
 /// Time after which a request is repeated, µs.
 const REPEAT: Micros = 250_000;
@@ -55,8 +58,9 @@ pub struct LeadLink {
     answered: u32,
     lost: u16,
     build: String,
-    /// Stamp of the latest order.
-    stamp: Stamp,
+    /// Number of this host for its lease, and number of its latest order.
+    owner: u16,
+    sequence: Arc<AtomicU16>,
     /// Set while this host has the lease: the time of the latest order or renewal that was sent, µs.
     kept: Option<Option<Micros>>,
     leased: bool,
@@ -66,17 +70,18 @@ impl LeadLink {
     /// A link of a host that draws this number for its lease.
     pub fn of_owner(owner: u16) -> Self {
         Self {
-            stamp: Stamp { owner, sequence: 0 },
+            owner,
             ..Self::default()
         }
     }
 
     /// A link to a board that stands at a place. Whatever was asked before is forgotten.
     pub fn open(&mut self, place: Place) {
-        let (number, stamp) = (self.number, self.stamp);
+        let (number, owner, sequence) = (self.number, self.owner, self.sequence.clone());
         *self = Self {
             number,
-            stamp,
+            owner,
+            sequence,
             ..Self::default()
         };
         self.watch();
@@ -138,8 +143,18 @@ impl LeadLink {
     /// The stamp of the next order.
     fn stamp(&mut self) -> Stamp {
         self.kept.get_or_insert(None);
-        self.stamp.sequence = self.stamp.sequence.wrapping_add(1);
-        self.stamp
+        next_stamp(self.owner, &self.sequence)
+    }
+
+    /// Frames that switch the motors off whatever is under way, each newer than all orders before it.
+    pub fn motors_off(&self) -> impl FnMut() -> SerialFrame + Send + 'static {
+        let (owner, sequence) = (self.owner, self.sequence.clone());
+        move || {
+            let stamp = next_stamp(owner, &sequence);
+            let order = Order::Task(Task::Idle);
+            // Its number is that of no request of the link.
+            protocol::encode(0, &Request::Order { stamp, order }).unwrap_or_default()
+        }
     }
 
     fn ask(&mut self, what: &'static str, request: &Request) {
@@ -327,6 +342,12 @@ impl LeadLink {
         *latest = found.or(*latest);
         done
     }
+}
+
+/// The stamp of the next order.
+fn next_stamp(owner: u16, sequence: &AtomicU16) -> Stamp {
+    let sequence = sequence.fetch_add(1, Relaxed).wrapping_add(1);
+    Stamp { owner, sequence }
 }
 
 fn greeted(protocol: u16, role: Role, build: &str) -> Result<(), Error> {

@@ -24,6 +24,11 @@ pub trait Link: Send {
     /// Waits for bytes; 0 if none came in time. An error means that the board is gone.
     fn receive(&mut self, room: &mut [u8], timeout: Duration) -> io::Result<usize>;
 
+    /// A second end to send bytes by, if there can be one.
+    fn second(&self) -> Option<File> {
+        None
+    }
+
     /// Switches the board off.
     fn kill(&mut self) -> Result<(), Error> {
         let name = self.name();
@@ -184,6 +189,11 @@ impl Descriptors {
     /// Reads from one and writes to the other.
     pub fn new(from: File, to: File) -> Self {
         Self { from, to }
+    }
+
+    /// A second end to send bytes by.
+    pub fn second(&self) -> Option<File> {
+        self.to.try_clone().ok()
     }
 
     /// Sends bytes.

@@ -62,6 +62,10 @@ impl Link for Serial {
         self.link.receive(room, timeout)
     }
 
+    fn second(&self) -> Option<File> {
+        self.link.second()
+    }
+
     /// Whoever holds the board resets it; the hello that follows waits for that.
     fn revive(&mut self) -> Result<(), Error> {
         Ok(())

@@ -37,7 +37,11 @@ pub fn sectors(scenario: &Scenario, role: Role, bridges: &[BridgeParts]) -> Resu
 fn wanted(scenario: &Scenario, role: Role) -> Result<Settings, Error> {
     let mut asked = Settings::new(scenario.completed_robot());
     let [start, goal] = [scenario.mission.start, scenario.mission.goal].map(super::posture);
-    asked.button = Button { start, goal };
+    asked.button = Button {
+        start,
+        goal,
+        ..Button::default()
+    };
     scenario.boards.apply(role, &mut asked)?;
     let mut settings = Settings::of(role);
     for parameter in TABLE

@@ -4,11 +4,11 @@
 use super::draw::draw;
 use super::view::View;
 use crate::base::error::Error;
+use crate::base::interrupt;
 use crate::run::keyboard::{Key, Keyboard};
 use ratatui::DefaultTerminal;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 use std::io::{self, IsTerminal};
-use std::process;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
@@ -120,7 +120,7 @@ impl Shared {
             if key == Some(Key::End) && self.keyboard.is_ended() {
                 // Asked twice: the run does not get to the end of its epoch.
                 ratatui::restore();
-                process::exit(130);
+                interrupt::end_at_once();
             }
             if let Some(key) = key {
                 self.keyboard.press(key);
