@@ -106,6 +106,11 @@ const RUNS: &[(&str, Fault)] = &[
 const ELSEWHERE: &[(Condition, &str)] = &[
     (Condition::InertialLost, "virtual boards: inertial sensor"),
     (
+        Condition::CommanderSilent,
+        "tests/real_robot.rs: a loose cable",
+    ),
+    (Condition::GaveUp, "no fault: a goal that is missed"),
+    (
         Condition::ConversionsLost,
         "virtual boards: converter overrun",
     ),

@@ -20,7 +20,7 @@ def varint(data):
 class Board:
     def __init__(self, path):
         self.port = serial.Serial(path, 921600, timeout=0.5, exclusive=True)
-        self.number, self.owner, self.posture = 0, os.getpid() % 128, None
+        self.number, self.owner, self.posture = 0, os.urandom(1)[0] % 128, None
 
     def receive(self):
         try:
@@ -60,12 +60,14 @@ def main(path, x, y, phi):
     board.order([PLACE], struct.pack("<24f", 0, 0, 0, *sigmas, 0.37, 0, 0, *sigmas))
     board.order([TASK, REGULATE], struct.pack("<3f", x, y, phi))
     until, near = time.monotonic() + 60, 0
-    while time.monotonic() < until and near < 500:
-        board.receive()
-        near = near + 1 if board.posture and abs(complex(*board.posture[:2]) - complex(x, y)) < 0.01 else 0
-    board.order([TASK, IDLE])
-    board.ask([RELEASE, board.owner, board.number])
-    print("at %.3f m, %.3f m, %.3f rad" % board.posture)
+    try:
+        while time.monotonic() < until and near < 500:
+            board.receive()
+            near = near + 1 if board.posture and abs(complex(*board.posture[:2]) - complex(x, y)) < 0.01 else 0
+    finally:
+        board.order([TASK, IDLE])
+        board.ask([RELEASE, board.owner, board.number])
+    print("at", board.posture)
     return near < 500
 
 if __name__ == "__main__":

@@ -132,6 +132,8 @@ pub struct Attendant {
     answer: SerialFrame,
     /// Number of an order that is being carried out.
     pending: Option<u8>,
+    /// True if a host has said hello since the start.
+    greeted: bool,
     /// Another board whose reply is due.
     relaying: Option<Role>,
     telemetry: Spread,
@@ -148,6 +150,7 @@ impl Attendant {
             last: None,
             answer: SerialFrame::default(),
             pending: None,
+            greeted: false,
             relaying: None,
             telemetry: Spread::default(),
         }
@@ -196,26 +199,36 @@ impl Attendant {
                     continue;
                 }
                 Some(Request::Relay { .. }) => Reply::Refused(Refusal::OtherBoard { role }),
-                request => match request.map_or(Ok(()), |request| station.admit(role, &request)) {
-                    Err(refusal) => Reply::Refused(refusal),
-                    Ok(()) => {
-                        if let Some(Request::Order { order, .. }) = request {
+                request => {
+                    let admitted = match request {
+                        // Meant for the board before its restart.
+                        Some(Request::Order { .. }) if !self.greeted && role == Role::Front => {
+                            Err(Refusal::NoSession)
+                        }
+                        Some(request) => station.admit(role, &request),
+                        None => Ok(()),
+                    };
+                    match (admitted, request) {
+                        (Err(refusal), _) => Reply::Refused(refusal),
+                        (Ok(()), Some(Request::Order { order, .. })) => {
                             self.pending = Some(number);
                             demand = Some(Demand::Order(order));
                             continue;
                         }
-                        let reports = (self.stack, self.crash);
-                        let (reply, wanted) = answer(request, station, reports, &mut crash);
-                        demand = wanted.or(demand);
-                        reply
+                        (Ok(()), request) => {
+                            let reports = (self.stack, self.crash);
+                            let (reply, wanted) = answer(request, station, reports, &mut crash);
+                            demand = wanted.or(demand);
+                            reply
+                        }
                     }
-                },
+                }
             };
             let again = matches!(reply, Reply::Hello { .. });
             let frame = protocol::encode(number, &reply);
             self.respond(number, frame, send);
             if again {
-                self.last = None;
+                (self.last, self.greeted) = (None, true);
             }
         }
         demand

@@ -50,11 +50,9 @@ impl Lease {
         Ok(())
     }
 
-    /// Ends the lease; old orders stay refused.
+    /// Ends the lease.
     pub fn release(&mut self) {
-        if let Some((_, renewed)) = &mut self.latest {
-            *renewed = 0;
-        }
+        self.latest = None;
     }
 }
 

@@ -902,6 +902,14 @@ impl Driving {
         }
     }
 
+    /// A board to which a host has said hello.
+    fn greeted(role: Role) -> Self {
+        let mut board = Self::new(role);
+        let (protocol, nonce) = (PROTOCOL, 1);
+        board.ask(200, &Request::Hello { protocol, nonce }, true);
+        board
+    }
+
     /// The payloads of its answers to a request.
     fn ask(&mut self, number: u8, request: &Request, armed: bool) -> Vec<Vec<u8>> {
         let frame = protocol::encode(number, request).unwrap();
@@ -1052,7 +1060,7 @@ fn messages_of_nodes_are_not_sent_for_a_host() {
 /// Repeated requests are answered again and carried out once; an order is answered when it is done.
 #[test]
 fn an_order_is_carried_out_once_and_answered_when_it_is_done() {
-    let mut board = Driving::new(Role::Front);
+    let mut board = Driving::greeted(Role::Front);
     let goal = Posture::new(1.0, -0.5, 0.25);
     let drive = Order::Task(Task::Regulate { goal });
     let request = order(drive);
@@ -1085,6 +1093,10 @@ fn an_order_is_carried_out_once_and_answered_when_it_is_done() {
 #[test]
 fn order_without_the_lease_or_with_an_old_sequence_is_refused() {
     let mut board = Driving::new(Role::Front);
+    let unknown = order(Order::Task(Task::Stop));
+    let no_session = Reply::Refused(Refusal::NoSession);
+    assert_answered(&board.ask(1, &unknown, true), 1, no_session);
+    let mut board = Driving::greeted(Role::Front);
     let stop = Order::Task(Task::Stop);
     let of = |owner, sequence| Request::Order {
         stamp: Stamp { owner, sequence },

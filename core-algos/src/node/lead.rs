@@ -88,7 +88,7 @@ pub enum Activity {
 
 /// Time after the latest [`Task::Drive`] at which the robot stops.
 pub const DEAD_MAN: Micros = 200_000;
-/// Speed below which the robot counts as at rest after a drive, m/s.
+/// Speed below which the robot counts as at rest after a stop, m/s.
 const REST_M_S: f32 = 1e-3;
 
 /// Time that is waited for the beam to find a restarted axle by.
@@ -245,6 +245,10 @@ impl LeadNode {
         (self.state.done, self.state.gave_up) = (false, false);
         self.state.silent = 0;
         self.state.memory = Memory::default();
+        // A path goes on after its faults were cleared.
+        if !matches!(task, Task::Follow | Task::Track | Task::Clear) {
+            self.path_task.forget();
+        }
         self.state.released = false;
         self.path_task.restart();
     }
@@ -408,7 +412,14 @@ impl LeadNode {
         };
         match state.task {
             Task::Idle | Task::Clear => Decision::default(),
-            Task::Stop => active,
+            Task::Stop => {
+                let done = motion.v.abs() < REST_M_S;
+                Decision {
+                    mode: active_until(done),
+                    done,
+                    ..active
+                }
+            }
             Task::Regulate { goal } => {
                 let input = regulator::Input {
                     posture: center.posture,

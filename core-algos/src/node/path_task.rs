@@ -147,8 +147,19 @@ impl State {
         self.path.room()
     }
 
-    /// Appends a point to the path.
+    /// Forgets path and trajectory, if there is anything to forget.
+    pub fn forget(&mut self) {
+        let empty = self.path.room() == PATH_POINTS && self.trajectory.is_empty();
+        if !empty || self.resting || self.trajectory_ended {
+            self.clear();
+        }
+    }
+
+    /// Appends a point to the path; a new path begins after one that was driven to its end.
     pub fn push_path_point(&mut self, point: PathPoint) -> Result<(), PathError> {
+        if self.resting {
+            self.clear();
+        }
         self.path.push(point)
     }
 
@@ -162,8 +173,11 @@ impl State {
         self.trajectory.room()
     }
 
-    /// Appends a point to the trajectory, unless that has been ended.
+    /// Appends a point to the trajectory, unless that has been ended; a new one begins after one that was driven to its end.
     pub fn push_trajectory_point(&mut self, point: TrajectoryPoint) -> Result<(), PathError> {
+        if self.resting {
+            self.clear();
+        }
         if self.trajectory_ended {
             return Err(PathError::Ended);
         }

@@ -1,7 +1,7 @@
 //! Ctrl-C.
 
 use crate::base::error::Error;
-use signal_hook::consts::{SIGINT, SIGTERM};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
 use std::process;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
@@ -17,7 +17,7 @@ static LAST_ACTION: Mutex<Option<LastAction>> = Mutex::new(None);
 pub fn watch_for_interrupt() -> Result<Arc<AtomicBool>, Error> {
     let flag = Arc::new(AtomicBool::new(false));
     let set = flag.clone();
-    let mut signals = Signals::new([SIGINT, SIGTERM])?;
+    let mut signals = Signals::new([SIGINT, SIGTERM, SIGHUP])?;
     thread::spawn(move || {
         for _ in signals.forever() {
             if set.swap(true, Relaxed) {
@@ -31,6 +31,11 @@ pub fn watch_for_interrupt() -> Result<Arc<AtomicBool>, Error> {
 /// Sets the action that comes before the program ends at once.
 pub fn set_last_action(action: impl FnMut() + Send + 'static) {
     *LAST_ACTION.lock().unwrap_or_else(PoisonError::into_inner) = Some(Box::new(action));
+}
+
+/// Forgets the action.
+pub fn clear_last_action() {
+    *LAST_ACTION.lock().unwrap_or_else(PoisonError::into_inner) = None;
 }
 
 /// Ends the program with code 130, after the last action.

@@ -95,11 +95,18 @@ pub fn run(
     // Time is the computer's.
     stage.real_time = false;
     let mut robot = SerialRobot::open(connect, mission.is_placed().then_some(place))?;
-    let driven = stage.run(&mut robot, |robot| mission.drive(robot, &scenario))?;
-    let report = report(&robot, &driven.outcome, goal);
-    // Stops the robot.
-    drop(robot);
-    publish(context, &report, &driven.outcome, &driven.recorded)
+    // The robot is stopped before a display waits for its user.
+    let driven = stage.run(&mut robot, |robot| {
+        let outcome = mission.drive(robot, &scenario)?;
+        let closed = robot.close();
+        Ok((outcome, closed))
+    })?;
+    let (outcome, closed) = driven.outcome;
+    let mut report = report(&robot, &outcome, goal);
+    if let Err(error) = closed {
+        report.ended.get_or_insert(error.to_string());
+    }
+    publish(context, &report, &outcome, &driven.recorded)
 }
 
 fn publish(

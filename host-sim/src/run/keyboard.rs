@@ -47,6 +47,8 @@ pub struct Hand {
     pub curvature: f64,
     /// True if the faults are to be cleared.
     pub clear: bool,
+    /// True if the robot is to stop, whatever it does.
+    pub halt: bool,
 }
 
 /// State of the keys.
@@ -120,7 +122,12 @@ impl Keyboard {
             Key::Backward => keys.hand.speed_m_s = add(hand.speed_m_s, limits[0], -1.0),
             Key::Left => keys.hand.curvature = add(hand.curvature, limits[1], 1.0),
             Key::Right => keys.hand.curvature = add(hand.curvature, limits[1], -1.0),
-            Key::Halt => keys.hand = Hand::default(),
+            Key::Halt => {
+                keys.hand = Hand {
+                    halt: true,
+                    ..Hand::default()
+                };
+            }
             Key::Clear => {
                 keys.hand = Hand {
                     clear: true,
@@ -166,9 +173,10 @@ impl Keyboard {
         keys.hand
     }
 
-    /// The faults were cleared.
-    pub fn cleared(&self) {
-        self.keys().hand.clear = false;
+    /// The faults were cleared, or the robot was told to stop.
+    pub fn taken(&self) {
+        let hand = &mut self.keys().hand;
+        (hand.clear, hand.halt) = (false, false);
     }
 }
 
@@ -194,6 +202,8 @@ mod tests {
         keyboard.press(Key::Clear);
         assert!(keyboard.hand().clear && keyboard.hand().speed_m_s == 0.0);
         keyboard.press(Key::Halt);
+        assert!(keyboard.hand().halt);
+        keyboard.taken();
         assert_eq!(keyboard.hand(), Hand::default());
         // Without a driver the keys do not drive.
         let watcher = Keyboard::default();

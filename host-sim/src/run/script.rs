@@ -115,6 +115,8 @@ pub fn limits(scenario: &Scenario) -> [f64; 2] {
 /// Steps of a script: one a line, comments from # on. An error names the line.
 pub fn parse(text: &str, scenario: &Scenario) -> Result<Vec<Line>, Error> {
     let mut lines = Vec::new();
+    // Some editors begin a file with a byte order mark.
+    let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     for (index, line) in text.lines().enumerate() {
         let text = line.split('#').next().unwrap_or_default().trim();
         if text.is_empty() {
@@ -220,8 +222,7 @@ pub fn carry_out(
         let at = record.lead.fused.robot.posture;
         let [x, y, phi] = [at.x, at.y, at.phi].map(f64::from);
         let notices = robot.monitor_mut().take_recent();
-        let code =
-            condition(robot, &record, (done, notices)).map(|it| format!("{:#04x}", it.code()));
+        let code = condition(&record, (done, notices)).map(|it| format!("{:#04x}", it.code()));
         ends.push(StepEnd {
             line: line.number,
             step: line.text.clone(),
@@ -241,19 +242,14 @@ pub fn carry_out(
 }
 
 /// Condition that ended a step, or the notice under which it is done.
-fn condition(
-    robot: &impl Robot,
-    record: &Record,
-    (done, notices): (bool, Conditions),
-) -> Option<Condition> {
+fn condition(record: &Record, (done, notices): (bool, Conditions)) -> Option<Condition> {
     let notice = |condition| notices.contains(condition).then_some(condition);
     match done {
-        true => notice(Condition::ReachedUncertain),
+        true => notice(Condition::CommanderSilent).or(notice(Condition::ReachedUncertain)),
         false => record
             .lead
             .supervision
             .reason
-            .or_else(|| robot.monitor().first_fault()?.reason)
             .or_else(|| notice(Condition::GaveUp)),
     }
 }
@@ -266,6 +262,8 @@ fn take(
     observe: &mut impl FnMut(&Record),
 ) -> Result<bool, Error> {
     if let Step::Follow(path, laps, here) = step {
+        // The lead node knows where it is once the robot has settled.
+        take(robot, scenario, &Step::Wait(0.0), observe)?;
         let at = robot.record().lead.fused.robot.posture;
         let path = match here {
             true => path.placed([at.x, at.y, at.phi].map(f64::from)),
@@ -283,10 +281,11 @@ fn take(
     };
     let mut taking = Taking {
         step,
+        scenario,
         observe,
         given: None,
-        // A robot that has not been driven needs no stop.
-        placed: matches!(step, Step::Hand(_)),
+        // A robot whose motors are off needs no stop.
+        placed: matches!(step, Step::Hand(_)) && robot.record().lead.mode == LeadMode::Idle,
         finished: false,
     };
     let end = drive(robot, scenario, limit_s, &mut taking)?;
@@ -296,6 +295,7 @@ fn take(
 /// Step under way.
 struct Taking<'a, F> {
     step: &'a Step,
+    scenario: &'a Scenario,
     observe: &'a mut F,
     /// Time of the latest command, µs.
     given: Option<Micros>,
@@ -313,8 +313,12 @@ impl<F> Taking<'_, F> {
         let stopped = std::mem::replace(&mut self.placed, rests);
         match () {
             () if hand.clear => {
-                keyboard.cleared();
+                keyboard.taken();
                 Some(Task::Clear)
+            }
+            () if hand.halt => {
+                keyboard.taken();
+                Some(Task::Stop)
             }
             () if !rests => Some(Task::Drive {
                 speed_m_s: hand.speed_m_s as f32,
@@ -370,7 +374,7 @@ impl<R: Robot, F: FnMut(&Record)> Errand<R> for Taking<'_, F> {
             }
             (Step::Pose(pose), Some(_), _) if off && !self.placed => {
                 self.placed = true;
-                robot.command(&HostCommand::Place(place(robot, *pose)))
+                robot.command(&HostCommand::Place(place(robot, self.scenario, *pose)))
             }
             _ => Ok(()),
         }
@@ -399,11 +403,7 @@ impl<R: Robot, F: FnMut(&Record)> Errand<R> for Taking<'_, F> {
                 _ => Progress::Driving,
             },
             Step::Speed(_, _, seconds) | Step::Wait(seconds) => self.finish(passed(seconds)),
-            Step::Stop => self.finish(
-                passed(0.05)
-                    && lead.motion.v.abs() < REST_M_S
-                    && matches!(lead.mode, LeadMode::Active | LeadMode::Idle),
-            ),
+            Step::Stop => self.finish(passed(0.05) && lead.motion.v.abs() < REST_M_S),
             Step::Clear => self.finish(passed(0.05) && is_clear(robot)),
             Step::Pose([x, y, _]) => {
                 let at = lead.fused.robot.posture;
@@ -423,10 +423,10 @@ fn is_clear(robot: &impl Robot) -> bool {
 }
 
 /// A robot put down at a posture, its frame bent as the lead node estimates it, or straight if it has no estimate.
-fn place(robot: &impl Robot, pose: [f64; 3]) -> Place {
+fn place(robot: &impl Robot, scenario: &Scenario, pose: [f64; 3]) -> Place {
     let fused = robot.record().lead.fused;
     let at = Posture::from(pose.map(|value| value as f32));
-    let (center, mut relative) = Scenario::default().robot.put_down(at);
+    let (center, mut relative) = scenario.robot.put_down(at);
     let known = fused.robot.covariance[0][0] > 0.0;
     if known {
         relative.posture = fused.front.posture.relative_to(fused.rear.posture);

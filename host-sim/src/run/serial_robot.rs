@@ -27,6 +27,8 @@ const SILENCE: Micros = 1_000_000;
 /// Time between attempts to open it, µs, and the longest time without a report before the run ends.
 const ATTEMPT: Micros = 250_000;
 const PATIENCE: Micros = 10_000_000;
+/// Delay from which on lost ticks are left out.
+const HELD_UP: Duration = Duration::from_millis(50);
 /// Time in which the lease of another program ends.
 const LEASE: Duration = Duration::from_micros(TERM + 100_000);
 /// Longest time that the robot gets to stop at the end of a run, and then to switch its motors off.
@@ -51,6 +53,7 @@ pub struct SerialRobot {
     monitor: Monitor,
     frames: u64,
     control: RunControl,
+    closed: bool,
 }
 
 impl SerialRobot {
@@ -59,8 +62,7 @@ impl SerialRobot {
         let mut robot = Self {
             port: Some(connect()?),
             connect,
-            // Another program has another number.
-            link: LeadLink::of_owner(std::process::id() as u16),
+            link: LeadLink::of_owner(owner()),
             began: Instant::now(),
             tick: 0,
             heard: 0,
@@ -70,6 +72,7 @@ impl SerialRobot {
             monitor: Monitor::default(),
             frames: 0,
             control: RunControl::default(),
+            closed: false,
         };
         robot.guard();
         let mut ready = robot.await_lead(place);
@@ -108,7 +111,9 @@ impl SerialRobot {
             Some(place) => self.link.open(place),
             None => self.link.watch(),
         }
-        while self.link.latest().is_none() || !self.link.is_settled() {
+        self.link.take_lease();
+        // An output that was on its way does not know of the place yet.
+        while !self.link.is_settled() || !self.link.is_fresh() {
             self.step()?;
         }
         Ok(())
@@ -144,6 +149,8 @@ impl SerialRobot {
             return Ok(());
         }
         self.opened = now;
+        // It holds the port that was open.
+        interrupt::clear_last_action();
         if let Ok(port) = (self.connect)() {
             self.port = Some(port);
             self.guard();
@@ -213,13 +220,29 @@ impl SerialRobot {
         self.lead.motion.v.abs() <= 1e-3 && (off || task != Task::Idle)
     }
 
-    /// Stops the robot and switches its motors off.
+    /// Stops the robot, switches its motors off and ends the lease, once. An error if the robot does not confirm it.
+    pub fn close(&mut self) -> Result<(), Error> {
+        // A board of another version would not understand.
+        if self.closed || self.link.build().is_empty() {
+            return Ok(());
+        }
+        self.closed = true;
+        self.stop().map_err(|error| {
+            Error::Failure(format!(
+                "front board: the robot did not confirm that it stopped: press its button ({error})"
+            ))
+        })
+    }
+
     fn stop(&mut self) -> Result<(), Error> {
         for task in [Task::Stop, Task::Idle] {
             self.command(&HostCommand::Task(task))?;
             let end = Instant::now() + STOP;
             while Instant::now() < end && (!self.link.is_settled() || !self.has_stopped(task)) {
                 self.step()?;
+            }
+            if !self.has_stopped(task) {
+                return Err(Error::Failure(format!("not at rest after {STOP:?}")));
             }
         }
         self.link.release();
@@ -230,13 +253,18 @@ impl SerialRobot {
     }
 }
 
+/// Number of this program for its lease: another one for each run.
+fn owner() -> u16 {
+    let since = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
+    let nanoseconds = since.map_or(0, |since| since.subsec_nanos());
+    (std::process::id() ^ nanoseconds ^ nanoseconds >> 16) as u16
+}
+
 impl Drop for SerialRobot {
     fn drop(&mut self) {
-        self.control.observers.clear();
-        // The flag would end the stop at once.
-        self.control.interrupt = None;
-        // A robot that does not answer was reported.
-        let _ = self.stop();
+        // The error that ended the run was reported.
+        let _ = self.close();
+        interrupt::clear_last_action();
     }
 }
 
@@ -264,7 +292,13 @@ impl Robot for SerialRobot {
     }
 
     fn step(&mut self) -> Result<(), Error> {
-        let until = self.began + Duration::from_micros((self.tick + 1) * TICK);
+        let mut until = self.began + Duration::from_micros((self.tick + 1) * TICK);
+        // A program that was held up does not make up for lost ticks: the timers of the link count them.
+        let behind = Instant::now().saturating_duration_since(until);
+        if behind > HELD_UP {
+            self.began += behind;
+            until += behind;
+        }
         self.exchange(until)?;
         self.tick += 1;
         self.show()

@@ -133,6 +133,12 @@ impl LeadLink {
         self.leased
     }
 
+    /// Takes the lease before the first order.
+    pub fn take_lease(&mut self) {
+        let stamp = self.stamp();
+        self.ask("command", &Request::Keep(stamp));
+    }
+
     /// Ends the lease.
     pub fn release(&mut self) {
         let stamp = self.stamp();
@@ -173,6 +179,11 @@ impl LeadLink {
     /// True if the board has answered all that it was asked, renewals of the lease apart.
     pub fn is_settled(&self) -> bool {
         self.waiting.iter().all(|pending| pending.what == LEASE)
+    }
+
+    /// True if the latest output of the lead node is younger than all orders.
+    pub fn is_fresh(&self) -> bool {
+        self.latest.is_some() && self.outputs >= FRESH
     }
 
     /// Points that the lead node has room for; none before it has told.
