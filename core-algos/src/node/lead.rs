@@ -16,6 +16,7 @@
 //! switch their motors off.
 
 mod config;
+mod send;
 mod track;
 mod watch;
 
@@ -26,7 +27,7 @@ use super::Outbox;
 use super::path_task;
 use super::peers::{self, Peers};
 use crate::bus::{LeadMode, Message};
-use crate::control::cascade::{AxleReference, Cascade, Motion};
+use crate::control::cascade::{Cascade, Motion};
 use crate::control::controller::{KinematicController, Memory, Own};
 use crate::control::governor::{self, Wish};
 use crate::control::regulator::{self, Phase};
@@ -586,87 +587,6 @@ impl LeadNode {
             .stop
             .get_or_insert_with(|| ramp.begin(Posture::ORIGIN, motion.v, motion.psi, length));
         ramp.step(stop, seconds(EPOCH)).halted
-    }
-
-    /// Without power the frame leaves the commanded steering angle: the next drive begins with the
-    /// estimated one.
-    fn settle(&mut self, fused: &robot::Output) {
-        let steering = fused.relative_heading().steering();
-        if !((steering.0 - self.state.governor.motion.psi.0).abs() <= LET_GO) {
-            self.state.governor = governor::State::at_rest(steering);
-        }
-    }
-
-    fn idle(
-        &mut self,
-        now: Micros,
-        fused: Option<robot::Output>,
-        supervision: supervisor::Output,
-        outbox: &mut Outbox,
-    ) -> Output {
-        let dt = seconds(EPOCH);
-        self.with.governor.stop(&mut self.state.governor, dt);
-        if let (Permit::Off, Some(fused)) = (supervision.permit, &fused) {
-            self.settle(fused);
-        }
-        let motion = self.state.governor.motion;
-        let mode = match self.state.task {
-            Task::Clear => LeadMode::Clear,
-            _ => LeadMode::Idle,
-        };
-        outbox.push(Message::LeadStatus {
-            sequence: sequence(now),
-            mode,
-            steering_rad: motion.psi.0,
-            velocity_m_s: motion.v,
-        });
-        Output {
-            mode,
-            fused: fused.unwrap_or_default(),
-            motion,
-            supervision,
-            ..Output::default()
-        }
-    }
-
-    fn send_references(
-        &self,
-        now: Micros,
-        mode: LeadMode,
-        references: &[AxleReference; 2],
-        fused: &robot::Output,
-        outbox: &mut Outbox,
-    ) {
-        let sequence = sequence(now);
-        let motion = &self.state.governor.motion;
-        outbox.push(Message::LeadStatus {
-            sequence,
-            mode,
-            steering_rad: motion.psi.0,
-            velocity_m_s: motion.v,
-        });
-        let axles = [fused.front.posture, fused.rear.posture];
-        for axle in AxleId::BOTH {
-            let reference = references[axle.index()];
-            let Some(odometry) = self.state.tracks[axle.index()].odometry else {
-                continue;
-            };
-            // The same posture relative to the axle, in the axle's own odometric frame.
-            let relative = reference.posture.relative_to(axles[axle.index()]);
-            outbox.push(Message::ReferencePosture {
-                axle,
-                sequence,
-                posture: odometry.value.compose(relative),
-            });
-            outbox.push(Message::ReferenceMotion {
-                axle,
-                sequence,
-                velocity_m_s: reference.twist.v,
-                yaw_rate_rad_s: reference.twist.omega,
-                acceleration_m_s2: reference.acceleration.v,
-                yaw_acceleration_rad_s2: reference.acceleration.omega,
-            });
-        }
     }
 }
 

@@ -1,0 +1,96 @@
+//! Messages of the lead node: its status, and the references of the axles.
+
+use super::{LET_GO, LeadNode, Output, Task};
+use crate::bus::{LeadMode, Message};
+use crate::control::cascade::AxleReference;
+use crate::control::governor;
+use crate::fusion::robot;
+use crate::node::Outbox;
+use crate::safety::{Permit, supervisor};
+use crate::time::{EPOCH, Micros, seconds, sequence};
+use crate::topology::AxleId;
+
+impl LeadNode {
+    /// A step without a drive: the motion comes to rest, and the status is sent.
+    pub(super) fn idle(
+        &mut self,
+        now: Micros,
+        fused: Option<robot::Output>,
+        supervision: supervisor::Output,
+        outbox: &mut Outbox,
+    ) -> Output {
+        let dt = seconds(EPOCH);
+        self.with.governor.stop(&mut self.state.governor, dt);
+        if let (Permit::Off, Some(fused)) = (supervision.permit, &fused) {
+            self.settle(fused);
+        }
+        let motion = self.state.governor.motion;
+        let mode = match self.state.task {
+            Task::Clear => LeadMode::Clear,
+            _ => LeadMode::Idle,
+        };
+        outbox.push(Message::LeadStatus {
+            sequence: sequence(now),
+            mode,
+            steering_rad: motion.psi.0,
+            velocity_m_s: motion.v,
+        });
+        Output {
+            mode,
+            fused: fused.unwrap_or_default(),
+            motion,
+            supervision,
+            ..Output::default()
+        }
+    }
+
+    /// Sends the status and the references of both axles.
+    pub(super) fn send_references(
+        &self,
+        now: Micros,
+        mode: LeadMode,
+        references: &[AxleReference; 2],
+        fused: &robot::Output,
+        outbox: &mut Outbox,
+    ) {
+        let sequence = sequence(now);
+        let motion = &self.state.governor.motion;
+        outbox.push(Message::LeadStatus {
+            sequence,
+            mode,
+            steering_rad: motion.psi.0,
+            velocity_m_s: motion.v,
+        });
+        let axles = [fused.front.posture, fused.rear.posture];
+        for axle in AxleId::BOTH {
+            let reference = references[axle.index()];
+            let Some(odometry) = self.state.tracks[axle.index()].odometry else {
+                continue;
+            };
+            // The same posture relative to the axle, in the axle's own odometric frame.
+            let relative = reference.posture.relative_to(axles[axle.index()]);
+            outbox.push(Message::ReferencePosture {
+                axle,
+                sequence,
+                posture: odometry.value.compose(relative),
+            });
+            outbox.push(Message::ReferenceMotion {
+                axle,
+                sequence,
+                velocity_m_s: reference.twist.v,
+                yaw_rate_rad_s: reference.twist.omega,
+                acceleration_m_s2: reference.acceleration.v,
+                yaw_acceleration_rad_s2: reference.acceleration.omega,
+            });
+        }
+    }
+
+    /// Without power the frame leaves the commanded steering angle: the next drive begins with the
+    /// estimated one.
+    fn settle(&mut self, fused: &robot::Output) {
+        let steering = fused.relative_heading().steering();
+        if !((steering.0 - self.state.governor.motion.psi.0).abs() <= LET_GO) {
+            self.state.governor = governor::State::at_rest(steering);
+        }
+    }
+}
