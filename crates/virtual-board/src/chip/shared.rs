@@ -86,7 +86,7 @@ impl Shared {
         self.base.cycle_of(self.time() + span)
     }
 
-    /// What is around the chip, which is called in the order of time: a voltage that was to be taken
+    /// Circuit around the chip, which is called in the order of time: a voltage that was to be taken
     /// before now is taken first.
     pub fn world(&mut self) -> &mut dyn Circuit {
         if self.sample.is_some_and(|sample| sample.at < self.now) {

@@ -49,7 +49,7 @@ impl<P: Peripheral> Bench<P> {
         }
     }
 
-    /// What is around the chip.
+    /// Circuit around the chip.
     pub fn world<T: Circuit>(&mut self) -> &mut T {
         let any: &mut dyn Any = self.shared.world();
         any.downcast_mut().expect("the circuit of the bench")

@@ -14,7 +14,7 @@ struct Bench {
     wire: Wire,
     quantum: Time,
     nodes: Vec<VirtualNode>,
-    /// What happened to each node.
+    /// Events of each node.
     happened: Vec<Vec<Event>>,
     now: Time,
 }

@@ -32,7 +32,7 @@ const AFTER: Duration = Duration::from_millis(20);
 pub struct Dashboard {
     terminal: Terminal,
     keyboard: Keyboard,
-    /// What does not change, and the latest view.
+    /// Latest view, with the title and the goal of the run.
     view: View,
     epochs: u64,
     /// The true midpoint an epoch ago, when the latest estimate holds.
