@@ -14,6 +14,7 @@ use host_sim::scenario::Scenario;
 use host_sim::targets::board_log::BoardLog;
 use host_sim::targets::images::Images;
 use host_sim::targets::link::Descriptors;
+use host_sim::world::{self, World};
 use program::{Run, json_file};
 use serde_json::Value;
 use std::fs::{self, File};
@@ -120,9 +121,12 @@ impl Bench {
         }
     }
 
-    /// A robot at the origin.
+    /// A robot at the origin of the world that commands simulate by default.
     fn at_origin(loose: bool) -> Self {
-        let mut scenario = Scenario::default();
+        let mut scenario = Scenario {
+            world: World::load(world::DEFAULT).unwrap(),
+            ..Scenario::default()
+        };
         scenario.mission.start = [0.0; 3];
         Self::new(&scenario, loose)
     }
@@ -212,9 +216,7 @@ fn a_loose_cable_does_not_end_the_run() {
 #[test]
 fn script_drives_a_robot_at_a_serial_port() {
     let folder = tempfile::tempdir().unwrap();
-    let mut scenario = Scenario::default();
-    scenario.mission.start = [0.0; 3];
-    let bench = Bench::new(&scenario, false);
+    let bench = Bench::at_origin(false);
     let script = "goto 0.5 0.1 0.2\nspeed 0.1 0.4 2\nstop\nclear\npose 1 1 0\n";
     fs::write(folder.path().join("script"), script).unwrap();
     let run = bench.run(folder.path(), "drive --script script --from 0,0,0");
@@ -239,6 +241,19 @@ fn script_drives_a_robot_at_a_serial_port() {
         (moved - 0.3).abs() < 0.05 && heading > 0.1,
         "{moved} {heading}"
     );
+}
+
+/// A path that is longer than the board's buffer is fed while the robot drives; two paths follow each other.
+#[test]
+fn long_paths_are_fed_to_a_robot_at_a_serial_port() {
+    let folder = tempfile::tempdir().unwrap();
+    let bench = Bench::at_origin(false);
+    let script = "follow circle 0.6\nfollow line 0.3\n";
+    fs::write(folder.path().join("script"), script).unwrap();
+    let run = bench.run(folder.path(), "drive --script script --from 0,0,0");
+    assert_eq!(run.code, Some(0), "{}{}", run.out, run.error);
+    let [x, y, _] = bench.robot().record().midpoint;
+    assert!((x - 0.3).hypot(y) < 0.05, "{x} {y}");
 }
 
 /// The client of a user, in another language and from the protocol page alone.
