@@ -217,7 +217,7 @@ fn drive(ticks: &[Tick]) -> Result<(), TestCaseError> {
                 board.receive(at, message);
             }
             let samples = match role {
-                Role::Beam => Samples::Beam(tick.counts),
+                Role::Beam => Samples::Beam(tick.counts.into()),
                 _ => Samples::Axle(axle::Samples {
                     encoder: tick.encoder,
                     gyro_rad_s: tick.inertial[0],

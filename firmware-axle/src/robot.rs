@@ -135,7 +135,7 @@ fn start(
     spawners.tick.spawn(tick::run(axis).expect("spawned once"));
     let reports = REPORTS.receiver().expect("the only one");
     spawner.spawn(telemetry::run(reports, task_watchdog).expect("spawned once"));
-    link.attend(spawner);
+    link.attend(&settings.robot, spawner);
     Ok(())
 }
 

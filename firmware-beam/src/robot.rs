@@ -106,9 +106,10 @@ fn start(p: Peripherals, watchdog: Watchdog, spawner: Spawner) -> Result<(), Con
         check_in: of_tick,
     };
     spawners.tick.spawn(tick::run(beam).expect("spawned once"));
+    link.attend(&settings.robot, spawner);
     let reports = REPORTS.receiver().expect("the only one");
     let background = background::run(reports, parameters, &SAVING, task_watchdog);
     spawner.spawn(background.expect("spawned once"));
-    link.attend(spawner);
+
     Ok(())
 }

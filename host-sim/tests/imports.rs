@@ -23,7 +23,7 @@ const ORDERS: &[(&str, &str)] = &[
     (
         "crates/firmware-common",
         "accelerator crystal clock critical executors dma_halves crash_record stack watchdog task_watchdog fault supply store board_id \
-         time_driver timing can identity link board",
+         time_driver timing record can identity link board",
     ),
     (
         "host-sim",

@@ -6,6 +6,7 @@ mod terminal;
 
 use core_algos::safety::Condition;
 use core_algos::topology::{Node, Role};
+use host_sim::recording::read::{self, Event};
 use host_sim::run::keyboard::Keyboard;
 use host_sim::run::real_time::RealTimeLimiter;
 use host_sim::run::robot::Robot;
@@ -54,7 +55,7 @@ impl Port {
     }
 }
 
-/// A robot whose front board is at a port, until it is dropped.
+/// A robot whose boards are at ports, until it is dropped.
 struct Bench {
     folder: TempDir,
     done: Arc<AtomicBool>,
@@ -67,11 +68,11 @@ impl Bench {
     /// If its cable is `loose`, it is unplugged for half a second of every two from the first motion on.
     fn new(scenario: &Scenario, loose: bool) -> Self {
         let folder = tempfile::tempdir().unwrap();
-        let mut port = Port {
-            name: folder.path().join("port"),
+        let mut ports = Role::ALL.map(|role| Port {
+            name: folder.path().join(role.name()),
             wire: None,
-        };
-        port.plug(true);
+        });
+        ports.iter_mut().for_each(|port| port.plug(true));
         let images = Images::open(None, None, None).unwrap();
         let options = Options {
             host: false,
@@ -98,18 +99,20 @@ impl Bench {
                     moved.get_or_insert(robot.now());
                 }
                 let since = moved.map_or(0, |moved| robot.now() - moved);
-                port.plug(!loose || since / 500_000 % 4 != 1);
+                ports[0].plug(!loose || since / 500_000 % 4 != 1);
                 let now = Time::from_micros((robot.boot_s() * 1e6).round() as u64 + robot.now());
-                // Nobody has opened the other end yet, or any more.
-                let count = port
-                    .wire
-                    .as_mut()
-                    .map(|wire| wire.receive(&mut room, Duration::ZERO));
-                let count = count.and_then(Result::ok).unwrap_or(0);
-                let board = robot.serial(Role::Front).unwrap();
-                board.send(&room[..count], now);
-                let sent = std::mem::take(&mut board.sent);
-                let _ = port.wire.as_mut().map(|wire| wire.send(&sent));
+                for (role, port) in Role::ALL.into_iter().zip(&mut ports) {
+                    // Nobody has opened the other end yet, or any more.
+                    let count = port
+                        .wire
+                        .as_mut()
+                        .map(|wire| wire.receive(&mut room, Duration::ZERO));
+                    let count = count.and_then(Result::ok).unwrap_or(0);
+                    let board = robot.serial(role).unwrap();
+                    board.send(&room[..count], now);
+                    let sent = std::mem::take(&mut board.sent);
+                    let _ = port.wire.as_mut().map(|wire| wire.send(&sent));
+                }
             }
             robot
         });
@@ -132,9 +135,14 @@ impl Bench {
     }
 
     fn command(&self, folder: &Path, arguments: &str) -> Command {
-        let port = self.folder.path().join("port");
-        let on = format!("{arguments} --on serial:front={}", port.display());
-        program::command(folder, &on)
+        let front = self.port(Role::Front);
+        program::command(folder, &format!("{arguments} --on serial:{front}"))
+    }
+
+    /// Port of a board, as `--on serial:` takes it.
+    fn port(&self, role: Role) -> String {
+        let port = self.folder.path().join(role.name());
+        format!("{}={}", role.name(), port.display())
     }
 
     fn run(&self, folder: &Path, arguments: &str) -> Run {
@@ -243,6 +251,41 @@ fn script_drives_a_robot_at_a_serial_port() {
     );
 }
 
+/// The record of a robot replays bit by bit for each board whose port was connected. The robot need not be told where it
+/// stands again.
+#[test]
+fn record_at_serial_ports_replays_identically() {
+    let folder = tempfile::tempdir().unwrap();
+    let bench = Bench::at_origin(false);
+    let [front, rear, beam] = Role::ALL.map(|role| bench.port(role));
+    for (task, ports, boards) in [
+        (
+            "goto 0.3 0.1 0.2 --from 0,0,0",
+            format!("{front},{rear},{beam}"),
+            3,
+        ),
+        ("goto 0.6 0.1 0", front, 1),
+    ] {
+        let drive = format!("drive {task} --log run.mcap --on serial:{ports}");
+        program::cfmmr(folder.path(), &drive).ends_with(0);
+        program::cfmmr(folder.path(), "replay run.mcap --json replay.json").ends_with(0);
+        let replayed = json_file(folder.path(), "replay.json");
+        assert_eq!(replayed["identical"], true, "{replayed}");
+        let bytes = fs::read(folder.path().join("run.mcap")).unwrap();
+        let recording = read::read(&bytes, "run.mcap").unwrap();
+        let ticks = recording.boards.map(|events| {
+            let ticks = events
+                .iter()
+                .filter(|event| matches!(event, Event::Tick(_)));
+            ticks.count()
+        });
+        assert_eq!(ticks.iter().filter(|ticks| **ticks > 2000).count(), boards);
+    }
+    let report = result(folder.path(), "drive");
+    let x = report["steps"][0]["x"].as_f64().unwrap();
+    assert!((x - 0.6).abs() < 0.02, "{report}");
+}
+
 /// A path that is longer than the board's buffer is fed while the robot drives; two paths follow each other.
 #[test]
 fn long_paths_are_fed_to_a_robot_at_a_serial_port() {
@@ -265,7 +308,7 @@ fn python_client_drives_a_robot_to_its_goal() {
     let bench = Bench::at_origin(false);
     let client = Command::new(tools.out.trim())
         .arg(root.join("tools/client/drive.py"))
-        .arg(bench.folder.path().join("port"))
+        .arg(bench.folder.path().join(Role::Front.name()))
         .args(["0.5", "-0.1", "-0.2"])
         .output();
     let run = Run::from(client.unwrap()).ends_with(0);

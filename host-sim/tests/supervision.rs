@@ -231,7 +231,7 @@ fn with_one_gauge_less_the_robot_arrives() {
     for gauge in [0, 2, 4] {
         // The bridge's cable is off: the converter reads its lower rail.
         let dead = move |samples: &mut Samples| match samples {
-            Samples::Beam(counts) => counts[gauge] = 0,
+            Samples::Beam(samples) => samples.counts[gauge] = 0,
             Samples::Axle(_) => {}
         };
         let run = Run::new(&Scenario::default(), |[_, _, beam]| {

@@ -12,6 +12,8 @@ use core_algos::link::{Order, Stamp};
 use core_algos::math::Posture;
 use core_algos::node::lead::Task;
 use core_algos::topology::Role;
+use host_sim::recording::read::{self, Event};
+use host_sim::recording::replay;
 use host_sim::run::robot::Robot;
 use host_sim::run::virtual_robot::{Options, VirtualRobot};
 use host_sim::scenario::Scenario;
@@ -253,6 +255,48 @@ fn reports_of_the_front_board_hold_every_frame_on_the_bus() {
     let steps = |id| frames.iter().filter(|frame| frame.id == id).count();
     assert_eq!(steps(layout::id::LEAD_STATUS), 200);
     assert!((199..=201).contains(&steps(layout::id::TIME_SYNC)));
+}
+
+/// Each board of a recorded run does the same again, bit by bit, and so does a board that was restarted on the way.
+#[test]
+fn record_of_virtual_boards_replays_identically() {
+    let folder = tempfile::tempdir().unwrap();
+    for task in [
+        "follow --path circle --size 0.4 --imu",
+        "drive goto 0.3 0.1 0.2 --kill rear@2 --restart-after 0.3",
+    ] {
+        succeed(
+            folder.path(),
+            &format!("{task} --on virtual --log run.mcap"),
+        );
+        succeed(folder.path(), "replay run.mcap --json replay.json");
+        let report = json_file(folder.path(), "replay.json");
+        assert_eq!(report["identical"], true, "{report}");
+        let bytes = fs::read(folder.path().join("run.mcap")).unwrap();
+        let recording = read::read(&bytes, "run.mcap").unwrap();
+        let count = |role: Role| {
+            let events = recording.boards[role as usize].iter();
+            events.fold([0; 2], |[starts, ticks], event| match event {
+                Event::Start { .. } => [starts + 1, ticks],
+                Event::Tick(_) => [starts, ticks + 1],
+                _ => [starts, ticks],
+            })
+        };
+        let restarted = usize::from(task.contains("--kill"));
+        for (role, starts) in [
+            (Role::Front, 1),
+            (Role::Rear, 1 + restarted),
+            (Role::Beam, 1),
+        ] {
+            let [begun, ticks] = count(role);
+            assert_eq!(begun, starts, "{} board", role.name());
+            // None is missing between start and end but those without power.
+            let least = recording.ticks() - 20 - 1000 * restarted * usize::from(role == Role::Rear);
+            assert!(ticks >= least, "{} board: {ticks}", role.name());
+        }
+        let outputs = replay::recorded_estimates(&recording).len();
+        assert!(outputs * 10 + 30 > recording.ticks(), "{outputs}");
+    }
 }
 
 /// A robot on virtual boards ends where one in this process ends, along a path and along a trajectory.

@@ -8,7 +8,7 @@ import serial
 from cobs import cobs
 from crc32c import crc32c
 
-PROTOCOL, HELLO, ORDER, RELEASE, WATCH = 11, 0, 5, 7, 16
+PROTOCOL, HELLO, ORDER, RELEASE, WATCH = 12, 0, 5, 7, 16
 PLACE, TASK, IDLE, REGULATE = 0, 1, 0, 3
 REFUSED, REPORT = 5, 10
 NOTHING = bytearray(2)
@@ -30,9 +30,9 @@ class Board:
         if len(data) < 6 or crc32c(data[:-4]) != int.from_bytes(data[-4:], "little"):
             return NOTHING
         if data[0] == 0 and data[1] == REPORT:
-            report = data[2:-4]
-            varint(report)  # frames that found no room
-            del report[: varint(report)]  # bus frames
+            report = data[3:-4]  # behind its number
+            varint(report)  # entries that found no room
+            del report[: varint(report)]  # entries
             offset, count = varint(report), varint(report)
             if offset == 0 and count > 111:  # behind length, mode, and the estimates of both axles
                 self.posture = struct.unpack_from("<3f", report, 2 + 1 + 2 * 48)

@@ -6,18 +6,19 @@ use super::framing::{Decoder, SerialFrame};
 use super::lease::{Denied, Lease};
 use super::order::Order;
 use super::protocol::{
-    self, CrashRecord, MAX_TELEMETRY, PROTOCOL, Packed, Refusal, Reply, Request, Spread, StackUse,
-    Telemetry,
+    self, CONFIG_CHUNK, CrashRecord, MAX_CONFIG, MAX_TELEMETRY, PROTOCOL, Refusal, Reply, Request,
+    Spread, StackUse, Telemetry,
 };
 use crate::bus::{self, CanFrame, layout};
 use crate::control::path::PathError;
+use crate::node::robot::RobotConfig;
 use crate::time::Micros;
 use crate::topology::{Node, Role};
 
-/// Time between reports to a host that watches, ms: about four bus frames.
+/// Bytes of entries in a report, at most; a part of the lead node's output takes its share.
+pub const REPORT_ENTRIES: usize = 232;
+/// Time between reports to a host that watches, ms.
 pub const REPORT_MS: u64 = 2;
-/// Bus frames of a report, at most.
-pub const REPORT_FRAMES: usize = 9;
 /// Bytes of the lead node's output in a report: all of it in two.
 const REPORT_CHUNK: usize = MAX_TELEMETRY / 2;
 
@@ -25,17 +26,19 @@ const REPORT_CHUNK: usize = MAX_TELEMETRY / 2;
 #[derive(Clone, Debug, PartialEq)]
 #[must_use]
 pub enum Demand {
-    /// To carry out an order, and to answer it with [`Attendant::done`].
-    Order(Order),
+    /// To carry out the order of this number, and to answer it with [`Attendant::done`].
+    Order(u16, Order),
     /// To reset into a session.
     Session,
     /// To send a frame to another board over the bus, and to hand its reply to [`Attendant::relayed`].
     Relay(Role, SerialFrame),
     /// To send a frame on the bus.
     Send(CanFrame),
-    /// To hand over bus frames and outputs of the lead node from here on, with [`Attendant::report`] every
+    /// To hand over entries and outputs of the lead node from here on, with [`Attendant::report`] every
     /// [`REPORT_MS`].
     Watch,
+    /// To let the nodes begin anew.
+    Record,
 }
 
 /// State of a board that its attendants share.
@@ -52,13 +55,21 @@ pub struct Station {
 impl Station {
     /// Admits a request to the lead node, if the lead node is on this board.
     fn admit(&mut self, role: Role, request: &Request) -> Result<(), Refusal<'static>> {
-        let (Request::Order { stamp, .. } | Request::Keep(stamp) | Request::Release(stamp)) =
-            request
+        let (Request::Order { stamp, .. }
+        | Request::Record(stamp)
+        | Request::Keep(stamp)
+        | Request::Release(stamp)) = request
         else {
             return Ok(());
         };
-        if role != Role::Front {
-            return Err(Refusal::OtherBoard { role });
+        let begins = matches!(request, Request::Record(_));
+        if begins && self.armed {
+            return Err(Refusal::Armed);
+        }
+        match role {
+            Role::Front => {}
+            _ if begins => return Ok(()),
+            _ => return Err(Refusal::OtherBoard { role }),
         }
         self.lease
             .admit(self.now, *stamp)
@@ -88,6 +99,7 @@ fn answer<'a>(
 ) -> (Reply<'a>, Option<Demand>) {
     match request {
         Some(Request::Watch) => (Reply::Done, Some(Demand::Watch)),
+        Some(Request::Record(_)) => (Reply::Done, Some(Demand::Record)),
         Some(Request::Send { bus }) => match service(bus) {
             Some(frame) => (Reply::Done, Some(Demand::Send(frame))),
             None => (Reply::Refused(Refusal::Malformed), None),
@@ -120,6 +132,17 @@ fn service(packed: &[u8]) -> Option<CanFrame> {
     (sender == Node::Service && bus::decode(&frame).is_ok()).then_some(frame)
 }
 
+/// The part of an encoded configuration that begins at `offset`.
+fn configuration<'a>(config: &RobotConfig, offset: u16, room: &'a mut [u8]) -> Reply<'a> {
+    // Its largest size is known to fit.
+    let encoded = postcard::to_slice(config, room).map_or(&[][..], |used| used);
+    let rest = encoded.get(usize::from(offset)..).unwrap_or_default();
+    Reply::Configuration {
+        total: encoded.len() as u16,
+        bytes: rest.get(..CONFIG_CHUNK).unwrap_or(rest),
+    }
+}
+
 /// A board that drives.
 #[derive(Clone, Debug)]
 pub struct Attendant {
@@ -137,11 +160,20 @@ pub struct Attendant {
     /// Another board whose reply is due.
     relaying: Option<Role>,
     telemetry: Spread,
+    /// Configuration of the board's nodes.
+    config: &'static RobotConfig,
+    reports: u8,
 }
 
 impl Attendant {
-    /// A board that has just been started; `stack` measures its stack, `crash` reads its crash record.
-    pub fn new(identity: Identity, stack: fn() -> StackUse, crash: fn() -> CrashRecord) -> Self {
+    /// A board that has just been started, with nodes of this configuration; `stack` measures its stack, `crash` reads
+    /// its crash record.
+    pub fn new(
+        identity: Identity,
+        config: &'static RobotConfig,
+        stack: fn() -> StackUse,
+        crash: fn() -> CrashRecord,
+    ) -> Self {
         Self {
             decoder: Decoder::new(),
             identity,
@@ -153,6 +185,8 @@ impl Attendant {
             greeted: false,
             relaying: None,
             telemetry: Spread::default(),
+            config,
+            reports: 0,
         }
     }
 
@@ -199,6 +233,12 @@ impl Attendant {
                     continue;
                 }
                 Some(Request::Relay { .. }) => Reply::Refused(Refusal::OtherBoard { role }),
+                Some(Request::Configuration { offset }) => {
+                    let mut room = [0; MAX_CONFIG];
+                    let reply = configuration(self.config, offset, &mut room);
+                    self.respond(number, protocol::encode(number, &reply), send);
+                    continue;
+                }
                 request => {
                     let admitted = match request {
                         // Meant for the board before its restart.
@@ -210,9 +250,9 @@ impl Attendant {
                     };
                     match (admitted, request) {
                         (Err(refusal), _) => Reply::Refused(refusal),
-                        (Ok(()), Some(Request::Order { order, .. })) => {
+                        (Ok(()), Some(Request::Order { stamp, order })) => {
                             self.pending = Some(number);
-                            demand = Some(Demand::Order(order));
+                            demand = Some(Demand::Order(stamp.sequence, order));
                             continue;
                         }
                         (Ok(()), request) => {
@@ -247,7 +287,7 @@ impl Attendant {
 
     /// True if the last output of the lead node was sent to its end.
     pub fn wants_telemetry(&self) -> bool {
-        self.telemetry.is_sent()
+        self.telemetry.left() == 0
     }
 
     /// Takes in the next output of the lead node.
@@ -255,19 +295,34 @@ impl Attendant {
         self.telemetry.fill(telemetry);
     }
 
-    /// Sends the host these bus frames and the next part of the lead node's output, unless there is nothing to send.
-    pub fn report(&mut self, lost: u16, bus: &Packed, send: &mut impl FnMut(&[u8])) {
+    /// Bytes of entries that the next report has room for, beside the next part of the lead node's output.
+    pub fn room(&self) -> usize {
+        // The length of a part may take a byte more.
+        match self.telemetry.left().min(REPORT_CHUNK) {
+            0 => REPORT_ENTRIES,
+            part => REPORT_ENTRIES - 1 - part,
+        }
+    }
+
+    /// Sends the host these entries and the next part of the lead node's output, unless there is nothing to send.
+    pub fn report(&mut self, lost: u16, entries: &[u8], send: &mut impl FnMut(&[u8])) {
         let offset = self.telemetry.sent() as u16;
-        let telemetry = self.telemetry.next(REPORT_CHUNK);
-        if telemetry.is_empty() && bus.bytes().is_empty() {
+        // Entries without a part were taken before the output came.
+        let telemetry = match entries.len() <= self.room() {
+            true => self.telemetry.next(REPORT_CHUNK),
+            false => &[],
+        };
+        if telemetry.is_empty() && entries.is_empty() {
             return;
         }
         let report = Reply::Report {
+            sequence: self.reports,
             lost,
-            bus: bus.bytes(),
+            entries,
             offset,
             telemetry,
         };
+        self.reports = self.reports.wrapping_add(1);
         // Bounded to fit; an empty frame is not sent.
         if let Some(frame) = protocol::encode(0, &report) {
             send(frame.bytes());

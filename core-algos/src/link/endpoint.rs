@@ -252,6 +252,8 @@ impl Session {
             // A rig gets the lead node's output with each tick, and is the bus.
             Request::Hello { .. }
             | Request::Watch
+            | Request::Configuration { .. }
+            | Request::Record(_)
             | Request::Relay { .. }
             | Request::Crash
             | Request::Keep(_)
@@ -285,8 +287,8 @@ impl Session {
                         telemetry: self.telemetry.next(TELEMETRY_CHUNK),
                     })
             }
-            Request::Beam { tick, counts } => self
-                .tick(tick, &Samples::Beam(counts), &[], bus)
+            Request::Beam { tick, samples } => self
+                .tick(tick, &Samples::Beam(samples), &[], bus)
                 .map(|(_, refused)| Reply::Beam {
                     refused,
                     bus: bus.bytes(),
@@ -397,7 +399,7 @@ impl Session {
             }
         }
         if let (Some(output), Some(lead)) = (output.lead, board.lead()) {
-            self.telemetry.fill(&Telemetry::of(output, lead));
+            self.telemetry.fill(&Telemetry::of(now, output, lead));
         }
         Ok((output, refused))
     }

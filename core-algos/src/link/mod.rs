@@ -10,7 +10,7 @@
 //! [`framing`] turns payloads into frames of a byte stream and finds them again; [`protocol`] is
 //! what is said; [`endpoint`] is the board's side, without input or output of its own; [`stored_parameters`] are
 //! the parameters in the board's store, which a host may read, change and save; [`segment`] carries frames over the bus,
-//! so that one serial port reaches every board.
+//! so that one serial port reaches every board; [`record`] is what a board reports of its nodes.
 //!
 //! # Order and loss
 //!
@@ -32,6 +32,7 @@ pub mod framing;
 pub mod lease;
 pub mod order;
 pub mod protocol;
+pub mod record;
 pub mod segment;
 pub mod stored_parameters;
 

@@ -8,18 +8,18 @@ use super::framing::{Counters, MAX_PAYLOAD, SerialFrame};
 use super::lease::Stamp;
 use super::order::Order;
 pub use super::order::{POINTS, Place};
-use crate::beam::MAX_GAUGES;
 use crate::bus;
 use crate::control::path::PathError;
-use crate::node::axle;
 use crate::node::lead::{self, LeadNode};
 use crate::node::outbox;
+use crate::node::{axle, beam};
 use crate::params::Source;
+use crate::time::{Micros, TICK};
 use crate::topology::Role;
 use serde::{Deserialize, Serialize};
 
 /// Version of the protocol: changes with every change of what is said, or of a configuration.
-pub const PROTOCOL: u16 = 11;
+pub const PROTOCOL: u16 = 12;
 /// Largest encoded configuration, bytes.
 pub const MAX_CONFIG: usize = 2048;
 /// Bytes of a configuration in one request.
@@ -91,8 +91,8 @@ pub enum Request<'a> {
     Beam {
         /// Time, ms.
         tick: u32,
-        /// Counts of the bridges.
-        counts: [i32; MAX_GAUGES],
+        /// Readings of its sensors.
+        samples: beam::Samples,
     },
     /// The board stood still, and goes on with this tick: time has passed without it.
     Resume {
@@ -136,6 +136,14 @@ pub enum Request<'a> {
     },
     /// Asks a board that drives for [`Reply::Crash`].
     Crash,
+    /// Asks a board that drives for [`Reply::Configuration`].
+    Configuration {
+        /// Place of the first byte.
+        offset: u16,
+    },
+    /// Has the nodes of a board that drives begin anew, and its reports hold all that replay needs: see
+    /// [`super::record`]. The motors must be off. The front board takes it from the host that holds its lease.
+    Record(Stamp),
 }
 
 /// From board to host.
@@ -210,12 +218,14 @@ pub enum Reply<'a> {
         /// Values that were written.
         values: u8,
     },
-    /// Answers no request: bus frames that the board sent and received, and the lead node's output.
+    /// Answers no request: what the board's nodes got and did, and the lead node's output.
     Report {
-        /// Bus frames since the start of the watch that found no room.
+        /// Number of the report.
+        sequence: u8,
+        /// Entries since the start of the watch that found no room.
         lost: u16,
-        /// Bus frames, see [`Packed`].
-        bus: &'a [u8],
+        /// Whole entries, see [`super::record`].
+        entries: &'a [u8],
         /// Place of the part in the output.
         offset: u16,
         /// The next part of the lead node's output, see [`Spread`].
@@ -232,6 +242,13 @@ pub enum Reply<'a> {
         counts: [u32; 4],
         /// Message of the fault that caused the latest start, if one did.
         message: &'a str,
+    },
+    /// A part of the encoded [`crate::node::robot::RobotConfig`] of the nodes.
+    Configuration {
+        /// Bytes of the whole.
+        total: u16,
+        /// The part.
+        bytes: &'a [u8],
     },
 }
 
@@ -331,6 +348,8 @@ pub enum Refusal<'a> {
 pub struct Telemetry {
     /// Its output.
     pub output: lead::Output,
+    /// Time of the step, ms.
+    pub tick: u32,
     /// Points the path has room for.
     pub path_room: u16,
     /// Points the trajectory has room for.
@@ -338,11 +357,12 @@ pub struct Telemetry {
 }
 
 impl Telemetry {
-    /// Output of a step of the lead node, with the room it has.
-    pub fn of(output: lead::Output, lead: &mut LeadNode) -> Self {
+    /// Output of a step of the lead node at `now`, with the room it has.
+    pub fn of(now: Micros, output: lead::Output, lead: &mut LeadNode) -> Self {
         let path = lead.path_task();
         Self {
             output,
+            tick: (now / TICK) as u32,
             path_room: path.path_room() as u16,
             trajectory_room: path.trajectory_room() as u16,
         }
@@ -383,9 +403,9 @@ impl Spread {
         self.sent
     }
 
-    /// True if all of it was sent.
-    pub fn is_sent(&self) -> bool {
-        self.sent == self.bytes.len()
+    /// Bytes that are left to send.
+    pub fn left(&self) -> usize {
+        self.bytes.len() - self.sent
     }
 }
 

@@ -1,6 +1,6 @@
 //! Endpoint, protocol and framing together, as a host sees them.
 
-use super::attendant::{Attendant, Demand, REPORT_FRAMES, Station};
+use super::attendant::{Attendant, Demand, REPORT_ENTRIES, Station};
 use super::endpoint::{Endpoint, Identity};
 use super::framing::{Counters, Decoder, MAX_FRAME, SerialFrame, crc32c};
 use super::lease::Stamp;
@@ -9,6 +9,7 @@ use super::protocol::{
     self, CONFIG_CHUNK, CrashRecord, MAX_CONFIG, POINTS, PROTOCOL, Packed, Place, Refusal, Reply,
     Request, StackUse, Telemetry,
 };
+use super::record::{self, Entry, MAX_ENTRY};
 use crate::beam::MAX_GAUGES;
 use crate::bus::{self, Message};
 use crate::control::path::{PathError, PathPoint};
@@ -25,6 +26,7 @@ use crate::safety::Conditions;
 use crate::time::{EPOCH, LEAD_PHASE, TICK};
 use crate::topology::Role;
 use core::sync::atomic::{AtomicU16, Ordering};
+use std::sync::LazyLock;
 
 /// Stack use that the board reports.
 const STACK: StackUse = StackUse {
@@ -32,6 +34,9 @@ const STACK: StackUse = StackUse {
     budget_bytes: 17_000,
     size_bytes: 90_000,
 };
+
+/// Configuration of the nodes of boards that drive.
+static CONFIG: LazyLock<RobotConfig> = LazyLock::new(RobotConfig::default);
 
 /// A host that speaks to an endpoint without loss.
 struct Host {
@@ -260,6 +265,7 @@ fn a_front_board_behind_frames_does_what_it_does_without() {
             let lead = board.lead().unwrap().path_task();
             wanted = bits(&Telemetry {
                 output: output.lead.unwrap(),
+                tick: (now / TICK) as u32,
                 path_room: lead.path_room() as u16,
                 trajectory_room: lead.trajectory_room() as u16,
             });
@@ -368,7 +374,7 @@ fn what_does_not_fit_is_refused_with_its_reason() {
     };
     let beam = Request::Beam {
         tick: 0,
-        counts: [0; MAX_GAUGES],
+        samples: [0; MAX_GAUGES].into(),
     };
 
     let mut host = Host::new(Role::Front);
@@ -896,9 +902,17 @@ impl Driving {
             role,
         };
         Self {
-            attendant: Attendant::new(identity, || STACK, crash),
+            attendant: Attendant::new(identity, &CONFIG, || STACK, crash),
             station: Station::default(),
             demand: None,
+        }
+    }
+
+    /// Order that the latest request demands.
+    fn order(&self) -> Option<Order> {
+        match self.demand {
+            Some(Demand::Order(_, order)) => Some(order),
+            _ => None,
         }
     }
 
@@ -941,6 +955,47 @@ fn payloads(bytes: &[u8]) -> Vec<Vec<u8>> {
 fn assert_answered(answers: &[Vec<u8>], number: u8, reply: Reply) {
     assert_eq!(answers.len(), 1);
     assert_eq!(protocol::decode(&answers[0]), Some((number, reply)));
+}
+
+/// The host reads the configuration of a board that drives in parts; it may be asked for the last one again.
+#[test]
+fn configuration_of_a_board_that_drives_is_read_in_parts() {
+    let mut board = Driving::new(Role::Rear);
+    let mut read = Vec::new();
+    for number in 1.. {
+        let offset = read.len() as u16;
+        let answers = board.ask(number, &Request::Configuration { offset }, true);
+        let Some((_, Reply::Configuration { total, bytes })) = protocol::decode(&answers[0]) else {
+            panic!("{answers:?}");
+        };
+        read.extend_from_slice(bytes);
+        if read.len() == usize::from(total) {
+            break;
+        }
+    }
+    assert_eq!(postcard::from_bytes(&read), Ok(*CONFIG));
+    let beyond = Request::Configuration { offset: u16::MAX };
+    let total = read.len() as u16;
+    let none = Reply::Configuration { total, bytes: &[] };
+    assert_answered(&board.ask(99, &beyond, true), 99, none);
+}
+
+/// Nodes begin anew with the motors off; those of the front board for the host that holds the lease.
+#[test]
+fn record_begins_with_motors_off_and_on_the_front_board_by_lease() {
+    for role in Role::ALL {
+        let mut board = Driving::greeted(role);
+        let begin = |owner| Request::Record(Stamp { owner, sequence: 1 });
+        let refused = Reply::Refused(Refusal::Armed);
+        assert_answered(&board.ask(1, &begin(7), true), 1, refused);
+        assert_answered(&board.ask(2, &begin(7), false), 2, Reply::Done);
+        assert_eq!(board.demand, Some(Demand::Record));
+        let other = match role {
+            Role::Front => Reply::Refused(Refusal::Leased),
+            _ => Reply::Done,
+        };
+        assert_answered(&board.ask(3, &begin(8), false), 3, other);
+    }
 }
 
 #[test]
@@ -1065,7 +1120,7 @@ fn an_order_is_carried_out_once_and_answered_when_it_is_done() {
     let drive = Order::Task(Task::Regulate { goal });
     let request = order(drive);
     assert!(board.ask(1, &request, true).is_empty());
-    assert_eq!(board.demand, Some(Demand::Order(drive)));
+    assert_eq!(board.order(), Some(drive));
     // The host is impatient.
     assert!(board.ask(1, &request, true).is_empty());
     assert_eq!(board.demand, None);
@@ -1078,7 +1133,7 @@ fn an_order_is_carried_out_once_and_answered_when_it_is_done() {
     assert_answered(&board.ask(3, &order(stand), true), 3, armed);
     assert_eq!(board.demand, None);
     assert!(board.ask(4, &order(stand), false).is_empty());
-    assert_eq!(board.demand, Some(Demand::Order(stand)));
+    assert_eq!(board.order(), Some(stand));
     assert_answered(&board.done(Ok(())), 4, Reply::Done);
 
     let points = [None; POINTS];
@@ -1104,7 +1159,7 @@ fn order_without_the_lease_or_with_an_old_sequence_is_refused() {
     };
     let refused = Reply::Refused;
     assert!(board.ask(1, &of(1, 10), true).is_empty());
-    assert_eq!(board.demand, Some(Demand::Order(stop)));
+    assert_eq!(board.order(), Some(stop));
     assert_answered(&board.done(Ok(())), 1, Reply::Done);
     for (number, request, refusal) in [
         (2, of(2, 11), Refusal::Leased),
@@ -1145,7 +1200,7 @@ fn order_without_the_lease_or_with_an_old_sequence_is_refused() {
     assert_answered(&board.ask(8, &release, true), 8, Reply::Done);
     board.station.now = 1_000_001;
     assert!(board.ask(9, &of(2, 1), true).is_empty());
-    assert_eq!(board.demand, Some(Demand::Order(stop)));
+    assert_eq!(board.order(), Some(stop));
 }
 
 #[test]
@@ -1214,14 +1269,14 @@ fn a_host_that_watches_gets_bus_frames_and_outputs() {
         build: "test",
         role: Role::Front,
     };
-    let mut board = Attendant::new(identity, StackUse::unknown, crash);
+    let mut board = Attendant::new(identity, &CONFIG, StackUse::unknown, crash);
     let mut sent = Vec::new();
     let mut config = RobotConfig::default()
         .completed()
         .build_lead()
         .map(LeadNode::new)
         .unwrap();
-    let telemetry = Telemetry::of(config.step(4_000, &mut Outbox::new()), &mut config);
+    let telemetry = Telemetry::of(4_000, config.step(4_000, &mut Outbox::new()), &mut config);
     assert!(board.wants_telemetry());
     let watch = protocol::encode(9, &Request::Watch).unwrap();
     let demand = board.receive(watch.bytes(), &mut Station::default(), &mut |bytes| {
@@ -1230,18 +1285,19 @@ fn a_host_that_watches_gets_bus_frames_and_outputs() {
     assert_eq!(demand, Some(Demand::Watch));
     board.tell(&telemetry);
     assert!(!board.wants_telemetry());
-    let mut bus = Packed::new();
     let frame = bus::encode(&Message::TimeSync {
         epoch: 77,
         last_delay_us: None,
     })
     .unwrap();
-    for _ in 0..REPORT_FRAMES {
-        assert!(bus.push(&frame));
-    }
-    // The report without anything in it is not sent.
-    for bus in [&bus, &bus, &Packed::new()] {
-        board.report(3, bus, &mut |bytes| sent.extend_from_slice(bytes));
+    let mut room = [0; MAX_ENTRY];
+    let entry = Entry::of(&frame).encode(&mut room).unwrap();
+    let count = board.room() / entry.len();
+    let few = entry.repeat(count);
+    let longest = [0; REPORT_ENTRIES];
+    // Entries without a part of the output leave no room for it, and the report without anything in it is not sent.
+    for entries in [&few, &longest[..], &few, &[]] {
+        board.report(3, entries, &mut |bytes| sent.extend_from_slice(bytes));
     }
     assert!(board.wants_telemetry());
     let mut decoder = Decoder::new();
@@ -1256,20 +1312,24 @@ fn a_host_that_watches_gets_bus_frames_and_outputs() {
             (
                 0,
                 Reply::Report {
+                    sequence,
                     lost: 3,
-                    bus,
+                    entries,
                     offset,
                     telemetry,
                 },
             ) => {
+                assert_eq!(u32::from(sequence) + 2, replies);
                 assert_eq!(usize::from(offset), parts.len());
+                assert_eq!(telemetry.is_empty(), entries == longest);
                 parts.extend_from_slice(telemetry);
-                frames += protocol::unpack(bus).filter(|it| *it == frame).count();
+                let found = record::entries(entries).filter_map(|entry| entry.frame());
+                frames += found.filter(|it| *it == frame).count();
             }
             other => panic!("{other:?}"),
         }
     }
-    assert_eq!((replies, frames), (3, 2 * REPORT_FRAMES));
+    assert_eq!((replies, frames), (4, 2 * count));
     let (length, bytes) = parts.split_first_chunk().unwrap();
     assert_eq!(usize::from(u16::from_le_bytes(*length)), bytes.len());
     assert_eq!(postcard::from_bytes(bytes), Ok(telemetry));

@@ -16,6 +16,26 @@ use crate::safety::{Condition, Conditions, OperatingState, StateRequest};
 use crate::time::{Micros, is_epoch_start, sequence};
 use crate::topology::Node;
 
+/// Readings of the beam board's sensors at a tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Samples {
+    /// Counts of the bridges from the root on; 0 if not fitted.
+    pub counts: [i32; MAX_GAUGES],
+    /// Conditions found by the board's drivers: converter, bus, time.
+    pub conditions: Conditions,
+}
+
+impl From<[i32; MAX_GAUGES]> for Samples {
+    /// Readings of a sound board.
+    fn from(counts: [i32; MAX_GAUGES]) -> Self {
+        Self {
+            counts,
+            conditions: Conditions::NONE,
+        }
+    }
+}
+
 /// The node of the instrumented frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BeamNode {
@@ -77,11 +97,6 @@ impl BeamNode {
         &self.supervision
     }
 
-    /// Takes in what the board's drivers find wrong at a tick.
-    pub fn note(&mut self, conditions: Conditions) {
-        self.found = self.found.union(conditions);
-    }
-
     /// Takes in a message: the lead node's wish to forget faults is all it listens to.
     pub fn receive(&mut self, message: &Message) {
         if let Message::LeadStatus { mode, .. } = *message {
@@ -113,10 +128,10 @@ impl BeamNode {
         outbox.push(peers::heartbeat(Node::Beam, now, &mut self.supervision));
     }
 
-    /// One tick: the counts of all bridges. At the beginning of an epoch the posture of that
-    /// instant goes to `outbox`.
-    pub fn step(&mut self, now: Micros, counts: &[i32; MAX_GAUGES], outbox: &mut Outbox) {
-        self.sensor.sample(&mut self.state, counts);
+    /// One tick. At the beginning of an epoch the posture of that instant goes to `outbox`.
+    pub fn step(&mut self, now: Micros, samples: &Samples, outbox: &mut Outbox) {
+        self.found = self.found.union(samples.conditions);
+        self.sensor.sample(&mut self.state, &samples.counts);
         if !is_epoch_start(now) {
             return;
         }
@@ -175,7 +190,7 @@ mod tests {
         let mut outbox = Outbox::new();
         for tick in 1..=200u64 {
             outbox.clear();
-            node.step(tick * TICK, &counts(tick), &mut outbox);
+            node.step(tick * TICK, &counts(tick).into(), &mut outbox);
         }
         outbox.iter().copied().collect()
     }
@@ -210,9 +225,10 @@ mod tests {
         let mut node = node();
         let mut told = Vec::new();
         for tick in 1..=100u64 {
+            let mut samples = Samples::from([2048; MAX_GAUGES]);
             if tick == 15 {
-                node.note(Conditions::only(Condition::Restarted));
-                node.note(Conditions::only(Condition::ConversionsLost));
+                samples.conditions = Conditions::only(Condition::Restarted);
+                samples.conditions.set(Condition::ConversionsLost, true);
             }
             let mode = match tick {
                 ..60 => LeadMode::Idle,
@@ -225,7 +241,7 @@ mod tests {
                 velocity_m_s: 0.0,
             });
             let mut outbox = Outbox::new();
-            node.step(tick * TICK, &[2048; MAX_GAUGES], &mut outbox);
+            node.step(tick * TICK, &samples, &mut outbox);
             for message in outbox.iter() {
                 if let Message::NodeStatus {
                     state,

@@ -36,10 +36,9 @@
 
 use super::Outbox;
 use super::axle::{self, AxleNode};
-use super::beam::BeamNode;
+use super::beam::{self, BeamNode};
 use super::lead::{self, LeadNode};
 use super::robot::RobotConfig;
-use crate::beam::MAX_GAUGES;
 use crate::bus::Message;
 use crate::config::ConfigError;
 use crate::time::{EPOCH, LEAD_PHASE, Micros, is_epoch_start};
@@ -47,11 +46,12 @@ use crate::topology::{AxleId, Role};
 
 /// Readings of a board's sensors at a tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Samples {
     /// Encoders and inertial sensors of an axle.
     Axle(axle::Samples),
-    /// Counts of the strain bridges.
-    Beam([i32; MAX_GAUGES]),
+    /// Strain bridges.
+    Beam(beam::Samples),
 }
 
 /// Output of a board at a tick.
@@ -190,8 +190,8 @@ impl Board {
             }
             Self::Rear(axle) => step_axle(axle, now, samples, outbox),
             Self::Beam(beam) => {
-                if let Samples::Beam(counts) = samples {
-                    beam.step(now, counts, outbox);
+                if let Samples::Beam(samples) = samples {
+                    beam.step(now, samples, outbox);
                 }
                 Output::default()
             }
@@ -217,6 +217,7 @@ fn step_axle(axle: &mut AxleNode, now: Micros, samples: &Samples, outbox: &mut O
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::beam::MAX_GAUGES;
     use crate::time::TICK;
 
     #[test]
@@ -226,7 +227,7 @@ mod tests {
             assert_eq!(board.role(), role);
             assert_eq!(board.lead().is_some(), role == Role::Front);
             let samples = match role {
-                Role::Beam => Samples::Beam([2048; MAX_GAUGES]),
+                Role::Beam => Samples::Beam([2048; MAX_GAUGES].into()),
                 _ => Samples::Axle(axle::Samples {
                     encoder: [Some(0); 2],
                     ..axle::Samples::default()
@@ -284,7 +285,7 @@ mod tests {
                     board.receive(tick * TICK, message);
                 }
                 let samples = match role {
-                    Role::Beam => Samples::Beam([2040 + (tick % 3) as i32; MAX_GAUGES]),
+                    Role::Beam => Samples::Beam([2040 + (tick % 3) as i32; MAX_GAUGES].into()),
                     _ => Samples::Axle(axle::Samples {
                         encoder: [Some(tick as i32), Some(2 * tick as i32)],
                         gyro_rad_s: Some(0.2),
@@ -305,7 +306,7 @@ mod tests {
         let mut board = Board::new(&RobotConfig::default(), Role::Rear).unwrap();
         let mut same = board.clone();
         let mut outbox = Outbox::new();
-        let beam = Samples::Beam([1; MAX_GAUGES]);
+        let beam = Samples::Beam([1; MAX_GAUGES].into());
         let none = Samples::Axle(axle::Samples::default());
         assert_eq!(
             board.step(0, &beam, &mut outbox),

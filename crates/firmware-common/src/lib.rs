@@ -16,6 +16,7 @@
 //! | `led` | LED: state of the node |
 //! | `stack` | how much stack was ever used, and the guard below it |
 //! | `timing` | how late ticks come and how long they take |
+//! | `record` | entries of the tick for a host at the serial port |
 //! | `can` | the bus |
 //! | `dma_halves` | bookkeeping of a buffer that a DMA stream fills |
 //! | `executors` | tick above bus above thread |
@@ -45,6 +46,8 @@ pub mod fault;
 pub mod identity;
 #[cfg(target_os = "none")]
 pub mod led;
+#[cfg(target_os = "none")]
+pub mod record;
 #[cfg(target_os = "none")]
 pub mod stack;
 #[cfg(target_os = "none")]

@@ -1,6 +1,8 @@
 //! The user's button of the front board: it stops a robot that drives, clears a fault, or begins a drive.
 
 use core_algos::fusion::Estimate;
+use core_algos::link::Order;
+use core_algos::link::protocol::Place;
 use core_algos::node::board::Board;
 use core_algos::node::lead::Task;
 use core_algos::params;
@@ -8,6 +10,7 @@ use core_algos::time::{Micros, is_epoch_start};
 use embassy_stm32::Peri;
 use embassy_stm32::gpio::{Input, Pull};
 use embassy_stm32::peripherals::PA0;
+use firmware_common::link;
 
 use crate::rules::{Presses, task_of_press};
 
@@ -45,12 +48,11 @@ impl Button {
         };
         let task = task_of_press(lead.activity(now), &self.settings, lead.latest_goal());
         let placed = lead.fusion().is_some() && self.settings.action != 1;
-        if let (false, Some(Task::Regulate { .. })) = (placed, task) {
-            let (center, relative) = &self.start;
-            lead.initialize(center, relative);
-        }
-        if let Some(task) = task {
-            lead.command(task);
+        let begins = !placed && matches!(task, Some(Task::Regulate { .. }));
+        let (center, relative) = self.start;
+        let place = begins.then_some(Order::Place(Place { center, relative }));
+        for order in [place, task.map(Order::Task)].into_iter().flatten() {
+            link::carry_out(order, lead);
         }
     }
 }

@@ -6,6 +6,7 @@
 use core_algos::bus::Message;
 use core_algos::control::wheel_observer::{self, WheelObserver};
 use core_algos::drive::winding::{self, Winding};
+use core_algos::link::record::{Entry, Reference};
 use core_algos::node::board::{Board, Samples};
 use core_algos::node::tick_sync::{Step, TickSync};
 use core_algos::node::{Outbox, axle};
@@ -20,6 +21,7 @@ use firmware_common::fault;
 use firmware_common::identity::Identity;
 use firmware_common::led::Led;
 use firmware_common::link;
+use firmware_common::record;
 use firmware_common::task_watchdog::CheckIn;
 use firmware_common::timing::{Every, Stopwatch};
 
@@ -101,6 +103,8 @@ struct State {
     restarted: bool,
     /// The nodes wanted the motors on.
     driving: bool,
+    /// The latest tick as a host was told it.
+    reference: Reference,
 }
 
 /// Runs the tick for ever.
@@ -118,6 +122,7 @@ pub async fn run(mut axis: Axis) -> ! {
         windings: [axis.winding.at_start(); 2],
         restarted: fault::restarted(),
         driving: false,
+        reference: Reference::default(),
     };
     loop {
         let local = axis.motors.tick().await;
@@ -145,18 +150,17 @@ impl Axis {
             state.wheels[i] = self.observer.step(&state.wheels[i], Some(encoder[i]));
         }
 
-        let now = self.now(state, local);
+        let now = self.now(state, local, feedback.on);
+        if let Some(now) = now {
+            self.take_orders(now);
+        }
         self.receive(state, now);
         let Some(now) = now else {
+            record::put(&Entry::Wait);
             return Command::default();
         };
         if let Some(message) = state.sync.sync(now, self.sender.take_sync_sent()) {
             self.sender.send(&message);
-        }
-        self.button.step(now, self.nodes);
-        // At a tick in which the lead node does little else.
-        if let (ORDER_PHASE, Some(lead)) = (now % EPOCH, self.nodes.lead()) {
-            link::carry_out(lead);
         }
         let samples = Samples::Axle(axle::Samples {
             encoder: encoder.map(Some),
@@ -169,8 +173,9 @@ impl Axis {
         });
         let mut outbox = Outbox::new();
         let output = self.nodes.step(now, &samples, &mut outbox);
+        record::put(&state.reference.tick(now, &samples, output.torque_nm));
         if let (Some(output), Some(lead)) = (output.lead, self.nodes.lead()) {
-            link::tell(output, lead);
+            link::tell(now, output, lead);
         }
         state.restarted &= !output.clear;
         state.driving = output.active;
@@ -196,19 +201,30 @@ impl Axis {
     }
 
     /// The common time of this tick; `None` when nothing may be driven.
-    fn now(&mut self, state: &mut State, local: Micros) -> Option<Micros> {
+    fn now(&mut self, state: &mut State, local: Micros, on: bool) -> Option<Micros> {
         let step = state.sync.step(local);
         self.motors.trim(state.sync.trim());
-        match step {
-            Step::Wait => None,
-            Step::Run(now) => Some(now),
-            Step::Restart(now) => {
-                // The nodes forget that they drove; the user must be told why they stopped.
-                state.restarted |= state.driving;
-                self.nodes.restart();
-                state.own.clear();
-                Some(now)
-            }
+        let (now, begins) = match step {
+            Step::Wait => return None,
+            Step::Run(now) => (now, record::take_wanted() && !state.driving && !on),
+            Step::Restart(now) => (now, true),
+        };
+        if begins {
+            // The nodes forget that they drove; the user must be told why they stopped.
+            state.restarted |= state.driving;
+            self.nodes.restart();
+            state.own.clear();
+            record::put(&state.reference.begin(now));
+        }
+        Some(now)
+    }
+
+    /// Orders of button and host, before what came: replay knows the order.
+    fn take_orders(&mut self, now: Micros) {
+        self.button.step(now, self.nodes);
+        // At a tick in which the lead node does little else.
+        if let (ORDER_PHASE, Some(lead)) = (now % EPOCH, self.nodes.lead()) {
+            link::carry_out_order(lead);
         }
     }
 

@@ -6,8 +6,10 @@ use core_algos::beam::{MAX_GAUGES, calibration};
 use core_algos::bus::Message;
 use core_algos::bus::field::CalibrationResult;
 use core_algos::config::ConfigError;
+use core_algos::link::record::{Entry, Reference};
 use core_algos::node::Outbox;
-use core_algos::node::beam::BeamNode;
+use core_algos::node::beam::{self, BeamNode};
+use core_algos::node::board::Samples;
 use core_algos::node::robot::RobotConfig;
 use core_algos::node::tick_sync::{Step, TickSync};
 use core_algos::params::Disarmed;
@@ -22,6 +24,7 @@ use firmware_common::fault;
 use firmware_common::identity::Identity;
 use firmware_common::led::Led;
 use firmware_common::link;
+use firmware_common::record;
 use firmware_common::task_watchdog::CheckIn;
 use firmware_common::timing::{Every, Stopwatch};
 
@@ -102,6 +105,10 @@ struct State {
     lost: u16,
     rest_noise: RestNoise<MAX_GAUGES>,
     noise: Option<[f32; MAX_GAUGES]>,
+    /// Conditions found since the latest tick of the node.
+    found: Conditions,
+    /// The latest tick as a host was told it.
+    reference: Reference,
 }
 
 /// The node of a configuration.
@@ -121,10 +128,9 @@ pub async fn run(mut beam: Beam) -> ! {
         lost: 0,
         rest_noise: RestNoise::default(),
         noise: None,
+        found: Conditions::NONE.with(Condition::Restarted, fault::restarted()),
+        reference: Reference::default(),
     };
-    if fault::restarted() {
-        beam.node.note(Conditions::only(Condition::Restarted));
-    }
     loop {
         let block = beam.bridges.read().await;
         beam.check_in.report();
@@ -132,7 +138,7 @@ pub async fn run(mut beam: Beam) -> ! {
             // Which sample is of which bridge is no longer known: the scan begins anew, and the axles
             // do without the beam for a few milliseconds.
             state.lost = state.lost.saturating_add(1);
-            beam.node.note(Conditions::only(Condition::ConversionsLost));
+            state.found.set(Condition::ConversionsLost, true);
             beam.bridges.restart();
             continue;
         };
@@ -148,6 +154,7 @@ pub async fn run(mut beam: Beam) -> ! {
 impl Beam {
     fn tick(&mut self, state: &mut State, block: &Block) {
         self.led.step(block.local);
+        self.begin(state, block.local);
         self.receive(state, block.local);
         self.run_node(state, block);
         self.calibrate(state, block);
@@ -157,6 +164,17 @@ impl Beam {
             state.rest_noise = RestNoise::default();
         } else if let Some(noise) = state.rest_noise.step(&block.counts) {
             state.noise = Some(noise);
+        }
+    }
+
+    /// Lets the node begin anew for a host that records.
+    fn begin(&mut self, state: &mut State, local: Micros) {
+        if let Some(last) = state.sync.last()
+            && record::take_wanted()
+            && state.motors.are_off(local)
+        {
+            self.node.restart();
+            record::put(&state.reference.begin(last + TICK));
         }
     }
 
@@ -183,11 +201,15 @@ impl Beam {
         let (Step::Run(now) | Step::Restart(now)) = step else {
             return;
         };
-        let conditions = state.sync.conditions().union(self.parameters);
-        self.node
-            .note(conditions.with(Condition::BusOff, can::is_off()));
+        let found = core::mem::take(&mut state.found);
+        let conditions = found.union(state.sync.conditions()).union(self.parameters);
+        let samples = beam::Samples {
+            counts: block.counts,
+            conditions: conditions.with(Condition::BusOff, can::is_off()),
+        };
         let mut outbox = Outbox::new();
-        self.node.step(now, &block.counts, &mut outbox);
+        self.node.step(now, &samples, &mut outbox);
+        record::put(&state.reference.tick(now, &Samples::Beam(samples), [0.0; 2]));
         for message in outbox.iter() {
             self.led.see(message);
             self.sender.send(message);
@@ -223,6 +245,7 @@ impl Beam {
                     (Ok(node), Some(off)) => {
                         self.node = node;
                         self.config = robot;
+                        record::put(&Entry::End);
                         state.saving = Some(sequence);
                         self.saving.wanted.signal((config, off));
                     }

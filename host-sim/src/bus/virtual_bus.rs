@@ -232,7 +232,7 @@ impl VirtualBus {
 }
 
 /// The board that sends a frame; a service tool is none.
-fn sender(frame: &CanFrame) -> Option<Role> {
+pub fn sender(frame: &CanFrame) -> Option<Role> {
     match layout::find(frame.id)?.sender {
         Node::Lead | Node::FrontAxle => Some(Role::Front),
         Node::RearAxle => Some(Role::Rear),

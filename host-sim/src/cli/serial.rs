@@ -19,6 +19,7 @@ mod tests {
         CONFIG_CHUNK, MAX_BUS_FRAMES, MAX_SENT_FRAMES, POINTS, PROTOCOL, Reply, Request, decode,
         encode,
     };
+    use core_algos::link::record::Entry;
     use serde::{Deserialize, Serialize};
     use serde_json::Value;
 
@@ -101,6 +102,7 @@ mod tests {
         assert_complete("Orders", &variants::<Request>(&[7, 5, 0, 0], order));
         let replies = variants::<Reply>(&[7], |value| value);
         assert_complete("Replies", &replies);
+        assert_complete("Entries", &variants::<Entry>(&[7], |value| value));
         let refused = replies.iter().position(|(name, _)| name == "Refused");
         let head = [7, refused.unwrap() as u8];
         let inner = |value: Value| value["Refused"].clone();

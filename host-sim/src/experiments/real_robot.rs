@@ -13,14 +13,14 @@ use crate::run::final_error::FinalError;
 use crate::run::recovery::Status;
 use crate::run::robot::{Record, Robot};
 use crate::run::script::StepEnd;
-use crate::run::serial_robot::{Connect, SerialRobot};
+use crate::run::serial_robot::{Connect, OtherBoard, SerialRobot};
 use crate::targets::link::Link;
 use crate::targets::serial::Serial;
 use core_algos::link::protocol::Place;
 use core_algos::math::Posture;
 use core_algos::topology::Role;
 use serde::Serialize;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Result.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -66,18 +66,31 @@ pub fn run(
     context.check_mission_keys()?;
     let plan = Plan::new(&args.plan, 0.0)?;
     recorder::check(log)?;
-    let Boards::Serial([Some(front), None, None]) = &args.on else {
+    let Boards::Serial([Some(front), rear, beam]) = &args.on else {
         return Err(Error::input(
-            "--on serial: must be serial:front=PORT: the front board's port is that of the robot",
+            "--on serial: must be serial:front=PORT[,rear=PORT][,beam=PORT]: the front board's port is that of the \
+             robot; the other boards are recorded at theirs",
         ));
     };
+    let others = [(Role::Rear, rear), (Role::Beam, beam)];
+    if others.iter().any(|(_, port)| port.is_some()) && !log.any() {
+        return Err(Error::input(
+            "--on serial: rear=PORT, beam=PORT: only with --log, --csv or --live, which record those boards",
+        ));
+    }
     let (path, baud) = (front.clone(), args.baud);
-    let connect: Connect = Box::new(move || {
-        let port = Serial::open(&path, baud);
-        let named = |error| Error::input(format!("--on serial:front={error}"));
+    let open = move |role: Role, path: &Path| {
+        let port = Serial::open(path, baud);
+        let named = |error| Error::input(format!("--on serial:{}={error}", role.name()));
         port.map(|port| Box::new(port) as Box<dyn Link>)
             .map_err(named)
-    });
+    };
+    let connect: Connect = Box::new(move || open(Role::Front, &path));
+    let others = others
+        .into_iter()
+        .filter_map(|(role, path)| Some((role, path.as_ref()?)));
+    let others = others.map(|(role, path)| Ok(OtherBoard::new(role, open(role, path)?)));
+    let others = others.collect::<Result<Vec<_>, Error>>()?;
     let scenario = mission.scenario(context);
     let [x, y, phi] = scenario.mission.start.map(|value| value as f32);
     let (center, relative) = scenario.robot.put_down(Posture::new(x, y, phi));
@@ -94,7 +107,8 @@ pub fn run(
     mission.prepare(&mut stage);
     // Time is the computer's.
     stage.real_time = false;
-    let mut robot = SerialRobot::open(connect, mission.is_placed().then_some(place))?;
+    let record = log.any().then_some((&scenario.robot, others));
+    let mut robot = SerialRobot::open(connect, mission.is_placed().then_some(place), record)?;
     // The robot is stopped before a display waits for its user.
     let driven = stage.run(&mut robot, |robot| {
         let outcome = mission.drive(robot, &scenario)?;

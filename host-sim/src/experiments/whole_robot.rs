@@ -183,6 +183,7 @@ fn run(
     let interrupt = context.interrupt().clone();
     let mut options = Options {
         instruments: instruments(&args.instruments, &interrupt)?,
+        record: log.any(),
         ..Options::default()
     };
     if let Some(threads) = common.threads {

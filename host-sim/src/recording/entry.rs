@@ -22,7 +22,7 @@ pub const ABOUT: &str = "cfmmr";
 /// Name of the metadata record that says how the run ended.
 pub const END: &str = "cfmmr.end";
 /// Version of what a log holds: changes with every change of its messages.
-pub const FORMAT: &str = "2";
+pub const FORMAT: &str = "3";
 
 /// A number of the boards; what is not finite stands as its bits, `"0x7fc00000"`.
 #[derive(Clone, Copy, Debug, Default)]
@@ -178,7 +178,7 @@ kinds! {
 messages! {
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
     pub struct Start = "cfmmr.Start", "The nodes of a board were started" {
-        tick: u32, "ms, time since the start of the simulation";
+        tick: u32, "ms, common time of the boards; in process the time since the start";
         parameters: Hex, "parameters of the robot, postcard in hexadecimal";
         parameters_hash: String, "CRC-32C of these bytes";
         place: Option<Hex>, "initial estimate of the lead node, postcard in hexadecimal";
@@ -186,13 +186,13 @@ messages! {
 
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
     pub struct Off = "cfmmr.Off", "A board was switched off" {
-        tick: u32, "ms, time since the start of the simulation";
+        tick: u32, "ms, common time of the boards; in process the time since the start";
         reason: String, "reason";
     }
 
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
     pub struct AxleTick = "cfmmr.AxleTick", "One tick of an axle board: inputs and commanded torques" {
-        tick: u32, "ms, time since the start of the simulation";
+        tick: u32, "ms, common time of the boards; in process the time since the start";
         encoder: [Option<i32>; 2], "counts of the encoders (left, right), wrapping; null if missing";
         gyro_rad_s: Option<Exact>, "rad/s, yaw rate";
         acceleration_m_s2: Option<Exact>, "m/s², along the heading";
@@ -203,28 +203,29 @@ messages! {
 
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
     pub struct BeamTick = "cfmmr.BeamTick", "One tick of the beam board: inputs" {
-        tick: u32, "ms, time since the start of the simulation";
+        tick: u32, "ms, common time of the boards; in process the time since the start";
         counts: [i32; MAX_GAUGES], "counts of the strain bridges from the root on; 0 if not fitted";
+        conditions: Conditions, "conditions reported by the drivers, bit k is row k of the table of conditions";
         received: Vec<Can>, "frames that arrived before the tick, each as identifier#data in hexadecimal";
     }
 
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
     pub struct HostCommandEntry = "cfmmr.Order", "Command of the host to the lead node before a tick" {
-        tick: u32, "ms, time since the start of the simulation";
+        tick: u32, "ms, common time of the boards; in process the time since the start";
         text: String, "the command in words";
         bits: Hex, "the command, postcard in hexadecimal";
     }
 
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
     pub struct BusEntry = "cfmmr.BusFrames", "Frames that a board sent on the bus at a tick" {
-        tick: u32, "ms, time since the start of the simulation";
+        tick: u32, "ms, common time of the boards; in process the time since the start";
         board: Role, "front, rear or beam";
         frames: Vec<LoggedFrame>, "frames in order: name of the message as in the DBC, frame as identifier#data in hexadecimal, and message as the receivers decode it, in SI units as in its names";
     }
 
     #[derive(Clone, Debug, PartialEq, Serialize)]
     pub struct LeadEntry = "cfmmr.Lead", "Estimate and commands of the lead node in an epoch" {
-        tick: u32, "ms, time since the start of the simulation";
+        tick: u32, "ms, common time of the boards; in process the time since the start";
         epoch_s: f64, "s, time of validity of the estimates";
         mode: LeadMode, "mode sent to the axles: idle, active, hold, clear";
         phase: Phase, "phase of the regulator: stop, plan, steer, segment, approach, hold, done, gave-up";
@@ -321,13 +322,13 @@ impl From<&Estimate> for Estimated {
 }
 
 impl LeadEntry {
-    /// The entry of an output that came at `tick`.
-    pub fn new(tick: u32, output: &lead::Output) -> Self {
+    /// The entry of an output that came at `tick`; its estimates hold at `epoch_s`, s.
+    pub fn new(tick: u32, epoch_s: f64, output: &lead::Output) -> Self {
         let lead::Output { fused, motion, .. } = output;
         let supervision = &output.supervision;
         Self {
             tick,
-            epoch_s: f64::from(epoch_of(tick)) * 1e-3,
+            epoch_s,
             mode: output.mode,
             phase: output.phase,
             state: supervision.state,

@@ -76,14 +76,14 @@ impl Json {
         Ok([one(Role::Front)?, one(Role::Rear)?, one(Role::Beam)?])
     }
 
-    fn write(&self, room: &mut Vec<u8>, tick: u32, entry: &impl Serialize) {
+    fn write(&self, room: &mut Vec<u8>, nanos: u64, entry: &impl Serialize) {
         if !self.filed && !self.channel.has_sinks() {
             return;
         }
         room.clear();
         // No entry's `Serialize` fails, and memory can be written to.
         if serde_json::to_writer(&mut *room, entry).is_ok() {
-            self.channel.log_with_meta(room, at(nanos(tick)));
+            self.channel.log_with_meta(room, at(nanos));
         }
     }
 }
@@ -115,6 +115,8 @@ pub struct Mcap {
     ticks: [Json; 3],
     off: [Json; 3],
     room: Vec<u8>,
+    /// Common time of the boards at the start of the run, µs.
+    zero: i64,
     /// Latest heartbeat of each node.
     statuses: [Option<Status>; Node::ALL.len()],
     /// The latest estimate and when it holds, ns.
@@ -164,6 +166,7 @@ impl Mcap {
             ticks: Json::of_boards(&sink, "tick")?,
             off: Json::of_boards(&sink, "off")?,
             room: Vec::with_capacity(1024),
+            zero: 0,
             statuses: [None; Node::ALL.len()],
             estimate: None,
             way_so_far: Vec::new(),
@@ -221,31 +224,48 @@ impl Mcap {
         }
     }
 
+    /// Time of the run at a tick of the boards, ns; ticks before the start have its time.
+    fn nanos(&self, tick: u32) -> u64 {
+        let micros = i64::from(tick) * 1000 - self.zero;
+        u64::try_from(micros).unwrap_or_default() * 1000
+    }
+
     /// Line of a tap.
     pub fn note(&mut self, line: &Line) {
-        let Self { room, .. } = self;
+        let at = |tick: u32| self.nanos(tick);
         match line {
-            Line::Axle(role, entry) => self.ticks[*role as usize].write(room, entry.tick, entry),
-            Line::Beam(entry) => self.ticks[Role::Beam as usize].write(room, entry.tick, entry),
-            Line::Lead(tick, held, output) => {
-                let mut entry = LeadEntry::new(*tick, output);
-                let mut nanos = nanos(super::entry::epoch_of(*tick));
-                if let Some(micros) = held {
-                    (entry.epoch_s, nanos) = (*micros as f64 * 1e-6, 1000 * micros);
-                }
-                self.lead.write(room, *tick, &entry);
-                self.estimate = Some((nanos, output.fused.robot.posture));
+            Line::Zero(zero) => self.zero = *zero,
+            Line::Axle(role, entry) => {
+                let time = at(entry.tick);
+                self.ticks[*role as usize].write(&mut self.room, time, entry);
+            }
+            Line::Beam(entry) => {
+                let time = at(entry.tick);
+                self.ticks[Role::Beam as usize].write(&mut self.room, time, entry);
+            }
+            Line::Lead(tick, output) => {
+                let epoch = super::entry::epoch_of(*tick);
+                let (time, held) = (at(*tick), at(epoch));
+                let epoch_s = f64::from(epoch) * 1e-3 - self.zero as f64 * 1e-6;
+                let entry = LeadEntry::new(*tick, epoch_s, output);
+                self.lead.write(&mut self.room, time, &entry);
+                self.estimate = Some((held, output.fused.robot.posture));
             }
             Line::Board(role, what) => self.boards[*role as usize].clone_from(what),
             Line::Frames(role, tick, frames) => self.frames(*role, *tick, frames),
-            Line::Command(entry) => self.order.write(room, entry.tick, entry),
+            Line::Command(entry) => {
+                let time = at(entry.tick);
+                self.order.write(&mut self.room, time, entry);
+            }
             Line::Start(role, started) => {
                 let (entry, report) = &**started;
-                self.start[*role as usize].write(room, entry.tick, entry);
-                self.started(*role, &entry.parameters_hash, report);
+                let time = at(entry.tick);
+                self.start[*role as usize].write(&mut self.room, time, entry);
+                self.started(*role, &entry.parameters_hash, report.as_ref());
             }
             Line::Off(role, entry) => {
-                self.off[*role as usize].write(room, entry.tick, entry);
+                let time = at(entry.tick);
+                self.off[*role as usize].write(&mut self.room, time, entry);
                 let text = format!("{} board off: {}", role.name(), entry.reason);
                 self.say(entry.tick, Level::Error, role.name(), text);
             }
@@ -253,9 +273,9 @@ impl Mcap {
     }
 
     /// The boards are started one after the other; the last one completes what is known of the run.
-    fn started(&mut self, role: Role, parameters: &str, report: &Report) {
+    fn started(&mut self, role: Role, parameters: &str, report: Option<&Report>) {
         let board = &mut self.boards[role as usize];
-        if board.is_empty() {
+        if let (true, Some(report)) = (board.is_empty(), report) {
             *board = format!("{}, {}", report.target, report.build);
         }
         if self.epochs == 0 && role == Role::Front {
@@ -274,7 +294,8 @@ impl Mcap {
             board: role,
             frames: said.collect(),
         };
-        self.bus.write(&mut self.room, tick, &entry);
+        let time = self.nanos(tick);
+        self.bus.write(&mut self.room, time, &entry);
         let messages = entry.frames.iter().filter_map(|said| said.message.as_ref());
         for status in messages.filter_map(|message| Status::of_message(tick, message)) {
             self.status(tick, status);
@@ -298,7 +319,7 @@ impl Mcap {
     }
 
     fn say(&self, tick: u32, level: Level, name: &str, message: String) {
-        let time = nanos(tick);
+        let time = self.nanos(tick);
         let log = Log {
             timestamp: Some(standard::stamp(time)),
             level: level as i32,
@@ -314,9 +335,14 @@ impl Mcap {
         let tick = (record.time_s * 1e3).round() as u32;
         let time = nanos(tick);
         self.serve(time);
+        // The true state of a real robot is not known.
+        let known = record.midpoint[0].is_finite();
         let robot = Pose::from(record.midpoint);
         let [front, rear] = record.axles.map(Pose::from);
-        let mut frames = vec![("robot", robot), ("front_axle", front), ("rear_axle", rear)];
+        let mut frames = match known {
+            true => vec![("robot", robot), ("front_axle", front), ("rear_axle", rear)],
+            false => Vec::new(),
+        };
         if let Some((held, posture)) = self.estimate {
             let estimate = Pose::from(posture);
             let pose = standard::in_world(held, &estimate);
@@ -325,6 +351,14 @@ impl Mcap {
         }
         let transforms = standard::transforms(time, &frames);
         self.transforms.log_with_meta(&transforms, at(time));
+        if known {
+            self.see_truth(record, time, (robot, front, rear));
+        }
+        self.epochs += 1;
+    }
+
+    /// The true state of a simulated robot.
+    fn see_truth(&mut self, record: &Record, time: u64, (robot, front, rear): (Pose, Pose, Pose)) {
         let pose = standard::in_world(time, &robot);
         self.truth_robot.log_with_meta(&pose, at(time));
         let [force_x, force_y, root, end] = record.wrench;
@@ -341,7 +375,7 @@ impl Mcap {
             moment_nm: [root, end],
             strain: record.strain.to_vec(),
         };
-        self.truth.write(&mut self.room, tick, &truth);
+        self.truth.write(&mut self.room, time, &truth);
         if self.epochs.is_multiple_of(SCENE_EPOCHS) {
             let scene = standard::scene(time, record, &self.body);
             self.scene.log_with_meta(&scene, at(time));
@@ -354,7 +388,6 @@ impl Mcap {
             let way = standard::path(time, self.way_so_far.iter().step_by(stride));
             self.way.log_with_meta(&way, at(time));
         }
-        self.epochs += 1;
     }
 
     /// Metadata of the run, at its end.

@@ -26,18 +26,22 @@ use crate::base::error::Error;
 use crate::base::output;
 use crate::run::robot::{Observer, Record, Robot};
 use crate::scenario::Scenario;
+use crate::targets::board_record::BoardEvent;
 use crate::targets::{HostCommand, Report, Target};
 use core_algos::bus::CanFrame;
+use core_algos::link::framing::crc32c;
+use core_algos::link::protocol::Place;
+use core_algos::node::board::Samples;
 use core_algos::node::lead::{self, Task};
-use core_algos::time::Micros;
+use core_algos::node::robot::RobotConfig;
 use core_algos::topology::Role;
-use entry::{AxleTick, BeamTick, HostCommandEntry, Off, Start};
+use entry::{AxleTick, BeamTick, Can, Exact, Hex, HostCommandEntry, Off, Start};
 use file::Mcap;
 use sink::Sink;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use tables::Tables;
 use writer::{Files, Note, Writer};
 
@@ -109,7 +113,11 @@ fn failed(error: impl std::fmt::Display) -> Error {
 
 /// A recording; its clones are the same one. It is written down on a thread of its own.
 #[derive(Clone)]
-pub struct Session(Arc<Mutex<Writer>>);
+pub struct Session {
+    writer: Arc<Mutex<Writer>>,
+    /// Common time of recorded boards at the start of the run, µs.
+    zero: Arc<OnceLock<i64>>,
+}
 
 impl Session {
     /// Begins a recording, if one is asked for.
@@ -127,11 +135,14 @@ impl Session {
     }
 
     fn of(files: Files, prompt: bool) -> Self {
-        Self(Arc::new(Mutex::new(Writer::new(files, prompt))))
+        Self {
+            writer: Arc::new(Mutex::new(Writer::new(files, prompt))),
+            zero: Arc::default(),
+        }
     }
 
     fn writer(&self) -> MutexGuard<'_, Writer> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        self.writer.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Listens to these boards, which run in this scenario.
@@ -171,6 +182,12 @@ impl Session {
         }
     }
 
+    /// Common time of the boards at a tick of the run, ms.
+    fn common(&self, tick: u32) -> u32 {
+        let zero = self.zero.get().copied().unwrap_or_default();
+        u32::try_from(i64::from(tick) + zero / 1000).unwrap_or_default()
+    }
+
     /// Has a line written down.
     fn note(&self, line: Line) {
         self.writer().take(Note::Line(line));
@@ -187,39 +204,125 @@ impl Observer for Session {
         self.note(Line::Board(role, image));
     }
 
-    fn frames(&mut self, role: Role, tick: u32, frames: Vec<CanFrame>) {
-        self.note(Line::Frames(role, tick, frames));
+    fn event(&mut self, role: Role, zero: i64, event: &BoardEvent) {
+        if self.zero.set(zero).is_ok() {
+            self.note(Line::Zero(zero));
+        }
+        match event {
+            BoardEvent::Begin(tick, config) => {
+                let start = Box::new((Start::new(*tick, config, None), None));
+                self.note(Line::Start(role, start));
+            }
+            BoardEvent::Command(tick, command) => {
+                self.note(Line::Command(HostCommandEntry::new(*tick, command)));
+            }
+            BoardEvent::Lead(tick, output) => self.note(Line::Lead(*tick, output.clone())),
+            BoardEvent::End(tick, reason) => {
+                let (tick, reason) = (*tick, reason.clone());
+                self.note(Line::Off(role, Off { tick, reason }));
+            }
+            BoardEvent::Tick(tick) => {
+                if !tick.sent.is_empty() {
+                    self.note(Line::Frames(role, tick.tick, tick.sent.clone()));
+                }
+                let received = tick.received.iter().copied().map(Can).collect();
+                self.note(Line::of_tick(
+                    role,
+                    (tick.tick, &tick.samples),
+                    received,
+                    tick.torque_nm,
+                ));
+            }
+        }
     }
 
-    fn lead(&mut self, tick: u32, held: Micros, output: &lead::Output) {
-        self.note(Line::Lead(tick, Some(held), Box::new(*output)));
+    fn frames(&mut self, role: Role, tick: u32, frames: Vec<CanFrame>) {
+        self.note(Line::Frames(role, self.common(tick), frames));
+    }
+
+    fn lead(&mut self, tick: u32, output: &lead::Output) {
+        self.note(Line::Lead(self.common(tick), Box::new(*output)));
     }
 
     fn off(&mut self, role: Role, tick: u32, reason: &str) {
-        let reason = reason.to_owned();
+        let (tick, reason) = (self.common(tick), reason.to_owned());
         self.note(Line::Off(role, Off { tick, reason }));
     }
 }
 
 /// Event at a tap.
 enum Line {
+    /// Common time of the boards at the start of the run, µs.
+    Zero(i64),
     /// A board's nodes were started.
-    Start(Role, Box<(Start, Report)>),
+    Start(Role, Box<(Start, Option<Report>)>),
     /// A board went off.
     Off(Role, Off),
     /// The host told the lead node something.
     Command(HostCommandEntry),
     /// A board put frames on the bus.
     Frames(Role, u32, Vec<CanFrame>),
-    /// The lead node's output, at a tick; the instant at which its estimates hold, if that is not the
-    /// beginning of the host's epoch.
-    Lead(u32, Option<Micros>, Box<lead::Output>),
+    /// The lead node's output, at a tick.
+    Lead(u32, Box<lead::Output>),
     /// Role of a board and its image.
     Board(Role, String),
     /// A tick of an axle board.
     Axle(Role, AxleTick),
     /// A tick of the beam board.
     Beam(BeamTick),
+}
+
+impl Line {
+    /// The line of a tick.
+    fn of_tick(
+        role: Role,
+        (tick, samples): (u32, &Samples),
+        received: Vec<Can>,
+        torque_nm: [f32; 2],
+    ) -> Self {
+        match *samples {
+            Samples::Axle(samples) => Self::Axle(
+                role,
+                AxleTick {
+                    tick,
+                    encoder: samples.encoder,
+                    gyro_rad_s: samples.gyro_rad_s.map(Exact),
+                    acceleration_m_s2: samples.acceleration_m_s2.map(Exact),
+                    conditions: samples.conditions,
+                    received,
+                    torque_nm: torque_nm.map(Exact),
+                },
+            ),
+            Samples::Beam(samples) => Self::Beam(BeamTick {
+                tick,
+                counts: samples.counts,
+                conditions: samples.conditions,
+                received,
+            }),
+        }
+    }
+}
+
+impl Start {
+    fn new(tick: u32, config: &RobotConfig, place: Option<&Place>) -> Self {
+        let parameters = Hex::of(config);
+        Self {
+            tick,
+            parameters_hash: format!("{:08x}", crc32c(&parameters.0)),
+            parameters,
+            place: place.map(Hex::of),
+        }
+    }
+}
+
+impl HostCommandEntry {
+    fn new(tick: u32, command: &HostCommand) -> Self {
+        Self {
+            tick,
+            text: in_words(command),
+            bits: Hex::of(command),
+        }
+    }
 }
 
 /// A command in words.

@@ -9,13 +9,13 @@ use super::entry::{
     Start, TruthEntry,
 };
 use crate::base::error::Error;
+use crate::targets::board_record::is_of_nodes;
 use crate::targets::host_command::HostCommand;
-use core_algos::beam::MAX_GAUGES;
 use core_algos::bus::CanFrame;
 use core_algos::link::protocol::Place;
 use core_algos::node::board::Samples;
 use core_algos::node::robot::RobotConfig;
-use core_algos::node::{axle, lead};
+use core_algos::node::{axle, beam, lead};
 use core_algos::topology::Role;
 use mcap::McapError;
 use mcap::read::ChunkFlattener;
@@ -109,7 +109,8 @@ impl Recording {
 struct Pending {
     /// Frames that each board sent at the tick whose entry comes next.
     sent: [Vec<(u32, CanFrame)>; 3],
-    lead: Option<LeadBits>,
+    /// Outputs of the lead node by tick, ms: of a board at a link they come later than the tick.
+    leads: HashMap<u32, Box<lead::Output>>,
 }
 
 /// Reads a log; `name` stands in errors.
@@ -145,6 +146,11 @@ pub fn read(bytes: &[u8], name: &str) -> Result<Recording, Error> {
             _ => {}
         }
     }
+    for event in &mut recording.boards[Role::Front as usize] {
+        if let Event::Tick(step) = event {
+            step.lead = pending.leads.remove(&step.tick);
+        }
+    }
     match recording.about.get("format").map(String::as_str) {
         Some(FORMAT) => {}
         Some(other) => {
@@ -160,9 +166,7 @@ pub fn read(bytes: &[u8], name: &str) -> Result<Recording, Error> {
     }
     if recording.ticks() == 0 {
         return Err(refuse(
-            "contains no ticks of boards, so it cannot be replayed (logs of virtual boards contain only \
-             bus frames)"
-                .to_owned(),
+            "contains no ticks of boards, so it cannot be replayed".to_owned(),
         ));
     }
     Ok(recording)
@@ -205,7 +209,13 @@ impl Recording {
                 pending.sent[entry.board as usize]
                     .extend(frames.map(|said| (entry.tick, said.frame.0)));
             }
-            "/lead" => pending.lead = Some(parse(data)?),
+            "/lead" => {
+                let LeadBits { tick, bits } = parse(data)?;
+                let output = bits
+                    .value()
+                    .ok_or("the bits of the lead node's output do not decode")?;
+                pending.leads.insert(tick, output);
+            }
             "/host/order" => {
                 let entry: HostCommandEntry = parse(data)?;
                 let given = entry
@@ -252,10 +262,12 @@ impl Recording {
             ("off", _) => Event::Off(parse::<Off>(data)?.tick),
             ("tick", Role::Beam) => {
                 let entry: BeamTick = parse(data)?;
-                let counts: [i32; MAX_GAUGES] = entry.counts;
                 Event::Tick(Box::new(Step {
                     tick: entry.tick,
-                    samples: Samples::Beam(counts),
+                    samples: Samples::Beam(beam::Samples {
+                        counts: entry.counts,
+                        conditions: entry.conditions,
+                    }),
                     received: frames(entry.received),
                     torque_nm: [Exact(0.0); 2],
                     sent: sent_at(&mut pending.sent[role as usize], entry.tick),
@@ -264,12 +276,6 @@ impl Recording {
             }
             ("tick", _) => {
                 let entry: AxleTick = parse(data)?;
-                let current = |lead: &mut LeadBits| role == Role::Front && lead.tick == entry.tick;
-                let lead = pending.lead.take_if(current);
-                let lead = lead.map(|lead| lead.bits.value().map(Box::new));
-                let lead = lead
-                    .map(|output| output.ok_or("the bits of the lead node's output do not decode"));
-                let lead = lead.transpose()?;
                 Event::Tick(Box::new(Step {
                     tick: entry.tick,
                     samples: Samples::Axle(axle::Samples {
@@ -281,7 +287,7 @@ impl Recording {
                     received: frames(entry.received),
                     torque_nm: entry.torque_nm,
                     sent: sent_at(&mut pending.sent[role as usize], entry.tick),
-                    lead,
+                    lead: None,
                 }))
             }
             _ => return Ok(()),
@@ -299,8 +305,9 @@ impl Recording {
     }
 }
 
-/// The frames of a tick; those of others belong to ticks whose answers never came.
+/// The frames of the nodes at a tick; those of other ticks belong to ticks whose answers never came.
 fn sent_at(sent: &mut Vec<(u32, CanFrame)>, tick: u32) -> Vec<CanFrame> {
-    let frames = sent.drain(..).filter(|(at, _)| *at == tick);
+    let of_nodes = |(at, frame): &(u32, CanFrame)| *at == tick && is_of_nodes(frame);
+    let frames = sent.drain(..).filter(of_nodes);
     frames.map(|(_, frame)| frame).collect()
 }

@@ -27,6 +27,8 @@ pub struct Tables {
     axles: Csv,
     beam: Csv,
     bus: Csv,
+    /// Common time of the boards at the start of the run, µs.
+    zero: i64,
 }
 
 impl Tables {
@@ -51,6 +53,7 @@ impl Tables {
             records: Vec::new(),
             axles: Csv::new(header.split_whitespace()),
             beam: Csv::new(std::iter::once("time_s".to_owned()).chain(counts)),
+            zero: 0,
             bus: Csv::new(["time_s", "board", "identifier_hex", "message", "data_hex"]),
         })
     }
@@ -67,12 +70,13 @@ impl Tables {
     /// One more line of the recording.
     pub(super) fn note(&mut self, line: &Line) {
         match line {
+            Line::Zero(zero) => self.zero = *zero,
             _ if !self.all() => {}
             Line::Axle(role, tick) => self.axle(*role, tick),
             Line::Beam(tick) => {
                 let counts = tick.counts.into_iter().map(Cell::from);
-                self.beam
-                    .row(std::iter::once(seconds(tick.tick)).chain(counts));
+                let time = self.seconds(tick.tick);
+                self.beam.row(std::iter::once(time).chain(counts));
             }
             Line::Frames(role, tick, frames) => {
                 frames
@@ -87,10 +91,16 @@ impl Tables {
         }
     }
 
+    /// Time of the run at a tick of the boards.
+    fn seconds(&self, tick: u32) -> Cell {
+        (f64::from(tick) * 1e-3 - self.zero as f64 * 1e-6).into()
+    }
+
     fn axle(&mut self, role: Role, tick: &AxleTick) {
         let [left, right] = tick.encoder;
+        let time = self.seconds(tick.tick);
         self.axles.row::<Cell>([
-            seconds(tick.tick),
+            time,
             role.name().into(),
             left.into(),
             right.into(),
@@ -105,8 +115,9 @@ impl Tables {
     fn frame(&mut self, role: Role, tick: u32, frame: &CanFrame) {
         let data = frame.data.iter().take(usize::from(frame.length));
         let name = layout::find(frame.id).map_or("unknown", |layout| layout.name);
+        let time = self.seconds(tick);
         self.bus.row::<Cell>([
-            seconds(tick),
+            time,
             role.name().into(),
             Cell::Text(format!("{:03x}", frame.id)),
             name.into(),
@@ -132,8 +143,4 @@ impl Tables {
             }
         }
     }
-}
-
-fn seconds(tick: u32) -> Cell {
-    (f64::from(tick) * 1e-3).into()
 }

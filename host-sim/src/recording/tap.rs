@@ -1,11 +1,10 @@
 //! A board whose inputs and outputs are written down on their way, wherever it runs.
 
-use super::entry::{AxleTick, BeamTick, Can, Exact, Hex, HostCommandEntry, Off, Start};
-use super::{Line, Session, in_words};
+use super::entry::{Can, HostCommandEntry, Off, Start};
+use super::{Line, Session};
 use crate::base::error::Error;
 use crate::targets::{Fault, HostCommand, Output, Posted, Report, Room, Target, Traffic};
 use core_algos::bus::{self, CanFrame, Message};
-use core_algos::link::framing::crc32c;
 use core_algos::link::protocol::{Place, StackUse};
 use core_algos::node::board::Samples;
 use core_algos::node::robot::RobotConfig;
@@ -70,28 +69,15 @@ impl Tap {
             self.session.note(Line::Frames(self.role, tick, sent));
         }
         if let Some(lead) = &output.lead {
-            self.session.note(Line::Lead(tick, None, Box::new(*lead)));
+            self.session.note(Line::Lead(tick, Box::new(*lead)));
         }
         let received = std::mem::take(&mut self.received);
-        self.session.note(match samples {
-            Samples::Axle(samples) => Line::Axle(
-                self.role,
-                AxleTick {
-                    tick,
-                    encoder: samples.encoder,
-                    gyro_rad_s: samples.gyro_rad_s.map(Exact),
-                    acceleration_m_s2: samples.acceleration_m_s2.map(Exact),
-                    conditions: samples.conditions,
-                    received,
-                    torque_nm: output.torque_nm.map(Exact),
-                },
-            ),
-            Samples::Beam(counts) => Line::Beam(BeamTick {
-                tick,
-                counts,
-                received,
-            }),
-        });
+        self.session.note(Line::of_tick(
+            self.role,
+            (tick, &samples),
+            received,
+            output.torque_nm,
+        ));
     }
 }
 
@@ -105,26 +91,16 @@ impl Target for Tap {
         self.target.start(config, tick, place)?;
         self.received.clear();
         self.next = tick;
-        let parameters = Hex::of(config);
-        let entry = Start {
-            tick,
-            parameters_hash: format!("{:08x}", crc32c(&parameters.0)),
-            parameters,
-            place: place.map(Hex::of),
-        };
-        let report = self.target.report();
-        let line = Line::Start(self.role, Box::new((entry, report)));
-        self.session.note(line);
+        let entry = Start::new(tick, config, place);
+        let started = Box::new((entry, Some(self.target.report())));
+        self.session.note(Line::Start(self.role, started));
         Ok(())
     }
 
     fn command(&mut self, command: &HostCommand) -> Result<(), Fault> {
         self.target.command(command)?;
-        self.session.note(Line::Command(HostCommandEntry {
-            tick: self.next,
-            text: in_words(command),
-            bits: Hex::of(command),
-        }));
+        let entry = HostCommandEntry::new(self.next, command);
+        self.session.note(Line::Command(entry));
         Ok(())
     }
 

@@ -5,6 +5,7 @@ use crate::bus::virtual_bus::BusStatistics;
 use crate::plant::{Outline, Plant};
 use crate::run::real_time::RealTimeLimiter;
 use crate::run::recovery::Monitor;
+use crate::targets::board_record::BoardEvent;
 use crate::targets::{BoardTraffic, HostCommand, Room};
 use core_algos::beam::MAX_GAUGES;
 use core_algos::bus::CanFrame;
@@ -99,11 +100,14 @@ pub trait Observer: Send {
     /// Image that a virtual board runs.
     fn board(&mut self, _role: Role, _image: String) {}
 
-    /// Frames that a virtual board sent at a tick, ms.
+    /// Event at a board that is recorded. The common time of the boards was `zero`, µs, at the start of the run.
+    fn event(&mut self, _role: Role, _zero: i64, _event: &BoardEvent) {}
+
+    /// Frames of a board that is not recorded, at a tick of the run, ms.
     fn frames(&mut self, _role: Role, _tick: u32, _frames: Vec<CanFrame>) {}
 
-    /// Output of a virtual board's lead node at a tick, ms; its estimates hold at `held`.
-    fn lead(&mut self, _tick: u32, _held: Micros, _output: &lead::Output) {}
+    /// Output of the lead node of a board that is not recorded, at a tick of the run, ms.
+    fn lead(&mut self, _tick: u32, _output: &lead::Output) {}
 
     /// A virtual board lost power at a tick, ms.
     fn off(&mut self, _role: Role, _tick: u32, _reason: &str) {}

@@ -5,17 +5,20 @@
 
 use crate::base::error::Error;
 use crate::base::interrupt;
-use crate::bus::virtual_bus::BusStatistics;
+use crate::bus::virtual_bus::{BusStatistics, sender};
 use crate::plant::Plant;
 use crate::run::recovery::{Monitor, NODES};
 use crate::run::robot::{Record, Robot, RunControl};
-use crate::targets::lead_link::LeadLink;
+use crate::targets::board_link::BoardLink;
+use crate::targets::board_record::BoardEvent;
 use crate::targets::link::Link;
 use crate::targets::{BoardTraffic, HostCommand, Room, Traffic};
+use core_algos::bus::CanFrame;
 use core_algos::link::lease::TERM;
 use core_algos::link::protocol::Place;
 use core_algos::node::lead::{self, Task};
-use core_algos::safety::Permit;
+use core_algos::node::robot::RobotConfig;
+use core_algos::safety::{OperatingState, Permit};
 use core_algos::time::{Micros, TICK};
 use core_algos::topology::{Node, Role};
 use std::io::Write;
@@ -37,12 +40,45 @@ const STOP: Duration = Duration::from_secs(5);
 /// Opens the port of the front board.
 pub type Connect = Box<dyn FnMut() -> Result<Box<dyn Link>, Error>>;
 
+/// Port of another board, which is recorded.
+pub struct OtherBoard {
+    port: Box<dyn Link>,
+    link: BoardLink,
+}
+
+impl OtherBoard {
+    /// A board at its port.
+    pub fn new(role: Role, port: Box<dyn Link>) -> Self {
+        let link = BoardLink::new(role, owner());
+        Self { port, link }
+    }
+
+    /// Exchanges bytes with the board. A board that is gone ends its record.
+    fn exchange(&mut self, now: Micros) -> Result<(), Error> {
+        if let Some(bytes) = self.link.to_send(now)? {
+            // The request is repeated.
+            let _ = self.port.send(bytes);
+        }
+        let mut room = [0; 512];
+        while let Ok(count) = self.port.receive(&mut room, Duration::ZERO)
+            && count > 0
+        {
+            self.link.take(&room[..count])?;
+            self.link.take_frames();
+        }
+        Ok(())
+    }
+}
+
 /// The robot.
 pub struct SerialRobot {
     connect: Connect,
     /// None while it is closed.
     port: Option<Box<dyn Link>>,
-    link: LeadLink,
+    link: BoardLink,
+    others: Vec<OtherBoard>,
+    /// Common time of the boards at the start of the run, µs, once it is known.
+    zero: Option<i64>,
     began: Instant,
     tick: u64,
     /// Time of the latest report, and of the latest opening, µs.
@@ -57,12 +93,19 @@ pub struct SerialRobot {
 }
 
 impl SerialRobot {
-    /// A robot at rest at a place, or where it believes to be; waits for the first output of its lead node.
-    pub fn open(mut connect: Connect, place: Option<Place>) -> Result<Self, Error> {
+    /// A robot at rest at a place, or where it believes to be; waits for the first output of its lead node. The nodes of a
+    /// robot that is recorded begin anew.
+    pub fn open(
+        mut connect: Connect,
+        place: Option<Place>,
+        record: Option<(&RobotConfig, Vec<OtherBoard>)>,
+    ) -> Result<Self, Error> {
         let mut robot = Self {
             port: Some(connect()?),
             connect,
-            link: LeadLink::of_owner(owner()),
+            link: BoardLink::new(Role::Front, owner()),
+            others: Vec::new(),
+            zero: None,
             began: Instant::now(),
             tick: 0,
             heard: 0,
@@ -82,6 +125,9 @@ impl SerialRobot {
             ready = robot.await_lead(place);
         }
         ready?;
+        if let Some((config, others)) = record {
+            robot.begin_record(place, config, others)?;
+        }
         // The run begins now.
         robot.tick = 0;
         (robot.heard, robot.opened) = (0, 0);
@@ -108,15 +154,89 @@ impl SerialRobot {
     /// Asks the board for reports, and tells it where it stands; waits for both.
     fn await_lead(&mut self, place: Option<Place>) -> Result<(), Error> {
         match place {
-            Some(place) => self.link.open(place),
+            Some(place) => {
+                self.link.open();
+                self.link.command(&HostCommand::Place(place));
+            }
             None => self.link.watch(),
         }
         self.link.take_lease();
+        self.settle()
+    }
+
+    /// Waits until the board has answered all, and for an output of its lead node after that.
+    fn settle(&mut self) -> Result<(), Error> {
         // An output that was on its way does not know of the place yet.
         while !self.link.is_settled() || !self.link.is_fresh() {
             self.step()?;
         }
         Ok(())
+    }
+
+    /// Has the nodes begin anew, at a place or where the robot believes to be, and waits until all boards are recorded.
+    fn begin_record(
+        &mut self,
+        place: Option<Place>,
+        config: &RobotConfig,
+        others: Vec<OtherBoard>,
+    ) -> Result<(), Error> {
+        let fused = self.lead.fused;
+        let known = fused.robot.covariance[0][0] > 0.0;
+        let (_, mut relative) = config.put_down(fused.robot.posture);
+        relative.posture = fused.front.posture.relative_to(fused.rear.posture);
+        let center = fused.robot;
+        let place = place.or(known.then_some(Place { center, relative }));
+        self.others = others;
+        for other in &mut self.others {
+            other.link.open();
+            other.link.record();
+        }
+        self.link.record();
+        if let Some(place) = place {
+            self.link.command(&HostCommand::Place(place));
+        }
+        self.settle()?;
+        let recorded = |other: &OtherBoard| other.link.is_recorded();
+        while !self.link.is_recorded() || !self.others.iter().all(recorded) || !self.is_ready() {
+            self.step()?;
+        }
+        Ok(())
+    }
+
+    /// True if no node of a board is starting.
+    fn is_ready(&self) -> bool {
+        let ready = |node: &Node| {
+            let latest = self.monitor.latest(*node);
+            latest.is_none_or(|latest| latest.state != OperatingState::Boot)
+        };
+        NODES.iter().all(ready)
+    }
+
+    /// Tells the observers what was recorded.
+    fn publish(&mut self) {
+        if self.control.observers.is_empty() {
+            return;
+        }
+        let links = std::iter::once(&mut self.link)
+            .chain(self.others.iter_mut().map(|other| &mut other.link));
+        for link in links {
+            let events = link.take_events();
+            if self.zero.is_none() {
+                let ticks = events.iter().rev().find_map(|event| match event {
+                    BoardEvent::Tick(tick) => Some(i64::from(tick.tick)),
+                    _ => None,
+                });
+                self.zero = ticks.map(|tick| 1000 * (tick - self.tick as i64));
+            }
+            let Some(zero) = self.zero else {
+                continue;
+            };
+            for event in &events {
+                for observer in &mut self.control.observers {
+                    observer.event(link.role(), zero, event);
+                }
+            }
+        }
     }
 
     /// Build of the front board's image.
@@ -187,6 +307,11 @@ impl SerialRobot {
                     && let Some(latest) = self.link.latest()
                 {
                     self.lead = latest.output;
+                    if !self.link.is_recorded() {
+                        for observer in &mut self.control.observers {
+                            observer.lead(self.tick as u32, &self.lead);
+                        }
+                    }
                 }
                 if self.link.reports() > before {
                     self.heard = now;
@@ -202,9 +327,21 @@ impl SerialRobot {
             self.monitor.see(tick, frame);
         }
         self.frames += frames.len() as u64;
-        if !frames.is_empty() {
+        for role in Role::ALL {
+            let recorded = match role {
+                Role::Front => self.link.is_recorded(),
+                _ => self
+                    .others
+                    .iter()
+                    .any(|other| other.link.role() == role && other.link.is_recorded()),
+            };
+            let of_board = |frame: &&CanFrame| sender(frame) == Some(role);
+            let frames: Vec<_> = frames.iter().filter(of_board).copied().collect();
+            if recorded || frames.is_empty() {
+                continue;
+            }
             for observer in &mut self.control.observers {
-                observer.frames(Role::Front, tick, frames.clone());
+                observer.frames(role, tick, frames.clone());
             }
         }
         Ok(())
@@ -299,7 +436,12 @@ impl Robot for SerialRobot {
             self.began += behind;
             until += behind;
         }
+        let now = self.now();
+        for other in &mut self.others {
+            other.exchange(now)?;
+        }
         self.exchange(until)?;
+        self.publish();
         self.tick += 1;
         self.show()
     }

@@ -46,6 +46,19 @@ impl HostCommand {
     }
 }
 
+impl From<Order> for HostCommand {
+    fn from(order: Order) -> Self {
+        match order {
+            Order::Place(place) => Self::Place(place),
+            Order::Task(task) => Self::Task(task),
+            Order::Path { points, end } => Self::Path(points.into_iter().flatten().collect(), end),
+            Order::Trajectory { points, end } => {
+                Self::Trajectory(points.into_iter().flatten().collect(), end)
+            }
+        }
+    }
+}
+
 /// Points in orders of at most [`POINTS`]; one without points if there are none.
 fn batches<T: Copy>(
     points: &[T],

@@ -5,12 +5,13 @@
 //! ([`Target::finish`]); boards behind links work at the same time in between. The bus itself is
 //! simulated here, whatever the boards are.
 
+pub mod board_link;
 pub mod board_log;
+pub mod board_record;
 pub mod boards;
 pub mod host_command;
 pub mod images;
 pub mod in_process;
-pub mod lead_link;
 pub mod link;
 pub mod log_reader;
 pub mod losses;

@@ -336,7 +336,7 @@ impl Target for Remote {
                 samples,
                 bus: bus.bytes(),
             },
-            Samples::Beam(counts) => Request::Beam { tick, counts },
+            Samples::Beam(samples) => Request::Beam { tick, samples },
         };
         self.tick_bytes[0] += self.conversation.ask(&request)? as u64;
         Ok(())

@@ -59,7 +59,7 @@ fn encode_longest_messages_fits_frame() {
     };
     let beam = Request::Beam {
         tick: u32::MAX,
-        counts: [i32::MIN; MAX_GAUGES],
+        samples: [i32::MIN; crate::beam::MAX_GAUGES].into(),
     };
     for request in [path, trajectory, configure, axle, beam] {
         assert!(encode(255, &request).is_some(), "{request:?}");
@@ -91,6 +91,7 @@ fn telemetry_largest_lead_output_fits_epoch() {
     };
     let telemetry = Telemetry {
         output,
+        tick: u32::MAX,
         path_room: u16::MAX,
         trajectory_room: u16::MAX,
     };

@@ -34,8 +34,9 @@ use static_cell::StaticCell;
 
 use super::bit_timing::BitTiming;
 use super::mailboxes::{COUNT, Mailboxes, Waiting};
-use super::{service, tap};
+use super::service;
 use crate::clock::APB1_HZ;
+use crate::record;
 use crate::task_watchdog::CheckIn;
 
 /// Messages that wait to be sent; an epoch has at most fourteen of one board.
@@ -143,7 +144,7 @@ impl Sender {
             count(|counters| &mut counters.refused);
             return None;
         };
-        tap::copy(&frame);
+        record::put_frame(&frame);
         self.put(frame);
         bus::decode(&frame).ok()
     }
@@ -183,7 +184,7 @@ impl Receiver {
             if service::takes(&frame) {
                 continue;
             }
-            tap::copy(&frame);
+            record::put_frame(&frame);
             match bus::decode(&frame) {
                 Ok(message) => return Some(Arrived { local, message }),
                 Err(_) => count(|counters| &mut counters.unknown),

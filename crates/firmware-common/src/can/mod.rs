@@ -10,7 +10,6 @@
 //! | `mailboxes` | which mailbox a frame may take, and which frames have waited too long |
 //! | `controller` | the registers and their interrupts |
 //! | `service` | frames of the link of other boards |
-//! | `tap` | copies of the frames for a host at the serial port |
 //!
 //! The HAL's driver is not used: it displaces frames from their mailboxes, stamps arrivals in a task,
 //! passes over a full FIFO, and waits for ever for a bus that is not there.
@@ -22,8 +21,6 @@ pub mod mailboxes;
 mod controller;
 #[cfg(target_os = "none")]
 pub mod service;
-#[cfg(target_os = "none")]
-pub mod tap;
 #[cfg(target_os = "none")]
 pub use controller::{
     Arrived, Counters, REPORTS_WITHIN, Receiver, Sender, carry, counters, is_off, start, supervise,

@@ -9,21 +9,25 @@
 
 pub mod uart;
 
+use core::future::pending;
 use core::mem::MaybeUninit;
 use core::ptr::addr_of_mut;
 use core::sync::atomic::{AtomicBool, Ordering};
 
 use core_algos::control::path::PathError;
-use core_algos::link::attendant::{REPORT_FRAMES, REPORT_MS, Station};
+use core_algos::link::attendant::{REPORT_MS, Station};
 use core_algos::link::framing::Decoder;
-use core_algos::link::protocol::{Packed, StackUse, Telemetry};
+use core_algos::link::protocol::{StackUse, Telemetry};
+use core_algos::link::record::Entry;
 use core_algos::link::segment::{self, Direction};
 use core_algos::link::{Attendant, Demand, Endpoint, Identity, Order};
 use core_algos::node::board::{Board, Ready};
 use core_algos::node::lead::{LeadNode, Output};
+use core_algos::node::robot::RobotConfig;
+use core_algos::time::Micros;
 use core_algos::topology::Role;
 use embassy_executor::Spawner;
-use embassy_futures::select::{Either, select};
+use embassy_futures::select::{Either, Either3, select, select3};
 use embassy_stm32::Peri;
 use embassy_stm32::peripherals::{PB10, PB11, USART3};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
@@ -32,6 +36,7 @@ use embassy_time::{Duration, Instant, Timer, with_timeout};
 use static_cell::StaticCell;
 
 use crate::can::{self, service};
+use crate::record;
 use crate::store::chip::Parameters;
 use crate::watchdog::Watchdog;
 use crate::{fault, stack};
@@ -85,25 +90,38 @@ impl Way {
 /// True while the motors of this board may be on.
 static ARMED: AtomicBool = AtomicBool::new(false);
 
-/// Order on its way to the tick, and how it was carried out.
-static ORDER: Signal<CriticalSectionRawMutex, Order> = Signal::new();
+/// Number and order of a host on their way to the tick, and how it was carried out.
+static ORDER: Signal<CriticalSectionRawMutex, (u16, Order)> = Signal::new();
 static DONE: Signal<CriticalSectionRawMutex, Result<(), PathError>> = Signal::new();
 
 /// Output of the lead node on its way to a host that watches.
 static LEAD: Signal<CriticalSectionRawMutex, Telemetry> = Signal::new();
 
-/// Hands over the output of a step of the lead node, if a host watches.
-pub fn tell(output: Output, lead: &mut LeadNode) {
-    if can::tap::is_watched() {
-        LEAD.signal(Telemetry::of(output, lead));
+/// Hands over the output of a step of the lead node at `now`, if a host watches.
+pub fn tell(now: Micros, output: Output, lead: &mut LeadNode) {
+    if record::is_watched() {
+        LEAD.signal(Telemetry::of(now, output, lead));
     }
 }
 
-/// Carries out an order that has come, if one has.
-pub fn carry_out(lead: &mut LeadNode) {
-    if let Some(order) = ORDER.try_take() {
-        DONE.signal(order.carry_out(lead));
+/// Carries out an order of a host that has come, if one has.
+pub fn carry_out_order(lead: &mut LeadNode) {
+    if let Some((number, order)) = ORDER.try_take() {
+        let done = order.carry_out(lead);
+        // Of a refused one some points were taken.
+        record::put(&match done {
+            Ok(()) => Entry::Carried(number),
+            Err(_) => Entry::End,
+        });
+        DONE.signal(done);
     }
+}
+
+/// Carries out an order of the board itself.
+pub fn carry_out(order: Order, lead: &mut LeadNode) {
+    // The board's own are finite and hold no points.
+    let _ = order.carry_out(lead);
+    record::put(&Entry::Order(order));
 }
 
 /// Says whether the motors of this board may be on.
@@ -154,9 +172,11 @@ impl Link {
         }
     }
 
-    /// Answers as a board that drives.
-    pub fn attend(self, spawner: Spawner) {
-        spawner.spawn(attend(self).expect("spawned once"));
+    /// Answers as a board that drives, with nodes of this configuration.
+    pub fn attend(self, config: &RobotConfig, spawner: Spawner) {
+        static CONFIG: StaticCell<RobotConfig> = StaticCell::new();
+        let config = CONFIG.init_with(|| *config);
+        spawner.spawn(attend(self, config).expect("spawned once"));
     }
 
     /// Serves a session; `bus` is the bus of one that was asked for there.
@@ -180,69 +200,97 @@ impl Link {
     }
 }
 
+/// A board that drives, at its link.
+struct Attending {
+    uart: Uart,
+    role: Role,
+    /// For the host at the port of this board, and at that of another one.
+    at_port: &'static mut Attendant,
+    on_bus: &'static mut Attendant,
+    station: Station,
+    taker: record::Taker,
+    /// Replies of other boards.
+    relayed: Decoder,
+    /// Way of the latest order.
+    ordered: Way,
+}
+
 /// Answers what the link brings to a board that drives, for ever.
 #[embassy_executor::task]
-async fn attend(link: Link) -> ! {
+async fn attend(link: Link, config: &'static RobotConfig) -> ! {
     static ATTENDANTS: StaticCell<[Attendant; 2]> = StaticCell::new();
-    let Link { mut uart, identity } = link;
-    let role = identity.role;
-    let [at_port, on_bus] = ATTENDANTS
-        .init_with(|| [(); 2].map(|()| Attendant::new(identity, stack_use, fault::record)));
-    let mut relayed = Decoder::new();
-    let mut station = Station::default();
+    let Link { uart, identity } = link;
+    let attendant = || Attendant::new(identity, config, stack_use, fault::record);
+    let [at_port, on_bus] = ATTENDANTS.init_with(|| [(); 2].map(|()| attendant()));
+    let mut attending = Attending {
+        uart,
+        role: identity.role,
+        at_port,
+        on_bus,
+        station: Station::default(),
+        taker: record::Taker::default(),
+        relayed: Decoder::new(),
+        ordered: Way::Serial,
+    };
     let mut buffer = [0; 64];
     loop {
-        let watched = can::tap::is_watched();
+        let watched = record::is_watched();
         let wait = if watched { REPORT_EVERY } else { IDLE };
-        let arrived = select(uart.read(&mut buffer), service::receive());
-        let arrived = with_timeout(wait, arrived).await;
-        if watched {
-            report_to_host(at_port, &mut uart);
-        }
-        station.now = Instant::now().as_micros();
-        station.armed = ARMED.load(Ordering::Relaxed);
-        let (way, demand) = match &arrived {
-            Ok(Either::First(count)) => {
-                let mut send = |reply: &[u8]| uart.write(reply);
-                let demand = at_port.receive(&buffer[..*count], &mut station, &mut send);
-                (Way::Serial, demand)
+        // With more to report than fits, the next report follows at once.
+        let is_behind = attending.taker.is_behind();
+        let sent = async {
+            match is_behind {
+                true => uart::sent().await,
+                false => pending().await,
             }
-            Ok(Either::Second(frame)) => {
-                let demand = match segment::address(frame.id) {
-                    Some((to, Direction::To)) if to == role => {
-                        let mut send = |reply: &[u8]| Way::Bus.send(&mut uart, role, reply);
-                        on_bus.receive(frame.bytes(), &mut station, &mut send)
-                    }
-                    Some((from, Direction::From)) => {
-                        for &byte in frame.bytes() {
-                            if let Some(payload) = relayed.take_byte(byte) {
-                                at_port.relayed(from, payload, &mut |reply| uart.write(reply));
-                            }
-                        }
-                        None
-                    }
-                    _ => None,
-                };
-                (Way::Bus, demand)
-            }
-            Err(_) => continue,
         };
+        let arrived = select(attending.uart.read(&mut buffer), service::receive());
+        let arrived = with_timeout(wait, select3(arrived, sent, DONE.wait())).await;
+        if watched {
+            attending.report();
+        }
+        attending.station.now = Instant::now().as_micros();
+        attending.station.armed = ARMED.load(Ordering::Relaxed);
+        match arrived {
+            Ok(Either3::First(Either::First(count))) => {
+                let bytes = buffer.get(..count).unwrap_or_default();
+                attending.receive(Way::Serial, bytes).await;
+            }
+            Ok(Either3::First(Either::Second(frame))) => match segment::address(frame.id) {
+                Some((to, Direction::To)) if to == attending.role => {
+                    attending.receive(Way::Bus, frame.bytes()).await;
+                }
+                Some((from, Direction::From)) => attending.relay(from, frame.bytes()),
+                _ => {}
+            },
+            Ok(Either3::Third(done)) => attending.done(done),
+            Ok(Either3::Second(())) | Err(_) => {}
+        }
+    }
+}
+
+impl Attending {
+    /// Takes bytes of a host, and does what they demand.
+    async fn receive(&mut self, way: Way, bytes: &[u8]) {
+        let attendant = match way {
+            Way::Serial => &mut *self.at_port,
+            Way::Bus => &mut *self.on_bus,
+        };
+        let (uart, role) = (&mut self.uart, self.role);
+        let mut send = |reply: &[u8]| way.send(uart, role, reply);
+        let demand = attendant.receive(bytes, &mut self.station, &mut send);
         match (demand, way) {
-            (Some(Demand::Order(order)), way) => {
-                ORDER.signal(order);
-                let done = DONE.wait().await;
-                let attendant = match way {
-                    Way::Serial => &mut *at_port,
-                    Way::Bus => &mut *on_bus,
-                };
-                attendant.done(done, &mut |reply| way.send(&mut uart, role, reply));
+            (Some(Demand::Order(number, order)), way) => {
+                ORDER.signal((number, order));
+                self.ordered = way;
             }
             (Some(Demand::Session), way) => {
-                way.flush(&mut uart).await;
+                way.flush(&mut self.uart).await;
                 defmt::info!("reset into a session");
                 restart(Some(way));
             }
-            (Some(Demand::Watch), Way::Serial) => can::tap::watch(),
+            (Some(Demand::Watch), Way::Serial) => record::watch(),
+            (Some(Demand::Record), _) => record::begin(),
             (Some(Demand::Send(frame)), _) => service::send(core::iter::once(frame)),
             (Some(Demand::Relay(to, frame)), Way::Serial) => {
                 service::send(segment::frames(to, Direction::To, frame.repeated()));
@@ -251,25 +299,44 @@ async fn attend(link: Link) -> ! {
             (Some(Demand::Watch | Demand::Relay(..)), Way::Bus) | (None, _) => {}
         }
     }
-}
 
-/// Sends the host the frames of the bus and the next part of the lead node's output. While the report before is on the
-/// line there is no other: frames wait, and an output is replaced by the next.
-fn report_to_host(attendant: &mut Attendant, uart: &mut Uart) {
-    if !uart.is_free() {
-        return;
+    /// Answers the latest order.
+    fn done(&mut self, done: Result<(), PathError>) {
+        let (uart, role, way) = (&mut self.uart, self.role, self.ordered);
+        let attendant = match way {
+            Way::Serial => &mut *self.at_port,
+            Way::Bus => &mut *self.on_bus,
+        };
+        attendant.done(done, &mut |reply| way.send(uart, role, reply));
     }
-    if attendant.wants_telemetry()
-        && let Some(telemetry) = LEAD.try_take()
-    {
-        attendant.tell(&telemetry);
+
+    /// Takes a part of another board's reply.
+    fn relay(&mut self, from: Role, bytes: &[u8]) {
+        let uart = &mut self.uart;
+        for &byte in bytes {
+            if let Some(payload) = self.relayed.take_byte(byte) {
+                self.at_port
+                    .relayed(from, payload, &mut |reply| uart.write(reply));
+            }
+        }
     }
-    let mut bus = Packed::new();
-    for frame in core::iter::from_fn(can::tap::take).take(REPORT_FRAMES) {
-        // There is room for this many.
-        let _ = bus.push(&frame);
+
+    /// Sends the host entries of the tick and the next part of the lead node's output. While the report before is on the
+    /// line there is no other: entries wait, and an output is replaced by the next.
+    fn report(&mut self) {
+        if !self.uart.is_free() {
+            return;
+        }
+        if self.at_port.wants_telemetry()
+            && let Some(telemetry) = LEAD.try_take()
+        {
+            self.at_port.tell(&telemetry);
+        }
+        let entries = self.taker.take(self.at_port.room());
+        let uart = &mut self.uart;
+        self.at_port
+            .report(record::lost(), &entries, &mut |report| uart.write(report));
     }
-    attendant.report(can::tap::lost(), &bus, &mut |report| uart.write(report));
 }
 
 /// Serves a session until the host leaves or is silent. The watchdog is fed once a turn: a node that does not return

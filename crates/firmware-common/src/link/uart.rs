@@ -34,6 +34,9 @@ const ROOM: usize = 2 * MAX_FRAME;
 
 static RING: [AtomicU8; ROOM] = [const { AtomicU8::new(0) }; ROOM];
 static IDLE: Signal<CriticalSectionRawMutex, ()> = Signal::new();
+static SENT: Signal<CriticalSectionRawMutex, ()> = Signal::new();
+/// Status bits that writing leaves as they are; those of the transmission's end apart.
+const KEPT: u32 = 0x3ff & !(1 << 6);
 
 /// The port.
 pub struct Uart {
@@ -138,12 +141,15 @@ impl Uart {
         stream.par().write_value(pac::USART3.dr().as_ptr() as u32);
         stream.m0ar().write_value(self.sending.as_ptr() as u32);
         stream.ndtr().write(|w| w.set_ndt(count as u16));
+        SENT.reset();
+        pac::USART3.sr().write_value(pac::usart::regs::Sr(KEPT));
         stream.cr().write(|w| {
             w.set_chsel(CHANNEL);
             w.set_dir(Dir::MEMORY_TO_PERIPHERAL);
             w.set_minc(true);
             w.set_en(true);
         });
+        pac::USART3.cr1().modify(|w| w.set_tcie(true));
     }
 
     /// Waits until all is sent.
@@ -154,11 +160,22 @@ impl Uart {
     }
 }
 
+/// Waits for the end of the frame that is being sent.
+pub async fn sent() {
+    SENT.wait().await;
+}
+
 #[handler]
 fn USART3() {
-    // One after the other these two reads clear the flags, those of errors of the line too: a frame that such an error
-    // spoiled is found by its check. DMA has fetched the byte a whole byte's time ago.
-    pac::USART3.sr().read();
-    pac::USART3.dr().read();
-    IDLE.signal(());
+    let status = pac::USART3.sr().read();
+    if status.idle() {
+        // Read after the status this clears the flags, those of errors of the line too: a frame that such an error
+        // spoiled is found by its check. DMA has fetched the byte a whole byte's time ago.
+        pac::USART3.dr().read();
+        IDLE.signal(());
+    }
+    if status.tc() {
+        pac::USART3.cr1().modify(|w| w.set_tcie(false));
+        SENT.signal(());
+    }
 }

@@ -5,8 +5,8 @@ use crate::base::error::Error;
 use crate::experiments::arguments::BoardArgs;
 use crate::experiments::boards::Links;
 use crate::experiments::result::{JsonArgs, Provenance};
+use crate::targets::board_link::BoardLink;
 use crate::targets::board_log::BoardLog;
-use crate::targets::lead_link::LeadLink;
 use crate::targets::link::Link;
 use core_algos::bus::field::{Calibrate, CalibrationResult};
 use core_algos::bus::{self, CanFrame, Message};
@@ -117,7 +117,7 @@ fn request(
     sequence: u8,
     frame: &CanFrame,
 ) -> Result<(CalibrationResult, u8), Error> {
-    let mut link = LeadLink::default();
+    let mut link = BoardLink::new(Role::Front, 0);
     link.watch();
     link.send(frame);
     let began = Instant::now();

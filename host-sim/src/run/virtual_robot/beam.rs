@@ -1,6 +1,7 @@
 //! What is soldered to the beam's board, wired as docs/wiring.md says.
 
 use super::power::{BATTERY_V, Power};
+use crate::targets::serial_line::SerialLine;
 use crate::world::drawn::Drawn;
 use crate::world::random::{Stream, generator, normal};
 use crate::world::sensors::{BridgeConfig, GaugeAgeing};
@@ -71,6 +72,8 @@ pub struct BeamBoard {
     bridges: Vec<Drifting>,
     thermistor: Thermistor,
     pub(super) power: Power,
+    /// Serial port.
+    pub(super) serial: SerialLine,
     /// Share of the excitation that arrives at the strip.
     pub(super) excitation: f64,
     walk: f64,
@@ -124,6 +127,7 @@ impl BeamBoard {
                 .collect(),
             thermistor: Thermistor::default(),
             power: Power::new(BATTERY_V),
+            serial: SerialLine::default(),
             excitation: 1.0,
             walk: config.drift_walk_strain * step,
             countdown: DRIFT_MS,
@@ -190,11 +194,16 @@ impl Circuit for BeamBoard {
         self.power.logic_v(at)
     }
 
+    fn serial(&mut self, byte: u8, _at: Time) {
+        self.serial.sent.push(byte);
+    }
+
     fn next(&self) -> Time {
-        self.power.next()
+        self.power.next().min(self.serial.next())
     }
 
     fn advance(&mut self, at: Time, inputs: &mut Inputs) {
+        self.serial.advance(at, inputs);
         self.power.advance(at, inputs);
     }
 }

@@ -18,6 +18,12 @@ impl Clock {
         self.held
     }
 
+    /// Common time at `at`, µs.
+    pub fn common(&self, at: Micros) -> i64 {
+        let since = |(epoch, began, _)| i64::from(epoch) * EPOCH as i64 + at as i64 - began as i64;
+        self.epoch.map_or(0, since)
+    }
+
     /// A message whose frame ended at `at`, µs.
     pub fn hear(&mut self, at: Micros, message: &Message) {
         match *message {

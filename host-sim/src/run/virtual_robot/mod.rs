@@ -3,7 +3,7 @@
 //!
 //! Nothing connects the host with the boards but the robot and the serial port of the front board: motors turn wheels,
 //! wheels turn encoders, the bent frame strains gauges. Orders and the lead node's output go through the port
-//! ([`LeadLink`]), states are read on the bus.
+//! ([`BoardLink`]), states are read on the bus.
 
 pub mod axle;
 pub mod beam;
@@ -25,9 +25,9 @@ use crate::plant::{Outline, Plant, Station};
 use crate::run::recovery::{Monitor, NODES};
 use crate::run::robot::{FRAME_POINTS, Record, Robot, RunControl};
 use crate::scenario::Scenario;
+use crate::targets::board_link::BoardLink;
 use crate::targets::board_log::BoardLog;
 use crate::targets::images::Images;
-use crate::targets::lead_link::LeadLink;
 use crate::targets::log_reader::Reader;
 use crate::targets::{BoardTraffic, HostCommand, Room};
 use crate::world::drawn::Drawn;
@@ -93,7 +93,10 @@ pub struct VirtualRobot {
     /// True if inertial sensors are fitted.
     inertial: bool,
     biases: [[f64; 2]; 2],
-    link: LeadLink,
+    /// Link to the front board, and those to the other boards that are recorded.
+    link: BoardLink,
+    others: Vec<BoardLink>,
+    recorded: bool,
     reported: Vec<bus::CanFrame>,
     /// True if this program is the host at the front board's serial port.
     hosted: bool,
@@ -220,7 +223,9 @@ impl VirtualRobot {
             sensors: Box::new(sensors),
             inertial: scenario.world.sensors.gyro.fitted,
             biases: Default::default(),
-            link: LeadLink::default(),
+            link: BoardLink::new(Role::Front, 0),
+            others: Vec::new(),
+            recorded: false,
             reported: Vec::new(),
             hosted: false,
             clock: Clock::default(),
@@ -332,11 +337,11 @@ impl VirtualRobot {
                 )));
             }
         }
-        self.booted = self.network.now();
         self.hosted = options.host;
         if options.host {
-            self.link.open(self.place);
+            self.open_links(options.record)?;
         }
+        self.booted = self.network.now();
         for (place, watch) in self.watches.iter_mut().enumerate() {
             let lost = self.network.wire().statistics(place).given_up;
             if let Some(board) = self.network.board(place) {
@@ -493,9 +498,6 @@ impl VirtualRobot {
                 length: bytes.len() as u8,
                 data,
             };
-            if !self.control.observers.is_empty() {
-                self.tools.keep(sender, &frame);
-            }
             let at = record.end - self.booted;
             self.monitor.see((at.micros() / 1000) as u32, &frame);
             let Ok(message) = bus::decode(&frame) else {

@@ -24,6 +24,8 @@ pub struct Options {
     pub others: usize,
     /// True if this program is the host at the front board's serial port.
     pub host: bool,
+    /// True if all boards are recorded, each at its serial port.
+    pub record: bool,
 }
 
 /// A chip within the limits of its data sheet.
@@ -49,6 +51,7 @@ impl Default for Options {
             vary: |_, _| {},
             others: 0,
             host: true,
+            record: false,
         }
     }
 }

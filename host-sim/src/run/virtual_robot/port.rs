@@ -1,24 +1,75 @@
-//! The serial port of the front board, where the host is.
+//! The serial ports of the boards, where the host is.
 
-use super::VirtualRobot;
+use super::axle::AxleBoard;
+use super::beam::BeamBoard;
+use super::{BOOT, VirtualRobot};
 use crate::base::error::Error;
-use crate::targets::lead_link::LeadLink;
+use crate::targets::HostCommand;
+use crate::targets::board_link::BoardLink;
 use crate::targets::serial_line::SerialLine;
 use core_algos::bus::CanFrame;
-use core_algos::time::TICK;
 use core_algos::topology::Role;
+use virtual_board::board::Board;
 
 impl VirtualRobot {
-    /// Sends what is due at the front board's serial port.
+    /// Watches the front board, or records all boards, and tells the lead node where the robot stands.
+    pub(super) fn open_links(&mut self, record: bool) -> Result<(), Error> {
+        self.recorded = record;
+        if record {
+            let others = self.roles.iter().filter(|role| **role != Role::Front);
+            self.others = others.map(|role| BoardLink::new(*role, 0)).collect();
+        }
+        for role in self.roles.clone() {
+            self.open_link(role);
+        }
+        // Recorded nodes begin anew before the experiment.
+        while record && !(self.are_links_settled() && self.waits_for().is_none()) {
+            self.ask()?;
+            self.advance()?;
+            self.answer()?;
+            if self.network.now() >= BOOT {
+                return Err(Error::Failure("the boards do not record".to_owned()));
+            }
+        }
+        Ok(())
+    }
+
+    /// Opens the link to a board that has just been started.
+    pub(super) fn open_link(&mut self, role: Role) {
+        let links = std::iter::once(&mut self.link).chain(&mut self.others);
+        for link in links.filter(|link| link.role() == role) {
+            link.open();
+            if self.recorded {
+                link.record();
+            }
+        }
+        if role == Role::Front {
+            self.link.command(&HostCommand::Place(self.place));
+        }
+    }
+
+    /// True if the boards have answered all, and those that are recorded have begun.
+    fn are_links_settled(&self) -> bool {
+        let recorded = |link: &BoardLink| link.is_settled() && link.is_recorded();
+        self.link.is_settled() && self.others.iter().all(recorded)
+    }
+
+    /// Sends what is due at the serial ports.
     pub(super) fn ask(&mut self) -> Result<(), Error> {
         let now = self.network.now();
-        if self.tools.is_off(Role::Front) {
-            return Ok(());
-        }
-        let bytes = self.link.to_send(self.tick * TICK)?;
-        let bytes = bytes.map(<[u8]>::to_vec);
-        if let (Some(bytes), Some(port)) = (bytes, self.serial(Role::Front)) {
-            port.send(&bytes, now);
+        for link in std::iter::once(&mut self.link).chain(&mut self.others) {
+            let role = link.role();
+            if self.tools.is_off(role) {
+                continue;
+            }
+            let Some(bytes) = link.to_send(now.micros())? else {
+                continue;
+            };
+            let place = self.roles.iter().position(|other| *other == role);
+            let board = place.and_then(|place| self.network.board(place));
+            if let Some(port) = board.and_then(|board| port(board, role)) {
+                port.send(bytes, now);
+            }
         }
         Ok(())
     }
@@ -29,13 +80,14 @@ impl VirtualRobot {
     }
 
     /// The link to the front board.
-    pub fn link(&mut self) -> &mut LeadLink {
+    pub fn link(&mut self) -> &mut BoardLink {
         &mut self.link
     }
 
-    /// The serial port of an axle's board.
+    /// The serial port of a board.
     pub fn serial(&mut self, role: Role) -> Option<&mut SerialLine> {
-        self.axle(role).map(|axle| &mut axle.serial)
+        let place = self.place(role)?;
+        port(self.network.board(place)?, role)
     }
 
     /// Switches all boards off or on.
@@ -47,10 +99,19 @@ impl VirtualRobot {
         }
     }
 
-    /// Takes what the front board sent at its serial port.
+    /// Takes what the boards sent at their serial ports.
     pub(super) fn answer(&mut self) -> Result<(), Error> {
         if !self.hosted {
             return Ok(());
+        }
+        for link in &mut self.others {
+            let role = link.role();
+            let place = self.roles.iter().position(|other| *other == role);
+            let board = place.and_then(|place| self.network.board(place));
+            if let Some(port) = board.and_then(|board| port(board, role)) {
+                link.take(&std::mem::take(&mut port.sent))?;
+                link.take_frames();
+            }
         }
         let port = self.serial(Role::Front);
         let sent = port.map(|port| std::mem::take(&mut port.sent));
@@ -59,9 +120,28 @@ impl VirtualRobot {
         {
             self.lead = latest.output;
             self.held = self.clock.held();
-            self.tools.lead(self.held);
         }
         self.reported = self.link.take_frames();
         Ok(())
+    }
+
+    /// Tells the observers what was recorded.
+    pub(super) fn publish(&mut self) {
+        let zero = self.clock.common(self.booted.micros());
+        for link in std::iter::once(&mut self.link).chain(&mut self.others) {
+            for event in link.take_events() {
+                for observer in &mut self.control.observers {
+                    observer.event(link.role(), zero, &event);
+                }
+            }
+        }
+    }
+}
+
+fn port(board: &mut Board, role: Role) -> Option<&mut SerialLine> {
+    let chip = board.chip();
+    match role {
+        Role::Beam => chip.circuit::<BeamBoard>().map(|beam| &mut beam.serial),
+        _ => chip.circuit::<AxleBoard>().map(|axle| &mut axle.serial),
     }
 }

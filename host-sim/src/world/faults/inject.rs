@@ -23,7 +23,7 @@ impl Readings {
     /// In the order of [`Role::ALL`].
     pub fn samples(&self) -> [Samples; 3] {
         let [front, rear] = self.axles.map(Samples::Axle);
-        [front, rear, Samples::Beam(self.counts)]
+        [front, rear, Samples::Beam(self.counts.into())]
     }
 }
 

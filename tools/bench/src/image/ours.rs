@@ -249,7 +249,7 @@ fn boards(counter: &mut Counter) {
             let samples = match role {
                 Role::Beam => {
                     let wave = (tick % 3) as i32;
-                    Samples::Beam([2048 + 40 + wave; MAX_GAUGES])
+                    Samples::Beam([2048 + 40 + wave; MAX_GAUGES].into())
                 }
                 _ => Samples::Axle(axle::Samples {
                     encoder: [Some(tick as i32 / 4), Some(tick as i32 / 5)],

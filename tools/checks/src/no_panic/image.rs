@@ -39,7 +39,7 @@ fn tick(board: &mut Board, outbox: &mut Outbox) {
     let samples = if black_box(false) {
         Samples::Axle(black_box(axle::Samples::default()))
     } else {
-        Samples::Beam(black_box([0; MAX_GAUGES]))
+        Samples::Beam(black_box([0; MAX_GAUGES]).into())
     };
     black_box(board.step(now, &samples, outbox));
     for message in outbox.iter() {

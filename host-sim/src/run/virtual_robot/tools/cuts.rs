@@ -40,6 +40,7 @@ impl VirtualRobot {
     /// Cuts power and switches it on where that is due.
     pub(super) fn switch_power(&mut self) {
         let tick = self.tick as u32;
+        let mut restarted = Vec::new();
         let cuts = &mut self.tools.cuts;
         for (place, &role) in self.roles.iter().enumerate() {
             let k = role as usize;
@@ -61,9 +62,8 @@ impl VirtualRobot {
                 (cuts.off[k], cuts.revivals[k]) = (false, None);
                 cuts.losses.restarted(tick, role);
                 self.tools.user.restarted(tick, role);
+                restarted.push(role);
                 if role == Role::Front {
-                    // It has forgotten its host.
-                    self.link.open(self.place);
                     let path = matches!(self.task, Task::Follow | Task::Track);
                     self.failure = path.then(|| {
                         "the front board was restarted: its path and its posture are lost"
@@ -71,6 +71,10 @@ impl VirtualRobot {
                     });
                 }
             }
+        }
+        // They have forgotten their host.
+        for role in restarted {
+            self.open_link(role);
         }
     }
 

@@ -22,8 +22,6 @@ use super::VirtualRobot;
 use crate::base::error::Error;
 use crate::run::robot::Robot;
 use crate::targets::{BoardTraffic, Event, Traffic};
-use core_algos::bus::CanFrame;
-use core_algos::time::{EPOCH, Micros};
 use core_algos::topology::Role;
 use cuts::Cuts;
 use debugger::{Debugger, Gdb};
@@ -52,10 +50,6 @@ pub(super) struct Tools {
     user: user::User,
     /// Frames that each board has put on the bus, and sendings of it that failed.
     traffic: [Traffic; 3],
-    /// Frames to be recorded, with their board.
-    frames: Vec<(Role, CanFrame)>,
-    /// Time of validity of the latest unrecorded estimate, µs since power on.
-    held: Option<Micros>,
 }
 
 impl Tools {
@@ -73,21 +67,9 @@ impl Tools {
         whole
     }
 
-    /// Records a sent frame.
-    pub fn keep(&mut self, role: Option<Role>, frame: &CanFrame) {
-        if let Some(role) = role {
-            self.frames.push((role, *frame));
-        }
-    }
-
     /// True if a board has no power.
     pub fn is_off(&self, role: Role) -> bool {
         self.cuts.is_off(role)
-    }
-
-    /// The lead node has stepped; its estimates hold at this time since power on, µs.
-    pub fn lead(&mut self, held: Option<Micros>) {
-        self.held = held;
     }
 }
 
@@ -142,26 +124,7 @@ impl VirtualRobot {
     /// After a tick of the experiment.
     pub(super) fn end_tick(&mut self) -> Result<(), Error> {
         self.watch_power();
-        let tick = self.tick as u32 - 1;
-        let frames = std::mem::take(&mut self.tools.frames);
-        let ends = self.now().is_multiple_of(EPOCH);
-        let observers = &mut self.control.observers;
-        for role in Role::ALL {
-            let sent = frames.iter().filter(|sent| sent.0 == role);
-            let frames: Vec<CanFrame> = sent.map(|sent| sent.1).collect();
-            if !frames.is_empty() {
-                let each = observers.iter_mut();
-                each.for_each(|observer| observer.frames(role, tick, frames.clone()));
-            }
-        }
-        if ends
-            && let Some(held) = self.tools.held.take()
-            && let Some(held) = held.checked_sub(self.booted.micros())
-        {
-            for observer in observers {
-                observer.lead(tick, held, &self.lead);
-            }
-        }
+        self.publish();
         self.show()
     }
 

@@ -1,8 +1,10 @@
-//! The front board of a robot that drives, at its serial port: orders for the lead node, its output, and the bus frames.
+//! A board of a robot that drives, at its serial port: bus frames and record; at the front board orders for the lead node,
+//! and its output.
 //!
-//! The link has no clock and no port: whoever has both calls [`LeadLink::take`] with the bytes that came and
-//! [`LeadLink::to_send`] for those to send.
+//! The link has no clock and no port: whoever has both calls [`BoardLink::take`] with the bytes that came and
+//! [`BoardLink::to_send`] for those to send.
 
+use super::board_record::{BoardEvent, BoardRecord};
 use super::remote::{complete, refused};
 use super::{Fault, HostCommand, Room};
 use crate::base::error::Error;
@@ -10,8 +12,9 @@ use core_algos::bus::CanFrame;
 use core_algos::link::framing::{Decoder, SerialFrame};
 use core_algos::link::lease::TERM;
 use core_algos::link::protocol::{
-    self, PROTOCOL, Packed, Place, Refusal, Reply, Request, Telemetry,
+    self, CONFIG_CHUNK, MAX_CONFIG, PROTOCOL, Packed, Refusal, Reply, Request, Telemetry,
 };
+use core_algos::link::record::{self, Entry};
 use core_algos::link::{Order, Stamp};
 use core_algos::node::lead::Task;
 use core_algos::time::Micros;
@@ -42,8 +45,8 @@ struct Pending {
 }
 
 /// The link.
-#[derive(Default)]
-pub struct LeadLink {
+pub struct BoardLink {
+    role: Role,
     decoder: Decoder,
     number: u8,
     waiting: VecDeque<Pending>,
@@ -52,6 +55,13 @@ pub struct LeadLink {
     /// Outputs since the latest answer to an order.
     outputs: u32,
     frames: Vec<CanFrame>,
+    /// Encoded configuration of the nodes, as far as it has come, and the record that it begins.
+    config: Vec<u8>,
+    record: Option<BoardRecord>,
+    /// Numbered orders that the board may tell of.
+    orders: VecDeque<(u16, Order)>,
+    /// Number of the latest report.
+    report: Option<u8>,
     /// Reports since the start.
     reports: u64,
     /// Requests that the board has answered.
@@ -66,26 +76,111 @@ pub struct LeadLink {
     leased: bool,
 }
 
-impl LeadLink {
+impl BoardLink {
     /// A link of a host that draws this number for its lease.
-    pub fn of_owner(owner: u16) -> Self {
+    pub fn new(role: Role, owner: u16) -> Self {
         Self {
+            role,
             owner,
-            ..Self::default()
+            decoder: Decoder::default(),
+            number: 0,
+            waiting: VecDeque::new(),
+            parts: Vec::new(),
+            latest: None,
+            outputs: 0,
+            frames: Vec::new(),
+            config: Vec::new(),
+            record: None,
+            orders: VecDeque::new(),
+            report: None,
+            reports: 0,
+            answered: 0,
+            lost: 0,
+            build: String::new(),
+            sequence: Arc::default(),
+            kept: None,
+            leased: false,
         }
     }
 
-    /// A link to a board that stands at a place. Whatever was asked before is forgotten.
-    pub fn open(&mut self, place: Place) {
-        let (number, owner, sequence) = (self.number, self.owner, self.sequence.clone());
+    /// Forgets whatever was asked before, and watches the board.
+    pub fn open(&mut self) {
+        let (number, sequence) = (self.number, self.sequence.clone());
         *self = Self {
             number,
-            owner,
             sequence,
-            ..Self::default()
+            ..Self::new(self.role, self.owner)
         };
         self.watch();
-        self.command(&HostCommand::Place(place));
+    }
+
+    /// Has the nodes of the board begin anew, and records them from there on.
+    pub fn record(&mut self) {
+        (self.config, self.record) = (Vec::new(), None);
+        for offset in (0..MAX_CONFIG as u16).step_by(CONFIG_CHUNK) {
+            self.ask("configuration", &Request::Configuration { offset });
+        }
+        let stamp = next_stamp(self.owner, &self.sequence);
+        self.ask("record", &Request::Record(stamp));
+    }
+
+    /// The board.
+    pub fn role(&self) -> Role {
+        self.role
+    }
+
+    /// True if the board is recorded.
+    pub fn is_recorded(&self) -> bool {
+        self.record.as_ref().is_some_and(BoardRecord::is_running)
+    }
+
+    /// Events of the record since the last call.
+    pub fn take_events(&mut self) -> Vec<BoardEvent> {
+        self.record.as_mut().map_or(Vec::new(), BoardRecord::take)
+    }
+
+    /// Takes a part of the configuration.
+    fn configured(&mut self, total: u16, bytes: &[u8]) -> Result<(), Error> {
+        self.config.extend_from_slice(bytes);
+        if bytes.is_empty() || self.config.len() < usize::from(total) {
+            return Ok(());
+        }
+        let config = postcard::from_bytes(&self.config).map_err(|error| {
+            Error::Failure(format!(
+                "{} board: configuration: {error}",
+                self.role.name()
+            ))
+        })?;
+        self.record = Some(BoardRecord::new(self.role, config));
+        Ok(())
+    }
+
+    /// Takes a report.
+    fn reported(&mut self, (sequence, lost): (u8, u16), entries: &[u8]) {
+        let before = self.report.replace(sequence);
+        let lost_before = std::mem::replace(&mut self.lost, lost);
+        self.reports += 1;
+        if let Some(record) = &mut self.record {
+            if before != Some(sequence.wrapping_sub(1)) {
+                record.end("a report was lost".to_owned());
+            } else if lost != lost_before {
+                record.end("the board had no room for all that happened".to_owned());
+            }
+        }
+        for entry in record::entries(entries) {
+            self.frames.extend(entry.frame());
+            let Some(record) = &mut self.record else {
+                continue;
+            };
+            let Entry::Carried(number) = entry else {
+                record.put(&entry);
+                continue;
+            };
+            match self.orders.iter().find(|(sent, _)| *sent == number) {
+                Some((_, order)) => record.put(&Entry::Order(*order)),
+                None => record.end("an order of another program was carried out".to_owned()),
+            }
+        }
     }
 
     /// Has the board send a frame of a service tool on the bus.
@@ -124,7 +219,11 @@ impl LeadLink {
         for order in command.orders() {
             let stamp = self.stamp();
             self.ask(what, &Request::Order { stamp, order });
+            self.orders.push_back((stamp.sequence, order));
         }
+        // Those that wait, and the latest of those before.
+        let most = 2 * self.waiting.len() + 64;
+        self.orders.drain(..self.orders.len().saturating_sub(most));
         self.outputs = 0;
     }
 
@@ -252,7 +351,8 @@ impl LeadLink {
         }
         if pending.attempts == ATTEMPTS {
             return Err(Error::Failure(format!(
-                "front board: {}: no answer at its serial port in {} s",
+                "{} board: {}: no answer at its serial port in {} s",
+                self.role.name(),
                 pending.what,
                 Micros::from(ATTEMPTS) * REPEAT / 1_000_000
             )));
@@ -263,76 +363,90 @@ impl LeadLink {
 
     /// Takes bytes that came; gives whether an output of the lead node is complete.
     pub fn take(&mut self, bytes: &[u8]) -> Result<bool, Error> {
+        let decoder = &mut self.decoder;
+        let payload = |&byte: &u8| decoder.take_byte(byte).map(<[u8]>::to_vec);
+        let payloads: Vec<Vec<u8>> = bytes.iter().filter_map(payload).collect();
         let mut complete = false;
-        for &byte in bytes {
-            let Some(payload) = self.decoder.take_byte(byte) else {
-                continue;
-            };
-            let Some((number, reply)) = protocol::decode::<Reply>(payload) else {
-                continue;
-            };
-            if let Reply::Report {
-                lost,
-                bus,
-                offset,
-                telemetry,
-            } = reply
-            {
-                self.lost = lost;
-                self.reports += 1;
-                self.frames.extend(protocol::unpack(bus));
-                let part = (usize::from(offset), telemetry);
-                complete |= Self::join(&mut self.parts, part, &mut self.latest);
-                self.outputs += u32::from(complete);
-                continue;
-            }
-            let pending = self.waiting.front();
-            if let Some((what, repeated)) = pending
-                .filter(|it| it.number == number)
-                .map(|pending| (pending.what, pending.attempts > 1))
-            {
-                self.waiting.pop_front();
-                if what != LEASE {
-                    self.outputs = 0;
+        for payload in &payloads {
+            match protocol::decode::<Reply>(payload) {
+                Some((
+                    _,
+                    Reply::Report {
+                        sequence,
+                        lost,
+                        entries,
+                        offset,
+                        telemetry,
+                    },
+                )) => {
+                    self.reported((sequence, lost), entries);
+                    complete |= self.told((usize::from(offset), telemetry));
                 }
-                match reply {
-                    Reply::Done => {}
-                    // It was carried out, and its answer was lost.
-                    Reply::Refused(Refusal::OldOrder) if repeated => {}
-                    Reply::Hello {
-                        protocol,
-                        role,
-                        build,
-                        counters,
-                        session,
-                        ..
-                    } => {
-                        self.build = build.to_owned();
-                        greeted(protocol, role, build)?;
-                        if session {
-                            return Err(Error::Failure(
-                                "front board: it is in a session of another program, which ends after 60 s of \
-                                 silence"
-                                    .to_owned(),
-                            ));
-                        }
-                        // The board counts from its start.
-                        if counters.received < self.answered {
-                            return Err(Error::Failure(
-                                "front board: it was restarted, and its place and its task are lost: start the run again"
-                                    .to_owned(),
-                            ));
-                        }
-                    }
-                    other => {
-                        self.leased |= matches!(other, Reply::Refused(Refusal::Leased));
-                        return Err(failure(what, other));
-                    }
-                }
-                self.answered = self.answered.saturating_add(1);
+                Some((number, reply)) => self.replied(number, reply)?,
+                None => {}
             }
         }
         Ok(complete)
+    }
+
+    /// Takes a part of the lead node's output; gives whether the output is complete.
+    fn told(&mut self, part: (usize, &[u8])) -> bool {
+        let complete = Self::join(&mut self.parts, part, &mut self.latest);
+        self.outputs += u32::from(complete);
+        if let (true, Some(record), Some(latest)) = (complete, &mut self.record, &self.latest) {
+            record.lead(latest.tick, &latest.output);
+        }
+        complete
+    }
+
+    /// Takes a reply.
+    fn replied(&mut self, number: u8, reply: Reply) -> Result<(), Error> {
+        let pending = self.waiting.front();
+        let Some((what, repeated)) = pending
+            .filter(|it| it.number == number)
+            .map(|pending| (pending.what, pending.attempts > 1))
+        else {
+            return Ok(());
+        };
+        self.waiting.pop_front();
+        if what != LEASE {
+            self.outputs = 0;
+        }
+        match reply {
+            Reply::Done => {}
+            // It was carried out, and its answer was lost.
+            Reply::Refused(Refusal::OldOrder) if repeated => {}
+            Reply::Configuration { total, bytes } => self.configured(total, bytes)?,
+            Reply::Hello {
+                protocol,
+                role,
+                build,
+                counters,
+                session,
+                ..
+            } => {
+                self.build = build.to_owned();
+                greeted(protocol, (self.role, role), build)?;
+                let name = role.name();
+                if session {
+                    return Err(Error::Failure(format!(
+                        "{name} board: it is in a session of another program, which ends after 60 s of silence"
+                    )));
+                }
+                // The board counts from its start.
+                if counters.received < self.answered {
+                    return Err(Error::Failure(format!(
+                        "{name} board: it was restarted, and its place and its task are lost: start the run again"
+                    )));
+                }
+            }
+            other => {
+                self.leased |= matches!(other, Reply::Refused(Refusal::Leased));
+                return Err(failure(self.role, what, other));
+            }
+        }
+        self.answered = self.answered.saturating_add(1);
+        Ok(())
     }
 
     /// Appends a part of an output; a part that does not follow is dropped with those before it.
@@ -361,26 +475,28 @@ fn next_stamp(owner: u16, sequence: &AtomicU16) -> Stamp {
     Stamp { owner, sequence }
 }
 
-fn greeted(protocol: u16, role: Role, build: &str) -> Result<(), Error> {
+fn greeted(protocol: u16, (wanted, role): (Role, Role), build: &str) -> Result<(), Error> {
+    let name = wanted.name();
     if protocol != PROTOCOL {
         return Err(Error::input(format!(
-            "front board: its image ({build}) has protocol version {protocol}, this program version {PROTOCOL}: \
+            "{name} board: its image ({build}) has protocol version {protocol}, this program version {PROTOCOL}: \
              flash the image of this version"
         )));
     }
-    if role != Role::Front {
+    if role != wanted {
         return Err(Error::input(format!(
-            "--on serial:front: this port leads to the {} board: check ports and strap",
+            "--on serial:{name}: this port leads to the {} board: check ports and strap",
             role.name()
         )));
     }
     Ok(())
 }
 
-fn failure(what: &str, reply: Reply) -> Error {
-    match refused(Role::Front, what, reply) {
+fn failure(role: Role, what: &str, reply: Reply) -> Error {
+    let name = role.name();
+    match refused(role, what, reply) {
         Fault::Fatal(error) => error,
-        Fault::Silent(why) => Error::Failure(format!("front board: {what}: {why}")),
-        Fault::Restarted => Error::Failure(format!("front board: {what}: it was restarted")),
+        Fault::Silent(why) => Error::Failure(format!("{name} board: {what}: {why}")),
+        Fault::Restarted => Error::Failure(format!("{name} board: {what}: it was restarted")),
     }
 }

@@ -1,0 +1,251 @@
+//! Inputs and outputs of a board's nodes while it drives, as a host at its port records them.
+//!
+//! A board sends entries in the order in which its tick met them: frames that arrived, orders, the tick with its
+//! samples and torques, frames that were sent. From [`Entry::Begin`] on, and as long as none is lost, they are all that
+//! the nodes depend on: the same nodes do the same again, bit by bit.
+
+use super::order::Order;
+use crate::beam::MAX_GAUGES;
+use crate::bus::CanFrame;
+use crate::node::board::Samples;
+use crate::node::{axle, beam};
+use crate::time::{Micros, TICK};
+use serde::{Deserialize, Serialize};
+
+/// Longest encoded entry: an order that sets the posture.
+pub const MAX_ENTRY: usize = 112;
+
+/// Event at a board.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Entry<'a> {
+    /// Identifier and data of a frame that the tick took from the bus, or that the board sends.
+    Frame(u16, &'a [u8]),
+    /// Tick of the nodes. They got the frames of other boards since the tick before, and the frames that they sent at it.
+    Tick {
+        /// Ticks since the one before.
+        step: u32,
+        /// Samples; counts are those since the tick before.
+        samples: Samples,
+        /// Torques commanded (left, right), N m, unless both are zero.
+        torque_nm: Option<[f32; 2]>,
+    },
+    /// Tick without a common time: the nodes did not run, and did not get the frames since the tick before.
+    Wait,
+    /// Order of the board itself that was carried out before the next tick.
+    Order(Order),
+    /// Number of the order of a host that was carried out before the next tick.
+    Carried(u16),
+    /// The nodes began anew before this tick, ms.
+    Begin {
+        /// The tick that comes next, ms.
+        tick: u32,
+    },
+    /// The nodes are no longer those of the board's configuration.
+    End,
+}
+
+impl<'a> Entry<'a> {
+    /// The entry of a frame.
+    pub fn of(frame: &'a CanFrame) -> Self {
+        Self::Frame(frame.id, frame.bytes())
+    }
+
+    /// The frame, if the entry is one.
+    pub fn frame(&self) -> Option<CanFrame> {
+        let Self::Frame(id, bytes) = *self else {
+            return None;
+        };
+        let mut data = [0; 8];
+        data.get_mut(..bytes.len())?.copy_from_slice(bytes);
+        let length = bytes.len() as u8;
+        Some(CanFrame { id, length, data })
+    }
+
+    /// Encodes it.
+    pub fn encode<'b>(&self, room: &'b mut [u8]) -> Option<&'b [u8]> {
+        postcard::to_slice(self, room).ok().map(|used| &*used)
+    }
+}
+
+/// Entries of a report; ends at the first that cannot be decoded.
+pub fn entries(mut bytes: &[u8]) -> impl Iterator<Item = Entry<'_>> {
+    core::iter::from_fn(move || {
+        let (entry, rest) = postcard::take_from_bytes(bytes).ok()?;
+        bytes = rest;
+        Some(entry)
+    })
+}
+
+/// The latest tick and its counts, against which the next one is encoded.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Reference {
+    tick: u32,
+    counts: [i32; MAX_GAUGES],
+}
+
+impl Reference {
+    /// The nodes begin anew; their first tick is that of `now`.
+    pub fn begin(&mut self, now: Micros) -> Entry<'static> {
+        let tick = (now / TICK) as u32;
+        *self = Self::before(tick);
+        Entry::Begin { tick }
+    }
+
+    /// The reference of the first tick of nodes that began anew.
+    pub fn before(tick: u32) -> Self {
+        Self {
+            tick: tick.wrapping_sub(1),
+            counts: [0; MAX_GAUGES],
+        }
+    }
+
+    /// The entry of a tick.
+    pub fn tick(&mut self, now: Micros, samples: &Samples, torque_nm: [f32; 2]) -> Entry<'static> {
+        let tick = (now / TICK) as u32;
+        let step = tick.wrapping_sub(self.tick);
+        self.tick = tick;
+        let samples = self.each(samples, |before, count| {
+            let since = count.wrapping_sub(*before);
+            *before = count;
+            since
+        });
+        let none = torque_nm.map(f32::to_bits) == [0; 2];
+        Entry::Tick {
+            step,
+            samples,
+            torque_nm: (!none).then_some(torque_nm),
+        }
+    }
+
+    /// Tick, ms, and samples of an entry.
+    pub fn resolve(&mut self, step: u32, samples: &Samples) -> (u32, Samples) {
+        self.tick = self.tick.wrapping_add(step);
+        let samples = self.each(samples, |before, since| {
+            *before = before.wrapping_add(since);
+            *before
+        });
+        (self.tick, samples)
+    }
+
+    fn each(&mut self, samples: &Samples, change: impl Fn(&mut i32, i32) -> i32) -> Samples {
+        let [left, right, ..] = &mut self.counts;
+        match *samples {
+            Samples::Axle(axle::Samples {
+                encoder: [of_left, of_right],
+                ..
+            }) => {
+                let encoder = [
+                    of_left.map(|count| change(left, count)),
+                    of_right.map(|count| change(right, count)),
+                ];
+                match *samples {
+                    Samples::Axle(rest) => Samples::Axle(axle::Samples { encoder, ..rest }),
+                    other => other,
+                }
+            }
+            Samples::Beam(rest) => {
+                let mut counts = rest.counts;
+                for (count, before) in counts.iter_mut().zip(&mut self.counts) {
+                    *count = change(before, *count);
+                }
+                Samples::Beam(beam::Samples { counts, ..rest })
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fusion::Estimate;
+    use crate::link::order::Place;
+    use crate::math::Posture;
+    use crate::safety::{Condition, Conditions};
+
+    #[test]
+    fn longest_entries_fit() {
+        let sure = Estimate::with_sigmas(Posture::new(1.0, 2.0, 3.0), [0.5; 3]);
+        let place = Order::Place(Place {
+            center: sure,
+            relative: sure,
+        });
+        let widest = |samples| Entry::Tick {
+            step: u32::MAX,
+            samples,
+            torque_nm: Some([1.0; 2]),
+        };
+        let beam = beam::Samples {
+            counts: [i32::MIN; MAX_GAUGES],
+            conditions: Condition::ALL
+                .into_iter()
+                .fold(Conditions::NONE, |all, one| all.with(one, true)),
+        };
+        let mut longest = 0;
+        for entry in [Entry::Order(place), widest(Samples::Beam(beam))] {
+            let mut room = [0; MAX_ENTRY];
+            let bytes = entry.encode(&mut room).unwrap();
+            assert_eq!(entries(bytes).next(), Some(entry));
+            longest = longest.max(bytes.len());
+        }
+        assert!(longest > MAX_ENTRY - 16, "{longest}");
+    }
+
+    #[test]
+    fn ticks_are_resolved_as_they_were() {
+        let axle = |left, right, conditions| {
+            Samples::Axle(axle::Samples {
+                encoder: [left, right],
+                gyro_rad_s: Some(0.25),
+                acceleration_m_s2: None,
+                conditions,
+            })
+        };
+        let none = Conditions::NONE;
+        let samples = [
+            (70_000, axle(Some(i32::MAX), Some(-3), none)),
+            (70_001, axle(Some(i32::MIN), None, none)),
+            (70_004, axle(Some(5), Some(-7), none)),
+            (
+                70_005,
+                Samples::Beam([9, -9, 2_000_000, 0, 1, 2, 3, 4].into()),
+            ),
+        ];
+        let mut board = Reference::default();
+        let Entry::Begin { tick } = board.begin(70_000 * TICK) else {
+            unreachable!()
+        };
+        let mut host = Reference::before(tick);
+        for (tick, samples) in samples {
+            let entry = board.tick(tick * TICK, &samples, [1.0, -2.0]);
+            let mut room = [0; MAX_ENTRY];
+            let bytes = entry.encode(&mut room).unwrap();
+            let Some(Entry::Tick {
+                step,
+                samples: since,
+                torque_nm: Some([1.0, -2.0]),
+            }) = entries(bytes).next()
+            else {
+                panic!("{entry:?}")
+            };
+            assert_eq!(host.resolve(step, &since), (tick as u32, samples));
+        }
+        assert_eq!(board, host);
+    }
+
+    #[test]
+    fn frames_come_back_and_a_cut_entry_ends_the_rest() {
+        let frame = CanFrame {
+            id: 0x7ff,
+            length: 3,
+            data: [1, 2, 3, 0, 0, 0, 0, 0],
+        };
+        let mut bytes = Vec::new();
+        for entry in [Entry::of(&frame), Entry::Wait, Entry::of(&frame)] {
+            bytes.extend_from_slice(entry.encode(&mut [0; MAX_ENTRY]).unwrap());
+        }
+        let frames: Vec<_> = entries(&bytes).map(|entry| entry.frame()).collect();
+        assert_eq!(frames, [Some(frame), None, Some(frame)]);
+        assert_eq!(entries(&bytes[..bytes.len() - 1]).count(), 2);
+        assert_eq!(Entry::Frame(1, &[0; 9]).frame(), None);
+    }
+}

@@ -1,0 +1,191 @@
+//! Entries of a board's reports put together again: what its nodes got and did, tick by tick.
+
+use super::HostCommand;
+use crate::bus::virtual_bus::sender;
+use core_algos::bus::{self, CanFrame, Message};
+use core_algos::link::record::{Entry, Reference};
+use core_algos::node::board::Samples;
+use core_algos::node::lead;
+use core_algos::node::robot::RobotConfig;
+use core_algos::topology::Role;
+
+/// Event at a board that is recorded. Times are ticks of the boards, ms.
+#[derive(Clone, Debug, PartialEq)]
+pub enum BoardEvent {
+    /// The nodes began anew before this tick.
+    Begin(u32, Box<RobotConfig>),
+    /// A command was carried out before this tick.
+    Command(u32, HostCommand),
+    /// A tick.
+    Tick(Box<BoardTick>),
+    /// Output of the lead node at this tick.
+    Lead(u32, Box<lead::Output>),
+    /// The record ends before this tick.
+    End(u32, String),
+}
+
+/// Tick of a board.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BoardTick {
+    /// Time, ms.
+    pub tick: u32,
+    /// Samples.
+    pub samples: Samples,
+    /// Torques commanded (left, right), N m.
+    pub torque_nm: [f32; 2],
+    /// Frames that the nodes got before it.
+    pub received: Vec<CanFrame>,
+    /// Frames that the board sent from it on.
+    pub sent: Vec<CanFrame>,
+}
+
+/// True for a frame of the nodes; the others are those of drivers and clock.
+pub fn is_of_nodes(frame: &CanFrame) -> bool {
+    !matches!(
+        bus::decode(frame),
+        Err(_)
+            | Ok(Message::TimeSync { .. }
+                | Message::BoardHealth { .. }
+                | Message::BoardIdentity { .. }
+                | Message::BeamCalibrated { .. })
+    )
+}
+
+/// The record of a board.
+#[derive(Clone, Debug)]
+pub struct BoardRecord {
+    role: Role,
+    config: Box<RobotConfig>,
+    /// Set from the beginning of the nodes on, until the record ends.
+    nodes: Option<Nodes>,
+    events: Vec<BoardEvent>,
+}
+
+/// State of a record.
+#[derive(Clone, Debug)]
+struct Nodes {
+    reference: Reference,
+    /// The tick that comes next, ms.
+    next: u32,
+    /// The latest tick; its frames are still being sent.
+    open: Option<Box<BoardTick>>,
+    /// Frames that the nodes get before the next tick: their own, and those of others.
+    own: Vec<CanFrame>,
+    received: Vec<CanFrame>,
+    /// Frames of drivers and clock that are sent before the next tick.
+    early: Vec<CanFrame>,
+}
+
+impl BoardRecord {
+    /// The record of a board whose nodes have this configuration; it begins when they do.
+    pub fn new(role: Role, config: RobotConfig) -> Self {
+        Self {
+            role,
+            config: Box::new(config),
+            nodes: None,
+            events: Vec::new(),
+        }
+    }
+
+    /// True from the beginning of the nodes on.
+    pub fn is_running(&self) -> bool {
+        self.nodes.is_some()
+    }
+
+    /// Events since the last call.
+    pub fn take(&mut self) -> Vec<BoardEvent> {
+        std::mem::take(&mut self.events)
+    }
+
+    /// Ends the record.
+    pub fn end(&mut self, reason: String) {
+        self.close();
+        if let Some(nodes) = self.nodes.take() {
+            self.events.push(BoardEvent::End(nodes.next, reason));
+        }
+    }
+
+    /// Output of the lead node.
+    pub fn lead(&mut self, tick: u32, output: &lead::Output) {
+        if self.is_running() {
+            let output = Box::new(*output);
+            self.events.push(BoardEvent::Lead(tick, output));
+        }
+    }
+
+    /// The tick is whole.
+    fn close(&mut self) {
+        if let Some(nodes) = &mut self.nodes
+            && let Some(tick) = nodes.open.take()
+        {
+            // The beam node does not read what it sends.
+            let own = tick.sent.iter().filter(|frame| is_of_nodes(frame)).copied();
+            nodes.own = match self.role {
+                Role::Beam => Vec::new(),
+                _ => own.collect(),
+            };
+            nodes.next = tick.tick + 1;
+            self.events.push(BoardEvent::Tick(tick));
+        }
+    }
+
+    /// Takes the next entry.
+    pub fn put(&mut self, entry: &Entry) {
+        let own = entry.frame().map(|frame| (frame, sender(&frame)));
+        if !matches!(own, Some((_, Some(role))) if role == self.role) {
+            self.close();
+        }
+        match *entry {
+            Entry::Begin { tick } => {
+                let config = self.config.clone();
+                self.events.push(BoardEvent::Begin(tick, config));
+                self.nodes = Some(Nodes {
+                    reference: Reference::before(tick),
+                    next: tick,
+                    open: None,
+                    own: Vec::new(),
+                    received: Vec::new(),
+                    early: Vec::new(),
+                });
+            }
+            Entry::End => self.end("its nodes are no longer those of its start".to_owned()),
+            _ => {}
+        }
+        let Some(nodes) = &mut self.nodes else {
+            return;
+        };
+        match *entry {
+            Entry::Frame(..) => match (own, &mut nodes.open) {
+                (Some((frame, _)), Some(open)) => open.sent.push(frame),
+                (Some((frame, from)), None) if from == Some(self.role) => nodes.early.push(frame),
+                (Some((frame, _)), None) => nodes.received.push(frame),
+                (None, _) => {}
+            },
+            Entry::Wait => {
+                nodes.own.clear();
+                nodes.received.clear();
+            }
+            Entry::Order(order) => {
+                let command = BoardEvent::Command(nodes.next, HostCommand::from(order));
+                self.events.push(command);
+            }
+            Entry::Tick {
+                step,
+                samples,
+                torque_nm,
+            } => {
+                let (tick, samples) = nodes.reference.resolve(step, &samples);
+                let mut received = std::mem::take(&mut nodes.own);
+                received.append(&mut nodes.received);
+                nodes.open = Some(Box::new(BoardTick {
+                    tick,
+                    samples,
+                    torque_nm: torque_nm.unwrap_or_default(),
+                    received,
+                    sent: std::mem::take(&mut nodes.early),
+                }));
+            }
+            Entry::Begin { .. } | Entry::End | Entry::Carried(_) => {}
+        }
+    }
+}
