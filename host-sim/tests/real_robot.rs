@@ -360,6 +360,26 @@ fn robot_brakes_while_its_cable_is_out() {
     assert!(notices.contains(Condition::CommanderSilent));
 }
 
+/// A robot whose host is gone without a word stops on its way to its goal.
+#[test]
+fn robot_stops_when_its_host_is_lost() {
+    let folder = tempfile::tempdir().unwrap();
+    let bench = Bench::at_origin(false);
+    let mut host = bench
+        .command(folder.path(), "drive goto 4 0 0 --from 0,0,0")
+        .spawn()
+        .unwrap();
+    thread::sleep(Duration::from_secs(6));
+    host.kill().unwrap();
+    host.wait().unwrap();
+    thread::sleep(Duration::from_secs(4));
+    let robot = bench.robot();
+    let [x, _, _] = robot.record().midpoint;
+    assert!((0.2..1.8).contains(&x), "{x}");
+    let notices = robot.monitor().noticed(Node::Lead);
+    assert!(robot.speed() < 0.01 && notices.contains(Condition::CommanderSilent));
+}
+
 /// A robot that was switched off and on has no task any more: the run ends and says so.
 #[test]
 fn a_robot_without_power_for_a_moment_ends_the_run() {

@@ -8,7 +8,7 @@ import serial
 from cobs import cobs
 from crc32c import crc32c
 
-PROTOCOL, HELLO, ORDER, RELEASE, WATCH = 12, 0, 5, 7, 16
+PROTOCOL, HELLO, ORDER, KEEP, RELEASE, WATCH = 12, 0, 5, 6, 7, 16
 PLACE, TASK, IDLE, REGULATE = 0, 1, 0, 3
 REFUSED, REPORT = 5, 10
 NOTHING = bytearray(2)
@@ -59,10 +59,13 @@ def main(path, x, y, phi):
     board.ask([WATCH])
     board.order([PLACE], struct.pack("<24f", 0, 0, 0, *sigmas, 0.37, 0, 0, *sigmas))
     board.order([TASK, REGULATE], struct.pack("<3f", x, y, phi))
-    until, near = time.monotonic() + 60, 0
+    until, near, kept = time.monotonic() + 60, 0, 0
     try:
         while time.monotonic() < until and near < 500:
             board.receive()
+            if time.monotonic() > kept + 0.25:  # without it the robot stops after 1 s
+                board.ask([KEEP, board.owner, board.number])
+                kept = time.monotonic()
             near = near + 1 if board.posture and abs(complex(*board.posture[:2]) - complex(x, y)) < 0.01 else 0
     finally:
         board.order([TASK, IDLE])

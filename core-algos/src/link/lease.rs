@@ -1,6 +1,6 @@
 //! Lease: one host at a time commands the robot, any number may watch.
 //!
-//! The first order of a host takes the lease, each further order renews it. It ends when the host releases it, or after
+//! The first order of a host takes the lease, each further order renews it. It ends when the host releases it, or lapses after
 //! [`TERM`] without an order.
 
 use crate::time::Micros;
@@ -31,6 +31,7 @@ pub enum Denied {
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Lease {
     latest: Option<(Stamp, Micros)>,
+    held: bool,
 }
 
 impl Lease {
@@ -46,13 +47,21 @@ impl Lease {
                 _ => {}
             }
         }
-        self.latest = Some((stamp, now));
+        (self.latest, self.held) = (Some((stamp, now)), true);
         Ok(())
+    }
+
+    /// True once after a lease that lapsed.
+    pub fn take_lapsed(&mut self, now: Micros) -> bool {
+        let lapsed = |(_, renewed)| now.saturating_sub(renewed) > TERM;
+        let lapsed = self.held && self.latest.is_some_and(lapsed);
+        self.held &= !lapsed;
+        lapsed
     }
 
     /// Ends the lease.
     pub fn release(&mut self) {
-        self.latest = None;
+        (self.latest, self.held) = (None, false);
     }
 }
 
@@ -78,6 +87,19 @@ mod tests {
         );
         lease.release();
         assert_eq!(lease.admit(began + 2 * TERM + 3, stamp(1, 9)), Ok(()));
+    }
+
+    #[test]
+    fn lease_lapses_once_and_not_after_its_release() {
+        let mut lease = Lease::default();
+        assert!(!lease.take_lapsed(9 * TERM));
+        assert_eq!(lease.admit(0, stamp(1, 7)), Ok(()));
+        assert!(!lease.take_lapsed(TERM));
+        assert!(lease.take_lapsed(TERM + 1));
+        assert!(!lease.take_lapsed(TERM + 2));
+        assert_eq!(lease.admit(2 * TERM, stamp(1, 8)), Ok(()));
+        lease.release();
+        assert!(!lease.take_lapsed(9 * TERM));
     }
 
     #[test]

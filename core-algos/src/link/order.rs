@@ -41,6 +41,8 @@ pub enum Order {
         /// True if they are the last.
         end: bool,
     },
+    /// The host that commands is lost: a robot that drives stops.
+    Lost,
 }
 
 impl Order {
@@ -54,6 +56,7 @@ impl Order {
         };
         match self {
             Self::Place(place) => lead.initialize(&place.center, &place.relative),
+            Self::Lost => lead.lose_commander(),
             Self::Task(task) => {
                 let finite = match *task {
                     Task::Regulate { goal } => goal.is_finite(),

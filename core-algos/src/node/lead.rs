@@ -142,6 +142,8 @@ pub struct State {
     gave_up: bool,
     /// Time since the latest command.
     silent: Micros,
+    /// The host that gave the task was lost: the robot stops.
+    lost: bool,
     /// Goal of the latest regulation.
     goal: Option<Posture>,
     /// Time for which the motors have held the robot where it is.
@@ -157,7 +159,7 @@ pub struct State {
 impl State {
     /// True if the host that drives the robot is silent.
     fn is_silent(&self) -> bool {
-        matches!(self.task, Task::Drive { .. }) && self.silent >= DEAD_MAN
+        self.lost || matches!(self.task, Task::Drive { .. }) && self.silent >= DEAD_MAN
     }
 }
 
@@ -244,7 +246,7 @@ impl LeadNode {
             self.state.goal = Some(goal);
         }
         (self.state.done, self.state.gave_up) = (false, false);
-        self.state.silent = 0;
+        (self.state.silent, self.state.lost) = (0, false);
         self.state.memory = Memory::default();
         // A path goes on after its faults were cleared.
         if !matches!(task, Task::Follow | Task::Track | Task::Clear) {
@@ -252,6 +254,14 @@ impl LeadNode {
         }
         self.state.released = false;
         self.path_task.restart();
+    }
+
+    /// The host that commands is lost: a robot that drives stops, and its task is not done.
+    pub fn lose_commander(&mut self) {
+        if !matches!(self.state.task, Task::Idle | Task::Stop | Task::Clear) && !self.state.done {
+            self.command(Task::Stop);
+            self.state.lost = true;
+        }
     }
 
     /// Operating state of the node, and its reason.
@@ -399,7 +409,7 @@ impl LeadNode {
             motion,
             phase: decision.phase,
             target: decision.target,
-            done: decision.done,
+            done: decision.done && !self.state.lost,
         }
     }
 

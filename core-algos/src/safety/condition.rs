@@ -126,7 +126,7 @@ conditions! {
     EstimateVague = 0x0e bit 38 "estimate vague" 200 ms:
         "the standard deviation of the robot's posture exceeds its bound"; "add position fixes, or drive a shorter path".
     CommanderSilent = 0x0f bit 39 "commander silent" 0 ms:
-        "no speed command arrived for 200 ms; the robot stops"; "check the cable to the computer".
+        "no speed command for 200 ms, or nothing from the commanding host for 1 s; the robot stops"; "check the cable to the computer".
     GaveUp = 0x10 bit 3 "gave up" 0 ms:
         "the robot did not reach its goal in the allowed attempts"; "calibrate, add position fixes, or choose a nearer goal".
     BeamLost = 0x40 bit 13 "relative position sensor lost" 50 ms:

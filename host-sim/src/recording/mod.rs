@@ -340,6 +340,7 @@ fn in_words(command: &HostCommand) -> String {
             let at = place.center.posture;
             format!("posture {} m, {} m, {} rad", at.x, at.y, at.phi)
         }
+        HostCommand::Lost => "host lost".to_owned(),
         HostCommand::Path(points, end) => list(points.len(), "path", *end),
         HostCommand::Trajectory(points, end) => list(points.len(), "trajectory", *end),
     }

@@ -1,7 +1,7 @@
 //! A real robot behind the serial port of its front board. Its true state is not known.
 //!
-//! Time is the computer's. The board needs no host to drive: when the run ends, or is dropped, the host stops the robot
-//! and has its motors switched off. A port that closes is opened again: the robot has gone on with its task meanwhile.
+//! Time is the computer's. When the run ends, or is dropped, the host stops the robot and has its motors switched off. A
+//! port that closes is opened again: the robot goes on with its task for the time of the lease, then it stops.
 
 use crate::base::error::Error;
 use crate::base::interrupt;
@@ -18,7 +18,7 @@ use core_algos::link::lease::TERM;
 use core_algos::link::protocol::Place;
 use core_algos::node::lead::{self, Task};
 use core_algos::node::robot::RobotConfig;
-use core_algos::safety::{OperatingState, Permit};
+use core_algos::safety::{Condition, OperatingState, Permit};
 use core_algos::time::{Micros, TICK};
 use core_algos::topology::{Node, Role};
 use std::io::Write;
@@ -28,7 +28,7 @@ use std::time::{Duration, Instant};
 /// Longest time without a report of the board before its port is opened again, µs.
 const SILENCE: Micros = 1_000_000;
 /// Time between attempts to open it, µs, and the longest time without a report before the run ends.
-const ATTEMPT: Micros = 250_000;
+const ATTEMPT: Micros = 100_000;
 const PATIENCE: Micros = 10_000_000;
 /// Delay from which on lost ticks are left out.
 const HELD_UP: Duration = Duration::from_millis(50);
@@ -86,6 +86,8 @@ pub struct SerialRobot {
     opened: Micros,
     reconnected: u32,
     lead: lead::Output,
+    /// The latest task.
+    task: Task,
     monitor: Monitor,
     frames: u64,
     control: RunControl,
@@ -112,6 +114,7 @@ impl SerialRobot {
             opened: 0,
             reconnected: 0,
             lead: lead::Output::default(),
+            task: Task::Idle,
             monitor: Monitor::default(),
             frames: 0,
             control: RunControl::default(),
@@ -259,8 +262,7 @@ impl SerialRobot {
         let now = self.now();
         if now.saturating_sub(self.heard) > PATIENCE {
             return Err(Error::Failure(format!(
-                "front board: silent at its serial port for {} s: the robot goes on with its task; press its button \
-                 to stop it",
+                "front board: silent at its serial port for {} s: the robot stopped by itself",
                 PATIENCE / 1_000_000
             )));
         }
@@ -411,6 +413,9 @@ impl Robot for SerialRobot {
     }
 
     fn command(&mut self, command: &HostCommand) -> Result<(), Error> {
+        if let HostCommand::Task(task) = command {
+            self.task = *task;
+        }
         self.link.command(command);
         Ok(())
     }
@@ -424,6 +429,19 @@ impl Robot for SerialRobot {
     }
 
     fn failure(&self) -> Option<String> {
+        // A speed that is no longer given has this notice, too.
+        let ends_itself = matches!(
+            self.task,
+            Task::Regulate { .. } | Task::Follow | Task::Track
+        );
+        let lead = self.monitor.latest(Node::Lead);
+        let lost = lead.is_some_and(|lead| lead.notices.contains(Condition::CommanderSilent));
+        if ends_itself && lost && self.link.is_settled() && self.link.is_fresh() {
+            let term = TERM / 1_000_000;
+            return Some(format!(
+                "the board was without a host for {term} s, and the robot stopped"
+            ));
+        }
         self.monitor.fault_since(Node::Lead)?;
         self.monitor.why_stopped()
     }

@@ -28,7 +28,7 @@ const REPEAT: Micros = 250_000;
 /// Times that a request is sent before the board counts as silent.
 const ATTEMPTS: u32 = 20;
 /// Time between renewals of the lease, µs.
-const RENEW: Micros = TERM / 4;
+const RENEW: Micros = TERM / 8;
 /// Subjects of requests that are treated differently: see [`HostCommand::subject`].
 const SPEED: &str = "speed";
 const LEASE: &str = "lease";
@@ -205,6 +205,11 @@ impl BoardLink {
     pub fn rejoin(&mut self) {
         for pending in &mut self.waiting {
             (pending.sent, pending.attempts) = (None, 0);
+        }
+        if self.kept.is_some() && self.waiting.is_empty() {
+            // Before the lease lapses.
+            let stamp = self.stamp();
+            self.ask(LEASE, &Request::Keep(stamp));
         }
         self.watch();
     }
@@ -435,9 +440,7 @@ impl BoardLink {
                 }
                 // The board counts from its start.
                 if counters.received < self.answered {
-                    return Err(Error::Failure(format!(
-                        "{name} board: it was restarted, and its place and its task are lost: start the run again"
-                    )));
+                    return Err(restarted(self.role));
                 }
             }
             other => {
@@ -497,6 +500,13 @@ fn failure(role: Role, what: &str, reply: Reply) -> Error {
     match refused(role, what, reply) {
         Fault::Fatal(error) => error,
         Fault::Silent(why) => Error::Failure(format!("{name} board: {what}: {why}")),
-        Fault::Restarted => Error::Failure(format!("{name} board: {what}: it was restarted")),
+        Fault::Restarted => restarted(role),
     }
+}
+
+fn restarted(role: Role) -> Error {
+    Error::Failure(format!(
+        "{} board: it was restarted, and its place and its task are lost: start the run again",
+        role.name()
+    ))
 }

@@ -17,6 +17,8 @@ pub enum HostCommand {
     Trajectory(Vec<TrajectoryPoint>, bool),
     /// Posture of the robot, at rest with its motors off.
     Place(Place),
+    /// The host is lost; the board tells itself.
+    Lost,
 }
 
 impl HostCommand {
@@ -25,6 +27,7 @@ impl HostCommand {
         match self {
             Self::Task(task) => vec![Order::Task(*task)],
             Self::Place(place) => vec![Order::Place(*place)],
+            Self::Lost => vec![Order::Lost],
             Self::Path(points, end) => {
                 batches(points, *end, |points, end| Order::Path { points, end })
             }
@@ -40,6 +43,7 @@ impl HostCommand {
             Self::Task(Task::Drive { .. }) => "speed",
             Self::Task(_) => "task",
             Self::Place(_) => "posture",
+            Self::Lost => "lost",
             Self::Path(..) => "path",
             Self::Trajectory(..) => "trajectory",
         }
@@ -50,6 +54,7 @@ impl From<Order> for HostCommand {
     fn from(order: Order) -> Self {
         match order {
             Order::Place(place) => Self::Place(place),
+            Order::Lost => Self::Lost,
             Order::Task(task) => Self::Task(task),
             Order::Path { points, end } => Self::Path(points.into_iter().flatten().collect(), end),
             Order::Trajectory { points, end } => {

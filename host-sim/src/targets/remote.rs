@@ -305,7 +305,7 @@ impl Target for Remote {
             HostCommand::Trajectory(points, _) => {
                 self.room.trajectory = self.room.trajectory.saturating_sub(points.len());
             }
-            HostCommand::Task(_) | HostCommand::Place(_) => {}
+            HostCommand::Task(_) | HostCommand::Place(_) | HostCommand::Lost => {}
         }
         Ok(())
     }

@@ -45,6 +45,24 @@ fn node() -> LeadNode {
     node
 }
 
+/// A robot that drives to a goal stops when its host is lost; a robot at rest stays as it is.
+#[test]
+fn lost_commander_stops_a_robot_that_drives() {
+    let mut node = node();
+    let goal = Posture::new(1.0, 0.0, 0.0);
+    let still = [(Posture::ORIGIN, 0); 2];
+    node.lose_commander();
+    assert!(!node.state.lost);
+    node.command(Task::Regulate { goal });
+    node.lose_commander();
+    assert_eq!(node.state.task, Task::Stop);
+    let output = epoch(&mut node, 1, still);
+    assert!(!output.done && node.state.is_silent());
+    // The next task drives again.
+    node.command(Task::Regulate { goal });
+    assert!(!node.state.is_silent());
+}
+
 #[test]
 fn odometry_that_begins_anew_is_no_motion() {
     let mut node = node();

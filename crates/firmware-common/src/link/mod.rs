@@ -92,6 +92,8 @@ static ARMED: AtomicBool = AtomicBool::new(false);
 
 /// Number and order of a host on their way to the tick, and how it was carried out.
 static ORDER: Signal<CriticalSectionRawMutex, (u16, Order)> = Signal::new();
+/// The lease of a host lapsed.
+static LAPSED: AtomicBool = AtomicBool::new(false);
 static DONE: Signal<CriticalSectionRawMutex, Result<(), PathError>> = Signal::new();
 
 /// Output of the lead node on its way to a host that watches.
@@ -106,6 +108,9 @@ pub fn tell(now: Micros, output: Output, lead: &mut LeadNode) {
 
 /// Carries out an order of a host that has come, if one has.
 pub fn carry_out_order(lead: &mut LeadNode) {
+    if LAPSED.swap(false, Ordering::Relaxed) {
+        carry_out(Order::Lost, lead);
+    }
     if let Some((number, order)) = ORDER.try_take() {
         let done = order.carry_out(lead);
         // Of a refused one some points were taken.
@@ -251,6 +256,10 @@ async fn attend(link: Link, config: &'static RobotConfig) -> ! {
         }
         attending.station.now = Instant::now().as_micros();
         attending.station.armed = ARMED.load(Ordering::Relaxed);
+        let now = attending.station.now;
+        if attending.station.lease.take_lapsed(now) {
+            LAPSED.store(true, Ordering::Relaxed);
+        }
         match arrived {
             Ok(Either3::First(Either::First(count))) => {
                 let bytes = buffer.get(..count).unwrap_or_default();
