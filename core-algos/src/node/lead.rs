@@ -256,14 +256,6 @@ impl LeadNode {
         self.path_task.restart();
     }
 
-    /// The host that commands is lost: a robot that drives stops, and its task is not done.
-    pub fn lose_commander(&mut self) {
-        if !matches!(self.state.task, Task::Idle | Task::Stop | Task::Clear) && !self.state.done {
-            self.command(Task::Stop);
-            self.state.lost = true;
-        }
-    }
-
     /// Operating state of the node, and its reason.
     pub fn supervision(&self) -> &supervisor::State {
         &self.state.supervisor

@@ -11,6 +11,14 @@ use crate::topology::Node;
 use track::AxleTrack;
 
 impl LeadNode {
+    /// The host that commands is lost: a robot that drives stops, and its task is not done.
+    pub fn lose_commander(&mut self) {
+        if !matches!(self.state.task, Task::Idle | Task::Stop | Task::Clear) && !self.state.done {
+            self.command(Task::Stop);
+            self.state.lost = true;
+        }
+    }
+
     /// Request of the task to the supervisor.
     pub(super) fn request(&self, fused: Option<&robot::Output>) -> Option<StateRequest> {
         let state = &self.state;
