@@ -290,12 +290,12 @@ fn record_of_virtual_boards_replays_identically() {
         ] {
             let [begun, ticks] = count(role);
             assert_eq!(begun, starts, "{} board", role.name());
-            // None is missing between start and end but those without power.
-            let least = recording.ticks() - 20 - 1000 * restarted * usize::from(role == Role::Rear);
+            // The boards begin one after the other; a board without power has no ticks.
+            let least = recording.ticks() - 150 - 1000 * restarted * usize::from(role == Role::Rear);
             assert!(ticks >= least, "{} board: {ticks}", role.name());
         }
         let outputs = replay::recorded_estimates(&recording).len();
-        assert!(outputs * 10 + 30 > recording.ticks(), "{outputs}");
+        assert!(outputs * 10 + 170 > recording.ticks(), "{outputs}");
     }
 }
 

@@ -30,8 +30,8 @@ class Board:
         if len(data) < 6 or crc32c(data[:-4]) != int.from_bytes(data[-4:], "little"):
             return NOTHING
         if data[0] == 0 and data[1] == REPORT:
-            report = data[3:-4]  # behind its number
-            varint(report)  # entries that found no room
+            report = data[2:-4]
+            varint(report), varint(report)  # its number, and entries that found no room
             del report[: varint(report)]  # entries
             offset, count = varint(report), varint(report)
             if offset == 0 and count > 111:  # behind length, mode, and the estimates of both axles

@@ -162,7 +162,7 @@ pub struct Attendant {
     telemetry: Spread,
     /// Configuration of the board's nodes.
     config: &'static RobotConfig,
-    reports: u8,
+    reports: u16,
 }
 
 impl Attendant {

@@ -221,7 +221,7 @@ pub enum Reply<'a> {
     /// Answers no request: what the board's nodes got and did, and the lead node's output.
     Report {
         /// Number of the report.
-        sequence: u8,
+        sequence: u16,
         /// Entries since the start of the watch that found no room.
         lost: u16,
         /// Whole entries, see [`super::record`].

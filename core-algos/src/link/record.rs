@@ -67,10 +67,14 @@ impl<'a> Entry<'a> {
     }
 }
 
-/// Entries of a report; ends at the first that cannot be decoded.
-pub fn entries(mut bytes: &[u8]) -> impl Iterator<Item = Entry<'_>> {
+/// Entries of a report; ends behind the first that cannot be decoded, which is `None`.
+pub fn entries(mut bytes: &[u8]) -> impl Iterator<Item = Option<Entry<'_>>> {
     core::iter::from_fn(move || {
-        let (entry, rest) = postcard::take_from_bytes(bytes).ok()?;
+        if bytes.is_empty() {
+            return None;
+        }
+        let (entry, rest) = postcard::take_from_bytes(bytes)
+            .map_or((None, &[][..]), |(entry, rest)| (Some(entry), rest));
         bytes = rest;
         Some(entry)
     })
@@ -184,7 +188,7 @@ mod tests {
         for entry in [Entry::Order(place), widest(Samples::Beam(beam))] {
             let mut room = [0; MAX_ENTRY];
             let bytes = entry.encode(&mut room).unwrap();
-            assert_eq!(entries(bytes).next(), Some(entry));
+            assert_eq!(entries(bytes).next(), Some(Some(entry)));
             longest = longest.max(bytes.len());
         }
         assert!(longest > MAX_ENTRY - 16, "{longest}");
@@ -219,11 +223,11 @@ mod tests {
             let entry = board.tick(tick * TICK, &samples, [1.0, -2.0]);
             let mut room = [0; MAX_ENTRY];
             let bytes = entry.encode(&mut room).unwrap();
-            let Some(Entry::Tick {
+            let Some(Some(Entry::Tick {
                 step,
                 samples: since,
                 torque_nm: Some([1.0, -2.0]),
-            }) = entries(bytes).next()
+            })) = entries(bytes).next()
             else {
                 panic!("{entry:?}")
             };
@@ -243,9 +247,12 @@ mod tests {
         for entry in [Entry::of(&frame), Entry::Wait, Entry::of(&frame)] {
             bytes.extend_from_slice(entry.encode(&mut [0; MAX_ENTRY]).unwrap());
         }
-        let frames: Vec<_> = entries(&bytes).map(|entry| entry.frame()).collect();
+        let frames: Vec<_> = entries(&bytes)
+            .map(|entry| entry.unwrap().frame())
+            .collect();
         assert_eq!(frames, [Some(frame), None, Some(frame)]);
-        assert_eq!(entries(&bytes[..bytes.len() - 1]).count(), 2);
+        let cut: Vec<_> = entries(&bytes[..bytes.len() - 1]).collect();
+        assert_eq!((cut.len(), cut[2]), (3, None));
         assert_eq!(Entry::Frame(1, &[0; 9]).frame(), None);
     }
 }

@@ -1323,7 +1323,7 @@ fn a_host_that_watches_gets_bus_frames_and_outputs() {
                 assert_eq!(usize::from(offset), parts.len());
                 assert_eq!(telemetry.is_empty(), entries == longest);
                 parts.extend_from_slice(telemetry);
-                let found = record::entries(entries).filter_map(|entry| entry.frame());
+                let found = record::entries(entries).filter_map(|entry| entry?.frame());
                 frames += found.filter(|it| *it == frame).count();
             }
             other => panic!("{other:?}"),

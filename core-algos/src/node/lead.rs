@@ -256,6 +256,11 @@ impl LeadNode {
         self.path_task.restart();
     }
 
+    /// True if a controller of the user takes the place of the regulator.
+    pub fn has_own_controller(&self) -> bool {
+        self.own.0.is_some()
+    }
+
     /// Operating state of the node, and its reason.
     pub fn supervision(&self) -> &supervisor::State {
         &self.state.supervisor

@@ -215,6 +215,14 @@ impl Axis {
             self.nodes.restart();
             state.own.clear();
             record::put(&state.reference.begin(now));
+            // Replay has no controller of the user.
+            if self
+                .nodes
+                .lead()
+                .is_some_and(|lead| lead.has_own_controller())
+            {
+                record::put(&Entry::End);
+            }
         }
         Some(now)
     }

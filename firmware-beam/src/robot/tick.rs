@@ -109,6 +109,8 @@ struct State {
     found: Conditions,
     /// The latest tick as a host was told it.
     reference: Reference,
+    /// A calibration was adopted since the start: the node is not that of the configuration.
+    adopted: bool,
 }
 
 /// The node of a configuration.
@@ -130,6 +132,7 @@ pub async fn run(mut beam: Beam) -> ! {
         noise: None,
         found: Conditions::NONE.with(Condition::Restarted, fault::restarted()),
         reference: Reference::default(),
+        adopted: false,
     };
     loop {
         let block = beam.bridges.read().await;
@@ -175,6 +178,9 @@ impl Beam {
         {
             self.node.restart();
             record::put(&state.reference.begin(last + TICK));
+            if state.adopted {
+                record::put(&Entry::End);
+            }
         }
     }
 
@@ -245,6 +251,7 @@ impl Beam {
                     (Ok(node), Some(off)) => {
                         self.node = node;
                         self.config = robot;
+                        state.adopted = true;
                         record::put(&Entry::End);
                         state.saving = Some(sequence);
                         self.saving.wanted.signal((config, off));

@@ -4,12 +4,14 @@ use crate::base::error::Error;
 use crate::base::table::Table;
 use crate::base::toml_file;
 use crate::experiments::result::{JsonArgs, Provenance};
+use crate::recording::BUILD;
+use crate::recording::read::{self, Event};
 use crate::recording::replay::{self, Divergence, Quality};
-use crate::recording::{BUILD, read};
 use crate::scenario::Scenario;
 use crate::scenario::effect::{self, Use};
 use clap::Args;
 use core_algos::node::robot::RobotConfig;
+use core_algos::topology::Role;
 use serde::Serialize;
 use std::fs;
 use std::path::PathBuf;
@@ -28,11 +30,41 @@ pub struct ReplayArgs {
     pub json: JsonArgs,
 }
 
+/// Record of a board.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Recorded {
+    /// Front, rear or beam.
+    pub board: &'static str,
+    /// Ticks.
+    pub ticks: usize,
+    /// Ends of the record: tick, ms, and reason.
+    pub ends: Vec<(u32, String)>,
+}
+
+impl Recorded {
+    fn of(role: Role, events: &[Event]) -> Self {
+        let ticks = events
+            .iter()
+            .filter(|event| matches!(event, Event::Tick(_)));
+        let end = |event: &Event| match event {
+            Event::Off(tick, reason) => Some((*tick, reason.clone())),
+            _ => None,
+        };
+        Self {
+            board: role.name(),
+            ticks: ticks.count(),
+            ends: events.iter().filter_map(end).collect(),
+        }
+    }
+}
+
 /// The result.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Report {
-    /// Ticks of the run.
+    /// Ticks of the board that has most.
     pub ticks: usize,
+    /// The boards.
+    pub boards: Vec<Recorded>,
     /// True if every bit is identical; `None` with other parameters.
     pub identical: Option<bool>,
     /// The first thing that is not.
@@ -61,9 +93,14 @@ pub fn run(args: &ReplayArgs) -> Result<(), Error> {
         )));
     }
     let estimates = replay::recorded_estimates(&recording);
-    let recorded = Quality::of(&estimates, &recording.truth);
+    let recorded = Quality::of(&estimates, &recording);
     let mut report = Report {
         ticks: recording.ticks(),
+        boards: Role::ALL
+            .into_iter()
+            .zip(&recording.boards)
+            .map(|(role, events)| Recorded::of(role, events))
+            .collect(),
         identical: None,
         difference: None,
         recorded,
@@ -100,8 +137,15 @@ pub fn run(args: &ReplayArgs) -> Result<(), Error> {
             let first = first.copied().unwrap_or_default();
             let changed = apply(&first, &changes, &file)?;
             let estimates = replay::estimate_again(&recording, &|_| changed)?;
-            report.with = Some(Quality::of(&estimates, &recording.truth));
+            report.with = Some(Quality::of(&estimates, &recording));
         }
+    }
+    for board in report.boards.iter().filter(|board| board.ticks > 0) {
+        text += &format!("{} board: {} ticks", board.board, board.ticks);
+        for (tick, reason) in &board.ends {
+            text += &format!("; off at {tick} ms: {reason}");
+        }
+        text += "\n";
     }
     text += &table(&report);
     args.json.write(&Provenance::default(), &report)?;

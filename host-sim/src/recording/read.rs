@@ -35,8 +35,8 @@ pub enum Event {
         /// Initial estimate of the lead node.
         place: Option<Box<Place>>,
     },
-    /// It was switched off or lost, at this tick, ms.
-    Off(u32),
+    /// It was switched off or lost, or its record ended, at this tick, ms, for this reason.
+    Off(u32, String),
     /// The lead node was told something before this tick, ms.
     Command(u32, HostCommand),
     /// A tick.
@@ -55,7 +55,7 @@ impl Event {
     /// Time, ms.
     pub fn tick(&self) -> u32 {
         match self {
-            Self::Start { tick, .. } | Self::Off(tick) | Self::Command(tick, _) => *tick,
+            Self::Start { tick, .. } | Self::Off(tick, _) | Self::Command(tick, _) => *tick,
             Self::Tick(step) => step.tick,
         }
     }
@@ -87,8 +87,10 @@ pub struct Recording {
     pub end: BTreeMap<String, String>,
     /// Events of each board, in the order of [`Role::ALL`].
     pub boards: [Vec<Event>; 3],
-    /// The true state, by time, ms.
+    /// The true state, by time of the run, ms.
     pub truth: BTreeMap<u32, TruthEntry>,
+    /// Common time of the boards at the start of the run, µs.
+    pub zero_us: Option<i64>,
 }
 
 impl Recording {
@@ -136,6 +138,20 @@ pub fn read(bytes: &[u8], name: &str) -> Result<Recording, Error> {
                 recording
                     .take(&mut pending, topic, &data)
                     .map_err(|what| refuse(format!("message {position} on {topic}: {what}")))?;
+                // Ticks before the start of the run have its time.
+                if recording.zero_us.is_none() && header.log_time > 0 {
+                    let of_topic = |role: &Role| {
+                        let board = topic
+                            .strip_prefix("/boards/")
+                            .and_then(|rest| rest.strip_suffix("/tick"));
+                        board == Some(role.name())
+                    };
+                    let role = Role::ALL.into_iter().find(of_topic);
+                    let last = role.and_then(|role| recording.boards[role as usize].last());
+                    recording.zero_us = last.map(|last| {
+                        1000 * i64::from(last.tick()) - (header.log_time / 1000) as i64
+                    });
+                }
             }
             Record::Metadata(metadata) if metadata.name == ABOUT => {
                 recording.about = metadata.metadata;
@@ -146,11 +162,7 @@ pub fn read(bytes: &[u8], name: &str) -> Result<Recording, Error> {
             _ => {}
         }
     }
-    for event in &mut recording.boards[Role::Front as usize] {
-        if let Event::Tick(step) = event {
-            step.lead = pending.leads.remove(&step.tick);
-        }
-    }
+    recording.settle(&mut pending);
     match recording.about.get("format").map(String::as_str) {
         Some(FORMAT) => {}
         Some(other) => {
@@ -195,6 +207,25 @@ fn parse<T: DeserializeOwned>(data: &[u8]) -> Result<T, String> {
 }
 
 impl Recording {
+    /// True if a board is recorded at this point of the log.
+    fn is_on(&self, role: Role) -> bool {
+        let last = self.boards[role as usize].last();
+        last.is_some_and(|last| !matches!(last, Event::Off(..)))
+    }
+
+    /// Gives the outputs of the lead node to the ticks since its latest start.
+    fn settle(&mut self, pending: &mut Pending) {
+        let leads = &mut pending.leads;
+        for event in self.boards[Role::Front as usize].iter_mut().rev() {
+            match event {
+                Event::Tick(step) => step.lead = leads.remove(&step.tick).or(step.lead.take()),
+                Event::Start { .. } => break,
+                _ => {}
+            }
+        }
+        leads.clear();
+    }
+
     /// Takes in a message; one on a topic that replay does not need is left alone.
     fn take(&mut self, pending: &mut Pending, topic: &str, data: &[u8]) -> Result<(), String> {
         match topic {
@@ -206,15 +237,19 @@ impl Recording {
             "/bus" => {
                 let entry: BusEntry = parse(data)?;
                 let frames = entry.frames.into_iter();
-                pending.sent[entry.board as usize]
-                    .extend(frames.map(|said| (entry.tick, said.frame.0)));
+                if self.is_on(entry.board) {
+                    pending.sent[entry.board as usize]
+                        .extend(frames.map(|said| (entry.tick, said.frame.0)));
+                }
             }
             "/lead" => {
                 let LeadBits { tick, bits } = parse(data)?;
                 let output = bits
                     .value()
                     .ok_or("the bits of the lead node's output do not decode")?;
-                pending.leads.insert(tick, output);
+                if self.is_on(Role::Front) {
+                    pending.leads.insert(tick, output);
+                }
             }
             "/host/order" => {
                 let entry: HostCommandEntry = parse(data)?;
@@ -249,6 +284,10 @@ impl Recording {
         let frames = |received: Vec<Can>| received.into_iter().map(|can| can.0).collect();
         let event = match (what, role) {
             ("start", _) => {
+                if role == Role::Front {
+                    self.settle(pending);
+                }
+                pending.sent[role as usize].clear();
                 let entry: Start = parse(data)?;
                 let config = entry.parameters.value();
                 let place = entry.place.as_ref().map(|bits| bits.value().map(Box::new));
@@ -259,7 +298,11 @@ impl Recording {
                     place: place.transpose()?,
                 }
             }
-            ("off", _) => Event::Off(parse::<Off>(data)?.tick),
+            ("off", _) => {
+                let Off { tick, reason } = parse(data)?;
+                let last = self.boards[role as usize].last().map_or(tick, Event::tick);
+                Event::Off(tick.max(last), reason)
+            }
             ("tick", Role::Beam) => {
                 let entry: BeamTick = parse(data)?;
                 Event::Tick(Box::new(Step {
@@ -297,7 +340,9 @@ impl Recording {
 
     fn push(&mut self, role: Role, event: Event) -> Result<(), String> {
         let events = &mut self.boards[role as usize];
-        if events.last().is_some_and(|last| last.tick() > event.tick()) {
+        // A board that was restarted may count from zero.
+        let begins = matches!(event, Event::Start { .. });
+        if !begins && events.last().is_some_and(|last| last.tick() > event.tick()) {
             return Err("its time is before the previous message".to_owned());
         }
         events.push(event);

@@ -102,7 +102,7 @@ impl ReplayedBoard {
                 let config = change(config);
                 (*tick, self.target.start(&config, *tick, place.as_deref()))
             }
-            Event::Off(_) => {
+            Event::Off(..) => {
                 self.on = false;
                 self.target.kill()?;
                 return Ok(());
@@ -216,14 +216,22 @@ pub fn compare(recording: &Recording) -> Result<Option<Divergence>, Error> {
 /// Estimates of the lead node by time of validity, ms.
 pub type Estimates = BTreeMap<u32, lead::Output>;
 
-/// The lead node's outputs as recorded.
+/// The lead node's outputs as recorded, until the common time of the boards goes back.
 pub fn recorded_estimates(recording: &Recording) -> Estimates {
-    let front = &recording.boards[Role::Front as usize];
-    let outputs = front.iter().filter_map(|event| match event {
-        Event::Tick(step) => Some((epoch_of(step.tick), **step.lead.as_ref()?)),
-        _ => None,
-    });
-    outputs.collect()
+    let mut estimates = Estimates::new();
+    let mut last = 0;
+    for event in &recording.boards[Role::Front as usize] {
+        if event.tick() < last {
+            break;
+        }
+        last = event.tick();
+        if let Event::Tick(step) = event
+            && let Some(output) = &step.lead
+        {
+            estimates.insert(epoch_of(step.tick), **output);
+        }
+    }
+    estimates
 }
 
 /// The lead node's outputs with other parameters.
@@ -310,8 +318,9 @@ pub struct Quality {
 }
 
 impl Quality {
-    /// Of estimates against the true states of the same instants, ms.
-    pub fn of(estimates: &Estimates, truth: &BTreeMap<u32, TruthEntry>) -> Self {
+    /// Of estimates of a recording against the true states of the same instants.
+    pub fn of(estimates: &Estimates, recording: &Recording) -> Self {
+        let zero_us = recording.zero_us.unwrap_or_default();
         let mut errors = Errors::default();
         let (mut nis, mut used, mut refused) = (0.0, 0u32, 0u32);
         for (time, output) in estimates {
@@ -328,7 +337,7 @@ impl Quality {
                 }
                 _ => {}
             }
-            if let Some(truth) = truth.get(time) {
+            if let Some(truth) = true_state(&recording.truth, 1000 * i64::from(*time) - zero_us) {
                 errors.add(output, truth);
             }
         }
@@ -340,6 +349,30 @@ impl Quality {
             ..errors.quality()
         }
     }
+}
+
+/// True postures of the midpoint and of the front axle in the rear axle's frame at a time of the run, µs, between the
+/// entries around it.
+fn true_state(truth: &BTreeMap<u32, TruthEntry>, at_us: i64) -> Option<(Pose, Pose)> {
+    let at = u32::try_from(at_us.div_euclid(1000)).ok()?;
+    let (before, first) = truth.range(..=at).next_back()?;
+    let since = at_us as f64 * 1e-3 - f64::from(*before);
+    if since == 0.0 {
+        return Some((first.robot, first.relative));
+    }
+    let (after, second) = truth.range(at + 1..).next()?;
+    let share = since / f64::from(after - before);
+    let between = |a: Pose, b: Pose| {
+        let turn = std::f64::consts::TAU;
+        let angle = b.phi_rad - a.phi_rad;
+        Pose {
+            x_m: a.x_m + share * (b.x_m - a.x_m),
+            y_m: a.y_m + share * (b.y_m - a.y_m),
+            phi_rad: a.phi_rad + share * (angle - turn * (angle / turn).round()),
+        }
+    };
+    let robot = between(first.robot, second.robot);
+    Some((robot, between(first.relative, second.relative)))
 }
 
 /// Sums that become a [`Quality`].
@@ -355,23 +388,20 @@ struct Errors {
 }
 
 impl Errors {
-    fn add(&mut self, output: &lead::Output, truth: &TruthEntry) {
+    fn add(&mut self, output: &lead::Output, (robot, apart): (Pose, Pose)) {
         let fused = &output.fused;
         let seen = Pose::from(fused.robot.posture);
-        let distance = (seen.x_m - truth.robot.x_m).hypot(seen.y_m - truth.robot.y_m);
+        let distance = (seen.x_m - robot.x_m).hypot(seen.y_m - robot.y_m);
         let turn = std::f64::consts::TAU;
-        let heading = seen.phi_rad - truth.robot.phi_rad;
+        let heading = seen.phi_rad - robot.phi_rad;
         let heading = heading - turn * (heading / turn).round();
         let relative = Pose::from(fused.front.posture.relative_to(fused.rear.posture));
-        let apart = [
-            relative.x_m - truth.relative.x_m,
-            relative.y_m - truth.relative.y_m,
-        ];
+        let apart = [relative.x_m - apart.x_m, relative.y_m - apart.y_m];
         self.position += distance.powi(2);
         self.position_max = self.position_max.max(distance);
         self.heading += heading.powi(2);
         self.relative += apart[0].powi(2) + apart[1].powi(2);
-        self.nees += nees(&fused.robot, truth.robot.into());
+        self.nees += nees(&fused.robot, robot.into());
         self.last = [distance, heading];
         self.count += 1;
     }
@@ -545,10 +575,13 @@ mod tests {
         let ratio = way(&wrong) / way(&estimates);
         // The beam tells the filter some of it.
         assert!((1.003..1.012).contains(&ratio), "{ratio}");
-        let good = Quality::of(&estimates, &recording.truth);
-        let bad = Quality::of(&wrong, &recording.truth);
+        let good = Quality::of(&estimates, &recording);
+        let bad = Quality::of(&wrong, &recording);
         assert!(bad.position_rms_m > good.position_rms_m);
-        assert_eq!(Quality::of(&estimates, &BTreeMap::new()).mean_nees, None);
+        assert_eq!(
+            Quality::of(&estimates, &Recording::default()).mean_nees,
+            None
+        );
     }
 
     #[test]

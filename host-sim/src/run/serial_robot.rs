@@ -37,34 +37,60 @@ const LEASE: Duration = Duration::from_micros(TERM + 100_000);
 /// Longest time that the robot gets to stop at the end of a run, and then to switch its motors off.
 const STOP: Duration = Duration::from_secs(5);
 
+/// Longest time until recorded boards have begun anew, ms.
+const RECORD_MS: u64 = 5000;
+
 /// Opens the port of the front board.
 pub type Connect = Box<dyn FnMut() -> Result<Box<dyn Link>, Error>>;
 
 /// Port of another board, which is recorded.
 pub struct OtherBoard {
-    port: Box<dyn Link>,
+    /// None once it was closed.
+    port: Option<Box<dyn Link>>,
     link: BoardLink,
+    /// Number of the latest report, and its time, µs.
+    heard: (u64, Micros),
 }
 
 impl OtherBoard {
     /// A board at its port.
     pub fn new(role: Role, port: Box<dyn Link>) -> Self {
-        let link = BoardLink::new(role, owner());
-        Self { port, link }
+        Self {
+            port: Some(port),
+            link: BoardLink::new(role, owner()),
+            heard: (0, 0),
+        }
     }
 
-    /// Exchanges bytes with the board. A board that is gone ends its record.
+    /// Exchanges bytes with the board. A board that is gone or silent ends its record.
     fn exchange(&mut self, now: Micros) -> Result<(), Error> {
+        let Some(port) = &mut self.port else {
+            return Ok(());
+        };
         if let Some(bytes) = self.link.to_send(now)? {
             // The request is repeated.
-            let _ = self.port.send(bytes);
+            let _ = port.send(bytes);
         }
         let mut room = [0; 512];
-        while let Ok(count) = self.port.receive(&mut room, Duration::ZERO)
-            && count > 0
-        {
-            self.link.take(&room[..count])?;
-            self.link.take_frames();
+        loop {
+            match port.receive(&mut room, Duration::ZERO) {
+                Ok(0) => break,
+                Ok(count) => {
+                    self.link.take(&room[..count])?;
+                    self.link.take_frames();
+                }
+                Err(_) => {
+                    self.port = None;
+                    self.link.end_record("its serial port was closed");
+                    return Ok(());
+                }
+            }
+        }
+        let reports = self.link.reports();
+        if self.heard.0 != reports {
+            self.heard = (reports, now);
+        } else if now.saturating_sub(self.heard.1) > SILENCE {
+            self.link.end_record("silent at its serial port");
         }
         Ok(())
     }
@@ -80,7 +106,9 @@ pub struct SerialRobot {
     /// Common time of the boards at the start of the run, µs, once it is known.
     zero: Option<i64>,
     began: Instant,
+    /// Ticks since the program opened the port, and those before the run.
     tick: u64,
+    start: u64,
     /// Time of the latest report, and of the latest opening, µs.
     heard: Micros,
     opened: Micros,
@@ -110,6 +138,7 @@ impl SerialRobot {
             zero: None,
             began: Instant::now(),
             tick: 0,
+            start: 0,
             heard: 0,
             opened: 0,
             reconnected: 0,
@@ -132,9 +161,7 @@ impl SerialRobot {
             robot.begin_record(place, config, others)?;
         }
         // The run begins now.
-        robot.tick = 0;
-        (robot.heard, robot.opened) = (0, 0);
-        robot.began = Instant::now();
+        robot.start = robot.tick;
         Ok(robot)
     }
 
@@ -189,19 +216,52 @@ impl SerialRobot {
         relative.posture = fused.front.posture.relative_to(fused.rear.posture);
         let center = fused.robot;
         let place = place.or(known.then_some(Place { center, relative }));
+        if let Some(node) = NODES
+            .iter()
+            .find_map(|node| self.monitor.latest(*node))
+            .filter(|it| it.state == OperatingState::Fault)
+        {
+            return Err(Error::Failure(format!(
+                "{node}: clear the fault before the run is recorded"
+            )));
+        }
         self.others = others;
         for other in &mut self.others {
             other.link.open();
             other.link.record();
         }
+        // The lead node takes its place after the axles have begun anew.
+        self.await_record(|robot| robot.others.iter().all(|other| other.link.has_begun()))?;
         self.link.record();
         if let Some(place) = place {
             self.link.command(&HostCommand::Place(place));
         }
         self.settle()?;
-        let recorded = |other: &OtherBoard| other.link.is_recorded();
-        while !self.link.is_recorded() || !self.others.iter().all(recorded) || !self.is_ready() {
+        self.await_record(|robot| robot.link.has_begun() && robot.is_ready())
+    }
+
+    /// Waits for boards that begin anew.
+    fn await_record(&mut self, ready: impl Fn(&Self) -> bool) -> Result<(), Error> {
+        let end = self.tick + RECORD_MS;
+        while !ready(self) {
             self.step()?;
+            let mut links = self
+                .others
+                .iter()
+                .map(|other| &other.link)
+                .chain([&self.link]);
+            if let Some(link) = links.find(|link| link.is_denied()) {
+                let name = link.role().name();
+                return Err(Error::Failure(format!(
+                    "{name} board: its motors may be on: stop the robot before the run is recorded"
+                )));
+            }
+            if self.tick >= end {
+                return Err(Error::Failure(format!(
+                    "the boards did not begin to record within {} s: check that all boards are on the bus",
+                    RECORD_MS / 1000
+                )));
+            }
         }
         Ok(())
     }
@@ -229,7 +289,8 @@ impl SerialRobot {
                     BoardEvent::Tick(tick) => Some(i64::from(tick.tick)),
                     _ => None,
                 });
-                self.zero = ticks.map(|tick| 1000 * (tick - self.tick as i64));
+                let run_tick = self.tick.saturating_sub(self.start) as i64;
+                self.zero = ticks.map(|tick| 1000 * (tick - run_tick));
             }
             let Some(zero) = self.zero else {
                 continue;
@@ -240,6 +301,16 @@ impl SerialRobot {
                 }
             }
         }
+    }
+
+    /// Time since the program opened the port, µs.
+    fn clock(&self) -> Micros {
+        self.tick * TICK
+    }
+
+    /// Tick of the run, ms.
+    fn run_tick(&self) -> u32 {
+        self.tick.saturating_sub(self.start) as u32
     }
 
     /// Build of the front board's image.
@@ -259,7 +330,7 @@ impl SerialRobot {
 
     /// Waits until `until`, and opens the port again if it is time for it.
     fn reconnect(&mut self, until: Instant) -> Result<(), Error> {
-        let now = self.now();
+        let now = self.clock();
         if now.saturating_sub(self.heard) > PATIENCE {
             return Err(Error::Failure(format!(
                 "front board: silent at its serial port for {} s: the robot stopped by itself",
@@ -284,7 +355,7 @@ impl SerialRobot {
 
     /// Exchanges bytes with the board until `until`.
     fn exchange(&mut self, until: Instant) -> Result<(), Error> {
-        let now = self.now();
+        let now = self.clock();
         let silent = now.saturating_sub(self.heard.max(self.opened)) > SILENCE;
         let Some(port) = self.port.as_mut().filter(|_| !silent) else {
             self.port = None;
@@ -311,7 +382,7 @@ impl SerialRobot {
                     self.lead = latest.output;
                     if !self.link.is_recorded() {
                         for observer in &mut self.control.observers {
-                            observer.lead(self.tick as u32, &self.lead);
+                            observer.lead(self.tick.saturating_sub(self.start) as u32, &self.lead);
                         }
                     }
                 }
@@ -323,7 +394,7 @@ impl SerialRobot {
                 break;
             }
         }
-        let tick = self.tick as u32;
+        let tick = self.run_tick();
         let frames = self.link.take_frames();
         for frame in &frames {
             self.monitor.see(tick, frame);
@@ -366,6 +437,8 @@ impl SerialRobot {
             return Ok(());
         }
         self.closed = true;
+        // They take no part in the stop.
+        self.others.clear();
         self.stop().map_err(|error| {
             Error::Failure(format!(
                 "front board: the robot did not confirm that it stopped: press its button ({error})"
@@ -409,7 +482,7 @@ impl Drop for SerialRobot {
 
 impl Robot for SerialRobot {
     fn now(&self) -> Micros {
-        self.tick * TICK
+        Micros::from(self.run_tick()) * TICK
     }
 
     fn command(&mut self, command: &HostCommand) -> Result<(), Error> {
@@ -454,7 +527,7 @@ impl Robot for SerialRobot {
             self.began += behind;
             until += behind;
         }
-        let now = self.now();
+        let now = self.clock();
         for other in &mut self.others {
             other.exchange(now)?;
         }

@@ -32,6 +32,7 @@ const RENEW: Micros = TERM / 8;
 /// Subjects of requests that are treated differently: see [`HostCommand::subject`].
 const SPEED: &str = "speed";
 const LEASE: &str = "lease";
+const RECORD: &str = "record";
 /// Output of the lead node whose room is that after an order: two outputs may be on their way when it is carried out.
 const FRESH: u32 = 3;
 
@@ -58,10 +59,11 @@ pub struct BoardLink {
     /// Encoded configuration of the nodes, as far as it has come, and the record that it begins.
     config: Vec<u8>,
     record: Option<BoardRecord>,
+    denied: bool,
     /// Numbered orders that the board may tell of.
     orders: VecDeque<(u16, Order)>,
     /// Number of the latest report.
-    report: Option<u8>,
+    report: Option<u16>,
     /// Reports since the start.
     reports: u64,
     /// Requests that the board has answered.
@@ -91,6 +93,7 @@ impl BoardLink {
             frames: Vec::new(),
             config: Vec::new(),
             record: None,
+            denied: false,
             orders: VecDeque::new(),
             report: None,
             reports: 0,
@@ -116,12 +119,12 @@ impl BoardLink {
 
     /// Has the nodes of the board begin anew, and records them from there on.
     pub fn record(&mut self) {
-        (self.config, self.record) = (Vec::new(), None);
+        (self.config, self.record, self.denied) = (Vec::new(), None, false);
         for offset in (0..MAX_CONFIG as u16).step_by(CONFIG_CHUNK) {
             self.ask("configuration", &Request::Configuration { offset });
         }
         let stamp = next_stamp(self.owner, &self.sequence);
-        self.ask("record", &Request::Record(stamp));
+        self.ask(RECORD, &Request::Record(stamp));
     }
 
     /// The board.
@@ -156,18 +159,18 @@ impl BoardLink {
     }
 
     /// Takes a report.
-    fn reported(&mut self, (sequence, lost): (u8, u16), entries: &[u8]) {
+    fn reported(&mut self, (sequence, lost): (u16, u16), entries: &[u8]) {
         let before = self.report.replace(sequence);
         let lost_before = std::mem::replace(&mut self.lost, lost);
         self.reports += 1;
-        if let Some(record) = &mut self.record {
-            if before != Some(sequence.wrapping_sub(1)) {
-                record.end("a report was lost".to_owned());
-            } else if lost != lost_before {
-                record.end("the board had no room for all that happened".to_owned());
-            }
+        if before != Some(sequence.wrapping_sub(1)) {
+            self.end_record("a report was lost");
         }
         for entry in record::entries(entries) {
+            let Some(entry) = entry else {
+                self.end_record("a report was damaged");
+                break;
+            };
             self.frames.extend(entry.frame());
             let Some(record) = &mut self.record else {
                 continue;
@@ -181,6 +184,26 @@ impl BoardLink {
                 None => record.end("an order of another program was carried out".to_owned()),
             }
         }
+        if lost != lost_before {
+            self.end_record("the board had no room for all that happened");
+        }
+    }
+
+    /// Ends the record.
+    pub fn end_record(&mut self, reason: &str) {
+        if let Some(record) = &mut self.record {
+            record.end(reason.to_owned());
+        }
+    }
+
+    /// True if the nodes have begun anew since the record was asked for.
+    pub fn has_begun(&self) -> bool {
+        self.record.as_ref().is_some_and(BoardRecord::has_begun)
+    }
+
+    /// True if the board is not recorded because its motors may be on.
+    pub fn is_denied(&self) -> bool {
+        self.denied
     }
 
     /// Has the board send a frame of a service tool on the bus.
@@ -203,6 +226,7 @@ impl BoardLink {
     /// The port was opened again. An order that waits goes first: the board knows the last one by its number, and carries
     /// it out once.
     pub fn rejoin(&mut self) {
+        self.end_record("the port was closed");
         for pending in &mut self.waiting {
             (pending.sent, pending.attempts) = (None, 0);
         }
@@ -419,6 +443,7 @@ impl BoardLink {
         }
         match reply {
             Reply::Done => {}
+            Reply::Refused(Refusal::Armed) if what == RECORD => self.denied = true,
             // It was carried out, and its answer was lost.
             Reply::Refused(Refusal::OldOrder) if repeated => {}
             Reply::Configuration { total, bytes } => self.configured(total, bytes)?,

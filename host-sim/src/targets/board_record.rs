@@ -58,6 +58,7 @@ pub struct BoardRecord {
     config: Box<RobotConfig>,
     /// Set from the beginning of the nodes on, until the record ends.
     nodes: Option<Nodes>,
+    begun: bool,
     events: Vec<BoardEvent>,
 }
 
@@ -83,13 +84,19 @@ impl BoardRecord {
             role,
             config: Box::new(config),
             nodes: None,
+            begun: false,
             events: Vec::new(),
         }
     }
 
-    /// True from the beginning of the nodes on.
+    /// True from the beginning of the nodes on, until the record ends.
     pub fn is_running(&self) -> bool {
         self.nodes.is_some()
+    }
+
+    /// True from the beginning of the nodes on.
+    pub fn has_begun(&self) -> bool {
+        self.begun
     }
 
     /// Events since the last call.
@@ -124,7 +131,7 @@ impl BoardRecord {
                 Role::Beam => Vec::new(),
                 _ => own.collect(),
             };
-            nodes.next = tick.tick + 1;
+            nodes.next = tick.tick.wrapping_add(1);
             self.events.push(BoardEvent::Tick(tick));
         }
     }
@@ -139,6 +146,7 @@ impl BoardRecord {
             Entry::Begin { tick } => {
                 let config = self.config.clone();
                 self.events.push(BoardEvent::Begin(tick, config));
+                self.begun = true;
                 self.nodes = Some(Nodes {
                     reference: Reference::before(tick),
                     next: tick,
@@ -148,7 +156,7 @@ impl BoardRecord {
                     early: Vec::new(),
                 });
             }
-            Entry::End => self.end("its nodes are no longer those of its start".to_owned()),
+            Entry::End => self.end("its nodes are not those of its configuration".to_owned()),
             _ => {}
         }
         let Some(nodes) = &mut self.nodes else {
@@ -175,6 +183,9 @@ impl BoardRecord {
                 torque_nm,
             } => {
                 let (tick, samples) = nodes.reference.resolve(step, &samples);
+                if tick < nodes.next {
+                    return self.end("the common time of the boards went back".to_owned());
+                }
                 let mut received = std::mem::take(&mut nodes.own);
                 received.append(&mut nodes.received);
                 nodes.open = Some(Box::new(BoardTick {

@@ -19,19 +19,33 @@ impl VirtualRobot {
             let others = self.roles.iter().filter(|role| **role != Role::Front);
             self.others = others.map(|role| BoardLink::new(*role, 0)).collect();
         }
-        for role in self.roles.clone() {
+        // The lead node takes its place after the axles have begun anew.
+        for role in self.roles.iter().rev().copied().collect::<Vec<_>>() {
             self.open_link(role);
-        }
-        // Recorded nodes begin anew before the experiment.
-        while record && !(self.are_links_settled() && self.waits_for().is_none()) {
-            self.ask()?;
-            self.advance()?;
-            self.answer()?;
-            if self.network.now() >= BOOT {
-                return Err(Error::Failure("the boards do not record".to_owned()));
+            while record && !self.has_begun(role) {
+                self.exchange()?;
             }
         }
+        while record && !(self.link.is_settled() && self.waits_for().is_none()) {
+            self.exchange()?;
+        }
         Ok(())
+    }
+
+    /// One millisecond of the boards before the experiment.
+    fn exchange(&mut self) -> Result<(), Error> {
+        self.ask()?;
+        self.advance()?;
+        self.answer()?;
+        match self.network.now() >= BOOT {
+            true => Err(Error::Failure("the boards do not record".to_owned())),
+            false => Ok(()),
+        }
+    }
+
+    fn has_begun(&self, role: Role) -> bool {
+        let mut links = std::iter::once(&self.link).chain(&self.others);
+        links.any(|link| link.role() == role && link.has_begun())
     }
 
     /// Opens the link to a board that has just been started.
@@ -46,12 +60,6 @@ impl VirtualRobot {
         if role == Role::Front {
             self.link.command(&HostCommand::Place(self.place));
         }
-    }
-
-    /// True if the boards have answered all, and those that are recorded have begun.
-    fn are_links_settled(&self) -> bool {
-        let recorded = |link: &BoardLink| link.is_settled() && link.is_recorded();
-        self.link.is_settled() && self.others.iter().all(recorded)
     }
 
     /// Sends what is due at the serial ports.
