@@ -291,7 +291,8 @@ fn record_of_virtual_boards_replays_identically() {
             let [begun, ticks] = count(role);
             assert_eq!(begun, starts, "{} board", role.name());
             // The boards begin one after the other; a board without power has no ticks.
-            let least = recording.ticks() - 150 - 1000 * restarted * usize::from(role == Role::Rear);
+            let least =
+                recording.ticks() - 150 - 1000 * restarted * usize::from(role == Role::Rear);
             assert!(ticks >= least, "{} board: {ticks}", role.name());
         }
         let outputs = replay::recorded_estimates(&recording).len();

@@ -241,6 +241,18 @@ pub fn sender(frame: &CanFrame) -> Option<Role> {
     }
 }
 
+/// True for a frame of the nodes; the others are those of drivers and clock.
+pub fn is_of_nodes(frame: &CanFrame) -> bool {
+    !matches!(
+        bus::decode(frame),
+        Err(_)
+            | Ok(Message::TimeSync { .. }
+                | Message::BoardHealth { .. }
+                | Message::BoardIdentity { .. }
+                | Message::BeamCalibrated { .. })
+    )
+}
+
 /// A disturbance of the frames between boards.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Disturbance {

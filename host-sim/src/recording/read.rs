@@ -9,7 +9,7 @@ use super::entry::{
     Start, TruthEntry,
 };
 use crate::base::error::Error;
-use crate::targets::board_record::is_of_nodes;
+use crate::bus::virtual_bus::is_of_nodes;
 use crate::targets::host_command::HostCommand;
 use core_algos::bus::CanFrame;
 use core_algos::link::protocol::Place;

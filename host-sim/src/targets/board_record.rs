@@ -1,8 +1,8 @@
 //! Entries of a board's reports put together again: what its nodes got and did, tick by tick.
 
 use super::HostCommand;
-use crate::bus::virtual_bus::sender;
-use core_algos::bus::{self, CanFrame, Message};
+use crate::bus::virtual_bus::{is_of_nodes, sender};
+use core_algos::bus::CanFrame;
 use core_algos::link::record::{Entry, Reference};
 use core_algos::node::board::Samples;
 use core_algos::node::lead;
@@ -37,18 +37,6 @@ pub struct BoardTick {
     pub received: Vec<CanFrame>,
     /// Frames that the board sent from it on.
     pub sent: Vec<CanFrame>,
-}
-
-/// True for a frame of the nodes; the others are those of drivers and clock.
-pub fn is_of_nodes(frame: &CanFrame) -> bool {
-    !matches!(
-        bus::decode(frame),
-        Err(_)
-            | Ok(Message::TimeSync { .. }
-                | Message::BoardHealth { .. }
-                | Message::BoardIdentity { .. }
-                | Message::BeamCalibrated { .. })
-    )
 }
 
 /// The record of a board.
