@@ -220,7 +220,7 @@ fn coverage_has_the_lines_of_the_repository_that_ran() {
         found.copied().unwrap_or(0)
     };
     // Nobody pressed the button.
-    let drive = "lead.initialize(center, relative);";
+    let drive = "let task = task_of_press(lead.activity(now), &self.settings, lead.latest_goal());";
     let file = "firmware-axle/src/robot/operator.rs".to_owned();
     assert_eq!(hits.get(&(file, drive.to_owned())), Some(&0));
     // Both axles look at it.

@@ -1203,6 +1203,58 @@ fn order_without_the_lease_or_with_an_old_sequence_is_refused() {
     assert_eq!(board.order(), Some(stop));
 }
 
+/// Frames of two hosts reach a board that drives: in order, late, of the other host, or damaged. The lead node gets those of
+/// the host with the lease, undamaged and once.
+#[test]
+fn late_foreign_and_damaged_orders_do_not_reach_the_lead_node() {
+    const FRAMES: u32 = 1_000_000;
+    let mut random = Random::new(17);
+    let mut board = Driving::greeted(Role::Front);
+    let (mut sequence, mut sent, mut carried) = (0u16, 0, 0);
+    for k in 0..FRAMES {
+        board.station.now += TICK;
+        let goal = Posture::new(k as f32, 0.0, 0.0);
+        let order = Order::Task(Task::Regulate { goal });
+        // The first order takes the lease.
+        let kind = below(&mut random, if sent == 0 { 1 } else { 4 });
+        let next = sequence.wrapping_add(1);
+        let (owner, number) = match kind {
+            0 | 1 => (1, next),
+            2 => (1, sequence.wrapping_sub(below(&mut random, 1000) as u16)),
+            _ => (2, below(&mut random, 65536) as u16),
+        };
+        let stamp = Stamp {
+            owner,
+            sequence: number,
+        };
+        let request = Request::Order { stamp, order };
+        let frame = protocol::encode((k % 255) as u8 + 1, &request).unwrap();
+        let mut bytes = frame.repeated().to_vec();
+        match kind {
+            0 => sent += 1,
+            1 => {
+                damage(&mut random, &mut bytes);
+                bytes.push(0);
+            }
+            _ => {}
+        }
+        let demand = board
+            .attendant
+            .receive(&bytes, &mut board.station, &mut |_| {});
+        match demand {
+            None => assert_ne!(kind, 0),
+            demand => {
+                // Damage at the zeros around a frame does no harm.
+                assert!(kind < 2, "{stamp:?}");
+                assert_eq!(demand, Some(Demand::Order(next, order)));
+                board.done(Ok(()));
+                (sequence, carried) = (next, carried + 1);
+            }
+        }
+    }
+    assert!(sent > FRAMES / 5 && carried >= sent, "{sent} {carried}");
+}
+
 #[test]
 fn orders_reach_the_lead_node() {
     let config = RobotConfig::default();

@@ -535,3 +535,56 @@ fn restarted(role: Role) -> Error {
         role.name()
     ))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::world::random::{Stream, generator};
+    use core_algos::link::attendant::Station;
+    use core_algos::link::protocol::{CrashRecord, StackUse};
+    use core_algos::link::{Attendant, Demand, Identity};
+    use core_algos::math::Posture;
+    use core_algos::node::robot::RobotConfig;
+    use rand::RngExt;
+    use std::sync::LazyLock;
+
+    static CONFIG: LazyLock<RobotConfig> = LazyLock::new(RobotConfig::default);
+
+    /// The line loses one frame in ten in either direction: each order is carried out once, in order.
+    #[test]
+    fn orders_over_a_lossy_line_are_carried_out_once_in_order() {
+        let mut random = generator(5, 0, Stream::Other(0));
+        let (role, build) = (Role::Front, "test");
+        let identity = Identity { build, role };
+        let mut board = Attendant::new(identity, &CONFIG, StackUse::unknown, CrashRecord::default);
+        let mut station = Station::default();
+        let mut link = BoardLink::new(role, 7);
+        link.open();
+        let goal = |k: u16| Task::Regulate {
+            goal: Posture::new(k.into(), 0.0, 0.0),
+        };
+        (0..500).for_each(|k| link.command(&HostCommand::Task(goal(k))));
+        let mut carried = Vec::new();
+        while !link.is_settled() {
+            station.now += 1000;
+            let sent = link.to_send(station.now).unwrap().map(<[u8]>::to_vec);
+            let Some(sent) = sent.filter(|_| random.random_bool(0.9)) else {
+                continue;
+            };
+            let mut answers = Vec::new();
+            let mut answer = |bytes: &[u8]| answers.push(bytes.to_vec());
+            if let Some(Demand::Order(_, order)) = board.receive(&sent, &mut station, &mut answer) {
+                carried.push(order);
+                board.done(Ok(()), &mut answer);
+            }
+            for answer in answers {
+                if random.random_bool(0.9) {
+                    link.take(&answer).unwrap();
+                }
+            }
+        }
+        let expected: Vec<_> = (0..500).map(|k| Order::Task(goal(k))).collect();
+        assert_eq!(carried, expected);
+        assert!(station.now > 20 * REPEAT, "some were lost");
+    }
+}
