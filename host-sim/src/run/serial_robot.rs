@@ -218,8 +218,8 @@ impl SerialRobot {
         let place = place.or(known.then_some(Place { center, relative }));
         if let Some(node) = NODES
             .iter()
-            .find_map(|node| self.monitor.latest(*node))
-            .filter(|it| it.state == OperatingState::Fault)
+            .filter_map(|node| self.monitor.latest(*node))
+            .find(|it| it.state == OperatingState::Fault)
         {
             return Err(Error::Failure(format!(
                 "{node}: clear the fault before the run is recorded"
