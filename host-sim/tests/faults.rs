@@ -17,7 +17,6 @@ fn no_fault_leads_to_uncontrolled_motion_and_the_rows_are_as_committed() {
         scenario: scenario(None).unwrap(),
         images: None,
         quick: false,
-        coverage: None,
     };
     let all = catalogue();
     let entries: Vec<&Entry> = all.iter().filter(|entry| !entry.needs_images()).collect();

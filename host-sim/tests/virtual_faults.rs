@@ -19,7 +19,6 @@ fn trials() -> (Campaign, Reference) {
         scenario: Scenario::default(),
         images: Some(Images::open(None, None, None).unwrap()),
         quick: true,
-        coverage: None,
     };
     let reference = reference(&campaign, SEED, AFTER_MS).unwrap();
     (campaign, reference)

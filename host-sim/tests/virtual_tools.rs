@@ -3,18 +3,12 @@
 #[path = "shared/program.rs"]
 mod program;
 
-use host_sim::targets::images::Images;
 use program::{Run, assert_refused, cfmmr, json_file};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fs;
-use std::io::{Read, Write};
-use std::net::{TcpListener, TcpStream};
 use std::path::Path;
-use std::process::Stdio;
 use std::sync::OnceLock;
-use std::thread;
-use std::time::Duration;
 
 fn posture(folder: &Path, arguments: &str) -> Run {
     cfmmr(folder, &format!("posture --on virtual {arguments}"))
@@ -25,14 +19,10 @@ fn traced() -> &'static Path {
     static RUN: OnceLock<tempfile::TempDir> = OnceLock::new();
     let folder = RUN.get_or_init(|| {
         let folder = tempfile::tempdir().unwrap();
-        let files = "--vcd new/run.vcd --profile --coverage run.info --csv tables";
+        let files = "--vcd new/run.vcd --profile --csv tables";
         let arguments = format!("--stop-after 1.2 --out . {files}");
         let said = posture(folder.path(), &arguments).ends_with(0).out;
-        for words in [
-            "front board\n",
-            "with preemption",
-            "firmware-axle/src/robot/tick.rs",
-        ] {
+        for words in ["front board\n", "with preemption"] {
             assert!(said.contains(words), "{words}: {said}");
         }
         folder
@@ -173,62 +163,6 @@ fn a_profile_adds_up_to_the_load_and_knows_the_longest_tick() {
 }
 
 #[test]
-fn coverage_has_the_lines_of_the_repository_that_ran() {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
-    let text = fs::read_to_string(traced().join("run.info")).unwrap();
-    let (mut file, mut source, mut lines, mut ran) = (String::new(), Vec::new(), 0, 0);
-    let mut hits = BTreeMap::new();
-    for line in text.lines() {
-        if let Some(name) = line.strip_prefix("SF:") {
-            let text = fs::read_to_string(root.join(name)).unwrap_or_else(|_| panic!("{name}"));
-            source = text.lines().map(|line| line.trim().to_owned()).collect();
-            (file, lines, ran) = (name.to_owned(), 0, 0);
-        } else if let Some((number, count)) =
-            line.strip_prefix("DA:").and_then(|d| d.split_once(','))
-        {
-            let count: u64 = count.parse().unwrap();
-            let code = &source[number.parse::<usize>().unwrap() - 1];
-            assert!(
-                !code.is_empty() && !code.starts_with("//"),
-                "{file}:{number}: {code}"
-            );
-            hits.insert((file.clone(), code.clone()), count);
-            (lines, ran) = (lines + 1, ran + usize::from(count > 0));
-        } else if let Some(count) = line.strip_prefix("LF:") {
-            assert_eq!(count, lines.to_string(), "{file}");
-        } else if let Some(count) = line.strip_prefix("LH:") {
-            assert_eq!(count, ran.to_string(), "{file}");
-        }
-    }
-    let packages = [
-        "firmware-axle/",
-        "firmware-beam/",
-        "crates/firmware-common/",
-    ];
-    for package in packages {
-        assert!(
-            hits.keys().any(|(file, _)| file.starts_with(package)),
-            "{package}"
-        );
-    }
-    assert!(
-        hits.keys()
-            .all(|(file, _)| packages.iter().any(|p| file.starts_with(p)))
-    );
-    let count = |file: &str, code: &str| {
-        let found = hits.get(&(format!("firmware-axle/src/{file}"), code.to_owned()));
-        found.copied().unwrap_or(0)
-    };
-    // Nobody pressed the button.
-    let drive = "let task = task_of_press(lead.activity(now), &self.settings, lead.latest_goal());";
-    let file = "firmware-axle/src/robot/operator.rs".to_owned();
-    assert_eq!(hits.get(&(file, drive.to_owned())), Some(&0));
-    // Both axles look at it.
-    let held = "self.held = if down { self.held.saturating_add(1) } else { 0 };";
-    assert_eq!(count("rules.rs", held), 2);
-}
-
-#[test]
 fn a_rear_board_that_loses_its_power_stops_the_robot() {
     let folder = tempfile::tempdir().unwrap();
     let run = posture(folder.path(), "--kill rear@1.2 --out .").ends_with(1);
@@ -286,132 +220,18 @@ fn without_the_beam_board_the_robot_goes_on() {
     assert_eq!(log.matches("reset by PowerOn").count(), 2, "{log}");
 }
 
-/// gdb's end of the remote protocol, after its manual.
-struct Debugger(TcpStream);
-
-impl Debugger {
-    fn connect(port: u16) -> Self {
-        for _ in 0..6000 {
-            if let Ok(stream) = TcpStream::connect(("127.0.0.1", port)) {
-                stream.set_nodelay(true).unwrap();
-                return Self(stream);
-            }
-            thread::sleep(Duration::from_millis(10));
-        }
-        panic!("nobody listens at port {port}");
-    }
-
-    fn send(&mut self, packet: &str) {
-        let sum = packet.bytes().fold(0u8, u8::wrapping_add);
-        self.0
-            .write_all(format!("${packet}#{sum:02x}").as_bytes())
-            .unwrap();
-    }
-
-    /// The next packet, acknowledged, with its repetitions written out.
-    fn answer(&mut self) -> String {
-        let mut byte = [0];
-        let mut next = || {
-            self.0.read_exact(&mut byte).unwrap();
-            byte[0]
-        };
-        while next() != b'$' {}
-        let mut text = String::new();
-        loop {
-            match next() {
-                b'#' => break,
-                b'*' => {
-                    let last = text.chars().last().unwrap();
-                    let count = usize::from(next() - 29);
-                    text.extend(std::iter::repeat_n(last, count));
-                }
-                byte => text.push(byte.into()),
-            }
-        }
-        // Its check sum.
-        next();
-        next();
-        self.0.write_all(b"+").unwrap();
-        text
-    }
-
-    fn ask(&mut self, packet: &str) -> String {
-        self.send(packet);
-        self.answer()
-    }
-
-    fn pc(&mut self) -> u32 {
-        let registers = self.ask("g");
-        let pc = &registers[15 * 8..16 * 8];
-        u32::from_str_radix(pc, 16).unwrap().swap_bytes()
-    }
-}
-
-fn free_port() -> u16 {
-    let listener = TcpListener::bind(("127.0.0.1", 0)).unwrap();
-    listener.local_addr().unwrap().port()
-}
-
-#[test]
-fn a_debugger_meets_the_first_instruction_and_time_stands_still_for_it() {
-    let folder = tempfile::tempdir().unwrap();
-    let images = Images::open(None, None, None).unwrap();
-    let image = images.of(core_algos::topology::Role::Rear);
-    let handler = image.symbol("ADC").unwrap();
-    let port = free_port();
-    let at = format!("rear@{port}");
-    let arguments = format!("posture --on virtual --stop-after 0.3 --gdb {at} --out with");
-    let child = program::command(folder.path(), &arguments)
-        .stdout(Stdio::null())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
-    // A client that speaks something else is dropped, and the next one is served.
-    let mut stray = Debugger::connect(port);
-    stray.0.write_all(b"-").unwrap();
-    while stray.0.read(&mut [0; 64]).is_ok_and(|count| count > 0) {}
-    let mut gdb = Debugger::connect(port);
-    gdb.ask("?");
-    assert_eq!(gdb.pc(), image.reset_vector() & !1);
-    assert_eq!(gdb.ask(&format!("Z0,{handler:x},2")), "OK");
-    for _ in 0..3 {
-        let stop = gdb.ask("c");
-        assert!(stop.starts_with("T05") || stop.starts_with("S05"), "{stop}");
-        assert_eq!(gdb.pc(), handler);
-        // Far beyond what the other boards and the watchdog would bear.
-        thread::sleep(Duration::from_millis(700));
-    }
-    assert_eq!(gdb.ask("D"), "OK");
-    let run = Run::from(child.wait_with_output().unwrap()).ends_with(0);
-    assert!(run.error.contains("gdb dropped"), "{}", run.error);
-    posture(folder.path(), "--stop-after 0.3 --out without").ends_with(0);
-    for file in program::RUN_FILES {
-        let [with, without] =
-            ["with", "without"].map(|run| fs::read_to_string(folder.path().join(run).join(file)));
-        assert_eq!(with.unwrap(), without.unwrap(), "{file}");
-    }
-}
-
 #[test]
 fn bad_input_is_told_with_its_value_and_range() {
     let folder = tempfile::tempdir().unwrap();
-    let taken = TcpListener::bind(("127.0.0.1", 0)).unwrap();
-    let taken = format!("front@{}", taken.local_addr().unwrap().port());
-    let table = format!(
-        "--gdb front@0 | front@0 | 1 to 65535
-         --gdb left@3333 | left@3333 | front, rear or beam
-         --gdb {taken} | {taken} | free
-         --gdb beam@3333 --no-rps | beam | not fitted
-         --kill rear@-1 | -1 | 0 to 36000
+    let table = "--kill rear@-1 | -1 | 0 to 36000
          --kill left@1 | left@1 | front, rear or beam
          --kill rear@3 --stop-after 2 | 3 s | at 2 s
          --kill rear@91 | 91 s | at 90.5 s
          --kill beam@1 --no-rps | beam@1 | front or rear
          --restart-after 0 | 0 | 0.001 to 36000
-         --rows all | --rows | in process"
-    );
-    assert_refused(folder.path(), "posture --on virtual", &table);
-    let options = "--gdb=front@3333\n--profile\n--vcd=run.vcd\n--coverage=run.info";
+         --rows all | --rows | in process";
+    assert_refused(folder.path(), "posture --on virtual", table);
+    let options = "--profile\n--vcd=run.vcd";
     assert_refused(folder.path(), "posture", options);
 }
 

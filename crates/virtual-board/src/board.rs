@@ -1,11 +1,9 @@
 //! A board: core, chip and what is around it, in time.
 
 use crate::chip::{Cause, Chip, Circuit};
-#[cfg(feature = "gdb")]
-use crate::core::WatchAccess;
 use crate::core::{Core, Stop, System};
 use crate::image::Image;
-use crate::time::{Cycles, Time};
+use crate::time::Time;
 
 /// A reset of a board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -14,16 +12,6 @@ pub struct Reset {
     pub at: Time,
     /// Why.
     pub cause: Cause,
-}
-
-/// Breakpoints and requests of the debugger gdb.
-#[cfg(feature = "gdb")]
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Gdb {
-    pub breakpoints: Vec<u32>,
-    pub watchpoints: Vec<(u32, u32, WatchAccess)>,
-    /// Registers of peripherals may be read and written.
-    pub peripherals: bool,
 }
 
 /// A board.
@@ -35,14 +23,8 @@ pub struct Board {
     locked: bool,
     resets: Vec<Reset>,
     now: Time,
-    /// Why a debugger has it stand still, and time with it.
-    stopped: Option<Stop>,
-    /// One instruction, then it stops.
-    steps: bool,
     /// The core stands still while time goes on.
     held: bool,
-    #[cfg(feature = "gdb")]
-    pub(crate) gdb: Gdb,
 }
 
 impl Board {
@@ -55,11 +37,7 @@ impl Board {
             locked: false,
             resets: Vec::new(),
             now: Time(0),
-            stopped: None,
-            steps: false,
             held: false,
-            #[cfg(feature = "gdb")]
-            gdb: Default::default(),
         }
     }
 
@@ -110,23 +88,6 @@ impl Board {
         &self.resets
     }
 
-    /// A debugger stops it at the instruction that it has come to: [`Self::run_until`] does nothing
-    /// until [`Self::resume`].
-    pub fn stop(&mut self) {
-        self.stopped.get_or_insert(Stop::Until);
-    }
-
-    /// Why it was stopped: by a breakpoint, a watchpoint, after a step, or from outside
-    /// ([`Stop::Until`]).
-    pub fn stopped(&self) -> Option<Stop> {
-        self.stopped
-    }
-
-    /// Goes on after a stop, for one instruction if `step`.
-    pub fn resume(&mut self, step: bool) {
-        (self.stopped, self.steps) = (None, step);
-    }
-
     /// The core stands still while time and the chip go on, as under a debug probe, until told to go on.
     pub fn hold(&mut self, held: bool) {
         self.held = held;
@@ -150,10 +111,9 @@ impl Board {
         self.core.reset(&mut self.chip);
     }
 
-    /// Runs to `time`; the board may end up to an instruction later, or earlier where a debugger stops
-    /// it.
+    /// Runs to `time`; the board may end up to an instruction later.
     pub fn run_until(&mut self, time: Time) {
-        while self.stopped.is_none() {
+        loop {
             // The length of a cycle may have changed on the way.
             let until = self.chip.cycle_of(time);
             let cycle = self.core.cycles();
@@ -174,30 +134,12 @@ impl Board {
             } else if self.held {
                 self.core.stand_still(&mut self.chip, until);
             } else {
-                self.execute(until);
+                let stop = self.core.run(&mut self.chip, until);
+                self.locked |= stop == Stop::LockUp;
             }
             if let Some(cause) = self.chip.take_reset() {
                 self.restart(cause);
             }
-        }
-        self.now = self.chip.time_of(self.core.cycles());
-    }
-
-    fn execute(&mut self, until: Cycles) {
-        let stop = if self.steps {
-            self.core.step(&mut self.chip, until)
-        } else {
-            self.core.run(&mut self.chip, until)
-        };
-        match stop {
-            Stop::LockUp => {
-                self.locked = true;
-                self.stopped = self.core.debugger_attached().then_some(stop);
-            }
-            Stop::Breakpoint(_) | Stop::Watchpoint { .. } | Stop::Step => {
-                self.stopped = Some(stop);
-            }
-            Stop::Until | Stop::Reset => {}
         }
     }
 }
@@ -239,24 +181,6 @@ mod tests {
             (after - before).abs_diff(before - first) <= 2,
             "{before} {after}"
         );
-    }
-
-    #[test]
-    fn for_a_stopped_board_time_stands_still() {
-        let mut board = counting();
-        board.run_until(ms(10));
-        board.stop();
-        board.run_until(ms(20));
-        assert_eq!(board.stopped(), Some(Stop::Until));
-        assert!(board.now() < ms(10) + Time::from_micros(1));
-        board.resume(true);
-        let pc = board.core().pc();
-        board.run_until(ms(20));
-        assert_eq!(board.stopped(), Some(Stop::Step));
-        assert!(board.core().pc() != pc && board.now() < ms(10) + Time::from_micros(1));
-        board.resume(false);
-        board.run_until(ms(20));
-        assert_eq!((board.stopped(), board.now()), (None, ms(20)));
     }
 
     #[test]

@@ -107,8 +107,7 @@ impl Network {
         &mut self.wire
     }
 
-    /// Runs everything to `time`, or until a debugger stops a board; then the others may be up to a
-    /// quantum ahead of it, and wait for it.
+    /// Runs everything to `time`.
     pub fn run_until(&mut self, time: Time) {
         if self.threads.min(self.boards.len()) < 2 {
             return self.run_here(time);
@@ -131,9 +130,6 @@ impl Network {
             for board in &mut self.boards {
                 board.run_until(next);
             }
-            if self.boards.iter().any(|board| board.stopped().is_some()) {
-                return;
-            }
             carry(
                 &mut self.wire,
                 next,
@@ -153,14 +149,10 @@ impl Network {
         while self.now < time {
             let next = time.min(self.now + self.quantum);
             let carried = workers.run(next, |boards| {
-                let stopped = boards.iter().any(|board| board.stopped().is_some());
-                if !stopped {
-                    let boards = boards.iter_mut().map(|board| &mut **board);
-                    carry(&mut self.wire, next, boards, &mut self.others);
-                }
-                !stopped
+                let boards = boards.iter_mut().map(|board| &mut **board);
+                carry(&mut self.wire, next, boards, &mut self.others);
             });
-            if carried != Some(true) {
+            if carried.is_none() {
                 break;
             }
             self.now = next;

@@ -178,10 +178,6 @@ pub struct VirtualArgs {
     /// Use this image (ELF) on the beam board
     #[arg(long, value_name = "ELF")]
     pub beam_image: Option<PathBuf>,
-    /// Make a board wait for gdb at this port when its power comes on, for example front@3333; may
-    /// be repeated
-    #[arg(long, value_name = "BOARD@PORT")]
-    pub gdb: Vec<String>,
     /// Write pins, interrupts and bus to this file (Value Change Dump, at least 5 MB a simulated
     /// second)
     #[arg(long, value_name = "FILE")]
@@ -189,9 +185,6 @@ pub struct VirtualArgs {
     /// Print the time by function and interrupt
     #[arg(long)]
     pub profile: bool,
-    /// Write the line coverage of the firmware to this file (lcov)
-    #[arg(long, value_name = "FILE")]
-    pub coverage: Option<PathBuf>,
 }
 
 /// The robot of `posture`, `follow` and `track`.
@@ -251,10 +244,8 @@ impl RobotArgs {
             ("--front-image", instruments.front_image.is_some()),
             ("--rear-image", instruments.rear_image.is_some()),
             ("--beam-image", instruments.beam_image.is_some()),
-            ("--gdb", !instruments.gdb.is_empty()),
             ("--vcd", instruments.vcd.is_some()),
             ("--profile", instruments.profile),
-            ("--coverage", instruments.coverage.is_some()),
         ])
     }
 }

@@ -3,7 +3,6 @@
 use crate::base::error::Error;
 use crate::base::interrupt::watch_for_interrupt;
 use crate::base::numbers::whole;
-use crate::base::output;
 use crate::base::progress::Progress;
 use crate::experiments::arguments::{Place, WorldChoice, place, refuse};
 use crate::experiments::pool;
@@ -12,7 +11,6 @@ use crate::run::virtual_robot::faults::{
     Campaign, Case, Course, End, Entry, Outcome, Reference, SILENCE, catalogue, model, reference,
     run as run_case,
 };
-use crate::run::virtual_robot::tools::coverage;
 use crate::scenario::Scenario;
 use crate::targets::images::Images;
 use clap::Args;
@@ -22,7 +20,6 @@ use serde::Serialize;
 use std::collections::BTreeSet;
 use std::fmt::Write;
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
 
 /// Times of a fault, ms after the press of the button: during the start, and under way.
@@ -55,9 +52,6 @@ pub struct FaultsArgs {
     /// Number of threads; does not change the result [default: one a core]
     #[arg(long, value_name = "N", value_parser = whole::<u16>(1..=1024))]
     pub threads: Option<u16>,
-    /// With --on virtual: write the line coverage of the firmware to this file (lcov)
-    #[arg(long, value_name = "FILE")]
-    pub coverage: Option<PathBuf>,
     /// With --on virtual: use this image (ELF) on both axle boards
     #[arg(long, value_name = "ELF")]
     pub axle_image: Option<PathBuf>,
@@ -400,7 +394,6 @@ fn settings(args: &FaultsArgs) -> Result<Campaign, Error> {
     };
     if images.is_none() {
         refuse(&[
-            ("--coverage", args.coverage.is_some()),
             ("--axle-image", args.axle_image.is_some()),
             ("--beam-image", args.beam_image.is_some()),
         ])?;
@@ -409,7 +402,6 @@ fn settings(args: &FaultsArgs) -> Result<Campaign, Error> {
         scenario: scenario(args.choice.world.as_deref())?,
         images,
         quick: args.quick,
-        coverage: args.coverage.is_some().then(Arc::default),
     })
 }
 
@@ -424,23 +416,12 @@ pub fn run(args: &FaultsArgs) -> Result<(), Error> {
         false => String::new(),
     };
     let trials = settings(args)?;
-    if let (Some(file), Some(images)) = (&args.coverage, &trials.images) {
-        coverage::check(images)?;
-        output::try_file(file)?;
-    }
     let pool = pool(args.threads)?;
     let seeds = if args.quick { 1 } else { u64::from(args.seeds) };
     let report = pool.install(|| campaign(&trials, &entries, seeds))?;
     args.json
         .write(&Provenance::of(&trials.scenario, 1), &report)?;
-    let mut text = report.markdown() + &report.complaints();
-    if let (Some(file), Some(Ok(coverage))) = (
-        &args.coverage,
-        trials.coverage.as_ref().map(|sum| sum.lock()),
-    ) {
-        output::write_file(file, coverage.lcov())?;
-        text += &format!("\nLine coverage of the firmware\n{coverage}");
-    }
+    let text = report.markdown() + &report.complaints();
     args.json.print_page(&text)?;
     if report.interrupted {
         let text = "interrupted: the table is that of the runs so far";

@@ -16,9 +16,8 @@ use crate::run::path_run::PathMode;
 use crate::run::real_time::RealTimeLimiter;
 use crate::run::recovery::Status;
 use crate::run::robot::Robot;
-use crate::run::virtual_robot::tools::debugger::Gdb;
+use crate::run::virtual_robot::tools::Instruments;
 use crate::run::virtual_robot::tools::profile::{self, Profile};
-use crate::run::virtual_robot::tools::{Instruments, coverage};
 use crate::run::virtual_robot::{BoardReport, Options, VirtualRobot};
 use crate::scenario::Scenario;
 use crate::scenario::effect::Use;
@@ -33,7 +32,6 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
-use virtual_board::probe::coverage::Coverage;
 
 /// Result of a run on virtual boards.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -94,14 +92,13 @@ fn plan(args: &RobotArgs, scenario: &Scenario) -> Result<Plan, Error> {
 }
 
 /// Instruments from power on.
-fn instruments(args: &VirtualArgs, interrupt: &Arc<AtomicBool>) -> Result<Instruments, Error> {
-    for file in [&args.vcd, &args.coverage].into_iter().flatten() {
+fn instruments(args: &VirtualArgs) -> Result<Instruments, Error> {
+    if let Some(file) = &args.vcd {
         output::try_file(file)?;
     }
     Ok(Instruments {
-        gdb: Gdb::new(&args.gdb, interrupt)?,
         vcd: args.vcd.clone(),
-        profile: args.profile || args.coverage.is_some(),
+        profile: args.profile,
     })
 }
 
@@ -110,11 +107,7 @@ fn images(args: &VirtualArgs) -> Result<Images, Error> {
     let axle = args.axle_image.as_deref();
     let front = args.front_image.as_deref().or(axle);
     let rear = args.rear_image.as_deref().or(axle);
-    let images = Images::open(front, rear, args.beam_image.as_deref())?;
-    if args.coverage.is_some() {
-        coverage::check(&images)?;
-    }
-    Ok(images)
+    Images::open(front, rear, args.beam_image.as_deref())
 }
 
 /// Runs `cfmmr posture` with boards.
@@ -182,7 +175,7 @@ fn run(
     recorder::check(log)?;
     let interrupt = context.interrupt().clone();
     let mut options = Options {
-        instruments: instruments(&args.instruments, &interrupt)?,
+        instruments: instruments(&args.instruments)?,
         record: log.any(),
         ..Options::default()
     };
@@ -205,9 +198,8 @@ fn run(
     let DriveOutcome {
         outcome,
         mut report,
-        mut recorded,
+        recorded,
         profiles,
-        coverage,
     } = done;
     let failed = judge(&report, outcome.failure(), args.plan.stop_after.is_some());
     let (text, experiment, mut files) = mission.publish(context, outcome, &report.ended)?;
@@ -223,11 +215,6 @@ fn run(
             );
             text += &format!("\n{}", profile.table);
         }
-    }
-    if let Some(file) = &args.instruments.coverage {
-        output::write_file(file, coverage.lcov().into_bytes())?;
-        recorded.push(file.clone());
-        text += &format!("\nLine coverage of the firmware\n{coverage}");
     }
     context.finish(&text, &report, files, &recorded, failed)
 }
@@ -250,7 +237,6 @@ struct DriveOutcome {
     /// Files that were written on the way.
     recorded: Vec<PathBuf>,
     profiles: Vec<Profile>,
-    coverage: Coverage,
 }
 
 impl Drive<'_> {
@@ -287,16 +273,11 @@ impl Drive<'_> {
         let mut recorded = driven.recorded;
         recorded.extend(robot.close()?);
         let report = report(&mut robot, driven.outcome.done(), &goal, start);
-        let mut coverage = Coverage::default();
-        if self.args.instruments.coverage.is_some() {
-            coverage::add(&mut robot, &mut coverage);
-        }
         Ok(DriveOutcome {
             profiles: profile::of(&mut robot, &report.boards),
             outcome: driven.outcome,
             report,
             recorded,
-            coverage,
         })
     }
 }

@@ -63,11 +63,6 @@ impl Core {
         self.debug.attached = attached;
     }
 
-    /// True if a debugger is there.
-    pub fn debugger_attached(&self) -> bool {
-        self.debug.attached
-    }
-
     /// The core stops before the instruction at this address.
     pub fn add_breakpoint(&mut self, address: u32) {
         self.debug.breakpoints.insert(address & !1);

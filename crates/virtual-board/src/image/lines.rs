@@ -3,7 +3,6 @@
 use gimli::{Dwarf, EndianSlice, LittleEndian, SectionId, Unit};
 use std::collections::HashMap;
 use std::fmt;
-use std::ops::Range;
 
 /// A source line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -70,12 +69,6 @@ impl Lines {
         let after = self.rows.partition_point(|r| r.start <= pc);
         let row = self.rows.get(after.checked_sub(1)?)?;
         (pc < row.end).then(|| self.place(row)).flatten()
-    }
-
-    /// Stretches of code with their source lines: first address, address behind the last, place.
-    pub fn rows(&self) -> impl Iterator<Item = (Range<u32>, Place<'_>)> {
-        let rows = self.rows.iter();
-        rows.filter_map(|row| Some((row.start..row.end, self.place(row)?)))
     }
 
     /// Line 0 is code that belongs to no line.

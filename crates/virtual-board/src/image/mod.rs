@@ -205,11 +205,6 @@ impl Image {
         self.lines().find(pc & !1)
     }
 
-    /// All stretches of code with their source lines, by address.
-    pub fn lines_of_code(&self) -> impl Iterator<Item = (Range<u32>, Place<'_>)> {
-        self.lines().rows()
-    }
-
     /// A place in the program in words: function and source line as far as they are known.
     pub fn describe(&self, pc: u32) -> String {
         let mut text = format!("{pc:#010x}");

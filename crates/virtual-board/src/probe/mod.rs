@@ -5,13 +5,8 @@
 //! | [`rtt`] | the log channel in the target's memory |
 //! | [`vcd`] | signals over time as a Value Change Dump |
 //! | [`waves`] | pins, interrupts and bus of boards as such a dump |
-//! | [`coverage`] | source lines that ran, without instrumenting the image |
 //! | [`profile`] | time by function and by interrupt |
-//! | `gdb` | a server for the debugger gdb (feature `gdb`) |
 
-pub mod coverage;
-#[cfg(feature = "gdb")]
-pub mod gdb;
 pub mod profile;
 pub mod rtt;
 pub mod vcd;

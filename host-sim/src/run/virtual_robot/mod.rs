@@ -303,7 +303,7 @@ impl VirtualRobot {
     }
 
     /// Switches those boards on whose time has come.
-    fn power_up(&mut self, options: &Options) -> Result<(), Error> {
+    fn power_up(&mut self, options: &Options) {
         let now = self.network.now();
         for place in 0..self.roles.len() {
             let after = options.power_on_ms[self.roles[place] as usize];
@@ -311,10 +311,8 @@ impl VirtualRobot {
                 && let Some(board) = self.network.board(place)
             {
                 board.power(true);
-                self.powered(place)?;
             }
         }
-        Ok(())
     }
 
     /// Switches the boards on and runs them until all nodes are ready.
@@ -322,7 +320,7 @@ impl VirtualRobot {
         let mut ready = 0;
         while ready < READY_TICKS {
             let now = self.network.now();
-            self.power_up(options)?;
+            self.power_up(options);
             self.advance()?;
             ready = if self.waits_for().is_none() {
                 ready + 1
@@ -382,7 +380,7 @@ impl VirtualRobot {
         Ok(())
     }
 
-    /// The same with neither debugger nor waveforms, which alone can fail.
+    /// The same without waveforms, which alone can fail.
     fn advance_plainly(&mut self) {
         let from = self.network.now();
         self.show_motion(from);

@@ -4,17 +4,14 @@ use super::Campaign;
 use crate::base::error::Error;
 use crate::run::virtual_robot::axle::AxleBoard;
 use crate::run::virtual_robot::beam::BeamBoard;
-use crate::run::virtual_robot::tools::{Instruments, coverage};
 use crate::run::virtual_robot::{Options, VirtualRobot};
 use crate::targets::board_log::BoardLog;
 use core_algos::topology::Role;
 use rand::RngExt;
 use rand_pcg::Pcg64;
-use std::sync::{Arc, Mutex};
 use virtual_board::Time;
 use virtual_board::board::Board;
 use virtual_board::core::{System, Transfer};
-use virtual_board::probe::coverage::Coverage;
 use virtual_board::wire::{BitTiming, Fault, Settings, VirtualNode};
 
 /// Place of the node at the bus that is no board.
@@ -30,17 +27,6 @@ pub struct Bench {
     pub struck: Option<Role>,
     /// Failure that an act has seen.
     pub wrong: Option<String>,
-    coverage: Option<Arc<Mutex<Coverage>>>,
-}
-
-impl Drop for Bench {
-    fn drop(&mut self) {
-        if let Some(coverage) = &self.coverage
-            && let Ok(mut sum) = coverage.lock()
-        {
-            coverage::add(&mut self.robot, &mut sum);
-        }
-    }
 }
 
 impl Bench {
@@ -56,10 +42,6 @@ impl Bench {
         let options = Options {
             threads: 1,
             others: 1,
-            instruments: Instruments {
-                profile: campaign.coverage.is_some(),
-                ..Instruments::default()
-            },
             ..options
         };
         let (scenario, images) = (&campaign.scenario, campaign.images()?);
@@ -75,7 +57,6 @@ impl Bench {
             seed,
             struck: None,
             wrong: None,
-            coverage: campaign.coverage.clone(),
         };
         bench.wire(Fault::Piece {
             node: OTHER,

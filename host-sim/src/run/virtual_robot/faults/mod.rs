@@ -33,8 +33,6 @@ pub use run::{Reference, reference, run};
 use crate::base::error::Error;
 use crate::run::virtual_robot::Images;
 use crate::scenario::Scenario;
-use std::sync::{Arc, Mutex};
-use virtual_board::probe::coverage::Coverage;
 
 /// Every fault, in the order of the table.
 pub fn catalogue() -> Vec<Entry> {
@@ -59,8 +57,6 @@ pub struct Campaign {
     pub images: Option<Images>,
     /// Only some of the instants at which power can fail are tried.
     pub quick: bool,
-    /// Sum of the line coverage, if requested.
-    pub coverage: Option<Arc<Mutex<Coverage>>>,
 }
 
 impl Campaign {

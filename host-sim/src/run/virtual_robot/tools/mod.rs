@@ -3,17 +3,13 @@
 //! | module | what it holds |
 //! |---|---|
 //! | [`cuts`] | boards switched off and on again at their times |
-//! | [`debugger`] | gdb at a board |
 //! | [`waves`] | pins, interrupts and bus in a file |
 //! | [`profile`] | where the boards' time went |
-//! | [`coverage`] | source lines that ran |
 //! | `user` | what the user does after the restart of an axle board |
 //!
 //! What is not asked for costs nothing.
 
-pub mod coverage;
 pub mod cuts;
-pub mod debugger;
 pub mod profile;
 mod user;
 pub mod waves;
@@ -24,7 +20,6 @@ use crate::run::robot::Robot;
 use crate::targets::{BoardTraffic, Event, Traffic};
 use core_algos::topology::Role;
 use cuts::Cuts;
-use debugger::{Debugger, Gdb};
 use std::path::PathBuf;
 use virtual_board::Time;
 use virtual_board::wire::Record as Sending;
@@ -33,18 +28,15 @@ use waves::Waves;
 /// Requested instruments.
 #[derive(Clone, Debug, Default)]
 pub struct Instruments {
-    /// Debuggers that the boards wait for.
-    pub gdb: Gdb,
     /// File for pins, interrupts and bus.
     pub vcd: Option<PathBuf>,
-    /// True if time is counted by instruction, for [`profile`] and [`coverage`].
+    /// True if time is counted by instruction, for [`profile`].
     pub profile: bool,
 }
 
 /// Instruments.
 #[derive(Default)]
 pub(super) struct Tools {
-    debugger: Debugger,
     waves: Option<Waves>,
     cuts: Cuts,
     user: user::User,
@@ -81,7 +73,6 @@ impl VirtualRobot {
 
     /// Puts the instruments at boards that have no power yet.
     pub(super) fn fit(&mut self, instruments: &Instruments) -> Result<(), Error> {
-        self.tools.debugger = Debugger::new(&instruments.gdb, &self.roles)?;
         if instruments.profile {
             for board in self.network.boards() {
                 board.core_mut().set_profiling(true);
@@ -95,17 +86,9 @@ impl VirtualRobot {
         Ok(())
     }
 
-    /// A board has got its power for the first time.
-    pub(super) fn powered(&mut self, place: usize) -> Result<(), Error> {
-        let Some(board) = self.network.board(place) else {
-            return Ok(());
-        };
-        self.tools.debugger.wait(place, board)
-    }
-
     /// Boards and bus to this time.
     pub(super) fn run_until(&mut self, time: Time) -> Result<(), Error> {
-        self.tools.debugger.run(&mut self.network, time)?;
+        self.network.run_until(time);
         match &mut self.tools.waves {
             Some(waves) => waves.follow(&mut self.network),
             None => Ok(()),
