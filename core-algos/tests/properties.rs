@@ -147,7 +147,7 @@ fn tick() -> impl Strategy<Value = Tick> {
         1 => Just(Some(Task::Stop)),
         1 => Just(Some(Task::Follow)),
         1 => Just(Some(Task::Track)),
-        1 => numbers::<3>().prop_map(|g| Some(Task::Regulate { goal: g.into() })),
+        1 => numbers::<3>().prop_map(|g| Some(Task::regulate(g.into()))),
     ];
     (
         passed,
@@ -185,7 +185,11 @@ fn drive(ticks: &[Tick]) -> Result<(), TestCaseError> {
         if let Some(lead) = board.lead() {
             let straight = config.geometry.frame_length_m;
             let relative = Estimate::with_sigmas(Posture::new(straight, 0.0, 0.0), [1e-3; 3]);
-            lead.initialize(&known(), &relative);
+            lead.initialize(&core_algos::node::lead::Place {
+                center: known(),
+                relative,
+                floor_drift: 0.01,
+            });
         }
         let (mut now, mut outbox): (Micros, _) = (20_000_000, Outbox::new());
         for tick in ticks {

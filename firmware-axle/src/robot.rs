@@ -17,6 +17,7 @@ use core_algos::control::controller::KinematicController;
 use core_algos::control::wheel_observer::WheelObserver;
 use core_algos::drive::winding::Winding;
 use core_algos::node::board::Ready;
+use core_algos::node::robot::Told;
 use core_algos::params::Settings;
 use core_algos::topology::Role;
 use embassy_executor::Spawner;
@@ -85,7 +86,7 @@ fn start(
         lead.set_controller(controller);
     }
     let drive = settings.button;
-    let put_down = settings.robot.put_down(drive.start);
+    let put_down = settings.robot.put_down(drive.start, &Told::default());
     let button = Button::new(p.PA0, put_down, drive);
 
     let (task_watchdog, check_ins) =

@@ -129,10 +129,8 @@ pub fn task_of_press(activity: Activity, button: &Button, latest: Option<Posture
     match (activity, button.action) {
         (Activity::Faulted, _) => Some(Task::Clear),
         (Activity::Busy, _) => Some(Task::Stop),
-        (Activity::Resting, 0) => Some(Task::Regulate {
-            goal: latest.unwrap_or(button.goal),
-        }),
-        (Activity::Resting, 1) => Some(Task::Regulate { goal: button.goal }),
+        (Activity::Resting, 0) => Some(Task::regulate(latest.unwrap_or(button.goal))),
+        (Activity::Resting, 1) => Some(Task::regulate(button.goal)),
         (Activity::Resting, _) => None,
     }
 }
@@ -236,7 +234,7 @@ mod tests {
     #[test]
     fn a_press_clears_a_fault_stops_a_robot_or_begins_a_drive() {
         let (own, latest) = (Posture::new(1.0, 2.0, 3.0), Posture::new(4.0, 5.0, 6.0));
-        let regulate = |goal| Some(Task::Regulate { goal });
+        let regulate = |goal| Some(Task::regulate(goal));
         for (action, after_none, after_some) in [
             (0, regulate(own), regulate(latest)),
             (1, regulate(own), regulate(own)),

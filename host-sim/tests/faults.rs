@@ -109,6 +109,7 @@ const ELSEWHERE: &[(Condition, &str)] = &[
         "tests/real_robot.rs: a loose cable",
     ),
     (Condition::GaveUp, "no fault: a goal that is missed"),
+    (Condition::ReachedUncertain, "no fault: a goal that is far"),
     (
         Condition::ConversionsLost,
         "virtual boards: converter overrun",

@@ -81,12 +81,13 @@ robot.axle.wrench_timeout_s=0.5 | posture | beam board lost | robot.axle.control
 robot.beam.health.active_counts=100000 | posture | gauge stuck @600 | robot.beam.health.max_chi_square=1e6
 robot.beam.health.flat_window_periods=200 | posture | gauge stuck @600 | robot.beam.health.max_chi_square=1e6
 robot.beam.health.dead_strain=0.01 | posture | gauge stuck @600 | robot.beam.health.max_chi_square=1e6
-robot.lead.limits.goal_heading_rad=0.01 | posture || robot.lead.limits.goal_position_m=0.5
+mission.tolerance_m=0.01 | posture ||
+mission.tolerance_rad=0.01 | posture ||
 robot.lead.limits.position_sigma_m=0.01 | posture ||
 robot.lead.regulator.max_attempts=0 | posture || mission.rps=false robot.lead.regulator.accept_heading_rad=0.002
 robot.lead.regulator.planner.max_straight_m=0.3 | posture || mission.start=[-0.3,0.3,2.0]
 robot.lead.regulator.approach.denominator_floor=1 | posture || robot.lead.regulator.approach.approach_gain_m_s=0.1
-robot.lead.regulator.release_factor=1.1 | posture || mission.rest_s=20 sensors.bridge.drift_walk_strain=1e-5
+robot.lead.regulator.release_factor=1.1 | posture || mission.rest_s=20 sensors.bridge.drift_walk_strain=1e-5 robot.lead.regulator.accept_distance_m=0.003 robot.lead.regulator.accept_heading_rad=0.003
 robot.lead.regulator.leave_factor=1 | posture || mission.start=[-1.0,0.6,2.0] robot.lead.regulator.leave_slack_rad=0
 robot.lead.regulator.leave_slack_rad=0 | posture || mission.start=[-1.0,0.6,2.0] robot.lead.regulator.leave_factor=1
 robot.lead.course.law.denominator_floor=1 | follow ||

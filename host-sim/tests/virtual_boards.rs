@@ -187,9 +187,9 @@ fn orders_at_the_serial_port_drive_the_robot() {
     let (mut robot, _) = robot(&scenario);
     let [x, y, _] = scenario.mission.start.map(|value| value as f32);
     let goal = Posture::new(x + 0.8, y + 0.1, 0.2);
-    let drive = HostCommand::Task(Task::Regulate { goal });
+    let drive = HostCommand::Task(Task::regulate(goal));
     let stamp = Stamp::default();
-    let order = Order::Task(Task::Regulate { goal });
+    let order = Order::Task(Task::regulate(goal));
     let request = Request::Order { stamp, order };
     assert!(reply_of_rear(&mut robot, 1, &request).contains("OtherBoard"));
     let tight = PathPoint {
@@ -235,7 +235,7 @@ fn reports_of_the_front_board_hold_every_frame_on_the_bus() {
     let (mut robot, _) = robot(&Scenario::default());
     let goal = Posture::ORIGIN;
     robot
-        .command(&HostCommand::Task(Task::Regulate { goal }))
+        .command(&HostCommand::Task(Task::regulate(goal)))
         .unwrap();
     for _ in 0..500 {
         robot.step().unwrap();

@@ -8,7 +8,7 @@ import serial
 from cobs import cobs
 from crc32c import crc32c
 
-PROTOCOL, HELLO, ORDER, KEEP, RELEASE, WATCH = 12, 0, 5, 6, 7, 16
+PROTOCOL, HELLO, ORDER, KEEP, RELEASE, WATCH = 13, 0, 5, 6, 7, 16
 PLACE, TASK, IDLE, REGULATE = 0, 1, 0, 3
 REFUSED, REPORT = 5, 10
 NOTHING = bytearray(2)
@@ -57,8 +57,8 @@ def main(path, x, y, phi):
     board, sigmas = Board(path), [1e-4, 0, 0, 0, 1e-4, 0, 0, 0, 1e-4]
     board.ask([HELLO, PROTOCOL, 1])
     board.ask([WATCH])
-    board.order([PLACE], struct.pack("<24f", 0, 0, 0, *sigmas, 0.37, 0, 0, *sigmas))
-    board.order([TASK, REGULATE], struct.pack("<3f", x, y, phi))
+    board.order([PLACE], struct.pack("<25f", 0, 0, 0, *sigmas, 0.37, 0, 0, *sigmas, 0.01))
+    board.order([TASK, REGULATE], struct.pack("<5f", x, y, phi, 0.1, 0.1))
     until, near, kept = time.monotonic() + 60, 0, 0
     try:
         while time.monotonic() < until and near < 500:

@@ -224,12 +224,12 @@ pub struct Uncertainty {
 
 impl Default for Uncertainty {
     /// Values of ordinary foil gauges, full bridges, zeroed on the robot with the frame let go. A matched bridge
-    /// moves by 0.5 to 1 µε/K and a strain held by up to 1 % of it; clamps that are not square bend the
-    /// strip that is zeroed by milliradians. Foil and glue stand 40 to 60 µm off the strip's surface.
+    /// moves by 0.5 to 1 µε/K and a strain held by up to 1 % of it; a foil gauge drifts by 5 to 20 µε in months; clamps
+    /// that are not square bend the strip that is zeroed by milliradians. Foil and glue stand 40 to 60 µm off the strip's surface.
     fn default() -> Self {
         Self {
             noise_strain: 1e-6,
-            offset_strain: 5e-6,
+            offset_strain: 20e-6,
             zero_walk_strain_per_sqrt_s: 0.05e-6,
             common_offset_strain: 7e-6,
             gain: 1e-2,

@@ -51,6 +51,43 @@ pub struct Input {
     pub speed_m_s: f32,
     /// Posture that O is to reach, same frame as `posture`.
     pub goal: Posture,
+    /// How near to it O is to be.
+    pub within: Tolerance,
+}
+
+/// Tolerance of a goal.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
+pub struct Tolerance {
+    /// Of the position, m.
+    pub position_m: f32,
+    /// Of the heading, rad.
+    pub heading_rad: f32,
+}
+
+impl Default for Tolerance {
+    /// 10 cm and 5°.
+    fn default() -> Self {
+        Self {
+            position_m: 0.1,
+            heading_rad: 0.0873,
+        }
+    }
+}
+
+impl Tolerance {
+    /// True if both are positive numbers.
+    pub fn is_valid(&self) -> bool {
+        self.position_m > 0.0
+            && self.heading_rad > 0.0
+            && (self.position_m + self.heading_rad).is_finite()
+    }
+
+    /// True if errors of position (m) and heading (rad) are within; false for NaN.
+    pub fn holds(&self, [position, heading]: [f32; 2]) -> bool {
+        position <= self.position_m && heading <= self.heading_rad
+    }
 }
 
 /// Commanded motion, before the governor.
@@ -76,10 +113,8 @@ const STALL_S: f32 = 1.0;
 /// Way (m) that a robot under way makes in this time (s), or it is stuck.
 const STUCK_M: f32 = 1e-3;
 const STUCK_S: f32 = 2.0;
-/// Sideways shift of the estimate (m) that makes an attempt the estimate's failure, and attempts of that kind that count
-/// as one.
-const SHIFT_M: f32 = 0.02;
-const SHIFTED: u16 = 8;
+/// Factor by which each attempt widens what counts as reached.
+const WIDENING: f32 = 1.6;
 /// Remainder of a segment that counts as driven, m.
 const SEGMENT_END_M: f32 = 2e-3;
 
@@ -118,7 +153,6 @@ impl Regulator {
         }
         self.accept_goal(state, input);
         state.elapsed += self.config.tick_s;
-        Self::note_shift(state, input.posture);
         if self.is_stuck(state, input) {
             state.enter(Phase::Hold);
         }
@@ -155,17 +189,6 @@ impl Regulator {
                 ..State::default()
             };
         }
-    }
-
-    /// Adds up the estimate's motion sideways, which is not driven: corrections of a filter, decimetres where a heading
-    /// is corrected 60 m from the start.
-    fn note_shift(state: &mut State, seen: Posture) {
-        state.shift_m += seen
-            .relative_to(Posture {
-                phi: seen.phi,
-                ..state.last
-            })
-            .y;
     }
 
     /// True if the robot is under way and does not move: friction can be more than what a small
@@ -241,11 +264,20 @@ impl Regulator {
         PolarError::between(input.posture, input.goal)
     }
 
-    /// True if the goal is reached, bounds widened by `factor`.
-    fn reached(&self, state: &State, error: PolarError, factor: f32) -> bool {
-        let factor = factor * (1.0 + 0.3 * f32::from(state.attempts().min(3)));
-        error.distance_m <= factor * self.config.accept_distance_m
-            && error.heading().abs() <= factor * self.config.accept_heading_rad
+    /// True if the goal is reached, bounds widened by `factor`. Each attempt widens them up to the task's tolerance: an
+    /// estimate that learns moves by more than the robot can come near.
+    fn reached(&self, state: &State, input: &Input, factor: f32) -> bool {
+        let error = self.error(input);
+        let bound = |accepted: f32, tolerance: f32| {
+            let mut bound = accepted;
+            for _ in 0..state.attempts.min(self.config.max_attempts) {
+                bound *= WIDENING;
+            }
+            factor * bound.min(tolerance.max(accepted))
+        };
+        error.distance_m <= bound(self.config.accept_distance_m, input.within.position_m)
+            && error.heading().abs()
+                <= bound(self.config.accept_heading_rad, input.within.heading_rad)
     }
 
     /// Way (m) that the governor needs from `speed` to rest once zero is commanded: at its
@@ -268,7 +300,7 @@ impl Regulator {
             match state.next {
                 Next::Plan if !rest => {}
                 Next::Plan => {
-                    if self.reached(state, self.error(input), 1.0) {
+                    if self.reached(state, input, 1.0) {
                         state.enter(Phase::Hold);
                     } else {
                         state.search = Some(self.planner.start(input.posture, input.goal));
@@ -339,14 +371,10 @@ impl Regulator {
         }
     }
 
-    /// Another attempt, if any is left. One that failed for a shift of the estimate counts as a part of one.
+    /// Another attempt, if any is left.
     fn renew(&self, state: &mut State) {
-        state.spent += match state.shift_m.abs() > SHIFT_M {
-            true => 1,
-            false => SHIFTED,
-        };
-        state.shift_m = 0.0;
-        if state.spent > SHIFTED * u16::from(self.config.max_attempts) {
+        state.attempts = state.attempts.saturating_add(1);
+        if state.attempts > self.config.max_attempts {
             state.enter(Phase::GaveUp);
         } else {
             state.stop_then(Next::Plan);
@@ -483,7 +511,7 @@ impl Regulator {
         if !self.at_rest(input) {
             state.elapsed = 0.0;
         } else if state.elapsed >= self.config.settle_time_s {
-            if self.reached(state, self.error(input), 1.0) {
+            if self.reached(state, input, 1.0) {
                 state.enter(Phase::Done);
             } else {
                 self.renew(state);
@@ -493,8 +521,8 @@ impl Regulator {
     }
 
     fn done(&self, state: &mut State, input: &Input) -> Output {
-        if !self.reached(state, self.error(input), self.config.release_factor) {
-            state.spent = 0;
+        if !self.reached(state, input, self.config.release_factor) {
+            state.attempts = 0;
             state.stop_then(Next::Plan);
         }
         self.stand(state)

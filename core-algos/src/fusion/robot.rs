@@ -38,9 +38,10 @@
 //! use core_algos::math::{Posture, matrix};
 //!
 //! let fusion = Config::default().build()?;
-//! let mut state = fusion.start(Posture::ORIGIN);
-//! let moved = |turn| Increment::new(Posture::new(2e-3, 0.0, turn), matrix::diagonal([1e-9; 3]));
+//! let placed = Estimate::with_sigmas(Posture::ORIGIN, [3e-3, 3e-3, 5e-3]);
 //! let straight = Estimate::with_sigmas(Posture::new(0.37, 0.0, 0.0), [1e-4, 1e-4, 1e-3]);
+//! let mut state = fusion.start(&placed, &straight, 0.005);
+//! let moved = |turn| Increment::new(Posture::new(2e-3, 0.0, turn), matrix::diagonal([1e-9; 3]));
 //! let mut output = Output::default();
 //! for _ in 0..100 {
 //!     // The wheels say that the axles turn against each other, the beam says that they do not.
@@ -85,9 +86,6 @@ const CONDITION_INTERVAL: u8 = 64;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RobotFusion {
     mode: Mode,
-    frame_length: f32,
-    start_sigmas: [f32; 3],
-    frame_sigmas: [f32; 3],
     per_m: [f32; 3],
     /// Variance across the heading, per metre and squared relative heading.
     side_per_m: f32,
@@ -191,7 +189,14 @@ enum Tracks {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct State {
     tracks: Tracks,
+    /// Standard deviation of the way that the floor takes the robot, over the way it rolls.
+    floor_drift: f32,
     until_condition: u8,
+    /// Posture of O.
+    robot: Posture,
+    /// Its heading before the last tick, and its motion in it by odometry alone, along the global axes.
+    heading: f32,
+    moved: Posture,
     beam: Beam,
 }
 
@@ -204,6 +209,11 @@ struct Beam {
 }
 
 impl State {
+    /// Heading of O before the last tick, and its motion in it by odometry alone (m, m, rad, along the global axes).
+    pub fn moved(&self) -> (f32, Posture) {
+        (self.heading, self.moved)
+    }
+
     #[cfg(test)]
     pub(crate) fn joint(&self) -> Option<&joint::State> {
         match &self.tracks {
@@ -214,19 +224,12 @@ impl State {
 }
 
 impl RobotFusion {
-    /// Start with O at a known posture and the frame straight.
-    pub fn start(&self, robot: Posture) -> State {
-        let robot = Estimate::with_sigmas(robot, self.start_sigmas);
-        let relative =
-            Estimate::with_sigmas(Posture::new(self.frame_length, 0.0, 0.0), self.frame_sigmas);
-        self.start_at(&robot, &relative)
-    }
-
     /// Start with O's posture and the front axle's posture in the rear axle's frame, both with their
-    /// covariances.
-    pub fn start_at(&self, robot: &Estimate, relative: &Estimate) -> State {
+    /// covariances, on a floor that takes the robot along by this share of its way (standard deviation along each of
+    /// the floor's axes).
+    pub fn start(&self, robot: &Estimate, relative: &Estimate, floor_drift: f32) -> State {
         let tracks = match self.mode {
-            Mode::Joint => Tracks::Joint(self.joint.start(robot, relative)),
+            Mode::Joint => Tracks::Joint(self.joint.start(robot, relative, floor_drift)),
             _ => {
                 let (r, o) = (relative.posture, robot.posture);
                 let begin = |chain: Chain| {
@@ -250,7 +253,11 @@ impl RobotFusion {
         };
         State {
             tracks,
+            floor_drift,
             until_condition: CONDITION_INTERVAL,
+            robot: robot.posture,
+            heading: robot.posture.phi,
+            moved: Posture::ORIGIN,
             beam: Beam {
                 relative: *relative,
                 rejected_in_a_row: 0,
@@ -285,25 +292,29 @@ impl RobotFusion {
         let rear = self.with_slip(rear, heading);
 
         let mut output = Output::default();
-        let beam = inputs
-            .beam
-            .filter(|_| complete && self.mode != Mode::Odometry);
-        let beam = match beam {
-            Some(beam) if !is_usable(&beam) => {
-                output.beam.verdict = Verdict::Invalid;
-                None
-            }
-            other => other,
-        };
+        let beam = inputs.beam.filter(|_| complete && self.uses_beam());
+        let offered = beam.is_some();
+        let beam = beam.filter(is_usable);
+        if offered && beam.is_none() {
+            output.beam.verdict = Verdict::Invalid;
+        }
         let State {
             tracks,
+            floor_drift,
             until_condition,
+            robot,
+            heading: before,
+            moved,
             beam: seen,
         } = state;
+        *before = robot.phi;
         match tracks {
             Tracks::Separate { front: f, rear: r } => {
-                self.advance(f, &front, 0, heading);
-                self.advance(r, &rear, 1, heading);
+                let was = Chain::midpoint(f.posture, r.posture).posture;
+                self.advance(f, &front, 0, heading, *floor_drift);
+                self.advance(r, &rear, 1, heading, *floor_drift);
+                let [x, y, phi] = Chain::midpoint(f.posture, r.posture).posture.minus(was);
+                *moved = Posture::new(x, y, phi);
                 if let Some(beam) = beam {
                     self.join(seen, [f, r], &beam, [&front, &rear], &mut output);
                 }
@@ -323,11 +334,13 @@ impl RobotFusion {
                     }
                 }
                 let loading = joint.loading();
+                let (relative, heading) = (joint.relative_posture(), joint.rear().phi);
                 self.joint
                     .predict(joint, &front.estimate, &rear.estimate, shares, ticks);
                 if !complete {
                     self.joint.keep_loading(joint, loading);
                 }
+                *moved = joint.moved(*robot, relative, heading);
                 if let Some(beam) = beam {
                     output.beam = self
                         .joint
@@ -341,6 +354,7 @@ impl RobotFusion {
                 output.robot = estimates.robot;
             }
         }
+        *robot = output.robot.posture;
         output
     }
 
@@ -373,7 +387,8 @@ impl RobotFusion {
             &matrix::propagate(&chain.by_base, &base.covariance),
             &matrix::propagate(&chain.by_relative, &whole.covariance),
         );
-        *state = self.start_at(&Estimate::new(chain.posture, covariance), &whole);
+        let robot = Estimate::new(chain.posture, covariance);
+        *state = self.start(&robot, &whole, state.floor_drift);
         self.step(state, &Inputs::default())
     }
 
@@ -384,6 +399,7 @@ impl RobotFusion {
         increment: &Slipping,
         axle: usize,
         heading: RelativeHeading,
+        floor_drift: f32,
     ) {
         let moved = into_departure(&increment.estimate);
         let step = constants::Step {
@@ -407,7 +423,7 @@ impl RobotFusion {
         error.constants[2][first + 2] = turning * step.by_wheels() * step.dt;
         // An increment follows a posture as the front axle follows the rear.
         *track = track.through(&Chain::front_from_rear(track.posture, step.moved), &error);
-        let drifted = self.constants.floor * step.way(self.joint.tyres());
+        let drifted = floor_drift * step.way(self.joint.tyres());
         for k in 0..2 {
             track.constants[k][track::DRIFTED + k] += drifted;
         }

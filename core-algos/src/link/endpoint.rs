@@ -332,7 +332,7 @@ impl Session {
         };
         self.tick = tick;
         if let (Some(place), Ok(lead)) = (place, self.lead()) {
-            lead.initialize(&place.center, &place.relative);
+            lead.initialize(&place);
         }
         Ok(Reply::Done)
     }

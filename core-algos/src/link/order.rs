@@ -1,7 +1,7 @@
 //! Orders of a host for the lead node.
 
 use crate::control::path::{PathError, PathPoint, TrajectoryPoint};
-use crate::fusion::Estimate;
+pub use crate::node::lead::Place;
 use crate::node::lead::{LeadNode, Task};
 use serde::{Deserialize, Serialize};
 
@@ -10,15 +10,6 @@ const ROUNDING: f32 = 1e-3;
 
 /// Points of a path or trajectory in one order.
 pub const POINTS: usize = 8;
-
-/// Posture of the robot at the start.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Place {
-    /// The midpoint.
-    pub center: Estimate,
-    /// Front axle in the rear axle's frame.
-    pub relative: Estimate,
-}
 
 /// Order for the lead node.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -55,11 +46,11 @@ impl Order {
             false => Ok(()),
         };
         match self {
-            Self::Place(place) => lead.initialize(&place.center, &place.relative),
+            Self::Place(place) => lead.initialize(place),
             Self::Lost => lead.lose_commander(),
             Self::Task(task) => {
                 let finite = match *task {
-                    Task::Regulate { goal } => goal.is_finite(),
+                    Task::Regulate { goal, within } => goal.is_finite() && within.is_valid(),
                     Task::Drive {
                         speed_m_s,
                         curvature,

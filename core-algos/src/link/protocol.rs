@@ -19,7 +19,7 @@ use crate::topology::Role;
 use serde::{Deserialize, Serialize};
 
 /// Version of the protocol: changes with every change of what is said, or of a configuration.
-pub const PROTOCOL: u16 = 12;
+pub const PROTOCOL: u16 = 13;
 /// Largest encoded configuration, bytes.
 pub const MAX_CONFIG: usize = 2048;
 /// Bytes of a configuration in one request.

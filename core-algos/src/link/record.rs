@@ -172,6 +172,7 @@ mod tests {
         let place = Order::Place(Place {
             center: sure,
             relative: sure,
+            floor_drift: 1.0,
         });
         let widest = |samples| Entry::Tick {
             step: u32::MAX,

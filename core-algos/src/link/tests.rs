@@ -20,7 +20,7 @@ use crate::node::Outbox;
 use crate::node::axle;
 use crate::node::board::{Board, Ready, Samples};
 use crate::node::lead::{LeadNode, Task};
-use crate::node::robot::RobotConfig;
+use crate::node::robot::{RobotConfig, Told};
 use crate::params::{COUNT, Contents, Settings, Source, TABLE, fingerprint};
 use crate::safety::Conditions;
 use crate::time::{EPOCH, LEAD_PHASE, TICK};
@@ -177,6 +177,7 @@ fn place() -> Place {
     Place {
         center: Estimate::with_sigmas(Posture::new(-1.0, -1.0, 0.2), [1e-3; 3]),
         relative: Estimate::with_sigmas(Posture::new(0.37, 0.0, 0.0), [1e-3; 3]),
+        floor_drift: 0.01,
     }
 }
 
@@ -203,9 +204,9 @@ fn a_front_board_behind_frames_does_what_it_does_without() {
     let mut host = Host::started(Role::Front, &config, Some(place()));
     let mut board = Board::new(&config, Role::Front).unwrap();
     let lead = board.lead().unwrap();
-    lead.initialize(&place().center, &place().relative);
+    lead.initialize(&place());
     let goal = Posture::ORIGIN;
-    let command = Task::Regulate { goal };
+    let command = Task::regulate(goal);
 
     let (mut outbox, mut waiting) = (Outbox::new(), Vec::<bus::CanFrame>::new());
     let (mut received, mut wanted, mut outputs, mut driven) = (Vec::new(), Vec::new(), 0, 0);
@@ -632,7 +633,7 @@ fn parameters_are_neither_set_nor_saved_while_motors_may_be_on() {
     for tick in 0..400u32 {
         if tick == 100 {
             let goal = Posture::ORIGIN;
-            host.expect(&order(Order::Task(Task::Regulate { goal })), Reply::Done);
+            host.expect(&order(Order::Task(Task::regulate(goal))), Reply::Done);
         }
         // The bus brings back what the board sent a tick ago, and as if from the other axle.
         let mut packed = Packed::new();
@@ -1117,7 +1118,7 @@ fn messages_of_nodes_are_not_sent_for_a_host() {
 fn an_order_is_carried_out_once_and_answered_when_it_is_done() {
     let mut board = Driving::greeted(Role::Front);
     let goal = Posture::new(1.0, -0.5, 0.25);
-    let drive = Order::Task(Task::Regulate { goal });
+    let drive = Order::Task(Task::regulate(goal));
     let request = order(drive);
     assert!(board.ask(1, &request, true).is_empty());
     assert_eq!(board.order(), Some(drive));
@@ -1214,7 +1215,7 @@ fn late_foreign_and_damaged_orders_do_not_reach_the_lead_node() {
     for k in 0..FRAMES {
         board.station.now += TICK;
         let goal = Posture::new(k as f32, 0.0, 0.0);
-        let order = Order::Task(Task::Regulate { goal });
+        let order = Order::Task(Task::regulate(goal));
         // The first order takes the lease.
         let kind = below(&mut random, if sent == 0 { 1 } else { 4 });
         let next = sequence.wrapping_add(1);
@@ -1260,12 +1261,10 @@ fn orders_reach_the_lead_node() {
     let config = RobotConfig::default();
     let mut nodes = Ready::new(&config, Role::Front).unwrap().begin();
     let lead = nodes.lead().unwrap();
-    let (center, relative) = config.put_down(Posture::new(2.0, 1.0, 0.5));
-    Order::Place(Place { center, relative })
-        .carry_out(lead)
-        .unwrap();
+    let place = config.put_down(Posture::new(2.0, 1.0, 0.5), &Told::default());
+    Order::Place(place).carry_out(lead).unwrap();
     let mut other = lead.clone();
-    other.initialize(&center, &relative);
+    other.initialize(&place);
     assert_eq!(lead.fusion(), other.fusion());
     // Points within the curvature that the frame bends to are taken, others refused with the reason.
     let bound = lead.cascade().max_curvature();
@@ -1293,7 +1292,7 @@ fn orders_reach_the_lead_node() {
     }
     let goal = Posture::new(0.0, f32::INFINITY, 0.0);
     for task in [
-        Task::Regulate { goal },
+        Task::regulate(goal),
         Task::Drive {
             speed_m_s: f32::NAN,
             curvature: 0.0,

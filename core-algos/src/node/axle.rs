@@ -13,9 +13,11 @@
 //! the torques are zero at once.
 
 mod config;
+mod play;
 mod watch;
 
 pub use config::{Config, FrameProperties, Limits, SpeedSource};
+use play::Play;
 
 use super::Outbox;
 use super::peers::{self, Peers};
@@ -32,6 +34,9 @@ use crate::safety::supervisor::{self, Supervisor};
 use crate::safety::{Conditions, Permit, ramp};
 use crate::time::{EPOCH, Micros, Stamped, TICK, epoch_start, is_epoch_start, seconds, sequence};
 use crate::topology::{AxleId, Node};
+
+/// Ticks of an epoch.
+const TICKS_PER_EPOCH: f32 = (EPOCH / TICK) as f32;
 
 /// Age from which a reference is late: the lead node and the bus have had two epochs for it.
 const LATE: Micros = 3 * EPOCH;
@@ -111,6 +116,8 @@ pub struct State {
     halted: bool,
     peers: Peers,
     supervisor: supervisor::State,
+    /// Play of the gears, left and right.
+    play: [Play; 2],
     refused: u8,
     gyro_samples: u8,
     gyro_zeroed: bool,
@@ -145,6 +152,7 @@ impl State {
             halted: false,
             peers: Peers::default(),
             supervisor: supervisor::State::default(),
+            play: [Play::default(); 2],
             refused: 0,
             gyro_samples: 0,
             gyro_zeroed: false,
@@ -400,6 +408,9 @@ impl AxleNode {
             state.refused = state.refused.saturating_add(u8::from(wheel.jumped));
             state.wheels[i] = wheel;
         }
+        for (play, torque) in state.play.iter_mut().zip(state.output.torque_nm) {
+            play.step(torque);
+        }
         let (gyro, accelerometer) = (samples.gyro_rad_s, samples.acceleration_m_s2);
         let motors_on = state.output.active;
         let rest = state
@@ -444,7 +455,14 @@ impl AxleNode {
             .shift([own.x, own.y].map(|x| wrap_position(x) - x));
         let increment = self.state.filter.take_increment();
         let twist = self.state.filter.twist();
-        let covariance = increment.covariance;
+        let wheels_share = 1.0 - (f32::from(self.state.gyro_samples) / TICKS_PER_EPOCH).min(1.0);
+        let [left, right] = self.state.play.each_mut().map(Play::take_variance);
+        let covariance = play::add(
+            increment.covariance,
+            [left, right],
+            self.half_track,
+            wheels_share,
+        );
         outbox.push(Message::AxlePosture {
             axle,
             sequence,

@@ -271,13 +271,15 @@ mod tests {
             let mut board = new.clone();
             if let Some(lead) = board.lead() {
                 let sure = |x| Estimate::with_sigmas(Posture::new(x, 0.0, 0.0), [1e-3; 3]);
-                lead.initialize(&sure(1.0), &sure(0.37));
+                lead.initialize(&lead::Place {
+                    center: sure(1.0),
+                    relative: sure(0.37),
+                    floor_drift: 0.01,
+                });
                 lead.path_task()
                     .push_path_point(PathPoint::default())
                     .unwrap();
-                lead.command(lead::Task::Regulate {
-                    goal: Posture::ORIGIN,
-                });
+                lead.command(lead::Task::regulate(Posture::ORIGIN));
             }
             let mut outbox = Outbox::new();
             for tick in 0..200u64 {

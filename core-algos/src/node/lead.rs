@@ -16,21 +16,25 @@
 //! switch their motors off.
 
 mod config;
+mod frames;
+mod fuse;
 mod send;
+mod task;
 mod track;
 mod watch;
 
 pub use config::{Algorithms, Config, Limits};
-use track::{AxleTrack, SETTLING};
+pub use task::{Activity, Place, Task};
+use track::{AxleTrack, Recent};
 
 use super::Outbox;
 use super::path_task;
 use super::peers::{self, Peers};
-use crate::bus::{LeadMode, Message};
+use crate::bus::LeadMode;
 use crate::control::cascade::{Cascade, Motion};
 use crate::control::controller::{KinematicController, Memory, Own};
 use crate::control::governor::{self, Wish};
-use crate::control::regulator::{self, Phase};
+use crate::control::regulator::{self, Phase, Tolerance};
 use crate::fusion::Estimate;
 use crate::fusion::robot;
 use crate::math::matrix::Mat3;
@@ -38,62 +42,19 @@ use crate::math::{Posture, Transform, Twist, Wrench};
 use crate::safety::supervisor;
 use crate::safety::{OperatingState, Permit, ramp};
 use crate::time::{EPOCH, Micros, Stamped, TICK, epoch_start, seconds, sequence};
-use crate::topology::{AxleId, Node};
+use crate::topology::Node;
 
 /// Age from which a report is late: the bus has had a whole epoch for it.
 const LATE: Micros = 2 * EPOCH;
 
-/// Steps of an axle in an epoch.
-const TICKS_PER_EPOCH: f32 = (EPOCH / TICK) as f32;
-
-/// Task of the robot.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub enum Task {
-    /// Motors off.
-    #[default]
-    Idle,
-    /// Brake and hold.
-    Stop,
-    /// Motors off, and forget latched faults whose causes are gone.
-    Clear,
-    /// Bring the midpoint to a posture and to rest.
-    Regulate {
-        /// The goal.
-        goal: Posture,
-    },
-    /// Follow the path in the node's buffer from its beginning (see [`LeadNode::path_task`]), and
-    /// rest at its end.
-    Follow,
-    /// Track the trajectory in the node's buffer, beginning now, and rest at its end.
-    Track,
-    /// Drive with this speed and curvature. The robot stops if the task is not given again within [`DEAD_MAN`].
-    Drive {
-        /// Speed of O, m/s.
-        speed_m_s: f32,
-        /// Curvature of its path, 1/m.
-        curvature: f32,
-    },
-}
-
-/// Activity of the robot, as its button sees it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Activity {
-    /// Stopped by a fault that [`Task::Clear`] has to clear.
-    Faulted,
-    /// Under way with a task.
-    Busy,
-    /// Without a task, or done with it.
-    Resting,
-}
+/// Time without one after which the beam counts as lost.
+const BEAM_PATIENCE: Micros = 10 * EPOCH;
 
 /// Time after the latest [`Task::Drive`] at which the robot stops.
 pub const DEAD_MAN: Micros = 200_000;
 /// Speed below which the robot counts as at rest after a stop, m/s.
-const REST_M_S: f32 = 1e-3;
+const REST_M_S: f32 = 4e-3;
 
-/// Time that is waited for the beam to find a restarted axle by.
-const REJOIN_PATIENCE: Micros = 500_000;
 /// Standard deviations of what an axle may have moved beside the other one while its board was
 /// being restarted (m, m, rad): the frame may have straightened. Only the beam can tell better.
 const RESTART_SIGMAS: [f32; 3] = [0.1, 0.1, 0.3];
@@ -109,8 +70,10 @@ const LET_GO: f32 = 0.05;
 pub struct Output {
     /// Mode sent to the axles.
     pub mode: LeadMode,
-    /// Estimated postures of the axles and the midpoint, and what the beam added.
+    /// Estimated postures of the axles and the midpoint in the frame `map`, and what the beam added.
     pub fused: robot::Output,
+    /// Posture of the midpoint that the controller drives by, frame `odom`: without jumps on the move.
+    pub driven: Posture,
     /// Commanded motion of the midpoint.
     pub motion: Motion,
     /// Phase of the regulator, when regulating.
@@ -130,7 +93,13 @@ pub struct State {
     tracks: [AxleTrack; 2],
     beam_posture: Option<Stamped<Posture>>,
     beam_uncertainty: Option<Stamped<Mat3>>,
+    /// Measurements of the beam, by their epochs.
+    beam: Recent<Estimate>,
+    /// Epoch of the latest one that was used, and the time of its use.
+    beam_used: Option<Stamped<Micros>>,
     fusion: Option<robot::State>,
+    /// Posture of O in the frame `odom`.
+    odom: Option<Posture>,
     regulator: regulator::State,
     /// Memory of the controller of the user.
     memory: Memory,
@@ -146,6 +115,10 @@ pub struct State {
     lost: bool,
     /// Goal of the latest regulation.
     goal: Option<Posture>,
+    /// Tolerance of the task.
+    within: Tolerance,
+    /// Where the task leads, as of the last step.
+    aim: Option<Posture>,
     /// Time for which the motors have held the robot where it is.
     held: Micros,
     /// They held it for as long as they may: the next command is waited for.
@@ -227,11 +200,11 @@ impl LeadNode {
         self.state = State::default();
     }
 
-    /// Begins with the robot at rest, its midpoint at `center` and the front axle at `relative` in
-    /// the rear axle's frame.
-    pub fn initialize(&mut self, center: &Estimate, relative: &Estimate) {
+    /// Begins with the robot at rest where it was put down.
+    pub fn initialize(&mut self, place: &Place) {
         self.restart();
-        self.state.fusion = Some(self.with.fusion.start_at(center, relative));
+        let (center, relative) = (&place.center, &place.relative);
+        self.state.fusion = Some(self.with.fusion.start(center, relative, place.floor_drift));
     }
 
     /// The second tier of fusion in its present state.
@@ -242,8 +215,9 @@ impl LeadNode {
     /// Gives the robot something to do; the present motion is taken over.
     pub fn command(&mut self, task: Task) {
         self.state.task = task;
-        if let Task::Regulate { goal } = task {
-            self.state.goal = Some(goal);
+        self.state.within = Tolerance::default();
+        if let Task::Regulate { goal, within } = task {
+            (self.state.goal, self.state.within) = (Some(goal), within);
         }
         (self.state.done, self.state.gave_up) = (false, false);
         (self.state.silent, self.state.lost) = (0, false);
@@ -295,66 +269,6 @@ impl LeadNode {
         &self.with.cascade
     }
 
-    /// Takes in a message that arrived at `now`.
-    pub fn receive(&mut self, now: Micros, message: &Message) {
-        self.state.peers.receive(now, message);
-        match *message {
-            Message::BeamWrench { sequence, wrench } => {
-                self.state.wrench = Some(Stamped::new(wrench, epoch_start(now, sequence)));
-            }
-            Message::AxlePosture {
-                axle,
-                sequence,
-                posture,
-            } => {
-                let report = &mut self.state.tracks[axle.index()].report;
-                report.posture = Some(Stamped::new(posture, epoch_start(now, sequence)));
-                report.pair();
-            }
-            Message::AxleMotion {
-                axle,
-                sequence,
-                velocity_m_s,
-                yaw_rate_rad_s,
-                gyro_samples,
-                gyro_zeroed,
-                uptime,
-                ..
-            } => {
-                let report = &mut self.state.tracks[axle.index()].report;
-                let uptime = Micros::from(uptime) * EPOCH;
-                report.uptime = Some(Stamped::new(uptime, epoch_start(now, sequence)));
-                report.twist = Twist::new(velocity_m_s, yaw_rate_rad_s);
-                report.gyro_share = (f32::from(gyro_samples) / TICKS_PER_EPOCH).min(1.0);
-                report.gyro_zeroed = gyro_zeroed;
-                report.pair();
-            }
-            Message::AxleUncertainty {
-                axle,
-                sequence,
-                covariance,
-            } => {
-                let report = &mut self.state.tracks[axle.index()].report;
-                report.uncertainty = Some(Stamped::new(covariance, epoch_start(now, sequence)));
-            }
-            Message::BeamPosture {
-                sequence,
-                posture,
-                gauges,
-            } if gauges > 0 => {
-                self.state.beam_posture = Some(Stamped::new(posture, epoch_start(now, sequence)));
-            }
-            Message::BeamUncertainty {
-                sequence,
-                covariance,
-            } => {
-                self.state.beam_uncertainty =
-                    Some(Stamped::new(covariance, epoch_start(now, sequence)));
-            }
-            _ => {}
-        }
-    }
-
     /// Works ahead, at the ticks that neither begin an epoch nor have a [`Self::step`], on parts of
     /// the next step that are known already. Without it the next step does all of the work, with
     /// the same result.
@@ -374,12 +288,21 @@ impl LeadNode {
     pub fn step(&mut self, now: Micros, outbox: &mut Outbox) -> Output {
         self.state.silent = self.state.silent.saturating_add(EPOCH);
         let fused = self.fuse(now);
+        if let (Some(fused), Some(fusion)) = (&fused, &self.state.fusion) {
+            // A path that stops on the way goes on as it was.
+            let on_path = matches!(self.state.task, Task::Follow | Task::Track);
+            let waits = on_path && !self.state.done;
+            let moving = waits || self.state.governor.motion.v.abs() > REST_M_S;
+            let (moved, map) = (fusion.moved(), fused.robot.posture);
+            self.state.odom = Some(frames::step(self.state.odom, moved, map, moving));
+        }
         let supervision = self.supervise(now, fused.as_ref(), outbox);
         let driving = matches!(supervision.permit, Permit::Hold | Permit::Drive);
         let Some(fused) = fused.filter(|_| driving) else {
             return self.idle(now, fused, supervision, outbox);
         };
         let center = Transform::from(fused.robot.posture);
+        let driven = self.state.odom.unwrap_or(center.posture);
         let dt = seconds(EPOCH);
 
         // Before it drives the robot holds still: a frame that swings has to come to rest.
@@ -388,7 +311,7 @@ impl LeadNode {
                 mode: LeadMode::Hold,
                 ..Decision::default()
             },
-            _ => self.decide(now, &center),
+            _ => self.decide(now, &Transform::from(driven)),
         };
         match decision.wish {
             Some(wish) => self.with.governor.step(&mut self.state.governor, &wish, dt),
@@ -396,6 +319,11 @@ impl LeadNode {
         }
         let motion = self.state.governor.motion;
         self.state.done = decision.done;
+        let aim = match self.state.task {
+            Task::Regulate { goal, .. } => Some(goal),
+            _ => decision.target,
+        };
+        self.state.aim = aim;
         self.state.gave_up = decision.phase == Phase::GaveUp;
         let references = self.with.cascade.references(center, &motion);
         self.send_references(now, decision.mode, &references, &fused, outbox);
@@ -403,6 +331,7 @@ impl LeadNode {
             supervision,
             mode: decision.mode,
             fused,
+            driven,
             motion,
             phase: decision.phase,
             target: decision.target,
@@ -428,12 +357,13 @@ impl LeadNode {
                     ..active
                 }
             }
-            Task::Regulate { goal } => {
+            Task::Regulate { goal, within } => {
                 let input = regulator::Input {
                     posture: center.posture,
                     steering: motion.psi,
                     speed_m_s: motion.v,
                     goal,
+                    within,
                 };
                 let (v, kappa, phase, done) = match self.own.0 {
                     None => {
@@ -484,56 +414,6 @@ impl LeadNode {
                     .track(&mut self.path_task, epoch, *center, &motion);
                 Decision::from(step)
             }
-        }
-    }
-
-    /// Brings the estimate to the present epoch; `None` while reports are missing.
-    fn fuse(&mut self, now: Micros) -> Option<robot::Output> {
-        let state = &mut self.state;
-        let fusion = state.fusion.as_mut()?;
-        for track in &state.tracks {
-            if track.report.whole?.0.age(now) > self.with.report_timeout {
-                return None;
-            }
-        }
-        // The beam speaks of the same instant as both odometries, or not at all.
-        let epoch = epoch_start(now, sequence(now));
-        let current = |time: Micros| time == epoch;
-        let beam = match (state.beam_posture, state.beam_uncertainty) {
-            (Some(posture), Some(covariance))
-                if current(posture.time) && current(covariance.time) =>
-            {
-                Some(Estimate::new(posture.value, covariance.value))
-            }
-            _ => None,
-        };
-        let restarted = state.tracks.each_ref().map(AxleTrack::restarted);
-        let patience = match beam.is_none() && self.with.fusion.uses_beam() {
-            true => REJOIN_PATIENCE,
-            false => SETTLING,
-        };
-        if restarted.iter().flatten().any(|uptime| *uptime < patience) {
-            return None;
-        }
-        let [front, rear] = state.tracks.each_mut().map(AxleTrack::advance);
-        let known = match restarted {
-            [None, Some(_)] => Some(AxleId::Front),
-            [Some(_), None] => Some(AxleId::Rear),
-            _ => None,
-        };
-        let lost = restarted != [None; 2];
-        let inputs = robot::Inputs {
-            front: front.increment(&rear),
-            rear: rear.increment(&front),
-            // The frame may have bent by more than an update of the estimate can follow.
-            beam: beam.filter(|_| !lost),
-        };
-        let output = self.with.fusion.step(fusion, &inputs);
-        match (known, beam) {
-            (Some(axle), Some(beam)) if self.with.fusion.uses_beam() => {
-                Some(self.with.fusion.rejoin(fusion, axle, &output, &beam))
-            }
-            _ => Some(output),
         }
     }
 

@@ -4,6 +4,7 @@
 //! used by itself. In a robot they are not read from a file but filled in from [`Geometry`] and
 //! [`Limits`] by [`RobotConfig::completed`]: there is one place to state a wheel radius.
 
+use super::lead::Place;
 use super::{axle, beam, lead};
 use crate::beam::sensor;
 use crate::config::{Allowed, non_negative};
@@ -109,6 +110,33 @@ pub struct RobotConfig {
 /// paper's experiment; the goal is the origin.
 pub const START: Posture = Posture::new(-1.342, -1.342, 0.0);
 
+/// What the person who puts the robot down says of the place. Nothing on board can tell it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
+pub struct Told {
+    /// Standard deviation of the start along each axis, m.
+    pub placement_m: f32,
+    /// Standard deviation of the start's heading, rad.
+    pub placement_rad: f32,
+    /// Standard deviation of the way that the floor takes the robot, over the way it rolls, along each of its axes.
+    pub floor_drift: f32,
+}
+
+impl Default for Told {
+    /// Set down by eye on a thick carpet.
+    fn default() -> Self {
+        Self {
+            placement_m: 5e-3,
+            placement_rad: 1e-2,
+            floor_drift: 1.5e-2,
+        }
+    }
+}
+
+/// Least standard deviation of a start, m and rad: a covariance has to be positive definite.
+const EXACT: f32 = 1e-6;
+
 /// The nodes of a robot.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Robot {
@@ -154,7 +182,6 @@ impl RobotConfig {
         self.lead.cascade.frame_length_m = frame_length_m;
         self.lead.cascade.rigid_end_m = rigid_end_m;
         self.lead.cascade.max_steering_rad = max_steering_rad;
-        self.lead.fusion.frame_length_m = frame_length_m + 2.0 * rigid_end_m;
         self.lead.fusion.ipec.track_m = 2.0 * half_track_m;
         let joint = &mut self.lead.fusion.joint;
         joint.beam = self.beam.strip.sigmas();
@@ -175,18 +202,20 @@ impl RobotConfig {
         self
     }
 
-    /// Estimates of a robot that was put down with its midpoint on `start` and its frame straight: the midpoint,
-    /// and the front axle in the rear axle's frame.
-    pub fn put_down(&self, start: Posture) -> (Estimate, Estimate) {
+    /// A robot that was put down with its midpoint on `start` and its frame straight.
+    pub fn put_down(&self, start: Posture, told: &Told) -> Place {
         let geometry = &self.geometry;
         let straight_m = geometry.frame_length_m + 2.0 * geometry.rigid_end_m;
-        (
-            Estimate::with_sigmas(start, self.lead.fusion.start_sigmas),
-            Estimate::with_sigmas(
+        let [position, heading] =
+            [told.placement_m, told.placement_rad].map(|sigma| sigma.max(EXACT));
+        Place {
+            center: Estimate::with_sigmas(start, [position, position, heading]),
+            relative: Estimate::with_sigmas(
                 Posture::new(straight_m, 0.0, 0.0),
                 self.lead.fusion.frame_sigmas,
             ),
-        )
+            floor_drift: told.floor_drift,
+        }
     }
 
     /// Checks dimensions and limits; the error names the parameter that is wrong.

@@ -122,7 +122,7 @@ conditions! {
     ConversionsLost = 0x0c "conversions lost" 0 ms:
         "samples of the strain bridges were lost; the scan was restarted"; "if it repeats, check for a faulty converter or an overload".
     ReachedUncertain = 0x0d "reached, uncertain" 0 ms:
-        "goal reached, but the 95 % position error exceeds the tolerance"; "add position fixes, calibrate, set the placement accuracy, or drive a shorter path".
+        "the robot is at its goal, but distance and 95 % error exceed the tolerance"; "set placement accuracy and floor drift, calibrate, or drive a shorter path".
     EstimateVague = 0x0e bit 38 "estimate vague" 200 ms:
         "the standard deviation of the robot's posture exceeds its bound"; "add position fixes, or drive a shorter path".
     CommanderSilent = 0x0f bit 39 "commander silent" 0 ms:
@@ -130,7 +130,7 @@ conditions! {
     GaveUp = 0x10 bit 3 "gave up" 0 ms:
         "the robot did not reach its goal in the allowed attempts"; "calibrate, add position fixes, or choose a nearer goal".
     BeamLost = 0x40 bit 13 "relative position sensor lost" 50 ms:
-        "the beam board sends no posture; the estimate continues from the encoders"; "check the beam board and its cable".
+        "no posture of the beam board was used for 0.1 s; the estimate continues from the encoders"; "check the beam board, its cable and the latency of the bus".
     EmergencyStop = 0x80 "emergency stop" 0 ms:
         "the emergency stop was pressed or commanded"; "release the emergency stop and clear the fault".
     CommandTimeout = 0x81 "command timeout" 0 ms:

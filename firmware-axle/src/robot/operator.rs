@@ -1,6 +1,5 @@
 //! The user's button of the front board: it stops a robot that drives, clears a fault, or begins a drive.
 
-use core_algos::fusion::Estimate;
 use core_algos::link::Order;
 use core_algos::link::protocol::Place;
 use core_algos::node::board::Board;
@@ -18,18 +17,14 @@ use crate::rules::{Presses, task_of_press};
 pub struct Button {
     pin: Input<'static>,
     presses: Presses,
-    /// Start of a drive to the button's own goal: midpoint, and front axle seen from the rear.
-    start: (Estimate, Estimate),
+    /// Start of a drive to the button's own goal.
+    start: Place,
     settings: params::Button,
 }
 
 impl Button {
-    /// On its pin; a drive to the button's own goal begins at `start`: midpoint, and front axle seen from the rear.
-    pub fn new(
-        pin: Peri<'static, PA0>,
-        start: (Estimate, Estimate),
-        settings: params::Button,
-    ) -> Self {
+    /// On its pin; a drive to the button's own goal begins at `start`.
+    pub fn new(pin: Peri<'static, PA0>, start: Place, settings: params::Button) -> Self {
         Self {
             pin: Input::new(pin, Pull::Down),
             presses: Presses::default(),
@@ -49,8 +44,7 @@ impl Button {
         let task = task_of_press(lead.activity(now), &self.settings, lead.latest_goal());
         let placed = lead.fusion().is_some() && self.settings.action != 1;
         let begins = !placed && matches!(task, Some(Task::Regulate { .. }));
-        let (center, relative) = self.start;
-        let place = begins.then_some(Order::Place(Place { center, relative }));
+        let place = begins.then_some(Order::Place(self.start));
         for order in [place, task.map(Order::Task)].into_iter().flatten() {
             link::carry_out(order, lead);
         }

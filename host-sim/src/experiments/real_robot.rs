@@ -16,7 +16,6 @@ use crate::run::script::StepEnd;
 use crate::run::serial_robot::{Connect, OtherBoard, SerialRobot};
 use crate::targets::link::Link;
 use crate::targets::serial::Serial;
-use core_algos::link::protocol::Place;
 use core_algos::math::Posture;
 use core_algos::topology::Role;
 use serde::Serialize;
@@ -93,8 +92,8 @@ pub fn run(
     let others = others.collect::<Result<Vec<_>, Error>>()?;
     let scenario = mission.scenario(context);
     let [x, y, phi] = scenario.mission.start.map(|value| value as f32);
-    let (center, relative) = scenario.robot.put_down(Posture::new(x, y, phi));
-    let place = Place { center, relative };
+    let told = scenario.mission.told();
+    let place = scenario.robot.put_down(Posture::new(x, y, phi), &told);
     let about = About {
         command: &context.name,
         seed: context.seed,
@@ -107,7 +106,7 @@ pub fn run(
     mission.prepare(&mut stage);
     // Time is the computer's.
     stage.real_time = false;
-    let record = log.any().then_some((&scenario.robot, others));
+    let record = log.any().then_some((&scenario, others));
     let mut robot = SerialRobot::open(connect, mission.is_placed().then_some(place), record)?;
     // The robot is stopped before a display waits for its user.
     let driven = stage.run(&mut robot, |robot| {

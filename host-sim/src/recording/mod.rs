@@ -332,7 +332,7 @@ fn in_words(command: &HostCommand) -> String {
         format!("{count} points of the {what}{end}")
     };
     match command {
-        HostCommand::Task(Task::Regulate { goal }) => {
+        HostCommand::Task(Task::Regulate { goal, .. }) => {
             format!("regulate to {} m, {} m, {} rad", goal.x, goal.y, goal.phi)
         }
         HostCommand::Task(task) => format!("{task:?}").to_lowercase(),

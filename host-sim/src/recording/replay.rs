@@ -470,7 +470,7 @@ mod tests {
         for tick in 0..ticks {
             // The boards must have heard each other at rest.
             if tick == 200 {
-                let task = Task::Regulate { goal };
+                let task = Task::regulate(goal);
                 simulation.command(&HostCommand::Task(task)).unwrap();
             }
             simulation.step().unwrap();

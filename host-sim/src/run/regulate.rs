@@ -3,13 +3,13 @@
 use crate::base::error::Error;
 use crate::base::statistics::nees;
 use crate::run::drive::{Errand, Progress, drive};
+use crate::run::final_error::FinalError;
 use crate::run::recovery::Status;
 use crate::run::robot::{Record, Robot};
 use crate::run::simulation::Simulation;
 use crate::scenario::Scenario;
 use core_algos::bus::LeadMode;
 use core_algos::control::regulator::Phase;
-use core_algos::math::Posture;
 use core_algos::node::lead::Task;
 use core_algos::node::robot::Geometry;
 use core_algos::safety::Condition;
@@ -30,6 +30,8 @@ pub struct Outcome {
     pub done: bool,
     /// True if the lead node reported *reached, uncertain*.
     pub uncertain: bool,
+    /// True if the true posture is within the tolerance of the goal.
+    pub within: bool,
     /// Claimed 95 % errors: half axis of the position (m), half the interval of the heading (rad).
     pub claimed: [f64; 2],
     /// True if the regulator gave up.
@@ -146,7 +148,7 @@ pub fn regulate(
 
 /// Regulation under way.
 struct Regulation<F> {
-    goal: Posture,
+    task: Task,
     observe: F,
     drive: Drive,
     /// Sum of the squares of the frame's force, N², and its ticks.
@@ -157,7 +159,7 @@ struct Regulation<F> {
 
 impl<R: Robot, F: FnMut(&Record)> Errand<R> for Regulation<F> {
     fn task(&self) -> Option<Task> {
-        Some(Task::Regulate { goal: self.goal })
+        Some(self.task)
     }
 
     fn tick(&mut self, robot: &R) -> Progress {
@@ -189,7 +191,7 @@ pub fn regulate_on(
     observe: impl FnMut(&Record),
 ) -> Result<Outcome, Error> {
     let mut regulation = Regulation {
-        goal: Posture::from(scenario.mission.goal.map(|v| v as f32)),
+        task: scenario.mission.regulate(scenario.mission.goal),
         observe,
         drive: Drive::new(robot),
         force_square: 0.0,
@@ -211,12 +213,16 @@ pub fn regulate_on(
     let curvature = |steering| curvature(geometry, steering);
     let drive = regulation.drive;
     let notices = robot.monitor().noticed(Node::Lead);
+    let mission = &scenario.mission;
+    let error = FinalError::of(record.midpoint, mission.goal);
     Ok(Outcome {
         midpoint: record.midpoint,
         estimate: [center.x, center.y, center.phi].map(f64::from),
         nees: nees(&fused.robot, record.midpoint),
         done: end.done,
         uncertain: notices.contains(Condition::ReachedUncertain),
+        within: error.e_m <= mission.tolerance_m
+            && error.heading_rad.abs() <= mission.tolerance_rad,
         claimed: fused.robot.half_axes_95().map(f64::from),
         gave_up: regulation.gave_up,
         duration_s: end.duration_s,

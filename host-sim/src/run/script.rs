@@ -342,9 +342,7 @@ impl<F> Taking<'_, F> {
 impl<R: Robot, F: FnMut(&Record)> Errand<R> for Taking<'_, F> {
     fn task(&self) -> Option<Task> {
         match *self.step {
-            Step::Goto(goal) => Some(Task::Regulate {
-                goal: Posture::from(goal.map(|value| value as f32)),
-            }),
+            Step::Goto(goal) => Some(self.scenario.mission.regulate(goal)),
             Step::Speed(speed, curvature, _) => Some(Task::Drive {
                 speed_m_s: speed as f32,
                 curvature: curvature as f32,
@@ -426,12 +424,12 @@ fn is_clear(robot: &impl Robot) -> bool {
 fn place(robot: &impl Robot, scenario: &Scenario, pose: [f64; 3]) -> Place {
     let fused = robot.record().lead.fused;
     let at = Posture::from(pose.map(|value| value as f32));
-    let (center, mut relative) = scenario.robot.put_down(at);
+    let mut place = scenario.robot.put_down(at, &scenario.mission.told());
     let known = fused.robot.covariance[0][0] > 0.0;
     if known {
-        relative.posture = fused.front.posture.relative_to(fused.rear.posture);
+        place.relative.posture = fused.front.posture.relative_to(fused.rear.posture);
     }
-    Place { center, relative }
+    place
 }
 
 #[cfg(test)]

@@ -9,6 +9,7 @@ use crate::bus::virtual_bus::{BusStatistics, sender};
 use crate::plant::Plant;
 use crate::run::recovery::{Monitor, NODES};
 use crate::run::robot::{Record, Robot, RunControl};
+use crate::scenario::Scenario;
 use crate::targets::board_link::BoardLink;
 use crate::targets::board_record::BoardEvent;
 use crate::targets::link::Link;
@@ -17,7 +18,6 @@ use core_algos::bus::CanFrame;
 use core_algos::link::lease::TERM;
 use core_algos::link::protocol::Place;
 use core_algos::node::lead::{self, Task};
-use core_algos::node::robot::RobotConfig;
 use core_algos::safety::{Condition, OperatingState, Permit};
 use core_algos::time::{Micros, TICK};
 use core_algos::topology::{Node, Role};
@@ -128,7 +128,7 @@ impl SerialRobot {
     pub fn open(
         mut connect: Connect,
         place: Option<Place>,
-        record: Option<(&RobotConfig, Vec<OtherBoard>)>,
+        record: Option<(&Scenario, Vec<OtherBoard>)>,
     ) -> Result<Self, Error> {
         let mut robot = Self {
             port: Some(connect()?),
@@ -207,15 +207,16 @@ impl SerialRobot {
     fn begin_record(
         &mut self,
         place: Option<Place>,
-        config: &RobotConfig,
+        scenario: &Scenario,
         others: Vec<OtherBoard>,
     ) -> Result<(), Error> {
         let fused = self.lead.fused;
         let known = fused.robot.covariance[0][0] > 0.0;
-        let (_, mut relative) = config.put_down(fused.robot.posture);
-        relative.posture = fused.front.posture.relative_to(fused.rear.posture);
-        let center = fused.robot;
-        let place = place.or(known.then_some(Place { center, relative }));
+        let told = scenario.mission.told();
+        let mut here = scenario.robot.put_down(fused.robot.posture, &told);
+        here.center = fused.robot;
+        here.relative.posture = fused.front.posture.relative_to(fused.rear.posture);
+        let place = place.or(known.then_some(here));
         if let Some(node) = NODES
             .iter()
             .filter_map(|node| self.monitor.latest(*node))

@@ -15,8 +15,6 @@ use crate::world::faults::{Fault, Injector, Readings};
 use crate::world::sensors::{Sensors, Truth};
 use core_algos::beam::calibration::Calibration;
 use core_algos::beam::{MAX_GAUGES, PerGauge};
-use core_algos::fusion::Estimate;
-use core_algos::link::protocol::Place;
 use core_algos::math::Posture;
 use core_algos::node::axle;
 use core_algos::node::lead::{self, Task};
@@ -100,17 +98,8 @@ impl Simulation {
             scenario.boards.apply(role, &mut settings[role as usize])?;
         }
         let [front, rear, beam] = &settings;
-        let straight = config.geometry.frame_length_m + 2.0 * config.geometry.rigid_end_m;
-        let place = Place {
-            center: Estimate::with_sigmas(
-                Posture::from(start.map(|v| v as f32)),
-                config.lead.fusion.start_sigmas,
-            ),
-            relative: Estimate::with_sigmas(
-                Posture::new(straight, 0.0, 0.0),
-                config.lead.fusion.frame_sigmas,
-            ),
-        };
+        let at = Posture::from(start.map(|v| v as f32));
+        let place = config.put_down(at, &scenario.mission.told());
         let gauges = scenario.world.gauges_of(imperfections, &plant);
         let believed = &beam.robot.beam;
         let calibration = believed
@@ -499,9 +488,8 @@ mod tests {
             (0..3).all(|i| (rest[i] - start[i]).abs() < 1e-6),
             "no task, no motion"
         );
-        let goal = Posture::ORIGIN;
         simulation
-            .command(&HostCommand::Task(Task::Regulate { goal }))
+            .command(&HostCommand::Task(Task::regulate(Posture::ORIGIN)))
             .unwrap();
         let moving = |simulation: &Simulation| {
             let axles = simulation.plant().state().axle;
@@ -521,8 +509,7 @@ mod tests {
     #[test]
     fn without_messages_the_motors_go_off() {
         let mut simulation = Simulation::new(&Scenario::default(), 1, 0).unwrap();
-        let goal = Posture::ORIGIN;
-        let task = HostCommand::Task(Task::Regulate { goal });
+        let task = HostCommand::Task(Task::regulate(Posture::ORIGIN));
         simulation.command(&task).unwrap();
         for _ in 0..3000 {
             simulation.step().unwrap();

@@ -206,6 +206,9 @@ fn reason(key: &str, scenario: &Scenario, used: Use) -> Option<&'static str> {
 const AXLE: &str = "drive inertial robot.axle robot.limits robot.geometry.wheel_radius_m \
     robot.geometry.wheel_ratio robot.geometry.half_track_m \
     robot.geometry.encoder_counts_per_revolution";
+/// Errors that all gauges share: no part of the noise that the beam board reports.
+const SHARED_BY_GAUGES: &str = "robot.beam.strip.uncertainty.common_offset_strain \
+    robot.beam.strip.uncertainty.common_gain";
 /// Parameters of the strip and of steering, of which a rear board has no use.
 const STEERING: &str = "robot.geometry.half_thickness_m robot.geometry.rigid_end_m \
     robot.limits.max_steering_rad robot.limits.steering_margin_rad";
@@ -220,6 +223,9 @@ fn on_other_board(board: &str, parameter: &str, used: Use) -> Option<&'static st
         }
         "rear" | "beam" if of("robot.lead") => {
             Some("on this board: the lead node runs on the front board")
+        }
+        "beam" if of(SHARED_BY_GAUGES) => {
+            Some("on this board: the fusion on the front board takes it into account")
         }
         "beam" if of(AXLE) => Some("on this board: it has no axle node"),
         "front" | "rear" if of("robot.beam.calibration") || board == "rear" && of("robot.beam") => {

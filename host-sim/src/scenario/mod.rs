@@ -9,9 +9,12 @@ use crate::bus::virtual_bus::BusConfig;
 use crate::plant::PlantConfig;
 use crate::scenario::board_parameters::Overlays;
 use crate::world::sensors::SensorConfig;
-use crate::world::{self, Spread, World};
+use crate::world::{self, Spread, ToldOfPlace, World};
+use core_algos::control::regulator::Tolerance;
 use core_algos::fusion::robot::Mode;
-use core_algos::node::robot::RobotConfig;
+use core_algos::math::Posture;
+use core_algos::node::lead::Task;
+use core_algos::node::robot::{RobotConfig, Told};
 use core_algos::params::Settings;
 use core_algos::topology::Role;
 use serde::{Deserialize, Serialize};
@@ -33,6 +36,38 @@ pub struct Mission {
     pub time_limit_s: f64,
     /// Time the robot is watched after it reports that it is done, s.
     pub rest_s: f64,
+    /// How near to the goal the robot is to be with 95 %: position, m.
+    pub tolerance_m: f64,
+    /// The same of the heading, rad.
+    pub tolerance_rad: f64,
+    /// What the robot is told of its place: standard deviation of the start along each axis, m.
+    pub placement_m: f64,
+    /// Standard deviation of the start's heading, rad.
+    pub placement_rad: f64,
+    /// Standard deviation of the way that the floor takes the robot, over the way it rolls, along each axis of the floor.
+    pub floor_drift: f64,
+}
+
+impl Mission {
+    /// What the robot is told of its place.
+    pub fn told(&self) -> Told {
+        Told {
+            placement_m: self.placement_m as f32,
+            placement_rad: self.placement_rad as f32,
+            floor_drift: self.floor_drift as f32,
+        }
+    }
+
+    /// Regulation to a goal with the tolerance of the mission.
+    pub fn regulate(&self, goal: [f64; 3]) -> Task {
+        Task::Regulate {
+            goal: Posture::from(goal.map(|value| value as f32)),
+            within: Tolerance {
+                position_m: self.tolerance_m as f32,
+                heading_rad: self.tolerance_rad as f32,
+            },
+        }
+    }
 }
 
 impl Default for Mission {
@@ -44,6 +79,11 @@ impl Default for Mission {
             settle_s: 0.5,
             time_limit_s: 90.0,
             rest_s: 0.5,
+            tolerance_m: 0.1,
+            tolerance_rad: 0.0873,
+            placement_m: 5e-3,
+            placement_rad: 1e-2,
+            floor_drift: 1.5e-2,
         }
     }
 }
@@ -94,6 +134,7 @@ impl From<Layout> for Scenario {
                 spread: layout.spread,
                 sensors: layout.sensors,
                 bus: layout.bus,
+                told: ToldOfPlace::default(),
             },
         }
     }
@@ -143,8 +184,12 @@ impl Scenario {
         world::DEFAULT.clone_into(&mut below.world.name);
         let named: Self = toml_file::build(&below, text, name, changes)?;
         below.world = World::load(world.unwrap_or(&named.world.name))?;
+        let told = &below.world.told;
+        below.mission.placement_m = told.placement_m;
+        below.mission.placement_rad = told.placement_rad;
+        below.mission.floor_drift = told.floor_drift;
         let mut scenario: Self = toml_file::build(&below, text, name, changes)?;
-        scenario.world.name = below.world.name;
+        (scenario.world.name, scenario.world.told) = (below.world.name, below.world.told);
         scenario.check()?;
         Ok(scenario)
     }
@@ -160,6 +205,11 @@ impl Scenario {
         range("mission.settle_s", mission.settle_s, 0.0, 60.0)?;
         range("mission.time_limit_s", mission.time_limit_s, 0.1, 36_000.0)?;
         range("mission.rest_s", mission.rest_s, 0.0, 60.0)?;
+        range("mission.tolerance_m", mission.tolerance_m, 1e-3, 100.0)?;
+        range("mission.tolerance_rad", mission.tolerance_rad, 1e-3, 3.2)?;
+        range("mission.placement_m", mission.placement_m, 0.0, 10.0)?;
+        range("mission.placement_rad", mission.placement_rad, 0.0, 3.2)?;
+        range("mission.floor_drift", mission.floor_drift, 0.0, 0.5)?;
         self.robot
             .build()
             .map_err(|error| Error::input(format!("robot: {error}")))?;

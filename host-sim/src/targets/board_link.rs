@@ -560,9 +560,7 @@ mod tests {
         let mut station = Station::default();
         let mut link = BoardLink::new(role, 7);
         link.open();
-        let goal = |k: u16| Task::Regulate {
-            goal: Posture::new(k.into(), 0.0, 0.0),
-        };
+        let goal = |k: u16| Task::regulate(Posture::new(k.into(), 0.0, 0.0));
         (0..500).for_each(|k| link.command(&HostCommand::Task(goal(k))));
         let mut carried = Vec::new();
         while !link.is_settled() {

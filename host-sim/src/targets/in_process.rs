@@ -61,7 +61,7 @@ impl Target for InProcess {
         let controller = self.controller;
         if let Some(lead) = self.lead() {
             if let Some(place) = place {
-                lead.initialize(&place.center, &place.relative);
+                lead.initialize(place);
             }
             if let Some(controller) = controller {
                 lead.set_controller(controller);

@@ -2,7 +2,8 @@
 //!
 //! What the robot's boards believe of it is another type,
 //! [`RobotConfig`](core_algos::node::robot::RobotConfig). Nothing connects the two but the draw and what
-//! sensors and motors do. A world is a TOML file with the tables `plant`, `spread`, `sensors` and `bus`;
+//! sensors and motors do. A world is a TOML file with the tables `plant`, `spread`, `sensors`, `bus` and
+//! `told`;
 //! what it leaves out has its base value (`worlds/base.toml`). Four are built in ([`NAMES`]).
 
 pub mod body;
@@ -26,6 +27,7 @@ use crate::plant::{Plant, PlantConfig, Station};
 use crate::world::drawn::Drawn;
 use crate::world::random::{Stream, generator, normal};
 use crate::world::sensors::SensorConfig;
+use crate::world::table::{at_least_0, table, up_to};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -71,6 +73,20 @@ pub struct World {
     pub sensors: SensorConfig,
     /// The bus between the boards.
     pub bus: BusConfig,
+    /// What its people tell a robot that they put down.
+    pub told: ToldOfPlace,
+}
+
+table! {
+    /// What the people of a world say of the place and the floor: standard deviations. A mission may say otherwise.
+    pub struct ToldOfPlace("told") {
+        /// Of the start along each axis, m.
+        placement_m: f64 = 5e-3, at_least_0;
+        /// Of the heading at the start, rad.
+        placement_rad: f64 = 1e-2, at_least_0;
+        /// Of the way that the floor takes the robot over the way it rolls, along each axis of the floor.
+        floor_drift: f64 = 1.5e-2, up_to(0.5);
+    }
 }
 
 impl Default for World {
@@ -82,6 +98,7 @@ impl Default for World {
             spread: Spread::default(),
             sensors: SensorConfig::default(),
             bus: BusConfig::default(),
+            told: ToldOfPlace::default(),
         }
     }
 }
@@ -144,6 +161,7 @@ impl World {
                  plant.strip_length_m, which is {length}"
             )));
         }
+        self.told.check()?;
         self.bus.check().map_err(Error::Input)
     }
 

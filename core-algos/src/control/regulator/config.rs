@@ -59,7 +59,7 @@ pub struct Config {
     /// Way left along the path at which the approach ends, m.
     pub latch_distance_m: f32,
     /// At rest, the goal counts as reached within this distance, m. Each renewed attempt allows
-    /// 30 % more, up to 90 %.
+    /// 60 % more, up to the tolerance of the goal.
     pub accept_distance_m: f32,
     /// At rest, the goal counts as reached within this heading error, rad; widened likewise.
     pub accept_heading_rad: f32,
@@ -113,7 +113,7 @@ impl Default for Config {
             leave_slack_rad: 0.1,
             final_arc_m: 0.15,
             final_length_constant_m: 0.06,
-            max_attempts: 8,
+            max_attempts: 20,
             stop_margin_m: 0.03,
             stop_speed_m_s: 0.004,
         }

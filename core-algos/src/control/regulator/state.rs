@@ -1,6 +1,5 @@
 //! State of the regulator.
 
-use super::SHIFTED;
 use crate::control::planner::{Plan, Search};
 use crate::math::Posture;
 
@@ -65,10 +64,8 @@ pub struct State {
     pub(super) elapsed: f32,
     /// Time of consecutive ticks outside the funnel or without demand to move, s.
     pub(super) doubt: f32,
-    /// Sideways shift of the estimate in the present attempt, m.
-    pub(super) shift_m: f32,
-    /// Attempts spent, in parts.
-    pub(super) spent: u16,
+    /// Renewed attempts at the present goal.
+    pub(super) attempts: u8,
 }
 
 impl State {
@@ -79,7 +76,7 @@ impl State {
 
     /// Renewed attempts at the present goal.
     pub fn attempts(&self) -> u8 {
-        (self.spent / SHIFTED) as u8
+        self.attempts
     }
 
     pub(super) fn enter(&mut self, phase: Phase) {

@@ -48,18 +48,11 @@ pub struct Config {
     pub gyro_bias_walk_rad_s_per_sqrt_s: f32,
     /// Standard deviation of a gyro's scale error.
     pub gyro_scale_sigma: f32,
-    /// Standard deviation of the heading that each metre adds to both axles, rad/m, because tyres
-    /// slip sideways steadily; it cannot be told from a common bias of the gyros, so it is not learnt,
-    /// only taken into account.
-    pub steady_slip_sigma_rad_per_m: f32,
     /// Time in which what tyres, wheels and gains have been learnt to be is another again, s.
     pub constancy_s: f32,
     /// Standard deviation of the way of a wheel that its encoder tells and the floor does not see, or the
     /// other way round, because of the play of its gear, m: beam and odometry disagree by so much.
     pub play_sigma_m: f32,
-    /// Standard deviation of the way that the floor takes the robot, over the way it rolls, along each
-    /// axis of the floor; nothing on board tells it, so it is only taken into account.
-    pub floor_drift_sigma: f32,
 }
 
 impl Default for Config {
@@ -83,12 +76,9 @@ impl Default for Config {
             gyro_bias_sigma_rad_s: 6e-5,
             gyro_bias_walk_rad_s_per_sqrt_s: 5e-5,
             gyro_scale_sigma: 5e-3,
-            // Some 10 µm/s between axles 0.37 m apart at 0.12 m/s.
-            steady_slip_sigma_rad_per_m: 3e-4,
             constancy_s: 3600.0,
             // Evenly spread over 5 mrad of a wheel of 73 mm.
             play_sigma_m: 1.1e-4,
-            floor_drift_sigma: 1.5e-2,
         }
     }
 }
@@ -139,7 +129,6 @@ impl Config {
         walk[ZERO + 1] = t * variance!(beam.walk_tilt_m_per_sqrt_s);
         walk[GYRO_BIAS] = t * variance!(gyro_bias_walk_rad_s_per_sqrt_s);
         walk[GYRO_BIAS + 1] = walk[GYRO_BIAS];
-        let floor = variance!(floor_drift_sigma);
         let play = variance!(play_sigma_m);
         Ok(Joint {
             t,
@@ -149,7 +138,6 @@ impl Config {
             prior,
             kept: 1.0 - t / in_range("constancy_s", self.constancy_s, 10.0 * t, 1e7)?,
             walk,
-            considered: [variance!(steady_slip_sigma_rad_per_m), floor, floor],
         })
     }
 }

@@ -77,11 +77,6 @@ pub struct Config {
     /// Time between two ticks, s.
     #[cfg_attr(feature = "serde", serde(skip))]
     pub period_s: f32,
-    /// Distance between the axles with the frame straight (the paper's L), m.
-    #[cfg_attr(feature = "serde", serde(skip))]
-    pub frame_length_m: f32,
-    /// Standard deviations of the start posture of O (m, m, rad).
-    pub start_sigmas: [f32; 3],
     /// Standard deviations of the front axle's posture in the rear axle's frame at the start, the
     /// frame being taken as straight (m, m, rad).
     pub frame_sigmas: [f32; 3],
@@ -105,8 +100,6 @@ impl Default for Config {
         Self {
             mode: Mode::Joint,
             period_s: 0.01,
-            frame_length_m: 0.37,
-            start_sigmas: [5e-3, 5e-3, 1e-2],
             frame_sigmas: [1e-3, 1e-3, 4e-3],
             slip: Slip::default(),
             beam_gate: Some(40.0),
@@ -129,9 +122,6 @@ impl Config {
         let square = |x: f32| x * x;
         let t = positive("period_s", self.period_s)?;
         let slip = &self.slip;
-        for sigma in self.start_sigmas {
-            positive("start_sigmas", sigma)?;
-        }
         for sigma in self.frame_sigmas {
             positive("frame_sigmas", sigma)?;
         }
@@ -142,9 +132,6 @@ impl Config {
         Ok(RobotFusion {
             mode: self.mode,
             period: t,
-            frame_length: positive("frame_length_m", self.frame_length_m)?,
-            start_sigmas: self.start_sigmas,
-            frame_sigmas: self.frame_sigmas,
             per_m: [
                 square(non_negative("along_m_per_sqrt_m", slip.along_m_per_sqrt_m)?),
                 square(non_negative(
@@ -189,8 +176,6 @@ impl Config {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Sigmas {
     pub(super) own: [f32; constants::COUNT],
-    /// Of the way that the floor takes the robot, over the way it rolls.
-    pub(super) floor: f32,
 }
 
 impl Sigmas {
@@ -206,9 +191,6 @@ impl Sigmas {
         let slip = &mut own[constants::COMPLIANCE];
         let all = joint.tyres().compliance;
         *slip = sqrt(*slip * *slip + all * all);
-        Self {
-            own,
-            floor: config.floor_drift_sigma,
-        }
+        Self { own }
     }
 }

@@ -21,6 +21,12 @@ fn straight() -> Estimate {
     Estimate::with_sigmas(Posture::new(0.37, 0.0, 0.0), BEAM_SIGMAS)
 }
 
+fn start(fusion: &RobotFusion, robot: Posture) -> State {
+    let robot = Estimate::with_sigmas(robot, [5e-3, 5e-3, 1e-2]);
+    let frame = Estimate::with_sigmas(straight().posture, Config::default().frame_sigmas);
+    fusion.start(&robot, &frame, 0.015)
+}
+
 fn forward() -> Increment {
     Increment::new(Posture::new(0.0025, 0.0, 0.0), [[0.0; 3]; 3])
 }
@@ -38,7 +44,7 @@ fn preparing_changes_nothing_but_when_it_is_done() {
             ..Config::default()
         };
         let fusion = config.build().unwrap();
-        let mut late = fusion.start(Posture::new(0.1, -0.2, 0.3));
+        let mut late = start(&fusion, Posture::new(0.1, -0.2, 0.3));
         let mut ahead = late;
         let mut repairs = 0;
         for tick in 0..400u16 {
@@ -68,7 +74,10 @@ fn preparing_changes_nothing_but_when_it_is_done() {
 fn straight_drive_arrives_in_every_mode() {
     for mode in MODES {
         let fusion = fusion(mode);
-        let mut state = fusion.start(Posture::new(-1.0, 0.5, core::f32::consts::FRAC_PI_2));
+        let mut state = start(
+            &fusion,
+            Posture::new(-1.0, 0.5, core::f32::consts::FRAC_PI_2),
+        );
         let mut output = Output::default();
         for _ in 0..400 {
             output = fusion.step(
@@ -101,7 +110,7 @@ fn opposite_creep_is_seen_by_the_beam_and_shared_by_both_axles() {
     let robot = Estimate::with_sigmas(Posture::ORIGIN, [1e-3; 3]);
     let outputs = [Mode::Joint, Mode::IntersectionIpec, Mode::Odometry].map(|mode| {
         let fusion = fusion(mode);
-        let mut state = fusion.start_at(&robot, &shape(0.3));
+        let mut state = fusion.start(&robot, &shape(0.3), 0.01);
         let mut output = Output::default();
         for tick in 0..500 {
             let heading = 0.3 * crate::math::trig::exp(-0.01 * 0.01 * tick as f32);
@@ -133,7 +142,7 @@ fn a_lost_message_only_delays() {
     for mode in MODES {
         let fusion = fusion(mode);
         let run = |lost: &dyn Fn(u16, usize) -> bool| {
-            let mut state = fusion.start(Posture::ORIGIN);
+            let mut state = start(&fusion, Posture::ORIGIN);
             let mut last = [0; 2];
             let mut output = Output::default();
             for k in 1..=300u16 {
@@ -176,7 +185,7 @@ fn a_lost_message_only_delays() {
 fn what_is_not_finite_counts_as_absent() {
     for mode in MODES {
         let fusion = fusion(mode);
-        let fresh = fusion.start(Posture::ORIGIN);
+        let fresh = start(&fusion, Posture::ORIGIN);
         for bad in [f32::NAN, f32::INFINITY] {
             let mut state = fresh;
             let mut increment = forward();
@@ -216,12 +225,12 @@ fn a_leaping_beam_is_gated_until_it_insists() {
     for mode in [Mode::Intersection, Mode::IntersectionIpec, Mode::Joint] {
         let config = Config {
             mode,
-            frame_sigmas: [2e-4, 2e-4, 1e-3],
-            start_sigmas: [1e-4, 1e-4, 1e-3],
             ..Config::default()
         };
         let fusion = config.build().unwrap();
-        let mut state = fusion.start(Posture::ORIGIN);
+        let robot = Estimate::with_sigmas(Posture::ORIGIN, [1e-4, 1e-4, 1e-3]);
+        let frame = Estimate::with_sigmas(straight().posture, [2e-4, 2e-4, 1e-3]);
+        let mut state = fusion.start(&robot, &frame, 0.01);
         let mut step = |phi: f32| {
             let beam = Estimate::with_sigmas(Posture::new(0.37, 0.0, phi), BEAM_SIGMAS);
             fusion.step(
@@ -264,7 +273,7 @@ fn bent_frame_creeps_at_standstill_in_the_covariance() {
                 [1e-3, 1e-3, 1e-3],
             );
             let robot = Estimate::with_sigmas(Posture::ORIGIN, [1e-3; 3]);
-            let mut state = fusion.start_at(&robot, &relative);
+            let mut state = fusion.start(&robot, &relative, 0.01);
             let inputs = Inputs {
                 front: Some(rest()),
                 rear: Some(rest()),
@@ -293,8 +302,8 @@ fn configuration_is_checked() {
     config.slip.creep_per_sqrt_s = -1.0;
     assert_eq!(config.build().unwrap_err().field, "creep_per_sqrt_s");
     let mut config = Config::default();
-    config.start_sigmas[1] = 0.0;
-    assert_eq!(config.build().unwrap_err().field, "start_sigmas");
+    config.frame_sigmas[1] = 0.0;
+    assert_eq!(config.build().unwrap_err().field, "frame_sigmas");
     let mut config = Config::default();
     config.joint.scale_sigma = f32::INFINITY;
     assert_eq!(config.build().unwrap_err().field, "scale_sigma");

@@ -57,10 +57,6 @@ pub struct Limits {
     pub position_sigma_m: f32,
     /// The same of its heading, rad.
     pub heading_sigma_rad: f32,
-    /// Half axis of the position of O in which a goal counts as reached for certain, with 95 %, m.
-    pub goal_position_m: f32,
-    /// The same of its heading, rad.
-    pub goal_heading_rad: f32,
 }
 
 impl Default for Limits {
@@ -72,8 +68,6 @@ impl Default for Limits {
             // What a floor may make of 300 m.
             position_sigma_m: 5.0,
             heading_sigma_rad: 0.5,
-            goal_position_m: 0.03,
-            goal_heading_rad: 0.052,
         }
     }
 }
@@ -85,8 +79,6 @@ impl Limits {
         positive("moment_n_m", self.moment_n_m)?;
         positive("position_sigma_m", self.position_sigma_m)?;
         positive("heading_sigma_rad", self.heading_sigma_rad)?;
-        positive("goal_position_m", self.goal_position_m)?;
-        positive("goal_heading_rad", self.goal_heading_rad)?;
         Ok(())
     }
 
@@ -96,12 +88,6 @@ impl Limits {
         !(force <= self.force_n * self.force_n
             && wrench.moment_root.abs() <= self.moment_n_m
             && wrench.moment_end.abs() <= self.moment_n_m)
-    }
-
-    /// True if a goal is reached for certain by this estimate; false for NaN.
-    pub(super) fn is_certain(&self, robot: &Estimate) -> bool {
-        let [position, heading] = robot.half_axes_95();
-        position <= self.goal_position_m && heading <= self.goal_heading_rad
     }
 
     /// True if an estimate says little of where the robot is.

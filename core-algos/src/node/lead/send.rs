@@ -5,9 +5,10 @@ use crate::bus::{LeadMode, Message};
 use crate::control::cascade::AxleReference;
 use crate::control::governor;
 use crate::fusion::robot;
+use crate::math::Twist;
 use crate::node::Outbox;
 use crate::safety::{Permit, supervisor};
-use crate::time::{EPOCH, Micros, seconds, sequence};
+use crate::time::{EPOCH, Micros, epoch_start, seconds, sequence};
 use crate::topology::AxleId;
 
 impl LeadNode {
@@ -38,6 +39,7 @@ impl LeadNode {
         Output {
             mode,
             fused: fused.unwrap_or_default(),
+            driven: self.state.odom.unwrap_or_default(),
             motion,
             supervision,
             ..Output::default()
@@ -61,6 +63,7 @@ impl LeadNode {
             steering_rad: motion.psi.0,
             velocity_m_s: motion.v,
         });
+        let epoch = epoch_start(now, sequence);
         let axles = [fused.front.posture, fused.rear.posture];
         for axle in AxleId::BOTH {
             let reference = references[axle.index()];
@@ -68,7 +71,13 @@ impl LeadNode {
                 continue;
             };
             // The same posture relative to the axle, in the axle's own odometric frame.
-            let relative = reference.posture.relative_to(axles[axle.index()]);
+            let mut relative = reference.posture.relative_to(axles[axle.index()]);
+            // The estimate is of the latest epoch of which the axles have told.
+            let age = epoch.saturating_sub(odometry.time);
+            if age > 0 {
+                let Twist { v, omega } = reference.twist;
+                relative = relative.advance(v * seconds(age), omega * seconds(age));
+            }
             outbox.push(Message::ReferencePosture {
                 axle,
                 sequence,

@@ -1,8 +1,10 @@
 use super::*;
+use crate::bus::Message;
 use crate::math::matrix::diagonal;
 use crate::node::robot::RobotConfig;
 use crate::safety::Class;
 use crate::time::LEAD_PHASE;
+use crate::topology::AxleId;
 
 /// Reports of both axles at the beginning of an epoch, and the lead node's step.
 fn epoch(node: &mut LeadNode, number: u64, axles: [(Posture, u8); 2]) -> Output {
@@ -38,10 +40,11 @@ fn epoch(node: &mut LeadNode, number: u64, axles: [(Posture, u8); 2]) -> Output 
 fn node() -> LeadNode {
     let mut node = LeadNode::new(RobotConfig::default().build_lead().unwrap());
     let relative = Posture::new(0.37, 0.0, 0.0);
-    node.initialize(
-        &Estimate::with_sigmas(Posture::ORIGIN, [1e-3; 3]),
-        &Estimate::with_sigmas(relative, [1e-3; 3]),
-    );
+    node.initialize(&Place {
+        center: Estimate::with_sigmas(Posture::ORIGIN, [1e-3; 3]),
+        relative: Estimate::with_sigmas(relative, [1e-3; 3]),
+        floor_drift: 0.01,
+    });
     node
 }
 
@@ -53,13 +56,13 @@ fn lost_commander_stops_a_robot_that_drives() {
     let still = [(Posture::ORIGIN, 0); 2];
     node.lose_commander();
     assert!(!node.state.lost);
-    node.command(Task::Regulate { goal });
+    node.command(Task::regulate(goal));
     node.lose_commander();
     assert_eq!(node.state.task, Task::Stop);
     let output = epoch(&mut node, 1, still);
     assert!(!output.done && node.state.is_silent());
     // The next task drives again.
-    node.command(Task::Regulate { goal });
+    node.command(Task::regulate(goal));
     assert!(!node.state.is_silent());
 }
 
@@ -209,7 +212,7 @@ fn the_robot_is_not_held_for_ever() {
     };
     let center = Posture::new(0.0, 0.0, 0.0);
     for _ in 0..2 {
-        node.command(Task::Regulate { goal: center });
+        node.command(Task::regulate(center));
         let held = (0..20_000)
             .map(|_| state(&mut node))
             .skip_while(|state| *state != OperatingState::Armed)

@@ -20,6 +20,8 @@ pub(super) struct AxleReport {
     /// Latest posture whose time since the start is known: a posture alone does not tell whether
     /// it is still one of the same odometric frame.
     pub(super) whole: Option<(Stamped<Posture>, Micros)>,
+    /// These of the latest epochs.
+    pub(super) past: Recent<(Posture, Micros)>,
     pub(super) uncertainty: Option<Stamped<Mat3>>,
     /// Latest speed and yaw rate.
     pub(super) twist: Twist,
@@ -33,8 +35,46 @@ impl AxleReport {
         if let (Some(posture), Some(uptime)) = (self.posture, self.uptime)
             && posture.time == uptime.time
         {
+            let last = self.whole.map_or(0, |(last, _)| last.time);
+            if uptime.value < posture.time.saturating_sub(last) {
+                // What came before is of another odometric frame.
+                self.past = Recent::default();
+            }
             self.whole = Some((posture, uptime.value));
+            self.past
+                .put(Stamped::new((posture.value, uptime.value), posture.time));
         }
+    }
+}
+
+/// Values of the latest epochs.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Recent<T>([Option<Stamped<T>>; EPOCHS]);
+
+/// Epochs that are kept.
+pub(super) const EPOCHS: usize = 8;
+
+impl<T> Default for Recent<T> {
+    fn default() -> Self {
+        Self([const { None }; EPOCHS])
+    }
+}
+
+impl<T: Copy> Recent<T> {
+    /// Takes in the value of an epoch.
+    pub(super) fn put(&mut self, value: Stamped<T>) {
+        self.0[Self::place(value.time)] = Some(value);
+    }
+
+    /// The value of the epoch that began at `time`.
+    pub(super) fn at(&self, time: Micros) -> Option<T> {
+        let value = self.0[Self::place(time)]?;
+        (value.time == time).then_some(value.value)
+    }
+
+    fn place(time: Micros) -> usize {
+        // A division of 64 bits takes 2 µs on a board; where 32 bits wrap, a value is lost.
+        (time as u32 / EPOCH as u32) as usize % EPOCHS
     }
 }
 
@@ -69,6 +109,17 @@ impl Advance {
     }
 }
 
+/// One odometric posture as seen from another. Positions repeat after a span of the bus, so only their wrapped
+/// difference counts.
+fn between(before: Posture, after: Posture) -> Posture {
+    let moved = Posture::new(
+        wrap_position(after.x - before.x),
+        wrap_position(after.y - before.y),
+        after.phi,
+    );
+    moved.relative_to(Posture::new(0.0, 0.0, before.phi))
+}
+
 /// One axle as the lead node knows it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct AxleTrack {
@@ -85,11 +136,19 @@ impl AxleTrack {
         (uptime < latest.time.saturating_sub(self.odometry?.time)).then_some(uptime)
     }
 
-    /// The motion since the last step, however many epochs it spans.
-    pub(super) fn advance(&mut self) -> Advance {
-        let Some((latest, uptime)) = self.report.whole else {
+    /// The motion from one epoch to another, as its odometry tells it.
+    pub(super) fn moved(&self, from: Micros, to: Micros) -> Option<Posture> {
+        let past = &self.report.past;
+        let ((before, _), (after, _)) = (past.at(from)?, past.at(to)?);
+        Some(between(before, after))
+    }
+
+    /// The motion since the last step up to an epoch, however many it spans.
+    pub(super) fn advance(&mut self, to: Micros) -> Advance {
+        let Some((posture, uptime)) = self.report.past.at(to) else {
             return Advance::Unknown;
         };
+        let latest = Stamped::new(posture, to);
         let Some(last) = self.odometry else {
             self.odometry = Some(latest);
             return Advance::Unknown;
@@ -103,16 +162,10 @@ impl AxleTrack {
         if uptime < span {
             return Advance::Restarted { ticks };
         }
-        // Positions repeat after a span of the bus, so only their wrapped difference counts.
-        let moved = Posture::new(
-            wrap_position(latest.value.x - last.value.x),
-            wrap_position(latest.value.y - last.value.y),
-            latest.value.phi,
-        );
         // The tier adds slip of its own, so a covariance that never came leaves some.
         let covariance = self.report.uncertainty.map_or([[0.0; 3]; 3], |u| u.value);
         Advance::Moved(Increment {
-            posture: moved.relative_to(Posture::new(0.0, 0.0, last.value.phi)),
+            posture: between(last.value, latest.value),
             covariance: scale(&covariance, f32::from(ticks)),
             ticks,
             gyro_share: self.report.gyro_share,

@@ -1,14 +1,18 @@
 //! Conditions that the lead node watches, and its requests to the supervisor.
 
-use super::{LATE, LeadNode, STILL, Task, track};
+use super::{BEAM_PATIENCE, LATE, LeadNode, STILL, Task, track};
 use crate::fusion::ekf::Verdict;
 use crate::fusion::robot;
 use crate::math::matrix::is_finite;
+use crate::math::trig::sqrt;
 use crate::math::{RelativeHeading, Twist};
 use crate::safety::{Condition, Conditions, OperatingState, Permit, StateRequest};
 use crate::time::Micros;
 use crate::topology::Node;
 use track::AxleTrack;
+
+/// Relative heading up to which the strip shows no force.
+const STRAIGHT: RelativeHeading = RelativeHeading(0.05);
 
 impl LeadNode {
     /// The host that commands is lost: a robot that drives stops, and its task is not done.
@@ -58,13 +62,23 @@ impl LeadNode {
                 .flatten()
                 .any(|(posture, _)| posture.age(now) > LATE);
         let beam = state.beam_posture.filter(|posture| fresh(posture.time));
-        let strained = state.wrench.is_some_and(|wrench| {
-            fresh(wrench.time) && self.with.limits.exceeded_by(&wrench.value)
-        });
         // The beam's measurement counts most; without it, the estimates of the axles.
         let heading = beam
             .map(|posture| RelativeHeading(posture.value.phi))
             .or(fused.map(robot::Output::relative_heading));
+        // The fit of a straight strip has a second minimum, buckled, which zeros that drift may lead to.
+        let curved = heading.is_some_and(|heading| !(heading.0.abs() <= STRAIGHT.0));
+        // One that comes too late is as good as none.
+        let missed = match state.fusion {
+            None => beam.is_none(),
+            Some(_) => state
+                .beam_used
+                .is_none_or(|used| now.saturating_sub(used.value) > BEAM_PATIENCE),
+        };
+        let strained = curved
+            && state.wrench.is_some_and(|wrench| {
+                fresh(wrench.time) && self.with.limits.exceeded_by(&wrench.value)
+            });
         let bent = heading
             .is_some_and(|heading| !(heading.steering().0.abs() <= self.with.limits.steering_rad));
         let unsound = fused.is_some_and(|fused| {
@@ -74,7 +88,13 @@ impl LeadNode {
         // Wheels may slip while a swinging frame is brought to rest, before the drive.
         let driving = state.supervisor.operating() == OperatingState::Active;
         let refused = driving && fused.is_some_and(|fused| fused.beam.verdict == Verdict::Gated);
-        let certain = |fused: &robot::Output| self.with.limits.is_certain(&fused.robot);
+        let certain = |fused: &robot::Output| {
+            let [position, heading] = fused.robot.half_axes_95();
+            let at = fused.robot.posture;
+            let [x, y, turn] = at.minus(state.aim.unwrap_or(at));
+            let off = sqrt(x * x + y * y);
+            state.within.holds([off + position, turn.abs() + heading])
+        };
         let doubtful = state.done && fused.is_some_and(|fused| !certain(fused));
         Conditions::NONE
             .with(
@@ -82,10 +102,7 @@ impl LeadNode {
                 lost || (powered && fused.is_none()),
             )
             .with(Condition::NeighbourFault, powered && failed)
-            .with(
-                Condition::BeamLost,
-                self.with.fusion.uses_beam() && beam.is_none(),
-            )
+            .with(Condition::BeamLost, self.with.fusion.uses_beam() && missed)
             .with(Condition::MessageLost, late)
             .with(Condition::FrameBent, bent)
             .with(Condition::WrenchHigh, strained)

@@ -47,7 +47,7 @@ pub struct Row {
     pub ends: BTreeMap<String, u32>,
     /// End of each trial.
     pub runs: Vec<String>,
-    /// Trials reported as reached for certain that were not within 3 cm and 3°.
+    /// Trials reported as reached that were not within the tolerance of the goal.
     pub false_successes: u32,
     /// Half axis of the ellipse in which the robot claims to be with 95 %.
     pub claimed_m: Summary,
@@ -92,8 +92,8 @@ pub fn summarize(variant: &Variant, trials: &[Trial], goal: [f64; 3]) -> Row {
     for end in &runs {
         *ends.entry(end.clone()).or_default() += 1;
     }
-    let pairs = outcomes.iter().zip(&errors);
-    let false_successes = pairs.filter(|(o, error)| o.done && !o.uncertain && !error.is_near());
+    let falsely = |o: &&&Outcome| o.done && !o.uncertain && !o.within;
+    let false_successes = outcomes.iter().filter(falsely).count();
     Row {
         rps: variant.rps,
         imu: variant.imu,
@@ -109,7 +109,7 @@ pub fn summarize(variant: &Variant, trials: &[Trial], goal: [f64; 3]) -> Row {
         inside_share: statistics::share(&outcome(|o| o.nees), |nees| nees <= CHI_SQUARE_99),
         ends,
         runs,
-        false_successes: false_successes.count() as u32,
+        false_successes: false_successes as u32,
         claimed_m: Summary::of(&outcome(|o| o.claimed[0])),
         claimed_rad: Summary::of(&outcome(|o| o.claimed[1])),
         drift_m: Summary::of(&outcome(|o| o.relative_error[0].hypot(o.relative_error[1]))),

@@ -371,7 +371,7 @@ impl<R: Robot> Errand<R> for Soak<'_> {
         let [x, y] = [uniform(SQUARE_M), uniform(SQUARE_M)];
         let goal = Posture::from([x, y, uniform(3.1)].map(|value| value as f32));
         self.stage = Stage::Driving(tick);
-        robot.command(&HostCommand::Task(Task::Regulate { goal }))
+        robot.command(&HostCommand::Task(Task::regulate(goal)))
     }
 
     /// A fault ends no soak.

@@ -209,7 +209,8 @@ impl VirtualRobot {
         let boards = boards(scenario, images, (seed, trial), options, &roles, &parts)?;
         let mut wire = Wire::new(boards.len() + options.others, QUANTUM, seed);
         wire.record();
-        let (center, relative) = scenario.robot.put_down(posture(scenario.mission.start));
+        let at = posture(scenario.mission.start);
+        let place = scenario.robot.put_down(at, &scenario.mission.told());
         Ok(Self {
             network: Network::new(boards, wire, QUANTUM, options.threads),
             readers: roles
@@ -229,7 +230,7 @@ impl VirtualRobot {
             reported: Vec::new(),
             hosted: false,
             clock: Clock::default(),
-            place: Place { center, relative },
+            place,
             lead: lead::Output::default(),
             held: None,
             task: Task::Idle,

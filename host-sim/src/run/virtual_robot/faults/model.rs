@@ -169,7 +169,7 @@ impl Watch {
 
 impl Errand<Simulation> for Watch {
     fn task(&self) -> Option<Task> {
-        Some(Task::Regulate { goal: self.goal })
+        Some(Task::regulate(self.goal))
     }
 
     fn must_end(&self, _robot: &Simulation) -> bool {

@@ -1,0 +1,70 @@
+//! Tasks of the robot, and how it was put down.
+
+use crate::control::regulator::Tolerance;
+use crate::fusion::Estimate;
+use crate::math::Posture;
+
+/// How the robot was put down.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Place {
+    /// Posture of the midpoint.
+    pub center: Estimate,
+    /// Front axle in the rear axle's frame.
+    pub relative: Estimate,
+    /// Standard deviation of the way that the floor takes the robot, over the way it rolls, along each of its axes.
+    pub floor_drift: f32,
+}
+
+/// Task of the robot.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum Task {
+    /// Motors off.
+    #[default]
+    Idle,
+    /// Brake and hold.
+    Stop,
+    /// Motors off, and forget latched faults whose causes are gone.
+    Clear,
+    /// Bring the midpoint to a posture and to rest.
+    Regulate {
+        /// The goal.
+        goal: Posture,
+        /// How near to it the robot is to be.
+        within: Tolerance,
+    },
+    /// Follow the path in the node's buffer from its beginning (see [`LeadNode::path_task`](super::LeadNode::path_task)), and
+    /// rest at its end.
+    Follow,
+    /// Track the trajectory in the node's buffer, beginning now, and rest at its end.
+    Track,
+    /// Drive with this speed and curvature. The robot stops if the task is not given again within [`DEAD_MAN`](super::DEAD_MAN).
+    Drive {
+        /// Speed of O, m/s.
+        speed_m_s: f32,
+        /// Curvature of its path, 1/m.
+        curvature: f32,
+    },
+}
+
+impl Task {
+    /// Regulation with the default tolerance.
+    pub fn regulate(goal: Posture) -> Self {
+        Self::Regulate {
+            goal,
+            within: Tolerance::default(),
+        }
+    }
+}
+
+/// Activity of the robot, as its button sees it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Activity {
+    /// Stopped by a fault that [`Task::Clear`] has to clear.
+    Faulted,
+    /// Under way with a task.
+    Busy,
+    /// Without a task, or done with it.
+    Resting,
+}
