@@ -72,8 +72,6 @@ pub struct Output {
     pub mode: LeadMode,
     /// Estimated postures of the axles and the midpoint in the frame `map`, and what the beam added.
     pub fused: robot::Output,
-    /// Posture of the midpoint that the controller drives by, frame `odom`: without jumps on the move.
-    pub driven: Posture,
     /// Commanded motion of the midpoint.
     pub motion: Motion,
     /// Phase of the regulator, when regulating.
@@ -331,7 +329,6 @@ impl LeadNode {
             supervision,
             mode: decision.mode,
             fused,
-            driven,
             motion,
             phase: decision.phase,
             target: decision.target,

@@ -149,13 +149,14 @@ impl State {
     /// epoch by the odometry since.
     fn beam_at(&self, epoch: Micros) -> Option<Stamped<Estimate>> {
         let used = self.beam_used.map_or(0, |used| used.time);
-        let mut ages = (0..=BEAM_EPOCHS).map(|age| epoch.saturating_sub(age * EPOCH));
+        // As a rule it is of that epoch, and the copies below are spared.
+        if let (Some(measured), true) = (self.beam.at(epoch), epoch > used) {
+            return Some(Stamped::new(measured, epoch));
+        }
+        let mut ages = (1..=BEAM_EPOCHS).map(|age| epoch.saturating_sub(age * EPOCH));
         let (time, measured) = ages.find_map(|time| Some((time, self.beam.at(time)?)))?;
         if time <= used {
             return None;
-        }
-        if time == epoch {
-            return Some(Stamped::new(measured, time));
         }
         let [front, rear] = self.tracks.each_ref().map(|track| track.moved(time, epoch));
         let (front, rear) = (front?, rear?);

@@ -39,7 +39,6 @@ impl LeadNode {
         Output {
             mode,
             fused: fused.unwrap_or_default(),
-            driven: self.state.odom.unwrap_or_default(),
             motion,
             supervision,
             ..Output::default()
