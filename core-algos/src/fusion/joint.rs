@@ -141,6 +141,26 @@ impl State {
         self.rear.compose(self.relative)
     }
 
+    /// Motion of O (m, m, rad, along the global axes) from where it was at `before`, when the front axle was at `relative`
+    /// in the rear axle's frame and the rear axle had this heading.
+    pub(super) fn moved(&self, before: Posture, relative: Posture, heading: f32) -> Posture {
+        let (r, (sin, cos)) = (self.relative, sin_cos(self.rear.phi));
+        let (x, y) = (0.5 * r.x, 0.5 * r.y);
+        // The angle between the chords of two epochs, whose tangent it is.
+        let across = relative.x * r.y - relative.y * r.x;
+        let along = relative.x * r.x + relative.y * r.y;
+        Posture::new(
+            self.rear.x + cos * x - sin * y - before.x,
+            self.rear.y + sin * x + cos * y - before.y,
+            wrap_angle(self.rear.phi - heading) + across / along,
+        )
+    }
+
+    /// The front axle in the rear axle's frame.
+    pub fn relative_posture(&self) -> Posture {
+        self.relative
+    }
+
     /// The front axle in the rear axle's frame, with its covariance.
     pub fn relative(&self) -> Estimate {
         let u = &self.covariance.upper;
@@ -325,7 +345,7 @@ impl Joint {
 
     /// Odometry: increments of front and rear in the axles' own frames, each with the covariance of
     /// its error in the frame it ends in and the share of the time in which a gyro took part.
-    /// `ticks` is the time they span. Gives the motion of O (m, m, rad) along the global axes.
+    /// `ticks` is the time they span.
     pub fn predict(
         &self,
         state: &mut State,
@@ -333,7 +353,7 @@ impl Joint {
         rear: &Estimate,
         gyro_shares: [f32; 2],
         ticks: f32,
-    ) -> Posture {
+    ) {
         let dt = ticks * self.t;
         let [front_share, rear_share] = gyro_shares;
         let step = |axle: usize, moved: Posture, gyro_share: f32| Step {
@@ -440,17 +460,6 @@ impl Joint {
             wrap_angle(state.rear.phi + d2.phi),
         );
         state.loading = RelativeHeading(state.relative.phi);
-        // O halfway along the chord between the axles, seen from where the rear axle was.
-        let (x, y) = (0.5 * state.relative.x, 0.5 * state.relative.y);
-        let ahead = d2.x + cos * x - sin * y - 0.5 * r.x;
-        let aside = d2.y + sin * x + cos * y - 0.5 * r.y;
-        // The angle between both chords is its tangent.
-        let turned = (r.x * y - r.y * x) / (r.x * x + r.y * y);
-        Posture::new(
-            east * ahead + minus_north * aside,
-            north * ahead + east * aside,
-            d2.phi + turned,
-        )
     }
 
     /// An increment corrected by what is known of the constants, and what its error depends on.

@@ -334,12 +334,13 @@ impl RobotFusion {
                     }
                 }
                 let loading = joint.loading();
-                *moved = self
-                    .joint
+                let (relative, heading) = (joint.relative_posture(), joint.rear().phi);
+                self.joint
                     .predict(joint, &front.estimate, &rear.estimate, shares, ticks);
                 if !complete {
                     self.joint.keep_loading(joint, loading);
                 }
+                *moved = joint.moved(*robot, relative, heading);
                 if let Some(beam) = beam {
                     output.beam = self
                         .joint
