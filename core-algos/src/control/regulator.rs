@@ -51,7 +51,7 @@ pub struct Input {
     pub speed_m_s: f32,
     /// Posture that O is to reach, same frame as `posture`.
     pub goal: Posture,
-    /// How near to it O is to be.
+    /// Tolerance of the goal.
     pub within: Tolerance,
 }
 

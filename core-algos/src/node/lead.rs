@@ -115,7 +115,7 @@ pub struct State {
     goal: Option<Posture>,
     /// Tolerance of the task.
     within: Tolerance,
-    /// Where the task leads, as of the last step.
+    /// Goal or target of the task, as of the last step.
     aim: Option<Posture>,
     /// Time for which the motors have held the robot where it is.
     held: Micros,

@@ -110,7 +110,7 @@ pub struct RobotConfig {
 /// paper's experiment; the goal is the origin.
 pub const START: Posture = Posture::new(-1.342, -1.342, 0.0);
 
-/// What the person who puts the robot down says of the place. Nothing on board can tell it.
+/// Accuracy of placement and floor, from the person who puts the robot down. Nothing on board can tell them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]

@@ -36,11 +36,11 @@ pub struct Mission {
     pub time_limit_s: f64,
     /// Time the robot is watched after it reports that it is done, s.
     pub rest_s: f64,
-    /// How near to the goal the robot is to be with 95 %: position, m.
+    /// Tolerance of the goal: position, m.
     pub tolerance_m: f64,
     /// The same of the heading, rad.
     pub tolerance_rad: f64,
-    /// What the robot is told of its place: standard deviation of the start along each axis, m.
+    /// Standard deviation of the start along each axis, as the robot is told, m.
     pub placement_m: f64,
     /// Standard deviation of the start's heading, rad.
     pub placement_rad: f64,
@@ -49,7 +49,7 @@ pub struct Mission {
 }
 
 impl Mission {
-    /// What the robot is told of its place.
+    /// Accuracy of placement and floor, as the robot is told.
     pub fn told(&self) -> Told {
         Told {
             placement_m: self.placement_m as f32,

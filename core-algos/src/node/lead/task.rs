@@ -1,10 +1,10 @@
-//! Tasks of the robot, and how it was put down.
+//! Tasks of the robot, and its posture at the start.
 
 use crate::control::regulator::Tolerance;
 use crate::fusion::Estimate;
 use crate::math::Posture;
 
-/// How the robot was put down.
+/// Posture of the robot at its start, and the floor there.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Place {
@@ -31,7 +31,7 @@ pub enum Task {
     Regulate {
         /// The goal.
         goal: Posture,
-        /// How near to it the robot is to be.
+        /// Its tolerance.
         within: Tolerance,
     },
     /// Follow the path in the node's buffer from its beginning (see [`LeadNode::path_task`](super::LeadNode::path_task)), and

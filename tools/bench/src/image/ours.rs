@@ -14,7 +14,7 @@ use core_algos::control::kinematic::{self, Law, Reference};
 use core_algos::fusion::ekf::{self, Measurements};
 use core_algos::fusion::{Estimate, compound, intersection};
 use core_algos::math::{AxleLoad, Posture, Transform, Twist, trig};
-use core_algos::node::board::{Board, Samples};
+use core_algos::node::board::{Ready, Samples};
 use core_algos::node::robot::RobotConfig;
 use core_algos::node::{Outbox, axle};
 use core_algos::time::{EPOCH, LEAD_PHASE, TICK};
@@ -240,8 +240,9 @@ fn midpoint(counter: &mut Counter, law: &Law, governor: &Governor, cascade: &Cas
 fn boards(counter: &mut Counter) {
     let config = RobotConfig::default();
     for role in Role::ALL {
-        let board = Board::new(&config, role);
-        let mut board = board.unwrap_or_else(|error| panic!("{error}"));
+        // One copy: three of the largest board do not fit the stack.
+        let nodes = Ready::new(&config, role).unwrap_or_else(|error| panic!("{error}"));
+        let mut board = nodes.begin();
         let mut outbox = Outbox::new();
         let [mut plain, mut epoch, mut lead] = [Total::default(); 3];
         for tick in 0..400u64 {
