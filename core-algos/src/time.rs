@@ -12,6 +12,11 @@ pub type Micros = u64;
 pub const TICK: Micros = 1_000;
 /// Length of an epoch: the period of reports, fusion and references.
 pub const EPOCH: Micros = 10_000;
+/// Share of an epoch that so many ticks take, at most 1.
+pub fn share_of_epoch(ticks: u8) -> f32 {
+    (f32::from(ticks) / (EPOCH / TICK) as f32).min(1.0)
+}
+
 /// Time after the beginning of an epoch at which the lead node works.
 pub const LEAD_PHASE: Micros = 3_000;
 

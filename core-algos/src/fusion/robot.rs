@@ -71,7 +71,6 @@ use crate::math::matrix::{self, Mat3};
 use crate::math::trig::{sqrt, wrap_angle};
 use crate::math::{Posture, RelativeHeading};
 use crate::topology::AxleId;
-use config::Sigmas;
 
 /// Constants of odometry as noise of the same size, for the weights of IPEC: over this way, m, and
 /// this time, s.
@@ -94,7 +93,8 @@ pub struct RobotFusion {
     creep_per_tick: f32,
     creep_per_m: f32,
     period: f32,
-    constants: Sigmas,
+    /// Standard deviations of the constants.
+    constants: [f32; constants::COUNT],
     /// Speed of slip under a load of the frame that nothing measures: along, across (m/s), in
     /// heading (rad/s).
     load: [f32; 3],
@@ -413,7 +413,7 @@ impl RobotFusion {
         let by_constants = step.by_constants(self.joint.tyres());
         for (row, by) in error.constants.iter_mut().zip(&by_constants) {
             for k in 0..constants::COUNT {
-                row[track::SHARED + k] = by[k] * self.constants.own[k];
+                row[track::SHARED + k] = by[k] * self.constants[k];
             }
         }
         let [along, across, turning] = self.load;
@@ -435,7 +435,7 @@ impl RobotFusion {
         let by_constants = constants::beam_by_constants(beam.posture);
         for (row, by) in track.constants.iter_mut().zip(&by_constants) {
             for (k, by) in by.iter().enumerate() {
-                row[track::SHARED + k] = -by * self.constants.own[k];
+                row[track::SHARED + k] = -by * self.constants[k];
             }
         }
         track

@@ -32,11 +32,10 @@ use crate::fusion::standstill::{Bias, RestDetector, RestTimes, Zeroing};
 use crate::math::{AxleLoad, Posture, Steering, Twist, Wrench};
 use crate::safety::supervisor::{self, Supervisor};
 use crate::safety::{Conditions, Permit, ramp};
-use crate::time::{EPOCH, Micros, Stamped, TICK, epoch_start, is_epoch_start, seconds, sequence};
+use crate::time::{
+    EPOCH, Micros, Stamped, TICK, epoch_start, is_epoch_start, seconds, sequence, share_of_epoch,
+};
 use crate::topology::{AxleId, Node};
-
-/// Ticks of an epoch.
-const TICKS_PER_EPOCH: f32 = (EPOCH / TICK) as f32;
 
 /// Age from which a reference is late: the lead node and the bus have had two epochs for it.
 const LATE: Micros = 3 * EPOCH;
@@ -455,7 +454,7 @@ impl AxleNode {
             .shift([own.x, own.y].map(|x| wrap_position(x) - x));
         let increment = self.state.filter.take_increment();
         let twist = self.state.filter.twist();
-        let wheels_share = 1.0 - (f32::from(self.state.gyro_samples) / TICKS_PER_EPOCH).min(1.0);
+        let wheels_share = 1.0 - share_of_epoch(self.state.gyro_samples);
         let [left, right] = self.state.play.each_mut().map(Play::take_variance);
         let covariance = play::add(
             increment.covariance,

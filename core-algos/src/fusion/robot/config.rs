@@ -154,7 +154,7 @@ impl Config {
             )?),
             creep_per_tick: t * square(non_negative("creep_per_sqrt_s", slip.creep_per_sqrt_s)?),
             creep_per_m: square(non_negative("creep_per_sqrt_m", slip.creep_per_sqrt_m)?),
-            constants: Sigmas::new(&joint, &self.joint),
+            constants: sigmas(&joint, &self.joint),
             load: match self.mode {
                 Mode::Odometry => {
                     let speed = non_negative("load_speed_m_s", slip.load_speed_m_s)?;
@@ -172,25 +172,18 @@ impl Config {
     }
 }
 
-/// Standard deviations of the constants that the axles' postures may owe something to.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Sigmas {
-    pub(super) own: [f32; constants::COUNT],
-}
-
-impl Sigmas {
-    /// Those of the joint filter. Only that filter takes the tyres' slip off: here all of it is unknown.
-    pub(super) fn new(joint: &joint::Joint, config: &joint::Config) -> Self {
-        let mut own = joint.prior_sigmas();
-        // A bias that walks adds walk²·T³/3 to the heading's variance in a time T; so does a constant
-        // one of variance walk²·T/3.
-        let walk = config.gyro_bias_walk_rad_s_per_sqrt_s;
-        for bias in &mut own[constants::GYRO_BIAS..constants::GYRO_BIAS + 2] {
-            *bias = sqrt(*bias * *bias + walk * walk * WALK_TIME_S / 3.0);
-        }
-        let slip = &mut own[constants::COMPLIANCE];
-        let all = joint.tyres().compliance;
-        *slip = sqrt(*slip * *slip + all * all);
-        Self { own }
+/// Standard deviations of the constants that the axles' postures may owe something to: those of the joint filter. Only
+/// that filter takes the tyres' slip off: here all of it is unknown.
+fn sigmas(joint: &joint::Joint, config: &joint::Config) -> [f32; constants::COUNT] {
+    let mut own = joint.prior_sigmas();
+    // A bias that walks adds walk²·T³/3 to the heading's variance in a time T; so does a constant
+    // one of variance walk²·T/3.
+    let walk = config.gyro_bias_walk_rad_s_per_sqrt_s;
+    for bias in &mut own[constants::GYRO_BIAS..constants::GYRO_BIAS + 2] {
+        *bias = sqrt(*bias * *bias + walk * walk * WALK_TIME_S / 3.0);
     }
+    let slip = &mut own[constants::COMPLIANCE];
+    let all = joint.tyres().compliance;
+    *slip = sqrt(*slip * *slip + all * all);
+    own
 }

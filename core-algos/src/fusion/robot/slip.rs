@@ -39,9 +39,9 @@ impl RobotFusion {
         covariance[1][1] += across * driven + position;
         let per_m = self.per_m[2] + self.creep_per_m * heading * heading;
         covariance[2][2] += by_wheels * (per_m * driven + turning);
-        let by = |constant: usize| self.constants.own[constant] * by_wheels;
+        let by = |constant: usize| self.constants[constant] * by_wheels;
         let (drift, slip) = (by(constants::DRIFT), by(constants::COMPLIANCE) * heading);
-        let bias = self.constants.own[constants::GYRO_BIAS] * gyro_share;
+        let bias = self.constants[constants::GYRO_BIAS] * gyro_share;
         Slipping {
             estimate: Estimate::new(increment.posture, covariance),
             heading_variance: covariance[2][2]

@@ -8,13 +8,11 @@ use crate::fusion::robot;
 use crate::math::Twist;
 use crate::math::matrix::propagate;
 use crate::math::trig::sin_cos;
-use crate::time::{EPOCH, Micros, Stamped, TICK, epoch_start, sequence};
+use crate::time::{EPOCH, Micros, Stamped, epoch_start, sequence, share_of_epoch};
 use crate::topology::AxleId;
 
 /// Age in epochs up to which a measurement of the beam is used.
 const BEAM_EPOCHS: Micros = 3;
-/// Steps of an axle in an epoch.
-const TICKS_PER_EPOCH: f32 = (EPOCH / TICK) as f32;
 /// Time that is waited for the beam to find a restarted axle by.
 const REJOIN_PATIENCE: Micros = 500_000;
 
@@ -49,7 +47,7 @@ impl LeadNode {
                 let uptime = Micros::from(uptime) * EPOCH;
                 report.uptime = Some(Stamped::new(uptime, epoch_start(now, sequence)));
                 report.twist = Twist::new(velocity_m_s, yaw_rate_rad_s);
-                report.gyro_share = (f32::from(gyro_samples) / TICKS_PER_EPOCH).min(1.0);
+                report.gyro_share = share_of_epoch(gyro_samples);
                 report.gyro_zeroed = gyro_zeroed;
                 report.pair();
             }
