@@ -54,6 +54,8 @@ const RESET_DONE: u8 = 1 << 4;
 const RANGE_AND_RATE: u8 = 3 << 5 | 3;
 /// A twentieth of the rate, 400 Hz, for both.
 const UI_BANDWIDTH: u8 = 6 << 4 | 6;
+/// Delay by both filters and half the time between two samples, s.
+pub const DELAY_S: f32 = 1.05e-3;
 /// Second order; the other fields as after a reset.
 const GYRO_UI_ORDER: u8 = 0x12 | 1 << 2;
 const ACCEL_UI_ORDER: u8 = 0x05 | 1 << 3;

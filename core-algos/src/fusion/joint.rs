@@ -13,8 +13,9 @@
 //! | 3–5 | front axle's posture in the rear axle's frame (m, m, rad) |
 //! | 6–25 | the constants, in their order |
 //!
-//! Two more errors move the robot as a whole, and nothing on board tells of them: the grain of a floor
-//! takes both axles along for each metre they roll, along each of the floor's axes. They are considered
+//! Three more errors move the robot as a whole, and nothing on board tells of them: the grain of a floor
+//! takes both axles along for each metre they roll, along each of the floor's axes, and tyres, clamps and axles that
+//! are not as modelled turn them ([`Config::steady_turn_sigma_rad_per_m`]). They are considered
 //! (Schmidt 1966): not estimated, but their share is in every covariance that is given out. They do not change
 //! the relative posture, so no gain of the beam's update depends on them.
 //!
@@ -109,6 +110,8 @@ pub struct Joint {
     kept: f32,
     /// Variance added to the constants each tick.
     walk: [f32; constants::COUNT],
+    /// Variance of a turn of the robot a metre.
+    steady_turn: f32,
     /// Variances of an axle's heading and way by play.
     play_heading: f32,
     play_way: f32,
@@ -123,11 +126,11 @@ pub struct State {
     covariance: Covariance<N>,
     /// Relative heading that loads the tyres: of the last tick with the odometry of both axles.
     loading: RelativeHeading,
-    /// Derivatives of the rear axle's posture, in its own frame, by the way that the floor adds to a metre
-    /// along its x and y (m, m, rad).
-    by_floor: [[f32; 3]; 2],
-    /// Variance of that way.
-    floor: f32,
+    /// Derivatives of the rear axle's posture, in its own frame, by the considered errors (m, m, rad): the way that
+    /// the floor adds to a metre along its x and y, and the turn a metre.
+    by_considered: [[f32; 3]; 3],
+    /// Variances of these.
+    considered: [f32; 3],
 }
 
 impl State {
@@ -206,52 +209,67 @@ impl State {
 
     /// Both axles and the robot's midpoint O with their covariances along the global axes.
     pub fn estimates(&self) -> Estimates {
-        let into_world = self.world_from_rear();
-        let mut p = [[0.0; 6]; 6];
-        for i in 0..6 {
-            for k in i..6 {
-                p[i][k] = self.covariance.upper[i][k];
-                p[k][i] = p[i][k];
+        let u = &self.covariance.upper;
+        let rear = self.covariance.posture();
+        let cross = [0, 1, 2].map(|i| [u[i][REL], u[i][REL + 1], u[i][REL + 2]]);
+        let relative = self.relative().covariance;
+        let (sin, cos) = sin_cos(self.rear.phi);
+        let into_world = |q: Posture, mut covariance: Mat3| {
+            // Along the axes of the rear axle until here.
+            for (by, variance) in self.by_considered.iter().zip(self.considered) {
+                add_outer(&mut covariance, &carried(by, q), variance);
             }
-        }
-        let mut rear = matrix::propagate(&into_world, &self.covariance.posture());
-        self.add_floor(&mut rear, &into_world);
-        // A posture that is `q` in the rear axle's frame, and its derivative by the relative posture.
-        let seen_from_rear = |q: Posture, by_relative: &Mat3| {
-            let [[cos, minus_sin, _], [sin, ..], _] = into_world;
             let at = Posture::new(
-                self.rear.x + cos * q.x + minus_sin * q.y,
+                self.rear.x + cos * q.x - sin * q.y,
                 self.rear.y + sin * q.x + cos * q.y,
                 wrap_angle(self.rear.phi + q.phi),
             );
-            // An error of the rear axle in its own frame carries q along.
-            let by_rear = [[1.0, 0.0, -q.y], [0.0, 1.0, q.x], [0.0, 0.0, 1.0]];
-            let by_rear = matrix::multiply(&into_world, &by_rear);
-            let mut j = [[0.0; 6]; 3];
+            Estimate::new(at, turned(&covariance, sin, cos))
+        };
+        // Errors of a posture `q` in the rear axle's frame: those of the rear axle carried along, those of the
+        // relative posture by the derivative by it, and what they have in common.
+        let seen_from_rear = |q: Posture, cross: &Mat3, own: &Mat3| {
+            let along = |by: &Mat3| matrix::transpose(by).map(|column| carried(&column, q));
+            // Columns of A P and of A C, A the carrying.
+            let (moved, common) = (along(&rear), along(cross));
+            let carried_twice = along(&moved);
+            let mut covariance = *own;
             for i in 0..3 {
                 for k in 0..3 {
-                    j[i][k] = by_rear[i][k];
-                    j[i][k + 3] = by_relative[i][k];
+                    covariance[i][k] += carried_twice[k][i] + (common[k][i] + common[i][k]);
                 }
             }
-            let mut covariance = matrix::propagate(&j, &p);
-            self.add_floor(&mut covariance, &by_rear);
-            Estimate::new(at, covariance)
+            into_world(q, covariance)
         };
         let (middle, by_relative) = compound::midpoint_seen_from_rear(self.relative);
+        let cross_of_middle = matrix::multiply(&cross, &matrix::transpose(&by_relative));
+        let own = matrix::propagate(&by_relative, &relative);
         Estimates {
-            front: seen_from_rear(self.relative, &into_world),
-            rear: Estimate::new(self.rear, rear),
-            robot: seen_from_rear(middle, &matrix::multiply(&into_world, &by_relative)),
+            front: seen_from_rear(self.relative, &cross, &relative),
+            rear: into_world(Posture::ORIGIN, rear),
+            robot: seen_from_rear(middle, &cross_of_middle, &own),
         }
     }
+}
 
-    /// Adds what the floor does to a posture, by its derivative by the rear axle's.
-    fn add_floor(&self, covariance: &mut Mat3, by_rear: &Mat3) {
-        for by in &self.by_floor {
-            add_outer(covariance, &matrix::apply(by_rear, by), self.floor);
-        }
-    }
+/// Error of a posture `q` in a frame, by an error of the frame along its axes.
+fn carried(error: &[f32; 3], q: Posture) -> [f32; 3] {
+    let [x, y, phi] = *error;
+    [x - q.y * phi, y + q.x * phi, phi]
+}
+
+/// A covariance along axes from which the frame's are turned back by an angle with this sine and cosine.
+fn turned(covariance: &Mat3, sin: f32, cos: f32) -> Mat3 {
+    let [[xx, xy, xp], [_, yy, yp], [.., pp]] = *covariance;
+    let (across, along) = (sin * sin, cos * cos);
+    let both = 2.0 * sin * cos * xy;
+    let xy = sin * cos * (xx - yy) + (along - across) * xy;
+    let (xx, yy) = (
+        along * xx + across * yy - both,
+        across * xx + along * yy + both,
+    );
+    let (xp, yp) = (cos * xp - sin * yp, sin * xp + cos * yp);
+    [[xx, xy, xp], [xy, yy, yp], [xp, yp, pp]]
 }
 
 /// Estimates of the joint filter.
@@ -327,8 +345,12 @@ impl Joint {
             constants: [0.0; constants::COUNT],
             covariance: Covariance::from_matrix(&p),
             loading: RelativeHeading(relative.posture.phi),
-            by_floor: [[0.0; 3]; 2],
-            floor: floor_drift * floor_drift,
+            by_considered: [[0.0; 3]; 3],
+            considered: [
+                floor_drift * floor_drift,
+                floor_drift * floor_drift,
+                self.steady_turn,
+            ],
         }
     }
 
@@ -371,14 +393,15 @@ impl Joint {
         // Rear: ε' = turn_back (ε + ε_φ × d2) + turn_back e2.
         let carried = [[1.0, 0.0, -d2.y], [0.0, 1.0, d2.x], [0.0, 0.0, 1.0]];
         let by_rear = matrix::multiply(&turn_back, &carried);
-        for by in &mut state.by_floor {
+        for by in &mut state.by_considered {
             *by = matrix::apply(&by_rear, by);
         }
         let way = step(1, rear.posture, rear_share).way(&self.tyres);
         let [[east, minus_north, _], [north, ..], _] = state.world_from_rear();
         let (to_x, to_y) = (east * cos - north * sin, north * cos + east * sin);
+        state.by_considered[2][2] += d2.x.abs();
         let floor = [[to_x, -to_y], [to_y, to_x]];
-        for (by, direction) in state.by_floor.iter_mut().zip(floor) {
+        for (by, direction) in state.by_considered.iter_mut().zip(floor) {
             by[0] += way * direction[0];
             by[1] += way * direction[1];
         }

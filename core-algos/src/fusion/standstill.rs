@@ -9,7 +9,8 @@
 //! encoders at its turning points: readings then lie further apart than noise. Creep is steady, so
 //! that for the accelerometer still wheels are enough.
 //!
-//! Readings beyond [`Config::limit`] are no bias and change nothing. A bias that was last seen so
+//! Readings beyond [`Config::limit`] are no bias and change nothing; nor do those after one until the next rest, of
+//! which only the outliers would be within it. A bias that was last seen so
 //! long ago that it may be anything makes the reading worse than none: it is then withheld, see
 //! [`Config::largest_sigma`]. [`Config::build`] validates;
 //! after it nothing fails or panics. Cost: a division a tick at rest, else an addition.
@@ -90,6 +91,8 @@ pub struct Bias {
     value: f32,
     /// `None` before the first reading at rest.
     variance: Option<f32>,
+    /// A reading of the present rest was beyond the limit.
+    beyond: bool,
 }
 
 impl Bias {
@@ -114,7 +117,8 @@ impl Zeroing {
         let variance = bias.variance.map(|v| (v + self.walk).min(self.unknown));
         bias.variance = variance;
         let reading = reading?;
-        if at_rest && reading.abs() <= self.limit {
+        bias.beyond = at_rest && (bias.beyond || reading.abs() > self.limit);
+        if at_rest && !bias.beyond && reading.is_finite() {
             let before = variance.unwrap_or(self.unknown);
             let gain = before / (before + self.noise);
             bias.value += gain * (reading - bias.value);

@@ -21,6 +21,7 @@ use play::Play;
 
 use super::Outbox;
 use super::peers::{self, Peers};
+use crate::acquisition::icm42688::DELAY_S;
 use crate::bus::field::wrap_position;
 use crate::bus::{LeadMode, Message};
 use crate::control::cascade::AxleReference;
@@ -104,6 +105,8 @@ pub struct State {
     filter: ekf::State,
     rest: RestDetector,
     gyro_bias: Bias,
+    /// The gyro's last reading less its bias, rad/s.
+    gyro: Option<f32>,
     accelerometer_bias: Bias,
     /// Output of the last step.
     output: Output,
@@ -144,6 +147,7 @@ impl State {
             ),
             rest: RestDetector::default(),
             gyro_bias: Bias::default(),
+            gyro: None,
             accelerometer_bias: Bias::default(),
             output: Output::default(),
             followed: None,
@@ -416,12 +420,20 @@ impl AxleNode {
             .rest
             .step(samples.encoder, motors_on, gyro, &self.rest);
         state.gyro_zeroed |= rest.axle;
+        let turning = self.gyro_zero.step(&mut state.gyro_bias, rest.axle, gyro);
+        // The reading is late; what it misses of a turn would look like a scale error to a beam that is not.
+        let late = DELAY_S / self.period;
+        let now = match (turning, state.gyro) {
+            (Some(turning), Some(before)) => Some(turning + late * (turning - before)),
+            _ => turning,
+        };
+        state.gyro = turning.filter(|turning| turning.is_finite());
         let verdicts = self.filter.step(
             &mut state.filter,
             &Measurements {
                 left_m_s: advance[0],
                 right_m_s: advance[1],
-                gyro_rad_s: self.gyro_zero.step(&mut state.gyro_bias, rest.axle, gyro),
+                gyro_rad_s: now,
                 acceleration_m_s2: self.accelerometer_zero.step(
                     &mut state.accelerometer_bias,
                     rest.wheels,

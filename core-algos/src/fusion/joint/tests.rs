@@ -371,9 +371,14 @@ const BODIES: [fn(&State) -> Estimate; 3] = [
     |state| state.estimates().robot,
 ];
 
-/// Drives forward and back with a constant shape. Also returns the rear axle's posture on a floor that moves by `by` per metre.
-fn drive(floor_drift: f32, by: [f32; 2]) -> (State, Posture) {
-    let joint = Config::default().build(0.01).unwrap();
+/// Drives forward and back with a constant shape, turned by `turn` more per metre. Also returns the rear axle's
+/// posture on a floor that moves by `by` per metre.
+fn drive([steady, floor_drift]: [f32; 2], turn: f32, by: [f32; 2]) -> (State, Posture) {
+    let config = Config {
+        steady_turn_sigma_rad_per_m: steady,
+        ..Config::default()
+    };
+    let joint = config.build(0.01).unwrap();
     let robot = Estimate::with_sigmas(Posture::new(1.0, -0.5, 2.0), [1e-4; 3]);
     let shape = Posture::new(0.36, 0.02, 0.2);
     let mut state = joint.start(
@@ -384,7 +389,7 @@ fn drive(floor_drift: f32, by: [f32; 2]) -> (State, Posture) {
     let mut world = state.rear;
     for i in 0..600 {
         let forward = if i < 450 { 2e-3 } else { -2e-3f32 };
-        let rear = Posture::new(forward, 0.0, 1e-3);
+        let rear = Posture::new(forward, 0.0, 1e-3 + turn * forward.abs());
         let front = shape.inverse().compose(rear.compose(shape));
         let [front, rear] = [front, rear].map(|d| Estimate::with_sigmas(d, [1e-6; 3]));
         joint.predict(&mut state, &front, &rear, [1.0; 2], 1.0);
@@ -408,14 +413,30 @@ fn assert_adds(plain: &Estimate, wider: &Estimate, sigma: f32, derivatives: &[[f
     }
 }
 
+/// The derivative of the path by a turn of the robot as a whole per metre is found by driving it twice.
+#[test]
+fn steady_turn_adds_what_a_turn_per_metre_does() {
+    let sigma = 3e-4;
+    let [plain, wider] = [0.0, sigma].map(|steady| drive([steady, 0.0], 0.0, [0.0; 2]).0);
+    assert_eq!(plain.rear(), wider.rear());
+    assert_eq!(plain.relative().covariance, wider.relative().covariance);
+    let [left, right] = [-5e-3, 5e-3].map(|turn| drive([0.0; 2], turn, [0.0; 2]).0);
+    for of in BODIES {
+        let d = of(&right).posture.minus(of(&left).posture);
+        let d = d.map(|d| d / 1e-2);
+        assert!((d[2] - 1.2).abs() < 0.01, "{d:?}");
+        assert_adds(&of(&plain), &of(&wider), sigma, &[d]);
+    }
+}
+
 /// The derivative of the path by a way per metre along the floor's axes is found by driving it twice.
 #[test]
 fn floor_adds_what_a_way_per_metre_does() {
     let sigma = 1e-2;
-    let [(plain, _), (wider, still)] = [0.0, sigma].map(|floor| drive(floor, [0.0; 2]));
+    let [(plain, _), (wider, still)] = [0.0, sigma].map(|floor| drive([0.0, floor], 0.0, [0.0; 2]));
     assert_eq!(plain.relative().covariance, wider.relative().covariance);
     let pushed = [[1e-2, 0.0], [0.0, 1e-2]].map(|by| {
-        let (_, world) = drive(0.0, by);
+        let (_, world) = drive([0.0; 2], 0.0, by);
         world.minus(still).map(|d| d / 1e-2)
     });
     for of in BODIES {

@@ -50,10 +50,30 @@ fn motion_is_not_taken_for_a_bias() {
     for _ in 0..1000 {
         assert!(zeroing.step(&mut bias, false, Some(0.03)).is_some());
         assert!(zeroing.step(&mut bias, true, Some(0.5)).is_some());
+        assert!(zeroing.step(&mut bias, true, Some(0.002)).is_some());
     }
     assert_eq!(bias.value(), known.value());
     assert!(bias.variance > known.variance);
     assert!((zeroing.step(&mut bias, false, Some(0.302)).unwrap() - 0.3).abs() < 1e-5);
+}
+
+#[test]
+fn a_bias_beyond_the_limit_is_not_learnt_from_the_outliers_within_it() {
+    let config = Config::ACCELEROMETER;
+    let zeroing = config.build(PERIOD).unwrap();
+    let mut bias = Bias::default();
+    let rest = |bias: &mut Bias, reading: f32| zeroing.step(bias, true, Some(reading));
+    rest(&mut bias, 0.1);
+    let known = bias.value();
+    zeroing.step(&mut bias, false, Some(0.1));
+    // The axle sets off: the last reading of its rest is within the limit.
+    for reading in [-0.6, -0.6, 0.2] {
+        rest(&mut bias, reading);
+    }
+    assert_eq!(bias.value(), known);
+    zeroing.step(&mut bias, false, Some(0.1));
+    rest(&mut bias, 0.2);
+    assert!(bias.value() > known);
 }
 
 #[test]

@@ -461,3 +461,30 @@ fn nan_in_gives_zero_torque() {
     }
     assert!(node.state.filter.posture().is_finite());
 }
+
+#[test]
+fn a_turn_that_quickens_is_told_without_the_delay_of_the_gyro() {
+    const QUICKENS_RAD_S2: f64 = 1.0;
+    let mut node = node(AxleId::Rear);
+    let mut outbox = Outbox::new();
+    let config = Config::default();
+    let geometry = &config.filter;
+    let mut heading = 0.0;
+    for tick in 0..1500u64 {
+        let now = tick * TICK;
+        let seconds = now as f64 * 1e-6;
+        let late = seconds - f64::from(DELAY_S);
+        heading = 0.5 * QUICKENS_RAD_S2 * seconds * seconds;
+        let rolled = 0.5 * f64::from(geometry.track_m) * heading
+            / f64::from(config.controller.wheel_radius_m);
+        let samples = Samples {
+            encoder: counts([-rolled, rolled]),
+            gyro_rad_s: Some((QUICKENS_RAD_S2 * late) as f32),
+            ..still()
+        };
+        node.step(now, &samples, &mut outbox);
+    }
+    let told = f64::from(node.state.filter.posture().phi);
+    let lag = (heading - told) / (QUICKENS_RAD_S2 * 1.5);
+    assert!(lag.abs() < 1e-4, "{lag} s");
+}
