@@ -173,13 +173,13 @@ messages! {
         /// Epoch modulo 256.
         sequence: u8 = SEQUENCE,
         /// Operating state.
-        state: OperatingState = [Signal::labelled("state", 8, &OperatingState::NAMES)],
+        state: OperatingState = [Signal::labelled("state", 4, &OperatingState::NAMES)],
         /// Code of the first stop or cut since the last clearing, see
         /// [`Condition`](crate::safety::Condition); of a node that is not armed, what arming waits
         /// for; 0 if there is none.
         reason: u8 = [Signal::unsigned("reason", 8)],
         /// Notices and degradations since the heartbeat before.
-        notices: Conditions = [Signal::unsigned("notices", 24), Signal::unsigned("notices_high", 16)],
+        notices: Conditions = [Signal::unsigned("notices", 24), Signal::unsigned("notices_high", 20)],
     }
     /// Mode and progress of the lead node.
     LEAD_STATUS = LeadStatus at { 0x070 "" from Lead } every 10 counts COMMAND_MS;

@@ -48,10 +48,12 @@
 //! ```
 
 mod config;
+mod doubt;
 mod motion;
 
 pub use config::Config;
-use motion::{IncrementError, Motion};
+pub use doubt::Doubt;
+use motion::{IncrementError, Motion, carried, turned};
 
 use super::constants::{self, GAIN, GYRO_BIAS, OF_BEAM, Step, Tyres, ZERO};
 use super::covariance::Covariance;
@@ -106,6 +108,8 @@ pub struct Joint {
     tyres: Tyres,
     /// Prior variances of the constants.
     prior: [f32; constants::COUNT],
+    /// One over the size of a constant at which its sensor is inconsistent; 0 for a constant that is not learnt.
+    per_limit: [f32; constants::COUNT],
     /// Share of a constant that a tick leaves of it.
     kept: f32,
     /// Variance added to the constants each tick.
@@ -250,26 +254,6 @@ impl State {
             robot: seen_from_rear(middle, &cross_of_middle, &own),
         }
     }
-}
-
-/// Error of a posture `q` in a frame, by an error of the frame along its axes.
-fn carried(error: &[f32; 3], q: Posture) -> [f32; 3] {
-    let [x, y, phi] = *error;
-    [x - q.y * phi, y + q.x * phi, phi]
-}
-
-/// A covariance along axes from which the frame's are turned back by an angle with this sine and cosine.
-fn turned(covariance: &Mat3, sin: f32, cos: f32) -> Mat3 {
-    let [[xx, xy, xp], [_, yy, yp], [.., pp]] = *covariance;
-    let (across, along) = (sin * sin, cos * cos);
-    let both = 2.0 * sin * cos * xy;
-    let xy = sin * cos * (xx - yy) + (along - across) * xy;
-    let (xx, yy) = (
-        along * xx + across * yy - both,
-        across * xx + along * yy + both,
-    );
-    let (xp, yp) = (cos * xp - sin * yp, sin * xp + cos * yp);
-    [[xx, xy, xp], [xy, yy, yp], [xp, yp, pp]]
 }
 
 /// Estimates of the joint filter.

@@ -214,8 +214,8 @@ impl State {
         (self.heading, self.moved)
     }
 
-    #[cfg(test)]
-    pub(crate) fn joint(&self) -> Option<&joint::State> {
+    /// The joint filter, in the mode that runs it.
+    pub fn joint(&self) -> Option<&joint::State> {
         match &self.tracks {
             Tracks::Joint(joint) => Some(joint),
             Tracks::Separate { .. } => None,
@@ -356,6 +356,11 @@ impl RobotFusion {
         }
         *robot = output.robot.posture;
         output
+    }
+
+    /// The part of the robot that the other sensors contradict.
+    pub fn doubt(&self, state: &State) -> Option<joint::Doubt> {
+        state.joint().and_then(|joint| self.joint.doubt(joint))
     }
 
     /// True if the beam takes part.

@@ -64,6 +64,13 @@ const STILL: Twist = Twist::new(0.02, 0.1);
 /// Difference from the commanded steering angle beyond which a frame without power has let go, rad.
 const LET_GO: f32 = 0.05;
 
+/// Share of the latest squared normalised innovation of the beam in its mean, the most that counts of one, and the
+/// mean from which on the beam is inconsistent. Its mean is 0.1 to 0.5, since its covariance is that of its worst
+/// posture, and 3 if that were the true one.
+const NIS_SHARE: f32 = 1.0 / 256.0;
+const NIS_MOST: f32 = 40.0;
+const NIS_LIMIT: f32 = 3.0;
+
 /// Output of the lead node at a step.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -96,6 +103,8 @@ pub struct State {
     /// Epoch of the latest one that was used, and the time of its use.
     beam_used: Option<Stamped<Micros>>,
     fusion: Option<robot::State>,
+    /// Squared normalised innovation of the beam, its running mean.
+    nis: f32,
     /// Posture of O in the frame `odom`.
     odom: Option<Posture>,
     regulator: regulator::State,

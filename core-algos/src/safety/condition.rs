@@ -104,7 +104,7 @@ conditions! {
         "an innovation gate rejected a measurement"; "if it repeats, check for slipping wheels or a loose sensor".
     GaugeLost = 0x03 "gauge lost" 0 ms:
         "a strain gauge failed; the other gauges give the posture"; "check the bridge named in the beam board's report".
-    // Reserved: code 0x04, code 0xc6 with bit 35.
+    // Reserved: codes 0x04 and 0xc6.
     MessageLost = 0x05 bit 4 "message lost" 0 ms:
         "an expected message did not arrive"; "check cable, termination and bus load".
     InertialLost = 0x06 "inertial sensor lost" 20 ms:
@@ -122,13 +122,21 @@ conditions! {
     ConversionsLost = 0x0c "conversions lost" 0 ms:
         "samples of the strain bridges were lost; the scan was restarted"; "if it repeats, check for a faulty converter or an overload".
     ReachedUncertain = 0x0d "reached, uncertain" 0 ms:
-        "the robot is at its goal, but distance and 95 % error exceed the tolerance"; "set placement accuracy and floor drift, calibrate, or drive a shorter path".
+        "the robot is at its goal, but distance and 95 % error exceed the tolerance, or a sensor is inconsistent"; "set placement accuracy and floor drift, calibrate, or drive a shorter path".
     EstimateVague = 0x0e bit 38 "estimate vague" 200 ms:
         "the standard deviation of the robot's posture exceeds its bound"; "add position fixes, or drive a shorter path".
     CommanderSilent = 0x0f bit 39 "commander silent" 0 ms:
         "no speed command for 200 ms, or nothing from the commanding host for 1 s; the robot stops"; "check the cable to the computer".
     GaveUp = 0x10 bit 3 "gave up" 0 ms:
         "the robot did not reach its goal in the allowed attempts"; "calibrate, add position fixes, or choose a nearer goal".
+    WheelsInconsistent = 0x11 bit 35 "wheels inconsistent" 1000 ms:
+        "the other sensors say that wheels or tyres are not as configured"; "measure wheels and track; check for a loose wheel or a slippery floor".
+    GaugesInconsistent = 0x12 bit 40 "gauges inconsistent" 1000 ms:
+        "the other sensors say that zeros or gains of the strain gauges are not as calibrated"; "calibrate the gauges; check the clamps of the strip".
+    GyrosInconsistent = 0x13 bit 41 "gyros inconsistent" 1000 ms:
+        "the other sensors say that bias or scale of a gyro is not as calibrated"; "calibrate the inertial sensors; check that they are fixed".
+    BeamInconsistent = 0x14 bit 42 "beam inconsistent" 1000 ms:
+        "the squared normalised innovation of the beam is far above its mean of 0.1 to 0.5"; "check the clamps and the length of the strip".
     BeamLost = 0x40 bit 13 "relative position sensor lost" 50 ms:
         "no posture of the beam board was used for 0.1 s; the estimate continues from the encoders"; "check the beam board, its cable and the latency of the bus".
     EmergencyStop = 0x80 "emergency stop" 0 ms:
@@ -198,7 +206,7 @@ impl Condition {
 }
 
 /// Bits of a set, reserved ones included: those that a heartbeat carries.
-pub(super) const BITS: usize = 40;
+pub(super) const BITS: usize = 43;
 
 /// The condition of each bit.
 const BY_BIT: [Option<Condition>; BITS] = {
@@ -367,7 +375,7 @@ mod tests {
             ],
             [34, 37]
         );
-        let mut unknown = Conditions::from_bits(1 << 35 | 1 << 13 | 1 << 63).iter();
+        let mut unknown = Conditions::from_bits(1 << 43 | 1 << 13 | 1 << 63).iter();
         assert_eq!(unknown.next(), Some(Condition::BeamLost));
         assert_eq!(unknown.next(), None);
     }

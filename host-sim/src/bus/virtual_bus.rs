@@ -15,6 +15,11 @@ pub struct BusConfig {
     /// Time from sending to receiving, ms. Arbitration and transfer of the thirteen messages at the
     /// beginning of an epoch take up to 1.7 ms at 1 Mbit/s.
     pub latency_ms: u32,
+    /// Time by which the messages of the front board, of the rear board and of the beam board come later to the other
+    /// boards, ms.
+    pub late_ms: [u32; 3],
+    /// Time up to which each message comes later to the other boards, drawn evenly, ms: messages overtake each other.
+    pub jitter_ms: u32,
     /// Probability that a frame is lost between boards, 0 to 1. The lead node and the front axle
     /// share a board and lose nothing between them.
     pub loss: f64,
@@ -27,6 +32,8 @@ impl Default for BusConfig {
     fn default() -> Self {
         Self {
             latency_ms: 2,
+            late_ms: [0; 3],
+            jitter_ms: 0,
             loss: 0.0,
             quantise: true,
         }
@@ -36,11 +43,17 @@ impl Default for BusConfig {
 impl BusConfig {
     /// Checks the ranges.
     pub fn check(&self) -> Result<(), String> {
-        if self.latency_ms > 1000 {
-            return Err(format!(
-                "bus.latency_ms = {}: must be a number from 0 to 1000",
-                self.latency_ms
-            ));
+        let [front, rear, beam] = self.late_ms;
+        for (key, ms) in [
+            ("latency_ms", self.latency_ms),
+            ("late_ms[0]", front),
+            ("late_ms[1]", rear),
+            ("late_ms[2]", beam),
+            ("jitter_ms", self.jitter_ms),
+        ] {
+            if ms > 1000 {
+                return Err(format!("bus.{key} = {ms}: must be a number from 0 to 1000"));
+            }
         }
         if !(self.loss >= 0.0 && self.loss <= 1.0) {
             return Err(format!(
@@ -75,6 +88,8 @@ struct Transit {
 #[derive(Clone, Debug)]
 pub struct VirtualBus {
     latency: Micros,
+    late_ms: [u32; 3],
+    jitter_ms: u32,
     loss: f64,
     quantise: bool,
     rng: Pcg64,
@@ -89,6 +104,8 @@ impl VirtualBus {
     pub fn new(config: &BusConfig, seed: u64) -> Self {
         Self {
             latency: Micros::from(config.latency_ms) * 1_000,
+            late_ms: config.late_ms,
+            jitter_ms: config.jitter_ms,
             loss: config.loss,
             quantise: config.quantise,
             rng: Pcg64::seed_from_u64(seed),
@@ -146,15 +163,16 @@ impl VirtualBus {
             message,
             received,
         };
+        let even = self.jitter_ms == 0 && self.late_ms == [0; 3];
         match self.disturbance {
-            Some(disturbance) => self.carry(transit, origin, disturbance),
-            None => self.transit.push_back(transit),
+            None if even => self.transit.push_back(transit),
+            disturbance => self.carry(transit, origin, disturbance),
         }
         Some(*frame)
     }
 
-    /// The way of a frame over a disturbed bus.
-    fn carry(&mut self, mut transit: Transit, origin: Option<Role>, how: Disturbance) {
+    /// The way of a frame over a bus that is disturbed, or on which frames overtake each other.
+    fn carry(&mut self, mut transit: Transit, origin: Option<Role>, how: Option<Disturbance>) {
         // What stays on its own board is not disturbed.
         let mut own = transit.clone();
         for board in Role::ALL {
@@ -162,6 +180,14 @@ impl VirtualBus {
             transit.received[board as usize] &= Some(board) != origin;
         }
         self.queue(own);
+        let mut late = origin.map_or(0, |board| self.late_ms[board as usize]);
+        if self.jitter_ms > 0 {
+            late += self.rng.random_range(0..=self.jitter_ms);
+        }
+        transit.due += Micros::from(late) * 1_000;
+        let Some(how) = how else {
+            return self.queue(transit);
+        };
         match how {
             Disturbance::Loss(share) => {
                 for received in transit.received.iter_mut().filter(|received| **received) {
@@ -282,6 +308,57 @@ mod tests {
             steering_rad: 0.0,
             velocity_m_s: 0.0,
         }
+    }
+
+    #[test]
+    fn one_board_may_be_later_than_the_others_and_not_to_itself() {
+        let config = BusConfig {
+            latency_ms: 1,
+            late_ms: [4, 0, 0],
+            ..BusConfig::default()
+        };
+        let mut bus = VirtualBus::new(&config, 0);
+        let status = |velocity_m_s| Message::LeadStatus {
+            sequence: 0,
+            mode: LeadMode::Active,
+            steering_rad: 0.0,
+            velocity_m_s,
+        };
+        bus.send(0, &status(0.5));
+        let mut arrivals = Vec::new();
+        for now in (0..10).map(|ms| ms * 1_000) {
+            bus.deliver(now, |board, _, _| arrivals.push((now, board)));
+        }
+        let late = [Role::Rear, Role::Beam].map(|board| (5_000, board));
+        assert_eq!(arrivals, [(1_000, Role::Front), late[0], late[1]]);
+    }
+
+    #[test]
+    fn jitter_comes_on_top_and_stays_below_its_bound() {
+        let config = BusConfig {
+            latency_ms: 1,
+            jitter_ms: 3,
+            ..BusConfig::default()
+        };
+        let mut bus = VirtualBus::new(&config, 0);
+        let identity = bus::encode(&Message::LeadStatus {
+            sequence: 0,
+            mode: LeadMode::Active,
+            steering_rad: 0.0,
+            velocity_m_s: 0.0,
+        });
+        let mut seen = [0; 6];
+        for number in 0..400 {
+            let sent = number * 10_000;
+            bus.send_frame(sent, identity.as_ref().unwrap());
+            for ms in 0..6 {
+                bus.deliver(sent + ms * 1_000, |board, _, _| {
+                    seen[ms as usize] += u32::from(board == Role::Rear);
+                });
+            }
+        }
+        assert_eq!((seen[0], seen[5]), (0, 0));
+        assert!(seen[1..5].iter().all(|&count| count > 70), "{seen:?}");
     }
 
     #[test]

@@ -18,14 +18,16 @@ pub fn markdown() -> String {
          - **stop**: decelerate all axles together along their path, then switch the motors off;\n\
          - **cut**: switch the motors off at once.\n\n\
          A stop and a cut stay until they are cleared. *holds for* is the time that a condition must last.\n\n\
-         | code | class | name | holds for | meaning | remedy |\n|---|---|---|---|---|---|\n",
+         *bit* is its place among the notices of a heartbeat.\n\n\
+         | code | bit | class | name | holds for | meaning | remedy |\n|---|---|---|---|---|---|---|\n",
     );
     for entry in &TABLE {
         // Writing to a string does not fail.
         let _ = writeln!(
             text,
-            "| 0x{:02x} | {} | {} | {} ms | {} | {} |",
+            "| 0x{:02x} | {} | {} | {} | {} ms | {} | {} |",
             entry.code,
+            entry.condition as u8,
             Class::of(entry.code).name(),
             entry.name,
             entry.hold / 1_000,

@@ -12,6 +12,7 @@ use crate::scenario::Scenario;
 use crate::view::figures::{self, PathsPanel};
 use crate::view::page;
 use crate::view::style::End;
+use core_algos::safety::Condition;
 use serde::Serialize;
 
 /// Result of the command.
@@ -105,7 +106,25 @@ pub fn publish(
         steps: &driven.ends,
     });
     let report = report.map_err(|error| Error::Failure(error.to_string()))?;
+    for end in &driven.ends {
+        if let Some(notice) = end.uncertain() {
+            report_uncertain(&format!("line {}", end.line), notice, end.claimed_m);
+        }
+    }
     Ok((table(&driven.ends), report, files))
+}
+
+/// Says on standard error under which notice a robot is at its goal, what it claims, and what to do.
+pub fn report_uncertain(what: &str, notice: Condition, claimed_m: Option<f64>) {
+    let entry = notice.entry();
+    let claim = claimed_m.map(|claim| format!(" ±{:.1} cm", 100.0 * claim));
+    eprintln!(
+        "cfmmr: {what}: {}{} (code {:#04x}); {}",
+        entry.name,
+        claim.unwrap_or_default(),
+        entry.code,
+        entry.remedy
+    );
 }
 
 /// The drive for the report page: error of the estimate.
@@ -117,8 +136,8 @@ fn page_of<'a>(context: &'a Context, driven: &'a Driven) -> page::Run<'a> {
         [[0.0; 2], [off, f64::from(at.phi) - phi]]
     };
     let row = |end: &StepEnd| {
-        let state = if end.done { "done" } else { "NOT done" };
         let name = format!("{}: {}", end.line, end.step);
+        let state = end.name();
         (name, format!("{state} after {:.1} s", end.duration_s))
     };
     page::Run {
@@ -144,7 +163,7 @@ pub fn table(ends: &[StepEnd]) -> String {
         table.row([
             end.line.to_string(),
             end.step.clone(),
-            if end.done { "done" } else { "NOT done" }.to_owned(),
+            end.name(),
             end.code.clone().unwrap_or_default(),
             format!("{:.3}", end.x),
             format!("{:.3}", end.y),

@@ -145,6 +145,9 @@ impl Mission {
         let (text, report, files) = match (self, outcome) {
             (Self::Posture(variant), Outcome::Posture(trial)) => {
                 let variants = [*variant];
+                if let (true, Some(notice)) = (trial.outcome.done, trial.outcome.uncertain) {
+                    driven::report_uncertain("goal", notice, Some(trial.outcome.claimed[0]));
+                }
                 let (report, files) =
                     posture::publish(context, &variants, &variants, &[vec![*trial]])?;
                 let text = posture::table(&report.rows, &variants);

@@ -12,10 +12,23 @@ use core_algos::bus::LeadMode;
 use core_algos::control::regulator::Phase;
 use core_algos::node::lead::Task;
 use core_algos::node::robot::Geometry;
-use core_algos::safety::Condition;
+use core_algos::safety::{Condition, Conditions};
 use core_algos::time::{EPOCH, Micros};
 use core_algos::topology::Node;
 use std::f64::consts::{PI, TAU};
+
+/// The notice under which a goal is reached, the inconsistent sensor first.
+pub fn uncertain(notices: Conditions) -> Option<Condition> {
+    let causes = [
+        Condition::WheelsInconsistent,
+        Condition::GaugesInconsistent,
+        Condition::GyrosInconsistent,
+        Condition::BeamInconsistent,
+        Condition::ReachedUncertain,
+    ];
+    let found = causes.into_iter().find(|&cause| notices.contains(cause));
+    found.filter(|_| notices.contains(Condition::ReachedUncertain))
+}
 
 /// Outcome of a trial.
 #[derive(Clone, Debug, Default)]
@@ -28,8 +41,8 @@ pub struct Outcome {
     pub nees: f64,
     /// True if the lead node reported the task done.
     pub done: bool,
-    /// True if the lead node reported *reached, uncertain*.
-    pub uncertain: bool,
+    /// The notice under which the goal is reached: the inconsistent sensor, or *reached, uncertain*.
+    pub uncertain: Option<Condition>,
     /// True if the true posture is within the tolerance of the goal.
     pub within: bool,
     /// Claimed 95 % errors: half axis of the position (m), half the interval of the heading (rad).
@@ -220,7 +233,7 @@ pub fn regulate_on(
         estimate: [center.x, center.y, center.phi].map(f64::from),
         nees: nees(&fused.robot, record.midpoint),
         done: end.done,
-        uncertain: notices.contains(Condition::ReachedUncertain),
+        uncertain: uncertain(notices),
         within: error.e_m <= mission.tolerance_m
             && error.heading_rad.abs() <= mission.tolerance_rad,
         claimed: fused.robot.half_axes_95().map(f64::from),
@@ -250,4 +263,33 @@ pub fn curvature(geometry: &Geometry, steering: f64) -> f64 {
     };
     let chord = f64::from(length) * ratio + 2.0 * f64::from(rigid) * steering.cos();
     2.0 * steering.tan() / chord
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_uncertain_goal_names_the_inconsistent_sensor_first() {
+        let only = Conditions::only;
+        let uncertain_with = |other| only(Condition::ReachedUncertain).with(other, true);
+        assert_eq!(uncertain(Conditions::NONE), None);
+        assert_eq!(uncertain(only(Condition::WheelsInconsistent)), None);
+        for (notices, found) in [
+            (
+                only(Condition::ReachedUncertain),
+                Condition::ReachedUncertain,
+            ),
+            (
+                uncertain_with(Condition::TickLate),
+                Condition::ReachedUncertain,
+            ),
+            (
+                uncertain_with(Condition::GyrosInconsistent),
+                Condition::GyrosInconsistent,
+            ),
+        ] {
+            assert_eq!(uncertain(notices), Some(found));
+        }
+    }
 }

@@ -8,6 +8,7 @@ use crate::paths::{self, MAX_COORDINATE_M, Path};
 use crate::run::drive::{Errand, Progress, drive};
 use crate::run::keyboard::Keyboard;
 use crate::run::path_run::{self, PathMode, Route};
+use crate::run::regulate;
 use crate::run::robot::{Record, Robot};
 use crate::scenario::Scenario;
 use crate::targets::HostCommand;
@@ -84,16 +85,43 @@ pub struct StepEnd {
     pub done: bool,
     /// Code of the condition that ended the step, or under which it is done.
     pub code: Option<String>,
+    /// That condition.
+    #[serde(skip)]
+    pub condition: Option<Condition>,
     /// Estimated posture at the end, m.
     pub x: f64,
     /// Estimated posture at the end, m.
     pub y: f64,
     /// Estimated heading at the end, rad.
     pub phi: f64,
+    /// 95 % error of the position that the robot claims at a goal, m, where it is known.
+    pub claimed_m: Option<f64>,
     /// True posture at the end, where it is known.
     pub truth: Option<[f64; 3]>,
     /// Duration, s.
     pub duration_s: f64,
+}
+
+impl StepEnd {
+    /// The notice under which the robot is at its goal.
+    pub fn uncertain(&self) -> Option<Condition> {
+        self.condition
+            .filter(|_| self.done && self.claimed_m.is_some())
+    }
+
+    /// The end in words, with what the robot claims.
+    pub fn name(&self) -> String {
+        let end = match (self.done, self.claimed_m) {
+            (false, _) => return "NOT done".to_owned(),
+            (true, _) if self.uncertain().is_some() => "uncertain",
+            (true, None) => "done",
+            (true, Some(_)) => "reached",
+        };
+        let claim = self
+            .claimed_m
+            .map(|claim| format!(" ±{:.1} cm", 100.0 * claim));
+        format!("{end}{}", claim.unwrap_or_default())
+    }
 }
 
 /// The drive by hand.
@@ -222,15 +250,19 @@ pub fn carry_out(
         let at = record.lead.fused.robot.posture;
         let [x, y, phi] = [at.x, at.y, at.phi].map(f64::from);
         let notices = robot.monitor_mut().take_recent();
-        let code = condition(&record, (done, notices)).map(|it| format!("{:#04x}", it.code()));
+        let [claimed_m, _] = record.lead.fused.robot.half_axes_95().map(f64::from);
+        let at_goal = done && matches!(line.step, Step::Goto(_)) && claimed_m > 0.0;
+        let condition = condition(&record, (done, notices));
         ends.push(StepEnd {
             line: line.number,
             step: line.text.clone(),
             done,
-            code,
+            code: condition.map(|it| format!("{:#04x}", it.code())),
+            condition,
             x,
             y,
             phi,
+            claimed_m: at_goal.then_some(claimed_m),
             truth: (!record.midpoint[0].is_nan()).then_some(record.midpoint),
             duration_s: (robot.now() - began) as f64 * 1e-6,
         });
@@ -245,7 +277,7 @@ pub fn carry_out(
 fn condition(record: &Record, (done, notices): (bool, Conditions)) -> Option<Condition> {
     let notice = |condition| notices.contains(condition).then_some(condition);
     match done {
-        true => notice(Condition::CommanderSilent).or(notice(Condition::ReachedUncertain)),
+        true => notice(Condition::CommanderSilent).or(regulate::uncertain(notices)),
         false => record
             .lead
             .supervision

@@ -93,6 +93,11 @@ const SCENARIO: Rules<fn(&Scenario, Use) -> bool> = rules! {
             "with robot.lead.regulator.strategy = \"paper-law\"; vary robot.lead.regulator.law";
     "robot.lead.regulator":
         |_, used| matches!(used, Use::Path | Use::VirtualPath) => "along a path; vary robot.lead.course";
+    "mission.tolerance_m mission.tolerance_rad":
+        |_, used| !matches!(used, Use::Regulate | Use::Virtual) => "without a goal";
+    "bus":
+        |_, used| matches!(used, Use::Virtual | Use::VirtualPath) =>
+            "on virtual boards, whose bus has its own times and losses";
     "robot.lead.course":
         |_, used| matches!(used, Use::Regulate | Use::Virtual) =>
             "without a path; vary robot.lead.regulator";

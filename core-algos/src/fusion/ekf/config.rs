@@ -91,7 +91,8 @@ impl Default for Config {
             left_sigma_m_s: 0.02,
             right_sigma_m_s: 0.02,
             gyro_sigma_rad_s: 0.005,
-            accelerometer_sigma_m_s2: 0.1,
+            // Its bias and the slope of the floor, 0.5 m/s² at 3°, must not outweigh two wheels.
+            accelerometer_sigma_m_s2: 1.0,
             noise: Densities::default(),
             innovation_gate: Some(36.0),
             fix_gate: Some(30.0),

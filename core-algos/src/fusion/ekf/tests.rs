@@ -409,6 +409,7 @@ fn equals_the_textbook_filter_with_speed_and_turning_apart() {
         let config = Config {
             period_s: period,
             noise,
+            accelerometer_sigma_m_s2: sigmas[3],
             ..Config::default()
         };
         let t = period as f64;

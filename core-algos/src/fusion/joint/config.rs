@@ -1,11 +1,12 @@
 //! Configuration of the joint filter.
 
-use super::{GRAVITY, Joint};
+use super::{GRAVITY, Joint, doubt};
 use crate::beam::strip::{self, PostureSigmas};
 use crate::config::{ConfigError, in_range, non_negative, positive};
 use crate::fusion::constants::{
     self, COMPLIANCE, DRIFT, GAIN, GYRO_BIAS, GYRO_SCALE, SCALE, SIDE, TURN, Tyres, UNEVEN, ZERO,
 };
+use crate::math::trig::sqrt;
 
 /// Parameters of the joint filter beside those of the tier around it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -134,6 +135,16 @@ impl Config {
         walk[GYRO_BIAS] = t * variance!(gyro_bias_walk_rad_s_per_sqrt_s);
         walk[GYRO_BIAS + 1] = walk[GYRO_BIAS];
         let play = variance!(play_sigma_m);
+        let constancy_s = in_range("constancy_s", self.constancy_s, 10.0 * t, 1e7)?;
+        // What walks may have walked as long as the others stay what they are.
+        let mut per_limit = [0.0; constants::COUNT];
+        for (k, per_limit) in per_limit.iter_mut().enumerate() {
+            let sigma = sqrt(prior[k] + walk[k] * (constancy_s / t));
+            *per_limit = match sigma > 0.0 {
+                true => 1.0 / (doubt::SIGMAS * sigma),
+                false => 0.0,
+            };
+        }
         Ok(Joint {
             t,
             steady_turn: variance!(steady_turn_sigma_rad_per_m),
@@ -141,7 +152,8 @@ impl Config {
             play_way: 0.5 * play,
             tyres,
             prior,
-            kept: 1.0 - t / in_range("constancy_s", self.constancy_s, 10.0 * t, 1e7)?,
+            per_limit,
+            kept: 1.0 - t / constancy_s,
             walk,
         })
     }

@@ -2,6 +2,7 @@
 
 use super::{FIRST, N, REL, REL_PHI};
 use crate::fusion::constants;
+use crate::math::Posture;
 use crate::math::matrix::{Mat, Mat3};
 
 /// Derivatives of the error of an axle's increment.
@@ -54,4 +55,24 @@ impl Motion {
 #[inline(always)]
 fn along(row: &[f32; 3], column: &[f32; 3]) -> f32 {
     row[0] * column[0] + row[1] * column[1] + row[2] * column[2]
+}
+
+/// Error of a posture `q` in a frame, by an error of the frame along its axes.
+pub(super) fn carried(error: &[f32; 3], q: Posture) -> [f32; 3] {
+    let [x, y, phi] = *error;
+    [x - q.y * phi, y + q.x * phi, phi]
+}
+
+/// A covariance along axes from which the frame's are turned back by an angle with this sine and cosine.
+pub(super) fn turned(covariance: &Mat3, sin: f32, cos: f32) -> Mat3 {
+    let [[xx, xy, xp], [_, yy, yp], [.., pp]] = *covariance;
+    let (across, along) = (sin * sin, cos * cos);
+    let both = 2.0 * sin * cos * xy;
+    let xy = sin * cos * (xx - yy) + (along - across) * xy;
+    let (xx, yy) = (
+        along * xx + across * yy - both,
+        across * xx + along * yy + both,
+    );
+    let (xp, yp) = (cos * xp - sin * yp, sin * xp + cos * yp);
+    [[xx, xy, xp], [xy, yy, yp], [xp, yp, pp]]
 }

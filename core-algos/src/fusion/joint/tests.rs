@@ -443,3 +443,31 @@ fn floor_adds_what_a_way_per_metre_does() {
         assert_adds(&of(&plain), &of(&wider), sigma, &pushed);
     }
 }
+
+/// A robot on a circle, whose front odometry has errors of scale and heading and whose beam has a zero.
+fn doubt_of(scale: f32, turn_scale: f32, zero: f32) -> Option<Doubt> {
+    let joint = Config::default().build(0.01).unwrap();
+    let shape = Posture::new(0.36, 0.02, 0.2);
+    let placed = Estimate::with_sigmas(Posture::ORIGIN, [2e-3; 3]);
+    let mut state = joint.start(&placed, &Estimate::with_sigmas(shape, [1e-3; 3]), 0.0);
+    let seen = Posture::new(shape.x, shape.y + 0.5 * zero * shape.x, shape.phi + zero);
+    for _ in 0..3000 {
+        let rear = Posture::new(2e-3, 0.0, 1e-3);
+        let mut front = shape.inverse().compose(rear.compose(shape));
+        (front.x, front.phi) = (front.x * (1.0 + scale), front.phi * (1.0 + turn_scale));
+        let [front, rear] = [front, rear].map(|d| Estimate::with_sigmas(d, [2e-5, 2e-5, 1e-5]));
+        joint.predict(&mut state, &front, &rear, [1.0; 2], 1.0);
+        let seen = Estimate::with_sigmas(seen, [1e-4, 1e-4, 5e-4]);
+        joint.update(&mut state, &seen, |_| true);
+    }
+    joint.doubt(&state)
+}
+
+#[test]
+fn the_sensor_that_the_others_contradict_is_named() {
+    assert_eq!(doubt_of(0.0, 0.0, 0.0), None);
+    assert_eq!(doubt_of(0.003, 0.004, 0.003), None);
+    assert_eq!(doubt_of(0.05, 0.0, 0.0), Some(Doubt::Wheels));
+    assert_eq!(doubt_of(0.0, 0.05, 0.0), Some(Doubt::Gyros));
+    assert_eq!(doubt_of(0.0, 0.0, 0.05), Some(Doubt::Gauges));
+}

@@ -1,9 +1,10 @@
 //! Reports of the other nodes, and the estimate of the latest epoch of which both axles have told.
 
 use super::track::{AxleTrack, EPOCHS, SETTLING};
-use super::{LeadNode, State};
+use super::{LeadNode, NIS_MOST, NIS_SHARE, State};
 use crate::bus::Message;
 use crate::fusion::Estimate;
+use crate::fusion::ekf::Verdict;
 use crate::fusion::robot;
 use crate::math::Twist;
 use crate::math::matrix::propagate;
@@ -123,6 +124,10 @@ impl LeadNode {
         }
         let fusion = state.fusion.as_mut()?;
         let output = self.with.fusion.step(fusion, &inputs);
+        let judged = matches!(output.beam.verdict, Verdict::Used | Verdict::Gated);
+        if judged && fusion.joint().is_some() {
+            state.nis += NIS_SHARE * (output.beam.nis.min(NIS_MOST) - state.nis);
+        }
         match (known, beam) {
             (Some(axle), Some(beam)) if self.with.fusion.uses_beam() => {
                 Some(self.with.fusion.rejoin(fusion, axle, &output, &beam.value))

@@ -2,7 +2,7 @@ use super::*;
 use crate::bus::Message;
 use crate::math::matrix::diagonal;
 use crate::node::robot::RobotConfig;
-use crate::safety::Class;
+use crate::safety::{Class, Condition};
 use crate::time::LEAD_PHASE;
 use crate::topology::AxleId;
 
@@ -266,5 +266,21 @@ fn robot_brakes_when_speed_commands_cease() {
         assert_eq!(notices(&node), round + 1);
         assert_eq!((last.motion.v, last.mode), (0.0, LeadMode::Hold));
         assert_eq!(node.supervision().first(), None);
+    }
+}
+
+#[test]
+fn a_beam_whose_innovations_stay_far_too_large_is_named() {
+    let mut node = node();
+    let output = epoch(&mut node, 1, [(Posture::ORIGIN, 1); 2]);
+    let named = |node: &LeadNode| {
+        let conditions = node.watch(EPOCH, Some(&output.fused));
+        conditions.contains(Condition::BeamInconsistent)
+    };
+    node.state.nis = 0.5;
+    assert!(!named(&node));
+    for nis in [NIS_LIMIT + 0.1, f32::NAN] {
+        node.state.nis = nis;
+        assert!(named(&node));
     }
 }

@@ -1,7 +1,8 @@
 //! Conditions that the lead node watches, and its requests to the supervisor.
 
-use super::{BEAM_PATIENCE, LATE, LeadNode, STILL, Task, track};
+use super::{BEAM_PATIENCE, LATE, LeadNode, NIS_LIMIT, STILL, Task, track};
 use crate::fusion::ekf::Verdict;
+use crate::fusion::joint::Doubt;
 use crate::fusion::robot;
 use crate::math::matrix::is_finite;
 use crate::math::trig::sqrt;
@@ -95,7 +96,13 @@ impl LeadNode {
             let off = sqrt(x * x + y * y);
             state.within.holds([off + position, turn.abs() + heading])
         };
-        let doubtful = state.done && fused.is_some_and(|fused| !certain(fused));
+        let doubt = state
+            .fusion
+            .as_ref()
+            .and_then(|fusion| self.with.fusion.doubt(fusion));
+        let beam_doubt = !(state.nis <= NIS_LIMIT);
+        let doubtful = state.done
+            && (doubt.is_some() || beam_doubt || fused.is_some_and(|fused| !certain(fused)));
         Conditions::NONE
             .with(
                 Condition::NeighbourLost,
@@ -110,6 +117,10 @@ impl LeadNode {
             .with(Condition::EstimateInconsistent, refused)
             .with(Condition::EstimateVague, vague)
             .with(Condition::ReachedUncertain, doubtful)
+            .with(Condition::WheelsInconsistent, doubt == Some(Doubt::Wheels))
+            .with(Condition::GaugesInconsistent, doubt == Some(Doubt::Gauges))
+            .with(Condition::GyrosInconsistent, doubt == Some(Doubt::Gyros))
+            .with(Condition::BeamInconsistent, beam_doubt)
             .with(Condition::CommanderSilent, state.is_silent())
             .with(Condition::GaveUp, state.gave_up)
     }

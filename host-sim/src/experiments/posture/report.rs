@@ -8,7 +8,6 @@ use crate::base::table::Table;
 use crate::recording::csv;
 use crate::run::final_error::FinalError;
 use crate::run::regulate::Outcome;
-use core_algos::safety::Condition;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -92,7 +91,7 @@ pub fn summarize(variant: &Variant, trials: &[Trial], goal: [f64; 3]) -> Row {
     for end in &runs {
         *ends.entry(end.clone()).or_default() += 1;
     }
-    let falsely = |o: &&&Outcome| o.done && !o.uncertain && !o.within;
+    let falsely = |o: &&&Outcome| o.done && o.uncertain.is_none() && !o.within;
     let false_successes = outcomes.iter().filter(falsely).count();
     Row {
         rps: variant.rps,
@@ -125,8 +124,10 @@ fn end_of(outcome: &Outcome) -> String {
             || status.state.name().to_owned(),
             |code| code.entry().name.to_owned(),
         ),
-        (None, true) if outcome.uncertain => Condition::ReachedUncertain.entry().name.to_owned(),
-        (None, true) => "reached".to_owned(),
+        (None, true) => outcome
+            .uncertain
+            .map_or("reached", |notice| notice.entry().name)
+            .to_owned(),
         (None, false) if outcome.gave_up => "gave up".to_owned(),
         (None, false) => "time limit".to_owned(),
     }

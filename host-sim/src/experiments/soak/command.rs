@@ -6,7 +6,7 @@ use crate::base::numbers::whole;
 use crate::base::progress::Progress;
 use crate::experiments::arguments::{Place, WorldChoice, place};
 use crate::experiments::result::{JsonArgs, Provenance};
-use crate::experiments::soak::{self, Drift, MEMORY_KIB, PAIR_M, Report, Window};
+use crate::experiments::soak::{self, Drift, MEMORY_KIB, PAIR_M, PAIR_RAD, Report, Window};
 use crate::run::simulation::Simulation;
 use crate::run::virtual_robot::report::BoardReport;
 use crate::run::virtual_robot::{Options, VirtualRobot};
@@ -144,20 +144,21 @@ fn markdown(measured: &Measured, scenario: &Scenario) -> String {
         "\nStops for a fault: {faults}. Speed: {:.1} times real time.",
         measured.real_time_factor
     );
-    match measured.problems.as_slice() {
-        [] => {
-            let _ = writeln!(
-                text,
-                "The trend of the NIS is within three standard errors or a tenth of the mean. The pair error stays\n\
-                 within {} mm. Memory grows by at most {MEMORY_KIB} KiB after the first window.",
-                1e3 * PAIR_M
-            );
-        }
-        problems => {
-            let _ = writeln!(text, "Failed: {}.", problems.join("; "));
-        }
-    }
+    text += &verdict(&measured.problems);
     text
+}
+
+/// What was judged, or what failed.
+fn verdict(problems: &[String]) -> String {
+    match problems {
+        [] => format!(
+            "The trend of the NIS is within three standard errors or a tenth of the mean. The pair error stays\n\
+             within {} mm and {} mrad. Memory grows by at most {MEMORY_KIB} KiB after the first window.\n",
+            1e3 * PAIR_M,
+            1e3 * PAIR_RAD
+        ),
+        problems => format!("Failed: {}.\n", problems.join("; ")),
+    }
 }
 
 /// Runs the command.
