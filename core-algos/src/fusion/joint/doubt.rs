@@ -21,7 +21,7 @@ pub enum Doubt {
 }
 
 impl Joint {
-    /// The part whose constants lie furthest beyond [`SIGMAS`] prior standard deviations; `None` if none does.
+    /// The part whose constants lie furthest beyond four prior standard deviations; `None` if none does.
     ///
     /// What the axles have in common is often seen by nothing, so that the error of one axle is shared among both: a
     /// pair is judged by its sum and its difference.
