@@ -148,7 +148,7 @@ fn markdown(measured: &Measured, scenario: &Scenario) -> String {
     text
 }
 
-/// What was judged, or what failed.
+/// Last sentences of the page: the limits that hold, or the failures.
 fn verdict(problems: &[String]) -> String {
     match problems {
         [] => format!(
