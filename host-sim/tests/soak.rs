@@ -17,9 +17,9 @@ fn health_does_not_drift_memory_does_not_grow_and_every_goal_is_reached() {
     .unwrap();
     assert_eq!(pieces, soak::pieces());
     assert!(report.problems().is_empty(), "{:?}", report.problems());
-    // Below 3: the filter allows for the play of gears, and these have none.
+    // Below 3: the filter allows for the play of gears and for errors of a calibration, and these have none.
     let nis = report.nis.unwrap().mean;
-    assert!((0.1..3.0).contains(&nis), "{nis}");
+    assert!((0.05..3.0).contains(&nis), "{nis}");
     for window in &report.windows {
         assert!(
             window.reached > 0 && window.resident_kib.unwrap() > 1000,
