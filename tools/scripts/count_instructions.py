@@ -45,6 +45,8 @@ TITLES = {
     "compounding_and_intersection": ("the same with compounding", 900),
     "covariance_intersection_trace": ("covariance intersection of least trace", None),
     "covariance_intersection_two_floats": ("covariance intersection, correlation 0.999", None),
+    "joint_predict": ("joint filter, prediction by the odometry of both axles, 26 states", None),
+    "joint_update": ("joint filter, update by the beam", None),
     "dynamic_controller": ("dynamic controller", 250),
     "kinematic_governor_cascade": ("kinematic controller, governor and cascade", 600),
     "tick_front": ("front board, plain tick", 1800),

@@ -33,6 +33,8 @@ pub enum RowSelection {
     All,
     /// Encoders alone and the joint filter.
     Pair,
+    /// The joint filter, without and with inertial sensors.
+    Joint,
 }
 
 /// Arguments of `posture`.
@@ -85,6 +87,7 @@ pub fn run(args: &PostureArgs) -> Result<(), Error> {
         RowSelection::Main => &Variant::MAIN,
         RowSelection::All => &Variant::ALL,
         RowSelection::Pair => &Variant::PAIR,
+        RowSelection::Joint => &Variant::JOINT,
     };
     let apply = |variant: &Variant| variant.apply(&context.scenario);
     let mut scenarios: Vec<Scenario> = variants.iter().map(apply).collect();

@@ -35,6 +35,8 @@ impl Variant {
     pub const MAIN: [Self; 3] = [Self::ALL[0], Self::ALL[2], Self::ALL[3]];
     /// Only with and without the relative position sensor.
     pub const PAIR: [Self; 2] = [Self::ALL[0], Self::ALL[3]];
+    /// The joint filter, without and with inertial sensors.
+    pub const JOINT: [Self; 2] = [Self::ALL[3], Self::ALL[7]];
 
     /// The configuration that a scenario has.
     pub fn of(scenario: &Scenario) -> Self {

@@ -12,7 +12,7 @@ use core_algos::control::dynamic;
 use core_algos::control::governor::{self, Governor};
 use core_algos::control::kinematic::{self, Law, Reference};
 use core_algos::fusion::ekf::{self, Measurements};
-use core_algos::fusion::{Estimate, compound, intersection};
+use core_algos::fusion::{Estimate, compound, intersection, joint};
 use core_algos::math::{AxleLoad, Posture, Transform, Twist, trig};
 use core_algos::node::board::{Ready, Samples};
 use core_algos::node::robot::RobotConfig;
@@ -27,6 +27,7 @@ pub fn measure(counter: &mut Counter) {
     filter(counter);
     beam(counter);
     fusion(counter);
+    joint(counter);
     control(counter);
     boards(counter);
 }
@@ -186,6 +187,26 @@ fn fusion(counter: &mut Counter) {
     counter.report("covariance_intersection_two_floats", 4, |_| {
         intersection.fuse(&black_box(slender), &black_box(b))
     });
+}
+
+/// The joint filter as both axles drive a bend, with gyros, and the beam measures.
+fn joint(counter: &mut Counter) {
+    let filter = joint::Config::default().build(0.01);
+    let filter = filter.unwrap_or_else(|error| panic!("{error}"));
+    let robot = Estimate::with_sigmas(Posture::new(-1.5, -1.3, 0.0), [5e-3, 5e-3, 1e-2]);
+    let frame = Estimate::with_sigmas(Posture::new(0.36, 0.05, 0.2), [1e-3, 1e-3, 4e-3]);
+    let way = Estimate::with_sigmas(Posture::new(2e-3, 0.0, 1e-3), [5e-5, 2e-5, 1e-4]);
+    let seen = Estimate::with_sigmas(Posture::new(0.36, 0.05, 0.2), [1e-4, 1e-4, 5e-4]);
+    let mut state = filter.start(&robot, &frame, 0.005);
+    let [mut predict, mut update] = [Total::default(); 2];
+    for _ in 0..20 {
+        let way = black_box(way);
+        predict.add(counter.cost(|| filter.predict(&mut state, &way, &way, [1.0; 2], 1.0)));
+        let seen = black_box(seen);
+        update.add(counter.cost(|| filter.update(&mut state, &seen, |nis| nis < 40.0)));
+    }
+    predict.print("joint_predict");
+    update.print("joint_update");
 }
 
 fn control(counter: &mut Counter) {
