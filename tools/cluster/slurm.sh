@@ -10,6 +10,9 @@
 #SBATCH --cpus-per-task=4
 #SBATCH --mem=1G
 #SBATCH --time=02:00:00
+#SBATCH --requeue
+# A minute before the limit the part ends with what it has finished.
+#SBATCH --signal=B:INT@60
 set -euo pipefail
 study=${1:?the study, a TOML file}
 out=${2:?the directory of its files, seen by every node}

@@ -3,6 +3,7 @@
 //! Imports nothing of this crate. Start with [`error`].
 
 pub mod error;
+pub mod input;
 pub mod interrupt;
 pub mod numbers;
 pub mod output;

@@ -55,6 +55,36 @@ fn failed<'a>(
     }
 }
 
+/// A directory that no other run writes into as long as this lives. It is made if it is missing, and removed at the
+/// end if nothing was written into it.
+#[derive(Debug)]
+pub struct Reserved {
+    made: Vec<PathBuf>,
+    _held: fs::File,
+}
+
+impl Reserved {
+    /// Reserves a directory into which files can be written.
+    pub fn new(path: &Path) -> Result<Self, OutputError> {
+        OutputDir::create(path)?;
+        let made = create_missing(path)?;
+        let held = fs::File::open(path).map_err(failed("open", path))?;
+        // The kernel gives it free when the process ends, however it ends.
+        let taken = held.try_lock().map_err(|error| match error {
+            fs::TryLockError::WouldBlock => io::Error::other("another run writes into it"),
+            fs::TryLockError::Error(error) => error,
+        });
+        taken.map_err(failed("reserve", path))?;
+        Ok(Self { made, _held: held })
+    }
+}
+
+impl Drop for Reserved {
+    fn drop(&mut self) {
+        remove_all(&self.made);
+    }
+}
+
 /// Files to be written together into one directory.
 #[derive(Debug)]
 pub struct OutputDir {
@@ -348,6 +378,21 @@ mod tests {
         assert_eq!(names(&path), ["note.txt", "result.json"]);
         let text = fs::read_to_string(&written[1]).unwrap();
         assert_eq!(text, "{\n  \"e_m\": 0.1\n}\n");
+    }
+
+    #[test]
+    fn a_directory_is_reserved_for_one_run_and_removed_if_empty() {
+        let root = tempfile::tempdir().unwrap();
+        let path = root.path().join("a/b");
+        let first = Reserved::new(&path).unwrap();
+        let error = Reserved::new(&path).unwrap_err().to_string();
+        assert!(error.ends_with("another run writes into it"), "{error}");
+        drop(first);
+        assert!(names(root.path()).is_empty());
+        let second = Reserved::new(&path).unwrap();
+        write_file(&path.join("kept"), "x").unwrap();
+        drop(second);
+        assert_eq!(names(&path), ["kept"]);
     }
 
     #[test]

@@ -4,6 +4,7 @@
 //! of the part: the text is laid over the defaults.
 
 use crate::base::error::Error;
+use crate::base::input;
 use crate::base::spelling;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -21,8 +22,7 @@ pub fn read(file: Option<&Path>) -> Result<(String, String), Error> {
         return Ok((String::new(), "scenario".to_owned()));
     };
     let name = path.display().to_string();
-    let text =
-        std::fs::read_to_string(path).map_err(|error| Error::input(format!("{name}: {error}")))?;
+    let text = input::text(path).map_err(|error| Error::input(format!("{name}: {error}")))?;
     Ok((text, name))
 }
 

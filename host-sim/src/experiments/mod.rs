@@ -26,7 +26,7 @@ pub mod whole_robot;
 
 use crate::base::error::Error;
 use crate::base::interrupt::watch_for_interrupt;
-use crate::base::output::OutputDir;
+use crate::base::output::{OutputDir, Reserved};
 use crate::base::progress::Progress;
 use crate::base::terminal::wrapped;
 use crate::experiments::arguments::Common;
@@ -57,6 +57,7 @@ pub struct Context {
     pub name: String,
     given: GivenKeys,
     out: PathBuf,
+    _reserved: Reserved,
     json: JsonArgs,
     interrupt: Arc<AtomicBool>,
     pool: rayon::ThreadPool,
@@ -69,20 +70,21 @@ impl Context {
         let given = common.scenario.given()?;
         let pool = pool(common.threads)?;
         let default = || PathBuf::from("out").join(name);
-        let context = Self {
+        let out = common.out.clone().unwrap_or_else(default);
+        // Refused before the computation rather than after it.
+        common.json.check()?;
+        let reserved = Reserved::new(&out);
+        Ok(Self {
             scenario,
             seed: common.seed,
             name: name.to_owned(),
             given,
-            out: common.out.clone().unwrap_or_else(default),
+            out,
+            _reserved: reserved.map_err(|error| Error::input(format!("--out: {error}")))?,
             json: common.json.clone(),
             interrupt: watch_for_interrupt()?,
             pool,
-        };
-        // Refused before the computation rather than after it.
-        context.json.check()?;
-        context.output()?;
-        Ok(context)
+        })
     }
 
     /// Refuses keys of `--set` without effect in any of the runs, and reports those of the scenario file.

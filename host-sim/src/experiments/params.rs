@@ -1,6 +1,7 @@
 //! `cfmmr params`: parameters that boards keep, listed and changed over their links.
 
 use crate::base::error::Error;
+use crate::base::input;
 use crate::base::output;
 use crate::base::table::Table;
 use crate::base::terminal::print;
@@ -294,8 +295,8 @@ fn parse(text: &str) -> Result<(&'static Parameter, f32), Error> {
 
 fn run_import(import: &ParamsImport) -> Result<(), Error> {
     let name = import.file.display().to_string();
-    let text = std::fs::read_to_string(&import.file)
-        .map_err(|error| Error::input(format!("{name}: {error}")))?;
+    let text =
+        input::text(&import.file).map_err(|error| Error::input(format!("{name}: {error}")))?;
     let overlays = Overlays::parse(&text, &name)?;
     change(&import.target, import.save, |role| overlays.values(role))
 }

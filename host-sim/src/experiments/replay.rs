@@ -1,6 +1,7 @@
 //! `cfmmr replay`: a log through the nodes again, as it was or with other parameters.
 
 use crate::base::error::Error;
+use crate::base::input;
 use crate::base::table::Table;
 use crate::base::toml_file;
 use crate::experiments::result::{JsonArgs, Provenance};
@@ -13,7 +14,6 @@ use clap::Args;
 use core_algos::node::robot::RobotConfig;
 use core_algos::topology::Role;
 use serde::Serialize;
-use std::fs;
 use std::path::PathBuf;
 use toml::{Table as Toml, Value};
 
@@ -78,7 +78,7 @@ pub struct Report {
 /// Runs the command.
 pub fn run(args: &ReplayArgs) -> Result<(), Error> {
     let name = args.log.display().to_string();
-    let bytes = fs::read(&args.log).map_err(|error| {
+    let bytes = input::bytes(&args.log).map_err(|error| {
         Error::input(format!(
             "{name}: {error}: must be a log that `cfmmr posture --log FILE` wrote"
         ))
@@ -124,8 +124,8 @@ pub fn run(args: &ReplayArgs) -> Result<(), Error> {
         }
         Some(path) => {
             let file = path.display().to_string();
-            let given = fs::read_to_string(path)
-                .map_err(|error| Error::input(format!("{file}: {error}")))?;
+            let given =
+                input::text(path).map_err(|error| Error::input(format!("{file}: {error}")))?;
             let changes = changes(&given, &file)?;
             effect::check_file(&given, &file, (&scenario, Use::Replay))?;
             let first = recording

@@ -51,8 +51,6 @@ pub enum PathError {
         /// Error.
         problem: String,
     },
-    /// The file could not be read.
-    Read(String),
     /// A waypoint that cannot be used.
     Waypoint {
         /// Its number, from 1.
@@ -95,7 +93,6 @@ impl fmt::Display for PathError {
                 allowed,
             } => write!(f, "{name} = {value}: must be {allowed}"),
             Self::Row { line, problem } => write!(f, "line {line}: {problem}"),
-            Self::Read(problem) => f.write_str(problem),
             Self::Waypoint {
                 number,
                 line: Some(line),

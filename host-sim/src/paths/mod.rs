@@ -5,8 +5,8 @@
 //! bend and names the first place that breaks a bound.
 
 use crate::base::error::Error;
+use crate::base::input;
 use crate::base::spelling;
-use std::fs::File;
 
 mod curve;
 mod limits;
@@ -45,13 +45,13 @@ pub fn named(name: &str, (called, size): (&str, Option<f64>)) -> Result<Path, Er
             )));
         }
         file => {
-            let text = File::open(file).map_err(|error| {
+            let bytes = input::bytes(file.as_ref()).map_err(|error| {
                 let hint = spelling::hint(file, NAMES);
                 Error::input(format!(
                     "{error}: must be line, circle, figure-eight, or a CSV file with the columns x,y in metres{hint}"
                 ))
             })?;
-            return Path::from_csv(text).map_err(|error| Error::input(error.to_string()));
+            return Path::from_csv(&bytes).map_err(|error| Error::input(error.to_string()));
         }
     };
     built_in.map_err(|error| Error::input(format!("{called}: {error}")))

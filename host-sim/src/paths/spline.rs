@@ -3,7 +3,6 @@
 use super::curve::Path;
 use super::limits::PathError;
 use super::{MAX_COORDINATE_M, MIN_SEPARATION_M};
-use std::io::Read;
 
 /// A point that a path must pass.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -143,12 +142,8 @@ impl Path {
     }
 
     /// A path through the waypoints of a CSV file, see [`waypoints`].
-    pub fn from_csv(mut input: impl Read) -> Result<Self, PathError> {
-        let mut bytes = Vec::new();
-        input
-            .read_to_end(&mut bytes)
-            .map_err(|error| PathError::Read(error.to_string()))?;
-        Self::through(&waypoints(&bytes)?)
+    pub fn from_csv(bytes: &[u8]) -> Result<Self, PathError> {
+        Self::through(&waypoints(bytes)?)
     }
 }
 

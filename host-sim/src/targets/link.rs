@@ -1,6 +1,7 @@
 //! Byte links to boards: in this process, or through file descriptors.
 
 use crate::base::error::Error;
+use crate::base::input;
 use crate::base::output;
 use core_algos::link::protocol::StackUse;
 use core_algos::link::{Endpoint, Identity};
@@ -113,7 +114,7 @@ impl Loopback {
 /// Flash of a board from a file; `None` if the file does not exist.
 pub fn flash_file(path: &Path) -> Result<Option<Vec<u8>>, Error> {
     let wrong = |why: String| Error::input(format!("{}: {why}", path.display()));
-    match std::fs::read(path) {
+    match input::bytes(path) {
         Ok(bytes) if bytes.len() == SECTORS * SECTOR => Ok(Some(bytes)),
         Ok(bytes) => Err(wrong(format!(
             "{} bytes: the flash of a board must have {}",

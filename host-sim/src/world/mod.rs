@@ -20,6 +20,7 @@ pub use figures::{Figure, figures};
 pub use spread::{PlantErrors, Spread};
 
 use crate::base::error::Error;
+use crate::base::input;
 use crate::base::spelling;
 use crate::base::toml_file;
 use crate::bus::virtual_bus::BusConfig;
@@ -108,7 +109,7 @@ pub fn text(name: &str) -> Result<String, Error> {
     if let Some((_, text)) = BUILT_IN.iter().find(|(known, _)| *known == name) {
         return Ok((*text).to_owned());
     }
-    std::fs::read_to_string(Path::new(name)).map_err(|error| {
+    input::text(Path::new(name)).map_err(|error| {
         let names = NAMES.join(", ");
         let hint = spelling::hint(name, NAMES);
         Error::input(format!(

@@ -6,6 +6,7 @@
 use super::columns::{Columns, Values};
 use super::study::{Run, Study};
 use crate::base::error::Error;
+use crate::base::input;
 use crate::base::output;
 use crate::run::final_error::FinalError;
 use crate::run::regulate::Outcome;
@@ -55,7 +56,7 @@ impl Directory {
     pub fn open_for(study: Study, path: &Path) -> Result<Self, Error> {
         let canonical = study.canonical()?;
         let copy = path.join(COPY);
-        match fs::read_to_string(&copy) {
+        match input::text(&copy) {
             Ok(found) if found == canonical => {}
             Ok(_) => {
                 return Err(Error::input(format!(
@@ -107,7 +108,7 @@ impl Directory {
     /// State of a block.
     pub fn block(&self, block: u64) -> Result<Block, Error> {
         let path = self.file(block);
-        let content = match fs::read(&path) {
+        let content = match input::bytes(&path) {
             Ok(content) => content,
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
                 return Ok(Block::Missing);

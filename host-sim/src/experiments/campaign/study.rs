@@ -1,6 +1,7 @@
 //! The file of a study, and what each of its runs is.
 
 use crate::base::error::Error;
+use crate::base::input;
 use crate::base::toml_file;
 use crate::scenario::Scenario;
 use crate::scenario::effect::{self, Use};
@@ -183,7 +184,7 @@ impl Study {
     /// Reads a study; what is refused is named.
     pub fn load(path: &Path) -> Result<Self, Error> {
         let name = path.display();
-        let text = std::fs::read_to_string(path).map_err(|error| {
+        let text = input::text(path).map_err(|error| {
             Error::input(format!(
                 "{name}: {error}: must be a study in TOML (docs/campaigns.md)"
             ))
