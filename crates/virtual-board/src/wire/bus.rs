@@ -16,16 +16,6 @@ pub enum Level {
     Recessive,
 }
 
-impl Level {
-    pub(super) fn of(dominant: bool) -> Self {
-        if dominant {
-            Self::Dominant
-        } else {
-            Self::Recessive
-        }
-    }
-}
-
 /// What can be wrong with the wire and the transceivers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Fault {
@@ -96,7 +86,6 @@ pub struct Wire {
     actions: Vec<(Time, usize, Action)>,
     faults: Vec<(Time, Fault)>,
     records: Option<Vec<Record>>,
-    pub(super) levels: Option<Vec<(Time, Level)>>,
     /// Sleeping nodes that saw a dominant level.
     woken: Vec<(usize, Time)>,
     busy: usize,
@@ -118,7 +107,6 @@ impl Wire {
             actions: Vec::new(),
             faults: Vec::new(),
             records: None,
-            levels: None,
             woken: Vec::new(),
             busy: 0,
         }
@@ -135,16 +123,6 @@ impl Wire {
             .as_mut()
             .map(std::mem::take)
             .unwrap_or_default()
-    }
-
-    /// Keeps the changes of the level of piece 0 from now on, for [`Self::take_levels`].
-    pub fn trace(&mut self) {
-        self.levels.get_or_insert_default();
-    }
-
-    /// The changes of the level since the last call.
-    pub fn take_levels(&mut self) -> Vec<(Time, Level)> {
-        self.levels.as_mut().map(std::mem::take).unwrap_or_default()
     }
 
     /// Counts of a node.
@@ -340,11 +318,6 @@ impl Wire {
         let level = self.level(piece);
         if level == before {
             return;
-        }
-        if piece == 0
-            && let Some(levels) = &mut self.levels
-        {
-            levels.push((at, Level::of(level)));
         }
         if !level {
             return;
