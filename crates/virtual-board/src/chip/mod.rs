@@ -184,7 +184,6 @@ impl Chip {
     /// Has the chip be another than a typical one; to be called while its power is off.
     pub fn set_variation(&mut self, variation: ChipVariation) {
         self.shared.variation = variation;
-        self.flash.set_brown_out(variation.brown_out);
         self.power_off(0);
     }
 

@@ -64,7 +64,6 @@ mod timing;
 #[cfg(test)]
 mod tests;
 
-pub use debug::Access as WatchAccess;
 pub use nvic::{LINES, exception as exceptions};
 pub use profile::{ExceptionProfile, Profile};
 pub use system::{BusError, System, Transfer, Width};

@@ -77,8 +77,7 @@ impl Wire {
         if !calm || !can_node.clock.sampled || from == 0 || to < from + FEWEST {
             return None;
         }
-        let heard =
-            can_node.sends && can_node.is_reading() && can_node.with(|s| s.sends && !s.silent);
+        let heard = can_node.sends && can_node.is_reading() && can_node.with(|s| s.sends);
         let arrived = can_node.controller.arrived();
         let follow = self.can_nodes.iter().enumerate().all(|(i, other)| {
             i == sender
