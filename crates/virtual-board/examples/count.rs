@@ -8,7 +8,7 @@ mod flat;
 
 use flat::Flat;
 use flat::semihosting::serve;
-use virtual_board::core::{Stop, System, WatchAccess, Width};
+use virtual_board::core::{Stop, System, Width};
 use virtual_board::image::Image;
 
 /// The current value of SysTick.
@@ -30,7 +30,7 @@ fn loaded(flat: &mut Flat, pc: u32) -> Option<usize> {
 
 fn run(image: &Image, by_cycles: bool) -> Result<bool, String> {
     let (mut core, mut flat) = Flat::start(image);
-    core.add_watchpoint(SYST_CVR, Width::Word.bytes(), WatchAccess::Read);
+    core.add_watchpoint(SYST_CVR, Width::Word.bytes());
     loop {
         match core.run(&mut flat, u64::MAX) {
             Stop::Breakpoint(_) => {
@@ -38,6 +38,7 @@ fn run(image: &Image, by_cycles: bool) -> Result<bool, String> {
                     return Ok(ended);
                 }
             }
+            Stop::Watchpoint { write: true, .. } => {}
             Stop::Watchpoint { pc, .. } => {
                 let count = if by_cycles {
                     core.cycles()

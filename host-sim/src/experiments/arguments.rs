@@ -178,10 +178,6 @@ pub struct VirtualArgs {
     /// Use this image (ELF) on the beam board
     #[arg(long, value_name = "ELF")]
     pub beam_image: Option<PathBuf>,
-    /// Write pins, interrupts and bus to this file (Value Change Dump, at least 5 MB a simulated
-    /// second)
-    #[arg(long, value_name = "FILE")]
-    pub vcd: Option<PathBuf>,
     /// Print the time by function and interrupt
     #[arg(long)]
     pub profile: bool,
@@ -244,7 +240,6 @@ impl RobotArgs {
             ("--front-image", instruments.front_image.is_some()),
             ("--rear-image", instruments.rear_image.is_some()),
             ("--beam-image", instruments.beam_image.is_some()),
-            ("--vcd", instruments.vcd.is_some()),
             ("--profile", instruments.profile),
         ])
     }

@@ -2,7 +2,6 @@
 //! is wired to them. The robot gets its task at the serial port of the front board.
 
 use crate::base::error::Error;
-use crate::base::output;
 use crate::base::table::Table;
 use crate::experiments::arguments::{Common, Place, RobotArgs, SensorArgs, VirtualArgs};
 use crate::experiments::follow::{self, FollowArgs};
@@ -16,7 +15,6 @@ use crate::run::path_run::PathMode;
 use crate::run::real_time::RealTimeLimiter;
 use crate::run::recovery::Status;
 use crate::run::robot::Robot;
-use crate::run::virtual_robot::tools::Instruments;
 use crate::run::virtual_robot::tools::profile::{self, Profile};
 use crate::run::virtual_robot::{BoardReport, Options, VirtualRobot};
 use crate::scenario::Scenario;
@@ -89,17 +87,6 @@ fn plan(args: &RobotArgs, scenario: &Scenario) -> Result<Plan, Error> {
         }
     }
     Ok(plan)
-}
-
-/// Instruments from power on.
-fn instruments(args: &VirtualArgs) -> Result<Instruments, Error> {
-    if let Some(file) = &args.vcd {
-        output::try_file(file)?;
-    }
-    Ok(Instruments {
-        vcd: args.vcd.clone(),
-        profile: args.profile,
-    })
 }
 
 /// The images of the boards.
@@ -175,7 +162,7 @@ fn run(
     recorder::check(log)?;
     let interrupt = context.interrupt().clone();
     let mut options = Options {
-        instruments: instruments(&args.instruments)?,
+        profile: args.instruments.profile,
         record: log.any(),
         ..Options::default()
     };
@@ -270,14 +257,12 @@ impl Drive<'_> {
         let mut robot = VirtualRobot::new(scenario, images, context.seed, 0, options, logs)?;
         robot.plan(plan.failures.clone(), plan.restart_after);
         let driven = stage.run(&mut robot, |robot| mission.drive(robot, scenario))?;
-        let mut recorded = driven.recorded;
-        recorded.extend(robot.close()?);
         let report = report(&mut robot, driven.outcome.done(), &goal, start);
         Ok(DriveOutcome {
             profiles: profile::of(&mut robot, &report.boards),
             outcome: driven.outcome,
             report,
-            recorded,
+            recorded: driven.recorded,
         })
     }
 }

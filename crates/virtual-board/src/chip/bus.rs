@@ -43,8 +43,7 @@ pub(super) fn put(bytes: &mut [u8], at: usize, width: Width, value: u32) {
 }
 
 impl Chip {
-    /// A peripheral asks for a transfer: a controller says which accesses it makes of that, the chip
-    /// makes them.
+    /// A peripheral asks for a transfer.
     pub(super) fn serve(&mut self, request: Request) {
         if self.injected_faults.dma_waits {
             return;
@@ -66,12 +65,9 @@ impl Chip {
         }
     }
 
-    /// Serves a request by a stream. Whether a block ended.
+    /// Moves an item by a stream. True if a block ended.
     fn serve_by(&mut self, controller: dma::Controller, stream: usize) -> bool {
-        let Some((from, to, width)) = self.units.dma(controller).direct(stream) else {
-            self.units.dma(controller).begin(stream);
-            return self.transfer(controller, stream);
-        };
+        let (from, to, width) = self.units.dma(controller).item(stream);
         let value = self.dma_read(from, width);
         let fails = std::mem::take(&mut self.injected_faults.dma_error);
         let value = if fails { Err(BusError) } else { value };
@@ -81,39 +77,10 @@ impl Chip {
         dma.moved(stream, done.is_ok(), shared)
     }
 
-    /// Makes a stream's accesses, and at the end of a block those that begin the next. Whether a block
-    /// ended.
-    fn transfer(&mut self, controller: dma::Controller, stream: usize) -> bool {
-        let mut ended = false;
-        loop {
-            while let Some(step) = self.units.dma(controller).step(stream) {
-                let result = match step {
-                    dma::Step::Read(place, width) => self.dma_read(place, width),
-                    dma::Step::Write(place, width, value) => {
-                        self.dma_write(place, width, value).map(|()| 0)
-                    }
-                };
-                let (units, shared) = (&mut self.units, &mut self.shared);
-                let dma = units.dma(controller);
-                dma.done(stream, step, result.ok(), shared);
-            }
-            let (units, shared) = (&mut self.units, &mut self.shared);
-            if !units.dma(controller).end(stream, shared) {
-                return ended;
-            }
-            ended = true;
-        }
-    }
-
-    /// The program has written to a controller: streams that were switched on or off move what they
-    /// must, and requests that wait are made again.
-    fn dma_written(&mut self, controller: dma::Controller) {
-        for stream in 0..8 {
-            self.transfer(controller, stream);
-        }
+    /// The program has written to a controller: requests that wait are made again.
+    fn dma_written(&mut self) {
         let (units, shared) = (&mut self.units, &mut self.shared);
         units.adc.ask(shared);
-        units.spi1.ask(shared);
         units.usart3.ask(shared);
         self.settle();
     }
@@ -257,8 +224,7 @@ impl Chip {
             Unit::Rcc => self.gate(),
             Unit::Syscfg => self.route_lines(),
             Unit::Exti => self.judge_lines(),
-            Unit::Dma1 => self.dma_written(dma::Controller::Dma1),
-            Unit::Dma2 => self.dma_written(dma::Controller::Dma2),
+            Unit::Dma1 | Unit::Dma2 => self.dma_written(),
             _ => {}
         }
         if std::mem::take(&mut self.shared.bus_error) {

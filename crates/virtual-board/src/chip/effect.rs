@@ -40,8 +40,6 @@ pub enum Trigger {
 #[allow(missing_docs, reason = "the manual's names")]
 pub enum Request {
     Adc1,
-    Spi1Rx,
-    Spi1Tx,
     Usart3Rx,
     Usart3Tx,
 }

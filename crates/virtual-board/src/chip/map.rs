@@ -57,7 +57,8 @@ const NOT_MODELLED: &[(u32, u32, &str)] = &[
     (0x4002_3000, 0x4002_33ff, "CRC"), (0x4002_4000, 0x4002_4fff, "BKPSRAM"), (0x4004_0000, 0x4007_ffff, "USB OTG HS"),
     (0x5000_0000, 0x5003_ffff, "USB OTG FS"), (0x5006_0800, 0x5006_0bff, "RNG"), (0x6000_0000, 0x9fff_ffff, "FSMC banks"),
     (0xa000_0000, 0xa000_0fff, "FSMC"), (0x4002_8000, 0x4002_93ff, "ETH"),
-    (0x5005_0000, 0x5005_03ff, "DCMI"),
+    (0x5005_0000, 0x5005_03ff, "DCMI"), (0x1fff_0000, 0x1fff_77ff, "the boot loader's memory"),
+    (0x1fff_7800, 0x1fff_7a0f, "the memory that is programmed once"), (0x1fff_c000, 0x1fff_c00f, "option bytes"),
 ];
 
 /// The peripheral at an address that the chip has but the model has not.

@@ -30,7 +30,6 @@ mod shared;
 mod spi;
 mod tim11;
 mod timer;
-mod trace;
 mod transfer;
 mod usart;
 mod watchdog;
@@ -50,7 +49,6 @@ pub use flash::FlashOperation;
 pub use injected_faults::InjectedFaults;
 pub use interrupt::Interrupt;
 pub use pin::{Drive, Pin, Signal};
-pub use trace::PinChange;
 pub use transfer::Errors as ConverterErrors;
 
 use crate::finding::{Findings, Kind};
@@ -157,8 +155,6 @@ pub struct Chip {
     must_pause: bool,
     /// How often memory has forgotten.
     scrambles: u64,
-    /// Changes of pins, while they are kept.
-    traced: Option<Vec<PinChange>>,
     injected_faults: InjectedFaults,
 }
 
@@ -179,7 +175,6 @@ impl Chip {
             clock_changed: false,
             must_pause: false,
             scrambles: 0,
-            traced: None,
             injected_faults: InjectedFaults::default(),
         };
         chip.power_off(0);
@@ -189,7 +184,6 @@ impl Chip {
     /// Has the chip be another than a typical one; to be called while its power is off.
     pub fn set_variation(&mut self, variation: ChipVariation) {
         self.shared.variation = variation;
-        self.flash.set_brown_out(variation.brown_out);
         self.power_off(0);
     }
 
@@ -305,15 +299,11 @@ impl Chip {
                     }
                 }
                 Effect::Output(signal, drive) => units.gpio.output(signal, drive, shared),
-                Effect::Level(pin, level) => {
-                    self.level(pin, level);
-                    self.trace(pin);
-                }
+                Effect::Level(pin, level) => self.level(pin, level),
                 Effect::Driven(pin, drive) => {
                     let at = shared.time();
                     shared.world().pin(pin, drive, at);
                     self.refresh();
-                    self.trace(pin);
                 }
                 Effect::Frequency(hz) => {
                     let before = self.shared.clocks.hclk_hz;

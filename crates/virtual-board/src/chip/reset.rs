@@ -33,7 +33,7 @@ impl Chip {
         for unit in Unit::SCHEDULED {
             shared.schedule(unit, NEVER);
         }
-        self.flash.reset(power_on, shared);
+        self.flash.reset(shared);
         self.units.can1.reset(shared);
         shared.clocks = Clocks {
             hclk_hz: shared.variation.internal_hz,
@@ -51,16 +51,13 @@ impl Chip {
         };
         units.adc.begin(noise);
         units.gpio.begin(&before.gpio, shared);
-        if self.flash.starts_watchdog() {
-            units.watchdog.start(shared);
-        }
         for line in 0..16 {
             units.exti.begin(line, units.gpio.level(Pin::of(0, line)));
         }
         let at = shared.time();
         shared.cancel_sample();
         shared.volts = shared.world().supply(at);
-        let low = pwr::holds(shared.volts, self.flash.brown_out(), power_on);
+        let low = pwr::holds(shared.volts, shared.variation.brown_out, power_on);
         self.sagged = low.then_some(shared.volts);
         (self.reset, self.nmi) = (None, false);
         self.settle();
@@ -105,7 +102,7 @@ impl Chip {
         if pwr::is_remembered(before) && !pwr::is_remembered(volts) {
             self.scramble();
         }
-        let level = self.flash.brown_out();
+        let level = self.shared.variation.brown_out;
         match (self.sagged, pwr::holds(volts, level, self.sagged.is_some())) {
             (None, true) => {
                 self.begin(Cause::BrownOut);
@@ -124,9 +121,6 @@ impl Chip {
                 self.units.pwr.detect(&mut self.shared);
                 self.judge_clock(false);
             }
-        }
-        if self.sagged.is_some_and(pwr::is_off) {
-            self.flash.power_failed();
         }
         self.shared.limit = 0;
     }

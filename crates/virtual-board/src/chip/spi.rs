@@ -1,11 +1,11 @@
-//! SPI1 as a master, full duplex.
+//! SPI1 as a master, full duplex, without streams.
 //!
 //! A word is shifted while the next waits in the transmit buffer. Its last bit is sampled half a clock
 //! before its end: that is when it is in the receive buffer.
 
 use super::Peripheral;
 use super::circuit::SpiMode;
-use super::effect::{Effect, Request};
+use super::effect::Effect;
 use super::interrupt::Interrupt;
 use super::map::Unit;
 use super::pin::Signal;
@@ -164,8 +164,7 @@ impl Spi {
     }
 
     fn write_data(&mut self, value: u16, shared: &mut Shared) {
-        // A stream fills the buffer as soon as TXDMAEN is set, which is before SPE (RM0090, 28.3.9).
-        if self.cr1 & SPE == 0 && self.cr2 & TXDMAEN == 0 {
+        if self.cr1 & SPE == 0 {
             shared.note(Kind::Forbidden, "SPI1: DR written while disabled");
         }
         if self.waiting.is_some() {
@@ -191,25 +190,6 @@ impl Spi {
                 sampled: end - period / 2,
                 end,
             });
-            self.request_transmit(shared);
-        }
-    }
-
-    fn request_transmit(&self, shared: &mut Shared) {
-        if self.cr2 & TXDMAEN != 0 && self.waiting.is_none() {
-            shared.effect(Effect::Dma(Request::Spi1Tx));
-        }
-    }
-
-    /// Asks again for what no stream has done yet.
-    pub fn ask(&self, shared: &mut Shared) {
-        self.request_receive(shared);
-        self.request_transmit(shared);
-    }
-
-    fn request_receive(&self, shared: &mut Shared) {
-        if self.cr2 & RXDMAEN != 0 && self.sr & RXNE != 0 {
-            shared.effect(Effect::Dma(Request::Spi1Rx));
         }
     }
 
@@ -226,7 +206,6 @@ impl Spi {
         }
         self.received = word;
         self.sr |= RXNE;
-        self.request_receive(shared);
     }
 
     fn plan(&self, shared: &mut Shared) {
@@ -279,17 +258,12 @@ impl Peripheral for Spi {
                 self.write_cr1(merge(self.cr1, value, mask) & 0xffff, shared);
             }
             0x04 => {
-                let old = self.cr2;
-                self.cr2 = merge(old, value, mask) & 0xf7;
-                if self.cr2 & FRF != 0 {
-                    shared.note(Kind::NotModelled, "SPI1: TI frame format");
-                }
-                if !old & RXDMAEN != 0 {
-                    self.request_receive(shared);
-                }
-                if self.cr2 & !old & TXDMAEN != 0 {
-                    self.request_transmit(shared);
-                }
+                self.cr2 = merge(self.cr2, value, mask) & 0xf7;
+                let features = [
+                    (FRF, "SPI1: TI frame format"),
+                    (RXDMAEN | TXDMAEN, "SPI1: streams"),
+                ];
+                shared.note_not_modelled(self.cr2, &features);
             }
             // Only CRCERR is writable, and there is none.
             0x08 => {}

@@ -163,11 +163,6 @@ impl Bench {
         self.write(FLASH_KEYR, 0xcdef_89ab);
     }
 
-    fn unlock_options(&mut self) {
-        self.write(FLASH_ACR + 0x08, 0x0819_2a3b);
-        self.write(FLASH_ACR + 0x08, 0x4c5d_6e7f);
-    }
-
     fn causes(&mut self) -> u32 {
         self.read(RCC + 0x74) >> 24
     }
@@ -309,25 +304,26 @@ fn memory_forgets_where_the_supply_falls_too_low() {
 }
 
 #[test]
-fn the_brown_out_level_holds_from_the_power_on_after_it_was_set() {
-    let sag = [
-        (3_000_000, Change::Supply(2.7)),
-        (3_100_000, Change::Supply(1.0)),
-        (3_200_000, Change::Supply(3.3)),
-        (3_300_000, Change::Supply(2.7)),
-        (3_400_000, Change::Supply(3.3)),
-    ];
-    let mut bench = Bench::new(&sag);
-    bench.unlock_options();
-    let level_3 = bench.read(FLASH_ACR + 0x14) & !0xc;
-    bench.write(FLASH_ACR + 0x14, level_3);
-    bench.write(FLASH_ACR + 0x14, level_3 | 2);
-    assert_eq!(bench.pass(3_050_000), None);
-    assert!(!bench.chip.is_held());
-    assert_eq!(bench.pass(200_000), Some(Cause::PowerOn));
-    bench.set(RCC + 0x74, 1 << 24);
-    assert_eq!(bench.pass(300_000), Some(Cause::BrownOut));
-    assert_eq!(bench.causes(), 0x06);
+fn the_brown_out_level_of_the_chip_holds_it() {
+    let mut bench = Bench::new(&[
+        (10_000, Change::Supply(2.7)),
+        (20_000, Change::Supply(3.0)),
+        (40_000, Change::Supply(1.0)),
+        (50_000, Change::Supply(2.5)),
+        (60_000, Change::Supply(3.0)),
+    ]);
+    let variation = ChipVariation {
+        brown_out: 0,
+        ..ChipVariation::default()
+    };
+    bench.chip.set_variation(variation);
+    assert_eq!(bench.read(FLASH_ACR + 0x14), 0x0fff_aae1);
+    bench.pass(15_000);
+    assert!(bench.chip.is_held());
+    assert_eq!(bench.pass(10_000), Some(Cause::BrownOut));
+    bench.pass(30_000);
+    assert!(bench.chip.is_held());
+    assert_eq!(bench.pass(10_000), Some(Cause::PowerOn));
 }
 
 #[test]
@@ -469,21 +465,6 @@ fn a_pin_that_is_high_over_a_reset_gives_a_falling_edge_when_it_falls() {
     bench.write(EXTI, 1);
     bench.pass(15_000);
     assert_eq!(bench.chip.lines(), 1 << Interrupt::Exti0 as u32);
-}
-
-#[test]
-fn after_a_power_failure_the_chip_waits_for_its_own_brown_out_level() {
-    let mut bench = Bench::new(&[
-        (1_000_000, Change::Supply(1.0)),
-        (1_100_000, Change::Supply(2.5)),
-        (1_200_000, Change::Supply(3.0)),
-    ]);
-    bench.unlock_options();
-    let level_3 = bench.read(FLASH_ACR + 0x14) & !0xc;
-    bench.write(FLASH_ACR + 0x14, level_3 | 2);
-    assert_eq!(bench.pass(1_150_000), None);
-    assert!(bench.chip.is_held());
-    assert_eq!(bench.pass(100_000), Some(Cause::PowerOn));
 }
 
 #[test]

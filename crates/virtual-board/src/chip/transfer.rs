@@ -1,4 +1,4 @@
-//! From a voltage to a count: resolution, errors of the converter, alignment.
+//! From a voltage to a count: errors of the converter.
 
 use crate::noise::Noise;
 
@@ -36,37 +36,6 @@ impl Errors {
         let count = ideal * (1.0 + self.gain) + self.offset + self.noise * noise.normal() + 0.5;
         count.clamp(0.0, 4095.0) as u32
     }
-}
-
-/// Bits of a resolution (RES of CR1).
-fn bits(resolution: u32) -> u32 {
-    12 - 2 * resolution
-}
-
-/// A count of twelve bits at a resolution.
-pub(super) fn resolve(count: u32, resolution: u32) -> u32 {
-    count >> (2 * resolution)
-}
-
-/// A count as the data register of the regular group shows it.
-pub(super) fn align_regular(count: u32, resolution: u32, left: bool) -> u32 {
-    match (left, resolution) {
-        (false, _) => count,
-        // Six bits are aligned within a byte.
-        (true, 3) => count << 2,
-        (true, _) => count << (16 - bits(resolution)),
-    }
-}
-
-/// A count less its offset as a data register of the injected group shows it.
-pub(super) fn align_injected(count: u32, offset: u32, resolution: u32, left: bool) -> u32 {
-    let signed = count.wrapping_sub(offset);
-    let shifted = match (left, resolution) {
-        (false, _) => signed,
-        (true, 3) => signed << 1,
-        (true, _) => signed << (15 - bits(resolution)),
-    };
-    shifted & 0xffff
 }
 
 #[cfg(test)]
@@ -110,18 +79,5 @@ mod tests {
         }
         (errors.offset, errors.gain) = (-3.0, 0.01);
         assert_eq!(errors.count(0.5, &mut noise), 2065);
-    }
-
-    #[test]
-    fn data_are_aligned_as_in_the_manuals_figures() {
-        assert_eq!(align_regular(0xabc, 0, false), 0xabc);
-        assert_eq!(align_regular(0xabc, 0, true), 0xabc0);
-        assert_eq!(align_regular(0x2a, 3, true), 0xa8);
-        assert_eq!(align_injected(0x123, 0x125, 0, false), 0xfffe);
-        assert_eq!(align_injected(0xabc, 0, 0, true), 0x55e0);
-        assert_eq!(align_injected(0, 1, 0, true), 0xfff8);
-        assert_eq!(align_injected(0x2a, 0, 3, true), 0x54);
-        assert_eq!(align_injected(0, 1, 3, true), 0xfffe);
-        assert_eq!(resolve(0xfff, 2), 0xff);
     }
 }

@@ -81,8 +81,8 @@ impl Default for Watchdog {
 }
 
 impl Watchdog {
-    /// Starts it, by the program or by the option bytes.
-    pub fn start(&mut self, shared: &mut Shared) {
+    /// Starts it.
+    fn start(&mut self, shared: &mut Shared) {
         if self.bites.is_none() {
             self.count_from(0xfff, shared);
         }

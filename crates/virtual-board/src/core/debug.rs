@@ -3,22 +3,10 @@
 use super::{Core, Stop, Transfer};
 use std::collections::BTreeSet;
 
-/// Which accesses a watchpoint stops.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Access {
-    /// Loads.
-    Read,
-    /// Stores.
-    Write,
-    /// Both.
-    Any,
-}
-
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Watch {
     address: u32,
     length: u32,
-    access: Access,
 }
 
 #[derive(Clone, Debug, Default)]
@@ -74,41 +62,17 @@ impl Core {
     }
 
     /// The core stops after an instruction that accesses these addresses.
-    pub fn add_watchpoint(&mut self, address: u32, length: u32, access: Access) {
-        self.debug.watches.push(Watch {
-            address,
-            length,
-            access,
-        });
+    pub fn add_watchpoint(&mut self, address: u32, length: u32) {
+        self.debug.watches.push(Watch { address, length });
         self.update_view(true);
-    }
-
-    /// Removes a watchpoint; false if there was none like this.
-    pub fn remove_watchpoint(&mut self, address: u32, length: u32, access: Access) -> bool {
-        let watch = Watch {
-            address,
-            length,
-            access,
-        };
-        let place = self.debug.watches.iter().position(|w| *w == watch);
-        if let Some(place) = place {
-            self.debug.watches.remove(place);
-        }
-        self.update_view(true);
-        place.is_some()
     }
 
     /// Notes an access to what is watched.
     pub(super) fn watch(&mut self, at: Transfer, write: bool) {
         let (address, width, pc) = (at.address, at.width, at.pc);
         let hit = self.debug.watches.iter().find(|w| {
-            let kind = match w.access {
-                Access::Read => !write,
-                Access::Write => write,
-                Access::Any => true,
-            };
             let before = address < w.address.saturating_add(w.length);
-            kind && before && address.saturating_add(width.bytes()) > w.address
+            before && address.saturating_add(width.bytes()) > w.address
         });
         if let Some(watch) = hit {
             let address = watch.address;

@@ -285,7 +285,6 @@ impl Core {
         let index = usize::from(exception & 127);
         self.taken[index] += 1;
         let since = self.nvic.since[index];
-        self.trace_exception(exception, begin, true);
         if let Some(profile) = &mut self.profile {
             profile.enter(exception, begin, self.cycles - since.min(self.cycles));
         }
@@ -380,7 +379,6 @@ impl Core {
         if exception != number::NMI {
             self.faultmask = false;
         }
-        self.trace_exception(exception, self.cycles, false);
         if let Some(profile) = &mut self.profile {
             profile.leave(exception, self.cycles + timing::RETURN);
         }

@@ -64,9 +64,8 @@ mod timing;
 #[cfg(test)]
 mod tests;
 
-pub use debug::Access as WatchAccess;
 pub use nvic::{LINES, exception as exceptions};
-pub use profile::{ExceptionEvent, ExceptionProfile, Profile};
+pub use profile::{ExceptionProfile, Profile};
 pub use system::{BusError, System, Transfer, Width};
 
 use self::debug::Debug;
@@ -183,8 +182,6 @@ pub struct Core {
     mpu: Mpu,
     debug: Debug,
     profile: Option<Box<Profile>>,
-    /// Beginnings and ends of exceptions, while they are kept.
-    exceptions: Option<Vec<ExceptionEvent>>,
     instructions: u64,
     asleep: Cycles,
     taken: Box<[u64; 128]>,
@@ -245,7 +242,6 @@ impl Core {
             mpu: Mpu::default(),
             debug: Debug::default(),
             profile: None,
-            exceptions: None,
             instructions: 0,
             asleep: 0,
             taken: Box::new([0; 128]),
@@ -266,8 +262,6 @@ impl Core {
         self.cached = old.cached;
         self.debug = old.debug;
         self.profile = old.profile;
-        self.exceptions = old.exceptions;
-        self.trace_exception(0, self.cycles, false);
         if let Some(profile) = &mut self.profile {
             profile.reset();
         }

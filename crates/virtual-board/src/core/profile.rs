@@ -19,17 +19,6 @@ pub struct ExceptionProfile {
     pub longest_latency: Cycles,
 }
 
-/// An exception began or ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct ExceptionEvent {
-    /// When.
-    pub cycle: Cycles,
-    /// Its number; 0 for all that were active when the core was reset.
-    pub exception: u16,
-    /// Whether it begins.
-    pub begins: bool,
-}
-
 /// An exception that has not returned yet.
 #[derive(Clone, Copy, Debug)]
 struct Running {
@@ -134,29 +123,6 @@ impl Core {
     pub fn set_profiling(&mut self, on: bool) {
         self.profile = on.then(Box::default);
         self.attend = true;
-    }
-
-    /// Keeps the beginnings and ends of exceptions from now on, for [`Self::take_exceptions`]; off by
-    /// default.
-    pub fn trace_exceptions(&mut self) {
-        self.exceptions.get_or_insert_default();
-    }
-
-    /// The beginnings and ends of exceptions since the last call.
-    pub fn take_exceptions(&mut self) -> Vec<ExceptionEvent> {
-        let events = self.exceptions.as_mut();
-        events.map(std::mem::take).unwrap_or_default()
-    }
-
-    /// Keeps the beginning or the end of an exception, if that is wanted.
-    pub(super) fn trace_exception(&mut self, exception: u16, cycle: Cycles, begins: bool) {
-        if let Some(events) = &mut self.exceptions {
-            events.push(ExceptionEvent {
-                cycle,
-                exception,
-                begins,
-            });
-        }
     }
 
     /// Where the time went so far.

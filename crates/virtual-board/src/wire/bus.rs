@@ -2,7 +2,7 @@
 
 use super::can_node::{CanNode, Noise};
 use super::frame::Frame;
-use super::node::{Action, ErrorKind, Event, Node, What};
+use super::node::{Action, ErrorKind, Event, Node};
 use super::statistics::Statistics;
 use super::timing::BitClock;
 use crate::time::Time;
@@ -14,16 +14,6 @@ pub enum Level {
     Dominant,
     /// Not driven.
     Recessive,
-}
-
-impl Level {
-    pub(super) fn of(dominant: bool) -> Self {
-        if dominant {
-            Self::Dominant
-        } else {
-            Self::Recessive
-        }
-    }
 }
 
 /// What can be wrong with the wire and the transceivers.
@@ -96,9 +86,6 @@ pub struct Wire {
     actions: Vec<(Time, usize, Action)>,
     faults: Vec<(Time, Fault)>,
     records: Option<Vec<Record>>,
-    pub(super) levels: Option<Vec<(Time, Level)>>,
-    /// Sleeping nodes that saw a dominant level.
-    woken: Vec<(usize, Time)>,
     busy: usize,
 }
 
@@ -118,8 +105,6 @@ impl Wire {
             actions: Vec::new(),
             faults: Vec::new(),
             records: None,
-            levels: None,
-            woken: Vec::new(),
             busy: 0,
         }
     }
@@ -135,16 +120,6 @@ impl Wire {
             .as_mut()
             .map(std::mem::take)
             .unwrap_or_default()
-    }
-
-    /// Keeps the changes of the level of piece 0 from now on, for [`Self::take_levels`].
-    pub fn trace(&mut self) {
-        self.levels.get_or_insert_default();
-    }
-
-    /// The changes of the level since the last call.
-    pub fn take_levels(&mut self) -> Vec<(Time, Level)> {
-        self.levels.as_mut().map(std::mem::take).unwrap_or_default()
     }
 
     /// Counts of a node.
@@ -189,10 +164,6 @@ impl Wire {
                 self.act(node, action, nodes);
             } else if !self.fast_forward(can_node, action.min(fault).min(horizon)) {
                 self.step(can_node, due, nodes);
-            }
-            while let Some((node, at)) = self.woken.pop() {
-                self.can_nodes[node].controller.happened.push(What::Woken);
-                self.deliver(node, at, nodes);
             }
         }
     }
@@ -304,8 +275,7 @@ impl Wire {
     /// The level that a node reads, true for dominant.
     fn input(&mut self, i: usize) -> bool {
         let can_node = &self.can_nodes[i];
-        let own = can_node.dominant && can_node.with(|s| s.silent || s.loopback);
-        let level = own || can_node.is_reading() && self.level(can_node.piece);
+        let level = can_node.is_reading() && self.level(can_node.piece);
         level != (!self.noise.is_off() && self.noise.strikes())
     }
 
@@ -338,23 +308,12 @@ impl Wire {
     /// The level of a piece may have changed: all that read it follow an edge to dominant.
     fn changed(&mut self, piece: usize, before: bool, at: Time) {
         let level = self.level(piece);
-        if level == before {
-            return;
-        }
-        if piece == 0
-            && let Some(levels) = &mut self.levels
-        {
-            levels.push((at, Level::of(level)));
-        }
-        if !level {
+        if level == before || !level {
             return;
         }
         let delay = self.delay;
-        for (i, can_node) in self.can_nodes.iter_mut().enumerate() {
+        for can_node in &mut self.can_nodes {
             let reads = can_node.piece == piece && can_node.is_reading();
-            if reads && can_node.controller.wakes() {
-                self.woken.push((i, at + delay));
-            }
             if reads && !can_node.read && can_node.controller.is_in() {
                 let hard = can_node.controller.is_hard();
                 can_node.clock.edge(at + delay, hard, !can_node.dominant);
@@ -406,7 +365,7 @@ impl Wire {
                 }
             }
             Action::Request { mailbox, frame } => {
-                return can_node.controller.request(mailbox, frame, now);
+                return can_node.controller.request(mailbox, frame);
             }
             Action::Abort { mailbox } => return can_node.controller.abort(mailbox),
             Action::Reset => can_node.controller.reset(),

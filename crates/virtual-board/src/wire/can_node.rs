@@ -40,12 +40,12 @@ impl CanNode {
 
     /// Whether what it drives is on the bus.
     pub fn is_driving(&self) -> bool {
-        self.dominant && self.sends && self.with(|s| s.sends && !s.silent)
+        self.dominant && self.sends && self.with(|s| s.sends)
     }
 
     /// Whether it reads the bus.
     pub fn is_reading(&self) -> bool {
-        self.hears && self.with(|s| s.hears && !s.loopback)
+        self.hears && self.with(|s| s.hears)
     }
 
     pub fn plan(&mut self, delay: Time) {

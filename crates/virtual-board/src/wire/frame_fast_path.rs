@@ -5,7 +5,7 @@
 //! and which edges it follows, which is computed as in the single steps. Where any condition does not
 //! hold, the wire takes single steps; the outcome is the same.
 
-use super::bus::{Level, Wire};
+use super::bus::Wire;
 use crate::time::Time;
 
 /// Fewer bits are not worth it.
@@ -64,7 +64,7 @@ impl Wire {
                 can_node.plan(self.delay);
             }
         }
-        self.drove(sender, from, to, &begins);
+        self.drove(sender);
         true
     }
 
@@ -77,8 +77,7 @@ impl Wire {
         if !calm || !can_node.clock.sampled || from == 0 || to < from + FEWEST {
             return None;
         }
-        let heard =
-            can_node.sends && can_node.is_reading() && can_node.with(|s| s.sends && !s.silent);
+        let heard = can_node.sends && can_node.is_reading() && can_node.with(|s| s.sends);
         let arrived = can_node.controller.arrived();
         let follow = self.can_nodes.iter().enumerate().all(|(i, other)| {
             i == sender
@@ -99,30 +98,14 @@ impl Wire {
         (to >= from + FEWEST).then_some((from, to))
     }
 
-    /// What the sender drove in these bits.
-    fn drove(&mut self, sender: usize, from: usize, to: usize, begins: &[Time; 160]) {
+    /// The sender drives the last bit gone over.
+    fn drove(&mut self, sender: usize) {
         let can_node = &mut self.can_nodes[sender];
-        let piece = can_node.piece;
-        let before = can_node.dominant;
-        let after = can_node.read;
-        can_node.dominant = after;
-        match (before, after) {
-            (false, true) => self.drivers[piece] += 1,
-            (true, false) => self.drivers[piece] -= 1,
+        let before = std::mem::replace(&mut can_node.dominant, can_node.read);
+        match (before, can_node.read) {
+            (false, true) => self.drivers[can_node.piece] += 1,
+            (true, false) => self.drivers[can_node.piece] -= 1,
             _ => {}
-        }
-        if piece != 0 {
-            return;
-        }
-        if let (Some(levels), Some((bits, _))) = (&mut self.levels, can_node.controller.sending()) {
-            let mut last = before;
-            for (i, &begin) in begins.iter().enumerate().take(to).skip(from) {
-                let dominant = !bits.recessive(i);
-                if dominant != last {
-                    levels.push((begin, Level::of(dominant)));
-                }
-                last = dominant;
-            }
         }
     }
 }

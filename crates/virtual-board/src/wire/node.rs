@@ -52,18 +52,8 @@ pub struct Settings {
     pub on: bool,
     /// Its bit timing.
     pub timing: BitTiming,
-    /// It sends again what failed.
-    pub retransmit: bool,
-    /// It sends in the order of the requests, not of the identifiers.
-    pub chronological: bool,
     /// It leaves bus-off by itself.
     pub recover: bool,
-    /// It is told of the first dominant level while it takes no part.
-    pub wakes: bool,
-    /// It sends nothing dominant.
-    pub silent: bool,
-    /// It hears itself alone.
-    pub loopback: bool,
     /// Its output reaches the transceiver.
     pub sends: bool,
     /// The transceiver's output reaches it.
@@ -76,12 +66,7 @@ impl Settings {
         Self {
             on: true,
             timing,
-            retransmit: true,
-            chronological: false,
             recover: true,
-            wakes: false,
-            silent: false,
-            loopback: false,
             sends: true,
             hears: true,
         }
@@ -153,8 +138,6 @@ pub enum What {
     Off,
     /// It is back from bus-off.
     Recovered,
-    /// The bus became dominant while it slept.
-    Woken,
 }
 
 /// What happens to a node, with its error counters then.

@@ -155,6 +155,7 @@ fn boards(
         (options.vary)(role, &mut variation);
         board.chip().set_variation(variation);
         board.flash(images.of(role));
+        board.core_mut().set_profiling(options.profile);
         let kept = store::sectors(scenario, role, bridges)?;
         let flash = board.chip().flash();
         flash[store::FIRST..store::FIRST + kept.len()].copy_from_slice(&kept);
@@ -175,7 +176,6 @@ impl VirtualRobot {
         logs: &[BoardLog; 3],
     ) -> Result<Self, Error> {
         let mut robot = Self::without_power(scenario, images, seed, trial, options, logs)?;
-        robot.fit(&options.instruments)?;
         robot.boot(options)?;
         Ok(robot)
     }
@@ -322,7 +322,7 @@ impl VirtualRobot {
         while ready < READY_TICKS {
             let now = self.network.now();
             self.power_up(options);
-            self.advance()?;
+            self.advance();
             ready = if self.waits_for().is_none() {
                 ready + 1
             } else {
@@ -373,16 +373,7 @@ impl VirtualRobot {
     }
 
     /// One millisecond of boards, bus and plant.
-    fn advance(&mut self) -> Result<(), Error> {
-        let from = self.network.now();
-        self.show_motion(from);
-        self.run_until(from + TICK)?;
-        self.follow();
-        Ok(())
-    }
-
-    /// The same without waveforms, which alone can fail.
-    fn advance_plainly(&mut self) {
+    fn advance(&mut self) {
         let from = self.network.now();
         self.show_motion(from);
         self.network.run_until(from + TICK);
@@ -543,7 +534,7 @@ impl Robot for VirtualRobot {
     fn step(&mut self) -> Result<(), Error> {
         self.begin_tick();
         self.ask()?;
-        self.advance()?;
+        self.advance();
         self.answer()?;
         self.tick += 1;
         self.end_tick()

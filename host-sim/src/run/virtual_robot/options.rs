@@ -1,6 +1,5 @@
 //! Options of the boards, and what the seed draws of each chip.
 
-use super::tools::Instruments;
 use crate::world::random::{Stream, generator};
 use core_algos::topology::Role;
 use rand::RngExt;
@@ -14,8 +13,8 @@ pub struct Options {
     pub threads: usize,
     /// Each board's power comes on so long after the first one's, ms.
     pub power_on_ms: [u64; 3],
-    /// Instruments.
-    pub instruments: Instruments,
+    /// True if time is counted by instruction, for [`profile`](super::tools::profile).
+    pub profile: bool,
     /// Crystals that are off by so much, parts in 10⁹; by chance, if not given.
     pub fast_ppb: [Option<i64>; 3],
     /// Changes a chip beyond what the seed draws.
@@ -46,7 +45,7 @@ impl Default for Options {
         Self {
             threads: threads.min(2),
             power_on_ms: [0; 3],
-            instruments: Instruments::default(),
+            profile: false,
             fast_ppb: [None; 3],
             vary: |_, _| {},
             others: 0,

@@ -11,8 +11,9 @@
 //! - A datum that comes when the one before was not fetched is the one that is lost.
 //! - A program that clears EOC itself has fetched the datum.
 //!
-//! Not modelled: ADC2 and ADC3, dual and triple modes; switching one on is a finding. The capacitor that
-//! samples takes no charge from the pin.
+//! Not modelled: ADC2 and ADC3, dual and triple modes, discontinuous modes, an injected group that follows by
+//! itself, resolutions below 12 bits, results aligned to the left, the analogue watchdog, channels inside the
+//! chip; switching one on is a finding. The capacitor that samples takes no charge from the pin.
 
 mod registers;
 #[cfg(test)]
@@ -25,7 +26,6 @@ use super::interrupt::Interrupt;
 use super::map::Unit;
 use super::register::{Register, merge};
 use super::shared::Shared;
-use super::transfer;
 use crate::finding::Kind;
 use crate::noise::Noise;
 use crate::time::{Cycles, NEVER, Time};
@@ -39,15 +39,8 @@ const MOST_HZ: [u64; 2] = [36_000_000, 18_000_000];
 const LEAST_HZ: u64 = 600_000;
 /// Clocks from a trigger to the start, regular and injected.
 const LATENCY: [u64; 2] = [2, 3];
-/// Channels inside the chip: temperature, reference, battery.
-const TEMPERATURE: u32 = 16;
-const REFERENCE: u32 = 17;
-const BATTERY: u32 = 18;
-/// Voltages: of the temperature sensor at 25 °C, of the reference.
-const TEMPERATURE_V: f64 = 0.76;
-const REFERENCE_V: f64 = 1.21;
-/// Shortest sampling of temperature and reference, and of the battery.
-const INSIDE_SAMPLING: [Time; 2] = [Time::from_micros(10), Time::from_micros(5)];
+/// Clocks of a conversion after sampling: one for each bit.
+const CONVERTING: u64 = 12;
 
 /// Conversions so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -58,17 +51,6 @@ pub struct Counts {
     pub injected: u64,
     /// Overruns.
     pub overruns: u64,
-}
-
-/// A group of channels.
-#[derive(Clone, Copy, Debug, Default)]
-struct Group {
-    /// Place in the sequence, while it runs.
-    place: Option<u32>,
-    /// Place after the last that the trigger asked for.
-    until: u32,
-    /// Place at which the next trigger goes on in discontinuous mode.
-    next: u32,
 }
 
 /// What the converter is at.
@@ -88,8 +70,8 @@ pub(crate) struct Adc {
     sr: u32,
     data: u32,
     injected_data: [u32; 4],
-    regular: Group,
-    injected: Group,
+    /// Places in the sequences of the regular and of the injected group, while they run.
+    places: [Option<u32>; 2],
     conversion: Option<Conversion>,
     /// Cycles of the core in one of the converter's clock, as the conversion began.
     clock: u64,
@@ -118,8 +100,7 @@ impl Default for Adc {
             sr: 0,
             data: 0,
             injected_data: [0; 4],
-            regular: Group::default(),
-            injected: Group::default(),
+            places: [None; 2],
             conversion: None,
             clock: 1,
             unread: false,
@@ -216,10 +197,6 @@ impl Adc {
         self.reg(CR2)
     }
 
-    fn resolution(&self) -> u32 {
-        (self.cr1() & RES) >> 24
-    }
-
     /// Cycles of the core in one of the converter's clock.
     fn clock(&self, shared: &Shared) -> u64 {
         shared.clocks.apb2 * 2 * (u64::from(self.common >> 16 & 3) + 1)
@@ -229,14 +206,9 @@ impl Adc {
     fn sampling(&self, channel: u32) -> u64 {
         let bits = match channel {
             0..=9 => self.reg(SMPR2) >> (3 * channel),
-            _ => self.reg(SMPR1) >> (3 * (channel.min(BATTERY) - 10)),
+            _ => self.reg(SMPR1) >> (3 * (channel.min(18) - 10)),
         };
         SAMPLING[bits as usize & 7]
-    }
-
-    /// Clocks of a conversion after sampling: one for each bit.
-    fn converting(&self) -> u64 {
-        u64::from(12 - 2 * self.resolution())
     }
 
     /// Channel at a place of a sequence. A short injected one ends with JSQ4.
@@ -262,21 +234,8 @@ impl Adc {
         }
     }
 
-    /// Places that a trigger converts in discontinuous mode.
-    fn portion(&self, injected: bool) -> Option<u32> {
-        match (injected, self.cr1()) {
-            (true, cr1) if cr1 & JDISCEN != 0 => Some(1),
-            (false, cr1) if cr1 & DISCEN != 0 => Some((cr1 >> 13 & 7) + 1),
-            _ => None,
-        }
-    }
-
-    fn group(&mut self, injected: bool) -> &mut Group {
-        if injected {
-            &mut self.injected
-        } else {
-            &mut self.regular
-        }
+    fn place(&mut self, injected: bool) -> &mut Option<u32> {
+        &mut self.places[usize::from(injected)]
     }
 
     /// A trigger rises or falls.
@@ -317,7 +276,7 @@ impl Adc {
             // The manual: ignored until the overrun's flag is cleared.
             return;
         }
-        if self.group(injected).place.is_some() {
+        if self.place(injected).is_some() {
             let text = match injected {
                 true => "ADC1: injected trigger while the group is converted",
                 false => "ADC1: regular trigger while the group is converted",
@@ -326,7 +285,7 @@ impl Adc {
         }
         self.judge_start(shared);
         self.sr |= if injected { JSTRT } else { STRT };
-        self.begin_group(injected);
+        *self.place(injected) = Some(0);
         if injected {
             self.started = shared.now;
             // What the regular group is at begins anew afterwards.
@@ -338,23 +297,12 @@ impl Adc {
         }
     }
 
-    fn begin_group(&mut self, injected: bool) {
-        let (length, portion) = (self.length(injected), self.portion(injected));
-        let group = self.group(injected);
-        let place = match portion {
-            Some(_) if group.next < length => group.next,
-            _ => 0,
-        };
-        group.place = Some(place);
-        group.until = portion.map_or(length, |portion| (place + portion).min(length));
-    }
-
     /// The group whose turn it is begins to sample its next channel after `wait` cycles.
     fn sample_next(&mut self, wait: Cycles, shared: &mut Shared) {
-        let (injected, place) = match (self.injected.place, self.regular.place) {
-            (Some(place), _) => (true, place),
-            (None, Some(place)) => (false, place),
-            (None, None) => {
+        let (injected, place) = match self.places {
+            [_, Some(place)] => (true, place),
+            [Some(place), None] => (false, place),
+            [None, None] => {
                 self.conversion = None;
                 return shared.schedule(Unit::Adc, NEVER);
             }
@@ -371,31 +319,7 @@ impl Adc {
             Some(pin) => shared.sample(pin, sampled),
             None => shared.cancel_sample(),
         }
-        shared.schedule(Unit::Adc, sampled + self.converting() * self.clock);
-    }
-
-    /// The voltage of a channel inside the chip.
-    fn inside(&mut self, channel: u32, shared: &mut Shared) -> f64 {
-        let (enable, volts) = match channel {
-            TEMPERATURE => (TSVREFE, TEMPERATURE_V),
-            REFERENCE => (TSVREFE, REFERENCE_V),
-            // The battery's pin is the supply's.
-            BATTERY => (VBATE, shared.volts / 2.0),
-            _ => (0, 0.0),
-        };
-        if self.common & enable == 0 {
-            let text = format!("ADC1: channel {channel} is converted and not enabled");
-            shared.note(Kind::Forbidden, text);
-            return 0.0;
-        }
-        let least = INSIDE_SAMPLING[usize::from(channel == BATTERY)];
-        let sampled = self.sampling(channel) * self.clock(shared) * 1_000_000;
-        if sampled < least.micros() * shared.clocks.hclk_hz {
-            let us = least.micros();
-            let text = format!("ADC1: channel {channel} is sampled for less than {us} µs");
-            shared.note(Kind::Forbidden, text);
-        }
-        volts
+        shared.schedule(Unit::Adc, sampled + CONVERTING * self.clock);
     }
 
     /// The result of twelve bits for a channel's voltage where its sampling ended.
@@ -408,20 +332,13 @@ impl Adc {
                 }
                 shared.take_sample().unwrap_or_default()
             }
-            None => self.inside(channel, shared),
+            None => {
+                shared.note(Kind::NotModelled, "ADC1: channels inside the chip");
+                0.0
+            }
         };
         let errors = shared.variation.converter;
         errors.count(volts / shared.volts, &mut self.noise)
-    }
-
-    /// The analogue watchdog.
-    fn watch(&mut self, injected: bool, channel: u32, count: u32) {
-        let cr1 = self.cr1();
-        let on = if injected { JAWDEN } else { AWDEN };
-        let watched = cr1 & on != 0 && (cr1 & AWDSGL == 0 || cr1 & 31 == channel);
-        if watched && !(self.reg(LTR)..=self.reg(HTR)).contains(&count) {
-            self.sr |= AWD;
-        }
     }
 
     /// Whether an overrun of the regular group is noticed.
@@ -439,35 +356,28 @@ impl Adc {
             self.sr |= OVR;
             self.silent = true;
             self.counts.overruns += 1;
-            self.regular.place = None;
+            *self.place(false) = None;
             return shared.note(Kind::Lost, "ADC1: overrun, a conversion was not fetched");
         }
-        let resolution = self.resolution();
-        self.data = transfer::align_regular(count, resolution, cr2 & ALIGN != 0);
+        self.data = count;
         self.unread = true;
-        if ends || cr2 & EOCS != 0 || self.portion(false).is_some() {
+        if ends || cr2 & EOCS != 0 {
             self.sr |= EOC;
-        }
-        if ends && self.cr1() & JAUTO != 0 {
-            self.sr |= JSTRT;
-            self.begin_group(true);
         }
         self.ask(shared);
     }
 
     /// A place was converted; whether the sequence ends with it.
     fn advance(&mut self, injected: bool) -> bool {
-        let continuous = !injected && self.cr2() & CONT != 0 && self.portion(false).is_none();
+        let continuous = !injected && self.cr2() & CONT != 0;
         let length = self.length(injected);
-        let group = self.group(injected);
-        let next = group.place.unwrap_or(0) + 1;
-        let ends = next >= length;
-        group.next = if ends { 0 } else { next };
-        group.place = (next < group.until).then_some(next);
-        if ends && continuous {
-            self.begin_group(false);
-        }
-        ends
+        let place = self.place(injected);
+        let next = place.unwrap_or(0) + 1;
+        *place = match next < length {
+            true => Some(next),
+            false => continuous.then_some(0),
+        };
+        next >= length
     }
 
     /// Asks the stream for the datum that waits, if the program wants that.
@@ -484,11 +394,9 @@ impl Adc {
 
     fn injected_done(&mut self, count: u32) {
         self.counts.injected += 1;
-        let place = self.injected.place.unwrap_or(0);
+        let place = self.place(true).unwrap_or(0);
         let offset = self.reg(JOFR1 + 4 * (place & 3));
-        let left = self.cr2() & ALIGN != 0;
-        self.injected_data[place as usize & 3] =
-            transfer::align_injected(count, offset, self.resolution(), left);
+        self.injected_data[place as usize & 3] = count.wrapping_sub(offset) & 0xffff;
         if self.advance(true) {
             self.sr |= JEOC;
         }
@@ -497,7 +405,7 @@ impl Adc {
     fn line(&self, shared: &mut Shared) {
         let (sr, cr1) = (self.sr, self.cr1());
         let on = |flag: u32, enable: u32| sr & flag != 0 && cr1 & enable != 0;
-        let any = on(EOC, EOCIE) || on(JEOC, JEOCIE) || on(OVR, OVRIE) || on(AWD, AWDIE);
+        let any = on(EOC, EOCIE) || on(JEOC, JEOCIE) || on(OVR, OVRIE);
         shared.line(Interrupt::Adc, any);
     }
 }
@@ -557,8 +465,9 @@ impl Peripheral for Adc {
                     shared.note(Kind::Forbidden, "ADC_CCR: ADCPRE changed while converting");
                 }
                 self.common = value;
-                if value & SEVERAL != 0 {
-                    shared.note(Kind::NotModelled, "ADC_CCR: dual and triple modes");
+                if value & UNKNOWN_COMMON != 0 {
+                    let text = "ADC_CCR: dual and triple modes, channels inside the chip";
+                    shared.note(Kind::NotModelled, text);
                 }
             }
             _ => self.plain[place] = value,
@@ -572,8 +481,6 @@ impl Peripheral for Adc {
         };
         let (injected, channel) = (conversion.injected, conversion.channel);
         let count = self.convert(channel, shared);
-        let count = transfer::resolve(count, self.resolution());
-        self.watch(injected, channel, count);
         match injected {
             true => self.injected_done(count),
             false => self.regular_done(count, shared),

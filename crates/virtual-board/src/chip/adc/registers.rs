@@ -38,27 +38,22 @@ pub(super) const REGISTERS: &[Register] = &[
 
 // Bits of SR.
 bits! { pub(super):
-    AWD 0, EOC 1, JEOC 2, JSTRT 3, STRT 4, OVR 5
+    EOC 1, JEOC 2, JSTRT 3, STRT 4, OVR 5
 }
 // Bits of CR1.
 bits! { pub(super):
-    EOCIE 5, AWDIE 6, JEOCIE 7, SCAN 8, AWDSGL 9, JAUTO 10, DISCEN 11, JDISCEN 12, JAWDEN 22,
-    AWDEN 23
+    EOCIE 5, JEOCIE 7, SCAN 8, OVRIE 26
 }
-pub(super) const RES: u32 = 3 << 24;
-pub(super) const OVRIE: u32 = 1 << 26;
+/// JAUTO, DISCEN, JDISCEN, JAWDEN, AWDEN, RES.
+pub(super) const UNKNOWN_CR1: u32 = 0x03c0_1c00;
 // Bits of CR2.
 bits! { pub(super):
     ADON 0, CONT 1, DMA 8, DDS 9, EOCS 10, ALIGN 11
 }
-pub(super) const JEXTEN: u32 = 3 << 20;
 pub(super) const JSWSTART: u32 = 1 << 22;
 pub(super) const SWSTART: u32 = 1 << 30;
-// Bits of CCR.
-pub(super) const VBATE: u32 = 1 << 22;
-pub(super) const TSVREFE: u32 = 1 << 23;
-/// MULTI, and the DMA mode of several converters.
-pub(super) const SEVERAL: u32 = 0xc01f;
+/// Of CCR: MULTI, the DMA mode of several converters, VBATE, TSVREFE.
+pub(super) const UNKNOWN_COMMON: u32 = 0x00c0_c01f;
 
 /// Clocks of sampling, by SMPx.
 pub(super) const SAMPLING: [u64; 8] = [3, 15, 28, 56, 84, 112, 144, 480];

@@ -1,7 +1,7 @@
 //! What follows from writing a register (RM0090, 13.13).
 
 use super::registers::*;
-use super::{Adc, Conversion, Group, STABILISATION};
+use super::{Adc, Conversion, STABILISATION};
 use crate::chip::map::Unit;
 use crate::chip::shared::Shared;
 use crate::finding::Kind;
@@ -9,37 +9,24 @@ use crate::time::NEVER;
 
 impl Adc {
     pub(super) fn write_cr1(&mut self, value: u32, shared: &mut Shared) {
-        let changed = value ^ self.cr1();
-        if self.conversion.is_some() && changed & RES != 0 {
-            shared.note(Kind::Forbidden, "ADC1: RES changed during a conversion");
-        }
         self.plain[CR1 as usize / 4] = value;
-        let both = value & JAUTO != 0 && value & (DISCEN | JDISCEN) != 0;
-        if both || value & (DISCEN | JDISCEN) == DISCEN | JDISCEN {
-            let text = "ADC1: DISCEN, JDISCEN and JAUTO exclude each other";
-            shared.note(Kind::Forbidden, text);
-        }
-        if changed & (DISCEN | JDISCEN) != 0 {
-            (self.regular.next, self.injected.next) = (0, 0);
-        }
-        self.judge_automatic(shared);
-    }
-
-    fn judge_automatic(&self, shared: &mut Shared) {
-        if self.cr1() & JAUTO != 0 && self.cr2() & JEXTEN != 0 {
-            shared.note(Kind::Forbidden, "ADC1: JAUTO with an injected trigger");
+        if value & UNKNOWN_CR1 != 0 {
+            let text = "ADC1: DISCEN, JDISCEN, JAUTO, analogue watchdog, resolution";
+            shared.note(Kind::NotModelled, text);
         }
     }
 
     pub(super) fn write_cr2(&mut self, value: u32, shared: &mut Shared) {
         let old = self.cr2();
         self.plain[CR2 as usize / 4] = value & !(SWSTART | JSWSTART);
-        self.judge_automatic(shared);
+        if value & ALIGN != 0 {
+            shared.note(Kind::NotModelled, "ADC1: results aligned to the left");
+        }
         if value & ADON == 0 {
             if value & (SWSTART | JSWSTART) != 0 {
                 shared.note(Kind::Forbidden, "ADC1: started while it is off");
             }
-            (self.regular, self.injected) = (Group::default(), Group::default());
+            self.places = [None; 2];
             self.conversion = None;
             shared.cancel_sample();
             shared.schedule(Unit::Adc, NEVER);
@@ -63,14 +50,14 @@ impl Adc {
 
     /// A sequence that is written while it is converted begins anew.
     pub(super) fn write_sequence(&mut self, injected: bool, shared: &mut Shared) {
-        if self.group(injected).place.is_none() {
+        if self.place(injected).is_none() {
             return;
         }
         shared.note(
             Kind::Forbidden,
             "ADC1: a sequence is written while it is converted",
         );
-        self.begin_group(injected);
+        *self.place(injected) = Some(0);
         if self.conversion.is_some_and(|c| c.injected == injected) {
             self.sample_next(0, shared);
         }

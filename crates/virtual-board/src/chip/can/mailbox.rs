@@ -18,8 +18,6 @@ pub(super) struct Mailbox {
     pub words: [u32; 4],
     /// RQCP, TXOK, ALST, TERR, ABRQ.
     pub flags: u32,
-    /// The order of the requests.
-    pub order: u64,
 }
 
 impl Mailbox {
@@ -49,17 +47,14 @@ impl Mailbox {
 }
 
 /// The mailboxes' part of TSR.
-pub(super) fn status(mailboxes: &[Mailbox; 3], chronological: bool) -> u32 {
+pub(super) fn status(mailboxes: &[Mailbox; 3]) -> u32 {
     let mut status = 0;
     for (k, mailbox) in mailboxes.iter().enumerate() {
         status |= mailbox.flags << (8 * k);
         status |= u32::from(!mailbox.is_pending()) << (26 + k);
     }
     let waiting = mailboxes.iter().enumerate().filter(|(_, m)| m.is_pending());
-    let last = waiting.max_by_key(|(k, m)| {
-        let order = if chronological { m.order } else { 0 };
-        (order, m.frame().priority(), *k)
-    });
+    let last = waiting.max_by_key(|(k, m)| (m.frame().priority(), *k));
     let free = mailboxes.iter().position(|m| !m.is_pending());
     let pending = mailboxes.iter().filter(|m| m.is_pending()).count();
     if let Some((last, _)) = last

@@ -3,7 +3,8 @@
 //! The protocol itself is run by [`crate::wire`]; what the program asks for goes there as actions,
 //! what happens on the bus comes back as events at their times.
 //!
-//! Not modelled: the bits RXM, SAMP and RX of MSR, which read as on an idle bus; the freeze while a
+//! Not modelled: silent and loopback modes, sending once (NART) or in the order of requests (TXFP), waking by
+//! the bus, of which switching one on is a finding; the bits RXM, SAMP and RX of MSR, which read as on an idle bus; the freeze while a
 //! debugger halts the core (DBF with its bit of DBGMCU); a clock that is switched off while the
 //! controller takes part, which goes on then. The time stamps are always 0, as the time-triggered mode
 //! does not work on this chip.
@@ -44,7 +45,7 @@ enum Mode {
 #[derive(Default)]
 pub(crate) struct Can {
     mcr: u32,
-    /// ERRI, WKUI, SLAKI.
+    /// ERRI, SLAKI.
     msr: u32,
     ier: u32,
     /// Flags and last error.
@@ -56,8 +57,6 @@ pub(crate) struct Can {
     mode: Mode,
     target: Mode,
     mailboxes: [Mailbox; 3],
-    /// Requests so far.
-    requests: u64,
     /// The mailbox on the bus, as far as is known here.
     sending: Option<usize>,
     fifos: [Fifo; 2],
@@ -122,12 +121,7 @@ impl Can {
         Settings {
             on: self.target == Mode::Normal,
             timing: self.timing(shared),
-            retransmit: self.mcr & NART == 0,
-            chronological: self.mcr & TXFP != 0,
             recover: self.mcr & ABOM != 0,
-            wakes: self.target == Mode::Sleep,
-            silent: self.btr & SILM != 0,
-            loopback: self.btr & LBKM != 0,
             sends: true,
             hears: true,
         }
@@ -143,10 +137,13 @@ impl Can {
             let text = "CAN1: time-triggered mode, which errata sheet ES0182 forbids on this chip";
             shared.note(Kind::Forbidden, text);
         }
+        if changed & value & (TXFP | NART | AWUM) != 0 {
+            shared.note(Kind::NotModelled, "CAN1: TXFP, NART, AWUM");
+        }
         let target = self.wanted();
         if target != self.target {
             self.go(target, shared);
-        } else if changed & (TXFP | NART | ABOM) != 0 && target == Mode::Normal {
+        } else if changed & ABOM != 0 && target == Mode::Normal {
             self.act(Action::Set(self.settings(shared)), shared);
         }
     }
@@ -231,8 +228,6 @@ impl Can {
         }
         mailbox.words[which] = merge(mailbox.words[which], value, mask);
         if which == 0 && mailbox.is_pending() {
-            self.requests += 1;
-            mailbox.order = self.requests;
             mailbox.flags = 0;
             let frame = mailbox.frame();
             let mailbox = k as u8;
@@ -251,6 +246,9 @@ impl Can {
         if self.mode != Mode::Initialisation {
             let text = "CAN1_BTR written outside of the initialisation mode";
             return shared.note(Kind::Forbidden, text);
+        }
+        if value & (SILM | LBKM) != 0 {
+            shared.note(Kind::NotModelled, "CAN1: silent and loopback modes");
         }
         self.btr = value;
     }
@@ -303,9 +301,8 @@ impl Can {
                 || enabled(FOVIE[k]) && status & FOVR != 0;
             shared.line(line, level);
         }
-        let change = enabled(ERRIE) && self.msr & ERRI != 0
-            || enabled(WKUIE) && self.msr & WKUI != 0
-            || enabled(SLKIE) && self.msr & SLAKI != 0;
+        let change =
+            enabled(ERRIE) && self.msr & ERRI != 0 || enabled(SLKIE) && self.msr & SLAKI != 0;
         shared.line(Interrupt::Can1Sce, change);
     }
 
@@ -356,7 +353,6 @@ impl Can {
             What::Error(kind) => self.error(kind),
             What::Off => self.raise(BOFF, BOFIE),
             What::Recovered => self.esr &= !BOFF,
-            What::Woken => self.wake(shared),
         }
         self.count(tec, rec);
     }
@@ -410,18 +406,6 @@ impl Can {
         }
     }
 
-    fn wake(&mut self, shared: &mut Shared) {
-        if self.mode != Mode::Sleep {
-            return;
-        }
-        self.msr |= WKUI;
-        if self.mcr & AWUM != 0 && self.target == Mode::Sleep {
-            self.mcr &= !SLEEP;
-            let target = self.wanted();
-            self.go(target, shared);
-        }
-    }
-
     fn receive(&mut self, frame: &Frame, shared: &mut Shared) {
         let Some(found) = self.filters.find(frame) else {
             return;
@@ -454,7 +438,7 @@ impl Peripheral for Can {
         match offset {
             0x00 => self.mcr,
             0x04 => self.msr(),
-            0x08 => mailbox::status(&self.mailboxes, self.mcr & TXFP != 0),
+            0x08 => mailbox::status(&self.mailboxes),
             0x0c | 0x10 => self.fifos[(offset as usize - 0x0c) / 4].status(),
             0x14 => self.ier,
             0x18 => self.esr(),
@@ -483,14 +467,19 @@ impl Peripheral for Can {
     fn write(&mut self, offset: u32, value: u32, mask: u32, shared: &mut Shared) {
         match offset {
             0x00 => self.write_mcr(merge(self.mcr, value, mask) & MCR_BITS, shared),
-            0x04 => self.msr &= !(value & (ERRI | WKUI | SLAKI)),
+            0x04 => self.msr &= !(value & (ERRI | SLAKI)),
             0x08 => self.write_tsr(value, shared),
             0x0c | 0x10 => self.write_fifo(
                 (offset as usize - 0x0c) / 4,
                 value & (RFOM | FULL | FOVR),
                 shared,
             ),
-            0x14 => self.ier = merge(self.ier, value, mask) & IER_BITS,
+            0x14 => {
+                self.ier = merge(self.ier, value, mask) & IER_BITS;
+                if self.ier & WKUIE != 0 {
+                    shared.note(Kind::NotModelled, "CAN1: waking by the bus");
+                }
+            }
             0x18 => self.esr = merge(self.esr, value & LEC, mask & LEC),
             0x1c => self.write_btr(merge(self.btr, value, mask) & BTR_BITS, shared),
             MAILBOXES..OUTPUTS => self.write_mailbox(offset - MAILBOXES, value, mask, shared),

@@ -27,7 +27,6 @@ impl Node for Chip {
         let (at, mut action) = self.units.can1.actions.pop_front()?;
         if let Action::Set(settings) = &mut action
             && settings.on
-            && !settings.loopback
         {
             settings.sends = self.is_routed(Signal::Can1Tx, "CAN1_TX");
             settings.hears = self.is_routed(Signal::Can1Rx, "CAN1_RX");

@@ -12,7 +12,7 @@ pub(super) const MCR_RESET: u32 = 1 << 16 | SLEEP;
 
 // MSR.
 bits! { pub(super):
-    INAK 0, SLAK 1, ERRI 2, WKUI 3, SLAKI 4, TXM 8
+    INAK 0, SLAK 1, ERRI 2, SLAKI 4, TXM 8
 }
 /// The last sample and the level of the pin: recessive.
 pub(super) const RECESSIVE: u32 = 3 << 10;

@@ -1,15 +1,16 @@
 //! DMA controllers.
 //!
-//! Source: reference manual RM0090, chapter 10. Requests of ADC1, SPI1 and USART3 are connected. A
+//! Source: reference manual RM0090, chapter 10. Requests of ADC1 and USART3 are connected. A
 //! request is served at once: what arbitration and the buses take, some ten cycles, is left out, so that
-//! the memory port is never late and neither FIFO nor direct mode errors come up. A stream that is
-//! switched off stops at once and says so by TCIF.
+//! the memory port is never late. An item for a peripheral is read at the request, where the chip has it
+//! one request earlier. A stream that is switched off stops at once and says so by TCIF.
 //!
 //! A stream that is switched on with flags of its own up does not start (the manual forbids it): that
 //! and setting up a stream that runs are findings and change nothing.
 //!
-//! Not modelled: transfers from memory to memory, the peripheral as flow controller, bursts; a stream
-//! that is to do one is a finding and does not start.
+//! Not modelled: the FIFO, double buffers, transfers from memory to memory, addresses of peripherals that
+//! go on, the peripheral as flow controller, bursts; a stream that is to do one is a finding and does not
+//! start.
 
 mod stream;
 #[cfg(test)]
@@ -22,7 +23,6 @@ use super::register::{Register, word};
 use super::shared::Shared;
 use crate::core::Width;
 use crate::finding::Kind;
-pub(crate) use stream::Step;
 use stream::*;
 
 macro_rules! streams {
@@ -53,12 +53,10 @@ pub(crate) enum Controller {
 
 /// Stream and channel of a request (RM0090, tables of the requests' mapping).
 #[rustfmt::skip]
-const REQUESTS: [(Controller, usize, u32, Request); 9] = [
+const REQUESTS: [(Controller, usize, u32, Request); 5] = [
     (Controller::Dma1, 1, 4, Request::Usart3Rx), (Controller::Dma1, 3, 4, Request::Usart3Tx),
     (Controller::Dma1, 4, 7, Request::Usart3Tx), (Controller::Dma2, 0, 0, Request::Adc1),
-    (Controller::Dma2, 4, 0, Request::Adc1), (Controller::Dma2, 0, 3, Request::Spi1Rx),
-    (Controller::Dma2, 2, 3, Request::Spi1Rx), (Controller::Dma2, 3, 3, Request::Spi1Tx),
-    (Controller::Dma2, 5, 3, Request::Spi1Tx),
+    (Controller::Dma2, 4, 0, Request::Adc1),
 ];
 
 /// First bit of a stream's flags in its status register.
@@ -93,51 +91,25 @@ impl Dma {
         self.listeners[request as usize]
     }
 
-    /// How a stream without FIFO serves a request of a peripheral towards memory: from where, to where.
-    pub fn direct(&self, stream: usize) -> Option<(u32, u32, Width)> {
-        self.streams[stream].direct()
+    /// The next item of a stream: from where, to where.
+    pub fn item(&self, stream: usize) -> (u32, u32, Width) {
+        self.streams[stream].item()
     }
 
-    /// An item went that way, or met a bus error. Whether a block ended.
+    /// An item was moved, or met a bus error. True if a block ended.
     pub fn moved(&mut self, stream: usize, done: bool, shared: &mut Shared) -> bool {
+        let s = &mut self.streams[stream];
+        let ended = done && s.moved();
         if !done {
-            let (from, _, width) = self.direct(stream).unwrap_or((0, 0, Width::Byte));
-            self.done(stream, Step::Read(from, width), None, shared);
-        } else {
-            self.streams[stream].moved();
+            s.fail();
+            let (from, to, _) = s.item();
+            let text = format!(
+                "{}: bus error from {from:#010x} to {to:#010x}",
+                self.name(stream)
+            );
+            shared.note(Kind::Fault, text);
         }
-        self.end(stream, shared)
-    }
-
-    /// A peripheral asks a stream for a transfer: its steps are then to be made.
-    pub fn begin(&mut self, stream: usize) {
-        self.streams[stream].ask();
-    }
-
-    /// The next access that a stream makes.
-    pub fn step(&mut self, stream: usize) -> Option<Step> {
-        self.streams[stream].step()
-    }
-
-    /// An access was made, with what was read; or it met a bus error.
-    pub fn done(&mut self, stream: usize, step: Step, result: Option<u32>, shared: &mut Shared) {
-        if let Some(value) = result {
-            return self.streams[stream].done(value);
-        }
-        self.streams[stream].fail();
-        let (verb, place) = match step {
-            Step::Read(place, _) => ("reading", place),
-            Step::Write(place, ..) => ("writing", place),
-        };
-        let text = format!("{}: bus error {verb} {place:#010x}", self.name(stream));
-        shared.note(Kind::Fault, text);
-        self.listen();
-    }
-
-    /// All accesses that belong to a request are made. Whether a block ended.
-    pub fn end(&mut self, stream: usize, shared: &mut Shared) -> bool {
-        let ended = self.streams[stream].settle();
-        if ended {
+        if ended || !done {
             self.listen();
         }
         if self.streams[stream].flags != 0 {
@@ -178,14 +150,13 @@ impl Dma {
         let s = &mut self.streams[k];
         let interrupts = TCIE | HTIE | TEIE | DMEIE;
         if s.is_on() {
-            // Only the interrupts may be changed, and the stream switched off. CT shows a state.
-            if (value ^ s.cr) & !(EN | interrupts | CT) != 0 {
+            // Only the interrupts may be changed, and the stream switched off.
+            if (value ^ s.cr) & !(EN | interrupts) != 0 {
                 self.refuse(k, "set up while it runs", shared);
             }
             let s = &mut self.streams[k];
             s.cr = s.cr & !(EN | interrupts) | value & (EN | interrupts);
             if value & EN == 0 {
-                s.end();
                 // The manual's way to tell that the last transfer has ended.
                 s.flags |= TCIF;
                 self.listen();
@@ -213,26 +184,19 @@ impl Dma {
             self.refuse(k, "switched on with flags up", shared);
             return false;
         }
-        let unknown = s.cr & DIR > TO_PERIPHERAL || s.cr & (PFCTRL | BURSTS) != 0;
-        if unknown {
-            let what = "memory to memory, flow control, bursts";
+        let unknown = PFCTRL | PINC | DBM | BURSTS;
+        if s.cr & DIR > TO_PERIPHERAL || s.cr & unknown != 0 || s.fcr & DMDIS != 0 {
+            let what = "FIFO, double buffers, memory to memory, PINC, flow control, bursts";
             shared.note(Kind::NotModelled, format!("{}: {what}", self.name(k)));
             return false;
         }
         if s.ndtr == 0 {
             self.refuse(k, "switched on without data", shared);
         }
-        let (peripheral, memory) = (s.peripheral_width().bytes(), s.memory_width().bytes());
-        let double = s.cr & DBM != 0;
-        if !s.peripheral.is_multiple_of(peripheral)
-            || !s.memory[0].is_multiple_of(memory)
-            || double && !s.memory[1].is_multiple_of(memory)
-        {
+        let width = s.width().bytes();
+        if !s.peripheral.is_multiple_of(width) || !s.memory[0].is_multiple_of(width) {
             let text = format!("{}: an address is not aligned to its width", self.name(k));
             shared.note(Kind::Alignment, text);
-        }
-        if !(s.ndtr * peripheral).is_multiple_of(memory) {
-            self.refuse(k, "a block is not whole memory items", shared);
         }
         true
     }
@@ -245,23 +209,6 @@ impl Dma {
         } else {
             s.fcr = value & (FEIE | DMDIS | 3);
         }
-        self.line(k, shared);
-    }
-
-    /// Writes an address of memory. The buffer that is not in use may be changed at any time; changing
-    /// the other is an error of the transfer.
-    fn write_memory(&mut self, k: usize, which: usize, value: u32, shared: &mut Shared) {
-        let s = &mut self.streams[k];
-        let in_use = usize::from(s.cr & CT != 0) == which;
-        if !s.is_on() || s.cr & DBM != 0 && !in_use {
-            s.memory[which] = value;
-            return;
-        }
-        if s.cr & DBM != 0 {
-            s.fail();
-            self.listen();
-        }
-        self.refuse(k, "set up while it runs", shared);
         self.line(k, shared);
     }
 }
@@ -286,7 +233,8 @@ impl Peripheral for Dma {
             0x08 => s.peripheral,
             0x0c => s.memory[0],
             0x10 => s.memory[1],
-            _ => s.fifo_control(),
+            // The FIFO is empty.
+            _ => s.fcr & !0x38 | 4 << 3,
         }
     }
 
@@ -301,11 +249,11 @@ impl Peripheral for Dma {
         let on = self.streams[k].is_on();
         match within % 0x18 {
             0x00 => self.write_cr(k, value, shared),
-            0x04 | 0x08 if on => self.refuse(k, "set up while it runs", shared),
+            0x04..=0x10 if on => self.refuse(k, "set up while it runs", shared),
             0x04 => self.streams[k].ndtr = value & 0xffff,
             0x08 => self.streams[k].peripheral = value,
-            0x0c => self.write_memory(k, 0, value, shared),
-            0x10 => self.write_memory(k, 1, value, shared),
+            0x0c => self.streams[k].memory[0] = value,
+            0x10 => self.streams[k].memory[1] = value,
             _ => self.write_fcr(k, value, shared),
         }
     }

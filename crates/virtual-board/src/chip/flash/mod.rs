@@ -1,19 +1,19 @@
-//! The flash: bytes, wait states, erasing and programming, option bytes.
+//! The flash: bytes, wait states, erasing and programming.
 //!
 //! Source: reference manual RM0090, chapter 3; times are typical ones of the data sheet. Erasing sets
 //! bits, programming clears them. While an operation runs, the core waits at its next fetch or load
 //! from the flash, cached or not. A reset during an operation leaves contents that nobody can rely on:
 //! bits of the word programmed at random, bytes of the sector old, erased or something between.
 //!
-//! The manual gives no time for writing the option bytes; the one used is that of erasing the smallest
-//! sector. An instruction cache that is not reset after an erase does no harm here, a data cache gives
-//! the old bytes.
+//! An instruction cache that is not reset after an erase does no harm here, a data cache gives the old
+//! bytes. The option bytes are those of a new chip, but for the brown-out level of its
+//! [`ChipVariation`](super::ChipVariation).
 //!
-//! Not modelled: programming of 64 bits, the boot loader, what read protection keeps from a debugger.
+//! Not modelled: programming of 64 bits, erasing everything at once, writing the option bytes, the area
+//! that is programmed once, the boot loader.
 
 mod accelerator;
 mod layout;
-mod options;
 mod write;
 
 use super::Peripheral;
@@ -26,8 +26,7 @@ use crate::core::{Transfer, Width};
 use crate::finding::Kind;
 use crate::time::{Cycles, NEVER, Time};
 use accelerator::Accelerator;
-use layout::{BASE, LENGTH, ONCE_LENGTH, ONCE_LOCKS, PROGRAM, Parallelism, Place, SECTORS};
-use options::{OPTLOCK, Options};
+use layout::{BASE, LENGTH, PROGRAM, Parallelism, SECTORS};
 
 #[rustfmt::skip]
 const REGISTERS: &[Register] = &[
@@ -37,9 +36,10 @@ const REGISTERS: &[Register] = &[
 
 // Bits of SR.
 bits! {
-    EOP 0, OPERR 1, WRPERR 4, PGAERR 5, PGPERR 6, PGSERR 7, BSY 16
+    EOP 0, OPERR 1, PGPERR 6, PGSERR 7, BSY 16
 }
-const CLEARED_BY_ONE: u32 = EOP | OPERR | WRPERR | PGAERR | PGPERR | PGSERR;
+/// With the errors of protection and alignment, which do not come up.
+const CLEARED_BY_ONE: u32 = EOP | OPERR | 0xf0;
 // Bits of CR.
 bits! {
     PG 0, SER 1, MER 2, STRT 16, EOPIE 24, ERRIE 25, LOCK 31
@@ -49,6 +49,9 @@ bits! {
     PRFTEN 8, ICEN 9, DCEN 10, ICRST 11, DCRST 12
 }
 
+/// OPTCR of a new chip: no protection, software watchdog, and locked.
+const OPTCR: u32 = 0x0fff_aaed;
+
 /// The slowest clock of the core for programming and erasing, Hz.
 const SLOWEST_HZ: u64 = 1_000_000;
 
@@ -57,14 +60,12 @@ const SLOWEST_HZ: u64 = 1_000_000;
 enum Operation {
     /// A place and a value, and the bits of it that are being cleared.
     Program {
-        place: Place,
+        place: usize,
         width: Width,
         clears: u32,
     },
     /// First and last byte.
     Erase { first: usize, last: usize },
-    /// What is to stand in the option bytes.
-    Options(u32),
 }
 
 /// An operation that the program has begun.
@@ -91,16 +92,11 @@ enum Keys {
 /// The flash and its interface.
 pub(crate) struct Flash {
     bytes: Vec<u8>,
-    /// The area that is programmed once.
-    once: Vec<u8>,
     accelerator: Accelerator,
     acr: u32,
     sr: u32,
     cr: u32,
-    optcr: u32,
-    options: Options,
-    /// Of KEYR and OPTKEYR.
-    keys: [Keys; 2],
+    keys: Keys,
     operation: Option<Operation>,
     busy_until: Time,
     changed: Option<(u32, u32)>,
@@ -112,17 +108,13 @@ pub(crate) struct Flash {
 
 impl Default for Flash {
     fn default() -> Self {
-        let options = Options::default();
         Self {
             bytes: vec![0xff; LENGTH],
-            once: vec![0xff; ONCE_LENGTH],
             accelerator: Accelerator::new(),
             acr: 0,
             sr: 0,
             cr: LOCK,
-            optcr: options.register(),
-            options,
-            keys: [Keys::None; 2],
+            keys: Keys::None,
             operation: None,
             busy_until: Time(0),
             changed: None,
@@ -133,41 +125,15 @@ impl Default for Flash {
 }
 
 impl Flash {
-    /// The interface after a reset, at which the power came on or not. The bytes stay, but for an
-    /// operation that was under way.
-    pub fn reset(&mut self, power: bool, shared: &mut Shared) {
+    /// The interface after a reset. The bytes stay, but for an operation that was under way.
+    pub fn reset(&mut self, shared: &mut Shared) {
         if let Some(operation) = self.operation.take() {
             self.tear(operation, shared);
         }
-        if power {
-            self.options.load();
-        }
         self.accelerator = Accelerator::new();
         (self.acr, self.sr, self.cr) = (0, 0, LOCK);
-        self.optcr = self.options.register();
-        self.keys = [Keys::None; 2];
+        self.keys = Keys::None;
         self.change(0, LENGTH - 1);
-    }
-
-    /// The power has failed: what counts from the next power-on does so now.
-    pub fn power_failed(&mut self) {
-        self.options.load();
-    }
-
-    /// Brown-out level in force, by the option bytes: 3 is off.
-    pub fn brown_out(&self) -> u32 {
-        self.options.brown_out()
-    }
-
-    /// Whether the option bytes have the watchdog start by itself.
-    pub fn starts_watchdog(&self) -> bool {
-        self.options.starts_watchdog()
-    }
-
-    /// Sets the brown-out level in the option bytes.
-    pub fn set_brown_out(&mut self, level: u32) {
-        let register = self.options.register();
-        self.options.write(register & !(3 << 2) | (level & 3) << 2);
     }
 
     /// The operations that the program has begun so far.
@@ -214,47 +180,27 @@ impl Flash {
                 }
                 self.change(first, last);
             }
-            Operation::Options(_) => self.options.tear(),
         }
     }
 
     /// What stands at an address of the flash or its alias at 0; none elsewhere. For decoding and for
     /// a debugger: takes no time and knows no cache.
     pub fn peek(&self, address: u32, width: Width) -> Option<u32> {
-        Some(match Place::of(address)? {
-            Place::Main(at) => super::bus::get(&self.bytes, at, width),
-            Place::Once(at) => super::bus::get(&self.once, at, width),
-            Place::System => super::bus::get(&[0xff; 4], 0, width),
-            Place::Options(at) => {
-                let bytes: [u8; 4] = std::array::from_fn(|k| self.options.byte(at + k as u32));
-                super::bus::get(&bytes, 0, width)
-            }
-        })
+        let at = layout::main(address)?;
+        Some(super::bus::get(&self.bytes, at, width))
     }
 
     /// The same as a load by the program, with what it takes.
     #[inline]
     pub fn load(&mut self, at: Transfer, cycle: &mut Cycles, shared: &mut Shared) -> Option<u32> {
-        if self.operation.is_some() && Place::of(at.address).is_some() {
+        let place = layout::main(at.address)?;
+        if self.operation.is_some() {
             self.stall(cycle, shared);
         }
-        let Some(place) = layout::main(at.address) else {
-            return self.load_elsewhere(at, cycle, shared);
-        };
         let line = place / 16;
         let bytes = &self.bytes[16 * line..16 * line + 16];
         let seen = self.accelerator.load(line as u32, bytes, cycle);
         Some(super::bus::get(seen, place % 16, at.width))
-    }
-
-    #[cold]
-    fn load_elsewhere(&self, at: Transfer, cycle: &mut Cycles, shared: &mut Shared) -> Option<u32> {
-        let value = self.peek(at.address, at.width)?;
-        if Place::of(at.address) == Some(Place::System) {
-            shared.note(Kind::NotModelled, "the boot loader's memory");
-        }
-        *cycle += self.accelerator.wait_states;
-        Some(value)
     }
 
     /// The core waits until the operation has ended.
@@ -279,13 +225,6 @@ impl Flash {
                 self.bytes[first..=last].fill(0xff);
                 self.change(first, last);
             }
-            Operation::Options(register) => {
-                if self.options.unprotects(register) {
-                    self.bytes.fill(0xff);
-                    self.change(0, LENGTH - 1);
-                }
-                self.options.write(register);
-            }
         }
         self.sr &= !BSY;
         if self.cr & EOPIE != 0 {
@@ -296,17 +235,10 @@ impl Flash {
     }
 
     /// Clears bits.
-    fn clear(&mut self, place: Place, width: Width, bits: u32) {
-        let (bytes, at) = match place {
-            Place::Main(at) => (&mut self.bytes, at),
-            Place::Once(at) => (&mut self.once, at),
-            Place::System | Place::Options(_) => return,
-        };
-        let value = super::bus::get(bytes, at, width) & !bits;
-        super::bus::put(bytes, at, width, value);
-        if let Place::Main(at) = place {
-            self.change(at, at + width.bytes() as usize - 1);
-        }
+    fn clear(&mut self, place: usize, width: Width, bits: u32) {
+        let value = super::bus::get(&self.bytes, place, width) & !bits;
+        super::bus::put(&mut self.bytes, place, width, value);
+        self.change(place, place + width.bytes() as usize - 1);
     }
 
     fn line(&self, shared: &mut Shared) {
@@ -369,19 +301,6 @@ impl Flash {
         }
     }
 
-    /// Whether the place is written for good.
-    fn is_protected(&self, place: Place) -> bool {
-        match place {
-            Place::Main(at) => self.options.is_protected(layout::sector_of(at)),
-            // Each block of 32 bytes has its lock byte behind them; the lock bytes have none.
-            Place::Once(at) => {
-                let first = ONCE_LENGTH - ONCE_LOCKS;
-                at < first && self.once[first + at / 32] == 0
-            }
-            Place::System | Place::Options(_) => true,
-        }
-    }
-
     /// A store to an address of the flash; false elsewhere.
     pub fn program(
         &mut self,
@@ -391,7 +310,7 @@ impl Flash {
         shared: &mut Shared,
     ) -> bool {
         let Transfer { address, width, .. } = at;
-        let Some(place) = Place::of(address) else {
+        let Some(place) = layout::main(address) else {
             return false;
         };
         if self.operation.is_some() {
@@ -404,9 +323,6 @@ impl Flash {
         } else if !self.parallelism().is(width) {
             let text = "flash written in another width than PSIZE says".to_owned();
             self.refuse(PGPERR, text, shared);
-        } else if self.is_protected(place) {
-            let text = format!("flash written at {address:#010x}, which is protected");
-            self.refuse(WRPERR, text, shared);
         } else {
             self.judge_supply(shared);
             let before = self.peek(address, width).unwrap_or(0) & width.mask();
@@ -426,23 +342,8 @@ impl Flash {
             let text = format!("flash sector {number} erased: there are {SECTORS}");
             return self.refuse(PGSERR, text, shared);
         };
-        if self.options.is_protected(number) {
-            let text = format!("flash sector {number} erased, which is protected");
-            return self.refuse(WRPERR, text, shared);
-        }
         self.judge_supply(shared);
         let takes = self.parallelism().sector(number);
-        self.begin(Operation::Erase { first, last }, takes, shared);
-    }
-
-    fn erase_all(&mut self, shared: &mut Shared) {
-        if self.options.is_any_protected() {
-            let text = "flash erased, of which a sector is protected".to_owned();
-            return self.refuse(WRPERR, text, shared);
-        }
-        self.judge_supply(shared);
-        let (first, last) = (0, LENGTH - 1);
-        let takes = self.parallelism().all();
         self.begin(Operation::Erase { first, last }, takes, shared);
     }
 
@@ -469,12 +370,12 @@ impl Peripheral for Flash {
         REGISTERS
     }
 
-    fn read(&mut self, offset: u32, _shared: &mut Shared) -> u32 {
+    fn read(&mut self, offset: u32, shared: &mut Shared) -> u32 {
         match offset {
             0x00 => self.acr,
             0x0c => self.sr,
             0x10 => self.cr,
-            0x14 => self.optcr,
+            0x14 => OPTCR & !0xc | shared.variation.brown_out << 2,
             _ => 0,
         }
     }
@@ -483,13 +384,8 @@ impl Peripheral for Flash {
         match offset {
             0x00 => self.write_acr(merge(self.acr, value, mask), shared),
             0x04 => {
-                if self.key(0, value, [0x4567_0123, 0xcdef_89ab], shared) {
+                if self.key(value, shared) {
                     self.cr &= !LOCK;
-                }
-            }
-            0x08 => {
-                if self.key(1, value, [0x0819_2a3b, 0x4c5d_6e7f], shared) {
-                    self.optcr &= !OPTLOCK;
                 }
             }
             0x0c => {
@@ -497,7 +393,7 @@ impl Peripheral for Flash {
                 self.line(shared);
             }
             0x10 => self.write_cr(merge(self.cr, value, mask), shared),
-            _ => self.write_optcr(merge(self.optcr, value, mask), shared),
+            _ => shared.note(Kind::NotModelled, "FLASH: the program writes option bytes"),
         }
     }
 

@@ -1,4 +1,3 @@
-use super::options::OPTSTRT;
 use super::*;
 use crate::chip::testing::shared;
 
@@ -96,13 +95,10 @@ fn each_error_has_its_flag() {
     let found = errors_of(&mut flash, Width::Byte, &mut shared);
     assert_eq!(found, PGPERR | OPERR);
     assert_eq!(shared.lines, 1 << Interrupt::Flash as u32);
-    flash.options.write(flash.options.register() & !(1 << 21));
-    let found = errors_of(&mut flash, Width::Word, &mut shared);
-    assert_eq!(found, WRPERR | OPERR);
-    flash.write(0x10, SER | 5 << 3 | STRT, !0, &mut shared);
-    assert_eq!(flash.read(0x0c, &mut shared) & (BSY | WRPERR), WRPERR);
     flash.write(0x10, MER | STRT, !0, &mut shared);
+    flash.write(0x08, 1, !0, &mut shared);
     assert_eq!(flash.read(0x0c, &mut shared) & BSY, 0);
+    assert_eq!(shared.kinds()[2..], [Kind::NotModelled; 2]);
     assert_eq!(flash.peek(BASE + 0x2_0000, Width::Word), Some(!0));
 }
 
@@ -149,7 +145,7 @@ fn a_power_cut_leaves_some_bits_of_a_word() {
         flash.cr = PG | 2 << 8;
         let mut cycle = 0;
         flash.program(word(BASE + 4 * k), 0xff, &mut cycle, &mut shared);
-        flash.reset(true, &mut shared);
+        flash.reset(&mut shared);
         let word = flash.peek(BASE + 4 * k, Width::Word).unwrap_or(0);
         assert_eq!(word & 0xff, 0xff, "bits that were not to be cleared");
         torn += u32::from(word != 0xff && word != !0);
@@ -163,7 +159,7 @@ fn a_power_cut_leaves_a_sector_that_is_neither_old_nor_erased() {
     let mut flash = unlocked(&mut shared);
     flash.bytes_mut().fill(0x5a);
     flash.write(0x10, SER | 1 << 3 | 2 << 8 | STRT, !0, &mut shared);
-    flash.reset(true, &mut shared);
+    flash.reset(&mut shared);
     let count = |byte: u8| {
         flash.bytes[0x4000..0x8000]
             .iter()
@@ -178,55 +174,6 @@ fn a_power_cut_leaves_a_sector_that_is_neither_old_nor_erased() {
             .chain(&flash.bytes[0x8000..])
             .all(|b| *b == 0x5a)
     );
-}
-
-#[test]
-fn option_bytes_are_written_and_a_cut_leaves_them_erased() {
-    for cut in [false, true] {
-        let mut shared = shared();
-        let mut flash = Flash::default();
-        flash.write(0x14, 0, !0, &mut shared);
-        assert_eq!(shared.findings.list().len(), 1, "locked");
-        for key in [0x0819_2a3b, 0x4c5d_6e7f] {
-            flash.write(0x08, key, !0, &mut shared);
-        }
-        let wanted = flash.read(0x14, &mut shared) & !0xc;
-        flash.write(0x14, wanted, !0, &mut shared);
-        flash.write(0x14, wanted | OPTSTRT, !0, &mut shared);
-        assert_ne!(flash.read(0x0c, &mut shared) & BSY, 0);
-        if !cut {
-            shared.now = shared.due(Unit::Flash);
-            flash.event(&mut shared);
-            flash.reset(false, &mut shared);
-            assert_eq!(flash.brown_out(), 3, "not before the next power-on");
-        }
-        flash.reset(true, &mut shared);
-        let (level, rdp) = if cut { (3, 0xff) } else { (0, 0xaa) };
-        assert_eq!(flash.brown_out(), level);
-        assert_eq!(flash.read(0x14, &mut shared) >> 8 & 0xff, rdp);
-    }
-}
-
-#[test]
-fn the_area_that_is_programmed_once_is_locked_by_blocks() {
-    let mut shared = shared();
-    let mut flash = unlocked(&mut shared);
-    flash.write(0x10, PG, !0, &mut shared);
-    // The lock byte of block 1.
-    for (address, value) in [
-        (0x1fff_7820, 7),
-        (0x1fff_7a01, 0),
-        (0x1fff_7820, 0),
-        (0x1fff_7840, 3),
-    ] {
-        let mut cycle = shared.now;
-        flash.program(of(address, Width::Byte), value, &mut cycle, &mut shared);
-        shared.now = shared.due(Unit::Flash).min(shared.now + 1000);
-        flash.event(&mut shared);
-    }
-    let byte = |address: u32| flash.peek(address, Width::Byte);
-    assert_eq!([byte(0x1fff_7820), byte(0x1fff_7840)], [Some(7), Some(3)]);
-    assert_eq!(flash.sr & WRPERR, WRPERR);
 }
 
 #[test]

@@ -1,21 +1,14 @@
 //! Effects of writes to the registers of the flash.
 
-use super::options::{OPTLOCK, OPTSTRT, Protection};
 use super::*;
 
 impl Flash {
     /// A key; whether the lock is open now.
-    pub(super) fn key(
-        &mut self,
-        which: usize,
-        value: u32,
-        keys: [u32; 2],
-        shared: &mut Shared,
-    ) -> bool {
-        let given = &mut self.keys[which];
+    pub(super) fn key(&mut self, value: u32, shared: &mut Shared) -> bool {
+        let given = &mut self.keys;
         match *given {
-            Keys::None if value == keys[0] => *given = Keys::First,
-            Keys::First if value == keys[1] => {
+            Keys::None if value == 0x4567_0123 => *given = Keys::First,
+            Keys::First if value == 0xcdef_89ab => {
                 *given = Keys::None;
                 return true;
             }
@@ -47,7 +40,7 @@ impl Flash {
         if value & STRT != 0 {
             match value & (SER | MER) {
                 SER => self.erase_sector(shared),
-                MER => self.erase_all(shared),
+                MER => shared.note(Kind::NotModelled, "FLASH: all is erased at once"),
                 _ => {
                     let text = "FLASH_CR: STRT without one of SER and MER".to_owned();
                     self.refuse(PGSERR, text, shared);
@@ -67,24 +60,5 @@ impl Flash {
         }
         self.acr = value & 0x1f07;
         self.accelerator.set(value);
-    }
-
-    pub(super) fn write_optcr(&mut self, value: u32, shared: &mut Shared) {
-        self.wait(shared);
-        if self.optcr & OPTLOCK != 0 {
-            return shared.note(Kind::Forbidden, "FLASH_OPTCR written while locked");
-        }
-        if self.options.protection() == Protection::Forever {
-            let text = "FLASH_OPTCR written at read protection level 2";
-            return shared.note(Kind::Forbidden, text);
-        }
-        self.optcr = value & !OPTSTRT;
-        if value & OPTSTRT != 0 {
-            let mut takes = self.parallelism().sector(0);
-            if self.options.unprotects(value) {
-                takes = takes + self.parallelism().all();
-            }
-            self.begin(Operation::Options(value), takes, shared);
-        }
     }
 }

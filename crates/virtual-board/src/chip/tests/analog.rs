@@ -8,7 +8,6 @@ const TIM2: u32 = 0x4000_0000;
 const TIM3: u32 = 0x4000_0400;
 const ADC1: u32 = 0x4001_2000;
 const DMA2: u32 = 0x4002_6400;
-const SPI1: u32 = 0x4001_3000;
 const PORT_A: u32 = 0x4002_0000;
 const PORT_C: u32 = 0x4002_0800;
 const AHB1ENR: u32 = RCC + 0x30;
@@ -282,42 +281,6 @@ fn an_encoder_at_two_pins_is_counted() {
     bench.script(&script);
     bench.run_to(start + 400 * 400);
     assert_eq!(bench.read(TIM3 + 0x24), 400);
-    assert_eq!(bench.findings(), []);
-}
-
-#[test]
-fn words_go_out_and_come_in_by_two_streams() {
-    let mut bench = Bench::precise();
-    let at = 0x400;
-    for k in 0..8 {
-        bench.chip.sram()[at + k] = 0x10 + k as u8;
-    }
-    let memory = 1 << 10;
-    bench.write_all(&[
-        (AHB1ENR, 1 | 1 << 22),
-        (APB2ENR, 1 << 12),
-        (PORT_A + 0x20, 0x5550_0000),
-        (PORT_A, 0xa800_a800),
-        // Stream 2 from, stream 3 to the data register.
-        (DMA2 + 0x40 + 0x08, SPI1 + 0x0c),
-        (DMA2 + 0x40 + 0x0c, SRAM + 0x500),
-        (DMA2 + 0x40 + 0x04, 8),
-        (DMA2 + 0x40, 3 << 25 | memory | 1),
-        (DMA2 + 0x58 + 0x08, SPI1 + 0x0c),
-        (DMA2 + 0x58 + 0x0c, SRAM + at as u32),
-        (DMA2 + 0x58 + 0x04, 8),
-        (DMA2 + 0x58, 3 << 25 | memory | 1 << 6 | 1),
-        (SPI1, 1 << 9 | 1 << 8 | 1 << 6 | 1 << 2),
-        (SPI1 + 0x04, 3),
-    ]);
-    // Eight bits of two cycles each.
-    bench.run_to(bench.cycle + 8 * 16 + 20);
-    let sent: Vec<_> = (0x10..0x18).collect();
-    assert_eq!(bench.world().words, sent);
-    let came: Vec<_> = (0x10..0x18).map(|word| word ^ 0xff).collect();
-    assert_eq!(bench.chip.sram()[0x500..0x508], came);
-    // Both are complete: streams 2 and 3 in the low register, halves too.
-    assert_eq!(bench.read(DMA2), 0x30 << 16 | 0x30 << 22);
     assert_eq!(bench.findings(), []);
 }
 

@@ -3,7 +3,6 @@
 use super::Timer;
 use super::counter::Turn;
 use super::input::{self, Filter};
-use super::output;
 use super::registers::*;
 use crate::chip::pin::Signal;
 use crate::chip::shared::Shared;
@@ -26,8 +25,8 @@ impl Timer {
             }
             return;
         }
-        let Some(which) = (0..4).find(|&k| output::signal(self.kind, k, false) == Some(signal))
-        else {
+        let channels = Signal::CHANNELS[self.kind as usize];
+        let Some(which) = channels.iter().position(|&channel| channel == signal) else {
             return;
         };
         if self.encoder().is_none() || which > 1 {

@@ -1,4 +1,4 @@
-//! Timers TIM1 to TIM5: counting, compare, pulses with dead time and break, encoders, triggers.
+//! Timers TIM1 to TIM5: counting, compare, pulses with break, encoders, triggers.
 //!
 //! Source: reference manual RM0090, chapters 17 and 18. The counter is not stepped: its value follows
 //! from the time, and what happens at compare values and at the ends of the count is done when somebody
@@ -15,8 +15,9 @@
 //! - The level of OCxREF after a change from a forced mode to pulses follows the counter from the next
 //!   change of the comparison on (the manual's note on OCxM).
 //!
-//! Not modelled: input capture, slave modes other than encoders, DMA requests, OCxCE, CCPC, TI1S, the
-//! remapping of OR, a prescaler before an encoder; switching one on is a finding.
+//! Not modelled: complementary outputs with their dead time, one-pulse mode, AOE, LOCK, input capture, slave
+//! modes other than encoders, DMA requests, OCxCE, CCPC, TI1S, the remapping of OR, a prescaler before an
+//! encoder; switching one on is a finding.
 
 mod counter;
 mod encoder;
@@ -29,14 +30,14 @@ mod write;
 
 use super::Peripheral;
 use super::effect::Effect;
-use super::pin::Drive;
+use super::pin::{Drive, Signal};
 use super::register::{Register, merge};
 use super::shared::Shared;
 use crate::finding;
 use crate::time::{Cycles, NEVER};
 use counter::{Counter, Turn};
 use input::Input;
-use output::{Mode, Stage};
+use output::Mode;
 pub(crate) use registers::Kind;
 use registers::*;
 
@@ -50,10 +51,8 @@ struct Channel {
     reference: bool,
     /// Latest result of the comparison for pulses.
     inside: bool,
-    /// Until when the dead time holds output and complement inactive.
-    held: [Option<Cycles>; 2],
-    /// How output and complement drive their pins.
-    drives: [Drive; 2],
+    /// How the output drives its pin.
+    drive: Drive,
 }
 
 /// What somebody waits for.
@@ -77,10 +76,8 @@ pub(crate) struct Timer {
     needs: Needs,
     inputs: [Input; 4],
     break_level: bool,
-    /// Whether a filter or a dead time may be running.
+    /// True if a filter may be running.
     timed: bool,
-    /// LOCK was written, and is the same until a reset.
-    locked: bool,
     /// The core is halted and DBGMCU stops the timer then, or its clock is off.
     frozen: bool,
     gated: bool,
@@ -102,7 +99,6 @@ impl Timer {
             inputs: [Input::default(); 4],
             break_level: false,
             timed: false,
-            locked: false,
             frozen: false,
             gated: false,
         }
@@ -160,15 +156,9 @@ impl Timer {
         self.mode_bits(k) & 3 == 0
     }
 
-    /// CCxE, CCxP, CCxNE, CCxNP of a channel.
+    /// CCxE and CCxP of a channel.
     fn enables(&self, k: usize) -> u32 {
-        let bits = self.reg(CCER) >> (4 * k) & 15;
-        // Only TIM1 has complements, and its channel 4 has none.
-        if self.kind == Kind::Tim1 && k < 3 {
-            bits
-        } else {
-            bits & 3
-        }
+        self.reg(CCER) >> (4 * k) & 3
     }
 
     /// Whether outputs are enabled altogether.
@@ -306,54 +296,30 @@ impl Timer {
         if self.master() == 4 + k as u32 {
             self.trgo(reference, shared);
         }
-        if self.enables(k) & 5 != 0 {
-            if self.main_enabled() {
-                self.hold(k, usize::from(!reference), shared);
-            }
+        if self.enables(k) & 1 != 0 {
             self.drive(k, shared);
         }
     }
 
-    /// The side that is to become active waits for the dead time.
-    fn hold(&mut self, k: usize, side: usize, shared: &Shared) {
-        let both = self.enables(k) & 5 == 5;
-        let wait = output::dead_time(self.reg(BDTR)) * self.sampling();
-        let held = &mut self.channels[k].held;
-        *held = [None; 2];
-        if both && wait > 0 {
-            held[side] = Some(shared.now + wait);
-            self.timed = true;
-        }
-    }
-
-    /// Drives a channel's outputs anew.
+    /// Drives a channel's output anew (RM0090, table of the output control bits).
     fn drive(&mut self, k: usize, shared: &mut Shared) {
-        let (bdtr, cr2) = (self.reg(BDTR), self.reg(CR2));
-        let stage = Stage {
-            enables: if self.is_output(k) {
-                self.enables(k)
-            } else {
-                0
-            },
-            idle: [0, 1].map(|side| k < 4 - side && cr2 >> (8 + 2 * k + side) & 1 != 0),
-            main: self.main_enabled(),
-            ossr: bdtr & OSSR != 0,
-            ossi: bdtr & OSSI != 0,
+        let enables = self.enables(k);
+        let level = if enables & 1 == 0 || !self.is_output(k) {
+            None
+        } else if self.main_enabled() {
+            Some(self.channels[k].reference != (enables & 2 != 0))
+        } else {
+            // The idle level, OISx.
+            (self.reg(BDTR) & OSSI != 0).then_some(self.reg(CR2) >> (8 + 2 * k) & 1 != 0)
         };
-        let channel = &mut self.channels[k];
-        let drives = stage.drives(channel.reference, channel.held.map(|held| held.is_some()));
-        let before = std::mem::replace(&mut channel.drives, drives);
-        if before == drives {
+        let drive = level.map_or(Drive::Open, Drive::to);
+        let before = std::mem::replace(&mut self.channels[k].drive, drive);
+        if before == drive {
             return;
         }
-        for side in 0..2 {
-            if before[side] != drives[side]
-                && let Some(signal) = output::signal(self.kind, k, side == 1)
-            {
-                shared.effect(Effect::Output(signal, drives[side]));
-            }
-        }
-        let [was, is] = [before, drives].map(|drives| drives[0] == Drive::High);
+        let signal = Signal::CHANNELS[self.kind as usize][k];
+        shared.effect(Effect::Output(signal, drive));
+        let [was, is] = [before, drive].map(|drive| drive == Drive::High);
         if was != is
             && let Some(trigger) = self.kind.compare(k)
         {
@@ -370,25 +336,18 @@ impl Timer {
     /// The end of a leg.
     fn turn(&mut self, end: Cycles, shared: &mut Shared) {
         let turn = self.counter.turn();
-        let updated = self.ended(turn, shared);
+        self.ended(turn, shared);
         self.counter.next_leg(turn, end);
-        if updated && self.reg(CR1) & OPM != 0 {
-            *self.reg_mut(CR1) &= !CEN;
-            self.counter.stop(end);
-            if self.master() == 1 {
-                self.trgo(false, shared);
-            }
-        }
         let from = self.counter.value(end);
         for k in 0..4 {
             self.compare(k, from, shared);
         }
     }
 
-    /// The count has come to an end; whether that was an update.
-    fn ended(&mut self, turn: Turn, shared: &mut Shared) -> bool {
+    /// The count has come to an end.
+    fn ended(&mut self, turn: Turn, shared: &mut Shared) {
         if turn == Turn::Wrap {
-            return false;
+            return;
         }
         self.compare_beyond(turn, shared);
         let updates = self.repetitions == 0 && self.reg(CR1) & UDIS == 0;
@@ -396,7 +355,6 @@ impl Timer {
         if updates {
             self.update(false, shared);
         }
-        updates
     }
 
     /// Compare values above the reload value set their flag where the count ends.
@@ -424,11 +382,6 @@ impl Timer {
         }
         if self.master() == 2 {
             self.pulse(shared);
-        }
-        let bdtr = self.reg(BDTR);
-        if bdtr & (AOE | MOE) == AOE && !self.is_broken() {
-            *self.reg_mut(BDTR) |= MOE;
-            self.main_changed(shared);
         }
         if self.reg(DIER) & UPDATE != 0 {
             self.line(shared);
@@ -461,9 +414,6 @@ impl Timer {
     /// MOE has changed.
     fn main_changed(&mut self, shared: &mut Shared) {
         for k in 0..4 {
-            // Off, all are inactive for a dead time; on, the active side waits for it.
-            let side = usize::from(self.main_enabled() && !self.channels[k].reference);
-            self.hold(k, side, shared);
             self.drive(k, shared);
         }
         self.judge_needs();
@@ -471,21 +421,19 @@ impl Timer {
 
     /// What somebody waits for, from the registers.
     fn judge_needs(&mut self) {
-        let (dier, bdtr) = (self.reg(DIER), self.reg(BDTR));
+        let dier = self.reg(DIER);
         let master = self.master();
-        let by_break = self.kind == Kind::Tim1 && bdtr & (AOE | MOE) == AOE;
-        let update = dier & UPDATE != 0 || master == 2 || by_break;
-        let stops = master == 1 && self.reg(CR1) & OPM != 0;
+        let update = dier & UPDATE != 0 || master == 2;
         let mut channels = 0;
         for k in (0..4).filter(|&k| self.is_output(k)) {
             let flag = dier >> (k + 1) & 1 != 0 || k == 0 && master == 3;
             let reference =
-                self.enables(k) & 5 != 0 && self.main_enabled() || master == 4 + k as u32;
+                self.enables(k) & 1 != 0 && self.main_enabled() || master == 4 + k as u32;
             let follows = self.channels[k].mode.follows_counter();
             channels |= u32::from(flag || reference && follows) << k;
         }
         self.needs = Needs {
-            update: update || stops || channels != 0,
+            update: update || channels != 0,
             channels,
         };
     }
@@ -507,28 +455,19 @@ impl Timer {
             }
         }
         if self.timed {
-            let filters = self.inputs.iter().filter_map(|input| input.due);
-            let dead_times = self.channels.iter().flat_map(|channel| channel.held);
-            let first = filters.chain(dead_times.flatten()).min();
+            let first = self.inputs.iter().filter_map(|input| input.due).min();
             self.timed = first.is_some();
             next = next.min(first.unwrap_or(NEVER));
         }
         shared.schedule(self.kind.unit(), next);
     }
 
-    /// Filters and dead times that have run by now.
+    /// Filters that have run by now.
     fn end_times(&mut self, now: Cycles, shared: &mut Shared) {
         for which in 0..2 {
             let input = &mut self.inputs[which];
             if input.due.is_some_and(|due| due <= now) && input.pass() {
                 self.encoder_edge(which, shared);
-            }
-        }
-        for k in 0..4 {
-            let held = &mut self.channels[k].held;
-            if held.iter().flatten().any(|&until| until <= now) {
-                *held = held.map(|until| until.filter(|&until| until > now));
-                self.drive(k, shared);
             }
         }
     }

@@ -118,17 +118,15 @@ pub(super) const ARPE: u32 = 1 << 7;
 // Bits of CR2.
 pub(super) const CCPC: u32 = 1;
 pub(super) const TI1S: u32 = 1 << 7;
-pub(super) const IDLES: u32 = 0x7f00;
 // Bits of SR, DIER and EGR.
 bits! { pub(super):
     UPDATE 0, COMMUTATION 5, TRIGGER 6, BREAK 7
 }
 // Bits of BDTR.
 bits! { pub(super):
-    MOE 15, AOE 14, BKP 13, BKE 12, OSSR 11, OSSI 10
+    MOE 15, AOE 14, BKP 13, BKE 12, OSSI 10
 }
 pub(super) const LOCK: u32 = 3 << 8;
-pub(super) const DTG: u32 = 0xff;
 
 #[rustfmt::skip]
 const ADVANCED: &[Register] = &[

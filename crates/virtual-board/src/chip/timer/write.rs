@@ -70,6 +70,9 @@ impl Timer {
     fn write_cr1(&mut self, value: u32, shared: &mut Shared) {
         let (old, now) = (self.reg(CR1), shared.now);
         *self.reg_mut(CR1) = value;
+        if value & OPM != 0 {
+            self.not_modelled("one-pulse mode", shared);
+        }
         let centred = value & CMS != 0;
         if old & CEN != 0 && centred != self.counter.centred {
             let text = "CMS: alignment changed while the counter is enabled";
@@ -110,10 +113,7 @@ impl Timer {
     }
 
     fn write_cr2(&mut self, value: u32, shared: &mut Shared) {
-        let kept = if self.lock() >= 1 { IDLES } else { 0 };
-        let old = self.reg(CR2);
-        self.judge_lock(value ^ old, kept, "OISx", shared);
-        *self.reg_mut(CR2) = merge(value, old, kept);
+        let old = std::mem::replace(self.reg_mut(CR2), value);
         if value & (CCPC | TI1S) != 0 {
             self.not_modelled("CCPC, TI1S", shared);
         }
@@ -164,27 +164,17 @@ impl Timer {
                 }
             }
         }
-        *self.reg_mut(SR) |= value & TRIGGER;
-        if self.kind == super::Kind::Tim1 {
-            *self.reg_mut(SR) |= value & COMMUTATION;
-            if value & BREAK != 0 {
-                self.do_break(shared);
-            }
+        if value & BREAK != 0 && self.kind == super::Kind::Tim1 {
+            self.do_break(shared);
+        }
+        if value & (COMMUTATION | TRIGGER) != 0 {
+            self.not_modelled("events of commutation and trigger", shared);
         }
     }
 
     fn write_modes(&mut self, offset: u32, value: u32, shared: &mut Shared) {
         let first = if offset == CCMR1 { 0 } else { 2 };
-        let old = self.reg(offset);
-        let mut kept = 0;
-        for k in 0..2 {
-            // OCxM and OCxPE of outputs at the highest level.
-            if self.lock() == 3 && old >> (8 * k) & 3 == 0 {
-                kept |= 0x78 << (8 * k);
-            }
-        }
-        self.judge_lock(value ^ old, kept, "OCxM, OCxPE", shared);
-        *self.reg_mut(offset) = merge(value, old, kept);
+        *self.reg_mut(offset) = value;
         for k in first..first + 2 {
             let bits = self.mode_bits(k);
             if bits & 3 == 0 && bits & 0x80 != 0 {
@@ -218,15 +208,10 @@ impl Timer {
     }
 
     fn write_enables(&mut self, value: u32, shared: &mut Shared) {
-        let old = self.reg(CCER);
-        let mut kept = 0;
-        for k in 0..4 {
-            if self.lock() >= 2 && self.is_output(k) {
-                kept |= 0xa << (4 * k);
-            }
+        *self.reg_mut(CCER) = value;
+        if value & 0x0444 != 0 && self.kind == super::Kind::Tim1 {
+            self.not_modelled("complementary outputs", shared);
         }
-        self.judge_lock(value ^ old, kept, "CCxP, CCxNP", shared);
-        *self.reg_mut(CCER) = merge(value, old, kept);
         self.judge_capture(shared);
     }
 
@@ -258,36 +243,12 @@ impl Timer {
         }
     }
 
-    /// LOCK level in force.
-    fn lock(&self) -> u32 {
-        if self.locked {
-            self.reg(BDTR) >> 8 & 3
-        } else {
-            0
-        }
-    }
-
-    fn judge_lock(&self, changed: u32, kept: u32, what: &str, shared: &mut Shared) {
-        if changed & kept != 0 {
-            let text = format!("{what} written while locked (LOCK)");
-            self.note(finding::Kind::Forbidden, &text, shared);
-        }
-    }
-
     fn write_break(&mut self, value: u32, shared: &mut Shared) {
-        let old = self.reg(BDTR);
-        let mut kept = match self.lock() {
-            0 => 0,
-            1 => DTG | BKE | BKP | AOE,
-            _ => DTG | BKE | BKP | AOE | OSSR | OSSI,
-        };
-        if self.locked {
-            kept |= LOCK;
+        let old = std::mem::replace(self.reg_mut(BDTR), value);
+        let mut new = value;
+        if value & (AOE | LOCK) != 0 {
+            self.not_modelled("AOE, LOCK", shared);
         }
-        self.judge_lock(value ^ old, kept, "BDTR", shared);
-        self.locked = true;
-        let mut new = merge(value, old, kept);
-        *self.reg_mut(BDTR) = new;
         if self.is_broken() {
             new &= !MOE;
             *self.reg_mut(BDTR) = new;

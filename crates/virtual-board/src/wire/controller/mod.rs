@@ -30,7 +30,6 @@ struct Pending {
     mailbox: u8,
     frame: Frame,
     bits: Bits,
-    since: Time,
     aborted: bool,
 }
 
@@ -198,7 +197,7 @@ impl Controller {
     }
 
     fn can_send(&self) -> bool {
-        !self.leaving && !self.with(|s| s.silent && !s.loopback)
+        !self.leaving
     }
 
     /// Cut off by a reset.
@@ -230,25 +229,11 @@ impl Controller {
                 self.settings = Some(settings);
                 self.leaving = false;
             }
-            (true, false) => self.leave(settings.wakes),
+            (true, false) => self.leave(),
         }
     }
 
-    /// Whether it sleeps and is to be told of a dominant level; each sleep once.
-    pub fn wakes(&mut self) -> bool {
-        let wakes = !self.is_in() && self.with(|s| s.wakes);
-        if let Some(settings) = &mut self.settings
-            && wakes
-        {
-            settings.wakes = false;
-        }
-        wakes
-    }
-
-    fn leave(&mut self, wakes: bool) {
-        if let Some(settings) = &mut self.settings {
-            settings.wakes = wakes;
-        }
+    fn leave(&mut self) {
         if self.is_hard() {
             self.out();
         } else {
@@ -261,14 +246,13 @@ impl Controller {
         self.happened.push(What::Left);
     }
 
-    /// A mailbox is to be sent from `since` on.
-    pub fn request(&mut self, mailbox: u8, frame: Frame, since: Time) {
+    /// A mailbox is to be sent.
+    pub fn request(&mut self, mailbox: u8, frame: Frame) {
         self.pending.retain(|p| p.mailbox != mailbox);
         self.pending.push(Pending {
             mailbox,
             frame,
             bits: frame.bits(),
-            since,
             aborted: false,
         });
     }
@@ -290,11 +274,8 @@ impl Controller {
         if !self.can_send() {
             return None;
         }
-        let chronological = self.with(|s| s.chronological);
-        let (place, _) = self.pending.iter().enumerate().min_by_key(|(_, p)| {
-            let order = if chronological { p.since } else { Time(0) };
-            (order, p.frame.priority(), p.mailbox)
-        })?;
+        let waiting = self.pending.iter().enumerate();
+        let (place, _) = waiting.min_by_key(|(_, p)| (p.frame.priority(), p.mailbox))?;
         Some(self.pending.swap_remove(place))
     }
 
@@ -400,7 +381,7 @@ impl Controller {
         let sent = !bits.recessive(at);
         let acknowledges = at == bits.acknowledgement();
         if acknowledges {
-            if !dominant && !self.with(|s| s.loopback) {
+            if !dominant {
                 return self.error(ErrorKind::Acknowledgement);
             }
         } else if sent != dominant {
@@ -439,9 +420,6 @@ impl Controller {
             mailbox: pending.mailbox,
             start: self.start,
         });
-        if self.with(|s| s.loopback) {
-            self.received();
-        }
         self.rest();
     }
 
@@ -458,7 +436,7 @@ impl Controller {
         let Some((pending, _)) = self.sending.take() else {
             return;
         };
-        let again = !pending.aborted && self.with(|s| s.retransmit);
+        let again = !pending.aborted;
         if again {
             self.pending.push(pending);
         } else {

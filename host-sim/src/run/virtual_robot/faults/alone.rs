@@ -48,7 +48,7 @@ impl Bench {
     /// So many milliseconds pass.
     pub fn pass(&mut self, ms: u64) {
         for _ in 0..ms {
-            self.robot.advance_plainly();
+            self.robot.advance();
         }
     }
 

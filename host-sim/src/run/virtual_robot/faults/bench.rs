@@ -46,7 +46,6 @@ impl Bench {
         };
         let (scenario, images) = (&campaign.scenario, campaign.images()?);
         let mut robot = VirtualRobot::without_power(scenario, images, seed, 0, &options, &logs)?;
-        robot.fit(&options.instruments)?;
         let mut node = VirtualNode::new(Settings::new(BitTiming::megabit()));
         node.babble(None);
         robot.network.add(node);

@@ -39,7 +39,7 @@ pub fn reference(campaign: &Campaign, seed: u64, longest_ms: u64) -> Result<Refe
     let ticks = longest_ms + WATCH_MS + 1_000;
     Ok((0..ticks)
         .map(|_| {
-            bench.robot.advance_plainly();
+            bench.robot.advance();
             bench.robot.plant.midpoint()
         })
         .collect())

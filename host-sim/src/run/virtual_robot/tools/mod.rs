@@ -3,7 +3,6 @@
 //! | module | what it holds |
 //! |---|---|
 //! | [`cuts`] | boards switched off and on again at their times |
-//! | [`waves`] | pins, interrupts and bus in a file |
 //! | [`profile`] | where the boards' time went |
 //! | `user` | what the user does after the restart of an axle board |
 //!
@@ -12,7 +11,6 @@
 pub mod cuts;
 pub mod profile;
 mod user;
-pub mod waves;
 
 use super::VirtualRobot;
 use crate::base::error::Error;
@@ -20,24 +18,11 @@ use crate::run::robot::Robot;
 use crate::targets::{BoardTraffic, Event, Traffic};
 use core_algos::topology::Role;
 use cuts::Cuts;
-use std::path::PathBuf;
-use virtual_board::Time;
 use virtual_board::wire::Record as Sending;
-use waves::Waves;
-
-/// Requested instruments.
-#[derive(Clone, Debug, Default)]
-pub struct Instruments {
-    /// File for pins, interrupts and bus.
-    pub vcd: Option<PathBuf>,
-    /// True if time is counted by instruction, for [`profile`].
-    pub profile: bool,
-}
 
 /// Instruments.
 #[derive(Default)]
 pub(super) struct Tools {
-    waves: Option<Waves>,
     cuts: Cuts,
     user: user::User,
     /// Frames that each board has put on the bus, and sendings of it that failed.
@@ -47,9 +32,6 @@ pub(super) struct Tools {
 impl Tools {
     /// A sending has ended; gives whether the frame is whole.
     pub fn heard(&mut self, role: Option<Role>, sending: &Sending) -> bool {
-        if let Some(waves) = &mut self.waves {
-            waves.frame(sending);
-        }
         let whole = sending.error.is_none();
         if let Some(role) = role {
             let traffic = &mut self.traffic[role as usize];
@@ -71,30 +53,6 @@ impl VirtualRobot {
         self.tools.cuts.events()
     }
 
-    /// Puts the instruments at boards that have no power yet.
-    pub(super) fn fit(&mut self, instruments: &Instruments) -> Result<(), Error> {
-        if instruments.profile {
-            for board in self.network.boards() {
-                board.core_mut().set_profiling(true);
-            }
-        }
-        if let Some(path) = &instruments.vcd {
-            let named = |role: &Role| (role.name(), self.images.of(*role));
-            let boards: Vec<_> = self.roles.iter().map(named).collect();
-            self.tools.waves = Some(Waves::create(path, &mut self.network, &boards)?);
-        }
-        Ok(())
-    }
-
-    /// Boards and bus to this time.
-    pub(super) fn run_until(&mut self, time: Time) -> Result<(), Error> {
-        self.network.run_until(time);
-        match &mut self.tools.waves {
-            Some(waves) => waves.follow(&mut self.network),
-            None => Ok(()),
-        }
-    }
-
     /// Before a tick of the experiment.
     pub(super) fn begin_tick(&mut self) {
         if let Some(pace) = &mut self.control.pace {
@@ -109,14 +67,6 @@ impl VirtualRobot {
         self.watch_power();
         self.publish();
         self.show()
-    }
-
-    /// Ends what writes to files by itself; gives the files.
-    pub fn close(&mut self) -> Result<Vec<PathBuf>, Error> {
-        match self.tools.waves.take() {
-            Some(waves) => waves.finish(&mut self.network).map(|path| vec![path]),
-            None => Ok(Vec::new()),
-        }
     }
 
     /// The boards, with what they have put on the bus.

@@ -52,7 +52,7 @@ pub struct Profile {
 }
 
 /// The profiles of a robot's boards; none was taken unless
-/// [`Instruments::profile`](super::Instruments::profile) asked for it.
+/// [`Options::profile`](crate::run::virtual_robot::Options::profile) asked for it.
 pub fn of(robot: &mut VirtualRobot, reports: &[BoardReport]) -> Vec<Profile> {
     let mut profiles = Vec::new();
     let boards = robot.roles.iter().zip(robot.network.boards());
