@@ -202,6 +202,23 @@ fn nan_infinity_and_range_are_refused_by_name() {
     assert!(send(covariance).is_err());
 }
 
+/// Errors that are one and the same: rounding must not make them less alike than it has to.
+#[test]
+fn full_correlation_stays_above_96_percent() {
+    let covariance = [[1e-6; 3]; 3];
+    let sent = Message::BeamUncertainty {
+        sequence: 1,
+        covariance,
+    };
+    let Message::BeamUncertainty { covariance: m, .. } = round_trip(sent) else {
+        panic!("another message");
+    };
+    for (i, j) in [(0, 1), (0, 2), (1, 2)] {
+        let correlation = m[i][j] / (m[i][i] * m[j][j]).sqrt();
+        assert!((0.96..1.0).contains(&correlation), "{correlation}");
+    }
+}
+
 #[test]
 fn unknown_and_short_frames_are_refused() {
     let frame = |id, length| CanFrame {

@@ -134,6 +134,27 @@ properties! { cases 40;
         prop_assert!((e[2] - moment as f64).abs() < 1e-4);
     }
 
+    /// Equations 7 and 8, written out in `f64` from the velocity command.
+    #[test]
+    fn velocity_errors_make_force_and_moment_with_xi_squared(
+        v in -0.4f32..0.4, omega in -0.8f32..0.8, v_r in -0.3f32..0.3, y in -0.02f32..0.02,
+    ) {
+        let reference = AxleReference {
+            posture: Posture::new(0.0, y, 0.0), twist: Twist::new(v_r, 0.0), ..Default::default()
+        };
+        let input = Input { twist: Twist::new(v, omega), reference, ..Input::default() };
+        let config = Config { max_torque_nm: 50.0, max_xi_squared: 10.0, ..Config::default() };
+        let command = config.build().unwrap().step(&input);
+        let square = |t: Twist| f64::from(t.v).powi(2) + f64::from(t.omega).powi(2);
+        let speed = square(input.twist);
+        let xi = square(command.velocity) + speed + f64::from(v_r).powi(2) + speed * speed + 1.0;
+        let [left, right] = command.torque_nm.map(f64::from);
+        let (force, moment) = ((left + right) / 0.073, (right - left) / 0.073 * 0.162);
+        let [dv, dw] = [command.velocity.v - v, command.velocity.omega - omega].map(f64::from);
+        prop_assert!((force - 200.0 * dv * xi).abs() < 2e-3, "{force}");
+        prop_assert!((moment - 3.5 * dw * xi).abs() < 1e-4, "{moment}");
+    }
+
     #[test]
     fn saturation_keeps_the_direction(
         x in -5.0f32..5.0, omega in -20.0f32..20.0, motor: bool,

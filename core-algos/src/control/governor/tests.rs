@@ -204,6 +204,8 @@ fn stop_is_a_ramp_to_rest() {
     let turning = wish(0.25, 0.4);
     let moving = run(&governor, State::default(), turning, 0.01, 0.4);
     assert!(moving.motion.v > 0.01 && moving.motion.psi_rate > 0.1);
+    let braking = stopped(&governor, &moving, 0.01).motion.v_rate;
+    assert!((braking + 0.8).abs() < 1e-4, "{braking}");
     let mut state = moving;
     let steps = (moving.motion.v / 0.8 / 0.01).ceil() as usize;
     for _ in 0..steps.max(13) {

@@ -565,6 +565,16 @@ fn nan_is_counted_and_changes_nothing() {
 }
 
 #[test]
+fn gate_refuses_a_nis_that_is_not_a_number() {
+    let mut refusals = Refusals::default();
+    let nan = refusals.judge(|| f32::NAN, Some(20.0), 5);
+    // An infinite square over an infinite variance.
+    let undefined = refusals.judge_scalar(1e30, 1.0, || f32::INFINITY, Some(20.0), 5);
+    assert_eq!([nan, undefined], [Verdict::Gated; 2]);
+    assert_eq!(refusals.gated, 2);
+}
+
+#[test]
 fn an_outlier_is_gated_and_a_sensor_that_insists_is_believed() {
     let filter = node_filter(true);
     let mut state = start();
@@ -650,6 +660,24 @@ fn increments_carry_the_whole_drift() {
         assert!(parts.covariance().posture()[i][i] < 0.05 * p[i][i]);
     }
     assert!(is_positive_definite(&parts));
+}
+
+/// An error of 4 mm along and 1 mm across the heading stays along and across it.
+#[test]
+fn increment_covariance_lies_along_the_heading() {
+    let (heading, own) = (1.1f32, matrix::diagonal([16e-6, 1e-6, 4e-6]));
+    let (s, c) = heading.sin_cos();
+    let world = matrix::propagate(&[[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]], &own);
+    let mut covariance = matrix::diagonal([1e-6; 7]);
+    for i in 0..3 {
+        covariance[i][..3].copy_from_slice(&world[i]);
+    }
+    let at = [0.0, 0.0, heading, 0.0, 0.0, 0.0, 0.0];
+    let increment = State::from_parts(at, &covariance).take_increment();
+    for (i, j) in (0..9).map(|k| (k / 3, k % 3)) {
+        let error = increment.covariance[i][j] - HANDED_OUT * own[i][j];
+        assert!(error.abs() < 1e-8, "{i}{j} {error:e}");
+    }
 }
 
 #[test]

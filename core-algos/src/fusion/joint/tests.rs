@@ -306,6 +306,47 @@ fn positive_definite_over_a_hundred_thousand_ticks() {
 }
 
 #[test]
+fn innovation_beyond_half_a_turn_wraps() {
+    let pi = core::f32::consts::PI;
+    for (side, zero) in [(1.0, 0.05), (1.0, -0.05), (-1.0, 0.05), (-1.0, -0.05)] {
+        let (joint, mut state) = start();
+        state.constants[ZERO] = zero;
+        let mut seen = state.relative();
+        seen.posture.phi += side * (pi - 0.01);
+        let turn = joint.update(&mut state, &seen, |_| false).innovation[2];
+        let expected = side * (pi - 0.01) - zero;
+        assert!(
+            turn.abs() <= pi && (turn - expected).sin().abs() < 1e-5,
+            "{turn}"
+        );
+    }
+}
+
+/// A constant that is learnt is a first-order process whose stationary variance is the prior.
+#[test]
+fn learnt_constants_fade_to_their_priors() {
+    let (joint, mut state) = start();
+    state.constants = [1e-3; constants::COUNT];
+    for k in 0..constants::COUNT {
+        state.covariance.upper[FIRST + k][FIRST + k] = 0.25 * joint.prior[k];
+    }
+    // A fifth of the time constant.
+    let ticks = 0.2 * f64::from(Config::default().constancy_s) / 0.01;
+    for _ in 0..(ticks / 64.0) as u32 {
+        joint.condition(&mut state, 64);
+    }
+    for k in (0..constants::COUNT).filter(|&k| joint.walk[k] == 0.0 && joint.prior[k] > 0.0) {
+        let share = f64::from(state.covariance.upper[FIRST + k][FIRST + k] / joint.prior[k]);
+        assert!(
+            (share - (1.0 - 0.75 * (-0.4f64).exp())).abs() < 0.01,
+            "{k} {share}"
+        );
+        let left = f64::from(state.constants[k]) / 1e-3;
+        assert!((left - (-0.2f64).exp()).abs() < 0.01, "{k} {left}");
+    }
+}
+
+#[test]
 fn bad_measurement_changes_nothing() {
     let (joint, before) = start();
     for k in 0..2 {

@@ -201,23 +201,53 @@ fn what_is_not_finite_counts_as_absent() {
                 },
             );
             assert!(output.robot.is_finite());
-            let output = fusion.step(
-                &mut state,
-                &Inputs {
-                    front: Some(rest()),
-                    rear: Some(rest()),
-                    beam: Some(beam),
-                },
-            );
-            assert!(output.front.is_finite() && output.rear.is_finite());
-            let expected = if mode == Mode::Odometry {
-                Verdict::Absent
-            } else {
-                Verdict::Invalid
-            };
-            assert_eq!(output.beam.verdict, expected);
+            let mut indefinite = straight();
+            indefinite.covariance[1][1] = -1e-9;
+            for beam in [beam, indefinite] {
+                let output = fusion.step(
+                    &mut state,
+                    &Inputs {
+                        front: Some(rest()),
+                        rear: Some(rest()),
+                        beam: Some(beam),
+                    },
+                );
+                assert!(output.front.is_finite() && output.rear.is_finite());
+                let expected = if mode == Mode::Odometry {
+                    Verdict::Absent
+                } else {
+                    Verdict::Invalid
+                };
+                assert_eq!(output.beam.verdict, expected);
+            }
         }
     }
+}
+
+/// The random errors of joined axles may be fully correlated: twice the independent covariance.
+#[test]
+fn joined_axles_claim_twice_the_independent_covariance() {
+    let exact = |posture| Estimate::new(posture, [[0.0; 3]; 3]);
+    let noisy = |sigma: f32| {
+        let covariance = matrix::diagonal([sigma * sigma; 3]);
+        Some(Increment::new(Posture::ORIGIN, covariance))
+    };
+    let step = |mode, front, rear, beam| {
+        let fusion = fusion(mode);
+        let mut state = fusion.start(&exact(Posture::ORIGIN), &exact(straight().posture), 0.0);
+        fusion.step(&mut state, &Inputs { front, rear, beam })
+    };
+    for (mode, factor) in [(Mode::Odometry, 1.0), (Mode::Intersection, 2.0)] {
+        // O lies halfway between the axles.
+        let robot = step(mode, noisy(0.1), noisy(0.1), None).robot;
+        let ratio = robot.covariance[0][0] / (factor * 0.5 * 0.01);
+        assert!((ratio - 1.0).abs() < 0.02, "{mode:?} {ratio}");
+    }
+    let turned = Estimate::with_sigmas(Posture::new(0.37, 0.0, 0.2), BEAM_SIGMAS);
+    let nis = step(Mode::Intersection, noisy(0.1), noisy(1e-3), Some(turned))
+        .beam
+        .nis;
+    assert!((nis / (0.04 / (2.0 * 0.01)) - 1.0).abs() < 0.02, "{nis}");
 }
 
 #[test]

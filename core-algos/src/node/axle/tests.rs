@@ -232,6 +232,70 @@ fn drives_toward_its_reference_and_stops_without_one() {
     assert_eq!(off, Output::default(), "latched");
 }
 
+/// Neither a mode nor references alone keep an axle driving: 60 ms after the last one it brakes.
+#[test]
+fn axle_brakes_without_mode_or_without_references() {
+    for without_mode in [false, true] {
+        let (mut node, mut outbox) = (node(AxleId::Front), Outbox::new());
+        for tick in 0..=151u64 {
+            let now = tick * TICK;
+            let kept = node.state;
+            if is_epoch_start(now) {
+                reference(&mut node, now, 0.0, Posture::ORIGIN);
+            }
+            match (tick < 100, without_mode) {
+                (true, _) => {}
+                (false, true) => node.state.mode = kept.mode,
+                (false, false) => node.state.reference = kept.reference,
+            }
+            node.step(now, &still(), &mut outbox);
+            let active = node.supervision().operating() == OperatingState::Active;
+            assert!(
+                tick < 20 || active == (tick <= 150),
+                "{without_mode} {tick}"
+            );
+        }
+        assert_eq!(node.supervision().first(), Some(Condition::CommandTimeout));
+    }
+}
+
+#[test]
+fn load_measured_by_the_beam_holds_for_its_timeout() {
+    let mut node = node(AxleId::Rear);
+    let (old, now, timeout) = (40 * EPOCH, 43 * EPOCH, node.wrench_timeout);
+    for (wrench, posture) in [(old, now), (now, old)] {
+        let message = Message::BeamWrench {
+            sequence: sequence(wrench),
+            wrench: Wrench::ZERO,
+        };
+        node.receive(wrench, &message);
+        let message = Message::BeamPosture {
+            sequence: sequence(posture),
+            posture: Posture::ORIGIN,
+            gauges: 5,
+        };
+        node.receive(posture, &message);
+        assert!(node.beam_load(old + timeout).is_some());
+        assert_eq!(node.beam_load(old + timeout + 1), None);
+    }
+}
+
+/// 60 % of the largest torque on a wheel at rest is a stall, in either direction.
+#[test]
+fn stalled_wheel_is_noticed_in_either_direction() {
+    let mut node = node(AxleId::Front);
+    let most = Config::default().controller.max_torque_nm;
+    for (share, stalls) in [(0.59, false), (0.61, true)] {
+        for torque in [share * most, -share * most] {
+            for torque_nm in [[torque, 0.0], [0.0, torque]] {
+                node.state.output.torque_nm = torque_nm;
+                let conditions = node.watch(0, &still());
+                assert_eq!(conditions.contains(Condition::MotorStall), stalls);
+            }
+        }
+    }
+}
+
 fn lead(node: &mut AxleNode, now: Micros, mode: LeadMode) {
     node.receive(
         now,

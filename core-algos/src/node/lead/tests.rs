@@ -284,3 +284,50 @@ fn a_beam_whose_innovations_stay_far_too_large_is_named() {
         assert!(named(&node));
     }
 }
+
+#[test]
+fn bend_that_is_too_large_or_unknown_is_a_bent_frame() {
+    let mut node = node();
+    let fused = epoch(&mut node, 1, [(Posture::ORIGIN, 1); 2]).fused;
+    // Steering is half the relative heading.
+    for (turn, bent) in [(1.3, false), (1.5, true), (-1.5, true), (f32::NAN, true)] {
+        let named = |node: &LeadNode, fused: &robot::Output| {
+            let conditions = node.watch(EPOCH, Some(fused));
+            conditions.contains(Condition::FrameBent)
+        };
+        node.state.beam_posture = None;
+        let mut odometry = fused;
+        odometry.front.posture.phi = odometry.rear.posture.phi + turn;
+        assert_eq!(named(&node, &odometry), bent, "{turn}");
+        node.state.beam_posture = Some(Stamped::new(Posture::new(0.37, 0.0, turn), EPOCH));
+        assert_eq!(named(&node, &fused), bent, "{turn}");
+    }
+}
+
+/// A goal counts as reached with certainty if the 95 % ellipse around the estimate lies within the tolerance.
+#[test]
+fn goal_with_a_wide_95_percent_error_is_uncertain() {
+    let mut node = node();
+    let fused = epoch(&mut node, 1, [(Posture::ORIGIN, 1); 2]).fused;
+    // Tolerances of 10 cm and 0.0873 rad; 95 % are 2.448 and 1.960 standard deviations.
+    let cases = [
+        ([0.040, 0.01], 0.0, true),
+        ([0.042, 0.01], 0.0, false),
+        ([0.030, 0.01], 0.03, false),
+        ([0.010, 0.044], 0.0, true),
+        ([0.010, 0.045], 0.0, false),
+        ([f32::NAN, 0.01], 0.0, false),
+    ];
+    for ([position, heading], off, certain) in cases {
+        let mut fused = fused;
+        let sigmas = [position, 1e-3, heading];
+        fused.robot = Estimate::with_sigmas(Posture::new(0.0, off, 0.0), sigmas);
+        node.state.aim = Some(Posture::ORIGIN);
+        for done in [false, true] {
+            node.state.done = done;
+            let conditions = node.watch(EPOCH, Some(&fused));
+            let uncertain = conditions.contains(Condition::ReachedUncertain);
+            assert_eq!(uncertain, done && !certain, "{position} {heading} {off}");
+        }
+    }
+}
