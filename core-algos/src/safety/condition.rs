@@ -124,11 +124,11 @@ conditions! {
     ReachedUncertain = 0x0d "reached, uncertain" 0 ms:
         "the robot is at its goal, but distance and 95 % error exceed the tolerance, or a sensor is inconsistent"; "set placement accuracy and floor drift, calibrate, or drive a shorter path".
     EstimateVague = 0x0e bit 38 "estimate vague" 200 ms:
-        "the standard deviation of the robot's posture exceeds its bound"; "add position fixes, or drive a shorter path".
+        "the standard deviation of the robot's posture exceeds its bound"; "set the pose, or drive a shorter path".
     CommanderSilent = 0x0f bit 39 "commander silent" 0 ms:
         "no speed command for 200 ms, or nothing from the commanding host for 1 s; the robot stops"; "check the cable to the computer".
     GaveUp = 0x10 bit 3 "gave up" 0 ms:
-        "the robot did not reach its goal in the allowed attempts"; "calibrate, add position fixes, or choose a nearer goal".
+        "the robot did not reach its goal in the allowed attempts"; "calibrate, set the pose, or choose a nearer goal".
     WheelsInconsistent = 0x11 bit 35 "wheels inconsistent" 1000 ms:
         "the other sensors say that wheels or tyres are not as configured"; "measure wheels and track; check for a loose wheel or a slippery floor".
     GaugesInconsistent = 0x12 bit 40 "gauges inconsistent" 1000 ms:
