@@ -11,6 +11,7 @@ use core_algos::math::{Posture, trig};
 use divan::{Bencher, black_box};
 use host_sim::plant::drive::{Drive, HARSH, NORMAL};
 use host_sim::plant::{Plant, PlantConfig};
+use host_sim::run::robot::Robot;
 use host_sim::run::simulation::Simulation;
 use host_sim::scenario::Scenario;
 

@@ -3,6 +3,7 @@
 #[path = "../../firmware-axle/examples/law/mod.rs"]
 mod law;
 
+use core_algos::math::Posture;
 use core_algos::node::lead::Task;
 use core_algos::topology::Role;
 use host_sim::run::regulate::regulate_on;
@@ -10,6 +11,7 @@ use host_sim::run::robot::Robot;
 use host_sim::run::simulation::Simulation;
 use host_sim::run::virtual_robot::{Options, VirtualRobot};
 use host_sim::scenario::Scenario;
+use host_sim::targets::board_link::BoardLink;
 use host_sim::targets::board_log::BoardLog;
 use host_sim::targets::images::Images;
 use host_sim::targets::{HostCommand, InProcess};
@@ -17,6 +19,7 @@ use serde_json::Value;
 use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};
+use virtual_board::Time;
 
 const SCRIPT: &str = "goto 0.6 0.1 0.2\nspeed 0.1 0.4 2\nstop\nclear\ngoto 0 0 0\n";
 
@@ -81,7 +84,7 @@ fn one_step_of_the_command_line_is_taken_and_a_wrong_one_refused() {
     let folder = tempfile::tempdir().unwrap();
     let output = drive(
         folder.path(),
-        &["goto", "-0.4", "0", "0.1", "--from", "0,0,0", "--json", "-"],
+        &["goto", "-.4", "0", "0.1", "--from", "0,0,0", "--json", "-"],
     );
     assert_eq!(output.status.code(), Some(0), "{output:?}");
     let x = steps(&output)[0]["x"].as_f64().unwrap();
@@ -90,6 +93,17 @@ fn one_step_of_the_command_line_is_taken_and_a_wrong_one_refused() {
     fs::write(folder.path().join("wrong"), "goto 1 0 0\nfolow circle\n").unwrap();
     for (arguments, named) in [
         (&["goto", "1", "2"][..], "goto X Y PHI"),
+        (
+            &["speed", "0.1", "0", "0"],
+            "SECONDS = 0: must be a number from 0.05",
+        ),
+        (&["zero"], "zero: must have --on virtual"),
+        (
+            &[
+                "speed", "0.1", "0", "1", "--on", "virtual", "--kill", "rear@12",
+            ],
+            "12 s: must be before the run ends, at 11.5 s",
+        ),
         (&["--script", "wrong"], "line 2: folow circle"),
         (&["--script", "none"], "--script none"),
         (&["follow", "circle", "0.2"], "curvature"),
@@ -102,8 +116,12 @@ fn one_step_of_the_command_line_is_taken_and_a_wrong_one_refused() {
     }
 }
 
-/// Rounds of the test of reaction times; `ROUNDS=200` measures more.
+/// Rounds of the tests of reaction times; `ROUNDS=200` measures more.
 const ROUNDS: u64 = 6;
+
+fn rounds() -> u64 {
+    std::env::var("ROUNDS").map_or(ROUNDS, |text| text.parse().unwrap())
+}
 
 /// The board's reaction to a speed: torque within 25 ms of the command, and a lower reference within 220 ms of the last one.
 /// The instants lie at different phases of the boards' epochs.
@@ -114,7 +132,7 @@ fn speed_command_acts_within_25_ms_and_its_absence_within_220_ms() {
     let scenario = Scenario::default();
     let mut robot =
         VirtualRobot::new(&scenario, &images, 1, 0, &Options::default(), &logs).unwrap();
-    let rounds = std::env::var("ROUNDS").map_or(ROUNDS, |text| text.parse().unwrap());
+    let rounds = rounds();
     let torque = |robot: &VirtualRobot| {
         let axles = robot.plant().unwrap().state().axle;
         axles
@@ -174,6 +192,58 @@ fn speed_command_acts_within_25_ms_and_its_absence_within_220_ms() {
             "{board:?}"
         );
     }
+}
+
+/// The cable is pulled while the robot is under way, at different phases of drive, lease and epochs. The robot stops, and a
+/// host that comes back commands it.
+#[test]
+fn robot_stops_whenever_its_cable_is_pulled_and_its_host_comes_back() {
+    let images = Images::open(None, None, None).unwrap();
+    let logs = [(); 3].map(|()| BoardLog::quiet());
+    let (scenario, options) = (
+        Scenario::default(),
+        Options {
+            host: false,
+            ..Options::default()
+        },
+    );
+    let mut robot = VirtualRobot::new(&scenario, &images, 1, 0, &options, &logs).unwrap();
+    let boot = (robot.boot_s() * 1e6).round() as u64;
+    let mut link = BoardLink::new(Role::Front, 7);
+    link.open();
+    let place = scenario
+        .robot
+        .put_down(Posture::ORIGIN, &scenario.mission.told());
+    link.command(&HostCommand::Place(place));
+    let mut tick = |link: &mut BoardLink, plugged: bool| {
+        let now = boot + robot.now();
+        let sent = plugged.then(|| link.to_send(now).unwrap()).flatten();
+        let port = robot.serial(Role::Front).unwrap();
+        port.send(sent.unwrap_or_default(), Time::from_micros(now));
+        robot.step().unwrap();
+        let answer = std::mem::take(&mut robot.serial(Role::Front).unwrap().sent);
+        if plugged {
+            link.take(&answer).unwrap();
+            link.take_frames();
+        }
+        robot.speed()
+    };
+    let mut longest = 0;
+    for round in 0..rounds() {
+        let goal = Posture::new(if round % 2 == 0 { 2.0 } else { -2.0 }, 0.0, 0.0);
+        link.command(&HostCommand::Task(Task::regulate(goal)));
+        let driven = (0..1500 + 17 * round).map(|_| tick(&mut link, true)).last();
+        let driven = driven.unwrap();
+        assert!(driven > 0.05, "{round}: {driven}");
+        let stopped = (0..3000).find(|_| tick(&mut link, false) < 2e-3).unwrap();
+        assert!(stopped > 900, "{round}: {stopped}");
+        longest = longest.max(stopped);
+        link.rejoin();
+        (0..300).for_each(|_| assert!(tick(&mut link, true) < 1.0));
+        assert!(link.is_settled() && link.is_fresh());
+    }
+    println!("{} rounds: at rest within {longest} ms", rounds());
+    assert!(longest <= 2000, "{longest}");
 }
 
 /// The law of the example drives the robot, in process and in the image of the example.

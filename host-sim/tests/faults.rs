@@ -4,6 +4,7 @@ use core_algos::safety::Condition;
 use core_algos::topology::{Node, Role};
 use host_sim::experiments::faults::{self, scenario};
 use host_sim::run::regulate::regulate_on;
+use host_sim::run::robot::Robot;
 use host_sim::run::simulation::Simulation;
 use host_sim::run::virtual_robot::faults::{Campaign, Case, Course, End, Entry, catalogue, model};
 use host_sim::scenario::Scenario;

@@ -11,6 +11,7 @@ use host_sim::paths::Path;
 use host_sim::run::bit_compare::Trace;
 use host_sim::run::path_run::{self, PathMode, Route};
 use host_sim::run::regulate::{Outcome, regulate_on};
+use host_sim::run::robot::Robot;
 use host_sim::run::simulation::Simulation;
 use host_sim::run::virtual_robot::faults::{self, Case, Course, End, catalogue, model};
 use host_sim::scenario::Scenario;

@@ -15,6 +15,7 @@ use host_sim::scenario::Scenario;
 use host_sim::targets::board_log::BoardLog;
 use host_sim::targets::images::Images;
 use host_sim::targets::link::Descriptors;
+use host_sim::targets::{Failure, FailureMode};
 use host_sim::world::{self, World};
 use program::{Run, json_file};
 use serde_json::Value;
@@ -67,6 +68,11 @@ struct Bench {
 impl Bench {
     /// If its cable is `loose`, it is unplugged for half a second of every two from the first motion on.
     fn new(scenario: &Scenario, loose: bool) -> Self {
+        Self::with(scenario, loose, Vec::new())
+    }
+
+    /// One whose boards fail on the way.
+    fn with(scenario: &Scenario, loose: bool, failures: Vec<Failure>) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let mut ports = Role::ALL.map(|role| Port {
             name: folder.path().join(role.name()),
@@ -80,6 +86,7 @@ impl Bench {
         };
         let logs = [(); 3].map(|()| BoardLog::quiet());
         let mut robot = VirtualRobot::new(scenario, &images, 1, 0, &options, &logs).unwrap();
+        robot.plan(failures, None);
         let done = Arc::new(AtomicBool::new(false));
         let cycle = Arc::new(AtomicBool::new(false));
         let (end, off) = (done.clone(), cycle.clone());
@@ -234,6 +241,11 @@ fn script_drives_a_robot_at_a_serial_port() {
     assert_eq!(steps.len(), 5);
     assert!(steps.iter().all(|step| step["done"] == true), "{steps:?}");
     assert_eq!(steps[2]["code"], Value::Null);
+    // The picture and the page show the estimate.
+    let picture = fs::read_to_string(folder.path().join("out/drive/paths.svg")).unwrap();
+    assert!(picture.contains("as estimated") && !picture.contains("NaN"));
+    let page = fs::read_to_string(folder.path().join("out/drive/report.html")).unwrap();
+    assert!(page.contains("\"known\":false") && !page.contains("Wheel torques"));
     let [x, y] = ["x", "y"].map(|key| steps[3][key].as_f64().unwrap());
 
     let run = bench.run(folder.path(), "drive goto 1.3 1 0");
@@ -284,6 +296,24 @@ fn record_at_serial_ports_replays_identically() {
     let report = result(folder.path(), "drive");
     let x = report["steps"][0]["x"].as_f64().unwrap();
     assert!((x - 0.6).abs() < 0.02, "{report}");
+}
+
+/// A node in fault would not begin anew.
+#[test]
+fn record_is_refused_while_a_node_is_in_fault() {
+    let folder = tempfile::tempdir().unwrap();
+    let (role, at, mode) = (Role::Rear, 4000, FailureMode::Off);
+    let mut scenario = Scenario::default();
+    scenario.mission.start = [0.0; 3];
+    let bench = Bench::with(&scenario, false, vec![Failure { role, at, mode }]);
+    bench
+        .run(folder.path(), "drive speed 0.1 0 9 --from 0,0,0")
+        .ends_with(1);
+    let run = bench
+        .run(folder.path(), "drive goto 1 0 0 --log run.mcap")
+        .ends_with(1);
+    assert!(run.error.contains("Lead: clear the fault"), "{}", run.error);
+    assert_motors_off(&bench.robot());
 }
 
 /// A path that is longer than the board's buffer is fed while the robot drives; two paths follow each other.
@@ -506,8 +536,7 @@ fn gauges_of_a_robot_at_a_serial_port_are_zeroed() {
     ] {
         bench.run(folder.path(), wrong).ends_with(code);
     }
-    let zero = bench.run(folder.path(), "calibrate gauges --yes");
-    zero.ends_with(0);
+    bench.run(folder.path(), "drive zero").ends_with(0);
     bench.cycle.store(true, Relaxed);
     let after = zeros(&bench);
     let moved = before.iter().zip(&after).filter(|(a, b)| a != b).count();

@@ -12,4 +12,5 @@ pub mod spelling;
 pub mod statistics;
 pub mod table;
 pub mod terminal;
+pub mod thinned;
 pub mod toml_file;

@@ -32,6 +32,7 @@ use config::ConfigArgs;
 use dbc::DbcArgs;
 use doctor::DoctorArgs;
 use eval::EvalArgs;
+use std::ffi::OsString;
 use world::WorldArgs;
 
 /// Control and sensing of a two-axle compliant-framed mobile robot: the code of the boards drives a
@@ -53,7 +54,13 @@ pub struct Cli {
 impl Cli {
     /// The command line of this process; the process ends if it is wrong or asks for help.
     pub fn read() -> Self {
-        let cli = Self::from_arg_matches(&command().get_matches());
+        // The parser of arguments takes -.4 for an option.
+        let whole = |word: OsString| match word.to_str().and_then(|text| text.strip_prefix("-.")) {
+            Some(digits) => format!("-0.{digits}").into(),
+            None => word,
+        };
+        let words = std::env::args_os().map(whole);
+        let cli = Self::from_arg_matches(&command().get_matches_from(words));
         cli.unwrap_or_else(|error| error.exit())
     }
 }

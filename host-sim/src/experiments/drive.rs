@@ -7,7 +7,7 @@ use crate::experiments::recorder::Stage;
 use crate::experiments::{Context, whole_robot};
 use crate::recording::{About, LogArgs};
 use crate::run::keyboard::Keyboard;
-use crate::run::script::{self, Line};
+use crate::run::script::{self, Line, Step};
 use crate::scenario::effect::{Taken, Use};
 use crate::view::dashboard::terminal::Terminal;
 use clap::Args;
@@ -17,7 +17,7 @@ use std::path::PathBuf;
 /// Arguments of `drive`.
 #[derive(Clone, Debug, Args)]
 pub struct DriveArgs {
-    /// Step: goto X Y PHI, follow PATH, speed V KAPPA SECONDS, stop, clear, wait SECONDS or pose X Y PHI
+    /// Step: goto X Y PHI, follow PATH, speed V KAPPA SECONDS, stop, clear, wait SECONDS, pose X Y PHI or zero
     /// (docs/driving.md); without a step and a script the keyboard drives
     #[arg(value_name = "STEP", num_args = 1..)]
     pub step: Vec<String>,
@@ -66,11 +66,21 @@ pub fn run(args: &DriveArgs) -> Result<(), Error> {
         }
         false => lines_of(args, &context)?,
     };
+    let simulated = !args.robot.has_boards();
+    let no_zero = lines
+        .iter()
+        .find(|line| simulated && line.step == Step::Zero);
+    if let Some(line) = no_zero {
+        return Err(Error::input(format!(
+            "line {}: zero: must have --on virtual or --on serial: boards in this program have no calibration procedure",
+            line.number
+        )));
+    }
     let mission = Mission::Script {
         lines,
         placed: from.is_some(),
     };
-    if args.robot.has_boards() {
+    if !simulated {
         whole_robot::check_real(&args.robot, &args.sensors, &args.common)?;
         if args.robot.on == Place::Virtual {
             context.check_keys(STEPS, &[(&context.scenario, Use::Virtual)])?;
@@ -92,7 +102,7 @@ pub fn run(args: &DriveArgs) -> Result<(), Error> {
     let driven = stage.run(&mut simulation, |robot| {
         mission.drive(robot, about.scenario)
     })?;
-    let ended = simulation.failure();
+    let ended = driven.ended.clone();
     let failed = ended.clone().or_else(|| driven.outcome.failure());
     let (text, report, files) = mission.publish(&context, driven.outcome, &ended)?;
     context.finish(&text, &report, files, &driven.recorded, failed)

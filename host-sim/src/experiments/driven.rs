@@ -3,7 +3,9 @@
 use crate::base::error::Error;
 use crate::base::output::OutputDir;
 use crate::base::table::Table;
+use crate::base::thinned::Thinned;
 use crate::experiments::Context;
+use crate::experiments::follow::MOST_ROWS;
 use crate::experiments::posture::pictures;
 use crate::recording::csv;
 use crate::run::robot::{Record, Robot};
@@ -30,26 +32,34 @@ pub struct Driven {
     pub records: Vec<Record>,
     /// Number of steps that were to be taken.
     pub count: usize,
+    /// Error in the last step.
+    pub error: Option<String>,
 }
 
 impl Driven {
     /// Has a robot take the steps.
-    pub fn by(robot: &mut impl Robot, scenario: &Scenario, lines: &[Line]) -> Result<Self, Error> {
-        let mut records = Vec::new();
-        let ends = script::carry_out(robot, scenario, lines, |record| records.push(*record))?;
-        Ok(Self {
+    pub fn by(robot: &mut impl Robot, scenario: &Scenario, lines: &[Line]) -> Self {
+        let (mut records, mut ends) = (Thinned::new(MOST_ROWS), Vec::new());
+        let see = |record: &Record| records.push(*record);
+        let taken = script::carry_out(robot, scenario, lines, see, &mut ends);
+        Self {
             ends,
-            records,
+            records: records.into_values(),
             count: lines.len(),
-        })
+            error: taken.err().map(|error| error.to_string()),
+        }
     }
 
     /// Why the steps were not taken to the last, if so.
     pub fn failure(&self) -> Option<String> {
         match self.ends.iter().find(|end| !end.done) {
             Some(end) => {
-                let code = end.code.as_deref().unwrap_or("time limit");
-                Some(format!("line {}: {}: not done: {code}", end.line, end.step))
+                let error = self.error.as_deref().or(end.code.as_deref());
+                let error = error.unwrap_or("time limit");
+                Some(format!(
+                    "line {}: {}: not done: {error}",
+                    end.line, end.step
+                ))
             }
             None if self.ends.len() < self.count => Some(format!(
                 "{} of {} steps were taken",
@@ -76,32 +86,17 @@ pub fn publish(
     driven: &Driven,
 ) -> Result<(String, serde_json::Value, OutputDir), Error> {
     let mut files = context.output()?;
-    files.csv("log.csv", csv::of_records(&driven.records));
-    let last = driven.records.last();
-    if let Some(last) = last.filter(|last| !last.midpoint[0].is_nan()) {
-        let body = context.body();
-        let done = driven.failure().is_none();
-        let at = last.lead.fused.robot.posture;
-        let estimate = [at.x, at.y, at.phi].map(f64::from);
-        let panel = PathsPanel {
-            title: format!("{} of {} steps", driven.ends.len(), driven.count),
-            others: Vec::new(),
-            path: driven
-                .records
-                .iter()
-                .map(|at| [at.midpoint[0], at.midpoint[1]])
-                .collect(),
-            wheels: pictures::wheel_paths(&driven.records, body.half_track_m),
-            snapshots: pictures::snapshots(&driven.records),
-            goal: goal(lines).unwrap_or(estimate),
-            ends: vec![(End::of(done, true), last.midpoint)],
-        };
-        let figure = figures::paths("Path of the robot", &body, &[panel]);
-        files.text("paths.svg", figure.svg());
-        files.bytes("paths.png", figure.png());
-        let page = page_of(context, driven);
-        page::add(&mut files, &context.name, context.seed, &body, &[page]);
-    }
+    let done = driven.failure().is_none();
+    let title = format!("{} of {} steps", driven.ends.len(), driven.count);
+    let to = goal(lines).unwrap_or([f64::NAN; 3]);
+    draw(
+        context,
+        &mut files,
+        &driven.records,
+        (done, to),
+        title,
+        summary(&driven.ends),
+    );
     let report = serde_json::to_value(Report {
         steps: &driven.ends,
     });
@@ -127,30 +122,73 @@ pub fn report_uncertain(what: &str, notice: Condition, claimed_m: Option<f64>) {
     );
 }
 
-/// The drive for the report page: error of the estimate.
-fn page_of<'a>(context: &'a Context, driven: &'a Driven) -> page::Run<'a> {
+/// Rows of the report page's summary.
+pub fn summary(ends: &[StepEnd]) -> Vec<(String, String)> {
+    let row = |end: &StepEnd| {
+        let name = format!("{}: {}", end.line, end.step);
+        let state = end.name();
+        (name, format!("{state} after {:.1} s", end.duration_s))
+    };
+    ends.iter().map(row).collect()
+}
+
+/// Log, picture and report page of a run that is done, or not, to a goal, which is NaN if there is none. Of a robot whose true
+/// posture is not known, the estimate is drawn.
+pub fn draw(
+    context: &Context,
+    files: &mut OutputDir,
+    records: &[Record],
+    (done, goal): (bool, [f64; 3]),
+    title: String,
+    summary: Vec<(String, String)>,
+) {
+    files.csv("log.csv", csv::of_records(records));
+    let seen: Vec<Record> = records.iter().map(Record::seen).collect();
+    let Some(last) = seen.last() else {
+        return;
+    };
+    let body = context.body();
+    let panel = PathsPanel {
+        title: title.clone(),
+        others: Vec::new(),
+        path: seen
+            .iter()
+            .map(|at| [at.midpoint[0], at.midpoint[1]])
+            .collect(),
+        wheels: pictures::wheel_paths(&seen, body.half_track_m),
+        snapshots: pictures::snapshots(&seen),
+        goal: if goal[0].is_nan() {
+            last.midpoint
+        } else {
+            goal
+        },
+        ends: vec![(End::of(done, true), last.midpoint)],
+    };
+    let heading = match records[0].midpoint[0].is_nan() {
+        true => "Path of the robot, as estimated",
+        false => "Path of the robot",
+    };
+    let figure = figures::paths(heading, &body, &[panel]);
+    files.text("paths.svg", figure.svg());
+    files.bytes("paths.png", figure.png());
     let error = |record: &Record| {
         let at = record.lead.fused.robot.posture;
         let [x, y, phi] = record.midpoint;
         let off = (f64::from(at.x) - x).hypot(f64::from(at.y) - y);
         [[0.0; 2], [off, f64::from(at.phi) - phi]]
     };
-    let row = |end: &StepEnd| {
-        let name = format!("{}: {}", end.line, end.step);
-        let state = end.name();
-        (name, format!("{state} after {:.1} s", end.duration_s))
-    };
-    page::Run {
-        title: "Drive".to_owned(),
-        name: "drive".to_owned(),
-        goal: None,
+    let run = page::Run {
+        title: heading.to_owned(),
+        name: title,
+        goal: (!goal[0].is_nan()).then_some(goal),
         reference: Vec::new(),
-        records: driven.records.iter().collect(),
-        errors: driven.records.iter().map(error).collect(),
+        records: records.iter().collect(),
+        errors: records.iter().map(error).collect(),
         distance: "Distance of the estimate from the truth",
-        summary: driven.ends.iter().map(row).collect(),
+        summary,
         scenario: &context.scenario,
-    }
+    };
+    page::add(files, &context.name, context.seed, &body, &[run]);
 }
 
 /// Table of the steps.
@@ -175,4 +213,39 @@ pub fn table(ends: &[StepEnd]) -> String {
     format!(
         "{table}\nPostures are the robot's estimates; off: distance of the true midpoint from the estimate.\n"
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::run::robot::Observer;
+    use crate::run::simulation::Simulation;
+
+    /// A display that fails after a second.
+    struct Failing;
+
+    impl Observer for Failing {
+        fn epoch(&mut self, _robot: &dyn Robot, record: &Record) -> Result<(), Error> {
+            match record.time_s < 1.0 {
+                true => Ok(()),
+                false => Err(Error::Failure("no display".to_owned())),
+            }
+        }
+    }
+
+    #[test]
+    fn steps_before_an_error_are_in_the_result() {
+        let scenario = Scenario::default();
+        let lines = script::parse("stop\n\nwait 9\nstop", &scenario).unwrap();
+        let mut robot = Simulation::new(&scenario, 1, 0).unwrap();
+        robot.observe(Box::new(Failing));
+        let driven = Driven::by(&mut robot, &scenario, &lines);
+        let ends: Vec<_> = driven.ends.iter().map(|end| (end.line, end.done)).collect();
+        assert_eq!(ends, [(1, true), (3, false)]);
+        let failure = driven.failure().unwrap();
+        assert!(
+            failure.contains("line 3: wait 9: not done: no display"),
+            "{failure}"
+        );
+    }
 }

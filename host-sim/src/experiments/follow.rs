@@ -4,6 +4,7 @@ use crate::base::error::Error;
 use crate::base::numbers::{number, whole};
 use crate::base::output::{Cell, Csv, OutputDir};
 use crate::base::table::Table;
+use crate::base::thinned::Thinned;
 use crate::experiments::Context;
 use crate::experiments::arguments::{Common, RobotArgs, SensorArgs, parse_posture};
 use crate::experiments::posture::Variant;
@@ -62,8 +63,8 @@ pub struct FollowArgs {
     pub robot: RobotArgs,
 }
 
-/// Most epochs that are kept of a run for log and picture; of a longer one, every n-th is.
-const MOST_ROWS: f64 = 20_000.0;
+/// Most epochs that are kept of a run for log and picture.
+pub const MOST_ROWS: usize = 20_000;
 /// Least distance between two robots in the picture, m.
 const APART_M: f64 = 0.65;
 
@@ -125,15 +126,15 @@ pub fn run(args: &FollowArgs, path_mode: PathMode) -> Result<(), Error> {
     let path = route.postures();
     let goal = (route.goal(), &path[..]);
     let stage = Stage::begin(&args.log, &about, goal, context.interrupt())?;
-    let mut kept = Kept::new(route);
+    let mut kept = Thinned::new(MOST_ROWS);
     let mut simulation = stage.simulation()?;
-    let see = |moment: &Moment| kept.see(moment);
+    let see = |moment: &Moment| kept.push(*moment);
     let driven = stage.run(&mut simulation, |robot| {
         path_run::drive_on(robot, scenario, route, path_mode, see)
     })?;
     let (outcome, recorded) = (driven.outcome, driven.recorded);
-    let failure = simulation.failure();
-    let why = (!outcome.done).then(|| failure.unwrap_or("time limit".to_owned()));
+    let why = (!outcome.done).then(|| driven.ended.unwrap_or("time limit".to_owned()));
+    let kept = kept.into_values();
     let (text, report, files) = publish(&context, &course, path_mode, (&outcome, &why), &kept)?;
     let failed = why.map(|why| format!("not at rest at the end of the path: {why}"));
     context.finish(&text, &report, files, &recorded, failed)
@@ -203,49 +204,16 @@ pub fn prepare(args: &FollowArgs, context: &mut Context, purpose: Use) -> Result
     })
 }
 
-/// Moments of a run for log and picture.
-#[derive(Clone, Debug)]
-pub struct Kept {
-    moments: Vec<Moment>,
-    stride: usize,
-    epoch: usize,
-}
-
-impl Kept {
-    /// Nothing yet; of a long route every n-th moment will be kept.
-    pub fn new(route: &Route) -> Self {
-        let share = 100.0 * route.expected_duration() / MOST_ROWS;
-        Self {
-            moments: Vec::new(),
-            stride: share.ceil().max(1.0) as usize,
-            epoch: 0,
-        }
-    }
-
-    /// State at each moment.
-    pub fn records(&self) -> Vec<Record> {
-        self.moments.iter().map(|moment| moment.record).collect()
-    }
-
-    /// Takes in the next moment.
-    pub fn see(&mut self, moment: &Moment) {
-        if self.epoch.is_multiple_of(self.stride) || moment.record.lead.done {
-            self.moments.push(*moment);
-        }
-        self.epoch += 1;
-    }
-}
-
 /// Table, result and files of a run, and why it ended early if it did.
 pub fn publish(
     context: &Context,
     course: &Course,
     path_mode: PathMode,
     (outcome, ended): (&Outcome, &Option<String>),
-    kept: &Kept,
+    moments: &[Moment],
 ) -> Result<(String, Report, OutputDir), Error> {
     let (name, title) = names(path_mode);
-    let (scenario, route, moments) = (&context.scenario, &course.route, &kept.moments);
+    let (scenario, route) = (&context.scenario, &course.route);
     let mut files = context.output()?;
     let variant = Variant::of(scenario);
     let report = Report {
@@ -264,7 +232,7 @@ pub fn publish(
         ended: ended.clone(),
         duration_s: outcome.duration_s,
     };
-    let records = kept.records();
+    let records: Vec<Record> = moments.iter().map(|moment| moment.record).collect();
     let run = followed(route, path_mode, moments, &records);
     let shape = FilePath::new(&course.name).file_stem();
     let shape = shape.map_or(course.name.clone(), |stem| {

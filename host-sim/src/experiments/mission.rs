@@ -2,10 +2,11 @@
 
 use crate::base::error::Error;
 use crate::base::output::OutputDir;
+use crate::base::thinned::Thinned;
 use crate::experiments::Context;
 use crate::experiments::arguments::PlanArgs;
 use crate::experiments::driven::{self, Driven};
-use crate::experiments::follow::{self, Course, Kept};
+use crate::experiments::follow::{self, Course, MOST_ROWS};
 use crate::experiments::posture::{self, Trial, Variant};
 use crate::experiments::recorder::Stage;
 use crate::run::path_run::{self, Moment, PathMode};
@@ -38,7 +39,7 @@ pub enum Outcome {
     /// Of a regulation.
     Posture(Box<Trial>),
     /// Along a path.
-    Path(Box<path_run::Outcome>, Kept),
+    Path(Box<path_run::Outcome>, Vec<Moment>),
     /// Of a script.
     Script(Driven),
 }
@@ -74,7 +75,7 @@ impl Outcome {
     pub fn records(&self) -> Vec<Record> {
         match self {
             Self::Posture(trial) => trial.records.clone(),
-            Self::Path(_, kept) => kept.records(),
+            Self::Path(_, moments) => moments.iter().map(|moment| moment.record).collect(),
             Self::Script(driven) => driven.records.clone(),
         }
     }
@@ -116,6 +117,18 @@ impl Mission {
         }
     }
 
+    /// Longest time of the run, s.
+    pub fn limit_s(&self, scenario: &Scenario) -> f64 {
+        let limit_s = match self {
+            Self::Posture(_) => scenario.mission.time_limit_s,
+            Self::Path(course, _) => course.route.limit_s(),
+            Self::Script { lines, .. } => {
+                lines.iter().map(|line| line.step.limit_s(scenario)).sum()
+            }
+        };
+        scenario.mission.settle_s + limit_s
+    }
+
     /// Has a robot carry it out.
     pub fn drive(&self, robot: &mut impl Robot, scenario: &Scenario) -> Result<Outcome, Error> {
         Ok(match self {
@@ -126,12 +139,12 @@ impl Mission {
                 Outcome::Posture(Box::new(trial))
             }
             Self::Path(course, path_mode) => {
-                let mut kept = Kept::new(&course.route);
-                let see = |moment: &Moment| kept.see(moment);
+                let mut kept = Thinned::new(MOST_ROWS);
+                let see = |moment: &Moment| kept.push(*moment);
                 let outcome = path_run::drive_on(robot, scenario, &course.route, *path_mode, see)?;
-                Outcome::Path(Box::new(outcome), kept)
+                Outcome::Path(Box::new(outcome), kept.into_values())
             }
-            Self::Script { lines, .. } => Outcome::Script(Driven::by(robot, scenario, lines)?),
+            Self::Script { lines, .. } => Outcome::Script(Driven::by(robot, scenario, lines)),
         })
     }
 
@@ -153,9 +166,9 @@ impl Mission {
                 let text = posture::table(&report.rows, &variants);
                 (text, serde_json::to_value(report), files)
             }
-            (Self::Path(course, path_mode), Outcome::Path(outcome, kept)) => {
+            (Self::Path(course, path_mode), Outcome::Path(outcome, moments)) => {
                 let (text, report, files) =
-                    follow::publish(context, course, *path_mode, (&outcome, ended), &kept)?;
+                    follow::publish(context, course, *path_mode, (&outcome, ended), &moments)?;
                 (text, serde_json::to_value(report), files)
             }
             (Self::Script { lines, .. }, Outcome::Script(driven)) => {

@@ -8,10 +8,10 @@ use crate::experiments::arguments::{Place as Boards, RobotArgs};
 use crate::experiments::driven;
 use crate::experiments::mission::{Mission, Outcome, Plan};
 use crate::experiments::recorder::{self, Stage};
-use crate::recording::{About, LogArgs, csv};
+use crate::recording::{About, LogArgs};
 use crate::run::final_error::FinalError;
 use crate::run::recovery::Status;
-use crate::run::robot::{Record, Robot};
+use crate::run::robot::Robot;
 use crate::run::script::StepEnd;
 use crate::run::serial_robot::{Connect, OtherBoard, SerialRobot};
 use crate::targets::link::Link;
@@ -19,7 +19,7 @@ use crate::targets::serial::Serial;
 use core_algos::math::Posture;
 use core_algos::topology::Role;
 use serde::Serialize;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Result.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -108,34 +108,35 @@ pub fn run(
     stage.real_time = false;
     let record = log.any().then_some((&scenario, others));
     let mut robot = SerialRobot::open(connect, mission.is_placed().then_some(place), record)?;
-    // The robot is stopped before a display waits for its user.
-    let driven = stage.run(&mut robot, |robot| {
-        let outcome = mission.drive(robot, &scenario)?;
-        let closed = robot.close();
-        Ok((outcome, closed))
-    })?;
-    let (outcome, closed) = driven.outcome;
-    let mut report = report(&robot, &outcome, goal);
-    if let Err(error) = closed {
-        report.ended.get_or_insert(error.to_string());
-    }
-    publish(context, &report, &outcome, &driven.recorded)
+    let driven = stage.run(&mut robot, |robot| mission.drive(robot, &scenario))?;
+    let report = report(&robot, &driven, goal);
+    publish(context, &report, &driven, goal)
 }
 
 fn publish(
     context: &Context,
     report: &Report,
-    outcome: &Outcome,
-    recorded: &[PathBuf],
+    driven: &recorder::Driven<Outcome>,
+    goal: [f64; 3],
 ) -> Result<(), Error> {
     let mut files = context.output()?;
-    let records: Vec<Record> = outcome.records();
-    files.csv("log.csv", csv::of_records(&records));
+    let outcome = &driven.outcome;
     let failed = report.ended.clone().or_else(|| outcome.failure());
-    context.finish(&table(report), report, files, recorded, failed)
+    let end = (failed.is_none(), goal);
+    let rows = driven::summary(&report.steps);
+    driven::draw(
+        context,
+        &mut files,
+        &outcome.records(),
+        end,
+        context.name.clone(),
+        rows,
+    );
+    context.finish(&table(report), report, files, &driven.recorded, failed)
 }
 
-fn report(robot: &SerialRobot, outcome: &Outcome, goal: [f64; 3]) -> Report {
+fn report(robot: &SerialRobot, driven: &recorder::Driven<Outcome>, goal: [f64; 3]) -> Report {
+    let outcome = &driven.outcome;
     let fused = robot.record().lead.fused.robot;
     let at = fused.posture;
     let estimate = [at.x, at.y, at.phi].map(f64::from);
@@ -151,7 +152,7 @@ fn report(robot: &SerialRobot, outcome: &Outcome, goal: [f64; 3]) -> Report {
     Report {
         build: robot.build().to_owned(),
         reached: outcome.done(),
-        ended: robot.failure(),
+        ended: driven.ended.clone(),
         duration_s: outcome.duration_s(),
         estimate,
         e_estimated_m: error.e_m,

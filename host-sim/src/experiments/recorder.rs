@@ -65,6 +65,8 @@ pub struct Driven<T> {
     pub recorded: Vec<PathBuf>,
     /// Time from the first tick to the last, s.
     pub wall_s: f64,
+    /// Why the run ended early, if it did, or why the robot did not stop.
+    pub ended: Option<String>,
 }
 
 impl<'a> Stage<'a> {
@@ -141,10 +143,14 @@ impl<'a> Stage<'a> {
         let start = Instant::now();
         let outcome = drive(robot)?;
         let wall_s = start.elapsed().as_secs_f64();
-        let why = robot.failure();
-        let ended = why
-            .as_deref()
-            .or(self.interrupt.load(Relaxed).then_some("interrupted"));
+        let mut why = robot.failure();
+        let interrupted = self.interrupt.load(Relaxed);
+        // A simulated robot whose run is over is left where it is.
+        if interrupted || robot.plant().is_none() {
+            let error = robot.stop().err();
+            why = why.or(error.map(|error| error.to_string()));
+        }
+        let ended = why.as_deref().or(interrupted.then_some("interrupted"));
         // Displays close.
         let observers = std::mem::take(&mut robot.control_mut().observers);
         for mut observer in observers {
@@ -158,6 +164,7 @@ impl<'a> Stage<'a> {
             outcome,
             recorded,
             wall_s,
+            ended: why,
         })
     }
 }

@@ -63,15 +63,12 @@ struct Report {
     late_ticks: Option<u32>,
 }
 
-/// Failures on the way, checked against the fitted boards and the duration.
-fn plan(args: &RobotArgs, scenario: &Scenario) -> Result<Plan, Error> {
+/// Failures on the way, checked against the fitted boards and the longest time of the run, s.
+fn plan(args: &RobotArgs, scenario: &Scenario, limit_s: f64) -> Result<Plan, Error> {
     let plan = Plan::new(&args.plan, 0.0)?;
     let mission = &scenario.mission;
-    let most = plan
-        .span
-        .most
-        .map_or(f64::INFINITY, |most| most as f64 * 1e-6);
-    let end = most.min(mission.settle_s + mission.time_limit_s);
+    let most = plan.span.most.map_or(f64::MAX, |most| most as f64 * 1e-6);
+    let end = most.min(limit_s);
     for (failure, text) in plan.failures.iter().zip(&args.plan.kill) {
         if failure.role == Role::Beam && !mission.rps {
             return Err(Error::input(format!(
@@ -158,7 +155,7 @@ fn run(
     mission: &Mission,
     (common, log, args): (&Common, &LogArgs, &RobotArgs),
 ) -> Result<(), Error> {
-    let plan = plan(args, &context.scenario)?;
+    let plan = plan(args, &context.scenario, mission.limit_s(&context.scenario))?;
     recorder::check(log)?;
     let interrupt = context.interrupt().clone();
     let mut options = Options {

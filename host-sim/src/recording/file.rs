@@ -297,7 +297,7 @@ impl Mcap {
         let time = self.nanos(tick);
         self.bus.write(&mut self.room, time, &entry);
         let messages = entry.frames.iter().filter_map(|said| said.message.as_ref());
-        for status in messages.filter_map(|message| Status::of_message(tick, message)) {
+        for status in messages.filter_map(|message| Status::of(tick, message)) {
             self.status(tick, status);
         }
     }

@@ -1,5 +1,6 @@
 //! Keys of the dashboard: end of the run, pause, single steps and speed of a simulation, and the drive by hand.
 
+use core_algos::node::lead::Task;
 use core_algos::time::{EPOCH, TICK};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -45,10 +46,18 @@ pub struct Hand {
     pub speed_m_s: f64,
     /// Curvature, 1/m.
     pub curvature: f64,
-    /// True if the faults are to be cleared.
-    pub clear: bool,
-    /// True if the robot is to stop, whatever it does.
-    pub halt: bool,
+    /// Task that comes first: to stop or to clear the faults.
+    pub task: Option<Task>,
+}
+
+impl Hand {
+    /// A robot at rest that gets a task.
+    fn at_rest(task: Task) -> Self {
+        Self {
+            task: Some(task),
+            ..Self::default()
+        }
+    }
 }
 
 /// State of the keys.
@@ -122,18 +131,8 @@ impl Keyboard {
             Key::Backward => keys.hand.speed_m_s = add(hand.speed_m_s, limits[0], -1.0),
             Key::Left => keys.hand.curvature = add(hand.curvature, limits[1], 1.0),
             Key::Right => keys.hand.curvature = add(hand.curvature, limits[1], -1.0),
-            Key::Halt => {
-                keys.hand = Hand {
-                    halt: true,
-                    ..Hand::default()
-                };
-            }
-            Key::Clear => {
-                keys.hand = Hand {
-                    clear: true,
-                    ..Hand::default()
-                };
-            }
+            Key::Halt => keys.hand = Hand::at_rest(Task::Stop),
+            Key::Clear => keys.hand = Hand::at_rest(Task::Clear),
         }
     }
 
@@ -173,10 +172,9 @@ impl Keyboard {
         keys.hand
     }
 
-    /// The faults were cleared, or the robot was told to stop.
-    pub fn taken(&self) {
-        let hand = &mut self.keys().hand;
-        (hand.clear, hand.halt) = (false, false);
+    /// Takes the task that comes first.
+    pub fn take_task(&self) -> Option<Task> {
+        self.keys().hand.task.take()
     }
 }
 
@@ -200,10 +198,9 @@ mod tests {
         let hand = keyboard.hand();
         assert_eq!((hand.speed_m_s, hand.curvature), (-0.4, 2.0));
         keyboard.press(Key::Clear);
-        assert!(keyboard.hand().clear && keyboard.hand().speed_m_s == 0.0);
+        assert_eq!(keyboard.hand(), Hand::at_rest(Task::Clear));
         keyboard.press(Key::Halt);
-        assert!(keyboard.hand().halt);
-        keyboard.taken();
+        assert_eq!(keyboard.take_task(), Some(Task::Stop));
         assert_eq!(keyboard.hand(), Hand::default());
         // Without a driver the keys do not drive.
         let watcher = Keyboard::default();

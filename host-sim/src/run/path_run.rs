@@ -140,9 +140,9 @@ impl Route {
         self.path.samples().iter().map(posture).collect()
     }
 
-    /// Time that trajectory tracking takes, s; path following takes about as long.
-    pub fn expected_duration(&self) -> f64 {
-        self.trajectory.duration()
+    /// Longest time of a run, s.
+    pub fn limit_s(&self) -> f64 {
+        PATIENCE.0 * self.trajectory.duration() + PATIENCE.1
     }
 
     fn end(&self) -> Sample {
@@ -343,8 +343,7 @@ pub fn drive_on(
         max_curvature: 0.0,
         done: false,
     };
-    let limit_s = PATIENCE.0 * route.trajectory.duration() + PATIENCE.1;
-    let ended = drive(robot, scenario, limit_s, &mut run)?;
+    let ended = drive(robot, scenario, route.limit_s(), &mut run)?;
     let end = route.end();
     let record = &run.moment.record;
     let center = record.lead.fused.robot.posture;

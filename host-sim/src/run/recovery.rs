@@ -2,6 +2,7 @@
 //! a board was restarted.
 
 use crate::targets::{Boards, HostCommand, What};
+use core_algos::bus::field::CalibrationResult;
 use core_algos::bus::{self, CanFrame, Message};
 use core_algos::node::lead::Task;
 use core_algos::safety::{Condition, Conditions, OperatingState};
@@ -32,13 +33,8 @@ pub struct Status {
 }
 
 impl Status {
-    /// The heartbeat in a frame of a tick (ms); none if the frame is something else.
-    pub fn of(tick: u32, frame: &CanFrame) -> Option<Self> {
-        Self::of_message(tick, &bus::decode(frame).ok()?)
-    }
-
-    /// The same of a message that has been decoded.
-    pub fn of_message(tick: u32, message: &Message) -> Option<Self> {
+    /// The heartbeat in a message of a tick (ms); none if the message is something else.
+    pub fn of(tick: u32, message: &Message) -> Option<Self> {
         match *message {
             Message::NodeStatus {
                 node,
@@ -88,12 +84,18 @@ pub struct Monitor {
     changes: Vec<Status>,
     noticed: [Conditions; NODES.len()],
     recent: Conditions,
+    /// Latest result of a calibration, and the gauge to blame.
+    pub calibrated: Option<(CalibrationResult, u8)>,
 }
 
 impl Monitor {
     /// Takes in a frame that was sent at a tick (ms).
     pub fn see(&mut self, tick: u32, frame: &CanFrame) {
-        let Some(status) = Status::of(tick, frame) else {
+        let message = bus::decode(frame);
+        if let Ok(Message::BeamCalibrated { result, gauge, .. }) = message {
+            self.calibrated = Some((result, gauge));
+        }
+        let Some(status) = message.ok().and_then(|message| Status::of(tick, &message)) else {
             return;
         };
         let place = status.node as usize;

@@ -4,16 +4,22 @@ use crate::base::error::Error;
 use crate::bus::virtual_bus::BusStatistics;
 use crate::plant::{Outline, Plant};
 use crate::run::real_time::RealTimeLimiter;
-use crate::run::recovery::Monitor;
+use crate::run::recovery::{Monitor, NODES};
 use crate::targets::board_record::BoardEvent;
 use crate::targets::{BoardTraffic, HostCommand, Room};
 use core_algos::beam::MAX_GAUGES;
 use core_algos::bus::CanFrame;
-use core_algos::node::lead;
+use core_algos::node::lead::{self, Task};
+use core_algos::safety::Permit;
 use core_algos::time::{EPOCH, Micros};
-use core_algos::topology::Role;
+use core_algos::topology::{Node, Role};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+
+/// Longest time that a robot gets to stop, and then to switch its motors off, µs.
+const STOP: Micros = 5_000_000;
+/// Speed below which it counts as at rest, m/s.
+const REST_M_S: f32 = 1e-3;
 
 /// State of the robot at the beginning of an epoch, for logs and pictures.
 #[derive(Clone, Copy, Debug, Default)]
@@ -58,6 +64,22 @@ impl Record {
         }
     }
 
+    /// The same with the estimate in place of a truth that is not known: postures and frame.
+    pub fn seen(&self) -> Self {
+        if !self.midpoint[0].is_nan() {
+            return *self;
+        }
+        let fused = &self.lead.fused;
+        let [midpoint, front, rear] = [fused.robot, fused.front, fused.rear]
+            .map(|at| [at.posture.x, at.posture.y, at.posture.phi].map(f64::from));
+        Self {
+            midpoint,
+            axles: [front, rear],
+            frame: strip([front, rear]),
+            ..*self
+        }
+    }
+
     /// The plant as it is at `now`, with what is known of the boards: the lead node's latest step, and
     /// the strains of the gauges.
     pub fn of(
@@ -87,6 +109,22 @@ impl Record {
             strain,
         }
     }
+}
+
+/// The strip between the axles: the cubic with their headings at its ends.
+fn strip([front, rear]: [[f64; 3]; 2]) -> [[f32; 2]; FRAME_POINTS] {
+    let length = (front[0] - rear[0]).hypot(front[1] - rear[1]);
+    std::array::from_fn(|i| {
+        let t = i as f64 / (FRAME_POINTS - 1) as f64;
+        let (t2, t3) = (t * t, t * t * t);
+        let (start, end) = (2.0 * t3 - 3.0 * t2 + 1.0, 3.0 * t2 - 2.0 * t3);
+        let (out, into) = (t3 - 2.0 * t2 + t, t3 - t2);
+        let along = |k: usize, direction: fn(f64) -> f64| {
+            let slopes = out * direction(rear[2]) + into * direction(front[2]);
+            (start * rear[k] + end * front[k] + length * slopes) as f32
+        };
+        [along(0, f64::cos), along(1, f64::sin)]
+    })
 }
 
 /// Observer of a run: a recording or a display.
@@ -139,6 +177,8 @@ pub struct RunControl {
     pub pace: Option<RealTimeLimiter>,
     /// Observers of the state.
     pub observers: Observers,
+    /// Monitor of the heartbeats.
+    pub monitor: Monitor,
 }
 
 /// A robot that an experiment drives, wherever its boards run.
@@ -147,6 +187,10 @@ pub trait Robot {
     fn now(&self) -> Micros;
     /// Gives the lead node a task, or points of a path or trajectory. It gets them at once, or soon.
     fn command(&mut self, command: &HostCommand) -> Result<(), Error>;
+    /// Has the front board send a frame of a service tool on the bus; boards in this program have no use for it.
+    fn send(&mut self, _frame: &CanFrame) -> Result<(), Error> {
+        Ok(())
+    }
     /// True if the lead node has got all commands.
     fn is_settled(&self) -> bool;
     /// Points the lead node has room for, at the end of an epoch.
@@ -159,10 +203,6 @@ pub trait Robot {
     fn record(&self) -> Record;
     /// The robot as it is; `None` if it is a real one.
     fn plant(&self) -> Option<&Plant>;
-    /// Monitor of the heartbeats.
-    fn monitor(&self) -> &Monitor;
-    /// The same, to be changed.
-    fn monitor_mut(&mut self) -> &mut Monitor;
     /// Bounds, pace and observers of the run.
     fn control(&self) -> &RunControl;
     /// The same, to be changed.
@@ -171,6 +211,11 @@ pub trait Robot {
     fn traffic(&self) -> Vec<BoardTraffic>;
     /// Counters of the bus between the boards.
     fn bus(&self) -> BusStatistics;
+
+    /// Monitor of the heartbeats.
+    fn monitor(&self) -> &Monitor {
+        &self.control().monitor
+    }
 
     /// Age of the estimates in a record at the end of an epoch, µs. The lead node works on those of the epoch that has
     /// just passed.
@@ -219,12 +264,42 @@ pub trait Robot {
         self.control().interrupt.as_ref().is_some_and(interrupted)
     }
 
+    /// True if the time of the run is over.
+    fn is_out_of_time(&self) -> bool {
+        let most = self.control().span.most;
+        most.is_some_and(|most| self.now() >= most)
+    }
+
     /// True if the run must end before its task.
     fn must_end(&self) -> bool {
-        let control = self.control();
-        self.is_interrupted()
-            || self.failure().is_some()
-            || control.span.most.is_some_and(|most| self.now() >= most)
+        self.is_interrupted() || self.failure().is_some() || self.is_out_of_time()
+    }
+
+    /// Ends the run: brings the robot to rest.
+    fn stop(&mut self) -> Result<(), Error>
+    where
+        Self: Sized,
+    {
+        self.bring_to_rest()
+    }
+
+    /// Has the robot brake, then switch its motors off. An error if it does not confirm that in time.
+    fn bring_to_rest(&mut self) -> Result<(), Error>
+    where
+        Self: Sized,
+    {
+        for task in [Task::Stop, Task::Idle] {
+            self.command(&HostCommand::Task(task))?;
+            let end = self.now() + STOP;
+            while !(self.is_settled() && has_stopped(self, task)) {
+                if self.now() >= end {
+                    let seconds = STOP / 1_000_000;
+                    return Err(Error::Failure(format!("not at rest after {seconds} s")));
+                }
+                self.step()?;
+            }
+        }
+        Ok(())
     }
 
     /// True steering angle ψ, rad, or NaN: half the angle between the axles.
@@ -244,5 +319,33 @@ pub trait Robot {
             });
             speeds[0].max(speeds[1])
         })
+    }
+}
+
+/// True if the robot is at rest; after [`Task::Idle`], if its motors are off.
+fn has_stopped(robot: &impl Robot, task: Task) -> bool {
+    let on = |node: &Node| {
+        let latest = robot.monitor().latest(*node);
+        latest.is_some_and(|latest| latest.state.permit() != Permit::Off)
+    };
+    let off = !NODES.iter().any(on);
+    robot.record().lead.motion.v.abs() <= REST_M_S && (off || task != Task::Idle)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn strip_begins_and_ends_at_the_axles_along_their_headings() {
+        let (front, rear) = ([0.35, 0.1, 0.6], [0.0, 0.0, -0.2]);
+        let strip = strip([front, rear]);
+        assert_eq!(
+            (strip[0], strip[FRAME_POINTS - 1]),
+            ([0.0, 0.0], [0.35, 0.1])
+        );
+        let slope = |a: [f32; 2], b: [f32; 2]| (b[1] - a[1]).atan2(b[0] - a[0]);
+        assert!((slope(strip[0], strip[1]) + 0.2).abs() < 0.2);
+        assert!((slope(strip[FRAME_POINTS - 2], strip[FRAME_POINTS - 1]) - 0.6).abs() < 0.2);
     }
 }

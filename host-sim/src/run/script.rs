@@ -12,7 +12,8 @@ use crate::run::regulate;
 use crate::run::robot::{Record, Robot};
 use crate::scenario::Scenario;
 use crate::targets::HostCommand;
-use core_algos::bus::LeadMode;
+use core_algos::bus::field::{Calibrate, CalibrationResult};
+use core_algos::bus::{self, LeadMode, Message};
 use core_algos::control::regulator::Phase;
 use core_algos::link::protocol::Place;
 use core_algos::math::Posture;
@@ -26,13 +27,15 @@ use serde::Serialize;
 const SPEED_EVERY: Micros = DEAD_MAN / 4;
 /// Longest time of a stop, a clearing of faults or a new posture, s.
 const SHORT_S: f64 = 10.0;
+/// Shortest time of a speed, s: that between its commands.
+const SHORTEST_S: f64 = 0.05;
 /// Longest time of a wait or a speed, s.
 const LONGEST_S: f64 = 36_000.0;
 /// Commanded speed below which the robot counts as at rest, m/s.
 const REST_M_S: f32 = 1e-3;
 
 /// Names of the steps with their arguments.
-const STEPS: [(&str, &str); 7] = [
+const STEPS: [(&str, &str); 8] = [
     ("goto", "X Y PHI"),
     ("follow", "PATH [SIZE [LAPS]]"),
     ("speed", "V KAPPA SECONDS"),
@@ -40,6 +43,7 @@ const STEPS: [(&str, &str); 7] = [
     ("clear", ""),
     ("wait", "SECONDS"),
     ("pose", "X Y PHI"),
+    ("zero", ""),
 ];
 
 /// Step of a script.
@@ -59,8 +63,26 @@ pub enum Step {
     Wait(f64),
     /// Motors off; tell the robot its posture: m, m, rad.
     Pose([f64; 3]),
+    /// Motors off; set the zeros of the gauges of a straight strip.
+    Zero,
     /// Drive as the keys say, until the user ends the run.
     Hand(Keyboard),
+}
+
+impl Step {
+    /// Longest time of the step, s.
+    pub fn limit_s(&self, scenario: &Scenario) -> f64 {
+        match self {
+            Self::Goto(_) => scenario.mission.time_limit_s,
+            Self::Follow(path, laps, _) => {
+                let route = Route::new(path, *laps, scenario);
+                route.map_or(SHORT_S, |route| route.limit_s())
+            }
+            Self::Speed(_, _, seconds) | Self::Wait(seconds) => SHORT_S + seconds,
+            Self::Hand(_) => f64::MAX,
+            _ => SHORT_S,
+        }
+    }
 }
 
 /// Line of a script.
@@ -208,7 +230,7 @@ fn step(text: &str, scenario: &Scenario) -> Result<Step, Error> {
             Ok(Step::Speed(
                 number(0, "V (m/s)", -most, most)?,
                 number(1, "KAPPA (1/m)", -bound, bound)?,
-                number(2, "SECONDS", 0.0, LONGEST_S)?,
+                number(2, "SECONDS", SHORTEST_S, LONGEST_S)?,
             ))
         }
         "follow" => {
@@ -230,26 +252,29 @@ fn step(text: &str, scenario: &Scenario) -> Result<Step, Error> {
             Ok(Step::Follow(Box::new(path), laps, here))
         }
         "stop" => exactly(0).map(|()| Step::Stop),
+        "zero" => exactly(0).map(|()| Step::Zero),
         _ => exactly(0).map(|()| Step::Clear),
     }
 }
 
-/// Has a robot take the steps in turn, up to the first that fails; `observe` sees each epoch.
+/// Has a robot take the steps in turn, up to the first that fails; `observe` sees each epoch, and `ends` gets the end of
+/// each step, of one with an error too.
 pub fn carry_out(
     robot: &mut impl Robot,
     scenario: &Scenario,
     lines: &[Line],
     mut observe: impl FnMut(&Record),
-) -> Result<Vec<StepEnd>, Error> {
-    let mut ends = Vec::new();
+    ends: &mut Vec<StepEnd>,
+) -> Result<(), Error> {
     for line in lines {
         let began = robot.now();
-        robot.monitor_mut().take_recent();
-        let done = take(robot, scenario, &line.step, &mut observe)?;
+        robot.control_mut().monitor.take_recent();
+        let taken = take(robot, scenario, &line.step, &mut observe);
+        let done = matches!(taken, Ok(true));
         let record = robot.record();
         let at = record.lead.fused.robot.posture;
         let [x, y, phi] = [at.x, at.y, at.phi].map(f64::from);
-        let notices = robot.monitor_mut().take_recent();
+        let notices = robot.control_mut().monitor.take_recent();
         let [claimed_m, _] = record.lead.fused.robot.half_axes_95().map(f64::from);
         let at_goal = done && matches!(line.step, Step::Goto(_)) && claimed_m > 0.0;
         let condition = condition(&record, (done, notices));
@@ -266,11 +291,11 @@ pub fn carry_out(
             truth: (!record.midpoint[0].is_nan()).then_some(record.midpoint),
             duration_s: (robot.now() - began) as f64 * 1e-6,
         });
-        if !done || robot.must_end() {
+        if !taken? || robot.must_end() {
             break;
         }
     }
-    Ok(ends)
+    Ok(())
 }
 
 /// Condition that ended a step, or the notice under which it is done.
@@ -305,22 +330,17 @@ fn take(
         let see = |moment: &path_run::Moment| observe(&moment.record);
         return Ok(path_run::drive_on(robot, scenario, &route, PathMode::Follow, see)?.done);
     }
-    let limit_s = match step {
-        Step::Goto(_) => scenario.mission.time_limit_s,
-        Step::Speed(_, _, seconds) | Step::Wait(seconds) => SHORT_S + seconds,
-        Step::Hand(_) => f64::MAX,
-        _ => SHORT_S,
-    };
     let mut taking = Taking {
         step,
         scenario,
         observe,
         given: None,
+        asked: false,
         // A robot whose motors are off needs no stop.
-        placed: matches!(step, Step::Hand(_)) && robot.record().lead.mode == LeadMode::Idle,
+        stopped: robot.record().lead.mode == LeadMode::Idle,
         finished: false,
     };
-    let end = drive(robot, scenario, limit_s, &mut taking)?;
+    let end = drive(robot, scenario, step.limit_s(scenario), &mut taking)?;
     Ok(taking.finished || end.done)
 }
 
@@ -331,8 +351,10 @@ struct Taking<'a, F> {
     observe: &'a mut F,
     /// Time of the latest command, µs.
     given: Option<Micros>,
-    /// The posture was given, or a robot that is driven by hand was told to stop.
-    placed: bool,
+    /// The posture was given, or the zeros were asked for.
+    asked: bool,
+    /// A robot that is driven by hand needs no further stop.
+    stopped: bool,
     /// The step was carried out and the robot need not rest.
     finished: bool,
 }
@@ -342,23 +364,16 @@ impl<F> Taking<'_, F> {
     fn by_hand(&mut self, keyboard: &Keyboard) -> Option<Task> {
         let hand = keyboard.hand();
         let rests = hand.speed_m_s == 0.0;
-        let stopped = std::mem::replace(&mut self.placed, rests);
-        match () {
-            () if hand.clear => {
-                keyboard.taken();
-                Some(Task::Clear)
-            }
-            () if hand.halt => {
-                keyboard.taken();
-                Some(Task::Stop)
-            }
-            () if !rests => Some(Task::Drive {
-                speed_m_s: hand.speed_m_s as f32,
-                curvature: hand.curvature as f32,
-            }),
-            () if stopped => None,
-            () => Some(Task::Stop),
-        }
+        let stopped = std::mem::replace(&mut self.stopped, rests);
+        let drive = Task::Drive {
+            speed_m_s: hand.speed_m_s as f32,
+            curvature: hand.curvature as f32,
+        };
+        let task = match rests {
+            false => Some(drive),
+            true => (!stopped).then_some(Task::Stop),
+        };
+        keyboard.take_task().or(task)
     }
 
     /// The end of the step, if it has come.
@@ -381,7 +396,7 @@ impl<R: Robot, F: FnMut(&Record)> Errand<R> for Taking<'_, F> {
             }),
             Step::Stop => Some(Task::Stop),
             Step::Clear => Some(Task::Clear),
-            Step::Pose(_) => Some(Task::Idle),
+            Step::Pose(_) | Step::Zero => Some(Task::Idle),
             Step::Wait(_) | Step::Follow(..) | Step::Hand(_) => None,
         }
     }
@@ -402,10 +417,23 @@ impl<R: Robot, F: FnMut(&Record)> Errand<R> for Taking<'_, F> {
                 self.given = Some(now);
                 robot.command(&HostCommand::Task(task))
             }
-            (Step::Pose(pose), Some(_), _) if off && !self.placed => {
-                self.placed = true;
+            (Step::Pose(pose), Some(_), _) if off && !self.asked => {
+                self.asked = true;
                 robot.command(&HostCommand::Place(place(robot, self.scenario, *pose)))
             }
+            (Step::Zero, Some(_), _) if off && !self.asked => {
+                self.asked = true;
+                robot.control_mut().monitor.calibrated = None;
+                let request = Message::BeamCalibration {
+                    sequence: 0,
+                    calibrate: Calibrate::Zero(0.0),
+                };
+                bus::encode(&request).map_or(Ok(()), |frame| robot.send(&frame))
+            }
+            (Step::Zero, ..) => match robot.monitor().calibrated {
+                Some((result, gauge)) => calibration_error(result, gauge).map_or(Ok(()), Err),
+                None => Ok(()),
+            },
             _ => Ok(()),
         }
     }
@@ -413,7 +441,7 @@ impl<R: Robot, F: FnMut(&Record)> Errand<R> for Taking<'_, F> {
     fn must_end(&self, robot: &R) -> bool {
         // A fault is there to be cleared.
         match self.step {
-            Step::Clear | Step::Hand(_) => robot.is_interrupted(),
+            Step::Clear | Step::Hand(_) => robot.is_interrupted() || robot.is_out_of_time(),
             _ => robot.must_end(),
         }
     }
@@ -438,12 +466,37 @@ impl<R: Robot, F: FnMut(&Record)> Errand<R> for Taking<'_, F> {
             Step::Pose([x, y, _]) => {
                 let at = lead.fused.robot.posture;
                 let off = (f64::from(at.x) - x).hypot(f64::from(at.y) - y);
-                self.finish(self.placed && robot.is_settled() && off < 1e-3)
+                self.finish(self.asked && robot.is_settled() && off < 1e-3)
+            }
+            Step::Zero => {
+                let result = robot.monitor().calibrated.map(|(result, _)| result);
+                self.finish(self.asked && result == Some(CalibrationResult::Stored))
             }
             Step::Follow(..) => Progress::Over,
             Step::Hand(ref keyboard) => self.finish(keyboard.is_ended()),
         }
     }
+}
+
+/// Why the beam board did not calibrate the gauges, if so. A gauge counts from 0 at the root.
+pub fn calibration_error(result: CalibrationResult, gauge: u8) -> Option<Error> {
+    let gauge = u32::from(gauge) + 1;
+    let why = match result {
+        CalibrationResult::Stored => return None,
+        CalibrationResult::MotorsOn => "its motors are on: stop the robot".to_owned(),
+        CalibrationResult::BadSample => {
+            format!("gauge {gauge} is saturated or missing: check its wires")
+        }
+        CalibrationResult::Noisy => format!("gauge {gauge} scatters: hold the strip still"),
+        CalibrationResult::Drifting => format!("gauge {gauge} moved: hold the strip still"),
+        CalibrationResult::OutOfRange => {
+            "the result is out of range: check the curvature, calibrate the zeros first".to_owned()
+        }
+        CalibrationResult::NotStored => {
+            "the calibration is in use, but writing the flash failed".to_owned()
+        }
+    };
+    Some(Error::Failure(format!("beam board: not calibrated: {why}")))
 }
 
 /// True if the lead node is idle without a reason to be so.
@@ -492,6 +545,7 @@ mod tests {
                 "speed 0.1 50 1",
                 "KAPPA (1/m) = 50: must be a number from -",
             ),
+            ("speed 0.1 0 0", "SECONDS = 0: must be a number from 0.05"),
             ("wait -1", "SECONDS = -1: must be a number from 0"),
             ("stop now", "must be: stop"),
             ("follow circle 0.05", "curvature"),
@@ -512,7 +566,8 @@ mod tests {
                     follow line 0.5\nwait 0.5\ngoto 6 5 0";
         let lines = parse(text, &scenario).unwrap();
         let mut robot = Simulation::new(&scenario, 1, 0).unwrap();
-        let ends = carry_out(&mut robot, &scenario, &lines, |_| ()).unwrap();
+        let mut ends = Vec::new();
+        carry_out(&mut robot, &scenario, &lines, |_| (), &mut ends).unwrap();
         let numbers: Vec<usize> = ends.iter().map(|end| end.line).collect();
         assert_eq!(numbers, [1, 3, 4, 5, 6, 7, 8, 9]);
         assert!(ends.iter().all(|end| end.done), "{ends:?}");
@@ -535,5 +590,20 @@ mod tests {
         let moved = (truth(5)[0] - truth(4)[0]).hypot(truth(5)[1] - truth(4)[1]);
         assert!((moved - 0.5).abs() < 0.03, "{moved}");
         assert!((ends[7].x - 6.0).hypot(ends[7].y - 5.0) < 0.01, "{ends:?}");
+    }
+    /// A user who ends a run leaves a robot at rest with its motors off, in simulation too; a run has an end by hand, too.
+    #[test]
+    fn simulated_robot_is_brought_to_rest_and_its_run_ends_in_time() {
+        let mut scenario = Scenario::default();
+        scenario.mission.start = [0.0; 3];
+        let mut robot = Simulation::new(&scenario, 1, 0).unwrap();
+        robot.control_mut().span.most = Some(2_000_000);
+        let mut lines = parse("speed 0.2 0 9", &scenario).unwrap();
+        carry_out(&mut robot, &scenario, &lines, |_| (), &mut Vec::new()).unwrap();
+        assert!(robot.speed() > 0.1 && robot.now() == 2_000_000);
+        robot.stop().unwrap();
+        assert!(robot.speed() < 5e-3 && robot.torque() == [[0.0; 2]; 2]);
+        lines = by_hand(Keyboard::default());
+        carry_out(&mut robot, &scenario, &lines, |_| (), &mut Vec::new()).unwrap();
     }
 }

@@ -7,7 +7,7 @@ use crate::base::error::Error;
 use crate::base::interrupt;
 use crate::bus::virtual_bus::{BusStatistics, sender};
 use crate::plant::Plant;
-use crate::run::recovery::{Monitor, NODES};
+use crate::run::recovery::NODES;
 use crate::run::robot::{Record, Robot, RunControl};
 use crate::scenario::Scenario;
 use crate::targets::board_link::BoardLink;
@@ -18,7 +18,7 @@ use core_algos::bus::CanFrame;
 use core_algos::link::lease::TERM;
 use core_algos::link::protocol::Place;
 use core_algos::node::lead::{self, Task};
-use core_algos::safety::{Condition, OperatingState, Permit};
+use core_algos::safety::{Condition, OperatingState};
 use core_algos::time::{Micros, TICK};
 use core_algos::topology::{Node, Role};
 use std::io::Write;
@@ -34,8 +34,6 @@ const PATIENCE: Micros = 10_000_000;
 const HELD_UP: Duration = Duration::from_millis(50);
 /// Time in which the lease of another program ends.
 const LEASE: Duration = Duration::from_micros(TERM + 100_000);
-/// Longest time that the robot gets to stop at the end of a run, and then to switch its motors off.
-const STOP: Duration = Duration::from_secs(5);
 
 /// Longest time until recorded boards have begun anew, ms.
 const RECORD_MS: u64 = 5000;
@@ -116,7 +114,6 @@ pub struct SerialRobot {
     lead: lead::Output,
     /// The latest task.
     task: Task,
-    monitor: Monitor,
     frames: u64,
     control: RunControl,
     closed: bool,
@@ -144,7 +141,6 @@ impl SerialRobot {
             reconnected: 0,
             lead: lead::Output::default(),
             task: Task::Idle,
-            monitor: Monitor::default(),
             frames: 0,
             control: RunControl::default(),
             closed: false,
@@ -219,7 +215,7 @@ impl SerialRobot {
         let place = place.or(known.then_some(here));
         if let Some(node) = NODES
             .iter()
-            .filter_map(|node| self.monitor.latest(*node))
+            .filter_map(|node| self.control.monitor.latest(*node))
             .find(|it| it.state == OperatingState::Fault)
         {
             return Err(Error::Failure(format!(
@@ -270,7 +266,7 @@ impl SerialRobot {
     /// True if no node of a board is starting.
     fn is_ready(&self) -> bool {
         let ready = |node: &Node| {
-            let latest = self.monitor.latest(*node);
+            let latest = self.control.monitor.latest(*node);
             latest.is_none_or(|latest| latest.state != OperatingState::Boot)
         };
         NODES.iter().all(ready)
@@ -398,7 +394,7 @@ impl SerialRobot {
         let tick = self.run_tick();
         let frames = self.link.take_frames();
         for frame in &frames {
-            self.monitor.see(tick, frame);
+            self.control.monitor.see(tick, frame);
         }
         self.frames += frames.len() as u64;
         for role in Role::ALL {
@@ -420,50 +416,6 @@ impl SerialRobot {
         }
         Ok(())
     }
-
-    /// True if the robot is at rest; after [`Task::Idle`], if its motors are off.
-    fn has_stopped(&self, task: Task) -> bool {
-        let on = |node: &Node| {
-            let latest = self.monitor.latest(*node);
-            latest.is_some_and(|latest| latest.state.permit() != Permit::Off)
-        };
-        let off = !NODES.iter().any(on);
-        self.lead.motion.v.abs() <= 1e-3 && (off || task != Task::Idle)
-    }
-
-    /// Stops the robot, switches its motors off and ends the lease, once. An error if the robot does not confirm it.
-    pub fn close(&mut self) -> Result<(), Error> {
-        // A board of another version would not understand.
-        if self.closed || self.link.build().is_empty() {
-            return Ok(());
-        }
-        self.closed = true;
-        // They take no part in the stop.
-        self.others.clear();
-        self.stop().map_err(|error| {
-            Error::Failure(format!(
-                "front board: the robot did not confirm that it stopped: press its button ({error})"
-            ))
-        })
-    }
-
-    fn stop(&mut self) -> Result<(), Error> {
-        for task in [Task::Stop, Task::Idle] {
-            self.command(&HostCommand::Task(task))?;
-            let end = Instant::now() + STOP;
-            while Instant::now() < end && (!self.link.is_settled() || !self.has_stopped(task)) {
-                self.step()?;
-            }
-            if !self.has_stopped(task) {
-                return Err(Error::Failure(format!("not at rest after {STOP:?}")));
-            }
-        }
-        self.link.release();
-        while !self.link.is_settled() {
-            self.step()?;
-        }
-        Ok(())
-    }
 }
 
 /// Number of this program for its lease: another one for each run.
@@ -476,7 +428,7 @@ fn owner() -> u16 {
 impl Drop for SerialRobot {
     fn drop(&mut self) {
         // The error that ended the run was reported.
-        let _ = self.close();
+        let _ = self.stop();
         interrupt::clear_last_action();
     }
 }
@@ -498,6 +450,11 @@ impl Robot for SerialRobot {
         self.link.is_settled()
     }
 
+    fn send(&mut self, frame: &CanFrame) -> Result<(), Error> {
+        self.link.send(frame);
+        Ok(())
+    }
+
     fn room(&mut self) -> Room {
         self.link.room()
     }
@@ -508,7 +465,7 @@ impl Robot for SerialRobot {
             self.task,
             Task::Regulate { .. } | Task::Follow | Task::Track
         );
-        let lead = self.monitor.latest(Node::Lead);
+        let lead = self.control.monitor.latest(Node::Lead);
         let lost = lead.is_some_and(|lead| lead.notices.contains(Condition::CommanderSilent));
         if ends_itself && lost && self.link.is_settled() && self.link.is_fresh() {
             let term = TERM / 1_000_000;
@@ -516,8 +473,8 @@ impl Robot for SerialRobot {
                 "the board was without a host for {term} s, and the robot stopped"
             ));
         }
-        self.monitor.fault_since(Node::Lead)?;
-        self.monitor.why_stopped()
+        self.control.monitor.fault_since(Node::Lead)?;
+        self.control.monitor.why_stopped()
     }
 
     fn step(&mut self) -> Result<(), Error> {
@@ -546,12 +503,27 @@ impl Robot for SerialRobot {
         None
     }
 
-    fn monitor(&self) -> &Monitor {
-        &self.monitor
-    }
-
-    fn monitor_mut(&mut self) -> &mut Monitor {
-        &mut self.monitor
+    /// Ends the lease, too; once.
+    fn stop(&mut self) -> Result<(), Error> {
+        // A board of another version would not understand.
+        if self.closed || self.link.build().is_empty() {
+            return Ok(());
+        }
+        self.closed = true;
+        // They take no part in the stop.
+        self.others.clear();
+        let stopped = self.bring_to_rest().and_then(|()| {
+            self.link.release();
+            while !self.link.is_settled() {
+                self.step()?;
+            }
+            Ok(())
+        });
+        stopped.map_err(|error| {
+            Error::Failure(format!(
+                "front board: the robot did not confirm that it stopped: press its button ({error})"
+            ))
+        })
     }
 
     fn control(&self) -> &RunControl {

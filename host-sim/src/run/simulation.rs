@@ -4,7 +4,7 @@ use crate::base::error::Error;
 use crate::bus::virtual_bus::{BusStatistics, VirtualBus};
 use crate::plant::{Outline, Plant, Station};
 use crate::run::bit_compare::Trace;
-use crate::run::recovery::{Monitor, Recovery};
+use crate::run::recovery::Recovery;
 use crate::run::robot::{FRAME_POINTS, Record, Robot, RunControl};
 use crate::scenario::Scenario;
 use crate::targets::{
@@ -50,7 +50,6 @@ pub struct Simulation {
     /// Latest counts of the strain bridges.
     counts: [i32; MAX_GAUGES],
     control: RunControl,
-    monitor: Monitor,
     recovery: Option<Recovery>,
     injector: Option<Injector>,
     full_scale: i32,
@@ -132,7 +131,6 @@ impl Simulation {
             sensed: scenario.mission.rps,
             counts: [0; MAX_GAUGES],
             control: RunControl::default(),
-            monitor: Monitor::default(),
             recovery: None,
             injector: None,
             full_scale: 2 * scenario.world.sensors.bridge.full_scale_counts() - 1,
@@ -148,19 +146,6 @@ impl Simulation {
         format!("{parts:?} {}", self.half_thickness)
     }
 
-    /// Tells the lead node something.
-    pub fn command(&mut self, command: &HostCommand) -> Result<(), Error> {
-        if let HostCommand::Task(task) = command {
-            self.task = *task;
-        }
-        self.boards.command(command)
-    }
-
-    /// Points the lead node has room for, at the end of an epoch.
-    pub fn room(&mut self) -> Room {
-        self.boards.room()
-    }
-
     /// The boards.
     pub fn boards(&mut self) -> &mut Boards {
         &mut self.boards
@@ -169,20 +154,6 @@ impl Simulation {
     /// Gives the boards back, for another simulation.
     pub fn release(self) -> [Box<dyn Target>; 3] {
         self.boards.release()
-    }
-
-    /// Why the robot cannot go on, if so: a board is lost, or the lead node has been in fault for a
-    /// while and nobody is about to clear it.
-    pub fn failure(&self) -> Option<String> {
-        if let Some(why) = self.boards.end(self.tick as u32) {
-            return Some(why.to_owned());
-        }
-        let fault = self.monitor.fault_since(Node::Lead)?;
-        let over = self.tick.saturating_sub(fault) >= GRACE;
-        if !over || self.recovery.as_ref().is_some_and(Recovery::pending) {
-            return None;
-        }
-        self.monitor.why_stopped()
     }
 
     /// Has the host clear the faults and give the task again, so long after a board was restarted
@@ -211,11 +182,6 @@ impl Simulation {
         self.torque
     }
 
-    /// Monitor of the heartbeats.
-    pub fn monitor(&self) -> &Monitor {
-        &self.monitor
-    }
-
     /// From now on, keeps what the boards do.
     pub fn record_trace(&mut self) {
         self.trace = Some(Trace::default());
@@ -226,84 +192,14 @@ impl Simulation {
         self.trace.take()
     }
 
-    /// Counters of the bus between the boards.
-    pub fn bus(&self) -> BusStatistics {
-        self.bus.statistics()
-    }
-
-    /// Traffic of the links to the boards.
-    pub fn traffic(&self) -> Vec<BoardTraffic> {
-        self.boards.traffic()
-    }
-
     /// The robot as it is.
     pub fn plant(&self) -> &Plant {
         &self.plant
     }
 
-    /// Simulated time, µs.
-    pub fn now(&self) -> Micros {
-        self.tick * TICK
-    }
-
     /// Latest output of the lead node.
     pub fn lead_output(&self) -> &lead::Output {
         &self.last_lead
-    }
-
-    /// One millisecond: sample, deliver, run the nodes, move the plant. Torques take effect one
-    /// tick late, as on the boards.
-    pub fn step(&mut self) -> Result<(), Error> {
-        if let Some(pace) = &mut self.control.pace {
-            pace.wait();
-        }
-        let (now, tick) = (self.now(), self.tick as u32);
-        self.recover(tick)?;
-        let mut readings = self.sample();
-        self.disturb(tick, &mut readings)?;
-        let samples = readings.samples();
-        let Self {
-            boards,
-            bus,
-            trace,
-            monitor,
-            ..
-        } = self;
-        bus.deliver(now, |role, frame, message| {
-            boards.receive(role, now, frame, message);
-        });
-        let outputs = boards.tick(tick, &samples, &mut |posted| {
-            let frame = match posted {
-                Posted::Message(message) => bus.send(now, message),
-                Posted::Frame(frame) => bus.send_frame(now, frame),
-            };
-            let Some(frame) = frame else {
-                return;
-            };
-            monitor.see(tick, &frame);
-            if let Some(trace) = trace.as_mut() {
-                trace.frame(tick, frame);
-            }
-        })?;
-        let [front, rear, _] = &outputs;
-        if let Some(lead) = front.lead {
-            self.last_lead = lead;
-        }
-        let torque = [front.torque_nm, rear.torque_nm];
-        let mut given = self.torque;
-        if let Some(injector) = &self.injector {
-            injector.torque(tick, &mut given);
-        }
-        self.plant.step(given);
-        self.torque = torque.map(|axle| axle.map(f64::from));
-        self.tick += 1;
-        if let Some(trace) = &mut self.trace {
-            trace.torque(torque);
-            if (self.tick * TICK).is_multiple_of(EPOCH) {
-                trace.lead(&self.last_lead);
-            }
-        }
-        self.show()
     }
 
     /// Puts the fault in.
@@ -334,7 +230,8 @@ impl Simulation {
     fn recover(&mut self, tick: u32) -> Result<(), Error> {
         let (boards, task) = (&mut self.boards, self.task);
         let recovery = self.recovery.as_mut();
-        match recovery.and_then(|recovery| recovery.step(tick, &self.monitor, boards, task)) {
+        match recovery.and_then(|recovery| recovery.step(tick, &self.control.monitor, boards, task))
+        {
             Some(order) => boards.command(&order),
             None => Ok(()),
         }
@@ -387,21 +284,18 @@ impl Simulation {
             .for_each(|strain| *strain = 0.0);
         strain
     }
-
-    /// The state for logs and pictures.
-    pub fn record(&self) -> Record {
-        let seen = (self.last_lead, self.strain());
-        Record::of(self.now(), &self.plant, &self.outline, seen)
-    }
 }
 
 impl Robot for Simulation {
     fn now(&self) -> Micros {
-        self.now()
+        self.tick * TICK
     }
 
     fn command(&mut self, command: &HostCommand) -> Result<(), Error> {
-        self.command(command)
+        if let HostCommand::Task(task) = command {
+            self.task = *task;
+        }
+        self.boards.command(command)
     }
 
     fn is_settled(&self) -> bool {
@@ -409,31 +303,83 @@ impl Robot for Simulation {
     }
 
     fn room(&mut self) -> Room {
-        self.room()
+        self.boards.room()
     }
 
+    /// A board is lost, or the lead node has been in fault for a while and nobody is about to clear it.
     fn failure(&self) -> Option<String> {
-        self.failure()
+        if let Some(why) = self.boards.end(self.tick as u32) {
+            return Some(why.to_owned());
+        }
+        let fault = self.control.monitor.fault_since(Node::Lead)?;
+        let over = self.tick.saturating_sub(fault) >= GRACE;
+        if !over || self.recovery.as_ref().is_some_and(Recovery::pending) {
+            return None;
+        }
+        self.control.monitor.why_stopped()
     }
 
+    /// Sample, deliver, run the nodes, move the plant. Torques take effect one tick late, as on the boards.
     fn step(&mut self) -> Result<(), Error> {
-        self.step()
+        if let Some(pace) = &mut self.control.pace {
+            pace.wait();
+        }
+        let (now, tick) = (self.now(), self.tick as u32);
+        self.recover(tick)?;
+        let mut readings = self.sample();
+        self.disturb(tick, &mut readings)?;
+        let samples = readings.samples();
+        let Self {
+            boards,
+            bus,
+            trace,
+            control,
+            ..
+        } = self;
+        bus.deliver(now, |role, frame, message| {
+            boards.receive(role, now, frame, message);
+        });
+        let outputs = boards.tick(tick, &samples, &mut |posted| {
+            let frame = match posted {
+                Posted::Message(message) => bus.send(now, message),
+                Posted::Frame(frame) => bus.send_frame(now, frame),
+            };
+            let Some(frame) = frame else {
+                return;
+            };
+            control.monitor.see(tick, &frame);
+            if let Some(trace) = trace.as_mut() {
+                trace.frame(tick, frame);
+            }
+        })?;
+        let [front, rear, _] = &outputs;
+        if let Some(lead) = front.lead {
+            self.last_lead = lead;
+        }
+        let torque = [front.torque_nm, rear.torque_nm];
+        let mut given = self.torque;
+        if let Some(injector) = &self.injector {
+            injector.torque(tick, &mut given);
+        }
+        self.plant.step(given);
+        self.torque = torque.map(|axle| axle.map(f64::from));
+        self.tick += 1;
+        if let Some(trace) = &mut self.trace {
+            trace.torque(torque);
+            if (self.tick * TICK).is_multiple_of(EPOCH) {
+                trace.lead(&self.last_lead);
+            }
+        }
+        self.show()
     }
 
     fn record(&self) -> Record {
-        self.record()
+        let seen = (self.last_lead, self.strain());
+        Record::of(self.now(), &self.plant, &self.outline, seen)
     }
 
     fn plant(&self) -> Option<&Plant> {
         Some(self.plant())
-    }
-
-    fn monitor(&self) -> &Monitor {
-        self.monitor()
-    }
-
-    fn monitor_mut(&mut self) -> &mut Monitor {
-        &mut self.monitor
     }
 
     fn control(&self) -> &RunControl {
@@ -445,11 +391,11 @@ impl Robot for Simulation {
     }
 
     fn traffic(&self) -> Vec<BoardTraffic> {
-        self.traffic()
+        self.boards.traffic()
     }
 
     fn bus(&self) -> BusStatistics {
-        self.bus()
+        self.bus.statistics()
     }
 }
 

@@ -25,24 +25,45 @@ use std::sync::atomic::{AtomicU16, Ordering::Relaxed};
 
 /// Time after which a request is repeated, µs.
 const REPEAT: Micros = 250_000;
-/// Times that a request is sent before the board counts as silent.
-const ATTEMPTS: u32 = 20;
+/// Time without an answer to a request after which the board counts as silent, µs.
+const SILENCE: Micros = 5_000_000;
 /// Time between renewals of the lease, µs.
 const RENEW: Micros = TERM / 8;
-/// Subjects of requests that are treated differently: see [`HostCommand::subject`].
-const SPEED: &str = "speed";
-const LEASE: &str = "lease";
-const RECORD: &str = "record";
 /// Output of the lead node whose room is that after an order: two outputs may be on their way when it is carried out.
 const FRESH: u32 = 3;
+
+/// Subject of a request.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Subject {
+    /// Renewal of the lease.
+    Lease,
+    Record,
+    /// A speed, which the next one replaces.
+    Speed,
+    Other(&'static str),
+}
+
+impl Subject {
+    /// Name in messages.
+    fn name(self) -> &'static str {
+        match self {
+            Self::Lease => "lease",
+            Self::Record => "record",
+            Self::Speed => "speed",
+            Self::Other(name) => name,
+        }
+    }
+}
 
 /// A request that waits for its answer.
 struct Pending {
     number: u8,
-    what: &'static str,
+    what: Subject,
     frame: SerialFrame,
+    /// Time at which it was sent latest.
     sent: Option<Micros>,
-    attempts: u32,
+    /// Time since which the board owes an answer to it, or to a speed that it replaces.
+    since: Option<Micros>,
 }
 
 /// The link.
@@ -121,10 +142,13 @@ impl BoardLink {
     pub fn record(&mut self) {
         (self.config, self.record, self.denied) = (Vec::new(), None, false);
         for offset in (0..MAX_CONFIG as u16).step_by(CONFIG_CHUNK) {
-            self.ask("configuration", &Request::Configuration { offset });
+            self.ask(
+                Subject::Other("configuration"),
+                &Request::Configuration { offset },
+            );
         }
         let stamp = next_stamp(self.owner, &self.sequence);
-        self.ask(RECORD, &Request::Record(stamp));
+        self.ask(Subject::Record, &Request::Record(stamp));
     }
 
     /// The board.
@@ -210,7 +234,10 @@ impl BoardLink {
     pub fn send(&mut self, frame: &CanFrame) {
         let mut bus = Packed::new();
         bus.push(frame);
-        self.ask("bus frame", &Request::Send { bus: bus.bytes() });
+        self.ask(
+            Subject::Other("bus frame"),
+            &Request::Send { bus: bus.bytes() },
+        );
     }
 
     /// Asks the board who it is, and watches it.
@@ -219,8 +246,8 @@ impl BoardLink {
             protocol: PROTOCOL,
             nonce: self.number.into(),
         };
-        self.ask("hello", &hello);
-        self.ask("watch", &Request::Watch);
+        self.ask(Subject::Other("hello"), &hello);
+        self.ask(Subject::Other("watch"), &Request::Watch);
     }
 
     /// The port was opened again. An order that waits goes first: the board knows the last one by its number, and carries
@@ -228,27 +255,32 @@ impl BoardLink {
     pub fn rejoin(&mut self) {
         self.end_record("the port was closed");
         for pending in &mut self.waiting {
-            (pending.sent, pending.attempts) = (None, 0);
+            (pending.sent, pending.since) = (None, None);
         }
         if self.kept.is_some() && self.waiting.is_empty() {
             // Before the lease lapses.
             let stamp = self.stamp();
-            self.ask(LEASE, &Request::Keep(stamp));
+            self.ask(Subject::Lease, &Request::Keep(stamp));
         }
         self.watch();
     }
 
     /// Puts an order at the end of the queue. A speed that the board has not confirmed is replaced: the latest one counts.
     pub fn command(&mut self, command: &HostCommand) {
-        let what = command.subject();
-        let late = self.waiting.back().map(|pending| pending.what);
-        if what == SPEED && late == Some(SPEED) {
-            self.waiting.pop_back();
-        }
+        let what = match command {
+            HostCommand::Task(Task::Drive { .. }) => Subject::Speed,
+            _ => Subject::Other(command.subject()),
+        };
+        let late = self
+            .waiting
+            .pop_back_if(|late| (late.what, what) == (Subject::Speed, Subject::Speed));
         for order in command.orders() {
             let stamp = self.stamp();
             self.ask(what, &Request::Order { stamp, order });
             self.orders.push_back((stamp.sequence, order));
+        }
+        if let (Some(late), Some(latest)) = (late, self.waiting.back_mut()) {
+            latest.since = late.since;
         }
         // Those that wait, and the latest of those before.
         let most = 2 * self.waiting.len() + 64;
@@ -264,13 +296,13 @@ impl BoardLink {
     /// Takes the lease before the first order.
     pub fn take_lease(&mut self) {
         let stamp = self.stamp();
-        self.ask("command", &Request::Keep(stamp));
+        self.ask(Subject::Other("command"), &Request::Keep(stamp));
     }
 
     /// Ends the lease.
     pub fn release(&mut self) {
         let stamp = self.stamp();
-        self.ask("release", &Request::Release(stamp));
+        self.ask(Subject::Other("release"), &Request::Release(stamp));
         self.kept = None;
     }
 
@@ -291,7 +323,7 @@ impl BoardLink {
         }
     }
 
-    fn ask(&mut self, what: &'static str, request: &Request) {
+    fn ask(&mut self, what: Subject, request: &Request) {
         // Number 0 is that of reports.
         self.number = self.number % u8::MAX + 1;
         self.waiting.push_back(Pending {
@@ -300,13 +332,15 @@ impl BoardLink {
             // Every request of this link is bounded to fit.
             frame: protocol::encode(self.number, request).unwrap_or_default(),
             sent: None,
-            attempts: 0,
+            since: None,
         });
     }
 
     /// True if the board has answered all that it was asked, renewals of the lease apart.
     pub fn is_settled(&self) -> bool {
-        self.waiting.iter().all(|pending| pending.what == LEASE)
+        self.waiting
+            .iter()
+            .all(|pending| pending.what == Subject::Lease)
     }
 
     /// True if the latest output of the lead node is younger than all orders.
@@ -367,7 +401,7 @@ impl BoardLink {
             } else if due {
                 *kept = Some(now);
                 let stamp = self.stamp();
-                self.ask(LEASE, &Request::Keep(stamp));
+                self.ask(Subject::Lease, &Request::Keep(stamp));
             }
         }
         let Some(pending) = self.waiting.front_mut() else {
@@ -378,15 +412,15 @@ impl BoardLink {
         {
             return Ok(None);
         }
-        if pending.attempts == ATTEMPTS {
+        if now - *pending.since.get_or_insert(now) >= SILENCE {
             return Err(Error::Failure(format!(
                 "{} board: {}: no answer at its serial port in {} s",
                 self.role.name(),
-                pending.what,
-                Micros::from(ATTEMPTS) * REPEAT / 1_000_000
+                pending.what.name(),
+                SILENCE / 1_000_000
             )));
         }
-        (pending.sent, pending.attempts) = (Some(now), pending.attempts + 1);
+        pending.sent = Some(now);
         Ok(Some(pending.frame.repeated()))
     }
 
@@ -430,22 +464,15 @@ impl BoardLink {
 
     /// Takes a reply.
     fn replied(&mut self, number: u8, reply: Reply) -> Result<(), Error> {
-        let pending = self.waiting.front();
-        let Some((what, repeated)) = pending
-            .filter(|it| it.number == number)
-            .map(|pending| (pending.what, pending.attempts > 1))
-        else {
+        let Some(Pending { what, .. }) = self.waiting.pop_front_if(|it| it.number == number) else {
             return Ok(());
         };
-        self.waiting.pop_front();
-        if what != LEASE {
+        if what != Subject::Lease {
             self.outputs = 0;
         }
         match reply {
             Reply::Done => {}
-            Reply::Refused(Refusal::Armed) if what == RECORD => self.denied = true,
-            // It was carried out, and its answer was lost.
-            Reply::Refused(Refusal::OldOrder) if repeated => {}
+            Reply::Refused(Refusal::Armed) if what == Subject::Record => self.denied = true,
             Reply::Configuration { total, bytes } => self.configured(total, bytes)?,
             Reply::Hello {
                 protocol,
@@ -470,7 +497,7 @@ impl BoardLink {
             }
             other => {
                 self.leased |= matches!(other, Reply::Refused(Refusal::Leased));
-                return Err(failure(self.role, what, other));
+                return Err(failure(self.role, what.name(), other));
             }
         }
         self.answered = self.answered.saturating_add(1);
@@ -584,5 +611,21 @@ mod tests {
         let expected: Vec<_> = (0..500).map(|k| Order::Task(goal(k))).collect();
         assert_eq!(carried, expected);
         assert!(station.now > 20 * REPEAT, "some were lost");
+    }
+    /// Reports still come, but nothing that is sent arrives: a speed that is given again and again ends with an error.
+    #[test]
+    fn speeds_that_stay_without_an_answer_end_with_an_error() {
+        let mut link = BoardLink::new(Role::Front, 7);
+        let speed = HostCommand::Task(Task::Drive {
+            speed_m_s: 0.1,
+            curvature: 0.0,
+        });
+        let error = (0..7000).step_by(50).find_map(|ms| {
+            link.command(&speed);
+            link.to_send(1000 * ms).err().map(|error| (ms, error))
+        });
+        let (ms, error) = error.unwrap();
+        assert_eq!(ms, 5000);
+        assert!(error.to_string().contains("speed: no answer"), "{error}");
     }
 }

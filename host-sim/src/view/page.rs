@@ -163,12 +163,12 @@ impl Run<'_> {
             plot(self.distance, "mm", distances),
             plot("Heading error", "°", headings),
             plot(
-                "Position, estimate less truth",
+                "Position error of the estimate",
                 "mm",
                 numbered(&names, &position),
             ),
             plot(
-                "Heading, estimate less truth",
+                "Heading error of the estimate",
                 "°",
                 numbered(&["heading", "2σ"], &heading),
             ),
@@ -178,13 +178,20 @@ impl Run<'_> {
             let series = numbered(&strains[..gauges], &strain);
             plots.push(plot("Strains, from the rear end on", "µm/m", series));
         }
+        // The truth of a real robot is not known.
+        for plot in &mut plots {
+            let known = |series: &Series| series.data.iter().any(|value| value.0.is_finite());
+            plot.series.retain(known);
+        }
+        plots.retain(|plot| !plot.series.is_empty());
         plots
     }
 
     fn json(&self) -> serde_json::Value {
         let shown: Vec<usize> = self.shown().collect();
+        let seen: Vec<Record> = shown.iter().map(|&i| self.records[i].seen()).collect();
         let list = |value: &dyn Fn(&Record) -> [f64; 3]| -> Vec<[Place; 3]> {
-            let values = shown.iter().map(|&i| value(self.records[i]));
+            let values = seen.iter().map(value);
             values.map(places).collect()
         };
         // The frame's points beside the midpoint.
@@ -206,7 +213,7 @@ impl Run<'_> {
         };
         let target = |record: &Record| record.lead.target.map(|p| places(posture(p)));
         // How far the estimate and its ellipse reach from the truth.
-        let spread = |record: &&Record| {
+        let spread = |record: &Record| {
             let [x, y, _] = posture(record.lead.fused.robot.posture);
             let p = &record.lead.fused.robot.covariance;
             let off = (x - record.midpoint[0]).hypot(y - record.midpoint[1]);
@@ -214,18 +221,19 @@ impl Run<'_> {
             let reach = off + 2.0 * sigma;
             if reach.is_finite() { reach } else { 0.0 }
         };
-        let spread = self.records.iter().map(spread).fold(1e-3, f64::max);
+        let spread = seen.iter().map(spread).fold(1e-3, f64::max);
         let with_target = self
             .records
             .iter()
             .any(|record| record.lead.target.is_some());
         let each = |value: &dyn Fn(&Record) -> serde_json::Value| -> Vec<serde_json::Value> {
-            shown.iter().map(|&i| value(self.records[i])).collect()
+            seen.iter().map(value).collect()
         };
         let configuration = self.scenario.to_toml().unwrap_or_default();
         let world = [("world".to_owned(), self.scenario.world.label())].into_iter();
         json!({
             "title": self.title,
+            "known": self.records.iter().any(|record| !record.midpoint[0].is_nan()),
             "name": self.name,
             "goal": self.goal.map(places),
             "reference": self.reference.iter().map(|&p| places(p)).collect::<Vec<_>>(),

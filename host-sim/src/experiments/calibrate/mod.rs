@@ -12,6 +12,7 @@ use crate::base::error::Error;
 use crate::paths::{Path, Waypoint};
 use crate::run::final_error::wrap;
 use crate::run::path_run::{self, PathMode, Route};
+use crate::run::robot::Robot;
 use crate::run::simulation::Simulation;
 use crate::scenario::Scenario;
 use crate::targets::{self, Target};

@@ -5,6 +5,7 @@ use crate::base::error::Error;
 use crate::experiments::arguments::BoardArgs;
 use crate::experiments::boards::Links;
 use crate::experiments::result::{JsonArgs, Provenance};
+use crate::run::script::calibration_error;
 use crate::targets::board_link::BoardLink;
 use crate::targets::board_log::BoardLog;
 use crate::targets::link::Link;
@@ -71,29 +72,16 @@ pub fn run(
         result,
         CalibrationResult::BadSample | CalibrationResult::Noisy | CalibrationResult::Drifting
     );
-    let gauge = gauge.saturating_add(1);
     let report = Report {
         calibrate,
         result,
-        gauge: named.then_some(gauge),
+        gauge: named.then_some(gauge.saturating_add(1)),
     };
     json.write(&Provenance::default(), &report)?;
-    let why = match result {
-        CalibrationResult::Stored => return json.print("calibrated and saved\n"),
-        CalibrationResult::MotorsOn => "its motors are on: stop the robot".to_owned(),
-        CalibrationResult::BadSample => {
-            format!("gauge {gauge} is saturated or missing: check its wires")
-        }
-        CalibrationResult::Noisy => format!("gauge {gauge} scatters: hold the strip still"),
-        CalibrationResult::Drifting => format!("gauge {gauge} moved: hold the strip still"),
-        CalibrationResult::OutOfRange => {
-            "the result is out of range: check the curvature, calibrate the zeros first".to_owned()
-        }
-        CalibrationResult::NotStored => {
-            "the calibration is in use, but writing the flash failed".to_owned()
-        }
-    };
-    Err(Error::Failure(format!("beam board: not calibrated: {why}")))
+    match calibration_error(result, gauge) {
+        Some(error) => Err(error),
+        None => json.print("calibrated and saved\n"),
+    }
 }
 
 /// Asks the user to hold the strip.

@@ -22,7 +22,7 @@ pub use report::BoardReport;
 use crate::base::error::Error;
 use crate::bus::virtual_bus::BusStatistics;
 use crate::plant::{Outline, Plant, Station};
-use crate::run::recovery::{Monitor, NODES};
+use crate::run::recovery::NODES;
 use crate::run::robot::{FRAME_POINTS, Record, Robot, RunControl};
 use crate::scenario::Scenario;
 use crate::targets::board_link::BoardLink;
@@ -37,7 +37,7 @@ use axle::{AxleBoard, AxleMotion, AxleParts, WheelMotion};
 use beam::{BeamBoard, BridgeParts};
 use clock::Clock;
 use core_algos::beam::MAX_GAUGES;
-use core_algos::bus::{self, Message};
+use core_algos::bus::{self, CanFrame, Message};
 use core_algos::link::protocol::Place;
 use core_algos::math::Posture;
 use core_algos::node::lead::{self, Task};
@@ -109,7 +109,6 @@ pub struct VirtualRobot {
     held: Option<Micros>,
     /// The latest task.
     task: Task,
-    monitor: Monitor,
     frames: u64,
     /// Time from power on to the beginning of the experiment.
     booted: Time,
@@ -234,7 +233,6 @@ impl VirtualRobot {
             lead: lead::Output::default(),
             held: None,
             task: Task::Idle,
-            monitor: Monitor::default(),
             images: images.clone(),
             roles,
             gauges,
@@ -355,7 +353,7 @@ impl VirtualRobot {
         let fitted = |node: &Node| *node != Node::Beam || self.roles.contains(&Role::Beam);
         for node in NODES.into_iter().filter(fitted) {
             let name = node.name();
-            match self.monitor.latest(node) {
+            match self.control.monitor.latest(node) {
                 None => return Some(format!("no heartbeat of {name}")),
                 Some(status) if status.state != OperatingState::Idle || status.reason.is_some() => {
                     return Some(status.to_string());
@@ -489,7 +487,9 @@ impl VirtualRobot {
                 data,
             };
             let at = record.end - self.booted;
-            self.monitor.see((at.micros() / 1000) as u32, &frame);
+            self.control
+                .monitor
+                .see((at.micros() / 1000) as u32, &frame);
             let Ok(message) = bus::decode(&frame) else {
                 continue;
             };
@@ -516,6 +516,11 @@ impl Robot for VirtualRobot {
         self.link.is_settled()
     }
 
+    fn send(&mut self, frame: &CanFrame) -> Result<(), Error> {
+        self.link.send(frame);
+        Ok(())
+    }
+
     fn room(&mut self) -> Room {
         self.link.room()
     }
@@ -524,10 +529,10 @@ impl Robot for VirtualRobot {
         if self.failure.is_some() {
             return self.failure.clone();
         }
-        let fault = self.monitor.fault_since(Node::Lead)?;
+        let fault = self.control.monitor.fault_since(Node::Lead)?;
         let lasts = self.tick.saturating_sub(fault) >= GRACE;
         (lasts && !self.restart_pending())
-            .then(|| self.monitor.why_stopped())
+            .then(|| self.control.monitor.why_stopped())
             .flatten()
     }
 
@@ -547,14 +552,6 @@ impl Robot for VirtualRobot {
 
     fn plant(&self) -> Option<&Plant> {
         Some(&self.plant)
-    }
-
-    fn monitor(&self) -> &Monitor {
-        &self.monitor
-    }
-
-    fn monitor_mut(&mut self) -> &mut Monitor {
-        &mut self.monitor
     }
 
     fn control(&self) -> &RunControl {

@@ -9,7 +9,7 @@ use crate::targets::board_link::BoardLink;
 use crate::targets::serial_line::SerialLine;
 use core_algos::bus::CanFrame;
 use core_algos::topology::Role;
-use virtual_board::board::Board;
+use virtual_board::network::Network;
 
 impl VirtualRobot {
     /// Watches the front board, or records all boards, and tells the lead node where the robot stands.
@@ -73,9 +73,7 @@ impl VirtualRobot {
             let Some(bytes) = link.to_send(now.micros())? else {
                 continue;
             };
-            let place = self.roles.iter().position(|other| *other == role);
-            let board = place.and_then(|place| self.network.board(place));
-            if let Some(port) = board.and_then(|board| port(board, role)) {
+            if let Some(port) = port(&mut self.network, &self.roles, role) {
                 port.send(bytes, now);
             }
         }
@@ -94,8 +92,7 @@ impl VirtualRobot {
 
     /// The serial port of a board.
     pub fn serial(&mut self, role: Role) -> Option<&mut SerialLine> {
-        let place = self.place(role)?;
-        port(self.network.board(place)?, role)
+        port(&mut self.network, &self.roles, role)
     }
 
     /// Switches all boards off or on.
@@ -113,10 +110,7 @@ impl VirtualRobot {
             return Ok(());
         }
         for link in &mut self.others {
-            let role = link.role();
-            let place = self.roles.iter().position(|other| *other == role);
-            let board = place.and_then(|place| self.network.board(place));
-            if let Some(port) = board.and_then(|board| port(board, role)) {
+            if let Some(port) = port(&mut self.network, &self.roles, link.role()) {
                 link.take(&std::mem::take(&mut port.sent))?;
                 link.take_frames();
             }
@@ -146,8 +140,10 @@ impl VirtualRobot {
     }
 }
 
-fn port(board: &mut Board, role: Role) -> Option<&mut SerialLine> {
-    let chip = board.chip();
+/// The serial port of a board.
+fn port<'a>(network: &'a mut Network, roles: &[Role], role: Role) -> Option<&'a mut SerialLine> {
+    let place = roles.iter().position(|other| *other == role)?;
+    let chip = network.board(place)?.chip();
     match role {
         Role::Beam => chip.circuit::<BeamBoard>().map(|beam| &mut beam.serial),
         _ => chip.circuit::<AxleBoard>().map(|axle| &mut axle.serial),

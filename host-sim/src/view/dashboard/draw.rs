@@ -102,7 +102,7 @@ fn draw_with_map(frame: &mut Frame, view: &View, lines: u16) {
     ];
     let [links, map, gauges] = Layout::vertical(heights).areas(right);
     map::draw(frame, map, view);
-    frame.render_widget(Paragraph::new(strains(view)), gauges);
+    frame.render_widget(Paragraph::new(strains(view, gauges.width)), gauges);
     draw_rest(
         frame,
         view,
@@ -119,7 +119,7 @@ fn draw_rest(
     frame.render_widget(header(view, head.width), head);
     section(frame, nodes, "Nodes", node_lines(view));
     section(frame, links, "Links", link_lines(view));
-    let nis = view.lead.fused.beam.nis;
+    let nis = view.seen.lead.fused.beam.nis;
     let title = match nis > 0.0 {
         true => format!("Estimate, NIS {nis:.2} (mean 3)"),
         false => "Estimate".to_owned(),
@@ -141,7 +141,7 @@ fn section(frame: &mut Frame, area: Rect, title: &str, lines: Vec<Line<'static>>
 
 /// Title and progress of the run.
 fn header(view: &View, width: u16) -> Line<'static> {
-    let end = format!(" {:?}  {:.2} s ", view.lead.mode, view.time_s);
+    let end = format!(" {:?}  {:.2} s ", view.seen.lead.mode, view.time_s);
     let room = usize::from(width).saturating_sub(end.chars().count());
     let title: String = format!(" {}", view.title).chars().take(room).collect();
     Line::styled(
@@ -247,7 +247,7 @@ fn link_lines(view: &View) -> Vec<Line<'static>> {
 }
 
 fn estimate_lines(view: &View) -> Vec<Line<'static>> {
-    let estimate = &view.lead.fused.robot;
+    let estimate = &view.seen.lead.fused.robot;
     let posture = estimate.posture;
     let seen = [posture.x, posture.y, posture.phi].map(f64::from);
     let off = [seen[0] - view.truth[0], seen[1] - view.truth[1]];
@@ -262,48 +262,54 @@ fn estimate_lines(view: &View) -> Vec<Line<'static>> {
         let (x, y, phi) = (1e3 * x, 1e3 * y, phi.to_degrees());
         Line::raw(format!("{name:<11}{x:>7.1}{y:>7.1}{phi:>8.2}"))
     };
-    vec![
-        Line::styled(heading, DIM),
-        metres("estimate m", seen),
-        metres("truth m", view.truth),
-        millimetres("error mm", off[0], off[1], turned),
-        millimetres("sigma mm", sigma[0], sigma[1], sigma[2]),
-    ]
+    let mut lines = vec![Line::styled(heading, DIM), metres("estimate m", seen)];
+    if !turned.is_nan() {
+        lines.push(metres("truth m", view.truth));
+        lines.push(millimetres("error mm", off[0], off[1], turned));
+    }
+    lines.push(millimetres("sigma mm", sigma[0], sigma[1], sigma[2]));
+    lines
 }
 
 fn motion_lines(view: &View) -> Vec<Line<'static>> {
-    let left = FinalError::of(view.truth, view.goal);
-    let motion = &view.lead.motion;
+    let left = FinalError::of(view.seen.midpoint, view.goal);
+    let motion = &view.seen.lead.motion;
     let wheels = |name: &str, [left, right]: [f64; 2]| {
         Line::raw(format!("{name:<5}{left:>7.2}{right:>7.2} rad/s"))
     };
-    vec![
-        Line::raw(match left.e_m.is_nan() {
-            true => String::new(),
-            false => format!(
-                "to go {:>7.3} m {:>6.1}°",
-                left.e_m,
-                left.heading_rad.to_degrees()
-            ),
-        }),
+    let mut lines = vec![
         Line::raw(format!("speed {:>7.3} m/s", motion.v)),
         Line::raw(format!("steer {:>7.3} rad", motion.psi.0)),
-        wheels("front", view.wheel_speed[0]),
-        wheels("rear", view.wheel_speed[1]),
-    ]
+    ];
+    if !left.e_m.is_nan() {
+        let turn = left.heading_rad.to_degrees();
+        lines.insert(
+            0,
+            Line::raw(format!("to go {:>7.3} m {turn:>6.1}°", left.e_m)),
+        );
+    }
+    let [front, rear] = view.seen.wheel_speed;
+    if !front[0].is_nan() {
+        lines.extend([wheels("front", front), wheels("rear", rear)]);
+    }
+    lines
 }
 
-/// Strains of the gauges.
-fn strains(view: &View) -> String {
+/// Strains of the gauges, as far as the width allows.
+fn strains(view: &View, width: u16) -> String {
     let known = view
+        .seen
         .strain
         .iter()
         .filter(|strain| strain.is_finite() && **strain != 0.0);
     let shown: String = known
-        .take(5)
+        .take((usize::from(width).saturating_sub(9)) / 6)
         .map(|strain| format!("{:>6.0}", 1e6 * strain))
         .collect();
-    format!("strain µε{shown}")
+    match shown.is_empty() {
+        true => shown,
+        false => format!("strain µε{shown}"),
+    }
 }
 
 /// Faults so far with their remedies, as far as the room allows: the first fault first, notices and
@@ -437,7 +443,6 @@ mod tests {
             most_late_s: 0.012,
             truth: [-1.0, 0.5, 0.1],
             goal: [0.0, 0.5, 0.0],
-            wheel_speed: [[1.25, -2.5], [3.75, 4.5]],
             boards: Role::ALL
                 .map(|role| BoardTraffic {
                     role,
@@ -451,6 +456,8 @@ mod tests {
                 .to_vec(),
             ..View::default()
         };
+        view.seen.midpoint = view.truth;
+        view.seen.wheel_speed = [[1.25, -2.5], [3.75, 4.5]];
         view.bus.sent = 98_765;
         view.bus.lost = 43;
         view.nodes = [
@@ -461,11 +468,11 @@ mod tests {
         ];
         // As every node says before the others are up.
         view.noticed[1].set(Condition::NeighbourLost, true);
-        view.lead.mode = LeadMode::Hold;
-        view.lead.motion.v = 0.2;
-        view.lead.motion.psi.0 = -0.3;
-        view.lead.fused.beam.nis = 2.25;
-        let robot = &mut view.lead.fused.robot;
+        view.seen.lead.mode = LeadMode::Hold;
+        view.seen.lead.motion.v = 0.2;
+        view.seen.lead.motion.psi.0 = -0.3;
+        view.seen.lead.fused.beam.nis = 2.25;
+        let robot = &mut view.seen.lead.fused.robot;
         robot.posture = Posture::new(-1.002, 0.503, 0.1);
         robot.covariance[0][0] = 4e-6;
         robot.covariance[1][1] = 9e-6;

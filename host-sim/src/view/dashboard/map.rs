@@ -40,13 +40,19 @@ pub fn draw(frame: &mut Frame, area: Rect, view: &View) {
                     context.draw(&Line::new(x1, y1, x2, y2, color));
                 }
             };
-            lines(&strip(view.axles), Color::White);
-            for [x, y, phi] in view.axles {
+            lines(
+                &view.seen.frame.map(|point| point.map(f64::from)),
+                Color::White,
+            );
+            for [x, y, phi] in view.seen.axles {
                 let (s, c) = phi.sin_cos();
                 let end = |side: f64| [x - side * HALF_TRACK_M * s, y + side * HALF_TRACK_M * c];
                 lines(&[end(1.0), end(-1.0)], Color::White);
             }
             let [x, y, phi] = view.goal;
+            if x.is_nan() {
+                return;
+            }
             let ahead = [x + 0.1 * phi.cos(), y + 0.1 * phi.sin()];
             lines(&[[x, y], ahead], Color::Green);
             context.print(x, y, "+");
@@ -56,7 +62,7 @@ pub fn draw(frame: &mut Frame, area: Rect, view: &View) {
 
 /// Center and half size of the map, m, with the same scale in both directions: a cell is twice as high as wide.
 fn bounds(view: &View, area: Rect) -> Option<([f64; 2], [f64; 2])> {
-    let corners = view.axles.iter().chain([&view.goal]);
+    let corners = view.seen.axles.iter().chain([&view.goal]);
     let corners = corners
         .map(|at| [at[0], at[1]])
         .chain(view.trail.iter().copied());
@@ -80,26 +86,9 @@ fn bounds(view: &View, area: Rect) -> Option<([f64; 2], [f64; 2])> {
     Some((center, cells.map(|count| scale * count)))
 }
 
-/// The strip between the axles: the cubic with their headings at its ends.
-fn strip([front, rear]: [[f64; 3]; 2]) -> Vec<[f64; 2]> {
-    let length = (front[0] - rear[0]).hypot(front[1] - rear[1]);
-    let point = |i: u32| {
-        let t = f64::from(i) / 8.0;
-        let (t2, t3) = (t * t, t * t * t);
-        let (start, end) = (2.0 * t3 - 3.0 * t2 + 1.0, 3.0 * t2 - 2.0 * t3);
-        let (out, into) = (t3 - 2.0 * t2 + t, t3 - t2);
-        let along = |k: usize, direction: fn(f64) -> f64| {
-            let slopes = out * direction(rear[2]) + into * direction(front[2]);
-            start * rear[k] + end * front[k] + length * slopes
-        };
-        [along(0, f64::cos), along(1, f64::sin)]
-    };
-    (0..=8).map(point).collect()
-}
-
 /// Points of the ellipse that holds the midpoint with 95 %.
 fn ellipse(view: &View) -> Vec<[f64; 2]> {
-    let robot = &view.lead.fused.robot;
+    let robot = &view.seen.lead.fused.robot;
     let [x, y] = [robot.posture.x, robot.posture.y].map(f64::from);
     let p = |i: usize, k: usize| f64::from(robot.covariance[i][k]);
     // Cholesky factor.
@@ -122,7 +111,7 @@ mod tests {
     #[test]
     fn ellipse_has_the_distance_of_95_percent() {
         let mut view = View::default();
-        let robot = &mut view.lead.fused.robot;
+        let robot = &mut view.seen.lead.fused.robot;
         robot.posture = Posture::new(1.0, -2.0, 0.3);
         let (xx, xy, yy) = (0.04f32, 0.02f32, 0.03f32);
         robot.covariance[0] = [xx, xy, 0.0];
@@ -134,15 +123,5 @@ mod tests {
             let squared = (yy * dx * dx - 2.0 * xy * dx * dy + xx * dy * dy) / det;
             assert!((squared - 5.991).abs() < 1e-2, "{squared}");
         }
-    }
-
-    #[test]
-    fn strip_begins_and_ends_at_the_axles_along_their_headings() {
-        let (front, rear) = ([0.35, 0.1, 0.6], [0.0, 0.0, -0.2]);
-        let strip = strip([front, rear]);
-        assert_eq!((strip[0], strip[8]), ([0.0, 0.0], [0.35, 0.1]));
-        let slope = |a: [f64; 2], b: [f64; 2]| (b[1] - a[1]).atan2(b[0] - a[0]);
-        assert!((slope(strip[0], strip[1]) + 0.2).abs() < 0.2);
-        assert!((slope(strip[7], strip[8]) - 0.6).abs() < 0.2);
     }
 }

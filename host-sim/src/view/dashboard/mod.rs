@@ -11,6 +11,7 @@ pub mod terminal;
 pub mod view;
 
 use crate::base::error::Error;
+use crate::base::thinned::Thinned;
 use crate::run::keyboard::Keyboard;
 use crate::run::robot::{Observer, Record, Robot};
 use std::sync::Arc;
@@ -23,7 +24,7 @@ use view::View;
 /// Epochs between two views: 20 a second.
 const EPOCHS: u64 = 5;
 
-/// Points of the trail, at most; when it is full, every second one goes.
+/// Points of the trail, at most.
 const TRAIL: usize = 400;
 /// Time between looks at the keys after the run.
 const AFTER: Duration = Duration::from_millis(20);
@@ -37,9 +38,8 @@ pub struct Dashboard {
     epochs: u64,
     /// The true midpoint an epoch ago, when the latest estimate holds.
     before: Option<[f64; 3]>,
-    /// Estimated path of the midpoint, every so many views.
-    trail: Vec<[f64; 2]>,
-    stride: u64,
+    /// Estimated path of the midpoint.
+    trail: Thinned<[f64; 2]>,
     /// Ends the run.
     interrupt: Arc<AtomicBool>,
 }
@@ -63,28 +63,9 @@ impl Dashboard {
             view,
             epochs: 0,
             before: None,
-            trail: Vec::new(),
-            stride: 1,
+            trail: Thinned::new(TRAIL),
             interrupt,
         })
-    }
-
-    /// Adds a point to the trail.
-    fn trace(&mut self, record: &Record) {
-        let views = self.epochs / EPOCHS;
-        if !views.is_multiple_of(self.stride) {
-            return;
-        }
-        let at = record.lead.fused.robot.posture;
-        self.trail.push([at.x, at.y].map(f64::from));
-        if self.trail.len() > TRAIL {
-            let mut number = 0;
-            self.trail.retain(|_| {
-                number += 1;
-                number % 2 == 1
-            });
-            self.stride *= 2;
-        }
     }
 }
 
@@ -96,12 +77,13 @@ impl Observer for Dashboard {
         }
         let truth = self.before.replace(record.midpoint);
         if self.epochs.is_multiple_of(EPOCHS) {
-            self.trace(record);
+            let at = record.lead.fused.robot.posture;
+            self.trail.push([at.x, at.y].map(f64::from));
             self.view = View {
                 title: std::mem::take(&mut self.view.title),
                 goal: self.view.goal,
                 truth: truth.unwrap_or(record.midpoint),
-                trail: self.trail.clone(),
+                trail: self.trail.clone().into_values(),
                 ..View::of(robot, record)
             };
             self.terminal.show(self.view.clone());

@@ -6,8 +6,6 @@ use crate::run::real_time::RealTimeLimiter;
 use crate::run::recovery::{NODES, Status};
 use crate::run::robot::{Record, Robot};
 use crate::targets::BoardTraffic;
-use core_algos::beam::MAX_GAUGES;
-use core_algos::node::lead;
 use core_algos::safety::{Conditions, OperatingState};
 
 /// A run at one instant.
@@ -31,18 +29,12 @@ pub struct View {
     pub boards: Vec<BoardTraffic>,
     /// Bus between the boards.
     pub bus: BusStatistics,
-    /// Latest output of the lead node.
-    pub lead: lead::Output,
     /// True posture of the midpoint when the lead node's estimate holds: m, m, rad.
     pub truth: [f64; 3],
     /// Goal of the midpoint: m, m, rad.
     pub goal: [f64; 3],
-    /// True wheel speeds `[axle][left, right]`, rad/s.
-    pub wheel_speed: [[f64; 2]; 2],
-    /// Strains as measured, from the root; NaN or zero where there is no gauge.
-    pub strain: [f32; MAX_GAUGES],
-    /// Postures of front and rear axle: the true ones where they are known.
-    pub axles: [[f64; 3]; 2],
+    /// State: the estimate in place of an unknown truth.
+    pub seen: Record,
     /// Estimated path of the midpoint, m.
     pub trail: Vec<[f64; 2]>,
     /// Pause and speed of a simulation.
@@ -67,23 +59,9 @@ impl View {
             faults: faults(monitor.changes()),
             boards: robot.traffic(),
             bus: robot.bus(),
-            lead: record.lead,
-            wheel_speed: record.wheel_speed,
-            strain: record.strain,
-            axles: axles(record),
+            seen: record.seen(),
             pace: pace.map(|pace| pace.keyboard().pace()),
             ..Self::default()
-        }
-    }
-}
-
-/// Postures of the axles: the true ones, or the estimated ones.
-fn axles(record: &Record) -> [[f64; 3]; 2] {
-    let fused = &record.lead.fused;
-    match record.axles[0][0].is_nan() {
-        false => record.axles,
-        true => {
-            [fused.front.posture, fused.rear.posture].map(|at| [at.x, at.y, at.phi].map(f64::from))
         }
     }
 }

@@ -5,6 +5,7 @@ use super::Campaign;
 use super::bench::Bench;
 use super::run::node;
 use crate::base::error::Error;
+use crate::run::robot::Robot;
 use crate::run::virtual_robot::{Options, store};
 use crate::world::random::{Stream, generator};
 use core_algos::bus::field::Calibrate;
@@ -73,7 +74,7 @@ impl Bench {
     fn wait(&mut self, role: Role) {
         for _ in 0..STARTED_MS {
             self.pass(1);
-            if self.robot.monitor.latest(node(role)).is_some() {
+            if self.robot.monitor().latest(node(role)).is_some() {
                 return;
             }
         }
@@ -152,9 +153,9 @@ pub fn brown_outs(campaign: &Campaign, seed: u64) -> Found {
         while bench.now() < at + span {
             bench.pass(1);
         }
-        bench.robot.monitor = Default::default();
+        bench.robot.control.monitor = Default::default();
         bench.wait(Role::Front);
-        let told = bench.robot.monitor.latest(Node::FrontAxle).is_some();
+        let told = bench.robot.monitor().latest(Node::FrontAxle).is_some();
         let kept = bench.stored(Role::Front) == before;
         if let Some(complaint) = bench.complaint(Role::Front) {
             return Ok(Err(format!("{at}, {volts} V: {complaint}")));
@@ -235,7 +236,7 @@ fn cut(
     bench.robot.network.run_until(at);
     bench.board(Role::Beam, |board| board.power(false));
     bench.pass(3);
-    bench.robot.monitor = Default::default();
+    bench.robot.control.monitor = Default::default();
     bench.start_alone(Role::Beam);
     let bytes = bench.stored(Role::Beam);
     let (found, report) = settled(&bytes, Role::Beam);
@@ -251,9 +252,9 @@ fn cut(
     if report.defaults() > 0 {
         return Ok(Err(format!("{} values lost", report.defaults())));
     }
-    let told = bench.robot.monitor.noticed(Node::Beam);
+    let told = bench.robot.monitor().noticed(Node::Beam);
     let same = told.contains(Condition::ParameterDefault) == report.unverified;
-    Ok(match (bench.robot.monitor.latest(Node::Beam), same) {
+    Ok(match (bench.robot.monitor().latest(Node::Beam), same) {
         (None, _) => Err("the board did not start".to_owned()),
         (Some(_), false) => Err("the notice is not what the store is".to_owned()),
         (Some(_), true) => match bench.complaint(Role::Beam) {
@@ -336,10 +337,10 @@ pub fn flipped_bits(campaign: &Campaign, seed: u64) -> Found {
         bench.store(Role::Beam, &bytes);
         bench.start_alone(Role::Beam);
         let (found, _) = settled(&bytes, Role::Beam);
-        let told = bench.robot.monitor.noticed(Node::Beam);
+        let told = bench.robot.monitor().noticed(Node::Beam);
         let same = TABLE.iter().all(|p| p.get(&found) == p.get(&saved));
         let kept = bench.stored(Role::Beam) == bytes;
-        let heard = bench.robot.monitor.latest(Node::Beam).is_some();
+        let heard = bench.robot.monitor().latest(Node::Beam).is_some();
         let told = told.contains(Condition::ParameterDefault);
         if !(heard && kept && (same || told)) {
             return Ok(Err(format!(

@@ -6,6 +6,7 @@ use super::entry::{Course, Entry, Step};
 use super::model;
 use super::outcome::{Case, End, Outcome, stopped_wrongly};
 use crate::base::error::Error;
+use crate::run::robot::Robot;
 use crate::run::virtual_robot::{Options, store};
 use core_algos::safety::{Condition, OperatingState};
 use core_algos::topology::{Node, Role};
@@ -131,7 +132,7 @@ fn watch(bench: &mut Bench, entry: &Entry, steps: &[Step]) -> Seen {
 
 /// The first reason for which the lead node or an axle stopped; the robot drives on without its beam.
 fn stopped(bench: &Bench) -> Option<Condition> {
-    let changes = bench.robot.monitor.changes().iter();
+    let changes = bench.robot.monitor().changes().iter();
     let mut stops = changes.filter(|status| {
         let stopped = matches!(
             status.state,
@@ -156,7 +157,7 @@ fn has_restarted(bench: &mut Bench) -> bool {
     let Some(role) = bench.struck else {
         return false;
     };
-    let told = bench.robot.monitor.latest(node(role)).copied();
+    let told = bench.robot.monitor().latest(node(role)).copied();
     told.is_some_and(|status| status.reason == Some(Condition::Restarted))
 }
 
@@ -197,7 +198,12 @@ fn complaint(bench: &mut Bench, entry: &Entry, before: &[Vec<u8>]) -> Option<Str
     }
     if let Some(condition) = entry.notice {
         let role = bench.struck.unwrap_or(Role::Front);
-        if !bench.robot.monitor.noticed(node(role)).contains(condition) {
+        if !bench
+            .robot
+            .monitor()
+            .noticed(node(role))
+            .contains(condition)
+        {
             return Some(format!("no notice of {}", condition.entry().name));
         }
     }
@@ -245,7 +251,7 @@ fn judge(
     before: &[Vec<u8>],
 ) -> Outcome {
     let entry = case.entry;
-    let first = bench.robot.monitor.first_fault().copied();
+    let first = bench.robot.monitor().first_fault().copied();
     let reason = first.and_then(|status| status.reason);
     let off = |last: Time| (last - seen.from).seconds();
     let off_s = (!seen.driven).then(|| off(seen.last[0].max(seen.last[1])));
@@ -277,7 +283,11 @@ fn drives_wrongly(bench: &Bench, case: &Case, from: Time, reference: &Reference)
         return Some(format!("motors on at the end: {reason:?}"));
     }
     for node in [Node::Lead, Node::FrontAxle, Node::RearAxle] {
-        let state = bench.robot.monitor.latest(node).map(|status| status.state);
+        let state = bench
+            .robot
+            .monitor()
+            .latest(node)
+            .map(|status| status.state);
         if state != Some(OperatingState::Active) {
             return Some(format!("{} at the end: {state:?}", node.name()));
         }

@@ -52,7 +52,7 @@ impl VirtualRobot {
             return;
         };
         let nodes = [Node::Lead, Node::FrontAxle, Node::RearAxle];
-        let ready = nodes.iter().all(|node| idle(&self.monitor, *node));
+        let ready = nodes.iter().all(|node| idle(&self.control.monitor, *node));
         if !ready && attempts == ATTEMPTS {
             self.tools.user.next = None;
             return;

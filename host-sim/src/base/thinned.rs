@@ -1,0 +1,63 @@
+//! A series of values in bounded memory.
+
+/// Values at even steps, at most as many as are wanted: of more, every second one goes, and so on. The latest value stays.
+#[derive(Clone, Debug)]
+pub struct Thinned<T> {
+    kept: Vec<T>,
+    last: Option<T>,
+    most: usize,
+    stride: u64,
+    seen: u64,
+}
+
+impl<T: Clone> Thinned<T> {
+    /// No values yet; an even number of them are kept at most.
+    pub fn new(most: usize) -> Self {
+        Self {
+            kept: Vec::new(),
+            last: None,
+            most,
+            stride: 1,
+            seen: 0,
+        }
+    }
+
+    /// Appends a value.
+    pub fn push(&mut self, value: T) {
+        self.last = None;
+        match self.seen.is_multiple_of(self.stride) {
+            true => self.kept.push(value),
+            false => self.last = Some(value),
+        }
+        if self.kept.len() > self.most {
+            let mut number = 0;
+            self.kept.retain(|_| {
+                number += 1;
+                number % 2 == 1
+            });
+            self.stride *= 2;
+        }
+        self.seen += 1;
+    }
+
+    /// The values.
+    pub fn into_values(self) -> Vec<T> {
+        self.kept.into_iter().chain(self.last).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn long_series_keeps_even_steps_and_its_last_value() {
+        let mut series = Thinned::new(4);
+        (0..7).for_each(|value| series.push(value));
+        assert_eq!(series.clone().into_values(), [0, 2, 4, 6]);
+        (7..32).for_each(|value| series.push(value));
+        assert_eq!(series.clone().into_values(), [0, 8, 16, 24, 31]);
+        series.push(32);
+        assert_eq!(series.into_values(), [0, 16, 32]);
+    }
+}
