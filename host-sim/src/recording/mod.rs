@@ -11,6 +11,7 @@
 pub mod csv;
 pub mod entry;
 mod file;
+mod intact;
 mod live;
 pub mod read;
 pub mod replay;

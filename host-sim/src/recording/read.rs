@@ -8,6 +8,7 @@ use super::entry::{
     ABOUT, AxleTick, BeamTick, BusEntry, Can, END, Exact, FORMAT, HostCommandEntry, LeadBits, Off,
     Start, TruthEntry,
 };
+use super::intact;
 use crate::base::error::Error;
 use crate::bus::virtual_bus::is_of_nodes;
 use crate::targets::host_command::HostCommand;
@@ -122,6 +123,7 @@ pub fn read(bytes: &[u8], name: &str) -> Result<Recording, Error> {
     let mut pending = Pending::default();
     let mut topics: HashMap<u16, String> = HashMap::new();
     let mut position = 0u64;
+    intact::check(bytes).map_err(refuse)?;
     let records = ChunkFlattener::new(bytes).map_err(|error| refuse(explain(&error)))?;
     for record in records {
         let record = record
@@ -155,6 +157,11 @@ pub fn read(bytes: &[u8], name: &str) -> Result<Recording, Error> {
             }
             Record::Metadata(metadata) if metadata.name == ABOUT => {
                 recording.about = metadata.metadata;
+                if let Some(other) = recording.about.get("format").filter(|of| *of != FORMAT) {
+                    return Err(refuse(format!(
+                        "log of format {other}: this program reads format {FORMAT}"
+                    )));
+                }
             }
             Record::Metadata(metadata) if metadata.name == END => {
                 recording.end = metadata.metadata;
@@ -163,18 +170,10 @@ pub fn read(bytes: &[u8], name: &str) -> Result<Recording, Error> {
         }
     }
     recording.settle(&mut pending);
-    match recording.about.get("format").map(String::as_str) {
-        Some(FORMAT) => {}
-        Some(other) => {
-            return Err(refuse(format!(
-                "log of format {other}: this program reads format {FORMAT}"
-            )));
-        }
-        None => {
-            return Err(refuse(
-                "not a log of cfmmr: the metadata record `cfmmr` is missing".to_owned(),
-            ));
-        }
+    if !recording.about.contains_key("format") {
+        return Err(refuse(
+            "not a log of cfmmr: the metadata record `cfmmr` is missing".to_owned(),
+        ));
     }
     if recording.ticks() == 0 {
         return Err(refuse(
@@ -187,11 +186,6 @@ pub fn read(bytes: &[u8], name: &str) -> Result<Recording, Error> {
 /// An error of the file's format in plain words.
 fn explain(error: &McapError) -> String {
     match error {
-        McapError::BadMagic => {
-            "not a complete MCAP file: first or last bytes are wrong; truncated, \
-                                or another type of file"
-                .to_owned()
-        }
         McapError::UnexpectedEof | McapError::UnexpectedEoc | McapError::BadFooter => {
             "the file is truncated".to_owned()
         }

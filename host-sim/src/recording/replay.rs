@@ -597,14 +597,11 @@ mod tests {
         for end in (0..bytes.len()).step_by(bytes.len() / 200) {
             refused(&bytes[..end]);
         }
-        // Every chunk has a check sum; outside of them a flipped bit may do no harm.
-        let mut found = 0;
         for place in (0..bytes.len()).step_by(bytes.len() / 200) {
             let mut damaged = bytes.clone();
             damaged[place] ^= 0x10;
-            found += u32::from(read::read(&damaged, "log").is_err());
+            refused(&damaged);
         }
-        assert!(found > 60, "{found}");
         assert!(refused(b"time_s,x_m\n0.0,1.0\n").contains("another type of file"));
         let mut empty = mcap::Writer::new(std::io::Cursor::new(Vec::new())).unwrap();
         empty.finish().unwrap();

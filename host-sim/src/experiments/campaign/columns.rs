@@ -4,6 +4,7 @@
 
 use crate::base::error::Error;
 use bytes::Bytes;
+use core_algos::link::framing::crc32c;
 use parquet::basic::{LogicalType, Repetition, Type as Physical};
 use parquet::column::reader::{ColumnReader, ColumnReaderImpl};
 use parquet::data_type::{BoolType, ByteArray, ByteArrayType, DataType, DoubleType, Int64Type};
@@ -13,6 +14,7 @@ use parquet::file::properties::WriterProperties;
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::file::writer::SerializedFileWriter;
 use parquet::schema::types::Type;
+use std::fmt::Debug;
 use std::sync::Arc;
 
 /// Values of one column.
@@ -70,6 +72,9 @@ impl Values {
         true
     }
 }
+
+/// Key of the checksum of a file's columns and notes.
+const CHECKSUM: &str = "cfmmr.crc32c";
 
 /// Metadata of a file: keys and texts.
 pub type Notes = Vec<(String, String)>;
@@ -136,9 +141,15 @@ impl Columns {
                 .all(|((name, to), (other, from))| name == other && to.append(from))
     }
 
-    /// The file, with `notes` beside the columns.
+    fn checksum(&self, notes: &impl Debug) -> String {
+        let text = format!("{:?} {notes:?}", self.0);
+        format!("{:08x}", crc32c(text.as_bytes()))
+    }
+
+    /// The file, with `notes` beside the columns and a checksum of both.
     pub fn to_parquet(&self, notes: &[(&str, &str)]) -> Result<Vec<u8>, Error> {
-        self.write(notes)
+        let checksum = self.checksum(&notes);
+        self.write(&[notes, &[(CHECKSUM, &checksum)]].concat())
             .map_err(|error| Error::Failure(format!("cannot write a Parquet file: {error}")))
     }
 
@@ -198,7 +209,7 @@ impl Columns {
         let reader = SerializedFileReader::new(Bytes::from(content))?;
         let metadata = reader.metadata().file_metadata();
         let notes = metadata.key_value_metadata().into_iter().flatten();
-        let notes = notes
+        let mut notes: Notes = notes
             .map(|note| (note.key.clone(), note.value.clone().unwrap_or_default()))
             .collect();
         let mut columns = Self::default();
@@ -215,7 +226,11 @@ impl Columns {
                 return Err(ParquetError::General("row groups differ".to_owned()));
             }
         }
-        Ok((columns, notes))
+        let given = notes.pop_if(|(key, _)| key == CHECKSUM);
+        match given.is_some_and(|(_, sum)| sum == columns.checksum(&notes)) {
+            true => Ok((columns, notes)),
+            false => Err(ParquetError::General("checksum does not match".to_owned())),
+        }
     }
 }
 
@@ -276,7 +291,7 @@ mod tests {
         }
 
         #[test]
-        fn a_damaged_file_is_refused_or_read_and_never_panics(place in 0usize..2000, to: u8, cut in 0usize..2000) {
+        fn a_damaged_file_is_refused_or_read_as_it_was(place in 0usize..2000, to: u8, cut in 0usize..2000) {
             let columns = Columns(vec![
                 ("a".into(), Values::Double((0..50).map(f64::from).collect())),
                 ("b".into(), Values::Text((0..50).map(|i: i32| i.to_string()).collect())),
@@ -284,7 +299,9 @@ mod tests {
             let mut file = columns.to_parquet(&[]).unwrap();
             let n = file.len();
             file[place % n] = to;
-            let _ = Columns::from_parquet(file.clone());
+            if let Ok((read, _)) = Columns::from_parquet(file.clone()) {
+                prop_assert_eq!(&read, &columns);
+            }
             file.truncate(cut % n);
             prop_assert!(Columns::from_parquet(file).is_err());
         }

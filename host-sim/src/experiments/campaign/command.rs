@@ -66,6 +66,9 @@ pub struct CampaignMerge {
     /// Folder of the result [default: DIR/merged]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+    /// Leave out missing and damaged blocks
+    #[arg(long)]
+    pub partial: bool,
     /// Destination of the result as JSON.
     #[command(flatten)]
     pub json: JsonArgs,
@@ -296,17 +299,27 @@ fn merge(args: &CampaignMerge) -> Result<(), Error> {
     let mut runs = Columns::default();
     let status = look(&directory, Some(&mut runs))?;
     if status.runs_done != status.runs || !status.spoiled.is_empty() {
-        return Err(Error::Failure(format!(
-            "{}: {} of {} runs are complete: run the missing parts, listed by cfmmr campaign status \
-             {} --missing",
+        let left_out = format!(
+            "{}{}: {} of {} runs are complete",
+            status
+                .spoiled
+                .iter()
+                .map(|why| format!("{why}\n"))
+                .collect::<String>(),
             status.name,
             status.runs_done,
-            status.runs,
-            args.directory.display()
-        )));
+            status.runs
+        );
+        if !args.partial || status.runs_done == 0 {
+            return Err(Error::Failure(format!(
+                "{left_out}: run the missing parts, listed by cfmmr campaign status {} --missing",
+                args.directory.display()
+            )));
+        }
+        eprintln!("cfmmr: {left_out}: the others are left out");
     }
     let study = directory.study();
-    let content = directory.parquet(&runs)?;
+    let content = directory.merged(&runs)?;
     let hash = crc32c(&content);
     let report = Report::of(study, &runs);
     let out = args

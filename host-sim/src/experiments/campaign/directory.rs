@@ -8,6 +8,7 @@ use super::study::{Run, Study};
 use crate::base::error::Error;
 use crate::base::input;
 use crate::base::output;
+use crate::recording::BUILD;
 use crate::run::final_error::FinalError;
 use crate::run::regulate::Outcome;
 use std::fs;
@@ -15,10 +16,8 @@ use std::path::{Path, PathBuf};
 
 /// Key of the study's text in a file of runs.
 const STUDY: &str = "cfmmr.study";
-/// Key of the version that made the runs.
-const VERSION: &str = "cfmmr.version";
-/// The version that makes them now.
-const THIS_VERSION: &str = env!("CARGO_PKG_VERSION");
+/// Key of the build that made the runs.
+const MADE_BY: &str = "cfmmr.build";
 /// Name of the copy of the study.
 const COPY: &str = "study.toml";
 
@@ -124,8 +123,8 @@ impl Directory {
         if note(STUDY) != Some(&self.canonical) {
             return spoiled("belongs to a different study".to_owned());
         }
-        if note(VERSION).map(String::as_str) != Some(THIS_VERSION) {
-            return spoiled(format!("was not written by version {THIS_VERSION}"));
+        if note(MADE_BY).map(String::as_str) != Some(BUILD) {
+            return spoiled(format!("was not written by {BUILD}"));
         }
         let expected = self.study.block_runs(block);
         let runs = columns.integers("run").iter();
@@ -137,13 +136,14 @@ impl Directory {
 
     /// Writes the runs of a block.
     pub fn write(&self, block: u64, runs: &[Finished]) -> Result<(), Error> {
-        let content = self.parquet(&columns(&self.study, runs))?;
+        let notes = [(STUDY, self.canonical.as_str()), (MADE_BY, BUILD)];
+        let content = columns(&self.study, runs).to_parquet(&notes)?;
         Ok(output::write_file(&self.file(block), content)?)
     }
 
-    /// The file of some runs.
-    pub fn parquet(&self, columns: &Columns) -> Result<Vec<u8>, Error> {
-        columns.to_parquet(&[(STUDY, &self.canonical), (VERSION, THIS_VERSION)])
+    /// The file of all runs, the same of every build that gives the same numbers.
+    pub fn merged(&self, runs: &Columns) -> Result<Vec<u8>, Error> {
+        runs.to_parquet(&[(STUDY, &self.canonical)])
     }
 }
 
