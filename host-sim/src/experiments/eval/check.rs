@@ -1,12 +1,15 @@
 //! Checks of numbers and covariances from outside; each error names the field, the value and what is
 //! allowed.
 
-use core_algos::math::TwoFloat;
+use core_algos::math::{Posture, TwoFloat};
+use std::f64::consts::{PI, TAU};
 
 /// A pivot of a covariance scaled to unit variances must exceed this.
 const LEAST_PIVOT: f64 = 1e-12;
 /// Largest difference of two entries that ought to be equal, in units of the standard deviations.
 const ASYMMETRY: f64 = 1e-6;
+/// Largest heading, rad: a double of it errs by 0.1 µrad.
+const FARTHEST: f64 = 1e9;
 
 /// `value` as `f32`, if it is one.
 pub fn number(field: &str, value: f64) -> Result<f32, String> {
@@ -49,6 +52,25 @@ pub fn vector<const N: usize>(field: &str, values: &[f64; N]) -> Result<[f32; N]
         out[i] = number(&format!("{field}[{i}]"), values[i])?;
     }
     Ok(out)
+}
+
+/// A posture, whose heading is reduced to ±π before it is narrowed: a single of 1000 rad errs by 60 µrad.
+pub fn posture(field: &str, values: &[f64; 3]) -> Result<[f64; 3], String> {
+    vector(field, values)?;
+    let [x, y, phi] = *values;
+    if phi.abs() > FARTHEST {
+        return Err(format!(
+            "{field}[2] = {phi:e}: must be a number from {:e} to {FARTHEST:e}",
+            -FARTHEST
+        ));
+    }
+    let turns = if phi.abs() > PI { (phi / TAU).round() } else { 0.0 };
+    Ok([x, y, phi - TAU * turns])
+}
+
+/// [`posture`] in single precision.
+pub fn narrow_posture(field: &str, values: &[f64; 3]) -> Result<Posture, String> {
+    Ok(posture(field, values)?.map(|value| value as f32).into())
 }
 
 /// Requirement on a matrix.
@@ -161,6 +183,18 @@ pub fn exact(value: TwoFloat) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn headings_are_reduced_in_double_precision() {
+        for turns in [0.0, 1.0, -160.0, 1.6e6] {
+            for phi in [-3.1, 0.1, 2.0] {
+                let reduced = posture("a", &[1.0, 2.0, phi + TAU * turns]).unwrap();
+                assert!((reduced[2] - phi).abs() < 1e-7 && reduced[..2] == [1.0, 2.0]);
+            }
+        }
+        let error = posture("a", &[0.0, 0.0, -1e12]).unwrap_err();
+        assert!(error.starts_with("a[2] = -1e12: must be"), "{error}");
+    }
 
     #[test]
     fn matrices_are_judged() {

@@ -41,7 +41,7 @@ fn estimate(
     posture: &[f64; 3],
     covariance: &[[f64; 3]; 3],
 ) -> Result<ExtendedEstimate, String> {
-    check::vector(names[0], posture)?;
+    let posture = check::posture(names[0], posture)?;
     let covariance = check::covariance(names[1], covariance, Definite::Positive)?;
     for i in 0..3 {
         let sigma = covariance[i][i].sqrt();

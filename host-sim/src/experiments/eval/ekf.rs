@@ -14,7 +14,6 @@
 use super::check::{self, Definite};
 use super::{Kernel, Stage};
 use core_algos::fusion::ekf::{AxleFilter, Config, Fix, Measurements, ProcessNoise, State};
-use core_algos::math::Posture;
 use serde::Deserialize;
 use serde_json::{Value, json};
 
@@ -96,7 +95,9 @@ impl Run {
                 )
             }
         };
-        let x0 = check::vector("x0", &setup.x0)?;
+        let mut x0 = check::vector("x0", &setup.x0)?;
+        let [x, y, phi, ..] = setup.x0;
+        x0[2] = check::posture("x0", &[x, y, phi])?[2] as f32;
         Ok(Self {
             filter,
             fix,
@@ -118,7 +119,7 @@ impl Run {
             None => None,
             Some(pose) => {
                 let fix = self.fix.ok_or("pose: needs R_pose in the first line")?;
-                Some((Posture::from(check::vector("pose", pose)?), fix))
+                Some((check::narrow_posture("pose", pose)?, fix))
             }
         };
         let mut state = self.state;

@@ -56,8 +56,8 @@ fn start(setup: &Setup) -> Result<(Algorithm, State), String> {
     }
     .build()
     .map_err(|error| error.to_string())?;
-    let axle1 = Posture::from(check::vector("axle1", &setup.axle1)?);
-    let axle2 = Posture::from(check::vector("axle2", &setup.axle2)?);
+    let axle1 = check::narrow_posture("axle1", &setup.axle1)?;
+    let axle2 = check::narrow_posture("axle2", &setup.axle2)?;
     if !(axle1.distance(axle2) >= MIN_BASELINE_M) {
         return Err(format!(
             "axle2: must be at least {MIN_BASELINE_M} m away from axle1"

@@ -9,9 +9,8 @@
 //! 1e6 s/m times the yaw rate, and 0 if that is 0. At e = 0 the line of sight is taken along the
 //! reference heading. A result beyond `f32` is given as rest (all 0).
 
-use super::{Kernel, parse};
+use super::{Kernel, check, parse};
 use core_algos::control::kinematic::{Config, Form, PolarError};
-use core_algos::math::Posture;
 use serde::Deserialize;
 use serde_json::{Value, json};
 
@@ -22,8 +21,8 @@ pub struct Kinematic;
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Case {
-    posture: Posture,
-    reference: Posture,
+    posture: [f64; 3],
+    reference: [f64; 3],
     v_r: f32,
     kappa_r: f32,
     r: f32,
@@ -37,9 +36,9 @@ struct Case {
 impl Kernel for Kinematic {
     fn line(&mut self, text: &str) -> Result<Value, String> {
         let case: Case = parse(text)?;
+        let posture = check::narrow_posture("posture", &case.posture)?;
+        let reference = check::narrow_posture("reference", &case.reference)?;
         let finite = [
-            ("posture", case.posture.is_finite()),
-            ("reference", case.reference.is_finite()),
             ("v_r", case.v_r.is_finite()),
             ("kappa_r", case.kappa_r.is_finite()),
         ];
@@ -65,7 +64,7 @@ impl Kernel for Kinematic {
             };
             format!("{field} = {}: must be {}", error.value, error.allowed)
         })?;
-        let error = PolarError::between(case.posture, case.reference);
+        let error = PolarError::between(posture, reference);
         let command = law.command(error, case.v_r, case.kappa_r);
         Ok(json!({ "v": command.v, "kappa": command.kappa, "phi_dot": command.phi_dot }))
     }

@@ -5,12 +5,15 @@ use foxglove::websocket::{Capability, ChannelView, Client, ServerListener};
 use foxglove::{ChannelId, Context, SinkId, WebSocketServer, WebSocketServerHandle};
 use std::net::SocketAddr;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError, mpsc};
 use std::time::Duration;
 use std::{mem, thread};
 
 /// Time between two looks at whether a viewer has come.
 const LOOK: Duration = Duration::from_millis(20);
+
+/// Longest time in which viewers are handed what waits for them.
+const STOP: Duration = Duration::from_secs(2);
 
 /// Subscriptions since the last call, and whether a viewer ever connected.
 #[derive(Default)]
@@ -87,8 +90,15 @@ impl Server {
         mem::take(&mut *joined.unwrap_or_else(PoisonError::into_inner))
     }
 
-    /// Hands out what waits, and ends.
+    /// Hands out what waits, and ends; a viewer that takes nothing is not waited for longer than [`STOP`].
     pub fn stop(self) {
-        self.handle.stop().wait_blocking();
+        let (ended, end) = mpsc::channel();
+        let handle = self.handle;
+        thread::spawn(move || {
+            handle.stop().wait_blocking();
+            // Nobody listens after the limit.
+            let _ = ended.send(());
+        });
+        let _ = end.recv_timeout(STOP);
     }
 }
