@@ -44,14 +44,14 @@ pub fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
 }
 
-/// README, CONTRIBUTING and every page in `docs/`, by name.
+/// README, CONTRIBUTING, SECURITY and every page in `docs/`, by name.
 pub fn all() -> Vec<Page> {
     let entries = fs::read_dir(root().join("docs")).unwrap();
     let mut paths: Vec<PathBuf> = entries
         .map(|entry| Path::new("docs").join(entry.unwrap().file_name()))
         .filter(|path| path.extension().is_some_and(|kind| kind == "md"))
         .collect();
-    paths.extend(["README.md", "CONTRIBUTING.md"].map(PathBuf::from));
+    paths.extend(["README.md", "CONTRIBUTING.md", "SECURITY.md"].map(PathBuf::from));
     paths.sort();
     paths.into_iter().map(read).collect()
 }
