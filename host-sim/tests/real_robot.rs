@@ -302,17 +302,22 @@ fn record_at_serial_ports_replays_identically() {
 #[test]
 fn record_is_refused_while_a_node_is_in_fault() {
     let folder = tempfile::tempdir().unwrap();
-    let (role, at, mode) = (Role::Rear, 4000, FailureMode::Off);
+    let (role, at, mode) = (Role::Rear, 2500, FailureMode::Off);
     let mut scenario = Scenario::default();
     scenario.mission.start = [0.0; 3];
     let bench = Bench::with(&scenario, false, vec![Failure { role, at, mode }]);
     bench
-        .run(folder.path(), "drive speed 0.1 0 9 --from 0,0,0")
+        .run(folder.path(), "drive speed 0.1 0 60 --from 0,0,0")
         .ends_with(1);
     let run = bench
         .run(folder.path(), "drive goto 1 0 0 --log run.mcap")
         .ends_with(1);
-    assert!(run.error.contains("Lead: clear the fault"), "{}", run.error);
+    assert!(
+        run.error
+            .contains("Lead: Fault, neighbour lost (0x82): clear the fault"),
+        "{}",
+        run.error
+    );
     assert_motors_off(&bench.robot());
 }
 
