@@ -88,6 +88,26 @@ mod tests {
         }
     }
 
+    /// FNV-1a by division instead of bits.
+    #[test]
+    fn schema_is_the_hash_of_the_table() {
+        let mut bytes = Vec::new();
+        for layout in &MESSAGES {
+            bytes.extend(u32::from(layout.id).to_le_bytes());
+            for signal in layout.signals {
+                let form = 2 * u32::from(signal.bits) + u32::from(signal.signed);
+                bytes.extend(form.to_le_bytes());
+                bytes.extend([signal.scale, signal.offset].map(f32::to_le_bytes).concat());
+            }
+        }
+        let hash = bytes.iter().fold(0x811c_9dc5_u64, |sum, &byte| {
+            let low = (sum as u8) ^ byte;
+            (sum / 256 * 256 + u64::from(low)) * 0x0100_0193 % (1 << 32)
+        });
+        let folded = hash.to_le_bytes().iter().fold(0, |all, byte| all ^ byte);
+        assert_eq!(schema(), folded);
+    }
+
     #[test]
     fn bus_load_leaves_room() {
         // 135 bits is the textbook worst case of an 8-byte frame with an 11-bit identifier.
