@@ -229,6 +229,15 @@ fn impossible_correlations_shrink_by_3_percent_or_vanish() {
 }
 
 #[test]
+fn signal_range_ends_at_the_extreme_raw_values() {
+    for (signal, layout) in quantities() {
+        let ((low, high), (least, most)) = (signal.range(), signal.raw_range());
+        let raw = [to_raw(signal, low), to_raw(signal, high)];
+        assert_eq!(raw, [Some(least), Some(most)], "{}", layout.name);
+    }
+}
+
+#[test]
 fn half_a_span_wraps_to_its_lower_end() {
     let half = 0.5 * POSITION_SPAN_M;
     assert_eq!([half, -half].map(wrap_position), [-half; 2]);
