@@ -241,10 +241,8 @@ mod tests {
         assert_eq!(thermal, [5.0, 20.0]);
         assert_eq!([winding.fold_back_c, winding.max_c], [95.0, 110.0]);
         assert!(close(drive.shunt().volts_per_ampere, 0.4));
-        assert!(close(
-            drive.supply().divider,
-            1.1 * SupplyConfig::default().divider
-        ));
+        let divider = SupplyConfig::default().divider;
+        assert!(close(drive.supply().divider, 1.1 * divider));
     }
 
     /// Voltages of lithium cells by hand: a full pack of four does not stop the robot, an empty one of

@@ -215,12 +215,8 @@ mod tests {
         let many = SCANS as i32;
         assert_eq!(sum.full_scale_counts, many * one.full_scale_counts);
         assert_eq!(sum.rail_margin_counts, many * one.rail_margin_counts);
-        for (zero, zero_of_sum) in one
-            .zero_counts
-            .padded()
-            .into_iter()
-            .zip(sum.zero_counts.padded())
-        {
+        let zeros = [one, sum].map(|calibration| calibration.zero_counts.padded());
+        for (zero, zero_of_sum) in zeros[0].iter().zip(zeros[1]) {
             let strain = one.strain_per_count * (1000.0 - zero);
             let of_sum = sum.strain_per_count * (1000.0 * SCANS as f32 - zero_of_sum);
             assert!((of_sum / strain - 1.0).abs() < 1e-5, "{of_sum} {strain}");

@@ -274,16 +274,13 @@ fn unknown_and_short_frames_are_refused() {
     let mut undefined = frame(0x070, 6);
     undefined.data[1] = 9;
     assert_eq!(decode(&undefined), Err(DecodeError::Value { id: 0x070 }));
-    let texts = [frame(0x123, 8), frame(0x100, 7), undefined]
-        .map(|frame| decode(&frame).unwrap_err().to_string());
-    assert_eq!(
-        texts,
-        [
-            "identifier 0x123 is unknown",
-            "frame 0x100 has 7 bytes, must have 8",
-            "frame 0x070 holds an undefined value"
-        ]
-    );
+    for (frame, text) in [
+        (frame(0x123, 8), "identifier 0x123 is unknown"),
+        (frame(0x100, 7), "frame 0x100 has 7 bytes, must have 8"),
+        (undefined, "frame 0x070 holds an undefined value"),
+    ] {
+        assert_eq!(decode(&frame).unwrap_err().to_string(), text);
+    }
 }
 
 #[test]

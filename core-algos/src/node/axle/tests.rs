@@ -296,6 +296,43 @@ fn stalled_wheel_is_noticed_in_either_direction() {
     }
 }
 
+#[test]
+fn stop_bounds_torque_by_the_share_that_is_held() {
+    let ramp = node(AxleId::Front).ramp;
+    let mut stop = Stop {
+        ramp: ramp.begin(Posture::ORIGIN, 0.0, Steering::STRAIGHT, 0.37),
+        hold: 1.0,
+        held_nm: 0.0,
+    };
+    for (hold, expected) in [(1.0, [1.0, -2.0]), (0.25, [0.25, -0.5]), (0.0, [0.0; 2])] {
+        stop.hold = hold;
+        let mut torque_nm = [1.0, -2.0];
+        stop.let_go(&mut torque_nm);
+        assert_eq!(torque_nm, expected);
+    }
+}
+
+/// Constant accelerations for 20 ms, wheels 0.324 m apart, and the moment EI·2ψ/L of a bent frame.
+#[test]
+fn reference_twist_and_load_follow_from_mechanics() {
+    let near = |found: f32, expected: f32| assert!((found - expected).abs() < 2e-6, "{found}");
+    let [mut rear, mut front] = [AxleId::Rear, AxleId::Front].map(node);
+    reference(&mut rear, 4 * EPOCH, 0.2, Posture::ORIGIN);
+    let now = &mut rear.state.reference.as_mut().unwrap().value;
+    (now.twist, now.acceleration) = (Twist::new(0.2, 0.5), Twist::new(0.4, -1.0));
+    let later = rear.reference(4 * EPOCH + 20_000).unwrap();
+    near(later.posture.x, 0.2 * 0.02 + 0.2 * 0.02 * 0.02);
+    near(later.posture.phi, 0.5 * 0.02 - 0.5 * 0.02 * 0.02);
+    near(later.twist.v, 0.208);
+    near(later.twist.omega, 0.48);
+    near(rear.twist([0.1, 0.3]).v, 0.2);
+    near(rear.twist([0.1, 0.3]).omega, 0.2 / 0.324);
+    (front.state.steering, rear.state.steering) = (Steering(0.2), Steering(0.2));
+    let moments = [front, rear].map(|node| node.reference_load().moment);
+    near(moments[0].abs(), 0.833 * 0.4 / 0.37);
+    near(moments[0] + moments[1], 0.0);
+}
+
 fn lead(node: &mut AxleNode, now: Micros, mode: LeadMode) {
     node.receive(
         now,

@@ -55,10 +55,13 @@ fn lost_commander_stops_a_robot_that_drives() {
     let goal = Posture::new(1.0, 0.0, 0.0);
     let still = [(Posture::ORIGIN, 0); 2];
     node.lose_commander();
-    assert!(!node.state.lost);
+    assert!(!node.state.lost && node.activity(0) == Activity::Resting);
     node.command(Task::regulate(goal));
+    assert_eq!(node.activity(0), Activity::Busy);
     node.lose_commander();
     assert_eq!(node.state.task, Task::Stop);
+    let stopped = node.decide(0, &Transform::from(Posture::ORIGIN));
+    assert!(stopped.done && stopped.mode == LeadMode::Hold);
     let output = epoch(&mut node, 1, still);
     assert!(!output.done && node.state.is_silent());
     // The next task drives again.
@@ -184,6 +187,7 @@ fn an_axle_that_zeroes_its_gyro_has_the_filter_forget_its_bias() {
     assert!(after[0].0.abs() < 0.05 * rate, "{after:?}");
     assert!((after[0].1 / prior[0] - 1.0).abs() < 0.02, "{after:?}");
     assert!((after[1].1 / before[1].1 - 1.0).abs() < 0.02, "{after:?}");
+    assert!((0.0..NIS_LIMIT).contains(&node.state.nis));
 }
 
 /// An epoch of a robot at rest whose axles are ready.
@@ -313,6 +317,7 @@ fn goal_with_a_wide_95_percent_error_is_uncertain() {
     let cases = [
         ([0.040, 0.01], 0.0, true),
         ([0.042, 0.01], 0.0, false),
+        ([0.030, 0.01], 0.02, true),
         ([0.030, 0.01], 0.03, false),
         ([0.010, 0.044], 0.0, true),
         ([0.010, 0.045], 0.0, false),
@@ -322,12 +327,33 @@ fn goal_with_a_wide_95_percent_error_is_uncertain() {
         let mut fused = fused;
         let sigmas = [position, 1e-3, heading];
         fused.robot = Estimate::with_sigmas(Posture::new(0.0, off, 0.0), sigmas);
-        node.state.aim = Some(Posture::ORIGIN);
-        for done in [false, true] {
-            node.state.done = done;
-            let conditions = node.watch(EPOCH, Some(&fused));
-            let uncertain = conditions.contains(Condition::ReachedUncertain);
-            assert_eq!(uncertain, done && !certain, "{position} {heading} {off}");
-        }
+        (node.state.aim, node.state.done) = (Some(Posture::ORIGIN), true);
+        let conditions = node.watch(EPOCH, Some(&fused));
+        let uncertain = conditions.contains(Condition::ReachedUncertain);
+        assert_eq!(uncertain, !certain, "{position} {heading} {off}");
     }
+}
+
+/// 25 N, 6 N m, 5 m and 0.5 rad.
+#[test]
+fn wrench_and_uncertainty_beyond_their_limits_are_noticed() {
+    let limits = Limits::default();
+    let wrench = |[force_x, force_y, moment_root, moment_end]: [f32; 4]| Wrench {
+        force_x,
+        force_y,
+        moment_root,
+        moment_end,
+    };
+    assert!(!limits.exceeded_by(&wrench([20.0, -14.0, 5.9, -5.9])));
+    for beyond in [
+        [20.0, -16.0, 0.0, 0.0],
+        [0.0, 0.0, 6.1, 0.0],
+        [0.0, 0.0, 0.0, -6.1],
+        [0.0, f32::NAN, 0.0, 0.0],
+    ] {
+        assert!(limits.exceeded_by(&wrench(beyond)), "{beyond:?}");
+    }
+    let vague = |sigmas| limits.is_vague(&Estimate::with_sigmas(Posture::ORIGIN, sigmas));
+    assert!(!vague([4.9, 4.9, 0.49]));
+    assert!(vague([5.1, 0.1, 0.1]) && vague([0.1, 5.1, 0.1]) && vague([0.1, 0.1, 0.51]));
 }
