@@ -300,19 +300,6 @@ mod tests {
     }
 
     #[test]
-    fn fingerprint_is_the_hash_of_the_table() {
-        let mut bytes = Vec::new();
-        for p in &TABLE {
-            bytes.extend([p.id, p.version, u8::from(p.whole)]);
-            bytes.extend(p.name.bytes().chain([0]).chain(p.unit.bytes()));
-            bytes.extend([p.range.0, p.range.1].map(f32::to_le_bytes).concat());
-        }
-        let hash = fingerprint();
-        let folded = hash % (1 << 24) ^ hash / (1 << 24);
-        assert_eq!(folded, crate::bus::field::Hash24::of(&bytes).0);
-    }
-
-    #[test]
     fn defaults_are_valid_and_each_parameter_is_its_own() {
         let start = Settings::default();
         for parameter in &TABLE {

@@ -189,8 +189,6 @@ fn nan_infinity_and_range_are_refused_by_name() {
         })
         .unwrap_err();
         assert_eq!((error.message, error.signal), ("BeamWrench", "moment_root"));
-        let expected = format!("BeamWrench.moment_root = {bad}: not representable");
-        assert_eq!(error.to_string(), expected);
     }
     let mut covariance = [[1e-6, 0.0, 0.0], [0.0, 1e-6, 0.0], [0.0, 0.0, f32::NAN]];
     let send = |covariance| {
@@ -237,12 +235,6 @@ fn signal_range_ends_at_the_extreme_raw_values() {
     }
 }
 
-#[test]
-fn half_a_span_wraps_to_its_lower_end() {
-    let half = 0.5 * POSITION_SPAN_M;
-    assert_eq!([half, -half].map(wrap_position), [-half; 2]);
-}
-
 /// Published vectors of FNV-1a (0x811c9dc5, 0xe40c292c, 0xbf9cf968), folded to 24 bits.
 #[test]
 fn hashes_have_their_published_values() {
@@ -274,13 +266,6 @@ fn unknown_and_short_frames_are_refused() {
     let mut undefined = frame(0x070, 6);
     undefined.data[1] = 9;
     assert_eq!(decode(&undefined), Err(DecodeError::Value { id: 0x070 }));
-    for (frame, text) in [
-        (frame(0x123, 8), "identifier 0x123 is unknown"),
-        (frame(0x100, 7), "frame 0x100 has 7 bytes, must have 8"),
-        (undefined, "frame 0x070 holds an undefined value"),
-    ] {
-        assert_eq!(decode(&frame).unwrap_err().to_string(), text);
-    }
 }
 
 #[test]
