@@ -88,6 +88,22 @@ mod tests {
         }
     }
 
+    /// The bytes of the 24-bit hash, whose vectors are published, fold to the check number.
+    #[test]
+    fn schema_is_the_hash_of_the_table() {
+        let mut bytes = Vec::new();
+        for layout in &MESSAGES {
+            bytes.extend(u32::from(layout.id).to_le_bytes());
+            for signal in layout.signals {
+                let form = 2 * u32::from(signal.bits) + u32::from(signal.signed);
+                bytes.extend(form.to_le_bytes());
+                bytes.extend([signal.scale, signal.offset].map(f32::to_le_bytes).concat());
+            }
+        }
+        let [low, middle, high, _] = crate::bus::field::Hash24::of(&bytes).0.to_le_bytes();
+        assert_eq!(schema(), low ^ middle ^ high);
+    }
+
     #[test]
     fn bus_load_leaves_room() {
         // 135 bits is the textbook worst case of an 8-byte frame with an 11-bit identifier.

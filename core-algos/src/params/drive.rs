@@ -214,6 +214,37 @@ mod tests {
         assert!(close(drive.shunt().volts_per_ampere, own.volts_per_ampere));
     }
 
+    #[test]
+    fn each_part_gets_the_numbers_of_the_drive() {
+        let drive = Drive {
+            supply_gain: 1.1,
+            shunt_ohm: 0.02,
+            resistance_ohm: 1.5,
+            inductance_h: 1e-3,
+            torque_constant_nm_a: 0.03,
+            gear_ratio: 20.0,
+            max_current_a: 3.0,
+            thermal_resistance_k_w: 5.0,
+            thermal_time_constant_s: 20.0,
+            winding_max_c: 110.0,
+            winding_fold_back_k: 15.0,
+            ..Drive::default()
+        };
+        let (wheel, monitor, winding) = (drive.current_loop(), drive.response(), drive.winding());
+        let resistances = [wheel.resistance_ohm, monitor.resistance_ohm];
+        assert_eq!((resistances, winding.resistance_ohm), ([1.5; 2], 1.5));
+        assert_eq!([wheel.inductance_h, monitor.inductance_h], [1e-3; 2]);
+        assert_eq!([wheel.max_current_a, winding.max_current_a], [3.0; 2]);
+        assert!(close(wheel.torque_constant_nm_a, 0.6));
+        assert!(close(monitor.torque_constant_nm_a, 0.6));
+        let thermal = [winding.thermal_resistance_k_w, winding.time_constant_s];
+        assert_eq!(thermal, [5.0, 20.0]);
+        assert_eq!([winding.fold_back_c, winding.max_c], [95.0, 110.0]);
+        assert!(close(drive.shunt().volts_per_ampere, 0.4));
+        let divider = SupplyConfig::default().divider;
+        assert!(close(drive.supply().divider, 1.1 * divider));
+    }
+
     /// Voltages of lithium cells by hand: a full pack of four does not stop the robot, an empty one of
     /// three does; the trips lie beyond the stops, and a converter at its rail is a trip.
     #[test]

@@ -206,6 +206,23 @@ impl Disarmed {
 mod tests {
     use super::*;
 
+    /// A sum of conversions is as much strain, and as near to the rails, as one of them.
+    #[test]
+    fn beam_board_scales_its_calibration_to_sums_of_conversions() {
+        assert_eq!(Settings::of(Role::Front), Settings::default());
+        let [one, sum] = [Settings::default(), Settings::of(Role::Beam)]
+            .map(|settings| settings.robot.beam.calibration);
+        let many = SCANS as i32;
+        assert_eq!(sum.full_scale_counts, many * one.full_scale_counts);
+        assert_eq!(sum.rail_margin_counts, many * one.rail_margin_counts);
+        let zeros = [one, sum].map(|calibration| calibration.zero_counts.padded());
+        for (zero, zero_of_sum) in zeros[0].iter().zip(zeros[1]) {
+            let strain = one.strain_per_count * (1000.0 - zero);
+            let of_sum = sum.strain_per_count * (1000.0 * SCANS as f32 - zero_of_sum);
+            assert!((of_sum / strain - 1.0).abs() < 1e-5, "{of_sum} {strain}");
+        }
+    }
+
     /// Settings are good for a board exactly if its nodes can be built, whichever value is wrong.
     #[test]
     fn a_check_says_what_building_the_board_says() {

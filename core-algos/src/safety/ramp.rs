@@ -185,8 +185,13 @@ mod tests {
             [front, rear].map(|p| ramp.begin(p, speed as f32, Steering(psi as f32), length as f32));
         let mut halted = 0;
         let mut holding = 0;
+        let mut half_let_go = 0;
+        let (mut way, mut middle) = (0.0, [0.0; 2]);
         for _ in 0..1200 {
             let [a, b] = states.each_mut().map(|state| ramp.step(state, 1e-3));
+            let at = [a.posture.x + b.posture.x, a.posture.y + b.posture.y].map(f64::from);
+            way += (at[0] - middle[0]).hypot(at[1] - middle[1]);
+            middle = at;
             let d = [a.posture.x - b.posture.x, a.posture.y - b.posture.y].map(f64::from);
             assert!((d[0].hypot(d[1]) - chord).abs() < 1e-5, "{d:?}");
             let steering = 0.5 * f64::from(a.posture.phi - b.posture.phi);
@@ -194,11 +199,15 @@ mod tests {
             assert_eq!(a.halted, b.halted);
             assert_eq!(a.hold, b.hold);
             holding += usize::from(a.hold == 1.0);
+            half_let_go += usize::from(a.hold >= 0.5);
             halted += usize::from(a.halted);
         }
         // 0.25 s to slow down at 1 m/s², 0.1 s of rest, 0.75 s to let go.
         assert!((349..=351).contains(&holding), "{holding}");
         assert!((99..=102).contains(&halted), "{halted}");
+        assert!((723..=727).contains(&half_let_go), "{half_let_go}");
+        // The midpoint goes v²/(2a).
+        assert!((0.5 * way - 0.03125).abs() < 2e-4, "{way}");
     }
 
     /// The reference is its own integral and derivative.
@@ -217,6 +226,8 @@ mod tests {
             assert!((turn - omega * dt).abs() < 3e-7);
             let dv = f64::from(next.twist.v - last.twist.v);
             assert!((dv - f64::from(last.acceleration.v) * dt).abs() < 3e-7);
+            let change = f64::from(next.twist.omega - last.twist.omega);
+            assert!((change - f64::from(last.acceleration.omega) * dt).abs() < 3e-7);
             last = next;
         }
     }
@@ -226,8 +237,11 @@ mod tests {
         let ramp = Config::default().build(TIMEOUT).unwrap();
         for (speed, psi) in [(f32::NAN, 0.1), (0.2, f32::NAN), (f32::INFINITY, 0.0)] {
             let mut state = ramp.begin(Posture::ORIGIN, speed, Steering(psi), 0.37);
-            let reference = ramp.step(&mut state, f32::NAN);
-            assert_eq!(reference.twist, Twist::default());
+            for interval in [f32::NAN, f32::INFINITY, -1.0] {
+                let reference = ramp.step(&mut state, interval);
+                assert_eq!((reference.twist, reference.hold), (Twist::default(), 1.0));
+                assert!(!reference.halted && state.elapsed == 0.0);
+            }
             for _ in 0..1000 {
                 ramp.step(&mut state, 1e-3);
             }

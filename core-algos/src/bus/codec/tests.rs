@@ -202,20 +202,48 @@ fn nan_infinity_and_range_are_refused_by_name() {
     assert!(send(covariance).is_err());
 }
 
-/// Errors that are one and the same: rounding must not make them less alike than it has to.
+/// Correlations that no covariance has, as rounding may leave them: pulled in no further than necessary.
 #[test]
-fn full_correlation_stays_above_96_percent() {
-    let covariance = [[1e-6; 3]; 3];
-    let sent = Message::BeamUncertainty {
-        sequence: 1,
-        covariance,
-    };
-    let Message::BeamUncertainty { covariance: m, .. } = round_trip(sent) else {
-        panic!("another message");
-    };
-    for (i, j) in [(0, 1), (0, 2), (1, 2)] {
-        let correlation = m[i][j] / (m[i][i] * m[j][j]).sqrt();
-        assert!((0.96..1.0).contains(&correlation), "{correlation}");
+fn impossible_correlations_shrink_by_3_percent_or_vanish() {
+    for (sent, share) in [
+        ([1.0, 1.0, 1.0], 0.97),
+        ([0.81, 0.6, 0.0], 0.97),
+        ([1.0, 1.0, -1.0], 0.0),
+    ] {
+        let [xy, xp, yp] = sent;
+        let unit = [[1.0, xy, xp], [xy, 1.0, yp], [xp, yp, 1.0]];
+        let received = round_trip(Message::BeamUncertainty {
+            sequence: 1,
+            covariance: unit.map(|row| row.map(|c| 1e-6 * c)),
+        });
+        let Message::BeamUncertainty { covariance: m, .. } = received else {
+            panic!("another message");
+        };
+        for (sent, (i, j)) in sent.into_iter().zip([(0, 1), (0, 2), (1, 2)]) {
+            let correlation = m[i][j] / (m[i][i] * m[j][j]).sqrt();
+            assert!((correlation - share * sent).abs() < 0.01, "{correlation}");
+        }
+    }
+}
+
+#[test]
+fn signal_range_ends_at_the_extreme_raw_values() {
+    for (signal, layout) in quantities() {
+        let ((low, high), (least, most)) = (signal.range(), signal.raw_range());
+        let raw = [to_raw(signal, low), to_raw(signal, high)];
+        assert_eq!(raw, [Some(least), Some(most)], "{}", layout.name);
+    }
+}
+
+/// Published vectors of FNV-1a (0x811c9dc5, 0xe40c292c, 0xbf9cf968), folded to 24 bits.
+#[test]
+fn hashes_have_their_published_values() {
+    use crate::bus::field::Hash24;
+    for (text, hash) in [("", 0x1c9d44), ("a", 0x0c29c8), ("foobar", 0x9cf9d7)] {
+        assert_eq!(Hash24::of(text.as_bytes()), Hash24(hash), "{text}");
+    }
+    for (text, hash) in [("axle 0.1.0 1a2b3c4d", 0x1a2b3c), ("axle", 0), ("", 0)] {
+        assert_eq!(Hash24::of_build(text), Hash24(hash), "{text}");
     }
 }
 

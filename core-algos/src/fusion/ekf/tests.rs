@@ -571,7 +571,6 @@ fn gate_refuses_a_nis_that_is_not_a_number() {
     // An infinite square over an infinite variance.
     let undefined = refusals.judge_scalar(1e30, 1.0, || f32::INFINITY, Some(20.0), 5);
     assert_eq!([nan, undefined], [Verdict::Gated; 2]);
-    assert_eq!(refusals.gated, 2);
 }
 
 #[test]

@@ -315,10 +315,7 @@ fn innovation_beyond_half_a_turn_wraps() {
         seen.posture.phi += side * (pi - 0.01);
         let turn = joint.update(&mut state, &seen, |_| false).innovation[2];
         let expected = side * (pi - 0.01) - zero;
-        assert!(
-            turn.abs() <= pi && (turn - expected).sin().abs() < 1e-5,
-            "{turn}"
-        );
+        assert!(turn.abs() <= pi && (turn - expected).sin().abs() < 1e-5);
     }
 }
 
@@ -337,10 +334,8 @@ fn learnt_constants_fade_to_their_priors() {
     }
     for k in (0..constants::COUNT).filter(|&k| joint.walk[k] == 0.0 && joint.prior[k] > 0.0) {
         let share = f64::from(state.covariance.upper[FIRST + k][FIRST + k] / joint.prior[k]);
-        assert!(
-            (share - (1.0 - 0.75 * (-0.4f64).exp())).abs() < 0.01,
-            "{k} {share}"
-        );
+        let expected = 1.0 - 0.75 * (-0.4f64).exp();
+        assert!((share - expected).abs() < 0.01, "{k} {share}");
         let left = f64::from(state.constants[k]) / 1e-3;
         assert!((left - (-0.2f64).exp()).abs() < 0.01, "{k} {left}");
     }

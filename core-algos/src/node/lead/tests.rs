@@ -55,10 +55,13 @@ fn lost_commander_stops_a_robot_that_drives() {
     let goal = Posture::new(1.0, 0.0, 0.0);
     let still = [(Posture::ORIGIN, 0); 2];
     node.lose_commander();
-    assert!(!node.state.lost);
+    assert!(!node.state.lost && node.activity(0) == Activity::Resting);
     node.command(Task::regulate(goal));
+    assert_eq!(node.activity(0), Activity::Busy);
     node.lose_commander();
     assert_eq!(node.state.task, Task::Stop);
+    let stopped = node.decide(0, &Transform::from(Posture::ORIGIN));
+    assert!(stopped.done && stopped.mode == LeadMode::Hold);
     let output = epoch(&mut node, 1, still);
     assert!(!output.done && node.state.is_silent());
     // The next task drives again.
@@ -184,6 +187,7 @@ fn an_axle_that_zeroes_its_gyro_has_the_filter_forget_its_bias() {
     assert!(after[0].0.abs() < 0.05 * rate, "{after:?}");
     assert!((after[0].1 / prior[0] - 1.0).abs() < 0.02, "{after:?}");
     assert!((after[1].1 / before[1].1 - 1.0).abs() < 0.02, "{after:?}");
+    assert!((0.0..NIS_LIMIT).contains(&node.state.nis));
 }
 
 /// An epoch of a robot at rest whose axles are ready.
@@ -289,18 +293,15 @@ fn a_beam_whose_innovations_stay_far_too_large_is_named() {
 fn bend_that_is_too_large_or_unknown_is_a_bent_frame() {
     let mut node = node();
     let fused = epoch(&mut node, 1, [(Posture::ORIGIN, 1); 2]).fused;
-    // Steering is half the relative heading.
     for (turn, bent) in [(1.3, false), (1.5, true), (-1.5, true), (f32::NAN, true)] {
-        let named = |node: &LeadNode, fused: &robot::Output| {
-            let conditions = node.watch(EPOCH, Some(fused));
-            conditions.contains(Condition::FrameBent)
-        };
-        node.state.beam_posture = None;
         let mut odometry = fused;
         odometry.front.posture.phi = odometry.rear.posture.phi + turn;
-        assert_eq!(named(&node, &odometry), bent, "{turn}");
-        node.state.beam_posture = Some(Stamped::new(Posture::new(0.37, 0.0, turn), EPOCH));
-        assert_eq!(named(&node, &fused), bent, "{turn}");
+        let beam = Stamped::new(Posture::new(0.37, 0.0, turn), EPOCH);
+        for (beam, fused) in [(None, odometry), (Some(beam), fused)] {
+            node.state.beam_posture = beam;
+            let conditions = node.watch(EPOCH, Some(&fused));
+            assert_eq!(conditions.contains(Condition::FrameBent), bent, "{turn}");
+        }
     }
 }
 
@@ -313,21 +314,40 @@ fn goal_with_a_wide_95_percent_error_is_uncertain() {
     let cases = [
         ([0.040, 0.01], 0.0, true),
         ([0.042, 0.01], 0.0, false),
+        ([0.030, 0.01], 0.02, true),
         ([0.030, 0.01], 0.03, false),
         ([0.010, 0.044], 0.0, true),
         ([0.010, 0.045], 0.0, false),
-        ([f32::NAN, 0.01], 0.0, false),
     ];
     for ([position, heading], off, certain) in cases {
         let mut fused = fused;
-        let sigmas = [position, 1e-3, heading];
-        fused.robot = Estimate::with_sigmas(Posture::new(0.0, off, 0.0), sigmas);
-        node.state.aim = Some(Posture::ORIGIN);
-        for done in [false, true] {
-            node.state.done = done;
-            let conditions = node.watch(EPOCH, Some(&fused));
-            let uncertain = conditions.contains(Condition::ReachedUncertain);
-            assert_eq!(uncertain, done && !certain, "{position} {heading} {off}");
-        }
+        let at = Posture::new(0.0, off, 0.0);
+        fused.robot = Estimate::with_sigmas(at, [position, 1e-3, heading]);
+        (node.state.aim, node.state.done) = (Some(Posture::ORIGIN), true);
+        let conditions = node.watch(EPOCH, Some(&fused));
+        let uncertain = conditions.contains(Condition::ReachedUncertain);
+        assert_eq!(uncertain, !certain, "{position} {heading} {off}");
     }
+}
+
+/// 25 N, 6 N m, 5 m and 0.5 rad.
+#[test]
+fn wrench_and_uncertainty_beyond_their_limits_are_noticed() {
+    let limits = Limits::default();
+    let wrench = |[force_x, force_y, moment_root, moment_end]: [f32; 4]| Wrench {
+        force_x,
+        force_y,
+        moment_root,
+        moment_end,
+    };
+    assert!(!limits.exceeded_by(&wrench([20.0, -14.0, 5.9, -5.9])));
+    assert!(limits.exceeded_by(&wrench([20.0, -16.0, 0.0, 0.0])));
+    for (k, value) in [(1, f32::NAN), (2, 6.1), (3, -6.1)] {
+        let mut beyond = [0.0; 4];
+        beyond[k] = value;
+        assert!(limits.exceeded_by(&wrench(beyond)), "{beyond:?}");
+    }
+    let vague = |sigmas| limits.is_vague(&Estimate::with_sigmas(Posture::ORIGIN, sigmas));
+    assert!(!vague([4.9, 4.9, 0.49]));
+    assert!(vague([5.1, 0.1, 0.1]) && vague([0.1, 5.1, 0.1]) && vague([0.1, 0.1, 0.51]));
 }

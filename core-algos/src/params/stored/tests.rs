@@ -30,15 +30,17 @@ const RADIUS: &str = "robot.geometry.wheel_radius_m";
 fn what_is_saved_comes_back_and_only_changes_are_written() {
     let base = Settings::default();
     let mut contents = Contents::EMPTY;
+    let (_, report) = contents.settle(&base, check);
     assert_eq!(
-        contents.settle(&base, check).1.conditions(),
-        Conditions::NONE
+        (report.conditions(), report.stored()),
+        (Conditions::NONE, 0)
     );
     assert_eq!(save(&mut contents, &base, &base), 0);
     assert_eq!(contents, Contents::EMPTY);
     let settings = with(RADIUS, 0.08);
     assert_eq!(save(&mut contents, &settings, &base), 1);
     assert_eq!(save(&mut contents, &settings, &base), 0);
+    assert_eq!(contents.manifest(), None, "it is in the store already");
     let (loaded, report) = contents.settle(&base, check);
     assert_eq!((loaded, report.stored()), (settings, 1));
     assert_eq!(report.conditions(), Conditions::NONE);
