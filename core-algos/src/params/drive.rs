@@ -222,7 +222,7 @@ mod tests {
             resistance_ohm: 1.5,
             inductance_h: 1e-3,
             torque_constant_nm_a: 0.03,
-            gear_ratio: 20.0,
+            gear_ratio: 25.0,
             max_current_a: 3.0,
             thermal_resistance_k_w: 5.0,
             thermal_time_constant_s: 20.0,
@@ -235,8 +235,8 @@ mod tests {
         assert_eq!((resistances, winding.resistance_ohm), ([1.5; 2], 1.5));
         assert_eq!([wheel.inductance_h, monitor.inductance_h], [1e-3; 2]);
         assert_eq!([wheel.max_current_a, winding.max_current_a], [3.0; 2]);
-        assert!(close(wheel.torque_constant_nm_a, 0.6));
-        assert!(close(monitor.torque_constant_nm_a, 0.6));
+        assert!(close(wheel.torque_constant_nm_a, 0.75));
+        assert!(close(monitor.torque_constant_nm_a, 0.75));
         let thermal = [winding.thermal_resistance_k_w, winding.time_constant_s];
         assert_eq!(thermal, [5.0, 20.0]);
         assert_eq!([winding.fold_back_c, winding.max_c], [95.0, 110.0]);
