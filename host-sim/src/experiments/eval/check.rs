@@ -64,7 +64,11 @@ pub fn posture(field: &str, values: &[f64; 3]) -> Result<[f64; 3], String> {
             -FARTHEST
         ));
     }
-    let turns = if phi.abs() > PI { (phi / TAU).round() } else { 0.0 };
+    let turns = if phi.abs() > PI {
+        (phi / TAU).round()
+    } else {
+        0.0
+    };
     Ok([x, y, phi - TAU * turns])
 }
 
