@@ -1,6 +1,7 @@
 //! `cfmmr drive`: the robot takes the steps of a script or one step of the command line.
 
 use crate::base::error::Error;
+use crate::base::input;
 use crate::experiments::arguments::{Common, Place, RobotArgs, SensorArgs, parse_posture};
 use crate::experiments::mission::Mission;
 use crate::experiments::recorder::Stage;
@@ -11,7 +12,6 @@ use crate::run::script::{self, Line, Step};
 use crate::scenario::effect::{Taken, Use};
 use crate::view::dashboard::terminal::Terminal;
 use clap::Args;
-use std::fs;
 use std::path::PathBuf;
 
 /// Arguments of `drive`.
@@ -111,7 +111,7 @@ pub fn run(args: &DriveArgs) -> Result<(), Error> {
 /// Steps of the script or the command line.
 fn lines_of(args: &DriveArgs, context: &Context) -> Result<Vec<Line>, Error> {
     let text = match &args.script {
-        Some(file) => fs::read_to_string(file)
+        Some(file) => input::text(file)
             .map_err(|error| Error::input(format!("--script {}: {error}", file.display())))?,
         None => args.step.join(" "),
     };

@@ -467,6 +467,8 @@ pub(super) struct Conversation {
     repeated: u64,
     latency_us: u32,
     answered_bytes: u64,
+    /// Bytes that came since the request, and the first of them.
+    strange: (usize, u8),
 }
 
 impl Conversation {
@@ -481,6 +483,7 @@ impl Conversation {
             repeated: 0,
             latency_us: 0,
             answered_bytes: 0,
+            strange: (0, 0),
         }
     }
 
@@ -502,6 +505,7 @@ impl Conversation {
     /// Waits for the answer to the latest request, which is repeated as often as needed.
     pub(super) fn answer(&mut self) -> Result<Reply<'_>, Fault> {
         self.answered_bytes = 0;
+        self.strange = (0, 0);
         for attempt in 0..ATTEMPTS {
             if attempt > 0 {
                 self.repeated += 1;
@@ -519,7 +523,10 @@ impl Conversation {
             }
         }
         let patience = REPEAT_AFTER * ATTEMPTS;
-        Err(Fault::Silent(format!("no answer in {patience:?}")))
+        let arrived = arrived(self.strange);
+        Err(Fault::Silent(format!(
+            "no answer in {patience:?}: {arrived}"
+        )))
     }
 
     /// Waits for the answer; false if the deadline passed.
@@ -528,6 +535,10 @@ impl Conversation {
         loop {
             let left = deadline.saturating_duration_since(Instant::now());
             let count = self.link.receive(&mut room, left).map_err(gone)?;
+            if let (0, Some(&first)) = (self.strange.0, room.get(..count).and_then(<[u8]>::first)) {
+                self.strange.1 = first;
+            }
+            self.strange.0 += count;
             let mut found = false;
             for &byte in room.get(..count).unwrap_or_default() {
                 if let Some(payload) = self.decoder.take_byte(byte)
@@ -546,6 +557,17 @@ impl Conversation {
     }
 }
 
+/// Bytes that came without an answer, by their number and the first of them.
+fn arrived(strange: (usize, u8)) -> String {
+    match strange {
+        (0, _) => "nothing arrived".to_owned(),
+        (count, first) => format!(
+            "{count} bytes arrived that are no answer, the first is {first:#04x}: another baud rate, or another \
+             program on the board"
+        ),
+    }
+}
+
 fn gone(error: std::io::Error) -> Fault {
     use std::io::ErrorKind::{BrokenPipe, Other, UnexpectedEof};
     match error.kind() {
@@ -553,5 +575,56 @@ fn gone(error: std::io::Error) -> Fault {
         // What a virtual board did that no board may do.
         Other => Fault::Fatal(Error::Failure(error.to_string())),
         _ => Fault::Silent(error.to_string()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::VecDeque;
+    use std::io;
+
+    /// A device that says these bytes and then nothing.
+    struct Device(VecDeque<u8>);
+
+    impl Link for Device {
+        fn name(&self) -> &'static str {
+            "device"
+        }
+
+        fn send(&mut self, _bytes: &[u8]) -> io::Result<()> {
+            Ok(())
+        }
+
+        fn receive(&mut self, room: &mut [u8], _timeout: Duration) -> io::Result<usize> {
+            let bytes = self.0.pop_front().into_iter();
+            Ok(room
+                .iter_mut()
+                .zip(bytes)
+                .map(|(to, from)| *to = from)
+                .count())
+        }
+
+        fn revive(&mut self) -> Result<(), Error> {
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn silence_and_foreign_bytes_are_told_apart() {
+        for (said, expected) in [
+            (&b""[..], "nothing arrived"),
+            (
+                &b"AT OK"[..],
+                "5 bytes arrived that are no answer, the first is 0x41",
+            ),
+        ] {
+            let device = Device(said.iter().copied().collect());
+            let mut conversation = Conversation::new(Box::new(device));
+            for _ in 0..=said.len() {
+                assert!(!conversation.listen(Instant::now()).unwrap());
+            }
+            assert!(arrived(conversation.strange).starts_with(expected));
+        }
     }
 }
