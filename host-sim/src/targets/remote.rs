@@ -604,10 +604,6 @@ mod tests {
                 .map(|(to, from)| *to = from)
                 .count())
         }
-
-        fn revive(&mut self) -> Result<(), Error> {
-            Ok(())
-        }
     }
 
     #[test]
