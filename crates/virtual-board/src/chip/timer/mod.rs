@@ -51,7 +51,7 @@ struct Channel {
     reference: bool,
     /// Latest result of the comparison for pulses.
     inside: bool,
-    /// How the output drives its pin.
+    /// Drive of the pin by the output.
     drive: Drive,
 }
 
