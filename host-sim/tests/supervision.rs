@@ -25,6 +25,7 @@ const AT: u32 = 3000;
 struct Tampered {
     board: InProcess,
     tick: u32,
+    from: u32,
     samples: Box<dyn Fn(&mut Samples) + Send>,
     keeps: fn(&Message) -> bool,
 }
@@ -34,6 +35,7 @@ impl Tampered {
         Self {
             board: InProcess::new(role),
             tick: 0,
+            from: AT,
             samples: Box::new(|_| {}),
             keeps: |_| true,
         }
@@ -65,16 +67,16 @@ impl Target for Tampered {
     fn begin(&mut self, tick: u32, samples: &Samples) -> Result<(), Fault> {
         self.tick = tick;
         let mut samples = *samples;
-        if tick >= AT {
+        if tick >= self.from {
             (self.samples)(&mut samples);
         }
         self.board.begin(tick, &samples)
     }
 
     fn finish(&mut self, post: &mut dyn FnMut(Posted)) -> Result<Output, Fault> {
-        let (tick, keeps) = (self.tick, self.keeps);
+        let (begun, keeps) = (self.tick >= self.from, self.keeps);
         self.board.finish(&mut |posted| match posted {
-            Posted::Message(message) if tick >= AT && !keeps(message) => {}
+            Posted::Message(message) if begun && !keeps(message) => {}
             posted => post(posted),
         })
     }
@@ -277,4 +279,92 @@ fn without_the_lead_node_both_axles_stop_together() {
     // 0.25 s to slow down, 0.1 s at rest, 0.75 s to let the frame go.
     assert!(front_off.time_s - front.time_s < 1.11);
     run.assert_stopped(front.time_s);
+}
+
+/// One fault each, beyond ten of the standard deviations that the robot is told. Of one wheel, half counts in the mean
+/// of its axle. A gyro replaces the track, and needs none to tell axles askew.
+#[test]
+fn a_fault_beyond_ten_standard_deviations_is_named() {
+    use Condition::{GaugesInconsistent, GyrosInconsistent, WheelsInconsistent};
+    let radius = |by: [[f64; 2]; 2]| {
+        let radii = by.map(|axle| axle.map(|by| 0.073 * (1.0 + 0.0525 * by)));
+        format!("plant.wheel_radius_m={radii:?}")
+    };
+    let gain = |gain: [f64; 5]| format!("boards.beam.robot.beam.calibration.gain={gain:?}");
+    let wheels = [
+        radius([[1.0, 1.0], [0.0, 0.0]]),
+        radius([[0.0, 0.0], [-1.6, 0.0]]),
+        "plant.half_track_m=[0.188, 0.162]".into(),
+        "plant.side_slip=[0.0525, -0.0525]".into(),
+        radius([[1.0, 0.0], [1.0, 0.0]]),
+        radius([[1.0; 2]; 2]),
+        "plant.clamp_angle_root_rad=0.0525".into(),
+    ];
+    let gauges = [
+        gain([1.0, 1.105, 1.0, 1.0, 1.0]),
+        gain([1.21; 5]),
+        gain([1.0, 1.0, 1.0, 1.0, 0.895]),
+    ];
+    let gyro = "boards.front.inertial.gyro_gain=1.0525".to_owned();
+    let named = wheels.map(|fault| (fault, WheelsInconsistent));
+    let named = named.into_iter();
+    let named = named.chain(gauges.map(|fault| (fault, GaugesInconsistent)));
+    for (fault, name) in named.chain([(gyro, GyrosInconsistent)]) {
+        let changes =
+            ["gyro", "accelerometer"].map(|sensor| format!("sensors.{sensor}.fitted=true"));
+        let imu = ["track", "side_slip"].iter().all(|of| !fault.contains(of));
+        let changes = [
+            &changes[..if imu { 2 } else { 0 }],
+            std::slice::from_ref(&fault),
+        ]
+        .concat();
+        let run = Run::new(
+            &Scenario::parse(None, "", "test", &changes).unwrap(),
+            |_| {},
+        );
+        assert!(
+            run.outcome.suspects.contains(&name),
+            "{fault}: {:?}",
+            run.outcome.suspects
+        );
+    }
+}
+
+/// Zeros of one gauge, and of all.
+#[test]
+fn gauges_with_wrong_zeros_are_named() {
+    let per_count = Scenario::default().world.sensors.bridge.strain_per_count();
+    let [end, inner, all] = [
+        [2.1e-4, 0.0, 0.0, 0.0, 0.0],
+        [0.0, 2.1e-4, 0.0, 0.0, 0.0],
+        [7.5e-5; 5],
+    ];
+    for (zeros, stop) in [
+        (end, Some(Condition::WrenchHigh)),
+        (inner, Some(Condition::EstimateInconsistent)),
+        (all, None),
+    ] {
+        let run = Run::new(&Scenario::default(), |[_, _, beam]| {
+            beam.from = 0;
+            beam.samples = Box::new(move |samples| {
+                if let Samples::Beam(samples) = samples {
+                    for (count, zero) in samples.counts.iter_mut().zip(zeros) {
+                        *count += (zero / per_count) as i32;
+                    }
+                }
+            });
+        });
+        let fault = run.outcome.fault.as_ref().and_then(|status| status.reason);
+        assert_eq!(fault, stop, "{zeros:?}");
+        assert!(
+            run.outcome
+                .suspects
+                .contains(&Condition::GaugesInconsistent)
+        );
+        let why = run.simulation.monitor().why_stopped();
+        assert_eq!(why.is_some(), stop.is_some());
+        assert!(
+            why.is_none_or(|why| why.contains("noticed: ") && why.contains("gauges inconsistent"))
+        );
+    }
 }

@@ -52,6 +52,10 @@ const WORK_BUDGET: u8 = 4;
 /// Most shapes computed to begin a fit.
 const BEGIN_EFFORT: u8 = TICK_BUDGET - FINISH_EFFORT;
 
+/// Weighted sum of squared residuals over degrees of freedom up to which the stated uncertainties explain it. With
+/// five gauges of those uncertainties a fit exceeds it with probability 0.02.
+const EXPLAINED: f32 = 4.0;
+
 /// Method that turns strains into a posture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -338,8 +342,8 @@ pub struct Estimate {
     pub method: Method,
     /// Weighted sum of squared residuals of the elastica, where it was fitted.
     pub chi_square: Option<f32>,
-    /// True if the readings agree with each other. If not, the covariance is enlarged by the
-    /// residual, and the gauge to blame is being searched.
+    /// True if the stated uncertainties of zeros and gains explain the residual of the readings. A larger one
+    /// enlarges the covariance, and the gauge to blame is searched.
     pub consistent: bool,
 }
 
@@ -433,11 +437,12 @@ impl RelativePositionSensor {
         }
         state.strain = strain;
         state.good = good;
-        let consistent =
-            fit.is_none_or(|fit| !watched || fit.chi_square <= self.monitor.config.max_chi_square);
+        let within = |limit: f32| fit.is_none_or(|fit| !watched || fit.chi_square <= limit);
+        let degrees = fit.map_or(1.0, |fit| fit.degrees_of_freedom.max(1.0));
+        let contradictory = !within(self.monitor.config.max_chi_square);
         let mut relative = solution.map(|solution| solution.relative);
-        if let (Some(relative), Some(fit), false) = (&mut relative, &fit, consistent) {
-            let factor = fit.chi_square / fit.degrees_of_freedom.max(1.0);
+        if let (Some(relative), Some(fit), true) = (&mut relative, &fit, contradictory) {
+            let factor = fit.chi_square / degrees;
             for covariance in [&mut relative.covariance, &mut relative.noise] {
                 let enlarged = scale(covariance, factor.max(1.0));
                 if crate::math::matrix::is_finite(&enlarged) {
@@ -453,7 +458,7 @@ impl RelativePositionSensor {
             faults: state.health.faults(),
             method: solution.map_or(self.posture.method, |solution| solution.method),
             chi_square: fit.map(|fit| fit.chi_square),
-            consistent,
+            consistent: within(EXPLAINED * degrees),
         }
     }
 

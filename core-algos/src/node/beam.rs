@@ -113,6 +113,7 @@ impl BeamNode {
         let found = core::mem::take(&mut self.found);
         let conditions = found
             .with(Condition::GaugeLost, out)
+            .with(Condition::GaugesInconsistent, !estimate.consistent)
             .with(Condition::BeamLost, estimate.relative.is_none());
         let request = match self.supervision.operating() {
             OperatingState::Boot => Some(StateRequest::Ready),

@@ -14,6 +14,16 @@ use std::fmt;
 /// Nodes that send heartbeats.
 pub const NODES: [Node; 4] = [Node::Lead, Node::FrontAxle, Node::RearAxle, Node::Beam];
 
+/// Notices that name a faulty sensor.
+pub const SENSORS: [Condition; 6] = [
+    Condition::GaugeLost,
+    Condition::InertialLost,
+    Condition::WheelsInconsistent,
+    Condition::GaugesInconsistent,
+    Condition::GyrosInconsistent,
+    Condition::BeamInconsistent,
+];
+
 /// Heartbeat of a node.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Status {
@@ -126,7 +136,14 @@ impl Monitor {
         let first = self.first_fault()?;
         let advice = first.reason.map(|code| code.entry().remedy);
         let advice = advice.map_or_else(String::new, |remedy| format!(": {remedy}"));
-        Some(format!("the robot stopped with a fault at {first}{advice}"))
+        let names: Vec<_> = self.suspects().map(|sensor| sensor.entry().name).collect();
+        let noticed = match names.is_empty() {
+            true => String::new(),
+            false => format!("; noticed: {}", names.join(", ")),
+        };
+        Some(format!(
+            "the robot stopped with a fault at {first}{advice}{noticed}"
+        ))
     }
 
     /// Since which tick (ms) a node has been in fault, if it is.
@@ -140,6 +157,13 @@ impl Monitor {
     pub fn noticed(&self, node: Node) -> Conditions {
         let noticed = self.noticed.get(node as usize).copied();
         noticed.unwrap_or_default()
+    }
+
+    /// Notices of any node that name a faulty sensor.
+    pub fn suspects(&self) -> impl Iterator<Item = Condition> {
+        let all = self.noticed.iter().copied();
+        let all = all.fold(Conditions::NONE, Conditions::union);
+        SENSORS.into_iter().filter(move |&one| all.contains(one))
     }
 
     /// Notices of the lead node since the last call.

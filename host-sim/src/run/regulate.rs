@@ -4,7 +4,7 @@ use crate::base::error::Error;
 use crate::base::statistics::nees;
 use crate::run::drive::{Errand, Progress, drive};
 use crate::run::final_error::FinalError;
-use crate::run::recovery::Status;
+use crate::run::recovery::{SENSORS, Status};
 use crate::run::robot::{Record, Robot};
 use crate::run::simulation::Simulation;
 use crate::scenario::Scenario;
@@ -19,15 +19,11 @@ use std::f64::consts::{PI, TAU};
 
 /// The notice under which a goal is reached, the inconsistent sensor first.
 pub fn uncertain(notices: Conditions) -> Option<Condition> {
-    let causes = [
-        Condition::WheelsInconsistent,
-        Condition::GaugesInconsistent,
-        Condition::GyrosInconsistent,
-        Condition::BeamInconsistent,
-        Condition::ReachedUncertain,
-    ];
-    let found = causes.into_iter().find(|&cause| notices.contains(cause));
-    found.filter(|_| notices.contains(Condition::ReachedUncertain))
+    let sensor = SENSORS.into_iter().find(|&one| notices.contains(one));
+    let uncertain = Condition::ReachedUncertain;
+    notices
+        .contains(uncertain)
+        .then(|| sensor.unwrap_or(uncertain))
 }
 
 /// Outcome of a trial.
@@ -43,6 +39,8 @@ pub struct Outcome {
     pub done: bool,
     /// The notice under which the goal is reached: the inconsistent sensor, or *reached, uncertain*.
     pub uncertain: Option<Condition>,
+    /// The faulty sensors that the nodes name.
+    pub suspects: Vec<Condition>,
     /// True if the true posture is within the tolerance of the goal.
     pub within: bool,
     /// Claimed 95 % errors: half axis of the position (m), half the interval of the heading (rad).
@@ -234,6 +232,7 @@ pub fn regulate_on(
         nees: nees(&fused.robot, record.midpoint),
         done: end.done,
         uncertain: uncertain(notices),
+        suspects: robot.monitor().suspects().collect(),
         within: error.e_m <= mission.tolerance_m
             && error.heading_rad.abs() <= mission.tolerance_rad,
         claimed: fused.robot.half_axes_95().map(f64::from),
