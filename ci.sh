@@ -24,6 +24,8 @@ fi
 step "formatting"
 cargo fmt --all --check
 cargo fmt --manifest-path tools/fuzz/Cargo.toml --check
+step "licences, sources and versions of the dependencies"
+tools/scripts/check_dependencies.py
 step "clippy"
 # With the feature that the default leaves out; the builds below are without it.
 cargo clippy --locked --workspace --all-targets --features host-sim/live -- -D warnings

@@ -19,7 +19,7 @@ fn main() {
         return;
     }
     println!("cargo::rustc-link-search={}", workspace.display());
-    for argument in ["--nmagic", "-Tlink.x", "-Tdefmt.x"] {
+    for argument in ["--nmagic", "--build-id=fast", "-Tlink.x", "-Tdefmt.x"] {
         println!("cargo::rustc-link-arg-bins={argument}");
         if package.join("examples").is_dir() {
             println!("cargo::rustc-link-arg-examples={argument}");

@@ -2,13 +2,14 @@
 
 use core_algos::safety::Condition;
 use core_algos::topology::{Node, Role};
+use host_sim::bus::virtual_bus::BusConfig;
 use host_sim::experiments::faults::{self, scenario};
 use host_sim::run::regulate::regulate_on;
 use host_sim::run::robot::Robot;
 use host_sim::run::simulation::Simulation;
 use host_sim::run::virtual_robot::faults::{Campaign, Case, Course, End, Entry, catalogue, model};
 use host_sim::scenario::Scenario;
-use host_sim::world::faults::{Disturbance, Fault};
+use host_sim::world::faults::Fault;
 use rayon::prelude::*;
 use std::path::Path;
 
@@ -86,7 +87,10 @@ const RUNS: &[(&str, Fault)] = &[
     ("robot.lead.limits.position_sigma_m=0.01", Fault::None),
     (
         "robot.axle.limits.tracking_m=0.003",
-        Fault::Bus(Disturbance::Corruption(0.2)),
+        Fault::Bus(BusConfig {
+            corruption: 0.2,
+            ..BusConfig::SOUND
+        }),
     ),
     (
         "robot.lead.supervisor.degraded_time_s=1.0",

@@ -323,9 +323,9 @@ fn a_fault_beyond_ten_standard_deviations_is_named() {
             |_| {},
         );
         assert!(
-            run.outcome.suspects.contains(&name),
+            run.outcome.notices.contains(name),
             "{fault}: {:?}",
-            run.outcome.suspects
+            run.outcome.notices
         );
     }
 }
@@ -356,15 +356,22 @@ fn gauges_with_wrong_zeros_are_named() {
         });
         let fault = run.outcome.fault.as_ref().and_then(|status| status.reason);
         assert_eq!(fault, stop, "{zeros:?}");
-        assert!(
-            run.outcome
-                .suspects
-                .contains(&Condition::GaugesInconsistent)
-        );
+        assert!(run.outcome.notices.contains(Condition::GaugesInconsistent));
         let why = run.simulation.monitor().why_stopped();
         assert_eq!(why.is_some(), stop.is_some());
         assert!(
             why.is_none_or(|why| why.contains("noticed: ") && why.contains("gauges inconsistent"))
         );
     }
+}
+
+/// The references of a front board that is 100 ms late are older than the rear axle may take them: it does not arm.
+#[test]
+fn robot_does_not_drive_with_an_axle_that_does_not_arm() {
+    let late = ["bus.late_ms=[100, 0, 0]".to_owned()];
+    let scenario = Scenario::parse(None, "", "test", &late).unwrap();
+    let run = Run::new(&scenario, |_| {});
+    let fault = run.outcome.fault.unwrap();
+    assert_eq!(fault.reason, Some(Condition::NeighbourFault));
+    assert!(run.outcome.path_m < 0.05, "{}", run.outcome.path_m);
 }

@@ -69,11 +69,25 @@ fn what_is_no_image_of_the_chip_is_refused_by_name() {
 }
 
 #[test]
-fn an_image_of_another_board_is_refused_by_name() {
+fn damaged_images_and_those_of_another_board_are_refused_by_name() {
     let folder = tempfile::tempdir().unwrap();
     let image = host_sim::targets::images::build("firmware-beam").unwrap();
-    fs::write(folder.path().join("beam"), image).unwrap();
+    let keep = |bytes: &[u8]| fs::write(folder.path().join("beam"), bytes).unwrap();
+    keep(&image);
     let line = "--axle-image beam | beam: firmware-beam image";
+    assert_refused(folder.path(), POSTURE, line);
+    // A bit of the program, of the log's names, of the last section's header.
+    for place in [image.len() / 16, image.len() / 2, image.len() - 8] {
+        let mut damaged = image.clone();
+        damaged[place] ^= 4;
+        keep(&damaged);
+        assert_refused(folder.path(), POSTURE, "--beam-image beam | beam");
+    }
+    let note = image.windows(4).position(|part| part == b"GNU\0").unwrap();
+    let mut stripped = image;
+    stripped[note] = b'g';
+    keep(&stripped);
+    let line = "--beam-image beam | beam: damaged or stripped";
     assert_refused(folder.path(), POSTURE, line);
 }
 

@@ -59,6 +59,9 @@ const REST_M_S: f32 = 4e-3;
 /// being restarted (m, m, rad): the frame may have straightened. Only the beam can tell better.
 const RESTART_SIGMAS: [f32; 3] = [0.1, 0.1, 0.3];
 
+/// Time in which the axles arm after the lead node: two ways over a bus that is 30 ms late, and some lost frames.
+const ARMING: Micros = 300_000;
+
 /// Speed and yaw rate below which an axle counts as at rest before the robot drives, m/s, rad/s.
 const STILL: Twist = Twist::new(0.02, 0.1);
 /// Difference from the commanded steering angle beyond which a frame without power has let go, rad.
@@ -128,6 +131,8 @@ pub struct State {
     aim: Option<Posture>,
     /// Time for which the motors have held the robot where it is.
     held: Micros,
+    /// How long the lead node has been armed.
+    armed: Micros,
     /// They held it for as long as they may: the next command is waited for.
     released: bool,
     /// The stop under way.
@@ -458,12 +463,16 @@ impl LeadNode {
         output
     }
 
-    /// Counts how long the robot is held.
+    /// Counts how long the robot is held, and since when the axles should be armed.
     fn hold(&mut self, operating: OperatingState) {
         let state = &mut self.state;
         match operating {
             OperatingState::Armed => state.held += EPOCH,
             _ => state.held = 0,
+        }
+        match operating {
+            OperatingState::Armed | OperatingState::Active => state.armed += EPOCH,
+            _ => state.armed = 0,
         }
         state.released |= state.held > self.with.longest_hold;
     }

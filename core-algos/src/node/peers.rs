@@ -47,6 +47,12 @@ impl Peers {
         self.fresh(node, now).is_none()
     }
 
+    /// True if the node says that its motors are off and that it is not to drive.
+    pub fn rests(&self, node: Node, now: Micros) -> bool {
+        let rests = |state| matches!(state, OperatingState::Boot | OperatingState::Idle);
+        self.fresh(node, now).is_some_and(|beat| rests(beat.state))
+    }
+
     /// True if the node says that it is stopping or has stopped because something is wrong.
     pub fn failed(&self, node: Node, now: Micros) -> bool {
         self.fresh(node, now).is_some_and(|beat| {

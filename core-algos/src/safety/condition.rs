@@ -146,7 +146,7 @@ conditions! {
     NeighbourLost = 0x82 "neighbour lost" 0 ms:
         "the heartbeat of another node is missing"; "check supply and cable of that board".
     NeighbourFault = 0x83 "neighbour stopped" 0 ms:
-        "another node is stopping or in fault"; "read the code of that node".
+        "another node is stopping, in fault, or does not arm"; "read the code of that node".
     BusOff = 0x84 "bus off" 20 ms:
         "the CAN controller is in bus-off after too many errors"; "check cable, termination and bit rate".
     EstimateInconsistent = 0x85 "estimate inconsistent" 200 ms:

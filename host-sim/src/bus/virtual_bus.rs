@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
 /// Properties of the virtual bus.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct BusConfig {
     /// Time from sending to receiving, ms. Arbitration and transfer of the thirteen messages at the
@@ -23,6 +23,11 @@ pub struct BusConfig {
     /// Probability that a frame is lost between boards, 0 to 1. The lead node and the front axle
     /// share a board and lose nothing between them.
     pub loss: f64,
+    /// Probability that a frame arrives twice at the other boards, 0 to 1.
+    pub doubling: f64,
+    /// Probability that one to three bits of a frame change on its way to the other boards without its checksum showing
+    /// it, 0 to 1.
+    pub corruption: f64,
     /// True if messages arrive as decoded from their bytes. False leaves out the quantisation, to
     /// measure its effect; no real bus can do that.
     pub quantise: bool,
@@ -30,17 +35,22 @@ pub struct BusConfig {
 
 impl Default for BusConfig {
     fn default() -> Self {
-        Self {
-            latency_ms: 2,
-            late_ms: [0; 3],
-            jitter_ms: 0,
-            loss: 0.0,
-            quantise: true,
-        }
+        Self::SOUND
     }
 }
 
 impl BusConfig {
+    /// A bus without faults.
+    pub const SOUND: Self = Self {
+        latency_ms: 2,
+        late_ms: [0; 3],
+        jitter_ms: 0,
+        loss: 0.0,
+        doubling: 0.0,
+        corruption: 0.0,
+        quantise: true,
+    };
+
     /// Checks the ranges.
     pub fn check(&self) -> Result<(), String> {
         let [front, rear, beam] = self.late_ms;
@@ -55,11 +65,14 @@ impl BusConfig {
                 return Err(format!("bus.{key} = {ms}: must be a number from 0 to 1000"));
             }
         }
-        if !(self.loss >= 0.0 && self.loss <= 1.0) {
-            return Err(format!(
-                "bus.loss = {}: must be a number from 0 to 1",
-                self.loss
-            ));
+        for (key, share) in [
+            ("loss", self.loss),
+            ("doubling", self.doubling),
+            ("corruption", self.corruption),
+        ] {
+            if !(0.0..=1.0).contains(&share) {
+                return Err(format!("bus.{key} = {share}: must be a number from 0 to 1"));
+            }
         }
         Ok(())
     }
@@ -87,32 +100,22 @@ struct Transit {
 /// The bus between the three boards.
 #[derive(Clone, Debug)]
 pub struct VirtualBus {
-    latency: Micros,
-    late_ms: [u32; 3],
-    jitter_ms: u32,
-    loss: f64,
-    quantise: bool,
+    config: BusConfig,
     rng: Pcg64,
     transit: VecDeque<Transit>,
     statistics: BusStatistics,
     severed: bool,
-    disturbance: Option<Disturbance>,
 }
 
 impl VirtualBus {
-    /// A bus whose losses follow from `seed`.
+    /// A bus whose draws follow from `seed`.
     pub fn new(config: &BusConfig, seed: u64) -> Self {
         Self {
-            latency: Micros::from(config.latency_ms) * 1_000,
-            late_ms: config.late_ms,
-            jitter_ms: config.jitter_ms,
-            loss: config.loss,
-            quantise: config.quantise,
+            config: *config,
             rng: Pcg64::seed_from_u64(seed),
             transit: VecDeque::with_capacity(64),
             statistics: BusStatistics::default(),
             severed: false,
-            disturbance: None,
         }
     }
 
@@ -120,7 +123,7 @@ impl VirtualBus {
     /// that was on the bus.
     pub fn send(&mut self, now: Micros, message: &Message) -> Option<CanFrame> {
         match bus::encode(message) {
-            Ok(frame) if self.quantise => self.send_frame(now, &frame),
+            Ok(frame) if self.config.quantise => self.send_frame(now, &frame),
             Ok(frame) => self.transmit(now, &frame, *message),
             Err(_) => {
                 self.statistics.sent += 1;
@@ -151,28 +154,33 @@ impl VirtualBus {
         let origin = sender(frame);
         let mut received = [true; 3];
         for board in Role::ALL {
-            let lost = self.loss > 0.0 && Some(board) != origin;
-            if lost && self.rng.random::<f64>() < self.loss {
+            if Some(board) != origin && self.drawn(self.config.loss) {
                 received[board as usize] = false;
                 self.statistics.lost += 1;
             }
         }
         let transit = Transit {
-            due: now + self.latency,
+            due: now + Micros::from(self.config.latency_ms) * 1_000,
             frame: *frame,
             message,
             received,
         };
-        let even = self.jitter_ms == 0 && self.late_ms == [0; 3];
-        match self.disturbance {
-            None if even => self.transit.push_back(transit),
-            disturbance => self.carry(transit, origin, disturbance),
+        let config = &self.config;
+        let uneven = config.jitter_ms > 0 || config.late_ms != [0; 3];
+        match uneven || config.doubling > 0.0 || config.corruption > 0.0 {
+            true => self.carry(transit, origin),
+            false => self.queue(transit),
         }
         Some(*frame)
     }
 
-    /// The way of a frame over a bus that is disturbed, or on which frames overtake each other.
-    fn carry(&mut self, mut transit: Transit, origin: Option<Role>, how: Option<Disturbance>) {
+    /// True with this probability.
+    fn drawn(&mut self, share: f64) -> bool {
+        share > 0.0 && self.rng.random::<f64>() < share
+    }
+
+    /// The way of a frame over a bus that changes frames or on which they overtake each other.
+    fn carry(&mut self, mut transit: Transit, origin: Option<Role>) {
         // What stays on its own board is not disturbed.
         let mut own = transit.clone();
         for board in Role::ALL {
@@ -180,41 +188,25 @@ impl VirtualBus {
             transit.received[board as usize] &= Some(board) != origin;
         }
         self.queue(own);
-        let mut late = origin.map_or(0, |board| self.late_ms[board as usize]);
-        if self.jitter_ms > 0 {
-            late += self.rng.random_range(0..=self.jitter_ms);
+        let mut late = origin.map_or(0, |board| self.config.late_ms[board as usize]);
+        if self.config.jitter_ms > 0 {
+            late += self.rng.random_range(0..=self.config.jitter_ms);
         }
         transit.due += Micros::from(late) * 1_000;
-        let Some(how) = how else {
-            return self.queue(transit);
-        };
-        match how {
-            Disturbance::Loss(share) => {
-                for received in transit.received.iter_mut().filter(|received| **received) {
-                    *received = self.rng.random::<f64>() >= share;
-                    self.statistics.lost += u64::from(!*received);
-                }
+        if self.drawn(self.config.corruption) {
+            let bits = 8 * usize::from(transit.frame.length.max(1));
+            for _ in 0..self.rng.random_range(1..=3) {
+                let bit = self.rng.random_range(0..bits);
+                transit.frame.data[bit / 8] ^= 1 << (bit % 8);
             }
-            Disturbance::Late(ms) => transit.due += Micros::from(ms) * 1_000,
-            Disturbance::Jitter(ms) => {
-                transit.due += Micros::from(self.rng.random_range(0..=ms)) * 1_000;
-            }
-            Disturbance::Doubling(share) if self.rng.random::<f64>() < share => {
-                self.queue(transit.clone());
-            }
-            Disturbance::Corruption(share) if self.rng.random::<f64>() < share => {
-                let bits = 8 * usize::from(transit.frame.length.max(1));
-                for _ in 0..self.rng.random_range(1..=3) {
-                    let bit = self.rng.random_range(0..bits);
-                    transit.frame.data[bit / 8] ^= 1 << (bit % 8);
-                }
-                let Ok(message) = bus::decode(&transit.frame) else {
-                    self.statistics.refused += 1;
-                    return;
-                };
-                transit.message = message;
-            }
-            Disturbance::Doubling(_) | Disturbance::Corruption(_) => {}
+            let Ok(message) = bus::decode(&transit.frame) else {
+                self.statistics.refused += 1;
+                return;
+            };
+            transit.message = message;
+        }
+        if self.drawn(self.config.doubling) {
+            self.queue(transit.clone());
         }
         self.queue(transit);
     }
@@ -227,9 +219,9 @@ impl VirtualBus {
         self.transit.insert(place, transit);
     }
 
-    /// From now on frames are disturbed between boards.
-    pub fn disturb(&mut self, disturbance: Disturbance) {
-        self.disturbance = Some(disturbance);
+    /// From now on the bus is another.
+    pub fn turn_into(&mut self, config: &BusConfig) {
+        self.config = *config;
     }
 
     /// Hands every message that has arrived by `now` to `receive`, once for each board it reaches.
@@ -277,21 +269,6 @@ pub fn is_of_nodes(frame: &CanFrame) -> bool {
                 | Message::BoardIdentity { .. }
                 | Message::BeamCalibrated { .. })
     )
-}
-
-/// A disturbance of the frames between boards.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Disturbance {
-    /// A receiver loses a frame with this probability.
-    Loss(f64),
-    /// All frames come so many ms later.
-    Late(u32),
-    /// Each frame comes up to so many ms later: frames overtake each other.
-    Jitter(u32),
-    /// A frame arrives twice with this probability.
-    Doubling(f64),
-    /// Bits of a frame change with this probability, without its check sum showing it.
-    Corruption(f64),
 }
 
 #[cfg(test)]

@@ -136,7 +136,9 @@ impl Monitor {
         let first = self.first_fault()?;
         let advice = first.reason.map(|code| code.entry().remedy);
         let advice = advice.map_or_else(String::new, |remedy| format!(": {remedy}"));
-        let names: Vec<_> = self.suspects().map(|sensor| sensor.entry().name).collect();
+        let notices = self.notices();
+        let named = SENSORS.iter().filter(|&&sensor| notices.contains(sensor));
+        let names: Vec<_> = named.map(|sensor| sensor.entry().name).collect();
         let noticed = match names.is_empty() {
             true => String::new(),
             false => format!("; noticed: {}", names.join(", ")),
@@ -159,11 +161,10 @@ impl Monitor {
         noticed.unwrap_or_default()
     }
 
-    /// Notices of any node that name a faulty sensor.
-    pub fn suspects(&self) -> impl Iterator<Item = Condition> {
+    /// Every notice and degradation of any node so far.
+    pub fn notices(&self) -> Conditions {
         let all = self.noticed.iter().copied();
-        let all = all.fold(Conditions::NONE, Conditions::union);
-        SENSORS.into_iter().filter(move |&one| all.contains(one))
+        all.fold(Conditions::NONE, Conditions::union)
     }
 
     /// Notices of the lead node since the last call.

@@ -10,6 +10,7 @@ use crate::run::simulation::Simulation;
 use crate::scenario::Scenario;
 use core_algos::bus::LeadMode;
 use core_algos::control::regulator::Phase;
+use core_algos::fusion::ekf::Verdict;
 use core_algos::node::lead::Task;
 use core_algos::node::robot::Geometry;
 use core_algos::safety::{Condition, Conditions};
@@ -39,8 +40,10 @@ pub struct Outcome {
     pub done: bool,
     /// The notice under which the goal is reached: the inconsistent sensor, or *reached, uncertain*.
     pub uncertain: Option<Condition>,
-    /// The faulty sensors that the nodes name.
-    pub suspects: Vec<Condition>,
+    /// Notices and degradations of all nodes.
+    pub notices: Conditions,
+    /// Share of the epochs with a new beam posture that the estimate used.
+    pub beam_share: f64,
     /// True if the true posture is within the tolerance of the goal.
     pub within: bool,
     /// Claimed 95 % errors: half axis of the position (m), half the interval of the heading (rad).
@@ -92,6 +95,8 @@ struct Drive {
     plans: u32,
     planning: u32,
     planning_steps: u32,
+    epochs: u32,
+    beam_used: u32,
 }
 
 impl Drive {
@@ -108,6 +113,8 @@ impl Drive {
             plans: 0,
             planning: 0,
             planning_steps: 0,
+            epochs: 0,
+            beam_used: 0,
         }
     }
 
@@ -129,6 +136,8 @@ impl Drive {
         }
         self.last = record.midpoint;
         let lead = &record.lead;
+        self.epochs += 1;
+        self.beam_used += u32::from(lead.fused.beam.verdict == Verdict::Used);
         self.commanded_steering = self
             .commanded_steering
             .max(f64::from(lead.motion.psi.0).abs());
@@ -232,7 +241,8 @@ pub fn regulate_on(
         nees: nees(&fused.robot, record.midpoint),
         done: end.done,
         uncertain: uncertain(notices),
-        suspects: robot.monitor().suspects().collect(),
+        notices: robot.monitor().notices(),
+        beam_share: f64::from(drive.beam_used) / f64::from(drive.epochs.max(1)),
         within: error.e_m <= mission.tolerance_m
             && error.heading_rad.abs() <= mission.tolerance_rad,
         claimed: fused.robot.half_axes_95().map(f64::from),

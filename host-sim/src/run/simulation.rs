@@ -220,7 +220,7 @@ impl Simulation {
             self.boards.hold(role, frozen, behind)?;
         }
         match injector.fault() {
-            (Fault::Bus(disturbance), at) if at == tick => self.bus.disturb(disturbance),
+            (Fault::Bus(config), at) if at == tick => self.bus.turn_into(&config),
             _ => {}
         }
         Ok(())
@@ -455,11 +455,17 @@ mod tests {
     #[test]
     fn without_messages_the_motors_go_off() {
         let mut simulation = Simulation::new(&Scenario::default(), 1, 0).unwrap();
+        // A task is for a robot at rest whose boards have heard each other.
+        for _ in 0..100 {
+            simulation.step().unwrap();
+        }
         let task = HostCommand::Task(Task::regulate(Posture::ORIGIN));
         simulation.command(&task).unwrap();
         for _ in 0..3000 {
             simulation.step().unwrap();
         }
+        let front = simulation.plant().state().axle[0];
+        assert!(front.torque != [0.0; 2], "under way");
         assert!(simulation.lead_output().motion.v.abs() > 0.05, "under way");
         simulation.bus.cut();
         // 50 ms until it is noticed, 250 to slow down, 100 at rest, 750 to let the frame go.

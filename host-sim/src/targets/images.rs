@@ -1,12 +1,15 @@
 //! The images of the boards, built from this workspace or read from files.
 
 use crate::base::error::Error;
+use crate::base::input;
 use core_algos::link::framing::crc32c;
 use core_algos::topology::Role;
+use std::fmt::Display;
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::Arc;
+use twox_hash::XxHash3_64;
 use virtual_board::image::Image;
 
 /// The boards' target.
@@ -59,8 +62,13 @@ impl Images {
         beam: Option<&Path>,
     ) -> Result<Self, Error> {
         let given = |(file, package): (&Path, &str)| {
-            let image = Image::open(file).map_err(|error| Error::input(error.to_string()))?;
-            check(file, &image, package)?;
+            let name = file.display().to_string();
+            let refuse = |what: &dyn Display| Error::input(format!("{name}: {what}"));
+            let bytes = input::bytes(file).map_err(|error| refuse(&error))?;
+            let intact = is_intact(&bytes);
+            let image = Image::parse(&name, bytes);
+            let image = image.map_err(|error| Error::input(error.to_string()))?;
+            check(&image, intact, package).map_err(|what| refuse(&what))?;
             Ok::<_, Error>(Arc::new(image))
         };
         let built = |package: &str| {
@@ -104,9 +112,12 @@ impl Images {
     }
 }
 
-/// Refuses an image that says it is of another board: the first line of its log (name, version, hash). An image that
-/// does not say what it is passes.
-fn check(file: &Path, image: &Image, package: &str) -> Result<(), Error> {
+/// Refuses an image that says it is of another board, by the first line of its log (name, version, hash), and one of
+/// ours that was damaged. An image that says nothing of itself passes.
+fn check(image: &Image, intact: Option<bool>, package: &str) -> Result<(), String> {
+    if intact == Some(false) {
+        return Err("damaged: the build id of its linker is another".to_owned());
+    }
     for segment in image.segments() {
         for place in 0..segment.data.len() {
             let text = &segment.data[place..];
@@ -116,12 +127,29 @@ fn check(file: &Path, image: &Image, package: &str) -> Result<(), Error> {
             let text = String::from_utf8_lossy(&text[..text.len().min(64)]).into_owned();
             let found = text.split_ascii_whitespace().next().unwrap_or_default();
             if found != package {
-                return Err(Error::input(format!(
-                    "{}: {found} image: must be a {package} image",
-                    file.display(),
-                )));
+                return Err(format!("{found} image: must be a {package} image"));
+            }
+            if intact.is_none() {
+                return Err("damaged or stripped: it has no build id".to_owned());
             }
         }
     }
     Ok(())
+}
+
+/// Head of a note with a build id of eight bytes: lengths of name and id, kind, name.
+const BUILD_ID: &[u8] = b"\x04\0\0\0\x08\0\0\0\x03\0\0\0GNU\0";
+
+/// True if the build id is that of the file: LLD's `--build-id=fast`, XXH3 of the hashes of each MiB, the id itself as
+/// zeros. `None` without an id.
+fn is_intact(file: &[u8]) -> Option<bool> {
+    let length = BUILD_ID.len();
+    let place = file.windows(length).position(|part| part == BUILD_ID)? + length;
+    let mut file = file.to_vec();
+    let id = file.get_mut(place..place + 8)?;
+    let found = id.to_vec();
+    id.fill(0);
+    let hashes = file.chunks(1 << 20).map(XxHash3_64::oneshot);
+    let hashes: Vec<u8> = hashes.flat_map(u64::to_le_bytes).collect();
+    Some(found == XxHash3_64::oneshot(&hashes).to_le_bytes())
 }

@@ -1,6 +1,6 @@
 //! Conditions that the lead node watches, and its requests to the supervisor.
 
-use super::{BEAM_PATIENCE, LATE, LeadNode, NIS_LIMIT, STILL, Task, track};
+use super::{ARMING, BEAM_PATIENCE, LATE, LeadNode, NIS_LIMIT, STILL, Task, track};
 use crate::fusion::ekf::Verdict;
 use crate::fusion::joint::Doubt;
 use crate::fusion::robot;
@@ -56,6 +56,8 @@ impl LeadNode {
         let powered = state.supervisor.operating().permit() != Permit::Off;
         let lost = axles.iter().any(|&node| state.peers.lost(node, now));
         let failed = axles.iter().any(|&node| state.peers.failed(node, now));
+        let unarmed =
+            state.armed > ARMING && axles.iter().any(|&node| state.peers.rests(node, now));
         let fresh = |time: Micros| now.saturating_sub(time) <= self.with.report_timeout;
         let reports = state.tracks.iter().map(|track| track.report.whole);
         let late = powered
@@ -108,7 +110,7 @@ impl LeadNode {
                 Condition::NeighbourLost,
                 lost || (powered && fused.is_none()),
             )
-            .with(Condition::NeighbourFault, powered && failed)
+            .with(Condition::NeighbourFault, powered && (failed || unarmed))
             .with(Condition::BeamLost, self.with.fusion.uses_beam() && missed)
             .with(Condition::MessageLost, late)
             .with(Condition::FrameBent, bent)

@@ -183,11 +183,12 @@ pub fn trials_csv(variants: &[Variant], blocks: &[Vec<Trial>], goal: [f64; 3]) -
         );
         row.put("done", &[outcome.done]);
         row.put("end", &[end_of(outcome).as_str()]);
-        let suspects = outcome.suspects.iter().map(|sensor| sensor.entry().name);
+        let notices = outcome.notices.iter().map(|notice| notice.entry().name);
         row.put(
-            "suspects",
-            &[suspects.collect::<Vec<_>>().join("; ").as_str()],
+            "notices",
+            &[notices.collect::<Vec<_>>().join("; ").as_str()],
         );
+        row.put("beam_share", &[outcome.beam_share]);
         row.put(
             "nees drift_m claimed_m",
             &[outcome.nees, dx.hypot(dy), outcome.claimed[0]],

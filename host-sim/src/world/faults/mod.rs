@@ -4,9 +4,9 @@
 
 mod inject;
 
-pub use crate::bus::virtual_bus::Disturbance;
 pub use inject::{Drift, Injector, Readings};
 
+use crate::bus::virtual_bus::BusConfig;
 use core_algos::safety::Condition;
 use core_algos::topology::Role;
 
@@ -18,8 +18,8 @@ pub type Wheel = (usize, usize);
 pub enum Fault {
     /// Nothing: the campaign's own check.
     None,
-    /// The bus is disturbed.
-    Bus(Disturbance),
+    /// The bus is as this one.
+    Bus(BusConfig),
     /// A board loses its supply and starts again so many ms later.
     Reset(Role, u32),
     /// A board loses its supply for good.
