@@ -81,6 +81,20 @@ robot.axle.wrench_timeout_s=0.5 | posture | beam board lost | robot.axle.control
 robot.beam.health.active_counts=100000 | posture | gauge stuck @600 | robot.beam.health.max_chi_square=1e6
 robot.beam.health.flat_window_periods=200 | posture | gauge stuck @600 | robot.beam.health.max_chi_square=1e6
 robot.beam.health.dead_strain=0.01 | posture | gauge stuck @600 | robot.beam.health.max_chi_square=1e6
+robot.axle.limits.slip_rad_s=0.08 | posture | gyro off by 0.3 rad/s | sensors.gyro.fitted=true sensors.accelerometer.fitted=true
+robot.axle.filter.gate_patience=2 | posture | gyro off by 0.3 rad/s | sensors.gyro.fitted=true sensors.accelerometer.fitted=true
+robot.axle.limits.tracking_m=0.008 | posture | motor stuck on |
+robot.lead.supervisor.degraded_time_s=2 | posture | beam board lost |
+robot.lead.supervisor.degraded_distance_m=1 | posture | beam board lost |
+robot.axle.stop.shortest_s=0.2 | posture | gauge stuck |
+robot.lead.stop.shortest_s=0.2 | posture | gauge stuck |
+robot.lead.limits.force_n=2.5 | posture | gauge drifts |
+robot.beam.calibration.rail_margin_counts=0 | posture | gauge dead |
+robot.lead.regulator.accept_distance_m=0.005 | posture || robot.lead.regulator.approach.approach_gain_m_s=0.1
+boards.front.robot.lead.regulator.accept_distance_m=0.003 | posture || robot.lead.regulator.approach.approach_gain_m_s=0.1
+robot.lead.regulator.planner.margin_rad=0.1 | posture || mission.start=[-0.2,0.2,1.0]
+robot.lead.regulator.planner.min_approach_m=1.5 | posture || mission.start=[-0.2,0.2,1.0]
+robot.lead.regulator.planner.cusp_price_m=0.3 | posture || mission.start=[-0.2,0.2,1.0]
 mission.tolerance_m=0.01 | posture ||
 mission.tolerance_rad=0.01 | posture ||
 robot.lead.limits.position_sigma_m=0.01 | posture ||
