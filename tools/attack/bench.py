@@ -1,0 +1,228 @@
+"""Runs the program on one case and judges how it ended."""
+import csv
+import io
+import json
+import os
+import re
+import resource
+import signal
+import subprocess
+import tempfile
+import threading
+import tomllib
+from dataclasses import dataclass, field
+from pathlib import Path
+from random import Random
+from typing import Callable
+
+LIMIT_S = 20.0
+# Characters of standard error: twice the longest file that is refused.
+LONGEST_REFUSAL = 2_100_000
+# Address space of the program, bytes.
+MEMORY = 6 << 30
+PANIC, HANG, SILENT, HALF, CODE = "panics", "hangs", "silent acceptances", "half-written files", "wrong exit codes"
+COLUMNS = [PANIC, HANG, SILENT, HALF, CODE]
+
+
+class Unsound(Exception):
+    """A command without anything wrong failed."""
+
+
+@dataclass
+class Case:
+    """One command line and what is right for it. The files it reads are in its folder."""
+
+    words: list
+    codes: tuple = (0, 1, 2)
+    # Reason why exit code 0 is a silent acceptance; empty if it is not.
+    refuse: str = ""
+    # Regular expression that standard error matches after exit code 2, file names left out.
+    named: str = ""
+    # Content of standard input, or a device.
+    stdin: bytes | Path | None = None
+    cwd: str = "."
+    limit: float = LIMIT_S
+    memory: int = MEMORY
+    largest_file: int | None = None
+    # The end at once by a second signal leaves temporary files.
+    may_leave_temporary: bool = False
+    # Acts on the process while it runs, in a thread of its own.
+    during: Callable | None = None
+    # Defects that only this case knows: (column, text) each.
+    check: Callable = field(default=lambda ended: [])
+
+
+@dataclass
+class Ended:
+    """End of a process."""
+
+    code: int
+    out: bytes
+    err: str
+    hung: bool
+
+    @property
+    def panicked(self):
+        return self.code == 101 or self.code < 0 or "panicked at" in self.err
+
+
+class Kind:
+    """A kind of case. `count` cases for `--times 1`, each drawn from the seed, the kind and its index."""
+
+    name = ""
+    count = 0
+    # Cases at a time, where most of the time is waiting.
+    parallel = 1
+
+    def __init__(self, bench, folder):
+        self.bench, self.folder = bench, folder
+
+    def total(self, times):
+        return max(1, round(self.count * times))
+
+    def prepare(self):
+        """Makes what all cases need, in `self.folder`. Returns a reason if there is nothing to attack."""
+
+    def case(self, rng, index, folder):
+        raise NotImplementedError
+
+    def sound(self, *words, codes=(0,)):
+        """Makes sound files with the program, in `self.folder`."""
+        ended = self.bench.run(Case(list(words), limit=60), self.folder)
+        if ended.code not in codes:
+            raise Unsound(f"{' '.join(words)}: exit code {ended.code}: {last_line(ended.err)}")
+        return ended
+
+
+class Bench:
+    """The program."""
+
+    def __init__(self, program, seed):
+        self.program, self.seed = program, seed
+
+    def rng(self, kind, index):
+        return Random(f"{self.seed}/{kind}/{index}")
+
+    def run(self, case, folder):
+        """Runs a case to its end, or to its limit."""
+        def limit_files():
+            resource.setrlimit(resource.RLIMIT_FSIZE, (case.largest_file, case.largest_file))
+
+        device = isinstance(case.stdin, Path)
+        given = open(case.stdin, "rb") if device else tempfile.TemporaryFile()
+        with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err, given:
+            if not device:
+                given.write(case.stdin or b"")
+                given.seek(0)
+            process = subprocess.Popen(
+                [self.program, *case.words], cwd=folder / case.cwd, stdout=out, stderr=err, stdin=given,
+                start_new_session=True,
+                # SIGXFSZ stays ignored: a file that grows beyond the limit is an error of the write.
+                restore_signals=False,
+                preexec_fn=limit_files if case.largest_file is not None else None,
+            )
+            try:
+                resource.prlimit(process.pid, resource.RLIMIT_AS, (case.memory, case.memory))
+            except ProcessLookupError:
+                pass
+            actor = threading.Thread(target=case.during, args=(process,)) if case.during else None
+            if actor:
+                actor.start()
+            hung = False
+            try:
+                process.wait(case.limit)
+            except subprocess.TimeoutExpired:
+                hung = True
+                os.killpg(process.pid, signal.SIGKILL)
+                process.wait()
+            if actor:
+                actor.join()
+            out.seek(0), err.seek(0)
+            return Ended(process.returncode, out.read(), err.read().decode(errors="replace"), hung)
+
+    def judge(self, case, ended, folder, before):
+        """Defects of a case that has ended: (column, text) each."""
+        if ended.hung:
+            return [(HANG, f"did not end within {case.limit:g} s")]
+        if ended.panicked and ended.code not in case.codes:
+            return [(PANIC, last_line(ended.err, r"panicked at|memory allocation|overflow"))]
+        found = list(case.check(ended))
+        if ended.code == 0 and case.refuse:
+            found.append((SILENT, case.refuse))
+        elif ended.code not in case.codes:
+            found.append((CODE, f"allowed are {', '.join(map(str, case.codes))}: {last_line(ended.err)}"))
+        # `error:` begins the refusals of the parser of options.
+        if ended.code in (1, 2) and not re.search(r"^(cfmmr|error): \S", ended.err, re.M):
+            found.append((CODE, f"no line of standard error begins with `cfmmr:`: {last_line(ended.err)}"))
+        if len(ended.err) > LONGEST_REFUSAL:
+            found.append((CODE, f"{len(ended.err)} characters on standard error: {last_line(ended.err)}"))
+        if ended.code == 2 and case.named and not re.search(case.named, without_names(ended.err, case.words), re.M):
+            found.append((CODE, f"the refusal names neither line nor key: {last_line(ended.err)}"))
+        for name, state in snapshot(folder).items():
+            if before.get(name) == state:
+                continue
+            if ended.code == 2:
+                found.append((HALF, f"refused, but wrote {name}"))
+            elif name.endswith(".partial"):
+                if not case.may_leave_temporary:
+                    found.append((HALF, f"left {name}"))
+            elif problem := incomplete(folder / name):
+                found.append((HALF, f"{name}: {problem}"))
+        return found
+
+
+def without_names(text, words):
+    """Text without the arguments that it repeats."""
+    for word in words:
+        if isinstance(word, str) and "." in word:
+            text = text.replace(word, "")
+    return text
+
+
+def last_line(text, pattern=r"^(cfmmr|error):"):
+    """The line that matches, else the last one."""
+    lines = text.strip().splitlines() or ["(nothing on standard error)"]
+    return next((line for line in lines if re.search(pattern, line)), lines[-1])[:200]
+
+
+def snapshot(folder):
+    """Regular files below a folder, by path: size and time of the last change."""
+    found = {}
+    for place, _, names in os.walk(folder):
+        for name in names:
+            path = Path(place, name)
+            if path.is_file() and not path.is_symlink():
+                found[str(path.relative_to(folder))] = (path.stat().st_size, path.stat().st_mtime_ns)
+    return found
+
+
+def no_constant(text):
+    raise ValueError(f"{text} is no JSON")
+
+
+def incomplete(path):
+    """Reason why a result file is not complete, else None."""
+    data = path.read_bytes()
+    ends = {
+        ".png": (b"\x89PNG\r\n\x1a\n", b"IEND\xaeB`\x82"),
+        ".svg": (b"<", b"</svg>"),
+        ".html": (b"<", b"</html>"),
+        ".mcap": (b"\x89MCAP0\r\n", b"\x89MCAP0\r\n"),
+        ".parquet": (b"PAR1", b"PAR1"),
+    }
+    if path.suffix in ends:
+        first, last = ends[path.suffix]
+        body = data.strip() if path.suffix in (".svg", ".html") else data
+        return None if body.startswith(first) and body.endswith(last) else f"not complete, {len(data)} bytes"
+    try:
+        if path.suffix == ".json":
+            json.loads(data, parse_constant=no_constant)
+        elif path.suffix == ".toml":
+            tomllib.loads(data.decode())
+        elif path.suffix == ".csv":
+            widths = {len(row) for row in csv.reader(io.StringIO(data.decode(), newline=""))}
+            if len(widths) != 1 or not data.endswith(b"\n"):
+                return f"rows of {sorted(widths)} cells, last bytes {data[-20:]!r}"
+    except ValueError as error:
+        return str(error)[:200]
+    return None
