@@ -55,12 +55,15 @@ tools/scripts/test_regenerate.py
 tools/scripts/regenerate.py --check
 step "hostile input"
 tools/scripts/fuzz.sh
+step "attack from outside"
+tools/attack/attack.py target/release/cfmmr
 step "bus description against cantools"
 tools/scripts/check_bus.sh
 step "logs against the Python reader of MCAP"
 tools/scripts/check_mcap.sh
 step "live view against a websocket client"
 tools/scripts/check_live.sh
+tools/attack/attack.py target/live/cfmmr --only live
 step "report pages in Chromium"
 tools/scripts/check_report.sh
 step "the paper's experiment with virtual boards in a session"

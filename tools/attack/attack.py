@@ -21,6 +21,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import cases_logs
+import cases_messages
 import cases_options
 import cases_run
 import cases_serial
@@ -29,6 +30,7 @@ from bench import COLUMNS, Bench, Unsound, snapshot
 
 KINDS = [
     cases_logs.Logs, cases_logs.Blocks, cases_text.Toml, cases_text.Lines, cases_options.Options, cases_options.Inputs,
+    cases_messages.Messages,
     cases_serial.Serial, cases_run.Disk, cases_run.Signals, cases_run.Live,
 ]
 

@@ -7,17 +7,27 @@ use toml::{Table, Value};
 /// Likeness, from 0 to 1, from which on a name is offered in place of another.
 const ALIKE: f64 = 0.75;
 
+/// Longest word that is compared, bytes.
+const LONGEST: usize = 100;
+
 /// Beginning of a suggestion.
 const MEANT: &str = "did you mean ";
 
 /// The known name that is most like a word, if one is like it.
 pub fn nearest<'a>(word: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
-    let likeness = |name: &str| strsim::normalized_damerau_levenshtein(word, name);
-    let pairs = known.into_iter().map(|name| (likeness(name), name));
+    let pairs = known.into_iter().map(|name| (likeness(word, name), name));
     let alike = pairs.filter(|(like, _)| (ALIKE..1.0).contains(like));
     alike
         .max_by(|a, b| a.0.total_cmp(&b.0))
         .map(|(_, name)| name)
+}
+
+/// Likeness of two words, from 0 to 1. Its time grows with the product of their lengths.
+fn likeness(word: &str, name: &str) -> f64 {
+    match word.len() <= LONGEST {
+        true => strsim::normalized_damerau_levenshtein(word, name),
+        false => 0.0,
+    }
 }
 
 /// `; did you mean NAME?` for a word that is like a known name, else nothing.
@@ -103,13 +113,9 @@ fn unknown(text: &str) -> Option<String> {
 fn closest(key: &str, defaults: &Table) -> Option<String> {
     let mut all = Vec::new();
     paths("", defaults, &mut all);
-    let likeness = |path: &str| {
-        let name = path.rsplit('.').next().unwrap_or(path);
-        strsim::normalized_damerau_levenshtein(key, name)
-    };
     let mut best: Option<(f64, String)> = None;
     for path in all {
-        let like = likeness(&path);
+        let like = likeness(key, path.rsplit('.').next().unwrap_or(&path));
         if like >= ALIKE && best.as_ref().is_none_or(|(most, _)| like > *most) {
             best = Some((like, path));
         }

@@ -66,10 +66,18 @@ where
     }
 }
 
+/// Most characters of a line of the text that a refusal shows.
+const LONGEST_LINE: usize = 400;
+
 /// Why TOML text is refused, with the line.
 pub fn refusal(name: &str, text: &str, error: &toml::de::Error) -> Error {
     if error.span().is_some() {
-        return Error::input(spelling::with_sibling(format!("{name}: {error}")));
+        let text = format!("{name}: {error}");
+        let lines: Vec<String> = text
+            .lines()
+            .map(|line| line.chars().take(LONGEST_LINE).collect())
+            .collect();
+        return Error::input(spelling::with_sibling(lines.join("\n")));
     }
     // Nesting beyond what the parser bears has no place in its error: the line is the first with
     // which the text is refused so. Each is tried, so of a long text it is not told.

@@ -55,6 +55,9 @@ pub fn run(args: &EvalArgs) -> Result<(), Error> {
         )),
         // A reader that has seen enough is no failure.
         Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
+        Err(error) if error.kind() == io::ErrorKind::InvalidInput => {
+            Err(Error::input(format!("standard input: {error}")))
+        }
         Err(error) => Err(error.into()),
     }
 }

@@ -35,7 +35,7 @@ impl Default for Provenance<'_> {
     /// A command without a scenario.
     fn default() -> Self {
         Self {
-            command: command_line(std::env::args().skip(1)),
+            command: command_line(arguments()),
             version: env!("CARGO_PKG_VERSION"),
             build: BUILD,
             commit: option_env!("COMMIT"),
@@ -78,6 +78,12 @@ impl<'a> Provenance<'a> {
 }
 
 /// The command line as typed, without options that do not change the result.
+/// Arguments of the program; bytes that are no text stand as �.
+fn arguments() -> impl Iterator<Item = String> {
+    let given = std::env::args_os().skip(1);
+    given.map(|word| word.to_string_lossy().into_owned())
+}
+
 fn command_line(arguments: impl Iterator<Item = String>) -> String {
     let mut words = vec!["cfmmr".to_owned()];
     let mut arguments = arguments.peekable();

@@ -44,6 +44,17 @@ fn matches(sum: Option<&[u8]>, bytes: Option<&[u8]>, of: &str) -> Result<(), Str
     }
 }
 
+/// Refuses a record of another length, which no checksum covers.
+fn exactly(length: usize, content: &[u8], of: &str, at: usize) -> Result<(), String> {
+    match content.len() == length {
+        true => Ok(()),
+        false => Err(format!(
+            "damaged: {of} at byte {at} has {} bytes: must be {length}",
+            content.len()
+        )),
+    }
+}
+
 /// Refuses a file whose records do not fill it, or whose data or summary do not match their checksums.
 pub fn check(bytes: &[u8]) -> Result<(), String> {
     let body = bytes
@@ -61,10 +72,12 @@ pub fn check(bytes: &[u8]) -> Result<(), String> {
                 check_chunk(content).map_err(|what| format!("{what}, in the chunk at byte {at}"))?
             }
             op::DATA_END => {
+                exactly(4, content, "DataEnd", at)?;
                 matches(Some(content), Some(&body[..at]), "the data")?;
                 data = true;
             }
             op::FOOTER => {
+                exactly(20, content, "Footer", at)?;
                 let start = number(content).and_then(|start| usize::try_from(start).ok());
                 let covered = start.and_then(|start| body.get(start..at + 9 + 16));
                 matches(content.get(16..), covered, "the summary")?;

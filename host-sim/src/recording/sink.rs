@@ -9,7 +9,7 @@ use crate::base::error::Error;
 use crate::base::output::{self, OutputError};
 use foxglove::{Context, McapWriter, McapWriterHandle};
 use std::fs::{self, File};
-use std::io::{self, BufWriter, Seek, SeekFrom, Write};
+use std::io::{self, BufWriter, ErrorKind, Seek, SeekFrom, Write};
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -64,8 +64,10 @@ fn failed(path: &Path) -> impl FnOnce(io::Error) -> OutputError + use<> {
 
 /// The file under its temporary name.
 fn create(path: &Path) -> Result<(PathBuf, File), OutputError> {
-    if path.is_dir() {
-        return Err(failed(path)(io::ErrorKind::IsADirectory.into()));
+    // A log is read from its end: a pipe or a device would take none.
+    if fs::metadata(path).is_ok_and(|data| !data.is_file()) {
+        let what = io::Error::new(ErrorKind::InvalidInput, "must be a regular file");
+        return Err(failed(path)(what));
     }
     let temporary = output::temporary_beside(path)?;
     let file = File::create_new(&temporary).map_err(failed(path))?;

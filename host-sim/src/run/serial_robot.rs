@@ -13,6 +13,7 @@ use crate::scenario::Scenario;
 use crate::targets::board_link::BoardLink;
 use crate::targets::board_record::BoardEvent;
 use crate::targets::link::Link;
+use crate::targets::remote::Unanswered;
 use crate::targets::{BoardTraffic, HostCommand, Room, Traffic};
 use core_algos::bus::CanFrame;
 use core_algos::link::lease::TERM;
@@ -34,6 +35,9 @@ const PATIENCE: Micros = 10_000_000;
 const HELD_UP: Duration = Duration::from_millis(50);
 /// Time in which the lease of another program ends.
 const LEASE: Duration = Duration::from_micros(TERM + 100_000);
+
+/// Longest time that a board that reports takes for what it is asked, ms.
+const WAIT_MS: u64 = 11_000;
 
 /// Longest time until recorded boards have begun anew, ms.
 const RECORD_MS: u64 = 5000;
@@ -110,6 +114,8 @@ pub struct SerialRobot {
     /// Time of the latest report, and of the latest opening, µs.
     heard: Micros,
     opened: Micros,
+    /// Bytes since the latest report.
+    unanswered: Unanswered,
     reconnected: u32,
     lead: lead::Output,
     /// The latest task.
@@ -138,6 +144,7 @@ impl SerialRobot {
             start: 0,
             heard: 0,
             opened: 0,
+            unanswered: Unanswered::default(),
             reconnected: 0,
             lead: lead::Output::default(),
             task: Task::Idle,
@@ -193,7 +200,19 @@ impl SerialRobot {
     /// Waits until the board has answered all, and for an output of its lead node after that.
     fn settle(&mut self) -> Result<(), Error> {
         // An output that was on its way does not know of the place yet.
-        while !self.link.is_settled() || !self.link.is_fresh() {
+        self.wait(|robot| robot.link.is_settled() && robot.link.is_fresh())
+    }
+
+    /// Exchanges until the robot is `ready`, for somewhat longer than it may be silent.
+    fn wait(&mut self, ready: impl Fn(&Self) -> bool) -> Result<(), Error> {
+        let end = self.tick + WAIT_MS;
+        while !ready(self) {
+            if self.tick >= end {
+                return Err(Error::Failure(format!(
+                    "front board: it reports, but does not do what it is asked for {} s",
+                    WAIT_MS / 1000
+                )));
+            }
             self.step()?;
         }
         Ok(())
@@ -330,8 +349,9 @@ impl SerialRobot {
         let now = self.clock();
         if now.saturating_sub(self.heard) > PATIENCE {
             return Err(Error::Failure(format!(
-                "front board: silent at its serial port for {} s: the robot stopped by itself",
-                PATIENCE / 1_000_000
+                "front board: no report at its serial port for {} s, so the robot stopped by itself: {}",
+                PATIENCE / 1_000_000,
+                self.unanswered
             )));
         }
         thread::sleep(until.saturating_duration_since(Instant::now()));
@@ -373,6 +393,7 @@ impl SerialRobot {
             };
             if count > 0 {
                 let before = self.link.reports();
+                self.unanswered.hear(&room[..count]);
                 if self.link.take(&room[..count])?
                     && let Some(latest) = self.link.latest()
                 {
@@ -385,6 +406,7 @@ impl SerialRobot {
                 }
                 if self.link.reports() > before {
                     self.heard = now;
+                    self.unanswered = Unanswered::default();
                 }
             }
             if left.is_zero() {
@@ -514,10 +536,7 @@ impl Robot for SerialRobot {
         self.others.clear();
         let stopped = self.bring_to_rest().and_then(|()| {
             self.link.release();
-            while !self.link.is_settled() {
-                self.step()?;
-            }
-            Ok(())
+            self.wait(|robot| robot.link.is_settled())
         });
         stopped.map_err(|error| {
             Error::Failure(format!(

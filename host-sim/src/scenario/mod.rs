@@ -8,8 +8,10 @@ use crate::base::toml_file;
 use crate::bus::virtual_bus::BusConfig;
 use crate::plant::PlantConfig;
 use crate::scenario::board_parameters::Overlays;
+use crate::world::effect::leaves;
 use crate::world::sensors::SensorConfig;
 use crate::world::{self, Spread, ToldOfPlace, World};
+use core_algos::config::ConfigError;
 use core_algos::control::regulator::Tolerance;
 use core_algos::fusion::robot::Mode;
 use core_algos::math::Posture;
@@ -19,6 +21,7 @@ use core_algos::params::Settings;
 use core_algos::topology::Role;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
+use toml::Table;
 
 /// Task of the robot, and its time limits.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -212,7 +215,7 @@ impl Scenario {
         range("mission.floor_drift", mission.floor_drift, 0.0, 0.5)?;
         self.robot
             .build()
-            .map_err(|error| Error::input(format!("robot: {error}")))?;
+            .map_err(|error| Error::input(self.placed(&error)))?;
         for role in Role::ALL {
             let mut settings = Settings::new(self.robot);
             self.boards.apply(role, &mut settings)?;
@@ -224,6 +227,26 @@ impl Scenario {
                 .map_err(|error| Error::input(format!("boards.{}: {error}", role.name())))?;
         }
         self.world.check()
+    }
+
+    /// The refusal of a value of the robot under the keys that hold it: fields of several tables share a name.
+    fn placed(&self, error: &ConfigError) -> String {
+        let mut keys = Vec::new();
+        let table = Table::try_from(self.robot).unwrap_or_default();
+        leaves("robot", &table, &mut |key, value| {
+            let name = key.rsplit('.').next();
+            let held = value.as_float().map(|held| held as f32);
+            let held = held.or(value.as_integer().map(|held| held as f32));
+            if name == Some(error.field) && held == Some(error.value) {
+                keys.push(key.to_owned());
+            }
+        });
+        match keys.is_empty() {
+            true => format!("robot: {error}"),
+            false => error
+                .to_string()
+                .replacen(error.field, &keys.join(" or "), 1),
+        }
     }
 
     /// Fusion of the lead node. A robot without the relative position sensor has one of encoders and

@@ -18,6 +18,7 @@ use core_algos::node::path_task::{PATH_POINTS, TRAJECTORY_POINTS};
 use core_algos::node::robot::RobotConfig;
 use core_algos::time::{EPOCH, LEAD_PHASE, Micros, TICK};
 use core_algos::topology::Role;
+use std::fmt;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 
@@ -468,7 +469,7 @@ pub(super) struct Conversation {
     latency_us: u32,
     answered_bytes: u64,
     /// Bytes that came since the request, and the first of them.
-    strange: (usize, u8),
+    strange: Unanswered,
 }
 
 impl Conversation {
@@ -483,7 +484,7 @@ impl Conversation {
             repeated: 0,
             latency_us: 0,
             answered_bytes: 0,
-            strange: (0, 0),
+            strange: Unanswered::default(),
         }
     }
 
@@ -505,7 +506,7 @@ impl Conversation {
     /// Waits for the answer to the latest request, which is repeated as often as needed.
     pub(super) fn answer(&mut self) -> Result<Reply<'_>, Fault> {
         self.answered_bytes = 0;
-        self.strange = (0, 0);
+        self.strange = Unanswered::default();
         for attempt in 0..ATTEMPTS {
             if attempt > 0 {
                 self.repeated += 1;
@@ -523,7 +524,7 @@ impl Conversation {
             }
         }
         let patience = REPEAT_AFTER * ATTEMPTS;
-        let arrived = arrived(self.strange);
+        let arrived = self.strange;
         Err(Fault::Silent(format!(
             "no answer in {patience:?}: {arrived}"
         )))
@@ -535,10 +536,7 @@ impl Conversation {
         loop {
             let left = deadline.saturating_duration_since(Instant::now());
             let count = self.link.receive(&mut room, left).map_err(gone)?;
-            if let (0, Some(&first)) = (self.strange.0, room.get(..count).and_then(<[u8]>::first)) {
-                self.strange.1 = first;
-            }
-            self.strange.0 += count;
+            self.strange.hear(room.get(..count).unwrap_or_default());
             let mut found = false;
             for &byte in room.get(..count).unwrap_or_default() {
                 if let Some(payload) = self.decoder.take_byte(byte)
@@ -557,14 +555,33 @@ impl Conversation {
     }
 }
 
-/// Bytes that came without an answer, by their number and the first of them.
-fn arrived(strange: (usize, u8)) -> String {
-    match strange {
-        (0, _) => "nothing arrived".to_owned(),
-        (count, first) => format!(
-            "{count} bytes arrived that are no answer, the first is {first:#04x}: another baud rate, or another \
-             program on the board"
-        ),
+/// Bytes that came without an answer.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Unanswered {
+    count: usize,
+    first: u8,
+}
+
+impl Unanswered {
+    /// More of them.
+    pub fn hear(&mut self, bytes: &[u8]) {
+        if let (0, Some(&first)) = (self.count, bytes.first()) {
+            self.first = first;
+        }
+        self.count += bytes.len();
+    }
+}
+
+impl fmt::Display for Unanswered {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self { count: 0, .. } => f.write_str("nothing arrived"),
+            Self { count, first } => write!(
+                f,
+                "{count} bytes arrived that are no answer, the first is {first:#04x}: another baud rate, or another \
+                 program on the board"
+            ),
+        }
     }
 }
 
@@ -620,7 +637,7 @@ mod tests {
             for _ in 0..=said.len() {
                 assert!(!conversation.listen(Instant::now()).unwrap());
             }
-            assert!(arrived(conversation.strange).starts_with(expected));
+            assert!(conversation.strange.to_string().starts_with(expected));
         }
     }
 }

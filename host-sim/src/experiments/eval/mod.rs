@@ -13,7 +13,10 @@ pub mod rps;
 
 use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
-use std::io::{self, BufRead, Write};
+use std::io::{self, BufRead, ErrorKind, Read, Write};
+
+/// Longest line, bytes.
+const LONGEST_LINE: u64 = 8 << 20;
 
 /// An algorithm fed one line at a time.
 pub trait Kernel {
@@ -73,12 +76,25 @@ pub fn parse<T: DeserializeOwned>(text: &str) -> Result<T, String> {
 /// was good.
 pub fn run(
     kernel: &mut dyn Kernel,
-    input: impl BufRead,
+    mut input: impl BufRead,
     mut output: impl Write,
 ) -> io::Result<bool> {
     let mut good = true;
-    for line in input.split(b'\n') {
-        let line = line?;
+    let mut line = Vec::new();
+    loop {
+        line.clear();
+        if input
+            .by_ref()
+            .take(LONGEST_LINE)
+            .read_until(b'\n', &mut line)?
+            == 0
+        {
+            break;
+        }
+        if line.len() as u64 == LONGEST_LINE && !line.ends_with(b"\n") {
+            let what = format!("a line is longer than {LONGEST_LINE} bytes");
+            return Err(io::Error::new(ErrorKind::InvalidInput, what));
+        }
         let result = std::str::from_utf8(&line)
             .map_err(|error| format!("line is not UTF-8: {error}"))
             .and_then(|text| match text.trim() {
