@@ -15,9 +15,9 @@
 //! # Conventions
 //!
 //! SI units, radians, counter-clockwise positive. A posture is `(x, y, phi)`; body frame x
-//! forward, y left. Axle 1 is the front, axle 2 the rear; the beam's root is at the rear axle and
-//! its tip at the front axle, so the beam measures the front axle's posture in the rear axle's
-//! frame. Wheels are ordered (left, right).
+//! forward, y left. Axle 1 is the front, axle 2 the rear; the root of the robot's frame is at the rear axle and
+//! its tip at the front axle, so the beam (the relative position sensor) measures the front axle's posture in the rear
+//! axle's coordinates. Wheels are ordered (left, right).
 #![cfg_attr(not(test), no_std)]
 #![forbid(unsafe_code)]
 

@@ -5,9 +5,9 @@
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 pub enum AxleId {
-    /// Axle 1, at the tip of the beam.
+    /// Axle 1, at the tip of the frame.
     Front,
-    /// Axle 2, at the root of the beam.
+    /// Axle 2, at the root of the frame.
     Rear,
 }
 

@@ -260,7 +260,7 @@ messages! {
         /// Covariance of (x, y, phi): m², m rad, rad².
         covariance: Mat3 = UNCERTAINTY,
     }
-    /// Posture of the front axle in the rear axle's frame, from the strains of the beam.
+    /// Posture of the front axle in the rear axle's frame, from the strains of the strip.
     BEAM_POSTURE = BeamPosture at { 0x200 "" from Beam } every 10 counts 50;
     {
         /// Epoch modulo 256 at whose beginning the posture holds.

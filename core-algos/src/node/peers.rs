@@ -99,6 +99,24 @@ mod tests {
     }
 
     #[test]
+    fn a_node_rests_that_is_heard_and_does_not_drive() {
+        let mut peers = Peers::default();
+        assert!(!peers.rests(Node::RearAxle, 0), "never heard");
+        for (state, rests) in [
+            (OperatingState::Boot, true),
+            (OperatingState::Idle, true),
+            (OperatingState::Armed, false),
+            (OperatingState::Active, false),
+            (OperatingState::SafeStop, false),
+        ] {
+            peers.receive(0, &beat(Node::RearAxle, state, 0));
+            assert_eq!(peers.rests(Node::RearAxle, 10), rests, "{state:?}");
+        }
+        peers.receive(0, &beat(Node::RearAxle, OperatingState::Idle, 0));
+        assert!(!peers.rests(Node::RearAxle, 50_001), "lost");
+    }
+
+    #[test]
     fn only_a_stop_with_a_reason_is_a_failure() {
         let reason = Condition::SupplyLow.code();
         for (state, code, failed) in [

@@ -574,3 +574,109 @@ fn a_turn_that_quickens_is_told_without_the_delay_of_the_gyro() {
     let lag = (heading - told) / (QUICKENS_RAD_S2 * 1.5);
     assert!(lag.abs() < 1e-4, "{lag} s");
 }
+
+/// Wheels at 1 and 2 rad/s: the yaw rate is their difference times the radius over the track.
+#[test]
+fn a_gyro_that_contradicts_the_wheels_is_slip() {
+    let mut node = node(AxleId::Front);
+    let mut samples = still();
+    for tick in 0..500u64 {
+        let t = tick as f64 * 1e-3;
+        samples.encoder = counts([t, 2.0 * t]);
+        node.step(tick * TICK, &samples, &mut Outbox::new());
+    }
+    let limit = Limits::default().slip_rad_s;
+    for (times, slips) in [
+        (0.0, false),
+        (0.9, false),
+        (-0.9, false),
+        (1.1, true),
+        (-1.1, true),
+    ] {
+        samples.gyro_rad_s = Some(0.073 / 0.324 + times * limit);
+        let conditions = node.watch(500 * TICK, &samples);
+        assert_eq!(conditions.contains(Condition::WheelSlip), slips, "{times}");
+    }
+}
+
+#[test]
+fn limits_are_checked_by_name_and_hold_in_each_direction() {
+    let limits = Limits::default();
+    let frame = FrameProperties {
+        bending_stiffness_n_m2: 0.833,
+        length_m: 0.37,
+    };
+    for (field, limits) in [
+        (
+            "tracking_m",
+            Limits {
+                tracking_m: 0.0,
+                ..limits
+            },
+        ),
+        (
+            "tracking_rad",
+            Limits {
+                tracking_rad: -1.0,
+                ..limits
+            },
+        ),
+        (
+            "stall_share",
+            Limits {
+                stall_share: 1.1,
+                ..limits
+            },
+        ),
+        (
+            "stall_rad_s",
+            Limits {
+                stall_rad_s: f32::NAN,
+                ..limits
+            },
+        ),
+        (
+            "slip_rad_s",
+            Limits {
+                slip_rad_s: 0.0,
+                ..limits
+            },
+        ),
+        (
+            "wheel_speed_m_s",
+            Limits {
+                wheel_speed_m_s: f32::INFINITY,
+                ..limits
+            },
+        ),
+    ] {
+        let config = Config {
+            limits,
+            ..Config::default()
+        };
+        assert_eq!(config.build(AxleId::Front, frame).unwrap_err().field, field);
+    }
+    let Limits {
+        tracking_m: way,
+        tracking_rad: turn,
+        ..
+    } = limits;
+    for sign in [-1.0, 1.0] {
+        for (inside, near) in [(1.9, true), (2.1, false)] {
+            let by = sign * inside;
+            let errors = [
+                [by * way, 0.0, 0.0],
+                [0.0, by * way, 0.0],
+                [0.0, 0.0, by * turn],
+            ];
+            for [x, y, phi] in errors {
+                assert_eq!(
+                    limits.near(Posture::new(x, y, phi), 2.0),
+                    near,
+                    "{x} {y} {phi}"
+                );
+            }
+        }
+    }
+    assert!(!limits.near(Posture::new(f32::NAN, 0.0, 0.0), 2.0));
+}
