@@ -100,7 +100,7 @@ pub struct BoardTraffic {
     pub role: Role,
     /// True if the board is fitted and on.
     pub on: bool,
-    /// Traffic of its link; `None` for a board in this process.
+    /// Traffic of its link; `None` for a board without a port.
     pub traffic: Option<Traffic>,
 }
 

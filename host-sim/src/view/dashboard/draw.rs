@@ -230,7 +230,7 @@ fn link_lines(view: &View) -> Vec<Line<'static>> {
         let name = Span::raw(format!("{:<6}", role.name()));
         lines.push(match (on, traffic) {
             (false, _) => Line::from(vec![name, Span::styled("      off", DIM)]),
-            (true, None) => Line::from(vec![name, Span::styled("  in this program", DIM)]),
+            (true, None) => Line::from(vec![name, Span::styled("  without a port", DIM)]),
             (true, Some(traffic)) => Line::from(vec![
                 name,
                 Span::raw(format!("{:>8}", traffic.frames)),
@@ -507,7 +507,7 @@ mod tests {
                 "RearAxle Idle 40",
                 "Beam not heard",
                 "front 123456 12 345",
-                "rear in this program",
+                "rear without a port",
                 "beam off",
                 "bus 98765 43",
                 "NIS 2.25",
