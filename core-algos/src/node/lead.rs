@@ -131,7 +131,7 @@ pub struct State {
     aim: Option<Posture>,
     /// Time for which the motors have held the robot where it is.
     held: Micros,
-    /// How long the lead node has been armed.
+    /// Time since the lead node was armed.
     armed: Micros,
     /// They held it for as long as they may: the next command is waited for.
     released: bool,

@@ -77,13 +77,13 @@ impl<'a> Provenance<'a> {
     }
 }
 
-/// The command line as typed, without options that do not change the result.
 /// Arguments of the program; bytes that are no text stand as �.
 fn arguments() -> impl Iterator<Item = String> {
     let given = std::env::args_os().skip(1);
     given.map(|word| word.to_string_lossy().into_owned())
 }
 
+/// The command line as typed, without options that do not change the result.
 fn command_line(arguments: impl Iterator<Item = String>) -> String {
     let mut words = vec!["cfmmr".to_owned()];
     let mut arguments = arguments.peekable();
