@@ -200,6 +200,8 @@ fn reason(key: &str, scenario: &Scenario, used: Use) -> Option<&'static str> {
         {
             None
         }
+        // The stored mode of a board is laid over that of a robot without the relative position sensor.
+        Some(("front", "robot.lead.fusion.mode")) => None,
         Some((board, parameter)) => {
             on_other_board(board, parameter, used).or_else(|| find(parameter))
         }
