@@ -54,39 +54,76 @@ impl fmt::Display for ConfigError {
 
 impl core::error::Error for ConfigError {}
 
+/// Declares parameters: name, type, default, and what a number may be ([`Allowed`]).
+///
+/// The check of each number by itself follows from it; conditions between several are those of `build`.
+macro_rules! config {
+    (
+        $(#[$doc:meta])*
+        pub struct $name:ident {
+            $($(#[$field_doc:meta])* pub $field:ident: $type:ty = $default:expr $(, $allowed:expr)?;)*
+        }
+    ) => {
+        $(#[$doc])*
+        #[derive(Clone, Copy, Debug, PartialEq)]
+        #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+        #[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
+        pub struct $name {
+            $($(#[$field_doc])* pub $field: $type,)*
+        }
+
+        impl Default for $name {
+            fn default() -> Self {
+                Self { $($field: $default,)* }
+            }
+        }
+
+        impl $name {
+            /// Checks each number by itself; the error names the field.
+            fn check_ranges(&self) -> Result<(), $crate::config::ConfigError> {
+                #[allow(unused_imports)]
+                use $crate::config::Allowed::{Finite, NonNegative, Positive, Range};
+                $($($allowed.check(stringify!($field), self.$field)?;)?)*
+                Ok(())
+            }
+        }
+    };
+}
+pub(crate) use config;
+
+impl Allowed {
+    /// `value` if it is allowed; otherwise an error that names `field`. A condition that a range cannot state allows
+    /// none.
+    pub fn check(self, field: &'static str, value: f32) -> Result<f32, ConfigError> {
+        let ok = match self {
+            Self::Positive => value > 0.0 && value.is_finite(),
+            Self::NonNegative => value >= 0.0 && value.is_finite(),
+            Self::Finite => value.is_finite(),
+            Self::Range(low, high) => value >= low && value <= high,
+            Self::Condition(_) => false,
+        };
+        require(ok, field, value, self)
+    }
+}
+
 /// `value` if it is finite and greater than zero.
 pub fn positive(field: &'static str, value: f32) -> Result<f32, ConfigError> {
-    require(
-        value > 0.0 && value.is_finite(),
-        field,
-        value,
-        Allowed::Positive,
-    )
+    Allowed::Positive.check(field, value)
 }
 
 /// `value` if it is finite and not less than zero.
 pub fn non_negative(field: &'static str, value: f32) -> Result<f32, ConfigError> {
-    require(
-        value >= 0.0 && value.is_finite(),
-        field,
-        value,
-        Allowed::NonNegative,
-    )
+    Allowed::NonNegative.check(field, value)
 }
 
 /// `value` if it is finite.
 pub fn finite(field: &'static str, value: f32) -> Result<f32, ConfigError> {
-    require(value.is_finite(), field, value, Allowed::Finite)
+    Allowed::Finite.check(field, value)
 }
 
 /// `value` if it lies in `[low, high]`.
 pub fn in_range(field: &'static str, value: f32, low: f32, high: f32) -> Result<f32, ConfigError> {
-    require(
-        value >= low && value <= high,
-        field,
-        value,
-        Allowed::Range(low, high),
-    )
+    Allowed::Range(low, high).check(field, value)
 }
 
 /// `value` if `ok`; otherwise an error that names `field` and what is `allowed`.

@@ -1,37 +1,29 @@
 //! Slow analog channels: temperature by a thermistor, supply by a divider.
 
-use crate::config::{ConfigError, in_range};
+use crate::config::{ConfigError, config};
 use crate::math::trig::ln;
 
-/// A thermistor from the pin to ground, and a fixed resistor from the pin to the converter's
-/// reference: `ln(R/R₂₅) = B (1/T − 1/298.15 K)`. Ratiometric: the reference drops out.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ThermistorConfig {
-    /// Resistance at 25 °C (R₂₅), Ω.
-    pub resistance_25_ohm: f32,
-    /// Slope of the logarithm (B), K.
-    pub b_k: f32,
-    /// The fixed resistor, Ω.
-    pub pull_up_ohm: f32,
-}
-
-impl Default for ThermistorConfig {
-    fn default() -> Self {
-        Self {
-            resistance_25_ohm: 10e3,
-            b_k: 3950.0,
-            pull_up_ohm: 10e3,
-        }
+config! {
+    /// A thermistor from the pin to ground, and a fixed resistor from the pin to the converter's
+    /// reference: `ln(R/R₂₅) = B (1/T − 1/298.15 K)`. Ratiometric: the reference drops out.
+    pub struct ThermistorConfig {
+        /// Resistance at 25 °C (R₂₅), Ω.
+        pub resistance_25_ohm: f32 = 10e3, Range(10.0, 1e7);
+        /// Slope of the logarithm (B), K.
+        pub b_k: f32 = 3950.0, Range(1000.0, 10_000.0);
+        /// The fixed resistor, Ω.
+        pub pull_up_ohm: f32 = 10e3, Range(10.0, 1e7);
     }
 }
 
 impl ThermistorConfig {
     /// The ready-to-run form; the error names the field that is wrong.
     pub fn build(&self) -> Result<Thermistor, ConfigError> {
-        let nominal = in_range("resistance_25_ohm", self.resistance_25_ohm, 10.0, 1e7)?;
-        let pull_up = in_range("pull_up_ohm", self.pull_up_ohm, 10.0, 1e7)?;
+        self.check_ranges()?;
+        let nominal = self.resistance_25_ohm;
+        let pull_up = self.pull_up_ohm;
         Ok(Thermistor {
-            per_b: 1.0 / in_range("b_k", self.b_k, 1000.0, 10_000.0)?,
+            per_b: 1.0 / self.b_k,
             ratio: pull_up / nominal,
         })
     }
@@ -60,30 +52,24 @@ impl Thermistor {
     }
 }
 
-/// A voltage behind a divider.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SupplyConfig {
-    /// Voltage over that at the pin: (upper + lower)/lower resistor.
-    pub divider: f32,
-    /// Reference of the converter, V.
-    pub reference_v: f32,
-}
-
-impl Default for SupplyConfig {
-    /// 47 kΩ over 10 kΩ: up to 18.8 V.
-    fn default() -> Self {
-        Self {
-            divider: 5.7,
-            reference_v: 3.3,
-        }
+config! {
+    /// A voltage behind a divider.
+    ///
+    /// Default: 47 kΩ over 10 kΩ: up to 18.8 V.
+    pub struct SupplyConfig {
+        /// Voltage over that at the pin: (upper + lower)/lower resistor.
+        pub divider: f32 = 5.7, Range(1.0, 100.0);
+        /// Reference of the converter, V.
+        pub reference_v: f32 = 3.3, Range(1.0, 5.5);
     }
 }
 
 impl SupplyConfig {
     /// The ready-to-run form; the error names the field that is wrong.
     pub fn build(&self) -> Result<Supply, ConfigError> {
-        let divider = in_range("divider", self.divider, 1.0, 100.0)?;
-        let reference = in_range("reference_v", self.reference_v, 1.0, 5.5)?;
+        self.check_ranges()?;
+        let divider = self.divider;
+        let reference = self.reference_v;
         Ok(Supply {
             volts_per_count: divider * reference / 4096.0,
         })

@@ -8,7 +8,7 @@
 //! an average that cannot be trusted and says why.
 
 use super::strip::{GaugeMask, MAX_GAUGES, PerGauge};
-use crate::config::{Allowed, ConfigError, in_range, require};
+use crate::config::{Allowed, ConfigError, config, in_range, require};
 use crate::math::trig::sqrt;
 use core::fmt;
 
@@ -17,43 +17,31 @@ const MAX_FULL_SCALE: i32 = (1 << 24) - 1;
 /// A relative gain outside this is a wrong calibration, not a tolerance.
 const GAIN_RANGE: (f32, f32) = (0.5, 2.0);
 
-/// Converter, amplifier and the stored calibration of each gauge.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
-pub struct Config {
-    /// Highest count of the converter; the lowest is 0. A count outside means "no conversion".
-    pub full_scale_counts: i32,
-    /// A count this close to either end is saturated.
-    pub rail_margin_counts: i32,
-    /// Strain of one count by the data sheets: 1/(counts × amplification × gauge factor × active
-    /// arms/4). Negative if the bridge is wired so that a left bend lowers the count.
-    pub strain_per_count: f32,
-    /// Count of each gauge when the strip is straight.
-    pub zero_counts: PerGauge,
-    /// True strain over nominal strain of each gauge.
-    pub gain: PerGauge,
-    /// A strain larger than this in magnitude is no strain of this strip.
-    pub max_strain: f32,
-}
-
-impl Default for Config {
-    /// Five full bridges of gauge factor 2, amplified 64 times into 12 bits: ±3900 µε.
-    fn default() -> Self {
-        Self {
-            full_scale_counts: 4095,
-            rail_margin_counts: 4,
-            strain_per_count: 1.0 / (4096.0 * 64.0 * 2.0),
-            zero_counts: PerGauge::uniform(5, 2048.0),
-            gain: PerGauge::uniform(5, 1.0),
-            max_strain: 5e-3,
-        }
+config! {
+    /// Converter, amplifier and the stored calibration of each gauge.
+    ///
+    /// Default: Five full bridges of gauge factor 2, amplified 64 times into 12 bits: ±3900 µε.
+    pub struct Config {
+        /// Highest count of the converter; the lowest is 0. A count outside means "no conversion".
+        pub full_scale_counts: i32 = 4095;
+        /// A count this close to either end is saturated.
+        pub rail_margin_counts: i32 = 4;
+        /// Strain of one count by the data sheets: 1/(counts × amplification × gauge factor × active
+        /// arms/4). Negative if the bridge is wired so that a left bend lowers the count.
+        pub strain_per_count: f32 = 1.0 / (4096.0 * 64.0 * 2.0);
+        /// Count of each gauge when the strip is straight.
+        pub zero_counts: PerGauge = PerGauge::uniform(5, 2048.0);
+        /// True strain over nominal strain of each gauge.
+        pub gain: PerGauge = PerGauge::uniform(5, 1.0);
+        /// A strain larger than this in magnitude is no strain of this strip.
+        pub max_strain: f32 = 5e-3, Range(1e-6, 0.1);
     }
 }
 
 impl Config {
     /// Checks every field; `gauges` is how many gauges the strip has.
     pub fn build(&self, gauges: usize) -> Result<Calibration, ConfigError> {
+        self.check_ranges()?;
         let full_scale = self.full_scale_counts;
         require(
             (15..=MAX_FULL_SCALE).contains(&full_scale),
@@ -73,7 +61,6 @@ impl Config {
             self.strain_per_count,
             Allowed::Condition("from 1e-12 to 1e-3 in magnitude"),
         )?;
-        in_range("max_strain", self.max_strain, 1e-6, 0.1)?;
         for (field, list) in [("zero_counts", &self.zero_counts), ("gain", &self.gain)] {
             require(
                 list.count() == gauges,
@@ -190,41 +177,29 @@ impl Calibration {
     }
 }
 
-/// Conditions under which an average is taken for a calibration.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
-pub struct StandstillLimits {
-    /// Fewest samples of each gauge.
-    pub min_samples: u32,
-    /// Largest standard deviation of one sample, strain: more means the robot moves or a bridge is
-    /// loose.
-    pub max_noise_strain: f32,
-    /// Largest difference between the averages of the first and the second half, strain.
-    pub max_drift_strain: f32,
-}
-
-impl Default for StandstillLimits {
-    fn default() -> Self {
-        Self {
-            min_samples: 500,
-            max_noise_strain: 2e-5,
-            max_drift_strain: 2e-6,
-        }
+config! {
+    /// Conditions under which an average is taken for a calibration.
+    pub struct StandstillLimits {
+        /// Fewest samples of each gauge.
+        pub min_samples: u32 = 500;
+        /// Largest standard deviation of one sample, strain: more means the robot moves or a bridge is
+        /// loose.
+        pub max_noise_strain: f32 = 2e-5, Range(1e-9, 1e-2);
+        /// Largest difference between the averages of the first and the second half, strain.
+        pub max_drift_strain: f32 = 2e-6, Range(1e-9, 1e-2);
     }
 }
 
 impl StandstillLimits {
     /// Checks every field.
     pub fn build(&self) -> Result<Self, ConfigError> {
+        self.check_ranges()?;
         require(
             (4..=1_000_000).contains(&self.min_samples),
             "min_samples",
             self.min_samples as f32,
             Allowed::Range(4.0, 1e6),
         )?;
-        in_range("max_noise_strain", self.max_noise_strain, 1e-9, 1e-2)?;
-        in_range("max_drift_strain", self.max_drift_strain, 1e-9, 1e-2)?;
         Ok(*self)
     }
 }

@@ -13,7 +13,7 @@
 //! [`Config::build`] validates; the rest never fails.
 
 use super::strip::{GaugeMask, MAX_GAUGES};
-use crate::config::{Allowed, ConfigError, in_range, require};
+use crate::config::{Allowed, ConfigError, config, in_range, require};
 
 /// Fault of a gauge.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -40,49 +40,34 @@ impl Fault {
     }
 }
 
-/// Limits beyond which a gauge is taken out.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
-pub struct Config {
-    /// Bad periods in a row until a fault is reported.
-    pub trip_periods: u8,
-    /// Good periods in a row until it is over.
-    pub clear_periods: u8,
-    /// Periods over which flatness is judged.
-    pub flat_window_periods: u16,
-    /// Counts by which half of the other gauges must have moved in that window.
-    pub active_counts: i32,
-    /// Difference between a flat reading and the fit of the other gauges from which the gauge is dead,
-    /// strain.
-    pub dead_strain: f32,
-    /// True if residuals are watched. Costs one fit a period when the method is not the elastica.
-    pub watch_consistency: bool,
-    /// Weighted sum of squared residuals from which the readings contradict each other. With the
-    /// stated uncertainties a healthy strip exceeds 30 with probability 1e-5 or less.
-    pub max_chi_square: f32,
-    /// Searches in a row that must blame one gauge.
-    pub verdicts: u8,
-}
-
-impl Default for Config {
-    fn default() -> Self {
-        Self {
-            trip_periods: 5,
-            clear_periods: 50,
-            flat_window_periods: 50,
-            active_counts: 60,
-            dead_strain: 2e-5,
-            watch_consistency: true,
-            max_chi_square: 30.0,
-            verdicts: 2,
-        }
+config! {
+    /// Limits beyond which a gauge is taken out.
+    pub struct Config {
+        /// Bad periods in a row until a fault is reported.
+        pub trip_periods: u8 = 5;
+        /// Good periods in a row until it is over.
+        pub clear_periods: u8 = 50;
+        /// Periods over which flatness is judged.
+        pub flat_window_periods: u16 = 50;
+        /// Counts by which half of the other gauges must have moved in that window.
+        pub active_counts: i32 = 60;
+        /// Difference between a flat reading and the fit of the other gauges from which the gauge is dead,
+        /// strain.
+        pub dead_strain: f32 = 2e-5, Range(1e-7, 1e-2);
+        /// True if residuals are watched. Costs one fit a period when the method is not the elastica.
+        pub watch_consistency: bool = true;
+        /// Weighted sum of squared residuals from which the readings contradict each other. With the
+        /// stated uncertainties a healthy strip exceeds 30 with probability 1e-5 or less.
+        pub max_chi_square: f32 = 30.0, Range(5.0, 1e6);
+        /// Searches in a row that must blame one gauge.
+        pub verdicts: u8 = 2;
     }
 }
 
 impl Config {
     /// Checks every field.
     pub fn build(&self) -> Result<Monitor, ConfigError> {
+        self.check_ranges()?;
         for (field, value) in [
             ("trip_periods", self.trip_periods),
             ("clear_periods", self.clear_periods),
@@ -102,8 +87,6 @@ impl Config {
             self.active_counts as f32,
             Allowed::Condition("2 or more"),
         )?;
-        in_range("dead_strain", self.dead_strain, 1e-7, 1e-2)?;
-        in_range("max_chi_square", self.max_chi_square, 5.0, 1e6)?;
         Ok(Monitor { config: *self })
     }
 }

@@ -40,7 +40,7 @@ use super::elastica::{FINISH_EFFORT, Fit, MAX_EVALUATIONS, Search, Solver, Start
 use super::health::{self, Fault, Monitor};
 use super::polynomial::{Interpolant, Quadrature, piecewise, quadrature};
 use super::strip::{self, GaugeMask, MAX_GAUGES, RelativePosture, Strip};
-use crate::config::{ConfigError, in_range};
+use crate::config::{ConfigError, config, in_range};
 use crate::math::matrix::scale;
 
 /// Shapes computed for a fit that only looks for the gauge to blame.
@@ -70,55 +70,40 @@ pub enum Method {
     Elastica,
 }
 
-/// The whole sensor.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
-pub struct Config {
-    /// Strip and gauges.
-    pub strip: strip::Config,
-    /// Time between two estimates, s.
-    #[cfg_attr(feature = "serde", serde(skip))]
-    pub period_s: f32,
-    /// Method that turns strains into a posture.
-    pub method: Method,
-    /// Pieces of the piecewise integration, 1 to 10 000.
-    pub segments: u16,
-    /// True if the estimate is that of the present: on the line fitted to the samples of the
-    /// period, `latency_samples` after the last. Otherwise their mean, half a period old, which has
-    /// a third of the noise but lags 10 mrad behind a frame that bends at its largest rate.
-    pub extrapolate: bool,
-    /// Age of a conversion when it arrives, in sample intervals: amplifier and converter.
-    pub latency_samples: f32,
-    /// Bridge counts to strain.
-    pub calibration: calibration::Config,
-    /// Limits beyond which gauges are taken out.
-    pub health: health::Config,
-}
-
-impl Default for Config {
-    fn default() -> Self {
-        Self {
-            strip: strip::Config::default(),
-            period_s: 0.01,
-            method: Method::default(),
-            segments: 100,
-            extrapolate: true,
-            // 0.8 ms of a 200 Hz amplifier and 1 ms of conversion.
-            latency_samples: 1.8,
-            calibration: calibration::Config::default(),
-            health: health::Config::default(),
-        }
+config! {
+    /// The whole sensor.
+    pub struct Config {
+        /// Strip and gauges.
+        pub strip: strip::Config = strip::Config::default();
+        /// Time between two estimates, s.
+        #[cfg_attr(feature = "serde", serde(skip))]
+        pub period_s: f32 = 0.01, Range(1e-4, 10.0);
+        /// Method that turns strains into a posture.
+        pub method: Method = Method::default();
+        /// Pieces of the piecewise integration, 1 to 10 000.
+        pub segments: u16 = 100;
+        /// True if the estimate is that of the present: on the line fitted to the samples of the
+        /// period, `latency_samples` after the last. Otherwise their mean, half a period old, which has
+        /// a third of the noise but lags 10 mrad behind a frame that bends at its largest rate.
+        pub extrapolate: bool = true;
+        /// Age of a conversion when it arrives, in sample intervals: amplifier and converter.
+        // 0.8 ms of a 200 Hz amplifier and 1 ms of conversion.
+        pub latency_samples: f32 = 1.8, Range(0.0, 100.0);
+        /// Bridge counts to strain.
+        pub calibration: calibration::Config = calibration::Config::default();
+        /// Limits beyond which gauges are taken out.
+        pub health: health::Config = health::Config::default();
     }
 }
 
 impl Config {
     /// Checks every field.
     pub fn build(&self) -> Result<RelativePositionSensor, ConfigError> {
+        self.check_ranges()?;
         let strip = self.strip.build()?;
-        let period = in_range("period_s", self.period_s, 1e-4, 10.0)?;
+        let period = self.period_s;
         let walk = self.strip.uncertainty.zero_walk_strain_per_sqrt_s;
-        let latency = in_range("latency_samples", self.latency_samples, 0.0, 100.0)?;
+        let latency = self.latency_samples;
         Ok(RelativePositionSensor {
             drift: walk * walk * period,
             extrapolation_samples: self.extrapolate.then_some(latency),

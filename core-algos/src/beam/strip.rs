@@ -1,6 +1,6 @@
 //! The strip and its gauges: geometry, stiffness, and how far a strain reading can be trusted.
 
-use crate::config::{Allowed, ConfigError, in_range, non_negative, positive, require};
+use crate::config::{Allowed, ConfigError, config, in_range, require};
 use crate::math::Posture;
 use crate::math::matrix::Mat3;
 use crate::math::trig::sqrt;
@@ -189,56 +189,39 @@ impl RelativePosture {
     }
 }
 
-/// Standard deviations of the errors of a strain reading.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
-pub struct Uncertainty {
-    /// Noise of one reading as used for one posture (after averaging), strain.
-    pub noise_strain: f32,
-    /// Zero error of each gauge by itself, strain.
-    pub offset_strain: f32,
-    /// Walk of the zero of each gauge by itself, strain/√s. It counts from the start of the node, and
-    /// where the elastica is fitted only.
-    pub zero_walk_strain_per_sqrt_s: f32,
-    /// Zero error that all gauges share (temperature, a zeroing posture not quite straight),
-    /// strain. It acts on the posture like a bend: 1 µε is about 0.7 mrad on the default strip.
-    pub common_offset_strain: f32,
-    /// Gain error of each gauge by itself, relative.
-    pub gain: f32,
-    /// Gain error that all gauges share (thickness of the strip, batch of the gauges), relative.
-    pub common_gain: f32,
-    /// Error of the polynomial between the gauges, as a share of its highest Legendre
-    /// coefficients; enters the covariance of the polynomial methods only.
-    pub interpolation: f32,
-    /// Error of x and of y that no strain shows (length of the strip, play of its clamps), m; also
-    /// keeps the covariance regular where x does not depend on the strains (straight strip).
-    pub position_m: f32,
-    /// Error of the heading that no strain shows, rad.
-    pub heading_rad: f32,
-    /// End force that the elastica fit expects, in units of EI/L² (6.1 N on the default strip). The
-    /// prior has heavy tails: far larger forces are found without bias where the strains show them,
-    /// and the force stays near zero where they cannot (a straight strip).
-    pub load_prior: f32,
-}
-
-impl Default for Uncertainty {
-    /// Values of ordinary foil gauges, full bridges, zeroed on the robot with the frame let go. A matched bridge
+config! {
+    /// Standard deviations of the errors of a strain reading.
+    ///
+    /// Default: Values of ordinary foil gauges, full bridges, zeroed on the robot with the frame let go. A matched bridge
     /// moves by 0.5 to 1 µε/K and a strain held by up to 1 % of it; a foil gauge drifts by 5 to 20 µε in months; clamps
     /// that are not square bend the strip that is zeroed by milliradians. Foil and glue stand 40 to 60 µm off the strip's surface.
-    fn default() -> Self {
-        Self {
-            noise_strain: 1e-6,
-            offset_strain: 20e-6,
-            zero_walk_strain_per_sqrt_s: 0.05e-6,
-            common_offset_strain: 7e-6,
-            gain: 1e-2,
-            common_gain: 2e-2,
-            interpolation: 0.3,
-            position_m: 5e-5,
-            heading_rad: 1e-4,
-            load_prior: 4.0,
-        }
+    pub struct Uncertainty {
+        /// Noise of one reading as used for one posture (after averaging), strain.
+        pub noise_strain: f32 = 1e-6, Range(1e-9, 1e-2);
+        /// Zero error of each gauge by itself, strain.
+        pub offset_strain: f32 = 20e-6, Range(0.0, 1e-2);
+        /// Walk of the zero of each gauge by itself, strain/√s. It counts from the start of the node, and
+        /// where the elastica is fitted only.
+        pub zero_walk_strain_per_sqrt_s: f32 = 0.05e-6, Range(0.0, 1e-4);
+        /// Zero error that all gauges share (temperature, a zeroing posture not quite straight),
+        /// strain. It acts on the posture like a bend: 1 µε is about 0.7 mrad on the default strip.
+        pub common_offset_strain: f32 = 7e-6, Range(0.0, 1e-2);
+        /// Gain error of each gauge by itself, relative.
+        pub gain: f32 = 1e-2, Range(0.0, 1.0);
+        /// Gain error that all gauges share (thickness of the strip, batch of the gauges), relative.
+        pub common_gain: f32 = 2e-2, Range(0.0, 1.0);
+        /// Error of the polynomial between the gauges, as a share of its highest Legendre
+        /// coefficients; enters the covariance of the polynomial methods only.
+        pub interpolation: f32 = 0.3, Range(0.0, 100.0);
+        /// Error of x and of y that no strain shows (length of the strip, play of its clamps), m; also
+        /// keeps the covariance regular where x does not depend on the strains (straight strip).
+        pub position_m: f32 = 5e-5, Range(1e-6, 1.0);
+        /// Error of the heading that no strain shows, rad.
+        pub heading_rad: f32 = 1e-4, Range(1e-6, 1.0);
+        /// End force that the elastica fit expects, in units of EI/L² (6.1 N on the default strip). The
+        /// prior has heavy tails: far larger forces are found without bias where the strains show them,
+        /// and the force stays near zero where they cannot (a straight strip).
+        pub load_prior: f32 = 4.0, Range(1e-2, 1e3);
     }
 }
 
@@ -253,25 +236,6 @@ impl Uncertainty {
             common_gain: 1e-3,
             ..Self::default()
         }
-    }
-
-    fn check(&self) -> Result<Self, ConfigError> {
-        in_range("noise_strain", self.noise_strain, 1e-9, 1e-2)?;
-        in_range("offset_strain", self.offset_strain, 0.0, 1e-2)?;
-        in_range(
-            "zero_walk_strain_per_sqrt_s",
-            self.zero_walk_strain_per_sqrt_s,
-            0.0,
-            1e-4,
-        )?;
-        in_range("common_offset_strain", self.common_offset_strain, 0.0, 1e-2)?;
-        in_range("gain", self.gain, 0.0, 1.0)?;
-        in_range("common_gain", self.common_gain, 0.0, 1.0)?;
-        in_range("interpolation", self.interpolation, 0.0, 100.0)?;
-        in_range("position_m", self.position_m, 1e-6, 1.0)?;
-        in_range("heading_rad", self.heading_rad, 1e-6, 1.0)?;
-        in_range("load_prior", self.load_prior, 1e-2, 1e3)?;
-        Ok(*self)
     }
 }
 
@@ -292,50 +256,41 @@ pub struct PostureSigmas {
     pub gain_tilt_m: f32,
 }
 
-/// Geometry, stiffness and gauges of the strip.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
-pub struct Config {
-    /// Flexible length, m (the paper's L; rigid ends are not part of it).
-    #[cfg_attr(feature = "serde", serde(skip))]
-    pub length_m: f32,
-    /// Distance of the gauges from the neutral axis, m: half the thickness (the paper's y in
-    /// eq. 13).
-    #[cfg_attr(feature = "serde", serde(skip))]
-    pub half_thickness_m: f32,
-    /// Rigid length between the rear axle's midpoint and the flexible root, m.
-    #[cfg_attr(feature = "serde", serde(skip))]
-    pub rigid_root_m: f32,
-    /// Rigid length between the flexible tip and the front axle's midpoint, m.
-    #[cfg_attr(feature = "serde", serde(skip))]
-    pub rigid_tip_m: f32,
-    /// Positions of the 2 to 8 gauges from the flexible root, ascending, m (the paper's l_i).
-    pub gauges_m: PerGauge,
-    /// Bending stiffness EI, N m²; scales the wrench, not the posture.
-    #[cfg_attr(feature = "serde", serde(skip))]
-    pub bending_stiffness_n_m2: f32,
-    /// Standard deviations of the strain readings.
-    pub uncertainty: Uncertainty,
+config! {
+    /// Geometry, stiffness and gauges of the strip.
+    ///
+    /// Default: the 0.37 m steel strip of 50 × 1 mm with five gauges at the Gauss–Legendre nodes.
+    pub struct Config {
+        /// Flexible length, m (the paper's L; rigid ends are not part of it).
+        #[cfg_attr(feature = "serde", serde(skip))]
+        pub length_m: f32 = 0.37, Range(1e-3, 100.0);
+        /// Distance of the gauges from the neutral axis, m: half the thickness (the paper's y in
+        /// eq. 13).
+        #[cfg_attr(feature = "serde", serde(skip))]
+        pub half_thickness_m: f32 = 0.5e-3, Positive;
+        /// Rigid length between the rear axle's midpoint and the flexible root, m.
+        #[cfg_attr(feature = "serde", serde(skip))]
+        pub rigid_root_m: f32 = 0.0, Range(0.0, 100.0);
+        /// Rigid length between the flexible tip and the front axle's midpoint, m.
+        #[cfg_attr(feature = "serde", serde(skip))]
+        pub rigid_tip_m: f32 = 0.0, Range(0.0, 100.0);
+        /// Positions of the 2 to 8 gauges from the flexible root, ascending, m (the paper's l_i).
+        pub gauges_m: PerGauge = at_gauss_nodes(0.37);
+        /// Bending stiffness EI, N m²; scales the wrench, not the posture.
+        #[cfg_attr(feature = "serde", serde(skip))]
+        pub bending_stiffness_n_m2: f32 = 0.833, Range(1e-6, 1e6);
+        /// Standard deviations of the strain readings.
+        pub uncertainty: Uncertainty = Uncertainty::default();
+    }
 }
 
-impl Default for Config {
-    /// The 0.37 m steel strip of 50 × 1 mm with five gauges at the Gauss–Legendre nodes.
-    fn default() -> Self {
-        let mut gauges_m = PerGauge::uniform(5, 0.0);
-        for (slot, fraction) in gauges_m.values.iter_mut().zip(GAUSS_5) {
-            *slot = 0.37 * fraction;
-        }
-        Self {
-            length_m: 0.37,
-            half_thickness_m: 0.5e-3,
-            rigid_root_m: 0.0,
-            rigid_tip_m: 0.0,
-            gauges_m,
-            bending_stiffness_n_m2: 0.833,
-            uncertainty: Uncertainty::default(),
-        }
+/// Positions of five gauges on a strip of this length, m.
+fn at_gauss_nodes(length_m: f32) -> PerGauge {
+    let mut gauges_m = PerGauge::uniform(5, 0.0);
+    for (slot, fraction) in gauges_m.values.iter_mut().zip(GAUSS_5) {
+        *slot = length_m * fraction;
     }
+    gauges_m
 }
 
 impl Config {
@@ -373,19 +328,9 @@ impl Config {
 
     /// Checks every field.
     pub fn build(&self) -> Result<Strip, ConfigError> {
-        let length = in_range("length_m", self.length_m, 1e-3, 100.0)?;
-        positive("half_thickness_m", self.half_thickness_m)?;
+        self.check_ranges()?;
+        let length = self.length_m;
         in_range("half_thickness_m", self.half_thickness_m, 1e-6, length)?;
-        non_negative("rigid_root_m", self.rigid_root_m)?;
-        in_range("rigid_root_m", self.rigid_root_m, 0.0, 100.0)?;
-        non_negative("rigid_tip_m", self.rigid_tip_m)?;
-        in_range("rigid_tip_m", self.rigid_tip_m, 0.0, 100.0)?;
-        in_range(
-            "bending_stiffness_n_m2",
-            self.bending_stiffness_n_m2,
-            1e-6,
-            1e6,
-        )?;
         let count = self.gauges_m.count();
         require(
             count >= MIN_GAUGES as usize,
@@ -410,7 +355,8 @@ impl Config {
             previous = Some(position);
             *slot = (2.0 * position - length) / length;
         }
-        let uncertainty = self.uncertainty.check()?;
+        self.uncertainty.check_ranges()?;
+        let uncertainty = self.uncertainty;
         let still = |strain: f32| strain / self.half_thickness_m;
         let (noise, offset) = (
             still(uncertainty.noise_strain),

@@ -21,7 +21,7 @@
 //! ±[`Config::max_steering_rad`] are limited to it, NaN counts as zero.
 
 use super::arc::{Arc, Shape};
-use crate::config::{ConfigError, in_range, non_negative, positive};
+use crate::config::{ConfigError, config};
 use crate::math::trig::wrap_angle;
 use crate::math::{Posture, Steering, Transform, Twist};
 use core::f32::consts::PI;
@@ -42,49 +42,33 @@ pub enum Form {
     Printed,
 }
 
-/// Geometry of the frame.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
-pub struct Config {
-    /// Length of the flexible part of the frame (L), m.
-    #[cfg_attr(feature = "serde", serde(skip))]
-    pub frame_length_m: f32,
-    /// Length of the rigid section between each end of the flexible part and the midpoint of its
-    /// axle, m; the same at both ends.
-    #[cfg_attr(feature = "serde", serde(skip))]
-    pub rigid_end_m: f32,
-    /// Largest steering angle |ψ| asked of the frame, rad.
-    #[cfg_attr(feature = "serde", serde(skip))]
-    pub max_steering_rad: f32,
-    /// Form of the axle velocities.
-    pub form: Form,
-}
-
-impl Default for Config {
-    fn default() -> Self {
-        Self {
-            frame_length_m: 0.37,
-            rigid_end_m: 0.0,
-            max_steering_rad: 0.5,
-            form: Form::Exact,
-        }
+config! {
+    /// Geometry of the frame.
+    pub struct Config {
+        /// Length of the flexible part of the frame (L), m.
+        #[cfg_attr(feature = "serde", serde(skip))]
+        pub frame_length_m: f32 = 0.37, Positive;
+        /// Length of the rigid section between each end of the flexible part and the midpoint of its
+        /// axle, m; the same at both ends.
+        #[cfg_attr(feature = "serde", serde(skip))]
+        pub rigid_end_m: f32 = 0.0, NonNegative;
+        /// Largest steering angle |ψ| asked of the frame, rad.
+        #[cfg_attr(feature = "serde", serde(skip))]
+        pub max_steering_rad: f32 = 0.5, Range(1e-3, MAX_STEERING);
+        /// Form of the axle velocities.
+        pub form: Form = Form::Exact;
     }
 }
 
 impl Config {
     /// The ready-to-run form; the error names the field that is wrong.
     pub fn build(&self) -> Result<Cascade, ConfigError> {
-        let length = positive("frame_length_m", self.frame_length_m)?;
-        let rigid_end = non_negative("rigid_end_m", self.rigid_end_m)?;
+        self.check_ranges()?;
+        let length = self.frame_length_m;
+        let rigid_end = self.rigid_end_m;
         let mut cascade = Cascade {
             arc: Arc::new(length, rigid_end),
-            max_steering: in_range(
-                "max_steering_rad",
-                self.max_steering_rad,
-                1e-3,
-                MAX_STEERING,
-            )?,
+            max_steering: self.max_steering_rad,
             max_curvature: 0.0,
             form: self.form,
         };

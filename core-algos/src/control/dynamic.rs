@@ -62,7 +62,7 @@
 //! # Ok::<(), core_algos::config::ConfigError>(())
 //! ```
 
-use crate::config::{ConfigError, finite, non_negative, positive};
+use crate::config::{ConfigError, config, positive};
 use crate::control::cascade::AxleReference;
 use crate::math::trig::{clamp, sin_cos_near};
 use crate::math::{AxleLoad, Posture, Twist};
@@ -92,95 +92,57 @@ pub struct Motor {
     pub no_load_speed_rad_s: f32,
 }
 
-/// Gains, geometry and limits of one axle.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
-pub struct Config {
-    /// Half of the track (d), m.
-    #[cfg_attr(feature = "serde", serde(skip))]
-    pub half_track_m: f32,
-    /// Radius of the wheels (r_w), m.
-    #[cfg_attr(feature = "serde", serde(skip))]
-    pub wheel_radius_m: f32,
-    /// Gain of the longitudinal error (k_X), 1/s.
-    pub longitudinal_gain_per_s: f32,
-    /// Gain of the lateral error (k_Y), rad/m².
-    pub lateral_gain_rad_m2: f32,
-    /// Gain of the heading error (k_φ), rad/m.
-    pub heading_gain_rad_m: f32,
-    /// Least speed that the heading gain is multiplied with, m/s; 0 is the paper's law.
-    pub heading_speed_floor_m_s: f32,
-    /// Gain of the velocity error (K_1), N s/m.
-    pub velocity_gain_n_s_m: f32,
-    /// Gain of the yaw rate error (K_2), N m s/rad.
-    pub yaw_rate_gain_nm_s_rad: f32,
-    /// Largest ‖ξ‖².
-    pub max_xi_squared: f32,
-    /// True if ‖F_K‖ is an entry of ξ; the frame force must not be off.
-    pub frame_force_in_xi: bool,
-    /// Source of the load of the frame.
-    pub frame_force: FrameForce,
-    /// Share of the frame's load that is fed forward.
-    pub frame_feedforward: f32,
-    /// Share of the inertia that is fed forward.
-    pub inertia_feedforward: f32,
-    /// Mass of the axle without the rotation of its wheels (m), kg.
-    pub mass_kg: f32,
-    /// Yaw inertia about the midpoint, without the rotation of the wheels (J), kg m².
-    pub yaw_inertia_kg_m2: f32,
-    /// Inertia of one wheel with its motor about its axis (J_w), kg m².
-    pub wheel_inertia_kg_m2: f32,
-    /// Largest torque of each wheel, N m.
-    pub max_torque_nm: f32,
-    /// Speed–torque line of the motors; without it the torque limit holds at any speed.
-    pub motor: Option<Motor>,
-}
-
-impl Default for Config {
-    fn default() -> Self {
-        Self {
-            half_track_m: 0.162,
-            wheel_radius_m: 0.073,
-            longitudinal_gain_per_s: 2.0,
-            lateral_gain_rad_m2: 20.0,
-            heading_gain_rad_m: 16.0,
-            heading_speed_floor_m_s: 0.05,
-            // Twice as much, and wheels with half a degree of play in their gears chatter and slide.
-            velocity_gain_n_s_m: 200.0,
-            yaw_rate_gain_nm_s_rad: 3.5,
-            max_xi_squared: 2.0,
-            frame_force_in_xi: true,
-            frame_force: FrameForce::Reference,
-            frame_feedforward: 1.0,
-            inertia_feedforward: 1.0,
-            mass_kg: 4.76,
-            yaw_inertia_kg_m2: 0.0186,
-            wheel_inertia_kg_m2: 0.004,
-            max_torque_nm: 2.0,
-            motor: None,
-        }
+config! {
+    /// Gains, geometry and limits of one axle.
+    pub struct Config {
+        /// Half of the track (d), m.
+        #[cfg_attr(feature = "serde", serde(skip))]
+        pub half_track_m: f32 = 0.162, Positive;
+        /// Radius of the wheels (r_w), m.
+        #[cfg_attr(feature = "serde", serde(skip))]
+        pub wheel_radius_m: f32 = 0.073, Positive;
+        /// Gain of the longitudinal error (k_X), 1/s.
+        pub longitudinal_gain_per_s: f32 = 2.0, NonNegative;
+        /// Gain of the lateral error (k_Y), rad/m².
+        pub lateral_gain_rad_m2: f32 = 20.0, NonNegative;
+        /// Gain of the heading error (k_φ), rad/m.
+        pub heading_gain_rad_m: f32 = 16.0, NonNegative;
+        /// Least speed that the heading gain is multiplied with, m/s; 0 is the paper's law.
+        pub heading_speed_floor_m_s: f32 = 0.05, NonNegative;
+        /// Gain of the velocity error (K_1), N s/m.
+        // Twice as much, and wheels with half a degree of play in their gears chatter and slide.
+        pub velocity_gain_n_s_m: f32 = 200.0, Positive;
+        /// Gain of the yaw rate error (K_2), N m s/rad.
+        pub yaw_rate_gain_nm_s_rad: f32 = 3.5, Positive;
+        /// Largest ‖ξ‖².
+        pub max_xi_squared: f32 = 2.0, Positive;
+        /// True if ‖F_K‖ is an entry of ξ; the frame force must not be off.
+        pub frame_force_in_xi: bool = true;
+        /// Source of the load of the frame.
+        pub frame_force: FrameForce = FrameForce::Reference;
+        /// Share of the frame's load that is fed forward.
+        pub frame_feedforward: f32 = 1.0, Finite;
+        /// Share of the inertia that is fed forward.
+        pub inertia_feedforward: f32 = 1.0, Finite;
+        /// Mass of the axle without the rotation of its wheels (m), kg.
+        pub mass_kg: f32 = 4.76, NonNegative;
+        /// Yaw inertia about the midpoint, without the rotation of the wheels (J), kg m².
+        pub yaw_inertia_kg_m2: f32 = 0.0186, NonNegative;
+        /// Inertia of one wheel with its motor about its axis (J_w), kg m².
+        pub wheel_inertia_kg_m2: f32 = 0.004, NonNegative;
+        /// Largest torque of each wheel, N m.
+        pub max_torque_nm: f32 = 2.0, Positive;
+        /// Speed–torque line of the motors; without it the torque limit holds at any speed.
+        pub motor: Option<Motor> = None;
     }
 }
 
 impl Config {
     /// The ready-to-run form; the error names the field that is wrong.
     pub fn build(&self) -> Result<Dynamic, ConfigError> {
-        let half_track = positive("half_track_m", self.half_track_m)?;
-        let radius = positive("wheel_radius_m", self.wheel_radius_m)?;
-        non_negative("longitudinal_gain_per_s", self.longitudinal_gain_per_s)?;
-        non_negative("lateral_gain_rad_m2", self.lateral_gain_rad_m2)?;
-        non_negative("heading_gain_rad_m", self.heading_gain_rad_m)?;
-        non_negative("heading_speed_floor_m_s", self.heading_speed_floor_m_s)?;
-        positive("velocity_gain_n_s_m", self.velocity_gain_n_s_m)?;
-        positive("yaw_rate_gain_nm_s_rad", self.yaw_rate_gain_nm_s_rad)?;
-        positive("max_xi_squared", self.max_xi_squared)?;
-        finite("frame_feedforward", self.frame_feedforward)?;
-        finite("inertia_feedforward", self.inertia_feedforward)?;
-        non_negative("mass_kg", self.mass_kg)?;
-        non_negative("yaw_inertia_kg_m2", self.yaw_inertia_kg_m2)?;
-        non_negative("wheel_inertia_kg_m2", self.wheel_inertia_kg_m2)?;
-        positive("max_torque_nm", self.max_torque_nm)?;
+        self.check_ranges()?;
+        let half_track = self.half_track_m;
+        let radius = self.wheel_radius_m;
         if let Some(motor) = self.motor {
             positive("motor.stall_torque_nm", motor.stall_torque_nm)?;
             positive("motor.no_load_speed_rad_s", motor.no_load_speed_rad_s)?;

@@ -23,7 +23,7 @@
 //! is not finite counts as absent: the robot brakes as by [`Governor::stop`].
 
 use super::cascade::{Cascade, Motion};
-use crate::config::{Allowed, ConfigError, in_range, non_negative, positive, require};
+use crate::config::{Allowed, ConfigError, config, in_range, require};
 use crate::math::trig::sqrt;
 use crate::math::{Steering, bounded, greater, lag_gain, lesser};
 use core::hint::cold_path;
@@ -36,68 +36,45 @@ const USUAL_INTERVAL_S: f32 = 0.01;
 /// that it arrives.
 const FINAL_RAMP: f32 = 0.05;
 
-/// Limits and time constants of the reference.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
-pub struct Config {
-    /// Largest |v| of the midpoint O, m/s.
-    #[cfg_attr(feature = "serde", serde(skip))]
-    pub max_speed_m_s: f32,
-    /// Largest |v̇|, m/s².
-    pub max_acceleration_m_s2: f32,
-    /// Deceleration of a stop, m/s²; not less than the largest |v̇|.
-    pub stop_deceleration_m_s2: f32,
-    /// Largest |ψ|, rad; not more than that of the cascade.
-    #[cfg_attr(feature = "serde", serde(skip))]
-    pub max_steering_rad: f32,
-    /// Largest |ψ̇|, rad/s.
-    pub max_steering_rate_rad_s: f32,
-    /// Largest |ψ̈|, rad/s².
-    pub max_steering_acceleration_rad_s2: f32,
-    /// Rate of the first-order lag of v, 1/s.
-    pub speed_rate_per_s: f32,
-    /// Natural frequency of the critically damped filter of ψ, rad/s.
-    pub steering_frequency_rad_s: f32,
-    /// Steering error at which speed is brought to zero, rad.
-    pub steering_tolerance_rad: f32,
-    /// Rest at zero speed when the direction changes, s.
-    pub reversal_hold_s: f32,
-    /// Largest circumferential speed of any wheel, m/s.
-    pub max_wheel_speed_m_s: f32,
-    /// Half of the track of an axle (d), m.
-    #[cfg_attr(feature = "serde", serde(skip))]
-    pub half_track_m: f32,
-    /// Longest interval between steps, s; a longer one is taken as this.
-    pub max_interval_s: f32,
-}
-
-impl Default for Config {
-    fn default() -> Self {
-        Self {
-            max_speed_m_s: 0.25,
-            max_acceleration_m_s2: 0.4,
-            stop_deceleration_m_s2: 0.8,
-            max_steering_rad: 0.5,
-            max_steering_rate_rad_s: 1.0,
-            max_steering_acceleration_rad_s2: 8.0,
-            speed_rate_per_s: 6.0,
-            steering_frequency_rad_s: 8.0,
-            steering_tolerance_rad: 0.15,
-            reversal_hold_s: 0.1,
-            max_wheel_speed_m_s: 0.6,
-            half_track_m: 0.162,
-            max_interval_s: 0.02,
-        }
+config! {
+    /// Limits and time constants of the reference.
+    pub struct Config {
+        /// Largest |v| of the midpoint O, m/s.
+        #[cfg_attr(feature = "serde", serde(skip))]
+        pub max_speed_m_s: f32 = 0.25, Positive;
+        /// Largest |v̇|, m/s².
+        pub max_acceleration_m_s2: f32 = 0.4, Positive;
+        /// Deceleration of a stop, m/s²; not less than the largest |v̇|.
+        pub stop_deceleration_m_s2: f32 = 0.8, Positive;
+        /// Largest |ψ|, rad; not more than that of the cascade.
+        #[cfg_attr(feature = "serde", serde(skip))]
+        pub max_steering_rad: f32 = 0.5;
+        /// Largest |ψ̇|, rad/s.
+        pub max_steering_rate_rad_s: f32 = 1.0, Positive;
+        /// Largest |ψ̈|, rad/s².
+        pub max_steering_acceleration_rad_s2: f32 = 8.0, Positive;
+        /// Rate of the first-order lag of v, 1/s.
+        pub speed_rate_per_s: f32 = 6.0, Positive;
+        /// Natural frequency of the critically damped filter of ψ, rad/s.
+        pub steering_frequency_rad_s: f32 = 8.0, Positive;
+        /// Steering error at which speed is brought to zero, rad.
+        pub steering_tolerance_rad: f32 = 0.15, Positive;
+        /// Rest at zero speed when the direction changes, s.
+        pub reversal_hold_s: f32 = 0.1, NonNegative;
+        /// Largest circumferential speed of any wheel, m/s.
+        pub max_wheel_speed_m_s: f32 = 0.6, Positive;
+        /// Half of the track of an axle (d), m.
+        #[cfg_attr(feature = "serde", serde(skip))]
+        pub half_track_m: f32 = 0.162, Positive;
+        /// Longest interval between steps, s; a longer one is taken as this.
+        pub max_interval_s: f32 = 0.02, Range(1e-4, 0.5);
     }
 }
 
 impl Config {
     /// The ready-to-run form for a frame; the error names the field that is wrong.
     pub fn build(&self, cascade: &Cascade) -> Result<Governor, ConfigError> {
-        positive("max_speed_m_s", self.max_speed_m_s)?;
-        positive("max_acceleration_m_s2", self.max_acceleration_m_s2)?;
-        positive("stop_deceleration_m_s2", self.stop_deceleration_m_s2)?;
+        self.check_ranges()?;
         require(
             self.stop_deceleration_m_s2 >= self.max_acceleration_m_s2,
             "stop_deceleration_m_s2",
@@ -110,18 +87,6 @@ impl Config {
             1e-3,
             cascade.max_steering(),
         )?;
-        positive("max_steering_rate_rad_s", self.max_steering_rate_rad_s)?;
-        positive(
-            "max_steering_acceleration_rad_s2",
-            self.max_steering_acceleration_rad_s2,
-        )?;
-        positive("speed_rate_per_s", self.speed_rate_per_s)?;
-        positive("steering_frequency_rad_s", self.steering_frequency_rad_s)?;
-        positive("steering_tolerance_rad", self.steering_tolerance_rad)?;
-        non_negative("reversal_hold_s", self.reversal_hold_s)?;
-        positive("max_wheel_speed_m_s", self.max_wheel_speed_m_s)?;
-        positive("half_track_m", self.half_track_m)?;
-        in_range("max_interval_s", self.max_interval_s, 1e-4, 0.5)?;
 
         let mut governor = Governor {
             config: *self,

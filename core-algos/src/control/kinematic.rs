@@ -33,7 +33,7 @@
 //! # Ok::<(), core_algos::config::ConfigError>(())
 //! ```
 
-use crate::config::{ConfigError, in_range, non_negative, positive};
+use crate::config::{ConfigError, config, positive};
 use crate::math::trig::{
     atan2, clamp, cos, hypot, sin, sin_cos, sqrt, tanh_and_of_angle, wrap_angle,
 };
@@ -245,55 +245,33 @@ pub struct Reference {
     pub kappa: f32,
 }
 
-/// Gains of the kinematic controller.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
-pub struct Config {
-    /// Radius of the circular path manifold, m (r). O comes to rest `r√(2ε)` short of the
-    /// reference.
-    pub circle_radius_m: f32,
-    /// Perturbation that keeps the manifold smooth at θ = 0 (ε = ζ − 1).
-    pub epsilon: f32,
-    /// Speed demanded far from the manifold, m/s (k1).
-    pub approach_gain_m_s: f32,
-    /// Rate at which η = θ + α decays, rad/s (k2).
-    pub heading_gain_rad_s: f32,
-    /// Denominator of the velocity.
-    pub form: Form,
-    /// Positive floor of the derived denominator as a fraction of `e s`; 0 leaves it as derived.
-    pub denominator_floor: f32,
-    /// Decay of η along the path in the approach form: dη/ds = −p η/e (p).
-    pub arrival_gain: f32,
-    /// Distance below which the approach form steers ever less, m (σ).
-    pub softening_m: f32,
-}
-
-impl Default for Config {
-    fn default() -> Self {
-        Self {
-            circle_radius_m: 0.2,
-            epsilon: 1e-3,
-            approach_gain_m_s: 1.5,
-            heading_gain_rad_s: 2.0,
-            form: Form::Derived,
-            denominator_floor: 0.3,
-            arrival_gain: 3.0,
-            softening_m: 0.03,
-        }
+config! {
+    /// Gains of the kinematic controller.
+    pub struct Config {
+        /// Radius of the circular path manifold, m (r). O comes to rest `r√(2ε)` short of the
+        /// reference.
+        pub circle_radius_m: f32 = 0.2, Positive;
+        /// Perturbation that keeps the manifold smooth at θ = 0 (ε = ζ − 1).
+        pub epsilon: f32 = 1e-3, Positive;
+        /// Speed demanded far from the manifold, m/s (k1).
+        pub approach_gain_m_s: f32 = 1.5, Positive;
+        /// Rate at which η = θ + α decays, rad/s (k2).
+        pub heading_gain_rad_s: f32 = 2.0, Positive;
+        /// Denominator of the velocity.
+        pub form: Form = Form::Derived;
+        /// Positive floor of the derived denominator as a fraction of `e s`; 0 leaves it as derived.
+        pub denominator_floor: f32 = 0.3, Range(0.0, 1.0);
+        /// Decay of η along the path in the approach form: dη/ds = −p η/e (p).
+        pub arrival_gain: f32 = 3.0, Positive;
+        /// Distance below which the approach form steers ever less, m (σ).
+        pub softening_m: f32 = 0.03, NonNegative;
     }
 }
 
 impl Config {
     /// Checks the gains.
     pub fn build(self) -> Result<Law, ConfigError> {
-        positive("circle_radius_m", self.circle_radius_m)?;
-        positive("epsilon", self.epsilon)?;
-        positive("approach_gain_m_s", self.approach_gain_m_s)?;
-        positive("heading_gain_rad_s", self.heading_gain_rad_s)?;
-        in_range("denominator_floor", self.denominator_floor, 0.0, 1.0)?;
-        positive("arrival_gain", self.arrival_gain)?;
-        non_negative("softening_m", self.softening_m)?;
+        self.check_ranges()?;
         Ok(Law {
             config: self,
             manifold: self.circle_radius_m * SQRT_2,
@@ -490,35 +468,22 @@ pub fn curvature_of_steering(Steering(psi): Steering, frame_length_m: f32) -> f3
     2.0 * psi / (frame_length_m * cos(psi))
 }
 
-/// Bounds of what the robot is asked to do.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
-pub struct LimitsConfig {
-    /// Greatest speed of O, m/s, both directions.
-    pub max_speed_m_s: f32,
-    /// Greatest steering angle of an axle against the frame's chord, rad (|ψ|).
-    pub max_steering_rad: f32,
-    /// Frame length, m (L).
-    pub frame_length_m: f32,
-}
-
-impl Default for LimitsConfig {
-    fn default() -> Self {
-        Self {
-            max_speed_m_s: 0.25,
-            max_steering_rad: 0.5,
-            frame_length_m: 0.37,
-        }
+config! {
+    /// Bounds of what the robot is asked to do.
+    pub struct LimitsConfig {
+        /// Greatest speed of O, m/s, both directions.
+        pub max_speed_m_s: f32 = 0.25, Positive;
+        /// Greatest steering angle of an axle against the frame's chord, rad (|ψ|).
+        pub max_steering_rad: f32 = 0.5, Range(0.01, 1.4);
+        /// Frame length, m (L).
+        pub frame_length_m: f32 = 0.37, Positive;
     }
 }
 
 impl LimitsConfig {
     /// Checks the bounds.
     pub fn build(self) -> Result<Limits, ConfigError> {
-        positive("max_speed_m_s", self.max_speed_m_s)?;
-        in_range("max_steering_rad", self.max_steering_rad, 0.01, 1.4)?;
-        positive("frame_length_m", self.frame_length_m)?;
+        self.check_ranges()?;
         Ok(Limits {
             max_speed: self.max_speed_m_s,
             max_curvature: curvature_of_steering(

@@ -45,7 +45,7 @@ pub use buffer::{PathBuffer, PathError, PathPoint, PathSample, TrajectoryBuffer,
 use super::cascade::Cascade;
 use super::governor::Wish;
 use super::kinematic::{Law, Reference};
-use crate::config::{ConfigError, in_range, non_negative, positive};
+use crate::config::{ConfigError, config, in_range, positive};
 use crate::math::trig::{clamp, sqrt};
 use crate::math::{Posture, Transform};
 use buffer::MAX_BEND_SQUARED;
@@ -57,45 +57,28 @@ const SLOW_M_S: f32 = 0.03;
 /// a path begins or ceases to grow. It costs some tenths of a millimetre across the path, waiting
 /// several millimetres along a trajectory.
 const STEERING_SLACK_RAD: f32 = 0.03;
-/// Limits along a path.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
-pub struct Config {
-    /// Speed where nothing limits it, m/s.
-    pub max_speed_m_s: f32,
-    /// Speed at which law (4) has the heading gain k2 it is given, m/s (v_0); at others, k2 |v|/v_0.
-    pub nominal_speed_m_s: f32,
-    /// Deceleration ahead of bends and of the end, m/s²; somewhat below the governor's.
-    pub deceleration_m_s2: f32,
-    /// Largest |ψ̇| the path may ask for, rad/s; somewhat below the governor's.
-    pub max_steering_rate_rad_s: f32,
-    /// Largest |ψ̈| the path may ask for, rad/s²; somewhat below the governor's.
-    pub max_steering_acceleration_rad_s2: f32,
-    /// Speed that is kept even where curvature changes too fast for it, m/s; the governor then
-    /// makes speed wait for steering.
-    pub min_speed_m_s: f32,
-    /// Delay between a lower reference speed and the robot's, s.
-    pub reaction_time_s: f32,
-    /// Length of path ahead of the last position that is searched for the robot, m.
-    pub search_window_m: f32,
-    /// Remaining distance at which the end counts as reached, m.
-    pub end_tolerance_m: f32,
-}
-
-impl Default for Config {
-    fn default() -> Self {
-        Self {
-            max_speed_m_s: 0.25,
-            nominal_speed_m_s: 0.25,
-            deceleration_m_s2: 0.3,
-            max_steering_rate_rad_s: 0.8,
-            max_steering_acceleration_rad_s2: 6.0,
-            min_speed_m_s: 0.02,
-            reaction_time_s: 0.2,
-            search_window_m: 0.1,
-            end_tolerance_m: 0.002,
-        }
+config! {
+    /// Limits along a path.
+    pub struct Config {
+        /// Speed where nothing limits it, m/s.
+        pub max_speed_m_s: f32 = 0.25, Positive;
+        /// Speed at which law (4) has the heading gain k2 it is given, m/s (v_0); at others, k2 |v|/v_0.
+        pub nominal_speed_m_s: f32 = 0.25, Positive;
+        /// Deceleration ahead of bends and of the end, m/s²; somewhat below the governor's.
+        pub deceleration_m_s2: f32 = 0.3, Positive;
+        /// Largest |ψ̇| the path may ask for, rad/s; somewhat below the governor's.
+        pub max_steering_rate_rad_s: f32 = 0.8, Positive;
+        /// Largest |ψ̈| the path may ask for, rad/s²; somewhat below the governor's.
+        pub max_steering_acceleration_rad_s2: f32 = 6.0, Positive;
+        /// Speed that is kept even where curvature changes too fast for it, m/s; the governor then
+        /// makes speed wait for steering.
+        pub min_speed_m_s: f32 = 0.02;
+        /// Delay between a lower reference speed and the robot's, s.
+        pub reaction_time_s: f32 = 0.2, NonNegative;
+        /// Length of path ahead of the last position that is searched for the robot, m.
+        pub search_window_m: f32 = 0.1, Positive;
+        /// Remaining distance at which the end counts as reached, m.
+        pub end_tolerance_m: f32 = 0.002, Positive;
     }
 }
 
@@ -103,23 +86,13 @@ impl Config {
     /// The follower of paths for a frame and the law it steers by; the error names the field that
     /// is wrong.
     pub fn build(&self, cascade: &Cascade, law: &Law) -> Result<Follower, ConfigError> {
-        positive("max_speed_m_s", self.max_speed_m_s)?;
-        positive("nominal_speed_m_s", self.nominal_speed_m_s)?;
-        positive("deceleration_m_s2", self.deceleration_m_s2)?;
-        positive("max_steering_rate_rad_s", self.max_steering_rate_rad_s)?;
-        positive(
-            "max_steering_acceleration_rad_s2",
-            self.max_steering_acceleration_rad_s2,
-        )?;
+        self.check_ranges()?;
         in_range(
             "min_speed_m_s",
             self.min_speed_m_s,
             1e-3,
             self.max_speed_m_s,
         )?;
-        non_negative("reaction_time_s", self.reaction_time_s)?;
-        positive("search_window_m", self.search_window_m)?;
-        positive("end_tolerance_m", self.end_tolerance_m)?;
         Ok(Follower {
             config: *self,
             steering: SteeringLaw {

@@ -21,62 +21,39 @@ pub use plan::{Plan, Segment};
 
 use super::funnel::Candidate;
 use super::kinematic::Direction;
-use crate::config::{ConfigError, in_range, non_negative, positive};
+use crate::config::{ConfigError, config, positive};
 use crate::math::Posture;
 use crate::math::trig::{sin_cos, sinc, sqrt};
 use core::f32::consts::TAU;
 
-/// Parameters of the search.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
-pub struct Config {
-    /// Share of the greatest curvature that funnel and segments use (κ_d over κ_max); the rest is
-    /// left to feedback.
-    pub curvature_share: f32,
-    /// Grid of segment lengths, m, where the plan has one segment.
-    pub single_step_m: f32,
-    /// Grid of segment lengths, m, where it has two.
-    pub pair_step_m: f32,
-    /// Longest straight segment, m. An arc is at most one full turn.
-    pub max_straight_m: f32,
-    /// Least distance from the goal, m, at which the approach may begin.
-    pub min_approach_m: f32,
-    /// Margin to the funnel's bound `κ_d e` at the beginning of the approach, rad: room for errors
-    /// of execution.
-    pub margin_rad: f32,
-    /// Price of a change of direction, m.
-    pub cusp_price_m: f32,
-    /// Price of each segment (the stop at its end and the wait for steering), m.
-    pub stop_price_m: f32,
-}
-
-impl Default for Config {
-    fn default() -> Self {
-        Self {
-            curvature_share: 0.94,
-            single_step_m: 0.04,
-            pair_step_m: 0.08,
-            max_straight_m: 3.0,
-            min_approach_m: 0.15,
-            margin_rad: 0.05,
-            cusp_price_m: 0.15,
-            stop_price_m: 0.08,
-        }
+config! {
+    /// Parameters of the search.
+    pub struct Config {
+        /// Share of the greatest curvature that funnel and segments use (κ_d over κ_max); the rest is
+        /// left to feedback.
+        pub curvature_share: f32 = 0.94, Range(0.1, 1.0);
+        /// Grid of segment lengths, m, where the plan has one segment.
+        pub single_step_m: f32 = 0.04, Range(5e-3, 1.0);
+        /// Grid of segment lengths, m, where it has two.
+        pub pair_step_m: f32 = 0.08, Range(5e-3, 1.0);
+        /// Longest straight segment, m. An arc is at most one full turn.
+        pub max_straight_m: f32 = 3.0, Range(0.1, 100.0);
+        /// Least distance from the goal, m, at which the approach may begin.
+        pub min_approach_m: f32 = 0.15, Positive;
+        /// Margin to the funnel's bound `κ_d e` at the beginning of the approach, rad: room for errors
+        /// of execution.
+        pub margin_rad: f32 = 0.05, NonNegative;
+        /// Price of a change of direction, m.
+        pub cusp_price_m: f32 = 0.15, NonNegative;
+        /// Price of each segment (the stop at its end and the wait for steering), m.
+        pub stop_price_m: f32 = 0.08, NonNegative;
     }
 }
 
 impl Config {
     /// Checks the parameters; `max_curvature_per_m` is the bound of the robot (κ_max, 1/m).
     pub fn build(self, max_curvature_per_m: f32) -> Result<Planner, ConfigError> {
-        in_range("curvature_share", self.curvature_share, 0.1, 1.0)?;
-        in_range("single_step_m", self.single_step_m, 5e-3, 1.0)?;
-        in_range("pair_step_m", self.pair_step_m, 5e-3, 1.0)?;
-        in_range("max_straight_m", self.max_straight_m, 0.1, 100.0)?;
-        positive("min_approach_m", self.min_approach_m)?;
-        non_negative("margin_rad", self.margin_rad)?;
-        non_negative("cusp_price_m", self.cusp_price_m)?;
-        non_negative("stop_price_m", self.stop_price_m)?;
+        self.check_ranges()?;
         positive("max_curvature_per_m", max_curvature_per_m)?;
         let curvature = self.curvature_share * max_curvature_per_m;
         let steps = |length_m: f32| {

@@ -15,44 +15,33 @@
 //!
 //! [`Config::build`] validates; [`WheelObserver::step`] cannot fail.
 
-use crate::config::{Allowed, ConfigError, in_range, positive, require};
+use crate::config::{Allowed, ConfigError, config, require};
 use crate::math::trig::{exp, wrap_angle};
 use core::f32::consts::TAU;
 use core::num::NonZeroU32;
 
-/// Encoder and bandwidth.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
-pub struct Config {
-    /// Encoder counts per revolution of the wheel, gear and edges included.
-    #[cfg_attr(feature = "serde", serde(skip))]
-    pub counts_per_revolution: u32,
-    /// Bandwidth of the observer (b), rad/s.
-    pub bandwidth_rad_s: f32,
-    /// Interval between samples, s.
-    pub interval_s: f32,
-    /// Largest speed the wheel can have, rad/s; a count further from the prediction than this
-    /// speed reaches in one interval is not a motion of the wheel.
-    pub max_speed_rad_s: f32,
-}
-
-impl Default for Config {
-    fn default() -> Self {
-        Self {
-            counts_per_revolution: 20_000,
-            bandwidth_rad_s: 250.0,
-            interval_s: 1e-3,
-            max_speed_rad_s: 60.0,
-        }
+config! {
+    /// Encoder and bandwidth.
+    pub struct Config {
+        /// Encoder counts per revolution of the wheel, gear and edges included.
+        #[cfg_attr(feature = "serde", serde(skip))]
+        pub counts_per_revolution: u32 = 20_000;
+        /// Bandwidth of the observer (b), rad/s.
+        pub bandwidth_rad_s: f32 = 250.0, Positive;
+        /// Interval between samples, s.
+        pub interval_s: f32 = 1e-3, Range(1e-5, 0.1);
+        /// Largest speed the wheel can have, rad/s; a count further from the prediction than this
+        /// speed reaches in one interval is not a motion of the wheel.
+        pub max_speed_rad_s: f32 = 60.0, Positive;
     }
 }
 
 impl Config {
     /// The ready-to-run form; the error names the field that is wrong.
     pub fn build(&self) -> Result<WheelObserver, ConfigError> {
-        let interval = in_range("interval_s", self.interval_s, 1e-5, 0.1)?;
-        let bandwidth = positive("bandwidth_rad_s", self.bandwidth_rad_s)?;
+        self.check_ranges()?;
+        let interval = self.interval_s;
+        let bandwidth = self.bandwidth_rad_s;
         require(
             bandwidth * interval <= 2.0,
             "bandwidth_rad_s",
@@ -69,9 +58,7 @@ impl Config {
             angle_gain: 1.0 - pole * pole,
             speed_gain: (1.0 - pole) * (1.0 - pole) * radians_per_count / interval,
             // A count or two more: quantisation alone must never look like a jump.
-            largest_error: positive("max_speed_rad_s", self.max_speed_rad_s)? * interval
-                / radians_per_count
-                + 2.0,
+            largest_error: self.max_speed_rad_s * interval / radians_per_count + 2.0,
         })
     }
 }

@@ -19,51 +19,40 @@
 //! [`Config::build`] validates; [`CurrentLoop::step`] cannot fail. An input that is not finite, or a
 //! supply not above zero, gives zero volts and says so.
 
-use crate::config::{Allowed, ConfigError, in_range, positive, require};
+use crate::config::{Allowed, ConfigError, config, require};
 use crate::math::compare::{all_finite, lesser};
 use crate::math::trig::{clamp, exp};
 
-/// Motor and loop.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Config {
-    /// Resistance of winding, leads and bridge (R), Ω.
-    pub resistance_ohm: f32,
-    /// Inductance of the winding (L), H.
-    pub inductance_h: f32,
-    /// Torque per current at the wheel, gear included (k_t = k_e), N m/A.
-    pub torque_constant_nm_a: f32,
-    /// Bandwidth of the loop (ω_b), rad/s.
-    pub bandwidth_rad_s: f32,
-    /// Time between steps (T), s.
-    pub period_s: f32,
-    /// Largest current, A.
-    pub max_current_a: f32,
-    /// Largest share of the supply put on the motor.
-    pub max_duty: f32,
-}
-
-impl Default for Config {
-    /// A 12 V gear motor of 2.5 N m at standstill and 20 rad/s without load.
-    fn default() -> Self {
-        Self {
-            resistance_ohm: 2.88,
-            inductance_h: 2.3e-3,
-            torque_constant_nm_a: 0.6,
-            bandwidth_rad_s: 5000.0,
-            period_s: 50e-6,
-            max_current_a: 4.0,
-            max_duty: 0.98,
-        }
+config! {
+    /// Motor and loop.
+    ///
+    /// Default: A 12 V gear motor of 2.5 N m at standstill and 20 rad/s without load.
+    pub struct Config {
+        /// Resistance of winding, leads and bridge (R), Ω.
+        pub resistance_ohm: f32 = 2.88, Range(1e-3, 1e3);
+        /// Inductance of the winding (L), H.
+        pub inductance_h: f32 = 2.3e-3, Range(1e-6, 1.0);
+        /// Torque per current at the wheel, gear included (k_t = k_e), N m/A.
+        pub torque_constant_nm_a: f32 = 0.6, Range(1e-4, 1e3);
+        /// Bandwidth of the loop (ω_b), rad/s.
+        pub bandwidth_rad_s: f32 = 5000.0, Positive;
+        /// Time between steps (T), s.
+        pub period_s: f32 = 50e-6, Range(1e-6, 1e-2);
+        /// Largest current, A.
+        pub max_current_a: f32 = 4.0, Range(1e-3, 1e3);
+        /// Largest share of the supply put on the motor.
+        pub max_duty: f32 = 0.98, Range(0.05, 1.0);
     }
 }
 
 impl Config {
     /// The ready-to-run form; the error names the field that is wrong.
     pub fn build(&self) -> Result<CurrentLoop, ConfigError> {
-        let resistance = in_range("resistance_ohm", self.resistance_ohm, 1e-3, 1e3)?;
-        let inductance = in_range("inductance_h", self.inductance_h, 1e-6, 1.0)?;
-        let period = in_range("period_s", self.period_s, 1e-6, 1e-2)?;
-        let bandwidth = positive("bandwidth_rad_s", self.bandwidth_rad_s)?;
+        self.check_ranges()?;
+        let resistance = self.resistance_ohm;
+        let inductance = self.inductance_h;
+        let period = self.period_s;
+        let bandwidth = self.bandwidth_rad_s;
         let share = 1.0 - exp(-bandwidth * period);
         require(
             share <= 0.25,
@@ -76,14 +65,9 @@ impl Config {
         Ok(CurrentLoop {
             gain,
             integral_share: 1.0 - pole,
-            torque_constant: in_range(
-                "torque_constant_nm_a",
-                self.torque_constant_nm_a,
-                1e-4,
-                1e3,
-            )?,
-            max_current: in_range("max_current_a", self.max_current_a, 1e-3, 1e3)?,
-            max_duty: in_range("max_duty", self.max_duty, 0.05, 1.0)?,
+            torque_constant: self.torque_constant_nm_a,
+            max_current: self.max_current_a,
+            max_duty: self.max_duty,
         })
     }
 }

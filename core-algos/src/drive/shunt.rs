@@ -6,33 +6,23 @@
 //!
 //! [`Config::build`] validates; [`Shunt::read`] and [`Zeroing`] cannot fail.
 
-use crate::config::{Allowed, ConfigError, in_range, require};
+use crate::config::{Allowed, ConfigError, config, require};
 
-/// Amplifier and converter.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Config {
-    /// Shunt times amplification, V/A; negative if the shunt is wired the other way round.
-    pub volts_per_ampere: f32,
-    /// Reference of the converter, V.
-    pub reference_v: f32,
-    /// A count this close to either end is no reading.
-    pub rail_margin_counts: u16,
-    /// Largest offset of the middle that is believed, A.
-    pub max_offset_a: f32,
-    /// Largest standard deviation of a reading at rest, A.
-    pub max_noise_a: f32,
-}
-
-impl Default for Config {
-    /// 10 mΩ and an amplification of 20.
-    fn default() -> Self {
-        Self {
-            volts_per_ampere: 0.2,
-            reference_v: 3.3,
-            rail_margin_counts: 20,
-            max_offset_a: 0.2,
-            max_noise_a: 0.1,
-        }
+config! {
+    /// Amplifier and converter.
+    ///
+    /// Default: 10 mΩ and an amplification of 20.
+    pub struct Config {
+        /// Shunt times amplification, V/A; negative if the shunt is wired the other way round.
+        pub volts_per_ampere: f32 = 0.2;
+        /// Reference of the converter, V.
+        pub reference_v: f32 = 3.3, Range(1.0, 5.5);
+        /// A count this close to either end is no reading.
+        pub rail_margin_counts: u16 = 20;
+        /// Largest offset of the middle that is believed, A.
+        pub max_offset_a: f32 = 0.2, Range(0.0, 100.0);
+        /// Largest standard deviation of a reading at rest, A.
+        pub max_noise_a: f32 = 0.1, Range(1e-4, 100.0);
     }
 }
 
@@ -45,6 +35,7 @@ const SAMPLES: u32 = 2000;
 impl Config {
     /// The ready-to-run form; the error names the field that is wrong.
     pub fn build(&self) -> Result<Shunt, ConfigError> {
+        self.check_ranges()?;
         let slope = self.volts_per_ampere;
         require(
             slope.abs() >= 1e-3 && slope.abs() <= 10.0,
@@ -52,7 +43,7 @@ impl Config {
             slope,
             Allowed::Condition("from 0.001 to 10 in magnitude"),
         )?;
-        let reference = in_range("reference_v", self.reference_v, 1.0, 5.5)?;
+        let reference = self.reference_v;
         require(
             self.rail_margin_counts < 1000,
             "rail_margin_counts",
@@ -63,8 +54,8 @@ impl Config {
             amperes_per_count: reference / (SPAN * slope),
             lowest: self.rail_margin_counts,
             highest: 4095 - self.rail_margin_counts,
-            max_offset: in_range("max_offset_a", self.max_offset_a, 0.0, 100.0)?,
-            max_noise: in_range("max_noise_a", self.max_noise_a, 1e-4, 100.0)?,
+            max_offset: self.max_offset_a,
+            max_noise: self.max_noise_a,
         })
     }
 }

@@ -8,61 +8,42 @@
 //! [`Config::build`] validates; [`Winding::step`] cannot fail. A current that is not finite counts
 //! as the largest one.
 
-use crate::config::{Allowed, ConfigError, in_range, positive, require};
+use crate::config::{Allowed, ConfigError, config, in_range, require};
 use crate::math::trig::{clamp, exp};
 
-/// Thermal data.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Config {
-    /// Resistance of the winding (R), Ω.
-    pub resistance_ohm: f32,
-    /// Thermal resistance to ambient (R_th), K/W.
-    pub thermal_resistance_k_w: f32,
-    /// Thermal time constant (τ), s.
-    pub time_constant_s: f32,
-    /// Ambient temperature, °C.
-    pub ambient_c: f32,
-    /// Temperature assumed at the start, °C.
-    pub start_c: f32,
-    /// Temperature from which the current is folded back, °C.
-    pub fold_back_c: f32,
-    /// Temperature at which no current is left, °C.
-    pub max_c: f32,
-    /// Time between steps, s.
-    pub period_s: f32,
-    /// Largest current, A.
-    pub max_current_a: f32,
-}
-
-impl Default for Config {
-    fn default() -> Self {
-        Self {
-            resistance_ohm: 2.88,
-            thermal_resistance_k_w: 6.0,
-            time_constant_s: 30.0,
-            ambient_c: 30.0,
-            start_c: 60.0,
-            fold_back_c: 100.0,
-            max_c: 120.0,
-            period_s: 1e-3,
-            max_current_a: 4.0,
-        }
+config! {
+    /// Thermal data.
+    pub struct Config {
+        /// Resistance of the winding (R), Ω.
+        pub resistance_ohm: f32 = 2.88, Range(1e-3, 1e3);
+        /// Thermal resistance to ambient (R_th), K/W.
+        pub thermal_resistance_k_w: f32 = 6.0, Range(1e-3, 1e3);
+        /// Thermal time constant (τ), s.
+        pub time_constant_s: f32 = 30.0, Range(0.1, 1e4);
+        /// Ambient temperature, °C.
+        pub ambient_c: f32 = 30.0, Range(-40.0, 85.0);
+        /// Temperature assumed at the start, °C.
+        pub start_c: f32 = 60.0;
+        /// Temperature from which the current is folded back, °C.
+        pub fold_back_c: f32 = 100.0;
+        /// Temperature at which no current is left, °C.
+        pub max_c: f32 = 120.0;
+        /// Time between steps, s.
+        pub period_s: f32 = 1e-3, Range(1e-5, 0.1);
+        /// Largest current, A.
+        pub max_current_a: f32 = 4.0, Positive;
     }
 }
 
 impl Config {
     /// The ready-to-run form; the error names the field that is wrong.
     pub fn build(&self) -> Result<Winding, ConfigError> {
-        let resistance = in_range("resistance_ohm", self.resistance_ohm, 1e-3, 1e3)?;
-        let thermal = in_range(
-            "thermal_resistance_k_w",
-            self.thermal_resistance_k_w,
-            1e-3,
-            1e3,
-        )?;
-        let constant = in_range("time_constant_s", self.time_constant_s, 0.1, 1e4)?;
-        let period = in_range("period_s", self.period_s, 1e-5, 0.1)?;
-        let ambient = in_range("ambient_c", self.ambient_c, -40.0, 85.0)?;
+        self.check_ranges()?;
+        let resistance = self.resistance_ohm;
+        let thermal = self.thermal_resistance_k_w;
+        let constant = self.time_constant_s;
+        let period = self.period_s;
+        let ambient = self.ambient_c;
         in_range("start_c", self.start_c, ambient, 200.0)?;
         in_range("fold_back_c", self.fold_back_c, ambient + 1.0, 200.0)?;
         in_range("max_c", self.max_c, self.fold_back_c + 1.0, 250.0)?;
@@ -86,7 +67,7 @@ impl Config {
             start: self.start_c,
             fold_back: self.fold_back_c,
             max: self.max_c,
-            max_current: positive("max_current_a", self.max_current_a)?,
+            max_current: self.max_current_a,
         })
     }
 }

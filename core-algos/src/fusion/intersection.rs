@@ -43,7 +43,7 @@
 //! ```
 
 use super::Estimate;
-use crate::config::{ConfigError, positive};
+use crate::config::{ConfigError, config};
 use crate::math::matrix::Mat3;
 use crate::math::trig::{sqrt, wrap_angle};
 use crate::math::{Posture, TwoFloat};
@@ -70,30 +70,21 @@ pub enum Criterion {
     Trace,
 }
 
-/// Parameters of covariance intersection.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
-pub struct Config {
-    /// Criterion that the fused covariance minimises.
-    pub criterion: Criterion,
-    /// Length that turns a heading error into a position error in the trace criterion, m.
-    pub heading_length_m: f32,
-}
-
-impl Default for Config {
-    fn default() -> Self {
-        Self {
-            criterion: Criterion::Determinant,
-            heading_length_m: 0.2,
-        }
+config! {
+    /// Parameters of covariance intersection.
+    pub struct Config {
+        /// Criterion that the fused covariance minimises.
+        pub criterion: Criterion = Criterion::Determinant;
+        /// Length that turns a heading error into a position error in the trace criterion, m.
+        pub heading_length_m: f32 = 0.2, Positive;
     }
 }
 
 impl Config {
     /// The ready form; an error names the parameter out of range.
     pub fn build(&self) -> Result<Intersection, ConfigError> {
-        let length = positive("heading_length_m", self.heading_length_m)?;
+        self.check_ranges()?;
+        let length = self.heading_length_m;
         Ok(Intersection {
             criterion: self.criterion,
             weights: [1.0, 1.0, length * length],

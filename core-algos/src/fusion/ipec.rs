@@ -44,62 +44,46 @@
 //! # Ok::<(), core_algos::config::ConfigError>(())
 //! ```
 
-use crate::config::{ConfigError, non_negative, positive};
+use crate::config::{ConfigError, config};
 use crate::math::trig::{atan2, hypot, sin_cos, wrap_angle};
 use crate::math::{Posture, TwoFloat};
 
 /// Shortest distance between the axles that gives a direction, m.
 pub const MIN_BASELINE_M: f32 = 1e-3;
 
-/// Standard deviations of what one interval measures.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
-pub struct Config {
-    /// Distance between the wheels of an axle, m.
-    #[cfg_attr(feature = "serde", serde(skip))]
-    pub track_m: f32,
-    /// Standard deviation of one wheel's advance in an interval, m.
-    pub wheel_sigma_m: f32,
-    /// Standard deviation of the beam's lateral position (r_y), m.
-    pub lateral_sigma_m: f32,
-    /// Standard deviation of the beam's heading (r_φ), rad.
-    pub heading_sigma_rad: f32,
-    /// Drift of the line's direction from errors that do not change from interval to interval
-    /// (beam zero, wheel radius), as an equivalent random walk, rad/√m. Only in [`Ipec::weigh`].
-    pub drift_rad_per_sqrt_m: f32,
-    /// Deviation of an axle's heading change, in standard deviations, beyond which it is taken for
-    /// a bump or slip and left out. Only in [`Ipec::weigh`].
-    pub gate_sigmas: f32,
-}
-
-impl Default for Config {
-    fn default() -> Self {
-        Self {
-            track_m: 0.324,
-            wheel_sigma_m: 5e-5,
-            lateral_sigma_m: 5e-5,
-            heading_sigma_rad: 2e-4,
-            drift_rad_per_sqrt_m: 2.5e-3,
-            gate_sigmas: 5.0,
-        }
+config! {
+    /// Standard deviations of what one interval measures.
+    pub struct Config {
+        /// Distance between the wheels of an axle, m.
+        #[cfg_attr(feature = "serde", serde(skip))]
+        pub track_m: f32 = 0.324, Positive;
+        /// Standard deviation of one wheel's advance in an interval, m.
+        pub wheel_sigma_m: f32 = 5e-5, NonNegative;
+        /// Standard deviation of the beam's lateral position (r_y), m.
+        pub lateral_sigma_m: f32 = 5e-5, NonNegative;
+        /// Standard deviation of the beam's heading (r_φ), rad.
+        pub heading_sigma_rad: f32 = 2e-4, NonNegative;
+        /// Drift of the line's direction from errors that do not change from interval to interval
+        /// (beam zero, wheel radius), as an equivalent random walk, rad/√m. Only in [`Ipec::weigh`].
+        pub drift_rad_per_sqrt_m: f32 = 2.5e-3, NonNegative;
+        /// Deviation of an axle's heading change, in standard deviations, beyond which it is taken for
+        /// a bump or slip and left out. Only in [`Ipec::weigh`].
+        pub gate_sigmas: f32 = 5.0, Positive;
     }
 }
 
 impl Config {
     /// The ready form; an error names the parameter out of range.
     pub fn build(&self) -> Result<Ipec, ConfigError> {
+        self.check_ranges()?;
         let square = |x: f32| x * x;
         Ok(Ipec {
-            inverse_track: 1.0 / positive("track_m", self.track_m)?,
-            step_variance: 0.5 * square(non_negative("wheel_sigma_m", self.wheel_sigma_m)?),
-            lateral_variance: square(non_negative("lateral_sigma_m", self.lateral_sigma_m)?),
-            heading_variance: square(non_negative("heading_sigma_rad", self.heading_sigma_rad)?),
-            drift_variance: square(non_negative(
-                "drift_rad_per_sqrt_m",
-                self.drift_rad_per_sqrt_m,
-            )?),
-            gate: square(positive("gate_sigmas", self.gate_sigmas)?),
+            inverse_track: 1.0 / self.track_m,
+            step_variance: 0.5 * square(self.wheel_sigma_m),
+            lateral_variance: square(self.lateral_sigma_m),
+            heading_variance: square(self.heading_sigma_rad),
+            drift_variance: square(self.drift_rad_per_sqrt_m),
+            gate: square(self.gate_sigmas),
         })
     }
 }

@@ -27,7 +27,7 @@
 //!
 //! [`control::path`]: crate::control::path
 
-use crate::config::{ConfigError, positive};
+use crate::config::{ConfigError, config};
 use crate::control::cascade::{Cascade, Motion};
 use crate::control::governor::Wish;
 use crate::control::kinematic;
@@ -44,47 +44,37 @@ pub const PATH_POINTS: usize = 256;
 /// Points of a trajectory that are held at a time: 6.4 s at 50 ms.
 pub const TRAJECTORY_POINTS: usize = 128;
 
-/// Parameters of path following and trajectory tracking.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
-pub struct Config {
-    /// Limits along a path. Trajectories use its nominal speed only: they bring their own limits.
-    pub path: path::Config,
-    /// Gains of law (4) along paths and trajectories.
-    pub law: kinematic::Config,
-    /// Speed asked for at the end below which the robot is brought to rest, m/s. The law asks for
-    /// k1 times the distance left.
-    pub rest_speed_m_s: f32,
-}
-
-impl Default for Config {
-    fn default() -> Self {
-        Self {
-            path: path::Config {
-                max_speed_m_s: 0.2,
-                nominal_speed_m_s: 0.2,
-                ..path::Config::default()
-            },
-            law: kinematic::Config {
-                epsilon: 0.15,
-                approach_gain_m_s: 3.0,
-                heading_gain_rad_s: 1.0,
-                ..kinematic::Config::default()
-            },
-            rest_speed_m_s: 1e-3,
-        }
+config! {
+    /// Parameters of path following and trajectory tracking.
+    pub struct Config {
+        /// Limits along a path. Trajectories use its nominal speed only: they bring their own limits.
+        pub path: path::Config = path::Config {
+            max_speed_m_s: 0.2,
+            nominal_speed_m_s: 0.2,
+            ..path::Config::default()
+        };
+        /// Gains of law (4) along paths and trajectories.
+        pub law: kinematic::Config = kinematic::Config {
+            epsilon: 0.15,
+            approach_gain_m_s: 3.0,
+            heading_gain_rad_s: 1.0,
+            ..kinematic::Config::default()
+        };
+        /// Speed asked for at the end below which the robot is brought to rest, m/s. The law asks for
+        /// k1 times the distance left.
+        pub rest_speed_m_s: f32 = 1e-3, Positive;
     }
 }
 
 impl Config {
     /// The ready-to-run form for a frame; the error names the field that is wrong.
     pub fn build(&self, cascade: &Cascade) -> Result<PathTask, ConfigError> {
+        self.check_ranges()?;
         let law = self.law.build()?;
         Ok(PathTask {
             follower: self.path.build(cascade, &law)?,
             tracker: Tracker::new(cascade, &law, self.path.nominal_speed_m_s)?,
-            rest_speed: positive("rest_speed_m_s", self.rest_speed_m_s)?,
+            rest_speed: self.rest_speed_m_s,
         })
     }
 }

@@ -7,85 +7,57 @@
 use super::lead::Place;
 use super::{axle, beam, lead};
 use crate::beam::sensor;
-use crate::config::{Allowed, non_negative};
-use crate::config::{ConfigError, in_range, positive, require};
+use crate::config::{Allowed, ConfigError, config, in_range, require};
 use crate::fusion::Estimate;
 use crate::math::Posture;
 use crate::math::trig::sin_cos;
 use crate::safety::supervisor;
 use crate::topology::AxleId;
 
-/// Dimensions and stiffness of the robot as its software believes them.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
-pub struct Geometry {
-    /// Flexible length of the frame (the paper's L), m.
-    pub frame_length_m: f32,
-    /// Rigid length between each end of the flexible part and the axle there, m.
-    pub rigid_end_m: f32,
-    /// Distance of the strain gauges from the neutral axis, m: half the strip's thickness.
-    pub half_thickness_m: f32,
-    /// Bending stiffness EI of the frame, N m².
-    pub bending_stiffness_n_m2: f32,
-    /// Half of the distance between the wheels of an axle (the paper's d), m.
-    pub half_track_m: f32,
-    /// Radius of the wheels (the paper's r_w), m.
-    pub wheel_radius_m: f32,
-    /// Radius of the right wheel over that of the left; `wheel_radius_m` is their mean.
-    pub wheel_ratio: f32,
-    /// Encoder counts per revolution of a wheel, gear and edges included.
-    pub encoder_counts_per_revolution: u32,
-}
-
-impl Default for Geometry {
-    fn default() -> Self {
-        Self {
-            frame_length_m: 0.37,
-            rigid_end_m: 0.0,
-            half_thickness_m: 0.5e-3,
-            bending_stiffness_n_m2: 0.833,
-            half_track_m: 0.162,
-            wheel_radius_m: 0.073,
-            wheel_ratio: 1.0,
-            encoder_counts_per_revolution: 8192,
-        }
+config! {
+    /// Dimensions and stiffness of the robot as its software believes them.
+    pub struct Geometry {
+        /// Flexible length of the frame (the paper's L), m.
+        pub frame_length_m: f32 = 0.37, Positive;
+        /// Rigid length between each end of the flexible part and the axle there, m.
+        pub rigid_end_m: f32 = 0.0, NonNegative;
+        /// Distance of the strain gauges from the neutral axis, m: half the strip's thickness.
+        pub half_thickness_m: f32 = 0.5e-3;
+        /// Bending stiffness EI of the frame, N m².
+        pub bending_stiffness_n_m2: f32 = 0.833, Positive;
+        /// Half of the distance between the wheels of an axle (the paper's d), m.
+        pub half_track_m: f32 = 0.162, Positive;
+        /// Radius of the wheels (the paper's r_w), m.
+        pub wheel_radius_m: f32 = 0.073, Positive;
+        /// Radius of the right wheel over that of the left; `wheel_radius_m` is their mean.
+        pub wheel_ratio: f32 = 1.0, Range(0.8, 1.25);
+        /// Encoder counts per revolution of a wheel, gear and edges included.
+        pub encoder_counts_per_revolution: u32 = 8192;
     }
 }
 
-/// Limits of the midpoint's motion.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
-pub struct Limits {
-    /// Largest speed of the midpoint, m/s.
-    pub max_speed_m_s: f32,
-    /// Largest steering angle |ψ| the frame may be bent to, rad; bounds the curvature by
-    /// 2ψ/(L cos ψ).
-    pub max_steering_rad: f32,
-    /// Margin to the largest steering angle that is never commanded, rad: the true angle may exceed
-    /// its command.
-    ///
-    /// On tyres that creep the frame's moment holds the axles back and the true angle stays some 2
-    /// % below its command; on stiff tyres lag and the error of the beam let it exceed the command,
-    /// by 3 mrad at most in simulation.
-    pub steering_margin_rad: f32,
+config! {
+    /// Limits of the midpoint's motion.
+    pub struct Limits {
+        /// Largest speed of the midpoint, m/s.
+        pub max_speed_m_s: f32 = 0.25, Positive;
+        /// Largest steering angle |ψ| the frame may be bent to, rad; bounds the curvature by
+        /// 2ψ/(L cos ψ).
+        pub max_steering_rad: f32 = 0.5, Range(0.05, 1.2);
+        /// Margin to the largest steering angle that is never commanded, rad: the true angle may exceed
+        /// its command.
+        ///
+        /// On tyres that creep the frame's moment holds the axles back and the true angle stays some 2
+        /// % below its command; on stiff tyres lag and the error of the beam let it exceed the command,
+        /// by 3 mrad at most in simulation.
+        pub steering_margin_rad: f32 = 0.005;
+    }
 }
 
 impl Limits {
     /// Largest steering angle that is commanded, rad.
     pub fn commanded_steering_rad(&self) -> f32 {
         self.max_steering_rad - self.steering_margin_rad
-    }
-}
-
-impl Default for Limits {
-    fn default() -> Self {
-        Self {
-            max_speed_m_s: 0.25,
-            max_steering_rad: 0.5,
-            steering_margin_rad: 0.005,
-        }
     }
 }
 
@@ -221,20 +193,14 @@ impl RobotConfig {
     /// Checks dimensions and limits; the error names the parameter that is wrong.
     fn check(&self) -> Result<(), ConfigError> {
         let geometry = &self.geometry;
-        positive("frame_length_m", geometry.frame_length_m)?;
-        non_negative("rigid_end_m", geometry.rigid_end_m)?;
-        positive("bending_stiffness_n_m2", geometry.bending_stiffness_n_m2)?;
-        positive("half_track_m", geometry.half_track_m)?;
-        positive("wheel_radius_m", geometry.wheel_radius_m)?;
-        in_range("wheel_ratio", geometry.wheel_ratio, 0.8, 1.25)?;
+        geometry.check_ranges()?;
+        self.limits.check_ranges()?;
         require(
             geometry.encoder_counts_per_revolution > 0,
             "encoder_counts_per_revolution",
             geometry.encoder_counts_per_revolution as f32,
             Allowed::Positive,
         )?;
-        positive("max_speed_m_s", self.limits.max_speed_m_s)?;
-        in_range("max_steering_rad", self.limits.max_steering_rad, 0.05, 1.2)?;
         in_range(
             "steering_margin_rad",
             self.limits.steering_margin_rad,

@@ -4,7 +4,7 @@
 //! from it. A test asks that the defaults give the defaults of each.
 
 use crate::acquisition::analog::SupplyConfig;
-use crate::config::{Allowed, ConfigError, in_range, require};
+use crate::config::{Allowed, ConfigError, config, require};
 use crate::drive::winding::fold_back;
 use crate::drive::{current, response, shunt, winding};
 
@@ -14,69 +14,47 @@ const BEYOND_V: (f32, f32) = (1.0, 0.8);
 /// Share of the converter's range that a supply can be told from a broken divider.
 const READABLE: f32 = 0.98;
 
-/// Circuits behind the pins of an axle board.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Drive {
-    /// True supply voltage over the one read.
-    pub supply_gain: f32,
-    /// Supply below which the robot stops, V.
-    pub supply_minimum_v: f32,
-    /// Supply below which it says so, V.
-    pub supply_warning_v: f32,
-    /// Supply above which it stops, V.
-    pub supply_maximum_v: f32,
-    /// Shunt in a motor's lead, Ω.
-    pub shunt_ohm: f32,
-    /// Gain of the amplifier across it.
-    pub amplifier_gain: f32,
-    /// Resistance of winding, leads and bridge, Ω.
-    pub resistance_ohm: f32,
-    /// Inductance of the winding, H.
-    pub inductance_h: f32,
-    /// Torque per current of the motor before its gear, N m/A.
-    pub torque_constant_nm_a: f32,
-    /// Turns of the motor for one of the wheel.
-    pub gear_ratio: f32,
-    /// Largest current of a motor, A.
-    pub max_current_a: f32,
-    /// Thermal resistance from winding to ambient, K/W.
-    pub thermal_resistance_k_w: f32,
-    /// Thermal time constant of the winding, s.
-    pub thermal_time_constant_s: f32,
-    /// Temperature of the winding at which no current is left, °C.
-    pub winding_max_c: f32,
-    /// Span below the limit in which the current is folded back, K.
-    pub winding_fold_back_k: f32,
-    /// Temperature between the drivers at which no current is left, °C.
-    pub driver_max_c: f32,
-    /// Span below the limit in which the current is folded back, K.
-    pub driver_fold_back_k: f32,
-}
-
-impl Default for Drive {
-    /// A 12 V gear motor of 2.5 N m at standstill and 20 rad/s without load, INA240A1 on 10 mΩ, and
+config! {
+    /// Circuits behind the pins of an axle board.
+    ///
+    /// Default: A 12 V gear motor of 2.5 N m at standstill and 20 rad/s without load, INA240A1 on 10 mΩ, and
     /// a battery of three cells: 3.3 V and 3.5 V a cell below; above, four full cells are no reason
     /// to stop.
-    fn default() -> Self {
-        Self {
-            supply_gain: 1.0,
-            supply_minimum_v: 9.9,
-            supply_warning_v: 10.5,
-            supply_maximum_v: 17.4,
-            shunt_ohm: 0.01,
-            amplifier_gain: 20.0,
-            resistance_ohm: 2.88,
-            inductance_h: 2.3e-3,
-            torque_constant_nm_a: 0.02,
-            gear_ratio: 30.0,
-            max_current_a: 4.0,
-            thermal_resistance_k_w: 6.0,
-            thermal_time_constant_s: 30.0,
-            winding_max_c: 120.0,
-            winding_fold_back_k: 20.0,
-            driver_max_c: 105.0,
-            driver_fold_back_k: 20.0,
-        }
+    pub struct Drive {
+        /// True supply voltage over the one read.
+        pub supply_gain: f32 = 1.0;
+        /// Supply below which the robot stops, V.
+        pub supply_minimum_v: f32 = 9.9;
+        /// Supply below which it says so, V.
+        pub supply_warning_v: f32 = 10.5;
+        /// Supply above which it stops, V.
+        pub supply_maximum_v: f32 = 17.4;
+        /// Shunt in a motor's lead, Ω.
+        pub shunt_ohm: f32 = 0.01;
+        /// Gain of the amplifier across it.
+        pub amplifier_gain: f32 = 20.0;
+        /// Resistance of winding, leads and bridge, Ω.
+        pub resistance_ohm: f32 = 2.88;
+        /// Inductance of the winding, H.
+        pub inductance_h: f32 = 2.3e-3;
+        /// Torque per current of the motor before its gear, N m/A.
+        pub torque_constant_nm_a: f32 = 0.02;
+        /// Turns of the motor for one of the wheel.
+        pub gear_ratio: f32 = 30.0;
+        /// Largest current of a motor, A.
+        pub max_current_a: f32 = 4.0;
+        /// Thermal resistance from winding to ambient, K/W.
+        pub thermal_resistance_k_w: f32 = 6.0;
+        /// Thermal time constant of the winding, s.
+        pub thermal_time_constant_s: f32 = 30.0;
+        /// Temperature of the winding at which no current is left, °C.
+        pub winding_max_c: f32 = 120.0;
+        /// Span below the limit in which the current is folded back, K.
+        pub winding_fold_back_k: f32 = 20.0;
+        /// Temperature between the drivers at which no current is left, °C.
+        pub driver_max_c: f32 = 105.0, Range(0.0, 200.0);
+        /// Span below the limit in which the current is folded back, K.
+        pub driver_fold_back_k: f32 = 20.0, Range(1.0, 100.0);
     }
 }
 
@@ -160,13 +138,12 @@ impl Drive {
     // Not inlined: the nodes are checked by the same caller, and a board's stack is small.
     #[inline(never)]
     pub fn check(&self) -> Result<(), ConfigError> {
+        self.check_ranges()?;
         self.current_loop().build()?;
         self.response().build()?;
         self.winding().build()?;
         self.shunt().build()?;
         self.supply().build()?;
-        in_range("driver_fold_back_k", self.driver_fold_back_k, 1.0, 100.0)?;
-        in_range("driver_max_c", self.driver_max_c, 0.0, 200.0)?;
         require(
             self.supply_minimum_v < self.supply_maximum_v,
             "supply_minimum_v",

@@ -8,7 +8,7 @@
 //! A frame that is bent at rest pushes the axles: with the motors off at once it would spring back and
 //! swing them about for seconds. So the torque that holds it is let go gradually.
 
-use crate::config::{Allowed, ConfigError, in_range, positive, require};
+use crate::config::{Allowed, ConfigError, config, require};
 use crate::math::trig::{clamp, sin_cos};
 use crate::math::{Posture, Steering, Twist};
 
@@ -19,31 +19,19 @@ const STEEPEST: f32 = 1.2;
 /// Time by which a stop is over before the supervisor would end it, s.
 const MARGIN: f32 = 0.1;
 
-/// Parameters of the stop.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
-pub struct Config {
-    /// Deceleration of the midpoint, m/s²; more from a speed at which the stop would outlast the
-    /// supervisor's patience.
-    pub deceleration_m_s2: f32,
-    /// Shortest duration of a stop, s: a slow robot is not jerked to rest.
-    pub shortest_s: f32,
-    /// Time at rest before the frame is let go, s: the axles settle together.
-    pub rest_s: f32,
-    /// Time in which the torque that holds the bent frame fades, s; then the motors are off. Over
-    /// about a period of its swing a spring that is let go evenly does not swing on.
-    pub release_s: f32,
-}
-
-impl Default for Config {
-    fn default() -> Self {
-        Self {
-            deceleration_m_s2: 1.0,
-            shortest_s: 0.1,
-            rest_s: 0.1,
-            release_s: 0.75,
-        }
+config! {
+    /// Parameters of the stop.
+    pub struct Config {
+        /// Deceleration of the midpoint, m/s²; more from a speed at which the stop would outlast the
+        /// supervisor's patience.
+        pub deceleration_m_s2: f32 = 1.0, Range(0.1, 10.0);
+        /// Shortest duration of a stop, s: a slow robot is not jerked to rest.
+        pub shortest_s: f32 = 0.1, Range(0.01, 1.0);
+        /// Time at rest before the frame is let go, s: the axles settle together.
+        pub rest_s: f32 = 0.1, Positive;
+        /// Time in which the torque that holds the bent frame fades, s; then the motors are off. Over
+        /// about a period of its swing a spring that is let go evenly does not swing on.
+        pub release_s: f32 = 0.75, Range(0.01, 5.0);
     }
 }
 
@@ -51,9 +39,10 @@ impl Config {
     /// The ready form of a stop that the supervisor waits `timeout_s` for; an error names the
     /// parameter out of range.
     pub fn build(&self, timeout_s: f32) -> Result<Ramp, ConfigError> {
-        let shortest = in_range("shortest_s", self.shortest_s, 0.01, 1.0)?;
-        let rest = positive("rest_s", self.rest_s)?;
-        let release = in_range("release_s", self.release_s, 0.01, 5.0)?;
+        self.check_ranges()?;
+        let shortest = self.shortest_s;
+        let rest = self.rest_s;
+        let release = self.release_s;
         let longest = timeout_s - MARGIN - rest - release;
         require(
             longest >= shortest,
@@ -62,7 +51,7 @@ impl Config {
             Allowed::Condition("with shortest_s, rest_s and 0.1 s at most stop_timeout_s"),
         )?;
         Ok(Ramp {
-            deceleration: in_range("deceleration_m_s2", self.deceleration_m_s2, 0.1, 10.0)?,
+            deceleration: self.deceleration_m_s2,
             shortest,
             longest,
             rest,

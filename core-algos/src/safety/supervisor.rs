@@ -35,49 +35,34 @@
 
 use super::condition::{BITS, Class, Condition, Conditions};
 use super::state::{Cause, OperatingState, Permit, StateRequest, transition};
-use crate::config::{ConfigError, in_range, positive};
+use crate::config::{ConfigError, config};
 use crate::time::Micros;
 
 /// Longest time between two steps that is believed; a longer gap counts as this much. A clock that
 /// stands still or runs back adds nothing.
 const LONGEST_GAP: Micros = 100_000;
 
-/// Parameters of a supervisor.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
-pub struct Config {
-    /// Longest time the robot may drive on while degraded, s.
-    pub degraded_time_s: f32,
-    /// Longest way it may drive on while degraded, m.
-    pub degraded_distance_m: f32,
-    /// Time after which a stop that has not come to rest ends with motors off, s.
-    pub stop_timeout_s: f32,
-}
-
-impl Default for Config {
-    fn default() -> Self {
-        Self {
-            degraded_time_s: 20.0,
-            degraded_distance_m: 2.0,
-            stop_timeout_s: 2.0,
-        }
+config! {
+    /// Parameters of a supervisor.
+    pub struct Config {
+        /// Longest time the robot may drive on while degraded, s.
+        pub degraded_time_s: f32 = 20.0, Range(0.0, 3600.0);
+        /// Longest way it may drive on while degraded, m.
+        pub degraded_distance_m: f32 = 2.0, Positive;
+        /// Time after which a stop that has not come to rest ends with motors off, s.
+        pub stop_timeout_s: f32 = 2.0, Range(0.1, 10.0);
     }
 }
 
 impl Config {
     /// The ready form; an error names the parameter out of range.
     pub fn build(&self) -> Result<Supervisor, ConfigError> {
+        self.check_ranges()?;
         let to_micros = |s: f32| (s * 1e6) as Micros;
         Ok(Supervisor {
-            degraded_time: to_micros(in_range(
-                "degraded_time_s",
-                self.degraded_time_s,
-                0.0,
-                3600.0,
-            )?),
-            degraded_distance: positive("degraded_distance_m", self.degraded_distance_m)?,
-            stop_timeout: to_micros(in_range("stop_timeout_s", self.stop_timeout_s, 0.1, 10.0)?),
+            degraded_time: to_micros(self.degraded_time_s),
+            degraded_distance: self.degraded_distance_m,
+            stop_timeout: to_micros(self.stop_timeout_s),
         })
     }
 }

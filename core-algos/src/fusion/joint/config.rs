@@ -2,110 +2,85 @@
 
 use super::{GRAVITY, Joint, doubt};
 use crate::beam::strip::{self, PostureSigmas};
-use crate::config::{ConfigError, in_range, non_negative, positive};
+use crate::config::{ConfigError, config, in_range, positive};
 use crate::fusion::constants::{
     self, COMPLIANCE, DRIFT, GAIN, GYRO_BIAS, GYRO_SCALE, SCALE, SIDE, TURN, Tyres, UNEVEN, ZERO,
 };
 use crate::math::trig::sqrt;
 
-/// Parameters of the joint filter beside those of the tier around it.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
-pub struct Config {
-    /// Errors of the beam's posture by zeros and gains of the gauges.
-    #[cfg_attr(feature = "serde", serde(skip))]
-    pub beam: PostureSigmas,
-    /// Half the track (the paper's d), m.
-    #[cfg_attr(feature = "serde", serde(skip))]
-    pub half_track_m: f32,
-    /// Moment of the frame on an axle a radian of relative heading, EI/L, N m.
-    #[cfg_attr(feature = "serde", serde(skip))]
-    pub frame_moment_n_m: f32,
-    /// Mass that the wheels of an axle carry, kg.
-    #[cfg_attr(feature = "serde", serde(skip))]
-    pub axle_mass_kg: f32,
-    /// Slip stiffness of the tyres over their load (C): rubber on a firm floor 10 to 40.
-    pub slip_stiffness: f32,
-    /// Friction coefficient of the tyres.
-    pub friction: f32,
-    /// Standard deviation of the slip of all tyres, relative: what floor and rubber make of it.
-    pub slip_sigma: f32,
-    /// Standard deviation of that of each tyre, relative.
-    pub tyre_slip_sigma: f32,
-    /// Standard deviation of an axle's heading drift, rad/m: relative difference of its wheel radii
-    /// over the track.
-    pub heading_drift_sigma_rad_per_m: f32,
-    /// Standard deviation of an axle's scale error (relative error of the mean wheel radius).
-    pub scale_sigma: f32,
-    /// Standard deviation of the scale error of the headings that the wheels report: relative error
-    /// of an axle's track.
-    pub turn_scale_sigma: f32,
-    /// Standard deviation of the way aside that an axle rolls, over its way ahead.
-    pub side_slip_sigma: f32,
-    /// Standard deviation of a gyro's bias when the robot sets off, rad/s.
-    pub gyro_bias_sigma_rad_s: f32,
-    /// Random walk of a gyro's bias, rad/s/√s.
-    pub gyro_bias_walk_rad_s_per_sqrt_s: f32,
-    /// Standard deviation of a gyro's scale error.
-    pub gyro_scale_sigma: f32,
-    /// Standard deviation of a turn of the whole robot, rad/m: what is left of lasting errors that the states do not
-    /// describe. Hours of driving show it.
-    pub steady_turn_sigma_rad_per_m: f32,
-    /// Time in which what tyres, wheels and gains have been learnt to be is another again, s.
-    pub constancy_s: f32,
-    /// Standard deviation of the way of a wheel that its encoder tells and the floor does not see, or the
-    /// other way round, because of the play of its gear, m: beam and odometry disagree by so much.
-    pub play_sigma_m: f32,
-}
-
-impl Default for Config {
-    fn default() -> Self {
-        Self {
-            // Those of the default strip.
-            beam: strip::Config::default().sigmas(),
-            half_track_m: 0.162,
-            frame_moment_n_m: 0.833 / 0.37,
-            axle_mass_kg: 4.76,
-            slip_stiffness: 20.0,
-            friction: 0.7,
-            slip_sigma: 0.5,
-            tyre_slip_sigma: 0.3,
-            // Radii of each wheel known to 0.4 %, 0.324 m apart.
-            heading_drift_sigma_rad_per_m: 1.75e-2,
-            scale_sigma: 2.8e-3,
-            turn_scale_sigma: 1.25e-2,
-            side_slip_sigma: 3e-3,
-            // Zeroed over 0.4 s at rest: 4.9e-5 rad/s/√Hz of noise leave 5.5e-5 rad/s.
-            gyro_bias_sigma_rad_s: 6e-5,
-            gyro_bias_walk_rad_s_per_sqrt_s: 5e-5,
-            gyro_scale_sigma: 5e-3,
-            steady_turn_sigma_rad_per_m: 3e-4,
-            constancy_s: 3600.0,
-            // Evenly spread over 5 mrad of a wheel of 73 mm.
-            play_sigma_m: 1.1e-4,
-        }
+config! {
+    /// Parameters of the joint filter beside those of the tier around it.
+    pub struct Config {
+        /// Errors of the beam's posture by zeros and gains of the gauges.
+        #[cfg_attr(feature = "serde", serde(skip))]
+        // Those of the default strip.
+        pub beam: PostureSigmas = strip::Config::default().sigmas();
+        /// Half the track (the paper's d), m.
+        #[cfg_attr(feature = "serde", serde(skip))]
+        pub half_track_m: f32 = 0.162, Positive;
+        /// Moment of the frame on an axle a radian of relative heading, EI/L, N m.
+        #[cfg_attr(feature = "serde", serde(skip))]
+        pub frame_moment_n_m: f32 = 0.833 / 0.37, Positive;
+        /// Mass that the wheels of an axle carry, kg.
+        #[cfg_attr(feature = "serde", serde(skip))]
+        pub axle_mass_kg: f32 = 4.76, Positive;
+        /// Slip stiffness of the tyres over their load (C): rubber on a firm floor 10 to 40.
+        pub slip_stiffness: f32 = 20.0, Range(1.0, 1e4);
+        /// Friction coefficient of the tyres.
+        pub friction: f32 = 0.7, Positive;
+        /// Standard deviation of the slip of all tyres, relative: what floor and rubber make of it.
+        pub slip_sigma: f32 = 0.5, NonNegative;
+        /// Standard deviation of that of each tyre, relative.
+        pub tyre_slip_sigma: f32 = 0.3, NonNegative;
+        /// Standard deviation of an axle's heading drift, rad/m: relative difference of its wheel radii
+        /// over the track.
+        // Radii of each wheel known to 0.4 %, 0.324 m apart.
+        pub heading_drift_sigma_rad_per_m: f32 = 1.75e-2, NonNegative;
+        /// Standard deviation of an axle's scale error (relative error of the mean wheel radius).
+        pub scale_sigma: f32 = 2.8e-3, NonNegative;
+        /// Standard deviation of the scale error of the headings that the wheels report: relative error
+        /// of an axle's track.
+        pub turn_scale_sigma: f32 = 1.25e-2, NonNegative;
+        /// Standard deviation of the way aside that an axle rolls, over its way ahead.
+        pub side_slip_sigma: f32 = 3e-3, NonNegative;
+        /// Standard deviation of a gyro's bias when the robot sets off, rad/s.
+        // Zeroed over 0.4 s at rest: 4.9e-5 rad/s/√Hz of noise leave 5.5e-5 rad/s.
+        pub gyro_bias_sigma_rad_s: f32 = 6e-5, NonNegative;
+        /// Random walk of a gyro's bias, rad/s/√s.
+        pub gyro_bias_walk_rad_s_per_sqrt_s: f32 = 5e-5, NonNegative;
+        /// Standard deviation of a gyro's scale error.
+        pub gyro_scale_sigma: f32 = 5e-3, NonNegative;
+        /// Standard deviation of a turn of the whole robot, rad/m: what is left of lasting errors that the states do not
+        /// describe. Hours of driving show it.
+        pub steady_turn_sigma_rad_per_m: f32 = 3e-4, NonNegative;
+        /// Time in which what tyres, wheels and gains have been learnt to be is another again, s.
+        pub constancy_s: f32 = 3600.0;
+        /// Standard deviation of the way of a wheel that its encoder tells and the floor does not see, or the
+        /// other way round, because of the play of its gear, m: beam and odometry disagree by so much.
+        // Evenly spread over 5 mrad of a wheel of 73 mm.
+        pub play_sigma_m: f32 = 1.1e-4, NonNegative;
     }
 }
 
 impl Config {
     /// The ready form for one tick of `period_s`; an error names the parameter out of range.
     pub fn build(&self, period_s: f32) -> Result<Joint, ConfigError> {
+        self.check_ranges()?;
         let t = positive("period_s", period_s)?;
         macro_rules! variance {
             ($($field:ident).+) => {{
-                let sigma = non_negative(stringify!($($field).+), self.$($field).+)?;
+                let sigma = self.$($field).+;
                 sigma * sigma
             }};
         }
-        let half_track = positive("half_track_m", self.half_track_m)?;
-        let moment = positive("frame_moment_n_m", self.frame_moment_n_m)?;
-        let wheel_load = 0.5 * GRAVITY * positive("axle_mass_kg", self.axle_mass_kg)?;
-        let stiffness = in_range("slip_stiffness", self.slip_stiffness, 1.0, 1e4)?;
+        let half_track = self.half_track_m;
+        let moment = self.frame_moment_n_m;
+        let wheel_load = 0.5 * GRAVITY * self.axle_mass_kg;
+        let stiffness = self.slip_stiffness;
         let tyres = Tyres {
             half_track,
             compliance: moment / (2.0 * half_track * half_track * wheel_load * stiffness),
-            sliding: 2.0 * half_track * positive("friction", self.friction)? * wheel_load / moment,
+            sliding: 2.0 * half_track * self.friction * wheel_load / moment,
         };
         let compliance = tyres.compliance * tyres.compliance;
         // Of two tyres an axle and two axles.

@@ -1,7 +1,7 @@
 //! Configuration of the fusion.
 
 use super::{RobotFusion, WALK_TIME_S};
-use crate::config::{ConfigError, non_negative, positive};
+use crate::config::{ConfigError, config, positive};
 use crate::fusion::{constants, intersection, ipec, joint};
 use crate::math::trig::sqrt;
 
@@ -23,104 +23,72 @@ pub enum Mode {
     Joint,
 }
 
-/// Slip of an axle that its wheels do not see, as random walks.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
-pub struct Slip {
-    /// Along the heading, m/√m.
-    pub along_m_per_sqrt_m: f32,
-    /// Across the heading, m/√m.
-    pub across_m_per_sqrt_m: f32,
-    /// Across the heading, per radian of relative heading, m/√m/rad: tyres slip under the side force of a turn, for
-    /// as long as it lasts to the same side.
-    pub side_m_per_sqrt_m: f32,
-    /// In heading, rad/√m.
-    pub heading_rad_per_sqrt_m: f32,
-    /// In heading, at any speed, rad/√s.
-    pub heading_rad_per_sqrt_s: f32,
-    /// In heading, per radian of relative heading, rad/√s/rad.
-    pub creep_per_sqrt_s: f32,
-    /// In heading, per radian of relative heading, rad/√m/rad.
-    pub creep_per_sqrt_m: f32,
-    /// In position, at any speed, m/√s.
-    pub position_m_per_sqrt_s: f32,
-    /// Speed at which an axle slips under the load of the frame where no beam measures it, m/s; its
-    /// wheels then turn it at this speed over half the track. Constant throughout a drive.
-    pub load_speed_m_s: f32,
-}
-
-impl Default for Slip {
-    fn default() -> Self {
-        Self {
-            along_m_per_sqrt_m: 5e-4,
-            across_m_per_sqrt_m: 2e-4,
-            side_m_per_sqrt_m: 1e-3,
-            heading_rad_per_sqrt_m: 2e-3,
-            heading_rad_per_sqrt_s: 2e-4,
-            creep_per_sqrt_s: 2e-3,
-            creep_per_sqrt_m: 5e-3,
-            position_m_per_sqrt_s: 1e-5,
-            // Up to 10 mm/s, where a tyre gives half of its friction, all alike probable.
-            load_speed_m_s: 5.8e-3,
-        }
+config! {
+    /// Slip of an axle that its wheels do not see, as random walks.
+    pub struct Slip {
+        /// Along the heading, m/√m.
+        pub along_m_per_sqrt_m: f32 = 5e-4, NonNegative;
+        /// Across the heading, m/√m.
+        pub across_m_per_sqrt_m: f32 = 2e-4, NonNegative;
+        /// Across the heading, per radian of relative heading, m/√m/rad: tyres slip under the side force of a turn, for
+        /// as long as it lasts to the same side.
+        pub side_m_per_sqrt_m: f32 = 1e-3, NonNegative;
+        /// In heading, rad/√m.
+        pub heading_rad_per_sqrt_m: f32 = 2e-3, NonNegative;
+        /// In heading, at any speed, rad/√s.
+        pub heading_rad_per_sqrt_s: f32 = 2e-4, NonNegative;
+        /// In heading, per radian of relative heading, rad/√s/rad.
+        pub creep_per_sqrt_s: f32 = 2e-3, NonNegative;
+        /// In heading, per radian of relative heading, rad/√m/rad.
+        pub creep_per_sqrt_m: f32 = 5e-3, NonNegative;
+        /// In position, at any speed, m/√s.
+        pub position_m_per_sqrt_s: f32 = 1e-5, NonNegative;
+        /// Speed at which an axle slips under the load of the frame where no beam measures it, m/s; its
+        /// wheels then turn it at this speed over half the track. Constant throughout a drive.
+        // Up to 10 mm/s, where a tyre gives half of its friction, all alike probable.
+        pub load_speed_m_s: f32 = 5.8e-3, NonNegative;
     }
 }
 
-/// Parameters of the second tier.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
-pub struct Config {
-    /// Fusion method.
-    pub mode: Mode,
-    /// Time between two ticks, s.
-    #[cfg_attr(feature = "serde", serde(skip))]
-    pub period_s: f32,
-    /// Standard deviations of the front axle's posture in the rear axle's frame at the start, the
-    /// frame being taken as straight (m, m, rad).
-    pub frame_sigmas: [f32; 3],
-    /// Slip added to each axle's increments.
-    pub slip: Slip,
-    /// Largest accepted NIS of the beam's posture (three degrees of freedom); `None` accepts all.
-    pub beam_gate: Option<f32>,
-    /// Rejections of the beam in a row after which it is believed again.
-    pub gate_patience: u16,
-    /// Covariance intersection.
-    pub intersection: intersection::Config,
-    /// Internal posture error correction.
-    pub ipec: ipec::Config,
-    /// Joint filter. Its constant errors count in the other modes too, but for
-    /// those that are only taken into account.
-    pub joint: joint::Config,
-}
-
-impl Default for Config {
-    fn default() -> Self {
-        Self {
-            mode: Mode::Joint,
-            period_s: 0.01,
-            frame_sigmas: [1e-3, 1e-3, 4e-3],
-            slip: Slip::default(),
-            beam_gate: Some(40.0),
-            gate_patience: 50,
-            // The determinant looks at relative sizes and cannot tell which axle's large error
-            // shrinks. A heading error is worth the position error it makes over the next metre.
-            intersection: intersection::Config {
-                criterion: intersection::Criterion::Trace,
-                heading_length_m: 1.0,
-            },
-            ipec: ipec::Config::default(),
-            joint: joint::Config::default(),
-        }
+config! {
+    /// Parameters of the second tier.
+    pub struct Config {
+        /// Fusion method.
+        pub mode: Mode = Mode::Joint;
+        /// Time between two ticks, s.
+        #[cfg_attr(feature = "serde", serde(skip))]
+        pub period_s: f32 = 0.01, Positive;
+        /// Standard deviations of the front axle's posture in the rear axle's frame at the start, the
+        /// frame being taken as straight (m, m, rad).
+        pub frame_sigmas: [f32; 3] = [1e-3, 1e-3, 4e-3];
+        /// Slip added to each axle's increments.
+        pub slip: Slip = Slip::default();
+        /// Largest accepted NIS of the beam's posture (three degrees of freedom); `None` accepts all.
+        pub beam_gate: Option<f32> = Some(40.0);
+        /// Rejections of the beam in a row after which it is believed again.
+        pub gate_patience: u16 = 50;
+        /// Covariance intersection.
+        // The determinant looks at relative sizes and cannot tell which axle's large error
+        // shrinks. A heading error is worth the position error it makes over the next metre.
+        pub intersection: intersection::Config = intersection::Config {
+            criterion: intersection::Criterion::Trace,
+            heading_length_m: 1.0,
+        };
+        /// Internal posture error correction.
+        pub ipec: ipec::Config = ipec::Config::default();
+        /// Joint filter. Its constant errors count in the other modes too, but for
+        /// those that are only taken into account.
+        pub joint: joint::Config = joint::Config::default();
     }
 }
 
 impl Config {
     /// The ready form; an error names the parameter out of range.
     pub fn build(&self) -> Result<RobotFusion, ConfigError> {
+        self.check_ranges()?;
+        self.slip.check_ranges()?;
         let square = |x: f32| x * x;
-        let t = positive("period_s", self.period_s)?;
+        let t = self.period_s;
         let slip = &self.slip;
         for sigma in self.frame_sigmas {
             positive("frame_sigmas", sigma)?;
@@ -133,31 +101,19 @@ impl Config {
             mode: self.mode,
             period: t,
             per_m: [
-                square(non_negative("along_m_per_sqrt_m", slip.along_m_per_sqrt_m)?),
-                square(non_negative(
-                    "across_m_per_sqrt_m",
-                    slip.across_m_per_sqrt_m,
-                )?),
-                square(non_negative(
-                    "heading_rad_per_sqrt_m",
-                    slip.heading_rad_per_sqrt_m,
-                )?),
+                square(slip.along_m_per_sqrt_m),
+                square(slip.across_m_per_sqrt_m),
+                square(slip.heading_rad_per_sqrt_m),
             ],
-            side_per_m: square(non_negative("side_m_per_sqrt_m", slip.side_m_per_sqrt_m)?),
-            position_per_tick: t * square(non_negative(
-                "position_m_per_sqrt_s",
-                slip.position_m_per_sqrt_s,
-            )?),
-            heading_per_tick: t * square(non_negative(
-                "heading_rad_per_sqrt_s",
-                slip.heading_rad_per_sqrt_s,
-            )?),
-            creep_per_tick: t * square(non_negative("creep_per_sqrt_s", slip.creep_per_sqrt_s)?),
-            creep_per_m: square(non_negative("creep_per_sqrt_m", slip.creep_per_sqrt_m)?),
+            side_per_m: square(slip.side_m_per_sqrt_m),
+            position_per_tick: t * square(slip.position_m_per_sqrt_s),
+            heading_per_tick: t * square(slip.heading_rad_per_sqrt_s),
+            creep_per_tick: t * square(slip.creep_per_sqrt_s),
+            creep_per_m: square(slip.creep_per_sqrt_m),
             constants: sigmas(&joint, &self.joint),
             load: match self.mode {
                 Mode::Odometry => {
-                    let speed = non_negative("load_speed_m_s", slip.load_speed_m_s)?;
+                    let speed = slip.load_speed_m_s;
                     let half_track = 0.5 * positive("track_m", self.ipec.track_m)?;
                     [speed, speed, speed / half_track]
                 }

@@ -2,7 +2,7 @@
 
 use super::{AxleNode, State};
 use crate::bus::layout;
-use crate::config::{ConfigError, in_range, positive};
+use crate::config::{ConfigError, config, positive};
 use crate::control::{dynamic, wheel_observer};
 use crate::fusion::ekf;
 use crate::fusion::standstill::{self, RestTimes};
@@ -23,88 +23,63 @@ pub enum SpeedSource {
     Filter,
 }
 
-/// Parameters of an axle node.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
-pub struct Config {
-    /// Age of a mode or a reference after which the motors are switched off, s.
-    pub reference_timeout_s: f32,
-    /// Age of a wrench from the beam after which it is no longer used, s.
-    pub wrench_timeout_s: f32,
-    /// Speed the controller uses.
-    pub speed_source: SpeedSource,
-    /// Wheel observers.
-    pub wheel: wheel_observer::Config,
-    /// Radius of the right wheel over that of the left.
-    #[cfg_attr(feature = "serde", serde(skip))]
-    pub wheel_ratio: f32,
-    /// Time of rest after which the inertial sensors are zeroed, s: wheels still for the
-    /// accelerometer, motors off too for the gyro.
-    pub rest_hold_s: f32,
-    /// Time for which the motors must have been off before the gyro is zeroed, s, unless they never
-    /// were on: a bent frame unwinds over creeping tyres.
-    pub rest_settle_s: f32,
-    /// Zeroing of the gyro at standstill.
-    pub gyro_zero: standstill::Config,
-    /// Zeroing of the accelerometer at standstill.
-    pub accelerometer_zero: standstill::Config,
-    /// Axle filter.
-    pub filter: ekf::Config,
-    /// Dynamic controller.
-    pub controller: dynamic::Config,
-    /// Limits beyond which the axle stops.
-    pub limits: Limits,
-    /// Ramp of a stop.
-    pub stop: ramp::Config,
-    /// Supervisor.
-    pub supervisor: supervisor::Config,
+config! {
+    /// Parameters of an axle node.
+    pub struct Config {
+        /// Age of a mode or a reference after which the motors are switched off, s.
+        pub reference_timeout_s: f32 = layout::timeout_s(layout::id::REFERENCE_POSTURE), Range(0.01, 1.0);
+        /// Age of a wrench from the beam after which it is no longer used, s.
+        pub wrench_timeout_s: f32 = layout::timeout_s(layout::id::BEAM_WRENCH), Range(0.01, 1.0);
+        /// Speed the controller uses.
+        pub speed_source: SpeedSource = SpeedSource::Wheels;
+        /// Wheel observers.
+        pub wheel: wheel_observer::Config = wheel_observer::Config::default();
+        /// Radius of the right wheel over that of the left.
+        #[cfg_attr(feature = "serde", serde(skip))]
+        pub wheel_ratio: f32 = 1.0, Range(0.8, 1.25);
+        /// Time of rest after which the inertial sensors are zeroed, s: wheels still for the
+        /// accelerometer, motors off too for the gyro.
+        pub rest_hold_s: f32 = 0.1, Range(0.01, 10.0);
+        /// Time for which the motors must have been off before the gyro is zeroed, s, unless they never
+        /// were on: a bent frame unwinds over creeping tyres.
+        pub rest_settle_s: f32 = 60.0, Range(0.0, 3600.0);
+        /// Zeroing of the gyro at standstill.
+        pub gyro_zero: standstill::Config = standstill::Config::GYRO;
+        /// Zeroing of the accelerometer at standstill.
+        pub accelerometer_zero: standstill::Config = standstill::Config::ACCELEROMETER;
+        /// Axle filter.
+        pub filter: ekf::Config = ekf::Config::default();
+        /// Dynamic controller.
+        pub controller: dynamic::Config = dynamic::Config::default();
+        /// Limits beyond which the axle stops.
+        pub limits: Limits = Limits::default();
+        /// Ramp of a stop.
+        pub stop: ramp::Config = ramp::Config::default();
+        /// Supervisor.
+        pub supervisor: supervisor::Config = supervisor::Config::default();
+    }
 }
 
-/// Bounds of what a sound axle does; each counts only after the time of its condition.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
-pub struct Limits {
-    /// Distance from the reference, m.
-    pub tracking_m: f32,
-    /// Difference in heading from the reference, rad.
-    pub tracking_rad: f32,
-    /// Share of the largest torque from which a wheel that stands still is blocked.
-    pub stall_share: f32,
-    /// Speed below which a wheel stands still, rad/s.
-    pub stall_rad_s: f32,
-    /// Difference of the yaw rates by the wheels and by the gyro, rad/s.
-    pub slip_rad_s: f32,
-    /// Speed of a wheel over ground beyond which a reference is not taken, m/s.
-    #[cfg_attr(feature = "serde", serde(skip))]
-    pub wheel_speed_m_s: f32,
-}
-
-impl Default for Limits {
-    fn default() -> Self {
-        Self {
-            tracking_m: 0.08,
-            tracking_rad: 0.35,
-            stall_share: 0.6,
-            stall_rad_s: 0.2,
-            slip_rad_s: 0.8,
-            wheel_speed_m_s: 0.5,
-        }
+config! {
+    /// Bounds of what a sound axle does; each counts only after the time of its condition.
+    pub struct Limits {
+        /// Distance from the reference, m.
+        pub tracking_m: f32 = 0.08, Positive;
+        /// Difference in heading from the reference, rad.
+        pub tracking_rad: f32 = 0.35, Positive;
+        /// Share of the largest torque from which a wheel that stands still is blocked.
+        pub stall_share: f32 = 0.6, Range(0.1, 1.0);
+        /// Speed below which a wheel stands still, rad/s.
+        pub stall_rad_s: f32 = 0.2, Positive;
+        /// Difference of the yaw rates by the wheels and by the gyro, rad/s.
+        pub slip_rad_s: f32 = 0.8, Positive;
+        /// Speed of a wheel over ground beyond which a reference is not taken, m/s.
+        #[cfg_attr(feature = "serde", serde(skip))]
+        pub wheel_speed_m_s: f32 = 0.5, Positive;
     }
 }
 
 impl Limits {
-    fn check(&self) -> Result<(), ConfigError> {
-        positive("tracking_m", self.tracking_m)?;
-        positive("tracking_rad", self.tracking_rad)?;
-        in_range("stall_share", self.stall_share, 0.1, 1.0)?;
-        positive("stall_rad_s", self.stall_rad_s)?;
-        positive("slip_rad_s", self.slip_rad_s)?;
-        positive("wheel_speed_m_s", self.wheel_speed_m_s)?;
-        Ok(())
-    }
-
     /// True if an error of the posture is within so many times what a sound axle has.
     pub(super) fn near(&self, error: Posture, times: f32) -> bool {
         let (way, turn) = (times * self.tracking_m, times * self.tracking_rad);
@@ -114,27 +89,6 @@ impl Limits {
     /// True if a motion is one that this robot can be asked for.
     pub(super) fn allow(&self, twist: Twist, half_track: f32) -> bool {
         twist.v.abs() + half_track * twist.omega.abs() <= self.wheel_speed_m_s
-    }
-}
-
-impl Default for Config {
-    fn default() -> Self {
-        Self {
-            reference_timeout_s: layout::timeout_s(layout::id::REFERENCE_POSTURE),
-            wrench_timeout_s: layout::timeout_s(layout::id::BEAM_WRENCH),
-            speed_source: SpeedSource::Wheels,
-            wheel: wheel_observer::Config::default(),
-            wheel_ratio: 1.0,
-            rest_hold_s: 0.1,
-            rest_settle_s: 60.0,
-            gyro_zero: standstill::Config::GYRO,
-            accelerometer_zero: standstill::Config::ACCELEROMETER,
-            filter: ekf::Config::default(),
-            controller: dynamic::Config::default(),
-            limits: Limits::default(),
-            stop: ramp::Config::default(),
-            supervisor: supervisor::Config::default(),
-        }
     }
 }
 
@@ -150,18 +104,17 @@ pub struct FrameProperties {
 impl Config {
     /// The node of one axle; the error names the parameter that is wrong.
     pub fn build(&self, axle: AxleId, frame: FrameProperties) -> Result<AxleNode, ConfigError> {
-        in_range("reference_timeout_s", self.reference_timeout_s, 0.01, 1.0)?;
-        in_range("wrench_timeout_s", self.wrench_timeout_s, 0.01, 1.0)?;
+        self.check_ranges()?;
         positive("bending_stiffness_n_m2", frame.bending_stiffness_n_m2)?;
         positive("frame_length_m", frame.length_m)?;
-        self.limits.check()?;
+        self.limits.check_ranges()?;
         let to_micros = |s: f32| (s * 1e6) as Micros;
         let period = positive("period_s", self.filter.period_s)?;
-        let rest_hold = in_range("rest_hold_s", self.rest_hold_s, 0.01, 10.0)?;
-        let rest_settle = in_range("rest_settle_s", self.rest_settle_s, 0.0, 3600.0)?;
+        let rest_hold = self.rest_hold_s;
+        let rest_settle = self.rest_settle_s;
         let gyro_zero = self.gyro_zero.build(period)?;
         let wheel_radius = positive("wheel_radius_m", self.controller.wheel_radius_m)?;
-        let ratio = in_range("wheel_ratio", self.wheel_ratio, 0.8, 1.25)?;
+        let ratio = self.wheel_ratio;
         let left = 2.0 * wheel_radius / (1.0 + ratio);
         Ok(AxleNode {
             axle,

@@ -1,7 +1,7 @@
 //! Configuration of the lead node.
 
 use crate::bus::layout;
-use crate::config::{ConfigError, in_range, positive};
+use crate::config::{ConfigError, config, in_range};
 use crate::control::cascade::{self, Cascade};
 use crate::control::governor::{self, Governor};
 use crate::control::regulator::{self, Regulator};
@@ -13,75 +13,52 @@ use crate::safety::ramp;
 use crate::safety::supervisor::{self, Supervisor};
 use crate::time::Micros;
 
-/// Parameters of the lead node.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
-pub struct Config {
-    /// Age of an axle's report after which the motors are switched off, s.
-    pub report_timeout_s: f32,
-    /// Longest time that the motors hold the robot where it is, before a drive or after it, s; then
-    /// they are let go until the next command.
-    pub hold_s: f32,
-    /// Second tier of fusion.
-    pub fusion: robot::Config,
-    /// Posture regulation.
-    pub regulator: regulator::Config,
-    /// Path following and trajectory tracking.
-    pub course: path_task::Config,
-    /// Governor of the midpoint's motion.
-    pub governor: governor::Config,
-    /// Cascade to the axles.
-    pub cascade: cascade::Config,
-    /// Limits beyond which the robot stops.
-    pub limits: Limits,
-    /// Ramp of a stop.
-    pub stop: ramp::Config,
-    /// Supervisor.
-    pub supervisor: supervisor::Config,
+config! {
+    /// Parameters of the lead node.
+    pub struct Config {
+        /// Age of an axle's report after which the motors are switched off, s.
+        pub report_timeout_s: f32 = layout::timeout_s(layout::id::AXLE_POSTURE), Range(0.02, 1.0);
+        /// Longest time that the motors hold the robot where it is, before a drive or after it, s; then
+        /// they are let go until the next command.
+        pub hold_s: f32 = 60.0, Range(0.1, 3600.0);
+        /// Second tier of fusion.
+        pub fusion: robot::Config = robot::Config::default();
+        /// Posture regulation.
+        pub regulator: regulator::Config = regulator::Config::default();
+        /// Path following and trajectory tracking.
+        pub course: path_task::Config = path_task::Config::default();
+        /// Governor of the midpoint's motion.
+        pub governor: governor::Config = governor::Config::default();
+        /// Cascade to the axles.
+        pub cascade: cascade::Config = cascade::Config::default();
+        /// Limits beyond which the robot stops.
+        pub limits: Limits = Limits::default();
+        /// Ramp of a stop.
+        pub stop: ramp::Config = ramp::Config::default();
+        /// Supervisor.
+        pub supervisor: supervisor::Config = supervisor::Config::default();
+    }
 }
 
-/// Bounds of what a sound robot does; each counts only after the time of its condition.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
-pub struct Limits {
-    /// Steering angle of the frame |ψ|, rad.
-    #[cfg_attr(feature = "serde", serde(rename = "bend_rad"))]
-    pub steering_rad: f32,
-    /// Force of the frame on an axle, N.
-    pub force_n: f32,
-    /// Moment of the frame on an axle, N m.
-    pub moment_n_m: f32,
-    /// Standard deviation of the position of O beyond which the estimate counts as vague, m.
-    pub position_sigma_m: f32,
-    /// The same of its heading, rad.
-    pub heading_sigma_rad: f32,
-}
-
-impl Default for Limits {
-    fn default() -> Self {
-        Self {
-            steering_rad: 0.7,
-            force_n: 25.0,
-            moment_n_m: 6.0,
-            // What a floor may make of 300 m.
-            position_sigma_m: 5.0,
-            heading_sigma_rad: 0.5,
-        }
+config! {
+    /// Bounds of what a sound robot does; each counts only after the time of its condition.
+    pub struct Limits {
+        /// Steering angle of the frame |ψ|, rad.
+        #[cfg_attr(feature = "serde", serde(rename = "bend_rad"))]
+        pub steering_rad: f32 = 0.7;
+        /// Force of the frame on an axle, N.
+        pub force_n: f32 = 25.0, Positive;
+        /// Moment of the frame on an axle, N m.
+        pub moment_n_m: f32 = 6.0, Positive;
+        /// Standard deviation of the position of O beyond which the estimate counts as vague, m.
+        // What a floor may make of 300 m.
+        pub position_sigma_m: f32 = 5.0, Positive;
+        /// The same of its heading, rad.
+        pub heading_sigma_rad: f32 = 0.5, Positive;
     }
 }
 
 impl Limits {
-    fn check(&self) -> Result<(), ConfigError> {
-        in_range("bend_rad", self.steering_rad, 0.05, 1.5)?;
-        positive("force_n", self.force_n)?;
-        positive("moment_n_m", self.moment_n_m)?;
-        positive("position_sigma_m", self.position_sigma_m)?;
-        positive("heading_sigma_rad", self.heading_sigma_rad)?;
-        Ok(())
-    }
-
     /// True if the frame pushes, pulls or turns an axle too hard, or for NaN.
     pub(super) fn exceeded_by(&self, wrench: &Wrench) -> bool {
         let force = wrench.force_x * wrench.force_x + wrench.force_y * wrench.force_y;
@@ -99,28 +76,12 @@ impl Limits {
     }
 }
 
-impl Default for Config {
-    fn default() -> Self {
-        Self {
-            report_timeout_s: layout::timeout_s(layout::id::AXLE_POSTURE),
-            hold_s: 60.0,
-            fusion: robot::Config::default(),
-            regulator: regulator::Config::default(),
-            course: path_task::Config::default(),
-            governor: governor::Config::default(),
-            cascade: cascade::Config::default(),
-            limits: Limits::default(),
-            stop: ramp::Config::default(),
-            supervisor: supervisor::Config::default(),
-        }
-    }
-}
-
 impl Config {
     /// The algorithms of the node; the error names the parameter that is wrong.
     pub fn build(&self) -> Result<Algorithms, ConfigError> {
-        in_range("report_timeout_s", self.report_timeout_s, 0.02, 1.0)?;
-        self.limits.check()?;
+        self.check_ranges()?;
+        self.limits.check_ranges()?;
+        in_range("bend_rad", self.limits.steering_rad, 0.05, 1.5)?;
         let cascade = self.cascade.build()?;
         Ok(Algorithms {
             limits: self.limits,
@@ -128,7 +89,7 @@ impl Config {
             frame_length: self.cascade.frame_length_m,
             supervisor: self.supervisor.build()?,
             report_timeout: (self.report_timeout_s * 1e6) as Micros,
-            longest_hold: (in_range("hold_s", self.hold_s, 0.1, 3600.0)? * 1e6) as Micros,
+            longest_hold: (self.hold_s * 1e6) as Micros,
             fusion: self.fusion.build()?,
             regulator: self.regulator.build()?,
             path_task: self.course.build(&cascade)?,
