@@ -208,7 +208,6 @@ def incomplete(path):
         ".svg": (b"<", b"</svg>"),
         ".html": (b"<", b"</html>"),
         ".mcap": (b"\x89MCAP0\r\n", b"\x89MCAP0\r\n"),
-        ".parquet": (b"PAR1", b"PAR1"),
     }
     if path.suffix in ends:
         first, last = ends[path.suffix]
@@ -217,6 +216,11 @@ def incomplete(path):
     try:
         if path.suffix == ".json":
             json.loads(data, parse_constant=no_constant)
+        elif path.suffix == ".jsonl":
+            for line in data.decode().splitlines():
+                json.loads(line, parse_constant=no_constant)
+            if not data.endswith(b"\n"):
+                return f"last bytes {data[-20:]!r}"
         elif path.suffix == ".toml":
             tomllib.loads(data.decode())
         elif path.suffix == ".csv":

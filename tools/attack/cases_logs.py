@@ -235,7 +235,7 @@ class Blocks(Kind):
     """`campaign merge`, `status` and restarted parts with damaged blocks."""
 
     name, count = "blocks", 40
-    BLOCKS = ["block-000000.parquet", "block-000001.parquet", "block-000002.parquet"]
+    BLOCKS = ["block-000000.jsonl", "block-000001.jsonl", "block-000002.jsonl"]
 
     def prepare(self):
         key = "sensors.placement.heading_sigma_rad"
@@ -248,7 +248,7 @@ class Blocks(Kind):
         self.result = self.merged(self.folder / "merged")
 
     def merged(self, folder):
-        return [(folder / name).read_bytes() for name in ("runs.parquet", "result.json")]
+        return [(folder / name).read_bytes() for name in ("runs.csv", "result.json")]
 
     def case(self, rng, index, folder):
         shutil.copytree(self.folder / "sound", folder / "study")

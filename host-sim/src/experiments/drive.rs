@@ -6,7 +6,7 @@ use crate::experiments::arguments::{Common, Place, RobotArgs, SensorArgs, parse_
 use crate::experiments::mission::Mission;
 use crate::experiments::recorder::Stage;
 use crate::experiments::{Context, whole_robot};
-use crate::recording::{About, LogArgs};
+use crate::recording::LogArgs;
 use crate::run::keyboard::Keyboard;
 use crate::run::script::{self, Line, Step};
 use crate::scenario::effect::{Taken, Use};
@@ -89,19 +89,12 @@ pub fn run(args: &DriveArgs) -> Result<(), Error> {
     }
     args.robot.refuse_without_boards()?;
     context.check_keys(STEPS, &[(&context.scenario, Use::Regulate)])?;
-    let about = About {
-        command: &context.name,
-        seed: context.seed,
-        trial: 0,
-        scenario: &context.scenario,
-    };
-    let (goal, path) = mission.goal(&context.scenario);
-    let mut stage = Stage::begin(&args.log, &about, (goal, &path), context.interrupt())?;
+    let scenario = &context.scenario;
+    let (goal, path) = mission.goal(scenario);
+    let mut stage = Stage::begin(&args.log, &context, scenario, (goal, &path))?;
     mission.prepare(&mut stage);
     let mut simulation = stage.simulation()?;
-    let driven = stage.run(&mut simulation, |robot| {
-        mission.drive(robot, about.scenario)
-    })?;
+    let driven = stage.run(&mut simulation, |robot| mission.drive(robot, scenario))?;
     let ended = driven.ended.clone();
     let failed = ended.clone().or_else(|| driven.outcome.failure());
     let (text, report, files) = mission.publish(&context, driven.outcome, &ended)?;

@@ -10,7 +10,7 @@ use crate::experiments::arguments::{Common, RobotArgs, SensorArgs, parse_posture
 use crate::experiments::posture::Variant;
 use crate::experiments::recorder::Stage;
 use crate::paths::{self, Path};
-use crate::recording::{About, LogArgs, csv};
+use crate::recording::{LogArgs, csv};
 use crate::run::path_run::{self, Deviation, Errors, Moment, Outcome, PathMode, Route};
 use crate::run::robot::Record;
 use crate::scenario::effect::{Taken, Use};
@@ -117,15 +117,9 @@ pub fn run(args: &FollowArgs, path_mode: PathMode) -> Result<(), Error> {
     args.robot.refuse_without_boards()?;
     let course = prepare(args, &mut context, Use::Path)?;
     let (scenario, route) = (&context.scenario, &course.route);
-    let about = About {
-        command: name,
-        seed: context.seed,
-        trial: 0,
-        scenario,
-    };
     let path = route.postures();
     let goal = (route.goal(), &path[..]);
-    let stage = Stage::begin(&args.log, &about, goal, context.interrupt())?;
+    let stage = Stage::begin(&args.log, &context, scenario, goal)?;
     let mut kept = Thinned::new(MOST_ROWS);
     let mut simulation = stage.simulation()?;
     let see = |moment: &Moment| kept.push(*moment);

@@ -10,7 +10,7 @@ use crate::experiments::follow::{self, FollowArgs};
 use crate::experiments::mission::{Mission, Outcome, Plan};
 use crate::experiments::posture::Variant;
 use crate::experiments::recorder::Stage;
-use crate::recording::{About, LogArgs};
+use crate::recording::LogArgs;
 use crate::run::bit_compare::{Difference, Trace};
 use crate::run::path_run::PathMode;
 use crate::run::real_time::RealTimeLimiter;
@@ -28,8 +28,6 @@ use core_algos::topology::Role;
 use serde::Serialize;
 use serde_json::Value;
 use std::path::PathBuf;
-use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 
 /// Arguments of `hil`.
 #[derive(Clone, Debug, Args)]
@@ -107,9 +105,8 @@ pub fn run(args: &HilArgs) -> Result<(), Error> {
             "bus.quantise = false: must be true with boards behind links",
         ));
     }
-    let interrupt = context.interrupt().clone();
     let logs = Role::ALL.map(|_| BoardLog::default());
-    let result = measure(args, &context, &task, &plan, &interrupt, &logs);
+    let result = measure(args, &context, &task, &plan, &logs);
     let measured = board_log::kept(result, &logs, || context.output())?;
     let Measured {
         outcome,
@@ -216,19 +213,12 @@ fn measure(
     context: &Context,
     task: &Mission,
     plan: &Plan,
-    interrupt: &Arc<AtomicBool>,
     logs: &[BoardLog; 3],
 ) -> Result<Measured, Error> {
     let mut scenario = task.scenario(context);
     let targets = boards(args, &mut scenario, logs)?;
-    let about = About {
-        command: "hil",
-        seed: context.seed,
-        trial: 0,
-        scenario: &scenario,
-    };
     let (goal, path) = task.goal(&scenario);
-    let mut stage = Stage::begin(&args.log, &about, (goal, &path), interrupt)?;
+    let mut stage = Stage::begin(&args.log, context, &scenario, (goal, &path))?;
     stage.span = plan.span;
     stage.real_time |= args.plan.real_time;
     let prepare = |targets: [Box<dyn Target>; 3]| -> Result<Simulation, Error> {
@@ -240,7 +230,7 @@ fn measure(
             simulation.recover_after(RECOVERY_PAUSE);
         }
         simulation.control_mut().span = plan.span;
-        simulation.control_mut().interrupt = Some(interrupt.clone());
+        simulation.control_mut().interrupt = Some(context.interrupt().clone());
         simulation.record_trace();
         Ok(simulation)
     };

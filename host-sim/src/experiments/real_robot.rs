@@ -8,7 +8,7 @@ use crate::experiments::arguments::{Place as Boards, RobotArgs};
 use crate::experiments::driven;
 use crate::experiments::mission::{Mission, Outcome, Plan};
 use crate::experiments::recorder::{self, Stage};
-use crate::recording::{About, LogArgs};
+use crate::recording::LogArgs;
 use crate::run::final_error::FinalError;
 use crate::run::recovery::Status;
 use crate::run::robot::Robot;
@@ -94,14 +94,8 @@ pub fn run(
     let [x, y, phi] = scenario.mission.start.map(|value| value as f32);
     let told = scenario.mission.told();
     let place = scenario.robot.put_down(Posture::new(x, y, phi), &told);
-    let about = About {
-        command: &context.name,
-        seed: context.seed,
-        trial: 0,
-        scenario: &scenario,
-    };
     let (goal, path) = mission.goal(&scenario);
-    let mut stage = Stage::begin(log, &about, (goal, &path), context.interrupt())?;
+    let mut stage = Stage::begin(log, context, &scenario, (goal, &path))?;
     stage.span = plan.span;
     mission.prepare(&mut stage);
     // Time is the computer's.

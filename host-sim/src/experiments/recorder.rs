@@ -1,11 +1,13 @@
 //! Recording and display of a run.
 
 use crate::base::error::Error;
+use crate::experiments::Context;
 use crate::recording::{About, LogArgs, Session};
 use crate::run::keyboard::Keyboard;
 use crate::run::real_time::RealTimeLimiter;
 use crate::run::robot::{Observer, Robot, Span};
 use crate::run::simulation::Simulation;
+use crate::scenario::Scenario;
 use crate::targets::{self, Target};
 use crate::view::dashboard::Dashboard;
 use crate::view::dashboard::terminal::Terminal;
@@ -45,7 +47,7 @@ pub fn check(args: &LogArgs) -> Result<(), Error> {
 /// The stage of a run: its bounds, its recording and its display.
 pub struct Stage<'a> {
     args: &'a LogArgs,
-    about: &'a About<'a>,
+    about: About<'a>,
     goal: [f64; 3],
     session: Option<Session>,
     interrupt: &'a Arc<AtomicBool>,
@@ -73,12 +75,19 @@ impl<'a> Stage<'a> {
     /// Begins the recording of a run to a goal, along a path if it has points.
     pub fn begin(
         args: &'a LogArgs,
-        about: &'a About<'a>,
+        context: &'a Context,
+        scenario: &'a Scenario,
         (goal, path): ([f64; 3], &[[f64; 3]]),
-        interrupt: &'a Arc<AtomicBool>,
     ) -> Result<Self, Error> {
         check(args)?;
-        let session = Session::begin(args, about)?;
+        let about = About {
+            command: &context.name,
+            seed: context.seed,
+            trial: 0,
+            scenario,
+        };
+        let interrupt = context.interrupt();
+        let session = Session::begin(args, &about)?;
         if let Some(session) = &session {
             if goal[0].is_finite() {
                 session.plan(goal, path);
@@ -112,7 +121,7 @@ impl<'a> Stage<'a> {
             seed,
             trial,
             ..
-        } = *self.about;
+        } = self.about;
         Simulation::on(self.tap(targets::in_process()), scenario, seed, trial)
     }
 
@@ -127,7 +136,7 @@ impl<'a> Stage<'a> {
         }
         if let Some(shown) = dashboard(
             self.args,
-            self.about,
+            &self.about,
             self.goal,
             &self.keyboard,
             self.interrupt,

@@ -9,7 +9,7 @@ use crate::experiments::mission::{Mission, Outcome, Plan};
 use crate::experiments::posture::{self, PostureArgs, Variant};
 use crate::experiments::recorder::{self, Stage};
 use crate::experiments::{Context, real_robot};
-use crate::recording::{About, LogArgs};
+use crate::recording::LogArgs;
 use crate::run::final_error::FinalError;
 use crate::run::path_run::PathMode;
 use crate::run::real_time::RealTimeLimiter;
@@ -27,8 +27,6 @@ use core_algos::topology::Role;
 use serde::Serialize;
 use serde_json::Value;
 use std::path::PathBuf;
-use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 /// Result of a run on virtual boards.
@@ -157,7 +155,6 @@ fn run(
 ) -> Result<(), Error> {
     let plan = plan(args, &context.scenario, mission.limit_s(&context.scenario))?;
     recorder::check(log)?;
-    let interrupt = context.interrupt().clone();
     let mut options = Options {
         profile: args.instruments.profile,
         record: log.any(),
@@ -175,7 +172,6 @@ fn run(
         mission,
         scenario: mission.scenario(context),
         plan,
-        interrupt,
     };
     let done = drive.run(&images, &options, &logs);
     let done = board_log::kept(done, &logs, || context.output())?;
@@ -211,7 +207,6 @@ struct Drive<'a> {
     mission: &'a Mission,
     scenario: Scenario,
     plan: Plan,
-    interrupt: Arc<AtomicBool>,
 }
 
 /// Result.
@@ -236,18 +231,11 @@ impl Drive<'_> {
             mission,
             scenario,
             plan,
-            interrupt,
             ..
         } = self;
         let start = Instant::now();
-        let about = About {
-            command: &context.name,
-            seed: context.seed,
-            trial: 0,
-            scenario,
-        };
         let (goal, path) = mission.goal(scenario);
-        let mut stage = Stage::begin(log, &about, (goal, &path), interrupt)?;
+        let mut stage = Stage::begin(log, context, scenario, (goal, &path))?;
         stage.span = plan.span;
         stage.real_time |= self.args.plan.real_time;
         mission.prepare(&mut stage);

@@ -68,10 +68,6 @@ pub struct Outcome {
     pub cusps: u32,
     /// Times the regulator searched for a plan.
     pub plans: u32,
-    /// Longest search, steps of the lead node.
-    pub planning_steps: u32,
-    /// True speed of the faster axle's midpoint at the end, m/s.
-    pub end_speed_m_s: f64,
     /// Error of the estimated relative posture of the axles at the end: m, m, rad.
     pub relative_error: [f64; 3],
     /// The heartbeat that first told of a stop or a cut, if one did.
@@ -93,8 +89,6 @@ struct Drive {
     path_m: f64,
     cusps: u32,
     plans: u32,
-    planning: u32,
-    planning_steps: u32,
     epochs: u32,
     beam_used: u32,
 }
@@ -111,8 +105,6 @@ impl Drive {
             path_m: 0.0,
             cusps: 0,
             plans: 0,
-            planning: 0,
-            planning_steps: 0,
             epochs: 0,
             beam_used: 0,
         }
@@ -141,13 +133,8 @@ impl Drive {
         self.commanded_steering = self
             .commanded_steering
             .max(f64::from(lead.motion.psi.0).abs());
-        if lead.phase == Phase::Plan {
-            self.plans += u32::from(self.phase != Phase::Plan);
-            self.planning += 1;
-            self.planning_steps = self.planning_steps.max(self.planning);
-        } else {
-            self.planning = 0;
-        }
+        let plans = lead.phase == Phase::Plan && self.phase != Phase::Plan;
+        self.plans += u32::from(plans);
         self.phase = lead.phase;
     }
 }
@@ -255,8 +242,6 @@ pub fn regulate_on(
         path_m: drive.path_m,
         cusps: drive.cusps,
         plans: drive.plans,
-        planning_steps: drive.planning_steps,
-        end_speed_m_s: robot.speed(),
         relative_error: std::array::from_fn(|i| seen[i] - record.relative[i]),
         fault: robot.monitor().first_fault().copied(),
     })

@@ -1,27 +1,17 @@
-//! A table of named columns, and its form as a Parquet file.
-//!
-//! The same table gives the same bytes: no dictionary, no compression, one row group, no time.
+//! A table of named columns, and its forms as a file. The same table gives the same bytes.
 
 use crate::base::error::Error;
-use bytes::Bytes;
 use core_algos::link::framing::crc32c;
-use parquet::basic::{LogicalType, Repetition, Type as Physical};
-use parquet::column::reader::{ColumnReader, ColumnReaderImpl};
-use parquet::data_type::{BoolType, ByteArray, ByteArrayType, DataType, DoubleType, Int64Type};
-use parquet::errors::ParquetError;
-use parquet::file::metadata::KeyValue;
-use parquet::file::properties::WriterProperties;
-use parquet::file::reader::{FileReader, SerializedFileReader};
-use parquet::file::writer::SerializedFileWriter;
-use parquet::schema::types::Type;
-use std::fmt::Debug;
-use std::sync::Arc;
+use csv::WriterBuilder;
+use serde::{Deserialize, Deserializer, Serialize};
+use std::fmt::Display;
 
 /// Values of one column.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Values {
     /// Numbers.
-    Double(Vec<f64>),
+    Double(#[serde(deserialize_with = "numbers")] Vec<f64>),
     /// Whole numbers.
     Integer(Vec<i64>),
     /// Yes or no.
@@ -50,15 +40,6 @@ impl Values {
         }
     }
 
-    const fn physical(&self) -> Physical {
-        match self {
-            Self::Double(_) => Physical::DOUBLE,
-            Self::Integer(_) => Physical::INT64,
-            Self::Flag(_) => Physical::BOOLEAN,
-            Self::Text(_) => Physical::BYTE_ARRAY,
-        }
-    }
-
     /// Appends those of another column of the same kind; `false` if it is of another.
     #[must_use]
     pub fn append(&mut self, other: &Self) -> bool {
@@ -73,14 +54,15 @@ impl Values {
     }
 }
 
-/// Key of the checksum of a file's columns and notes.
-const CHECKSUM: &str = "cfmmr.crc32c";
-
-/// Metadata of a file: keys and texts.
-pub type Notes = Vec<(String, String)>;
+/// Numbers of a JSON file, where null is none.
+fn numbers<'de, D: Deserializer<'de>>(from: D) -> Result<Vec<f64>, D::Error> {
+    let values = Vec::<Option<f64>>::deserialize(from)?;
+    let number = |value: Option<f64>| value.unwrap_or(f64::NAN);
+    Ok(values.into_iter().map(number).collect())
+}
 
 /// A table of columns of the same length.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Columns(pub Vec<(String, Values)>);
 
 impl Columns {
@@ -141,125 +123,56 @@ impl Columns {
                 .all(|((name, to), (other, from))| name == other && to.append(from))
     }
 
-    fn checksum(&self, notes: &impl Debug) -> String {
-        let text = format!("{:?} {notes:?}", self.0);
-        format!("{:08x}", crc32c(text.as_bytes()))
-    }
-
-    /// The file, with `notes` beside the columns and a checksum of both.
-    pub fn to_parquet(&self, notes: &[(&str, &str)]) -> Result<Vec<u8>, Error> {
-        let checksum = self.checksum(&notes);
-        self.write(&[notes, &[(CHECKSUM, &checksum)]].concat())
-            .map_err(|error| Error::Failure(format!("cannot write a Parquet file: {error}")))
-    }
-
-    fn write(&self, notes: &[(&str, &str)]) -> Result<Vec<u8>, ParquetError> {
-        let fields = self.0.iter().map(|(name, values)| {
-            let field = Type::primitive_type_builder(name, values.physical())
-                .with_repetition(Repetition::REQUIRED);
-            let text = matches!(values, Values::Text(_)).then_some(LogicalType::String);
-            field.with_logical_type(text).build().map(Arc::new)
-        });
-        let schema = Type::group_type_builder("runs")
-            .with_fields(fields.collect::<Result<_, _>>()?)
-            .build()?;
-        let notes = notes
-            .iter()
-            .map(|(key, value)| KeyValue::new((*key).to_owned(), (*value).to_owned()))
-            .collect();
-        let properties = WriterProperties::builder()
-            .set_created_by(concat!("cfmmr ", env!("CARGO_PKG_VERSION")).to_owned())
-            .set_dictionary_enabled(false)
-            .set_key_value_metadata(Some(notes))
-            .build();
-        let mut writer =
-            SerializedFileWriter::new(Vec::new(), Arc::new(schema), Arc::new(properties))?;
-        let mut group = writer.next_row_group()?;
-        for (_, values) in &self.0 {
-            let Some(mut column) = group.next_column()? else {
-                break;
-            };
-            match values {
-                Values::Double(v) => column.typed::<DoubleType>().write_batch(v, None, None)?,
-                Values::Integer(v) => column.typed::<Int64Type>().write_batch(v, None, None)?,
-                Values::Flag(v) => column.typed::<BoolType>().write_batch(v, None, None)?,
-                Values::Text(v) => {
-                    let v: Vec<ByteArray> = v.iter().map(|s| s.as_str().into()).collect();
-                    column
-                        .typed::<ByteArrayType>()
-                        .write_batch(&v, None, None)?
-                }
-            };
-            column.close()?;
+    /// The table as CSV; what is no number is empty.
+    pub fn to_csv(&self) -> Result<Vec<u8>, Error> {
+        let mut words: Vec<_> = self.0.iter().map(|(name, _)| self.words(name)).collect();
+        for word in words.iter_mut().flatten().filter(|word| *word == "NaN") {
+            word.clear();
         }
-        group.close()?;
-        writer.into_inner()
-    }
-
-    /// Reads a file that [`Self::to_parquet`] made: columns and notes, or why it is none.
-    pub fn from_parquet(content: Vec<u8>) -> Result<(Self, Notes), String> {
-        // The library panics on some damaged files.
-        match std::panic::catch_unwind(|| Self::read(content)) {
-            Ok(result) => result.map_err(|error| error.to_string()),
-            Err(_) => Err("the file is damaged".to_owned()),
+        let mut writer = WriterBuilder::new().from_writer(Vec::new());
+        let failed = |error: &dyn Display| Error::Failure(format!("cannot write a table: {error}"));
+        let names = self.0.iter().map(|(name, _)| name);
+        writer.write_record(names).map_err(|error| failed(&error))?;
+        for row in 0..self.rows() {
+            let cells = words.iter().map(|column| &column[row]);
+            writer.write_record(cells).map_err(|error| failed(&error))?;
         }
-    }
-
-    fn read(content: Vec<u8>) -> Result<(Self, Notes), ParquetError> {
-        let reader = SerializedFileReader::new(Bytes::from(content))?;
-        let metadata = reader.metadata().file_metadata();
-        let notes = metadata.key_value_metadata().into_iter().flatten();
-        let mut notes: Notes = notes
-            .map(|note| (note.key.clone(), note.value.clone().unwrap_or_default()))
-            .collect();
-        let mut columns = Self::default();
-        for g in 0..reader.num_row_groups() {
-            let group = reader.get_row_group(g)?;
-            let rows = usize::try_from(group.metadata().num_rows()).unwrap_or(0);
-            let mut part = Self::default();
-            for c in 0..group.num_columns() {
-                let name = group.metadata().column(c).column_descr().name().to_owned();
-                part.0
-                    .push((name, read_column(group.get_column_reader(c)?, rows)?));
-            }
-            if !columns.append(&part) {
-                return Err(ParquetError::General("row groups differ".to_owned()));
-            }
-        }
-        let given = notes.pop_if(|(key, _)| key == CHECKSUM);
-        match given.is_some_and(|(_, sum)| sum == columns.checksum(&notes)) {
-            true => Ok((columns, notes)),
-            false => Err(ParquetError::General("checksum does not match".to_owned())),
-        }
+        writer.into_inner().map_err(|error| failed(&error))
     }
 }
 
-/// All records of a column.
-fn records<T: DataType>(
-    mut reader: ColumnReaderImpl<T>,
-    rows: usize,
-) -> Result<Vec<T::T>, ParquetError> {
-    let mut values = Vec::new();
-    reader.read_records(rows, None, None, &mut values)?;
-    Ok(values)
+/// A table with what it is of: a file of two lines of JSON, of which the second has the checksum of the first.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Noted {
+    /// Build that made it.
+    pub made_by: String,
+    /// Canonical text of the study.
+    pub study: String,
+    /// The table.
+    pub columns: Columns,
 }
 
-fn read_column(reader: ColumnReader, rows: usize) -> Result<Values, ParquetError> {
-    let error = |text: &str| Err(ParquetError::General(text.to_owned()));
-    let values = match reader {
-        ColumnReader::DoubleColumnReader(reader) => Values::Double(records(reader, rows)?),
-        ColumnReader::Int64ColumnReader(reader) => Values::Integer(records(reader, rows)?),
-        ColumnReader::BoolColumnReader(reader) => Values::Flag(records(reader, rows)?),
-        ColumnReader::ByteArrayColumnReader(reader) => {
-            let values = records(reader, rows)?;
-            let words = values.iter().map(|v| v.as_utf8().map(str::to_owned));
-            Values::Text(words.collect::<Result<_, _>>()?)
+impl Noted {
+    /// The file.
+    pub fn to_lines(&self) -> Result<String, Error> {
+        let line = serde_json::to_string(self);
+        let line =
+            line.map_err(|error| Error::Failure(format!("cannot write a block: {error}")))?;
+        let sum = crc32c(line.as_bytes());
+        Ok(format!("{line}\n{{\"crc32c\":\"{sum:08x}\"}}\n"))
+    }
+
+    /// Reads a file that [`Self::to_lines`] made, or says why it is none.
+    pub fn from_lines(content: &[u8]) -> Result<Self, String> {
+        let first = content
+            .split(|&byte| byte == b'\n')
+            .next()
+            .unwrap_or(content);
+        let read: Self = serde_json::from_slice(first).map_err(|error| error.to_string())?;
+        match read.to_lines() {
+            Ok(text) if text.as_bytes() == content => Ok(read),
+            _ => Err("the file is damaged".to_owned()),
         }
-        _ => return error("a column of an unknown type"),
-    };
-    match values.len() == rows {
-        true => Ok(values),
-        false => error("a column is truncated"),
     }
 }
 
@@ -268,42 +181,56 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
+    fn noted(columns: Vec<(String, Values)>) -> Noted {
+        Noted {
+            made_by: "build".to_owned(),
+            study: "a = 1\n".to_owned(),
+            columns: Columns(columns),
+        }
+    }
+
     properties! { cases 1024;
         #[test]
         fn a_table_comes_back_with_its_bits(
-            rows in prop::collection::vec((any::<u64>(), any::<i64>(), any::<bool>(), "\\PC{0,8}"), 0..60),
+            rows in prop::collection::vec((any::<f64>(), any::<i64>(), any::<bool>(), "\\PC{0,8}"), 0..60),
         ) {
-            let columns = Columns(vec![
-                ("number".into(), Values::Double(rows.iter().map(|r| f64::from_bits(r.0)).collect())),
+            let block = noted(vec![
+                ("number".into(), Values::Double(rows.iter().map(|r| r.0).collect())),
                 ("count".into(), Values::Integer(rows.iter().map(|r| r.1).collect())),
                 ("flag".into(), Values::Flag(rows.iter().map(|r| r.2).collect())),
                 ("word".into(), Values::Text(rows.iter().map(|r| r.3.clone()).collect())),
             ]);
-            let file = columns.to_parquet(&[("study", "a = 1\n"), ("empty", "")]).unwrap();
-            prop_assert_eq!(&file, &columns.to_parquet(&[("study", "a = 1\n"), ("empty", "")]).unwrap());
-            let (back, notes) = Columns::from_parquet(file).unwrap();
-            prop_assert_eq!(back.words("word"), columns.words("word"));
-            prop_assert_eq!(back.integers("count"), columns.integers("count"));
-            prop_assert_eq!(back.flags("flag"), columns.flags("flag"));
-            let bits = |c: &Columns| c.doubles("number").iter().map(|v| v.to_bits()).collect::<Vec<_>>();
-            prop_assert_eq!(bits(&back), bits(&columns));
-            prop_assert!(notes.contains(&("study".into(), "a = 1\n".into())));
+            let text = block.to_lines().unwrap();
+            prop_assert_eq!(Noted::from_lines(text.as_bytes()).unwrap(), block.clone());
+            let csv = block.columns.to_csv().unwrap();
+            let mut csv = csv::Reader::from_reader(&*csv);
+            for (record, row) in csv.records().map(Result::unwrap).zip(&rows) {
+                prop_assert_eq!(record[0].parse::<f64>().unwrap().to_bits(), row.0.to_bits());
+                prop_assert_eq!(&record[3], &row.3);
+            }
         }
 
         #[test]
-        fn a_damaged_file_is_refused_or_read_as_it_was(place in 0usize..2000, to: u8, cut in 0usize..2000) {
-            let columns = Columns(vec![
+        fn a_damaged_file_is_refused(place in 0usize..2000, to: u8, cut in 0usize..2000) {
+            let block = noted(vec![
                 ("a".into(), Values::Double((0..50).map(f64::from).collect())),
                 ("b".into(), Values::Text((0..50).map(|i: i32| i.to_string()).collect())),
             ]);
-            let mut file = columns.to_parquet(&[]).unwrap();
+            let mut file = block.to_lines().unwrap().into_bytes();
             let n = file.len();
+            prop_assume!(file[place % n] != to);
             file[place % n] = to;
-            if let Ok((read, _)) = Columns::from_parquet(file.clone()) {
-                prop_assert_eq!(&read, &columns);
-            }
+            prop_assert!(Noted::from_lines(&file).is_err());
             file.truncate(cut % n);
-            prop_assert!(Columns::from_parquet(file).is_err());
+            prop_assert!(Noted::from_lines(&file).is_err());
         }
+    }
+
+    #[test]
+    fn what_is_no_number_is_empty() {
+        let block = noted(vec![("a".into(), Values::Double(vec![1.5, f64::NAN]))]);
+        assert_eq!(block.columns.to_csv().unwrap(), b"a\n1.5\n\"\"\n");
+        let back = Noted::from_lines(block.to_lines().unwrap().as_bytes()).unwrap();
+        assert!(back.columns.doubles("a")[1].is_nan());
     }
 }

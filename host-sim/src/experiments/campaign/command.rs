@@ -3,7 +3,7 @@
 use crate::base::error::Error;
 use crate::base::interrupt::watch_for_interrupt;
 use crate::base::numbers::whole;
-use crate::base::output::{self, OutputDir};
+use crate::base::output::OutputDir;
 use crate::base::progress::Progress;
 use crate::base::terminal::print;
 use crate::experiments::arguments::WorldChoice;
@@ -51,7 +51,7 @@ pub struct CampaignArgs {
 /// Action on the files of a campaign.
 #[derive(Clone, Debug, Subcommand)]
 pub enum CampaignAction {
-    /// Merge all runs into one Parquet file, with a table and pictures
+    /// Merge all runs into one CSV file, with a table and pictures
     Merge(CampaignMerge),
     /// Count finished and missing runs
     Status(CampaignStatus),
@@ -86,25 +86,6 @@ pub struct CampaignStatus {
     /// Destination of the result as JSON.
     #[command(flatten)]
     pub json: JsonArgs,
-}
-
-/// Manifest of a part of a campaign.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-struct Manifest {
-    /// Name of the study.
-    study: String,
-    /// CRC-32C of the study's text.
-    study_crc32c: String,
-    /// Version that ran.
-    version: &'static str,
-    /// Number of the part.
-    shard: u64,
-    /// Of how many.
-    shards: u64,
-    /// Runs of the part.
-    runs: u64,
-    /// Files of the part.
-    blocks: Vec<String>,
 }
 
 /// Runs the command.
@@ -169,29 +150,14 @@ fn shard(args: &CampaignArgs) -> Result<(), Error> {
         });
         directory.write(block, &runs.into_iter().collect::<Result<Vec<_>, _>>()?)?;
     }
-    let manifest = Manifest {
-        study: study.name.clone(),
-        study_crc32c: format!("{:08x}", crc32c(study.canonical()?.as_bytes())),
-        version: env!("CARGO_PKG_VERSION"),
-        shard: shard.index,
-        shards: shard.count,
-        runs: count(&mine),
-        blocks: mine
-            .iter()
-            .map(|block| format!("block-{block:06}.parquet"))
-            .collect(),
-    };
-    let name = format!("shard-{:06}-of-{:06}.json", shard.index, shard.count);
-    let path = directory.path().join(name);
-    output::write_file(&path, output::json(&manifest))?;
     print(&format!(
-        "{}: part {} of {}: {} runs now, {} were there; wrote {}\n",
+        "{}: part {} of {}: {} runs now, {} were there; in {}\n",
         study.name,
         shard.index,
         shard.count,
         count(&to_do),
         count(&mine) - count(&to_do),
-        path.display()
+        out.display()
     ))
 }
 
@@ -319,7 +285,7 @@ fn merge(args: &CampaignMerge) -> Result<(), Error> {
         eprintln!("cfmmr: {left_out}: the others are left out");
     }
     let study = directory.study();
-    let content = directory.merged(&runs)?;
+    let content = runs.to_csv()?;
     let hash = crc32c(&content);
     let report = Report::of(study, &runs);
     let out = args
@@ -327,7 +293,7 @@ fn merge(args: &CampaignMerge) -> Result<(), Error> {
         .clone()
         .unwrap_or_else(|| args.directory.join("merged"));
     let mut files = OutputDir::create(out)?;
-    files.bytes("runs.parquet", content);
+    files.bytes("runs.csv", content);
     let mut pictures = vec![
         ("distributions", pictures::distributions(study, &runs)),
         ("map", pictures::map(study, &runs)),
@@ -348,7 +314,7 @@ fn merge(args: &CampaignMerge) -> Result<(), Error> {
         .map(|path| format!("wrote {}", path.display()))
         .collect();
     args.json.print(&format!(
-        "{}\nCRC-32C of runs.parquet: {hash:08x}\n{}\n",
+        "{}\nCRC-32C of runs.csv: {hash:08x}\n{}\n",
         report.text(),
         lines.join("\n")
     ))?;

@@ -3,7 +3,7 @@
 //! A block is the same whoever runs it, so shards of any number fill one directory, and what a killed
 //! shard had finished stays. A file is complete or not there.
 
-use super::columns::{Columns, Values};
+use super::columns::{Columns, Noted, Values};
 use super::study::{Run, Study};
 use crate::base::error::Error;
 use crate::base::input;
@@ -14,10 +14,6 @@ use crate::run::regulate::Outcome;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Key of the study's text in a file of runs.
-const STUDY: &str = "cfmmr.study";
-/// Key of the build that made the runs.
-const MADE_BY: &str = "cfmmr.build";
 /// Name of the copy of the study.
 const COPY: &str = "study.toml";
 
@@ -101,7 +97,7 @@ impl Directory {
     }
 
     fn file(&self, block: u64) -> PathBuf {
-        self.path.join(format!("block-{block:06}.parquet"))
+        self.path.join(format!("block-{block:06}.jsonl"))
     }
 
     /// State of a block.
@@ -115,35 +111,32 @@ impl Directory {
             Err(error) => return Err(Error::Failure(format!("{}: {error}", path.display()))),
         };
         let spoiled = |why: String| Ok(Block::Spoiled(format!("{}: {why}", path.display())));
-        let (columns, notes) = match Columns::from_parquet(content) {
+        let read = match Noted::from_lines(&content) {
             Ok(read) => read,
             Err(error) => return spoiled(error),
         };
-        let note = |key: &str| notes.iter().find(|(other, _)| other == key).map(|(_, v)| v);
-        if note(STUDY) != Some(&self.canonical) {
+        if read.study != self.canonical {
             return spoiled("belongs to a different study".to_owned());
         }
-        if note(MADE_BY).map(String::as_str) != Some(BUILD) {
+        if read.made_by != BUILD {
             return spoiled(format!("was not written by {BUILD}"));
         }
         let expected = self.study.block_runs(block);
-        let runs = columns.integers("run").iter();
+        let runs = read.columns.integers("run").iter();
         if !runs.copied().eq(expected.map(|run| run as i64)) {
             return spoiled("does not contain the runs of its block".to_owned());
         }
-        Ok(Block::Complete(columns))
+        Ok(Block::Complete(read.columns))
     }
 
     /// Writes the runs of a block.
     pub fn write(&self, block: u64, runs: &[Finished]) -> Result<(), Error> {
-        let notes = [(STUDY, self.canonical.as_str()), (MADE_BY, BUILD)];
-        let content = columns(&self.study, runs).to_parquet(&notes)?;
-        Ok(output::write_file(&self.file(block), content)?)
-    }
-
-    /// The file of all runs, the same of every build that gives the same numbers.
-    pub fn merged(&self, runs: &Columns) -> Result<Vec<u8>, Error> {
-        runs.to_parquet(&[(STUDY, &self.canonical)])
+        let noted = Noted {
+            made_by: BUILD.to_owned(),
+            study: self.canonical.clone(),
+            columns: columns(&self.study, runs),
+        };
+        Ok(output::write_file(&self.file(block), noted.to_lines()?)?)
     }
 }
 

@@ -1,7 +1,7 @@
 //! Campaigns: seeded Monte Carlo studies over variations of a scenario, in parts that need not know
 //! of each other.
 //!
-//! [`study`] says what each run is; [`directory`] keeps the runs in blocks, each a Parquet file;
+//! [`study`] says what each run is; [`directory`] keeps the runs in blocks, each a file of JSON lines;
 //! [`columns`] is the table in it; [`report`] tells what came out. A run is a function of the study and
 //! its number alone, and so is a block, so any number of shards gives the same files.
 

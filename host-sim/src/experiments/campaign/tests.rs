@@ -125,8 +125,8 @@ fn blocks_are_kept_and_spoiled_ones_noticed() {
     assert_eq!(columns.doubles("e_m"), [0.006, 0.007, 0.008]);
     assert_eq!(columns.words("mission.rps"), ["false", "false", "true"]);
     // Under another number it is not that block, and cut short it is none.
-    let path = folder.path().join("block-000002.parquet");
-    std::fs::copy(&path, folder.path().join("block-000003.parquet")).unwrap();
+    let path = folder.path().join("block-000002.jsonl");
+    std::fs::copy(&path, folder.path().join("block-000003.jsonl")).unwrap();
     assert!(matches!(directory.block(3).unwrap(), Block::Spoiled(_)));
     let content = std::fs::read(&path).unwrap();
     std::fs::write(&path, &content[..content.len() / 2]).unwrap();

@@ -12,7 +12,7 @@ use crate::base::output::OutputDir;
 use crate::experiments::Context;
 use crate::experiments::arguments::{Common, RobotArgs, SensorArgs, parse_posture};
 use crate::experiments::recorder::{self, Stage};
-use crate::recording::{About, LogArgs, csv};
+use crate::recording::{LogArgs, csv};
 use crate::run::regulate::{Outcome, regulate, regulate_on};
 use crate::run::robot::Record;
 use crate::scenario::Scenario;
@@ -234,14 +234,8 @@ fn first_trial(
     observe: impl FnMut(&Record),
 ) -> Result<(Outcome, Vec<PathBuf>), Error> {
     let scenario = Variant::PAIR[1].apply(&context.scenario);
-    let about = About {
-        command: "posture",
-        seed: context.seed,
-        trial: 0,
-        scenario: &scenario,
-    };
     let goal = (scenario.mission.goal, &[][..]);
-    let stage = Stage::begin(&args.log, &about, goal, context.interrupt())?;
+    let stage = Stage::begin(&args.log, context, &scenario, goal)?;
     let mut simulation = stage.simulation()?;
     let driven = stage.run(&mut simulation, |robot| {
         regulate_on(robot, &scenario, observe)
